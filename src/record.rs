@@ -1,0 +1,208 @@
+//! The waist of the tool: one line of JSON per record. Measuring writes records and never formats;
+//! reports read records and never measure.
+//!
+//! A file holds one [`Run`] line, then [`Cell`] lines in the order in which they were finished, then
+//! one [`End`] line. A resumed file may hold several runs. Units stand in the field names.
+
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+use serde_json::{Map, Value};
+
+/// Version of the record format; raised when a field changes its meaning or goes away.
+pub const SCHEMA: u32 = 1;
+
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "record", rename_all = "snake_case")]
+pub enum Record {
+    Run(Run),
+    Cell(Box<Cell>),
+    End(End),
+}
+
+/// What a run was: the build, the adapter, the clock's audit, the conditions.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Run {
+    pub schema: u32,
+    pub fathom_version: String,
+    /// RFC 3339, UTC.
+    pub started_at: String,
+    pub profile: String,
+    pub command: Vec<String>,
+    pub adapter: Adapter,
+    /// `checked` (wgpu's bounds and loop checks) or `unchecked`.
+    pub shader_checks: String,
+    pub audit: Vec<AuditRow>,
+    /// Cost of one submission and its fence, removed from fenced host durations.
+    pub submit_cost_ns: f64,
+    /// Degraded features, missing assets, and other notes on the whole run.
+    pub notes: Vec<String>,
+}
+
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Adapter {
+    pub name: String,
+    pub backend: String,
+    pub device_type: String,
+    pub driver: String,
+    pub driver_info: String,
+    pub vendor_id: u32,
+    pub device_id: u32,
+    /// The device is a CPU running a software driver.
+    pub software: bool,
+    pub timestamp_period_ns: f32,
+    pub host_threads: usize,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum PassKind {
+    Compute,
+    Render,
+    Copy,
+    /// Work of the CPU, such as frame preparation.
+    Host,
+}
+
+/// The clock that timed a stage.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Clock {
+    /// Timestamp queries at the pass's begin and end.
+    Timestamp,
+    /// The pass alone in a submission, between host clock readings around submit and fence, less the submit cost.
+    FencedHost,
+    /// Host clock around CPU work.
+    Host,
+}
+
+/// One row of the clock's audit: one kind of pass in one surrounding.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct AuditRow {
+    pub pass: PassKind,
+    /// `alone` in its command buffer or `mixed` with the other kinds.
+    pub context: String,
+    /// Medians for the kernel at N work.
+    pub timestamp_ns: f64,
+    pub host_ns: f64,
+    /// `timestamp_ns / host_ns`.
+    pub ratio: f64,
+    /// Timestamp duration at 2 N work over that at N.
+    pub doubling: f64,
+    pub sound: bool,
+    /// Why it is sound or not, in one sentence.
+    pub reason: String,
+}
+
+/// One measured, skipped or failed point of an experiment.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Cell {
+    pub experiment: String,
+    /// The axis values as `name=value,name=value`: the cell's identity within its experiment.
+    pub cell: String,
+    pub axes: Map<String, Value>,
+    pub pipeline: String,
+    pub scene: String,
+    /// Assets that were absent, each with the stand-in used.
+    pub stand_ins: Vec<String>,
+    /// Every parameter of the pipeline, resolved.
+    pub params: Value,
+    pub outcome: Outcome,
+}
+
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "status", rename_all = "snake_case")]
+pub enum Outcome {
+    Measured(Box<Measured>),
+    Skipped { reason: String },
+    Failed { reason: String },
+}
+
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Measured {
+    /// In frame order.
+    pub stages: Vec<StageRecord>,
+    pub frame: FrameRecord,
+    /// GPU memory that the pipeline allocated for this cell.
+    pub allocated_bytes: u64,
+    /// Errors against the reference, rates of missed and unconverged photons and the like: `name → value`,
+    /// the unit in the name.
+    pub quantities: BTreeMap<String, f64>,
+    /// Frames rendered before the figures were steady.
+    pub warm_up_frames: u32,
+    /// Frames thrown away because a duration was zero, negative, stale or longer than the wall, with counts by reason.
+    pub rejected: BTreeMap<String, u32>,
+    pub notes: Vec<String>,
+}
+
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct StageRecord {
+    pub stage: String,
+    pub clock: Clock,
+    pub samples_ns: Vec<f64>,
+    pub time: Estimate,
+    pub work: Work,
+    /// Pipeline statistics, where the adapter counts them.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub counters: BTreeMap<String, u64>,
+}
+
+/// Whole frames: with per-stage timing (envelope, gaps) and without (wall time of one submission).
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct FrameRecord {
+    pub envelope_samples_ns: Vec<f64>,
+    pub gap_samples_ns: Vec<f64>,
+    /// Median of |stages + gaps − envelope| / envelope.
+    pub accounting_error: f64,
+    pub untimed_samples_ns: Vec<f64>,
+    /// Frame time without per-stage timing.
+    pub untimed: Estimate,
+    /// Timed over untimed frame's wall time, measured in alternation: the cost of timing.
+    pub timing_cost: Estimate,
+}
+
+/// A median with its bootstrap 95 % interval. The unit is that of the samples.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Estimate {
+    pub median: f64,
+    pub low: f64,
+    pub high: f64,
+    pub n: usize,
+}
+
+/// Work that a stage declares from its algorithm. Zero fields are left out of the record.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct Work {
+    #[serde(skip_serializing_if = "is_zero")]
+    pub photons: u64,
+    #[serde(skip_serializing_if = "is_zero")]
+    pub triangles: u64,
+    #[serde(skip_serializing_if = "is_zero")]
+    pub primitives: u64,
+    /// Fragments written or blended; an estimate where it depends on the data.
+    #[serde(skip_serializing_if = "is_zero")]
+    pub fragments: u64,
+    #[serde(skip_serializing_if = "is_zero")]
+    pub texel_fetches: u64,
+    #[serde(skip_serializing_if = "is_zero")]
+    pub bytes_read: u64,
+    #[serde(skip_serializing_if = "is_zero")]
+    pub bytes_written: u64,
+}
+
+fn is_zero(count: &u64) -> bool {
+    *count == 0
+}
+
+/// How a run ended.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct End {
+    /// Wall time after set-up (device, audit, pipeline and asset preparation).
+    pub measuring_wall_s: f64,
+    /// Sum of all measured GPU time, warm-up included.
+    pub measured_gpu_s: f64,
+    pub set_up_s: f64,
+    pub peak_memory_bytes: Option<u64>,
+    pub interrupted: bool,
+}
