@@ -2,6 +2,7 @@
 //! claims to test. The built-in ones (`benches/experiments/*.toml`, embedded) and a user's own file have the
 //! same format, described in [`schema`].
 
+mod claims;
 mod expand;
 mod measure;
 pub mod schema;
@@ -10,8 +11,9 @@ use std::path::{Path, PathBuf};
 
 use include_dir::{Dir, include_dir};
 
-pub use expand::{CellPlan, Profile, ReferencePlan, parse_axis, parse_set};
-pub use measure::Measure;
+pub use claims::{Ruling, Scaling, Verdict, groups, scaling};
+pub use expand::{CellPlan, Profile, ReferencePlan, flatten, label_text, parse_axis, parse_set};
+pub use measure::{Measure, Reading, fits, fps, lookup, measured, same};
 pub use schema::Experiment;
 
 static BUILT_IN: Dir<'_> = include_dir!("$CARGO_MANIFEST_DIR/benches/experiments");
