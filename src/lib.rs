@@ -18,3 +18,4 @@ pub mod reference;
 pub mod report;
 pub mod scene;
 pub mod stages;
+pub mod statistics;
