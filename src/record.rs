@@ -1,13 +1,16 @@
 //! The waist of the tool: one line of JSON per record. Measuring writes records and never formats;
 //! reports read records and never measure.
 //!
-//! A file holds one [`Run`] line, then [`Cell`] lines in the order in which they were finished, then
-//! one [`End`] line. A resumed file may hold several runs. Units stand in the field names.
+//! A file holds one [`Run`] line, a [`Definition`] line per experiment, then [`Cell`] lines in the order in
+//! which they were finished, then one [`End`] line. A resumed file may hold several runs. Units stand in the field names.
 
 use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
+
+mod file;
+pub use file::{Damage, Reading, RecordError, Writer, finished, read, resume_key};
 
 /// Version of the record format; raised when a field changes its meaning or goes away.
 pub const SCHEMA: u32 = 1;
@@ -16,6 +19,7 @@ pub const SCHEMA: u32 = 1;
 #[serde(tag = "record", rename_all = "snake_case")]
 pub enum Record {
     Run(Run),
+    Experiment(Definition),
     Cell(Box<Cell>),
     End(End),
 }
@@ -37,6 +41,14 @@ pub struct Run {
     pub submit_cost_ns: f64,
     /// Degraded features, missing assets, and other notes on the whole run.
     pub notes: Vec<String>,
+}
+
+/// The text of an experiment's file as it was when its cells were measured, so that its published
+/// figures, claims and plots can be recomputed from the records alone. Written before its first cell.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Definition {
+    pub id: String,
+    pub toml: String,
 }
 
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]

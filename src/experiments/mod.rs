@@ -1,1 +1,123 @@
+//! Experiments as data: a pipeline, a scene, base parameters, sweeps over axes, what was published, and the
+//! claims to test. The built-in ones (`benches/experiments/*.toml`, embedded) and a user's own file have the
+//! same format, described in [`schema`].
 
+mod claims;
+mod expand;
+mod measure;
+pub mod schema;
+
+use std::path::{Path, PathBuf};
+
+use include_dir::{Dir, include_dir};
+
+pub use claims::{Ruling, Scaling, Verdict, groups, scaling};
+pub use expand::{CellPlan, Profile, ReferencePlan, flatten, label_text, parse_axis, parse_set};
+pub use measure::{Measure, Reading, fits, fps, lookup, measured, same};
+pub use schema::Experiment;
+
+static BUILT_IN: Dir<'_> = include_dir!("$CARGO_MANIFEST_DIR/benches/experiments");
+
+#[derive(Debug, thiserror::Error)]
+pub enum ExperimentError {
+    #[error("unknown experiment `{name}`{}", did_you_mean(nearest))]
+    Unknown {
+        name: String,
+        nearest: Option<String>,
+    },
+    #[error("cannot read the experiment {}: {source}", path.display())]
+    Read {
+        path: PathBuf,
+        source: std::io::Error,
+    },
+    #[error("experiment `{name}`: {message}")]
+    Invalid { name: String, message: String },
+    #[error(
+        "experiment `{experiment}` has no axis `{axis}`{}",
+        did_you_mean(nearest)
+    )]
+    UnknownAxis {
+        experiment: String,
+        axis: String,
+        nearest: Option<String>,
+    },
+    #[error("axis `{axis}` of `{experiment}`: {message}")]
+    AxisValue {
+        experiment: String,
+        axis: String,
+        message: String,
+    },
+    #[error("unknown profile `{name}`{}", did_you_mean(nearest))]
+    UnknownProfile {
+        name: String,
+        nearest: Option<String>,
+    },
+    #[error(
+        "`{path}` is swept by the axis `{axis}` of `{experiment}`: choose its values with --axis {axis}=…"
+    )]
+    SetOnAxis {
+        experiment: String,
+        axis: String,
+        path: String,
+    },
+    #[error("`{text}` is not of the form {form}")]
+    Assignment { text: String, form: &'static str },
+}
+
+fn did_you_mean(nearest: &Option<String>) -> String {
+    match nearest {
+        Some(name) => format!("; did you mean `{name}`?"),
+        None => String::new(),
+    }
+}
+
+/// The candidate most like `name`, where one is like it at all.
+pub(crate) fn nearest<'a>(
+    name: &str,
+    candidates: impl IntoIterator<Item = &'a str>,
+) -> Option<String> {
+    candidates
+        .into_iter()
+        .map(|candidate| (strsim::jaro_winkler(name, candidate), candidate))
+        .filter(|(likeness, _)| *likeness > 0.6)
+        .max_by(|a, b| a.0.total_cmp(&b.0))
+        .map(|(_, candidate)| candidate.to_owned())
+}
+
+impl Experiment {
+    /// Names of the built-in experiments, in alphabetical order.
+    pub fn builtin_ids() -> Vec<String> {
+        let mut ids: Vec<String> = BUILT_IN
+            .files()
+            .filter_map(|file| file.path().file_stem()?.to_str().map(str::to_owned))
+            .collect();
+        ids.sort();
+        ids
+    }
+
+    /// Text of a built-in experiment's file.
+    pub fn builtin_text(id: &str) -> Option<&'static str> {
+        BUILT_IN.get_file(format!("{id}.toml"))?.contents_utf8()
+    }
+
+    /// Loads a built-in experiment by its id, or a file by its path (a name that ends in `.toml` or holds a separator).
+    pub fn load(id_or_path: &str) -> Result<Experiment, ExperimentError> {
+        if let Some(text) = Experiment::builtin_text(id_or_path) {
+            return Experiment::parse(id_or_path, text);
+        }
+        let path = Path::new(id_or_path);
+        let is_path = id_or_path.ends_with(".toml") || path.components().count() > 1;
+        if !is_path {
+            let ids = Experiment::builtin_ids();
+            return Err(ExperimentError::Unknown {
+                name: id_or_path.to_owned(),
+                nearest: nearest(id_or_path, ids.iter().map(String::as_str)),
+            });
+        }
+        let text = std::fs::read_to_string(path).map_err(|source| ExperimentError::Read {
+            path: path.to_owned(),
+            source,
+        })?;
+        Experiment::parse(id_or_path, &text)
+    }
+}

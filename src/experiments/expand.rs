@@ -1,0 +1,448 @@
+//! From an experiment to the cells that are to be measured.
+
+use std::str::FromStr;
+
+use serde_json::{Map, Value};
+
+use super::schema::{Axis, Profiles, Sweep};
+use super::{Experiment, ExperimentError, nearest};
+
+/// How large an experiment runs.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Profile {
+    /// Scaled for a software driver on two cores.
+    Quick,
+    /// The published sizes.
+    Paper,
+}
+
+impl Profile {
+    pub const NAMES: [&str; 2] = ["quick", "paper"];
+}
+
+impl FromStr for Profile {
+    type Err = ExperimentError;
+
+    fn from_str(name: &str) -> Result<Profile, ExperimentError> {
+        match name {
+            "quick" => Ok(Profile::Quick),
+            "paper" => Ok(Profile::Paper),
+            _ => Err(ExperimentError::UnknownProfile {
+                name: name.to_owned(),
+                nearest: nearest(name, Profile::NAMES),
+            }),
+        }
+    }
+}
+
+/// One cell to measure.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CellPlan {
+    pub experiment: String,
+    /// `name=value,name=value` over the axes; `base` where there are none.
+    pub cell: String,
+    pub axes: Map<String, Value>,
+    pub pipeline: String,
+    pub scene: String,
+    /// Dotted path → value, to be set in this order on the pipeline's defaults.
+    pub overrides: Vec<(String, Value)>,
+    pub reference: Option<ReferencePlan>,
+}
+
+/// The run that a cell's result is held against: the cell's overrides and then these.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ReferencePlan {
+    /// Name of the relative RMS difference among the record's quantities.
+    pub quantity: String,
+    /// Stage whose output is compared.
+    pub stage: String,
+    /// The cell's overrides, then those of the reference.
+    pub overrides: Vec<(String, Value)>,
+}
+
+/// `name=v1,v2,v3` as a name and its values; commas inside brackets do not divide.
+pub fn parse_axis(text: &str) -> Result<(String, Vec<String>), ExperimentError> {
+    let error = || ExperimentError::Assignment {
+        text: text.to_owned(),
+        form: "NAME=VALUE,VALUE,…",
+    };
+    let (name, list) = text.split_once('=').ok_or_else(error)?;
+    let mut values = vec![String::new()];
+    let mut depth = 0_i32;
+    for c in list.chars() {
+        match c {
+            '[' => depth += 1,
+            ']' => depth -= 1,
+            _ => {}
+        }
+        match values.last_mut() {
+            Some(last) if c != ',' || depth > 0 => last.push(c),
+            _ => values.push(String::new()),
+        }
+    }
+    let values: Vec<String> = values.iter().map(|value| value.trim().to_owned()).collect();
+    if name.trim().is_empty() || values.iter().any(String::is_empty) {
+        return Err(error());
+    }
+    Ok((name.trim().to_owned(), values))
+}
+
+/// `path=value` as a dotted path and a value: JSON where it is JSON, else a string.
+pub fn parse_set(text: &str) -> Result<(String, Value), ExperimentError> {
+    match text.split_once('=') {
+        Some((path, value)) if !path.trim().is_empty() && !value.trim().is_empty() => {
+            Ok((path.trim().to_owned(), parse_value(value.trim())))
+        }
+        _ => Err(ExperimentError::Assignment {
+            text: text.to_owned(),
+            form: "PATH=VALUE",
+        }),
+    }
+}
+
+fn parse_value(text: &str) -> Value {
+    serde_json::from_str(text).unwrap_or_else(|_| Value::from(text))
+}
+
+/// A value of an axis: what stands in the cell's key, and what it sets.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct AxisValue {
+    label: Value,
+    set: Vec<(String, Value)>,
+}
+
+impl AxisValue {
+    pub(super) fn parse(axis: &str, value: &Value) -> Result<AxisValue, String> {
+        let Value::Object(table) = value else {
+            return Ok(AxisValue {
+                label: value.clone(),
+                set: vec![(axis.to_owned(), value.clone())],
+            });
+        };
+        let label = table.get("label").filter(|label| !label.is_object());
+        let set = table.get("set").and_then(Value::as_object);
+        match (label, set) {
+            (Some(label), Some(set)) if table.len() == 2 && !set.is_empty() => Ok(AxisValue {
+                label: label.clone(),
+                set: flatten(set),
+            }),
+            _ => Err(format!(
+                "a table among the values of axis `{axis}` must be {{ label = …, set = {{ path = value, … }} }}"
+            )),
+        }
+    }
+
+    fn text(&self) -> String {
+        label_text(&self.label)
+    }
+}
+
+/// An axis value as it stands in keys and tables: `512x512` for an array.
+pub fn label_text(value: &Value) -> String {
+    match value {
+        Value::String(text) => text.clone(),
+        Value::Array(items) => {
+            let items: Vec<String> = items.iter().map(label_text).collect();
+            items.join("x")
+        }
+        other => other.to_string(),
+    }
+}
+
+/// Nested tables as dotted paths.
+pub fn flatten(map: &Map<String, Value>) -> Vec<(String, Value)> {
+    let mut leaves = Vec::new();
+    for (name, value) in map {
+        match value {
+            Value::Object(inner) => leaves.extend(
+                flatten(inner)
+                    .into_iter()
+                    .map(|(path, leaf)| (format!("{name}.{path}"), leaf)),
+            ),
+            leaf => leaves.push((name.clone(), leaf.clone())),
+        }
+    }
+    leaves
+}
+
+impl Profiles {
+    fn of(&self, profile: Profile) -> &Map<String, Value> {
+        match profile {
+            Profile::Quick => &self.quick.params,
+            Profile::Paper => &self.paper.params,
+        }
+    }
+}
+
+impl Axis {
+    fn of(&self, profile: Profile) -> &[Value] {
+        let own = match profile {
+            Profile::Quick => &self.quick,
+            Profile::Paper => &self.paper,
+        };
+        own.as_ref()
+            .or(self.values.as_ref())
+            .map_or(&[], Vec::as_slice)
+    }
+
+    fn every(&self) -> impl Iterator<Item = &Value> {
+        [&self.values, &self.quick, &self.paper]
+            .into_iter()
+            .flatten()
+            .flatten()
+    }
+
+    /// One value of the command line: the label of a table, or a value of the same type as those in the file.
+    fn choose(&self, text: &str) -> Result<AxisValue, String> {
+        let invalid = |value: &Value| AxisValue::parse(&self.name, value);
+        for value in self.every().filter(|value| value.is_object()) {
+            let known = invalid(value)?;
+            if known.text() == text {
+                return Ok(known);
+            }
+        }
+        let labels: Vec<String> = self.every().map(value_text).collect();
+        let plain = self.every().find(|value| !value.is_object());
+        let Some(example) = plain else {
+            let near = nearest(text, labels.iter().map(String::as_str));
+            return Err(format!(
+                "no value `{text}`{}; its values: {}",
+                super::did_you_mean(&near),
+                unique(labels).join(", ")
+            ));
+        };
+        let value = match example {
+            Value::String(_) => Value::from(text),
+            _ => parse_value(text),
+        };
+        if kind(&value) != kind(example) {
+            return Err(format!(
+                "`{text}` is not {}, as {} is",
+                kind(example),
+                value_text(example)
+            ));
+        }
+        invalid(&value)
+    }
+}
+
+fn value_text(value: &Value) -> String {
+    label_text(value.get("label").unwrap_or(value))
+}
+
+fn unique(mut labels: Vec<String>) -> Vec<String> {
+    labels.dedup();
+    labels
+}
+
+fn kind(value: &Value) -> &'static str {
+    match value {
+        Value::Null => "null",
+        Value::Bool(_) => "true or false",
+        Value::Number(_) => "a number",
+        Value::String(_) => "a word",
+        Value::Array(_) => "a list",
+        Value::Object(_) => "a table",
+    }
+}
+
+type Overrides = [(String, Vec<String>)];
+
+impl Experiment {
+    /// The cells in the order of the file; sweeps that share a cell measure it once.
+    ///
+    /// `axis_overrides` replaces values of axes, `sets` sets parameters of every cell.
+    pub fn cells(
+        &self,
+        profile: &str,
+        axis_overrides: &Overrides,
+        sets: &[(String, Value)],
+    ) -> Result<Vec<CellPlan>, ExperimentError> {
+        let profile: Profile = profile.parse()?;
+        self.check_axes(axis_overrides)?;
+        self.check_sets(profile, sets)?;
+        let mut base = flatten(&self.params);
+        base.extend(flatten(self.profile.of(profile)));
+        if self.sweep.is_empty() {
+            return Ok(vec![self.cell(profile, base, sets, &[])]);
+        }
+        let mut cells: Vec<CellPlan> = Vec::new();
+        for sweep in &self.sweep {
+            let mut params = base.clone();
+            params.extend(flatten(&sweep.params));
+            params.extend(flatten(sweep.profile.of(profile)));
+            for point in self.product(sweep, profile, axis_overrides)? {
+                let cell = self.cell(profile, params.clone(), sets, &point);
+                if !cells.iter().any(|known| known.cell == cell.cell) {
+                    cells.push(cell);
+                }
+            }
+        }
+        Ok(cells)
+    }
+
+    /// Names of all axes, without repetition.
+    pub fn axis_names(&self) -> Vec<&str> {
+        let mut names: Vec<&str> = Vec::new();
+        for axis in self.axes() {
+            if !names.contains(&axis.name.as_str()) {
+                names.push(&axis.name);
+            }
+        }
+        names
+    }
+
+    fn check_axes(&self, axis_overrides: &Overrides) -> Result<(), ExperimentError> {
+        let names = self.axis_names();
+        for (name, _) in axis_overrides {
+            if !names.contains(&name.as_str()) {
+                return Err(ExperimentError::UnknownAxis {
+                    experiment: self.id.clone(),
+                    axis: name.clone(),
+                    nearest: nearest(name, names),
+                });
+            }
+        }
+        Ok(())
+    }
+
+    fn check_sets(
+        &self,
+        profile: Profile,
+        sets: &[(String, Value)],
+    ) -> Result<(), ExperimentError> {
+        for axis in self.axes() {
+            for value in axis.of(profile) {
+                let parsed = self.axis_value(axis, AxisValue::parse(&axis.name, value))?;
+                for (path, _) in parsed.set {
+                    if sets.iter().any(|(set, _)| *set == path) {
+                        return Err(ExperimentError::SetOnAxis {
+                            experiment: self.id.clone(),
+                            axis: axis.name.clone(),
+                            path,
+                        });
+                    }
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn axis_value(
+        &self,
+        axis: &Axis,
+        value: Result<AxisValue, String>,
+    ) -> Result<AxisValue, ExperimentError> {
+        value.map_err(|message| ExperimentError::AxisValue {
+            experiment: self.id.clone(),
+            axis: axis.name.clone(),
+            message,
+        })
+    }
+
+    /// Every combination of the sweep's axis values; the last axis moves fastest.
+    fn product<'a>(
+        &self,
+        sweep: &'a Sweep,
+        profile: Profile,
+        axis_overrides: &Overrides,
+    ) -> Result<Vec<Vec<(&'a Axis, AxisValue)>>, ExperimentError> {
+        let mut points = vec![Vec::new()];
+        for axis in &sweep.axis {
+            let chosen = axis_overrides.iter().find(|(name, _)| *name == axis.name);
+            let values: Result<Vec<AxisValue>, ExperimentError> = match chosen {
+                Some((_, texts)) => texts
+                    .iter()
+                    .map(|text| self.axis_value(axis, axis.choose(text)))
+                    .collect(),
+                None => axis
+                    .of(profile)
+                    .iter()
+                    .map(|value| self.axis_value(axis, AxisValue::parse(&axis.name, value)))
+                    .collect(),
+            };
+            let values = values?;
+            points = points
+                .into_iter()
+                .flat_map(|point: Vec<(&Axis, AxisValue)>| {
+                    values.iter().map(move |value| {
+                        let mut longer = point.clone();
+                        longer.push((axis, value.clone()));
+                        longer
+                    })
+                })
+                .collect();
+        }
+        Ok(points)
+    }
+
+    fn cell(
+        &self,
+        profile: Profile,
+        mut params: Vec<(String, Value)>,
+        sets: &[(String, Value)],
+        point: &[(&Axis, AxisValue)],
+    ) -> CellPlan {
+        let mut axes = Map::new();
+        params.extend(sets.iter().cloned());
+        for (axis, value) in point {
+            axes.insert(axis.name.clone(), value.label.clone());
+            params.extend(value.set.iter().cloned());
+        }
+        let key: Vec<String> = point
+            .iter()
+            .map(|(axis, value)| format!("{}={}", axis.name, value.text()))
+            .collect();
+        let scene = take(&mut params, "scene").unwrap_or_else(|| self.scene.clone());
+        let pipeline = take(&mut params, "pipeline").unwrap_or_else(|| self.pipeline.clone());
+        let overrides = last_of_each(params);
+        CellPlan {
+            experiment: self.id.clone(),
+            cell: if key.is_empty() {
+                "base".to_owned()
+            } else {
+                key.join(",")
+            },
+            axes,
+            pipeline,
+            scene,
+            reference: self.reference_plan(profile, &overrides),
+            overrides,
+        }
+    }
+
+    fn reference_plan(&self, profile: Profile, cell: &[(String, Value)]) -> Option<ReferencePlan> {
+        let reference = self.reference.as_ref()?;
+        let mut overrides = cell.to_vec();
+        overrides.extend(flatten(&reference.params));
+        overrides.extend(flatten(reference.profile.of(profile)));
+        Some(ReferencePlan {
+            quantity: reference.quantity.clone(),
+            stage: reference.stage.clone(),
+            overrides: last_of_each(overrides),
+        })
+    }
+}
+
+/// Removes every entry of that name and gives the last one's text.
+fn take(params: &mut Vec<(String, Value)>, name: &str) -> Option<String> {
+    let last = params
+        .iter()
+        .rev()
+        .find(|(path, _)| path == name)
+        .map(|(_, value)| label_text(value));
+    params.retain(|(path, _)| path != name);
+    last
+}
+
+/// The later of two values for one path replaces the earlier.
+fn last_of_each(params: Vec<(String, Value)>) -> Vec<(String, Value)> {
+    let mut kept: Vec<(String, Value)> = Vec::new();
+    for (path, value) in params {
+        match kept.iter_mut().find(|(known, _)| *known == path) {
+            Some(entry) => entry.1 = value,
+            None => kept.push((path, value)),
+        }
+    }
+    kept
+}

@@ -1,0 +1,279 @@
+//! What a claim or a plot may ask of a measured cell, written as one string:
+//!
+//! | text | meaning | unit |
+//! |---|---|---|
+//! | `stage:caustics/trace` | median time of a stage | ns |
+//! | `frame` | median frame time without per-stage timing | ns |
+//! | `fps` | its reciprocal | frames per second |
+//! | `work:caustics/trace.photons` | declared work of a stage | count |
+//! | `param:caustics.grid` | a parameter; an array counts as the product of its elements | as the parameter |
+//! | `axis:caustics.grid` | a number among the cell's axis values | as the axis |
+//! | `quantity:caustics_error` | a recorded quantity | as its name says |
+//! | `allocated_bytes` | memory allocated by the pipeline | bytes |
+//!
+//! A product is written with `*`: `param:view.width*param:view.height`.
+
+use std::fmt;
+use std::str::FromStr;
+
+use serde::{Deserialize, Deserializer};
+use serde_json::Value;
+
+use crate::record::{Cell, Estimate, Measured, Outcome, Work};
+
+/// A product of terms.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Measure(Vec<Term>);
+
+#[derive(Clone, Debug, PartialEq, Eq)]
+enum Term {
+    Stage(String),
+    Frame,
+    Fps,
+    Work(String, String),
+    Param(String),
+    Axis(String),
+    Quantity(String),
+    AllocatedBytes,
+}
+
+/// The value of a measure in a cell. Samples are there where the measure is a time.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Reading<'a> {
+    pub estimate: Estimate,
+    pub samples: Option<&'a [f64]>,
+}
+
+impl FromStr for Measure {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Measure, String> {
+        let terms: Result<Vec<Term>, String> = text.split('*').map(parse_term).collect();
+        terms.map(Measure)
+    }
+}
+
+fn parse_term(text: &str) -> Result<Term, String> {
+    let text = text.trim();
+    let (head, rest) = text.split_once(':').unwrap_or((text, ""));
+    let named = |build: fn(String) -> Term| match rest {
+        "" => Err(format!("`{text}` lacks a name after the colon")),
+        name => Ok(build(name.to_owned())),
+    };
+    match (head, rest) {
+        ("frame", "") => Ok(Term::Frame),
+        ("fps", "") => Ok(Term::Fps),
+        ("allocated_bytes", "") => Ok(Term::AllocatedBytes),
+        ("stage", _) => named(Term::Stage),
+        ("param", _) => named(Term::Param),
+        ("axis", _) => named(Term::Axis),
+        ("quantity", _) => named(Term::Quantity),
+        ("work", _) => match rest.rsplit_once('.') {
+            Some((stage, count)) if WORK_COUNTS.contains(&count) => {
+                Ok(Term::Work(stage.to_owned(), count.to_owned()))
+            }
+            _ => Err(format!(
+                "`{text}` must be work:STAGE.COUNT with COUNT one of {}",
+                WORK_COUNTS.join(", ")
+            )),
+        },
+        _ => Err(format!(
+            "unknown measure `{text}`; known: stage:, frame, fps, work:, param:, axis:, quantity:, allocated_bytes"
+        )),
+    }
+}
+
+const WORK_COUNTS: [&str; 7] = [
+    "photons",
+    "triangles",
+    "primitives",
+    "fragments",
+    "texel_fetches",
+    "bytes_read",
+    "bytes_written",
+];
+
+fn work_count(work: &Work, count: &str) -> u64 {
+    match count {
+        "photons" => work.photons,
+        "triangles" => work.triangles,
+        "primitives" => work.primitives,
+        "fragments" => work.fragments,
+        "texel_fetches" => work.texel_fetches,
+        "bytes_read" => work.bytes_read,
+        _ => work.bytes_written,
+    }
+}
+
+impl fmt::Display for Measure {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        for (index, term) in self.0.iter().enumerate() {
+            if index > 0 {
+                f.write_str(" × ")?;
+            }
+            match term {
+                Term::Stage(name) => write!(f, "{name} time")?,
+                Term::Frame => f.write_str("frame time")?,
+                Term::Fps => f.write_str("frames per second")?,
+                Term::Work(stage, count) => write!(f, "{} of {stage}", count.replace('_', " "))?,
+                Term::Param(name) | Term::Axis(name) | Term::Quantity(name) => f.write_str(name)?,
+                Term::AllocatedBytes => f.write_str("allocated bytes")?,
+            }
+        }
+        Ok(())
+    }
+}
+
+impl<'de> Deserialize<'de> for Measure {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Measure, D::Error> {
+        let text = String::deserialize(deserializer)?;
+        text.parse().map_err(serde::de::Error::custom)
+    }
+}
+
+impl Measure {
+    /// Names of the stages that the measure speaks of.
+    pub fn stages(&self) -> impl Iterator<Item = &str> {
+        self.0.iter().filter_map(|term| match term {
+            Term::Stage(name) | Term::Work(name, _) => Some(name.as_str()),
+            _ => None,
+        })
+    }
+
+    /// Dotted paths of the parameters that the measure speaks of.
+    pub fn params(&self) -> impl Iterator<Item = &str> {
+        self.0.iter().filter_map(|term| match term {
+            Term::Param(name) => Some(name.as_str()),
+            _ => None,
+        })
+    }
+
+    /// A stage's name, where the measure is its time and nothing else: what a legend shows.
+    pub fn stage_name(&self) -> Option<&str> {
+        match self.0.as_slice() {
+            [Term::Stage(name)] => Some(name),
+            _ => None,
+        }
+    }
+
+    /// The measure is a time in nanoseconds.
+    pub fn is_time(&self) -> bool {
+        matches!(self.0.as_slice(), [Term::Stage(_) | Term::Frame])
+    }
+
+    /// It counts only on hardware: software drivers say nothing of absolute times.
+    pub fn is_absolute(&self) -> bool {
+        matches!(
+            self.0.as_slice(),
+            [Term::Stage(_) | Term::Frame | Term::Fps]
+        )
+    }
+
+    /// The value in a measured cell; none where the cell lacks it.
+    pub fn read<'a>(&self, cell: &Cell, measured: &'a Measured) -> Option<Reading<'a>> {
+        if let [term] = self.0.as_slice() {
+            return term.read(cell, measured);
+        }
+        let mut product = 1.0;
+        for term in &self.0 {
+            product *= term.read(cell, measured)?.estimate.median;
+        }
+        Some(exact(product))
+    }
+}
+
+impl Term {
+    fn read<'a>(&self, cell: &Cell, measured: &'a Measured) -> Option<Reading<'a>> {
+        let stage = |name: &str| measured.stages.iter().find(|stage| stage.stage == name);
+        match self {
+            Term::Stage(name) => stage(name).map(|stage| Reading {
+                estimate: stage.time,
+                samples: Some(&stage.samples_ns),
+            }),
+            Term::Frame => Some(Reading {
+                estimate: measured.frame.untimed,
+                samples: Some(&measured.frame.untimed_samples_ns),
+            }),
+            Term::Fps => Some(Reading {
+                estimate: fps(&measured.frame.untimed),
+                samples: None,
+            }),
+            Term::Work(name, count) => {
+                let count = work_count(&stage(name)?.work, count);
+                (count > 0).then(|| exact(count as f64))
+            }
+            Term::Param(path) => number(lookup(&cell.params, path)?).map(exact),
+            Term::Axis(name) => number(cell.axes.get(name)?).map(exact),
+            Term::Quantity(name) => measured.quantities.get(name).copied().map(exact),
+            Term::AllocatedBytes => Some(exact(measured.allocated_bytes as f64)),
+        }
+    }
+}
+
+/// Frames per second of a frame time in nanoseconds.
+pub fn fps(frame_ns: &Estimate) -> Estimate {
+    Estimate {
+        median: 1e9 / frame_ns.median,
+        low: 1e9 / frame_ns.high,
+        high: 1e9 / frame_ns.low,
+        n: frame_ns.n,
+    }
+}
+
+fn exact<'a>(value: f64) -> Reading<'a> {
+    Reading {
+        estimate: Estimate {
+            median: value,
+            low: value,
+            high: value,
+            n: 1,
+        },
+        samples: None,
+    }
+}
+
+fn number(value: &Value) -> Option<f64> {
+    match value {
+        Value::Array(items) => items.iter().map(number).product(),
+        other => other.as_f64(),
+    }
+}
+
+/// A leaf of a parameter tree by its dotted path.
+pub fn lookup<'a>(params: &'a Value, path: &str) -> Option<&'a Value> {
+    path.split('.')
+        .try_fold(params, |value, key| value.get(key))
+}
+
+/// A cell fits a filter when each name is an axis, else a parameter (`scene` and `pipeline` included), of the value given.
+pub fn fits(cell: &Cell, filter: &serde_json::Map<String, Value>) -> bool {
+    super::expand::flatten(filter).iter().all(|(name, wanted)| {
+        let scene = Value::from(cell.scene.as_str());
+        let pipeline = Value::from(cell.pipeline.as_str());
+        let found = match (cell.axes.get(name), name.as_str()) {
+            (Some(value), _) => Some(value),
+            (None, "scene") => Some(&scene),
+            (None, "pipeline") => Some(&pipeline),
+            (None, _) => lookup(&cell.params, name),
+        };
+        found.is_some_and(|found| same(found, wanted))
+    })
+}
+
+/// Equality that does not tell 5 from 5.0.
+pub fn same(a: &Value, b: &Value) -> bool {
+    match (a, b) {
+        (Value::Array(a), Value::Array(b)) => {
+            a.len() == b.len() && a.iter().zip(b).all(|(a, b)| same(a, b))
+        }
+        _ => a == b || (a.is_number() && a.as_f64() == b.as_f64()),
+    }
+}
+
+/// The figures of a cell, where it was measured.
+pub fn measured(cell: &Cell) -> Option<&Measured> {
+    match &cell.outcome {
+        Outcome::Measured(measured) => Some(measured),
+        Outcome::Skipped { .. } | Outcome::Failed { .. } => None,
+    }
+}

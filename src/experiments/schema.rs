@@ -1,0 +1,352 @@
+//! What an experiment's file may hold. Unknown keys are errors.
+//!
+//! Parameters are named by their dotted paths in the pipeline's tree; a TOML table nests the same way, so
+//! `params = { caustics.grid = 200 }` and `"caustics.grid" = 200` mean the same. Two names are not parameters of the
+//! pipeline: `scene` and `pipeline` choose what the cell runs on.
+
+use serde::Deserialize;
+use serde_json::{Map, Value};
+
+use super::{ExperimentError, Measure};
+
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Experiment {
+    /// Name on the command line and in every record: lower-case letters, digits and `-`.
+    pub id: String,
+    pub title: String,
+    /// The publication's section or figure, such as `UW §4.2`.
+    pub source: String,
+    /// What is done and why, and where it departs from the publication.
+    #[serde(default)]
+    pub about: String,
+    pub pipeline: String,
+    pub scene: String,
+    /// Parameters of every cell.
+    #[serde(default)]
+    pub params: Map<String, Value>,
+    #[serde(default)]
+    pub profile: Profiles,
+    /// Each sweep is the product of its axes; the experiment is their union. None: a single cell.
+    #[serde(default)]
+    pub sweep: Vec<Sweep>,
+    /// A denser run that each cell's result is held against.
+    pub reference: Option<Reference>,
+    #[serde(default)]
+    pub published: Vec<Published>,
+    #[serde(default)]
+    pub claim: Vec<Claim>,
+    #[serde(default)]
+    pub plot: Vec<Plot>,
+    /// The text this was parsed from.
+    #[serde(skip)]
+    pub text: String,
+}
+
+#[derive(Clone, Debug, Default, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Profiles {
+    #[serde(default)]
+    pub quick: ProfileParams,
+    #[serde(default)]
+    pub paper: ProfileParams,
+}
+
+/// Parameters that replace those of the experiment in one profile.
+#[derive(Clone, Debug, Default, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ProfileParams {
+    #[serde(default)]
+    pub params: Map<String, Value>,
+}
+
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Sweep {
+    /// Parameters of this sweep's cells only.
+    #[serde(default)]
+    pub params: Map<String, Value>,
+    #[serde(default)]
+    pub profile: Profiles,
+    pub axis: Vec<Axis>,
+}
+
+/// An axis: a name and its values, the same in every profile or different ones.
+///
+/// A scalar or array value is given to the parameter that the axis is named after. A table
+/// `{ label = …, set = { path = value, … } }` moves several parameters together.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Axis {
+    pub name: String,
+    /// What to write beside it in tables and plots, with its unit; the name where absent.
+    pub title: Option<String>,
+    pub values: Option<Vec<Value>>,
+    pub quick: Option<Vec<Value>>,
+    pub paper: Option<Vec<Value>>,
+}
+
+/// The result that the cells' results are held against: the same cell with other parameters.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Reference {
+    /// Name under which the relative RMS difference goes into the record's quantities.
+    pub quantity: String,
+    /// Stage whose output is compared.
+    pub stage: String,
+    #[serde(default)]
+    pub params: Map<String, Value>,
+    #[serde(default)]
+    pub profile: Profiles,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Comparison {
+    AtLeast,
+    About,
+    Range,
+}
+
+/// A published figure and the cells it speaks of.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Published {
+    /// Axis or parameter → value; all must hold. Cells at other sizes are not compared.
+    #[serde(default, rename = "where")]
+    pub filter: Map<String, Value>,
+    pub comparison: Comparison,
+    /// Frames per second; the lower end of a range.
+    pub fps: f64,
+    /// The upper end of a range.
+    pub fps_high: Option<f64>,
+    pub hardware: String,
+    #[serde(default)]
+    pub note: String,
+}
+
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Claim {
+    pub id: String,
+    pub text: String,
+    /// Axis or parameter → value; all must hold.
+    #[serde(default, rename = "where")]
+    pub filter: Map<String, Value>,
+    pub test: Test,
+}
+
+/// How a claim is tested. `over` names the axis along which cells are compared; cells that differ in another axis
+/// are tested apart, and the claim is only as good as its worst group.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(rename_all = "snake_case", deny_unknown_fields)]
+pub enum Test {
+    /// `y ∝ x^expected`, by a straight line through the logarithms.
+    Slope {
+        y: Measure,
+        x: Measure,
+        over: String,
+        expected: f64,
+        tolerance: f64,
+        /// Cells in which the fixed cost (an affine fit's) is a greater share of the time are left out.
+        #[serde(default = "default_fixed_share")]
+        max_fixed_share: f64,
+        /// Decades of x that must be left.
+        #[serde(default = "default_decades")]
+        min_decades: f64,
+    },
+    /// The same along the axis, up to a factor of `1 + tolerance` between the largest and the smallest.
+    Independent {
+        y: Measure,
+        over: String,
+        tolerance: f64,
+    },
+    /// `y` at one value of the axis over `y` at another lies within `low … high`.
+    Ratio {
+        y: Measure,
+        over: String,
+        numerator: Value,
+        denominator: Value,
+        low: f64,
+        high: f64,
+    },
+    /// Every cell reaches the value.
+    AtLeast { y: Measure, value: f64 },
+    /// `y` in the cell `of` is at most `1 + margin` times that in the cell `than`.
+    NoWorse {
+        y: Measure,
+        of: Map<String, Value>,
+        than: Map<String, Value>,
+        #[serde(default)]
+        margin: f64,
+    },
+    /// Rises (or falls) along the axis in order of `x`; steps against it of up to `tolerance` are noise.
+    Monotone {
+        y: Measure,
+        x: Measure,
+        over: String,
+        direction: Direction,
+        tolerance: f64,
+    },
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Direction {
+    Rising,
+    Falling,
+}
+
+fn default_fixed_share() -> f64 {
+    0.2
+}
+
+fn default_decades() -> f64 {
+    1.0
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum PlotKind {
+    /// Both axes logarithmic, fitted slopes in the legend.
+    Scaling,
+    /// Both axes linear.
+    Lines,
+    /// Stage times stacked per cell.
+    Stacked,
+}
+
+/// One panel of the experiment's figure.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Plot {
+    pub title: String,
+    pub kind: PlotKind,
+    /// Cells without this axis are left out.
+    pub over: Option<String>,
+    #[serde(default, rename = "where")]
+    pub filter: Map<String, Value>,
+    /// Abscissa of scaling and line plots.
+    pub x: Option<Measure>,
+    pub x_title: Option<String>,
+    /// Ordinates of scaling and line plots; stacked ones show every stage.
+    #[serde(default)]
+    pub y: Vec<Measure>,
+    /// Label of the ordinate; `time (ms)` where absent.
+    pub y_title: Option<String>,
+}
+
+impl Experiment {
+    /// Parses and checks an experiment's text; `name` stands in errors.
+    pub fn parse(name: &str, text: &str) -> Result<Experiment, ExperimentError> {
+        let mut experiment: Experiment =
+            toml::from_str(text).map_err(|error| ExperimentError::Invalid {
+                name: name.to_owned(),
+                message: one_line(&error, text),
+            })?;
+        experiment.text = text.to_owned();
+        experiment
+            .check()
+            .map_err(|message| ExperimentError::Invalid {
+                name: name.to_owned(),
+                message,
+            })?;
+        Ok(experiment)
+    }
+
+    fn check(&self) -> Result<(), String> {
+        let plain = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '-';
+        if self.id.is_empty() || !self.id.chars().all(plain) {
+            return Err(format!(
+                "id `{}` must be lower-case letters, digits and `-`",
+                self.id
+            ));
+        }
+        for axis in self.axes() {
+            axis.check()?;
+        }
+        for claim in &self.claim {
+            self.check_over(claim.test.over(), &format!("claim `{}`", claim.id))?;
+        }
+        for plot in &self.plot {
+            let place = format!("plot `{}`", plot.title);
+            self.check_over(plot.over.as_deref(), &place)?;
+            let needs_measures = plot.kind != PlotKind::Stacked;
+            if needs_measures && (plot.x.is_none() || plot.y.is_empty()) {
+                return Err(format!("{place} needs x and y"));
+            }
+        }
+        for published in &self.published {
+            if published.comparison == Comparison::Range && published.fps_high.is_none() {
+                return Err("a published range needs fps_high".to_owned());
+            }
+            if !(published.fps.is_finite() && published.fps > 0.0) {
+                return Err("a published fps must be positive".to_owned());
+            }
+        }
+        Ok(())
+    }
+
+    fn check_over(&self, over: Option<&str>, place: &str) -> Result<(), String> {
+        match over {
+            Some(name) if !self.axes().any(|axis| axis.name == name) => {
+                Err(format!("{place} is over `{name}`, which is no axis"))
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// All axes of all sweeps; a name may come more than once.
+    pub fn axes(&self) -> impl Iterator<Item = &Axis> {
+        self.sweep.iter().flat_map(|sweep| &sweep.axis)
+    }
+}
+
+impl Axis {
+    fn check(&self) -> Result<(), String> {
+        let lists = [&self.values, &self.quick, &self.paper];
+        let complete = match (&self.values, &self.quick, &self.paper) {
+            (Some(_), None, None) | (None, Some(_), Some(_)) => true,
+            _ => false,
+        };
+        if !complete {
+            return Err(format!(
+                "axis `{}` needs either `values`, or `quick` and `paper`",
+                self.name
+            ));
+        }
+        for list in lists.into_iter().flatten() {
+            if list.is_empty() {
+                return Err(format!("axis `{}` has an empty list of values", self.name));
+            }
+            for value in list {
+                super::expand::AxisValue::parse(&self.name, value)?;
+            }
+        }
+        Ok(())
+    }
+}
+
+impl Test {
+    /// The axis along which cells are compared.
+    pub fn over(&self) -> Option<&str> {
+        match self {
+            Test::Slope { over, .. }
+            | Test::Independent { over, .. }
+            | Test::Ratio { over, .. }
+            | Test::Monotone { over, .. } => Some(over),
+            Test::AtLeast { .. } | Test::NoWorse { .. } => None,
+        }
+    }
+}
+
+/// The parser's message with its line number, without the quoted source.
+fn one_line(error: &toml::de::Error, text: &str) -> String {
+    let line = error
+        .span()
+        .map(|span| text[..span.start.min(text.len())].matches('\n').count() + 1);
+    match line {
+        Some(line) => format!("line {line}: {}", error.message()),
+        None => error.message().to_owned(),
+    }
+}
