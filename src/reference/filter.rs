@@ -151,7 +151,11 @@ mod tests {
             bins[(rotation(i % side, i / side) / TAU * 8.0) as usize] += 1;
         }
         let expected = f64::from(side * side) / 8.0;
-        assert!(bins.iter().all(|b| (f64::from(*b) / expected - 1.0).abs() < 0.05), "{bins:?}");
+        assert!(
+            bins.iter()
+                .all(|b| (f64::from(*b) / expected - 1.0).abs() < 0.05),
+            "{bins:?}"
+        );
     }
 
     proptest! {

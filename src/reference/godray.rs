@@ -59,7 +59,10 @@ mod tests {
 
     #[test]
     fn seen_from_the_side_without_anisotropy() {
-        let medium = Medium { gamma_per_m: 0.13, phase_k: 0.0 };
+        let medium = Medium {
+            gamma_per_m: 0.13,
+            phase_k: 0.0,
+        };
         for share in [0.0, 0.25, 1.0] {
             let p = RAY.point(share);
             let viewer = p + DVec3::new(3.0, 0.0, 0.0);
@@ -70,7 +73,10 @@ mod tests {
 
     #[test]
     fn looking_into_the_light_is_brighter_than_with_it() {
-        let medium = Medium { gamma_per_m: 0.0, phase_k: 0.5 };
+        let medium = Medium {
+            gamma_per_m: 0.0,
+            phase_k: 0.5,
+        };
         let p = RAY.point(0.5);
         let into = RAY.intensity(p, p - DVec3::Y, medium);
         let with = RAY.intensity(p, p + DVec3::Y, medium);
@@ -80,8 +86,14 @@ mod tests {
 
     #[test]
     fn a_ray_without_length_is_finite() {
-        let ray = Godray { hit: DVec3::ZERO, ..RAY };
-        let medium = Medium { gamma_per_m: 0.1, phase_k: 0.5 };
+        let ray = Godray {
+            hit: DVec3::ZERO,
+            ..RAY
+        };
+        let medium = Medium {
+            gamma_per_m: 0.1,
+            phase_k: 0.5,
+        };
         assert!(ray.intensity(DVec3::ZERO, DVec3::X, medium).is_finite());
     }
 }

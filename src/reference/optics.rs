@@ -132,7 +132,10 @@ mod tests {
         let i = DVec3::new(1.0, -1.0, 0.0).normalize();
         let t = refract(i, DVec3::Y, 1.0, 1.33).unwrap();
         assert!((t.x - (0.5f64).sqrt() / 1.33).abs() < 1e-15);
-        assert_eq!(refract(DVec3::NEG_Y, DVec3::Y, 1.0, 1.33), Some(DVec3::NEG_Y));
+        assert_eq!(
+            refract(DVec3::NEG_Y, DVec3::Y, 1.0, 1.33),
+            Some(DVec3::NEG_Y)
+        );
         assert!((fresnel_reflectance(1.0, 1.0, 1.5) - 0.04).abs() < 1e-15);
         assert_eq!(fresnel_reflectance(0.2, 1.33, 1.0), 1.0);
     }

@@ -69,7 +69,10 @@ pub enum Landing {
     /// The photon passes beside the water's surface.
     MissesWater,
     /// The photon enters the water and meets nothing.
-    Leaves { entry: Entry, direction: DVec3 },
+    Leaves {
+        entry: Entry,
+        direction: DVec3,
+    },
 }
 
 impl Landing {
@@ -119,4 +122,114 @@ pub fn land_all(
         .into_par_iter()
         .map(|i| land(frame, water, tracer, grid.ndc(i)))
         .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::{Bounds, Camera, Light, LightKind, Material, Mesh, Object};
+
+    const DEPTH_M: f64 = 4.0;
+
+    /// A horizontal square about (x, z) = (0, 0).
+    fn square(half: f32, y: f32) -> Object {
+        Object {
+            name: "square".into(),
+            mesh: Mesh {
+                positions: vec![
+                    [-half, y, -half],
+                    [half, y, -half],
+                    [half, y, half],
+                    [-half, y, half],
+                ],
+                normals: vec![[0.0, 1.0, 0.0]; 4],
+                indices: vec![0, 2, 1, 0, 3, 2],
+            },
+            material: Material {
+                albedo: [1.0; 3],
+                accent: [1.0; 3],
+                tile_m: 0.0,
+            },
+        }
+    }
+
+    fn flat_water(half: f64) -> Water {
+        Water {
+            amplitude_m: 0.0,
+            half_size_m: [half, half],
+            ..Water::default()
+        }
+    }
+
+    fn frame(kind: LightKind) -> LightFrame {
+        let camera = Camera {
+            position_m: [0.0, -1.0, 5.0],
+            target_m: [0.0, -3.0, 0.0],
+            up: [0.0, 1.0, 0.0],
+            fov_y_deg: 60.0,
+            z_near_m: 0.1,
+            z_far_m: 12.0,
+        };
+        let light = Light {
+            kind,
+            direction: [0.4, -1.0, 0.2],
+            position_m: [1.0, 8.0, -0.5],
+            ..Light::default()
+        };
+        let bounds = Bounds {
+            min: DVec3::new(-6.0, -DEPTH_M, -6.0),
+            max: DVec3::new(6.0, 1.0, 6.0),
+        };
+        light.frame(&camera, 1.0, &bounds)
+    }
+
+    #[test]
+    fn memory_order_walks_cells_then_sub_points() {
+        let grid = PhotonGrid::new(3, 4).unwrap();
+        assert_eq!(grid.count(), 36);
+        let at = |x: f64| 2.0 * (x + 0.5) / 6.0 - 1.0;
+        assert_eq!(grid.ndc(0), [at(0.0), at(0.0)]);
+        assert_eq!(grid.ndc(1), [at(1.0), at(0.0)]);
+        assert_eq!(grid.ndc(2), [at(0.0), at(1.0)]);
+        assert_eq!(grid.ndc(4), [at(2.0), at(0.0)]);
+        assert_eq!(grid.ndc(35), [at(5.0), at(5.0)]);
+        assert_eq!(PhotonGrid::new(3, 2), Err(ReferenceError::Subdivision(2)));
+        assert!(PhotonGrid::new(3, 0).is_err());
+    }
+
+    #[test]
+    fn flat_water_over_a_plane_has_the_closed_form() {
+        let tracer = Tracer::new(&[square(60.0, -DEPTH_M as f32)]).unwrap();
+        let water = flat_water(50.0);
+        for kind in [LightKind::Directional, LightKind::Point] {
+            let frame = frame(kind);
+            for ndc in [[0.0, 0.0], [0.7, -0.4], [-0.99, 0.99]] {
+                let landing = land(&frame, &water, &tracer, ndc);
+                let landed = landing.landed().expect("nothing is in the way");
+                let (origin, i) = frame.ray(ndc[0], ndc[1]);
+                let entry = origin - i * (origin.y / i.y);
+                let sin_t = i.x.hypot(i.z) / 1.33;
+                let shift = DEPTH_M * sin_t / (1.0 - sin_t * sin_t).sqrt();
+                let along = DVec3::new(i.x, 0.0, i.z).normalize();
+                let expected = entry + along * shift - DVec3::Y * DEPTH_M;
+                assert!((landed.hit.position - expected).length() < 1e-9);
+                let slant = DEPTH_M / (1.0 - sin_t * sin_t).sqrt();
+                assert!((landed.distance_m - slant).abs() < 1e-9);
+            }
+        }
+    }
+
+    #[test]
+    fn each_way_to_be_lost_has_its_reason() {
+        let frame = frame(LightKind::Directional);
+        let at = |objects: &[Object], half| {
+            let tracer = Tracer::new(objects).unwrap();
+            land(&frame, &flat_water(half), &tracer, [0.9, 0.9])
+        };
+        let floor = || square(60.0, -4.0);
+        assert!(matches!(at(&[floor()], 50.0), Landing::Landed(_)));
+        assert_eq!(at(&[floor(), square(60.0, 0.5)], 50.0), Landing::Blocked);
+        assert_eq!(at(&[floor()], 0.01), Landing::MissesWater);
+        assert!(matches!(at(&[], 50.0), Landing::Leaves { .. }));
+    }
 }

@@ -1,7 +1,7 @@
 //! Ray casting in f64 over all triangles of a scene.
 
 use bvh::aabb::{Aabb, Bounded};
-use bvh::bounding_hierarchy::BHShape;
+use bvh::bounding_hierarchy::{BHShape, BoundingHierarchy};
 use bvh::bvh::{Bvh, BvhNode};
 use bvh::ray::Ray;
 use glam::{DMat4, DVec3, DVec4};
@@ -43,10 +43,7 @@ impl Bounded<f64, 3> for Triangle {
     fn aabb(&self) -> Aabb<f64, 3> {
         let [a, b, c] = self.corners;
         let pad = DVec3::splat(self.padding);
-        Aabb::with_bounds(
-            point(a.min(b).min(c) - pad),
-            point(a.max(b).max(c) + pad),
-        )
+        Aabb::with_bounds(point(a.min(b).min(c) - pad), point(a.max(b).max(c) + pad))
     }
 }
 
@@ -115,7 +112,10 @@ impl Tracer {
                     ..
                 } => push_nearest_last(
                     &ray,
-                    [(child_l_aabb, *child_l_index), (child_r_aabb, *child_r_index)],
+                    [
+                        (child_l_aabb, *child_l_index),
+                        (child_r_aabb, *child_r_index),
+                    ],
                     &mut open,
                 ),
             }
@@ -123,14 +123,25 @@ impl Tracer {
         best.map(|(distance, shape, weights)| self.hit(origin, direction, distance, shape, weights))
     }
 
-    fn hit(&self, origin: DVec3, direction: DVec3, distance_m: f64, shape: usize, w: [f64; 3]) -> Hit {
+    fn hit(
+        &self,
+        origin: DVec3,
+        direction: DVec3,
+        distance_m: f64,
+        shape: usize,
+        w: [f64; 3],
+    ) -> Hit {
         let t = &self.triangles[shape];
         let [a, b, c] = t.corners;
         let plane = (b - a).cross(c - a).normalize();
         let interpolated = t.normals[0] * w[0] + t.normals[1] * w[1] + t.normals[2] * w[2];
         Hit {
             position: origin + direction * distance_m,
-            normal: if plane.dot(direction) > 0.0 { -plane } else { plane },
+            normal: if plane.dot(direction) > 0.0 {
+                -plane
+            } else {
+                plane
+            },
             shading_normal: interpolated.normalize_or_zero(),
             distance_m,
             object: t.object,
@@ -161,7 +172,10 @@ fn collect(object: &Object, number: usize, out: &mut Vec<Triangle>) -> Result<()
     for (index, corner) in mesh.indices.chunks_exact(3).enumerate() {
         let at = |i: usize| -> Option<(DVec3, DVec3)> {
             let vertex = corner[i] as usize;
-            Some((wide(*mesh.positions.get(vertex)?), wide(*mesh.normals.get(vertex)?)))
+            Some((
+                wide(*mesh.positions.get(vertex)?),
+                wide(*mesh.normals.get(vertex)?),
+            ))
         };
         let (Some(a), Some(b), Some(c)) = (at(0), at(1), at(2)) else {
             return Err(ReferenceError::Index {
@@ -208,7 +222,12 @@ impl Axes {
         if d[z] < 0.0 {
             std::mem::swap(&mut x, &mut y);
         }
-        Axes { x, y, z, shear: DVec3::new(d[x] / d[z], d[y] / d[z], 1.0 / d[z]) }
+        Axes {
+            x,
+            y,
+            z,
+            shear: DVec3::new(d[x] / d[z], d[y] / d[z], 1.0 / d[z]),
+        }
     }
 
     /// Distance and barycentric weights where the ray meets a triangle of either orientation.
@@ -231,7 +250,10 @@ impl Axes {
             return None;
         }
         let weights = [u / sum, v / sum, w / sum];
-        Some((weights[0] * a.2 + weights[1] * b.2 + weights[2] * c.2, weights))
+        Some((
+            weights[0] * a.2 + weights[1] * b.2 + weights[2] * c.2,
+            weights,
+        ))
     }
 }
 
@@ -316,4 +338,147 @@ fn vector(v: DVec3) -> Vector3<f64> {
 
 fn wide(v: [f32; 3]) -> DVec3 {
     DVec3::from(v.map(f64::from))
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::super::filter::pcg;
+    use super::*;
+    use crate::scene::{Material, Mesh};
+
+    fn object(positions: Vec<[f32; 3]>, indices: Vec<u32>) -> Object {
+        Object {
+            name: "test".into(),
+            mesh: Mesh {
+                normals: vec![[0.0, 1.0, 0.0]; positions.len()],
+                positions,
+                indices,
+            },
+            material: Material {
+                albedo: [1.0; 3],
+                accent: [1.0; 3],
+                tile_m: 0.0,
+            },
+        }
+    }
+
+    /// Bumpy floor of side × side quads over [0, side]².
+    fn floor(side: u32) -> Object {
+        let row = side + 1;
+        let positions = (0..row * row)
+            .map(|i| {
+                let bump = (f64::from(pcg(i)) / 4_294_967_296.0) as f32;
+                [(i % row) as f32, bump - 2.0, (i / row) as f32]
+            })
+            .collect();
+        let quad = |i: u32| {
+            let at = (i / side) * row + i % side;
+            [at, at + 1, at + row, at + 1, at + row + 1, at + row]
+        };
+        object(positions, (0..side * side).flat_map(quad).collect())
+    }
+
+    /// Nearest hit by plane equation and inside test of every triangle, no hierarchy.
+    fn brute_force(object: &Object, origin: DVec3, direction: DVec3) -> Option<f64> {
+        let mesh = &object.mesh;
+        let corner = |i: &u32| wide(mesh.positions[*i as usize]);
+        mesh.indices
+            .chunks(3)
+            .filter_map(|t| {
+                let (a, b, c) = (corner(&t[0]), corner(&t[1]), corner(&t[2]));
+                let n = (b - a).cross(c - a);
+                let distance = (a - origin).dot(n) / direction.dot(n);
+                let p = origin + direction * distance;
+                let inside = [(a, b), (b, c), (c, a)]
+                    .iter()
+                    .all(|(s, e)| (*e - *s).cross(p - *s).dot(n) >= 0.0);
+                (distance > 0.0 && inside).then_some(distance)
+            })
+            .min_by(f64::total_cmp)
+    }
+
+    proptest! {
+        #[test]
+        fn the_hierarchy_agrees_with_brute_force(
+            x in 0.5..7.5f64, z in 0.5..7.5f64, dx in -2.0..2.0f64, dz in -2.0..2.0f64,
+        ) {
+            let floor = floor(8);
+            let origin = DVec3::new(x, 1.0, z);
+            let direction = DVec3::new(dx, -1.0, dz).normalize();
+            let tracer = Tracer::new(std::slice::from_ref(&floor)).unwrap();
+            let hit = tracer.cast(origin, direction, 0.0, f64::MAX);
+            let expected = brute_force(&floor, origin, direction);
+            prop_assert_eq!(hit.is_some(), expected.is_some());
+            if let (Some(hit), Some(expected)) = (hit, expected) {
+                prop_assert!((hit.distance_m - expected).abs() < 1e-9);
+                prop_assert!(hit.normal.dot(direction) < 0.0);
+                prop_assert!((hit.position - (origin + direction * expected)).length() < 1e-9);
+            }
+        }
+    }
+
+    #[test]
+    fn no_ray_slips_through_shared_edges_and_vertices() {
+        let tracer = Tracer::new(&[floor(8)]).unwrap();
+        for i in 0..=28 {
+            for j in 0..=28 {
+                // Quarter steps run along edges, diagonals and through vertices.
+                let origin = DVec3::new(0.5 + f64::from(i) * 0.25, 3.0, 0.5 + f64::from(j) * 0.25);
+                assert!(tracer.cast(origin, DVec3::NEG_Y, 0.0, 10.0).is_some());
+            }
+        }
+    }
+
+    #[test]
+    fn ranges_are_respected_and_both_sides_hit() {
+        let quad = object(
+            vec![[-1.0, 0.0, -1.0], [1.0, 0.0, -1.0], [0.0, 0.0, 2.0]],
+            vec![0, 1, 2],
+        );
+        let tracer = Tracer::new(&[quad]).unwrap();
+        let up = DVec3::new(0.0, 2.0, 0.0);
+        assert!(tracer.cast(up, DVec3::NEG_Y, 0.0, 10.0).is_some());
+        assert!(tracer.cast(up, DVec3::NEG_Y, 0.0, 1.9).is_none());
+        assert!(tracer.cast(up, DVec3::NEG_Y, 2.1, 10.0).is_none());
+        let below = tracer.cast(-up, DVec3::Y, 0.0, 10.0).unwrap();
+        assert_eq!(below.normal, DVec3::NEG_Y);
+        assert_eq!(below.object, 0);
+    }
+
+    #[test]
+    fn empty_flat_and_broken_meshes() {
+        let none = Tracer::new(&[]).unwrap();
+        assert!(none.cast(DVec3::Y, DVec3::NEG_Y, 0.0, 10.0).is_none());
+        let line = object(vec![[0.0; 3], [1.0; 3], [2.0; 3]], vec![0, 1, 2]);
+        assert!(Tracer::new(&[line]).is_ok());
+        let broken = object(vec![[0.0; 3]; 3], vec![0, 1, 9]);
+        assert!(matches!(
+            Tracer::new(&[broken]),
+            Err(ReferenceError::Index { vertices: 3, .. })
+        ));
+    }
+
+    #[test]
+    fn pixel_rays_and_projection_are_inverse() {
+        let camera = Camera {
+            position_m: [1.0, 2.0, 5.0],
+            target_m: [0.0, -1.0, 0.0],
+            up: [0.0, 1.0, 0.0],
+            fov_y_deg: 60.0,
+            z_near_m: 0.1,
+            z_far_m: 20.0,
+        };
+        let rays = PixelRays::new(&camera, 64, 36);
+        for (x, y) in [(0, 0), (63, 35), (20, 7)] {
+            let (origin, direction, length) = rays.ray(x, y);
+            let p = rays.project(origin + direction * length * 0.3).unwrap();
+            assert!((p.x_px - f64::from(x) - 0.5).abs() < 1e-9);
+            assert!((p.y_px - f64::from(y) - 0.5).abs() < 1e-9);
+            assert!(p.depth > 0.0 && p.depth < 1.0);
+        }
+        let behind = DVec3::from(camera.position_m) - camera.direction();
+        assert!(rays.project(behind).is_none());
+    }
 }

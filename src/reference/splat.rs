@@ -13,7 +13,12 @@ pub struct PointSize {
 }
 
 impl PointSize {
-    pub fn new(min_px: f64, max_px: f64, near_m: f64, far_m: f64) -> Result<PointSize, ReferenceError> {
+    pub fn new(
+        min_px: f64,
+        max_px: f64,
+        near_m: f64,
+        far_m: f64,
+    ) -> Result<PointSize, ReferenceError> {
         if !(near_m > 0.0 && far_m > near_m) {
             return Err(ReferenceError::Range {
                 name: "z_far",
@@ -124,7 +129,12 @@ mod tests {
         // Edges run through pixel centres, where two squares meet.
         rasterize(
             &mut image,
-            &[tile(2.5, 2.5), tile(6.5, 2.5), tile(2.5, 6.5), tile(6.5, 6.5)],
+            &[
+                tile(2.5, 2.5),
+                tile(6.5, 2.5),
+                tile(2.5, 6.5),
+                tile(6.5, 6.5),
+            ],
             &far,
             0.0,
         );

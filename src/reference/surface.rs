@@ -99,3 +99,75 @@ fn bisect(f: impl Fn(f64) -> f64, mut low: f64, mut high: f64) -> f64 {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+    use crate::scene::WaterModel;
+
+    fn rough(model: WaterModel) -> Water {
+        Water {
+            model,
+            amplitude_m: 0.25,
+            wavelength_m: 1.3,
+            noise: 0.5,
+            time_s: 0.7,
+            half_size_m: [6.0, 6.0],
+            ..Water::default()
+        }
+    }
+
+    fn ray(x: f64, z: f64, tilt: f64, phi: f64) -> (DVec3, DVec3) {
+        let direction = DVec3::new(tilt.sin() * phi.cos(), -tilt.cos(), tilt.sin() * phi.sin());
+        (DVec3::new(x, 0.0, z) - direction * 3.0, direction)
+    }
+
+    proptest! {
+        #[test]
+        fn entries_lie_on_the_surface_and_are_the_first(
+            x in -4.0..4.0f64, z in -4.0..4.0f64, tilt in 0.0..1.2f64, phi in 0.0..6.28f64, circular: bool,
+        ) {
+            let water = rough(if circular { WaterModel::Circular } else { WaterModel::Directional });
+            let (origin, direction) = ray(x, z, tilt, phi);
+            let entry = enter(&water, origin, direction, 100.0).expect("a ray into the middle enters");
+            let p = origin + direction * entry.distance_m;
+            prop_assert!((p - entry.position).length() < 1e-12);
+            prop_assert!((p.y - water.height(p.x, p.z)).abs() < 1e-12);
+            for i in 0..2000 {
+                let q = origin + direction * (entry.distance_m - 1e-9) * f64::from(i) / 2000.0;
+                prop_assert!(q.y > water.height(q.x, q.z), "under water before the entry");
+            }
+        }
+    }
+
+    #[test]
+    fn flat_water_has_the_closed_form() {
+        let water = Water {
+            amplitude_m: 0.0,
+            ..Water::default()
+        };
+        let (origin, direction) = ray(1.0, -2.0, 0.6, 1.0);
+        let entry = enter(&water, origin, direction, 100.0).unwrap();
+        assert!((entry.position - DVec3::new(1.0, 0.0, -2.0)).length() < 1e-12);
+        assert!((entry.distance_m - 3.0).abs() < 1e-12);
+        assert_eq!(entry.normal, DVec3::Y);
+    }
+
+    #[test]
+    fn rays_beside_along_below_or_short_of_the_water_miss() {
+        let water = Water {
+            amplitude_m: 0.0,
+            half_size_m: [1.0, 1.0],
+            ..Water::default()
+        };
+        let down = |x: f64, y: f64, max| enter(&water, DVec3::new(x, y, 0.0), DVec3::NEG_Y, max);
+        assert!(down(0.0, 2.0, 10.0).is_some());
+        assert!(down(1.1, 2.0, 10.0).is_none());
+        assert!(down(0.0, -1.0, 10.0).is_none());
+        assert!(down(0.0, 2.0, 1.5).is_none());
+        assert!(enter(&water, DVec3::new(0.0, 1.0, 0.0), DVec3::X, 10.0).is_none());
+        assert!(enter(&water, DVec3::new(0.0, -1.0, 0.0), DVec3::Y, 10.0).is_none());
+    }
+}
