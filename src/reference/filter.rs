@@ -6,7 +6,7 @@ use super::image::Image;
 
 /// Golden angle, radians: π (3 − √5). Successive taps of a Vogel disc differ by it
 /// (Vogel, Mathematical Biosciences 44, 1979).
-pub const GOLDEN_ANGLE: f64 = 2.399_963_229_728_653_22;
+pub const GOLDEN_ANGLE: f64 = 2.399_963_229_728_653;
 
 /// The taps of the filter before rotation, in pixels.
 #[derive(Clone, Debug, PartialEq)]

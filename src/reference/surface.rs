@@ -41,7 +41,7 @@ pub fn enter(water: &Water, origin: DVec3, direction: DVec3, max_distance_m: f64
         let t1 = start + step * i as f64;
         let f1 = above(t1);
         if f0 > 0.0 && f1 <= 0.0 {
-            let t = bisect(&above, t0, t1);
+            let t = bisect(above, t0, t1);
             let p = origin + direction * t;
             if water.contains(p.x, p.z) {
                 return Some(entry_at(water, p, t));
@@ -127,7 +127,7 @@ mod tests {
     proptest! {
         #[test]
         fn entries_lie_on_the_surface_and_are_the_first(
-            x in -4.0..4.0f64, z in -4.0..4.0f64, tilt in 0.0..1.2f64, phi in 0.0..6.28f64, circular: bool,
+            x in -4.0..4.0f64, z in -4.0..4.0f64, tilt in 0.0..1.2f64, phi in 0.0..std::f64::consts::TAU, circular: bool,
         ) {
             let water = rough(if circular { WaterModel::Circular } else { WaterModel::Directional });
             let (origin, direction) = ray(x, z, tilt, phi);
