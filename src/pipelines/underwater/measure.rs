@@ -22,11 +22,11 @@ impl Underwater {
             };
             let tolerance = tolerance_m as f32;
             let figures = [
-                ("missed_water_share", share(&|p| p.residual_m == MISSED)),
-                ("left_frustum_share", share(&|p| p.residual_m == OUTSIDE)),
-                ("unconverged_share", share(&|p| p.residual_m > tolerance)),
+                ("missed_water_rate", share(&|p| p.residual_m == MISSED)),
+                ("left_frustum_rate", share(&|p| p.residual_m == OUTSIDE)),
+                ("unconverged_rate", share(&|p| p.residual_m > tolerance)),
             ];
-            quantities.extend(figures.map(|(figure, value)| (format!("{name}.{figure}"), value)));
+            quantities.extend(figures.map(|(figure, value)| (format!("{name}_{figure}"), value)));
         }
         Ok(quantities)
     }
