@@ -14,7 +14,7 @@ fn every_scene_loads_at_its_size() {
             "plane" => 2..=2,
             "dragon_large" => 202_000..=260_000,
             "bunny" | "dragon_medium" => 60_000..=120_000,
-            "atrium" => 5_000..=66_450,
+            "atrium" => 60_000..=80_000,
             _ => 5_000..=60_000,
         };
         let count = scene.triangle_count();

