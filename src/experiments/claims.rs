@@ -220,7 +220,7 @@ pub fn scaling(
     let left_out = points.len() - kept.len();
     if kept.len() < 3 {
         return Err(format!(
-            "a fixed cost of {} is more than {:.0} % of {left_out} in {} cells",
+            "a fixed cost of {} is more than {:.0} % of the time in {left_out} of {} cells",
             in_ms(fixed),
             100.0 * max_fixed_share,
             points.len()
@@ -485,3 +485,6 @@ fn plural(count: usize, noun: &str) -> String {
         format!("{noun}s")
     }
 }
+
+#[cfg(test)]
+mod tests;
