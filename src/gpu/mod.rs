@@ -1,1 +1,28 @@
+//! The GPU layer: adapter and device, the audited clock, timed frames, counters, shader linking and
+//! read-back.
+//!
+//! Nothing here panics on a fault of the device: validation errors, exhausted memory and a lost device
+//! come back as [`GpuError`] from the call that caused them.
 
+mod adapter;
+mod audit;
+mod counters;
+mod error;
+mod frame;
+mod limits;
+mod readback;
+mod shader;
+
+pub use adapter::{Gpu, Options};
+pub use audit::{Audit, audit, audit_table};
+pub use counters::{StageCounters, count};
+pub use error::GpuError;
+pub use frame::{
+    ClockPlan, ColorTarget, DepthTarget, Encode, Fault, FaultKind, FrameSample, FrameTimer,
+    StageSample, StageScope, Targets,
+};
+pub use limits::Demand;
+pub use readback::{Pixels, read_buffer, read_texture, texture_bytes};
+pub use shader::{
+    StructLayout, compilation_options, default_defs, link, shader_paths, wgsl_layout,
+};

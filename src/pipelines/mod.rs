@@ -1,1 +1,45 @@
+//! Pipelines: stages wired over typed resources for one scene and one set of parameters, in frame order.
 
+pub mod params;
+pub mod underwater;
+
+use std::collections::BTreeMap;
+
+use serde_json::Value;
+
+use crate::gpu::{Demand, Gpu, GpuError};
+use crate::scene::{Scene, SceneFile};
+use crate::stages::Stage;
+
+/// A built pipeline: what a frame runs.
+pub trait Pipeline {
+    /// In frame order.
+    fn stages(&self) -> Vec<&dyn Stage>;
+    /// GPU memory that the pipeline's resources take.
+    fn allocated_bytes(&self) -> u64;
+    /// The final image, `Rgba8Unorm`.
+    fn image(&self) -> &wgpu::Texture;
+    /// Figures that need a read-back of the last frame: rates of missed and unconverged photons and the like,
+    /// `name → value`, the unit in the name.
+    fn quantities(&self, gpu: &Gpu) -> Result<BTreeMap<String, f64>, GpuError>;
+}
+
+/// A kind of pipeline, by name.
+pub struct Kind {
+    pub name: &'static str,
+    pub about: &'static str,
+    /// The whole tree of parameters with the values that the scene file gives.
+    pub defaults: fn(&SceneFile) -> Value,
+    /// The scene file with the parameters that shape its geometry put in.
+    pub scene_file: fn(&SceneFile, &Value) -> Result<SceneFile, String>,
+    /// What the parameters ask of an adapter, before anything is allocated; an error names the parameter at fault.
+    pub demand: fn(&Value, &Scene) -> Result<Demand, String>,
+    pub build: fn(&Gpu, &Scene, &Value) -> Result<Box<dyn Pipeline>, GpuError>,
+}
+
+/// Every kind. Adding a pipeline adds one line.
+pub const KINDS: &[Kind] = &[underwater::KIND];
+
+pub fn find(name: &str) -> Option<&'static Kind> {
+    KINDS.iter().find(|kind| kind.name == name)
+}

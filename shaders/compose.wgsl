@@ -1,0 +1,190 @@
+// defs: CONSERVING=0
+// The final image: scene lit by caustics, water colour, godrays, and the water surface drawn over it. UW §3.5.
+#import fathom::frame::{frame}
+#import fathom::screen
+#import fathom::shading
+#import fathom::water
+
+struct Compose {
+    size_px: vec2<f32>,
+    // Irradiance for a unit of the caustics buffer, 1/m² (paper intensity), or the tangent of a pixel's
+    // angle in that buffer (conserving intensity).
+    caustics_scale: f32,
+    // Radiance for a unit of the godray buffer, 1/m³ · m.
+    godrays_scale: f32,
+    exposure: f32,
+    // Taps of the ambient occlusion; 0: none.
+    occlusion_taps: u32,
+    occlusion_radius_m: f32,
+    // Cells per side of the water grid.
+    water_cells: u32,
+}
+
+@group(1) @binding(0) var<uniform> settings: Compose;
+@group(1) @binding(1) var albedo: texture_2d<f32>;
+@group(1) @binding(2) var normals: texture_2d<f32>;
+@group(1) @binding(3) var depth: texture_depth_2d;
+@group(1) @binding(4) var caustics: texture_2d<f32>;
+@group(1) @binding(5) var godrays: texture_2d<f32>;
+@group(1) @binding(6) var reflection: texture_2d<f32>;
+@group(1) @binding(7) var refraction: texture_2d<f32>;
+@group(1) @binding(8) var linear_sampler: sampler;
+
+// Screen shift of reflection and refraction for a unit of surface slope; tuned on scene port.
+const DISTORTION: f32 = 0.08;
+const GOLDEN_ANGLE: f32 = 2.39996322972865332;
+
+// Bilinear by hand: 32-bit float textures cannot be filtered everywhere.
+fn bilinear(source: texture_2d<f32>, uv: vec2<f32>) -> f32 {
+    let last = vec2<i32>(textureDimensions(source)) - 1;
+    let place = uv * vec2<f32>(last + 1) - 0.5;
+    let base = floor(place);
+    let f = place - base;
+    let low = clamp(vec2<i32>(base), vec2(0), last);
+    let high = clamp(vec2<i32>(base) + 1, vec2(0), last);
+    let a = textureLoad(source, low, 0).x;
+    let b = textureLoad(source, vec2(high.x, low.y), 0).x;
+    let c = textureLoad(source, vec2(low.x, high.y), 0).x;
+    let d = textureLoad(source, high, 0).x;
+    return mix(mix(a, b, f.x), mix(c, d, f.x), f.y);
+}
+
+fn world_at(uv: vec2<f32>, z: f32) -> vec3<f32> {
+    let p = frame.camera_inverse * vec4(uv.x * 2.0 - 1.0, 1.0 - uv.y * 2.0, z, 1.0);
+    return p.xyz / p.w;
+}
+
+// Irradiance that the photons bring to a surface point seen at uv, W/m².
+fn caustic_irradiance(uv: vec2<f32>, position_m: vec3<f32>, normal: vec3<f32>) -> f32 {
+    let flux = bilinear(caustics, uv);
+#if CONSERVING == 1
+    // Flux of a pixel over the surface area behind it.
+    let to_viewer = frame.camera_position_m - position_m;
+    let d = length(to_viewer);
+    let side = settings.caustics_scale * d;
+    let facing = max(abs(dot(normal, to_viewer)) / d, 0.1);
+    return flux * facing / (side * side);
+#else
+    return flux * settings.caustics_scale;
+#endif
+}
+
+// Share of the sky that nearby geometry leaves open, from screen-space depth (UW §3 step 7b).
+fn openness(uv: vec2<f32>, position_m: vec3<f32>, normal: vec3<f32>) -> f32 {
+    if settings.occlusion_taps == 0u {
+        return 1.0;
+    }
+    let last = vec2<i32>(settings.size_px) - 1;
+    let view_m = distance(position_m, frame.camera_position_m);
+    let radius = settings.occlusion_radius_m / view_m;
+    var blocked = 0.0;
+    for (var i = 0u; i < settings.occlusion_taps; i++) {
+        let angle = f32(i) * GOLDEN_ANGLE + 6.2831853 * fract(52.9829189 * fract(dot(uv * settings.size_px, vec2(0.06711056, 0.00583715))));
+        let r = radius * sqrt((f32(i) + 0.5) / f32(settings.occlusion_taps));
+        let tap_uv = uv + r * vec2(cos(angle), sin(angle));
+        let texel = clamp(vec2<i32>(tap_uv * settings.size_px), vec2(0), last);
+        let tap = world_at(tap_uv, textureLoad(depth, texel, 0)) - position_m;
+        let d = length(tap);
+        let range = saturate(1.0 - d / settings.occlusion_radius_m);
+        blocked += range * saturate(dot(tap / max(d, 1e-4), normal) - 0.1);
+    }
+    return 1.0 - blocked / f32(settings.occlusion_taps);
+}
+
+// Radiance of the scene at uv without the water between it and the camera.
+fn scene_radiance(uv: vec2<f32>, texel: vec2<i32>, position_m: vec3<f32>) -> vec3<f32> {
+    let normal = textureLoad(normals, texel, 0).xyz;
+    let color = textureLoad(albedo, texel, 0).xyz;
+    let caustic = caustic_irradiance(uv, position_m, normal) * shading::WATER_TINT;
+    let ambient = shading::ambient(-position_m.y, normal) * openness(uv, position_m, normal);
+    return shading::lambert(color, caustic + ambient + shading::direct(position_m, normal));
+}
+
+fn display(radiance: vec3<f32>) -> vec4<f32> {
+    let mapped = 1.0 - exp(-radiance * settings.exposure);
+    return vec4(pow(mapped, vec3(1.0 / 2.2)), 1.0);
+}
+
+fn shafts(uv: vec2<f32>) -> vec3<f32> {
+    return bilinear(godrays, uv) * settings.godrays_scale * shading::SHAFT_TINT;
+}
+
+@vertex
+fn screen_vertex(@builtin(vertex_index) index: u32) -> @builtin(position) vec4<f32> {
+    return screen::corner(index);
+}
+
+@fragment
+fn screen_fragment(@builtin(position) pixel: vec4<f32>) -> @location(0) vec4<f32> {
+    let uv = pixel.xy / settings.size_px;
+    let texel = vec2<i32>(pixel.xy);
+    let z = textureLoad(depth, texel, 0);
+    let p = world_at(uv, z);
+    if z >= 1.0 {
+        let direction = normalize(p - frame.camera_position_m);
+        if frame.camera_under_water != 0u {
+            return display(shading::fog(vec3(0.0), frame.z_far_m) + shafts(uv));
+        }
+        return display(shading::sky(direction));
+    }
+    let radiance = shading::fog(scene_radiance(uv, texel, p), shading::water_path_m(p));
+    return display(radiance + shafts(uv));
+}
+
+struct Surface {
+    @builtin(position) clip: vec4<f32>,
+    @location(0) position_m: vec3<f32>,
+}
+
+@vertex
+fn water_vertex(@builtin(vertex_index) index: u32) -> Surface {
+    let p = water::grid_vertex(index, settings.water_cells);
+    return Surface(frame.camera_view_projection * vec4(p, 1.0), p);
+}
+
+// What the camera sees mirrored in the water.
+fn mirrored(uv: vec2<f32>, direction: vec3<f32>, position_m: vec3<f32>) -> vec3<f32> {
+    let seen = textureSampleLevel(reflection, linear_sampler, uv, 0.0);
+    var behind = shading::sky(vec3(direction.x, abs(direction.y), direction.z));
+    if frame.camera_under_water != 0u {
+        behind = shading::fog(vec3(0.0), frame.z_far_m);
+    }
+    return mix(behind, seen.xyz, seen.w);
+}
+
+// What the camera sees through the water.
+fn refracted(uv: vec2<f32>, direction: vec3<f32>) -> vec3<f32> {
+    let seen = textureSampleLevel(refraction, linear_sampler, uv, 0.0);
+    if frame.camera_under_water != 0u {
+        return mix(shading::sky(direction), seen.xyz, seen.w);
+    }
+    let last = vec2<i32>(settings.size_px) - 1;
+    let texel = clamp(vec2<i32>(uv * settings.size_px), vec2(0), last);
+    let p = world_at(uv, textureLoad(depth, texel, 0));
+    let normal = textureLoad(normals, texel, 0).xyz;
+    let caustic = caustic_irradiance(uv, p, normal) * shading::WATER_TINT;
+    let lit = shading::lambert(textureLoad(albedo, texel, 0).xyz, caustic);
+    let through = exp(-frame.attenuation_per_m * shading::water_path_m(p));
+    let behind = shading::fog(vec3(0.0), frame.z_far_m);
+    return mix(behind, seen.xyz, seen.w) + lit * through;
+}
+
+@fragment
+fn water_fragment(in: Surface) -> @location(0) vec4<f32> {
+    let uv = in.clip.xy / settings.size_px;
+    let under = frame.camera_under_water != 0u;
+    let to_viewer = normalize(frame.camera_position_m - in.position_m);
+    let up = water::normal(water::surface(in.position_m.xz).yz);
+    let normal = select(up, -up, under);
+    let eta = select(1.0 / frame.refractive_index, frame.refractive_index, under);
+    let cosine = max(dot(normal, to_viewer), 1e-3);
+
+    let shift = uv + DISTORTION * vec2(up.x, up.z);
+    let through = refract(-to_viewer, normal, eta);
+    let mirror = mirrored(shift, reflect(-to_viewer, normal), in.position_m);
+    var radiance = mix(refracted(shift, through), mirror, shading::fresnel(cosine, eta));
+    if under {
+        radiance = shading::fog(radiance, distance(in.position_m, frame.camera_position_m));
+    }
+    return display(radiance + shafts(uv));
+}

@@ -1,0 +1,28 @@
+// defs: SIDE=2
+// One invocation a grid cell; the cell's SIDE² photons follow in a loop. SIDE = 0 takes the bound from the settings
+// (UW §4.1, dynamic tessellation).
+#import fathom::photon::{Photon, Trace, place, trace}
+
+@group(1) @binding(0) var<uniform> settings: Trace;
+@group(1) @binding(1) var shadow_depth: texture_depth_2d;
+@group(1) @binding(2) var shadow_mask: texture_2d<f32>;
+@group(1) @binding(3) var<storage, read_write> photons: array<Photon>;
+
+@compute @workgroup_size(8, 8)
+fn main(@builtin(global_invocation_id) cell: vec3<u32>) {
+    if any(cell.xy >= vec2(settings.grid)) {
+        return;
+    }
+#if SIDE == 0
+    let side = settings.side;
+#else
+    let side = #{SIDE}u;
+#endif
+    let first = (cell.y * settings.grid + cell.x) * side * side;
+    for (var y = 0u; y < side; y++) {
+        for (var x = 0u; x < side; x++) {
+            let ndc = place(settings, cell.xy, vec2(x, y), side);
+            photons[first + y * side + x] = trace(settings, shadow_depth, shadow_mask, ndc);
+        }
+    }
+}

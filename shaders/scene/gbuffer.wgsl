@@ -1,0 +1,29 @@
+// Albedo, normal and depth from the camera in one multi-target pass: UW §3.2.
+#import fathom::frame::{frame}
+#import fathom::surface::{Material, SceneVertex, albedo}
+
+@group(1) @binding(0) var<storage, read> materials: array<Material>;
+
+struct Varying {
+    @builtin(position) clip: vec4<f32>,
+    @location(0) position_m: vec3<f32>,
+    @location(1) normal: vec3<f32>,
+    @location(2) @interpolate(flat) material: u32,
+}
+
+struct Targets {
+    @location(0) albedo: vec4<f32>,
+    @location(1) normal: vec4<f32>,
+}
+
+@vertex
+fn vertex(in: SceneVertex) -> Varying {
+    let clip = frame.camera_view_projection * vec4(in.position_m, 1.0);
+    return Varying(clip, in.position_m, in.normal, in.material);
+}
+
+@fragment
+fn fragment(in: Varying) -> Targets {
+    let normal = normalize(in.normal);
+    return Targets(vec4(albedo(materials[in.material], in.position_m, normal), 1.0), vec4(normal, 1.0));
+}

@@ -1,0 +1,29 @@
+// Low-pass over a disc of taps, turned by another angle in every pixel: UW §3.5.
+#define_import_path fathom::disc
+
+// 2π (1 − 1/φ): successive taps of a Vogel disc are this far apart.
+const GOLDEN_ANGLE: f32 = 2.39996322972865332;
+const TAU: f32 = 6.28318530717958648;
+
+fn pcg(v: u32) -> u32 {
+    let state = v * 747796405u + 2891336453u;
+    let word = ((state >> ((state >> 28u) + 4u)) ^ state) * 277803737u;
+    return (word >> 22u) ^ word;
+}
+
+fn rotation(pixel: vec2<u32>) -> f32 {
+    return TAU * f32(pcg(pixel.x + 65536u * pixel.y)) / 4294967296.0;
+}
+
+fn low_pass(source: texture_2d<f32>, position: vec2<f32>, taps: u32, radius_px: f32) -> vec4<f32> {
+    let last = vec2<i32>(textureDimensions(source)) - 1;
+    let turn = rotation(vec2<u32>(position));
+    var sum = vec4(0.0);
+    for (var i = 0u; i < taps; i++) {
+        let angle = f32(i) * GOLDEN_ANGLE + turn;
+        let r = radius_px * sqrt((f32(i) + 0.5) / f32(taps));
+        let texel = vec2<i32>(floor(position + r * vec2(cos(angle), sin(angle))));
+        sum += textureLoad(source, clamp(texel, vec2(0), last), 0);
+    }
+    return sum / f32(taps);
+}

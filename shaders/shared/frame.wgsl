@@ -1,0 +1,44 @@
+// What every stage of a frame shares: cameras, light, water. Host twin: src/stages/frame.rs.
+#define_import_path fathom::frame
+
+struct Frame {
+    camera_view_projection: mat4x4<f32>,
+    camera_inverse: mat4x4<f32>,
+    // The camera mirrored about the resting water y = 0.
+    mirror_view_projection: mat4x4<f32>,
+    light_view_projection: mat4x4<f32>,
+    light_inverse: mat4x4<f32>,
+    camera_position_m: vec3<f32>,
+    z_near_m: f32,
+    // Direction of travel at the middle of the light frustum.
+    light_forward: vec3<f32>,
+    z_far_m: f32,
+    light_position_m: vec3<f32>,
+    // 1 for a point light, 0 for a directional one.
+    light_is_point: u32,
+    // Irradiance at normal incidence in the middle of the view, W/m².
+    light_irradiance: f32,
+    // Depth difference, in the light's depth range 0…1, that counts as an edge.
+    light_depth_jump: f32,
+    refractive_index: f32,
+    attenuation_per_m: f32,
+    water_center_m: vec2<f32>,
+    water_half_size_m: vec2<f32>,
+    water_amplitude_m: f32,
+    // 2π / wavelength, 1/m.
+    wavenumber_per_m: f32,
+    // ω t, radians.
+    phase: f32,
+    noise_share: f32,
+    noise_tile_m: f32,
+    // Scroll of the noise along x, in tiles.
+    noise_scroll: f32,
+    // 0 circular, 1 directional.
+    water_model: u32,
+    // 1 where the camera is below the resting water.
+    camera_under_water: u32,
+}
+
+@group(0) @binding(0) var<uniform> frame: Frame;
+// (n, ∂n/∂u, ∂n/∂v) of tile-periodic Perlin noise, texel centres at (i + 0.5) / size.
+@group(0) @binding(1) var noise_texture: texture_2d<f32>;

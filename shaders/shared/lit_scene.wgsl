@@ -1,0 +1,26 @@
+// The scene lit without photons, cut at the resting water: what the reflection and refraction passes draw.
+#define_import_path fathom::lit_scene
+
+#import fathom::shading
+#import fathom::surface::{Material, albedo}
+
+struct Varying {
+    @builtin(position) clip: vec4<f32>,
+    @location(0) position_m: vec3<f32>,
+    @location(1) normal: vec3<f32>,
+    @location(2) @interpolate(flat) material: u32,
+}
+
+// Geometry is kept a little past the water plane, so that waves do not open gaps, metres.
+const OVERLAP_M: f32 = 0.1;
+
+// `side` +1 keeps what lies above the water, −1 what lies below.
+fn kept(position_m: vec3<f32>, side: f32) -> bool {
+    return position_m.y * side >= -OVERLAP_M;
+}
+
+fn radiance(material: Material, position_m: vec3<f32>, normal: vec3<f32>) -> vec3<f32> {
+    let color = albedo(material, position_m, normal);
+    let irradiance = shading::ambient(-position_m.y, normal) + shading::direct(position_m, normal);
+    return shading::lambert(color, vec3(irradiance));
+}

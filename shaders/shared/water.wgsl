@@ -1,0 +1,57 @@
+// The water surface, UW §4.1: a cosine (circular or along x) with a share of Perlin noise read off a texture.
+#define_import_path fathom::water
+
+#import fathom::frame::{frame, noise_texture}
+
+// (n, ∂n/∂u, ∂n/∂v) at a place in tile units, bilinear, periodic.
+fn noise(uv: vec2<f32>) -> vec3<f32> {
+    let size = vec2<i32>(textureDimensions(noise_texture));
+    let place = fract(uv) * vec2<f32>(size) - 0.5;
+    let base = floor(place);
+    let f = place - base;
+    let low = (vec2<i32>(base) + size) % size;
+    let high = (low + 1) % size;
+    let a = textureLoad(noise_texture, low, 0).xyz;
+    let b = textureLoad(noise_texture, vec2<i32>(high.x, low.y), 0).xyz;
+    let c = textureLoad(noise_texture, vec2<i32>(low.x, high.y), 0).xyz;
+    let d = textureLoad(noise_texture, high, 0).xyz;
+    return mix(mix(a, b, f.x), mix(c, d, f.x), f.y);
+}
+
+// (height, ∂h/∂x, ∂h/∂z) in metres and slopes.
+fn surface(xz: vec2<f32>) -> vec3<f32> {
+    let from_center = xz - frame.water_center_m;
+    var r = from_center.x;
+    var outward = vec2<f32>(1.0, 0.0);
+    if frame.water_model == 0u {
+        r = length(from_center);
+        outward = from_center / max(r, 1e-6);
+    }
+    let angle = frame.wavenumber_per_m * r - frame.phase;
+    let wave = 1.0 - frame.noise_share;
+    var h = vec3<f32>(wave * cos(angle), -wave * frame.wavenumber_per_m * sin(angle) * outward);
+    if frame.noise_share > 0.0 {
+        let n = noise(xz / frame.noise_tile_m + vec2<f32>(frame.noise_scroll, 0.0));
+        h += frame.noise_share * vec3<f32>(n.x, n.yz / frame.noise_tile_m);
+    }
+    return frame.water_amplitude_m * h;
+}
+
+fn normal(slope: vec2<f32>) -> vec3<f32> {
+    return normalize(vec3<f32>(-slope.x, 1.0, -slope.y));
+}
+
+fn inside(xz: vec2<f32>) -> bool {
+    return all(abs(xz - frame.water_center_m) <= frame.water_half_size_m);
+}
+
+// Vertex of a grid of cells² quads (6 vertices a cell) over the water rectangle, on the surface.
+fn grid_vertex(index: u32, cells: u32) -> vec3<f32> {
+    let cell = index / 6u;
+    var corners = array<vec2<u32>, 6>(
+        vec2(0u, 0u), vec2(0u, 1u), vec2(1u, 0u), vec2(1u, 0u), vec2(0u, 1u), vec2(1u, 1u));
+    let corner = vec2<u32>(cell % cells, cell / cells) + corners[index % 6u];
+    let unit = vec2<f32>(corner) / f32(cells) * 2.0 - 1.0;
+    let xz = frame.water_center_m + unit * frame.water_half_size_m;
+    return vec3<f32>(xz.x, surface(xz).x, xz.y);
+}

@@ -1,0 +1,384 @@
+//! Choosing and opening an adapter, and turning the faults of its device into errors.
+
+use std::cell::Cell;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::{Arc, Mutex, PoisonError};
+
+use super::GpuError;
+use crate::record;
+
+/// Features that are taken when the adapter has them, each with what is lost without it.
+const OPTIONAL: &[(wgpu::Features, &str)] = &[
+    (
+        wgpu::Features::TIMESTAMP_QUERY,
+        "no timestamp queries: every pass is timed by a fenced host clock",
+    ),
+    (
+        wgpu::Features::TIMESTAMP_QUERY_INSIDE_ENCODERS,
+        "no timestamps between passes: copies are timed by a fenced host clock",
+    ),
+    (
+        wgpu::Features::PIPELINE_STATISTICS_QUERY,
+        "no pipeline statistics: shader invocations are not counted",
+    ),
+    (
+        wgpu::Features::FLOAT32_BLENDABLE,
+        "no blending of 32-bit float targets: light is summed in 16-bit floats",
+    ),
+    (
+        wgpu::Features::FLOAT32_FILTERABLE,
+        "no filtering of 32-bit float textures: they are read unfiltered",
+    ),
+];
+
+/// How to choose and open an adapter.
+#[derive(Clone, Debug, Default)]
+pub struct Options {
+    /// Part of an adapter's name (any case) or its index in [`Gpu::list`]. Without it the variables
+    /// `WGPU_ADAPTER_NAME` and `WGPU_BACKEND` count, and then a hardware GPU is preferred to software
+    /// Vulkan, and that to software GL.
+    pub adapter: Option<String>,
+    /// Compile shaders without wgpu's bounds and loop checks.
+    pub unchecked: bool,
+}
+
+/// An open device with all the limits and all the optional features that its adapter offers.
+pub struct Gpu {
+    pub device: wgpu::Device,
+    pub queue: wgpu::Queue,
+    pub adapter: record::Adapter,
+    pub features: wgpu::Features,
+    pub limits: wgpu::Limits,
+    /// What degrades on this adapter, one sentence each.
+    pub notes: Vec<String>,
+    /// Shaders run without wgpu's bounds and loop checks.
+    pub unchecked: bool,
+    faults: Arc<Mutex<Faults>>,
+}
+
+/// What the device reported outside any error scope.
+#[derive(Default)]
+struct Faults {
+    uncaptured: Vec<wgpu::Error>,
+    lost: Option<String>,
+}
+
+thread_local! {
+    /// Depth of nested [`Gpu::scoped`] calls on this thread: only the outermost one opens error scopes.
+    static SCOPES: Cell<u32> = const { Cell::new(0) };
+}
+
+fn instance() -> (wgpu::Instance, wgpu::InstanceFlags) {
+    let mut descriptor = wgpu::InstanceDescriptor::new_without_display_handle_from_env();
+    descriptor.flags = wgpu::InstanceFlags::empty().with_env();
+    let flags = descriptor.flags;
+    (wgpu::Instance::new(descriptor), flags)
+}
+
+/// All adapters, the preferred one first; the order is that of `--adapter INDEX`.
+fn adapters(instance: &wgpu::Instance) -> Vec<wgpu::Adapter> {
+    let mut all = pollster::block_on(instance.enumerate_adapters(wgpu::Backends::all()));
+    all.retain(|adapter| adapter.get_info().backend != wgpu::Backend::Noop);
+    all.sort_by_key(|adapter| rank(&adapter.get_info()));
+    all
+}
+
+fn is_software(info: &wgpu::AdapterInfo) -> bool {
+    let name = info.name.to_lowercase();
+    info.device_type == wgpu::DeviceType::Cpu
+        || ["llvmpipe", "lavapipe", "swiftshader", "softpipe"]
+            .iter()
+            .any(|s| name.contains(s))
+}
+
+/// Hardware before software, other interfaces before GL, discrete before integrated.
+fn rank(info: &wgpu::AdapterInfo) -> (bool, bool, u8) {
+    let kind = match info.device_type {
+        wgpu::DeviceType::DiscreteGpu => 0,
+        wgpu::DeviceType::IntegratedGpu => 1,
+        wgpu::DeviceType::VirtualGpu => 2,
+        wgpu::DeviceType::Other => 3,
+        wgpu::DeviceType::Cpu => 4,
+    };
+    (is_software(info), info.backend == wgpu::Backend::Gl, kind)
+}
+
+/// The index of the adapter named or numbered by `asked`.
+fn find(names: &[String], asked: &str) -> Option<usize> {
+    let wanted = asked.to_lowercase();
+    let by_name = names
+        .iter()
+        .position(|name| name.to_lowercase().contains(&wanted));
+    match asked.parse::<usize>() {
+        Ok(index) if index < names.len() => Some(index),
+        _ => by_name,
+    }
+}
+
+fn describe(adapter: &wgpu::Adapter) -> record::Adapter {
+    let info = adapter.get_info();
+    record::Adapter {
+        software: is_software(&info),
+        backend: format!("{:?}", info.backend).to_lowercase(),
+        device_type: format!("{:?}", info.device_type),
+        name: info.name,
+        driver: info.driver,
+        driver_info: info.driver_info,
+        vendor_id: info.vendor,
+        device_id: info.device,
+        timestamp_period_ns: 0.0,
+        host_threads: std::thread::available_parallelism().map_or(1, usize::from),
+    }
+}
+
+/// The chosen adapter, by `--adapter`, then by `WGPU_ADAPTER_NAME`, then by preference.
+fn choose(instance: &wgpu::Instance, asked: Option<&str>) -> Result<wgpu::Adapter, GpuError> {
+    let mut all = adapters(instance);
+    if all.is_empty() {
+        let tried = std::env::var("WGPU_BACKEND").map_or_else(
+            |_| String::new(),
+            |backend| format!(" (WGPU_BACKEND={backend})"),
+        );
+        return Err(GpuError::NoAdapter { tried });
+    }
+    let from_environment = std::env::var("WGPU_ADAPTER_NAME")
+        .ok()
+        .filter(|name| !name.is_empty());
+    let Some(asked) = asked.map(str::to_owned).or(from_environment) else {
+        return Ok(all.swap_remove(0));
+    };
+    let names: Vec<String> = all.iter().map(|adapter| adapter.get_info().name).collect();
+    match find(&names, &asked) {
+        Some(index) => Ok(all.swap_remove(index)),
+        None => {
+            let numbered = names
+                .iter()
+                .enumerate()
+                .map(|(index, name)| format!("{index} {name}"));
+            let available = numbered.collect::<Vec<_>>().join(", ");
+            Err(GpuError::UnknownAdapter { asked, available })
+        }
+    }
+}
+
+/// Fails when the adapter lacks what no stage can do without.
+fn require(adapter: &wgpu::Adapter) -> Result<(), GpuError> {
+    let required = [
+        (wgpu::DownlevelFlags::COMPUTE_SHADERS, "compute shaders"),
+        (
+            wgpu::DownlevelFlags::VERTEX_STORAGE,
+            "storage buffers in vertex shaders",
+        ),
+    ];
+    let flags = adapter.get_downlevel_capabilities().flags;
+    let missing = required.iter().find(|(flag, _)| !flags.contains(*flag));
+    missing.map_or(Ok(()), |(_, missing)| {
+        Err(GpuError::Missing {
+            adapter: adapter.get_info().name,
+            missing: (*missing).to_owned(),
+        })
+    })
+}
+
+/// The optional features of this adapter, and a note for each that it lacks.
+fn negotiate(available: wgpu::Features) -> (wgpu::Features, Vec<String>) {
+    let mut features = wgpu::Features::empty();
+    let mut notes = Vec::new();
+    for (feature, loss) in OPTIONAL {
+        if available.contains(*feature) {
+            features |= *feature;
+        } else {
+            notes.push((*loss).to_owned());
+        }
+    }
+    (features, notes)
+}
+
+impl Gpu {
+    /// All adapters of this machine, in the order of `--adapter INDEX`; the first is the default.
+    /// Timestamp periods are known only of open devices and are 0 here.
+    pub fn list() -> Vec<record::Adapter> {
+        adapters(&instance().0).iter().map(describe).collect()
+    }
+
+    /// Opens the chosen adapter.
+    pub fn open(options: &Options) -> Result<Gpu, GpuError> {
+        let (instance, flags) = instance();
+        let chosen = choose(&instance, options.adapter.as_deref())?;
+        require(&chosen)?;
+        let (features, mut notes) = negotiate(chosen.features());
+        if !flags.is_empty() {
+            notes.push(format!(
+                "instance flags from the environment slow every call: {flags:?}"
+            ));
+        }
+        let mut adapter = describe(&chosen);
+        let (device, queue) = request(&chosen, &adapter, features)?;
+        adapter.timestamp_period_ns = queue.get_timestamp_period();
+        let faults = watch(&device);
+        let (features, limits) = (device.features(), device.limits());
+        let unchecked = options.unchecked;
+        Ok(Gpu {
+            device,
+            queue,
+            adapter,
+            features,
+            limits,
+            notes,
+            unchecked,
+            faults,
+        })
+    }
+
+    /// Fails, naming the adapter, when one of `features` is not there.
+    pub fn require(&self, features: wgpu::Features) -> Result<(), GpuError> {
+        let missing = features - self.features;
+        if missing.is_empty() {
+            return Ok(());
+        }
+        Err(GpuError::Missing {
+            adapter: self.adapter.name.clone(),
+            missing: missing
+                .iter_names()
+                .map(|(name, _)| name)
+                .collect::<Vec<_>>()
+                .join(", "),
+        })
+    }
+
+    /// Runs `f` and returns the first error the device raised meanwhile, if it raised one: a refused
+    /// call, exhausted memory, an error of the driver, or the loss of the device. May be nested.
+    pub fn scoped<T>(&self, f: impl FnOnce() -> Result<T, GpuError>) -> Result<T, GpuError> {
+        self.pending_fault()?;
+        if SCOPES.get() > 0 {
+            return f();
+        }
+        let _depth = Depth::enter();
+        let filters = [
+            wgpu::ErrorFilter::Validation,
+            wgpu::ErrorFilter::OutOfMemory,
+            wgpu::ErrorFilter::Internal,
+        ];
+        let [validation, memory, internal] = filters.map(|f| self.device.push_error_scope(f));
+        let result = f();
+        let captured = [internal, memory, validation].map(|scope| pollster::block_on(scope.pop()));
+        self.pending_fault()?;
+        match captured.into_iter().flatten().next() {
+            Some(error) => Err(error.into()),
+            None => result,
+        }
+    }
+
+    /// Waits until the GPU has done all that was submitted.
+    pub fn wait(&self) -> Result<(), GpuError> {
+        self.wait_for(None)
+    }
+
+    /// Waits for one submission, or for the last.
+    pub(super) fn wait_for(&self, index: Option<wgpu::SubmissionIndex>) -> Result<(), GpuError> {
+        let wait = wgpu::PollType::Wait {
+            submission_index: index,
+            timeout: None,
+        };
+        // wgpu panics when the device is lost while it waits.
+        let outcome = catch_unwind(AssertUnwindSafe(|| self.device.poll(wait)));
+        self.pending_fault()?;
+        match outcome {
+            Ok(Ok(_)) => Ok(()),
+            Ok(Err(error)) => Err(GpuError::Internal(error.to_string())),
+            Err(_) => Err(GpuError::Lost(
+                "it failed while it was waited for".to_owned(),
+            )),
+        }
+    }
+
+    /// The loss of the device, or an error raised outside any scope, once.
+    fn pending_fault(&self) -> Result<(), GpuError> {
+        let mut faults = self.faults.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(reason) = &faults.lost {
+            return Err(GpuError::Lost(reason.clone()));
+        }
+        let mut errors = faults.uncaptured.drain(..);
+        errors.next().map_or(Ok(()), |error| Err(error.into()))
+    }
+}
+
+/// Counts the nesting of scopes, also when a panic unwinds through them.
+struct Depth;
+
+impl Depth {
+    fn enter() -> Self {
+        SCOPES.set(SCOPES.get() + 1);
+        Depth
+    }
+}
+
+impl Drop for Depth {
+    fn drop(&mut self) {
+        SCOPES.set(SCOPES.get() - 1);
+    }
+}
+
+fn request(
+    chosen: &wgpu::Adapter,
+    adapter: &record::Adapter,
+    features: wgpu::Features,
+) -> Result<(wgpu::Device, wgpu::Queue), GpuError> {
+    let descriptor = wgpu::DeviceDescriptor {
+        label: Some("fathom"),
+        required_features: features,
+        required_limits: chosen.limits(),
+        experimental_features: wgpu::ExperimentalFeatures::disabled(),
+        // A software driver's GPU memory is the machine's own.
+        memory_hints: match adapter.software {
+            true => wgpu::MemoryHints::MemoryUsage,
+            false => wgpu::MemoryHints::Performance,
+        },
+        trace: wgpu::Trace::Off,
+    };
+    pollster::block_on(chosen.request_device(&descriptor)).map_err(|error| GpuError::Open {
+        adapter: adapter.name.clone(),
+        reason: error.to_string(),
+    })
+}
+
+/// Gathers errors outside scopes and the loss of the device, instead of panicking.
+fn watch(device: &wgpu::Device) -> Arc<Mutex<Faults>> {
+    let faults = Arc::new(Mutex::new(Faults::default()));
+    let sink = Arc::clone(&faults);
+    device.on_uncaptured_error(Arc::new(move |error| {
+        sink.lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .uncaptured
+            .push(error);
+    }));
+    let sink = Arc::clone(&faults);
+    device.set_device_lost_callback(move |reason, message| {
+        let lost = format!("{reason:?}: {message}");
+        sink.lock().unwrap_or_else(PoisonError::into_inner).lost = Some(lost);
+    });
+    faults
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_adapter_is_found_by_index_or_part_of_its_name() {
+        let names = ["NVIDIA H200".to_owned(), "llvmpipe (LLVM 15)".to_owned()];
+        assert_eq!(find(&names, "1"), Some(1));
+        assert_eq!(find(&names, "LLVMpipe"), Some(1));
+        assert_eq!(find(&names, "h200"), Some(0));
+        assert_eq!(find(&names, "200"), Some(0));
+        assert_eq!(find(&names, "radeon"), None);
+    }
+
+    #[test]
+    fn each_missing_optional_feature_leaves_a_note() {
+        let (features, notes) = negotiate(wgpu::Features::TIMESTAMP_QUERY);
+        assert_eq!(features, wgpu::Features::TIMESTAMP_QUERY);
+        assert_eq!(notes.len(), OPTIONAL.len() - 1);
+        assert!(negotiate(wgpu::Features::all()).1.is_empty());
+    }
+}

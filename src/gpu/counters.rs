@@ -1,0 +1,109 @@
+//! Shader invocations counted by the adapter, in a frame of its own that is never a timed one.
+
+use std::collections::BTreeMap;
+
+use super::frame::{Encode, Mode, Recorder};
+use super::readback::map;
+use super::{Gpu, GpuError};
+
+const COUNTED: wgpu::PipelineStatisticsTypes = wgpu::PipelineStatisticsTypes::all();
+/// Names of the counters in the order of their bits, which is that of the results.
+const NAMES: [&str; 5] = [
+    "vertex_invocations",
+    "clipper_invocations",
+    "clipper_primitives",
+    "fragment_invocations",
+    "compute_invocations",
+];
+const QUERY_BYTES: u64 = (NAMES.len() * size_of::<u64>()) as u64;
+
+/// What the adapter counted in one stage's passes. Counters that are zero are left out.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct StageCounters {
+    pub name: &'static str,
+    pub counters: BTreeMap<String, u64>,
+}
+
+/// Runs one frame of at most `max_passes` compute and render passes and counts the shader invocations
+/// of each stage. `None` where the adapter does not count.
+pub fn count(
+    gpu: &Gpu,
+    stages: &[&dyn Encode],
+    max_passes: u32,
+) -> Result<Option<Vec<StageCounters>>, GpuError> {
+    if !gpu
+        .features
+        .contains(wgpu::Features::PIPELINE_STATISTICS_QUERY)
+        || max_passes == 0
+    {
+        return Ok(None);
+    }
+    gpu.scoped(|| {
+        let set = gpu.device.create_query_set(&wgpu::QuerySetDescriptor {
+            label: Some("pipeline statistics"),
+            ty: wgpu::QueryType::PipelineStatistics(COUNTED),
+            count: max_passes,
+        });
+        let mut recorder = Recorder::default();
+        recorder.record(
+            gpu,
+            Mode::Counted {
+                set: &set,
+                max_passes,
+            },
+            stages,
+        )?;
+        recorder.run(gpu)?;
+        let results = resolve(gpu, &set, recorder.queries)?;
+        Ok(Some(sum(stages, &recorder, &results)))
+    })
+}
+
+/// The results of the first `queries` queries, [`NAMES`] of each.
+fn resolve(gpu: &Gpu, set: &wgpu::QuerySet, queries: u32) -> Result<Vec<u64>, GpuError> {
+    if queries == 0 {
+        return Ok(Vec::new());
+    }
+    let bytes = u64::from(queries) * QUERY_BYTES;
+    let buffer = |usage| {
+        gpu.device.create_buffer(&wgpu::BufferDescriptor {
+            label: Some("pipeline statistics"),
+            size: bytes,
+            usage,
+            mapped_at_creation: false,
+        })
+    };
+    use wgpu::BufferUsages as Usage;
+    let resolved = buffer(Usage::QUERY_RESOLVE | Usage::COPY_SRC);
+    let read_back = buffer(Usage::MAP_READ | Usage::COPY_DST);
+    let mut encoder = gpu.device.create_command_encoder(&Default::default());
+    encoder.resolve_query_set(set, 0..queries, &resolved, 0);
+    encoder.copy_buffer_to_buffer(&resolved, 0, &read_back, 0, bytes);
+    gpu.queue.submit([encoder.finish()]);
+    map(gpu, &read_back, bytes, |raw| {
+        let value = |raw: &[u8]| u64::from_le_bytes(std::array::from_fn(|byte| raw[byte]));
+        raw.chunks_exact(size_of::<u64>()).map(value).collect()
+    })
+}
+
+fn sum(stages: &[&dyn Encode], recorder: &Recorder, results: &[u64]) -> Vec<StageCounters> {
+    let empty = |stage: &&dyn Encode| StageCounters {
+        name: stage.name(),
+        counters: BTreeMap::new(),
+    };
+    let mut counted: Vec<StageCounters> = stages.iter().map(empty).collect();
+    for pass in &recorder.passes {
+        let Some(query) = pass.query.map(|query| query as usize * NAMES.len()) else {
+            continue;
+        };
+        for (name, value) in NAMES.iter().zip(&results[query..]) {
+            if *value > 0 {
+                *counted[pass.stage]
+                    .counters
+                    .entry((*name).to_owned())
+                    .or_default() += value;
+            }
+        }
+    }
+    counted
+}

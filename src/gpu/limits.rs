@@ -1,0 +1,186 @@
+//! Limits checked before anything is allocated.
+
+use super::Gpu;
+
+/// What a pipeline will ask of the adapter, gathered before it is built; checked by [`Gpu::check`].
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Demand {
+    needs: Vec<Need>,
+}
+
+#[derive(Clone, Debug, PartialEq)]
+struct Need {
+    limit: Limit,
+    /// The resource or stage, for the message.
+    what: String,
+    asked: u64,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Limit {
+    Texture2d,
+    Texture3d,
+    Buffer,
+    StorageBinding,
+    UniformBinding,
+    DispatchGroups,
+    ColorAttachments,
+    BytesPerSample,
+}
+
+impl Limit {
+    /// The limit's name in WebGPU, and its value.
+    fn of(self, limits: &wgpu::Limits) -> (&'static str, u64) {
+        match self {
+            Self::Texture2d => (
+                "max_texture_dimension_2d",
+                limits.max_texture_dimension_2d.into(),
+            ),
+            Self::Texture3d => (
+                "max_texture_dimension_3d",
+                limits.max_texture_dimension_3d.into(),
+            ),
+            Self::Buffer => ("max_buffer_size", limits.max_buffer_size),
+            Self::StorageBinding => (
+                "max_storage_buffer_binding_size",
+                limits.max_storage_buffer_binding_size,
+            ),
+            Self::UniformBinding => (
+                "max_uniform_buffer_binding_size",
+                limits.max_uniform_buffer_binding_size,
+            ),
+            Self::DispatchGroups => (
+                "max_compute_workgroups_per_dimension",
+                limits.max_compute_workgroups_per_dimension.into(),
+            ),
+            Self::ColorAttachments => {
+                ("max_color_attachments", limits.max_color_attachments.into())
+            }
+            Self::BytesPerSample => (
+                "max_color_attachment_bytes_per_sample",
+                limits.max_color_attachment_bytes_per_sample.into(),
+            ),
+        }
+    }
+}
+
+impl Demand {
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    fn need(mut self, limit: Limit, what: &str, asked: u64) -> Self {
+        self.needs.push(Need {
+            limit,
+            what: what.to_owned(),
+            asked,
+        });
+        self
+    }
+
+    /// A two-dimensional texture of this size in texels.
+    pub fn texture_2d(self, what: &str, width: u64, height: u64) -> Self {
+        self.need(Limit::Texture2d, what, width.max(height))
+    }
+
+    /// A volume texture of this size in texels.
+    pub fn texture_3d(self, what: &str, size: [u64; 3]) -> Self {
+        let longest = size.into_iter().max().unwrap_or(0);
+        self.need(Limit::Texture3d, what, longest)
+    }
+
+    /// A buffer that is never bound whole as storage (vertices, indices, staging), in bytes.
+    pub fn buffer(self, what: &str, bytes: u64) -> Self {
+        self.need(Limit::Buffer, what, bytes)
+    }
+
+    /// A buffer bound whole as storage, in bytes.
+    pub fn storage(self, what: &str, bytes: u64) -> Self {
+        self.need(Limit::Buffer, what, bytes)
+            .need(Limit::StorageBinding, what, bytes)
+    }
+
+    /// A uniform buffer, in bytes.
+    pub fn uniform(self, what: &str, bytes: u64) -> Self {
+        self.need(Limit::Buffer, what, bytes)
+            .need(Limit::UniformBinding, what, bytes)
+    }
+
+    /// A dispatch of this many workgroups in each dimension.
+    pub fn dispatch(self, what: &str, groups: [u64; 3]) -> Self {
+        let most = groups.into_iter().max().unwrap_or(0);
+        self.need(Limit::DispatchGroups, what, most)
+    }
+
+    /// A render pass with this many colour targets, of so many bytes per sample together.
+    pub fn color_targets(self, what: &str, count: u64, bytes_per_sample: u64) -> Self {
+        self.need(Limit::ColorAttachments, what, count).need(
+            Limit::BytesPerSample,
+            what,
+            bytes_per_sample,
+        )
+    }
+
+    /// Both demands together.
+    pub fn and(mut self, other: Demand) -> Self {
+        self.needs.extend(other.needs);
+        self
+    }
+
+    /// The first demand that `limits` do not meet, as a sentence with the limit's name, what was asked
+    /// and what is allowed.
+    pub fn check(&self, limits: &wgpu::Limits) -> Result<(), String> {
+        for need in &self.needs {
+            let (name, allowed) = need.limit.of(limits);
+            if need.asked > allowed {
+                return Err(format!(
+                    "{}: asks {} of {name}, the adapter allows {allowed}",
+                    need.what, need.asked
+                ));
+            }
+        }
+        Ok(())
+    }
+}
+
+impl Gpu {
+    /// Checks a demand against this adapter's limits, before any allocation.
+    pub fn check(&self, demand: &Demand) -> Result<(), String> {
+        demand.check(&self.limits)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_demand_beyond_a_limit_names_it_with_both_figures() {
+        let limits = wgpu::Limits::default();
+        let demand = Demand::new()
+            .texture_2d("view", 800, 600)
+            .texture_2d("light map", 9000, 16);
+        let message = demand.check(&limits).unwrap_err();
+        assert_eq!(
+            message,
+            "light map: asks 9000 of max_texture_dimension_2d, the adapter allows 8192"
+        );
+    }
+
+    #[test]
+    fn demands_at_the_limit_pass() {
+        let limits = wgpu::Limits::default();
+        let groups = u64::from(limits.max_compute_workgroups_per_dimension);
+        let demand = Demand::new()
+            .storage("photons", limits.max_storage_buffer_binding_size)
+            .dispatch("trace", [groups, 1, 1])
+            .and(Demand::new().uniform("frame", limits.max_uniform_buffer_binding_size));
+        assert_eq!(demand.check(&limits), Ok(()));
+        assert!(
+            Demand::new()
+                .dispatch("trace", [1, groups + 1, 1])
+                .check(&limits)
+                .is_err()
+        );
+    }
+}

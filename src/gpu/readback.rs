@@ -1,0 +1,216 @@
+//! Buffers and textures read back to the CPU.
+
+use std::sync::mpsc;
+
+use super::{Gpu, GpuError};
+
+/// A texture's texels as floats, row by row from the top, the channels of a texel together.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Pixels {
+    pub width: u32,
+    pub height: u32,
+    /// 1 or 4.
+    pub channels: u32,
+    /// `width × height × channels` values; unsigned normalised formats are in 0…1.
+    pub data: Vec<f32>,
+}
+
+impl Pixels {
+    /// The channels of one texel. Panics outside the texture.
+    pub fn texel(&self, x: u32, y: u32) -> &[f32] {
+        assert!(
+            x < self.width && y < self.height,
+            "texel ({x}, {y}) is outside"
+        );
+        let start = (y as usize * self.width as usize + x as usize) * self.channels as usize;
+        &self.data[start..start + self.channels as usize]
+    }
+}
+
+/// Size of a texture in GPU memory, all its levels, layers and samples, in bytes. Formats whose texel
+/// size wgpu does not tell count as 4 bytes.
+pub fn texture_bytes(texture: &wgpu::Texture) -> u64 {
+    let texel = u64::from(texture.format().block_copy_size(None).unwrap_or(4));
+    let size = texture.size();
+    let levels = (0..texture.mip_level_count()).map(|level| {
+        let at = |extent: u32| u64::from((extent >> level).max(1));
+        let depth = match texture.dimension() {
+            wgpu::TextureDimension::D3 => at(size.depth_or_array_layers),
+            _ => u64::from(size.depth_or_array_layers),
+        };
+        at(size.width) * at(size.height) * depth
+    });
+    levels.sum::<u64>() * texel * u64::from(texture.sample_count())
+}
+
+/// All bytes of a buffer, which must have been made with `COPY_SRC`.
+pub fn read_buffer(gpu: &Gpu, buffer: &wgpu::Buffer) -> Result<Vec<u8>, GpuError> {
+    gpu.scoped(|| {
+        let staging = staging(gpu, buffer.size());
+        let mut encoder = gpu.device.create_command_encoder(&Default::default());
+        encoder.copy_buffer_to_buffer(buffer, 0, &staging, 0, buffer.size());
+        gpu.queue.submit([encoder.finish()]);
+        map(gpu, &staging, buffer.size(), <[u8]>::to_vec)
+    })
+}
+
+fn staging(gpu: &Gpu, bytes: u64) -> wgpu::Buffer {
+    gpu.device.create_buffer(&wgpu::BufferDescriptor {
+        label: Some("read-back"),
+        size: bytes,
+        usage: wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST,
+        mapped_at_creation: false,
+    })
+}
+
+/// Waits for the GPU, maps the first `bytes` of a buffer, and hands them to `read`.
+pub(super) fn map<T>(
+    gpu: &Gpu,
+    buffer: &wgpu::Buffer,
+    bytes: u64,
+    read: impl FnOnce(&[u8]) -> T,
+) -> Result<T, GpuError> {
+    let (sender, receiver) = mpsc::channel();
+    buffer.map_async(wgpu::MapMode::Read, ..bytes, move |result| {
+        // The receiver is gone only when waiting has failed, which is reported there.
+        let _ = sender.send(result);
+    });
+    gpu.wait()?;
+    match receiver.try_recv() {
+        Ok(Ok(())) => {}
+        Ok(Err(error)) => return Err(GpuError::ReadBack(error.to_string())),
+        Err(error) => return Err(GpuError::ReadBack(error.to_string())),
+    }
+    let view = buffer
+        .get_mapped_range(..bytes)
+        .map_err(|error| GpuError::ReadBack(error.to_string()))?;
+    let value = read(&view);
+    drop(view);
+    buffer.unmap();
+    Ok(value)
+}
+
+/// The first level and layer of a texture, which must have been made with `COPY_SRC` and have one of
+/// the formats R32Float, Rgba32Float, R16Float, Rgba16Float, R8Unorm, Rgba8Unorm, Depth32Float.
+pub fn read_texture(gpu: &Gpu, texture: &wgpu::Texture) -> Result<Pixels, GpuError> {
+    let layout = TexelLayout::of(texture.format())?;
+    let (width, height) = (texture.width(), texture.height());
+    let row = width * layout.bytes;
+    let pitch = row.next_multiple_of(wgpu::COPY_BYTES_PER_ROW_ALIGNMENT);
+    let bytes = u64::from(pitch) * u64::from(height);
+    gpu.scoped(|| {
+        let staging = staging(gpu, bytes);
+        copy_to(gpu, texture, &staging, pitch);
+        map(gpu, &staging, bytes, |padded| {
+            let rows = padded
+                .chunks_exact(pitch as usize)
+                .map(|padded| &padded[..row as usize]);
+            let data = rows.flat_map(|row| layout.decode(row)).collect();
+            Pixels {
+                width,
+                height,
+                channels: layout.channels,
+                data,
+            }
+        })
+    })
+}
+
+fn copy_to(gpu: &Gpu, texture: &wgpu::Texture, staging: &wgpu::Buffer, pitch: u32) {
+    let mut encoder = gpu.device.create_command_encoder(&Default::default());
+    let layout = wgpu::TexelCopyBufferLayout {
+        offset: 0,
+        bytes_per_row: Some(pitch),
+        rows_per_image: None,
+    };
+    let size = wgpu::Extent3d {
+        width: texture.width(),
+        height: texture.height(),
+        depth_or_array_layers: 1,
+    };
+    encoder.copy_texture_to_buffer(
+        texture.as_image_copy(),
+        wgpu::TexelCopyBufferInfo {
+            buffer: staging,
+            layout,
+        },
+        size,
+    );
+    gpu.queue.submit([encoder.finish()]);
+}
+
+/// How a texel lies in memory.
+#[derive(Clone, Copy)]
+struct TexelLayout {
+    /// Of a texel.
+    bytes: u32,
+    channels: u32,
+    decode: fn(&[u8]) -> f32,
+}
+
+impl TexelLayout {
+    fn of(format: wgpu::TextureFormat) -> Result<Self, GpuError> {
+        use wgpu::TextureFormat as Format;
+        let float: fn(&[u8]) -> f32 = |b| f32::from_le_bytes([b[0], b[1], b[2], b[3]]);
+        let half: fn(&[u8]) -> f32 = |b| half_to_f32(u16::from_le_bytes([b[0], b[1]]));
+        let unorm: fn(&[u8]) -> f32 = |b| f32::from(b[0]) / 255.0;
+        let (bytes, channels, decode) = match format {
+            Format::R32Float | Format::Depth32Float => (4, 1, float),
+            Format::Rgba32Float => (16, 4, float),
+            Format::R16Float => (2, 1, half),
+            Format::Rgba16Float => (8, 4, half),
+            Format::R8Unorm => (1, 1, unorm),
+            Format::Rgba8Unorm => (4, 4, unorm),
+            other => {
+                return Err(GpuError::ReadBack(format!(
+                    "textures of format {other:?} are not read"
+                )));
+            }
+        };
+        Ok(Self {
+            bytes,
+            channels,
+            decode,
+        })
+    }
+
+    fn decode(self, row: &[u8]) -> impl Iterator<Item = f32> {
+        row.chunks_exact((self.bytes / self.channels) as usize)
+            .map(self.decode)
+    }
+}
+
+/// IEEE 754 binary16 to binary32, exactly.
+fn half_to_f32(half: u16) -> f32 {
+    let sign = if half >> 15 == 1 { -1.0 } else { 1.0 };
+    let exponent = i32::from(half >> 10 & 0x1f);
+    let mantissa = f32::from(half & 0x3ff);
+    match exponent {
+        0 => sign * mantissa * 2f32.powi(-24),
+        31 if mantissa == 0.0 => sign * f32::INFINITY,
+        31 => f32::NAN,
+        _ => sign * (1024.0 + mantissa) * 2f32.powi(exponent - 25),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn halves_are_widened_exactly() {
+        let cases = [
+            (0x0000, 0.0),
+            (0x3c00, 1.0),
+            (0xc000, -2.0),
+            (0x3555, 0.333_251_95),
+            (0x7bff, 65504.0),
+            (0x0001, 5.960_464_5e-8),
+            (0x7c00, f32::INFINITY),
+        ];
+        for (half, float) in cases {
+            assert_eq!(half_to_f32(half), float, "{half:#06x}");
+        }
+        assert!(half_to_f32(0x7e00).is_nan());
+    }
+}

@@ -1,0 +1,272 @@
+//! Shaders: embedded from `shaders/`, linked by naga_oil, checked by naga, handed to wgpu as naga IR.
+//!
+//! `shaders/shared/NAME.wgsl` begins with `#define_import_path fathom::NAME` and is imported by that
+//! path. A shader may name values of the host as `#{NAME}` or test them with `#if NAME == 1`; a line
+//! `// defs: NAME=4, OTHER=0` among its first lines gives their defaults.
+
+use std::collections::{BTreeMap, HashMap};
+
+use include_dir::{Dir, DirEntry, include_dir};
+use naga_oil::compose::{
+    ComposableModuleDescriptor, Composer, ComposerError, NagaModuleDescriptor, ShaderDefValue,
+    ShaderType, get_preprocessor_data,
+};
+use wgpu::naga;
+
+use super::{Gpu, GpuError};
+
+static SHADERS: Dir<'_> = include_dir!("$CARGO_MANIFEST_DIR/shaders");
+
+/// Lines at a shader's head among which `// defs:` is looked for.
+const HEAD_LINES: usize = 5;
+
+/// Paths of all stage shaders, such as `caustics/trace`, in alphabetical order.
+pub fn shader_paths() -> Vec<String> {
+    let mut files = Vec::new();
+    collect(&SHADERS, &mut files);
+    files.retain(|(path, _)| !path.starts_with("shared/"));
+    files.into_iter().map(|(path, _)| path).collect()
+}
+
+/// Paths without their ending, and sources, of all `.wgsl` files under `folder`.
+fn collect(folder: &Dir<'static>, files: &mut Vec<(String, &'static str)>) {
+    for entry in folder.entries() {
+        match entry {
+            DirEntry::Dir(inner) => collect(inner, files),
+            DirEntry::File(file) => {
+                let path = file.path().to_string_lossy().replace('\\', "/");
+                if let (Some(stem), Some(source)) =
+                    (path.strip_suffix(".wgsl"), file.contents_utf8())
+                {
+                    files.push((stem.to_owned(), source));
+                }
+            }
+        }
+    }
+    files.sort();
+}
+
+fn source(path: &str) -> Result<&'static str, GpuError> {
+    SHADERS
+        .get_file(format!("{path}.wgsl"))
+        .and_then(|file| file.contents_utf8())
+        .ok_or_else(|| GpuError::UnknownShader(path.to_owned()))
+}
+
+/// The defaults in the shader's `// defs:` line.
+pub fn default_defs(path: &str) -> Result<Vec<(String, i32)>, GpuError> {
+    parse_defs(source(path)?).map_err(|message| GpuError::Shader {
+        path: path.to_owned(),
+        message,
+    })
+}
+
+fn parse_defs(source: &str) -> Result<Vec<(String, i32)>, String> {
+    let head = source.lines().take(HEAD_LINES);
+    let Some(line) = head
+        .filter_map(|line| line.trim().strip_prefix("// defs:"))
+        .next()
+    else {
+        return Ok(Vec::new());
+    };
+    let pairs = line
+        .split(',')
+        .map(str::trim)
+        .filter(|pair| !pair.is_empty());
+    pairs
+        .map(|pair| {
+            let (name, value) = pair
+                .split_once('=')
+                .ok_or(format!("`{pair}` is not NAME=INTEGER"))?;
+            let value = value.trim().parse().map_err(|e| format!("`{pair}`: {e}"))?;
+            Ok((name.trim().to_owned(), value))
+        })
+        .collect()
+}
+
+/// Links one shader with the modules it imports: a validated naga module. `defs` go before the
+/// shader's own defaults.
+pub fn link(path: &str, defs: &[(&str, i32)]) -> Result<naga::Module, GpuError> {
+    let mut values: BTreeMap<String, i32> = default_defs(path)?.into_iter().collect();
+    values.extend(
+        defs.iter()
+            .map(|(name, value)| ((*name).to_owned(), *value)),
+    );
+    let shader_defs: HashMap<String, ShaderDefValue> = values
+        .into_iter()
+        .map(|(name, value)| (name, ShaderDefValue::Int(value)))
+        .collect();
+    let mut composer = composer()?;
+    let descriptor = NagaModuleDescriptor {
+        source: source(path)?,
+        file_path: &format!("shaders/{path}.wgsl"),
+        shader_type: ShaderType::Wgsl,
+        shader_defs,
+        additional_imports: &[],
+    };
+    let linked = composer.make_naga_module(descriptor);
+    linked.map_err(|error| annotated(path, &error, &composer))
+}
+
+/// naga_oil's message with the lines of source it speaks of.
+fn annotated(path: &str, error: &ComposerError, composer: &Composer) -> GpuError {
+    GpuError::Shader {
+        path: path.to_owned(),
+        message: error.emit_to_string(composer),
+    }
+}
+
+/// A composer that knows every shared module. A module is added once those it imports are there.
+fn composer() -> Result<Composer, GpuError> {
+    let mut composer = Composer::default().with_capabilities(naga::valid::Capabilities::all());
+    let mut waiting = Vec::new();
+    if let Some(folder) = SHADERS.get_dir("shared") {
+        collect(folder, &mut waiting);
+    }
+    while !waiting.is_empty() {
+        let imported = |source: &str| get_preprocessor_data(source).1;
+        let ready = waiting.iter().position(|(_, source)| {
+            imported(source)
+                .iter()
+                .all(|import| composer.contains_module(&import.import))
+        });
+        // None is ready when an import is unknown or circular: adding one gives the message.
+        let (path, source) = waiting.remove(ready.unwrap_or(0));
+        let file_path = format!("shaders/{path}.wgsl");
+        let descriptor = ComposableModuleDescriptor {
+            source,
+            file_path: &file_path,
+            ..Default::default()
+        };
+        if let Err(error) = composer.add_composable_module(descriptor) {
+            return Err(annotated(&path, &error, &composer));
+        }
+    }
+    Ok(composer)
+}
+
+/// Options for every pipeline: workgroup memory is not cleared, as kernels write it before reading.
+pub fn compilation_options() -> wgpu::PipelineCompilationOptions<'static> {
+    wgpu::PipelineCompilationOptions {
+        zero_initialize_workgroup_memory: false,
+        ..Default::default()
+    }
+}
+
+impl Gpu {
+    /// The shader `shaders/PATH.wgsl`, such as `caustics/trace`, linked with what it imports.
+    pub fn shader(&self, path: &str, defs: &[(&str, i32)]) -> Result<wgpu::ShaderModule, GpuError> {
+        let module = link(path, defs)?;
+        let descriptor = wgpu::ShaderModuleDescriptor {
+            label: Some(path),
+            source: wgpu::ShaderSource::Naga(std::borrow::Cow::Owned(module)),
+        };
+        self.scoped(|| {
+            if !self.unchecked {
+                return Ok(self.device.create_shader_module(descriptor));
+            }
+            let checks = wgpu::ShaderRuntimeChecks::unchecked();
+            // SAFETY: only shaders of this crate come here. They index within their bindings and have no
+            // endless loops, which running the same shaders with the checks on shows.
+            Ok(unsafe { self.device.create_shader_module_trusted(descriptor, checks) })
+        })
+    }
+}
+
+/// How WGSL lays out a struct, in bytes.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct StructLayout {
+    /// Each member with its offset, in order.
+    pub members: Vec<(String, u32)>,
+    /// Size of the struct, its padding included.
+    pub span: u32,
+}
+
+/// The layout of a struct of a linked shader, for a test that the host's struct equals it. A struct of
+/// a shared module is found by its plain name, if the shader uses it.
+pub fn wgsl_layout(path: &str, struct_name: &str) -> Result<StructLayout, GpuError> {
+    let module = link(path, &[])?;
+    let plain = |name: &str| {
+        name.split("X_naga_oil_mod_X")
+            .next()
+            .unwrap_or(name)
+            .to_owned()
+    };
+    let found = module.types.iter().find_map(|(_, ty)| match &ty.inner {
+        naga::TypeInner::Struct { members, span }
+            if ty.name.as_deref().map(plain).as_deref() == Some(struct_name) =>
+        {
+            Some((members, *span))
+        }
+        _ => None,
+    });
+    let (members, span) = found.ok_or_else(|| GpuError::Shader {
+        path: path.to_owned(),
+        message: format!("it has no struct `{struct_name}`"),
+    })?;
+    let members = members
+        .iter()
+        .map(|m| (m.name.clone().unwrap_or_default(), m.offset))
+        .collect();
+    Ok(StructLayout { members, span })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_shader_links_and_validates_with_its_defaults() {
+        let paths = shader_paths();
+        assert!(paths.contains(&"audit/compute".to_owned()), "{paths:?}");
+        for path in paths {
+            link(&path, &[]).unwrap_or_else(|error| panic!("{error}"));
+        }
+    }
+
+    #[test]
+    fn defs_go_before_the_shaders_own_defaults() {
+        let group_size = |defs: &[(&str, i32)]| {
+            link("audit/compute", defs).unwrap().entry_points[0].workgroup_size[0]
+        };
+        assert_eq!(group_size(&[]), 64);
+        assert_eq!(group_size(&[("GROUP_SIZE", 32)]), 32);
+    }
+
+    #[test]
+    fn a_malformed_default_is_an_error() {
+        assert_eq!(
+            parse_defs("// defs: A=1, B=-2\n"),
+            Ok(vec![("A".into(), 1), ("B".into(), -2)])
+        );
+        assert_eq!(parse_defs("fn main() {}"), Ok(vec![]));
+        assert!(parse_defs("// defs: A\n").is_err());
+        assert!(parse_defs("// defs: A=x\n").is_err());
+    }
+
+    #[test]
+    fn a_link_error_shows_the_source() {
+        let error = link("audit/compute", &[("GROUP_SIZE", -1)])
+            .unwrap_err()
+            .to_string();
+        assert!(error.contains("shaders/audit/compute.wgsl"), "{error}");
+        assert!(error.contains("@workgroup_size(-1)"), "{error}");
+        assert!(matches!(
+            link("audit/none", &[]),
+            Err(GpuError::UnknownShader(_))
+        ));
+    }
+
+    #[test]
+    fn the_layout_of_a_struct_is_read_from_the_shader() {
+        let layout = wgsl_layout("audit/compute", "Work").unwrap();
+        assert_eq!(
+            layout,
+            StructLayout {
+                members: vec![("iterations".into(), 0)],
+                span: 4
+            }
+        );
+        assert!(wgsl_layout("audit/compute", "None").is_err());
+    }
+}

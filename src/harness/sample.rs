@@ -1,0 +1,513 @@
+//! The scheduler: which cell renders which frame next, and when a cell has seen enough.
+//!
+//! The cells of an experiment are prepared in groups that fit into memory together. Within a group they
+//! are sampled round-robin, in an order drawn anew each round, so that the machine's drift falls on all
+//! of them alike. A visit renders one frame with per-stage timing and one without, in random order: the
+//! ratio of such pairs is the cost of timing. A cell is done at its precision or when its share of the
+//! time is used up; time that precise cells leave over goes to the others.
+//!
+//! The scheduler reads no clock and touches no device: both are behind [`Executor`].
+
+use std::collections::BTreeMap;
+use std::fmt::Display;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use rand::seq::SliceRandom;
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64;
+
+use crate::gpu::FrameSample;
+use crate::record::Clock;
+use crate::statistics;
+
+/// Pairs that each cell gets however slow it is: a median and a range need three.
+pub const MIN_PAIRS: usize = 3;
+/// Pairs before a cell may stop as precise: fewer agree by chance. hyperfine's least number of runs.
+pub const MIN_PRECISE_PAIRS: usize = 10;
+/// Pairs after which a cell stops in any case, so that records stay readable.
+pub const MAX_PAIRS: usize = 500;
+/// Warm-up is over once a frame is not faster than the one before it by more than this share.
+pub const WARM_UP_TOLERANCE: f64 = 0.1;
+/// Frames after which warm-up is given up, and said so.
+pub const MAX_WARM_UP_FRAMES: u32 = 10;
+/// Timed frames before a cell is judged by how many of them were rejected.
+pub const MIN_JUDGED_FRAMES: usize = 6;
+/// Share of rejected frames above which a cell fails.
+pub const MAX_REJECTED_SHARE: f64 = 0.5;
+
+/// Why a frame could not be rendered.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Failure {
+    /// This cell cannot be measured; others may be.
+    Cell(String),
+    /// The device is gone, and with it everything prepared on it.
+    DeviceLost(String),
+}
+
+/// What the scheduler schedules. Cells are told apart by the caller's index.
+pub trait Executor {
+    /// An error that ends the run, such as a full disk.
+    type Fatal;
+
+    /// Makes everything that the cell's frames need; the GPU memory it took in bytes.
+    fn prepare(&mut self, cell: usize) -> Result<u64, Failure>;
+    /// One frame with per-stage timing.
+    fn timed(&mut self, cell: usize) -> Result<FrameSample, Failure>;
+    /// One frame without; its wall time in nanoseconds.
+    fn untimed(&mut self, cell: usize) -> Result<f64, Failure>;
+    /// Takes a cell's result, before [`release`](Self::release).
+    fn finish(&mut self, cell: usize, result: CellResult) -> Result<(), Self::Fatal>;
+    /// Frees what [`prepare`](Self::prepare) made; also called for cells that failed.
+    fn release(&mut self, cell: usize);
+    /// Opens the device anew after its loss, or says why that is not possible.
+    fn recover(&mut self) -> Result<(), String>;
+    /// Seconds since any fixed moment.
+    fn now_s(&self) -> f64;
+}
+
+/// When to stop.
+#[derive(Clone, Copy, Debug)]
+pub struct Settings {
+    /// Half the width of the frame time's 95 % interval over its median.
+    pub precision: f64,
+    /// Time for all cells of one call, in seconds.
+    pub budget_s: f64,
+    /// Memory that cells prepared at the same time should take together, in bytes. A group is closed
+    /// once another cell as large as its largest would exceed this.
+    pub group_bytes: u64,
+    /// Seed of the order of cells and frames.
+    pub seed: u64,
+}
+
+/// Why a cell's sampling ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Stopped {
+    Precise,
+    OutOfTime,
+    EnoughPairs,
+    Interrupted,
+}
+
+/// One stage's durations, in the order of the frames.
+#[derive(Clone, Debug, PartialEq)]
+pub struct StageSamples {
+    pub name: String,
+    pub clock: Clock,
+    pub ns: Vec<f64>,
+}
+
+/// Everything sampled of one cell. Durations in nanoseconds.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Samples {
+    pub stages: Vec<StageSamples>,
+    pub envelope_ns: Vec<f64>,
+    pub gaps_ns: Vec<f64>,
+    pub untimed_ns: Vec<f64>,
+    /// Wall times of neighbouring frames, (timed, untimed).
+    pub pairs_ns: Vec<(f64, f64)>,
+    pub warm_up_frames: u32,
+    /// The frame time still fell when warm-up was given up.
+    pub unsteady: bool,
+    /// Timed frames never used, counted by reason.
+    pub rejected: BTreeMap<String, u32>,
+    pub stopped: Stopped,
+}
+
+impl Samples {
+    fn new() -> Self {
+        Self {
+            stages: Vec::new(),
+            envelope_ns: Vec::new(),
+            gaps_ns: Vec::new(),
+            untimed_ns: Vec::new(),
+            pairs_ns: Vec::new(),
+            warm_up_frames: 0,
+            unsteady: false,
+            rejected: BTreeMap::new(),
+            stopped: Stopped::OutOfTime,
+        }
+    }
+
+    fn add_timed(&mut self, frame: &FrameSample) {
+        if self.stages.is_empty() {
+            let empty = |name: &str, clock| StageSamples {
+                name: name.into(),
+                clock,
+                ns: Vec::new(),
+            };
+            self.stages = frame
+                .stages
+                .iter()
+                .map(|stage| empty(stage.name, stage.clock))
+                .collect();
+        }
+        for (samples, stage) in self.stages.iter_mut().zip(&frame.stages) {
+            samples.ns.push(stage.ns);
+        }
+        self.envelope_ns.push(frame.envelope_ns);
+        self.gaps_ns.push(frame.gaps_ns);
+    }
+
+    fn reject(&mut self, reason: impl Display) {
+        *self.rejected.entry(reason.to_string()).or_default() += 1;
+    }
+
+    fn rejected_frames(&self) -> usize {
+        self.rejected.values().map(|count| *count as usize).sum()
+    }
+
+    /// Why the cell cannot be trusted, if too many of its frames were rejected.
+    fn verdict_on_rejections(&self) -> Option<String> {
+        let rejected = self.rejected_frames();
+        let judged = rejected + self.envelope_ns.len();
+        let too_many = rejected as f64 > MAX_REJECTED_SHARE * judged as f64;
+        (judged >= MIN_JUDGED_FRAMES && too_many).then(|| {
+            let reasons: Vec<String> = self
+                .rejected
+                .iter()
+                .map(|(reason, count)| format!("{reason} ({count} times)"))
+                .collect();
+            format!(
+                "{rejected} of {judged} timed frames rejected: {}",
+                reasons.join(", ")
+            )
+        })
+    }
+
+    fn relative_half_width(&self) -> f64 {
+        statistics::relative_half_width(&self.envelope_ns)
+            .max(statistics::relative_half_width(&self.untimed_ns))
+    }
+}
+
+/// How a cell ended.
+#[derive(Clone, Debug, PartialEq)]
+pub enum CellResult {
+    Sampled(Samples),
+    Failed(String),
+}
+
+/// A prepared cell.
+struct Live {
+    cell: usize,
+    samples: Samples,
+    spent_s: f64,
+    last_pair_s: f64,
+    warm: bool,
+}
+
+impl Live {
+    fn new(cell: usize) -> Self {
+        Self {
+            cell,
+            samples: Samples::new(),
+            spent_s: 0.0,
+            last_pair_s: 0.0,
+            warm: false,
+        }
+    }
+
+    fn pairs(&self) -> usize {
+        self.samples.pairs_ns.len()
+    }
+
+    /// Another pair is due: the cell has too few, or its share of the time is closer with it than without.
+    fn wants(&self, share_s: f64) -> bool {
+        self.pairs() < MIN_PAIRS || self.spent_s + self.last_pair_s / 2.0 < share_s
+    }
+}
+
+/// Samples `cells` until each is precise or the budget is used up, or `interrupted` is set. Every cell is
+/// handed to [`Executor::finish`], except those that an interruption left with fewer than [`MIN_PAIRS`].
+pub fn sample<X: Executor>(
+    executor: &mut X,
+    cells: &[usize],
+    settings: &Settings,
+    interrupted: &AtomicBool,
+) -> Result<(), X::Fatal> {
+    let end_s = executor.now_s() + settings.budget_s;
+    let mut sampler = Sampler {
+        executor,
+        interrupted,
+        settings,
+        random: Pcg64::seed_from_u64(settings.seed),
+        live: Vec::new(),
+        left_over_s: 0.0,
+        hopeless: None,
+    };
+    let mut waiting = cells;
+    while !waiting.is_empty() && !sampler.interrupted() {
+        let prepared = sampler.prepare_group(waiting)?;
+        let share = prepared as f64 / waiting.len() as f64;
+        sampler.left_over_s = (end_s - sampler.executor.now_s()).max(0.0) * share;
+        sampler.sample_group()?;
+        waiting = &waiting[prepared..];
+    }
+    Ok(())
+}
+
+struct Sampler<'a, X: Executor> {
+    executor: &'a mut X,
+    interrupted: &'a AtomicBool,
+    settings: &'a Settings,
+    random: Pcg64,
+    live: Vec<Live>,
+    /// The group's time that its finished cells have not used.
+    left_over_s: f64,
+    /// Why nothing can be measured any more.
+    hopeless: Option<String>,
+}
+
+impl<X: Executor> Sampler<'_, X> {
+    fn interrupted(&self) -> bool {
+        self.interrupted.load(Ordering::Relaxed)
+    }
+
+    /// Prepares the first of the waiting cells, as many as fit into memory together, at least one; how many.
+    fn prepare_group(&mut self, waiting: &[usize]) -> Result<usize, X::Fatal> {
+        let (mut used, mut largest) = (0u64, 0u64);
+        for (done, &cell) in waiting.iter().enumerate() {
+            let full = used.saturating_add(largest) > self.settings.group_bytes;
+            if self.interrupted() || (done > 0 && full) {
+                return Ok(done);
+            }
+            self.live.push(Live::new(cell));
+            self.attempt(cell, |sampler| {
+                let bytes = sampler.executor.prepare(cell)?;
+                used = used.saturating_add(bytes);
+                largest = largest.max(bytes);
+                Ok(())
+            })?;
+        }
+        Ok(waiting.len())
+    }
+
+    fn sample_group(&mut self) -> Result<(), X::Fatal> {
+        loop {
+            let share_s = self.left_over_s / self.live.len().max(1) as f64;
+            let mut round: Vec<usize> = self
+                .live
+                .iter()
+                .filter(|live| live.wants(share_s))
+                .map(|live| live.cell)
+                .collect();
+            if round.is_empty() || self.interrupted() {
+                break;
+            }
+            round.shuffle(&mut self.random);
+            for cell in round {
+                self.visit(cell)?;
+            }
+        }
+        self.finish_rest()
+    }
+
+    /// One pair of frames, after warm-up if that is due; then the cell may be done.
+    fn visit(&mut self, cell: usize) -> Result<(), X::Fatal> {
+        if self.interrupted() || self.position(cell).is_none() {
+            return Ok(());
+        }
+        let start_s = self.executor.now_s();
+        self.attempt(cell, |sampler| sampler.warm_up(cell))?;
+        let warm_s = self.executor.now_s();
+        self.attempt(cell, |sampler| sampler.pair(cell))?;
+        let end_s = self.executor.now_s();
+        let Some(at) = self.position(cell) else {
+            self.left_over_s -= end_s - start_s;
+            return Ok(());
+        };
+        self.live[at].spent_s += end_s - start_s;
+        self.live[at].last_pair_s = end_s - warm_s;
+        self.judge(at)
+    }
+
+    fn judge(&mut self, at: usize) -> Result<(), X::Fatal> {
+        let live = &self.live[at];
+        if let Some(reason) = live.samples.verdict_on_rejections() {
+            return self.close(at, CellResult::Failed(reason));
+        }
+        let precise = live.pairs() >= MIN_PRECISE_PAIRS
+            && live.samples.relative_half_width() <= self.settings.precision;
+        if precise {
+            self.close_sampled(at, Stopped::Precise)
+        } else if live.pairs() >= MAX_PAIRS {
+            self.close_sampled(at, Stopped::EnoughPairs)
+        } else {
+            Ok(())
+        }
+    }
+
+    /// Renders frames of both kinds in turn until they no longer get faster: the first ones hold the
+    /// driver's compilation of shaders.
+    fn warm_up(&mut self, cell: usize) -> Result<(), Failure> {
+        let Some(at) = self.position(cell).filter(|at| !self.live[*at].warm) else {
+            return Ok(());
+        };
+        let mut before_ns = f64::INFINITY;
+        let mut frames = 0;
+        while frames < MAX_WARM_UP_FRAMES && !self.interrupted() {
+            let wall_ns = if frames % 2 == 0 {
+                self.executor.timed(cell)?.wall_ns
+            } else {
+                self.executor.untimed(cell)?
+            };
+            frames += 1;
+            self.live[at].warm = frames > 1 && wall_ns >= before_ns * (1.0 - WARM_UP_TOLERANCE);
+            if self.live[at].warm {
+                break;
+            }
+            before_ns = wall_ns;
+        }
+        let live = &mut self.live[at];
+        live.samples.warm_up_frames += frames;
+        live.samples.unsteady |= !live.warm;
+        live.warm = true;
+        Ok(())
+    }
+
+    /// A timed and an untimed frame, in random order.
+    fn pair(&mut self, cell: usize) -> Result<(), Failure> {
+        let Some(at) = self.position(cell) else {
+            return Ok(());
+        };
+        let (frame, untimed_ns) = if self.random.random_bool(0.5) {
+            let frame = self.executor.timed(cell)?;
+            (frame, self.executor.untimed(cell)?)
+        } else {
+            let untimed_ns = self.executor.untimed(cell)?;
+            (self.executor.timed(cell)?, untimed_ns)
+        };
+        let samples = &mut self.live[at].samples;
+        let faults = faults(&frame, untimed_ns, &samples.stages);
+        if faults.is_empty() {
+            samples.add_timed(&frame);
+            samples.untimed_ns.push(untimed_ns);
+            samples.pairs_ns.push((frame.wall_ns, untimed_ns));
+        }
+        // A frame with several faults is one rejected frame.
+        if let Some(fault) = faults.first() {
+            samples.reject(fault);
+        }
+        Ok(())
+    }
+
+    /// Runs one step of a cell; a failure closes the cell, and the loss of the device concerns all.
+    fn attempt(
+        &mut self,
+        cell: usize,
+        step: impl FnOnce(&mut Self) -> Result<(), Failure>,
+    ) -> Result<(), X::Fatal> {
+        if self.position(cell).is_none() {
+            return Ok(());
+        }
+        let result = match &self.hopeless {
+            Some(reason) => Err(Failure::Cell(reason.clone())),
+            None => step(self),
+        };
+        match result {
+            Ok(()) => Ok(()),
+            Err(Failure::Cell(reason)) => self.fail(cell, reason),
+            Err(Failure::DeviceLost(reason)) => {
+                self.fail(cell, format!("device lost: {reason}"))?;
+                self.recover(&reason)
+            }
+        }
+    }
+
+    /// Prepares the surviving cells on a new device; they keep their samples and warm up again.
+    fn recover(&mut self, reason: &str) -> Result<(), X::Fatal> {
+        if let Err(why) = self.executor.recover() {
+            self.hopeless = Some(format!(
+                "device lost before ({reason}) and not recovered: {why}"
+            ));
+        }
+        let survivors: Vec<usize> = self.live.iter().map(|live| live.cell).collect();
+        for cell in survivors {
+            let Some(at) = self.position(cell) else {
+                continue;
+            };
+            self.live[at].warm = false;
+            self.executor.release(cell);
+            self.attempt(cell, |sampler| sampler.executor.prepare(cell).map(|_| ()))?;
+        }
+        Ok(())
+    }
+
+    fn position(&self, cell: usize) -> Option<usize> {
+        self.live.iter().position(|live| live.cell == cell)
+    }
+
+    fn fail(&mut self, cell: usize, reason: String) -> Result<(), X::Fatal> {
+        match self.position(cell) {
+            Some(at) => self.close(at, CellResult::Failed(reason)),
+            None => Ok(()),
+        }
+    }
+
+    fn close_sampled(&mut self, at: usize, stopped: Stopped) -> Result<(), X::Fatal> {
+        let samples = Samples {
+            stopped,
+            ..std::mem::replace(&mut self.live[at].samples, Samples::new())
+        };
+        self.close(at, CellResult::Sampled(samples))
+    }
+
+    fn close(&mut self, at: usize, result: CellResult) -> Result<(), X::Fatal> {
+        let live = self.live.remove(at);
+        self.left_over_s -= live.spent_s;
+        let finished = self.executor.finish(live.cell, result);
+        self.executor.release(live.cell);
+        finished
+    }
+
+    /// Hands over what the group's remaining cells have.
+    fn finish_rest(&mut self) -> Result<(), X::Fatal> {
+        let interrupted = self.interrupted();
+        while let Some(live) = self.live.first() {
+            if interrupted && live.pairs() < MIN_PAIRS {
+                let live = self.live.remove(0);
+                self.executor.release(live.cell);
+                continue;
+            }
+            let stopped = if interrupted {
+                Stopped::Interrupted
+            } else {
+                Stopped::OutOfTime
+            };
+            self.close_sampled(0, stopped)?;
+        }
+        Ok(())
+    }
+}
+
+/// Why a pair of frames cannot be used: the timer's own reasons first, then what no duration may be.
+fn faults(frame: &FrameSample, untimed_ns: f64, before: &[StageSamples]) -> Vec<String> {
+    let mut faults: Vec<String> = frame.faults.iter().map(ToString::to_string).collect();
+    let positive = |ns: f64| ns.is_finite() && ns > 0.0;
+    if !positive(frame.envelope_ns) || !positive(frame.wall_ns) {
+        faults.push("frame time not positive".into());
+    }
+    if !positive(untimed_ns) {
+        faults.push("untimed frame time not positive".into());
+    }
+    if frame
+        .stages
+        .iter()
+        .any(|stage| !stage.ns.is_finite() || stage.ns < 0.0)
+    {
+        faults.push("stage time negative or not finite".into());
+    }
+    let same = frame.stages.len() == before.len()
+        && frame
+            .stages
+            .iter()
+            .zip(before)
+            .all(|(now, before)| now.name == before.name);
+    if !before.is_empty() && !same {
+        faults.push("stages differ from the first frame's".into());
+    }
+    faults
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,566 @@
+//! The scheduler over a mock executor whose clock moves only when a frame is rendered.
+
+use std::collections::BTreeSet;
+
+use super::*;
+use crate::gpu::StageSample;
+
+/// Nanoseconds of a frame, from the cell's frame count (warm-up included) and the clock in seconds.
+type FrameTime = fn(frame: usize, now_s: f64) -> f64;
+
+struct MockCell {
+    time: FrameTime,
+    bytes: u64,
+    /// Timed frames of these numbers carry a fault.
+    faulty: fn(frame: usize) -> bool,
+    refuses: bool,
+    /// The device is lost at this frame.
+    loses_device_at: Option<usize>,
+}
+
+impl Default for MockCell {
+    fn default() -> Self {
+        Self {
+            time: |_, _| 1e7,
+            bytes: 1,
+            faulty: |_| false,
+            refuses: false,
+            loses_device_at: None,
+        }
+    }
+}
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Call {
+    Prepare(usize),
+    Timed(usize),
+    Untimed(usize),
+    Finish(usize),
+    Release(usize),
+}
+
+struct Mock<'a> {
+    cells: Vec<MockCell>,
+    frames: Vec<usize>,
+    calls: Vec<Call>,
+    results: BTreeMap<usize, CellResult>,
+    now_s: f64,
+    recoveries_left: usize,
+    interrupt_at_s: f64,
+    interrupted: &'a AtomicBool,
+}
+
+impl<'a> Mock<'a> {
+    fn new(cells: Vec<MockCell>, interrupted: &'a AtomicBool) -> Self {
+        Self {
+            frames: vec![0; cells.len()],
+            cells,
+            calls: Vec::new(),
+            results: BTreeMap::new(),
+            now_s: 0.0,
+            recoveries_left: 1,
+            interrupt_at_s: f64::INFINITY,
+            interrupted,
+        }
+    }
+
+    fn frame(&mut self, cell: usize) -> Result<(f64, usize), Failure> {
+        let frame = self.frames[cell];
+        self.frames[cell] += 1;
+        if self.cells[cell].loses_device_at == Some(frame) {
+            return Err(Failure::DeviceLost("gone".into()));
+        }
+        let ns = (self.cells[cell].time)(frame, self.now_s);
+        self.now_s += ns * 1e-9;
+        if self.now_s >= self.interrupt_at_s {
+            self.interrupted.store(true, Ordering::Relaxed);
+        }
+        Ok((ns, frame))
+    }
+
+    fn samples(&self, cell: usize) -> &Samples {
+        match &self.results[&cell] {
+            CellResult::Sampled(samples) => samples,
+            CellResult::Failed(reason) => panic!("cell {cell} failed: {reason}"),
+        }
+    }
+
+    fn reason(&self, cell: usize) -> &str {
+        match &self.results[&cell] {
+            CellResult::Failed(reason) => reason,
+            CellResult::Sampled(_) => panic!("cell {cell} did not fail"),
+        }
+    }
+}
+
+impl Executor for Mock<'_> {
+    type Fatal = String;
+
+    fn prepare(&mut self, cell: usize) -> Result<u64, Failure> {
+        self.calls.push(Call::Prepare(cell));
+        match self.cells[cell].refuses {
+            true => Err(Failure::Cell("out of GPU memory".into())),
+            false => Ok(self.cells[cell].bytes),
+        }
+    }
+
+    fn timed(&mut self, cell: usize) -> Result<FrameSample, Failure> {
+        self.calls.push(Call::Timed(cell));
+        let (ns, frame) = self.frame(cell)?;
+        let mut sample = FrameSample {
+            stages: vec![
+                StageSample {
+                    name: "a",
+                    clock: Clock::Timestamp,
+                    ns: 0.3 * ns,
+                },
+                StageSample {
+                    name: "b",
+                    clock: Clock::FencedHost,
+                    ns: 0.6 * ns,
+                },
+            ],
+            gaps_ns: 0.1 * ns,
+            envelope_ns: ns,
+            wall_ns: ns,
+            faults: Vec::new(),
+        };
+        if (self.cells[cell].faulty)(frame) {
+            sample.envelope_ns = 0.0;
+        }
+        Ok(sample)
+    }
+
+    fn untimed(&mut self, cell: usize) -> Result<f64, Failure> {
+        self.calls.push(Call::Untimed(cell));
+        self.frame(cell).map(|(ns, _)| ns)
+    }
+
+    fn finish(&mut self, cell: usize, result: CellResult) -> Result<(), String> {
+        self.calls.push(Call::Finish(cell));
+        assert!(
+            self.results.insert(cell, result).is_none(),
+            "cell {cell} finished twice"
+        );
+        Ok(())
+    }
+
+    fn release(&mut self, cell: usize) {
+        self.calls.push(Call::Release(cell));
+    }
+
+    fn recover(&mut self) -> Result<(), String> {
+        self.recoveries_left = self
+            .recoveries_left
+            .checked_sub(1)
+            .ok_or("once is enough")?;
+        for cell in &mut self.cells {
+            cell.loses_device_at = None;
+        }
+        Ok(())
+    }
+
+    fn now_s(&self) -> f64 {
+        self.now_s
+    }
+}
+
+const SETTINGS: Settings = Settings {
+    precision: 0.02,
+    budget_s: 10.0,
+    group_bytes: 1_000,
+    seed: 7,
+};
+
+/// Deterministic noise of ±`share`, different for each frame.
+fn noise(frame: usize, share: f64) -> f64 {
+    let phase = (frame as f64 * 0.618_033_988_749_895).fract();
+    1.0 + share * (2.0 * phase - 1.0)
+}
+
+fn run(mock: &mut Mock<'_>, settings: &Settings) {
+    let cells: Vec<usize> = (0..mock.cells.len()).collect();
+    let interrupted = mock.interrupted;
+    sample(mock, &cells, settings, interrupted).expect("the mock never ends a run");
+}
+
+#[test]
+fn a_steady_cell_stops_as_precise_and_a_noisy_one_at_its_budget() {
+    let flag = AtomicBool::new(false);
+    let steady = MockCell {
+        time: |f, _| 1e7 * noise(f, 0.01),
+        ..MockCell::default()
+    };
+    let noisy = MockCell {
+        time: |f, _| 3e7 * noise(f, 0.9),
+        ..MockCell::default()
+    };
+    let mut mock = Mock::new(vec![steady, noisy], &flag);
+    run(&mut mock, &SETTINGS);
+    assert_eq!(mock.samples(0).stopped, Stopped::Precise);
+    assert_eq!(mock.samples(0).pairs_ns.len(), MIN_PRECISE_PAIRS);
+    assert_eq!(mock.samples(1).stopped, Stopped::OutOfTime);
+    assert!(
+        (9.8..=10.2).contains(&mock.now_s),
+        "the noisy cell takes what is left: {} s",
+        mock.now_s
+    );
+}
+
+#[test]
+fn samples_keep_stages_gaps_and_pairs_in_step() {
+    let flag = AtomicBool::new(false);
+    let mut mock = Mock::new(vec![MockCell::default()], &flag);
+    run(&mut mock, &SETTINGS);
+    let samples = mock.samples(0);
+    let n = samples.pairs_ns.len();
+    assert_eq!(samples.stages.len(), 2);
+    assert!(samples.stages.iter().all(|stage| stage.ns.len() == n));
+    assert_eq!(
+        [
+            samples.envelope_ns.len(),
+            samples.gaps_ns.len(),
+            samples.untimed_ns.len()
+        ],
+        [n; 3]
+    );
+    assert_eq!(samples.stages[1].clock, Clock::FencedHost);
+}
+
+#[test]
+fn slow_cells_get_their_least_pairs_beyond_the_budget() {
+    let flag = AtomicBool::new(false);
+    let slow = MockCell {
+        time: |_, _| 8e9,
+        ..MockCell::default()
+    };
+    let quick = MockCell {
+        time: |f, _| 1e7 * noise(f, 0.9),
+        ..MockCell::default()
+    };
+    let mut mock = Mock::new(vec![slow, quick], &flag);
+    run(&mut mock, &SETTINGS);
+    assert_eq!(mock.samples(0).pairs_ns.len(), MIN_PAIRS);
+    assert!(
+        mock.samples(1).pairs_ns.len() > 100,
+        "a slow neighbour takes nothing of a cell's share"
+    );
+}
+
+#[test]
+fn a_cell_stops_at_the_greatest_number_of_pairs() {
+    let flag = AtomicBool::new(false);
+    let noisy = MockCell {
+        time: |f, _| 1e4 * noise(f, 0.9),
+        ..MockCell::default()
+    };
+    let mut mock = Mock::new(vec![noisy], &flag);
+    run(&mut mock, &SETTINGS);
+    assert_eq!(mock.samples(0).stopped, Stopped::EnoughPairs);
+    assert_eq!(mock.samples(0).pairs_ns.len(), MAX_PAIRS);
+}
+
+#[test]
+fn warm_up_ends_when_frames_no_longer_get_faster() {
+    let flag = AtomicBool::new(false);
+    let compiles = MockCell {
+        time: |f, _| [9e7, 5e7, 2e7].get(f).copied().unwrap_or(1e7),
+        ..MockCell::default()
+    };
+    let never_steady = MockCell {
+        time: |f, _| 1e9 * 0.8f64.powi(f as i32),
+        ..MockCell::default()
+    };
+    let mut mock = Mock::new(vec![MockCell::default(), compiles, never_steady], &flag);
+    run(&mut mock, &SETTINGS);
+    assert_eq!(mock.samples(0).warm_up_frames, 2);
+    assert_eq!(mock.samples(1).warm_up_frames, 5);
+    assert!(
+        mock.samples(1).envelope_ns.iter().all(|ns| *ns == 1e7),
+        "no compiling frame is a sample"
+    );
+    assert!(!mock.samples(1).unsteady);
+    assert_eq!(mock.samples(2).warm_up_frames, MAX_WARM_UP_FRAMES);
+    assert!(mock.samples(2).unsteady);
+}
+
+#[test]
+fn drift_falls_on_all_cells_alike() {
+    let flag = AtomicBool::new(false);
+    // The machine slows down by half over the run; the second cell does twice the first one's work.
+    let one = MockCell {
+        time: |_, now| 1e7 * (1.0 + now / 20.0),
+        ..MockCell::default()
+    };
+    let two = MockCell {
+        time: |_, now| 2e7 * (1.0 + now / 20.0),
+        ..MockCell::default()
+    };
+    let mut mock = Mock::new(vec![one, two], &flag);
+    run(
+        &mut mock,
+        &Settings {
+            precision: 0.0,
+            ..SETTINGS
+        },
+    );
+    let n = mock
+        .samples(0)
+        .pairs_ns
+        .len()
+        .min(mock.samples(1).pairs_ns.len());
+    let median = |cell: usize| statistics::median(&mock.samples(cell).envelope_ns[..n]);
+    let ratio = median(1) / median(0);
+    assert!((ratio - 2.0).abs() < 0.02, "{ratio}");
+}
+
+#[test]
+fn timed_and_untimed_frames_alternate_in_random_order() {
+    let flag = AtomicBool::new(false);
+    let noisy = || MockCell {
+        time: |f, _| 2e7 * noise(f, 0.9),
+        ..MockCell::default()
+    };
+    let mut mock = Mock::new(vec![noisy(), noisy(), noisy()], &flag);
+    run(&mut mock, &SETTINGS);
+    let frames: Vec<Call> = (mock.calls.iter().copied())
+        .filter(|call| matches!(call, Call::Timed(_) | Call::Untimed(_)))
+        .skip(12)
+        .collect();
+    let visits: Vec<&[Call]> = frames.chunks_exact(2).collect();
+    let timed_first = visits
+        .iter()
+        .filter(|visit| matches!(visit[0], Call::Timed(_)))
+        .count();
+    let share = timed_first as f64 / visits.len() as f64;
+    assert!((0.3..=0.7).contains(&share), "{share}");
+    assert!(visits.iter().all(|visit| match (visit[0], visit[1]) {
+        (Call::Timed(a), Call::Untimed(b)) | (Call::Untimed(a), Call::Timed(b)) => a == b,
+        _ => false,
+    }));
+    let orders: BTreeSet<Vec<usize>> = visits
+        .chunks_exact(3)
+        .map(|round| round.iter().map(|visit| cell_of(visit[0])).collect())
+        .collect();
+    assert!(orders.len() > 3, "rounds are shuffled: {orders:?}");
+}
+
+fn cell_of(call: Call) -> usize {
+    match call {
+        Call::Prepare(cell)
+        | Call::Timed(cell)
+        | Call::Untimed(cell)
+        | Call::Finish(cell)
+        | Call::Release(cell) => cell,
+    }
+}
+
+#[test]
+fn the_seed_decides_the_order() {
+    let calls = |seed| {
+        let flag = AtomicBool::new(false);
+        let cells = (0..4).map(|_| MockCell {
+            time: |f, _| 5e7 * noise(f, 0.5),
+            ..MockCell::default()
+        });
+        let mut mock = Mock::new(cells.collect(), &flag);
+        run(&mut mock, &Settings { seed, ..SETTINGS });
+        mock.calls
+    };
+    assert_eq!(calls(1), calls(1));
+    assert_ne!(calls(1), calls(2));
+}
+
+#[test]
+fn faulty_frames_are_counted_and_never_used() {
+    let flag = AtomicBool::new(false);
+    let sometimes = MockCell {
+        faulty: |f| f % 8 == 5,
+        ..MockCell::default()
+    };
+    let mut mock = Mock::new(vec![sometimes], &flag);
+    run(&mut mock, &SETTINGS);
+    let samples = mock.samples(0);
+    assert_eq!(
+        samples.rejected.keys().collect::<Vec<_>>(),
+        ["frame time not positive"]
+    );
+    assert!(samples.envelope_ns.iter().all(|ns| *ns > 0.0));
+}
+
+#[test]
+fn a_cell_with_too_many_faults_fails_with_the_reason() {
+    let flag = AtomicBool::new(false);
+    let always = MockCell {
+        faulty: |_| true,
+        ..MockCell::default()
+    };
+    let mut mock = Mock::new(vec![always, MockCell::default()], &flag);
+    run(&mut mock, &SETTINGS);
+    assert_eq!(
+        mock.reason(0),
+        "6 of 6 timed frames rejected: frame time not positive (6 times)"
+    );
+    assert_eq!(mock.samples(1).stopped, Stopped::Precise);
+}
+
+#[test]
+fn a_cell_that_cannot_be_prepared_leaves_the_others_alone() {
+    let flag = AtomicBool::new(false);
+    let refuses = MockCell {
+        refuses: true,
+        ..MockCell::default()
+    };
+    let mut mock = Mock::new(
+        vec![MockCell::default(), refuses, MockCell::default()],
+        &flag,
+    );
+    run(&mut mock, &SETTINGS);
+    assert_eq!(mock.reason(1), "out of GPU memory");
+    assert!(mock.calls.contains(&Call::Release(1)));
+    assert_eq!(mock.results.len(), 3);
+    assert!(!mock.calls.contains(&Call::Timed(1)));
+}
+
+#[test]
+fn groups_fit_into_memory_and_are_released() {
+    let flag = AtomicBool::new(false);
+    let sized = |bytes| MockCell {
+        bytes,
+        ..MockCell::default()
+    };
+    let mut mock = Mock::new([400, 400, 300, 5_000, 100].map(sized).into(), &flag);
+    run(&mut mock, &SETTINGS);
+    let (mut alive, mut most) = (BTreeSet::new(), 0);
+    let mut groups: Vec<usize> = Vec::new();
+    for call in &mock.calls {
+        match call {
+            Call::Prepare(cell) => {
+                if alive.is_empty() {
+                    groups.push(0);
+                }
+                *groups.last_mut().expect("a group") += 1;
+                alive.insert(*cell);
+            }
+            Call::Release(cell) => {
+                alive.remove(cell);
+            }
+            _ => {}
+        }
+        most = most.max(alive.len());
+    }
+    assert!(alive.is_empty());
+    assert_eq!((groups, most), (vec![2, 2, 1], 2));
+    assert_eq!(mock.results.len(), 5);
+}
+
+#[test]
+fn a_lost_device_is_opened_once_more_and_samples_survive() {
+    let flag = AtomicBool::new(false);
+    let loses = MockCell {
+        loses_device_at: Some(7),
+        ..MockCell::default()
+    };
+    let noisy = MockCell {
+        time: |f, _| 1e7 * noise(f, 0.5),
+        ..MockCell::default()
+    };
+    let mut mock = Mock::new(vec![loses, noisy], &flag);
+    run(&mut mock, &SETTINGS);
+    assert_eq!(mock.reason(0), "device lost: gone");
+    let samples = mock.samples(1);
+    assert_eq!(
+        mock.calls
+            .iter()
+            .filter(|call| **call == Call::Prepare(1))
+            .count(),
+        2
+    );
+    assert!(samples.warm_up_frames >= 4, "warmed up on both devices");
+}
+
+#[test]
+fn a_device_lost_for_good_fails_the_rest_with_the_reason() {
+    let flag = AtomicBool::new(false);
+    let loses = MockCell {
+        loses_device_at: Some(0),
+        bytes: 600,
+        ..MockCell::default()
+    };
+    let mut mock = Mock::new(vec![loses, MockCell::default(), MockCell::default()], &flag);
+    mock.recoveries_left = 0;
+    run(&mut mock, &SETTINGS);
+    let reason = "device lost before (gone) and not recovered: once is enough";
+    assert_eq!(mock.reason(0), "device lost: gone");
+    assert_eq!([mock.reason(1), mock.reason(2)], [reason; 2]);
+}
+
+#[test]
+fn an_interruption_keeps_what_is_done_and_drops_what_has_hardly_begun() {
+    let flag = AtomicBool::new(false);
+    let alone = |time| MockCell {
+        time,
+        bytes: 900,
+        ..MockCell::default()
+    };
+    let cells = vec![alone(|_, _| 1e7), alone(|_, _| 1e9), alone(|_, _| 1e7)];
+    let mut mock = Mock::new(cells, &flag);
+    // The slow cell warms up for two seconds, and a pair takes two more.
+    mock.interrupt_at_s = 3.0;
+    run(&mut mock, &SETTINGS);
+    assert_eq!(mock.results.keys().copied().collect::<Vec<_>>(), [0]);
+    assert!(
+        mock.now_s < 5.0,
+        "it ends after the pair that is under way: {}",
+        mock.now_s
+    );
+    let count = |wanted: fn(&Call) -> bool| mock.calls.iter().filter(|call| wanted(call)).count();
+    assert_eq!(count(|call| matches!(call, Call::Prepare(_))), 2);
+    assert_eq!(count(|call| matches!(call, Call::Release(_))), 2);
+}
+
+#[test]
+fn an_interrupted_cell_with_enough_pairs_says_so() {
+    let flag = AtomicBool::new(false);
+    let noisy = MockCell {
+        time: |f, _| 1e7 * noise(f, 0.9),
+        ..MockCell::default()
+    };
+    let mut mock = Mock::new(vec![noisy], &flag);
+    mock.interrupt_at_s = 1.0;
+    run(&mut mock, &SETTINGS);
+    assert_eq!(mock.samples(0).stopped, Stopped::Interrupted);
+    assert!(mock.samples(0).pairs_ns.len() >= MIN_PAIRS);
+}
+
+#[test]
+fn an_error_of_the_caller_ends_the_run() {
+    struct FullDisk<'a>(Mock<'a>);
+    impl Executor for FullDisk<'_> {
+        type Fatal = &'static str;
+        fn prepare(&mut self, cell: usize) -> Result<u64, Failure> {
+            self.0.prepare(cell)
+        }
+        fn timed(&mut self, cell: usize) -> Result<FrameSample, Failure> {
+            self.0.timed(cell)
+        }
+        fn untimed(&mut self, cell: usize) -> Result<f64, Failure> {
+            self.0.untimed(cell)
+        }
+        fn finish(&mut self, _: usize, _: CellResult) -> Result<(), &'static str> {
+            Err("disk full")
+        }
+        fn release(&mut self, cell: usize) {
+            self.0.release(cell);
+        }
+        fn recover(&mut self) -> Result<(), String> {
+            self.0.recover()
+        }
+        fn now_s(&self) -> f64 {
+            self.0.now_s()
+        }
+    }
+    let flag = AtomicBool::new(false);
+    let mut disk = FullDisk(Mock::new(vec![MockCell::default()], &flag));
+    assert_eq!(sample(&mut disk, &[0], &SETTINGS, &flag), Err("disk full"));
+}

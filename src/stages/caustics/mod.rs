@@ -1,0 +1,3 @@
+pub mod filter;
+pub mod splat;
+pub mod trace;

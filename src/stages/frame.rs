@@ -1,0 +1,189 @@
+//! `frame`: the light follows the camera, and the shared uniforms are written. UW §3.1.
+
+use encase::ShaderType;
+use glam::{DMat4, DVec3, Mat4, UVec2, Vec2, Vec3};
+
+use super::kit::{Bind, Group, Resources, host_bytes};
+use super::{Output, Stage, StageInfo};
+use crate::gpu::{Encode, StageScope};
+use crate::record::Work;
+use crate::scene::{Bounds, Camera, Light, LightFrame, LightKind, Water, WaterModel};
+
+pub const INFO: StageInfo = StageInfo {
+    name: "frame",
+    about: "CPU: fits the light's frustum to the camera's and writes the shared uniforms",
+    source: "UW §3.1",
+};
+
+/// Texels per side of the noise texture: 16 to 32 texels a noise cell.
+const NOISE_SIZE: u32 = 256;
+
+/// Host twin of `Frame` in `shaders/shared/frame.wgsl`.
+#[derive(Clone, Debug, ShaderType)]
+pub struct FrameUniforms {
+    pub camera_view_projection: Mat4,
+    pub camera_inverse: Mat4,
+    pub mirror_view_projection: Mat4,
+    pub light_view_projection: Mat4,
+    pub light_inverse: Mat4,
+    pub camera_position_m: Vec3,
+    pub z_near_m: f32,
+    pub light_forward: Vec3,
+    pub z_far_m: f32,
+    pub light_position_m: Vec3,
+    pub light_is_point: u32,
+    pub light_irradiance: f32,
+    pub light_depth_jump: f32,
+    pub refractive_index: f32,
+    pub attenuation_per_m: f32,
+    pub water_center_m: Vec2,
+    pub water_half_size_m: Vec2,
+    pub water_amplitude_m: f32,
+    pub wavenumber_per_m: f32,
+    pub phase: f32,
+    pub noise_share: f32,
+    pub noise_tile_m: f32,
+    pub noise_scroll: f32,
+    pub water_model: u32,
+    pub camera_under_water: u32,
+}
+
+/// What the frame is seen from, lit by and looks through.
+#[derive(Clone, Debug)]
+pub struct View {
+    pub camera: Camera,
+    pub light: Light,
+    pub water: Water,
+    pub bounds: Bounds,
+    /// Pixels of the main viewport.
+    pub size_px: UVec2,
+    /// Difference of depth along the light that counts as an edge of the shadow map, metres.
+    pub edge_m: f64,
+}
+
+impl View {
+    pub fn aspect(&self) -> f64 {
+        f64::from(self.size_px.x) / f64::from(self.size_px.y)
+    }
+
+    pub fn light_frame(&self) -> LightFrame {
+        self.light.frame(&self.camera, self.aspect(), &self.bounds)
+    }
+
+    /// Metres that a pixel of a buffer of `height_px` rows spans at 1 m from the camera.
+    pub fn pixel_tangent(&self, height_px: u32) -> f64 {
+        2.0 * (self.camera.fov_y_deg.to_radians() / 2.0).tan() / f64::from(height_px)
+    }
+
+    /// Irradiance at normal incidence in the middle of the view, W/m²: the intensity itself for a directional
+    /// light, whose distance is nominal, and intensity / distance² for a point light.
+    pub fn irradiance(&self) -> f64 {
+        match self.light.kind {
+            LightKind::Directional => self.light.intensity_w_sr,
+            LightKind::Point => {
+                let to_middle = DVec3::from(self.light.position_m) - self.camera.middle();
+                self.light.intensity_w_sr / to_middle.length_squared()
+            }
+        }
+    }
+
+    pub fn uniforms(&self) -> FrameUniforms {
+        let light = self.light_frame();
+        let camera = self.camera.view_projection(self.aspect());
+        let water = &self.water;
+        let mirror = DMat4::from_scale(DVec3::new(1.0, -1.0, 1.0));
+        FrameUniforms {
+            camera_view_projection: camera.as_mat4(),
+            camera_inverse: camera.inverse().as_mat4(),
+            mirror_view_projection: (camera * mirror).as_mat4(),
+            light_view_projection: light.view_projection.as_mat4(),
+            light_inverse: light.inverse.as_mat4(),
+            camera_position_m: DVec3::from(self.camera.position_m).as_vec3(),
+            z_near_m: self.camera.z_near_m as f32,
+            light_forward: light.forward.as_vec3(),
+            z_far_m: self.camera.z_far_m as f32,
+            light_position_m: light.position.as_vec3(),
+            light_is_point: u32::from(self.light.kind == LightKind::Point),
+            light_irradiance: self.irradiance() as f32,
+            light_depth_jump: self.depth_jump(&light) as f32,
+            refractive_index: water.refractive_index as f32,
+            attenuation_per_m: water.attenuation_per_m as f32,
+            water_center_m: Vec2::new(water.center_m[0] as f32, water.center_m[1] as f32),
+            water_half_size_m: Vec2::new(water.half_size_m[0] as f32, water.half_size_m[1] as f32),
+            water_amplitude_m: water.amplitude_m as f32,
+            wavenumber_per_m: water.wavenumber_per_m() as f32,
+            phase: water.turned_rad() as f32,
+            noise_share: water.noise as f32,
+            noise_tile_m: water.noise_tile_m as f32,
+            noise_scroll: water.noise_drift_tiles() as f32,
+            water_model: match water.model {
+                WaterModel::Circular => 0,
+                WaterModel::Directional => 1,
+            },
+            camera_under_water: u32::from(self.camera.position_m[1] < 0.0),
+        }
+    }
+
+    /// The edge threshold in the light's depth range, at the middle of the view.
+    fn depth_jump(&self, light: &LightFrame) -> f64 {
+        let middle = self.camera.middle();
+        let depth = |p: DVec3| light.view_projection.project_point3(p).z;
+        depth(middle + light.forward * self.edge_m) - depth(middle)
+    }
+}
+
+/// Bind group 0 of every stage: the frame's uniforms and the noise texture.
+pub struct Shared {
+    pub group: Group,
+    uniforms: wgpu::Buffer,
+}
+
+impl Shared {
+    pub fn new(resources: &Resources<'_>, view: &View) -> Self {
+        let uniforms = resources.uniform("frame", &view.uniforms());
+        let texels = view.water.noise_texels(NOISE_SIZE);
+        let noise = resources.float_texture("noise", NOISE_SIZE, &texels);
+        let binds = [Bind::Uniform(&uniforms), Bind::Texels(&noise)];
+        let group = Group::new(resources.gpu, "frame", &binds);
+        Self { group, uniforms }
+    }
+}
+
+pub struct Frame {
+    view: View,
+    uniforms: wgpu::Buffer,
+}
+
+impl Frame {
+    pub fn new(view: View, shared: &Shared) -> Self {
+        Self {
+            view,
+            uniforms: shared.uniforms.clone(),
+        }
+    }
+}
+
+impl Encode for Frame {
+    fn name(&self) -> &'static str {
+        INFO.name
+    }
+
+    fn encode(&self, scope: &mut StageScope<'_>) {
+        scope.host(|queue| {
+            queue.write_buffer(&self.uniforms, 0, &host_bytes(&self.view.uniforms()));
+        });
+    }
+}
+
+impl Stage for Frame {
+    fn work(&self) -> Work {
+        Work {
+            bytes_written: FrameUniforms::min_size().get(),
+            ..Work::default()
+        }
+    }
+
+    fn outputs(&self) -> Vec<Output> {
+        Vec::new()
+    }
+}

@@ -1,0 +1,115 @@
+//! The scene's triangles and materials in GPU memory, as every raster stage reads them.
+
+use bytemuck::{Pod, Zeroable};
+use encase::{ShaderType, StorageBuffer};
+use glam::Vec3;
+
+use super::kit::Resources;
+use crate::scene::Scene;
+
+/// Host twin of `SceneVertex` in `shaders/shared/surface.wgsl`.
+#[repr(C)]
+#[derive(Clone, Copy, Pod, Zeroable)]
+struct Vertex {
+    position_m: [f32; 3],
+    normal: [f32; 3],
+    material: u32,
+}
+
+const ATTRIBUTES: [wgpu::VertexAttribute; 3] =
+    wgpu::vertex_attr_array![0 => Float32x3, 1 => Float32x3, 2 => Uint32];
+
+/// Host twin of `Material` in `shaders/shared/surface.wgsl`.
+#[derive(Clone, Debug, ShaderType)]
+pub struct MaterialUniforms {
+    pub albedo: Vec3,
+    pub tile_m: f32,
+    pub accent: Vec3,
+    pub unused: f32,
+}
+
+#[derive(Clone)]
+pub struct Geometry {
+    vertices: wgpu::Buffer,
+    indices: wgpu::Buffer,
+    index_count: u32,
+    vertex_count: u64,
+    pub materials: wgpu::Buffer,
+}
+
+/// Bytes of GPU memory that a scene's vertices and indices take.
+pub fn buffer_bytes(scene: &Scene) -> (u64, u64) {
+    let vertices: u64 = scene.objects.iter().map(|o| o.mesh.positions.len() as u64).sum();
+    let indices: u64 = scene.objects.iter().map(|o| o.mesh.indices.len() as u64).sum();
+    (vertices * size_of::<Vertex>() as u64, indices * 4)
+}
+
+impl Geometry {
+    pub fn new(resources: &Resources<'_>, scene: &Scene) -> Self {
+        let mut vertices = Vec::new();
+        let mut indices = Vec::new();
+        let mut materials = Vec::new();
+        for (object, material) in scene.objects.iter().zip(0..) {
+            let base = vertices.len() as u32;
+            let corners = object.mesh.positions.iter().zip(&object.mesh.normals);
+            vertices.extend(corners.map(|(&position_m, &normal)| Vertex {
+                position_m,
+                normal,
+                material,
+            }));
+            indices.extend(object.mesh.indices.iter().map(|i| i + base));
+            materials.push(MaterialUniforms {
+                albedo: object.material.albedo.into(),
+                tile_m: object.material.tile_m,
+                accent: object.material.accent.into(),
+                unused: 0.0,
+            });
+        }
+        let mut material_bytes = StorageBuffer::new(Vec::new());
+        material_bytes
+            .write(&materials)
+            .expect("a Vec grows to whatever a shader type needs");
+        Self {
+            index_count: indices.len() as u32,
+            vertex_count: vertices.len() as u64,
+            vertices: resources.filled(
+                "vertices",
+                bytemuck::cast_slice(&vertices),
+                wgpu::BufferUsages::VERTEX,
+            ),
+            indices: resources.filled(
+                "indices",
+                bytemuck::cast_slice(&indices),
+                wgpu::BufferUsages::INDEX,
+            ),
+            materials: resources.filled(
+                "materials",
+                &material_bytes.into_inner(),
+                wgpu::BufferUsages::STORAGE,
+            ),
+        }
+    }
+
+    /// Layout of the vertex buffer; depth-only stages take the position alone.
+    pub fn layout(position_only: bool) -> wgpu::VertexBufferLayout<'static> {
+        wgpu::VertexBufferLayout {
+            array_stride: size_of::<Vertex>() as u64,
+            step_mode: wgpu::VertexStepMode::Vertex,
+            attributes: &ATTRIBUTES[..if position_only { 1 } else { 3 }],
+        }
+    }
+
+    pub fn draw(&self, pass: &mut wgpu::RenderPass<'_>) {
+        pass.set_vertex_buffer(0, self.vertices.slice(..));
+        pass.set_index_buffer(self.indices.slice(..), wgpu::IndexFormat::Uint32);
+        pass.draw_indexed(0..self.index_count, 0, 0..1);
+    }
+
+    pub fn triangles(&self) -> u64 {
+        u64::from(self.index_count) / 3
+    }
+
+    pub fn bytes(&self) -> u64 {
+        self.vertex_count * size_of::<Vertex>() as u64 + u64::from(self.index_count) * 4
+    }
+}

@@ -1,0 +1,185 @@
+//! Photons in GPU memory, and the dispatch that `caustics/trace` and `godrays/trace` share.
+
+use bytemuck::{Pod, Zeroable};
+use encase::ShaderType;
+use glam::Vec2;
+
+use super::frame::Shared;
+use super::kit::{self, Bind, Group, Resources};
+use super::{Column, Output, OutputData};
+use crate::gpu::{GpuError, StageScope};
+use crate::record::Work;
+
+/// A traced photon: host twin of `Photon` in `shaders/shared/photon.wgsl`, metres.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable, ShaderType)]
+pub struct Photon {
+    /// Where it meets the water.
+    pub entry_m: glam::Vec3,
+    /// Distance between estimate and seen surface after the last iteration, or [`MISSED`] or [`OUTSIDE`].
+    pub residual_m: f32,
+    /// Where it lands.
+    pub hit_m: glam::Vec3,
+    /// From entry to hit.
+    pub distance_m: f32,
+}
+
+/// Residual of a photon that never enters the water.
+pub const MISSED: f32 = -1.0;
+/// Residual of a photon that left the light's frustum.
+pub const OUTSIDE: f32 = -2.0;
+
+/// Cells per side of a workgroup, as in the shaders.
+const WORKGROUP: u32 = 8;
+
+/// A buffer of photons and how many it holds.
+#[derive(Clone)]
+pub struct Photons {
+    pub buffer: wgpu::Buffer,
+    pub count: u32,
+}
+
+impl Photons {
+    pub fn bytes(count: u64) -> u64 {
+        count * size_of::<Photon>() as u64
+    }
+
+    pub fn new(resources: &Resources<'_>, label: &str, count: u32) -> Self {
+        Self {
+            buffer: resources.storage(label, Self::bytes(u64::from(count))),
+            count,
+        }
+    }
+}
+
+/// Host twin of `Trace` in `shaders/shared/photon.wgsl`.
+#[derive(Clone, Debug, PartialEq, ShaderType)]
+pub struct TraceUniforms {
+    pub grid: u32,
+    pub side: u32,
+    pub iterations: u32,
+    pub masked: u32,
+    pub offset: Vec2,
+    pub start_m: f32,
+    pub unused: f32,
+}
+
+impl TraceUniforms {
+    pub fn photons(&self) -> u32 {
+        self.grid * self.grid * self.side * self.side
+    }
+}
+
+/// Dispatch groups per side that a grid needs.
+pub fn workgroups(grid: u32) -> u32 {
+    grid.div_ceil(WORKGROUP)
+}
+
+pub struct Tracing {
+    pipeline: wgpu::ComputePipeline,
+    shared: wgpu::BindGroup,
+    group: Group,
+    settings: TraceUniforms,
+    uniforms: wgpu::Buffer,
+    pub photons: Photons,
+}
+
+impl Tracing {
+    /// `name` is the stage's, and names its shader. With `dynamic` the shader takes its loop bound from the settings.
+    pub fn new(
+        resources: &Resources<'_>,
+        shared: &Shared,
+        name: &'static str,
+        (depth, mask): (&wgpu::Texture, &wgpu::Texture),
+        settings: TraceUniforms,
+        dynamic: bool,
+    ) -> Result<Self, GpuError> {
+        let gpu = resources.gpu;
+        let side = if dynamic { 0 } else { settings.side as i32 };
+        let shader = gpu.shader(name, &[("SIDE", side)])?;
+        let uniforms = resources.uniform(name, &settings);
+        let photons = Photons::new(resources, name, settings.photons());
+        let group = Group::new(
+            gpu,
+            name,
+            &[
+                Bind::Uniform(&uniforms),
+                Bind::Depth(depth),
+                Bind::Texels(mask),
+                Bind::Write(&photons.buffer),
+            ],
+        );
+        Ok(Self {
+            pipeline: kit::compute_pipeline(gpu, name, &shader, &[&shared.group, &group]),
+            shared: shared.group.group.clone(),
+            group,
+            settings,
+            uniforms,
+            photons,
+        })
+    }
+
+    /// Moves the photons within their shares of the cells; `offset` in 0…1, the middle is 0.5.
+    pub fn set_offset(&self, queue: &wgpu::Queue, offset: Vec2) {
+        let settings = TraceUniforms {
+            offset,
+            ..self.settings.clone()
+        };
+        queue.write_buffer(&self.uniforms, 0, &kit::host_bytes(&settings));
+    }
+
+    pub fn encode(&self, scope: &mut StageScope<'_>) {
+        let groups = workgroups(self.settings.grid);
+        scope.compute(|pass| {
+            pass.set_pipeline(&self.pipeline);
+            pass.set_bind_group(0, &self.shared, &[]);
+            pass.set_bind_group(1, &self.group.group, &[]);
+            pass.dispatch_workgroups(groups, groups, 1);
+        });
+    }
+
+    pub fn work(&self) -> Work {
+        let photons = u64::from(self.photons.count);
+        Work {
+            photons,
+            // Four depth texels an iteration.
+            texel_fetches: photons * 4 * u64::from(self.settings.iterations),
+            bytes_written: Photons::bytes(photons),
+            ..Work::default()
+        }
+    }
+
+    pub fn outputs(&self) -> Vec<Output> {
+        vec![Output {
+            name: "photons".into(),
+            meaning: "traced photons, cell by cell; the refracted direction is (hit − entry) / distance".into(),
+            columns: columns(),
+            data: OutputData::Buffer {
+                buffer: self.photons.buffer.clone(),
+                stride_floats: (size_of::<Photon>() / 4) as u32,
+                count: self.photons.count,
+            },
+        }]
+    }
+}
+
+fn columns() -> Vec<Column> {
+    let place = |name, meaning| Column {
+        name,
+        unit: "m",
+        meaning,
+    };
+    vec![
+        place("entry_x_m", "where the photon meets the water"),
+        place("entry_y_m", "where the photon meets the water"),
+        place("entry_z_m", "where the photon meets the water"),
+        place(
+            "residual_m",
+            "distance of the last estimate from the surface seen by the light; -1: never enters the water, -2: left the light's frustum",
+        ),
+        place("hit_x_m", "where the photon lands"),
+        place("hit_y_m", "where the photon lands"),
+        place("hit_z_m", "where the photon lands"),
+        place("distance_m", "from entry to landing point"),
+    ]
+}

@@ -1,0 +1,2 @@
+pub mod depth;
+pub mod mask;
