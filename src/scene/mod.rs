@@ -1,1 +1,155 @@
+//! What is rendered: geometry, camera, light and water, from scene files, procedural generators and
+//! fetched meshes.
+//!
+//! World space is right-handed, +Y up, metres; the water at rest is the plane y = 0, the floor lies
+//! at y = −`floor_depth_m`.
 
+mod bounds;
+mod camera;
+mod check;
+mod file;
+mod frustum;
+pub mod generators;
+mod light;
+mod mesh;
+mod noise;
+mod shapes;
+mod water;
+
+use std::path::PathBuf;
+
+use glam::DVec3;
+use thiserror::Error;
+
+pub use bounds::Bounds;
+pub use camera::Camera;
+pub use file::{ObjectFile, SceneFile, Stand, Transform};
+pub use light::{Light, LightFrame, LightKind};
+pub use mesh::Mesh;
+pub use noise::{NOISE_CELLS, tile_noise};
+pub use water::{NOISE_DRIFT_TILES, Water, WaterModel};
+
+use serde::{Deserialize, Serialize};
+
+/// Room above the water that the scene's bounds include, so that light starts above the waves.
+const HEADROOM_M: f64 = 1.0;
+
+/// Why a scene cannot be had. Each message says what to do about it.
+#[derive(Debug, Error)]
+pub enum SceneError {
+    #[error("there is no scene `{name}`: {hint} (or give the path of a .toml file)")]
+    Unknown { name: String, hint: String },
+    #[error("cannot read the scene file {path}: {source}")]
+    Read {
+        path: PathBuf,
+        source: std::io::Error,
+    },
+    #[error("scene file {origin}: {message}")]
+    Parse { origin: String, message: String },
+    #[error("scene `{scene}`: {message}")]
+    Invalid { scene: String, message: String },
+}
+
+/// How a surface looks in diffuse light.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Material {
+    /// Diffuse reflectance, linear RGB, 0 … 1.
+    pub albedo: [f32; 3],
+    /// Colour of the joints or checks of the pattern.
+    pub accent: [f32; 3],
+    /// Size of the world-space pattern, metres; 0 = plain.
+    pub tile_m: f32,
+}
+
+impl Default for Material {
+    fn default() -> Self {
+        Self {
+            albedo: [0.7; 3],
+            accent: [0.5; 3],
+            tile_m: 0.0,
+        }
+    }
+}
+
+/// A mesh in world space and its look.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Object {
+    pub name: String,
+    pub mesh: Mesh,
+    pub material: Material,
+}
+
+/// A scene ready to render.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Scene {
+    pub name: String,
+    pub description: String,
+    pub objects: Vec<Object>,
+    /// Holds all objects and the water's rectangle with some room above it.
+    pub bounds: Bounds,
+    pub camera: Camera,
+    pub light: Light,
+    pub water: Water,
+    pub floor_depth_m: f64,
+    /// Assets that were absent, each with the stand-in used.
+    pub stand_ins: Vec<String>,
+}
+
+impl Scene {
+    /// The names of the built-in scenes, sorted.
+    pub fn names() -> Vec<&'static str> {
+        file::built_in().map(|(name, _)| name).collect()
+    }
+
+    /// A built-in scene by name, or a scene file by path.
+    pub fn load(name_or_path: &str) -> Result<Scene, SceneError> {
+        Scene::build(&SceneFile::load(name_or_path)?)
+    }
+
+    /// Makes the geometry that `file` describes.
+    pub fn build(file: &SceneFile) -> Result<Scene, SceneError> {
+        let invalid = |message: String| SceneError::Invalid {
+            scene: file.name.clone(),
+            message,
+        };
+        file.validate().map_err(invalid)?;
+        let mut stand_ins = Vec::new();
+        let mut objects = Vec::with_capacity(file.objects.len());
+        for object in &file.objects {
+            let built = object
+                .build(file, &mut stand_ins)
+                .map_err(|m| invalid(format!("object `{}`: {m}", object.name)))?;
+            objects.push(built);
+        }
+        Ok(Scene {
+            name: file.name.clone(),
+            description: file.description.clone(),
+            bounds: bounds_of(&objects, &file.water),
+            objects,
+            camera: file.camera.clone(),
+            light: file.light.clone(),
+            water: file.water.clone(),
+            floor_depth_m: file.floor_depth_m,
+            stand_ins,
+        })
+    }
+
+    pub fn triangle_count(&self) -> usize {
+        self.objects.iter().map(|o| o.mesh.triangle_count()).sum()
+    }
+}
+
+fn bounds_of(objects: &[Object], water: &Water) -> Bounds {
+    let [x, z] = water.center_m;
+    let [half_x, half_z] = water.half_size_m;
+    let top = water.amplitude_m + HEADROOM_M;
+    let surface = Bounds {
+        min: DVec3::new(x - half_x, -water.amplitude_m, z - half_z),
+        max: DVec3::new(x + half_x, top, z + half_z),
+    };
+    objects
+        .iter()
+        .map(|o| o.mesh.bounds())
+        .fold(surface, Bounds::union)
+}

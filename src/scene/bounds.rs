@@ -1,0 +1,66 @@
+//! Axis-aligned boxes.
+
+use glam::DVec3;
+
+/// An axis-aligned box, metres.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Bounds {
+    pub min: DVec3,
+    pub max: DVec3,
+}
+
+impl Bounds {
+    /// The box that holds nothing: growing it by a point gives that point.
+    pub const EMPTY: Bounds = Bounds {
+        min: DVec3::INFINITY,
+        max: DVec3::NEG_INFINITY,
+    };
+
+    pub fn around(points: impl IntoIterator<Item = DVec3>) -> Bounds {
+        points.into_iter().fold(Bounds::EMPTY, Bounds::with)
+    }
+
+    /// Grown to hold `point`.
+    #[must_use]
+    pub fn with(self, point: DVec3) -> Bounds {
+        Bounds {
+            min: self.min.min(point),
+            max: self.max.max(point),
+        }
+    }
+
+    /// Grown to hold `other`.
+    #[must_use]
+    pub fn union(self, other: Bounds) -> Bounds {
+        Bounds {
+            min: self.min.min(other.min),
+            max: self.max.max(other.max),
+        }
+    }
+
+    pub fn size(&self) -> DVec3 {
+        self.max - self.min
+    }
+
+    pub fn center(&self) -> DVec3 {
+        0.5 * (self.min + self.max)
+    }
+
+    pub fn contains(&self, p: DVec3) -> bool {
+        p.cmpge(self.min).all() && p.cmple(self.max).all()
+    }
+
+    /// Corner `i` takes its x, y, z from the maximum where bit 0, 1, 2 of `i` is set.
+    pub fn corners(&self) -> [DVec3; 8] {
+        std::array::from_fn(|i| {
+            let pick = |axis: usize| {
+                if i >> axis & 1 == 1 {
+                    self.max[axis]
+                } else {
+                    self.min[axis]
+                }
+            };
+            DVec3::new(pick(0), pick(1), pick(2))
+        })
+    }
+}

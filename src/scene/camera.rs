@@ -1,0 +1,219 @@
+//! The viewer: a right-handed pinhole camera, depth range 0 (near) … 1 (far), clip space y up.
+
+use glam::{
+    DMat4, DVec3, DVec4,
+    dcamera::rh::{proj::directx, view},
+};
+use serde::{Deserialize, Serialize};
+
+use super::check;
+
+/// Position, orientation and lens of the viewer.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Camera {
+    /// Where the camera stands, metres.
+    pub position_m: [f64; 3],
+    /// The point in the middle of the picture, metres.
+    pub target_m: [f64; 3],
+    /// Direction that points up in the picture.
+    #[serde(default = "up")]
+    pub up: [f64; 3],
+    /// Vertical opening angle, degrees.
+    pub fov_y_deg: f64,
+    /// Distance of the near clipping plane, metres.
+    pub z_near_m: f64,
+    /// Distance of the far clipping plane, metres. With the near plane it sets the point at which
+    /// the light looks (UW 3.1), so keep it at the scene's depth.
+    pub z_far_m: f64,
+}
+
+fn up() -> [f64; 3] {
+    [0.0, 1.0, 0.0]
+}
+
+impl Camera {
+    pub fn position(&self) -> DVec3 {
+        DVec3::from(self.position_m)
+    }
+
+    /// Unit vector from the position to the target.
+    pub fn direction(&self) -> DVec3 {
+        (DVec3::from(self.target_m) - self.position()).normalize()
+    }
+
+    /// World to view space (right-handed, looking along −z).
+    pub fn view(&self) -> DMat4 {
+        view::look_to_mat4(
+            self.position(),
+            self.direction(),
+            DVec3::from(self.up).normalize(),
+        )
+    }
+
+    /// View to clip space; `aspect` is width / height.
+    pub fn projection(&self, aspect: f64) -> DMat4 {
+        directx::perspective(
+            self.fov_y_deg.to_radians(),
+            aspect,
+            self.z_near_m,
+            self.z_far_m,
+        )
+    }
+
+    pub fn view_projection(&self, aspect: f64) -> DMat4 {
+        self.projection(aspect) * self.view()
+    }
+
+    /// The middle of the view frustum, at which the light looks:
+    /// `p_mid = p_viewer + (z_near + z_far) / 2 · l_viewer` (UW 3.1).
+    pub fn middle(&self) -> DVec3 {
+        self.position() + self.direction() * (0.5 * (self.z_near_m + self.z_far_m))
+    }
+
+    /// The camera mirrored about the water plane y = 0, for reflections. Its up vector stays up, so
+    /// its picture is upside down against a true mirror image: a point p seen by this camera at
+    /// (x, y) of normalized device coordinates has its mirror image seen by the mirrored camera
+    /// at (x, −y), at the same depth.
+    pub fn mirrored(&self) -> Camera {
+        let flip = |[x, y, z]: [f64; 3]| [x, -y, z];
+        let [x, y, z] = self.up;
+        Camera {
+            position_m: flip(self.position_m),
+            target_m: flip(self.target_m),
+            up: [-x, y, -z],
+            ..self.clone()
+        }
+    }
+
+    /// The eight corners of the view frustum: near plane first, counter-clockwise from bottom left.
+    pub fn frustum_corners(&self, aspect: f64) -> [DVec3; 8] {
+        let inverse = self.view_projection(aspect).inverse();
+        let ring = [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)];
+        std::array::from_fn(|i| {
+            let (x, y) = ring[i % 4];
+            inverse.project_point3(DVec3::new(x, y, if i < 4 { 0.0 } else { 1.0 }))
+        })
+    }
+
+    /// The six planes (n, d) of the view frustum with n·p + d ≥ 0 inside.
+    pub(crate) fn frustum_planes(&self, aspect: f64) -> [DVec4; 6] {
+        let m = self.view_projection(aspect);
+        let (x, y, z, w) = (m.row(0), m.row(1), m.row(2), m.row(3));
+        [w + x, w - x, w + y, w - y, z, w - z]
+    }
+
+    /// Whether the camera can be used; the error names the parameter and its valid range.
+    pub fn validate(&self) -> Result<(), String> {
+        check::point("camera.position_m", &self.position_m)?;
+        check::point("camera.target_m", &self.target_m)?;
+        check::point("camera.up", &self.up)?;
+        check::within("camera.fov_y_deg", self.fov_y_deg, 1.0, 170.0)?;
+        check::within("camera.z_near_m", self.z_near_m, 1e-4, check::FAR_M)?;
+        check::within("camera.z_far_m", self.z_far_m, 1e-4, check::FAR_M)?;
+        if self.z_near_m >= self.z_far_m {
+            return Err(format!(
+                "camera.z_near_m = {} must be less than camera.z_far_m = {}",
+                self.z_near_m, self.z_far_m
+            ));
+        }
+        let gaze = DVec3::from(self.target_m) - self.position();
+        if gaze.length() < 1e-6 {
+            return Err("camera.target_m must differ from camera.position_m".into());
+        }
+        let side = gaze.normalize().cross(DVec3::from(self.up).normalize());
+        if !side.is_finite() || side.length() < 1e-6 {
+            return Err("camera.up must be non-zero and not parallel to the line from camera.position_m to camera.target_m".into());
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn camera() -> Camera {
+        Camera {
+            position_m: [1.0, -2.0, 5.0],
+            target_m: [0.5, -1.0, -3.0],
+            up: up(),
+            fov_y_deg: 60.0,
+            z_near_m: 0.1,
+            z_far_m: 20.0,
+        }
+    }
+
+    #[test]
+    fn projection_round_trips() {
+        let m = camera().view_projection(1.5);
+        for ndc in [
+            DVec3::new(0.3, -0.7, 0.2),
+            DVec3::new(-1.0, 1.0, 0.0),
+            DVec3::new(0.9, 0.1, 0.999),
+        ] {
+            let world = m.inverse().project_point3(ndc);
+            assert!((m.project_point3(world) - ndc).length() < 1e-9);
+        }
+    }
+
+    #[test]
+    fn depth_runs_from_zero_at_near_to_one_at_far() {
+        let c = camera();
+        let m = c.view_projection(1.0);
+        let at = |d: f64| m.project_point3(c.position() + c.direction() * d);
+        assert!((at(c.z_near_m) - DVec3::ZERO).length() < 1e-9);
+        assert!((at(c.z_far_m) - DVec3::Z).length() < 1e-9);
+        let above = m.project_point3(c.position() + c.direction() * 3.0 + DVec3::Y);
+        assert!(above.y > 0.0, "clip space y points up");
+    }
+
+    #[test]
+    fn middle_is_half_way_between_the_planes() {
+        let c = camera();
+        assert!(((c.middle() - c.position()).length() - 10.05).abs() < 1e-12);
+    }
+
+    #[test]
+    fn mirrored_camera_sees_mirror_images_upside_down() {
+        let mut c = camera();
+        c.up = [0.1, 0.9, 0.05];
+        let (m, r) = (c.view_projection(1.3), c.mirrored().view_projection(1.3));
+        let p = DVec3::new(0.2, -1.5, 0.4);
+        let (a, b) = (
+            m.project_point3(p),
+            r.project_point3(p * DVec3::new(1.0, -1.0, 1.0)),
+        );
+        assert!((a - DVec3::new(b.x, -b.y, b.z)).length() < 1e-12);
+    }
+
+    #[test]
+    fn corners_lie_on_the_planes() {
+        let c = camera();
+        for corner in c.frustum_corners(1.2) {
+            let on = c
+                .frustum_planes(1.2)
+                .iter()
+                .filter(|p| p.dot(corner.extend(1.0)).abs() < 1e-6)
+                .count();
+            assert_eq!(on, 3, "{corner}");
+        }
+    }
+
+    #[test]
+    fn bad_values_are_named() {
+        let bad = |change: fn(&mut Camera)| {
+            let mut c = camera();
+            change(&mut c);
+            c.validate().unwrap_err()
+        };
+        assert!(camera().validate().is_ok());
+        assert!(bad(|c| c.z_near_m = 30.0).contains("camera.z_near_m"));
+        assert!(bad(|c| c.z_near_m = 0.0).contains("camera.z_near_m"));
+        assert!(bad(|c| c.z_far_m = f64::INFINITY).contains("camera.z_far_m"));
+        assert!(bad(|c| c.fov_y_deg = 180.0).contains("camera.fov_y_deg"));
+        assert!(bad(|c| c.position_m[1] = f64::NAN).contains("camera.position_m"));
+        assert!(bad(|c| c.target_m = c.position_m).contains("camera.target_m"));
+        assert!(bad(|c| c.up = [0.0; 3]).contains("camera.up"));
+    }
+}

@@ -1,0 +1,205 @@
+//! Scene files: TOML, one table for each of camera, light and water, and a list of objects.
+
+use std::{
+    collections::BTreeMap,
+    path::{Path, PathBuf},
+};
+
+use glam::{DMat4, DQuat, DVec3, EulerRot};
+use include_dir::{Dir, include_dir};
+use serde::{Deserialize, Serialize};
+
+use super::{Camera, Light, Material, Mesh, Object, SceneError, Water, check, generators};
+
+/// The scene files that come with the program.
+static BUILT_IN: Dir<'_> = include_dir!("$CARGO_MANIFEST_DIR/scenes");
+
+/// Largest scene file that is read, bytes.
+const MAX_FILE_BYTES: u64 = 1 << 20;
+
+/// What a scene file holds. `base` and `without` are resolved while it is read and are not kept.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SceneFile {
+    pub name: String,
+    pub description: String,
+    /// Depth of the floor below the water at rest, metres.
+    pub floor_depth_m: f64,
+    pub camera: Camera,
+    #[serde(default)]
+    pub light: Light,
+    #[serde(default)]
+    pub water: Water,
+    #[serde(rename = "object")]
+    pub objects: Vec<ObjectFile>,
+}
+
+/// One object: made by a generator, or read from an asset or a mesh file.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ObjectFile {
+    pub name: String,
+    /// Name of a procedural generator; see [`generators`].
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub generator: Option<String>,
+    /// The generator's parameters; those left out have their defaults.
+    #[serde(default)]
+    pub params: BTreeMap<String, f64>,
+    #[serde(default)]
+    pub transform: Transform,
+    #[serde(default)]
+    pub material: Material,
+}
+
+/// What an object's y is measured from.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Stand {
+    /// The floor at y = −`floor_depth_m`.
+    #[default]
+    Floor,
+    /// The water at rest, y = 0.
+    Surface,
+}
+
+/// Where an object goes: scaled, then turned, then moved.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Transform {
+    pub scale: f64,
+    /// Turns about x, then y, then z, degrees.
+    pub rotate_deg: [f64; 3],
+    /// Metres, y from `on`.
+    pub translate_m: [f64; 3],
+    pub on: Stand,
+}
+
+impl Default for Transform {
+    fn default() -> Self {
+        Self {
+            scale: 1.0,
+            rotate_deg: [0.0; 3],
+            translate_m: [0.0; 3],
+            on: Stand::Floor,
+        }
+    }
+}
+
+impl Transform {
+    /// Object space to world space.
+    pub fn matrix(&self, floor_depth_m: f64) -> DMat4 {
+        let [x, y, z] = self.rotate_deg.map(f64::to_radians);
+        let ground = match self.on {
+            Stand::Floor => -floor_depth_m,
+            Stand::Surface => 0.0,
+        };
+        DMat4::from_scale_rotation_translation(
+            DVec3::splat(self.scale),
+            DQuat::from_euler(EulerRot::ZYX, z, y, x),
+            DVec3::from(self.translate_m) + DVec3::Y * ground,
+        )
+    }
+
+    fn validate(&self) -> Result<(), String> {
+        check::within("transform.scale", self.scale, 1e-6, 1e6)?;
+        check::point("transform.rotate_deg", &self.rotate_deg)?;
+        check::point("transform.translate_m", &self.translate_m)
+    }
+}
+
+/// The built-in scenes: name and text, sorted by name.
+pub fn built_in() -> impl Iterator<Item = (&'static str, &'static str)> {
+    let mut scenes: Vec<(&str, &str)> = BUILT_IN
+        .files()
+        .filter_map(|f| Some((f.path().file_stem()?.to_str()?, f.contents_utf8()?)))
+        .collect();
+    scenes.sort_unstable();
+    scenes.into_iter()
+}
+
+impl SceneFile {
+    /// A built-in scene's file by name, or one by path.
+    pub fn load(name_or_path: &str) -> Result<SceneFile, SceneError> {
+        let (origin, text) = find(name_or_path)?;
+        SceneFile::parse(&origin, &text)
+    }
+
+    /// Reads the text of a scene file; `origin` names it in errors.
+    pub fn parse(origin: &str, text: &str) -> Result<SceneFile, SceneError> {
+        let file: SceneFile = toml::from_str(text).map_err(|e| SceneError::Parse {
+            origin: origin.to_owned(),
+            message: e.message().to_owned(),
+        })?;
+        file.validate().map_err(|message| SceneError::Parse {
+            origin: origin.to_owned(),
+            message,
+        })?;
+        Ok(file)
+    }
+
+    /// Whether all values can be used; the error names the parameter and its valid range.
+    pub fn validate(&self) -> Result<(), String> {
+        check::within("floor_depth_m", self.floor_depth_m, 0.01, 1000.0)?;
+        self.camera.validate()?;
+        self.light.validate()?;
+        self.water.validate()?;
+        if self.objects.is_empty() {
+            return Err("it has no [[object]]".into());
+        }
+        Ok(())
+    }
+}
+
+impl ObjectFile {
+    pub(super) fn build(
+        &self,
+        file: &SceneFile,
+        _stand_ins: &mut Vec<String>,
+    ) -> Result<Object, String> {
+        self.transform.validate()?;
+        let mesh = self.mesh(file)?;
+        Ok(Object {
+            name: self.name.clone(),
+            mesh: mesh.transformed(&self.transform.matrix(file.floor_depth_m)),
+            material: self.material.clone(),
+        })
+    }
+
+    fn mesh(&self, file: &SceneFile) -> Result<Mesh, String> {
+        match &self.generator {
+            Some(name) => generators::find(name)?.mesh(&self.params, file.floor_depth_m),
+            None => Err("it needs a `generator`".into()),
+        }
+    }
+}
+
+/// The text of a scene and where it is from.
+fn find(name_or_path: &str) -> Result<(String, String), SceneError> {
+    if let Some((name, text)) = built_in().find(|(name, _)| *name == name_or_path) {
+        return Ok((format!("scenes/{name}.toml"), text.to_owned()));
+    }
+    let path = Path::new(name_or_path);
+    if path.extension().is_none() && !path.exists() {
+        let names: Vec<&str> = built_in().map(|(name, _)| name).collect();
+        return Err(SceneError::Unknown {
+            name: name_or_path.to_owned(),
+            hint: check::hint(name_or_path, names.iter().copied()),
+        });
+    }
+    read(path).map(|text| (name_or_path.to_owned(), text))
+}
+
+fn read(path: &Path) -> Result<String, SceneError> {
+    let failed = |source| SceneError::Read {
+        path: PathBuf::from(path),
+        source,
+    };
+    let size = std::fs::metadata(path).map_err(failed)?.len();
+    if size > MAX_FILE_BYTES {
+        return Err(SceneError::Parse {
+            origin: path.display().to_string(),
+            message: format!("{size} bytes; a scene file has at most {MAX_FILE_BYTES}"),
+        });
+    }
+    std::fs::read_to_string(path).map_err(failed)
+}

@@ -1,0 +1,166 @@
+//! The part of a box that a camera sees.
+
+use glam::{DVec2, DVec3, DVec4};
+
+use super::{bounds::Bounds, camera::Camera};
+
+/// Corner indices of the six faces of a [`Bounds`].
+const BOX_FACES: [[usize; 4]; 6] = [
+    [0, 2, 6, 4],
+    [1, 3, 7, 5],
+    [0, 1, 5, 4],
+    [2, 3, 7, 6],
+    [0, 1, 3, 2],
+    [4, 5, 7, 6],
+];
+
+/// Corner indices of the six faces of [`Camera::frustum_corners`].
+const FRUSTUM_FACES: [[usize; 4]; 6] = [
+    [0, 1, 2, 3],
+    [4, 5, 6, 7],
+    [0, 1, 5, 4],
+    [1, 2, 6, 5],
+    [2, 3, 7, 6],
+    [3, 0, 4, 7],
+];
+
+/// The corners of the camera frustum's intersection with `bounds` (some repeated); none if they do
+/// not meet. Each lies on a face of one solid cut by the planes of the other.
+pub fn visible_points(camera: &Camera, aspect: f64, bounds: &Bounds) -> Vec<DVec3> {
+    let corners = camera.frustum_corners(aspect);
+    let box_corners = bounds.corners();
+    let frustum_planes = camera.frustum_planes(aspect);
+    let box_planes = planes(bounds);
+    let frustum_faces = FRUSTUM_FACES
+        .iter()
+        .map(|face| clip(face.map(|i| corners[i]).to_vec(), &box_planes));
+    let box_faces = BOX_FACES
+        .iter()
+        .map(|face| clip(face.map(|i| box_corners[i]).to_vec(), &frustum_planes));
+    frustum_faces.chain(box_faces).flatten().collect()
+}
+
+/// The planes (n, d) of a box with n·p + d ≥ 0 inside.
+fn planes(bounds: &Bounds) -> [DVec4; 6] {
+    let axes = [DVec3::X, DVec3::Y, DVec3::Z];
+    std::array::from_fn(|i| {
+        let axis = axes[i / 2];
+        match i % 2 {
+            0 => axis.extend(-bounds.min.dot(axis)),
+            _ => (-axis).extend(bounds.max.dot(axis)),
+        }
+    })
+}
+
+/// What is left of a convex polygon inside all planes (Sutherland and Hodgman).
+fn clip(polygon: Vec<DVec3>, planes: &[DVec4]) -> Vec<DVec3> {
+    planes.iter().fold(polygon, |polygon, plane| {
+        let height = |p: DVec3| plane.dot(p.extend(1.0));
+        let mut kept = Vec::with_capacity(polygon.len() + 1);
+        for (i, &a) in polygon.iter().enumerate() {
+            let b = polygon[(i + 1) % polygon.len()];
+            let (ha, hb) = (height(a), height(b));
+            if ha >= 0.0 {
+                kept.push(a);
+            }
+            if (ha >= 0.0) != (hb >= 0.0) {
+                kept.push(a.lerp(b, ha / (ha - hb)));
+            }
+        }
+        kept
+    })
+}
+
+/// A rectangle across a light's axis.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Rectangle {
+    pub min: DVec2,
+    pub max: DVec2,
+}
+
+impl Rectangle {
+    /// Centred on the axis.
+    pub fn square(half: f64) -> Rectangle {
+        Rectangle {
+            min: DVec2::splat(-half),
+            max: DVec2::splat(half),
+        }
+    }
+
+    pub fn around(points: impl IntoIterator<Item = DVec2>) -> Rectangle {
+        let empty = Rectangle {
+            min: DVec2::INFINITY,
+            max: DVec2::NEG_INFINITY,
+        };
+        points.into_iter().fold(empty, |r, p| Rectangle {
+            min: r.min.min(p),
+            max: r.max.max(p),
+        })
+    }
+
+    /// The part of this rectangle inside `other`; `other` itself if that part has no area.
+    pub fn within(&self, other: &Rectangle) -> Rectangle {
+        let cut = Rectangle {
+            min: self.min.max(other.min),
+            max: self.max.min(other.max),
+        };
+        if cut.max.cmpgt(cut.min).all() {
+            cut
+        } else {
+            *other
+        }
+    }
+
+    pub fn area(&self) -> f64 {
+        let size = self.max - self.min;
+        size.x * size.y
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn camera() -> Camera {
+        Camera {
+            position_m: [0.3, 0.2, 4.0],
+            target_m: [0.0, 0.0, 0.0],
+            up: [0.0, 1.0, 0.0],
+            fov_y_deg: 50.0,
+            z_near_m: 0.5,
+            z_far_m: 9.0,
+        }
+    }
+
+    #[test]
+    fn a_box_inside_the_frustum_is_seen_whole() {
+        let bounds = Bounds {
+            min: DVec3::splat(-0.5),
+            max: DVec3::splat(0.5),
+        };
+        let seen = Bounds::around(visible_points(&camera(), 1.0, &bounds));
+        assert!((seen.min - bounds.min).length() < 1e-9);
+        assert!((seen.max - bounds.max).length() < 1e-9);
+    }
+
+    #[test]
+    fn a_frustum_inside_the_box_is_seen_whole() {
+        let bounds = Bounds {
+            min: DVec3::splat(-50.0),
+            max: DVec3::splat(50.0),
+        };
+        let seen = Bounds::around(visible_points(&camera(), 1.3, &bounds));
+        let whole = Bounds::around(camera().frustum_corners(1.3));
+        assert!((seen.min - whole.min).length() < 1e-6);
+        assert!((seen.max - whole.max).length() < 1e-6);
+    }
+
+    #[test]
+    fn a_box_behind_the_camera_is_not_seen() {
+        let bounds = Bounds {
+            min: DVec3::new(-1.0, -1.0, 6.0),
+            max: DVec3::new(1.0, 1.0, 8.0),
+        };
+        assert!(visible_points(&camera(), 1.0, &bounds).is_empty());
+    }
+}

@@ -1,0 +1,149 @@
+//! Single shapes.
+
+use std::f64::consts::TAU;
+
+use glam::{DMat4, DVec3};
+
+use super::{
+    super::{mesh::Mesh, noise::tile_noise, shapes},
+    Args, Generator, SEED, param,
+};
+
+pub const GENERATORS: &[Generator] = &[
+    Generator {
+        name: "plane",
+        about: "a level rectangle that faces up",
+        params: &[
+            param("width_m", 20.0, 0.01, 10_000.0, "extent in x"),
+            param("depth_m", 20.0, 0.01, 10_000.0, "extent in z"),
+            param("cells", 1.0, 1.0, 200.0, "quads along each side"),
+        ],
+        build: plane,
+    },
+    Generator {
+        name: "box",
+        about: "a box standing on the floor",
+        params: &[
+            param("width_m", 1.0, 0.001, 1000.0, "extent in x"),
+            param("height_m", 1.0, 0.001, 1000.0, "extent in y"),
+            param("depth_m", 1.0, 0.001, 1000.0, "extent in z"),
+        ],
+        build: |a| shapes::block(a.get("width_m"), a.get("height_m"), a.get("depth_m")),
+    },
+    Generator {
+        name: "cylinder",
+        about: "a round bar standing on the floor",
+        params: &[
+            param("radius_m", 0.5, 0.001, 1000.0, "radius"),
+            param("height_m", 1.0, 0.001, 1000.0, "height"),
+            param("segments", 48.0, 3.0, 200.0, "sides"),
+        ],
+        build: |a| shapes::cylinder(a.get("radius_m"), a.get("height_m"), a.count("segments")),
+    },
+    Generator {
+        name: "sphere",
+        about: "a ball that touches the floor",
+        params: &[
+            param("radius_m", 0.5, 0.001, 1000.0, "radius"),
+            param("rows", 32.0, 3.0, 100.0, "rings from pole to pole"),
+        ],
+        build: |a| {
+            let radius = a.get("radius_m");
+            raised(shapes::sphere(radius, a.count("rows")), radius)
+        },
+    },
+    Generator {
+        name: "torus",
+        about: "a ring lying on the floor",
+        params: &[
+            param(
+                "radius_m",
+                0.7,
+                0.001,
+                1000.0,
+                "radius of the ring's middle",
+            ),
+            param("tube_m", 0.22, 0.001, 1000.0, "radius of its tube"),
+            param("segments", 72.0, 3.0, 200.0, "quads around the ring"),
+            param("sides", 32.0, 3.0, 100.0, "quads around the tube"),
+        ],
+        build: |a| {
+            let tube = a.get("tube_m");
+            let mesh = shapes::torus(
+                a.get("radius_m"),
+                tube,
+                a.count("segments"),
+                a.count("sides"),
+            );
+            raised(mesh, tube)
+        },
+    },
+    Generator {
+        name: "blob",
+        about: "a ball with bumps, a stand-in for scanned objects",
+        params: &[
+            param("radius_m", 0.75, 0.001, 1000.0, "mean radius"),
+            param("rows", 40.0, 3.0, 160.0, "rings from pole to pole"),
+            param(
+                "bump",
+                0.35,
+                0.0,
+                0.9,
+                "depth of the bumps as a share of the radius",
+            ),
+            SEED,
+        ],
+        build: blob,
+    },
+    Generator {
+        name: "knot",
+        about: "a knotted tube, a stand-in for scanned objects",
+        params: &[
+            param("radius_m", 1.0, 0.001, 1000.0, "outer radius"),
+            param("segments", 200.0, 24.0, 700.0, "quads along the tube"),
+            param("sides", 28.0, 3.0, 160.0, "quads around the tube"),
+        ],
+        build: knot,
+    },
+];
+
+fn raised(mesh: Mesh, by_m: f64) -> Mesh {
+    mesh.transformed(&DMat4::from_translation(DVec3::Y * by_m))
+}
+
+fn plane(a: &Args) -> Mesh {
+    let (width, depth, cells) = (a.get("width_m"), a.get("depth_m"), a.count("cells"));
+    shapes::surface((cells, cells), (false, false), |u, v| {
+        DVec3::new((u - 0.5) * width, 0.0, (0.5 - v) * depth)
+    })
+}
+
+/// Three slices of the noise, one per axis, bend the ball.
+fn blob(a: &Args) -> Mesh {
+    let (radius, bump, seed) = (a.get("radius_m"), a.get("bump"), a.get("seed") as u32);
+    let mesh = shapes::displaced_sphere(a.count("rows"), |d| {
+        let p = d * 0.12 + 0.37;
+        let bumps = tile_noise(p.x, p.y, seed).0
+            + tile_noise(p.y, p.z, seed ^ 1).0
+            + tile_noise(p.z, p.x, seed ^ 2).0;
+        d * radius * (1.0 + bump * bumps.clamp(-1.0, 1.0))
+    });
+    let lowest = mesh.bounds().min.y;
+    raised(mesh, -lowest)
+}
+
+/// A trefoil, standing upright.
+fn knot(a: &Args) -> Mesh {
+    let (radius, n) = (a.get("radius_m"), a.count("segments"));
+    let scale = radius / 3.8;
+    let path: Vec<DVec3> = (0..n)
+        .map(|i| {
+            let t = TAU * i as f64 / n as f64;
+            let (ring, lift) = (2.0 + (3.0 * t).cos(), (3.0 * t).sin());
+            DVec3::new(ring * (2.0 * t).cos(), ring * (2.0 * t).sin(), lift) * scale
+        })
+        .collect();
+    let mesh = shapes::tube(&path, &vec![0.7 * scale; n], a.count("sides"), true);
+    let lowest = mesh.bounds().min.y;
+    raised(mesh, -lowest)
+}

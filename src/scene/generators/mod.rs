@@ -1,0 +1,185 @@
+//! Procedural geometry, named in scene files as `generator = "NAME"`.
+//!
+//! Each generator makes one mesh in metres, the floor at y = 0, the water at rest at
+//! y = `floor_depth_m`. Everything random comes from its `seed`.
+
+mod basic;
+mod tank;
+
+use std::collections::BTreeMap;
+
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg32;
+
+use super::{check, mesh::Mesh};
+
+/// One generator.
+pub struct Generator {
+    pub name: &'static str,
+    pub about: &'static str,
+    pub params: &'static [Param],
+    build: fn(&Args) -> Mesh,
+}
+
+/// One number that a generator takes.
+pub struct Param {
+    pub name: &'static str,
+    pub default: f64,
+    pub low: f64,
+    pub high: f64,
+    pub about: &'static str,
+}
+
+/// Every generator there is.
+pub fn all() -> impl Iterator<Item = &'static Generator> {
+    [basic::GENERATORS, tank::GENERATORS].into_iter().flatten()
+}
+
+/// The generator called `name`; the error names the nearest one.
+pub fn find(name: &str) -> Result<&'static Generator, String> {
+    all().find(|g| g.name == name).ok_or_else(|| {
+        let names: Vec<&str> = all().map(|g| g.name).collect();
+        let hint = check::hint(name, names.iter().copied());
+        format!("there is no generator `{name}`: {hint}")
+    })
+}
+
+impl Generator {
+    /// The mesh for these parameters over a floor `floor_depth_m` below the water.
+    pub fn mesh(&self, params: &BTreeMap<String, f64>, floor_depth_m: f64) -> Result<Mesh, String> {
+        for (name, &value) in params {
+            let Some(param) = self.params.iter().find(|p| p.name == name) else {
+                let hint = check::hint(name, self.params.iter().map(|p| p.name));
+                return Err(format!(
+                    "generator `{}` has no parameter `{name}`: {hint}",
+                    self.name
+                ));
+            };
+            check::within(&format!("params.{name}"), value, param.low, param.high)?;
+        }
+        let mesh = (self.build)(&Args {
+            generator: self,
+            params,
+            floor_depth_m,
+        });
+        mesh.validate()
+            .map_err(|fault| format!("generator `{}`: {fault}", self.name))?;
+        Ok(mesh)
+    }
+}
+
+/// The parameters of one call.
+struct Args<'a> {
+    generator: &'a Generator,
+    params: &'a BTreeMap<String, f64>,
+    /// Depth of the floor below the water, metres.
+    floor_depth_m: f64,
+}
+
+impl Args<'_> {
+    /// A parameter's value, or its default.
+    fn get(&self, name: &str) -> f64 {
+        let declared = || self.generator.params.iter().find(|p| p.name == name);
+        self.params
+            .get(name)
+            .copied()
+            .or_else(|| declared().map(|p| p.default))
+            .unwrap_or_else(|| panic!("`{}` does not declare `{name}`", self.generator.name))
+    }
+
+    fn count(&self, name: &str) -> usize {
+        self.get(name).round() as usize
+    }
+
+    /// The generator's own random numbers.
+    fn rng(&self) -> Dice {
+        Dice(Pcg32::seed_from_u64(self.get("seed") as u64))
+    }
+}
+
+/// Seeded random numbers.
+struct Dice(Pcg32);
+
+impl Dice {
+    fn between(&mut self, low: f64, high: f64) -> f64 {
+        low + (high - low) * self.0.random::<f64>()
+    }
+}
+
+/// A declared parameter.
+const fn param(
+    name: &'static str,
+    default: f64,
+    low: f64,
+    high: f64,
+    about: &'static str,
+) -> Param {
+    Param {
+        name,
+        default,
+        low,
+        high,
+        about,
+    }
+}
+
+/// The seed of a generator with random parts.
+const SEED: Param = param(
+    "seed",
+    1.0,
+    0.0,
+    4_294_967_295.0,
+    "seed of the random numbers",
+);
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_generator_makes_a_valid_mesh_at_several_depths() {
+        for generator in all() {
+            for depth in [0.5, 4.0, 20.0] {
+                let mesh = generator
+                    .mesh(&BTreeMap::new(), depth)
+                    .unwrap_or_else(|e| panic!("{}: {e}", generator.name));
+                assert!(mesh.triangle_count() < 100_000, "{}", generator.name);
+            }
+        }
+    }
+
+    #[test]
+    fn generators_are_repeatable_at_both_ends_of_every_parameter() {
+        for generator in all() {
+            for param in generator.params {
+                for value in [param.low, param.high] {
+                    if param.name != "seed" && param.high > 200.0 {
+                        continue;
+                    }
+                    let params = BTreeMap::from([(param.name.to_owned(), value)]);
+                    let mesh = generator
+                        .mesh(&params, 3.0)
+                        .unwrap_or_else(|e| panic!("{} = {value}: {e}", param.name));
+                    assert_eq!(Ok(mesh), generator.mesh(&params, 3.0));
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn unknown_names_get_the_nearest_one() {
+        assert!(find("sphear").err().expect("unknown").contains("`sphere`"));
+        let params = BTreeMap::from([("radus_m".to_owned(), 1.0)]);
+        let error = find("sphere")
+            .expect("known")
+            .mesh(&params, 3.0)
+            .unwrap_err();
+        assert!(error.contains("`radius_m`"), "{error}");
+        let params = BTreeMap::from([("radius_m".to_owned(), f64::NAN)]);
+        let error = find("sphere")
+            .expect("known")
+            .mesh(&params, 3.0)
+            .unwrap_err();
+        assert!(error.contains("params.radius_m"), "{error}");
+    }
+}

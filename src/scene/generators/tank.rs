@@ -1,0 +1,223 @@
+//! Parts of the water tank.
+
+use std::f64::consts::TAU;
+
+use glam::{DMat4, DVec3};
+
+use super::{
+    super::{
+        mesh::Mesh,
+        shapes::{
+            self, block, cuboid, lathe, merged, quad, smooth_path, smooth_profile, tube, turned,
+        },
+    },
+    Args, Generator, param,
+};
+
+pub const GENERATORS: &[Generator] = &[
+    Generator {
+        name: "basin",
+        about: "a rectangular basin open above: floor and walls face inward, with a rim",
+        params: &[
+            param("width_m", 10.0, 0.1, 1000.0, "inner extent in x"),
+            param("depth_m", 12.0, 0.1, 1000.0, "inner extent in z"),
+            param(
+                "rim_m",
+                0.4,
+                0.0,
+                100.0,
+                "height of the rim above the water",
+            ),
+            param("wall_m", 0.4, 0.01, 100.0, "thickness of the walls"),
+        ],
+        build: basin,
+    },
+    Generator {
+        name: "column",
+        about: "a fluted column with base and capital",
+        params: &[
+            param("radius_m", 0.35, 0.01, 100.0, "radius of the shaft"),
+            param("height_m", 2.6, 0.1, 100.0, "overall height"),
+            param("flutes", 16.0, 3.0, 40.0, "grooves around the shaft"),
+        ],
+        build: column,
+    },
+    Generator {
+        name: "steps",
+        about: "a flight of steps that rises towards -z",
+        params: &[
+            param("width_m", 3.0, 0.1, 100.0, "extent in x"),
+            param("rise_m", 0.25, 0.01, 10.0, "height of one step"),
+            param("run_m", 0.35, 0.01, 10.0, "depth of one step"),
+            param("count", 6.0, 1.0, 100.0, "number of steps"),
+        ],
+        build: steps,
+    },
+    Generator {
+        name: "statue",
+        about: "a draped figure with raised arm on a pedestal",
+        params: &[
+            param("height_m", 2.2, 0.1, 100.0, "overall height"),
+            param(
+                "detail",
+                1.0,
+                0.25,
+                3.0,
+                "tessellation, 1 = about 14,000 triangles",
+            ),
+        ],
+        build: statue,
+    },
+];
+
+/// Inner walls and floor, top of the rim, and outer walls.
+fn basin(a: &Args) -> Mesh {
+    let (x, z, wall) = (
+        0.5 * a.get("width_m"),
+        0.5 * a.get("depth_m"),
+        a.get("wall_m"),
+    );
+    let top = a.floor_depth_m + a.get("rim_m");
+    let inside = cuboid(DVec3::new(-x, 0.0, -z), DVec3::new(x, top, z)).inverted();
+    let (ox, oz) = (x + wall, z + wall);
+    let outside = cuboid(DVec3::new(-ox, -wall, -oz), DVec3::new(ox, top, oz));
+    let corner = |x: f64, z: f64| DVec3::new(x, top, z);
+    let rim = [
+        quad([corner(-ox, oz), corner(ox, oz), corner(x, z), corner(-x, z)]),
+        quad([corner(ox, oz), corner(ox, -oz), corner(x, -z), corner(x, z)]),
+        quad([
+            corner(ox, -oz),
+            corner(-ox, -oz),
+            corner(-x, -z),
+            corner(x, -z),
+        ]),
+        quad([
+            corner(-ox, -oz),
+            corner(-ox, oz),
+            corner(-x, z),
+            corner(-x, -z),
+        ]),
+    ];
+    merged(
+        [without_lid(inside, top), without_lid(outside, top)]
+            .into_iter()
+            .chain(rim),
+    )
+}
+
+/// The mesh without its triangles in the plane y = `top`.
+fn without_lid(mut mesh: Mesh, top: f64) -> Mesh {
+    let kept: Vec<u32> = (0..mesh.triangle_count())
+        .filter(|&t| mesh.triangle(t).iter().any(|p| (p.y - top).abs() > 1e-4))
+        .flat_map(|t| mesh.indices[3 * t..3 * t + 3].to_vec())
+        .collect();
+    mesh.indices = kept;
+    mesh
+}
+
+fn column(a: &Args) -> Mesh {
+    let (r, h) = (a.get("radius_m"), a.get("height_m"));
+    let flutes = a.count("flutes");
+    let foot = (0.16 * h).min(0.9 * r);
+    let (low, high) = (foot, h - foot);
+    let shaft: Vec<(f64, f64)> = (0..=20)
+        .map(|i| {
+            let t = f64::from(i) / 20.0;
+            // Entasis: the shaft swells a little at a third of its height.
+            (
+                r * (1.0 - 0.12 * t + 0.05 * (TAU * 0.5 * t).sin()),
+                low + (high - low) * t,
+            )
+        })
+        .collect();
+    let grooves = |angle: f64, _: f64| 1.0 - 0.05 * (0.5 + 0.5 * (flutes as f64 * angle).cos());
+    let base = smooth_profile(
+        &[
+            (1.35 * r, 0.35 * foot),
+            (1.4 * r, 0.5 * foot),
+            (1.15 * r, 0.7 * foot),
+            (1.25 * r, 0.85 * foot),
+            (r, foot),
+        ],
+        4,
+    );
+    let capital: Vec<(f64, f64)> = base.iter().rev().map(|&(r, y)| (0.95 * r, h - y)).collect();
+    merged([
+        block(2.9 * r, 0.35 * foot, 2.9 * r),
+        lathe(&base, 48),
+        turned(&shaft, flutes * 6, grooves),
+        lathe(&capital, 48),
+        block(2.8 * r, 0.35 * foot, 2.8 * r)
+            .transformed(&DMat4::from_translation(DVec3::Y * (h - 0.35 * foot))),
+    ])
+}
+
+fn steps(a: &Args) -> Mesh {
+    let (x, rise, run) = (0.5 * a.get("width_m"), a.get("rise_m"), a.get("run_m"));
+    let count = a.count("count");
+    merged((0..count).map(|i| {
+        let (front, back) = (-(i as f64) * run, -(count as f64) * run);
+        let (bottom, top) = (i as f64 * rise, (i + 1) as f64 * rise);
+        cuboid(DVec3::new(-x, bottom, back), DVec3::new(x, top, front))
+    }))
+}
+
+/// A figure of unit height on its pedestal, scaled.
+fn statue(a: &Args) -> Mesh {
+    let fine = |n: f64| (n * a.get("detail")).round().max(3.0) as usize;
+    let pedestal = [
+        block(0.34, 0.05, 0.34),
+        cuboid(DVec3::new(-0.14, 0.05, -0.14), DVec3::new(0.14, 0.2, 0.14)),
+        cuboid(DVec3::new(-0.16, 0.2, -0.16), DVec3::new(0.16, 0.23, 0.16)),
+    ];
+    let robe = smooth_profile(
+        &[
+            (0.0, 0.23),
+            (0.125, 0.23),
+            (0.115, 0.3),
+            (0.1, 0.45),
+            (0.085, 0.58),
+            (0.072, 0.64),
+            (0.095, 0.74),
+            (0.1, 0.8),
+            (0.06, 0.845),
+            (0.028, 0.86),
+            (0.026, 0.89),
+        ],
+        fine(7.0),
+    );
+    let body = turned(&robe, fine(72.0), |angle, y| {
+        // Folds of the robe deepen towards the hem; the chest is flatter than wide.
+        let depth = 0.11 * ((0.66 - y) / 0.43).clamp(0.0, 1.0);
+        let folds = 1.0 + depth * (9.0 * angle + 14.0 * y).sin();
+        let chest = 1.0 - 0.3 * ((y - 0.6) / 0.2).clamp(0.0, 1.0) * angle.sin().powi(2);
+        folds * chest
+    });
+    let head = shapes::displaced_sphere(fine(24.0), |d| {
+        let nose = 0.012 * (-((d - DVec3::new(0.0, -0.1, 0.99)).length_squared()) / 0.03).exp();
+        d * DVec3::new(0.042, 0.056, 0.05) + DVec3::new(0.0, 0.935, nose + 0.006)
+    });
+    let arm = |knots: &[DVec3]| {
+        let path = smooth_path(knots, fine(7.0));
+        let n = path.len() as f64;
+        let radii: Vec<f64> = (0..path.len())
+            .map(|i| 0.03 - 0.013 * i as f64 / n)
+            .collect();
+        tube(&path, &radii, fine(20.0), false)
+    };
+    let raised = [
+        (-0.085, 0.795, 0.0),
+        (-0.15, 0.77, 0.03),
+        (-0.185, 0.85, 0.07),
+        (-0.17, 0.97, 0.1),
+    ];
+    let lowered = [
+        (0.085, 0.795, 0.0),
+        (0.135, 0.7, 0.0),
+        (0.13, 0.6, 0.06),
+        (0.07, 0.58, 0.11),
+    ];
+    let arms = [raised, lowered].map(|knots| arm(&knots.map(|(x, y, z)| DVec3::new(x, y, z))));
+    let figure = merged(pedestal.into_iter().chain([body, head]).chain(arms));
+    figure.transformed(&DMat4::from_scale(DVec3::splat(a.get("height_m"))))
+}

@@ -1,0 +1,440 @@
+//! The light and the frustum from which it casts photons.
+
+use glam::{
+    DMat4, DVec2, DVec3,
+    dcamera::rh::{proj::directx, view},
+};
+use serde::{Deserialize, Serialize};
+
+use super::{
+    bounds::Bounds,
+    camera::Camera,
+    check,
+    frustum::{Rectangle, visible_points},
+};
+
+/// Horizontal room given to photons for the slopes of the waves, per metre of depth: refraction at
+/// index 1.33 turns a ray by about a quarter of the surface's slope, so this holds slopes to 0.6.
+const WAVE_SPREAD: f64 = 0.15;
+
+/// Slack of the near and far planes around the bounds, metres.
+const DEPTH_SLACK_M: f64 = 0.25;
+
+/// Nearest depth of a point light's frustum, metres.
+const POINT_NEAR_M: f64 = 0.05;
+
+/// Largest tangent of a point light's frustum (79° off its axis).
+const POINT_MAX_TANGENT: f64 = 5.0;
+
+/// How light leaves the source.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum LightKind {
+    /// Parallel rays; the position tracks the camera (UW 3.1).
+    Directional,
+    /// Rays from a fixed point.
+    Point,
+}
+
+/// The one light of a scene (UW 4.1: directional, 9.2 W/sr).
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Light {
+    pub kind: LightKind,
+    /// The way a directional light's rays travel; need not have unit length.
+    pub direction: [f64; 3],
+    /// Where a point light stands, metres.
+    pub position_m: [f64; 3],
+    /// Radiant intensity of a point light, W/sr. For a directional light the same number is read as
+    /// irradiance at normal incidence, W/m².
+    pub intensity_w_sr: f64,
+    /// Distance of a directional light's position from the middle of the camera frustum, metres.
+    pub distance_m: f64,
+    /// Half the width of the light frustum, for a point light at the distance of the camera
+    /// frustum's middle, metres; 0 fits it to what the camera sees.
+    pub half_extent_m: f64,
+}
+
+impl Default for Light {
+    fn default() -> Self {
+        Self {
+            kind: LightKind::Directional,
+            direction: [0.25, -1.0, -0.15],
+            position_m: [0.0, 10.0, 0.0],
+            intensity_w_sr: 9.2,
+            distance_m: 50.0,
+            half_extent_m: 0.0,
+        }
+    }
+}
+
+/// The light's frustum for one view: the space in which photons start and the shadow map lies.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LightFrame {
+    pub kind: LightKind,
+    /// Metres.
+    pub position: DVec3,
+    /// Unit vector `l = p_mid − p_light` (UW 3.1).
+    pub forward: DVec3,
+    pub view: DMat4,
+    pub projection: DMat4,
+    pub view_projection: DMat4,
+    /// Inverse of `view_projection`.
+    pub inverse: DMat4,
+    /// Flux through the frustum, watts: irradiance × cross-section (directional) or
+    /// intensity × solid angle (point).
+    pub emitted_w: f64,
+}
+
+impl Light {
+    /// The light frustum that follows the camera frustum (UW 3.1): it looks at the camera's
+    /// [`Camera::middle`] and holds the part of the camera frustum that lies within `bounds`
+    /// together with the water column above it, for refraction shifts photons; never more than
+    /// `bounds`. A camera that sees nothing of `bounds` gets all of it.
+    pub fn frame(&self, camera: &Camera, aspect: f64, bounds: &Bounds) -> LightFrame {
+        let middle = camera.middle();
+        let position = match self.kind {
+            LightKind::Directional => middle - self.travel() * self.distance_m,
+            LightKind::Point => DVec3::from(self.position_m),
+        };
+        let forward = (middle - position).try_normalize().unwrap_or(DVec3::NEG_Y);
+        let view = view::look_to_mat4(position, forward, up_for(forward));
+        let reach = (middle - position).length();
+        let seen = lit_points(camera, aspect, bounds);
+        let (projection, emitted_w) = match self.kind {
+            LightKind::Directional => self.orthographic(&view, &seen, bounds),
+            LightKind::Point => self.pyramid(&view, &seen, bounds, reach),
+        };
+        let view_projection = projection * view;
+        LightFrame {
+            kind: self.kind,
+            position,
+            forward,
+            view,
+            projection,
+            view_projection,
+            inverse: view_projection.inverse(),
+            emitted_w,
+        }
+    }
+
+    /// Whether the light can be used; the error names the parameter and its valid range.
+    pub fn validate(&self) -> Result<(), String> {
+        check::point("light.direction", &self.direction)?;
+        check::point("light.position_m", &self.position_m)?;
+        check::within("light.intensity_w_sr", self.intensity_w_sr, 0.0, 1e9)?;
+        check::within("light.distance_m", self.distance_m, 1e-3, check::FAR_M)?;
+        check::within("light.half_extent_m", self.half_extent_m, 0.0, check::FAR_M)?;
+        if self.kind == LightKind::Directional && self.travel().y > -0.01 {
+            return Err(format!(
+                "light.direction = {:?} must point downwards, into the water: its y, at unit length, must be below -0.01",
+                self.direction
+            ));
+        }
+        if self.kind == LightKind::Point && self.position_m[1] <= 0.0 {
+            return Err(format!(
+                "light.position_m = {:?} must lie above the water: its y must be greater than 0",
+                self.position_m
+            ));
+        }
+        Ok(())
+    }
+
+    /// Unit direction in which a directional light's rays travel.
+    fn travel(&self) -> DVec3 {
+        DVec3::from(self.direction)
+            .try_normalize()
+            .unwrap_or(DVec3::NEG_Y)
+    }
+
+    /// A box along the view's −z around `seen`, and the flux through it.
+    fn orthographic(&self, view: &DMat4, seen: &[DVec3], bounds: &Bounds) -> (DMat4, f64) {
+        let across = |points: &[DVec3]| {
+            Rectangle::around(points.iter().map(|p| view.transform_point3(*p).truncate()))
+        };
+        let (near, far) = depth_range(view, bounds);
+        let r = match self.half_extent_m {
+            h if h > 0.0 => Rectangle::square(h),
+            _ => across(seen).within(&across(&bounds.corners())),
+        };
+        let projection = directx::orthographic(
+            r.min.x,
+            r.max.x,
+            r.min.y,
+            r.max.y,
+            near - DEPTH_SLACK_M,
+            far + DEPTH_SLACK_M,
+        );
+        (projection, self.intensity_w_sr * r.area())
+    }
+
+    /// A pyramid along the view's −z around `seen`, and the flux through it.
+    fn pyramid(&self, view: &DMat4, seen: &[DVec3], bounds: &Bounds, reach: f64) -> (DMat4, f64) {
+        let tangents = |points: &[DVec3]| {
+            Rectangle::around(points.iter().map(|p| tangent(view.transform_point3(*p))))
+        };
+        let (nearest, farthest) = depth_range(view, bounds);
+        let near = (nearest - DEPTH_SLACK_M).max(POINT_NEAR_M);
+        let far = (farthest + DEPTH_SLACK_M).max(2.0 * near);
+        let r = match self.half_extent_m {
+            h if h > 0.0 => Rectangle::square((h / reach).min(POINT_MAX_TANGENT)),
+            _ => tangents(seen).within(&tangents(&bounds.corners())),
+        };
+        let (low, high) = (r.min * near, r.max * near);
+        let projection = directx::frustum(low.x, high.x, low.y, high.y, near, far);
+        (projection, self.intensity_w_sr * solid_angle(&r))
+    }
+}
+
+impl LightFrame {
+    /// The ray through normalized device coordinates (x, y): its origin on the near plane and its
+    /// unit direction.
+    pub fn ray(&self, ndc_x: f64, ndc_y: f64) -> (DVec3, DVec3) {
+        let at = |depth| self.inverse.project_point3(DVec3::new(ndc_x, ndc_y, depth));
+        let origin = at(0.0);
+        let direction = match self.kind {
+            LightKind::Directional => self.forward,
+            LightKind::Point => (origin - self.position).normalize(),
+        };
+        (origin, direction)
+    }
+}
+
+/// An up vector that is never parallel to `forward`.
+fn up_for(forward: DVec3) -> DVec3 {
+    if forward.z.abs() < 0.9 {
+        DVec3::Z
+    } else {
+        DVec3::X
+    }
+}
+
+/// Where the seen part of the scene can get its light from: its corners, and for those under water
+/// the top of the water column above each, widened for the waves. A refracted ray lies between the
+/// straight one, which has the corner's own place in light space, and the vertical.
+fn lit_points(camera: &Camera, aspect: f64, bounds: &Bounds) -> Vec<DVec3> {
+    let mut seen = visible_points(camera, aspect, bounds);
+    if seen.is_empty() {
+        return bounds.corners().to_vec();
+    }
+    for i in 0..seen.len() {
+        let p = seen[i];
+        let spread = WAVE_SPREAD * (-p.y).max(0.0);
+        if spread > 0.0 {
+            let top = DVec3::new(p.x, 0.0, p.z);
+            let around = [(1.0, 1.0), (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.0)];
+            for base in [p, top] {
+                seen.extend(around.map(|(x, z)| base + DVec3::new(x, 0.0, z) * spread));
+            }
+        }
+    }
+    seen
+}
+
+/// Smallest and largest distance of the bounds' corners along the view direction.
+fn depth_range(view: &DMat4, bounds: &Bounds) -> (f64, f64) {
+    bounds
+        .corners()
+        .iter()
+        .map(|c| -view.transform_point3(*c).z)
+        .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), d| {
+            (low.min(d), high.max(d))
+        })
+}
+
+/// Tangents of a view-space point's angles off the axis, limited to [`POINT_MAX_TANGENT`]; a point
+/// at or behind the light has the limit in its direction.
+fn tangent(p: DVec3) -> DVec2 {
+    let depth = (-p.z).max(1e-9);
+    (p.truncate() / depth).clamp(
+        DVec2::splat(-POINT_MAX_TANGENT),
+        DVec2::splat(POINT_MAX_TANGENT),
+    )
+}
+
+/// Solid angle of the pyramid with these tangents, steradians.
+fn solid_angle(r: &Rectangle) -> f64 {
+    let quadrant = |x: f64, y: f64| (x * y).atan2((1.0 + x * x + y * y).sqrt());
+    quadrant(r.max.x, r.max.y) - quadrant(r.min.x, r.max.y) - quadrant(r.max.x, r.min.y)
+        + quadrant(r.min.x, r.min.y)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn camera() -> Camera {
+        Camera {
+            position_m: [0.0, -1.0, 6.0],
+            target_m: [0.0, -2.0, 0.0],
+            up: [0.0, 1.0, 0.0],
+            fov_y_deg: 60.0,
+            z_near_m: 0.1,
+            z_far_m: 14.0,
+        }
+    }
+
+    fn bounds() -> Bounds {
+        Bounds {
+            min: DVec3::new(-6.0, -4.0, -7.0),
+            max: DVec3::new(6.0, 1.0, 7.0),
+        }
+    }
+
+    fn lights() -> [Light; 3] {
+        let point = Light {
+            kind: LightKind::Point,
+            position_m: [1.0, 9.0, 2.0],
+            ..Light::default()
+        };
+        let steep = Light {
+            direction: [0.0, -1.0, 0.0],
+            ..Light::default()
+        };
+        [Light::default(), point, steep]
+    }
+
+    /// Points of the floor that the camera sees.
+    fn visible_floor() -> Vec<DVec3> {
+        let m = camera().view_projection(1.0);
+        let mut points = Vec::new();
+        for i in 0..60 {
+            for j in 0..60 {
+                let p = DVec3::new(
+                    -6.0 + f64::from(i) * 0.2,
+                    -4.0,
+                    -7.0 + f64::from(j) * 14.0 / 60.0,
+                );
+                let ndc = m.project_point3(p);
+                let inside =
+                    ndc.truncate().abs().max_element() <= 1.0 && (0.0..=1.0).contains(&ndc.z);
+                points.extend(inside.then_some(p));
+            }
+        }
+        points
+    }
+
+    fn holds(frame: &LightFrame, p: DVec3) -> bool {
+        let ndc = frame.view_projection.project_point3(p);
+        ndc.truncate().abs().max_element() <= 1.0 + 1e-9 && (0.0..=1.0).contains(&ndc.z)
+    }
+
+    #[test]
+    fn frustum_holds_the_visible_floor_and_its_entry_points() {
+        let floor = visible_floor();
+        assert!(floor.len() > 100);
+        for light in lights() {
+            let frame = light.frame(&camera(), 1.0, &bounds());
+            for p in &floor {
+                assert!(holds(&frame, *p), "{:?} {p}", light.kind);
+                let entry = DVec3::new(p.x, 0.0, p.z);
+                if bounds().contains(entry) {
+                    assert!(holds(&frame, entry), "{:?} {entry}", light.kind);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn frustum_never_exceeds_the_bounds() {
+        let wide = Camera {
+            fov_y_deg: 150.0,
+            z_far_m: 500.0,
+            ..camera()
+        };
+        let light = Light {
+            direction: [0.0, -1.0, 0.0],
+            ..Light::default()
+        };
+        let frame = light.frame(&wide, 1.0, &bounds());
+        assert!(
+            frame.emitted_w <= 9.2 * 12.0 * 14.0 + 1e-9,
+            "{}",
+            frame.emitted_w
+        );
+    }
+
+    #[test]
+    fn a_camera_that_sees_nothing_gets_the_whole_bounds() {
+        let away = Camera {
+            position_m: [0.0, 50.0, 0.0],
+            target_m: [0.0, 60.0, 1.0],
+            ..camera()
+        };
+        let light = Light {
+            direction: [0.0, -1.0, 0.0],
+            ..Light::default()
+        };
+        let frame = light.frame(&away, 1.0, &bounds());
+        assert!((frame.emitted_w - 9.2 * 12.0 * 14.0).abs() < 1e-6);
+    }
+
+    #[test]
+    fn light_looks_at_the_middle_of_the_camera_frustum() {
+        for light in lights() {
+            let frame = light.frame(&camera(), 1.0, &bounds());
+            let expected = (camera().middle() - frame.position).normalize();
+            assert!((frame.forward - expected).length() < 1e-12);
+        }
+    }
+
+    #[test]
+    fn rays_run_from_the_near_plane_to_the_far_plane() {
+        for light in lights() {
+            let frame = light.frame(&camera(), 1.0, &bounds());
+            let (origin, direction) = frame.ray(0.4, -0.6);
+            assert!((direction.length() - 1.0).abs() < 1e-12);
+            let start = frame.view_projection.project_point3(origin);
+            assert!((start - DVec3::new(0.4, -0.6, 0.0)).length() < 1e-6);
+            let along = frame
+                .view_projection
+                .project_point3(origin + direction * 5.0);
+            assert!((along.truncate() - DVec2::new(0.4, -0.6)).length() < 1e-6);
+            assert!(origin.y > 0.0, "photons start above the water");
+        }
+    }
+
+    #[test]
+    fn flux_is_intensity_times_solid_angle_or_area() {
+        let full = Rectangle::square(1.0);
+        // One face of a cube seen from its centre: a sixth of the sphere.
+        let sixth = 4.0 * std::f64::consts::PI / 6.0;
+        assert!((solid_angle(&full) - sixth).abs() < 1e-12);
+        let light = Light {
+            half_extent_m: 2.0,
+            ..Light::default()
+        };
+        let frame = light.frame(&camera(), 1.0, &bounds());
+        assert!((frame.emitted_w - 9.2 * 16.0).abs() < 1e-9);
+        let point = Light {
+            kind: LightKind::Point,
+            position_m: [0.0, 5.0, 0.0],
+            half_extent_m: 1.0,
+            ..Light::default()
+        };
+        let frame = point.frame(&camera(), 1.0, &bounds());
+        let reach = (camera().middle() - DVec3::new(0.0, 5.0, 0.0)).length();
+        let expected = 9.2 * solid_angle(&Rectangle::square(1.0 / reach));
+        assert!((frame.emitted_w - expected).abs() < 1e-9);
+    }
+
+    #[test]
+    fn bad_values_are_named() {
+        let bad = |change: fn(&mut Light)| {
+            let mut l = Light::default();
+            change(&mut l);
+            l.validate().unwrap_err()
+        };
+        assert!(Light::default().validate().is_ok());
+        assert!(bad(|l| l.direction = [0.0, 1.0, 0.0]).contains("light.direction"));
+        assert!(bad(|l| l.intensity_w_sr = f64::INFINITY).contains("light.intensity_w_sr"));
+        assert!(bad(|l| l.half_extent_m = -1.0).contains("light.half_extent_m"));
+        assert!(
+            bad(|l| {
+                l.kind = LightKind::Point;
+                l.position_m[1] = -1.0;
+            })
+            .contains("light.position_m")
+        );
+    }
+}

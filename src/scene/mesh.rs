@@ -1,0 +1,179 @@
+//! Triangle meshes.
+
+use glam::{DMat4, DVec3, Vec3};
+
+use super::bounds::Bounds;
+
+/// Indexed triangles, counter-clockwise seen from outside, with unit vertex normals.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Mesh {
+    /// Metres.
+    pub positions: Vec<[f32; 3]>,
+    /// One unit vector per position.
+    pub normals: Vec<[f32; 3]>,
+    /// Three per triangle.
+    pub indices: Vec<u32>,
+}
+
+impl Mesh {
+    pub fn triangle_count(&self) -> usize {
+        self.indices.len() / 3
+    }
+
+    pub fn bounds(&self) -> Bounds {
+        Bounds::around(self.positions.iter().map(|p| Vec3::from(*p).as_dvec3()))
+    }
+
+    /// The corners of triangle `index`.
+    pub fn triangle(&self, index: usize) -> [DVec3; 3] {
+        std::array::from_fn(|k| {
+            let vertex = self.indices[3 * index + k] as usize;
+            Vec3::from(self.positions[vertex]).as_dvec3()
+        })
+    }
+
+    /// Moves the mesh; a mirroring transform also turns the triangles over, so that they stay
+    /// counter-clockwise.
+    #[must_use]
+    pub fn transformed(mut self, transform: &DMat4) -> Mesh {
+        let turn = glam::DMat3::from_mat4(*transform).inverse().transpose();
+        for p in &mut self.positions {
+            let moved = transform.transform_point3(Vec3::from(*p).as_dvec3());
+            *p = moved.as_vec3().to_array();
+        }
+        for n in &mut self.normals {
+            let turned = turn * Vec3::from(*n).as_dvec3();
+            *n = turned.normalize_or(DVec3::Y).as_vec3().to_array();
+        }
+        if transform.determinant() < 0.0 {
+            self.turn_over();
+        }
+        self
+    }
+
+    /// The mesh inside out: walls that are seen from within.
+    #[must_use]
+    pub fn inverted(mut self) -> Mesh {
+        self.turn_over();
+        for n in &mut self.normals {
+            *n = n.map(|c| -c);
+        }
+        self
+    }
+
+    /// Adds the triangles of `other`.
+    pub fn append(&mut self, other: &Mesh) {
+        let first = self.positions.len() as u32;
+        self.positions.extend_from_slice(&other.positions);
+        self.normals.extend_from_slice(&other.normals);
+        self.indices.extend(other.indices.iter().map(|i| i + first));
+    }
+
+    /// Vertex normals from the triangles around each vertex, weighted by area. A vertex without
+    /// area gets +y.
+    pub fn recompute_normals(&mut self) {
+        let mut sums = vec![DVec3::ZERO; self.positions.len()];
+        for t in 0..self.triangle_count() {
+            let [a, b, c] = self.triangle(t);
+            let doubled_area = (b - a).cross(c - a);
+            for k in 0..3 {
+                sums[self.indices[3 * t + k] as usize] += doubled_area;
+            }
+        }
+        self.normals = sums
+            .into_iter()
+            .map(|n| n.normalize_or(DVec3::Y).as_vec3().to_array())
+            .collect();
+    }
+
+    /// Whether the arrays agree and hold usable numbers; the error says what is wrong and where.
+    pub fn validate(&self) -> Result<(), String> {
+        if self.indices.is_empty() {
+            return Err("it has no triangles".into());
+        }
+        if !self.indices.len().is_multiple_of(3) {
+            return Err(format!(
+                "{} indices are not a whole number of triangles",
+                self.indices.len()
+            ));
+        }
+        if self.normals.len() != self.positions.len() {
+            return Err(format!(
+                "{} normals for {} vertices",
+                self.normals.len(),
+                self.positions.len()
+            ));
+        }
+        let finite = |v: &[f32; 3]| v.iter().all(|c| c.is_finite());
+        if let Some(i) = self.positions.iter().position(|p| !finite(p)) {
+            return Err(format!("vertex {i} is not finite"));
+        }
+        if let Some(i) = self.normals.iter().position(|n| !finite(n)) {
+            return Err(format!("the normal of vertex {i} is not finite"));
+        }
+        let count = self.positions.len();
+        if let Some(i) = self.indices.iter().position(|&i| i as usize >= count) {
+            return Err(format!(
+                "triangle {} uses vertex {}, but there are {count}",
+                i / 3,
+                self.indices[i]
+            ));
+        }
+        Ok(())
+    }
+
+    fn turn_over(&mut self) {
+        for triangle in self.indices.chunks_exact_mut(3) {
+            triangle.swap(1, 2);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn triangle() -> Mesh {
+        let mut mesh = Mesh {
+            positions: vec![[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]],
+            normals: Vec::new(),
+            indices: vec![0, 1, 2],
+        };
+        mesh.recompute_normals();
+        mesh
+    }
+
+    fn face_normal(mesh: &Mesh) -> DVec3 {
+        let [a, b, c] = mesh.triangle(0);
+        (b - a).cross(c - a).normalize()
+    }
+
+    #[test]
+    fn counter_clockwise_triangles_face_their_viewer() {
+        assert_eq!(triangle().normals, vec![[0.0, 0.0, 1.0]; 3]);
+    }
+
+    #[test]
+    fn mirroring_keeps_winding_and_normals_together() {
+        let mirror = DMat4::from_scale(DVec3::new(-2.0, 1.0, 1.0));
+        for mesh in [triangle().transformed(&mirror), triangle().inverted()] {
+            let n = Vec3::from(mesh.normals[0]).as_dvec3();
+            assert!(face_normal(&mesh).dot(n) > 0.999);
+        }
+    }
+
+    #[test]
+    fn faults_are_found() {
+        let broken = |change: fn(&mut Mesh)| {
+            let mut mesh = triangle();
+            change(&mut mesh);
+            mesh.validate().unwrap_err()
+        };
+        assert!(triangle().validate().is_ok());
+        assert!(broken(|m| m.indices[2] = 7).contains("uses vertex 7"));
+        assert!(broken(|m| m.positions[1][0] = f32::NAN).contains("vertex 1"));
+        assert!(broken(|m| m.indices.clear()).contains("no triangles"));
+        assert!(broken(|m| m.indices.truncate(2)).contains("whole number"));
+        assert!(broken(|m| m.normals.clear()).contains("0 normals"));
+    }
+}
