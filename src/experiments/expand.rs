@@ -54,8 +54,8 @@ pub struct CellPlan {
 pub struct ReferencePlan {
     /// Name of the relative RMS difference among the record's quantities.
     pub quantity: String,
-    /// Stage whose output is compared.
-    pub stage: String,
+    /// The first of these stages that runs gives the output that is compared, on either side.
+    pub stages: Vec<String>,
     /// The cell's overrides, then those of the reference.
     pub overrides: Vec<(String, Value)>,
 }
@@ -418,7 +418,7 @@ impl Experiment {
         overrides.extend(flatten(reference.profile.of(profile)));
         Some(ReferencePlan {
             quantity: reference.quantity.clone(),
-            stage: reference.stage.clone(),
+            stages: reference.stages.clone(),
             overrides: last_of_each(overrides),
         })
     }

@@ -92,8 +92,8 @@ pub struct Axis {
 pub struct Reference {
     /// Name under which the relative RMS difference goes into the record's quantities.
     pub quantity: String,
-    /// Stage whose output is compared.
-    pub stage: String,
+    /// The first of these stages that runs in the cell gives the output that is compared.
+    pub stages: Vec<String>,
     #[serde(default)]
     pub params: Map<String, Value>,
     #[serde(default)]
