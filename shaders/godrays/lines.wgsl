@@ -15,7 +15,6 @@ struct Lines {
     // Photons that one instance of the index pattern draws.
     photons_per_instance: u32,
     photons: u32,
-    unused: u32,
 }
 
 @group(1) @binding(0) var<uniform> settings: Lines;
@@ -43,18 +42,18 @@ fn vertex(@builtin(vertex_index) vertex: u32, @builtin(instance_index) instance:
     if photon.residual_m < 0.0 || photon.distance_m <= 0.0 {
         return NOWHERE;
     }
-    let from = frame.camera_view_projection * vec4(photon.entry_m, 1.0);
-    let to = frame.camera_view_projection * vec4(photon.hit_m, 1.0);
-    if max(from.w, to.w) <= frame.z_near_m {
+    let start = frame.camera_view_projection * vec4(photon.entry_m, 1.0);
+    let end = frame.camera_view_projection * vec4(photon.hit_m, 1.0);
+    if max(start.w, end.w) <= frame.z_near_m {
         return NOWHERE;
     }
     // The part in front of the near plane, as shares of the segment.
-    let crossing = (frame.z_near_m - from.w) / (to.w - from.w);
-    let first = select(0.0, crossing, from.w < frame.z_near_m);
-    let last = select(1.0, crossing, to.w < frame.z_near_m);
+    let crossing = (frame.z_near_m - start.w) / (end.w - start.w);
+    let first = select(0.0, crossing, start.w < frame.z_near_m);
+    let last = select(1.0, crossing, end.w < frame.z_near_m);
 
-    let a = mix(from, to, first);
-    let b = mix(from, to, last);
+    let a = mix(start, end, first);
+    let b = mix(start, end, last);
     let along_px = (b.xy / b.w - a.xy / a.w) * 0.5 * settings.size_px;
     let length_px = length(along_px);
     let along = select(vec2(0.0, 1.0), along_px / length_px, length_px > 1e-6);

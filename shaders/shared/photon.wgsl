@@ -95,9 +95,9 @@ fn in_mask(mask: texture_2d<f32>, ndc: vec2<f32>) -> bool {
 // One photon of the grid, at a place in the light's canonical screen space.
 fn trace(settings: Trace, depth: texture_depth_2d, mask: texture_2d<f32>, ndc: vec2<f32>) -> Photon {
     let ray = light_ray(ndc);
-    let water = meet_water(ray);
-    let entry = water.xyz;
-    if water.w == 0.0 || (settings.masked != 0u && !in_mask(mask, ndc)) {
+    let met = meet_water(ray);
+    let entry = met.xyz;
+    if met.w == 0.0 || (settings.masked != 0u && !in_mask(mask, ndc)) {
         return Photon(entry, MISSED, entry, 0.0);
     }
     let n = water::normal(water::surface(entry.xz).yz);

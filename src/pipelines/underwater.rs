@@ -17,8 +17,7 @@ use crate::stages::frame::{Frame, Shared, View};
 use crate::stages::geometry::{self, Geometry};
 use crate::stages::godrays::lines::LinesUniforms;
 use crate::stages::kit::Resources;
-use crate::stages::low_pass::FilterUniforms;
-use crate::stages::photon::{self, Photons, TraceUniforms};
+use crate::stages::photon::{self, Photons};
 use crate::stages::splatting::PHOTONS_PER_INSTANCE;
 use crate::stages::{Stage, caustics, godrays, scene, shadow, water};
 
@@ -276,7 +275,6 @@ impl Plan {
             photon_w: (emitted_w / photons[1] as f64) as f32,
             photons_per_instance: PHOTONS_PER_INSTANCE,
             photons: photons[1] as u32,
-            unused: 0.0,
         };
         // A splat of side s in the middle of the view covers this area, which turns flux into irradiance there.
         let caustics_scale = match params.caustics.intensity {

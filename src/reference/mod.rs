@@ -1,1 +1,60 @@
+//! Independent answers in f64 for what the GPU computes in f32.
+//!
+//! Nothing here is a transcription of a shader: where the GPU iterates on a depth map, this module
+//! refracts exactly and casts rays; where the GPU approximates, this module has the closed form. It
+//! imports nothing of the rest of the crate but [`scene`](crate::scene).
+//!
+//! | module | answers |
+//! |---|---|
+//! | [`optics`] | refraction, Fresnel reflectance, phase function, transmittance |
+//! | [`surface`] | where a ray enters the water |
+//! | [`rays`] | nearest triangle along a ray, camera and light rays |
+//! | [`photons`] | the photon grid and where each photon lands |
+//! | [`estimator`] | the image-space iteration over an exact depth, to study its convergence |
+//! | [`splat`] | point sizes, intensities, and a rasterizer of square splats |
+//! | [`godray`] | intensity at a point of a godray |
+//! | [`filter`] | the rotated disc low-pass |
+//! | [`quantities`] | error statistics of photons read back from the GPU |
 
+pub mod estimator;
+pub mod filter;
+pub mod godray;
+pub mod image;
+pub mod optics;
+pub mod photons;
+pub mod quantities;
+pub mod rays;
+pub mod splat;
+pub mod surface;
+
+/// Why a reference could not be set up.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum ReferenceError {
+    /// `subdivision` photons per cell must form a square.
+    #[error("{0} photons per grid cell do not form a square: use 1, 4, 9 or 16")]
+    Subdivision(u32),
+    /// An index points past the vertices of its mesh.
+    #[error(
+        "object `{object}`: triangle {triangle} names a vertex that the mesh of {vertices} does not have"
+    )]
+    Index {
+        object: String,
+        triangle: usize,
+        vertices: usize,
+    },
+    /// An image's data do not fill it.
+    #[error("an image of {width}×{height} needs {expected} values, got {got}")]
+    ImageSize {
+        width: u32,
+        height: u32,
+        expected: usize,
+        got: usize,
+    },
+    /// A value lies outside its meaning.
+    #[error("{name} = {value} is out of range: {meaning}")]
+    Range {
+        name: &'static str,
+        value: f64,
+        meaning: &'static str,
+    },
+}

@@ -144,20 +144,34 @@ impl Water {
         )
     }
 
+    /// k = 2π / wavelength, 1/m.
+    pub fn wavenumber_per_m(&self) -> f64 {
+        std::f64::consts::TAU / self.wavelength_m
+    }
+
+    /// ω t: how far the regular wave has turned, radians.
+    pub fn turned_rad(&self) -> f64 {
+        std::f64::consts::TAU * self.time_s / self.period_s
+    }
+
+    /// How far the noise has drifted along x, in tiles.
+    pub fn noise_drift_tiles(&self) -> f64 {
+        NOISE_DRIFT_TILES * self.time_s / self.period_s
+    }
+
     /// Phase k r − ω t of the regular wave and its gradient by (x, z).
     fn phase(&self, x: f64, z: f64) -> (f64, DVec2) {
-        let k = std::f64::consts::TAU / self.wavelength_m;
-        let omega = std::f64::consts::TAU / self.period_s;
+        let k = self.wavenumber_per_m();
         let offset = DVec2::new(x - self.center_m[0], z - self.center_m[1]);
         let (r, outward) = match self.model {
             WaterModel::Circular => (offset.length(), offset.normalize_or_zero()),
             WaterModel::Directional => (offset.x, DVec2::X),
         };
-        (k * r - omega * self.time_s, k * outward)
+        (k * r - self.turned_rad(), k * outward)
     }
 
     fn noise_at(&self, x: f64, z: f64) -> (f64, DVec2) {
-        let drift = NOISE_DRIFT_TILES * self.time_s / self.period_s;
+        let drift = self.noise_drift_tiles();
         tile_noise(
             x / self.noise_tile_m + drift,
             z / self.noise_tile_m,

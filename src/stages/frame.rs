@@ -112,10 +112,10 @@ impl View {
             water_half_size_m: Vec2::new(water.half_size_m[0] as f32, water.half_size_m[1] as f32),
             water_amplitude_m: water.amplitude_m as f32,
             wavenumber_per_m: water.wavenumber_per_m() as f32,
-            phase: water.phase() as f32,
+            phase: water.turned_rad() as f32,
             noise_share: water.noise as f32,
             noise_tile_m: water.noise_tile_m as f32,
-            noise_scroll: water.noise_scroll() as f32,
+            noise_scroll: water.noise_drift_tiles() as f32,
             water_model: match water.model {
                 WaterModel::Circular => 0,
                 WaterModel::Directional => 1,

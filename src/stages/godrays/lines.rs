@@ -26,7 +26,6 @@ pub struct LinesUniforms {
     pub photon_w: f32,
     pub photons_per_instance: u32,
     pub photons: u32,
-    pub unused: u32,
 }
 
 pub struct Lines {

@@ -1,0 +1,169 @@
+//! Multi-tap low-pass with a kernel rotated per pixel (UW §3.5), twin of the GPU's.
+
+use std::f64::consts::TAU;
+
+use super::image::Image;
+
+/// Golden angle, radians: π (3 − √5). Successive taps of a Vogel disc differ by it
+/// (Vogel, Mathematical Biosciences 44, 1979).
+pub const GOLDEN_ANGLE: f64 = 2.399_963_229_728_653;
+
+/// The taps of the filter before rotation, in pixels.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Disc {
+    pub taps: Vec<[f64; 2]>,
+}
+
+impl Disc {
+    /// `count` taps spread evenly over a disc: tap i at radius `R √((i + ½)/count)` and i golden angles.
+    pub fn vogel(count: u32, radius_px: f64) -> Disc {
+        let taps = (0..count)
+            .map(|i| {
+                let radius = radius_px * ((f64::from(i) + 0.5) / f64::from(count)).sqrt();
+                let (sin, cos) = (f64::from(i) * GOLDEN_ANGLE).sin_cos();
+                [radius * cos, radius * sin]
+            })
+            .collect();
+        Disc { taps }
+    }
+
+    /// Mean of the taps around pixel (x, y), the disc turned by the pixel's angle. A tap reads the
+    /// texel in which it falls; beyond the border the border's texel.
+    pub fn at(&self, image: &Image, x: u32, y: u32) -> f64 {
+        let (sin, cos) = rotation(x, y).sin_cos();
+        let sum: f64 = self
+            .taps
+            .iter()
+            .map(|[dx, dy]| {
+                let tx = f64::from(x) + 0.5 + cos * dx - sin * dy;
+                let ty = f64::from(y) + 0.5 + sin * dx + cos * dy;
+                image.clamped(tx.floor() as i64, ty.floor() as i64)
+            })
+            .sum();
+        sum / self.taps.len() as f64
+    }
+
+    /// Smallest distance of a rotated tap of pixel (x, y) from a texel's edge, pixels: where it is
+    /// tiny, single precision may read the neighbour.
+    pub fn edge_distance(&self, x: u32, y: u32) -> f64 {
+        let (sin, cos) = rotation(x, y).sin_cos();
+        self.taps
+            .iter()
+            .flat_map(|[dx, dy]| {
+                [
+                    f64::from(x) + 0.5 + cos * dx - sin * dy,
+                    f64::from(y) + 0.5 + sin * dx + cos * dy,
+                ]
+            })
+            .map(|t| (t - t.round()).abs())
+            .fold(f64::INFINITY, f64::min)
+    }
+
+    /// The filtered image.
+    pub fn apply(&self, image: &Image) -> Image {
+        let mut out = Image::constant(image.width(), image.height(), 0.0);
+        for y in 0..image.height() {
+            for x in 0..image.width() {
+                out.add(i64::from(x), i64::from(y), self.at(image, x, y));
+            }
+        }
+        out
+    }
+}
+
+/// Angle by which the disc is turned at a pixel, radians in [0, 2π).
+pub fn rotation(x: u32, y: u32) -> f64 {
+    TAU * f64::from(pcg(x.wrapping_add(y.wrapping_mul(65_536)))) / 4_294_967_296.0
+}
+
+/// PCG-RXS-M-XS-32 as a hash (O'Neill 2014; Jarzynski and Olano, JCGT 9(3), 2020).
+pub fn pcg(v: u32) -> u32 {
+    let state = v.wrapping_mul(747_796_405).wrapping_add(2_891_336_453);
+    let word = ((state >> ((state >> 28) + 4)) ^ state).wrapping_mul(277_803_737);
+    (word >> 22) ^ word
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    fn noise(side: u32) -> Image {
+        let data = (0..side * side)
+            .map(|i| f64::from(pcg(i)) / 4_294_967_296.0)
+            .collect();
+        Image::from_data(side, side, data).unwrap()
+    }
+
+    /// Mean and variance over the pixels at least `margin` from the border.
+    fn moments(image: &Image, margin: u32) -> (f64, f64) {
+        let inside = margin..image.width() - margin;
+        let values: Vec<f64> = inside
+            .clone()
+            .flat_map(|y| inside.clone().map(move |x| (x, y)))
+            .map(|(x, y)| image.clamped(i64::from(x), i64::from(y)))
+            .collect();
+        let mean = values.iter().sum::<f64>() / values.len() as f64;
+        let square = values.iter().map(|v| (v - mean).powi(2)).sum::<f64>();
+        (mean, square / values.len() as f64)
+    }
+
+    #[test]
+    fn golden_angle_is_pi_times_three_less_root_five() {
+        assert!((GOLDEN_ANGLE - std::f64::consts::PI * (3.0 - 5f64.sqrt())).abs() < 1e-15);
+    }
+
+    #[test]
+    fn a_constant_image_stays() {
+        let image = Image::constant(17, 9, 0.37);
+        let filtered = Disc::vogel(16, 3.0).apply(&image);
+        assert!(filtered.data().iter().all(|v| (v - 0.37).abs() < 1e-15));
+    }
+
+    #[test]
+    fn noise_keeps_its_mean_and_loses_variance() {
+        let image = noise(96);
+        let filtered = Disc::vogel(16, 3.0).apply(&image);
+        let (before, after) = (moments(&image, 4), moments(&filtered, 4));
+        assert!((after.0 / before.0 - 1.0).abs() < 0.005);
+        // 16 taps over 28 texels: some texels are read twice, so a little more than 1/16.
+        assert!(after.1 < before.1 / 8.0 && after.1 > before.1 / 32.0);
+    }
+
+    #[test]
+    fn an_interior_impulse_keeps_its_energy_on_average() {
+        let mut image = Image::constant(64, 64, 0.0);
+        for y in (8..56).step_by(4) {
+            for x in (8..56).step_by(4) {
+                image.add(x, y, 1.0);
+            }
+        }
+        let filtered = Disc::vogel(16, 3.0).apply(&image);
+        assert!((filtered.sum() / image.sum() - 1.0).abs() < 0.05);
+    }
+
+    #[test]
+    fn rotations_are_uniform() {
+        let side = 256;
+        let mut bins = [0u32; 8];
+        for i in 0..side * side {
+            bins[(rotation(i % side, i / side) / TAU * 8.0) as usize] += 1;
+        }
+        let expected = f64::from(side * side) / 8.0;
+        assert!(
+            bins.iter()
+                .all(|b| (f64::from(*b) / expected - 1.0).abs() < 0.05),
+            "{bins:?}"
+        );
+    }
+
+    proptest! {
+        #[test]
+        fn taps_lie_in_the_disc(count in 1u32..64, radius in 0.0..12.0f64) {
+            let disc = Disc::vogel(count, radius);
+            prop_assert_eq!(disc.taps.len(), count as usize);
+            prop_assert!(disc.taps.iter().all(|[x, y]| x.hypot(*y) <= radius));
+        }
+    }
+}

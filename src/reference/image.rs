@@ -1,0 +1,99 @@
+//! A grey image in f64, row 0 on top.
+
+use super::ReferenceError;
+
+#[derive(Clone, Debug, PartialEq)]
+pub struct Image {
+    width: u32,
+    height: u32,
+    data: Vec<f64>,
+}
+
+impl Image {
+    /// An image of one value.
+    pub fn constant(width: u32, height: u32, value: f64) -> Image {
+        Image {
+            width,
+            height,
+            data: vec![value; width as usize * height as usize],
+        }
+    }
+
+    /// An image from values in rows.
+    pub fn from_data(width: u32, height: u32, data: Vec<f64>) -> Result<Image, ReferenceError> {
+        let expected = width as usize * height as usize;
+        if data.len() != expected || expected == 0 {
+            return Err(ReferenceError::ImageSize {
+                width,
+                height,
+                expected: expected.max(1),
+                got: data.len(),
+            });
+        }
+        Ok(Image {
+            width,
+            height,
+            data,
+        })
+    }
+
+    pub fn width(&self) -> u32 {
+        self.width
+    }
+
+    pub fn height(&self) -> u32 {
+        self.height
+    }
+
+    pub fn data(&self) -> &[f64] {
+        &self.data
+    }
+
+    /// Value at a pixel; coordinates beyond the border are clamped to it.
+    pub fn clamped(&self, x: i64, y: i64) -> f64 {
+        let x = x.clamp(0, i64::from(self.width) - 1) as usize;
+        let y = y.clamp(0, i64::from(self.height) - 1) as usize;
+        self.data[y * self.width as usize + x]
+    }
+
+    /// Nearest value at a position in 0…1 of the image's width and height, clamped to the border.
+    pub fn nearest(&self, u: f64, v: f64) -> f64 {
+        self.clamped(
+            (u * f64::from(self.width)).floor() as i64,
+            (v * f64::from(self.height)).floor() as i64,
+        )
+    }
+
+    /// Adds to a pixel; outside the image nothing happens.
+    pub fn add(&mut self, x: i64, y: i64, value: f64) {
+        if (0..i64::from(self.width)).contains(&x) && (0..i64::from(self.height)).contains(&y) {
+            self.data[y as usize * self.width as usize + x as usize] += value;
+        }
+    }
+
+    /// Sum over all pixels.
+    pub fn sum(&self) -> f64 {
+        self.data.iter().sum()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn borders_clamp_and_additions_outside_are_ignored() {
+        let mut image = Image::from_data(2, 1, vec![1.0, 2.0]).unwrap();
+        assert_eq!(image.clamped(-5, 3), 1.0);
+        assert_eq!(image.nearest(1.0, 0.5), 2.0);
+        image.add(2, 0, 10.0);
+        image.add(1, 0, 0.5);
+        assert_eq!(image.sum(), 3.5);
+    }
+
+    #[test]
+    fn wrong_sizes_are_refused() {
+        assert!(Image::from_data(2, 2, vec![0.0; 3]).is_err());
+        assert!(Image::from_data(0, 2, vec![]).is_err());
+    }
+}

@@ -1,0 +1,235 @@
+//! The photon grid in the light's screen space and the exact landing point of each photon (UW §3.3).
+
+use glam::DVec3;
+use rayon::prelude::*;
+
+use super::ReferenceError;
+use super::optics::refract;
+use super::rays::{Hit, Tracer};
+use super::surface::{Entry, enter};
+use crate::scene::{LightFrame, Water};
+
+/// A ray that starts on a surface ignores hits nearer than this, metres.
+const SELF_HIT_M: f64 = 1e-9;
+
+/// A square grid of photons over the light's normalised device coordinates.
+///
+/// `cells`² cells, each subdivided into `side`² photons that sit at the cell centres of the finer
+/// grid. Photon `((j·cells + i)·side + sj)·side + si` is sub-point (si, sj) of cell (i, j).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct PhotonGrid {
+    cells: u32,
+    side: u32,
+}
+
+impl PhotonGrid {
+    /// `subdivision` photons per cell: a perfect square (1, 4, 9, 16, …).
+    pub fn new(cells: u32, subdivision: u32) -> Result<PhotonGrid, ReferenceError> {
+        let side = subdivision.isqrt();
+        if side == 0 || side * side != subdivision {
+            return Err(ReferenceError::Subdivision(subdivision));
+        }
+        Ok(PhotonGrid { cells, side })
+    }
+
+    /// Photons in the grid.
+    pub fn count(&self) -> u64 {
+        (u64::from(self.cells) * u64::from(self.side)).pow(2)
+    }
+
+    /// Normalised device coordinates of a photon by its index in memory.
+    pub fn ndc(&self, index: u64) -> [f64; 2] {
+        let (cells, side) = (u64::from(self.cells), u64::from(self.side));
+        let (cell, sub) = (index / (side * side), index % (side * side));
+        let fine = [
+            (cell % cells) * side + sub % side,
+            (cell / cells) * side + sub / side,
+        ];
+        fine.map(|i| 2.0 * (i as f64 + 0.5) / (cells * side) as f64 - 1.0)
+    }
+}
+
+/// A photon that entered the water and met a surface.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Landed {
+    pub entry: Entry,
+    /// Unit direction after refraction.
+    pub direction: DVec3,
+    pub hit: Hit,
+    /// From entry to hit, metres (the paper's d_fromSurface).
+    pub distance_m: f64,
+}
+
+/// What became of a photon.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Landing {
+    Landed(Landed),
+    /// Geometry above the water stops the photon.
+    Blocked,
+    /// The photon passes beside the water's surface.
+    MissesWater,
+    /// The photon enters the water and meets nothing.
+    Leaves {
+        entry: Entry,
+        direction: DVec3,
+    },
+}
+
+impl Landing {
+    pub fn landed(&self) -> Option<&Landed> {
+        match self {
+            Landing::Landed(landed) => Some(landed),
+            _ => None,
+        }
+    }
+}
+
+/// Follows the photon through point `ndc` of the light's screen: air, refraction at the surface, water.
+pub fn land(frame: &LightFrame, water: &Water, tracer: &Tracer, ndc: [f64; 2]) -> Landing {
+    let (origin, incident) = frame.ray(ndc[0], ndc[1]);
+    let Some(entry) = enter(water, origin, incident, f64::MAX) else {
+        return Landing::MissesWater;
+    };
+    if tracer
+        .cast(origin, incident, 0.0, entry.distance_m)
+        .is_some()
+    {
+        return Landing::Blocked;
+    }
+    // From air into water nothing is reflected totally; an index below 1 can, and then nothing enters.
+    let Some(direction) = refract(incident, entry.normal, 1.0, water.refractive_index) else {
+        return Landing::MissesWater;
+    };
+    match tracer.cast(entry.position, direction, SELF_HIT_M, f64::MAX) {
+        Some(hit) => Landing::Landed(Landed {
+            entry,
+            direction,
+            hit,
+            distance_m: hit.distance_m,
+        }),
+        None => Landing::Leaves { entry, direction },
+    }
+}
+
+/// Landing of every photon of a grid, in memory order, on all cores.
+pub fn land_all(
+    frame: &LightFrame,
+    water: &Water,
+    tracer: &Tracer,
+    grid: PhotonGrid,
+) -> Vec<Landing> {
+    (0..grid.count())
+        .into_par_iter()
+        .map(|i| land(frame, water, tracer, grid.ndc(i)))
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::{Bounds, Camera, Light, LightKind, Material, Mesh, Object};
+
+    const DEPTH_M: f64 = 4.0;
+
+    /// A horizontal square about (x, z) = (0, 0).
+    fn square(half: f32, y: f32) -> Object {
+        Object {
+            name: "square".into(),
+            mesh: Mesh {
+                positions: vec![
+                    [-half, y, -half],
+                    [half, y, -half],
+                    [half, y, half],
+                    [-half, y, half],
+                ],
+                normals: vec![[0.0, 1.0, 0.0]; 4],
+                indices: vec![0, 2, 1, 0, 3, 2],
+            },
+            material: Material {
+                albedo: [1.0; 3],
+                accent: [1.0; 3],
+                tile_m: 0.0,
+            },
+        }
+    }
+
+    fn flat_water(half: f64) -> Water {
+        Water {
+            amplitude_m: 0.0,
+            half_size_m: [half, half],
+            ..Water::default()
+        }
+    }
+
+    fn frame(kind: LightKind) -> LightFrame {
+        let camera = Camera {
+            position_m: [0.0, -1.0, 5.0],
+            target_m: [0.0, -3.0, 0.0],
+            up: [0.0, 1.0, 0.0],
+            fov_y_deg: 60.0,
+            z_near_m: 0.1,
+            z_far_m: 12.0,
+        };
+        let light = Light {
+            kind,
+            direction: [0.4, -1.0, 0.2],
+            position_m: [1.0, 8.0, -0.5],
+            ..Light::default()
+        };
+        let bounds = Bounds {
+            min: DVec3::new(-6.0, -DEPTH_M, -6.0),
+            max: DVec3::new(6.0, 1.0, 6.0),
+        };
+        light.frame(&camera, 1.0, &bounds)
+    }
+
+    #[test]
+    fn memory_order_walks_cells_then_sub_points() {
+        let grid = PhotonGrid::new(3, 4).unwrap();
+        assert_eq!(grid.count(), 36);
+        let at = |x: f64| 2.0 * (x + 0.5) / 6.0 - 1.0;
+        assert_eq!(grid.ndc(0), [at(0.0), at(0.0)]);
+        assert_eq!(grid.ndc(1), [at(1.0), at(0.0)]);
+        assert_eq!(grid.ndc(2), [at(0.0), at(1.0)]);
+        assert_eq!(grid.ndc(4), [at(2.0), at(0.0)]);
+        assert_eq!(grid.ndc(35), [at(5.0), at(5.0)]);
+        assert_eq!(PhotonGrid::new(3, 2), Err(ReferenceError::Subdivision(2)));
+        assert!(PhotonGrid::new(3, 0).is_err());
+    }
+
+    #[test]
+    fn flat_water_over_a_plane_has_the_closed_form() {
+        let tracer = Tracer::new(&[square(60.0, -DEPTH_M as f32)]).unwrap();
+        let water = flat_water(50.0);
+        for kind in [LightKind::Directional, LightKind::Point] {
+            let frame = frame(kind);
+            for ndc in [[0.0, 0.0], [0.7, -0.4], [-0.99, 0.99]] {
+                let landing = land(&frame, &water, &tracer, ndc);
+                let landed = landing.landed().expect("nothing is in the way");
+                let (origin, i) = frame.ray(ndc[0], ndc[1]);
+                let entry = origin - i * (origin.y / i.y);
+                let sin_t = i.x.hypot(i.z) / 1.33;
+                let shift = DEPTH_M * sin_t / (1.0 - sin_t * sin_t).sqrt();
+                let along = DVec3::new(i.x, 0.0, i.z).normalize();
+                let expected = entry + along * shift - DVec3::Y * DEPTH_M;
+                assert!((landed.hit.position - expected).length() < 1e-9);
+                let slant = DEPTH_M / (1.0 - sin_t * sin_t).sqrt();
+                assert!((landed.distance_m - slant).abs() < 1e-9);
+            }
+        }
+    }
+
+    #[test]
+    fn each_way_to_be_lost_has_its_reason() {
+        let frame = frame(LightKind::Directional);
+        let at = |objects: &[Object], half| {
+            let tracer = Tracer::new(objects).unwrap();
+            land(&frame, &flat_water(half), &tracer, [0.9, 0.9])
+        };
+        let floor = || square(60.0, -4.0);
+        assert!(matches!(at(&[floor()], 50.0), Landing::Landed(_)));
+        assert_eq!(at(&[floor(), square(60.0, 0.5)], 50.0), Landing::Blocked);
+        assert_eq!(at(&[floor()], 0.01), Landing::MissesWater);
+        assert!(matches!(at(&[], 50.0), Landing::Leaves { .. }));
+    }
+}

@@ -1,0 +1,484 @@
+//! Ray casting in f64 over all triangles of a scene.
+
+use bvh::aabb::{Aabb, Bounded};
+use bvh::bounding_hierarchy::{BHShape, BoundingHierarchy};
+use bvh::bvh::{Bvh, BvhNode};
+use bvh::ray::Ray;
+use glam::{DMat4, DVec3, DVec4};
+use nalgebra::{Point3, Vector3};
+
+use super::ReferenceError;
+use crate::scene::{Camera, Object};
+
+/// Boxes grow by this share of the scene's size, so that rounding in the slab test loses no flat triangle.
+const BOX_PADDING: f64 = 1e-9;
+
+/// The nearest triangle along a ray.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Hit {
+    pub position: DVec3,
+    /// Unit normal of the triangle's plane, facing the ray's origin.
+    pub normal: DVec3,
+    /// Unit interpolated vertex normal as the mesh has it (not turned to the ray).
+    pub shading_normal: DVec3,
+    pub distance_m: f64,
+    /// Index of the object in the scene.
+    pub object: usize,
+    /// Index of the triangle in its object's mesh.
+    pub triangle: usize,
+    /// Smallest barycentric coordinate, 0…1/3: how far from an edge the ray went through.
+    pub edge_margin: f64,
+}
+
+struct Triangle {
+    corners: [DVec3; 3],
+    normals: [DVec3; 3],
+    object: usize,
+    index: usize,
+    padding: f64,
+    node: usize,
+}
+
+impl Bounded<f64, 3> for Triangle {
+    fn aabb(&self) -> Aabb<f64, 3> {
+        let [a, b, c] = self.corners;
+        let pad = DVec3::splat(self.padding);
+        Aabb::with_bounds(point(a.min(b).min(c) - pad), point(a.max(b).max(c) + pad))
+    }
+}
+
+impl BHShape<f64, 3> for Triangle {
+    fn set_bh_node_index(&mut self, index: usize) {
+        self.node = index;
+    }
+    fn bh_node_index(&self) -> usize {
+        self.node
+    }
+}
+
+/// All triangles of a scene in a bounding volume hierarchy.
+pub struct Tracer {
+    triangles: Vec<Triangle>,
+    bvh: Bvh<f64, 3>,
+}
+
+impl Tracer {
+    /// Builds the hierarchy. Triangles without area are left out: no ray hits them.
+    pub fn new(objects: &[Object]) -> Result<Tracer, ReferenceError> {
+        let mut triangles = Vec::new();
+        for (i, object) in objects.iter().enumerate() {
+            collect(object, i, &mut triangles)?;
+        }
+        let size = triangles
+            .iter()
+            .flat_map(|t| t.corners)
+            .fold(0.0f64, |size, p| size.max(p.abs().max_element()));
+        for triangle in &mut triangles {
+            triangle.padding = BOX_PADDING * size;
+        }
+        let bvh = Bvh::build_par(&mut triangles);
+        Ok(Tracer { triangles, bvh })
+    }
+
+    /// Nearest hit at a distance in (`min_m`, `max_m`) from the origin. `direction` has unit length.
+    pub fn cast(&self, origin: DVec3, direction: DVec3, min_m: f64, max_m: f64) -> Option<Hit> {
+        let ray = Ray::new(point(origin), vector(direction));
+        let axes = Axes::of(direction);
+        let mut best: Option<(f64, usize, [f64; 3])> = None;
+        let mut open = Vec::with_capacity(64);
+        if !self.bvh.nodes.is_empty() {
+            open.push((0.0, 0));
+        }
+        while let Some((entry, node)) = open.pop() {
+            let limit = best.map_or(max_m, |(distance, ..)| distance);
+            if entry > limit {
+                continue;
+            }
+            match &self.bvh.nodes[node] {
+                BvhNode::Leaf { shape_index, .. } => {
+                    let found = axes.intersect(origin, &self.triangles[*shape_index].corners);
+                    if let Some((distance, weights)) = found
+                        && distance > min_m
+                        && distance < limit
+                    {
+                        best = Some((distance, *shape_index, weights));
+                    }
+                }
+                BvhNode::Node {
+                    child_l_index,
+                    child_l_aabb,
+                    child_r_index,
+                    child_r_aabb,
+                    ..
+                } => push_nearest_last(
+                    &ray,
+                    [
+                        (child_l_aabb, *child_l_index),
+                        (child_r_aabb, *child_r_index),
+                    ],
+                    &mut open,
+                ),
+            }
+        }
+        best.map(|(distance, shape, weights)| self.hit(origin, direction, distance, shape, weights))
+    }
+
+    fn hit(
+        &self,
+        origin: DVec3,
+        direction: DVec3,
+        distance_m: f64,
+        shape: usize,
+        w: [f64; 3],
+    ) -> Hit {
+        let t = &self.triangles[shape];
+        let [a, b, c] = t.corners;
+        let plane = (b - a).cross(c - a).normalize();
+        let interpolated = t.normals[0] * w[0] + t.normals[1] * w[1] + t.normals[2] * w[2];
+        Hit {
+            position: origin + direction * distance_m,
+            normal: if plane.dot(direction) > 0.0 {
+                -plane
+            } else {
+                plane
+            },
+            shading_normal: interpolated.normalize_or_zero(),
+            distance_m,
+            object: t.object,
+            triangle: t.index,
+            edge_margin: w[0].min(w[1]).min(w[2]),
+        }
+    }
+}
+
+/// Pushes the children that the ray meets, the nearer one last, so that it is opened first.
+fn push_nearest_last(
+    ray: &Ray<f64, 3>,
+    children: [(&Aabb<f64, 3>, usize); 2],
+    open: &mut Vec<(f64, usize)>,
+) {
+    let [a, b] = children.map(|(aabb, index)| {
+        ray.intersection_slice_for_aabb(aabb)
+            .map(|(near, _)| (near, index))
+    });
+    match (a, b) {
+        (Some(a), Some(b)) if a.0 < b.0 => open.extend([b, a]),
+        (a, b) => open.extend(a.into_iter().chain(b)),
+    }
+}
+
+fn collect(object: &Object, number: usize, out: &mut Vec<Triangle>) -> Result<(), ReferenceError> {
+    let mesh = &object.mesh;
+    for (index, corner) in mesh.indices.chunks_exact(3).enumerate() {
+        let at = |i: usize| -> Option<(DVec3, DVec3)> {
+            let vertex = corner[i] as usize;
+            Some((
+                wide(*mesh.positions.get(vertex)?),
+                wide(*mesh.normals.get(vertex)?),
+            ))
+        };
+        let (Some(a), Some(b), Some(c)) = (at(0), at(1), at(2)) else {
+            return Err(ReferenceError::Index {
+                object: object.name.clone(),
+                triangle: index,
+                vertices: mesh.positions.len().min(mesh.normals.len()),
+            });
+        };
+        if (b.0 - a.0).cross(c.0 - a.0).length_squared() > 0.0 {
+            out.push(Triangle {
+                corners: [a.0, b.0, c.0],
+                normals: [a.1, b.1, c.1],
+                object: number,
+                index,
+                padding: 0.0,
+                node: 0,
+            });
+        }
+    }
+    Ok(())
+}
+
+/// Shear that turns a ray into the +z axis, so that neighbouring triangles compute the very same
+/// edge functions and no ray slips between them (Woop, Benthin and Wald, JCGT 2(1), 2013).
+struct Axes {
+    x: usize,
+    y: usize,
+    z: usize,
+    shear: DVec3,
+}
+
+impl Axes {
+    fn of(direction: DVec3) -> Axes {
+        let d = direction.to_array();
+        let magnitude = direction.abs();
+        let z = if magnitude.x >= magnitude.max_element() {
+            0
+        } else if magnitude.y >= magnitude.max_element() {
+            1
+        } else {
+            2
+        };
+        let (mut x, mut y) = ((z + 1) % 3, (z + 2) % 3);
+        if d[z] < 0.0 {
+            std::mem::swap(&mut x, &mut y);
+        }
+        Axes {
+            x,
+            y,
+            z,
+            shear: DVec3::new(d[x] / d[z], d[y] / d[z], 1.0 / d[z]),
+        }
+    }
+
+    /// Distance and barycentric weights where the ray meets a triangle of either orientation.
+    fn intersect(&self, origin: DVec3, corners: &[DVec3; 3]) -> Option<(f64, [f64; 3])> {
+        let sheared = corners.map(|corner| {
+            let p = (corner - origin).to_array();
+            (
+                p[self.x] - self.shear.x * p[self.z],
+                p[self.y] - self.shear.y * p[self.z],
+                self.shear.z * p[self.z],
+            )
+        });
+        let [a, b, c] = sheared;
+        let u = c.0 * b.1 - c.1 * b.0;
+        let v = a.0 * c.1 - a.1 * c.0;
+        let w = b.0 * a.1 - b.1 * a.0;
+        let mixed = (u < 0.0 || v < 0.0 || w < 0.0) && (u > 0.0 || v > 0.0 || w > 0.0);
+        let sum = u + v + w;
+        if mixed || sum == 0.0 {
+            return None;
+        }
+        let weights = [u / sum, v / sum, w / sum];
+        Some((
+            weights[0] * a.2 + weights[1] * b.2 + weights[2] * c.2,
+            weights,
+        ))
+    }
+}
+
+/// Rays through the pixels of a camera's image, and the depth that its rasterizer would store.
+pub struct PixelRays {
+    forward: DMat4,
+    inverse: DMat4,
+    width: u32,
+    height: u32,
+}
+
+impl PixelRays {
+    /// `width` × `height` pixels; the camera's aspect ratio is that of the image.
+    pub fn new(camera: &Camera, width: u32, height: u32) -> PixelRays {
+        PixelRays::of_matrix(
+            camera.view_projection(f64::from(width) / f64::from(height)),
+            width,
+            height,
+        )
+    }
+
+    /// The same for any view-projection matrix, such as a light's.
+    pub fn of_matrix(view_projection: DMat4, width: u32, height: u32) -> PixelRays {
+        PixelRays {
+            forward: view_projection,
+            inverse: view_projection.inverse(),
+            width,
+            height,
+        }
+    }
+
+    /// Origin on the near plane, unit direction and length up to the far plane, at the centre of
+    /// pixel (x, y), row 0 on top.
+    pub fn ray(&self, x: u32, y: u32) -> (DVec3, DVec3, f64) {
+        let ndc_x = 2.0 * (f64::from(x) + 0.5) / f64::from(self.width) - 1.0;
+        let ndc_y = 1.0 - 2.0 * (f64::from(y) + 0.5) / f64::from(self.height);
+        let near = self.inverse.project_point3(DVec3::new(ndc_x, ndc_y, 0.0));
+        let far = self.inverse.project_point3(DVec3::new(ndc_x, ndc_y, 1.0));
+        let along = far - near;
+        (near, along.normalize(), along.length())
+    }
+
+    /// Position in pixels (row 0 on top), depth 0…1 and clip-space w of a world point; `None` behind the eye.
+    pub fn project(&self, point: DVec3) -> Option<Projected> {
+        let clip: DVec4 = self.forward * point.extend(1.0);
+        if clip.w <= 0.0 {
+            return None;
+        }
+        let ndc = clip.truncate() / clip.w;
+        Some(Projected {
+            x_px: (ndc.x * 0.5 + 0.5) * f64::from(self.width),
+            y_px: (0.5 - ndc.y * 0.5) * f64::from(self.height),
+            depth: ndc.z,
+        })
+    }
+
+    /// Nearest hit at the centre of pixel (x, y), with the depth that a rasterizer stores there.
+    pub fn cast(&self, tracer: &Tracer, x: u32, y: u32) -> Option<(Hit, f64)> {
+        let (origin, direction, length) = self.ray(x, y);
+        let hit = tracer.cast(origin, direction, 0.0, length)?;
+        let depth = self.project(hit.position)?.depth;
+        Some((hit, depth))
+    }
+}
+
+/// A world point on an image.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Projected {
+    pub x_px: f64,
+    pub y_px: f64,
+    /// 0 on the near plane, 1 on the far plane.
+    pub depth: f64,
+}
+
+fn point(v: DVec3) -> Point3<f64> {
+    Point3::new(v.x, v.y, v.z)
+}
+
+fn vector(v: DVec3) -> Vector3<f64> {
+    Vector3::new(v.x, v.y, v.z)
+}
+
+fn wide(v: [f32; 3]) -> DVec3 {
+    DVec3::from(v.map(f64::from))
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::super::filter::pcg;
+    use super::*;
+    use crate::scene::{Material, Mesh};
+
+    fn object(positions: Vec<[f32; 3]>, indices: Vec<u32>) -> Object {
+        Object {
+            name: "test".into(),
+            mesh: Mesh {
+                normals: vec![[0.0, 1.0, 0.0]; positions.len()],
+                positions,
+                indices,
+            },
+            material: Material {
+                albedo: [1.0; 3],
+                accent: [1.0; 3],
+                tile_m: 0.0,
+            },
+        }
+    }
+
+    /// Bumpy floor of side × side quads over [0, side]².
+    fn floor(side: u32) -> Object {
+        let row = side + 1;
+        let positions = (0..row * row)
+            .map(|i| {
+                let bump = (f64::from(pcg(i)) / 4_294_967_296.0) as f32;
+                [(i % row) as f32, bump - 2.0, (i / row) as f32]
+            })
+            .collect();
+        let quad = |i: u32| {
+            let at = (i / side) * row + i % side;
+            [at, at + 1, at + row, at + 1, at + row + 1, at + row]
+        };
+        object(positions, (0..side * side).flat_map(quad).collect())
+    }
+
+    /// Nearest hit by plane equation and inside test of every triangle, no hierarchy.
+    fn brute_force(object: &Object, origin: DVec3, direction: DVec3) -> Option<f64> {
+        let mesh = &object.mesh;
+        let corner = |i: &u32| wide(mesh.positions[*i as usize]);
+        mesh.indices
+            .chunks(3)
+            .filter_map(|t| {
+                let (a, b, c) = (corner(&t[0]), corner(&t[1]), corner(&t[2]));
+                let n = (b - a).cross(c - a);
+                let distance = (a - origin).dot(n) / direction.dot(n);
+                let p = origin + direction * distance;
+                let inside = [(a, b), (b, c), (c, a)]
+                    .iter()
+                    .all(|(s, e)| (*e - *s).cross(p - *s).dot(n) >= 0.0);
+                (distance > 0.0 && inside).then_some(distance)
+            })
+            .min_by(f64::total_cmp)
+    }
+
+    proptest! {
+        #[test]
+        fn the_hierarchy_agrees_with_brute_force(
+            x in 0.5..7.5f64, z in 0.5..7.5f64, dx in -2.0..2.0f64, dz in -2.0..2.0f64,
+        ) {
+            let floor = floor(8);
+            let origin = DVec3::new(x, 1.0, z);
+            let direction = DVec3::new(dx, -1.0, dz).normalize();
+            let tracer = Tracer::new(std::slice::from_ref(&floor)).unwrap();
+            let hit = tracer.cast(origin, direction, 0.0, f64::MAX);
+            let expected = brute_force(&floor, origin, direction);
+            prop_assert_eq!(hit.is_some(), expected.is_some());
+            if let (Some(hit), Some(expected)) = (hit, expected) {
+                prop_assert!((hit.distance_m - expected).abs() < 1e-9);
+                prop_assert!(hit.normal.dot(direction) < 0.0);
+                prop_assert!((hit.position - (origin + direction * expected)).length() < 1e-9);
+            }
+        }
+    }
+
+    #[test]
+    fn no_ray_slips_through_shared_edges_and_vertices() {
+        let tracer = Tracer::new(&[floor(8)]).unwrap();
+        for i in 0..=28 {
+            for j in 0..=28 {
+                // Quarter steps run along edges, diagonals and through vertices.
+                let origin = DVec3::new(0.5 + f64::from(i) * 0.25, 3.0, 0.5 + f64::from(j) * 0.25);
+                assert!(tracer.cast(origin, DVec3::NEG_Y, 0.0, 10.0).is_some());
+            }
+        }
+    }
+
+    #[test]
+    fn ranges_are_respected_and_both_sides_hit() {
+        let quad = object(
+            vec![[-1.0, 0.0, -1.0], [1.0, 0.0, -1.0], [0.0, 0.0, 2.0]],
+            vec![0, 1, 2],
+        );
+        let tracer = Tracer::new(&[quad]).unwrap();
+        let up = DVec3::new(0.0, 2.0, 0.0);
+        assert!(tracer.cast(up, DVec3::NEG_Y, 0.0, 10.0).is_some());
+        assert!(tracer.cast(up, DVec3::NEG_Y, 0.0, 1.9).is_none());
+        assert!(tracer.cast(up, DVec3::NEG_Y, 2.1, 10.0).is_none());
+        let below = tracer.cast(-up, DVec3::Y, 0.0, 10.0).unwrap();
+        assert_eq!(below.normal, DVec3::NEG_Y);
+        assert_eq!(below.object, 0);
+    }
+
+    #[test]
+    fn empty_flat_and_broken_meshes() {
+        let none = Tracer::new(&[]).unwrap();
+        assert!(none.cast(DVec3::Y, DVec3::NEG_Y, 0.0, 10.0).is_none());
+        let line = object(vec![[0.0; 3], [1.0; 3], [2.0; 3]], vec![0, 1, 2]);
+        assert!(Tracer::new(&[line]).is_ok());
+        let broken = object(vec![[0.0; 3]; 3], vec![0, 1, 9]);
+        assert!(matches!(
+            Tracer::new(&[broken]),
+            Err(ReferenceError::Index { vertices: 3, .. })
+        ));
+    }
+
+    #[test]
+    fn pixel_rays_and_projection_are_inverse() {
+        let camera = Camera {
+            position_m: [1.0, 2.0, 5.0],
+            target_m: [0.0, -1.0, 0.0],
+            up: [0.0, 1.0, 0.0],
+            fov_y_deg: 60.0,
+            z_near_m: 0.1,
+            z_far_m: 20.0,
+        };
+        let rays = PixelRays::new(&camera, 64, 36);
+        for (x, y) in [(0, 0), (63, 35), (20, 7)] {
+            let (origin, direction, length) = rays.ray(x, y);
+            let p = rays.project(origin + direction * length * 0.3).unwrap();
+            assert!((p.x_px - f64::from(x) - 0.5).abs() < 1e-9);
+            assert!((p.y_px - f64::from(y) - 0.5).abs() < 1e-9);
+            assert!(p.depth > 0.0 && p.depth < 1.0);
+        }
+        let behind = DVec3::from(camera.position_m) - camera.direction();
+        assert!(rays.project(behind).is_none());
+    }
+}
