@@ -4,9 +4,10 @@ use std::collections::HashMap;
 
 use thiserror::Error;
 
+use super::executor::encodable;
 use super::plan::PlannedReference;
 use super::subject::Subject;
-use crate::gpu::{Encode, FrameTimer, Gpu, GpuError, Pixels, read_texture};
+use crate::gpu::{FrameTimer, Gpu, GpuError, Pixels, read_texture};
 use crate::pipelines::Pipeline;
 use crate::stages::OutputData;
 
@@ -58,8 +59,7 @@ fn run(
     stages: &[String],
 ) -> Result<Pixels, DifferenceError> {
     let pipeline = subject.build(gpu)?;
-    let encode: Vec<&dyn Encode> = pipeline.stages().iter().map(|stage| *stage as &dyn Encode).collect();
-    timer.untimed(gpu, &encode)?;
+    timer.untimed(gpu, &encodable(pipeline.as_ref()))?;
     stage_image(gpu, pipeline.as_ref(), stages)
 }
 
