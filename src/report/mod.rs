@@ -94,6 +94,16 @@ mod look {
         std::fs::create_dir_all(out.join("renders")).unwrap();
         let mut all = super::fixtures::run();
         super::write(&out, &all).unwrap();
-        all.clear();
+        all = super::fixtures::profile("paper");
+        for record in &mut all {
+            if let super::Record::Run(run) = record {
+                run.adapter.software = false;
+                run.adapter.name = "NVIDIA H200".into();
+            }
+        }
+        let out = std::path::PathBuf::from("/tmp/report-look/paper");
+        std::fs::create_dir_all(out.join("renders")).unwrap();
+        std::fs::write(out.join("renders/uw-default.png"), b"").unwrap();
+        super::write(&out, &all).unwrap();
     }
 }
