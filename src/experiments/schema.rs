@@ -320,6 +320,16 @@ impl Experiment {
             .find(|published| super::fits(cell, &published.filter))
     }
 
+    /// What its claims and plots read from a cell.
+    pub fn measures(&self) -> Vec<&Measure> {
+        let claims = self.claim.iter().flat_map(|claim| claim.test.measures());
+        let plots = self
+            .plot
+            .iter()
+            .flat_map(|plot| plot.x.iter().chain(&plot.y));
+        claims.chain(plots).collect()
+    }
+
     /// All axes of all sweeps; a name may come more than once.
     pub fn axes(&self) -> impl Iterator<Item = &Axis> {
         self.sweep.iter().flat_map(|sweep| &sweep.axis)
@@ -360,6 +370,16 @@ impl Test {
             | Test::Ratio { over, .. }
             | Test::Monotone { over, .. } => Some(over),
             Test::AtLeast { .. } | Test::NoWorse { .. } => None,
+        }
+    }
+
+    fn measures(&self) -> Vec<&Measure> {
+        match self {
+            Test::Slope { y, x, .. } | Test::Monotone { y, x, .. } => vec![y, x],
+            Test::Independent { y, .. }
+            | Test::Ratio { y, .. }
+            | Test::AtLeast { y, .. }
+            | Test::NoWorse { y, .. } => vec![y],
         }
     }
 }

@@ -1,6 +1,8 @@
 use serde_json::{Value, json};
 
 use super::*;
+use crate::pipelines;
+use crate::scene::SceneFile;
 
 const SWEPT: &str = r#"
 id = "own"
@@ -235,4 +237,37 @@ fn an_experiment_without_sweeps_is_one_cell() {
     assert_eq!(cells.len(), 1);
     assert_eq!(cells[0].cell, "base");
     assert_eq!(cells[0].overrides[0], ("a.b".to_owned(), Value::from(1)));
+}
+
+#[test]
+fn every_builtin_names_parameters_stages_and_scenes_that_exist() {
+    let stages: Vec<&str> = crate::stages::REGISTRY
+        .iter()
+        .map(|stage| stage.name)
+        .collect();
+    for id in Experiment::builtin_ids() {
+        let experiment = Experiment::load(&id).unwrap();
+        let measured = experiment.measures();
+        for stage in measured.iter().flat_map(|measure| measure.stages()) {
+            assert!(stages.contains(&stage), "{id}: {stage}");
+        }
+        for profile in Profile::NAMES {
+            for cell in experiment.cells(profile, &[], &[]).unwrap() {
+                let kind = pipelines::find(&cell.pipeline).unwrap();
+                let file = SceneFile::load(&cell.scene).unwrap();
+                let mut tree = (kind.defaults)(&file);
+                let reference = cell.reference.map(|reference| reference.overrides);
+                for (path, value) in cell
+                    .overrides
+                    .into_iter()
+                    .chain(reference.unwrap_or_default())
+                {
+                    pipelines::params::set(&mut tree, &path, value).unwrap();
+                }
+                for path in measured.iter().flat_map(|measure| measure.params()) {
+                    assert!(lookup(&tree, path).is_some(), "{id}: {path}");
+                }
+            }
+        }
+    }
 }
