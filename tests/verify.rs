@@ -4,14 +4,19 @@ use fathom::gpu::{Gpu, Options};
 use fathom::harness::verify::{Table, VerifyError, verify};
 
 fn gpu() -> Gpu {
-    Gpu::open(&Options::default()).expect("a Vulkan driver: `make test` installs lavapipe where there is none")
+    Gpu::open(&Options::default())
+        .expect("a Vulkan driver: `make test` installs lavapipe where there is none")
 }
 
 #[test]
 fn every_check_is_sound() {
     let checks = verify(&gpu(), None).expect("all cases run");
     println!("{}", Table(&checks));
-    let unsound: Vec<_> = checks.iter().filter(|check| !check.is_sound()).cloned().collect();
+    let unsound: Vec<_> = checks
+        .iter()
+        .filter(|check| !check.is_sound())
+        .cloned()
+        .collect();
     assert!(unsound.is_empty(), "\n{}", Table(&unsound));
 }
 
