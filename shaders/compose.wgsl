@@ -106,7 +106,7 @@ fn display(radiance: vec3<f32>) -> vec4<f32> {
 }
 
 fn shafts(uv: vec2<f32>) -> vec3<f32> {
-    return bilinear(godrays, uv) * settings.godrays_scale * shading::WATER_TINT;
+    return bilinear(godrays, uv) * settings.godrays_scale * shading::SHAFT_TINT;
 }
 
 @vertex

@@ -31,7 +31,8 @@ struct Trace {
 
 const MISSED: f32 = -1.0;
 const OUTSIDE: f32 = -2.0;
-// Newton steps for the ray against the height field. Slopes are small: the third step is below f32 resolution.
+// Newton steps for the ray against the height field. Each squares the error, which starts at the wave's amplitude times
+// the ray's slope: the third step is below f32 resolution, so its slope serves for the normal.
 const SURFACE_STEPS: i32 = 3;
 
 struct Ray {
@@ -50,16 +51,21 @@ fn light_ray(ndc: vec2<f32>) -> Ray {
     return Ray(near, normalize(far - near));
 }
 
-// Where the ray meets the water: (point, 1), or (…, 0) outside its rectangle.
-fn meet_water(ray: Ray) -> vec4<f32> {
+struct Entry {
+    position_m: vec3<f32>,
+    normal: vec3<f32>,
+}
+
+// Where the ray meets the water.
+fn meet_water(ray: Ray) -> Entry {
     var t = -ray.origin_m.y / ray.direction.y;
+    var h = vec3(0.0);
     for (var i = 0; i < SURFACE_STEPS; i++) {
         let p = ray.origin_m + t * ray.direction;
-        let h = water::surface(p.xz);
+        h = water::surface(p.xz);
         t += (h.x - p.y) / (ray.direction.y - dot(h.yz, ray.direction.xz));
     }
-    let p = ray.origin_m + t * ray.direction;
-    return vec4(p, select(0.0, 1.0, water::inside(p.xz)));
+    return Entry(ray.origin_m + t * ray.direction, water::normal(h.yz));
 }
 
 // The scene point that the light sees along the line through p: (point, 1), or (…, 0) outside the frustum.
@@ -96,12 +102,11 @@ fn in_mask(mask: texture_2d<f32>, ndc: vec2<f32>) -> bool {
 fn trace(settings: Trace, depth: texture_depth_2d, mask: texture_2d<f32>, ndc: vec2<f32>) -> Photon {
     let ray = light_ray(ndc);
     let met = meet_water(ray);
-    let entry = met.xyz;
-    if met.w == 0.0 || (settings.masked != 0u && !in_mask(mask, ndc)) {
+    let entry = met.position_m;
+    if !water::inside(entry.xz) || (settings.masked != 0u && !in_mask(mask, ndc)) {
         return Photon(entry, MISSED, entry, 0.0);
     }
-    let n = water::normal(water::surface(entry.xz).yz);
-    let refracted = refract(ray.direction, n, 1.0 / frame.refractive_index);
+    let refracted = refract(ray.direction, met.normal, 1.0 / frame.refractive_index);
     var d = settings.start_m;
     var residual = 0.0;
     for (var i = 0u; i < settings.iterations; i++) {

@@ -7,9 +7,11 @@ const PI: f32 = 3.14159265;
 // Share of the light's irradiance that arrives from the sky; a clear sky gives 10 to 20 %.
 const SKY_SHARE: f32 = 0.15;
 // In-scattered colour of clear, deep water, relative to the ambient radiance; tuned on scene tank.
-const WATER_COLOR: vec3<f32> = vec3<f32>(0.02, 0.22, 0.30);
+const WATER_COLOR: vec3<f32> = vec3<f32>(0.004, 0.05, 0.075);
 // Colour of light that has come through water, relative to that of the light; tuned on scene tank.
 const WATER_TINT: vec3<f32> = vec3<f32>(0.75, 0.95, 1.0);
+// Colour of light scattered in the water, relative to that of the light; tuned on scene tank.
+const SHAFT_TINT: vec3<f32> = vec3<f32>(0.5, 0.85, 1.0);
 const SKY_ZENITH: vec3<f32> = vec3<f32>(0.25, 0.45, 0.85);
 const SKY_HORIZON: vec3<f32> = vec3<f32>(0.75, 0.82, 0.90);
 

@@ -5,6 +5,7 @@
 //! come back as [`GpuError`] from the call that caused them.
 
 mod adapter;
+mod audit;
 mod counters;
 mod error;
 mod frame;
@@ -13,6 +14,7 @@ mod readback;
 mod shader;
 
 pub use adapter::{Gpu, Options};
+pub use audit::{Audit, audit, audit_table};
 pub use counters::{StageCounters, count};
 pub use error::GpuError;
 pub use frame::{

@@ -118,10 +118,10 @@ pub struct Godrays {
     pub mask: bool,
     /// Pixels of the buffer; 0 × 0 scales it with the viewport by 0.16. UW §4.1: 128 × 128 at 800 × 800.
     pub buffer: [u32; 2],
-    /// Width of the lines. UW gives 12 px for its 460 × 272 buffer (§4.2); the default keeps that share of a
-    /// 128 × 128 buffer, about 1/38 of its height, rounded down.
+    /// Width of the lines. UW §4.2 gives 12 px for a 460 × 272 buffer and no default; 2 px leaves shafts apart in a
+    /// 128 × 128 buffer. Tuned on scene tank.
     pub line_width_px: f64,
-    /// Schlick's k of the phase function. UW gives none; 0.6 scatters forward as clear sea water's large particles do.
+    /// Schlick's k of the phase function. UW gives none; 0.5 scatters forward, yet leaves shafts seen from the side.
     pub phase_k: f64,
     /// Scattering coefficient that scales the composed godrays, 1/m. Tuned on scene tank.
     pub scattering_per_m: f64,
@@ -203,13 +203,13 @@ impl Default for Godrays {
             tolerance_m: 0.01,
             mask: true,
             buffer: [0, 0],
-            line_width_px: 3.0,
-            phase_k: 0.6,
-            scattering_per_m: 0.05,
+            line_width_px: 2.0,
+            phase_k: 0.5,
+            scattering_per_m: 0.2,
             intensity: Intensity::Paper,
             filter: true,
             filter_taps: 16,
-            filter_radius_px: 2.0,
+            filter_radius_px: 1.5,
         }
     }
 }

@@ -1,0 +1,21 @@
+# `make bench` builds and runs the main job; `make test` checks everything. Both set themselves up.
+.PHONY: bench test setup setup-test
+
+OUT ?= reports/out/bench
+
+bench: setup
+	cargo build --release --locked
+	target/release/fathom fetch || echo "note: scenes whose meshes are absent use their stand-ins"
+	target/release/fathom run --out $(OUT)
+
+test: setup-test
+	cargo fmt --all --check
+	cargo clippy --locked --all-targets -- -D warnings
+	cargo test --locked
+	RUSTDOCFLAGS="-D warnings" cargo doc --locked --no-deps
+
+setup:
+	scripts/setup.sh
+
+setup-test:
+	scripts/setup.sh test

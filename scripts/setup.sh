@@ -1,0 +1,34 @@
+#!/bin/sh
+# Installs what a run needs on Debian or Ubuntu: the Vulkan loader, lavapipe where no hardware driver is there, the bunny.
+# With `test`: also SwiftShader, the second software driver that the tests use. Elsewhere it only says what it would do.
+set -eu
+
+if ! command -v cargo >/dev/null 2>&1; then
+    echo "error: cargo is missing: install Rust (rustup.rs) first" >&2
+    exit 2
+fi
+if ! command -v apt-get >/dev/null 2>&1; then
+    echo "note: no apt-get here; a Vulkan loader and driver (or Metal, or Direct3D 12) must be installed already" >&2
+    exit 0
+fi
+
+missing=""
+want() { # package
+    dpkg-query -W -f '${Status}' "$1" 2>/dev/null | grep -q '^install ok installed' || missing="$missing $1"
+}
+hardware_driver() {
+    [ -e /dev/nvidia0 ] || ls /dev/dri/renderD* >/dev/null 2>&1
+}
+
+want libvulkan1
+hardware_driver || want mesa-vulkan-drivers
+want glmark2-data
+[ "${1:-}" != test ] || { want mesa-vulkan-drivers; want chromium-common; }
+[ -n "$missing" ] || exit 0
+
+sudo=""
+[ "$(id -u)" = 0 ] || sudo="sudo"
+echo "installing:$missing"
+$sudo apt-get update -qq
+# shellcheck disable=SC2086
+DEBIAN_FRONTEND=noninteractive $sudo apt-get install -y -qq --no-install-recommends $missing >/dev/null
