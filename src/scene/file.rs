@@ -9,7 +9,9 @@ use glam::{DMat4, DQuat, DVec3, EulerRot};
 use include_dir::{Dir, include_dir};
 use serde::{Deserialize, Serialize};
 
-use super::{Camera, Light, Material, Mesh, Object, SceneError, Water, check, generators};
+use super::{
+    Camera, Light, Material, Mesh, Object, SceneError, Water, assets, check, generators, toml_text,
+};
 
 /// The scene files that come with the program.
 static BUILT_IN: Dir<'_> = include_dir!("$CARGO_MANIFEST_DIR/scenes");
@@ -17,7 +19,8 @@ static BUILT_IN: Dir<'_> = include_dir!("$CARGO_MANIFEST_DIR/scenes");
 /// Largest scene file that is read, bytes.
 const MAX_FILE_BYTES: u64 = 1 << 20;
 
-/// What a scene file holds. `base` and `without` are resolved while it is read and are not kept.
+/// What a scene file holds. A file's `base` (a scene whose tables and objects it starts from) and
+/// `without` (names of the base's objects to leave out) are resolved while it is read.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SceneFile {
@@ -32,6 +35,9 @@ pub struct SceneFile {
     pub water: Water,
     #[serde(rename = "object")]
     pub objects: Vec<ObjectFile>,
+    /// Folder from which the objects' `file` paths start.
+    #[serde(skip)]
+    pub folder: PathBuf,
 }
 
 /// One object: made by a generator, or read from an asset or a mesh file.
@@ -42,6 +48,12 @@ pub struct ObjectFile {
     /// Name of a procedural generator; see [`generators`].
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub generator: Option<String>,
+    /// Name of a mesh to fetch; see [`assets`].
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub asset: Option<String>,
+    /// Path of an .obj, .ply or .ply.gz file, relative to the scene file.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub file: Option<PathBuf>,
     /// The generator's parameters; those left out have their defaults.
     #[serde(default)]
     pub params: BTreeMap<String, f64>,
@@ -62,10 +74,13 @@ pub enum Stand {
     Surface,
 }
 
-/// Where an object goes: scaled, then turned, then moved.
+/// Where an object goes: fitted, scaled, turned, then moved.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Transform {
+    /// If not 0: the largest extent is brought to this many metres, and the object is put upright
+    /// on y = 0 in the middle of x and z.
+    pub fit_m: f64,
     pub scale: f64,
     /// Turns about x, then y, then z, degrees.
     pub rotate_deg: [f64; 3],
@@ -77,6 +92,7 @@ pub struct Transform {
 impl Default for Transform {
     fn default() -> Self {
         Self {
+            fit_m: 0.0,
             scale: 1.0,
             rotate_deg: [0.0; 3],
             translate_m: [0.0; 3],
@@ -86,21 +102,33 @@ impl Default for Transform {
 }
 
 impl Transform {
-    /// Object space to world space.
-    pub fn matrix(&self, floor_depth_m: f64) -> DMat4 {
+    /// Object space to world space, for this mesh.
+    pub fn matrix(&self, mesh: &Mesh, floor_depth_m: f64) -> DMat4 {
         let [x, y, z] = self.rotate_deg.map(f64::to_radians);
         let ground = match self.on {
             Stand::Floor => -floor_depth_m,
             Stand::Surface => 0.0,
         };
-        DMat4::from_scale_rotation_translation(
+        let placed = DMat4::from_scale_rotation_translation(
             DVec3::splat(self.scale),
             DQuat::from_euler(EulerRot::ZYX, z, y, x),
             DVec3::from(self.translate_m) + DVec3::Y * ground,
-        )
+        );
+        placed * self.fitting(mesh)
+    }
+
+    fn fitting(&self, mesh: &Mesh) -> DMat4 {
+        if self.fit_m == 0.0 {
+            return DMat4::IDENTITY;
+        }
+        let bounds = mesh.bounds();
+        let foot = bounds.center().with_y(bounds.min.y);
+        let largest = bounds.size().max_element().max(f64::MIN_POSITIVE);
+        DMat4::from_scale(DVec3::splat(self.fit_m / largest)) * DMat4::from_translation(-foot)
     }
 
     fn validate(&self) -> Result<(), String> {
+        check::within("transform.fit_m", self.fit_m, 0.0, check::FAR_M)?;
         check::within("transform.scale", self.scale, 1e-6, 1e6)?;
         check::point("transform.rotate_deg", &self.rotate_deg)?;
         check::point("transform.translate_m", &self.translate_m)
@@ -124,12 +152,10 @@ impl SceneFile {
         SceneFile::parse(&origin, &text)
     }
 
-    /// Reads the text of a scene file; `origin` names it in errors.
+    /// Reads the text of a scene file; `origin` is its path, for errors and relative paths.
     pub fn parse(origin: &str, text: &str) -> Result<SceneFile, SceneError> {
-        let file: SceneFile = toml::from_str(text).map_err(|e| SceneError::Parse {
-            origin: origin.to_owned(),
-            message: e.message().to_owned(),
-        })?;
+        let mut file = toml_text::read(origin, text)?;
+        file.folder = Path::new(origin).parent().unwrap_or(Path::new("")).into();
         file.validate().map_err(|message| SceneError::Parse {
             origin: origin.to_owned(),
             message,
@@ -146,35 +172,88 @@ impl SceneFile {
         if self.objects.is_empty() {
             return Err("it has no [[object]]".into());
         }
+        for object in &self.objects {
+            object
+                .validate()
+                .map_err(|m| format!("object `{}`: {m}", object.name))?;
+        }
         Ok(())
     }
 }
 
 impl ObjectFile {
+    fn validate(&self) -> Result<(), String> {
+        self.transform.validate()?;
+        self.material.validate()?;
+        let sources = [
+            self.generator.is_some(),
+            self.asset.is_some(),
+            self.file.is_some(),
+        ];
+        if sources.iter().filter(|given| **given).count() != 1 {
+            return Err("it needs one of `generator`, `asset` and `file`".into());
+        }
+        if self.generator.is_none() && !self.params.is_empty() {
+            return Err("`params` belong to a `generator`".into());
+        }
+        Ok(())
+    }
+
+    /// Makes or reads the mesh and puts it into the world. An absent asset's stand-in is added to
+    /// `stand_ins`.
     pub(super) fn build(
         &self,
         file: &SceneFile,
-        _stand_ins: &mut Vec<String>,
+        stand_ins: &mut Vec<String>,
     ) -> Result<Object, String> {
-        self.transform.validate()?;
-        let mesh = self.mesh(file)?;
+        let mesh = self.mesh(file, stand_ins)?;
+        let matrix = self.transform.matrix(&mesh, file.floor_depth_m);
+        let mesh = mesh.transformed(&matrix);
+        mesh.validate()?;
         Ok(Object {
             name: self.name.clone(),
-            mesh: mesh.transformed(&self.transform.matrix(file.floor_depth_m)),
+            mesh,
             material: self.material.clone(),
         })
     }
 
-    fn mesh(&self, file: &SceneFile) -> Result<Mesh, String> {
-        match &self.generator {
-            Some(name) => generators::find(name)?.mesh(&self.params, file.floor_depth_m),
-            None => Err("it needs a `generator`".into()),
+    fn mesh(&self, file: &SceneFile, stand_ins: &mut Vec<String>) -> Result<Mesh, String> {
+        if let Some(name) = &self.generator {
+            return generators::find(name)?.mesh(&self.params, file.floor_depth_m);
+        }
+        if let Some(path) = &self.file {
+            return Mesh::read(&file.folder.join(path)).map_err(|e| e.to_string());
+        }
+        let name = self.asset.as_deref().unwrap_or_default();
+        let asset = assets::named(name).map_err(|e| e.to_string())?;
+        match assets::find(name) {
+            Some(path) => Mesh::read(&path).map_err(|e| e.to_string()),
+            None => {
+                let (mesh, note) = stand_in(asset, file.floor_depth_m)?;
+                stand_ins.push(note);
+                Ok(mesh)
+            }
         }
     }
 }
 
+/// What is used in an asset's place, and the note that says so.
+fn stand_in(asset: &assets::Asset, floor_depth_m: f64) -> Result<(Mesh, String), String> {
+    let (generator, params) = asset.stand_in;
+    let params = params.iter().map(|&(k, v)| (k.to_owned(), v)).collect();
+    let mesh = generators::find(generator)?.mesh(&params, floor_depth_m)?;
+    let note = format!(
+        "{}: {}, stand-in `{generator}` ({} triangles); `fathom fetch {}` gets it",
+        asset.name,
+        assets::why_absent(asset),
+        mesh.triangle_count(),
+        asset.name,
+    );
+    Ok((mesh, note))
+}
+
 /// The text of a scene and where it is from.
-fn find(name_or_path: &str) -> Result<(String, String), SceneError> {
+pub(super) fn find(name_or_path: &str) -> Result<(String, String), SceneError> {
     if let Some((name, text)) = built_in().find(|(name, _)| *name == name_or_path) {
         return Ok((format!("scenes/{name}.toml"), text.to_owned()));
     }

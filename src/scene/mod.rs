@@ -4,6 +4,7 @@
 //! World space is right-handed, +Y up, metres; the water at rest is the plane y = 0, the floor lies
 //! at y = −`floor_depth_m`.
 
+pub mod assets;
 mod bounds;
 mod camera;
 mod check;
@@ -13,7 +14,11 @@ pub mod generators;
 mod light;
 mod mesh;
 mod noise;
+mod obj;
+mod ply;
+mod read;
 mod shapes;
+mod toml_text;
 mod water;
 
 use std::path::PathBuf;
@@ -27,6 +32,7 @@ pub use file::{ObjectFile, SceneFile, Stand, Transform};
 pub use light::{Light, LightFrame, LightKind};
 pub use mesh::Mesh;
 pub use noise::{NOISE_CELLS, tile_noise};
+pub use read::{MAX_BYTES, MAX_TRIANGLES, MeshError};
 pub use water::{NOISE_DRIFT_TILES, Water, WaterModel};
 
 use serde::{Deserialize, Serialize};
@@ -69,6 +75,17 @@ impl Default for Material {
             accent: [0.5; 3],
             tile_m: 0.0,
         }
+    }
+}
+
+impl Material {
+    fn validate(&self) -> Result<(), String> {
+        for (name, colour) in [("albedo", self.albedo), ("accent", self.accent)] {
+            for c in colour {
+                check::within(&format!("material.{name}"), f64::from(c), 0.0, 1.0)?;
+            }
+        }
+        check::within("material.tile_m", f64::from(self.tile_m), 0.0, 1000.0)
     }
 }
 
@@ -115,13 +132,12 @@ impl Scene {
         };
         file.validate().map_err(invalid)?;
         let mut stand_ins = Vec::new();
-        let mut objects = Vec::with_capacity(file.objects.len());
-        for object in &file.objects {
-            let built = object
+        let build = |object: &ObjectFile| {
+            object
                 .build(file, &mut stand_ins)
-                .map_err(|m| invalid(format!("object `{}`: {m}", object.name)))?;
-            objects.push(built);
-        }
+                .map_err(|m| invalid(format!("object `{}`: {m}", object.name)))
+        };
+        let objects: Vec<Object> = file.objects.iter().map(build).collect::<Result<_, _>>()?;
         Ok(Scene {
             name: file.name.clone(),
             description: file.description.clone(),

@@ -3,7 +3,10 @@
 //! Each generator makes one mesh in metres, the floor at y = 0, the water at rest at
 //! y = `floor_depth_m`. Everything random comes from its `seed`.
 
+mod atrium;
 mod basic;
+mod port;
+mod storage;
 mod tank;
 
 use std::collections::BTreeMap;
@@ -32,7 +35,15 @@ pub struct Param {
 
 /// Every generator there is.
 pub fn all() -> impl Iterator<Item = &'static Generator> {
-    [basic::GENERATORS, tank::GENERATORS].into_iter().flatten()
+    [
+        basic::GENERATORS,
+        tank::GENERATORS,
+        port::GENERATORS,
+        storage::GENERATORS,
+        atrium::GENERATORS,
+    ]
+    .into_iter()
+    .flatten()
 }
 
 /// The generator called `name`; the error names the nearest one.

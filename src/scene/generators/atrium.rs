@@ -1,0 +1,124 @@
+//! A courtyard with arcades, the stand-in for the Sponza atrium.
+
+use std::f64::consts::PI;
+
+use glam::{DMat4, DVec3};
+
+use super::{
+    super::{
+        Mesh,
+        shapes::{cuboid, lathe, merged, smooth_profile, surface},
+    },
+    Args, Generator, param,
+};
+
+pub const GENERATORS: &[Generator] = &[Generator {
+    name: "arcade",
+    about: "an open courtyard between two storeys of arcades",
+    params: &[
+        param("length_m", 34.0, 4.0, 500.0, "outer extent in x"),
+        param("width_m", 15.0, 4.0, 500.0, "outer extent in z"),
+        param(
+            "court_m",
+            5.5,
+            1.0,
+            500.0,
+            "width of the open court, at most half of width_m",
+        ),
+        param("storey_m", 5.0, 1.0, 50.0, "height of a storey"),
+        param("bays", 9.0, 1.0, 40.0, "arches along each side"),
+    ],
+    build: arcade,
+}];
+
+fn moved(mesh: Mesh, x: f64, y: f64, z: f64) -> Mesh {
+    mesh.transformed(&DMat4::from_translation(DVec3::new(x, y, z)))
+}
+
+fn arcade(a: &Args) -> Mesh {
+    let (x, z) = (0.5 * a.get("length_m"), 0.5 * a.get("width_m"));
+    let (court, storey) = (0.5 * a.get("court_m").min(z), a.get("storey_m"));
+    let wall = 0.4;
+    let top = 2.0 * storey + 1.0;
+    let mut mesh = merged([
+        cuboid(DVec3::new(-x, -wall, -z), DVec3::new(x, 0.0, z)),
+        cuboid(DVec3::new(-x, 0.0, -z), DVec3::new(-x + wall, top, z)),
+        cuboid(DVec3::new(x - wall, 0.0, -z), DVec3::new(x, top, z)),
+        cuboid(
+            DVec3::new(-x + wall, 0.0, -z),
+            DVec3::new(x - wall, top, -z + wall),
+        ),
+        cuboid(
+            DVec3::new(-x + wall, 0.0, z - wall),
+            DVec3::new(x - wall, top, z),
+        ),
+    ]);
+    for side in [-1.0, 1.0] {
+        for floor in 0..2 {
+            let y = f64::from(floor) * storey;
+            mesh.append(&moved(row(a, x - wall, storey), 0.0, y, side * court));
+            let (near, far) = (side * (court - 0.15), side * (z - wall));
+            mesh.append(&cuboid(
+                DVec3::new(-x + wall, y + storey - 0.25, near.min(far)),
+                DVec3::new(x - wall, y + storey, near.max(far)),
+            ));
+        }
+    }
+    mesh
+}
+
+/// A row of columns and the arches between them, `storey` high.
+fn row(a: &Args, half: f64, storey: f64) -> Mesh {
+    let bays = a.count("bays");
+    let step = 2.0 * half / bays as f64;
+    let radius = (0.12 * step).min(0.32);
+    let spring = (storey - 0.3 - 0.5 * step).max(0.45 * storey);
+    let post = column(radius, spring);
+    let columns = (0..=bays).map(|i| moved(post.clone(), i as f64 * step - half, 0.0, 0.0));
+    let arches = (0..bays).map(|i| {
+        let middle = (i as f64 + 0.5) * step - half;
+        moved(
+            arch(step, storey - 0.25 - spring, radius),
+            middle,
+            spring,
+            0.0,
+        )
+    });
+    merged(columns.chain(arches))
+}
+
+fn column(radius: f64, height: f64) -> Mesh {
+    let (r, h) = (radius, height);
+    let knots = [
+        (1.5 * r, 0.0),
+        (1.55 * r, 0.03 * h),
+        (1.3 * r, 0.06 * h),
+        (r, 0.09 * h),
+        (1.02 * r, 0.4 * h),
+        (0.88 * r, 0.88 * h),
+        (1.1 * r, 0.93 * h),
+        (1.45 * r, 0.97 * h),
+        (1.5 * r, h),
+    ];
+    lathe(&smooth_profile(&knots, 4), 24)
+}
+
+/// The wall above one opening of a row, cut out by a half ellipse: two faces and the soffit.
+fn arch(step: f64, height: f64, radius: f64) -> Mesh {
+    let (half, thick) = (0.5 * step, 0.9 * radius);
+    let inner = half - radius;
+    let curve = |u: f64| {
+        let angle = PI * (1.0 - u);
+        DVec3::new(inner * angle.cos(), 0.85 * height * angle.sin(), 0.0)
+    };
+    let edge = |u: f64| DVec3::new(half * (2.0 * u - 1.0), height, 0.0);
+    let face = |z: f64| {
+        surface((24, 2), (false, false), move |u, v| {
+            curve(u).lerp(edge(u), v) + DVec3::Z * z
+        })
+    };
+    let soffit = surface((24, 1), (false, false), |u, v| {
+        curve(u) + DVec3::Z * thick * (2.0 * v - 1.0)
+    });
+    merged([face(thick), face(-thick).inverted(), soffit])
+}

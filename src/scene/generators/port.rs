@@ -1,0 +1,383 @@
+//! Parts of the small port.
+
+use std::f64::consts::{PI, TAU};
+
+use glam::{DMat4, DVec3, EulerRot};
+
+use super::{
+    super::{
+        Mesh,
+        noise::tile_noise,
+        shapes::{
+            self, block, cuboid, cylinder, displaced_sphere, lathe, merged, smooth_profile, tube,
+        },
+    },
+    Args, Dice, Generator, SEED, param,
+};
+
+pub const GENERATORS: &[Generator] = &[
+    Generator {
+        name: "sea_bed",
+        about: "uneven ground that rises towards -z",
+        params: &[
+            param("width_m", 30.0, 0.1, 1000.0, "extent in x"),
+            param("depth_m", 26.0, 0.1, 1000.0, "extent in z"),
+            param("bump_m", 0.35, 0.0, 20.0, "height of the bumps"),
+            param(
+                "rise_m",
+                0.6,
+                -20.0,
+                20.0,
+                "rise from the front to the back",
+            ),
+            param("cells", 96.0, 1.0, 200.0, "quads along each side"),
+            SEED,
+        ],
+        build: sea_bed,
+    },
+    Generator {
+        name: "quay",
+        about: "a quay of stone blocks along x with coping stones, its wall facing +z",
+        params: &[
+            param("length_m", 30.0, 0.5, 1000.0, "extent in x"),
+            param("depth_m", 4.0, 0.2, 1000.0, "extent in z, behind z = 0"),
+            param(
+                "height_m",
+                1.1,
+                0.05,
+                100.0,
+                "height of its top above the water",
+            ),
+            param("course_m", 0.55, 0.05, 10.0, "height of a course of blocks"),
+            SEED,
+        ],
+        build: quay,
+    },
+    Generator {
+        name: "pier",
+        about: "a plank deck on two rows of piles, along z",
+        params: &[
+            param("length_m", 10.0, 0.5, 1000.0, "extent in z"),
+            param("width_m", 2.2, 0.2, 100.0, "extent in x"),
+            param(
+                "height_m",
+                0.75,
+                -10.0,
+                100.0,
+                "height of the deck above the water",
+            ),
+            param("spacing_m", 2.0, 0.3, 100.0, "distance between piles"),
+            SEED,
+        ],
+        build: pier,
+    },
+    Generator {
+        name: "stones",
+        about: "stones strewn over a rectangle",
+        params: &[
+            param("count", 40.0, 1.0, 200.0, "number of stones"),
+            param("width_m", 10.0, 0.1, 1000.0, "extent in x"),
+            param("depth_m", 3.0, 0.1, 1000.0, "extent in z"),
+            param("size_m", 0.45, 0.01, 100.0, "largest radius"),
+            param("rows", 9.0, 3.0, 30.0, "rings from pole to pole of each"),
+            SEED,
+        ],
+        build: stones,
+    },
+    Generator {
+        name: "hull",
+        about: "an open rowing boat along z, bow towards -z, its waterline at y = 0",
+        params: &[
+            param("length_m", 4.6, 0.2, 200.0, "length"),
+            param("beam_m", 1.7, 0.1, 100.0, "width"),
+            param(
+                "draught_m",
+                0.35,
+                0.01,
+                20.0,
+                "depth of the keel below the waterline",
+            ),
+            param(
+                "freeboard_m",
+                0.5,
+                0.01,
+                20.0,
+                "height of the sides above the waterline",
+            ),
+        ],
+        build: hull,
+    },
+    Generator {
+        name: "bollard",
+        about: "a mooring bollard",
+        params: &[param("height_m", 0.55, 0.01, 20.0, "height")],
+        build: bollard,
+    },
+    Generator {
+        name: "rope",
+        about: "a rope that hangs from the origin to a point",
+        params: &[
+            param("to_x_m", 2.0, -1000.0, 1000.0, "the point's x"),
+            param("to_y_m", 0.0, -1000.0, 1000.0, "the point's y"),
+            param("to_z_m", 0.0, -1000.0, 1000.0, "the point's z"),
+            param(
+                "sag_m",
+                0.4,
+                0.0,
+                100.0,
+                "how far its middle hangs below the straight line",
+            ),
+            param("radius_m", 0.025, 0.001, 10.0, "radius"),
+        ],
+        build: rope,
+    },
+];
+
+fn moved(mesh: Mesh, x: f64, y: f64, z: f64) -> Mesh {
+    mesh.transformed(&DMat4::from_translation(DVec3::new(x, y, z)))
+}
+
+fn sea_bed(a: &Args) -> Mesh {
+    let (width, depth, cells) = (a.get("width_m"), a.get("depth_m"), a.count("cells"));
+    let (bump, rise, seed) = (a.get("bump_m"), a.get("rise_m"), a.get("seed") as u32);
+    shapes::surface((cells, cells), (false, false), |u, v| {
+        let (x, z) = ((u - 0.5) * width, (0.5 - v) * depth);
+        let (swell, _) = tile_noise(x / 40.0, z / 40.0, seed);
+        let (ripple, _) = tile_noise(x / 9.0, z / 9.0, seed ^ 5);
+        let slope = v * v * (3.0 - 2.0 * v);
+        DVec3::new(x, bump * (1.6 * swell + 0.25 * ripple) + rise * slope, z)
+    })
+}
+
+/// A core with courses of blocks before it, each a little out of line, and coping stones on top.
+fn quay(a: &Args) -> Mesh {
+    let (length, depth) = (a.get("length_m"), a.get("depth_m"));
+    let top = a.floor_depth_m + a.get("height_m");
+    let mut dice = a.rng();
+    let coping = 0.18f64.min(0.3 * top);
+    let half = 0.5 * length;
+    let core = cuboid(
+        DVec3::new(-half, -1.0, -depth),
+        DVec3::new(half, top - coping, -0.12),
+    );
+    let mut mesh = core;
+    let courses = ((top / a.get("course_m")).ceil() as usize).clamp(1, 40);
+    let course = (top - coping) / courses as f64;
+    let blocks = ((length / (2.2 * course)).ceil() as usize).clamp(1, 60);
+    let step = length / blocks as f64;
+    for row in 0..courses {
+        let shift = if row % 2 == 0 { 0.0 } else { 0.5 * step };
+        for i in 0..=blocks {
+            let left = (i as f64 * step - shift - half).max(-half);
+            let right = ((i + 1) as f64 * step - shift - half).min(half);
+            if right - left > 0.05 * step {
+                let y = row as f64 * course;
+                let face = dice.between(-0.035, 0.035);
+                let (low, high) = (
+                    DVec3::new(left, y, -0.3),
+                    DVec3::new(right, y + course, face),
+                );
+                mesh.append(&cuboid(
+                    low + DVec3::splat(0.008),
+                    high - DVec3::new(0.008, 0.008, 0.0),
+                ));
+            }
+        }
+    }
+    let stones = ((length / 1.4).ceil() as usize).clamp(1, 200);
+    let step = length / stones as f64;
+    for i in 0..stones {
+        let left = i as f64 * step - half;
+        let low = DVec3::new(left + 0.01, top - coping, -depth);
+        let high = DVec3::new(left + step - 0.01, top + dice.between(-0.012, 0.012), 0.1);
+        mesh.append(&cuboid(low, high));
+    }
+    mesh
+}
+
+fn pier(a: &Args) -> Mesh {
+    let (length, width) = (a.get("length_m"), a.get("width_m"));
+    let deck = (a.floor_depth_m + a.get("height_m")).max(0.3);
+    let mut dice = a.rng();
+    let half = 0.5 * length;
+    let planks = ((length / 0.2).round() as usize).clamp(1, 400);
+    let step = length / planks as f64;
+    let mut mesh = merged((0..planks).map(|i| {
+        let z = i as f64 * step - half;
+        let (left, right) = (dice.between(-0.05, 0.05), dice.between(-0.05, 0.05));
+        cuboid(
+            DVec3::new(-0.5 * width + left, deck - 0.05, z + 0.06 * step),
+            DVec3::new(
+                0.5 * width + right,
+                deck + dice.between(-0.006, 0.006),
+                z + 0.94 * step,
+            ),
+        )
+    }));
+    let side = 0.5 * width - 0.2 * width.min(0.8);
+    for x in [-side, side] {
+        let beam = block(0.16, 0.2, length);
+        mesh.append(&moved(beam, x, deck - 0.25, 0.0));
+    }
+    let rows = ((length / a.get("spacing_m")).round() as usize).clamp(1, 100);
+    for row in 0..=rows {
+        let z = (row as f64 / rows as f64 - 0.5) * (length - 0.4);
+        for x in [-side, side] {
+            let lean = DMat4::from_euler(
+                EulerRot::XYZ,
+                dice.between(-0.02, 0.02),
+                0.0,
+                dice.between(-0.02, 0.02),
+            );
+            let height = deck + dice.between(0.05, 0.5);
+            let pile = pile(0.13, height + 0.6).transformed(&lean);
+            mesh.append(&moved(pile, x * 1.12, -0.6, z));
+        }
+        let tie = block(2.0 * side, 0.14, 0.1);
+        mesh.append(&moved(tie, 0.0, deck - 0.45, z + 0.16));
+    }
+    mesh
+}
+
+/// A trunk that is a little thicker at its foot, with a bevelled head.
+fn pile(radius: f64, height: f64) -> Mesh {
+    let r = radius;
+    lathe(
+        &[
+            (0.0, 0.0),
+            (1.15 * r, 0.0),
+            (1.15 * r, 0.0),
+            (1.05 * r, 0.4 * height),
+            (r, height - 0.05),
+            (r, height - 0.05),
+            (0.75 * r, height),
+            (0.75 * r, height),
+            (0.0, height),
+        ],
+        20,
+    )
+}
+
+fn stones(a: &Args) -> Mesh {
+    let (width, depth, size) = (a.get("width_m"), a.get("depth_m"), a.get("size_m"));
+    let (rows, seed) = (a.count("rows"), a.get("seed") as u32);
+    let mut dice = a.rng();
+    merged((0..a.count("count")).map(|i| {
+        let place = (
+            dice.between(-0.5, 0.5) * width,
+            dice.between(-0.5, 0.5) * depth,
+        );
+        let radius = size * dice.between(0.25, 1.0).powf(1.5);
+        stone(&mut dice, radius, rows, seed ^ i as u32, place)
+    }))
+}
+
+/// A flattened ball with facets and bumps, half sunk into the ground.
+fn stone(dice: &mut Dice, radius: f64, rows: usize, seed: u32, (x, z): (f64, f64)) -> Mesh {
+    let shape = DVec3::new(
+        dice.between(0.8, 1.3),
+        dice.between(0.55, 0.85),
+        dice.between(0.8, 1.2),
+    );
+    let mesh = displaced_sphere(rows, |d| {
+        let p = d * 0.09 + 0.4;
+        let bumps = tile_noise(p.x, p.y + p.z, seed).0 + tile_noise(p.z, p.x - p.y, !seed).0;
+        d * shape * radius * (1.0 + 0.45 * bumps)
+    });
+    let turn = DMat4::from_euler(
+        EulerRot::YXZ,
+        dice.between(0.0, TAU),
+        dice.between(-0.3, 0.3),
+        dice.between(-0.3, 0.3),
+    );
+    moved(mesh.transformed(&turn), x, 0.25 * radius, z)
+}
+
+/// Outside, inside and gunwale of the planking, and thwarts.
+fn hull(a: &Args) -> Mesh {
+    let (length, beam) = (a.get("length_m"), a.get("beam_m"));
+    let (draught, freeboard) = (a.get("draught_m"), a.get("freeboard_m"));
+    let thickness = 0.03 * beam;
+    // u runs along the boat from the bow, v from the left gunwale over the keel to the right one.
+    let skin = |inset: f64| {
+        move |u: f64, v: f64| {
+            let z = (u - 0.5) * length;
+            // The bow comes to a point, the stern is a narrow transom.
+            let fullness = (1.0 - (1.0 - (u / 0.55).min(1.0)).powi(2)).sqrt()
+                * (1.0 - 0.35 * ((u - 0.55) / 0.45).max(0.0).powi(2));
+            let sheer = 1.0 + 0.35 * (2.0 * u - 1.1).powi(2);
+            let side = (v - 0.5) * 2.0;
+            let angle = side * 0.5 * PI;
+            let half = (0.5 * beam * fullness - inset).max(0.0);
+            let rocker = 1.0 - 0.7 * (1.0 - u).powi(6);
+            let keel = -draught * rocker + inset;
+            let top = freeboard * sheer;
+            let rise = 1.0 - angle.cos().abs().powf(1.3);
+            DVec3::new(half * angle.sin(), keel + (top - keel) * rise, z)
+        }
+    };
+    let (outer, inner) = (skin(0.0), skin(thickness));
+    let size = (40, 28);
+    let outside = shapes::surface(size, (false, false), outer).inverted();
+    let inside = shapes::surface(size, (false, false), inner);
+    let gunwales = [0.0, 1.0].map(|v: f64| {
+        let strip = shapes::surface((40, 1), (false, false), |u, w| {
+            outer(u, v).lerp(inner(u, v), w)
+        });
+        if v == 1.0 { strip.inverted() } else { strip }
+    });
+    let transom = shapes::surface((28, 1), (false, false), |v, w| {
+        outer(1.0, v).lerp(inner(1.0, v), w)
+    });
+    let plate = shapes::surface((28, 1), (false, false), |v, w| {
+        let p = outer(1.0, v);
+        p.lerp(DVec3::new(0.0, p.y, p.z), w)
+    });
+    let thwarts = [0.3, 0.55, 0.8].map(|u: f64| {
+        let half = inner(u, 0.78).x;
+        moved(
+            block(2.0 * half, 0.04, 0.22),
+            0.0,
+            0.35 * freeboard,
+            (u - 0.5) * length,
+        )
+    });
+    merged(
+        [outside, inside, transom, plate.clone(), plate.inverted()]
+            .into_iter()
+            .chain(gunwales)
+            .chain(thwarts),
+    )
+}
+
+fn bollard(a: &Args) -> Mesh {
+    let h = a.get("height_m");
+    let profile: Vec<(f64, f64)> = smooth_profile(
+        &[
+            (0.3, 0.0),
+            (0.3, 0.06),
+            (0.2, 0.12),
+            (0.17, 0.4),
+            (0.19, 0.6),
+            (0.32, 0.72),
+            (0.34, 0.82),
+            (0.26, 0.95),
+            (0.0, 1.0),
+        ],
+        5,
+    );
+    let scaled: Vec<(f64, f64)> = profile.iter().map(|&(r, y)| (r * h, y * h)).collect();
+    merged([lathe(&scaled, 32), cylinder(0.4 * h, 0.04 * h, 32)])
+}
+
+fn rope(a: &Args) -> Mesh {
+    let end = DVec3::new(a.get("to_x_m"), a.get("to_y_m"), a.get("to_z_m"));
+    let (sag, radius) = (a.get("sag_m"), a.get("radius_m"));
+    let path: Vec<DVec3> = (0..=32)
+        .map(|i| {
+            let t = f64::from(i) / 32.0;
+            end * t - DVec3::Y * (4.0 * sag * t * (1.0 - t))
+        })
+        .collect();
+    tube(&path, &vec![radius; path.len()], 8, false)
+}

@@ -1,0 +1,239 @@
+//! ASCII PLY files, plain or compressed by gzip: vertices with x, y, z and faces as index lists.
+
+use std::{
+    fs::File,
+    io::{BufRead, BufReader, Read, Take},
+    path::Path,
+    str::SplitAsciiWhitespace,
+};
+
+use flate2::bufread::MultiGzDecoder;
+
+use super::{
+    Mesh,
+    read::{self, MAX_BYTES, MAX_TRIANGLES, MeshError},
+};
+
+/// Longest line that is read, bytes.
+const MAX_LINE: u64 = 1 << 16;
+
+/// Most lines of a header.
+const MAX_HEADER: usize = 1000;
+
+/// Reads the vertices and faces of an ASCII PLY file; other elements are skipped.
+pub fn read(path: &Path) -> Result<Mesh, MeshError> {
+    let file = File::open(path).map_err(|e| MeshError::read(path, e))?;
+    let mut file = BufReader::new(file);
+    let start = file.fill_buf().map_err(|e| MeshError::read(path, e))?;
+    let source: Box<dyn Read> = if start.starts_with(&[0x1f, 0x8b]) {
+        Box::new(MultiGzDecoder::new(file))
+    } else {
+        Box::new(file)
+    };
+    let mut lines = Lines {
+        path,
+        source: BufReader::new(source.take(MAX_BYTES + 1)),
+        number: 0,
+        line: String::new(),
+    };
+    let elements = header(&mut lines)?;
+    let mut mesh = Mesh::default();
+    for element in &elements {
+        for index in 0..element.count {
+            lines.next(|| format!("{} {index} of {}", element.name, element.count))?;
+            match element.name.as_str() {
+                "vertex" => lines.vertex(element, &mut mesh)?,
+                "face" => lines.face(&mut mesh)?,
+                _ => {}
+            }
+        }
+    }
+    read::checked(path, with_normals(&lines, mesh)?)
+}
+
+/// Computes normals once the indices are known to be good.
+fn with_normals(lines: &Lines, mut mesh: Mesh) -> Result<Mesh, MeshError> {
+    let count = mesh.positions.len();
+    if let Some(bad) = mesh.indices.iter().find(|i| **i as usize >= count) {
+        return Err(MeshError::malformed(
+            lines.path,
+            format!("a face uses vertex {bad}, but there are {count}"),
+        ));
+    }
+    mesh.recompute_normals();
+    Ok(mesh)
+}
+
+/// An element of the header: so many lines, each with these properties.
+struct Element {
+    name: String,
+    count: usize,
+    properties: Vec<Property>,
+}
+
+struct Property {
+    name: String,
+    list: bool,
+}
+
+impl Element {
+    fn place(&self, name: &str) -> Option<usize> {
+        self.properties.iter().position(|p| p.name == name)
+    }
+}
+
+/// Reads the header up to `end_header`.
+fn header(lines: &mut Lines) -> Result<Vec<Element>, MeshError> {
+    let within = || "the header".to_owned();
+    lines.next(within)?;
+    if lines.line.trim() != "ply" {
+        return Err(lines.fault("a PLY file starts with the line `ply`"));
+    }
+    let mut elements = Vec::new();
+    for _ in 0..MAX_HEADER {
+        lines.next(within)?;
+        let line = std::mem::take(&mut lines.line);
+        let words: Vec<&str> = line.split_ascii_whitespace().collect();
+        match words[..] {
+            ["format", "ascii", _] | ["comment" | "obj_info", ..] | [] => {}
+            ["format", other, ..] => {
+                return Err(lines.fault(format!("format {other}: only ascii is read")));
+            }
+            ["element", name, count] => elements.push(element(lines, name, count)?),
+            ["property", .., name] => match elements.last_mut() {
+                Some(element) => element.properties.push(Property {
+                    name: name.to_owned(),
+                    list: words[1] == "list",
+                }),
+                None => return Err(lines.fault("a property before the first element")),
+            },
+            ["end_header"] => return complete(lines, elements),
+            _ => return Err(lines.fault("not a line of a PLY header")),
+        }
+    }
+    Err(lines.fault(format!("no end_header within {MAX_HEADER} lines")))
+}
+
+fn element(lines: &Lines, name: &str, count: &str) -> Result<Element, MeshError> {
+    let most = MAX_TRIANGLES;
+    match count.parse::<usize>() {
+        Ok(count) if count <= most => Ok(Element {
+            name: name.to_owned(),
+            count,
+            properties: Vec::new(),
+        }),
+        _ => Err(lines.fault(format!("element {name} {count}: at most {most} are read"))),
+    }
+}
+
+/// Checks that the header declares what a mesh needs.
+fn complete(lines: &Lines, elements: Vec<Element>) -> Result<Vec<Element>, MeshError> {
+    let of = |name: &str| elements.iter().find(|e| e.name == name);
+    let plain = |e: &Element, name: &str| e.place(name).is_some_and(|i| !e.properties[i].list);
+    let vertex = of("vertex").is_some_and(|e| {
+        ["x", "y", "z"].iter().all(|axis| plain(e, axis)) && e.properties.iter().all(|p| !p.list)
+    });
+    let face = of("face").is_some_and(|e| e.properties.first().is_some_and(|p| p.list));
+    if vertex && face {
+        Ok(elements)
+    } else {
+        Err(lines.fault(
+            "the header must declare element vertex with x, y, z and element face that starts with an index list",
+        ))
+    }
+}
+
+/// The lines of a file, counted.
+struct Lines<'a> {
+    path: &'a Path,
+    source: BufReader<Take<Box<dyn Read>>>,
+    /// Of `line`, from 1.
+    number: usize,
+    line: String,
+}
+
+impl Lines<'_> {
+    /// Reads the next line that is not blank; `wanted` names what it should hold.
+    fn next(&mut self, wanted: impl Fn() -> String) -> Result<(), MeshError> {
+        loop {
+            self.number += 1;
+            self.line.clear();
+            let read = (&mut self.source)
+                .take(MAX_LINE)
+                .read_line(&mut self.line)
+                .map_err(|e| self.fault(format!("{e}, reading {}", wanted())))?;
+            if read as u64 == MAX_LINE && !self.line.ends_with('\n') {
+                return Err(self.fault(format!("longer than {MAX_LINE} bytes")));
+            }
+            if read == 0 {
+                let cut = match self.source.get_ref().limit() {
+                    0 => read::too_large(),
+                    _ => format!("the file ends before {}", wanted()),
+                };
+                return Err(self.fault(cut));
+            }
+            if !self.line.trim().is_empty() {
+                return Ok(());
+            }
+        }
+    }
+
+    fn vertex(&self, element: &Element, mesh: &mut Mesh) -> Result<(), MeshError> {
+        let mut position = [f32::NAN; 3];
+        let mut words = self.line.split_ascii_whitespace();
+        for property in &element.properties {
+            let value = self.number_in::<f32>(&mut words)?;
+            if let Some(axis) = ["x", "y", "z"].iter().position(|a| *a == property.name) {
+                position[axis] = value;
+            }
+        }
+        if !position.iter().all(|c| c.is_finite()) {
+            return Err(self.fault("a coordinate is not finite"));
+        }
+        mesh.positions.push(position);
+        Ok(())
+    }
+
+    /// Adds the face as a fan of triangles.
+    fn face(&self, mesh: &mut Mesh) -> Result<(), MeshError> {
+        let mut words = self.line.split_ascii_whitespace();
+        let corners = self.number_in::<usize>(&mut words)?;
+        if corners < 3 {
+            return Err(self.fault(format!("a face of {corners} corners")));
+        }
+        if corners - 2 > MAX_TRIANGLES - mesh.triangle_count() {
+            return Err(self.fault(format!("more than {MAX_TRIANGLES} triangles")));
+        }
+        let first = self.number_in::<u32>(&mut words)?;
+        let mut last = self.number_in::<u32>(&mut words)?;
+        for _ in 2..corners {
+            let next = self.number_in::<u32>(&mut words)?;
+            mesh.indices.extend([first, last, next]);
+            last = next;
+        }
+        Ok(())
+    }
+
+    fn number_in<T: std::str::FromStr>(
+        &self,
+        words: &mut SplitAsciiWhitespace,
+    ) -> Result<T, MeshError> {
+        let word = words
+            .next()
+            .ok_or_else(|| self.fault("the line has too few numbers"))?;
+        word.parse()
+            .map_err(|_| self.fault(format!("`{}` is not a valid number here", clipped(word))))
+    }
+
+    fn fault(&self, what: impl AsRef<str>) -> MeshError {
+        MeshError::malformed(
+            self.path,
+            format!("line {}: {}", self.number, what.as_ref()),
+        )
+    }
+}
+
+/// Enough of a word to know it by.
+fn clipped(word: &str) -> String {
+    word.chars().take(24).collect()
+}

@@ -1,0 +1,135 @@
+//! From the text of a scene file to its value: bases, and errors that name line and nearest key.
+
+use std::path::Path;
+
+use toml::{Table, Value};
+
+use super::{SceneError, SceneFile, check, file};
+
+/// How far a chain of `base` scenes may go.
+const MAX_BASES: usize = 4;
+
+/// Keys that are resolved here and do not reach [`SceneFile`].
+const BASE: &str = "base";
+const WITHOUT: &str = "without";
+
+/// Reads a scene file's text, with what it takes from its base.
+pub fn read(origin: &str, text: &str) -> Result<SceneFile, SceneError> {
+    let parsed = text.parse::<Table>();
+    let table = parsed.map_err(|e| fault(origin, text, &e))?;
+    if !table.contains_key(BASE) && !table.contains_key(WITHOUT) {
+        return toml::from_str(text).map_err(|e| fault(origin, text, &e));
+    }
+    let merged = with_base(origin, table, MAX_BASES)?;
+    merged.try_into().map_err(|e| fault(origin, "", &e))
+}
+
+/// The table on top of its base's.
+fn with_base(origin: &str, mut table: Table, left: usize) -> Result<Table, SceneError> {
+    let wrong = |message: &str| SceneError::Parse {
+        origin: origin.to_owned(),
+        message: message.to_owned(),
+    };
+    let without = names(table.remove(WITHOUT))
+        .ok_or_else(|| wrong("`without` must be a list of names of the base's objects"))?;
+    let base = match table.remove(BASE) {
+        None if without.is_empty() => return Ok(table),
+        Some(Value::String(name)) => name,
+        _ => return Err(wrong("`base` must be the name or path of a scene")),
+    };
+    if left == 0 {
+        return Err(wrong(&format!("more than {MAX_BASES} bases in a chain")));
+    }
+    let (base_origin, text) = file::find(&beside(origin, &base))?;
+    let parsed = text.parse::<Table>();
+    let parsed = parsed.map_err(|e| fault(&base_origin, &text, &e))?;
+    let mut merged = with_base(&base_origin, parsed, left - 1)?;
+    leave_out(&mut merged, &without).map_err(|message| wrong(&message))?;
+    overlay(&mut merged, table);
+    Ok(merged)
+}
+
+/// A base given by path is relative to the file that names it.
+fn beside(origin: &str, base: &str) -> String {
+    let named = Path::new(base).extension().is_none();
+    let folder = Path::new(origin).parent().filter(|_| !named);
+    folder.map_or_else(
+        || base.to_owned(),
+        |f| f.join(base).to_string_lossy().into_owned(),
+    )
+}
+
+fn names(value: Option<Value>) -> Option<Vec<String>> {
+    match value {
+        None => Some(Vec::new()),
+        Some(Value::Array(items)) => items
+            .iter()
+            .map(|item| item.as_str().map(str::to_owned))
+            .collect(),
+        Some(_) => None,
+    }
+}
+
+/// Removes objects by name; an unknown name is an error.
+fn leave_out(table: &mut Table, without: &[String]) -> Result<(), String> {
+    let Some(Value::Array(objects)) = table.get_mut("object") else {
+        return Ok(());
+    };
+    let name_of = |v: &Value| {
+        v.get("name")
+            .and_then(Value::as_str)
+            .unwrap_or("")
+            .to_owned()
+    };
+    let known: Vec<String> = objects.iter().map(name_of).collect();
+    if let Some(unknown) = without.iter().find(|name| !known.contains(name)) {
+        let hint = check::hint(unknown, known.iter().map(String::as_str));
+        return Err(format!(
+            "`without`: the base has no object `{unknown}`: {hint}"
+        ));
+    }
+    objects.retain(|object| !without.contains(&name_of(object)));
+    Ok(())
+}
+
+/// Puts `top` over `table`: tables are merged, lists of objects joined, all else replaced.
+fn overlay(table: &mut Table, top: Table) {
+    for (key, value) in top {
+        match (table.get_mut(&key), value) {
+            (Some(Value::Table(below)), Value::Table(above)) => overlay(below, above),
+            (Some(Value::Array(below)), Value::Array(above)) if key == "object" => {
+                below.extend(above);
+            }
+            (_, value) => {
+                table.insert(key, value);
+            }
+        }
+    }
+}
+
+/// One line: the place, what is wrong, and for an unknown key the nearest valid one.
+fn fault(origin: &str, text: &str, error: &toml::de::Error) -> SceneError {
+    let line = error
+        .span()
+        .and_then(|span| text.get(..span.start))
+        .map(|before| format!("line {}: ", before.matches('\n').count() + 1));
+    let message = error.message().replace('\n', " ");
+    SceneError::Parse {
+        origin: origin.to_owned(),
+        message: format!("{}{}", line.unwrap_or_default(), named(&message)),
+    }
+}
+
+/// `unknown field`, followed by the nearest of the fields that serde lists.
+fn named(message: &str) -> String {
+    let quoted: Vec<&str> = message.split('`').skip(1).step_by(2).collect();
+    match (message.starts_with("unknown "), quoted.split_first()) {
+        (true, Some((unknown, valid))) => {
+            let hint = check::hint(unknown, valid.iter().copied());
+            let kind = message.split('`').next().unwrap_or_default().trim();
+            let kind = kind.replace("field", "key");
+            format!("{kind} `{unknown}`: {hint}")
+        }
+        _ => message.to_owned(),
+    }
+}
