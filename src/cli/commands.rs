@@ -40,7 +40,11 @@ pub fn run(args: RunArgs) -> Outcome {
     .context("cannot watch for Ctrl-C")?;
     let options = Options {
         gpu: gpu_options(&args.adapter),
-        request: Request { experiments: args.experiments, axes: args.axis, sets: args.set },
+        request: Request {
+            experiments: args.experiments,
+            axes: args.axis,
+            sets: args.set,
+        },
         profile: args.profile,
         budget_s: args.budget,
         precision: args.precision,
@@ -52,25 +56,43 @@ pub fn run(args: RunArgs) -> Outcome {
     };
     let summary = run::run(&options, &INTERRUPT)?;
     print_summary(&summary);
-    Ok(match (summary.end.interrupted, summary.failed) {
-        (true, _) => ExitCode::from(INTERRUPTED),
-        (false, 0) => ExitCode::SUCCESS,
-        (false, _) => ExitCode::from(SOMETHING_FAILED),
+    let nothing = summary.measured + summary.failed + summary.kept == 0;
+    Ok(match &summary.skip_reason {
+        _ if summary.end.interrupted => ExitCode::from(INTERRUPTED),
+        _ if summary.failed > 0 => ExitCode::from(SOMETHING_FAILED),
+        Some(reason) if nothing => super::fail(&format!("every cell was skipped; {reason}")),
+        _ => ExitCode::SUCCESS,
     })
 }
 
 fn print_summary(summary: &Summary) {
-    let Summary { out, measured, skipped, failed, kept, end } = summary;
-    println!("{measured} cells measured, {skipped} skipped, {failed} failed, {kept} kept from before");
+    let Summary {
+        out,
+        measured,
+        skipped,
+        failed,
+        kept,
+        end,
+        ..
+    } = summary;
     println!(
-        "{:.1} s of set-up, {:.1} s of measuring for {:.1} s of frames (ratio {:.2})",
+        "{measured} cells measured, {skipped} skipped, {failed} failed, {kept} kept from before"
+    );
+    let ratio = summary
+        .efficiency()
+        .map(|ratio| format!(" (ratio {ratio:.2})"));
+    println!(
+        "{:.1} s of set-up, {:.1} s of measuring for {:.1} s of frames{}",
         end.set_up_s,
         end.measuring_wall_s,
         end.measured_gpu_s,
-        summary.efficiency()
+        ratio.unwrap_or_default()
     );
     if let Some(bytes) = end.peak_memory_bytes {
-        println!("{:.2} GiB of memory at most", bytes as f64 / f64::from(1 << 30));
+        println!(
+            "{:.2} GiB of memory at most",
+            bytes as f64 / f64::from(1 << 30)
+        );
     }
     println!("{}", out.join("summary.md").display());
 }
@@ -102,7 +124,12 @@ fn print_listing(what: Listing, args: &SubjectArgs) -> anyhow::Result<()> {
         Listing::Scenes => scene_rows()?,
         Listing::Stages => stages::REGISTRY
             .iter()
-            .map(|stage| (stage.name.to_owned(), format!("{} ({})", stage.about, stage.source)))
+            .map(|stage| {
+                (
+                    stage.name.to_owned(),
+                    format!("{} ({})", stage.about, stage.source),
+                )
+            })
             .collect(),
         Listing::Parameters => parameter_rows(args)?,
         Listing::Adapters => adapter_rows(),
@@ -111,7 +138,11 @@ fn print_listing(what: Listing, args: &SubjectArgs) -> anyhow::Result<()> {
             .map(|kind| (kind.name.to_owned(), kind.about.to_owned()))
             .collect(),
     };
-    let width = rows.iter().map(|(name, _)| name.chars().count()).max().unwrap_or(0);
+    let width = rows
+        .iter()
+        .map(|(name, _)| name.chars().count())
+        .max()
+        .unwrap_or(0);
     for (name, about) in rows {
         println!("  {name:width$}  {about}");
     }
@@ -137,14 +168,23 @@ fn parameter_rows(args: &SubjectArgs) -> anyhow::Result<Rows> {
     let tree = subject(args)?.params;
     let value = |path: &String| params::get(&tree, path).map(ToString::to_string);
     let rows = params::leaves(&tree).into_iter();
-    Ok(rows.map(|path| (path.clone(), value(&path).unwrap_or_default())).collect())
+    Ok(rows
+        .map(|path| (path.clone(), value(&path).unwrap_or_default()))
+        .collect())
 }
 
 fn adapter_rows() -> Rows {
     let rows = Gpu::list().into_iter().enumerate();
     rows.map(|(index, adapter)| {
-        let kind = if adapter.software { "software" } else { "hardware" };
-        let about = format!("{} ({}, {kind}) {}", adapter.name, adapter.backend, adapter.driver_info);
+        let kind = if adapter.software {
+            "software"
+        } else {
+            "hardware"
+        };
+        let about = format!(
+            "{} ({}, {kind}) {}",
+            adapter.name, adapter.backend, adapter.driver_info
+        );
         (index.to_string(), about)
     })
     .collect()
@@ -162,7 +202,11 @@ pub fn verify(args: VerifyArgs) -> Outcome {
     let checks = verifying::verify(&gpu, args.filter.as_deref())?;
     println!("{}", verifying::Table(&checks));
     let sound = checks.iter().all(verifying::Check::is_sound);
-    Ok(if sound { ExitCode::SUCCESS } else { ExitCode::from(SOMETHING_FAILED) })
+    Ok(if sound {
+        ExitCode::SUCCESS
+    } else {
+        ExitCode::from(SOMETHING_FAILED)
+    })
 }
 
 pub fn fetch(args: FetchArgs) -> Outcome {
@@ -171,12 +215,16 @@ pub fn fetch(args: FetchArgs) -> Outcome {
         match result {
             Ok(asset) => println!("{}: {} ({})", asset.name, asset.origin, asset.about),
             Err(error) => {
-                eprintln!("error: {error}");
+                super::fail(&error.to_string());
                 failed = true;
             }
         }
     }
-    Ok(if failed { ExitCode::from(super::COULD_NOT_RUN) } else { ExitCode::SUCCESS })
+    Ok(if failed {
+        ExitCode::from(super::COULD_NOT_RUN)
+    } else {
+        ExitCode::SUCCESS
+    })
 }
 
 pub fn render(args: RenderArgs) -> Outcome {
@@ -201,7 +249,9 @@ pub fn dump(args: DumpArgs) -> Outcome {
 }
 
 pub fn report(args: ReportArgs) -> Outcome {
-    let output = Output { folder: args.folder };
+    let output = Output {
+        folder: args.folder,
+    };
     let reading = record::read(&output.records())
         .with_context(|| format!("a run's folder holds its records in {RECORDS}"))?;
     for damage in &reading.damaged {
@@ -218,5 +268,8 @@ fn subject(args: &SubjectArgs) -> anyhow::Result<Subject> {
 }
 
 fn gpu_options(args: &AdapterArgs) -> gpu::Options {
-    gpu::Options { adapter: args.adapter.clone(), unchecked: args.unchecked }
+    gpu::Options {
+        adapter: args.adapter.clone(),
+        unchecked: args.unchecked,
+    }
 }

@@ -169,30 +169,52 @@ pub struct ReportArgs {
 
 /// The command, or the status to exit with: help was asked for, or the line is wrong.
 pub fn parse() -> Result<Command, ExitCode> {
-    Cli::try_parse().map(|cli| cli.command).map_err(|error| match error.kind() {
-        ErrorKind::DisplayHelp
-        | ErrorKind::DisplayVersion
-        | ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand => error.exit(),
-        _ => {
-            eprintln!("{}", one_line(&error.render().to_string()));
-            ExitCode::from(COULD_NOT_RUN)
-        }
-    })
+    Cli::try_parse()
+        .map(|cli| cli.command)
+        .map_err(|error| match error.kind() {
+            ErrorKind::DisplayHelp
+            | ErrorKind::DisplayVersion
+            | ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand => error.exit(),
+            _ => {
+                eprintln!("{}", one_line(&error.render().to_string()));
+                ExitCode::from(COULD_NOT_RUN)
+            }
+        })
 }
 
 /// clap's message without its usage: up to the first empty line, and its tips.
 fn one_line(message: &str) -> String {
     let lines = message.lines().map(str::trim);
-    let head = lines.clone().take_while(|line| !line.is_empty()).collect::<Vec<_>>().join(" ");
+    let head = lines
+        .clone()
+        .take_while(|line| !line.is_empty())
+        .collect::<Vec<_>>()
+        .join(" ");
     let tips = lines.filter(|line| line.starts_with("tip:"));
-    std::iter::once(head.as_str()).chain(tips).collect::<Vec<_>>().join("; ")
+    std::iter::once(head.as_str())
+        .chain(tips)
+        .collect::<Vec<_>>()
+        .join("; ")
 }
 
-/// Prints an error with its causes on one line.
+/// Prints an error on one line, with the causes that it does not tell of itself.
 pub fn exit_status(result: anyhow::Result<ExitCode>) -> ExitCode {
     result.unwrap_or_else(|error| {
-        let message = format!("{error:#}");
-        eprintln!("error: {}", message.lines().map(str::trim).collect::<Vec<_>>().join(" "));
-        ExitCode::from(COULD_NOT_RUN)
+        let mut message = String::new();
+        for cause in error.chain().map(ToString::to_string) {
+            if message.is_empty() {
+                message = cause;
+            } else if !message.contains(&cause) {
+                message = format!("{message}: {cause}");
+            }
+        }
+        fail(&message)
     })
+}
+
+/// Prints an error on one line.
+pub fn fail(message: &str) -> ExitCode {
+    let lines: Vec<&str> = message.lines().map(str::trim).collect();
+    eprintln!("error: {}", lines.join(" "));
+    ExitCode::from(COULD_NOT_RUN)
 }

@@ -40,7 +40,10 @@ impl References {
         reference: &PlannedReference,
     ) -> Result<f64, DifferenceError> {
         let stages = &reference.plan.stages;
-        let key = format!("{stages:?} {} {}", reference.subject.scene_name, reference.subject.params);
+        let key = format!(
+            "{stages:?} {} {}",
+            reference.subject.scene_name, reference.subject.params
+        );
         let known = match self.images.get(&key) {
             Some(image) => image,
             None => {
@@ -64,9 +67,15 @@ fn run(
 }
 
 /// The first texture that the first present of the named stages leaves.
-fn stage_image(gpu: &Gpu, pipeline: &dyn Pipeline, stages: &[String]) -> Result<Pixels, DifferenceError> {
+fn stage_image(
+    gpu: &Gpu,
+    pipeline: &dyn Pipeline,
+    stages: &[String],
+) -> Result<Pixels, DifferenceError> {
     let present = pipeline.stages();
-    let stage = stages.iter().find_map(|name| present.iter().find(|stage| stage.name() == name));
+    let stage = stages
+        .iter()
+        .find_map(|name| present.iter().find(|stage| stage.name() == name));
     let outputs = stage.map(|stage| stage.outputs()).unwrap_or_default();
     for output in outputs {
         if let OutputData::Texture(texture) = output.data {
@@ -79,11 +88,18 @@ fn stage_image(gpu: &Gpu, pipeline: &dyn Pipeline, stages: &[String]) -> Result<
 fn relative_rms(image: &Pixels, reference: &Pixels) -> Result<f64, DifferenceError> {
     if (image.width, image.height) != (reference.width, reference.height) {
         let Pixels { width, height, .. } = *reference;
-        return Err(DifferenceError::Size(image.width, image.height, width, height));
+        return Err(DifferenceError::Size(
+            image.width,
+            image.height,
+            width,
+            height,
+        ));
     }
     let square = |x: f64| x * x;
     let pairs = image.data.iter().zip(&reference.data);
-    let error: f64 = pairs.map(|(a, b)| square(f64::from(*a) - f64::from(*b))).sum();
+    let error: f64 = pairs
+        .map(|(a, b)| square(f64::from(*a) - f64::from(*b)))
+        .sum();
     let power: f64 = reference.data.iter().map(|b| square(f64::from(*b))).sum();
     match power > 0.0 {
         true => Ok((error / power).sqrt()),
@@ -96,7 +112,12 @@ mod tests {
     use super::*;
 
     fn image(data: &[f32]) -> Pixels {
-        Pixels { width: data.len() as u32, height: 1, channels: 1, data: data.to_vec() }
+        Pixels {
+            width: data.len() as u32,
+            height: 1,
+            channels: 1,
+            data: data.to_vec(),
+        }
     }
 
     #[test]
@@ -115,6 +136,9 @@ mod tests {
             relative_rms(&image(&[1.0]), &image(&[1.0, 2.0])),
             Err(DifferenceError::Size(1, 1, 2, 1))
         ));
-        assert!(matches!(relative_rms(&image(&[1.0]), &image(&[0.0])), Err(DifferenceError::Black)));
+        assert!(matches!(
+            relative_rms(&image(&[1.0]), &image(&[0.0])),
+            Err(DifferenceError::Black)
+        ));
     }
 }

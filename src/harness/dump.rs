@@ -18,15 +18,24 @@ pub enum DumpError {
     #[error(transparent)]
     Gpu(#[from] GpuError),
     #[error("this pipeline runs no stage `{name}`{}", hint(.nearest))]
-    UnknownStage { name: String, nearest: Option<String> },
+    UnknownStage {
+        name: String,
+        nearest: Option<String>,
+    },
     #[error("stage `{0}` leaves nothing to dump")]
     NoOutput(String),
     #[error("output `{output}` is not of the size it declares: {source}")]
     Shape { output: String, source: ShapeError },
     #[error("cannot write {}: {source}", path.display())]
-    Npy { path: PathBuf, source: WriteNpyError },
+    Npy {
+        path: PathBuf,
+        source: WriteNpyError,
+    },
     #[error("cannot write {}: {source}", path.display())]
-    Write { path: PathBuf, source: std::io::Error },
+    Write {
+        path: PathBuf,
+        source: std::io::Error,
+    },
 }
 
 /// Runs one frame of the subject and writes the outputs of `stage` into `folder`, which is made if need be.
@@ -46,9 +55,14 @@ pub fn dump(
     if outputs.is_empty() {
         return Err(DumpError::NoOutput(stage.to_owned()));
     }
-    std::fs::create_dir_all(folder)
-        .map_err(|source| DumpError::Write { path: folder.to_owned(), source })?;
-    outputs.iter().map(|output| write(gpu, subject, stage, output, folder)).collect()
+    std::fs::create_dir_all(folder).map_err(|source| DumpError::Write {
+        path: folder.to_owned(),
+        source,
+    })?;
+    outputs
+        .iter()
+        .map(|output| write(gpu, subject, stage, output, folder))
+        .collect()
 }
 
 fn find<'a>(stages: &[&'a dyn Stage], name: &str) -> Result<&'a dyn Stage, DumpError> {
@@ -67,24 +81,37 @@ fn write(
     folder: &Path,
 ) -> Result<PathBuf, DumpError> {
     let array = read(gpu, output)?;
-    let stem = format!("{}-{}", stage.replace('/', "-"), output.name.replace('/', "-"));
+    let stem = format!(
+        "{}-{}",
+        stage.replace('/', "-"),
+        output.name.replace('/', "-")
+    );
     let path = folder.join(format!("{stem}.npy"));
-    ndarray_npy::write_npy(&path, &array)
-        .map_err(|source| DumpError::Npy { path: path.clone(), source })?;
+    ndarray_npy::write_npy(&path, &array).map_err(|source| DumpError::Npy {
+        path: path.clone(),
+        source,
+    })?;
     let about = describe(subject, stage, output, array.shape());
     let beside = folder.join(format!("{stem}.json"));
-    std::fs::write(&beside, format!("{about:#}\n"))
-        .map_err(|source| DumpError::Write { path: beside, source })?;
+    std::fs::write(&beside, format!("{about:#}\n")).map_err(|source| DumpError::Write {
+        path: beside,
+        source,
+    })?;
     Ok(path)
 }
 
 fn read(gpu: &Gpu, output: &Output) -> Result<ArrayD<f32>, DumpError> {
     let (shape, data) = match &output.data {
-        OutputData::Buffer { buffer, stride_floats, count } => {
+        OutputData::Buffer {
+            buffer,
+            stride_floats,
+            count,
+        } => {
             let bytes = read_buffer(gpu, buffer)?;
             let shape = vec![*count as usize, *stride_floats as usize];
-            let floats = bytes.as_chunks().0.iter().map(|word| f32::from_le_bytes(*word));
-            (shape.clone(), floats.take(shape.iter().product()).collect())
+            let mut floats: Vec<f32> = bytemuck::pod_collect_to_vec(&bytes);
+            floats.truncate(shape.iter().product());
+            (shape, floats)
         }
         OutputData::Texture(texture) => {
             let pixels = read_texture(gpu, texture)?;
@@ -92,8 +119,10 @@ fn read(gpu: &Gpu, output: &Output) -> Result<ArrayD<f32>, DumpError> {
             (shape.map(|extent| extent as usize).to_vec(), pixels.data)
         }
     };
-    ArrayD::from_shape_vec(IxDyn(&shape), data)
-        .map_err(|source| DumpError::Shape { output: output.name.clone(), source })
+    ArrayD::from_shape_vec(IxDyn(&shape), data).map_err(|source| DumpError::Shape {
+        output: output.name.clone(),
+        source,
+    })
 }
 
 fn describe(subject: &Subject, stage: &str, output: &Output, shape: &[usize]) -> Value {

@@ -123,12 +123,19 @@ impl<'a> CellExecutor<'a> {
         });
         if let Some(reference) = &self.cells[cell].reference {
             let start = Instant::now();
-            let Session { gpu, timer, references, .. } = &mut *self.session;
+            let Session {
+                gpu,
+                timer,
+                references,
+                ..
+            } = &mut *self.session;
             match references.difference(gpu, timer, pipeline, reference) {
                 Ok(error) => {
                     quantities.insert(reference.plan.quantity.clone(), error);
                 }
-                Err(error) => notes.push(format!("{} not computed: {error}", reference.plan.quantity)),
+                Err(error) => {
+                    notes.push(format!("{} not computed: {error}", reference.plan.quantity))
+                }
             }
             self.session.spent.set_up_s += start.elapsed().as_secs_f64();
         }
@@ -139,15 +146,29 @@ impl<'a> CellExecutor<'a> {
             }
         }
         let (counters, precision) = (built.counters.as_slice(), self.precision);
-        Facts { pipeline, counters, quantities, notes, precision }
+        Facts {
+            pipeline,
+            counters,
+            quantities,
+            notes,
+            precision,
+        }
     }
 
     /// `EXPERIMENT-CELL.png`, with what file names do not bear replaced.
     fn picture_path(&self, cell: usize) -> PathBuf {
         let plan = &self.cells[cell].plan;
-        let plain = |c: char| if c.is_ascii_alphanumeric() || ".-_=".contains(c) { c } else { '_' };
+        let plain = |c: char| {
+            if c.is_ascii_alphanumeric() || ".-_=".contains(c) {
+                c
+            } else {
+                '_'
+            }
+        };
         let name: String = plan.cell.chars().map(plain).collect();
-        self.output.pictures.join(format!("{}-{name}.png", plan.experiment))
+        self.output
+            .pictures
+            .join(format!("{}-{name}.png", plan.experiment))
     }
 
     fn sampled(&mut self, cell: usize, samples: Samples) -> Outcome {
@@ -156,7 +177,9 @@ impl<'a> CellExecutor<'a> {
                 let facts = self.facts(cell, &built);
                 Outcome::Measured(Box::new(measured(samples, facts)))
             }
-            None => Outcome::Failed { reason: "its pipeline is gone".to_owned() },
+            None => Outcome::Failed {
+                reason: "its pipeline is gone".to_owned(),
+            },
         }
     }
 
@@ -170,7 +193,9 @@ impl<'a> CellExecutor<'a> {
             return Err(Failure::Cell("its pipeline was not built".to_owned()));
         };
         let stages = encodable(built.pipeline.as_ref());
-        let Session { gpu, timer, spent, .. } = &mut *self.session;
+        let Session {
+            gpu, timer, spent, ..
+        } = &mut *self.session;
         let frame = run(timer, gpu, &stages).map_err(failure)?;
         spent.frames_ns += ns(&frame);
         self.output.progress.tick();
@@ -180,7 +205,11 @@ impl<'a> CellExecutor<'a> {
 
 /// A pipeline's stages as a frame takes them.
 pub(super) fn encodable(pipeline: &dyn Pipeline) -> Vec<&dyn Encode> {
-    pipeline.stages().into_iter().map(|stage| stage as &dyn Encode).collect()
+    pipeline
+        .stages()
+        .into_iter()
+        .map(|stage| stage as &dyn Encode)
+        .collect()
 }
 
 fn failure(error: GpuError) -> Failure {
@@ -202,11 +231,19 @@ impl Executor for CellExecutor<'_> {
     }
 
     fn timed(&mut self, cell: usize) -> Result<FrameSample, Failure> {
-        self.frame(cell, |timer, gpu, stages| timer.timed(gpu, stages), |frame| frame.envelope_ns)
+        self.frame(
+            cell,
+            |timer, gpu, stages| timer.timed(gpu, stages),
+            |frame| frame.envelope_ns,
+        )
     }
 
     fn untimed(&mut self, cell: usize) -> Result<f64, Failure> {
-        self.frame(cell, |timer, gpu, stages| timer.untimed(gpu, stages), |wall_ns| *wall_ns)
+        self.frame(
+            cell,
+            |timer, gpu, stages| timer.untimed(gpu, stages),
+            |wall_ns| *wall_ns,
+        )
     }
 
     fn finish(&mut self, cell: usize, result: CellResult) -> Result<(), RecordError> {

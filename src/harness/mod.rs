@@ -17,6 +17,7 @@ pub mod render;
 pub mod run;
 pub mod sample;
 pub mod subject;
+pub mod verify;
 
 /// Most passes of a frame that are timed or counted; the underwater pipeline has some twenty.
 pub const MAX_PASSES: u32 = 256;

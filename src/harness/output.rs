@@ -19,7 +19,10 @@ const PROBE_BYTES: usize = 1 << 20;
 #[derive(Debug, Error)]
 pub enum OutputError {
     #[error("cannot write to {}: {source}; choose another folder with --out", path.display())]
-    Unwritable { path: PathBuf, source: std::io::Error },
+    Unwritable {
+        path: PathBuf,
+        source: std::io::Error,
+    },
     #[error(
         "{} holds records already: continue them with --resume, or choose another folder with --out",
         path.display()
@@ -50,11 +53,16 @@ impl Output {
     pub fn resume(asked: Option<&Path>) -> Result<Self, OutputError> {
         let default = Path::new(DEFAULT_FOLDER);
         let folder = asked.map(Path::to_owned).or_else(|| latest(default));
-        Self::open(folder.ok_or_else(|| OutputError::NothingToResume { path: default.to_owned() })?)
+        Self::open(folder.ok_or_else(|| OutputError::NothingToResume {
+            path: default.to_owned(),
+        })?)
     }
 
     fn open(folder: PathBuf) -> Result<Self, OutputError> {
-        probe(&folder).map_err(|source| OutputError::Unwritable { path: folder.clone(), source })?;
+        probe(&folder).map_err(|source| OutputError::Unwritable {
+            path: folder.clone(),
+            source,
+        })?;
         Ok(Self { folder })
     }
 
@@ -80,7 +88,13 @@ fn probe(folder: &Path) -> std::io::Result<()> {
 }
 
 fn fresh(adapter: &str, profile: &str) -> PathBuf {
-    let word = |c: char| if c.is_ascii_alphanumeric() { c.to_ascii_lowercase() } else { ' ' };
+    let word = |c: char| {
+        if c.is_ascii_alphanumeric() {
+            c.to_ascii_lowercase()
+        } else {
+            ' '
+        }
+    };
     let plain: String = adapter.chars().map(word).collect();
     let words: Vec<&str> = plain.split_whitespace().take(3).collect();
     let time = calendar::compact(SystemTime::now());
@@ -89,11 +103,18 @@ fn fresh(adapter: &str, profile: &str) -> PathBuf {
 
 /// The folder whose records were changed last.
 fn latest(parent: &Path) -> Option<PathBuf> {
-    let folders = std::fs::read_dir(parent).ok()?.filter_map(|entry| Some(entry.ok()?.path()));
+    let folders = std::fs::read_dir(parent)
+        .ok()?
+        .filter_map(|entry| Some(entry.ok()?.path()));
     let changed = |folder: &PathBuf| {
-        std::fs::metadata(folder.join(RECORDS)).and_then(|records| records.modified()).ok()
+        std::fs::metadata(folder.join(RECORDS))
+            .and_then(|records| records.modified())
+            .ok()
     };
-    folders.filter_map(|folder| Some((changed(&folder)?, folder))).max().map(|(_, folder)| folder)
+    folders
+        .filter_map(|folder| Some((changed(&folder)?, folder)))
+        .max()
+        .map(|(_, folder)| folder)
 }
 
 /// The records of a folder; none where it has no such file.
@@ -124,7 +145,9 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("taken");
         std::fs::write(&file, "").unwrap();
-        let error = Output::create(Some(&file), "gpu", "quick").unwrap_err().to_string();
+        let error = Output::create(Some(&file), "gpu", "quick")
+            .unwrap_err()
+            .to_string();
         assert!(error.starts_with("cannot write to "), "{error}");
         assert_eq!(error.lines().count(), 1);
     }

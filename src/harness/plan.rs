@@ -17,7 +17,11 @@ pub enum PlanError {
     #[error(transparent)]
     Experiment(#[from] ExperimentError),
     #[error("{experiment}, cell {cell}: {source}")]
-    Cell { experiment: String, cell: String, source: SubjectError },
+    Cell {
+        experiment: String,
+        cell: String,
+        source: SubjectError,
+    },
 }
 
 /// What to measure.
@@ -45,8 +49,13 @@ impl Request {
     /// them, so that the first says so.
     fn axes_of(&self, experiment: &Experiment, all: &[Experiment]) -> Vec<(String, Vec<String>)> {
         let has = |experiment: &Experiment, name: &str| experiment.axis_names().contains(&name);
-        let concerns = |name: &str| has(experiment, name) || !all.iter().any(|other| has(other, name));
-        self.axes.iter().filter(|(name, _)| concerns(name)).cloned().collect()
+        let concerns =
+            |name: &str| has(experiment, name) || !all.iter().any(|other| has(other, name));
+        self.axes
+            .iter()
+            .filter(|(name, _)| concerns(name))
+            .cloned()
+            .collect()
     }
 }
 
@@ -74,8 +83,18 @@ pub struct PlannedReference {
 impl PlannedCell {
     /// See [`resume_key`].
     pub fn resume_key(&self) -> String {
-        let CellPlan { experiment, cell, pipeline, scene, .. } = &self.plan;
-        let Subject { scene: built, params, .. } = &self.subject;
+        let CellPlan {
+            experiment,
+            cell,
+            pipeline,
+            scene,
+            ..
+        } = &self.plan;
+        let Subject {
+            scene: built,
+            params,
+            ..
+        } = &self.subject;
         resume_key(experiment, cell, pipeline, scene, &built.stand_ins, params)
     }
 
@@ -108,11 +127,16 @@ pub fn plan(
         expanded.push(experiment.cells(profile, &axes, &request.sets)?);
     }
     let cells = expanded.into_iter().map(|plans| {
-        plans.into_iter().map(|plan| planned_cell(&mut subjects, plan, limits)).collect()
+        plans
+            .into_iter()
+            .map(|plan| planned_cell(&mut subjects, plan, limits))
+            .collect()
     });
     let cells: Vec<Vec<PlannedCell>> = cells.collect::<Result<_, _>>()?;
     let planned = experiments.into_iter().zip(cells);
-    Ok(planned.map(|(experiment, cells)| PlannedExperiment { experiment, cells }).collect())
+    Ok(planned
+        .map(|(experiment, cells)| PlannedExperiment { experiment, cells })
+        .collect())
 }
 
 fn planned_cell(
@@ -125,8 +149,11 @@ fn planned_cell(
         cell: plan.cell.clone(),
         source,
     };
-    let mut subject =
-        |overrides| subjects.subject(&plan.pipeline, &plan.scene, overrides).map_err(error);
+    let mut subject = |overrides| {
+        subjects
+            .subject(&plan.pipeline, &plan.scene, overrides)
+            .map_err(error)
+    };
     let of_cell = subject(&plan.overrides)?;
     let reference = match &plan.reference {
         Some(reference) => Some(PlannedReference {
@@ -136,15 +163,26 @@ fn planned_cell(
         None => None,
     };
     let skip = of_cell.beyond(limits).map_err(error)?;
-    Ok(PlannedCell { subject: of_cell, skip, reference, plan })
+    Ok(PlannedCell {
+        subject: of_cell,
+        skip,
+        reference,
+        plan,
+    })
 }
 
 /// Drops the cells that `finished` (resume keys) holds; how many they were.
 pub fn drop_finished(planned: &mut [PlannedExperiment], finished: &BTreeSet<String>) -> usize {
-    let count = |planned: &[PlannedExperiment]| planned.iter().map(|e| e.cells.len()).sum::<usize>();
+    let count =
+        |planned: &[PlannedExperiment]| planned.iter().map(|e| e.cells.len()).sum::<usize>();
     let before = count(planned);
     for experiment in planned.iter_mut() {
-        experiment.cells.retain(|cell| !finished.contains(&cell.resume_key()));
+        experiment
+            .cells
+            .retain(|cell| !finished.contains(&cell.resume_key()));
     }
     before - count(planned)
 }
+
+#[cfg(test)]
+mod tests;

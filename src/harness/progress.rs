@@ -27,7 +27,13 @@ impl Progress {
             bar.with_style(style)
         });
         let end = Instant::now() + Duration::try_from_secs_f64(budget_s).unwrap_or(Duration::ZERO);
-        Self { bar, total, done: 0, end, quiet }
+        Self {
+            bar,
+            total,
+            done: 0,
+            end,
+            quiet,
+        }
     }
 
     /// A cell's pipeline is about to be built.
@@ -86,8 +92,10 @@ impl Progress {
     }
 
     fn time_left(&self) -> String {
-        let left_s = self.end.saturating_duration_since(Instant::now()).as_secs();
-        format!("at most {}:{:02} min left", left_s / 60, left_s % 60)
+        match self.end.saturating_duration_since(Instant::now()).as_secs() {
+            0 => "past the time budget, on each cell's least frames".to_owned(),
+            left_s => format!("about {}:{:02} min left", left_s / 60, left_s % 60),
+        }
     }
 }
 

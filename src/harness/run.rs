@@ -68,6 +68,8 @@ pub struct Summary {
     pub out: PathBuf,
     pub measured: usize,
     pub skipped: usize,
+    /// Why the first skipped cell was.
+    pub skip_reason: Option<String>,
     pub failed: usize,
     /// Cells of an earlier run that were not measured again.
     pub kept: usize,
@@ -75,9 +77,10 @@ pub struct Summary {
 }
 
 impl Summary {
-    /// Wall time after set-up over the GPU time measured in it.
-    pub fn efficiency(&self) -> f64 {
-        self.end.measuring_wall_s / self.end.measured_gpu_s
+    /// Wall time after set-up over the GPU time measured in it, if there is any.
+    pub fn efficiency(&self) -> Option<f64> {
+        let gpu_s = self.end.measured_gpu_s;
+        (gpu_s > 0.0).then(|| self.end.measuring_wall_s / gpu_s)
     }
 }
 
@@ -89,8 +92,16 @@ struct Defaults {
 }
 
 /// Quick: the whole suite within five minutes, set-up included.
-const QUICK: Defaults = Defaults { precision: 0.02, budget_per_cell_s: 6.0, most_budget_s: 225.0 };
-const PAPER: Defaults = Defaults { precision: 0.01, budget_per_cell_s: 20.0, most_budget_s: 1_800.0 };
+const QUICK: Defaults = Defaults {
+    precision: 0.02,
+    budget_per_cell_s: 6.0,
+    most_budget_s: 225.0,
+};
+const PAPER: Defaults = Defaults {
+    precision: 0.01,
+    budget_per_cell_s: 20.0,
+    most_budget_s: 1_800.0,
+};
 
 impl Defaults {
     fn of(profile: &str) -> Self {
@@ -104,8 +115,16 @@ pub fn run(options: &Options, interrupted: &AtomicBool) -> Result<Summary, RunEr
     let start = Instant::now();
     check(options)?;
     let experiments = options.request.load()?;
-    let resumed = options.resume.then(|| Output::resume(options.out.as_deref())).transpose()?;
-    let before = resumed.as_ref().map(output::read).transpose()?.unwrap_or_default().records;
+    let resumed = options
+        .resume
+        .then(|| Output::resume(options.out.as_deref()))
+        .transpose()?;
+    let before = resumed
+        .as_ref()
+        .map(output::read)
+        .transpose()?
+        .unwrap_or_default()
+        .records;
     let gpu = Gpu::open(&options.gpu)?;
     let profile = profile(options, &before, &gpu);
     let mut planned = plan::plan(experiments, &options.request, &profile, &gpu.limits)?;
@@ -114,7 +133,9 @@ pub fn run(options: &Options, interrupted: &AtomicBool) -> Result<Summary, RunEr
         None => Output::create(options.out.as_deref(), &gpu.adapter.name, &profile)?,
     };
     let audit = gpu::audit(&gpu)?;
-    let seed = options.seed.unwrap_or_else(|| u64::from(rand::random::<u32>()));
+    let seed = options
+        .seed
+        .unwrap_or_else(|| u64::from(rand::random::<u32>()));
     let header = header(options, &gpu, &audit, &profile, seed);
     let kept = plan::drop_finished(&mut planned, &record::finished(&before, &header));
     let mut measurement = Measurement {
@@ -132,7 +153,10 @@ pub fn run(options: &Options, interrupted: &AtomicBool) -> Result<Summary, RunEr
 }
 
 fn check(options: &Options) -> Result<(), RunError> {
-    let given = [("--budget", options.budget_s), ("--precision", options.precision)];
+    let given = [
+        ("--budget", options.budget_s),
+        ("--precision", options.precision),
+    ];
     for (name, value) in given {
         if let Some(value) = value.filter(|value| !(value.is_finite() && *value > 0.0)) {
             return Err(RunError::NotPositive { name, value });
@@ -146,13 +170,23 @@ fn profile(options: &Options, before: &[Record], gpu: &Gpu) -> String {
         Record::Run(run) => Some(run.profile.clone()),
         _ => None,
     });
-    let default = if gpu.adapter.software { "quick" } else { "paper" };
-    options.profile.clone().or(resumed).unwrap_or_else(|| default.to_owned())
+    let default = if gpu.adapter.software {
+        "quick"
+    } else {
+        "paper"
+    };
+    options
+        .profile
+        .clone()
+        .or(resumed)
+        .unwrap_or_else(|| default.to_owned())
 }
 
 fn header(options: &Options, gpu: &Gpu, audit: &Audit, profile: &str, seed: u64) -> Run {
     let mut notes = gpu.notes.clone();
-    notes.push(format!("cells and frames in an order drawn from the seed {seed}"));
+    notes.push(format!(
+        "cells and frames in an order drawn from the seed {seed}"
+    ));
     Run {
         schema: SCHEMA,
         fathom_version: env!("CARGO_PKG_VERSION").to_owned(),
@@ -160,7 +194,12 @@ fn header(options: &Options, gpu: &Gpu, audit: &Audit, profile: &str, seed: u64)
         profile: profile.to_owned(),
         command: options.command.clone(),
         adapter: gpu.adapter.clone(),
-        shader_checks: if gpu.unchecked { "unchecked" } else { "checked" }.to_owned(),
+        shader_checks: if gpu.unchecked {
+            "unchecked"
+        } else {
+            "checked"
+        }
+        .to_owned(),
         audit: audit.rows.clone(),
         submit_cost_ns: audit.plan.submit_cost_ns,
         notes,
@@ -180,13 +219,21 @@ fn settings(
     Settings {
         precision: options.precision.unwrap_or(defaults.precision),
         budget_s: options.budget_s.unwrap_or(default_budget_s),
-        group_bytes: if software { SOFTWARE_GROUP_BYTES } else { GPU_GROUP_BYTES },
+        group_bytes: if software {
+            SOFTWARE_GROUP_BYTES
+        } else {
+            GPU_GROUP_BYTES
+        },
         seed,
     }
 }
 
 fn measurable(planned: &[PlannedExperiment]) -> usize {
-    planned.iter().flat_map(|e| &e.cells).filter(|cell| cell.skip.is_none()).count()
+    planned
+        .iter()
+        .flat_map(|e| &e.cells)
+        .filter(|cell| cell.skip.is_none())
+        .count()
 }
 
 struct Measurement<'a> {
@@ -199,8 +246,15 @@ struct Measurement<'a> {
 }
 
 impl Measurement<'_> {
-    fn measure(&mut self, planned: &[PlannedExperiment], before: &[Record]) -> Result<(), RunError> {
-        let total = planned.iter().map(|experiment| experiment.cells.len()).sum();
+    fn measure(
+        &mut self,
+        planned: &[PlannedExperiment],
+        before: &[Record],
+    ) -> Result<(), RunError> {
+        let total = planned
+            .iter()
+            .map(|experiment| experiment.cells.len())
+            .sum();
         let mut progress = Progress::new(total, self.settings.budget_s, self.quiet);
         let start = Instant::now();
         let mut cells_left = measurable(planned);
@@ -257,11 +311,15 @@ impl Measurement<'_> {
         progress: &mut Progress,
     ) -> Result<(), RecordError> {
         let pictures = self.output.pictures();
-        let output =
-            executor::Output { writer: &mut self.writer, progress, pictures: pictures.as_path() };
+        let output = executor::Output {
+            writer: &mut self.writer,
+            progress,
+            pictures: pictures.as_path(),
+        };
         let mut executor = CellExecutor::new(&mut self.session, cells, settings.precision, output);
-        let due: Vec<usize> =
-            (0..cells.len()).filter(|index| cells[*index].skip.is_none()).collect();
+        let due: Vec<usize> = (0..cells.len())
+            .filter(|index| cells[*index].skip.is_none())
+            .collect();
         sample::sample(&mut executor, &due, settings, self.interrupted)
     }
 
@@ -284,16 +342,30 @@ impl Measurement<'_> {
 
 /// Counts the cells after the last header.
 fn summary(out: PathBuf, records: &[Record], end: End, kept: usize) -> Summary {
-    let mut summary = Summary { out, measured: 0, skipped: 0, failed: 0, kept, end };
-    for record in records {
-        match record {
-            Record::Run(_) => (summary.measured, summary.skipped, summary.failed) = (0, 0, 0),
-            Record::Cell(cell) => match cell.outcome {
-                Outcome::Measured(_) => summary.measured += 1,
-                Outcome::Skipped { .. } => summary.skipped += 1,
-                Outcome::Failed { .. } => summary.failed += 1,
-            },
-            Record::Experiment(_) | Record::End(_) => {}
+    let mut summary = Summary {
+        out,
+        measured: 0,
+        skipped: 0,
+        skip_reason: None,
+        failed: 0,
+        kept,
+        end,
+    };
+    let since = records
+        .iter()
+        .rposition(|record| matches!(record, Record::Run(_)))
+        .unwrap_or(0);
+    for record in &records[since..] {
+        let Record::Cell(cell) = record else {
+            continue;
+        };
+        match &cell.outcome {
+            Outcome::Measured(_) => summary.measured += 1,
+            Outcome::Failed { .. } => summary.failed += 1,
+            Outcome::Skipped { reason } => {
+                summary.skipped += 1;
+                summary.skip_reason.get_or_insert_with(|| reason.clone());
+            }
         }
     }
     summary

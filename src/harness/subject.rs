@@ -16,7 +16,10 @@ use crate::scene::{Scene, SceneError, SceneFile};
 #[derive(Debug, Error)]
 pub enum SubjectError {
     #[error("unknown pipeline `{name}`{}", hint(.nearest))]
-    UnknownPipeline { name: String, nearest: Option<String> },
+    UnknownPipeline {
+        name: String,
+        nearest: Option<String>,
+    },
     #[error(transparent)]
     Scene(#[from] SceneError),
     #[error(transparent)]
@@ -27,7 +30,9 @@ pub enum SubjectError {
 
 /// `; did you mean …?`, or nothing.
 pub(super) fn hint(nearest: &Option<String>) -> String {
-    nearest.as_ref().map_or_else(String::new, |name| format!("; did you mean `{name}`?"))
+    nearest
+        .as_ref()
+        .map_or_else(String::new, |name| format!("; did you mean `{name}`?"))
 }
 
 /// A pipeline kind, a scene with its geometry, and every parameter.
@@ -43,13 +48,17 @@ pub struct Subject {
 impl Subject {
     /// What the parameters ask beyond `limits`, with the numbers. Nothing is allocated.
     pub fn beyond(&self, limits: &wgpu::Limits) -> Result<Option<String>, SubjectError> {
-        let demand = (self.kind.demand)(&self.params, &self.scene).map_err(SubjectError::Invalid)?;
+        let demand =
+            (self.kind.demand)(&self.params, &self.scene).map_err(SubjectError::Invalid)?;
         Ok(demand.check(limits).err())
     }
 
     /// Makes the pipeline's resources; any fault of the device comes back as an error.
     pub fn build(&self, gpu: &Gpu) -> Result<Box<dyn Pipeline>, GpuError> {
-        if let Some(reason) = self.beyond(&gpu.limits).map_err(|e| GpuError::Limit(e.to_string()))? {
+        if let Some(reason) = self
+            .beyond(&gpu.limits)
+            .map_err(|e| GpuError::Limit(e.to_string()))?
+        {
             return Err(GpuError::Limit(reason));
         }
         gpu.scoped(|| (self.kind.build)(gpu, &self.scene, &self.params))
@@ -79,7 +88,12 @@ impl Subjects {
         }
         let file = (kind.scene_file)(&file, &params).map_err(SubjectError::Invalid)?;
         let scene_name = scene.to_owned();
-        Ok(Subject { kind, scene_name, scene: self.scene(file)?, params })
+        Ok(Subject {
+            kind,
+            scene_name,
+            scene: self.scene(file)?,
+            params,
+        })
     }
 
     fn file(&mut self, scene: &str) -> Result<SceneFile, SceneError> {

@@ -60,8 +60,11 @@ pub struct PhotonErrors {
     pub median_m: f64,
     pub p99_m: f64,
     pub max_m: f64,
-    /// |entry − exact entry|, median, metres.
+    /// 99th percentile over the photons whose estimate converged, metres.
+    pub converged_p99_m: f64,
+    /// |entry − exact entry|, metres.
     pub entry_median_m: f64,
+    pub entry_p99_m: f64,
     /// Land exactly, lost on the GPU.
     pub miss_rate: f64,
     /// Land on the GPU, not exactly; share of all photons.
@@ -73,12 +76,15 @@ pub struct PhotonErrors {
 /// Compares photons pairwise: both slices in the grid's memory order.
 pub fn photon_errors(stored: &[StoredPhoton], exact: &[Landing]) -> PhotonErrors {
     let mut hit_errors = Vec::new();
+    let mut converged_errors = Vec::new();
     let mut entry_errors = Vec::new();
     let (mut exact_landed, mut missed, mut false_hits, mut unconverged) = (0, 0, 0, 0);
     for (gpu, exact) in stored.iter().zip(exact) {
         match (gpu.landed(), exact.landed()) {
             (true, Some(landed)) => {
-                hit_errors.push((gpu.hit - landed.hit.position).length());
+                let error = (gpu.hit - landed.hit.position).length();
+                hit_errors.push(error);
+                converged_errors.extend(gpu.converged().then_some(error));
                 entry_errors.push((gpu.entry - landed.entry.position).length());
                 unconverged += usize::from(!gpu.converged());
             }
@@ -96,7 +102,9 @@ pub fn photon_errors(stored: &[StoredPhoton], exact: &[Landing]) -> PhotonErrors
         median_m: quantile(&mut hit_errors, 0.5),
         p99_m: quantile(&mut hit_errors, 0.99),
         max_m: quantile(&mut hit_errors, 1.0),
+        converged_p99_m: quantile(&mut converged_errors, 0.99),
         entry_median_m: quantile(&mut entry_errors, 0.5),
+        entry_p99_m: quantile(&mut entry_errors, 0.99),
         miss_rate: share(missed, exact_landed),
         false_hit_rate: share(false_hits, stored.len().min(exact.len())),
         unconverged_rate: share(unconverged, exact_landed),
@@ -171,6 +179,7 @@ mod tests {
         assert_eq!((errors.exact_landed, errors.compared), (4, 3));
         assert!((errors.median_m - 0.1).abs() < 1e-12);
         assert!((errors.max_m - 0.5).abs() < 1e-12);
+        assert!((errors.converged_p99_m - 0.1).abs() < 1e-12);
         assert_eq!(errors.miss_rate, 0.25);
         assert_eq!(errors.unconverged_rate, 0.25);
         assert_eq!(errors.false_hit_rate, 0.2);

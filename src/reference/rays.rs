@@ -288,15 +288,24 @@ impl PixelRays {
     /// Origin on the near plane, unit direction and length up to the far plane, at the centre of
     /// pixel (x, y), row 0 on top.
     pub fn ray(&self, x: u32, y: u32) -> (DVec3, DVec3, f64) {
-        let ndc_x = 2.0 * (f64::from(x) + 0.5) / f64::from(self.width) - 1.0;
-        let ndc_y = 1.0 - 2.0 * (f64::from(y) + 0.5) / f64::from(self.height);
-        let near = self.inverse.project_point3(DVec3::new(ndc_x, ndc_y, 0.0));
-        let far = self.inverse.project_point3(DVec3::new(ndc_x, ndc_y, 1.0));
-        let along = far - near;
+        self.ray_at(f64::from(x) + 0.5, f64::from(y) + 0.5)
+    }
+
+    /// The same through any point of the image, in pixels.
+    pub fn ray_at(&self, x_px: f64, y_px: f64) -> (DVec3, DVec3, f64) {
+        let near = self.unproject(x_px, y_px, 0.0);
+        let along = self.unproject(x_px, y_px, 1.0) - near;
         (near, along.normalize(), along.length())
     }
 
-    /// Position in pixels (row 0 on top), depth 0…1 and clip-space w of a world point; `None` behind the eye.
+    /// World point at a place in pixels and a depth 0…1.
+    pub fn unproject(&self, x_px: f64, y_px: f64, depth: f64) -> DVec3 {
+        let ndc_x = 2.0 * x_px / f64::from(self.width) - 1.0;
+        let ndc_y = 1.0 - 2.0 * y_px / f64::from(self.height);
+        self.inverse.project_point3(DVec3::new(ndc_x, ndc_y, depth))
+    }
+
+    /// Where a world point appears; `None` behind the eye.
     pub fn project(&self, point: DVec3) -> Option<Projected> {
         let clip: DVec4 = self.forward * point.extend(1.0);
         if clip.w <= 0.0 {
@@ -307,6 +316,7 @@ impl PixelRays {
             x_px: (ndc.x * 0.5 + 0.5) * f64::from(self.width),
             y_px: (0.5 - ndc.y * 0.5) * f64::from(self.height),
             depth: ndc.z,
+            w: clip.w,
         })
     }
 
@@ -326,6 +336,8 @@ pub struct Projected {
     pub y_px: f64,
     /// 0 on the near plane, 1 on the far plane.
     pub depth: f64,
+    /// Clip-space w: distance along the view direction for a perspective view, 1 for a parallel one.
+    pub w: f64,
 }
 
 fn point(v: DVec3) -> Point3<f64> {

@@ -1,0 +1,295 @@
+//! `fathom verify`: every stage on a small case against its f64 reference.
+//!
+//! A case feeds a stage with the reference's own inputs where it can, so that errors stay local, and
+//! compares what comes out. Beside each comparison runs a control: the same comparison with one value
+//! perturbed, which must exceed the tolerance. A check whose control passes says nothing.
+//!
+//! One file per family of stages; adding a case adds a function there and a line in its `cases`.
+
+mod camera;
+mod compose;
+mod filters;
+mod light;
+mod lines;
+mod photons;
+mod rig;
+mod splats;
+
+use std::fmt;
+
+use serde::Serialize;
+
+use crate::gpu::{Gpu, GpuError};
+use crate::reference::ReferenceError;
+use crate::scene::SceneError;
+use rig::Rig;
+
+/// Why a verification could not be carried out. A check that fails is no error.
+#[derive(Debug, thiserror::Error)]
+pub enum VerifyError {
+    #[error(transparent)]
+    Gpu(#[from] GpuError),
+    #[error(transparent)]
+    Scene(#[from] SceneError),
+    #[error(transparent)]
+    Reference(#[from] ReferenceError),
+    #[error("no check matches `{filter}`; there are checks for: {known}")]
+    NoMatch { filter: String, known: String },
+    #[error("{stage}: nothing to compare in check `{what}`")]
+    Empty { stage: &'static str, what: String },
+}
+
+/// One comparison and its control.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Check {
+    pub stage: &'static str,
+    /// What is compared, and its statistic.
+    pub what: String,
+    /// Unit of `measured` and `tolerance`; `1` for ratios.
+    pub unit: &'static str,
+    pub measured: f64,
+    pub tolerance: f64,
+    pub passed: bool,
+    pub control: Control,
+    /// Further figures that are reported and not judged: `name → value`, the unit in the name.
+    pub figures: Vec<(String, f64)>,
+}
+
+/// The same comparison with one value perturbed.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Control {
+    pub perturbed: String,
+    pub measured: f64,
+    pub failed_as_it_must: bool,
+}
+
+impl Check {
+    /// A check that passes when `measured ≤ tolerance` and the control's measure exceeds it. What is
+    /// not a number never passes.
+    pub fn new(
+        (stage, what): (&'static str, impl Into<String>),
+        (tolerance, unit): (f64, &'static str),
+        measured: f64,
+        (perturbed, control): (impl Into<String>, f64),
+    ) -> Check {
+        Check {
+            stage,
+            what: what.into(),
+            unit,
+            measured,
+            tolerance,
+            passed: measured <= tolerance,
+            control: Control {
+                perturbed: perturbed.into(),
+                measured: control,
+                failed_as_it_must: control > tolerance,
+            },
+            figures: Vec::new(),
+        }
+    }
+
+    /// Adds a figure that is reported and not judged.
+    #[must_use]
+    pub fn with(mut self, name: impl Into<String>, value: f64) -> Check {
+        self.figures.push((name.into(), value));
+        self
+    }
+
+    /// The comparison passed and its control failed.
+    pub fn is_sound(&self) -> bool {
+        self.passed && self.control.failed_as_it_must
+    }
+}
+
+/// A case: one run on the GPU that yields one or more checks of a stage.
+struct Case {
+    stage: &'static str,
+    what: String,
+    run: Box<dyn Fn(&Rig<'_>) -> Result<Vec<Check>, VerifyError>>,
+}
+
+impl Case {
+    fn new(
+        stage: &'static str,
+        what: impl Into<String>,
+        run: impl Fn(&Rig<'_>) -> Result<Vec<Check>, VerifyError> + 'static,
+    ) -> Case {
+        Case {
+            stage,
+            what: what.into(),
+            run: Box::new(run),
+        }
+    }
+
+    fn matches(&self, filter: &str) -> bool {
+        let filter = filter.to_lowercase();
+        self.stage.contains(&filter) || self.what.to_lowercase().contains(&filter)
+    }
+}
+
+/// Every case, in frame order.
+fn cases() -> Vec<Case> {
+    [
+        light::cases(),
+        camera::cases(),
+        photons::cases(),
+        splats::cases(),
+        lines::cases(),
+        filters::cases(),
+        compose::cases(),
+    ]
+    .into_iter()
+    .flatten()
+    .collect()
+}
+
+/// Runs the cases whose stage or name contains `filter` (all without one) and returns their checks.
+///
+/// # Errors
+/// When nothing matches, when a scene cannot be loaded, or when the GPU fails; never for a failed check.
+pub fn verify(gpu: &Gpu, filter: Option<&str>) -> Result<Vec<Check>, VerifyError> {
+    let all = cases();
+    let chosen: Vec<&Case> = all
+        .iter()
+        .filter(|case| filter.is_none_or(|f| case.matches(f)))
+        .collect();
+    if chosen.is_empty() {
+        return Err(VerifyError::NoMatch {
+            filter: filter.unwrap_or_default().to_owned(),
+            known: known_stages(&all),
+        });
+    }
+    let rig = Rig::new(gpu)?;
+    let mut checks = Vec::new();
+    for case in chosen {
+        checks.extend(run_scoped(&rig, case)?);
+    }
+    Ok(checks)
+}
+
+fn known_stages(cases: &[Case]) -> String {
+    let mut stages: Vec<&str> = cases.iter().map(|case| case.stage).collect();
+    stages.dedup();
+    stages.join(", ")
+}
+
+/// Runs a case so that what the GPU reports late becomes this case's error.
+fn run_scoped(rig: &Rig<'_>, case: &Case) -> Result<Vec<Check>, VerifyError> {
+    tracing::info!("{}: {}", case.stage, case.what);
+    let mut result = Ok(Vec::new());
+    rig.gpu.scoped(|| {
+        result = (case.run)(rig);
+        Ok(())
+    })?;
+    result
+}
+
+/// A table of checks for people, one line each, figures below.
+pub struct Table<'a>(pub &'a [Check]);
+
+impl fmt::Display for Table<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let width = |text: fn(&Check) -> &str, least: usize| {
+            let widths = self.0.iter().map(|check| text(check).chars().count());
+            widths.fold(least, usize::max)
+        };
+        let (stage, what) = (width(|c| c.stage, 5), width(|c| &c.what, 5));
+        writeln!(
+            f,
+            "{:6} {:stage$} {:what$} {:>10} {:>10} {:4} control: must exceed the tolerance",
+            "", "stage", "check", "measured", "tolerance", "unit"
+        )?;
+        for check in self.0 {
+            let verdict = match (check.passed, check.control.failed_as_it_must) {
+                (true, true) => "ok",
+                (false, _) => "FAILED",
+                (true, false) => "BLIND",
+            };
+            writeln!(
+                f,
+                "{verdict:6} {:stage$} {:what$} {:>10} {:>10} {:4} {} → {}",
+                check.stage,
+                check.what,
+                short(check.measured),
+                short(check.tolerance),
+                check.unit,
+                check.control.perturbed,
+                short(check.control.measured),
+            )?;
+            for (name, value) in &check.figures {
+                writeln!(f, "{:6} {:stage$}   {name} {}", "", "", short(*value))?;
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Three digits, with an exponent where plain digits would be long.
+fn short(value: f64) -> String {
+    if value == 0.0 || (1e-3..1e4).contains(&value.abs()) {
+        let digits = if value == 0.0 {
+            0.0
+        } else {
+            value.abs().log10().floor()
+        };
+        let decimals = (2.0 - digits).clamp(0.0, 5.0) as usize;
+        format!("{value:.decimals$}")
+    } else {
+        format!("{value:.2e}")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn check(measured: f64, control: f64) -> Check {
+        Check::new(
+            ("a/b", "error"),
+            (0.1, "m"),
+            measured,
+            ("index 1.34", control),
+        )
+    }
+
+    #[test]
+    fn a_check_is_sound_only_with_a_control_that_fails() {
+        assert!(check(0.05, 0.2).is_sound());
+        assert!(!check(0.2, 0.3).is_sound());
+        assert!(!check(0.05, 0.05).is_sound());
+        assert!(!check(f64::NAN, 0.2).passed);
+        assert!(!check(0.05, f64::NAN).is_sound());
+    }
+
+    #[test]
+    fn the_table_names_verdicts_and_figures() {
+        let checks = [
+            check(0.05, 0.2).with("p99_m", 0.07),
+            check(0.2, 0.3),
+            check(0.0, 0.0),
+        ];
+        let table = Table(&checks).to_string();
+        assert!(
+            table.contains("ok     a/b")
+                && table.contains("FAILED a/b")
+                && table.contains("BLIND  a/b")
+        );
+        assert!(table.contains("p99_m 0.0700"));
+        assert_eq!(table.lines().count(), 5);
+    }
+
+    #[test]
+    fn numbers_are_short() {
+        let shown = [0.0, 0.0123456, 12.3456, 1234.5, 1.234e-6].map(short);
+        assert_eq!(shown, ["0.00", "0.0123", "12.3", "1234", "1.23e-6"]);
+    }
+
+    #[test]
+    fn every_stage_of_the_registry_has_a_case() {
+        let cases = cases();
+        for info in crate::stages::REGISTRY {
+            let covered = cases.iter().any(|case| case.stage == info.name);
+            assert!(covered, "{} has no case", info.name);
+        }
+    }
+}

@@ -1,0 +1,262 @@
+//! `scene/gbuffer`, `water/reflection` and `water/refraction` against rays from the camera.
+
+use glam::DVec3;
+
+use super::rig::{self, Rig};
+use super::{Case, Check, VerifyError};
+use crate::reference::image::Image;
+use crate::reference::quantities::quantile;
+use crate::reference::rays::{Hit, PixelRays, Tracer};
+use crate::scene::{Camera, Scene};
+use crate::stages::frame::Shared;
+use crate::stages::geometry::Geometry;
+use crate::stages::{scene, water};
+
+/// Scene with columns, curved objects and walls.
+const SCENE: &str = "tank";
+/// Scene with geometry on both sides of the water.
+const SHORE: &str = "tank";
+const SIZE: [u32; 2] = [160, 120];
+/// Geometry this far past the resting water is still drawn by reflection and refraction, metres.
+const OVERLAP_M: f64 = 0.1;
+
+pub fn cases() -> Vec<Case> {
+    vec![
+        Case::new("scene/gbuffer", "depth, normal and albedo", gbuffer),
+        Case::new(
+            "water/reflection",
+            "coverage from the mirrored camera",
+            reflection,
+        ),
+        Case::new("water/refraction", "coverage beyond the water", refraction),
+    ]
+}
+
+fn gbuffer(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
+    let scene = Scene::load(SCENE)?;
+    let resources = rig.resources();
+    let view = rig::view(&scene, SIZE);
+    let shared = Shared::new(&resources, &view);
+    let geometry = Geometry::new(&resources, &scene);
+    let stage = scene::gbuffer::Gbuffer::new(&resources, &shared, &geometry, SIZE)?;
+    rig.run(&[&stage])?;
+    let depth = rig.channel(&stage.depth, 0)?;
+    let normals = vectors(rig, &stage.normal)?;
+    let colors = vectors(rig, &stage.albedo)?;
+
+    let tracer = Tracer::new(&scene.objects)?;
+    let seen = Seen::cast(&scene.camera, &tracer);
+    let aside = Camera {
+        fov_y_deg: scene.camera.fov_y_deg * 1.01,
+        ..scene.camera.clone()
+    };
+    let aside = Seen::cast(&aside, &tracer);
+    Ok(vec![
+        Check::new(
+            (
+                "scene/gbuffer",
+                "99th percentile of |depth − ray|, of the distance",
+            ),
+            (1e-3, "1"),
+            seen.depth_p99(&depth),
+            ("field of view 1 % wider", aside.depth_p99(&depth)),
+        )
+        .with("coverage_disagreement", seen.coverage_disagreement(&depth)),
+        Check::new(
+            ("scene/gbuffer", "99th percentile of the normal's angle"),
+            (0.5, "deg"),
+            seen.normal_p99_deg(&normals, 0.0),
+            (
+                "normals turned by 1 degree",
+                seen.normal_p99_deg(&normals, 1.0),
+            ),
+        ),
+        Check::new(
+            (
+                "scene/gbuffer",
+                "99th percentile of the albedo's error, plain materials",
+            ),
+            (2.0 / 255.0, "1"),
+            seen.albedo_p99(&scene, &colors, 1.0),
+            ("albedo 5 % higher", seen.albedo_p99(&scene, &colors, 1.05)),
+        ),
+    ])
+}
+
+/// Three channels of a texture as vectors, in rows.
+fn vectors(rig: &Rig<'_>, texture: &wgpu::Texture) -> Result<Vec<DVec3>, VerifyError> {
+    let [x, y, z] = [0, 1, 2].map(|channel| rig.channel(texture, channel));
+    let (x, y, z) = (x?, y?, z?);
+    let values = x.data().iter().zip(y.data()).zip(z.data());
+    Ok(values.map(|((x, y), z)| DVec3::new(*x, *y, *z)).collect())
+}
+
+/// Exact hits of a camera's pixels.
+struct Seen {
+    rays: PixelRays,
+    hits: Vec<Option<Hit>>,
+}
+
+impl Seen {
+    fn cast(camera: &Camera, tracer: &Tracer) -> Seen {
+        let rays = PixelRays::new(camera, SIZE[0], SIZE[1]);
+        let pixels = (0..SIZE[1]).flat_map(|y| (0..SIZE[0]).map(move |x| (x, y)));
+        let hits = pixels.map(|(x, y)| rays.cast(tracer, x, y).map(|(hit, _)| hit));
+        Seen {
+            hits: hits.collect(),
+            rays,
+        }
+    }
+
+    /// Index in rows and hit of every covered pixel.
+    fn covered(&self) -> impl Iterator<Item = (usize, &Hit)> {
+        let numbered = self.hits.iter().enumerate();
+        numbered.filter_map(|(i, hit)| hit.as_ref().map(|hit| (i, hit)))
+    }
+
+    fn depth_p99(&self, depth: &Image) -> f64 {
+        let mut errors: Vec<f64> = self
+            .covered()
+            .filter(|(i, _)| depth.data()[*i] < 1.0)
+            .map(|(i, hit)| {
+                let (x, y) = (i as u32 % SIZE[0], i as u32 / SIZE[0]);
+                let (x_px, y_px) = (f64::from(x) + 0.5, f64::from(y) + 0.5);
+                let position = self.rays.unproject(x_px, y_px, depth.data()[i]);
+                (position - hit.position).length() / hit.distance_m
+            })
+            .collect();
+        quantile(&mut errors, 0.99)
+    }
+
+    fn coverage_disagreement(&self, depth: &Image) -> f64 {
+        let pairs = self.hits.iter().zip(depth.data());
+        let unlike = pairs.filter(|(hit, depth)| hit.is_some() != (**depth < 1.0));
+        unlike.count() as f64 / self.hits.len() as f64
+    }
+
+    /// `turned_deg` turns the exact normals about the view's x axis.
+    fn normal_p99_deg(&self, normals: &[DVec3], turned_deg: f64) -> f64 {
+        let turn = glam::DQuat::from_rotation_x(turned_deg.to_radians());
+        let mut angles: Vec<f64> = self
+            .covered()
+            .filter(|(i, hit)| normals[*i].length() > 0.5 && hit.shading_normal.length() > 0.5)
+            .map(|(i, hit)| {
+                normals[i]
+                    .angle_between(turn * hit.shading_normal)
+                    .to_degrees()
+            })
+            .collect();
+        quantile(&mut angles, 0.99)
+    }
+
+    fn albedo_p99(&self, scene: &Scene, colors: &[DVec3], factor: f64) -> f64 {
+        let mut errors: Vec<f64> = self
+            .covered()
+            .filter(|(_, hit)| scene.objects[hit.object].material.tile_m <= 0.0)
+            .map(|(i, hit)| {
+                let albedo = scene.objects[hit.object].material.albedo.map(f64::from);
+                (colors[i] - DVec3::from(albedo) * factor)
+                    .abs()
+                    .max_element()
+            })
+            .collect();
+        quantile(&mut errors, 0.99)
+    }
+}
+
+fn reflection(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
+    let scene = above_water()?;
+    let resources = rig.resources();
+    let view = rig::view(&scene, SIZE);
+    let shared = Shared::new(&resources, &view);
+    let geometry = Geometry::new(&resources, &scene);
+    let stage = water::reflection::Reflection::new(&resources, &shared, &geometry, SIZE)?;
+    rig.run(&[&stage])?;
+    let covered = rig.channel(stage.texture(), 3)?;
+    let tracer = Tracer::new(&scene.objects)?;
+    // The picture of the world mirrored about `level`, kept on the camera's own side.
+    let unlike = |level: f64| {
+        let ray = |x, y| {
+            let (origin, direction, length) =
+                PixelRays::new(&scene.camera, SIZE[0], SIZE[1]).ray(x, y);
+            let mirror = |v: DVec3, level: f64| DVec3::new(v.x, 2.0 * level - v.y, v.z);
+            (mirror(origin, level), mirror(direction, 0.0), length)
+        };
+        coverage_disagreement(&covered, &tracer, ray, |y| y >= -OVERLAP_M)
+    };
+    Ok(vec![
+        Check::new(
+            ("water/reflection", "share of pixels unlike exact rays"),
+            (0.01, "1"),
+            unlike(0.0),
+            ("mirror raised by 0.3 m", unlike(0.3)),
+        )
+        .with("covered_share", covered.sum() / covered.data().len() as f64),
+    ])
+}
+
+fn refraction(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
+    let scene = above_water()?;
+    let resources = rig.resources();
+    let view = rig::view(&scene, SIZE);
+    let shared = Shared::new(&resources, &view);
+    let geometry = Geometry::new(&resources, &scene);
+    let stage = water::refraction::Refraction::new(&resources, &shared, &geometry, SIZE)?;
+    rig.run(&[&stage])?;
+    let covered = rig.channel(stage.texture(), 3)?;
+    let tracer = Tracer::new(&scene.objects)?;
+    let rays = PixelRays::new(&scene.camera, SIZE[0], SIZE[1]);
+    let unlike = |level: f64| {
+        coverage_disagreement(
+            &covered,
+            &tracer,
+            |x, y| rays.ray(x, y),
+            |y| y <= level + OVERLAP_M,
+        )
+    };
+    Ok(vec![
+        Check::new(
+            ("water/refraction", "share of pixels unlike exact rays"),
+            (0.01, "1"),
+            unlike(0.0),
+            ("water lowered by 1 m", unlike(-1.0)),
+        )
+        .with("covered_share", covered.sum() / covered.data().len() as f64),
+    ])
+}
+
+/// The shore seen from above the water.
+fn above_water() -> Result<Scene, VerifyError> {
+    let mut scene = Scene::load(SHORE)?;
+    let height = scene.camera.position_m[1].abs().max(1.5);
+    scene.camera.position_m[1] = height;
+    scene.camera.target_m[1] = 0.0;
+    Ok(scene)
+}
+
+/// Share of pixels whose coverage differs from that of exact rays which pass through geometry at
+/// heights that are not `kept`.
+fn coverage_disagreement(
+    covered: &Image,
+    tracer: &Tracer,
+    ray: impl Fn(u32, u32) -> (DVec3, DVec3, f64),
+    kept: impl Fn(f64) -> bool,
+) -> f64 {
+    let mut unlike = 0u32;
+    for y in 0..covered.height() {
+        for x in 0..covered.width() {
+            let (origin, direction, length) = ray(x, y);
+            let mut from = 0.0;
+            let mut seen = false;
+            while let Some(hit) = tracer.cast(origin, direction, from, length) {
+                if kept(hit.position.y) {
+                    seen = true;
+                    break;
+                }
+                from = hit.distance_m * (1.0 + 1e-12);
+            }
+            unlike += u32::from(seen != (covered.clamped(x.into(), y.into()) > 0.5));
+        }
+    }
+    f64::from(unlike) / covered.data().len() as f64
+}

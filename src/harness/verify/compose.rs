@@ -1,0 +1,219 @@
+//! `compose`: known inputs in, and the laws of adding light, of attenuation and of reflection out.
+
+use glam::{DVec3, Vec2};
+
+use super::rig::{self, Rig};
+use super::{Case, Check, VerifyError};
+use crate::reference::image::Image;
+use crate::reference::optics::{fresnel_reflectance, transmittance};
+use crate::reference::rays::PixelRays;
+use crate::stages::compose::{Compose, ComposeUniforms, Inputs};
+use crate::stages::frame::{Shared, View};
+
+const STAGE: &str = "compose";
+const SIZE: [u32; 2] = [96, 64];
+/// Radiance L is shown as `(1 − exp(−exposure · L))^(1 / 2.2)` in 8 bits.
+const DISPLAY_GAMMA: f64 = 2.2;
+/// Distance of the wall that fills the view, metres.
+const WALL_M: f64 = 4.0;
+const GAMMA_PER_M: f64 = 0.13;
+/// Channel that is judged: the water's tint leaves blue as it is.
+const BLUE: usize = 2;
+/// Middles of the bands of caustics (from left to right) and of godrays (from top to bottom), arbitrary units.
+const CAUSTICS: [f64; 3] = [1.0, 4.0, 7.0];
+const GODRAYS: [f64; 2] = [0.05, 0.4];
+/// Caustics rise by this much across a band: the 8-bit steps of the display then average out.
+const RAMP: f64 = 1.0;
+/// Pixels next to another band are mixed with it.
+const BORDER_PX: u32 = 4;
+
+pub fn cases() -> Vec<Case> {
+    vec![
+        Case::new(
+            STAGE,
+            "addition and attenuation of known inputs",
+            known_inputs,
+        ),
+        Case::new(
+            STAGE,
+            "Fresnel reflection of the water from above and below",
+            fresnel,
+        ),
+    ]
+}
+
+/// Mean radiance of each band: `[godrays][caustics]`.
+type Bands = [[f64; 3]; 2];
+
+fn known_inputs(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
+    let clear = wall(rig, 0.0)?;
+    let water = wall(rig, GAMMA_PER_M)?;
+    let [low, middle, high] = water[0];
+    let (rays, both) = (water[1][0] - low, water[1][2] - low);
+    let through = (high - low) / (clear[0][2] - clear[0][0]);
+    let off = |measured: f64, expected: f64| (measured / expected - 1.0).abs();
+    let twice = (high - low) / (middle - low);
+    Ok(vec![
+        Check::new(
+            (STAGE, "twice the caustics, twice the light: relative error"),
+            (5e-3, "1"),
+            off(twice, 2.0),
+            ("2.1 times expected", off(twice, 2.1)),
+        ),
+        Check::new(
+            (STAGE, "caustics and godrays add up: relative error"),
+            (5e-3, "1"),
+            off(both, high - low + rays),
+            (
+                "godrays counted 1.1 times",
+                off(both, high - low + 1.1 * rays),
+            ),
+        ),
+        Check::new(
+            (STAGE, "caustics seen through 4 m of water: relative error"),
+            (5e-3, "1"),
+            off(through, transmittance(GAMMA_PER_M, WALL_M)),
+            (
+                "attenuation 5 % higher",
+                off(through, transmittance(GAMMA_PER_M * 1.05, WALL_M)),
+            ),
+        ),
+    ])
+}
+
+/// What is composed, one value for the whole view unless an image.
+struct Known<'a> {
+    albedo: f32,
+    depth: f64,
+    caustics: &'a Image,
+    godrays: &'a Image,
+    reflection: f32,
+    exposure: f64,
+}
+
+/// Composes known inputs and returns the radiance of each pixel.
+fn radiance(rig: &Rig<'_>, view: &View, known: &Known<'_>) -> Result<Image, VerifyError> {
+    let resources = rig.resources();
+    let shared = Shared::new(&resources, view);
+    let grey = |value: f32, alpha: f32| rig.constant(SIZE, [value, value, value, alpha]);
+    let inputs = Inputs {
+        albedo: &grey(known.albedo, 1.0)?,
+        normal: &rig.constant(SIZE, [0.0, 0.0, 1.0, 1.0])?,
+        depth: &rig.depth(SIZE, known.depth)?,
+        caustics: &rig.grey(known.caustics),
+        godrays: &rig.grey(known.godrays),
+        reflection: &grey(known.reflection, 1.0)?,
+        refraction: &grey(0.0, 1.0)?,
+    };
+    let settings = ComposeUniforms {
+        size_px: Vec2::new(SIZE[0] as f32, SIZE[1] as f32),
+        caustics_scale: 1.0,
+        godrays_scale: 1.0,
+        exposure: known.exposure as f32,
+        occlusion_taps: 0,
+        occlusion_radius_m: 0.5,
+        water_cells: 8,
+    };
+    let stage = Compose::new(&resources, &shared, &inputs, settings, false)?;
+    rig.run(&[&stage])?;
+    let shown = rig.channel(stage.texture(), BLUE)?;
+    let undo = |value: &f64| -(1.0 - value.powf(DISPLAY_GAMMA)).ln() / known.exposure;
+    let data = shown.data().iter().map(undo).collect();
+    Ok(Image::from_data(SIZE[0], SIZE[1], data)?)
+}
+
+/// A white wall across a narrow view under water, with the bands upon it.
+fn wall(rig: &Rig<'_>, gamma_per_m: f64) -> Result<Bands, VerifyError> {
+    let mut view = rig::synthetic_view(SIZE, gamma_per_m)?;
+    // So narrow that the path through the water is the same for all pixels.
+    view.camera.fov_y_deg = 1.0;
+    // Deep enough that the surface is not in view.
+    view.camera.position_m[1] = -2.0;
+    view.camera.target_m[1] = -2.0;
+    let rays = PixelRays::new(&view.camera, SIZE[0], SIZE[1]);
+    let eye = DVec3::from(view.camera.position_m);
+    let wall = rays.project(eye + view.camera.direction() * WALL_M);
+    let (columns, rows) = (SIZE[0] / 3, SIZE[1] / 2);
+    let caustics = |x: u32, _| {
+        let within = f64::from(x % columns) + 0.5;
+        CAUSTICS[(x / columns) as usize] + RAMP * (within / f64::from(columns) - 0.5)
+    };
+    let known = Known {
+        albedo: 1.0,
+        depth: wall.map_or(1.0, |wall| wall.depth),
+        caustics: &filled(caustics)?,
+        godrays: &filled(|_, y| GODRAYS[(y / rows) as usize])?,
+        reflection: 0.0,
+        exposure: 0.4,
+    };
+    let image = radiance(rig, &view, &known)?;
+    let mean = |column: u32, row: u32| {
+        let inside = |band: u32, side: u32| band * side + BORDER_PX..(band + 1) * side - BORDER_PX;
+        let pixels = inside(row, rows).flat_map(|y| inside(column, columns).map(move |x| (x, y)));
+        let values: Vec<f64> = pixels
+            .map(|(x, y)| image.clamped(x.into(), y.into()))
+            .collect();
+        values.iter().sum::<f64>() / values.len() as f64
+    };
+    Ok([0, 1].map(|row| [0, 1, 2].map(|column| mean(column, row))))
+}
+
+fn filled(value: impl Fn(u32, u32) -> f64) -> Result<Image, VerifyError> {
+    let pixels = (0..SIZE[1]).flat_map(|y| (0..SIZE[0]).map(move |x| (x, y)));
+    let data = pixels.map(|(x, y)| value(x, y)).collect();
+    Ok(Image::from_data(SIZE[0], SIZE[1], data)?)
+}
+
+/// Flat water between a white reflection and a black refraction shows its reflectance.
+fn fresnel(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
+    let mut checks = Vec::new();
+    // From below the view crosses the critical angle, 48.8° from the vertical.
+    for (side, name, target_z) in [(1.0, "above", -1.5), (-1.0, "below", 0.8)] {
+        let mut view = rig::synthetic_view(SIZE, 0.0)?;
+        view.camera.position_m = [0.0, 1.5 * side, 2.0];
+        view.camera.target_m = [0.0, 0.0, target_z];
+        view.camera.fov_y_deg = 30.0;
+        let nothing = Image::constant(SIZE[0], SIZE[1], 0.0);
+        let known = Known {
+            albedo: 0.0,
+            depth: 1.0,
+            caustics: &nothing,
+            godrays: &nothing,
+            reflection: 1.0,
+            exposure: 1.5,
+        };
+        let image = radiance(rig, &view, &known)?;
+        let rays = PixelRays::new(&view.camera, SIZE[0], SIZE[1]);
+        let error = |index: f64| reflectance_error(&image, &rays, side, index);
+        checks.push(Check::new(
+            (
+                STAGE,
+                format!("flat water from {name}: mean |reflectance − Fresnel|, of the mean"),
+            ),
+            (0.02, "1"),
+            error(view.water.refractive_index),
+            ("refractive index 1.40", error(1.40)),
+        ));
+    }
+    Ok(checks)
+}
+
+/// Mean absolute difference from the exact reflectance over the pixels that see the water, relative
+/// to its mean. `side` is 1 for a camera in the air and −1 for one in the water.
+fn reflectance_error(image: &Image, rays: &PixelRays, side: f64, index: f64) -> f64 {
+    let (outer, inner) = if side > 0.0 {
+        (1.0, index)
+    } else {
+        (index, 1.0)
+    };
+    let (mut difference, mut sum) = (0.0, 0.0);
+    for y in 0..SIZE[1] {
+        for x in 0..SIZE[0] {
+            let (_, direction, _) = rays.ray(x, y);
+            let exact = fresnel_reflectance(-side * direction.y, outer, inner);
+            difference += (image.clamped(x.into(), y.into()) - exact).abs();
+            sum += exact;
+        }
+    }
+    difference / sum
+}

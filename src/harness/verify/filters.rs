@@ -1,0 +1,101 @@
+//! `caustics/filter` and `godrays/filter` against the f64 twin.
+
+use super::rig::{Random, Rig};
+use super::{Case, Check, VerifyError};
+use crate::gpu::{Encode, GpuError};
+use crate::reference::filter::Disc;
+use crate::reference::image::Image;
+use crate::stages::kit::Resources;
+use crate::stages::low_pass::FilterUniforms;
+use crate::stages::{caustics, godrays};
+
+const SIZE: [u32; 2] = [96, 64];
+const TAPS: u32 = 16;
+const RADIUS_PX: f64 = 3.0;
+/// Pixels with a tap this near to a texel's edge are left out: in f32 it may fall on the other side.
+/// WGSL bounds the error of sine and cosine by 2⁻¹¹; at this radius that is 0.0015 px.
+const AMBIGUOUS_PX: f64 = 2e-3;
+/// Largest difference relative to the image's mean: f32 sums of 16 taps.
+const TOLERANCE: f64 = 1e-5;
+
+pub fn cases() -> Vec<Case> {
+    vec![
+        Case::new("caustics/filter", "noise through the low-pass", |rig| {
+            let make =
+                |resources: &Resources<'_>, source: &wgpu::Texture, settings: &FilterUniforms| {
+                    let filter = caustics::filter::Filter::new(resources, source, settings)?;
+                    let texture = filter.texture().clone();
+                    Ok((Box::new(filter) as Box<dyn Encode>, texture))
+                };
+            check("caustics/filter", rig, make)
+        }),
+        Case::new("godrays/filter", "noise through the low-pass", |rig| {
+            let make =
+                |resources: &Resources<'_>, source: &wgpu::Texture, settings: &FilterUniforms| {
+                    let filter = godrays::filter::Filter::new(resources, source, settings)?;
+                    let texture = filter.texture().clone();
+                    Ok((Box::new(filter) as Box<dyn Encode>, texture))
+                };
+            check("godrays/filter", rig, make)
+        }),
+    ]
+}
+
+type Made = (Box<dyn Encode>, wgpu::Texture);
+
+fn check(
+    stage: &'static str,
+    rig: &Rig<'_>,
+    make: impl Fn(&Resources<'_>, &wgpu::Texture, &FilterUniforms) -> Result<Made, GpuError>,
+) -> Result<Vec<Check>, VerifyError> {
+    let image = noise()?;
+    let settings = FilterUniforms {
+        taps: TAPS,
+        radius_px: RADIUS_PX as f32,
+    };
+    let (filter, texture) = make(&rig.resources(), &rig.grey(&image), &settings)?;
+    rig.run(&[filter.as_ref()])?;
+    let filtered = rig.channel(&texture, 0)?;
+
+    let disc = Disc::vogel(TAPS, RADIUS_PX);
+    let mut moved = disc.clone();
+    moved.taps[0][0] += 1.0;
+    let (measured, left_out) = largest_difference(&filtered, &image, &disc, &disc);
+    let (control, _) = largest_difference(&filtered, &image, &moved, &disc);
+    let sums = (filtered.sum() / image.sum() - 1.0).abs();
+    let check = Check::new(
+        (stage, "largest difference from the f64 twin, of the mean"),
+        (TOLERANCE, "1"),
+        measured,
+        ("one tap moved by a pixel", control),
+    );
+    Ok(vec![
+        check
+            .with("pixels_left_out_share", left_out)
+            .with("energy_change", sums),
+    ])
+}
+
+fn noise() -> Result<Image, VerifyError> {
+    let mut random = Random::new(7);
+    let data = (0..SIZE[0] * SIZE[1]).map(|_| f64::from(random.next() as f32));
+    Ok(Image::from_data(SIZE[0], SIZE[1], data.collect())?)
+}
+
+/// Largest difference between the GPU's result and `twin` over the pixels where `judge` has no
+/// ambiguous tap, relative to the mean, and the share of the pixels left out.
+fn largest_difference(gpu: &Image, source: &Image, twin: &Disc, judge: &Disc) -> (f64, f64) {
+    let mean = source.sum() / source.data().len() as f64;
+    let (mut largest, mut left_out) = (0.0f64, 0);
+    for y in 0..gpu.height() {
+        for x in 0..gpu.width() {
+            if judge.edge_distance(x, y) < AMBIGUOUS_PX {
+                left_out += 1;
+                continue;
+            }
+            let difference = gpu.clamped(x.into(), y.into()) - twin.at(source, x, y);
+            largest = largest.max(difference.abs() / mean);
+        }
+    }
+    (largest, f64::from(left_out) / source.data().len() as f64)
+}

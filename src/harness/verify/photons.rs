@@ -1,0 +1,366 @@
+//! `caustics/trace` and `godrays/trace` against exact refraction and ray casting.
+
+use glam::Vec2;
+
+use super::rig::{self, Rig};
+use super::{Case, Check, VerifyError};
+use crate::gpu::{Encode, GpuError};
+use crate::pipelines::Pipeline;
+use crate::pipelines::underwater::{Params, Underwater};
+use crate::reference::estimator::{estimate, exact_depth};
+use crate::reference::photons::{Landed, Landing, PhotonGrid, land_all};
+use crate::reference::quantities::{PhotonErrors, StoredPhoton, photon_errors, quantile};
+use crate::reference::rays::Tracer;
+use crate::scene::{LightFrame, LightKind, Scene, SceneFile, Water, WaterModel};
+use crate::stages::frame::Shared;
+use crate::stages::geometry::Geometry;
+use crate::stages::photon::{Photons, TraceUniforms};
+use crate::stages::{OutputData, caustics, godrays, shadow};
+
+/// Flat water over a plane has a closed form: what is left is f32 and the depth map's bits.
+const FLAT_RELATIVE: f64 = 1e-4;
+/// Median distance between a photon's landing and the exact one in real scenes.
+const REAL_MEDIAN_M: f64 = 0.01;
+/// 99th percentile of the distance between a photon's entry and the exact one: the noise texture is
+/// interpolated between texels a sixteenth of a noise cell apart.
+const ENTRY_P99_M: f64 = 1e-3;
+/// Cells per side of the photon grids; four photons a cell.
+const FLAT_GRID: u32 = 32;
+const REAL_GRID: u32 = 64;
+const SHADOW_TEXELS: u32 = 512;
+
+pub fn cases() -> Vec<Case> {
+    let mut cases = Vec::new();
+    for family in [Family::Caustics, Family::Godrays] {
+        for (kind, light) in [
+            (LightKind::Directional, "directional"),
+            (LightKind::Point, "point"),
+        ] {
+            let what = format!("flat water over a plane, {light} light");
+            let title = what.clone();
+            cases.push(Case::new(family.stage(), what, move |rig| {
+                flat(rig, family, kind, &title)
+            }));
+        }
+    }
+    cases.push(Case::new(
+        "caustics/trace",
+        "run-time subdivision",
+        dynamic_subdivision,
+    ));
+    for (model, name) in [
+        (WaterModel::Circular, "circular"),
+        (WaterModel::Directional, "directional"),
+    ] {
+        let what = format!("{name} waves");
+        cases.push(Case::new("caustics/trace", what, move |rig| {
+            waves(rig, model, name)
+        }));
+    }
+    for name in Scene::names() {
+        cases.push(Case::new(
+            "caustics/trace",
+            format!("scene {name}"),
+            move |rig| real(rig, name),
+        ));
+    }
+    cases
+}
+
+#[derive(Clone, Copy, PartialEq)]
+enum Family {
+    Caustics,
+    Godrays,
+}
+
+impl Family {
+    fn stage(self) -> &'static str {
+        match self {
+            Family::Caustics => caustics::trace::INFO.name,
+            Family::Godrays => godrays::trace::INFO.name,
+        }
+    }
+}
+
+/// Depth map, mask and one tracing stage for a scene; returns the photons.
+fn trace(
+    rig: &Rig<'_>,
+    scene: &Scene,
+    family: Family,
+    settings: TraceUniforms,
+    dynamic: bool,
+) -> Result<(Vec<StoredPhoton>, LightFrame), VerifyError> {
+    let resources = rig.resources();
+    let view = rig::view(scene, [256, 256]);
+    let shared = Shared::new(&resources, &view);
+    let geometry = Geometry::new(&resources, scene);
+    let depth = shadow::depth::Depth::new(&resources, &shared, &geometry, SHADOW_TEXELS)?;
+    let mask = shadow::mask::Mask::new(&resources, &shared, depth.texture(), 64)?;
+    let light = (depth.texture(), mask.texture());
+    let (stage, photons): (Box<dyn Encode>, Photons) = match family {
+        Family::Caustics => {
+            let stage = caustics::trace::Trace::new(&resources, &shared, light, settings, dynamic)?;
+            let photons = stage.0.photons.clone();
+            (Box::new(stage), photons)
+        }
+        Family::Godrays => {
+            let stage = godrays::trace::Trace::new(&resources, &shared, light, settings, dynamic)?;
+            let photons = stage.0.photons.clone();
+            (Box::new(stage), photons)
+        }
+    };
+    rig.run(&[&depth, &mask, stage.as_ref()])?;
+    Ok((rig.read_photons(&photons)?, view.light_frame()))
+}
+
+fn settings(grid: u32, side: u32) -> TraceUniforms {
+    TraceUniforms {
+        grid,
+        side,
+        iterations: 12,
+        masked: 1,
+        offset: Vec2::splat(0.5),
+        start_m: 1.0,
+        unused: 0.0,
+    }
+}
+
+fn exact(
+    frame: &LightFrame,
+    water: &Water,
+    tracer: &Tracer,
+    grid: [u32; 2],
+) -> Result<Vec<Landing>, VerifyError> {
+    Ok(land_all(
+        frame,
+        water,
+        tracer,
+        PhotonGrid::new(grid[0], grid[1])?,
+    ))
+}
+
+fn with_index(water: &Water, refractive_index: f64) -> Water {
+    Water {
+        refractive_index,
+        ..water.clone()
+    }
+}
+
+fn flat(
+    rig: &Rig<'_>,
+    family: Family,
+    kind: LightKind,
+    what: &str,
+) -> Result<Vec<Check>, VerifyError> {
+    let scene = rig::flat_plane(kind)?;
+    let (photons, frame) = trace(rig, &scene, family, settings(FLAT_GRID, 2), false)?;
+    let tracer = Tracer::new(&scene.objects)?;
+    let grid = [FLAT_GRID, 4];
+    let landings = exact(&frame, &scene.water, &tracer, grid)?;
+    let perturbed = exact(&frame, &with_index(&scene.water, 1.34), &tracer, grid)?;
+    let errors = photon_errors(&photons, &landings);
+    let check = Check::new(
+        (
+            family.stage(),
+            format!("{what}: largest |hit − exact| / path"),
+        ),
+        (FLAT_RELATIVE, "1"),
+        largest_relative(&photons, &landings),
+        (
+            "refractive index 1.34",
+            largest_relative(&photons, &perturbed),
+        ),
+    );
+    Ok(vec![with_rates(check, &errors)])
+}
+
+/// Largest error of a landing point relative to the path under water; NaN when nothing lands.
+fn largest_relative(photons: &[StoredPhoton], landings: &[Landing]) -> f64 {
+    let mut errors: Vec<f64> = photons
+        .iter()
+        .zip(landings)
+        .filter(|(photon, _)| photon.landed())
+        .filter_map(|(photon, landing)| {
+            let exact = landing.landed()?;
+            Some((photon.hit - exact.hit.position).length() / exact.distance_m)
+        })
+        .collect();
+    quantile(&mut errors, 1.0)
+}
+
+/// The loop bound read at run time gives the very photons of the one compiled in. UW §4.1.
+fn dynamic_subdivision(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
+    let scene = rig::flat_plane(LightKind::Directional)?;
+    let traced = |offset: f32, dynamic| {
+        let settings = TraceUniforms {
+            offset: Vec2::splat(offset),
+            ..settings(16, 3)
+        };
+        trace(rig, &scene, Family::Caustics, settings, dynamic).map(|(photons, _)| photons)
+    };
+    let fixed = traced(0.5, false)?;
+    let apart = |other: &[StoredPhoton]| {
+        let distances = fixed
+            .iter()
+            .zip(other)
+            .map(|(a, b)| (a.hit - b.hit).length());
+        distances.fold(0.0, f64::max)
+    };
+    Ok(vec![Check::new(
+        (
+            "caustics/trace",
+            "run-time against compiled subdivision: largest distance",
+        ),
+        (1e-5, "m"),
+        apart(&traced(0.5, true)?),
+        (
+            "photons moved by 1 % of their share",
+            apart(&traced(0.51, true)?),
+        ),
+    )])
+}
+
+/// Where photons enter steep waves. UW §4.1 has two models; noise takes half of each here.
+fn waves(rig: &Rig<'_>, model: WaterModel, name: &str) -> Result<Vec<Check>, VerifyError> {
+    let mut scene = rig::flat_plane(LightKind::Directional)?;
+    scene.water.model = model;
+    scene.water.amplitude_m = 0.12;
+    scene.water.noise = 0.5;
+    let (photons, frame) = trace(rig, &scene, Family::Caustics, settings(FLAT_GRID, 2), false)?;
+    let tracer = Tracer::new(&scene.objects)?;
+    let grid = [FLAT_GRID, 4];
+    let errors = photon_errors(&photons, &exact(&frame, &scene.water, &tracer, grid)?);
+    let higher = Water {
+        amplitude_m: scene.water.amplitude_m * 1.05,
+        ..scene.water.clone()
+    };
+    let perturbed = photon_errors(&photons, &exact(&frame, &higher, &tracer, grid)?);
+    let check = Check::new(
+        (
+            "caustics/trace",
+            format!("{name} waves of 0.12 m: 99th percentile of |entry − exact|"),
+        ),
+        (ENTRY_P99_M, "m"),
+        errors.entry_p99_m,
+        ("amplitude 5 % higher", perturbed.entry_p99_m),
+    );
+    Ok(vec![with_rates(check, &errors)])
+}
+
+/// Both tracing stages of the whole pipeline at the scene's own settings.
+fn real(rig: &Rig<'_>, name: &str) -> Result<Vec<Check>, VerifyError> {
+    let file = SceneFile::load(name)?;
+    let scene = Scene::build(&file)?;
+    let pipeline = Underwater::new(rig.gpu, &scene, real_params(&file))?;
+    run_until(rig, &pipeline, godrays::trace::INFO.name)?;
+    let tracer = Tracer::new(&scene.objects)?;
+    let frame = pipeline.view.light_frame();
+    let grid = [REAL_GRID, 4];
+    let landings = exact(&frame, &scene.water, &tracer, grid)?;
+    let perturbed = exact(&frame, &with_index(&scene.water, 1.40), &tracer, grid)?;
+    let unlimited = unconverged_over_exact_depth(&pipeline.params, &frame, &tracer, &landings);
+    [Family::Caustics, Family::Godrays]
+        .into_iter()
+        .map(|family| {
+            let photons = stage_photons(rig, &pipeline, family.stage())?;
+            let errors = photon_errors(&photons, &landings);
+            let check = Check::new(
+                (
+                    family.stage(),
+                    format!("scene {name}: median |hit − exact|"),
+                ),
+                (REAL_MEDIAN_M, "m"),
+                errors.median_m,
+                (
+                    "refractive index 1.40",
+                    photon_errors(&photons, &perturbed).median_m,
+                ),
+            );
+            Ok(with_rates(check, &errors).with("unconverged_rate_over_exact_depth", unlimited))
+        })
+        .collect()
+}
+
+fn real_params(file: &SceneFile) -> Params {
+    let mut params = Params::from_scene(file);
+    params.caustics.grid = REAL_GRID;
+    params.caustics.subdivision = 4;
+    params.godrays.grid = REAL_GRID;
+    params.godrays.subdivision = 4;
+    params
+}
+
+/// Runs a pipeline's stages up to and including one.
+pub fn run_until(rig: &Rig<'_>, pipeline: &Underwater, last: &str) -> Result<(), GpuError> {
+    let stages = pipeline.stages();
+    let end = stages.iter().position(|stage| stage.name() == last);
+    let encodes: Vec<&dyn Encode> = stages
+        .iter()
+        .take(end.map_or(stages.len(), |i| i + 1))
+        .map(|stage| *stage as &dyn Encode)
+        .collect();
+    rig.run(&encodes)
+}
+
+fn stage_photons(
+    rig: &Rig<'_>,
+    pipeline: &Underwater,
+    name: &'static str,
+) -> Result<Vec<StoredPhoton>, VerifyError> {
+    let stages = pipeline.stages();
+    let outputs = stages
+        .iter()
+        .find(|stage| stage.name() == name)
+        .map(|stage| stage.outputs())
+        .unwrap_or_default();
+    for output in outputs {
+        if let OutputData::Buffer { buffer, count, .. } = output.data {
+            return Ok(rig.read_photons(&Photons { buffer, count })?);
+        }
+    }
+    Err(VerifyError::Empty {
+        stage: name,
+        what: "photons".into(),
+    })
+}
+
+/// Share of every fourth photon whose estimate does not converge over a depth map of unlimited
+/// resolution: the method's own failures.
+fn unconverged_over_exact_depth(
+    params: &Params,
+    frame: &LightFrame,
+    tracer: &Tracer,
+    landings: &[Landing],
+) -> f64 {
+    let settings = &params.caustics;
+    let converged = |landed: &Landed| {
+        let surface = |p| exact_depth(frame, tracer, p);
+        let (entry, start_m) = (landed.entry.position, settings.start_m);
+        estimate(
+            entry,
+            landed.direction,
+            start_m,
+            settings.iterations,
+            surface,
+        )
+        .is_some_and(|estimate| estimate.residual_m <= settings.tolerance_m)
+    };
+    let landed: Vec<&Landed> = landings
+        .iter()
+        .step_by(4)
+        .filter_map(Landing::landed)
+        .collect();
+    let lost = landed.iter().filter(|landed| !converged(landed)).count();
+    lost as f64 / landed.len().max(1) as f64
+}
+
+fn with_rates(check: Check, errors: &PhotonErrors) -> Check {
+    check
+        .with("p99_m", errors.p99_m)
+        .with("converged_p99_m", errors.converged_p99_m)
+        .with("photons_compared", errors.compared as f64)
+        .with("miss_rate", errors.miss_rate)
+        .with("false_hit_rate", errors.false_hit_rate)
+        .with("unconverged_rate", errors.unconverged_rate)
+        .with("entry_p99_m", errors.entry_p99_m)
+}

@@ -1,0 +1,246 @@
+//! What cases run on: uploads of a reference's inputs, small scenes, and read-back as f64 images.
+
+use std::cell::RefCell;
+
+use glam::{DVec3, UVec2};
+
+use super::VerifyError;
+use crate::gpu::{
+    ClockPlan, DepthTarget, Encode, FrameTimer, Gpu, GpuError, StageScope, Targets, read_buffer,
+    read_texture,
+};
+use crate::reference::image::Image;
+use crate::reference::quantities::{StoredPhoton, stored_photons};
+use crate::scene::{Camera, LightKind, Scene};
+use crate::stages::frame::View;
+use crate::stages::kit::{self, Resources};
+use crate::stages::photon::{Photon, Photons};
+
+/// Timed passes of a frame at most; cases do not time, the timer wants a bound.
+const MAX_PASSES: u32 = 64;
+
+/// The device and what runs frames on it.
+pub struct Rig<'g> {
+    pub gpu: &'g Gpu,
+    timer: RefCell<FrameTimer>,
+}
+
+impl<'g> Rig<'g> {
+    pub fn new(gpu: &'g Gpu) -> Result<Self, GpuError> {
+        let timer = FrameTimer::new(gpu, ClockPlan::fenced(0.0), MAX_PASSES);
+        Ok(Self {
+            gpu,
+            timer: RefCell::new(timer?),
+        })
+    }
+
+    pub fn resources(&self) -> Resources<'g> {
+        Resources::new(self.gpu)
+    }
+
+    /// Runs stages as one frame and waits for it.
+    pub fn run(&self, stages: &[&dyn Encode]) -> Result<(), GpuError> {
+        self.timer.borrow_mut().untimed(self.gpu, stages).map(drop)
+    }
+
+    /// One channel of a texture in f64.
+    pub fn channel(&self, texture: &wgpu::Texture, channel: usize) -> Result<Image, VerifyError> {
+        let pixels = read_texture(self.gpu, texture)?;
+        let stride = pixels.channels as usize;
+        let data = pixels.data.iter().skip(channel).step_by(stride);
+        let data = data.map(|v| f64::from(*v)).collect();
+        Ok(Image::from_data(pixels.width, pixels.height, data)?)
+    }
+
+    pub fn read_photons(&self, photons: &Photons) -> Result<Vec<StoredPhoton>, GpuError> {
+        Ok(stored_photons(&read_buffer(self.gpu, &photons.buffer)?))
+    }
+
+    /// A photon buffer with this content.
+    pub fn photons(&self, photons: &[Photon]) -> Photons {
+        let resources = self.resources();
+        let buffer = Photons::new(&resources, "verify photons", photons.len() as u32);
+        self.gpu
+            .queue
+            .write_buffer(&buffer.buffer, 0, bytemuck::cast_slice(photons));
+        buffer
+    }
+
+    /// A texture with one 32-bit float per texel, from an image.
+    pub fn grey(&self, image: &Image) -> wgpu::Texture {
+        let data: Vec<f32> = image.data().iter().map(|v| *v as f32).collect();
+        self.texture(
+            [image.width(), image.height()],
+            wgpu::TextureFormat::R32Float,
+            bytemuck::cast_slice(&data),
+        )
+    }
+
+    /// A texture of one colour throughout, in 16-bit floats so that it can be filtered everywhere.
+    pub fn constant(&self, size: [u32; 2], color: [f32; 4]) -> Result<wgpu::Texture, GpuError> {
+        let texture =
+            self.resources()
+                .target("verify constant", size, wgpu::TextureFormat::Rgba16Float);
+        let [r, g, b, a] = color.map(f64::from);
+        let clear = Clear {
+            view: kit::view(&texture),
+            to: To::Color(wgpu::Color { r, g, b, a }),
+        };
+        self.run(&[&clear])?;
+        Ok(texture)
+    }
+
+    /// A depth texture of one value throughout.
+    pub fn depth(&self, size: [u32; 2], depth: f64) -> Result<wgpu::Texture, GpuError> {
+        let texture = self
+            .resources()
+            .target("verify depth", size, kit::DEPTH_FORMAT);
+        let clear = Clear {
+            view: kit::view(&texture),
+            to: To::Depth(depth as f32),
+        };
+        self.run(&[&clear])?;
+        Ok(texture)
+    }
+
+    fn texture(&self, size: [u32; 2], format: wgpu::TextureFormat, bytes: &[u8]) -> wgpu::Texture {
+        use wgpu::util::DeviceExt;
+        self.gpu.device.create_texture_with_data(
+            &self.gpu.queue,
+            &wgpu::TextureDescriptor {
+                label: Some("verify input"),
+                size: wgpu::Extent3d {
+                    width: size[0],
+                    height: size[1],
+                    depth_or_array_layers: 1,
+                },
+                mip_level_count: 1,
+                sample_count: 1,
+                dimension: wgpu::TextureDimension::D2,
+                format,
+                usage: wgpu::TextureUsages::TEXTURE_BINDING,
+                view_formats: &[],
+            },
+            wgpu::util::TextureDataOrder::LayerMajor,
+            bytes,
+        )
+    }
+}
+
+/// Clears a target and draws nothing.
+struct Clear {
+    view: wgpu::TextureView,
+    to: To,
+}
+
+enum To {
+    Color(wgpu::Color),
+    Depth(f32),
+}
+
+impl Encode for Clear {
+    fn name(&self) -> &'static str {
+        "verify/clear"
+    }
+
+    fn encode(&self, scope: &mut StageScope<'_>) {
+        use crate::gpu::ColorTarget;
+        let view = &self.view;
+        match self.to {
+            To::Color(color) => {
+                let color = [ColorTarget {
+                    view,
+                    clear: Some(color),
+                }];
+                let targets = Targets {
+                    color: &color,
+                    depth: None,
+                };
+                scope.render(&targets, |_| ());
+            }
+            To::Depth(depth) => {
+                let targets = Targets {
+                    color: &[],
+                    depth: Some(DepthTarget {
+                        view,
+                        clear: Some(depth),
+                        read_only: false,
+                    }),
+                };
+                scope.render(&targets, |_| ());
+            }
+        }
+    }
+}
+
+/// Scene `plane` under flat water, lit at a slant, so that refraction shifts every photon. The light's
+/// frustum is narrow enough that no photon passes beside the floor.
+pub fn flat_plane(kind: LightKind) -> Result<Scene, VerifyError> {
+    let mut scene = Scene::load("plane")?;
+    scene.water.amplitude_m = 0.0;
+    scene.light.kind = kind;
+    scene.light.direction = [0.4, -1.0, 0.25];
+    scene.light.position_m = [1.5, 6.0, -1.0];
+    scene.light.half_extent_m = 3.0;
+    Ok(scene)
+}
+
+/// What a frame of a scene is seen from. The edge threshold is the pipeline's default.
+pub fn view(scene: &Scene, size_px: [u32; 2]) -> View {
+    View {
+        camera: scene.camera.clone(),
+        light: scene.light.clone(),
+        water: scene.water.clone(),
+        bounds: scene.bounds,
+        size_px: UVec2::from(size_px),
+        edge_m: 0.1,
+    }
+}
+
+/// A camera at a round place in the middle of things, for synthetic photons.
+pub fn level_camera() -> Camera {
+    Camera {
+        position_m: [0.0, -1.0, 0.0],
+        target_m: [0.0, -1.0, -4.0],
+        up: [0.0, 1.0, 0.0],
+        fov_y_deg: 60.0,
+        z_near_m: 0.1,
+        z_far_m: 20.0,
+    }
+}
+
+/// The view of synthetic photons: [`level_camera`] in scene `plane`.
+pub fn synthetic_view(size_px: [u32; 2], gamma_per_m: f64) -> Result<View, VerifyError> {
+    let mut scene = flat_plane(LightKind::Directional)?;
+    scene.camera = level_camera();
+    scene.water.attenuation_per_m = gamma_per_m;
+    Ok(view(&scene, size_px))
+}
+
+/// A photon as the GPU has it; f64 twins are taken from its rounded numbers.
+pub fn photon(entry: DVec3, hit: DVec3, distance_m: f64) -> Photon {
+    Photon {
+        entry_m: entry.as_vec3(),
+        residual_m: 0.0,
+        hit_m: hit.as_vec3(),
+        distance_m: distance_m as f32,
+    }
+}
+
+/// Repeatable numbers in 0…1.
+pub struct Random(u32);
+
+impl Random {
+    pub fn new(seed: u32) -> Self {
+        Self(seed)
+    }
+
+    pub fn next(&mut self) -> f64 {
+        self.0 = self.0.wrapping_add(1);
+        f64::from(crate::reference::filter::pcg(self.0)) / 4_294_967_296.0
+    }
+
+    pub fn within(&mut self, low: f64, high: f64) -> f64 {
+        low + (high - low) * self.next()
+    }
+}

@@ -1,0 +1,477 @@
+//! `caustics/splat`: size, intensity, depth test and energy of splats against the f64 twin.
+
+use glam::{DVec3, Vec2};
+
+use super::photons::run_until;
+use super::rig::{self, Random, Rig};
+use super::{Case, Check, VerifyError};
+use crate::pipelines::Pipeline;
+use crate::pipelines::underwater::{Intensity as Rule, Params, Underwater};
+use crate::reference::image::Image;
+use crate::reference::photons::{Landed, PhotonGrid, land_all};
+use crate::reference::rays::{PixelRays, Tracer};
+use crate::reference::splat::{Intensity, PointSize, Splat, rasterize, splat_value};
+use crate::scene::{Camera, Scene, SceneFile};
+use crate::stages::caustics::splat::{Splat as SplatStage, SplatUniforms};
+use crate::stages::frame::{Shared, View};
+use crate::stages::geometry::Geometry;
+use crate::stages::photon::Photon;
+use crate::stages::scene::gbuffer::Gbuffer;
+use crate::stages::splatting::PHOTONS_PER_INSTANCE;
+
+const STAGE: &str = "caustics/splat";
+const SIZE: [u32; 2] = [512, 512];
+/// UW §4.1.
+const MIN_PX: f64 = 5.0;
+const MAX_PX: f64 = 20.0;
+const GAMMA_PER_M: f64 = 0.13;
+/// Power of one photon in synthetic cases, watts.
+const PHOTON_W: f64 = 0.02;
+/// Distances of synthetic photons from the viewer, metres: sizes of 20 down to 5 px.
+const NEAREST_M: f64 = 0.15;
+const FARTHEST_M: f64 = 18.0;
+/// Cells per side in which isolated splats lie: 64 px each, more than the largest splat.
+const CELLS: u32 = 8;
+
+pub fn cases() -> Vec<Case> {
+    let mut cases = vec![
+        Case::new(STAGE, "isolated splats: size and intensity", isolated),
+        Case::new(STAGE, "conserved energy of synthetic photons", conserved),
+        Case::new(STAGE, "depth test", depth_test),
+        Case::new(STAGE, "sum of many small contributions", accumulation),
+    ];
+    for name in ["plane", "tank"] {
+        cases.push(Case::new(
+            STAGE,
+            format!("conserved energy of scene {name}"),
+            move |rig| scene_energy(rig, name),
+        ));
+    }
+    cases
+}
+
+/// The rules that splats follow, as the reference has them; controls change one.
+#[derive(Clone, Copy)]
+struct Rules {
+    intensity: Intensity,
+    photon_w: f64,
+    max_px: f64,
+    gamma_per_m: f64,
+    bias_m: f64,
+}
+
+const RULES: Rules = Rules {
+    intensity: Intensity::Paper,
+    photon_w: PHOTON_W,
+    max_px: MAX_PX,
+    gamma_per_m: GAMMA_PER_M,
+    bias_m: 0.0,
+};
+
+impl Rules {
+    /// Splats of photons seen by a camera, in pixels of a buffer.
+    fn splats(
+        &self,
+        camera: &Camera,
+        size_px: [u32; 2],
+        photons: &[(DVec3, f64)],
+    ) -> Result<Vec<Splat>, VerifyError> {
+        let eye = DVec3::from(camera.position_m);
+        let rays = PixelRays::new(camera, size_px[0], size_px[1]);
+        let size = PointSize::new(MIN_PX, self.max_px, camera.z_near_m, camera.z_far_m)?;
+        let splat = |(hit, path_m): &(DVec3, f64)| {
+            let center = rays.project(*hit)?;
+            let distance_m = hit.distance(eye);
+            let biased = *hit + (eye - *hit) * (self.bias_m / distance_m);
+            let size_px = size.at(distance_m);
+            Some(Splat {
+                center_px: [center.x_px, center.y_px],
+                depth: rays.project(biased).map_or(0.0, |p| p.depth.max(0.0)),
+                size_px,
+                value: splat_value(
+                    self.intensity,
+                    self.photon_w,
+                    self.gamma_per_m,
+                    *path_m,
+                    size_px,
+                ),
+            })
+        };
+        Ok(photons.iter().filter_map(splat).collect())
+    }
+}
+
+/// Runs the stage over photons with nothing to hide them.
+fn draw_free(
+    rig: &Rig<'_>,
+    view: &View,
+    photons: &[Photon],
+    rules: &Rules,
+) -> Result<Image, VerifyError> {
+    draw(rig, view, photons, &rig.depth(SIZE, 1.0)?, rules)
+}
+
+/// Runs the stage over photons and the camera's depth.
+fn draw(
+    rig: &Rig<'_>,
+    view: &View,
+    photons: &[Photon],
+    depth: &wgpu::Texture,
+    rules: &Rules,
+) -> Result<Image, VerifyError> {
+    let resources = rig.resources();
+    let shared = Shared::new(&resources, view);
+    let size = PointSize::new(MIN_PX, MAX_PX, view.camera.z_near_m, view.camera.z_far_m)?;
+    // a and b of the size rule from two of its values: s = a + b / d.
+    let b = (size.at(1.0) - size.at(2.0)) * 2.0;
+    let settings = SplatUniforms {
+        size_px: Vec2::new(SIZE[0] as f32, SIZE[1] as f32),
+        size_a_px: (size.at(1.0) - b) as f32,
+        size_b_px_m: b as f32,
+        photon_w: rules.photon_w as f32,
+        depth_bias_m: rules.bias_m as f32,
+        photons_per_instance: PHOTONS_PER_INSTANCE,
+        photons: photons.len() as u32,
+    };
+    let buffer = rig.photons(photons);
+    let conserving = rules.intensity == Intensity::Conserving;
+    let stage = SplatStage::new(
+        &resources,
+        &shared,
+        (&buffer, depth),
+        &settings,
+        conserving,
+        10.0,
+    )?;
+    rig.run(&[&stage])?;
+    rig.channel(stage.texture(), 0)
+}
+
+/// A photon on the ray through a point of the buffer, and the f64 values of its rounded numbers.
+fn photon_at(
+    rays: &PixelRays,
+    eye: DVec3,
+    at_px: [f64; 2],
+    distance_m: f64,
+    path_m: f64,
+) -> (Photon, (DVec3, f64)) {
+    let (_, direction, _) = rays.ray_at(at_px[0], at_px[1]);
+    let hit = eye + direction * distance_m;
+    let photon = rig::photon(hit + DVec3::Y * path_m, hit, path_m);
+    (
+        photon,
+        (photon.hit_m.as_dvec3(), f64::from(photon.distance_m)),
+    )
+}
+
+/// One splat in the middle of each cell, from near to far.
+fn isolated(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
+    let view = rig::synthetic_view(SIZE, GAMMA_PER_M)?;
+    let eye = DVec3::from(view.camera.position_m);
+    let rays = PixelRays::new(&view.camera, SIZE[0], SIZE[1]);
+    let mut random = Random::new(11);
+    let cell_px = f64::from(SIZE[0] / CELLS);
+    let (photons, twins): (Vec<_>, Vec<_>) = (0..CELLS * CELLS)
+        .map(|i| {
+            let middle = |cell: u32| (f64::from(cell) + 0.5) * cell_px;
+            let at = [i % CELLS, i / CELLS].map(|cell| middle(cell) + random.within(-8.0, 8.0));
+            let share = f64::from(i) / f64::from(CELLS * CELLS - 1);
+            let distance_m = NEAREST_M * (FARTHEST_M / NEAREST_M).powf(share);
+            photon_at(&rays, eye, at, distance_m, random.within(0.5, 8.0))
+        })
+        .unzip();
+    let image = draw_free(rig, &view, &photons, &RULES)?;
+    let splats = |rules: Rules| rules.splats(&view.camera, SIZE, &twins);
+    let wide = Rules {
+        max_px: MAX_PX * 1.05,
+        ..RULES
+    };
+    let murky = Rules {
+        gamma_per_m: GAMMA_PER_M * 1.05,
+        ..RULES
+    };
+    Ok(vec![
+        Check::new(
+            (
+                STAGE,
+                "isolated splats: covered pixels unlike the twin's, of all covered",
+            ),
+            (5e-3, "1"),
+            coverage_error(&image, &splats(RULES)?),
+            ("s_max 5 % larger", coverage_error(&image, &splats(wide)?)),
+        ),
+        Check::new(
+            (
+                STAGE,
+                "isolated splats: largest relative error of intensity",
+            ),
+            (1e-4, "1"),
+            center_error(&image, &splats(RULES)?),
+            (
+                "attenuation 5 % higher",
+                center_error(&image, &splats(murky)?),
+            ),
+        ),
+    ])
+}
+
+/// Pixels that one of image and twin covers and the other does not, relative to those covered.
+fn coverage_error(image: &Image, splats: &[Splat]) -> f64 {
+    let mut twin = Image::constant(image.width(), image.height(), 0.0);
+    rasterize(&mut twin, splats, &Image::constant(1, 1, 1.0), 0.0);
+    let pairs = || image.data().iter().zip(twin.data());
+    let unlike = pairs().filter(|(a, b)| (**a > 0.0) != (**b > 0.0)).count();
+    let covered = pairs().filter(|(_, b)| **b > 0.0).count();
+    unlike as f64 / covered.max(1) as f64
+}
+
+/// Largest relative error of the pixel at the middle of each splat.
+fn center_error(image: &Image, splats: &[Splat]) -> f64 {
+    let error = |splat: &Splat| {
+        let [x, y] = splat.center_px.map(|c| c.floor() as i64);
+        (image.clamped(x, y) / splat.value - 1.0).abs()
+    };
+    splats.iter().map(error).fold(0.0, f64::max)
+}
+
+/// Photons strewn over the view, all of their splats within the buffer.
+fn strewn(view: &View, count: u32, nearest_m: f64) -> (Vec<Photon>, Vec<(DVec3, f64)>) {
+    let eye = DVec3::from(view.camera.position_m);
+    let rays = PixelRays::new(&view.camera, SIZE[0], SIZE[1]);
+    let mut random = Random::new(23);
+    (0..count)
+        .map(|_| {
+            let inside = |r: &mut Random, side: u32| r.within(MAX_PX, f64::from(side) - MAX_PX);
+            let at = [inside(&mut random, SIZE[0]), inside(&mut random, SIZE[1])];
+            let distance_m = random.within(nearest_m, FARTHEST_M);
+            photon_at(&rays, eye, at, distance_m, random.within(2.0, 8.0))
+        })
+        .unzip()
+}
+
+/// Sum over the buffer against `Σ I exp(−γ d)`.
+fn conserved(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
+    let view = rig::synthetic_view(SIZE, GAMMA_PER_M)?;
+    let (photons, twins) = strewn(&view, 4096, NEAREST_M);
+    let rules = Rules {
+        intensity: Intensity::Conserving,
+        ..RULES
+    };
+    let sum = draw_free(rig, &view, &photons, &rules)?.sum();
+    let energy = |gamma: f64| -> f64 {
+        let photon = |(_, path_m): &(DVec3, f64)| PHOTON_W * (-gamma * path_m).exp();
+        twins.iter().map(photon).sum()
+    };
+    Ok(vec![Check::new(
+        (STAGE, "conserved energy of 4096 photons, relative error"),
+        (0.01, "1"),
+        (sum / energy(GAMMA_PER_M) - 1.0).abs(),
+        (
+            "attenuation 5 % higher",
+            (sum / energy(GAMMA_PER_M * 1.05) - 1.0).abs(),
+        ),
+    )])
+}
+
+/// Splats before and behind a wall that faces the camera.
+fn depth_test(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
+    const WALL_M: f64 = 5.0;
+    let view = rig::synthetic_view(SIZE, GAMMA_PER_M)?;
+    let eye = DVec3::from(view.camera.position_m);
+    let rays = PixelRays::new(&view.camera, SIZE[0], SIZE[1]);
+    let wall = rays.project(eye + view.camera.direction() * WALL_M);
+    let depth = wall.map_or(1.0, |wall| wall.depth);
+    let (photons, twins) = strewn(&view, 2000, 3.0);
+    let rules = Rules {
+        bias_m: 0.3,
+        ..RULES
+    };
+    let image = draw(rig, &view, &photons, &rig.depth(SIZE, depth)?, &rules)?;
+    let error = |rules: Rules| -> Result<f64, VerifyError> {
+        let mut twin = Image::constant(SIZE[0], SIZE[1], 0.0);
+        let wall = Image::constant(1, 1, depth);
+        rasterize(
+            &mut twin,
+            &rules.splats(&view.camera, SIZE, &twins)?,
+            &wall,
+            0.0,
+        );
+        Ok((image.sum() / twin.sum() - 1.0).abs())
+    };
+    Ok(vec![Check::new(
+        (STAGE, "splats before a wall: sum, relative error"),
+        (5e-3, "1"),
+        error(rules)?,
+        (
+            "bias 1 m instead of 0.3 m",
+            error(Rules {
+                bias_m: 1.0,
+                ..rules
+            })?,
+        ),
+    )])
+}
+
+/// Thousands of contributions of 0.001 on one place: a 16-bit float sticks at 2 (PAPERS, UW "silent or wrong").
+fn accumulation(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
+    const PHOTONS: usize = 8192;
+    const EACH_W: f64 = 1e-3;
+    let view = rig::synthetic_view(SIZE, 0.0)?;
+    let eye = DVec3::from(view.camera.position_m);
+    let rays = PixelRays::new(&view.camera, SIZE[0], SIZE[1]);
+    let (photon, _) = photon_at(&rays, eye, [256.5, 256.5], 4.0, 1.0);
+    let rules = Rules {
+        photon_w: EACH_W,
+        gamma_per_m: 0.0,
+        ..RULES
+    };
+    let image = draw_free(rig, &view, &vec![photon; PHOTONS], &rules)?;
+    let expected = EACH_W * PHOTONS as f64;
+    Ok(vec![Check::new(
+        (
+            STAGE,
+            "8192 contributions of 0.001 at one pixel, relative error",
+        ),
+        (1e-3, "1"),
+        (image.clamped(256, 256) / expected - 1.0).abs(),
+        (
+            "sum in a 16-bit float",
+            (half_float_sum(EACH_W, PHOTONS) / expected - 1.0).abs(),
+        ),
+    )])
+}
+
+/// What a 16-bit float target holds after adding `each` `count` times, rounding to 11 bits.
+fn half_float_sum(each: f64, count: usize) -> f64 {
+    let round = |v: f64| {
+        let step = 2f64.powi(v.log2().floor() as i32 - 10);
+        (v / step).round_ties_even() * step
+    };
+    (0..count).fold(0.0, |sum, _| round(sum + each))
+}
+
+/// Exact photons of a whole scene through G-buffer and splats, against the twin over exact depth. The
+/// same with the photons of the pipeline's own estimator is a figure: it holds the method's error too.
+fn scene_energy(rig: &Rig<'_>, name: &str) -> Result<Vec<Check>, VerifyError> {
+    let file = SceneFile::load(name)?;
+    let scene = Scene::build(&file)?;
+    let params = energy_params(&file);
+    let pipeline = Underwater::new(rig.gpu, &scene, params.clone())?;
+    run_until(rig, &pipeline, STAGE)?;
+    let estimated = splat_image(rig, &pipeline)?.sum();
+
+    let tracer = Tracer::new(&scene.objects)?;
+    let frame = pipeline.view.light_frame();
+    let grid = PhotonGrid::new(params.caustics.grid, params.caustics.subdivision)?;
+    let landings = land_all(&frame, &scene.water, &tracer, grid);
+    let landed = landings.iter().filter_map(|landing| landing.landed());
+    let (photons, twins): (Vec<_>, Vec<_>) = landed.map(stored).unzip();
+    let rules = Rules {
+        intensity: Intensity::Conserving,
+        photon_w: frame.emitted_w / grid.count() as f64,
+        bias_m: params.caustics.depth_bias_m,
+        gamma_per_m: scene.water.attenuation_per_m,
+        ..RULES
+    };
+    let view_px = [params.view.width, params.view.height];
+    let sum = draw_in_scene(rig, &scene, &pipeline.view, &photons, &rules)?.sum();
+    let depth = exact_depth(&scene.camera, &tracer, view_px)?;
+    let expected = |rules: Rules| -> Result<f64, VerifyError> {
+        let mut twin = Image::constant(SIZE[0], SIZE[1], 0.0);
+        rasterize(
+            &mut twin,
+            &rules.splats(&scene.camera, SIZE, &twins)?,
+            &depth,
+            0.0,
+        );
+        Ok(twin.sum())
+    };
+    let murky = Rules {
+        gamma_per_m: rules.gamma_per_m * 1.05,
+        ..rules
+    };
+    let energy = expected(rules)?;
+    let check = Check::new(
+        (
+            STAGE,
+            format!("scene {name}: conserved energy of exact photons, relative error"),
+        ),
+        (0.01, "1"),
+        (sum / energy - 1.0).abs(),
+        (
+            "attenuation 5 % higher",
+            (sum / expected(murky)? - 1.0).abs(),
+        ),
+    );
+    Ok(vec![
+        check
+            .with("emitted_w", frame.emitted_w)
+            .with("seen_w", sum)
+            .with("error_with_estimated_photons", estimated / energy - 1.0),
+    ])
+}
+
+/// An exact photon as the GPU stores it, and the f64 values of its rounded numbers.
+fn stored(landed: &Landed) -> (Photon, (DVec3, f64)) {
+    let photon = rig::photon(
+        landed.entry.position,
+        landed.hit.position,
+        landed.distance_m,
+    );
+    (
+        photon,
+        (photon.hit_m.as_dvec3(), f64::from(photon.distance_m)),
+    )
+}
+
+/// Splats over the depth of the scene as `scene/gbuffer` draws it.
+fn draw_in_scene(
+    rig: &Rig<'_>,
+    scene: &Scene,
+    view: &View,
+    photons: &[Photon],
+    rules: &Rules,
+) -> Result<Image, VerifyError> {
+    let resources = rig.resources();
+    let shared = Shared::new(&resources, view);
+    let geometry = Geometry::new(&resources, scene);
+    let gbuffer = Gbuffer::new(&resources, &shared, &geometry, view.size_px.to_array())?;
+    rig.run(&[&gbuffer])?;
+    draw(rig, view, photons, &gbuffer.depth, rules)
+}
+
+fn energy_params(file: &SceneFile) -> Params {
+    let mut params = Params::from_scene(file);
+    (params.view.width, params.view.height) = (400, 400);
+    params.caustics.grid = 64;
+    params.caustics.subdivision = 4;
+    params.caustics.buffer = SIZE;
+    params.caustics.intensity = Rule::Conserving;
+    params
+}
+
+fn splat_image(rig: &Rig<'_>, pipeline: &Underwater) -> Result<Image, VerifyError> {
+    let stages = pipeline.stages();
+    let outputs = stages
+        .iter()
+        .find(|stage| stage.name() == STAGE)
+        .map(|stage| stage.outputs())
+        .unwrap_or_default();
+    for output in outputs {
+        if let crate::stages::OutputData::Texture(texture) = output.data {
+            return rig.channel(&texture, 0);
+        }
+    }
+    Err(VerifyError::Empty {
+        stage: STAGE,
+        what: "splats".into(),
+    })
+}
+
+/// Depth that an exact rasterizer stores at each pixel of a camera.
+fn exact_depth(camera: &Camera, tracer: &Tracer, size_px: [u32; 2]) -> Result<Image, VerifyError> {
+    let rays = PixelRays::new(camera, size_px[0], size_px[1]);
+    let pixels = (0..size_px[1]).flat_map(|y| (0..size_px[0]).map(move |x| (x, y)));
+    let depth = pixels.map(|(x, y)| rays.cast(tracer, x, y).map_or(1.0, |(_, depth)| depth));
+    Ok(Image::from_data(size_px[0], size_px[1], depth.collect())?)
+}
