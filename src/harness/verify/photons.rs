@@ -324,8 +324,8 @@ fn stage_photons(
     })
 }
 
-/// Share of every fourth photon whose estimate does not converge over a depth map of unlimited
-/// resolution: the method's own failures.
+/// Of every fourth photon that stays within the light's frustum: the share whose estimate does not
+/// converge over a depth map of unlimited resolution. These are the method's own failures.
 fn unconverged_over_exact_depth(
     params: &Params,
     frame: &LightFrame,
@@ -333,25 +333,22 @@ fn unconverged_over_exact_depth(
     landings: &[Landing],
 ) -> f64 {
     let settings = &params.caustics;
-    let converged = |landed: &Landed| {
+    let (mut estimated, mut unconverged) = (0u32, 0u32);
+    for landed in landings.iter().step_by(4).filter_map(Landing::landed) {
         let surface = |p| exact_depth(frame, tracer, p);
         let (entry, start_m) = (landed.entry.position, settings.start_m);
-        estimate(
+        if let Some(end) = estimate(
             entry,
             landed.direction,
             start_m,
             settings.iterations,
             surface,
-        )
-        .is_some_and(|estimate| estimate.residual_m <= settings.tolerance_m)
-    };
-    let landed: Vec<&Landed> = landings
-        .iter()
-        .step_by(4)
-        .filter_map(Landing::landed)
-        .collect();
-    let lost = landed.iter().filter(|landed| !converged(landed)).count();
-    lost as f64 / landed.len().max(1) as f64
+        ) {
+            estimated += 1;
+            unconverged += u32::from(end.residual_m > settings.tolerance_m);
+        }
+    }
+    f64::from(unconverged) / f64::from(estimated.max(1))
 }
 
 fn with_rates(check: Check, errors: &PhotonErrors) -> Check {
