@@ -211,14 +211,20 @@ pub fn scaling(
         .filter(|(_, y)| fixed <= max_fixed_share * y.estimate.median)
         .map(|(x, y)| {
             let median = std::slice::from_ref(&y.estimate.median);
-            (*x, y.samples.filter(|all| !all.is_empty()).unwrap_or(median))
+            (
+                *x,
+                y.samples.filter(|all| !all.is_empty()).unwrap_or(median),
+            )
         })
         .collect();
     let left_out = points.len() - kept.len();
     let low = kept.iter().map(|(x, _)| *x).fold(f64::INFINITY, f64::min);
     let high = kept.iter().map(|(x, _)| *x).fold(0.0, f64::max);
     let slope = log_log_slope(&kept).ok_or_else(|| {
-        format!("a fixed cost of {} outweighs the work in {left_out} cells", in_ms(fixed))
+        format!(
+            "a fixed cost of {} outweighs the work in {left_out} cells",
+            in_ms(fixed)
+        )
     })?;
     Ok(Scaling {
         slope,

@@ -132,6 +132,11 @@ impl<'de> Deserialize<'de> for Measure {
 }
 
 impl Measure {
+    /// Frame time without per-stage timing.
+    pub fn frame() -> Measure {
+        Measure(vec![Term::Frame])
+    }
+
     /// Names of the stages that the measure speaks of.
     pub fn stages(&self) -> impl Iterator<Item = &str> {
         self.0.iter().filter_map(|term| match term {

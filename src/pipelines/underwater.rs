@@ -21,6 +21,7 @@ use crate::stages::photon::{self, Photons};
 use crate::stages::splatting::PHOTONS_PER_INSTANCE;
 use crate::stages::{Stage, caustics, godrays, scene, shadow, water};
 
+pub use measure::{blended_fragments, read_photons};
 pub use parameters::{Intensity, Params, PhotonGrid, SubdivisionMode};
 
 pub const KIND: Kind = Kind {
@@ -86,6 +87,8 @@ pub struct Underwater {
     godrays_lines: godrays::lines::Lines,
     godrays_filter: Option<godrays::filter::Filter>,
     compose: compose::Compose,
+    /// I_photon of caustics and godrays, W.
+    photon_w: [f64; 2],
     allocated_bytes: u64,
 }
 
@@ -179,6 +182,7 @@ impl Underwater {
             godrays_lines,
             godrays_filter,
             compose,
+            photon_w: [plan.splat.photon_w, plan.lines.photon_w].map(f64::from),
             allocated_bytes: resources.allocated_bytes(),
         })
     }

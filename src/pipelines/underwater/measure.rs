@@ -2,8 +2,10 @@
 
 use std::collections::BTreeMap;
 
-use super::Underwater;
-use crate::gpu::{Gpu, GpuError, read_buffer};
+use super::{Intensity, Params, Underwater};
+use crate::gpu::{ClockPlan, Encode, FrameTimer, Gpu, GpuError, read_buffer, read_texture};
+use crate::pipelines::Pipeline;
+use crate::scene::Scene;
 use crate::stages::photon::{MISSED, OUTSIDE, Photon, Photons};
 
 impl Underwater {
@@ -20,11 +22,11 @@ impl Underwater {
             };
             let tolerance = tolerance_m as f32;
             let figures = [
-                ("missed_water_share", share(&|p| p.residual_m == MISSED)),
-                ("left_frustum_share", share(&|p| p.residual_m == OUTSIDE)),
-                ("unconverged_share", share(&|p| p.residual_m > tolerance)),
+                ("missed_water_rate", share(&|p| p.residual_m == MISSED)),
+                ("left_frustum_rate", share(&|p| p.residual_m == OUTSIDE)),
+                ("unconverged_rate", share(&|p| p.residual_m > tolerance)),
             ];
-            quantities.extend(figures.map(|(figure, value)| (format!("{name}.{figure}"), value)));
+            quantities.extend(figures.map(|(figure, value)| (format!("{name}_{figure}"), value)));
         }
         Ok(quantities)
     }
@@ -34,3 +36,38 @@ impl Underwater {
 pub fn read_photons(gpu: &Gpu, photons: &Photons) -> Result<Vec<Photon>, GpuError> {
     Ok(bytemuck::pod_collect_to_vec(&read_buffer(gpu, &photons.buffer)?))
 }
+
+/// Fragments that `caustics/splat` and `godrays/lines` blend in a frame, by stage.
+///
+/// Counted, not estimated: without attenuation and with isotropic scattering every blended fragment adds the same, so that
+/// the sum over the buffer is their number.
+pub fn blended_fragments(
+    gpu: &Gpu,
+    scene: &Scene,
+    params: &Params,
+) -> Result<BTreeMap<&'static str, u64>, GpuError> {
+    let mut params = params.clone();
+    params.water.attenuation_per_m = 0.0;
+    params.caustics.intensity = Intensity::Paper;
+    params.godrays.intensity = Intensity::Paper;
+    params.godrays.phase_k = 0.0;
+    let pipeline = gpu.scoped(|| Underwater::new(gpu, scene, params))?;
+    let stages = pipeline.stages();
+    let frame: Vec<&dyn Encode> = stages.iter().map(|stage| *stage as &dyn Encode).collect();
+    FrameTimer::new(gpu, ClockPlan::fenced(0.0), MAX_PASSES)?.untimed(gpu, &frame)?;
+
+    let isotropic = 1.0 / (4.0 * std::f64::consts::PI);
+    let targets = [
+        ("caustics/splat", pipeline.caustics_splat.texture(), pipeline.photon_w[0]),
+        ("godrays/lines", pipeline.godrays_lines.texture(), pipeline.photon_w[1] * isotropic),
+    ];
+    let mut counts = BTreeMap::new();
+    for (stage, texture, each) in targets {
+        let sum: f64 = read_texture(gpu, texture)?.data.iter().map(|&v| f64::from(v)).sum();
+        counts.insert(stage, (sum / each).round() as u64);
+    }
+    Ok(counts)
+}
+
+/// Passes of an underwater frame, with room to spare.
+const MAX_PASSES: u32 = 32;

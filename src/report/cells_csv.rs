@@ -1,0 +1,197 @@
+//! `cells.csv`: one row per cell and stage, as RFC 4180 has it. A cell without figures has one row with an empty stage.
+
+use super::{Artifact, Entry, Exporter, ReportError, View};
+use crate::record::{Estimate, Measured, Outcome, StageRecord};
+
+pub const EXPORTER: Exporter = Exporter {
+    name: "cells.csv",
+    about: "one row per cell and stage",
+    export,
+};
+
+const HEADER: [&str; 33] = [
+    "experiment",
+    "cell",
+    "pipeline",
+    "scene",
+    "stand_ins",
+    "adapter",
+    "software",
+    "profile",
+    "status",
+    "reason",
+    "stage",
+    "clock",
+    "median_ns",
+    "low_ns",
+    "high_ns",
+    "samples",
+    "photons",
+    "triangles",
+    "primitives",
+    "fragments",
+    "texel_fetches",
+    "bytes_read",
+    "bytes_written",
+    "frame_untimed_median_ns",
+    "frame_untimed_low_ns",
+    "frame_untimed_high_ns",
+    "frame_untimed_samples",
+    "accounting_error",
+    "timing_cost",
+    "allocated_bytes",
+    "warm_up_frames",
+    "rejected_frames",
+    "quantities",
+];
+
+fn export(view: &View<'_>) -> Result<Vec<Artifact>, ReportError> {
+    let mut text = row(HEADER.map(str::to_owned).as_slice());
+    for section in &view.sections {
+        for entry in &section.entries {
+            rows(entry, &mut text);
+        }
+    }
+    Ok(vec![Artifact {
+        name: EXPORTER.name.to_owned(),
+        bytes: text.into_bytes(),
+    }])
+}
+
+fn rows(entry: &Entry<'_>, text: &mut String) {
+    match &entry.cell.outcome {
+        Outcome::Measured(measured) => {
+            for stage in &measured.stages {
+                let mut fields = identity(entry, "measured", "");
+                fields.extend(stage_fields(stage));
+                fields.extend(frame_fields(measured));
+                *text += &row(&fields);
+            }
+        }
+        Outcome::Skipped { reason } => *text += &unmeasured(entry, "skipped", reason),
+        Outcome::Failed { reason } => *text += &unmeasured(entry, "failed", reason),
+    }
+}
+
+fn unmeasured(entry: &Entry<'_>, status: &str, reason: &str) -> String {
+    let mut fields = identity(entry, status, reason);
+    fields.resize(HEADER.len(), String::new());
+    row(&fields)
+}
+
+fn identity(entry: &Entry<'_>, status: &str, reason: &str) -> Vec<String> {
+    let cell = entry.cell;
+    let adapter = entry.run.map(|run| &run.adapter);
+    vec![
+        cell.experiment.clone(),
+        cell.cell.clone(),
+        cell.pipeline.clone(),
+        cell.scene.clone(),
+        cell.stand_ins.join("; "),
+        adapter.map_or_else(String::new, |adapter| adapter.name.clone()),
+        adapter.map_or_else(String::new, |adapter| adapter.software.to_string()),
+        entry
+            .run
+            .map_or_else(String::new, |run| run.profile.clone()),
+        status.to_owned(),
+        reason.to_owned(),
+    ]
+}
+
+fn stage_fields(stage: &StageRecord) -> Vec<String> {
+    let clock = serde_json::to_value(stage.clock).unwrap_or_default();
+    let mut fields = vec![
+        stage.stage.clone(),
+        clock.as_str().unwrap_or_default().to_owned(),
+    ];
+    fields.extend(estimate_fields(&stage.time));
+    let work = &stage.work;
+    let counts = [
+        work.photons,
+        work.triangles,
+        work.primitives,
+        work.fragments,
+        work.texel_fetches,
+        work.bytes_read,
+        work.bytes_written,
+    ];
+    fields.extend(counts.map(|count| count.to_string()));
+    fields
+}
+
+fn frame_fields(measured: &Measured) -> Vec<String> {
+    let frame = &measured.frame;
+    let rejected: u32 = measured.rejected.values().sum();
+    let quantities: Vec<String> = measured
+        .quantities
+        .iter()
+        .map(|(name, value)| format!("{name}={value}"))
+        .collect();
+    let mut fields = estimate_fields(&frame.untimed);
+    fields.extend([
+        frame.accounting_error.to_string(),
+        frame.timing_cost.median.to_string(),
+        measured.allocated_bytes.to_string(),
+        measured.warm_up_frames.to_string(),
+        rejected.to_string(),
+        quantities.join("; "),
+    ]);
+    fields
+}
+
+fn estimate_fields(estimate: &Estimate) -> Vec<String> {
+    vec![
+        estimate.median.to_string(),
+        estimate.low.to_string(),
+        estimate.high.to_string(),
+        estimate.n.to_string(),
+    ]
+}
+
+/// One line of CSV: fields with commas, quotes or line breaks are quoted, quotes doubled, CRLF at the end.
+fn row(fields: &[String]) -> String {
+    let fields: Vec<String> = fields.iter().map(|field| quote(field)).collect();
+    fields.join(",") + "\r\n"
+}
+
+fn quote(field: &str) -> String {
+    if field.contains([',', '"', '\r', '\n']) {
+        format!("\"{}\"", field.replace('"', "\"\""))
+    } else {
+        field.to_owned()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::report::fixtures;
+
+    #[test]
+    fn fields_are_quoted_as_rfc_4180_has_it() {
+        let fields = ["plain", "a,b", "say \"x\"", "two\nlines", ""].map(str::to_owned);
+        assert_eq!(
+            row(&fields),
+            "plain,\"a,b\",\"say \"\"x\"\"\",\"two\nlines\",\r\n"
+        );
+    }
+
+    #[test]
+    fn every_row_has_every_column() {
+        let records = fixtures::run();
+        let files = export(&View::new(&records, &[])).unwrap();
+        let text = String::from_utf8(files[0].bytes.clone()).unwrap();
+        let mut columns = Vec::new();
+        for line in text.split_terminator("\r\n") {
+            let mut quoted = false;
+            let commas = line.chars().filter(|c| {
+                quoted ^= *c == '"';
+                *c == ',' && !quoted
+            });
+            columns.push(commas.count() + 1);
+        }
+        assert!(columns.len() > 20);
+        assert!(columns.iter().all(|count| *count == HEADER.len()));
+        assert!(text.contains(",skipped,"));
+    }
+}

@@ -1,0 +1,110 @@
+//! Numbers and tables as text.
+
+use crate::record::Estimate;
+
+pub const NS_PER_MS: f64 = 1e6;
+
+/// Three significant digits, without an exponent in the range of frame times.
+pub fn three(value: f64) -> String {
+    if !value.is_finite() {
+        return "–".to_owned();
+    }
+    match value.abs() {
+        0.0 => "0".to_owned(),
+        size if size >= 1e7 => format!("{value:.2e}"),
+        size if size >= 100.0 => format!("{value:.0}"),
+        size if size >= 10.0 => format!("{value:.1}"),
+        size if size >= 1.0 => format!("{value:.2}"),
+        size if size >= 0.1 => format!("{value:.3}"),
+        size if size >= 0.001 => format!("{value:.4}"),
+        _ => format!("{value:.2e}"),
+    }
+}
+
+/// `12.3 (12.1 – 12.6)`: a median and its interval, times `scale`.
+pub fn interval(estimate: &Estimate, scale: f64) -> String {
+    format!(
+        "{} ({} – {})",
+        three(estimate.median * scale),
+        three(estimate.low * scale),
+        three(estimate.high * scale)
+    )
+}
+
+/// A duration in nanoseconds as milliseconds with its interval.
+pub fn ms(ns: &Estimate) -> String {
+    interval(ns, 1.0 / NS_PER_MS)
+}
+
+/// `1.2 M`, `340 k`: three significant digits with a decimal prefix.
+pub fn si(value: f64) -> String {
+    let (scaled, prefix) = match value.abs() {
+        size if size >= 1e9 => (value / 1e9, " G"),
+        size if size >= 1e6 => (value / 1e6, " M"),
+        size if size >= 1e3 => (value / 1e3, " k"),
+        _ => (value, ""),
+    };
+    format!("{}{prefix}", trim_zeros(&three(scaled)))
+}
+
+/// `2.50` as `2.5`, `1.00` as `1`.
+pub fn trim_zeros(text: &str) -> &str {
+    if text.contains('.') && !text.contains('e') {
+        text.trim_end_matches('0').trim_end_matches('.')
+    } else {
+        text
+    }
+}
+
+pub fn mebibytes(bytes: u64) -> String {
+    format!("{} MiB", three(bytes as f64 / (1 << 20) as f64))
+}
+
+/// A share as a percentage.
+pub fn percent(share: f64) -> String {
+    format!("{} %", three(share * 100.0))
+}
+
+/// A table in Markdown.
+pub struct Table {
+    header: Vec<String>,
+    rows: Vec<Vec<String>>,
+}
+
+impl Table {
+    pub fn new<S: Into<String>>(header: impl IntoIterator<Item = S>) -> Table {
+        Table {
+            header: header.into_iter().map(Into::into).collect(),
+            rows: Vec::new(),
+        }
+    }
+
+    pub fn row<S: Into<String>>(&mut self, cells: impl IntoIterator<Item = S>) {
+        self.rows.push(cells.into_iter().map(Into::into).collect());
+    }
+
+    pub fn is_empty(&self) -> bool {
+        self.rows.is_empty()
+    }
+
+    /// The table, with an empty line after it.
+    pub fn markdown(&self) -> String {
+        let mut text = line(&self.header);
+        text += &"|---".repeat(self.header.len());
+        text += "|\n";
+        for row in &self.rows {
+            text += &line(row);
+        }
+        text + "\n"
+    }
+}
+
+fn line(cells: &[String]) -> String {
+    let cells: Vec<String> = cells.iter().map(|cell| escape(cell)).collect();
+    format!("| {} |\n", cells.join(" | "))
+}
+
+/// Text that Markdown shows as it is within a table.
+pub fn escape(text: &str) -> String {
+    text.replace('|', "\\|").replace(['\n', '\r'], " ")
+}

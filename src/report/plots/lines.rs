@@ -1,0 +1,383 @@
+//! Panels of series over a number: scaling plots (logarithmic, fitted slopes in the legend) and linear ones.
+
+use plotters::prelude::*;
+
+use super::scale::{Kind, Scale};
+use super::{Area, Drawn, style, text};
+use crate::experiments::schema::{Comparison, Experiment, Plot, PlotKind, Published};
+use crate::experiments::{Measure, Scaling, fits, groups, measured, scaling};
+use crate::record::Cell;
+use crate::report::format::NS_PER_MS;
+
+const HEIGHT_PX: u32 = 430;
+const LEGEND_PX: u32 = 300;
+/// Characters of 12-px type that fit into the legend's column.
+const LEGEND_CHARACTERS: usize = 40;
+
+pub struct Panel<'a> {
+    plot: &'a Plot,
+    x: Scale,
+    y: Scale,
+    series: Vec<Series>,
+    published: Vec<Mark>,
+}
+
+struct Series {
+    name: String,
+    group: String,
+    points: Vec<Point>,
+    /// Ends of the fitted line, in the plot's units.
+    fit: Option<[(f64, f64); 2]>,
+    /// The legend's word on the fit.
+    remark: String,
+}
+
+/// A median and its interval in the plot's units.
+struct Point {
+    x: f64,
+    y: f64,
+    low: f64,
+    high: f64,
+}
+
+/// A published frame time: a span in milliseconds, and what it was measured on.
+struct Mark {
+    x: f64,
+    low_ms: f64,
+    high_ms: f64,
+    text: String,
+}
+
+/// Times are shown in milliseconds, everything else as it is.
+fn unit(measure: &Measure) -> f64 {
+    if measure.is_time() {
+        1.0 / NS_PER_MS
+    } else {
+        1.0
+    }
+}
+
+impl<'a> Panel<'a> {
+    /// None where no series has a point.
+    pub fn new(plot: &'a Plot, experiment: &Experiment, cells: &[&Cell]) -> Option<Panel<'a>> {
+        let x_measure = plot.x.as_ref()?;
+        let groups = match &plot.over {
+            Some(over) => groups(cells, over),
+            None => vec![(String::new(), cells.to_vec())],
+        };
+        let mut series = Vec::new();
+        for y in &plot.y {
+            for (group, members) in &groups {
+                let one = Series::new(plot, x_measure, y, group, members);
+                series.extend(Some(one).filter(|one| !one.points.is_empty()));
+            }
+        }
+        let of_frames = plot.y.iter().any(|y| *y == Measure::frame());
+        let published = if of_frames {
+            marks(experiment, x_measure, cells)
+        } else {
+            Vec::new()
+        };
+        let kind = match plot.kind {
+            PlotKind::Scaling => Kind::Log,
+            PlotKind::Lines | PlotKind::Stacked => Kind::Linear,
+        };
+        let points = || series.iter().flat_map(|series| &series.points);
+        let x = Scale::fit(kind, points().map(|point| point.x))?;
+        let ends = points().flat_map(|point| [point.low, point.y, point.high]);
+        let marked = published
+            .iter()
+            .flat_map(|mark| [mark.low_ms, mark.high_ms]);
+        let y = Scale::fit(kind, ends.chain(marked))?;
+        Some(Panel {
+            plot,
+            x,
+            y,
+            series,
+            published,
+        })
+    }
+
+    pub fn height_px(&self) -> u32 {
+        HEIGHT_PX
+    }
+
+    pub fn draw(&self, area: &Area<'_>) -> Drawn {
+        let (left, legend) = area.split_horizontally(super::WIDTH_PX - LEGEND_PX);
+        left.draw_text(&self.plot.title, &style::heading(), (16, 8))
+            .map_err(text)?;
+        let mut chart = ChartBuilder::on(&left)
+            .margin_top(34)
+            .margin_right(16)
+            .margin_left(8)
+            .margin_bottom(8)
+            .x_label_area_size(46)
+            .y_label_area_size(74)
+            .build_cartesian_2d(self.x.clone(), self.y.clone())
+            .map_err(text)?;
+        let x_title = self.plot.x_title.clone();
+        let y_title = self.plot.y_title.as_deref().unwrap_or("time (ms)");
+        chart
+            .configure_mesh()
+            .bold_line_style(style::GRID)
+            .light_line_style(TRANSPARENT)
+            .axis_style(style::FAINT)
+            .label_style(style::label())
+            .axis_desc_style(style::label())
+            .x_labels(20)
+            .y_labels(20)
+            .x_label_formatter(&|at| self.x.tick_label(*at))
+            .y_label_formatter(&|at| self.y.tick_label(*at))
+            .x_desc(x_title.unwrap_or_else(|| self.plot.x_name()))
+            .y_desc(y_title)
+            .draw()
+            .map_err(text)?;
+        let canvas = Canvas {
+            area: chart.plotting_area(),
+            panel: self,
+        };
+        for (index, series) in self.series.iter().enumerate() {
+            canvas.series(index, series)?;
+        }
+        for mark in &self.published {
+            canvas.mark(mark)?;
+        }
+        self.legend(&legend)
+    }
+
+    fn legend(&self, area: &Area<'_>) -> Drawn {
+        let mut y = 44;
+        for (index, series) in self.series.iter().enumerate() {
+            let color = style::color(index);
+            let outline = shifted(&style::marker(index), (12, y));
+            area.draw(&Polygon::new(outline, color.filled()))
+                .map_err(text)?;
+            let lines = [
+                (&series.name, true),
+                (&series.group, false),
+                (&series.remark, false),
+            ];
+            y = entry(area, y, &lines)?;
+        }
+        if let Some(mark) = self.published.first() {
+            for ray in STAR {
+                let ray = shifted(&ray, (12, y));
+                area.draw(&PathElement::new(ray, style::INK.stroke_width(2)))
+                    .map_err(text)?;
+            }
+            entry(area, y, &[(&mark.text, true)])?;
+        }
+        Ok(())
+    }
+}
+
+impl Plot {
+    fn x_name(&self) -> String {
+        self.x.as_ref().map(Measure::to_string).unwrap_or_default()
+    }
+}
+
+/// Draws lines of text, wrapped, and gives the place of the next entry.
+fn entry(area: &Area<'_>, mut y: i32, lines: &[(&String, bool)]) -> Result<i32, String> {
+    for (line, strong) in lines.iter().filter(|(line, _)| !line.is_empty()) {
+        for piece in wrap(line, LEGEND_CHARACTERS) {
+            let style = if *strong {
+                style::label()
+            } else {
+                style::small()
+            };
+            area.draw_text(&piece, &style::starting(style), (26, y))
+                .map_err(text)?;
+            y += 16;
+        }
+    }
+    Ok(y + 8)
+}
+
+fn wrap(line: &str, limit: usize) -> Vec<String> {
+    let mut pieces: Vec<String> = vec![String::new()];
+    for word in line.split(' ') {
+        let last = pieces.last().map_or(0, |piece| piece.chars().count());
+        let fits = last == 0 || last + 1 + word.chars().count() <= limit;
+        match pieces.last_mut() {
+            Some(piece) if fits => {
+                if last > 0 {
+                    piece.push(' ');
+                }
+                piece.push_str(word);
+            }
+            _ => pieces.push(word.to_owned()),
+        }
+    }
+    pieces
+}
+
+fn shifted(outline: &[(i32, i32)], (x, y): (i32, i32)) -> Vec<(i32, i32)> {
+    outline.iter().map(|(dx, dy)| (x + dx, y + dy)).collect()
+}
+
+/// The mark of published figures.
+const STAR: [[(i32, i32); 2]; 4] = [
+    [(-6, 0), (6, 0)],
+    [(0, -6), (0, 6)],
+    [(-4, -4), (4, 4)],
+    [(-4, 4), (4, -4)],
+];
+
+impl Series {
+    fn new(plot: &Plot, x: &Measure, y: &Measure, group: &str, cells: &[&Cell]) -> Series {
+        let mut points: Vec<Point> = cells
+            .iter()
+            .filter_map(|cell| {
+                let figures = measured(cell)?;
+                let x_value = x.read(cell, figures)?.estimate.median * unit(x);
+                let estimate = y.read(cell, figures)?.estimate;
+                Some(Point {
+                    x: x_value,
+                    y: estimate.median * unit(y),
+                    low: estimate.low * unit(y),
+                    high: estimate.high * unit(y),
+                })
+            })
+            .collect();
+        points.sort_by(|a, b| a.x.total_cmp(&b.x));
+        let fit = match plot.kind {
+            PlotKind::Scaling => scaling(y, x, cells, MAX_FIXED_SHARE).ok(),
+            PlotKind::Lines | PlotKind::Stacked => None,
+        };
+        let remark = fit.as_ref().map(remark).unwrap_or_default();
+        Series {
+            name: y.stage_name().map_or_else(|| y.to_string(), str::to_owned),
+            group: group.to_owned(),
+            points,
+            fit: fit.map(|fit| ends(&fit, unit(x), unit(y))),
+            remark,
+        }
+    }
+}
+
+/// As the claims' default: what a line is fitted to is told in the legend.
+const MAX_FIXED_SHARE: f64 = 0.2;
+
+fn ends(fit: &Scaling, x_unit: f64, y_unit: f64) -> [(f64, f64); 2] {
+    [fit.range.0, fit.range.1].map(|x| {
+        let y = (fit.slope.intercept + fit.slope.slope * x.ln()).exp();
+        (x * x_unit, y * y_unit)
+    })
+}
+
+fn remark(fit: &Scaling) -> String {
+    let slope = &fit.slope;
+    let mut remark = format!(
+        "slope {:.2} ({:.2} – {:.2})",
+        slope.slope, slope.low, slope.high
+    );
+    if fit.left_out > 0 {
+        remark += &format!(" without the {} smallest", fit.left_out);
+    }
+    remark
+}
+
+/// Published frame times of the cells that are at the published size.
+fn marks(experiment: &Experiment, x: &Measure, cells: &[&Cell]) -> Vec<Mark> {
+    let mut marks = Vec::new();
+    for cell in cells {
+        let at = measured(cell).and_then(|figures| x.read(cell, figures));
+        let Some(at) = at else { continue };
+        for published in &experiment.published {
+            if fits(cell, &published.filter) {
+                marks.push(Mark {
+                    x: at.estimate.median * unit(x),
+                    low_ms: 1e3 / published.fps_high.unwrap_or(published.fps),
+                    high_ms: 1e3 / published.fps,
+                    text: published_text(published),
+                });
+            }
+        }
+    }
+    marks
+}
+
+/// `published: > 110 fps, GeForce …`.
+pub fn published_text(published: &Published) -> String {
+    let figure = match (published.comparison, published.fps_high) {
+        (Comparison::AtLeast, _) => format!("> {} fps", published.fps),
+        (Comparison::Range, Some(high)) => format!("{} – {high} fps", published.fps),
+        (Comparison::About | Comparison::Range, _) => format!("about {} fps", published.fps),
+    };
+    format!("published: {figure}, {}", published.hardware)
+}
+
+struct Canvas<'a, 'b> {
+    area: &'a DrawingArea<SVGBackend<'b>, Cartesian2d<Scale, Scale>>,
+    panel: &'a Panel<'a>,
+}
+
+impl Canvas<'_, '_> {
+    fn at(&self, x: f64, y: f64) -> Option<(f64, f64)> {
+        Some((self.panel.x.at(x)?, self.panel.y.at(y)?))
+    }
+
+    fn line(&self, ends: [Option<(f64, f64)>; 2], style: ShapeStyle) -> Drawn {
+        let [Some(a), Some(b)] = ends else {
+            return Ok(());
+        };
+        self.area
+            .draw(&PathElement::new(vec![a, b], style))
+            .map_err(text)
+    }
+
+    fn series(&self, index: usize, series: &Series) -> Drawn {
+        let color = style::color(index);
+        for pair in series.points.windows(2) {
+            let ends = [&pair[0], &pair[1]].map(|point| self.at(point.x, point.y));
+            self.line(ends, color.mix(0.45).stroke_width(1))?;
+        }
+        if let Some(ends) = &series.fit {
+            self.fit(ends, color)?;
+        }
+        for point in &series.points {
+            let ends = [self.at(point.x, point.low), self.at(point.x, point.high)];
+            self.line(ends, color.stroke_width(2))?;
+            for at in ends.into_iter().flatten() {
+                let cap = EmptyElement::at(at)
+                    + PathElement::new(vec![(-4, 0), (4, 0)], color.stroke_width(2));
+                self.area.draw(&cap).map_err(text)?;
+            }
+            if let Some(at) = self.at(point.x, point.y) {
+                let shape =
+                    EmptyElement::at(at) + Polygon::new(style::marker(index), color.filled());
+                self.area.draw(&shape).map_err(text)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// The fitted line over the cells it was fitted to, dashed.
+    fn fit(&self, ends: &[(f64, f64); 2], color: RGBColor) -> Drawn {
+        const DASHES: usize = 28;
+        let [Some(a), Some(b)] = ends.map(|(x, y)| self.at(x, y)) else {
+            return Ok(());
+        };
+        let at = |share: f64| Some((a.0 + share * (b.0 - a.0), a.1 + share * (b.1 - a.1)));
+        for dash in 0..DASHES {
+            let start = dash as f64 / DASHES as f64;
+            let end = (dash as f64 + 0.55) / DASHES as f64;
+            self.line([at(start), at(end)], color.stroke_width(2))?;
+        }
+        Ok(())
+    }
+
+    fn mark(&self, mark: &Mark) -> Drawn {
+        let ends = [self.at(mark.x, mark.low_ms), self.at(mark.x, mark.high_ms)];
+        self.line(ends, style::INK.stroke_width(2))?;
+        for at in ends.into_iter().flatten() {
+            for ray in STAR {
+                let shape = EmptyElement::at(at)
+                    + PathElement::new(ray.to_vec(), style::INK.stroke_width(2));
+                self.area.draw(&shape).map_err(text)?;
+            }
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,177 @@
+//! One SVG per experiment, its panels one below the other. No font is needed to write it.
+//!
+//! The legend has a column of its own at the right and covers no data.
+
+mod lines;
+mod scale;
+mod stacked;
+mod style;
+
+use plotters::prelude::*;
+
+use super::{Artifact, Exporter, ReportError, Section, View};
+use crate::experiments::schema::{Plot, PlotKind};
+use crate::experiments::{self};
+use crate::record::Cell;
+
+pub const EXPORTER: Exporter = Exporter {
+    name: "EXPERIMENT.svg",
+    about: "a figure per experiment",
+    export,
+};
+
+const WIDTH_PX: u32 = 980;
+const TITLE_PX: u32 = 56;
+
+type Area<'a> = DrawingArea<SVGBackend<'a>, plotters::coord::Shift>;
+/// Drawing on a string cannot fail but by a bug in the drawing; the message is all that is of use.
+type Drawn = Result<(), String>;
+
+/// A panel ready to be drawn.
+enum Panel<'a> {
+    Lines(lines::Panel<'a>),
+    Stacked(stacked::Panel<'a>),
+}
+
+impl Panel<'_> {
+    fn height_px(&self) -> u32 {
+        match self {
+            Panel::Lines(panel) => panel.height_px(),
+            Panel::Stacked(panel) => panel.height_px(),
+        }
+    }
+
+    fn draw(&self, area: &Area<'_>) -> Drawn {
+        match self {
+            Panel::Lines(panel) => panel.draw(area),
+            Panel::Stacked(panel) => panel.draw(area),
+        }
+    }
+}
+
+/// Name of an experiment's figure within the output folder.
+pub fn file_name(section: &Section<'_>) -> String {
+    format!("{}.svg", section.id)
+}
+
+/// Whether there is anything to draw.
+pub fn has_figure(section: &Section<'_>) -> bool {
+    !panels(section).is_empty()
+}
+
+fn export(view: &View<'_>) -> Result<Vec<Artifact>, ReportError> {
+    let mut files = Vec::new();
+    for section in &view.sections {
+        let panels = panels(section);
+        if panels.is_empty() {
+            continue;
+        }
+        let adapter = view.run().map_or("", |run| run.adapter.name.as_str());
+        let svg = figure(section, adapter, &panels).map_err(|message| ReportError::Plot {
+            experiment: section.id.to_owned(),
+            message,
+        })?;
+        files.push(Artifact {
+            name: file_name(section),
+            bytes: svg.into_bytes(),
+        });
+    }
+    Ok(files)
+}
+
+/// The experiment's panels that have data.
+fn panels<'a>(section: &'a Section<'_>) -> Vec<Panel<'a>> {
+    let Some(experiment) = &section.experiment else {
+        return Vec::new();
+    };
+    let all = section.cells();
+    let built = experiment.plot.iter().filter_map(|plot| {
+        let cells: Vec<&Cell> = all
+            .iter()
+            .copied()
+            .filter(|cell| belongs(plot, cell))
+            .collect();
+        match plot.kind {
+            PlotKind::Scaling | PlotKind::Lines => {
+                lines::Panel::new(plot, experiment, &cells).map(Panel::Lines)
+            }
+            PlotKind::Stacked => stacked::Panel::new(plot, experiment, &cells).map(Panel::Stacked),
+        }
+    });
+    built.collect()
+}
+
+fn belongs(plot: &Plot, cell: &Cell) -> bool {
+    let on_axis = plot
+        .over
+        .as_ref()
+        .is_none_or(|over| cell.axes.contains_key(over));
+    on_axis && experiments::fits(cell, &plot.filter)
+}
+
+fn figure(section: &Section<'_>, adapter: &str, panels: &[Panel<'_>]) -> Result<String, String> {
+    let heights: Vec<u32> = panels.iter().map(Panel::height_px).collect();
+    let height = TITLE_PX + heights.iter().sum::<u32>();
+    let mut svg = String::new();
+    {
+        let root = SVGBackend::with_string(&mut svg, (WIDTH_PX, height)).into_drawing_area();
+        root.fill(&WHITE).map_err(text)?;
+        let source = section
+            .experiment
+            .as_ref()
+            .map_or("", |experiment| experiment.source.as_str());
+        let title = format!("{}: {}", section.id, section.title());
+        root.draw_text(&title, &style::title(), (16, 12))
+            .map_err(text)?;
+        let below = [adapter, source].join(" · ");
+        root.draw_text(&below, &style::small(), (16, 36))
+            .map_err(text)?;
+        let (_, mut rest) = root.split_vertically(TITLE_PX);
+        for (panel, height) in panels.iter().zip(heights) {
+            let (area, below) = rest.split_vertically(height);
+            panel.draw(&area)?;
+            rest = below;
+        }
+        root.present().map_err(text)?;
+    }
+    Ok(svg)
+}
+
+fn text<E: std::fmt::Display>(error: E) -> String {
+    error.to_string()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::report::fixtures;
+
+    #[test]
+    fn every_builtin_figure_has_data_in_a_full_run() {
+        let records = fixtures::run();
+        let view = View::new(&records, &[]);
+        let files = export(&view).unwrap();
+        let names: Vec<&str> = files.iter().map(|file| file.name.as_str()).collect();
+        for id in crate::experiments::Experiment::builtin_ids() {
+            assert!(names.contains(&format!("{id}.svg").as_str()), "{id}");
+        }
+    }
+
+    #[test]
+    fn scaling_figures_show_the_fitted_slope_and_the_published_figure() {
+        let records = fixtures::run();
+        let files = export(&View::new(&records, &[])).unwrap();
+        let svg = |name: &str| {
+            let file = files.iter().find(|file| file.name == name).unwrap();
+            String::from_utf8(file.bytes.clone()).unwrap()
+        };
+        assert!(svg("uw-photons.svg").contains("slope 1.0"));
+        assert!(svg("uw-default.svg").contains("published"));
+    }
+
+    #[test]
+    fn a_section_without_figures_draws_nothing() {
+        let records = fixtures::all_skipped();
+        assert!(export(&View::new(&records, &[])).unwrap().is_empty());
+    }
+}

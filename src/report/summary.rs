@@ -1,0 +1,355 @@
+//! `summary.md`: what was measured, on what, how far to trust it, and what it says of the claims.
+
+mod section;
+
+use std::fmt::Write as _;
+
+use super::format::{self, Table};
+use super::{Artifact, Exporter, ReportError, View};
+use crate::experiments::Verdict;
+use crate::record::{Clock, Outcome, PassKind, Run};
+
+pub const EXPORTER: Exporter = Exporter {
+    name: "summary.md",
+    about: "the run, its tables, verdicts and links to plots and pictures",
+    export,
+};
+
+fn export(view: &View<'_>) -> Result<Vec<Artifact>, ReportError> {
+    let mut text = String::new();
+    match view.run() {
+        Some(run) => header(view, run, &mut text),
+        None => text += "# fathom\n\nThe records hold no run.\n\n",
+    }
+    overview(view, &mut text);
+    for part in &view.sections {
+        section::write(part, view.pictures, &mut text);
+    }
+    other_pictures(view, &mut text);
+    Ok(vec![Artifact {
+        name: EXPORTER.name.to_owned(),
+        bytes: text.into_bytes(),
+    }])
+}
+
+fn header(view: &View<'_>, run: &Run, text: &mut String) {
+    let adapter = &run.adapter;
+    *text += &format!("# fathom on {}\n\n", adapter.name);
+    if adapter.software {
+        *text += "> Measured on a software driver. Ratios, slopes and shares stand; absolute times and \
+                  frame rates count only on hardware.\n\n";
+    }
+    let mut table = Table::new(["", ""]);
+    table.row([
+        "adapter".to_owned(),
+        format!(
+            "{} ({}, {})",
+            adapter.name, adapter.device_type, adapter.backend
+        ),
+    ]);
+    table.row([
+        "driver".to_owned(),
+        format!("{} {}", adapter.driver, adapter.driver_info),
+    ]);
+    table.row(["host threads".to_owned(), adapter.host_threads.to_string()]);
+    table.row(["profile", &run.profile]);
+    table.row(["shader checks", &run.shader_checks]);
+    table.row(["started", &run.started_at]);
+    table.row(["fathom", &run.fathom_version]);
+    table.row(["command".to_owned(), format!("`{}`", run.command.join(" "))]);
+    trust(view, run, &mut table);
+    *text += &table.markdown();
+    audit(run, text);
+    notes(view, text);
+}
+
+/// How far the figures can be trusted: accounting, the cost of timing, efficiency, memory.
+fn trust(view: &View<'_>, run: &Run, table: &mut Table) {
+    let frames = || {
+        view.measured()
+            .map(|(cell, measured)| (cell, &measured.frame))
+    };
+    let worst = |share: &dyn Fn(&crate::record::FrameRecord) -> f64| {
+        let worst = frames()
+            .map(|(cell, frame)| (share(frame), cell))
+            .filter(|(share, _)| share.is_finite())
+            .max_by(|a, b| a.0.total_cmp(&b.0));
+        worst.map(|(share, cell)| {
+            format!(
+                "at worst {} ({} {})",
+                format::percent(share),
+                cell.experiment,
+                cell.cell
+            )
+        })
+    };
+    let typical = |share: &dyn Fn(&crate::record::FrameRecord) -> f64| {
+        let shares: Vec<f64> = frames().map(|(_, frame)| share(frame)).collect();
+        format::percent(crate::statistics::median(&shares))
+    };
+    let accounting = |frame: &crate::record::FrameRecord| frame.accounting_error;
+    let cost = |frame: &crate::record::FrameRecord| frame.timing_cost.median - 1.0;
+    if let (Some(worst_accounting), Some(worst_cost)) = (worst(&accounting), worst(&cost)) {
+        table.row([
+            "frame accounting, stages + gaps against envelope".to_owned(),
+            format!(
+                "{} in the median cell, {worst_accounting}",
+                typical(&accounting)
+            ),
+        ]);
+        table.row([
+            "cost of timing, timed over untimed frame".to_owned(),
+            format!("{} in the median cell, {worst_cost}", typical(&cost)),
+        ]);
+    }
+    table.row([
+        "cost of a submission, removed from fenced times".to_owned(),
+        format!(
+            "{} ms",
+            format::three(run.submit_cost_ns / format::NS_PER_MS)
+        ),
+    ]);
+    let rejected: u32 = view
+        .measured()
+        .flat_map(|(_, measured)| measured.rejected.values())
+        .sum();
+    table.row(["frames rejected".to_owned(), rejected.to_string()]);
+    ended(view, table);
+}
+
+fn ended(view: &View<'_>, table: &mut Table) {
+    let wall_s: f64 = view.ends.iter().map(|end| end.measuring_wall_s).sum();
+    let gpu_s: f64 = view.ends.iter().map(|end| end.measured_gpu_s).sum();
+    let set_up_s: f64 = view.ends.iter().map(|end| end.set_up_s).sum();
+    if gpu_s > 0.0 {
+        table.row([
+            "harness efficiency, wall over GPU time".to_owned(),
+            format!(
+                "{:.2} ({} s wall, {} s GPU; set-up {} s apart)",
+                wall_s / gpu_s,
+                format::three(wall_s),
+                format::three(gpu_s),
+                format::three(set_up_s)
+            ),
+        ]);
+    }
+    if let Some(bytes) = view
+        .ends
+        .iter()
+        .filter_map(|end| end.peak_memory_bytes)
+        .max()
+    {
+        table.row([
+            "peak memory of the process".to_owned(),
+            format::mebibytes(bytes),
+        ]);
+    }
+    let interrupted = view.ends.last().is_none_or(|end| end.interrupted);
+    if interrupted {
+        table.row(["ended", "early: what was measured until then stands below"]);
+    }
+    if view.runs.len() > 1 {
+        let runs = format!("{}, the latest described here", view.runs.len());
+        table.row(["runs in these records".to_owned(), runs]);
+    }
+}
+
+fn audit(run: &Run, text: &mut String) {
+    if run.audit.is_empty() {
+        return;
+    }
+    *text += "## Clock audit\n\nTimestamps against a fenced host clock, for a kernel of N and of 2 N work.\n\n";
+    let mut table = Table::new([
+        "pass",
+        "context",
+        "timestamp (ms)",
+        "host (ms)",
+        "ratio",
+        "2 N / N",
+        "verdict",
+        "why",
+    ]);
+    for row in &run.audit {
+        let verdict = if row.sound { "sound" } else { "unusable" };
+        table.row([
+            pass_name(row.pass).to_owned(),
+            row.context.clone(),
+            format::three(row.timestamp_ns / format::NS_PER_MS),
+            format::three(row.host_ns / format::NS_PER_MS),
+            format!("{:.3}", row.ratio),
+            format!("{:.2}", row.doubling),
+            verdict.to_owned(),
+            row.reason.clone(),
+        ]);
+    }
+    *text += &table.markdown();
+}
+
+fn pass_name(pass: PassKind) -> &'static str {
+    match pass {
+        PassKind::Compute => "compute",
+        PassKind::Render => "render",
+        PassKind::Copy => "copy",
+        PassKind::Host => "host",
+    }
+}
+
+pub(super) fn clock_name(clock: Clock) -> &'static str {
+    match clock {
+        Clock::Timestamp => "timestamp",
+        Clock::FencedHost => "fenced host",
+        Clock::Host => "host",
+    }
+}
+
+/// Notes on the run, and the stand-ins that cells ran on.
+fn notes(view: &View<'_>, text: &mut String) {
+    let mut all: Vec<&str> = Vec::new();
+    let of_runs = view.runs.iter().flat_map(|run| &run.notes);
+    let stand_ins = view
+        .sections
+        .iter()
+        .flat_map(|section| &section.entries)
+        .flat_map(|entry| &entry.cell.stand_ins);
+    for note in of_runs.chain(stand_ins) {
+        if !all.contains(&note.as_str()) {
+            all.push(note);
+        }
+    }
+    let names: Vec<&str> = view
+        .runs
+        .iter()
+        .map(|run| run.adapter.name.as_str())
+        .collect();
+    let mixed = names.windows(2).any(|pair| pair[0] != pair[1]);
+    if mixed {
+        all.push("Cells of several adapters stand in these records; cells.csv names the adapter of each.");
+    }
+    if all.is_empty() {
+        return;
+    }
+    *text += "## Notes\n\n";
+    for note in all {
+        let _ = writeln!(text, "- {note}");
+    }
+    *text += "\n";
+}
+
+/// One line per experiment.
+fn overview(view: &View<'_>, text: &mut String) {
+    let mut table = Table::new([
+        "experiment",
+        "measured",
+        "skipped",
+        "failed",
+        "claims supported",
+        "contradicted",
+        "untestable here",
+    ]);
+    for section in &view.sections {
+        let count = |wanted: fn(&Outcome) -> bool| {
+            let entries = section.entries.iter();
+            entries
+                .filter(|entry| wanted(&entry.cell.outcome))
+                .count()
+                .to_string()
+        };
+        let rulings = section.rulings();
+        let ruled = |wanted: Verdict| {
+            let same = rulings.iter().filter(|ruling| ruling.verdict == wanted);
+            same.count().to_string()
+        };
+        table.row([
+            format!("[{0}](#{0})", section.id),
+            count(|outcome| matches!(outcome, Outcome::Measured(_))),
+            count(|outcome| matches!(outcome, Outcome::Skipped { .. })),
+            count(|outcome| matches!(outcome, Outcome::Failed { .. })),
+            ruled(Verdict::Supported),
+            ruled(Verdict::Contradicted),
+            ruled(Verdict::Untestable),
+        ]);
+    }
+    if !table.is_empty() {
+        *text += "## Experiments\n\n";
+        *text += &table.markdown();
+    }
+}
+
+/// Pictures that belong to no experiment.
+fn other_pictures(view: &View<'_>, text: &mut String) {
+    let others: Vec<&String> = view
+        .pictures
+        .iter()
+        .filter(|picture| {
+            let belongs = |id| section::is_picture_of(picture, id);
+            !view.sections.iter().any(|section| belongs(section.id))
+        })
+        .collect();
+    if others.is_empty() {
+        return;
+    }
+    *text += "## Pictures\n\n";
+    for picture in others {
+        let _ = writeln!(text, "![{picture}]({picture})");
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::report::{artifacts, fixtures};
+
+    fn summary() -> String {
+        let records = fixtures::run();
+        let view = View::new(&records, &[]);
+        String::from_utf8(export(&view).unwrap().remove(0).bytes).unwrap()
+    }
+
+    #[test]
+    fn the_same_records_give_the_same_bytes() {
+        let records = fixtures::run();
+        let pictures = ["renders/uw-default.png".to_owned()];
+        assert_eq!(
+            artifacts(&records, &pictures).unwrap(),
+            artifacts(&records, &pictures).unwrap()
+        );
+    }
+
+    #[test]
+    fn the_summary_tells_adapter_audit_claims_and_reasons() {
+        let text = summary();
+        for expected in [
+            "# fathom on llvmpipe",
+            "count only on hardware",
+            "| compute | mixed |",
+            "unusable",
+            "GeForce GTX 260",
+            "| supported |",
+            "(uw-photons.svg)",
+            "device lost",
+            "134,217,728",
+            "harness efficiency",
+        ] {
+            assert!(text.contains(expected), "{expected}");
+        }
+    }
+
+    #[test]
+    fn tables_have_as_many_columns_in_every_row() {
+        let text = summary();
+        let columns = |line: &str| line.replace("\\|", "").matches('|').count();
+        let mut previous: Option<&str> = None;
+        for line in text.lines() {
+            if let Some(above) = previous.filter(|_| line.starts_with('|')) {
+                assert_eq!(columns(above), columns(line), "{above}\n{line}");
+            }
+            previous = Some(line).filter(|line| line.starts_with('|'));
+        }
+    }
+
+    #[test]
+    fn no_records_give_a_summary_all_the_same() {
+        let files = artifacts(&[], &[]).unwrap();
+        assert!(files.iter().any(|file| file.name == "summary.md"));
+    }
+}

@@ -1,0 +1,301 @@
+//! An experiment's part of the summary.
+
+use std::fmt::Write as _;
+
+use super::super::format::{self, Table};
+use super::super::plots;
+use super::super::{Section, view::Entry};
+use super::clock_name;
+use crate::experiments::schema::{Comparison, Experiment, Published};
+use crate::experiments::{fits, fps};
+use crate::record::{Cell, Estimate, Measured, Outcome};
+
+/// Cells beside each other in one table of stages.
+const COLUMNS: usize = 6;
+
+pub fn write(section: &Section<'_>, pictures: &[String], text: &mut String) {
+    let _ = writeln!(text, "## {}\n", section.id);
+    match &section.experiment {
+        Some(experiment) => {
+            let _ = writeln!(text, "**{}** ({})\n", experiment.title, experiment.source);
+            if !experiment.about.is_empty() {
+                let _ = writeln!(text, "{}\n", experiment.about.trim());
+            }
+        }
+        None => {
+            let problem = section.problem.as_deref().unwrap_or_default();
+            let _ = writeln!(text, "No claims and plots: {problem}\n");
+        }
+    }
+    if plots::has_figure(section) {
+        let file = plots::file_name(section);
+        let _ = writeln!(text, "![{}]({file})\n", section.title());
+    }
+    claims(section, text);
+    frames(section, text);
+    published(section, text);
+    unmeasured(section, text);
+    stages(section, text);
+    throughput(section, text);
+    quantities(section, text);
+    cell_notes(section, text);
+    for picture in pictures
+        .iter()
+        .filter(|path| is_picture_of(path, section.id))
+    {
+        let _ = writeln!(text, "![{picture}]({picture})\n");
+    }
+}
+
+/// A picture belongs to the experiment whose id its file name begins with.
+pub fn is_picture_of(path: &str, id: &str) -> bool {
+    let name = path.rsplit('/').next().unwrap_or(path);
+    let rest = name.strip_prefix(id);
+    rest.is_some_and(|rest| rest.starts_with(['.', '_', '-', ' ']))
+}
+
+fn claims(section: &Section<'_>, text: &mut String) {
+    let mut table = Table::new(["claim", "verdict", "figure"]);
+    for ruling in section.rulings() {
+        table.row([ruling.text, ruling.verdict.to_string(), ruling.reason]);
+    }
+    if !table.is_empty() {
+        *text += &table.markdown();
+    }
+}
+
+/// Whole frames without stage timing, held against what was published for the same size.
+fn frames(section: &Section<'_>, text: &mut String) {
+    let mut table = Table::new([
+        "cell",
+        "scene",
+        "frame (ms, 95 %)",
+        "fps",
+        "published fps",
+        "measured / published",
+        "allocated",
+    ]);
+    for (cell, measured) in section.measured() {
+        let rate = fps(&measured.frame.untimed);
+        let published = section.experiment.as_ref().and_then(|e| matching(e, cell));
+        table.row([
+            name(cell),
+            cell.scene.clone(),
+            format::ms(&measured.frame.untimed),
+            format::three(rate.median),
+            published.map_or_else(|| "–".to_owned(), figure),
+            published.map_or_else(|| "–".to_owned(), |published| ratio(&rate, published)),
+            format::mebibytes(measured.allocated_bytes),
+        ]);
+    }
+    if !table.is_empty() {
+        *text += "Whole frames, not timed by stage:\n\n";
+        *text += &table.markdown();
+    }
+}
+
+fn name(cell: &Cell) -> String {
+    cell.cell.replace(',', ", ")
+}
+
+fn matching<'a>(experiment: &'a Experiment, cell: &Cell) -> Option<&'a Published> {
+    experiment
+        .published
+        .iter()
+        .find(|published| fits(cell, &published.filter))
+}
+
+fn figure(published: &Published) -> String {
+    match (published.comparison, published.fps_high) {
+        (Comparison::AtLeast, _) => format!("> {}", published.fps),
+        (Comparison::Range, Some(high)) => format!("{} – {high}", published.fps),
+        (Comparison::About | Comparison::Range, _) => format!("about {}", published.fps),
+    }
+}
+
+fn ratio(rate: &Estimate, published: &Published) -> String {
+    let over = |fps: f64| format!("{}×", format::three(rate.median / fps));
+    match published.fps_high {
+        Some(high) => format!("{} – {}", over(high), over(published.fps)),
+        None => over(published.fps),
+    }
+}
+
+/// Which hardware the published figures come from, and which of them no cell is held against.
+fn published(section: &Section<'_>, text: &mut String) {
+    let Some(experiment) = &section.experiment else {
+        return;
+    };
+    let cells = section.cells();
+    for published in &experiment.published {
+        let met = cells.iter().any(|cell| fits(cell, &published.filter));
+        let conditions: Vec<String> = crate::experiments::flatten(&published.filter)
+            .iter()
+            .map(|(path, value)| format!("{path} {}", crate::experiments::label_text(value)))
+            .collect();
+        let standing = if met {
+            ""
+        } else {
+            "; no cell of this run has that size"
+        };
+        let note = if published.note.is_empty() {
+            String::new()
+        } else {
+            format!("; {}", published.note)
+        };
+        let _ = writeln!(
+            text,
+            "- Published: {} fps on {} ({}{note}){standing}.",
+            figure(published),
+            published.hardware,
+            conditions.join(", ")
+        );
+    }
+    if !experiment.published.is_empty() {
+        *text += "\n";
+    }
+}
+
+fn unmeasured(section: &Section<'_>, text: &mut String) {
+    let mut table = Table::new(["cell not measured", "", "reason"]);
+    for Entry { cell, .. } in &section.entries {
+        match &cell.outcome {
+            Outcome::Measured(_) => {}
+            Outcome::Skipped { reason } => table.row([&name(cell), "skipped", reason]),
+            Outcome::Failed { reason } => table.row([&name(cell), "failed", reason]),
+        }
+    }
+    if !table.is_empty() {
+        *text += &table.markdown();
+    }
+}
+
+/// Stage medians with intervals: stages down, cells across.
+fn stages(section: &Section<'_>, text: &mut String) {
+    let all: Vec<(&Cell, &Measured)> = section.measured().collect();
+    if all.is_empty() {
+        return;
+    }
+    *text += "Stages, median ms (95 %):\n\n";
+    for cells in all.chunks(COLUMNS) {
+        let head = ["stage".to_owned(), "clock".to_owned()];
+        let mut table = Table::new(
+            head.into_iter()
+                .chain(cells.iter().map(|(cell, _)| name(cell))),
+        );
+        for stage in stage_names(cells) {
+            let of = |measured: &Measured| {
+                let found = measured.stages.iter().find(|record| record.stage == stage);
+                found.map(|record| (record.clock, record.time))
+            };
+            let mut clocks: Vec<&str> = Vec::new();
+            let mut times = Vec::new();
+            for (_, measured) in cells {
+                let Some((clock, time)) = of(measured) else {
+                    times.push("–".to_owned());
+                    continue;
+                };
+                if !clocks.contains(&clock_name(clock)) {
+                    clocks.push(clock_name(clock));
+                }
+                times.push(format::ms(&time));
+            }
+            let head = [stage.to_owned(), clocks.join(", ")];
+            table.row(head.into_iter().chain(times));
+        }
+        *text += &table.markdown();
+    }
+}
+
+/// Stages of the cells in frame order; those that only later cells have come last.
+fn stage_names<'a>(cells: &[(&Cell, &'a Measured)]) -> Vec<&'a str> {
+    let mut names: Vec<&str> = Vec::new();
+    for (_, measured) in cells {
+        for stage in &measured.stages {
+            if !names.contains(&stage.stage.as_str()) {
+                names.push(&stage.stage);
+            }
+        }
+    }
+    names
+}
+
+/// Declared work over time in the cell with the longest frame, where fixed costs matter least.
+fn throughput(section: &Section<'_>, text: &mut String) {
+    let longest = section.measured().max_by(|a, b| {
+        a.1.frame
+            .untimed
+            .median
+            .total_cmp(&b.1.frame.untimed.median)
+    });
+    let Some((cell, measured)) = longest else {
+        return;
+    };
+    let total: f64 = measured.stages.iter().map(|stage| stage.time.median).sum();
+    let mut table = Table::new(["stage", "share of the stages", "photons/s", "fragments/s"]);
+    for stage in &measured.stages {
+        let rate = |count: u64| match count {
+            0 => "–".to_owned(),
+            count => format::si(count as f64 / (stage.time.median * 1e-9)),
+        };
+        if stage.work.photons > 0 || stage.work.fragments > 0 {
+            table.row([
+                stage.stage.clone(),
+                format::percent(stage.time.median / total),
+                rate(stage.work.photons),
+                rate(stage.work.fragments),
+            ]);
+        }
+    }
+    if !table.is_empty() {
+        let _ = writeln!(text, "Throughput by declared work in `{}`:\n", cell.cell);
+        *text += &table.markdown();
+    }
+}
+
+fn quantities(section: &Section<'_>, text: &mut String) {
+    let mut names: Vec<&String> = Vec::new();
+    for (_, measured) in section.measured() {
+        for name in measured.quantities.keys() {
+            if !names.contains(&name) {
+                names.push(name);
+            }
+        }
+    }
+    if names.is_empty() {
+        return;
+    }
+    names.sort();
+    let head = ["cell".to_owned()];
+    let mut table = Table::new(
+        head.into_iter()
+            .chain(names.iter().map(|name| (*name).clone())),
+    );
+    for (cell, measured) in section.measured() {
+        let values = names.iter().map(|quantity| {
+            let value = measured.quantities.get(*quantity);
+            value.map_or_else(|| "–".to_owned(), |value| format::three(*value))
+        });
+        table.row([name(cell)].into_iter().chain(values));
+    }
+    *text += "Quantities:\n\n";
+    *text += &table.markdown();
+}
+
+/// Notes and rejected frames of single cells.
+fn cell_notes(section: &Section<'_>, text: &mut String) {
+    let mut any = false;
+    for (cell, measured) in section.measured() {
+        let rejected = measured
+            .rejected
+            .iter()
+            .map(|(reason, count)| format!("{count} frames rejected: {reason}"));
+        for note in measured.notes.iter().cloned().chain(rejected) {
+            let _ = writeln!(text, "- `{}`: {note}", cell.cell);
+            any = true;
+        }
+    }
+    if any {
+        *text += "\n";
+    }
+}

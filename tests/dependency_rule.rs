@@ -1,0 +1,103 @@
+//! Keeps the dependency rule that `src/lib.rs` states.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+/// Module → the crate's modules that it may import, itself apart.
+const RULE: &[(&str, &[&str])] = &[
+    ("record", &[]),
+    ("statistics", &["record"]),
+    ("scene", &[]),
+    ("reference", &["scene"]),
+    ("gpu", &["record"]),
+    ("stages", &["gpu", "record", "scene"]),
+    ("pipelines", &["gpu", "record", "scene", "stages"]),
+    ("experiments", &["pipelines", "record", "statistics"]),
+    ("report", &["experiments", "record", "statistics"]),
+    (
+        "harness",
+        &[
+            "experiments", "gpu", "pipelines", "record", "reference", "report", "scene", "stages",
+            "statistics",
+        ],
+    ),
+];
+
+/// Stage families may not import each other; what they share lies beside them.
+const FAMILIES: &[&str] = &["caustics", "godrays", "scene", "shadow", "water"];
+
+fn rust_files(folder: &Path, found: &mut Vec<PathBuf>) {
+    for entry in fs::read_dir(folder).unwrap() {
+        let path = entry.unwrap().path();
+        if path.is_dir() {
+            rust_files(&path, found);
+        } else if path.extension().is_some_and(|e| e == "rs") {
+            found.push(path);
+        }
+    }
+}
+
+/// Names after each `crate::`, tests and comments left out.
+fn imports(text: &str) -> Vec<String> {
+    let code = text.split("#[cfg(test)]").next().unwrap_or_default();
+    code.lines()
+        .filter(|line| !line.trim_start().starts_with("//"))
+        .flat_map(|line| line.split("crate::").skip(1))
+        .map(|rest| {
+            rest.chars()
+                .take_while(|c| c.is_alphanumeric() || *c == '_')
+                .collect()
+        })
+        .collect()
+}
+
+#[test]
+fn modules_import_only_what_the_rule_allows() {
+    let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("src");
+    let mut files = Vec::new();
+    rust_files(&source, &mut files);
+    for file in files {
+        let inside = file.strip_prefix(&source).unwrap();
+        let module = inside.iter().next().unwrap().to_str().unwrap().trim_end_matches(".rs");
+        let Some((_, allowed)) = RULE.iter().find(|(name, _)| *name == module) else {
+            assert!(
+                ["lib", "main", "cli"].contains(&module),
+                "{} is in no module of the rule",
+                inside.display()
+            );
+            continue;
+        };
+        for import in imports(&fs::read_to_string(&file).unwrap()) {
+            let known = RULE.iter().any(|(name, _)| *name == import);
+            assert!(
+                !known || import == module || allowed.contains(&import.as_str()),
+                "{} imports `{import}`, which `{module}` may not",
+                inside.display()
+            );
+        }
+    }
+}
+
+#[test]
+fn stages_import_no_sibling_stage() {
+    let stages = Path::new(env!("CARGO_MANIFEST_DIR")).join("src/stages");
+    for family in FAMILIES {
+        let mut files = Vec::new();
+        rust_files(&stages.join(family), &mut files);
+        for file in files {
+            let text = fs::read_to_string(&file).unwrap();
+            for other in FAMILIES {
+                assert!(
+                    !text.contains(&format!("stages::{other}::")),
+                    "{} imports from the family `{other}`",
+                    file.display()
+                );
+            }
+        }
+    }
+}
+
+#[test]
+fn the_import_reader_sees_imports() {
+    assert_eq!(imports("use crate::gpu::Gpu;\n// crate::report\n"), ["gpu"]);
+}
