@@ -29,36 +29,40 @@ struct Vignette {
 
 impl Vignette {
     fn new(gpu: &Gpu, image: &wgpu::Texture) -> Self {
-        let module = gpu.device.create_shader_module(wgpu::ShaderModuleDescriptor {
-            label: Some("post/vignette"),
-            source: wgpu::ShaderSource::Wgsl(SHADER.into()),
-        });
+        let module = gpu
+            .device
+            .create_shader_module(wgpu::ShaderModuleDescriptor {
+                label: Some("post/vignette"),
+                source: wgpu::ShaderSource::Wgsl(SHADER.into()),
+            });
         let target = wgpu::ColorTargetState {
             format: image.format(),
             blend: Some(wgpu::BlendState::ALPHA_BLENDING),
             write_mask: wgpu::ColorWrites::ALL,
         };
-        let pipeline = gpu.device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
-            label: Some("post/vignette"),
-            layout: None,
-            vertex: wgpu::VertexState {
-                module: &module,
-                entry_point: Some("vertex"),
-                compilation_options: Default::default(),
-                buffers: &[],
-            },
-            primitive: Default::default(),
-            depth_stencil: None,
-            multisample: Default::default(),
-            fragment: Some(wgpu::FragmentState {
-                module: &module,
-                entry_point: Some("fragment"),
-                compilation_options: Default::default(),
-                targets: &[Some(target)],
-            }),
-            multiview_mask: None,
-            cache: None,
-        });
+        let pipeline = gpu
+            .device
+            .create_render_pipeline(&wgpu::RenderPipelineDescriptor {
+                label: Some("post/vignette"),
+                layout: None,
+                vertex: wgpu::VertexState {
+                    module: &module,
+                    entry_point: Some("vertex"),
+                    compilation_options: Default::default(),
+                    buffers: &[],
+                },
+                primitive: Default::default(),
+                depth_stencil: None,
+                multisample: Default::default(),
+                fragment: Some(wgpu::FragmentState {
+                    module: &module,
+                    entry_point: Some("fragment"),
+                    compilation_options: Default::default(),
+                    targets: &[Some(target)],
+                }),
+                multiview_mask: None,
+                cache: None,
+            });
         Self {
             pipeline,
             view: image.create_view(&Default::default()),
@@ -124,7 +128,11 @@ fn main() -> anyhow::Result<()> {
     let frame = timer.timed(&gpu, &passes)?;
     for (stage, sample) in stages.iter().zip(&frame.stages) {
         let fragments = stage.work().fragments;
-        println!("{:18} {:8.3} ms  {fragments:>9} fragments declared", sample.name, sample.ns / 1e6);
+        println!(
+            "{:18} {:8.3} ms  {fragments:>9} fragments declared",
+            sample.name,
+            sample.ns / 1e6
+        );
     }
     Ok(())
 }

@@ -1,1 +1,25 @@
-fn main() {}
+//! The `fathom` command: parses the command line and dispatches.
+
+mod cli;
+
+use std::process::ExitCode;
+
+use cli::{Command, commands};
+
+fn main() -> ExitCode {
+    let command = match cli::parse() {
+        Ok(command) => command,
+        Err(status) => return status,
+    };
+    let result = match command {
+        Command::Run(args) => commands::run(args),
+        Command::List(args) => commands::list(args),
+        Command::Audit(args) => commands::audit(args),
+        Command::Verify(args) => commands::verify(args),
+        Command::Fetch(args) => commands::fetch(args),
+        Command::Render(args) => commands::render(args),
+        Command::Dump(args) => commands::dump(args),
+        Command::Report(args) => commands::report(args),
+    };
+    cli::exit_status(result)
+}

@@ -10,6 +10,8 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
 mod file;
+#[cfg(test)]
+mod tests;
 pub use file::{Damage, Reading, RecordError, Writer, finished, read, resume_key};
 
 /// Version of the record format; raised when a field changes its meaning or goes away.

@@ -17,7 +17,14 @@ const RULE: &[(&str, &[&str])] = &[
     (
         "harness",
         &[
-            "experiments", "gpu", "pipelines", "record", "reference", "report", "scene", "stages",
+            "experiments",
+            "gpu",
+            "pipelines",
+            "record",
+            "reference",
+            "report",
+            "scene",
+            "stages",
             "statistics",
         ],
     ),
@@ -58,7 +65,13 @@ fn modules_import_only_what_the_rule_allows() {
     rust_files(&source, &mut files);
     for file in files {
         let inside = file.strip_prefix(&source).unwrap();
-        let module = inside.iter().next().unwrap().to_str().unwrap().trim_end_matches(".rs");
+        let module = inside
+            .iter()
+            .next()
+            .unwrap()
+            .to_str()
+            .unwrap()
+            .trim_end_matches(".rs");
         let Some((_, allowed)) = RULE.iter().find(|(name, _)| *name == module) else {
             assert!(
                 ["lib", "main", "cli"].contains(&module),

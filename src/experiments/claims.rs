@@ -218,6 +218,14 @@ pub fn scaling(
         })
         .collect();
     let left_out = points.len() - kept.len();
+    if kept.len() < 3 {
+        return Err(format!(
+            "a fixed cost of {} is more than {:.0} % of the time in {left_out} of {} cells",
+            in_ms(fixed),
+            100.0 * max_fixed_share,
+            points.len()
+        ));
+    }
     let low = kept.iter().map(|(x, _)| *x).fold(f64::INFINITY, f64::min);
     let high = kept.iter().map(|(x, _)| *x).fold(0.0, f64::max);
     let slope = log_log_slope(&kept).ok_or_else(|| {
@@ -477,3 +485,6 @@ fn plural(count: usize, noun: &str) -> String {
         format!("{noun}s")
     }
 }
+
+#[cfg(test)]
+mod tests;

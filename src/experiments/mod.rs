@@ -6,6 +6,8 @@ mod claims;
 mod expand;
 mod measure;
 pub mod schema;
+#[cfg(test)]
+mod tests;
 
 use std::path::{Path, PathBuf};
 

@@ -8,6 +8,7 @@ use serde::Deserialize;
 use serde_json::{Map, Value};
 
 use super::{ExperimentError, Measure};
+use crate::record::Cell;
 
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -123,6 +124,22 @@ pub struct Published {
     pub hardware: String,
     #[serde(default)]
     pub note: String,
+}
+
+impl Published {
+    /// `> 110`, `20 – 30` or `about 20`.
+    pub fn figure(&self) -> String {
+        match (self.comparison, self.fps_high) {
+            (Comparison::AtLeast, _) => format!("> {}", self.fps),
+            (Comparison::Range, Some(high)) => format!("{} – {high}", self.fps),
+            (Comparison::About | Comparison::Range, _) => format!("about {}", self.fps),
+        }
+    }
+
+    /// Frame times in milliseconds, from the shortest to the longest that the figure allows for.
+    pub fn span_ms(&self) -> (f64, f64) {
+        (1e3 / self.fps_high.unwrap_or(self.fps), 1e3 / self.fps)
+    }
 }
 
 #[derive(Clone, Debug, PartialEq, Deserialize)]
@@ -296,6 +313,23 @@ impl Experiment {
         }
     }
 
+    /// The figure published for a cell of that size, where there is one.
+    pub fn published_for(&self, cell: &Cell) -> Option<&Published> {
+        self.published
+            .iter()
+            .find(|published| super::fits(cell, &published.filter))
+    }
+
+    /// What its claims and plots read from a cell.
+    pub fn measures(&self) -> Vec<&Measure> {
+        let claims = self.claim.iter().flat_map(|claim| claim.test.measures());
+        let plots = self
+            .plot
+            .iter()
+            .flat_map(|plot| plot.x.iter().chain(&plot.y));
+        claims.chain(plots).collect()
+    }
+
     /// All axes of all sweeps; a name may come more than once.
     pub fn axes(&self) -> impl Iterator<Item = &Axis> {
         self.sweep.iter().flat_map(|sweep| &sweep.axis)
@@ -336,6 +370,16 @@ impl Test {
             | Test::Ratio { over, .. }
             | Test::Monotone { over, .. } => Some(over),
             Test::AtLeast { .. } | Test::NoWorse { .. } => None,
+        }
+    }
+
+    fn measures(&self) -> Vec<&Measure> {
+        match self {
+            Test::Slope { y, x, .. } | Test::Monotone { y, x, .. } => vec![y, x],
+            Test::Independent { y, .. }
+            | Test::Ratio { y, .. }
+            | Test::AtLeast { y, .. }
+            | Test::NoWorse { y, .. } => vec![y],
         }
     }
 }

@@ -36,7 +36,7 @@ const OPTIONAL: &[(wgpu::Features, &str)] = &[
 pub struct Options {
     /// Part of an adapter's name (any case) or its index in [`Gpu::list`]. Without it the variables
     /// `WGPU_ADAPTER_NAME` and `WGPU_BACKEND` count, and then a hardware GPU is preferred to software
-    /// Vulkan, and that to software GL.
+    /// Vulkan, and that to GL.
     pub adapter: Option<String>,
     /// Compile shaders without wgpu's bounds and loop checks.
     pub unchecked: bool,
@@ -68,19 +68,36 @@ thread_local! {
     static SCOPES: Cell<u32> = const { Cell::new(0) };
 }
 
-fn instance() -> (wgpu::Instance, wgpu::InstanceFlags) {
+/// An instance of these backends, and the flags that the environment sets on it.
+fn instance(backends: wgpu::Backends) -> (wgpu::Instance, wgpu::InstanceFlags) {
     let mut descriptor = wgpu::InstanceDescriptor::new_without_display_handle_from_env();
+    descriptor.backends &= backends;
     descriptor.flags = wgpu::InstanceFlags::empty().with_env();
     let flags = descriptor.flags;
     (wgpu::Instance::new(descriptor), flags)
 }
 
-/// All adapters, the preferred one first; the order is that of `--adapter INDEX`.
-fn adapters(instance: &wgpu::Instance) -> Vec<wgpu::Adapter> {
-    let mut all = pollster::block_on(instance.enumerate_adapters(wgpu::Backends::all()));
+/// An adapter, and the instance flags it was found with.
+type Found = (wgpu::Adapter, wgpu::InstanceFlags);
+
+/// Adapters of these backends, the preferred one first.
+fn found(backends: wgpu::Backends) -> Vec<Found> {
+    let (instance, flags) = instance(backends);
+    let mut all = pollster::block_on(instance.enumerate_adapters(backends));
     all.retain(|adapter| adapter.get_info().backend != wgpu::Backend::Noop);
     all.sort_by_key(|adapter| rank(&adapter.get_info()));
-    all
+    all.into_iter().map(|adapter| (adapter, flags)).collect()
+}
+
+/// Adapters of every interface but GL. Looking for GL opens a display, which some libraries answer
+/// with complaints on stderr, so it is left until it is needed.
+fn without_gl() -> Vec<Found> {
+    found(wgpu::Backends::all() - wgpu::Backends::GL)
+}
+
+fn with_gl(mut others: Vec<Found>) -> Vec<Found> {
+    others.extend(found(wgpu::Backends::GL));
+    others
 }
 
 fn is_software(info: &wgpu::AdapterInfo) -> bool {
@@ -91,8 +108,8 @@ fn is_software(info: &wgpu::AdapterInfo) -> bool {
             .any(|s| name.contains(s))
 }
 
-/// Hardware before software, other interfaces before GL, discrete before integrated.
-fn rank(info: &wgpu::AdapterInfo) -> (bool, bool, u8) {
+/// Hardware before software, discrete before integrated.
+fn rank(info: &wgpu::AdapterInfo) -> (bool, u8) {
     let kind = match info.device_type {
         wgpu::DeviceType::DiscreteGpu => 0,
         wgpu::DeviceType::IntegratedGpu => 1,
@@ -100,7 +117,7 @@ fn rank(info: &wgpu::AdapterInfo) -> (bool, bool, u8) {
         wgpu::DeviceType::Other => 3,
         wgpu::DeviceType::Cpu => 4,
     };
-    (is_software(info), info.backend == wgpu::Backend::Gl, kind)
+    (is_software(info), kind)
 }
 
 /// The index of the adapter named or numbered by `asked`.
@@ -132,32 +149,48 @@ fn describe(adapter: &wgpu::Adapter) -> record::Adapter {
 }
 
 /// The chosen adapter, by `--adapter`, then by `WGPU_ADAPTER_NAME`, then by preference.
-fn choose(instance: &wgpu::Instance, asked: Option<&str>) -> Result<wgpu::Adapter, GpuError> {
-    let mut all = adapters(instance);
-    if all.is_empty() {
-        let tried = std::env::var("WGPU_BACKEND").map_or_else(
-            |_| String::new(),
-            |backend| format!(" (WGPU_BACKEND={backend})"),
-        );
-        return Err(GpuError::NoAdapter { tried });
-    }
+fn choose(asked: Option<&str>) -> Result<Found, GpuError> {
     let from_environment = std::env::var("WGPU_ADAPTER_NAME")
         .ok()
         .filter(|name| !name.is_empty());
-    let Some(asked) = asked.map(str::to_owned).or(from_environment) else {
-        return Ok(all.swap_remove(0));
-    };
-    let names: Vec<String> = all.iter().map(|adapter| adapter.get_info().name).collect();
-    match find(&names, &asked) {
-        Some(index) => Ok(all.swap_remove(index)),
-        None => {
-            let numbered = names
-                .iter()
-                .enumerate()
-                .map(|(index, name)| format!("{index} {name}"));
-            let available = numbered.collect::<Vec<_>>().join(", ");
-            Err(GpuError::UnknownAdapter { asked, available })
+    let asked = asked.map(str::to_owned).or(from_environment);
+    let mut all = without_gl();
+    if position(&all, asked.as_deref()).is_none() {
+        all = with_gl(all);
+    }
+    if let Some(index) = position(&all, asked.as_deref()) {
+        return Ok(all.swap_remove(index));
+    }
+    match asked {
+        Some(asked) if !all.is_empty() => {
+            let numbered = names(&all).into_iter().enumerate();
+            let available = numbered.map(|(index, name)| format!("{index} {name}"));
+            Err(GpuError::UnknownAdapter {
+                asked,
+                available: available.collect::<Vec<_>>().join(", "),
+            })
         }
+        _ => {
+            let tried = std::env::var("WGPU_BACKEND").map_or_else(
+                |_| String::new(),
+                |backend| format!(" (WGPU_BACKEND={backend})"),
+            );
+            Err(GpuError::NoAdapter { tried })
+        }
+    }
+}
+
+fn names(all: &[Found]) -> Vec<String> {
+    all.iter()
+        .map(|(adapter, _)| adapter.get_info().name)
+        .collect()
+}
+
+/// The index of the adapter that is asked for; of the first if none is.
+fn position(all: &[Found], asked: Option<&str>) -> Option<usize> {
+    match asked {
+        Some(asked) => find(&names(all), asked),
+        None => (!all.is_empty()).then_some(0),
     }
 }
 
@@ -198,13 +231,15 @@ impl Gpu {
     /// All adapters of this machine, in the order of `--adapter INDEX`; the first is the default.
     /// Timestamp periods are known only of open devices and are 0 here.
     pub fn list() -> Vec<record::Adapter> {
-        adapters(&instance().0).iter().map(describe).collect()
+        with_gl(without_gl())
+            .iter()
+            .map(|(adapter, _)| describe(adapter))
+            .collect()
     }
 
     /// Opens the chosen adapter.
     pub fn open(options: &Options) -> Result<Gpu, GpuError> {
-        let (instance, flags) = instance();
-        let chosen = choose(&instance, options.adapter.as_deref())?;
+        let (chosen, flags) = choose(options.adapter.as_deref())?;
         require(&chosen)?;
         let (features, mut notes) = negotiate(chosen.features());
         if !flags.is_empty() {
@@ -282,6 +317,10 @@ impl Gpu {
         };
         // wgpu panics when the device is lost while it waits.
         let outcome = catch_unwind(AssertUnwindSafe(|| self.device.poll(wait)));
+        if matches!(outcome, Ok(Err(_))) {
+            // A submission was refused. That the device is gone is told by the next poll only.
+            let _ = self.device.poll(wgpu::PollType::Poll);
+        }
         self.pending_fault()?;
         match outcome {
             Ok(Ok(_)) => Ok(()),

@@ -1,3 +1,24 @@
+//! Runs experiments: plans cells, samples their frames, writes records; renders and dumps single frames.
+//!
+//! [`plan`] resolves parameters and checks limits, [`sample`] schedules frames over an
+//! [`Executor`](sample::Executor), [`executor`] is that on a device, [`run`] strings them together.
+
+pub mod calendar;
+pub mod difference;
+pub mod dump;
+pub mod executor;
 pub mod landing;
+pub mod memory;
+pub mod outcome;
+pub mod output;
+pub mod picture;
+pub mod plan;
+pub mod progress;
+pub mod render;
+pub mod run;
 pub mod sample;
+pub mod subject;
 pub mod verify;
+
+/// Most passes of a frame that are timed or counted; the underwater pipeline has some twenty.
+pub const MAX_PASSES: u32 = 256;

@@ -16,7 +16,7 @@ use rand::seq::SliceRandom;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 
-use crate::gpu::FrameSample;
+use crate::gpu::{Fault, FrameSample};
 use crate::record::Clock;
 use crate::statistics;
 
@@ -482,7 +482,8 @@ impl<X: Executor> Sampler<'_, X> {
 
 /// Why a pair of frames cannot be used: the timer's own reasons first, then what no duration may be.
 fn faults(frame: &FrameSample, untimed_ns: f64, before: &[StageSamples]) -> Vec<String> {
-    let mut faults: Vec<String> = frame.faults.iter().map(ToString::to_string).collect();
+    let reason = |fault: &Fault| format!("{}: {}", fault.stage, fault.kind.reason());
+    let mut faults: Vec<String> = frame.faults.iter().map(reason).collect();
     let positive = |ns: f64| ns.is_finite() && ns > 0.0;
     if !positive(frame.envelope_ns) || !positive(frame.wall_ns) {
         faults.push("frame time not positive".into());

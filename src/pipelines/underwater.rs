@@ -51,20 +51,43 @@ fn demand(params: &Value, scene: &Scene) -> Result<Demand, String> {
     let params = Params::from_value(params)?;
     let (vertices, indices) = geometry::buffer_bytes(scene);
     let mut demand = Demand::new()
-        .texture_2d("view.width × view.height", params.view.width.into(), params.view.height.into())
-        .texture_2d("shadow.size", params.shadow.size.into(), params.shadow.size.into())
+        .texture_2d(
+            "view.width × view.height",
+            params.view.width.into(),
+            params.view.height.into(),
+        )
+        .texture_2d(
+            "shadow.size",
+            params.shadow.size.into(),
+            params.shadow.size.into(),
+        )
         .buffer("scene vertices", vertices)
         .buffer("scene indices", indices)
         .color_targets("scene/gbuffer", 2, 12);
     let grids = [
-        ("caustics", &params.caustics.grid_settings(), params.caustics_buffer()),
-        ("godrays", &params.godrays.grid_settings(), params.godrays_buffer()),
+        (
+            "caustics",
+            &params.caustics.grid_settings(),
+            params.caustics_buffer(),
+        ),
+        (
+            "godrays",
+            &params.godrays.grid_settings(),
+            params.godrays_buffer(),
+        ),
     ];
     for (name, grid, buffer) in grids {
         let groups = u64::from(photon::workgroups(grid.grid));
         demand = demand
-            .texture_2d(&format!("{name}.buffer"), buffer[0].into(), buffer[1].into())
-            .storage(&format!("{name}.grid × {name}.subdivision"), Photons::bytes(grid.photons()))
+            .texture_2d(
+                &format!("{name}.buffer"),
+                buffer[0].into(),
+                buffer[1].into(),
+            )
+            .storage(
+                &format!("{name}.grid × {name}.subdivision"),
+                Photons::bytes(grid.photons()),
+            )
             .dispatch(&format!("{name}/trace"), [groups, groups, 1]);
     }
     Ok(demand)
@@ -102,18 +125,27 @@ impl Underwater {
         let geometry = Geometry::new(resources, scene);
 
         let size_px = [params.view.width, params.view.height];
-        let shadow_depth = shadow::depth::Depth::new(resources, &shared, &geometry, params.shadow.size)?;
+        let shadow_depth =
+            shadow::depth::Depth::new(resources, &shared, &geometry, params.shadow.size)?;
         let cells = params.surface.cells;
-        let shadow_mask = shadow::mask::Mask::new(resources, &shared, shadow_depth.texture(), cells)?;
+        let shadow_mask =
+            shadow::mask::Mask::new(resources, &shared, shadow_depth.texture(), cells)?;
         let gbuffer = scene::gbuffer::Gbuffer::new(resources, &shared, &geometry, size_px)?;
         let surface_px = size_px.map(|side| scaled(side, params.surface.scale));
-        let reflection = water::reflection::Reflection::new(resources, &shared, &geometry, surface_px)?;
-        let refraction = water::refraction::Refraction::new(resources, &shared, &geometry, surface_px)?;
+        let reflection =
+            water::reflection::Reflection::new(resources, &shared, &geometry, surface_px)?;
+        let refraction =
+            water::refraction::Refraction::new(resources, &shared, &geometry, surface_px)?;
 
         let light = (shadow_depth.texture(), shadow_mask.texture());
         let grid = params.caustics.grid_settings();
-        let caustics_trace =
-            caustics::trace::Trace::new(resources, &shared, light, grid.uniforms(), grid.is_dynamic())?;
+        let caustics_trace = caustics::trace::Trace::new(
+            resources,
+            &shared,
+            light,
+            grid.uniforms(),
+            grid.is_dynamic(),
+        )?;
         let caustics_splat = caustics::splat::Splat::new(
             resources,
             &shared,
@@ -132,8 +164,13 @@ impl Underwater {
             .transpose()?;
 
         let grid = params.godrays.grid_settings();
-        let godrays_trace =
-            godrays::trace::Trace::new(resources, &shared, light, grid.uniforms(), grid.is_dynamic())?;
+        let godrays_trace = godrays::trace::Trace::new(
+            resources,
+            &shared,
+            light,
+            grid.uniforms(),
+            grid.is_dynamic(),
+        )?;
         let godrays_lines = godrays::lines::Lines::new(
             resources,
             &shared,
@@ -201,9 +238,17 @@ impl Pipeline for Underwater {
             &self.caustics_trace,
             &self.caustics_splat,
         ]);
-        stages.extend(self.caustics_filter.iter().map(|filter| filter as &dyn Stage));
+        stages.extend(
+            self.caustics_filter
+                .iter()
+                .map(|filter| filter as &dyn Stage),
+        );
         stages.extend([&self.godrays_trace as &dyn Stage, &self.godrays_lines]);
-        stages.extend(self.godrays_filter.iter().map(|filter| filter as &dyn Stage));
+        stages.extend(
+            self.godrays_filter
+                .iter()
+                .map(|filter| filter as &dyn Stage),
+        );
         stages.push(&self.compose);
         stages
     }
@@ -262,7 +307,11 @@ impl Plan {
             params.camera.z_far_m,
         );
         let splat_px = size.at(middle_m);
-        let photons = [params.caustics.grid_settings(), params.godrays.grid_settings()].map(|g| g.photons());
+        let photons = [
+            params.caustics.grid_settings(),
+            params.godrays.grid_settings(),
+        ]
+        .map(|g| g.photons());
         let splat = SplatUniforms {
             size_px: as_vec2(caustics),
             size_a_px: size.a_px as f32,

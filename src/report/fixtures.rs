@@ -17,12 +17,17 @@ const SAMPLES: usize = 15;
 
 /// A quick run of every built-in experiment on a software driver, with a skipped and a failed cell.
 pub fn run() -> Vec<Record> {
-    let mut records = vec![Record::Run(header("quick"))];
+    profile("quick")
+}
+
+/// The same in any profile.
+pub fn profile(profile: &str) -> Vec<Record> {
+    let mut records = vec![Record::Run(header(profile))];
     let mut random = Pcg64::seed_from_u64(7);
     for id in Experiment::builtin_ids() {
         let experiment = Experiment::load(&id).unwrap();
         records.push(definition(&experiment));
-        for plan in experiment.cells("quick", &[], &[]).unwrap() {
+        for plan in experiment.cells(profile, &[], &[]).unwrap() {
             let outcome = Outcome::Measured(Box::new(measure(&plan, &mut random)));
             records.push(cell(&plan, outcome));
         }
@@ -41,7 +46,7 @@ pub fn run() -> Vec<Record> {
         "caustics.buffer".to_owned(),
         vec!["[4096,4096]".to_owned(), "[64,64]".to_owned()],
     )];
-    let plans = buffers.cells("quick", &axis, &[]).unwrap();
+    let plans = buffers.cells(profile, &axis, &[]).unwrap();
     for plan in plans.iter().take(2) {
         let outcome = unmeasured.remove(0);
         records.push(cell(plan, outcome));

@@ -85,15 +85,3 @@ fn pictures_in(out: &Path) -> Vec<String> {
     names.sort();
     names
 }
-
-#[cfg(test)]
-mod look {
-    #[test]
-    fn look() {
-        let out = std::path::PathBuf::from("/tmp/report-look");
-        std::fs::create_dir_all(out.join("renders")).unwrap();
-        let mut all = super::fixtures::run();
-        super::write(&out, &all).unwrap();
-        all.clear();
-    }
-}

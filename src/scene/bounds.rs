@@ -5,7 +5,9 @@ use glam::DVec3;
 /// An axis-aligned box, metres.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Bounds {
+    /// Smallest coordinates.
     pub min: DVec3,
+    /// Largest coordinates.
     pub max: DVec3,
 }
 
@@ -16,6 +18,7 @@ impl Bounds {
         max: DVec3::NEG_INFINITY,
     };
 
+    /// The smallest box that holds all points.
     pub fn around(points: impl IntoIterator<Item = DVec3>) -> Bounds {
         points.into_iter().fold(Bounds::EMPTY, Bounds::with)
     }
@@ -38,14 +41,17 @@ impl Bounds {
         }
     }
 
+    /// Extent along each axis, metres.
     pub fn size(&self) -> DVec3 {
         self.max - self.min
     }
 
+    /// The middle of the box.
     pub fn center(&self) -> DVec3 {
         0.5 * (self.min + self.max)
     }
 
+    /// Whether `p` lies inside or on the border.
     pub fn contains(&self, p: DVec3) -> bool {
         p.cmpge(self.min).all() && p.cmple(self.max).all()
     }

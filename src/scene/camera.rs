@@ -33,6 +33,7 @@ fn up() -> [f64; 3] {
 }
 
 impl Camera {
+    /// Where the camera stands, metres.
     pub fn position(&self) -> DVec3 {
         DVec3::from(self.position_m)
     }
@@ -61,6 +62,7 @@ impl Camera {
         )
     }
 
+    /// World to clip space; `aspect` is width / height.
     pub fn view_projection(&self, aspect: f64) -> DMat4 {
         self.projection(aspect) * self.view()
     }

@@ -24,16 +24,22 @@ const MAX_FILE_BYTES: u64 = 1 << 20;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SceneFile {
+    /// What records call the scene.
     pub name: String,
+    /// One line.
     pub description: String,
     /// Depth of the floor below the water at rest, metres.
     pub floor_depth_m: f64,
+    /// The viewer.
     pub camera: Camera,
     #[serde(default)]
+    /// The one light.
     pub light: Light,
     #[serde(default)]
+    /// Surface and medium.
     pub water: Water,
     #[serde(rename = "object")]
+    /// The `[[object]]` tables.
     pub objects: Vec<ObjectFile>,
     /// Folder from which the objects' `file` paths start.
     #[serde(skip)]
@@ -44,6 +50,7 @@ pub struct SceneFile {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ObjectFile {
+    /// What errors and `without` call it.
     pub name: String,
     /// Name of a procedural generator; see [`generators`].
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -58,8 +65,10 @@ pub struct ObjectFile {
     #[serde(default)]
     pub params: BTreeMap<String, f64>,
     #[serde(default)]
+    /// Where it goes.
     pub transform: Transform,
     #[serde(default)]
+    /// How it looks.
     pub material: Material,
 }
 
@@ -81,11 +90,13 @@ pub struct Transform {
     /// If not 0: the largest extent is brought to this many metres, and the object is put upright
     /// on y = 0 in the middle of x and z.
     pub fit_m: f64,
+    /// Factor on the size.
     pub scale: f64,
     /// Turns about x, then y, then z, degrees.
     pub rotate_deg: [f64; 3],
     /// Metres, y from `on`.
     pub translate_m: [f64; 3],
+    /// What y is measured from.
     pub on: Stand,
 }
 

@@ -40,6 +40,7 @@ pub enum LightKind {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Light {
+    /// Parallel rays or rays from a point.
     pub kind: LightKind,
     /// The way a directional light's rays travel; need not have unit length.
     pub direction: [f64; 3],
@@ -71,13 +72,18 @@ impl Default for Light {
 /// The light's frustum for one view: the space in which photons start and the shadow map lies.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LightFrame {
+    /// That of the light.
     pub kind: LightKind,
     /// Metres.
     pub position: DVec3,
     /// Unit vector `l = p_mid − p_light` (UW 3.1).
     pub forward: DVec3,
+    /// World to light space (right-handed, looking along −z).
     pub view: DMat4,
+    /// Light to clip space, depth 0 … 1: orthographic (directional) or perspective (point), in
+    /// general not centred on the axis.
     pub projection: DMat4,
+    /// World to clip space.
     pub view_projection: DMat4,
     /// Inverse of `view_projection`.
     pub inverse: DMat4,

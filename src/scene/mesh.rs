@@ -16,10 +16,12 @@ pub struct Mesh {
 }
 
 impl Mesh {
+    /// How many triangles there are.
     pub fn triangle_count(&self) -> usize {
         self.indices.len() / 3
     }
 
+    /// The smallest box that holds the mesh.
     pub fn bounds(&self) -> Bounds {
         Bounds::around(self.positions.iter().map(|p| Vec3::from(*p).as_dvec3()))
     }

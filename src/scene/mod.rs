@@ -92,22 +92,32 @@ impl Material {
 /// A mesh in world space and its look.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Object {
+    /// As in the scene file.
     pub name: String,
+    /// In world space, metres.
     pub mesh: Mesh,
+    /// How it looks.
     pub material: Material,
 }
 
 /// A scene ready to render.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Scene {
+    /// As in the scene file.
     pub name: String,
+    /// One line.
     pub description: String,
+    /// What stands in it, in the order of the file.
     pub objects: Vec<Object>,
     /// Holds all objects and the water's rectangle with some room above it.
     pub bounds: Bounds,
+    /// The viewer.
     pub camera: Camera,
+    /// The one light.
     pub light: Light,
+    /// Surface and medium.
     pub water: Water,
+    /// Depth of the floor below the water at rest, metres.
     pub floor_depth_m: f64,
     /// Assets that were absent, each with the stand-in used.
     pub stand_ins: Vec<String>,
@@ -151,6 +161,7 @@ impl Scene {
         })
     }
 
+    /// Triangles of all objects.
     pub fn triangle_count(&self) -> usize {
         self.objects.iter().map(|o| o.mesh.triangle_count()).sum()
     }

@@ -81,7 +81,11 @@ fn convert(source: &tobj::Mesh) -> Mesh {
     };
     if source.normal_indices.len() != source.indices.len() {
         let mut mesh = Mesh {
-            positions: source.positions.as_chunks::<3>().0.to_vec(),
+            positions: source
+                .positions
+                .chunks_exact(3)
+                .map(|p| [p[0], p[1], p[2]])
+                .collect(),
             normals: Vec::new(),
             indices: source.indices.clone(),
         };

@@ -2,7 +2,7 @@
 
 use std::{
     fs::File,
-    io::{BufRead, BufReader, Read, Take},
+    io::{self, BufRead, BufReader, Read, Take},
     path::Path,
     str::SplitAsciiWhitespace,
 };
@@ -48,15 +48,18 @@ pub fn read(path: &Path) -> Result<Mesh, MeshError> {
             }
         }
     }
-    read::checked(path, with_normals(&lines, mesh)?)
+    // To the end of the archive, whose checksum stands there.
+    io::copy(&mut lines.source, &mut io::sink())
+        .map_err(|e| MeshError::malformed(path, format!("{e}, after the last element")))?;
+    read::checked(path, with_normals(path, mesh)?)
 }
 
 /// Computes normals once the indices are known to be good.
-fn with_normals(lines: &Lines, mut mesh: Mesh) -> Result<Mesh, MeshError> {
+fn with_normals(path: &Path, mut mesh: Mesh) -> Result<Mesh, MeshError> {
     let count = mesh.positions.len();
     if let Some(bad) = mesh.indices.iter().find(|i| **i as usize >= count) {
         return Err(MeshError::malformed(
-            lines.path,
+            path,
             format!("a face uses vertex {bad}, but there are {count}"),
         ));
     }

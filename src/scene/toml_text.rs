@@ -133,3 +133,92 @@ fn named(message: &str) -> String {
         _ => message.to_owned(),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const MINIMAL: &str = r#"
+name = "test"
+description = "test"
+floor_depth_m = 2.0
+[camera]
+position_m = [0, -1, 3]
+target_m = [0, -1, 0]
+fov_y_deg = 60
+z_near_m = 0.1
+z_far_m = 9
+[[object]]
+name = "floor"
+generator = "plane"
+"#;
+
+    fn message(text: &str) -> String {
+        let error = read("test.toml", text).unwrap_err().to_string();
+        assert_eq!(error.lines().count(), 1, "{error}");
+        assert!(error.contains("test.toml"), "{error}");
+        error
+    }
+
+    #[test]
+    fn unknown_keys_get_line_and_nearest_key() {
+        let text = MINIMAL.replace("fov_y_deg", "fov_deg");
+        let error = message(&text);
+        assert!(
+            error.contains("line 8") && error.contains("`fov_y_deg`"),
+            "{error}"
+        );
+        let error = message(&format!("{MINIMAL}genrator = \"plane\"\n"));
+        assert!(error.contains("`generator`"), "{error}");
+        let error = message(&MINIMAL.replace("[camera]", "[camara]"));
+        assert!(error.contains("`camera`"), "{error}");
+    }
+
+    #[test]
+    fn faults_of_syntax_and_type_are_one_line() {
+        assert!(message("name = ").contains("line 1"));
+        assert!(message(&MINIMAL.replace("60", "\"wide\"")).contains("line 8"));
+        assert!(message("name = \"x\"").contains("missing field"));
+    }
+
+    #[test]
+    fn a_base_gives_what_is_not_said() {
+        let text = r#"
+base = "tank"
+without = ["statue"]
+name = "mine"
+[water]
+amplitude_m = 0.2
+[[object]]
+name = "ball"
+generator = "sphere"
+"#;
+        let tank = SceneFile::load("tank").expect("tank");
+        let mine = read("mine.toml", text).expect("mine");
+        assert_eq!(mine.camera, tank.camera);
+        assert_eq!(mine.water.amplitude_m, 0.2);
+        assert_eq!(mine.water.wavelength_m, tank.water.wavelength_m);
+        assert_eq!(mine.objects.len(), tank.objects.len());
+        assert_eq!(mine.objects.last().expect("ball").name, "ball");
+    }
+
+    #[test]
+    fn faults_of_bases_are_told() {
+        assert!(message("base = 3").contains("`base` must be"));
+        assert!(message("without = [\"a\"]").contains("`base` must be"));
+        assert!(message("base = \"tank\"\nwithout = 1").contains("`without` must be"));
+        let error = message("base = \"tank\"\nwithout = [\"statu\"]");
+        assert!(error.contains("`statue`"), "{error}");
+        let error = read("test.toml", "base = \"tnak\"").unwrap_err();
+        assert!(error.to_string().contains("`tank`"), "{error}");
+    }
+
+    #[test]
+    fn a_base_that_is_its_own_base_ends() {
+        let folder = tempfile::tempdir().expect("folder");
+        let path = folder.path().join("loop.toml");
+        std::fs::write(&path, "base = \"loop.toml\"").expect("written");
+        let error = SceneFile::load(&path.to_string_lossy()).unwrap_err();
+        assert!(error.to_string().contains("bases in a chain"), "{error}");
+    }
+}

@@ -25,6 +25,7 @@ pub enum WaterModel {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Water {
+    /// Shape of the regular wave.
     pub model: WaterModel,
     /// Bound of the elevation's magnitude, metres.
     pub amplitude_m: f64,

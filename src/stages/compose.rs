@@ -97,8 +97,16 @@ impl Compose {
         };
         let image = resources.target(INFO.name, settings.size_px.as_uvec2().to_array(), format);
         Ok(Self {
-            screen: pipeline("screen_vertex", "screen_fragment", wgpu::CompareFunction::Always),
-            water: pipeline("water_vertex", "water_fragment", wgpu::CompareFunction::Less),
+            screen: pipeline(
+                "screen_vertex",
+                "screen_fragment",
+                wgpu::CompareFunction::Always,
+            ),
+            water: pipeline(
+                "water_vertex",
+                "water_fragment",
+                wgpu::CompareFunction::Less,
+            ),
             shared: shared.group.group.clone(),
             image_view: kit::view(&image),
             depth_view: kit::view(inputs.depth),
@@ -171,7 +179,12 @@ impl Stage for Compose {
         vec![Output {
             name: "image".into(),
             meaning: "the final image".into(),
-            columns: vec![column("red"), column("green"), column("blue"), column("alpha")],
+            columns: vec![
+                column("red"),
+                column("green"),
+                column("blue"),
+                column("alpha"),
+            ],
             data: OutputData::Texture(self.image.clone()),
         }]
     }

@@ -39,8 +39,16 @@ pub struct Geometry {
 
 /// Bytes of GPU memory that a scene's vertices and indices take.
 pub fn buffer_bytes(scene: &Scene) -> (u64, u64) {
-    let vertices: u64 = scene.objects.iter().map(|o| o.mesh.positions.len() as u64).sum();
-    let indices: u64 = scene.objects.iter().map(|o| o.mesh.indices.len() as u64).sum();
+    let vertices: u64 = scene
+        .objects
+        .iter()
+        .map(|o| o.mesh.positions.len() as u64)
+        .sum();
+    let indices: u64 = scene
+        .objects
+        .iter()
+        .map(|o| o.mesh.indices.len() as u64)
+        .sum();
     (vertices * size_of::<Vertex>() as u64, indices * 4)
 }
 

@@ -30,7 +30,12 @@ impl<'g> Resources<'g> {
     }
 
     /// A texture that passes draw into, shaders read, and the host can read back.
-    pub fn target(&self, label: &str, size: [u32; 2], format: wgpu::TextureFormat) -> wgpu::Texture {
+    pub fn target(
+        &self,
+        label: &str,
+        size: [u32; 2],
+        format: wgpu::TextureFormat,
+    ) -> wgpu::Texture {
         let block = format.block_copy_size(None).unwrap_or(4);
         self.count(u64::from(size[0]) * u64::from(size[1]) * u64::from(block));
         self.gpu.device.create_texture(&wgpu::TextureDescriptor {

@@ -98,9 +98,18 @@ mod tests {
 
     /// Holds a host struct, whose n-th field starts with the number n (counted from 1), against the WGSL struct:
     /// names in order, offsets and size.
-    fn same_layout<T: ShaderType + WriteInto>(shader: &str, name: &str, fields: &[&str], value: &T) {
+    fn same_layout<T: ShaderType + WriteInto>(
+        shader: &str,
+        name: &str,
+        fields: &[&str],
+        value: &T,
+    ) {
         let layout = wgsl_layout(shader, name).unwrap();
-        let names: Vec<&str> = layout.members.iter().map(|(name, _)| name.as_str()).collect();
+        let names: Vec<&str> = layout
+            .members
+            .iter()
+            .map(|(name, _)| name.as_str())
+            .collect();
         assert_eq!(names, fields, "{shader}: {name}");
         let bytes = kit::host_bytes(value);
         assert_eq!(bytes.len() as u32, layout.span, "{shader}: size of {name}");

@@ -152,7 +152,9 @@ impl Tracing {
     pub fn outputs(&self) -> Vec<Output> {
         vec![Output {
             name: "photons".into(),
-            meaning: "traced photons, cell by cell; the refracted direction is (hit − entry) / distance".into(),
+            meaning:
+                "traced photons, cell by cell; the refracted direction is (hit − entry) / distance"
+                    .into(),
             columns: columns(),
             data: OutputData::Buffer {
                 buffer: self.photons.buffer.clone(),

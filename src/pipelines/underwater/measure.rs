@@ -11,8 +11,16 @@ use crate::stages::photon::{MISSED, OUTSIDE, Photon, Photons};
 impl Underwater {
     pub(super) fn measured_quantities(&self, gpu: &Gpu) -> Result<BTreeMap<String, f64>, GpuError> {
         let grids = [
-            ("caustics", &self.caustics_trace.0.photons, self.params.caustics.tolerance_m),
-            ("godrays", &self.godrays_trace.0.photons, self.params.godrays.tolerance_m),
+            (
+                "caustics",
+                &self.caustics_trace.0.photons,
+                self.params.caustics.tolerance_m,
+            ),
+            (
+                "godrays",
+                &self.godrays_trace.0.photons,
+                self.params.godrays.tolerance_m,
+            ),
         ];
         let mut quantities = BTreeMap::new();
         for (name, photons, tolerance_m) in grids {
@@ -34,7 +42,10 @@ impl Underwater {
 
 /// Reads a photon buffer back.
 pub fn read_photons(gpu: &Gpu, photons: &Photons) -> Result<Vec<Photon>, GpuError> {
-    Ok(bytemuck::pod_collect_to_vec(&read_buffer(gpu, &photons.buffer)?))
+    Ok(bytemuck::pod_collect_to_vec(&read_buffer(
+        gpu,
+        &photons.buffer,
+    )?))
 }
 
 /// Fragments that `caustics/splat` and `godrays/lines` blend in a frame, by stage.
@@ -58,12 +69,24 @@ pub fn blended_fragments(
 
     let isotropic = 1.0 / (4.0 * std::f64::consts::PI);
     let targets = [
-        ("caustics/splat", pipeline.caustics_splat.texture(), pipeline.photon_w[0]),
-        ("godrays/lines", pipeline.godrays_lines.texture(), pipeline.photon_w[1] * isotropic),
+        (
+            "caustics/splat",
+            pipeline.caustics_splat.texture(),
+            pipeline.photon_w[0],
+        ),
+        (
+            "godrays/lines",
+            pipeline.godrays_lines.texture(),
+            pipeline.photon_w[1] * isotropic,
+        ),
     ];
     let mut counts = BTreeMap::new();
     for (stage, texture, each) in targets {
-        let sum: f64 = read_texture(gpu, texture)?.data.iter().map(|&v| f64::from(v)).sum();
+        let sum: f64 = read_texture(gpu, texture)?
+            .data
+            .iter()
+            .map(|&v| f64::from(v))
+            .sum();
         counts.insert(stage, (sum / each).round() as u64);
     }
     Ok(counts)

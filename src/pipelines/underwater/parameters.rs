@@ -330,10 +330,19 @@ macro_rules! shared_settings {
             fn validate(&self, name: &str) -> Result<(), String> {
                 self.grid_settings().validate(name)?;
                 if (self.buffer[0] == 0) != (self.buffer[1] == 0) {
-                    return Err(format!("{name}.buffer is {:?}: both sides must be set, or none", self.buffer));
+                    return Err(format!(
+                        "{name}.buffer is {:?}: both sides must be set, or none",
+                        self.buffer
+                    ));
                 }
                 within(name, "tolerance_m", self.tolerance_m, 0.0, 1e3)?;
-                within(name, "filter_taps", f64::from(self.filter_taps), 1.0, 1024.0)?;
+                within(
+                    name,
+                    "filter_taps",
+                    f64::from(self.filter_taps),
+                    1.0,
+                    1024.0,
+                )?;
                 within(name, "filter_radius_px", self.filter_radius_px, 0.0, 256.0)
             }
         }
@@ -384,19 +393,58 @@ impl Params {
         within("shadow", "size", f64::from(self.shadow.size), 1.0, 1e6)?;
         within("shadow", "edge_m", self.shadow.edge_m, 0.0, 1e4)?;
         within("surface", "scale", self.surface.scale, 0.01, 4.0)?;
-        within("surface", "cells", f64::from(self.surface.cells), 1.0, 8192.0)?;
+        within(
+            "surface",
+            "cells",
+            f64::from(self.surface.cells),
+            1.0,
+            8192.0,
+        )?;
         self.caustics.validate("caustics")?;
-        let sizes = (self.caustics.point_size_min_px, self.caustics.point_size_max_px);
+        let sizes = (
+            self.caustics.point_size_min_px,
+            self.caustics.point_size_max_px,
+        );
         within("caustics", "point_size_min_px", sizes.0, 0.1, 1024.0)?;
         within("caustics", "point_size_max_px", sizes.1, sizes.0, 1024.0)?;
-        within("caustics", "depth_bias_m", self.caustics.depth_bias_m, 0.0, 100.0)?;
+        within(
+            "caustics",
+            "depth_bias_m",
+            self.caustics.depth_bias_m,
+            0.0,
+            100.0,
+        )?;
         self.godrays.validate("godrays")?;
-        within("godrays", "line_width_px", self.godrays.line_width_px, 0.1, 1024.0)?;
+        within(
+            "godrays",
+            "line_width_px",
+            self.godrays.line_width_px,
+            0.1,
+            1024.0,
+        )?;
         within("godrays", "phase_k", self.godrays.phase_k, -0.99, 0.99)?;
-        within("godrays", "scattering_per_m", self.godrays.scattering_per_m, 0.0, 1e3)?;
+        within(
+            "godrays",
+            "scattering_per_m",
+            self.godrays.scattering_per_m,
+            0.0,
+            1e3,
+        )?;
         within("compose", "exposure", self.compose.exposure, 0.0, 1e6)?;
-        within("compose", "occlusion_taps", f64::from(self.compose.occlusion_taps), 0.0, 256.0)?;
-        within("compose", "occlusion_radius_m", self.compose.occlusion_radius_m, 1e-3, 1e3)
+        within(
+            "compose",
+            "occlusion_taps",
+            f64::from(self.compose.occlusion_taps),
+            0.0,
+            256.0,
+        )?;
+        within(
+            "compose",
+            "occlusion_radius_m",
+            self.compose.occlusion_radius_m,
+            1e-3,
+            1e3,
+        )
     }
 
     pub fn caustics_buffer(&self) -> [u32; 2] {

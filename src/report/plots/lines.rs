@@ -4,15 +4,15 @@ use plotters::prelude::*;
 
 use super::scale::{Kind, Scale};
 use super::{Area, Drawn, style, text};
-use crate::experiments::schema::{Comparison, Experiment, Plot, PlotKind, Published};
-use crate::experiments::{Measure, Scaling, fits, groups, measured, scaling};
+use crate::experiments::schema::{Experiment, Plot, PlotKind, Published};
+use crate::experiments::{Measure, Scaling, groups, measured, scaling};
 use crate::record::Cell;
 use crate::report::format::NS_PER_MS;
 
 const HEIGHT_PX: u32 = 430;
 const LEGEND_PX: u32 = 300;
 /// Characters of 12-px type that fit into the legend's column.
-const LEGEND_CHARACTERS: usize = 40;
+const LEGEND_CHARACTERS: usize = 44;
 
 pub struct Panel<'a> {
     plot: &'a Plot,
@@ -20,6 +20,7 @@ pub struct Panel<'a> {
     y: Scale,
     series: Vec<Series>,
     published: Vec<Mark>,
+    published_lines: Vec<String>,
 }
 
 struct Series {
@@ -40,12 +41,10 @@ struct Point {
     high: f64,
 }
 
-/// A published frame time: a span in milliseconds, and what it was measured on.
+/// A published frame time.
 struct Mark {
     x: f64,
-    low_ms: f64,
-    high_ms: f64,
-    text: String,
+    span_ms: (f64, f64),
 }
 
 /// Times are shown in milliseconds, everything else as it is.
@@ -73,11 +72,12 @@ impl<'a> Panel<'a> {
             }
         }
         let of_frames = plot.y.iter().any(|y| *y == Measure::frame());
-        let published = if of_frames {
-            marks(experiment, x_measure, cells)
-        } else {
-            Vec::new()
-        };
+        let shown: &[&Cell] = if of_frames { cells } else { &[] };
+        let published = marks(experiment, x_measure, shown);
+        let figures: Vec<&Published> = shown
+            .iter()
+            .filter_map(|cell| measured(cell).and(experiment.published_for(cell)))
+            .collect();
         let kind = match plot.kind {
             PlotKind::Scaling => Kind::Log,
             PlotKind::Lines | PlotKind::Stacked => Kind::Linear,
@@ -87,7 +87,7 @@ impl<'a> Panel<'a> {
         let ends = points().flat_map(|point| [point.low, point.y, point.high]);
         let marked = published
             .iter()
-            .flat_map(|mark| [mark.low_ms, mark.high_ms]);
+            .flat_map(|mark| [mark.span_ms.0, mark.span_ms.1]);
         let y = Scale::fit(kind, ends.chain(marked))?;
         Some(Panel {
             plot,
@@ -95,6 +95,7 @@ impl<'a> Panel<'a> {
             y,
             series,
             published,
+            published_lines: super::published_lines(&figures),
         })
     }
 
@@ -109,7 +110,7 @@ impl<'a> Panel<'a> {
         let mut chart = ChartBuilder::on(&left)
             .margin_top(34)
             .margin_right(16)
-            .margin_left(8)
+            .margin_left(16)
             .margin_bottom(8)
             .x_label_area_size(46)
             .y_label_area_size(74)
@@ -159,13 +160,15 @@ impl<'a> Panel<'a> {
             ];
             y = entry(area, y, &lines)?;
         }
-        if let Some(mark) = self.published.first() {
+        if let Some((figures, hardware)) = self.published_lines.split_first() {
             for ray in STAR {
                 let ray = shifted(&ray, (12, y));
                 area.draw(&PathElement::new(ray, style::INK.stroke_width(2)))
                     .map_err(text)?;
             }
-            entry(area, y, &[(&mark.text, true)])?;
+            let rest = hardware.iter().map(|line| (line, false));
+            let lines: Vec<(&String, bool)> = [(figures, true)].into_iter().chain(rest).collect();
+            entry(area, y, &lines)?;
         }
         Ok(())
     }
@@ -273,39 +276,21 @@ fn remark(fit: &Scaling) -> String {
         slope.slope, slope.low, slope.high
     );
     if fit.left_out > 0 {
-        remark += &format!(" without the {} smallest", fit.left_out);
+        remark += &format!(", {} left out", fit.left_out);
     }
     remark
 }
 
 /// Published frame times of the cells that are at the published size.
 fn marks(experiment: &Experiment, x: &Measure, cells: &[&Cell]) -> Vec<Mark> {
-    let mut marks = Vec::new();
-    for cell in cells {
-        let at = measured(cell).and_then(|figures| x.read(cell, figures));
-        let Some(at) = at else { continue };
-        for published in &experiment.published {
-            if fits(cell, &published.filter) {
-                marks.push(Mark {
-                    x: at.estimate.median * unit(x),
-                    low_ms: 1e3 / published.fps_high.unwrap_or(published.fps),
-                    high_ms: 1e3 / published.fps,
-                    text: published_text(published),
-                });
-            }
-        }
-    }
-    marks
-}
-
-/// `published: > 110 fps, GeForce …`.
-pub fn published_text(published: &Published) -> String {
-    let figure = match (published.comparison, published.fps_high) {
-        (Comparison::AtLeast, _) => format!("> {} fps", published.fps),
-        (Comparison::Range, Some(high)) => format!("{} – {high} fps", published.fps),
-        (Comparison::About | Comparison::Range, _) => format!("about {} fps", published.fps),
+    let mark = |cell: &&Cell| {
+        let at = x.read(cell, measured(cell)?)?.estimate.median;
+        Some(Mark {
+            x: at * unit(x),
+            span_ms: experiment.published_for(cell)?.span_ms(),
+        })
     };
-    format!("published: {figure}, {}", published.hardware)
+    cells.iter().filter_map(mark).collect()
 }
 
 struct Canvas<'a, 'b> {
@@ -355,21 +340,26 @@ impl Canvas<'_, '_> {
 
     /// The fitted line over the cells it was fitted to, dashed.
     fn fit(&self, ends: &[(f64, f64); 2], color: RGBColor) -> Drawn {
-        const DASHES: usize = 28;
+        const DASH_PX: f64 = 11.0;
         let [Some(a), Some(b)] = ends.map(|(x, y)| self.at(x, y)) else {
             return Ok(());
         };
         let at = |share: f64| Some((a.0 + share * (b.0 - a.0), a.1 + share * (b.1 - a.1)));
-        for dash in 0..DASHES {
-            let start = dash as f64 / DASHES as f64;
-            let end = (dash as f64 + 0.55) / DASHES as f64;
+        let (width, height) = self.area.dim_in_pixel();
+        let across = (b.0 - a.0) / (self.panel.x.high - self.panel.x.low) * f64::from(width);
+        let up = (b.1 - a.1) / (self.panel.y.high - self.panel.y.low) * f64::from(height);
+        let dashes = (across.hypot(up) / DASH_PX).ceil();
+        for dash in 0..dashes as usize {
+            let start = dash as f64 / dashes;
+            let end = (dash as f64 + 0.6) / dashes;
             self.line([at(start), at(end)], color.stroke_width(2))?;
         }
         Ok(())
     }
 
     fn mark(&self, mark: &Mark) -> Drawn {
-        let ends = [self.at(mark.x, mark.low_ms), self.at(mark.x, mark.high_ms)];
+        let (low, high) = mark.span_ms;
+        let ends = [self.at(mark.x, low), self.at(mark.x, high)];
         self.line(ends, style::INK.stroke_width(2))?;
         for at in ends.into_iter().flatten() {
             for ray in STAR {

@@ -10,8 +10,8 @@ mod style;
 use plotters::prelude::*;
 
 use super::{Artifact, Exporter, ReportError, Section, View};
-use crate::experiments::schema::{Plot, PlotKind};
-use crate::experiments::{self};
+use crate::experiments;
+use crate::experiments::schema::{Plot, PlotKind, Published};
 use crate::record::Cell;
 
 pub const EXPORTER: Exporter = Exporter {
@@ -135,6 +135,30 @@ fn figure(section: &Section<'_>, adapter: &str, panels: &[Panel<'_>]) -> Result<
         root.present().map_err(text)?;
     }
     Ok(svg)
+}
+
+/// The legend's words on published figures: all of them in one line, then the hardware, in lines of its own.
+fn published_lines(published: &[&Published]) -> Vec<String> {
+    let mut figures: Vec<String> = Vec::new();
+    let mut hardware: Vec<&str> = Vec::new();
+    for one in published {
+        let figure = one.figure();
+        if !figures.contains(&figure) {
+            figures.push(figure);
+        }
+        if !hardware.contains(&one.hardware.as_str()) {
+            hardware.push(&one.hardware);
+        }
+    }
+    if figures.is_empty() {
+        return Vec::new();
+    }
+    let first = format!("published: {} fps", figures.join(", "));
+    let parts = hardware.iter().flat_map(|text| text.split(", "));
+    [first]
+        .into_iter()
+        .chain(parts.map(str::to_owned))
+        .collect()
 }
 
 fn text<E: std::fmt::Display>(error: E) -> String {

@@ -88,7 +88,7 @@ impl Scale {
                 .filter(|tick| (low..=high).contains(tick))
                 .collect()
         };
-        // The sparsest set of multiples that still gives four ticks.
+        // The sparsest set of multiples that still gives three ticks.
         let choices: [&[f64]; 4] = [
             &[1.0],
             &[1.0, 3.0],
@@ -98,7 +98,7 @@ impl Scale {
         let ticks = choices
             .iter()
             .map(|multiples| within(multiples))
-            .find(|ticks| ticks.len() >= 4)
+            .find(|ticks| ticks.len() >= 3)
             .unwrap_or_else(|| within(choices[3]));
         Scale {
             kind: Kind::Log,
@@ -123,11 +123,15 @@ impl Scale {
     }
 
     pub fn tick_label(&self, coordinate: f64) -> String {
-        match self.kind {
-            Kind::Linear if coordinate.abs() < 1e-12 => "0".to_owned(),
-            Kind::Linear => format::si(coordinate),
-            Kind::Log => format::si(10_f64.powf(coordinate)),
+        let value = match self.kind {
+            Kind::Linear if coordinate.abs() < 1e-12 => 0.0,
+            Kind::Linear => coordinate,
+            Kind::Log => 10_f64.powf(coordinate),
+        };
+        if (1e3..1e4).contains(&value.abs().round()) {
+            return format!("{value:.0}");
         }
+        format::si(value)
     }
 }
 
@@ -155,7 +159,7 @@ mod tests {
     #[test]
     fn ticks_are_round_and_enough() {
         let decades = Scale::fit(Kind::Log, [100.0, 1e6].into_iter()).unwrap();
-        assert_eq!(labels(&decades), ["100", "1 k", "10 k", "100 k", "1 M"]);
+        assert_eq!(labels(&decades), ["100", "1000", "10 k", "100 k", "1 M"]);
         let narrow = Scale::fit(Kind::Log, [2.0, 4.0].into_iter()).unwrap();
         assert_eq!(labels(&narrow), ["2", "3", "4"]);
         let linear = Scale::fit(Kind::Linear, [0.05, 0.21].into_iter()).unwrap();

@@ -2,18 +2,19 @@
 
 use plotters::prelude::*;
 
-use super::lines::published_text;
 use super::scale::{Kind, Scale};
 use super::{Area, Drawn, style, text};
-use crate::experiments::schema::{Experiment, Plot};
-use crate::experiments::{fits, label_text, measured};
+use crate::experiments::schema::{Experiment, Plot, Published};
+use crate::experiments::{label_text, measured};
 use crate::record::{Cell, Estimate, Measured};
 use crate::report::format::NS_PER_MS;
 
-const BAR_PX: u32 = 34;
+/// Least and greatest height of a bar's row; few bars grow to fill the legend's height.
+const BAR_PX: (u32, u32) = (34, 64);
 const LEGEND_PX: u32 = 230;
 const LABELS_PX: u32 = 220;
-/// Bars need this many rows for the legend beside them.
+/// Title above and axis below the bars.
+const FRAME_PX: u32 = 34 + 54;
 const LEGEND_ROW_PX: u32 = 18;
 
 pub struct Panel<'a> {
@@ -23,7 +24,8 @@ pub struct Panel<'a> {
     has_rest: bool,
     bars: Vec<Bar>,
     scale: Scale,
-    published: Option<String>,
+    /// The legend's words on published figures.
+    published: Vec<String>,
 }
 
 /// A cell, times in milliseconds.
@@ -33,7 +35,8 @@ struct Bar {
     parts: Vec<f64>,
     gaps: f64,
     frame: Estimate,
-    published: Option<f64>,
+    /// From the shortest to the longest published time.
+    published: Option<(f64, f64)>,
 }
 
 impl<'a> Panel<'a> {
@@ -50,13 +53,17 @@ impl<'a> Panel<'a> {
             .collect();
         let ends = bars.iter().flat_map(|bar| {
             let timed: f64 = bar.parts.iter().sum::<f64>() + bar.gaps;
-            [timed, bar.frame.high, bar.published.unwrap_or(0.0)]
+            [
+                timed,
+                bar.frame.high,
+                bar.published.map_or(0.0, |span| span.1),
+            ]
         });
         let scale = Scale::fit(Kind::Linear, ends)?.from_zero();
-        let published = figures.iter().find_map(|(cell, _)| {
-            let mut all = experiment.published.iter();
-            all.find(|published| fits(cell, &published.filter))
-        });
+        let published: Vec<&Published> = figures
+            .iter()
+            .filter_map(|(cell, _)| experiment.published_for(cell))
+            .collect();
         Some(Panel {
             plot,
             has_rest: bars
@@ -65,13 +72,22 @@ impl<'a> Panel<'a> {
             stages,
             bars,
             scale,
-            published: published.map(published_text),
+            published: super::published_lines(&published),
         })
     }
 
     pub fn height_px(&self) -> u32 {
-        let legend = (self.stages.len() as u32 + 5) * LEGEND_ROW_PX;
-        110 + (BAR_PX * self.bars.len() as u32).max(legend)
+        FRAME_PX + 22 + self.bars_px().max(self.legend_px())
+    }
+
+    fn legend_px(&self) -> u32 {
+        let rows = self.stages.len() + usize::from(self.has_rest) + 2 + self.published.len();
+        (rows as u32 * LEGEND_ROW_PX).saturating_sub(FRAME_PX - 42)
+    }
+
+    fn bars_px(&self) -> u32 {
+        let bars = self.bars.len() as u32;
+        bars * (self.legend_px() / bars).clamp(BAR_PX.0, BAR_PX.1)
     }
 
     pub fn draw(&self, area: &Area<'_>) -> Drawn {
@@ -79,8 +95,7 @@ impl<'a> Panel<'a> {
         left.draw_text(&self.plot.title, &style::heading(), (16, 8))
             .map_err(text)?;
         let rows = self.bars.len() as f64;
-        let bars_px = (BAR_PX * self.bars.len() as u32) as i32;
-        let free = self.height_px() as i32 - 34 - 54 - bars_px;
+        let free = self.height_px() - FRAME_PX - self.bars_px();
         let mut chart = ChartBuilder::on(&left)
             .margin_top(34)
             .margin_right(16)
@@ -163,15 +178,13 @@ impl<'a> Panel<'a> {
         area.draw(&Polygon::new(diamond, style::INK.filled()))
             .map_err(text)?;
         y = write(area, "frame without stage timing", y)?;
-        if let Some(published) = &self.published {
+        if !self.published.is_empty() {
             let line = vec![(12, y - 8), (12, y + 8)];
             area.draw(&PathElement::new(line, style::INK.stroke_width(4)))
                 .map_err(text)?;
-            let (figure, hardware) = published.split_once(", ").unwrap_or((published, ""));
-            y = write(area, figure, y)?;
-            for piece in hardware.split(", ") {
-                y = write(area, piece, y)?;
-            }
+        }
+        for line in &self.published {
+            y = write(area, line, y)?;
         }
         Ok(())
     }
@@ -217,10 +230,6 @@ impl Bar {
         }
         let frame = &measured.frame;
         let gaps = crate::statistics::median(&frame.gap_samples_ns) / NS_PER_MS;
-        let published = experiment
-            .published
-            .iter()
-            .find(|published| fits(cell, &published.filter));
         Bar {
             label: label(cell),
             parts,
@@ -231,7 +240,7 @@ impl Bar {
                 high: frame.untimed.high / NS_PER_MS,
                 n: frame.untimed.n,
             },
-            published: published.map(|published| 1e3 / published.fps),
+            published: experiment.published_for(cell).map(Published::span_ms),
         }
     }
 }
@@ -242,7 +251,7 @@ fn label(cell: &Cell) -> String {
         .axes
         .iter()
         .map(|(name, value)| match value {
-            serde_json::Value::String(text) => text.clone(),
+            serde_json::Value::String(text) if text.parse::<f64>().is_err() => text.clone(),
             other => {
                 let last = name.rsplit('.').next().unwrap_or(name);
                 format!("{last} {}", label_text(other))
@@ -265,12 +274,17 @@ fn shorten(label: &str) -> String {
     label.chars().take(LIMIT - 1).chain(['…']).collect()
 }
 
-/// The untimed frame's interval and the published time, with their widths in pixels.
+/// The untimed frame's interval and the published times, with their widths in pixels.
 fn lines(bar: &Bar, row: f64) -> Vec<(Vec<(f64, f64)>, u32)> {
     let middle = row + 0.5;
-    let interval = vec![(bar.frame.low, middle), (bar.frame.high, middle)];
-    let published = bar
-        .published
-        .map(|at| (vec![(at, row + 0.04), (at, row + 0.96)], 4));
-    [(interval, 2)].into_iter().chain(published).collect()
+    let mut lines = vec![(vec![(bar.frame.low, middle), (bar.frame.high, middle)], 2)];
+    if let Some((low, high)) = bar.published {
+        for at in [low, high] {
+            lines.push((vec![(at, row + 0.04), (at, row + 0.96)], 4));
+        }
+        for edge in [0.04, 0.96] {
+            lines.push((vec![(low, row + edge), (high, row + edge)], 2));
+        }
+    }
+    lines
 }

@@ -6,7 +6,7 @@ use super::super::format::{self, Table};
 use super::super::plots;
 use super::super::{Section, view::Entry};
 use super::clock_name;
-use crate::experiments::schema::{Comparison, Experiment, Published};
+use crate::experiments::schema::Published;
 use crate::experiments::{fits, fps};
 use crate::record::{Cell, Estimate, Measured, Outcome};
 
@@ -77,13 +77,16 @@ fn frames(section: &Section<'_>, text: &mut String) {
     ]);
     for (cell, measured) in section.measured() {
         let rate = fps(&measured.frame.untimed);
-        let published = section.experiment.as_ref().and_then(|e| matching(e, cell));
+        let published = section
+            .experiment
+            .as_ref()
+            .and_then(|experiment| experiment.published_for(cell));
         table.row([
             name(cell),
             cell.scene.clone(),
             format::ms(&measured.frame.untimed),
             format::three(rate.median),
-            published.map_or_else(|| "–".to_owned(), figure),
+            published.map_or_else(|| "–".to_owned(), Published::figure),
             published.map_or_else(|| "–".to_owned(), |published| ratio(&rate, published)),
             format::mebibytes(measured.allocated_bytes),
         ]);
@@ -96,21 +99,6 @@ fn frames(section: &Section<'_>, text: &mut String) {
 
 fn name(cell: &Cell) -> String {
     cell.cell.replace(',', ", ")
-}
-
-fn matching<'a>(experiment: &'a Experiment, cell: &Cell) -> Option<&'a Published> {
-    experiment
-        .published
-        .iter()
-        .find(|published| fits(cell, &published.filter))
-}
-
-fn figure(published: &Published) -> String {
-    match (published.comparison, published.fps_high) {
-        (Comparison::AtLeast, _) => format!("> {}", published.fps),
-        (Comparison::Range, Some(high)) => format!("{} – {high}", published.fps),
-        (Comparison::About | Comparison::Range, _) => format!("about {}", published.fps),
-    }
 }
 
 fn ratio(rate: &Estimate, published: &Published) -> String {
@@ -146,7 +134,7 @@ fn published(section: &Section<'_>, text: &mut String) {
         let _ = writeln!(
             text,
             "- Published: {} fps on {} ({}{note}){standing}.",
-            figure(published),
+            published.figure(),
             published.hardware,
             conditions.join(", ")
         );

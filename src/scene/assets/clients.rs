@@ -133,7 +133,7 @@ fn complaint(stderr: &[u8], status: std::process::ExitStatus) -> String {
     let speaks = |l: &&str| l.to_ascii_lowercase().starts_with("e") || l.contains("error");
     lines()
         .find(speaks)
-        .or_else(|| lines().last())
+        .or_else(|| lines().next_back())
         .map_or_else(|| status.to_string(), str::to_owned)
 }
 
@@ -161,4 +161,26 @@ fn only_file(folder: &Path, ending: &str) -> Option<PathBuf> {
         .flatten()
         .map(|entry| entry.path())
         .find(|path| path.extension() == Some(OsStr::new(ending)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::assets::ASSETS;
+
+    #[test]
+    fn a_missing_client_is_named() {
+        let error = run(&ASSETS[0], Path::new("."), "no-such-client", &[]).unwrap_err();
+        let text = error.to_string();
+        assert!(text.contains("cannot run `no-such-client`"), "{text}");
+        assert!(text.contains("glmark2-data"), "{text}");
+    }
+
+    #[test]
+    fn a_failing_client_tells_its_command_and_reason() {
+        let error = run(&ASSETS[0], Path::new("."), "cargo", &["no-such-command"]).unwrap_err();
+        let text = error.to_string();
+        assert!(text.contains("cargo no-such-command"), "{text}");
+        assert_eq!(text.lines().count(), 1, "{text}");
+    }
 }

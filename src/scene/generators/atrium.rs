@@ -57,7 +57,7 @@ fn arcade(a: &Args) -> Mesh {
         for floor in 0..2 {
             let y = f64::from(floor) * storey;
             mesh.append(&moved(row(a, x - wall, storey), 0.0, y, side * court));
-            let (near, far) = (side * (court - 0.15), side * (z - wall));
+            let (near, far) = (side * (court - 0.5), side * (z - wall));
             mesh.append(&cuboid(
                 DVec3::new(-x + wall, y + storey - 0.25, near.min(far)),
                 DVec3::new(x - wall, y + storey, near.max(far)),
@@ -100,25 +100,34 @@ fn column(radius: f64, height: f64) -> Mesh {
         (1.45 * r, 0.97 * h),
         (1.5 * r, h),
     ];
-    lathe(&smooth_profile(&knots, 4), 24)
+    // Closed below and above; the repeated points keep the edges sharp.
+    let mut profile = vec![(0.0, 0.0), (1.5 * r, 0.0)];
+    profile.extend(smooth_profile(&knots, 4));
+    profile.extend([(1.5 * r, h), (0.0, h)]);
+    lathe(&profile, 24)
 }
 
 /// The wall above one opening of a row, cut out by a half ellipse: two faces and the soffit.
 fn arch(step: f64, height: f64, radius: f64) -> Mesh {
     let (half, thick) = (0.5 * step, 0.9 * radius);
     let inner = half - radius;
-    let curve = |u: f64| {
-        let angle = PI * (1.0 - u);
+    // Along the lower edge: a tenth on the left post, the arch, a tenth on the right post.
+    let low = |u: f64| {
+        let side = if u < 0.5 { -1.0 } else { 1.0 };
+        let from_end = 10.0 * u.min(1.0 - u);
+        if from_end < 1.0 {
+            return DVec3::new(side * (half - radius * from_end), 0.0, 0.0);
+        }
+        let angle = PI * (1.0 - (u - 0.1) / 0.8);
         DVec3::new(inner * angle.cos(), 0.85 * height * angle.sin(), 0.0)
     };
-    let edge = |u: f64| DVec3::new(half * (2.0 * u - 1.0), height, 0.0);
     let face = |z: f64| {
-        surface((24, 2), (false, false), move |u, v| {
-            curve(u).lerp(edge(u), v) + DVec3::Z * z
+        surface((30, 2), (false, false), move |u, v| {
+            low(u).lerp(low(u).with_y(height), v) + DVec3::Z * z
         })
     };
-    let soffit = surface((24, 1), (false, false), |u, v| {
-        curve(u) + DVec3::Z * thick * (2.0 * v - 1.0)
+    let soffit = surface((30, 1), (false, false), |u, v| {
+        low(u) + DVec3::Z * thick * (2.0 * v - 1.0)
     });
     merged([face(thick), face(-thick).inverted(), soffit])
 }

@@ -18,18 +18,26 @@ use super::{check, mesh::Mesh};
 
 /// One generator.
 pub struct Generator {
+    /// As scene files call it.
     pub name: &'static str,
+    /// What it makes, in a few words.
     pub about: &'static str,
+    /// What can be set.
     pub params: &'static [Param],
     build: fn(&Args) -> Mesh,
 }
 
 /// One number that a generator takes.
 pub struct Param {
+    /// With its unit, as scene files call it.
     pub name: &'static str,
+    /// Its value if left out.
     pub default: f64,
+    /// Smallest valid value.
     pub low: f64,
+    /// Largest valid value.
     pub high: f64,
+    /// What it is, in a few words.
     pub about: &'static str,
 }
 

@@ -317,11 +317,11 @@ fn hull(a: &Args) -> Mesh {
         }
     };
     let (outer, inner) = (skin(0.0), skin(thickness));
-    let size = (40, 28);
+    let size = (28, 20);
     let outside = shapes::surface(size, (false, false), outer).inverted();
     let inside = shapes::surface(size, (false, false), inner);
     let gunwales = [0.0, 1.0].map(|v: f64| {
-        let strip = shapes::surface((40, 1), (false, false), |u, w| {
+        let strip = shapes::surface((28, 1), (false, false), |u, w| {
             outer(u, v).lerp(inner(u, v), w)
         });
         if v == 1.0 { strip.inverted() } else { strip }
@@ -329,9 +329,14 @@ fn hull(a: &Args) -> Mesh {
     let transom = shapes::surface((28, 1), (false, false), |v, w| {
         outer(1.0, v).lerp(inner(1.0, v), w)
     });
-    let plate = shapes::surface((28, 1), (false, false), |v, w| {
-        let p = outer(1.0, v);
-        p.lerp(DVec3::new(0.0, p.y, p.z), w)
+    let plate = |depth: f64| {
+        shapes::surface((28, 1), (false, false), |v, w| {
+            let p = outer(1.0, v);
+            p.lerp(DVec3::new(0.0, p.y, p.z), w) - DVec3::Z * depth
+        })
+    };
+    let lid = shapes::surface((1, 1), (false, false), |side, w| {
+        outer(1.0, 0.0).lerp(outer(1.0, 1.0), side) - DVec3::Z * (w * thickness)
     });
     let thwarts = [0.3, 0.55, 0.8].map(|u: f64| {
         let half = inner(u, 0.78).x;
@@ -343,10 +348,17 @@ fn hull(a: &Args) -> Mesh {
         )
     });
     merged(
-        [outside, inside, transom, plate.clone(), plate.inverted()]
-            .into_iter()
-            .chain(gunwales)
-            .chain(thwarts),
+        [
+            outside,
+            inside,
+            transom,
+            plate(0.0),
+            plate(thickness).inverted(),
+            lid,
+        ]
+        .into_iter()
+        .chain(gunwales)
+        .chain(thwarts),
     )
 }
 
@@ -364,10 +376,10 @@ fn bollard(a: &Args) -> Mesh {
             (0.26, 0.95),
             (0.0, 1.0),
         ],
-        5,
+        3,
     );
     let scaled: Vec<(f64, f64)> = profile.iter().map(|&(r, y)| (r * h, y * h)).collect();
-    merged([lathe(&scaled, 32), cylinder(0.4 * h, 0.04 * h, 32)])
+    merged([lathe(&scaled, 24), cylinder(0.4 * h, 0.04 * h, 24)])
 }
 
 fn rope(a: &Args) -> Mesh {

@@ -2,12 +2,12 @@
 
 use std::f64::consts::{FRAC_PI_2, TAU};
 
-use glam::{DMat4, DVec3};
+use glam::{DMat4, DQuat, DVec3};
 
 use super::{
     super::{
         Mesh,
-        shapes::{block, cuboid, cylinder, lathe, merged, smooth_path, tube},
+        shapes::{block, cuboid, cylinder, lathe, merged, tube},
     },
     Args, Dice, Generator, SEED, param,
 };
@@ -110,7 +110,7 @@ pub const GENERATORS: &[Generator] = &[
     },
     Generator {
         name: "pipe",
-        about: "a pipe along x at the height of the water's floor plus its own, with bends down at both ends and flanges",
+        about: "a pipe along x with flanges, bent down to the floor at both ends",
         params: &[
             param("length_m", 8.0, 0.5, 500.0, "extent in x"),
             param(
@@ -158,7 +158,10 @@ fn hall(a: &Args) -> Mesh {
 
 /// A bar of square section between two points.
 fn bar(from: DVec3, to: DVec3, thickness: f64) -> Mesh {
-    tube(&[from, to], &[0.5f64.sqrt() * thickness; 2], 4, false)
+    let along = to - from;
+    let turn = DQuat::from_rotation_arc(DVec3::Y, along.normalize_or(DVec3::Y));
+    block(thickness, along.length(), thickness)
+        .transformed(&DMat4::from_rotation_translation(turn, from))
 }
 
 fn trusses(a: &Args) -> Mesh {
@@ -174,17 +177,13 @@ fn trusses(a: &Args) -> Mesh {
             bar(at(0.0, 0.0), at(ends, 0.0), thick),
             bar(at(0.0, rise), at(ends, rise), thick),
         ];
-        let webs = (0..bays).flat_map(move |k| {
-            let (k, next) = (k as f64, k as f64 + 1.0);
-            let (a, b) = if k as usize % 2 == 0 {
-                (0.0, rise)
-            } else {
-                (rise, 0.0)
-            };
-            [
-                bar(at(k, a), at(next, b), 0.7 * thick),
-                bar(at(next, 0.0), at(next, rise), 0.6 * thick),
-            ]
+        let webs = (0..bays).flat_map(move |bay| {
+            let (k, next) = (bay as f64, bay as f64 + 1.0);
+            let rising = bay.is_multiple_of(2);
+            let (from, to) = if rising { (0.0, rise) } else { (rise, 0.0) };
+            let diagonal = bar(at(k, from), at(next, to), 0.7 * thick);
+            let upright = bar(at(next, 0.0), at(next, rise), 0.6 * thick);
+            [diagonal, upright]
         });
         chords.into_iter().chain(webs).collect::<Vec<_>>()
     }))
@@ -193,11 +192,11 @@ fn trusses(a: &Args) -> Mesh {
 /// A crate of the given size standing on y = 0: panels, a frame of battens, and a diagonal on each
 /// side.
 fn wooden_crate(size: DVec3) -> Mesh {
-    let t = 0.09 * size.min_element();
+    let t = 0.1 * size.min_element();
     let (h, top) = (0.5 * size, size.y);
     let panels = cuboid(
-        DVec3::new(-h.x + 0.4 * t, 0.4 * t, -h.z + 0.4 * t),
-        DVec3::new(h.x - 0.4 * t, top - 0.4 * t, h.z - 0.4 * t),
+        DVec3::new(-h.x + 0.75 * t, 0.75 * t, -h.z + 0.75 * t),
+        DVec3::new(h.x - 0.75 * t, top - 0.75 * t, h.z - 0.75 * t),
     );
     let mut mesh = panels;
     for (sx, sz) in [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)] {
@@ -409,17 +408,16 @@ fn pipe(a: &Args) -> Mesh {
         a.get("radius_m"),
     );
     let bend = (3.0 * r).min(0.5 * y).min(0.5 * half);
-    let knots = [
-        (-half, 0.0),
-        (-half, y - bend),
-        (-half + 0.3 * bend, y - 0.3 * bend),
-        (-half + bend, y),
-        (half - bend, y),
-        (half - 0.3 * bend, y - 0.3 * bend),
-        (half, y - bend),
-        (half, 0.0),
-    ];
-    let path = smooth_path(&knots.map(|(x, y)| DVec3::new(x, y, 0.0)), 10);
+    // A quarter circle at either end, from the upright to the level part.
+    let turn = |side: f64, i: i32| {
+        let (sin, cos) = (FRAC_PI_2 * f64::from(i) / 10.0).sin_cos();
+        let x = side * (half - bend * (1.0 - cos));
+        DVec3::new(x, y - bend * (1.0 - sin), 0.0)
+    };
+    let mut path = vec![DVec3::new(-half, 0.0, 0.0)];
+    path.extend((0..=10).map(|i| turn(-1.0, i)));
+    path.extend((0..=10).rev().map(|i| turn(1.0, i)));
+    path.push(DVec3::new(half, 0.0, 0.0));
     let flange = |x: f64| {
         let across = DMat4::from_rotation_z(FRAC_PI_2);
         moved(
@@ -429,6 +427,6 @@ fn pipe(a: &Args) -> Mesh {
             0.0,
         )
     };
-    let main = tube(&path, &vec![r; path.len()], 24, false);
+    let main = tube(&path, &vec![r; path.len()], 32, false);
     merged([main, flange(-0.4 * half), flange(0.0), flange(0.4 * half)])
 }

@@ -131,16 +131,16 @@ fn column(a: &Args) -> Mesh {
         })
         .collect();
     let grooves = |angle: f64, _: f64| 1.0 - 0.05 * (0.5 + 0.5 * (flutes as f64 * angle).cos());
-    let base = smooth_profile(
-        &[
-            (1.35 * r, 0.35 * foot),
-            (1.4 * r, 0.5 * foot),
-            (1.15 * r, 0.7 * foot),
-            (1.25 * r, 0.85 * foot),
-            (r, foot),
-        ],
-        4,
-    );
+    let ring = [
+        (1.35, 0.35),
+        (1.4, 0.5),
+        (1.15, 0.7),
+        (1.25, 0.85),
+        (1.0, 1.0),
+    ];
+    let mut base = smooth_profile(&ring.map(|(k, y)| (k * r, y * foot)), 4);
+    // Closed inwards, under the grooves.
+    base.extend([(r, foot), (0.7 * r, foot)]);
     let capital: Vec<(f64, f64)> = base.iter().rev().map(|&(r, y)| (0.95 * r, h - y)).collect();
     merged([
         block(2.9 * r, 0.35 * foot, 2.9 * r),

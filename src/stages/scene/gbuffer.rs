@@ -77,8 +77,14 @@ impl Encode for Gbuffer {
         let clear = Some(wgpu::Color::TRANSPARENT);
         let targets = Targets {
             color: &[
-                ColorTarget { view: albedo, clear },
-                ColorTarget { view: normal, clear },
+                ColorTarget {
+                    view: albedo,
+                    clear,
+                },
+                ColorTarget {
+                    view: normal,
+                    clear,
+                },
             ],
             depth: Some(DepthTarget {
                 view: depth,
@@ -107,7 +113,11 @@ impl Stage for Gbuffer {
     }
 
     fn outputs(&self) -> Vec<Output> {
-        let column = |name, meaning| Column { name, unit: "1", meaning };
+        let column = |name, meaning| Column {
+            name,
+            unit: "1",
+            meaning,
+        };
         vec![
             Output {
                 name: "albedo".into(),

@@ -113,7 +113,8 @@ impl Stage for Mask {
     fn outputs(&self) -> Vec<Output> {
         vec![Output {
             name: "mask".into(),
-            meaning: "1 where the light meets the water first; row 0 is ndc y = +1 of the light".into(),
+            meaning: "1 where the light meets the water first; row 0 is ndc y = +1 of the light"
+                .into(),
             columns: vec![Column {
                 name: "water",
                 unit: "1",

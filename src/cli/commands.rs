@@ -1,0 +1,275 @@
+//! What each subcommand does with the library, and what it prints.
+
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use anyhow::Context;
+use fathom::experiments::Experiment;
+use fathom::gpu::{self, Gpu};
+use fathom::harness::output::{Output, RECORDS};
+use fathom::harness::plan::Request;
+use fathom::harness::run::{self, Options, Summary};
+use fathom::harness::subject::{Subject, Subjects};
+use fathom::harness::{dump as dumping, render as rendering, verify as verifying};
+use fathom::pipelines::{self, params};
+use fathom::scene::{SceneFile, assets};
+use fathom::{record, report as reports, scene, stages};
+
+use super::{
+    AdapterArgs, DumpArgs, FetchArgs, ListArgs, Listing, RenderArgs, ReportArgs, RunArgs,
+    SubjectArgs, VerifyArgs,
+};
+
+/// A cell or a check failed.
+const SOMETHING_FAILED: u8 = 1;
+/// By convention 128 + SIGINT.
+const INTERRUPTED: u8 = 130;
+
+static INTERRUPT: AtomicBool = AtomicBool::new(false);
+
+type Outcome = anyhow::Result<ExitCode>;
+
+pub fn run(args: RunArgs) -> Outcome {
+    ctrlc::set_handler(|| {
+        if INTERRUPT.swap(true, Ordering::Relaxed) {
+            std::process::exit(INTERRUPTED.into());
+        }
+        eprintln!("ending with what is measured so far; interrupt again to abort");
+    })
+    .context("cannot watch for Ctrl-C")?;
+    let options = Options {
+        gpu: gpu_options(&args.adapter),
+        request: Request {
+            experiments: args.experiments,
+            axes: args.axis,
+            sets: args.set,
+        },
+        profile: args.profile,
+        budget_s: args.budget,
+        precision: args.precision,
+        out: args.out,
+        resume: args.resume,
+        seed: args.seed,
+        command: std::env::args().collect(),
+        quiet: false,
+    };
+    let summary = run::run(&options, &INTERRUPT)?;
+    print_summary(&summary);
+    let nothing = summary.measured + summary.failed + summary.kept == 0;
+    Ok(match &summary.skip_reason {
+        _ if summary.end.interrupted => ExitCode::from(INTERRUPTED),
+        _ if summary.failed > 0 => ExitCode::from(SOMETHING_FAILED),
+        Some(reason) if nothing => super::fail(&format!("every cell was skipped; {reason}")),
+        _ => ExitCode::SUCCESS,
+    })
+}
+
+fn print_summary(summary: &Summary) {
+    let Summary {
+        out,
+        measured,
+        skipped,
+        failed,
+        kept,
+        end,
+        ..
+    } = summary;
+    println!(
+        "{measured} cells measured, {skipped} skipped, {failed} failed, {kept} kept from before"
+    );
+    let ratio = summary
+        .efficiency()
+        .map(|ratio| format!(" (ratio {ratio:.2})"));
+    println!(
+        "{:.1} s of set-up, {:.1} s of measuring for {:.1} s of frames{}",
+        end.set_up_s,
+        end.measuring_wall_s,
+        end.measured_gpu_s,
+        ratio.unwrap_or_default()
+    );
+    if let Some(bytes) = end.peak_memory_bytes {
+        println!(
+            "{:.2} GiB of memory at most",
+            bytes as f64 / f64::from(1 << 30)
+        );
+    }
+    println!("{}", out.join("summary.md").display());
+}
+
+pub fn list(args: ListArgs) -> Outcome {
+    use Listing::*;
+    match args.what {
+        Some(what) => print_listing(what, &args.subject)?,
+        None => {
+            for (heading, what) in [
+                ("Experiments", Experiments),
+                ("Scenes", Scenes),
+                ("Pipelines", Pipelines),
+                ("Stages", Stages),
+                ("Adapters", Adapters),
+            ] {
+                println!("{heading}");
+                print_listing(what, &args.subject)?;
+                println!();
+            }
+        }
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+fn print_listing(what: Listing, args: &SubjectArgs) -> anyhow::Result<()> {
+    let rows = match what {
+        Listing::Experiments => experiment_rows()?,
+        Listing::Scenes => scene_rows()?,
+        Listing::Stages => stages::REGISTRY
+            .iter()
+            .map(|stage| {
+                (
+                    stage.name.to_owned(),
+                    format!("{} ({})", stage.about, stage.source),
+                )
+            })
+            .collect(),
+        Listing::Parameters => parameter_rows(args)?,
+        Listing::Adapters => adapter_rows(),
+        Listing::Pipelines => pipelines::KINDS
+            .iter()
+            .map(|kind| (kind.name.to_owned(), kind.about.to_owned()))
+            .collect(),
+    };
+    let width = rows
+        .iter()
+        .map(|(name, _)| name.chars().count())
+        .max()
+        .unwrap_or(0);
+    for (name, about) in rows {
+        println!("  {name:width$}  {about}");
+    }
+    Ok(())
+}
+
+type Rows = Vec<(String, String)>;
+
+fn experiment_rows() -> anyhow::Result<Rows> {
+    let row = |id: String| {
+        let experiment = Experiment::load(&id)?;
+        Ok((id, format!("{} ({})", experiment.title, experiment.source)))
+    };
+    Experiment::builtin_ids().into_iter().map(row).collect()
+}
+
+fn scene_rows() -> anyhow::Result<Rows> {
+    let row = |name: &str| Ok((name.to_owned(), SceneFile::load(name)?.description));
+    scene::Scene::names().into_iter().map(row).collect()
+}
+
+fn parameter_rows(args: &SubjectArgs) -> anyhow::Result<Rows> {
+    let tree = subject(args)?.params;
+    let value = |path: &String| params::get(&tree, path).map(ToString::to_string);
+    let rows = params::leaves(&tree).into_iter();
+    Ok(rows
+        .map(|path| (path.clone(), value(&path).unwrap_or_default()))
+        .collect())
+}
+
+fn adapter_rows() -> Rows {
+    let rows = Gpu::list().into_iter().enumerate();
+    rows.map(|(index, adapter)| {
+        let kind = if adapter.software {
+            "software"
+        } else {
+            "hardware"
+        };
+        let about = format!(
+            "{} ({}, {kind}) {}",
+            adapter.name, adapter.backend, adapter.driver_info
+        );
+        (index.to_string(), about)
+    })
+    .collect()
+}
+
+pub fn audit(args: AdapterArgs) -> Outcome {
+    let gpu = Gpu::open(&gpu_options(&args))?;
+    println!("{} ({})", gpu.adapter.name, gpu.adapter.driver_info);
+    print!("{}", gpu::audit_table(&gpu::audit(&gpu)?));
+    Ok(ExitCode::SUCCESS)
+}
+
+pub fn verify(args: VerifyArgs) -> Outcome {
+    let gpu = Gpu::open(&gpu_options(&args.adapter))?;
+    let checks = verifying::verify(&gpu, args.filter.as_deref())?;
+    println!("{}", verifying::Table(&checks));
+    let sound = checks.iter().all(verifying::Check::is_sound);
+    Ok(if sound {
+        ExitCode::SUCCESS
+    } else {
+        ExitCode::from(SOMETHING_FAILED)
+    })
+}
+
+pub fn fetch(args: FetchArgs) -> Outcome {
+    let mut failed = false;
+    for result in assets::fetch(&args.assets) {
+        match result {
+            Ok(asset) => println!("{}: {} ({})", asset.name, asset.origin, asset.about),
+            Err(error) => {
+                super::fail(&error.to_string());
+                failed = true;
+            }
+        }
+    }
+    Ok(if failed {
+        ExitCode::from(super::COULD_NOT_RUN)
+    } else {
+        ExitCode::SUCCESS
+    })
+}
+
+pub fn render(args: RenderArgs) -> Outcome {
+    let subject = Subjects::default().subject(&args.pipeline, &args.scene, &args.set)?;
+    let path = args.output.unwrap_or_else(|| {
+        let stem = Path::new(&args.scene).file_stem().unwrap_or_default();
+        PathBuf::from(stem).with_extension("png")
+    });
+    let gpu = Gpu::open(&gpu_options(&args.adapter))?;
+    rendering::render(&gpu, &subject, &path)?;
+    println!("{}", path.display());
+    Ok(ExitCode::SUCCESS)
+}
+
+pub fn dump(args: DumpArgs) -> Outcome {
+    let subject = subject(&args.subject)?;
+    let gpu = Gpu::open(&gpu_options(&args.adapter))?;
+    for path in dumping::dump(&gpu, &subject, &args.stage, &args.output)? {
+        println!("{}", path.display());
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+pub fn report(args: ReportArgs) -> Outcome {
+    let output = Output {
+        folder: args.folder,
+    };
+    let reading = record::read(&output.records())
+        .with_context(|| format!("a run's folder holds its records in {RECORDS}"))?;
+    for damage in &reading.damaged {
+        eprintln!("{}, {damage}: left out", output.records().display());
+    }
+    for path in reports::write(&output.folder, &reading.records)? {
+        println!("{}", path.display());
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+fn subject(args: &SubjectArgs) -> anyhow::Result<Subject> {
+    Ok(Subjects::default().subject(&args.pipeline, &args.scene, &args.set)?)
+}
+
+fn gpu_options(args: &AdapterArgs) -> gpu::Options {
+    gpu::Options {
+        adapter: args.adapter.clone(),
+        unchecked: args.unchecked,
+    }
+}

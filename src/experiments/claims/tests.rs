@@ -1,0 +1,241 @@
+use std::collections::BTreeMap;
+
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64;
+use serde_json::{Map, json};
+
+use super::*;
+use crate::record::{Clock, FrameRecord, Measured, Outcome, StageRecord, Work};
+use crate::statistics;
+
+/// About 3 %, log-normal.
+fn noise(random: &mut Pcg64) -> f64 {
+    let normal: f64 = (0..12).map(|_| random.random::<f64>()).sum::<f64>() - 6.0;
+    (0.03 * normal).exp()
+}
+
+/// A cell with one axis, one stage and one quantity; the frame takes as long as the stage.
+fn cell(axes: &[(&str, Value)], ms: f64, random: &mut Pcg64) -> Cell {
+    let samples_ns: Vec<f64> = (0..21).map(|_| ms * 1e6 * noise(random)).collect();
+    let time = statistics::estimate(&samples_ns);
+    let axes: Map<String, Value> = axes
+        .iter()
+        .map(|(name, value)| ((*name).to_owned(), value.clone()))
+        .collect();
+    let stage = StageRecord {
+        stage: "s".to_owned(),
+        clock: Clock::Timestamp,
+        samples_ns: samples_ns.clone(),
+        time,
+        work: Work::default(),
+        counters: BTreeMap::new(),
+    };
+    let frame = FrameRecord {
+        envelope_samples_ns: Vec::new(),
+        gap_samples_ns: Vec::new(),
+        accounting_error: 0.0,
+        untimed_samples_ns: samples_ns,
+        untimed: time,
+        timing_cost: Estimate::default(),
+    };
+    let measured = Measured {
+        stages: vec![stage],
+        frame,
+        allocated_bytes: 0,
+        quantities: BTreeMap::from([("error".to_owned(), ms)]),
+        warm_up_frames: 0,
+        rejected: BTreeMap::new(),
+        notes: Vec::new(),
+    };
+    Cell {
+        experiment: "e".to_owned(),
+        cell: String::new(),
+        axes,
+        pipeline: "p".to_owned(),
+        scene: "tank".to_owned(),
+        stand_ins: Vec::new(),
+        params: json!({}),
+        outcome: Outcome::Measured(Box::new(measured)),
+    }
+}
+
+/// Cells along the axis `n` whose stage takes `ms(n)`.
+fn swept(values: &[f64], ms: impl Fn(f64) -> f64) -> Vec<Cell> {
+    let mut random = Pcg64::seed_from_u64(11);
+    values
+        .iter()
+        .map(|n| cell(&[("n", json!(n))], ms(*n), &mut random))
+        .collect()
+}
+
+fn ruled(test: &str, cells: &[Cell], software: bool) -> (Verdict, String) {
+    let text = format!(
+        r#"
+        id = "e"
+        title = "t"
+        source = "s"
+        pipeline = "p"
+        scene = "tank"
+        [[sweep]]
+        [[sweep.axis]]
+        name = "n"
+        values = [1]
+        [[claim]]
+        id = "c"
+        text = "x"
+        test.{test}
+        "#
+    );
+    let experiment = Experiment::parse("e", &text).unwrap();
+    let cells: Vec<&Cell> = cells.iter().collect();
+    let ruling = experiment.rulings(&cells, software).remove(0);
+    (ruling.verdict, ruling.reason)
+}
+
+const GRID: [f64; 6] = [1e3, 3e3, 1e4, 3e4, 1e5, 3e5];
+const LINEAR: &str =
+    r#"slope = { y = "stage:s", x = "axis:n", over = "n", expected = 1.0, tolerance = 0.1 }"#;
+
+#[test]
+fn a_known_slope_is_recovered_from_noise_above_a_fixed_cost() {
+    for exponent in [0.5, 1.0, 2.0] {
+        let cells = swept(&GRID, |n| 1e-3 * n.powf(exponent));
+        let cells: Vec<&Cell> = cells.iter().collect();
+        let (y, x) = ("stage:s".parse().unwrap(), "axis:n".parse().unwrap());
+        // A square root is all fixed cost to an affine fit: allow for it.
+        let fit = scaling(&y, &x, &cells, 1.0).unwrap();
+        assert!((fit.slope.slope - exponent).abs() < 0.02, "{fit:?}");
+        assert!(fit.slope.low <= exponent && exponent <= fit.slope.high);
+    }
+}
+
+#[test]
+fn linear_time_supports_linearity_and_other_powers_contradict_it() {
+    let linear = swept(&GRID, |n| 0.5 + 1e-3 * n);
+    let (verdict, reason) = ruled(LINEAR, &linear, true);
+    assert_eq!(verdict, Verdict::Supported, "{reason}");
+    for exponent in [0.8, 1.2] {
+        let bent = swept(&GRID, |n| 1e-3 * n.powf(exponent));
+        let (verdict, reason) = ruled(LINEAR, &bent, true);
+        assert_ne!(verdict, Verdict::Supported, "{exponent}: {reason}");
+    }
+    let steep = swept(&GRID, |n| 1e-3 * n.powf(1.3));
+    assert_eq!(ruled(LINEAR, &steep, true).0, Verdict::Contradicted);
+}
+
+#[test]
+fn cells_below_the_fixed_cost_are_left_out_and_counted() {
+    let cells = swept(&GRID, |n| 3.0 + 1e-3 * n);
+    let (verdict, reason) = ruled(LINEAR, &cells, true);
+    assert_eq!(verdict, Verdict::Supported, "{reason}");
+    assert!(reason.contains("3 left out below a fixed cost"), "{reason}");
+    let dear = swept(&GRID, |n| 8.0 + 1e-3 * n);
+    let (verdict, reason) = ruled(LINEAR, &dear, true);
+    assert_eq!(verdict, Verdict::Untestable);
+    assert!(
+        reason.ends_with("ms is more than 20 % of the time in 4 of 6 cells"),
+        "{reason}"
+    );
+}
+
+#[test]
+fn too_few_cells_or_too_short_a_range_decide_nothing() {
+    let few = swept(&GRID[..2], |n| n);
+    let (verdict, reason) = ruled(LINEAR, &few, true);
+    assert_eq!(verdict, Verdict::Untestable);
+    assert_eq!(reason, "2 measured cells, and a slope needs 3");
+    let short = swept(&[1e3, 2e3, 4e3], |n| n);
+    let (verdict, reason) = ruled(LINEAR, &short, true);
+    assert_eq!(verdict, Verdict::Untestable);
+    assert!(reason.ends_with("1 decades are needed"), "{reason}");
+    assert_eq!(ruled(LINEAR, &[], true).1, "no cell along `n`");
+}
+
+#[test]
+fn independence_flips_with_a_perturbed_cell() {
+    let test = r#"independent = { y = "stage:s", over = "n", tolerance = 0.15 }"#;
+    let mut cells = swept(&[1.0, 2.0, 4.0], |_| 5.0);
+    assert_eq!(ruled(test, &cells, true).0, Verdict::Supported);
+    cells[1] = swept(&[2.0], |_| 7.0).remove(0);
+    assert_eq!(ruled(test, &cells, true).0, Verdict::Contradicted);
+}
+
+#[test]
+fn ratios_lie_within_their_band_or_do_not() {
+    let test = r#"ratio = { y = "stage:s", over = "n", numerator = 2, denominator = 1, low = 1.05, high = 2.0 }"#;
+    let at = |ratio: f64| {
+        swept(
+            &[1.0, 2.0],
+            move |n| if n > 1.0 { 5.0 * ratio } else { 5.0 },
+        )
+    };
+    assert_eq!(ruled(test, &at(1.5), true).0, Verdict::Supported);
+    assert_eq!(ruled(test, &at(0.9), true).0, Verdict::Contradicted);
+    assert_eq!(ruled(test, &at(2.4), true).0, Verdict::Contradicted);
+    let (verdict, reason) = ruled(test, &at(1.05), true);
+    assert_eq!(verdict, Verdict::Untestable);
+    assert!(reason.contains("straddles"), "{reason}");
+    assert_eq!(ruled(test, &at(1.5)[..1], true).0, Verdict::Untestable);
+}
+
+#[test]
+fn absolute_rates_count_only_on_hardware() {
+    let test = r#"at_least = { y = "fps", value = 60 }"#;
+    let fast = swept(&[1.0], |_| 5.0);
+    assert_eq!(ruled(test, &fast, false).0, Verdict::Supported);
+    let (verdict, reason) = ruled(test, &fast, true);
+    assert_eq!(verdict, Verdict::Untestable);
+    assert!(reason.contains("only on hardware"), "{reason}");
+    let slow = swept(&[1.0], |_| 50.0);
+    assert_eq!(ruled(test, &slow, false).0, Verdict::Contradicted);
+}
+
+#[test]
+fn no_worse_compares_two_cells() {
+    let test = r#"no_worse = { y = "quantity:error", of = { n = 2 }, than = { n = 1 } }"#;
+    let better = swept(&[1.0, 2.0], |n| 1.0 / n);
+    assert_eq!(ruled(test, &better, true).0, Verdict::Supported);
+    let worse = swept(&[1.0, 2.0], |n| n);
+    assert_eq!(ruled(test, &worse, true).0, Verdict::Contradicted);
+    let (verdict, reason) = ruled(test, &better[..1], true);
+    assert_eq!(verdict, Verdict::Untestable);
+    assert_eq!(reason, "error was not recorded in both cells");
+}
+
+#[test]
+fn monotony_flips_with_one_cell_out_of_order() {
+    let test = r#"monotone = { y = "stage:s", x = "axis:n", over = "n", direction = "rising", tolerance = 0.05 }"#;
+    let falling = test.replace("rising", "falling");
+    let mut cells = swept(&[1.0, 2.0, 3.0, 4.0], |n| n);
+    assert_eq!(ruled(test, &cells, true).0, Verdict::Supported);
+    assert_eq!(ruled(&falling, &cells, true).0, Verdict::Contradicted);
+    cells[2] = swept(&[3.0], |_| 1.0).remove(0);
+    assert_eq!(ruled(test, &cells, true).0, Verdict::Contradicted);
+}
+
+#[test]
+fn groups_are_ruled_apart_and_the_worst_decides() {
+    let mut random = Pcg64::seed_from_u64(5);
+    let mut cells = Vec::new();
+    for (model, exponent) in [("a", 1.0), ("b", 1.5)] {
+        for n in GRID {
+            let axes = [("n", json!(n)), ("model", json!(model))];
+            cells.push(cell(&axes, 1e-3 * n.powf(exponent), &mut random));
+        }
+    }
+    let (verdict, reason) = ruled(LINEAR, &cells, true);
+    assert_eq!(verdict, Verdict::Contradicted);
+    assert!(reason.contains("model=a: slope 1.0") || reason.contains("model=a: slope 0.99"));
+    assert!(reason.contains("model=b: slope 1.5") || reason.contains("model=b: slope 1.49"));
+}
+
+#[test]
+fn skipped_cells_leave_a_claim_untestable() {
+    let mut cells = swept(&GRID, |n| n);
+    for cell in &mut cells[2..] {
+        cell.outcome = Outcome::Skipped {
+            reason: "too large".to_owned(),
+        };
+    }
+    assert_eq!(ruled(LINEAR, &cells, true).0, Verdict::Untestable);
+}

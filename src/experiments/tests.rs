@@ -1,0 +1,273 @@
+use serde_json::{Value, json};
+
+use super::*;
+use crate::pipelines;
+use crate::scene::SceneFile;
+
+const SWEPT: &str = r#"
+id = "own"
+title = "Own"
+source = "none"
+pipeline = "underwater"
+scene = "tank"
+
+[params]
+a.b = 1
+"c.d" = 2.5
+
+[profile.quick.params]
+a.b = 7
+
+[[sweep]]
+params = { e = true }
+[[sweep.axis]]
+name = "caustics.grid"
+quick = [10, 20]
+paper = [100, 200, 400]
+[[sweep.axis]]
+name = "size"
+values = [
+  { label = "small", set = { view.width = 8, view.height = 6 } },
+  { label = "port", set = { view.width = 80, scene = "port" } },
+]
+"#;
+
+fn own() -> Experiment {
+    Experiment::parse("own", SWEPT).unwrap()
+}
+
+fn message(result: Result<impl std::fmt::Debug, ExperimentError>) -> String {
+    result.unwrap_err().to_string()
+}
+
+#[test]
+fn every_builtin_loads_and_expands_in_both_profiles() {
+    let ids = Experiment::builtin_ids();
+    assert!(ids.len() >= 9, "{ids:?}");
+    for id in ids {
+        let experiment = Experiment::load(&id).unwrap();
+        assert_eq!(experiment.id, id, "id and file name");
+        for profile in Profile::NAMES {
+            let cells = experiment.cells(profile, &[], &[]).unwrap();
+            assert!(!cells.is_empty(), "{id} {profile}");
+            let mut keys: Vec<&str> = cells.iter().map(|cell| cell.cell.as_str()).collect();
+            keys.sort_unstable();
+            keys.dedup();
+            assert_eq!(keys.len(), cells.len(), "{id} {profile}");
+        }
+    }
+}
+
+#[test]
+fn published_figures_meet_cells_at_the_published_size() {
+    for id in Experiment::builtin_ids() {
+        let experiment = Experiment::load(&id).unwrap();
+        let cells = experiment.cells("paper", &[], &[]).unwrap();
+        for published in &experiment.published {
+            let filter = flatten(&published.filter);
+            let met = cells.iter().any(|cell| {
+                filter.iter().all(|(name, wanted)| {
+                    let set = cell.overrides.iter().find(|(path, _)| path == name);
+                    let value = cell.axes.get(name).or(set.map(|(_, value)| value));
+                    value.is_some_and(|value| same(value, wanted))
+                })
+            });
+            assert!(met, "{id}: no cell for {filter:?}");
+        }
+    }
+}
+
+#[test]
+fn sweeps_multiply_axes_and_tables_move_parameters_together() {
+    let cells = own().cells("quick", &[], &[]).unwrap();
+    let keys: Vec<&str> = cells.iter().map(|cell| cell.cell.as_str()).collect();
+    assert_eq!(
+        keys,
+        [
+            "caustics.grid=10,size=small",
+            "caustics.grid=10,size=port",
+            "caustics.grid=20,size=small",
+            "caustics.grid=20,size=port",
+        ]
+    );
+    assert_eq!(cells[0].scene, "tank");
+    assert_eq!(cells[1].scene, "port");
+    let set = |path: &str| {
+        let mut all = cells[0].overrides.iter();
+        all.find(|(known, _)| known == path)
+            .map(|(_, value)| value.clone())
+    };
+    assert_eq!(set("a.b"), Some(json!(7)), "profile over base");
+    assert_eq!(set("c.d"), Some(json!(2.5)));
+    assert_eq!(set("e"), Some(json!(true)));
+    assert_eq!(set("view.height"), Some(json!(6)));
+    assert_eq!(cells[0].axes["size"], json!("small"));
+}
+
+#[test]
+fn axis_overrides_take_values_and_labels() {
+    let overrides = [
+        parse_axis("caustics.grid=5").unwrap(),
+        parse_axis("size=port").unwrap(),
+    ];
+    let cells = own().cells("paper", &overrides, &[]).unwrap();
+    assert_eq!(cells.len(), 1);
+    assert_eq!(cells[0].cell, "caustics.grid=5,size=port");
+}
+
+#[test]
+fn lists_are_axis_values_too() {
+    let (name, values) = parse_axis("caustics.buffer=[64,64], [128,128]").unwrap();
+    assert_eq!(values, ["[64,64]", "[128,128]"]);
+    let experiment = Experiment::load("uw-buffers").unwrap();
+    let cells = experiment.cells("quick", &[(name, values)], &[]).unwrap();
+    assert_eq!(cells[0].cell, "caustics.buffer=64x64");
+    assert_eq!(cells[1].axes["caustics.buffer"], json!([128, 128]));
+}
+
+#[test]
+fn sets_reach_every_cell_and_the_reference() {
+    let sets = [parse_set("water.time_s=1.5").unwrap()];
+    let experiment = Experiment::load("uw-filter").unwrap();
+    for cell in experiment.cells("quick", &[], &sets).unwrap() {
+        let reference = cell.reference.unwrap();
+        assert!(cell.overrides.contains(&sets[0]));
+        assert!(reference.overrides.contains(&sets[0]));
+        let grid = ("caustics.grid".to_owned(), json!(800));
+        assert!(reference.overrides.contains(&grid));
+    }
+}
+
+#[test]
+fn wrong_names_and_values_are_told_with_the_nearest_right_one() {
+    let experiment = own();
+    let cells = |axis: &str| experiment.cells("quick", &[parse_axis(axis).unwrap()], &[]);
+    let unknown = message(Experiment::load("uw-photon"));
+    assert_eq!(
+        unknown,
+        "unknown experiment `uw-photon`; did you mean `uw-photons`?"
+    );
+    assert_eq!(
+        message(cells("caustics.gird=5")),
+        "experiment `own` has no axis `caustics.gird`; did you mean `caustics.grid`?"
+    );
+    assert_eq!(
+        message(cells("caustics.grid=many")),
+        "axis `caustics.grid` of `own`: `many` is not a number, as 10 is"
+    );
+    let label = message(cells("size=smal"));
+    assert!(label.contains("did you mean `small`?"), "{label}");
+    let profile = message(experiment.cells("papr", &[], &[]));
+    assert_eq!(profile, "unknown profile `papr`; did you mean `paper`?");
+    let set = [("view.width".to_owned(), json!(5))];
+    let on_axis = message(experiment.cells("quick", &[], &set));
+    assert!(on_axis.contains("swept by the axis `size`"), "{on_axis}");
+}
+
+#[test]
+fn malformed_assignments_are_refused() {
+    for text in ["", "a", "a=", "=1", "a=1,,2"] {
+        assert!(parse_axis(text).is_err(), "{text}");
+    }
+    for text in ["", "a", "a=", "=1"] {
+        assert!(parse_set(text).is_err(), "{text}");
+    }
+    assert_eq!(
+        parse_set("water.model=circular").unwrap().1,
+        json!("circular")
+    );
+    assert_eq!(parse_set("a=[1,2]").unwrap().1, json!([1, 2]));
+}
+
+#[test]
+fn broken_files_are_told_in_one_line() {
+    let cases = [
+        ("title = \"x\"".to_owned(), "missing field"),
+        (SWEPT.replace("a.b = 1", "a.b = 1\na.b = 2"), "line"),
+        (
+            SWEPT.replace("title =", "colour = 1\ntitle ="),
+            "unknown field `colour`",
+        ),
+        (SWEPT.replace("[10, 20]", "[]"), "empty list"),
+        (
+            SWEPT.replace("paper = [100, 200, 400]\n", ""),
+            "`quick` and `paper`",
+        ),
+        (SWEPT.replace("label = \"small\", ", ""), "must be { label"),
+        (SWEPT.replace("\"own\"", "\"Own!\""), "lower-case"),
+        (
+            format!(
+                "{SWEPT}\n[[claim]]\nid = \"x\"\ntext = \"x\"\ntest.slope = {{ y = \"stage:a\", x = \"axis:b\", over = \"none\", expected = 1.0, tolerance = 0.1 }}"
+            ),
+            "which is no axis",
+        ),
+        (
+            format!(
+                "{SWEPT}\n[[claim]]\nid = \"x\"\ntext = \"x\"\ntest.at_least = {{ y = \"speed\", value = 1 }}"
+            ),
+            "unknown measure `speed`",
+        ),
+    ];
+    for (text, expected) in cases {
+        let told = message(Experiment::parse("own", &text));
+        assert!(told.contains(expected), "{expected}: {told}");
+        assert!(!told.contains('\n'), "{told}");
+    }
+}
+
+#[test]
+fn a_users_own_file_loads_by_its_path() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("own.toml");
+    std::fs::write(&path, SWEPT).unwrap();
+    let loaded = Experiment::load(path.to_str().unwrap()).unwrap();
+    assert_eq!(loaded, own());
+    assert_eq!(loaded.text, SWEPT);
+    let missing = message(Experiment::load("nowhere/own.toml"));
+    assert!(missing.starts_with("cannot read the experiment nowhere/own.toml"));
+}
+
+#[test]
+fn an_experiment_without_sweeps_is_one_cell() {
+    let text = SWEPT.split("[[sweep]]").next().unwrap();
+    let cells = Experiment::parse("own", text)
+        .unwrap()
+        .cells("paper", &[], &[])
+        .unwrap();
+    assert_eq!(cells.len(), 1);
+    assert_eq!(cells[0].cell, "base");
+    assert_eq!(cells[0].overrides[0], ("a.b".to_owned(), Value::from(1)));
+}
+
+#[test]
+fn every_builtin_names_parameters_stages_and_scenes_that_exist() {
+    let stages: Vec<&str> = crate::stages::REGISTRY
+        .iter()
+        .map(|stage| stage.name)
+        .collect();
+    for id in Experiment::builtin_ids() {
+        let experiment = Experiment::load(&id).unwrap();
+        let measured = experiment.measures();
+        for stage in measured.iter().flat_map(|measure| measure.stages()) {
+            assert!(stages.contains(&stage), "{id}: {stage}");
+        }
+        for profile in Profile::NAMES {
+            for cell in experiment.cells(profile, &[], &[]).unwrap() {
+                let kind = pipelines::find(&cell.pipeline).unwrap();
+                let file = SceneFile::load(&cell.scene).unwrap();
+                let mut tree = (kind.defaults)(&file);
+                let reference = cell.reference.map(|reference| reference.overrides);
+                for (path, value) in cell
+                    .overrides
+                    .into_iter()
+                    .chain(reference.unwrap_or_default())
+                {
+                    pipelines::params::set(&mut tree, &path, value).unwrap();
+                }
+                for path in measured.iter().flat_map(|measure| measure.params()) {
+                    assert!(lookup(&tree, path).is_some(), "{id}: {path}");
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,205 @@
+//! The kernels of the audit: a pass of each kind whose work is known.
+
+use crate::gpu::frame::{ColorTarget, Encode, StageScope, Targets};
+use crate::gpu::shader::compilation_options;
+use crate::gpu::{Gpu, GpuError};
+use crate::record::PassKind;
+
+/// Edge of the render kernel's target in pixels, and invocations of the compute kernel.
+const TARGET_EDGE: u32 = 256;
+const INVOCATIONS: u32 = 65_536;
+const GROUP_SIZE: u32 = 64;
+/// Quads along an edge of the target, and vertex work per iteration of fragment work: with 8×8 fragments
+/// to 6 vertices, about as much in either.
+const QUADS_PER_EDGE: u32 = 32;
+const VERTEX_SHARE: u32 = 10;
+/// Some milliseconds on a software adapter: there a pass is a few copies, as it is in a frame.
+const COPY_BYTES: u64 = 8 << 20;
+
+/// Pipelines and resources of the kernels.
+pub(super) struct Kernels {
+    compute: wgpu::ComputePipeline,
+    render: wgpu::RenderPipeline,
+    results: wgpu::Buffer,
+    target: wgpu::TextureView,
+    copied: [wgpu::Buffer; 2],
+}
+
+impl Kernels {
+    pub(super) fn new(gpu: &Gpu) -> Result<Self, GpuError> {
+        use wgpu::BufferUsages as Usage;
+        let compute = gpu.shader("audit/compute", &[("GROUP_SIZE", GROUP_SIZE as i32)])?;
+        let quads = ("QUADS_PER_EDGE", QUADS_PER_EDGE as i32);
+        let share = ("VERTEX_SHARE", VERTEX_SHARE as i32);
+        let render = gpu.shader("audit/render", &[quads, share])?;
+        gpu.scoped(|| {
+            Ok(Self {
+                compute: compute_pipeline(gpu, &compute),
+                render: render_pipeline(gpu, &render),
+                results: buffer(gpu, u64::from(INVOCATIONS) * 4, Usage::STORAGE),
+                target: target(gpu),
+                copied: [
+                    buffer(gpu, COPY_BYTES, Usage::COPY_SRC),
+                    buffer(gpu, COPY_BYTES, Usage::COPY_DST),
+                ],
+            })
+        })
+    }
+
+    /// A kernel of this kind with so much work per call.
+    pub(super) fn kernel(&self, gpu: &Gpu, kind: PassKind, work: u32, calls: u32) -> Kernel<'_> {
+        let layout = match kind {
+            PassKind::Compute => Some(self.compute.get_bind_group_layout(0)),
+            PassKind::Render => Some(self.render.get_bind_group_layout(0)),
+            PassKind::Copy | PassKind::Host => None,
+        };
+        let bindings = layout.map(|layout| {
+            let uniform = buffer(
+                gpu,
+                16,
+                wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST,
+            );
+            gpu.queue.write_buffer(&uniform, 0, &work.to_le_bytes());
+            let resources = [&uniform, &self.results].map(wgpu::Buffer::as_entire_binding);
+            let entry = |(binding, resource)| wgpu::BindGroupEntry { binding, resource };
+            let entries = [0, 1].map(|i| entry((i as u32, resources[i].clone())));
+            let used = if kind == PassKind::Compute { 2 } else { 1 };
+            gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
+                label: Some("audit"),
+                layout: &layout,
+                entries: &entries[..used],
+            })
+        });
+        Kernel {
+            kernels: self,
+            kind,
+            bindings,
+            work,
+            calls,
+        }
+    }
+}
+
+fn buffer(gpu: &Gpu, size: u64, usage: wgpu::BufferUsages) -> wgpu::Buffer {
+    let label = Some("audit");
+    gpu.device.create_buffer(&wgpu::BufferDescriptor {
+        label,
+        size,
+        usage,
+        mapped_at_creation: false,
+    })
+}
+
+fn target(gpu: &Gpu) -> wgpu::TextureView {
+    let texture = gpu.device.create_texture(&wgpu::TextureDescriptor {
+        label: Some("audit"),
+        size: wgpu::Extent3d {
+            width: TARGET_EDGE,
+            height: TARGET_EDGE,
+            depth_or_array_layers: 1,
+        },
+        mip_level_count: 1,
+        sample_count: 1,
+        dimension: wgpu::TextureDimension::D2,
+        format: wgpu::TextureFormat::Rgba8Unorm,
+        usage: wgpu::TextureUsages::RENDER_ATTACHMENT,
+        view_formats: &[],
+    });
+    texture.create_view(&wgpu::TextureViewDescriptor::default())
+}
+
+fn compute_pipeline(gpu: &Gpu, module: &wgpu::ShaderModule) -> wgpu::ComputePipeline {
+    gpu.device
+        .create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
+            label: Some("audit/compute"),
+            layout: None,
+            module,
+            entry_point: Some("main"),
+            compilation_options: compilation_options(),
+            cache: None,
+        })
+}
+
+fn render_pipeline(gpu: &Gpu, module: &wgpu::ShaderModule) -> wgpu::RenderPipeline {
+    gpu.device
+        .create_render_pipeline(&wgpu::RenderPipelineDescriptor {
+            label: Some("audit/render"),
+            layout: None,
+            vertex: wgpu::VertexState {
+                module,
+                entry_point: Some("vertex"),
+                compilation_options: compilation_options(),
+                buffers: &[],
+            },
+            primitive: wgpu::PrimitiveState::default(),
+            depth_stencil: None,
+            multisample: wgpu::MultisampleState::default(),
+            fragment: Some(wgpu::FragmentState {
+                module,
+                entry_point: Some("fragment"),
+                compilation_options: compilation_options(),
+                targets: &[Some(wgpu::TextureFormat::Rgba8Unorm.into())],
+            }),
+            multiview_mask: None,
+            cache: None,
+        })
+}
+
+/// One kind of pass with a set amount of work.
+pub(super) struct Kernel<'a> {
+    kernels: &'a Kernels,
+    pub(super) kind: PassKind,
+    bindings: Option<wgpu::BindGroup>,
+    /// Loop iterations, or copies, per call.
+    work: u32,
+    calls: u32,
+}
+
+impl Encode for Kernel<'_> {
+    fn name(&self) -> &'static str {
+        match self.kind {
+            PassKind::Compute => "audit/compute",
+            PassKind::Render => "audit/render",
+            PassKind::Copy => "audit/copy",
+            PassKind::Host => "audit/host",
+        }
+    }
+
+    fn encode(&self, scope: &mut StageScope<'_>) {
+        match self.kind {
+            PassKind::Compute => scope.compute(|pass| {
+                pass.set_pipeline(&self.kernels.compute);
+                pass.set_bind_group(0, &self.bindings, &[]);
+                for _ in 0..self.calls {
+                    pass.dispatch_workgroups(INVOCATIONS / GROUP_SIZE, 1, 1);
+                }
+            }),
+            PassKind::Render => {
+                let color = [ColorTarget {
+                    view: &self.kernels.target,
+                    clear: Some(wgpu::Color::BLACK),
+                }];
+                scope.render(
+                    &Targets {
+                        color: &color,
+                        depth: None,
+                    },
+                    |pass| {
+                        pass.set_pipeline(&self.kernels.render);
+                        pass.set_bind_group(0, &self.bindings, &[]);
+                        for _ in 0..self.calls {
+                            pass.draw(0..6 * QUADS_PER_EDGE * QUADS_PER_EDGE, 0..1);
+                        }
+                    },
+                );
+            }
+            PassKind::Copy => scope.copy(|encoder| {
+                let [from, to] = &self.kernels.copied;
+                for _ in 0..self.work * self.calls {
+                    encoder.copy_buffer_to_buffer(from, 0, to, 0, COPY_BYTES);
+                }
+            }),
+            PassKind::Host => {}
+        }
+    }
+}

@@ -1,0 +1,375 @@
+//! The clock's audit: which kinds of pass have timestamps that can be believed on this adapter.
+//!
+//! For each kind of pass a kernel of known ratio (N and 2 N work) is run through the same
+//! [`FrameTimer`] that measures stages, and its timestamps are held against the fenced host clock:
+//!
+//! - *alone*: a command buffer with one pass, its timestamps against the host time of the very same
+//!   submission, less the cost of an empty one;
+//! - *mixed*: a command buffer with passes of every kind. What the host saw of that submission is shared out
+//!   among the kinds as they share a frame in which each pass is fenced, and that is run next to it. So the
+//!   whole is held to one submission's host time and only the shares to another frame's, which a busy
+//!   machine slows alike.
+//!
+//! Frames alternate and ratios are taken between neighbours, so that a machine that drifts drifts through
+//! both sides. Where a verdict is close, more rounds are run before it is given.
+//!
+//! A kind of pass whose timestamps are unsound in either surrounding is timed by the fenced host clock, in
+//! command buffers of its own. It may have spoilt its neighbours' timestamps, too: the worst kind is set apart
+//! first, and the others are then audited without it, which is how frames are measured.
+
+mod kernels;
+mod verdict;
+
+use std::fmt::Write as _;
+use std::time::Instant;
+
+use self::kernels::{Kernel, Kernels};
+use self::verdict::{Series, factor, judge, median};
+use super::frame::{ClockPlan, Encode, FrameSample, FrameTimer};
+use super::{Gpu, GpuError};
+use crate::record::{AuditRow, Clock, PassKind};
+
+const KINDS: [PassKind; 3] = [PassKind::Render, PassKind::Compute, PassKind::Copy];
+/// Length of a pass at N work: on a software adapter, and on a GPU. Long beside the jitter of a
+/// submission (tens of µs), short beside patience.
+const SOFTWARE_PASS_NS: f64 = 4e6;
+const GPU_PASS_NS: f64 = 1e6;
+/// Rounds before the first verdict; doubled while a verdict is close.
+const ROUNDS: usize = 7;
+const MAX_ROUNDS: usize = 56;
+/// N and 2 N work.
+const LEVELS: usize = 2;
+/// Times each kind of pass occurs in a mixed frame.
+const OCCURRENCES: usize = 2;
+/// Empty submissions before the first round, and in each round.
+const EMPTY_SUBMISSIONS: usize = 32;
+const EMPTY_SUBMISSIONS_PER_ROUND: usize = 4;
+/// Dispatches and draws in a pass at N work; twice as many at 2 N, which doubles fixed costs per thread
+/// too. More than one, as some drivers time only the last.
+const CALLS: u32 = 2;
+/// Work per call at which calibration begins: loop iterations, or copies.
+const FIRST_WORK: u32 = 4;
+const CALIBRATION_STEPS: usize = 24;
+
+/// What the audit found, and the clock for each kind of pass.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Audit {
+    pub rows: Vec<AuditRow>,
+    pub plan: ClockPlan,
+}
+
+/// Audits this adapter's timestamps. Takes some seconds on a software adapter.
+pub fn audit(gpu: &Gpu) -> Result<Audit, GpuError> {
+    let mut submit_costs = Vec::new();
+    time_empty_submissions(gpu, EMPTY_SUBMISSIONS, &mut submit_costs)?;
+    let fenced = ClockPlan::fenced(median(&submit_costs));
+    let kernels = Kernels::new(gpu)?;
+    let work = calibrate(gpu, &kernels, fenced)?;
+    let mut bench = Bench::new(gpu, &kernels, work, fenced, submit_costs)?;
+    let alone = bench.measure(gpu, Surrounding::Alone, &KINDS)?;
+    let alone: Vec<AuditRow> = alone.into_iter().map(|row| admit(gpu, row)).collect();
+    let mut rows = alone.clone();
+    rows.extend(mixed(gpu, &mut bench, &alone)?);
+    rows.sort_by_key(|row| KINDS.iter().position(|kind| *kind == row.pass));
+    let sound = |kind: &PassKind| {
+        rows.iter()
+            .filter(|row| row.pass == *kind)
+            .all(|row| row.sound)
+    };
+    let plan = ClockPlan::fenced(median(&bench.submit_costs));
+    let sound_kinds = KINDS.into_iter().filter(sound);
+    let plan = sound_kinds.fold(plan, |plan, kind| plan.with(kind, Clock::Timestamp));
+    Ok(Audit { rows, plan })
+}
+
+/// A row for each kind mixed with the others, the worst being set apart until the rest are sound.
+fn mixed(gpu: &Gpu, bench: &mut Bench, alone: &[AuditRow]) -> Result<Vec<AuditRow>, GpuError> {
+    let mut kinds: Vec<PassKind> = KINDS
+        .into_iter()
+        .filter(|kind| has_timestamps(gpu, *kind))
+        .collect();
+    let without = alone.iter().filter(|row| !kinds.contains(&row.pass));
+    let mut done: Vec<AuditRow> = without
+        .map(|row| AuditRow {
+            context: "mixed".to_owned(),
+            ..row.clone()
+        })
+        .collect();
+    while !kinds.is_empty() {
+        let mut rows = bench.measure(gpu, Surrounding::Mixed, &kinds)?;
+        let unsound = (0..rows.len()).filter(|index| !rows[*index].sound);
+        let by_distance =
+            |a: &usize, b: &usize| factor(rows[*a].ratio).total_cmp(&factor(rows[*b].ratio));
+        let Some(worst) = unsound.max_by(by_distance) else {
+            done.append(&mut rows);
+            break;
+        };
+        done.push(rows.swap_remove(worst));
+        kinds.remove(worst);
+    }
+    Ok(done)
+}
+
+/// Host times in ns from submission to fence of empty command buffers.
+fn time_empty_submissions(gpu: &Gpu, count: usize, costs: &mut Vec<f64>) -> Result<(), GpuError> {
+    for _ in 0..count {
+        let encoder = gpu.device.create_command_encoder(&Default::default());
+        let commands = encoder.finish();
+        let start = Instant::now();
+        let index = gpu.queue.submit([commands]);
+        gpu.wait_for(Some(index))?;
+        costs.push(start.elapsed().as_secs_f64() * 1e9);
+    }
+    Ok(())
+}
+
+/// Whether the adapter has timestamps for this kind of pass at all.
+fn has_timestamps(gpu: &Gpu, kind: PassKind) -> bool {
+    let needed = match kind {
+        PassKind::Copy => {
+            wgpu::Features::TIMESTAMP_QUERY | wgpu::Features::TIMESTAMP_QUERY_INSIDE_ENCODERS
+        }
+        _ => wgpu::Features::TIMESTAMP_QUERY,
+    };
+    gpu.features.contains(needed)
+}
+
+/// The row, or why there can be none: it was then timed by the host clock on both sides.
+fn admit(gpu: &Gpu, row: AuditRow) -> AuditRow {
+    if has_timestamps(gpu, row.pass) {
+        return row;
+    }
+    AuditRow {
+        timestamp_ns: 0.0,
+        ratio: 0.0,
+        doubling: 0.0,
+        sound: false,
+        reason: "the adapter has no timestamps for this kind of pass".to_owned(),
+        ..row
+    }
+}
+
+/// N for each kind: the work at which a pass alone takes about as long as is wanted.
+fn calibrate(gpu: &Gpu, kernels: &Kernels, fenced: ClockPlan) -> Result<[u32; 3], GpuError> {
+    let goal_ns = if gpu.adapter.software {
+        SOFTWARE_PASS_NS
+    } else {
+        GPU_PASS_NS
+    };
+    let mut timer = FrameTimer::new(gpu, fenced, 0)?;
+    let mut work = [FIRST_WORK; 3];
+    for (kind, work) in KINDS.into_iter().zip(&mut work) {
+        for _ in 0..CALIBRATION_STEPS {
+            let kernel = kernels.kernel(gpu, kind, *work, CALLS);
+            // The first frame compiles, and touches fresh memory.
+            timer.timed(gpu, &[&kernel])?;
+            let ns = (0..3)
+                .map(|_| Ok(timer.timed(gpu, &[&kernel])?.wall_ns - fenced.submit_cost_ns))
+                .collect::<Result<Vec<_>, GpuError>>()?;
+            let short_by = goal_ns / median(&ns).max(goal_ns / 1024.0);
+            if (0.6..1.6).contains(&short_by) {
+                break;
+            }
+            // A step of eight at most: short times are mostly fixed cost.
+            *work = (f64::from(*work) * short_by.clamp(0.125, 8.0)).ceil() as u32;
+        }
+    }
+    Ok(work)
+}
+
+/// What a pass shares its command buffer with.
+#[derive(Clone, Copy, PartialEq)]
+enum Surrounding {
+    Alone,
+    Mixed,
+}
+
+/// The kernels of the three kinds at N and at 2 N, and both clocks.
+struct Bench<'a> {
+    /// By level (N, 2 N), then in the order of [`KINDS`].
+    kernels: [[Kernel<'a>; 3]; LEVELS],
+    timestamps: FrameTimer,
+    fenced: FrameTimer,
+    submit_costs: Vec<f64>,
+    submit_cost_ns: f64,
+}
+
+impl<'a> Bench<'a> {
+    fn new(
+        gpu: &Gpu,
+        kernels: &'a Kernels,
+        work: [u32; 3],
+        fenced: ClockPlan,
+        submit_costs: Vec<f64>,
+    ) -> Result<Self, GpuError> {
+        let level = |factor: u32| {
+            [0, 1, 2].map(|i: usize| kernels.kernel(gpu, KINDS[i], work[i], CALLS * factor))
+        };
+        let timed = KINDS.into_iter().filter(|kind| has_timestamps(gpu, *kind));
+        let plan = timed.fold(fenced, |plan, kind| plan.with(kind, Clock::Timestamp));
+        let passes = (KINDS.len() * OCCURRENCES) as u32;
+        Ok(Self {
+            kernels: [level(1), level(2)],
+            timestamps: FrameTimer::new(gpu, plan, passes)?,
+            fenced: FrameTimer::new(gpu, fenced, 0)?,
+            submit_costs,
+            submit_cost_ns: fenced.submit_cost_ns,
+        })
+    }
+
+    /// A row for each of `kinds`, from rounds until no verdict is close or patience ends.
+    fn measure(
+        &mut self,
+        gpu: &Gpu,
+        surrounding: Surrounding,
+        kinds: &[PassKind],
+    ) -> Result<Vec<AuditRow>, GpuError> {
+        let mut series: Vec<Series> = kinds.iter().map(|_| Series::default()).collect();
+        let mut rounds = 0;
+        loop {
+            for _ in 0..ROUNDS.max(rounds) {
+                for level in 0..LEVELS {
+                    match surrounding {
+                        Surrounding::Alone => self.alone(gpu, level, kinds, &mut series)?,
+                        Surrounding::Mixed => self.mixed(gpu, level, kinds, &mut series)?,
+                    }
+                }
+                time_empty_submissions(gpu, EMPTY_SUBMISSIONS_PER_ROUND, &mut self.submit_costs)?;
+                rounds += 1;
+            }
+            let judged = kinds.iter().zip(&series).map(|(kind, series)| {
+                let apart = (surrounding == Surrounding::Mixed).then(|| passes_apart(gpu, kinds));
+                judge(*kind, apart.as_deref(), series)
+            });
+            let (rows, close): (Vec<_>, Vec<_>) = judged.unzip();
+            if rounds >= MAX_ROUNDS || !close.contains(&true) {
+                return Ok(rows);
+            }
+        }
+    }
+
+    /// Each kernel once alone: both clocks on the same submission.
+    fn alone(
+        &mut self,
+        gpu: &Gpu,
+        level: usize,
+        kinds: &[PassKind],
+        series: &mut [Series],
+    ) -> Result<(), GpuError> {
+        for (kind, series) in kinds.iter().zip(series) {
+            let kernel = kernel(&self.kernels[level], *kind);
+            let sample = self.timestamps.timed(gpu, &[kernel])?;
+            let host_ns = sample.wall_ns - self.submit_cost_ns;
+            series.push(level, stage_ns(&sample, 0, 1), host_ns, sample.faults.len());
+        }
+        Ok(())
+    }
+
+    /// The kernels in one command buffer, and then each in its own.
+    fn mixed(
+        &mut self,
+        gpu: &Gpu,
+        level: usize,
+        kinds: &[PassKind],
+        series: &mut [Series],
+    ) -> Result<(), GpuError> {
+        let once = kinds
+            .iter()
+            .map(|kind| kernel(&self.kernels[level], *kind) as &dyn Encode);
+        let frame = once.collect::<Vec<_>>().repeat(OCCURRENCES);
+        let mixed = self.timestamps.timed(gpu, &frame)?;
+        let apart = self.fenced.timed(gpu, &frame)?;
+        let mixed_ns = mixed.wall_ns - self.submit_cost_ns;
+        let apart_ns: f64 = apart.stages.iter().map(|stage| stage.ns).sum();
+        for (index, series) in series.iter_mut().enumerate() {
+            let name = frame[index].name();
+            let faults = mixed
+                .faults
+                .iter()
+                .filter(|fault| fault.stage == name)
+                .count();
+            let host_ns = mixed_ns * stage_ns(&apart, index, kinds.len()) / apart_ns;
+            series.push(level, stage_ns(&mixed, index, kinds.len()), host_ns, faults);
+        }
+        Ok(())
+    }
+}
+
+fn kernel<'k, 'a>(kernels: &'k [Kernel<'a>; 3], kind: PassKind) -> &'k Kernel<'a> {
+    let index = KINDS.iter().position(|known| *known == kind);
+    &kernels[index.unwrap_or(0)]
+}
+
+/// Which kinds of pass with timestamps had command buffers of their own; empty if none had.
+fn passes_apart(gpu: &Gpu, kinds: &[PassKind]) -> String {
+    let apart = KINDS
+        .into_iter()
+        .filter(|kind| has_timestamps(gpu, *kind) && !kinds.contains(kind));
+    let names = apart.map(pass_name).collect::<Vec<_>>().join(" and ");
+    if names.is_empty() {
+        names
+    } else {
+        format!(" ({names} apart)")
+    }
+}
+
+/// Mean time of the stages `first`, `first + stride`, … A duration that was not accepted counts as it was
+/// read.
+fn stage_ns(sample: &FrameSample, first: usize, stride: usize) -> f64 {
+    let stages = sample.stages.iter().skip(first).step_by(stride);
+    let times = stages.map(|stage| match stage.ns.is_nan() {
+        true => {
+            let mut faults = sample
+                .faults
+                .iter()
+                .filter(|fault| fault.stage == stage.name);
+            faults.next().map_or(0.0, |fault| fault.ns)
+        }
+        false => stage.ns,
+    });
+    let times: Vec<f64> = times.collect();
+    times.iter().sum::<f64>() / times.len() as f64
+}
+
+/// The audit as a table for the terminal, and the clocks that follow from it.
+pub fn audit_table(audit: &Audit) -> String {
+    let mut table =
+        String::from("pass     context  timestamp ms    host ms   ratio  doubling  verdict\n");
+    for row in &audit.rows {
+        let verdict = if row.sound { "sound" } else { "unsound" };
+        // Writing to a String does not fail.
+        let _ = writeln!(
+            table,
+            "{:<8} {:<8} {:>12.3} {:>10.3} {:>7.3} {:>9.2}  {verdict}: {}",
+            pass_name(row.pass),
+            row.context,
+            row.timestamp_ns * 1e-6,
+            row.host_ns * 1e-6,
+            row.ratio,
+            row.doubling,
+            row.reason
+        );
+    }
+    for kind in KINDS {
+        let clock = match audit.plan.clock(kind) {
+            Clock::Timestamp => "timestamps",
+            Clock::FencedHost | Clock::Host => "fenced host clock",
+        };
+        let _ = writeln!(table, "{} passes are timed by {clock}", pass_name(kind));
+    }
+    let _ = writeln!(
+        table,
+        "one submission costs {:.1} µs",
+        audit.plan.submit_cost_ns * 1e-3
+    );
+    table
+}
+
+fn pass_name(kind: PassKind) -> &'static str {
+    match kind {
+        PassKind::Compute => "compute",
+        PassKind::Render => "render",
+        PassKind::Copy => "copy",
+        PassKind::Host => "host",
+    }
+}

@@ -1,0 +1,215 @@
+//! What the audit makes of its measurements.
+
+use crate::record::{AuditRow, PassKind};
+
+/// Timestamp over host time at which a clock is sound: within this factor of 1 either way. The lies known
+/// of drivers read 0 or a half.
+const ALONE_TOLERANCE: f64 = 1.10;
+/// The shares of two frames are compared here, not one submission with itself.
+const MIXED_TOLERANCE: f64 = 1.20;
+/// A ratio whose distance from 1, as a share of the tolerance's on a logarithmic scale, is in this range
+/// calls for more rounds.
+const CLOSE: std::ops::Range<f64> = 0.6..2.0;
+/// A kernel alone must double by the host clock within this factor of 2, or there is nothing to hold
+/// timestamps against. Wide, as a busy machine or a changing clock rate moves it.
+const HOST_DOUBLING_TOLERANCE: f64 = 1.35;
+/// Of the rounds' ratios alone: a thread that is woken late lengthens the host's side of a submission and
+/// never shortens it, so the undisturbed rounds are those of high ratio.
+const ALONE_QUANTILE: f64 = 0.75;
+/// Share of durations that may be impossible (zero, negative, stale, longer than the wall).
+const FAULTY_SHARE: f64 = 0.1;
+
+/// Times of one kind of pass in one surrounding, round by round, at N and at 2 N.
+#[derive(Default)]
+pub(super) struct Series {
+    timestamp_ns: [Vec<f64>; 2],
+    host_ns: [Vec<f64>; 2],
+    faults: usize,
+}
+
+impl Series {
+    pub(super) fn push(&mut self, level: usize, timestamp_ns: f64, host_ns: f64, faults: usize) {
+        self.timestamp_ns[level].push(timestamp_ns);
+        self.host_ns[level].push(host_ns);
+        self.faults += faults;
+    }
+
+    /// Timestamp over host time at N, this quantile of the rounds'.
+    fn ratio(&self, at: f64) -> f64 {
+        let pairs = self.timestamp_ns[0].iter().zip(&self.host_ns[0]);
+        let ratios: Vec<f64> = pairs.map(|(timestamp, host)| timestamp / host).collect();
+        quantile(&ratios, at)
+    }
+}
+
+/// Time at 2 N over that at N: the median over the rounds.
+fn doubling(levels: &[Vec<f64>; 2]) -> f64 {
+    let pairs = levels[0]
+        .iter()
+        .zip(&levels[1])
+        .filter(|(single, _)| **single > 0.0);
+    let ratios: Vec<f64> = pairs.map(|(single, double)| double / single).collect();
+    if ratios.is_empty() {
+        0.0
+    } else {
+        median(&ratios)
+    }
+}
+
+/// Distance of a ratio from 1 as a factor of at least 1; infinite where it is not positive.
+pub(super) fn factor(ratio: f64) -> f64 {
+    if ratio > 0.0 {
+        ratio.max(1.0 / ratio)
+    } else {
+        f64::INFINITY
+    }
+}
+
+fn is_close(factor: f64, tolerance: f64) -> bool {
+    CLOSE.contains(&(factor.ln() / tolerance.ln()))
+}
+
+/// The row for one kind of pass, and whether its verdict is close. `apart` is given for mixed frames: which
+/// kinds were not among the mixed.
+pub(super) fn judge(kind: PassKind, apart: Option<&str>, series: &Series) -> (AuditRow, bool) {
+    let mut row = AuditRow {
+        pass: kind,
+        context: if apart.is_some() { "mixed" } else { "alone" }.to_owned(),
+        timestamp_ns: median(&series.timestamp_ns[0]),
+        host_ns: median(&series.host_ns[0]),
+        ratio: series.ratio(if apart.is_some() { 0.5 } else { ALONE_QUANTILE }),
+        doubling: doubling(&series.timestamp_ns),
+        sound: false,
+        reason: String::new(),
+    };
+    let (verdict, close) = verdict(&row, apart.is_some(), series);
+    row.sound = verdict.is_ok();
+    row.reason = verdict.unwrap_or_else(|reason| reason) + apart.unwrap_or_default();
+    (row, close)
+}
+
+/// Why the row is sound or why not, and whether more rounds may change that.
+fn verdict(row: &AuditRow, mixed: bool, series: &Series) -> (Result<String, String>, bool) {
+    let durations = series.timestamp_ns.iter().flatten().count();
+    if series.faults as f64 > FAULTY_SHARE * durations as f64 {
+        let reason = format!("{} of {durations} durations cannot be true", series.faults);
+        return (Err(reason), false);
+    }
+    let tolerance = if mixed {
+        MIXED_TOLERANCE
+    } else {
+        ALONE_TOLERANCE
+    };
+    let host_doubling = doubling(&series.host_ns);
+    let relative = factor(row.doubling / host_doubling);
+    let disturbed = !mixed && factor(host_doubling / 2.0) > HOST_DOUBLING_TOLERANCE;
+    let close =
+        disturbed || is_close(factor(row.ratio), tolerance) || is_close(relative, tolerance);
+    let verdict = if factor(row.ratio) > tolerance {
+        Err(format!("timestamps read {:.2} of the host time", row.ratio))
+    } else if relative > tolerance {
+        Err(format!(
+            "double work reads {:.2} and took {host_doubling:.2} times as long",
+            row.doubling
+        ))
+    } else if disturbed {
+        Err(format!(
+            "double work took {host_doubling:.2} times as long: nothing to judge by"
+        ))
+    } else {
+        Ok(format!(
+            "agrees with the host clock, where double work took {host_doubling:.2}"
+        ))
+    };
+    (verdict, close)
+}
+
+/// The median; 0 of nothing.
+pub(super) fn median(values: &[f64]) -> f64 {
+    quantile(values, 0.5)
+}
+
+/// The value below which a share `at` of the values lies, between neighbours if need be; 0 of nothing.
+fn quantile(values: &[f64], at: f64) -> f64 {
+    let mut sorted = values.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    let place = sorted.len().saturating_sub(1) as f64 * at;
+    match (
+        sorted.get(place.floor() as usize),
+        sorted.get(place.ceil() as usize),
+    ) {
+        (Some(below), Some(above)) => below + (above - below) * place.fract(),
+        _ => 0.0,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A series of rounds with these times at N, doubled at 2 N, a little noise on each.
+    fn series(timestamp_ns: f64, host_ns: f64) -> Series {
+        let mut series = Series::default();
+        for round in 0..9 {
+            let noise = 1.0 + 0.02 * f64::from(round % 3 - 1);
+            series.push(0, timestamp_ns * noise, host_ns, 0);
+            series.push(1, 2.0 * timestamp_ns * noise, 2.0 * host_ns, 0);
+        }
+        series
+    }
+
+    fn verdict(series: &Series) -> (bool, bool) {
+        let (row, close) = judge(PassKind::Compute, None, series);
+        (row.sound, close)
+    }
+
+    #[test]
+    fn timestamps_that_agree_are_sound() {
+        assert_eq!(verdict(&series(5e6, 5.05e6)), (true, false));
+    }
+
+    #[test]
+    fn half_and_next_to_nothing_are_unsound() {
+        assert_eq!(verdict(&series(2.5e6, 5e6)), (false, false));
+        assert_eq!(verdict(&series(5e3, 5e6)), (false, false));
+        assert_eq!(verdict(&series(0.0, 5e6)), (false, false));
+    }
+
+    #[test]
+    fn a_fixed_reading_does_not_double() {
+        let mut fixed = series(5e6, 5e6);
+        fixed.timestamp_ns[1] = fixed.timestamp_ns[0].clone();
+        assert!(!verdict(&fixed).0);
+    }
+
+    #[test]
+    fn impossible_durations_are_unsound_whatever_their_median() {
+        let mut faulty = series(5e6, 5e6);
+        faulty.faults = 4;
+        assert_eq!(verdict(&faulty), (false, false));
+    }
+
+    #[test]
+    fn a_ratio_near_the_tolerance_is_close() {
+        assert_eq!(verdict(&series(5e6, 5.8e6)), (false, true));
+        assert_eq!(verdict(&series(5e6, 5.5e6)), (true, true));
+    }
+
+    #[test]
+    fn a_disturbed_host_clock_decides_nothing() {
+        let mut disturbed = series(5e6, 5e6);
+        disturbed.host_ns[1].iter_mut().for_each(|ns| *ns *= 1.4);
+        disturbed.timestamp_ns[1]
+            .iter_mut()
+            .for_each(|ns| *ns *= 1.4);
+        assert_eq!(verdict(&disturbed), (false, true));
+    }
+
+    #[test]
+    fn the_median_is_the_middle() {
+        assert_eq!(median(&[]), 0.0);
+        assert_eq!(median(&[3.0, 1.0, 2.0]), 2.0);
+        assert_eq!(median(&[4.0, 1.0, 2.0, 3.0]), 2.5);
+        assert_eq!(quantile(&[4.0, 1.0, 2.0, 3.0, 5.0], 0.75), 4.0);
+    }
+}

@@ -1,0 +1,144 @@
+//! How far a cell's result is from that of its reference run: the same cell with other parameters.
+
+use std::collections::HashMap;
+
+use thiserror::Error;
+
+use super::executor::encodable;
+use super::plan::PlannedReference;
+use super::subject::Subject;
+use crate::gpu::{FrameTimer, Gpu, GpuError, Pixels, read_texture};
+use crate::pipelines::Pipeline;
+use crate::stages::OutputData;
+
+#[derive(Debug, Error)]
+pub enum DifferenceError {
+    #[error(transparent)]
+    Gpu(#[from] GpuError),
+    #[error("no stage of {0} leaves a texture")]
+    NoTexture(String),
+    #[error("the cell's image has {0} × {1} pixels, the reference's {2} × {3}")]
+    Size(u32, u32, u32, u32),
+    #[error("the reference is black")]
+    Black,
+}
+
+/// Results of reference runs, each run once.
+#[derive(Default)]
+pub struct References {
+    images: HashMap<String, Pixels>,
+}
+
+impl References {
+    /// Runs the reference unless it is known, and gives the relative RMS difference of the cell's last
+    /// frame from it: `√(Σ (a − b)² / Σ b²)` over all pixels and channels, in f64.
+    pub fn difference(
+        &mut self,
+        gpu: &Gpu,
+        timer: &mut FrameTimer,
+        cell: &dyn Pipeline,
+        reference: &PlannedReference,
+    ) -> Result<f64, DifferenceError> {
+        let stages = &reference.plan.stages;
+        let key = format!(
+            "{stages:?} {} {}",
+            reference.subject.scene_name, reference.subject.params
+        );
+        let known = match self.images.get(&key) {
+            Some(image) => image,
+            None => {
+                let image = run(gpu, timer, &reference.subject, stages)?;
+                self.images.entry(key).or_insert(image)
+            }
+        };
+        relative_rms(&stage_image(gpu, cell, stages)?, known)
+    }
+}
+
+fn run(
+    gpu: &Gpu,
+    timer: &mut FrameTimer,
+    subject: &Subject,
+    stages: &[String],
+) -> Result<Pixels, DifferenceError> {
+    let pipeline = subject.build(gpu)?;
+    timer.untimed(gpu, &encodable(pipeline.as_ref()))?;
+    stage_image(gpu, pipeline.as_ref(), stages)
+}
+
+/// The first texture that the first present of the named stages leaves.
+fn stage_image(
+    gpu: &Gpu,
+    pipeline: &dyn Pipeline,
+    stages: &[String],
+) -> Result<Pixels, DifferenceError> {
+    let present = pipeline.stages();
+    let stage = stages
+        .iter()
+        .find_map(|name| present.iter().find(|stage| stage.name() == name));
+    let outputs = stage.map(|stage| stage.outputs()).unwrap_or_default();
+    for output in outputs {
+        if let OutputData::Texture(texture) = output.data {
+            return Ok(read_texture(gpu, &texture)?);
+        }
+    }
+    Err(DifferenceError::NoTexture(stages.join(", ")))
+}
+
+fn relative_rms(image: &Pixels, reference: &Pixels) -> Result<f64, DifferenceError> {
+    if (image.width, image.height) != (reference.width, reference.height) {
+        let Pixels { width, height, .. } = *reference;
+        return Err(DifferenceError::Size(
+            image.width,
+            image.height,
+            width,
+            height,
+        ));
+    }
+    let square = |x: f64| x * x;
+    let pairs = image.data.iter().zip(&reference.data);
+    let error: f64 = pairs
+        .map(|(a, b)| square(f64::from(*a) - f64::from(*b)))
+        .sum();
+    let power: f64 = reference.data.iter().map(|b| square(f64::from(*b))).sum();
+    match power > 0.0 {
+        true => Ok((error / power).sqrt()),
+        false => Err(DifferenceError::Black),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn image(data: &[f32]) -> Pixels {
+        Pixels {
+            width: data.len() as u32,
+            height: 1,
+            channels: 1,
+            data: data.to_vec(),
+        }
+    }
+
+    #[test]
+    fn relative_rms_is_zero_for_equals_and_scales() {
+        let reference = image(&[3.0, 4.0]);
+        assert_eq!(relative_rms(&reference, &reference).unwrap(), 0.0);
+        let twice = relative_rms(&image(&[6.0, 8.0]), &reference).unwrap();
+        assert!((twice - 1.0).abs() < 1e-12);
+        let one_off = relative_rms(&image(&[3.0, 4.5]), &reference).unwrap();
+        assert!((one_off - 0.1).abs() < 1e-12);
+    }
+
+    #[test]
+    fn images_of_other_sizes_and_black_references_are_refused() {
+        assert!(matches!(
+            relative_rms(&image(&[1.0]), &image(&[1.0, 2.0])),
+            Err(DifferenceError::Size(1, 1, 2, 1))
+        ));
+        assert!(matches!(
+            relative_rms(&image(&[1.0]), &image(&[0.0])),
+            Err(DifferenceError::Black)
+        ));
+    }
+}

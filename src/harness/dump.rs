@@ -1,0 +1,147 @@
+//! `fathom dump`: a stage's outputs as `.npy` files, each with a JSON file that says what it holds.
+
+use std::path::{Path, PathBuf};
+
+use ndarray::{ArrayD, IxDyn, ShapeError};
+use ndarray_npy::WriteNpyError;
+use serde_json::{Value, json};
+use thiserror::Error;
+
+use super::render;
+use super::subject::{Subject, hint};
+use crate::experiments::nearest;
+use crate::gpu::{Gpu, GpuError, read_buffer, read_texture};
+use crate::stages::{Output, OutputData, Stage};
+
+#[derive(Debug, Error)]
+pub enum DumpError {
+    #[error(transparent)]
+    Gpu(#[from] GpuError),
+    #[error("this pipeline runs no stage `{name}`{}", hint(.nearest))]
+    UnknownStage {
+        name: String,
+        nearest: Option<String>,
+    },
+    #[error("stage `{0}` leaves nothing to dump")]
+    NoOutput(String),
+    #[error("output `{output}` is not of the size it declares: {source}")]
+    Shape { output: String, source: ShapeError },
+    #[error("cannot write {}: {source}", path.display())]
+    Npy {
+        path: PathBuf,
+        source: WriteNpyError,
+    },
+    #[error("cannot write {}: {source}", path.display())]
+    Write {
+        path: PathBuf,
+        source: std::io::Error,
+    },
+}
+
+/// Runs one frame of the subject and writes the outputs of `stage` into `folder`, which is made if need be.
+/// Gives the `.npy` files' paths.
+///
+/// A texture becomes an array of shape (height, width, channels), row 0 at the top; a buffer one of shape
+/// (elements, floats). All values are 32-bit floats.
+pub fn dump(
+    gpu: &Gpu,
+    subject: &Subject,
+    stage: &str,
+    folder: &Path,
+) -> Result<Vec<PathBuf>, DumpError> {
+    let pipeline = render::frame(gpu, subject)?;
+    let stages = pipeline.stages();
+    let outputs = find(&stages, stage)?.outputs();
+    if outputs.is_empty() {
+        return Err(DumpError::NoOutput(stage.to_owned()));
+    }
+    std::fs::create_dir_all(folder).map_err(|source| DumpError::Write {
+        path: folder.to_owned(),
+        source,
+    })?;
+    outputs
+        .iter()
+        .map(|output| write(gpu, subject, stage, output, folder))
+        .collect()
+}
+
+fn find<'a>(stages: &[&'a dyn Stage], name: &str) -> Result<&'a dyn Stage, DumpError> {
+    let found = stages.iter().find(|stage| stage.name() == name);
+    found.copied().ok_or_else(|| DumpError::UnknownStage {
+        name: name.to_owned(),
+        nearest: nearest(name, stages.iter().map(|stage| stage.name())),
+    })
+}
+
+fn write(
+    gpu: &Gpu,
+    subject: &Subject,
+    stage: &str,
+    output: &Output,
+    folder: &Path,
+) -> Result<PathBuf, DumpError> {
+    let array = read(gpu, output)?;
+    let stem = format!(
+        "{}-{}",
+        stage.replace('/', "-"),
+        output.name.replace('/', "-")
+    );
+    let path = folder.join(format!("{stem}.npy"));
+    ndarray_npy::write_npy(&path, &array).map_err(|source| DumpError::Npy {
+        path: path.clone(),
+        source,
+    })?;
+    let about = describe(subject, stage, output, array.shape());
+    let beside = folder.join(format!("{stem}.json"));
+    std::fs::write(&beside, format!("{about:#}\n")).map_err(|source| DumpError::Write {
+        path: beside,
+        source,
+    })?;
+    Ok(path)
+}
+
+fn read(gpu: &Gpu, output: &Output) -> Result<ArrayD<f32>, DumpError> {
+    let (shape, data) = match &output.data {
+        OutputData::Buffer {
+            buffer,
+            stride_floats,
+            count,
+        } => {
+            let bytes = read_buffer(gpu, buffer)?;
+            let shape = vec![*count as usize, *stride_floats as usize];
+            let mut floats: Vec<f32> = bytemuck::pod_collect_to_vec(&bytes);
+            floats.truncate(shape.iter().product());
+            (shape, floats)
+        }
+        OutputData::Texture(texture) => {
+            let pixels = read_texture(gpu, texture)?;
+            let shape = [pixels.height, pixels.width, pixels.channels];
+            (shape.map(|extent| extent as usize).to_vec(), pixels.data)
+        }
+    };
+    ArrayD::from_shape_vec(IxDyn(&shape), data).map_err(|source| DumpError::Shape {
+        output: output.name.clone(),
+        source,
+    })
+}
+
+fn describe(subject: &Subject, stage: &str, output: &Output, shape: &[usize]) -> Value {
+    let axes = match output.data {
+        OutputData::Buffer { .. } => json!(["element", "column"]),
+        OutputData::Texture(_) => json!(["row, from the top", "column, from the left", "channel"]),
+    };
+    json!({
+        "stage": stage,
+        "output": output.name,
+        "meaning": output.meaning,
+        "shape": shape,
+        "axes": axes,
+        "columns": output.columns,
+        "pipeline": subject.kind.name,
+        "scene": subject.scene_name,
+        "stand_ins": subject.scene.stand_ins,
+        "conventions": "right-handed world, +Y up, metres, water at rest is y = 0, seconds, \
+            depth 0 (near) to 1 (far), light directions point the way the light travels",
+        "params": subject.params,
+    })
+}

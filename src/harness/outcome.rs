@@ -1,0 +1,132 @@
+//! From samples to the figures of a record.
+
+use std::collections::BTreeMap;
+
+use super::sample::{Samples, Stopped};
+use crate::gpu::StageCounters;
+use crate::pipelines::Pipeline;
+use crate::record::{Estimate, FrameRecord, Measured, StageRecord};
+use crate::statistics;
+
+/// Share of outliers among the frame times from which on the record says so: one in twenty.
+const NOTED_OUTLIER_SHARE: f64 = 0.05;
+
+/// What is known of a cell besides its samples.
+pub struct Facts<'a> {
+    pub pipeline: &'a dyn Pipeline,
+    pub counters: &'a [StageCounters],
+    pub quantities: BTreeMap<String, f64>,
+    pub notes: Vec<String>,
+    /// The precision asked for.
+    pub precision: f64,
+}
+
+/// The record of a measured cell. Quantities that are not finite are left out and noted.
+pub fn measured(samples: Samples, facts: Facts<'_>) -> Measured {
+    let frame = frame_record(&samples);
+    let mut notes = facts.notes;
+    notes.extend(sampling_notes(&samples, &frame.untimed, facts.precision));
+    let (quantities, unusable): (BTreeMap<_, _>, BTreeMap<_, _>) = facts
+        .quantities
+        .into_iter()
+        .partition(|(_, value)| value.is_finite());
+    notes.extend(
+        unusable
+            .keys()
+            .map(|name| format!("{name} left out: it is not a finite number")),
+    );
+    Measured {
+        stages: stage_records(&samples, facts.pipeline, facts.counters),
+        frame,
+        allocated_bytes: facts.pipeline.allocated_bytes(),
+        quantities,
+        warm_up_frames: samples.warm_up_frames,
+        rejected: samples.rejected,
+        notes,
+    }
+}
+
+fn frame_record(samples: &Samples) -> FrameRecord {
+    FrameRecord {
+        accounting_error: accounting_error(samples),
+        untimed: statistics::estimate(&samples.untimed_ns),
+        timing_cost: statistics::ratio_estimate(&samples.pairs_ns),
+        envelope_samples_ns: samples.envelope_ns.clone(),
+        gap_samples_ns: samples.gaps_ns.clone(),
+        untimed_samples_ns: samples.untimed_ns.clone(),
+    }
+}
+
+/// Median over the frames of |stages + gaps − envelope| / envelope.
+fn accounting_error(samples: &Samples) -> f64 {
+    let frames = samples.envelope_ns.iter().zip(&samples.gaps_ns).enumerate();
+    let errors: Vec<f64> = frames
+        .map(|(frame, (envelope, gaps))| {
+            let stages: f64 = samples.stages.iter().map(|stage| stage.ns[frame]).sum();
+            (stages + gaps - envelope).abs() / envelope
+        })
+        .collect();
+    statistics::median(&errors)
+}
+
+fn stage_records(
+    samples: &Samples,
+    pipeline: &dyn Pipeline,
+    counters: &[StageCounters],
+) -> Vec<StageRecord> {
+    let stages = pipeline.stages();
+    let work = |name: &str| {
+        stages
+            .iter()
+            .find(|stage| stage.name() == name)
+            .map(|stage| stage.work())
+            .unwrap_or_default()
+    };
+    let counted = |name: &str| {
+        let found = counters.iter().find(|stage| stage.name == name);
+        found
+            .map(|stage| stage.counters.clone())
+            .unwrap_or_default()
+    };
+    samples
+        .stages
+        .iter()
+        .map(|stage| StageRecord {
+            stage: stage.name.clone(),
+            clock: stage.clock,
+            time: statistics::estimate(&stage.ns),
+            samples_ns: stage.ns.clone(),
+            work: work(&stage.name),
+            counters: counted(&stage.name),
+        })
+        .collect()
+}
+
+fn sampling_notes(samples: &Samples, frame: &Estimate, precision: f64) -> Vec<String> {
+    let mut notes = Vec::new();
+    if samples.unsteady {
+        notes.push(format!(
+            "the frame time still fell after {} warm-up frames",
+            samples.warm_up_frames
+        ));
+    }
+    let reached = format!(
+        "±{:.1} % where ±{:.1} % was asked",
+        100.0 * (frame.high - frame.low) / 2.0 / frame.median,
+        100.0 * precision
+    );
+    match samples.stopped {
+        Stopped::Precise => {}
+        Stopped::OutOfTime => notes.push(format!("stopped by the time budget at {reached}")),
+        Stopped::EnoughPairs => notes.push(format!("stopped at the most frames at {reached}")),
+        Stopped::Interrupted => notes.push(format!("interrupted at {reached}")),
+    }
+    let outliers = statistics::outliers(&samples.untimed_ns);
+    if outliers.share() > NOTED_OUTLIER_SHARE {
+        notes.push(format!(
+            "{} of {} frames were far slower and {} far faster than the median: other work disturbed the machine",
+            outliers.slow, outliers.n, outliers.fast
+        ));
+    }
+    notes
+}

@@ -1,0 +1,188 @@
+//! From experiments to cells with all parameters resolved and checked, before anything is allocated.
+//!
+//! A parameter's value is the last of: the pipeline's default, the scene file's, the experiment's, the
+//! profile's, `--set`'s, the axis's. Axes are never overruled silently: `--set` of a swept parameter is an error.
+
+use std::collections::BTreeSet;
+
+use serde_json::Value;
+use thiserror::Error;
+
+use super::subject::{Subject, SubjectError, Subjects};
+use crate::experiments::{CellPlan, Experiment, ExperimentError, ReferencePlan};
+use crate::record::{self, Outcome, resume_key};
+
+#[derive(Debug, Error)]
+pub enum PlanError {
+    #[error(transparent)]
+    Experiment(#[from] ExperimentError),
+    #[error("{experiment}, cell {cell}: {source}")]
+    Cell {
+        experiment: String,
+        cell: String,
+        source: SubjectError,
+    },
+}
+
+/// What to measure.
+#[derive(Clone, Debug, Default)]
+pub struct Request {
+    /// Names of built-in experiments or paths of files; none means all built-in ones.
+    pub experiments: Vec<String>,
+    /// Values that replace those of an axis.
+    pub axes: Vec<(String, Vec<String>)>,
+    /// Parameters of every cell, (dotted path, value).
+    pub sets: Vec<(String, Value)>,
+}
+
+impl Request {
+    /// Reads the experiments' files.
+    pub fn load(&self) -> Result<Vec<Experiment>, ExperimentError> {
+        let names = match self.experiments.is_empty() {
+            true => Experiment::builtin_ids(),
+            false => self.experiments.clone(),
+        };
+        names.iter().map(|name| Experiment::load(name)).collect()
+    }
+
+    /// The axis values that concern one experiment. A name that no experiment knows is left to all of
+    /// them, so that the first says so.
+    fn axes_of(&self, experiment: &Experiment, all: &[Experiment]) -> Vec<(String, Vec<String>)> {
+        let has = |experiment: &Experiment, name: &str| experiment.axis_names().contains(&name);
+        let concerns =
+            |name: &str| has(experiment, name) || !all.iter().any(|other| has(other, name));
+        self.axes
+            .iter()
+            .filter(|(name, _)| concerns(name))
+            .cloned()
+            .collect()
+    }
+}
+
+/// An experiment and its cells.
+pub struct PlannedExperiment {
+    pub experiment: Experiment,
+    pub cells: Vec<PlannedCell>,
+}
+
+/// A cell ready to be measured, or the reason why it cannot be.
+pub struct PlannedCell {
+    pub plan: CellPlan,
+    pub subject: Subject,
+    /// Beyond the adapter's limits, with the numbers.
+    pub skip: Option<String>,
+    pub reference: Option<PlannedReference>,
+}
+
+/// What a cell's result is held against.
+pub struct PlannedReference {
+    pub plan: ReferencePlan,
+    pub subject: Subject,
+}
+
+impl PlannedCell {
+    /// See [`resume_key`].
+    pub fn resume_key(&self) -> String {
+        let CellPlan {
+            experiment,
+            cell,
+            pipeline,
+            scene,
+            ..
+        } = &self.plan;
+        let Subject {
+            scene: built,
+            params,
+            ..
+        } = &self.subject;
+        resume_key(experiment, cell, pipeline, scene, &built.stand_ins, params)
+    }
+
+    /// The record of this cell.
+    pub fn record(&self, outcome: Outcome) -> record::Cell {
+        record::Cell {
+            experiment: self.plan.experiment.clone(),
+            cell: self.plan.cell.clone(),
+            axes: self.plan.axes.clone(),
+            pipeline: self.plan.pipeline.clone(),
+            scene: self.plan.scene.clone(),
+            stand_ins: self.subject.scene.stand_ins.clone(),
+            params: self.subject.params.clone(),
+            outcome,
+        }
+    }
+}
+
+/// Expands and resolves `experiments` and holds each cell against the adapter's limits.
+pub fn plan(
+    experiments: Vec<Experiment>,
+    request: &Request,
+    profile: &str,
+    limits: &wgpu::Limits,
+) -> Result<Vec<PlannedExperiment>, PlanError> {
+    let mut subjects = Subjects::default();
+    let mut expanded = Vec::new();
+    for experiment in &experiments {
+        let axes = request.axes_of(experiment, &experiments);
+        expanded.push(experiment.cells(profile, &axes, &request.sets)?);
+    }
+    let cells = expanded.into_iter().map(|plans| {
+        plans
+            .into_iter()
+            .map(|plan| planned_cell(&mut subjects, plan, limits))
+            .collect()
+    });
+    let cells: Vec<Vec<PlannedCell>> = cells.collect::<Result<_, _>>()?;
+    let planned = experiments.into_iter().zip(cells);
+    Ok(planned
+        .map(|(experiment, cells)| PlannedExperiment { experiment, cells })
+        .collect())
+}
+
+fn planned_cell(
+    subjects: &mut Subjects,
+    plan: CellPlan,
+    limits: &wgpu::Limits,
+) -> Result<PlannedCell, PlanError> {
+    let error = |source| PlanError::Cell {
+        experiment: plan.experiment.clone(),
+        cell: plan.cell.clone(),
+        source,
+    };
+    let mut subject = |overrides| {
+        subjects
+            .subject(&plan.pipeline, &plan.scene, overrides)
+            .map_err(error)
+    };
+    let of_cell = subject(&plan.overrides)?;
+    let reference = match &plan.reference {
+        Some(reference) => Some(PlannedReference {
+            subject: subject(&reference.overrides)?,
+            plan: reference.clone(),
+        }),
+        None => None,
+    };
+    let skip = of_cell.beyond(limits).map_err(error)?;
+    Ok(PlannedCell {
+        subject: of_cell,
+        skip,
+        reference,
+        plan,
+    })
+}
+
+/// Drops the cells that `finished` (resume keys) holds; how many they were.
+pub fn drop_finished(planned: &mut [PlannedExperiment], finished: &BTreeSet<String>) -> usize {
+    let count =
+        |planned: &[PlannedExperiment]| planned.iter().map(|e| e.cells.len()).sum::<usize>();
+    let before = count(planned);
+    for experiment in planned.iter_mut() {
+        experiment
+            .cells
+            .retain(|cell| !finished.contains(&cell.resume_key()));
+    }
+    before - count(planned)
+}
+
+#[cfg(test)]
+mod tests;

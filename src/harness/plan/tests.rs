@@ -1,0 +1,154 @@
+use serde_json::json;
+
+use super::*;
+
+const SWEEP: &str = r#"
+id = "sweep"
+title = "t"
+source = "s"
+pipeline = "underwater"
+scene = "plane"
+
+[params]
+caustics.grid = 20
+godrays.grid = 12
+view.width = 64
+view.height = 48
+
+[profile.quick.params]
+godrays.grid = 11
+
+[[sweep]]
+[[sweep.axis]]
+name = "caustics.buffer"
+values = [[32, 32], [64, 64]]
+"#;
+
+fn experiments() -> Vec<Experiment> {
+    let plain = SWEEP
+        .replace("sweep\"", "plain\"")
+        .replace("[[sweep]]", "")
+        .replace("[[sweep.axis]]", "");
+    let plain = plain.split("name = ").next().unwrap().to_owned();
+    vec![
+        Experiment::parse("sweep", SWEEP).unwrap(),
+        Experiment::parse("plain", &plain).unwrap(),
+    ]
+}
+
+fn request(sets: &[(&str, Value)]) -> Request {
+    let sets = sets
+        .iter()
+        .map(|(path, value)| ((*path).to_owned(), value.clone()))
+        .collect();
+    Request {
+        sets,
+        ..Request::default()
+    }
+}
+
+fn planned(request: &Request) -> Result<Vec<PlannedExperiment>, PlanError> {
+    plan(experiments(), request, "quick", &wgpu::Limits::default())
+}
+
+#[test]
+fn the_last_of_default_experiment_profile_set_and_axis_counts() {
+    let request = request(&[("view.height", json!(40)), ("water.amplitude_m", json!(0))]);
+    let planned = planned(&request).unwrap();
+    let params = &planned[0].cells[1].subject.params;
+    assert_eq!(params["shadow"]["size"], 1024, "the pipeline's default");
+    assert_eq!(params["view"]["width"], 64, "the experiment's");
+    assert_eq!(params["godrays"]["grid"], 11, "the profile's");
+    assert_eq!(params["view"]["height"], 40, "--set's");
+    assert_eq!(
+        params["water"]["amplitude_m"], 0.0,
+        "a whole number passes for a real one"
+    );
+    assert_eq!(params["caustics"]["buffer"], json!([64, 64]), "the axis's");
+    let file = crate::scene::SceneFile::load("plane").unwrap();
+    assert_eq!(params["floor_depth_m"], file.floor_depth_m, "the scene's");
+}
+
+#[test]
+fn geometry_is_made_once_for_equal_scenes_and_follows_the_parameters() {
+    let two = planned(&request(&[])).unwrap();
+    let scene = |cell: usize| &two[0].cells[cell].subject.scene;
+    assert!(std::rc::Rc::ptr_eq(scene(0), scene(1)));
+    let deeper = planned(&request(&[("floor_depth_m", json!(7.5))])).unwrap();
+    assert_eq!(deeper[0].cells[0].subject.scene.floor_depth_m, 7.5);
+}
+
+#[test]
+fn cells_beyond_a_limit_are_skipped_with_the_numbers_and_the_others_stay() {
+    let request = Request {
+        axes: vec![(
+            "caustics.buffer".into(),
+            vec!["[32,32]".into(), "[20000,32]".into()],
+        )],
+        ..Request::default()
+    };
+    let planned = planned(&request).unwrap();
+    let [fits, beyond] = &planned[0].cells[..] else {
+        panic!("two cells");
+    };
+    assert_eq!(fits.skip, None);
+    let reason = beyond.skip.as_deref().unwrap();
+    assert!(
+        reason.contains("20000") && reason.contains("8192"),
+        "{reason}"
+    );
+    let record = beyond.record(Outcome::Skipped {
+        reason: reason.to_owned(),
+    });
+    assert_eq!(record.cell, "caustics.buffer=20000x32");
+}
+
+#[test]
+fn unknown_names_are_errors_that_name_the_nearest() {
+    let error = |request| planned(&request).err().unwrap().to_string();
+    let unknown = error(request(&[("caustics.gird", json!(3))]));
+    assert!(unknown.contains("caustics.grid`"), "{unknown}");
+    let axis = |name: &str| Request {
+        axes: vec![(name.to_owned(), vec!["[8,8]".into()])],
+        ..Request::default()
+    };
+    let unknown = error(axis("caustics.bufer"));
+    assert!(
+        unknown.contains("did you mean `caustics.buffer`"),
+        "{unknown}"
+    );
+    assert!(
+        planned(&axis("caustics.buffer")).is_ok(),
+        "an axis that one experiment lacks is its own matter"
+    );
+    let swept = error(request(&[("caustics.buffer", json!([9, 9]))]));
+    assert!(swept.contains("--axis"), "{swept}");
+}
+
+#[test]
+fn parameters_out_of_range_are_errors() {
+    let error = planned(&request(&[("godrays.phase_k", json!(3.0))]))
+        .err()
+        .unwrap()
+        .to_string();
+    assert!(error.contains("phase_k"), "{error}");
+}
+
+#[test]
+fn finished_cells_are_dropped_by_their_key() {
+    let mut all = planned(&request(&[])).unwrap();
+    let done = BTreeSet::from([all[0].cells[0].resume_key()]);
+    assert_eq!(drop_finished(&mut all, &done), 1);
+    assert_eq!(all[0].cells.len(), 1);
+    assert_eq!(all[0].cells[0].plan.cell, "caustics.buffer=64x64");
+    let record = all[0].cells[0].record(Outcome::Failed {
+        reason: String::new(),
+    });
+    assert_eq!(record.resume_key(), all[0].cells[0].resume_key());
+    let mut other = planned(&request(&[("shadow.size", json!(512))])).unwrap();
+    assert_eq!(
+        drop_finished(&mut other, &done),
+        0,
+        "another parameter is another cell"
+    );
+}

@@ -1,0 +1,118 @@
+//! What a run says on stderr while it measures: a bar on a terminal, one line per cell elsewhere.
+
+use std::io::{IsTerminal, stderr};
+use std::time::{Duration, Instant};
+
+use indicatif::{ProgressBar, ProgressStyle};
+
+use crate::experiments::CellPlan;
+use crate::record::{Cell, Outcome};
+
+/// Follows a run over all its cells.
+pub struct Progress {
+    bar: Option<ProgressBar>,
+    total: usize,
+    done: usize,
+    end: Instant,
+    quiet: bool,
+}
+
+impl Progress {
+    /// For `total` cells and a time budget in seconds; silent if `quiet`.
+    pub fn new(total: usize, budget_s: f64, quiet: bool) -> Self {
+        let bar = (!quiet && stderr().is_terminal()).then(|| {
+            let bar = ProgressBar::new(total as u64);
+            let style = ProgressStyle::with_template("{bar:30} {pos}/{len} cells  {msg}")
+                .unwrap_or_else(|_| ProgressStyle::default_bar());
+            bar.with_style(style)
+        });
+        let end = Instant::now() + Duration::try_from_secs_f64(budget_s).unwrap_or(Duration::ZERO);
+        Self {
+            bar,
+            total,
+            done: 0,
+            end,
+            quiet,
+        }
+    }
+
+    /// A cell's pipeline is about to be built.
+    pub fn preparing(&mut self, cell: &CellPlan) {
+        if let Some(bar) = &self.bar {
+            bar.set_prefix(cell.experiment.clone());
+        }
+        self.tick();
+    }
+
+    /// A frame has been rendered.
+    pub fn tick(&mut self) {
+        if let Some(bar) = &self.bar {
+            bar.set_message(format!("{}  {}", bar.prefix(), self.time_left()));
+        }
+    }
+
+    /// A cell has its result.
+    pub fn finished(&mut self, cell: &Cell) {
+        self.done += 1;
+        let name = format!("{} {}", cell.experiment, cell.cell);
+        let result = describe(&cell.outcome);
+        match &self.bar {
+            Some(bar) => {
+                bar.println(format!("{name}: {result}"));
+                bar.set_position(self.done as u64);
+            }
+            None => self.line(&format!(
+                "[{}/{}] {name}: {result}  ({})",
+                self.done,
+                self.total,
+                self.time_left()
+            )),
+        }
+    }
+
+    /// Something to know about the run.
+    pub fn say(&self, text: &str) {
+        match &self.bar {
+            Some(bar) => bar.println(text),
+            None => self.line(text),
+        }
+    }
+
+    /// Clears the bar.
+    pub fn end(&self) {
+        if let Some(bar) = &self.bar {
+            bar.finish_and_clear();
+        }
+    }
+
+    fn line(&self, text: &str) {
+        if !self.quiet {
+            eprintln!("{text}");
+        }
+    }
+
+    fn time_left(&self) -> String {
+        match self.end.saturating_duration_since(Instant::now()).as_secs() {
+            0 => "past the time budget, on each cell's least frames".to_owned(),
+            left_s => format!("about {}:{:02} min left", left_s / 60, left_s % 60),
+        }
+    }
+}
+
+/// A cell's result in a few words.
+fn describe(outcome: &Outcome) -> String {
+    match outcome {
+        Outcome::Measured(measured) => {
+            let frame = &measured.frame.untimed;
+            let half_width = (frame.high - frame.low) / 2.0 / frame.median;
+            format!(
+                "{:.3} ms ±{:.1} % from {} pairs of frames",
+                frame.median * 1e-6,
+                100.0 * half_width,
+                frame.n
+            )
+        }
+        Outcome::Skipped { reason } => format!("skipped: {reason}"),
+        Outcome::Failed { reason } => format!("failed: {reason}"),
+    }
+}

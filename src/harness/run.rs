@@ -1,0 +1,372 @@
+//! `fathom run`: experiments in turn, a record after every cell, reports at the end.
+
+use std::path::PathBuf;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Instant, SystemTime};
+
+use thiserror::Error;
+
+use super::executor::{self, CellExecutor, Session};
+use super::output::{self, Output, OutputError};
+use super::plan::{self, PlanError, PlannedCell, PlannedExperiment, Request};
+use super::progress::Progress;
+use super::sample::{self, Settings};
+use super::{calendar, memory};
+use crate::experiments::{Experiment, ExperimentError};
+use crate::gpu::{self, Audit, Gpu, GpuError};
+use crate::record::{self, Definition, End, Outcome, Record, RecordError, Run, SCHEMA, Writer};
+use crate::report::{self, ReportError};
+
+/// Memory of the cells that are prepared at the same time. On a software driver it is the process's own,
+/// which is to stay below 2 GiB.
+const SOFTWARE_GROUP_BYTES: u64 = 512 << 20;
+const GPU_GROUP_BYTES: u64 = 2 << 30;
+
+#[derive(Debug, Error)]
+pub enum RunError {
+    #[error(transparent)]
+    Experiment(#[from] ExperimentError),
+    #[error(transparent)]
+    Plan(#[from] PlanError),
+    #[error(transparent)]
+    Gpu(#[from] GpuError),
+    #[error(transparent)]
+    Output(#[from] OutputError),
+    #[error(transparent)]
+    Record(#[from] RecordError),
+    #[error(transparent)]
+    Report(#[from] ReportError),
+    #[error("{name} must be a positive number, not {value}")]
+    NotPositive { name: &'static str, value: f64 },
+}
+
+/// What to run and how. `None` means the profile's own value.
+#[derive(Clone, Debug, Default)]
+pub struct Options {
+    pub gpu: gpu::Options,
+    pub request: Request,
+    /// `quick` or `paper`; by default that of the run to resume, else `quick` on a software adapter and
+    /// `paper` on a GPU.
+    pub profile: Option<String>,
+    /// Time for all cells together, seconds.
+    pub budget_s: Option<f64>,
+    /// Half the width of the frame time's 95 % interval over its median.
+    pub precision: Option<f64>,
+    pub out: Option<PathBuf>,
+    pub resume: bool,
+    /// Seed of the order of cells and frames.
+    pub seed: Option<u64>,
+    /// The command line, for the record.
+    pub command: Vec<String>,
+    /// Say nothing on stderr.
+    pub quiet: bool,
+}
+
+/// What came of a run.
+#[derive(Clone, Debug)]
+pub struct Summary {
+    pub out: PathBuf,
+    pub measured: usize,
+    pub skipped: usize,
+    /// Why the first skipped cell was.
+    pub skip_reason: Option<String>,
+    pub failed: usize,
+    /// Cells of an earlier run that were not measured again.
+    pub kept: usize,
+    pub end: End,
+}
+
+impl Summary {
+    /// Wall time after set-up over the GPU time measured in it, if there is any.
+    pub fn efficiency(&self) -> Option<f64> {
+        let gpu_s = self.end.measured_gpu_s;
+        (gpu_s > 0.0).then(|| self.end.measuring_wall_s / gpu_s)
+    }
+}
+
+/// What a profile asks when the command line does not.
+struct Defaults {
+    precision: f64,
+    budget_per_cell_s: f64,
+    most_budget_s: f64,
+}
+
+/// Quick: the whole suite within five minutes, set-up included.
+const QUICK: Defaults = Defaults {
+    precision: 0.02,
+    budget_per_cell_s: 6.0,
+    most_budget_s: 225.0,
+};
+const PAPER: Defaults = Defaults {
+    precision: 0.01,
+    budget_per_cell_s: 20.0,
+    most_budget_s: 1_800.0,
+};
+
+impl Defaults {
+    fn of(profile: &str) -> Self {
+        if profile == "quick" { QUICK } else { PAPER }
+    }
+}
+
+/// Measures what `options` ask for and writes records and reports. When `interrupted` is set, what has been
+/// measured so far is written and the run ends.
+pub fn run(options: &Options, interrupted: &AtomicBool) -> Result<Summary, RunError> {
+    let start = Instant::now();
+    check(options)?;
+    let experiments = options.request.load()?;
+    let resumed = options
+        .resume
+        .then(|| Output::resume(options.out.as_deref()))
+        .transpose()?;
+    let before = resumed
+        .as_ref()
+        .map(output::read)
+        .transpose()?
+        .unwrap_or_default()
+        .records;
+    let gpu = Gpu::open(&options.gpu)?;
+    let profile = profile(options, &before, &gpu);
+    let mut planned = plan::plan(experiments, &options.request, &profile, &gpu.limits)?;
+    let output = match resumed {
+        Some(output) => output,
+        None => Output::create(options.out.as_deref(), &gpu.adapter.name, &profile)?,
+    };
+    let audit = gpu::audit(&gpu)?;
+    let seed = options
+        .seed
+        .unwrap_or_else(|| u64::from(rand::random::<u32>()));
+    let header = header(options, &gpu, &audit, &profile, seed);
+    let kept = plan::drop_finished(&mut planned, &record::finished(&before, &header));
+    let mut measurement = Measurement {
+        settings: settings(options, &profile, &planned, seed, gpu.adapter.software),
+        session: Session::new(gpu, options.gpu.clone(), audit.plan)?,
+        writer: Writer::append(&output.records())?,
+        output,
+        interrupted,
+        quiet: options.quiet,
+    };
+    measurement.writer.write(&Record::Run(header))?;
+    let set_up_s = start.elapsed().as_secs_f64();
+    measurement.measure(&planned, &before)?;
+    measurement.end(start, set_up_s, kept)
+}
+
+fn check(options: &Options) -> Result<(), RunError> {
+    let given = [
+        ("--budget", options.budget_s),
+        ("--precision", options.precision),
+    ];
+    for (name, value) in given {
+        if let Some(value) = value.filter(|value| !(value.is_finite() && *value > 0.0)) {
+            return Err(RunError::NotPositive { name, value });
+        }
+    }
+    Ok(())
+}
+
+fn profile(options: &Options, before: &[Record], gpu: &Gpu) -> String {
+    let resumed = before.iter().rev().find_map(|record| match record {
+        Record::Run(run) => Some(run.profile.clone()),
+        _ => None,
+    });
+    let default = if gpu.adapter.software {
+        "quick"
+    } else {
+        "paper"
+    };
+    options
+        .profile
+        .clone()
+        .or(resumed)
+        .unwrap_or_else(|| default.to_owned())
+}
+
+fn header(options: &Options, gpu: &Gpu, audit: &Audit, profile: &str, seed: u64) -> Run {
+    let mut notes = gpu.notes.clone();
+    notes.push(format!(
+        "cells and frames in an order drawn from the seed {seed}"
+    ));
+    Run {
+        schema: SCHEMA,
+        fathom_version: env!("CARGO_PKG_VERSION").to_owned(),
+        started_at: calendar::rfc3339(SystemTime::now()),
+        profile: profile.to_owned(),
+        command: options.command.clone(),
+        adapter: gpu.adapter.clone(),
+        shader_checks: if gpu.unchecked {
+            "unchecked"
+        } else {
+            "checked"
+        }
+        .to_owned(),
+        audit: audit.rows.clone(),
+        submit_cost_ns: audit.plan.submit_cost_ns,
+        notes,
+    }
+}
+
+fn settings(
+    options: &Options,
+    profile: &str,
+    planned: &[PlannedExperiment],
+    seed: u64,
+    software: bool,
+) -> Settings {
+    let defaults = Defaults::of(profile);
+    let cells = measurable(planned) as f64;
+    let default_budget_s = (cells * defaults.budget_per_cell_s).min(defaults.most_budget_s);
+    Settings {
+        precision: options.precision.unwrap_or(defaults.precision),
+        budget_s: options.budget_s.unwrap_or(default_budget_s),
+        group_bytes: if software {
+            SOFTWARE_GROUP_BYTES
+        } else {
+            GPU_GROUP_BYTES
+        },
+        seed,
+    }
+}
+
+fn measurable(planned: &[PlannedExperiment]) -> usize {
+    planned
+        .iter()
+        .flat_map(|e| &e.cells)
+        .filter(|cell| cell.skip.is_none())
+        .count()
+}
+
+struct Measurement<'a> {
+    session: Session,
+    writer: Writer,
+    output: Output,
+    settings: Settings,
+    interrupted: &'a AtomicBool,
+    quiet: bool,
+}
+
+impl Measurement<'_> {
+    fn measure(
+        &mut self,
+        planned: &[PlannedExperiment],
+        before: &[Record],
+    ) -> Result<(), RunError> {
+        let total = planned
+            .iter()
+            .map(|experiment| experiment.cells.len())
+            .sum();
+        let mut progress = Progress::new(total, self.settings.budget_s, self.quiet);
+        let start = Instant::now();
+        let mut cells_left = measurable(planned);
+        for (index, PlannedExperiment { experiment, cells }) in planned.iter().enumerate() {
+            if cells.is_empty() {
+                continue;
+            }
+            if self.interrupted.load(Ordering::Relaxed) {
+                break;
+            }
+            self.define(experiment, before)?;
+            self.skip(cells, &mut progress)?;
+            let measurable = cells.iter().filter(|cell| cell.skip.is_none()).count();
+            let left_s = self.settings.budget_s - start.elapsed().as_secs_f64();
+            let settings = Settings {
+                budget_s: (left_s * measurable as f64 / cells_left.max(1) as f64).max(0.0),
+                seed: self.settings.seed.wrapping_add(index as u64),
+                ..self.settings
+            };
+            self.sample(cells, &settings, &mut progress)?;
+            cells_left -= measurable;
+        }
+        progress.end();
+        Ok(())
+    }
+
+    /// Records an experiment's text before its first cell, once.
+    fn define(&mut self, experiment: &Experiment, before: &[Record]) -> Result<(), RecordError> {
+        let definition = Record::Experiment(Definition {
+            id: experiment.id.clone(),
+            toml: experiment.text.clone(),
+        });
+        if before.contains(&definition) {
+            return Ok(());
+        }
+        self.writer.write(&definition)
+    }
+
+    fn skip(&mut self, cells: &[PlannedCell], progress: &mut Progress) -> Result<(), RecordError> {
+        for cell in cells {
+            if let Some(reason) = cell.skip.clone() {
+                let record = cell.record(Outcome::Skipped { reason });
+                progress.finished(&record);
+                self.writer.write(&Record::Cell(Box::new(record)))?;
+            }
+        }
+        Ok(())
+    }
+
+    fn sample(
+        &mut self,
+        cells: &[PlannedCell],
+        settings: &Settings,
+        progress: &mut Progress,
+    ) -> Result<(), RecordError> {
+        let pictures = self.output.pictures();
+        let output = executor::Output {
+            writer: &mut self.writer,
+            progress,
+            pictures: pictures.as_path(),
+        };
+        let mut executor = CellExecutor::new(&mut self.session, cells, settings.precision, output);
+        let due: Vec<usize> = (0..cells.len())
+            .filter(|index| cells[*index].skip.is_none())
+            .collect();
+        sample::sample(&mut executor, &due, settings, self.interrupted)
+    }
+
+    /// Records the end, and writes the reports from all records of the folder.
+    fn end(mut self, start: Instant, set_up_s: f64, kept: usize) -> Result<Summary, RunError> {
+        let set_up_s = set_up_s + self.session.spent.set_up_s;
+        let end = End {
+            measuring_wall_s: start.elapsed().as_secs_f64() - set_up_s,
+            measured_gpu_s: self.session.spent.frames_ns * 1e-9,
+            set_up_s,
+            peak_memory_bytes: memory::peak_bytes(),
+            interrupted: self.interrupted.load(Ordering::Relaxed),
+        };
+        self.writer.write(&Record::End(end.clone()))?;
+        let records = output::read(&self.output)?.records;
+        report::write(&self.output.folder, &records)?;
+        Ok(summary(self.output.folder, &records, end, kept))
+    }
+}
+
+/// Counts the cells after the last header.
+fn summary(out: PathBuf, records: &[Record], end: End, kept: usize) -> Summary {
+    let mut summary = Summary {
+        out,
+        measured: 0,
+        skipped: 0,
+        skip_reason: None,
+        failed: 0,
+        kept,
+        end,
+    };
+    let since = records
+        .iter()
+        .rposition(|record| matches!(record, Record::Run(_)))
+        .unwrap_or(0);
+    for record in &records[since..] {
+        let Record::Cell(cell) = record else {
+            continue;
+        };
+        match &cell.outcome {
+            Outcome::Measured(_) => summary.measured += 1,
+            Outcome::Failed { .. } => summary.failed += 1,
+            Outcome::Skipped { reason } => {
+                summary.skipped += 1;
+                summary.skip_reason.get_or_insert_with(|| reason.clone());
+            }
+        }
+    }
+    summary
+}

@@ -1,0 +1,123 @@
+//! One pipeline on one scene with all its parameters: what can be checked, built and run.
+
+use std::collections::HashMap;
+use std::rc::Rc;
+
+use serde_json::Value;
+use thiserror::Error;
+
+use crate::experiments::nearest;
+use crate::gpu::{Gpu, GpuError};
+use crate::pipelines::params::{self, ParamError};
+use crate::pipelines::{self, Kind, Pipeline};
+use crate::scene::{Scene, SceneError, SceneFile};
+
+/// Why a pipeline, a scene and parameters do not go together. Each message says what to do.
+#[derive(Debug, Error)]
+pub enum SubjectError {
+    #[error("unknown pipeline `{name}`{}", hint(.nearest))]
+    UnknownPipeline {
+        name: String,
+        nearest: Option<String>,
+    },
+    #[error(transparent)]
+    Scene(#[from] SceneError),
+    #[error(transparent)]
+    Param(#[from] ParamError),
+    #[error("{0}")]
+    Invalid(String),
+}
+
+/// `; did you mean …?`, or nothing.
+pub(super) fn hint(nearest: &Option<String>) -> String {
+    nearest
+        .as_ref()
+        .map_or_else(String::new, |name| format!("; did you mean `{name}`?"))
+}
+
+/// A pipeline kind, a scene with its geometry, and every parameter.
+#[derive(Clone)]
+pub struct Subject {
+    pub kind: &'static Kind,
+    /// As it was asked for: a built-in name or a path.
+    pub scene_name: String,
+    pub scene: Rc<Scene>,
+    pub params: Value,
+}
+
+impl Subject {
+    /// What the parameters ask beyond `limits`, with the numbers. Nothing is allocated.
+    pub fn beyond(&self, limits: &wgpu::Limits) -> Result<Option<String>, SubjectError> {
+        let demand =
+            (self.kind.demand)(&self.params, &self.scene).map_err(SubjectError::Invalid)?;
+        Ok(demand.check(limits).err())
+    }
+
+    /// Makes the pipeline's resources; any fault of the device comes back as an error.
+    pub fn build(&self, gpu: &Gpu) -> Result<Box<dyn Pipeline>, GpuError> {
+        if let Some(reason) = self
+            .beyond(&gpu.limits)
+            .map_err(|e| GpuError::Limit(e.to_string()))?
+        {
+            return Err(GpuError::Limit(reason));
+        }
+        gpu.scoped(|| (self.kind.build)(gpu, &self.scene, &self.params))
+    }
+}
+
+/// Makes subjects, each scene only once.
+#[derive(Default)]
+pub struct Subjects {
+    files: HashMap<String, SceneFile>,
+    built: Vec<(SceneFile, Rc<Scene>)>,
+}
+
+impl Subjects {
+    /// The pipeline's defaults for the scene, with `overrides` (dotted path, value) put in, in their order.
+    pub fn subject(
+        &mut self,
+        pipeline: &str,
+        scene: &str,
+        overrides: &[(String, Value)],
+    ) -> Result<Subject, SubjectError> {
+        let kind = find_kind(pipeline)?;
+        let file = self.file(scene)?;
+        let mut params = (kind.defaults)(&file);
+        for (path, value) in overrides {
+            params::set(&mut params, path, value.clone())?;
+        }
+        let file = (kind.scene_file)(&file, &params).map_err(SubjectError::Invalid)?;
+        let scene_name = scene.to_owned();
+        Ok(Subject {
+            kind,
+            scene_name,
+            scene: self.scene(file)?,
+            params,
+        })
+    }
+
+    fn file(&mut self, scene: &str) -> Result<SceneFile, SceneError> {
+        if let Some(file) = self.files.get(scene) {
+            return Ok(file.clone());
+        }
+        let file = SceneFile::load(scene)?;
+        self.files.insert(scene.to_owned(), file.clone());
+        Ok(file)
+    }
+
+    fn scene(&mut self, file: SceneFile) -> Result<Rc<Scene>, SceneError> {
+        if let Some((_, scene)) = self.built.iter().find(|(known, _)| *known == file) {
+            return Ok(Rc::clone(scene));
+        }
+        let scene = Rc::new(Scene::build(&file)?);
+        self.built.push((file, Rc::clone(&scene)));
+        Ok(scene)
+    }
+}
+
+fn find_kind(name: &str) -> Result<&'static Kind, SubjectError> {
+    pipelines::find(name).ok_or_else(|| SubjectError::UnknownPipeline {
+        name: name.to_owned(),
+        nearest: nearest(name, pipelines::KINDS.iter().map(|kind| kind.name)),
+    })
+}

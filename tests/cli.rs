@@ -1,0 +1,236 @@
+//! The command line as a user meets it. What measures runs on the default adapter, a software one at least.
+
+use std::path::Path;
+
+use assert_cmd::Command;
+use fathom::record::{self, Outcome, Record};
+use predicates::prelude::*;
+use predicates::str::contains;
+
+fn fathom() -> Command {
+    Command::new(env!("CARGO_BIN_EXE_fathom"))
+}
+
+/// Runs that end with status 2 and one line on stderr that begins with `error: `, apart from what graphics
+/// drivers print.
+#[track_caller]
+fn refused(arguments: &[&str], reason: &str) {
+    let output = fathom().args(arguments).output().unwrap();
+    let stderr = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(output.status.code(), Some(2), "{arguments:?}: {stderr}");
+    assert!(output.stdout.is_empty(), "{arguments:?}");
+    let ours: Vec<&str> = stderr
+        .lines()
+        .filter(|line| line.contains(reason))
+        .collect();
+    assert_eq!(ours.len(), 1, "{arguments:?}: {stderr}");
+    assert!(ours[0].starts_with("error: "), "{arguments:?}: {stderr}");
+}
+
+#[test]
+fn bad_input_is_one_clear_line_and_status_2() {
+    refused(
+        &["run", "uw-defalt"],
+        "unknown experiment `uw-defalt`; did you mean `uw-default`?",
+    );
+    refused(&["run", "--set", "nothing"], "not of the form PATH=VALUE");
+    refused(&["run", "--profile", "qick"], "'quick'");
+    refused(
+        &["run", "--budget", "0"],
+        "--budget must be a positive number",
+    );
+    refused(&["rum"], "'run'");
+    refused(&["render", "tnk"], "did you mean `tank`");
+    refused(
+        &["render", "tank", "--pipeline", "underwatr"],
+        "did you mean `underwater`",
+    );
+    refused(
+        &["list", "parameters", "--set", "caustics.gird=3"],
+        "did you mean `caustics.grid`",
+    );
+    refused(
+        &["report", "no/such/folder"],
+        "no/such/folder/records.jsonl",
+    );
+}
+
+#[test]
+fn bad_input_that_only_a_plan_shows_is_found_before_measuring() {
+    refused(
+        &["run", "uw-default", "--set", "caustics.gird=3"],
+        "did you mean `caustics.grid`",
+    );
+    refused(
+        &["run", "uw-default", "--set", "caustics.grid=few"],
+        "takes a whole number",
+    );
+    refused(
+        &["run", "uw-waves", "--axis", "watr=circular"],
+        "did you mean `water`",
+    );
+    refused(
+        &["run", "uw-default", "--adapter", "no such adapter"],
+        "no adapter matches",
+    );
+    refused(
+        &["dump", "caustics/trce", "--set", "caustics.grid=8"],
+        "did you mean `caustics/trace`",
+    );
+}
+
+#[test]
+fn a_folder_that_cannot_be_written_to_is_found_before_measuring() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("file");
+    std::fs::write(&file, "in the way").unwrap();
+    let out = file.to_str().unwrap();
+    refused(
+        &["run", "uw-default", "--out", out],
+        "choose another folder with --out",
+    );
+    assert_eq!(std::fs::read_to_string(&file).unwrap(), "in the way");
+}
+
+#[test]
+fn listings_name_what_there_is() {
+    let lists = |what: &str| fathom().args(["list", what]).assert().success();
+    lists("experiments").stdout(contains("uw-photons").and(contains("uw-waves")));
+    lists("scenes").stdout(contains("tank").and(contains("plane")));
+    lists("stages").stdout(contains("caustics/trace").and(contains("compose")));
+    lists("parameters").stdout(contains("water.refractive_index").and(contains("1.33")));
+    lists("pipelines").stdout(contains("underwater"));
+}
+
+/// Small enough for a second per run on a software driver.
+const SMALL: [&str; 16] = [
+    "--set",
+    "view.width=64",
+    "--set",
+    "view.height=64",
+    "--set",
+    "shadow.size=64",
+    "--set",
+    "surface.cells=16",
+    "--set",
+    "caustics.grid=16",
+    "--set",
+    "godrays.grid=8",
+    "--set",
+    "caustics.buffer=[32,32]",
+    "--set",
+    "godrays.buffer=[16,16]",
+];
+
+fn run(out: &Path, arguments: &[&str]) -> Command {
+    let mut command = fathom();
+    command
+        .args(["run", "uw-default", "--budget", "1", "--seed", "1", "--out"])
+        .arg(out);
+    command.args(SMALL).args(arguments);
+    command
+}
+
+fn records(out: &Path) -> Vec<Record> {
+    let reading = record::read(&out.join("records.jsonl")).unwrap();
+    assert!(reading.damaged.is_empty());
+    reading.records
+}
+
+fn cells(records: &[Record]) -> Vec<&record::Cell> {
+    let cells = records.iter().filter_map(|record| match record {
+        Record::Cell(cell) => Some(cell.as_ref()),
+        _ => None,
+    });
+    cells.collect()
+}
+
+#[test]
+fn a_run_leaves_records_reports_and_pictures_and_resumes() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path();
+    run(out, &[])
+        .assert()
+        .success()
+        .stdout(contains("1 cells measured"));
+    let first = records(out);
+    assert!(matches!(first[0], Record::Run(_)));
+    assert!(matches!(first[1], Record::Experiment(_)));
+    let Some(Record::End(end)) = first.last() else {
+        panic!("no end");
+    };
+    assert!(
+        !end.interrupted && end.measured_gpu_s > 0.0 && end.measuring_wall_s >= end.measured_gpu_s
+    );
+    let Outcome::Measured(measured) = &cells(&first)[0].outcome else {
+        panic!("not measured");
+    };
+    let frame = &measured.frame;
+    assert!(frame.untimed.n >= 3 && frame.untimed.low <= frame.untimed.median);
+    assert!(
+        measured
+            .stages
+            .iter()
+            .all(|stage| stage.samples_ns.len() == frame.envelope_samples_ns.len())
+    );
+    assert!(measured.allocated_bytes > 0 && measured.warm_up_frames >= 2);
+    for name in ["summary.md", "cells.csv", "renders/uw-default-base.png"] {
+        assert!(out.join(name).metadata().unwrap().len() > 0, "{name}");
+    }
+
+    let occupied = run(out, &[]).assert().code(2);
+    occupied.stderr(contains("--resume"));
+    let resumed = run(out, &["--resume"]).assert().success();
+    resumed.stdout(contains("0 cells measured, 0 skipped, 0 failed, 1 kept"));
+    assert_eq!(cells(&records(out)), cells(&first));
+
+    let before = std::fs::read(out.join("cells.csv")).unwrap();
+    std::fs::remove_file(out.join("cells.csv")).unwrap();
+    fathom().arg("report").arg(out).assert().success();
+    assert_eq!(std::fs::read(out.join("cells.csv")).unwrap(), before);
+}
+
+#[test]
+fn a_cell_beyond_the_limits_is_skipped_and_recorded() {
+    let folder = tempfile::tempdir().unwrap();
+    let refused = run(folder.path(), &["--set", "view.width=900000"])
+        .assert()
+        .code(2);
+    refused.stderr(contains("every cell was skipped").and(contains("900000")));
+    let records = records(folder.path());
+    assert!(
+        matches!(&cells(&records)[0].outcome, Outcome::Skipped { reason } if reason.contains("900000"))
+    );
+}
+
+#[test]
+fn a_rendered_file_is_a_picture_of_the_asked_size() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("plane.png");
+    fathom()
+        .args(["render", "plane", "-o"])
+        .arg(&path)
+        .args(SMALL)
+        .assert()
+        .success();
+    assert_eq!(image::image_dimensions(&path).unwrap(), (64, 64));
+}
+
+#[test]
+fn a_dump_says_what_its_columns_are() {
+    let folder = tempfile::tempdir().unwrap();
+    fathom()
+        .args(["dump", "caustics/trace", "-o"])
+        .arg(folder.path())
+        .args(SMALL)
+        .assert()
+        .success();
+    let array: ndarray::Array2<f32> =
+        ndarray_npy::read_npy(folder.path().join("caustics-trace-photons.npy")).unwrap();
+    let about = std::fs::read(folder.path().join("caustics-trace-photons.json")).unwrap();
+    let about: serde_json::Value = serde_json::from_slice(&about).unwrap();
+    assert_eq!(array.shape(), [16 * 16 * 4, 8]);
+    assert_eq!(about["columns"].as_array().unwrap().len(), 8);
+    assert_eq!(about["shape"], serde_json::json!(array.shape()));
+    assert_eq!(about["params"]["water"]["refractive_index"], 1.33);
+}

@@ -1,0 +1,563 @@
+//! The GPU layer on whatever adapter is there: errors instead of panics, read-back, counters, timed frames
+//! and their accounting.
+
+use std::process::Command;
+
+use fathom::gpu::{
+    ClockPlan, ColorTarget, Demand, Encode, FaultKind, FrameTimer, Gpu, GpuError, Options,
+    StageScope, Targets, compilation_options, count, read_buffer, read_texture, texture_bytes,
+};
+use fathom::record::{Clock, PassKind};
+
+/// Edge of the render stage's target in pixels, and invocations of the compute stage.
+const EDGE: u32 = 128;
+const INVOCATIONS: u32 = 65_536;
+
+fn open() -> Gpu {
+    Gpu::open(&Options::default()).expect("an adapter is there")
+}
+
+/// A compute and a render stage of some milliseconds on a software adapter.
+struct Work {
+    compute: wgpu::ComputePipeline,
+    render: wgpu::RenderPipeline,
+    compute_bindings: wgpu::BindGroup,
+    render_bindings: wgpu::BindGroup,
+    uniform: wgpu::Buffer,
+    target: wgpu::Texture,
+    view: wgpu::TextureView,
+    scratch: [wgpu::Buffer; 2],
+}
+
+fn buffer(gpu: &Gpu, size: u64, usage: wgpu::BufferUsages) -> wgpu::Buffer {
+    let label = Some("test");
+    gpu.device.create_buffer(&wgpu::BufferDescriptor {
+        label,
+        size,
+        usage,
+        mapped_at_creation: false,
+    })
+}
+
+fn texture(gpu: &Gpu, width: u32, height: u32, format: wgpu::TextureFormat) -> wgpu::Texture {
+    use wgpu::TextureUsages as Usage;
+    gpu.device.create_texture(&wgpu::TextureDescriptor {
+        label: Some("test"),
+        size: wgpu::Extent3d {
+            width,
+            height,
+            depth_or_array_layers: 1,
+        },
+        mip_level_count: 1,
+        sample_count: 1,
+        dimension: wgpu::TextureDimension::D2,
+        format,
+        usage: Usage::RENDER_ATTACHMENT | Usage::COPY_SRC,
+        view_formats: &[],
+    })
+}
+
+fn bind(gpu: &Gpu, layout: &wgpu::BindGroupLayout, buffers: &[&wgpu::Buffer]) -> wgpu::BindGroup {
+    let resources = buffers.iter().map(|buffer| buffer.as_entire_binding());
+    let entries: Vec<_> = (0..)
+        .zip(resources)
+        .map(|(binding, resource)| wgpu::BindGroupEntry { binding, resource })
+        .collect();
+    gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
+        label: Some("test"),
+        layout,
+        entries: &entries,
+    })
+}
+
+impl Work {
+    fn new(gpu: &Gpu) -> Self {
+        use wgpu::BufferUsages as Usage;
+        let compute = compute_pipeline(gpu);
+        let render = render_pipeline(gpu);
+        let uniform = buffer(gpu, 16, Usage::UNIFORM | Usage::COPY_DST);
+        let results = buffer(gpu, u64::from(INVOCATIONS) * 4, Usage::STORAGE);
+        let target = texture(gpu, EDGE, EDGE, wgpu::TextureFormat::Rgba8Unorm);
+        Self {
+            compute_bindings: bind(
+                gpu,
+                &compute.get_bind_group_layout(0),
+                &[&uniform, &results],
+            ),
+            render_bindings: bind(gpu, &render.get_bind_group_layout(0), &[&uniform]),
+            view: target.create_view(&wgpu::TextureViewDescriptor::default()),
+            scratch: [Usage::COPY_SRC, Usage::COPY_DST].map(|usage| buffer(gpu, 1 << 22, usage)),
+            compute,
+            render,
+            uniform,
+            target,
+        }
+    }
+
+    fn stage(&self, kind: PassKind) -> Stage<'_> {
+        Stage { work: self, kind }
+    }
+}
+
+fn compute_pipeline(gpu: &Gpu) -> wgpu::ComputePipeline {
+    let module = gpu.shader("audit/compute", &[]).expect("it links");
+    gpu.device
+        .create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
+            label: Some("test"),
+            layout: None,
+            module: &module,
+            entry_point: Some("main"),
+            compilation_options: compilation_options(),
+            cache: None,
+        })
+}
+
+fn render_pipeline(gpu: &Gpu) -> wgpu::RenderPipeline {
+    let module = gpu.shader("audit/render", &[]).expect("it links");
+    gpu.device
+        .create_render_pipeline(&wgpu::RenderPipelineDescriptor {
+            label: Some("test"),
+            layout: None,
+            vertex: wgpu::VertexState {
+                module: &module,
+                entry_point: Some("vertex"),
+                compilation_options: compilation_options(),
+                buffers: &[],
+            },
+            primitive: wgpu::PrimitiveState::default(),
+            depth_stencil: None,
+            multisample: wgpu::MultisampleState::default(),
+            fragment: Some(wgpu::FragmentState {
+                module: &module,
+                entry_point: Some("fragment"),
+                compilation_options: compilation_options(),
+                targets: &[Some(wgpu::TextureFormat::Rgba8Unorm.into())],
+            }),
+            multiview_mask: None,
+            cache: None,
+        })
+}
+
+struct Stage<'a> {
+    work: &'a Work,
+    kind: PassKind,
+}
+
+impl Encode for Stage<'_> {
+    fn name(&self) -> &'static str {
+        match self.kind {
+            PassKind::Compute => "test/compute",
+            PassKind::Render => "test/render",
+            PassKind::Copy => "test/copy",
+            PassKind::Host => "test/host",
+        }
+    }
+
+    fn encode(&self, scope: &mut StageScope<'_>) {
+        let work = self.work;
+        match self.kind {
+            PassKind::Host => scope.host(|queue| {
+                queue.write_buffer(&work.uniform, 0, &200u32.to_le_bytes());
+            }),
+            PassKind::Compute => scope.compute(|pass| {
+                pass.set_pipeline(&work.compute);
+                pass.set_bind_group(0, &work.compute_bindings, &[]);
+                pass.dispatch_workgroups(INVOCATIONS / 64, 1, 1);
+            }),
+            PassKind::Render => {
+                let color = [ColorTarget {
+                    view: &work.view,
+                    clear: Some(wgpu::Color::BLACK),
+                }];
+                scope.render(
+                    &Targets {
+                        color: &color,
+                        depth: None,
+                    },
+                    |pass| {
+                        pass.set_pipeline(&work.render);
+                        pass.set_bind_group(0, &work.render_bindings, &[]);
+                        pass.draw(0..6 * 32 * 32, 0..1);
+                    },
+                );
+            }
+            PassKind::Copy => scope.copy(|encoder| {
+                let [from, to] = &work.scratch;
+                encoder.copy_buffer_to_buffer(from, 0, to, 0, from.size());
+            }),
+        }
+    }
+}
+
+/// Opens nothing.
+struct Idle;
+
+impl Encode for Idle {
+    fn name(&self) -> &'static str {
+        "test/idle"
+    }
+
+    fn encode(&self, _: &mut StageScope<'_>) {}
+}
+
+/// Render and copy passes on timestamps, where the adapter has them; submissions at 50 µs.
+fn plan(gpu: &Gpu) -> ClockPlan {
+    let plan = ClockPlan::fenced(5e4);
+    match gpu
+        .features
+        .contains(wgpu::Features::TIMESTAMP_QUERY_INSIDE_ENCODERS)
+    {
+        true => plan
+            .with(PassKind::Render, Clock::Timestamp)
+            .with(PassKind::Copy, Clock::Timestamp),
+        false => plan,
+    }
+}
+
+fn median(mut values: Vec<f64>) -> f64 {
+    values.sort_by(f64::total_cmp);
+    values[values.len() / 2]
+}
+
+#[test]
+fn stages_and_gaps_make_up_the_envelope() {
+    let gpu = open();
+    let work = Work::new(&gpu);
+    let kinds = [
+        PassKind::Host,
+        PassKind::Compute,
+        PassKind::Render,
+        PassKind::Copy,
+    ];
+    let stages: Vec<_> = kinds
+        .into_iter()
+        .chain(kinds)
+        .map(|kind| work.stage(kind))
+        .collect();
+    let frame: Vec<&dyn Encode> = stages.iter().map(|stage| stage as &dyn Encode).collect();
+    let mut timer = FrameTimer::new(&gpu, plan(&gpu), 16).expect("it is made");
+    for _ in 0..3 {
+        timer.timed(&gpu, &frame).expect("the frame runs");
+    }
+    let (mut errors, mut walls, mut untimed) = (Vec::new(), Vec::new(), Vec::new());
+    for _ in 0..21 {
+        let sample = timer.timed(&gpu, &frame).expect("the frame runs");
+        assert_eq!(sample.faults, [], "{sample:?}");
+        assert_eq!(sample.stages.len(), 8);
+        assert_eq!(sample.stages[0].clock, Clock::Host);
+        assert_eq!(sample.stages[1].clock, Clock::FencedHost);
+        errors.push(sample.accounting_error());
+        walls.push(sample.wall_ns);
+        untimed.push(timer.untimed(&gpu, &frame).expect("the frame runs"));
+    }
+    let (error, wall, untimed) = (median(errors), median(walls), median(untimed));
+    println!("accounting error {error:.4}, timed {wall:.0} ns, untimed {untimed:.0} ns");
+    assert!(error < 0.05, "accounting error {error}");
+    assert!(
+        (0.5..2.0).contains(&(wall / untimed)),
+        "timed {wall}, untimed {untimed}"
+    );
+}
+
+#[test]
+fn a_stage_without_passes_is_a_fault() {
+    let gpu = open();
+    let mut timer = FrameTimer::new(&gpu, plan(&gpu), 4).expect("it is made");
+    let sample = timer.timed(&gpu, &[&Idle]).expect("the frame runs");
+    assert!(sample.stages[0].ns.is_nan());
+    assert_eq!(sample.faults[0].kind, FaultKind::NoPass);
+}
+
+#[test]
+fn more_passes_than_queries_is_an_error() {
+    let gpu = open();
+    let work = Work::new(&gpu);
+    let (host, render) = (work.stage(PassKind::Host), work.stage(PassKind::Render));
+    let timed = plan(&gpu).clock(PassKind::Render) == Clock::Timestamp;
+    let mut timer = FrameTimer::new(&gpu, plan(&gpu), 1).expect("it is made");
+    timer.timed(&gpu, &[&host, &render]).expect("one pass fits");
+    let outcome = timer.timed(&gpu, &[&host, &render, &render]);
+    assert_eq!(matches!(outcome, Err(GpuError::TooManyPasses(1))), timed);
+    timer
+        .timed(&gpu, &[&host, &render])
+        .expect("the timer is usable afterwards");
+}
+
+#[test]
+fn many_passes_span_several_query_sets() {
+    let gpu = open();
+    let work = Work::new(&gpu);
+    let copy = work.stage(PassKind::Copy);
+    let passes = 2100;
+    let mut timer = FrameTimer::new(&gpu, plan(&gpu), passes).expect("it is made");
+    struct Many<'a>(&'a Work, u32);
+    impl Encode for Many<'_> {
+        fn name(&self) -> &'static str {
+            "test/many"
+        }
+        fn encode(&self, scope: &mut StageScope<'_>) {
+            let [from, to] = &self.0.scratch;
+            for _ in 0..self.1 {
+                scope.copy(|encoder| encoder.copy_buffer_to_buffer(from, 0, to, 0, 65_536));
+            }
+        }
+    }
+    let sample = timer
+        .timed(&gpu, &[&Many(&work, passes - 1), &copy])
+        .expect("the frame runs");
+    assert!(
+        sample.stages[0].ns > 0.0,
+        "{:?}",
+        &sample.faults[..sample.faults.len().min(4)]
+    );
+}
+
+#[test]
+fn invocations_are_counted_exactly() {
+    let gpu = open();
+    let work = Work::new(&gpu);
+    let (host, compute, render) = (
+        work.stage(PassKind::Host),
+        work.stage(PassKind::Compute),
+        work.stage(PassKind::Render),
+    );
+    let counted = count(&gpu, &[&host, &compute, &render, &compute], 8).expect("the frame runs");
+    let Some(counted) = counted else {
+        println!("skipped: {} does not count invocations", gpu.adapter.name);
+        return;
+    };
+    assert!(counted[0].counters.is_empty());
+    for stage in [&counted[1], &counted[3]] {
+        assert_eq!(
+            stage.counters["compute_invocations"],
+            u64::from(INVOCATIONS)
+        );
+    }
+    assert_eq!(counted[2].counters["vertex_invocations"], 6 * 32 * 32);
+    assert!(counted[2].counters["fragment_invocations"] >= u64::from(EDGE * EDGE));
+}
+
+#[test]
+fn what_was_rendered_is_read_back() {
+    let gpu = open();
+    let work = Work::new(&gpu);
+    let mut timer = FrameTimer::new(&gpu, plan(&gpu), 4).expect("it is made");
+    let (host, render) = (work.stage(PassKind::Host), work.stage(PassKind::Render));
+    timer
+        .untimed(&gpu, &[&host, &render])
+        .expect("the frame runs");
+    let pixels = read_texture(&gpu, &work.target).expect("it is read");
+    assert_eq!(
+        (pixels.width, pixels.height, pixels.channels),
+        (EDGE, EDGE, 4)
+    );
+    assert!(
+        pixels
+            .data
+            .chunks(4)
+            .all(|texel| texel[0] > 0.0 && texel[3] == 1.0)
+    );
+    assert_eq!(texture_bytes(&work.target), u64::from(EDGE * EDGE * 4));
+}
+
+#[test]
+fn every_format_is_read_back_whatever_its_row_length() {
+    struct Clear<'a>(&'a wgpu::TextureView);
+    impl Encode for Clear<'_> {
+        fn name(&self) -> &'static str {
+            "test/clear"
+        }
+        fn encode(&self, scope: &mut StageScope<'_>) {
+            let clear = Some(wgpu::Color {
+                r: 0.2,
+                g: 0.4,
+                b: 0.6,
+                a: 1.0,
+            });
+            let color = [ColorTarget {
+                view: self.0,
+                clear,
+            }];
+            scope.render(
+                &Targets {
+                    color: &color,
+                    depth: None,
+                },
+                |_| {},
+            );
+        }
+    }
+    use wgpu::TextureFormat as Format;
+    let gpu = open();
+    let mut timer = FrameTimer::new(&gpu, plan(&gpu), 4).expect("it is made");
+    let formats = [
+        (Format::R32Float, 1, 1e-7),
+        (Format::Rgba32Float, 4, 1e-7),
+        (Format::R16Float, 1, 1e-3),
+        (Format::Rgba16Float, 4, 1e-3),
+        (Format::R8Unorm, 1, 4e-3),
+        (Format::Rgba8Unorm, 4, 4e-3),
+    ];
+    for (format, channels, tolerance) in formats {
+        let texture = texture(&gpu, 37, 5, format);
+        let view = texture.create_view(&wgpu::TextureViewDescriptor::default());
+        timer
+            .untimed(&gpu, &[&Clear(&view)])
+            .expect("the frame runs");
+        let pixels = read_texture(&gpu, &texture).expect("it is read");
+        assert_eq!(pixels.data.len(), 37 * 5 * channels);
+        for (value, cleared) in pixels.texel(36, 4).iter().zip([0.2, 0.4, 0.6, 1.0]) {
+            assert!(
+                (value - cleared).abs() < tolerance,
+                "{format:?}: {value} is not {cleared}"
+            );
+        }
+    }
+    let texture = texture(&gpu, 4, 4, Format::Rg16Float);
+    assert!(matches!(
+        read_texture(&gpu, &texture),
+        Err(GpuError::ReadBack(_))
+    ));
+}
+
+#[test]
+fn a_buffer_is_read_back() {
+    let gpu = open();
+    let source = buffer(
+        &gpu,
+        12,
+        wgpu::BufferUsages::COPY_SRC | wgpu::BufferUsages::COPY_DST,
+    );
+    gpu.queue.write_buffer(&source, 0, b"twelve bytes");
+    assert_eq!(
+        read_buffer(&gpu, &source).expect("it is read"),
+        b"twelve bytes"
+    );
+    let unreadable = buffer(&gpu, 12, wgpu::BufferUsages::STORAGE);
+    assert!(matches!(
+        read_buffer(&gpu, &unreadable),
+        Err(GpuError::Validation(_))
+    ));
+}
+
+#[test]
+fn a_refused_call_is_an_error_of_its_scope_and_no_other() {
+    let gpu = open();
+    let too_wide = gpu.limits.max_texture_dimension_2d + 1;
+    let refused = gpu.scoped(|| Ok(texture(&gpu, too_wide, 4, wgpu::TextureFormat::R8Unorm)));
+    assert!(matches!(refused, Err(GpuError::Validation(_))));
+    gpu.scoped(|| Ok(texture(&gpu, 4, 4, wgpu::TextureFormat::R8Unorm)))
+        .expect("it is sound again");
+    let nested = gpu.scoped(|| {
+        gpu.scoped(|| Ok(texture(&gpu, too_wide, 4, wgpu::TextureFormat::R8Unorm)))?;
+        Ok(())
+    });
+    assert!(matches!(nested, Err(GpuError::Validation(_))));
+}
+
+#[test]
+fn an_error_outside_any_scope_comes_with_the_next_call_and_once() {
+    let gpu = open();
+    texture(
+        &gpu,
+        gpu.limits.max_texture_dimension_2d + 1,
+        4,
+        wgpu::TextureFormat::R8Unorm,
+    );
+    assert!(matches!(gpu.wait(), Err(GpuError::Validation(_))));
+    gpu.wait().expect("it was told once");
+}
+
+#[test]
+fn a_lost_device_is_an_error_and_not_a_panic() {
+    let gpu = open();
+    let work = Work::new(&gpu);
+    let mut timer = FrameTimer::new(&gpu, plan(&gpu), 4).expect("it is made");
+    gpu.device.destroy();
+    let render = work.stage(PassKind::Render);
+    assert!(timer.timed(&gpu, &[&render]).is_err());
+    assert!(matches!(
+        timer.untimed(&gpu, &[&render]),
+        Err(GpuError::Lost(_))
+    ));
+    assert!(matches!(
+        gpu.shader("audit/compute", &[]),
+        Err(GpuError::Lost(_))
+    ));
+}
+
+#[test]
+fn demands_are_held_against_the_adapter() {
+    let gpu = open();
+    let edge = u64::from(gpu.limits.max_texture_dimension_2d);
+    gpu.check(&Demand::new().texture_2d("map", edge, edge))
+        .expect("the limit itself is allowed");
+    let message = gpu
+        .check(&Demand::new().texture_2d("map", edge + 1, 1))
+        .expect_err("too wide");
+    assert!(message.contains("max_texture_dimension_2d"), "{message}");
+    assert!(message.contains(&edge.to_string()), "{message}");
+}
+
+#[test]
+fn an_unknown_adapter_lists_those_that_are_there() {
+    let options = Options {
+        adapter: Some("no such adapter".to_owned()),
+        unchecked: false,
+    };
+    let message = Gpu::open(&options)
+        .err()
+        .expect("there is none")
+        .to_string();
+    assert!(message.contains(&Gpu::list()[0].name), "{message}");
+    let first = Options {
+        adapter: Some("0".to_owned()),
+        unchecked: true,
+    };
+    let gpu = Gpu::open(&first).expect("the first is there");
+    assert_eq!(gpu.adapter.name, Gpu::list()[0].name);
+    gpu.shader("audit/compute", &[])
+        .expect("it links without checks, too");
+}
+
+#[test]
+fn a_missing_required_feature_names_the_adapter() {
+    let gpu = open();
+    let message = gpu
+        .require(!gpu.features)
+        .expect_err("some are missing")
+        .to_string();
+    assert!(message.contains(&gpu.adapter.name), "{message}");
+    gpu.require(gpu.features).expect("those are there");
+}
+
+#[test]
+#[ignore = "run by `without_an_adapter_the_packages_are_named`, in a process without drivers"]
+fn child_without_drivers() {
+    println!(
+        "answer: {}",
+        Gpu::open(&Options::default()).err().expect("there is none")
+    );
+}
+
+#[test]
+fn without_an_adapter_the_packages_are_named() {
+    let output = Command::new(std::env::current_exe().expect("a test knows its path"))
+        .args([
+            "--exact",
+            "child_without_drivers",
+            "--ignored",
+            "--nocapture",
+        ])
+        .env("VK_DRIVER_FILES", "/nonexistent.json")
+        .env("VK_ICD_FILENAMES", "/nonexistent.json")
+        .env("WGPU_BACKEND", "vulkan")
+        .output()
+        .expect("the child runs");
+    let text = String::from_utf8_lossy(&output.stdout);
+    assert!(
+        text.contains("answer: no GPU adapter found (WGPU_BACKEND=vulkan)"),
+        "{text}"
+    );
+    assert!(text.contains("libvulkan1 mesa-vulkan-drivers"), "{text}");
+}

@@ -1,0 +1,214 @@
+//! OBJ and PLY files: what is read, and that bad ones give one clear line and never a panic.
+
+use std::{io::Write, path::Path};
+
+use fathom::scene::Mesh;
+use flate2::{Compression, write::GzEncoder};
+use proptest::prelude::*;
+
+const OBJ: &str = "mtllib absent.mtl\no quad\nv 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nusemtl stone\nf 1/1 2/2 3/3 4/4\nvt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\n";
+const PLY: &str = "ply\nformat ascii 1.0\ncomment made by hand\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\nproperty float confidence\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n0 0 0 1\n1 0 0 1\n1 1 0 1\n0 1 0 1\n4 0 1 2 3\n";
+
+/// Reads `bytes` as a file of that name.
+fn read(name: &str, bytes: &[u8]) -> Result<Mesh, String> {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join(name);
+    std::fs::write(&path, bytes).unwrap();
+    Mesh::read(&path).map_err(|e| e.to_string())
+}
+
+/// The error's one line, which names the file.
+fn fault(name: &str, bytes: &[u8]) -> String {
+    let error = read(name, bytes).expect_err("a fault");
+    assert!(
+        error.contains(name) && error.lines().count() == 1,
+        "{error}"
+    );
+    error
+}
+
+fn gzip(bytes: &[u8]) -> Vec<u8> {
+    let mut encoder = GzEncoder::new(Vec::new(), Compression::fast());
+    encoder.write_all(bytes).unwrap();
+    encoder.finish().unwrap()
+}
+
+fn is_unit_quad(mesh: &Mesh) {
+    assert_eq!(mesh.positions.len(), 4);
+    assert_eq!(mesh.triangle_count(), 2);
+    assert_eq!(mesh.normals, vec![[0.0, 0.0, 1.0]; 4]);
+}
+
+#[test]
+fn quads_are_cut_and_normals_computed() {
+    // The texture coordinates must precede the face that uses them.
+    let (faces, coordinates) = OBJ.split_once("vt").unwrap();
+    let (before, face) = faces.split_once("f ").unwrap();
+    is_unit_quad(
+        &read(
+            "a.obj",
+            format!("{before}vt{coordinates}f {face}").as_bytes(),
+        )
+        .unwrap(),
+    );
+    is_unit_quad(&read("a.ply", PLY.as_bytes()).unwrap());
+    is_unit_quad(&read("a.ply.gz", &gzip(PLY.as_bytes())).unwrap());
+}
+
+#[test]
+fn given_normals_are_kept_at_unit_length() {
+    let obj = "v 0 0 0\nv 1 0 0\nv 0 1 0\nvn 0 0 2\nf 1//1 2//1 3//1\n";
+    assert_eq!(
+        read("a.obj", obj.as_bytes()).unwrap().normals,
+        vec![[0.0, 0.0, 1.0]; 3]
+    );
+}
+
+#[test]
+fn missing_and_empty_files_are_told() {
+    for name in ["a.obj", "a.ply", "a.ply.gz"] {
+        let error = Mesh::read(&Path::new("/no/such").join(name))
+            .unwrap_err()
+            .to_string();
+        assert!(error.contains(name), "{error}");
+        fault(name, b"");
+    }
+    assert!(fault("a.obj", b"# nothing\n").contains("no triangles"));
+    assert!(fault("a.stl", b"solid").contains(".obj, .ply or .ply.gz"));
+}
+
+#[test]
+fn obj_faults_are_told() {
+    let with = |line: &str| format!("v 0 0 0\nv 1 0 0\nv 0 1 0\n{line}\nf 1 2 3\n");
+    assert!(fault("a.obj", with("v 1 x 2").as_bytes()).contains("line 4"));
+    assert!(fault("a.obj", with("f 1 2 9").as_bytes()).contains("out of bounds"));
+    assert!(fault("a.obj", with("f 1 2 -9").as_bytes()).contains("out of bounds"));
+    assert!(fault("a.obj", with("v nan 0 0\nf 4 1 2").as_bytes()).contains("finite"));
+    assert!(fault("a.obj", with("v 1e30 0 0\nf 4 1 2").as_bytes()).contains("finite"));
+    assert!(fault("a.obj", b"v 0 0 0\nv 1 0 0\nv 0 1").contains("line 3"));
+    assert!(fault("a.obj", b"v 0 0 0\n\xff\xfe\xfd\n").contains("line 2"));
+}
+
+#[test]
+fn ply_faults_are_told() {
+    let with = |from: &str, to: &str| fault("a.ply", PLY.replace(from, to).as_bytes());
+    assert!(with("ply\n", "plaything\n").contains("starts with the line `ply`"));
+    assert!(with("ascii", "binary_little_endian").contains("only ascii"));
+    assert!(with("element vertex 4", "element vertex 4000000000").contains("at most"));
+    assert!(with("element vertex 4", "element vertex -4").contains("element vertex -4"));
+    assert!(with("float z", "float w").contains("x, y, z"));
+    assert!(with("end_header", "the_end").contains("not a line of a PLY header"));
+    assert!(with("1 1 0 1", "1 nan 0 1").contains("line 14: a coordinate is not finite"));
+    assert!(with("1 1 0 1", "1 1").contains("line 14: the line has too few numbers"));
+    assert!(with("4 0 1 2 3", "4 0 1 2 7").contains("uses vertex 7"));
+    assert!(with("4 0 1 2 3", "4 0 1 2").contains("too few"));
+    assert!(with("4 0 1 2 3", "2 0 1").contains("face of 2 corners"));
+    assert!(with("4 0 1 2 3", "18446744073709551615 0 1 2 3").contains("more than"));
+    assert!(with("4 0 1 2 3\n", "").contains("the file ends before face 0 of 1"));
+    assert!(
+        with("comment made", &format!("comment {}", "x".repeat(70_000))).contains("longer than")
+    );
+}
+
+#[test]
+fn truncated_archives_are_told() {
+    let whole = gzip(PLY.as_bytes());
+    for length in [3, 12, whole.len() / 2, whole.len() - 9] {
+        fault("a.ply.gz", &whole[..length]);
+    }
+}
+
+/// 600 MiB of faces in half a megabyte of archive: refused at the limit of what is read.
+#[test]
+fn decompression_bombs_are_refused() {
+    let header = PLY.replace("element face 1", "element face 19000000");
+    let head = &header[..header.find("4 0 1 2 3").unwrap()];
+    let mut encoder = GzEncoder::new(Vec::new(), Compression::fast());
+    encoder.write_all(head.as_bytes()).unwrap();
+    let line = format!("{}3 0 1 2\n", " ".repeat(60_000));
+    for _ in 0..10_500 {
+        encoder.write_all(line.as_bytes()).unwrap();
+    }
+    let error = fault("bomb.ply.gz", &encoder.finish().unwrap());
+    assert!(error.contains("more than 512 MiB"), "{error}");
+}
+
+/// One face of a hundred million corners: refused before its triangles are made.
+#[test]
+fn a_face_of_too_many_corners_is_refused() {
+    let obj = format!("v 0 0 0\nf {}\n", "1 ".repeat(20_000_100));
+    assert!(fault("a.obj", obj.as_bytes()).contains("at most 20000000"));
+}
+
+/// A good file with some bytes replaced and the end cut off.
+fn damaged(text: &'static str) -> impl Strategy<Value = Vec<u8>> {
+    let hits = prop::collection::vec((0..text.len(), any::<u8>()), 0..6);
+    (hits, 0..=text.len()).prop_map(move |(hits, end)| {
+        let mut bytes = text.as_bytes().to_vec();
+        for (place, byte) in hits {
+            bytes[place] = byte;
+        }
+        bytes.truncate(end);
+        bytes
+    })
+}
+
+/// Lines of OBJ or PLY words in any order.
+fn words() -> impl Strategy<Value = Vec<u8>> {
+    let word = prop::sample::select(vec![
+        "v",
+        "vn",
+        "vt",
+        "f",
+        "o",
+        "l",
+        "p",
+        "usemtl",
+        "mtllib",
+        "1",
+        "-1",
+        "0",
+        "2//3",
+        "1/1/1",
+        "-99999999999999999999",
+        "1e38",
+        "inf",
+        "nan",
+        "/",
+        "//",
+        "\n",
+        "\n",
+        "\n",
+        "\\\n",
+        "#",
+        "ply",
+        "format ascii 1.0",
+        "element vertex 3",
+        "element face 2",
+        "property float x",
+        "property list uchar int vertex_indices",
+        "end_header",
+    ]);
+    prop::collection::vec(word, 0..60).prop_map(|words| words.join(" ").into_bytes())
+}
+
+proptest! {
+    #[test]
+    fn damaged_files_never_panic(obj in damaged(OBJ), ply in damaged(PLY), any in words()) {
+        for (name, bytes) in [("a.obj", &obj), ("a.ply", &ply), ("b.obj", &any), ("b.ply", &any)] {
+            if let Ok(mesh) = read(name, bytes) {
+                prop_assert!(mesh.validate().is_ok());
+            }
+        }
+    }
+
+    #[test]
+    fn damaged_archives_never_panic(place in 0usize..200, byte in any::<u8>()) {
+        let mut bytes = gzip(PLY.as_bytes());
+        let at = place % bytes.len();
+        bytes[at] = byte;
+        if let Ok(mesh) = read("a.ply.gz", &bytes) {
+            prop_assert!(mesh.validate().is_ok());
+        }
+    }
+}
