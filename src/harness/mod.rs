@@ -7,6 +7,7 @@ pub mod calendar;
 pub mod difference;
 pub mod dump;
 pub mod executor;
+pub mod landing;
 pub mod memory;
 pub mod outcome;
 pub mod output;

@@ -20,6 +20,7 @@ use std::fmt;
 use serde::Serialize;
 
 use crate::gpu::{Gpu, GpuError};
+use crate::harness::landing::LandingError;
 use crate::reference::ReferenceError;
 use crate::scene::SceneError;
 use rig::Rig;
@@ -33,6 +34,8 @@ pub enum VerifyError {
     Scene(#[from] SceneError),
     #[error(transparent)]
     Reference(#[from] ReferenceError),
+    #[error(transparent)]
+    Landing(#[from] LandingError),
     #[error("no check matches `{filter}`; there are checks for: {known}")]
     NoMatch { filter: String, known: String },
     #[error("{stage}: nothing to compare in check `{what}`")]
@@ -101,11 +104,13 @@ impl Check {
     }
 }
 
+type Run = dyn Fn(&Rig<'_>) -> Result<Vec<Check>, VerifyError>;
+
 /// A case: one run on the GPU that yields one or more checks of a stage.
 struct Case {
     stage: &'static str,
     what: String,
-    run: Box<dyn Fn(&Rig<'_>) -> Result<Vec<Check>, VerifyError>>,
+    run: Box<Run>,
 }
 
 impl Case {

@@ -15,11 +15,13 @@ const SELF_HIT_M: f64 = 1e-9;
 /// A square grid of photons over the light's normalised device coordinates.
 ///
 /// `cells`² cells, each subdivided into `side`² photons that sit at the cell centres of the finer
-/// grid. Photon `((j·cells + i)·side + sj)·side + si` is sub-point (si, sj) of cell (i, j).
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+/// grid, unless moved by [`PhotonGrid::with_offset`]. Photon `((j·cells + i)·side + sj)·side + si` is
+/// sub-point (si, sj) of cell (i, j).
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PhotonGrid {
     cells: u32,
     side: u32,
+    offset: [f64; 2],
 }
 
 impl PhotonGrid {
@@ -29,7 +31,16 @@ impl PhotonGrid {
         if side == 0 || side * side != subdivision {
             return Err(ReferenceError::Subdivision(subdivision));
         }
-        Ok(PhotonGrid { cells, side })
+        Ok(PhotonGrid {
+            cells,
+            side,
+            offset: [0.5, 0.5],
+        })
+    }
+
+    /// The same grid with its photons elsewhere in their finer cells: 0…1, the centre is 0.5.
+    pub fn with_offset(self, offset: [f64; 2]) -> PhotonGrid {
+        PhotonGrid { offset, ..self }
     }
 
     /// Photons in the grid.
@@ -42,10 +53,10 @@ impl PhotonGrid {
         let (cells, side) = (u64::from(self.cells), u64::from(self.side));
         let (cell, sub) = (index / (side * side), index % (side * side));
         let fine = [
-            (cell % cells) * side + sub % side,
-            (cell / cells) * side + sub / side,
+            ((cell % cells) * side + sub % side) as f64 + self.offset[0],
+            ((cell / cells) * side + sub / side) as f64 + self.offset[1],
         ];
-        fine.map(|i| 2.0 * (i as f64 + 0.5) / (cells * side) as f64 - 1.0)
+        fine.map(|place| 2.0 * place / (cells * side) as f64 - 1.0)
     }
 }
 
@@ -111,16 +122,18 @@ pub fn land(frame: &LightFrame, water: &Water, tracer: &Tracer, ndc: [f64; 2]) -
     }
 }
 
-/// Landing of every photon of a grid, in memory order, on all cores.
+/// Landing of every `step`th photon of a grid, in memory order, on all cores.
 pub fn land_all(
     frame: &LightFrame,
     water: &Water,
     tracer: &Tracer,
     grid: PhotonGrid,
+    step: usize,
 ) -> Vec<Landing> {
-    (0..grid.count())
+    let count = grid.count() as usize;
+    (0..count.div_ceil(step.max(1)))
         .into_par_iter()
-        .map(|i| land(frame, water, tracer, grid.ndc(i)))
+        .map(|i| land(frame, water, tracer, grid.ndc((i * step) as u64)))
         .collect()
 }
 
@@ -193,6 +206,8 @@ mod tests {
         assert_eq!(grid.ndc(2), [at(0.0), at(1.0)]);
         assert_eq!(grid.ndc(4), [at(2.0), at(0.0)]);
         assert_eq!(grid.ndc(35), [at(5.0), at(5.0)]);
+        let corner = grid.with_offset([0.0, 1.0]);
+        assert_eq!(corner.ndc(0), [-1.0, at(0.5)]);
         assert_eq!(PhotonGrid::new(3, 2), Err(ReferenceError::Subdivision(2)));
         assert!(PhotonGrid::new(3, 0).is_err());
     }
@@ -217,6 +232,17 @@ mod tests {
                 assert!((landed.distance_m - slant).abs() < 1e-9);
             }
         }
+    }
+
+    #[test]
+    fn steps_pick_every_nth_photon() {
+        let tracer = Tracer::new(&[square(60.0, -4.0)]).unwrap();
+        let (frame, water) = (frame(LightKind::Directional), flat_water(50.0));
+        let grid = PhotonGrid::new(3, 4).unwrap();
+        let all = land_all(&frame, &water, &tracer, grid, 1);
+        let some = land_all(&frame, &water, &tracer, grid, 5);
+        assert_eq!((all.len(), some.len()), (36, 8));
+        assert!(some.iter().zip(all.iter().step_by(5)).all(|(a, b)| a == b));
     }
 
     #[test]

@@ -15,7 +15,7 @@ use crate::stages::{scene, water};
 /// Scene with columns, curved objects and walls.
 const SCENE: &str = "tank";
 /// Scene with geometry on both sides of the water.
-const SHORE: &str = "tank";
+const SHORE: &str = "port";
 const SIZE: [u32; 2] = [160, 120];
 /// Geometry this far past the resting water is still drawn by reflection and refraction, metres.
 const OVERLAP_M: f64 = 0.1;

@@ -5,17 +5,18 @@ use glam::Vec2;
 use super::rig::{self, Rig};
 use super::{Case, Check, VerifyError};
 use crate::gpu::{Encode, GpuError};
+use crate::harness::landing::stage_photons;
 use crate::pipelines::Pipeline;
 use crate::pipelines::underwater::{Params, Underwater};
 use crate::reference::estimator::{estimate, exact_depth};
-use crate::reference::photons::{Landed, Landing, PhotonGrid, land_all};
+use crate::reference::photons::{Landing, PhotonGrid, land_all};
 use crate::reference::quantities::{PhotonErrors, StoredPhoton, photon_errors, quantile};
 use crate::reference::rays::Tracer;
 use crate::scene::{LightFrame, LightKind, Scene, SceneFile, Water, WaterModel};
 use crate::stages::frame::Shared;
 use crate::stages::geometry::Geometry;
 use crate::stages::photon::{Photons, TraceUniforms};
-use crate::stages::{OutputData, caustics, godrays, shadow};
+use crate::stages::{caustics, godrays, shadow};
 
 /// Flat water over a plane has a closed form: what is left is f32 and the depth map's bits.
 const FLAT_RELATIVE: f64 = 1e-4;
@@ -131,12 +132,8 @@ fn exact(
     tracer: &Tracer,
     grid: [u32; 2],
 ) -> Result<Vec<Landing>, VerifyError> {
-    Ok(land_all(
-        frame,
-        water,
-        tracer,
-        PhotonGrid::new(grid[0], grid[1])?,
-    ))
+    let grid = PhotonGrid::new(grid[0], grid[1])?;
+    Ok(land_all(frame, water, tracer, grid, 1))
 }
 
 fn with_index(water: &Water, refractive_index: f64) -> Water {
@@ -262,7 +259,7 @@ fn real(rig: &Rig<'_>, name: &str) -> Result<Vec<Check>, VerifyError> {
     [Family::Caustics, Family::Godrays]
         .into_iter()
         .map(|family| {
-            let photons = stage_photons(rig, &pipeline, family.stage())?;
+            let photons = stage_photons(rig.gpu, &pipeline, family.stage())?;
             let errors = photon_errors(&photons, &landings);
             let check = Check::new(
                 (
@@ -302,30 +299,8 @@ pub fn run_until(rig: &Rig<'_>, pipeline: &Underwater, last: &str) -> Result<(),
     rig.run(&encodes)
 }
 
-fn stage_photons(
-    rig: &Rig<'_>,
-    pipeline: &Underwater,
-    name: &'static str,
-) -> Result<Vec<StoredPhoton>, VerifyError> {
-    let stages = pipeline.stages();
-    let outputs = stages
-        .iter()
-        .find(|stage| stage.name() == name)
-        .map(|stage| stage.outputs())
-        .unwrap_or_default();
-    for output in outputs {
-        if let OutputData::Buffer { buffer, count, .. } = output.data {
-            return Ok(rig.read_photons(&Photons { buffer, count })?);
-        }
-    }
-    Err(VerifyError::Empty {
-        stage: name,
-        what: "photons".into(),
-    })
-}
-
-/// Share of every fourth photon whose estimate does not converge over a depth map of unlimited
-/// resolution: the method's own failures.
+/// Of every fourth photon that stays within the light's frustum: the share whose estimate does not
+/// converge over a depth map of unlimited resolution. These are the method's own failures.
 fn unconverged_over_exact_depth(
     params: &Params,
     frame: &LightFrame,
@@ -333,25 +308,22 @@ fn unconverged_over_exact_depth(
     landings: &[Landing],
 ) -> f64 {
     let settings = &params.caustics;
-    let converged = |landed: &Landed| {
+    let (mut estimated, mut unconverged) = (0u32, 0u32);
+    for landed in landings.iter().step_by(4).filter_map(Landing::landed) {
         let surface = |p| exact_depth(frame, tracer, p);
         let (entry, start_m) = (landed.entry.position, settings.start_m);
-        estimate(
+        if let Some(end) = estimate(
             entry,
             landed.direction,
             start_m,
             settings.iterations,
             surface,
-        )
-        .is_some_and(|estimate| estimate.residual_m <= settings.tolerance_m)
-    };
-    let landed: Vec<&Landed> = landings
-        .iter()
-        .step_by(4)
-        .filter_map(Landing::landed)
-        .collect();
-    let lost = landed.iter().filter(|landed| !converged(landed)).count();
-    lost as f64 / landed.len().max(1) as f64
+        ) {
+            estimated += 1;
+            unconverged += u32::from(end.residual_m > settings.tolerance_m);
+        }
+    }
+    f64::from(unconverged) / f64::from(estimated.max(1))
 }
 
 fn with_rates(check: Check, errors: &PhotonErrors) -> Check {

@@ -363,7 +363,7 @@ fn scene_energy(rig: &Rig<'_>, name: &str) -> Result<Vec<Check>, VerifyError> {
     let tracer = Tracer::new(&scene.objects)?;
     let frame = pipeline.view.light_frame();
     let grid = PhotonGrid::new(params.caustics.grid, params.caustics.subdivision)?;
-    let landings = land_all(&frame, &scene.water, &tracer, grid);
+    let landings = land_all(&frame, &scene.water, &tracer, grid, 1);
     let landed = landings.iter().filter_map(|landing| landing.landed());
     let (photons, twins): (Vec<_>, Vec<_>) = landed.map(stored).unzip();
     let rules = Rules {
