@@ -20,7 +20,7 @@ pub const SCHEMA: u32 = 1;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "record", rename_all = "snake_case")]
 pub enum Record {
-    Run(Run),
+    Run(Box<Run>),
     Experiment(Definition),
     Cell(Box<Cell>),
     End(End),

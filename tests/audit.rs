@@ -113,7 +113,7 @@ fn lavapipe_compute_beside_render_passes_is_unusable() {
     }
     let mixed = row(&found, PassKind::Compute, "mixed");
     assert!(!mixed.sound, "{mixed:?}");
-    assert!(mixed.ratio < 0.7, "{mixed:?}");
+    assert!(mixed.ratio < 0.8, "{mixed:?}");
     assert_eq!(found.clocks[0], Clock::FencedHost);
 }
 

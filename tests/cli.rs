@@ -234,3 +234,61 @@ fn a_dump_says_what_its_columns_are() {
     assert_eq!(about["shape"], serde_json::json!(array.shape()));
     assert_eq!(about["params"]["water"]["refractive_index"], 1.33);
 }
+
+#[cfg(unix)]
+#[test]
+fn an_interrupted_run_ends_cleanly_and_resumes() {
+    use std::process::{Command as Process, Stdio};
+    use std::time::{Duration, Instant};
+
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path();
+    let measure = |budget: &str, resume: &[&str]| {
+        let mut process = Process::new(env!("CARGO_BIN_EXE_fathom"));
+        process.args([
+            "run",
+            "uw-waves",
+            "--budget",
+            budget,
+            "--precision",
+            "1e-9",
+            "--out",
+        ]);
+        process
+            .arg(out)
+            .args(SMALL)
+            .args(resume)
+            .stdout(Stdio::piped())
+            .stderr(Stdio::null());
+        process
+    };
+    let mut child = measure("600", &[]).spawn().unwrap();
+    let patience = Instant::now() + Duration::from_secs(300);
+    while !out.join("records.jsonl").exists() && Instant::now() < patience {
+        std::thread::sleep(Duration::from_millis(100));
+    }
+    std::thread::sleep(Duration::from_secs(3));
+    let interrupted = Process::new("kill")
+        .args(["-INT", &child.id().to_string()])
+        .status()
+        .unwrap();
+    assert!(interrupted.success());
+    assert_eq!(child.wait().unwrap().code(), Some(130));
+    let first = records(out);
+    assert!(matches!(first.last(), Some(Record::End(end)) if end.interrupted));
+
+    let resumed = measure("1", &["--resume"]).output().unwrap();
+    assert!(resumed.status.success());
+    let all = records(out);
+    let mut names: Vec<&str> = cells(&all).iter().map(|cell| cell.cell.as_str()).collect();
+    let total = names.len();
+    names.sort_unstable();
+    names.dedup();
+    assert_eq!(names.len(), total, "no cell is measured twice");
+    assert_eq!(total, 8, "{names:?}");
+    assert_eq!(
+        cells(&all)[..cells(&first).len()],
+        cells(&first),
+        "what was measured stays"
+    );
+}

@@ -339,10 +339,10 @@ impl Experiment {
 impl Axis {
     fn check(&self) -> Result<(), String> {
         let lists = [&self.values, &self.quick, &self.paper];
-        let complete = match (&self.values, &self.quick, &self.paper) {
-            (Some(_), None, None) | (None, Some(_), Some(_)) => true,
-            _ => false,
-        };
+        let complete = matches!(
+            (&self.values, &self.quick, &self.paper),
+            (Some(_), None, None) | (None, Some(_), Some(_))
+        );
         if !complete {
             return Err(format!(
                 "axis `{}` needs either `values`, or `quick` and `paper`",

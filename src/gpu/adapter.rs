@@ -53,6 +53,7 @@ pub struct Gpu {
     pub notes: Vec<String>,
     /// Shaders run without wgpu's bounds and loop checks.
     pub unchecked: bool,
+    raw_adapter: wgpu::Adapter,
     faults: Arc<Mutex<Faults>>,
 }
 
@@ -261,6 +262,7 @@ impl Gpu {
             limits,
             notes,
             unchecked,
+            raw_adapter: chosen,
             faults,
         })
     }
@@ -279,6 +281,11 @@ impl Gpu {
                 .collect::<Vec<_>>()
                 .join(", "),
         })
+    }
+
+    /// What textures of this format can be used for on this adapter.
+    pub fn format_features(&self, format: wgpu::TextureFormat) -> wgpu::TextureFormatFeatures {
+        self.raw_adapter.get_texture_format_features(format)
     }
 
     /// Runs `f` and returns the first error the device raised meanwhile, if it raised one: a refused

@@ -146,7 +146,7 @@ pub fn run(options: &Options, interrupted: &AtomicBool) -> Result<Summary, RunEr
         interrupted,
         quiet: options.quiet,
     };
-    measurement.writer.write(&Record::Run(header))?;
+    measurement.writer.write(&Record::Run(Box::new(header)))?;
     let set_up_s = start.elapsed().as_secs_f64();
     measurement.measure(&planned, &before)?;
     measurement.end(start, set_up_s, kept)

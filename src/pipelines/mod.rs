@@ -24,6 +24,9 @@ pub trait Pipeline {
     fn quantities(&self, gpu: &Gpu) -> Result<BTreeMap<String, f64>, GpuError>;
 }
 
+/// Builds a pipeline's resources for a scene and a parameter tree.
+pub type Build = fn(&Gpu, &Scene, &Value) -> Result<Box<dyn Pipeline>, GpuError>;
+
 /// A kind of pipeline, by name.
 pub struct Kind {
     pub name: &'static str,
@@ -34,7 +37,7 @@ pub struct Kind {
     pub scene_file: fn(&SceneFile, &Value) -> Result<SceneFile, String>,
     /// What the parameters ask of an adapter, before anything is allocated; an error names the parameter at fault.
     pub demand: fn(&Value, &Scene) -> Result<Demand, String>,
-    pub build: fn(&Gpu, &Scene, &Value) -> Result<Box<dyn Pipeline>, GpuError>,
+    pub build: Build,
 }
 
 /// Every kind. Adding a pipeline adds one line.

@@ -244,10 +244,10 @@ pub fn finished(records: &[Record], run: &Run) -> BTreeSet<String> {
                     && earlier.profile == run.profile
                     && earlier.shader_checks == run.shader_checks;
             }
-            Record::Cell(cell) if same_conditions => {
-                if !matches!(cell.outcome, Outcome::Failed { .. }) {
-                    keys.insert(cell.resume_key());
-                }
+            Record::Cell(cell)
+                if same_conditions && !matches!(cell.outcome, Outcome::Failed { .. }) =>
+            {
+                keys.insert(cell.resume_key());
             }
             _ => {}
         }

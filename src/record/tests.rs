@@ -48,7 +48,11 @@ fn definition() -> Record {
 fn what_is_written_is_read() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("records.jsonl");
-    let records = [Record::Run(run("quick")), definition(), skipped("a")];
+    let records = [
+        Record::Run(Box::new(run("quick"))),
+        definition(),
+        skipped("a"),
+    ];
     let mut writer = Writer::create(&path).unwrap();
     for record in &records {
         writer.write(record).unwrap();
@@ -126,7 +130,7 @@ fn a_number_that_is_not_finite_is_not_written() {
     writer.write(&skipped("a")).unwrap();
     let mut bad = run("quick");
     bad.submit_cost_ns = f64::NAN;
-    let error = writer.write(&Record::Run(bad)).unwrap_err();
+    let error = writer.write(&Record::Run(Box::new(bad))).unwrap_err();
     assert!(matches!(error, RecordError::Unreadable(_)));
     assert_eq!(read(&path).unwrap().records.len(), 1);
 }
@@ -158,9 +162,9 @@ fn only_cells_under_the_same_conditions_are_finished() {
         },
     );
     let records = [
-        Record::Run(run("paper")),
+        Record::Run(Box::new(run("paper"))),
         skipped("other profile"),
-        Record::Run(run("quick")),
+        Record::Run(Box::new(run("quick"))),
         skipped("same"),
         failed,
     ];

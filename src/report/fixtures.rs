@@ -22,7 +22,7 @@ pub fn run() -> Vec<Record> {
 
 /// The same in any profile.
 pub fn profile(profile: &str) -> Vec<Record> {
-    let mut records = vec![Record::Run(header(profile))];
+    let mut records = vec![Record::Run(Box::new(header(profile)))];
     let mut random = Pcg64::seed_from_u64(7);
     for id in Experiment::builtin_ids() {
         let experiment = Experiment::load(&id).unwrap();

@@ -13,8 +13,10 @@ const GROUP_SIZE: u32 = 64;
 /// to 6 vertices, about as much in either.
 const QUADS_PER_EDGE: u32 = 32;
 const VERTEX_SHARE: u32 = 10;
-/// Some milliseconds on a software adapter: there a pass is a few copies, as it is in a frame.
-const COPY_BYTES: u64 = 8 << 20;
+/// Bytes of a copy per unit of work, and at most, on a software adapter and on a GPU.
+const COPY_UNIT_BYTES: u64 = 64 << 10;
+const SOFTWARE_COPY_BYTES: u64 = 64 << 20;
+const GPU_COPY_BYTES: u64 = 256 << 20;
 
 /// Pipelines and resources of the kernels.
 pub(super) struct Kernels {
@@ -32,6 +34,12 @@ impl Kernels {
         let quads = ("QUADS_PER_EDGE", QUADS_PER_EDGE as i32);
         let share = ("VERTEX_SHARE", VERTEX_SHARE as i32);
         let render = gpu.shader("audit/render", &[quads, share])?;
+        let copy_bytes = if gpu.adapter.software {
+            SOFTWARE_COPY_BYTES
+        } else {
+            GPU_COPY_BYTES
+        };
+        let copy_bytes = copy_bytes.min(gpu.limits.max_buffer_size);
         gpu.scoped(|| {
             Ok(Self {
                 compute: compute_pipeline(gpu, &compute),
@@ -39,8 +47,8 @@ impl Kernels {
                 results: buffer(gpu, u64::from(INVOCATIONS) * 4, Usage::STORAGE),
                 target: target(gpu),
                 copied: [
-                    buffer(gpu, COPY_BYTES, Usage::COPY_SRC),
-                    buffer(gpu, COPY_BYTES, Usage::COPY_DST),
+                    buffer(gpu, copy_bytes, Usage::COPY_SRC),
+                    buffer(gpu, copy_bytes, Usage::COPY_DST),
                 ],
             })
         })
@@ -150,7 +158,7 @@ pub(super) struct Kernel<'a> {
     kernels: &'a Kernels,
     pub(super) kind: PassKind,
     bindings: Option<wgpu::BindGroup>,
-    /// Loop iterations, or copies, per call.
+    /// Loop iterations, or units of copying, per call.
     work: u32,
     calls: u32,
 }
@@ -195,8 +203,9 @@ impl Encode for Kernel<'_> {
             }
             PassKind::Copy => scope.copy(|encoder| {
                 let [from, to] = &self.kernels.copied;
-                for _ in 0..self.work * self.calls {
-                    encoder.copy_buffer_to_buffer(from, 0, to, 0, COPY_BYTES);
+                let bytes = (u64::from(self.work) * COPY_UNIT_BYTES).min(from.size());
+                for _ in 0..self.calls {
+                    encoder.copy_buffer_to_buffer(from, 0, to, 0, bytes);
                 }
             }),
             PassKind::Host => {}

@@ -1,12 +1,14 @@
 //! What the audit makes of its measurements.
 
+use super::LEVELS;
 use crate::record::{AuditRow, PassKind};
 
 /// Timestamp over host time at which a clock is sound: within this factor of 1 either way. The lies known
-/// of drivers read 0 or a half.
-const ALONE_TOLERANCE: f64 = 1.10;
+/// of drivers read 0 or a half. What a submission with work costs beyond an empty one is left in the host's
+/// time: 0.1 to 0.3 ms of some 4 ms on lavapipe.
+const ALONE_TOLERANCE: f64 = 1.15;
 /// The shares of two frames are compared here, not one submission with itself.
-const MIXED_TOLERANCE: f64 = 1.20;
+const MIXED_TOLERANCE: f64 = 1.25;
 /// A ratio whose distance from 1, as a share of the tolerance's on a logarithmic scale, is in this range
 /// calls for more rounds.
 const CLOSE: std::ops::Range<f64> = 0.6..2.0;
@@ -22,8 +24,8 @@ const FAULTY_SHARE: f64 = 0.1;
 /// Times of one kind of pass in one surrounding, round by round, at N and at 2 N.
 #[derive(Default)]
 pub(super) struct Series {
-    timestamp_ns: [Vec<f64>; 2],
-    host_ns: [Vec<f64>; 2],
+    timestamp_ns: [Vec<f64>; LEVELS],
+    host_ns: [Vec<f64>; LEVELS],
     faults: usize,
 }
 
@@ -34,16 +36,16 @@ impl Series {
         self.faults += faults;
     }
 
-    /// Timestamp over host time at N, this quantile of the rounds'.
-    fn ratio(&self, at: f64) -> f64 {
-        let pairs = self.timestamp_ns[0].iter().zip(&self.host_ns[0]);
+    /// Timestamp over host time at N (level 0) or 2 N (level 1), this quantile of the rounds'.
+    fn ratio(&self, level: usize, at: f64) -> f64 {
+        let pairs = self.timestamp_ns[level].iter().zip(&self.host_ns[level]);
         let ratios: Vec<f64> = pairs.map(|(timestamp, host)| timestamp / host).collect();
         quantile(&ratios, at)
     }
 }
 
 /// Time at 2 N over that at N: the median over the rounds.
-fn doubling(levels: &[Vec<f64>; 2]) -> f64 {
+fn doubling(levels: &[Vec<f64>; LEVELS]) -> f64 {
     let pairs = levels[0]
         .iter()
         .zip(&levels[1])
@@ -72,24 +74,26 @@ fn is_close(factor: f64, tolerance: f64) -> bool {
 /// The row for one kind of pass, and whether its verdict is close. `apart` is given for mixed frames: which
 /// kinds were not among the mixed.
 pub(super) fn judge(kind: PassKind, apart: Option<&str>, series: &Series) -> (AuditRow, bool) {
+    let mixed = apart.is_some();
+    let at = if mixed { 0.5 } else { ALONE_QUANTILE };
     let mut row = AuditRow {
         pass: kind,
-        context: if apart.is_some() { "mixed" } else { "alone" }.to_owned(),
+        context: if mixed { "mixed" } else { "alone" }.to_owned(),
         timestamp_ns: median(&series.timestamp_ns[0]),
         host_ns: median(&series.host_ns[0]),
-        ratio: series.ratio(if apart.is_some() { 0.5 } else { ALONE_QUANTILE }),
+        ratio: series.ratio(0, at),
         doubling: doubling(&series.timestamp_ns),
         sound: false,
         reason: String::new(),
     };
-    let (verdict, close) = verdict(&row, apart.is_some(), series);
+    let (verdict, close) = verdict(series, mixed, [row.ratio, series.ratio(1, at)]);
     row.sound = verdict.is_ok();
     row.reason = verdict.unwrap_or_else(|reason| reason) + apart.unwrap_or_default();
     (row, close)
 }
 
-/// Why the row is sound or why not, and whether more rounds may change that.
-fn verdict(row: &AuditRow, mixed: bool, series: &Series) -> (Result<String, String>, bool) {
+/// Why the clock is sound or why not, by its ratios at N and 2 N, and whether more rounds may change that.
+fn verdict(series: &Series, mixed: bool, ratios: [f64; LEVELS]) -> (Result<String, String>, bool) {
     let durations = series.timestamp_ns.iter().flatten().count();
     if series.faults as f64 > FAULTY_SHARE * durations as f64 {
         let reason = format!("{} of {durations} durations cannot be true", series.faults);
@@ -100,17 +104,16 @@ fn verdict(row: &AuditRow, mixed: bool, series: &Series) -> (Result<String, Stri
     } else {
         ALONE_TOLERANCE
     };
+    let [single, double] = ratios.map(factor);
     let host_doubling = doubling(&series.host_ns);
-    let relative = factor(row.doubling / host_doubling);
     let disturbed = !mixed && factor(host_doubling / 2.0) > HOST_DOUBLING_TOLERANCE;
-    let close =
-        disturbed || is_close(factor(row.ratio), tolerance) || is_close(relative, tolerance);
-    let verdict = if factor(row.ratio) > tolerance {
-        Err(format!("timestamps read {:.2} of the host time", row.ratio))
-    } else if relative > tolerance {
+    let close = disturbed || is_close(single, tolerance) || is_close(double, tolerance);
+    let verdict = if single > tolerance {
+        Err(format!("timestamps read {:.2} of the host time", ratios[0]))
+    } else if double > tolerance {
         Err(format!(
-            "double work reads {:.2} and took {host_doubling:.2} times as long",
-            row.doubling
+            "timestamps read {:.2} of the host time of double work",
+            ratios[1]
         ))
     } else if disturbed {
         Err(format!(
@@ -191,8 +194,8 @@ mod tests {
 
     #[test]
     fn a_ratio_near_the_tolerance_is_close() {
-        assert_eq!(verdict(&series(5e6, 5.8e6)), (false, true));
-        assert_eq!(verdict(&series(5e6, 5.5e6)), (true, true));
+        assert_eq!(verdict(&series(5e6, 6.2e6)), (false, true));
+        assert_eq!(verdict(&series(5e6, 5.6e6)), (true, true));
     }
 
     #[test]

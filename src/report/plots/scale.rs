@@ -109,7 +109,7 @@ impl Scale {
     }
 
     /// The same from zero on, for bars.
-    pub fn from_zero(self) -> Scale {
+    pub fn reaching_zero(self) -> Scale {
         Scale { low: 0.0, ..self }
     }
 

@@ -59,7 +59,7 @@ impl<'a> Panel<'a> {
                 bar.published.map_or(0.0, |span| span.1),
             ]
         });
-        let scale = Scale::fit(Kind::Linear, ends)?.from_zero();
+        let scale = Scale::fit(Kind::Linear, ends)?.reaching_zero();
         let published: Vec<&Published> = figures
             .iter()
             .filter_map(|(cell, _)| experiment.published_for(cell))
