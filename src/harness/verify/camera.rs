@@ -17,6 +17,13 @@ const SCENE: &str = "tank";
 /// Scene with geometry on both sides of the water.
 const SHORE: &str = "port";
 const SIZE: [u32; 2] = [160, 120];
+/// Vulkan lets a rasterizer move corners by 1/32 pixel. The view spans 1.3 of the distance over 120
+/// pixels, so that is 3e-4 of the distance beside the ray, and some ten times that along it where
+/// surfaces are seen at a slant.
+const DEPTH_P99: f64 = 5e-3;
+/// On coarse curved meshes the same shift turns normals by more than a degree, so that the largest
+/// angles say nothing.
+const NORMAL_P90_DEG: f64 = 0.5;
 /// Geometry this far past the resting water is still drawn by reflection and refraction, metres.
 const OVERLAP_M: f64 = 0.1;
 
@@ -57,18 +64,18 @@ fn gbuffer(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
                 "scene/gbuffer",
                 "99th percentile of |depth − ray|, of the distance",
             ),
-            (1e-3, "1"),
+            (DEPTH_P99, "1"),
             seen.depth_p99(&depth),
             ("field of view 1 % wider", aside.depth_p99(&depth)),
         )
         .with("coverage_disagreement", seen.coverage_disagreement(&depth)),
         Check::new(
-            ("scene/gbuffer", "99th percentile of the normal's angle"),
-            (0.5, "deg"),
-            seen.normal_p99_deg(&normals, 0.0),
+            ("scene/gbuffer", "90th percentile of the normal's angle"),
+            (NORMAL_P90_DEG, "deg"),
+            seen.normal_p90_deg(&normals, 0.0),
             (
                 "normals turned by 1 degree",
-                seen.normal_p99_deg(&normals, 1.0),
+                seen.normal_p90_deg(&normals, 1.0),
             ),
         ),
         Check::new(
@@ -135,7 +142,7 @@ impl Seen {
     }
 
     /// `turned_deg` turns the exact normals about the view's x axis.
-    fn normal_p99_deg(&self, normals: &[DVec3], turned_deg: f64) -> f64 {
+    fn normal_p90_deg(&self, normals: &[DVec3], turned_deg: f64) -> f64 {
         let turn = glam::DQuat::from_rotation_x(turned_deg.to_radians());
         let mut angles: Vec<f64> = self
             .covered()
@@ -146,7 +153,7 @@ impl Seen {
                     .to_degrees()
             })
             .collect();
-        quantile(&mut angles, 0.99)
+        quantile(&mut angles, 0.90)
     }
 
     fn albedo_p99(&self, scene: &Scene, colors: &[DVec3], factor: f64) -> f64 {

@@ -18,6 +18,9 @@ const SCENE: &str = "tank";
 /// Scene with geometry above the water, which shades it.
 const SHADED_SCENE: &str = "port";
 const TEXELS: u32 = 256;
+/// Vulkan lets a rasterizer move corners by 1/32 texel, 1.5 mm here: on walls along the light a few
+/// times that in depth.
+const DEPTH_P99_M: f64 = 0.01;
 /// Quads per side of the grid that draws the water.
 const CELLS: u32 = 128;
 
@@ -79,7 +82,7 @@ fn shadow_depth(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
     let control = depth_errors(&depth, &frame, &tracer, 0.5);
     let check = Check::new(
         ("shadow/depth", "99th percentile of |depth − ray|"),
-        (2e-3, "m"),
+        (DEPTH_P99_M, "m"),
         measured.p99_m,
         ("rays half a texel aside", control.p99_m),
     );

@@ -30,6 +30,9 @@ const PHOTON_W: f64 = 0.02;
 /// Distances of synthetic photons from the viewer, metres: sizes of 20 down to 5 px.
 const NEAREST_M: f64 = 0.15;
 const FARTHEST_M: f64 = 18.0;
+/// Vulkan lets a rasterizer move edges by 1/32 pixel: a splat of side s then gains or loses up to a row
+/// in 1 of 8 cases, 1/(8 s) of its pixels.
+const COVERAGE: f64 = 0.03;
 /// Cells per side in which isolated splats lie: 64 px each, more than the largest splat.
 const CELLS: u32 = 8;
 
@@ -183,7 +186,7 @@ fn isolated(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
     let image = draw_free(rig, &view, &photons, &RULES)?;
     let splats = |rules: Rules| rules.splats(&view.camera, SIZE, &twins);
     let wide = Rules {
-        max_px: MAX_PX * 1.05,
+        max_px: MAX_PX * 1.25,
         ..RULES
     };
     let murky = Rules {
@@ -196,9 +199,9 @@ fn isolated(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
                 STAGE,
                 "isolated splats: covered pixels unlike the twin's, of all covered",
             ),
-            (5e-3, "1"),
+            (COVERAGE, "1"),
             coverage_error(&image, &splats(RULES)?),
-            ("s_max 5 % larger", coverage_error(&image, &splats(wide)?)),
+            ("s_max 25 px", coverage_error(&image, &splats(wide)?)),
         ),
         Check::new(
             (
@@ -300,7 +303,7 @@ fn depth_test(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
     };
     Ok(vec![Check::new(
         (STAGE, "splats before a wall: sum, relative error"),
-        (5e-3, "1"),
+        (0.01, "1"),
         error(rules)?,
         (
             "bias 1 m instead of 0.3 m",
