@@ -1,12 +1,10 @@
 # `make bench` builds and runs the main job; `make test` checks everything. Both set themselves up.
 .PHONY: bench test setup setup-test
 
-OUT ?= reports/out/bench
-
 bench: setup
 	cargo build --release --locked
 	target/release/fathom fetch || echo "note: scenes whose meshes are absent use their stand-ins"
-	target/release/fathom run --out $(OUT)
+	target/release/fathom run
 
 test: setup-test
 	cargo fmt --all --check

@@ -7,6 +7,7 @@ use std::process::ExitCode;
 use cli::{Command, commands};
 
 fn main() -> ExitCode {
+    quiet_driver_layers();
     let command = match cli::parse() {
         Ok(command) => command,
         Err(status) => return status,
@@ -22,4 +23,11 @@ fn main() -> ExitCode {
         Command::Report(args) => commands::report(args),
     };
     cli::exit_status(result)
+}
+
+/// Keeps Mesa's device-select layer out of the run: it looks for a Wayland display, complains on standard error where
+/// there is none, and may reorder the adapters.
+fn quiet_driver_layers() {
+    // SAFETY: no other thread runs yet.
+    unsafe { std::env::set_var("NODEVICE_SELECT", "1") };
 }

@@ -12,8 +12,8 @@ const WATER_COLOR: vec3<f32> = vec3<f32>(0.004, 0.05, 0.075);
 const WATER_TINT: vec3<f32> = vec3<f32>(0.75, 0.95, 1.0);
 // Colour of light scattered in the water, relative to that of the light; tuned on scene tank.
 const SHAFT_TINT: vec3<f32> = vec3<f32>(0.5, 0.85, 1.0);
-const SKY_ZENITH: vec3<f32> = vec3<f32>(0.25, 0.45, 0.85);
-const SKY_HORIZON: vec3<f32> = vec3<f32>(0.75, 0.82, 0.90);
+const SKY_ZENITH: vec3<f32> = vec3<f32>(0.14, 0.30, 0.70);
+const SKY_HORIZON: vec3<f32> = vec3<f32>(0.45, 0.60, 0.80);
 
 fn to_light(position_m: vec3<f32>) -> vec3<f32> {
     if frame.light_is_point != 0u {

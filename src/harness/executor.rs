@@ -8,7 +8,7 @@ use super::outcome::{Facts, measured};
 use super::plan::PlannedCell;
 use super::progress::Progress;
 use super::sample::{CellResult, Executor, Failure, Samples};
-use super::{MAX_PASSES, picture};
+use super::{MAX_PASSES, landing, picture};
 use crate::gpu::{self, ClockPlan, Encode, FrameSample, FrameTimer, Gpu, GpuError, StageCounters};
 use crate::pipelines::Pipeline;
 use crate::record::{Outcome, Record, RecordError, Writer};
@@ -121,8 +121,13 @@ impl<'a> CellExecutor<'a> {
             notes.push(format!("quantities not read: {error}"));
             Default::default()
         });
+        let start = Instant::now();
+        let subject = &self.cells[cell].subject;
+        match landing::cell_errors(&self.session.gpu, subject, pipeline) {
+            Ok(errors) => quantities.extend(errors),
+            Err(error) => notes.push(format!("photon errors not computed: {error}")),
+        }
         if let Some(reference) = &self.cells[cell].reference {
-            let start = Instant::now();
             let Session {
                 gpu,
                 timer,
@@ -137,7 +142,6 @@ impl<'a> CellExecutor<'a> {
                     notes.push(format!("{} not computed: {error}", reference.plan.quantity))
                 }
             }
-            self.session.spent.set_up_s += start.elapsed().as_secs_f64();
         }
         if !std::mem::replace(&mut self.pictured, true) {
             let path = self.picture_path(cell);
@@ -145,6 +149,7 @@ impl<'a> CellExecutor<'a> {
                 notes.push(format!("no picture: {error}"));
             }
         }
+        self.session.spent.set_up_s += start.elapsed().as_secs_f64();
         let (counters, precision) = (built.counters.as_slice(), self.precision);
         Facts {
             pipeline,

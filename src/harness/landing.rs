@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use super::subject::Subject;
 use crate::gpu::{Gpu, GpuError, read_buffer};
 use crate::pipelines::Pipeline;
 use crate::pipelines::underwater::{self, Params};
@@ -24,6 +25,21 @@ pub enum LandingError {
     Reference(#[from] ReferenceError),
     #[error("stage {0} has no photons to read back")]
     NoPhotons(&'static str),
+    #[error("{0}")]
+    Params(String),
+}
+
+/// Errors of a cell against its reference, by the kind of its pipeline; none for a kind without photons.
+pub fn cell_errors(
+    gpu: &Gpu,
+    subject: &Subject,
+    pipeline: &dyn Pipeline,
+) -> Result<BTreeMap<String, f64>, LandingError> {
+    if subject.kind.name != underwater::KIND.name {
+        return Ok(BTreeMap::new());
+    }
+    let params = Params::from_value(&subject.params).map_err(LandingError::Params)?;
+    photon_quantities(gpu, &subject.scene, &params, pipeline)
 }
 
 /// Errors of the last frame's photons, of both grids: `caustics_photon_error_median_m`,

@@ -379,7 +379,8 @@ impl Params {
     /// # Errors
     /// One line naming the parameter and its range.
     pub fn from_value(value: &Value) -> Result<Self, String> {
-        let params: Self = serde_json::from_value(value.clone()).map_err(|e| e.to_string())?;
+        let params: Self = serde_path_to_error::deserialize(value)
+            .map_err(|error| format!("{}: {}", error.path(), error.inner()))?;
         params.validate()?;
         Ok(params)
     }
