@@ -7,7 +7,7 @@
 
 struct Photon {
     entry_m: vec3<f32>,
-    // |p_e − p_proj| after the last iteration; −1: never enters the water; −2: left the light frustum.
+    // |p_e − p_proj| after the last iteration; −1: never enters the water; −2: left the light frustum or meets nothing.
     residual_m: f32,
     hit_m: vec3<f32>,
     // From entry to hit.
@@ -68,7 +68,8 @@ fn meet_water(ray: Ray) -> Entry {
     return Entry(ray.origin_m + t * ray.direction, water::normal(h.yz));
 }
 
-// The scene point that the light sees along the line through p: (point, 1), or (…, 0) outside the frustum.
+// The scene point that the light sees along the line through p: (point, 1), or (…, 0) outside the frustum and where
+// there is nothing to see.
 // Depth is interpolated bilinearly, which is exact on planes; across an edge the nearest texel counts.
 fn seen_from_light(depth: texture_depth_2d, p: vec3<f32>) -> vec4<f32> {
     let ndc = divide(frame.light_view_projection * vec4(p, 1.0));
@@ -88,6 +89,9 @@ fn seen_from_light(depth: texture_depth_2d, p: vec3<f32>) -> vec4<f32> {
     var z = mix(mix(a, b, f.x), mix(c, d, f.x), f.y);
     if max(max(a, b), max(c, d)) - min(min(a, b), min(c, d)) > frame.light_depth_jump {
         z = select(select(a, b, f.x > 0.5), select(c, d, f.x > 0.5), f.y > 0.5);
+    }
+    if z >= 1.0 {
+        return vec4(0.0);
     }
     return vec4(divide(frame.light_inverse * vec4(ndc.xy, z, 1.0)), 1.0);
 }

@@ -26,7 +26,7 @@ pub struct Photon {
 
 /// Residual of a photon that never enters the water.
 pub const MISSED: f32 = -1.0;
-/// Residual of a photon that left the light's frustum.
+/// Residual of a photon that left the light's frustum, or looks past everything the light sees.
 pub const OUTSIDE: f32 = -2.0;
 
 /// Cells per side of a workgroup, as in the shaders.

@@ -46,6 +46,11 @@ pub fn cases() -> Vec<Case> {
     }
     cases.push(Case::new(
         "caustics/trace",
+        "photons that meet nothing",
+        beside_the_floor,
+    ));
+    cases.push(Case::new(
+        "caustics/trace",
         "run-time subdivision",
         dynamic_subdivision,
     ));
@@ -183,6 +188,26 @@ fn largest_relative(photons: &[StoredPhoton], landings: &[Landing]) -> f64 {
         })
         .collect();
     quantile(&mut errors, 1.0)
+}
+
+/// Photons that pass beside the floor must not land where the depth map is empty.
+fn beside_the_floor(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
+    let mut scene = rig::flat_plane(LightKind::Point)?;
+    scene.light.half_extent_m = 14.0;
+    let (photons, frame) = trace(rig, &scene, Family::Caustics, settings(FLAT_GRID, 2), false)?;
+    let false_hits = |tracer: Tracer| -> Result<f64, VerifyError> {
+        let landings = exact(&frame, &scene.water, &tracer, [FLAT_GRID, 4])?;
+        Ok(photon_errors(&photons, &landings).false_hit_rate)
+    };
+    Ok(vec![Check::new(
+        (
+            "caustics/trace",
+            "photons beside the floor: share that lands",
+        ),
+        (0.01, "1"),
+        false_hits(Tracer::new(&scene.objects)?)?,
+        ("no floor", false_hits(Tracer::new(&[])?)?),
+    )])
 }
 
 /// The loop bound read at run time gives the very photons of the one compiled in. UW §4.1.
