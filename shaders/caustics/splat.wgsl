@@ -1,7 +1,7 @@
 // defs: CONSERVING=0
 // A square of regulated size for each photon, added up: UW §3.3.
 #import fathom::frame::{frame}
-#import fathom::photon::{Photon}
+#import fathom::photon::{Photon, angular_weight}
 #import fathom::screen
 
 struct Splat {
@@ -54,7 +54,7 @@ fn vertex(@builtin(vertex_index) vertex: u32, @builtin(instance_index) instance:
 
     var intensity = settings.photon_w * exp(-frame.attenuation_per_m * photon.distance_m);
 #if CONSERVING == 1
-    intensity /= side_px * side_px;
+    intensity *= angular_weight(photon.entry_m) / (side_px * side_px);
 #endif
     return Varying(vec4(center, depth, 1.0), intensity);
 }

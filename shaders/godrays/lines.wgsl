@@ -1,7 +1,7 @@
 // defs: CONSERVING=0
 // A wide line from water entry to hit for each photon, added up: UW §3.4.
 #import fathom::frame::{frame}
-#import fathom::photon::{Photon}
+#import fathom::photon::{Photon, angular_weight}
 #import fathom::screen
 
 struct Lines {
@@ -27,9 +27,11 @@ struct Varying {
     // Distance from the water surface along the ray.
     @location(1) depth_m: f32,
     @location(2) @interpolate(flat) direction: vec3<f32>,
+    // I_photon with the rule's factors that are the same along the line, W.
+    @location(3) @interpolate(flat) photon_w: f32,
 }
 
-const NOWHERE: Varying = Varying(vec4<f32>(2.0, 2.0, 2.0, 1.0), vec3<f32>(0.0), 0.0, vec3<f32>(0.0));
+const NOWHERE: Varying = Varying(vec4<f32>(2.0, 2.0, 2.0, 1.0), vec3<f32>(0.0), 0.0, vec3<f32>(0.0), 0.0);
 const PI: f32 = 3.14159265;
 
 @vertex
@@ -63,7 +65,11 @@ fn vertex(@builtin(vertex_index) vertex: u32, @builtin(instance_index) instance:
     var clip = select(a, b, at_end);
     clip = vec4(clip.xy + across * clip.w * select(-1.0, 1.0, (vertex & 2u) != 0u), clip.zw);
     let direction = (photon.hit_m - photon.entry_m) / photon.distance_m;
-    return Varying(clip, mix(photon.entry_m, photon.hit_m, share), share * photon.distance_m, direction);
+    var photon_w = settings.photon_w;
+#if CONSERVING == 1
+    photon_w *= angular_weight(photon.entry_m) / settings.width_px;
+#endif
+    return Varying(clip, mix(photon.entry_m, photon.hit_m, share), share * photon.distance_m, direction, photon_w);
 }
 
 // Schlick's form of the Henyey-Greenstein phase function; `cosine` of the scattering angle, 1 forward.
@@ -78,11 +84,8 @@ fn fragment(in: Varying) -> @location(0) vec4<f32> {
     let to_viewer = frame.camera_position_m - in.position_m;
     let viewer_distance = length(to_viewer);
     let scattering = phase(dot(in.direction, to_viewer) / viewer_distance);
-    var intensity = settings.photon_w * scattering
+    let intensity = in.photon_w * scattering
         * exp(-frame.attenuation_per_m * (viewer_distance + in.depth_m));
-#if CONSERVING == 1
-    intensity /= settings.width_px;
-#endif
     return vec4(intensity);
 }
 

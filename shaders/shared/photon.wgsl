@@ -7,7 +7,7 @@
 
 struct Photon {
     entry_m: vec3<f32>,
-    // |p_e − p_proj| after the last iteration; −1: never enters the water; −2: left the light frustum or meets nothing.
+    // |p_e − p_proj| in the last iteration; −1: never enters the water; −2: left the light frustum or meets nothing.
     residual_m: f32,
     hit_m: vec3<f32>,
     // From entry to hit.
@@ -100,6 +100,16 @@ fn in_mask(mask: texture_2d<f32>, ndc: vec2<f32>) -> bool {
     let size = vec2<f32>(textureDimensions(mask));
     let texel = vec2<i32>((ndc * vec2(0.5, -0.5) + 0.5) * size);
     return textureLoad(mask, texel, 0).x > 0.5;
+}
+
+// A photon's share of the light's energy relative to the middle of the frustum. A grid that is even in screen space is not
+// even in solid angle: dΩ = cos³θ dA at unit distance from a point light. A directional light's photons are all alike.
+fn angular_weight(entry_m: vec3<f32>) -> f32 {
+    if frame.light_is_point == 0u {
+        return 1.0;
+    }
+    let cosine = dot(normalize(entry_m - frame.light_position_m), frame.light_forward);
+    return cosine * cosine * cosine;
 }
 
 // One photon of the grid, at a place in the light's canonical screen space.

@@ -10,7 +10,7 @@ use serde_json::Value;
 
 use super::{Kind, Pipeline};
 use crate::gpu::{Demand, Gpu, GpuError};
-use crate::scene::{Scene, SceneFile};
+use crate::scene::{LightKind, Scene, SceneFile};
 use crate::stages::caustics::splat::{PointSize, SplatUniforms};
 use crate::stages::compose::{self, ComposeUniforms};
 use crate::stages::frame::{Frame, Shared, View};
@@ -295,7 +295,8 @@ struct Plan {
 
 impl Plan {
     fn new(params: &Params, view: &View) -> Self {
-        let emitted_w = view.light_frame().emitted_w;
+        let flux_w = [params.caustics.intensity, params.godrays.intensity]
+            .map(|intensity| grid_flux_w(params, view, intensity));
         let target = DVec3::from(params.camera.target_m);
         let middle_m = target.distance(DVec3::from(params.camera.position_m));
         let [caustics, godrays] = [params.caustics_buffer(), params.godrays_buffer()];
@@ -316,7 +317,7 @@ impl Plan {
             size_px: as_vec2(caustics),
             size_a_px: size.a_px as f32,
             size_b_px_m: size.b_px_m as f32,
-            photon_w: (emitted_w / photons[0] as f64) as f32,
+            photon_w: (flux_w[0] / photons[0] as f64) as f32,
             depth_bias_m: params.caustics.depth_bias_m as f32,
             photons_per_instance: PHOTONS_PER_INSTANCE,
             photons: photons[0] as u32,
@@ -325,7 +326,7 @@ impl Plan {
             size_px: as_vec2(godrays),
             width_px: params.godrays.line_width_px as f32,
             phase_k: params.godrays.phase_k as f32,
-            photon_w: (emitted_w / photons[1] as f64) as f32,
+            photon_w: (flux_w[1] / photons[1] as f64) as f32,
             photons_per_instance: PHOTONS_PER_INSTANCE,
             photons: photons[1] as u32,
         };
@@ -354,6 +355,20 @@ impl Plan {
                 water_cells: params.surface.cells,
             },
         }
+    }
+}
+
+/// Flux that the photons of a grid share. The paper's rule shares the light's flux evenly; `conserving` weights the photons
+/// of a point light by their solid angle (`angular_weight` in `shaders/shared/photon.wgsl`), which is cos³θ of
+/// intensity × area of the frustum at unit distance.
+fn grid_flux_w(params: &Params, view: &View, intensity: Intensity) -> f64 {
+    let frame = view.light_frame();
+    match (intensity, frame.kind) {
+        (Intensity::Conserving, LightKind::Point) => {
+            let scale = frame.projection.x_axis.x * frame.projection.y_axis.y;
+            params.light.intensity_w_sr * 4.0 / scale.abs()
+        }
+        _ => frame.emitted_w,
     }
 }
 

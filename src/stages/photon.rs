@@ -16,7 +16,7 @@ use crate::record::Work;
 pub struct Photon {
     /// Where it meets the water.
     pub entry_m: glam::Vec3,
-    /// Distance between estimate and seen surface after the last iteration, or [`MISSED`] or [`OUTSIDE`].
+    /// Distance between estimate and seen surface in the last iteration, or [`MISSED`] or [`OUTSIDE`].
     pub residual_m: f32,
     /// Where it lands.
     pub hit_m: glam::Vec3,

@@ -11,7 +11,7 @@ use crate::reference::image::Image;
 use crate::reference::photons::{Landed, PhotonGrid, land_all};
 use crate::reference::rays::{PixelRays, Tracer};
 use crate::reference::splat::{Intensity, PointSize, Splat, rasterize, splat_value};
-use crate::scene::{Camera, Scene, SceneFile};
+use crate::scene::{Camera, LightKind, Scene, SceneFile};
 use crate::stages::caustics::splat::{Splat as SplatStage, SplatUniforms};
 use crate::stages::frame::{Shared, View};
 use crate::stages::geometry::Geometry;
@@ -42,6 +42,7 @@ pub fn cases() -> Vec<Case> {
         Case::new(STAGE, "conserved energy of synthetic photons", conserved),
         Case::new(STAGE, "depth test", depth_test),
         Case::new(STAGE, "sum of many small contributions", accumulation),
+        Case::new(STAGE, "flux of a point light", point_flux),
     ];
     for name in ["plane", "tank"] {
         cases.push(Case::new(
@@ -412,6 +413,48 @@ fn scene_energy(rig: &Rig<'_>, name: &str) -> Result<Vec<Check>, VerifyError> {
             .with("seen_w", sum)
             .with("error_with_estimated_photons", estimated / energy - 1.0),
     ])
+}
+
+/// A point light over a level floor, through water that neither refracts nor absorbs: the flux that a camera straight above
+/// sees is intensity × solid angle of the rectangle it looks at.
+fn point_flux(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
+    const LIGHT_M: f64 = 3.0;
+    const CAMERA_M: f64 = 6.0;
+    let mut file = SceneFile::load("plane")?;
+    file.water.amplitude_m = 0.0;
+    file.water.attenuation_per_m = 0.0;
+    file.water.refractive_index = 1.0;
+    file.light.kind = LightKind::Point;
+    file.light.position_m = [0.0, LIGHT_M, 0.0];
+    file.camera.position_m = [0.0, CAMERA_M, 0.0];
+    file.camera.target_m = [0.0, 0.0, 0.0];
+    file.camera.up = [0.0, 0.0, -1.0];
+    (file.camera.z_near_m, file.camera.z_far_m) = (0.5, 15.0);
+    let scene = Scene::build(&file)?;
+    let mut params = energy_params(&file);
+    params.caustics.grid = 128;
+    let pipeline = Underwater::new(rig.gpu, &scene, params)?;
+    run_until(rig, &pipeline, STAGE)?;
+    let seen_w = splat_image(rig, &pipeline)?.sum();
+
+    let half_m = (CAMERA_M + file.floor_depth_m) * (file.camera.fov_y_deg.to_radians() / 2.0).tan();
+    // Ω = 4 asin(h² / (h² + d²)) of a square of half side h at a distance d from its middle.
+    let flux_w = |height_m: f64| {
+        let d = height_m + file.floor_depth_m;
+        4.0 * (half_m.powi(2) / (half_m.powi(2) + d * d)).asin() * file.light.intensity_w_sr
+    };
+    Ok(vec![Check::new(
+        (
+            STAGE,
+            "flux of a point light through the view, relative error",
+        ),
+        (0.01, "1"),
+        (seen_w / flux_w(LIGHT_M) - 1.0).abs(),
+        (
+            "light 0.5 m higher",
+            (seen_w / flux_w(LIGHT_M + 0.5) - 1.0).abs(),
+        ),
+    )])
 }
 
 /// An exact photon as the GPU stores it, and the f64 values of its rounded numbers.

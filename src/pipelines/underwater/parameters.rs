@@ -55,9 +55,10 @@ pub struct Surface {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Intensity {
-    /// The paper's rule: the intensity of a primitive does not depend on its size.
+    /// The paper's rule: the intensity of a primitive does not depend on its size, and all photons are alike.
     Paper,
-    /// Energy divided by the splat's area (the line's width), so that the sum over the buffer is the energy drawn.
+    /// Energy divided by the splat's area (the line's width), so that the sum over the buffer is the energy drawn. A point
+    /// light's photons are weighted by their solid angle.
     Conserving,
 }
 
