@@ -11,7 +11,7 @@ use plotters::prelude::*;
 
 use super::{Artifact, Exporter, ReportError, Section, View};
 use crate::experiments;
-use crate::experiments::schema::{Plot, PlotKind, Published};
+use crate::experiments::schema::{Experiment, Plot, PlotKind, Published};
 use crate::record::Cell;
 
 pub const EXPORTER: Exporter = Exporter {
@@ -59,6 +59,19 @@ pub fn has_figure(section: &Section<'_>) -> bool {
     !panels(section).is_empty()
 }
 
+/// Titles of the panels that have no data to draw.
+pub fn missing<'a>(section: &'a Section<'_>) -> Vec<&'a str> {
+    let Some(experiment) = &section.experiment else {
+        return Vec::new();
+    };
+    let cells = section.cells();
+    let plots = experiment.plot.iter();
+    plots
+        .filter(|plot| panel(plot, experiment, &cells).is_none())
+        .map(|plot| plot.title.as_str())
+        .collect()
+}
+
 fn export(view: &View<'_>) -> Result<Vec<Artifact>, ReportError> {
     let mut files = Vec::new();
     for section in &view.sections {
@@ -84,21 +97,26 @@ fn panels<'a>(section: &'a Section<'_>) -> Vec<Panel<'a>> {
     let Some(experiment) = &section.experiment else {
         return Vec::new();
     };
-    let all = section.cells();
-    let built = experiment.plot.iter().filter_map(|plot| {
-        let cells: Vec<&Cell> = all
-            .iter()
-            .copied()
-            .filter(|cell| belongs(plot, cell))
-            .collect();
-        match plot.kind {
-            PlotKind::Scaling | PlotKind::Lines => {
-                lines::Panel::new(plot, experiment, &cells).map(Panel::Lines)
-            }
-            PlotKind::Stacked => stacked::Panel::new(plot, experiment, &cells).map(Panel::Stacked),
-        }
-    });
+    let cells = section.cells();
+    let built = experiment
+        .plot
+        .iter()
+        .filter_map(|plot| panel(plot, experiment, &cells));
     built.collect()
+}
+
+fn panel<'a>(plot: &'a Plot, experiment: &Experiment, cells: &[&Cell]) -> Option<Panel<'a>> {
+    let cells: Vec<&Cell> = cells
+        .iter()
+        .copied()
+        .filter(|cell| belongs(plot, cell))
+        .collect();
+    match plot.kind {
+        PlotKind::Scaling | PlotKind::Lines => {
+            lines::Panel::new(plot, experiment, &cells).map(Panel::Lines)
+        }
+        PlotKind::Stacked => stacked::Panel::new(plot, experiment, &cells).map(Panel::Stacked),
+    }
 }
 
 fn belongs(plot: &Plot, cell: &Cell) -> bool {

@@ -12,6 +12,8 @@ use crate::record::{Cell, Estimate, Measured, Outcome};
 
 /// Cells beside each other in one table of stages.
 const COLUMNS: usize = 6;
+/// Notes on cells that stand in the open.
+const UNFOLDED: usize = 3;
 
 pub fn write(section: &Section<'_>, pictures: &[String], text: &mut String) {
     let _ = writeln!(text, "## {}\n", section.id);
@@ -30,6 +32,9 @@ pub fn write(section: &Section<'_>, pictures: &[String], text: &mut String) {
     if plots::has_figure(section) {
         let file = plots::file_name(section);
         let _ = writeln!(text, "![{}]({file})\n", section.title());
+    }
+    for title in plots::missing(section) {
+        let _ = writeln!(text, "No records hold the data of the plot *{title}*.\n");
     }
     claims(section, text);
     frames(section, text);
@@ -270,20 +275,25 @@ fn quantities(section: &Section<'_>, text: &mut String) {
     *text += &table.markdown();
 }
 
-/// Notes and rejected frames of single cells.
+/// Notes and rejected frames of single cells; many of them are folded away.
 fn cell_notes(section: &Section<'_>, text: &mut String) {
-    let mut any = false;
+    let mut lines = String::new();
     for (cell, measured) in section.measured() {
         let rejected = measured
             .rejected
             .iter()
             .map(|(reason, count)| format!("{count} frames rejected: {reason}"));
         for note in measured.notes.iter().cloned().chain(rejected) {
-            let _ = writeln!(text, "- `{}`: {note}", cell.cell);
-            any = true;
+            let _ = writeln!(lines, "- `{}`: {note}", cell.cell);
         }
     }
-    if any {
-        *text += "\n";
+    let count = lines.lines().count();
+    if count > UNFOLDED {
+        let _ = write!(
+            text,
+            "<details><summary>{count} notes on cells</summary>\n\n{lines}\n</details>\n\n"
+        );
+    } else if count > 0 {
+        let _ = writeln!(text, "{lines}");
     }
 }
