@@ -214,8 +214,11 @@ pub enum Direction {
     Falling,
 }
 
+/// A tenth: over the decade above it, a fixed cost bends a slope of 1 to 0.96 at worst.
+pub const FIXED_SHARE: f64 = 0.1;
+
 fn default_fixed_share() -> f64 {
-    0.2
+    FIXED_SHARE
 }
 
 fn default_decades() -> f64 {

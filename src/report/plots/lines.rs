@@ -4,7 +4,7 @@ use plotters::prelude::*;
 
 use super::scale::{Kind, Scale};
 use super::{Area, Drawn, style, text};
-use crate::experiments::schema::{Experiment, Plot, PlotKind, Published};
+use crate::experiments::schema::{Experiment, FIXED_SHARE, Plot, PlotKind, Published};
 use crate::experiments::{Measure, Scaling, groups, measured, scaling};
 use crate::record::Cell;
 use crate::report::format::NS_PER_MS;
@@ -245,7 +245,7 @@ impl Series {
             .collect();
         points.sort_by(|a, b| a.x.total_cmp(&b.x));
         let fit = match plot.kind {
-            PlotKind::Scaling => scaling(y, x, cells, MAX_FIXED_SHARE).ok(),
+            PlotKind::Scaling => scaling(y, x, cells, FIXED_SHARE).ok(),
             PlotKind::Lines | PlotKind::Stacked => None,
         };
         let remark = fit.as_ref().map(remark).unwrap_or_default();
@@ -258,9 +258,6 @@ impl Series {
         }
     }
 }
-
-/// As the claims' default: what a line is fitted to is told in the legend.
-const MAX_FIXED_SHARE: f64 = 0.2;
 
 fn ends(fit: &Scaling, x_unit: f64, y_unit: f64) -> [(f64, f64); 2] {
     [fit.range.0, fit.range.1].map(|x| {
