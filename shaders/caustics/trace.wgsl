@@ -7,6 +7,7 @@
 @group(1) @binding(1) var shadow_depth: texture_depth_2d;
 @group(1) @binding(2) var shadow_mask: texture_2d<f32>;
 @group(1) @binding(3) var<storage, read_write> photons: array<Photon>;
+@group(1) @binding(4) var texels: sampler;
 
 @compute @workgroup_size(8, 8)
 fn main(@builtin(global_invocation_id) cell: vec3<u32>) {
@@ -22,7 +23,7 @@ fn main(@builtin(global_invocation_id) cell: vec3<u32>) {
     for (var y = 0u; y < side; y++) {
         for (var x = 0u; x < side; x++) {
             let ndc = place(settings, cell.xy, vec2(x, y), side);
-            photons[first + y * side + x] = trace(settings, shadow_depth, shadow_mask, ndc);
+            photons[first + y * side + x] = trace(settings, shadow_depth, texels, shadow_mask, ndc);
         }
     }
 }

@@ -71,21 +71,21 @@ fn meet_water(ray: Ray) -> Entry {
 // The scene point that the light sees along the line through p: (point, 1), or (…, 0) outside the frustum and where
 // there is nothing to see.
 // Depth is interpolated bilinearly, which is exact on planes; across an edge the nearest texel counts.
-fn seen_from_light(depth: texture_depth_2d, p: vec3<f32>) -> vec4<f32> {
+fn seen_from_light(depth: texture_depth_2d, texels: sampler, p: vec3<f32>) -> vec4<f32> {
     let ndc = divide(frame.light_view_projection * vec4(p, 1.0));
     if any(abs(ndc.xy) > vec2(1.0)) {
         return vec4(0.0);
     }
-    let size = vec2<i32>(textureDimensions(depth));
-    let place = (ndc.xy * vec2(0.5, -0.5) + 0.5) * vec2<f32>(size) - 0.5;
+    let size = vec2<f32>(textureDimensions(depth));
+    let place = (ndc.xy * vec2(0.5, -0.5) + 0.5) * size - 0.5;
     let base = floor(place);
     let f = place - base;
-    let low = max(vec2<i32>(base), vec2(0));
-    let high = min(vec2<i32>(base) + 1, size - 1);
-    let a = textureLoad(depth, low, 0);
-    let b = textureLoad(depth, vec2(high.x, low.y), 0);
-    let c = textureLoad(depth, vec2(low.x, high.y), 0);
-    let d = textureLoad(depth, high, 0);
+    // The corner where four texels meet: no rounding of the sampler's can choose others.
+    let four = textureGather(depth, texels, (base + 1.0) / size);
+    let a = four.w;
+    let b = four.z;
+    let c = four.x;
+    let d = four.y;
     var z = mix(mix(a, b, f.x), mix(c, d, f.x), f.y);
     if max(max(a, b), max(c, d)) - min(min(a, b), min(c, d)) > frame.light_depth_jump {
         z = select(select(a, b, f.x > 0.5), select(c, d, f.x > 0.5), f.y > 0.5);
@@ -113,7 +113,9 @@ fn angular_weight(entry_m: vec3<f32>) -> f32 {
 }
 
 // One photon of the grid, at a place in the light's canonical screen space.
-fn trace(settings: Trace, depth: texture_depth_2d, mask: texture_2d<f32>, ndc: vec2<f32>) -> Photon {
+fn trace(
+    settings: Trace, depth: texture_depth_2d, texels: sampler, mask: texture_2d<f32>, ndc: vec2<f32>
+) -> Photon {
     let ray = light_ray(ndc);
     let met = meet_water(ray);
     let entry = met.position_m;
@@ -125,7 +127,7 @@ fn trace(settings: Trace, depth: texture_depth_2d, mask: texture_2d<f32>, ndc: v
     var residual = 0.0;
     for (var i = 0u; i < settings.iterations; i++) {
         let estimate = entry + d * refracted;
-        let seen = seen_from_light(depth, estimate);
+        let seen = seen_from_light(depth, texels, estimate);
         if seen.w == 0.0 {
             return Photon(entry, OUTSIDE, estimate, d);
         }

@@ -136,6 +136,8 @@ pub enum Bind<'a> {
     Filtered(&'a wgpu::Texture),
     Depth(&'a wgpu::Texture),
     Sampler(&'a wgpu::Sampler),
+    /// A sampler that does not filter, for gathers.
+    NearestSampler(&'a wgpu::Sampler),
 }
 
 /// A bind group and its layout.
@@ -192,6 +194,9 @@ impl Bind<'_> {
             Bind::Filtered(_) => texture(wgpu::TextureSampleType::Float { filterable: true }),
             Bind::Depth(_) => texture(wgpu::TextureSampleType::Depth),
             Bind::Sampler(_) => wgpu::BindingType::Sampler(wgpu::SamplerBindingType::Filtering),
+            Bind::NearestSampler(_) => {
+                wgpu::BindingType::Sampler(wgpu::SamplerBindingType::NonFiltering)
+            }
         };
         let visibility = match self {
             Bind::Write(_) => wgpu::ShaderStages::COMPUTE,
@@ -216,7 +221,7 @@ impl Bind<'_> {
         match (self, view) {
             (_, Some(view)) => wgpu::BindingResource::TextureView(view),
             (Bind::Uniform(b) | Bind::Read(b) | Bind::Write(b), None) => b.as_entire_binding(),
-            (Bind::Sampler(s), None) => wgpu::BindingResource::Sampler(s),
+            (Bind::Sampler(s) | Bind::NearestSampler(s), None) => wgpu::BindingResource::Sampler(s),
             (Bind::Texels(_) | Bind::Filtered(_) | Bind::Depth(_), None) => {
                 unreachable!("textures have views")
             }

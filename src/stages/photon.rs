@@ -99,6 +99,10 @@ impl Tracing {
         let shader = gpu.shader(name, &[("SIDE", side)])?;
         let uniforms = resources.uniform(name, &settings);
         let photons = Photons::new(resources, name, settings.photons());
+        let texels = gpu.device.create_sampler(&wgpu::SamplerDescriptor {
+            label: Some(name),
+            ..Default::default()
+        });
         let group = Group::new(
             gpu,
             name,
@@ -107,6 +111,7 @@ impl Tracing {
                 Bind::Depth(depth),
                 Bind::Texels(mask),
                 Bind::Write(&photons.buffer),
+                Bind::NearestSampler(&texels),
             ],
         );
         Ok(Self {
