@@ -39,8 +39,8 @@ pub struct Run {
     /// `checked` (wgpu's bounds and loop checks) or `unchecked`.
     pub shader_checks: String,
     pub audit: Vec<AuditRow>,
-    /// Cost of one submission and its fence, removed from fenced host durations.
-    pub submit_cost_ns: f64,
+    /// Host time of a submission with the least pass of a kind, removed from fenced host durations.
+    pub submit_cost_ns: BTreeMap<PassKind, f64>,
     /// Degraded features, missing assets, and other notes on the whole run.
     pub notes: Vec<String>,
 }

@@ -5,7 +5,8 @@ use std::process::Command;
 
 use fathom::gpu::{
     ClockPlan, ColorTarget, Demand, Encode, FaultKind, FrameTimer, Gpu, GpuError, Options,
-    StageScope, Targets, compilation_options, count, read_buffer, read_texture, texture_bytes,
+    StageScope, SubmitCost, Targets, compilation_options, count, read_buffer, read_texture,
+    texture_bytes,
 };
 use fathom::record::{Clock, PassKind};
 
@@ -203,7 +204,11 @@ impl Encode for Idle {
 /// Render passes on timestamps, where the adapter has them, and the rest on the fenced host clock;
 /// submissions at 50 µs.
 fn plan(gpu: &Gpu) -> ClockPlan {
-    let plan = ClockPlan::fenced(5e4);
+    let plan = ClockPlan::fenced(SubmitCost {
+        compute_ns: 5e4,
+        render_ns: 5e4,
+        copy_ns: 5e4,
+    });
     match gpu
         .features
         .contains(wgpu::Features::TIMESTAMP_QUERY_INSIDE_ENCODERS)

@@ -1,6 +1,6 @@
 //! Every stage agrees with its f64 reference, and every control disagrees, on the adapter at hand.
 
-use fathom::gpu::{ClockPlan, Encode, FrameTimer, Gpu, Options};
+use fathom::gpu::{ClockPlan, Encode, FrameTimer, Gpu, Options, SubmitCost};
 use fathom::harness::landing::photon_quantities;
 use fathom::harness::verify::{Table, VerifyError, verify};
 use fathom::pipelines::Pipeline;
@@ -47,7 +47,7 @@ fn photons_of_a_built_pipeline_have_their_errors() {
         .into_iter()
         .map(|stage| stage as &dyn Encode)
         .collect();
-    let mut timer = FrameTimer::new(&gpu, ClockPlan::fenced(0.0), 64).unwrap();
+    let mut timer = FrameTimer::new(&gpu, ClockPlan::fenced(SubmitCost::default()), 64).unwrap();
     timer.untimed(&gpu, &stages).unwrap();
     let figures = photon_quantities(&gpu, &scene, &params, &pipeline).unwrap();
     for name in ["caustics", "godrays"] {

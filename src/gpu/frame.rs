@@ -47,19 +47,38 @@ pub struct ClockPlan {
     pub compute: Clock,
     pub render: Clock,
     pub copy: Clock,
-    /// Host time from submission to fence of an empty command buffer.
-    pub submit_cost_ns: f64,
+    pub submit_cost: SubmitCost,
+}
+
+/// Host time in ns from submission to fence of a command buffer with the least pass of a kind. An empty command buffer
+/// says too little: a driver need not wake its threads for it.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct SubmitCost {
+    pub compute_ns: f64,
+    pub render_ns: f64,
+    pub copy_ns: f64,
+}
+
+impl SubmitCost {
+    pub fn of(&self, kind: PassKind) -> f64 {
+        match kind {
+            PassKind::Compute => self.compute_ns,
+            PassKind::Render => self.render_ns,
+            PassKind::Copy => self.copy_ns,
+            PassKind::Host => 0.0,
+        }
+    }
 }
 
 impl ClockPlan {
     /// Every pass on the fenced host clock.
-    pub fn fenced(submit_cost_ns: f64) -> Self {
+    pub fn fenced(submit_cost: SubmitCost) -> Self {
         let clock = Clock::FencedHost;
         Self {
             compute: clock,
             render: clock,
             copy: clock,
-            submit_cost_ns,
+            submit_cost,
         }
     }
 
@@ -138,6 +157,7 @@ pub(super) enum Mode<'a> {
 /// One pass of an encoded frame.
 pub(super) struct Pass {
     pub(super) stage: usize,
+    kind: PassKind,
     /// The number of its pair of timestamps, or of its statistics.
     pub(super) query: Option<u32>,
 }
@@ -395,6 +415,7 @@ impl<'a> StageScope<'a> {
         let number = self.take_query(kind);
         self.recorder.passes.push(Pass {
             stage: self.stage,
+            kind,
             query: number,
         });
         let query = number.map(|number| match self.mode {
@@ -641,7 +662,7 @@ impl FrameTimer {
             if let Some(before) = index.checked_sub(1).map(|before| &self.spans[before]) {
                 account.gaps_ns += ns_between(before.fence, span.submit);
             }
-            account.gaps_ns += self.plan.submit_cost_ns;
+            account.gaps_ns += self.submit_cost_ns(span);
             match span.fenced {
                 true => self.add_fenced(&mut account, span),
                 false => self.add_timestamped(&mut account, span),
@@ -654,8 +675,14 @@ impl FrameTimer {
         account.finish(gpu_ns + self.recorder.host_ns())
     }
 
+    /// That of the segment's first pass.
+    fn submit_cost_ns(&self, span: &Span) -> f64 {
+        let first = self.recorder.passes[span.passes.clone()].first();
+        first.map_or(0.0, |pass| self.plan.submit_cost.of(pass.kind))
+    }
+
     fn add_fenced(&self, account: &mut Account, span: &Span) {
-        let ns = span.wall_ns() - self.plan.submit_cost_ns;
+        let ns = span.wall_ns() - self.submit_cost_ns(span);
         for pass in &self.recorder.passes[span.passes.clone()] {
             account.add(pass.stage, Clock::FencedHost, positive(ns));
         }

@@ -14,7 +14,9 @@ use super::sample::{self, Settings};
 use super::{calendar, memory};
 use crate::experiments::{Experiment, ExperimentError};
 use crate::gpu::{self, Audit, Gpu, GpuError};
-use crate::record::{self, Definition, End, Outcome, Record, RecordError, Run, SCHEMA, Writer};
+use crate::record::{
+    self, Definition, End, Outcome, PassKind, Record, RecordError, Run, SCHEMA, Writer,
+};
 use crate::report::{self, ReportError};
 
 /// Memory of the cells that are prepared at the same time. On a software driver it is the process's own,
@@ -201,7 +203,9 @@ fn header(options: &Options, gpu: &Gpu, audit: &Audit, profile: &str, seed: u64)
         }
         .to_owned(),
         audit: audit.rows.clone(),
-        submit_cost_ns: audit.plan.submit_cost_ns,
+        submit_cost_ns: [PassKind::Compute, PassKind::Render, PassKind::Copy]
+            .map(|kind| (kind, audit.plan.submit_cost.of(kind)))
+            .into(),
         notes,
     }
 }

@@ -32,7 +32,7 @@ fn run(profile: &str) -> Run {
         adapter: Adapter::default(),
         shader_checks: "checked".to_owned(),
         audit: Vec::new(),
-        submit_cost_ns: 0.0,
+        submit_cost_ns: Default::default(),
         notes: Vec::new(),
     }
 }
@@ -129,7 +129,7 @@ fn a_number_that_is_not_finite_is_not_written() {
     let mut writer = Writer::create(&path).unwrap();
     writer.write(&skipped("a")).unwrap();
     let mut bad = run("quick");
-    bad.submit_cost_ns = f64::NAN;
+    bad.submit_cost_ns.insert(PassKind::Render, f64::NAN);
     let error = writer.write(&Record::Run(Box::new(bad))).unwrap_err();
     assert!(matches!(error, RecordError::Unreadable(_)));
     assert_eq!(read(&path).unwrap().records.len(), 1);

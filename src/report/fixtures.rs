@@ -108,7 +108,7 @@ pub fn header(profile: &str) -> Run {
             row(PassKind::Compute, "mixed", 0.003, false),
             row(PassKind::Render, "mixed", 0.998, true),
         ],
-        submit_cost_ns: 41_000.0,
+        submit_cost_ns: [(PassKind::Compute, 41_000.0), (PassKind::Render, 52_000.0)].into(),
         notes: vec!["no SHADER_F16: not used".to_owned()],
     }
 }

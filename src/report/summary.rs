@@ -104,10 +104,17 @@ fn trust(view: &View<'_>, run: &Run, table: &mut Table) {
     }
     table.row([
         "cost of a submission, removed from fenced times".to_owned(),
-        format!(
-            "{} ms",
-            format::three(run.submit_cost_ns / format::NS_PER_MS)
-        ),
+        run.submit_cost_ns
+            .iter()
+            .map(|(kind, ns)| {
+                format!(
+                    "{} {} ms",
+                    pass_name(*kind),
+                    format::three(ns / format::NS_PER_MS)
+                )
+            })
+            .collect::<Vec<_>>()
+            .join(", "),
     ]);
     let rejected: u32 = view
         .measured()

@@ -23,9 +23,9 @@ mod verdict;
 use std::fmt::Write as _;
 use std::time::{Duration, Instant};
 
-use self::kernels::{Kernel, Kernels};
+use self::kernels::{Kernel, Kernels, Least};
 use self::verdict::{Series, factor, judge, median};
-use super::frame::{ClockPlan, Encode, FrameSample, FrameTimer};
+use super::frame::{ClockPlan, Encode, FrameSample, FrameTimer, SubmitCost};
 use super::{Gpu, GpuError};
 use crate::record::{AuditRow, Clock, PassKind};
 
@@ -43,9 +43,9 @@ const PATIENCE: Duration = Duration::from_secs(6);
 const LEVELS: usize = 2;
 /// Times each kind of pass occurs in a mixed frame.
 const OCCURRENCES: usize = 2;
-/// Empty submissions before the first round, and in each round.
-const EMPTY_SUBMISSIONS: usize = 32;
-const EMPTY_SUBMISSIONS_PER_ROUND: usize = 4;
+/// Submissions of the least pass of each kind before the first round, and in each round.
+const SUBMISSIONS: usize = 32;
+const SUBMISSIONS_PER_ROUND: usize = 4;
 /// Dispatches, draws or copies in a pass at N work; twice as many at 2 N, which doubles fixed costs per
 /// thread too. Few, so that a driver that leaves out the first is found out.
 const CALLS: u32 = 2;
@@ -63,12 +63,12 @@ pub struct Audit {
 
 /// Audits this adapter's timestamps. Takes some seconds on a software adapter.
 pub fn audit(gpu: &Gpu) -> Result<Audit, GpuError> {
-    let mut submit_costs = Vec::new();
-    time_empty_submissions(gpu, EMPTY_SUBMISSIONS, &mut submit_costs)?;
-    let fenced = ClockPlan::fenced(median(&submit_costs));
     let kernels = Kernels::new(gpu)?;
+    let mut submissions = Submissions::new(gpu, &kernels)?;
+    submissions.time(gpu, SUBMISSIONS)?;
+    let fenced = ClockPlan::fenced(submissions.cost());
     let work = calibrate(gpu, &kernels, fenced)?;
-    let mut bench = Bench::new(gpu, &kernels, work, fenced, submit_costs)?;
+    let mut bench = Bench::new(gpu, &kernels, work, fenced, submissions)?;
     let alone = bench.measure(gpu, Surrounding::Alone, &KINDS)?;
     let alone: Vec<AuditRow> = alone.into_iter().map(|row| admit(gpu, row)).collect();
     let mut rows = alone.clone();
@@ -79,7 +79,7 @@ pub fn audit(gpu: &Gpu) -> Result<Audit, GpuError> {
             .filter(|row| row.pass == *kind)
             .all(|row| row.sound)
     };
-    let plan = ClockPlan::fenced(median(&bench.submit_costs));
+    let plan = ClockPlan::fenced(bench.submissions.cost());
     let sound_kinds = KINDS.into_iter().filter(sound);
     let plan = sound_kinds.fold(plan, |plan, kind| plan.with(kind, Clock::Timestamp));
     Ok(Audit { rows, plan })
@@ -113,17 +113,43 @@ fn mixed(gpu: &Gpu, bench: &mut Bench, alone: &[AuditRow]) -> Result<Vec<AuditRo
     Ok(done)
 }
 
-/// Host times in ns from submission to fence of empty command buffers.
-fn time_empty_submissions(gpu: &Gpu, count: usize, costs: &mut Vec<f64>) -> Result<(), GpuError> {
-    for _ in 0..count {
-        let encoder = gpu.device.create_command_encoder(&Default::default());
-        let commands = encoder.finish();
-        let start = Instant::now();
-        let index = gpu.queue.submit([commands]);
-        gpu.wait_for(Some(index))?;
-        costs.push(start.elapsed().as_secs_f64() * 1e9);
+/// Host times in ns of submissions that hold the least pass of each kind, in the order of [`KINDS`].
+struct Submissions<'a> {
+    kernels: [Kernel<'a>; 3],
+    timer: FrameTimer,
+    costs: [Vec<f64>; 3],
+}
+
+impl<'a> Submissions<'a> {
+    fn new(gpu: &Gpu, kernels: &'a Kernels) -> Result<Self, GpuError> {
+        Ok(Self {
+            kernels: KINDS.map(|kind| kernels.kernel(gpu, kind, 1, 1)),
+            timer: FrameTimer::new(gpu, ClockPlan::fenced(SubmitCost::default()), 0)?,
+            costs: Default::default(),
+        })
     }
-    Ok(())
+
+    fn time(&mut self, gpu: &Gpu, count: usize) -> Result<(), GpuError> {
+        for (kernel, costs) in self.kernels.iter().zip(&mut self.costs) {
+            for _ in 0..count {
+                costs.push(self.timer.untimed(gpu, &[&Least { kernel }])?);
+            }
+        }
+        Ok(())
+    }
+
+    fn cost(&self) -> SubmitCost {
+        let [compute_ns, render_ns, copy_ns] =
+            [PassKind::Compute, PassKind::Render, PassKind::Copy].map(|kind| {
+                let index = KINDS.iter().position(|k| *k == kind);
+                index.map_or(0.0, |index| median(&self.costs[index]))
+            });
+        SubmitCost {
+            compute_ns,
+            render_ns,
+            copy_ns,
+        }
+    }
 }
 
 /// Whether the adapter has timestamps for this kind of pass at all.
@@ -169,7 +195,7 @@ fn calibrate(gpu: &Gpu, kernels: &Kernels, fenced: ClockPlan) -> Result<[u32; 3]
             let mut ns = f64::INFINITY;
             for _ in 0..CALIBRATION_FRAMES {
                 // The shortest is the least disturbed.
-                ns = ns.min(timer.timed(gpu, &[&kernel])?.wall_ns - fenced.submit_cost_ns);
+                ns = ns.min(timer.timed(gpu, &[&kernel])?.wall_ns - fenced.submit_cost.of(kind));
             }
             let short_by = goal_ns / ns.max(goal_ns / 1024.0);
             if (0.6..1.6).contains(&short_by) {
@@ -195,8 +221,8 @@ struct Bench<'a> {
     kernels: [[Kernel<'a>; 3]; LEVELS],
     timestamps: FrameTimer,
     fenced: FrameTimer,
-    submit_costs: Vec<f64>,
-    submit_cost_ns: f64,
+    submissions: Submissions<'a>,
+    submit_cost: SubmitCost,
 }
 
 impl<'a> Bench<'a> {
@@ -205,7 +231,7 @@ impl<'a> Bench<'a> {
         kernels: &'a Kernels,
         work: [u32; 3],
         fenced: ClockPlan,
-        submit_costs: Vec<f64>,
+        submissions: Submissions<'a>,
     ) -> Result<Self, GpuError> {
         let level = |factor: u32| {
             [0, 1, 2].map(|i: usize| kernels.kernel(gpu, KINDS[i], work[i], CALLS * factor))
@@ -217,8 +243,8 @@ impl<'a> Bench<'a> {
             kernels: [level(1), level(2)],
             timestamps: FrameTimer::new(gpu, plan, passes)?,
             fenced: FrameTimer::new(gpu, fenced, 0)?,
-            submit_costs,
-            submit_cost_ns: fenced.submit_cost_ns,
+            submissions,
+            submit_cost: fenced.submit_cost,
         })
     }
 
@@ -240,7 +266,7 @@ impl<'a> Bench<'a> {
                         Surrounding::Mixed => self.mixed(gpu, level, kinds, &mut series)?,
                     }
                 }
-                time_empty_submissions(gpu, EMPTY_SUBMISSIONS_PER_ROUND, &mut self.submit_costs)?;
+                self.submissions.time(gpu, SUBMISSIONS_PER_ROUND)?;
                 rounds += 1;
             }
             let judged = kinds.iter().zip(&series).map(|(kind, series)| {
@@ -266,7 +292,7 @@ impl<'a> Bench<'a> {
         for (kind, series) in kinds.iter().zip(series) {
             let kernel = kernel(&self.kernels[level], *kind);
             let sample = self.timestamps.timed(gpu, &[kernel])?;
-            let host_ns = sample.wall_ns - self.submit_cost_ns;
+            let host_ns = sample.wall_ns - self.submit_cost.of(*kind);
             series.push(level, stage_ns(&sample, 0, 1), host_ns, sample.faults.len());
         }
         Ok(())
@@ -286,7 +312,7 @@ impl<'a> Bench<'a> {
         let frame = once.collect::<Vec<_>>().repeat(OCCURRENCES);
         let mixed = self.timestamps.timed(gpu, &frame)?;
         let apart = self.fenced.timed(gpu, &frame)?;
-        let mixed_ns = mixed.wall_ns - self.submit_cost_ns;
+        let mixed_ns = mixed.wall_ns - self.submit_cost.of(kinds[0]);
         let apart_ns: f64 = apart.stages.iter().map(|stage| stage.ns).sum();
         for (index, series) in series.iter_mut().enumerate() {
             let name = frame[index].name();
@@ -364,10 +390,13 @@ pub fn audit_table(audit: &Audit) -> String {
         };
         let _ = writeln!(table, "{} passes are timed by {clock}", pass_name(kind));
     }
+    let cost = audit.plan.submit_cost;
     let _ = writeln!(
         table,
-        "one submission costs {:.1} µs",
-        audit.plan.submit_cost_ns * 1e-3
+        "a submission costs {:.1} µs with the least compute pass, {:.1} µs with a render pass, {:.1} µs with a copy",
+        cost.compute_ns * 1e-3,
+        cost.render_ns * 1e-3,
+        cost.copy_ns * 1e-3
     );
     table
 }

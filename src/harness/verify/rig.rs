@@ -6,8 +6,8 @@ use glam::{DVec3, UVec2};
 
 use super::VerifyError;
 use crate::gpu::{
-    ClockPlan, DepthTarget, Encode, FrameTimer, Gpu, GpuError, StageScope, Targets, read_buffer,
-    read_texture,
+    ClockPlan, DepthTarget, Encode, FrameTimer, Gpu, GpuError, StageScope, SubmitCost, Targets,
+    read_buffer, read_texture,
 };
 use crate::reference::image::Image;
 use crate::reference::quantities::{StoredPhoton, stored_photons};
@@ -27,7 +27,7 @@ pub struct Rig<'g> {
 
 impl<'g> Rig<'g> {
     pub fn new(gpu: &'g Gpu) -> Result<Self, GpuError> {
-        let timer = FrameTimer::new(gpu, ClockPlan::fenced(0.0), MAX_PASSES);
+        let timer = FrameTimer::new(gpu, ClockPlan::fenced(SubmitCost::default()), MAX_PASSES);
         Ok(Self {
             gpu,
             timer: RefCell::new(timer?),

@@ -3,7 +3,9 @@
 use std::collections::BTreeMap;
 
 use super::{Intensity, Params, Underwater};
-use crate::gpu::{ClockPlan, Encode, FrameTimer, Gpu, GpuError, read_buffer, read_texture};
+use crate::gpu::{
+    ClockPlan, Encode, FrameTimer, Gpu, GpuError, SubmitCost, read_buffer, read_texture,
+};
 use crate::pipelines::Pipeline;
 use crate::scene::Scene;
 use crate::stages::photon::{MISSED, OUTSIDE, Photon, Photons};
@@ -65,7 +67,8 @@ pub fn blended_fragments(
     let pipeline = gpu.scoped(|| Underwater::new(gpu, scene, params))?;
     let stages = pipeline.stages();
     let frame: Vec<&dyn Encode> = stages.iter().map(|stage| *stage as &dyn Encode).collect();
-    FrameTimer::new(gpu, ClockPlan::fenced(0.0), MAX_PASSES)?.untimed(gpu, &frame)?;
+    FrameTimer::new(gpu, ClockPlan::fenced(SubmitCost::default()), MAX_PASSES)?
+        .untimed(gpu, &frame)?;
 
     let isotropic = 1.0 / (4.0 * std::f64::consts::PI);
     let targets = [
