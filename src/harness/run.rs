@@ -97,7 +97,7 @@ struct Defaults {
 const QUICK: Defaults = Defaults {
     precision: 0.02,
     budget_per_cell_s: 6.0,
-    most_budget_s: 225.0,
+    most_budget_s: 235.0,
 };
 const PAPER: Defaults = Defaults {
     precision: 0.01,
