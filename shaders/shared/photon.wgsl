@@ -26,7 +26,8 @@ struct Trace {
     offset: vec2<f32>,
     // First estimate d0 of the distance from the surface.
     start_m: f32,
-    unused: f32,
+    // Residual up to which a photon counts as converged; only the host asks.
+    tolerance_m: f32,
 }
 
 const MISSED: f32 = -1.0;

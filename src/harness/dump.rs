@@ -106,12 +106,12 @@ fn read(gpu: &Gpu, output: &Output) -> Result<ArrayD<f32>, DumpError> {
             buffer,
             stride_floats,
             count,
+            row,
         } => {
-            let bytes = read_buffer(gpu, buffer)?;
-            let shape = vec![*count as usize, *stride_floats as usize];
-            let mut floats: Vec<f32> = bytemuck::pod_collect_to_vec(&bytes);
-            floats.truncate(shape.iter().product());
-            (shape, floats)
+            let floats: Vec<f32> = bytemuck::pod_collect_to_vec(&read_buffer(gpu, buffer)?);
+            let elements = floats.chunks_exact(*stride_floats as usize);
+            let data = elements.take(*count as usize).flat_map(row).collect();
+            (vec![*count as usize, output.columns.len()], data)
         }
         OutputData::Texture(texture) => {
             let pixels = read_texture(gpu, texture)?;

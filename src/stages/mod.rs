@@ -46,14 +46,18 @@ pub struct Column {
 }
 
 pub enum OutputData {
-    /// `count` elements of `stride_floats` 32-bit floats.
+    /// `count` elements of `stride_floats` 32-bit floats; `row` makes an element's columns of them.
     Buffer {
         buffer: wgpu::Buffer,
         stride_floats: u32,
         count: u32,
+        row: Row,
     },
     Texture(wgpu::Texture),
 }
+
+/// Makes the columns of an output from the floats of one element.
+pub type Row = Box<dyn Fn(&[f32]) -> Vec<f32>>;
 
 /// What `fathom list stages` says of a stage.
 pub struct StageInfo {
@@ -186,7 +190,7 @@ mod tests {
             masked: 4,
             offset: vec2(5.0),
             start_m: 6.0,
-            unused: 7.0,
+            tolerance_m: 7.0,
         });
         for shader in ["caustics/trace", "godrays/trace"] {
             same_layout(shader, "Photon", &fields, &value);

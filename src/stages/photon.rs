@@ -61,7 +61,8 @@ pub struct TraceUniforms {
     pub masked: u32,
     pub offset: Vec2,
     pub start_m: f32,
-    pub unused: f32,
+    /// Residual up to which a photon counts as converged.
+    pub tolerance_m: f32,
 }
 
 impl TraceUniforms {
@@ -157,36 +158,104 @@ impl Tracing {
     pub fn outputs(&self) -> Vec<Output> {
         vec![Output {
             name: "photons".into(),
-            meaning:
-                "traced photons, cell by cell; the refracted direction is (hit − entry) / distance"
-                    .into(),
+            meaning: "traced photons, cell by cell".into(),
             columns: columns(),
             data: OutputData::Buffer {
                 buffer: self.photons.buffer.clone(),
                 stride_floats: (size_of::<Photon>() / 4) as u32,
                 count: self.photons.count,
+                row: Box::new({
+                    let tolerance_m = self.settings.tolerance_m;
+                    move |floats| row(floats, tolerance_m)
+                }),
             },
         }]
     }
 }
 
+/// The columns of a stored photon: entry, direction, hit, distance, residual, converged.
+fn row(stored: &[f32], tolerance_m: f32) -> Vec<f32> {
+    let photon: &Photon = bytemuck::from_bytes(bytemuck::cast_slice(stored));
+    let direction = (photon.hit_m - photon.entry_m).normalize_or_zero();
+    let converged = (0.0..=tolerance_m).contains(&photon.residual_m);
+    let mut row = Vec::with_capacity(12);
+    for place in [photon.entry_m, direction, photon.hit_m] {
+        row.extend(place.to_array());
+    }
+    row.extend([
+        photon.distance_m,
+        photon.residual_m,
+        f32::from(u8::from(converged)),
+    ]);
+    row
+}
+
 fn columns() -> Vec<Column> {
-    let place = |name, meaning| Column {
+    let column = |name, unit, meaning| Column {
         name,
-        unit: "m",
+        unit,
         meaning,
     };
+    let entry = "where the photon meets the water";
+    let direction = "unit direction after refraction; 0 for a photon that never enters the water";
+    let hit = "where the photon lands";
     vec![
-        place("entry_x_m", "where the photon meets the water"),
-        place("entry_y_m", "where the photon meets the water"),
-        place("entry_z_m", "where the photon meets the water"),
-        place(
+        column("entry_x_m", "m", entry),
+        column("entry_y_m", "m", entry),
+        column("entry_z_m", "m", entry),
+        column("direction_x", "1", direction),
+        column("direction_y", "1", direction),
+        column("direction_z", "1", direction),
+        column("hit_x_m", "m", hit),
+        column("hit_y_m", "m", hit),
+        column("hit_z_m", "m", hit),
+        column("distance_m", "m", "from entry to landing point"),
+        column(
             "residual_m",
-            "distance of the last estimate from the surface seen by the light; -1: never enters the water, -2: left the light's frustum",
+            "m",
+            "distance of the last estimate from the surface seen by the light; -1: never enters the water, -2: left the light's frustum or meets nothing",
         ),
-        place("hit_x_m", "where the photon lands"),
-        place("hit_y_m", "where the photon lands"),
-        place("hit_z_m", "where the photon lands"),
-        place("distance_m", "from entry to landing point"),
+        column(
+            "converged",
+            "1",
+            "1 where the residual is within the tolerance",
+        ),
     ]
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::Vec3;
+
+    use super::*;
+
+    #[test]
+    fn a_row_holds_direction_and_convergence() {
+        let photon = Photon {
+            entry_m: Vec3::new(1.0, 0.0, 0.0),
+            residual_m: 0.005,
+            hit_m: Vec3::new(1.0, -2.0, 0.0),
+            distance_m: 2.0,
+        };
+        let floats: &[f32] = bytemuck::cast_slice(bytemuck::bytes_of(&photon));
+        let expected = [
+            1.0, 0.0, 0.0, 0.0, -1.0, 0.0, 1.0, -2.0, 0.0, 2.0, 0.005, 1.0,
+        ];
+        assert_eq!(row(floats, 0.01), expected);
+        assert_eq!(row(floats, 0.001)[11], 0.0);
+        assert_eq!(columns().len(), expected.len());
+    }
+
+    #[test]
+    fn a_photon_beside_the_water_has_no_direction_and_is_not_converged() {
+        let photon = Photon {
+            entry_m: Vec3::ONE,
+            residual_m: MISSED,
+            hit_m: Vec3::ONE,
+            distance_m: 0.0,
+        };
+        let floats: &[f32] = bytemuck::cast_slice(bytemuck::bytes_of(&photon));
+        assert_eq!(row(floats, 0.01)[3..6], [0.0; 3]);
+        assert_eq!(row(floats, 0.01)[11], 0.0);
+    }
 }

@@ -127,7 +127,7 @@ fn settings(grid: u32, side: u32) -> TraceUniforms {
         masked: 1,
         offset: Vec2::splat(0.5),
         start_m: 1.0,
-        unused: 0.0,
+        tolerance_m: 0.01,
     }
 }
 

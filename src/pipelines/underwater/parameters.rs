@@ -234,6 +234,7 @@ pub struct PhotonGrid {
     pub offset: [f64; 2],
     pub iterations: u32,
     pub start_m: f64,
+    pub tolerance_m: f64,
     pub mask: bool,
 }
 
@@ -259,7 +260,7 @@ impl PhotonGrid {
             masked: u32::from(self.mask),
             offset: Vec2::new(self.offset[0] as f32, self.offset[1] as f32),
             start_m: self.start_m as f32,
-            unused: 0.0,
+            tolerance_m: self.tolerance_m as f32,
         }
     }
 
@@ -308,6 +309,7 @@ macro_rules! shared_settings {
                     offset: self.offset,
                     iterations: self.iterations,
                     start_m: self.start_m,
+                    tolerance_m: self.tolerance_m,
                     mask: self.mask,
                 }
             }
