@@ -1,0 +1,65 @@
+//! Which clock times which kind of pass.
+
+use crate::record::{Clock, PassKind};
+
+/// The clock for each kind of pass, as the audit found it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ClockPlan {
+    pub compute: Clock,
+    pub render: Clock,
+    pub copy: Clock,
+    pub submit_cost: SubmitCost,
+}
+
+/// Host time in ns from submission to fence of a command buffer with the least pass of a kind. An empty command buffer
+/// says too little: a driver need not wake its threads for it.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct SubmitCost {
+    pub compute_ns: f64,
+    pub render_ns: f64,
+    pub copy_ns: f64,
+}
+
+impl SubmitCost {
+    pub fn of(&self, kind: PassKind) -> f64 {
+        match kind {
+            PassKind::Compute => self.compute_ns,
+            PassKind::Render => self.render_ns,
+            PassKind::Copy => self.copy_ns,
+            PassKind::Host => 0.0,
+        }
+    }
+}
+
+impl ClockPlan {
+    /// Every pass on the fenced host clock.
+    pub fn fenced(submit_cost: SubmitCost) -> Self {
+        let clock = Clock::FencedHost;
+        Self {
+            compute: clock,
+            render: clock,
+            copy: clock,
+            submit_cost,
+        }
+    }
+
+    pub fn clock(&self, kind: PassKind) -> Clock {
+        match kind {
+            PassKind::Compute => self.compute,
+            PassKind::Render => self.render,
+            PassKind::Copy => self.copy,
+            PassKind::Host => Clock::Host,
+        }
+    }
+
+    /// The same plan with another clock for one kind of pass.
+    pub fn with(mut self, kind: PassKind, clock: Clock) -> Self {
+        match kind {
+            PassKind::Compute => self.compute = clock,
+            PassKind::Render => self.render = clock,
+            PassKind::Copy => self.copy = clock,
+            PassKind::Host => {}
+        }
+        self
+    }
+}

@@ -1,0 +1,418 @@
+//! Encoding a frame: the scope that stages open their passes through, and the command buffers that come of it.
+
+use std::ops::Range;
+use std::time::Instant;
+
+use super::clock::ClockPlan;
+use crate::gpu::{Gpu, GpuError};
+use crate::record::{Clock, PassKind};
+
+/// WebGPU's largest query set.
+pub(super) const QUERIES_PER_SET: u32 = 4096;
+/// Begin and end.
+pub(super) const QUERIES_PER_PASS: u32 = 2;
+/// WebGPU's largest number of colour targets.
+const MAX_COLOR_TARGETS: usize = 8;
+
+/// Something that encodes passes: a stage.
+pub trait Encode {
+    /// The name under which the time is recorded, such as `caustics/trace`.
+    fn name(&self) -> &'static str;
+    /// Opens the stage's passes. Called once per frame.
+    fn encode(&self, scope: &mut StageScope<'_>);
+}
+
+/// The targets of a render pass.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Targets<'a> {
+    /// At most eight.
+    pub color: &'a [ColorTarget<'a>],
+    pub depth: Option<DepthTarget<'a>>,
+}
+
+#[derive(Clone, Copy, Debug)]
+pub struct ColorTarget<'a> {
+    pub view: &'a wgpu::TextureView,
+    /// Cleared to this first; otherwise what it holds is kept.
+    pub clear: Option<wgpu::Color>,
+}
+
+#[derive(Clone, Copy, Debug)]
+pub struct DepthTarget<'a> {
+    pub view: &'a wgpu::TextureView,
+    /// Cleared to this first; otherwise what it holds is kept.
+    pub clear: Option<f32>,
+    /// Tested but not written; `clear` is then ignored.
+    pub read_only: bool,
+}
+
+/// What a stage opens its passes through.
+pub struct StageScope<'a> {
+    recorder: &'a mut Recorder,
+    gpu: &'a Gpu,
+    mode: Mode<'a>,
+    stage: usize,
+    name: &'static str,
+}
+
+/// What is done to a frame's passes.
+#[derive(Clone, Copy)]
+pub(in crate::gpu) enum Mode<'a> {
+    /// Each is timed by the plan's clock for its kind.
+    Timed {
+        plan: &'a ClockPlan,
+        sets: &'a [wgpu::QuerySet],
+        max_passes: u32,
+    },
+    /// All in one command buffer, nothing is timed.
+    Untimed,
+    /// All in one command buffer, with a pipeline statistics query around each compute and render pass.
+    Counted {
+        set: &'a wgpu::QuerySet,
+        max_passes: u32,
+    },
+}
+
+/// One pass of an encoded frame.
+pub(in crate::gpu) struct Pass {
+    pub(in crate::gpu) stage: usize,
+    pub(super) kind: PassKind,
+    /// The number of its pair of timestamps, or of its statistics.
+    pub(in crate::gpu) query: Option<u32>,
+}
+
+/// One command buffer of an encoded frame, and which of the frame's passes it holds.
+struct Segment {
+    commands: wgpu::CommandBuffer,
+    passes: Range<usize>,
+    fenced: bool,
+}
+
+/// Work of the CPU within a frame.
+pub(super) struct HostWork {
+    pub(super) stage: usize,
+    pub(super) ns: f64,
+}
+
+/// A frame as it is being encoded. Kept from frame to frame for its allocations.
+#[derive(Default)]
+pub(in crate::gpu) struct Recorder {
+    encoder: Option<wgpu::CommandEncoder>,
+    segments: Vec<Segment>,
+    pub(in crate::gpu) passes: Vec<Pass>,
+    pub(super) host: Vec<HostWork>,
+    /// Passes before the open encoder's first.
+    closed: usize,
+    pub(in crate::gpu) queries: u32,
+    /// The frame wanted more queries than there are.
+    overflow: bool,
+}
+
+impl Recorder {
+    /// Encodes a whole frame.
+    pub(in crate::gpu) fn record(
+        &mut self,
+        gpu: &Gpu,
+        mode: Mode<'_>,
+        stages: &[&dyn Encode],
+    ) -> Result<(), GpuError> {
+        self.reset();
+        for (stage, encode) in stages.iter().enumerate() {
+            let name = encode.name();
+            encode.encode(&mut StageScope {
+                recorder: self,
+                gpu,
+                mode,
+                stage,
+                name,
+            });
+        }
+        self.close(false);
+        match mode {
+            Mode::Timed { max_passes, .. } | Mode::Counted { max_passes, .. } if self.overflow => {
+                Err(GpuError::TooManyPasses(max_passes))
+            }
+            _ => Ok(()),
+        }
+    }
+
+    fn reset(&mut self) {
+        self.encoder = None;
+        self.segments.clear();
+        self.passes.clear();
+        self.host.clear();
+        self.closed = 0;
+        self.queries = 0;
+        self.overflow = false;
+    }
+
+    /// Ends the open command buffer, if there is one.
+    fn close(&mut self, fenced: bool) {
+        if let Some(encoder) = self.encoder.take() {
+            let passes = self.closed..self.passes.len();
+            self.segments.push(Segment {
+                commands: encoder.finish(),
+                passes,
+                fenced,
+            });
+        }
+        self.closed = self.passes.len();
+    }
+
+    /// Submits what the host stages have queued, so that it burdens no pass and no gap.
+    fn flush_host_writes(&self, gpu: &Gpu) -> Result<(), GpuError> {
+        if self.host.is_empty() {
+            return Ok(());
+        }
+        let index = gpu.queue.submit([]);
+        gpu.wait_for(Some(index))
+    }
+
+    pub(super) fn host_ns(&self) -> f64 {
+        self.host.iter().map(|work| work.ns).sum()
+    }
+
+    /// Submits all segments at once and waits for them. Returns the wall time in ns.
+    pub(in crate::gpu) fn run(&mut self, gpu: &Gpu) -> Result<f64, GpuError> {
+        self.flush_host_writes(gpu)?;
+        let start = Instant::now();
+        let index = gpu
+            .queue
+            .submit(self.segments.drain(..).map(|segment| segment.commands));
+        gpu.wait_for(Some(index))?;
+        Ok(ns_between(start, Instant::now()) + self.host_ns())
+    }
+
+    /// Submits the segments one after the other, each waited for.
+    pub(super) fn run_segments(
+        &mut self,
+        gpu: &Gpu,
+        spans: &mut Vec<Span>,
+    ) -> Result<(), GpuError> {
+        self.flush_host_writes(gpu)?;
+        spans.clear();
+        for Segment {
+            commands,
+            passes,
+            fenced,
+        } in self.segments.drain(..)
+        {
+            let submit = Instant::now();
+            let index = gpu.queue.submit([commands]);
+            gpu.wait_for(Some(index))?;
+            spans.push(Span {
+                submit,
+                fence: Instant::now(),
+                passes,
+                fenced,
+            });
+        }
+        Ok(())
+    }
+}
+
+/// When a segment ran, by the host clock.
+pub(super) struct Span {
+    pub(super) submit: Instant,
+    pub(super) fence: Instant,
+    pub(super) passes: Range<usize>,
+    pub(super) fenced: bool,
+}
+
+impl Span {
+    pub(super) fn wall_ns(&self) -> f64 {
+        ns_between(self.submit, self.fence)
+    }
+}
+
+pub(super) fn ns_between(start: Instant, end: Instant) -> f64 {
+    end.saturating_duration_since(start).as_secs_f64() * 1e9
+}
+
+/// What a pass is given to time or count it.
+#[derive(Clone, Copy)]
+struct Query<'a> {
+    set: &'a wgpu::QuerySet,
+    first: u32,
+}
+
+impl<'a> StageScope<'a> {
+    /// A compute pass.
+    pub fn compute(&mut self, f: impl FnOnce(&mut wgpu::ComputePass<'_>)) {
+        let (label, counted) = (Some(self.name), self.counted());
+        let (encoder, query) = self.begin(PassKind::Compute);
+        let timestamps = query.filter(|_| !counted);
+        let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
+            label,
+            timestamp_writes: timestamps.map(|Query { set, first }| {
+                wgpu::ComputePassTimestampWrites {
+                    query_set: set,
+                    beginning_of_pass_write_index: Some(first),
+                    end_of_pass_write_index: Some(first + 1),
+                }
+            }),
+        });
+        let statistics = query.filter(|_| counted);
+        if let Some(Query { set, first }) = statistics {
+            pass.begin_pipeline_statistics_query(set, first);
+        }
+        f(&mut pass);
+        if statistics.is_some() {
+            pass.end_pipeline_statistics_query();
+        }
+        drop(pass);
+        self.end(PassKind::Compute);
+    }
+
+    /// A render pass to these targets.
+    pub fn render(&mut self, targets: &Targets<'_>, f: impl FnOnce(&mut wgpu::RenderPass<'_>)) {
+        let (label, counted) = (Some(self.name), self.counted());
+        let (encoder, query) = self.begin(PassKind::Render);
+        let timestamps = query.filter(|_| !counted);
+        let (attachments, count) = color_attachments(targets.color);
+        let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
+            label,
+            color_attachments: &attachments[..count],
+            depth_stencil_attachment: targets.depth.as_ref().map(depth_attachment),
+            timestamp_writes: timestamps.map(|Query { set, first }| {
+                wgpu::RenderPassTimestampWrites {
+                    query_set: set,
+                    beginning_of_pass_write_index: Some(first),
+                    end_of_pass_write_index: Some(first + 1),
+                }
+            }),
+            ..Default::default()
+        });
+        let statistics = query.filter(|_| counted);
+        if let Some(Query { set, first }) = statistics {
+            pass.begin_pipeline_statistics_query(set, first);
+        }
+        f(&mut pass);
+        if statistics.is_some() {
+            pass.end_pipeline_statistics_query();
+        }
+        drop(pass);
+        self.end(PassKind::Render);
+    }
+
+    /// Copies and clears. `f` must not open passes of its own: they would count as copying.
+    pub fn copy(&mut self, f: impl FnOnce(&mut wgpu::CommandEncoder)) {
+        let counted = self.counted();
+        let (encoder, query) = self.begin(PassKind::Copy);
+        let timestamps = query.filter(|_| !counted);
+        if let Some(Query { set, first }) = timestamps {
+            encoder.write_timestamp(set, first);
+        }
+        f(encoder);
+        if let Some(Query { set, first }) = timestamps {
+            encoder.write_timestamp(set, first + 1);
+        }
+        self.end(PassKind::Copy);
+    }
+
+    /// Work of the CPU, such as writing uniforms, timed by the host clock. As always with wgpu, what is
+    /// written to a buffer is there before the frame's first pass, whatever the order of the stages.
+    pub fn host(&mut self, f: impl FnOnce(&wgpu::Queue)) {
+        let start = Instant::now();
+        f(&self.gpu.queue);
+        let ns = ns_between(start, Instant::now());
+        self.recorder.host.push(HostWork {
+            stage: self.stage,
+            ns,
+        });
+    }
+
+    fn counted(&self) -> bool {
+        matches!(self.mode, Mode::Counted { .. })
+    }
+
+    fn fenced(&self, kind: PassKind) -> bool {
+        matches!(self.mode, Mode::Timed { plan, .. } if plan.clock(kind) != Clock::Timestamp)
+    }
+
+    /// Notes a pass, and gives the encoder to open it in and its queries.
+    fn begin(&mut self, kind: PassKind) -> (&mut wgpu::CommandEncoder, Option<Query<'a>>) {
+        if self.fenced(kind) {
+            self.recorder.close(false);
+        }
+        let number = self.take_query(kind);
+        self.recorder.passes.push(Pass {
+            stage: self.stage,
+            kind,
+            query: number,
+        });
+        let query = number.map(|number| match self.mode {
+            Mode::Timed { sets, .. } => timestamp_query(sets, number),
+            Mode::Counted { set, .. } => Query { set, first: number },
+            Mode::Untimed => unreachable!("an untimed pass takes no query"),
+        });
+        let encoder = self.recorder.encoder.get_or_insert_with(|| {
+            self.gpu
+                .device
+                .create_command_encoder(&wgpu::CommandEncoderDescriptor::default())
+        });
+        (encoder, query)
+    }
+
+    /// The number of this pass's query, if it has one.
+    fn take_query(&mut self, kind: PassKind) -> Option<u32> {
+        let max_passes = match self.mode {
+            Mode::Timed { max_passes, .. } if !self.fenced(kind) => max_passes,
+            Mode::Counted { max_passes, .. } if kind != PassKind::Copy => max_passes,
+            _ => return None,
+        };
+        if self.recorder.queries >= max_passes {
+            self.recorder.overflow = true;
+            return None;
+        }
+        self.recorder.queries += 1;
+        Some(self.recorder.queries - 1)
+    }
+
+    fn end(&mut self, kind: PassKind) {
+        if self.fenced(kind) {
+            self.recorder.close(true);
+        }
+    }
+}
+
+fn timestamp_query(sets: &[wgpu::QuerySet], number: u32) -> Query<'_> {
+    let index = number * QUERIES_PER_PASS;
+    Query {
+        set: &sets[(index / QUERIES_PER_SET) as usize],
+        first: index % QUERIES_PER_SET,
+    }
+}
+
+type Attachments<'a> = [Option<wgpu::RenderPassColorAttachment<'a>>; MAX_COLOR_TARGETS];
+
+fn color_attachments<'a>(targets: &[ColorTarget<'a>]) -> (Attachments<'a>, usize) {
+    let mut attachments: Attachments<'a> = [const { None }; MAX_COLOR_TARGETS];
+    assert!(
+        targets.len() <= MAX_COLOR_TARGETS,
+        "a render pass has at most eight colour targets"
+    );
+    for (attachment, target) in attachments.iter_mut().zip(targets) {
+        *attachment = Some(wgpu::RenderPassColorAttachment {
+            view: target.view,
+            depth_slice: None,
+            resolve_target: None,
+            ops: wgpu::Operations {
+                load: target.clear.map_or(wgpu::LoadOp::Load, wgpu::LoadOp::Clear),
+                store: wgpu::StoreOp::Store,
+            },
+        });
+    }
+    (attachments, targets.len())
+}
+
+fn depth_attachment<'a>(target: &DepthTarget<'a>) -> wgpu::RenderPassDepthStencilAttachment<'a> {
+    wgpu::RenderPassDepthStencilAttachment {
+        view: target.view,
+        depth_ops: (!target.read_only).then(|| wgpu::Operations {
+            load: target.clear.map_or(wgpu::LoadOp::Load, wgpu::LoadOp::Clear),
+            store: wgpu::StoreOp::Store,
+        }),
+        stencil_ops: None,
+    }
+}

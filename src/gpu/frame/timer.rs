@@ -1,0 +1,378 @@
+//! Running frames, reading their timestamps, and the account of where a frame's time went.
+
+use std::fmt;
+
+use super::clock::ClockPlan;
+use super::scope::{Encode, Mode, QUERIES_PER_PASS, QUERIES_PER_SET, Recorder, Span, ns_between};
+use crate::gpu::readback::map;
+use crate::gpu::{Gpu, GpuError};
+use crate::record::{Clock, PassKind};
+
+const TICK_BYTES: u64 = size_of::<u64>() as u64;
+/// A timestamp duration may be longer than its segment's wall time by this factor and still be within
+/// what two clocks differ by.
+const WALL_TOLERANCE: f64 = 1.01;
+
+/// One timed frame.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FrameSample {
+    /// In frame order.
+    pub stages: Vec<StageSample>,
+    pub gaps_ns: f64,
+    /// Host time from the first submission to the last fence, and the host stages.
+    pub envelope_ns: f64,
+    /// The envelope, to be held against [`FrameTimer::untimed`]: what is timed costs more by the gaps
+    /// between its segments.
+    pub wall_ns: f64,
+    /// Durations that cannot be true. A frame with any is not to be used.
+    pub faults: Vec<Fault>,
+}
+
+impl FrameSample {
+    /// |stages + gaps − envelope| / envelope; not a number when a stage has a fault.
+    pub fn accounting_error(&self) -> f64 {
+        let stages: f64 = self.stages.iter().map(|stage| stage.ns).sum();
+        (stages + self.gaps_ns - self.envelope_ns).abs() / self.envelope_ns
+    }
+}
+
+/// A stage's time in one frame: the sum over its passes.
+#[derive(Clone, Debug, PartialEq)]
+pub struct StageSample {
+    pub name: &'static str,
+    /// That of its passes; the fenced host clock where passes differ.
+    pub clock: Clock,
+    /// Not a number when one of its passes has a fault.
+    pub ns: f64,
+}
+
+/// A stage's duration that was not accepted.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Fault {
+    pub stage: &'static str,
+    pub kind: FaultKind,
+    /// The duration as read.
+    pub ns: f64,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum FaultKind {
+    Zero,
+    Negative,
+    /// Both timestamps are those of the frame before.
+    Stale,
+    LongerThanWall,
+    /// The stage opened no pass, so there is nothing to time.
+    NoPass,
+}
+
+impl FaultKind {
+    /// The reason under which rejected frames are counted.
+    pub fn reason(self) -> &'static str {
+        match self {
+            Self::Zero => "zero duration",
+            Self::Negative => "negative duration",
+            Self::Stale => "stale timestamps",
+            Self::LongerThanWall => "longer than the wall clock",
+            Self::NoPass => "no pass",
+        }
+    }
+}
+
+impl fmt::Display for Fault {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}: {} ({} ns)", self.stage, self.kind.reason(), self.ns)
+    }
+}
+
+/// Begin and end of a pass, in ticks.
+type Ticks = [u64; 2];
+
+/// Runs frames, timed and untimed.
+pub struct FrameTimer {
+    plan: ClockPlan,
+    period_ns: f64,
+    max_passes: u32,
+    queries: Option<Queries>,
+    recorder: Recorder,
+    spans: Vec<Span>,
+    /// Of the frame's timestamped passes, in order.
+    ticks: Vec<Ticks>,
+    /// Those of the frame before.
+    previous: Vec<Ticks>,
+}
+
+/// Timestamp queries and the buffers they are resolved to.
+struct Queries {
+    sets: Vec<wgpu::QuerySet>,
+    resolved: wgpu::Buffer,
+    read_back: wgpu::Buffer,
+}
+
+impl FrameTimer {
+    /// A timer for frames of at most `max_passes` passes on the timestamp clock.
+    pub fn new(gpu: &Gpu, plan: ClockPlan, max_passes: u32) -> Result<Self, GpuError> {
+        let kinds = [PassKind::Compute, PassKind::Render, PassKind::Copy];
+        let timestamps = kinds
+            .iter()
+            .any(|kind| plan.clock(*kind) == Clock::Timestamp);
+        let queries = match timestamps && max_passes > 0 {
+            true => Some(Queries::new(gpu, max_passes)?),
+            false => None,
+        };
+        Ok(Self {
+            plan,
+            period_ns: f64::from(gpu.queue.get_timestamp_period()),
+            max_passes,
+            queries,
+            recorder: Recorder::default(),
+            spans: Vec::new(),
+            ticks: Vec::new(),
+            previous: Vec::new(),
+        })
+    }
+
+    /// Runs one frame with every stage timed.
+    pub fn timed(&mut self, gpu: &Gpu, stages: &[&dyn Encode]) -> Result<FrameSample, GpuError> {
+        gpu.scoped(|| {
+            let sets = self
+                .queries
+                .as_ref()
+                .map_or(&[][..], |queries| &queries.sets);
+            let mode = Mode::Timed {
+                plan: &self.plan,
+                sets,
+                max_passes: self.max_passes,
+            };
+            self.recorder.record(gpu, mode, stages)?;
+            self.recorder.run_segments(gpu, &mut self.spans)?;
+            self.read_ticks(gpu)
+        })?;
+        Ok(self.evaluate(stages))
+    }
+
+    /// Runs one frame in one submission with nothing timed within. Returns the wall time from the
+    /// submission to the fence and the host stages, in ns.
+    pub fn untimed(&mut self, gpu: &Gpu, stages: &[&dyn Encode]) -> Result<f64, GpuError> {
+        gpu.scoped(|| {
+            self.recorder.record(gpu, Mode::Untimed, stages)?;
+            self.recorder.run(gpu)
+        })
+    }
+
+    /// Reads the frame's timestamps, in a submission after the frame's own.
+    fn read_ticks(&mut self, gpu: &Gpu) -> Result<(), GpuError> {
+        std::mem::swap(&mut self.ticks, &mut self.previous);
+        self.ticks.clear();
+        match &self.queries {
+            Some(queries) if self.recorder.queries > 0 => {
+                queries.read(gpu, self.recorder.queries, &mut self.ticks)
+            }
+            _ => Ok(()),
+        }
+    }
+
+    fn evaluate(&self, stages: &[&dyn Encode]) -> FrameSample {
+        let mut account = Account::new(stages);
+        for work in &self.recorder.host {
+            account.add(work.stage, Clock::Host, Ok(work.ns));
+        }
+        for (index, span) in self.spans.iter().enumerate() {
+            if let Some(before) = index.checked_sub(1).map(|before| &self.spans[before]) {
+                account.gaps_ns += ns_between(before.fence, span.submit);
+            }
+            account.gaps_ns += self.submit_cost_ns(span);
+            match span.fenced {
+                true => self.add_fenced(&mut account, span),
+                false => self.add_timestamped(&mut account, span),
+            }
+        }
+        let gpu_ns = match (self.spans.first(), self.spans.last()) {
+            (Some(first), Some(last)) => ns_between(first.submit, last.fence),
+            _ => 0.0,
+        };
+        account.finish(gpu_ns + self.recorder.host_ns())
+    }
+
+    /// That of the segment's first pass.
+    fn submit_cost_ns(&self, span: &Span) -> f64 {
+        let first = self.recorder.passes[span.passes.clone()].first();
+        first.map_or(0.0, |pass| self.plan.submit_cost.of(pass.kind))
+    }
+
+    fn add_fenced(&self, account: &mut Account, span: &Span) {
+        let ns = span.wall_ns() - self.submit_cost_ns(span);
+        for pass in &self.recorder.passes[span.passes.clone()] {
+            account.add(pass.stage, Clock::FencedHost, positive(ns));
+        }
+    }
+
+    fn add_timestamped(&self, account: &mut Account, span: &Span) {
+        let wall_ns = span.wall_ns();
+        let mut last_end = None;
+        for pass in &self.recorder.passes[span.passes.clone()] {
+            let Some(query) = pass.query.map(|query| query as usize) else {
+                continue;
+            };
+            let ticks = self.ticks[query];
+            let ns = check(ticks, self.previous.get(query), self.period_ns, wall_ns);
+            account.add(pass.stage, Clock::Timestamp, ns);
+            if let Some(end) = last_end {
+                account.gaps_ns += signed_ticks(end, ticks[0]) * self.period_ns;
+            }
+            last_end = Some(ticks[1]);
+        }
+    }
+}
+
+/// Ticks from `begin` to `end`, negative where they are out of order.
+fn signed_ticks(begin: u64, end: u64) -> f64 {
+    end.wrapping_sub(begin) as i64 as f64
+}
+
+/// A host duration that is more than nothing.
+fn positive(ns: f64) -> Result<f64, (FaultKind, f64)> {
+    match ns {
+        ns if ns > 0.0 => Ok(ns),
+        ns if ns < 0.0 => Err((FaultKind::Negative, ns)),
+        ns => Err((FaultKind::Zero, ns)),
+    }
+}
+
+/// The duration between two timestamps in ns, or why it cannot be true.
+fn check(
+    ticks: Ticks,
+    previous: Option<&Ticks>,
+    period_ns: f64,
+    wall_ns: f64,
+) -> Result<f64, (FaultKind, f64)> {
+    let ns = positive(signed_ticks(ticks[0], ticks[1]) * period_ns)?;
+    if previous == Some(&ticks) {
+        return Err((FaultKind::Stale, ns));
+    }
+    if ns > wall_ns * WALL_TOLERANCE {
+        return Err((FaultKind::LongerThanWall, ns));
+    }
+    Ok(ns)
+}
+
+/// The sum of a frame's durations as it is drawn up.
+struct Account {
+    stages: Vec<StageSample>,
+    passes: Vec<u32>,
+    gaps_ns: f64,
+    faults: Vec<Fault>,
+}
+
+impl Account {
+    fn new(stages: &[&dyn Encode]) -> Self {
+        let empty = |stage: &&dyn Encode| StageSample {
+            name: stage.name(),
+            clock: Clock::Host,
+            ns: 0.0,
+        };
+        Self {
+            stages: stages.iter().map(empty).collect(),
+            passes: vec![0; stages.len()],
+            gaps_ns: 0.0,
+            faults: Vec::new(),
+        }
+    }
+
+    fn add(&mut self, stage: usize, clock: Clock, duration: Result<f64, (FaultKind, f64)>) {
+        let sample = &mut self.stages[stage];
+        sample.clock = match (self.passes[stage], sample.clock, clock) {
+            (0, _, clock) => clock,
+            (_, Clock::Host, clock) | (_, clock, Clock::Host) => clock,
+            (_, Clock::Timestamp, Clock::Timestamp) => Clock::Timestamp,
+            _ => Clock::FencedHost,
+        };
+        self.passes[stage] += 1;
+        match duration {
+            Ok(ns) => sample.ns += ns,
+            Err((kind, ns)) => {
+                sample.ns = f64::NAN;
+                self.faults.push(Fault {
+                    stage: sample.name,
+                    kind,
+                    ns,
+                });
+            }
+        }
+    }
+
+    fn finish(mut self, envelope_ns: f64) -> FrameSample {
+        for (sample, passes) in self.stages.iter_mut().zip(&self.passes) {
+            if *passes == 0 {
+                sample.ns = f64::NAN;
+                self.faults.push(Fault {
+                    stage: sample.name,
+                    kind: FaultKind::NoPass,
+                    ns: 0.0,
+                });
+            }
+        }
+        FrameSample {
+            stages: self.stages,
+            gaps_ns: self.gaps_ns,
+            envelope_ns,
+            wall_ns: envelope_ns,
+            faults: self.faults,
+        }
+    }
+}
+
+impl Queries {
+    fn new(gpu: &Gpu, max_passes: u32) -> Result<Self, GpuError> {
+        let count = max_passes * QUERIES_PER_PASS;
+        let bytes = u64::from(count.next_multiple_of(QUERIES_PER_SET)) * TICK_BYTES;
+        let set = |first: u32| {
+            gpu.device.create_query_set(&wgpu::QuerySetDescriptor {
+                label: Some("timestamps"),
+                ty: wgpu::QueryType::Timestamp,
+                count: (count - first).min(QUERIES_PER_SET),
+            })
+        };
+        let buffer = |label, usage| {
+            gpu.device.create_buffer(&wgpu::BufferDescriptor {
+                label: Some(label),
+                size: bytes,
+                usage,
+                mapped_at_creation: false,
+            })
+        };
+        use wgpu::BufferUsages as Usage;
+        gpu.scoped(|| {
+            Ok(Self {
+                sets: (0..count)
+                    .step_by(QUERIES_PER_SET as usize)
+                    .map(set)
+                    .collect(),
+                resolved: buffer("ticks", Usage::QUERY_RESOLVE | Usage::COPY_SRC),
+                read_back: buffer("ticks read back", Usage::MAP_READ | Usage::COPY_DST),
+            })
+        })
+    }
+
+    /// Appends the ticks of the first `passes` passes.
+    fn read(&self, gpu: &Gpu, passes: u32, ticks: &mut Vec<Ticks>) -> Result<(), GpuError> {
+        let count = passes * QUERIES_PER_PASS;
+        let bytes = u64::from(count) * TICK_BYTES;
+        let mut encoder = gpu.device.create_command_encoder(&Default::default());
+        for (index, set) in self.sets.iter().enumerate() {
+            let first = index as u32 * QUERIES_PER_SET;
+            if first < count {
+                let here = (count - first).min(QUERIES_PER_SET);
+                let offset = u64::from(first) * TICK_BYTES;
+                encoder.resolve_query_set(set, 0..here, &self.resolved, offset);
+            }
+        }
+        encoder.copy_buffer_to_buffer(&self.resolved, 0, &self.read_back, 0, bytes);
+        gpu.queue.submit([encoder.finish()]);
+        map(gpu, &self.read_back, bytes, |raw| {
+            let tick = |raw: &[u8]| u64::from_le_bytes(std::array::from_fn(|byte| raw[byte]));
+            let pair = |raw: &[u8]| [tick(&raw[..8]), tick(&raw[8..])];
+            ticks.extend(raw.chunks_exact(16).map(pair));
+        })
+    }
+}
