@@ -180,7 +180,6 @@ fn known_stages(cases: &[Case]) -> String {
 
 /// Runs a case so that what the GPU reports late becomes this case's error.
 fn run_scoped(rig: &Rig<'_>, case: &Case) -> Result<Vec<Check>, VerifyError> {
-    tracing::info!("{}: {}", case.stage, case.what);
     let mut result = Ok(Vec::new());
     rig.gpu.scoped(|| {
         result = (case.run)(rig);
