@@ -85,7 +85,9 @@ pub fn audit(gpu: &Gpu) -> Result<Audit, GpuError> {
     Ok(Audit { rows, plan })
 }
 
-/// A row for each kind mixed with the others, the worst being set apart until the rest are sound.
+/// A row for each kind mixed with the others. Kinds that read wrong alone are set apart after the first measurement: they
+/// will never share a command buffer, and the time they lose lands in their neighbours. Then the worst is set apart until
+/// the rest are sound.
 fn mixed(gpu: &Gpu, bench: &mut Bench, alone: &[AuditRow]) -> Result<Vec<AuditRow>, GpuError> {
     let mut kinds: Vec<PassKind> = KINDS
         .into_iter()
@@ -99,18 +101,34 @@ fn mixed(gpu: &Gpu, bench: &mut Bench, alone: &[AuditRow]) -> Result<Vec<AuditRo
         })
         .collect();
     while !kinds.is_empty() {
-        let mut rows = bench.measure(gpu, Surrounding::Mixed, &kinds)?;
-        let unsound = (0..rows.len()).filter(|index| !rows[*index].sound);
-        let by_distance =
-            |a: &usize, b: &usize| factor(rows[*a].ratio).total_cmp(&factor(rows[*b].ratio));
-        let Some(worst) = unsound.max_by(by_distance) else {
-            done.append(&mut rows);
+        let rows = bench.measure(gpu, Surrounding::Mixed, &kinds)?;
+        let apart = set_apart(&rows, alone);
+        kinds.retain(|kind| !apart.contains(kind));
+        let (leaving, staying): (Vec<_>, Vec<_>) =
+            rows.into_iter().partition(|row| apart.contains(&row.pass));
+        done.extend(leaving);
+        if apart.is_empty() {
+            done.extend(staying);
             break;
-        };
-        done.push(rows.swap_remove(worst));
-        kinds.remove(worst);
+        }
     }
     Ok(done)
+}
+
+/// The kinds to take out of the mixture: all that are unsound alone, else the worst that is unsound here.
+fn set_apart(rows: &[AuditRow], alone: &[AuditRow]) -> Vec<PassKind> {
+    let unsound_alone = |pass: PassKind| alone.iter().any(|row| row.pass == pass && !row.sound);
+    let wrong: Vec<PassKind> = rows
+        .iter()
+        .map(|row| row.pass)
+        .filter(|pass| unsound_alone(*pass))
+        .collect();
+    if !wrong.is_empty() {
+        return wrong;
+    }
+    let unsound = rows.iter().filter(|row| !row.sound);
+    let worst = unsound.max_by(|a, b| factor(a.ratio).total_cmp(&factor(b.ratio)));
+    worst.map(|row| row.pass).into_iter().collect()
 }
 
 /// Host times in ns of submissions that hold the least pass of each kind, in the order of [`KINDS`].
@@ -407,5 +425,54 @@ fn pass_name(kind: PassKind) -> &'static str {
         PassKind::Render => "render",
         PassKind::Copy => "copy",
         PassKind::Host => "host",
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn row(pass: PassKind, ratio: f64, sound: bool) -> AuditRow {
+        AuditRow {
+            pass,
+            context: String::new(),
+            timestamp_ns: 1e6 * ratio,
+            host_ns: 1e6,
+            ratio,
+            doubling: 2.0,
+            sound,
+            reason: String::new(),
+        }
+    }
+
+    #[test]
+    fn kinds_that_are_wrong_alone_leave_the_mixture_before_their_neighbours() {
+        let alone = [
+            row(PassKind::Render, 1.0, true),
+            row(PassKind::Compute, 0.5, false),
+            row(PassKind::Copy, 0.5, false),
+        ];
+        // What compute and copy lose lands in render, which then reads worst.
+        let mixed = [
+            row(PassKind::Render, 1.6, false),
+            row(PassKind::Compute, 0.7, false),
+            row(PassKind::Copy, 0.9, true),
+        ];
+        assert_eq!(
+            set_apart(&mixed, &alone),
+            [PassKind::Compute, PassKind::Copy]
+        );
+    }
+
+    #[test]
+    fn among_kinds_sound_alone_the_worst_leaves_and_none_when_all_are_sound() {
+        let alone = KINDS.map(|kind| row(kind, 1.0, true));
+        let mixed = [
+            row(PassKind::Render, 1.3, false),
+            row(PassKind::Compute, 0.01, false),
+            row(PassKind::Copy, 1.0, true),
+        ];
+        assert_eq!(set_apart(&mixed, &alone), [PassKind::Compute]);
+        assert_eq!(set_apart(&alone, &alone), []);
     }
 }
