@@ -80,6 +80,7 @@ impl Encode for Vignette {
         let color = [ColorTarget {
             view: &self.view,
             clear: None,
+            slice: None,
         }];
         let targets = Targets {
             color: &color,

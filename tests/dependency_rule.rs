@@ -31,7 +31,9 @@ const RULE: &[(&str, &[&str])] = &[
 ];
 
 /// Stage families may not import each other; what they share lies beside them.
-const FAMILIES: &[&str] = &["caustics", "godrays", "scene", "shadow", "water"];
+const FAMILIES: &[&str] = &[
+    "ao", "caustics", "godrays", "hsao", "scalar", "scene", "shadow", "voxel", "water",
+];
 
 fn rust_files(folder: &Path, found: &mut Vec<PathBuf>) {
     for entry in fs::read_dir(folder).unwrap() {

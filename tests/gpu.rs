@@ -169,6 +169,7 @@ impl Encode for Stage<'_> {
                 let color = [ColorTarget {
                     view: &work.view,
                     clear: Some(wgpu::Color::BLACK),
+                    slice: None,
                 }];
                 scope.render(
                     &Targets {
@@ -388,6 +389,7 @@ fn every_format_is_read_back_whatever_its_row_length() {
             let color = [ColorTarget {
                 view: self.0,
                 clear,
+                slice: None,
             }];
             scope.render(
                 &Targets {

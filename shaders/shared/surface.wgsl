@@ -6,7 +6,8 @@ struct Material {
     // Side of a world-space tile with joints in the accent colour; 0: plain.
     tile_m: f32,
     accent: vec3<f32>,
-    unused: f32,
+    // Opacity.
+    alpha: f32,
 }
 
 struct SceneVertex {

@@ -20,5 +20,5 @@ pub mod sample;
 pub mod subject;
 pub mod verify;
 
-/// Most passes of a frame that are timed or counted; the underwater pipeline has some twenty.
-pub const MAX_PASSES: u32 = 256;
+/// Most passes of a frame that are timed or counted: voxelization slice by slice has three for each slice.
+pub const MAX_PASSES: u32 = 2048;

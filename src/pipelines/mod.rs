@@ -1,13 +1,14 @@
 //! Pipelines: stages wired over typed resources for one scene and one set of parameters, in frame order.
 
 pub mod params;
+pub mod settings;
 pub mod underwater;
 
 use std::collections::BTreeMap;
 
 use serde_json::Value;
 
-use crate::gpu::{Demand, Gpu, GpuError};
+use crate::gpu::{Demand, Encode, Gpu, GpuError};
 use crate::scene::{Scene, SceneFile};
 use crate::stages::Stage;
 
@@ -19,6 +20,10 @@ pub trait Pipeline {
     fn allocated_bytes(&self) -> u64;
     /// The final image, `Rgba8Unorm`.
     fn image(&self) -> &wgpu::Texture;
+    /// What draws the image from a frame's results where the frame itself does not: run for pictures alone, never timed.
+    fn presenting(&self) -> Vec<&dyn Encode> {
+        Vec::new()
+    }
     /// Figures that need a read-back of the last frame: rates of missed and unconverged photons and the like,
     /// `name → value`, the unit in the name.
     fn quantities(&self, gpu: &Gpu) -> Result<BTreeMap<String, f64>, GpuError>;

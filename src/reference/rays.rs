@@ -372,6 +372,7 @@ mod tests {
                 albedo: [1.0; 3],
                 accent: [1.0; 3],
                 tile_m: 0.0,
+                alpha: 1.0,
             },
         }
     }

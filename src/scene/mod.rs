@@ -11,6 +11,7 @@ mod check;
 mod file;
 mod frustum;
 pub mod generators;
+mod grid;
 mod light;
 mod mesh;
 mod noise;
@@ -19,6 +20,7 @@ mod ply;
 mod read;
 mod shapes;
 mod toml_text;
+mod volume;
 mod water;
 
 use std::path::PathBuf;
@@ -29,10 +31,12 @@ use thiserror::Error;
 pub use bounds::Bounds;
 pub use camera::Camera;
 pub use file::{ObjectFile, SceneFile, Stand, Transform};
+pub use grid::Grid;
 pub use light::{Light, LightFrame, LightKind};
 pub use mesh::Mesh;
 pub use noise::{NOISE_CELLS, tile_noise};
 pub use read::{MAX_BYTES, MAX_TRIANGLES, MeshError};
+pub use volume::Volume;
 pub use water::{NOISE_DRIFT_TILES, Water, WaterModel};
 
 use serde::{Deserialize, Serialize};
@@ -66,6 +70,8 @@ pub struct Material {
     pub accent: [f32; 3],
     /// Size of the world-space pattern, metres; 0 = plain.
     pub tile_m: f32,
+    /// Opacity, 0 … 1: what max-alpha voxelization stores. VAO Fig. 6.
+    pub alpha: f32,
 }
 
 impl Default for Material {
@@ -74,6 +80,7 @@ impl Default for Material {
             albedo: [0.7; 3],
             accent: [0.5; 3],
             tile_m: 0.0,
+            alpha: 1.0,
         }
     }
 }
@@ -85,6 +92,7 @@ impl Material {
                 check::within(&format!("material.{name}"), f64::from(c), 0.0, 1.0)?;
             }
         }
+        check::within("material.alpha", f64::from(self.alpha), 0.0, 1.0)?;
         check::within("material.tile_m", f64::from(self.tile_m), 0.0, 1000.0)
     }
 }
@@ -119,6 +127,8 @@ pub struct Scene {
     pub water: Water,
     /// Depth of the floor below the water at rest, metres.
     pub floor_depth_m: f64,
+    /// The scalar field, where the scene has one.
+    pub volume: Option<Volume>,
     /// Assets that were absent, each with the stand-in used.
     pub stand_ins: Vec<String>,
 }
@@ -157,8 +167,19 @@ impl Scene {
             light: file.light.clone(),
             water: file.water.clone(),
             floor_depth_m: file.floor_depth_m,
+            volume: None,
             stand_ins,
         })
+    }
+
+    /// The box that holds all objects and the volume, without the water.
+    pub fn solid_bounds(&self) -> Bounds {
+        let volume = self.volume.iter().map(Volume::bounds);
+        self.objects
+            .iter()
+            .map(|o| o.mesh.bounds())
+            .chain(volume)
+            .fold(Bounds::EMPTY, Bounds::union)
     }
 
     /// Triangles of all objects.

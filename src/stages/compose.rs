@@ -139,6 +139,7 @@ impl Encode for Compose {
             color: &[ColorTarget {
                 view: &self.image_view,
                 clear: Some(wgpu::Color::BLACK),
+                slice: None,
             }],
             depth: Some(DepthTarget {
                 view: &self.depth_view,

@@ -1,5 +1,7 @@
 //! The scene's triangles and materials in GPU memory, as every raster stage reads them.
 
+use std::ops::Range;
+
 use bytemuck::{Pod, Zeroable};
 use encase::{ShaderType, StorageBuffer};
 use glam::Vec3;
@@ -25,13 +27,18 @@ pub struct MaterialUniforms {
     pub albedo: Vec3,
     pub tile_m: f32,
     pub accent: Vec3,
-    pub unused: f32,
+    pub alpha: f32,
 }
 
 #[derive(Clone)]
 pub struct Geometry {
-    vertices: wgpu::Buffer,
-    indices: wgpu::Buffer,
+    /// Seven 32-bit words a vertex: position (3 floats, metres), normal (3 floats), material (an integer). Shaders may read
+    /// and rewrite it as storage.
+    pub vertices: wgpu::Buffer,
+    /// Three a triangle.
+    pub indices: wgpu::Buffer,
+    /// Each object's part of the indices, in the scene's order.
+    pub objects: Vec<Range<u32>>,
     index_count: u32,
     vertex_count: u64,
     pub materials: wgpu::Buffer,
@@ -57,6 +64,7 @@ impl Geometry {
         let mut vertices = Vec::new();
         let mut indices = Vec::new();
         let mut materials = Vec::new();
+        let mut objects = Vec::new();
         for (object, material) in scene.objects.iter().zip(0..) {
             let base = vertices.len() as u32;
             let corners = object.mesh.positions.iter().zip(&object.mesh.normals);
@@ -65,12 +73,14 @@ impl Geometry {
                 normal,
                 material,
             }));
+            let first = indices.len() as u32;
             indices.extend(object.mesh.indices.iter().map(|i| i + base));
+            objects.push(first..indices.len() as u32);
             materials.push(MaterialUniforms {
                 albedo: object.material.albedo.into(),
                 tile_m: object.material.tile_m,
                 accent: object.material.accent.into(),
-                unused: 0.0,
+                alpha: object.material.alpha,
             });
         }
         let mut material_bytes = StorageBuffer::new(Vec::new());
@@ -78,17 +88,18 @@ impl Geometry {
             .write(&materials)
             .expect("a Vec grows to whatever a shader type needs");
         Self {
+            objects,
             index_count: indices.len() as u32,
             vertex_count: vertices.len() as u64,
             vertices: resources.filled(
                 "vertices",
                 bytemuck::cast_slice(&vertices),
-                wgpu::BufferUsages::VERTEX,
+                wgpu::BufferUsages::VERTEX | wgpu::BufferUsages::STORAGE,
             ),
             indices: resources.filled(
                 "indices",
                 bytemuck::cast_slice(&indices),
-                wgpu::BufferUsages::INDEX,
+                wgpu::BufferUsages::INDEX | wgpu::BufferUsages::STORAGE,
             ),
             materials: resources.filled(
                 "materials",
@@ -108,9 +119,18 @@ impl Geometry {
     }
 
     pub fn draw(&self, pass: &mut wgpu::RenderPass<'_>) {
+        self.draw_part(pass, 0..self.index_count);
+    }
+
+    /// Draws a part of the indices, such as one of [`Geometry::objects`].
+    pub fn draw_part(&self, pass: &mut wgpu::RenderPass<'_>, part: Range<u32>) {
         pass.set_vertex_buffer(0, self.vertices.slice(..));
         pass.set_index_buffer(self.indices.slice(..), wgpu::IndexFormat::Uint32);
-        pass.draw_indexed(0..self.index_count, 0, 0..1);
+        pass.draw_indexed(part, 0, 0..1);
+    }
+
+    pub fn vertices(&self) -> u64 {
+        self.vertex_count
     }
 
     pub fn triangles(&self) -> u64 {

@@ -5,7 +5,7 @@ use std::cell::Cell;
 use encase::{ShaderType, UniformBuffer, internal::WriteInto};
 use wgpu::util::DeviceExt;
 
-use crate::gpu::{Gpu, compilation_options};
+use crate::gpu::{Gpu, compilation_options, texture_bytes};
 
 /// Allocates GPU memory for one pipeline and counts it.
 pub struct Resources<'g> {
@@ -72,6 +72,36 @@ impl<'g> Resources<'g> {
         )
     }
 
+    /// A volume of texels that shaders sample, slices of which passes can draw into, and that can be filled by copying
+    /// and read back.
+    pub fn volume(
+        &self,
+        label: &str,
+        cells: [u32; 3],
+        format: wgpu::TextureFormat,
+        levels: u32,
+    ) -> wgpu::Texture {
+        let texture = self.gpu.device.create_texture(&wgpu::TextureDescriptor {
+            label: Some(label),
+            size: wgpu::Extent3d {
+                width: cells[0],
+                height: cells[1],
+                depth_or_array_layers: cells[2],
+            },
+            mip_level_count: levels,
+            sample_count: 1,
+            dimension: wgpu::TextureDimension::D3,
+            format,
+            usage: wgpu::TextureUsages::RENDER_ATTACHMENT
+                | wgpu::TextureUsages::TEXTURE_BINDING
+                | wgpu::TextureUsages::COPY_DST
+                | wgpu::TextureUsages::COPY_SRC,
+            view_formats: &[],
+        });
+        self.count(texture_bytes(&texture));
+        texture
+    }
+
     pub fn uniform<T: ShaderType + WriteInto>(&self, label: &str, value: &T) -> wgpu::Buffer {
         self.filled(label, &host_bytes(value), wgpu::BufferUsages::UNIFORM)
     }
@@ -128,13 +158,15 @@ pub enum Bind<'a> {
     Uniform(&'a wgpu::Buffer),
     /// Read-only storage.
     Read(&'a wgpu::Buffer),
-    /// Storage that a compute stage writes.
+    /// Storage that a compute or fragment shader writes.
     Write(&'a wgpu::Buffer),
     /// Float texture read texel by texel.
     Texels(&'a wgpu::Texture),
     /// Float texture read through a filtering sampler.
     Filtered(&'a wgpu::Texture),
     Depth(&'a wgpu::Texture),
+    /// Volume of floats, all its levels, read through a filtering sampler.
+    Volume(&'a wgpu::Texture),
     Sampler(&'a wgpu::Sampler),
     /// A sampler that does not filter, for gathers.
     NearestSampler(&'a wgpu::Sampler),
@@ -181,11 +213,12 @@ impl Bind<'_> {
             has_dynamic_offset: false,
             min_binding_size: None,
         };
-        let texture = |sample_type| wgpu::BindingType::Texture {
+        let texture_of = |view_dimension, sample_type| wgpu::BindingType::Texture {
             sample_type,
-            view_dimension: wgpu::TextureViewDimension::D2,
+            view_dimension,
             multisampled: false,
         };
+        let texture = |sample_type| texture_of(wgpu::TextureViewDimension::D2, sample_type);
         let ty = match self {
             Bind::Uniform(_) => buffer(wgpu::BufferBindingType::Uniform),
             Bind::Read(_) => buffer(wgpu::BufferBindingType::Storage { read_only: true }),
@@ -193,13 +226,17 @@ impl Bind<'_> {
             Bind::Texels(_) => texture(wgpu::TextureSampleType::Float { filterable: false }),
             Bind::Filtered(_) => texture(wgpu::TextureSampleType::Float { filterable: true }),
             Bind::Depth(_) => texture(wgpu::TextureSampleType::Depth),
+            Bind::Volume(_) => texture_of(
+                wgpu::TextureViewDimension::D3,
+                wgpu::TextureSampleType::Float { filterable: true },
+            ),
             Bind::Sampler(_) => wgpu::BindingType::Sampler(wgpu::SamplerBindingType::Filtering),
             Bind::NearestSampler(_) => {
                 wgpu::BindingType::Sampler(wgpu::SamplerBindingType::NonFiltering)
             }
         };
         let visibility = match self {
-            Bind::Write(_) => wgpu::ShaderStages::COMPUTE,
+            Bind::Write(_) => wgpu::ShaderStages::FRAGMENT | wgpu::ShaderStages::COMPUTE,
             _ => wgpu::ShaderStages::VERTEX_FRAGMENT | wgpu::ShaderStages::COMPUTE,
         };
         wgpu::BindGroupLayoutEntry {
@@ -212,7 +249,7 @@ impl Bind<'_> {
 
     fn texture_view(&self) -> Option<wgpu::TextureView> {
         match self {
-            Bind::Texels(t) | Bind::Filtered(t) | Bind::Depth(t) => Some(view(t)),
+            Bind::Texels(t) | Bind::Filtered(t) | Bind::Depth(t) | Bind::Volume(t) => Some(view(t)),
             _ => None,
         }
     }
@@ -222,7 +259,7 @@ impl Bind<'_> {
             (_, Some(view)) => wgpu::BindingResource::TextureView(view),
             (Bind::Uniform(b) | Bind::Read(b) | Bind::Write(b), None) => b.as_entire_binding(),
             (Bind::Sampler(s) | Bind::NearestSampler(s), None) => wgpu::BindingResource::Sampler(s),
-            (Bind::Texels(_) | Bind::Filtered(_) | Bind::Depth(_), None) => {
+            (Bind::Texels(_) | Bind::Filtered(_) | Bind::Depth(_) | Bind::Volume(_), None) => {
                 unreachable!("textures have views")
             }
         }
@@ -328,6 +365,25 @@ pub fn additive(format: wgpu::TextureFormat) -> wgpu::ColorTargetState {
         blend: Some(wgpu::BlendState {
             color: add,
             alpha: add,
+        }),
+        ..opaque(format)
+    }
+}
+
+/// A colour target that what is drawn multiplies.
+pub fn multiplicative(format: wgpu::TextureFormat) -> wgpu::ColorTargetState {
+    let multiply = wgpu::BlendComponent {
+        src_factor: wgpu::BlendFactor::Zero,
+        dst_factor: wgpu::BlendFactor::Src,
+        operation: wgpu::BlendOperation::Add,
+    };
+    wgpu::ColorTargetState {
+        blend: Some(wgpu::BlendState {
+            color: multiply,
+            alpha: wgpu::BlendComponent {
+                dst_factor: wgpu::BlendFactor::SrcAlpha,
+                ..multiply
+            },
         }),
         ..opaque(format)
     }

@@ -62,6 +62,7 @@ impl LitScene {
             color: &[ColorTarget {
                 view: &self.color_view,
                 clear: Some(wgpu::Color::TRANSPARENT),
+                slice: None,
             }],
             depth: Some(DepthTarget {
                 view: &self.depth_view,

@@ -63,6 +63,7 @@ impl LowPass {
             color: &[ColorTarget {
                 view: &self.view,
                 clear: Some(wgpu::Color::BLACK),
+                slice: None,
             }],
             depth: None,
         };

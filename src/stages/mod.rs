@@ -3,18 +3,23 @@
 //! A stage is made from the typed resources that earlier stages hand on, encodes its passes through the
 //! [`StageScope`](crate::gpu::StageScope) it is given (which puts the timestamps there), and declares its work.
 
+pub mod ao;
 pub mod caustics;
 pub mod compose;
 pub mod frame;
 pub mod geometry;
 pub mod godrays;
+pub mod hsao;
 pub mod kit;
 pub mod lit_scene;
 pub mod low_pass;
 pub mod photon;
+pub mod scalar;
 pub mod scene;
 pub mod shadow;
 pub mod splatting;
+pub mod voxel;
+pub mod voxels;
 pub mod water;
 
 use crate::gpu::Encode;
@@ -234,7 +239,7 @@ mod tests {
             albedo: vec3(1.0),
             tile_m: 2.0,
             accent: vec3(3.0),
-            unused: 4.0,
+            alpha: 4.0,
         });
         same_layout("scene/gbuffer", "Material", &fields, &value);
         let (fields, value) = numbered!(FilterUniforms {

@@ -87,6 +87,7 @@ impl Additive {
             color: &[ColorTarget {
                 view: &self.target_view,
                 clear: Some(wgpu::Color::BLACK),
+                slice: None,
             }],
             depth: Some(DepthTarget {
                 view: &self.depth_view,

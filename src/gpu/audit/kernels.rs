@@ -177,6 +177,7 @@ impl Encode for Least<'_> {
                 let color = [ColorTarget {
                     view: &kernels.least_target,
                     clear: Some(wgpu::Color::BLACK),
+                    slice: None,
                 }];
                 let targets = Targets {
                     color: &color,
@@ -226,6 +227,7 @@ impl Encode for Kernel<'_> {
                 let color = [ColorTarget {
                     view: &self.kernels.target,
                     clear: Some(wgpu::Color::BLACK),
+                    slice: None,
                 }];
                 scope.render(
                     &Targets {

@@ -35,6 +35,8 @@ pub struct ColorTarget<'a> {
     pub view: &'a wgpu::TextureView,
     /// Cleared to this first; otherwise what it holds is kept.
     pub clear: Option<wgpu::Color>,
+    /// Slice of a volume texture; none for a two-dimensional one.
+    pub slice: Option<u32>,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -295,6 +297,45 @@ impl<'a> StageScope<'a> {
         self.end(PassKind::Render);
     }
 
+    /// Render passes one after the other, timed as one: from the beginning of the first to the end of the last. `f` is given
+    /// each pass's place in the list.
+    pub fn render_series(
+        &mut self,
+        passes: &[Targets<'_>],
+        mut f: impl FnMut(usize, &mut wgpu::RenderPass<'_>),
+    ) {
+        if self.counted() {
+            for (number, targets) in passes.iter().enumerate() {
+                self.render(targets, |pass| f(number, pass));
+            }
+            return;
+        }
+        let Some(last) = passes.len().checked_sub(1) else {
+            return;
+        };
+        let label = Some(self.name);
+        let (encoder, query) = self.begin(PassKind::Render);
+        for (number, targets) in passes.iter().enumerate() {
+            let timestamp_writes = query
+                .map(|Query { set, first }| wgpu::RenderPassTimestampWrites {
+                    query_set: set,
+                    beginning_of_pass_write_index: (number == 0).then_some(first),
+                    end_of_pass_write_index: (number == last).then_some(first + 1),
+                })
+                .filter(|_| number == 0 || number == last);
+            let (attachments, count) = color_attachments(targets.color);
+            let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
+                label,
+                color_attachments: &attachments[..count],
+                depth_stencil_attachment: targets.depth.as_ref().map(depth_attachment),
+                timestamp_writes,
+                ..Default::default()
+            });
+            f(number, &mut pass);
+        }
+        self.end(PassKind::Render);
+    }
+
     /// Copies and clears. `f` must not open passes of its own: they would count as copying.
     pub fn copy(&mut self, f: impl FnOnce(&mut wgpu::CommandEncoder)) {
         let counted = self.counted();
@@ -395,7 +436,7 @@ fn color_attachments<'a>(targets: &[ColorTarget<'a>]) -> (Attachments<'a>, usize
     for (attachment, target) in attachments.iter_mut().zip(targets) {
         *attachment = Some(wgpu::RenderPassColorAttachment {
             view: target.view,
-            depth_slice: None,
+            depth_slice: target.slice,
             resolve_target: None,
             ops: wgpu::Operations {
                 load: target.clear.map_or(wgpu::LoadOp::Load, wgpu::LoadOp::Clear),

@@ -151,6 +151,7 @@ impl Encode for Clear {
                 let color = [ColorTarget {
                     view,
                     clear: Some(color),
+                    slice: None,
                 }];
                 let targets = Targets {
                     color: &color,

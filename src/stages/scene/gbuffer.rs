@@ -80,10 +80,12 @@ impl Encode for Gbuffer {
                 ColorTarget {
                     view: albedo,
                     clear,
+                    slice: None,
                 },
                 ColorTarget {
                     view: normal,
                     clear,
+                    slice: None,
                 },
             ],
             depth: Some(DepthTarget {

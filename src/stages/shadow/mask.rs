@@ -83,6 +83,7 @@ impl Encode for Mask {
             color: &[ColorTarget {
                 view: &self.view,
                 clear: Some(wgpu::Color::BLACK),
+                slice: None,
             }],
             depth: Some(DepthTarget {
                 view: &self.depth_view,

@@ -1,0 +1,198 @@
+//! Settings that several pipelines share.
+
+use glam::DVec3;
+use serde::{Deserialize, Serialize};
+
+use crate::scene::{Camera, Grid, Scene};
+
+/// Checks a setting's range; the error names it.
+pub fn within(group: &str, name: &str, value: f64, low: f64, high: f64) -> Result<(), String> {
+    if (low..=high).contains(&value) {
+        Ok(())
+    } else {
+        Err(format!(
+            "{group}.{name} is {value}: it must lie within {low} … {high}"
+        ))
+    }
+}
+
+/// Pixels of the main viewport. VAO Fig. 8: 600 × 600.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct View {
+    pub width: u32,
+    pub height: u32,
+}
+
+impl Default for View {
+    fn default() -> Self {
+        Self {
+            width: 600,
+            height: 600,
+        }
+    }
+}
+
+impl View {
+    pub fn validate(&self) -> Result<(), String> {
+        within("view", "width", f64::from(self.width), 1.0, 1e6)?;
+        within("view", "height", f64::from(self.height), 1.0, 1e6)
+    }
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Method {
+    /// One pass per axis, bits of slices set by atomics. VAO §4.2.
+    Slicemap,
+    /// One pass per slice and axis. VAO §4.1.
+    Slice,
+    /// Triangle-parallel compute, separating-axis test, every voxel that a triangle touches.
+    Overlap,
+    /// The same with the thin test: 6-separating surfaces.
+    OverlapThin,
+    /// Triangle-parallel compute that stores the largest alpha of the touching triangles. VAO Fig. 6.
+    MaxAlpha,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Update {
+    /// Voxelization is part of every frame.
+    EveryFrame,
+    /// The volume is made when the pipeline is built, and no frame pays for it.
+    Once,
+}
+
+/// The volume and how it is filled.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Voxel {
+    pub method: Method,
+    pub update: Update,
+    /// Voxels along the longest side of the scene. VAO §6.4: 128 to 256.
+    pub resolution: u32,
+    /// A volume for each object, on a grid of its own, in place of one for the scene. VAO §3.
+    pub per_object: bool,
+    /// Edge of a cube around the viewer that is voxelized in place of the whole scene, metres; 0: the whole scene. VAO §4.2.
+    pub around_viewer_m: f64,
+    /// Voxels, origin and edge of a voxel, set by hand; [0, 0, 0] fits the grid to the scene.
+    pub cells: [u32; 3],
+    pub origin_m: [f64; 3],
+    pub voxel_m: f64,
+}
+
+impl Default for Voxel {
+    fn default() -> Self {
+        Self {
+            method: Method::Slicemap,
+            update: Update::EveryFrame,
+            resolution: 128,
+            per_object: false,
+            around_viewer_m: 0.0,
+            cells: [0; 3],
+            origin_m: [0.0; 3],
+            voxel_m: 0.0,
+        }
+    }
+}
+
+impl Voxel {
+    pub fn validate(&self) -> Result<(), String> {
+        within(
+            "voxel",
+            "resolution",
+            f64::from(self.resolution),
+            4.0,
+            4096.0,
+        )?;
+        within("voxel", "around_viewer_m", self.around_viewer_m, 0.0, 1e5)?;
+        if self.cells == [0; 3] {
+            return Ok(());
+        }
+        for n in self.cells {
+            within("voxel", "cells", f64::from(n), 1.0, 4096.0)?;
+        }
+        for x in self.origin_m {
+            within("voxel", "origin_m", x, -1e5, 1e5)?;
+        }
+        within("voxel", "voxel_m", self.voxel_m, 1e-6, 1e5)
+    }
+
+    /// The grid of the whole scene, or one for each object in the scene's order.
+    ///
+    /// # Errors
+    /// Voxels by the object where the grid is set by hand or lies around the viewer.
+    pub fn grids(&self, scene: &Scene, camera: &Camera) -> Result<Vec<Grid>, String> {
+        let by_hand = self.cells != [0; 3];
+        if self.per_object && (by_hand || self.around_viewer_m > 0.0) {
+            return Err("voxel.per_object fits a grid to each object: \
+                voxel.cells and voxel.around_viewer_m must be 0"
+                .into());
+        }
+        if self.per_object {
+            let fit = |object: &crate::scene::Object| {
+                Grid::fit(&object.mesh.bounds(), self.resolution)
+                    .map_err(|fault| format!("object `{}`: {fault}", object.name))
+            };
+            return scene.objects.iter().map(fit).collect();
+        }
+        let grid = if by_hand {
+            Grid {
+                cells: self.cells,
+                origin_m: DVec3::from(self.origin_m),
+                voxel_m: self.voxel_m,
+            }
+        } else if self.around_viewer_m > 0.0 {
+            let viewer = DVec3::from(camera.position_m);
+            Grid::around(viewer, self.around_viewer_m, self.resolution)?
+        } else {
+            Grid::fit(&scene.solid_bounds(), self.resolution)?
+        };
+        Ok(vec![grid])
+    }
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Deform {
+    /// Geometry rests.
+    None,
+    /// Each object turns about its vertical axis.
+    Spin,
+    /// The turn grows with height.
+    Twist,
+    /// Vertices move along their normals in a travelling wave.
+    Wave,
+}
+
+/// Motion of the geometry, a function of time: each frame is the same work, and time is an axis like any other.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Animation {
+    pub deform: Deform,
+    pub time_s: f64,
+    /// Turns per second of `spin` and `twist`; waves per second of `wave`.
+    pub rate_hz: f64,
+    /// Share of an object's height: amplitude of `wave`; how far `twist` turns the top, in turns.
+    pub amplitude: f64,
+}
+
+impl Default for Animation {
+    fn default() -> Self {
+        Self {
+            deform: Deform::None,
+            time_s: 0.0,
+            rate_hz: 0.25,
+            amplitude: 0.1,
+        }
+    }
+}
+
+impl Animation {
+    pub fn validate(&self) -> Result<(), String> {
+        within("animation", "time_s", self.time_s, -1e6, 1e6)?;
+        within("animation", "rate_hz", self.rate_hz, 0.0, 1e3)?;
+        within("animation", "amplitude", self.amplitude, 0.0, 10.0)
+    }
+}

@@ -1,0 +1,1 @@
+//! Volume ambient occlusion. VAO §5.1, §6.

@@ -1,0 +1,1 @@
+//! Horizon-split ambient occlusion, the screen-space method that VAO §6 compares with.

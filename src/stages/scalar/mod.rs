@@ -1,0 +1,1 @@
+//! Ambient occlusion in scalar fields. VAO §5.2.

@@ -1,0 +1,1 @@
+//! Voxelization. VAO §4.
