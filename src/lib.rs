@@ -1,7 +1,7 @@
 //! GPU performance benchmarking of underwater caustics and godrays on an audited clock.
 //!
 //! Dependency rule (kept by `tests/dependency_rule.rs`):
-//! `main → report, harness → experiments → pipelines → stages → scene, gpu`;
+//! `main → compare → report, harness → experiments → pipelines → stages → scene, gpu`;
 //! `record` and `reference` import nothing of the rest but `scene`; `report` never imports `gpu`;
 //! a stage never imports a sibling stage.
 //!
@@ -9,6 +9,7 @@
 //! seconds, depth range 0 (near) … 1 (far), clip space y up, light directions point the way the
 //! light travels, CPU geometry and references in f64, GPU in f32, angles in degrees in parameters.
 
+pub mod compare;
 pub mod experiments;
 pub mod gpu;
 pub mod harness;

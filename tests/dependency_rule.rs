@@ -28,6 +28,21 @@ const RULE: &[(&str, &[&str])] = &[
             "statistics",
         ],
     ),
+    (
+        "compare",
+        &[
+            "experiments",
+            "gpu",
+            "harness",
+            "pipelines",
+            "record",
+            "reference",
+            "report",
+            "scene",
+            "stages",
+            "statistics",
+        ],
+    ),
 ];
 
 /// Stage families may not import each other; what they share lies beside them.
