@@ -21,6 +21,7 @@ fn main() -> ExitCode {
         Command::Render(args) => commands::render(args),
         Command::Dump(args) => commands::dump(args),
         Command::Report(args) => commands::report(args),
+        Command::Worker(args) => commands::worker(args),
     };
     cli::exit_status(result)
 }

@@ -5,6 +5,7 @@ use std::process::ExitCode;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use anyhow::Context;
+use fathom::compare::worker;
 use fathom::experiments::Experiment;
 use fathom::gpu::{self, Gpu};
 use fathom::harness::output::{Output, RECORDS};
@@ -260,6 +261,12 @@ pub fn report(args: ReportArgs) -> Outcome {
     for path in reports::write(&output.folder, &reading.records)? {
         println!("{}", path.display());
     }
+    Ok(ExitCode::SUCCESS)
+}
+
+pub fn worker(args: AdapterArgs) -> Outcome {
+    let (input, output) = (std::io::stdin().lock(), std::io::stdout().lock());
+    worker::serve(&gpu_options(&args), input, output)?;
     Ok(ExitCode::SUCCESS)
 }
 

@@ -43,6 +43,9 @@ pub enum Command {
     Dump(DumpArgs),
     /// Write the reports of a run again, from its records alone
     Report(ReportArgs),
+    /// Answer a comparing process on standard input and output, one JSON object a line
+    #[command(hide = true)]
+    Worker(AdapterArgs),
 }
 
 #[derive(Args)]

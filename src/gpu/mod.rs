@@ -19,7 +19,7 @@ pub use counters::{StageCounters, count};
 pub use error::GpuError;
 pub use frame::{
     ClockPlan, ColorTarget, DepthTarget, Encode, Fault, FaultKind, FrameSample, FrameTimer,
-    StageSample, StageScope, SubmitCost, Targets,
+    HostTime, StageSample, StageScope, SubmitCost, Targets,
 };
 pub use limits::Demand;
 pub use readback::{Pixels, read_buffer, read_texture, texture_bytes};

@@ -209,7 +209,7 @@ impl<'a> CellExecutor<'a> {
 }
 
 /// A pipeline's stages as a frame takes them.
-pub(super) fn encodable(pipeline: &dyn Pipeline) -> Vec<&dyn Encode> {
+pub(crate) fn encodable(pipeline: &dyn Pipeline) -> Vec<&dyn Encode> {
     pipeline
         .stages()
         .into_iter()

@@ -1,9 +1,11 @@
 //! Which clock times which kind of pass.
 
+use serde::{Deserialize, Serialize};
+
 use crate::record::{Clock, PassKind};
 
 /// The clock for each kind of pass, as the audit found it.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ClockPlan {
     pub compute: Clock,
     pub render: Clock,
@@ -13,7 +15,7 @@ pub struct ClockPlan {
 
 /// Host time in ns from submission to fence of a command buffer with the least pass of a kind. An empty command buffer
 /// says too little: a driver need not wake its threads for it.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct SubmitCost {
     pub compute_ns: f64,
     pub render_ns: f64,

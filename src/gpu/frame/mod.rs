@@ -19,6 +19,6 @@ mod scope;
 mod timer;
 
 pub use clock::{ClockPlan, SubmitCost};
-pub use scope::{ColorTarget, DepthTarget, Encode, StageScope, Targets};
+pub use scope::{ColorTarget, DepthTarget, Encode, HostTime, StageScope, Targets};
 pub(super) use scope::{Mode, Recorder};
 pub use timer::{Fault, FaultKind, FrameSample, FrameTimer, StageSample};

@@ -138,7 +138,7 @@ impl Recorder {
         }
     }
 
-    fn reset(&mut self) {
+    pub(super) fn reset(&mut self) {
         self.encoder = None;
         self.segments.clear();
         self.passes.clear();
@@ -174,15 +174,21 @@ impl Recorder {
         self.host.iter().map(|work| work.ns).sum()
     }
 
-    /// Submits all segments at once and waits for them. Returns the wall time in ns.
-    pub(in crate::gpu) fn run(&mut self, gpu: &Gpu) -> Result<f64, GpuError> {
+    /// Submits all segments at once and waits for them.
+    pub(in crate::gpu) fn run(&mut self, gpu: &Gpu) -> Result<HostTime, GpuError> {
         self.flush_host_writes(gpu)?;
+        let process_ns = process_clock_ns();
         let start = Instant::now();
         let index = gpu
             .queue
             .submit(self.segments.drain(..).map(|segment| segment.commands));
         gpu.wait_for(Some(index))?;
-        Ok(ns_between(start, Instant::now()) + self.host_ns())
+        let wall_ns = ns_between(start, Instant::now()) + self.host_ns();
+        let spent_ns = |before| process_clock_ns().map(|after| after - before);
+        Ok(HostTime {
+            wall_ns,
+            process_ns: process_ns.and_then(spent_ns).map(|ns| ns + self.host_ns()),
+        })
     }
 
     /// Submits the segments one after the other, each waited for.
@@ -211,6 +217,28 @@ impl Recorder {
         }
         Ok(())
     }
+}
+
+/// What an untimed frame took from its submission to its fence, and its host stages.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct HostTime {
+    pub wall_ns: f64,
+    /// Time that the cores spent on this process, all threads together: what others took from it is not in it. Unknown
+    /// outside Linux.
+    pub process_ns: Option<f64>,
+}
+
+/// CPU time of this process so far.
+#[cfg(target_os = "linux")]
+fn process_clock_ns() -> Option<f64> {
+    use nix::time::{ClockId, clock_gettime};
+    let time = clock_gettime(ClockId::CLOCK_PROCESS_CPUTIME_ID).ok()?;
+    Some(time.tv_sec() as f64 * 1e9 + time.tv_nsec() as f64)
+}
+
+#[cfg(not(target_os = "linux"))]
+fn process_clock_ns() -> Option<f64> {
+    None
 }
 
 /// When a segment ran, by the host clock.

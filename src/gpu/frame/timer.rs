@@ -3,7 +3,9 @@
 use std::fmt;
 
 use super::clock::ClockPlan;
-use super::scope::{Encode, Mode, QUERIES_PER_PASS, QUERIES_PER_SET, Recorder, Span, ns_between};
+use super::scope::{
+    Encode, HostTime, Mode, QUERIES_PER_PASS, QUERIES_PER_SET, Recorder, Span, ns_between,
+};
 use crate::gpu::readback::map;
 use crate::gpu::{Gpu, GpuError};
 use crate::record::{Clock, PassKind};
@@ -132,6 +134,10 @@ impl FrameTimer {
         })
     }
 
+    pub fn plan(&self) -> ClockPlan {
+        self.plan
+    }
+
     /// Runs one frame with every stage timed.
     pub fn timed(&mut self, gpu: &Gpu, stages: &[&dyn Encode]) -> Result<FrameSample, GpuError> {
         gpu.scoped(|| {
@@ -154,10 +160,27 @@ impl FrameTimer {
     /// Runs one frame in one submission with nothing timed within. Returns the wall time from the
     /// submission to the fence and the host stages, in ns.
     pub fn untimed(&mut self, gpu: &Gpu, stages: &[&dyn Encode]) -> Result<f64, GpuError> {
+        Ok(self.on_host(gpu, stages)?.wall_ns)
+    }
+
+    /// Runs one frame as [`Self::untimed`] does and also reads the process's CPU time.
+    pub fn on_host(&mut self, gpu: &Gpu, stages: &[&dyn Encode]) -> Result<HostTime, GpuError> {
         gpu.scoped(|| {
             self.recorder.record(gpu, Mode::Untimed, stages)?;
             self.recorder.run(gpu)
         })
+    }
+
+    /// Kind of each stage's first pass; `Host` for a stage that opens none. Encodes a frame and drops it.
+    pub fn kinds(&mut self, gpu: &Gpu, stages: &[&dyn Encode]) -> Result<Vec<PassKind>, GpuError> {
+        gpu.scoped(|| self.recorder.record(gpu, Mode::Untimed, stages))?;
+        let passes = &self.recorder.passes;
+        let first = |stage: usize| passes.iter().find(|pass| pass.stage == stage);
+        let kinds = (0..stages.len())
+            .map(|stage| first(stage).map_or(PassKind::Host, |pass| pass.kind))
+            .collect();
+        self.recorder.reset();
+        Ok(kinds)
     }
 
     /// Reads the frame's timestamps, in a submission after the frame's own.

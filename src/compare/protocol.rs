@@ -1,0 +1,273 @@
+//! What the comparing process and a worker say to each other: one JSON object per line, a reply to each request.
+//!
+//! Fields may be added within a version, each with a default, and so may messages: a worker answers one it does not know with
+//! [`Reply::Unsupported`]. The version is raised when a message changes its meaning.
+
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+use serde_json::{Map, Value};
+
+use crate::gpu::ClockPlan;
+use crate::record::{Adapter, PassKind, Work};
+
+/// Version of these messages.
+pub const PROTOCOL: u32 = 1;
+
+/// A pipeline on a scene with these parameters, under a name of the caller's choice.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Configuration {
+    pub id: String,
+    pub pipeline: String,
+    pub scene: String,
+    /// Dotted path → value, over the pipeline's defaults.
+    #[serde(default)]
+    pub params: Map<String, Value>,
+}
+
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "message", rename_all = "snake_case")]
+pub enum Request {
+    /// Comes first. The worker opens its device.
+    Hello {
+        protocol: u32,
+        /// How to time, where the caller knows it from another worker's [`Reply::Clock`].
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        clock: Option<ClockPlan>,
+    },
+    /// Audits the clock of a hardware adapter; a software one needs none. Takes seconds.
+    Clock,
+    /// Builds a configuration and runs its frame, which compiles its shaders.
+    Prepare {
+        #[serde(flatten)]
+        configuration: Configuration,
+    },
+    /// Runs a stage alone, so many frames in a row.
+    Sample {
+        config: String,
+        stage: String,
+        #[serde(default = "one")]
+        frames: u32,
+    },
+    /// What can be counted of a configuration.
+    Exact {
+        config: String,
+    },
+    /// Runs a stage alone with a call of [`fathom_sample_boundary`](super::worker::fathom_sample_boundary) before each
+    /// frame and one after the last.
+    Instructions {
+        config: String,
+        stage: String,
+        frames: u32,
+    },
+    Quit,
+}
+
+fn one() -> u32 {
+    1
+}
+
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "message", rename_all = "snake_case")]
+pub enum Reply {
+    Hello(Box<Greeting>),
+    Clock {
+        clock: ClockPlan,
+    },
+    Prepared {
+        /// In frame order.
+        stages: Vec<StageKind>,
+        /// Assets that were absent, each with the stand-in used.
+        #[serde(default)]
+        stand_ins: Vec<String>,
+        /// Where the time went, seconds: building resources, and the first frames.
+        #[serde(default)]
+        build_s: f64,
+        #[serde(default)]
+        warm_up_s: f64,
+    },
+    /// One reading per frame.
+    Sample {
+        ns: Vec<f64>,
+    },
+    Exact(Box<Exact>),
+    Instructions {
+        frames: u32,
+    },
+    /// The request could not be met. After a fatal one the worker ends.
+    Fault {
+        reason: String,
+        #[serde(default)]
+        fatal: bool,
+    },
+    /// The worker does not know this message.
+    Unsupported {
+        #[serde(rename = "request")]
+        message: String,
+    },
+}
+
+/// What a worker says of itself.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Greeting {
+    pub protocol: u32,
+    pub fathom_version: String,
+    pub adapter: Adapter,
+    /// `exact`, `time`, `instructions`: what this worker can do.
+    pub parts: Vec<String>,
+    /// Cores it may run on; unknown outside Linux.
+    #[serde(default)]
+    pub cores: Option<Vec<usize>>,
+    /// Its addresses are randomized; unknown outside Linux.
+    #[serde(default)]
+    pub randomized: Option<bool>,
+    /// What degrades on this adapter.
+    #[serde(default)]
+    pub notes: Vec<String>,
+    /// Time it took to open the device, seconds.
+    #[serde(default)]
+    pub open_s: f64,
+}
+
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct StageKind {
+    pub name: String,
+    /// Kind of its first pass; `host` for a stage without passes.
+    pub kind: PassKind,
+}
+
+/// The exact figures of a configuration.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Exact {
+    /// In frame order.
+    pub stages: Vec<ExactStage>,
+    pub allocated_bytes: u64,
+    /// Errors against the reference: more is worse.
+    pub errors: BTreeMap<String, f64>,
+    /// Figures read back from the frame that are no errors.
+    pub quantities: BTreeMap<String, f64>,
+    /// What could not be computed, and why.
+    #[serde(default)]
+    pub notes: Vec<String>,
+}
+
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ExactStage {
+    pub name: String,
+    pub work: Work,
+    /// Shader invocations; empty where the adapter does not count.
+    #[serde(default)]
+    pub counters: BTreeMap<String, u64>,
+}
+
+/// The request on a line, or what to answer instead.
+pub fn parse_request(line: &str) -> Result<Request, Reply> {
+    let fault = |error: serde_json::Error| Reply::Fault {
+        reason: format!("not a message: {error}"),
+        fatal: false,
+    };
+    let value: Value = serde_json::from_str(line).map_err(fault)?;
+    let known = [
+        "hello",
+        "clock",
+        "prepare",
+        "sample",
+        "exact",
+        "instructions",
+        "quit",
+    ];
+    match value.get("message").and_then(Value::as_str) {
+        Some(name) if !known.contains(&name) => Err(Reply::Unsupported {
+            message: name.to_owned(),
+        }),
+        _ => serde_json::from_value(value).map_err(fault),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use serde_json::json;
+
+    use super::*;
+
+    #[test]
+    fn requests_are_flat_lines_and_round_trip() {
+        let prepare = Request::Prepare {
+            configuration: Configuration {
+                id: "tank".into(),
+                pipeline: "underwater".into(),
+                scene: "tank".into(),
+                params: Map::from_iter([("caustics.grid".to_owned(), json!(50))]),
+            },
+        };
+        let line = serde_json::to_string(&prepare).unwrap();
+        assert_eq!(
+            line,
+            r#"{"message":"prepare","id":"tank","pipeline":"underwater","scene":"tank","params":{"caustics.grid":50}}"#
+        );
+        assert_eq!(parse_request(&line).unwrap(), prepare);
+        let sample = parse_request(r#"{"message":"sample","config":"a","stage":"b","later":1}"#);
+        let expected = Request::Sample {
+            config: "a".into(),
+            stage: "b".into(),
+            frames: 1,
+        };
+        assert_eq!(sample.unwrap(), expected);
+    }
+
+    #[test]
+    fn unknown_messages_are_named_and_wrong_ones_say_what_lacks() {
+        let unknown = parse_request(r#"{"message":"explode","config":"a"}"#).unwrap_err();
+        assert_eq!(
+            serde_json::to_value(unknown).unwrap(),
+            json!({"message": "unsupported", "request": "explode"})
+        );
+        for (line, reason) in [
+            (
+                r#"{"message":"sample","stage":"b"}"#,
+                "missing field `config`",
+            ),
+            (r#"{"config":"a"}"#, "missing field `message`"),
+            ("fish", "expected"),
+        ] {
+            let Err(Reply::Fault {
+                reason: found,
+                fatal: false,
+            }) = parse_request(line)
+            else {
+                panic!("{line} was taken");
+            };
+            assert!(found.contains(reason), "{line}: {found}");
+        }
+    }
+
+    #[test]
+    fn every_reply_can_be_read_back() {
+        let replies = [
+            Reply::Sample { ns: vec![1.5, 2.0] },
+            Reply::Exact(Box::default()),
+            Reply::Fault {
+                reason: "no".into(),
+                fatal: true,
+            },
+            Reply::Hello(Box::new(Greeting {
+                protocol: PROTOCOL,
+                fathom_version: "0".into(),
+                adapter: Adapter::default(),
+                parts: vec!["time".into()],
+                cores: Some(vec![1]),
+                randomized: None,
+                notes: Vec::new(),
+                open_s: 0.1,
+            })),
+        ];
+        for reply in replies {
+            let line = serde_json::to_string(&reply).unwrap();
+            assert_eq!(
+                serde_json::from_str::<Reply>(&line).unwrap(),
+                reply,
+                "{line}"
+            );
+        }
+    }
+}

@@ -1,0 +1,373 @@
+//! `fathom worker`: holds the prepared configurations of one build and measures one stage of them on request.
+//!
+//! A stage is measured alone in a frame, in one command buffer, over what a whole frame before has left in its inputs. On a
+//! software adapter its time is the CPU time that the process spends from the submission to the fence: the process *is* the
+//! GPU there, timestamps of such drivers miss work (see the audit), and what other processes took from its core is not
+//! the stage's. On a hardware adapter it is the audited clock's.
+
+use std::collections::BTreeMap;
+use std::io::{BufRead, Write};
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::Instant;
+
+use thiserror::Error;
+
+use super::protocol::{
+    Configuration, Exact, ExactStage, Greeting, PROTOCOL, Reply, Request, StageKind, parse_request,
+};
+use crate::gpu::{self, ClockPlan, Encode, FrameTimer, Gpu, GpuError, SubmitCost};
+use crate::harness::executor::encodable;
+use crate::harness::subject::{Subject, SubjectError, Subjects};
+use crate::harness::{MAX_PASSES, landing};
+use crate::pipelines::Pipeline;
+
+/// Readings of a frame before its clock is given up.
+const ATTEMPTS: u32 = 20;
+/// Frames of a configuration before it counts as prepared: the first compiles its shaders.
+const WARM_UP_FRAMES: u32 = 2;
+/// Frames of a stage alone before its instructions are counted.
+const STEADYING_FRAMES: u32 = 2;
+/// Most frames of one request.
+const MAX_FRAMES: u32 = 10_000;
+
+/// What a worker of this build can do.
+pub const PARTS: [&str; 3] = ["exact", "time", "instructions"];
+
+static BOUNDARIES: AtomicU64 = AtomicU64::new(0);
+
+/// Called before each frame whose instructions are counted, and after the last: where an instruction counter cuts
+/// (`callgrind --dump-before=fathom_sample_boundary`).
+#[unsafe(no_mangle)]
+#[inline(never)]
+pub extern "C" fn fathom_sample_boundary() {
+    BOUNDARIES.fetch_add(1, Ordering::SeqCst);
+}
+
+#[derive(Debug, Error)]
+pub enum WorkerError {
+    #[error("cannot read a request: {0}")]
+    Input(std::io::Error),
+    #[error("cannot write a reply: {0}")]
+    Output(std::io::Error),
+    #[error("{0}")]
+    Fatal(String),
+}
+
+/// Answers each line of `input` with a line of `output`, until `quit`, the end of the input or a fatal fault.
+pub fn serve(
+    options: &gpu::Options,
+    input: impl BufRead,
+    mut output: impl Write,
+) -> Result<(), WorkerError> {
+    let mut worker = Worker {
+        options,
+        subjects: Subjects::default(),
+        device: None,
+    };
+    for line in input.lines() {
+        let line = line.map_err(WorkerError::Input)?;
+        if line.trim().is_empty() {
+            continue;
+        }
+        let reply = match parse_request(&line) {
+            Ok(Request::Quit) => return Ok(()),
+            Ok(request) => worker.answer(request).unwrap_or_else(Refusal::reply),
+            Err(reply) => reply,
+        };
+        let line = serde_json::to_string(&reply).map_err(|e| WorkerError::Output(e.into()))?;
+        writeln!(output, "{line}")
+            .and_then(|()| output.flush())
+            .map_err(WorkerError::Output)?;
+        if let Reply::Fault {
+            reason,
+            fatal: true,
+        } = reply
+        {
+            return Err(WorkerError::Fatal(reason));
+        }
+    }
+    Ok(())
+}
+
+/// Why a request cannot be met.
+#[derive(Debug, Error)]
+enum Refusal {
+    #[error(transparent)]
+    Gpu(#[from] GpuError),
+    #[error(transparent)]
+    Subject(#[from] SubjectError),
+    #[error("the first message must be `hello`")]
+    NoHello,
+    #[error("configuration `{0}` is not prepared")]
+    NotPrepared(String),
+    #[error("configuration `{config}` has no stage `{stage}`; it has {present}")]
+    NoStage {
+        config: String,
+        stage: String,
+        present: String,
+    },
+    #[error("frames must lie in 1…{MAX_FRAMES}, not {0}")]
+    Frames(u32),
+}
+
+impl Refusal {
+    fn reply(self) -> Reply {
+        Reply::Fault {
+            fatal: matches!(self, Self::Gpu(GpuError::Lost(_))),
+            reason: self.to_string(),
+        }
+    }
+}
+
+struct Worker<'a> {
+    options: &'a gpu::Options,
+    subjects: Subjects,
+    device: Option<Device>,
+}
+
+/// The open device and what is prepared on it.
+struct Device {
+    gpu: Gpu,
+    timer: FrameTimer,
+    /// The hardware's clock has been audited, here or in another worker.
+    audited: bool,
+    prepared: BTreeMap<String, Prepared>,
+}
+
+struct Prepared {
+    subject: Subject,
+    pipeline: Box<dyn Pipeline>,
+}
+
+impl Worker<'_> {
+    fn answer(&mut self, request: Request) -> Result<Reply, Refusal> {
+        if let Request::Hello { clock, .. } = request {
+            return self.hello(clock);
+        }
+        let device = self.device.as_mut().ok_or(Refusal::NoHello)?;
+        match request {
+            Request::Clock => device.clock(),
+            Request::Prepare { configuration } => {
+                device.prepare(&mut self.subjects, &configuration)
+            }
+            Request::Sample {
+                config,
+                stage,
+                frames,
+            } => device.sample(&config, &stage, frames),
+            Request::Exact { config } => device.exact(&config),
+            Request::Instructions {
+                config,
+                stage,
+                frames,
+            } => device.instructions(&config, &stage, frames),
+            Request::Hello { .. } | Request::Quit => unreachable!("answered before"),
+        }
+    }
+
+    fn hello(&mut self, clock: Option<ClockPlan>) -> Result<Reply, Refusal> {
+        let start = Instant::now();
+        let gpu = Gpu::open(self.options)?;
+        let audited = clock.is_some() || gpu.adapter.software;
+        let plan = clock.unwrap_or(ClockPlan::fenced(SubmitCost::default()));
+        let timer = FrameTimer::new(&gpu, plan, MAX_PASSES)?;
+        let device = self.device.insert(Device {
+            gpu,
+            timer,
+            audited,
+            prepared: BTreeMap::new(),
+        });
+        Ok(Reply::Hello(Box::new(Greeting {
+            protocol: PROTOCOL,
+            fathom_version: env!("CARGO_PKG_VERSION").to_owned(),
+            adapter: device.gpu.adapter.clone(),
+            parts: PARTS.map(str::to_owned).to_vec(),
+            cores: cores(),
+            randomized: randomized(),
+            notes: device.gpu.notes.clone(),
+            open_s: start.elapsed().as_secs_f64(),
+        })))
+    }
+}
+
+impl Device {
+    fn clock(&mut self) -> Result<Reply, Refusal> {
+        if !self.audited {
+            let plan = gpu::audit(&self.gpu)?.plan;
+            self.timer = FrameTimer::new(&self.gpu, plan, MAX_PASSES)?;
+            self.audited = true;
+        }
+        Ok(Reply::Clock {
+            clock: self.timer.plan(),
+        })
+    }
+
+    fn prepare(
+        &mut self,
+        subjects: &mut Subjects,
+        configuration: &Configuration,
+    ) -> Result<Reply, Refusal> {
+        let start = Instant::now();
+        let overrides: Vec<_> = configuration.params.clone().into_iter().collect();
+        let subject =
+            subjects.subject(&configuration.pipeline, &configuration.scene, &overrides)?;
+        let pipeline = subject.build(&self.gpu)?;
+        let built = Instant::now();
+        let stages = encodable(pipeline.as_ref());
+        for _ in 0..WARM_UP_FRAMES {
+            self.timer.untimed(&self.gpu, &stages)?;
+        }
+        let kinds = self.timer.kinds(&self.gpu, &stages)?;
+        let stages = stages.iter().zip(kinds).map(|(stage, kind)| StageKind {
+            name: stage.name().to_owned(),
+            kind,
+        });
+        let reply = Reply::Prepared {
+            stages: stages.collect(),
+            stand_ins: subject.scene.stand_ins.clone(),
+            build_s: (built - start).as_secs_f64(),
+            warm_up_s: built.elapsed().as_secs_f64(),
+        };
+        let prepared = Prepared { subject, pipeline };
+        self.prepared.insert(configuration.id.clone(), prepared);
+        Ok(reply)
+    }
+
+    fn sample(&mut self, config: &str, stage: &str, frames: u32) -> Result<Reply, Refusal> {
+        let frames = checked(frames)?;
+        if !self.audited {
+            self.clock()?;
+        }
+        let stage = find(&self.prepared, config, stage)?;
+        let read = |_| reading(&self.gpu, &mut self.timer, stage);
+        let ns = (0..frames).map(read).collect::<Result<_, _>>()?;
+        Ok(Reply::Sample { ns })
+    }
+
+    fn exact(&mut self, config: &str) -> Result<Reply, Refusal> {
+        let prepared = known(&self.prepared, config)?;
+        let pipeline = prepared.pipeline.as_ref();
+        let encodes = encodable(pipeline);
+        let counted = gpu::count(&self.gpu, &encodes, MAX_PASSES)?.unwrap_or_default();
+        self.timer.untimed(&self.gpu, &encodes)?;
+        let stages = pipeline.stages().into_iter().map(|stage| {
+            let counters = counted.iter().find(|counted| counted.name == stage.name());
+            ExactStage {
+                name: stage.name().to_owned(),
+                work: stage.work(),
+                counters: counters
+                    .map(|stage| stage.counters.clone())
+                    .unwrap_or_default(),
+            }
+        });
+        let mut exact = Exact {
+            stages: stages.collect(),
+            allocated_bytes: pipeline.allocated_bytes(),
+            quantities: pipeline.quantities(&self.gpu)?,
+            ..Exact::default()
+        };
+        match landing::cell_errors(&self.gpu, &prepared.subject, pipeline) {
+            Ok(errors) => exact.errors = errors,
+            Err(error) => exact.notes.push(format!("errors not computed: {error}")),
+        }
+        Ok(Reply::Exact(Box::new(exact)))
+    }
+
+    fn instructions(&mut self, config: &str, stage: &str, frames: u32) -> Result<Reply, Refusal> {
+        let frames = checked(frames)?;
+        let stage = find(&self.prepared, config, stage)?;
+        for _ in 0..STEADYING_FRAMES {
+            self.timer.untimed(&self.gpu, &[stage])?;
+        }
+        for _ in 0..frames {
+            fathom_sample_boundary();
+            self.timer.untimed(&self.gpu, &[stage])?;
+        }
+        fathom_sample_boundary();
+        Ok(Reply::Instructions { frames })
+    }
+}
+
+fn checked(frames: u32) -> Result<u32, Refusal> {
+    match frames {
+        1..=MAX_FRAMES => Ok(frames),
+        _ => Err(Refusal::Frames(frames)),
+    }
+}
+
+fn known<'a>(
+    prepared: &'a BTreeMap<String, Prepared>,
+    config: &str,
+) -> Result<&'a Prepared, Refusal> {
+    prepared
+        .get(config)
+        .ok_or_else(|| Refusal::NotPrepared(config.to_owned()))
+}
+
+fn find<'a>(
+    prepared: &'a BTreeMap<String, Prepared>,
+    config: &str,
+    stage: &str,
+) -> Result<&'a dyn Encode, Refusal> {
+    let stages = encodable(known(prepared, config)?.pipeline.as_ref());
+    let found = stages.iter().find(|present| present.name() == stage);
+    found.copied().ok_or_else(|| Refusal::NoStage {
+        config: config.to_owned(),
+        stage: stage.to_owned(),
+        present: stages
+            .iter()
+            .map(|stage| stage.name())
+            .collect::<Vec<_>>()
+            .join(", "),
+    })
+}
+
+/// Time of one frame with this stage alone. Readings that cannot be true are taken again.
+fn reading(gpu: &Gpu, timer: &mut FrameTimer, stage: &dyn Encode) -> Result<f64, GpuError> {
+    let mut last = String::new();
+    for _ in 0..ATTEMPTS {
+        if gpu.adapter.software {
+            let time = timer.on_host(gpu, &[stage])?;
+            let ns = time.process_ns.unwrap_or(time.wall_ns);
+            if ns > 0.0 {
+                return Ok(ns);
+            }
+            last = format!("{ns} ns");
+        } else {
+            let sample = timer.timed(gpu, &[stage])?;
+            match sample.faults.first() {
+                None => return Ok(sample.stages[0].ns),
+                Some(fault) => last = fault.to_string(),
+            }
+        }
+    }
+    Err(GpuError::Internal(format!(
+        "{}: no acceptable reading of the clock in {ATTEMPTS} frames; the last: {last}",
+        stage.name()
+    )))
+}
+
+#[cfg(target_os = "linux")]
+fn cores() -> Option<Vec<usize>> {
+    use nix::sched::{CpuSet, sched_getaffinity};
+    let set = sched_getaffinity(nix::unistd::Pid::from_raw(0)).ok()?;
+    let allowed = |core: &usize| set.is_set(*core).unwrap_or(false);
+    Some((0..CpuSet::count()).filter(allowed).collect())
+}
+
+#[cfg(target_os = "linux")]
+fn randomized() -> Option<bool> {
+    use nix::sys::personality::{self, Persona};
+    let persona = personality::get().ok()?;
+    Some(!persona.contains(Persona::ADDR_NO_RANDOMIZE))
+}
+
+#[cfg(not(target_os = "linux"))]
+fn cores() -> Option<Vec<usize>> {
+    None
+}
+
+#[cfg(not(target_os = "linux"))]
+fn randomized() -> Option<bool> {
+    None
+}
