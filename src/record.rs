@@ -10,9 +10,11 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
 mod file;
+mod lines;
 #[cfg(test)]
 mod tests;
-pub use file::{Damage, Reading, RecordError, Writer, finished, read, resume_key};
+pub use file::{Reading, Writer, finished, read, resume_key};
+pub use lines::{Damage, Line, LineWriter, Lines, RecordError, read_lines};
 
 /// Version of the record format; raised when a field changes its meaning or goes away.
 pub const SCHEMA: u32 = 1;

@@ -1,0 +1,342 @@
+//! A comparison's folder: one line of JSON for each thing that was measured, and nothing that was concluded.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use serde::{Deserialize, Serialize};
+use thiserror::Error;
+
+use super::cells::CellId;
+use crate::record::{self, Adapter, LineWriter, Lines, RecordError, Work};
+
+/// Version of the lines; raised when a field changes its meaning or goes away.
+pub const SCHEMA: u32 = 1;
+/// Name of the lines' file in a comparison's folder.
+pub const COMPARISON: &str = "comparison.jsonl";
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Side {
+    Base,
+    Head,
+}
+
+impl Side {
+    pub const BOTH: [Self; 2] = [Self::Base, Self::Head];
+
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Base => "base",
+            Self::Head => "head",
+        }
+    }
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Gate {
+    Exact,
+    Instructions,
+    Time,
+}
+
+impl Gate {
+    pub const ALL: [Self; 3] = [Self::Exact, Self::Instructions, Self::Time];
+
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Exact => "exact",
+            Self::Instructions => "instructions",
+            Self::Time => "time",
+        }
+    }
+}
+
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "kind", rename_all = "snake_case")]
+pub enum Line {
+    Header(Box<Header>),
+    Configuration(ConfigurationFigures),
+    Exact(ExactFigures),
+    Check(CheckFigure),
+    Instructions(InstructionCounts),
+    Pair(Pair),
+    Launch(Launch),
+    Fault(Fault),
+    End(End),
+}
+
+impl record::Line for Line {
+    const SCHEMA: u32 = SCHEMA;
+    const NAME: &'static str = "comparison line";
+}
+
+/// What is compared, on what, and by which rules.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Header {
+    pub schema: u32,
+    pub fathom_version: String,
+    pub base: Build,
+    pub head: Build,
+    pub adapter: Adapter,
+    pub settings: Settings,
+    /// In the order of `benches/gates.toml`.
+    pub cells: Vec<CellId>,
+    /// Gates that were not run, each with the reason; and other notes on the whole comparison.
+    pub notes: Vec<String>,
+}
+
+/// One side.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Build {
+    /// Revision, path or file, as it was asked for.
+    pub label: String,
+    pub version: String,
+    /// Of the worker's line protocol; none for a file of records.
+    pub protocol: Option<u32>,
+}
+
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Settings {
+    /// Family-wise error of the time gate, and one less the coverage of its intervals.
+    pub alpha: f64,
+    /// Share by which a time must differ to matter.
+    pub threshold: f64,
+    /// Share by which an instruction count must differ to matter.
+    pub instruction_threshold: f64,
+    /// Pairs of worker processes.
+    pub launches: u32,
+    /// Pairs of samples of a cell in each launch.
+    pub pairs: u32,
+    pub seed: u64,
+    pub gates: Vec<Gate>,
+    /// See [`Gates::control`](super::cells::Gates::control).
+    pub control: Option<CellId>,
+    /// Sides were measured one after the other, in no pairs: from files of records.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub unpaired: bool,
+}
+
+/// Exact figures of a whole configuration.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ConfigurationFigures {
+    pub side: Side,
+    pub configuration: String,
+    pub allocated_bytes: u64,
+    /// Errors against the reference, the larger the worse. One named `FAMILY_…` concerns the stages of that
+    /// family, any other all stages.
+    pub errors: BTreeMap<String, f64>,
+    /// Figures read back that are no errors: a change of one is told and not judged.
+    #[serde(default)]
+    pub quantities: BTreeMap<String, f64>,
+    /// Assets that were absent, each with the stand-in used.
+    #[serde(default)]
+    pub stand_ins: Vec<String>,
+    /// What could not be computed, and why.
+    #[serde(default)]
+    pub notes: Vec<String>,
+}
+
+/// Exact figures of a cell.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ExactFigures {
+    pub side: Side,
+    pub cell: CellId,
+    pub work: Work,
+    /// Pipeline statistics, where the adapter counts them.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub counters: BTreeMap<String, u64>,
+}
+
+/// A stage's error on a small case, as `fathom verify` measures it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct CheckFigure {
+    pub side: Side,
+    pub stage: String,
+    pub what: String,
+    pub unit: String,
+    pub measured: f64,
+    pub tolerance: f64,
+    /// It passed and its control failed.
+    pub sound: bool,
+}
+
+/// Instructions of a cell's steady frames.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct InstructionCounts {
+    pub side: Side,
+    pub cell: CellId,
+    pub counts: Vec<u64>,
+}
+
+/// Two samples of a cell, one right after the other.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Pair {
+    pub launch: u32,
+    pub round: u32,
+    pub cell: CellId,
+    /// Both sides are the base.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub control: bool,
+    /// The side that was sampled first.
+    pub first: Side,
+    pub base_ns: f64,
+    pub head_ns: f64,
+}
+
+/// A pair of workers that went through all its rounds. Pairs of a launch without this line do not count.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Launch {
+    pub launch: u32,
+    pub wall_s: f64,
+    /// How the workers were quieted: core, threads, padding of the environment, and what could not be done.
+    pub notes: Vec<String>,
+}
+
+/// Something that could not be measured. Without a cell it concerns the whole gate, without a side both.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Fault {
+    pub gate: Gate,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub side: Option<Side>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub cell: Option<CellId>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub launch: Option<u32>,
+    pub reason: String,
+}
+
+/// How measuring ended.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct End {
+    pub wall_s: f64,
+    pub interrupted: bool,
+}
+
+#[derive(Debug, Error)]
+pub enum StoreError {
+    #[error(transparent)]
+    Lines(#[from] RecordError),
+    #[error("cannot write to {}: {source}; choose another folder with --out", path.display())]
+    Unwritable {
+        path: PathBuf,
+        source: std::io::Error,
+    },
+    #[error(
+        "{} holds a comparison already: continue it with --resume, or choose another folder with --out",
+        path.display()
+    )]
+    Occupied { path: PathBuf },
+    #[error("no comparison in {}", path.display())]
+    Absent { path: PathBuf },
+    #[error("{} has no sound header line, so its other lines mean nothing", path.display())]
+    NoHeader { path: PathBuf },
+}
+
+/// The folder of a comparison under way.
+#[derive(Debug)]
+pub struct Store {
+    pub folder: PathBuf,
+    writer: LineWriter<Line>,
+}
+
+impl Store {
+    /// Starts a comparison in a folder that holds none.
+    pub fn create(folder: &Path) -> Result<Self, StoreError> {
+        if folder.join(COMPARISON).exists() {
+            return Err(StoreError::Occupied {
+                path: folder.to_owned(),
+            });
+        }
+        std::fs::create_dir_all(folder).map_err(|source| StoreError::Unwritable {
+            path: folder.to_owned(),
+            source,
+        })?;
+        Self::open(folder)
+    }
+
+    /// Continues the comparison of a folder.
+    pub fn resume(folder: &Path) -> Result<(Self, Comparison), StoreError> {
+        let before = Comparison::read(folder)?;
+        Ok((Self::open(folder)?, before))
+    }
+
+    fn open(folder: &Path) -> Result<Self, StoreError> {
+        Ok(Self {
+            folder: folder.to_owned(),
+            writer: LineWriter::append(&folder.join(COMPARISON))?,
+        })
+    }
+
+    /// Appends lines in one piece. Nothing else than this writes, so that measuring is not disturbed.
+    pub fn write(&mut self, lines: &[Line]) -> Result<(), StoreError> {
+        Ok(self.writer.write_all(lines)?)
+    }
+}
+
+/// Everything that was measured, as verdicts take it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Comparison {
+    pub header: Header,
+    pub configurations: Vec<ConfigurationFigures>,
+    pub exact: Vec<ExactFigures>,
+    pub checks: Vec<CheckFigure>,
+    pub instructions: Vec<InstructionCounts>,
+    /// Of complete launches.
+    pub pairs: Vec<Pair>,
+    pub launches: Vec<Launch>,
+    pub faults: Vec<Fault>,
+    /// The last end, if measuring came to one.
+    pub end: Option<End>,
+    /// Lines that could not be read, as they are told.
+    pub damaged: Vec<String>,
+}
+
+impl Comparison {
+    pub fn read(folder: &Path) -> Result<Self, StoreError> {
+        let path = folder.join(COMPARISON);
+        if !path.exists() {
+            return Err(StoreError::Absent {
+                path: folder.to_owned(),
+            });
+        }
+        let read = record::read_lines(&path)?;
+        Self::from_lines(read).ok_or(StoreError::NoHeader { path })
+    }
+
+    /// Sorts lines by their kind; none without a header. Of several headers the first holds.
+    pub fn from_lines(read: Lines<Line>) -> Option<Self> {
+        let header = read.lines.iter().find_map(|line| match line {
+            Line::Header(header) => Some((**header).clone()),
+            _ => None,
+        })?;
+        let mut all = Self {
+            header,
+            configurations: Vec::new(),
+            exact: Vec::new(),
+            checks: Vec::new(),
+            instructions: Vec::new(),
+            pairs: Vec::new(),
+            launches: Vec::new(),
+            faults: Vec::new(),
+            end: None,
+            damaged: read.damaged.iter().map(ToString::to_string).collect(),
+        };
+        for line in read.lines {
+            match line {
+                Line::Header(_) => {}
+                Line::Configuration(line) => all.configurations.push(line),
+                Line::Exact(line) => all.exact.push(line),
+                Line::Check(line) => all.checks.push(line),
+                Line::Instructions(line) => all.instructions.push(line),
+                Line::Pair(line) => all.pairs.push(line),
+                Line::Launch(line) => all.launches.push(line),
+                Line::Fault(line) => all.faults.push(line),
+                Line::End(line) => all.end = Some(line),
+            }
+        }
+        let whole: Vec<u32> = all.launches.iter().map(|launch| launch.launch).collect();
+        all.pairs.retain(|pair| whole.contains(&pair.launch));
+        Some(all)
+    }
+}
