@@ -5,9 +5,13 @@
 //! configurations of one build and answers [`protocol`]'s requests. What is measured goes to a folder of lines
 //! ([`store`]); verdicts are a function of those lines alone.
 
+pub mod bench;
+pub mod build;
 pub mod cells;
 pub mod launch;
 pub mod protocol;
 pub mod rank;
+pub mod rounds;
 pub mod store;
+pub mod time;
 pub mod worker;

@@ -3,6 +3,9 @@
 //! Hollander, Wolfe & Chicken, *Nonparametric Statistical Methods* (2014), section 3.1 to 3.3. All that is assumed of the
 //! samples is that they are independent and scatter evenly to both sides of their centre.
 
+use std::collections::BTreeMap;
+use std::sync::{Mutex, PoisonError};
+
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 
@@ -113,6 +116,18 @@ pub const POWER: f64 = 0.8;
 /// The least shift, in standard deviations of normal noise, by which [`above`] of `n` samples falls to `level` with the chance
 /// [`POWER`]. None where no samples reach that level.
 pub fn detectable(n: usize, level: f64) -> Option<f64> {
+    static KNOWN: Mutex<BTreeMap<(usize, u64), Option<f64>>> = Mutex::new(BTreeMap::new());
+    let key = (n, level.to_bits());
+    let known = || KNOWN.lock().unwrap_or_else(PoisonError::into_inner);
+    let found = known().get(&key).copied();
+    found.unwrap_or_else(|| {
+        let shift = simulated(n, level);
+        known().insert(key, shift);
+        shift
+    })
+}
+
+fn simulated(n: usize, level: f64) -> Option<f64> {
     let distribution = rank_sums(n);
     let mut tail = 0.0;
     let rejecting = distribution.iter().rev().take_while(|p| {

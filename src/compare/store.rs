@@ -203,6 +203,9 @@ pub struct Fault {
     pub cell: Option<CellId>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub launch: Option<u32>,
+    /// It befell the control that bears this cell's name, and not the cell.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub control: bool,
     pub reason: String,
 }
 

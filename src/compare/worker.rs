@@ -23,8 +23,8 @@ use crate::pipelines::Pipeline;
 
 /// Readings of a frame before its clock is given up.
 const ATTEMPTS: u32 = 20;
-/// Frames of a configuration before it counts as prepared: the first compiles its shaders.
-const WARM_UP_FRAMES: u32 = 2;
+/// Frames of a configuration before it counts as prepared: it compiles the shaders and fills every stage's inputs.
+const WARM_UP_FRAMES: u32 = 1;
 /// Frames of a stage alone before its instructions are counted.
 const STEADYING_FRAMES: u32 = 2;
 /// Most frames of one request.
@@ -348,7 +348,7 @@ fn reading(gpu: &Gpu, timer: &mut FrameTimer, stage: &dyn Encode) -> Result<f64,
 }
 
 #[cfg(target_os = "linux")]
-fn cores() -> Option<Vec<usize>> {
+pub(super) fn cores() -> Option<Vec<usize>> {
     use nix::sched::{CpuSet, sched_getaffinity};
     let set = sched_getaffinity(nix::unistd::Pid::from_raw(0)).ok()?;
     let allowed = |core: &usize| set.is_set(*core).unwrap_or(false);
@@ -363,7 +363,7 @@ fn randomized() -> Option<bool> {
 }
 
 #[cfg(not(target_os = "linux"))]
-fn cores() -> Option<Vec<usize>> {
+pub(super) fn cores() -> Option<Vec<usize>> {
     None
 }
 

@@ -1,0 +1,265 @@
+//! The workers of the time gate: a base, a head and, for the control, a second base, started afresh for each launch.
+
+use std::collections::BTreeMap;
+
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64;
+
+use super::cells::CellId;
+use super::launch::{Quiet, Start, Worker, WorkerFault, allowed_cores};
+use super::protocol::{Configuration, Greeting, Reply, Request};
+use super::rounds::{Bench, Broken, Opened, Party, PartyFault};
+use crate::gpu::ClockPlan;
+use crate::record::Adapter;
+
+/// Frames of a sample. For the same time, more pairs of single frames scatter less than fewer pairs of the shortest of
+/// several (0.9 % between launches with 40 × 1 frames, 1.6 % with 10 × 4, on a machine with three times as many busy
+/// processes as cores).
+const FRAMES: u32 = 1;
+/// Bytes of padding are drawn below this: a page, over which the stack's place repeats itself for the caches.
+const PADDING_BYTES: usize = 4096;
+
+/// Processes that serve a [`Bench`].
+pub struct Processes {
+    base: Start,
+    head: Start,
+    configurations: BTreeMap<String, Configuration>,
+    pub adapter: Adapter,
+    clock: Option<ClockPlan>,
+    cores: Vec<usize>,
+    seed: u64,
+    workers: Vec<(Party, Worker)>,
+}
+
+impl Processes {
+    /// Asks a first base worker for the adapter, and for its clock where it is hardware: both sides then read the same
+    /// clock, and each launch is spared the audit.
+    pub fn new(
+        base: Start,
+        head: Start,
+        configurations: &[Configuration],
+        seed: u64,
+    ) -> Result<Self, PartyFault> {
+        let (adapter, clock) = probe(&base).map_err(|fault| PartyFault {
+            party: Party::Base,
+            fault,
+        })?;
+        let named =
+            |configuration: &Configuration| (configuration.id.clone(), configuration.clone());
+        Ok(Self {
+            base,
+            head,
+            configurations: configurations.iter().map(named).collect(),
+            adapter,
+            clock,
+            cores: allowed_cores(),
+            seed,
+            workers: Vec::new(),
+        })
+    }
+
+    fn start(&mut self, launch: u32, parties: &[Party]) -> Result<(), PartyFault> {
+        let mut random = Pcg64::seed_from_u64(self.seed ^ u64::from(launch));
+        for (place, party) in parties.iter().enumerate() {
+            let mut start = match party {
+                Party::Head => self.head.clone(),
+                Party::Base | Party::Control => self.base.clone(),
+            };
+            start.clock = self.clock;
+            start.quiet = self.adapter.software.then(|| Quiet {
+                core: core(&self.cores, launch as usize + place),
+                padding: random.random_range(0..PADDING_BYTES),
+            });
+            let started = Worker::start(&start).and_then(|mut worker| {
+                worker.greet()?;
+                Ok(worker)
+            });
+            let worker = started.map_err(of(*party))?;
+            self.workers.push((*party, worker));
+        }
+        Ok(())
+    }
+
+    fn greeted(&mut self) -> Result<Vec<Greeting>, PartyFault> {
+        let mut greetings = Vec::new();
+        for (party, worker) in &mut self.workers {
+            let greeting = worker.greeted().map_err(of(*party))?;
+            if greeting.adapter.name != self.adapter.name
+                || greeting.adapter.driver_info != self.adapter.driver_info
+            {
+                let fault = WorkerFault::Refused {
+                    reason: format!(
+                        "it runs on {} ({}), the base on {} ({})",
+                        greeting.adapter.name,
+                        greeting.adapter.driver_info,
+                        self.adapter.name,
+                        self.adapter.driver_info
+                    ),
+                    fatal: true,
+                };
+                return Err(of(*party)(fault));
+            }
+            if !greeting.parts.iter().any(|part| part == "time") {
+                return Err(of(*party)(WorkerFault::Unsupported("sample".to_owned())));
+            }
+            greetings.push(greeting);
+        }
+        Ok(greetings)
+    }
+
+    /// All parties prepare a configuration at the same time. The fault of the first that refuses it.
+    fn prepare(
+        &mut self,
+        configuration: &Configuration,
+        control: bool,
+    ) -> Result<Option<PartyFault>, PartyFault> {
+        let request = Request::Prepare {
+            configuration: configuration.clone(),
+        };
+        let wanted = |party: &Party| *party != Party::Control || control;
+        let concerned = self.workers.iter_mut().filter(|(party, _)| wanted(party));
+        let mut concerned: Vec<_> = concerned.collect();
+        for (party, worker) in &mut concerned {
+            worker.send(&request).map_err(of(*party))?;
+        }
+        let mut refused = None;
+        for (party, worker) in concerned {
+            let fault = match worker.receive() {
+                Ok(Reply::Prepared { .. }) => continue,
+                Ok(other) => worker.unexpected(&other),
+                Err(fault) => fault,
+            };
+            if !fault.goes_on() {
+                return Err(of(*party)(fault));
+            }
+            refused = refused.or(Some(of(*party)(fault)));
+        }
+        Ok(refused)
+    }
+
+    /// The conditions that this launch runs under, those first that could not be had.
+    fn notes(&self, launch: u32, greetings: &[Greeting]) -> Vec<String> {
+        let mut notes = Vec::new();
+        if !self.adapter.software {
+            return notes;
+        }
+        if greetings
+            .iter()
+            .any(|greeting| greeting.randomized != Some(false))
+        {
+            notes.push("addresses are randomized: the system does not allow otherwise".to_owned());
+        }
+        match core(&self.cores, launch as usize) {
+            Some(core) => notes.push(format!("on core {core}")),
+            None => notes.push("on any core: pinning is done on Linux only".to_owned()),
+        }
+        notes
+    }
+}
+
+impl Bench for Processes {
+    fn open(
+        &mut self,
+        launch: u32,
+        cells: &[CellId],
+        control: Option<&CellId>,
+    ) -> Result<Opened, Broken> {
+        let broken = |cause| Broken {
+            configuration: None,
+            cause,
+        };
+        let parties = [Party::Base, Party::Head, Party::Control];
+        let parties = &parties[..2 + usize::from(control.is_some())];
+        self.start(launch, parties).map_err(broken)?;
+        let greetings = self.greeted().map_err(broken)?;
+        let mut opened = Opened {
+            refused: Vec::new(),
+            notes: self.notes(launch, &greetings),
+        };
+        let mut wanted: Vec<&str> = cells
+            .iter()
+            .chain(control)
+            .map(CellId::configuration)
+            .collect();
+        wanted.sort_unstable();
+        wanted.dedup();
+        for id in wanted {
+            let Some(configuration) = self.configurations.get(id).cloned() else {
+                continue;
+            };
+            let of_control = control.is_some_and(|cell| cell.configuration() == id);
+            match self.prepare(&configuration, of_control) {
+                Ok(None) => {}
+                Ok(Some(cause)) => opened.refused.push((id.to_owned(), cause)),
+                Err(cause) => {
+                    return Err(Broken {
+                        configuration: Some(id.to_owned()),
+                        cause,
+                    });
+                }
+            }
+        }
+        if self.adapter.software
+            && let Some(core) = core(&self.cores, launch as usize)
+        {
+            self.workers.iter().for_each(|(_, worker)| worker.pin(core));
+        }
+        Ok(opened)
+    }
+
+    fn sample(&mut self, party: Party, cell: &CellId) -> Result<f64, WorkerFault> {
+        let of_party = self.workers.iter_mut().find(|(known, _)| *known == party);
+        let Some((_, worker)) = of_party else {
+            return Err(WorkerFault::Refused {
+                reason: "it was not started".to_owned(),
+                fatal: true,
+            });
+        };
+        let request = Request::Sample {
+            config: cell.configuration().to_owned(),
+            stage: cell.stage().to_owned(),
+            frames: FRAMES,
+        };
+        match worker.ask(&request)? {
+            Reply::Sample { ns }
+                if ns.len() == FRAMES as usize && ns.iter().all(|ns| usable(*ns)) =>
+            {
+                Ok(ns.into_iter().fold(f64::INFINITY, f64::min))
+            }
+            other => Err(worker.unexpected(&other)),
+        }
+    }
+
+    fn close(&mut self) {
+        // Killed: a driver's orderly end takes longer and is not waited for.
+        self.workers.clear();
+    }
+}
+
+fn of(party: Party) -> impl FnOnce(WorkerFault) -> PartyFault {
+    move |fault| PartyFault { party, fault }
+}
+
+fn usable(ns: f64) -> bool {
+    ns.is_finite() && ns > 0.0
+}
+
+/// The cores in turn.
+fn core(cores: &[usize], turn: usize) -> Option<usize> {
+    (!cores.is_empty()).then(|| cores[turn % cores.len()])
+}
+
+fn probe(base: &Start) -> Result<(Adapter, Option<ClockPlan>), WorkerFault> {
+    let mut worker = Worker::start(base)?;
+    worker.greet()?;
+    let adapter = worker.greeted()?.adapter;
+    let clock = match adapter.software {
+        true => None,
+        false => match worker.ask(&Request::Clock)? {
+            Reply::Clock { clock } => Some(clock),
+            other => return Err(worker.unexpected(&other)),
+        },
+    };
+    worker.quit();
+    Ok((adapter, clock))
+}

@@ -1,0 +1,349 @@
+//! A build of another revision of the repository: checked out into a temporary worktree, compiled into a target folder of
+//! its own, and kept by its commit.
+
+use std::collections::VecDeque;
+use std::ffi::OsStr;
+use std::io::{BufRead, BufReader};
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::time::SystemTime;
+
+use thiserror::Error;
+
+/// Lines of the compiler that are told when it fails.
+const LAST_LINES: usize = 20;
+/// Built revisions that are kept.
+const KEPT: usize = 8;
+/// Folder of the cache, in the repository's target folder.
+const CACHE: &str = "target/compare";
+const BINARY: &str = "fathom";
+
+#[derive(Debug, Error)]
+pub enum BuildError {
+    #[error("{} is in no git repository, so there is no revision to compare with: give --base-bin PATH", path.display())]
+    NoRepository { path: PathBuf },
+    #[error("unknown revision `{revision}`: {reason}")]
+    UnknownRevision { revision: String, reason: String },
+    #[error("`{command}` failed: {reason}")]
+    Command { command: String, reason: String },
+    #[error("revision `{revision}` does not build; the compiler's last lines:\n{}", .last.join("\n"))]
+    Compile { revision: String, last: Vec<String> },
+    #[error("cannot {action} {}: {source}", path.display())]
+    Io {
+        action: &'static str,
+        path: PathBuf,
+        source: std::io::Error,
+    },
+}
+
+/// A built revision.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Built {
+    /// Full hash of the commit.
+    pub commit: String,
+    pub program: PathBuf,
+}
+
+/// The release build of `revision` of the repository around `folder`, from the cache if it is there. `progress` is given each
+/// line that cargo writes meanwhile.
+pub fn revision(
+    folder: &Path,
+    revision: &str,
+    progress: &mut dyn FnMut(&str),
+) -> Result<Built, BuildError> {
+    let repository = repository(folder)?;
+    let commit = commit(&repository, revision)?;
+    let cache = repository.join(CACHE);
+    let kept = cache.join("builds").join(&commit);
+    let program = kept.join(format!("{BINARY}{}", std::env::consts::EXE_SUFFIX));
+    if !program.is_file() {
+        let worktree = Worktree::add(&repository, &cache, &commit)?;
+        let built = compile(&worktree.path, &cache.join("target"), revision, progress)?;
+        keep(&built, &program)?;
+        forget_old(&cache.join("builds"), &kept);
+    }
+    Ok(Built { commit, program })
+}
+
+fn repository(folder: &Path) -> Result<PathBuf, BuildError> {
+    let found = git(folder, ["rev-parse", "--show-toplevel"]);
+    found
+        .map(PathBuf::from)
+        .map_err(|_| BuildError::NoRepository {
+            path: folder.to_owned(),
+        })
+}
+
+fn commit(repository: &Path, revision: &str) -> Result<String, BuildError> {
+    let asked = format!("{revision}^{{commit}}");
+    let arguments = ["rev-parse", "--verify", "--end-of-options", &asked];
+    git(repository, arguments).map_err(|error| BuildError::UnknownRevision {
+        revision: revision.to_owned(),
+        reason: match error {
+            BuildError::Command { reason, .. } => reason,
+            other => other.to_string(),
+        },
+    })
+}
+
+/// What git prints, without the end of line.
+fn git<const N: usize>(folder: &Path, arguments: [&str; N]) -> Result<String, BuildError> {
+    let failed = |reason: String| BuildError::Command {
+        command: format!("git {}", arguments.join(" ")),
+        reason,
+    };
+    let output = Command::new("git")
+        .arg("-C")
+        .arg(folder)
+        .args(arguments)
+        .stdin(Stdio::null())
+        .output()
+        .map_err(|error| failed(error.to_string()))?;
+    let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).trim().replace('\n', " ");
+    match output.status.success() {
+        true => Ok(text(&output.stdout)),
+        false => Err(failed(text(&output.stderr))),
+    }
+}
+
+/// A checkout that is removed when it is dropped.
+struct Worktree {
+    repository: PathBuf,
+    path: PathBuf,
+}
+
+impl Worktree {
+    fn add(repository: &Path, cache: &Path, commit: &str) -> Result<Self, BuildError> {
+        // Forgets checkouts whose folders are gone.
+        git(repository, ["worktree", "prune"])?;
+        let short = commit.get(..12).unwrap_or(commit);
+        let worktree = Self {
+            repository: repository.to_owned(),
+            path: cache.join(format!("worktree-{short}-{}", std::process::id())),
+        };
+        let path = worktree.path.to_string_lossy().into_owned();
+        git(
+            repository,
+            ["worktree", "add", "--detach", "--force", &path, commit],
+        )?;
+        Ok(worktree)
+    }
+}
+
+impl Drop for Worktree {
+    fn drop(&mut self) {
+        let path = self.path.to_string_lossy();
+        // What is left behind is pruned the next time.
+        let _ = git(&self.repository, ["worktree", "remove", "--force", &path]);
+        let _ = std::fs::remove_dir_all(&self.path);
+    }
+}
+
+/// The program that cargo makes of a checkout.
+fn compile(
+    source: &Path,
+    target: &Path,
+    revision: &str,
+    progress: &mut dyn FnMut(&str),
+) -> Result<PathBuf, BuildError> {
+    let failed = |error: std::io::Error| BuildError::Command {
+        command: "cargo build".to_owned(),
+        reason: error.to_string(),
+    };
+    let cargo = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
+    let mut child = Command::new(cargo)
+        .args([
+            "build",
+            "--release",
+            "--locked",
+            "--color=never",
+            "--bin",
+            BINARY,
+        ])
+        .arg("--target-dir")
+        .arg(target)
+        .current_dir(source)
+        .stdin(Stdio::null())
+        .stdout(Stdio::null())
+        .stderr(Stdio::piped())
+        .spawn()
+        .map_err(failed)?;
+    let mut last = VecDeque::new();
+    if let Some(output) = child.stderr.take() {
+        for line in BufReader::new(output).split(b'\n').map_while(Result::ok) {
+            let line = String::from_utf8_lossy(&line).trim_end().to_owned();
+            progress(&line);
+            if last.len() == LAST_LINES {
+                last.pop_front();
+            }
+            last.push_back(line);
+        }
+    }
+    let program = format!("release/{BINARY}{}", std::env::consts::EXE_SUFFIX);
+    match child.wait().map_err(failed)?.success() {
+        true => Ok(target.join(program)),
+        false => Err(BuildError::Compile {
+            revision: revision.to_owned(),
+            last: last.into(),
+        }),
+    }
+}
+
+/// Copies a program into the cache. It appears there whole or not at all.
+fn keep(built: &Path, program: &Path) -> Result<(), BuildError> {
+    let io = |action, path: &Path| {
+        let path = path.to_owned();
+        move |source| BuildError::Io {
+            action,
+            path,
+            source,
+        }
+    };
+    let folder = program.parent().unwrap_or(Path::new("."));
+    std::fs::create_dir_all(folder).map_err(io("create", folder))?;
+    let part = program.with_extension(format!("part-{}", std::process::id()));
+    std::fs::copy(built, &part).map_err(io("copy", built))?;
+    std::fs::rename(&part, program).map_err(io("write", program))
+}
+
+/// Removes the oldest builds but `newest`. What cannot be removed stays.
+fn forget_old(builds: &Path, newest: &Path) {
+    let Ok(entries) = std::fs::read_dir(builds) else {
+        return;
+    };
+    let age = |path: &Path| {
+        let modified = path.metadata().and_then(|meta| meta.modified());
+        modified.unwrap_or(SystemTime::UNIX_EPOCH)
+    };
+    let mut others: Vec<PathBuf> = entries
+        .flatten()
+        .map(|entry| entry.path())
+        .filter(|path| path.file_name().and_then(OsStr::to_str).is_some() && path != newest)
+        .collect();
+    others.sort_by_key(|path| std::cmp::Reverse(age(path)));
+    for path in others.iter().skip(KEPT - 1) {
+        let _ = std::fs::remove_dir_all(path);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const MANIFEST: &str =
+        "[package]\nname = \"fathom\"\nversion = \"0.1.0\"\nedition = \"2024\"\n\n[workspace]\n";
+    const LOCK: &str = "version = 4\n\n[[package]]\nname = \"fathom\"\nversion = \"0.1.0\"\n";
+
+    /// A repository with a crate of two commits: the first builds, the second, HEAD, does not.
+    struct Repository {
+        folder: tempfile::TempDir,
+    }
+
+    impl Repository {
+        fn new() -> Self {
+            let folder = tempfile::tempdir().unwrap();
+            let repository = Self { folder };
+            repository.git(["init", "--quiet"]);
+            repository.write("Cargo.toml", MANIFEST);
+            repository.write("Cargo.lock", LOCK);
+            repository.write(".gitignore", "/target\n");
+            repository.write("src/main.rs", "fn main() { println!(\"first\"); }\n");
+            repository.commit();
+            repository.write("src/main.rs", "fn main() { second() }\n");
+            repository.commit();
+            repository
+        }
+
+        fn path(&self) -> &Path {
+            self.folder.path()
+        }
+
+        fn write(&self, name: &str, text: &str) {
+            let path = self.path().join(name);
+            std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+            std::fs::write(path, text).unwrap();
+        }
+
+        fn git<const N: usize>(&self, arguments: [&str; N]) -> String {
+            git(self.path(), arguments).unwrap()
+        }
+
+        fn commit(&self) {
+            self.git(["add", "--all"]);
+            self.git([
+                "-c",
+                "user.name=Someone",
+                "-c",
+                "user.email=someone@example.org",
+                "commit",
+                "--quiet",
+                "--message=Change",
+            ]);
+        }
+
+        fn build(&self, name: &str) -> (Result<Built, BuildError>, usize) {
+            let mut lines = 0;
+            let built = revision(self.path(), name, &mut |_| lines += 1);
+            (built, lines)
+        }
+    }
+
+    #[test]
+    fn a_revision_is_built_once_and_leaves_no_worktree() {
+        let repository = Repository::new();
+        let (built, lines) = repository.build("HEAD~1");
+        let built = built.unwrap();
+        assert!(lines > 0, "cargo's progress is passed on");
+        assert_eq!(built.commit, repository.git(["rev-parse", "HEAD~1"]));
+        let output = Command::new(&built.program).output().unwrap();
+        assert_eq!(output.stdout, b"first\n");
+        assert_eq!(repository.git(["worktree", "list"]).split(" [").count(), 2);
+        assert_eq!(repository.git(["status", "--porcelain"]), "");
+        let (again, lines) = repository.build(&built.commit);
+        assert_eq!(again.unwrap(), built);
+        assert_eq!(lines, 0, "it comes from the cache");
+    }
+
+    #[test]
+    fn a_revision_that_does_not_build_shows_the_compilers_last_lines() {
+        let repository = Repository::new();
+        let message = repository.build("HEAD").0.unwrap_err().to_string();
+        assert!(
+            message.contains("revision `HEAD` does not build"),
+            "{message}"
+        );
+        assert!(
+            message.contains("cannot find function `second`"),
+            "{message}"
+        );
+        let folders = std::fs::read_dir(repository.path().join(CACHE)).unwrap();
+        let names: Vec<_> = folders.flatten().map(|entry| entry.file_name()).collect();
+        assert_eq!(names, ["target"], "no worktree and no build is left");
+    }
+
+    #[test]
+    fn unknown_revisions_and_folders_outside_a_repository_are_told() {
+        let repository = Repository::new();
+        for name in ["no-such-branch", "--all", ""] {
+            let message = repository.build(name).0.unwrap_err().to_string();
+            let expected = format!("unknown revision `{name}`: ");
+            assert!(message.starts_with(&expected), "{message}");
+            assert_eq!(message.lines().count(), 1, "{message}");
+        }
+        let outside = tempfile::tempdir().unwrap();
+        let error = revision(outside.path(), "HEAD", &mut |_| {}).unwrap_err();
+        assert!(error.to_string().contains("--base-bin"), "{error}");
+    }
+
+    #[test]
+    fn only_the_newest_builds_are_kept() {
+        let folder = tempfile::tempdir().unwrap();
+        for n in 0..KEPT + 3 {
+            std::fs::create_dir(folder.path().join(n.to_string())).unwrap();
+        }
+        let newest = folder.path().join("0");
+        forget_old(folder.path(), &newest);
+        assert!(newest.exists());
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), KEPT);
+    }
+}

@@ -1,0 +1,359 @@
+//! The time gate's schedule: which worker samples which cell when, and what is kept when a worker fails.
+//!
+//! A *launch* is a fresh pair of workers. In each of its rounds every cell is sampled once by each side, one right after the
+//! other; the order of cells is drawn anew each round, and which side comes first is drawn so that each comes first in
+//! half of the rounds. A launch counts when it has gone through all its rounds; one in which a worker died is
+//! thrown away and run anew without the cell that killed it.
+
+use std::collections::BTreeSet;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Instant;
+
+use rand::SeedableRng;
+use rand::seq::SliceRandom;
+use rand_pcg::Pcg64;
+
+use super::cells::CellId;
+use super::launch::WorkerFault;
+use super::store::{Fault, Gate, Launch, Line, Pair, Side};
+
+/// Launches of a gate unless told otherwise. The least that an exact test of 40 cells can decide on is 12, if all of them
+/// agree; with 16 a few may stray, for which detection needs a third less of a slowdown.
+pub const LAUNCHES: u32 = 16;
+/// Rounds of a launch unless told otherwise.
+pub const PAIRS: u32 = 8;
+
+/// Launches that may fail for no cell's sake before the gate is given up.
+const MAX_BROKEN_LAUNCHES: u32 = 2;
+
+/// A worker of a launch.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Party {
+    Base,
+    Head,
+    /// The base once more, as the head of the control.
+    Control,
+}
+
+impl Party {
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Base => "base",
+            Self::Head => "head",
+            Self::Control => "control",
+        }
+    }
+
+    /// The build it runs.
+    pub fn side(self) -> Side {
+        match self {
+            Self::Base | Self::Control => Side::Base,
+            Self::Head => Side::Head,
+        }
+    }
+}
+
+/// Why a worker could not be used, and by which of them.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PartyFault {
+    pub party: Party,
+    pub fault: WorkerFault,
+}
+
+/// A launch ready for its rounds.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Opened {
+    /// Configurations that a side refused.
+    pub refused: Vec<(String, PartyFault)>,
+    /// Under which conditions the workers run.
+    pub notes: Vec<String>,
+}
+
+/// A launch that did not get ready.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Broken {
+    /// The configuration whose preparation ended a worker, if that was it.
+    pub configuration: Option<String>,
+    pub cause: PartyFault,
+}
+
+/// The workers of one launch at a time.
+pub trait Bench {
+    /// Starts fresh workers and prepares the configurations of `cells`, and that of `control` for its party.
+    fn open(
+        &mut self,
+        launch: u32,
+        cells: &[CellId],
+        control: Option<&CellId>,
+    ) -> Result<Opened, Broken>;
+    /// One sample in ns, while the other workers rest.
+    fn sample(&mut self, party: Party, cell: &CellId) -> Result<f64, WorkerFault>;
+    /// Ends the workers.
+    fn close(&mut self);
+}
+
+/// What the gate measures.
+#[derive(Clone, Debug)]
+pub struct Schedule {
+    pub cells: Vec<CellId>,
+    /// Measured once more with the base on both sides.
+    pub control: Option<CellId>,
+    pub launches: u32,
+    /// Rounds of each launch.
+    pub pairs: u32,
+    pub seed: u64,
+}
+
+/// What an earlier run of the same comparison has left.
+#[derive(Clone, Debug, Default)]
+pub struct Before {
+    /// Launches that count.
+    pub complete: u32,
+    /// The highest number of a launch that anything is told of.
+    pub last: Option<u32>,
+    /// Cells that were given up.
+    pub lost: BTreeSet<CellId>,
+    /// The control was given up.
+    pub control_lost: bool,
+}
+
+/// Runs the launches that lack. `sink` takes the lines of each launch together, as soon as it has ended.
+pub fn run<E>(
+    schedule: &Schedule,
+    bench: &mut dyn Bench,
+    before: &Before,
+    interrupted: &AtomicBool,
+    sink: &mut dyn FnMut(Vec<Line>) -> Result<(), E>,
+) -> Result<(), E> {
+    let mut gate = Gatekeeper {
+        schedule,
+        cells: schedule.cells.clone(),
+        control: schedule.control.clone().filter(|_| !before.control_lost),
+        interrupted,
+    };
+    gate.cells.retain(|cell| !before.lost.contains(cell));
+    let mut complete = before.complete;
+    let mut broken = 0;
+    let mut launch = before.last.map_or(0, |last| last + 1);
+    while complete < schedule.launches && !gate.cells.is_empty() {
+        if interrupted.load(Ordering::Relaxed) {
+            return Ok(());
+        }
+        let outcome = gate.launch(bench, launch);
+        bench.close();
+        match outcome {
+            Outcome::Complete(lines) => {
+                sink(lines)?;
+                complete += 1;
+            }
+            Outcome::Interrupted => return Ok(()),
+            Outcome::Spoilt(faults) => {
+                let unattributed = faults.iter().any(|fault| fault.cell.is_none());
+                sink(faults.into_iter().map(Line::Fault).collect())?;
+                broken += u32::from(unattributed);
+                if broken >= MAX_BROKEN_LAUNCHES {
+                    return Ok(());
+                }
+            }
+        }
+        launch += 1;
+    }
+    Ok(())
+}
+
+/// Runs launches and keeps count of the cells that are left.
+struct Gatekeeper<'a> {
+    schedule: &'a Schedule,
+    cells: Vec<CellId>,
+    control: Option<CellId>,
+    interrupted: &'a AtomicBool,
+}
+
+enum Outcome {
+    /// Its pairs, its faults, and the line that makes it count.
+    Complete(Vec<Line>),
+    /// It does not count, for these reasons.
+    Spoilt(Vec<Fault>),
+    Interrupted,
+}
+
+/// One thing to be sampled in a round.
+#[derive(Clone, Debug, PartialEq, Eq)]
+struct Visit {
+    cell: CellId,
+    control: bool,
+    /// By round: the base comes first.
+    base_first: Vec<bool>,
+}
+
+impl Gatekeeper<'_> {
+    fn launch(&mut self, bench: &mut dyn Bench, launch: u32) -> Outcome {
+        let start = Instant::now();
+        let mut faults = Vec::new();
+        let opened = match bench.open(launch, &self.cells, self.control.as_ref()) {
+            Ok(opened) => opened,
+            Err(broken) => return Outcome::Spoilt(self.broken(launch, broken)),
+        };
+        for (configuration, cause) in opened.refused {
+            faults.extend(self.lose_configuration(launch, &configuration, &cause));
+        }
+        let mut random = Pcg64::seed_from_u64(self.schedule.seed);
+        random.advance(u128::from(launch) << 64);
+        let mut visits = self.visits(&mut random);
+        let mut pairs = Vec::new();
+        // The round before the first settles what a stage alone in a frame needs, and is not kept.
+        for round in std::iter::once(None).chain((0..self.schedule.pairs).map(Some)) {
+            visits.shuffle(&mut random);
+            let mut at = 0;
+            while at < visits.len() {
+                if self.interrupted.load(Ordering::Relaxed) {
+                    return Outcome::Interrupted;
+                }
+                match pair(bench, launch, round, &visits[at]) {
+                    Ok(pair) => {
+                        pairs.extend(round.map(|_| pair));
+                        at += 1;
+                    }
+                    Err(cause) => {
+                        let visit = visits.remove(at);
+                        faults.push(self.lose(launch, &visit, &cause));
+                        if !cause.fault.goes_on() {
+                            return Outcome::Spoilt(faults);
+                        }
+                    }
+                }
+            }
+        }
+        pairs.retain(|pair| {
+            let whole = |visit: &Visit| visit.cell == pair.cell && visit.control == pair.control;
+            visits.iter().any(whole)
+        });
+        let ended = Launch {
+            launch,
+            wall_s: start.elapsed().as_secs_f64(),
+            notes: opened.notes,
+        };
+        let faults = faults.into_iter().map(Line::Fault);
+        let lines = pairs.into_iter().map(Line::Pair).chain(faults);
+        Outcome::Complete(lines.chain([Line::Launch(ended)]).collect())
+    }
+
+    fn visits(&self, random: &mut Pcg64) -> Vec<Visit> {
+        let cells = self.cells.iter().map(|cell| (cell, false));
+        let control = self.control.iter().map(|cell| (cell, true));
+        cells
+            .chain(control)
+            .map(|(cell, control)| {
+                let mut base_first: Vec<bool> =
+                    (0..self.schedule.pairs).map(|n| n % 2 == 0).collect();
+                base_first.shuffle(random);
+                Visit {
+                    cell: cell.clone(),
+                    control,
+                    base_first,
+                }
+            })
+            .collect()
+    }
+
+    /// The fault that ends this cell's part in the gate.
+    fn lose(&mut self, launch: u32, visit: &Visit, cause: &PartyFault) -> Fault {
+        if visit.control {
+            return self.lose_control(launch, cause);
+        }
+        self.cells.retain(|cell| *cell != visit.cell);
+        fault(launch, Some(&visit.cell), cause)
+    }
+
+    fn lose_control(&mut self, launch: u32, cause: &PartyFault) -> Fault {
+        let cell = self.control.take();
+        Fault {
+            control: true,
+            ..fault(launch, cell.as_ref(), cause)
+        }
+    }
+
+    /// The faults that end a configuration's part: of all its cells, or of the control alone if only that could not be made.
+    fn lose_configuration(
+        &mut self,
+        launch: u32,
+        configuration: &str,
+        cause: &PartyFault,
+    ) -> Vec<Fault> {
+        if cause.party == Party::Control {
+            return vec![self.lose_control(launch, cause)];
+        }
+        let concerned = |cell: &CellId| cell.configuration() == configuration;
+        let (lost, left) = std::mem::take(&mut self.cells)
+            .into_iter()
+            .partition(|cell| concerned(cell));
+        self.cells = left;
+        let lost: Vec<CellId> = lost;
+        let mut faults: Vec<Fault> = lost
+            .iter()
+            .map(|cell| fault(launch, Some(cell), cause))
+            .collect();
+        if self.control.as_ref().is_some_and(concerned) {
+            faults.push(self.lose_control(launch, cause));
+        }
+        faults
+    }
+
+    fn broken(&mut self, launch: u32, broken: Broken) -> Vec<Fault> {
+        match &broken.configuration {
+            Some(configuration) => self.lose_configuration(launch, configuration, &broken.cause),
+            None => vec![fault(launch, None, &broken.cause)],
+        }
+    }
+}
+
+fn fault(launch: u32, cell: Option<&CellId>, cause: &PartyFault) -> Fault {
+    Fault {
+        gate: Gate::Time,
+        side: Some(cause.party.side()),
+        cell: cell.cloned(),
+        launch: Some(launch),
+        control: false,
+        reason: format!("{} worker: {}", cause.party.name(), cause.fault),
+    }
+}
+
+/// Samples both sides of a cell.
+fn pair(
+    bench: &mut dyn Bench,
+    launch: u32,
+    round: Option<u32>,
+    visit: &Visit,
+) -> Result<Pair, PartyFault> {
+    let head = match visit.control {
+        true => Party::Control,
+        false => Party::Head,
+    };
+    let mut sample = |party| {
+        let sampled = bench.sample(party, &visit.cell);
+        sampled.map_err(|fault| PartyFault { party, fault })
+    };
+    let base_first = round.is_none_or(|round| visit.base_first[round as usize]);
+    let (base_ns, head_ns) = if base_first {
+        let base_ns = sample(Party::Base)?;
+        (base_ns, sample(head)?)
+    } else {
+        let head_ns = sample(head)?;
+        (sample(Party::Base)?, head_ns)
+    };
+    Ok(Pair {
+        launch,
+        round: round.unwrap_or(0),
+        cell: visit.cell.clone(),
+        control: visit.control,
+        first: match base_first {
+            true => Side::Base,
+            false => Side::Head,
+        },
+        base_ns,
+        head_ns,
+    })
+}
+
+#[cfg(test)]
+mod tests;

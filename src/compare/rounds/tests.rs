@@ -1,0 +1,334 @@
+use std::convert::Infallible;
+
+use super::*;
+
+/// A bench whose cells take 1 ms on the base and 2 ms on the head, and which fails as it is told.
+#[derive(Default)]
+struct Simulated {
+    /// Every sample, with the number of its launch.
+    samples: Vec<(u32, Party, CellId)>,
+    opened: Vec<(u32, Vec<CellId>)>,
+    launch: u32,
+    /// (launch, party, stage): the worker goes on after this, or dies.
+    refusing: Option<(u32, Party, &'static str)>,
+    dying: Option<(u32, Party, &'static str)>,
+    refused_configuration: Option<(&'static str, Party)>,
+    killing_configuration: Option<&'static str>,
+    never_starts: bool,
+    interrupt_after: Option<usize>,
+    closed: u32,
+}
+
+static NEVER: AtomicBool = AtomicBool::new(false);
+
+fn refusal(fatal: bool) -> WorkerFault {
+    WorkerFault::Refused {
+        reason: "out of order".to_owned(),
+        fatal,
+    }
+}
+
+fn ended() -> WorkerFault {
+    WorkerFault::Ended {
+        status: "signal 11".to_owned(),
+        stderr: String::new(),
+    }
+}
+
+impl Bench for Simulated {
+    fn open(
+        &mut self,
+        launch: u32,
+        cells: &[CellId],
+        _: Option<&CellId>,
+    ) -> Result<Opened, Broken> {
+        self.launch = launch;
+        self.opened.push((launch, cells.to_vec()));
+        let broken = |configuration, fault| Broken {
+            configuration,
+            cause: PartyFault {
+                party: Party::Head,
+                fault,
+            },
+        };
+        if self.never_starts {
+            return Err(broken(None, ended()));
+        }
+        let there = |id: &str| cells.iter().any(|cell| cell.configuration() == id);
+        if let Some(id) = self.killing_configuration.filter(|id| there(id)) {
+            return Err(broken(Some(id.to_owned()), ended()));
+        }
+        let refused = self.refused_configuration.filter(|(id, _)| there(id));
+        Ok(Opened {
+            refused: refused
+                .map(|(id, party)| {
+                    let fault = refusal(false);
+                    (id.to_owned(), PartyFault { party, fault })
+                })
+                .into_iter()
+                .collect(),
+            notes: vec!["on core 1".to_owned()],
+        })
+    }
+
+    fn sample(&mut self, party: Party, cell: &CellId) -> Result<f64, WorkerFault> {
+        let now = |fault: &Option<(u32, Party, &'static str)>| {
+            *fault == Some((self.launch, party, cell.stage()))
+                || fault.is_some_and(|(launch, by, stage)| {
+                    launch == self.launch && by == party && stage == cell.stage()
+                })
+        };
+        if now(&self.refusing) {
+            return Err(refusal(false));
+        }
+        if now(&self.dying) {
+            return Err(ended());
+        }
+        self.samples.push((self.launch, party, cell.clone()));
+        if self.interrupt_after == Some(self.samples.len()) {
+            STOP.store(true, Ordering::Relaxed);
+        }
+        Ok(if party == Party::Head { 2e6 } else { 1e6 })
+    }
+
+    fn close(&mut self) {
+        self.closed += 1;
+    }
+}
+
+static STOP: AtomicBool = AtomicBool::new(false);
+
+fn schedule() -> Schedule {
+    let cell = CellId::new;
+    Schedule {
+        cells: vec![cell("one", "a/x"), cell("one", "b/y"), cell("two", "a/x")],
+        control: Some(cell("one", "b/y")),
+        launches: 3,
+        pairs: 4,
+        seed: 7,
+    }
+}
+
+fn measure(bench: &mut Simulated, before: &Before, interrupted: &AtomicBool) -> Vec<Line> {
+    let mut lines = Vec::new();
+    let mut sink = |more: Vec<Line>| -> Result<(), Infallible> {
+        lines.extend(more);
+        Ok(())
+    };
+    let Ok(()) = run(&schedule(), bench, before, interrupted, &mut sink);
+    lines
+}
+
+fn pairs(lines: &[Line]) -> Vec<&Pair> {
+    let pair = |line| match line {
+        &Line::Pair(ref pair) => Some(pair),
+        _ => None,
+    };
+    lines.iter().filter_map(pair).collect()
+}
+
+fn faults(lines: &[Line]) -> Vec<&Fault> {
+    let fault = |line| match line {
+        &Line::Fault(ref fault) => Some(fault),
+        _ => None,
+    };
+    lines.iter().filter_map(fault).collect()
+}
+
+fn launches(lines: &[Line]) -> Vec<u32> {
+    let launch = |line: &Line| match line {
+        Line::Launch(launch) => Some(launch.launch),
+        _ => None,
+    };
+    lines.iter().filter_map(launch).collect()
+}
+
+#[test]
+fn every_cell_is_paired_in_every_round_of_every_launch() {
+    let mut bench = Simulated::default();
+    let lines = measure(&mut bench, &Before::default(), &NEVER);
+    assert_eq!(launches(&lines), [0, 1, 2]);
+    assert!(faults(&lines).is_empty());
+    assert_eq!(bench.closed, 3);
+    let pairs = pairs(&lines);
+    for launch in 0..3 {
+        for (cell, control) in schedule()
+            .cells
+            .iter()
+            .map(|cell| (cell, false))
+            .chain([(&schedule().cells[1], true)])
+        {
+            let of_cell = pairs.iter().filter(|pair| {
+                pair.launch == launch && pair.cell == *cell && pair.control == control
+            });
+            let of_cell: Vec<_> = of_cell.collect();
+            let rounds: Vec<u32> = of_cell.iter().map(|pair| pair.round).collect();
+            assert_eq!(rounds, [0, 1, 2, 3]);
+            let first = of_cell.iter().filter(|pair| pair.first == Side::Base);
+            assert_eq!(
+                first.count(),
+                2,
+                "each side comes first in half of the rounds"
+            );
+            let head_ns = if control { 1e6 } else { 2e6 };
+            assert!(
+                of_cell
+                    .iter()
+                    .all(|pair| (pair.base_ns, pair.head_ns) == (1e6, head_ns))
+            );
+        }
+    }
+}
+
+#[test]
+fn the_two_samples_of_a_pair_are_neighbours_and_orders_differ() {
+    let mut bench = Simulated::default();
+    measure(&mut bench, &Before::default(), &NEVER);
+    let mut orders = BTreeSet::new();
+    // Four visits a round, two samples a visit.
+    for round in bench.samples.chunks(8) {
+        for pair in round.chunks(2) {
+            assert_eq!(pair[0].2, pair[1].2);
+            assert!(pair[0].1 != pair[1].1);
+        }
+        let order = round.chunks(2).map(|pair| pair[0].2.clone());
+        orders.insert(order.collect::<Vec<_>>());
+    }
+    assert_eq!(
+        bench.samples.len(),
+        3 * 5 * 8,
+        "three launches, four rounds and one unkept"
+    );
+    assert!(orders.len() > 5, "{}", orders.len());
+}
+
+#[test]
+fn the_seed_decides_the_schedule_of_each_launch_for_itself() {
+    let mut whole = Simulated::default();
+    measure(&mut whole, &Before::default(), &NEVER);
+    let before = Before {
+        complete: 2,
+        last: Some(1),
+        ..Before::default()
+    };
+    let mut resumed = Simulated::default();
+    let lines = measure(&mut resumed, &before, &NEVER);
+    assert_eq!(launches(&lines), [2]);
+    let last = whole.samples.into_iter().filter(|sample| sample.0 == 2);
+    assert_eq!(resumed.samples, last.collect::<Vec<_>>());
+}
+
+#[test]
+fn a_refused_sample_costs_its_cell_and_nothing_else() {
+    let mut bench = Simulated {
+        refusing: Some((1, Party::Head, "b/y")),
+        ..Simulated::default()
+    };
+    let lines = measure(&mut bench, &Before::default(), &NEVER);
+    assert_eq!(launches(&lines), [0, 1, 2]);
+    let [fault] = faults(&lines)[..] else {
+        panic!("{lines:?}")
+    };
+    assert_eq!(fault.cell, Some(CellId::new("one", "b/y")));
+    assert_eq!((fault.side, fault.launch), (Some(Side::Head), Some(1)));
+    assert_eq!(fault.reason, "head worker: out of order");
+    let of_lost = pairs(&lines)
+        .into_iter()
+        .filter(|pair| pair.cell.stage() == "b/y" && !pair.control);
+    assert!(
+        of_lost.clone().all(|pair| pair.launch == 0),
+        "launch 1 has no whole set of it"
+    );
+    assert_eq!(of_lost.count(), 4);
+    assert_eq!(bench.opened[2].1.len(), 2, "it is not tried again");
+}
+
+#[test]
+fn a_dead_worker_costs_the_launch_and_the_cell_that_killed_it() {
+    let mut bench = Simulated {
+        dying: Some((1, Party::Base, "a/x")),
+        ..Simulated::default()
+    };
+    let lines = measure(&mut bench, &Before::default(), &NEVER);
+    assert_eq!(
+        launches(&lines),
+        [0, 2, 3],
+        "launch 1 does not count and another is run"
+    );
+    assert!(pairs(&lines).iter().all(|pair| pair.launch != 1));
+    let [fault] = faults(&lines)[..] else {
+        panic!("{lines:?}")
+    };
+    assert_eq!(fault.reason, "base worker: it ended with signal 11");
+    let lost = fault.cell.clone().unwrap();
+    assert_eq!(lost.stage(), "a/x");
+    assert!(!bench.opened[2].1.contains(&lost));
+    let others: BTreeSet<_> = pairs(&lines)
+        .iter()
+        .filter(|pair| pair.launch == 3)
+        .map(|pair| pair.cell.clone())
+        .collect();
+    assert_eq!(others.len(), 2);
+}
+
+#[test]
+fn a_configuration_that_is_refused_or_kills_costs_its_cells() {
+    for kills in [false, true] {
+        let mut bench = Simulated::default();
+        match kills {
+            true => bench.killing_configuration = Some("one"),
+            false => bench.refused_configuration = Some(("one", Party::Head)),
+        }
+        let lines = measure(&mut bench, &Before::default(), &NEVER);
+        assert_eq!(launches(&lines).len(), 3);
+        let faults = faults(&lines);
+        assert_eq!(faults.len(), 3, "two cells and the control: {faults:?}");
+        assert_eq!(faults.iter().filter(|fault| fault.control).count(), 1);
+        assert!(
+            pairs(&lines)
+                .iter()
+                .all(|pair| pair.cell.configuration() == "two")
+        );
+        assert_eq!(pairs(&lines).len(), 3 * 4);
+    }
+}
+
+#[test]
+fn a_lost_control_leaves_the_cells() {
+    let mut bench = Simulated {
+        refusing: Some((0, Party::Control, "b/y")),
+        ..Simulated::default()
+    };
+    let lines = measure(&mut bench, &Before::default(), &NEVER);
+    let [fault] = faults(&lines)[..] else {
+        panic!("{lines:?}")
+    };
+    assert!(fault.control);
+    assert_eq!(fault.reason, "control worker: out of order");
+    assert!(pairs(&lines).iter().all(|pair| !pair.control));
+    assert_eq!(pairs(&lines).len(), 3 * 3 * 4);
+}
+
+#[test]
+fn workers_that_never_start_end_the_gate() {
+    let mut bench = Simulated {
+        never_starts: true,
+        ..Simulated::default()
+    };
+    let lines = measure(&mut bench, &Before::default(), &NEVER);
+    assert_eq!(faults(&lines).len(), 2);
+    assert!(faults(&lines).iter().all(|fault| fault.cell.is_none()));
+    assert!(launches(&lines).is_empty());
+}
+
+#[test]
+fn an_interrupted_launch_leaves_nothing() {
+    let mut bench = Simulated {
+        interrupt_after: Some(50),
+        ..Simulated::default()
+    };
+    let lines = measure(&mut bench, &Before::default(), &STOP);
+    assert_eq!(launches(&lines), [0]);
+    assert!(pairs(&lines).iter().all(|pair| pair.launch == 0));
+    assert_eq!(bench.closed, 2);
+}

@@ -1,0 +1,198 @@
+//! What the pairs of the time gate say: a function of stored lines alone.
+//!
+//! A launch's figure of a cell is the median of ln(head / base) over its pairs: drift falls on both sides of a pair, and a
+//! stall on few of them. Figures of different launches are independent, pairs of one launch are not, as processes
+//! carry a bias of their own; so intervals and tests are over launches.
+
+use std::collections::BTreeMap;
+
+use serde::Serialize;
+
+use super::cells::CellId;
+use super::rank;
+use super::store::{Pair, Settings};
+use crate::statistics::median;
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum TimeVerdict {
+    /// Slower by more than the threshold.
+    Slower,
+    /// Faster by more than the threshold.
+    Faster,
+    /// The whole interval lies within the threshold.
+    Same,
+    /// Neither can be told.
+    Inconclusive,
+}
+
+/// What the time gate says of a cell.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct CellTime {
+    pub cell: CellId,
+    pub verdict: TimeVerdict,
+    /// Launches that went through all rounds.
+    pub launches: usize,
+    /// Median sample of each side.
+    pub base_ns: f64,
+    pub head_ns: f64,
+    /// Head over base less one, with the interval over launches; none where there are too few launches for it.
+    pub change: f64,
+    pub interval: Option<(f64, f64)>,
+    /// Of a change beyond the threshold in either direction, by chance; and the same adjusted for all cells.
+    pub p: f64,
+    pub adjusted_p: f64,
+    /// Standard deviation between launches.
+    pub spread: f64,
+    /// The least slowdown that would be found with the power [`rank::POWER`], from the spread and the number of launches;
+    /// none where so few launches among so many cells find nothing.
+    pub detectable: Option<f64>,
+}
+
+/// What the time gate says.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct TimeGate {
+    /// In the order asked for; cells without any pair are left out.
+    pub cells: Vec<CellTime>,
+    /// The same cell with the base on both sides; its probability is not adjusted.
+    pub control: Option<CellTime>,
+}
+
+impl TimeGate {
+    /// Why nothing of this gate may be believed, if so: sides that are the same build differ.
+    pub fn void(&self, alpha: f64) -> Option<String> {
+        let control = self.control.as_ref()?;
+        (control.p <= alpha).then(|| {
+            format!(
+                "the control {} has the base on both sides and yet differs by {:+.1} %",
+                control.cell,
+                100.0 * control.change
+            )
+        })
+    }
+}
+
+/// The figures of one cell.
+struct Figures {
+    cell: CellId,
+    /// ln(head / base) of each launch.
+    launches: Vec<f64>,
+    base_ns: f64,
+    head_ns: f64,
+}
+
+impl Figures {
+    fn of(cell: &CellId, pairs: &[&Pair]) -> Option<Self> {
+        let mut ratios: BTreeMap<u32, Vec<f64>> = BTreeMap::new();
+        for pair in pairs {
+            let ratio = (pair.head_ns / pair.base_ns).ln();
+            ratios.entry(pair.launch).or_default().push(ratio);
+        }
+        let middle = |ns: fn(&Pair) -> f64| {
+            let all: Vec<f64> = pairs.iter().map(|pair| ns(pair)).collect();
+            median(&all)
+        };
+        (!ratios.is_empty()).then(|| Self {
+            cell: cell.clone(),
+            launches: ratios.values().map(|ratios| median(ratios)).collect(),
+            base_ns: middle(|pair| pair.base_ns),
+            head_ns: middle(|pair| pair.head_ns),
+        })
+    }
+
+    /// Probability of launches so far beyond the threshold, to either side, where the change is within it.
+    fn p(&self, threshold: f64) -> f64 {
+        let bound = (1.0 + threshold).ln();
+        let slower = rank::above(&self.launches, bound);
+        let faster = rank::below(&self.launches, -bound);
+        (2.0 * slower.min(faster)).min(1.0)
+    }
+
+    fn judged(self, settings: &Settings, p: f64, adjusted_p: f64, shift: Option<f64>) -> CellTime {
+        let bound = (1.0 + settings.threshold).ln();
+        let centre = rank::centre(&self.launches, settings.alpha);
+        let verdict = if adjusted_p <= settings.alpha {
+            match centre.estimate > 0.0 {
+                true => TimeVerdict::Slower,
+                false => TimeVerdict::Faster,
+            }
+        } else if -bound <= centre.low && centre.high <= bound {
+            TimeVerdict::Same
+        } else {
+            TimeVerdict::Inconclusive
+        };
+        let spread = deviation(&self.launches);
+        let interval = (centre.low.is_finite() && centre.high.is_finite())
+            .then(|| (centre.low.exp_m1(), centre.high.exp_m1()));
+        CellTime {
+            verdict,
+            launches: self.launches.len(),
+            base_ns: self.base_ns,
+            head_ns: self.head_ns,
+            change: centre.estimate.exp_m1(),
+            interval,
+            p,
+            adjusted_p,
+            spread,
+            detectable: shift.map(|shift| (bound + shift * spread).exp_m1()),
+            cell: self.cell,
+        }
+    }
+}
+
+/// Judges `cells` by the pairs of complete launches.
+pub fn judge(cells: &[CellId], pairs: &[Pair], settings: &Settings) -> TimeGate {
+    let mut of_cell: BTreeMap<(&CellId, bool), Vec<&Pair>> = BTreeMap::new();
+    for pair in pairs.iter().filter(|pair| usable(pair)) {
+        let sorted = of_cell.entry((&pair.cell, pair.control)).or_default();
+        sorted.push(pair);
+    }
+    let figures = |cell: &CellId, control| {
+        of_cell
+            .get(&(cell, control))
+            .and_then(|pairs| Figures::of(cell, pairs))
+    };
+    let measured: Vec<Figures> = cells
+        .iter()
+        .filter_map(|cell| figures(cell, false))
+        .collect();
+    let p: Vec<f64> = measured
+        .iter()
+        .map(|cell| cell.p(settings.threshold))
+        .collect();
+    let adjusted = rank::holm(&p);
+    // What Holm's first step leaves to each of two directions.
+    let level = settings.alpha / 2.0 / measured.len().max(1) as f64;
+    let judged = measured.into_iter().zip(p).zip(adjusted);
+    let judged = judged.map(|((cell, p), adjusted_p)| {
+        let shift = rank::detectable(cell.launches.len(), level);
+        cell.judged(settings, p, adjusted_p, shift)
+    });
+    TimeGate {
+        cells: judged.collect(),
+        control: settings
+            .control
+            .as_ref()
+            .and_then(|cell| figures(cell, true))
+            .map(|control| {
+                let p = control.p(settings.threshold);
+                let shift = rank::detectable(control.launches.len(), settings.alpha / 2.0);
+                control.judged(settings, p, p, shift)
+            }),
+    }
+}
+
+fn usable(pair: &Pair) -> bool {
+    let positive = |ns: f64| ns.is_finite() && ns > 0.0;
+    positive(pair.base_ns) && positive(pair.head_ns)
+}
+
+fn deviation(samples: &[f64]) -> f64 {
+    let n = samples.len() as f64;
+    let mean = samples.iter().sum::<f64>() / n;
+    let squares: f64 = samples.iter().map(|x| (x - mean).powi(2)).sum();
+    (squares / (n - 1.0).max(1.0)).sqrt()
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,249 @@
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64;
+
+use super::super::rank::{POWER, normal};
+use super::super::rounds::{LAUNCHES, PAIRS};
+use super::super::store::{Gate, Side};
+use super::*;
+
+/// How the samples of a simulated gate scatter, as shares of the time.
+#[derive(Clone, Copy)]
+struct Noise {
+    /// Standard deviation of what a launch's processes carry.
+    between: f64,
+    /// Standard deviation of a sample.
+    within: f64,
+    /// Share of samples that are stalled, and by how much at most.
+    stalls: (f64, f64),
+}
+
+const CALM: Noise = Noise {
+    between: 0.007,
+    within: 0.015,
+    stalls: (0.05, 1.0),
+};
+const BUSY: Noise = Noise {
+    between: 0.06,
+    within: 0.08,
+    stalls: (0.2, 10.0),
+};
+const CELLS: usize = 40;
+
+struct Simulation {
+    random: Pcg64,
+    noise: Noise,
+    launches: u32,
+}
+
+impl Simulation {
+    fn new(seed: u64, noise: Noise) -> Self {
+        Self {
+            random: Pcg64::seed_from_u64(seed),
+            noise,
+            launches: LAUNCHES,
+        }
+    }
+
+    fn sample(&mut self, ns: f64) -> f64 {
+        let (share, most) = self.noise.stalls;
+        let stall = match self.random.random_bool(share) {
+            true => most * self.random.random::<f64>(),
+            false => 0.0,
+        };
+        ns * (self.noise.within * normal(&mut self.random)).exp() * (1.0 + stall)
+    }
+
+    fn pairs(&mut self, cell: &CellId, control: bool, change: f64) -> Vec<Pair> {
+        let mut pairs = Vec::new();
+        for launch in 0..self.launches {
+            let bias = self.noise.between * normal(&mut self.random);
+            for round in 0..PAIRS {
+                pairs.push(Pair {
+                    launch,
+                    round,
+                    cell: cell.clone(),
+                    control,
+                    first: Side::Base,
+                    base_ns: self.sample(2e6),
+                    head_ns: self.sample(2e6 * (1.0 + change) * bias.exp()),
+                });
+            }
+        }
+        pairs
+    }
+
+    /// A gate of [`CELLS`] cells, `change(n)` being the truth of the n-th.
+    fn gate(&mut self, change: impl Fn(usize) -> f64) -> TimeGate {
+        let cells = cells();
+        let mut pairs = self.pairs(&cells[0], true, 0.0);
+        for (n, cell) in cells.iter().enumerate() {
+            pairs.extend(self.pairs(cell, false, change(n)));
+        }
+        judge(&cells, &pairs, &settings())
+    }
+}
+
+fn cells() -> Vec<CellId> {
+    (0..CELLS)
+        .map(|n| CellId::new("tank", &format!("stage/{n}")))
+        .collect()
+}
+
+fn settings() -> Settings {
+    Settings {
+        alpha: 0.05,
+        threshold: 0.02,
+        instruction_threshold: 0.005,
+        launches: LAUNCHES,
+        pairs: PAIRS,
+        seed: 0,
+        gates: vec![Gate::Time],
+        control: cells().first().cloned(),
+        unpaired: false,
+    }
+}
+
+fn alarms(gate: &TimeGate) -> usize {
+    let alarm =
+        |cell: &&CellTime| matches!(cell.verdict, TimeVerdict::Slower | TimeVerdict::Faster);
+    gate.cells.iter().filter(alarm).count()
+}
+
+fn count(gate: &TimeGate, verdict: TimeVerdict) -> usize {
+    let is = |cell: &&CellTime| cell.verdict == verdict;
+    gate.cells.iter().filter(is).count()
+}
+
+#[test]
+fn equal_builds_are_called_the_same_and_raise_no_alarm() {
+    let mut simulation = Simulation::new(1, CALM);
+    let mut same = 0;
+    for _ in 0..20 {
+        let gate = simulation.gate(|_| 0.0);
+        assert_eq!(alarms(&gate), 0);
+        assert_eq!(gate.void(0.05), None);
+        same += count(&gate, TimeVerdict::Same);
+    }
+    assert!(same >= 19 * CELLS, "{same} of {}", 20 * CELLS);
+}
+
+/// The hardest place for it: every cell changes by just the threshold, so that each alarm is false and none is unlikely.
+#[test]
+fn false_alarms_anywhere_in_a_gate_stay_below_alpha() {
+    let mut simulation = Simulation::new(2, CALM);
+    let settings = settings();
+    let trials = 200;
+    let (mut adjusted, mut single) = (0, 0);
+    for _ in 0..trials {
+        let gate = simulation.gate(|n| if n % 2 == 0 { 0.02 } else { 1.0 / 1.02 - 1.0 });
+        adjusted += u32::from(alarms(&gate) > 0);
+        single += u32::from(gate.cells.iter().any(|cell| cell.p <= settings.alpha));
+    }
+    // 5 % of 200 and three standard errors; without Holm nearly every gate would alarm.
+    assert!(adjusted <= 10 + 9, "{adjusted} of {trials}");
+    assert!(single > trials / 2, "{single} of {trials}");
+}
+
+#[test]
+fn intervals_cover_the_truth_as_often_as_they_say() {
+    let mut simulation = Simulation::new(3, CALM);
+    let truth = |n: usize| [0.0, 0.05, -0.03, 0.02][n % 4];
+    let (mut covered, mut all) = (0, 0);
+    for _ in 0..25 {
+        for (n, cell) in simulation.gate(truth).cells.iter().enumerate() {
+            let (low, high) = cell.interval.unwrap();
+            covered += u32::from(low <= truth(n) && truth(n) <= high);
+            all += 1;
+        }
+    }
+    let share = f64::from(covered) / f64::from(all);
+    // 95.6 % for 16 launches; three standard errors over 1,000 intervals are 1.9 %.
+    assert!((0.938..0.977).contains(&share), "{share}");
+}
+
+#[test]
+fn five_per_cent_in_one_cell_is_found_and_no_other_is_blamed() {
+    let mut simulation = Simulation::new(4, CALM);
+    let trials = 60;
+    let (mut found, mut blamed) = (0, 0);
+    for trial in 0..trials {
+        let injected = trial % CELLS;
+        let gate = simulation.gate(|n| if n == injected { 0.05 } else { 0.0 });
+        let hit = gate.cells[injected].verdict == TimeVerdict::Slower;
+        let largest = (0..CELLS).max_by(|a, b| {
+            let change = |n: &usize| gate.cells[*n].change;
+            change(a).total_cmp(&change(b))
+        });
+        assert_eq!(largest, Some(injected));
+        found += usize::from(hit);
+        blamed += alarms(&gate) - usize::from(hit);
+    }
+    assert!(found * 100 >= trials * 97, "{found} of {trials}");
+    assert_eq!(blamed, 0);
+}
+
+#[test]
+fn faster_cells_are_found_too() {
+    let gate = Simulation::new(5, CALM).gate(|n| if n == 7 { -0.06 } else { 0.0 });
+    assert_eq!(gate.cells[7].verdict, TimeVerdict::Faster);
+    assert!((gate.cells[7].change + 0.06).abs() < 0.01);
+}
+
+#[test]
+fn a_busy_machine_makes_it_inconclusive_and_says_what_could_be_found() {
+    let mut simulation = Simulation::new(6, BUSY);
+    let gate = simulation.gate(|n| if n == 3 { 0.05 } else { 0.0 });
+    assert_eq!(alarms(&gate), 0);
+    assert!(count(&gate, TimeVerdict::Inconclusive) > CELLS * 9 / 10);
+    let detectable: Vec<f64> = gate
+        .cells
+        .iter()
+        .filter_map(|cell| cell.detectable)
+        .collect();
+    assert!(median(&detectable) > 0.08, "{detectable:?}");
+    // What it says can be found is found about as often as it says: stalls are no normal noise.
+    let least = median(&detectable);
+    let trials = 10;
+    let found: usize = (0..trials)
+        .map(|trial| simulation.gate(|n| if n % 8 == trial % 8 { least } else { 0.0 }))
+        .map(|gate| count(&gate, TimeVerdict::Slower))
+        .sum();
+    let share = found as f64 / (5 * trials) as f64;
+    assert!((share - POWER).abs() < 0.25, "{least}: {share}");
+}
+
+#[test]
+fn too_few_launches_decide_nothing() {
+    let mut simulation = Simulation::new(7, CALM);
+    simulation.launches = 5;
+    let gate = simulation.gate(|_| 0.2);
+    assert_eq!(count(&gate, TimeVerdict::Inconclusive), CELLS);
+    let cell = &gate.cells[0];
+    assert_eq!((cell.interval, cell.detectable), (None, None));
+}
+
+#[test]
+fn a_control_that_moves_voids_the_gate() {
+    let cells = cells();
+    let mut simulation = Simulation::new(8, CALM);
+    let mut pairs = simulation.pairs(&cells[0], true, 0.05);
+    pairs.extend(simulation.pairs(&cells[0], false, 0.0));
+    let gate = judge(&cells, &pairs, &settings());
+    let void = gate.void(0.05).unwrap();
+    assert!(void.contains("tank stage/0"), "{void}");
+    assert_eq!(gate.cells.len(), 1, "the control is no cell");
+    assert_eq!(gate.cells[0].verdict, TimeVerdict::Same);
+}
+
+#[test]
+fn unusable_numbers_are_left_out() {
+    let cells = cells();
+    let mut pairs = Simulation::new(9, CALM).pairs(&cells[0], false, 0.0);
+    let sound = judge(&cells, &pairs, &settings());
+    pairs[5].base_ns = 0.0;
+    pairs[17].head_ns = f64::NAN;
+    let damaged = judge(&cells, &pairs, &settings());
+    assert_eq!(damaged.cells[0].launches, LAUNCHES as usize);
+    assert!((damaged.cells[0].change - sound.cells[0].change).abs() < 0.005);
+    assert!(judge(&cells, &[], &settings()).cells.is_empty());
+}
