@@ -12,10 +12,14 @@ use super::rounds::{Bench, Broken, Opened, Party, PartyFault};
 use crate::gpu::ClockPlan;
 use crate::record::Adapter;
 
-/// Frames of a sample. For the same time, more pairs of single frames scatter less than fewer pairs of the shortest of
-/// several (0.9 % between launches with 40 × 1 frames, 1.6 % with 10 × 4, on a machine with three times as many busy
-/// processes as cores).
-const FRAMES: u32 = 1;
+/// A sample lasts at least so long, in frames one after the other: what a change of processes costs falls on the first one,
+/// and weighs little in a sample of milliseconds.
+///
+/// More frames than that go into more pairs. On a machine with three times as many busy processes as cores, launches of
+/// 40 pairs of single frames scattered by 0.9 %, those of 10 pairs of the shortest of four by 1.6 %.
+const SAMPLE_NS: f64 = 2e6;
+/// Most frames of a sample.
+const MAX_FRAMES: f64 = 8.0;
 /// Bytes of padding are drawn below this: a page, over which the stack's place repeats itself for the caches.
 const PADDING_BYTES: usize = 4096;
 
@@ -29,6 +33,8 @@ pub struct Processes {
     cores: Vec<usize>,
     seed: u64,
     workers: Vec<(Party, Worker)>,
+    /// Frames of a sample of each cell, from its first one in this launch.
+    frames: BTreeMap<CellId, u32>,
 }
 
 impl Processes {
@@ -55,6 +61,7 @@ impl Processes {
             cores: allowed_cores(),
             seed,
             workers: Vec::new(),
+            frames: BTreeMap::new(),
         })
     }
 
@@ -215,24 +222,28 @@ impl Bench for Processes {
                 fatal: true,
             });
         };
+        let frames = self.frames.get(cell).copied();
         let request = Request::Sample {
             config: cell.configuration().to_owned(),
             stage: cell.stage().to_owned(),
-            frames: FRAMES,
+            frames: frames.unwrap_or(1),
         };
-        match worker.ask(&request)? {
-            Reply::Sample { ns }
-                if ns.len() == FRAMES as usize && ns.iter().all(|ns| usable(*ns)) =>
-            {
-                Ok(ns.into_iter().fold(f64::INFINITY, f64::min))
-            }
-            other => Err(worker.unexpected(&other)),
+        let ns = match worker.ask(&request)? {
+            Reply::Sample { ns } if sound(&ns, frames.unwrap_or(1)) => ns,
+            other => return Err(worker.unexpected(&other)),
+        };
+        let mean_ns = ns.iter().sum::<f64>() / ns.len() as f64;
+        if frames.is_none() {
+            let frames = (SAMPLE_NS / mean_ns).ceil().clamp(1.0, MAX_FRAMES);
+            self.frames.insert(cell.clone(), frames as u32);
         }
+        Ok(mean_ns)
     }
 
     fn close(&mut self) {
         // Killed: a driver's orderly end takes longer and is not waited for.
         self.workers.clear();
+        self.frames.clear();
     }
 }
 
@@ -240,8 +251,9 @@ fn of(party: Party) -> impl FnOnce(WorkerFault) -> PartyFault {
     move |fault| PartyFault { party, fault }
 }
 
-fn usable(ns: f64) -> bool {
-    ns.is_finite() && ns > 0.0
+fn sound(ns: &[f64], frames: u32) -> bool {
+    let positive = |ns: &f64| ns.is_finite() && *ns > 0.0;
+    ns.len() == frames as usize && ns.iter().all(positive)
 }
 
 /// The cores in turn.

@@ -1,0 +1,391 @@
+//! The time gate on real processes: workers of this build on a software driver, and scripts that fail in every way.
+#![cfg(unix)]
+
+use std::convert::Infallible;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::AtomicBool;
+use std::time::{Duration, Instant};
+
+use fathom::compare::bench::Processes;
+use fathom::compare::cells::CellId;
+use fathom::compare::launch::{Patience, Quiet, Start, Worker, WorkerFault, allowed_cores};
+use fathom::compare::protocol::{Configuration, Reply, Request};
+use fathom::compare::rounds::{self, Before, Party, PartyFault, Schedule};
+use fathom::compare::store::{Fault, Line, Pair, Settings, Side};
+use fathom::compare::time;
+use serde_json::{Map, json};
+
+static NEVER: AtomicBool = AtomicBool::new(false);
+
+fn fathom() -> Start {
+    Start::new(Path::new(env!("CARGO_BIN_EXE_fathom")))
+}
+
+/// Small enough for an unoptimized build.
+fn plane() -> Configuration {
+    let params = json!({
+        "view.width": 48, "view.height": 48, "shadow.size": 64, "surface.cells": 8,
+        "caustics.grid": 8, "caustics.buffer": [32, 32], "godrays.grid": 8, "godrays.buffer": [32, 32]
+    });
+    Configuration {
+        id: "plane".to_owned(),
+        pipeline: "underwater".to_owned(),
+        scene: "plane".to_owned(),
+        params: params.as_object().cloned().unwrap(),
+    }
+}
+
+fn schedule(cells: &[(&str, &str)], launches: u32, pairs: u32) -> Schedule {
+    let cells: Vec<CellId> = cells
+        .iter()
+        .map(|(id, stage)| CellId::new(id, stage))
+        .collect();
+    Schedule {
+        control: cells.first().cloned(),
+        cells,
+        launches,
+        pairs,
+        seed: 3,
+    }
+}
+
+fn measure(bench: &mut Processes, schedule: &Schedule) -> Vec<Line> {
+    let mut lines = Vec::new();
+    let mut sink = |more: Vec<Line>| -> Result<(), Infallible> {
+        lines.extend(more);
+        Ok(())
+    };
+    let Ok(()) = rounds::run(schedule, bench, &Before::default(), &NEVER, &mut sink);
+    lines
+}
+
+fn sorted(lines: Vec<Line>) -> (Vec<Pair>, Vec<Fault>, Vec<Vec<String>>) {
+    let (mut pairs, mut faults, mut notes) = (Vec::new(), Vec::new(), Vec::new());
+    for line in lines {
+        match line {
+            Line::Pair(pair) => pairs.push(pair),
+            Line::Fault(fault) => faults.push(fault),
+            Line::Launch(launch) => notes.push(launch.notes),
+            other => panic!("{other:?}"),
+        }
+    }
+    (pairs, faults, notes)
+}
+
+#[test]
+fn a_gate_between_two_copies_of_this_build_measures_every_cell() {
+    let mut bench = Processes::new(fathom(), fathom(), &[plane()], 1).unwrap();
+    let schedule = schedule(&[("plane", "caustics/trace"), ("plane", "compose")], 2, 4);
+    let (pairs, faults, notes) = sorted(measure(&mut bench, &schedule));
+    assert_eq!(faults, []);
+    assert_eq!(notes.len(), 2);
+    assert_eq!(
+        pairs.len(),
+        2 * 4 * 3,
+        "two launches, four rounds, two cells and the control"
+    );
+    assert!(
+        pairs
+            .iter()
+            .all(|pair| pair.base_ns > 0.0 && pair.head_ns > 0.0)
+    );
+    assert_eq!(pairs.iter().filter(|pair| pair.control).count(), 8);
+    if cfg!(target_os = "linux") && bench.adapter.software {
+        assert!(
+            notes
+                .iter()
+                .all(|notes| notes.iter().any(|note| note.starts_with("on core ")))
+        );
+    }
+    let settings = Settings {
+        alpha: 0.05,
+        threshold: 0.02,
+        instruction_threshold: 0.005,
+        launches: 2,
+        pairs: 4,
+        seed: 3,
+        gates: Vec::new(),
+        control: schedule.control.clone(),
+        unpaired: false,
+    };
+    let judged = time::judge(&schedule.cells, &pairs, &settings);
+    assert_eq!(judged.cells.len(), 2);
+    assert!(
+        judged
+            .cells
+            .iter()
+            .all(|cell| cell.launches == 2 && cell.change.is_finite())
+    );
+    assert!(judged.control.is_some());
+}
+
+#[test]
+fn a_worker_says_under_which_conditions_it_runs_and_answers_every_request() {
+    let core = allowed_cores().last().copied();
+    let mut start = fathom();
+    start.quiet = Some(Quiet { core, padding: 100 });
+    let mut worker = Worker::start(&start).unwrap();
+    let early = worker.ask(&Request::Clock).unwrap_err();
+    assert!(early.to_string().contains("`hello`"), "{early}");
+    worker.greet().unwrap();
+    let greeting = worker.greeted().unwrap();
+    assert_eq!(greeting.parts, ["exact", "time", "instructions"]);
+    if cfg!(target_os = "linux") {
+        assert_eq!(greeting.cores, core.map(|core| vec![core]));
+        assert!(greeting.randomized.is_some());
+    }
+    let prepared = worker
+        .ask(&Request::Prepare {
+            configuration: plane(),
+        })
+        .unwrap();
+    let Reply::Prepared { stages, .. } = prepared else {
+        panic!("{prepared:?}")
+    };
+    let kinds: Vec<_> = stages
+        .iter()
+        .map(|stage| (stage.name.as_str(), stage.kind))
+        .collect();
+    use fathom::record::PassKind::{Compute, Host, Render};
+    assert_eq!(kinds[0], ("frame", Host));
+    assert!(kinds.contains(&("caustics/trace", Compute)) && kinds.contains(&("compose", Render)));
+
+    let sample = |config: &str, stage: &str, frames| Request::Sample {
+        config: config.to_owned(),
+        stage: stage.to_owned(),
+        frames,
+    };
+    let Reply::Sample { ns } = worker.ask(&sample("plane", "caustics/splat", 3)).unwrap() else {
+        panic!("no sample")
+    };
+    assert!(ns.len() == 3 && ns.iter().all(|ns| *ns > 0.0), "{ns:?}");
+    for (request, reason) in [
+        (sample("plan", "compose", 1), "`plan` is not prepared"),
+        (
+            sample("plane", "compos", 1),
+            "has no stage `compos`; it has frame, ",
+        ),
+        (sample("plane", "compose", 0), "frames must lie in 1…"),
+    ] {
+        let fault = worker.ask(&request).unwrap_err();
+        assert!(
+            fault.goes_on() && fault.to_string().contains(reason),
+            "{fault}"
+        );
+    }
+    let wrong = Configuration {
+        params: Map::from_iter([("caustics.gird".to_owned(), json!(1))]),
+        ..plane()
+    };
+    let fault = worker
+        .ask(&Request::Prepare {
+            configuration: wrong,
+        })
+        .unwrap_err();
+    assert!(
+        fault.to_string().contains("did you mean `caustics.grid`"),
+        "{fault}"
+    );
+
+    let config = "plane".to_owned();
+    let Reply::Exact(exact) = worker
+        .ask(&Request::Exact {
+            config: config.clone(),
+        })
+        .unwrap()
+    else {
+        panic!("no exact figures")
+    };
+    assert!(exact.allocated_bytes > 0 && exact.stages.len() == stages.len());
+    assert!(exact.errors.contains_key("caustics_photon_error_median_m"));
+    let stage = "compose".to_owned();
+    let counted = worker
+        .ask(&Request::Instructions {
+            config,
+            stage,
+            frames: 2,
+        })
+        .unwrap();
+    assert_eq!(counted, Reply::Instructions { frames: 2 });
+    worker.quit();
+}
+
+const ADAPTER: &str = r#"{"name":"toy","backend":"vulkan","device_type":"Cpu","driver":"d","driver_info":"1","vendor_id":1,"device_id":1,"software":true,"timestamp_period_ns":1.0,"host_threads":1}"#;
+
+/// A worker that is a script: it does as it should but for the stage `bad`, where it does `badly`.
+fn script(folder: &Path, name: &str, badly: &str) -> Start {
+    let hello = format!(
+        r#"{{"message":"hello","protocol":1,"fathom_version":"0","adapter":{ADAPTER},"parts":["time"]}}"#
+    );
+    scripted(folder, name, &format!("echo '{hello}'"), badly)
+}
+
+fn scripted(folder: &Path, name: &str, hello: &str, badly: &str) -> Start {
+    let path = folder.join(name);
+    let text = format!(
+        "while read -r line; do case \"$line\" in\n\
+         *'\"hello\"'*) {hello};;\n\
+         *'\"prepare\"'*) echo '{{\"message\":\"prepared\",\"stages\":[]}}';;\n\
+         *'\"bad\"'*) {badly};;\n\
+         *'\"sample\"'*) echo '{{\"message\":\"sample\",\"ns\":[5000000]}}';;\n\
+         esac; done\n"
+    );
+    fs::write(&path, text).unwrap();
+    let mut start = Start::new(&path);
+    // Read, not executed: a file that some other thread's fork still holds open for writing cannot be executed.
+    start.wrapper = vec!["sh".into()];
+    start.patience = Patience {
+        slow: Duration::from_secs(20),
+        sample: Duration::from_secs(1),
+    };
+    start
+}
+
+fn toy() -> Configuration {
+    Configuration {
+        id: "toy".to_owned(),
+        ..plane()
+    }
+}
+
+/// A gate of three cells whose head does `badly` at one; that cell's reason. The others must stand.
+fn fails_alone(badly: &str) -> String {
+    let folder = tempfile::tempdir().unwrap();
+    let base = script(
+        folder.path(),
+        "base",
+        "echo '{\"message\":\"sample\",\"ns\":[5000000]}'",
+    );
+    let head = script(folder.path(), "head", badly);
+    let mut bench = Processes::new(base, head, &[toy()], 1).unwrap();
+    let schedule = schedule(&[("toy", "good"), ("toy", "bad"), ("toy", "fine")], 3, 2);
+    let (pairs, faults, notes) = sorted(measure(&mut bench, &schedule));
+    let [fault] = &faults[..] else {
+        panic!("{faults:?}")
+    };
+    assert_eq!(fault.cell, Some(CellId::new("toy", "bad")));
+    assert_eq!(fault.side, Some(Side::Head));
+    assert_eq!(notes.len(), 3, "three launches count in the end");
+    assert_eq!(pairs.len(), 3 * 2 * 3, "two cells and the control");
+    assert!(pairs.iter().all(|pair| pair.cell.stage() != "bad"));
+    fault.reason.clone()
+}
+
+#[test]
+fn a_worker_that_crashes_hangs_or_answers_garbage_costs_one_cell() {
+    let crash = fails_alone("echo 'it hurts' >&2; kill -SEGV $$");
+    assert!(
+        crash.starts_with("head worker: it ended with signal: 11"),
+        "{crash}"
+    );
+    assert!(crash.ends_with(": it hurts"), "{crash}");
+    let status = fails_alone("exit 3");
+    assert_eq!(status, "head worker: it ended with exit status: 3");
+    let hang = fails_alone("sleep 60");
+    assert!(hang.contains("no answer to `sample` within 1 s"), "{hang}");
+    for (answer, shown) in [
+        ("echo fish", "garbage to `sample`: `fish`"),
+        (
+            "printf '\\377\\376\\n'",
+            "garbage to `sample`: `stream did not contain valid UTF-8`",
+        ),
+        ("echo '{\"message\":\"sample\",\"ns\":[]}'", "\"ns\":[]"),
+        (
+            "echo '{\"message\":\"sample\",\"ns\":[-1]}'",
+            "\"ns\":[-1.0]",
+        ),
+        (
+            "echo '{\"message\":\"prepared\",\"stages\":[]}'",
+            "\"prepared\"",
+        ),
+        (
+            "echo '{\"message\":\"fault\",\"reason\":\"too hot\"}'",
+            "head worker: too hot",
+        ),
+        (
+            "echo '{\"message\":\"unsupported\",\"request\":\"sample\"}'",
+            "does not know `sample`",
+        ),
+    ] {
+        let garbage = fails_alone(answer);
+        assert!(garbage.contains(shown), "{garbage}");
+    }
+}
+
+#[test]
+fn a_hung_worker_is_killed_for_certain() {
+    let folder = tempfile::tempdir().unwrap();
+    let pid = folder.path().join("pid");
+    let hang = format!(
+        "echo $$ > {}; trap '' TERM INT HUP; sleep 60",
+        pid.display()
+    );
+    let mut worker = Worker::start(&script(folder.path(), "hung", &hang)).unwrap();
+    worker.greet().unwrap();
+    worker.greeted().unwrap();
+    let request = Request::Sample {
+        config: "toy".to_owned(),
+        stage: "bad".to_owned(),
+        frames: 1,
+    };
+    let asked = Instant::now();
+    let fault = worker.ask(&request).unwrap_err();
+    assert!(
+        matches!(fault, WorkerFault::Silent { seconds: 1, .. }),
+        "{fault}"
+    );
+    assert!(asked.elapsed() < Duration::from_secs(10));
+    let pid = fs::read_to_string(pid).unwrap();
+    assert!(!PathBuf::from(format!("/proc/{}", pid.trim())).exists());
+    assert!(
+        !worker.ask(&request).unwrap_err().goes_on(),
+        "a dead worker stays dead"
+    );
+}
+
+fn refused(base: Start) -> PartyFault {
+    Processes::new(base, fathom(), &[toy()], 1).err().unwrap()
+}
+
+#[test]
+fn builds_without_a_worker_of_this_protocol_are_told_apart() {
+    let folder = tempfile::tempdir().unwrap();
+    let hello = |protocol: u32, parts: &str| {
+        format!(
+            r#"echo '{{"message":"hello","protocol":{protocol},"fathom_version":"0","adapter":{ADAPTER},"parts":[{parts}]}}'"#
+        )
+    };
+    let older = refused(scripted(folder.path(), "older", &hello(0, "\"time\""), ""));
+    assert_eq!(older.party, Party::Base);
+    assert_eq!(older.fault, WorkerFault::OtherProtocol { theirs: 0 });
+    let message = older.fault.to_string();
+    assert!(
+        message.contains("version 0") && message.contains("version 1"),
+        "{message}"
+    );
+
+    let unknown = "echo \"error: unrecognized subcommand 'worker'\" >&2; exit 2";
+    let none = refused(scripted(folder.path(), "none", unknown, ""));
+    let message = none.fault.to_string();
+    assert!(
+        message.contains("exit status: 2: error: unrecognized subcommand"),
+        "{message}"
+    );
+
+    let missing = refused(Start::new(Path::new("/no/such/fathom")));
+    assert!(
+        missing.fault.to_string().contains("cannot be started"),
+        "{:?}",
+        missing.fault
+    );
+
+    // A part that lacks ends the gate with the reason and no cell at fault.
+    let base = script(folder.path(), "base", "");
+    let head = scripted(folder.path(), "exact", &hello(1, "\"exact\""), "");
+    let mut bench = Processes::new(base, head, &[toy()], 1).unwrap();
+    let (pairs, faults, _) = sorted(measure(&mut bench, &schedule(&[("toy", "good")], 3, 2)));
+    assert_eq!(pairs, []);
+    assert!(faults.iter().all(|fault| fault.cell.is_none()));
+    assert_eq!(faults[0].reason, "head worker: it does not know `sample`");
+}
