@@ -77,7 +77,7 @@ impl CellId {
     }
 
     fn parts(&self) -> (&str, &str) {
-        self.0.split_once(' ').unwrap_or((&self.0, ""))
+        self.0.rsplit_once(' ').unwrap_or((&self.0, ""))
     }
 }
 

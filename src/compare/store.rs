@@ -62,6 +62,7 @@ pub enum Line {
     Instructions(InstructionCounts),
     Pair(Pair),
     Launch(Launch),
+    Samples(Samples),
     Fault(Fault),
     End(End),
 }
@@ -203,7 +204,18 @@ pub struct Fault {
     pub cell: Option<CellId>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub launch: Option<u32>,
+    /// The side has no such cell: there is nothing to compare, and nothing failed.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub absent: bool,
     pub reason: String,
+}
+
+/// Times of a cell that were taken without a partner.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Samples {
+    pub side: Side,
+    pub cell: CellId,
+    pub ns: Vec<f64>,
 }
 
 /// How measuring ended.
@@ -285,6 +297,7 @@ pub struct Comparison {
     /// Of complete launches.
     pub pairs: Vec<Pair>,
     pub launches: Vec<Launch>,
+    pub samples: Vec<Samples>,
     pub faults: Vec<Fault>,
     /// The last end, if measuring came to one.
     pub end: Option<End>,
@@ -318,6 +331,7 @@ impl Comparison {
             instructions: Vec::new(),
             pairs: Vec::new(),
             launches: Vec::new(),
+            samples: Vec::new(),
             faults: Vec::new(),
             end: None,
             damaged: read.damaged.iter().map(ToString::to_string).collect(),
@@ -331,6 +345,7 @@ impl Comparison {
                 Line::Instructions(line) => all.instructions.push(line),
                 Line::Pair(line) => all.pairs.push(line),
                 Line::Launch(line) => all.launches.push(line),
+                Line::Samples(line) => all.samples.push(line),
                 Line::Fault(line) => all.faults.push(line),
                 Line::End(line) => all.end = Some(line),
             }
