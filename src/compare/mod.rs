@@ -6,6 +6,8 @@
 //! ([`store`]); verdicts are a function of those lines alone.
 
 pub mod cells;
+pub mod launch;
 pub mod protocol;
+pub mod rank;
 pub mod store;
 pub mod worker;

@@ -4,6 +4,7 @@
 //! path. A shader may name values of the host as `#{NAME}` or test them with `#if NAME == 1`; a line
 //! `// defs: NAME=4, OTHER=0` among its first lines gives their defaults.
 
+use std::cell::Cell;
 use std::collections::{BTreeMap, HashMap};
 
 use include_dir::{Dir, DirEntry, include_dir};
@@ -96,7 +97,7 @@ pub fn link(path: &str, defs: &[(&str, i32)]) -> Result<naga::Module, GpuError> 
         .into_iter()
         .map(|(name, value)| (name, ShaderDefValue::Int(value)))
         .collect();
-    let mut composer = composer()?;
+    let mut composer = COMPOSER.take().map_or_else(composer, Ok)?;
     let descriptor = NagaModuleDescriptor {
         source: source(path)?,
         file_path: &format!("shaders/{path}.wgsl"),
@@ -104,8 +105,16 @@ pub fn link(path: &str, defs: &[(&str, i32)]) -> Result<naga::Module, GpuError> 
         shader_defs,
         additional_imports: &[],
     };
-    let linked = composer.make_naga_module(descriptor);
-    linked.map_err(|error| annotated(path, &error, &composer))
+    let linked = composer
+        .make_naga_module(descriptor)
+        .map_err(|error| annotated(path, &error, &composer))?;
+    COMPOSER.set(Some(composer));
+    Ok(linked)
+}
+
+thread_local! {
+    /// Kept from shader to shader: to make one takes longer than to link with it. A failed link leaves none.
+    static COMPOSER: Cell<Option<Composer>> = const { Cell::new(None) };
 }
 
 /// naga_oil's message with the lines of source it speaks of.

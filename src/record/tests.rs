@@ -131,7 +131,7 @@ fn a_number_that_is_not_finite_is_not_written() {
     let mut bad = run("quick");
     bad.submit_cost_ns.insert(PassKind::Render, f64::NAN);
     let error = writer.write(&Record::Run(Box::new(bad))).unwrap_err();
-    assert!(matches!(error, RecordError::Unreadable(_)));
+    assert!(matches!(error, RecordError::Unreadable { .. }));
     assert_eq!(read(&path).unwrap().records.len(), 1);
 }
 

@@ -1,0 +1,459 @@
+//! Worker processes: started under set conditions, asked with patience that ends, and ended for certain.
+
+use std::collections::VecDeque;
+use std::ffi::OsString;
+use std::io::{BufRead, BufReader, Read, Write};
+use std::path::{Path, PathBuf};
+use std::process::{Child, ChildStdin, Command, ExitStatus, Stdio};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+use thiserror::Error;
+
+use super::protocol::{Greeting, PROTOCOL, Reply, Request};
+use crate::gpu::{self, ClockPlan};
+
+/// Variable that pads a worker's environment, and with it moves its stack.
+pub const PADDING: &str = "FATHOM_PADDING";
+/// Lines of a worker's standard error that are kept.
+const STDERR_LINES: usize = 12;
+/// A reply longer than this is garbage.
+const MAX_REPLY_BYTES: u64 = 16 << 20;
+/// Bytes of a garbled reply that are told.
+const EXCERPT: usize = 80;
+/// A worker that was asked to end is killed after this.
+const FAREWELL: Duration = Duration::from_secs(2);
+
+/// Why a worker gave no answer that could be used.
+#[derive(Clone, Debug, Error, PartialEq)]
+pub enum WorkerFault {
+    #[error("{} cannot be started: {reason}", program.display())]
+    Start { program: PathBuf, reason: String },
+    #[error("it ended with {status}{}", told(.stderr))]
+    Ended { status: String, stderr: String },
+    #[error("it gave no answer to `{request}` within {seconds} s{}", told(.stderr))]
+    Silent {
+        request: &'static str,
+        seconds: u64,
+        stderr: String,
+    },
+    #[error("it answered garbage to `{request}`: {excerpt}")]
+    Garbage {
+        request: &'static str,
+        excerpt: String,
+    },
+    #[error("it speaks version {theirs} of the worker protocol, this build version {PROTOCOL}")]
+    OtherProtocol { theirs: u32 },
+    #[error("it does not know `{0}`")]
+    Unsupported(String),
+    /// The worker says why; it goes on unless this is fatal.
+    #[error("{reason}")]
+    Refused { reason: String, fatal: bool },
+}
+
+fn told(stderr: &str) -> String {
+    match stderr {
+        "" => String::new(),
+        _ => format!(": {stderr}"),
+    }
+}
+
+impl WorkerFault {
+    /// The worker still answers.
+    pub fn goes_on(&self) -> bool {
+        match self {
+            Self::Refused { fatal, .. } => !fatal,
+            Self::Unsupported(_) => true,
+            _ => false,
+        }
+    }
+}
+
+/// How long a worker may take before it counts as hung.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Patience {
+    /// For opening the device, an audit, preparing a configuration, exact figures.
+    pub slow: Duration,
+    /// For a sample, in which a stage of milliseconds runs a few times.
+    pub sample: Duration,
+}
+
+impl Default for Patience {
+    fn default() -> Self {
+        Self {
+            slow: Duration::from_secs(180),
+            sample: Duration::from_secs(30),
+        }
+    }
+}
+
+/// Conditions that keep the noise of a software driver down. A GPU needs none of them.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Quiet {
+    /// The only core that the worker may run on.
+    pub core: Option<usize>,
+    /// Bytes in the variable [`PADDING`]: a build's layout by chance becomes noise between launches and no bias.
+    pub padding: usize,
+}
+
+/// How to start a worker.
+#[derive(Clone, Debug)]
+pub struct Start {
+    /// A build of fathom.
+    pub program: PathBuf,
+    /// A command that runs it, such as `valgrind` with its options; empty for none.
+    pub wrapper: Vec<OsString>,
+    pub gpu: gpu::Options,
+    pub quiet: Option<Quiet>,
+    /// The audited clock of a hardware adapter: both sides must read the same one.
+    pub clock: Option<ClockPlan>,
+    pub patience: Patience,
+}
+
+impl Start {
+    pub fn new(program: &Path) -> Self {
+        Self {
+            program: program.to_owned(),
+            wrapper: Vec::new(),
+            gpu: gpu::Options::default(),
+            quiet: None,
+            clock: None,
+            patience: Patience::default(),
+        }
+    }
+
+    fn command(&self) -> Command {
+        let program = self.program.as_os_str().to_owned();
+        let mut words = self.wrapper.iter().cloned().chain([program]);
+        let mut command = Command::new(words.next().unwrap_or_default());
+        command.args(words).arg("worker");
+        if let Some(adapter) = &self.gpu.adapter {
+            command.args(["--adapter", adapter]);
+        }
+        if self.gpu.unchecked {
+            command.arg("--unchecked");
+        }
+        if let Some(quiet) = &self.quiet {
+            // Mesa's rasterizer then works in the thread that submits. Drivers without it ignore this.
+            command.env("LP_NUM_THREADS", "0");
+            command.env(PADDING, "x".repeat(quiet.padding));
+        }
+        conditions(&mut command, self.quiet.as_ref());
+        command
+    }
+}
+
+/// What the kernel is asked of the worker. What it refuses shows in the worker's greeting.
+#[cfg(target_os = "linux")]
+fn conditions(command: &mut Command, quiet: Option<&Quiet>) {
+    use nix::sched::sched_setaffinity;
+    use nix::sys::personality::{self, Persona};
+    use nix::sys::prctl::set_pdeathsig;
+    use nix::sys::signal::Signal;
+    use nix::unistd::Pid;
+    use std::os::unix::process::CommandExt;
+
+    let core = quiet.and_then(|quiet| quiet.core).and_then(one_core);
+    let quieted = quiet.is_some();
+    let prepare = move || {
+        // The worker goes when this process does, however that ends.
+        let _ = set_pdeathsig(Signal::SIGKILL);
+        if quieted && let Ok(persona) = personality::get() {
+            let _ = personality::set(persona | Persona::ADDR_NO_RANDOMIZE);
+        }
+        if let Some(core) = &core {
+            let _ = sched_setaffinity(Pid::from_raw(0), core);
+        }
+        Ok(())
+    };
+    // SAFETY: between fork and exec only system calls are made; nothing is allocated and no lock is taken.
+    unsafe {
+        command.pre_exec(prepare);
+    }
+}
+
+#[cfg(not(target_os = "linux"))]
+fn conditions(_: &mut Command, _: Option<&Quiet>) {}
+
+#[cfg(target_os = "linux")]
+fn one_core(core: usize) -> Option<nix::sched::CpuSet> {
+    let mut set = nix::sched::CpuSet::new();
+    set.set(core).ok().map(|()| set)
+}
+
+/// Cores that this process may run on; empty where that is not known.
+pub fn allowed_cores() -> Vec<usize> {
+    super::worker::cores().unwrap_or_default()
+}
+
+/// A running worker. Dropping it kills it.
+pub struct Worker {
+    child: Child,
+    requests: Option<ChildStdin>,
+    replies: Receiver<std::io::Result<String>>,
+    errors: Arc<Mutex<VecDeque<String>>>,
+    readers: Vec<JoinHandle<()>>,
+    patience: Patience,
+    clock: Option<ClockPlan>,
+    asked: &'static str,
+}
+
+impl Worker {
+    /// Starts a process. It has said nothing yet.
+    ///
+    /// The worker is tied to the calling thread: it is killed when that thread ends.
+    pub fn start(start: &Start) -> Result<Self, WorkerFault> {
+        let mut command = start.command();
+        command
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped());
+        let mut child = command.spawn().map_err(|error| WorkerFault::Start {
+            program: command.get_program().into(),
+            reason: error.to_string(),
+        })?;
+        let (sender, replies) = channel();
+        let errors = Arc::new(Mutex::new(VecDeque::new()));
+        let mut readers = Vec::new();
+        if let Some(output) = child.stdout.take() {
+            readers.push(std::thread::spawn(move || read_replies(output, &sender)));
+        }
+        if let Some(output) = child.stderr.take() {
+            let kept = Arc::clone(&errors);
+            readers.push(std::thread::spawn(move || keep_last_lines(output, &kept)));
+        }
+        Ok(Self {
+            requests: child.stdin.take(),
+            child,
+            replies,
+            errors,
+            readers,
+            patience: start.patience,
+            clock: start.clock,
+            asked: "",
+        })
+    }
+
+    /// Sends a request; [`Self::receive`] takes its reply. So two workers can prepare at the same time.
+    pub fn send(&mut self, request: &Request) -> Result<(), WorkerFault> {
+        self.asked = name(request);
+        let mut line = serde_json::to_string(request).map_err(|error| WorkerFault::Refused {
+            reason: format!("`{}` cannot be sent: {error}", self.asked),
+            fatal: false,
+        })?;
+        line.push('\n');
+        let sent = self
+            .requests
+            .as_mut()
+            .map(|pipe| pipe.write_all(line.as_bytes()).and_then(|()| pipe.flush()));
+        match sent {
+            Some(Ok(())) => Ok(()),
+            _ => Err(self.ended()),
+        }
+    }
+
+    /// The reply to the last request. After a fault that does not [go on](WorkerFault::goes_on) the worker is dead.
+    pub fn receive(&mut self) -> Result<Reply, WorkerFault> {
+        let patience = match self.asked {
+            "sample" => self.patience.sample,
+            _ => self.patience.slow,
+        };
+        let line = match self.replies.recv_timeout(patience) {
+            Ok(Ok(line)) => line,
+            Ok(Err(error)) => return Err(self.garbage(&error.to_string())),
+            Err(RecvTimeoutError::Disconnected) => return Err(self.ended()),
+            Err(RecvTimeoutError::Timeout) => {
+                self.kill();
+                return Err(WorkerFault::Silent {
+                    request: self.asked,
+                    seconds: patience.as_secs(),
+                    stderr: self.stderr(),
+                });
+            }
+        };
+        match serde_json::from_str(&line) {
+            Ok(Reply::Fault { reason, fatal }) => {
+                if fatal {
+                    self.kill();
+                }
+                Err(WorkerFault::Refused { reason, fatal })
+            }
+            Ok(Reply::Unsupported { message }) => Err(WorkerFault::Unsupported(message)),
+            Ok(reply) => Ok(reply),
+            Err(_) => Err(self.garbage(&line)),
+        }
+    }
+
+    pub fn ask(&mut self, request: &Request) -> Result<Reply, WorkerFault> {
+        self.send(request)?;
+        self.receive()
+    }
+
+    /// Sends the first message; [`Self::greeted`] takes the answer.
+    pub fn greet(&mut self) -> Result<(), WorkerFault> {
+        self.send(&Request::Hello {
+            protocol: PROTOCOL,
+            clock: self.clock,
+        })
+    }
+
+    /// What the worker says of itself, if it speaks this protocol.
+    pub fn greeted(&mut self) -> Result<Greeting, WorkerFault> {
+        match self.receive()? {
+            Reply::Hello(greeting) if greeting.protocol == PROTOCOL => Ok(*greeting),
+            Reply::Hello(greeting) => {
+                self.kill();
+                Err(WorkerFault::OtherProtocol {
+                    theirs: greeting.protocol,
+                })
+            }
+            other => Err(self.unexpected(&other)),
+        }
+    }
+
+    /// The fault of a reply of the wrong kind. The worker is killed: it is not to be trusted.
+    pub fn unexpected(&mut self, reply: &Reply) -> WorkerFault {
+        let line = serde_json::to_string(reply).unwrap_or_default();
+        self.garbage(&line)
+    }
+
+    /// Moves all threads of the worker to one core.
+    #[cfg(target_os = "linux")]
+    pub fn pin(&self, core: usize) {
+        use nix::sched::sched_setaffinity;
+        use nix::unistd::Pid;
+        let Some(set) = one_core(core) else { return };
+        let Ok(tasks) = std::fs::read_dir(format!("/proc/{}/task", self.child.id())) else {
+            return;
+        };
+        let names = tasks.flatten().map(|task| task.file_name());
+        for thread in names.filter_map(|name| name.to_str()?.parse().ok()) {
+            // One that has just ended needs no core.
+            let _ = sched_setaffinity(Pid::from_raw(thread), &set);
+        }
+    }
+
+    #[cfg(not(target_os = "linux"))]
+    pub fn pin(&self, _: usize) {}
+
+    fn garbage(&mut self, line: &str) -> WorkerFault {
+        self.kill();
+        let line = line.trim_end();
+        let excerpt: String = line.chars().take(EXCERPT).collect();
+        let more = if excerpt.len() < line.len() {
+            "…"
+        } else {
+            ""
+        };
+        WorkerFault::Garbage {
+            request: self.asked,
+            excerpt: format!("`{excerpt}{more}`"),
+        }
+    }
+
+    fn ended(&mut self) -> WorkerFault {
+        self.requests = None;
+        let status = match self.status_within(FAREWELL) {
+            Some(status) => status.to_string(),
+            None => "its output closed".to_owned(),
+        };
+        self.kill();
+        WorkerFault::Ended {
+            status,
+            stderr: self.stderr(),
+        }
+    }
+
+    fn status_within(&mut self, patience: Duration) -> Option<ExitStatus> {
+        let start = Instant::now();
+        loop {
+            match self.child.try_wait() {
+                Ok(Some(status)) => return Some(status),
+                Ok(None) if start.elapsed() < patience => {
+                    std::thread::sleep(Duration::from_millis(2));
+                }
+                _ => return None,
+            }
+        }
+    }
+
+    /// The last lines of its standard error.
+    fn stderr(&mut self) -> String {
+        let kept = self.errors.lock().unwrap_or_else(PoisonError::into_inner);
+        let lines: Vec<&str> = kept.iter().map(|line| line.trim()).collect();
+        lines.join("; ")
+    }
+
+    /// Ends the process and what reads from it.
+    fn kill(&mut self) {
+        self.requests = None;
+        // It may have ended by itself.
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+        // A grandchild may hold the pipes open: then the readers are left to it.
+        let start = Instant::now();
+        while start.elapsed() < FAREWELL && !self.readers.iter().all(JoinHandle::is_finished) {
+            std::thread::sleep(Duration::from_millis(1));
+        }
+    }
+
+    /// Asks the worker to end, and sees to it.
+    pub fn quit(mut self) {
+        if self.send(&Request::Quit).is_ok() {
+            self.requests = None;
+            self.status_within(FAREWELL);
+        }
+    }
+}
+
+impl Drop for Worker {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+fn name(request: &Request) -> &'static str {
+    match request {
+        Request::Hello { .. } => "hello",
+        Request::Clock => "clock",
+        Request::Prepare { .. } => "prepare",
+        Request::Sample { .. } => "sample",
+        Request::Exact { .. } => "exact",
+        Request::Instructions { .. } => "instructions",
+        Request::Quit => "quit",
+    }
+}
+
+/// Hands on line after line until the output ends or nobody listens.
+fn read_replies(output: impl Read, replies: &Sender<std::io::Result<String>>) {
+    let mut output = BufReader::new(output);
+    loop {
+        let mut line = String::new();
+        let read = output.by_ref().take(MAX_REPLY_BYTES).read_line(&mut line);
+        let (reply, last) = match read {
+            Ok(0) => return,
+            Ok(_) => (Ok(line), false),
+            Err(error) => (Err(error), true),
+        };
+        if replies.send(reply).is_err() || last {
+            return;
+        }
+    }
+}
+
+fn keep_last_lines(output: impl Read, kept: &Mutex<VecDeque<String>>) {
+    for line in BufReader::new(output).split(b'\n').map_while(Result::ok) {
+        let line = String::from_utf8_lossy(&line).trim().to_owned();
+        if line.is_empty() {
+            continue;
+        }
+        let mut kept = kept.lock().unwrap_or_else(PoisonError::into_inner);
+        if kept.len() == STDERR_LINES {
+            kept.pop_front();
+        }
+        kept.push_back(line);
+    }
+}
