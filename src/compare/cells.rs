@@ -7,6 +7,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 use thiserror::Error;
 
+use super::protocol;
 use crate::experiments::{flatten, nearest};
 
 static BUILT_IN: &str = include_str!("../../benches/gates.toml");
@@ -51,6 +52,17 @@ impl Configuration {
     pub fn cells(&self) -> impl Iterator<Item = CellId> + '_ {
         let cell = |stage: &String| CellId::new(&self.id, stage);
         self.stages.iter().map(cell)
+    }
+}
+
+impl From<&Configuration> for protocol::Configuration {
+    fn from(configuration: &Configuration) -> Self {
+        Self {
+            id: configuration.id.clone(),
+            pipeline: configuration.pipeline.clone(),
+            scene: configuration.scene.clone(),
+            params: configuration.overrides().into_iter().collect(),
+        }
     }
 }
 

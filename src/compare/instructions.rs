@@ -350,7 +350,13 @@ mod tests {
     #[test]
     fn frames_that_vary_more_than_the_sides_differ_are_no_change() {
         let wide = [100, 110, 120];
-        assert_eq!(held_against(&wide, &[112, 113, 114], 0.005).change, Change::Same);
-        assert_eq!(held_against(&wide, &[121, 122, 123], 0.005).change, Change::More);
+        assert_eq!(
+            held_against(&wide, &[112, 113, 114], 0.005).change,
+            Change::Same
+        );
+        assert_eq!(
+            held_against(&wide, &[121, 122, 123], 0.005).change,
+            Change::More
+        );
     }
 }

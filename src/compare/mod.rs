@@ -6,8 +6,10 @@
 //! ([`store`]); verdicts are a function of those lines alone.
 
 pub mod cells;
+pub mod instructions;
 pub mod launch;
 pub mod protocol;
 pub mod rank;
 pub mod store;
+mod valgrind;
 pub mod worker;
