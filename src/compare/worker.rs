@@ -370,7 +370,7 @@ fn reading(gpu: &Gpu, timer: &mut FrameTimer, stage: &dyn Encode) -> Result<f64,
 }
 
 #[cfg(target_os = "linux")]
-fn cores() -> Option<Vec<usize>> {
+pub(super) fn cores() -> Option<Vec<usize>> {
     use nix::sched::{CpuSet, sched_getaffinity};
     let set = sched_getaffinity(nix::unistd::Pid::from_raw(0)).ok()?;
     let allowed = |core: &usize| set.is_set(*core).unwrap_or(false);
@@ -385,7 +385,7 @@ fn randomized() -> Option<bool> {
 }
 
 #[cfg(not(target_os = "linux"))]
-fn cores() -> Option<Vec<usize>> {
+pub(super) fn cores() -> Option<Vec<usize>> {
     None
 }
 
