@@ -6,10 +6,12 @@
 //! ([`store`]); verdicts are a function of those lines alone.
 
 pub mod cells;
+pub mod exact;
 pub mod instructions;
 pub mod launch;
 pub mod protocol;
 pub mod rank;
 pub mod store;
+pub mod survey;
 mod valgrind;
 pub mod worker;

@@ -95,6 +95,8 @@ pub struct Build {
     pub version: String,
     /// Of the worker's line protocol; none for a file of records.
     pub protocol: Option<u32>,
+    /// SHA-256 of the program or file.
+    pub digest: String,
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -130,9 +132,6 @@ pub struct ConfigurationFigures {
     /// Figures read back that are no errors: a change of one is told and not judged.
     #[serde(default)]
     pub quantities: BTreeMap<String, f64>,
-    /// Assets that were absent, each with the stand-in used.
-    #[serde(default)]
-    pub stand_ins: Vec<String>,
     /// What could not be computed, and why.
     #[serde(default)]
     pub notes: Vec<String>,
