@@ -207,6 +207,30 @@ pub struct Work {
     pub bytes_written: u64,
 }
 
+impl Work {
+    /// Every field by its name.
+    pub fn fields(&self) -> [(&'static str, u64); 7] {
+        let Self {
+            photons,
+            triangles,
+            primitives,
+            fragments,
+            texel_fetches,
+            bytes_read,
+            bytes_written,
+        } = *self;
+        [
+            ("photons", photons),
+            ("triangles", triangles),
+            ("primitives", primitives),
+            ("fragments", fragments),
+            ("texel_fetches", texel_fetches),
+            ("bytes_read", bytes_read),
+            ("bytes_written", bytes_written),
+        ]
+    }
+}
+
 fn is_zero(count: &u64) -> bool {
     *count == 0
 }

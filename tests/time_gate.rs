@@ -130,7 +130,7 @@ fn a_worker_says_under_which_conditions_it_runs_and_answers_every_request() {
     assert!(early.to_string().contains("`hello`"), "{early}");
     worker.greet().unwrap();
     let greeting = worker.greeted().unwrap();
-    assert_eq!(greeting.parts, ["exact", "time", "instructions"]);
+    assert_eq!(greeting.parts, ["exact", "checks", "time", "instructions"]);
     if cfg!(target_os = "linux") {
         assert_eq!(greeting.cores, core.map(|core| vec![core]));
         assert!(greeting.randomized.is_some());

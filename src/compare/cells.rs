@@ -7,6 +7,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 use thiserror::Error;
 
+use super::protocol;
 use crate::experiments::{flatten, nearest};
 
 static BUILT_IN: &str = include_str!("../../benches/gates.toml");
@@ -54,6 +55,17 @@ impl Configuration {
     }
 }
 
+impl From<&Configuration> for protocol::Configuration {
+    fn from(configuration: &Configuration) -> Self {
+        Self {
+            id: configuration.id.clone(),
+            pipeline: configuration.pipeline.clone(),
+            scene: configuration.scene.clone(),
+            params: configuration.overrides().into_iter().collect(),
+        }
+    }
+}
+
 /// A gate cell's name: `CONFIGURATION STAGE`, such as `tank caustics/trace`.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(transparent)]
@@ -77,7 +89,7 @@ impl CellId {
     }
 
     fn parts(&self) -> (&str, &str) {
-        self.0.split_once(' ').unwrap_or((&self.0, ""))
+        self.0.rsplit_once(' ').unwrap_or((&self.0, ""))
     }
 }
 

@@ -8,10 +8,14 @@
 pub mod bench;
 pub mod build;
 pub mod cells;
+pub mod exact;
+pub mod instructions;
 pub mod launch;
 pub mod protocol;
 pub mod rank;
 pub mod rounds;
 pub mod store;
+pub mod survey;
 pub mod time;
+mod valgrind;
 pub mod worker;

@@ -60,6 +60,8 @@ pub enum Request {
         stage: String,
         frames: u32,
     },
+    /// Every check of `fathom verify`.
+    Checks,
     Quit,
 }
 
@@ -91,6 +93,9 @@ pub enum Reply {
         ns: Vec<f64>,
     },
     Exact(Box<Exact>),
+    Checks {
+        checks: Vec<CheckReading>,
+    },
     Instructions {
         frames: u32,
     },
@@ -160,6 +165,18 @@ pub struct ExactStage {
     pub counters: BTreeMap<String, u64>,
 }
 
+/// A stage's error on a small case.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct CheckReading {
+    pub stage: String,
+    pub what: String,
+    pub unit: String,
+    pub measured: f64,
+    pub tolerance: f64,
+    /// It passed and its control failed.
+    pub sound: bool,
+}
+
 /// The request on a line, or what to answer instead.
 pub fn parse_request(line: &str) -> Result<Request, Reply> {
     let fault = |error: serde_json::Error| Reply::Fault {
@@ -174,6 +191,7 @@ pub fn parse_request(line: &str) -> Result<Request, Reply> {
         "sample",
         "exact",
         "instructions",
+        "checks",
         "quit",
     ];
     match value.get("message").and_then(Value::as_str) {

@@ -314,6 +314,7 @@ fn fault(launch: u32, cell: Option<&CellId>, cause: &PartyFault) -> Fault {
         cell: cell.cloned(),
         launch: Some(launch),
         control: false,
+        absent: false,
         reason: format!("{} worker: {}", cause.party.name(), cause.fault),
     }
 }

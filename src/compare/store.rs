@@ -62,6 +62,7 @@ pub enum Line {
     Instructions(InstructionCounts),
     Pair(Pair),
     Launch(Launch),
+    Samples(Samples),
     Fault(Fault),
     End(End),
 }
@@ -94,6 +95,8 @@ pub struct Build {
     pub version: String,
     /// Of the worker's line protocol; none for a file of records.
     pub protocol: Option<u32>,
+    /// SHA-256 of the program or file.
+    pub digest: String,
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -129,9 +132,6 @@ pub struct ConfigurationFigures {
     /// Figures read back that are no errors: a change of one is told and not judged.
     #[serde(default)]
     pub quantities: BTreeMap<String, f64>,
-    /// Assets that were absent, each with the stand-in used.
-    #[serde(default)]
-    pub stand_ins: Vec<String>,
     /// What could not be computed, and why.
     #[serde(default)]
     pub notes: Vec<String>,
@@ -206,7 +206,18 @@ pub struct Fault {
     /// It befell the control that bears this cell's name, and not the cell.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub control: bool,
+    /// The side has no such cell: there is nothing to compare, and nothing failed.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub absent: bool,
     pub reason: String,
+}
+
+/// Times of a cell that were taken without a partner.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Samples {
+    pub side: Side,
+    pub cell: CellId,
+    pub ns: Vec<f64>,
 }
 
 /// How measuring ended.
@@ -288,6 +299,7 @@ pub struct Comparison {
     /// Of complete launches.
     pub pairs: Vec<Pair>,
     pub launches: Vec<Launch>,
+    pub samples: Vec<Samples>,
     pub faults: Vec<Fault>,
     /// The last end, if measuring came to one.
     pub end: Option<End>,
@@ -321,6 +333,7 @@ impl Comparison {
             instructions: Vec::new(),
             pairs: Vec::new(),
             launches: Vec::new(),
+            samples: Vec::new(),
             faults: Vec::new(),
             end: None,
             damaged: read.damaged.iter().map(ToString::to_string).collect(),
@@ -334,6 +347,7 @@ impl Comparison {
                 Line::Instructions(line) => all.instructions.push(line),
                 Line::Pair(line) => all.pairs.push(line),
                 Line::Launch(line) => all.launches.push(line),
+                Line::Samples(line) => all.samples.push(line),
                 Line::Fault(line) => all.faults.push(line),
                 Line::End(line) => all.end = Some(line),
             }

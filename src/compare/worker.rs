@@ -13,11 +13,14 @@ use std::time::Instant;
 use thiserror::Error;
 
 use super::protocol::{
-    Configuration, Exact, ExactStage, Greeting, PROTOCOL, Reply, Request, StageKind, parse_request,
+    CheckReading, Configuration, Exact, ExactStage, Greeting, PROTOCOL, Reply, Request, StageKind,
+    parse_request,
 };
+use super::valgrind;
 use crate::gpu::{self, ClockPlan, Encode, FrameTimer, Gpu, GpuError, SubmitCost};
 use crate::harness::executor::encodable;
 use crate::harness::subject::{Subject, SubjectError, Subjects};
+use crate::harness::verify::{Check, VerifyError, verify};
 use crate::harness::{MAX_PASSES, landing};
 use crate::pipelines::Pipeline;
 
@@ -26,12 +29,12 @@ const ATTEMPTS: u32 = 20;
 /// Frames of a configuration before it counts as prepared: it compiles the shaders and fills every stage's inputs.
 const WARM_UP_FRAMES: u32 = 1;
 /// Frames of a stage alone before its instructions are counted.
-const STEADYING_FRAMES: u32 = 2;
+const STEADYING_FRAMES: u32 = 1;
 /// Most frames of one request.
 const MAX_FRAMES: u32 = 10_000;
 
 /// What a worker of this build can do.
-pub const PARTS: [&str; 3] = ["exact", "time", "instructions"];
+pub const PARTS: [&str; 4] = ["exact", "checks", "time", "instructions"];
 
 static BOUNDARIES: AtomicU64 = AtomicU64::new(0);
 
@@ -96,6 +99,8 @@ enum Refusal {
     Gpu(#[from] GpuError),
     #[error(transparent)]
     Subject(#[from] SubjectError),
+    #[error(transparent)]
+    Verify(#[from] VerifyError),
     #[error("the first message must be `hello`")]
     NoHello,
     #[error("configuration `{0}` is not prepared")]
@@ -161,6 +166,7 @@ impl Worker<'_> {
                 stage,
                 frames,
             } => device.instructions(&config, &stage, frames),
+            Request::Checks => device.checks(),
             Request::Hello { .. } | Request::Quit => unreachable!("answered before"),
         }
     }
@@ -276,6 +282,7 @@ impl Device {
     fn instructions(&mut self, config: &str, stage: &str, frames: u32) -> Result<Reply, Refusal> {
         let frames = checked(frames)?;
         let stage = find(&self.prepared, config, stage)?;
+        valgrind::start_counting();
         for _ in 0..STEADYING_FRAMES {
             self.timer.untimed(&self.gpu, &[stage])?;
         }
@@ -285,6 +292,21 @@ impl Device {
         }
         fathom_sample_boundary();
         Ok(Reply::Instructions { frames })
+    }
+
+    fn checks(&mut self) -> Result<Reply, Refusal> {
+        let checks = verify(&self.gpu, None)?.into_iter();
+        let read = |check: Check| CheckReading {
+            sound: check.is_sound(),
+            stage: check.stage.to_owned(),
+            what: check.what,
+            unit: check.unit.to_owned(),
+            measured: check.measured,
+            tolerance: check.tolerance,
+        };
+        Ok(Reply::Checks {
+            checks: checks.map(read).collect(),
+        })
     }
 }
 
