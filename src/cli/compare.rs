@@ -9,7 +9,7 @@ use anyhow::Context;
 use fathom::compare::flow::{self, Options, Program};
 use fathom::compare::store::{Line, Settings, Store};
 use fathom::compare::verdict::Verdicts;
-use fathom::compare::{self, files, tables};
+use fathom::compare::{self, build, files, tables};
 
 use super::CompareArgs;
 use super::commands::{INTERRUPT, INTERRUPTED, Outcome, gpu_options, watch_interrupts};
@@ -64,10 +64,7 @@ fn builds(args: &CompareArgs) -> anyhow::Result<PathBuf> {
         None => std::env::current_exe().context("cannot tell where this program lies")?,
     };
     let base = match (&args.base, &args.base_bin) {
-        (Some(revision), _) => Program {
-            path: anyhow::bail!("pending {revision}"),
-            label: revision.clone(),
-        },
+        (Some(revision), _) => built(revision)?,
         (None, Some(path)) => program(path),
         (None, None) => anyhow::bail!(
             "nothing to compare with: give --base REV, --base-bin PATH, or two files of records"
@@ -86,6 +83,16 @@ fn builds(args: &CompareArgs) -> anyhow::Result<PathBuf> {
     Ok(flow::measure(&options, &INTERRUPT, &|text| {
         eprintln!("{text}")
     })?)
+}
+
+fn built(revision: &str) -> anyhow::Result<Program> {
+    eprintln!("building {revision}");
+    let folder = std::env::current_dir().context("there is no current folder")?;
+    let built = build::revision(&folder, revision, &mut |line| eprintln!("{line}"))?;
+    Ok(Program {
+        path: built.program,
+        label: revision.to_owned(),
+    })
 }
 
 /// Makes a comparison of two files of records.

@@ -8,9 +8,9 @@ use std::process::ExitCode;
 
 use clap::error::ErrorKind;
 use clap::{Args, Parser, Subcommand, ValueEnum};
-use fathom::compare::flow;
 use fathom::compare::store::Gate;
 use fathom::compare::tables::FORMATS;
+use fathom::compare::{flow, rounds};
 use fathom::experiments::{Profile, parse_axis, parse_set};
 use serde_json::Value;
 
@@ -198,10 +198,10 @@ pub struct CompareArgs {
     #[arg(long, value_name = "GATE,…", value_delimiter = ',', value_parser = parse_gate, default_value = "exact,instructions,time")]
     pub gates: Vec<Gate>,
     /// Pairs of worker processes in the time gate
-    #[arg(long, default_value_t = flow::LAUNCHES, value_parser = clap::value_parser!(u32).range(1..=1000))]
+    #[arg(long, default_value_t = rounds::LAUNCHES, value_parser = clap::value_parser!(u32).range(1..=1000))]
     pub launches: u32,
     /// Pairs of samples of each cell in each launch
-    #[arg(long, default_value_t = flow::PAIRS, value_parser = clap::value_parser!(u32).range(1..=10_000))]
+    #[arg(long, default_value_t = rounds::PAIRS, value_parser = clap::value_parser!(u32).range(1..=10_000))]
     pub pairs: u32,
     /// Share by which a time must change to count
     #[arg(long, value_name = "SHARE", default_value_t = flow::THRESHOLD, value_parser = parse_share)]

@@ -28,9 +28,6 @@ pub const ALPHA: f64 = 0.05;
 pub const THRESHOLD: f64 = 0.02;
 /// Counts repeat to 0.1 %; half a per cent is plain.
 pub const INSTRUCTION_THRESHOLD: f64 = 0.005;
-/// So many that the signed-rank test of one cell can pass Holm's first step among 40 and more: 2⁻¹² < 0.05 / 2 / 40.
-pub const LAUNCHES: u32 = 12;
-pub const PAIRS: u32 = 10;
 
 #[derive(Debug, Error)]
 pub enum CompareError {

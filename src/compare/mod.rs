@@ -7,6 +7,7 @@
 //! [`tables`] tell it.
 
 pub mod bench;
+pub mod build;
 pub mod cells;
 pub mod exact;
 pub mod files;
