@@ -43,24 +43,38 @@ fn none() -> String {
     "–".to_owned()
 }
 
+/// A share as `+5.1 %`: with a sign, but without one that only hides a zero, and without digits that say nothing.
+fn signed(share: f64, digits: usize) -> String {
+    let percent = 100.0 * share;
+    let digits = if percent.abs() >= 100.0 { 0 } else { digits };
+    format!("{:+.digits$} %", rounded(percent, digits))
+}
+
+/// Rounded to so many digits; never −0.
+fn rounded(value: f64, digits: usize) -> f64 {
+    let scale = 10_f64.powi(digits as i32);
+    (value * scale).round() / scale + 0.0
+}
+
 /// `+5.1 % (4.2 … 6.0)`.
 fn change(time: &CellTime) -> String {
-    let percent = 100.0 * time.change;
-    match time.interval {
-        Some((low, high)) => format!("{percent:+.1} % ({:.1} … {:.1})", 100.0 * low, 100.0 * high),
-        None => format!("{percent:+.1} % (too few launches for an interval)"),
-    }
+    let interval = match time.interval {
+        Some((low, high)) => format!(
+            "{:.1} … {:.1}",
+            rounded(100.0 * low, 1),
+            rounded(100.0 * high, 1)
+        ),
+        None => "too few launches for an interval".to_owned(),
+    };
+    format!("{} ({interval})", signed(time.change, 1))
 }
 
 fn unpaired_change(unpaired: &Unpaired) -> String {
-    format!("{:+.1} %, unpaired", 100.0 * unpaired.change())
+    format!("{}, unpaired", signed(unpaired.change(), 1))
 }
 
 fn instructions(counted: &Counted) -> String {
-    let percent = 100.0 * (counted.ratio - 1.0);
-    // What a table would show as −0.00 is 0.
-    let percent = if percent.abs() < 0.005 { 0.0 } else { percent };
-    format!("{} {percent:+.2} %", si(counted.base))
+    format!("{} {}", si(counted.base), signed(counted.ratio - 1.0, 2))
 }
 
 /// Exact differences and faults.
@@ -85,7 +99,7 @@ pub fn difference(difference: &Difference) -> String {
     };
     let share = match *base == 0.0 {
         true => String::new(),
-        false => format!(" ({:+.2} %)", 100.0 * (head - base) / base.abs()),
+        false => format!(" ({})", signed((head - base) / base.abs(), 2)),
     };
     let changed = format!("{figure} {} → {}{share}", value(*base), value(*head));
     match &difference.subject {
@@ -139,10 +153,7 @@ pub fn regressions(verdicts: &Verdicts<'_>) -> Vec<String> {
             because.push(format!("time {}", change(time)));
         }
         if let Some(counted) = &cell.instructions {
-            because.push(format!(
-                "instructions {:+.2} %",
-                100.0 * (counted.ratio - 1.0)
-            ));
+            because.push(format!("instructions {}", signed(counted.ratio - 1.0, 2)));
         }
         let worse = cell
             .differences
