@@ -33,7 +33,8 @@ fn write(verdicts: &Verdicts<'_>) -> String {
 fn measures(cell: &CellVerdict) -> Map<String, Value> {
     let mut measures = Map::new();
     if let Some(time) = &cell.time {
-        let ratio = |change: f64| 1.0 + change;
+        // What digits there are beyond these is the mathematics library's affair.
+        let ratio = |change: f64| ((1.0 + change) * 1e6).round() / 1e6;
         let mut metric = json!({ "value": ratio(time.change) });
         if let Some((low, high)) = time.interval {
             metric["lower_value"] = json!(ratio(low));
@@ -41,7 +42,10 @@ fn measures(cell: &CellVerdict) -> Map<String, Value> {
         }
         measures.insert("time-ratio".to_owned(), metric);
         // Bencher's own measure of time is in nanoseconds.
-        measures.insert("latency".to_owned(), json!({ "value": time.head_ns }));
+        measures.insert(
+            "latency".to_owned(),
+            json!({ "value": time.head_ns.round() }),
+        );
     }
     if let Some(unpaired) = &cell.unpaired {
         let time = &unpaired.head_ns;

@@ -54,7 +54,7 @@ fn cell_status(cell: &CellVerdict) -> TestCaseStatus {
     let text = rows::cell(cell);
     let told = rows::HEADER.iter().zip(&text).skip(2);
     let told: Vec<String> = told
-        .filter(|(_, value)| !value.is_empty())
+        .filter(|(_, value)| !value.is_empty() && *value != rows::NONE)
         .map(|(name, value)| format!("{name}: {value}"))
         .collect();
     let told = told.join("; ");

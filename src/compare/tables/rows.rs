@@ -39,8 +39,11 @@ pub fn cell(cell: &CellVerdict) -> [String; 7] {
     ]
 }
 
+/// What stands where nothing was measured.
+pub const NONE: &str = "–";
+
 fn none() -> String {
-    "–".to_owned()
+    NONE.to_owned()
 }
 
 /// A share as `+5.1 %`: with a sign, but without one that only hides a zero, and without digits that say nothing.
