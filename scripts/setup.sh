@@ -1,5 +1,6 @@
 #!/bin/sh
-# Installs what a run needs on Debian or Ubuntu: the Vulkan loader, lavapipe where no hardware driver is there, the bunny.
+# Installs what a run needs on Debian or Ubuntu: the Vulkan loader, lavapipe where no hardware driver is there, the bunny,
+# and valgrind, which counts instructions in comparisons of builds (without it that gate is skipped and says so).
 # With `test`: also SwiftShader, the second software driver that the tests use. Elsewhere it only says what it would do.
 set -eu
 
@@ -23,6 +24,7 @@ hardware_driver() {
 want libvulkan1
 hardware_driver || want mesa-vulkan-drivers
 want glmark2-data
+want valgrind
 [ "${1:-}" != test ] || { want mesa-vulkan-drivers; want chromium-common; }
 [ -n "$missing" ] || exit 0
 

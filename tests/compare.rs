@@ -515,3 +515,63 @@ fn bad_input_is_one_clear_line_and_status_2() {
     refused(&["one.jsonl"], "2 values required");
     refused(&["one.jsonl", "two.jsonl"], "one.jsonl");
 }
+
+/// The steps of `docs/ci.md` and what its jobs run are the same lines, which a shell can read, and every option that
+/// it names is one.
+#[test]
+fn the_documented_jobs_run_the_documented_steps() {
+    let text = include_str!("../docs/ci.md");
+    let (_, rest) = text.split_once("```sh\n").unwrap();
+    let (steps, _) = rest.split_once("```").unwrap();
+    for (job, begin, end) in [
+        ("Actions", "run: |\n", "      - uses: actions/upload"),
+        ("GitLab", "- |\n", "  artifacts:"),
+    ] {
+        let (_, rest) = text.split_once(begin).unwrap();
+        let (block, _) = rest.split_once(end).unwrap();
+        let lines: Vec<&str> = block.lines().map(str::trim_start).collect();
+        assert_eq!(lines.join("\n") + "\n", steps, "{job}");
+    }
+    let mut shell = std::process::Command::new("sh");
+    let checked = shell.args(["-n", "-c", steps]).status().unwrap();
+    assert!(checked.success());
+
+    let help = fathom().args(["compare", "--help"]).output().unwrap();
+    let help = String::from_utf8(help.stdout).unwrap();
+    let commands = text.lines().filter(|line| line.contains("fathom compare "));
+    let words = commands.flat_map(str::split_whitespace);
+    let options: Vec<&str> = words.filter(|word| word.starts_with("--")).collect();
+    assert!(options.len() > 5, "{options:?}");
+    for option in options {
+        assert!(help.contains(option), "{option}");
+    }
+}
+
+/// A real gate on the default adapter: equal builds execute equally many instructions.
+#[test]
+fn equal_builds_execute_equally_many_instructions() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("out");
+    let page = folder.path().join("page.md");
+    let output = fathom()
+        .env("GITHUB_STEP_SUMMARY", &page)
+        .args(["compare", "--gates", "instructions", "--cells"])
+        .args(["pool godrays/trace", "--base-bin"])
+        .arg(env!("CARGO_BIN_EXE_fathom"))
+        .arg("--out")
+        .arg(&out)
+        .output()
+        .unwrap();
+    let text = String::from_utf8(output.stdout).unwrap();
+    let told = String::from_utf8(output.stderr).unwrap();
+    if text.contains("instructions gate skipped") {
+        eprintln!("not tried: {text}");
+        return;
+    }
+    assert_eq!(output.status.code(), Some(0), "{text}{told}");
+    let comparison = fathom::compare::read(&out).unwrap();
+    let counted = fathom::compare::instructions::judge(&comparison);
+    let ratio = counted[&cell("pool godrays/trace")].ratio;
+    assert!((ratio - 1.0).abs() < 0.001, "{ratio}");
+    assert!(fs::read_to_string(page).unwrap().contains("no regression"));
+}

@@ -299,7 +299,8 @@ impl Measurement<'_> {
         common.retain(|configuration| !configuration.stages.is_empty());
         let checked = |side| self.before.checks.iter().any(|check| check.side == side);
         if self.wants(Gate::Exact) && !Side::BOTH.into_iter().all(checked) {
-            self.store.write(&survey::checks(parties))?;
+            self.store
+                .write(&survey::checks(parties, stages_of(&common)))?;
         }
         Ok(common)
     }
@@ -385,6 +386,17 @@ impl Measurement<'_> {
             reason: cause.fault.to_string(),
         })])?)
     }
+}
+
+/// Each stage of the configurations once.
+fn stages_of(configurations: &[Configuration]) -> Vec<String> {
+    let mut stages: Vec<String> = configurations
+        .iter()
+        .flat_map(|configuration| configuration.stages.iter().cloned())
+        .collect();
+    stages.sort();
+    stages.dedup();
+    stages
 }
 
 /// What an earlier process left of the time gate.

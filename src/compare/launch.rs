@@ -423,7 +423,7 @@ fn name(request: &Request) -> &'static str {
         Request::Sample { .. } => "sample",
         Request::Exact { .. } => "exact",
         Request::Instructions { .. } => "instructions",
-        Request::Checks => "checks",
+        Request::Checks { .. } => "checks",
         Request::Quit => "quit",
     }
 }

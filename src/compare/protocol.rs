@@ -60,8 +60,10 @@ pub enum Request {
         stage: String,
         frames: u32,
     },
-    /// Every check of `fathom verify`.
-    Checks,
+    /// The checks of `fathom verify` that concern these stages.
+    Checks {
+        stages: Vec<String>,
+    },
     Quit,
 }
 

@@ -101,9 +101,9 @@ pub fn exact(parties: &mut [Party; 2], configuration: &Configuration) -> Vec<Lin
         .collect()
 }
 
-/// Every check of both sides.
-pub fn checks(parties: &mut [Party; 2]) -> Vec<Line> {
-    let replies = both(parties, &Request::Checks);
+/// The checks of these stages on both sides.
+pub fn checks(parties: &mut [Party; 2], stages: Vec<String>) -> Vec<Line> {
+    let replies = both(parties, &Request::Checks { stages });
     let mut lines = Vec::new();
     for (side, reply) in Side::BOTH.into_iter().zip(replies) {
         match reply {

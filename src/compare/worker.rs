@@ -20,7 +20,7 @@ use super::valgrind;
 use crate::gpu::{self, ClockPlan, Encode, FrameTimer, Gpu, GpuError, SubmitCost};
 use crate::harness::executor::encodable;
 use crate::harness::subject::{Subject, SubjectError, Subjects};
-use crate::harness::verify::{Check, VerifyError, verify};
+use crate::harness::verify::{Check, VerifyError, verify_stages};
 use crate::harness::{MAX_PASSES, landing};
 use crate::pipelines::Pipeline;
 
@@ -166,7 +166,7 @@ impl Worker<'_> {
                 stage,
                 frames,
             } => device.instructions(&config, &stage, frames),
-            Request::Checks => device.checks(),
+            Request::Checks { stages } => device.checks(&stages),
             Request::Hello { .. } | Request::Quit => unreachable!("answered before"),
         }
     }
@@ -294,8 +294,8 @@ impl Device {
         Ok(Reply::Instructions { frames })
     }
 
-    fn checks(&mut self) -> Result<Reply, Refusal> {
-        let checks = verify(&self.gpu, None)?.into_iter();
+    fn checks(&mut self, stages: &[String]) -> Result<Reply, Refusal> {
+        let checks = verify_stages(&self.gpu, stages)?.into_iter();
         let read = |check: Check| CheckReading {
             sound: check.is_sound(),
             stage: check.stage.to_owned(),

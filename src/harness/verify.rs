@@ -164,9 +164,26 @@ pub fn verify(gpu: &Gpu, filter: Option<&str>) -> Result<Vec<Check>, VerifyError
             known: known_stages(&all),
         });
     }
+    run_all(gpu, &chosen)
+}
+
+/// Runs the cases of these stages; none for a stage that has none.
+///
+/// # Errors
+/// When a scene cannot be loaded, or when the GPU fails; never for a failed check.
+pub fn verify_stages(gpu: &Gpu, stages: &[String]) -> Result<Vec<Check>, VerifyError> {
+    let all = cases();
+    let chosen: Vec<&Case> = all
+        .iter()
+        .filter(|case| stages.iter().any(|stage| stage == case.stage))
+        .collect();
+    run_all(gpu, &chosen)
+}
+
+fn run_all(gpu: &Gpu, cases: &[&Case]) -> Result<Vec<Check>, VerifyError> {
     let rig = Rig::new(gpu)?;
     let mut checks = Vec::new();
-    for case in chosen {
+    for case in cases {
         checks.extend(run_scoped(&rig, case)?);
     }
     Ok(checks)
