@@ -4,7 +4,7 @@ mod cli;
 
 use std::process::ExitCode;
 
-use cli::{Command, commands};
+use cli::{Command, commands, compare};
 
 fn main() -> ExitCode {
     quiet_driver_layers();
@@ -21,6 +21,7 @@ fn main() -> ExitCode {
         Command::Render(args) => commands::render(args),
         Command::Dump(args) => commands::dump(args),
         Command::Report(args) => commands::report(args),
+        Command::Compare(args) => compare::compare(*args),
         Command::Worker(args) => commands::worker(args),
     };
     cli::exit_status(result)

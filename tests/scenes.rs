@@ -12,6 +12,7 @@ fn every_scene_loads_at_its_size() {
         assert!(!scene.description.is_empty());
         let expected = match name {
             "plane" => 2..=2,
+            "pool" => 1_000..=5_000,
             "dragon_large" => 202_000..=260_000,
             "bunny" | "dragon_medium" => 60_000..=120_000,
             "atrium" => 60_000..=80_000,
@@ -31,6 +32,7 @@ fn the_scenes_are_those_of_the_paper_and_of_the_meshes() {
         "dragon_medium",
         "dragon_small",
         "plane",
+        "pool",
         "port",
         "storage",
         "tank",

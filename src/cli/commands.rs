@@ -25,20 +25,14 @@ use super::{
 /// A cell or a check failed.
 const SOMETHING_FAILED: u8 = 1;
 /// By convention 128 + SIGINT.
-const INTERRUPTED: u8 = 130;
+pub const INTERRUPTED: u8 = 130;
 
-static INTERRUPT: AtomicBool = AtomicBool::new(false);
+pub static INTERRUPT: AtomicBool = AtomicBool::new(false);
 
-type Outcome = anyhow::Result<ExitCode>;
+pub type Outcome = anyhow::Result<ExitCode>;
 
 pub fn run(args: RunArgs) -> Outcome {
-    ctrlc::set_handler(|| {
-        if INTERRUPT.swap(true, Ordering::Relaxed) {
-            std::process::exit(INTERRUPTED.into());
-        }
-        eprintln!("ending with what is measured so far; interrupt again to abort");
-    })
-    .context("cannot watch for Ctrl-C")?;
+    watch_interrupts()?;
     let options = Options {
         gpu: gpu_options(&args.adapter),
         request: Request {
@@ -64,6 +58,17 @@ pub fn run(args: RunArgs) -> Outcome {
         Some(reason) if nothing => super::fail(&format!("every cell was skipped; {reason}")),
         _ => ExitCode::SUCCESS,
     })
+}
+
+/// From now on a first interrupt sets [`INTERRUPT`], and a second one ends the process.
+pub fn watch_interrupts() -> anyhow::Result<()> {
+    ctrlc::set_handler(|| {
+        if INTERRUPT.swap(true, Ordering::Relaxed) {
+            std::process::exit(INTERRUPTED.into());
+        }
+        eprintln!("ending with what is measured so far; interrupt again to abort");
+    })
+    .context("cannot watch for Ctrl-C")
 }
 
 fn print_summary(summary: &Summary) {
@@ -274,7 +279,7 @@ fn subject(args: &SubjectArgs) -> anyhow::Result<Subject> {
     Ok(Subjects::default().subject(&args.pipeline, &args.scene, &args.set)?)
 }
 
-fn gpu_options(args: &AdapterArgs) -> gpu::Options {
+pub fn gpu_options(args: &AdapterArgs) -> gpu::Options {
     gpu::Options {
         adapter: args.adapter.clone(),
         unchecked: args.unchecked,

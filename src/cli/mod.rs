@@ -1,12 +1,16 @@
 //! The command line: its arguments, its errors and its exit status.
 
 pub mod commands;
+pub mod compare;
 
 use std::path::PathBuf;
 use std::process::ExitCode;
 
 use clap::error::ErrorKind;
 use clap::{Args, Parser, Subcommand, ValueEnum};
+use fathom::compare::store::Gate;
+use fathom::compare::tables::FORMATS;
+use fathom::compare::{flow, rounds};
 use fathom::experiments::{Profile, parse_axis, parse_set};
 use serde_json::Value;
 
@@ -43,6 +47,12 @@ pub enum Command {
     Dump(DumpArgs),
     /// Write the reports of a run again, from its records alone
     Report(ReportArgs),
+    /// Hold two builds against each other: has a stage become slower, costlier or less accurate?
+    #[command(
+        after_help = "Exit status: 0 no regression; 1 regression; 2 could not measure; 3 inconclusive; \
+            130 interrupted, with everything measured so far stored."
+    )]
+    Compare(Box<CompareArgs>),
     /// Answer a comparing process on standard input and output, one JSON object a line
     #[command(hide = true)]
     Worker(AdapterArgs),
@@ -168,6 +178,75 @@ pub struct DumpArgs {
 pub struct ReportArgs {
     /// Folder of a run
     pub folder: PathBuf,
+}
+
+#[derive(Args)]
+pub struct CompareArgs {
+    /// Two files of records in place of two builds: exact figures are judged, times told
+    #[arg(value_names = ["BASE", "HEAD"], num_args = 2, conflicts_with_all = ["base", "base_bin", "replay", "resume"])]
+    pub records: Vec<PathBuf>,
+    /// Revision to build as the base
+    #[arg(long, value_name = "REV", conflicts_with_all = ["base_bin", "replay"])]
+    pub base: Option<String>,
+    /// A built fathom as the base
+    #[arg(long, value_name = "PATH", conflicts_with = "replay")]
+    pub base_bin: Option<PathBuf>,
+    /// A built fathom as the head [default: this one]
+    #[arg(long, value_name = "PATH", conflicts_with = "replay")]
+    pub head_bin: Option<PathBuf>,
+    /// Gates to run
+    #[arg(long, value_name = "GATE,…", value_delimiter = ',', value_parser = parse_gate, default_value = "exact,instructions,time")]
+    pub gates: Vec<Gate>,
+    /// Pairs of worker processes in the time gate
+    #[arg(long, default_value_t = rounds::LAUNCHES, value_parser = clap::value_parser!(u32).range(1..=1000))]
+    pub launches: u32,
+    /// Pairs of samples of each cell in each launch
+    #[arg(long, default_value_t = rounds::PAIRS, value_parser = clap::value_parser!(u32).range(1..=10_000))]
+    pub pairs: u32,
+    /// Share by which a time must change to count
+    #[arg(long, value_name = "SHARE", default_value_t = flow::THRESHOLD, value_parser = parse_share)]
+    pub threshold: f64,
+    /// Share by which an instruction count must change to count
+    #[arg(long, value_name = "SHARE", default_value_t = flow::INSTRUCTION_THRESHOLD, value_parser = parse_share)]
+    pub instruction_threshold: f64,
+    /// Only cells whose names hold this
+    #[arg(long, value_name = "FILTER")]
+    pub cells: Option<String>,
+    /// File of the configurations to compare [default: benches/gates.toml, built in]
+    #[arg(long, value_name = "FILE")]
+    pub cells_file: Option<PathBuf>,
+    /// Seed of the order of cells and samples [default: drawn, and stored]
+    #[arg(long)]
+    pub seed: Option<u64>,
+    /// Folder to write to [default: a new one in reports/out]
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// Measure only what the folder lacks
+    #[arg(long, requires = "out")]
+    pub resume: bool,
+    /// Tell the comparison stored in a folder again
+    #[arg(long, value_name = "DIR", conflicts_with_all = ["out", "resume"])]
+    pub replay: Option<PathBuf>,
+    /// What to print; files of every other format are written in any case
+    #[arg(long, default_value = "text", value_parser = clap::builder::PossibleValuesParser::new(FORMATS.iter().map(|format| format.name)))]
+    pub format: String,
+    #[command(flatten)]
+    pub adapter: AdapterArgs,
+}
+
+fn parse_gate(name: &str) -> Result<Gate, String> {
+    let known = Gate::ALL.into_iter().find(|gate| gate.name() == name);
+    known.ok_or_else(|| {
+        let names = Gate::ALL.map(Gate::name).join(", ");
+        format!("gates are {names}")
+    })
+}
+
+fn parse_share(text: &str) -> Result<f64, String> {
+    match text.parse() {
+        Ok(share) if 0.0 < share && share < 1.0 => Ok(share),
+        _ => Err("a share lies between 0 and 1, such as 0.02".to_owned()),
+    }
 }
 
 /// The command, or the status to exit with: help was asked for, or the line is wrong.

@@ -147,22 +147,36 @@ fn configuration(
         let (b, h) = (base.allocated_bytes, head.allocated_bytes);
         differ(Kind::Bytes, "allocated_bytes", b as f64, h as f64, h > b);
     }
-    for (name, b) in &base.errors {
-        let Some(h) = head.errors.get(name) else {
-            continue;
-        };
-        if moved(*b, *h, LEAST_ERROR) {
-            differ(Kind::Error, name, *b, *h, h > b);
+    let figures = [
+        (&base.errors, &head.errors),
+        (&base.quantities, &head.quantities),
+    ];
+    for (base, head) in figures {
+        for (name, b) in base {
+            match head.get(name) {
+                Some(h) if is_error(name) && moved(b.abs(), h.abs(), LEAST_ERROR) => {
+                    differ(Kind::Error, name, *b, *h, h.abs() > b.abs());
+                }
+                Some(h) if !is_error(name) && moved(*b, *h, LEAST_ERROR) => {
+                    differ(Kind::Quantity, name, *b, *h, false);
+                }
+                _ => {}
+            }
         }
     }
-    for (name, b) in &base.quantities {
-        let Some(h) = head.quantities.get(name) else {
-            continue;
-        };
-        if moved(*b, *h, LEAST_ERROR) {
-            differ(Kind::Quantity, name, *b, *h, false);
-        }
-    }
+}
+
+/// Names of figures that are the worse the further they are from 0.
+pub fn is_error(name: &str) -> bool {
+    let parts = [
+        "error",
+        "rms",
+        "bias",
+        "miss_rate",
+        "false_hit_rate",
+        "unconverged",
+    ];
+    parts.iter().any(|part| name.contains(part))
 }
 
 fn check(base: &CheckFigure, head: &CheckFigure, found: &mut Vec<Difference>) {

@@ -83,8 +83,17 @@ pub struct Header {
     pub settings: Settings,
     /// In the order of `benches/gates.toml`.
     pub cells: Vec<CellId>,
-    /// Gates that were not run, each with the reason; and other notes on the whole comparison.
+    /// Gates that were asked for and cannot be run here.
+    pub skipped: Vec<Skip>,
+    /// On the comparison as a whole.
     pub notes: Vec<String>,
+}
+
+/// A gate that is left out, which is no failure.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Skip {
+    pub gate: Gate,
+    pub reason: String,
 }
 
 /// One side.
@@ -308,6 +317,23 @@ pub struct Comparison {
 }
 
 impl Comparison {
+    /// Nothing measured yet.
+    pub fn new(header: Header) -> Self {
+        Self {
+            header,
+            configurations: Vec::new(),
+            exact: Vec::new(),
+            checks: Vec::new(),
+            instructions: Vec::new(),
+            pairs: Vec::new(),
+            launches: Vec::new(),
+            samples: Vec::new(),
+            faults: Vec::new(),
+            end: None,
+            damaged: Vec::new(),
+        }
+    }
+
     pub fn read(folder: &Path) -> Result<Self, StoreError> {
         let path = folder.join(COMPARISON);
         if !path.exists() {
@@ -325,19 +351,8 @@ impl Comparison {
             Line::Header(header) => Some((**header).clone()),
             _ => None,
         })?;
-        let mut all = Self {
-            header,
-            configurations: Vec::new(),
-            exact: Vec::new(),
-            checks: Vec::new(),
-            instructions: Vec::new(),
-            pairs: Vec::new(),
-            launches: Vec::new(),
-            samples: Vec::new(),
-            faults: Vec::new(),
-            end: None,
-            damaged: read.damaged.iter().map(ToString::to_string).collect(),
-        };
+        let mut all = Self::new(header);
+        all.damaged = read.damaged.iter().map(ToString::to_string).collect();
         for line in read.lines {
             match line {
                 Line::Header(_) => {}

@@ -1,63 +1,109 @@
 //! Both builds prepare every configuration: which cells they have in common, and their exact figures.
 
 use super::cells::{CellId, Configuration};
-use super::launch::{Worker, WorkerFault};
-use super::protocol::{Exact, Reply, Request};
-use super::store::{
-    CheckFigure, ConfigurationFigures, ExactFigures, Fault, Gate, Line, Side, StoreError,
-};
+use super::launch::{Start, Worker, WorkerFault};
+use super::protocol::{Exact, Greeting, Reply, Request};
+use super::store::{CheckFigure, ConfigurationFigures, ExactFigures, Fault, Gate, Line, Side};
 
-/// One side's worker, and what it can prepare.
-pub struct Surveyed {
+/// One side: how to start its worker, and the worker while it lives.
+pub struct Party {
     pub side: Side,
-    pub worker: Option<Worker>,
+    start: Start,
+    worker: Option<Worker>,
 }
 
-/// Prepares every configuration on both sides at once and asks for exact figures where `counting`. Gives the lines,
-/// and the cells that both sides have.
-pub fn survey(
-    sides: &mut [Surveyed; 2],
-    configurations: &[Configuration],
-    counting: bool,
-    mut write: impl FnMut(Vec<Line>) -> Result<(), StoreError>,
-) -> Result<Vec<Configuration>, StoreError> {
-    let mut comparable = Vec::new();
-    for configuration in configurations {
-        let replies = both(
-            sides,
-            &Request::Prepare {
-                configuration: configuration.into(),
-            },
-        );
-        let (stages, faults) = present(configuration, replies);
-        write(faults)?;
-        if stages.is_empty() {
-            continue;
-        }
-        let left = Configuration {
-            stages,
-            ..configuration.clone()
+impl Party {
+    /// Starts the worker of a side; what it says of itself comes with [`Self::greeted`].
+    pub fn new(side: Side, start: Start) -> Result<Self, WorkerFault> {
+        let mut party = Self {
+            side,
+            start,
+            worker: None,
         };
-        if counting {
-            let replies = both(
-                sides,
-                &Request::Exact {
-                    config: configuration.id.clone(),
-                },
-            );
-            let lines = Side::BOTH.into_iter().zip(replies);
-            for (side, reply) in lines {
-                write(exact_lines(side, &left, reply))?;
-            }
-        }
-        comparable.push(left);
+        party.worker = Some(party.started()?);
+        Ok(party)
     }
-    Ok(comparable)
+
+    fn started(&self) -> Result<Worker, WorkerFault> {
+        let mut worker = Worker::start(&self.start)?;
+        worker.greet()?;
+        Ok(worker)
+    }
+
+    pub fn greeted(&mut self) -> Result<Greeting, WorkerFault> {
+        match &mut self.worker {
+            Some(worker) => worker.greeted(),
+            None => Err(gone()),
+        }
+    }
+
+    /// The worker, a fresh one if the last has died.
+    fn send(&mut self, request: &Request) -> Result<(), WorkerFault> {
+        if self.worker.is_none() {
+            let mut worker = self.started()?;
+            worker.greeted()?;
+            self.worker = Some(worker);
+        }
+        let sent = self.worker.as_mut().ok_or_else(gone)?.send(request);
+        self.kept(sent)
+    }
+
+    fn receive(&mut self) -> Result<Reply, WorkerFault> {
+        let reply = self.worker.as_mut().ok_or_else(gone)?.receive();
+        self.kept(reply)
+    }
+
+    fn kept<T>(&mut self, result: Result<T, WorkerFault>) -> Result<T, WorkerFault> {
+        if result.as_ref().is_err_and(|error| !error.goes_on()) {
+            self.worker = None;
+        }
+        result
+    }
+}
+
+fn gone() -> WorkerFault {
+    WorkerFault::Refused {
+        reason: "its worker is gone".to_owned(),
+        fatal: true,
+    }
+}
+
+/// Prepares a configuration on both sides at once. Gives what of it both have, and the faults of what one lacks.
+pub fn prepare(
+    parties: &mut [Party; 2],
+    configuration: &Configuration,
+) -> (Configuration, Vec<Line>) {
+    let replies = both(
+        parties,
+        &Request::Prepare {
+            configuration: configuration.into(),
+        },
+    );
+    let (stages, faults) = present(configuration, replies);
+    let common = Configuration {
+        stages,
+        ..configuration.clone()
+    };
+    (common, faults)
+}
+
+/// The exact figures of a configuration that both sides have prepared.
+pub fn exact(parties: &mut [Party; 2], configuration: &Configuration) -> Vec<Line> {
+    let replies = both(
+        parties,
+        &Request::Exact {
+            config: configuration.id.clone(),
+        },
+    );
+    let sides = Side::BOTH.into_iter().zip(replies);
+    sides
+        .flat_map(|(side, reply)| exact_lines(side, configuration, reply))
+        .collect()
 }
 
 /// Every check of both sides.
-pub fn checks(sides: &mut [Surveyed; 2]) -> Vec<Line> {
-    let replies = both(sides, &Request::Checks);
+pub fn checks(parties: &mut [Party; 2]) -> Vec<Line> {
+    let replies = both(parties, &Request::Checks);
     let mut lines = Vec::new();
     for (side, reply) in Side::BOTH.into_iter().zip(replies) {
         match reply {
@@ -84,31 +130,14 @@ pub fn checks(sides: &mut [Surveyed; 2]) -> Vec<Line> {
 }
 
 /// Asks both sides at once: nothing is timed here.
-fn both(sides: &mut [Surveyed; 2], request: &Request) -> [Result<Reply, WorkerFault>; 2] {
-    let sent: Vec<Result<(), WorkerFault>> = sides
-        .iter_mut()
-        .map(|side| match &mut side.worker {
-            Some(worker) => worker.send(request),
-            None => Err(WorkerFault::Refused {
-                reason: "its worker is gone".to_owned(),
-                fatal: true,
-            }),
-        })
-        .collect();
-    let mut sent = sent.into_iter();
-    let mut reply = |side: &mut Surveyed| {
-        let reply = match (sent.next(), &mut side.worker) {
-            (Some(Ok(())), Some(worker)) => worker.receive(),
-            (Some(Err(error)), _) => Err(error),
-            _ => unreachable!("one sending for each side, and none without a worker succeeds"),
-        };
-        if reply.as_ref().is_err_and(|error| !error.goes_on()) {
-            side.worker = None;
-        }
-        reply
-    };
-    let [base, head] = sides;
-    [reply(base), reply(head)]
+fn both(parties: &mut [Party; 2], request: &Request) -> [Result<Reply, WorkerFault>; 2] {
+    let [base, head] = parties;
+    let sent = [base.send(request), head.send(request)];
+    let [of_base, of_head] = sent;
+    [
+        of_base.and_then(|()| base.receive()),
+        of_head.and_then(|()| head.receive()),
+    ]
 }
 
 /// The stages that both sides have, and faults for the others.

@@ -3,7 +3,7 @@
 //! An [`Exporter`] turns a [`View`] of the records into named files. Adding one costs a file and a line in [`EXPORTERS`].
 
 mod cells_csv;
-mod format;
+pub mod format;
 mod plots;
 mod summary;
 mod view;

@@ -1,0 +1,128 @@
+//! `fathom compare`: from the command line to the folder of a comparison, its tables and the exit status.
+
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::sync::atomic::Ordering;
+
+use anyhow::Context;
+use fathom::compare::flow::{self, Options, Program};
+use fathom::compare::store::{Line, Settings, Store};
+use fathom::compare::verdict::Verdicts;
+use fathom::compare::{self, build, files, tables};
+
+use super::CompareArgs;
+use super::commands::{INTERRUPT, INTERRUPTED, Outcome, gpu_options, watch_interrupts};
+
+/// Where GitHub Actions takes Markdown for a job's page.
+const STEP_SUMMARY: &str = "GITHUB_STEP_SUMMARY";
+
+pub fn compare(args: CompareArgs) -> Outcome {
+    if let Some(folder) = &args.replay {
+        return tell(folder, &args.format, false);
+    }
+    let folder = match args.records.as_slice() {
+        [base, head] => records(&args, base, head)?,
+        _ => builds(&args)?,
+    };
+    let status = tell(&folder, &args.format, true)?;
+    Ok(match INTERRUPT.load(Ordering::Relaxed) {
+        true => ExitCode::from(INTERRUPTED),
+        false => status,
+    })
+}
+
+fn settings(args: &CompareArgs) -> Settings {
+    let mut gates = args.gates.clone();
+    gates.sort();
+    gates.dedup();
+    Settings {
+        alpha: flow::ALPHA,
+        threshold: args.threshold,
+        instruction_threshold: args.instruction_threshold,
+        launches: args.launches,
+        pairs: args.pairs,
+        // A seed that JSON readers of every kind keep exactly.
+        seed: args
+            .seed
+            .unwrap_or_else(|| u64::from(rand::random::<u32>())),
+        gates,
+        control: None,
+        unpaired: false,
+    }
+}
+
+/// Measures two builds.
+fn builds(args: &CompareArgs) -> anyhow::Result<PathBuf> {
+    watch_interrupts()?;
+    let program = |path: &Path| Program {
+        path: path.to_owned(),
+        label: path.display().to_string(),
+    };
+    let head = match &args.head_bin {
+        Some(path) => path.clone(),
+        None => std::env::current_exe().context("cannot tell where this program lies")?,
+    };
+    let base = match (&args.base, &args.base_bin) {
+        (Some(revision), _) => built(revision)?,
+        (None, Some(path)) => program(path),
+        (None, None) => anyhow::bail!(
+            "nothing to compare with: give --base REV, --base-bin PATH, or two files of records"
+        ),
+    };
+    let options = Options {
+        gpu: gpu_options(&args.adapter),
+        base,
+        head: program(&head),
+        cells_file: args.cells_file.clone(),
+        filter: args.cells.clone(),
+        settings: settings(args),
+        out: args.out.clone(),
+        resume: args.resume,
+    };
+    Ok(flow::measure(&options, &INTERRUPT, &|text| {
+        eprintln!("{text}")
+    })?)
+}
+
+fn built(revision: &str) -> anyhow::Result<Program> {
+    eprintln!("building {revision}");
+    let folder = std::env::current_dir().context("there is no current folder")?;
+    let built = build::revision(&folder, revision, &mut |line| eprintln!("{line}"))?;
+    Ok(Program {
+        path: built.program,
+        label: revision.to_owned(),
+    })
+}
+
+/// Makes a comparison of two files of records.
+fn records(args: &CompareArgs, base: &Path, head: &Path) -> anyhow::Result<PathBuf> {
+    let lines: Vec<Line> = files::lines(base, head, &settings(args))?;
+    let folder = args.out.clone().unwrap_or_else(flow::fresh);
+    Store::create(&folder)?.write(&lines)?;
+    Ok(folder)
+}
+
+/// Writes the tables of a folder and prints one of them. A fresh comparison also goes to the job's page, if there is one.
+fn tell(folder: &Path, format: &str, fresh: bool) -> Outcome {
+    let comparison = compare::read(folder)?;
+    let verdicts = Verdicts::of(&comparison);
+    compare::write_tables(folder, &verdicts)?;
+    if fresh && let Some(page) = std::env::var_os(STEP_SUMMARY).filter(|page| !page.is_empty()) {
+        append(Path::new(&page), &tables::markdown(&verdicts))?;
+    }
+    if let Some(format) = tables::find(format) {
+        print!("{}", (format.write)(&verdicts));
+    }
+    eprintln!("{}", folder.display());
+    Ok(ExitCode::from(verdicts.status.exit_code()))
+}
+
+fn append(page: &Path, text: &str) -> anyhow::Result<()> {
+    let file = std::fs::OpenOptions::new()
+        .create(true)
+        .append(true)
+        .open(page);
+    file.and_then(|mut file| file.write_all(text.as_bytes()))
+        .with_context(|| format!("cannot add to {STEP_SUMMARY} ({})", page.display()))
+}

@@ -1,0 +1,406 @@
+//! A comparison from its options to its stored lines: which builds, which gates, in which order.
+
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Instant, SystemTime};
+
+use sha2::{Digest, Sha256};
+use thiserror::Error;
+
+use super::bench::Processes;
+use super::cells::{CellId, CellsError, Configuration, Gates};
+use super::instructions;
+use super::launch::{Quiet, Start, WorkerFault, allowed_cores};
+use super::protocol::{self, Greeting};
+use super::rounds::{self, Before, PartyFault, Schedule};
+use super::store::{
+    Build, Comparison, End, Fault, Gate, Header, Line, SCHEMA, Settings, Side, Skip, Store,
+    StoreError,
+};
+use super::survey::{self, Party};
+use crate::gpu;
+use crate::harness::calendar;
+use crate::harness::output::DEFAULT_FOLDER;
+
+/// Family-wise error of the time gate.
+pub const ALPHA: f64 = 0.05;
+/// Practical threshold of the time gate.
+pub const THRESHOLD: f64 = 0.02;
+/// Counts repeat to 0.1 %; half a per cent is plain.
+pub const INSTRUCTION_THRESHOLD: f64 = 0.005;
+
+#[derive(Debug, Error)]
+pub enum CompareError {
+    #[error(transparent)]
+    Cells(#[from] CellsError),
+    #[error(transparent)]
+    Store(#[from] StoreError),
+    #[error("{} cannot be read: {source}", path.display())]
+    Program {
+        path: PathBuf,
+        source: std::io::Error,
+    },
+    #[error("the {} build: {fault}", .side.name())]
+    Worker { side: Side, fault: WorkerFault },
+    #[error("the sides run on different adapters: the base on {base}, the head on {head}")]
+    Adapters { base: String, head: String },
+    #[error(
+        "{} was begun with another {what}: resume it with the same, or choose another folder with --out",
+        folder.display()
+    )]
+    OtherComparison { folder: PathBuf, what: &'static str },
+}
+
+/// A build to compare.
+#[derive(Clone, Debug)]
+pub struct Program {
+    pub path: PathBuf,
+    /// What to call it: the revision it was built from, or its path.
+    pub label: String,
+}
+
+#[derive(Clone, Debug)]
+pub struct Options {
+    pub gpu: gpu::Options,
+    pub base: Program,
+    pub head: Program,
+    /// The gates' configurations; the built-in ones without.
+    pub cells_file: Option<PathBuf>,
+    /// Only cells whose names contain this.
+    pub filter: Option<String>,
+    /// Of the gates, those asked for.
+    pub settings: Settings,
+    pub out: Option<PathBuf>,
+    /// Go on with the comparison in `out`.
+    pub resume: bool,
+}
+
+/// Measures what `options` ask for and gives the folder with its lines. `tell` is told of each step.
+pub fn measure(
+    options: &Options,
+    interrupted: &AtomicBool,
+    tell: &dyn Fn(&str),
+) -> Result<PathBuf, CompareError> {
+    let start = Instant::now();
+    let mut gates = Gates::load(options.cells_file.as_deref())?;
+    if let Some(filter) = &options.filter {
+        gates = gates.filtered(filter)?;
+    }
+    let mut parties = [
+        start_party(options, Side::Base)?,
+        start_party(options, Side::Head)?,
+    ];
+    let greetings = greeted(&mut parties)?;
+    let header = header(options, &gates, &greetings)?;
+    let folder = options.out.clone().unwrap_or_else(fresh);
+    let (store, before) = match options.resume {
+        true => resumed(&folder, &header)?,
+        false => (Store::create(&folder)?, None),
+    };
+    let mut measurement = Measurement {
+        options,
+        store,
+        interrupted,
+        tell,
+        before: match before {
+            Some(before) => before,
+            None => Comparison::new(header.clone()),
+        },
+    };
+    if !options.resume {
+        measurement.store.write(&[Line::Header(Box::new(header))])?;
+    }
+    let common = measurement.exact(&mut parties, &gates.configurations)?;
+    drop(parties);
+    measurement.instructions(&common)?;
+    measurement.time(&gates.control, &common)?;
+    measurement.store.write(&[Line::End(End {
+        wall_s: start.elapsed().as_secs_f64(),
+        interrupted: interrupted.load(Ordering::Relaxed),
+    })])?;
+    Ok(folder)
+}
+
+/// A new folder for a comparison that is told none.
+pub fn fresh() -> PathBuf {
+    let name = format!("compare-{}", calendar::compact(SystemTime::now()));
+    Path::new(DEFAULT_FOLDER).join(name)
+}
+
+fn start_of(options: &Options, side: Side) -> Start {
+    let program = match side {
+        Side::Base => &options.base,
+        Side::Head => &options.head,
+    };
+    let mut start = Start::new(&program.path);
+    start.gpu = options.gpu.clone();
+    start
+}
+
+/// The worker of a side's survey. Both run at once, each on a core of its own where there are two.
+fn start_party(options: &Options, side: Side) -> Result<Party, CompareError> {
+    let mut start = start_of(options, side);
+    let cores = allowed_cores();
+    start.quiet = Some(Quiet {
+        core: cores.get(side as usize % cores.len().max(1)).copied(),
+        padding: 0,
+    });
+    Party::new(side, start).map_err(|fault| CompareError::Worker { side, fault })
+}
+
+fn greeted(parties: &mut [Party; 2]) -> Result<[Greeting; 2], CompareError> {
+    let [base, head] = parties;
+    let greet = |party: &mut Party| {
+        let side = party.side;
+        let greeting = party.greeted();
+        greeting.map_err(|fault| CompareError::Worker { side, fault })
+    };
+    let [base, head] = [greet(base)?, greet(head)?];
+    let named = |greeting: &Greeting| {
+        let adapter = &greeting.adapter;
+        format!("{} ({})", adapter.name, adapter.driver_info)
+    };
+    if named(&base) != named(&head) {
+        return Err(CompareError::Adapters {
+            base: named(&base),
+            head: named(&head),
+        });
+    }
+    Ok([base, head])
+}
+
+fn header(
+    options: &Options,
+    gates: &Gates,
+    greetings: &[Greeting; 2],
+) -> Result<Header, CompareError> {
+    let build = |program: &Program, greeting: &Greeting| {
+        Ok::<Build, CompareError>(Build {
+            label: program.label.clone(),
+            version: greeting.fathom_version.clone(),
+            protocol: Some(greeting.protocol),
+            digest: digest(&program.path).map_err(|source| CompareError::Program {
+                path: program.path.clone(),
+                source,
+            })?,
+        })
+    };
+    let [base, head] = greetings;
+    let mut settings = options.settings.clone();
+    let mut skipped = Vec::new();
+    settings.gates.retain(|gate| {
+        let reason = obstacle(*gate, greetings);
+        let possible = reason.is_none();
+        skipped.extend(reason.map(|reason| Skip {
+            gate: *gate,
+            reason,
+        }));
+        possible
+    });
+    settings.control = Some(gates.control.clone());
+    let mut notes = base.notes.clone();
+    notes.extend(
+        head.notes
+            .iter()
+            .filter(|note| !base.notes.contains(note))
+            .cloned(),
+    );
+    Ok(Header {
+        schema: SCHEMA,
+        fathom_version: env!("CARGO_PKG_VERSION").to_owned(),
+        base: build(&options.base, base)?,
+        head: build(&options.head, head)?,
+        adapter: head.adapter.clone(),
+        settings,
+        cells: gates.cells(),
+        skipped,
+        notes,
+    })
+}
+
+/// Why a gate cannot be run with these workers here.
+fn obstacle(gate: Gate, greetings: &[Greeting; 2]) -> Option<String> {
+    for (side, greeting) in Side::BOTH.into_iter().zip(greetings) {
+        if !greeting.parts.iter().any(|part| part == gate.name()) {
+            return Some(format!("the {} build knows no such gate", side.name()));
+        }
+    }
+    match gate {
+        Gate::Instructions => instructions::obstacle(greetings[1].adapter.software),
+        Gate::Exact | Gate::Time => None,
+    }
+}
+
+/// SHA-256 of a file, in hexadecimal.
+pub fn digest(path: &Path) -> Result<String, std::io::Error> {
+    let sum = Sha256::digest(std::fs::read(path)?);
+    Ok(sum.iter().map(|byte| format!("{byte:02x}")).collect())
+}
+
+/// The folder's comparison, if it is this one.
+fn resumed(folder: &Path, now: &Header) -> Result<(Store, Option<Comparison>), CompareError> {
+    let (store, before) = Store::resume(folder)?;
+    let then = &before.header;
+    let same = [
+        ("base", then.base.digest == now.base.digest),
+        ("head", then.head.digest == now.head.digest),
+        ("adapter", then.adapter == now.adapter),
+        ("selection of cells", then.cells == now.cells),
+        ("kind of measurement", !then.settings.unpaired),
+    ];
+    match same.iter().find(|(_, same)| !same) {
+        Some((what, _)) => Err(CompareError::OtherComparison {
+            folder: folder.to_owned(),
+            what,
+        }),
+        None => Ok((store, Some(before))),
+    }
+}
+
+/// A comparison under way.
+struct Measurement<'a> {
+    options: &'a Options,
+    store: Store,
+    interrupted: &'a AtomicBool,
+    tell: &'a dyn Fn(&str),
+    /// What was measured before this process, if anything. Its settings hold.
+    before: Comparison,
+}
+
+impl Measurement<'_> {
+    fn wants(&self, gate: Gate) -> bool {
+        let asked = self.before.header.settings.gates.contains(&gate);
+        asked && !self.interrupted.load(Ordering::Relaxed)
+    }
+
+    /// What both sides have of the configurations, with its exact figures if they are wanted and not known.
+    fn exact(
+        &mut self,
+        parties: &mut [Party; 2],
+        configurations: &[Configuration],
+    ) -> Result<Vec<Configuration>, CompareError> {
+        let counting = self.wants(Gate::Exact);
+        (self.tell)(match counting {
+            true => "exact gate: work, counters, bytes and errors of both builds",
+            false => "preparing both builds",
+        });
+        let mut common = Vec::new();
+        for configuration in configurations {
+            if self.interrupted.load(Ordering::Relaxed) {
+                break;
+            }
+            let (known, faults) = survey::prepare(parties, configuration);
+            self.store.write(&faults)?;
+            if counting && !self.has_exact(&known) && !known.stages.is_empty() {
+                self.store.write(&survey::exact(parties, &known))?;
+            }
+            common.push(known);
+        }
+        common.retain(|configuration| !configuration.stages.is_empty());
+        let checked = |side| self.before.checks.iter().any(|check| check.side == side);
+        if self.wants(Gate::Exact) && !Side::BOTH.into_iter().all(checked) {
+            self.store.write(&survey::checks(parties))?;
+        }
+        Ok(common)
+    }
+
+    fn has_exact(&self, configuration: &Configuration) -> bool {
+        let known = |cell: CellId| {
+            let counted = |side| {
+                let mut lines = self.before.exact.iter();
+                lines.any(|line| line.side == side && line.cell == cell)
+            };
+            Side::BOTH.into_iter().all(counted)
+        };
+        configuration.cells().all(known)
+    }
+
+    fn instructions(&mut self, common: &[Configuration]) -> Result<(), CompareError> {
+        if !self.wants(Gate::Instructions) {
+            return Ok(());
+        }
+        (self.tell)("instruction gate: every stage under callgrind");
+        let start = |side| start_of(self.options, side);
+        let before = &self.before;
+        Ok(instructions::run(
+            &mut self.store,
+            before,
+            common,
+            &start,
+            self.interrupted,
+        )?)
+    }
+
+    fn time(&mut self, control: &CellId, common: &[Configuration]) -> Result<(), CompareError> {
+        if !self.wants(Gate::Time) {
+            return Ok(());
+        }
+        let cells: Vec<CellId> = common.iter().flat_map(Configuration::cells).collect();
+        let settings = self.before.header.settings.clone();
+        let configurations: Vec<protocol::Configuration> = common.iter().map(Into::into).collect();
+        let sides = Side::BOTH.map(|side| start_of(self.options, side));
+        let [base, head] = sides;
+        let mut bench = match Processes::new(base, head, &configurations, settings.seed) {
+            Ok(bench) => bench,
+            Err(cause) => return self.no_time(&cause),
+        };
+        let schedule = Schedule {
+            control: cells.contains(control).then(|| control.clone()),
+            cells,
+            launches: settings.launches,
+            pairs: settings.pairs,
+            seed: settings.seed,
+        };
+        let before = timed_before(&self.before);
+        let mut done = before.complete;
+        let (tell, store) = (self.tell, &mut self.store);
+        tell(&format!(
+            "time gate: {} cells, {} launches of {} pairs",
+            schedule.cells.len(),
+            schedule.launches,
+            schedule.pairs
+        ));
+        let mut sink = |lines: Vec<Line>| {
+            let launches = lines.iter().filter(|line| matches!(line, Line::Launch(_)));
+            done += launches.count() as u32;
+            tell(&format!(
+                "time gate: {done} of {} launches",
+                schedule.launches
+            ));
+            store.write(&lines)
+        };
+        rounds::run(&schedule, &mut bench, &before, self.interrupted, &mut sink)?;
+        Ok(())
+    }
+
+    /// The gate could not begin.
+    fn no_time(&mut self, cause: &PartyFault) -> Result<(), CompareError> {
+        Ok(self.store.write(&[Line::Fault(Fault {
+            gate: Gate::Time,
+            side: Some(cause.party.side()),
+            cell: None,
+            launch: None,
+            control: false,
+            absent: false,
+            reason: cause.fault.to_string(),
+        })])?)
+    }
+}
+
+/// What an earlier process left of the time gate.
+fn timed_before(before: &Comparison) -> Before {
+    let faults = || {
+        let faults = before.faults.iter();
+        faults.filter(|fault| fault.gate == Gate::Time)
+    };
+    let told = before.launches.iter().map(|launch| launch.launch);
+    Before {
+        complete: before.launches.len() as u32,
+        last: told.chain(faults().filter_map(|fault| fault.launch)).max(),
+        lost: faults()
+            .filter(|fault| !fault.control)
+            .filter_map(|fault| fault.cell.clone())
+            .collect(),
+        control_lost: faults().any(|fault| fault.control),
+    }
+}

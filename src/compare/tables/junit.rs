@@ -1,0 +1,83 @@
+//! JUnit XML, which most CI systems show: a test case for each cell, one for each gate, one for each regression of a whole
+//! configuration.
+
+use quick_junit::{NonSuccessKind, Report, TestCase, TestCaseStatus, TestSuite};
+
+use super::{Format, rows};
+use crate::compare::verdict::{CellVerdict, GateState, Verdict, Verdicts};
+
+pub const FORMAT: Format = Format {
+    name: "junit",
+    about: "JUnit XML",
+    file: Some("junit.xml"),
+    write,
+};
+
+fn write(verdicts: &Verdicts<'_>) -> String {
+    let mut gates = TestSuite::new("fathom compare: gates");
+    for (gate, state) in &verdicts.gates {
+        let status = match state {
+            GateState::Ran => TestCaseStatus::success(),
+            GateState::Skipped(reason) => skipped(reason),
+            GateState::Void(reason) => failed(NonSuccessKind::Error, "void", reason),
+        };
+        add(&mut gates, "gate", gate.name(), status);
+    }
+    let mut cells = TestSuite::new("fathom compare: cells");
+    for cell in &verdicts.cells {
+        let (configuration, stage) = (cell.cell.configuration(), cell.cell.stage());
+        add(&mut cells, configuration, stage, cell_status(cell));
+    }
+    let mut whole = TestSuite::new("fathom compare: configurations");
+    for difference in verdicts.configurations.iter().filter(|other| other.worse) {
+        let told = rows::difference(difference);
+        let status = failed(NonSuccessKind::Failure, "costlier", &told);
+        add(&mut whole, "configuration", &difference.figure, status);
+    }
+    let mut report = Report::new("fathom compare");
+    for suite in [gates, cells, whole] {
+        if !suite.test_cases.is_empty() {
+            report.add_test_suite(suite);
+        }
+    }
+    // Writing to memory fails for no reason but memory itself.
+    report.to_string().unwrap_or_default()
+}
+
+fn add(suite: &mut TestSuite, class: &str, name: &str, status: TestCaseStatus) {
+    let mut case = TestCase::new(name, status);
+    case.set_classname(class);
+    suite.add_test_case(case);
+}
+
+fn cell_status(cell: &CellVerdict) -> TestCaseStatus {
+    let text = rows::cell(cell);
+    let told = rows::HEADER.iter().zip(&text).skip(2);
+    let told: Vec<String> = told
+        .filter(|(_, value)| !value.is_empty() && *value != rows::NONE)
+        .map(|(name, value)| format!("{name}: {value}"))
+        .collect();
+    let told = told.join("; ");
+    match cell.verdict {
+        Verdict::Failed => failed(NonSuccessKind::Error, "failed", &told),
+        Verdict::New | Verdict::Inconclusive => {
+            skipped(&format!("{}: {told}", cell.verdict.text()))
+        }
+        verdict if verdict.is_regression() => {
+            failed(NonSuccessKind::Failure, verdict.text(), &told)
+        }
+        _ => TestCaseStatus::success(),
+    }
+}
+
+fn failed(kind: NonSuccessKind, what: &str, message: &str) -> TestCaseStatus {
+    let mut status = TestCaseStatus::non_success(kind);
+    status.set_type(what).set_message(message);
+    status
+}
+
+fn skipped(message: &str) -> TestCaseStatus {
+    let mut status = TestCaseStatus::skipped();
+    status.set_message(message);
+    status
+}

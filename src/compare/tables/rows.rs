@@ -1,0 +1,261 @@
+//! What terminal and Markdown say alike, as text.
+
+use crate::compare::exact::{Difference, Kind, Subject};
+use crate::compare::instructions::Counted;
+use crate::compare::store::{Build, Fault, Side};
+use crate::compare::time::CellTime;
+use crate::compare::unpaired::Unpaired;
+use crate::compare::verdict::{CellVerdict, GateState, Status, Verdict, Verdicts};
+use crate::report::format::{NS_PER_MS, mebibytes, si, three};
+
+/// Columns of a table of cells.
+pub const HEADER: [&str; 7] = [
+    "cell",
+    "verdict",
+    "time, base",
+    "change",
+    "detectable",
+    "instructions",
+    "else",
+];
+
+/// One cell of a table of cells.
+pub fn cell(cell: &CellVerdict) -> [String; 7] {
+    let time = cell.time.as_ref();
+    let base_ns = time
+        .map(|time| time.base_ns)
+        .or(cell.unpaired.map(|unpaired| unpaired.base_ns.median));
+    [
+        cell.cell.to_string(),
+        cell.verdict.text().to_owned(),
+        base_ns.map_or_else(none, |ns| format!("{} ms", three(ns / NS_PER_MS))),
+        time.map(change)
+            .or(cell.unpaired.as_ref().map(unpaired_change))
+            .unwrap_or_else(none),
+        time.and_then(|time| time.detectable)
+            .map_or_else(none, |least| format!("{:.1} %", 100.0 * least)),
+        cell.instructions.as_ref().map_or_else(none, instructions),
+        remarks(cell).join("; "),
+    ]
+}
+
+/// What stands where nothing was measured.
+pub const NONE: &str = "–";
+
+fn none() -> String {
+    NONE.to_owned()
+}
+
+/// A share as `+5.1 %`: with a sign, but without one that only hides a zero, and without digits that say nothing.
+fn signed(share: f64, digits: usize) -> String {
+    let percent = 100.0 * share;
+    let digits = if percent.abs() >= 100.0 { 0 } else { digits };
+    format!("{:+.digits$} %", rounded(percent, digits))
+}
+
+/// Rounded to so many digits; never −0.
+fn rounded(value: f64, digits: usize) -> f64 {
+    let scale = 10_f64.powi(digits as i32);
+    (value * scale).round() / scale + 0.0
+}
+
+/// `+5.1 % (4.2 … 6.0)`.
+fn change(time: &CellTime) -> String {
+    let interval = match time.interval {
+        Some((low, high)) => format!(
+            "{:.1} … {:.1}",
+            rounded(100.0 * low, 1),
+            rounded(100.0 * high, 1)
+        ),
+        None => "too few launches for an interval".to_owned(),
+    };
+    format!("{} ({interval})", signed(time.change, 1))
+}
+
+fn unpaired_change(unpaired: &Unpaired) -> String {
+    format!("{}, unpaired", signed(unpaired.change(), 1))
+}
+
+fn instructions(counted: &Counted) -> String {
+    format!("{} {}", si(counted.base), signed(counted.ratio - 1.0, 2))
+}
+
+/// Exact differences and faults.
+fn remarks(cell: &CellVerdict) -> Vec<String> {
+    let differences = cell.differences.iter().map(difference);
+    differences.chain(cell.faults.iter().map(fault)).collect()
+}
+
+/// `fragments 100 → 120 (+20.0 %)`.
+pub fn difference(difference: &Difference) -> String {
+    let Difference {
+        figure,
+        base,
+        head,
+        kind,
+        ..
+    } = difference;
+    let value = |value: f64| match kind {
+        Kind::Bytes => mebibytes(value as u64),
+        Kind::Work | Kind::Counter => format!("{value:.0}"),
+        Kind::Error | Kind::Quantity => three(value),
+    };
+    let share = match *base == 0.0 {
+        true => String::new(),
+        false => format!(" ({})", signed((head - base) / base.abs(), 2)),
+    };
+    let changed = format!("{figure} {} → {}{share}", value(*base), value(*head));
+    match &difference.subject {
+        Subject::Configuration(id) => format!("{id}: {changed}"),
+        Subject::Cell(_) | Subject::Stage(_) => changed,
+    }
+}
+
+/// Who could not do what, and why.
+pub fn fault(fault: &Fault) -> String {
+    let side = fault.side.map_or("", Side::name);
+    let who = format!("{side} {}", fault.gate.name());
+    format!("{}: {}", who.trim(), fault.reason)
+}
+
+/// `no regression: 48 cells: 40 same, 8 inconclusive`.
+pub fn headline(verdicts: &Verdicts<'_>) -> String {
+    let all = [
+        Verdict::Slower,
+        Verdict::LessAccurate,
+        Verdict::FasterButLessAccurate,
+        Verdict::Costlier,
+        Verdict::Failed,
+        Verdict::Inconclusive,
+        Verdict::Faster,
+        Verdict::Cheaper,
+        Verdict::Same,
+        Verdict::New,
+    ];
+    let counted = all.iter().filter_map(|verdict| {
+        let count = verdicts.count(*verdict);
+        (count > 0).then(|| format!("{count} {}", verdict.text()))
+    });
+    let counted: Vec<String> = counted.collect();
+    let cells = match verdicts.cells.len() {
+        1 => "1 cell".to_owned(),
+        n => format!("{n} cells"),
+    };
+    format!(
+        "{}; {cells}: {}",
+        verdicts.status.text(),
+        counted.join(", ")
+    )
+}
+
+/// Each regression in a sentence, the gravest first; then what concerns configurations as a whole.
+pub fn regressions(verdicts: &Verdicts<'_>) -> Vec<String> {
+    let cells = verdicts.regressions().into_iter().map(|cell| {
+        let mut because = Vec::new();
+        if let Some(time) = &cell.time {
+            because.push(format!("time {}", change(time)));
+        }
+        if let Some(counted) = &cell.instructions {
+            because.push(format!("instructions {}", signed(counted.ratio - 1.0, 2)));
+        }
+        let worse = cell
+            .differences
+            .iter()
+            .filter(|difference| difference.worse);
+        because.extend(worse.map(difference));
+        format!(
+            "{}: {}: {}",
+            cell.cell,
+            cell.verdict.text(),
+            because.join("; ")
+        )
+    });
+    let whole = verdicts.configurations.iter();
+    let whole = whole.filter(|difference| difference.worse).map(difference);
+    cells.chain(whole).collect()
+}
+
+/// What was compared, on what, by which gates; and everything else that is to be known.
+pub fn notes(verdicts: &Verdicts<'_>) -> Vec<String> {
+    let header = &verdicts.comparison.header;
+    let settings = &header.settings;
+    let mut notes: Vec<String> = verdicts
+        .gates
+        .iter()
+        .map(|(gate, state)| match state {
+            GateState::Ran => format!("{} gate: {}", gate.name(), rule(verdicts, gate.name())),
+            GateState::Skipped(reason) => format!("{} gate skipped: {reason}", gate.name()),
+            GateState::Void(reason) => format!("{} gate void: {reason}", gate.name()),
+        })
+        .collect();
+    if let Some(control) = &verdicts.control {
+        notes.push(format!(
+            "control {} with the base on both sides: {}",
+            control.cell,
+            change(control)
+        ));
+    }
+    if settings.unpaired {
+        notes.push(
+            "times are unpaired: the runs were made one after the other, so they are told and not judged"
+                .to_owned(),
+        );
+    }
+    let better = verdicts.configurations.iter();
+    notes.extend(better.filter(|other| !other.worse).map(difference));
+    notes.extend(verdicts.faults.iter().map(fault));
+    notes.extend(header.notes.iter().cloned());
+    let damaged = &verdicts.comparison.damaged;
+    notes.extend(damaged.iter().map(|line| format!("left out: {line}")));
+    if let Some(end) = &verdicts.comparison.end {
+        let cut = if end.interrupted { ", interrupted" } else { "" };
+        notes.push(format!("measured in {:.0} s{cut}", end.wall_s));
+    } else if !settings.unpaired {
+        notes.push("measuring did not come to its end; go on with --resume".to_owned());
+    }
+    notes
+}
+
+fn rule(verdicts: &Verdicts<'_>, gate: &str) -> String {
+    let settings = &verdicts.comparison.header.settings;
+    match gate {
+        "time" if settings.unpaired => "medians of each run".to_owned(),
+        "time" => format!(
+            "{} launches of {} pairs; a change counts beyond {:.1} %, at a family-wise error of {:.0} %",
+            verdicts.comparison.launches.len(),
+            settings.pairs,
+            100.0 * settings.threshold,
+            100.0 * settings.alpha
+        ),
+        "instructions" => format!(
+            "under callgrind; a change counts beyond {:.2} %",
+            100.0 * settings.instruction_threshold
+        ),
+        _ => "work, counters and bytes as they are; errors beyond 1 % of the base's".to_owned(),
+    }
+}
+
+/// `origin/main (0.1.0)`.
+pub fn build(build: &Build) -> String {
+    format!("{} ({})", build.label, build.version)
+}
+
+/// `base … → head …`, and the adapter.
+pub fn sides(verdicts: &Verdicts<'_>) -> [String; 2] {
+    let header = &verdicts.comparison.header;
+    let adapter = &header.adapter;
+    [
+        format!("{} → {}", build(&header.base), build(&header.head)),
+        format!("{}, {}", adapter.name, adapter.driver_info),
+    ]
+}
+
+/// A mark that is seen at a glance.
+pub fn mark(status: Status) -> &'static str {
+    match status {
+        Status::NoRegression => "✅",
+        Status::Regression => "❌",
+        Status::CouldNotMeasure => "⚠️",
+        Status::Inconclusive => "❔",
+    }
+}

@@ -1,0 +1,362 @@
+//! From what was measured to what is concluded: a function of the stored lines alone.
+
+use std::collections::BTreeMap;
+
+use super::cells::CellId;
+use super::exact::{self, Difference, Kind};
+use super::instructions::{self, Change, Counted};
+use super::store::{Comparison, Fault, Gate};
+use super::time::{self, CellTime, TimeGate, TimeVerdict};
+use super::unpaired::{self, Unpaired};
+
+/// What is concluded of a cell, the worst first.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Verdict {
+    /// Its time rose beyond the threshold.
+    Slower,
+    /// Its error rose, and its time did not fall.
+    LessAccurate,
+    /// Its time fell and its error rose.
+    FasterButLessAccurate,
+    /// More declared work, invocations or instructions, though its time did not rise.
+    Costlier,
+    /// It could not be measured.
+    Failed,
+    /// Its time can be told neither the same nor different.
+    Inconclusive,
+    Faster,
+    /// Fewer instructions, and a time that is not faster.
+    Cheaper,
+    Same,
+    /// The base has no such cell.
+    New,
+}
+
+impl Verdict {
+    pub fn is_regression(self) -> bool {
+        self <= Self::Costlier
+    }
+
+    pub fn text(self) -> &'static str {
+        match self {
+            Self::Slower => "slower",
+            Self::LessAccurate => "less accurate",
+            Self::FasterButLessAccurate => "faster but less accurate",
+            Self::Costlier => "costlier",
+            Self::Failed => "failed",
+            Self::Inconclusive => "inconclusive",
+            Self::Faster => "faster",
+            Self::Cheaper => "cheaper",
+            Self::Same => "same",
+            Self::New => "new",
+        }
+    }
+}
+
+/// A cell with everything that speaks of it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CellVerdict {
+    pub cell: CellId,
+    pub verdict: Verdict,
+    pub time: Option<CellTime>,
+    /// Times of runs apart from each other, told and not judged.
+    pub unpaired: Option<Unpaired>,
+    pub instructions: Option<Counted>,
+    /// Exact figures that differ and tell on this cell.
+    pub differences: Vec<Difference>,
+    /// Why it could not be measured, by one gate or another; each reason once.
+    pub faults: Vec<Fault>,
+}
+
+/// How a gate ended.
+#[derive(Clone, Debug, PartialEq)]
+pub enum GateState {
+    Ran,
+    /// Not asked for, or not possible here: no failure.
+    Skipped(String),
+    /// It was to run and gave nothing that may be believed.
+    Void(String),
+}
+
+/// The end of a comparison.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Status {
+    NoRegression,
+    Regression,
+    CouldNotMeasure,
+    Inconclusive,
+}
+
+impl Status {
+    pub fn exit_code(self) -> u8 {
+        match self {
+            Self::NoRegression => 0,
+            Self::Regression => 1,
+            Self::CouldNotMeasure => 2,
+            Self::Inconclusive => 3,
+        }
+    }
+
+    pub fn text(self) -> &'static str {
+        match self {
+            Self::NoRegression => "no regression",
+            Self::Regression => "regression",
+            Self::CouldNotMeasure => "could not measure",
+            Self::Inconclusive => "inconclusive",
+        }
+    }
+}
+
+/// Everything that is concluded from a comparison.
+#[derive(Clone, Debug)]
+pub struct Verdicts<'a> {
+    pub comparison: &'a Comparison,
+    /// In the order of the header.
+    pub cells: Vec<CellVerdict>,
+    /// Differences of whole configurations.
+    pub configurations: Vec<Difference>,
+    pub control: Option<CellTime>,
+    pub gates: Vec<(Gate, GateState)>,
+    /// Faults of a gate as a whole; each reason once.
+    pub faults: Vec<Fault>,
+    pub status: Status,
+}
+
+impl<'a> Verdicts<'a> {
+    pub fn of(comparison: &'a Comparison) -> Self {
+        let header = &comparison.header;
+        let time = time::judge(&header.cells, &comparison.pairs, &header.settings);
+        let differences = exact::judge(comparison);
+        let gates = Gate::ALL.map(|gate| (gate, state(comparison, gate, &time)));
+        let believed = gates.iter().all(|(gate, state)| {
+            let time_void = *gate == Gate::Time && matches!(state, GateState::Void(_));
+            !time_void
+        });
+        let sources = Sources {
+            comparison,
+            time: match believed {
+                true => by_cell(&time),
+                false => BTreeMap::new(),
+            },
+            counts: instructions::judge(comparison),
+            unpaired: unpaired::judge(comparison),
+            differences: &differences,
+        };
+        let cells: Vec<CellVerdict> = header.cells.iter().map(|cell| sources.cell(cell)).collect();
+        let told =
+            |difference: &Difference| cells.iter().any(|cell| difference.concerns(&cell.cell));
+        let configurations: Vec<Difference> = differences
+            .iter()
+            .filter(|difference| !told(difference))
+            .cloned()
+            .collect();
+        let whole = |fault: &&Fault| fault.cell.is_none() && !overcome(comparison, fault);
+        let faults = unique(comparison.faults.iter().filter(whole));
+        let status = status(&cells, &configurations, &gates, &faults);
+        Self {
+            comparison,
+            cells,
+            configurations,
+            control: time.control,
+            gates: gates.into(),
+            faults,
+            status,
+        }
+    }
+
+    /// Cells whose verdict is a regression, the gravest first: by verdict, then by how much.
+    pub fn regressions(&self) -> Vec<&CellVerdict> {
+        let mut found: Vec<&CellVerdict> = self
+            .cells
+            .iter()
+            .filter(|cell| cell.verdict.is_regression())
+            .collect();
+        found.sort_by(|a, b| {
+            let by_verdict = a.verdict.cmp(&b.verdict);
+            by_verdict.then(b.weight().total_cmp(&a.weight()))
+        });
+        found
+    }
+
+    pub fn count(&self, verdict: Verdict) -> usize {
+        let of = |cell: &&CellVerdict| cell.verdict == verdict;
+        self.cells.iter().filter(of).count()
+    }
+}
+
+impl CellVerdict {
+    /// By how much the cell changed for the worse: time before instructions.
+    fn weight(&self) -> f64 {
+        let instructions = self
+            .instructions
+            .as_ref()
+            .map(|counted| counted.ratio - 1.0);
+        match (&self.time, self.verdict) {
+            (Some(time), Verdict::Slower) => time.change,
+            _ => instructions.unwrap_or(0.0),
+        }
+    }
+}
+
+/// What speaks of cells.
+struct Sources<'a> {
+    comparison: &'a Comparison,
+    time: BTreeMap<CellId, CellTime>,
+    counts: BTreeMap<CellId, Counted>,
+    unpaired: BTreeMap<CellId, Unpaired>,
+    differences: &'a [Difference],
+}
+
+impl Sources<'_> {
+    fn cell(&self, cell: &CellId) -> CellVerdict {
+        let differences: Vec<Difference> = self
+            .differences
+            .iter()
+            .filter(|difference| difference.concerns(cell))
+            .cloned()
+            .collect();
+        let own = |fault: &&Fault| {
+            fault.cell.as_ref() == Some(cell) && !fault.control && !overcome(self.comparison, fault)
+        };
+        let faults = unique(self.comparison.faults.iter().filter(own));
+        let time = self.time.get(cell).cloned();
+        let instructions = self.counts.get(cell).cloned();
+        CellVerdict {
+            verdict: verdict(time.as_ref(), instructions.as_ref(), &differences, &faults),
+            cell: cell.clone(),
+            unpaired: self.unpaired.get(cell).cloned(),
+            time,
+            instructions,
+            differences,
+            faults,
+        }
+    }
+}
+
+fn by_cell(time: &TimeGate) -> BTreeMap<CellId, CellTime> {
+    let cells = time.cells.iter();
+    cells
+        .map(|cell| (cell.cell.clone(), cell.clone()))
+        .collect()
+}
+
+/// One verdict from all gates. A time that is told faster outweighs instructions, which cost nothing by themselves.
+fn verdict(
+    time: Option<&CellTime>,
+    instructions: Option<&Counted>,
+    differences: &[Difference],
+    faults: &[Fault],
+) -> Verdict {
+    let time = time.map(|time| time.verdict);
+    let change = instructions.map(|counted| counted.change);
+    let worse = |kinds: &[Kind]| {
+        let mut differences = differences.iter();
+        differences.any(|difference| difference.worse && kinds.contains(&difference.kind))
+    };
+    let less_accurate = worse(&[Kind::Error]);
+    let more_instructions = change == Some(Change::More) && time != Some(TimeVerdict::Faster);
+    if time == Some(TimeVerdict::Slower) {
+        Verdict::Slower
+    } else if less_accurate && time == Some(TimeVerdict::Faster) {
+        Verdict::FasterButLessAccurate
+    } else if less_accurate {
+        Verdict::LessAccurate
+    } else if worse(&[Kind::Work, Kind::Counter]) || more_instructions {
+        Verdict::Costlier
+    } else if faults.iter().any(|fault| fault.absent) {
+        Verdict::New
+    } else if !faults.is_empty() {
+        Verdict::Failed
+    } else {
+        match (time, change) {
+            (Some(TimeVerdict::Faster), _) => Verdict::Faster,
+            (Some(TimeVerdict::Inconclusive), _) => Verdict::Inconclusive,
+            (_, Some(Change::Fewer)) => Verdict::Cheaper,
+            _ => Verdict::Same,
+        }
+    }
+}
+
+fn state(comparison: &Comparison, gate: Gate, time: &TimeGate) -> GateState {
+    let settings = &comparison.header.settings;
+    if !settings.gates.contains(&gate) {
+        let skipped = comparison.header.skipped.iter();
+        let reason = skipped
+            .filter(|skip| skip.gate == gate)
+            .map(|skip| skip.reason.clone())
+            .next();
+        return GateState::Skipped(reason.unwrap_or_else(|| "not asked for".to_owned()));
+    }
+    let measured = match gate {
+        Gate::Exact => !comparison.exact.is_empty(),
+        Gate::Instructions => !comparison.instructions.is_empty(),
+        Gate::Time => !comparison.pairs.is_empty() || !comparison.samples.is_empty(),
+    };
+    if !measured {
+        let mut faults = comparison.faults.iter().filter(|fault| fault.gate == gate);
+        let reason = faults.next().map(|fault| fault.reason.clone());
+        return GateState::Void(reason.unwrap_or_else(|| "nothing was measured".to_owned()));
+    }
+    match time.void(settings.alpha) {
+        Some(reason) if gate == Gate::Time => GateState::Void(reason),
+        _ => GateState::Ran,
+    }
+}
+
+fn status(
+    cells: &[CellVerdict],
+    configurations: &[Difference],
+    gates: &[(Gate, GateState)],
+    faults: &[Fault],
+) -> Status {
+    let any = |verdict| cells.iter().any(|cell| cell.verdict == verdict);
+    let regression = cells.iter().any(|cell| cell.verdict.is_regression())
+        || configurations.iter().any(|difference| difference.worse);
+    let void = gates
+        .iter()
+        .any(|(_, state)| matches!(state, GateState::Void(_)));
+    let nothing = cells.iter().all(|cell| cell.verdict == Verdict::New);
+    if regression {
+        Status::Regression
+    } else if void || nothing || any(Verdict::Failed) || faults.iter().any(|fault| !fault.absent) {
+        Status::CouldNotMeasure
+    } else if any(Verdict::Inconclusive) {
+        Status::Inconclusive
+    } else {
+        Status::NoRegression
+    }
+}
+
+/// What failed was measured after all: by another launch, or when the comparison was resumed.
+fn overcome(comparison: &Comparison, fault: &Fault) -> bool {
+    let cell = |own: &CellId| fault.cell.as_ref() == Some(own);
+    let side = |own| fault.side == Some(own);
+    match fault.gate {
+        Gate::Exact => {
+            let mut lines = comparison.exact.iter();
+            lines.any(|line| cell(&line.cell) && side(line.side))
+        }
+        Gate::Instructions => {
+            let mut lines = comparison.instructions.iter();
+            lines.any(|line| cell(&line.cell) && side(line.side))
+        }
+        Gate::Time => {
+            let wanted = comparison.header.settings.launches as usize;
+            fault.cell.is_none() && comparison.launches.len() >= wanted
+        }
+    }
+}
+
+/// Faults with each reason once: a resumed comparison may meet the same one again.
+fn unique<'a>(faults: impl Iterator<Item = &'a Fault>) -> Vec<Fault> {
+    let mut kept: Vec<Fault> = Vec::new();
+    for fault in faults {
+        let known = kept.iter().any(|other| {
+            (other.gate, other.side, &other.reason) == (fault.gate, fault.side, &fault.reason)
+        });
+        if !known {
+            kept.push(fault.clone());
+        }
+    }
+    kept
+}

@@ -1,0 +1,517 @@
+//! `fathom compare` on comparisons that were stored before: nothing here opens a device. What is told of them is held
+//! against files in `tests/golden/compare`, which `FATHOM_BLESS=1 cargo test --test compare` writes anew.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use assert_cmd::Command;
+use fathom::compare::cells::CellId;
+use fathom::compare::store::{
+    Build, CheckFigure, ConfigurationFigures, End, ExactFigures, Fault, Gate, Header,
+    InstructionCounts, Launch, Line, Pair, SCHEMA, Settings, Side, Skip, Store,
+};
+use fathom::record::{Adapter, Work};
+use predicates::str::contains;
+
+fn fathom() -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_fathom"));
+    command.env_remove("GITHUB_STEP_SUMMARY");
+    command
+}
+
+const LAUNCHES: u32 = 10;
+const PAIRS: u32 = 2;
+const BASE_NS: f64 = 2e6;
+
+fn cell(name: &str) -> CellId {
+    let (configuration, stage) = name.split_once(' ').unwrap();
+    CellId::new(configuration, stage)
+}
+
+fn build(label: &str) -> Build {
+    Build {
+        label: label.to_owned(),
+        version: "0.1.0".to_owned(),
+        protocol: Some(1),
+        digest: format!("digest of {label}"),
+    }
+}
+
+/// A stored comparison under construction.
+struct Stored {
+    header: Header,
+    lines: Vec<Line>,
+}
+
+impl Stored {
+    fn new(cells: &[&str]) -> Self {
+        let header = Header {
+            schema: SCHEMA,
+            fathom_version: "0.1.0".to_owned(),
+            base: build("origin/main"),
+            head: build("target/release/fathom"),
+            adapter: Adapter {
+                name: "llvmpipe (LLVM 15.0.6, 256 bits)".to_owned(),
+                driver_info: "Mesa 22.3.6".to_owned(),
+                software: true,
+                ..Adapter::default()
+            },
+            settings: Settings {
+                alpha: 0.05,
+                threshold: 0.02,
+                instruction_threshold: 0.005,
+                launches: LAUNCHES,
+                pairs: PAIRS,
+                seed: 7,
+                gates: Gate::ALL.to_vec(),
+                control: Some(cell(cells[0])),
+                unpaired: false,
+            },
+            cells: cells.iter().map(|name| cell(name)).collect(),
+            skipped: Vec::new(),
+            notes: Vec::new(),
+        };
+        let launches = (0..LAUNCHES).map(|launch| {
+            Line::Launch(Launch {
+                launch,
+                wall_s: 3.5,
+                notes: vec!["on core 0".to_owned()],
+            })
+        });
+        Self {
+            header,
+            lines: launches.collect(),
+        }
+        .configuration(1_000_000, 0.01)
+        .times(cells[0], true, 1.0, 0.004)
+    }
+
+    fn configuration(mut self, head_bytes: u64, head_error: f64) -> Self {
+        self.lines
+            .retain(|line| !matches!(line, Line::Configuration(_)));
+        for (side, allocated_bytes, error) in [
+            (Side::Base, 1_000_000, 0.01),
+            (Side::Head, head_bytes, head_error),
+        ] {
+            self.lines.push(Line::Configuration(ConfigurationFigures {
+                side,
+                configuration: "tank".to_owned(),
+                allocated_bytes,
+                errors: BTreeMap::from([("caustics_photon_error_median_m".to_owned(), error)]),
+                quantities: BTreeMap::new(),
+                notes: Vec::new(),
+            }));
+        }
+        self
+    }
+
+    /// Pairs whose ratio is `ratio` up to `spread` between launches, which lies evenly about it.
+    fn times(mut self, name: &str, control: bool, ratio: f64, spread: f64) -> Self {
+        for launch in 0..LAUNCHES {
+            let place = f64::from(launch) / f64::from(LAUNCHES - 1) - 0.5;
+            for round in 0..PAIRS {
+                self.lines.push(Line::Pair(Pair {
+                    launch,
+                    round,
+                    cell: cell(name),
+                    control,
+                    first: if round % 2 == 0 {
+                        Side::Base
+                    } else {
+                        Side::Head
+                    },
+                    base_ns: BASE_NS,
+                    head_ns: BASE_NS * ratio * (1.0 + 2.0 * spread * place),
+                }));
+            }
+        }
+        self
+    }
+
+    fn counts(mut self, name: &str, ratio: f64) -> Self {
+        for (side, ratio) in [(Side::Base, 1.0), (Side::Head, ratio)] {
+            self.lines.push(Line::Instructions(InstructionCounts {
+                side,
+                cell: cell(name),
+                counts: [10_000_000.0, 10_000_100.0, 10_000_200.0]
+                    .map(|count| (count * ratio) as u64)
+                    .to_vec(),
+            }));
+        }
+        self
+    }
+
+    fn work(mut self, name: &str, base: u64, head: u64) -> Self {
+        for (side, photons) in [(Side::Base, base), (Side::Head, head)] {
+            self.lines.push(Line::Exact(ExactFigures {
+                side,
+                cell: cell(name),
+                work: Work {
+                    photons,
+                    ..Work::default()
+                },
+                counters: BTreeMap::from([("compute_shader_invocations".to_owned(), 2 * photons)]),
+            }));
+        }
+        self
+    }
+
+    fn check(mut self, (stage, what): (&str, &str), base: f64, head: f64) -> Self {
+        for (side, measured) in [(Side::Base, base), (Side::Head, head)] {
+            self.lines.push(Line::Check(CheckFigure {
+                side,
+                stage: stage.to_owned(),
+                what: what.to_owned(),
+                unit: "1".to_owned(),
+                measured,
+                tolerance: 0.1,
+                sound: measured <= 0.1,
+            }));
+        }
+        self
+    }
+
+    /// A cell in which nothing changed.
+    fn same(self, name: &str) -> Self {
+        self.work(name, 100, 100)
+            .counts(name, 1.0)
+            .times(name, false, 1.001, 0.004)
+    }
+
+    fn fault(mut self, gate: Gate, side: Side, name: Option<&str>, absent: bool) -> Self {
+        self.lines.push(Line::Fault(Fault {
+            gate,
+            side: Some(side),
+            cell: name.map(cell),
+            launch: (gate == Gate::Time).then_some(3),
+            control: false,
+            absent,
+            reason: match absent {
+                true => "unknown pipeline `new`".to_owned(),
+                false => "it ended with signal: 11 (SIGSEGV)".to_owned(),
+            },
+        }));
+        self
+    }
+
+    fn settings(mut self, change: impl FnOnce(&mut Settings)) -> Self {
+        change(&mut self.header.settings);
+        self
+    }
+
+    fn write(self, folder: &Path) -> PathBuf {
+        let mut lines = vec![Line::Header(Box::new(self.header))];
+        lines.extend(self.lines);
+        lines.push(Line::End(End {
+            wall_s: 61.5,
+            interrupted: false,
+        }));
+        Store::create(folder).unwrap().write(&lines).unwrap();
+        folder.join("comparison.jsonl")
+    }
+}
+
+/// One cell for each verdict.
+fn mixed() -> Stored {
+    let (slow, fast, cost) = (
+        "tank caustics/trace",
+        "tank godrays/lines",
+        "tank shadow/depth",
+    );
+    let (vague, gone, new) = ("tank compose", "tank water/refraction", "new voxel/clear");
+    let (same, wrong) = ("tank caustics/splat", "tank caustics/filter");
+    let mut stored = Stored::new(&[slow, same, wrong, fast, cost, vague, gone, new])
+        .configuration(1_100_000, 0.01)
+        .work(slow, 100, 120)
+        .counts(slow, 1.061)
+        .times(slow, false, 1.05, 0.004)
+        .same(same)
+        .counts(wrong, 0.98)
+        .check(("caustics/filter", "rounding"), 1e-7, 2e-7)
+        .check(("caustics/filter", "energy"), 0.05, 0.01)
+        .times(wrong, false, 1.0, 0.004)
+        .counts(fast, 0.8)
+        .check(("godrays/lines", "intensity"), 0.01, 0.2)
+        .times(fast, false, 0.85, 0.01)
+        .counts(cost, 1.02)
+        .times(cost, false, 1.002, 0.004)
+        .counts(vague, 1.0)
+        .times(vague, false, 1.03, 0.08)
+        .fault(Gate::Time, Side::Head, Some(gone), false)
+        .fault(Gate::Exact, Side::Base, Some(new), true);
+    stored.header.notes.push("no timestamps".to_owned());
+    stored
+}
+
+fn quiet() -> Stored {
+    Stored::new(&["tank caustics/trace", "tank compose"])
+        .same("tank caustics/trace")
+        .same("tank compose")
+}
+
+#[track_caller]
+fn replayed(folder: &Path, status: i32) -> String {
+    let output = fathom()
+        .args(["compare", "--replay"])
+        .arg(folder)
+        .output()
+        .unwrap();
+    let text = String::from_utf8(output.stdout).unwrap();
+    let told = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(output.status.code(), Some(status), "{text}{told}");
+    text
+}
+
+#[test]
+fn what_is_told_of_a_stored_comparison_is_as_it_was() {
+    let folder = tempfile::tempdir().unwrap();
+    let lines = mixed().write(folder.path());
+    // A line that a crash tore.
+    let torn = fs::read_to_string(&lines).unwrap() + "{\"kind\":\"pair\",\"laun";
+    fs::write(&lines, torn).unwrap();
+    let text = replayed(folder.path(), 1);
+    fs::write(folder.path().join("terminal.txt"), text).unwrap();
+    let golden = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/golden/compare");
+    for name in [
+        "terminal.txt",
+        "summary.md",
+        "junit.xml",
+        "bencher.json",
+        "benchmark.json",
+    ] {
+        let found = fs::read_to_string(folder.path().join(name)).unwrap();
+        let known = golden.join(name);
+        if std::env::var_os("FATHOM_BLESS").is_some() {
+            fs::write(&known, &found).unwrap();
+        }
+        let expected = fs::read_to_string(&known).unwrap();
+        assert_eq!(found, expected, "{name}");
+    }
+}
+
+#[test]
+fn replaying_gives_the_same_bytes_each_time() {
+    let folder = tempfile::tempdir().unwrap();
+    mixed().write(folder.path());
+    let first = replayed(folder.path(), 1);
+    let files = || {
+        let entries = fs::read_dir(folder.path()).unwrap();
+        let mut files: Vec<(PathBuf, Vec<u8>)> = entries
+            .map(|entry| entry.unwrap().path())
+            .map(|path| (path.clone(), fs::read(path).unwrap()))
+            .collect();
+        files.sort();
+        files
+    };
+    let before = files();
+    assert_eq!(before.len(), 5);
+    assert_eq!(replayed(folder.path(), 1), first);
+    assert_eq!(files(), before);
+}
+
+#[test]
+fn the_exit_status_tells_how_it_ended() {
+    let told = |stored: Stored, status| {
+        let folder = tempfile::tempdir().unwrap();
+        stored.write(folder.path());
+        replayed(folder.path(), status)
+    };
+    let (trace, compose) = ("tank caustics/trace", "tank compose");
+    let two = || Stored::new(&[trace, compose]).same(trace);
+    assert!(told(quiet(), 0).contains("no regression; 2 cells: 2 same"));
+    let slower = two()
+        .counts(compose, 1.0)
+        .times(compose, false, 1.05, 0.004);
+    assert!(told(slower, 1).contains("tank compose: slower: time +5.0 %"));
+    let more_bytes = quiet().configuration(1_000_001, 0.01);
+    assert!(told(more_bytes, 1).contains("allocated_bytes"));
+    let error = quiet().configuration(1_000_000, 0.02);
+    assert!(told(error, 1).contains("tank caustics/trace: less accurate"));
+    let fewer_errors = quiet().configuration(1_000_000, 0.005);
+    assert!(told(fewer_errors, 0).contains("0.0100 → 0.0050"));
+    let vague = two().times(compose, false, 1.03, 0.08);
+    assert!(told(vague, 3).contains("1 inconclusive"));
+    let failed = two().fault(Gate::Time, Side::Head, Some(compose), false);
+    assert!(told(failed, 2).contains("could not measure"));
+    let new = two().fault(Gate::Exact, Side::Base, Some(compose), true);
+    assert!(told(new, 0).contains("1 same, 1 new"));
+}
+
+#[test]
+fn a_control_that_moves_voids_the_time_gate_and_no_other() {
+    let folder = tempfile::tempdir().unwrap();
+    let trace = "tank caustics/trace";
+    let mut stored = Stored::new(&[trace]).work(trace, 1, 1).counts(trace, 1.0);
+    stored
+        .lines
+        .retain(|line| !matches!(line, Line::Pair(pair) if pair.control));
+    stored
+        .times(trace, true, 1.06, 0.004)
+        .times(trace, false, 1.06, 0.004)
+        .write(folder.path());
+    let text = replayed(folder.path(), 2);
+    assert!(text.contains("time gate void: the control"), "{text}");
+    assert!(text.contains("1 cell: 1 same"), "{text}");
+}
+
+#[test]
+fn a_gate_that_cannot_run_here_is_no_failure_and_one_that_gave_nothing_is() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut stored = quiet().settings(|settings| settings.gates = vec![Gate::Exact, Gate::Time]);
+    stored.header.skipped.push(Skip {
+        gate: Gate::Instructions,
+        reason: "valgrind is not installed".to_owned(),
+    });
+    stored
+        .lines
+        .retain(|line| !matches!(line, Line::Instructions(_)));
+    stored.write(folder.path());
+    let text = replayed(folder.path(), 0);
+    assert!(text.contains("instructions gate skipped: valgrind is not installed"));
+
+    let folder = tempfile::tempdir().unwrap();
+    let mut stored = quiet().fault(Gate::Time, Side::Base, None, false);
+    stored
+        .lines
+        .retain(|line| !matches!(line, Line::Pair(_) | Line::Launch(_)));
+    stored.write(folder.path());
+    let text = replayed(folder.path(), 2);
+    assert!(
+        text.contains("time gate void: it ended with signal"),
+        "{text}"
+    );
+}
+
+#[test]
+fn faults_that_were_overcome_do_not_count() {
+    let folder = tempfile::tempdir().unwrap();
+    quiet()
+        .fault(Gate::Time, Side::Base, None, false)
+        .fault(Gate::Instructions, Side::Head, Some("tank compose"), false)
+        .write(folder.path());
+    assert!(!replayed(folder.path(), 0).contains("SIGSEGV"));
+}
+
+#[test]
+fn pairs_of_a_launch_that_was_cut_short_do_not_count() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut stored = quiet();
+    for round in 0..500 {
+        stored.lines.push(Line::Pair(Pair {
+            launch: LAUNCHES,
+            round,
+            cell: cell("tank compose"),
+            control: false,
+            first: Side::Base,
+            base_ns: BASE_NS,
+            head_ns: 2.0 * BASE_NS,
+        }));
+    }
+    stored.write(folder.path());
+    replayed(folder.path(), 0);
+}
+
+#[test]
+fn damaged_and_foreign_files_are_told() {
+    let folder = tempfile::tempdir().unwrap();
+    let lines = quiet().write(folder.path());
+    let whole = fs::read_to_string(&lines).unwrap();
+    let damaged = whole.replacen("\"kind\":\"exact\"", "\"kind\":\"exotic\"", 1);
+    fs::write(&lines, &damaged).unwrap();
+    let text = replayed(folder.path(), 0);
+    assert!(text.contains("left out: line "), "{text}");
+
+    let refused = |text: &str, reason: &str| {
+        fs::write(&lines, text).unwrap();
+        let mut command = fathom();
+        let output = command.args(["compare", "--replay"]).arg(folder.path());
+        let told = output.assert().code(2).get_output().stderr.clone();
+        let told = String::from_utf8(told).unwrap();
+        assert!(
+            told.starts_with("error: ") && told.contains(reason),
+            "{told}"
+        );
+        assert_eq!(told.lines().count(), 1, "{told}");
+    };
+    refused(
+        &whole.replacen("\"schema\":1", "\"schema\":9", 1),
+        "format 9",
+    );
+    refused(&whole.split_once('\n').unwrap().1, "no sound header");
+    fs::remove_file(&lines).unwrap();
+    fathom()
+        .args(["compare", "--replay"])
+        .arg(folder.path())
+        .assert()
+        .code(2)
+        .stderr(contains("no comparison in "));
+}
+
+#[test]
+fn a_jobs_page_gets_the_markdown_of_a_fresh_comparison_only() {
+    let folder = tempfile::tempdir().unwrap();
+    let stored = folder.path().join("stored");
+    quiet().write(&stored);
+    let page = folder.path().join("page.md");
+    let mut command = fathom();
+    command.env("GITHUB_STEP_SUMMARY", &page);
+    command.args(["compare", "--replay"]).arg(&stored);
+    command.assert().success();
+    assert!(!page.exists());
+}
+
+#[test]
+fn formats_print_what_they_write() {
+    let folder = tempfile::tempdir().unwrap();
+    quiet().write(folder.path());
+    for (format, file) in [
+        ("markdown", "summary.md"),
+        ("junit", "junit.xml"),
+        ("bencher", "bencher.json"),
+        ("benchmark", "benchmark.json"),
+    ] {
+        let mut command = fathom();
+        command.args(["compare", "--format", format, "--replay"]);
+        let output = command.arg(folder.path()).output().unwrap();
+        let written = fs::read(folder.path().join(file)).unwrap();
+        assert_eq!(output.stdout, written, "{format}");
+    }
+}
+
+#[test]
+fn bad_input_is_one_clear_line_and_status_2() {
+    let refused = |arguments: &[&str], reason: &str| {
+        let output = fathom().arg("compare").args(arguments).output().unwrap();
+        let told = String::from_utf8(output.stderr).unwrap();
+        assert_eq!(output.status.code(), Some(2), "{arguments:?}: {told}");
+        let lines: Vec<&str> = told.lines().filter(|line| line.contains(reason)).collect();
+        assert_eq!(lines.len(), 1, "{arguments:?}: {told}");
+        assert!(lines[0].starts_with("error: "), "{arguments:?}: {told}");
+    };
+    refused(&[], "nothing to compare with");
+    refused(
+        &["--base", "no-such-revision"],
+        "unknown revision `no-such-revision`",
+    );
+    refused(&["--base-bin", "no/such/program"], "no/such/program");
+    refused(
+        &["--base-bin", "x", "--gates", "exakt"],
+        "gates are exact, instructions, time",
+    );
+    refused(
+        &["--base-bin", "x", "--threshold", "2"],
+        "a share lies between 0 and 1",
+    );
+    refused(
+        &["--base-bin", "x", "--cells", "no such cell"],
+        "no gate cell matches",
+    );
+    refused(
+        &["--base-bin", "x", "--launches", "0"],
+        "0 is not in 1..=1000",
+    );
+    refused(&["--base-bin", "x", "--resume"], "--out");
+    refused(&["one.jsonl"], "2 values required");
+    refused(&["one.jsonl", "two.jsonl"], "one.jsonl");
+}
