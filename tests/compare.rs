@@ -65,7 +65,6 @@ impl Stored {
                 pairs: PAIRS,
                 seed: 7,
                 gates: Gate::ALL.to_vec(),
-                control: Some(cell(cells[0])),
                 unpaired: false,
             },
             cells: cells.iter().map(|name| cell(name)).collect(),

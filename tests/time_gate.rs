@@ -106,7 +106,6 @@ fn a_gate_between_two_copies_of_this_build_measures_every_cell() {
         pairs: 4,
         seed: 3,
         gates: Vec::new(),
-        control: schedule.control.clone(),
         unpaired: false,
     };
     let judged = time::judge(&schedule.cells, &pairs, &settings);

@@ -47,7 +47,6 @@ fn settings(args: &CompareArgs) -> Settings {
             .seed
             .unwrap_or_else(|| u64::from(rand::random::<u32>())),
         gates,
-        control: None,
         unpaired: false,
     }
 }

@@ -208,7 +208,6 @@ fn header(
         adapter: head.run.adapter.clone(),
         settings: Settings {
             gates,
-            control: None,
             unpaired: true,
             launches: 0,
             pairs: 0,

@@ -197,7 +197,6 @@ fn header(
         }));
         possible
     });
-    settings.control = Some(gates.control.clone());
     let mut notes = base.notes.clone();
     notes.extend(
         head.notes
@@ -346,7 +345,10 @@ impl Measurement<'_> {
             Err(cause) => return self.no_time(&cause),
         };
         let schedule = Schedule {
-            control: cells.contains(control).then(|| control.clone()),
+            control: match cells.contains(control) {
+                true => Some(control.clone()),
+                false => cells.first().cloned(),
+            },
             cells,
             launches: settings.launches,
             pairs: settings.pairs,

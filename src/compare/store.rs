@@ -122,8 +122,6 @@ pub struct Settings {
     pub pairs: u32,
     pub seed: u64,
     pub gates: Vec<Gate>,
-    /// See [`Gates::control`](super::cells::Gates::control).
-    pub control: Option<CellId>,
     /// Sides were measured one after the other, in no pairs: from files of records.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub unpaired: bool,

@@ -147,15 +147,11 @@ pub fn judge(cells: &[CellId], pairs: &[Pair], settings: &Settings) -> TimeGate 
         let sorted = of_cell.entry((&pair.cell, pair.control)).or_default();
         sorted.push(pair);
     }
-    let figures = |cell: &CellId, control| {
-        of_cell
-            .get(&(cell, control))
-            .and_then(|pairs| Figures::of(cell, pairs))
+    let figures = |cell: &CellId| {
+        let pairs = of_cell.get(&(cell, false));
+        pairs.and_then(|pairs| Figures::of(cell, pairs))
     };
-    let measured: Vec<Figures> = cells
-        .iter()
-        .filter_map(|cell| figures(cell, false))
-        .collect();
+    let measured: Vec<Figures> = cells.iter().filter_map(figures).collect();
     let p: Vec<f64> = measured
         .iter()
         .map(|cell| cell.p(settings.threshold))
@@ -170,10 +166,10 @@ pub fn judge(cells: &[CellId], pairs: &[Pair], settings: &Settings) -> TimeGate 
     });
     TimeGate {
         cells: judged.collect(),
-        control: settings
-            .control
-            .as_ref()
-            .and_then(|cell| figures(cell, true))
+        control: of_cell
+            .iter()
+            .find(|((_, control), _)| *control)
+            .and_then(|((cell, _), pairs)| Figures::of(cell, pairs))
             .map(|control| {
                 let p = control.p(settings.threshold);
                 let shift = rank::detectable(control.launches.len(), settings.alpha / 2.0);

@@ -98,7 +98,6 @@ fn settings() -> Settings {
         pairs: PAIRS,
         seed: 0,
         gates: vec![Gate::Time],
-        control: cells().first().cloned(),
         unpaired: false,
     }
 }
