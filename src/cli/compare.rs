@@ -7,9 +7,11 @@ use std::sync::atomic::Ordering;
 
 use anyhow::Context;
 use fathom::compare::flow::{self, Options, Program};
+use fathom::compare::selftest::{self, Plan, SelfTest};
 use fathom::compare::store::{Line, Settings, Store};
 use fathom::compare::verdict::Verdicts;
 use fathom::compare::{self, build, files, tables};
+use fathom::harness::output::DEFAULT_FOLDER;
 
 use super::CompareArgs;
 use super::commands::{INTERRUPT, INTERRUPTED, Outcome, gpu_options, watch_interrupts};
@@ -20,6 +22,9 @@ const STEP_SUMMARY: &str = "GITHUB_STEP_SUMMARY";
 pub fn compare(args: CompareArgs) -> Outcome {
     if let Some(folder) = &args.replay {
         return tell(folder, &args.format, false);
+    }
+    if args.self_test {
+        return self_test(&args);
     }
     let folder = match args.records.as_slice() {
         [base, head] => records(&args, base, head)?,
@@ -100,6 +105,35 @@ fn records(args: &CompareArgs, base: &Path, head: &Path) -> anyhow::Result<PathB
     let folder = args.out.clone().unwrap_or_else(flow::fresh);
     Store::create(&folder)?.write(&lines)?;
     Ok(folder)
+}
+
+/// Tries the gates. The status is that of the tool: whether the gates did well, the findings tell.
+fn self_test(args: &CompareArgs) -> Outcome {
+    watch_interrupts()?;
+    let test = SelfTest {
+        repository: std::env::current_dir().context("there is no current folder")?,
+        out: match &args.out {
+            Some(folder) => folder.clone(),
+            None => Path::new(DEFAULT_FOLDER).join("self-test"),
+        },
+        gpu: gpu_options(&args.adapter),
+        plan: Plan {
+            no_ops: args.no_ops,
+            slow5: args.slowdowns,
+        },
+        settings: settings(args),
+        filter: args.cells.clone(),
+    };
+    std::fs::create_dir_all(&test.out)
+        .with_context(|| format!("cannot write to {}", test.out.display()))?;
+    selftest::run(&test, &INTERRUPT, &|text| eprintln!("{text}"))?;
+    for name in selftest::RESULTS {
+        println!("{}", test.out.join(name).display());
+    }
+    Ok(match INTERRUPT.load(Ordering::Relaxed) {
+        true => ExitCode::from(INTERRUPTED),
+        false => ExitCode::SUCCESS,
+    })
 }
 
 /// Writes the tables of a folder and prints one of them. A fresh comparison also goes to the job's page, if there is one.

@@ -227,6 +227,15 @@ pub struct CompareArgs {
     /// Tell the comparison stored in a folder again
     #[arg(long, value_name = "DIR", conflicts_with_all = ["out", "resume"])]
     pub replay: Option<PathBuf>,
+    /// Try the gates on builds of HEAD whose differences are known; takes hours, and goes on in the same --out
+    #[arg(long, conflicts_with_all = ["base", "base_bin", "head_bin", "records", "replay", "resume", "cells_file"])]
+    pub self_test: bool,
+    /// Time gates between equal builds in a self-test
+    #[arg(long, value_name = "N", default_value_t = 60, requires = "self_test")]
+    pub no_ops: u32,
+    /// Time gates with 5 % injected into a stage in a self-test
+    #[arg(long, value_name = "N", default_value_t = 40, requires = "self_test")]
+    pub slowdowns: u32,
     /// What to print; files of every other format are written in any case
     #[arg(long, default_value = "text", value_parser = clap::builder::PossibleValuesParser::new(FORMATS.iter().map(|format| format.name)))]
     pub format: String,

@@ -15,7 +15,7 @@ const LAST_LINES: usize = 20;
 /// Built revisions that are kept.
 const KEPT: usize = 8;
 /// Folder of the cache, in the repository's target folder.
-const CACHE: &str = "target/compare";
+pub(super) const CACHE: &str = "target/compare";
 const BINARY: &str = "fathom";
 
 #[derive(Debug, Error)]
@@ -58,14 +58,20 @@ pub fn revision(
     let program = kept.join(format!("{BINARY}{}", std::env::consts::EXE_SUFFIX));
     if !program.is_file() {
         let worktree = Worktree::add(&repository, &cache, &commit)?;
-        let built = compile(&worktree.path, &cache.join("target"), revision, progress)?;
+        let built = compile(
+            &worktree.path,
+            &cache.join("target"),
+            revision,
+            &[],
+            progress,
+        )?;
         keep(&built, &program)?;
         forget_old(&cache.join("builds"), &kept);
     }
     Ok(Built { commit, program })
 }
 
-fn repository(folder: &Path) -> Result<PathBuf, BuildError> {
+pub(super) fn repository(folder: &Path) -> Result<PathBuf, BuildError> {
     let found = git(folder, ["rev-parse", "--show-toplevel"]);
     found
         .map(PathBuf::from)
@@ -74,7 +80,7 @@ fn repository(folder: &Path) -> Result<PathBuf, BuildError> {
         })
 }
 
-fn commit(repository: &Path, revision: &str) -> Result<String, BuildError> {
+pub(super) fn commit(repository: &Path, revision: &str) -> Result<String, BuildError> {
     let asked = format!("{revision}^{{commit}}");
     let arguments = ["rev-parse", "--verify", "--end-of-options", &asked];
     git(repository, arguments).map_err(|error| BuildError::UnknownRevision {
@@ -107,13 +113,13 @@ fn git<const N: usize>(folder: &Path, arguments: [&str; N]) -> Result<String, Bu
 }
 
 /// A checkout that is removed when it is dropped.
-struct Worktree {
+pub(super) struct Worktree {
     repository: PathBuf,
-    path: PathBuf,
+    pub(super) path: PathBuf,
 }
 
 impl Worktree {
-    fn add(repository: &Path, cache: &Path, commit: &str) -> Result<Self, BuildError> {
+    pub(super) fn add(repository: &Path, cache: &Path, commit: &str) -> Result<Self, BuildError> {
         // Forgets checkouts whose folders are gone.
         git(repository, ["worktree", "prune"])?;
         let short = commit.get(..12).unwrap_or(commit);
@@ -139,11 +145,12 @@ impl Drop for Worktree {
     }
 }
 
-/// The program that cargo makes of a checkout.
-fn compile(
+/// The program that cargo makes of a checkout, in an environment with these variables.
+pub(super) fn compile(
     source: &Path,
     target: &Path,
     revision: &str,
+    environment: &[(&str, &str)],
     progress: &mut dyn FnMut(&str),
 ) -> Result<PathBuf, BuildError> {
     let failed = |error: std::io::Error| BuildError::Command {
@@ -163,6 +170,7 @@ fn compile(
         .arg("--target-dir")
         .arg(target)
         .current_dir(source)
+        .envs(environment.iter().copied())
         .stdin(Stdio::null())
         .stdout(Stdio::null())
         .stderr(Stdio::piped())
@@ -190,7 +198,7 @@ fn compile(
 }
 
 /// Copies a program into the cache. It appears there whole or not at all.
-fn keep(built: &Path, program: &Path) -> Result<(), BuildError> {
+pub(super) fn keep(built: &Path, program: &Path) -> Result<(), BuildError> {
     let io = |action, path: &Path| {
         let path = path.to_owned();
         move |source| BuildError::Io {

@@ -17,6 +17,7 @@ pub mod launch;
 pub mod protocol;
 pub mod rank;
 pub mod rounds;
+pub mod selftest;
 pub mod store;
 pub mod survey;
 pub mod tables;

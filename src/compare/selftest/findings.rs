@@ -1,0 +1,345 @@
+//! What the trials of a self-test show: a function of their stored comparisons alone.
+
+use std::collections::BTreeMap;
+
+use serde::Serialize;
+
+use super::injections::{Injection, Size};
+use super::trials::{Aim, Trial, Variant};
+use crate::compare::store::{Comparison, Gate};
+use crate::compare::verdict::{GateState, Status, Verdict, Verdicts};
+
+/// A count and what it is of.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct Share {
+    pub count: usize,
+    pub of: usize,
+}
+
+impl Share {
+    fn add(&mut self, hit: bool) {
+        self.count += usize::from(hit);
+        self.of += 1;
+    }
+
+    pub fn ratio(self) -> f64 {
+        self.count as f64 / self.of.max(1) as f64
+    }
+}
+
+/// What one trial showed.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct TrialResult {
+    pub id: String,
+    /// The injected stage; none for a no-op.
+    pub stage: Option<String>,
+    pub kind: String,
+    pub loaded: bool,
+    pub gates: Vec<Gate>,
+    pub status: String,
+    pub exit_code: u8,
+    /// The stage of the regression that is named first.
+    pub named_first: Option<String>,
+    /// Cells by verdict.
+    pub verdicts: BTreeMap<String, usize>,
+    pub wall_s: Option<f64>,
+    pub cells: Vec<CellResult>,
+}
+
+/// A cell of a trial.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct CellResult {
+    pub cell: String,
+    pub verdict: String,
+    /// Head over base less one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub change: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub interval: Option<(f64, f64)>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub detectable: Option<f64>,
+    /// Head's instructions over the base's less one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub instructions: Option<f64>,
+    /// What the time's change is known to be.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub truth: Option<f64>,
+}
+
+/// How often injections of one size were found.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct Detection {
+    pub caught: Share,
+    /// Of those caught.
+    pub named_first: Share,
+    /// Verdicts on cells of other stages that are regressions.
+    pub others_blamed: Share,
+    /// Least and greatest change that the trials measured of the injected stage in configuration `pool`, in its time or
+    /// its instructions.
+    pub smallest: Option<f64>,
+    pub largest: Option<f64>,
+}
+
+/// Everything together.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct Findings {
+    pub adapter: String,
+    pub cells: usize,
+    /// Time gates of no-op builds that raised an alarm, and those on a loaded machine among them.
+    pub false_alarms: Share,
+    pub false_alarms_loaded: Share,
+    /// Cells of those gates by verdict.
+    pub no_op_verdicts: BTreeMap<String, usize>,
+    /// Exact and instruction gates of no-op builds that raised an alarm.
+    pub counted_alarms: Share,
+    /// By the size's name.
+    pub detection: BTreeMap<String, Detection>,
+    /// Changes of other kinds: kind → verdict on the injected stage's cells, and whether they were caught.
+    pub kinds: BTreeMap<String, KindResult>,
+    /// Intervals that contain the truth where it is 0.
+    pub covered_zero: Share,
+    /// Intervals that contain the truth of an injection.
+    pub covered_injected: Share,
+    /// Time gates that could not be judged because their control moved.
+    pub void: Share,
+    /// Median wall time of a time gate of all cells, seconds.
+    pub time_gate_s: Option<f64>,
+    pub trials: Vec<TrialResult>,
+}
+
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct KindResult {
+    pub stage: String,
+    pub caught: bool,
+    pub named_first: bool,
+    pub others_blamed: Share,
+    pub verdicts: Vec<String>,
+}
+
+/// What comes of the trials that were made.
+pub fn findings(injections: &[Injection], made: &[(Trial, Comparison)]) -> Findings {
+    let truths = truths(made);
+    let mut all = Findings::default();
+    let mut gate_times = Vec::new();
+    for (trial, comparison) in made {
+        let injection = injections.iter().find(
+            |injection| matches!(&trial.variant, Variant::Injected(id, _) if *id == injection.id),
+        );
+        let verdicts = Verdicts::of(comparison);
+        let result = result(trial, injection, &verdicts, &truths);
+        all.adapter = comparison.header.adapter.name.clone();
+        all.cells = all.cells.max(comparison.header.cells.len());
+        let whole_time = trial.gates == [Gate::Time] && trial.filter.is_none();
+        if whole_time {
+            gate_times.extend(result.wall_s);
+            let time = verdicts.gates.iter().find(|(gate, _)| *gate == Gate::Time);
+            all.void.add(matches!(time, Some((_, GateState::Void(_)))));
+            all.cover(&result);
+        }
+        match (trial.aim, injection) {
+            (Aim::NoAlarm, _) => all.no_op(trial, &verdicts, &result),
+            (Aim::Detection, Some(injection)) => {
+                all.detected(trial, injection, &verdicts, &result);
+            }
+            (Aim::Detection, None) | (Aim::Truth, _) => {}
+        }
+        all.trials.push(result);
+    }
+    if !gate_times.is_empty() {
+        all.time_gate_s = Some(crate::statistics::median(&gate_times));
+    }
+    all
+}
+
+/// What long measurements say of injections: (variant, cell) → change.
+type Truths = BTreeMap<(Variant, String), f64>;
+
+fn truths(made: &[(Trial, Comparison)]) -> Truths {
+    let long = made.iter().filter(|(trial, _)| trial.aim == Aim::Truth);
+    long.flat_map(|(trial, comparison)| {
+        let cells = Verdicts::of(comparison).cells;
+        cells.into_iter().filter_map(|cell| {
+            let change = cell.time?.change;
+            Some(((trial.variant.clone(), cell.cell.to_string()), change))
+        })
+    })
+    .collect()
+}
+
+fn result(
+    trial: &Trial,
+    injection: Option<&Injection>,
+    verdicts: &Verdicts<'_>,
+    truths: &Truths,
+) -> TrialResult {
+    let stage = injection.map(|injection| injection.stage.clone());
+    let cells = verdicts.cells.iter().map(|cell| {
+        let time = cell.time.as_ref();
+        let injected = stage.as_deref() == Some(cell.cell.stage());
+        let truth = match injected {
+            false => Some(0.0),
+            true => truths
+                .get(&(trial.variant.clone(), cell.cell.to_string()))
+                .copied(),
+        };
+        CellResult {
+            cell: cell.cell.to_string(),
+            verdict: cell.verdict.text().to_owned(),
+            change: time.map(|time| short(time.change)),
+            interval: time
+                .and_then(|time| time.interval)
+                .map(|(low, high)| (short(low), short(high))),
+            detectable: time.and_then(|time| time.detectable).map(short),
+            instructions: cell
+                .instructions
+                .as_ref()
+                .map(|counted| short(counted.ratio - 1.0)),
+            truth: time.and(truth).map(short),
+        }
+    });
+    let mut by_verdict = BTreeMap::new();
+    for cell in &verdicts.cells {
+        *by_verdict
+            .entry(cell.verdict.text().to_owned())
+            .or_default() += 1;
+    }
+    let first = verdicts.regressions();
+    TrialResult {
+        id: trial.id.clone(),
+        stage: stage.clone(),
+        kind: match (injection, &trial.variant) {
+            (Some(injection), Variant::Injected(_, Some(size))) => {
+                format!("{}, {}", injection.kind, size.name())
+            }
+            (Some(injection), _) => injection.kind.clone(),
+            (None, Variant::Unrelated) => "unrelated host change".to_owned(),
+            (None, _) => "same source".to_owned(),
+        },
+        loaded: trial.loaded,
+        gates: trial.gates.clone(),
+        status: verdicts.status.text().to_owned(),
+        exit_code: verdicts.status.exit_code(),
+        named_first: first.first().map(|cell| cell.cell.stage().to_owned()),
+        verdicts: by_verdict,
+        wall_s: verdicts
+            .comparison
+            .end
+            .as_ref()
+            .map(|end| end.wall_s.round()),
+        cells: cells.collect(),
+    }
+}
+
+/// Six digits after the point: a share to a ten-thousandth of a per cent.
+fn short(share: f64) -> f64 {
+    (share * 1e6).round() / 1e6
+}
+
+impl Findings {
+    fn no_op(&mut self, trial: &Trial, verdicts: &Verdicts<'_>, result: &TrialResult) {
+        let alarm = verdicts.status == Status::Regression;
+        if trial.gates != [Gate::Time] {
+            self.counted_alarms.add(alarm);
+            return;
+        }
+        self.false_alarms.add(alarm);
+        if trial.loaded {
+            self.false_alarms_loaded.add(alarm);
+        }
+        for (verdict, count) in &result.verdicts {
+            *self.no_op_verdicts.entry(verdict.clone()).or_default() += count;
+        }
+    }
+
+    fn detected(
+        &mut self,
+        trial: &Trial,
+        injection: &Injection,
+        verdicts: &Verdicts<'_>,
+        result: &TrialResult,
+    ) {
+        let own = |stage: &str| stage == injection.stage;
+        let regressions = verdicts.regressions();
+        let caught = regressions.iter().any(|cell| own(cell.cell.stage()));
+        let first = regressions
+            .first()
+            .is_some_and(|cell| own(cell.cell.stage()));
+        let mut others = Share::default();
+        for cell in verdicts.cells.iter().filter(|cell| !own(cell.cell.stage())) {
+            if !matches!(cell.verdict, Verdict::Failed | Verdict::New) {
+                others.add(cell.verdict.is_regression());
+            }
+        }
+        let Variant::Injected(_, Some(size)) = &trial.variant else {
+            let cells = verdicts.cells.iter().filter(|cell| own(cell.cell.stage()));
+            let found = KindResult {
+                stage: injection.stage.clone(),
+                caught,
+                named_first: first,
+                others_blamed: others,
+                verdicts: cells
+                    .map(|cell| format!("{}: {}", cell.cell, cell.verdict.text()))
+                    .collect(),
+            };
+            self.kinds.insert(injection.kind.clone(), found);
+            return;
+        };
+        let detection = self.detection.entry(size.name().to_owned()).or_default();
+        detection.caught.add(caught);
+        if caught {
+            detection.named_first.add(first);
+        }
+        detection.others_blamed.count += others.count;
+        detection.others_blamed.of += others.of;
+        let pool = format!("pool {}", injection.stage);
+        let measured = result.cells.iter().find(|cell| cell.cell == pool);
+        let change = measured.and_then(|cell| match size {
+            Size::Instructions => cell.instructions,
+            _ => cell.change,
+        });
+        if let Some(change) = change {
+            let least = detection.smallest.map_or(change, |known| known.min(change));
+            let most = detection.largest.map_or(change, |known| known.max(change));
+            (detection.smallest, detection.largest) = (Some(least), Some(most));
+        }
+    }
+
+    /// Counts the intervals of a gate that hold the truth.
+    fn cover(&mut self, result: &TrialResult) {
+        for cell in &result.cells {
+            let (Some((low, high)), Some(truth)) = (cell.interval, cell.truth) else {
+                continue;
+            };
+            let covered = low <= truth && truth <= high;
+            let injected = result.stage.as_deref().is_some_and(|stage| {
+                cell.cell
+                    .strip_suffix(stage)
+                    .is_some_and(|rest| rest.ends_with(' '))
+            });
+            match injected {
+                true => self.covered_injected.add(covered),
+                false => self.covered_zero.add(covered),
+            }
+        }
+    }
+
+    /// All intervals whose truth is known.
+    pub fn covered(&self) -> Share {
+        Share {
+            count: self.covered_zero.count + self.covered_injected.count,
+            of: self.covered_zero.of + self.covered_injected.of,
+        }
+    }
+
+    /// How often a cell is called slower or faster where nothing changed.
+    pub fn no_op_changes(&self) -> Share {
+        let count = |verdict: Verdict| {
+            let found = self.no_op_verdicts.get(verdict.text());
+            found.copied().unwrap_or(0)
+        };
+        Share {
+            count: count(Verdict::Slower) + count(Verdict::Faster),
+            of: self.no_op_verdicts.values().sum(),
+        }
+    }
+}

@@ -1,0 +1,259 @@
+//! `fathom compare --self-test`: the gates are held against builds whose differences are known.
+//!
+//! Equal builds (the same source built twice, and a change of the host that no stage uses) must raise no alarm, on a
+//! quiet machine and on a loaded one; slowdowns of known size, built into one stage at a time, must be found and their
+//! stage named. Each trial is a comparison in a folder of its own, so a self-test that was cut short goes on where it
+//! ended, and its findings are a function of those folders.
+
+mod findings;
+mod injections;
+mod load;
+mod report;
+mod trials;
+mod workshop;
+
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use thiserror::Error;
+
+use super::build::{self, BuildError};
+use super::flow::{self, CompareError, Options, Program};
+use super::store::{COMPARISON, Comparison, Settings, StoreError};
+use crate::gpu;
+pub use findings::{Findings, findings};
+pub use injections::Injection;
+use injections::{Changed, unrelated};
+use load::Load;
+pub use trials::{Plan, Trial, Variant, trials};
+use workshop::{Manner, Workshop};
+
+/// Names of the results in the self-test's folder.
+pub const RESULTS: [&str; 2] = ["self-test.json", "self-test.md"];
+
+#[derive(Debug, Error)]
+pub enum SelfTestError {
+    #[error(transparent)]
+    Build(#[from] BuildError),
+    #[error("injections do not fit these sources: {0}")]
+    Injection(String),
+    #[error("trial {trial}: {error}")]
+    Trial { trial: String, error: CompareError },
+    #[error(transparent)]
+    Store(#[from] StoreError),
+    #[error("cannot {action} {}: {source}", path.display())]
+    Io {
+        action: &'static str,
+        path: PathBuf,
+        source: std::io::Error,
+    },
+}
+
+#[derive(Clone, Debug)]
+pub struct SelfTest {
+    /// A folder of the repository whose HEAD is tried.
+    pub repository: PathBuf,
+    /// Trials go to folders in here.
+    pub out: PathBuf,
+    pub gpu: gpu::Options,
+    pub plan: Plan,
+    /// Of every trial, but for what the trial says itself.
+    pub settings: Settings,
+    /// Only trials whose names contain this.
+    pub filter: Option<String>,
+}
+
+/// Makes the trials that lack, and writes what all of them show.
+pub fn run(
+    test: &SelfTest,
+    interrupted: &AtomicBool,
+    tell: &dyn Fn(&str),
+) -> Result<Findings, SelfTestError> {
+    let injections = Injection::all().map_err(SelfTestError::Injection)?;
+    let wanted: Vec<Trial> = trials(test.plan, &injections)
+        .into_iter()
+        .filter(|trial| {
+            test.filter
+                .as_ref()
+                .is_none_or(|part| trial.id.contains(part))
+        })
+        .collect();
+    let mut bench = Bench::new(test, tell)?;
+    for (number, trial) in wanted.iter().enumerate() {
+        if interrupted.load(Ordering::Relaxed) {
+            break;
+        }
+        if !bench.is_made(trial) {
+            tell(&format!(
+                "trial {} of {}: {}",
+                number + 1,
+                wanted.len(),
+                trial.id
+            ));
+            bench.make(trial, &injections, interrupted)?;
+            write(test, &injections)?;
+        }
+    }
+    write(test, &injections)
+}
+
+/// Findings from the stored trials alone, written beside them.
+pub fn write(test: &SelfTest, injections: &[Injection]) -> Result<Findings, SelfTestError> {
+    let mut made = Vec::new();
+    for trial in trials(test.plan, injections) {
+        let folder = test.out.join(&trial.id);
+        if folder.join(COMPARISON).is_file() {
+            let comparison = Comparison::read(&folder)?;
+            if comparison.end.as_ref().is_some_and(|end| !end.interrupted) {
+                made.push((trial, comparison));
+            }
+        }
+    }
+    let found = findings(injections, &made);
+    let json = serde_json::to_string(&found).unwrap_or_default() + "\n";
+    let texts = [json, report::markdown(&found)];
+    for (name, text) in RESULTS.iter().zip(texts) {
+        let path = test.out.join(name);
+        std::fs::write(&path, text).map_err(|source| SelfTestError::Io {
+            action: "write",
+            path,
+            source,
+        })?;
+    }
+    Ok(found)
+}
+
+/// Builds variants and compares them with their base.
+struct Bench<'a> {
+    test: &'a SelfTest,
+    workshop: Workshop,
+    programs: PathBuf,
+    tell: &'a dyn Fn(&str),
+    /// The injected build that is at hand.
+    at_hand: Option<(Variant, PathBuf)>,
+}
+
+impl<'a> Bench<'a> {
+    fn new(test: &'a SelfTest, tell: &'a dyn Fn(&str)) -> Result<Self, SelfTestError> {
+        let repository = build::repository(&test.repository)?;
+        let commit = build::commit(&repository, "HEAD")?;
+        let short = commit.get(..12).unwrap_or(&commit);
+        Ok(Self {
+            test,
+            workshop: Workshop::open(&repository, &commit)?,
+            programs: repository
+                .join(build::CACHE)
+                .join(format!("self-test-{short}")),
+            tell,
+            at_hand: None,
+        })
+    }
+
+    fn is_made(&self, trial: &Trial) -> bool {
+        let ended = Comparison::read(&self.test.out.join(&trial.id)).map(|stored| stored.end);
+        matches!(ended, Ok(Some(end)) if !end.interrupted)
+    }
+
+    fn make(
+        &mut self,
+        trial: &Trial,
+        injections: &[Injection],
+        interrupted: &AtomicBool,
+    ) -> Result<(), SelfTestError> {
+        let manner = match trial.variant {
+            Variant::Again | Variant::Unrelated => Manner::Whole,
+            Variant::Injected(..) => Manner::Incremental,
+        };
+        let base = self.base(manner)?;
+        let head = self.head(&trial.variant, manner, injections)?;
+        let program = |path: &Path| Program {
+            path: path.to_owned(),
+            label: path
+                .file_name()
+                .unwrap_or_default()
+                .to_string_lossy()
+                .into_owned(),
+        };
+        let folder = self.test.out.join(&trial.id);
+        let settings = &self.test.settings;
+        let options = Options {
+            gpu: self.test.gpu.clone(),
+            base: program(&base),
+            head: program(&head),
+            cells_file: None,
+            filter: trial.filter.clone(),
+            settings: Settings {
+                gates: trial.gates.clone(),
+                launches: trial.launches.unwrap_or(settings.launches),
+                seed: trial.seed,
+                ..settings.clone()
+            },
+            resume: folder.join(COMPARISON).exists(),
+            out: Some(folder),
+        };
+        let load = trial.loaded.then(|| Load::start(&base));
+        let measured = flow::measure(&options, interrupted, self.tell);
+        drop(load);
+        measured.map(drop).map_err(|error| SelfTestError::Trial {
+            trial: trial.id.clone(),
+            error,
+        })
+    }
+
+    fn base(&self, manner: Manner) -> Result<PathBuf, SelfTestError> {
+        let name = match manner {
+            Manner::Whole => "base",
+            Manner::Incremental => "base-of-injections",
+        };
+        let program = self.programs.join(name);
+        self.build(&[], manner, &program)?;
+        Ok(program)
+    }
+
+    /// The variant's program. Of injected builds only the last is kept.
+    fn head(
+        &mut self,
+        variant: &Variant,
+        manner: Manner,
+        injections: &[Injection],
+    ) -> Result<PathBuf, SelfTestError> {
+        if let Some((known, program)) = &self.at_hand {
+            if known == variant {
+                return Ok(program.clone());
+            }
+            // What is left behind only takes room.
+            let _ = std::fs::remove_file(program);
+            self.at_hand = None;
+        }
+        let read = |file: &str| self.workshop.read(file);
+        let changes = match variant {
+            Variant::Again => Ok(Vec::new()),
+            Variant::Unrelated => unrelated(&read),
+            Variant::Injected(id, size) => injections
+                .iter()
+                .find(|injection| injection.id == *id)
+                .ok_or_else(|| format!("no injection is called {id}"))
+                .and_then(|injection| injection.changes(*size, &read)),
+        };
+        let changes = changes.map_err(SelfTestError::Injection)?;
+        let program = self.programs.join(variant.word());
+        self.build(&changes, manner, &program)?;
+        if let Variant::Injected(..) = variant {
+            self.at_hand = Some((variant.clone(), program.clone()));
+        }
+        Ok(program)
+    }
+
+    fn build(
+        &self,
+        changes: &[Changed],
+        manner: Manner,
+        program: &Path,
+    ) -> Result<(), SelfTestError> {
+        if program.is_file() {
+            return Ok(());
+        }
+        (self.tell)(&format!("building {}", program.display()));
+        Ok(self.workshop.build(changes, manner, program, self.tell)?)
+    }
+}

@@ -1,0 +1,156 @@
+//! The findings of a self-test as Markdown.
+
+use std::fmt::Write;
+
+use super::findings::{Detection, Findings, Share};
+use super::injections::Size;
+use crate::report::format::{Table, three};
+
+/// `38 of 40 (95 %)`.
+fn share(share: Share) -> String {
+    match share.of {
+        0 => "–".to_owned(),
+        of => format!(
+            "{} of {of} ({} %)",
+            share.count,
+            three(100.0 * share.ratio())
+        ),
+    }
+}
+
+/// A summary: what was asked of the gates, and what came of it.
+pub fn markdown(findings: &Findings) -> String {
+    let mut text = format!(
+        "# Self-test of `fathom compare`\n\n{}, {} cells. {} trials.\n\n",
+        findings.adapter,
+        findings.cells,
+        findings.trials.len()
+    );
+    text += "## Equal builds\n\n";
+    let mut table = Table::new(["", "result"]);
+    let rows = [
+        ("time gates with a false alarm", findings.false_alarms),
+        ("of them on a loaded machine", findings.false_alarms_loaded),
+        (
+            "cells of time gates called slower or faster",
+            findings.no_op_changes(),
+        ),
+        (
+            "exact and instruction gates with a false alarm",
+            findings.counted_alarms,
+        ),
+        ("time gates whose control moved", findings.void),
+    ];
+    for (name, found) in rows {
+        table.row([name.to_owned(), share(found)]);
+    }
+    text += &table.markdown();
+    let verdicts = findings.no_op_verdicts.iter();
+    let verdicts: Vec<String> = verdicts
+        .map(|(verdict, count)| format!("{count} {verdict}"))
+        .collect();
+    let _ = writeln!(
+        text,
+        "Cells of those time gates: {}.\n",
+        verdicts.join(", ")
+    );
+
+    text += "## Slowdowns of one stage\n\n";
+    text += "Measured is what the trials found of the stage in configuration `pool`.\n\n";
+    let mut table = Table::new([
+        "injected",
+        "measured",
+        "caught",
+        "stage named first",
+        "verdicts that blame another stage",
+    ]);
+    let sizes = std::iter::once(Size::Instructions).chain(Size::SLOW);
+    for size in sizes {
+        if let Some(found) = findings.detection.get(size.name()) {
+            table.row(detection(size, found));
+        }
+    }
+    text += &table.markdown();
+
+    if !findings.kinds.is_empty() {
+        text += "## Other changes of one stage\n\n";
+        let mut table = Table::new(["change", "stage", "caught", "named first", "verdicts"]);
+        for (kind, found) in &findings.kinds {
+            let yes = |yes| if yes { "yes" } else { "no" };
+            table.row([
+                kind.as_str(),
+                &found.stage,
+                yes(found.caught),
+                yes(found.named_first),
+                &found.verdicts.join("; "),
+            ]);
+        }
+        text += &table.markdown();
+    }
+
+    text += "## Intervals that hold the truth\n\n";
+    let mut table = Table::new(["truth", "covered"]);
+    table.row(["0".to_owned(), share(findings.covered_zero)]);
+    table.row([
+        "an injection, as a long measurement gives it".to_owned(),
+        share(findings.covered_injected),
+    ]);
+    table.row(["both".to_owned(), share(findings.covered())]);
+    text += &table.markdown();
+    if let Some(seconds) = findings.time_gate_s {
+        let _ = writeln!(
+            text,
+            "A time gate of all cells took {} s, in the median.\n",
+            three(seconds)
+        );
+    }
+    text + &trials(findings)
+}
+
+fn detection(size: Size, found: &Detection) -> [String; 5] {
+    let measured = match (found.smallest, found.largest) {
+        (Some(low), Some(high)) => {
+            format!("{:+.1} … {:+.1} %", 100.0 * low, 100.0 * high)
+        }
+        _ => "–".to_owned(),
+    };
+    [
+        size.name().to_owned(),
+        measured,
+        share(found.caught),
+        share(found.named_first),
+        share(found.others_blamed),
+    ]
+}
+
+/// One line for each trial.
+fn trials(findings: &Findings) -> String {
+    let mut table = Table::new([
+        "trial",
+        "change",
+        "stage",
+        "status",
+        "named first",
+        "cells",
+        "s",
+    ]);
+    for trial in &findings.trials {
+        let verdicts = trial.verdicts.iter();
+        let verdicts: Vec<String> = verdicts
+            .map(|(verdict, count)| format!("{count} {verdict}"))
+            .collect();
+        table.row([
+            trial.id.clone(),
+            trial.kind.clone(),
+            trial.stage.clone().unwrap_or_default(),
+            trial.status.clone(),
+            trial.named_first.clone().unwrap_or_default(),
+            verdicts.join(", "),
+            trial.wall_s.map(three).unwrap_or_default(),
+        ]);
+    }
+    format!(
+        "## Trials\n\n<details><summary>Each trial</summary>\n\n{}</details>\n",
+        table.markdown()
+    )
+}

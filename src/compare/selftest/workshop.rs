@@ -1,0 +1,110 @@
+//! A checkout in which sources are changed and built, one change at a time.
+
+use std::path::{Path, PathBuf};
+use std::time::SystemTime;
+
+use super::injections::Changed;
+use crate::compare::build::{self, BuildError, Worktree};
+
+/// How a program is built. Programs that are held against each other must be built in the same way.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Manner {
+    /// As `cargo build --release` does, the whole crate anew.
+    Whole,
+    /// Only what a change touches.
+    Incremental,
+}
+
+pub struct Workshop {
+    worktree: Worktree,
+    target: PathBuf,
+}
+
+impl Workshop {
+    /// A checkout of a commit of the repository.
+    pub fn open(repository: &Path, commit: &str) -> Result<Self, BuildError> {
+        let cache = repository.join(build::CACHE);
+        Ok(Self {
+            worktree: Worktree::add(repository, &cache, commit)?,
+            target: cache.join("self-test-target"),
+        })
+    }
+
+    /// The text of a file as it was committed.
+    pub fn read(&self, file: &str) -> Result<String, String> {
+        let path = self.worktree.path.join(file);
+        std::fs::read_to_string(&path).map_err(|error| format!("{}: {error}", path.display()))
+    }
+
+    /// Builds with these files in place of the committed ones, and keeps the program.
+    pub fn build(
+        &self,
+        changes: &[Changed],
+        manner: Manner,
+        program: &Path,
+        tell: &dyn Fn(&str),
+    ) -> Result<(), BuildError> {
+        let committed: Vec<Changed> = changes
+            .iter()
+            .map(|changed| {
+                Ok(Changed {
+                    file: changed.file.clone(),
+                    text: self.read(&changed.file).map_err(failed)?,
+                })
+            })
+            .collect::<Result<_, BuildError>>()?;
+        self.put(changes)?;
+        // So that cargo builds again what it would call fresh.
+        self.touch("src/main.rs")?;
+        self.touch("src/lib.rs")?;
+        let incremental = match manner {
+            Manner::Whole => "0",
+            Manner::Incremental => "1",
+        };
+        let built = build::compile(
+            &self.worktree.path,
+            &self.target,
+            "with a change",
+            &[("CARGO_INCREMENTAL", incremental)],
+            &mut |line| {
+                if !line.trim_start().starts_with("Compiling") {
+                    tell(line);
+                }
+            },
+        );
+        self.put(&committed)?;
+        build::keep(&built?, program)
+    }
+
+    fn put(&self, changes: &[Changed]) -> Result<(), BuildError> {
+        for changed in changes {
+            let path = self.worktree.path.join(&changed.file);
+            std::fs::write(&path, &changed.text).map_err(|source| BuildError::Io {
+                action: "write",
+                path,
+                source,
+            })?;
+        }
+        Ok(())
+    }
+
+    fn touch(&self, file: &str) -> Result<(), BuildError> {
+        let path = self.worktree.path.join(file);
+        std::fs::File::options()
+            .append(true)
+            .open(&path)
+            .and_then(|file| file.set_modified(SystemTime::now()))
+            .map_err(|source| BuildError::Io {
+                action: "touch",
+                path,
+                source,
+            })
+    }
+}
+
+fn failed(reason: String) -> BuildError {
+    BuildError::Command {
+        command: "reading a source".to_owned(),
+        reason,
+    }
+}
