@@ -364,13 +364,14 @@ impl Measurement<'_> {
             schedule.pairs
         ));
         let mut sink = |lines: Vec<Line>| {
+            store.write(&lines)?;
             let launches = lines.iter().filter(|line| matches!(line, Line::Launch(_)));
             done += launches.count() as u32;
             tell(&format!(
                 "time gate: {done} of {} launches",
                 schedule.launches
             ));
-            store.write(&lines)
+            Ok::<(), StoreError>(())
         };
         rounds::run(&schedule, &mut bench, &before, self.interrupted, &mut sink)?;
         Ok(())

@@ -1,0 +1,471 @@
+//! The whole of `fathom compare` between builds that are scripts, so that each can fail in its own way.
+#![cfg(unix)]
+
+use std::fs;
+use std::io::{BufRead, BufReader};
+use std::os::unix::fs::PermissionsExt;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output, Stdio};
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+use fathom::compare::store::{Comparison, Gate};
+use fathom::compare::verdict::{Status, Verdict, Verdicts};
+use fathom::record::{self, Outcome, Record};
+
+const ADAPTER: &str = r#"{"name":"toy","backend":"vulkan","device_type":"Cpu","driver":"d","driver_info":"1","vendor_id":1,"device_id":1,"software":true,"timestamp_period_ns":1.0,"host_threads":1}"#;
+
+const CELLS: &str = r#"
+control = "one a"
+[[configuration]]
+id = "one"
+pipeline = "p"
+scene = "s"
+stages = ["a", "b"]
+[[configuration]]
+id = "two"
+pipeline = "p"
+scene = "s"
+stages = ["a", "b"]
+"#;
+
+/// A build: what it answers to the messages that hold a pattern, the first that fits.
+struct Build<'a> {
+    hello: String,
+    /// Shell commands by pattern, before the usual answers.
+    instead: &'a [(&'a str, &'a str)],
+    bytes: u64,
+    error: f64,
+    ns: u64,
+}
+
+impl Default for Build<'_> {
+    fn default() -> Self {
+        Self {
+            hello: hello(1, r#""exact","checks","time""#),
+            instead: &[],
+            bytes: 1000,
+            error: 0.01,
+            ns: 2_000_000,
+        }
+    }
+}
+
+fn hello(protocol: u32, parts: &str) -> String {
+    format!(
+        r#"echo '{{"message":"hello","protocol":{protocol},"fathom_version":"0","adapter":{ADAPTER},"parts":[{parts}]}}'"#
+    )
+}
+
+/// A script that is being written cannot be executed, not even by a process that was forked meanwhile: one test at a time.
+static ALONE: Mutex<()> = Mutex::new(());
+
+struct Bench {
+    folder: tempfile::TempDir,
+    _alone: MutexGuard<'static, ()>,
+}
+
+impl Bench {
+    fn new() -> Self {
+        let bench = Self {
+            _alone: ALONE.lock().unwrap_or_else(PoisonError::into_inner),
+            folder: tempfile::tempdir().unwrap(),
+        };
+        fs::write(bench.path("cells.toml"), CELLS).unwrap();
+        bench
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.folder.path().join(name)
+    }
+
+    fn build(&self, name: &str, build: &Build<'_>) -> PathBuf {
+        let Build {
+            hello,
+            instead,
+            bytes,
+            error,
+            ns,
+        } = build;
+        let instead: String = instead
+            .iter()
+            .map(|(pattern, command)| format!("*'{pattern}'*) {command};;\n"))
+            .collect();
+        let stage = |name: &str| format!(r#"{{"name":"{name}","kind":"compute"}}"#);
+        let exact = |name: &str| format!(r#"{{"name":"{name}","work":{{"photons":7}}}}"#);
+        let text = format!(
+            "#!/bin/sh\nwhile read -r line; do case \"$line\" in\n{instead}\
+             *'\"hello\"'*) {hello};;\n\
+             *'\"prepare\"'*) echo '{{\"message\":\"prepared\",\"stages\":[{},{}]}}';;\n\
+             *'\"exact\"'*) echo '{{\"message\":\"exact\",\"stages\":[{},{}],\"allocated_bytes\":{bytes},\
+             \"errors\":{{\"an_error\":{error}}},\"quantities\":{{}}}}';;\n\
+             *'\"checks\"'*) echo '{{\"message\":\"checks\",\"checks\":[]}}';;\n\
+             *'\"sample\"'*) echo '{{\"message\":\"sample\",\"ns\":[{ns}]}}';;\n\
+             *'\"quit\"'*) exit;;\nesac; done\n",
+            stage("a"),
+            stage("b"),
+            exact("a"),
+            exact("b"),
+        );
+        let path = self.path(name);
+        fs::write(&path, text).unwrap();
+        fs::set_permissions(&path, fs::Permissions::from_mode(0o755)).unwrap();
+        path
+    }
+
+    fn command(&self, base: &Path, head: &Path) -> Command {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_fathom"));
+        command
+            .env_remove("GITHUB_STEP_SUMMARY")
+            .args(["compare", "--gates", "exact,time", "--launches", "8"])
+            .args(["--pairs", "2", "--cells-file"])
+            .arg(self.path("cells.toml"))
+            .arg("--base-bin")
+            .arg(base)
+            .arg("--head-bin")
+            .arg(head)
+            .arg("--out")
+            .arg(self.path("out"));
+        command
+    }
+
+    /// Compares a build that does all as it should with this one.
+    fn compare(&self, head: &Build<'_>) -> (Output, Comparison) {
+        let base = self.build("base", &Build::default());
+        let head = self.build("head", head);
+        let output = self.command(&base, &head).output().unwrap();
+        let stored = Comparison::read(&self.path("out"));
+        let stored = stored.unwrap_or_else(|error| panic!("{error}: {output:?}"));
+        (output, stored)
+    }
+
+    #[track_caller]
+    fn refused(&self, base: &Build<'_>, reason: &str) {
+        let base = self.build("base", base);
+        let head = self.build("head", &Build::default());
+        let output = self.command(&base, &head).output().unwrap();
+        let told = String::from_utf8(output.stderr).unwrap();
+        assert_eq!(output.status.code(), Some(2), "{told}");
+        let lines: Vec<&str> = told.lines().filter(|line| line.contains(reason)).collect();
+        assert_eq!(lines.len(), 1, "{reason}: {told}");
+        assert!(lines[0].starts_with("error: the base build: "), "{told}");
+    }
+}
+
+fn verdict(stored: &Comparison, cell: &str) -> Verdict {
+    let cells = Verdicts::of(stored).cells;
+    let found = cells.iter().find(|found| found.cell.as_str() == cell);
+    found.unwrap().verdict
+}
+
+#[test]
+fn equal_builds_are_the_same_and_unequal_ones_are_not() {
+    let bench = Bench::new();
+    let (output, stored) = bench.compare(&Build::default());
+    let told = String::from_utf8(output.stdout).unwrap();
+    assert_eq!(output.status.code(), Some(0), "{told}");
+    assert!(told.contains("no regression; 4 cells: 4 same"), "{told}");
+    assert_eq!(
+        stored.header.base.label,
+        bench.path("base").display().to_string()
+    );
+
+    let bench = Bench {
+        folder: tempfile::tempdir().unwrap(),
+        ..bench
+    };
+    fs::write(bench.path("cells.toml"), CELLS).unwrap();
+    let (output, stored) = bench.compare(&Build {
+        bytes: 1001,
+        error: 0.02,
+        ns: 1_500_000,
+        ..Build::default()
+    });
+    assert_eq!(output.status.code(), Some(1));
+    assert_eq!(verdict(&stored, "one a"), Verdict::FasterButLessAccurate);
+    let told = String::from_utf8(output.stdout).unwrap();
+    assert!(told.contains("one: allocated_bytes"), "{told}");
+}
+
+#[test]
+fn bases_that_cannot_be_asked_are_told_apart() {
+    let bench = Bench::new();
+    let says = |hello: String| Build {
+        hello,
+        ..Build::default()
+    };
+    bench.refused(
+        &says(hello(9, "")),
+        "version 9 of the worker protocol, this build version 1",
+    );
+    bench.refused(
+        &says("echo Hello".to_owned()),
+        "answered garbage to `hello`: `Hello`",
+    );
+    bench.refused(
+        &says("echo \"error: unrecognized subcommand 'worker'\" >&2; exit 2".to_owned()),
+        "unrecognized subcommand 'worker'",
+    );
+}
+
+#[test]
+fn a_base_that_lacks_a_part_skips_that_gate_and_says_so() {
+    let bench = Bench::new();
+    let base = bench.build(
+        "base",
+        &Build {
+            hello: hello(1, "\"time\""),
+            ..Build::default()
+        },
+    );
+    let head = bench.build("head", &Build::default());
+    let output = bench.command(&base, &head).output().unwrap();
+    let told = String::from_utf8(output.stdout).unwrap();
+    assert_eq!(output.status.code(), Some(0), "{told}");
+    assert!(
+        told.contains("exact gate skipped: the base build knows no such gate"),
+        "{told}"
+    );
+}
+
+#[test]
+fn what_the_base_does_not_know_is_new_and_what_the_head_cannot_do_fails() {
+    let refuse = "echo '{\"message\":\"fault\",\"reason\":\"unknown pipeline\"}'";
+    let bench = Bench::new();
+    let base = bench.build(
+        "base",
+        &Build {
+            instead: &[("\"id\":\"two\"", refuse)],
+            ..Build::default()
+        },
+    );
+    let head = bench.build("head", &Build::default());
+    let output = bench.command(&base, &head).output().unwrap();
+    assert_eq!(output.status.code(), Some(0));
+    let stored = Comparison::read(&bench.path("out")).unwrap();
+    assert_eq!(verdict(&stored, "two a"), Verdict::New);
+    assert_eq!(verdict(&stored, "one a"), Verdict::Same);
+
+    let bench = Bench {
+        folder: tempfile::tempdir().unwrap(),
+        ..bench
+    };
+    fs::write(bench.path("cells.toml"), CELLS).unwrap();
+    let (output, stored) = bench.compare(&Build {
+        instead: &[("\"id\":\"two\"", refuse)],
+        ..Build::default()
+    });
+    assert_eq!(output.status.code(), Some(2));
+    assert_eq!(verdict(&stored, "two b"), Verdict::Failed);
+    assert_eq!(verdict(&stored, "one b"), Verdict::Same);
+}
+
+#[test]
+fn a_head_that_dies_or_lies_costs_the_cells_that_it_does_so_at() {
+    for (pattern, badly, reason) in [
+        ("\"id\":\"two\"", "kill -SEGV $$", "signal: 11"),
+        ("\"stage\":\"b\"", "exit 3", "exit status: 3"),
+        (
+            "\"stage\":\"b\"",
+            "echo '{\"message\":\"sample\",\"ns\":[-1]}'",
+            "garbage",
+        ),
+        ("\"stage\":\"b\"", "echo nonsense", "garbage"),
+    ] {
+        let bench = Bench::new();
+        let (output, stored) = bench.compare(&Build {
+            instead: &[(pattern, badly)],
+            ..Build::default()
+        });
+        let told = String::from_utf8(output.stdout).unwrap();
+        assert_eq!(output.status.code(), Some(2), "{badly}: {told}");
+        assert_eq!(
+            verdict(&stored, "two b"),
+            Verdict::Failed,
+            "{badly}: {told}"
+        );
+        assert_eq!(verdict(&stored, "one a"), Verdict::Same, "{badly}: {told}");
+        assert!(told.contains(reason), "{badly}: {told}");
+    }
+}
+
+#[test]
+fn a_killed_comparison_goes_on_where_it_ended() {
+    let bench = Bench::new();
+    let base = bench.build("base", &Build::default());
+    // Slow enough to be killed within its launches.
+    let head = bench.build(
+        "head",
+        &Build {
+            instead: &[(
+                "\"sample\"",
+                "sleep 0.02; echo '{\"message\":\"sample\",\"ns\":[2000000]}'",
+            )],
+            ..Build::default()
+        },
+    );
+    let mut child = bench
+        .command(&base, &head)
+        .stderr(Stdio::piped())
+        .stdout(Stdio::null())
+        .spawn()
+        .unwrap();
+    let told = BufReader::new(child.stderr.take().unwrap());
+    let third = told
+        .lines()
+        .map_while(Result::ok)
+        .find(|line| line.contains("3 of 8 launches"));
+    assert!(third.is_some());
+    child.kill().unwrap();
+    child.wait().unwrap();
+
+    let stored = Comparison::read(&bench.path("out")).unwrap();
+    let before = stored.launches.len();
+    assert!((3..8).contains(&before) && stored.end.is_none(), "{before}");
+    let occupied = bench.command(&base, &head).output().unwrap();
+    assert_eq!(occupied.status.code(), Some(2));
+    assert!(
+        String::from_utf8(occupied.stderr)
+            .unwrap()
+            .contains("--resume")
+    );
+    let other = bench.build(
+        "other",
+        &Build {
+            bytes: 7,
+            ..Build::default()
+        },
+    );
+    let another = bench
+        .command(&base, &other)
+        .arg("--resume")
+        .output()
+        .unwrap();
+    assert_eq!(another.status.code(), Some(2));
+    let told = String::from_utf8(another.stderr).unwrap();
+    assert!(told.contains("was begun with another head"), "{told}");
+
+    let resumed = bench
+        .command(&base, &head)
+        .arg("--resume")
+        .output()
+        .unwrap();
+    assert_eq!(resumed.status.code(), Some(0), "{resumed:?}");
+    let stored = Comparison::read(&bench.path("out")).unwrap();
+    assert_eq!(stored.launches.len(), 8);
+    assert_eq!(
+        stored.exact.len(),
+        2 * 4,
+        "exact figures are not asked for again"
+    );
+    assert_eq!(Verdicts::of(&stored).status, Status::NoRegression);
+    assert_eq!(stored.header.settings.gates, [Gate::Exact, Gate::Time]);
+}
+
+#[test]
+fn files_of_records_are_judged_by_what_is_exact() {
+    let folder = tempfile::tempdir().unwrap();
+    let run = folder.path().join("run");
+    let fathom = |arguments: &[&Path]| {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_fathom"));
+        command.env_remove("GITHUB_STEP_SUMMARY").args(arguments);
+        command.output().unwrap()
+    };
+    let small = [
+        "view.width=48",
+        "view.height=48",
+        "shadow.size=64",
+        "surface.cells=8",
+        "caustics.grid=8",
+        "godrays.grid=8",
+        "caustics.buffer=[32,32]",
+        "godrays.buffer=[32,32]",
+    ];
+    let mut arguments: Vec<&Path> = ["run", "uw-default", "--budget", "1", "--out"]
+        .iter()
+        .map(Path::new)
+        .collect();
+    arguments.push(&run);
+    for set in &small {
+        arguments.extend([Path::new("--set"), Path::new(set)]);
+    }
+    assert!(fathom(&arguments).status.success());
+    let base = run.join("records.jsonl");
+    let changed = |name: &str, change: &dyn Fn(&mut Record)| {
+        let path = folder.path().join(name);
+        let mut writer = record::Writer::create(&path).unwrap();
+        for mut record in record::read(&base).unwrap().records {
+            change(&mut record);
+            writer.write(&record).unwrap();
+        }
+        path
+    };
+    let compare = |head: &Path, out: &str| {
+        let out = folder.path().join(out);
+        fathom(&[Path::new("compare"), &base, head, Path::new("--out"), &out])
+    };
+    let same = compare(&base, "same");
+    let told = String::from_utf8(same.stdout).unwrap();
+    assert_eq!(same.status.code(), Some(0), "{told}");
+    assert!(
+        told.contains("times are unpaired") && told.contains("+0.0 %, unpaired"),
+        "{told}"
+    );
+    let again = fathom(
+        &["compare", "--replay"]
+            .map(Path::new)
+            .iter()
+            .copied()
+            .chain([folder.path().join("same").as_path()])
+            .collect::<Vec<_>>(),
+    );
+    assert_eq!(String::from_utf8(again.stdout).unwrap(), told);
+
+    let slower = changed("slower.jsonl", &|record| {
+        if let Record::Cell(cell) = record
+            && let Outcome::Measured(measured) = &mut cell.outcome
+        {
+            measured.stages.iter_mut().for_each(|stage| {
+                stage.samples_ns.iter_mut().for_each(|ns| *ns *= 1.5);
+            });
+        }
+    });
+    let told = compare(&slower, "slower");
+    assert_eq!(told.status.code(), Some(0), "unpaired times raise no alarm");
+    assert!(
+        String::from_utf8(told.stdout)
+            .unwrap()
+            .contains("+50.0 %, unpaired")
+    );
+
+    let costlier = changed("costlier.jsonl", &|record| {
+        if let Record::Cell(cell) = record
+            && let Outcome::Measured(measured) = &mut cell.outcome
+        {
+            measured.allocated_bytes += 1;
+        }
+    });
+    assert_eq!(compare(&costlier, "costlier").status.code(), Some(1));
+
+    let elsewhere = changed("elsewhere.jsonl", &|record| {
+        if let Record::Run(run) = record {
+            run.adapter.driver_info = "another driver".to_owned();
+        }
+    });
+    let told = compare(&elsewhere, "elsewhere");
+    assert_eq!(told.status.code(), Some(0));
+    let told = String::from_utf8(told.stdout).unwrap();
+    assert!(
+        told.contains("time gate skipped: times of different adapters or drivers"),
+        "{told}"
+    );
+
+    let other = changed("other.jsonl", &|record| {
+        if let Record::Cell(cell) = record {
+            cell.scene = "port".to_owned();
+        }
+    });
+    let told = compare(&other, "other");
+    assert_eq!(told.status.code(), Some(2));
+    let told = String::from_utf8(told.stderr).unwrap();
+    assert!(told.contains("no measured cell in common"), "{told}");
+}
