@@ -13,10 +13,10 @@ use std::time::{Duration, Instant};
 use thiserror::Error;
 
 use super::protocol::{Greeting, PROTOCOL, Reply, Request};
+use super::quiet;
+pub use super::quiet::{Quiet, allowed_cores};
 use crate::gpu::{self, ClockPlan};
 
-/// Variable that pads a worker's environment, and with it moves its stack.
-pub const PADDING: &str = "FATHOM_PADDING";
 /// Lines of a worker's standard error that are kept.
 const STDERR_LINES: usize = 12;
 /// A reply longer than this is garbage.
@@ -89,15 +89,6 @@ impl Default for Patience {
     }
 }
 
-/// Conditions that keep the noise of a software driver down. A GPU needs none of them.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Quiet {
-    /// The only core that the worker may run on.
-    pub core: Option<usize>,
-    /// Bytes in the variable [`PADDING`]: a build's layout by chance becomes noise between launches and no bias.
-    pub padding: usize,
-}
-
 /// How to start a worker.
 #[derive(Clone, Debug)]
 pub struct Start {
@@ -135,57 +126,9 @@ impl Start {
         if self.gpu.unchecked {
             command.arg("--unchecked");
         }
-        if let Some(quiet) = &self.quiet {
-            // Mesa's rasterizer then works in the thread that submits. Drivers without it ignore this.
-            command.env("LP_NUM_THREADS", "0");
-            command.env(PADDING, "x".repeat(quiet.padding));
-        }
-        conditions(&mut command, self.quiet.as_ref());
+        quiet::apply(&mut command, self.quiet.as_ref());
         command
     }
-}
-
-/// What the kernel is asked of the worker. What it refuses shows in the worker's greeting.
-#[cfg(target_os = "linux")]
-fn conditions(command: &mut Command, quiet: Option<&Quiet>) {
-    use nix::sched::sched_setaffinity;
-    use nix::sys::personality::{self, Persona};
-    use nix::sys::prctl::set_pdeathsig;
-    use nix::sys::signal::Signal;
-    use nix::unistd::Pid;
-    use std::os::unix::process::CommandExt;
-
-    let core = quiet.and_then(|quiet| quiet.core).and_then(one_core);
-    let quieted = quiet.is_some();
-    let prepare = move || {
-        // The worker goes when this process does, however that ends.
-        let _ = set_pdeathsig(Signal::SIGKILL);
-        if quieted && let Ok(persona) = personality::get() {
-            let _ = personality::set(persona | Persona::ADDR_NO_RANDOMIZE);
-        }
-        if let Some(core) = &core {
-            let _ = sched_setaffinity(Pid::from_raw(0), core);
-        }
-        Ok(())
-    };
-    // SAFETY: between fork and exec only system calls are made; nothing is allocated and no lock is taken.
-    unsafe {
-        command.pre_exec(prepare);
-    }
-}
-
-#[cfg(not(target_os = "linux"))]
-fn conditions(_: &mut Command, _: Option<&Quiet>) {}
-
-#[cfg(target_os = "linux")]
-fn one_core(core: usize) -> Option<nix::sched::CpuSet> {
-    let mut set = nix::sched::CpuSet::new();
-    set.set(core).ok().map(|()| set)
-}
-
-/// Cores that this process may run on; empty where that is not known.
-pub fn allowed_cores() -> Vec<usize> {
-    super::worker::cores().unwrap_or_default()
 }
 
 /// A running worker. Dropping it kills it.
@@ -320,23 +263,9 @@ impl Worker {
     }
 
     /// Moves all threads of the worker to one core.
-    #[cfg(target_os = "linux")]
     pub fn pin(&self, core: usize) {
-        use nix::sched::sched_setaffinity;
-        use nix::unistd::Pid;
-        let Some(set) = one_core(core) else { return };
-        let Ok(tasks) = std::fs::read_dir(format!("/proc/{}/task", self.child.id())) else {
-            return;
-        };
-        let names = tasks.flatten().map(|task| task.file_name());
-        for thread in names.filter_map(|name| name.to_str()?.parse().ok()) {
-            // One that has just ended needs no core.
-            let _ = sched_setaffinity(Pid::from_raw(thread), &set);
-        }
+        quiet::pin(self.child.id(), core);
     }
-
-    #[cfg(not(target_os = "linux"))]
-    pub fn pin(&self, _: usize) {}
 
     fn garbage(&mut self, line: &str) -> WorkerFault {
         self.kill();

@@ -16,7 +16,7 @@ use super::protocol::{
     CheckReading, Configuration, Exact, ExactStage, Greeting, PROTOCOL, Reply, Request, StageKind,
     parse_request,
 };
-use super::valgrind;
+use super::{quiet, valgrind};
 use crate::gpu::{self, ClockPlan, Encode, FrameTimer, Gpu, GpuError, SubmitCost};
 use crate::harness::executor::encodable;
 use crate::harness::subject::{Subject, SubjectError, Subjects};
@@ -188,8 +188,8 @@ impl Worker<'_> {
             fathom_version: env!("CARGO_PKG_VERSION").to_owned(),
             adapter: device.gpu.adapter.clone(),
             parts: PARTS.map(str::to_owned).to_vec(),
-            cores: cores(),
-            randomized: randomized(),
+            cores: quiet::cores(),
+            randomized: quiet::randomized(),
             notes: device.gpu.notes.clone(),
             open_s: start.elapsed().as_secs_f64(),
         })))
@@ -367,29 +367,4 @@ fn reading(gpu: &Gpu, timer: &mut FrameTimer, stage: &dyn Encode) -> Result<f64,
         "{}: no acceptable reading of the clock in {ATTEMPTS} frames; the last: {last}",
         stage.name()
     )))
-}
-
-#[cfg(target_os = "linux")]
-pub(super) fn cores() -> Option<Vec<usize>> {
-    use nix::sched::{CpuSet, sched_getaffinity};
-    let set = sched_getaffinity(nix::unistd::Pid::from_raw(0)).ok()?;
-    let allowed = |core: &usize| set.is_set(*core).unwrap_or(false);
-    Some((0..CpuSet::count()).filter(allowed).collect())
-}
-
-#[cfg(target_os = "linux")]
-fn randomized() -> Option<bool> {
-    use nix::sys::personality::{self, Persona};
-    let persona = personality::get().ok()?;
-    Some(!persona.contains(Persona::ADDR_NO_RANDOMIZE))
-}
-
-#[cfg(not(target_os = "linux"))]
-pub(super) fn cores() -> Option<Vec<usize>> {
-    None
-}
-
-#[cfg(not(target_os = "linux"))]
-fn randomized() -> Option<bool> {
-    None
 }

@@ -1,0 +1,125 @@
+//! Conditions that keep the noise of a software driver down. A GPU needs none of them.
+
+use std::process::Command;
+
+/// Variable that pads a worker's environment, and with it moves its stack.
+pub const PADDING: &str = "FATHOM_PADDING";
+/// How a worker is quieted.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Quiet {
+    /// The only core that the worker may run on.
+    pub core: Option<usize>,
+    /// Bytes in the variable [`PADDING`]: a build's layout by chance becomes noise between launches and no bias.
+    pub padding: usize,
+}
+
+/// Sets what a worker inherits. What the kernel refuses shows in the worker's greeting.
+pub(super) fn apply(command: &mut Command, quiet: Option<&Quiet>) {
+    if let Some(quiet) = quiet {
+        // Mesa's rasterizer then works in the thread that submits. Drivers without it ignore this.
+        command.env("LP_NUM_THREADS", "0");
+        command.env(PADDING, "x".repeat(quiet.padding));
+    }
+    system::apply(command, quiet);
+}
+
+/// Moves all threads of a process to one core.
+pub(super) fn pin(process: u32, core: usize) {
+    system::pin(process, core);
+}
+
+/// Cores that this process may run on; empty where that is not known.
+pub fn allowed_cores() -> Vec<usize> {
+    cores().unwrap_or_default()
+}
+
+/// Cores that this process may run on.
+pub(super) fn cores() -> Option<Vec<usize>> {
+    system::cores()
+}
+
+/// This process's addresses are randomized.
+pub(super) fn randomized() -> Option<bool> {
+    system::randomized()
+}
+
+#[cfg(target_os = "linux")]
+mod system {
+    use std::os::unix::process::CommandExt;
+    use std::process::Command;
+
+    use nix::sched::{CpuSet, sched_getaffinity, sched_setaffinity};
+    use nix::sys::personality::{self, Persona};
+    use nix::sys::prctl::set_pdeathsig;
+    use nix::sys::signal::Signal;
+    use nix::unistd::Pid;
+
+    use super::Quiet;
+
+    pub fn apply(command: &mut Command, quiet: Option<&Quiet>) {
+        let core = quiet.and_then(|quiet| quiet.core).and_then(one);
+        let quieted = quiet.is_some();
+        let prepare = move || {
+            // The worker goes when this process does, however that ends.
+            let _ = set_pdeathsig(Signal::SIGKILL);
+            if quieted && let Ok(persona) = personality::get() {
+                let _ = personality::set(persona | Persona::ADDR_NO_RANDOMIZE);
+            }
+            if let Some(core) = &core {
+                let _ = sched_setaffinity(Pid::from_raw(0), core);
+            }
+            Ok(())
+        };
+        // SAFETY: between fork and exec only system calls are made; nothing is allocated and no lock is taken.
+        unsafe {
+            command.pre_exec(prepare);
+        }
+    }
+
+    pub fn pin(process: u32, core: usize) {
+        let Some(set) = one(core) else { return };
+        let Ok(tasks) = std::fs::read_dir(format!("/proc/{process}/task")) else {
+            return;
+        };
+        let names = tasks.flatten().map(|task| task.file_name());
+        for thread in names.filter_map(|name| name.to_str()?.parse().ok()) {
+            // One that has just ended needs no core.
+            let _ = sched_setaffinity(Pid::from_raw(thread), &set);
+        }
+    }
+
+    pub fn cores() -> Option<Vec<usize>> {
+        let set = sched_getaffinity(Pid::from_raw(0)).ok()?;
+        let allowed = |core: &usize| set.is_set(*core).unwrap_or(false);
+        Some((0..CpuSet::count()).filter(allowed).collect())
+    }
+
+    pub fn randomized() -> Option<bool> {
+        let persona = personality::get().ok()?;
+        Some(!persona.contains(Persona::ADDR_NO_RANDOMIZE))
+    }
+
+    fn one(core: usize) -> Option<CpuSet> {
+        let mut set = CpuSet::new();
+        set.set(core).ok().map(|()| set)
+    }
+}
+
+#[cfg(not(target_os = "linux"))]
+mod system {
+    use std::process::Command;
+
+    use super::Quiet;
+
+    pub fn apply(_: &mut Command, _: Option<&Quiet>) {}
+
+    pub fn pin(_: u32, _: usize) {}
+
+    pub fn cores() -> Option<Vec<usize>> {
+        None
+    }
+
+    pub fn randomized() -> Option<bool> {
+        None
+    }
+}
