@@ -13,6 +13,7 @@ pub mod hsao;
 pub mod kit;
 pub mod lit_scene;
 pub mod low_pass;
+pub mod marching;
 pub mod photon;
 pub mod scalar;
 pub mod scene;
@@ -78,6 +79,8 @@ pub const REGISTRY: &[StageInfo] = &[
     shadow::depth::INFO,
     shadow::mask::INFO,
     scene::gbuffer::INFO,
+    ao::march::INFO,
+    ao::query::INFO,
     water::reflection::INFO,
     water::refraction::INFO,
     caustics::trace::INFO,
@@ -94,14 +97,18 @@ mod tests {
     use encase::{ShaderType, internal::WriteInto};
     use glam::{Mat4, Vec2, Vec3};
 
+    use super::ao::march::TargetUniforms;
+    use super::ao::query::Point;
     use super::caustics::splat::SplatUniforms;
     use super::compose::ComposeUniforms;
     use super::frame::FrameUniforms;
     use super::geometry::MaterialUniforms;
     use super::godrays::lines::LinesUniforms;
     use super::low_pass::FilterUniforms;
+    use super::marching::MarchUniforms;
     use super::photon::{Photon, TraceUniforms};
     use super::shadow::mask::MaskUniforms;
+    use super::voxels::GridUniforms;
     use super::{REGISTRY, kit};
     use crate::gpu::{shader_paths, wgsl_layout};
 
@@ -250,6 +257,35 @@ mod tests {
         same_layout("godrays/filter", "Filter", &fields, &value);
         let (fields, value) = numbered!(MaskUniforms { cells: 1 });
         same_layout("shadow/mask", "Mask", &fields, &value);
+    }
+
+    #[test]
+    fn settings_of_volume_occlusion_equal_their_wgsl_twins() {
+        let (fields, march) = numbered!(MarchUniforms {
+            r_max: 1.0,
+            step: 2.0,
+            guard: 3.0,
+            offset: 4.0,
+            threshold: 5.0,
+            rays: 6,
+        });
+        let (grid_fields, grid) = numbered!(GridUniforms {
+            origin_m: vec3(1.0),
+            voxel_m: 2.0,
+            cells: glam::UVec3::new(3, 0, 0),
+            words: 4,
+        });
+        for shader in ["ao/march", "ao/query"] {
+            same_layout(shader, "March", &fields, &march);
+            same_layout(shader, "Grid", &grid_fields, &grid);
+        }
+        let (fields, value) = numbered!(TargetUniforms { size_px: vec2(1.0) });
+        same_layout("ao/march", "Target", &fields, &value);
+        let (fields, value) = numbered!(Point {
+            position_m: vec3(1.0),
+            normal: vec3(2.0),
+        });
+        same_layout("ao/query", "Point", &fields, &value);
     }
 
     #[test]
