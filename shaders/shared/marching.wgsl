@@ -182,7 +182,7 @@ fn obscurity(origin: vec3<f32>, direction: vec3<f32>, cosine: f32, v0: f32) -> f
 #if OPACITY == 1
         // Eq. 4: falling V is rejected.
         if v >= previous {
-            open *= 1.0 - v;
+            open *= max(1.0 - v, 0.0);
             if v >= march.threshold || open <= 0.0 {
                 break;
             }
