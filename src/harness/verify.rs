@@ -14,6 +14,7 @@ mod lines;
 mod photons;
 mod rig;
 mod splats;
+mod voxel;
 
 use std::fmt;
 
@@ -136,6 +137,7 @@ impl Case {
 fn cases() -> Vec<Case> {
     [
         light::cases(),
+        voxel::cases(),
         camera::cases(),
         photons::cases(),
         splats::cases(),

@@ -14,6 +14,7 @@
 //! | [`splat`] | point sizes, intensities, and a rasterizer of square splats |
 //! | [`godray`] | intensity at a point of a godray |
 //! | [`filter`] | the rotated disc low-pass |
+//! | [`voxel`] | which voxels a surface occupies: by separating axes, and by sampling |
 //! | [`quantities`] | error statistics of photons read back from the GPU |
 
 pub mod estimator;
@@ -26,6 +27,7 @@ pub mod quantities;
 pub mod rays;
 pub mod splat;
 pub mod surface;
+pub mod voxel;
 
 /// Why a reference could not be set up.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
