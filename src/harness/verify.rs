@@ -8,6 +8,7 @@
 
 mod camera;
 mod compose;
+mod deform;
 mod filters;
 mod light;
 mod lines;
@@ -137,6 +138,7 @@ impl Case {
 fn cases() -> Vec<Case> {
     [
         light::cases(),
+        deform::cases(),
         voxel::cases(),
         camera::cases(),
         photons::cases(),

@@ -14,9 +14,11 @@
 //! | [`splat`] | point sizes, intensities, and a rasterizer of square splats |
 //! | [`godray`] | intensity at a point of a godray |
 //! | [`filter`] | the rotated disc low-pass |
+//! | [`deform`] | vertices and normals of moving geometry |
 //! | [`voxel`] | which voxels a surface occupies: by separating axes, and by sampling |
 //! | [`quantities`] | error statistics of photons read back from the GPU |
 
+pub mod deform;
 pub mod estimator;
 pub mod filter;
 pub mod godray;
