@@ -62,7 +62,7 @@ pub struct ObjectFile {
     /// Name of a mesh to fetch; see [`assets`].
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub asset: Option<String>,
-    /// Path of an .obj, .ply or .ply.gz file, relative to the scene file.
+    /// Path of an .obj or .ply file, plain or compressed by gzip, relative to the scene file.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub file: Option<PathBuf>,
     /// The generator's parameters; those left out have their defaults.
@@ -252,30 +252,19 @@ impl ObjectFile {
         }
         let name = self.asset.as_deref().unwrap_or_default();
         let asset = assets::named(name).map_err(|e| e.to_string())?;
-        match assets::find(name) {
-            Some(path) => Mesh::read(&path).map_err(|e| e.to_string()),
-            None => {
-                let (mesh, note) = stand_in(asset, file.floor_depth_m)?;
-                stand_ins.push(note);
-                Ok(mesh)
-            }
+        if !matches!(asset.content, assets::Content::Mesh) {
+            return Err(format!(
+                "asset `{name}` is a volume: it belongs to [volume]"
+            ));
         }
+        if let Some(path) = assets::find(name) {
+            return Mesh::read(&path).map_err(|e| e.to_string());
+        }
+        let generator = generators::find(asset.stand_in.0)?;
+        let mesh = generator.mesh(&asset.stand_in_params(), file.floor_depth_m)?;
+        stand_ins.push(asset.stand_in_note(&format!("{} triangles", mesh.triangle_count())));
+        Ok(mesh)
     }
-}
-
-/// What is used in an asset's place, and the note that says so.
-fn stand_in(asset: &assets::Asset, floor_depth_m: f64) -> Result<(Mesh, String), String> {
-    let (generator, params) = asset.stand_in;
-    let params = params.iter().map(|&(k, v)| (k.to_owned(), v)).collect();
-    let mesh = generators::find(generator)?.mesh(&params, floor_depth_m)?;
-    let note = format!(
-        "{}: {}, stand-in `{generator}` ({} triangles); `fathom fetch {}` gets it",
-        asset.name,
-        assets::why_absent(asset),
-        mesh.triangle_count(),
-        asset.name,
-    );
-    Ok((mesh, note))
 }
 
 /// The text of a scene and where it is from.

@@ -14,10 +14,13 @@ pub mod generators;
 mod grid;
 mod light;
 mod mesh;
+mod nifti;
 mod noise;
 mod obj;
 mod ply;
+mod raw;
 mod read;
+mod samples;
 mod shapes;
 mod toml_text;
 mod volume;
@@ -36,9 +39,11 @@ pub use grid::Grid;
 pub use light::{Light, LightFrame, LightKind};
 pub use mesh::Mesh;
 pub use noise::{NOISE_CELLS, tile_noise};
+pub use raw::VolumeFormat;
 pub use read::{MAX_BYTES, MAX_TRIANGLES, MeshError};
+pub use samples::{MAX_CELLS, Up, VolumeError};
 pub use volume::Volume;
-pub use volume_file::{MAX_CELLS, VolumeFile};
+pub use volume_file::VolumeFile;
 pub use water::{NOISE_DRIFT_TILES, Water, WaterModel};
 
 use serde::{Deserialize, Serialize};
@@ -160,8 +165,9 @@ impl Scene {
                 .map_err(|m| invalid(format!("object `{}`: {m}", object.name)))
         };
         let objects: Vec<Object> = file.objects.iter().map(build).collect::<Result<_, _>>()?;
-        let volume = file.volume.as_ref().map(|v| v.build(file.floor_depth_m));
+        let volume = file.volume.as_ref();
         let volume = volume
+            .map(|v| v.build(file, &mut stand_ins))
             .transpose()
             .map_err(|m| invalid(format!("[volume]: {m}")))?;
         Ok(Scene {
