@@ -8,12 +8,14 @@
 
 mod camera;
 mod compose;
+mod deform;
 mod filters;
 mod light;
 mod lines;
 mod photons;
 mod rig;
 mod splats;
+mod voxel;
 
 use std::fmt;
 
@@ -136,6 +138,8 @@ impl Case {
 fn cases() -> Vec<Case> {
     [
         light::cases(),
+        deform::cases(),
+        voxel::cases(),
         camera::cases(),
         photons::cases(),
         splats::cases(),

@@ -4,6 +4,7 @@ pub mod params;
 pub mod settings;
 pub mod underwater;
 pub mod voxelization;
+pub mod voxelize;
 
 use std::collections::BTreeMap;
 
@@ -47,7 +48,7 @@ pub struct Kind {
 }
 
 /// Every kind. Adding a pipeline adds one line.
-pub const KINDS: &[Kind] = &[underwater::KIND];
+pub const KINDS: &[Kind] = &[underwater::KIND, voxelize::KIND];
 
 pub fn find(name: &str) -> Option<&'static Kind> {
     KINDS.iter().find(|kind| kind.name == name)

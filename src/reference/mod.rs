@@ -16,8 +16,11 @@
 //! | [`filter`] | the rotated disc low-pass |
 //! | [`march`] | ray marching through a volume |
 //! | [`occlusion`] | ambient occlusion by ray casting |
+//! | [`deform`] | vertices and normals of moving geometry |
+//! | [`voxel`] | which voxels a surface occupies: by separating axes, and by sampling |
 //! | [`quantities`] | error statistics of photons read back from the GPU |
 
+pub mod deform;
 pub mod estimator;
 pub mod filter;
 pub mod godray;
@@ -30,6 +33,7 @@ pub mod quantities;
 pub mod rays;
 pub mod splat;
 pub mod surface;
+pub mod voxel;
 
 /// Why a reference could not be set up.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
