@@ -14,9 +14,11 @@
 //! | [`splat`] | point sizes, intensities, and a rasterizer of square splats |
 //! | [`godray`] | intensity at a point of a godray |
 //! | [`filter`] | the rotated disc low-pass |
+//! | [`bilateral`] | the joint bilateral filter and up-scaling of ambient-occlusion buffers |
 //! | [`occlusion`] | ambient occlusion by ray casting |
 //! | [`quantities`] | error statistics of photons read back from the GPU |
 
+pub mod bilateral;
 pub mod estimator;
 pub mod filter;
 pub mod godray;

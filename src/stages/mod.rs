@@ -4,6 +4,7 @@
 //! [`StageScope`](crate::gpu::StageScope) it is given (which puts the timestamps there), and declares its work.
 
 pub mod ao;
+pub mod bilateral;
 pub mod caustics;
 pub mod compose;
 pub mod frame;
@@ -78,6 +79,9 @@ pub const REGISTRY: &[StageInfo] = &[
     shadow::depth::INFO,
     shadow::mask::INFO,
     scene::gbuffer::INFO,
+    ao::bilateral::INFO,
+    ao::compose::INFO,
+    hsao::filter::INFO,
     water::reflection::INFO,
     water::refraction::INFO,
     caustics::trace::INFO,
@@ -94,6 +98,8 @@ mod tests {
     use encase::{ShaderType, internal::WriteInto};
     use glam::{Mat4, Vec2, Vec3};
 
+    use super::ao;
+    use super::bilateral::BilateralUniforms;
     use super::caustics::splat::SplatUniforms;
     use super::compose::ComposeUniforms;
     use super::frame::FrameUniforms;
@@ -240,6 +246,7 @@ mod tests {
             tile_m: 2.0,
             accent: vec3(3.0),
             alpha: 4.0,
+            specular: 5.0,
         });
         same_layout("scene/gbuffer", "Material", &fields, &value);
         let (fields, value) = numbered!(FilterUniforms {
@@ -250,6 +257,29 @@ mod tests {
         same_layout("godrays/filter", "Filter", &fields, &value);
         let (fields, value) = numbered!(MaskUniforms { cells: 1 });
         same_layout("shadow/mask", "Mask", &fields, &value);
+    }
+
+    #[test]
+    fn settings_of_occlusion_stages_equal_their_wgsl_twins() {
+        let (fields, value) = numbered!(BilateralUniforms {
+            size_px: vec2(1.0),
+            source_px: vec2(2.0),
+            pixel_tangent: 3.0,
+            taps: 4,
+            radius_px: 5.0,
+            sigma_px: 6.0,
+            depth_sigma: 7.0,
+        });
+        for shader in ["ao/bilateral", "hsao/filter"] {
+            same_layout(shader, "Filter", &fields, &value);
+        }
+        use ao::compose::ComposeUniforms;
+        let (fields, value) = numbered!(ComposeUniforms {
+            size_px: vec2(1.0),
+            exposure: 2.0,
+            ambient: 3.0,
+        });
+        same_layout("ao/compose", "Compose", &fields, &value);
     }
 
     #[test]
