@@ -3,7 +3,7 @@
 use glam::{DVec3, Vec2};
 use serde::{Deserialize, Serialize};
 
-use crate::scene::{Camera, Grid, Scene};
+use crate::scene::{Camera, Grid, Light, Scene, SceneFile};
 use crate::stages::ao::compose::ComposeUniforms;
 use crate::stages::bilateral::BilateralUniforms;
 use crate::stages::frame;
@@ -209,6 +209,58 @@ pub enum Attenuation {
     /// 1.
     Hard,
 }
+
+/// The scene file with a pipeline's floor, camera and light put in, and of its objects the first `objects` (0: all).
+pub fn staged(
+    file: &SceneFile,
+    floor_depth_m: f64,
+    camera: Camera,
+    light: Light,
+    objects: u32,
+) -> SceneFile {
+    let standing = match objects {
+        0 => file.objects.len(),
+        first => first as usize,
+    };
+    SceneFile {
+        floor_depth_m,
+        camera,
+        light,
+        objects: file.objects.iter().take(standing).cloned().collect(),
+        ..file.clone()
+    }
+}
+
+/// Pixels of a buffer of `scale` times the viewport's sides.
+pub fn scaled(view: &View, scale: f64) -> [u32; 2] {
+    [view.width, view.height].map(|side| ((f64::from(side) * scale).round() as u32).max(1))
+}
+
+/// Step between neighbouring texels of the light's depth, for pipelines that do not trace photons: their stages do not read it.
+pub const UNUSED_EDGE_M: f64 = 0.1;
+
+/// The light's depth, for shadows.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Shadow {
+    /// Texels per side.
+    pub size: u32,
+}
+
+impl Default for Shadow {
+    fn default() -> Self {
+        Self { size: 1024 }
+    }
+}
+
+impl Shadow {
+    pub fn validate(&self) -> Result<(), String> {
+        within("shadow", "size", f64::from(self.size), 1.0, 1e6)
+    }
+}
+
+/// Default of r_max over the scene's longest side. VAO gives none; tuned on scenes bunny_dry and sponza.
+pub const R_MAX_SHARE: f64 = 0.1;
 
 /// Distance up to which geometry occludes, metres: as set, or where that is 0 a share of the scene's longest side.
 pub fn r_max_m(scene: &Scene, r_max_m: f64, r_max_share: f64) -> f64 {

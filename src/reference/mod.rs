@@ -14,6 +14,7 @@
 //! | [`splat`] | point sizes, intensities, and a rasterizer of square splats |
 //! | [`godray`] | intensity at a point of a godray |
 //! | [`filter`] | the rotated disc low-pass |
+//! | [`horizon`] | horizon-split ambient occlusion over a depth buffer, occlusion beside a wall |
 //! | [`bilateral`] | the joint bilateral filter and up-scaling of ambient-occlusion buffers |
 //! | [`occlusion`] | ambient occlusion by ray casting |
 //! | [`quantities`] | error statistics of photons read back from the GPU |
@@ -22,6 +23,7 @@ pub mod bilateral;
 pub mod estimator;
 pub mod filter;
 pub mod godray;
+pub mod horizon;
 pub mod image;
 pub mod occlusion;
 pub mod optics;

@@ -81,6 +81,7 @@ pub const REGISTRY: &[StageInfo] = &[
     scene::gbuffer::INFO,
     ao::bilateral::INFO,
     ao::compose::INFO,
+    hsao::march::INFO,
     hsao::filter::INFO,
     water::reflection::INFO,
     water::refraction::INFO,
@@ -105,6 +106,7 @@ mod tests {
     use super::frame::FrameUniforms;
     use super::geometry::MaterialUniforms;
     use super::godrays::lines::LinesUniforms;
+    use super::hsao::march::MarchUniforms;
     use super::low_pass::FilterUniforms;
     use super::photon::{Photon, TraceUniforms};
     use super::shadow::mask::MaskUniforms;
@@ -273,6 +275,16 @@ mod tests {
         for shader in ["ao/bilateral", "hsao/filter"] {
             same_layout(shader, "Filter", &fields, &value);
         }
+        let (fields, value) = numbered!(MarchUniforms {
+            size_px: vec2(1.0),
+            r_max_m: 2.0,
+            layer_m: 3.0,
+            directions: 4,
+            steps: 5,
+            rays: 6,
+            ray_steps: 7,
+        });
+        same_layout("hsao/march", "March", &fields, &value);
         use ao::compose::ComposeUniforms;
         let (fields, value) = numbered!(ComposeUniforms {
             size_px: vec2(1.0),
