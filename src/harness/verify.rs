@@ -6,6 +6,8 @@
 //!
 //! One file per family of stages; adding a case adds a function there and a line in its `cases`.
 
+mod ao_compose;
+mod bilateral;
 mod camera;
 mod compose;
 mod deform;
@@ -141,6 +143,8 @@ fn cases() -> Vec<Case> {
         deform::cases(),
         voxel::cases(),
         camera::cases(),
+        bilateral::cases(),
+        ao_compose::cases(),
         photons::cases(),
         splats::cases(),
         lines::cases(),

@@ -1,8 +1,10 @@
 //! Pipelines: stages wired over typed resources for one scene and one set of parameters, in frame order.
 
+pub mod hsao;
 pub mod params;
 pub mod settings;
 pub mod underwater;
+pub mod volume_ao;
 pub mod voxelization;
 pub mod voxelize;
 
@@ -48,7 +50,12 @@ pub struct Kind {
 }
 
 /// Every kind. Adding a pipeline adds one line.
-pub const KINDS: &[Kind] = &[underwater::KIND, voxelize::KIND];
+pub const KINDS: &[Kind] = &[
+    underwater::KIND,
+    voxelize::KIND,
+    volume_ao::KIND,
+    hsao::KIND,
+];
 
 pub fn find(name: &str) -> Option<&'static Kind> {
     KINDS.iter().find(|kind| kind.name == name)
