@@ -34,7 +34,7 @@ struct March {
 const TAU: f32 = 6.28318530717958648;
 // 2³² / golden ratio: steps of the lattice's second coordinate.
 const GOLDEN: u32 = 0x9E3779B9u;
-// Level of the pyramid that is asked first. Tuned on scenes bunny_dry and sponza.
+// Level of the pyramid that is asked: cells of 4³ voxels. The fastest of 1 to 4 on scenes bunny_dry and sponza.
 const SKIP_LEVEL: i32 = 2;
 // Samples this near to a cell's wall are taken, as rounding may have put them on the wrong side, voxels.
 const WALL: f32 = 1e-3;

@@ -204,11 +204,10 @@ mod tests {
     use glam::DVec3;
 
     use super::*;
+    use crate::gpu::link;
 
-    #[test]
-    fn steps_are_r_max_by_samples_or_voxels() {
-        let grid = Grid::around(DVec3::ZERO, 3.2, 32).unwrap();
-        let mut marching = Marching {
+    fn marching() -> Marching {
+        Marching {
             rays: 4,
             samples: 8,
             step_voxels: 0.5,
@@ -224,11 +223,29 @@ mod tests {
             skipping: false,
             occluder: Occluder::Binary,
             hit: Hit::Sample,
-        };
+        }
+    }
+
+    #[test]
+    fn steps_are_r_max_by_samples_or_voxels() {
+        let grid = Grid::around(DVec3::ZERO, 3.2, 32).unwrap();
+        let mut marching = marching();
         assert!((marching.step_in(&grid) - 1.25).abs() < 1e-12);
         assert_eq!(marching.samples_in(&grid), 8.0);
         marching.step = Step::Voxel;
         assert_eq!(marching.step_in(&grid), 0.5);
         assert_eq!(marching.samples_in(&grid), 20.0);
+    }
+
+    #[test]
+    fn every_definition_links_on_its_own() {
+        let names = marching().defs().into_iter().map(|(name, _)| name);
+        for name in names.chain(["COUNT"]) {
+            for value in [0, 1] {
+                for shader in ["ao/march", "ao/query"] {
+                    link(shader, &[(name, value)]).unwrap_or_else(|e| panic!("{name}: {e}"));
+                }
+            }
+        }
     }
 }
