@@ -22,6 +22,8 @@ pub mod voxel;
 pub mod voxels;
 pub mod water;
 
+use glam::DVec3;
+
 use crate::gpu::Encode;
 use crate::record::Work;
 
@@ -59,6 +61,16 @@ pub enum OutputData {
         row: Row,
     },
     Texture(wgpu::Texture),
+    /// One level of a 3-D texture, whose cell (i, j, k) has its centre at
+    /// `origin_m + spacing_m · (i + ½, j + ½, k + ½)`.
+    Volume {
+        texture: wgpu::Texture,
+        level: u32,
+        /// The corner of smallest coordinates, metres.
+        origin_m: DVec3,
+        /// Edges of a cell of this level, metres.
+        spacing_m: DVec3,
+    },
 }
 
 /// Makes the columns of an output from the floats of one element.
