@@ -14,12 +14,14 @@
 //! | [`splat`] | point sizes, intensities, and a rasterizer of square splats |
 //! | [`godray`] | intensity at a point of a godray |
 //! | [`filter`] | the rotated disc low-pass |
+//! | [`occlusion`] | ambient occlusion by ray casting |
 //! | [`quantities`] | error statistics of photons read back from the GPU |
 
 pub mod estimator;
 pub mod filter;
 pub mod godray;
 pub mod image;
+pub mod occlusion;
 pub mod optics;
 pub mod photons;
 pub mod quantities;
