@@ -3,6 +3,8 @@
 //! | text | meaning | unit |
 //! |---|---|---|
 //! | `stage:caustics/trace` | median time of a stage | ns |
+//! | `stage:voxel/` | median of the summed times of a family's stages | ns |
+//! | `stage:ao/march\|hsao/march` | the same for those of the named ones that run | ns |
 //! | `frame` | median frame time without per-stage timing | ns |
 //! | `fps` | its reciprocal | frames per second |
 //! | `work:caustics/trace.photons` | declared work of a stage | count |
@@ -13,13 +15,15 @@
 //!
 //! A product is written with `*`: `param:view.width*param:view.height`.
 
+use std::borrow::Cow;
 use std::fmt;
 use std::str::FromStr;
 
 use serde::{Deserialize, Deserializer};
 use serde_json::Value;
 
-use crate::record::{Cell, Estimate, Measured, Outcome, Work};
+use crate::record::{Cell, Estimate, Measured, Outcome, StageRecord, Work};
+use crate::statistics;
 
 /// A product of terms.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -41,7 +45,7 @@ enum Term {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Reading<'a> {
     pub estimate: Estimate,
-    pub samples: Option<&'a [f64]>,
+    pub samples: Option<Cow<'a, [f64]>>,
 }
 
 impl FromStr for Measure {
@@ -112,7 +116,7 @@ impl fmt::Display for Measure {
                 f.write_str(" × ")?;
             }
             match term {
-                Term::Stage(name) => write!(f, "{name} time")?,
+                Term::Stage(name) => write!(f, "{} time", name.replace('|', " or "))?,
                 Term::Frame => f.write_str("frame time")?,
                 Term::Fps => f.write_str("frames per second")?,
                 Term::Work(stage, count) => write!(f, "{} of {stage}", count.replace('_', " "))?,
@@ -137,12 +141,13 @@ impl Measure {
         Measure(vec![Term::Frame])
     }
 
-    /// Names of the stages that the measure speaks of.
+    /// Names of the stages that the measure speaks of; a family's ends in `/`.
     pub fn stages(&self) -> impl Iterator<Item = &str> {
-        self.0.iter().filter_map(|term| match term {
+        let named = self.0.iter().filter_map(|term| match term {
             Term::Stage(name) | Term::Work(name, _) => Some(name.as_str()),
             _ => None,
-        })
+        });
+        named.flat_map(|names| names.split('|'))
     }
 
     /// Dotted paths of the parameters that the measure speaks of.
@@ -191,13 +196,10 @@ impl Term {
     fn read<'a>(&self, cell: &Cell, measured: &'a Measured) -> Option<Reading<'a>> {
         let stage = |name: &str| measured.stages.iter().find(|stage| stage.stage == name);
         match self {
-            Term::Stage(name) => stage(name).map(|stage| Reading {
-                estimate: stage.time,
-                samples: Some(&stage.samples_ns),
-            }),
+            Term::Stage(names) => stage_time(names, measured),
             Term::Frame => Some(Reading {
                 estimate: measured.frame.untimed,
-                samples: Some(&measured.frame.untimed_samples_ns),
+                samples: Some(Cow::Borrowed(&measured.frame.untimed_samples_ns)),
             }),
             Term::Fps => Some(Reading {
                 estimate: fps(&measured.frame.untimed),
@@ -213,6 +215,31 @@ impl Term {
             Term::AllocatedBytes => Some(exact(measured.allocated_bytes as f64)),
         }
     }
+}
+
+/// Time of the stages that `names` names, summed frame by frame; none where none of them ran.
+fn stage_time<'a>(names: &str, measured: &'a Measured) -> Option<Reading<'a>> {
+    let wanted = |stage: &&StageRecord| {
+        let mut names = names.split('|');
+        names.any(|name| match name.ends_with('/') {
+            true => stage.stage.starts_with(name),
+            false => stage.stage == name,
+        })
+    };
+    let stages: Vec<&StageRecord> = measured.stages.iter().filter(wanted).collect();
+    if let [stage] = stages.as_slice() {
+        return Some(Reading {
+            estimate: stage.time,
+            samples: Some(Cow::Borrowed(&stage.samples_ns)),
+        });
+    }
+    let frames = stages.iter().map(|stage| stage.samples_ns.len()).min()?;
+    let sum = |frame: usize| stages.iter().map(|stage| stage.samples_ns[frame]).sum();
+    let samples: Vec<f64> = (0..frames).map(sum).collect();
+    Some(Reading {
+        estimate: statistics::estimate(&samples),
+        samples: Some(Cow::Owned(samples)),
+    })
 }
 
 /// Frames per second of a frame time in nanoseconds.

@@ -2,16 +2,19 @@
 //!
 //! The legend has a column of its own at the right and covers no data.
 
+mod bars;
 mod lines;
+mod map;
 mod scale;
 mod stacked;
 mod style;
 
 use plotters::prelude::*;
 
+use super::format::{NS_PER_MS, Table};
 use super::{Artifact, Exporter, ReportError, Section, View};
-use crate::experiments;
 use crate::experiments::schema::{Experiment, Plot, PlotKind, Published};
+use crate::experiments::{self, Measure};
 use crate::record::Cell;
 
 pub const EXPORTER: Exporter = Exporter {
@@ -31,6 +34,8 @@ type Drawn = Result<(), String>;
 enum Panel<'a> {
     Lines(lines::Panel<'a>),
     Stacked(stacked::Panel<'a>),
+    Bars(bars::Panel<'a>),
+    Map(map::Panel<'a>),
 }
 
 impl Panel<'_> {
@@ -38,6 +43,8 @@ impl Panel<'_> {
         match self {
             Panel::Lines(panel) => panel.height_px(),
             Panel::Stacked(panel) => panel.height_px(),
+            Panel::Bars(panel) => panel.height_px(),
+            Panel::Map(panel) => panel.height_px(),
         }
     }
 
@@ -45,6 +52,8 @@ impl Panel<'_> {
         match self {
             Panel::Lines(panel) => panel.draw(area),
             Panel::Stacked(panel) => panel.draw(area),
+            Panel::Bars(panel) => panel.draw(area),
+            Panel::Map(panel) => panel.draw(area),
         }
     }
 }
@@ -116,6 +125,26 @@ fn panel<'a>(plot: &'a Plot, experiment: &Experiment, cells: &[&Cell]) -> Option
             lines::Panel::new(plot, experiment, &cells).map(Panel::Lines)
         }
         PlotKind::Stacked => stacked::Panel::new(plot, experiment, &cells).map(Panel::Stacked),
+        PlotKind::Bars => bars::Panel::new(plot, experiment, &cells).map(Panel::Bars),
+        PlotKind::Map => map::Panel::new(plot, experiment, &cells).map(Panel::Map),
+    }
+}
+
+/// The numbers of the section's maps: a title and a table for each of their panels.
+pub fn map_tables(section: &Section<'_>) -> Vec<(String, Table)> {
+    let tables = panels(section).into_iter().filter_map(|panel| match panel {
+        Panel::Map(map) => Some(map.tables()),
+        _ => None,
+    });
+    tables.flatten().collect()
+}
+
+/// Times are shown in milliseconds, everything else as it is.
+fn unit(measure: &Measure) -> f64 {
+    if measure.is_time() {
+        1.0 / NS_PER_MS
+    } else {
+        1.0
     }
 }
 

@@ -37,6 +37,10 @@ pub fn write(section: &Section<'_>, pictures: &[String], text: &mut String) {
         let _ = writeln!(text, "No records hold the data of the plot *{title}*.\n");
     }
     claims(section, text);
+    for (title, table) in plots::map_tables(section) {
+        let _ = writeln!(text, "{title}:\n");
+        *text += &table.markdown();
+    }
     frames(section, text);
     published(section, text);
     unmeasured(section, text);
