@@ -158,6 +158,14 @@ impl Measure {
         })
     }
 
+    /// Names of the quantities that the measure speaks of.
+    pub fn quantities(&self) -> impl Iterator<Item = &str> {
+        self.0.iter().filter_map(|term| match term {
+            Term::Quantity(name) => Some(name.as_str()),
+            _ => None,
+        })
+    }
+
     /// A stage's name, where the measure is its time and nothing else: what a legend shows.
     pub fn stage_name(&self) -> Option<&str> {
         match self.0.as_slice() {

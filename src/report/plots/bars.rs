@@ -78,6 +78,15 @@ impl<'a> Panel<'a> {
         })
     }
 
+    /// The values and how many bars each has.
+    #[cfg(test)]
+    pub fn shape(&self) -> Vec<(&str, usize)> {
+        let clusters = self.clusters.iter();
+        clusters
+            .map(|(label, bars)| (label.as_str(), bars.len()))
+            .collect()
+    }
+
     fn rows_px(&self) -> u32 {
         let clusters = self.clusters.iter();
         clusters

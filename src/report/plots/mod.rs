@@ -241,6 +241,109 @@ mod tests {
         assert!(svg("uw-default.svg").contains("published"));
     }
 
+    const MAPPED: &str = r#"
+        id = "own"
+        title = "Own"
+        source = "none"
+        pipeline = "underwater"
+        scene = "tank"
+        [[sweep]]
+        [[sweep.axis]]
+        name = "caustics.grid"
+        title = "grid"
+        values = [10, 20, 40]
+        [[sweep.axis]]
+        name = "godrays.grid"
+        values = [5, 10]
+        [[sweep.axis]]
+        name = "scene"
+        values = ["tank", "port"]
+        [[plot]]
+        title = "Error"
+        kind = "map"
+        columns = "caustics.grid"
+        rows = "godrays.grid"
+        panels = "scene"
+        y = ["quantity:caustics_photon_error_p99_m"]
+        y_title = "error (m)"
+        [[plot]]
+        title = "By scene"
+        kind = "bars"
+        over = "scene"
+        where = { "godrays.grid" = 10 }
+        y = ["frame"]
+    "#;
+
+    /// Records of [`MAPPED`] whose error is the number of the cell; one cell was not measured.
+    fn mapped() -> Vec<crate::record::Record> {
+        use crate::record::{Definition, Outcome, Record};
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("own.toml");
+        std::fs::write(&path, MAPPED).unwrap();
+        let path = path.to_str().unwrap();
+        let experiment = Experiment::load(path).unwrap();
+        let mut random = rand::SeedableRng::seed_from_u64(1);
+        let mut records = vec![
+            Record::Run(Box::new(fixtures::header("quick"))),
+            Record::Experiment(Definition {
+                id: "own".to_owned(),
+                toml: MAPPED.to_owned(),
+            }),
+        ];
+        for (number, plan) in (0..).zip(experiment.cells("quick", &[], &[]).unwrap()) {
+            let mut measured = fixtures::measure(&experiment, &plan, &mut random);
+            let name = "caustics_photon_error_p99_m".to_owned();
+            measured.quantities.insert(name, f64::from(number));
+            let outcome = match number {
+                7 => Outcome::Failed {
+                    reason: "lost".to_owned(),
+                },
+                _ => Outcome::Measured(Box::new(measured)),
+            };
+            records.push(fixtures::cell(&plan, outcome));
+        }
+        records
+    }
+
+    #[test]
+    fn maps_have_a_panel_for_each_value_and_a_number_in_each_field() {
+        let records = mapped();
+        let view = View::new(&records, &[]);
+        let tables = map_tables(&view.sections[0]);
+        let titles: Vec<&str> = tables.iter().map(|(title, _)| title.as_str()).collect();
+        assert_eq!(titles, ["Error, tank", "Error, port"]);
+        // Scenes move fastest, then rows: of tank 0, 4, 8 above 2, 6, 10; of port 1, 5, 9 above 3, –, 11.
+        let tank = tables[0].1.markdown();
+        assert!(tank.contains("| 5 | 0 | 4.00 | 8.00 |"), "{tank}");
+        assert!(tank.contains("| 10 | 2.00 | 6.00 | 10.0 |"), "{tank}");
+        let port = tables[1].1.markdown();
+        assert!(port.contains("| 10 | 3.00 | – | 11.0 |"), "{port}");
+        let files = export(&view).unwrap();
+        let svg = String::from_utf8(files[0].bytes.clone()).unwrap();
+        for text in [
+            "Error",
+            "error (m)",
+            "grid",
+            "tank",
+            "11.0",
+            "5.50",
+            "By scene",
+        ] {
+            assert!(svg.contains(text), "{text}");
+        }
+    }
+
+    #[test]
+    fn bars_stand_by_value_and_are_told_apart_by_the_other_axes() {
+        let records = mapped();
+        let view = View::new(&records, &[]);
+        let panels = panels(&view.sections[0]);
+        let Panel::Bars(bars) = &panels[1] else {
+            panic!("the second plot has bars");
+        };
+        assert_eq!(bars.shape(), [("tank", 3), ("port", 2)]);
+    }
+
     #[test]
     fn a_section_without_figures_draws_nothing() {
         let records = fixtures::all_skipped();
