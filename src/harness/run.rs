@@ -278,7 +278,7 @@ impl Measurement<'_> {
                 seed: self.settings.seed.wrapping_add(index as u64),
                 ..self.settings
             };
-            self.sample(cells, &settings, &mut progress)?;
+            self.sample((experiment, cells), &settings, &mut progress)?;
             cells_left -= measurable;
         }
         progress.end();
@@ -310,7 +310,7 @@ impl Measurement<'_> {
 
     fn sample(
         &mut self,
-        cells: &[PlannedCell],
+        (experiment, cells): (&Experiment, &[PlannedCell]),
         settings: &Settings,
         progress: &mut Progress,
     ) -> Result<(), RecordError> {
@@ -320,7 +320,8 @@ impl Measurement<'_> {
             progress,
             pictures: pictures.as_path(),
         };
-        let mut executor = CellExecutor::new(&mut self.session, cells, settings.precision, output);
+        let asked = (experiment, cells);
+        let mut executor = CellExecutor::new(&mut self.session, asked, settings.precision, output);
         let due: Vec<usize> = (0..cells.len())
             .filter(|index| cells[*index].skip.is_none())
             .collect();

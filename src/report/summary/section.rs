@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 
 use super::super::format::{self, Table};
 use super::super::plots;
-use super::super::{Section, view::Entry};
+use super::super::{ERROR_PICTURE, Section, view::Entry};
 use super::clock_name;
 use crate::experiments::schema::Published;
 use crate::experiments::{fits, fps};
@@ -48,11 +48,19 @@ pub fn write(section: &Section<'_>, pictures: &[String], text: &mut String) {
     throughput(section, text);
     quantities(section, text);
     cell_notes(section, text);
-    for picture in pictures
+    let own: Vec<&String> = pictures
         .iter()
         .filter(|path| is_picture_of(path, section.id))
-    {
+        .collect();
+    for picture in &own {
         let _ = writeln!(text, "![{picture}]({picture})\n");
+    }
+    if own
+        .iter()
+        .any(|path| path.ends_with(&format!("{ERROR_PICTURE}.png")))
+    {
+        *text += "Pictures of the error: red where the picture is too dark, blue where it is too light, in full \
+                  colour from ±0.25 on, grey where nothing is compared.\n\n";
     }
 }
 
