@@ -3,6 +3,7 @@
 pub mod params;
 pub mod settings;
 pub mod underwater;
+pub mod voxelization;
 
 use std::collections::BTreeMap;
 

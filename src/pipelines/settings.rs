@@ -3,7 +3,7 @@
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
-use crate::scene::{Camera, Grid, Scene};
+use crate::scene::{Bounds, Camera, Grid, Scene};
 
 /// Checks a setting's range; the error names it.
 pub fn within(group: &str, name: &str, value: f64, low: f64, high: f64) -> Result<(), String> {
@@ -119,11 +119,25 @@ impl Voxel {
         within("voxel", "voxel_m", self.voxel_m, 1e-6, 1e5)
     }
 
-    /// The grid of the whole scene, or one for each object in the scene's order.
+    /// The parameter that sets the size of the volume, for messages.
+    pub fn size_name(&self) -> &'static str {
+        if self.cells == [0; 3] {
+            "voxel.resolution"
+        } else {
+            "voxel.cells"
+        }
+    }
+
+    /// The grid of the whole scene, or one for each object in the scene's order, with room for the geometry's motion.
     ///
     /// # Errors
-    /// Voxels by the object where the grid is set by hand or lies around the viewer.
-    pub fn grids(&self, scene: &Scene, camera: &Camera) -> Result<Vec<Grid>, String> {
+    /// Voxels by the object where the grid is set by hand or lies around the viewer; a scene without geometry.
+    pub fn grids(
+        &self,
+        scene: &Scene,
+        camera: &Camera,
+        animation: &Animation,
+    ) -> Result<Vec<Grid>, String> {
         let by_hand = self.cells != [0; 3];
         if self.per_object && (by_hand || self.around_viewer_m > 0.0) {
             return Err("voxel.per_object fits a grid to each object: \
@@ -132,7 +146,7 @@ impl Voxel {
         }
         if self.per_object {
             let fit = |object: &crate::scene::Object| {
-                Grid::fit(&object.mesh.bounds(), self.resolution)
+                Grid::fit(&animation.room(&object.mesh.bounds()), self.resolution)
                     .map_err(|fault| format!("object `{}`: {fault}", object.name))
             };
             return scene.objects.iter().map(fit).collect();
@@ -147,7 +161,14 @@ impl Voxel {
             let viewer = DVec3::from(camera.position_m);
             Grid::around(viewer, self.around_viewer_m, self.resolution)?
         } else {
-            Grid::fit(&scene.solid_bounds(), self.resolution)?
+            let moving = scene
+                .objects
+                .iter()
+                .map(|o| animation.room(&o.mesh.bounds()));
+            Grid::fit(
+                &moving.fold(scene.solid_bounds(), Bounds::union),
+                self.resolution,
+            )?
         };
         Ok(vec![grid])
     }
@@ -160,7 +181,7 @@ pub enum Deform {
     None,
     /// Each object turns about its vertical axis.
     Spin,
-    /// The turn grows with height.
+    /// Each object swings about its vertical axis, the further the higher.
     Twist,
     /// Vertices move along their normals in a travelling wave.
     Wave,
@@ -172,9 +193,9 @@ pub enum Deform {
 pub struct Animation {
     pub deform: Deform,
     pub time_s: f64,
-    /// Turns per second of `spin` and `twist`; waves per second of `wave`.
+    /// Turns of `spin`, swings of `twist` and waves of `wave` per second.
     pub rate_hz: f64,
-    /// Share of an object's height: amplitude of `wave`; how far `twist` turns the top, in turns.
+    /// Amplitude of `wave` as a share of the object's height; how far `twist` turns the top, in turns.
     pub amplitude: f64,
 }
 
@@ -194,5 +215,22 @@ impl Animation {
         within("animation", "time_s", self.time_s, -1e6, 1e6)?;
         within("animation", "rate_hz", self.rate_hz, 0.0, 1e3)?;
         within("animation", "amplitude", self.amplitude, 0.0, 10.0)
+    }
+
+    /// The box that an object stays in at all times, from its box at rest.
+    pub fn room(&self, rest: &Bounds) -> Bounds {
+        let half = rest.size() / 2.0;
+        let reach = match self.deform {
+            Deform::None => half,
+            Deform::Spin | Deform::Twist => {
+                let radius = half.x.hypot(half.z);
+                DVec3::new(radius, half.y, radius)
+            }
+            Deform::Wave => half + self.amplitude * rest.size().y,
+        };
+        Bounds {
+            min: rest.center() - reach,
+            max: rest.center() + reach,
+        }
     }
 }

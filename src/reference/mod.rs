@@ -14,6 +14,7 @@
 //! | [`splat`] | point sizes, intensities, and a rasterizer of square splats |
 //! | [`godray`] | intensity at a point of a godray |
 //! | [`filter`] | the rotated disc low-pass |
+//! | [`march`] | ray marching through a volume |
 //! | [`occlusion`] | ambient occlusion by ray casting |
 //! | [`quantities`] | error statistics of photons read back from the GPU |
 
@@ -21,6 +22,7 @@ pub mod estimator;
 pub mod filter;
 pub mod godray;
 pub mod image;
+pub mod march;
 pub mod occlusion;
 pub mod optics;
 pub mod photons;

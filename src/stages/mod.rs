@@ -13,6 +13,7 @@ pub mod hsao;
 pub mod kit;
 pub mod lit_scene;
 pub mod low_pass;
+pub mod marching;
 pub mod photon;
 pub mod scalar;
 pub mod scene;
@@ -87,9 +88,17 @@ pub struct StageInfo {
 /// Every stage, in frame order. Adding a stage adds one line.
 pub const REGISTRY: &[StageInfo] = &[
     frame::INFO,
+    voxel::clear::INFO,
+    voxel::slicemap::INFO_X,
+    voxel::slicemap::INFO_Y,
+    voxel::slicemap::INFO_Z,
+    voxel::combine::INFO,
+    voxel::unpack::INFO,
     shadow::depth::INFO,
     shadow::mask::INFO,
     scene::gbuffer::INFO,
+    ao::march::INFO,
+    ao::query::INFO,
     water::reflection::INFO,
     water::refraction::INFO,
     caustics::trace::INFO,
@@ -106,14 +115,18 @@ mod tests {
     use encase::{ShaderType, internal::WriteInto};
     use glam::{Mat4, Vec2, Vec3};
 
+    use super::ao::march::TargetUniforms;
+    use super::ao::query::Point;
     use super::caustics::splat::SplatUniforms;
     use super::compose::ComposeUniforms;
     use super::frame::FrameUniforms;
     use super::geometry::MaterialUniforms;
     use super::godrays::lines::LinesUniforms;
     use super::low_pass::FilterUniforms;
+    use super::marching::MarchUniforms;
     use super::photon::{Photon, TraceUniforms};
     use super::shadow::mask::MaskUniforms;
+    use super::voxels::GridUniforms;
     use super::{REGISTRY, kit};
     use crate::gpu::{shader_paths, wgsl_layout};
 
@@ -265,10 +278,44 @@ mod tests {
     }
 
     #[test]
+    fn settings_of_volume_occlusion_equal_their_wgsl_twins() {
+        let (fields, march) = numbered!(MarchUniforms {
+            r_max: 1.0,
+            step: 2.0,
+            guard: 3.0,
+            offset: 4.0,
+            threshold: 5.0,
+            rays: 6,
+        });
+        let (grid_fields, grid) = numbered!(GridUniforms {
+            origin_m: vec3(1.0),
+            voxel_m: 2.0,
+            cells: glam::UVec3::new(3, 0, 0),
+            words: 4,
+        });
+        for shader in ["ao/march", "ao/query"] {
+            same_layout(shader, "March", &fields, &march);
+            same_layout(shader, "Grid", &grid_fields, &grid);
+        }
+        let (fields, value) = numbered!(TargetUniforms { size_px: vec2(1.0) });
+        same_layout("ao/march", "Target", &fields, &value);
+        let (fields, value) = numbered!(Point {
+            position_m: vec3(1.0),
+            normal: vec3(2.0),
+        });
+        same_layout("ao/query", "Point", &fields, &value);
+    }
+
+    #[test]
     fn every_stage_with_a_shader_bears_its_stem() {
         for path in shader_paths() {
             let own = path.starts_with("audit/") || path.starts_with("shared/");
-            let named = REGISTRY.iter().any(|stage| stage.name == path);
+            // Stages that differ in a suffix share a shader.
+            let bears = |name: &str| {
+                let rest = name.strip_prefix(path.as_str());
+                rest.is_some_and(|rest| rest.is_empty() || rest.starts_with('-'))
+            };
+            let named = REGISTRY.iter().any(|stage| bears(stage.name));
             assert!(own || named, "no stage is named after shaders/{path}.wgsl");
         }
     }

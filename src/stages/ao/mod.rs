@@ -1,1 +1,4 @@
 //! Volume ambient occlusion. VAO §5.1, §6.
+
+pub mod march;
+pub mod query;
