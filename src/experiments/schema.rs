@@ -41,6 +41,9 @@ pub struct Experiment {
     pub reference: Option<Reference>,
     /// The same surface points seen from other places.
     pub views: Option<Views>,
+    /// Time that a cell of this experiment gets, as a multiple of the usual: less than 1 where errors count and times do not.
+    #[serde(default = "one")]
+    pub weight: f64,
     #[serde(default)]
     pub pictures: Pictures,
     /// A map of the signed error beside each picture, for pipelines whose error is known point by point.
@@ -216,6 +219,9 @@ impl Experiment {
             }
             plot.check().map_err(|fault| format!("{place} {fault}"))?;
         }
+        if !(self.weight > 0.0 && self.weight <= 10.0) {
+            return Err(format!("weight {} must lie within 0 … 10", self.weight));
+        }
         if let Some(views) = &self.views {
             let turns = views.turns_deg.iter();
             if views.turns_deg.is_empty() || !turns.clone().all(|turn| turn.abs() <= 180.0) {
@@ -288,6 +294,10 @@ impl Axis {
         }
         Ok(())
     }
+}
+
+fn one() -> f64 {
+    1.0
 }
 
 /// The parser's message with its line number, without the quoted source.

@@ -16,7 +16,7 @@ pub enum PlotKind {
     Stacked,
     /// A bar per cell, those of one value of `over` together.
     Bars,
-    /// A colour and a number per cell over two named axes, a panel for each value of a third; also a table of the summary.
+    /// A colour and a number per cell over two named axes, a panel for each value of others; also a table of the summary.
     Map,
 }
 
@@ -42,17 +42,17 @@ pub struct Plot {
     pub columns: Option<String>,
     /// Axis that runs along a map's rows.
     pub rows: Option<String>,
-    /// Axis with a panel of the map for each value.
-    pub panels: Option<String>,
+    /// Axes with a panel of the map for each combination of their values.
+    #[serde(default)]
+    pub panels: Vec<String>,
 }
 
 impl Plot {
     /// Names of the axes that it speaks of.
     pub fn axes(&self) -> impl Iterator<Item = &str> {
-        [&self.over, &self.columns, &self.rows, &self.panels]
-            .into_iter()
-            .flatten()
-            .map(String::as_str)
+        let single = [&self.over, &self.columns, &self.rows];
+        let single = single.into_iter().flatten();
+        single.chain(&self.panels).map(String::as_str)
     }
 
     pub(super) fn check(&self) -> Result<(), &'static str> {

@@ -1,10 +1,10 @@
-//! Heat maps: a coloured, numbered field per cell over two named axes, a map for each value of a third.
+//! Heat maps: a coloured, numbered field per cell over two named axes, a map for each value of others.
 
 use plotters::prelude::*;
 use serde_json::Value;
 
 use super::{Area, Drawn, style, text, unit};
-use crate::experiments::schema::{Axis, Experiment, Plot};
+use crate::experiments::schema::{Experiment, Plot};
 use crate::experiments::{label_text, measured};
 use crate::record::Cell;
 use crate::report::format::{Table, three};
@@ -34,7 +34,7 @@ struct Side {
     labels: Vec<Value>,
 }
 
-/// One map: its value on the third axis, and the fields row by row.
+/// One map: its place on the other axes, and the fields row by row.
 struct Grid {
     title: String,
     fields: Vec<Vec<Option<f64>>>,
@@ -50,36 +50,33 @@ impl<'a> Panel<'a> {
             let value = y.read(cell, measured(cell)?)?.estimate.median * unit(y);
             value.is_finite().then_some(value)
         };
-        let of = |name: &Option<String>, cell: &Cell| {
-            name.as_ref().and_then(|n| cell.axes.get(n)).cloned()
+        let of = |name: &Option<String>, cell: &Cell| cell.axes.get(name.as_ref()?).cloned();
+        let place = |cell: &Cell| -> Option<Vec<Value>> {
+            let values = plot.panels.iter().map(|name| cell.axes.get(name).cloned());
+            values.collect()
         };
-        let panels = match &plot.panels {
-            Some(axis) => Side::new(axis, experiment, cells)
-                .labels
-                .into_iter()
-                .map(Some)
-                .collect(),
-            None => vec![None],
-        };
-        let field = |panel: &Option<Value>, row: &Value, column: &Value| {
+        let mut panels: Vec<Vec<Value>> = Vec::new();
+        for place in cells.iter().filter_map(|cell| place(cell)) {
+            if !panels.contains(&place) {
+                panels.push(place);
+            }
+        }
+        let field = |panel: &Vec<Value>, row: &Value, column: &Value| {
             let mut fitting = cells.iter().filter(|cell| {
                 of(&plot.rows, cell).as_ref() == Some(row)
                     && of(&plot.columns, cell).as_ref() == Some(column)
-                    && (panel.is_none() || of(&plot.panels, cell) == *panel)
+                    && place(cell).as_ref() == Some(panel)
             });
             fitting.find_map(|cell| value(cell))
         };
-        let grid = |panel: Option<Value>| Grid {
+        let grid = |panel: Vec<Value>| Grid {
             fields: (rows.labels.iter())
                 .map(|row| {
-                    columns
-                        .labels
-                        .iter()
-                        .map(|column| field(&panel, row, column))
-                        .collect()
+                    let columns = columns.labels.iter();
+                    columns.map(|column| field(&panel, row, column)).collect()
                 })
                 .collect(),
-            title: panel.as_ref().map(label_text).unwrap_or_default(),
+            title: title(plot, experiment, &panel),
         };
         let maps: Vec<Grid> = panels.into_iter().map(grid).collect();
         let all = || {
@@ -233,6 +230,24 @@ impl<'a> Panel<'a> {
     }
 }
 
+/// The panel's place on the axes that have panels: `bunny, threshold 0.5`.
+fn title(plot: &Plot, experiment: &Experiment, panel: &[Value]) -> String {
+    let names = plot.panels.iter().zip(panel);
+    let parts: Vec<String> = names
+        .map(|(name, value)| match value {
+            Value::String(text) => text.clone(),
+            other => format!("{} {}", axis_title(name, experiment), label_text(other)),
+        })
+        .collect();
+    parts.join(", ")
+}
+
+fn axis_title(name: &str, experiment: &Experiment) -> String {
+    let axis = experiment.axes().find(|axis| axis.name == name);
+    let title = axis.and_then(|axis| axis.title.clone());
+    title.unwrap_or_else(|| name.to_owned())
+}
+
 impl Side {
     /// The axis' values that measured cells have, in the order of the cells.
     fn new(name: &str, experiment: &Experiment, cells: &[&Cell]) -> Side {
@@ -242,10 +257,8 @@ impl Side {
                 labels.push(value.clone());
             }
         }
-        let title = |axis: &Axis| axis.title.clone().unwrap_or_else(|| name.to_owned());
-        let axis = experiment.axes().find(|axis| axis.name == name);
         Side {
-            title: axis.map_or_else(|| name.to_owned(), title),
+            title: axis_title(name, experiment),
             labels,
         }
     }

@@ -263,7 +263,7 @@ mod tests {
         kind = "map"
         columns = "caustics.grid"
         rows = "godrays.grid"
-        panels = "scene"
+        panels = ["scene"]
         y = ["quantity:caustics_photon_error_p99_m"]
         y_title = "error (m)"
         [[plot]]
