@@ -80,19 +80,23 @@ pub fn spread(
     others: &[Subject],
 ) -> Result<Spread, ViewsError> {
     let own = Shot::new(gpu, subject, cell)?;
-    let points = own.points();
-    let mut values: Vec<Vec<f64>> = points.iter().map(|point| vec![point.occlusion]).collect();
+    let mut shots = Vec::new();
     for other in others {
         let pipeline = other.build(gpu)?;
         timer.untimed(gpu, &encodable(pipeline.as_ref()))?;
-        let shot = Shot::new(gpu, other, pipeline.as_ref())?;
-        for (point, values) in points.iter().zip(&mut values) {
-            values.extend(shot.find(point));
-        }
+        shots.push(Shot::new(gpu, other, pipeline.as_ref())?);
     }
-    let variances: Vec<f64> = values
+    joined(&own, &shots)
+}
+
+fn joined(own: &Shot, others: &[Shot]) -> Result<Spread, ViewsError> {
+    let variances: Vec<f64> = own
+        .points()
         .iter()
-        .filter_map(|values| variance(values))
+        .filter_map(|point| {
+            let found = others.iter().filter_map(|shot| shot.find(point));
+            variance(&found.chain([point.occlusion]).collect::<Vec<f64>>())
+        })
         .collect();
     match variances.len() {
         0 => Err(ViewsError::Nothing),
@@ -173,5 +177,98 @@ impl Shot {
         let same = shown.position.distance(point.position) <= near
             && shown.normal.dot(point.normal) >= SAME_NORMAL;
         same.then_some(shown.occlusion)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::occlusion::tests::{camera, corner, gbuffer};
+    use super::*;
+    use crate::reference::rays::Tracer;
+
+    /// A view of a corner whose occlusion is a function of the place and of the view.
+    fn shot(tracer: &Tracer, position_m: [f64; 3], occlusion: impl Fn(DVec3) -> f64) -> Shot {
+        let camera = camera(position_m);
+        let size = [96, 80];
+        let [depth, normal] = gbuffer(tracer, &camera, size);
+        let rays = PixelRays::new(&camera, size[0], size[1]);
+        let pixels = (0..size[1]).flat_map(|y| (0..size[0]).map(move |x| (x, y)));
+        let visibility = pixels.map(|(x, y)| {
+            let depth = f64::from(depth.texel(x, y)[0]);
+            let at = rays.unproject(f64::from(x) + 0.5, f64::from(y) + 0.5, depth);
+            (1.0 - occlusion(at)) as f32
+        });
+        Shot {
+            footprint: 2.0 * (camera.fov_y_deg.to_radians() / 2.0).tan() / f64::from(size[1]),
+            visibility: Pixels {
+                width: size[0],
+                height: size[1],
+                channels: 1,
+                data: visibility.collect(),
+            },
+            rays,
+            depth,
+            normal,
+        }
+    }
+
+    /// RMS standard deviation over two views whose occlusion differs by `offset`.
+    fn spread_of(offset: f64) -> Spread {
+        let tracer = Tracer::new(&corner()).unwrap();
+        let of_place = |at: DVec3| 0.5 + 0.1 * (at.x + at.z).sin();
+        let own = shot(&tracer, [4.0, 3.0, 2.0], of_place);
+        let other = shot(&tracer, [4.5, 3.0, 0.5], |at| of_place(at) + offset);
+        joined(&own, &[other]).unwrap()
+    }
+
+    #[test]
+    fn what_depends_on_the_place_alone_hardly_spreads() {
+        let spread = spread_of(0.0);
+        assert!(spread.points > 1_000, "{spread:?}");
+        // What is left is that pixels' centres are not the same points.
+        assert!(spread.std < 0.006, "{spread:?}");
+    }
+
+    #[test]
+    fn what_depends_on_the_view_spreads_by_as_much() {
+        let spread = spread_of(0.2);
+        // Two values 0.2 apart deviate by 0.2 / √2.
+        assert!((spread.std - 0.2 / 2f64.sqrt()).abs() < 0.005, "{spread:?}");
+    }
+
+    #[test]
+    fn turning_keeps_height_and_distance() {
+        let mut subjects = super::super::subject::Subjects::default();
+        let subject = subjects.subject("underwater", "tank", &[]).unwrap();
+        let place = |subject: &Subject| camera_of(subject).position();
+        let target = DVec3::from(camera_of(&subject).target_m);
+        let (before, after) = (place(&subject), place(&turned(&subject, 90.0)));
+        assert!((before.y - after.y).abs() < 1e-9);
+        let flat = |at: DVec3| (at - target).with_y(0.0);
+        assert!((flat(before).length() - flat(after).length()).abs() < 1e-9);
+        assert!(flat(before).dot(flat(after)).abs() < 1e-9);
+    }
+
+    fn camera_of(subject: &Subject) -> Camera {
+        super::camera(&subject.params).unwrap()
+    }
+
+    #[test]
+    fn a_wall_that_hides_a_point_is_not_taken_for_it() {
+        let tracer = Tracer::new(&corner()).unwrap();
+        let own = shot(&tracer, [4.0, 3.0, 2.0], |_| 0.0);
+        // From behind the wall the floor is hidden, and the wall's normal points away from what is asked for.
+        let behind = shot(&tracer, [-4.0, 3.0, 2.0], |_| 0.0);
+        let floor = own
+            .points()
+            .into_iter()
+            .filter(|point| point.normal.y > 0.9);
+        let hidden = floor.filter(|point| point.position.x > 1.0 && point.position.x < 3.0);
+        let found: Vec<bool> = hidden.map(|point| behind.find(&point).is_some()).collect();
+        assert!(
+            found.len() > 50 && !found.contains(&true),
+            "{}",
+            found.len()
+        );
     }
 }
