@@ -38,7 +38,9 @@ const UNUSED_EDGE_M: f64 = 0.1;
 
 fn scene_file(file: &SceneFile, params: &Value) -> Result<SceneFile, String> {
     let params = Params::from_value(params)?;
+    let volume = file.volume.as_ref().map(|v| params.volume.put_into(v));
     Ok(SceneFile {
+        volume: volume.transpose()?,
         floor_depth_m: params.floor_depth_m,
         camera: params.camera,
         light: params.light,

@@ -10,7 +10,7 @@ use super::{Case, VerifyError};
 use crate::pipelines::scalar_ao::{Attenuation, Law, Mode, Scalar, Stop};
 use crate::reference::image::Image;
 use crate::scene::{Camera, Volume};
-use crate::stages::frame::Shared;
+use crate::stages::frame::{Shared, View};
 use crate::stages::ray_cast::RayCast;
 use crate::stages::scalar::{direct, isosurface as surface, positional};
 use crate::stages::scalar_field::{self, ScalarField};
@@ -37,16 +37,23 @@ struct Seen {
     visibility: Image,
     opacity: Image,
     distance_m: Image,
+    /// Red as it is displayed.
+    shown: Image,
     /// Only of an isosurface.
     normal: Option<[Image; 3]>,
 }
 
 impl Setup {
+    fn view(&self) -> Result<View, VerifyError> {
+        Ok(View {
+            camera: self.camera.clone(),
+            ..rig::synthetic_view(self.size_px, 0.0)?
+        })
+    }
+
     fn run(&self, rig: &Rig<'_>) -> Result<Seen, VerifyError> {
-        let mut view = rig::synthetic_view(self.size_px, 0.0)?;
-        view.camera = self.camera.clone();
         let resources = rig.resources();
-        let (resources, shared) = (&resources, &Shared::new(&resources, &view));
+        let (resources, shared) = (&resources, &Shared::new(&resources, &self.view()?));
         let field = &ScalarField::new(resources, &self.volume, self.scalar.pyramid);
         let settings = &self.scalar;
         let march = &settings.uniforms(self.size_px, field.voxel_m, settings.r_max_m);
@@ -91,6 +98,7 @@ impl Seen {
             visibility: channel(0)?,
             opacity: channel(1)?,
             distance_m: channel(2)?,
+            shown: rig.channel(&pass.image, 0)?,
             normal,
         })
     }

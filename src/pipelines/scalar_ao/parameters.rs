@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use crate::pipelines::settings::{View, within};
-use crate::scene::{Camera, Light, SceneFile, Volume};
+use crate::scene::{Camera, Light, SceneFile, Volume, VolumeFile};
 use crate::stages::ray_cast::MarchUniforms;
 use crate::stages::scalar_field;
 
@@ -21,7 +21,47 @@ pub struct Params {
     pub light: Light,
     /// Depth of the scene's floor under the resting water, metres.
     pub floor_depth_m: f64,
+    pub volume: Cells,
     pub scalar: Scalar,
+}
+
+/// How finely the scene's volume is sampled.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Cells {
+    /// Cells along x, y and z of a generated volume; all 0: the generator's own number.
+    pub cells: [u32; 3],
+    /// Each axis has so many times fewer cells.
+    pub reduce: u32,
+}
+
+impl Default for Cells {
+    fn default() -> Self {
+        let VolumeFile { cells, reduce, .. } = VolumeFile::default();
+        Self { cells, reduce }
+    }
+}
+
+impl Cells {
+    /// The scene's volume with these cells.
+    ///
+    /// # Errors
+    /// Cells that a file or an asset gives itself.
+    pub fn put_into(&self, volume: &VolumeFile) -> Result<VolumeFile, String> {
+        if self.cells != volume.cells && volume.generator.is_none() {
+            return Err(format!(
+                "volume.cells is {:?}: the scene's volume is not generated, only volume.reduce changes its cells",
+                self.cells
+            ));
+        }
+        let volume = VolumeFile {
+            cells: self.cells,
+            reduce: self.reduce,
+            ..volume.clone()
+        };
+        volume.validate()?;
+        Ok(volume)
+    }
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -70,9 +110,10 @@ pub enum Law {
 #[serde(default, deny_unknown_fields)]
 pub struct Scalar {
     pub mode: Mode,
-    /// d_iso, value of the isosurface.
+    /// d_iso, value of the isosurface. Between air and casting of scene engine.
     pub iso: f64,
-    /// d_tol. VAO §5.2.1 calls it volume-dependent and gives none; tuned on scene engine.
+    /// d_tol. VAO §5.2.1 calls it volume-dependent and gives none: it must be less than the values fall within half a cell's
+    /// diagonal, or the surface occludes itself. Tuned on scene engine.
     pub tolerance: f64,
     pub stop: Stop,
     pub attenuation: Attenuation,
@@ -111,25 +152,25 @@ impl Default for Scalar {
     fn default() -> Self {
         Self {
             mode: Mode::Isosurface,
-            iso: 0.3,
+            iso: 0.4,
             tolerance: 0.1,
             stop: Stop::Threshold,
             attenuation: Attenuation::Linear,
             rays: 20,
             samples: 8,
             r_max_m: 0.0,
-            r_max_share: 0.15,
+            r_max_share: 0.25,
             law: Law::Opacity,
             rejection: true,
-            threshold: 0.5,
+            threshold: 0.4,
             density_per_m: 20.0,
             window: [0.0, 1.0],
             opacity: 1.0,
             pyramid: true,
             view_step_voxels: 1.0,
             ambient: 0.5,
-            low_color: [0.75, 0.45, 0.25],
-            high_color: [0.95, 0.92, 0.85],
+            low_color: [0.85, 0.78, 0.7],
+            high_color: [0.95, 0.93, 0.9],
         }
     }
 }
@@ -142,6 +183,13 @@ impl Params {
             camera: file.camera.clone(),
             light: file.light.clone(),
             floor_depth_m: file.floor_depth_m,
+            volume: file
+                .volume
+                .as_ref()
+                .map_or_else(Cells::default, |volume| Cells {
+                    cells: volume.cells,
+                    reduce: volume.reduce,
+                }),
             scalar: Scalar::default(),
         }
     }

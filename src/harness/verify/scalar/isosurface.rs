@@ -26,12 +26,15 @@ const R_MAX_M: f64 = 1.6;
 const SIDE: u32 = 48;
 /// Every n-th pixel is judged by casting.
 const STRIDE: usize = 5;
+/// The picture's.
+const DISPLAY_GAMMA: f64 = 2.2;
 /// Pixels whose ray grazes a boundary are left out: the field rounds off what a ray just touches.
 const GRAZING: f64 = 0.2;
 
 pub fn cases() -> Vec<Case> {
     vec![
         Case::new(STAGE, "a ball: where rays hit, and the normal there", ball),
+        Case::new(STAGE, "a ball over a slab: the light it shows", shading),
         Case::new(
             STAGE,
             "a ball over a slab: ambient occlusion",
@@ -209,7 +212,7 @@ fn ball_over_slab(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
         checks.push(
             Check::new(
                 (STAGE, format!("rays end at {what}: mean error of A")),
-                (0.03, "1"),
+                (0.02, "1"),
                 error(&truth),
                 ("nothing occluded", error(&open)),
             )
@@ -223,6 +226,41 @@ fn ball_over_slab(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
         );
     }
     Ok(checks)
+}
+
+/// The picture against what visibility and normals make of the light: albedo × visibility × light.
+fn shading(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
+    const ALBEDO: f64 = 0.5;
+    let scalar = Scalar {
+        low_color: [ALBEDO as f32; 3],
+        high_color: [ALBEDO as f32; 3],
+        samples: 24,
+        ..settings(Mode::Isosurface)
+    };
+    let solids = [BALL, SLAB];
+    let setup = setup(&solids, scalar);
+    let seen = setup.run(rig)?;
+    let to_light = -setup.view()?.light_frame().forward;
+    let error = |ambient: f64| {
+        let off = |h: &Hit| {
+            let facing = seen.normal_at(h.pixel).dot(to_light).max(0.0);
+            let light = facing + (1.0 - facing) * ambient;
+            let radiance = ALBEDO * seen.visibility.data()[h.pixel] * light;
+            (radiance.powf(1.0 / DISPLAY_GAMMA) - seen.shown.data()[h.pixel]).abs()
+        };
+        hits(&setup, &solids).iter().map(off).fold(0.0, f64::max)
+    };
+    let ambient = setup.scalar.ambient;
+    Ok(vec![Check::new(
+        (
+            STAGE,
+            "albedo × visibility × light: largest error of the picture",
+        ),
+        // A step of 8 bits, and normals of 16 bits.
+        (1.5 / 255.0, "1"),
+        error(ambient),
+        ("a tenth more ambient light", error(ambient * 1.1)),
+    )])
 }
 
 fn mean(values: impl Iterator<Item = f64>) -> f64 {
