@@ -32,6 +32,7 @@ fn the_scenes_are_those_of_the_paper_and_of_the_meshes() {
         "dragon_small",
         "plane",
         "port",
+        "smoke",
         "storage",
         "tank",
     ];
@@ -126,7 +127,7 @@ fn unusable_values_are_named() {
     assert!(broken(|f| f.floor_depth_m = -1.0).contains("floor_depth_m"));
     assert!(broken(|f| f.floor_depth_m = f64::NAN).contains("floor_depth_m"));
     assert!(broken(|f| f.camera.z_near_m = 99.0).contains("camera.z_near_m"));
-    assert!(broken(|f| f.objects.clear()).contains("[[object]]"));
+    assert!(broken(|f| f.objects.clear()).contains("neither an [[object]] nor a [volume]"));
     assert!(broken(|f| f.objects[1].generator = Some("statu".into())).contains("`statue`"));
     assert!(broken(|f| f.objects[1].generator = None).contains("needs one of"));
     assert!(broken(|f| f.objects[1].transform.scale = 0.0).contains("transform.scale"));

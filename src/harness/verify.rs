@@ -13,6 +13,7 @@ mod light;
 mod lines;
 mod photons;
 mod rig;
+mod scalar;
 mod splats;
 
 use std::fmt;
@@ -142,6 +143,7 @@ fn cases() -> Vec<Case> {
         lines::cases(),
         filters::cases(),
         compose::cases(),
+        scalar::cases(),
     ]
     .into_iter()
     .flatten()

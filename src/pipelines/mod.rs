@@ -1,6 +1,7 @@
 //! Pipelines: stages wired over typed resources for one scene and one set of parameters, in frame order.
 
 pub mod params;
+pub mod scalar_ao;
 pub mod settings;
 pub mod underwater;
 pub mod voxelization;
@@ -47,7 +48,7 @@ pub struct Kind {
 }
 
 /// Every kind. Adding a pipeline adds one line.
-pub const KINDS: &[Kind] = &[underwater::KIND];
+pub const KINDS: &[Kind] = &[underwater::KIND, scalar_ao::KIND];
 
 pub fn find(name: &str) -> Option<&'static Kind> {
     KINDS.iter().find(|kind| kind.name == name)

@@ -16,13 +16,17 @@
 //! | [`filter`] | the rotated disc low-pass |
 //! | [`march`] | ray marching through a volume |
 //! | [`occlusion`] | ambient occlusion by ray casting |
+//! | [`media`] | transmittance and ambient occlusion in participating media |
+//! | [`isosurface`] | hits, normals and ambient occlusion of a ball and a slab |
 //! | [`quantities`] | error statistics of photons read back from the GPU |
 
 pub mod estimator;
 pub mod filter;
 pub mod godray;
 pub mod image;
+pub mod isosurface;
 pub mod march;
+pub mod media;
 pub mod occlusion;
 pub mod optics;
 pub mod photons;

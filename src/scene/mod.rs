@@ -14,13 +14,17 @@ pub mod generators;
 mod grid;
 mod light;
 mod mesh;
+mod nifti;
 mod noise;
 mod obj;
 mod ply;
+mod raw;
 mod read;
+mod samples;
 mod shapes;
 mod toml_text;
 mod volume;
+mod volume_file;
 mod water;
 
 use std::path::PathBuf;
@@ -35,8 +39,11 @@ pub use grid::Grid;
 pub use light::{Light, LightFrame, LightKind};
 pub use mesh::Mesh;
 pub use noise::{NOISE_CELLS, tile_noise};
+pub use raw::VolumeFormat;
 pub use read::{MAX_BYTES, MAX_TRIANGLES, MeshError};
+pub use samples::{MAX_CELLS, Up, VolumeError};
 pub use volume::Volume;
+pub use volume_file::VolumeFile;
 pub use water::{NOISE_DRIFT_TILES, Water, WaterModel};
 
 use serde::{Deserialize, Serialize};
@@ -117,7 +124,7 @@ pub struct Scene {
     pub description: String,
     /// What stands in it, in the order of the file.
     pub objects: Vec<Object>,
-    /// Holds all objects and the water's rectangle with some room above it.
+    /// Holds all objects, the volume, and the water's rectangle with some room above it.
     pub bounds: Bounds,
     /// The viewer.
     pub camera: Camera,
@@ -158,28 +165,28 @@ impl Scene {
                 .map_err(|m| invalid(format!("object `{}`: {m}", object.name)))
         };
         let objects: Vec<Object> = file.objects.iter().map(build).collect::<Result<_, _>>()?;
+        let volume = file.volume.as_ref();
+        let volume = volume
+            .map(|v| v.build(file, &mut stand_ins))
+            .transpose()
+            .map_err(|m| invalid(format!("[volume]: {m}")))?;
         Ok(Scene {
             name: file.name.clone(),
             description: file.description.clone(),
-            bounds: bounds_of(&objects, &file.water),
+            bounds: solid_bounds(&objects, volume.as_ref()).union(above(&file.water)),
             objects,
             camera: file.camera.clone(),
             light: file.light.clone(),
             water: file.water.clone(),
             floor_depth_m: file.floor_depth_m,
-            volume: None,
+            volume,
             stand_ins,
         })
     }
 
     /// The box that holds all objects and the volume, without the water.
     pub fn solid_bounds(&self) -> Bounds {
-        let volume = self.volume.iter().map(Volume::bounds);
-        self.objects
-            .iter()
-            .map(|o| o.mesh.bounds())
-            .chain(volume)
-            .fold(Bounds::EMPTY, Bounds::union)
+        solid_bounds(&self.objects, self.volume.as_ref())
     }
 
     /// Triangles of all objects.
@@ -188,16 +195,21 @@ impl Scene {
     }
 }
 
-fn bounds_of(objects: &[Object], water: &Water) -> Bounds {
-    let [x, z] = water.center_m;
-    let [half_x, half_z] = water.half_size_m;
-    let top = water.amplitude_m + HEADROOM_M;
-    let surface = Bounds {
-        min: DVec3::new(x - half_x, -water.amplitude_m, z - half_z),
-        max: DVec3::new(x + half_x, top, z + half_z),
-    };
+fn solid_bounds(objects: &[Object], volume: Option<&Volume>) -> Bounds {
     objects
         .iter()
         .map(|o| o.mesh.bounds())
-        .fold(surface, Bounds::union)
+        .chain(volume.map(Volume::bounds))
+        .fold(Bounds::EMPTY, Bounds::union)
+}
+
+/// The water's surface with the room above it.
+fn above(water: &Water) -> Bounds {
+    let [x, z] = water.center_m;
+    let [half_x, half_z] = water.half_size_m;
+    let top = water.amplitude_m + HEADROOM_M;
+    Bounds {
+        min: DVec3::new(x - half_x, -water.amplitude_m, z - half_z),
+        max: DVec3::new(x + half_x, top, z + half_z),
+    }
 }

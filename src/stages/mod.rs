@@ -15,7 +15,9 @@ pub mod lit_scene;
 pub mod low_pass;
 pub mod marching;
 pub mod photon;
+pub mod ray_cast;
 pub mod scalar;
+pub mod scalar_field;
 pub mod scene;
 pub mod shadow;
 pub mod splatting;
@@ -108,6 +110,9 @@ pub const REGISTRY: &[StageInfo] = &[
     godrays::lines::INFO,
     godrays::filter::INFO,
     compose::INFO,
+    scalar::isosurface::INFO,
+    scalar::direct::INFO,
+    scalar::positional::INFO,
 ];
 
 #[cfg(test)]
@@ -125,6 +130,8 @@ mod tests {
     use super::low_pass::FilterUniforms;
     use super::marching::MarchUniforms;
     use super::photon::{Photon, TraceUniforms};
+    use super::ray_cast::MarchUniforms as CastUniforms;
+    use super::scalar_field::FieldUniforms;
     use super::shadow::mask::MaskUniforms;
     use super::voxels::GridUniforms;
     use super::{REGISTRY, kit};
@@ -304,6 +311,39 @@ mod tests {
             normal: vec3(2.0),
         });
         same_layout("ao/query", "Point", &fields, &value);
+    }
+
+    #[test]
+    fn scalar_fields_and_their_settings_equal_their_wgsl_twins() {
+        let (field_names, field) = numbered!(FieldUniforms {
+            origin_m: vec3(1.0),
+            voxel_m: 2.0,
+            size_m: vec3(3.0),
+            guard_m: 4.0,
+            spacing_m: vec3(5.0),
+        });
+        let (march_names, march) = numbered!(CastUniforms {
+            size_px: vec2(1.0),
+            window: vec2(2.0),
+            low_color: vec3(3.0),
+            ambient: 4.0,
+            high_color: vec3(5.0),
+            view_step_m: 6.0,
+            iso: 7.0,
+            tolerance: 8.0,
+            threshold: 9.0,
+            rays: 10,
+            samples: 11,
+            r_max_m: 12.0,
+            stratum_m: 13.0,
+            level: 14.0,
+            opacity: 15.0,
+            density_per_m: 16.0,
+        });
+        for shader in ["scalar/isosurface", "scalar/direct", "scalar/positional"] {
+            same_layout(shader, "Field", &field_names, &field);
+            same_layout(shader, "March", &march_names, &march);
+        }
     }
 
     #[test]

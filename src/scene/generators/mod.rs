@@ -1,10 +1,12 @@
-//! Procedural geometry, named in scene files as `generator = "NAME"`.
+//! Procedural meshes and volumes, named in scene files as `generator = "NAME"`.
 //!
-//! Each generator makes one mesh in metres, the floor at y = 0, the water at rest at
-//! y = `floor_depth_m`. Everything random comes from its `seed`.
+//! Each generator of an `[[object]]` makes one mesh in metres, the floor at y = 0, the water at rest
+//! at y = `floor_depth_m`; those of a `[volume]` are in [`fields`]. Everything random comes from the
+//! `seed`.
 
 mod atrium;
 mod basic;
+pub mod fields;
 mod port;
 mod storage;
 mod tank;
@@ -66,21 +68,7 @@ pub fn find(name: &str) -> Result<&'static Generator, String> {
 impl Generator {
     /// The mesh for these parameters over a floor `floor_depth_m` below the water.
     pub fn mesh(&self, params: &BTreeMap<String, f64>, floor_depth_m: f64) -> Result<Mesh, String> {
-        for (name, &value) in params {
-            let Some(param) = self.params.iter().find(|p| p.name == name) else {
-                let hint = check::hint(name, self.params.iter().map(|p| p.name));
-                return Err(format!(
-                    "generator `{}` has no parameter `{name}`: {hint}",
-                    self.name
-                ));
-            };
-            check::within(&format!("params.{name}"), value, param.low, param.high)?;
-        }
-        let mesh = (self.build)(&Args {
-            generator: self,
-            params,
-            floor_depth_m,
-        });
+        let mesh = (self.build)(&Args::new(self.name, self.params, params, floor_depth_m)?);
         mesh.validate()
             .map_err(|fault| format!("generator `{}`: {fault}", self.name))?;
         Ok(mesh)
@@ -89,21 +77,46 @@ impl Generator {
 
 /// The parameters of one call.
 struct Args<'a> {
-    generator: &'a Generator,
-    params: &'a BTreeMap<String, f64>,
+    generator: &'static str,
+    declared: &'static [Param],
+    given: &'a BTreeMap<String, f64>,
     /// Depth of the floor below the water, metres.
     floor_depth_m: f64,
 }
 
-impl Args<'_> {
+impl<'a> Args<'a> {
+    /// Parameters that the generator declares, each within its range.
+    fn new(
+        generator: &'static str,
+        declared: &'static [Param],
+        given: &'a BTreeMap<String, f64>,
+        floor_depth_m: f64,
+    ) -> Result<Self, String> {
+        for (name, &value) in given {
+            let Some(param) = declared.iter().find(|p| p.name == name) else {
+                let hint = check::hint(name, declared.iter().map(|p| p.name));
+                return Err(format!(
+                    "generator `{generator}` has no parameter `{name}`: {hint}"
+                ));
+            };
+            check::within(&format!("params.{name}"), value, param.low, param.high)?;
+        }
+        Ok(Self {
+            generator,
+            declared,
+            given,
+            floor_depth_m,
+        })
+    }
+
     /// A parameter's value, or its default.
     fn get(&self, name: &str) -> f64 {
-        let declared = || self.generator.params.iter().find(|p| p.name == name);
-        self.params
+        let declared = || self.declared.iter().find(|p| p.name == name);
+        self.given
             .get(name)
             .copied()
             .or_else(|| declared().map(|p| p.default))
-            .unwrap_or_else(|| panic!("`{}` does not declare `{name}`", self.generator.name))
+            .unwrap_or_else(|| panic!("`{}` does not declare `{name}`", self.generator))
     }
 
     fn count(&self, name: &str) -> usize {
