@@ -41,32 +41,38 @@ fn is_empty(block: Block) -> bool {
     return !any(all != vec4(0u));
 }
 
-// Exchanges the upper bits of `low` with the lower bits of `high`.
-fn exchange(low: ptr<function, vec4<u32>>, high: ptr<function, vec4<u32>>, shift: u32, mask: u32) {
-    let moved = ((*low >> vec4(shift)) ^ *high) & vec4(mask);
-    *low ^= moved << vec4(shift);
-    *high ^= moved;
+// What the upper bits of `low` and the lower bits of `high` differ in, at the place of the lower ones.
+fn difference(low: vec4<u32>, high: vec4<u32>, shift: u32, mask: u32) -> vec4<u32> {
+    return ((low >> vec4(shift)) ^ high) & vec4(mask);
 }
 
-// Bit i of word j becomes bit j of word i.
-fn transpose_bits(block: ptr<function, Block>) {
+// Bit i of word j becomes bit j of word i: halves, quarters and so on of the words are exchanged.
+fn transposed(block: Block) -> Block {
+    var words = block;
     for (var i = 0u; i < 4u; i++) {
-        exchange(&(*block)[i], &(*block)[i + 4u], 16u, 0x0000ffffu);
+        let moved = difference(words[i], words[i + 4u], 16u, 0x0000ffffu);
+        words[i] ^= moved << vec4(16u);
+        words[i + 4u] ^= moved;
     }
-    for (var i = 0u; i < 2u; i++) {
-        exchange(&(*block)[i], &(*block)[i + 2u], 8u, 0x00ff00ffu);
-        exchange(&(*block)[i + 4u], &(*block)[i + 6u], 8u, 0x00ff00ffu);
+    for (var k = 0u; k < 4u; k++) {
+        let i = k + (k & 2u);
+        let moved = difference(words[i], words[i + 2u], 8u, 0x00ff00ffu);
+        words[i] ^= moved << vec4(8u);
+        words[i + 2u] ^= moved;
     }
     for (var i = 0u; i < 8u; i += 2u) {
-        exchange(&(*block)[i], &(*block)[i + 1u], 4u, 0x0f0f0f0fu);
+        let moved = difference(words[i], words[i + 1u], 4u, 0x0f0f0f0fu);
+        words[i] ^= moved << vec4(4u);
+        words[i + 1u] ^= moved;
     }
     for (var i = 0u; i < 8u; i++) {
-        var words = (*block)[i];
-        let pairs = ((words.xy >> vec2(2u)) ^ words.zw) & vec2(0x33333333u);
-        words ^= vec4(pairs << vec2(2u), pairs);
-        let odd = ((words.xz >> vec2(1u)) ^ words.yw) & vec2(0x55555555u);
-        (*block)[i] = words ^ vec4(odd.x << 1u, odd.x, odd.y << 1u, odd.y);
+        var four = words[i];
+        let pairs = difference(four.xyxy, four.zwzw, 2u, 0x33333333u).xy;
+        four ^= vec4(pairs << vec2(2u), pairs);
+        let odd = difference(four.xzxz, four.ywyw, 1u, 0x55555555u).xy;
+        words[i] = four ^ vec4(odd.x << 1u, odd.x, odd.y << 1u, odd.y);
     }
+    return words;
 }
 
 // ORs 32 voxels from `cell` on along x into the bit volume, which was cleared.
@@ -91,7 +97,7 @@ fn main(@builtin(workgroup_id) cube: vec3<u32>, @builtin(local_invocation_index)
     if y < n.y {
         var block = load(2u, corner.x + n.x * (y + n.y * cube.z), row_length);
         if !is_empty(block) {
-            transpose_bits(&block);
+            block = transposed(block);
         }
         for (var k = 0u; k < 32u; k++) {
             turned_z[own][k] = block[k >> 2u][k & 3u];
@@ -104,7 +110,7 @@ fn main(@builtin(workgroup_id) cube: vec3<u32>, @builtin(local_invocation_index)
     }
     var block = load(1u, corner.x + n.x * (z + n.z * cube.y), row_length);
     if !is_empty(block) {
-        transpose_bits(&block);
+        block = transposed(block);
     }
     let x_words = n.y * (z + n.z * cube.x);
     for (var k = 0u; k < min(n.y - corner.y, 32u); k++) {

@@ -15,6 +15,7 @@ mod photons;
 mod rig;
 mod scalar;
 mod splats;
+mod voxel;
 
 use std::fmt;
 
@@ -137,6 +138,7 @@ impl Case {
 fn cases() -> Vec<Case> {
     [
         light::cases(),
+        voxel::cases(),
         camera::cases(),
         photons::cases(),
         splats::cases(),

@@ -7,10 +7,12 @@ use crate::stages::Stage;
 use crate::stages::geometry::Geometry;
 use crate::stages::kit::Resources;
 use crate::stages::voxel::Part;
+use crate::stages::voxel::alpha::Alpha;
 use crate::stages::voxel::clear::{Clear, Cleared};
 use crate::stages::voxel::combine::{self, Combine};
+use crate::stages::voxel::overlap::Overlap;
 use crate::stages::voxel::slicemap::{Axis, Slicemap};
-use crate::stages::voxel::unpack::{self, Unpack};
+use crate::stages::voxel::unpack::{self, Packed, Unpack};
 use crate::stages::voxels::Voxels;
 
 /// Volumes of a scene and what fills them in a frame.
@@ -41,11 +43,16 @@ impl Voxelization {
         let volumes: Vec<Voxels> = parts.iter().map(|part| part.voxels.clone()).collect();
         let mut stages = match settings.method {
             Method::Slicemap => slicemap(resources, geometry, &parts)?,
-            _ => todo!(),
+            Method::Slice => {
+                return Err(GpuError::Limit(
+                    "voxel.method slice is still to come".into(),
+                ));
+            }
+            Method::Overlap => overlap(resources, geometry, &parts, false)?,
+            Method::OverlapThin => overlap(resources, geometry, &parts, true)?,
+            Method::MaxAlpha => max_alpha(resources, geometry, &parts)?,
         };
-        if settings.method != Method::MaxAlpha {
-            stages.push(Box::new(Unpack::new(resources, &volumes)?));
-        }
+        let _ = &mut stages;
         Ok(Self { volumes, stages })
     }
 
@@ -104,7 +111,46 @@ fn slicemap(
         Box::new(y),
         Box::new(z),
         Box::new(combine),
+        unpack(resources, parts, &Packed::Bits)?,
     ])
+}
+
+fn overlap(
+    resources: &Resources<'_>,
+    geometry: &Geometry,
+    parts: &[Part],
+    thin: bool,
+) -> Result<Stages, GpuError> {
+    let overlap = Overlap::new(resources, geometry, parts, thin)?;
+    Ok(vec![
+        Box::new(Clear::new(overlap.cleared())),
+        Box::new(overlap),
+        unpack(resources, parts, &Packed::Bits)?,
+    ])
+}
+
+/// VAO Fig. 6: opacities in place of bits.
+fn max_alpha(
+    resources: &Resources<'_>,
+    geometry: &Geometry,
+    parts: &[Part],
+) -> Result<Stages, GpuError> {
+    let alpha = Alpha::new(resources, geometry, parts)?;
+    let alphas = Packed::Alphas(alpha.alphas().cloned().collect());
+    Ok(vec![
+        Box::new(Clear::new(alpha.cleared())),
+        Box::new(alpha),
+        unpack(resources, parts, &alphas)?,
+    ])
+}
+
+fn unpack(
+    resources: &Resources<'_>,
+    parts: &[Part],
+    packed: &Packed,
+) -> Result<Box<dyn Stage>, GpuError> {
+    let volumes: Vec<Voxels> = parts.iter().map(|part| part.voxels.clone()).collect();
+    Ok(Box::new(Unpack::new(resources, &volumes, packed)?))
 }
 
 /// Runs stages as one untimed frame: those of volumes that are made once.

@@ -18,6 +18,7 @@
 //! | [`occlusion`] | ambient occlusion by ray casting |
 //! | [`media`] | transmittance and ambient occlusion in participating media |
 //! | [`isosurface`] | hits, normals and ambient occlusion of a ball and a slab |
+//! | [`voxel`] | which voxels a surface occupies: by separating axes, and by sampling |
 //! | [`quantities`] | error statistics of photons read back from the GPU |
 
 pub mod estimator;
@@ -34,6 +35,7 @@ pub mod quantities;
 pub mod rays;
 pub mod splat;
 pub mod surface;
+pub mod voxel;
 
 /// Why a reference could not be set up.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]

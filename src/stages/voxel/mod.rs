@@ -2,13 +2,18 @@
 //!
 //! Every stage fills several volumes in one encode: one for the scene, or one for each object.
 
+pub mod alpha;
 pub mod clear;
 pub mod combine;
+pub mod overlap;
 mod rows;
 pub mod slicemap;
+pub mod triangles;
 pub mod unpack;
 
 use std::ops::Range;
+
+use glam::DVec3;
 
 use super::voxels::Voxels;
 use super::{Column, Output, OutputData};
@@ -61,6 +66,26 @@ fn bit_volumes<'a>(volumes: impl IntoIterator<Item = &'a Voxels>) -> Vec<Output>
     let output = |(number, voxels): (usize, &Voxels)| {
         let meaning = "a bit for each voxel, x fastest, then y, then z";
         words(format!("bits-{number}"), meaning, &voxels.bits)
+    };
+    volumes.into_iter().enumerate().map(output).collect()
+}
+
+/// A level of the volumes' textures as outputs.
+fn textures<'a>(volumes: impl IntoIterator<Item = &'a Voxels>, level: u32) -> Vec<Output> {
+    let output = |(number, voxels): (usize, &Voxels)| Output {
+        name: format!("volume-{number}-level-{level}"),
+        meaning: "the volume's texture, 0 empty to 1 full".into(),
+        columns: vec![Column {
+            name: "occupancy",
+            unit: "1",
+            meaning: "1 where a surface is, or its opacity",
+        }],
+        data: OutputData::Volume {
+            texture: voxels.texture.clone(),
+            level,
+            origin_m: voxels.grid.origin_m,
+            spacing_m: DVec3::splat(voxels.grid.voxel_m * f64::from(1u32 << level)),
+        },
     };
     volumes.into_iter().enumerate().map(output).collect()
 }

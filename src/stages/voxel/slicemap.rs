@@ -42,7 +42,8 @@ pub enum Axis {
 impl Axis {
     pub const ALL: [Axis; 3] = [Axis::X, Axis::Y, Axis::Z];
 
-    fn name(self) -> &'static str {
+    /// The stage's name.
+    pub fn name(self) -> &'static str {
         match self {
             Axis::X => INFO_X.name,
             Axis::Y => INFO_Y.name,
@@ -52,7 +53,11 @@ impl Axis {
 
     /// Columns and rows of the pass, and slices.
     pub fn turned(self, grid: &Grid) -> [u32; 3] {
-        let [x, y, z] = grid.cells;
+        self.turn(grid.cells)
+    }
+
+    /// A voxel's column, row and slice.
+    pub fn turn(self, [x, y, z]: [u32; 3]) -> [u32; 3] {
         match self {
             Axis::X => [y, z, x],
             Axis::Y => [x, z, y],

@@ -34,19 +34,45 @@ struct Volume {
 pub struct Unpack {
     pipeline: wgpu::ComputePipeline,
     volumes: Vec<Volume>,
+    bytes_read: u64,
+}
+
+/// What becomes bytes.
+pub enum Packed {
+    /// The volumes' bits.
+    Bits,
+    /// A word of 0 … 255 for each voxel, a buffer for each volume.
+    Alphas(Vec<wgpu::Buffer>),
+}
+
+impl Packed {
+    fn of<'a>(&'a self, volumes: &'a [Voxels]) -> Vec<&'a wgpu::Buffer> {
+        match self {
+            Packed::Bits => volumes.iter().map(|voxels| &voxels.bits).collect(),
+            Packed::Alphas(alphas) => alphas.iter().collect(),
+        }
+    }
 }
 
 impl Unpack {
-    pub fn new(resources: &Resources<'_>, volumes: &[Voxels]) -> Result<Self, GpuError> {
+    pub fn new(
+        resources: &Resources<'_>,
+        volumes: &[Voxels],
+        packed: &Packed,
+    ) -> Result<Self, GpuError> {
         let gpu = resources.gpu;
-        let shader = gpu.shader(INFO.name, &[])?;
+        let alpha = i32::from(matches!(packed, Packed::Alphas(_)));
+        let shader = gpu.shader(INFO.name, &[("ALPHA", alpha)])?;
+        let packed = packed.of(volumes);
+        let bytes_read = packed.iter().map(|buffer| buffer.size()).sum();
         let volumes: Vec<Volume> = volumes
             .iter()
-            .map(|voxels| {
+            .zip(packed)
+            .map(|(voxels, packed)| {
                 let rows = rows::buffer(resources, INFO.name, &voxels.grid);
                 let binds = [
                     Bind::Uniform(&voxels.uniforms),
-                    Bind::Read(&voxels.bits),
+                    Bind::Read(packed),
                     Bind::Write(&rows),
                 ];
                 Volume {
@@ -60,6 +86,7 @@ impl Unpack {
         Ok(Self {
             pipeline: kit::compute_pipeline(gpu, INFO.name, &shader, &groups),
             volumes,
+            bytes_read,
         })
     }
 }
@@ -88,10 +115,9 @@ impl Encode for Unpack {
 
 impl Stage for Unpack {
     fn work(&self) -> Work {
-        let bits = self.volumes.iter().map(|v| v.voxels.bits.size());
         let texels = self.volumes.iter().map(|v| v.voxels.grid.count());
         Work {
-            bytes_read: bits.sum(),
+            bytes_read: self.bytes_read,
             // To the rows and to the texture.
             bytes_written: 2 * texels.sum::<u64>(),
             ..Work::default()
@@ -99,6 +125,6 @@ impl Stage for Unpack {
     }
 
     fn outputs(&self) -> Vec<Output> {
-        Vec::new()
+        super::textures(self.volumes.iter().map(|v| &v.voxels), 0)
     }
 }

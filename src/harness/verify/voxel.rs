@@ -1,0 +1,15 @@
+//! Stages of the family `voxel`: against separating axes and samples in f64, and bit by bit against twins on the CPU.
+
+mod contact;
+mod packing;
+mod raster;
+mod subjects;
+
+use super::Case;
+
+pub fn cases() -> Vec<Case> {
+    [packing::cases(), raster::cases(), contact::cases()]
+        .into_iter()
+        .flatten()
+        .collect()
+}
