@@ -6,6 +6,8 @@
 //!
 //! One file per family of stages; adding a case adds a function there and a line in its `cases`.
 
+mod ao_compose;
+mod bilateral;
 mod camera;
 mod compose;
 mod filters;
@@ -140,6 +142,8 @@ fn cases() -> Vec<Case> {
         light::cases(),
         voxel::cases(),
         camera::cases(),
+        bilateral::cases(),
+        ao_compose::cases(),
         photons::cases(),
         splats::cases(),
         lines::cases(),

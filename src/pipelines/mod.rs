@@ -1,5 +1,6 @@
 //! Pipelines: stages wired over typed resources for one scene and one set of parameters, in frame order.
 
+pub mod hsao;
 pub mod params;
 pub mod scalar_ao;
 pub mod settings;
@@ -48,7 +49,7 @@ pub struct Kind {
 }
 
 /// Every kind. Adding a pipeline adds one line.
-pub const KINDS: &[Kind] = &[underwater::KIND, scalar_ao::KIND];
+pub const KINDS: &[Kind] = &[underwater::KIND, hsao::KIND, scalar_ao::KIND];
 
 pub fn find(name: &str) -> Option<&'static Kind> {
     KINDS.iter().find(|kind| kind.name == name)

@@ -1,9 +1,12 @@
 //! Settings that several pipelines share.
 
-use glam::DVec3;
+use glam::{DVec3, Vec2};
 use serde::{Deserialize, Serialize};
 
-use crate::scene::{Bounds, Camera, Grid, Scene};
+use crate::scene::{Bounds, Camera, Grid, Light, Scene, SceneFile};
+use crate::stages::ao::compose::ComposeUniforms;
+use crate::stages::bilateral::BilateralUniforms;
+use crate::stages::frame;
 
 /// Checks a setting's range; the error names it.
 pub fn within(group: &str, name: &str, value: f64, low: f64, high: f64) -> Result<(), String> {
@@ -232,5 +235,174 @@ impl Animation {
             min: rest.center() - reach,
             max: rest.center() + reach,
         }
+    }
+}
+
+/// ρ, the obscurity of an occluder over its distance, up to r_max. VAO Eq. 1 leaves it open.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Attenuation {
+    /// 1 − d / r_max.
+    Linear,
+    /// 1.
+    Hard,
+}
+
+/// The scene file with a pipeline's floor, camera and light put in, and of its objects the first `objects` (0: all).
+pub fn staged(
+    file: &SceneFile,
+    floor_depth_m: f64,
+    camera: Camera,
+    light: Light,
+    objects: u32,
+) -> SceneFile {
+    let standing = match objects {
+        0 => file.objects.len(),
+        first => first as usize,
+    };
+    SceneFile {
+        floor_depth_m,
+        camera,
+        light,
+        objects: file.objects.iter().take(standing).cloned().collect(),
+        ..file.clone()
+    }
+}
+
+/// Pixels of a buffer of `scale` times the viewport's sides.
+pub fn scaled(view: &View, scale: f64) -> [u32; 2] {
+    [view.width, view.height].map(|side| ((f64::from(side) * scale).round() as u32).max(1))
+}
+
+/// Step between neighbouring texels of the light's depth, for pipelines that do not trace photons: their stages do not read it.
+pub const UNUSED_EDGE_M: f64 = 0.1;
+
+/// The light's depth, for shadows.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Shadow {
+    /// Texels per side.
+    pub size: u32,
+}
+
+impl Default for Shadow {
+    fn default() -> Self {
+        Self { size: 1024 }
+    }
+}
+
+impl Shadow {
+    pub fn validate(&self) -> Result<(), String> {
+        within("shadow", "size", f64::from(self.size), 1.0, 1e6)
+    }
+}
+
+/// Default of r_max over the scene's longest side. VAO gives none; tuned on scenes bunny_dry and sponza.
+pub const R_MAX_SHARE: f64 = 0.1;
+
+/// Distance up to which geometry occludes, metres: as set, or where that is 0 a share of the scene's longest side.
+pub fn r_max_m(scene: &Scene, r_max_m: f64, r_max_share: f64) -> f64 {
+    if r_max_m > 0.0 {
+        r_max_m
+    } else {
+        r_max_share * scene.solid_bounds().size().max_element()
+    }
+}
+
+/// Joint bilateral filter of the ambient-occlusion buffer. VAO §6 gives the taps and no more.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Filter {
+    /// VAO §6: 17.
+    pub taps: u32,
+    /// Radius of the disc, texels of the buffer that is filtered. 17 taps over a disc of this radius lie about 1.7 texels
+    /// apart.
+    pub radius_px: f64,
+    /// Standard deviation of the Gaussian, texels: half the radius, where the weight has fallen to e⁻².
+    pub sigma_px: f64,
+    /// Standard deviation of a tap's distance from the pixel's tangent plane, over the pixel's view depth. Tuned on scene
+    /// bunny: the disc spans about this much of the view depth at 600 pixels.
+    pub depth_sigma: f64,
+}
+
+impl Default for Filter {
+    fn default() -> Self {
+        Self {
+            taps: 17,
+            radius_px: 4.0,
+            sigma_px: 2.0,
+            depth_sigma: 0.005,
+        }
+    }
+}
+
+impl Filter {
+    pub fn validate(&self) -> Result<(), String> {
+        within("filter", "taps", f64::from(self.taps), 1.0, 1024.0)?;
+        within("filter", "radius_px", self.radius_px, 0.0, 256.0)?;
+        within("filter", "sigma_px", self.sigma_px, 0.01, 1e3)?;
+        within("filter", "depth_sigma", self.depth_sigma, 1e-6, 1e3)
+    }
+
+    /// For a buffer of `source_px` texels of a view.
+    pub fn uniforms(&self, view: &frame::View, source_px: [u32; 2]) -> BilateralUniforms {
+        BilateralUniforms {
+            size_px: view.size_px.as_vec2(),
+            source_px: Vec2::from(source_px.map(|side| side as f32)),
+            pixel_tangent: view.pixel_tangent(view.size_px.y) as f32,
+            taps: self.taps,
+            radius_px: self.radius_px as f32,
+            sigma_px: self.sigma_px as f32,
+            depth_sigma: self.depth_sigma as f32,
+        }
+    }
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Show {
+    /// The lit scene.
+    Image,
+    /// Visibility, 1 − A, as grey: 1 is white.
+    Occlusion,
+}
+
+/// How the picture is made of direct and ambient light.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Compose {
+    pub exposure: f64,
+    /// Irradiance of the ambient light over that of the direct light. Outdoors it is 0.1 to 0.2; more shows more of the
+    /// occlusion.
+    pub ambient: f64,
+    pub show: Show,
+}
+
+impl Default for Compose {
+    fn default() -> Self {
+        Self {
+            exposure: 0.5,
+            ambient: 0.4,
+            show: Show::Image,
+        }
+    }
+}
+
+impl Compose {
+    pub fn validate(&self) -> Result<(), String> {
+        within("compose", "exposure", self.exposure, 0.0, 1e6)?;
+        within("compose", "ambient", self.ambient, 0.0, 1e3)
+    }
+
+    pub fn uniforms(&self, view: &frame::View) -> ComposeUniforms {
+        ComposeUniforms {
+            size_px: view.size_px.as_vec2(),
+            exposure: self.exposure as f32,
+            ambient: self.ambient as f32,
+        }
+    }
+
+    pub fn shows_occlusion(&self) -> bool {
+        self.show == Show::Occlusion
     }
 }

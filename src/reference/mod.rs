@@ -15,15 +15,19 @@
 //! | [`godray`] | intensity at a point of a godray |
 //! | [`filter`] | the rotated disc low-pass |
 //! | [`march`] | ray marching through a volume |
+//! | [`horizon`] | horizon-split ambient occlusion over a depth buffer, occlusion beside a wall |
+//! | [`bilateral`] | the joint bilateral filter and up-scaling of ambient-occlusion buffers |
 //! | [`occlusion`] | ambient occlusion by ray casting |
 //! | [`media`] | transmittance and ambient occlusion in participating media |
 //! | [`isosurface`] | hits, normals and ambient occlusion of a ball and a slab |
 //! | [`voxel`] | which voxels a surface occupies: by separating axes, and by sampling |
 //! | [`quantities`] | error statistics of photons read back from the GPU |
 
+pub mod bilateral;
 pub mod estimator;
 pub mod filter;
 pub mod godray;
+pub mod horizon;
 pub mod image;
 pub mod isosurface;
 pub mod march;

@@ -79,6 +79,8 @@ pub struct Material {
     pub tile_m: f32,
     /// Opacity, 0 … 1: what max-alpha voxelization stores. VAO Fig. 6.
     pub alpha: f32,
+    /// Reflectance of the glossy lobe, 0 … 1. VAO §6.
+    pub specular: f32,
 }
 
 impl Default for Material {
@@ -88,6 +90,7 @@ impl Default for Material {
             accent: [0.5; 3],
             tile_m: 0.0,
             alpha: 1.0,
+            specular: 0.0,
         }
     }
 }
@@ -100,6 +103,7 @@ impl Material {
             }
         }
         check::within("material.alpha", f64::from(self.alpha), 0.0, 1.0)?;
+        check::within("material.specular", f64::from(self.specular), 0.0, 1.0)?;
         check::within("material.tile_m", f64::from(self.tile_m), 0.0, 1000.0)
     }
 }

@@ -28,6 +28,7 @@ pub struct MaterialUniforms {
     pub tile_m: f32,
     pub accent: Vec3,
     pub alpha: f32,
+    pub specular: f32,
 }
 
 #[derive(Clone)]
@@ -81,6 +82,7 @@ impl Geometry {
                 tile_m: object.material.tile_m,
                 accent: object.material.accent.into(),
                 alpha: object.material.alpha,
+                specular: object.material.specular,
             });
         }
         let mut material_bytes = StorageBuffer::new(Vec::new());

@@ -4,6 +4,7 @@
 //! [`StageScope`](crate::gpu::StageScope) it is given (which puts the timestamps there), and declares its work.
 
 pub mod ao;
+pub mod bilateral;
 pub mod caustics;
 pub mod compose;
 pub mod frame;
@@ -101,6 +102,10 @@ pub const REGISTRY: &[StageInfo] = &[
     scene::gbuffer::INFO,
     ao::march::INFO,
     ao::query::INFO,
+    ao::bilateral::INFO,
+    ao::compose::INFO,
+    hsao::march::INFO,
+    hsao::filter::INFO,
     water::reflection::INFO,
     water::refraction::INFO,
     caustics::trace::INFO,
@@ -120,13 +125,16 @@ mod tests {
     use encase::{ShaderType, internal::WriteInto};
     use glam::{Mat4, Vec2, Vec3};
 
+    use super::ao;
     use super::ao::march::TargetUniforms;
     use super::ao::query::Point;
+    use super::bilateral::BilateralUniforms;
     use super::caustics::splat::SplatUniforms;
     use super::compose::ComposeUniforms;
     use super::frame::FrameUniforms;
     use super::geometry::MaterialUniforms;
     use super::godrays::lines::LinesUniforms;
+    use super::hsao::march::MarchUniforms as HorizonUniforms;
     use super::low_pass::FilterUniforms;
     use super::marching::MarchUniforms;
     use super::photon::{Photon, TraceUniforms};
@@ -272,6 +280,7 @@ mod tests {
             tile_m: 2.0,
             accent: vec3(3.0),
             alpha: 4.0,
+            specular: 5.0,
         });
         same_layout("scene/gbuffer", "Material", &fields, &value);
         let (fields, value) = numbered!(FilterUniforms {
@@ -344,6 +353,39 @@ mod tests {
             same_layout(shader, "Field", &field_names, &field);
             same_layout(shader, "March", &march_names, &march);
         }
+    }
+
+    #[test]
+    fn settings_of_occlusion_stages_equal_their_wgsl_twins() {
+        let (fields, value) = numbered!(BilateralUniforms {
+            size_px: vec2(1.0),
+            source_px: vec2(2.0),
+            pixel_tangent: 3.0,
+            taps: 4,
+            radius_px: 5.0,
+            sigma_px: 6.0,
+            depth_sigma: 7.0,
+        });
+        for shader in ["ao/bilateral", "hsao/filter"] {
+            same_layout(shader, "Filter", &fields, &value);
+        }
+        let (fields, value) = numbered!(HorizonUniforms {
+            size_px: vec2(1.0),
+            r_max_m: 2.0,
+            layer_m: 3.0,
+            directions: 4,
+            steps: 5,
+            rays: 6,
+            ray_steps: 7,
+        });
+        same_layout("hsao/march", "March", &fields, &value);
+        use ao::compose::ComposeUniforms;
+        let (fields, value) = numbered!(ComposeUniforms {
+            size_px: vec2(1.0),
+            exposure: 2.0,
+            ambient: 3.0,
+        });
+        same_layout("ao/compose", "Compose", &fields, &value);
     }
 
     #[test]
