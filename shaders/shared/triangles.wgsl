@@ -12,7 +12,7 @@
 
 #import fathom::voxels::{Grid, index_of, to_cells}
 #import fathom::surface::{Material}
-#import fathom::rows::{GROUP, place}
+#import fathom::dispatch::{GROUP, place}
 
 struct Batch {
     first_index: u32,
@@ -147,7 +147,7 @@ fn triangle(number: u32) -> Triangle {
     found.alpha = 255u;
 #if ALPHA == 1
     let material = materials[vertices[7u * indices[batch.first_index + 3u * number] + 6u]];
-    found.alpha = u32(round(255.0 * material.alpha));
+    found.alpha = u32(255.0 * material.alpha + 0.5);
 #endif
     return found;
 }

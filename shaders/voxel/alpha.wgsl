@@ -1,6 +1,6 @@
 // The largest alpha of the triangles that touch each voxel. VAO Fig. 6.
 // defs: THIN=0, LARGE=0, ALPHA=1
-#import fathom::rows::{GROUP}
+#import fathom::dispatch::{GROUP}
 #import fathom::triangles::{run}
 
 @compute @workgroup_size(GROUP)

@@ -1,7 +1,8 @@
 // Bits, or alphas of a word each, to bytes in rows as a copy to a texture wants them. VAO §4.2.
 // defs: ALPHA=0
 #import fathom::voxels::{Grid}
-#import fathom::rows::{GROUP, pitch_words, place}
+#import fathom::dispatch::{GROUP, place}
+#import fathom::rows::{pitch_words}
 
 @group(0) @binding(0) var<uniform> grid: Grid;
 // A bit for each voxel, or with ALPHA a word of 0 … 255.

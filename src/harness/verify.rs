@@ -10,6 +10,7 @@ mod ao_compose;
 mod bilateral;
 mod camera;
 mod compose;
+mod deform;
 mod filters;
 mod light;
 mod lines;
@@ -140,6 +141,7 @@ impl Case {
 fn cases() -> Vec<Case> {
     [
         light::cases(),
+        deform::cases(),
         voxel::cases(),
         camera::cases(),
         bilateral::cases(),

@@ -6,6 +6,7 @@ pub mod scalar_ao;
 pub mod settings;
 pub mod underwater;
 pub mod voxelization;
+pub mod voxelize;
 
 use std::collections::BTreeMap;
 
@@ -49,7 +50,12 @@ pub struct Kind {
 }
 
 /// Every kind. Adding a pipeline adds one line.
-pub const KINDS: &[Kind] = &[underwater::KIND, hsao::KIND, scalar_ao::KIND];
+pub const KINDS: &[Kind] = &[
+    underwater::KIND,
+    voxelize::KIND,
+    hsao::KIND,
+    scalar_ao::KIND,
+];
 
 pub fn find(name: &str) -> Option<&'static Kind> {
     KINDS.iter().find(|kind| kind.name == name)

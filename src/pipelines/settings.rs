@@ -3,10 +3,14 @@
 use glam::{DVec3, Vec2};
 use serde::{Deserialize, Serialize};
 
+use crate::gpu::GpuError;
 use crate::scene::{Bounds, Camera, Grid, Light, Scene, SceneFile};
 use crate::stages::ao::compose::ComposeUniforms;
 use crate::stages::bilateral::BilateralUniforms;
 use crate::stages::frame;
+use crate::stages::geometry::Geometry;
+use crate::stages::kit::Resources;
+use crate::stages::scene::deform::{self, Motion};
 
 /// Checks a setting's range; the error names it.
 pub fn within(group: &str, name: &str, value: f64, low: f64, high: f64) -> Result<(), String> {
@@ -16,6 +20,13 @@ pub fn within(group: &str, name: &str, value: f64, low: f64, high: f64) -> Resul
         Err(format!(
             "{group}.{name} is {value}: it must lie within {low} … {high}"
         ))
+    }
+}
+
+/// Leaves only the first objects of a scene file; 0 leaves all.
+pub fn keep_first(file: &mut SceneFile, objects: u32) {
+    if objects > 0 {
+        file.objects.truncate(objects as usize);
     }
 }
 
@@ -220,6 +231,21 @@ impl Animation {
         within("animation", "amplitude", self.amplitude, 0.0, 10.0)
     }
 
+    /// What moves the geometry; none where it rests.
+    pub fn motion(&self) -> Option<Motion> {
+        match self.deform {
+            Deform::None => None,
+            Deform::Spin => Some(Motion::Spin),
+            Deform::Twist => Some(Motion::Twist),
+            Deform::Wave => Some(Motion::Wave),
+        }
+    }
+
+    /// Cycles since time 0.
+    pub fn cycles(&self) -> f64 {
+        self.rate_hz * self.time_s
+    }
+
     /// The box that an object stays in at all times, from its box at rest.
     pub fn room(&self, rest: &Bounds) -> Bounds {
         let half = rest.size() / 2.0;
@@ -236,6 +262,23 @@ impl Animation {
             max: rest.center() + reach,
         }
     }
+}
+
+/// The stage that moves the geometry; none where it rests.
+///
+/// # Errors
+/// Shaders that do not link.
+pub fn deform(
+    resources: &Resources<'_>,
+    geometry: &Geometry,
+    scene: &Scene,
+    animation: &Animation,
+) -> Result<Option<deform::Deform>, GpuError> {
+    let amount = (animation.cycles(), animation.amplitude);
+    animation
+        .motion()
+        .map(|motion| deform::Deform::new(resources, geometry, scene, motion, amount))
+        .transpose()
 }
 
 /// ρ, the obscurity of an occluder over its distance, up to r_max. VAO Eq. 1 leaves it open.

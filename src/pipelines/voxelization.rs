@@ -4,14 +4,17 @@ use super::settings::{Animation, Method, Voxel};
 use crate::gpu::{ClockPlan, Demand, Encode, FrameTimer, Gpu, GpuError, SubmitCost};
 use crate::scene::{Camera, Grid, Scene};
 use crate::stages::Stage;
-use crate::stages::geometry::Geometry;
+use crate::stages::geometry::{self, Geometry};
 use crate::stages::kit::Resources;
 use crate::stages::voxel::Part;
-use crate::stages::voxel::alpha::Alpha;
+use crate::stages::voxel::alpha::{self, Alpha};
 use crate::stages::voxel::clear::{Clear, Cleared};
 use crate::stages::voxel::combine::{self, Combine};
+use crate::stages::voxel::mips::{self, Mips};
 use crate::stages::voxel::overlap::Overlap;
+use crate::stages::voxel::slice::{self, Slice};
 use crate::stages::voxel::slicemap::{Axis, Slicemap};
+use crate::stages::voxel::triangles;
 use crate::stages::voxel::unpack::{self, Packed, Unpack};
 use crate::stages::voxels::Voxels;
 
@@ -43,16 +46,15 @@ impl Voxelization {
         let volumes: Vec<Voxels> = parts.iter().map(|part| part.voxels.clone()).collect();
         let mut stages = match settings.method {
             Method::Slicemap => slicemap(resources, geometry, &parts)?,
-            Method::Slice => {
-                return Err(GpuError::Limit(
-                    "voxel.method slice is still to come".into(),
-                ));
-            }
+            Method::Slice => slice(resources, geometry, &parts)?,
             Method::Overlap => overlap(resources, geometry, &parts, false)?,
             Method::OverlapThin => overlap(resources, geometry, &parts, true)?,
             Method::MaxAlpha => max_alpha(resources, geometry, &parts)?,
         };
-        let _ = &mut stages;
+        // A single voxel has no levels.
+        if pyramid && grids.iter().any(|grid| grid.count() > 1) {
+            stages.push(Box::new(Mips::new(resources, &volumes)?));
+        }
         Ok(Self { volumes, stages })
     }
 
@@ -115,6 +117,18 @@ fn slicemap(
     ])
 }
 
+/// VAO §4.1: a pass for each slice of each axis.
+fn slice(
+    resources: &Resources<'_>,
+    geometry: &Geometry,
+    parts: &[Part],
+) -> Result<Stages, GpuError> {
+    Ok(vec![
+        Box::new(Slice::new(resources, geometry, parts)?),
+        unpack(resources, parts, &Packed::Bits)?,
+    ])
+}
+
 fn overlap(
     resources: &Resources<'_>,
     geometry: &Geometry,
@@ -168,7 +182,7 @@ pub fn run_once(gpu: &Gpu, stages: &[&dyn Stage]) -> Result<(), GpuError> {
 /// What volumes and their stages ask of an adapter; an error names the parameter at fault.
 ///
 /// # Errors
-/// Settings that give no grid.
+/// Settings that give no grid, and scenes without geometry.
 pub fn demand(
     demand: Demand,
     scene: &Scene,
@@ -178,34 +192,89 @@ pub fn demand(
     pyramid: bool,
 ) -> Result<Demand, String> {
     let grids = settings.grids(scene, camera, animation)?;
-    Ok(grids.iter().fold(demand, |demand, grid| {
-        of_grid(demand, grid, settings, pyramid)
-    }))
+    let (vertices, indices) = geometry::buffer_bytes(scene);
+    if indices == 0 {
+        return Err("the scene has no triangles to voxelize".into());
+    }
+    let triangles = indices / 12;
+    let mut demand = demand;
+    if is_by_triangle(settings.method) {
+        demand = demand
+            .storage("scene vertices", vertices)
+            .storage("scene indices", indices)
+            .storage("voxel queue", triangles::queue_bytes(triangles))
+            .dispatch(
+                "voxel/overlap",
+                triangles::workgroups(triangles).map(u64::from),
+            );
+    }
+    for grid in &grids {
+        // Shaders count voxels in 32 bits.
+        if grid.count() > u64::from(u32::MAX) {
+            let name = settings.size_name();
+            return Err(format!(
+                "{name} asks for {} voxels: {} can be told apart",
+                grid.count(),
+                u32::MAX
+            ));
+        }
+        demand = demand.and(of_grid(grid, settings));
+        if pyramid {
+            demand = demand.and(of_pyramid(grid, settings));
+        }
+    }
+    Ok(demand)
 }
 
-fn of_grid(demand: Demand, grid: &Grid, settings: &Voxel, _pyramid: bool) -> Demand {
-    let cells = grid.cells.map(u64::from);
+fn is_by_triangle(method: Method) -> bool {
+    matches!(
+        method,
+        Method::Overlap | Method::OverlapThin | Method::MaxAlpha
+    )
+}
+
+fn of_grid(grid: &Grid, settings: &Voxel) -> Demand {
     let name = settings.size_name();
-    let mut demand = demand
-        .texture_3d(name, cells)
+    let demand = Demand::new()
+        .texture_3d(name, grid.cells.map(u64::from))
         .storage(&format!("{name}: bit volume"), grid.words() * 4)
         .storage(
             &format!("{name}: rows of voxel/unpack"),
             unpack::rows_bytes(grid),
         )
         .dispatch("voxel/unpack", unpack::workgroups(grid).map(u64::from));
-    if settings.method == Method::Slicemap {
-        demand = demand.dispatch("voxel/combine", combine::workgroups(grid).map(u64::from));
-        for axis in Axis::ALL {
-            let [columns, rows, _] = axis.turned(grid).map(u64::from);
-            demand = demand
-                .texture_2d(
-                    &format!("{name}: viewport of voxel/slicemap"),
-                    columns,
-                    rows,
-                )
-                .storage(&format!("{name}: slicemap"), axis.slicemap_bytes(grid));
-        }
+    match settings.method {
+        Method::Slicemap => Axis::ALL.into_iter().fold(
+            demand.dispatch("voxel/combine", combine::workgroups(grid).map(u64::from)),
+            |demand, axis| {
+                let [columns, rows, _] = axis.turned(grid).map(u64::from);
+                demand
+                    .texture_2d(
+                        &format!("{name}: viewport of {}", axis.name()),
+                        columns,
+                        rows,
+                    )
+                    .storage(
+                        &format!("{name}: slices of {}", axis.name()),
+                        axis.slicemap_bytes(grid),
+                    )
+            },
+        ),
+        Method::Slice => demand.dispatch("voxel/slice", slice::workgroups(grid).map(u64::from)),
+        Method::Overlap | Method::OverlapThin => demand,
+        Method::MaxAlpha => demand.storage(
+            &format!("{name}: alphas of voxel/alpha"),
+            alpha::alphas_bytes(grid),
+        ),
     }
-    demand
+}
+
+fn of_pyramid(grid: &Grid, settings: &Voxel) -> Demand {
+    let name = settings.size_name();
+    Demand::new()
+        .storage(
+            &format!("{name}: rows of voxel/mips"),
+            mips::rows_bytes(grid),
+        )
+        .dispatch("voxel/mips", mips::workgroups(grid, 1).map(u64::from))
 }

@@ -20,10 +20,12 @@
 //! | [`occlusion`] | ambient occlusion by ray casting |
 //! | [`media`] | transmittance and ambient occlusion in participating media |
 //! | [`isosurface`] | hits, normals and ambient occlusion of a ball and a slab |
+//! | [`deform`] | vertices and normals of moving geometry |
 //! | [`voxel`] | which voxels a surface occupies: by separating axes, and by sampling |
 //! | [`quantities`] | error statistics of photons read back from the GPU |
 
 pub mod bilateral;
+pub mod deform;
 pub mod estimator;
 pub mod filter;
 pub mod godray;

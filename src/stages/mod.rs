@@ -91,12 +91,18 @@ pub struct StageInfo {
 /// Every stage, in frame order. Adding a stage adds one line.
 pub const REGISTRY: &[StageInfo] = &[
     frame::INFO,
+    scene::deform::INFO,
     voxel::clear::INFO,
     voxel::slicemap::INFO_X,
     voxel::slicemap::INFO_Y,
     voxel::slicemap::INFO_Z,
     voxel::combine::INFO,
+    voxel::slice::INFO,
+    voxel::overlap::INFO,
+    voxel::alpha::INFO,
     voxel::unpack::INFO,
+    voxel::mips::INFO,
+    voxel::view::INFO,
     shadow::depth::INFO,
     shadow::mask::INFO,
     scene::gbuffer::INFO,

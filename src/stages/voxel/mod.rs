@@ -5,11 +5,14 @@
 pub mod alpha;
 pub mod clear;
 pub mod combine;
+pub mod mips;
 pub mod overlap;
 mod rows;
+pub mod slice;
 pub mod slicemap;
 pub mod triangles;
 pub mod unpack;
+pub mod view;
 
 use std::ops::Range;
 

@@ -1,13 +1,8 @@
-//! Rows of bytes in a buffer, aligned for copies to a texture, and dispatches that fill them. `R8Unorm` cannot be written as
+//! Rows of bytes in a buffer, aligned for copies to a texture. `R8Unorm` cannot be written as
 //! storage: what fills such a texture writes rows and copies them.
 
 use crate::scene::Grid;
 use crate::stages::kit::Resources;
-
-/// Invocations of a workgroup, as in `shaders/shared/rows.wgsl`.
-const GROUP: u64 = 64;
-/// Workgroups along x before a dispatch takes a second row: within every adapter's limit of 65,535.
-const GROUPS_X: u64 = 32_768;
 
 /// Bytes from one row to the next.
 pub(super) fn pitch(width: u32) -> u32 {
@@ -21,13 +16,6 @@ pub(super) fn bytes(cells: [u32; 3]) -> u64 {
 
 pub(super) fn buffer(resources: &Resources<'_>, label: &str, grid: &Grid) -> wgpu::Buffer {
     resources.storage(label, bytes(grid.cells))
-}
-
-/// Workgroups for so many invocations, spread over two dimensions.
-pub(super) fn workgroups(invocations: u64) -> [u32; 3] {
-    let groups = invocations.div_ceil(GROUP);
-    let rows = groups.div_ceil(GROUPS_X).max(1);
-    [groups.min(GROUPS_X) as u32, rows as u32, 1]
 }
 
 /// Copies rows, from `offset` on in the buffer, to one level of a volume.
@@ -63,12 +51,8 @@ mod tests {
     use super::*;
 
     #[test]
-    fn rows_are_aligned_and_dispatches_stay_within_limits() {
+    fn rows_are_aligned() {
         assert_eq!((pitch(1), pitch(256), pitch(257)), (256, 256, 512));
         assert_eq!(bytes([128, 3, 2]), 256 * 6);
-        for invocations in [1, 64, 65, 1 << 21, (1 << 21) + 1, 1 << 28] {
-            let [x, y, _] = workgroups(invocations).map(u64::from);
-            assert!(x * y * GROUP >= invocations && x <= 65_535 && y <= 65_535);
-        }
     }
 }

@@ -5,8 +5,8 @@
 
 use encase::ShaderType;
 
+use super::Part;
 use super::clear::Cleared;
-use super::{Part, rows};
 use crate::gpu::{GpuError, StageScope};
 use crate::stages::geometry::Geometry;
 use crate::stages::kit::{self, Bind, Group, Resources};
@@ -58,7 +58,7 @@ pub fn queue_bytes(triangles: u64) -> u64 {
 
 /// Workgroups of the first dispatch.
 pub fn workgroups(triangles: u64) -> [u32; 3] {
-    rows::workgroups(triangles)
+    kit::linear_workgroups(triangles)
 }
 
 impl Triangles {

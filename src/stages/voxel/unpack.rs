@@ -22,7 +22,7 @@ pub fn rows_bytes(grid: &Grid) -> u64 {
 /// Workgroups that a grid needs: an invocation for 32 voxels of a row.
 pub fn workgroups(grid: &Grid) -> [u32; 3] {
     let [x, y, z] = grid.cells;
-    rows::workgroups(u64::from(x.div_ceil(32)) * u64::from(y) * u64::from(z))
+    kit::linear_workgroups(u64::from(x.div_ceil(32)) * u64::from(y) * u64::from(z))
 }
 
 struct Volume {

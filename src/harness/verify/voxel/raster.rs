@@ -1,4 +1,4 @@
-//! `voxel/slicemap-x`, `-y`, `-z` and what they make together, against samples in f64; and the law that a fragment's voxel is one
+//! `voxel/slicemap-x`, `-y`, `-z`, what they make together, and `voxel/slice`, against samples in f64; and the law that a fragment's voxel is one
 //! that the surface touches.
 
 use super::subjects::{Subject, voxels_of, words};
@@ -8,7 +8,11 @@ use crate::harness::verify::{Case, Check, VerifyError};
 use crate::reference::voxel::{Contact, disagreements, errors, gaps, sampled};
 use crate::scene::Grid;
 use crate::stages::voxel::combine::Combine;
+use crate::stages::voxel::slice::Slice;
 use crate::stages::voxel::slicemap::{Axis, Slicemap};
+
+const COMBINE: &str = "voxel/combine";
+const SLICE: &str = "voxel/slice";
 
 pub fn cases() -> Vec<Case> {
     let one_axis = Axis::ALL.map(|axis| {
@@ -16,7 +20,7 @@ pub fn cases() -> Vec<Case> {
             slicemap_against_samples(rig, axis)
         })
     });
-    let together = Case::new("voxel/combine", "the slicemaps' voxels", |rig| {
+    let together = Case::new(COMBINE, "the slicemaps' voxels", |rig| {
         let mut checks = Vec::new();
         for subject in [Subject::soup()?, Subject::bunny(32)?, Subject::bunny(64)?] {
             checks.extend(against_surface(
@@ -27,7 +31,15 @@ pub fn cases() -> Vec<Case> {
         }
         Ok(checks)
     });
-    one_axis.into_iter().chain([together]).collect()
+    let slices = Case::new(SLICE, "the slices' voxels", |rig| {
+        let mut checks = Vec::new();
+        for subject in [Subject::soup()?, Subject::bunny(32)?] {
+            let found = sliced(rig, &subject)?;
+            checks.extend(against_surface(SLICE, &subject, &found));
+        }
+        Ok(checks)
+    });
+    one_axis.into_iter().chain([together, slices]).collect()
 }
 
 /// A slicemap's voxels in the order of [`Grid::index`].
@@ -98,6 +110,15 @@ fn three_way(rig: &Rig<'_>, subject: &Subject) -> Result<Vec<bool>, GpuError> {
     let bits = voxels.bits.clone();
     let combine = Combine::new(&resources, &[(voxels, [a, b, c])])?;
     rig.run(&[&x, &y, &z, &combine])?;
+    Ok(voxels_of(&words(rig, &bits)?, &subject.grid))
+}
+
+/// The voxels of passes of a slice each.
+fn sliced(rig: &Rig<'_>, subject: &Subject) -> Result<Vec<bool>, GpuError> {
+    let resources = rig.resources();
+    let (geometry, part) = subject.upload(&resources);
+    let bits = part.voxels.bits.clone();
+    rig.run(&[&Slice::new(&resources, &geometry, &[part])?])?;
     Ok(voxels_of(&words(rig, &bits)?, &subject.grid))
 }
 
