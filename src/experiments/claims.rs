@@ -71,6 +71,7 @@ fn rule(claim: &Claim, cells: &[&Cell], software: bool) -> Finding {
     let cells: Vec<&Cell> = cells.iter().copied().filter(fitting).collect();
     match &claim.test {
         Test::AtLeast { y, value } => comparisons::at_least(y, *value, &cells, software),
+        Test::Within { y, low, high } => comparisons::inside(y, [*low, *high], &cells, software),
         Test::NoWorse {
             y,
             of,
@@ -177,7 +178,9 @@ fn rule_group(test: &Test, over: &str, cells: &[&Cell]) -> Finding {
         Test::Minimum {
             y, x, low, high, ..
         } => comparisons::minimum(y, x, [*low, *high], cells),
-        Test::AtLeast { .. } | Test::NoWorse { .. } => untestable("the claim names no axis"),
+        Test::AtLeast { .. } | Test::Within { .. } | Test::NoWorse { .. } => {
+            untestable("the claim names no axis")
+        }
     }
 }
 

@@ -66,6 +66,27 @@ pub(super) fn at_least(y: &Measure, value: f64, cells: &[&Cell], software: bool)
         .iter()
         .filter_map(|cell| read_positive(y, cell))
         .min_by(|a, b| a.median.total_cmp(&b.median));
+    let against = format!("against {value}");
+    bounded(y, worst, (value, f64::INFINITY), &against, software)
+}
+
+/// The cell that lies farthest from the band's middle, by factors, stands for all.
+pub(super) fn inside(y: &Measure, band: [f64; 2], cells: &[&Cell], software: bool) -> Finding {
+    let middle = (band[0] * band[1]).sqrt();
+    let off = |estimate: &Estimate| (estimate.median / middle).ln().abs();
+    let readings = cells.iter().filter_map(|cell| read_positive(y, cell));
+    let worst = readings.max_by(|a, b| off(a).total_cmp(&off(b)));
+    let against = format!("against {} – {}", band[0], band[1]);
+    bounded(y, worst, (band[0], band[1]), &against, software)
+}
+
+fn bounded(
+    y: &Measure,
+    worst: Option<Estimate>,
+    band: (f64, f64),
+    against: &str,
+    software: bool,
+) -> Finding {
     let Some(worst) = worst else {
         return untestable("no cell was measured at the size the claim speaks of");
     };
@@ -74,13 +95,13 @@ pub(super) fn at_least(y: &Measure, value: f64, cells: &[&Cell], software: bool)
         high: worst.high,
     };
     let figure = format!(
-        "{:.2} ({:.2} – {:.2}) {y} against {value}",
+        "{:.2} ({:.2} – {:.2}) {y} {against}",
         worst.median, worst.low, worst.high
     );
     if software && y.is_absolute() {
         return untestable(format!("{figure}: absolute times count only on hardware"));
     }
-    within(&interval, (value, f64::INFINITY), figure)
+    within(&interval, band, figure)
 }
 
 pub(super) fn no_worse(

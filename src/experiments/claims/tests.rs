@@ -344,3 +344,20 @@ fn families_of_stages_are_summed_frame_by_frame() {
     assert_eq!(names.stages().collect::<Vec<_>>(), ["g/x", "s"]);
     assert_eq!(names.to_string(), "g/x or s time");
 }
+
+#[test]
+fn quotients_of_a_cell_lie_within_a_band_or_do_not() {
+    let test = r#"within = { y = "quantity:error per axis:n", low = 7.9, high = 8.1 }"#;
+    let eight = swept(&[1.0, 2.0, 5.0], |n| 8.0 * n);
+    let (verdict, reason) = ruled(test, &eight, true);
+    assert_eq!(verdict, Verdict::Supported, "{reason}");
+    assert!(
+        reason.starts_with("8.00 (8.00 – 8.00) error per n"),
+        "{reason}"
+    );
+    let mut other = eight;
+    other[1] = swept(&[2.0], |_| 10.0).remove(0);
+    assert_eq!(ruled(test, &other, true).0, Verdict::Contradicted);
+    let timed = r#"within = { y = "stage:s per axis:n", low = 1.0, high = 2.0 }"#;
+    assert_eq!(ruled(timed, &other, true).0, Verdict::Untestable);
+}

@@ -62,6 +62,8 @@ pub enum Test {
     },
     /// Every cell reaches the value.
     AtLeast { y: Measure, value: f64 },
+    /// Every cell lies within `low … high`.
+    Within { y: Measure, low: f64, high: f64 },
     /// `y` in the cell `of` is at most `1 + margin` times that in the cell `than`.
     NoWorse {
         y: Measure,
@@ -130,7 +132,7 @@ impl Test {
             | Test::Monotone { over, .. }
             | Test::Lowest { over, .. }
             | Test::Minimum { over, .. } => Some(over),
-            Test::AtLeast { .. } | Test::NoWorse { .. } => None,
+            Test::AtLeast { .. } | Test::Within { .. } | Test::NoWorse { .. } => None,
         }
     }
 
@@ -143,6 +145,7 @@ impl Test {
             Test::Independent { y, .. }
             | Test::Ratio { y, .. }
             | Test::AtLeast { y, .. }
+            | Test::Within { y, .. }
             | Test::NoWorse { y, .. }
             | Test::Lowest { y, .. } => vec![y],
         }
