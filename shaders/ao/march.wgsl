@@ -31,7 +31,7 @@ fn vertex(@builtin(vertex_index) index: u32) -> @builtin(position) vec4<f32> {
 @fragment
 fn fragment(@builtin(position) pixel: vec4<f32>) -> @location(0) vec4<f32> {
     let view_px = vec2<f32>(textureDimensions(depth));
-    let texel = vec2<i32>(pixel.xy / settings.size_px * view_px);
+    let texel = screen::texel_behind(pixel.xy, settings.size_px, view_px);
     let z = textureLoad(depth, texel, 0);
     if z >= 1.0 {
         discard;

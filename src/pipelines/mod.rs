@@ -5,6 +5,7 @@ pub mod params;
 pub mod scalar_ao;
 pub mod settings;
 pub mod underwater;
+pub mod volume_ao;
 pub mod voxelization;
 pub mod voxelize;
 
@@ -53,6 +54,7 @@ pub struct Kind {
 pub const KINDS: &[Kind] = &[
     underwater::KIND,
     voxelize::KIND,
+    volume_ao::KIND,
     hsao::KIND,
     scalar_ao::KIND,
 ];

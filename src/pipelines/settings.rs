@@ -3,13 +3,14 @@
 use glam::{DVec3, Vec2};
 use serde::{Deserialize, Serialize};
 
-use crate::gpu::GpuError;
+use crate::gpu::{Demand, GpuError};
 use crate::scene::{Bounds, Camera, Grid, Light, Scene, SceneFile};
 use crate::stages::ao::compose::ComposeUniforms;
 use crate::stages::bilateral::BilateralUniforms;
 use crate::stages::frame;
-use crate::stages::geometry::Geometry;
-use crate::stages::kit::Resources;
+use crate::stages::geometry::{self, Geometry};
+use crate::stages::kit::{self, Resources};
+pub use crate::stages::marching::Attenuation;
 use crate::stages::scene::deform::{self, Motion};
 
 /// Checks a setting's range; the error names it.
@@ -264,6 +265,18 @@ impl Animation {
     }
 }
 
+/// What moving the geometry asks of an adapter.
+pub fn deform_demand(demand: Demand, scene: &Scene, animation: &Animation) -> Demand {
+    if animation.motion().is_none() {
+        return demand;
+    }
+    let corners: usize = scene.objects.iter().map(|o| o.mesh.positions.len()).sum();
+    let groups = kit::linear_workgroups(corners as u64);
+    demand
+        .storage("scene vertices", geometry::buffer_bytes(scene).0)
+        .dispatch("scene/deform", groups.map(u64::from))
+}
+
 /// The stage that moves the geometry; none where it rests.
 ///
 /// # Errors
@@ -281,16 +294,6 @@ pub fn deform(
         .transpose()
 }
 
-/// ρ, the obscurity of an occluder over its distance, up to r_max. VAO Eq. 1 leaves it open.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Attenuation {
-    /// 1 − d / r_max.
-    Linear,
-    /// 1.
-    Hard,
-}
-
 /// The scene file with a pipeline's floor, camera and light put in, and of its objects the first `objects` (0: all).
 pub fn staged(
     file: &SceneFile,
@@ -299,17 +302,14 @@ pub fn staged(
     light: Light,
     objects: u32,
 ) -> SceneFile {
-    let standing = match objects {
-        0 => file.objects.len(),
-        first => first as usize,
-    };
-    SceneFile {
+    let mut file = SceneFile {
         floor_depth_m,
         camera,
         light,
-        objects: file.objects.iter().take(standing).cloned().collect(),
         ..file.clone()
-    }
+    };
+    keep_first(&mut file, objects);
+    file
 }
 
 /// Pixels of a buffer of `scale` times the viewport's sides.
@@ -340,8 +340,8 @@ impl Shadow {
     }
 }
 
-/// Default of r_max over the scene's longest side. VAO gives none; tuned on scenes bunny_dry and sponza.
-pub const R_MAX_SHARE: f64 = 0.1;
+/// Default of r_max over the scene's longest side. VAO gives none; tuned on scenes bunny_dry, dragon_dry and sponza.
+pub const R_MAX_SHARE: f64 = 0.2;
 
 /// Distance up to which geometry occludes, metres: as set, or where that is 0 a share of the scene's longest side.
 pub fn r_max_m(scene: &Scene, r_max_m: f64, r_max_share: f64) -> f64 {

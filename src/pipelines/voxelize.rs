@@ -14,7 +14,7 @@ use crate::scene::{Camera, Light, Scene, SceneFile};
 use crate::stages::Stage;
 use crate::stages::frame::{Shared, View};
 use crate::stages::geometry::{self, Geometry};
-use crate::stages::kit::{self, Resources};
+use crate::stages::kit::Resources;
 use crate::stages::scene::deform::Deform;
 use crate::stages::voxel::view::CubeView;
 use crate::stages::voxels::Voxels;
@@ -106,17 +106,11 @@ fn demand(params: &Value, scene: &Scene) -> Result<Demand, String> {
     let params = Params::from_value(params)?;
     let (vertices, indices) = geometry::buffer_bytes(scene);
     let [width, height] = [params.view.width, params.view.height].map(u64::from);
-    let mut demand = Demand::new()
+    let demand = Demand::new()
         .texture_2d("view.width × view.height", width, height)
         .buffer("scene vertices", vertices)
         .buffer("scene indices", indices);
-    if params.animation.motion().is_some() {
-        let corners: usize = scene.objects.iter().map(|o| o.mesh.positions.len()).sum();
-        let groups = kit::linear_workgroups(corners as u64);
-        demand = demand
-            .storage("scene vertices", vertices)
-            .dispatch("scene/deform", groups.map(u64::from));
-    }
+    let demand = settings::deform_demand(demand, scene, &params.animation);
     let (voxel, animation) = (&params.voxel, &params.animation);
     voxelization::demand(
         demand,

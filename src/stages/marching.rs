@@ -148,8 +148,8 @@ impl Marching {
     }
 
     /// Samples of a ray at most.
-    pub fn samples_in(&self, grid: &Grid) -> u32 {
-        (self.r_max_voxels(grid) / self.step_in(grid)).ceil() as u32
+    pub fn samples_in(&self, grid: &Grid) -> f64 {
+        (self.r_max_voxels(grid) / self.step_in(grid)).ceil()
     }
 
     pub fn uniforms(&self, grid: &Grid) -> MarchUniforms {
@@ -226,9 +226,9 @@ mod tests {
             hit: Hit::Sample,
         };
         assert!((marching.step_in(&grid) - 1.25).abs() < 1e-12);
-        assert_eq!(marching.samples_in(&grid), 8);
+        assert_eq!(marching.samples_in(&grid), 8.0);
         marching.step = Step::Voxel;
         assert_eq!(marching.step_in(&grid), 0.5);
-        assert_eq!(marching.samples_in(&grid), 20);
+        assert_eq!(marching.samples_in(&grid), 20.0);
     }
 }

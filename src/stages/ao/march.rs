@@ -9,11 +9,12 @@ use crate::gpu::{
 };
 use crate::record::Work;
 use crate::scene::Bounds;
+use crate::stages::bilateral::{VISIBILITY_FORMAT, visibility_output};
 use crate::stages::frame::Shared;
 use crate::stages::kit::{self, Bind, Group, RenderSpec, Resources};
 use crate::stages::marching::Marching;
 use crate::stages::voxels::Voxels;
-use crate::stages::{Column, Output, OutputData, Stage, StageInfo};
+use crate::stages::{Output, Stage, StageInfo};
 
 pub const INFO: StageInfo = StageInfo {
     name: "ao/march",
@@ -46,7 +47,7 @@ struct Drawn {
     group: wgpu::BindGroup,
     /// x, y, width, height.
     scissor: [u32; 4],
-    samples: u32,
+    samples: u64,
 }
 
 pub struct March {
@@ -101,7 +102,6 @@ impl March {
         let first = groups
             .first()
             .ok_or_else(|| GpuError::Limit("there is no volume to march through".into()))?;
-        let format = wgpu::TextureFormat::R16Float;
         let pipeline = kit::render_pipeline(
             gpu,
             &RenderSpec {
@@ -111,17 +111,17 @@ impl March {
                 fragment: Some("fragment"),
                 groups: &[&shared.group, first, &input_group],
                 buffers: &[],
-                targets: &[kit::multiplicative(format)],
+                targets: &[kit::multiplicative(VISIBILITY_FORMAT)],
                 depth: None,
             },
         );
-        let target = resources.target(INFO.name, size_px, format);
+        let target = resources.target(INFO.name, size_px, VISIBILITY_FORMAT);
         let drawn = |(group, voxels): (Group, &Voxels)| {
             let reach = grown(&voxels.grid.bounds(), marching.r_max_m);
             Some(Drawn {
                 group: group.group,
                 scissor: rectangle(&inputs.view_projection, &reach, size_px)?,
-                samples: marching.samples_in(&voxels.grid),
+                samples: marching.samples_in(&voxels.grid) as u64,
             })
         };
         Ok(Self {
@@ -247,7 +247,7 @@ impl Stage for March {
         let samples = self
             .volumes
             .iter()
-            .map(|v| pixels(v) * u64::from(self.rays) * u64::from(v.samples))
+            .map(|v| pixels(v) * u64::from(self.rays) * v.samples)
             .sum();
         Work {
             fragments,
@@ -258,16 +258,7 @@ impl Stage for March {
     }
 
     fn outputs(&self) -> Vec<Output> {
-        vec![Output {
-            name: "visibility".into(),
-            meaning: "1 − A, ambient occlusion before filtering; 1 on the background".into(),
-            columns: vec![Column {
-                name: "visibility",
-                unit: "1",
-                meaning: "share of the cosine-weighted hemisphere that is open",
-            }],
-            data: OutputData::Texture(self.target.clone()),
-        }]
+        vec![visibility_output("visibility", &self.target)]
     }
 }
 

@@ -16,10 +16,6 @@ pub const INFO: StageInfo = StageInfo {
     source: "VAO §3 step 3, §5.1",
 };
 
-const GROUP_SIZE: u64 = 64;
-/// Workgroups of a row of the dispatch: 65,535 is WebGPU's least limit.
-const ROW: u64 = 32_768;
-
 /// Host twin of `Point` in `shaders/ao/query.wgsl`.
 #[derive(Clone, Debug, PartialEq, ShaderType)]
 pub struct Point {
@@ -38,18 +34,11 @@ pub struct Query {
     pub visibility: wgpu::Buffer,
 }
 
-/// Workgroups along x and y.
-fn workgroups(points: u64) -> [u64; 2] {
-    let groups = points.div_ceil(GROUP_SIZE);
-    [groups.min(ROW), groups.div_ceil(ROW)]
-}
-
 /// What a query of so many points asks of an adapter.
 pub fn demand(points: u64) -> Demand {
-    let [x, y] = workgroups(points);
     Demand::new()
         .storage("points", points * Point::min_size().get())
-        .dispatch(INFO.name, [x, y, 1])
+        .dispatch(INFO.name, kit::linear_workgroups(points).map(u64::from))
 }
 
 impl Query {
@@ -83,9 +72,7 @@ impl Query {
             .ok_or_else(|| GpuError::Limit("there is no volume to march through".into()))?;
         let shader = gpu.shader(INFO.name, &marching.defs())?;
         let pipeline = kit::compute_pipeline(gpu, INFO.name, &shader, &[&point_group, first]);
-        let samples = volumes
-            .iter()
-            .map(|v| u64::from(marching.samples_in(&v.grid)));
+        let samples = volumes.iter().map(|v| marching.samples_in(&v.grid) as u64);
         Ok(Self {
             pipeline,
             points: point_group,
@@ -103,13 +90,13 @@ impl Encode for Query {
     }
 
     fn encode(&self, scope: &mut StageScope<'_>) {
-        let [x, y] = workgroups(self.count).map(|n| n as u32);
+        let [x, y, z] = kit::linear_workgroups(self.count);
         scope.compute(|pass| {
             pass.set_pipeline(&self.pipeline);
             pass.set_bind_group(0, &self.points.group, &[]);
             for volume in &self.volumes {
                 pass.set_bind_group(1, volume, &[]);
-                pass.dispatch_workgroups(x, y, 1);
+                pass.dispatch_workgroups(x, y, z);
             }
         });
     }
