@@ -6,8 +6,13 @@
 
 mod atrium;
 mod basic;
+mod bricks;
 pub mod fields;
+mod freight;
+mod level;
 mod port;
+mod robot;
+mod room;
 mod storage;
 mod tank;
 
@@ -51,6 +56,11 @@ pub fn all() -> impl Iterator<Item = &'static Generator> {
         port::GENERATORS,
         storage::GENERATORS,
         atrium::GENERATORS,
+        bricks::GENERATORS,
+        freight::GENERATORS,
+        level::GENERATORS,
+        robot::GENERATORS,
+        room::GENERATORS,
     ]
     .into_iter()
     .flatten()
@@ -178,6 +188,60 @@ mod tests {
                 assert!(mesh.triangle_count() < 100_000, "{}", generator.name);
             }
         }
+    }
+
+    /// Signed volume of closed meshes: positive where triangles face outward.
+    fn volume(mesh: &Mesh) -> f64 {
+        let signed = |t: usize| {
+            let [a, b, c] = mesh.triangle(t);
+            a.dot(b.cross(c)) / 6.0
+        };
+        (0..mesh.triangle_count()).map(signed).sum()
+    }
+
+    /// Edges that are not met as often from one side as from the other: none in closed meshes.
+    fn open_edges(mesh: &Mesh) -> usize {
+        // Adding 0 makes −0 of 0.
+        let corner = |i: u32| mesh.positions[i as usize].map(|c| (c + 0.0).to_bits());
+        let mut balance = BTreeMap::new();
+        for triangle in mesh.indices.chunks_exact(3) {
+            for k in 0..3 {
+                let (a, b) = (corner(triangle[k]), corner(triangle[(k + 1) % 3]));
+                *balance.entry((a.min(b), a.max(b))).or_insert(0) += if a < b { 1 } else { -1 };
+            }
+        }
+        balance.values().filter(|n| **n != 0).count()
+    }
+
+    #[test]
+    fn solids_are_closed_face_outward_and_have_no_degenerate_triangles() {
+        let open = ["plane", "corner"];
+        let themes = [
+            bricks::GENERATORS,
+            freight::GENERATORS,
+            level::GENERATORS,
+            robot::GENERATORS,
+            room::GENERATORS,
+        ];
+        let basic = basic::GENERATORS.iter().filter(|g| !open.contains(&g.name));
+        for generator in themes.into_iter().flatten().chain(basic) {
+            let mesh = generator.mesh(&BTreeMap::new(), 3.0).expect("a mesh");
+            assert_eq!(open_edges(&mesh), 0, "{}", generator.name);
+            assert!(volume(&mesh) > 0.0, "{}", generator.name);
+            let flat = (0..mesh.triangle_count()).filter(|t| {
+                let [a, b, c] = mesh.triangle(*t);
+                (b - a).cross(c - a).length() < 1e-12
+            });
+            assert_eq!(flat.count(), 0, "{}", generator.name);
+        }
+    }
+
+    #[test]
+    fn the_check_for_closed_meshes_finds_holes() {
+        let block = find("box").expect("known").mesh(&BTreeMap::new(), 3.0);
+        let mut block = block.expect("a mesh");
+        block.indices.truncate(block.indices.len() - 3);
+        assert_eq!(open_edges(&block), 3);
     }
 
     #[test]

@@ -3,6 +3,10 @@
 //! Each is a field over a box that can be sampled at any number of cells: a coarser volume shows the
 //! same thing.
 
+mod bonsai;
+mod distance;
+mod engine;
+mod head;
 mod smoke;
 
 use std::collections::BTreeMap;
@@ -31,7 +35,14 @@ type Field = Box<dyn Fn(DVec3) -> f64 + Sync>;
 
 /// Every generator of volumes there is.
 pub fn all() -> impl Iterator<Item = &'static FieldGenerator> + Clone {
-    [smoke::GENERATORS].into_iter().flatten()
+    [
+        smoke::GENERATORS,
+        bonsai::GENERATORS,
+        engine::GENERATORS,
+        head::GENERATORS,
+    ]
+    .into_iter()
+    .flatten()
 }
 
 /// The generator called `name`; the error names the nearest one.
@@ -68,5 +79,82 @@ impl FieldGenerator {
             }
         });
         Ok(data)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The field along the longest edge sampled at about this many cells.
+    fn coarse(generator: &FieldGenerator, longest: f64) -> [u32; 3] {
+        (generator.extent() * longest)
+            .to_array()
+            .map(|n| n.round() as u32)
+    }
+
+    #[test]
+    fn every_field_is_repeatable_and_neither_empty_nor_full() {
+        for generator in all() {
+            let cells = coarse(generator, 40.0);
+            let data = generator.sample(&BTreeMap::new(), cells).unwrap();
+            let count = cells.iter().product::<u32>() as usize;
+            assert_eq!(data.len(), count);
+            assert!(data.iter().all(|v| (0.0..=1.0).contains(v)));
+            let filled = data.iter().filter(|v| **v > 0.1).count() as f64 / count as f64;
+            assert!(
+                (0.03..0.7).contains(&filled),
+                "{}: {filled}",
+                generator.name
+            );
+            assert_eq!(Ok(data), generator.sample(&BTreeMap::new(), cells));
+        }
+    }
+
+    #[test]
+    fn fields_can_be_made_at_both_ends_of_every_parameter() {
+        for generator in all() {
+            for param in generator.params {
+                for value in [param.low, param.high] {
+                    let params = BTreeMap::from([(param.name.to_owned(), value)]);
+                    let cells = coarse(generator, 8.0);
+                    let data = generator.sample(&params, cells);
+                    let data = data.unwrap_or_else(|e| panic!("{}: {e}", generator.name));
+                    assert!(data.iter().all(|v| v.is_finite()), "{}", param.name);
+                }
+            }
+        }
+    }
+
+    /// A coarse volume is the fine one seen coarsely: both have the same mean.
+    #[test]
+    fn the_number_of_cells_does_not_change_what_is_shown() {
+        for generator in all() {
+            let mean = |longest| {
+                let data = generator.sample(&BTreeMap::new(), coarse(generator, longest));
+                let data = data.unwrap();
+                data.iter().map(|v| f64::from(*v)).sum::<f64>() / data.len() as f64
+            };
+            let (few, many) = (mean(32.0), mean(56.0));
+            assert!(
+                (few - many).abs() < 0.15 * many,
+                "{}: {few} against {many}",
+                generator.name
+            );
+        }
+    }
+
+    /// Wood, pot and leaves, casting and steel: more than one level, VAO Fig. 7.
+    #[test]
+    fn solids_have_their_own_densities() {
+        for (name, levels) in [("engine_like", [0.55, 0.95]), ("bonsai", [0.6, 0.85])] {
+            let generator = find(name).unwrap();
+            let data = generator.sample(&BTreeMap::new(), coarse(generator, 64.0));
+            let data = data.unwrap();
+            for level in levels {
+                let there = data.iter().filter(|v| (**v - level).abs() < 0.01).count();
+                assert!(there > 20, "{name}: {there} cells of {level}");
+            }
+        }
     }
 }
