@@ -54,7 +54,7 @@ impl Setup {
     fn run(&self, rig: &Rig<'_>) -> Result<Seen, VerifyError> {
         let resources = rig.resources();
         let (resources, shared) = (&resources, &Shared::new(&resources, &self.view()?));
-        let field = &ScalarField::new(resources, &self.volume, self.scalar.pyramid);
+        let field = &ScalarField::new(resources, &self.volume, self.scalar.needs_pyramid());
         let settings = &self.scalar;
         let march = &settings.uniforms(self.size_px, field.voxel_m, settings.r_max_m);
         let (beer, rejection) = (settings.law == Law::Beer, settings.rejection);
