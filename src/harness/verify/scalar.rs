@@ -108,7 +108,7 @@ fn mean(image: &Image) -> f64 {
     image.sum() / image.data().len() as f64
 }
 
-/// Marching that leaves nothing out: long view steps do not matter where every sample is judged.
+/// Marching that leaves nothing out.
 fn settings(mode: Mode) -> Scalar {
     Scalar {
         mode,
