@@ -48,6 +48,7 @@ fn scene_file(file: &SceneFile, params: &Value) -> Result<SceneFile, String> {
 }
 
 fn demand(params: &Value, scene: &Scene) -> Result<Demand, String> {
+    scene.needs_objects("underwater")?;
     let params = Params::from_value(params)?;
     let (vertices, indices) = geometry::buffer_bytes(scene);
     let mut demand = Demand::new()
