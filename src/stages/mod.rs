@@ -116,7 +116,7 @@ pub const REGISTRY: &[StageInfo] = &[
 #[cfg(test)]
 mod tests {
     use encase::{ShaderType, internal::WriteInto};
-    use glam::{Mat4, Vec2, Vec3};
+    use glam::{Mat4, UVec3, Vec2, Vec3};
 
     use super::caustics::splat::SplatUniforms;
     use super::compose::ComposeUniforms;
@@ -125,7 +125,11 @@ mod tests {
     use super::godrays::lines::LinesUniforms;
     use super::low_pass::FilterUniforms;
     use super::photon::{Photon, TraceUniforms};
+    use super::scene::deform::{DeformUniforms, PivotUniforms};
     use super::shadow::mask::MaskUniforms;
+    use super::voxel::mips::LevelUniforms;
+    use super::voxel::triangles::BatchUniforms;
+    use super::voxels::GridUniforms;
     use super::{REGISTRY, kit};
     use crate::gpu::{shader_paths, wgsl_layout};
 
@@ -274,6 +278,45 @@ mod tests {
         same_layout("godrays/filter", "Filter", &fields, &value);
         let (fields, value) = numbered!(MaskUniforms { cells: 1 });
         same_layout("shadow/mask", "Mask", &fields, &value);
+    }
+
+    #[test]
+    fn settings_of_voxel_stages_equal_their_wgsl_twins() {
+        let (fields, value) = numbered!(GridUniforms {
+            origin_m: vec3(1.0),
+            voxel_m: 2.0,
+            cells: UVec3::new(3, 0, 0),
+            words: 4,
+        });
+        for shader in ["voxel/slicemap", "voxel/combine", "voxel/overlap"] {
+            same_layout(shader, "Grid", &fields, &value);
+        }
+        let (fields, value) = numbered!(BatchUniforms {
+            first_index: 1,
+            triangles: 2,
+            small_columns: 3,
+            large_columns: 4,
+        });
+        same_layout("voxel/overlap", "Batch", &fields, &value);
+        same_layout("voxel/alpha", "Batch", &fields, &value);
+        let (fields, value) = numbered!(LevelUniforms {
+            below: UVec3::new(1, 0, 0),
+            below_word: 2,
+            size: UVec3::new(3, 0, 0),
+            size_word: 4,
+        });
+        same_layout("voxel/mips", "Level", &fields, &value);
+        let (fields, value) = numbered!(DeformUniforms {
+            vertices: 1,
+            cycles: 2.0,
+            amplitude: 3.0,
+        });
+        same_layout("scene/deform", "Deform", &fields, &value);
+        let (fields, value) = numbered!(PivotUniforms {
+            foot_m: vec3(1.0),
+            height_m: 2.0,
+        });
+        same_layout("scene/deform", "Pivot", &fields, &value);
     }
 
     #[test]
