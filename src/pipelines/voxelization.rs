@@ -182,7 +182,7 @@ pub fn run_once(gpu: &Gpu, stages: &[&dyn Stage]) -> Result<(), GpuError> {
 /// What volumes and their stages ask of an adapter; an error names the parameter at fault.
 ///
 /// # Errors
-/// Settings that give no grid, and scenes without geometry.
+/// Settings that give no grid.
 pub fn demand(
     demand: Demand,
     scene: &Scene,
@@ -193,9 +193,6 @@ pub fn demand(
 ) -> Result<Demand, String> {
     let grids = settings.grids(scene, camera, animation)?;
     let (vertices, indices) = geometry::buffer_bytes(scene);
-    if indices == 0 {
-        return Err("the scene has no triangles to voxelize".into());
-    }
     let triangles = indices / 12;
     let mut demand = demand;
     if is_by_triangle(settings.method) {
