@@ -14,6 +14,7 @@ mod deform;
 mod filters;
 mod light;
 mod lines;
+mod occlusion;
 mod photons;
 mod rig;
 mod scalar;
@@ -144,6 +145,7 @@ fn cases() -> Vec<Case> {
         deform::cases(),
         voxel::cases(),
         camera::cases(),
+        occlusion::cases(),
         bilateral::cases(),
         ao_compose::cases(),
         photons::cases(),
