@@ -31,7 +31,7 @@ pub const KIND: Kind = Kind {
     scene_file,
     demand,
     build: |gpu, scene, params| {
-        let params = Params::from_value(params).map_err(GpuError::Limit)?;
+        let params = Params::from_value(params).map_err(GpuError::Unusable)?;
         Ok(Box::new(Underwater::new(gpu, scene, params)?))
     },
 };
