@@ -76,7 +76,7 @@ fn parts(
         geometry.objects.clone()
     } else {
         let last = geometry.objects.last().map_or(0, |object| object.end);
-        vec![0..last]
+        std::iter::once(0..last).collect()
     };
     let part = |(grid, indices)| Part {
         voxels: Voxels::new(resources, "voxels", grid, pyramid),
