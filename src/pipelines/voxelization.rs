@@ -209,15 +209,6 @@ pub fn demand(
             );
     }
     for grid in &grids {
-        // Shaders count voxels in 32 bits.
-        if grid.count() > u64::from(u32::MAX) {
-            let name = settings.size_name();
-            return Err(format!(
-                "{name} asks for {} voxels: {} can be told apart",
-                grid.count(),
-                u32::MAX
-            ));
-        }
         demand = demand.and(of_grid(grid, settings));
         if pyramid {
             demand = demand.and(of_pyramid(grid, settings));
@@ -237,6 +228,7 @@ fn of_grid(grid: &Grid, settings: &Voxel) -> Demand {
     let name = settings.size_name();
     let demand = Demand::new()
         .texture_3d(name, grid.cells.map(u64::from))
+        .indexed(name, grid.count())
         .storage(&format!("{name}: bit volume"), grid.words() * 4)
         .storage(
             &format!("{name}: rows of voxel/unpack"),
