@@ -449,3 +449,6 @@ impl Compose {
         self.show == Show::Occlusion
     }
 }
+
+#[cfg(test)]
+mod tests;
