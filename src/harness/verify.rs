@@ -11,6 +11,7 @@ mod bilateral;
 mod camera;
 mod compose;
 mod filters;
+mod hsao;
 mod light;
 mod lines;
 mod photons;
@@ -141,6 +142,7 @@ fn cases() -> Vec<Case> {
         camera::cases(),
         bilateral::cases(),
         ao_compose::cases(),
+        hsao::cases(),
         photons::cases(),
         splats::cases(),
         lines::cases(),
