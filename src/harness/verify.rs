@@ -12,6 +12,7 @@ mod camera;
 mod compose;
 mod deform;
 mod filters;
+mod hsao;
 mod light;
 mod lines;
 mod occlusion;
@@ -148,6 +149,7 @@ fn cases() -> Vec<Case> {
         occlusion::cases(),
         bilateral::cases(),
         ao_compose::cases(),
+        hsao::cases(),
         photons::cases(),
         splats::cases(),
         lines::cases(),
