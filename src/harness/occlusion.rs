@@ -69,6 +69,10 @@ pub struct Known {
 
 /// What of a cell the reference depends on.
 struct Question {
+    /// Objects whose surfaces are judged: those that one cannot see through.
+    opaque: Vec<bool>,
+    /// Whether rays end at surfaces, as those of the reference do, all of them opaque.
+    comparable: bool,
     camera: Camera,
     size_px: [u32; 2],
     r_max_m: f64,
@@ -79,7 +83,8 @@ struct Question {
 
 impl Known {
     /// `ao_rmse` and `ao_bias` of the buffer as computed, `ao_filtered_rmse` and `ao_filtered_bias` after the filter where
-    /// there is one, and the means `ao_mean` and `ao_reference_mean`. All in units of A, 0 open to 1 closed.
+    /// there is one, and the means `ao_mean` and `ao_reference_mean`. All in units of A, 0 open to 1 closed, over points of
+    /// opaque surfaces; `ao_mean` alone where rays pass through transparent ones.
     pub(super) fn cell_errors(
         &mut self,
         gpu: &Gpu,
@@ -89,6 +94,11 @@ impl Known {
         let (question, points) = self.points(gpu, subject, pipeline, MOST_POINTS, RAYS)?;
         let raw = readout::image(gpu, pipeline, &RAW, None)?;
         let mut quantities = figures("ao", &errors(&question, &points, &raw));
+        let mean = points.iter().map(|point| point.occlusion).sum::<f64>() / points.len() as f64;
+        let seen = mean + quantities["ao_bias"];
+        if !question.comparable {
+            return Ok(BTreeMap::from([("ao_mean".to_owned(), seen)]));
+        }
         if readout::texture(pipeline, &FILTERED, None).is_some() {
             let filtered = readout::image(gpu, pipeline, &FILTERED, None)?;
             quantities.extend(figures(
@@ -96,8 +106,7 @@ impl Known {
                 &errors(&question, &points, &filtered),
             ));
         }
-        let mean = points.iter().map(|point| point.occlusion).sum::<f64>() / points.len() as f64;
-        quantities.insert("ao_mean".into(), mean + quantities["ao_bias"]);
+        quantities.insert("ao_mean".into(), seen);
         quantities.insert("ao_reference_mean".into(), mean);
         Ok(quantities)
     }
@@ -182,7 +191,12 @@ impl Question {
         };
         let fixed_m = number("r_max_m")?;
         let share = number("r_max_share")?;
+        let alphas = subject.scene.objects.iter().map(|o| o.material.alpha);
+        let opaque: Vec<bool> = alphas.map(|alpha| alpha >= 1.0).collect();
+        let through = of_group("occluder").is_some_and(|occluder| occluder == "opacity");
         Ok(Question {
+            comparable: !through || opaque.iter().all(|opaque| *opaque),
+            opaque,
             camera,
             size_px: [side("view.width")?, side("view.height")?],
             r_max_m: match fixed_m > 0.0 {
@@ -254,6 +268,9 @@ fn cast(
         let (x_px, y_px) = (f64::from(x) + 0.5, f64::from(y) + 0.5);
         let drawn = camera_rays.unproject(x_px, y_px, f64::from(depth.texel(x, y)[0]));
         let distance = hit.position.distance(question.camera.position());
+        if !question.opaque[hit.object] {
+            return None;
+        }
         let same = hit.position.distance(drawn) <= DEPTH_TOLERANCE * distance;
         let n = normal.texel(x, y);
         let n = DVec3::new(n[0].into(), n[1].into(), n[2].into()).try_normalize()?;

@@ -59,6 +59,8 @@ pub fn gbuffer(tracer: &Tracer, camera: &Camera, [width, height]: [u32; 2]) -> [
 
 fn question(scale: u32) -> Question {
     Question {
+        opaque: vec![true; 2],
+        comparable: true,
         camera: camera([4.0, 3.0, 2.0]),
         size_px: [48, 40],
         r_max_m: 1.0,
