@@ -5,7 +5,7 @@
 #import fathom::ray_cast::{march, Ray, windowed, view_ray, along, seed_of, lit, background, display}
 #import fathom::scalar_field::{field, value, outward, through_box, look_ups}
 #import fathom::screen
-#import fathom::sphere::{shift_of, shifted_point, cosine_direction}
+#import fathom::sphere::{shift_of, shifted_point, cosine_direction, tangent_frame}
 
 struct Targets {
     @location(0) image: vec4<f32>,
@@ -82,9 +82,10 @@ fn obscurity(position_m: vec3<f32>, normal: vec3<f32>, direction: vec3<f32>) -> 
 // A of VAO Eq. 1 by cosine-distributed rays.
 fn occlusion(position_m: vec3<f32>, normal: vec3<f32>, seed: u32) -> f32 {
     let shift = shift_of(seed);
+    let turn = tangent_frame(normal);
     var sum = 0.0;
     for (var j = 0u; j < march.rays; j++) {
-        let direction = cosine_direction(normal, shifted_point(j, march.rays, shift).xy);
+        let direction = turn * cosine_direction(shifted_point(j, march.rays, shift).xy);
         sum += obscurity(position_m, normal, direction);
     }
     return sum / f32(march.rays);

@@ -7,7 +7,7 @@
 
 #import fathom::ray_cast::{march, windowed, view_ray, along, seed_of, lit, background, display, OPAQUE}
 #import fathom::scalar_field::{field, value, outward, through_box, look_ups}
-#import fathom::sphere::{shift_of, shifted_point, cosine_direction, sphere_direction}
+#import fathom::sphere::{shift_of, shifted_point, cosine_direction, sphere_direction, tangent_frame}
 
 struct Targets {
     @location(0) image: vec4<f32>,
@@ -74,13 +74,16 @@ fn obscurance(origin_m: vec3<f32>, direction: vec3<f32>, jitter: f32, first: f32
 fn occlusion(position_m: vec3<f32>, normal: vec3<f32>, seed: u32) -> f32 {
     let shift = shift_of(seed);
     let first = windowed(value(position_m, march.level));
+#if SPHERE == 0
+    let turn = tangent_frame(normal);
+#endif
     var sum = 0.0;
     for (var j = 0u; j < march.rays; j++) {
         let point = shifted_point(j, march.rays, shift);
 #if SPHERE == 1
         let direction = sphere_direction(point.xy);
 #else
-        let direction = cosine_direction(normal, point.xy);
+        let direction = turn * cosine_direction(point.xy);
 #endif
         sum += obscurance(position_m, direction, point.z, first);
     }

@@ -2,9 +2,9 @@
 #define_import_path fathom::ray_cast
 
 #import fathom::frame::{frame}
+#import fathom::random::{pcg}
 #import fathom::scalar_field::{through_box}
 #import fathom::shading::{to_light}
-#import fathom::sphere::{pcg}
 
 struct March {
     size_px: vec2<f32>,

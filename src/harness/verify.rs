@@ -12,8 +12,10 @@ mod camera;
 mod compose;
 mod deform;
 mod filters;
+mod hsao;
 mod light;
 mod lines;
+mod occlusion;
 mod photons;
 mod rig;
 mod scalar;
@@ -144,8 +146,10 @@ fn cases() -> Vec<Case> {
         deform::cases(),
         voxel::cases(),
         camera::cases(),
+        occlusion::cases(),
         bilateral::cases(),
         ao_compose::cases(),
+        hsao::cases(),
         photons::cases(),
         splats::cases(),
         lines::cases(),

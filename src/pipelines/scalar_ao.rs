@@ -148,7 +148,7 @@ impl ScalarAo {
         let resources = &Resources::new(gpu);
         let view = view(&params, scene);
         let shared = Shared::new(resources, &view);
-        let field = ScalarField::new(resources, volume, params.scalar.pyramid);
+        let field = ScalarField::new(resources, volume, params.scalar.needs_pyramid());
         let r_max_m = params.scalar.reach_m(longest_m(scene));
         let cast = Cast::new(resources, &shared, &field, &params, r_max_m)?;
         Ok(Self {

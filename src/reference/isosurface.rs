@@ -53,7 +53,7 @@ impl Solid {
 }
 
 /// The first of the solids along a ray, and where.
-pub fn first<'s>(solids: &'s [Solid], origin: DVec3, direction: DVec3) -> Option<(&'s Solid, f64)> {
+pub fn first(solids: &[Solid], origin: DVec3, direction: DVec3) -> Option<(&Solid, f64)> {
     solids
         .iter()
         .filter_map(|solid| Some((solid, solid.entry(origin, direction)?)))

@@ -1,5 +1,7 @@
 //! Ray marching through a volume in f64, twin of the GPU's: the same directions, steps and rules. VAO §3 step 3, §5.1.
 
+use std::cell::Cell;
+
 use glam::{DVec3, UVec3};
 
 use super::filter::pcg;
@@ -81,27 +83,35 @@ pub struct March {
     pub between: bool,
 }
 
+/// What marching from a point gives.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Marched {
+    /// A(p).
+    pub occlusion: f64,
+    /// Samples taken within the volume.
+    pub samples: u64,
+}
+
 /// 2³² / golden ratio.
 const GOLDEN: u32 = 0x9E37_79B9;
 
 impl March {
-    /// A(p) at a point and its unit normal in the world; `index` seeds the directions: that of the point in a query, or
+    /// Marches from a point with a unit normal in the world; `index` seeds the directions: that of the point in a query, or
     /// x + 65536 y of a pixel.
-    pub fn occlusion(
-        &self,
-        volume: &HostVolume,
-        position: DVec3,
-        normal: DVec3,
-        index: u32,
-    ) -> f64 {
+    pub fn from(&self, volume: &HostVolume, position: DVec3, normal: DVec3, index: u32) -> Marched {
         let surface = volume.grid.to_cells(position);
         let cells = UVec3::from(volume.grid.cells).as_dvec3();
         if (-surface).max(surface - cells).max_element() > self.r_max {
-            return 0.0;
+            return Marched {
+                occlusion: 0.0,
+                samples: 0,
+            };
         }
         let origin = surface + normal * self.offset;
         let frame = tangent_frame(normal);
         let seed = pcg(index);
+        // A ray's beginning is sampled once for all.
+        let taken = Cell::new(u64::from(self.opacity));
         let sum: f64 = (0..self.rays)
             .map(|ray| {
                 let point = self.point(ray, seed);
@@ -110,10 +120,13 @@ impl March {
                     false => cosine_direction(point),
                 };
                 let weight = if self.paper_estimator { local.z } else { 1.0 };
-                weight * self.obscurity(volume, origin, frame * local, local.z)
+                weight * self.obscurity(volume, (origin, frame * local), local.z, &taken)
             })
             .sum();
-        sum / f64::from(self.rays)
+        Marched {
+            occlusion: sum / f64::from(self.rays),
+            samples: taken.get(),
+        }
     }
 
     fn point(&self, ray: u32, seed: u32) -> [f64; 2] {
@@ -129,7 +142,13 @@ impl March {
         ]
     }
 
-    fn obscurity(&self, volume: &HostVolume, origin: DVec3, direction: DVec3, cosine: f64) -> f64 {
+    fn obscurity(
+        &self,
+        volume: &HostVolume,
+        (origin, direction): (DVec3, DVec3),
+        cosine: f64,
+        taken: &Cell<u64>,
+    ) -> f64 {
         let first = match self.guard {
             Guard::Along(d) => d,
             Guard::Above(h) => h / cosine,
@@ -139,17 +158,14 @@ impl March {
         let distances = (0..)
             .map(|k| first + f64::from(k) * self.step)
             .take_while(|d| *d < self.r_max);
-        // Outside the volume V is 0.
+        // Outside the volume V is 0, and no sample is needed to know it.
         let samples = distances.map(|d| {
             let place = origin + direction * d;
-            (
-                d,
-                if inside(place) {
-                    volume.density(place)
-                } else {
-                    0.0
-                },
-            )
+            if !inside(place) {
+                return (d, 0.0);
+            }
+            taken.set(taken.get() + 1);
+            (d, volume.density(place))
         });
         if self.opacity {
             self.gathered(samples, volume.density(origin))
@@ -235,9 +251,11 @@ mod tests {
         let mut march = march();
         march.threshold = 0.7;
         let plane = volume(floor);
-        assert_eq!(march.occlusion(&plane, DVec3::ZERO, DVec3::Y, 3), 0.0);
+        assert_eq!(march.from(&plane, DVec3::ZERO, DVec3::Y, 3).occlusion, 0.0);
         let corner = volume(|p| floor(p) || p.x.abs() < 0.6);
-        let a = march.occlusion(&corner, DVec3::new(3.0, 0.0, 0.0), DVec3::Y, 3);
+        let a = march
+            .from(&corner, DVec3::new(3.0, 0.0, 0.0), DVec3::Y, 3)
+            .occlusion;
         // The wall is met where cos φ > c sin θ, c = 3 m / r_max: A = (φ₀ − c² tan φ₀) / π with cos φ₀ = c.
         let c: f64 = 3.0 / 20.0;
         let expected = (c.acos() - c * c * c.acos().tan()) / std::f64::consts::PI;
@@ -248,7 +266,9 @@ mod tests {
     fn without_a_guard_a_surface_occludes_itself() {
         let mut march = march();
         march.guard = Guard::Along(0.0);
-        let a = march.occlusion(&volume(floor), DVec3::ZERO, DVec3::Y, 3);
+        let a = march
+            .from(&volume(floor), DVec3::ZERO, DVec3::Y, 3)
+            .occlusion;
         assert_eq!(a, 1.0);
     }
 
@@ -257,15 +277,15 @@ mod tests {
         let ceiling = volume(|p| (p.y - 6.0).abs() < 0.6);
         let mut march = march();
         march.rays = 4096;
-        let unbiased = march.occlusion(&ceiling, DVec3::ZERO, DVec3::Y, 3);
+        let unbiased = march.from(&ceiling, DVec3::ZERO, DVec3::Y, 3).occlusion;
         march.paper_estimator = true;
-        let paper = march.occlusion(&ceiling, DVec3::ZERO, DVec3::Y, 3);
+        let paper = march.from(&ceiling, DVec3::ZERO, DVec3::Y, 3).occlusion;
         assert!(
             (2.0 * paper / unbiased - 1.0).abs() < 0.01,
             "{paper} {unbiased}"
         );
         march.random = true;
-        let random = march.occlusion(&ceiling, DVec3::ZERO, DVec3::Y, 3);
+        let random = march.from(&ceiling, DVec3::ZERO, DVec3::Y, 3).occlusion;
         assert!((random / paper - 1.0).abs() < 0.1, "{random} {paper}");
     }
 
@@ -280,7 +300,7 @@ mod tests {
         let c: f64 = 5.0 / 20.0;
         for step in [0.25, 0.4] {
             march.step = step;
-            let a = march.occlusion(&ceiling, DVec3::ZERO, DVec3::Y, 3);
+            let a = march.from(&ceiling, DVec3::ZERO, DVec3::Y, 3).occlusion;
             assert!((a - (1.0 - c).powi(2)).abs() < 0.02, "{a}");
         }
     }
@@ -291,9 +311,9 @@ mod tests {
         march.opacity = true;
         march.threshold = 1.0;
         let mut glass = volume(|p| (p.y - 6.0).abs() < 0.6);
-        let opaque = march.occlusion(&glass, DVec3::ZERO, DVec3::Y, 3);
+        let opaque = march.from(&glass, DVec3::ZERO, DVec3::Y, 3).occlusion;
         glass.values.iter_mut().for_each(|v| *v *= 0.3);
-        let clear = march.occlusion(&glass, DVec3::ZERO, DVec3::Y, 3);
+        let clear = march.from(&glass, DVec3::ZERO, DVec3::Y, 3).occlusion;
         assert!(clear > 0.05 && clear < 0.6 * opaque, "{clear} {opaque}");
     }
 }

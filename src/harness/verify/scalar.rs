@@ -54,7 +54,7 @@ impl Setup {
     fn run(&self, rig: &Rig<'_>) -> Result<Seen, VerifyError> {
         let resources = rig.resources();
         let (resources, shared) = (&resources, &Shared::new(&resources, &self.view()?));
-        let field = &ScalarField::new(resources, &self.volume, self.scalar.pyramid);
+        let field = &ScalarField::new(resources, &self.volume, self.scalar.needs_pyramid());
         let settings = &self.scalar;
         let march = &settings.uniforms(self.size_px, field.voxel_m, settings.r_max_m);
         let (beer, rejection) = (settings.law == Law::Beer, settings.rejection);
@@ -108,7 +108,7 @@ fn mean(image: &Image) -> f64 {
     image.sum() / image.data().len() as f64
 }
 
-/// Marching that leaves nothing out: long view steps do not matter where every sample is judged.
+/// Marching that leaves nothing out.
 fn settings(mode: Mode) -> Scalar {
     Scalar {
         mode,

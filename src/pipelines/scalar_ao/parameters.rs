@@ -277,6 +277,11 @@ impl Scalar {
         Ok(())
     }
 
+    /// Whether the field needs levels above the first: isosurfaces are marched at the first alone.
+    pub fn needs_pyramid(&self) -> bool {
+        self.pyramid && self.mode != Mode::Isosurface
+    }
+
     /// The shader's settings for cells of edge `voxel_m` and rays of `r_max_m`.
     pub fn uniforms(&self, size_px: [u32; 2], voxel_m: f64, r_max_m: f64) -> MarchUniforms {
         let stratum_m = r_max_m / f64::from(self.samples);

@@ -106,11 +106,16 @@ impl Ao {
 
     /// For a scene.
     pub fn marching(&self, scene: &Scene) -> Marching {
+        self.marching_to(settings::r_max_m(scene, self.r_max_m, self.r_max_share))
+    }
+
+    /// For a given r_max, metres.
+    pub fn marching_to(&self, r_max_m: f64) -> Marching {
         Marching {
             rays: self.rays,
             samples: self.samples,
             step_voxels: self.step_voxels,
-            r_max_m: settings::r_max_m(scene, self.r_max_m, self.r_max_share),
+            r_max_m,
             threshold: self.threshold,
             offset_voxels: self.offset_voxels,
             attenuation: self.attenuation,

@@ -356,11 +356,11 @@ fn ball_and_face(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
 fn pyramid(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
     let mut random = Random::new(5);
     let values: Vec<f64> = (0..24 * 24 * 24)
-        .map(|_| if random.next() < 0.1 { 0.8 } else { 0.0 })
+        .map(|_| if random.next() < 0.1 { 0.81 } else { 0.0 })
         .collect();
     let mut volume = cubes(24, |_| 0.0);
     for (value, random) in volume.data.iter_mut().zip(values) {
-        *value = (random * 255.0).round() as f32 / 255.0;
+        *value = random as f32;
     }
     let mut scalar = marched(Mode::Positional, Law::Opacity, 0.6, 3);
     scalar.pyramid = true;
