@@ -10,13 +10,17 @@ mod ao_compose;
 mod bilateral;
 mod camera;
 mod compose;
+mod deform;
 mod filters;
 mod hsao;
 mod light;
 mod lines;
+mod occlusion;
 mod photons;
 mod rig;
+mod scalar;
 mod splats;
+mod voxel;
 
 use std::fmt;
 
@@ -139,7 +143,10 @@ impl Case {
 fn cases() -> Vec<Case> {
     [
         light::cases(),
+        deform::cases(),
+        voxel::cases(),
         camera::cases(),
+        occlusion::cases(),
         bilateral::cases(),
         ao_compose::cases(),
         hsao::cases(),
@@ -148,6 +155,7 @@ fn cases() -> Vec<Case> {
         lines::cases(),
         filters::cases(),
         compose::cases(),
+        scalar::cases(),
     ]
     .into_iter()
     .flatten()

@@ -2,8 +2,12 @@
 
 pub mod hsao;
 pub mod params;
+pub mod scalar_ao;
 pub mod settings;
 pub mod underwater;
+pub mod volume_ao;
+pub mod voxelization;
+pub mod voxelize;
 
 use std::collections::BTreeMap;
 
@@ -47,7 +51,13 @@ pub struct Kind {
 }
 
 /// Every kind. Adding a pipeline adds one line.
-pub const KINDS: &[Kind] = &[underwater::KIND, hsao::KIND];
+pub const KINDS: &[Kind] = &[
+    underwater::KIND,
+    voxelize::KIND,
+    volume_ao::KIND,
+    hsao::KIND,
+    scalar_ao::KIND,
+];
 
 pub fn find(name: &str) -> Option<&'static Kind> {
     KINDS.iter().find(|kind| kind.name == name)

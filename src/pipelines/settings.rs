@@ -3,10 +3,15 @@
 use glam::{DVec3, Vec2};
 use serde::{Deserialize, Serialize};
 
-use crate::scene::{Camera, Grid, Light, Scene, SceneFile};
+use crate::gpu::{Demand, GpuError};
+use crate::scene::{Bounds, Camera, Grid, Light, Scene, SceneFile};
 use crate::stages::ao::compose::ComposeUniforms;
 use crate::stages::bilateral::BilateralUniforms;
 use crate::stages::frame;
+use crate::stages::geometry::{self, Geometry};
+use crate::stages::kit::{self, Resources};
+pub use crate::stages::marching::Attenuation;
+use crate::stages::scene::deform::{self, Motion};
 
 /// Checks a setting's range; the error names it.
 pub fn within(group: &str, name: &str, value: f64, low: f64, high: f64) -> Result<(), String> {
@@ -16,6 +21,13 @@ pub fn within(group: &str, name: &str, value: f64, low: f64, high: f64) -> Resul
         Err(format!(
             "{group}.{name} is {value}: it must lie within {low} … {high}"
         ))
+    }
+}
+
+/// Leaves only the first objects of a scene file; 0 leaves all.
+pub fn keep_first(file: &mut SceneFile, objects: u32) {
+    if objects > 0 {
+        file.objects.truncate(objects as usize);
     }
 }
 
@@ -122,11 +134,25 @@ impl Voxel {
         within("voxel", "voxel_m", self.voxel_m, 1e-6, 1e5)
     }
 
-    /// The grid of the whole scene, or one for each object in the scene's order.
+    /// The parameter that sets the size of the volume, for messages.
+    pub fn size_name(&self) -> &'static str {
+        if self.cells == [0; 3] {
+            "voxel.resolution"
+        } else {
+            "voxel.cells"
+        }
+    }
+
+    /// The grid of the whole scene, or one for each object in the scene's order, with room for the geometry's motion.
     ///
     /// # Errors
-    /// Voxels by the object where the grid is set by hand or lies around the viewer.
-    pub fn grids(&self, scene: &Scene, camera: &Camera) -> Result<Vec<Grid>, String> {
+    /// Voxels by the object where the grid is set by hand or lies around the viewer; a scene without geometry.
+    pub fn grids(
+        &self,
+        scene: &Scene,
+        camera: &Camera,
+        animation: &Animation,
+    ) -> Result<Vec<Grid>, String> {
         let by_hand = self.cells != [0; 3];
         if self.per_object && (by_hand || self.around_viewer_m > 0.0) {
             return Err("voxel.per_object fits a grid to each object: \
@@ -135,7 +161,7 @@ impl Voxel {
         }
         if self.per_object {
             let fit = |object: &crate::scene::Object| {
-                Grid::fit(&object.mesh.bounds(), self.resolution)
+                Grid::fit(&animation.room(&object.mesh.bounds()), self.resolution)
                     .map_err(|fault| format!("object `{}`: {fault}", object.name))
             };
             return scene.objects.iter().map(fit).collect();
@@ -150,7 +176,14 @@ impl Voxel {
             let viewer = DVec3::from(camera.position_m);
             Grid::around(viewer, self.around_viewer_m, self.resolution)?
         } else {
-            Grid::fit(&scene.solid_bounds(), self.resolution)?
+            let moving = scene
+                .objects
+                .iter()
+                .map(|o| animation.room(&o.mesh.bounds()));
+            Grid::fit(
+                &moving.fold(scene.solid_bounds(), Bounds::union),
+                self.resolution,
+            )?
         };
         Ok(vec![grid])
     }
@@ -163,7 +196,7 @@ pub enum Deform {
     None,
     /// Each object turns about its vertical axis.
     Spin,
-    /// The turn grows with height.
+    /// Each object swings about its vertical axis, the further the higher.
     Twist,
     /// Vertices move along their normals in a travelling wave.
     Wave,
@@ -175,9 +208,9 @@ pub enum Deform {
 pub struct Animation {
     pub deform: Deform,
     pub time_s: f64,
-    /// Turns per second of `spin` and `twist`; waves per second of `wave`.
+    /// Turns of `spin`, swings of `twist` and waves of `wave` per second.
     pub rate_hz: f64,
-    /// Share of an object's height: amplitude of `wave`; how far `twist` turns the top, in turns.
+    /// Amplitude of `wave` as a share of the object's height; how far `twist` turns the top, in turns.
     pub amplitude: f64,
 }
 
@@ -198,16 +231,67 @@ impl Animation {
         within("animation", "rate_hz", self.rate_hz, 0.0, 1e3)?;
         within("animation", "amplitude", self.amplitude, 0.0, 10.0)
     }
+
+    /// What moves the geometry; none where it rests.
+    pub fn motion(&self) -> Option<Motion> {
+        match self.deform {
+            Deform::None => None,
+            Deform::Spin => Some(Motion::Spin),
+            Deform::Twist => Some(Motion::Twist),
+            Deform::Wave => Some(Motion::Wave),
+        }
+    }
+
+    /// Cycles since time 0.
+    pub fn cycles(&self) -> f64 {
+        self.rate_hz * self.time_s
+    }
+
+    /// The box that an object stays in at all times, from its box at rest.
+    pub fn room(&self, rest: &Bounds) -> Bounds {
+        let half = rest.size() / 2.0;
+        let reach = match self.deform {
+            Deform::None => half,
+            Deform::Spin | Deform::Twist => {
+                let radius = half.x.hypot(half.z);
+                DVec3::new(radius, half.y, radius)
+            }
+            Deform::Wave => half + self.amplitude * rest.size().y,
+        };
+        Bounds {
+            min: rest.center() - reach,
+            max: rest.center() + reach,
+        }
+    }
 }
 
-/// ρ, the obscurity of an occluder over its distance, up to r_max. VAO Eq. 1 leaves it open.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Attenuation {
-    /// 1 − d / r_max.
-    Linear,
-    /// 1.
-    Hard,
+/// What moving the geometry asks of an adapter.
+pub fn deform_demand(demand: Demand, scene: &Scene, animation: &Animation) -> Demand {
+    if animation.motion().is_none() {
+        return demand;
+    }
+    let corners: usize = scene.objects.iter().map(|o| o.mesh.positions.len()).sum();
+    let groups = kit::linear_workgroups(corners as u64);
+    demand
+        .storage("scene vertices", geometry::buffer_bytes(scene).0)
+        .dispatch("scene/deform", groups.map(u64::from))
+}
+
+/// The stage that moves the geometry; none where it rests.
+///
+/// # Errors
+/// Shaders that do not link.
+pub fn deform(
+    resources: &Resources<'_>,
+    geometry: &Geometry,
+    scene: &Scene,
+    animation: &Animation,
+) -> Result<Option<deform::Deform>, GpuError> {
+    let amount = (animation.cycles(), animation.amplitude);
+    animation
+        .motion()
+        .map(|motion| deform::Deform::new(resources, geometry, scene, motion, amount))
+        .transpose()
 }
 
 /// The scene file with a pipeline's floor, camera and light put in, and of its objects the first `objects` (0: all).
@@ -218,17 +302,14 @@ pub fn staged(
     light: Light,
     objects: u32,
 ) -> SceneFile {
-    let standing = match objects {
-        0 => file.objects.len(),
-        first => first as usize,
-    };
-    SceneFile {
+    let mut file = SceneFile {
         floor_depth_m,
         camera,
         light,
-        objects: file.objects.iter().take(standing).cloned().collect(),
         ..file.clone()
-    }
+    };
+    keep_first(&mut file, objects);
+    file
 }
 
 /// Pixels of a buffer of `scale` times the viewport's sides.
@@ -259,8 +340,8 @@ impl Shadow {
     }
 }
 
-/// Default of r_max over the scene's longest side. VAO gives none; tuned on scenes bunny_dry and sponza.
-pub const R_MAX_SHARE: f64 = 0.15;
+/// Default of r_max over the scene's longest side. VAO gives none; tuned on scenes bunny_dry, dragon_dry and sponza.
+pub const R_MAX_SHARE: f64 = 0.2;
 
 /// Distance up to which geometry occludes, metres: as set, or where that is 0 a share of the scene's longest side.
 pub fn r_max_m(scene: &Scene, r_max_m: f64, r_max_share: f64) -> f64 {
@@ -369,3 +450,6 @@ impl Compose {
         self.show == Show::Occlusion
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -2,3 +2,5 @@
 
 pub mod bilateral;
 pub mod compose;
+pub mod march;
+pub mod query;
