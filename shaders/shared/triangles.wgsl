@@ -17,8 +17,9 @@
 struct Batch {
     first_index: u32,
     triangles: u32,
-    // Columns above which a triangle is left to whole workgroups.
+    // Columns above which a triangle is large, and above which it is huge.
     small_columns: u32,
+    large_columns: u32,
 }
 
 @group(0) @binding(0) var<uniform> grid: Grid;
@@ -27,7 +28,7 @@ struct Batch {
 @group(0) @binding(2) var<storage, read> vertices: array<u32>;
 @group(0) @binding(3) var<storage, read> indices: array<u32>;
 @group(0) @binding(4) var<storage, read_write> bits: array<atomic<u32>>;
-// How many large triangles there are, and which.
+// How many triangles are large and how many huge; then the large ones from the front, the huge ones from the back.
 @group(0) @binding(5) var<storage, read_write> queue: array<atomic<u32>>;
 #if ALPHA == 1
 @group(0) @binding(6) var<storage, read> materials: array<Material>;
@@ -192,7 +193,17 @@ fn fill(t: Triangle, u: i32, v: i32) {
 }
 
 #if LARGE == 0
-// Small triangles, one an invocation; large ones go to the queue.
+fn leave(number: u32, is_huge: bool) {
+    if is_huge {
+        let slot = batch.triangles + 1u - atomicAdd(&queue[1], 1u);
+        atomicStore(&queue[slot], number);
+    } else {
+        let slot = 2u + atomicAdd(&queue[0], 1u);
+        atomicStore(&queue[slot], number);
+    }
+}
+
+// Small triangles, one an invocation; the others go to the queue.
 fn run(id: vec3<u32>, group: vec3<u32>, groups: vec3<u32>, own: u32) {
     let number = place(id, groups);
     if number >= batch.triangles {
@@ -201,8 +212,7 @@ fn run(id: vec3<u32>, group: vec3<u32>, groups: vec3<u32>, own: u32) {
     let t = triangle(number);
     let count = columns(t);
     if count > batch.small_columns {
-        let waiting = 1u + atomicAdd(&queue[0], 1u);
-        atomicStore(&queue[waiting], number);
+        leave(number, count > batch.large_columns);
         return;
     }
     var column = vec2(0, 0);
@@ -215,16 +225,25 @@ fn run(id: vec3<u32>, group: vec3<u32>, groups: vec3<u32>, own: u32) {
     }
 }
 #else
-// Large triangles: a workgroup takes every `groups.x`-th, and of its columns every `groups.y`-th batch.
+// Every `step`-th column of a triangle.
+fn fill_share(number: u32, first: u32, step: u32) {
+    let t = triangle(number);
+    let count = columns(t);
+    let width = u32(t.last.x + 1);
+    for (var k = first; k < count; k += step) {
+        fill(t, i32(k % width), i32(k / width));
+    }
+}
+
+// A workgroup for each large triangle, and all workgroups for each huge one.
 fn run(id: vec3<u32>, group: vec3<u32>, groups: vec3<u32>, own: u32) {
-    let waiting = atomicLoad(&queue[0]);
-    for (var i = group.x; i < waiting; i += groups.x) {
-        let t = triangle(atomicLoad(&queue[1u + i]));
-        let count = columns(t);
-        let width = u32(t.last.x + 1);
-        for (var k = own + GROUP * group.y; k < count; k += GROUP * groups.y) {
-            fill(t, i32(k % width), i32(k / width));
-        }
+    let large = atomicLoad(&queue[0]);
+    for (var i = group.x; i < large; i += groups.x) {
+        fill_share(atomicLoad(&queue[2u + i]), own, GROUP);
+    }
+    let huge = atomicLoad(&queue[1]);
+    for (var i = 0u; i < huge; i++) {
+        fill_share(atomicLoad(&queue[batch.triangles + 1u - i]), own + GROUP * group.x, GROUP * groups.x);
     }
 }
 #endif

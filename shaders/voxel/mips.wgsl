@@ -1,10 +1,10 @@
 // Occupancy pyramid: levels of a volume's texture above the first, through rows in a buffer. VAO §6.3.
+// defs: BASE=1
 //
 // A cell of level 1 is full where any voxel of its 2 × 2 × 2 block or of the one-voxel border around it is: a trilinear
 // sample within the cell reads no other voxels, so that it is 0 wherever the cell is empty. Cells of higher levels are
 // the OR of 2 × 2 × 2 cells, and the last along an axis takes what is left over: voxel v lies in cell
 // min(v >> level, size - 1).
-// defs: BASE=1
 #import fathom::dispatch::{GROUP, place}
 #import fathom::rows::{pitch_words}
 

@@ -11,8 +11,11 @@ const CUBE: vec3<f32> = vec3<f32>(0.74, 0.72, 0.68);
 const EDGE: vec3<f32> = vec3<f32>(0.42, 0.40, 0.37);
 // Width of the edges, voxels.
 const EDGE_WIDTH: f32 = 0.05;
+// Edges fade out where voxels are fewer pixels than the first number, and are plain from the second on.
+const EDGE_PX: vec2<f32> = vec2<f32>(4.0, 12.0);
 // Light from all around, as a share of the light's own.
-const AMBIENT: f32 = 0.35;
+const AMBIENT: f32 = 0.3;
+const GAMMA: f32 = 2.2;
 
 struct Varying {
     @builtin(position) clip: vec4<f32>,
@@ -78,8 +81,16 @@ fn walk(origin: vec3<f32>, direction: vec3<f32>) -> Hit {
     return Hit(false, 0.0, 0u);
 }
 
+// How plain the edges of voxels are at a point; `pixel` is the side of a pixel in the clip square.
+fn plainness(clip_w: f32, pixel: f32) -> f32 {
+    let view = frame.camera_view_projection;
+    let voxel_px = grid.voxel_m * length(vec3(view[0].y, view[1].y, view[2].y)) / (clip_w * pixel);
+    return saturate((voxel_px - EDGE_PX.x) / (EDGE_PX.y - EDGE_PX.x));
+}
+
 @fragment
 fn fragment(in: Varying) -> Seen {
+    let pixel = fwidth(in.place.y);
     let world = frame.camera_inverse * vec4(in.place, 0.0, 1.0);
     let near = to_cells(grid, world.xyz / world.w);
     let direction = normalize(world.xyz / world.w - frame.camera_position_m);
@@ -88,14 +99,15 @@ fn fragment(in: Varying) -> Seen {
         discard;
     }
     let met = near + direction * hit.distance;
+    let clip = frame.camera_view_projection * vec4(grid.origin_m + grid.voxel_m * met, 1.0);
     var normal = vec3(0.0);
     normal[hit.axis] = -sign(direction[hit.axis]);
     // The coordinate along the normal is at a voxel's side: it is no edge of the face.
     var within = abs(fract(met) - 0.5);
     within[hit.axis] = 0.0;
     let is_edge = max(within.x, max(within.y, within.z)) > 0.5 - EDGE_WIDTH;
+    let edge = select(0.0, plainness(clip.w, pixel), is_edge);
     let facing = max(dot(normal, -frame.light_forward), 0.0);
-    let color = select(CUBE, EDGE, is_edge) * (AMBIENT + (1.0 - AMBIENT) * facing);
-    let clip = frame.camera_view_projection * vec4(grid.origin_m + grid.voxel_m * met, 1.0);
-    return Seen(vec4(color, 1.0), clip.z / clip.w);
+    let color = mix(CUBE, EDGE, edge) * (AMBIENT + (1.0 - AMBIENT) * facing);
+    return Seen(vec4(pow(color, vec3(1.0 / GAMMA)), 1.0), clip.z / clip.w);
 }

@@ -35,7 +35,7 @@ pub enum Command {
     Audit(AdapterArgs),
     /// Check stages against their references
     Verify(VerifyArgs),
-    /// Get the meshes that are not part of the project, with the ordinary package clients
+    /// Get the meshes and volumes that are not part of the project, with the ordinary package clients
     Fetch(FetchArgs),
     /// Render one frame of a scene as a PNG file
     Render(RenderArgs),

@@ -6,20 +6,24 @@
 pub mod calendar;
 pub mod difference;
 pub mod dump;
+pub mod errors;
 pub mod executor;
 pub mod landing;
 pub mod memory;
+pub mod occlusion;
 pub mod outcome;
 pub mod output;
 pub mod picture;
 pub mod plan;
 pub mod progress;
 pub mod query;
+pub mod readout;
 pub mod render;
 pub mod run;
 pub mod sample;
 pub mod subject;
 pub mod verify;
+pub mod views;
 
 /// Most passes of a frame that are timed or counted: voxelization slice by slice has three for each slice.
 pub const MAX_PASSES: u32 = 2048;

@@ -12,11 +12,13 @@ mod camera;
 mod compose;
 mod deform;
 mod filters;
+mod hsao;
 mod light;
 mod lines;
 mod occlusion;
 mod photons;
 mod rig;
+mod scalar;
 mod splats;
 mod voxel;
 
@@ -147,11 +149,13 @@ fn cases() -> Vec<Case> {
         occlusion::cases(),
         bilateral::cases(),
         ao_compose::cases(),
+        hsao::cases(),
         photons::cases(),
         splats::cases(),
         lines::cases(),
         filters::cases(),
         compose::cases(),
+        scalar::cases(),
     ]
     .into_iter()
     .flatten()

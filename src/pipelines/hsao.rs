@@ -41,6 +41,7 @@ pub const KIND: Kind = Kind {
 };
 
 fn demand(params: &Value, scene: &Scene) -> Result<Demand, String> {
+    scene.needs_objects("hsao")?;
     let params = Params::from_value(params)?;
     let (vertices, indices) = geometry::buffer_bytes(scene);
     let [width, height] = [params.view.width, params.view.height].map(u64::from);

@@ -2,6 +2,7 @@
 
 pub mod hsao;
 pub mod params;
+pub mod scalar_ao;
 pub mod settings;
 pub mod underwater;
 pub mod volume_ao;
@@ -55,6 +56,7 @@ pub const KINDS: &[Kind] = &[
     voxelize::KIND,
     volume_ao::KIND,
     hsao::KIND,
+    scalar_ao::KIND,
 ];
 
 pub fn find(name: &str) -> Option<&'static Kind> {

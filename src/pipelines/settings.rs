@@ -363,8 +363,9 @@ pub struct Filter {
     pub radius_px: f64,
     /// Standard deviation of the Gaussian, texels: half the radius, where the weight has fallen to e⁻².
     pub sigma_px: f64,
-    /// Standard deviation of a tap's distance from the pixel's tangent plane, over the pixel's view depth. Tuned on scene
-    /// bunny: the disc spans about this much of the view depth at 600 pixels.
+    /// Standard deviation of a tap's distance from the pixel's tangent plane along the view, over the pixel's view depth.
+    /// Tuned on scenes bunny_dry, dragon_dry, room, sponza and corner: errors against ray casting change by less than 2 % from
+    /// 0.001 to 0.005, and grow beyond.
     pub depth_sigma: f64,
 }
 
@@ -374,7 +375,7 @@ impl Default for Filter {
             taps: 17,
             radius_px: 4.0,
             sigma_px: 2.0,
-            depth_sigma: 0.005,
+            depth_sigma: 0.0025,
         }
     }
 }
@@ -449,3 +450,6 @@ impl Compose {
         self.show == Show::Occlusion
     }
 }
+
+#[cfg(test)]
+mod tests;

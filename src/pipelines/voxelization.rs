@@ -76,7 +76,7 @@ fn parts(
         geometry.objects.clone()
     } else {
         let last = geometry.objects.last().map_or(0, |object| object.end);
-        vec![0..last]
+        std::iter::once(0..last).collect()
     };
     let part = |(grid, indices)| Part {
         voxels: Voxels::new(resources, "voxels", grid, pyramid),
@@ -182,7 +182,7 @@ pub fn run_once(gpu: &Gpu, stages: &[&dyn Stage]) -> Result<(), GpuError> {
 /// What volumes and their stages ask of an adapter; an error names the parameter at fault.
 ///
 /// # Errors
-/// Settings that give no grid, and scenes without geometry.
+/// Settings that give no grid.
 pub fn demand(
     demand: Demand,
     scene: &Scene,
@@ -193,9 +193,6 @@ pub fn demand(
 ) -> Result<Demand, String> {
     let grids = settings.grids(scene, camera, animation)?;
     let (vertices, indices) = geometry::buffer_bytes(scene);
-    if indices == 0 {
-        return Err("the scene has no triangles to voxelize".into());
-    }
     let triangles = indices / 12;
     let mut demand = demand;
     if is_by_triangle(settings.method) {
@@ -209,15 +206,6 @@ pub fn demand(
             );
     }
     for grid in &grids {
-        // Shaders count voxels in 32 bits.
-        if grid.count() > u64::from(u32::MAX) {
-            let name = settings.size_name();
-            return Err(format!(
-                "{name} asks for {} voxels: {} can be told apart",
-                grid.count(),
-                u32::MAX
-            ));
-        }
         demand = demand.and(of_grid(grid, settings));
         if pyramid {
             demand = demand.and(of_pyramid(grid, settings));
@@ -237,6 +225,7 @@ fn of_grid(grid: &Grid, settings: &Voxel) -> Demand {
     let name = settings.size_name();
     let demand = Demand::new()
         .texture_3d(name, grid.cells.map(u64::from))
+        .indexed(name, grid.count())
         .storage(&format!("{name}: bit volume"), grid.words() * 4)
         .storage(
             &format!("{name}: rows of voxel/unpack"),

@@ -103,6 +103,7 @@ fn scene_file(file: &SceneFile, params: &Value) -> Result<SceneFile, String> {
 }
 
 fn demand(params: &Value, scene: &Scene) -> Result<Demand, String> {
+    scene.needs_objects("voxelize")?;
     let params = Params::from_value(params)?;
     let (vertices, indices) = geometry::buffer_bytes(scene);
     let [width, height] = [params.view.width, params.view.height].map(u64::from);

@@ -251,7 +251,7 @@ mod tests {
         let mut march = march();
         march.threshold = 0.7;
         let plane = volume(floor);
-        assert_eq!(march.from(&plane, DVec3::ZERO, DVec3::Y, 3), 0.0).occlusion;
+        assert_eq!(march.from(&plane, DVec3::ZERO, DVec3::Y, 3).occlusion, 0.0);
         let corner = volume(|p| floor(p) || p.x.abs() < 0.6);
         let a = march
             .from(&corner, DVec3::new(3.0, 0.0, 0.0), DVec3::Y, 3)

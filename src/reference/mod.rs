@@ -18,6 +18,8 @@
 //! | [`horizon`] | horizon-split ambient occlusion over a depth buffer, occlusion beside a wall |
 //! | [`bilateral`] | the joint bilateral filter and up-scaling of ambient-occlusion buffers |
 //! | [`occlusion`] | ambient occlusion by ray casting |
+//! | [`media`] | transmittance and ambient occlusion in participating media |
+//! | [`isosurface`] | hits, normals and ambient occlusion of a ball and a slab |
 //! | [`deform`] | vertices and normals of moving geometry |
 //! | [`voxel`] | which voxels a surface occupies: by separating axes, and by sampling |
 //! | [`quantities`] | error statistics of photons read back from the GPU |
@@ -29,7 +31,9 @@ pub mod filter;
 pub mod godray;
 pub mod horizon;
 pub mod image;
+pub mod isosurface;
 pub mod march;
+pub mod media;
 pub mod occlusion;
 pub mod optics;
 pub mod photons;

@@ -10,8 +10,8 @@ use crate::scene::{Grid, Object};
 /// Half width of the band of gaps that f32 cannot decide, voxels.
 pub const BORDERLINE_VOXELS: f64 = 1e-4;
 
-/// Sub-pixel steps per pixel to which rasterizers move corners: Vulkan asks for 2⁴ at least, 2⁸ is common.
-const SUBPIXELS: f64 = 256.0;
+/// Steps per pixel to which a rasterizer may round corners: the fewest that Vulkan allows (`subPixelPrecisionBits` 4).
+pub const FEWEST_SUBPIXELS: u32 = 16;
 
 /// A triangle's corners, metres or voxels.
 pub type Corners = [DVec3; 3];
@@ -154,13 +154,13 @@ pub enum Sampled {
 }
 
 /// The voxels of a rasterization along each of `axes` (0 x, 1 y, 2 z): a voxel for each pixel whose centre a triangle covers, at
-/// the triangle's depth there. VAO §4.1 and §4.2 take all three axes.
-pub fn sampled(triangles: &[Corners], grid: &Grid, axes: &[usize]) -> Vec<Sampled> {
+/// the triangle's depth there. VAO §4.1 and §4.2 take all three axes. `subpixels`: steps per pixel to which corners may be rounded.
+pub fn sampled(triangles: &[Corners], grid: &Grid, axes: &[usize], subpixels: u32) -> Vec<Sampled> {
     let mut found = vec![Sampled::Never; grid.count() as usize];
     for corners in triangles {
         let corners = corners.map(|corner| grid.to_cells(corner));
         for &axis in axes {
-            sample(&corners, axis, grid, &mut found);
+            sample(&corners, (axis, subpixels), grid, &mut found);
         }
     }
     found
@@ -181,13 +181,13 @@ pub fn disagreements(found: &[bool], sampled: &[Sampled]) -> u64 {
 }
 
 /// One triangle's samples along one axis.
-fn sample(corners: &Corners, axis: usize, grid: &Grid, found: &mut [Sampled]) {
+fn sample(corners: &Corners, (axis, subpixels): (usize, u32), grid: &Grid, found: &mut [Sampled]) {
     let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
     let normal = (corners[1] - corners[0]).cross(corners[2] - corners[0]);
-    // Rasterizers may round corners to a step, half a step at most in each of two directions, and edges with them.
-    let step = std::f64::consts::SQRT_2 / SUBPIXELS;
+    // Rounding moves corners, and edges with them, by half a step at most in each of two directions.
+    let step = std::f64::consts::FRAC_1_SQRT_2 / f64::from(subpixels) + BORDERLINE_VOXELS;
     let slope = normal[u].hypot(normal[v]) / normal[axis].abs();
-    let blur = BORDERLINE_VOXELS + slope * (step + BORDERLINE_VOXELS);
+    let blur = BORDERLINE_VOXELS + slope * step;
     for cell in flat(corners, axis, grid) {
         let center = (f64::from(cell[u]) + 0.5, f64::from(cell[v]) + 0.5);
         let inside = inside_by(corners.map(|corner| (corner[u], corner[v])), center);
@@ -316,7 +316,7 @@ mod tests {
         let grid = grid([16, 16, 16]);
         let slanted = corners(&grid, [[1.1, 2.2, 3.3], [14.7, 5.1, 9.9], [4.2, 13.3, 7.1]]);
         let touched = gaps(&[slanted], &grid, Contact::Cube);
-        let sampled = sampled(&[slanted], &grid, &[0, 1, 2]);
+        let sampled = sampled(&[slanted], &grid, &[0, 1, 2], 256);
         let surely = sampled.iter().map(|s| *s == Sampled::Surely);
         let found: Vec<bool> = surely.collect();
         let errors = errors(&found, &touched);

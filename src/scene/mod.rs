@@ -1,8 +1,8 @@
-//! What is rendered: geometry, camera, light and water, from scene files, procedural generators and
-//! fetched meshes.
+//! What is rendered: geometry, scalar fields, camera, light and water, from scene files, procedural
+//! generators and fetched assets.
 //!
 //! World space is right-handed, +Y up, metres; the water at rest is the plane y = 0, the floor lies
-//! at y = −`floor_depth_m`.
+//! at y = −`floor_depth_m`. Dry scenes lie below y = 0 and draw no water.
 
 pub mod assets;
 mod bounds;
@@ -191,6 +191,17 @@ impl Scene {
     /// The box that holds all objects and the volume, without the water.
     pub fn solid_bounds(&self) -> Bounds {
         solid_bounds(&self.objects, self.volume.as_ref())
+    }
+
+    /// An error for a pipeline that draws objects where there are none.
+    pub fn needs_objects(&self, pipeline: &str) -> Result<(), String> {
+        if self.objects.is_empty() {
+            let name = &self.name;
+            return Err(format!(
+                "scene `{name}` is a volume without objects: pipeline {pipeline} draws objects"
+            ));
+        }
+        Ok(())
     }
 
     /// Triangles of all objects.

@@ -55,9 +55,9 @@ fn gbuffer(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
     let stage = scene::gbuffer::Gbuffer::new(&resources, &shared, &geometry, SIZE)?;
     rig.run(&[&stage])?;
     let depth = rig.channel(&stage.depth, 0)?;
-    let normals = vectors(rig, &stage.normal)?;
+    let normals = rig.vectors(&stage.normal)?;
     let speculars = rig.channel(&stage.normal, 3)?;
-    let colors = vectors(rig, &stage.albedo)?;
+    let colors = rig.vectors(&stage.albedo)?;
 
     let tracer = Tracer::new(&scene.objects)?;
     let seen = Seen::cast(&scene.camera, &tracer);
@@ -108,14 +108,6 @@ fn gbuffer(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
             ),
         ),
     ])
-}
-
-/// Three channels of a texture as vectors, in rows.
-fn vectors(rig: &Rig<'_>, texture: &wgpu::Texture) -> Result<Vec<DVec3>, VerifyError> {
-    let [x, y, z] = [0, 1, 2].map(|channel| rig.channel(texture, channel));
-    let (x, y, z) = (x?, y?, z?);
-    let values = x.data().iter().zip(y.data()).zip(z.data());
-    Ok(values.map(|((x, y), z)| DVec3::new(*x, *y, *z)).collect())
 }
 
 /// Exact hits of a camera's pixels.

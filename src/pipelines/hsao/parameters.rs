@@ -32,10 +32,11 @@ pub struct Params {
 pub struct Hsao {
     /// Directions around a pixel in which the horizon is sought. VAO Fig. 9: 16.
     pub directions: u32,
-    /// Samples of depth along each. VAO §2: this part needs few.
+    /// Samples of depth along each. VAO Fig. 9: 16.
     pub steps: u32,
-    /// Rays marched above the horizon, shared among the directions. VAO §2: this part needs many. With the defaults a pixel
-    /// takes at most `directions × steps + rays × ray_steps` = 400 samples of depth, as in VAO Fig. 8.
+    /// Rays marched above the horizon, shared among the directions. With the defaults a pixel takes at most `directions ×
+    /// steps + rays × ray_steps` = 400 samples of depth, as in VAO Fig. 8; more rays and fewer steps have larger errors on
+    /// scenes bunny_dry, sponza and corner.
     pub rays: u32,
     /// Samples of depth along each ray.
     pub ray_steps: u32,
@@ -57,8 +58,8 @@ impl Default for Hsao {
     fn default() -> Self {
         Self {
             directions: 16,
-            steps: 9,
-            rays: 32,
+            steps: 16,
+            rays: 18,
             ray_steps: 8,
             r_max_m: 0.0,
             r_max_share: R_MAX_SHARE,

@@ -1,7 +1,7 @@
 //! The two dispatches that `voxel/overlap` and `voxel/alpha` share: triangles against voxels.
 //!
 //! The first takes a triangle an invocation. Triangles of many columns of voxels would keep their workgroup waiting: they go to a
-//! queue, which whole workgroups of the second dispatch work off.
+//! queue. In the second dispatch a workgroup takes each large triangle, and all workgroups share each huge one.
 
 use encase::ShaderType;
 
@@ -12,10 +12,12 @@ use crate::stages::geometry::Geometry;
 use crate::stages::kit::{self, Bind, Group, Resources};
 use crate::stages::voxels::Voxels;
 
-/// Columns of voxels above which a triangle goes to the queue. Tuned on scene bunny and on a room of large walls.
+/// Columns of voxels above which a triangle is large, and above which it is huge. Tuned on scenes bunny_dry and room, on a software
+/// driver and with workgroups of a GPU in mind: more columns leave a few invocations of a workgroup at work for long.
 const SMALL_COLUMNS: u32 = 32;
-/// Workgroups of the second dispatch: triangles at a time × shares of a triangle. Tuned likewise.
-const LARGE_GROUPS: [u32; 3] = [32, 8, 1];
+const LARGE_COLUMNS: u32 = 4096;
+/// Workgroups of the second dispatch. Tuned likewise.
+const LARGE_GROUPS: u32 = 128;
 
 /// Host twin of `Batch` in `shaders/shared/triangles.wgsl`.
 #[derive(Clone, Debug, PartialEq, ShaderType)]
@@ -23,6 +25,7 @@ pub struct BatchUniforms {
     pub first_index: u32,
     pub triangles: u32,
     pub small_columns: u32,
+    pub large_columns: u32,
 }
 
 /// Which voxels a triangle sets, and what is stored.
@@ -51,9 +54,9 @@ pub(super) struct Triangles {
     runs: Vec<Run>,
 }
 
-/// Bytes of the queue for so many triangles.
+/// Bytes of the queue for so many triangles: two counters and a word each.
 pub fn queue_bytes(triangles: u64) -> u64 {
-    (1 + triangles) * 4
+    (2 + triangles) * 4
 }
 
 /// Workgroups of the first dispatch.
@@ -95,7 +98,7 @@ impl Triangles {
         let of = |run: &Run| {
             let counter = Cleared {
                 buffer: run.queue.clone(),
-                bytes: 4,
+                bytes: 8,
             };
             let bits = Cleared::from(&run.part.voxels.bits);
             [
@@ -125,10 +128,9 @@ impl Triangles {
                 pass.dispatch_workgroups(x, y, z);
             }
             pass.set_pipeline(large);
-            let [x, y, z] = LARGE_GROUPS;
             for run in &self.runs {
                 pass.set_bind_group(0, &run.group.group, &[]);
-                pass.dispatch_workgroups(x, y, z);
+                pass.dispatch_workgroups(LARGE_GROUPS, 1, 1);
             }
         });
     }
@@ -146,6 +148,7 @@ impl Run {
             first_index: part.indices.start,
             triangles: part.triangles() as u32,
             small_columns: SMALL_COLUMNS,
+            large_columns: LARGE_COLUMNS,
         };
         let batch = resources.uniform(name, &batch);
         let queue = resources.storage("voxel queue", queue_bytes(part.triangles()));

@@ -128,14 +128,11 @@ fn largest_alphas(subject: &Subject, alphas: [f32; 3]) -> Vec<Option<u32>> {
     };
     let gaps: Vec<Vec<f64>> = subject.scene.objects.iter().map(of_object).collect();
     let voxel = |index: usize| {
-        let near = gaps.iter().map(|gaps| gaps[index]).zip(alphas);
-        near.fold(Some(0), |largest, (gap, alpha)| {
-            let alpha = (255.0 * alpha).round() as u32;
-            match gap {
-                gap if gap.abs() <= BORDERLINE_VOXELS => None,
-                gap if gap < 0.0 => largest.map(|l: u32| l.max(alpha)),
-                _ => largest,
-            }
+        let mut near = gaps.iter().map(|gaps| gaps[index]).zip(alphas);
+        near.try_fold(0, |largest: u32, (gap, alpha)| match gap {
+            gap if gap.abs() <= BORDERLINE_VOXELS => None,
+            gap if gap < 0.0 => Some(largest.max((255.0 * alpha).round() as u32)),
+            _ => Some(largest),
         })
     };
     (0..subject.grid.count() as usize).map(voxel).collect()

@@ -44,7 +44,8 @@ fn check(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
     let wrong = |grid: &Grid| {
         let cubes: Vec<DVec3> = cells(grid)
             .zip(&voxels)
-            .filter_map(|(cell, full)| full.then(|| grid.center(cell)))
+            .filter(|(_, full)| **full)
+            .map(|(cell, _)| grid.center(cell))
             .collect();
         let pixels = (0..SIZE[1]).flat_map(|y| (0..SIZE[0]).map(move |x| (x, y)));
         let differs = |&(x, y): &(u32, u32)| {

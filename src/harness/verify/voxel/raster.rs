@@ -5,7 +5,7 @@ use super::subjects::{Subject, voxels_of, words};
 use crate::gpu::GpuError;
 use crate::harness::verify::rig::Rig;
 use crate::harness::verify::{Case, Check, VerifyError};
-use crate::reference::voxel::{Contact, disagreements, errors, gaps, sampled};
+use crate::reference::voxel::{Contact, FEWEST_SUBPIXELS, disagreements, errors, gaps, sampled};
 use crate::scene::Grid;
 use crate::stages::voxel::combine::Combine;
 use crate::stages::voxel::slice::Slice;
@@ -64,10 +64,7 @@ fn slicemap_against_samples(rig: &Rig<'_>, axis: Axis) -> Result<Vec<Check>, Ver
             return Err(empty(axis.name()));
         };
         let found = slices_of(&words(rig, slices)?, &subject.grid, axis);
-        let wrong = |grid: &Grid| {
-            let twin = sampled(&subject.triangles(), grid, &[axis as usize]);
-            disagreements(&found, &twin) as f64
-        };
+        let against = |grid: &Grid| differing(&found, &subject, grid, &[axis as usize]);
         checks.push(Check::new(
             (
                 axis.name(),
@@ -77,14 +74,20 @@ fn slicemap_against_samples(rig: &Rig<'_>, axis: Axis) -> Result<Vec<Check>, Ver
                 ),
             ),
             (0.0, "1"),
-            wrong(&subject.grid),
+            against(&subject.grid),
             (
                 "grid moved by a third of a voxel",
-                wrong(&subject.moved(1.0 / 3.0)),
+                against(&subject.moved(1.0 / 3.0)),
             ),
         ));
     }
     Ok(checks)
+}
+
+/// Voxels on which a rasterization along some axes and its samples on a grid disagree, whatever steps the rasterizer rounds to.
+fn differing(found: &[bool], subject: &Subject, grid: &Grid, axes: &[usize]) -> f64 {
+    let twin = sampled(&subject.triangles(), grid, axes, FEWEST_SUBPIXELS);
+    disagreements(found, &twin) as f64
 }
 
 fn empty(stage: &'static str) -> VerifyError {
@@ -132,8 +135,7 @@ fn against_surface(stage: &'static str, subject: &Subject, found: &[bool]) -> Ve
     let resolution = subject.grid.cells.into_iter().max().unwrap_or(0);
     let name = format!("{} {resolution}", subject.name);
     let moved = subject.moved(1.0 / 3.0);
-    let differing =
-        |grid: &Grid| disagreements(found, &sampled(&triangles, grid, &[0, 1, 2])) as f64;
+    let against = |grid: &Grid| differing(found, subject, grid, &[0, 1, 2]);
     let touched = |grid: &Grid| errors(found, &gaps(&triangles, grid, Contact::Cube));
     let [exact, perturbed] = [touched(&subject.grid), touched(&moved)];
     let thin = errors(found, &gaps(&triangles, &subject.grid, Contact::Lines));
@@ -144,8 +146,8 @@ fn against_surface(stage: &'static str, subject: &Subject, found: &[bool]) -> Ve
                 format!("{name}: voxels that differ from samples on three axes"),
             ),
             (0.0, "1"),
-            differing(&subject.grid),
-            ("grid moved by a third of a voxel", differing(&moved)),
+            against(&subject.grid),
+            ("grid moved by a third of a voxel", against(&moved)),
         ),
         Check::new(
             (stage, format!("{name}: voxels that no triangle touches")),

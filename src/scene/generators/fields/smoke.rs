@@ -14,8 +14,8 @@ pub const GENERATORS: &[FieldGenerator] = &[FieldGenerator {
     params: &[
         param("lumps", 5.0, 0.5, 64.0, "lumps along the longest side"),
         param("octaves", 5.0, 1.0, 8.0, "octaves of the noise"),
-        param("density", 0.55, 0.0, 1.0, "density of smoke without noise"),
-        param("contrast", 1.6, 0.0, 10.0, "factor on the noise"),
+        param("density", 0.5, 0.0, 1.0, "density of smoke without noise"),
+        param("contrast", 2.2, 0.0, 10.0, "factor on the noise"),
         SEED,
     ],
     // VAO Fig. 7.
@@ -23,7 +23,7 @@ pub const GENERATORS: &[FieldGenerator] = &[FieldGenerator {
     build: smoke,
 }];
 
-/// `falloff(r) · clamp(density + contrast · noise)` with `falloff = 1 − r²` squared, r the distance
+/// `falloff(r) · clamp(density + contrast · noise)` with `falloff = 1 − r²`, r the distance
 /// from the middle in the ellipsoid that touches the box's sides.
 fn smoke(a: &Args) -> Field {
     let (lumps, octaves) = (a.get("lumps"), a.count("octaves") as u32);
@@ -36,6 +36,6 @@ fn smoke(a: &Args) -> Field {
             return 0.0;
         }
         let noise = fractal_noise(p * lumps, octaves, seed);
-        inside * inside * (density + contrast * noise).clamp(0.0, 1.0)
+        inside * (density + contrast * noise).clamp(0.0, 1.0)
     })
 }
