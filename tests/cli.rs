@@ -374,3 +374,46 @@ fn an_interrupted_run_ends_cleanly_and_resumes() {
         "what was measured stays"
     );
 }
+
+#[test]
+fn a_query_answers_at_points_in_their_order() {
+    let folder = tempfile::tempdir().unwrap();
+    let [points, out] = ["points.csv", "out.csv"].map(|name| folder.path().join(name));
+    let query = |text: &str| {
+        std::fs::write(&points, text).unwrap();
+        let mut query = fathom();
+        query
+            .args(["query", "ao", "--scene", "ball", "--points"])
+            .arg(&points)
+            .args(["--set", "voxel.resolution=48", "--set", "ao.rays=32"]);
+        query
+    };
+    // On the floor far from the ball, beside its foot, and on its top.
+    let text = "note,x,y,z,nx,ny,nz\n\
+        far,-2.5,-4,-2.5,0,1,0\n\
+        foot,0.6,-4,0,0,3,0\n\
+        top,0,-2.4,0,0,1,0\n";
+    query(text).arg("-o").arg(&out).assert().success();
+    let written = std::fs::read_to_string(&out).unwrap();
+    let mut lines = written.lines();
+    assert_eq!(lines.next(), Some("x,y,z,nx,ny,nz,occlusion"));
+    let rows: Vec<Vec<f64>> = lines
+        .map(|line| line.split(',').map(|v| v.parse().unwrap()).collect())
+        .collect();
+    assert_eq!(rows[1][..6], [0.6, -4.0, 0.0, 0.0, 3.0, 0.0]);
+    let occlusion: Vec<f64> = rows.iter().map(|row| row[6]).collect();
+    assert!(occlusion[0] < 0.02 && occlusion[2] < 0.02, "{occlusion:?}");
+    assert!(occlusion[1] > 0.2 && occlusion[1] < 0.9, "{occlusion:?}");
+    query(text)
+        .assert()
+        .success()
+        .stdout(contains("x,y,z,nx,ny,nz,occlusion\n"));
+
+    let faulty = "x,y,z,nx,ny,nz\n0,-4,0,0,1,0\n0,-4,0,0,NaN,0\n";
+    let fault = contains("points.csv, line 3, column `ny`: `NaN` is not a number");
+    query(faulty).assert().code(2).stderr(fault);
+    let mut small = query(text);
+    small.args(["--set", "ao.r_max_m=0.001"]);
+    let fault = contains("error: ao.r_max_m is 1.000e-3 m, less than a voxel");
+    small.assert().code(2).stderr(fault);
+}

@@ -1,4 +1,4 @@
-//! Runs experiments: plans cells, samples their frames, writes records; renders and dumps single frames.
+//! Runs experiments: plans cells, samples their frames, writes records; renders and dumps single frames; answers at points.
 //!
 //! [`plan`] resolves parameters and checks limits, [`sample`] schedules frames over an
 //! [`Executor`](sample::Executor), [`executor`] is that on a device, [`run`] strings them together.
@@ -16,6 +16,7 @@ pub mod output;
 pub mod picture;
 pub mod plan;
 pub mod progress;
+pub mod query;
 pub mod readout;
 pub mod render;
 pub mod run;

@@ -341,7 +341,7 @@ impl Shadow {
 }
 
 /// Default of r_max over the scene's longest side. VAO gives none; tuned on scenes bunny_dry, dragon_dry and sponza.
-pub const R_MAX_SHARE: f64 = 0.2;
+pub const R_MAX_SHARE: f64 = 0.25;
 
 /// Distance up to which geometry occludes, metres: as set, or where that is 0 a share of the scene's longest side.
 pub fn r_max_m(scene: &Scene, r_max_m: f64, r_max_share: f64) -> f64 {

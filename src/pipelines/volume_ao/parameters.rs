@@ -71,7 +71,7 @@ impl Default for Ao {
             r_max_share: R_MAX_SHARE,
             attenuation: Attenuation::Linear,
             estimator: Estimator::Unbiased,
-            threshold: 0.6,
+            threshold: 0.55,
             guard: Guard::Variable,
             step: Step::Voxel,
             step_voxels: 1.0,
