@@ -13,9 +13,9 @@ use std::time::Duration;
 use criterion::{Criterion, Throughput};
 use fathom::gpu::{Encode, FrameTimer, Gpu, GpuError, Options, audit, audit_table};
 use fathom::harness::MAX_PASSES;
-use fathom::harness::subject::Subjects;
-use fathom::pipelines::Pipeline;
+use fathom::harness::subject::{Subject, Subjects};
 use fathom::pipelines::underwater::{self, Params};
+use fathom::pipelines::{Pipeline, params};
 use fathom::record::Work;
 use fathom::stages::{REGISTRY, Stage};
 use serde_json::{Value, json};
@@ -162,7 +162,7 @@ impl Bench {
             }
             _ => Default::default(),
         };
-        let samples = counted_samples(&self.gpu, pipeline.as_ref())?;
+        let samples = counted_samples(&self.gpu, &subject, pipeline.as_ref())?;
         for stage in stages {
             let name = stage.name();
             let wanted = match group.stages {
@@ -217,10 +217,20 @@ impl Bench {
     }
 }
 
-/// Samples of volumes that the last frame took, where the pipeline counts them.
-fn counted_samples(gpu: &Gpu, pipeline: &dyn Pipeline) -> Result<Option<u64>, GpuError> {
+/// Samples of volumes that a frame takes, where the pipeline counts them.
+fn counted_samples(
+    gpu: &Gpu,
+    subject: &Subject,
+    pipeline: &dyn Pipeline,
+) -> Result<Option<u64>, GpuError> {
     let quantities = pipeline.quantities(gpu)?;
-    Ok(quantities.get("ao_samples").map(|count| *count as u64))
+    let number = |path| params::get(&subject.params, path).and_then(Value::as_f64);
+    let samples = || {
+        let covered =
+            quantities.get("covered_share")? * number("view.width")? * number("view.height")?;
+        Some(quantities.get("samples_per_pixel_mean")? * covered * number("ao.scale")?.powi(2))
+    };
+    Ok(samples().map(|count| count.round() as u64))
 }
 
 fn declared(work: &Work) -> Option<u64> {

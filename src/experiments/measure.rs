@@ -206,9 +206,15 @@ impl Measure {
         }
     }
 
-    /// The measure is a time in nanoseconds.
+    /// The measure is a time in nanoseconds, perhaps times or over something else.
     pub fn is_time(&self) -> bool {
-        matches!(self.only(), Some(Term::Stage(_) | Term::Frame))
+        let timed = |terms: &[Term]| {
+            let times = terms
+                .iter()
+                .filter(|term| matches!(term, Term::Stage(_) | Term::Frame));
+            times.count()
+        };
+        timed(&self.terms) == 1 && timed(&self.per) == 0
     }
 
     /// It counts only on hardware: software drivers say nothing of absolute times.
@@ -225,10 +231,38 @@ impl Measure {
         let product = |terms: &[Term]| {
             let factors = terms
                 .iter()
-                .map(|term| Some(term.read(cell, measured)?.estimate.median));
-            factors.product::<Option<f64>>()
+                .map(|term| Some(term.read(cell, measured)?.estimate));
+            let one = Estimate {
+                median: 1.0,
+                low: 1.0,
+                high: 1.0,
+                n: 1,
+            };
+            factors.fold(Some(one), |product, factor| {
+                Some(multiplied(product?, factor?))
+            })
         };
-        Some(exact(product(&self.terms)? / product(&self.per)?))
+        let (over, under) = (product(&self.terms)?, product(&self.per)?);
+        let estimate = Estimate {
+            median: over.median / under.median,
+            low: over.low / under.high,
+            high: over.high / under.low,
+            n: over.n.max(under.n),
+        };
+        Some(Reading {
+            estimate,
+            samples: None,
+        })
+    }
+}
+
+/// The product of two positive figures, its interval as wide as theirs together.
+fn multiplied(a: Estimate, b: Estimate) -> Estimate {
+    Estimate {
+        median: a.median * b.median,
+        low: a.low * b.low,
+        high: a.high * b.high,
+        n: a.n.max(b.n),
     }
 }
 
