@@ -229,7 +229,7 @@ impl Measure {
             return term.read(cell, measured);
         }
         let product = |terms: &[Term]| {
-            let factors = terms
+            let mut factors = terms
                 .iter()
                 .map(|term| Some(term.read(cell, measured)?.estimate));
             let one = Estimate {
@@ -238,8 +238,8 @@ impl Measure {
                 high: 1.0,
                 n: 1,
             };
-            factors.fold(Some(one), |product, factor| {
-                Some(multiplied(product?, factor?))
+            factors.try_fold(one, |product, factor: Option<_>| {
+                Some(multiplied(product, factor?))
             })
         };
         let (over, under) = (product(&self.terms)?, product(&self.per)?);

@@ -59,7 +59,7 @@ fn plane(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
         });
         query(
             rig,
-            &[subject.voxels.clone()],
+            std::slice::from_ref(&subject.voxels),
             &floor_points(0.0),
             &settings,
         )
@@ -93,7 +93,12 @@ fn corner(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
     let subject = Subject::new(rig, SIDE, OPAQUE, |p| is_floor(p) || is_wall(p))?;
     let run = |x_voxels: f64| {
         let points = floor_points(x_voxels);
-        query(rig, &[subject.voxels.clone()], &points, &marching(settings))
+        query(
+            rig,
+            std::slice::from_ref(&subject.voxels),
+            &points,
+            &marching(settings),
+        )
     };
     let mut checks = Vec::new();
     // Near the wall the guard passes it at grazing angles: the error shrinks with the distance. VAO §6.1.
@@ -124,7 +129,12 @@ fn ball(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
     let is_ball = |p: DVec3| (p.distance(center) - radius).abs() < 0.5 * VOXEL_M;
     let subject = Subject::new(rig, SIDE, OPAQUE, |p| is_floor(p) || is_ball(p))?;
     let points = [(DVec3::new(0.0, 0.03 * VOXEL_M, 0.0), DVec3::Y)];
-    let a = query(rig, &[subject.voxels.clone()], &points, &marching(settings))?;
+    let a = query(
+        rig,
+        std::slice::from_ref(&subject.voxels),
+        &points,
+        &marching(settings),
+    )?;
     let law = |radius: f64| (radius / center.y).powi(2);
     // The shell's voxels have centres up to half a voxel outside the ball, and V falls to the threshold within another half.
     let tolerance = law(radius + VOXEL_M) - law(radius);

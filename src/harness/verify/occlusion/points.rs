@@ -62,7 +62,12 @@ fn against_twin(rig: &Rig<'_>, name: &str, change: Change) -> Result<Vec<Check>,
     let subject = Subject::new(rig, SIDE, OPAQUE, furnished)?;
     let points = furnished_points();
     let settings = marching(change);
-    let occlusion = query(rig, &[subject.voxels.clone()], &points, &settings)?;
+    let occlusion = query(
+        rig,
+        std::slice::from_ref(&subject.voxels),
+        &points,
+        &settings,
+    )?;
     let march = twin(&settings, &subject.host.grid);
     let error = density_error(settings.storage);
     let measure = |values: &[f64], nudge: f64| {
@@ -93,7 +98,12 @@ fn opacities(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
         m.occluder = Occluder::Opacity;
         m.threshold = 1.0;
     });
-    let occlusion = query(rig, &[subject.voxels.clone()], &points, &settings)?;
+    let occlusion = query(
+        rig,
+        std::slice::from_ref(&subject.voxels),
+        &points,
+        &settings,
+    )?;
     let march = twin(&settings, &subject.host.grid);
     let rms = |alpha_scale: f64| {
         let mut host = super::HostVolume {
