@@ -2,6 +2,7 @@
 // defs: UNIFORM=0, RANDOM=0, HARD=0, GUARD=1, BITS=0, SKIPPING=0, OPACITY=0, BETWEEN=0, COUNT=0
 #import fathom::dispatch
 #import fathom::marching
+#import fathom::random::{pcg}
 
 struct Point {
     position_m: vec3<f32>,
@@ -19,5 +20,5 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) g
         return;
     }
     let p = points[index];
-    visibility[index] *= 1.0 - marching::occlusion(p.position_m, p.normal, marching::pcg(index));
+    visibility[index] *= 1.0 - marching::occlusion(p.position_m, p.normal, pcg(index));
 }

@@ -12,6 +12,7 @@
 //   COUNT     1: counts samples and look-ups of the pyramid
 #define_import_path fathom::marching
 
+#import fathom::random::{pcg, unit}
 #import fathom::voxels::{Grid, to_cells, index_of}
 
 struct March {
@@ -45,18 +46,6 @@ const LEAST: f32 = 1e-7;
 var<private> taken: u32 = 0u;
 var<private> looked_up: u32 = 0u;
 #endif
-
-// PCG-RXS-M-XS-32 as a hash.
-fn pcg(v: u32) -> u32 {
-    let state = v * 747796405u + 2891336453u;
-    let word = ((state >> ((state >> 28u) + 4u)) ^ state) * 277803737u;
-    return (word >> 22u) ^ word;
-}
-
-// The upper 24 bits as a number in [0, 1), exactly.
-fn unit(v: u32) -> f32 {
-    return f32(v >> 8u) / 16777216.0;
-}
 
 // Point of [0, 1)² for a ray.
 fn point(ray: u32, seed: u32) -> vec2<f32> {
