@@ -143,7 +143,11 @@ impl<'a> CellExecutor<'a> {
         let pipeline = self.cells[cell].subject.build(gpu)?;
         let stages = encodable(pipeline.as_ref());
         let counters = gpu::count(gpu, &stages, MAX_PASSES)?.unwrap_or_default();
-        let code = if gpu.adapter.software { SOFTWARE_CODE_BYTES } else { 0 };
+        let code = if gpu.adapter.software {
+            SOFTWARE_CODE_BYTES
+        } else {
+            0
+        };
         let bytes = pipeline.allocated_bytes() + code;
         self.built[cell] = Some(Built { pipeline, counters });
         Ok(bytes)
