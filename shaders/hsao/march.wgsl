@@ -6,10 +6,10 @@
 // line. Directions in it are angles θ from the one to the eye, dω = sin θ dθ dψ, and their cosine with the normal is
 // toward · cos θ + aside · sin θ. VAO Eq. 1 is A = 1/π ∫∫ ρ cos dω, cut at the horizon: what lies below is integrated in
 // closed form (part 1), what lies above is sampled with rays (part 2).
-#import fathom::random::{pcg}
 #import fathom::frame::{frame, view_depth_m, world_at}
-#import fathom::sampling::{tangent_frame, unit}
+#import fathom::random::{pcg, unit}
 #import fathom::screen
+#import fathom::sphere::{tangent_frame}
 
 struct March {
     // Pixels of the occlusion buffer.
