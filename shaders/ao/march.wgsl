@@ -1,6 +1,6 @@
 // Volume ambient occlusion of what the camera sees: VAO §3 step 3, §5.1.
 // defs: UNIFORM=0, RANDOM=0, HARD=0, GUARD=1, BITS=0, SKIPPING=0, OPACITY=0, BETWEEN=0, COUNT=0
-#import fathom::frame::{frame}
+#import fathom::frame::{world_at}
 #import fathom::marching
 #import fathom::random::{pcg}
 #import fathom::screen
@@ -38,10 +38,9 @@ fn fragment(@builtin(position) pixel: vec4<f32>) -> @location(0) vec4<f32> {
         discard;
     }
     let uv = (vec2<f32>(texel) + 0.5) / view_px;
-    let p = frame.camera_inverse * vec4(uv.x * 2.0 - 1.0, 1.0 - uv.y * 2.0, z, 1.0);
     let normal = normalize(textureLoad(normals, texel, 0).xyz);
     let place = vec2<u32>(pixel.xy);
-    let occluded = marching::occlusion(p.xyz / p.w, normal, pcg(place.x + 65536u * place.y));
+    let occluded = marching::occlusion(world_at(uv, z), normal, pcg(place.x + 65536u * place.y));
 #if COUNT == 1
     let slot = place.x & 63u;
     atomicAdd(&counters.samples[slot], marching::taken);

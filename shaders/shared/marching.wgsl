@@ -13,6 +13,7 @@
 #define_import_path fathom::marching
 
 #import fathom::random::{pcg, unit}
+#import fathom::sphere::{cosine_direction, hemisphere_direction, tangent_frame}
 #import fathom::voxels::{Grid, to_cells, index_of}
 
 struct March {
@@ -32,7 +33,6 @@ struct March {
 @group(1) @binding(3) var trilinear: sampler;
 @group(1) @binding(4) var<storage, read> bits: array<u32>;
 
-const TAU: f32 = 6.28318530717958648;
 // 2³² / golden ratio: steps of the lattice's second coordinate.
 const GOLDEN: u32 = 0x9E3779B9u;
 // Level of the pyramid that is asked: cells of 4³ voxels. The fastest of 1 to 4 on scenes bunny_dry and sponza.
@@ -60,23 +60,11 @@ fn point(ray: u32, seed: u32) -> vec2<f32> {
 
 // Direction around +z for a ray.
 fn local_direction(ray: u32, seed: u32) -> vec3<f32> {
-    let p = point(ray, seed);
-    let angle = TAU * p.y;
 #if UNIFORM == 1
-    let radius = sqrt(p.x * (2.0 - p.x));
-    return vec3(radius * cos(angle), radius * sin(angle), 1.0 - p.x);
+    return hemisphere_direction(point(ray, seed));
 #else
-    let radius = sqrt(p.x);
-    return vec3(radius * cos(angle), radius * sin(angle), sqrt(1.0 - p.x));
+    return cosine_direction(point(ray, seed));
 #endif
-}
-
-// Rotation that brings +z to n: Duff et al., JCGT 6(1), 2017.
-fn tangent_frame(n: vec3<f32>) -> mat3x3<f32> {
-    let side = select(-1.0, 1.0, n.z >= 0.0);
-    let a = -1.0 / (side + n.z);
-    let b = n.x * n.y * a;
-    return mat3x3(vec3(1.0 + side * n.x * n.x * a, side * b, -side * n.x), vec3(b, side + n.y * n.y * a, -n.y), n);
 }
 
 #if BITS == 1

@@ -36,6 +36,12 @@ fn cosine_direction(u: vec2<f32>) -> vec3<f32> {
     return vec3(radius * cos(TAU * u.y), radius * sin(TAU * u.y), sqrt(1.0 - u.x));
 }
 
+// Direction around +z with density 1 / 2π.
+fn hemisphere_direction(u: vec2<f32>) -> vec3<f32> {
+    let radius = sqrt(u.x * (2.0 - u.x));
+    return vec3(radius * cos(TAU * u.y), radius * sin(TAU * u.y), 1.0 - u.x);
+}
+
 // Direction with density 1 / 4π.
 fn sphere_direction(u: vec2<f32>) -> vec3<f32> {
     let z = 1.0 - 2.0 * u.x;
