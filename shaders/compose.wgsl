@@ -1,6 +1,6 @@
 // defs: CONSERVING=0
 // The final image: scene lit by caustics, water colour, godrays, and the water surface drawn over it. UW §3.5.
-#import fathom::frame::{frame}
+#import fathom::frame::{frame, world_at}
 #import fathom::screen
 #import fathom::shading
 #import fathom::water
@@ -47,11 +47,6 @@ fn bilinear(source: texture_2d<f32>, uv: vec2<f32>) -> f32 {
     let c = textureLoad(source, vec2(low.x, high.y), 0).x;
     let d = textureLoad(source, high, 0).x;
     return mix(mix(a, b, f.x), mix(c, d, f.x), f.y);
-}
-
-fn world_at(uv: vec2<f32>, z: f32) -> vec3<f32> {
-    let p = frame.camera_inverse * vec4(uv.x * 2.0 - 1.0, 1.0 - uv.y * 2.0, z, 1.0);
-    return p.xyz / p.w;
 }
 
 // Irradiance that the photons bring to a surface point seen at uv, W/m².
@@ -101,8 +96,7 @@ fn scene_radiance(uv: vec2<f32>, texel: vec2<i32>, position_m: vec3<f32>) -> vec
 }
 
 fn display(radiance: vec3<f32>) -> vec4<f32> {
-    let mapped = 1.0 - exp(-radiance * settings.exposure);
-    return vec4(pow(mapped, vec3(1.0 / 2.2)), 1.0);
+    return shading::display(radiance, settings.exposure);
 }
 
 fn shafts(uv: vec2<f32>) -> vec3<f32> {

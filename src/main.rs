@@ -20,6 +20,7 @@ fn main() -> ExitCode {
         Command::Fetch(args) => commands::fetch(args),
         Command::Render(args) => commands::render(args),
         Command::Dump(args) => commands::dump(args),
+        Command::Query(args) => commands::query(args),
         Command::Report(args) => commands::report(args),
         Command::Compare(args) => compare::compare(*args),
         Command::Worker(args) => commands::worker(args),

@@ -235,6 +235,88 @@ fn a_dump_says_what_its_columns_are() {
     assert_eq!(about["params"]["water"]["refractive_index"], 1.33);
 }
 
+#[test]
+fn a_volume_is_dumped_with_its_grid() {
+    let folder = tempfile::tempdir().unwrap();
+    fathom()
+        .args(["dump", "voxel/unpack", "--pipeline", "voxelize"])
+        .args(["--scene", "slab", "--set", "voxel.resolution=24", "-o"])
+        .arg(folder.path())
+        .assert()
+        .success();
+    let file = |ending: &str| {
+        let mut files = std::fs::read_dir(folder.path()).unwrap();
+        let found = files.find_map(|file| {
+            Some(file.ok()?.path()).filter(|p| p.extension().is_some_and(|e| e == ending))
+        });
+        found.unwrap()
+    };
+    let array: ndarray::Array3<f32> = ndarray_npy::read_npy(file("npy")).unwrap();
+    let about: serde_json::Value =
+        serde_json::from_slice(&std::fs::read(file("json")).unwrap()).unwrap();
+    assert_eq!(about["axes"], serde_json::json!(["z", "y", "x"]));
+    assert_eq!(about["shape"], serde_json::json!(array.shape()));
+    assert_eq!(array.shape()[2], 24);
+    let occupied = array.iter().filter(|value| **value == 1.0).count();
+    let empty = array.iter().filter(|value| **value == 0.0).count();
+    assert_eq!(occupied + empty, array.len(), "a binary volume");
+    // A slab lies flat: all that is occupied lies within few layers, at the height that the grid gives them.
+    let layers: Vec<usize> = (0..array.shape()[1])
+        .filter(|y| {
+            array
+                .index_axis(ndarray::Axis(1), *y)
+                .iter()
+                .any(|value| *value > 0.0)
+        })
+        .collect();
+    assert!(!layers.is_empty() && layers.len() <= 3, "{layers:?}");
+    assert!(about["grid"]["spacing_m"][1].as_f64().unwrap() > 0.0);
+}
+
+#[test]
+fn a_cell_of_volume_occlusion_has_its_error_and_pictures() {
+    let out = tempfile::tempdir().unwrap();
+    fathom()
+        .args([
+            "run",
+            "vao-guard",
+            "--profile",
+            "quick",
+            "--budget",
+            "1",
+            "--out",
+        ])
+        .arg(out.path())
+        .args(["--axis", "scene=corner", "--axis", "ao.guard=variable"])
+        .args(["--set", "view.width=48", "--set", "view.height=48"])
+        .args(["--set", "voxel.resolution=32", "--set", "shadow.size=64"])
+        .assert()
+        .success();
+    let records = records(out.path());
+    let cells = cells(&records);
+    assert_eq!(cells.len(), 1);
+    let Outcome::Measured(measured) = &cells[0].outcome else {
+        panic!("{:?}", cells[0].outcome);
+    };
+    assert_eq!(
+        measured
+            .notes
+            .iter()
+            .find(|note| note.contains("not computed")),
+        None
+    );
+    let error = measured.quantities["ao_rmse"];
+    assert!(error > 0.0 && error < 0.2, "{error}");
+    assert!(measured.quantities["ao_reference_mean"] > 0.01);
+    for ending in ["", "-error"] {
+        let name = format!("vao-guard-scene=corner_ao.guard=variable{ending}.png");
+        let size = image::image_dimensions(out.path().join("renders").join(name)).unwrap();
+        assert_eq!(size, (48, 48));
+    }
+    let summary = std::fs::read_to_string(out.path().join("summary.md")).unwrap();
+    assert!(summary.contains("Pictures of the error"), "{summary}");
+}
+
 #[cfg(unix)]
 #[test]
 fn an_interrupted_run_ends_cleanly_and_resumes() {
@@ -291,4 +373,47 @@ fn an_interrupted_run_ends_cleanly_and_resumes() {
         cells(&first),
         "what was measured stays"
     );
+}
+
+#[test]
+fn a_query_answers_at_points_in_their_order() {
+    let folder = tempfile::tempdir().unwrap();
+    let [points, out] = ["points.csv", "out.csv"].map(|name| folder.path().join(name));
+    let query = |text: &str| {
+        std::fs::write(&points, text).unwrap();
+        let mut query = fathom();
+        query
+            .args(["query", "ao", "--scene", "ball", "--points"])
+            .arg(&points)
+            .args(["--set", "voxel.resolution=48", "--set", "ao.rays=32"]);
+        query
+    };
+    // On the floor far from the ball, beside its foot, and on its top.
+    let text = "note,x,y,z,nx,ny,nz\n\
+        far,-2.5,-4,-2.5,0,1,0\n\
+        foot,0.6,-4,0,0,3,0\n\
+        top,0,-2.4,0,0,1,0\n";
+    query(text).arg("-o").arg(&out).assert().success();
+    let written = std::fs::read_to_string(&out).unwrap();
+    let mut lines = written.lines();
+    assert_eq!(lines.next(), Some("x,y,z,nx,ny,nz,occlusion"));
+    let rows: Vec<Vec<f64>> = lines
+        .map(|line| line.split(',').map(|v| v.parse().unwrap()).collect())
+        .collect();
+    assert_eq!(rows[1][..6], [0.6, -4.0, 0.0, 0.0, 3.0, 0.0]);
+    let occlusion: Vec<f64> = rows.iter().map(|row| row[6]).collect();
+    assert!(occlusion[0] < 0.02 && occlusion[2] < 0.02, "{occlusion:?}");
+    assert!(occlusion[1] > 0.2 && occlusion[1] < 0.9, "{occlusion:?}");
+    query(text)
+        .assert()
+        .success()
+        .stdout(contains("x,y,z,nx,ny,nz,occlusion\n"));
+
+    let faulty = "x,y,z,nx,ny,nz\n0,-4,0,0,1,0\n0,-4,0,0,NaN,0\n";
+    let fault = contains("points.csv, line 3, column `ny`: `NaN` is not a number");
+    query(faulty).assert().code(2).stderr(fault);
+    let mut small = query(text);
+    small.args(["--set", "ao.r_max_m=0.001"]);
+    let fault = contains("error: ao.r_max_m is 1.000e-3 m, less than a voxel");
+    small.assert().code(2).stderr(fault);
 }

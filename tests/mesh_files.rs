@@ -74,7 +74,35 @@ fn missing_and_empty_files_are_told() {
         fault(name, b"");
     }
     assert!(fault("a.obj", b"# nothing\n").contains("no triangles"));
-    assert!(fault("a.stl", b"solid").contains(".obj, .ply or .ply.gz"));
+    assert!(fault("a.stl", b"solid").contains(".obj or .ply"));
+}
+
+#[test]
+fn compressed_obj_files_are_read() {
+    let obj = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n";
+    let packed = gzip(obj.as_bytes());
+    assert_eq!(
+        read("a.obj.gz", &packed).unwrap(),
+        read("a.obj", obj.as_bytes()).unwrap()
+    );
+    fault("a.obj.gz", &packed[..packed.len() - 9]);
+    assert!(fault("a.obj.gz", &gzip(b"v 1 x 2\n")).contains("line 1"));
+}
+
+/// Triangles without area are natural in scans: neither a point nor a line nor a repeated corner is a fault.
+#[test]
+fn triangles_without_area_are_read() {
+    let obj = "v 0 0 0\nv 1 0 0\nv 2 0 0\nv 0 0 0\nf 1 2 3\nf 1 4 1\nf 2 2 2\n";
+    let mesh = read("a.obj", obj.as_bytes()).unwrap();
+    assert_eq!(mesh.triangle_count(), 3);
+    let ply = PLY
+        .replace("1 0 0 1", "0 0 0 1")
+        .replace("4 0 1 2 3", "4 0 1 1 0");
+    let flat = read("a.ply", ply.as_bytes()).unwrap();
+    assert_eq!(flat.triangle_count(), 2);
+    for mesh in [mesh, flat] {
+        assert!(mesh.normals.iter().all(|n| n.iter().all(|c| c.is_finite())));
+    }
 }
 
 #[test]

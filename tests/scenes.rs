@@ -1,13 +1,60 @@
 //! The built-in scenes, and scene files that cannot be used.
 
-use fathom::scene::{Scene, SceneFile};
+use fathom::scene::{Bounds, Grid, Scene, SceneFile};
 use glam::{DVec3, Vec3};
 
-/// Every scene with the size it should have, assets or stand-ins alike.
+/// The scene with a coarse volume, where it has one: quick to make.
+fn load(name: &str) -> Scene {
+    let mut file = SceneFile::load(name).unwrap_or_else(|e| panic!("{e}"));
+    if let Some(volume) = &mut file.volume {
+        volume.reduce = 8;
+    }
+    Scene::build(&file).unwrap_or_else(|e| panic!("{e}"))
+}
+
+/// Scenes without water to draw, each with the fewest and the most triangles it should have, assets or stand-ins alike.
+const DRY: [(&str, usize, usize); 13] = [
+    ("ball", 10_000, 20_000),
+    ("bricks", 50_000, 100_000),
+    ("buddha", 90_000, 110_000),
+    ("bunny_dry", 60_000, 75_000),
+    ("corner", 6, 6),
+    ("crates", 2_000, 10_000),
+    ("dragon_dry", 45_000, 50_000),
+    ("glass", 10_000, 20_000),
+    ("level", 500, 3_000),
+    ("robot_room", 10_000, 50_000),
+    ("room", 5_000, 20_000),
+    ("slab", 12, 12),
+    ("sponza", 60_000, 80_000),
+];
+
+/// Scenes of a volume, with the cells of the paper or of the scan.
+const VOLUMES: [(&str, [u32; 3]); 4] = [
+    ("bonsai", [160, 160, 160]),
+    ("engine", [256, 128, 256]),
+    ("head", [181, 181, 217]),
+    ("smoke", [200, 128, 200]),
+];
+
+const WET: [&str; 10] = [
+    "atrium",
+    "bunny",
+    "dragon_large",
+    "dragon_medium",
+    "dragon_small",
+    "plane",
+    "pool",
+    "port",
+    "storage",
+    "tank",
+];
+
+/// Every scene with water with the size it should have, assets or stand-ins alike.
 #[test]
-fn every_scene_loads_at_its_size() {
-    for name in Scene::names() {
-        let scene = Scene::load(name).unwrap_or_else(|e| panic!("{e}"));
+fn every_scene_with_water_loads_at_its_size() {
+    for name in WET {
+        let scene = load(name);
         assert_eq!(scene.name, name);
         assert!(!scene.description.is_empty());
         let expected = match name {
@@ -24,26 +71,104 @@ fn every_scene_loads_at_its_size() {
 }
 
 #[test]
-fn the_scenes_are_those_of_the_paper_and_of_the_meshes() {
-    let expected = [
-        "atrium",
-        "bunny",
-        "dragon_large",
-        "dragon_medium",
-        "dragon_small",
-        "plane",
-        "pool",
-        "port",
-        "storage",
-        "tank",
-    ];
+fn the_scenes_are_those_of_the_papers_and_of_the_meshes() {
+    let mut expected: Vec<&str> = WET.to_vec();
+    expected.extend(DRY.iter().map(|d| d.0));
+    expected.extend(VOLUMES.iter().map(|v| v.0));
+    expected.sort_unstable();
     assert_eq!(Scene::names(), expected);
+}
+
+/// Each dry scene has its size, stands on its floor below the water, and is seen and lit.
+#[test]
+fn dry_scenes_load_at_their_size_and_are_seen() {
+    for (name, fewest, most) in DRY {
+        let scene = load(name);
+        assert!(!scene.description.is_empty());
+        let count = scene.triangle_count();
+        assert!((fewest..=most).contains(&count), "{name}: {count}");
+        let solid = scene.solid_bounds();
+        let size = solid.size().max_element();
+        assert!(solid.max.y < 0.0, "{name} reaches the water: {solid:?}");
+        let floor = -scene.floor_depth_m;
+        assert!(
+            solid.min.y <= floor + 1e-3 && solid.min.y >= floor - 0.03 * size,
+            "{name}: {solid:?}"
+        );
+        let seen = scene
+            .camera
+            .view_projection(1.0)
+            .project_point3(solid.center());
+        assert!(seen.abs().truncate().max_element() < 1.0, "{name}: {seen}");
+        assert!((0.0..1.0).contains(&seen.z), "{name}: {seen}");
+        assert!(scene.light.direction[1] < 0.0, "{name}");
+    }
+}
+
+/// The room fills a volume of 128 × 104 × 107 voxels, as in VAO Fig. 11.
+#[test]
+fn the_room_has_the_proportions_of_the_papers() {
+    let grid = Grid::fit(&load("room").solid_bounds(), 128).unwrap();
+    assert_eq!(grid.cells, [128, 104, 107]);
+}
+
+/// The floor comes first, then ten crates: those of VAO Fig. 12 are added one by one. Each stands on what came before.
+#[test]
+fn crates_are_stacked_in_the_order_of_the_file() {
+    let scene = load("crates");
+    let bounds: Vec<Bounds> = scene.objects.iter().map(|o| o.mesh.bounds()).collect();
+    assert_eq!(bounds.len(), 11);
+    for (i, crate_) in bounds.iter().enumerate().skip(1) {
+        let foot = crate_.center().with_y(crate_.min.y);
+        let carried = bounds[..i].iter().any(|below| {
+            let near = (below.max.y - foot.y).abs() < 1e-3;
+            near && below.contains(foot.with_y(below.max.y))
+        });
+        assert!(carried, "{}", scene.objects[i].name);
+    }
+}
+
+#[test]
+fn glass_has_opaque_and_transparent_objects() {
+    let scene = load("glass");
+    let (clear, opaque): (Vec<_>, Vec<_>) =
+        scene.objects.iter().partition(|o| o.material.alpha < 1.0);
+    assert!(clear.len() >= 3 && opaque.len() >= 3);
+    assert!(clear.iter().all(|o| o.material.alpha > 0.0));
+}
+
+/// Volumes have the cells of the paper, asset or stand-in alike, and lie where the camera looks.
+#[test]
+fn volume_scenes_have_their_cells_and_are_seen() {
+    for (name, cells) in VOLUMES {
+        let scene = load(name);
+        let volume = scene.volume.as_ref().expect("a volume");
+        assert_eq!(volume.cells, cells.map(|n| n.div_ceil(8)), "{name}");
+        volume.validate().unwrap_or_else(|e| panic!("{name}: {e}"));
+        let filled = volume.data.iter().filter(|v| **v > 0.1).count();
+        assert!(filled * 100 > volume.data.len(), "{name}: {filled} cells");
+        let bounds = volume.bounds();
+        assert_eq!(scene.solid_bounds(), bounds);
+        assert_eq!(scene.bounds.union(bounds), scene.bounds);
+        let seen = scene
+            .camera
+            .view_projection(1.0)
+            .project_point3(bounds.center());
+        assert!(seen.abs().truncate().max_element() < 0.5, "{name}: {seen}");
+        let outside = |p: DVec3| !bounds.contains(p);
+        assert!(outside(scene.camera.position()), "{name}");
+        let file = SceneFile::load(name).unwrap();
+        let text = toml::to_string(&file).unwrap();
+        let again = SceneFile::parse(&format!("scenes/{name}.toml"), &text).unwrap();
+        assert_eq!(again, file);
+        assert!(scene.needs_objects("underwater").is_err());
+    }
 }
 
 #[test]
 fn loading_twice_gives_the_same_scene() {
-    for name in ["tank", "port", "storage"] {
-        assert_eq!(Scene::load(name).unwrap(), Scene::load(name).unwrap());
+    for name in ["tank", "port", "storage", "bricks", "smoke"] {
+        assert_eq!(load(name), load(name));
     }
 }
 
@@ -51,7 +176,18 @@ fn loading_twice_gives_the_same_scene() {
 /// bent.
 #[test]
 fn normals_and_winding_agree_in_procedural_scenes() {
-    for name in ["plane", "tank", "port", "storage"] {
+    for name in [
+        "plane",
+        "tank",
+        "port",
+        "storage",
+        "bricks",
+        "crates",
+        "glass",
+        "level",
+        "robot_room",
+        "room",
+    ] {
         let scene = Scene::load(name).unwrap();
         for object in &scene.objects {
             let mesh = &object.mesh;
@@ -128,7 +264,7 @@ fn unusable_values_are_named() {
     assert!(broken(|f| f.floor_depth_m = -1.0).contains("floor_depth_m"));
     assert!(broken(|f| f.floor_depth_m = f64::NAN).contains("floor_depth_m"));
     assert!(broken(|f| f.camera.z_near_m = 99.0).contains("camera.z_near_m"));
-    assert!(broken(|f| f.objects.clear()).contains("[[object]]"));
+    assert!(broken(|f| f.objects.clear()).contains("neither an [[object]] nor a [volume]"));
     assert!(broken(|f| f.objects[1].generator = Some("statu".into())).contains("`statue`"));
     assert!(broken(|f| f.objects[1].generator = None).contains("needs one of"));
     assert!(broken(|f| f.objects[1].transform.scale = 0.0).contains("transform.scale"));

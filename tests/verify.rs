@@ -3,9 +3,11 @@
 use fathom::gpu::{ClockPlan, Encode, FrameTimer, Gpu, Options, SubmitCost};
 use fathom::harness::landing::photon_quantities;
 use fathom::harness::verify::{Table, VerifyError, verify};
-use fathom::pipelines::Pipeline;
 use fathom::pipelines::underwater::{Params, Underwater};
+use fathom::pipelines::{Pipeline, params};
 use fathom::scene::{Scene, SceneFile};
+use glam::DVec3;
+use serde_json::json;
 
 fn gpu() -> Gpu {
     Gpu::open(&Options::default())
@@ -66,4 +68,68 @@ fn photons_of_a_built_pipeline_have_their_errors() {
         moved["caustics_photon_error_median_m"] > 1e-3,
         "the reference follows the offset"
     );
+}
+
+/// Every mode of `scalar_ao` on a small cloud: its figures lie within what the algorithm allows.
+#[test]
+fn scalar_fields_give_their_figures() {
+    let gpu = gpu();
+    let file = SceneFile::load("smoke").unwrap();
+    let kind = fathom::pipelines::find("scalar_ao").unwrap();
+    for (mode, covered_least) in [("isosurface", 0.02), ("direct", 0.05), ("positional", 0.05)] {
+        let mut tree = (kind.defaults)(&file);
+        let settings = json!({"view.width": 32, "view.height": 24, "volume.reduce": 8, "scalar.mode": mode,
+            "scalar.rays": 3, "scalar.samples": 4});
+        for (path, value) in settings.as_object().unwrap() {
+            params::set(&mut tree, path, value.clone()).unwrap();
+        }
+        let scene = Scene::build(&(kind.scene_file)(&file, &tree).unwrap()).unwrap();
+        gpu.check(&(kind.demand)(&tree, &scene).unwrap()).unwrap();
+        let pipeline = (kind.build)(&gpu, &scene, &tree).unwrap();
+        let stages: Vec<&dyn Encode> = pipeline
+            .stages()
+            .into_iter()
+            .map(|s| s as &dyn Encode)
+            .collect();
+        let mut timer = FrameTimer::new(&gpu, ClockPlan::fenced(SubmitCost::default()), 8).unwrap();
+        timer.untimed(&gpu, &stages).unwrap();
+        let figures = pipeline.quantities(&gpu).unwrap();
+
+        let cells = scene.volume.as_ref().unwrap().cells;
+        assert_eq!(cells, [25, 16, 25]);
+        let levels = [25 * 16 * 25, 12 * 8 * 12, 6 * 4 * 6, 3 * 2 * 3, 1];
+        let texels: u32 = if mode == "isosurface" {
+            levels[0]
+        } else {
+            levels.iter().sum()
+        };
+        // Values of a generator are not whole steps of 8 bits: two bytes each.
+        assert_eq!(figures["volume_bytes"], f64::from(2 * texels), "{mode}");
+        let covered = figures["covered_share"];
+        assert!(
+            covered > covered_least && covered < 0.9,
+            "{mode}: {figures:?}"
+        );
+        assert_eq!(figures["r_max_m"], 0.5);
+        assert!(
+            (figures["step_voxels"] - 0.5 / 4.0 / 0.08).abs() < 1e-6,
+            "{figures:?}"
+        );
+        // Look-ups of a view step: the value, and in media those of A, its start and a gradient.
+        let steps = DVec3::from(cells.map(f64::from)).length() + 1.0;
+        let most = match mode {
+            "isosurface" => steps + 9.0 + 6.0 + 12.0,
+            _ => steps * (1.0 + 12.0 + 1.0 + 6.0),
+        };
+        assert!(
+            figures["samples_per_pixel_most"] <= most,
+            "{mode}: {figures:?}"
+        );
+        assert!(figures["samples_per_pixel"] > 1.0, "{mode}: {figures:?}");
+        let visibility = figures["visibility_mean"];
+        assert!(
+            visibility > 0.1 && visibility < 0.999,
+            "{mode}: {figures:?}"
+        );
+    }
 }

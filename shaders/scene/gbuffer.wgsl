@@ -1,4 +1,4 @@
-// Albedo, normal and depth from the camera in one multi-target pass: UW §3.2.
+// Albedo, normal, specular coefficient and depth from the camera in one multi-target pass: UW §3.2, VAO §6.
 #import fathom::frame::{frame}
 #import fathom::surface::{Material, SceneVertex, albedo}
 
@@ -13,6 +13,7 @@ struct Varying {
 
 struct Targets {
     @location(0) albedo: vec4<f32>,
+    // The specular coefficient in w.
     @location(1) normal: vec4<f32>,
 }
 
@@ -25,5 +26,6 @@ fn vertex(in: SceneVertex) -> Varying {
 @fragment
 fn fragment(in: Varying) -> Targets {
     let normal = normalize(in.normal);
-    return Targets(vec4(albedo(materials[in.material], in.position_m, normal), 1.0), vec4(normal, 1.0));
+    let material = materials[in.material];
+    return Targets(vec4(albedo(material, in.position_m, normal), 1.0), vec4(normal, material.specular));
 }

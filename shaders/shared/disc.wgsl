@@ -1,15 +1,11 @@
 // Low-pass over a disc of taps, turned by another angle in every pixel: UW §3.5.
 #define_import_path fathom::disc
 
+#import fathom::random::{pcg}
+
 // 2π (1 − 1/φ): successive taps of a Vogel disc are this far apart.
 const GOLDEN_ANGLE: f32 = 2.39996322972865332;
 const TAU: f32 = 6.28318530717958648;
-
-fn pcg(v: u32) -> u32 {
-    let state = v * 747796405u + 2891336453u;
-    let word = ((state >> ((state >> 28u) + 4u)) ^ state) * 277803737u;
-    return (word >> 22u) ^ word;
-}
 
 fn rotation(pixel: vec2<u32>) -> f32 {
     return TAU * f32(pcg(pixel.x + 65536u * pixel.y)) / 4294967296.0;

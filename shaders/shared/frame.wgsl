@@ -42,3 +42,14 @@ struct Frame {
 @group(0) @binding(0) var<uniform> frame: Frame;
 // (n, ∂n/∂u, ∂n/∂v) of tile-periodic Perlin noise, texel centres at (i + 0.5) / size.
 @group(0) @binding(1) var noise_texture: texture_2d<f32>;
+
+// World point at a place of the picture, 0…1 from its upper left corner, and a device depth.
+fn world_at(uv: vec2<f32>, z: f32) -> vec3<f32> {
+    let p = frame.camera_inverse * vec4(uv.x * 2.0 - 1.0, 1.0 - uv.y * 2.0, z, 1.0);
+    return p.xyz / p.w;
+}
+
+// Distance along the view direction at a device depth, metres.
+fn view_depth_m(z: f32) -> f32 {
+    return frame.z_near_m * frame.z_far_m / (frame.z_far_m - z * (frame.z_far_m - frame.z_near_m));
+}

@@ -75,3 +75,8 @@ fn fresnel(cos_i: f32, eta: f32) -> f32 {
     let p = (cos_i - eta * cos_t) / (cos_i + eta * cos_t);
     return 0.5 * (s * s + p * p);
 }
+
+// Display value of a radiance: exponential tone curve, gamma 2.2.
+fn display(radiance: vec3<f32>, exposure: f32) -> vec4<f32> {
+    return vec4(pow(1.0 - exp(-radiance * exposure), vec3(1.0 / 2.2)), 1.0);
+}

@@ -8,6 +8,8 @@ struct Material {
     accent: vec3<f32>,
     // Opacity.
     alpha: f32,
+    // Reflectance of the glossy lobe.
+    specular: f32,
 }
 
 struct SceneVertex {

@@ -1,5 +1,6 @@
 //! What each subcommand does with the library, and what it prints.
 
+use std::fs::File;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -12,14 +13,16 @@ use fathom::harness::output::{Output, RECORDS};
 use fathom::harness::plan::Request;
 use fathom::harness::run::{self, Options, Summary};
 use fathom::harness::subject::{Subject, Subjects};
-use fathom::harness::{dump as dumping, render as rendering, verify as verifying};
+use fathom::harness::{
+    dump as dumping, query as querying, render as rendering, verify as verifying,
+};
 use fathom::pipelines::{self, params};
 use fathom::scene::{SceneFile, assets};
 use fathom::{record, report as reports, scene, stages};
 
 use super::{
-    AdapterArgs, DumpArgs, FetchArgs, ListArgs, Listing, RenderArgs, ReportArgs, RunArgs,
-    SubjectArgs, VerifyArgs,
+    AdapterArgs, DumpArgs, FetchArgs, ListArgs, Listing, QueryArgs, Question, RenderArgs,
+    ReportArgs, RunArgs, SubjectArgs, VerifyArgs,
 };
 
 /// A cell or a check failed.
@@ -250,6 +253,24 @@ pub fn dump(args: DumpArgs) -> Outcome {
     let gpu = Gpu::open(&gpu_options(&args.adapter))?;
     for path in dumping::dump(&gpu, &subject, &args.stage, &args.output)? {
         println!("{}", path.display());
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+pub fn query(args: QueryArgs) -> Outcome {
+    let Question::Ao = args.question;
+    let subject = Subjects::default().subject("volume_ao", &args.scene, &args.set)?;
+    let rows = querying::read(&args.points)?;
+    let gpu = Gpu::open(&gpu_options(&args.adapter))?;
+    let occlusion = querying::occlusion(&gpu, &subject, &rows)?;
+    match args.output {
+        Some(path) => {
+            let name = path.display().to_string();
+            let file = File::create(&path).with_context(|| format!("cannot write {name}"))?;
+            querying::write(&name, file, &rows, &occlusion)?;
+            println!("{name}");
+        }
+        None => querying::write("standard output", std::io::stdout(), &rows, &occlusion)?,
     }
     Ok(ExitCode::SUCCESS)
 }

@@ -39,12 +39,14 @@ pub enum Command {
     Audit(AdapterArgs),
     /// Check stages against their references
     Verify(VerifyArgs),
-    /// Get the meshes that are not part of the project, with the ordinary package clients
+    /// Get the meshes and volumes that are not part of the project, with the ordinary package clients
     Fetch(FetchArgs),
     /// Render one frame of a scene as a PNG file
     Render(RenderArgs),
     /// Write a stage's outputs as .npy files with descriptions
     Dump(DumpArgs),
+    /// Answer at given points
+    Query(QueryArgs),
     /// Write the reports of a run again, from its records alone
     Report(ReportArgs),
     /// Hold two builds against each other: has a stage become slower, costlier or less accurate?
@@ -170,6 +172,32 @@ pub struct DumpArgs {
     /// Folder to write to
     #[arg(short, long, value_name = "DIR", default_value = ".")]
     pub output: PathBuf,
+    #[command(flatten)]
+    pub adapter: AdapterArgs,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+pub enum Question {
+    /// Volume ambient occlusion, 0 open to 1 closed
+    Ao,
+}
+
+#[derive(Args)]
+pub struct QueryArgs {
+    /// What is asked
+    pub question: Question,
+    /// Name of a scene, or path of a scene file
+    #[arg(long)]
+    pub scene: String,
+    /// CSV file with the columns x, y, z (metres) and nx, ny, nz
+    #[arg(long, value_name = "FILE")]
+    pub points: PathBuf,
+    /// Set a parameter of the pipeline volume_ao; see `fathom list parameters --pipeline volume_ao`
+    #[arg(long, value_name = "PATH=VALUE", value_parser = parse_set)]
+    pub set: Vec<(String, Value)>,
+    /// CSV file to write [default: standard output]
+    #[arg(short, long, value_name = "FILE")]
+    pub output: Option<PathBuf>,
     #[command(flatten)]
     pub adapter: AdapterArgs,
 }

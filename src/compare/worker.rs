@@ -21,7 +21,7 @@ use crate::gpu::{self, ClockPlan, Encode, FrameTimer, Gpu, GpuError, SubmitCost}
 use crate::harness::executor::encodable;
 use crate::harness::subject::{Subject, SubjectError, Subjects};
 use crate::harness::verify::{Check, VerifyError, verify_stages};
-use crate::harness::{MAX_PASSES, landing};
+use crate::harness::{MAX_PASSES, errors};
 use crate::pipelines::Pipeline;
 
 /// Readings of a frame before its clock is given up.
@@ -272,7 +272,8 @@ impl Device {
             quantities: pipeline.quantities(&self.gpu)?,
             ..Exact::default()
         };
-        match landing::cell_errors(&self.gpu, &prepared.subject, pipeline) {
+        let mut known = errors::Known::default();
+        match errors::cell_errors(&self.gpu, &prepared.subject, pipeline, &mut known) {
             Ok(errors) => exact.errors = errors,
             Err(error) => exact.notes.push(format!("errors not computed: {error}")),
         }

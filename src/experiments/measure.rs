@@ -3,6 +3,8 @@
 //! | text | meaning | unit |
 //! |---|---|---|
 //! | `stage:caustics/trace` | median time of a stage | ns |
+//! | `stage:voxel/` | median of the summed times of a family's stages | ns |
+//! | `stage:ao/march\|hsao/march` | the same for those of the named ones that run | ns |
 //! | `frame` | median frame time without per-stage timing | ns |
 //! | `fps` | its reciprocal | frames per second |
 //! | `work:caustics/trace.photons` | declared work of a stage | count |
@@ -11,19 +13,25 @@
 //! | `quantity:caustics_error` | a recorded quantity | as its name says |
 //! | `allocated_bytes` | memory allocated by the pipeline | bytes |
 //!
-//! A product is written with `*`: `param:view.width*param:view.height`.
+//! A product is written with `*`, a quotient with ` per `: `param:view.width*param:view.height`,
+//! `allocated_bytes per quantity:occupied_voxels`.
 
+use std::borrow::Cow;
 use std::fmt;
 use std::str::FromStr;
 
 use serde::{Deserialize, Deserializer};
 use serde_json::Value;
 
-use crate::record::{Cell, Estimate, Measured, Outcome, Work};
+use crate::record::{Cell, Estimate, Measured, Outcome, StageRecord, Work};
+use crate::statistics;
 
-/// A product of terms.
+/// A product of terms over another.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Measure(Vec<Term>);
+pub struct Measure {
+    terms: Vec<Term>,
+    per: Vec<Term>,
+}
 
 #[derive(Clone, Debug, PartialEq, Eq)]
 enum Term {
@@ -41,15 +49,23 @@ enum Term {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Reading<'a> {
     pub estimate: Estimate,
-    pub samples: Option<&'a [f64]>,
+    pub samples: Option<Cow<'a, [f64]>>,
 }
 
 impl FromStr for Measure {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Measure, String> {
-        let terms: Result<Vec<Term>, String> = text.split('*').map(parse_term).collect();
-        terms.map(Measure)
+        let (terms, per) = text.split_once(" per ").unwrap_or((text, ""));
+        let product =
+            |text: &str| -> Result<Vec<Term>, String> { text.split('*').map(parse_term).collect() };
+        Ok(Measure {
+            terms: product(terms)?,
+            per: match per {
+                "" => Vec::new(),
+                per => product(per)?,
+            },
+        })
     }
 }
 
@@ -107,12 +123,17 @@ fn work_count(work: &Work, count: &str) -> u64 {
 
 impl fmt::Display for Measure {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        for (index, term) in self.0.iter().enumerate() {
+        let factors = [(" × ", &self.terms), (" per ", &self.per)];
+        let terms = factors
+            .iter()
+            .flat_map(|(sign, terms)| terms.iter().map(move |term| (sign, term)));
+        for (index, (sign, term)) in terms.enumerate() {
             if index > 0 {
-                f.write_str(" × ")?;
+                f.write_str(sign)?;
             }
             match term {
-                Term::Stage(name) => write!(f, "{name} time")?,
+                Term::Stage(name) if name.ends_with('/') => write!(f, "all {name} stages")?,
+                Term::Stage(name) => write!(f, "{} time", name.replace('|', " or "))?,
                 Term::Frame => f.write_str("frame time")?,
                 Term::Fps => f.write_str("frames per second")?,
                 Term::Work(stage, count) => write!(f, "{} of {stage}", count.replace('_', " "))?,
@@ -134,56 +155,114 @@ impl<'de> Deserialize<'de> for Measure {
 impl Measure {
     /// Frame time without per-stage timing.
     pub fn frame() -> Measure {
-        Measure(vec![Term::Frame])
+        Measure {
+            terms: vec![Term::Frame],
+            per: Vec::new(),
+        }
     }
 
-    /// Names of the stages that the measure speaks of.
+    fn all(&self) -> impl Iterator<Item = &Term> {
+        self.terms.iter().chain(&self.per)
+    }
+
+    /// The only term, where there is no other.
+    fn only(&self) -> Option<&Term> {
+        match (self.terms.as_slice(), self.per.as_slice()) {
+            ([term], []) => Some(term),
+            _ => None,
+        }
+    }
+
+    /// Names of the stages that the measure speaks of; a family's ends in `/`.
     pub fn stages(&self) -> impl Iterator<Item = &str> {
-        self.0.iter().filter_map(|term| match term {
+        let named = self.all().filter_map(|term| match term {
             Term::Stage(name) | Term::Work(name, _) => Some(name.as_str()),
             _ => None,
-        })
+        });
+        named.flat_map(|names| names.split('|'))
     }
 
     /// Dotted paths of the parameters that the measure speaks of.
     pub fn params(&self) -> impl Iterator<Item = &str> {
-        self.0.iter().filter_map(|term| match term {
+        self.all().filter_map(|term| match term {
             Term::Param(name) => Some(name.as_str()),
+            _ => None,
+        })
+    }
+
+    /// Names of the quantities that the measure speaks of.
+    pub fn quantities(&self) -> impl Iterator<Item = &str> {
+        self.all().filter_map(|term| match term {
+            Term::Quantity(name) => Some(name.as_str()),
             _ => None,
         })
     }
 
     /// A stage's name, where the measure is its time and nothing else: what a legend shows.
     pub fn stage_name(&self) -> Option<&str> {
-        match self.0.as_slice() {
-            [Term::Stage(name)] => Some(name),
+        match self.only() {
+            Some(Term::Stage(name)) if !name.ends_with('/') => Some(name),
             _ => None,
         }
     }
 
-    /// The measure is a time in nanoseconds.
+    /// The measure is a time in nanoseconds, perhaps times or over something else.
     pub fn is_time(&self) -> bool {
-        matches!(self.0.as_slice(), [Term::Stage(_) | Term::Frame])
+        let timed = |terms: &[Term]| {
+            let times = terms
+                .iter()
+                .filter(|term| matches!(term, Term::Stage(_) | Term::Frame));
+            times.count()
+        };
+        timed(&self.terms) == 1 && timed(&self.per) == 0
     }
 
     /// It counts only on hardware: software drivers say nothing of absolute times.
     pub fn is_absolute(&self) -> bool {
-        matches!(
-            self.0.as_slice(),
-            [Term::Stage(_) | Term::Frame | Term::Fps]
-        )
+        let absolute = |term: &Term| matches!(term, Term::Stage(_) | Term::Frame | Term::Fps);
+        self.all().any(absolute)
     }
 
     /// The value in a measured cell; none where the cell lacks it.
     pub fn read<'a>(&self, cell: &Cell, measured: &'a Measured) -> Option<Reading<'a>> {
-        if let [term] = self.0.as_slice() {
+        if let Some(term) = self.only() {
             return term.read(cell, measured);
         }
-        let mut product = 1.0;
-        for term in &self.0 {
-            product *= term.read(cell, measured)?.estimate.median;
-        }
-        Some(exact(product))
+        let product = |terms: &[Term]| {
+            let mut factors = terms
+                .iter()
+                .map(|term| Some(term.read(cell, measured)?.estimate));
+            let one = Estimate {
+                median: 1.0,
+                low: 1.0,
+                high: 1.0,
+                n: 1,
+            };
+            factors.try_fold(one, |product, factor: Option<_>| {
+                Some(multiplied(product, factor?))
+            })
+        };
+        let (over, under) = (product(&self.terms)?, product(&self.per)?);
+        let estimate = Estimate {
+            median: over.median / under.median,
+            low: over.low / under.high,
+            high: over.high / under.low,
+            n: over.n.max(under.n),
+        };
+        Some(Reading {
+            estimate,
+            samples: None,
+        })
+    }
+}
+
+/// The product of two positive figures, its interval as wide as theirs together.
+fn multiplied(a: Estimate, b: Estimate) -> Estimate {
+    Estimate {
+        median: a.median * b.median,
+        low: a.low * b.low,
+        high: a.high * b.high,
+        n: a.n.max(b.n),
     }
 }
 
@@ -191,13 +270,10 @@ impl Term {
     fn read<'a>(&self, cell: &Cell, measured: &'a Measured) -> Option<Reading<'a>> {
         let stage = |name: &str| measured.stages.iter().find(|stage| stage.stage == name);
         match self {
-            Term::Stage(name) => stage(name).map(|stage| Reading {
-                estimate: stage.time,
-                samples: Some(&stage.samples_ns),
-            }),
+            Term::Stage(names) => stage_time(names, measured),
             Term::Frame => Some(Reading {
                 estimate: measured.frame.untimed,
-                samples: Some(&measured.frame.untimed_samples_ns),
+                samples: Some(Cow::Borrowed(&measured.frame.untimed_samples_ns)),
             }),
             Term::Fps => Some(Reading {
                 estimate: fps(&measured.frame.untimed),
@@ -213,6 +289,31 @@ impl Term {
             Term::AllocatedBytes => Some(exact(measured.allocated_bytes as f64)),
         }
     }
+}
+
+/// Time of the stages that `names` names, summed frame by frame; none where none of them ran.
+fn stage_time<'a>(names: &str, measured: &'a Measured) -> Option<Reading<'a>> {
+    let wanted = |stage: &&StageRecord| {
+        let mut names = names.split('|');
+        names.any(|name| match name.ends_with('/') {
+            true => stage.stage.starts_with(name),
+            false => stage.stage == name,
+        })
+    };
+    let stages: Vec<&StageRecord> = measured.stages.iter().filter(wanted).collect();
+    if let [stage] = stages.as_slice() {
+        return Some(Reading {
+            estimate: stage.time,
+            samples: Some(Cow::Borrowed(&stage.samples_ns)),
+        });
+    }
+    let frames = stages.iter().map(|stage| stage.samples_ns.len()).min()?;
+    let sum = |frame: usize| stages.iter().map(|stage| stage.samples_ns[frame]).sum();
+    let samples: Vec<f64> = (0..frames).map(sum).collect();
+    Some(Reading {
+        estimate: statistics::estimate(&samples),
+        samples: Some(Cow::Owned(samples)),
+    })
 }
 
 /// Frames per second of a frame time in nanoseconds.

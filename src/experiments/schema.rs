@@ -4,11 +4,17 @@
 //! `params = { caustics.grid = 200 }` and `"caustics.grid" = 200` mean the same. Two names are not parameters of the
 //! pipeline: `scene` and `pipeline` choose what the cell runs on.
 
+mod claim;
+mod plot;
+
 use serde::Deserialize;
 use serde_json::{Map, Value};
 
 use super::{ExperimentError, Measure};
 use crate::record::Cell;
+
+pub use claim::{Claim, Direction, FIXED_SHARE, Test};
+pub use plot::{Plot, PlotKind};
 
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -33,6 +39,16 @@ pub struct Experiment {
     pub sweep: Vec<Sweep>,
     /// A denser run that each cell's result is held against.
     pub reference: Option<Reference>,
+    /// The same surface points seen from other places.
+    pub views: Option<Views>,
+    /// Time that a cell of this experiment gets, as a multiple of the usual: less than 1 where errors count and times do not.
+    #[serde(default = "one")]
+    pub weight: f64,
+    #[serde(default)]
+    pub pictures: Pictures,
+    /// A map of the signed error beside each picture, for pipelines whose error is known point by point.
+    #[serde(default)]
+    pub error_picture: bool,
     #[serde(default)]
     pub published: Vec<Published>,
     #[serde(default)]
@@ -101,6 +117,28 @@ pub struct Reference {
     pub profile: Profiles,
 }
 
+/// How much a result at one surface point changes with the viewer: the camera is turned about its target, and the points of
+/// the cell's own view are looked up wherever another view sees them too.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Views {
+    /// Name under which the spread goes into the record's quantities: RMS over the points of the standard deviation over the
+    /// views that see a point.
+    pub quantity: String,
+    /// Turns of the camera about the vertical through its target, degrees; the cell's own view is not named.
+    pub turns_deg: Vec<f64>,
+}
+
+/// Which measured cells leave a picture.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Pictures {
+    /// The first that is finished.
+    #[default]
+    First,
+    All,
+}
+
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Comparison {
@@ -142,120 +180,6 @@ impl Published {
     }
 }
 
-#[derive(Clone, Debug, PartialEq, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Claim {
-    pub id: String,
-    pub text: String,
-    /// Axis or parameter → value; all must hold.
-    #[serde(default, rename = "where")]
-    pub filter: Map<String, Value>,
-    pub test: Test,
-}
-
-/// How a claim is tested. `over` names the axis along which cells are compared; cells that differ in another axis
-/// are tested apart, and the claim is only as good as its worst group.
-#[derive(Clone, Debug, PartialEq, Deserialize)]
-#[serde(rename_all = "snake_case", deny_unknown_fields)]
-pub enum Test {
-    /// `y ∝ x^expected`, by a straight line through the logarithms.
-    Slope {
-        y: Measure,
-        x: Measure,
-        over: String,
-        expected: f64,
-        tolerance: f64,
-        /// Cells in which the fixed cost (an affine fit's) is a greater share of the time are left out.
-        #[serde(default = "default_fixed_share")]
-        max_fixed_share: f64,
-        /// Decades of x that must be left.
-        #[serde(default = "default_decades")]
-        min_decades: f64,
-    },
-    /// The same along the axis, up to a factor of `1 + tolerance` between the largest and the smallest.
-    Independent {
-        y: Measure,
-        over: String,
-        tolerance: f64,
-    },
-    /// `y` at one value of the axis over `y` at another lies within `low … high`.
-    Ratio {
-        y: Measure,
-        over: String,
-        numerator: Value,
-        denominator: Value,
-        low: f64,
-        high: f64,
-    },
-    /// Every cell reaches the value.
-    AtLeast { y: Measure, value: f64 },
-    /// `y` in the cell `of` is at most `1 + margin` times that in the cell `than`.
-    NoWorse {
-        y: Measure,
-        of: Map<String, Value>,
-        than: Map<String, Value>,
-        #[serde(default)]
-        margin: f64,
-    },
-    /// Rises (or falls) along the axis in order of `x`; steps against it of up to `tolerance` are noise.
-    Monotone {
-        y: Measure,
-        x: Measure,
-        over: String,
-        direction: Direction,
-        tolerance: f64,
-    },
-}
-
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Direction {
-    Rising,
-    Falling,
-}
-
-/// A tenth: over the decade above it, a fixed cost bends a slope of 1 to 0.96 at worst.
-pub const FIXED_SHARE: f64 = 0.1;
-
-fn default_fixed_share() -> f64 {
-    FIXED_SHARE
-}
-
-fn default_decades() -> f64 {
-    1.0
-}
-
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum PlotKind {
-    /// Both axes logarithmic, fitted slopes in the legend.
-    Scaling,
-    /// Both axes linear.
-    Lines,
-    /// Stage times stacked per cell.
-    Stacked,
-}
-
-/// One panel of the experiment's figure.
-#[derive(Clone, Debug, PartialEq, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Plot {
-    pub title: String,
-    pub kind: PlotKind,
-    /// Cells without this axis are left out.
-    pub over: Option<String>,
-    #[serde(default, rename = "where")]
-    pub filter: Map<String, Value>,
-    /// Abscissa of scaling and line plots.
-    pub x: Option<Measure>,
-    pub x_title: Option<String>,
-    /// Ordinates of scaling and line plots; stacked ones show every stage.
-    #[serde(default)]
-    pub y: Vec<Measure>,
-    /// Label of the ordinate; `time (ms)` where absent.
-    pub y_title: Option<String>,
-}
-
 impl Experiment {
     /// Parses and checks an experiment's text; `name` stands in errors.
     pub fn parse(name: &str, text: &str) -> Result<Experiment, ExperimentError> {
@@ -290,10 +214,18 @@ impl Experiment {
         }
         for plot in &self.plot {
             let place = format!("plot `{}`", plot.title);
-            self.check_over(plot.over.as_deref(), &place)?;
-            let needs_measures = plot.kind != PlotKind::Stacked;
-            if needs_measures && (plot.x.is_none() || plot.y.is_empty()) {
-                return Err(format!("{place} needs x and y"));
+            for axis in plot.axes() {
+                self.check_over(Some(axis), &place)?;
+            }
+            plot.check().map_err(|fault| format!("{place} {fault}"))?;
+        }
+        if !(self.weight > 0.0 && self.weight <= 10.0) {
+            return Err(format!("weight {} must lie within 0 … 10", self.weight));
+        }
+        if let Some(views) = &self.views {
+            let turns = views.turns_deg.iter();
+            if views.turns_deg.is_empty() || !turns.clone().all(|turn| turn.abs() <= 180.0) {
+                return Err("views.turns_deg needs turns of at most 180 degrees".to_owned());
             }
         }
         for published in &self.published {
@@ -364,27 +296,8 @@ impl Axis {
     }
 }
 
-impl Test {
-    /// The axis along which cells are compared.
-    pub fn over(&self) -> Option<&str> {
-        match self {
-            Test::Slope { over, .. }
-            | Test::Independent { over, .. }
-            | Test::Ratio { over, .. }
-            | Test::Monotone { over, .. } => Some(over),
-            Test::AtLeast { .. } | Test::NoWorse { .. } => None,
-        }
-    }
-
-    fn measures(&self) -> Vec<&Measure> {
-        match self {
-            Test::Slope { y, x, .. } | Test::Monotone { y, x, .. } => vec![y, x],
-            Test::Independent { y, .. }
-            | Test::Ratio { y, .. }
-            | Test::AtLeast { y, .. }
-            | Test::NoWorse { y, .. } => vec![y],
-        }
-    }
+fn one() -> f64 {
+    1.0
 }
 
 /// The parser's message with its line number, without the quoted source.

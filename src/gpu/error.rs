@@ -26,6 +26,9 @@ pub enum GpuError {
     Shader { path: String, message: String },
     #[error("beyond the adapter's limits: {0}")]
     Limit(String),
+    /// What is asked for makes no sense on any adapter; the text says why.
+    #[error("{0}")]
+    Unusable(String),
     #[error("the GPU refused a call: {0}")]
     Validation(String),
     #[error("out of GPU memory: {0}")]

@@ -26,6 +26,7 @@ enum Limit {
     DispatchGroups,
     ColorAttachments,
     BytesPerSample,
+    Index,
 }
 
 impl Limit {
@@ -60,6 +61,8 @@ impl Limit {
                 "max_color_attachment_bytes_per_sample",
                 limits.max_color_attachment_bytes_per_sample.into(),
             ),
+            // No adapter's: shaders count in 32 bits.
+            Self::Index => ("indices of 32 bits", u32::MAX.into()),
         }
     }
 }
@@ -104,6 +107,11 @@ impl Demand {
     pub fn uniform(self, what: &str, bytes: u64) -> Self {
         self.need(Limit::Buffer, what, bytes)
             .need(Limit::UniformBinding, what, bytes)
+    }
+
+    /// Things that shaders tell apart by an index, such as voxels.
+    pub fn indexed(self, what: &str, count: u64) -> Self {
+        self.need(Limit::Index, what, count)
     }
 
     /// A dispatch of this many workgroups in each dimension.
@@ -179,6 +187,12 @@ mod tests {
         assert!(
             Demand::new()
                 .dispatch("trace", [1, groups + 1, 1])
+                .check(&limits)
+                .is_err()
+        );
+        assert!(
+            Demand::new()
+                .indexed("voxels", 1 << 32)
                 .check(&limits)
                 .is_err()
         );

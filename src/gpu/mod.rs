@@ -22,7 +22,7 @@ pub use frame::{
     HostTime, StageSample, StageScope, SubmitCost, Targets,
 };
 pub use limits::Demand;
-pub use readback::{Pixels, read_buffer, read_texture, texture_bytes};
+pub use readback::{Pixels, Texels, read_buffer, read_texture, read_volume, texture_bytes};
 pub use shader::{
     StructLayout, compilation_options, default_defs, link, shader_paths, wgsl_layout,
 };

@@ -93,48 +93,89 @@ pub(super) fn map<T>(
 /// The first level and layer of a texture, which must have been made with `COPY_SRC` and have one of
 /// the formats R32Float, Rgba32Float, R16Float, Rgba16Float, R8Unorm, Rgba8Unorm, Depth32Float.
 pub fn read_texture(gpu: &Gpu, texture: &wgpu::Texture) -> Result<Pixels, GpuError> {
+    let size = [texture.width(), texture.height(), 1];
+    let (channels, data) = read_texels(gpu, texture, 0, size)?;
+    Ok(Pixels {
+        width: size[0],
+        height: size[1],
+        channels,
+        data,
+    })
+}
+
+/// A volume's texels as floats: x runs fastest, then y, then z; the channels of a texel together.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Texels {
+    /// Along x, y and z.
+    pub cells: [u32; 3],
+    /// 1 or 4.
+    pub channels: u32,
+    /// Unsigned normalised formats are in 0…1.
+    pub data: Vec<f32>,
+}
+
+/// One level of a 3-D texture, under the same conditions as [`read_texture`].
+pub fn read_volume(gpu: &Gpu, texture: &wgpu::Texture, level: u32) -> Result<Texels, GpuError> {
+    let depth = texture.depth_or_array_layers();
+    let cells = [texture.width(), texture.height(), depth].map(|n| (n >> level).max(1));
+    let (channels, data) = read_texels(gpu, texture, level, cells)?;
+    Ok(Texels {
+        cells,
+        channels,
+        data,
+    })
+}
+
+fn read_texels(
+    gpu: &Gpu,
+    texture: &wgpu::Texture,
+    level: u32,
+    size: [u32; 3],
+) -> Result<(u32, Vec<f32>), GpuError> {
     let layout = TexelLayout::of(texture.format())?;
-    let (width, height) = (texture.width(), texture.height());
-    let row = width * layout.bytes;
+    let row = size[0] * layout.bytes;
     let pitch = row.next_multiple_of(wgpu::COPY_BYTES_PER_ROW_ALIGNMENT);
-    let bytes = u64::from(pitch) * u64::from(height);
+    let bytes = u64::from(pitch) * u64::from(size[1]) * u64::from(size[2]);
     gpu.scoped(|| {
         let staging = staging(gpu, bytes);
-        copy_to(gpu, texture, &staging, pitch);
+        copy_to(gpu, (texture, level, size), &staging, pitch);
         map(gpu, &staging, bytes, |padded| {
             let rows = padded
                 .chunks_exact(pitch as usize)
                 .map(|padded| &padded[..row as usize]);
             let data = rows.flat_map(|row| layout.decode(row)).collect();
-            Pixels {
-                width,
-                height,
-                channels: layout.channels,
-                data,
-            }
+            (layout.channels, data)
         })
     })
 }
 
-fn copy_to(gpu: &Gpu, texture: &wgpu::Texture, staging: &wgpu::Buffer, pitch: u32) {
+fn copy_to(
+    gpu: &Gpu,
+    (texture, level, size): (&wgpu::Texture, u32, [u32; 3]),
+    staging: &wgpu::Buffer,
+    pitch: u32,
+) {
     let mut encoder = gpu.device.create_command_encoder(&Default::default());
     let layout = wgpu::TexelCopyBufferLayout {
         offset: 0,
         bytes_per_row: Some(pitch),
-        rows_per_image: None,
+        rows_per_image: Some(size[1]),
     };
-    let size = wgpu::Extent3d {
-        width: texture.width(),
-        height: texture.height(),
-        depth_or_array_layers: 1,
+    let from = wgpu::TexelCopyTextureInfo {
+        mip_level: level,
+        ..texture.as_image_copy()
     };
     encoder.copy_texture_to_buffer(
-        texture.as_image_copy(),
+        from,
         wgpu::TexelCopyBufferInfo {
             buffer: staging,
             layout,
         },
-        size,
+        wgpu::Extent3d {
+            width: size[0],
+            height: size[1],
+            depth_or_array_layers: size[2],
+        },
     );
     gpu.queue.submit([encoder.finish()]);
 }

@@ -6,17 +6,17 @@ use thiserror::Error;
 
 use super::executor::encodable;
 use super::plan::PlannedReference;
+use super::readout::{self, ReadoutError};
 use super::subject::Subject;
-use crate::gpu::{FrameTimer, Gpu, GpuError, Pixels, read_texture};
+use crate::gpu::{FrameTimer, Gpu, GpuError, Pixels};
 use crate::pipelines::Pipeline;
-use crate::stages::OutputData;
 
 #[derive(Debug, Error)]
 pub enum DifferenceError {
     #[error(transparent)]
     Gpu(#[from] GpuError),
-    #[error("no stage of {0} leaves a texture")]
-    NoTexture(String),
+    #[error(transparent)]
+    Readout(#[from] ReadoutError),
     #[error("the cell's image has {0} × {1} pixels, the reference's {2} × {3}")]
     Size(u32, u32, u32, u32),
     #[error("the reference is black")]
@@ -51,7 +51,7 @@ impl References {
                 self.images.entry(key).or_insert(image)
             }
         };
-        relative_rms(&stage_image(gpu, cell, stages)?, known)
+        relative_rms(&readout::image(gpu, cell, stages, None)?, known)
     }
 }
 
@@ -63,26 +63,7 @@ fn run(
 ) -> Result<Pixels, DifferenceError> {
     let pipeline = subject.build(gpu)?;
     timer.untimed(gpu, &encodable(pipeline.as_ref()))?;
-    stage_image(gpu, pipeline.as_ref(), stages)
-}
-
-/// The first texture that the first present of the named stages leaves.
-fn stage_image(
-    gpu: &Gpu,
-    pipeline: &dyn Pipeline,
-    stages: &[String],
-) -> Result<Pixels, DifferenceError> {
-    let present = pipeline.stages();
-    let stage = stages
-        .iter()
-        .find_map(|name| present.iter().find(|stage| stage.name() == name));
-    let outputs = stage.map(|stage| stage.outputs()).unwrap_or_default();
-    for output in outputs {
-        if let OutputData::Texture(texture) = output.data {
-            return Ok(read_texture(gpu, &texture)?);
-        }
-    }
-    Err(DifferenceError::NoTexture(stages.join(", ")))
+    Ok(readout::image(gpu, pipeline.as_ref(), stages, None)?)
 }
 
 fn relative_rms(image: &Pixels, reference: &Pixels) -> Result<f64, DifferenceError> {

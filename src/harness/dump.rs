@@ -10,7 +10,7 @@ use thiserror::Error;
 use super::render;
 use super::subject::{Subject, hint};
 use crate::experiments::nearest;
-use crate::gpu::{Gpu, GpuError, read_buffer, read_texture};
+use crate::gpu::{Gpu, GpuError, read_buffer, read_texture, read_volume};
 use crate::stages::{Output, OutputData, Stage};
 
 #[derive(Debug, Error)]
@@ -41,8 +41,8 @@ pub enum DumpError {
 /// Runs one frame of the subject and writes the outputs of `stage` into `folder`, which is made if need be.
 /// Gives the `.npy` files' paths.
 ///
-/// A texture becomes an array of shape (height, width, channels), row 0 at the top; a buffer one of shape
-/// (elements, floats). All values are 32-bit floats.
+/// A texture becomes an array of shape (height, width, channels), row 0 at the top; a volume one of shape (z, y, x), with
+/// channels last where it has several; a buffer one of shape (elements, columns). All values are 32-bit floats in C order.
 pub fn dump(
     gpu: &Gpu,
     subject: &Subject,
@@ -118,6 +118,13 @@ fn read(gpu: &Gpu, output: &Output) -> Result<ArrayD<f32>, DumpError> {
             let shape = [pixels.height, pixels.width, pixels.channels];
             (shape.map(|extent| extent as usize).to_vec(), pixels.data)
         }
+        OutputData::Volume { texture, level, .. } => {
+            let texels = read_volume(gpu, texture, *level)?;
+            let [x, y, z] = texels.cells.map(|extent| extent as usize);
+            let mut shape = vec![z, y, x];
+            shape.extend((texels.channels > 1).then_some(texels.channels as usize));
+            (shape, texels.data)
+        }
     };
     ArrayD::from_shape_vec(IxDyn(&shape), data).map_err(|source| DumpError::Shape {
         output: output.name.clone(),
@@ -126,16 +133,13 @@ fn read(gpu: &Gpu, output: &Output) -> Result<ArrayD<f32>, DumpError> {
 }
 
 fn describe(subject: &Subject, stage: &str, output: &Output, shape: &[usize]) -> Value {
-    let axes = match output.data {
-        OutputData::Buffer { .. } => json!(["element", "column"]),
-        OutputData::Texture(_) => json!(["row, from the top", "column, from the left", "channel"]),
-    };
-    json!({
+    let mut about = json!({
         "stage": stage,
         "output": output.name,
         "meaning": output.meaning,
         "shape": shape,
-        "axes": axes,
+        "axes": axes(output, shape.len()),
+        "memory": "C order: the last axis runs fastest; little-endian 32-bit floats",
         "columns": output.columns,
         "pipeline": subject.kind.name,
         "scene": subject.scene_name,
@@ -143,5 +147,71 @@ fn describe(subject: &Subject, stage: &str, output: &Output, shape: &[usize]) ->
         "conventions": "right-handed world, +Y up, metres, water at rest is y = 0, seconds, \
             depth 0 (near) to 1 (far), light directions point the way the light travels",
         "params": subject.params,
-    })
+    });
+    if let OutputData::Volume {
+        level,
+        origin_m,
+        spacing_m,
+        ..
+    } = &output.data
+    {
+        about["grid"] = json!({
+            "level": level,
+            "origin_m": origin_m.to_array(),
+            "spacing_m": spacing_m.to_array(),
+            "centre_m": "origin_m + spacing_m * (x + 0.5, y + 0.5, z + 0.5), component by component",
+        });
+    }
+    about
+}
+
+fn axes(output: &Output, count: usize) -> Value {
+    match output.data {
+        OutputData::Buffer { .. } => json!(["element", "column"]),
+        OutputData::Texture(_) => json!(["row, from the top", "column, from the left", "channel"]),
+        OutputData::Volume { .. } => json!(["z", "y", "x", "channel"][..count]),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::gpu::Options;
+    use crate::scene::Grid;
+    use crate::stages::kit::Resources;
+    use crate::stages::voxels::Voxels;
+
+    /// A volume whose cell (x, y, z) of 3 × 2 × 5 holds 10 + x + 3 (y + 2 z).
+    #[test]
+    fn volumes_are_dumped_with_z_outermost() {
+        let gpu = Gpu::open(&Options::default()).expect("an adapter is there");
+        let resources = Resources::new(&gpu);
+        let grid = Grid {
+            cells: [3, 2, 5],
+            origin_m: glam::DVec3::ZERO,
+            voxel_m: 0.5,
+        };
+        let voxels = Voxels::new(&resources, "volume", &grid, true);
+        let values: Vec<u8> = (10..40).collect();
+        voxels.write(&gpu, &values);
+        let output = |level: u32| Output {
+            name: "volume".into(),
+            meaning: String::new(),
+            columns: Vec::new(),
+            data: OutputData::Volume {
+                texture: voxels.texture.clone(),
+                level,
+                origin_m: grid.origin_m,
+                spacing_m: glam::DVec3::splat(grid.voxel_m * f64::from(1u32 << level)),
+            },
+        };
+        let array = read(&gpu, &output(0)).unwrap();
+        assert_eq!(array.shape(), [5, 2, 3]);
+        for ((z, y, x), expected) in [((0, 0, 0), 10.0), ((4, 1, 2), 39.0), ((2, 0, 1), 23.0)] {
+            let byte = (array[[z, y, x]] * 255.0).round();
+            assert_eq!(byte, expected, "({x}, {y}, {z})");
+        }
+        assert_eq!(read(&gpu, &output(1)).unwrap().shape(), [2, 1, 1]);
+        assert_eq!(axes(&output(0), 3), json!(["z", "y", "x"]));
+    }
 }

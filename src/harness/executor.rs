@@ -1,5 +1,7 @@
 //! The scheduler's hands on a real device: builds cells, runs their frames, and writes their records.
 
+use std::collections::BTreeMap;
+use std::fmt::Display;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -8,10 +10,16 @@ use super::outcome::{Facts, measured};
 use super::plan::PlannedCell;
 use super::progress::Progress;
 use super::sample::{CellResult, Executor, Failure, Samples};
-use super::{MAX_PASSES, landing, picture};
+use super::{MAX_PASSES, errors, picture, views};
+use crate::experiments::schema::{Experiment, Pictures};
 use crate::gpu::{self, ClockPlan, Encode, FrameSample, FrameTimer, Gpu, GpuError, StageCounters};
 use crate::pipelines::Pipeline;
 use crate::record::{Outcome, Record, RecordError, Writer};
+use crate::report::ERROR_PICTURE;
+
+/// What a software driver keeps of a pipeline's compiled shaders in the process: of 15 cells of `vao-samples`, 300 MiB more
+/// on lavapipe than of one.
+const SOFTWARE_CODE_BYTES: u64 = 20 << 20;
 
 /// The open device and what is kept on it from experiment to experiment.
 pub struct Session {
@@ -20,6 +28,7 @@ pub struct Session {
     plan: ClockPlan,
     timer: FrameTimer,
     references: References,
+    known: errors::Known,
     reopened: bool,
     pub spent: Spent,
 }
@@ -42,6 +51,7 @@ impl Session {
             plan,
             timer,
             references: References::default(),
+            known: errors::Known::default(),
             reopened: false,
             spent: Spent::default(),
         })
@@ -61,12 +71,13 @@ impl Session {
 /// Executes the cells of one experiment.
 pub struct CellExecutor<'a> {
     session: &'a mut Session,
+    experiment: &'a Experiment,
     cells: &'a [PlannedCell],
     built: Vec<Option<Built>>,
     output: Output<'a>,
     precision: f64,
     start: Instant,
-    /// The first measured cell's picture has been tried.
+    /// A picture has been tried.
     pictured: bool,
 }
 
@@ -83,15 +94,41 @@ struct Built {
     counters: Vec<StageCounters>,
 }
 
+/// What is found out about a cell after its last frame, and what could not be.
+#[derive(Default)]
+struct Findings {
+    quantities: BTreeMap<String, f64>,
+    notes: Vec<String>,
+}
+
+impl Findings {
+    fn add<E: Display>(
+        &mut self,
+        failure: &str,
+        found: Result<impl IntoIterator<Item = (String, f64)>, E>,
+    ) {
+        match found {
+            Ok(found) => self.quantities.extend(found),
+            Err(error) => self.notes.push(format!("{failure}: {error}")),
+        }
+    }
+
+    fn note<E: Display>(&mut self, failure: &str, done: Result<(), E>) {
+        self.notes
+            .extend(done.err().map(|error| format!("{failure}: {error}")));
+    }
+}
+
 impl<'a> CellExecutor<'a> {
     pub fn new(
         session: &'a mut Session,
-        cells: &'a [PlannedCell],
+        (experiment, cells): (&'a Experiment, &'a [PlannedCell]),
         precision: f64,
         output: Output<'a>,
     ) -> Self {
         Self {
             session,
+            experiment,
             cells,
             built: cells.iter().map(|_| None).collect(),
             output,
@@ -106,62 +143,93 @@ impl<'a> CellExecutor<'a> {
         let pipeline = self.cells[cell].subject.build(gpu)?;
         let stages = encodable(pipeline.as_ref());
         let counters = gpu::count(gpu, &stages, MAX_PASSES)?.unwrap_or_default();
-        let bytes = pipeline.allocated_bytes();
+        let code = if gpu.adapter.software {
+            SOFTWARE_CODE_BYTES
+        } else {
+            0
+        };
+        let bytes = pipeline.allocated_bytes() + code;
         self.built[cell] = Some(Built { pipeline, counters });
         Ok(bytes)
     }
 
-    /// Figures that need a read-back, errors against the reference, and a picture: what can fail here is
+    /// Figures that need a read-back, errors against references, and a picture: what can fail here is
     /// noted and costs no measurement.
     fn facts<'b>(&mut self, cell: usize, built: &'b Built) -> Facts<'b> {
-        let pipeline = built.pipeline.as_ref();
-        let mut notes = Vec::new();
-        let quantities = pipeline.quantities(&self.session.gpu);
-        let mut quantities = quantities.unwrap_or_else(|error| {
-            notes.push(format!("quantities not read: {error}"));
-            Default::default()
-        });
         let start = Instant::now();
+        let pipeline = built.pipeline.as_ref();
+        let mut findings = Findings::default();
+        let quantities = pipeline.quantities(&self.session.gpu);
+        findings.add("quantities not read", quantities);
         let subject = &self.cells[cell].subject;
-        match landing::cell_errors(&self.session.gpu, subject, pipeline) {
-            Ok(errors) => quantities.extend(errors),
-            Err(error) => notes.push(format!("photon errors not computed: {error}")),
-        }
-        if let Some(reference) = &self.cells[cell].reference {
-            let Session {
-                gpu,
-                timer,
-                references,
-                ..
-            } = &mut *self.session;
-            match references.difference(gpu, timer, pipeline, reference) {
-                Ok(error) => {
-                    quantities.insert(reference.plan.quantity.clone(), error);
-                }
-                Err(error) => {
-                    notes.push(format!("{} not computed: {error}", reference.plan.quantity))
-                }
-            }
-        }
-        if !std::mem::replace(&mut self.pictured, true) {
-            let path = self.picture_path(cell);
-            if let Err(error) = picture::save(&self.session.gpu, pipeline, &path) {
-                notes.push(format!("no picture: {error}"));
-            }
-        }
+        let Session { gpu, known, .. } = &mut *self.session;
+        let errors = errors::cell_errors(gpu, subject, pipeline, known);
+        findings.add("errors not computed", errors);
+        self.compared(cell, pipeline, &mut findings);
+        self.pictures(cell, pipeline, &mut findings);
         self.session.spent.set_up_s += start.elapsed().as_secs_f64();
-        let (counters, precision) = (built.counters.as_slice(), self.precision);
         Facts {
             pipeline,
-            counters,
-            quantities,
-            notes,
-            precision,
+            counters: built.counters.as_slice(),
+            quantities: findings.quantities,
+            notes: findings.notes,
+            precision: self.precision,
         }
     }
 
-    /// `EXPERIMENT-CELL.png`, with what file names do not bear replaced.
-    fn picture_path(&self, cell: usize) -> PathBuf {
+    /// Differences from the cell's reference run and between views.
+    fn compared(&mut self, cell: usize, pipeline: &dyn Pipeline, findings: &mut Findings) {
+        let Session {
+            gpu,
+            timer,
+            references,
+            ..
+        } = &mut *self.session;
+        let PlannedCell {
+            subject,
+            reference,
+            views,
+            ..
+        } = &self.cells[cell];
+        if let Some(reference) = reference {
+            let name = &reference.plan.quantity;
+            let difference = references.difference(gpu, timer, pipeline, reference);
+            findings.add(
+                &format!("{name} not computed"),
+                difference.map(|value| [(name.clone(), value)]),
+            );
+        }
+        if let Some(asked) = &self.experiment.views {
+            let name = &asked.quantity;
+            let spread = views::spread(gpu, timer, (subject, pipeline), views);
+            let figures = spread.map(|spread| {
+                [
+                    (name.clone(), spread.std),
+                    (format!("{name}_points"), spread.points as f64),
+                ]
+            });
+            findings.add(&format!("{name} not computed"), figures);
+        }
+    }
+
+    fn pictures(&mut self, cell: usize, pipeline: &dyn Pipeline, findings: &mut Findings) {
+        let later = std::mem::replace(&mut self.pictured, true);
+        if later && self.experiment.pictures == Pictures::First {
+            return;
+        }
+        let [path, of_error] = ["", ERROR_PICTURE].map(|ending| self.picture_path(cell, ending));
+        let Session { gpu, known, .. } = &mut *self.session;
+        findings.note("no picture", picture::save(gpu, pipeline, &path));
+        if self.experiment.error_picture {
+            let subject = &self.cells[cell].subject;
+            let error = &mut known.occlusion;
+            let picture = error.error_picture(gpu, subject, pipeline, &of_error);
+            findings.note("no picture of the error", picture);
+        }
+    }
+
+    /// `EXPERIMENT-CELL.png`, with what file names do not bear replaced and `ending` before the dot.
+    fn picture_path(&self, cell: usize, ending: &str) -> PathBuf {
         let plan = &self.cells[cell].plan;
         let plain = |c: char| {
             if c.is_ascii_alphanumeric() || ".-_=".contains(c) {
@@ -173,7 +241,7 @@ impl<'a> CellExecutor<'a> {
         let name: String = plan.cell.chars().map(plain).collect();
         self.output
             .pictures
-            .join(format!("{}-{name}.png", plan.experiment))
+            .join(format!("{}-{name}{ending}.png", plan.experiment))
     }
 
     fn sampled(&mut self, cell: usize, samples: Samples) -> Outcome {

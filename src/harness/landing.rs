@@ -29,15 +29,12 @@ pub enum LandingError {
     Params(String),
 }
 
-/// Errors of a cell against its reference, by the kind of its pipeline; none for a kind without photons.
-pub fn cell_errors(
+/// Errors of a measured cell's photons.
+pub(super) fn cell_errors(
     gpu: &Gpu,
     subject: &Subject,
     pipeline: &dyn Pipeline,
 ) -> Result<BTreeMap<String, f64>, LandingError> {
-    if subject.kind.name != underwater::KIND.name {
-        return Ok(BTreeMap::new());
-    }
     let params = Params::from_value(&subject.params).map_err(LandingError::Params)?;
     photon_quantities(gpu, &subject.scene, &params, pipeline)
 }

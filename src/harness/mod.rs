@@ -1,4 +1,4 @@
-//! Runs experiments: plans cells, samples their frames, writes records; renders and dumps single frames.
+//! Runs experiments: plans cells, samples their frames, writes records; renders and dumps single frames; answers at points.
 //!
 //! [`plan`] resolves parameters and checks limits, [`sample`] schedules frames over an
 //! [`Executor`](sample::Executor), [`executor`] is that on a device, [`run`] strings them together.
@@ -6,19 +6,24 @@
 pub mod calendar;
 pub mod difference;
 pub mod dump;
+pub mod errors;
 pub mod executor;
 pub mod landing;
 pub mod memory;
+pub mod occlusion;
 pub mod outcome;
 pub mod output;
 pub mod picture;
 pub mod plan;
 pub mod progress;
+pub mod query;
+pub mod readout;
 pub mod render;
 pub mod run;
 pub mod sample;
 pub mod subject;
 pub mod verify;
+pub mod views;
 
 /// Most passes of a frame that are timed or counted: voxelization slice by slice has three for each slice.
 pub const MAX_PASSES: u32 = 2048;

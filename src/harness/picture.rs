@@ -4,7 +4,8 @@ use std::path::{Path, PathBuf};
 
 use thiserror::Error;
 
-use crate::gpu::{Gpu, GpuError, read_texture};
+use super::MAX_PASSES;
+use crate::gpu::{ClockPlan, FrameTimer, Gpu, GpuError, SubmitCost, read_texture};
 use crate::pipelines::Pipeline;
 
 #[derive(Debug, Error)]
@@ -18,8 +19,13 @@ pub enum PictureError {
     },
 }
 
-/// Reads the image of the last frame and writes it, opaque, row 0 at the top.
+/// Reads the image of the last frame, drawing it first where the frame does not, and writes it, opaque, row 0 at the top.
 pub fn save(gpu: &Gpu, pipeline: &dyn Pipeline, path: &Path) -> Result<(), PictureError> {
+    let presenting = pipeline.presenting();
+    if !presenting.is_empty() {
+        let clock = ClockPlan::fenced(SubmitCost::default());
+        FrameTimer::new(gpu, clock, MAX_PASSES)?.untimed(gpu, &presenting)?;
+    }
     let pixels = read_texture(gpu, pipeline.image())?;
     let byte = |value: &f32| (value.clamp(0.0, 1.0) * 255.0).round() as u8;
     let rgb = pixels.data.chunks_exact(pixels.channels as usize);

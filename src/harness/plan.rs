@@ -9,6 +9,7 @@ use serde_json::Value;
 use thiserror::Error;
 
 use super::subject::{Subject, SubjectError, Subjects};
+use super::views;
 use crate::experiments::{CellPlan, Experiment, ExperimentError, ReferencePlan};
 use crate::record::{self, Outcome, resume_key};
 
@@ -72,6 +73,8 @@ pub struct PlannedCell {
     /// Beyond the adapter's limits, with the numbers.
     pub skip: Option<String>,
     pub reference: Option<PlannedReference>,
+    /// The same seen from elsewhere.
+    pub views: Vec<Subject>,
 }
 
 /// What a cell's result is held against.
@@ -126,12 +129,21 @@ pub fn plan(
         let axes = request.axes_of(experiment, &experiments);
         expanded.push(experiment.cells(profile, &axes, &request.sets)?);
     }
-    let cells = expanded.into_iter().map(|plans| {
-        plans
-            .into_iter()
-            .map(|plan| planned_cell(&mut subjects, plan, limits))
-            .collect()
-    });
+    let cells = expanded
+        .into_iter()
+        .zip(&experiments)
+        .map(|(plans, experiment)| {
+            let turns_deg = experiment
+                .views
+                .as_ref()
+                .map(|views| views.turns_deg.as_slice());
+            plans
+                .into_iter()
+                .map(|plan| {
+                    planned_cell(&mut subjects, plan, turns_deg.unwrap_or_default(), limits)
+                })
+                .collect()
+        });
     let cells: Vec<Vec<PlannedCell>> = cells.collect::<Result<_, _>>()?;
     let planned = experiments.into_iter().zip(cells);
     Ok(planned
@@ -142,6 +154,7 @@ pub fn plan(
 fn planned_cell(
     subjects: &mut Subjects,
     plan: CellPlan,
+    turns_deg: &[f64],
     limits: &wgpu::Limits,
 ) -> Result<PlannedCell, PlanError> {
     let error = |source| PlanError::Cell {
@@ -162,11 +175,16 @@ fn planned_cell(
         }),
         None => None,
     };
+    let views = turns_deg
+        .iter()
+        .map(|turn_deg| views::turned(&of_cell, *turn_deg))
+        .collect();
     let skip = of_cell.beyond(limits).map_err(error)?;
     Ok(PlannedCell {
         subject: of_cell,
         skip,
         reference,
+        views,
         plan,
     })
 }

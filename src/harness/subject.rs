@@ -57,7 +57,7 @@ impl Subject {
     pub fn build(&self, gpu: &Gpu) -> Result<Box<dyn Pipeline>, GpuError> {
         if let Some(reason) = self
             .beyond(&gpu.limits)
-            .map_err(|e| GpuError::Limit(e.to_string()))?
+            .map_err(|e| GpuError::Unusable(e.to_string()))?
         {
             return Err(GpuError::Limit(reason));
         }

@@ -6,14 +6,21 @@
 //!
 //! One file per family of stages; adding a case adds a function there and a line in its `cases`.
 
+mod ao_compose;
+mod bilateral;
 mod camera;
 mod compose;
+mod deform;
 mod filters;
+mod hsao;
 mod light;
 mod lines;
+mod occlusion;
 mod photons;
 mod rig;
+mod scalar;
 mod splats;
+mod voxel;
 
 use std::fmt;
 
@@ -136,12 +143,19 @@ impl Case {
 fn cases() -> Vec<Case> {
     [
         light::cases(),
+        deform::cases(),
+        voxel::cases(),
         camera::cases(),
+        occlusion::cases(),
+        bilateral::cases(),
+        ao_compose::cases(),
+        hsao::cases(),
         photons::cases(),
         splats::cases(),
         lines::cases(),
         filters::cases(),
         compose::cases(),
+        scalar::cases(),
     ]
     .into_iter()
     .flatten()

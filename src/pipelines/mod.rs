@@ -1,8 +1,13 @@
 //! Pipelines: stages wired over typed resources for one scene and one set of parameters, in frame order.
 
+pub mod hsao;
 pub mod params;
+pub mod scalar_ao;
 pub mod settings;
 pub mod underwater;
+pub mod volume_ao;
+pub mod voxelization;
+pub mod voxelize;
 
 use std::collections::BTreeMap;
 
@@ -46,7 +51,13 @@ pub struct Kind {
 }
 
 /// Every kind. Adding a pipeline adds one line.
-pub const KINDS: &[Kind] = &[underwater::KIND];
+pub const KINDS: &[Kind] = &[
+    underwater::KIND,
+    voxelize::KIND,
+    volume_ao::KIND,
+    hsao::KIND,
+    scalar_ao::KIND,
+];
 
 pub fn find(name: &str) -> Option<&'static Kind> {
     KINDS.iter().find(|kind| kind.name == name)

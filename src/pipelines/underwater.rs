@@ -31,7 +31,7 @@ pub const KIND: Kind = Kind {
     scene_file,
     demand,
     build: |gpu, scene, params| {
-        let params = Params::from_value(params).map_err(GpuError::Limit)?;
+        let params = Params::from_value(params).map_err(GpuError::Unusable)?;
         Ok(Box::new(Underwater::new(gpu, scene, params)?))
     },
 };
@@ -48,6 +48,7 @@ fn scene_file(file: &SceneFile, params: &Value) -> Result<SceneFile, String> {
 }
 
 fn demand(params: &Value, scene: &Scene) -> Result<Demand, String> {
+    scene.needs_objects("underwater")?;
     let params = Params::from_value(params)?;
     let (vertices, indices) = geometry::buffer_bytes(scene);
     let mut demand = Demand::new()

@@ -14,18 +14,34 @@
 //! | [`splat`] | point sizes, intensities, and a rasterizer of square splats |
 //! | [`godray`] | intensity at a point of a godray |
 //! | [`filter`] | the rotated disc low-pass |
+//! | [`march`] | ray marching through a volume |
+//! | [`horizon`] | horizon-split ambient occlusion over a depth buffer, occlusion beside a wall |
+//! | [`bilateral`] | the joint bilateral filter and up-scaling of ambient-occlusion buffers |
+//! | [`occlusion`] | ambient occlusion by ray casting |
+//! | [`media`] | transmittance and ambient occlusion in participating media |
+//! | [`isosurface`] | hits, normals and ambient occlusion of a ball and a slab |
+//! | [`deform`] | vertices and normals of moving geometry |
+//! | [`voxel`] | which voxels a surface occupies: by separating axes, and by sampling |
 //! | [`quantities`] | error statistics of photons read back from the GPU |
 
+pub mod bilateral;
+pub mod deform;
 pub mod estimator;
 pub mod filter;
 pub mod godray;
+pub mod horizon;
 pub mod image;
+pub mod isosurface;
+pub mod march;
+pub mod media;
+pub mod occlusion;
 pub mod optics;
 pub mod photons;
 pub mod quantities;
 pub mod rays;
 pub mod splat;
 pub mod surface;
+pub mod voxel;
 
 /// Why a reference could not be set up.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]

@@ -371,8 +371,7 @@ mod tests {
             material: Material {
                 albedo: [1.0; 3],
                 accent: [1.0; 3],
-                tile_m: 0.0,
-                alpha: 1.0,
+                ..Material::default()
             },
         }
     }

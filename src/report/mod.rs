@@ -21,6 +21,9 @@ pub use view::{Entry, Section, View};
 /// name begins with.
 pub const PICTURES: &str = "renders";
 
+/// How the name of a picture ends, before the dot, that shows a cell's error and not its image.
+pub const ERROR_PICTURE: &str = "-error";
+
 #[derive(Debug, thiserror::Error)]
 pub enum ReportError {
     #[error("cannot draw the plot of `{experiment}`: {message}")]

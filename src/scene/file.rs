@@ -10,7 +10,8 @@ use include_dir::{Dir, include_dir};
 use serde::{Deserialize, Serialize};
 
 use super::{
-    Camera, Light, Material, Mesh, Object, SceneError, Water, assets, check, generators, toml_text,
+    Camera, Light, Material, Mesh, Object, SceneError, VolumeFile, Water, assets, check,
+    generators, toml_text,
 };
 
 /// The scene files that come with the program.
@@ -38,8 +39,11 @@ pub struct SceneFile {
     #[serde(default)]
     /// Surface and medium.
     pub water: Water,
-    #[serde(rename = "object")]
-    /// The `[[object]]` tables.
+    /// The scalar field.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub volume: Option<VolumeFile>,
+    /// The `[[object]]` tables; a scene with a volume may have none.
+    #[serde(default, rename = "object")]
     pub objects: Vec<ObjectFile>,
     /// Folder from which the objects' `file` paths start.
     #[serde(skip)]
@@ -58,7 +62,7 @@ pub struct ObjectFile {
     /// Name of a mesh to fetch; see [`assets`].
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub asset: Option<String>,
-    /// Path of an .obj, .ply or .ply.gz file, relative to the scene file.
+    /// Path of an .obj or .ply file, plain or compressed by gzip, relative to the scene file.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub file: Option<PathBuf>,
     /// The generator's parameters; those left out have their defaults.
@@ -100,6 +104,16 @@ pub struct Transform {
     pub on: Stand,
 }
 
+impl Stand {
+    /// The y of the ground, metres.
+    pub fn height_m(self, floor_depth_m: f64) -> f64 {
+        match self {
+            Stand::Floor => -floor_depth_m,
+            Stand::Surface => 0.0,
+        }
+    }
+}
+
 impl Default for Transform {
     fn default() -> Self {
         Self {
@@ -116,10 +130,7 @@ impl Transform {
     /// Object space to world space, for this mesh.
     pub fn matrix(&self, mesh: &Mesh, floor_depth_m: f64) -> DMat4 {
         let [x, y, z] = self.rotate_deg.map(f64::to_radians);
-        let ground = match self.on {
-            Stand::Floor => -floor_depth_m,
-            Stand::Surface => 0.0,
-        };
+        let ground = self.on.height_m(floor_depth_m);
         let placed = DMat4::from_scale_rotation_translation(
             DVec3::splat(self.scale),
             DQuat::from_euler(EulerRot::ZYX, z, y, x),
@@ -180,8 +191,12 @@ impl SceneFile {
         self.camera.validate()?;
         self.light.validate()?;
         self.water.validate()?;
-        if self.objects.is_empty() {
-            return Err("it has no [[object]]".into());
+        match &self.volume {
+            None if self.objects.is_empty() => {
+                return Err("it has neither an [[object]] nor a [volume]".into());
+            }
+            None => {}
+            Some(volume) => volume.validate()?,
         }
         for object in &self.objects {
             object
@@ -237,30 +252,19 @@ impl ObjectFile {
         }
         let name = self.asset.as_deref().unwrap_or_default();
         let asset = assets::named(name).map_err(|e| e.to_string())?;
-        match assets::find(name) {
-            Some(path) => Mesh::read(&path).map_err(|e| e.to_string()),
-            None => {
-                let (mesh, note) = stand_in(asset, file.floor_depth_m)?;
-                stand_ins.push(note);
-                Ok(mesh)
-            }
+        if !matches!(asset.content, assets::Content::Mesh) {
+            return Err(format!(
+                "asset `{name}` is a volume: it belongs to [volume]"
+            ));
         }
+        if let Some(path) = assets::find(name) {
+            return Mesh::read(&path).map_err(|e| e.to_string());
+        }
+        let generator = generators::find(asset.stand_in.0)?;
+        let mesh = generator.mesh(&asset.stand_in_params(), file.floor_depth_m)?;
+        stand_ins.push(asset.stand_in_note(&format!("{} triangles", mesh.triangle_count())));
+        Ok(mesh)
     }
-}
-
-/// What is used in an asset's place, and the note that says so.
-fn stand_in(asset: &assets::Asset, floor_depth_m: f64) -> Result<(Mesh, String), String> {
-    let (generator, params) = asset.stand_in;
-    let params = params.iter().map(|&(k, v)| (k.to_owned(), v)).collect();
-    let mesh = generators::find(generator)?.mesh(&params, floor_depth_m)?;
-    let note = format!(
-        "{}: {}, stand-in `{generator}` ({} triangles); `fathom fetch {}` gets it",
-        asset.name,
-        assets::why_absent(asset),
-        mesh.triangle_count(),
-        asset.name,
-    );
-    Ok((mesh, note))
 }
 
 /// The text of a scene and where it is from.

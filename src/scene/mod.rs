@@ -1,8 +1,8 @@
-//! What is rendered: geometry, camera, light and water, from scene files, procedural generators and
-//! fetched meshes.
+//! What is rendered: geometry, scalar fields, camera, light and water, from scene files, procedural
+//! generators and fetched assets.
 //!
 //! World space is right-handed, +Y up, metres; the water at rest is the plane y = 0, the floor lies
-//! at y = −`floor_depth_m`.
+//! at y = −`floor_depth_m`. Dry scenes lie below y = 0 and draw no water.
 
 pub mod assets;
 mod bounds;
@@ -14,13 +14,17 @@ pub mod generators;
 mod grid;
 mod light;
 mod mesh;
+mod nifti;
 mod noise;
 mod obj;
 mod ply;
+mod raw;
 mod read;
+mod samples;
 mod shapes;
 mod toml_text;
 mod volume;
+mod volume_file;
 mod water;
 
 use std::path::PathBuf;
@@ -35,8 +39,11 @@ pub use grid::Grid;
 pub use light::{Light, LightFrame, LightKind};
 pub use mesh::Mesh;
 pub use noise::{NOISE_CELLS, tile_noise};
+pub use raw::VolumeFormat;
 pub use read::{MAX_BYTES, MAX_TRIANGLES, MeshError};
+pub use samples::{MAX_CELLS, Up, VolumeError};
 pub use volume::Volume;
+pub use volume_file::VolumeFile;
 pub use water::{NOISE_DRIFT_TILES, Water, WaterModel};
 
 use serde::{Deserialize, Serialize};
@@ -72,6 +79,8 @@ pub struct Material {
     pub tile_m: f32,
     /// Opacity, 0 … 1: what max-alpha voxelization stores. VAO Fig. 6.
     pub alpha: f32,
+    /// Reflectance of the glossy lobe, 0 … 1. VAO §6.
+    pub specular: f32,
 }
 
 impl Default for Material {
@@ -81,6 +90,7 @@ impl Default for Material {
             accent: [0.5; 3],
             tile_m: 0.0,
             alpha: 1.0,
+            specular: 0.0,
         }
     }
 }
@@ -93,6 +103,7 @@ impl Material {
             }
         }
         check::within("material.alpha", f64::from(self.alpha), 0.0, 1.0)?;
+        check::within("material.specular", f64::from(self.specular), 0.0, 1.0)?;
         check::within("material.tile_m", f64::from(self.tile_m), 0.0, 1000.0)
     }
 }
@@ -117,7 +128,7 @@ pub struct Scene {
     pub description: String,
     /// What stands in it, in the order of the file.
     pub objects: Vec<Object>,
-    /// Holds all objects and the water's rectangle with some room above it.
+    /// Holds all objects, the volume, and the water's rectangle with some room above it.
     pub bounds: Bounds,
     /// The viewer.
     pub camera: Camera,
@@ -158,28 +169,39 @@ impl Scene {
                 .map_err(|m| invalid(format!("object `{}`: {m}", object.name)))
         };
         let objects: Vec<Object> = file.objects.iter().map(build).collect::<Result<_, _>>()?;
+        let volume = file.volume.as_ref();
+        let volume = volume
+            .map(|v| v.build(file, &mut stand_ins))
+            .transpose()
+            .map_err(|m| invalid(format!("[volume]: {m}")))?;
         Ok(Scene {
             name: file.name.clone(),
             description: file.description.clone(),
-            bounds: bounds_of(&objects, &file.water),
+            bounds: solid_bounds(&objects, volume.as_ref()).union(above(&file.water)),
             objects,
             camera: file.camera.clone(),
             light: file.light.clone(),
             water: file.water.clone(),
             floor_depth_m: file.floor_depth_m,
-            volume: None,
+            volume,
             stand_ins,
         })
     }
 
     /// The box that holds all objects and the volume, without the water.
     pub fn solid_bounds(&self) -> Bounds {
-        let volume = self.volume.iter().map(Volume::bounds);
-        self.objects
-            .iter()
-            .map(|o| o.mesh.bounds())
-            .chain(volume)
-            .fold(Bounds::EMPTY, Bounds::union)
+        solid_bounds(&self.objects, self.volume.as_ref())
+    }
+
+    /// An error for a pipeline that draws objects where there are none.
+    pub fn needs_objects(&self, pipeline: &str) -> Result<(), String> {
+        if self.objects.is_empty() {
+            let name = &self.name;
+            return Err(format!(
+                "scene `{name}` is a volume without objects: pipeline {pipeline} draws objects"
+            ));
+        }
+        Ok(())
     }
 
     /// Triangles of all objects.
@@ -188,16 +210,21 @@ impl Scene {
     }
 }
 
-fn bounds_of(objects: &[Object], water: &Water) -> Bounds {
-    let [x, z] = water.center_m;
-    let [half_x, half_z] = water.half_size_m;
-    let top = water.amplitude_m + HEADROOM_M;
-    let surface = Bounds {
-        min: DVec3::new(x - half_x, -water.amplitude_m, z - half_z),
-        max: DVec3::new(x + half_x, top, z + half_z),
-    };
+fn solid_bounds(objects: &[Object], volume: Option<&Volume>) -> Bounds {
     objects
         .iter()
         .map(|o| o.mesh.bounds())
-        .fold(surface, Bounds::union)
+        .chain(volume.map(Volume::bounds))
+        .fold(Bounds::EMPTY, Bounds::union)
+}
+
+/// The water's surface with the room above it.
+fn above(water: &Water) -> Bounds {
+    let [x, z] = water.center_m;
+    let [half_x, half_z] = water.half_size_m;
+    let top = water.amplitude_m + HEADROOM_M;
+    Bounds {
+        min: DVec3::new(x - half_x, -water.amplitude_m, z - half_z),
+        max: DVec3::new(x + half_x, top, z + half_z),
+    }
 }

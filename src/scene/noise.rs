@@ -1,6 +1,6 @@
-//! Tile-periodic gradient noise (Perlin, *Improving noise*, 2002) with analytic derivatives.
+//! Gradient noise (Perlin, *Improving noise*, 2002): tile-periodic in the plane with analytic derivatives, and in space.
 
-use glam::DVec2;
+use glam::{DVec2, DVec3};
 
 /// Lattice cells per tile of the first octave; the second has twice as many.
 pub const NOISE_CELLS: u32 = 8;
@@ -39,6 +39,48 @@ fn octave(u: f64, v: f64, cells: u32, seed: u32) -> (f64, DVec2) {
         + sx * sy * (ga - gb - gc + gd)
         + DVec2::new(dsx * (b - a + sy * twist), dsy * (c - a + sx * twist));
     (value, slope * scale)
+}
+
+/// Noise in space with a lattice cell of 1, −1 … 1; zero at lattice points.
+pub fn space_noise(p: DVec3, seed: u32) -> f64 {
+    let cell = p.floor();
+    let f = p - cell;
+    let corner = |k: u32| {
+        let offset = DVec3::new((k & 1).into(), (k >> 1 & 1).into(), (k >> 2).into());
+        // Wraps around after 2³² cells.
+        let [x, y, z] = (cell + offset).to_array().map(|i| i as i64 as u32);
+        edge_dot(hash(x, y, hash(z, seed, 0)), f - offset)
+    };
+    let [(sx, _), (sy, _), (sz, _)] = f.to_array().map(fade);
+    let mix = |a: f64, b: f64, t: f64| a + t * (b - a);
+    let face = |k: u32| {
+        let low = mix(corner(k), corner(k + 1), sx);
+        mix(low, mix(corner(k + 2), corner(k + 3), sx), sy)
+    };
+    mix(face(0), face(4), sz).clamp(-1.0, 1.0)
+}
+
+/// Octaves of [`space_noise`], each of half the amplitude and twice the frequency of the one before, divided by the sum of
+/// the amplitudes: −1 … 1.
+pub fn fractal_noise(p: DVec3, octaves: u32, seed: u32) -> f64 {
+    let sum: f64 = (0..octaves)
+        .map(|k| {
+            let frequency = f64::from(1u32 << k);
+            space_noise(p * frequency, seed.wrapping_add(k)) / frequency
+        })
+        .sum();
+    sum / (2.0 - 2.0 / f64::from(1u32 << octaves))
+}
+
+/// The offset along one of Perlin's twelve directions from the middle of a cube to its edges.
+fn edge_dot(hash: u32, d: DVec3) -> f64 {
+    let (u, v) = match (hash >> 28) % 3 {
+        0 => (d.x, d.y),
+        1 => (d.y, d.z),
+        _ => (d.z, d.x),
+    };
+    let sign = |bit: u32, value: f64| if hash >> bit & 1 == 0 { value } else { -value };
+    sign(27, u) + sign(26, v)
 }
 
 /// Quintic fade 6t⁵ − 15t⁴ + 10t³ and its derivative.
@@ -111,6 +153,24 @@ mod tests {
             let (b, db) = tile_noise(edge + 1e-9, 0.3, 1);
             assert!((a - b).abs() < 1e-6 && (da - db).length() < 1e-4);
         }
+    }
+
+    #[test]
+    fn noise_in_space_is_bounded_continuous_and_zero_on_the_lattice() {
+        let mut largest = 0.0f64;
+        for i in 0..2000 {
+            let i = f64::from(i);
+            let p = DVec3::new(i * 0.618_034, i * 0.414_214 - 300.0, i * 0.259_921);
+            let n = space_noise(p, 3);
+            largest = largest.max(n.abs());
+            assert!((n - space_noise(p + 1e-9, 3)).abs() < 1e-7);
+            assert!(space_noise(p.floor(), 3).abs() < 1e-12);
+            assert!(fractal_noise(p, 5, 3).abs() <= 1.0);
+        }
+        assert!(largest <= 1.0 && largest > 0.7, "{largest}");
+        let edge = DVec3::new(2.0, 0.4, 0.7);
+        let step = DVec3::X * 1e-9;
+        assert!((space_noise(edge - step, 1) - space_noise(edge + step, 1)).abs() < 1e-7);
     }
 
     #[test]

@@ -1,4 +1,4 @@
-//! OBJ files, read by `tobj`.
+//! OBJ files, plain or compressed by gzip, read by `tobj`.
 
 use std::{collections::HashMap, io::Cursor, path::Path};
 
@@ -12,7 +12,9 @@ use super::{
 /// Reads all objects of an OBJ file into one mesh. Polygons are cut into triangles, a missing
 /// material library is no fault, and normals are computed where an object has none.
 pub fn read(path: &Path) -> Result<Mesh, MeshError> {
-    let bytes = read::whole_file(path)?;
+    let bytes = read::whole_file(path)
+        .map_err(|e| MeshError::read(path, e))?
+        .map_err(|what| MeshError::malformed(path, what))?;
     count_triangles(path, &bytes)?;
     let options = LoadOptions {
         triangulate: true,

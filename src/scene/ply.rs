@@ -1,17 +1,14 @@
 //! ASCII PLY files, plain or compressed by gzip: vertices with x, y, z and faces as index lists.
 
 use std::{
-    fs::File,
     io::{self, BufRead, BufReader, Read, Take},
     path::Path,
     str::SplitAsciiWhitespace,
 };
 
-use flate2::bufread::MultiGzDecoder;
-
 use super::{
     Mesh,
-    read::{self, MAX_BYTES, MAX_TRIANGLES, MeshError},
+    read::{self, MAX_TRIANGLES, MeshError},
 };
 
 /// Longest line that is read, bytes.
@@ -22,17 +19,10 @@ const MAX_HEADER: usize = 1000;
 
 /// Reads the vertices and faces of an ASCII PLY file; other elements are skipped.
 pub fn read(path: &Path) -> Result<Mesh, MeshError> {
-    let file = File::open(path).map_err(|e| MeshError::read(path, e))?;
-    let mut file = BufReader::new(file);
-    let start = file.fill_buf().map_err(|e| MeshError::read(path, e))?;
-    let source: Box<dyn Read> = if start.starts_with(&[0x1f, 0x8b]) {
-        Box::new(MultiGzDecoder::new(file))
-    } else {
-        Box::new(file)
-    };
+    let source = read::open(path).map_err(|e| MeshError::read(path, e))?;
     let mut lines = Lines {
         path,
-        source: BufReader::new(source.take(MAX_BYTES + 1)),
+        source: BufReader::new(source),
         number: 0,
         line: String::new(),
     };

@@ -1,17 +1,18 @@
-//! Meshes from files: what the readers share.
+//! Meshes from files, and what all readers share.
 
 use std::{
     fs::File,
-    io::{self, Read},
+    io::{self, BufRead, BufReader, Read, Take},
     path::{Path, PathBuf},
 };
 
+use flate2::bufread::MultiGzDecoder;
 use glam::Vec3;
 use thiserror::Error;
 
 use super::{Mesh, check, obj, ply};
 
-/// Most bytes that are read from one mesh file, after decompression.
+/// Most bytes that are read from one file, after decompression.
 pub const MAX_BYTES: u64 = 512 << 20;
 
 /// Most triangles that are read from one mesh file.
@@ -43,43 +44,48 @@ impl MeshError {
 }
 
 impl Mesh {
-    /// Reads a mesh by the ending of its name: `.obj`, `.ply`, or `.ply.gz` (both ASCII).
+    /// Reads a mesh by the ending of its name: `.obj` or `.ply` (ASCII), each plain or compressed by gzip with `.gz` after it.
     pub fn read(path: &Path) -> Result<Mesh, MeshError> {
         let name = path.to_string_lossy().to_ascii_lowercase();
-        if name.ends_with(".obj") {
+        let plain = name.strip_suffix(".gz").unwrap_or(&name);
+        if plain.ends_with(".obj") {
             obj::read(path)
-        } else if name.ends_with(".ply") || name.ends_with(".ply.gz") {
+        } else if plain.ends_with(".ply") {
             ply::read(path)
         } else {
             Err(MeshError::malformed(
                 path,
-                "its name must end in .obj, .ply or .ply.gz",
+                "its name must end in .obj or .ply, or in one of them and .gz",
             ))
         }
     }
 }
 
-/// All bytes of a file of at most [`MAX_BYTES`].
-pub fn whole_file(path: &Path) -> Result<Vec<u8>, MeshError> {
-    let file = File::open(path).map_err(|e| MeshError::read(path, e))?;
+/// A file's content, decompressed where it starts as gzip does, and no more than a byte over [`MAX_BYTES`] of it.
+pub fn open(path: &Path) -> io::Result<Take<Box<dyn Read>>> {
+    let mut file = BufReader::new(File::open(path)?);
+    let source: Box<dyn Read> = if file.fill_buf()?.starts_with(&[0x1f, 0x8b]) {
+        Box::new(MultiGzDecoder::new(file))
+    } else {
+        Box::new(file)
+    };
+    Ok(source.take(MAX_BYTES + 1))
+}
+
+/// All bytes of a file of at most [`MAX_BYTES`], decompressed where it starts as gzip does; an error of reading, or what is
+/// wrong with the size.
+pub fn whole_file(path: &Path) -> io::Result<Result<Vec<u8>, String>> {
     let mut bytes = Vec::new();
-    file.take(MAX_BYTES + 1)
-        .read_to_end(&mut bytes)
-        .map_err(|e| MeshError::read(path, e))?;
-    if bytes.len() as u64 > MAX_BYTES {
-        return Err(MeshError::malformed(path, too_large()));
-    }
-    if bytes.is_empty() {
-        return Err(MeshError::malformed(path, "the file is empty"));
-    }
-    Ok(bytes)
+    open(path)?.read_to_end(&mut bytes)?;
+    Ok(match bytes.len() as u64 {
+        0 => Err("the file is empty".to_owned()),
+        n if n > MAX_BYTES => Err(too_large()),
+        _ => Ok(bytes),
+    })
 }
 
 pub fn too_large() -> String {
-    format!(
-        "more than {} MiB of text; at most that is read",
-        MAX_BYTES >> 20
-    )
+    format!("more than {} MiB; at most that is read", MAX_BYTES >> 20)
 }
 
 /// The mesh with unit normals, if it can be used.

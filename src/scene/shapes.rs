@@ -3,7 +3,7 @@
 
 use std::f64::consts::{PI, TAU};
 
-use glam::{DVec2, DVec3};
+use glam::{DMat4, DQuat, DVec2, DVec3};
 
 use super::mesh::Mesh;
 
@@ -222,6 +222,19 @@ fn untwist(frames: &mut [(DVec3, DVec3)], axis: DVec3) {
         let (sin, cos) = (turn * i as f64 / n).sin_cos();
         (*side, *up) = (cos * *side + sin * *up, cos * *up - sin * *side);
     }
+}
+
+/// The mesh moved by x, y and z.
+pub fn moved(mesh: Mesh, x: f64, y: f64, z: f64) -> Mesh {
+    mesh.transformed(&DMat4::from_translation(DVec3::new(x, y, z)))
+}
+
+/// A bar of square section between two points.
+pub fn bar(from: DVec3, to: DVec3, thickness: f64) -> Mesh {
+    let along = to - from;
+    let turn = DQuat::from_rotation_arc(DVec3::Y, along.normalize_or(DVec3::Y));
+    block(thickness, along.length(), thickness)
+        .transformed(&DMat4::from_rotation_translation(turn, from))
 }
 
 /// All meshes in one.

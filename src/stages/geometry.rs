@@ -7,7 +7,7 @@ use encase::{ShaderType, StorageBuffer};
 use glam::Vec3;
 
 use super::kit::Resources;
-use crate::scene::Scene;
+use crate::scene::{Object, Scene};
 
 /// Host twin of `SceneVertex` in `shaders/shared/surface.wgsl`.
 #[repr(C)]
@@ -28,6 +28,7 @@ pub struct MaterialUniforms {
     pub tile_m: f32,
     pub accent: Vec3,
     pub alpha: f32,
+    pub specular: f32,
 }
 
 #[derive(Clone)]
@@ -59,28 +60,38 @@ pub fn buffer_bytes(scene: &Scene) -> (u64, u64) {
     (vertices * size_of::<Vertex>() as u64, indices * 4)
 }
 
+/// All objects' vertices, one object after the other.
+fn vertices(scene: &Scene) -> Vec<Vertex> {
+    let of = |(object, material): (&Object, u32)| -> Vec<Vertex> {
+        let corners = object.mesh.positions.iter().zip(&object.mesh.normals);
+        let vertex = |(&position_m, &normal)| Vertex {
+            position_m,
+            normal,
+            material,
+        };
+        corners.map(vertex).collect()
+    };
+    scene.objects.iter().zip(0..).flat_map(of).collect()
+}
+
 impl Geometry {
     pub fn new(resources: &Resources<'_>, scene: &Scene) -> Self {
-        let mut vertices = Vec::new();
+        let vertices = vertices(scene);
+        let mut base = 0;
         let mut indices = Vec::new();
         let mut materials = Vec::new();
         let mut objects = Vec::new();
-        for (object, material) in scene.objects.iter().zip(0..) {
-            let base = vertices.len() as u32;
-            let corners = object.mesh.positions.iter().zip(&object.mesh.normals);
-            vertices.extend(corners.map(|(&position_m, &normal)| Vertex {
-                position_m,
-                normal,
-                material,
-            }));
+        for object in &scene.objects {
             let first = indices.len() as u32;
             indices.extend(object.mesh.indices.iter().map(|i| i + base));
+            base += object.mesh.positions.len() as u32;
             objects.push(first..indices.len() as u32);
             materials.push(MaterialUniforms {
                 albedo: object.material.albedo.into(),
                 tile_m: object.material.tile_m,
                 accent: object.material.accent.into(),
                 alpha: object.material.alpha,
+                specular: object.material.specular,
             });
         }
         let mut material_bytes = StorageBuffer::new(Vec::new());
@@ -94,7 +105,9 @@ impl Geometry {
             vertices: resources.filled(
                 "vertices",
                 bytemuck::cast_slice(&vertices),
-                wgpu::BufferUsages::VERTEX | wgpu::BufferUsages::STORAGE,
+                wgpu::BufferUsages::VERTEX
+                    | wgpu::BufferUsages::STORAGE
+                    | wgpu::BufferUsages::COPY_SRC,
             ),
             indices: resources.filled(
                 "indices",
@@ -107,6 +120,11 @@ impl Geometry {
                 wgpu::BufferUsages::STORAGE,
             ),
         }
+    }
+
+    /// The content of the vertex buffer as it is made.
+    pub fn vertex_bytes(scene: &Scene) -> Vec<u8> {
+        bytemuck::cast_slice(&vertices(scene)).to_vec()
     }
 
     /// Layout of the vertex buffer; depth-only stages take the position alone.
@@ -124,9 +142,19 @@ impl Geometry {
 
     /// Draws a part of the indices, such as one of [`Geometry::objects`].
     pub fn draw_part(&self, pass: &mut wgpu::RenderPass<'_>, part: Range<u32>) {
+        self.draw_instances(pass, part, 0..1);
+    }
+
+    /// Draws a part of the indices once for each instance.
+    pub fn draw_instances(
+        &self,
+        pass: &mut wgpu::RenderPass<'_>,
+        part: Range<u32>,
+        instances: Range<u32>,
+    ) {
         pass.set_vertex_buffer(0, self.vertices.slice(..));
         pass.set_index_buffer(self.indices.slice(..), wgpu::IndexFormat::Uint32);
-        pass.draw_indexed(part, 0, 0..1);
+        pass.draw_indexed(part, 0, instances);
     }
 
     pub fn vertices(&self) -> u64 {

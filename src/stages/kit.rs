@@ -294,6 +294,18 @@ pub fn compute_pipeline(
         })
 }
 
+/// Invocations of a workgroup of a linear dispatch, as in `shaders/shared/dispatch.wgsl`.
+const LINEAR_GROUP: u64 = 64;
+/// Workgroups along x before a linear dispatch takes a second row: within every adapter's limit of 65,535.
+const LINEAR_GROUPS_X: u64 = 32_768;
+
+/// Workgroups for so many invocations, spread over two dimensions.
+pub fn linear_workgroups(invocations: u64) -> [u32; 3] {
+    let groups = invocations.div_ceil(LINEAR_GROUP);
+    let rows = groups.div_ceil(LINEAR_GROUPS_X).max(1);
+    [groups.min(LINEAR_GROUPS_X) as u32, rows as u32, 1]
+}
+
 /// What distinguishes one render pipeline from another. Triangles, no culling.
 pub struct RenderSpec<'a> {
     pub label: &'a str,
@@ -395,5 +407,18 @@ pub fn accumulation_format(gpu: &Gpu) -> wgpu::TextureFormat {
         wgpu::TextureFormat::R32Float
     } else {
         wgpu::TextureFormat::R16Float
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn linear_dispatches_reach_all_within_the_limits() {
+        for invocations in [0, 1, 64, 65, 1 << 21, (1 << 21) + 1, 1 << 28] {
+            let [x, y, _] = linear_workgroups(invocations).map(u64::from);
+            assert!(x * y * LINEAR_GROUP >= invocations && x <= 65_535 && y <= 65_535);
+        }
     }
 }

@@ -4,6 +4,7 @@
 //! [`StageScope`](crate::gpu::StageScope) it is given (which puts the timestamps there), and declares its work.
 
 pub mod ao;
+pub mod bilateral;
 pub mod caustics;
 pub mod compose;
 pub mod frame;
@@ -13,14 +14,19 @@ pub mod hsao;
 pub mod kit;
 pub mod lit_scene;
 pub mod low_pass;
+pub mod marching;
 pub mod photon;
+pub mod ray_cast;
 pub mod scalar;
+pub mod scalar_field;
 pub mod scene;
 pub mod shadow;
 pub mod splatting;
 pub mod voxel;
 pub mod voxels;
 pub mod water;
+
+use glam::DVec3;
 
 use crate::gpu::Encode;
 use crate::record::Work;
@@ -59,6 +65,16 @@ pub enum OutputData {
         row: Row,
     },
     Texture(wgpu::Texture),
+    /// One level of a 3-D texture, whose cell (i, j, k) has its centre at
+    /// `origin_m + spacing_m · (i + ½, j + ½, k + ½)`.
+    Volume {
+        texture: wgpu::Texture,
+        level: u32,
+        /// The corner of smallest coordinates, metres.
+        origin_m: DVec3,
+        /// Edges of a cell of this level, metres.
+        spacing_m: DVec3,
+    },
 }
 
 /// Makes the columns of an output from the floats of one element.
@@ -75,9 +91,27 @@ pub struct StageInfo {
 /// Every stage, in frame order. Adding a stage adds one line.
 pub const REGISTRY: &[StageInfo] = &[
     frame::INFO,
+    scene::deform::INFO,
+    voxel::clear::INFO,
+    voxel::slicemap::INFO_X,
+    voxel::slicemap::INFO_Y,
+    voxel::slicemap::INFO_Z,
+    voxel::combine::INFO,
+    voxel::slice::INFO,
+    voxel::overlap::INFO,
+    voxel::alpha::INFO,
+    voxel::unpack::INFO,
+    voxel::mips::INFO,
+    voxel::view::INFO,
     shadow::depth::INFO,
     shadow::mask::INFO,
     scene::gbuffer::INFO,
+    ao::march::INFO,
+    ao::query::INFO,
+    ao::bilateral::INFO,
+    ao::compose::INFO,
+    hsao::march::INFO,
+    hsao::filter::INFO,
     water::reflection::INFO,
     water::refraction::INFO,
     caustics::trace::INFO,
@@ -87,177 +121,10 @@ pub const REGISTRY: &[StageInfo] = &[
     godrays::lines::INFO,
     godrays::filter::INFO,
     compose::INFO,
+    scalar::isosurface::INFO,
+    scalar::direct::INFO,
+    scalar::positional::INFO,
 ];
 
 #[cfg(test)]
-mod tests {
-    use encase::{ShaderType, internal::WriteInto};
-    use glam::{Mat4, Vec2, Vec3};
-
-    use super::caustics::splat::SplatUniforms;
-    use super::compose::ComposeUniforms;
-    use super::frame::FrameUniforms;
-    use super::geometry::MaterialUniforms;
-    use super::godrays::lines::LinesUniforms;
-    use super::low_pass::FilterUniforms;
-    use super::photon::{Photon, TraceUniforms};
-    use super::shadow::mask::MaskUniforms;
-    use super::{REGISTRY, kit};
-    use crate::gpu::{shader_paths, wgsl_layout};
-
-    /// Holds a host struct, whose n-th field starts with the number n (counted from 1), against the WGSL struct:
-    /// names in order, offsets and size.
-    fn same_layout<T: ShaderType + WriteInto>(
-        shader: &str,
-        name: &str,
-        fields: &[&str],
-        value: &T,
-    ) {
-        let layout = wgsl_layout(shader, name).unwrap();
-        let names: Vec<&str> = layout
-            .members
-            .iter()
-            .map(|(name, _)| name.as_str())
-            .collect();
-        assert_eq!(names, fields, "{shader}: {name}");
-        let bytes = kit::host_bytes(value);
-        assert_eq!(bytes.len() as u32, layout.span, "{shader}: size of {name}");
-        for ((field, offset), number) in layout.members.iter().zip(1u32..) {
-            let word = &bytes[*offset as usize..][..4];
-            let word = u32::from_le_bytes([word[0], word[1], word[2], word[3]]);
-            assert!(
-                word == number || f32::from_bits(word) == number as f32,
-                "{shader}: {name}.{field} is not at byte {offset} on the host"
-            );
-        }
-    }
-
-    fn vec2(first: f32) -> Vec2 {
-        Vec2::new(first, 0.0)
-    }
-
-    fn vec3(first: f32) -> Vec3 {
-        Vec3::new(first, 0.0, 0.0)
-    }
-
-    /// A struct whose n-th field starts with n, and its fields' names.
-    macro_rules! numbered {
-        ($type:ident { $($field:ident: $value:expr),* $(,)? }) => {
-            ([$(stringify!($field)),*], $type { $($field: $value),* })
-        };
-    }
-
-    #[test]
-    fn frame_uniforms_equal_their_wgsl_twin() {
-        let mat = |first: f32| Mat4::from_diagonal(glam::Vec4::splat(first));
-        let (fields, value) = numbered!(FrameUniforms {
-            camera_view_projection: mat(1.0),
-            camera_inverse: mat(2.0),
-            mirror_view_projection: mat(3.0),
-            light_view_projection: mat(4.0),
-            light_inverse: mat(5.0),
-            camera_position_m: vec3(6.0),
-            z_near_m: 7.0,
-            light_forward: vec3(8.0),
-            z_far_m: 9.0,
-            light_position_m: vec3(10.0),
-            light_is_point: 11,
-            light_irradiance: 12.0,
-            light_depth_jump: 13.0,
-            refractive_index: 14.0,
-            attenuation_per_m: 15.0,
-            water_center_m: vec2(16.0),
-            water_half_size_m: vec2(17.0),
-            water_amplitude_m: 18.0,
-            wavenumber_per_m: 19.0,
-            phase: 20.0,
-            noise_share: 21.0,
-            noise_tile_m: 22.0,
-            noise_scroll: 23.0,
-            water_model: 24,
-            camera_under_water: 25,
-        });
-        same_layout("shadow/depth", "Frame", &fields, &value);
-    }
-
-    #[test]
-    fn photons_and_their_settings_equal_their_wgsl_twins() {
-        let (fields, value) = numbered!(Photon {
-            entry_m: vec3(1.0),
-            residual_m: 2.0,
-            hit_m: vec3(3.0),
-            distance_m: 4.0,
-        });
-        let (trace_fields, trace) = numbered!(TraceUniforms {
-            grid: 1,
-            side: 2,
-            iterations: 3,
-            masked: 4,
-            offset: vec2(5.0),
-            start_m: 6.0,
-            tolerance_m: 7.0,
-        });
-        for shader in ["caustics/trace", "godrays/trace"] {
-            same_layout(shader, "Photon", &fields, &value);
-            same_layout(shader, "Trace", &trace_fields, &trace);
-        }
-        assert_eq!(size_of::<Photon>() as u64, Photon::min_size().get());
-    }
-
-    #[test]
-    fn settings_of_raster_stages_equal_their_wgsl_twins() {
-        let (fields, value) = numbered!(SplatUniforms {
-            size_px: vec2(1.0),
-            size_a_px: 2.0,
-            size_b_px_m: 3.0,
-            photon_w: 4.0,
-            depth_bias_m: 5.0,
-            photons_per_instance: 6,
-            photons: 7,
-        });
-        same_layout("caustics/splat", "Splat", &fields, &value);
-        let (fields, value) = numbered!(LinesUniforms {
-            size_px: vec2(1.0),
-            width_px: 2.0,
-            phase_k: 3.0,
-            photon_w: 4.0,
-            photons_per_instance: 5,
-            photons: 6,
-        });
-        same_layout("godrays/lines", "Lines", &fields, &value);
-        let (fields, value) = numbered!(ComposeUniforms {
-            size_px: vec2(1.0),
-            caustics_scale: 2.0,
-            godrays_scale: 3.0,
-            exposure: 4.0,
-            occlusion_taps: 5,
-            occlusion_radius_m: 6.0,
-            water_cells: 7,
-        });
-        same_layout("compose", "Compose", &fields, &value);
-        let (fields, value) = numbered!(MaterialUniforms {
-            albedo: vec3(1.0),
-            tile_m: 2.0,
-            accent: vec3(3.0),
-            alpha: 4.0,
-        });
-        same_layout("scene/gbuffer", "Material", &fields, &value);
-        let (fields, value) = numbered!(FilterUniforms {
-            taps: 1,
-            radius_px: 2.0,
-        });
-        same_layout("caustics/filter", "Filter", &fields, &value);
-        same_layout("godrays/filter", "Filter", &fields, &value);
-        let (fields, value) = numbered!(MaskUniforms { cells: 1 });
-        same_layout("shadow/mask", "Mask", &fields, &value);
-    }
-
-    #[test]
-    fn every_stage_with_a_shader_bears_its_stem() {
-        for path in shader_paths() {
-            let own = path.starts_with("audit/") || path.starts_with("shared/");
-            let named = REGISTRY.iter().any(|stage| stage.name == path);
-            assert!(own || named, "no stage is named after shaders/{path}.wgsl");
-        }
-    }
-}
+mod tests;

@@ -2,7 +2,7 @@ use std::collections::BTreeMap;
 
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
-use serde_json::{Map, json};
+use serde_json::{Map, Value, json};
 
 use super::*;
 use crate::record::{Clock, FrameRecord, Measured, Outcome, StageRecord, Work};
@@ -238,4 +238,126 @@ fn skipped_cells_leave_a_claim_untestable() {
         };
     }
     assert_eq!(ruled(LINEAR, &cells, true).0, Verdict::Untestable);
+}
+
+#[test]
+fn an_affine_time_is_told_from_a_bent_one() {
+    let test = r#"affine = { y = "stage:s", x = "axis:n", over = "n", tolerance = 0.08 }"#;
+    let sizes = [480.0, 786.0, 1310.0, 1920.0, 2304.0];
+    let (verdict, reason) = ruled(test, &swept(&sizes, |n| 200.0 + n), true);
+    assert_eq!(verdict, Verdict::Supported, "{reason}");
+    assert!(reason.contains("5 cells"), "{reason}");
+    let bent = swept(&sizes, |n| 1e-3 * n * n);
+    assert_eq!(ruled(test, &bent, true).0, Verdict::Contradicted);
+    let falling = swept(&sizes, |n| 5e3 - n);
+    assert_eq!(ruled(test, &falling, true).0, Verdict::Contradicted);
+    let (verdict, reason) = ruled(test, &swept(&sizes, |n| 1e4 + n), true);
+    assert_eq!(verdict, Verdict::Untestable);
+    assert!(reason.ends_with("50 % are needed"), "{reason}");
+    let few = swept(&sizes[..3], |n| n);
+    assert_eq!(ruled(test, &few, true).0, Verdict::Untestable);
+}
+
+#[test]
+fn noise_that_falls_with_the_root_of_the_samples_has_a_slope_of_minus_a_half() {
+    let test = r#"slope = { y = "quantity:error", x = "axis:n", over = "n", expected = -0.5, tolerance = 0.05 }"#;
+    let rays = [4.0, 8.0, 16.0, 32.0, 64.0];
+    let (verdict, reason) = ruled(test, &swept(&rays, |n| 1.0 / n.sqrt()), true);
+    assert_eq!(verdict, Verdict::Supported, "{reason}");
+    let flat = swept(&rays, |n| 0.1 + 1.0 / n.sqrt());
+    assert_ne!(ruled(test, &flat, true).0, Verdict::Supported);
+    // One cell off: the interval over the cells shows it.
+    let mut bent = swept(&rays, |n| 1.0 / n.sqrt());
+    bent[4] = swept(&[64.0], |_| 0.5).remove(0);
+    assert_ne!(ruled(test, &bent, true).0, Verdict::Supported);
+}
+
+#[test]
+fn the_lowest_value_is_held_against_all_others() {
+    let test = r#"lowest = { y = "quantity:error", over = "n", value = 2 }"#;
+    let errors = |of: [f64; 3]| swept(&[1.0, 2.0, 3.0], move |n| of[n as usize - 1]);
+    let (verdict, reason) = ruled(test, &errors([0.4, 0.1, 0.2]), true);
+    assert_eq!(verdict, Verdict::Supported, "{reason}");
+    assert!(reason.contains("lowest of 2 others: 0.500"), "{reason}");
+    assert_eq!(
+        ruled(test, &errors([0.4, 0.1, 0.09]), true).0,
+        Verdict::Contradicted
+    );
+    assert_eq!(
+        ruled(test, &errors([0.4, 0.1, 0.2])[..1], true).0,
+        Verdict::Untestable
+    );
+}
+
+#[test]
+fn a_minimum_needs_cells_on_both_sides_of_its_band() {
+    let test =
+        r#"minimum = { y = "quantity:error", x = "axis:n", over = "n", low = 0.2, high = 0.8 }"#;
+    let values = [0.05, 0.2, 0.5, 0.8, 0.95];
+    let around = |best: f64| swept(&values, move |n| 0.1 + (n - best).abs());
+    let (verdict, reason) = ruled(test, &around(0.5), true);
+    assert_eq!(verdict, Verdict::Supported);
+    assert_eq!(reason, "lowest at 0.5: 0.1000");
+    assert_eq!(ruled(test, &around(0.95), true).0, Verdict::Contradicted);
+    let one_sided = &around(0.5)[..4];
+    assert_eq!(ruled(test, one_sided, true).0, Verdict::Untestable);
+    // Times of 3 % noise that differ by less.
+    let timed = test.replace("quantity:error", "stage:s");
+    let (verdict, reason) = ruled(&timed, &swept(&values, |_| 5.0), true);
+    assert_eq!(verdict, Verdict::Untestable);
+    assert!(reason.contains("within the noise"), "{reason}");
+}
+
+#[test]
+fn families_of_stages_are_summed_frame_by_frame() {
+    let mut random = Pcg64::seed_from_u64(3);
+    let mut cell = cell(&[], 4.0, &mut random);
+    let Outcome::Measured(measured) = &mut cell.outcome else {
+        panic!("it is measured");
+    };
+    let mut other = measured.stages[0].clone();
+    other.samples_ns.reverse();
+    for (stage, reversed) in [("f/a", false), ("f/b", true)] {
+        let mut record = if reversed {
+            other.clone()
+        } else {
+            measured.stages[0].clone()
+        };
+        record.stage = stage.to_owned();
+        measured.stages.push(record);
+    }
+    let measured = measure::measured(&cell).unwrap();
+    let read = |text: &str| text.parse::<Measure>().unwrap().read(&cell, measured);
+    let sum = read("stage:f/").unwrap();
+    let samples = sum.samples.unwrap();
+    assert_eq!(
+        samples[0],
+        measured.stages[1].samples_ns[0] + measured.stages[2].samples_ns[0]
+    );
+    assert!((sum.estimate.median / 8e6 - 1.0).abs() < 0.05);
+    assert_eq!(
+        read("stage:g/x|s").unwrap().estimate,
+        measured.stages[0].time
+    );
+    assert_eq!(read("stage:g/"), None);
+    let names: Measure = "stage:g/x|s".parse().unwrap();
+    assert_eq!(names.stages().collect::<Vec<_>>(), ["g/x", "s"]);
+    assert_eq!(names.to_string(), "g/x or s time");
+}
+
+#[test]
+fn quotients_of_a_cell_lie_within_a_band_or_do_not() {
+    let test = r#"within = { y = "quantity:error per axis:n", low = 7.9, high = 8.1 }"#;
+    let eight = swept(&[1.0, 2.0, 5.0], |n| 8.0 * n);
+    let (verdict, reason) = ruled(test, &eight, true);
+    assert_eq!(verdict, Verdict::Supported, "{reason}");
+    assert!(
+        reason.starts_with("8.00 (8.00 – 8.00) error per n"),
+        "{reason}"
+    );
+    let mut other = eight;
+    other[1] = swept(&[2.0], |_| 10.0).remove(0);
+    assert_eq!(ruled(test, &other, true).0, Verdict::Contradicted);
+    let timed = r#"within = { y = "stage:s per axis:n", low = 1.0, high = 2.0 }"#;
+    assert_eq!(ruled(timed, &other, true).0, Verdict::Untestable);
 }

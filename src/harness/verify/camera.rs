@@ -24,6 +24,9 @@ const DEPTH_P99: f64 = 5e-3;
 /// On coarse curved meshes the same shift turns normals by more than a degree, so that the largest
 /// angles say nothing.
 const NORMAL_P90_DEG: f64 = 0.5;
+/// A step of 16-bit floats below 1: drivers may cut off what they cannot store. Silhouettes, where another object may be
+/// seen, are the rest.
+const SPECULAR_P97: f64 = 5e-4;
 /// Geometry this far past the resting water is still drawn by reflection and refraction, metres.
 const OVERLAP_M: f64 = 0.1;
 
@@ -40,7 +43,11 @@ pub fn cases() -> Vec<Case> {
 }
 
 fn gbuffer(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
-    let scene = Scene::load(SCENE)?;
+    let mut scene = Scene::load(SCENE)?;
+    let count = scene.objects.len() as f32;
+    for (object, i) in scene.objects.iter_mut().zip(1u8..) {
+        object.material.specular = f32::from(i) / count;
+    }
     let resources = rig.resources();
     let view = rig::view(&scene, SIZE);
     let shared = Shared::new(&resources, &view);
@@ -48,8 +55,9 @@ fn gbuffer(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
     let stage = scene::gbuffer::Gbuffer::new(&resources, &shared, &geometry, SIZE)?;
     rig.run(&[&stage])?;
     let depth = rig.channel(&stage.depth, 0)?;
-    let normals = vectors(rig, &stage.normal)?;
-    let colors = vectors(rig, &stage.albedo)?;
+    let normals = rig.vectors(&stage.normal)?;
+    let speculars = rig.channel(&stage.normal, 3)?;
+    let colors = rig.vectors(&stage.albedo)?;
 
     let tracer = Tracer::new(&scene.objects)?;
     let seen = Seen::cast(&scene.camera, &tracer);
@@ -87,15 +95,19 @@ fn gbuffer(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
             seen.albedo_p99(&scene, &colors, 1.0),
             ("albedo 5 % higher", seen.albedo_p99(&scene, &colors, 1.05)),
         ),
+        Check::new(
+            (
+                "scene/gbuffer",
+                "97th percentile of the specular coefficient's error",
+            ),
+            (SPECULAR_P97, "1"),
+            seen.specular_p97(&scene, &speculars, 1.0),
+            (
+                "coefficients 1 % higher",
+                seen.specular_p97(&scene, &speculars, 1.01),
+            ),
+        ),
     ])
-}
-
-/// Three channels of a texture as vectors, in rows.
-fn vectors(rig: &Rig<'_>, texture: &wgpu::Texture) -> Result<Vec<DVec3>, VerifyError> {
-    let [x, y, z] = [0, 1, 2].map(|channel| rig.channel(texture, channel));
-    let (x, y, z) = (x?, y?, z?);
-    let values = x.data().iter().zip(y.data()).zip(z.data());
-    Ok(values.map(|((x, y), z)| DVec3::new(*x, *y, *z)).collect())
 }
 
 /// Exact hits of a camera's pixels.
@@ -154,6 +166,15 @@ impl Seen {
             })
             .collect();
         quantile(&mut angles, 0.90)
+    }
+
+    fn specular_p97(&self, scene: &Scene, speculars: &Image, factor: f64) -> f64 {
+        let expected = |hit: &Hit| factor * f64::from(scene.objects[hit.object].material.specular);
+        let pairs = self.covered();
+        let mut errors: Vec<f64> = pairs
+            .map(|(i, hit)| (speculars.data()[i] - expected(hit)).abs())
+            .collect();
+        quantile(&mut errors, 0.97)
     }
 
     fn albedo_p99(&self, scene: &Scene, colors: &[DVec3], factor: f64) -> f64 {

@@ -63,7 +63,7 @@ pub fn cases() -> Vec<Case> {
             waves(rig, model, name)
         }));
     }
-    for name in Scene::names() {
+    for name in Scene::names().into_iter().filter(|name| has_water(name)) {
         cases.push(Case::new(
             "caustics/trace",
             format!("scene {name}"),
@@ -267,6 +267,11 @@ fn waves(rig: &Rig<'_>, model: WaterModel, name: &str) -> Result<Vec<Check>, Ver
         ("amplitude 5 % higher", perturbed.entry_p99_m),
     );
     Ok(vec![with_rates(check, &errors)])
+}
+
+/// The scene's file sets its water; dry scenes and volumes leave it alone.
+fn has_water(scene: &str) -> bool {
+    SceneFile::load(scene).is_ok_and(|file| file.water != Water::default())
 }
 
 /// Both tracing stages of the whole pipeline at the scene's own settings.

@@ -3,11 +3,10 @@
 use plotters::prelude::*;
 
 use super::scale::{Kind, Scale};
-use super::{Area, Drawn, style, text};
+use super::{Area, Drawn, style, text, unit};
 use crate::experiments::schema::{Experiment, FIXED_SHARE, Plot, PlotKind, Published};
 use crate::experiments::{Measure, Scaling, groups, measured, scaling};
 use crate::record::Cell;
-use crate::report::format::NS_PER_MS;
 
 const HEIGHT_PX: u32 = 430;
 const LEGEND_PX: u32 = 300;
@@ -47,15 +46,6 @@ struct Mark {
     span_ms: (f64, f64),
 }
 
-/// Times are shown in milliseconds, everything else as it is.
-fn unit(measure: &Measure) -> f64 {
-    if measure.is_time() {
-        1.0 / NS_PER_MS
-    } else {
-        1.0
-    }
-}
-
 impl<'a> Panel<'a> {
     /// None where no series has a point.
     pub fn new(plot: &'a Plot, experiment: &Experiment, cells: &[&Cell]) -> Option<Panel<'a>> {
@@ -80,7 +70,7 @@ impl<'a> Panel<'a> {
             .collect();
         let kind = match plot.kind {
             PlotKind::Scaling => Kind::Log,
-            PlotKind::Lines | PlotKind::Stacked => Kind::Linear,
+            _ => Kind::Linear,
         };
         let points = || series.iter().flat_map(|series| &series.points);
         let x = Scale::fit(kind, points().map(|point| point.x))?;
@@ -183,7 +173,7 @@ impl Plot {
 /// Draws lines of text, wrapped, and gives the place of the next entry.
 fn entry(area: &Area<'_>, mut y: i32, lines: &[(&String, bool)]) -> Result<i32, String> {
     for (line, strong) in lines.iter().filter(|(line, _)| !line.is_empty()) {
-        for piece in wrap(line, LEGEND_CHARACTERS) {
+        for piece in style::wrap(line, LEGEND_CHARACTERS) {
             let style = if *strong {
                 style::label()
             } else {
@@ -195,24 +185,6 @@ fn entry(area: &Area<'_>, mut y: i32, lines: &[(&String, bool)]) -> Result<i32, 
         }
     }
     Ok(y + 8)
-}
-
-fn wrap(line: &str, limit: usize) -> Vec<String> {
-    let mut pieces: Vec<String> = vec![String::new()];
-    for word in line.split(' ') {
-        let last = pieces.last().map_or(0, |piece| piece.chars().count());
-        let fits = last == 0 || last + 1 + word.chars().count() <= limit;
-        match pieces.last_mut() {
-            Some(piece) if fits => {
-                if last > 0 {
-                    piece.push(' ');
-                }
-                piece.push_str(word);
-            }
-            _ => pieces.push(word.to_owned()),
-        }
-    }
-    pieces
 }
 
 fn shifted(outline: &[(i32, i32)], (x, y): (i32, i32)) -> Vec<(i32, i32)> {
@@ -246,7 +218,7 @@ impl Series {
         points.sort_by(|a, b| a.x.total_cmp(&b.x));
         let fit = match plot.kind {
             PlotKind::Scaling => scaling(y, x, cells, FIXED_SHARE).ok(),
-            PlotKind::Lines | PlotKind::Stacked => None,
+            _ => None,
         };
         let remark = fit.as_ref().map(remark).unwrap_or_default();
         Series {

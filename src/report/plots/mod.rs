@@ -2,16 +2,19 @@
 //!
 //! The legend has a column of its own at the right and covers no data.
 
+mod bars;
 mod lines;
+mod map;
 mod scale;
 mod stacked;
 mod style;
 
 use plotters::prelude::*;
 
+use super::format::{NS_PER_MS, Table};
 use super::{Artifact, Exporter, ReportError, Section, View};
-use crate::experiments;
 use crate::experiments::schema::{Experiment, Plot, PlotKind, Published};
+use crate::experiments::{self, Measure};
 use crate::record::Cell;
 
 pub const EXPORTER: Exporter = Exporter {
@@ -31,6 +34,8 @@ type Drawn = Result<(), String>;
 enum Panel<'a> {
     Lines(lines::Panel<'a>),
     Stacked(stacked::Panel<'a>),
+    Bars(bars::Panel<'a>),
+    Map(map::Panel<'a>),
 }
 
 impl Panel<'_> {
@@ -38,6 +43,8 @@ impl Panel<'_> {
         match self {
             Panel::Lines(panel) => panel.height_px(),
             Panel::Stacked(panel) => panel.height_px(),
+            Panel::Bars(panel) => panel.height_px(),
+            Panel::Map(panel) => panel.height_px(),
         }
     }
 
@@ -45,6 +52,8 @@ impl Panel<'_> {
         match self {
             Panel::Lines(panel) => panel.draw(area),
             Panel::Stacked(panel) => panel.draw(area),
+            Panel::Bars(panel) => panel.draw(area),
+            Panel::Map(panel) => panel.draw(area),
         }
     }
 }
@@ -116,6 +125,26 @@ fn panel<'a>(plot: &'a Plot, experiment: &Experiment, cells: &[&Cell]) -> Option
             lines::Panel::new(plot, experiment, &cells).map(Panel::Lines)
         }
         PlotKind::Stacked => stacked::Panel::new(plot, experiment, &cells).map(Panel::Stacked),
+        PlotKind::Bars => bars::Panel::new(plot, experiment, &cells).map(Panel::Bars),
+        PlotKind::Map => map::Panel::new(plot, experiment, &cells).map(Panel::Map),
+    }
+}
+
+/// The numbers of the section's maps: a title and a table for each of their panels.
+pub fn map_tables(section: &Section<'_>) -> Vec<(String, Table)> {
+    let tables = panels(section).into_iter().filter_map(|panel| match panel {
+        Panel::Map(map) => Some(map.tables()),
+        _ => None,
+    });
+    tables.flatten().collect()
+}
+
+/// Times are shown in milliseconds, everything else as it is.
+fn unit(measure: &Measure) -> f64 {
+    if measure.is_time() {
+        1.0 / NS_PER_MS
+    } else {
+        1.0
     }
 }
 
@@ -210,6 +239,109 @@ mod tests {
         let photons = svg("uw-photons.svg");
         assert!(photons.contains("slope 1.0") || photons.contains("slope 0.9"));
         assert!(svg("uw-default.svg").contains("published"));
+    }
+
+    const MAPPED: &str = r#"
+        id = "own"
+        title = "Own"
+        source = "none"
+        pipeline = "underwater"
+        scene = "tank"
+        [[sweep]]
+        [[sweep.axis]]
+        name = "caustics.grid"
+        title = "grid"
+        values = [10, 20, 40]
+        [[sweep.axis]]
+        name = "godrays.grid"
+        values = [5, 10]
+        [[sweep.axis]]
+        name = "scene"
+        values = ["tank", "port"]
+        [[plot]]
+        title = "Error"
+        kind = "map"
+        columns = "caustics.grid"
+        rows = "godrays.grid"
+        panels = ["scene"]
+        y = ["quantity:caustics_photon_error_p99_m"]
+        y_title = "error (m)"
+        [[plot]]
+        title = "By scene"
+        kind = "bars"
+        over = "scene"
+        where = { "godrays.grid" = 10 }
+        y = ["frame"]
+    "#;
+
+    /// Records of [`MAPPED`] whose error is the number of the cell; one cell was not measured.
+    fn mapped() -> Vec<crate::record::Record> {
+        use crate::record::{Definition, Outcome, Record};
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("own.toml");
+        std::fs::write(&path, MAPPED).unwrap();
+        let path = path.to_str().unwrap();
+        let experiment = Experiment::load(path).unwrap();
+        let mut random = rand::SeedableRng::seed_from_u64(1);
+        let mut records = vec![
+            Record::Run(Box::new(fixtures::header("quick"))),
+            Record::Experiment(Definition {
+                id: "own".to_owned(),
+                toml: MAPPED.to_owned(),
+            }),
+        ];
+        for (number, plan) in (0..).zip(experiment.cells("quick", &[], &[]).unwrap()) {
+            let mut measured = fixtures::measure(&experiment, &plan, &mut random);
+            let name = "caustics_photon_error_p99_m".to_owned();
+            measured.quantities.insert(name, f64::from(number));
+            let outcome = match number {
+                7 => Outcome::Failed {
+                    reason: "lost".to_owned(),
+                },
+                _ => Outcome::Measured(Box::new(measured)),
+            };
+            records.push(fixtures::cell(&plan, outcome));
+        }
+        records
+    }
+
+    #[test]
+    fn maps_have_a_panel_for_each_value_and_a_number_in_each_field() {
+        let records = mapped();
+        let view = View::new(&records, &[]);
+        let tables = map_tables(&view.sections[0]);
+        let titles: Vec<&str> = tables.iter().map(|(title, _)| title.as_str()).collect();
+        assert_eq!(titles, ["Error, tank", "Error, port"]);
+        // Scenes move fastest, then rows: of tank 0, 4, 8 above 2, 6, 10; of port 1, 5, 9 above 3, –, 11.
+        let tank = tables[0].1.markdown();
+        assert!(tank.contains("| 5 | 0 | 4.00 | 8.00 |"), "{tank}");
+        assert!(tank.contains("| 10 | 2.00 | 6.00 | 10.0 |"), "{tank}");
+        let port = tables[1].1.markdown();
+        assert!(port.contains("| 10 | 3.00 | – | 11.0 |"), "{port}");
+        let files = export(&view).unwrap();
+        let svg = String::from_utf8(files[0].bytes.clone()).unwrap();
+        for text in [
+            "Error",
+            "error (m)",
+            "grid",
+            "tank",
+            "11.0",
+            "5.50",
+            "By scene",
+        ] {
+            assert!(svg.contains(text), "{text}");
+        }
+    }
+
+    #[test]
+    fn bars_stand_by_value_and_are_told_apart_by_the_other_axes() {
+        let records = mapped();
+        let view = View::new(&records, &[]);
+        let panels = panels(&view.sections[0]);
+        let Panel::Bars(bars) = &panels[1] else {
+            panic!("the second plot has bars");
+        };
+        assert_eq!(bars.shape(), [("tank", 3), ("port", 2)]);
     }
 
     #[test]

@@ -57,6 +57,60 @@ pub fn starting(style: TextStyle<'static>) -> TextStyle<'static> {
     style.pos(Pos::new(HPos::Left, VPos::Center))
 }
 
+/// Centred on its anchor.
+pub fn centered(style: TextStyle<'static>) -> TextStyle<'static> {
+    style.pos(Pos::new(HPos::Center, VPos::Center))
+}
+
+/// Stops of a colour scale from dark to light that reads in order with any colour vision and in grey (viridis; Smith & van
+/// der Walt 2015).
+const SHADES: [(u8, u8, u8); 6] = [
+    (68, 1, 84),
+    (65, 68, 135),
+    (42, 120, 142),
+    (34, 168, 132),
+    (122, 209, 81),
+    (253, 231, 37),
+];
+
+/// Colour at a share of the scale, 0 … 1.
+pub fn shade(share: f64) -> RGBColor {
+    let last = SHADES.len() - 1;
+    let place = share.clamp(0.0, 1.0) * last as f64;
+    let below = (place as usize).min(last - 1);
+    let (a, b) = (SHADES[below], SHADES[below + 1]);
+    let mix = |a: u8, b: u8| {
+        (f64::from(a) + (place - below as f64) * (f64::from(b) - f64::from(a))).round() as u8
+    };
+    RGBColor(mix(a.0, b.0), mix(a.1, b.1), mix(a.2, b.2))
+}
+
+/// Type that stands out against a colour: white on dark, ink on light.
+pub fn on(color: RGBColor, style: TextStyle<'static>) -> TextStyle<'static> {
+    let RGBColor(r, g, b) = color;
+    let luma = 0.2126 * f64::from(r) + 0.7152 * f64::from(g) + 0.0722 * f64::from(b);
+    style.color(if luma < 130.0 { &WHITE } else { &INK })
+}
+
+/// A line of text in pieces of at most `limit` characters, broken at spaces.
+pub fn wrap(line: &str, limit: usize) -> Vec<String> {
+    let mut pieces: Vec<String> = vec![String::new()];
+    for word in line.split(' ') {
+        let last = pieces.last().map_or(0, |piece| piece.chars().count());
+        let fits = last == 0 || last + 1 + word.chars().count() <= limit;
+        match pieces.last_mut() {
+            Some(piece) if fits => {
+                if last > 0 {
+                    piece.push(' ');
+                }
+                piece.push_str(word);
+            }
+            _ => pieces.push(word.to_owned()),
+        }
+    }
+    pieces
+}
+
 /// Outline of the marker of a series, as offsets in pixels from the point: shapes tell series apart without colour.
 pub fn marker(index: usize) -> Vec<(i32, i32)> {
     match index % 6 {

@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 
 use super::super::format::{self, Table};
 use super::super::plots;
-use super::super::{Section, view::Entry};
+use super::super::{ERROR_PICTURE, Section, view::Entry};
 use super::clock_name;
 use crate::experiments::schema::Published;
 use crate::experiments::{fits, fps};
@@ -12,6 +12,8 @@ use crate::record::{Cell, Estimate, Measured, Outcome};
 
 /// Cells beside each other in one table of stages.
 const COLUMNS: usize = 6;
+/// Pictures beside each other.
+const ACROSS: usize = 4;
 /// Notes on cells that stand in the open.
 const UNFOLDED: usize = 3;
 
@@ -37,6 +39,10 @@ pub fn write(section: &Section<'_>, pictures: &[String], text: &mut String) {
         let _ = writeln!(text, "No records hold the data of the plot *{title}*.\n");
     }
     claims(section, text);
+    for (title, table) in plots::map_tables(section) {
+        let _ = writeln!(text, "{title}:\n");
+        *text += &table.markdown();
+    }
     frames(section, text);
     published(section, text);
     unmeasured(section, text);
@@ -44,11 +50,36 @@ pub fn write(section: &Section<'_>, pictures: &[String], text: &mut String) {
     throughput(section, text);
     quantities(section, text);
     cell_notes(section, text);
-    for picture in pictures
+    let own: Vec<&str> = pictures
         .iter()
+        .map(String::as_str)
         .filter(|path| is_picture_of(path, section.id))
-    {
-        let _ = writeln!(text, "![{picture}]({picture})\n");
+        .collect();
+    gallery(section.id, &own, text);
+}
+
+/// Pictures side by side, each above its cell.
+fn gallery(id: &str, pictures: &[&str], text: &mut String) {
+    for row in pictures.chunks(ACROSS) {
+        let mut table = Table::new(row.iter().map(|path| format!("![{path}]({path})")));
+        table.row(row.iter().map(|path| caption(id, path)));
+        *text += &table.markdown();
+    }
+    let of_error = |path: &&str| path.ends_with(&format!("{ERROR_PICTURE}.png"));
+    if pictures.iter().any(of_error) {
+        *text += "Pictures of the error: red where the picture is too dark, blue where it is too light, in full \
+                  colour from ±0.25 on, grey where nothing is compared.\n\n";
+    }
+}
+
+/// `scene=port, error` for `renders/ID-scene=port-error.png`.
+fn caption(id: &str, path: &str) -> String {
+    let name = path.rsplit('/').next().unwrap_or(path);
+    let name = name.strip_suffix(".png").unwrap_or(name);
+    let cell = name.strip_prefix(id).unwrap_or(name);
+    match cell.strip_suffix(ERROR_PICTURE) {
+        Some(cell) => format!("{}, error", cell.trim_start_matches('-')),
+        None => cell.trim_start_matches('-').to_owned(),
     }
 }
 
@@ -295,5 +326,30 @@ fn cell_notes(section: &Section<'_>, text: &mut String) {
         );
     } else if count > 0 {
         let _ = writeln!(text, "{lines}");
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn pictures_stand_side_by_side_above_their_cells() {
+        let pictures = [
+            "renders/own-n=1-error.png",
+            "renders/own-n=1.png",
+            "renders/own-n=2.png",
+            "renders/own-n=3.png",
+            "renders/own-n=4.png",
+        ];
+        let mut text = String::new();
+        gallery("own", &pictures, &mut text);
+        let captions = "| n=1, error | n=1 | n=2 | n=3 |";
+        assert!(text.contains(captions), "{text}");
+        assert!(text.contains("| n=4 |\n"), "{text}");
+        assert!(text.contains("too dark"), "{text}");
+        let mut plain = String::new();
+        gallery("own", &pictures[1..2], &mut plain);
+        assert!(!plain.contains("too dark"), "{plain}");
     }
 }

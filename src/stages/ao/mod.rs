@@ -1,1 +1,6 @@
 //! Volume ambient occlusion. VAO §5.1, §6.
+
+pub mod bilateral;
+pub mod compose;
+pub mod march;
+pub mod query;

@@ -9,8 +9,8 @@ use crate::stages::{Column, Output, OutputData, Stage, StageInfo};
 
 pub const INFO: StageInfo = StageInfo {
     name: "scene/gbuffer",
-    about: "albedo, normal and depth from the camera in one multi-target pass",
-    source: "UW §3.2",
+    about: "albedo, normal, specular coefficient and depth from the camera in one multi-target pass",
+    source: "UW §3.2, VAO §6",
 };
 
 pub struct Gbuffer {
@@ -19,6 +19,7 @@ pub struct Gbuffer {
     group: Group,
     geometry: Geometry,
     pub albedo: wgpu::Texture,
+    /// The specular coefficient in its fourth channel.
     pub normal: wgpu::Texture,
     pub depth: wgpu::Texture,
     views: [wgpu::TextureView; 3],
@@ -134,12 +135,13 @@ impl Stage for Gbuffer {
             },
             Output {
                 name: "normal".into(),
-                meaning: "unit surface normal in the world's axes".into(),
+                meaning: "unit surface normal in the world's axes, and the specular coefficient"
+                    .into(),
                 columns: vec![
                     column("nx", "normal"),
                     column("ny", "normal"),
                     column("nz", "normal"),
-                    column("covered", "1 where geometry was drawn"),
+                    column("specular", "reflectance of the glossy lobe"),
                 ],
                 data: OutputData::Texture(self.normal.clone()),
             },

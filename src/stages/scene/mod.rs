@@ -1,1 +1,2 @@
+pub mod deform;
 pub mod gbuffer;

@@ -1,0 +1,51 @@
+// Volume ambient occlusion of what the camera sees: VAO §3 step 3, §5.1.
+// defs: UNIFORM=0, RANDOM=0, HARD=0, GUARD=1, BITS=0, SKIPPING=0, OPACITY=0, BETWEEN=0, COUNT=0
+#import fathom::frame::{world_at}
+#import fathom::marching
+#import fathom::random::{pcg}
+#import fathom::screen
+
+struct Target {
+    // Pixels of the occlusion buffer.
+    size_px: vec2<f32>,
+}
+
+@group(2) @binding(0) var<uniform> settings: Target;
+@group(2) @binding(1) var depth: texture_depth_2d;
+@group(2) @binding(2) var normals: texture_2d<f32>;
+#if COUNT == 1
+struct Counters {
+    samples: array<atomic<u32>, 64>,
+    lookups: array<atomic<u32>, 64>,
+    fragments: array<atomic<u32>, 64>,
+}
+
+@group(2) @binding(3) var<storage, read_write> counters: Counters;
+#endif
+
+@vertex
+fn vertex(@builtin(vertex_index) index: u32) -> @builtin(position) vec4<f32> {
+    return screen::corner(index);
+}
+
+// Visibility 1 − A, so that the volumes of several objects multiply.
+@fragment
+fn fragment(@builtin(position) pixel: vec4<f32>) -> @location(0) vec4<f32> {
+    let view_px = vec2<f32>(textureDimensions(depth));
+    let texel = screen::texel_behind(pixel.xy, settings.size_px, view_px);
+    let z = textureLoad(depth, texel, 0);
+    if z >= 1.0 {
+        discard;
+    }
+    let uv = (vec2<f32>(texel) + 0.5) / view_px;
+    let normal = normalize(textureLoad(normals, texel, 0).xyz);
+    let place = vec2<u32>(pixel.xy);
+    let occluded = marching::occlusion(world_at(uv, z), normal, pcg(place.x + 65536u * place.y));
+#if COUNT == 1
+    let slot = place.x & 63u;
+    atomicAdd(&counters.samples[slot], marching::taken);
+    atomicAdd(&counters.lookups[slot], marching::looked_up);
+    atomicAdd(&counters.fragments[slot], 1u);
+#endif
+    return vec4(1.0 - occluded);
+}

@@ -1,0 +1,112 @@
+// defs: AT_ISOSURFACE=1, LINEAR=1
+// First isosurface on the view ray with ambient occlusion. VAO §5.2.1; marching as in §5.1.
+//
+// AT_ISOSURFACE 1: rays stop at values near the isosurface's; 0: at values from V_thres. LINEAR 1: ρ = 1 − d / r_max; 0: 1.
+#import fathom::ray_cast::{march, Ray, windowed, view_ray, along, seed_of, lit, background, display}
+#import fathom::scalar_field::{field, value, outward, through_box, look_ups}
+#import fathom::screen
+#import fathom::sphere::{shift_of, shifted_point, cosine_direction, tangent_frame}
+
+struct Targets {
+    @location(0) image: vec4<f32>,
+    // Visibility, 1 where there is a surface, its distance, look-ups.
+    @location(1) result: vec4<f32>,
+    @location(2) normal: vec4<f32>,
+}
+
+// Halvings of the step that holds the crossing, before the last secant.
+const HALVINGS: u32 = 6u;
+
+// Distance of the first point with at least the isosurface's value, none: −1. A ray that begins within ends there.
+fn first_crossing(ray: Ray) -> f32 {
+    var before = ray.near_m;
+    if ray.far_m <= before {
+        return -1.0;
+    }
+    if value(along(ray, before), 0.0) >= march.iso {
+        return before;
+    }
+    let steps = u32(ceil((ray.far_m - ray.near_m) / march.view_step_m));
+    for (var k = 1u; k <= steps; k++) {
+        let d = min(ray.near_m + f32(k) * march.view_step_m, ray.far_m);
+        if value(along(ray, d), 0.0) >= march.iso {
+            return refined(ray, before, d);
+        }
+        before = d;
+    }
+    return -1.0;
+}
+
+// Bisection, then a secant through the ends of what is left.
+fn refined(ray: Ray, outside_m: f32, inside_m: f32) -> f32 {
+    var low = outside_m;
+    var high = inside_m;
+    for (var i = 0u; i < HALVINGS; i++) {
+        let middle = 0.5 * (low + high);
+        if value(along(ray, middle), 0.0) >= march.iso {
+            high = middle;
+        } else {
+            low = middle;
+        }
+    }
+    let below = value(along(ray, low), 0.0);
+    let above = value(along(ray, high), 0.0);
+    return mix(low, high, saturate((march.iso - below) / max(above - below, 1e-6)));
+}
+
+fn occluder(v: f32) -> bool {
+#if AT_ISOSURFACE == 1
+    return abs(v - march.iso) < march.tolerance;
+#else
+    return v >= march.threshold;
+#endif
+}
+
+// ρ of the nearest occluder along a ray; 0 where there is none, and for rays that do not leave the guard (VAO §5.1).
+fn obscurity(position_m: vec3<f32>, normal: vec3<f32>, direction: vec3<f32>) -> f32 {
+    let reach = min(march.r_max_m, through_box(position_m, direction).y);
+    // VAO Eq. 2 with h of half a cell's diagonal.
+    let start = field.guard_m / max(dot(direction, normal), 1e-6);
+    for (var d = start; d < reach; d += march.stratum_m) {
+        if occluder(value(position_m + d * direction, 0.0)) {
+#if LINEAR == 1
+            return 1.0 - d / march.r_max_m;
+#else
+            return 1.0;
+#endif
+        }
+    }
+    return 0.0;
+}
+
+// A of VAO Eq. 1 by cosine-distributed rays.
+fn occlusion(position_m: vec3<f32>, normal: vec3<f32>, seed: u32) -> f32 {
+    let shift = shift_of(seed);
+    let turn = tangent_frame(normal);
+    var sum = 0.0;
+    for (var j = 0u; j < march.rays; j++) {
+        let direction = turn * cosine_direction(shifted_point(j, march.rays, shift).xy);
+        sum += obscurity(position_m, normal, direction);
+    }
+    return sum / f32(march.rays);
+}
+
+@vertex
+fn vertex(@builtin(vertex_index) index: u32) -> @builtin(position) vec4<f32> {
+    return screen::corner(index);
+}
+
+@fragment
+fn fragment(@builtin(position) pixel: vec4<f32>) -> Targets {
+    let ray = view_ray(pixel.xy);
+    let d = first_crossing(ray);
+    if d < 0.0 {
+        let image = display(background(ray.direction));
+        return Targets(image, vec4(1.0, 0.0, 0.0, f32(look_ups)), vec4(0.0));
+    }
+    let p = along(ray, d);
+    let normal = outward(p, -ray.direction);
+    let visibility = 1.0 - occlusion(p, normal, seed_of(pixel.xy));
+    let image = display(lit(windowed(march.iso), p, normal, visibility));
+    return Targets(image, vec4(visibility, 1.0, d, f32(look_ups)), vec4(normal, 1.0));
+}

@@ -1,0 +1,220 @@
+// Occlusion of a surface point by marching rays through a volume. VAO §3 step 3, §5.1. Host twin: src/stages/marching.rs.
+//
+// Lengths are in voxels, places are in voxels from the grid's origin. Definitions choose the code:
+//   UNIFORM   1: directions uniform over the hemisphere, weighted by the cosine; 0: cosine-distributed, not weighted
+//   RANDOM    1: independent directions; 0: a lattice, shifted by the seed
+//   HARD      1: ρ = 1; 0: ρ = 1 − d / r_max
+//   GUARD     1: guard distance over the cosine (Eq. 2); 0: constant
+//   BITS      1: volume read as bits; 0: as a texture
+//   SKIPPING  1: empty cells of the pyramid are left in one go
+//   OPACITY   1: samples are opacities, gathered along the ray (Eq. 7); 0: the first above the threshold ends it
+//   BETWEEN   1: a hit lies where V, linear between two samples, crosses the threshold; 0: at the sample
+//   COUNT     1: counts samples and look-ups of the pyramid
+#define_import_path fathom::marching
+
+#import fathom::random::{pcg, unit}
+#import fathom::sphere::{cosine_direction, hemisphere_direction, tangent_frame}
+#import fathom::voxels::{Grid, to_cells, index_of}
+
+struct March {
+    r_max: f32,
+    step: f32,
+    // First sample, or its distance from the surface's plane.
+    guard: f32,
+    // From the surface along its normal to where rays begin.
+    offset: f32,
+    threshold: f32,
+    rays: u32,
+}
+
+@group(1) @binding(0) var<uniform> march: March;
+@group(1) @binding(1) var<uniform> grid: Grid;
+@group(1) @binding(2) var volume: texture_3d<f32>;
+@group(1) @binding(3) var trilinear: sampler;
+@group(1) @binding(4) var<storage, read> bits: array<u32>;
+
+// 2³² / golden ratio: steps of the lattice's second coordinate.
+const GOLDEN: u32 = 0x9E3779B9u;
+// Level of the pyramid that is asked: cells of 4³ voxels. The fastest of 1 to 4 on scenes bunny_dry and sponza.
+const SKIP_LEVEL: i32 = 2;
+// Samples this near to a cell's wall are taken, as rounding may have put them on the wrong side, voxels.
+const WALL: f32 = 1e-3;
+// Shortest component of a direction, so that none divides by 0.
+const LEAST: f32 = 1e-7;
+
+#if COUNT == 1
+var<private> taken: u32 = 0u;
+var<private> looked_up: u32 = 0u;
+#endif
+
+// Point of [0, 1)² for a ray.
+fn point(ray: u32, seed: u32) -> vec2<f32> {
+#if RANDOM == 1
+    let first = pcg(seed + ray);
+    return vec2(unit(first), unit(pcg(first)));
+#else
+    let along = (f32(ray) + unit(seed)) / f32(march.rays);
+    return vec2(along, unit(ray * GOLDEN + pcg(seed)));
+#endif
+}
+
+// Direction around +z for a ray.
+fn local_direction(ray: u32, seed: u32) -> vec3<f32> {
+#if UNIFORM == 1
+    return hemisphere_direction(point(ray, seed));
+#else
+    return cosine_direction(point(ray, seed));
+#endif
+}
+
+#if BITS == 1
+fn bit(cell: vec3<i32>) -> f32 {
+    let index = index_of(grid, vec3<u32>(cell));
+    return f32((bits[index >> 5u] >> (index & 31u)) & 1u);
+}
+#endif
+
+// V at a place, trilinear between voxel centres; up to half a voxel inside the border the border's.
+fn density(place: vec3<f32>) -> f32 {
+#if COUNT == 1
+    taken++;
+#endif
+#if BITS == 1
+    let last = vec3<i32>(grid.cells) - 1;
+    let low_corner = floor(place - 0.5);
+    let f = place - 0.5 - low_corner;
+    let l = clamp(vec3<i32>(low_corner), vec3(0), last);
+    let h = clamp(vec3<i32>(low_corner) + 1, vec3(0), last);
+    let near = mix(
+        mix(bit(l), bit(vec3(h.x, l.y, l.z)), f.x),
+        mix(bit(vec3(l.x, h.y, l.z)), bit(vec3(h.x, h.y, l.z)), f.x),
+        f.y,
+    );
+    let far = mix(
+        mix(bit(vec3(l.x, l.y, h.z)), bit(vec3(h.x, l.y, h.z)), f.x),
+        mix(bit(vec3(l.x, h.y, h.z)), bit(h), f.x),
+        f.y,
+    );
+    return mix(near, far, f.z);
+#else
+    return textureSampleLevel(volume, trilinear, place / vec3<f32>(grid.cells), 0.0).r;
+#endif
+}
+
+// Distances at which a ray enters and leaves the grid.
+fn clip(origin: vec3<f32>, direction: vec3<f32>) -> vec2<f32> {
+    let a = -origin / direction;
+    let b = (vec3<f32>(grid.cells) - origin) / direction;
+    let enter = min(a, b);
+    let leave = max(a, b);
+    return vec2(max(max(enter.x, enter.y), enter.z), min(min(leave.x, leave.y), leave.z));
+}
+
+#if SKIPPING == 1
+// Steps from a place to the first one outside its cell of the pyramid; 0 where the cell is not empty.
+fn empty_steps(place: vec3<f32>, direction: vec3<f32>) -> f32 {
+#if COUNT == 1
+    looked_up++;
+#endif
+    let edge = f32(1u << u32(SKIP_LEVEL));
+    let cell = floor(place / edge);
+    let last = vec3<i32>(textureDimensions(volume, SKIP_LEVEL)) - 1;
+    if textureLoad(volume, clamp(vec3<i32>(cell), vec3(0), last), SKIP_LEVEL).r > 0.0 {
+        return 0.0;
+    }
+    let walls = (cell + step(vec3(0.0), direction)) * edge;
+    let t = (walls - place) / direction;
+    return floor((min(min(t.x, t.y), t.z) - WALL) / march.step) + 1.0;
+}
+#endif
+
+// Obscurity ρ of what a ray meets, 0 where it meets nothing. `cosine` is that of the ray and the normal; `v0` is V where the
+// ray begins.
+fn obscurity(origin: vec3<f32>, direction: vec3<f32>, cosine: f32, v0: f32) -> f32 {
+#if GUARD == 1
+    let first = march.guard / cosine;
+#else
+    let first = march.guard;
+#endif
+    let range = clip(origin, direction);
+    let end = min(range.y, march.r_max);
+    var k = max(ceil((range.x - first) / march.step), 0.0);
+    var d = first + k * march.step;
+#if OPACITY == 1
+    var open = 1.0;
+#endif
+    var previous = v0;
+    while d < end {
+        let place = origin + d * direction;
+#if SKIPPING == 1
+        let empty = empty_steps(place, direction);
+        if empty > 0.0 {
+            k += empty;
+            d = first + k * march.step;
+            previous = 0.0;
+            continue;
+        }
+#endif
+        let v = density(place);
+#if OPACITY == 1
+        // Eq. 4: falling V is rejected.
+        if v >= previous {
+            open *= max(1.0 - v, 0.0);
+            if v >= march.threshold || open <= 0.0 {
+                break;
+            }
+        }
+#else
+        if v >= march.threshold {
+#if BETWEEN == 1
+            if previous < march.threshold {
+                d -= march.step * (v - march.threshold) / (v - previous);
+            }
+#endif
+#if HARD == 1
+            return 1.0;
+#else
+            return 1.0 - d / march.r_max;
+#endif
+        }
+#endif
+        previous = v;
+        k += 1.0;
+        d = first + k * march.step;
+    }
+#if OPACITY == 1
+    return 1.0 - pow(open, march.step);
+#else
+    return 0.0;
+#endif
+}
+
+// A(p) of a point and its unit normal; 0 beyond r_max of the volume. VAO §3 step 3.
+fn occlusion(position_m: vec3<f32>, normal: vec3<f32>, seed: u32) -> f32 {
+    let surface = to_cells(grid, position_m);
+    let beyond = max(-surface, surface - vec3<f32>(grid.cells));
+    if max(max(beyond.x, beyond.y), beyond.z) > march.r_max {
+        return 0.0;
+    }
+    let origin = surface + march.offset * normal;
+    let rotation = tangent_frame(normal);
+#if OPACITY == 1
+    let v0 = density(origin);
+#else
+    // Above any threshold: the first sample has no neighbour before it.
+    let v0 = 2.0;
+#endif
+    var sum = 0.0;
+    for (var ray = 0u; ray < march.rays; ray++) {
+        let local = local_direction(ray, seed);
+        let across = rotation * local;
+        let direction = select(across, vec3(LEAST), abs(across) < vec3(LEAST));
+        let rho = obscurity(origin, direction, local.z, v0);
+#if UNIFORM == 1
+        sum += local.z * rho;
+#else
+        sum += rho;
+#endif
+    }
+    return sum / f32(march.rays);
+}

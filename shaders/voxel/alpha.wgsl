@@ -1,0 +1,14 @@
+// The largest alpha of the triangles that touch each voxel. VAO Fig. 6.
+// defs: THIN=0, LARGE=0, ALPHA=1
+#import fathom::dispatch::{GROUP}
+#import fathom::triangles::{run}
+
+@compute @workgroup_size(GROUP)
+fn main(
+    @builtin(global_invocation_id) id: vec3<u32>,
+    @builtin(workgroup_id) group: vec3<u32>,
+    @builtin(num_workgroups) groups: vec3<u32>,
+    @builtin(local_invocation_index) own: u32,
+) {
+    run(id, group, groups, own);
+}

@@ -1,0 +1,153 @@
+//! What a claim asserts, and how it is tested.
+
+use serde::Deserialize;
+use serde_json::{Map, Value};
+
+use super::super::Measure;
+
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Claim {
+    pub id: String,
+    pub text: String,
+    /// Axis or parameter → value; all must hold.
+    #[serde(default, rename = "where")]
+    pub filter: Map<String, Value>,
+    pub test: Test,
+}
+
+/// How a claim is tested. `over` names the axis along which cells are compared; cells that differ in another axis
+/// are tested apart, and the claim is only as good as its worst group.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(rename_all = "snake_case", deny_unknown_fields)]
+pub enum Test {
+    /// `y ∝ x^expected`, by a straight line through the logarithms.
+    Slope {
+        y: Measure,
+        x: Measure,
+        over: String,
+        expected: f64,
+        tolerance: f64,
+        /// Cells in which the fixed cost (an affine fit's) is a greater share of the time are left out.
+        #[serde(default = "default_fixed_share")]
+        max_fixed_share: f64,
+        /// Decades of x that must be left.
+        #[serde(default = "default_decades")]
+        min_decades: f64,
+    },
+    /// `y = F + k x` with k > 0: no cell is off the fitted line by more than `tolerance` of its own y.
+    Affine {
+        y: Measure,
+        x: Measure,
+        over: String,
+        tolerance: f64,
+        /// Least share of k x in the largest cell's y: a line that hardly rises tells nothing of linearity.
+        #[serde(default = "default_rising_share")]
+        min_rising_share: f64,
+    },
+    /// The same along the axis, up to a factor of `1 + tolerance` between the largest and the smallest.
+    Independent {
+        y: Measure,
+        over: String,
+        tolerance: f64,
+    },
+    /// `y` at one value of the axis over `y` at another lies within `low … high`.
+    Ratio {
+        y: Measure,
+        over: String,
+        numerator: Value,
+        denominator: Value,
+        low: f64,
+        high: f64,
+    },
+    /// Every cell reaches the value.
+    AtLeast { y: Measure, value: f64 },
+    /// Every cell lies within `low … high`.
+    Within { y: Measure, low: f64, high: f64 },
+    /// `y` in the cell `of` is at most `1 + margin` times that in the cell `than`.
+    NoWorse {
+        y: Measure,
+        of: Map<String, Value>,
+        than: Map<String, Value>,
+        #[serde(default)]
+        margin: f64,
+    },
+    /// Rises (or falls) along the axis in order of `x`; steps against it of up to `tolerance` are noise.
+    Monotone {
+        y: Measure,
+        x: Measure,
+        over: String,
+        direction: Direction,
+        tolerance: f64,
+    },
+    /// `y` at `value` is at most `1 + margin` times that at every other value of the axis.
+    Lowest {
+        y: Measure,
+        over: String,
+        value: Value,
+        #[serde(default)]
+        margin: f64,
+    },
+    /// The x at which `y` is smallest lies within `low … high`; cells must lie on both sides of the band.
+    Minimum {
+        y: Measure,
+        x: Measure,
+        over: String,
+        low: f64,
+        high: f64,
+    },
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Direction {
+    Rising,
+    Falling,
+}
+
+/// A tenth: over the decade above it, a fixed cost bends a slope of 1 to 0.96 at worst.
+pub const FIXED_SHARE: f64 = 0.1;
+
+fn default_fixed_share() -> f64 {
+    FIXED_SHARE
+}
+
+fn default_decades() -> f64 {
+    1.0
+}
+
+/// Half: what is fixed is then at most as much as what grows.
+fn default_rising_share() -> f64 {
+    0.5
+}
+
+impl Test {
+    /// The axis along which cells are compared.
+    pub fn over(&self) -> Option<&str> {
+        match self {
+            Test::Slope { over, .. }
+            | Test::Affine { over, .. }
+            | Test::Independent { over, .. }
+            | Test::Ratio { over, .. }
+            | Test::Monotone { over, .. }
+            | Test::Lowest { over, .. }
+            | Test::Minimum { over, .. } => Some(over),
+            Test::AtLeast { .. } | Test::Within { .. } | Test::NoWorse { .. } => None,
+        }
+    }
+
+    pub(super) fn measures(&self) -> Vec<&Measure> {
+        match self {
+            Test::Slope { y, x, .. }
+            | Test::Affine { y, x, .. }
+            | Test::Monotone { y, x, .. }
+            | Test::Minimum { y, x, .. } => vec![y, x],
+            Test::Independent { y, .. }
+            | Test::Ratio { y, .. }
+            | Test::AtLeast { y, .. }
+            | Test::Within { y, .. }
+            | Test::NoWorse { y, .. }
+            | Test::Lowest { y, .. } => vec![y],
+        }
+    }
+}

@@ -1,0 +1,149 @@
+use super::*;
+use crate::scene::{Material, Mesh, Object};
+
+/// A floor y = 0 and a wall x = 0 above it, 8 m wide.
+pub fn corner() -> Vec<Object> {
+    let quad = |corners: [[f32; 3]; 4], normal: [f32; 3]| Object {
+        name: "quad".into(),
+        mesh: Mesh {
+            positions: corners.to_vec(),
+            normals: vec![normal; 4],
+            indices: vec![0, 1, 2, 0, 2, 3],
+        },
+        material: Material::default(),
+    };
+    let floor = [
+        [0.0, 0.0, -4.0],
+        [0.0, 0.0, 4.0],
+        [8.0, 0.0, 4.0],
+        [8.0, 0.0, -4.0],
+    ];
+    let wall = [
+        [0.0, 0.0, -4.0],
+        [0.0, 8.0, -4.0],
+        [0.0, 8.0, 4.0],
+        [0.0, 0.0, 4.0],
+    ];
+    vec![quad(floor, [0.0, 1.0, 0.0]), quad(wall, [1.0, 0.0, 0.0])]
+}
+
+pub fn camera(position_m: [f64; 3]) -> Camera {
+    Camera {
+        position_m,
+        target_m: [0.5, 0.5, 0.0],
+        up: [0.0, 1.0, 0.0],
+        fov_y_deg: 50.0,
+        z_near_m: 0.1,
+        z_far_m: 50.0,
+    }
+}
+
+/// Depths and normals as a G-buffer has them.
+pub fn gbuffer(tracer: &Tracer, camera: &Camera, [width, height]: [u32; 2]) -> [Pixels; 2] {
+    let rays = PixelRays::new(camera, width, height);
+    let pixels = (0..height).flat_map(|y| (0..width).map(move |x| (x, y)));
+    let (mut depth, mut normal) = (Vec::new(), Vec::new());
+    for (x, y) in pixels {
+        let hit = rays.cast(tracer, x, y);
+        depth.push(hit.as_ref().map_or(1.0, |(_, depth)| *depth as f32));
+        let n = hit.map_or(DVec3::ZERO, |(hit, _)| hit.shading_normal);
+        normal.extend(n.extend(1.0).as_vec4().to_array());
+    }
+    [(1, depth), (4, normal)].map(|(channels, data)| Pixels {
+        width,
+        height,
+        channels,
+        data,
+    })
+}
+
+fn question(scale: u32) -> Question {
+    Question {
+        opaque: vec![true; 2],
+        comparable: true,
+        camera: camera([4.0, 3.0, 2.0]),
+        size_px: [48, 40],
+        r_max_m: 1.0,
+        attenuation: Attenuation::Linear,
+        buffer_px: [48 / scale, 40 / scale],
+    }
+}
+
+fn points(question: &Question, most: usize) -> Vec<Point> {
+    let tracer = Tracer::new(&corner()).unwrap();
+    let [depth, normal] = gbuffer(&tracer, &question.camera, question.size_px);
+    cast(question, &tracer, (&depth, &normal), most, 64)
+}
+
+/// A buffer of visibilities that holds what the reference says, and `darker` more occlusion.
+fn buffer(question: &Question, points: &[Point], darker: f64) -> Pixels {
+    let [width, height] = question.buffer_px;
+    let mut data = vec![1.0; (width * height) as usize];
+    for x in 0..width {
+        for y in 0..height {
+            let pixel = question.pixel([x, y]);
+            let point = points.iter().find(|point| point.pixel == pixel);
+            if let Some(point) = point {
+                data[(y * width + x) as usize] = (1.0 - point.occlusion - darker) as f32;
+            }
+        }
+    }
+    Pixels {
+        width,
+        height,
+        channels: 1,
+        data,
+    }
+}
+
+#[test]
+fn a_buffer_that_holds_the_reference_has_no_error_and_a_darker_one_its_bias() {
+    for scale in [1, 2] {
+        let question = question(scale);
+        let points = points(&question, 400);
+        assert!((300..440).contains(&points.len()), "{}", points.len());
+        let exact = figures(
+            "ao",
+            &errors(&question, &points, &buffer(&question, &points, 0.0)),
+        );
+        assert!(exact["ao_rmse"] < 1e-6, "{exact:?}");
+        let dark = figures(
+            "ao",
+            &errors(&question, &points, &buffer(&question, &points, 0.1)),
+        );
+        assert!((dark["ao_bias"] - 0.1).abs() < 1e-6, "{dark:?}");
+        assert!((dark["ao_rmse"] - 0.1).abs() < 1e-6, "{dark:?}");
+    }
+}
+
+#[test]
+fn points_near_the_corner_are_occluded_and_open_ones_are_not() {
+    let points = points(&question(1), 10_000);
+    let most = points
+        .iter()
+        .map(|point| point.occlusion)
+        .fold(0.0, f64::max);
+    let least = points
+        .iter()
+        .map(|point| point.occlusion)
+        .fold(1.0, f64::min);
+    // At the very corner half of the hemisphere is blocked at no distance.
+    assert!((0.25..0.5).contains(&most), "{most}");
+    assert!(least < 1e-9, "{least}");
+}
+
+#[test]
+fn errors_are_painted_red_where_too_dark() {
+    assert_eq!(color(0.0), [255, 255, 255]);
+    assert_eq!(color(0.3), [255, 0, 0]);
+    assert_eq!(color(-0.125), [128, 128, 255]);
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("error.png");
+    let question = question(1);
+    let points = points(&question, 100);
+    paint(&question, &points, &vec![0.3; points.len()], &path).unwrap();
+    let picture = image::open(&path).unwrap().to_rgb8();
+    let red = picture.pixels().filter(|pixel| pixel.0 == [255, 0, 0]);
+    // The lattice's blocks touch: nearly all that is seen is painted.
+    assert!(red.count() > 48 * 40 / 2);
+}

@@ -1,0 +1,182 @@
+//! `ao/bilateral` and `hsao/filter` against the f64 twin, guided by the depth of a rendered scene.
+
+use super::rig::{self, Random, Rig};
+use super::{Case, Check, VerifyError};
+use crate::gpu::{Encode, GpuError};
+use crate::pipelines::settings;
+use crate::reference::bilateral::Bilateral;
+use crate::reference::image::Image;
+use crate::reference::quantities::quantile;
+use crate::scene::{Camera, Scene};
+use crate::stages::bilateral::{BilateralUniforms, Inputs};
+use crate::stages::frame::{Shared, View};
+use crate::stages::geometry::Geometry;
+use crate::stages::kit::Resources;
+use crate::stages::{ao, hsao, scene};
+
+/// Columns, curved objects, walls at a slant, and background between them.
+const SCENE: &str = "tank";
+const SIZE: [u32; 2] = [96, 64];
+/// Sizes of the buffer that is filtered: the viewport's, half of it, and one that does not divide it.
+const SOURCES: [[u32; 2]; 3] = [SIZE, [48, 32], [37, 29]];
+/// Pixels with a tap this near to a texel's edge are left out: in f32 it may fall on the other side.
+const AMBIGUOUS_PX: f64 = 2e-3;
+/// The result is stored in 16 bits, a step of which is 4.9e-4 below 1; view depth in f32 adds as much again.
+const TOLERANCE: f64 = 1e-3;
+
+type Made = (Box<dyn Encode>, wgpu::Texture);
+type Make = fn(&Resources<'_>, &Shared, &Inputs<'_>, &BilateralUniforms) -> Result<Made, GpuError>;
+
+pub fn cases() -> Vec<Case> {
+    let stages: [(&'static str, Make); 2] = [
+        ("ao/bilateral", |resources, shared, inputs, settings| {
+            let stage = ao::bilateral::Bilateral::new(resources, shared, inputs, settings)?;
+            let texture = stage.texture().clone();
+            Ok((Box::new(stage), texture))
+        }),
+        ("hsao/filter", |resources, shared, inputs, settings| {
+            let stage = hsao::filter::Filter::new(resources, shared, inputs, settings)?;
+            let texture = stage.texture().clone();
+            Ok((Box::new(stage), texture))
+        }),
+    ];
+    let case = |(stage, make): (&'static str, Make)| {
+        Case::new(stage, "noise guided by a scene's depth", move |rig| {
+            check(stage, rig, make)
+        })
+    };
+    stages.map(case).into()
+}
+
+fn check(stage: &'static str, rig: &Rig<'_>, make: Make) -> Result<Vec<Check>, VerifyError> {
+    let resources = rig.resources();
+    let scene = Scene::load(SCENE)?;
+    let view = rig::view(&scene, SIZE);
+    let shared = Shared::new(&resources, &view);
+    let geometry = Geometry::new(&resources, &scene);
+    let gbuffer = scene::gbuffer::Gbuffer::new(&resources, &shared, &geometry, SIZE)?;
+    rig.run(&[&gbuffer])?;
+    let depth = rig.channel(&gbuffer.depth, 0)?;
+    let twin = twin(&settings::Filter::default());
+    let blunt = Bilateral {
+        depth_sigma: twin.depth_sigma * 1.2,
+        ..twin.clone()
+    };
+
+    let mut checks = Vec::new();
+    for source in SOURCES {
+        let input = noise(source)?;
+        let run = |settings: &settings::Filter| {
+            filtered(
+                rig,
+                make,
+                &shared,
+                (&input, &gbuffer.depth),
+                &settings.uniforms(&view, source),
+            )
+        };
+        let result = run(&settings::Filter::default())?;
+        let against = |twin: &Bilateral| differences(&result, &input, &depth, &view.camera, twin);
+        let (mut measured, left_out) = against(&twin);
+        let (mut control, _) = against(&blunt);
+        let [w, h] = source;
+        checks.push(
+            Check::new(
+                (
+                    stage,
+                    format!("{w}×{h} to the viewport: 99.9th percentile of |GPU − f64 twin|"),
+                ),
+                (TOLERANCE, "1"),
+                quantile(&mut measured, 0.999),
+                ("depth_sigma 1.2 times", quantile(&mut control, 0.999)),
+            )
+            .with("largest", measured.last().copied().unwrap_or(f64::NAN))
+            .with("pixels_left_out_share", left_out),
+        );
+    }
+    checks.push(background(
+        stage,
+        rig,
+        make,
+        &shared,
+        (&view, &depth, &gbuffer.depth),
+    )?);
+    Ok(checks)
+}
+
+fn twin(settings: &settings::Filter) -> Bilateral {
+    Bilateral {
+        taps: settings.taps,
+        radius_px: settings.radius_px,
+        sigma_px: settings.sigma_px,
+        depth_sigma: settings.depth_sigma,
+    }
+}
+
+fn filtered(
+    rig: &Rig<'_>,
+    make: Make,
+    shared: &Shared,
+    (visibility, depth): (&Image, &wgpu::Texture),
+    settings: &BilateralUniforms,
+) -> Result<Image, VerifyError> {
+    let inputs = Inputs {
+        visibility: &rig.grey(visibility),
+        depth,
+    };
+    let (stage, texture) = make(&rig.resources(), shared, &inputs, settings)?;
+    rig.run(&[stage.as_ref()])?;
+    rig.channel(&texture, 0)
+}
+
+/// Black on the geometry, white beside it: nothing of either may come to the other.
+fn background(
+    stage: &'static str,
+    rig: &Rig<'_>,
+    make: Make,
+    shared: &Shared,
+    (view, depth, texture): (&View, &Image, &wgpu::Texture),
+) -> Result<Check, VerifyError> {
+    let open = |z: &f64| f64::from(u32::from(*z >= 1.0));
+    let mask: Vec<f64> = depth.data().iter().map(open).collect();
+    let input = Image::from_data(SIZE[0], SIZE[1], mask)?;
+    let settings = settings::Filter::default().uniforms(view, SIZE);
+    let largest = |shifted: i64| -> Result<f64, VerifyError> {
+        let result = filtered(rig, make, shared, (&input, texture), &settings)?;
+        let pixels =
+            (0..i64::from(SIZE[1])).flat_map(|y| (0..i64::from(SIZE[0])).map(move |x| (x, y)));
+        let off = pixels.map(|(x, y)| (result.clamped(x, y) - input.clamped(x + shifted, y)).abs());
+        Ok(off.fold(0.0, f64::max))
+    };
+    Ok(Check::new(
+        (stage, "largest leak between geometry and background"),
+        (0.0, "1"),
+        largest(0)?,
+        ("compared a pixel aside", largest(1)?),
+    )
+    .with("background_share", input.sum() / input.data().len() as f64))
+}
+
+fn noise([width, height]: [u32; 2]) -> Result<Image, VerifyError> {
+    let mut random = Random::new(11);
+    let data = (0..width * height).map(|_| f64::from(random.next() as f32));
+    Ok(Image::from_data(width, height, data.collect())?)
+}
+
+/// |GPU − twin| over the pixels without an ambiguous tap, and the share of the pixels left out.
+fn differences(
+    gpu: &Image,
+    input: &Image,
+    depth: &Image,
+    camera: &Camera,
+    twin: &Bilateral,
+) -> (Vec<f64>, f64) {
+    let guided = twin.over(input, depth, camera);
+    let pixels = (0..gpu.height()).flat_map(|y| (0..gpu.width()).map(move |x| (x, y)));
+    let off: Vec<f64> = pixels
+        .filter(|(x, y)| guided.edge_distance(*x, *y) >= AMBIGUOUS_PX)
+        .map(|(x, y)| (gpu.clamped(x.into(), y.into()) - guided.at(x, y)).abs())
+        .collect();
+    let left_out = 1.0 - off.len() as f64 / gpu.data().len() as f64;
+    (off, left_out)
+}

@@ -1,0 +1,121 @@
+//! `scene/deform` against f64, vertex by vertex.
+
+use glam::DVec3;
+
+use super::rig::Rig;
+use super::{Case, Check, VerifyError};
+use crate::gpu::read_buffer;
+use crate::reference::deform::{Moment, Motion};
+use crate::scene::{Object, Scene};
+use crate::stages::geometry::Geometry;
+use crate::stages::scene::deform;
+
+const STAGE: &str = "scene/deform";
+/// Curved, flat and upright objects.
+const SCENE: &str = "tank";
+const CYCLES: f64 = 3.4;
+const AMPLITUDE: f64 = 0.15;
+/// WGSL bounds the error of sine and cosine by 2⁻¹¹ within half a turn: at 5 m from the axis that is 2.4 mm. Drivers do far better.
+const POSITION_M: f64 = 2.5e-3;
+/// Radians: the same bound, and the lean of the normals that a twist multiplies it with.
+const NORMAL: f64 = 5e-3;
+
+pub fn cases() -> Vec<Case> {
+    let motions = [
+        (Motion::Spin, deform::Motion::Spin, "spin"),
+        (Motion::Twist, deform::Motion::Twist, "twist"),
+        (Motion::Wave, deform::Motion::Wave, "wave"),
+    ];
+    motions
+        .map(|(motion, stage, name)| {
+            Case::new(STAGE, name, move |rig| check(rig, motion, stage, name))
+        })
+        .into()
+}
+
+/// A vertex's position and normal.
+type Vertex = [DVec3; 2];
+
+fn check(
+    rig: &Rig<'_>,
+    motion: Motion,
+    of_stage: deform::Motion,
+    name: &str,
+) -> Result<Vec<Check>, VerifyError> {
+    let scene = Scene::load(SCENE)?;
+    let resources = rig.resources();
+    let geometry = Geometry::new(&resources, &scene);
+    let amount = (CYCLES, AMPLITUDE);
+    let stage = deform::Deform::new(&resources, &geometry, &scene, of_stage, amount)?;
+    rig.run(&[&stage])?;
+    let words: Vec<f32> = bytemuck::pod_collect_to_vec(&read_buffer(rig.gpu, &geometry.vertices)?);
+    let vector = |v: &[f32]| DVec3::new(v[0].into(), v[1].into(), v[2].into());
+    let found: Vec<Vertex> = words
+        .chunks_exact(7)
+        .map(|v| [vector(&v[..3]), vector(&v[3..6])])
+        .collect();
+
+    let twin = |cycles: f64| -> Vec<Vertex> {
+        scene
+            .objects
+            .iter()
+            .flat_map(|o| moved(o, motion, cycles))
+            .collect()
+    };
+    let (measured, control) = (
+        largest(&found, &twin(CYCLES)),
+        largest(&found, &twin(CYCLES + 0.02)),
+    );
+    let perturbed = "time moved by 0.02 cycles";
+    Ok(vec![
+        Check::new(
+            (STAGE, format!("{name}: largest distance from the f64 twin")),
+            (POSITION_M, "m"),
+            measured[0],
+            (perturbed, control[0]),
+        ),
+        Check::new(
+            (
+                STAGE,
+                format!("{name}: largest difference of the normal from the f64 twin"),
+            ),
+            (NORMAL, "1"),
+            measured[1],
+            (perturbed, control[1]),
+        ),
+    ])
+}
+
+fn moved(object: &Object, motion: Motion, cycles: f64) -> Vec<Vertex> {
+    let bounds = object.mesh.bounds();
+    let moment = Moment {
+        motion,
+        foot_m: bounds.center().with_y(bounds.min.y),
+        height_m: bounds.size().y,
+        cycles,
+        amplitude: AMPLITUDE,
+    };
+    let wide = |v: &[f32; 3]| glam::Vec3::from(*v).as_dvec3();
+    let mesh = &object.mesh;
+    let vertex = |(position, normal)| {
+        let (position, normal) = (wide(position), wide(normal).normalize());
+        [
+            moment.position(position, normal),
+            moment.normal(position, normal),
+        ]
+    };
+    mesh.positions
+        .iter()
+        .zip(&mesh.normals)
+        .map(vertex)
+        .collect()
+}
+
+/// Largest distance of positions, and of normals.
+fn largest(found: &[Vertex], twin: &[Vertex]) -> [f64; 2] {
+    let over = |k: usize| {
+        let distances = found.iter().zip(twin).map(|(a, b)| a[k].distance(b[k]));
+        distances.fold(0.0, f64::max)
+    };
+    [over(0), over(1)]
+}

@@ -1,0 +1,340 @@
+//! `hsao/march` against its f64 twin over the same depth buffer, against closed forms, and against ray casting where the
+//! camera sees a height field.
+
+use glam::{DVec3, Vec2};
+
+use super::rig::{self, Rig};
+use super::{Case, Check, VerifyError};
+use crate::reference::horizon::{HorizonSplit, Seen, beside_wall};
+use crate::reference::image::Image;
+use crate::reference::occlusion::{Attenuation, occlusion};
+use crate::reference::quantities::quantile;
+use crate::reference::rays::{Hit, PixelRays, Tracer};
+use crate::scene::{Camera, Material, Mesh, Object, Scene};
+use crate::stages::frame::Shared;
+use crate::stages::geometry::Geometry;
+use crate::stages::hsao::march::{Inputs, March, MarchUniforms};
+use crate::stages::scene;
+
+const STAGE: &str = "hsao/march";
+const SIZE: [u32; 2] = [96, 72];
+/// Columns, curved objects, walls at a slant and background.
+const SCENE: &str = "tank";
+/// A step of the 16-bit result below 1 is 4.9e-4, and drivers may cut off what they cannot store. Where f32 puts a sample on
+/// the other side of a border between texels, pixels change by more; that is one in hundreds.
+const TWIN_P95: f64 = 1e-3;
+const PLANE: f64 = 1e-3;
+/// 32 directions of 32 samples, over pixels of some 2 cm.
+const WALL_RMS: f64 = 0.015;
+const FIELD_RMS: f64 = 0.01;
+
+pub fn cases() -> Vec<Case> {
+    vec![
+        Case::new(STAGE, "a scene against the f64 twin", twin),
+        Case::new(
+            STAGE,
+            "a plane and a wall against closed forms",
+            closed_forms,
+        ),
+        Case::new(STAGE, "a height field against ray casting", height_field),
+    ]
+}
+
+/// What the stage saw and what it made of it.
+struct Shaded {
+    depth: Image,
+    normals: Vec<DVec3>,
+    occlusion: Image,
+}
+
+fn shade(
+    rig: &Rig<'_>,
+    scene: &Scene,
+    method: &HorizonSplit,
+    buffer_px: [u32; 2],
+) -> Result<Shaded, VerifyError> {
+    let resources = rig.resources();
+    let shared = Shared::new(&resources, &rig::view(scene, SIZE));
+    let geometry = Geometry::new(&resources, scene);
+    let gbuffer = scene::gbuffer::Gbuffer::new(&resources, &shared, &geometry, SIZE)?;
+    let settings = MarchUniforms {
+        size_px: Vec2::new(buffer_px[0] as f32, buffer_px[1] as f32),
+        r_max_m: method.r_max_m as f32,
+        layer_m: method.layer_m as f32,
+        directions: method.directions,
+        steps: method.steps,
+        rays: method.rays,
+        ray_steps: method.ray_steps,
+    };
+    let inputs = Inputs {
+        depth: gbuffer.depth.clone(),
+        normal: gbuffer.normal.clone(),
+    };
+    let hard = method.attenuation == Attenuation::Hard;
+    let stage = March::new(&resources, &shared, &inputs, &settings, hard)?;
+    rig.run(&[&gbuffer, &stage])?;
+    let visibility = rig.channel(stage.texture(), 0)?;
+    let occluded = visibility.data().iter().map(|v| 1.0 - v).collect();
+    Ok(Shaded {
+        depth: rig.channel(&gbuffer.depth, 0)?,
+        normals: rig.vectors(&gbuffer.normal)?,
+        occlusion: Image::from_data(buffer_px[0], buffer_px[1], occluded)?,
+    })
+}
+
+fn method(attenuation: Attenuation) -> HorizonSplit {
+    HorizonSplit {
+        directions: 16,
+        steps: 16,
+        rays: 18,
+        ray_steps: 8,
+        r_max_m: 1.0,
+        layer_m: 0.5,
+        attenuation,
+    }
+}
+
+fn twin(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
+    let scene = Scene::load(SCENE)?;
+    let mut checks = Vec::new();
+    for (name, attenuation, buffer_px) in [
+        ("linear", Attenuation::Linear, SIZE),
+        (
+            "hard, at half the size",
+            Attenuation::Hard,
+            SIZE.map(|side| side / 2),
+        ),
+    ] {
+        let method = method(attenuation);
+        let shaded = shade(rig, &scene, &method, buffer_px)?;
+        let seen = Seen::new(&scene.camera, &shaded.depth, &shaded.normals);
+        let differences = |twin: &HorizonSplit| -> Vec<f64> {
+            let pixels = (0..buffer_px[1]).flat_map(|y| (0..buffer_px[0]).map(move |x| (x, y)));
+            let off = pixels.step_by(3).filter_map(|(x, y)| {
+                let expected = twin.at(&seen, buffer_px, x, y)?;
+                Some((shaded.occlusion.clamped(x.into(), y.into()) - expected).abs())
+            });
+            off.collect()
+        };
+        let mut off = differences(&method);
+        let farther = HorizonSplit {
+            r_max_m: method.r_max_m * 1.02,
+            ..method
+        };
+        checks.push(
+            Check::new(
+                (
+                    STAGE,
+                    format!("{name}: 95th percentile of |GPU − f64 twin|"),
+                ),
+                (TWIN_P95, "1"),
+                quantile(&mut off, 0.95),
+                (
+                    "r_max 2 % greater",
+                    quantile(&mut differences(&farther), 0.95),
+                ),
+            )
+            .with("median", quantile(&mut off, 0.5))
+            .with("largest", quantile(&mut off, 1.0))
+            .with(
+                "mean_occlusion",
+                shaded.occlusion.sum() / shaded.occlusion.data().len() as f64,
+            ),
+        );
+    }
+    Ok(checks)
+}
+
+/// More directions and samples than anyone would take, so that the closed form is what is left.
+fn dense(attenuation: Attenuation) -> HorizonSplit {
+    HorizonSplit {
+        directions: 32,
+        steps: 32,
+        ..method(attenuation)
+    }
+}
+
+fn closed_forms(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
+    let camera = camera([3.0, 2.6, 0.0], [0.0, 0.4, 0.0]);
+    let floor = quad([0.0; 3], [30.0, 0.0, 0.0], [0.0, 0.0, -30.0]);
+    let wall = quad([0.0; 3], [0.0, 30.0, 0.0], [0.0, 0.0, 30.0]);
+    let plane = built(camera.clone(), vec![floor.clone()])?;
+    let corner = built(camera, vec![floor, wall])?;
+    let tracer = Tracer::new(&corner.objects)?;
+
+    let hard = dense(Attenuation::Hard);
+    let largest = |scene: &Scene| -> Result<f64, VerifyError> {
+        let shaded = shade(rig, scene, &hard, SIZE)?;
+        Ok(shaded
+            .occlusion
+            .data()
+            .iter()
+            .fold(0.0, |most, a| a.max(most)))
+    };
+    let mut checks = vec![Check::new(
+        (STAGE, "largest occlusion of a plane by itself"),
+        (PLANE, "1"),
+        largest(&plane)?,
+        ("a wall stands on it", largest(&corner)?),
+    )];
+    for (name, attenuation) in [("hard", Attenuation::Hard), ("linear", Attenuation::Linear)] {
+        let method = dense(attenuation);
+        let shaded = shade(rig, &corner, &method, SIZE)?;
+        let against = |r_max_m: f64| {
+            errors(&shaded, &tracer, &corner.camera, |hit| {
+                let on_floor = hit.normal.y > 0.5;
+                let from_edge = if on_floor {
+                    hit.position.x
+                } else {
+                    hit.position.y
+                };
+                // Pixels next to the edge hold it.
+                (from_edge > 0.06).then(|| beside_wall(from_edge / r_max_m, attenuation))
+            })
+        };
+        let (bias, rms) = against(method.r_max_m);
+        checks.push(
+            Check::new(
+                (STAGE, format!("beside a wall, {name}: RMS of the error")),
+                (WALL_RMS, "1"),
+                rms,
+                ("r_max 20 % greater", against(1.2 * method.r_max_m).1),
+            )
+            .with("bias", bias),
+        );
+    }
+    Ok(checks)
+}
+
+/// Hills that the camera sees without gaps.
+fn height_field(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
+    const HEIGHT_M: f64 = 0.25;
+    const WAVES_PER_M: [f64; 2] = [2.5, 2.0];
+    let camera = camera([0.0, 4.5, 2.2], [0.0; 3]);
+    let height =
+        |x: f64, z: f64| HEIGHT_M * (WAVES_PER_M[0] * x).sin() * (WAVES_PER_M[1] * z).cos();
+    let normal = |x: f64, z: f64| {
+        let [u, v] = [WAVES_PER_M[0] * x, WAVES_PER_M[1] * z];
+        let along_x = HEIGHT_M * WAVES_PER_M[0] * u.cos() * v.cos();
+        let along_z = -HEIGHT_M * WAVES_PER_M[1] * u.sin() * v.sin();
+        DVec3::new(-along_x, 1.0, -along_z).normalize()
+    };
+    let scene = built(camera, vec![hills(height, normal)])?;
+    let tracer = Tracer::new(&scene.objects)?;
+    let mut checks = Vec::new();
+    for (name, attenuation) in [("hard", Attenuation::Hard), ("linear", Attenuation::Linear)] {
+        let method = dense(attenuation);
+        let shaded = shade(rig, &scene, &method, SIZE)?;
+        let against = |r_max_m: f64| {
+            errors(&shaded, &tracer, &scene.camera, |hit| {
+                let inside = hit.position.abs().with_y(0.0).max_element() < 1.0;
+                let (p, n) = (hit.position, hit.shading_normal);
+                inside.then(|| occlusion(&tracer, p, n, r_max_m, attenuation, 256))
+            })
+        };
+        let (bias, rms) = against(method.r_max_m);
+        checks.push(
+            Check::new(
+                (
+                    STAGE,
+                    format!("hills, {name}: RMS of the error against ray casting"),
+                ),
+                (FIELD_RMS, "1"),
+                rms,
+                ("r_max half as great", against(0.5 * method.r_max_m).1),
+            )
+            .with("bias", bias),
+        );
+    }
+    Ok(checks)
+}
+
+/// Mean and root mean square of the difference from `expected`, over the pixels where it has an answer for the exact hit.
+fn errors(
+    shaded: &Shaded,
+    tracer: &Tracer,
+    camera: &Camera,
+    expected: impl Fn(&Hit) -> Option<f64>,
+) -> (f64, f64) {
+    let rays = PixelRays::new(camera, SIZE[0], SIZE[1]);
+    let pixels = (8..SIZE[1] - 8).flat_map(|y| (8..SIZE[0] - 8).map(move |x| (x, y)));
+    let off: Vec<f64> = pixels
+        .step_by(5)
+        .filter_map(|(x, y)| {
+            let (hit, _) = rays.cast(tracer, x, y)?;
+            Some(shaded.occlusion.clamped(x.into(), y.into()) - expected(&hit)?)
+        })
+        .collect();
+    let mean = |values: &mut dyn Iterator<Item = f64>| values.sum::<f64>() / off.len() as f64;
+    let square = mean(&mut off.iter().map(|e| e * e));
+    (mean(&mut off.iter().copied()), square.sqrt())
+}
+
+fn camera(position_m: [f64; 3], target_m: [f64; 3]) -> Camera {
+    Camera {
+        position_m,
+        target_m,
+        fov_y_deg: 50.0,
+        ..rig::level_camera()
+    }
+}
+
+/// Scene `plane` with other objects, seen by this camera.
+fn built(camera: Camera, objects: Vec<Object>) -> Result<Scene, VerifyError> {
+    Ok(Scene {
+        camera,
+        objects,
+        ..Scene::load("plane")?
+    })
+}
+
+fn object(mesh: Mesh) -> Object {
+    Object {
+        name: "verify".into(),
+        mesh,
+        material: Material::default(),
+    }
+}
+
+/// A parallelogram around `center`, with half its sides; its normal is that of `a` × `b`.
+fn quad(center: [f32; 3], a: [f32; 3], b: [f32; 3]) -> Object {
+    let corner = |s: f32, t: f32| std::array::from_fn(|i| center[i] + s * a[i] + t * b[i]);
+    let positions = [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)].map(|(s, t)| corner(s, t));
+    let normal = glam::Vec3::from(a).cross(b.into()).normalize().to_array();
+    object(Mesh {
+        positions: positions.to_vec(),
+        normals: vec![normal; 4],
+        indices: vec![0, 1, 2, 0, 2, 3],
+    })
+}
+
+/// A height field over 6 × 6 m.
+fn hills(height: impl Fn(f64, f64) -> f64, normal: impl Fn(f64, f64) -> DVec3) -> Object {
+    const CELLS: u32 = 96;
+    const HALF_M: f64 = 3.0;
+    let row = CELLS + 1;
+    let place = |i: u32| {
+        let along = |n: u32| (f64::from(n) / f64::from(CELLS) * 2.0 - 1.0) * HALF_M;
+        (along(i % row), along(i / row))
+    };
+    let corner = |i: u32| i / CELLS * row + i % CELLS;
+    let cell = |i: u32| {
+        let a = corner(i);
+        [a, a + row, a + 1, a + 1, a + row, a + row + 1]
+    };
+    object(Mesh {
+        positions: (0..row * row)
+            .map(|i| {
+                let (x, z) = place(i);
+                DVec3::new(x, height(x, z), z).as_vec3().to_array()
+            })
+            .collect(),
+        normals: (0..row * row)
+            .map(|i| {
+                let (x, z) = place(i);
+                normal(x, z).as_vec3().to_array()
+            })
+            .collect(),
+        indices: (0..CELLS * CELLS).flat_map(cell).collect(),
+    })
+}

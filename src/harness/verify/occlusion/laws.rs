@@ -1,0 +1,148 @@
+//! `ao/query` against closed forms: a plane, a corner, a ball overhead.
+
+use glam::DVec3;
+
+use super::{Case, Subject, VOXEL_M, largest, marching, query};
+use crate::harness::verify::rig::Rig;
+use crate::harness::verify::{Check, VerifyError};
+use crate::stages::ao::query::INFO;
+use crate::stages::marching::{Attenuation, Guard, Marching};
+
+/// Voxels a side: twice r_max and room around it.
+const SIDE: u32 = 96;
+const OPAQUE: u8 = 255;
+/// r_max of these cases in voxels.
+const R_MAX: f64 = 40.0;
+
+pub fn cases() -> Vec<Case> {
+    vec![
+        Case::new(INFO.name, "plane", plane),
+        Case::new(INFO.name, "corner", corner),
+        Case::new(INFO.name, "ball overhead", ball),
+    ]
+}
+
+/// Steps of half a voxel and hard attenuation: A is a solid angle.
+fn settings(m: &mut Marching) {
+    m.r_max_m = R_MAX * VOXEL_M;
+    m.rays = 256;
+    m.step_voxels = 0.5;
+    m.attenuation = Attenuation::Hard;
+}
+
+fn is_floor(p: DVec3) -> bool {
+    (p.y - 0.03 * VOXEL_M).abs() < 0.5 * VOXEL_M
+}
+
+/// Points of the floor at a distance from the plane x = 0, in voxels.
+fn floor_points(x_voxels: f64) -> Vec<(DVec3, DVec3)> {
+    (0..16)
+        .map(|i| {
+            let z = 0.37 * f64::from(i) - 3.0;
+            let p = DVec3::new(x_voxels, 0.03, z) * VOXEL_M;
+            (p, DVec3::Y)
+        })
+        .collect()
+}
+
+fn mean(values: &[f64]) -> f64 {
+    values.iter().sum::<f64>() / values.len() as f64
+}
+
+/// The largest A of a plane is 0 with the variable guard. VAO Fig. 3: with a constant one it is not.
+fn plane(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
+    let subject = Subject::new(rig, SIDE, OPAQUE, is_floor)?;
+    let run = |guard| {
+        let settings = marching(|m| {
+            settings(m);
+            m.guard = guard;
+        });
+        query(
+            rig,
+            std::slice::from_ref(&subject.voxels),
+            &floor_points(0.0),
+            &settings,
+        )
+    };
+    let of = |values: Vec<f64>| largest(values.into_iter());
+    let voxel = of(run(Guard::Voxel)?);
+    let check = Check::new(
+        (INFO.name, "largest A of a plane"),
+        (1e-6, "1"),
+        of(run(Guard::Variable)?),
+        ("constant guard of a voxel's diagonal", voxel),
+    );
+    let seven = mean(&run(Guard::SevenVoxels)?);
+    let none = mean(&run(Guard::None)?);
+    Ok(vec![
+        check
+            .with("mean_with_guard_of_seven_voxels", seven)
+            .with("mean_without_guard", none),
+    ])
+}
+
+/// A of a floor beside a wall that is far higher than r_max, at x = c r_max: the wall is met in directions with
+/// sin θ cos φ > c, so that A = (φ₀ − c² tan φ₀) / π with cos φ₀ = c. At c → 0 it is ½.
+fn beside_wall(c: f64) -> f64 {
+    let angle = c.acos();
+    (angle - c * c * angle.tan()) / std::f64::consts::PI
+}
+
+fn corner(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
+    let is_wall = |p: DVec3| (p.x - 0.03 * VOXEL_M).abs() < 0.5 * VOXEL_M;
+    let subject = Subject::new(rig, SIDE, OPAQUE, |p| is_floor(p) || is_wall(p))?;
+    let run = |x_voxels: f64| {
+        let points = floor_points(x_voxels);
+        query(
+            rig,
+            std::slice::from_ref(&subject.voxels),
+            &points,
+            &marching(settings),
+        )
+    };
+    let mut checks = Vec::new();
+    // Near the wall the guard passes it at grazing angles: the error shrinks with the distance. VAO §6.1.
+    for (x_voxels, tolerance) in [(1.0, 0.05), (2.0, 0.04), (4.0, 0.03)] {
+        let expected = beside_wall((x_voxels - 0.03) / R_MAX);
+        let other = beside_wall((x_voxels + 6.0) / R_MAX);
+        let measured = mean(&run(x_voxels)?);
+        checks.push(
+            Check::new(
+                (
+                    INFO.name,
+                    format!("A in a corner, {x_voxels} voxels from the wall"),
+                ),
+                (tolerance, "1"),
+                (measured - expected).abs(),
+                ("the wall six voxels away", (measured - other).abs()),
+            )
+            .with("expected", expected),
+        );
+    }
+    Ok(checks)
+}
+
+/// A ball over a floor, as seen from the point below it, fills a cone of half-angle α with sin α = R / h: A = sin² α.
+fn ball(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
+    let center = DVec3::new(0.0, 24.0, 0.0) * VOXEL_M;
+    let radius = 12.0 * VOXEL_M;
+    let is_ball = |p: DVec3| (p.distance(center) - radius).abs() < 0.5 * VOXEL_M;
+    let subject = Subject::new(rig, SIDE, OPAQUE, |p| is_floor(p) || is_ball(p))?;
+    let points = [(DVec3::new(0.0, 0.03 * VOXEL_M, 0.0), DVec3::Y)];
+    let a = query(
+        rig,
+        std::slice::from_ref(&subject.voxels),
+        &points,
+        &marching(settings),
+    )?;
+    let law = |radius: f64| (radius / center.y).powi(2);
+    // The shell's voxels have centres up to half a voxel outside the ball, and V falls to the threshold within another half.
+    let tolerance = law(radius + VOXEL_M) - law(radius);
+    let check = Check::new(
+        (INFO.name, "A below a ball"),
+        (tolerance, "1"),
+        (a[0] - law(radius)).abs(),
+        ("radius 1.3 times", (a[0] - law(1.3 * radius)).abs()),
+    );
+    Ok(vec![check.with("expected", law(radius))])
+}

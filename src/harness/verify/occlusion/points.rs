@@ -1,0 +1,218 @@
+//! `ao/query`: point by point against the f64 twin, and variants that must agree.
+
+use super::{Case, Marching, Subject, beyond, density_error, furnished, furnished_points, largest};
+use super::{marching, query, twin};
+use crate::harness::verify::rig::Rig;
+use crate::harness::verify::{Check, VerifyError};
+use crate::stages::ao::query::INFO;
+use crate::stages::marching::{
+    Attenuation, Estimator, Guard, Hit, Occluder, Sampling, Step, Storage,
+};
+use crate::stages::voxel::mips::Mips;
+
+/// Sums of 32 terms in f32, and directions by sine and cosine that WGSL bounds to 2⁻¹¹.
+const TOLERANCE: f64 = 5e-4;
+const SIDE: u32 = 32;
+const OPAQUE: u8 = 255;
+const GLASS: u8 = 90;
+
+type Change = fn(&mut Marching);
+
+/// What the shader's definitions choose between.
+const VARIANTS: [(&str, Change); 9] = [
+    ("defaults", |_| ()),
+    ("settings of VAO §5.1", paper),
+    ("guard none", |m| m.guard = Guard::None),
+    ("guard of a voxel", |m| m.guard = Guard::Voxel),
+    ("guard of seven voxels", |m| m.guard = Guard::SevenVoxels),
+    ("hard attenuation", |m| m.attenuation = Attenuation::Hard),
+    ("random directions", |m| m.sampling = Sampling::Random),
+    ("steps of half a voxel", |m| m.step_voxels = 0.5),
+    ("bits", |m| m.storage = Storage::Bits),
+];
+
+fn paper(m: &mut Marching) {
+    m.estimator = Estimator::Paper;
+    m.step = Step::Paper;
+    m.hit = Hit::Sample;
+    m.offset_voxels = 0.0;
+    m.sampling = Sampling::Random;
+}
+
+pub fn cases() -> Vec<Case> {
+    let twins = VARIANTS.map(|(name, change)| {
+        Case::new(
+            INFO.name,
+            format!("against the f64 twin, {name}"),
+            move |rig| against_twin(rig, name, change),
+        )
+    });
+    let mut cases: Vec<Case> = twins.into();
+    cases.push(Case::new(
+        INFO.name,
+        "opacities against the f64 twin",
+        opacities,
+    ));
+    cases.push(Case::new(INFO.name, "bits and texture", storages));
+    cases.push(Case::new(INFO.name, "skipping and not skipping", skipping));
+    cases
+}
+
+fn against_twin(rig: &Rig<'_>, name: &str, change: Change) -> Result<Vec<Check>, VerifyError> {
+    let subject = Subject::new(rig, SIDE, OPAQUE, furnished)?;
+    let points = furnished_points();
+    let settings = marching(change);
+    let occlusion = query(
+        rig,
+        std::slice::from_ref(&subject.voxels),
+        &points,
+        &settings,
+    )?;
+    let march = twin(&settings, &subject.host.grid);
+    let error = density_error(settings.storage);
+    let measure = |values: &[f64], nudge: f64| {
+        largest((0..).zip(&points).zip(values).map(|((i, (p, n)), value)| {
+            beyond(*value, &march, error, |march| {
+                march.from(&subject.host, *p + *n * nudge, *n, i).occlusion
+            })
+        }))
+    };
+    let mean = occlusion.iter().sum::<f64>() / occlusion.len() as f64;
+    let nudge = 0.3 * subject.host.grid.voxel_m;
+    let check = Check::new(
+        (INFO.name, format!("largest |GPU − f64 twin| of A, {name}")),
+        (TOLERANCE, "1"),
+        measure(&occlusion, 0.0),
+        (
+            "the twin's points 0.3 voxels higher",
+            measure(&occlusion, nudge),
+        ),
+    );
+    Ok(vec![check.with("mean", mean)])
+}
+
+fn opacities(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
+    let subject = Subject::new(rig, SIDE, GLASS, furnished)?;
+    let points = furnished_points();
+    let settings = marching(|m| {
+        m.occluder = Occluder::Opacity;
+        m.threshold = 1.0;
+    });
+    let occlusion = query(
+        rig,
+        std::slice::from_ref(&subject.voxels),
+        &points,
+        &settings,
+    )?;
+    let march = twin(&settings, &subject.host.grid);
+    let rms = |alpha_scale: f64| {
+        let mut host = super::HostVolume {
+            grid: subject.host.grid,
+            values: subject.host.values.clone(),
+        };
+        host.values.iter_mut().for_each(|v| *v *= alpha_scale);
+        let squares = (0..)
+            .zip(&points)
+            .zip(&occlusion)
+            .map(|((i, (p, n)), value)| (value - march.from(&host, *p, *n, i).occlusion).powi(2));
+        (squares.sum::<f64>() / points.len() as f64).sqrt()
+    };
+    // A sample of falling opacity that rounding makes a rising one changes a ray by up to its opacity, 0.35: the share of
+    // such samples is that of V's error, 1 / 64, of which 32 rays take the mean.
+    let check = Check::new(
+        (INFO.name, "RMS of GPU − f64 twin of A, opacities"),
+        (5e-3, "1"),
+        rms(1.0),
+        ("the twin's opacities 1.1 times", rms(1.1)),
+    );
+    Ok(vec![check])
+}
+
+/// The share of points whose values differ by more than rounding of V explains.
+fn storages(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
+    let subject = Subject::new(rig, SIDE, OPAQUE, furnished)?;
+    let volumes = [subject.voxels.clone()];
+    let points = furnished_points();
+    let run = |storage, threshold| {
+        query(
+            rig,
+            &volumes,
+            &points,
+            &marching(|m| {
+                m.storage = storage;
+                m.threshold = threshold;
+            }),
+        )
+    };
+    let texture = run(Storage::Texture, 0.6)?;
+    let error = density_error(Storage::Texture);
+    let [low, high] = [
+        run(Storage::Bits, 0.6 + error)?,
+        run(Storage::Bits, 0.6 - error)?,
+    ];
+    let outside = |values: &[f64]| {
+        let bounds = low.iter().zip(&high);
+        largest(
+            bounds
+                .zip(values)
+                .map(|((low, high), v)| (low - v).max(v - high)),
+        )
+    };
+    let bits = run(Storage::Bits, 0.6)?;
+    let equal = texture
+        .iter()
+        .zip(&bits)
+        .filter(|(a, b)| (*a - *b).abs() < 1e-3);
+    let equal_share = equal.count() as f64 / points.len() as f64;
+    let check = Check::new(
+        (
+            INFO.name,
+            "largest difference of A by texture and by bits beyond V's rounding",
+        ),
+        (TOLERANCE, "1"),
+        outside(&texture),
+        (
+            "threshold 0.7 for the texture",
+            outside(&run(Storage::Texture, 0.7)?),
+        ),
+    );
+    Ok(vec![check.with("share_equal_within_1e-3", equal_share)])
+}
+
+fn skipping(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
+    let subject = Subject::new(rig, SIDE, OPAQUE, furnished)?;
+    let volumes = [subject.voxels.clone()];
+    let points = furnished_points();
+    let run = |change: &dyn Fn(&mut Marching)| query(rig, &volumes, &points, &marching(change));
+    // The pyramid is not filled yet and says that all is empty.
+    let blind = run(&|m| m.skipping = true)?;
+    let mips = Mips::new(&rig.resources(), &volumes)?;
+    rig.run(&[&mips])?;
+    let variants: [(&str, Change); 3] = [
+        ("defaults", |_| ()),
+        ("bits", |m| m.storage = Storage::Bits),
+        ("opacities", |m| m.occluder = Occluder::Opacity),
+    ];
+    let mut checks = Vec::new();
+    for (name, change) in variants {
+        let plain = run(&change)?;
+        let skipping = run(&|m| {
+            change(m);
+            m.skipping = true;
+        })?;
+        let differ = |values: &[f64]| {
+            let pairs = plain.iter().zip(values);
+            pairs.filter(|(a, b)| a.to_bits() != b.to_bits()).count() as f64
+        };
+        checks.push(Check::new(
+            (
+                INFO.name,
+                format!("points whose A skipping changes, {name}"),
+            ),
+            (0.0, "1"),
+            differ(&skipping),
+            ("the pyramid empty", differ(&blind)),
+        ));
+    }
+    Ok(checks)
+}

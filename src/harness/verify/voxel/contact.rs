@@ -1,0 +1,139 @@
+//! `voxel/overlap` and `voxel/alpha` against separating axes in f64.
+
+use super::subjects::{Subject, voxels_of, words};
+use crate::harness::verify::rig::Rig;
+use crate::harness::verify::{Case, Check, VerifyError};
+use crate::reference::voxel::{BORDERLINE_VOXELS, Contact, Errors, errors, gaps, triangles};
+use crate::scene::{Grid, Object, Scene};
+use crate::stages::voxel::alpha::Alpha;
+use crate::stages::voxel::overlap::Overlap;
+
+const OVERLAP: &str = "voxel/overlap";
+const ALPHA: &str = "voxel/alpha";
+/// Of the objects of the case of `voxel/alpha`. The first is not seen at all.
+const ALPHAS: [f32; 3] = [0.0, 0.8, 0.3];
+
+pub fn cases() -> Vec<Case> {
+    vec![
+        Case::new(OVERLAP, "conservative", |rig| overlap(rig, false)),
+        Case::new(OVERLAP, "thin", |rig| overlap(rig, true)),
+        Case::new(ALPHA, "largest alpha of three objects", alpha),
+    ]
+}
+
+fn overlap(rig: &Rig<'_>, thin: bool) -> Result<Vec<Check>, VerifyError> {
+    let (contact, variant) = if thin {
+        (Contact::Lines, "thin")
+    } else {
+        (Contact::Cube, "conservative")
+    };
+    let mut checks = Vec::new();
+    for subject in [Subject::soup()?, Subject::bunny(32)?, Subject::bunny(64)?] {
+        let resources = rig.resources();
+        let (geometry, part) = subject.upload(&resources);
+        let bits = part.voxels.bits.clone();
+        let stage = Overlap::new(&resources, &geometry, &[part], thin)?;
+        rig.run(&[&stage])?;
+        let found = voxels_of(&words(rig, &bits)?, &subject.grid);
+        let triangles = subject.triangles();
+        let against = |grid: &Grid| errors(&found, &gaps(&triangles, grid, contact));
+        checks.extend(no_errors(&subject, variant, against));
+    }
+    Ok(checks)
+}
+
+/// No false negatives and no false positives outside the borderline band.
+fn no_errors(subject: &Subject, variant: &str, against: impl Fn(&Grid) -> Errors) -> Vec<Check> {
+    let resolution = subject.grid.cells.into_iter().max().unwrap_or(0);
+    let name = format!("{variant}, {} {resolution}", subject.name);
+    let [exact, perturbed] = [against(&subject.grid), against(&subject.moved(0.02))];
+    let control = "grid moved by 0.02 voxels";
+    vec![
+        Check::new(
+            (OVERLAP, format!("{name}: voxels missed")),
+            (0.0, "1"),
+            exact.false_negatives as f64,
+            (control, perturbed.false_negatives as f64),
+        )
+        .with("occupied_voxels", exact.occupied as f64)
+        .with("borderline_voxels", exact.borderline as f64),
+        Check::new(
+            (OVERLAP, format!("{name}: voxels too many")),
+            (0.0, "1"),
+            exact.false_positives as f64,
+            (control, perturbed.false_positives as f64),
+        ),
+    ]
+}
+
+fn alpha(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
+    let mut subject = Subject::soup()?;
+    split(&mut subject.scene);
+    let resources = rig.resources();
+    let (geometry, part) = subject.upload(&resources);
+    let bits = part.voxels.bits.clone();
+    let stage = Alpha::new(&resources, &geometry, &[part])?;
+    rig.run(&[&stage])?;
+    let Some(alphas) = stage.alphas().next() else {
+        return Err(VerifyError::Empty {
+            stage: ALPHA,
+            what: "volumes".into(),
+        });
+    };
+    let (alphas, bits) = (
+        words(rig, alphas)?,
+        voxels_of(&words(rig, &bits)?, &subject.grid),
+    );
+    let [exact, perturbed] = [ALPHAS, [0.0, 0.3, 0.8]].map(|of| largest_alphas(&subject, of));
+    let wrong = |twin: &[Option<u32>]| {
+        let known = twin
+            .iter()
+            .enumerate()
+            .filter_map(|(i, alpha)| Some((i, (*alpha)?)));
+        let differs = |(i, alpha): &(usize, u32)| alphas[*i] != *alpha || bits[*i] != (*alpha > 0);
+        known.filter(differs).count() as f64
+    };
+    let borderline = exact.iter().filter(|alpha| alpha.is_none()).count();
+    Ok(vec![
+        Check::new(
+            (ALPHA, "voxels with another alpha or bit"),
+            (0.0, "1"),
+            wrong(&exact),
+            ("alphas of two objects exchanged", wrong(&perturbed)),
+        )
+        .with("borderline_voxels", borderline as f64),
+    ])
+}
+
+/// Deals the triangles of the one object to three with the alphas of [`ALPHAS`].
+fn split(scene: &mut Scene) {
+    let whole = scene.objects.remove(0);
+    for (number, alpha) in ALPHAS.into_iter().enumerate() {
+        let mut object = whole.clone();
+        let triangles = whole.mesh.indices.chunks_exact(3).skip(number).step_by(3);
+        object.mesh.indices = triangles.flatten().copied().collect();
+        object.material.alpha = alpha;
+        scene.objects.push(object);
+    }
+}
+
+/// The largest alpha of the objects that touch each voxel, 0 … 255; none where one of them is borderline.
+fn largest_alphas(subject: &Subject, alphas: [f32; 3]) -> Vec<Option<u32>> {
+    let of_object = |object: &Object| {
+        gaps(
+            &triangles(std::slice::from_ref(object)),
+            &subject.grid,
+            Contact::Cube,
+        )
+    };
+    let gaps: Vec<Vec<f64>> = subject.scene.objects.iter().map(of_object).collect();
+    let voxel = |index: usize| {
+        let mut near = gaps.iter().map(|gaps| gaps[index]).zip(alphas);
+        near.try_fold(0, |largest: u32, (gap, alpha)| match gap {
+            gap if gap.abs() <= BORDERLINE_VOXELS => None,
+            gap if gap < 0.0 => Some(largest.max((255.0 * alpha).round() as u32)),
+            _ => Some(largest),
+        })
+    };
+    (0..subject.grid.count() as usize).map(voxel).collect()
+}

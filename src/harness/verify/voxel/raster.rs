@@ -1,0 +1,166 @@
+//! `voxel/slicemap-x`, `-y`, `-z`, what they make together, and `voxel/slice`, against samples in f64; and the law that a fragment's voxel is one
+//! that the surface touches.
+
+use super::subjects::{Subject, voxels_of, words};
+use crate::gpu::GpuError;
+use crate::harness::verify::rig::Rig;
+use crate::harness::verify::{Case, Check, VerifyError};
+use crate::reference::voxel::{Contact, FEWEST_SUBPIXELS, disagreements, errors, gaps, sampled};
+use crate::scene::Grid;
+use crate::stages::voxel::combine::Combine;
+use crate::stages::voxel::slice::Slice;
+use crate::stages::voxel::slicemap::{Axis, Slicemap};
+
+const COMBINE: &str = "voxel/combine";
+const SLICE: &str = "voxel/slice";
+
+pub fn cases() -> Vec<Case> {
+    let one_axis = Axis::ALL.map(|axis| {
+        Case::new(axis.name(), "bits along one axis", move |rig| {
+            slicemap_against_samples(rig, axis)
+        })
+    });
+    let together = Case::new(COMBINE, "the slicemaps' voxels", |rig| {
+        let mut checks = Vec::new();
+        for subject in [Subject::soup()?, Subject::bunny(32)?, Subject::bunny(64)?] {
+            checks.extend(against_surface(
+                "voxel/combine",
+                &subject,
+                &three_way(rig, &subject)?,
+            ));
+        }
+        Ok(checks)
+    });
+    let slices = Case::new(SLICE, "the slices' voxels", |rig| {
+        let mut checks = Vec::new();
+        for subject in [Subject::soup()?, Subject::bunny(32)?] {
+            let found = sliced(rig, &subject)?;
+            checks.extend(against_surface(SLICE, &subject, &found));
+        }
+        Ok(checks)
+    });
+    one_axis.into_iter().chain([together, slices]).collect()
+}
+
+/// A slicemap's voxels in the order of [`Grid::index`].
+fn slices_of(words: &[u32], grid: &Grid, axis: Axis) -> Vec<bool> {
+    let [columns, rows, _] = axis.turned(grid);
+    let bit = |cell: [u32; 3]| {
+        let [column, row, slice] = axis.turn(cell);
+        let word = column + columns * (row + rows * (slice / 32));
+        words[word as usize] >> (slice % 32) & 1 == 1
+    };
+    super::subjects::cells(grid).map(bit).collect()
+}
+
+fn slicemap_against_samples(rig: &Rig<'_>, axis: Axis) -> Result<Vec<Check>, VerifyError> {
+    let mut checks = Vec::new();
+    for subject in [Subject::soup()?, Subject::bunny(32)?] {
+        let resources = rig.resources();
+        let (geometry, part) = subject.upload(&resources);
+        let stage = Slicemap::new(&resources, &geometry, &[part], axis)?;
+        rig.run(&[&stage])?;
+        let Some(slices) = stage.slicemaps().next() else {
+            return Err(empty(axis.name()));
+        };
+        let found = slices_of(&words(rig, slices)?, &subject.grid, axis);
+        let against = |grid: &Grid| differing(&found, &subject, grid, &[axis as usize]);
+        checks.push(Check::new(
+            (
+                axis.name(),
+                format!(
+                    "{}: voxels that differ from samples at pixel centres",
+                    subject.name
+                ),
+            ),
+            (0.0, "1"),
+            against(&subject.grid),
+            (
+                "grid moved by a third of a voxel",
+                against(&subject.moved(1.0 / 3.0)),
+            ),
+        ));
+    }
+    Ok(checks)
+}
+
+/// Voxels on which a rasterization along some axes and its samples on a grid disagree, whatever steps the rasterizer rounds to.
+fn differing(found: &[bool], subject: &Subject, grid: &Grid, axes: &[usize]) -> f64 {
+    let twin = sampled(&subject.triangles(), grid, axes, FEWEST_SUBPIXELS);
+    disagreements(found, &twin) as f64
+}
+
+fn empty(stage: &'static str) -> VerifyError {
+    VerifyError::Empty {
+        stage,
+        what: "volumes".into(),
+    }
+}
+
+/// The voxels of three slicemaps and their OR.
+fn three_way(rig: &Rig<'_>, subject: &Subject) -> Result<Vec<bool>, GpuError> {
+    let resources = rig.resources();
+    let (geometry, part) = subject.upload(&resources);
+    let parts = [part];
+    let passes = Axis::ALL.map(|axis| Slicemap::new(&resources, &geometry, &parts, axis));
+    let [x, y, z] = passes;
+    let (x, y, z) = (x?, y?, z?);
+    let maps = [&x, &y, &z].map(|pass| pass.slicemaps().next().cloned());
+    let [Some(a), Some(b), Some(c)] = maps else {
+        return Ok(Vec::new());
+    };
+    let voxels = parts[0].voxels.clone();
+    let bits = voxels.bits.clone();
+    let combine = Combine::new(&resources, &[(voxels, [a, b, c])])?;
+    rig.run(&[&x, &y, &z, &combine])?;
+    Ok(voxels_of(&words(rig, &bits)?, &subject.grid))
+}
+
+/// The voxels of passes of a slice each.
+fn sliced(rig: &Rig<'_>, subject: &Subject) -> Result<Vec<bool>, GpuError> {
+    let resources = rig.resources();
+    let (geometry, part) = subject.upload(&resources);
+    let bits = part.voxels.bits.clone();
+    rig.run(&[&Slice::new(&resources, &geometry, &[part])?])?;
+    Ok(voxels_of(&words(rig, &bits)?, &subject.grid))
+}
+
+/// A three-way rasterization against samples, against the cubes that the surface touches, and, as figures alone, the voxels it
+/// misses.
+///
+/// A fragment lies on the triangle, at the middle of its pixel and at its depth: a voxel that holds it touches the triangle.
+/// Sub-pixel rounding moves the triangle by far less than the half voxel between that middle and the voxel's sides.
+fn against_surface(stage: &'static str, subject: &Subject, found: &[bool]) -> Vec<Check> {
+    let triangles = subject.triangles();
+    let resolution = subject.grid.cells.into_iter().max().unwrap_or(0);
+    let name = format!("{} {resolution}", subject.name);
+    let moved = subject.moved(1.0 / 3.0);
+    let against = |grid: &Grid| differing(found, subject, grid, &[0, 1, 2]);
+    let touched = |grid: &Grid| errors(found, &gaps(&triangles, grid, Contact::Cube));
+    let [exact, perturbed] = [touched(&subject.grid), touched(&moved)];
+    let thin = errors(found, &gaps(&triangles, &subject.grid, Contact::Lines));
+    vec![
+        Check::new(
+            (
+                stage,
+                format!("{name}: voxels that differ from samples on three axes"),
+            ),
+            (0.0, "1"),
+            against(&subject.grid),
+            ("grid moved by a third of a voxel", against(&moved)),
+        ),
+        Check::new(
+            (stage, format!("{name}: voxels that no triangle touches")),
+            (0.0, "1"),
+            exact.false_positives as f64,
+            (
+                "grid moved by a third of a voxel",
+                perturbed.false_positives as f64,
+            ),
+        )
+        .with("touched_voxels", exact.occupied as f64)
+        .with("borderline_voxels", exact.borderline as f64)
+        .with("missed_share_of_touched", exact.false_negative_rate())
+        .with("missed_share_of_thin", thin.false_negative_rate()),
+    ]
+}

@@ -1,0 +1,146 @@
+//! What the voxel cases voxelize, and volumes as lists of voxels.
+
+use glam::DVec3;
+
+use crate::gpu::{GpuError, read_buffer};
+use crate::harness::verify::VerifyError;
+use crate::harness::verify::rig::{Random, Rig};
+use crate::reference::voxel::{Corners, triangles};
+use crate::scene::{Grid, Mesh, Object, Scene};
+use crate::stages::geometry::Geometry;
+use crate::stages::kit::Resources;
+use crate::stages::voxel::Part;
+use crate::stages::voxels::Voxels;
+
+/// Triangles and a grid whose numbers f32 holds exactly, so that GPU and reference start from the same.
+pub struct Subject {
+    pub name: &'static str,
+    pub scene: Scene,
+    pub grid: Grid,
+}
+
+impl Subject {
+    /// Random triangles of all sizes, some without area and some outside a grid that is no cube.
+    pub fn soup() -> Result<Self, VerifyError> {
+        let grid = Grid {
+            cells: [37, 24, 32],
+            origin_m: DVec3::new(-1.5, -2.25, 0.5),
+            voxel_m: 0.125,
+        };
+        let mut random = Random::new(3);
+        let mut mesh = Mesh::default();
+        for number in 0..300u32 {
+            // From a tenth of a voxel to more than the grid.
+            let size = grid.voxel_m * 10f64.powf(random.within(-1.0, 1.7));
+            let middle = grid.bounds().min + grid.size_m() * corner(&mut random, -0.2, 1.2);
+            let [a, b, c] = [0, 1, 2].map(|_| middle + size * corner(&mut random, -0.5, 0.5));
+            // Every twentieth is a line.
+            let c = if number % 20 == 0 { (a + b) / 2.0 } else { c };
+            let first = mesh.positions.len() as u32;
+            mesh.positions
+                .extend([a, b, c].map(|p| p.as_vec3().to_array()));
+            mesh.indices.extend([first, first + 1, first + 2]);
+        }
+        mesh.recompute_normals();
+        let mut scene = Scene::load("plane")?;
+        scene.objects = vec![object(&scene, "soup", mesh)];
+        Ok(Self {
+            name: "soup",
+            scene,
+            grid,
+        })
+    }
+
+    /// A scanned surface of small triangles, or its stand-in, fitted with `resolution` voxels.
+    pub fn bunny(resolution: u32) -> Result<Self, VerifyError> {
+        let mut scene = Scene::load("bunny")?;
+        scene.objects.retain(|object| object.name == "bunny");
+        let grid = Grid::fit(&scene.solid_bounds(), resolution).map_err(GpuError::Limit)?;
+        Ok(Self {
+            name: "bunny",
+            grid: rounded(&grid),
+            scene,
+        })
+    }
+
+    pub fn triangles(&self) -> Vec<Corners> {
+        triangles(&self.scene.objects)
+    }
+
+    /// The geometry, and an empty volume that takes all of it.
+    pub fn upload(&self, resources: &Resources<'_>) -> (Geometry, Part) {
+        let geometry = Geometry::new(resources, &self.scene);
+        let part = Part {
+            voxels: Voxels::new(resources, "verify voxels", &self.grid, false),
+            indices: 0..3 * geometry.triangles() as u32,
+        };
+        (geometry, part)
+    }
+
+    /// The grid moved by a share of a voxel: what controls are perturbed by.
+    pub fn moved(&self, voxels: f64) -> Grid {
+        Grid {
+            origin_m: self.grid.origin_m + voxels * self.grid.voxel_m * DVec3::new(1.0, 0.7, 0.4),
+            ..self.grid
+        }
+    }
+}
+
+/// The scene's first object with another mesh.
+pub fn object(scene: &Scene, name: &str, mesh: Mesh) -> Object {
+    Object {
+        name: name.into(),
+        mesh,
+        material: scene.objects[0].material.clone(),
+    }
+}
+
+fn corner(random: &mut Random, low: f64, high: f64) -> DVec3 {
+    DVec3::from([0, 1, 2].map(|_| random.within(low, high)))
+}
+
+/// The grid as the GPU has it.
+fn rounded(grid: &Grid) -> Grid {
+    Grid {
+        cells: grid.cells,
+        origin_m: grid.origin_m.as_vec3().as_dvec3(),
+        voxel_m: f64::from(grid.voxel_m as f32),
+    }
+}
+
+/// The words of a buffer.
+pub fn words(rig: &Rig<'_>, buffer: &wgpu::Buffer) -> Result<Vec<u32>, GpuError> {
+    Ok(bytemuck::pod_collect_to_vec(&read_buffer(rig.gpu, buffer)?))
+}
+
+/// A bit volume's voxels, in the order of [`Grid::index`].
+pub fn voxels_of(words: &[u32], grid: &Grid) -> Vec<bool> {
+    let bit = |index: usize| words[index / 32] >> (index % 32) & 1 == 1;
+    (0..grid.count() as usize).map(bit).collect()
+}
+
+/// All voxels of a grid in the order of [`Grid::index`].
+pub fn cells(grid: &Grid) -> impl Iterator<Item = [u32; 3]> + use<> {
+    let [nx, ny, nz] = grid.cells;
+    (0..nz).flat_map(move |z| (0..ny).flat_map(move |y| (0..nx).map(move |x| [x, y, z])))
+}
+
+/// Random voxels, a `share` of them full.
+pub fn random_voxels(random: &mut Random, grid: &Grid, share: f64) -> Vec<bool> {
+    (0..grid.count()).map(|_| random.next() < share).collect()
+}
+
+/// A unit grid of so many cells.
+pub fn plain(cells: [u32; 3]) -> Grid {
+    Grid {
+        cells,
+        origin_m: DVec3::ZERO,
+        voxel_m: 1.0,
+    }
+}
+
+/// How many of two lists' entries differ.
+pub fn differing<T: PartialEq>(a: &[T], b: &[T]) -> f64 {
+    let pairs = a.iter().zip(b).filter(|(a, b)| a != b).count();
+    (pairs + a.len().abs_diff(b.len())) as f64
+}

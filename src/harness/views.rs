@@ -1,0 +1,293 @@
+//! How much ambient occlusion at one surface point changes with the viewer. VAO §6.1, Fig. 9.
+
+use glam::{DQuat, DVec3};
+use serde_json::{Value, json};
+use thiserror::Error;
+
+use super::executor::encodable;
+use super::occlusion::{FILTERED, RAW};
+use super::readout::{self, ReadoutError};
+use super::subject::Subject;
+use crate::gpu::{FrameTimer, Gpu, GpuError, Pixels};
+use crate::pipelines::Pipeline;
+use crate::reference::rays::PixelRays;
+use crate::scene::Camera;
+
+/// Points of the cell's own view that are looked up in the others at most.
+const MOST_POINTS: usize = 4_000;
+/// A pixel of another view shows the point's surroundings when what it shows lies this near, in footprints of a pixel there:
+/// a pixel's diagonal on a surface seen at up to 75 degrees.
+const NEAR_FOOTPRINTS: f64 = 5.4;
+/// Least sum of the bilinear weights of such pixels: a quarter, what is left beside a corner of something nearer.
+const LEAST_WEIGHT: f64 = 0.25;
+/// Cosine between the normals of a point and of what is taken for it in another view: a point beside an edge is not taken for
+/// one around it.
+const SAME_NORMAL: f64 = 0.9;
+
+#[derive(Debug, Error)]
+pub enum ViewsError {
+    #[error(transparent)]
+    Gpu(#[from] GpuError),
+    #[error(transparent)]
+    Readout(#[from] ReadoutError),
+    #[error("no camera among the parameters")]
+    Camera,
+    #[error("no point is seen in two views")]
+    Nothing,
+}
+
+/// The subject with its camera turned about the vertical through its target; unchanged where it has no camera. The geometry
+/// is shared: pipelines take the camera from the parameters.
+pub fn turned(subject: &Subject, turn_deg: f64) -> Subject {
+    let mut turned = subject.clone();
+    let Some(camera) = camera(&subject.params) else {
+        return turned;
+    };
+    let target = DVec3::from(camera.target_m);
+    let turn = DQuat::from_axis_angle(DVec3::from(camera.up).normalize(), turn_deg.to_radians());
+    let position = target + turn * (camera.position() - target);
+    turned.params["camera"]["position_m"] = json!(position.to_array());
+    turned
+}
+
+fn camera(params: &Value) -> Option<Camera> {
+    serde_json::from_value(params.get("camera")?.clone()).ok()
+}
+
+/// What a view sees.
+struct Shot {
+    rays: PixelRays,
+    /// Size of a pixel at a distance of 1 m.
+    footprint: f64,
+    depth: Pixels,
+    normal: Pixels,
+    /// Visibility 1 − A.
+    visibility: Pixels,
+}
+
+/// How values at the same points differ between views.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Spread {
+    /// RMS over the points of the standard deviation over the views.
+    pub std: f64,
+    /// Points that at least two views see.
+    pub points: usize,
+}
+
+/// Spread of the last frame's occlusion, as the image is composed with it, over the cell's own view and the `others`.
+pub fn spread(
+    gpu: &Gpu,
+    timer: &mut FrameTimer,
+    (subject, cell): (&Subject, &dyn Pipeline),
+    others: &[Subject],
+) -> Result<Spread, ViewsError> {
+    let own = Shot::new(gpu, subject, cell)?;
+    let mut shots = Vec::new();
+    for other in others {
+        let pipeline = other.build(gpu)?;
+        timer.untimed(gpu, &encodable(pipeline.as_ref()))?;
+        shots.push(Shot::new(gpu, other, pipeline.as_ref())?);
+    }
+    joined(&own, &shots)
+}
+
+fn joined(own: &Shot, others: &[Shot]) -> Result<Spread, ViewsError> {
+    let variances: Vec<f64> = own
+        .points()
+        .iter()
+        .filter_map(|point| {
+            let found = others.iter().filter_map(|shot| shot.find(point));
+            variance(&found.chain([point.occlusion]).collect::<Vec<f64>>())
+        })
+        .collect();
+    match variances.len() {
+        0 => Err(ViewsError::Nothing),
+        points => Ok(Spread {
+            std: (variances.iter().sum::<f64>() / points as f64).sqrt(),
+            points,
+        }),
+    }
+}
+
+/// Unbiased; none for less than two values.
+fn variance(values: &[f64]) -> Option<f64> {
+    let count = values.len() as f64;
+    let mean = values.iter().sum::<f64>() / count;
+    let square: f64 = values.iter().map(|value| (value - mean).powi(2)).sum();
+    (values.len() > 1).then(|| square / (count - 1.0))
+}
+
+struct Point {
+    position: DVec3,
+    normal: DVec3,
+    occlusion: f64,
+}
+
+impl Shot {
+    fn new(gpu: &Gpu, subject: &Subject, pipeline: &dyn Pipeline) -> Result<Shot, ViewsError> {
+        let gbuffer = |name| readout::image(gpu, pipeline, &["scene/gbuffer"], Some(name));
+        let camera = camera(&subject.params).ok_or(ViewsError::Camera)?;
+        let depth = gbuffer("depth")?;
+        let opening = 2.0 * (camera.fov_y_deg.to_radians() / 2.0).tan();
+        Ok(Shot {
+            rays: PixelRays::new(&camera, depth.width, depth.height),
+            footprint: opening / f64::from(depth.height),
+            normal: gbuffer("normal")?,
+            visibility: readout::image(gpu, pipeline, &[FILTERED, RAW].concat(), None)?,
+            depth,
+        })
+    }
+
+    /// A lattice of what it sees.
+    fn points(&self) -> Vec<Point> {
+        let (width, height) = (self.depth.width, self.depth.height);
+        let pixels = f64::from(width) * f64::from(height);
+        let step = (pixels / MOST_POINTS as f64).sqrt().ceil().max(1.0) as usize;
+        let along = |side: u32| (0..side).skip(step / 2).step_by(step);
+        let lattice = along(height).flat_map(|y| along(width).map(move |x| (x, y)));
+        lattice.filter_map(|(x, y)| self.at(x, y)).collect()
+    }
+
+    /// What a pixel shows.
+    fn at(&self, x: u32, y: u32) -> Option<Point> {
+        let depth = f64::from(self.depth.texel(x, y)[0]);
+        let normal = self.normal.texel(x, y);
+        let normal = DVec3::new(normal[0].into(), normal[1].into(), normal[2].into());
+        let (u, v) = (f64::from(x) + 0.5, f64::from(y) + 0.5);
+        let scaled = |at: u32, from: u32, to: u32| u64::from(at) * u64::from(to) / u64::from(from);
+        let (width, height) = (self.visibility.width, self.visibility.height);
+        let texel = (
+            scaled(x, self.depth.width, width) as u32,
+            scaled(y, self.depth.height, height) as u32,
+        );
+        (depth < 1.0).then(|| Point {
+            position: self.rays.unproject(u, v, depth),
+            normal: normal.normalize_or_zero(),
+            occlusion: 1.0 - f64::from(self.visibility.texel(texel.0, texel.1)[0]),
+        })
+    }
+
+    /// The occlusion at a point of another view, interpolated between the pixels here that see the same surface; none where
+    /// none does.
+    fn find(&self, point: &Point) -> Option<f64> {
+        let at = self.rays.project(point.position)?;
+        let near = NEAR_FOOTPRINTS * self.footprint * at.w;
+        let (left, top) = ((at.x_px - 0.5).floor(), (at.y_px - 0.5).floor());
+        let (mut sum, mut weights) = (0.0, 0.0);
+        for (x, y) in [
+            (left, top),
+            (left + 1.0, top),
+            (left, top + 1.0),
+            (left + 1.0, top + 1.0),
+        ] {
+            let inside = |place: f64, side: u32| (0.0..f64::from(side)).contains(&place);
+            if !inside(x, self.depth.width) || !inside(y, self.depth.height) {
+                continue;
+            }
+            let Some(shown) = self.at(x as u32, y as u32) else {
+                continue;
+            };
+            let same = shown.position.distance(point.position) <= near
+                && shown.normal.dot(point.normal) >= SAME_NORMAL;
+            if same {
+                let weight = (1.0 - (at.x_px - 0.5 - x).abs()) * (1.0 - (at.y_px - 0.5 - y).abs());
+                sum += weight * shown.occlusion;
+                weights += weight;
+            }
+        }
+        (weights > LEAST_WEIGHT).then(|| sum / weights)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::occlusion::tests::{camera, corner, gbuffer};
+    use super::*;
+    use crate::reference::rays::Tracer;
+
+    /// A view of a corner whose occlusion is a function of the place and of the view.
+    fn shot(tracer: &Tracer, position_m: [f64; 3], occlusion: impl Fn(DVec3) -> f64) -> Shot {
+        let camera = camera(position_m);
+        let size = [96, 80];
+        let [depth, normal] = gbuffer(tracer, &camera, size);
+        let rays = PixelRays::new(&camera, size[0], size[1]);
+        let pixels = (0..size[1]).flat_map(|y| (0..size[0]).map(move |x| (x, y)));
+        let visibility = pixels.map(|(x, y)| {
+            let depth = f64::from(depth.texel(x, y)[0]);
+            let at = rays.unproject(f64::from(x) + 0.5, f64::from(y) + 0.5, depth);
+            (1.0 - occlusion(at)) as f32
+        });
+        Shot {
+            footprint: 2.0 * (camera.fov_y_deg.to_radians() / 2.0).tan() / f64::from(size[1]),
+            visibility: Pixels {
+                width: size[0],
+                height: size[1],
+                channels: 1,
+                data: visibility.collect(),
+            },
+            rays,
+            depth,
+            normal,
+        }
+    }
+
+    /// RMS standard deviation over two views whose occlusion differs by `offset`.
+    fn spread_of(offset: f64) -> Spread {
+        let tracer = Tracer::new(&corner()).unwrap();
+        let of_place = |at: DVec3| 0.5 + 0.1 * (at.x + at.z).sin();
+        let own = shot(&tracer, [4.0, 3.0, 2.0], of_place);
+        let other = shot(&tracer, [4.5, 3.0, 0.5], |at| of_place(at) + offset);
+        joined(&own, &[other]).unwrap()
+    }
+
+    #[test]
+    fn what_depends_on_the_place_alone_hardly_spreads() {
+        let spread = spread_of(0.0);
+        assert!(spread.points > 1_000, "{spread:?}");
+        // What is left is interpolation over the pixels of a slanted surface.
+        assert!(spread.std < 0.003, "{spread:?}");
+    }
+
+    #[test]
+    fn what_depends_on_the_view_spreads_by_as_much() {
+        let spread = spread_of(0.2);
+        // Two values 0.2 apart deviate by 0.2 / √2.
+        assert!((spread.std - 0.2 / 2f64.sqrt()).abs() < 0.005, "{spread:?}");
+    }
+
+    #[test]
+    fn turning_keeps_height_and_distance() {
+        let mut subjects = super::super::subject::Subjects::default();
+        let subject = subjects.subject("underwater", "tank", &[]).unwrap();
+        let place = |subject: &Subject| camera_of(subject).position();
+        let target = DVec3::from(camera_of(&subject).target_m);
+        let (before, after) = (place(&subject), place(&turned(&subject, 90.0)));
+        assert!((before.y - after.y).abs() < 1e-9);
+        let flat = |at: DVec3| (at - target).with_y(0.0);
+        assert!((flat(before).length() - flat(after).length()).abs() < 1e-9);
+        assert!(flat(before).dot(flat(after)).abs() < 1e-9);
+    }
+
+    fn camera_of(subject: &Subject) -> Camera {
+        super::camera(&subject.params).unwrap()
+    }
+
+    #[test]
+    fn a_wall_that_hides_a_point_is_not_taken_for_it() {
+        let tracer = Tracer::new(&corner()).unwrap();
+        let own = shot(&tracer, [4.0, 3.0, 2.0], |_| 0.0);
+        // From behind the wall the floor is hidden, and the wall's normal points away from what is asked for.
+        let behind = shot(&tracer, [-4.0, 3.0, 2.0], |_| 0.0);
+        let floor = own
+            .points()
+            .into_iter()
+            .filter(|point| point.normal.y > 0.9);
+        let hidden = floor.filter(|point| point.position.x > 1.0 && point.position.x < 3.0);
+        let found: Vec<bool> = hidden.map(|point| behind.find(&point).is_some()).collect();
+        assert!(
+            found.len() > 50 && !found.contains(&true),
+            "{}",
+            found.len()
+        );
+    }
+}

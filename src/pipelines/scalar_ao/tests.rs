@@ -1,0 +1,153 @@
+//! Bad input is named, and a scene without a volume too. No GPU.
+
+use glam::DVec3;
+use serde_json::{Value, json};
+
+use super::{KIND, Params};
+use crate::pipelines::params;
+use crate::scene::{Scene, SceneFile, Volume};
+
+const VOXEL_M: f64 = 0.1;
+
+fn scene() -> Scene {
+    let mut scene = Scene::load("plane").unwrap();
+    scene.objects.clear();
+    scene.volume = Some(Volume {
+        name: "test".into(),
+        cells: [10; 3],
+        origin_m: DVec3::ZERO,
+        spacing_m: DVec3::splat(VOXEL_M),
+        data: vec![0.5; 1000],
+    });
+    scene
+}
+
+fn tree(path: &str, value: Value) -> Value {
+    let mut tree = (KIND.defaults)(&SceneFile::load("plane").unwrap());
+    params::set(&mut tree, path, value).unwrap();
+    tree
+}
+
+fn fault(path: &str, value: Value) -> String {
+    (KIND.demand)(&tree(path, value), &scene()).unwrap_err()
+}
+
+#[test]
+fn defaults_suit_a_volume() {
+    let tree = tree("view.width", json!(32));
+    assert!((KIND.demand)(&tree, &scene()).is_ok());
+    let scalar = Params::from_value(&tree).unwrap().scalar;
+    let march = scalar.uniforms([32, 24], VOXEL_M, 0.8);
+    assert_eq!(march.stratum_m, 0.1);
+    assert_eq!(march.level, 0.0);
+    assert_eq!(scalar.uniforms([32, 24], VOXEL_M, 3.2).level, 2.0);
+}
+
+#[test]
+fn values_out_of_range_are_named() {
+    let cases = [
+        ("scalar.iso", json!(1.5)),
+        ("scalar.iso", json!(-0.1)),
+        ("scalar.rays", json!(0)),
+        ("scalar.samples", json!(0)),
+        ("scalar.tolerance", json!(0.0)),
+        ("scalar.threshold", json!(1.1)),
+        ("scalar.opacity", json!(2.0)),
+        ("scalar.window", json!([0.5, 0.5])),
+        ("scalar.low_color", json!([0.0, 0.0, 1.5])),
+        ("scalar.view_step_voxels", json!(0.0)),
+        ("scalar.r_max_m", json!(0.01)),
+        ("scalar.r_max_share", json!(0.05)),
+        ("view.width", json!(0)),
+    ];
+    for (path, value) in cases {
+        let message = fault(path, value.clone());
+        assert!(message.starts_with(path), "{path} = {value}: {message}");
+        assert!(!message.contains('\n'), "{message}");
+    }
+}
+
+#[test]
+fn what_is_no_number_is_refused() {
+    let mut params = Params::from_scene(&SceneFile::load("plane").unwrap());
+    params.scalar.iso = f64::NAN;
+    assert!(
+        Params::from_value(&params.to_value())
+            .unwrap_err()
+            .contains("scalar.iso")
+    );
+}
+
+#[test]
+fn steps_without_end_are_refused() {
+    let mut scene = scene();
+    if let Some(volume) = &mut scene.volume {
+        volume.cells = [1000, 1, 1];
+    }
+    let message = (KIND.demand)(&tree("scalar.view_step_voxels", json!(0.06)), &scene).unwrap_err();
+    assert!(message.starts_with("scalar.view_step_voxels"), "{message}");
+}
+
+#[test]
+fn a_scene_without_a_volume_is_told_so() {
+    let scene = Scene::load("plane").unwrap();
+    let message = (KIND.demand)(&tree("scalar.rays", json!(4)), &scene).unwrap_err();
+    assert!(message.contains("scene `plane` has no volume"), "{message}");
+}
+
+#[test]
+fn volumes_beyond_the_adapter_are_named() {
+    let mut scene = scene();
+    if let Some(volume) = &mut scene.volume {
+        *volume = Volume {
+            cells: [4000, 1, 1],
+            data: vec![0.5; 4000],
+            ..volume.clone()
+        };
+    }
+    let demand = (KIND.demand)(&tree("scalar.rays", json!(4)), &scene).unwrap();
+    let message = demand.check(&wgpu::Limits::default()).unwrap_err();
+    assert!(message.starts_with("volume cells"), "{message}");
+}
+
+#[test]
+fn thresholds_of_media_mean_opacity_of_a_voxel() {
+    use super::{Law, Mode};
+    let mut scalar = Params::from_value(&tree("scalar.threshold", json!(0.5)))
+        .unwrap()
+        .scalar;
+    let ends_at = |scalar: &super::Scalar| scalar.uniforms([8, 8], VOXEL_M, 1.0).threshold;
+    assert_eq!(ends_at(&scalar), 0.5);
+    scalar.mode = Mode::Direct;
+    scalar.opacity = 0.8;
+    assert_eq!(ends_at(&scalar), 0.625);
+    scalar.opacity = 0.0;
+    assert_eq!(ends_at(&scalar), 2.0);
+    scalar.law = Law::Beer;
+    scalar.density_per_m = 10.0;
+    assert!((f64::from(ends_at(&scalar)) - 2f64.ln()).abs() < 1e-6);
+    scalar.threshold = 1.0;
+    assert_eq!(ends_at(&scalar), 2.0);
+}
+
+#[test]
+fn cells_follow_the_parameters_where_they_can() {
+    let file = SceneFile::load("smoke").unwrap();
+    let mut tree = (KIND.defaults)(&file);
+    assert_eq!(tree["volume"]["cells"], json!([200, 128, 200]));
+    params::set(&mut tree, "volume.cells", json!([20, 12, 20])).unwrap();
+    params::set(&mut tree, "volume.reduce", json!(2)).unwrap();
+    let reduced = (KIND.scene_file)(&file, &tree).unwrap();
+    assert_eq!(
+        Scene::build(&reduced).unwrap().volume.unwrap().cells,
+        [10, 6, 10]
+    );
+    let mut scanned = file.clone();
+    if let Some(volume) = &mut scanned.volume {
+        volume.generator = None;
+        volume.asset = Some("engine".into());
+        volume.cells = [0; 3];
+    }
+    let message = (KIND.scene_file)(&scanned, &tree).unwrap_err();
+    assert!(message.starts_with("volume.cells"), "{message}");
+}

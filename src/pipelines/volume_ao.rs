@@ -1,0 +1,245 @@
+//! Volume ambient occlusion: Papaioannou, Menexi and Papadopoulos, *Real-time Volume-based Ambient Occlusion* (VAO).
+
+mod measure;
+mod parameters;
+
+use std::collections::BTreeMap;
+
+use glam::UVec2;
+use serde_json::Value;
+
+use super::settings::{self, Update};
+use super::voxelization::{self, Voxelization};
+use super::{Kind, Pipeline};
+use crate::gpu::{Demand, Gpu, GpuError};
+use crate::scene::Scene;
+use crate::stages::frame::{Frame, Shared, View};
+use crate::stages::geometry::{self, Geometry};
+use crate::stages::kit::Resources;
+use crate::stages::marching::Marching;
+use crate::stages::scene::deform::Deform;
+use crate::stages::voxels::Voxels;
+use crate::stages::{Stage, ao, bilateral, scene, shadow};
+
+pub use measure::occlusion_at;
+pub use parameters::{Ao, Params};
+
+pub const KIND: Kind = Kind {
+    name: "volume_ao",
+    about: "volume ambient occlusion (VAO): voxelization, rays marched through the volume, filter, composition",
+    defaults: |file| Params::from_scene(file).to_value(),
+    scene_file: |file, params| {
+        let p = Params::from_value(params)?;
+        Ok(settings::staged(
+            file,
+            p.floor_depth_m,
+            p.camera,
+            p.light,
+            p.objects,
+        ))
+    },
+    demand,
+    build: |gpu, scene, params| {
+        let params = Params::from_value(params).map_err(GpuError::Limit)?;
+        Ok(Box::new(VolumeAo::new(gpu, scene, params)?))
+    },
+};
+
+fn demand(params: &Value, scene: &Scene) -> Result<Demand, String> {
+    scene.needs_objects("volume_ao")?;
+    let params = Params::from_value(params)?;
+    let (vertices, indices) = geometry::buffer_bytes(scene);
+    let [width, height] = [params.view.width, params.view.height].map(u64::from);
+    let [ao_width, ao_height] = params.buffer_px().map(u64::from);
+    let shadow = u64::from(params.shadow.size);
+    let demand = Demand::new()
+        .texture_2d("view.width × view.height", width, height)
+        .texture_2d("view × ao.scale", ao_width, ao_height)
+        .texture_2d("shadow.size", shadow, shadow)
+        .buffer("scene vertices", vertices)
+        .buffer("scene indices", indices)
+        .color_targets("scene/gbuffer", 2, 12);
+    let demand = settings::deform_demand(demand, scene, &params.animation);
+    let (voxel, animation) = (&params.voxel, &params.animation);
+    params.fits(scene, &voxel.grids(scene, &params.camera, animation)?)?;
+    let pyramid = params.ao.skipping;
+    voxelization::demand(demand, scene, &params.camera, voxel, animation, pyramid)
+}
+
+/// A scene's geometry, what moves it, and its volumes.
+struct Solids {
+    geometry: Geometry,
+    deform: Option<Deform>,
+    voxelization: Voxelization,
+}
+
+impl Solids {
+    /// Volumes that are made once are filled on return.
+    fn new(
+        resources: &Resources<'_>,
+        scene: &Scene,
+        params: &Params,
+        update: Update,
+    ) -> Result<Self, GpuError> {
+        let geometry = Geometry::new(resources, scene);
+        let deform = settings::deform(resources, &geometry, scene, &params.animation)?;
+        let voxelization = Voxelization::new(
+            resources,
+            &geometry,
+            scene,
+            &params.camera,
+            &params.voxel,
+            &params.animation,
+            params.ao.skipping,
+        )?;
+        let solids = Self {
+            geometry,
+            deform,
+            voxelization,
+        };
+        if update == Update::Once {
+            let stages: Vec<&dyn Stage> = solids.moving().chain(solids.filling()).collect();
+            voxelization::run_once(resources.gpu, &stages)?;
+        }
+        Ok(solids)
+    }
+
+    fn moving(&self) -> impl Iterator<Item = &dyn Stage> {
+        self.deform.iter().map(|deform| deform as &dyn Stage)
+    }
+
+    fn filling(&self) -> impl Iterator<Item = &dyn Stage> {
+        self.voxelization.stages().into_iter()
+    }
+}
+
+/// The stages of a frame, in order.
+pub struct VolumeAo {
+    params: Params,
+    marching: Marching,
+    shared: Shared,
+    frame: Frame,
+    solids: Solids,
+    shadow: shadow::depth::Depth,
+    gbuffer: scene::gbuffer::Gbuffer,
+    seen: ao::march::Inputs,
+    march: ao::march::March,
+    filter: Option<ao::bilateral::Bilateral>,
+    compose: ao::compose::Compose,
+    allocated_bytes: u64,
+}
+
+impl VolumeAo {
+    /// Builds all resources and pipelines; `scene` gives geometry and water, `params` all else.
+    ///
+    /// # Errors
+    /// What the GPU reports, and a scene or settings that give no grid.
+    pub fn new(gpu: &Gpu, scene: &Scene, params: Params) -> Result<Self, GpuError> {
+        let resources = &Resources::new(gpu);
+        let view = View {
+            camera: params.camera.clone(),
+            light: params.light.clone(),
+            water: scene.water.clone(),
+            bounds: scene.bounds,
+            size_px: UVec2::new(params.view.width, params.view.height),
+            edge_m: settings::UNUSED_EDGE_M,
+        };
+        let shared = Shared::new(resources, &view);
+        let solids = Solids::new(resources, scene, &params, params.voxel.update)?;
+        let geometry = &solids.geometry;
+        let shadow = shadow::depth::Depth::new(resources, &shared, geometry, params.shadow.size)?;
+        let size_px = view.size_px.to_array();
+        let gbuffer = scene::gbuffer::Gbuffer::new(resources, &shared, geometry, size_px)?;
+
+        let marching = params.ao.marching(scene);
+        let seen = ao::march::Inputs {
+            depth: gbuffer.depth.clone(),
+            normal: gbuffer.normal.clone(),
+            view_projection: view.camera.view_projection(view.aspect()),
+        };
+        let volumes = &solids.voxelization.volumes;
+        let buffer_px = params.buffer_px();
+        let march =
+            ao::march::March::new(resources, &shared, volumes, &seen, &marching, buffer_px)?;
+        let guided = bilateral::Inputs {
+            visibility: march.texture(),
+            depth: &gbuffer.depth,
+        };
+        let filter = params
+            .ao
+            .filter
+            .then(|| {
+                let settings = params.filter.uniforms(&view, buffer_px);
+                ao::bilateral::Bilateral::new(resources, &shared, &guided, &settings)
+            })
+            .transpose()?;
+        let inputs = ao::compose::Inputs {
+            albedo: &gbuffer.albedo,
+            normal: &gbuffer.normal,
+            depth: &gbuffer.depth,
+            visibility: filter.as_ref().map_or(march.texture(), |f| f.texture()),
+            shadow: shadow.texture(),
+        };
+        let compose = ao::compose::Compose::new(
+            resources,
+            &shared,
+            &inputs,
+            &params.compose.uniforms(&view),
+            params.compose.shows_occlusion(),
+        )?;
+        Ok(Self {
+            params,
+            marching,
+            frame: Frame::new(view, &shared),
+            shared,
+            solids,
+            shadow,
+            gbuffer,
+            seen,
+            march,
+            filter,
+            compose,
+            allocated_bytes: resources.allocated_bytes(),
+        })
+    }
+
+    /// The volumes that are marched through.
+    pub fn volumes(&self) -> &[Voxels] {
+        &self.solids.voxelization.volumes
+    }
+
+    /// Visibility 1 − A before the filter.
+    pub fn visibility(&self) -> &wgpu::Texture {
+        self.march.texture()
+    }
+
+    pub fn gbuffer(&self) -> &scene::gbuffer::Gbuffer {
+        &self.gbuffer
+    }
+}
+
+impl Pipeline for VolumeAo {
+    fn stages(&self) -> Vec<&dyn Stage> {
+        let mut stages: Vec<&dyn Stage> = vec![&self.frame];
+        stages.extend(self.solids.moving());
+        if self.params.voxel.update == Update::EveryFrame {
+            stages.extend(self.solids.filling());
+        }
+        stages.extend([&self.shadow as &dyn Stage, &self.gbuffer, &self.march]);
+        stages.extend(self.filter.iter().map(|filter| filter as &dyn Stage));
+        stages.push(&self.compose);
+        stages
+    }
+
+    fn allocated_bytes(&self) -> u64 {
+        self.allocated_bytes
+    }
+
+    fn image(&self) -> &wgpu::Texture {
+        self.compose.texture()
+    }
+
+    fn quantities(&self, gpu: &Gpu) -> Result<BTreeMap<String, f64>, GpuError> {
+        self.measured_quantities(gpu)
+    }
+}

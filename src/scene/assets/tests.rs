@@ -1,0 +1,128 @@
+//! Assets in folders of their own.
+
+use flate2::{Compression, write::GzEncoder};
+
+use super::*;
+
+/// An asset whose content is `abc`.
+const ABC: Asset = Asset {
+    name: "abc",
+    about: "three letters",
+    file: "abc.txt",
+    sha256: "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad",
+    source: Source::Package(Package::Debian {
+        package: "abc-data",
+        path: "/usr/share/abc.txt",
+    }),
+    content: Content::Mesh,
+    stand_in: ("knot", &[]),
+};
+
+/// Folders of their own, with `installed` as the package's file.
+fn places(folder: &Path, installed: Option<&str>) -> Places {
+    std::fs::create_dir_all(folder.join("usr/share")).expect("folder");
+    if let Some(text) = installed {
+        std::fs::write(folder.join("usr/share/abc.txt"), text).expect("file");
+    }
+    Places {
+        cache: Some(folder.join("cache")),
+        cargo_home: Some(folder.join("cargo")),
+        root: folder.to_owned(),
+    }
+}
+
+#[test]
+fn absent_installed_and_cached_are_told_apart() {
+    let folder = tempfile::tempdir().expect("folder");
+    let status = places(folder.path(), None).status(&ABC);
+    assert_eq!((status.path, status.origin.as_str()), (None, "absent"));
+
+    let places = places(folder.path(), Some("abc"));
+    let status = places.status(&ABC);
+    assert_eq!(status.origin, "installed by Debian package abc-data");
+    let stored = places
+        .store(&ABC, &status.path.expect("found"))
+        .expect("stored");
+    assert_eq!(std::fs::read_to_string(stored).expect("text"), "abc");
+    assert_eq!(places.status(&ABC).origin, "cached");
+}
+
+#[test]
+fn a_file_with_another_sum_is_never_used() {
+    let folder = tempfile::tempdir().expect("folder");
+    let places = places(folder.path(), Some("abd"));
+    let status = places.status(&ABC);
+    assert_eq!(status.path, None);
+    assert!(status.origin.contains("SHA-256"), "{}", status.origin);
+    let wrong = folder.path().join("usr/share/abc.txt");
+    let error = places.store(&ABC, &wrong).unwrap_err();
+    assert!(matches!(error, AssetError::WrongSum { .. }), "{error}");
+    assert!(!folder.path().join("cache/abc.txt").exists());
+}
+
+#[test]
+fn crates_are_found_in_any_registry() {
+    let folder = tempfile::tempdir().expect("folder");
+    let places = places(folder.path(), None);
+    let inside = folder
+        .path()
+        .join("cargo/registry/src/some-registry/abc-1.0.0/media");
+    std::fs::create_dir_all(&inside).expect("folder");
+    std::fs::write(inside.join("abc.txt"), "abc").expect("file");
+    assert_eq!(
+        places.in_registry("abc-1.0.0", "media/abc.txt"),
+        [inside.join("abc.txt")]
+    );
+    assert!(places.in_registry("abc-2.0.0", "media/abc.txt").is_empty());
+}
+
+/// [`ABC`], but no package has it.
+const BY_HAND: Asset = Asset {
+    source: Source::ByHand,
+    ..ABC
+};
+
+#[test]
+fn an_asset_without_package_is_told_to_be_absent_and_that_is_no_failure() {
+    let folder = tempfile::tempdir().expect("folder");
+    let places = places(folder.path(), Some("abc"));
+    let status = places.fetch(&BY_HAND).expect("no failure");
+    assert_eq!(status.path, None);
+    assert!(status.origin.contains("put abc.txt"), "{}", status.origin);
+    assert!(status.origin.contains("cache"), "{}", status.origin);
+}
+
+#[test]
+fn an_asset_put_there_by_hand_is_found_plain_and_packed_by_the_sum_of_its_content() {
+    let folder = tempfile::tempdir().expect("folder");
+    let places = places(folder.path(), None);
+    let cache = folder.path().join("cache");
+    std::fs::create_dir_all(&cache).expect("folder");
+    let packed = cache.join("abc.txt.gz");
+    let mut gzip = GzEncoder::new(Vec::new(), Compression::fast());
+    gzip.write_all(b"abc").expect("packed");
+    std::fs::write(&packed, gzip.finish().expect("packed")).expect("file");
+    assert_eq!(places.status(&BY_HAND).path, Some(packed));
+    // A package's file has its sum as it is.
+    assert_eq!(places.status(&ABC).path, None);
+    let plain = cache.join("abc.txt");
+    std::fs::write(&plain, "abc").expect("file");
+    assert_eq!(places.fetch(&BY_HAND).expect("found").path, Some(plain));
+}
+
+#[test]
+fn an_asset_put_there_by_hand_with_another_sum_is_a_failure() {
+    let folder = tempfile::tempdir().expect("folder");
+    let places = places(folder.path(), None);
+    std::fs::create_dir_all(folder.path().join("cache")).expect("folder");
+    std::fs::write(folder.path().join("cache/abc.txt"), "abd").expect("file");
+    let error = places.fetch(&BY_HAND).expect_err("wrong").to_string();
+    assert!(error.contains("put the right abc.txt"), "{error}");
+}
+
+#[test]
+fn unknown_assets_get_the_nearest_name() {
+    let error = named("buny").err().expect("unknown");
+    assert!(error.to_string().contains("`bunny`"), "{error}");
+    assert!(fetch(&["sponsa"])[0].is_err());
+}

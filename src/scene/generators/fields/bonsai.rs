@@ -1,0 +1,137 @@
+//! A small tree in a pot.
+
+use std::f64::consts::TAU;
+
+use glam::DVec3;
+
+use super::{
+    super::{super::noise::fractal_noise, Args, SEED, param},
+    Field, FieldGenerator,
+    distance::{cylinder, ellipsoid, limb, share, without},
+};
+
+pub const GENERATORS: &[FieldGenerator] = &[FieldGenerator {
+    name: "bonsai",
+    about: "a bonsai tree: dense pot and wood, thin leaves, VAO Fig. 7d",
+    params: &[
+        param("branches", 9.0, 1.0, 40.0, "number of branches"),
+        param("pot", 0.6, 0.0, 1.0, "opacity of the pot"),
+        param("wood", 0.85, 0.0, 1.0, "opacity of trunk and branches"),
+        param("leaves", 0.4, 0.0, 1.0, "opacity of the thickest leaves"),
+        param(
+            "blur",
+            0.008,
+            1e-4,
+            0.1,
+            "width of the borders, longest edge 1",
+        ),
+        SEED,
+    ],
+    // Those of the data set that the paper shows.
+    cells: [256, 256, 256],
+    build: bonsai,
+}];
+
+/// A limb of the tree and its radii at both ends.
+struct Limb {
+    ends: [DVec3; 2],
+    radii: [f64; 2],
+}
+
+/// Leaves about a point.
+struct Cluster {
+    middle: DVec3,
+    radii: DVec3,
+}
+
+struct Tree {
+    limbs: Vec<Limb>,
+    clusters: Vec<Cluster>,
+}
+
+fn bonsai(a: &Args) -> Field {
+    let tree = grow(a);
+    let [pot, wood, leaves, width] = ["pot", "wood", "leaves", "blur"].map(|name| a.get(name));
+    let seed = a.get("seed") as u32;
+    Box::new(move |p| {
+        let vessel = pot * share(vessel(p), width);
+        let soil = 0.5 * pot * share(cylinder(p - DVec3::Y * -0.36, 0.24, 0.025), width);
+        let bark = tree.limbs.iter().map(|l| limb(p, l.ends, l.radii));
+        let bark = wood * share(bark.fold(f64::INFINITY, f64::min), width);
+        vessel
+            .max(soil)
+            .max(bark)
+            .max(leaves * tree.foliage(p, seed))
+    })
+}
+
+/// A shallow round pot on the ground of the box.
+fn vessel(p: DVec3) -> f64 {
+    let q = p - DVec3::Y * -0.41;
+    let hollow = cylinder(q - DVec3::Y * 0.05, 0.25, 0.08);
+    let rim = without(
+        cylinder(q - DVec3::Y * 0.075, 0.3, 0.015),
+        cylinder(q, 0.25, 1.0),
+    );
+    without(cylinder(q, 0.27, 0.09), hollow).min(rim)
+}
+
+/// A trunk that winds upward, and branches around it, each with leaves at its end.
+fn grow(a: &Args) -> Tree {
+    let mut dice = a.rng();
+    let turn = dice.between(0.0, TAU);
+    let sway = |t: f64| {
+        let (sin, cos) = (turn + 4.0 * t).sin_cos();
+        DVec3::new(0.09 * t * cos, -0.36 + 0.66 * t, 0.09 * t * sin)
+    };
+    let radius = |t: f64| 0.05 * (1.0 - 0.8 * t);
+    let segments = 8;
+    let at = |i: i32| f64::from(i) / f64::from(segments);
+    let mut limbs: Vec<Limb> = (0..segments)
+        .map(|i| Limb {
+            ends: [sway(at(i)), sway(at(i + 1))],
+            radii: [radius(at(i)), radius(at(i + 1))],
+        })
+        .collect();
+    let count = a.count("branches");
+    let mut clusters = vec![Cluster {
+        middle: sway(1.0) + DVec3::Y * 0.04,
+        radii: DVec3::new(0.17, 0.1, 0.17),
+    }];
+    for i in 0..count {
+        let t = 0.4 + 0.5 * (i as f64 + 0.5) / count as f64;
+        let angle = turn + 2.4 * i as f64 + dice.between(-0.3, 0.3);
+        let reach = (0.36 - 0.2 * t) * dice.between(0.8, 1.1);
+        let tip = sway(t) + DVec3::new(reach * angle.cos(), 0.3 * reach, reach * angle.sin());
+        let bend = sway(t).lerp(tip, 0.5) - DVec3::Y * (0.12 * reach);
+        let thick = 0.45 * radius(t);
+        for (ends, radii) in [
+            ([sway(t), bend], [thick, 0.8 * thick]),
+            ([bend, tip], [0.8 * thick, 0.4 * thick]),
+        ] {
+            limbs.push(Limb { ends, radii });
+        }
+        let spread = dice.between(0.11, 0.15);
+        clusters.push(Cluster {
+            middle: tip + DVec3::Y * 0.02,
+            radii: DVec3::new(spread, 0.5 * spread, spread),
+        });
+    }
+    Tree { limbs, clusters }
+}
+
+impl Tree {
+    /// Leaves: noise in each cluster, thinner towards its border.
+    fn foliage(&self, p: DVec3, seed: u32) -> f64 {
+        let inside = self
+            .clusters
+            .iter()
+            .map(|c| ellipsoid(p - c.middle, c.radii));
+        let depth = -inside.fold(f64::INFINITY, f64::min);
+        if depth <= 0.0 {
+            return 0.0;
+        }
+        let speckle = 0.5 + 1.5 * fractal_noise(p * 28.0, 2, seed);
+        (depth / 0.03).min(1.0) * speckle.clamp(0.0, 1.0)
+    }
+}

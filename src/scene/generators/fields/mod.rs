@@ -1,0 +1,160 @@
+//! Procedural volumes, named in scene files by `generator` in the table `[volume]`.
+//!
+//! Each is a field over a box that can be sampled at any number of cells: a coarser volume shows the
+//! same thing.
+
+mod bonsai;
+mod distance;
+mod engine;
+mod head;
+mod smoke;
+
+use std::collections::BTreeMap;
+
+use glam::DVec3;
+use rayon::prelude::*;
+
+use super::{Args, Param, check};
+
+/// One generator of volumes.
+pub struct FieldGenerator {
+    /// As scene files call it.
+    pub name: &'static str,
+    /// What it makes, in a few words.
+    pub about: &'static str,
+    /// What can be set.
+    pub params: &'static [Param],
+    /// Cells along x, y and z where the scene file does not say; their ratio is that of the box.
+    pub cells: [u32; 3],
+    /// The field for these parameters.
+    build: fn(&Args) -> Field,
+}
+
+/// Values 0 … 1 over a box whose longest edge is 1, about the origin.
+type Field = Box<dyn Fn(DVec3) -> f64 + Sync>;
+
+/// Every generator of volumes there is.
+pub fn all() -> impl Iterator<Item = &'static FieldGenerator> + Clone {
+    [
+        smoke::GENERATORS,
+        bonsai::GENERATORS,
+        engine::GENERATORS,
+        head::GENERATORS,
+    ]
+    .into_iter()
+    .flatten()
+}
+
+/// The generator called `name`; the error names the nearest one.
+pub fn find(name: &str) -> Result<&'static FieldGenerator, String> {
+    all().find(|g| g.name == name).ok_or_else(|| {
+        let hint = check::hint(name, all().map(|g| g.name));
+        format!("there is no generator of volumes `{name}`: {hint}")
+    })
+}
+
+impl FieldGenerator {
+    /// Edges of the box, the longest one 1.
+    pub fn extent(&self) -> DVec3 {
+        let cells = DVec3::from(self.cells.map(f64::from));
+        cells / cells.max_element()
+    }
+
+    /// The field at the centres of so many cells, x fastest.
+    pub fn sample(
+        &self,
+        params: &BTreeMap<String, f64>,
+        cells: [u32; 3],
+    ) -> Result<Vec<f32>, String> {
+        let field = (self.build)(&Args::new(self.name, self.params, params, 0.0)?);
+        let [nx, ny, nz] = cells.map(|n| n as usize);
+        let extent = self.extent();
+        let spacing = extent / DVec3::from(cells.map(f64::from));
+        let mut data = vec![0.0; nx * ny * nz];
+        data.par_chunks_mut(nx).enumerate().for_each(|(row, line)| {
+            for (x, value) in line.iter_mut().enumerate() {
+                let cell = DVec3::new(x as f64, (row % ny) as f64, (row / ny) as f64);
+                let p = (cell + 0.5) * spacing - 0.5 * extent;
+                *value = field(p).clamp(0.0, 1.0) as f32;
+            }
+        });
+        Ok(data)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The field along the longest edge sampled at about this many cells.
+    fn coarse(generator: &FieldGenerator, longest: f64) -> [u32; 3] {
+        (generator.extent() * longest)
+            .to_array()
+            .map(|n| n.round() as u32)
+    }
+
+    #[test]
+    fn every_field_is_repeatable_and_neither_empty_nor_full() {
+        for generator in all() {
+            let cells = coarse(generator, 40.0);
+            let data = generator.sample(&BTreeMap::new(), cells).unwrap();
+            let count = cells.iter().product::<u32>() as usize;
+            assert_eq!(data.len(), count);
+            assert!(data.iter().all(|v| (0.0..=1.0).contains(v)));
+            let filled = data.iter().filter(|v| **v > 0.1).count() as f64 / count as f64;
+            assert!(
+                (0.03..0.7).contains(&filled),
+                "{}: {filled}",
+                generator.name
+            );
+            assert_eq!(Ok(data), generator.sample(&BTreeMap::new(), cells));
+        }
+    }
+
+    #[test]
+    fn fields_can_be_made_at_both_ends_of_every_parameter() {
+        for generator in all() {
+            for param in generator.params {
+                for value in [param.low, param.high] {
+                    let params = BTreeMap::from([(param.name.to_owned(), value)]);
+                    let cells = coarse(generator, 8.0);
+                    let data = generator.sample(&params, cells);
+                    let data = data.unwrap_or_else(|e| panic!("{}: {e}", generator.name));
+                    assert!(data.iter().all(|v| v.is_finite()), "{}", param.name);
+                }
+            }
+        }
+    }
+
+    /// A coarse volume is the fine one seen coarsely: both have the same mean.
+    #[test]
+    fn the_number_of_cells_does_not_change_what_is_shown() {
+        for generator in all() {
+            let mean = |longest| {
+                let data = generator.sample(&BTreeMap::new(), coarse(generator, longest));
+                let data = data.unwrap();
+                data.iter().map(|v| f64::from(*v)).sum::<f64>() / data.len() as f64
+            };
+            let (few, many) = (mean(32.0), mean(56.0));
+            assert!(
+                (few - many).abs() < 0.15 * many,
+                "{}: {few} against {many}",
+                generator.name
+            );
+        }
+    }
+
+    /// Wood, pot and leaves, casting and steel: more than one level, VAO Fig. 7.
+    #[test]
+    fn solids_have_their_own_densities() {
+        for (name, levels) in [("engine_like", [0.55, 0.95]), ("bonsai", [0.6, 0.85])] {
+            let generator = find(name).unwrap();
+            let data = generator.sample(&BTreeMap::new(), coarse(generator, 64.0));
+            let data = data.unwrap();
+            for level in levels {
+                let there = data.iter().filter(|v| (**v - level).abs() < 0.01).count();
+                assert!(there > 20, "{name}: {there} cells of {level}");
+            }
+        }
+    }
+}

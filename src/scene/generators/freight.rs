@@ -1,0 +1,77 @@
+//! A crate of planks.
+
+use glam::DVec3;
+
+use super::{
+    super::{
+        Mesh,
+        shapes::{bar, cuboid, merged, moved},
+    },
+    Args, Generator, param,
+};
+
+pub const GENERATORS: &[Generator] = &[Generator {
+    name: "crate",
+    about: "a wooden crate: planks with gaps, battens along the edges, a brace on each side",
+    params: &[
+        param("width_m", 1.0, 0.01, 100.0, "extent in x"),
+        param("height_m", 1.0, 0.01, 100.0, "extent in y"),
+        param("depth_m", 1.0, 0.01, 100.0, "extent in z"),
+        param("planks", 5.0, 1.0, 20.0, "planks of a side"),
+    ],
+    build: plank_crate,
+}];
+
+/// Share of a plank's place that is gap.
+const GAP: f64 = 0.06;
+
+/// Battens outside, planks within them.
+fn plank_crate(a: &Args) -> Mesh {
+    let size = DVec3::new(a.get("width_m"), a.get("height_m"), a.get("depth_m"));
+    let t = 0.09 * size.min_element();
+    let sides = (0..3).map(|axis| planks(size - 0.8 * t, axis, a.count("planks"), 0.35 * t));
+    let edges = (0..3).map(|axis| battens(size, axis, t));
+    let mut mesh = merged(sides.chain(edges));
+    for s in [-1.0, 1.0] {
+        let (x, y, z) = (
+            0.5 * size.x - t,
+            0.5 * size.y - t,
+            s * (0.5 * size.z - 0.3 * t),
+        );
+        mesh.append(&bar(DVec3::new(-x, -y, z), DVec3::new(x, y, z), 0.5 * t));
+        let (x, z) = (s * (0.5 * size.x - 0.3 * t), 0.5 * size.z - t);
+        mesh.append(&bar(DVec3::new(x, -y, -z), DVec3::new(x, y, z), 0.5 * t));
+    }
+    moved(mesh, 0.0, 0.5 * size.y, 0.0)
+}
+
+/// The two sides across `axis` of a box about the origin, planks spread along the next axis.
+fn planks(size: DVec3, axis: usize, count: usize, thick: f64) -> Mesh {
+    let along = (axis + 1) % 3;
+    let place = size[along] / count as f64;
+    merged([-1.0, 1.0].into_iter().flat_map(|side| {
+        (0..count).map(move |i| {
+            let mut half = 0.5 * size - thick;
+            half[axis] = 0.5 * thick;
+            half[along] = 0.5 * place * (1.0 - GAP);
+            let mut middle = DVec3::ZERO;
+            middle[axis] = side * 0.5 * (size[axis] - thick);
+            middle[along] = (i as f64 + 0.5) * place - 0.5 * size[along];
+            cuboid(middle - half, middle + half)
+        })
+    }))
+}
+
+/// The four edges along `axis` of a box about the origin; those along y reach the corners.
+fn battens(size: DVec3, axis: usize, thick: f64) -> Mesh {
+    let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
+    let corners = [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)];
+    merged(corners.map(|(su, sv)| {
+        let mut half = DVec3::splat(0.5 * thick);
+        half[axis] = 0.5 * size[axis] - if axis == 1 { 0.0 } else { thick };
+        let mut middle = DVec3::ZERO;
+        middle[u] = su * 0.5 * (size[u] - thick);
+        middle[v] = sv * 0.5 * (size[v] - thick);
+        cuboid(middle - half, middle + half)
+    }))
+}

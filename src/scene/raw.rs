@@ -1,0 +1,112 @@
+//! Raw volumes: nothing but the cells' values, x fastest, then y, then z.
+
+use glam::DVec3;
+use serde::{Deserialize, Serialize};
+
+use super::samples::{Samples, cell_count};
+
+/// How a value is stored.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum VolumeFormat {
+    /// A byte.
+    U8,
+    /// Two bytes, the low one first.
+    U16,
+    /// IEEE 754 single precision, low byte first.
+    F32,
+}
+
+/// What a raw file does not tell.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Raw {
+    pub cells: [u32; 3],
+    pub format: VolumeFormat,
+}
+
+impl VolumeFormat {
+    fn bytes(self) -> usize {
+        match self {
+            VolumeFormat::U8 => 1,
+            VolumeFormat::U16 => 2,
+            VolumeFormat::F32 => 4,
+        }
+    }
+
+    /// The stored values that stand for 0 and 1 unless the scene file says otherwise.
+    fn window(self) -> [f64; 2] {
+        match self {
+            VolumeFormat::U8 => [0.0, 255.0],
+            VolumeFormat::U16 => [0.0, 65_535.0],
+            VolumeFormat::F32 => [0.0, 1.0],
+        }
+    }
+}
+
+/// Cubic cells; the longest edge of the box is 1 m.
+pub fn parse(bytes: &[u8], raw: &Raw) -> Result<Samples, String> {
+    let count = cell_count(raw.cells)?;
+    let needed = count * raw.format.bytes();
+    if bytes.len() != needed {
+        let [x, y, z] = raw.cells;
+        return Err(format!(
+            "{} bytes, but {x} × {y} × {z} cells of {} bytes take {needed}",
+            bytes.len(),
+            raw.format.bytes()
+        ));
+    }
+    let data = match raw.format {
+        VolumeFormat::U8 => bytes.iter().map(|b| f32::from(*b)).collect(),
+        VolumeFormat::U16 => values(bytes, |b| f32::from(u16::from_le_bytes(b))),
+        VolumeFormat::F32 => values(bytes, f32::from_le_bytes),
+    };
+    let longest = raw.cells.into_iter().max().unwrap_or(1);
+    Ok(Samples {
+        cells: raw.cells,
+        spacing_m: DVec3::splat(1.0 / f64::from(longest)),
+        data,
+        window: raw.format.window(),
+    })
+}
+
+fn values<const N: usize>(bytes: &[u8], value: impl Fn([u8; N]) -> f32) -> Vec<f32> {
+    bytes.as_chunks().0.iter().map(|b| value(*b)).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn raw(format: VolumeFormat) -> Raw {
+        Raw {
+            cells: [2, 1, 1],
+            format,
+        }
+    }
+
+    #[test]
+    fn every_format_is_read() {
+        let read = |format, bytes: &[u8]| parse(bytes, &raw(format)).unwrap().data;
+        assert_eq!(read(VolumeFormat::U8, &[3, 255]), [3.0, 255.0]);
+        assert_eq!(
+            read(VolumeFormat::U16, &[1, 2, 255, 255]),
+            [513.0, 65_535.0]
+        );
+        let floats: Vec<u8> = [0.25f32, -2.0]
+            .iter()
+            .flat_map(|v| v.to_le_bytes())
+            .collect();
+        assert_eq!(read(VolumeFormat::F32, &floats), [0.25, -2.0]);
+    }
+
+    #[test]
+    fn a_wrong_size_is_told_in_numbers() {
+        for length in [0, 3, 5] {
+            let fault = parse(&vec![0; length], &raw(VolumeFormat::U16)).unwrap_err();
+            assert!(
+                fault.contains(&format!("{length} bytes, but")) && fault.contains("take 4"),
+                "{fault}"
+            );
+        }
+    }
+}

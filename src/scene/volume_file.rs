@@ -1,0 +1,286 @@
+//! The table `[volume]` of a scene file: where a volume comes from and where it goes.
+
+use std::{collections::BTreeMap, path::PathBuf};
+
+use glam::DVec3;
+use serde::{Deserialize, Serialize};
+
+use super::{
+    SceneFile, Stand, Volume,
+    assets::{self, Content},
+    check,
+    generators::fields::{self, FieldGenerator},
+    raw::{Raw, VolumeFormat},
+    samples::{self, Samples, Up},
+};
+
+/// Largest factor by which a volume is reduced.
+const MAX_REDUCE: u32 = 64;
+
+/// A volume: made by a generator, or read from an asset or a file.
+///
+/// It stands on the ground like a fitted object: the middle of its lower side is moved to
+/// `translate_m`. The number of cells follows `cells` and `reduce`, the box that they fill does not.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct VolumeFile {
+    /// Name of a procedural volume; see [`fields`].
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub generator: Option<String>,
+    /// Name of a volume to fetch; see [`assets`].
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub asset: Option<String>,
+    /// Path relative to the scene file of a NIfTI-1 volume (`.nii`) or of raw values (any other name), either plain or
+    /// compressed by gzip.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub file: Option<PathBuf>,
+    /// Cells along x, y and z: how finely a generator samples its field (all 0: its own number), or how many values a raw
+    /// file holds along each axis.
+    pub cells: [u32; 3],
+    /// What a raw file's values are.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub format: Option<VolumeFormat>,
+    /// Edges of a file's cells, metres; all 0: as a NIfTI file says, or cubes and a longest edge of the box of 1 m.
+    pub spacing_m: [f64; 3],
+    /// The axis of a file that points up.
+    pub up: Up,
+    /// Each axis has so many times fewer cells: means over boxes of a file's cells, fewer samples of a generator's field.
+    pub reduce: u32,
+    /// The values (low, high) that are brought to 0 and 1, linear between and clamped beyond them. Left out: the range of the
+    /// type for whole numbers, 0 and 1 for raw `f32` and generators, what the header says or else the least and the largest
+    /// value for NIfTI.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub window: Option<[f64; 2]>,
+    /// If not 0: the longest edge of the box, metres.
+    pub fit_m: f64,
+    /// Where the middle of the lower side goes, metres, y from `on`.
+    pub translate_m: [f64; 3],
+    /// What y is measured from.
+    pub on: Stand,
+    /// The generator's parameters; those left out have their defaults.
+    pub params: BTreeMap<String, f64>,
+}
+
+impl Default for VolumeFile {
+    fn default() -> Self {
+        Self {
+            generator: None,
+            asset: None,
+            file: None,
+            cells: [0; 3],
+            format: None,
+            spacing_m: [0.0; 3],
+            up: Up::Y,
+            reduce: 1,
+            window: None,
+            fit_m: 0.0,
+            translate_m: [0.0; 3],
+            on: Stand::Floor,
+            params: BTreeMap::new(),
+        }
+    }
+}
+
+impl VolumeFile {
+    /// Whether all values can be used; the error names the parameter and its valid range.
+    pub fn validate(&self) -> Result<(), String> {
+        check::within("volume.fit_m", self.fit_m, 0.0, check::FAR_M)?;
+        check::point("volume.translate_m", &self.translate_m)?;
+        check::within("volume.reduce", self.reduce.into(), 1.0, MAX_REDUCE.into())?;
+        if self.cells != [0; 3] {
+            samples::cell_count(self.cells).map_err(|m| format!("volume.cells: {m}"))?;
+        }
+        if self.spacing_m != [0.0; 3] {
+            for edge in self.spacing_m {
+                check::within("volume.spacing_m", edge, 1e-9, check::FAR_M)?;
+            }
+        }
+        if let Some([low, high]) = self.window {
+            check::within("volume.window[0]", low, -1e30, 1e30)?;
+            check::within("volume.window[1]", high, -1e30, 1e30)?;
+            if low == high {
+                return Err(format!("volume.window = [{low}, {high}] is empty"));
+            }
+        }
+        self.validate_source()
+    }
+
+    /// One source, and no key that belongs to another.
+    fn validate_source(&self) -> Result<(), String> {
+        let (generator, file) = (self.generator.is_some(), self.file.is_some());
+        let given = [generator, self.asset.is_some(), file];
+        if given.iter().filter(|given| **given).count() != 1 {
+            return Err("volume: it needs one of `generator`, `asset` and `file`".into());
+        }
+        let misplaced = [
+            (
+                !self.params.is_empty() && !generator,
+                "params",
+                "`generator`",
+            ),
+            (
+                self.cells != [0; 3] && !generator && !file,
+                "cells",
+                "`generator` or a raw `file`",
+            ),
+            (self.format.is_some() && !file, "format", "raw `file`"),
+            (self.spacing_m != [0.0; 3] && !file, "spacing_m", "`file`"),
+            (self.up != Up::Y && !file, "up", "`file`"),
+        ];
+        match misplaced.iter().find(|(misplaced, ..)| *misplaced) {
+            Some((_, key, owner)) => Err(format!("volume.{key} belongs to a {owner}")),
+            None => Ok(()),
+        }
+    }
+
+    /// Makes or reads the values and puts them into the world. An absent asset's stand-in is added to
+    /// `stand_ins`.
+    pub(super) fn build(
+        &self,
+        file: &SceneFile,
+        stand_ins: &mut Vec<String>,
+    ) -> Result<Volume, String> {
+        let (name, mut samples) = self.samples(file, stand_ins)?;
+        samples.windowed(self.window.unwrap_or(samples.window));
+        let cells = DVec3::from(samples.cells.map(f64::from));
+        let size_m = samples.spacing_m * cells;
+        let scale = if self.fit_m == 0.0 {
+            1.0
+        } else {
+            self.fit_m / size_m.max_element()
+        };
+        let foot = DVec3::new(0.5, 0.0, 0.5) * scale * size_m;
+        let ground = DVec3::Y * self.on.height_m(file.floor_depth_m);
+        let volume = Volume {
+            name,
+            cells: samples.cells,
+            origin_m: DVec3::from(self.translate_m) + ground - foot,
+            spacing_m: samples.spacing_m * scale,
+            data: samples.data,
+        };
+        volume.validate()?;
+        Ok(volume)
+    }
+
+    /// What the source gives, with its name.
+    fn samples(
+        &self,
+        file: &SceneFile,
+        stand_ins: &mut Vec<String>,
+    ) -> Result<(String, Samples), String> {
+        if let Some(name) = &self.generator {
+            let generator = fields::find(name)?;
+            let samples = self.sampled(generator, &self.params)?;
+            return Ok((name.clone(), samples));
+        }
+        if let Some(path) = &self.file {
+            let name = path.file_name().unwrap_or_default().to_string_lossy();
+            let read = samples::read(&file.folder.join(path), self.raw()?.as_ref());
+            let mut samples = read.map_err(|e| e.to_string())?;
+            if self.spacing_m != [0.0; 3] {
+                samples.spacing_m = DVec3::from(self.spacing_m);
+            }
+            return Ok((
+                name.into_owned(),
+                samples.reduced(self.reduce).upright(self.up),
+            ));
+        }
+        let name = self.asset.as_deref().unwrap_or_default();
+        Ok((name.to_owned(), self.asset(name, stand_ins)?))
+    }
+
+    fn asset(&self, name: &str, stand_ins: &mut Vec<String>) -> Result<Samples, String> {
+        let asset = assets::named(name).map_err(|e| e.to_string())?;
+        let Content::Volume { raw, up } = &asset.content else {
+            return Err(format!(
+                "asset `{name}` is a mesh: it belongs to an [[object]]"
+            ));
+        };
+        if let Some(path) = assets::find(name) {
+            let samples = samples::read(&path, raw.as_ref()).map_err(|e| e.to_string())?;
+            return Ok(samples.reduced(self.reduce).upright(*up));
+        }
+        let samples = self.sampled(fields::find(asset.stand_in.0)?, &asset.stand_in_params())?;
+        let [x, y, z] = samples.cells;
+        stand_ins.push(asset.stand_in_note(&format!("{x} × {y} × {z} cells")));
+        Ok(samples)
+    }
+
+    /// A generator's field; its box has a longest edge of 1 m.
+    fn sampled(
+        &self,
+        generator: &FieldGenerator,
+        params: &BTreeMap<String, f64>,
+    ) -> Result<Samples, String> {
+        let cells = match self.cells {
+            [0, 0, 0] => generator.cells,
+            cells => cells,
+        };
+        let cells = cells.map(|n| n.div_ceil(self.reduce));
+        Ok(Samples {
+            cells,
+            spacing_m: generator.extent() / DVec3::from(cells.map(f64::from)),
+            data: generator.sample(params, cells)?,
+            window: [0.0, 1.0],
+        })
+    }
+
+    /// What the scene file says of a raw file.
+    fn raw(&self) -> Result<Option<Raw>, String> {
+        match (self.format, self.cells) {
+            (None, [0, 0, 0]) => Ok(None),
+            (Some(format), cells) if cells != [0; 3] => Ok(Some(Raw { cells, format })),
+            _ => Err("a raw file needs both `cells` and `format`".into()),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn smoke() -> VolumeFile {
+        VolumeFile {
+            generator: Some("smoke".into()),
+            cells: [20, 16, 10],
+            fit_m: 2.0,
+            translate_m: [1.0, 0.5, -1.0],
+            ..VolumeFile::default()
+        }
+    }
+
+    /// In a scene with the floor at y = −3.
+    fn build(volume: &VolumeFile) -> Result<Volume, String> {
+        let mut file = SceneFile::load("plane").expect("a scene");
+        file.floor_depth_m = 3.0;
+        let mut stand_ins = Vec::new();
+        let built = volume.build(&file, &mut stand_ins);
+        assert!(stand_ins.is_empty());
+        built
+    }
+
+    #[test]
+    fn a_volume_stands_on_its_foot_at_its_size() {
+        let volume = build(&smoke()).unwrap();
+        let bounds = volume.bounds();
+        assert!((bounds.size() - DVec3::new(2.0, 1.28, 2.0)).length() < 1e-12);
+        assert!((bounds.min - DVec3::new(0.0, -2.5, -2.0)).length() < 1e-12);
+        assert_eq!(volume.data.len(), 3200);
+        assert_eq!(volume, build(&smoke()).unwrap());
+    }
+
+    #[test]
+    fn faults_name_their_parameter() {
+        let broken = |change: fn(&mut VolumeFile)| {
+            let mut file = smoke();
+            change(&mut file);
+            let fault = file.validate().and_then(|()| build(&file).map(drop));
+            fault.unwrap_err()
+        };
+        assert!(broken(|v| v.fit_m = -1.0).contains("volume.fit_m"));
+        assert!(broken(|v| v.cells = [u32::MAX; 3]).contains("volume.cells"));
+        assert!(broken(|v| v.cells = [0, 4, 4]).contains("volume.cells"));
+        assert!(broken(|v| v.generator = Some("smok".into())).contains("`smoke`"));
+        assert!(broken(|v| v.params = [("x".into(), 1.0)].into()).contains("`x`"));
+    }
+}

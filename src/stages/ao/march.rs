@@ -1,0 +1,299 @@
+//! `ao/march`: ambient occlusion of what the camera sees, by marching rays through volumes. VAO §3 step 3, §5.1.
+
+use encase::ShaderType;
+use glam::{DMat4, Vec2};
+
+use crate::gpu::{
+    ClockPlan, ColorTarget, Encode, FrameTimer, Gpu, GpuError, StageScope, SubmitCost, Targets,
+    read_buffer,
+};
+use crate::record::Work;
+use crate::scene::Bounds;
+use crate::stages::bilateral::{VISIBILITY_FORMAT, visibility_output};
+use crate::stages::frame::Shared;
+use crate::stages::kit::{self, Bind, Group, RenderSpec, Resources};
+use crate::stages::marching::Marching;
+use crate::stages::voxels::Voxels;
+use crate::stages::{Output, Stage, StageInfo};
+
+pub const INFO: StageInfo = StageInfo {
+    name: "ao/march",
+    about: "volume ambient occlusion: rays marched through the volumes from every pixel",
+    source: "VAO §3 step 3, §5.1",
+};
+
+/// Partial sums of each counter, so that fragments do not queue for one.
+const SLOTS: usize = 64;
+/// Samples, look-ups of the pyramid, fragments.
+const COUNTERS: usize = 3;
+
+/// Host twin of `Target` in `shaders/ao/march.wgsl`.
+#[derive(Clone, Debug, ShaderType)]
+pub struct TargetUniforms {
+    pub size_px: Vec2,
+}
+
+/// What the camera sees.
+#[derive(Clone)]
+pub struct Inputs {
+    pub depth: wgpu::Texture,
+    pub normal: wgpu::Texture,
+    /// World to clip space, for the rectangles that volumes cover.
+    pub view_projection: DMat4,
+}
+
+/// A volume's bind group and the pixels that it can reach.
+struct Drawn {
+    group: wgpu::BindGroup,
+    /// x, y, width, height.
+    scissor: [u32; 4],
+    samples: u64,
+}
+
+pub struct March {
+    pipeline: wgpu::RenderPipeline,
+    shared: wgpu::BindGroup,
+    inputs: Group,
+    volumes: Vec<Drawn>,
+    rays: u32,
+    target: wgpu::Texture,
+    view: wgpu::TextureView,
+}
+
+impl March {
+    /// The occlusion buffer has `size_px` pixels; it may be smaller than the viewport.
+    pub fn new(
+        resources: &Resources<'_>,
+        shared: &Shared,
+        volumes: &[Voxels],
+        inputs: &Inputs,
+        marching: &Marching,
+        size_px: [u32; 2],
+    ) -> Result<Self, GpuError> {
+        Self::build(resources, shared, volumes, inputs, marching, size_px, None)
+    }
+
+    fn build(
+        resources: &Resources<'_>,
+        shared: &Shared,
+        volumes: &[Voxels],
+        inputs: &Inputs,
+        marching: &Marching,
+        size_px: [u32; 2],
+        counters: Option<&wgpu::Buffer>,
+    ) -> Result<Self, GpuError> {
+        let gpu = resources.gpu;
+        let mut defs = marching.defs();
+        defs.push(("COUNT", i32::from(counters.is_some())));
+        let shader = gpu.shader(INFO.name, &defs)?;
+        let size = Vec2::new(size_px[0] as f32, size_px[1] as f32);
+        let uniforms = resources.uniform(INFO.name, &TargetUniforms { size_px: size });
+        let mut binds = vec![
+            Bind::Uniform(&uniforms),
+            Bind::Depth(&inputs.depth),
+            Bind::Texels(&inputs.normal),
+        ];
+        binds.extend(counters.map(Bind::Write));
+        let input_group = Group::new(gpu, INFO.name, &binds);
+        let groups: Vec<Group> = volumes
+            .iter()
+            .map(|voxels| marching.group(resources, voxels))
+            .collect();
+        let first = groups
+            .first()
+            .ok_or_else(|| GpuError::Limit("there is no volume to march through".into()))?;
+        let pipeline = kit::render_pipeline(
+            gpu,
+            &RenderSpec {
+                label: INFO.name,
+                shader: &shader,
+                vertex: "vertex",
+                fragment: Some("fragment"),
+                groups: &[&shared.group, first, &input_group],
+                buffers: &[],
+                targets: &[kit::multiplicative(VISIBILITY_FORMAT)],
+                depth: None,
+            },
+        );
+        let target = resources.target(INFO.name, size_px, VISIBILITY_FORMAT);
+        let drawn = |(group, voxels): (Group, &Voxels)| {
+            let reach = grown(&voxels.grid.bounds(), marching.r_max_m);
+            Some(Drawn {
+                group: group.group,
+                scissor: rectangle(&inputs.view_projection, &reach, size_px)?,
+                samples: marching.samples_in(&voxels.grid) as u64,
+            })
+        };
+        Ok(Self {
+            pipeline,
+            shared: shared.group.group.clone(),
+            inputs: input_group,
+            volumes: groups.into_iter().zip(volumes).filter_map(drawn).collect(),
+            rays: marching.rays,
+            view: kit::view(&target),
+            target,
+        })
+    }
+
+    /// Visibility 1 − A, 1 where nothing was drawn.
+    pub fn texture(&self) -> &wgpu::Texture {
+        &self.target
+    }
+}
+
+/// What a frame's marching takes, counted.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Counts {
+    /// Trilinear samples of the volumes.
+    pub samples: u64,
+    /// Look-ups of the pyramid.
+    pub lookups: u64,
+    /// Fragments that marched, once for each volume.
+    pub fragments: u64,
+}
+
+/// Marches once more, with a shader that counts. The arguments are those of [`March::new`].
+pub fn count(
+    gpu: &Gpu,
+    shared: &Shared,
+    volumes: &[Voxels],
+    inputs: &Inputs,
+    marching: &Marching,
+    size_px: [u32; 2],
+) -> Result<Counts, GpuError> {
+    let resources = Resources::new(gpu);
+    let counters = resources.storage("ao/march counters", (COUNTERS * SLOTS * 4) as u64);
+    let march = March::build(
+        &resources,
+        shared,
+        volumes,
+        inputs,
+        marching,
+        size_px,
+        Some(&counters),
+    )?;
+    FrameTimer::new(gpu, ClockPlan::fenced(SubmitCost::default()), 1)?.untimed(gpu, &[&march])?;
+    let words: Vec<u32> = bytemuck::pod_collect_to_vec(&read_buffer(gpu, &counters)?);
+    let sum = |counter: usize| {
+        let part = &words[counter * SLOTS..][..SLOTS];
+        part.iter().map(|n| u64::from(*n)).sum()
+    };
+    Ok(Counts {
+        samples: sum(0),
+        lookups: sum(1),
+        fragments: sum(2),
+    })
+}
+
+fn grown(bounds: &Bounds, by: f64) -> Bounds {
+    Bounds {
+        min: bounds.min - by,
+        max: bounds.max + by,
+    }
+}
+
+/// The pixels that a box can cover (x, y, width, height): the whole image where the box reaches behind the eye, none where it
+/// lies beside the image. VAO §3.
+fn rectangle(view_projection: &DMat4, bounds: &Bounds, size_px: [u32; 2]) -> Option<[u32; 4]> {
+    let corners = bounds.corners().map(|p| *view_projection * p.extend(1.0));
+    if corners.iter().any(|clip| clip.w <= 0.0) {
+        return Some([0, 0, size_px[0], size_px[1]]);
+    }
+    let span = |place: &dyn Fn(usize) -> f64, size: u32| {
+        let places = (0..8).map(place);
+        let low = places.clone().fold(f64::INFINITY, f64::min);
+        let high = places.fold(f64::NEG_INFINITY, f64::max);
+        let clamped = |x: f64| (x * f64::from(size)).clamp(0.0, f64::from(size));
+        (clamped(low).floor() as u32, clamped(high).ceil() as u32)
+    };
+    let (left, right) = span(&|i| 0.5 + 0.5 * corners[i].x / corners[i].w, size_px[0]);
+    let (top, bottom) = span(&|i| 0.5 - 0.5 * corners[i].y / corners[i].w, size_px[1]);
+    (right > left && bottom > top).then_some([left, top, right - left, bottom - top])
+}
+
+impl Encode for March {
+    fn name(&self) -> &'static str {
+        INFO.name
+    }
+
+    fn encode(&self, scope: &mut StageScope<'_>) {
+        let targets = Targets {
+            color: &[ColorTarget {
+                view: &self.view,
+                clear: Some(wgpu::Color::WHITE),
+                slice: None,
+            }],
+            depth: None,
+        };
+        scope.render(&targets, |pass| {
+            pass.set_pipeline(&self.pipeline);
+            pass.set_bind_group(0, &self.shared, &[]);
+            pass.set_bind_group(2, &self.inputs.group, &[]);
+            for volume in &self.volumes {
+                let [x, y, width, height] = volume.scissor;
+                pass.set_scissor_rect(x, y, width, height);
+                pass.set_bind_group(1, &volume.group, &[]);
+                pass.draw(0..3, 0..1);
+            }
+        });
+    }
+}
+
+impl Stage for March {
+    /// Fragments of the volumes' rectangles, and trilinear samples at most: rays end early at hits and at the volume's border.
+    fn work(&self) -> Work {
+        let pixels = |volume: &Drawn| u64::from(volume.scissor[2]) * u64::from(volume.scissor[3]);
+        let fragments = self.volumes.iter().map(pixels).sum();
+        let samples = self
+            .volumes
+            .iter()
+            .map(|v| pixels(v) * u64::from(self.rays) * v.samples)
+            .sum();
+        Work {
+            fragments,
+            texel_fetches: samples,
+            bytes_written: fragments * 2,
+            ..Work::default()
+        }
+    }
+
+    fn outputs(&self) -> Vec<Output> {
+        vec![visibility_output("visibility", &self.target)]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::DVec3;
+
+    use super::*;
+    use crate::scene::Camera;
+
+    #[test]
+    fn rectangles_hold_what_a_box_covers() {
+        let camera = Camera {
+            position_m: [0.0, 0.0, 5.0],
+            target_m: [0.0; 3],
+            up: [0.0, 1.0, 0.0],
+            fov_y_deg: 90.0,
+            z_near_m: 0.1,
+            z_far_m: 100.0,
+        };
+        let m = camera.view_projection(1.0);
+        let cube = |center: DVec3, half: f64| {
+            grown(
+                &Bounds {
+                    min: center,
+                    max: center,
+                },
+                half,
+            )
+        };
+        // At 4 m the image spans 8 m: the near face of a cube of 2 m covers a quarter of it.
+        let seen = rectangle(&m, &cube(DVec3::ZERO, 1.0), [80, 80]);
+        assert_eq!(seen, Some([30, 30, 20, 20]));
+        assert_eq!(rectangle(&m, &cube(DVec3::X * 50.0, 1.0), [80, 80]), None);
+        let around = cube(DVec3::ZERO, 20.0);
+        assert_eq!(rectangle(&m, &around, [80, 40]), Some([0, 0, 80, 40]));
+    }
+}

@@ -1,0 +1,251 @@
+//! What `ao/march` and `ao/query` share: rays marched through a volume for the occlusion of surface points. VAO §3, §5.
+
+use encase::ShaderType;
+use serde::{Deserialize, Serialize};
+
+use super::kit::{Bind, Group, Resources};
+use super::voxels::Voxels;
+use crate::scene::Grid;
+
+/// ρ(d) on (0, r_max]. VAO Eq. 1 leaves it open.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Attenuation {
+    /// 1 − d / r_max.
+    Linear,
+    /// 1.
+    Hard,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Estimator {
+    /// Mean of ρ over cosine-distributed directions: Eq. 1 without bias.
+    Unbiased,
+    /// Mean of (n·r) ρ over directions uniform in the hemisphere: VAO §3 step 3c, half of Eq. 1.
+    Paper,
+}
+
+/// Where the first sample of a ray lies. VAO §5.1, Fig. 3.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Guard {
+    /// At the surface: Fig. 3a.
+    None,
+    /// A voxel's diagonal along the ray: Fig. 3b.
+    Voxel,
+    /// Seven voxels along the ray: Fig. 3c.
+    SevenVoxels,
+    /// Half a voxel's diagonal above the surface's plane: Eq. 2 with h = s_v √3 / 2, Fig. 3d.
+    Variable,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Step {
+    /// r_max / N_samples: VAO §5.1.
+    Paper,
+    /// A number of voxels, as often as r_max holds it.
+    Voxel,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Sampling {
+    /// Every ray on its own.
+    Random,
+    /// A golden-ratio lattice, shifted by a hash of the pixel.
+    Stratified,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Storage {
+    /// R8 texture, filtered by the sampler.
+    Texture,
+    /// One bit a voxel, filtered by hand.
+    Bits,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Occluder {
+    /// The first sample above the threshold blocks the ray: VAO §5.1.
+    Binary,
+    /// Samples are opacities and are gathered along the ray: Eq. 7 with Eq. 4's rejection, no ρ.
+    Opacity,
+}
+
+/// Where a hit is taken to lie.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Hit {
+    /// At the sample that exceeds the threshold: VAO §5.1.
+    Sample,
+    /// Where V, taken as linear between that sample and the one before, crosses the threshold.
+    Between,
+}
+
+/// How rays are marched.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Marching {
+    /// N_dir.
+    pub rays: u32,
+    /// N_samples; it sets the step of [`Step::Paper`].
+    pub samples: u32,
+    /// Step of [`Step::Voxel`], voxels.
+    pub step_voxels: f64,
+    pub r_max_m: f64,
+    /// V_thres.
+    pub threshold: f64,
+    /// From the surface along its normal to where rays begin, voxels.
+    pub offset_voxels: f64,
+    pub attenuation: Attenuation,
+    pub estimator: Estimator,
+    pub guard: Guard,
+    pub step: Step,
+    pub sampling: Sampling,
+    pub storage: Storage,
+    pub skipping: bool,
+    pub occluder: Occluder,
+    pub hit: Hit,
+}
+
+/// Host twin of `March` in `shaders/shared/marching.wgsl`.
+#[derive(Clone, Debug, PartialEq, ShaderType)]
+pub struct MarchUniforms {
+    pub r_max: f32,
+    pub step: f32,
+    pub guard: f32,
+    pub offset: f32,
+    pub threshold: f32,
+    pub rays: u32,
+}
+
+impl Guard {
+    /// Length of the guard in voxels: along the ray, or above the plane for [`Guard::Variable`].
+    pub fn voxels(self) -> f64 {
+        match self {
+            Guard::None => 0.0,
+            Guard::Voxel => 3f64.sqrt(),
+            Guard::SevenVoxels => 7.0,
+            Guard::Variable => 3f64.sqrt() / 2.0,
+        }
+    }
+}
+
+impl Marching {
+    pub fn r_max_voxels(&self, grid: &Grid) -> f64 {
+        self.r_max_m / grid.voxel_m
+    }
+
+    /// Distance of neighbouring samples of a ray, voxels.
+    pub fn step_in(&self, grid: &Grid) -> f64 {
+        match self.step {
+            Step::Paper => self.r_max_voxels(grid) / f64::from(self.samples),
+            Step::Voxel => self.step_voxels,
+        }
+    }
+
+    /// Samples of a ray at most.
+    pub fn samples_in(&self, grid: &Grid) -> f64 {
+        (self.r_max_voxels(grid) / self.step_in(grid)).ceil()
+    }
+
+    pub fn uniforms(&self, grid: &Grid) -> MarchUniforms {
+        MarchUniforms {
+            r_max: self.r_max_voxels(grid) as f32,
+            step: self.step_in(grid) as f32,
+            guard: self.guard.voxels() as f32,
+            offset: self.offset_voxels as f32,
+            threshold: self.threshold as f32,
+            rays: self.rays,
+        }
+    }
+
+    /// The definitions that choose the shader's code.
+    pub fn defs(&self) -> Vec<(&'static str, i32)> {
+        let chosen = [
+            ("UNIFORM", self.estimator == Estimator::Paper),
+            ("RANDOM", self.sampling == Sampling::Random),
+            ("HARD", self.attenuation == Attenuation::Hard),
+            ("GUARD", self.guard == Guard::Variable),
+            ("BITS", self.storage == Storage::Bits),
+            ("SKIPPING", self.skipping),
+            ("OPACITY", self.occluder == Occluder::Opacity),
+            ("BETWEEN", self.hit == Hit::Between),
+        ];
+        chosen.map(|(name, on)| (name, i32::from(on))).to_vec()
+    }
+
+    /// Bind group 1 of the marching stages, for one volume.
+    pub fn group(&self, resources: &Resources<'_>, voxels: &Voxels) -> Group {
+        let gpu = resources.gpu;
+        let uniforms = resources.uniform("marching", &self.uniforms(&voxels.grid));
+        let sampler = gpu.device.create_sampler(&wgpu::SamplerDescriptor {
+            label: Some("marching"),
+            mag_filter: wgpu::FilterMode::Linear,
+            min_filter: wgpu::FilterMode::Linear,
+            ..Default::default()
+        });
+        let binds = [
+            Bind::Uniform(&uniforms),
+            Bind::Uniform(&voxels.uniforms),
+            Bind::Volume(&voxels.texture),
+            Bind::Sampler(&sampler),
+            Bind::Read(&voxels.bits),
+        ];
+        Group::new(gpu, "marching", &binds)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::DVec3;
+
+    use super::*;
+    use crate::gpu::link;
+
+    fn marching() -> Marching {
+        Marching {
+            rays: 4,
+            samples: 8,
+            step_voxels: 0.5,
+            r_max_m: 1.0,
+            threshold: 0.5,
+            offset_voxels: 0.0,
+            attenuation: Attenuation::Linear,
+            estimator: Estimator::Unbiased,
+            guard: Guard::Variable,
+            step: Step::Paper,
+            sampling: Sampling::Stratified,
+            storage: Storage::Texture,
+            skipping: false,
+            occluder: Occluder::Binary,
+            hit: Hit::Sample,
+        }
+    }
+
+    #[test]
+    fn steps_are_r_max_by_samples_or_voxels() {
+        let grid = Grid::around(DVec3::ZERO, 3.2, 32).unwrap();
+        let mut marching = marching();
+        assert!((marching.step_in(&grid) - 1.25).abs() < 1e-12);
+        assert_eq!(marching.samples_in(&grid), 8.0);
+        marching.step = Step::Voxel;
+        assert_eq!(marching.step_in(&grid), 0.5);
+        assert_eq!(marching.samples_in(&grid), 20.0);
+    }
+
+    #[test]
+    fn every_definition_links_on_its_own() {
+        let names = marching().defs().into_iter().map(|(name, _)| name);
+        for name in names.chain(["COUNT"]) {
+            for value in [0, 1] {
+                for shader in ["ao/march", "ao/query"] {
+                    link(shader, &[(name, value)]).unwrap_or_else(|e| panic!("{name}: {e}"));
+                }
+            }
+        }
+    }
+}

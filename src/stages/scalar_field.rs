@@ -1,0 +1,181 @@
+//! A scalar field in GPU memory, as the stages of family `scalar` sample it.
+
+mod pyramid;
+
+use encase::ShaderType;
+use glam::{DVec3, Vec3};
+
+use super::kit::Resources;
+use crate::gpu::{Gpu, texture_bytes};
+use crate::scene::Volume;
+
+/// Host twin of `Field` in `shaders/shared/scalar_field.wgsl`.
+#[derive(Clone, Debug, PartialEq, ShaderType)]
+pub struct FieldUniforms {
+    pub origin_m: Vec3,
+    pub voxel_m: f32,
+    pub size_m: Vec3,
+    pub guard_m: f32,
+    pub spacing_m: Vec3,
+}
+
+/// v_s of a field whose cells need not be cubes: edge of the cube of a cell's volume, metres.
+pub fn voxel_m(spacing_m: DVec3) -> f64 {
+    spacing_m.element_product().cbrt()
+}
+
+/// h of VAO Eq. 2: half a cell's diagonal, s_v √3 / 2 for cubes, metres.
+pub fn guard_m(spacing_m: DVec3) -> f64 {
+    spacing_m.length() / 2.0
+}
+
+/// Level of the average pyramid whose cells are as long as a stratum, 0 where a voxel is longer. VAO §5.2.3.
+pub fn pyramid_level(stratum_m: f64, voxel_m: f64) -> f64 {
+    (stratum_m / voxel_m).log2().max(0.0)
+}
+
+/// A field as a texture: `R8Unorm` where its values are whole steps of 8 bits, else `R16Float`.
+///
+/// Its content and its pyramid of averages are made on the host when it is built: scalar fields do not change from frame to
+/// frame, and no frame pays for them.
+pub struct ScalarField {
+    pub uniforms: wgpu::Buffer,
+    pub texture: wgpu::Texture,
+    pub sampler: wgpu::Sampler,
+    pub voxel_m: f64,
+}
+
+impl ScalarField {
+    /// `with_pyramid`: with all levels of averages.
+    pub fn new(resources: &Resources<'_>, volume: &Volume, with_pyramid: bool) -> Self {
+        let gpu = resources.gpu;
+        let levels = if with_pyramid {
+            pyramid::levels(volume.cells)
+        } else {
+            1
+        };
+        let format = format_of(&volume.data);
+        let texture = resources.volume("scalar field", volume.cells, format, levels);
+        write_level(gpu, &texture, 0, &volume.data);
+        let mut finer = (volume.cells, volume.data.clone());
+        for level in 1..levels {
+            finer = pyramid::coarser(finer.0, &finer.1);
+            write_level(gpu, &texture, level, &finer.1);
+        }
+        let linear = wgpu::FilterMode::Linear;
+        let sampler = gpu.device.create_sampler(&wgpu::SamplerDescriptor {
+            label: Some("scalar field"),
+            mag_filter: linear,
+            min_filter: linear,
+            mipmap_filter: wgpu::MipmapFilterMode::Linear,
+            ..Default::default()
+        });
+        let bounds = volume.bounds();
+        let uniforms = FieldUniforms {
+            origin_m: volume.origin_m.as_vec3(),
+            voxel_m: voxel_m(volume.spacing_m) as f32,
+            size_m: bounds.size().as_vec3(),
+            guard_m: guard_m(volume.spacing_m) as f32,
+            spacing_m: volume.spacing_m.as_vec3(),
+        };
+        Self {
+            uniforms: resources.uniform("scalar field", &uniforms),
+            texture,
+            sampler,
+            voxel_m: voxel_m(volume.spacing_m),
+        }
+    }
+
+    /// GPU memory of the field, all levels.
+    pub fn bytes(&self) -> u64 {
+        texture_bytes(&self.texture)
+    }
+}
+
+/// 8 bits where they hold the values as they are.
+fn format_of(values: &[f32]) -> wgpu::TextureFormat {
+    let fits = |v: &f32| {
+        let steps = v * 255.0;
+        (steps - steps.round()).abs() < 1e-3
+    };
+    if values.iter().all(fits) {
+        wgpu::TextureFormat::R8Unorm
+    } else {
+        wgpu::TextureFormat::R16Float
+    }
+}
+
+fn write_level(gpu: &Gpu, texture: &wgpu::Texture, level: u32, values: &[f32]) {
+    let (texel, bytes): (u32, Vec<u8>) = match texture.format() {
+        wgpu::TextureFormat::R8Unorm => {
+            let bytes = values.iter().map(|v| (v * 255.0).round() as u8);
+            (1, bytes.collect())
+        }
+        _ => {
+            let halves = values.iter().flat_map(|v| half(*v).to_le_bytes());
+            (2, halves.collect())
+        }
+    };
+    let size = texture
+        .size()
+        .mip_level_size(level, wgpu::TextureDimension::D3);
+    gpu.queue.write_texture(
+        wgpu::TexelCopyTextureInfo {
+            mip_level: level,
+            ..texture.as_image_copy()
+        },
+        &bytes,
+        wgpu::TexelCopyBufferLayout {
+            offset: 0,
+            bytes_per_row: Some(size.width * texel),
+            rows_per_image: Some(size.height),
+        },
+        size,
+    );
+}
+
+/// IEEE 754 binary16 of a value 0 … 1, rounded to even.
+fn half(value: f32) -> u16 {
+    let exponent = ((value.to_bits() >> 23) as i32 - 127).max(-14);
+    let mantissa = (value * 2f32.powi(10 - exponent)).round_ties_even() as u16;
+    ((exponent + 14) as u16) * 1024 + mantissa
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn halves_are_rounded_to_even() {
+        let cases = [
+            (0.0, 0x0000),
+            (1.0, 0x3c00),
+            (0.5, 0x3800),
+            (1.0 / 3.0, 0x3555),
+            (5.960_464_5e-8, 0x0001),
+            (0.999_9, 0x3c00),
+            (1.0 + -2f32.powi(-12), 0x3c00),
+            (6.1e-5, 0x03ff),
+        ];
+        for (value, bits) in cases {
+            assert_eq!(half(value), bits, "{value}");
+        }
+    }
+
+    #[test]
+    fn eight_bits_hold_what_came_from_a_byte() {
+        let bytes: Vec<f32> = (0..=255).map(|b| b as f32 / 255.0).collect();
+        assert_eq!(format_of(&bytes), wgpu::TextureFormat::R8Unorm);
+        assert_eq!(format_of(&[0.0, 0.5]), wgpu::TextureFormat::R16Float);
+    }
+
+    #[test]
+    fn voxels_of_cubes_and_of_bricks() {
+        let cube = DVec3::splat(0.2);
+        assert!((voxel_m(cube) - 0.2).abs() < 1e-12);
+        assert!((guard_m(cube) - 0.2 * 3f64.sqrt() / 2.0).abs() < 1e-12);
+        assert!((voxel_m(DVec3::new(1.0, 2.0, 4.0)) - 2.0).abs() < 1e-12);
+        assert_eq!(pyramid_level(0.05, 0.1), 0.0);
+        assert_eq!(pyramid_level(0.4, 0.1), 2.0);
+    }
+}

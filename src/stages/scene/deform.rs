@@ -1,0 +1,163 @@
+//! `scene/deform`: geometry in motion, each object about its own foot: vertices at rest to those of a moment, with normals.
+//!
+//! `spin` turns an object about its vertical axis. `twist` swings it, the further the higher: the top by `amplitude` turns.
+//! `wave` moves vertices along their normals by `amplitude` of the object's height, one wave over the height, travelling up.
+//! The paper's dynamic geometry (VAO §4.2) is animated characters; these motions touch every vertex as theirs does.
+
+use encase::{ShaderType, StorageBuffer};
+use glam::Vec3;
+
+use crate::gpu::{Encode, GpuError, StageScope};
+use crate::record::Work;
+use crate::scene::Scene;
+use crate::stages::geometry::Geometry;
+use crate::stages::kit::{self, Bind, Group, Resources};
+use crate::stages::{Column, Output, OutputData, Stage, StageInfo};
+
+pub const INFO: StageInfo = StageInfo {
+    name: "scene/deform",
+    about: "vertices and normals of moving geometry: spin, twist or wave of each object",
+    source: "VAO §4.2",
+};
+
+/// Floats of a vertex: position, normal, material.
+const STRIDE: u32 = 7;
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Motion {
+    Spin,
+    Twist,
+    Wave,
+}
+
+/// Host twin of `Deform` in `shaders/scene/deform.wgsl`.
+#[derive(Clone, Debug, PartialEq, ShaderType)]
+pub struct DeformUniforms {
+    pub vertices: u32,
+    pub cycles: f32,
+    pub amplitude: f32,
+}
+
+/// Host twin of `Pivot` in `shaders/scene/deform.wgsl`.
+#[derive(Clone, Debug, PartialEq, ShaderType)]
+pub struct PivotUniforms {
+    pub foot_m: Vec3,
+    pub height_m: f32,
+}
+
+pub struct Deform {
+    pipeline: wgpu::ComputePipeline,
+    group: Group,
+    geometry: Geometry,
+}
+
+/// The middle of an object's foot, and its height.
+fn pivots(scene: &Scene) -> Vec<PivotUniforms> {
+    scene
+        .objects
+        .iter()
+        .map(|object| {
+            let bounds = object.mesh.bounds();
+            PivotUniforms {
+                foot_m: bounds.center().with_y(bounds.min.y).as_vec3(),
+                height_m: bounds.size().y as f32,
+            }
+        })
+        .collect()
+}
+
+impl Deform {
+    /// Rewrites the vertices of `geometry`, which must hold those of `scene`, at rest, when this is called. `cycles` is time ×
+    /// frequency.
+    pub fn new(
+        resources: &Resources<'_>,
+        geometry: &Geometry,
+        scene: &Scene,
+        motion: Motion,
+        (cycles, amplitude): (f64, f64),
+    ) -> Result<Self, GpuError> {
+        let gpu = resources.gpu;
+        let shader = gpu.shader(INFO.name, &[("MOTION", motion as i32)])?;
+        let uniforms = resources.uniform(
+            INFO.name,
+            &DeformUniforms {
+                vertices: geometry.vertices() as u32,
+                cycles: cycles.rem_euclid(1.0) as f32,
+                amplitude: amplitude as f32,
+            },
+        );
+        let mut bytes = StorageBuffer::new(Vec::new());
+        bytes
+            .write(&pivots(scene))
+            .expect("a Vec grows to whatever a shader type needs");
+        let storage = wgpu::BufferUsages::STORAGE;
+        let pivots = resources.filled("pivots", &bytes.into_inner(), storage);
+        let rest = Geometry::vertex_bytes(scene);
+        let rest = resources.filled("vertices at rest", &rest, storage);
+        let binds = [
+            Bind::Uniform(&uniforms),
+            Bind::Read(&pivots),
+            Bind::Read(&rest),
+            Bind::Write(&geometry.vertices),
+        ];
+        let group = Group::new(gpu, INFO.name, &binds);
+        Ok(Self {
+            pipeline: kit::compute_pipeline(gpu, INFO.name, &shader, &[&group]),
+            group,
+            geometry: geometry.clone(),
+        })
+    }
+}
+
+impl Encode for Deform {
+    fn name(&self) -> &'static str {
+        INFO.name
+    }
+
+    fn encode(&self, scope: &mut StageScope<'_>) {
+        let [x, y, z] = kit::linear_workgroups(self.geometry.vertices());
+        scope.compute(|pass| {
+            pass.set_pipeline(&self.pipeline);
+            pass.set_bind_group(0, &self.group.group, &[]);
+            pass.dispatch_workgroups(x, y, z);
+        });
+    }
+}
+
+impl Stage for Deform {
+    fn work(&self) -> Work {
+        let vertices = self.geometry.vertices();
+        Work {
+            bytes_read: vertices * u64::from(STRIDE) * 4,
+            // The material stays.
+            bytes_written: vertices * 6 * 4,
+            ..Work::default()
+        }
+    }
+
+    fn outputs(&self) -> Vec<Output> {
+        let column = |name, unit, meaning| Column {
+            name,
+            unit,
+            meaning,
+        };
+        vec![Output {
+            name: "vertices".into(),
+            meaning: "vertices of this moment".into(),
+            columns: vec![
+                column("x", "m", "position"),
+                column("y", "m", "position"),
+                column("z", "m", "position"),
+                column("nx", "1", "unit normal"),
+                column("ny", "1", "unit normal"),
+                column("nz", "1", "unit normal"),
+            ],
+            data: OutputData::Buffer {
+                buffer: self.geometry.vertices.clone(),
+                stride_floats: STRIDE,
+                count: self.geometry.vertices() as u32,
+                row: Box::new(|vertex| vertex[..6].to_vec()),
+            },
+        }]
+    }
+}

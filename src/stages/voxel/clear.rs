@@ -1,0 +1,64 @@
+//! `voxel/clear`: slicemaps, bit volumes and counters start from nothing. VAO §4.2.
+
+use crate::gpu::{Encode, StageScope};
+use crate::record::Work;
+use crate::stages::{Output, Stage, StageInfo};
+
+pub const INFO: StageInfo = StageInfo {
+    name: "voxel/clear",
+    about: "clears slicemaps, bit volumes and counters",
+    source: "VAO §4.2",
+};
+
+/// A buffer's part that is cleared: its first bytes.
+#[derive(Clone)]
+pub struct Cleared {
+    pub buffer: wgpu::Buffer,
+    pub bytes: u64,
+}
+
+impl From<&wgpu::Buffer> for Cleared {
+    fn from(buffer: &wgpu::Buffer) -> Self {
+        Self {
+            buffer: buffer.clone(),
+            bytes: buffer.size(),
+        }
+    }
+}
+
+pub struct Clear {
+    cleared: Vec<Cleared>,
+}
+
+impl Clear {
+    pub fn new(cleared: Vec<Cleared>) -> Self {
+        Self { cleared }
+    }
+}
+
+impl Encode for Clear {
+    fn name(&self) -> &'static str {
+        INFO.name
+    }
+
+    fn encode(&self, scope: &mut StageScope<'_>) {
+        scope.copy(|encoder| {
+            for Cleared { buffer, bytes } in &self.cleared {
+                encoder.clear_buffer(buffer, 0, Some(*bytes));
+            }
+        });
+    }
+}
+
+impl Stage for Clear {
+    fn work(&self) -> Work {
+        Work {
+            bytes_written: self.cleared.iter().map(|c| c.bytes).sum(),
+            ..Work::default()
+        }
+    }
+
+    fn outputs(&self) -> Vec<Output> {
+        Vec::new()
+    }
+}

@@ -1,0 +1,192 @@
+//! `voxel/slicemap-x`, `-y`, `-z`: the scene drawn along an axis, each fragment setting the bit of its depth slice. VAO §4.2.
+//!
+//! A fragment sets one voxel, that of the surface at the middle of its pixel: where a surface is steep to the axis, voxels stay
+//! empty, and the passes along the other axes fill them.
+
+use super::{Part, triangles, words};
+use crate::gpu::{ColorTarget, Encode, GpuError, StageScope, Targets};
+use crate::record::Work;
+use crate::scene::Grid;
+use crate::stages::geometry::Geometry;
+use crate::stages::kit::{self, Bind, Group, RenderSpec, Resources};
+use crate::stages::{Output, Stage, StageInfo};
+
+pub const INFO_X: StageInfo = StageInfo {
+    name: "voxel/slicemap-x",
+    about: "bits of depth slices along x by atomic OR, all in one pass",
+    source: "VAO §4.2",
+};
+
+pub const INFO_Y: StageInfo = StageInfo {
+    name: "voxel/slicemap-y",
+    about: "bits of depth slices along y by atomic OR, all in one pass",
+    source: "VAO §4.2",
+};
+
+pub const INFO_Z: StageInfo = StageInfo {
+    name: "voxel/slicemap-z",
+    about: "bits of depth slices along z by atomic OR, all in one pass",
+    source: "VAO §4.2",
+};
+
+/// Format of the target that a render pass must have: nothing is written to it.
+const DUMMY: wgpu::TextureFormat = wgpu::TextureFormat::R8Unorm;
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Axis {
+    X,
+    Y,
+    Z,
+}
+
+impl Axis {
+    pub const ALL: [Axis; 3] = [Axis::X, Axis::Y, Axis::Z];
+
+    /// The stage's name.
+    pub fn name(self) -> &'static str {
+        match self {
+            Axis::X => INFO_X.name,
+            Axis::Y => INFO_Y.name,
+            Axis::Z => INFO_Z.name,
+        }
+    }
+
+    /// Columns and rows of the pass, and slices.
+    pub fn turned(self, grid: &Grid) -> [u32; 3] {
+        self.turn(grid.cells)
+    }
+
+    /// A voxel's column, row and slice.
+    pub fn turn(self, [x, y, z]: [u32; 3]) -> [u32; 3] {
+        match self {
+            Axis::X => [y, z, x],
+            Axis::Y => [x, z, y],
+            Axis::Z => [x, y, z],
+        }
+    }
+
+    /// Size of a slicemap of 32 slices a word.
+    pub fn slicemap_bytes(self, grid: &Grid) -> u64 {
+        let [columns, rows, slices] = self.turned(grid).map(u64::from);
+        columns * rows * slices.div_ceil(32) * 4
+    }
+}
+
+/// One volume's share of a pass.
+struct Draw {
+    group: Group,
+    part: Part,
+    size_px: [u32; 2],
+    slices: wgpu::Buffer,
+}
+
+pub struct Slicemap {
+    axis: Axis,
+    pipeline: wgpu::RenderPipeline,
+    geometry: Geometry,
+    draws: Vec<Draw>,
+    dummy: wgpu::TextureView,
+}
+
+impl Slicemap {
+    pub fn new(
+        resources: &Resources<'_>,
+        geometry: &Geometry,
+        parts: &[Part],
+        axis: Axis,
+    ) -> Result<Self, GpuError> {
+        let (gpu, name) = (resources.gpu, axis.name());
+        let shader = gpu.shader("voxel/slicemap", &[("AXIS", axis as i32)])?;
+        let draws: Vec<Draw> = parts
+            .iter()
+            .map(|part| {
+                let grid = &part.voxels.grid;
+                let slices = resources.storage(name, axis.slicemap_bytes(grid));
+                let [columns, rows, _] = axis.turned(grid);
+                let binds = [Bind::Uniform(&part.voxels.uniforms), Bind::Write(&slices)];
+                Draw {
+                    group: Group::new(gpu, name, &binds),
+                    part: part.clone(),
+                    size_px: [columns, rows],
+                    slices,
+                }
+            })
+            .collect();
+        let groups: Vec<&Group> = draws.iter().take(1).map(|draw| &draw.group).collect();
+        let target = wgpu::ColorTargetState {
+            write_mask: wgpu::ColorWrites::empty(),
+            ..kit::opaque(DUMMY)
+        };
+        let pipeline = kit::render_pipeline(
+            gpu,
+            &RenderSpec {
+                label: name,
+                shader: &shader,
+                vertex: "vertex",
+                fragment: Some("fragment"),
+                groups: &groups,
+                buffers: &[Geometry::layout(true)],
+                targets: &[target],
+                depth: None,
+            },
+        );
+        let largest = |side: usize| draws.iter().map(|d| d.size_px[side]).max().unwrap_or(1);
+        let dummy = resources.target(name, [largest(0), largest(1)], DUMMY);
+        Ok(Self {
+            axis,
+            pipeline,
+            geometry: geometry.clone(),
+            draws,
+            dummy: kit::view(&dummy),
+        })
+    }
+
+    /// Each volume's slices: words of 32 slices, layers of the pass's columns × rows.
+    pub fn slicemaps(&self) -> impl Iterator<Item = &wgpu::Buffer> {
+        self.draws.iter().map(|draw| &draw.slices)
+    }
+}
+
+impl Encode for Slicemap {
+    fn name(&self) -> &'static str {
+        self.axis.name()
+    }
+
+    fn encode(&self, scope: &mut StageScope<'_>) {
+        let targets = Targets {
+            color: &[ColorTarget {
+                view: &self.dummy,
+                clear: None,
+                slice: None,
+            }],
+            depth: None,
+        };
+        scope.render(&targets, |pass| {
+            pass.set_pipeline(&self.pipeline);
+            for draw in &self.draws {
+                let [columns, rows] = draw.size_px.map(|n| n as f32);
+                pass.set_viewport(0.0, 0.0, columns, rows, 0.0, 1.0);
+                pass.set_bind_group(0, &draw.group.group, &[]);
+                self.geometry.draw_part(pass, draw.part.indices.clone());
+            }
+        });
+    }
+}
+
+impl Stage for Slicemap {
+    fn work(&self) -> Work {
+        let parts: Vec<Part> = self.draws.iter().map(|draw| draw.part.clone()).collect();
+        Work {
+            triangles: triangles(&parts),
+            bytes_read: self.geometry.bytes(),
+            ..Work::default()
+        }
+    }
+
+    fn outputs(&self) -> Vec<Output> {
+        let meaning =
+            "a bit for each slice, 32 slices a word; columns of the pass fastest, then rows";
+        let output = |(number, slices)| words(format!("slices-{number}"), meaning, slices);
+        self.slicemaps().enumerate().map(output).collect()
+    }
+}

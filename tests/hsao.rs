@@ -1,0 +1,76 @@
+//! The horizon-split pipeline as a whole, on the adapter at hand.
+
+use std::collections::BTreeMap;
+
+use fathom::gpu::{ClockPlan, Encode, FrameTimer, Gpu, Options, Pixels, SubmitCost, read_texture};
+use fathom::pipelines::{Pipeline, hsao, params};
+use fathom::scene::{Scene, SceneFile};
+use serde_json::{Value, json};
+
+const SIZE: [u32; 2] = [48, 40];
+
+/// A frame of scene `tank` with some parameters set: its picture and its figures.
+fn frame(gpu: &Gpu, set: &[(&str, Value)]) -> (Pixels, BTreeMap<String, f64>) {
+    let file = SceneFile::load("tank").unwrap();
+    let mut tree = (hsao::KIND.defaults)(&file);
+    let [width, height] = SIZE;
+    let size = [("view.width", json!(width)), ("view.height", json!(height))];
+    for (path, value) in size.iter().chain(set) {
+        params::set(&mut tree, path, value.clone()).unwrap();
+    }
+    let file = (hsao::KIND.scene_file)(&file, &tree).unwrap();
+    let scene = Scene::build(&file).unwrap();
+    gpu.check(&(hsao::KIND.demand)(&tree, &scene).unwrap())
+        .unwrap();
+    let pipeline = (hsao::KIND.build)(gpu, &scene, &tree).unwrap();
+    run(gpu, pipeline.as_ref());
+    let image = read_texture(gpu, pipeline.image()).unwrap();
+    (image, pipeline.quantities(gpu).unwrap())
+}
+
+fn run(gpu: &Gpu, pipeline: &dyn Pipeline) {
+    let stages = pipeline.stages();
+    let stages: Vec<&dyn Encode> = stages.into_iter().map(|stage| stage as _).collect();
+    let mut timer = FrameTimer::new(gpu, ClockPlan::fenced(SubmitCost::default()), 64).unwrap();
+    timer.untimed(gpu, &stages).unwrap();
+}
+
+/// Mean of the red channel.
+fn mean(image: &Pixels) -> f64 {
+    let red = image.data.iter().step_by(image.channels as usize);
+    red.map(|v| f64::from(*v)).sum::<f64>() / f64::from(image.width * image.height)
+}
+
+#[test]
+fn samples_are_bounded_and_pictures_show_what_is_asked() {
+    let gpu = Gpu::open(&Options::default())
+        .expect("a Vulkan driver: `make test` installs lavapipe where there is none");
+    let occlusion = ("compose.show", json!("occlusion"));
+
+    let (picture, figures) = frame(&gpu, &[]);
+    assert_eq!([picture.width, picture.height], SIZE);
+    assert_eq!(figures["samples_per_pixel_most"], 400.0);
+    assert!((100.0..=400.0).contains(&figures["samples_per_pixel"]));
+    assert!((0.3..=1.0).contains(&figures["covered_share"]));
+
+    let (open, figures) = frame(&gpu, &[occlusion.clone(), ("hsao.rays", json!(0))]);
+    assert_eq!(figures["samples_per_pixel_most"], 256.0);
+    let (split, _) = frame(&gpu, std::slice::from_ref(&occlusion));
+    assert!(mean(&split) < mean(&open) && mean(&open) < 1.0);
+
+    // Half of the size and a quarter of the pixels; the picture is as large, and as dark.
+    let half = ("hsao.scale", json!(0.5));
+    let (small, _) = frame(&gpu, &[occlusion.clone(), half.clone()]);
+    assert_eq!([small.width, small.height], SIZE);
+    assert!((mean(&small) - mean(&split)).abs() < 0.02);
+    let (coarse, _) = frame(
+        &gpu,
+        &[occlusion.clone(), half, ("hsao.filter", json!(false))],
+    );
+    assert!((mean(&coarse) - mean(&split)).abs() < 0.03);
+
+    let near = [occlusion, ("hsao.r_max_m", json!(0.01))];
+    assert!(mean(&frame(&gpu, &near).0) > mean(&split));
+    let (floor, figures) = frame(&gpu, &[("objects", json!(1))]);
+    assert!(figures["covered_share"] > 0.0 && mean(&floor) != mean(&picture));
+}

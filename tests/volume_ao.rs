@@ -1,0 +1,231 @@
+//! The volume ambient occlusion pipeline as a whole, on the adapter at hand: its variants, its figures, its accuracy.
+
+use std::collections::BTreeMap;
+
+use fathom::gpu::{ClockPlan, Encode, FrameTimer, Gpu, Options, Pixels, SubmitCost, read_texture};
+use fathom::pipelines::volume_ao::{KIND, Params, VolumeAo};
+use fathom::pipelines::{Pipeline, params};
+use fathom::reference::occlusion::{Attenuation, occlusion};
+use fathom::reference::rays::{PixelRays, Tracer};
+use fathom::scene::{Scene, SceneFile};
+use glam::DVec3;
+use rayon::prelude::*;
+use serde_json::{Value, json};
+
+/// A built pipeline after one frame.
+struct Drawn {
+    scene: Scene,
+    params: Params,
+    pipeline: VolumeAo,
+}
+
+fn gpu() -> Gpu {
+    Gpu::open(&Options::default())
+        .expect("a Vulkan driver: `make test` installs lavapipe where there is none")
+}
+
+fn draw(gpu: &Gpu, scene: &str, set: &[(&str, Value)]) -> Drawn {
+    let file = SceneFile::load(scene).unwrap();
+    let mut tree = (KIND.defaults)(&file);
+    for (path, value) in set {
+        params::set(&mut tree, path, value.clone()).unwrap();
+    }
+    let file = (KIND.scene_file)(&file, &tree).unwrap();
+    let scene = Scene::build(&file).unwrap();
+    gpu.check(&(KIND.demand)(&tree, &scene).unwrap()).unwrap();
+    let params = Params::from_value(&tree).unwrap();
+    let pipeline = gpu
+        .scoped(|| VolumeAo::new(gpu, &scene, params.clone()))
+        .unwrap();
+    let stages: Vec<&dyn Encode> = pipeline.stages().into_iter().map(|s| s as _).collect();
+    let mut timer = FrameTimer::new(gpu, ClockPlan::fenced(SubmitCost::default()), 64).unwrap();
+    timer.untimed(gpu, &stages).unwrap();
+    Drawn {
+        scene,
+        params,
+        pipeline,
+    }
+}
+
+impl Drawn {
+    fn visibility(&self, gpu: &Gpu) -> Pixels {
+        read_texture(gpu, self.pipeline.visibility()).unwrap()
+    }
+
+    fn figures(&self, gpu: &Gpu) -> BTreeMap<String, f64> {
+        self.pipeline.quantities(gpu).unwrap()
+    }
+
+    fn stages(&self) -> Vec<&'static str> {
+        self.pipeline.stages().iter().map(|s| s.name()).collect()
+    }
+}
+
+fn mean(image: &Pixels) -> f64 {
+    image.data.iter().map(|v| f64::from(*v)).sum::<f64>() / image.data.len() as f64
+}
+
+/// Small pictures and volumes.
+fn small(more: &[(&'static str, Value)]) -> Vec<(&'static str, Value)> {
+    let mut set = vec![
+        ("view.width", json!(48)),
+        ("view.height", json!(40)),
+        ("voxel.resolution", json!(32)),
+        ("shadow.size", json!(64)),
+        ("ao.rays", json!(16)),
+    ];
+    set.extend_from_slice(more);
+    set
+}
+
+#[test]
+fn variants_agree_where_they_must() {
+    let gpu = gpu();
+    let run = |more: &[(&'static str, Value)]| draw(&gpu, "ball", &small(more));
+    let plain = run(&[]);
+    let visibility = plain.visibility(&gpu);
+    assert!((0.5..0.99).contains(&mean(&visibility)));
+    let image = read_texture(&gpu, plain.pipeline.image()).unwrap();
+    assert_eq!([image.width, image.height], [48, 40]);
+
+    let once = run(&[("voxel.update", json!("once"))]);
+    assert_eq!(once.visibility(&gpu).data, visibility.data);
+    assert!(plain.stages().contains(&"voxel/unpack") && !once.stages().contains(&"voxel/unpack"));
+
+    let skipping = run(&[("ao.skipping", json!(true))]);
+    assert_eq!(skipping.visibility(&gpu).data, visibility.data);
+    let [taken, all] = [&skipping, &plain].map(|d| d.figures(&gpu)["samples_per_pixel_mean"]);
+    assert!(taken < 0.7 * all, "{taken} of {all}");
+    assert!(skipping.figures(&gpu)["lookups_per_pixel_mean"] > 0.0);
+
+    let bits = run(&[("ao.storage", json!("bits"))]);
+    assert!((mean(&bits.visibility(&gpu)) - mean(&visibility)).abs() < 2e-3);
+
+    let half = run(&[("ao.scale", json!(0.5)), ("ao.filter", json!(false))]).visibility(&gpu);
+    assert_eq!([half.width, half.height], [24, 20]);
+    assert!((mean(&half) - mean(&visibility)).abs() < 0.02);
+
+    let paper = run(&[("ao.estimator", json!("paper"))]);
+    let [halved, whole] = [mean(&paper.visibility(&gpu)), mean(&visibility)].map(|v| 1.0 - v);
+    assert!((halved / whole - 0.5).abs() < 0.1, "{halved} of {whole}");
+}
+
+#[test]
+fn figures_say_what_is_marched() {
+    let gpu = gpu();
+    let set = [
+        ("ao.step", json!("paper")),
+        ("ao.samples", json!(8)),
+        ("ao.r_max_m", json!(1.5)),
+    ];
+    let figures = draw(&gpu, "ball", &small(&set)).figures(&gpu);
+    assert_eq!(figures["r_max_m"], 1.5);
+    assert!((figures["r_max_voxels"] / figures["step_voxels"] - 8.0).abs() < 1e-9);
+    let samples = figures["samples_per_pixel_mean"];
+    assert!((16.0..=128.0).contains(&samples), "{samples}");
+    assert!((0.3..=1.0).contains(&figures["covered_share"]));
+}
+
+#[test]
+fn volumes_of_objects_multiply_and_glass_lets_light_through() {
+    let gpu = gpu();
+    let crates = [
+        ("voxel.per_object", json!(true)),
+        ("ao.r_max_m", json!(0.5)),
+        ("objects", json!(4)),
+    ];
+    let each = draw(&gpu, "crates", &small(&crates));
+    assert_eq!(each.pipeline.volumes().len(), 4);
+    let all = draw(&gpu, "crates", &small(&crates[1..]));
+    let [each, all] = [&each, &all].map(|d| 1.0 - mean(&d.visibility(&gpu)));
+    assert!(
+        each > 0.0 && all > 0.0 && (each / all - 1.0).abs() < 1.0,
+        "{each} {all}"
+    );
+
+    let glass = |occluder: &str, method: &str| {
+        let set = [
+            ("ao.occluder", json!(occluder)),
+            ("voxel.method", json!(method)),
+        ];
+        1.0 - mean(&draw(&gpu, "glass", &small(&set)).visibility(&gpu))
+    };
+    let [clear, opaque] = [glass("opacity", "max_alpha"), glass("opacity", "overlap")];
+    assert!(clear > 0.0 && clear < opaque, "{clear} {opaque}");
+}
+
+#[test]
+fn geometry_moves_and_its_volume_with_it() {
+    let gpu = gpu();
+    let at = |time_s: f64| {
+        let set = [
+            ("animation.deform", json!("spin")),
+            ("animation.time_s", json!(time_s)),
+            ("ao.r_max_m", json!(1.0)),
+        ];
+        draw(&gpu, "crates", &small(&set))
+    };
+    let [start, later] = [at(0.0), at(0.5)];
+    assert_eq!(start.stages()[..2], ["frame", "scene/deform"]);
+    assert_ne!(start.visibility(&gpu).data, later.visibility(&gpu).data);
+}
+
+/// RMS and mean of A less that of 256 rays cast from the same pixels.
+fn error(gpu: &Gpu, drawn: &Drawn) -> [f64; 2] {
+    let image = drawn.visibility(gpu);
+    let gbuffer = drawn.pipeline.gbuffer();
+    let [depth, normal] = [&gbuffer.depth, &gbuffer.normal].map(|t| read_texture(gpu, t).unwrap());
+    let rays = PixelRays::new(&drawn.params.camera, image.width, image.height);
+    let tracer = Tracer::new(&drawn.scene.objects).unwrap();
+    let r_max_m = drawn.params.ao.marching(&drawn.scene).r_max_m;
+    let seen: Vec<usize> = (0..depth.data.len())
+        .filter(|i| depth.data[*i] < 1.0)
+        .collect();
+    assert!(seen.len() >= 2_000, "{} points", seen.len());
+    let errors: Vec<f64> = seen
+        .par_iter()
+        .map(|i| {
+            let (x, y) = (i % image.width as usize, i / image.width as usize);
+            let place = rays.unproject(x as f64 + 0.5, y as f64 + 0.5, depth.data[*i].into());
+            let n = [0, 1, 2].map(|k| f64::from(normal.data[4 * i + k]));
+            let n = DVec3::from(n).normalize();
+            let exact = occlusion(&tracer, place, n, r_max_m, Attenuation::Linear, 256);
+            1.0 - f64::from(image.data[*i]) - exact
+        })
+        .collect();
+    let mean = |values: &mut dyn Iterator<Item = f64>| values.sum::<f64>() / errors.len() as f64;
+    let rms = mean(&mut errors.iter().map(|e| e * e)).sqrt();
+    [rms, mean(&mut errors.iter().copied())]
+}
+
+#[test]
+fn occlusion_is_close_to_ray_casting() {
+    let gpu = gpu();
+    let set = |width: u32, height: u32| {
+        [
+            ("view.width", json!(width)),
+            ("view.height", json!(height)),
+            ("voxel.resolution", json!(128)),
+            ("voxel.update", json!("once")),
+            ("shadow.size", json!(64)),
+            ("ao.rays", json!(64)),
+            ("ao.filter", json!(false)),
+        ]
+    };
+    for (scene, limit) in [("bunny_dry", 0.05), ("sponza", 0.05), ("dragon_dry", 0.09)] {
+        let drawn = draw(&gpu, scene, &set(64, 64));
+        let [rms, bias] = error(&gpu, &drawn);
+        println!("{scene}: RMS error {rms:.4}, bias {bias:+.4}");
+        // The limits are for the scene itself.
+        let limit = if drawn.scene.stand_ins.is_empty() {
+            limit
+        } else {
+            0.1
+        };
+        assert!(rms <= limit, "{scene}: {rms} (bias {bias})");
+    }
+    // A shell of voxels without a guard occludes itself: the comparison can fail.
+    let mut blind = set(64, 64).to_vec();
+    blind.push(("ao.guard", json!("none")));
+    assert!(error(&gpu, &draw(&gpu, "bunny_dry", &blind))[0] > 0.3);
+}

@@ -1,0 +1,186 @@
+//! The pipeline `voxelize` on whatever adapter is there: grids of all shapes, geometry outside them, volumes by the object, and
+//! geometry in motion.
+
+use fathom::gpu::{ClockPlan, Encode, FrameTimer, Gpu, Options, SubmitCost, read_buffer};
+use fathom::pipelines::Pipeline;
+use fathom::pipelines::settings::{Deform, Method};
+use fathom::pipelines::voxelize::{Params, Voxelize};
+use fathom::scene::{Scene, SceneFile};
+
+const METHODS: [Method; 5] = [
+    Method::Slicemap,
+    Method::Slice,
+    Method::Overlap,
+    Method::OverlapThin,
+    Method::MaxAlpha,
+];
+
+/// A floor, a ball and a box beside it, in dry air.
+const SCENE: &str = r#"
+name = "test"
+description = "a floor, a ball and a box"
+floor_depth_m = 1.0
+[camera]
+position_m = [0.0, 1.0, 5.0]
+target_m = [0.0, 0.0, 0.0]
+fov_y_deg = 45.0
+z_near_m = 0.1
+z_far_m = 20.0
+[[object]]
+name = "floor"
+generator = "plane"
+params = { width_m = 4.0, depth_m = 3.0 }
+[[object]]
+name = "ball"
+generator = "sphere"
+transform = { translate_m = [-0.7, 0.3, 0.1] }
+[[object]]
+name = "box"
+generator = "box"
+transform = { translate_m = [1.0, 0.1, -0.2], rotate_deg = [0.0, 20.0, 0.0] }
+"#;
+
+struct Fixture {
+    gpu: Gpu,
+    file: SceneFile,
+    scene: Scene,
+}
+
+impl Fixture {
+    fn new() -> Self {
+        let file = SceneFile::parse("test.toml", SCENE).unwrap();
+        Self {
+            gpu: Gpu::open(&Options::default()).expect("an adapter is there"),
+            scene: Scene::build(&file).unwrap(),
+            file,
+        }
+    }
+
+    /// Two frames of the pipeline: what the first leaves behind must not be in the second.
+    fn frames(&self, change: impl FnOnce(&mut Params)) -> Voxelize {
+        let mut params = Params::from_scene(&self.file);
+        params.voxel.resolution = 24;
+        (params.view.width, params.view.height) = (16, 16);
+        change(&mut params);
+        let params = Params::from_value(&params.to_value()).unwrap();
+        let make = || Voxelize::new(&self.gpu, &self.scene, params);
+        let pipeline = self.gpu.scoped(make).unwrap();
+        let stages = pipeline.stages().into_iter().map(|s| s as &dyn Encode);
+        let mut frame: Vec<&dyn Encode> = stages.collect();
+        frame.extend(pipeline.presenting());
+        let plan = ClockPlan::fenced(SubmitCost::default());
+        let mut timer = FrameTimer::new(&self.gpu, plan, 1).unwrap();
+        for _ in 0..2 {
+            timer.untimed(&self.gpu, &frame).unwrap();
+        }
+        pipeline
+    }
+
+    fn occupied(&self, pipeline: &Voxelize) -> f64 {
+        pipeline.quantities(&self.gpu).unwrap()["occupied_voxels"]
+    }
+
+    fn bits(&self, pipeline: &Voxelize, volume: usize) -> Vec<u8> {
+        read_buffer(&self.gpu, &pipeline.volumes()[volume].bits).unwrap()
+    }
+}
+
+/// A grid set by hand.
+fn by_hand(params: &mut Params, cells: [u32; 3], origin_m: [f64; 3], voxel_m: f64) {
+    params.voxel.cells = cells;
+    params.voxel.origin_m = origin_m;
+    params.voxel.voxel_m = voxel_m;
+}
+
+#[test]
+fn grids_of_all_shapes_and_places() {
+    let fixture = Fixture::new();
+    for method in METHODS {
+        let frames = |cells: [u32; 3], origin_m: [f64; 3], voxel_m: f64| {
+            let pipeline = fixture.frames(|params| {
+                params.voxel.method = method;
+                params.pyramid = true;
+                by_hand(params, cells, origin_m, voxel_m);
+            });
+            fixture.occupied(&pipeline)
+        };
+        // Far from everything, and between ball and box.
+        assert_eq!(
+            frames([9, 8, 7], [50.0, 50.0, 50.0], 0.1),
+            0.0,
+            "{method:?}"
+        );
+        assert_eq!(frames([4, 4, 4], [0.0, -0.3, 0.0], 0.02), 0.0, "{method:?}");
+        // One voxel around everything: no middle line of its sides need meet the surface.
+        if method == Method::Overlap || method == Method::MaxAlpha {
+            assert_eq!(
+                frames([1, 1, 1], [-3.0, -3.0, -3.0], 6.0),
+                1.0,
+                "{method:?}"
+            );
+        }
+        // A part of the scene, in rows longer than a copy's alignment.
+        let part = frames([270, 5, 2], [-1.5, -0.4, 0.1], 0.01);
+        assert!(part > 0.0 && part < 2700.0, "{method:?}: {part}");
+    }
+}
+
+#[test]
+fn methods_agree_but_for_what_they_miss() {
+    let fixture = Fixture::new();
+    let count = |method| fixture.occupied(&fixture.frames(|params| params.voxel.method = method));
+    let [slicemap, slice, overlap, thin, alpha] = METHODS.map(count);
+    assert!(
+        (slicemap - slice).abs() <= 0.01 * slice,
+        "{slicemap} {slice}"
+    );
+    assert_eq!(overlap, alpha);
+    assert!(
+        thin < overlap && slicemap < overlap,
+        "{slicemap} {thin} {overlap}"
+    );
+    assert!(slicemap > 0.5 * overlap);
+}
+
+#[test]
+fn each_object_fills_its_own_volume() {
+    let fixture = Fixture::new();
+    for method in METHODS {
+        let apart = fixture.frames(|params| {
+            params.voxel.method = method;
+            params.voxel.per_object = true;
+        });
+        assert_eq!(apart.volumes().len(), 3);
+        let mut alone = Fixture::new();
+        alone.scene.objects.drain(..2);
+        let alone = fixture_frames(&alone, method);
+        assert_eq!(fixture.bits(&apart, 2), alone, "{method:?}");
+    }
+}
+
+fn fixture_frames(fixture: &Fixture, method: Method) -> Vec<u8> {
+    let pipeline = fixture.frames(|params| params.voxel.method = method);
+    fixture.bits(&pipeline, 0)
+}
+
+#[test]
+fn motion_moves_voxels_and_comes_back() {
+    let fixture = Fixture::new();
+    let bits = |deform: Deform, time_s: f64| {
+        let pipeline = fixture.frames(|params| {
+            params.animation.deform = deform;
+            params.animation.time_s = time_s;
+            params.animation.rate_hz = 0.5;
+            by_hand(params, [40, 24, 32], [-2.5, -1.5, -2.0], 0.13);
+        });
+        fixture.bits(&pipeline, 0)
+    };
+    let rest = bits(Deform::None, 0.0);
+    assert!(rest.iter().any(|byte| *byte > 0));
+    assert_eq!(bits(Deform::Twist, 0.0), rest);
+    for deform in [Deform::Spin, Deform::Twist, Deform::Wave] {
+        let moved = bits(deform, 0.3);
+        assert_ne!(moved, rest, "{deform:?}");
+        assert_eq!(bits(deform, 2.3), moved, "{deform:?}: a cycle later");
+    }
+}
