@@ -74,8 +74,8 @@ pub struct Detection {
     pub named_first: Share,
     /// Verdicts on cells of other stages that are regressions.
     pub others_blamed: Share,
-    /// Least and greatest change that the trials measured of the injected stage in configuration `pool`, in its time or
-    /// its instructions.
+    /// Least and greatest change that the trials measured of the injected stage in the configuration in which its sizes are
+    /// tuned, in its time or its instructions.
     pub smallest: Option<f64>,
     pub largest: Option<f64>,
 }
@@ -291,8 +291,8 @@ impl Findings {
         }
         detection.others_blamed.count += others.count;
         detection.others_blamed.of += others.of;
-        let pool = format!("pool {}", injection.stage);
-        let measured = result.cells.iter().find(|cell| cell.cell == pool);
+        let tuned = format!("{} {}", injection.configuration, injection.stage);
+        let measured = result.cells.iter().find(|cell| cell.cell == tuned);
         let change = measured.and_then(|cell| match size {
             Size::Instructions => cell.instructions,
             _ => cell.change,

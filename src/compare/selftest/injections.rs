@@ -17,6 +17,8 @@ pub struct Injection {
     pub stage: String,
     /// Such as `extra loop iterations`.
     pub kind: String,
+    /// The configuration of the gates in which its sizes are what they say.
+    pub configuration: String,
     /// Name of a size → repetitions; none for a change of one size.
     #[serde(default)]
     pub sizes: BTreeMap<Size, u32>,

@@ -7,30 +7,25 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-use crate::compare::launch::allowed_cores;
-
-/// One process for each core runs `fathom verify`, rendering and casting rays, over and over. They end when this is
+/// A process that runs `fathom verify`, rendering and casting rays on every core, over and over. It ends when this is
 /// dropped.
 pub struct Load {
     stopped: Arc<AtomicBool>,
-    threads: Vec<JoinHandle<()>>,
+    thread: Option<JoinHandle<()>>,
 }
 
 impl Load {
     pub fn start(program: &Path) -> Self {
         let stopped = Arc::new(AtomicBool::new(false));
-        let processes = allowed_cores().len().max(1);
-        let threads = (0..processes).map(|_| {
-            let (stopped, program) = (Arc::clone(&stopped), program.to_owned());
-            std::thread::spawn(move || {
-                while !stopped.load(Ordering::Relaxed) {
-                    keep_busy(&program, &stopped);
-                }
-            })
+        let (seen, program) = (Arc::clone(&stopped), program.to_owned());
+        let thread = std::thread::spawn(move || {
+            while !seen.load(Ordering::Relaxed) {
+                keep_busy(&program, &seen);
+            }
         });
         Self {
-            threads: threads.collect(),
             stopped,
+            thread: Some(thread),
         }
     }
 }
@@ -38,7 +33,7 @@ impl Load {
 impl Drop for Load {
     fn drop(&mut self) {
         self.stopped.store(true, Ordering::Relaxed);
-        for thread in self.threads.drain(..) {
+        if let Some(thread) = self.thread.take() {
             // A thread that panicked has no process left.
             let _ = thread.join();
         }

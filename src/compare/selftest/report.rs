@@ -56,7 +56,7 @@ pub fn markdown(findings: &Findings) -> String {
     );
 
     text += "## Slowdowns of one stage\n\n";
-    text += "Measured is what the trials found of the stage in configuration `pool`.\n\n";
+    text += "Measured is what the trials found of the stage in the configuration in which injections are tuned.\n\n";
     let mut table = Table::new([
         "injected",
         "measured",
