@@ -10,6 +10,7 @@ use std::collections::BTreeMap;
 use glam::UVec2;
 use serde_json::Value;
 
+use super::settings::Attenuation;
 use super::{Kind, Pipeline};
 use crate::gpu::{Demand, Gpu, GpuError, read_texture};
 use crate::scene::{Scene, SceneFile, Volume};
@@ -19,7 +20,7 @@ use crate::stages::ray_cast::{self, RayCast};
 use crate::stages::scalar_field::ScalarField;
 use crate::stages::{Stage, scalar};
 
-pub use parameters::{Attenuation, Law, Mode, Params, Scalar, Stop};
+pub use parameters::{Law, Mode, Params, Scalar, Stop};
 
 pub const KIND: Kind = Kind {
     name: "scalar_ao",

@@ -7,7 +7,8 @@ use glam::DVec3;
 
 use super::rig::{self, Rig};
 use super::{Case, VerifyError};
-use crate::pipelines::scalar_ao::{Attenuation, Law, Mode, Scalar, Stop};
+use crate::pipelines::scalar_ao::{Law, Mode, Scalar, Stop};
+use crate::pipelines::settings::Attenuation;
 use crate::reference::image::Image;
 use crate::scene::{Camera, Volume};
 use crate::stages::frame::{Shared, View};

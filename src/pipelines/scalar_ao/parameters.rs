@@ -4,7 +4,7 @@ use glam::{Vec2, Vec3};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use crate::pipelines::settings::{View, within};
+use crate::pipelines::settings::{Attenuation, View, within};
 use crate::scene::{Camera, Light, SceneFile, Volume, VolumeFile};
 use crate::stages::ray_cast::MarchUniforms;
 use crate::stages::scalar_field;
@@ -83,16 +83,6 @@ pub enum Stop {
     Isosurface,
     /// V ≥ threshold, as for surfaces. VAO §5.1.
     Threshold,
-}
-
-/// ρ of an occluder at distance d, which VAO Eq. 1 leaves open.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Attenuation {
-    /// 1 − d / r_max.
-    Linear,
-    /// 1.
-    Hard,
 }
 
 /// What values of the field mean in a medium.
