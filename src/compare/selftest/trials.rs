@@ -145,12 +145,7 @@ fn injected(injection: &Injection, size: Option<Size>, what: &str, gates: &[Gate
 fn timed(injection: &Injection, size: Size, number: u32) -> Trial {
     Trial {
         seed: 10_000 * (size as u64 + 1) + u64::from(number),
-        ..injected(
-            injection,
-            Some(size),
-            &format!("-{number}"),
-            &[Gate::Time],
-        )
+        ..injected(injection, Some(size), &format!("-{number}"), &[Gate::Time])
     }
 }
 
@@ -161,12 +156,7 @@ fn truth(injection: &Injection) -> Trial {
         filter: Some(format!(" {}", injection.stage)),
         launches: Some(TRUTH_LAUNCHES),
         seed: 1,
-        ..injected(
-            injection,
-            Some(Size::Slow5),
-            "-truth",
-            &[Gate::Time],
-        )
+        ..injected(injection, Some(Size::Slow5), "-truth", &[Gate::Time])
     }
 }
 
