@@ -121,7 +121,7 @@ fn measure(bench: &mut Simulated, before: &Before, interrupted: &AtomicBool) -> 
 
 fn pairs(lines: &[Line]) -> Vec<&Pair> {
     let pair = |line| match line {
-        &Line::Pair(ref pair) => Some(pair),
+        Line::Pair(pair) => Some(pair),
         _ => None,
     };
     lines.iter().filter_map(pair).collect()
@@ -129,7 +129,7 @@ fn pairs(lines: &[Line]) -> Vec<&Pair> {
 
 fn faults(lines: &[Line]) -> Vec<&Fault> {
     let fault = |line| match line {
-        &Line::Fault(ref fault) => Some(fault),
+        Line::Fault(fault) => Some(fault),
         _ => None,
     };
     lines.iter().filter_map(fault).collect()
