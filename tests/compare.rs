@@ -448,7 +448,7 @@ fn damaged_and_foreign_files_are_told() {
         &whole.replacen("\"schema\":1", "\"schema\":9", 1),
         "format 9",
     );
-    refused(&whole.split_once('\n').unwrap().1, "no sound header");
+    refused(whole.split_once('\n').unwrap().1, "no sound header");
     fs::remove_file(&lines).unwrap();
     fathom()
         .args(["compare", "--replay"])

@@ -120,19 +120,23 @@ fn measure(bench: &mut Simulated, before: &Before, interrupted: &AtomicBool) -> 
 }
 
 fn pairs(lines: &[Line]) -> Vec<&Pair> {
-    let pair = |line| match line {
-        Line::Pair(pair) => Some(pair),
-        _ => None,
-    };
-    lines.iter().filter_map(pair).collect()
+    lines
+        .iter()
+        .filter_map(|line| match line {
+            Line::Pair(pair) => Some(pair),
+            _ => None,
+        })
+        .collect()
 }
 
 fn faults(lines: &[Line]) -> Vec<&Fault> {
-    let fault = |line| match line {
-        Line::Fault(fault) => Some(fault),
-        _ => None,
-    };
-    lines.iter().filter_map(fault).collect()
+    lines
+        .iter()
+        .filter_map(|line| match line {
+            Line::Fault(fault) => Some(fault),
+            _ => None,
+        })
+        .collect()
 }
 
 fn launches(lines: &[Line]) -> Vec<u32> {
