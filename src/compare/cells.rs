@@ -228,13 +228,14 @@ mod tests {
         }
     }
 
-    /// Host stages cost no GPU time; everything else is compared somewhere.
+    /// A stage of the host, one that is too short, and two that no frame holds; everything else is compared somewhere.
     #[test]
-    fn every_stage_of_the_device_is_in_a_gate() {
+    fn every_stage_that_can_be_compared_is_in_a_gate() {
+        let apart = ["frame", "voxel/clear", "voxel/view", "ao/query"];
         let cells = Gates::load(None).unwrap().cells();
         for stage in crate::stages::REGISTRY {
             let compared = cells.iter().any(|cell| cell.stage() == stage.name);
-            assert!(compared || stage.name == "frame", "{}", stage.name);
+            assert!(compared != apart.contains(&stage.name), "{}", stage.name);
         }
     }
 

@@ -73,7 +73,7 @@ pub fn trials(plan: Plan, injections: &[Injection]) -> Vec<Trial> {
         .iter()
         .partition(|injection| !injection.sizes.is_empty());
     let count = sized.len() as u32;
-    let mut all = counted_no_ops();
+    let mut all = Vec::new();
     let mut next = 0;
     for (rank, injection) in (0..).zip(&sized) {
         all.push(truth(injection));
@@ -83,6 +83,7 @@ pub fn trials(plan: Plan, injections: &[Injection]) -> Vec<Trial> {
         all.extend((next..due).map(no_op));
         next = due;
     }
+    all.extend(counted_no_ops());
     all.extend(sized.iter().map(|injection| counted(injection)));
     all.extend(kinds.iter().map(|injection| of_kind(injection)));
     for size in [Size::Slow3, Size::Slow10] {
