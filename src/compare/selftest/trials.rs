@@ -150,11 +150,11 @@ fn timed(injection: &Injection, size: Size, number: u32) -> Trial {
     }
 }
 
-/// How much time 5 % are.
+/// How much time 5 % are, among the other stages of the configuration: alone in a round, a stage would find its caches warm.
 fn truth(injection: &Injection) -> Trial {
     Trial {
         aim: Aim::Truth,
-        filter: Some(format!(" {}", injection.stage)),
+        filter: Some(format!("{} ", injection.configuration)),
         launches: Some(TRUTH_LAUNCHES),
         seed: 1,
         ..injected(injection, Some(Size::Slow5), "-truth", &[Gate::Time])
