@@ -1,8 +1,8 @@
-//! GPU performance benchmarking of underwater caustics and godrays on an audited clock.
+//! GPU benchmark of published real-time rendering pipelines, on a clock that is audited first.
 //!
 //! Dependency rule (kept by `tests/dependency_rule.rs`):
 //! `main → compare → report, harness → experiments → pipelines → stages → scene, gpu`;
-//! `record` and `reference` import nothing of the rest but `scene`; `report` never imports `gpu`;
+//! `record` imports nothing of the rest, `statistics` only `record`, `reference` only `scene`; `report` never imports `gpu`;
 //! a stage never imports a sibling stage.
 //!
 //! Conventions, stated once: right-handed world, +Y up, metres, water at rest is the plane y = 0,

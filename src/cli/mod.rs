@@ -222,7 +222,7 @@ pub struct CompareArgs {
     /// A built fathom as the head [default: this one]
     #[arg(long, value_name = "PATH", conflicts_with = "replay")]
     pub head_bin: Option<PathBuf>,
-    /// Gates to run
+    /// Gates to run; a self-test sets its own
     #[arg(long, value_name = "GATE,…", value_delimiter = ',', value_parser = parse_gate, default_value = "exact,instructions,time")]
     pub gates: Vec<Gate>,
     /// Pairs of worker processes in the time gate
@@ -237,13 +237,13 @@ pub struct CompareArgs {
     /// Share by which an instruction count must change to count
     #[arg(long, value_name = "SHARE", default_value_t = flow::INSTRUCTION_THRESHOLD, value_parser = parse_share)]
     pub instruction_threshold: f64,
-    /// Only cells whose names hold this
+    /// Only cells whose names hold this; in a self-test, only trials
     #[arg(long, value_name = "FILTER")]
     pub cells: Option<String>,
     /// File of the configurations to compare [default: benches/gates.toml, built in]
     #[arg(long, value_name = "FILE")]
     pub cells_file: Option<PathBuf>,
-    /// Seed of the order of cells and samples [default: drawn, and stored]
+    /// Seed of the order of cells and samples [default: drawn, and stored]; a self-test sets its own
     #[arg(long)]
     pub seed: Option<u64>,
     /// Folder to write to [default: a new one in reports/out]

@@ -1,5 +1,5 @@
-//! A build of another revision of the repository: checked out into a temporary worktree, compiled into a target folder of
-//! its own, and kept by its commit.
+//! Builds of revisions of the repository, each checked out into a temporary worktree and compiled into a target folder of its
+//! own; a base is kept by its commit.
 
 use std::collections::VecDeque;
 use std::ffi::OsStr;

@@ -1,6 +1,6 @@
 //! The time gate's schedule: which worker samples which cell when, and what is kept when a worker fails.
 //!
-//! A *launch* is a fresh pair of workers. In each of its rounds every cell is sampled once by each side, one right after the
+//! A *launch* is a fresh pair of workers, and a third for the control. In each of its rounds every cell is sampled once by each side, one right after the
 //! other; the order of cells is drawn anew each round, and which side comes first is drawn so that each comes first in
 //! half of the rounds. A launch counts when it has gone through all its rounds; one in which a worker died is
 //! thrown away and run anew without the cell that killed it.
@@ -17,7 +17,7 @@ use super::cells::CellId;
 use super::launch::WorkerFault;
 use super::store::{Fault, Gate, Launch, Line, Pair, Side};
 
-/// Launches of a gate unless told otherwise. The least that an exact test of 40 cells can decide on is 12, if all of them
+/// Launches of a gate unless told otherwise. The least that an exact test of 44 cells can decide on is 11, if all of them
 /// agree; with 20 a few may stray. In the same time, 20 launches of 12 pairs find a slowdown 3 % smaller than 16 of 17 would,
 /// and 10 % smaller than 12 of 25.
 pub const LAUNCHES: u32 = 20;

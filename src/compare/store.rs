@@ -110,7 +110,7 @@ pub struct Build {
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Settings {
-    /// Family-wise error of the time gate, and one less the coverage of its intervals.
+    /// Family-wise error of the time gate; its intervals have the coverage 1 − alpha.
     pub alpha: f64,
     /// Share by which a time must differ to matter.
     pub threshold: f64,
