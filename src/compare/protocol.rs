@@ -120,7 +120,7 @@ pub struct Greeting {
     pub protocol: u32,
     pub fathom_version: String,
     pub adapter: Adapter,
-    /// `exact`, `time`, `instructions`: what this worker can do.
+    /// `exact`, `checks`, `time`, `instructions`: what this worker can do.
     pub parts: Vec<String>,
     /// Cores it may run on; unknown outside Linux.
     #[serde(default)]
