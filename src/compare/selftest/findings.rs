@@ -129,11 +129,12 @@ pub fn findings(injections: &[Injection], made: &[(Trial, Comparison)]) -> Findi
         let result = result(trial, injection, &verdicts, &truths);
         all.adapter = comparison.header.adapter.name.clone();
         all.cells = all.cells.max(comparison.header.cells.len());
-        let whole_time = trial.gates == [Gate::Time] && trial.filter.is_none();
-        if whole_time {
-            gate_times.extend(result.wall_s);
+        if trial.gates.contains(&Gate::Time) {
             let time = verdicts.gates.iter().find(|(gate, _)| *gate == Gate::Time);
             all.void.add(matches!(time, Some((_, GateState::Void(_)))));
+        }
+        if trial.gates == [Gate::Time] && trial.filter.is_none() {
+            gate_times.extend(result.wall_s);
             all.cover(&result);
         }
         match (trial.aim, injection) {
