@@ -2,13 +2,12 @@
 
 use std::collections::BTreeMap;
 
-use rand::{RngExt, SeedableRng};
-use rand_pcg::Pcg64;
+use rand::RngExt;
 
 use super::cells::CellId;
 use super::launch::{Quiet, Start, Worker, WorkerFault, allowed_cores};
 use super::protocol::{Configuration, Greeting, Reply, Request};
-use super::rounds::{Bench, Broken, Opened, Party, PartyFault};
+use super::rounds::{Bench, Broken, Opened, Party, PartyFault, random};
 use crate::gpu::ClockPlan;
 use crate::record::Adapter;
 
@@ -67,7 +66,7 @@ impl Processes {
     }
 
     fn start(&mut self, launch: u32, parties: &[Party]) -> Result<(), PartyFault> {
-        let mut random = Pcg64::seed_from_u64(self.seed ^ u64::from(launch));
+        let mut random = random(self.seed, launch);
         for (place, party) in parties.iter().enumerate() {
             let mut start = match party {
                 Party::Head => self.head.clone(),
