@@ -94,17 +94,14 @@ impl Processes {
             if greeting.adapter.name != self.adapter.name
                 || greeting.adapter.driver_info != self.adapter.driver_info
             {
-                let fault = WorkerFault::Refused {
-                    reason: format!(
-                        "it runs on {} ({}), the base on {} ({})",
-                        greeting.adapter.name,
-                        greeting.adapter.driver_info,
-                        self.adapter.name,
-                        self.adapter.driver_info
-                    ),
-                    fatal: true,
-                };
-                return Err(of(*party)(fault));
+                let reason = format!(
+                    "it runs on {} ({}), the base on {} ({})",
+                    greeting.adapter.name,
+                    greeting.adapter.driver_info,
+                    self.adapter.name,
+                    self.adapter.driver_info
+                );
+                return Err(of(*party)(WorkerFault::fatal(reason)));
             }
             if !greeting.parts.iter().any(|part| part == "time") {
                 return Err(of(*party)(WorkerFault::Unsupported("sample".to_owned())));
@@ -216,10 +213,7 @@ impl Bench for Processes {
     fn sample(&mut self, party: Party, cell: &CellId) -> Result<f64, WorkerFault> {
         let of_party = self.workers.iter_mut().find(|(known, _)| *known == party);
         let Some((_, worker)) = of_party else {
-            return Err(WorkerFault::Refused {
-                reason: "it was not started".to_owned(),
-                fatal: true,
-            });
+            return Err(WorkerFault::fatal("it was not started".to_owned()));
         };
         let frames = self.frames.get(cell).copied();
         let request = Request::Sample {

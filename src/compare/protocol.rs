@@ -106,6 +106,9 @@ pub enum Reply {
         reason: String,
         #[serde(default)]
         fatal: bool,
+        /// This build knows no such pipeline, scene, stage or parameter. Older workers do not tell.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        absent: Option<bool>,
     },
     /// The worker does not know this message.
     Unsupported {
@@ -184,6 +187,7 @@ pub fn parse_request(line: &str) -> Result<Request, Reply> {
     let fault = |error: serde_json::Error| Reply::Fault {
         reason: format!("not a message: {error}"),
         fatal: false,
+        absent: Some(false),
     };
     let value: Value = serde_json::from_str(line).map_err(fault)?;
     let known = [
@@ -253,6 +257,7 @@ mod tests {
             let Err(Reply::Fault {
                 reason: found,
                 fatal: false,
+                ..
             }) = parse_request(line)
             else {
                 panic!("{line} was taken");
@@ -269,6 +274,7 @@ mod tests {
             Reply::Fault {
                 reason: "no".into(),
                 fatal: true,
+                absent: Some(false),
             },
             Reply::Hello(Box::new(Greeting {
                 protocol: PROTOCOL,

@@ -27,6 +27,7 @@ fn refusal(fatal: bool) -> WorkerFault {
     WorkerFault::Refused {
         reason: "out of order".to_owned(),
         fatal,
+        absent: None,
     }
 }
 
