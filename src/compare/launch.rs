@@ -317,7 +317,12 @@ impl Worker {
 
     /// What the worker says of itself, if it speaks this protocol.
     pub fn greeted(&mut self) -> Result<Greeting, WorkerFault> {
-        match self.receive()? {
+        self.greeted_unless(&[])
+    }
+
+    /// As [`Self::greeted`], but given up, and the worker killed, as soon as one of these becomes true.
+    pub fn greeted_unless(&mut self, interrupted: &[&AtomicBool]) -> Result<Greeting, WorkerFault> {
+        match self.receive_unless(interrupted)? {
             Reply::Hello(greeting) => Ok(*greeting),
             other => Err(self.unexpected(&other)),
         }
