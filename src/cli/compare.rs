@@ -7,6 +7,7 @@ use std::sync::atomic::Ordering;
 
 use anyhow::Context;
 use fathom::compare::build::{self, SetAside};
+use fathom::compare::cells::Gates;
 use fathom::compare::flow::{self, Options, Program};
 use fathom::compare::selftest::{self, Plan, SelfTest};
 use fathom::compare::store::{Line, Settings, Store};
@@ -60,6 +61,7 @@ fn settings(args: &CompareArgs) -> Settings {
 /// Measures two builds.
 fn builds(args: &CompareArgs) -> anyhow::Result<PathBuf> {
     watch_interrupts()?;
+    check_selection(args)?;
     let head = match &args.head_bin {
         Some(path) => path.clone(),
         None => std::env::current_exe().context("cannot tell where this program lies")?,
@@ -92,6 +94,15 @@ fn builds(args: &CompareArgs) -> anyhow::Result<PathBuf> {
     Ok(flow::measure(&options, &INTERRUPT, &|text| {
         eprintln!("{text}")
     })?)
+}
+
+/// A wrong selection is told before minutes are spent on building.
+fn check_selection(args: &CompareArgs) -> anyhow::Result<()> {
+    let gates = Gates::load(args.cells_file.as_deref())?;
+    if let Some(filter) = &args.cells {
+        gates.filtered(filter)?;
+    }
+    Ok(())
 }
 
 /// The program of a revision, and what to call it.
