@@ -4,6 +4,7 @@
 use std::fs;
 use std::io::{BufRead, BufReader};
 use std::os::unix::fs::PermissionsExt;
+use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
 use std::sync::{Mutex, MutexGuard, PoisonError};
@@ -260,6 +261,65 @@ fn what_the_base_does_not_know_is_new_and_what_the_head_cannot_do_fails() {
 }
 
 #[test]
+fn what_fails_in_either_build_is_not_taken_for_new() {
+    let absent = "echo '{\"message\":\"fault\",\"reason\":\"unknown pipeline\",\"absent\":true}'";
+    let failure = "echo '{\"message\":\"fault\",\"reason\":\"out of memory\",\"absent\":false}'";
+    for (of_base, of_head) in [(failure, None), (absent, Some("exit 3"))] {
+        let bench = Bench::new();
+        let build = |name: &str, does: Option<&str>| {
+            let instead: Vec<_> = does
+                .map(|does| ("\"id\":\"two\"", does))
+                .into_iter()
+                .collect();
+            bench.build(
+                name,
+                &Build {
+                    instead: &instead,
+                    ..Build::default()
+                },
+            )
+        };
+        let (base, head) = (build("base", Some(of_base)), build("head", of_head));
+        let output = bench.command(&base, &head).output().unwrap();
+        assert_eq!(output.status.code(), Some(2), "{output:?}");
+        let stored = Comparison::read(&bench.path("out")).unwrap();
+        assert_eq!(verdict(&stored, "two a"), Verdict::Failed);
+        assert_eq!(verdict(&stored, "one a"), Verdict::Same);
+    }
+}
+
+#[test]
+fn a_base_without_checks_is_compared_by_all_else() {
+    let bench = Bench::new();
+    let base = bench.build(
+        "base",
+        &Build {
+            hello: hello(1, r#""exact","time""#),
+            instead: &[(
+                "\"checks\"",
+                "echo '{\"message\":\"unsupported\",\"request\":\"checks\"}'",
+            )],
+            ..Build::default()
+        },
+    );
+    let head = bench.build("head", &Build::default());
+    let output = bench.command(&base, &head).output().unwrap();
+    assert_eq!(output.status.code(), Some(0), "{output:?}");
+}
+
+#[test]
+fn an_error_that_is_no_number_is_a_figure_like_any_other() {
+    let bench = Bench::new();
+    let null = "echo '{\"message\":\"exact\",\"stages\":[{\"name\":\"a\",\"work\":{}},{\"name\":\"b\",\"work\":{}}],\
+                \"allocated_bytes\":1,\"errors\":{\"an_error\":null},\"quantities\":{}}'";
+    let (output, stored) = bench.compare(&Build {
+        instead: &[("\"exact\"", null)],
+        ..Build::default()
+    });
+    assert!(stored.faults.is_empty(), "{output:?}");
+}
+
+#[test]
 fn a_head_that_dies_or_lies_costs_the_cells_that_it_does_so_at() {
     for (pattern, badly, reason) in [
         ("\"id\":\"two\"", "kill -SEGV $$", "signal: 11"),
@@ -288,18 +348,59 @@ fn a_head_that_dies_or_lies_costs_the_cells_that_it_does_so_at() {
     }
 }
 
+/// Slow enough to be ended within its launches.
+const SLOWLY: (&str, &str) = (
+    "\"sample\"",
+    "sleep 0.02; echo '{\"message\":\"sample\",\"ns\":[2000000]}'",
+);
+
+#[test]
+fn ctrl_c_in_a_terminal_costs_no_cell() {
+    let bench = Bench::new();
+    let base = bench.build("base", &Build::default());
+    let head = bench.build(
+        "head",
+        &Build {
+            instead: &[SLOWLY],
+            ..Build::default()
+        },
+    );
+    let mut child = bench
+        .command(&base, &head)
+        .process_group(0)
+        .stderr(Stdio::piped())
+        .stdout(Stdio::null())
+        .spawn()
+        .unwrap();
+    let mut told = BufReader::new(child.stderr.take().unwrap()).lines();
+    told.by_ref()
+        .map_while(Result::ok)
+        .find(|line| line.contains("3 of 8 launches"))
+        .unwrap();
+    let group = format!("-{}", child.id());
+    let sent = Command::new("kill").args(["-INT", "--", &group]).status();
+    assert!(sent.unwrap().success());
+    // What it says in the end must not block it.
+    told.map_while(Result::ok).for_each(drop);
+    assert_eq!(child.wait().unwrap().code(), Some(130));
+    let stored = Comparison::read(&bench.path("out")).unwrap();
+    assert!(stored.faults.is_empty(), "{:?}", stored.faults);
+    let mut resumed = bench.command(&base, &head);
+    let resumed = resumed.arg("--resume").output().unwrap();
+    assert_eq!(resumed.status.code(), Some(0), "{resumed:?}");
+    let stored = Comparison::read(&bench.path("out")).unwrap();
+    assert_eq!(stored.launches.len(), 8);
+    assert_eq!(verdict(&stored, "two b"), Verdict::Same);
+}
+
 #[test]
 fn a_killed_comparison_goes_on_where_it_ended() {
     let bench = Bench::new();
     let base = bench.build("base", &Build::default());
-    // Slow enough to be killed within its launches.
     let head = bench.build(
         "head",
         &Build {
-            instead: &[(
-                "\"sample\"",
-                "sleep 0.02; echo '{\"message\":\"sample\",\"ns\":[2000000]}'",
-            )],
+            instead: &[SLOWLY],
             ..Build::default()
         },
     );

@@ -159,19 +159,29 @@ fn a_worker_says_under_which_conditions_it_runs_and_answers_every_request() {
         panic!("no sample")
     };
     assert!(ns.len() == 3 && ns.iter().all(|ns| *ns > 0.0), "{ns:?}");
-    for (request, reason) in [
-        (sample("plan", "compose", 1), "`plan` is not prepared"),
+    for (request, reason, absent) in [
+        (
+            sample("plan", "compose", 1),
+            "`plan` is not prepared",
+            false,
+        ),
         (
             sample("plane", "compos", 1),
             "has no stage `compos`; it has frame, ",
+            true,
         ),
-        (sample("plane", "compose", 0), "frames must lie in 1…"),
+        (
+            sample("plane", "compose", 0),
+            "frames must lie in 1…",
+            false,
+        ),
     ] {
         let fault = worker.ask(&request).unwrap_err();
         assert!(
             fault.goes_on() && fault.to_string().contains(reason),
             "{fault}"
         );
+        assert_eq!(fault.is_absence(), absent, "{fault}");
     }
     let wrong = Configuration {
         params: Map::from_iter([("caustics.gird".to_owned(), json!(1))]),
@@ -186,6 +196,17 @@ fn a_worker_says_under_which_conditions_it_runs_and_answers_every_request() {
         fault.to_string().contains("did you mean `caustics.grid`"),
         "{fault}"
     );
+    assert!(fault.is_absence());
+    let unfit = Configuration {
+        params: Map::from_iter([("view.width".to_owned(), json!(1_000_000))]),
+        ..plane()
+    };
+    let fault = worker
+        .ask(&Request::Prepare {
+            configuration: unfit,
+        })
+        .unwrap_err();
+    assert!(fault.goes_on() && !fault.is_absence(), "{fault}");
 
     let config = "plane".to_owned();
     let Reply::Exact(exact) = worker
@@ -363,6 +384,10 @@ fn builds_without_a_worker_of_this_protocol_are_told_apart() {
         message.contains("version 0") && message.contains("version 1"),
         "{message}"
     );
+
+    let later = "echo '{\"message\":\"hello\",\"protocol\":2,\"adapters\":[]}'";
+    let later = refused(scripted(folder.path(), "later", later, ""));
+    assert_eq!(later.fault, WorkerFault::OtherProtocol { theirs: 2 });
 
     let unknown = "echo \"error: unrecognized subcommand 'worker'\" >&2; exit 2";
     let none = refused(scripted(folder.path(), "none", unknown, ""));

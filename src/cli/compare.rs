@@ -6,11 +6,13 @@ use std::process::ExitCode;
 use std::sync::atomic::Ordering;
 
 use anyhow::Context;
+use fathom::compare::build::{self, SetAside};
+use fathom::compare::cells::Gates;
 use fathom::compare::flow::{self, Options, Program};
 use fathom::compare::selftest::{self, Plan, SelfTest};
 use fathom::compare::store::{Line, Settings, Store};
 use fathom::compare::verdict::Verdicts;
-use fathom::compare::{self, build, files, tables};
+use fathom::compare::{self, files, tables};
 use fathom::harness::output::DEFAULT_FOLDER;
 
 use super::CompareArgs;
@@ -59,25 +61,30 @@ fn settings(args: &CompareArgs) -> Settings {
 /// Measures two builds.
 fn builds(args: &CompareArgs) -> anyhow::Result<PathBuf> {
     watch_interrupts()?;
-    let program = |path: &Path| Program {
-        path: path.to_owned(),
-        label: path.display().to_string(),
-    };
+    check_selection(args)?;
     let head = match &args.head_bin {
         Some(path) => path.clone(),
         None => std::env::current_exe().context("cannot tell where this program lies")?,
     };
-    let base = match (&args.base, &args.base_bin) {
+    let head_label = head.display().to_string();
+    // A build meanwhile must not swap what is measured.
+    let head = build::set_aside(&head)?;
+    let (base, base_label) = match (&args.base, &args.base_bin) {
         (Some(revision), _) => built(revision)?,
-        (None, Some(path)) => program(path),
+        (None, Some(path)) => (path.clone(), path.display().to_string()),
         (None, None) => anyhow::bail!(
             "nothing to compare with: give --base REV, --base-bin PATH, or two files of records"
         ),
     };
+    let base = build::set_aside(&base)?;
+    let program = |aside: &SetAside, label| Program {
+        path: aside.path.clone(),
+        label,
+    };
     let options = Options {
         gpu: gpu_options(&args.adapter),
-        base,
-        head: program(&head),
+        base: program(&base, base_label),
+        head: program(&head, head_label),
         cells_file: args.cells_file.clone(),
         filter: args.cells.clone(),
         settings: settings(args),
@@ -89,14 +96,21 @@ fn builds(args: &CompareArgs) -> anyhow::Result<PathBuf> {
     })?)
 }
 
-fn built(revision: &str) -> anyhow::Result<Program> {
+/// A wrong selection is told before minutes are spent on building.
+fn check_selection(args: &CompareArgs) -> anyhow::Result<()> {
+    let gates = Gates::load(args.cells_file.as_deref())?;
+    if let Some(filter) = &args.cells {
+        gates.filtered(filter)?;
+    }
+    Ok(())
+}
+
+/// The program of a revision, and what to call it.
+fn built(revision: &str) -> anyhow::Result<(PathBuf, String)> {
     eprintln!("building {revision}");
     let folder = std::env::current_dir().context("there is no current folder")?;
     let built = build::revision(&folder, revision, &mut |line| eprintln!("{line}"))?;
-    Ok(Program {
-        path: built.program,
-        label: revision.to_owned(),
-    })
+    Ok((built.program, revision.to_owned()))
 }
 
 /// Makes a comparison of two files of records.

@@ -2,13 +2,12 @@
 
 use std::collections::BTreeMap;
 
-use rand::{RngExt, SeedableRng};
-use rand_pcg::Pcg64;
+use rand::RngExt;
 
 use super::cells::CellId;
 use super::launch::{Quiet, Start, Worker, WorkerFault, allowed_cores};
 use super::protocol::{Configuration, Greeting, Reply, Request};
-use super::rounds::{Bench, Broken, Opened, Party, PartyFault};
+use super::rounds::{Bench, Broken, Opened, Party, PartyFault, random};
 use crate::gpu::ClockPlan;
 use crate::record::Adapter;
 
@@ -67,7 +66,7 @@ impl Processes {
     }
 
     fn start(&mut self, launch: u32, parties: &[Party]) -> Result<(), PartyFault> {
-        let mut random = Pcg64::seed_from_u64(self.seed ^ u64::from(launch));
+        let mut random = random(self.seed, launch);
         for (place, party) in parties.iter().enumerate() {
             let mut start = match party {
                 Party::Head => self.head.clone(),
@@ -95,17 +94,14 @@ impl Processes {
             if greeting.adapter.name != self.adapter.name
                 || greeting.adapter.driver_info != self.adapter.driver_info
             {
-                let fault = WorkerFault::Refused {
-                    reason: format!(
-                        "it runs on {} ({}), the base on {} ({})",
-                        greeting.adapter.name,
-                        greeting.adapter.driver_info,
-                        self.adapter.name,
-                        self.adapter.driver_info
-                    ),
-                    fatal: true,
-                };
-                return Err(of(*party)(fault));
+                let reason = format!(
+                    "it runs on {} ({}), the base on {} ({})",
+                    greeting.adapter.name,
+                    greeting.adapter.driver_info,
+                    self.adapter.name,
+                    self.adapter.driver_info
+                );
+                return Err(of(*party)(WorkerFault::fatal(reason)));
             }
             if !greeting.parts.iter().any(|part| part == "time") {
                 return Err(of(*party)(WorkerFault::Unsupported("sample".to_owned())));
@@ -217,10 +213,7 @@ impl Bench for Processes {
     fn sample(&mut self, party: Party, cell: &CellId) -> Result<f64, WorkerFault> {
         let of_party = self.workers.iter_mut().find(|(known, _)| *known == party);
         let Some((_, worker)) = of_party else {
-            return Err(WorkerFault::Refused {
-                reason: "it was not started".to_owned(),
-                fatal: true,
-            });
+            return Err(WorkerFault::fatal("it was not started".to_owned()));
         };
         let frames = self.frames.get(cell).copied();
         let request = Request::Sample {

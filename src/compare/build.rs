@@ -1,14 +1,18 @@
 //! Builds of revisions of the repository, each checked out into a temporary worktree and compiled into a target folder of its
-//! own; a base is kept by its commit.
+//! own; a base is kept by its commit and what compiled it.
 
 use std::collections::VecDeque;
-use std::ffi::OsStr;
+use std::ffi::{OsStr, OsString};
 use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::SystemTime;
 
+use sha2::{Digest, Sha256};
+use tempfile::TempDir;
 use thiserror::Error;
+
+use super::quiet;
 
 /// Lines of the compiler that are told when it fails.
 const LAST_LINES: usize = 20;
@@ -17,6 +21,10 @@ const KEPT: usize = 8;
 /// Folder of the cache, in the repository's target folder.
 pub(super) const CACHE: &str = "target/compare";
 const BINARY: &str = "fathom";
+/// Variables that change what a compiler makes of a source.
+const FLAGS: [&str; 2] = ["RUSTFLAGS", "CARGO_ENCODED_RUSTFLAGS"];
+/// Hexadecimal digits that tell one way of compiling from another.
+const WAY_DIGITS: usize = 8;
 
 #[derive(Debug, Error)]
 pub enum BuildError {
@@ -54,7 +62,8 @@ pub fn revision(
     let repository = repository(folder)?;
     let commit = commit(&repository, revision)?;
     let cache = repository.join(CACHE);
-    let kept = cache.join("builds").join(&commit);
+    let way = way(&compiler(&repository)?, |name| std::env::var_os(name));
+    let kept = cache.join("builds").join(format!("{commit}-{way}"));
     let program = kept.join(format!("{BINARY}{}", std::env::consts::EXE_SUFFIX));
     if !program.is_file() {
         let worktree = Worktree::add(&repository, &cache, &commit)?;
@@ -69,6 +78,25 @@ pub fn revision(
         forget_old(&cache.join("builds"), &kept);
     }
     Ok(Built { commit, program })
+}
+
+/// What the compiler used in a folder says of itself.
+fn compiler(folder: &Path) -> Result<String, BuildError> {
+    let rustc = std::env::var_os("RUSTC").unwrap_or_else(|| "rustc".into());
+    printed(Command::new(rustc).arg("-vV").current_dir(folder))
+}
+
+/// A short name of a compiler with its flags.
+fn way(compiler: &str, variable: impl Fn(&str) -> Option<OsString>) -> String {
+    let mut sum = Sha256::new();
+    sum.update(compiler);
+    for name in FLAGS {
+        // Neither an unset variable nor the other's value passes for this one's.
+        sum.update(format!("\n{name} {:?}", variable(name)));
+    }
+    let digits = sum.finalize();
+    let digits: String = digits.iter().map(|byte| format!("{byte:02x}")).collect();
+    digits[..WAY_DIGITS].to_owned()
 }
 
 pub(super) fn repository(folder: &Path) -> Result<PathBuf, BuildError> {
@@ -94,14 +122,19 @@ pub(super) fn commit(repository: &Path, revision: &str) -> Result<String, BuildE
 
 /// What git prints, without the end of line.
 fn git<const N: usize>(folder: &Path, arguments: [&str; N]) -> Result<String, BuildError> {
+    printed(Command::new("git").arg("-C").arg(folder).args(arguments))
+}
+
+/// What a command prints, without the end of line.
+fn printed(command: &mut Command) -> Result<String, BuildError> {
+    let words = std::iter::once(command.get_program()).chain(command.get_args());
+    let words: Vec<_> = words.map(OsStr::to_string_lossy).collect();
+    let name = words.join(" ");
     let failed = |reason: String| BuildError::Command {
-        command: format!("git {}", arguments.join(" ")),
+        command: name.clone(),
         reason,
     };
-    let output = Command::new("git")
-        .arg("-C")
-        .arg(folder)
-        .args(arguments)
+    let output = command
         .stdin(Stdio::null())
         .output()
         .map_err(|error| failed(error.to_string()))?;
@@ -146,6 +179,8 @@ impl Drop for Worktree {
 }
 
 /// The program that cargo makes of a checkout, in an environment with these variables.
+///
+/// Ctrl-C in a terminal does not reach cargo: a build that has begun is finished, unless this process ends before it.
 pub(super) fn compile(
     source: &Path,
     target: &Path,
@@ -158,7 +193,9 @@ pub(super) fn compile(
         reason: error.to_string(),
     };
     let cargo = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
-    let mut child = Command::new(cargo)
+    let mut command = Command::new(cargo);
+    quiet::apply(&mut command, None);
+    let mut child = command
         .args([
             "build",
             "--release",
@@ -214,6 +251,31 @@ pub(super) fn keep(built: &Path, program: &Path) -> Result<(), BuildError> {
     std::fs::rename(&part, program).map_err(io("write", program))
 }
 
+/// A program's copy for one comparison, which building anew meanwhile does not change. It goes when this is dropped.
+pub struct SetAside {
+    /// Held for its removal.
+    _folder: TempDir,
+    /// The copy.
+    pub path: PathBuf,
+}
+
+/// Copies a program out of reach of the build tool.
+pub fn set_aside(program: &Path) -> Result<SetAside, BuildError> {
+    let folder = tempfile::Builder::new().prefix("fathom-compare-").tempdir();
+    let folder = folder.map_err(|source| BuildError::Io {
+        action: "make a folder in",
+        path: std::env::temp_dir(),
+        source,
+    })?;
+    let name = program.file_name().unwrap_or(OsStr::new(BINARY));
+    let path = folder.path().join(name);
+    keep(program, &path)?;
+    Ok(SetAside {
+        _folder: folder,
+        path,
+    })
+}
+
 /// Removes the oldest builds but `newest`. What cannot be removed stays.
 fn forget_old(builds: &Path, newest: &Path) {
     let Ok(entries) = std::fs::read_dir(builds) else {
@@ -236,6 +298,8 @@ fn forget_old(builds: &Path, newest: &Path) {
 
 #[cfg(test)]
 mod tests {
+    use std::collections::BTreeSet;
+
     use super::*;
 
     const MANIFEST: &str =
@@ -310,6 +374,42 @@ mod tests {
         let (again, lines) = repository.build(&built.commit);
         assert_eq!(again.unwrap(), built);
         assert_eq!(lines, 0, "it comes from the cache");
+    }
+
+    #[test]
+    fn another_compiler_or_other_flags_make_another_build() {
+        let none = |_: &str| None;
+        let set = |wanted: &'static str, value: &'static str| {
+            move |name: &str| (name == wanted).then(|| OsString::from(value))
+        };
+        let ways = [
+            way("rustc 1", none),
+            way("rustc 2", none),
+            way("rustc 1", set("RUSTFLAGS", "")),
+            way("rustc 1", set("RUSTFLAGS", "-Ctarget-cpu=native")),
+            way(
+                "rustc 1",
+                set("CARGO_ENCODED_RUSTFLAGS", "-Ctarget-cpu=native"),
+            ),
+        ];
+        let different: BTreeSet<&String> = ways.iter().collect();
+        assert_eq!(different.len(), ways.len(), "{ways:?}");
+        assert_eq!(way("rustc 1", none), ways[0]);
+    }
+
+    #[test]
+    fn a_program_set_aside_stays_as_it_was_and_goes_in_the_end() {
+        let folder = tempfile::tempdir().unwrap();
+        let program = folder.path().join("fathom");
+        std::fs::write(&program, "old").unwrap();
+        let aside = set_aside(&program).unwrap();
+        std::fs::write(&program, "new").unwrap();
+        assert_eq!(std::fs::read_to_string(&aside.path).unwrap(), "old");
+        let path = aside.path.clone();
+        drop(aside);
+        assert!(!path.parent().unwrap().exists());
+        let missing = set_aside(&folder.path().join("none")).err().unwrap();
+        assert!(missing.to_string().contains("none"), "{missing}");
     }
 
     #[test]

@@ -15,6 +15,8 @@ use std::sync::mpsc::{Sender, channel};
 use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
 
+use tempfile::TempDir;
+
 use super::cells::{CellId, Configuration};
 use super::launch::{self, Patience, Quiet, Start, Worker, WorkerFault};
 use super::protocol::{Reply, Request};
@@ -25,8 +27,8 @@ use super::valgrind;
 pub const FRAMES: u32 = 3;
 /// Under valgrind a process is tens of times slower than by itself.
 const PATIENCE: Patience = Patience {
-    slow: Duration::from_secs(900),
-    sample: Duration::from_secs(900),
+    slow: Duration::from_secs(180),
+    sample: Duration::from_secs(180),
 };
 
 /// A cell's counts on both sides.
@@ -138,21 +140,38 @@ pub fn run(
         n => n,
     };
     let (sender, lines) = channel();
+    let broken = AtomicBool::new(false);
+    let ending = [interrupted, &broken];
     std::thread::scope(|scope| {
         for number in 0..workers {
             let (jobs, sender, core) = (&jobs, sender.clone(), cores.get(number).copied());
             scope.spawn(move || {
-                while let Some(job) = next(jobs, interrupted) {
-                    count(&job, start(job.side), core, &sender, interrupted);
+                while let Some(job) = next(jobs, &ending) {
+                    let conditions = Conditions {
+                        start: quieted(start(job.side), core),
+                        wrapper: callgrind,
+                        ending: &ending,
+                    };
+                    count(&job, &conditions, &sender);
                 }
             });
         }
         drop(sender);
-        for line in lines {
-            store.write(&[line])?;
-        }
-        Ok(())
+        let mut lines = lines.into_iter();
+        let written = lines.try_for_each(|line| store.write(&[line]));
+        broken.store(written.is_err(), Ordering::Relaxed);
+        written
     })
+}
+
+fn quieted(mut start: Start, core: Option<usize>) -> Start {
+    start.patience = PATIENCE;
+    start.quiet = Some(Quiet { core, padding: 0 });
+    start
+}
+
+fn ends(ending: &[&AtomicBool]) -> bool {
+    ending.iter().any(|flag| flag.load(Ordering::Relaxed))
 }
 
 fn jobs<'a>(before: &Comparison, wanted: &'a [Configuration]) -> VecDeque<Job<'a>> {
@@ -178,8 +197,8 @@ fn jobs<'a>(before: &Comparison, wanted: &'a [Configuration]) -> VecDeque<Job<'a
         .collect()
 }
 
-fn next<'a>(jobs: &Mutex<VecDeque<Job<'a>>>, interrupted: &AtomicBool) -> Option<Job<'a>> {
-    if interrupted.load(Ordering::Relaxed) {
+fn next<'a>(jobs: &Mutex<VecDeque<Job<'a>>>, ending: &[&AtomicBool]) -> Option<Job<'a>> {
+    if ends(ending) {
         return None;
     }
     jobs.lock()
@@ -187,69 +206,69 @@ fn next<'a>(jobs: &Mutex<VecDeque<Job<'a>>>, interrupted: &AtomicBool) -> Option
         .pop_front()
 }
 
-/// Counts a job's stages one after the other and sends each as a line, or the fault that ended it.
-fn count(
-    job: &Job<'_>,
-    mut start: Start,
-    core: Option<usize>,
-    lines: &Sender<Line>,
-    interrupted: &AtomicBool,
-) {
-    let fault = |cell: Option<CellId>, reason: String| {
-        let configuration = &job.configuration.id;
-        Line::Fault(Fault {
+/// Under what a job is counted.
+struct Conditions<'a> {
+    start: Start,
+    /// The command that counts, which leaves its files in a folder.
+    wrapper: fn(&Path) -> Vec<OsString>,
+    /// The gate ends as soon as one of these is true.
+    ending: &'a [&'a AtomicBool],
+}
+
+/// Counts a job's stages one after the other and sends each as a line, or the fault that it ended in. Stages after a fault
+/// are counted by a fresh worker; they fail too if that cannot be had, or if the worker hung.
+fn count(job: &Job<'_>, conditions: &Conditions<'_>, lines: &Sender<Line>) {
+    let cell = |stage: &str| CellId::new(&job.configuration.id, stage);
+    // Nobody listens only when the store is broken, which ends everything.
+    let send = |line: Line| drop(lines.send(line));
+    let mut counter = None;
+    for (index, stage) in job.stages.iter().enumerate() {
+        if ends(conditions.ending) {
+            break;
+        }
+        let mut ready = match counter
+            .take()
+            .map_or_else(|| Counter::new(job, conditions), Ok)
+        {
+            Ok(ready) => ready,
+            Err(_) if ends(conditions.ending) => return,
+            Err(cause) => return send_faults(job, &job.stages[index..], &cause, lines),
+        };
+        match ready.count(&job.configuration.id, stage, conditions.ending) {
+            Ok(counts) => {
+                send(Line::Instructions(InstructionCounts {
+                    side: job.side,
+                    cell: cell(stage),
+                    counts,
+                }));
+                counter = Some(ready);
+            }
+            Err(_) if ends(conditions.ending) => return,
+            Err(cause @ WorkerFault::Silent { .. }) => {
+                return send_faults(job, &job.stages[index..], &cause, lines);
+            }
+            Err(cause) => send_faults(job, &job.stages[index..=index], &cause, lines),
+        }
+    }
+    if let Some(counter) = counter {
+        counter.worker.quit();
+    }
+}
+
+fn send_faults(job: &Job<'_>, stages: &[String], cause: &WorkerFault, lines: &Sender<Line>) {
+    for stage in stages {
+        let fault = Fault {
             gate: Gate::Instructions,
             side: Some(job.side),
-            reason: match &cell {
-                Some(_) => reason,
-                None => format!("configuration {configuration}: {reason}"),
-            },
-            cell,
+            cell: Some(CellId::new(&job.configuration.id, stage)),
             launch: None,
             control: false,
             absent: false,
-        })
-    };
-    // Nobody listens only when the store is broken, which ends everything.
-    let send = |line: Line| drop(lines.send(line));
-    let folder = match tempfile::tempdir() {
-        Ok(folder) => folder,
-        Err(error) => return send(fault(None, format!("no folder for callgrind: {error}"))),
-    };
-    start.wrapper = callgrind(folder.path());
-    start.patience = PATIENCE;
-    start.quiet = Some(Quiet { core, padding: 0 });
-    let cell = |stage: &str| CellId::new(&job.configuration.id, stage);
-    let mut worker = match prepared(&start, job.configuration) {
-        Ok(worker) => worker,
-        Err(error) => {
-            for stage in &job.stages {
-                send(fault(Some(cell(stage)), error.to_string()));
-            }
-            return;
-        }
-    };
-    let mut cuts = 0;
-    for (index, stage) in job.stages.iter().enumerate() {
-        if interrupted.load(Ordering::Relaxed) {
-            break;
-        }
-        match counted(&mut worker, folder.path(), &mut cuts, job, stage) {
-            Ok(counts) => send(Line::Instructions(InstructionCounts {
-                side: job.side,
-                cell: cell(stage),
-                counts,
-            })),
-            Err((reason, true)) => send(fault(Some(cell(stage)), reason)),
-            Err((reason, false)) => {
-                for stage in &job.stages[index..] {
-                    send(fault(Some(cell(stage)), reason.clone()));
-                }
-                return;
-            }
-        }
+            reason: cause.to_string(),
+        };
+        // Nobody listens only when the store is broken, which ends everything.
+        let _ = lines.send(Line::Fault(fault));
     }
-    worker.quit();
 }
 
 fn callgrind(folder: &Path) -> Vec<OsString> {
@@ -267,46 +286,64 @@ fn callgrind(folder: &Path) -> Vec<OsString> {
 /// Stem of callgrind's files: each cut adds one, numbered from 1.
 const OUT: &str = "callgrind.out";
 
-fn prepared(start: &Start, configuration: &Configuration) -> Result<Worker, WorkerFault> {
-    let mut worker = Worker::start(start)?;
-    worker.greet()?;
-    worker.greeted()?;
-    match worker.ask(&Request::Prepare {
-        configuration: configuration.into(),
-    })? {
-        Reply::Prepared { .. } => Ok(worker),
-        other => Err(worker.unexpected(&other)),
-    }
+/// A worker that has prepared a configuration, and where its counts go.
+struct Counter {
+    worker: Worker,
+    folder: TempDir,
+    /// Files that callgrind has written so far.
+    cuts: u32,
 }
 
-/// One stage's counts, or the reason and whether the worker goes on. `cuts` counts callgrind's files so far.
-fn counted(
-    worker: &mut Worker,
-    folder: &Path,
-    cuts: &mut u32,
-    job: &Job<'_>,
-    stage: &str,
-) -> Result<Vec<u64>, (String, bool)> {
-    let request = Request::Instructions {
-        config: job.configuration.id.clone(),
-        stage: stage.to_owned(),
-        frames: FRAMES,
-    };
-    match worker.ask(&request) {
-        Ok(Reply::Instructions { frames: FRAMES }) => {}
-        Ok(other) => return Err((worker.unexpected(&other).to_string(), false)),
-        Err(error) => return Err((error.to_string(), error.goes_on())),
+impl Counter {
+    fn new(job: &Job<'_>, conditions: &Conditions<'_>) -> Result<Self, WorkerFault> {
+        let folder = tempfile::tempdir()
+            .map_err(|error| WorkerFault::fatal(format!("no folder for callgrind: {error}")))?;
+        let mut start = conditions.start.clone();
+        start.wrapper = (conditions.wrapper)(folder.path());
+        let mut worker = Worker::start(&start)?;
+        worker.greet()?;
+        worker.greeted_unless(conditions.ending)?;
+        let request = Request::Prepare {
+            configuration: job.configuration.into(),
+        };
+        match worker.ask_unless(&request, conditions.ending)? {
+            Reply::Prepared { .. } => Ok(Self {
+                worker,
+                folder,
+                cuts: 0,
+            }),
+            other => Err(worker.unexpected(&other)),
+        }
     }
-    // The first cut ends what came before the first frame.
-    let first = *cuts + 2;
-    *cuts += FRAMES + 1;
-    let counts: Result<Vec<u64>, String> = (first..=*cuts)
-        .map(|cut| total(&folder.join(format!("{OUT}.{cut}"))))
-        .collect();
-    match counts {
-        Ok(counts) if counts.iter().all(|count| *count > 0) => Ok(counts),
-        Ok(_) => Err(("callgrind counted nothing".to_owned(), true)),
-        Err(reason) => Err((reason, true)),
+
+    /// One stage's counts. After a fault callgrind may have cut any number of times: then the counter is of no more use.
+    fn count(
+        &mut self,
+        configuration: &str,
+        stage: &str,
+        ending: &[&AtomicBool],
+    ) -> Result<Vec<u64>, WorkerFault> {
+        let request = Request::Instructions {
+            config: configuration.to_owned(),
+            stage: stage.to_owned(),
+            frames: FRAMES,
+        };
+        match self.worker.ask_unless(&request, ending)? {
+            Reply::Instructions { frames: FRAMES } => {}
+            other => return Err(self.worker.unexpected(&other)),
+        }
+        // The first cut ends what came before the first frame.
+        let first = self.cuts + 2;
+        self.cuts += FRAMES + 1;
+        let counts: Result<Vec<u64>, String> = (first..=self.cuts)
+            .map(|cut| total(&self.folder.path().join(format!("{OUT}.{cut}"))))
+            .collect();
+        match counts.map_err(WorkerFault::fatal)? {
+            counts if counts.contains(&0) => {
+                Err(WorkerFault::fatal("callgrind counted nothing".to_owned()))
+            }
+            counts => Ok(counts),
+        }
     }
 }
 
@@ -326,7 +363,95 @@ fn parse_total(text: &str) -> Option<u64> {
 
 #[cfg(test)]
 mod tests {
+    use std::time::Instant;
+
+    use serde_json::Map;
+
     use super::*;
+
+    /// A worker that cuts as callgrind does: the counts of `b` are in the twenties, all others in the tens. It refuses `bad` after a
+    /// cut, dies at `dead` and sleeps at `slow`.
+    const SCRIPT: &str = r#"n=0
+cut() { n=$((n + 1)); echo "totals: $1" > "$FOLDER/callgrind.out.$n"; }
+while read -r line; do case "$line" in
+*'"hello"'*) echo '{"message":"hello","protocol":1,"fathom_version":"0","adapter":ADAPTER,"parts":[]}';;
+*'"prepare"'*) echo '{"message":"prepared","stages":[]}';;
+*'"bad"'*) cut 9; echo '{"message":"fault","reason":"too hot"}';;
+*'"dead"'*) cut 9; exit 3;;
+*'"slow"'*) sleep 60;;
+*'"b"'*) cut 1; cut 21; cut 22; cut 23; echo '{"message":"instructions","frames":3}';;
+*'"instructions"'*) cut 1; cut 11; cut 12; cut 13; echo '{"message":"instructions","frames":3}';;
+esac; done
+"#;
+
+    fn wrapper(folder: &Path) -> Vec<OsString> {
+        let mut variable = OsString::from("FOLDER=");
+        variable.push(folder);
+        vec!["env".into(), variable, "sh".into()]
+    }
+
+    /// What a job of these stages sends, by stage: counts or a reason.
+    fn sent(stages: &[&str], ending: &[&AtomicBool]) -> Vec<String> {
+        let folder = tempfile::tempdir().unwrap();
+        let script = folder.path().join("worker");
+        let adapter = serde_json::to_string(&crate::record::Adapter::default()).unwrap();
+        std::fs::write(&script, SCRIPT.replace("ADAPTER", &adapter)).unwrap();
+        let stages: Vec<String> = stages.iter().map(|stage| (*stage).to_owned()).collect();
+        let configuration = Configuration {
+            id: "one".to_owned(),
+            pipeline: "p".to_owned(),
+            scene: "s".to_owned(),
+            params: Map::new(),
+            stages: stages.clone(),
+        };
+        let job = Job {
+            side: Side::Head,
+            configuration: &configuration,
+            stages,
+        };
+        let conditions = Conditions {
+            start: quieted(Start::new(&script), None),
+            wrapper,
+            ending,
+        };
+        let (sender, lines) = channel();
+        count(&job, &conditions, &sender);
+        drop(sender);
+        let told = |line: Line| match line {
+            Line::Instructions(line) => format!("{} {:?}", line.cell.stage(), line.counts),
+            Line::Fault(fault) => format!("{} {}", fault.cell.unwrap().stage(), fault.reason),
+            other => panic!("{other:?}"),
+        };
+        lines.into_iter().map(told).collect()
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn a_stage_that_fails_shifts_no_later_counts() {
+        let expected = [
+            "a [11, 12, 13]",
+            "bad too hot",
+            "b [21, 22, 23]",
+            "dead it ended with exit status: 3",
+            "a [11, 12, 13]",
+        ];
+        assert_eq!(sent(&["a", "bad", "b", "dead", "a"], &[]), expected);
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn an_interrupt_ends_the_wait_for_a_count_and_faults_nothing() {
+        let interrupted = AtomicBool::new(false);
+        let start = Instant::now();
+        let lines = std::thread::scope(|scope| {
+            let lines = scope.spawn(|| sent(&["slow", "a"], &[&interrupted]));
+            std::thread::sleep(Duration::from_millis(300));
+            interrupted.store(true, Ordering::Relaxed);
+            lines.join().unwrap()
+        });
+        assert!(lines.is_empty(), "{lines:?}");
+        assert!(start.elapsed() < Duration::from_secs(10));
+    }
 
     #[test]
     fn totals_are_read_from_callgrinds_files() {

@@ -5,11 +5,13 @@ use std::ffi::OsString;
 use std::io::{BufRead, BufReader, Read, Write};
 use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdin, Command, ExitStatus, Stdio};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
+use serde_json::Value;
 use thiserror::Error;
 
 use super::protocol::{Greeting, PROTOCOL, Reply, Request};
@@ -25,6 +27,8 @@ const MAX_REPLY_BYTES: u64 = 16 << 20;
 const EXCERPT: usize = 80;
 /// A worker that was asked to end is killed after this.
 const FAREWELL: Duration = Duration::from_secs(2);
+/// How long an interruption may go unnoticed while a reply is waited for.
+const SLICE: Duration = Duration::from_millis(100);
 
 /// Why a worker gave no answer that could be used.
 #[derive(Clone, Debug, Error, PartialEq)]
@@ -50,7 +54,15 @@ pub enum WorkerFault {
     Unsupported(String),
     /// The worker says why; it goes on unless this is fatal.
     #[error("{reason}")]
-    Refused { reason: String, fatal: bool },
+    Refused {
+        reason: String,
+        fatal: bool,
+        /// Its build lacks what it was asked for; unknown where the worker does not tell.
+        absent: Option<bool>,
+    },
+    /// This process was told to end while the reply was waited for.
+    #[error("interrupted")]
+    Interrupted,
 }
 
 fn told(stderr: &str) -> String {
@@ -61,6 +73,24 @@ fn told(stderr: &str) -> String {
 }
 
 impl WorkerFault {
+    /// A fault that this side finds in a worker which is then of no more use.
+    pub(super) fn fatal(reason: String) -> Self {
+        Self::Refused {
+            reason,
+            fatal: true,
+            absent: None,
+        }
+    }
+
+    /// The build does not know what it was asked for. Where an older worker does not say why it refuses, that counts as
+    /// the reason.
+    pub fn is_absence(&self) -> bool {
+        match self {
+            Self::Refused { fatal, absent, .. } => absent.unwrap_or(!fatal),
+            _ => false,
+        }
+    }
+
     /// The worker still answers.
     pub fn goes_on(&self) -> bool {
         match self {
@@ -185,6 +215,7 @@ impl Worker {
         let mut line = serde_json::to_string(request).map_err(|error| WorkerFault::Refused {
             reason: format!("`{}` cannot be sent: {error}", self.asked),
             fatal: false,
+            absent: None,
         })?;
         line.push('\n');
         let sent = self
@@ -198,16 +229,32 @@ impl Worker {
     }
 
     /// The reply to the last request. After a fault that does not [go on](WorkerFault::goes_on) the worker is dead.
+    ///
+    /// An interruption is not noticed meanwhile: that waits for the reply, or for the worker's [`Patience`] to end.
     pub fn receive(&mut self) -> Result<Reply, WorkerFault> {
+        self.receive_unless(&[])
+    }
+
+    /// As [`Self::receive`]; a worker whose reply is still due when one of these becomes true is killed.
+    fn receive_unless(&mut self, interrupted: &[&AtomicBool]) -> Result<Reply, WorkerFault> {
         let patience = match self.asked {
             "sample" => self.patience.sample,
             _ => self.patience.slow,
         };
-        let line = match self.replies.recv_timeout(patience) {
-            Ok(Ok(line)) => line,
-            Ok(Err(error)) => return Err(self.garbage(&error.to_string())),
-            Err(RecvTimeoutError::Disconnected) => return Err(self.ended()),
-            Err(RecvTimeoutError::Timeout) => {
+        let asked = Instant::now();
+        loop {
+            let left = patience.saturating_sub(asked.elapsed());
+            match self.replies.recv_timeout(left.min(SLICE)) {
+                Ok(Ok(line)) => return self.read(&line),
+                Ok(Err(error)) => return Err(self.garbage(&error.to_string())),
+                Err(RecvTimeoutError::Disconnected) => return Err(self.ended()),
+                Err(RecvTimeoutError::Timeout) => {}
+            }
+            if interrupted.iter().any(|flag| flag.load(Ordering::Relaxed)) {
+                self.kill();
+                return Err(WorkerFault::Interrupted);
+            }
+            if asked.elapsed() >= patience {
                 self.kill();
                 return Err(WorkerFault::Silent {
                     request: self.asked,
@@ -215,23 +262,49 @@ impl Worker {
                     stderr: self.stderr(),
                 });
             }
-        };
-        match serde_json::from_str(&line) {
-            Ok(Reply::Fault { reason, fatal }) => {
+        }
+    }
+
+    fn read(&mut self, line: &str) -> Result<Reply, WorkerFault> {
+        if self.asked == "hello"
+            && let Some(theirs) = protocol_of(line).filter(|theirs| *theirs != PROTOCOL)
+        {
+            self.kill();
+            return Err(WorkerFault::OtherProtocol { theirs });
+        }
+        match serde_json::from_str(line) {
+            Ok(Reply::Fault {
+                reason,
+                fatal,
+                absent,
+            }) => {
                 if fatal {
                     self.kill();
                 }
-                Err(WorkerFault::Refused { reason, fatal })
+                Err(WorkerFault::Refused {
+                    reason,
+                    fatal,
+                    absent,
+                })
             }
             Ok(Reply::Unsupported { message }) => Err(WorkerFault::Unsupported(message)),
             Ok(reply) => Ok(reply),
-            Err(_) => Err(self.garbage(&line)),
+            Err(_) => Err(self.garbage(line)),
         }
     }
 
     pub fn ask(&mut self, request: &Request) -> Result<Reply, WorkerFault> {
+        self.ask_unless(request, &[])
+    }
+
+    /// As [`Self::ask`], but given up, and the worker killed, as soon as one of these becomes true.
+    pub fn ask_unless(
+        &mut self,
+        request: &Request,
+        interrupted: &[&AtomicBool],
+    ) -> Result<Reply, WorkerFault> {
         self.send(request)?;
-        self.receive()
+        self.receive_unless(interrupted)
     }
 
     /// Sends the first message; [`Self::greeted`] takes the answer.
@@ -244,14 +317,13 @@ impl Worker {
 
     /// What the worker says of itself, if it speaks this protocol.
     pub fn greeted(&mut self) -> Result<Greeting, WorkerFault> {
-        match self.receive()? {
-            Reply::Hello(greeting) if greeting.protocol == PROTOCOL => Ok(*greeting),
-            Reply::Hello(greeting) => {
-                self.kill();
-                Err(WorkerFault::OtherProtocol {
-                    theirs: greeting.protocol,
-                })
-            }
+        self.greeted_unless(&[])
+    }
+
+    /// As [`Self::greeted`], but given up, and the worker killed, as soon as one of these becomes true.
+    pub fn greeted_unless(&mut self, interrupted: &[&AtomicBool]) -> Result<Greeting, WorkerFault> {
+        match self.receive_unless(interrupted)? {
+            Reply::Hello(greeting) => Ok(*greeting),
             other => Err(self.unexpected(&other)),
         }
     }
@@ -355,6 +427,13 @@ fn name(request: &Request) -> &'static str {
         Request::Checks { .. } => "checks",
         Request::Quit => "quit",
     }
+}
+
+/// The version that a greeting names, whatever else of it this build can read.
+fn protocol_of(line: &str) -> Option<u32> {
+    let greeting: Value = serde_json::from_str(line).ok()?;
+    let version = greeting.get("protocol")?.as_u64()?;
+    Some(u32::try_from(version).unwrap_or(u32::MAX))
 }
 
 /// Hands on line after line until the output ends or nobody listens.

@@ -8,6 +8,7 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
+use super::nan;
 use crate::gpu::ClockPlan;
 use crate::record::{Adapter, PassKind, Work};
 
@@ -106,6 +107,9 @@ pub enum Reply {
         reason: String,
         #[serde(default)]
         fatal: bool,
+        /// This build knows no such pipeline, scene, stage or parameter. Older workers do not tell.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        absent: Option<bool>,
     },
     /// The worker does not know this message.
     Unsupported {
@@ -150,8 +154,10 @@ pub struct Exact {
     pub stages: Vec<ExactStage>,
     pub allocated_bytes: u64,
     /// Errors against the reference: more is worse.
+    #[serde(with = "nan::map")]
     pub errors: BTreeMap<String, f64>,
     /// Figures read back from the frame that are no errors.
+    #[serde(with = "nan::map")]
     pub quantities: BTreeMap<String, f64>,
     /// What could not be computed, and why.
     #[serde(default)]
@@ -173,7 +179,9 @@ pub struct CheckReading {
     pub stage: String,
     pub what: String,
     pub unit: String,
+    #[serde(with = "nan::number")]
     pub measured: f64,
+    #[serde(with = "nan::number")]
     pub tolerance: f64,
     /// It passed and its control failed.
     pub sound: bool,
@@ -184,6 +192,7 @@ pub fn parse_request(line: &str) -> Result<Request, Reply> {
     let fault = |error: serde_json::Error| Reply::Fault {
         reason: format!("not a message: {error}"),
         fatal: false,
+        absent: Some(false),
     };
     let value: Value = serde_json::from_str(line).map_err(fault)?;
     let known = [
@@ -253,12 +262,44 @@ mod tests {
             let Err(Reply::Fault {
                 reason: found,
                 fatal: false,
+                ..
             }) = parse_request(line)
             else {
                 panic!("{line} was taken");
             };
             assert!(found.contains(reason), "{line}: {found}");
         }
+    }
+
+    #[test]
+    fn figures_that_are_no_numbers_can_be_read_back() {
+        let exact = Exact {
+            errors: BTreeMap::from([("an_error".to_owned(), f64::NAN)]),
+            quantities: BTreeMap::from([("a_figure".to_owned(), f64::INFINITY)]),
+            ..Exact::default()
+        };
+        let check = CheckReading {
+            stage: "a".into(),
+            what: "energy".into(),
+            unit: "1".into(),
+            measured: f64::NAN,
+            tolerance: 0.1,
+            sound: false,
+        };
+        let read = |reply: Reply| -> Reply {
+            let line = serde_json::to_string(&reply).unwrap();
+            serde_json::from_str(&line).unwrap_or_else(|error| panic!("{line}: {error}"))
+        };
+        let Reply::Exact(exact) = read(Reply::Exact(Box::new(exact))) else {
+            panic!("no figures")
+        };
+        assert!(exact.errors["an_error"].is_nan() && exact.quantities["a_figure"].is_nan());
+        let Reply::Checks { checks } = read(Reply::Checks {
+            checks: vec![check],
+        }) else {
+            panic!("no checks")
+        };
+        assert!(checks[0].measured.is_nan() && checks[0].tolerance == 0.1);
     }
 
     #[test]
@@ -269,6 +310,7 @@ mod tests {
             Reply::Fault {
                 reason: "no".into(),
                 fatal: true,
+                absent: Some(false),
             },
             Reply::Hello(Box::new(Greeting {
                 protocol: PROTOCOL,

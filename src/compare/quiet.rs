@@ -13,7 +13,10 @@ pub struct Quiet {
     pub padding: usize,
 }
 
-/// Sets what a worker inherits. What the kernel refuses shows in the worker's greeting.
+/// Sets what a child inherits. What the kernel refuses shows in a worker's greeting.
+///
+/// On Linux the child goes when the calling thread does, however that ends. It lies outside the terminal's foreground group:
+/// Ctrl-C reaches this process alone, which decides what becomes of its children.
 pub(super) fn apply(command: &mut Command, quiet: Option<&Quiet>) {
     if let Some(quiet) = quiet {
         // Mesa's rasterizer then works in the thread that submits. Drivers without it ignore this.
@@ -21,6 +24,8 @@ pub(super) fn apply(command: &mut Command, quiet: Option<&Quiet>) {
         command.env(PADDING, "x".repeat(quiet.padding));
     }
     system::apply(command, quiet);
+    #[cfg(unix)]
+    std::os::unix::process::CommandExt::process_group(command, 0);
 }
 
 /// Moves all threads of a process to one core.

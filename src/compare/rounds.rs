@@ -2,7 +2,10 @@
 //!
 //! A *launch* is a fresh pair of workers, and a third for the control. In each of its rounds every cell is sampled once by each side, one right after the
 //! other; the order of cells is drawn anew each round, and which side comes first is drawn so that each comes first in
-//! half of the rounds. A launch counts when it has gone through all its rounds; one in which a worker died is
+//! half of the rounds. The control is sampled by a third worker that runs nothing else, while the base has just run other
+//! cells: both first run the control's cell once for nothing, so that either finds the caches as the other left them.
+//!
+//! A launch counts when it has gone through all its rounds; one in which a worker died is
 //! thrown away and run anew without the cell that killed it.
 
 use std::collections::BTreeSet;
@@ -193,13 +196,13 @@ impl Gatekeeper<'_> {
         let mut faults = Vec::new();
         let opened = match bench.open(launch, &self.cells, self.control.as_ref()) {
             Ok(opened) => opened,
+            Err(_) if self.is_interrupted() => return Outcome::Interrupted,
             Err(broken) => return Outcome::Spoilt(self.broken(launch, broken)),
         };
         for (configuration, cause) in opened.refused {
             faults.extend(self.lose_configuration(launch, &configuration, &cause));
         }
-        let mut random = Pcg64::seed_from_u64(self.schedule.seed);
-        random.advance(u128::from(launch) << 64);
+        let mut random = random(self.schedule.seed, launch);
         let mut visits = self.visits(&mut random);
         let mut pairs = Vec::new();
         // The round before the first settles what a stage alone in a frame needs, and is not kept.
@@ -207,14 +210,16 @@ impl Gatekeeper<'_> {
             visits.shuffle(&mut random);
             let mut at = 0;
             while at < visits.len() {
-                if self.interrupted.load(Ordering::Relaxed) {
+                if self.is_interrupted() {
                     return Outcome::Interrupted;
                 }
-                match pair(bench, launch, round, &visits[at]) {
+                match visited(bench, launch, round, &visits[at]) {
                     Ok(pair) => {
                         pairs.extend(round.map(|_| pair));
                         at += 1;
                     }
+                    // Whatever interrupted this process may have ended its workers as well.
+                    Err(_) if self.is_interrupted() => return Outcome::Interrupted,
                     Err(cause) => {
                         let visit = visits.remove(at);
                         faults.push(self.lose(launch, &visit, &cause));
@@ -237,6 +242,10 @@ impl Gatekeeper<'_> {
         let faults = faults.into_iter().map(Line::Fault);
         let lines = pairs.into_iter().map(Line::Pair).chain(faults);
         Outcome::Complete(lines.chain([Line::Launch(ended)]).collect())
+    }
+
+    fn is_interrupted(&self) -> bool {
+        self.interrupted.load(Ordering::Relaxed)
     }
 
     fn visits(&self, random: &mut Pcg64) -> Vec<Visit> {
@@ -318,6 +327,26 @@ fn fault(launch: u32, cell: Option<&CellId>, cause: &PartyFault) -> Fault {
         absent: false,
         reason: format!("{} worker: {}", cause.party.name(), cause.fault),
     }
+}
+
+/// The random numbers of a launch: each launch of a seed has a stretch of them to itself.
+pub(super) fn random(seed: u64, launch: u32) -> Pcg64 {
+    let mut random = Pcg64::seed_from_u64(seed);
+    random.advance(u128::from(launch) << 64);
+    random
+}
+
+/// One visit's pair. That of the control comes after one that is not kept.
+fn visited(
+    bench: &mut dyn Bench,
+    launch: u32,
+    round: Option<u32>,
+    visit: &Visit,
+) -> Result<Pair, PartyFault> {
+    if visit.control {
+        pair(bench, launch, round, visit)?;
+    }
+    pair(bench, launch, round, visit)
 }
 
 /// Samples both sides of a cell.

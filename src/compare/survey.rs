@@ -5,11 +5,16 @@ use super::launch::{Start, Worker, WorkerFault};
 use super::protocol::{Exact, Greeting, Reply, Request};
 use super::store::{CheckFigure, ConfigurationFigures, ExactFigures, Fault, Gate, Line, Side};
 
+/// Name of the part of a worker that makes the checks.
+const CHECKS: &str = "checks";
+
 /// One side: how to start its worker, and the worker while it lives.
 pub struct Party {
     pub side: Side,
     start: Start,
     worker: Option<Worker>,
+    /// What its build can do, once it has said so.
+    parts: Vec<String>,
 }
 
 impl Party {
@@ -19,6 +24,7 @@ impl Party {
             side,
             start,
             worker: None,
+            parts: Vec::new(),
         };
         party.worker = Some(party.started()?);
         Ok(party)
@@ -31,10 +37,9 @@ impl Party {
     }
 
     pub fn greeted(&mut self) -> Result<Greeting, WorkerFault> {
-        match &mut self.worker {
-            Some(worker) => worker.greeted(),
-            None => Err(gone()),
-        }
+        let greeting = self.worker.as_mut().ok_or_else(gone)?.greeted()?;
+        self.parts.clone_from(&greeting.parts);
+        Ok(greeting)
     }
 
     /// The worker, a fresh one if the last has died.
@@ -62,10 +67,7 @@ impl Party {
 }
 
 fn gone() -> WorkerFault {
-    WorkerFault::Refused {
-        reason: "its worker is gone".to_owned(),
-        fatal: true,
-    }
+    WorkerFault::fatal("its worker is gone".to_owned())
 }
 
 /// Prepares a configuration on both sides at once. Gives what of it both have, and the faults of what one lacks.
@@ -101,8 +103,25 @@ pub fn exact(parties: &mut [Party; 2], configuration: &Configuration) -> Vec<Lin
         .collect()
 }
 
-/// The checks of these stages on both sides.
+/// What lacks of the checks, where a build is too old to know of them; they are then made on neither side.
+pub fn without_checks(greetings: &[Greeting; 2]) -> Option<String> {
+    let mut sides = Side::BOTH.into_iter().zip(greetings);
+    let (side, _) = sides.find(|(_, greeting)| !knows_checks(&greeting.parts))?;
+    let name = side.name();
+    Some(format!(
+        "the checks of `fathom verify` were not compared: the {name} build has no part `{CHECKS}`"
+    ))
+}
+
+fn knows_checks(parts: &[String]) -> bool {
+    parts.iter().any(|part| part == CHECKS)
+}
+
+/// The checks of these stages on both sides; none where [a side knows of none](without_checks).
 pub fn checks(parties: &mut [Party; 2], stages: Vec<String>) -> Vec<Line> {
+    if !parties.iter().all(|party| knows_checks(&party.parts)) {
+        return Vec::new();
+    }
     let replies = both(parties, &Request::Checks { stages });
     let mut lines = Vec::new();
     for (side, reply) in Side::BOTH.into_iter().zip(replies) {
@@ -140,39 +159,48 @@ fn both(parties: &mut [Party; 2], request: &Request) -> [Result<Reply, WorkerFau
     ]
 }
 
+/// Why a side lacks a stage.
+struct Lack {
+    reason: String,
+    /// Its build does not know of it; otherwise something failed.
+    unknown: bool,
+}
+
 /// The stages that both sides have, and faults for the others.
+///
+/// What only the base does not know is new in the head. All else that a side lacks is a failure.
 fn present(
     configuration: &Configuration,
     replies: [Result<Reply, WorkerFault>; 2],
 ) -> (Vec<String>, Vec<Line>) {
-    let mut stages = configuration.stages.clone();
+    let mut stages = Vec::new();
     let mut faults = Vec::new();
-    for (side, reply) in Side::BOTH.into_iter().zip(replies) {
-        let lacking = |stage: &String| match &reply {
-            Ok(Reply::Prepared { stages: has, .. }) => {
-                let there = has.iter().any(|present| present.name == *stage);
-                (!there).then(|| "its pipeline has no such stage".to_owned())
-            }
-            Ok(other) => Some(format!("an answer of the wrong kind: {other:?}")),
-            Err(error) => Some(error.to_string()),
-        };
-        // What a base refuses by itself is new in the head; a worker that died or hung is a failure.
-        let answered = match &reply {
-            Ok(Reply::Prepared { .. }) => true,
-            Err(WorkerFault::Refused { fatal, .. }) => !fatal,
-            _ => false,
-        };
-        let absent = side == Side::Base && answered;
-        stages.retain(|stage| match lacking(stage) {
-            None => true,
-            Some(reason) => {
-                let cell = CellId::new(&configuration.id, stage);
-                faults.push(fault(side, Some(cell), absent, &reason));
-                false
-            }
-        });
+    for stage in &configuration.stages {
+        let [base, head] = replies.each_ref().map(|reply| lack(reply, stage));
+        let is_new = head.is_none() && base.as_ref().is_some_and(|lack| lack.unknown);
+        if base.is_none() && head.is_none() {
+            stages.push(stage.clone());
+        }
+        for (side, lack) in Side::BOTH.into_iter().zip([base, head]) {
+            let cell = Some(CellId::new(&configuration.id, stage));
+            faults.extend(lack.map(|lack| fault(side, cell, is_new, &lack.reason)));
+        }
     }
     (stages, faults)
+}
+
+fn lack(reply: &Result<Reply, WorkerFault>, stage: &str) -> Option<Lack> {
+    let (reason, unknown) = match reply {
+        Ok(Reply::Prepared { stages, .. }) => {
+            if stages.iter().any(|present| present.name == stage) {
+                return None;
+            }
+            ("its pipeline has no such stage".to_owned(), true)
+        }
+        Ok(other) => (format!("an answer of the wrong kind: {other:?}"), false),
+        Err(error) => (error.to_string(), error.is_absence()),
+    };
+    Some(Lack { reason, unknown })
 }
 
 fn exact_lines(
@@ -238,4 +266,121 @@ fn fault(side: Side, cell: Option<CellId>, absent: bool, reason: &str) -> Line {
         absent,
         reason: reason.to_owned(),
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::compare::protocol::StageKind;
+    use crate::record::{Adapter, PassKind};
+
+    fn prepared(stages: &[&str]) -> Result<Reply, WorkerFault> {
+        let kind = |name: &&str| StageKind {
+            name: (*name).to_owned(),
+            kind: PassKind::Compute,
+        };
+        Ok(Reply::Prepared {
+            stages: stages.iter().map(kind).collect(),
+            stand_ins: Vec::new(),
+            build_s: 0.0,
+            warm_up_s: 0.0,
+        })
+    }
+
+    fn refused(absent: Option<bool>) -> Result<Reply, WorkerFault> {
+        Err(WorkerFault::Refused {
+            reason: "no".to_owned(),
+            fatal: false,
+            absent,
+        })
+    }
+
+    fn died() -> Result<Reply, WorkerFault> {
+        Err(WorkerFault::Ended {
+            status: "signal: 11".to_owned(),
+            stderr: String::new(),
+        })
+    }
+
+    /// The common stages of a configuration of `a` and `b`, and who lacks which as what: `new` or `failed`.
+    fn told(
+        base: Result<Reply, WorkerFault>,
+        head: Result<Reply, WorkerFault>,
+    ) -> (Vec<String>, Vec<String>) {
+        let configuration = Configuration {
+            id: "one".to_owned(),
+            pipeline: "p".to_owned(),
+            scene: "s".to_owned(),
+            params: Default::default(),
+            stages: vec!["a".to_owned(), "b".to_owned()],
+        };
+        let (stages, lines) = present(&configuration, [base, head]);
+        let word = |line: &Line| match line {
+            Line::Fault(fault) => {
+                let (side, cell) = (fault.side.unwrap().name(), fault.cell.as_ref().unwrap());
+                let word = if fault.absent { "new" } else { "failed" };
+                format!("{side} {} {word}", cell.stage())
+            }
+            other => panic!("{other:?}"),
+        };
+        (stages, lines.iter().map(word).collect())
+    }
+
+    #[test]
+    fn only_what_the_base_does_not_know_is_new() {
+        let whole = || prepared(&["a", "b"]);
+        for absent in [None, Some(true)] {
+            assert_eq!(
+                told(refused(absent), whole()).1,
+                ["base a new", "base b new"]
+            );
+        }
+        let (common, faults) = told(refused(Some(false)), whole());
+        assert_eq!(faults, ["base a failed", "base b failed"]);
+        assert!(common.is_empty());
+        assert_eq!(told(died(), whole()).1, ["base a failed", "base b failed"]);
+        let (common, faults) = told(prepared(&["b"]), whole());
+        assert_eq!(
+            (common, faults),
+            (vec!["b".to_owned()], vec!["base a new".to_owned()])
+        );
+        assert_eq!(
+            told(whole(), refused(Some(true))).1,
+            ["head a failed", "head b failed"]
+        );
+    }
+
+    #[test]
+    fn a_head_that_fails_is_told_where_the_base_knows_nothing() {
+        let expected = [
+            "base a failed",
+            "head a failed",
+            "base b failed",
+            "head b failed",
+        ];
+        assert_eq!(told(refused(Some(true)), died()).1, expected);
+        let (_, faults) = told(refused(Some(true)), prepared(&["b"]));
+        assert_eq!(faults, ["base a failed", "head a failed", "base b new"]);
+    }
+
+    #[test]
+    fn a_build_without_checks_is_named() {
+        let greeting = |parts: &[&str]| Greeting {
+            protocol: 1,
+            fathom_version: "0".to_owned(),
+            adapter: Adapter::default(),
+            parts: parts.iter().map(|part| (*part).to_owned()).collect(),
+            cores: None,
+            randomized: None,
+            notes: Vec::new(),
+            open_s: 0.0,
+        };
+        let (old, new) = (greeting(&["exact"]), greeting(&["exact", "checks"]));
+        assert_eq!(without_checks(&[new.clone(), new.clone()]), None);
+        let note = without_checks(&[old, new]).unwrap();
+        assert!(
+            note.ends_with("the base build has no part `checks`"),
+            "{note}"
+        );
+    }
 }

@@ -23,6 +23,8 @@ use crate::harness::subject::{Subject, SubjectError, Subjects};
 use crate::harness::verify::{Check, VerifyError, verify_stages};
 use crate::harness::{MAX_PASSES, errors};
 use crate::pipelines::Pipeline;
+use crate::pipelines::params::ParamError;
+use crate::scene::SceneError;
 
 /// Readings of a frame before its clock is given up.
 const ATTEMPTS: u32 = 20;
@@ -84,6 +86,7 @@ pub fn serve(
         if let Reply::Fault {
             reason,
             fatal: true,
+            ..
         } = reply
         {
             return Err(WorkerError::Fatal(reason));
@@ -119,8 +122,21 @@ impl Refusal {
     fn reply(self) -> Reply {
         Reply::Fault {
             fatal: matches!(self, Self::Gpu(GpuError::Lost(_))),
+            absent: Some(self.is_absence()),
             reason: self.to_string(),
         }
+    }
+
+    /// This build does not know what it is asked for. All else is a failure.
+    fn is_absence(&self) -> bool {
+        matches!(
+            self,
+            Self::Subject(
+                SubjectError::UnknownPipeline { .. }
+                    | SubjectError::Scene(SceneError::Unknown { .. })
+                    | SubjectError::Param(ParamError::Unknown { .. })
+            ) | Self::NoStage { .. }
+        )
     }
 }
 

@@ -16,6 +16,8 @@ struct Simulated {
     killing_configuration: Option<&'static str>,
     never_starts: bool,
     interrupt_after: Option<usize>,
+    /// What interrupts kills the workers too.
+    dying_of_interrupt: bool,
     closed: u32,
 }
 
@@ -25,6 +27,7 @@ fn refusal(fatal: bool) -> WorkerFault {
     WorkerFault::Refused {
         reason: "out of order".to_owned(),
         fatal,
+        absent: None,
     }
 }
 
@@ -87,6 +90,9 @@ impl Bench for Simulated {
         self.samples.push((self.launch, party, cell.clone()));
         if self.interrupt_after == Some(self.samples.len()) {
             STOP.store(true, Ordering::Relaxed);
+            if self.dying_of_interrupt {
+                return Err(ended());
+            }
         }
         Ok(if party == Party::Head { 2e6 } else { 1e6 })
     }
@@ -189,18 +195,25 @@ fn the_two_samples_of_a_pair_are_neighbours_and_orders_differ() {
     let mut bench = Simulated::default();
     measure(&mut bench, &Before::default(), &NEVER);
     let mut orders = BTreeSet::new();
-    // Four visits a round, two samples a visit.
-    for round in bench.samples.chunks(8) {
+    // Four visits a round, two samples a visit, and two more before those of the control.
+    for round in bench.samples.chunks(10) {
         for pair in round.chunks(2) {
             assert_eq!(pair[0].2, pair[1].2);
             assert!(pair[0].1 != pair[1].1);
         }
+        let of_control = |pair: &[(u32, Party, CellId)]| pair.iter().any(|s| s.1 == Party::Control);
+        let at = round.chunks(2).position(of_control).unwrap() * 2;
+        assert_eq!(
+            round[at..at + 2],
+            round[at + 2..at + 4],
+            "both sides of the control are equally warm"
+        );
         let order = round.chunks(2).map(|pair| pair[0].2.clone());
         orders.insert(order.collect::<Vec<_>>());
     }
     assert_eq!(
         bench.samples.len(),
-        3 * 5 * 8,
+        3 * 5 * 10,
         "three launches, four rounds and one unkept"
     );
     assert!(orders.len() > 5, "{}", orders.len());
@@ -327,12 +340,29 @@ fn workers_that_never_start_end_the_gate() {
 
 #[test]
 fn an_interrupted_launch_leaves_nothing() {
-    let mut bench = Simulated {
-        interrupt_after: Some(50),
-        ..Simulated::default()
+    for dying_of_interrupt in [false, true] {
+        STOP.store(false, Ordering::Relaxed);
+        let mut bench = Simulated {
+            interrupt_after: Some(60),
+            dying_of_interrupt,
+            ..Simulated::default()
+        };
+        let lines = measure(&mut bench, &Before::default(), &STOP);
+        assert_eq!(launches(&lines), [0]);
+        assert!(pairs(&lines).iter().all(|pair| pair.launch == 0));
+        assert!(faults(&lines).is_empty(), "no cell is given up");
+        assert_eq!(bench.closed, 2);
+    }
+}
+
+#[test]
+fn launches_of_neighbouring_seeds_draw_different_numbers() {
+    use rand::RngExt;
+    let drawn = |seed| -> BTreeSet<u64> {
+        (0..20)
+            .map(|launch| random(seed, launch).random())
+            .collect()
     };
-    let lines = measure(&mut bench, &Before::default(), &STOP);
-    assert_eq!(launches(&lines), [0]);
-    assert!(pairs(&lines).iter().all(|pair| pair.launch == 0));
-    assert_eq!(bench.closed, 2);
+    assert_eq!(drawn(2).len(), 20);
+    assert!(drawn(2).is_disjoint(&drawn(3)));
 }
