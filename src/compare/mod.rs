@@ -14,6 +14,7 @@ pub mod files;
 pub mod flow;
 pub mod instructions;
 pub mod launch;
+pub mod nan;
 pub mod protocol;
 mod quiet;
 pub mod rank;

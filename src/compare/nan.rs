@@ -1,0 +1,66 @@
+//! Figures that may be no number. JSON has no NaN and no infinity, and writes both as `null`; here `null` reads back as NaN.
+
+/// For fields of the kind `BTreeMap<String, f64>`: `#[serde(with = "nan::map")]`.
+pub mod map {
+    use std::collections::BTreeMap;
+
+    use serde::{Deserialize, Deserializer, Serialize, Serializer};
+
+    pub fn serialize<S: Serializer>(
+        figures: &BTreeMap<String, f64>,
+        serializer: S,
+    ) -> Result<S::Ok, S::Error> {
+        figures.serialize(serializer)
+    }
+
+    pub fn deserialize<'de, D: Deserializer<'de>>(
+        deserializer: D,
+    ) -> Result<BTreeMap<String, f64>, D::Error> {
+        let figures = BTreeMap::<String, Option<f64>>::deserialize(deserializer)?;
+        let number = |(name, figure): (String, Option<f64>)| (name, figure.unwrap_or(f64::NAN));
+        Ok(figures.into_iter().map(number).collect())
+    }
+}
+
+/// For fields of the kind `f64`: `#[serde(with = "nan::number")]`.
+pub mod number {
+    use serde::{Deserialize, Deserializer, Serializer};
+
+    pub fn serialize<S: Serializer>(figure: &f64, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.serialize_f64(*figure)
+    }
+
+    pub fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f64, D::Error> {
+        Ok(Option::<f64>::deserialize(deserializer)?.unwrap_or(f64::NAN))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeMap;
+
+    use serde::{Deserialize, Serialize};
+
+    #[derive(Serialize, Deserialize)]
+    struct Figures {
+        #[serde(default, with = "super::map")]
+        errors: BTreeMap<String, f64>,
+        #[serde(with = "super::number")]
+        measured: f64,
+    }
+
+    #[test]
+    fn what_is_no_number_survives_its_line() {
+        let figures = Figures {
+            errors: BTreeMap::from([("a".into(), 0.25), ("b".into(), f64::NAN)]),
+            measured: f64::INFINITY,
+        };
+        let line = serde_json::to_string(&figures).unwrap();
+        assert_eq!(line, r#"{"errors":{"a":0.25,"b":null},"measured":null}"#);
+        let read: Figures = serde_json::from_str(&line).unwrap();
+        assert_eq!(read.errors["a"], 0.25);
+        assert!(read.errors["b"].is_nan() && read.measured.is_nan());
+        let empty: Figures = serde_json::from_str(r#"{"measured":1}"#).unwrap();
+        assert!(empty.errors.is_empty() && empty.measured == 1.0);
+    }
+}
