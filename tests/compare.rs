@@ -43,6 +43,8 @@ fn build(label: &str) -> Build {
 struct Stored {
     header: Header,
     lines: Vec<Line>,
+    /// How measuring ended: interrupted or not; none if it was killed.
+    interrupted: Option<bool>,
 }
 
 impl Stored {
@@ -82,6 +84,7 @@ impl Stored {
         Self {
             header,
             lines: launches.collect(),
+            interrupted: Some(false),
         }
         .configuration(1_000_000, 0.01)
         .times(cells[0], true, 1.0, 0.004)
@@ -203,9 +206,11 @@ impl Stored {
     fn lines(self) -> Vec<Line> {
         let mut lines = vec![Line::Header(Box::new(self.header))];
         lines.extend(self.lines);
-        lines.push(Line::End(End {
-            wall_s: 61.5,
-            interrupted: false,
+        lines.extend(self.interrupted.map(|interrupted| {
+            Line::End(End {
+                wall_s: 61.5,
+                interrupted,
+            })
         }));
         lines
     }
@@ -237,6 +242,7 @@ fn mixed() -> Stored {
         .counts(slow, 1.061)
         .times(slow, false, 1.05, 0.004)
         .same(same)
+        .work(wrong, 100, 100)
         .counts(wrong, 0.98)
         .check(("caustics/filter", "rounding"), 1e-7, 2e-7)
         .check(("caustics/filter", "energy"), 0.05, 0.01)
@@ -246,6 +252,7 @@ fn mixed() -> Stored {
         .times(fast, false, 0.85, 0.01)
         .counts(cost, 1.02)
         .times(cost, false, 1.002, 0.004)
+        .work(vague, 100, 100)
         .counts(vague, 1.0)
         .times(vague, false, 1.03, 0.08)
         .fault(Gate::Time, Side::Head, Some(gone), false)
@@ -340,8 +347,12 @@ fn the_exit_status_tells_how_it_ended() {
     assert!(told(error, 1).contains("tank caustics/trace: less accurate"));
     let fewer_errors = quiet().configuration(1_000_000, 0.005);
     assert!(told(fewer_errors, 0).contains("0.0100 → 0.0050"));
-    let vague = two().times(compose, false, 1.03, 0.08);
+    let counted = || two().work(compose, 1, 1).counts(compose, 1.0);
+    let vague = counted().times(compose, false, 1.03, 0.08);
     assert!(told(vague, 3).contains("1 inconclusive"));
+    let faster_if_anything = counted().times(compose, false, 0.97, 0.08);
+    let text = told(faster_if_anything, 0);
+    assert!(text.contains("of 1 inconclusive, 0 may be slower by more than 2.0 %"));
     let failed = two().fault(Gate::Time, Side::Head, Some(compose), false);
     assert!(told(failed, 2).contains("could not measure"));
     let new = two().fault(Gate::Exact, Side::Base, Some(compose), true);
@@ -394,11 +405,93 @@ fn a_gate_that_cannot_run_here_is_no_failure_and_one_that_gave_nothing_is() {
 }
 
 #[test]
+fn what_nothing_measured_is_not_the_same() {
+    let trace = "tank caustics/trace";
+    let told = |stored: Stored| {
+        let folder = tempfile::tempdir().unwrap();
+        stored.write(folder.path());
+        replayed(folder.path(), 2)
+    };
+    let mut void = Stored::new(&[trace]).settings(|settings| settings.gates = vec![Gate::Time]);
+    void.lines.retain(|line| !matches!(line, Line::Pair(_)));
+    let void = void.times(trace, true, 1.06, 0.004);
+    let void = void.times(trace, false, 1.0, 0.004);
+    assert!(told(void).contains("1 cell: 1 not measured"));
+    let uncounted = Stored::new(&[trace]).work(trace, 1, 1);
+    let uncounted = uncounted.times(trace, false, 1.0, 0.004);
+    assert!(told(uncounted.counts("tank compose", 1.0)).contains("1 not measured"));
+    for interrupted in [None, Some(true)] {
+        let mut cut = quiet();
+        cut.interrupted = interrupted;
+        assert!(told(cut).contains("could not measure; 2 cells: 2 same"));
+    }
+
+    let folder = tempfile::tempdir().unwrap();
+    let mut exact = Stored::new(&[trace]).work(trace, 1, 1);
+    exact.header.settings.gates = vec![Gate::Exact];
+    exact.write(folder.path());
+    assert!(replayed(folder.path(), 0).contains("1 same"));
+}
+
+#[test]
+fn a_time_gate_whose_control_was_lost_is_void() {
+    let told = |stored: Stored| {
+        let folder = tempfile::tempdir().unwrap();
+        stored.write(folder.path());
+        replayed(folder.path(), 2)
+    };
+    let mut lost = quiet().fault(Gate::Time, Side::Base, Some("tank caustics/trace"), false);
+    if let Some(Line::Fault(fault)) = lost.lines.last_mut() {
+        fault.control = true;
+        fault.launch = Some(LAUNCHES);
+    }
+    let text = told(lost);
+    assert!(text.contains("time gate void: the control was lost: it ended with signal"));
+    let mut without = quiet();
+    let control = |line: &Line| matches!(line, Line::Pair(pair) if pair.control);
+    without.lines.retain(|line| !control(line));
+    assert!(told(without).contains("time gate void: the control was not measured"));
+}
+
+#[test]
+fn figures_that_vanish_are_faults_and_notes_are_told_once() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut stored = quiet();
+    for line in &mut stored.lines {
+        match line {
+            Line::Configuration(figures) if figures.side == Side::Head => {
+                figures.errors.clear();
+                figures
+                    .notes
+                    .push("errors not computed: no reference".to_owned());
+            }
+            Line::Launch(launch) => launch.notes.push("on any core: no Linux".to_owned()),
+            _ => {}
+        }
+    }
+    stored.write(folder.path());
+    let text = replayed(folder.path(), 2);
+    let once = |part: &str| assert_eq!(text.matches(part).count(), 1, "{part}: {text}");
+    once("the head does not give caustics_photon_error_median_m of tank");
+    once("head: tank: errors not computed: no reference");
+    once("time gate: on any core: no Linux");
+    assert!(!text.contains("on core 0"));
+    let junit = fs::read_to_string(folder.path().join("junit.xml")).unwrap();
+    assert!(
+        junit.contains("<testcase name=\"exact fault 1\" classname=\"gate\">"),
+        "{junit}"
+    );
+}
+
+#[test]
 fn faults_that_were_overcome_do_not_count() {
     let folder = tempfile::tempdir().unwrap();
     quiet()
         .fault(Gate::Time, Side::Base, None, false)
         .fault(Gate::Instructions, Side::Head, Some("tank compose"), false)
+        .fault(Gate::Time, Side::Head, Some("tank compose"), false)
+        .fault(Gate::Exact, Side::Head, None, false)
+        .check(("compose", "energy"), 0.01, 0.01)
         .write(folder.path());
     assert!(!replayed(folder.path(), 0).contains("SIGSEGV"));
 }
@@ -429,8 +522,9 @@ fn damaged_and_foreign_files_are_told() {
     let whole = fs::read_to_string(&lines).unwrap();
     let damaged = whole.replacen("\"kind\":\"exact\"", "\"kind\":\"exotic\"", 1);
     fs::write(&lines, &damaged).unwrap();
-    let text = replayed(folder.path(), 0);
+    let text = replayed(folder.path(), 2);
     assert!(text.contains("left out: line "), "{text}");
+    assert!(text.contains("1 not measured, 1 same"), "{text}");
 
     let refused = |text: &str, reason: &str| {
         fs::write(&lines, text).unwrap();

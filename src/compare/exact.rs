@@ -1,8 +1,12 @@
 //! The exact gate: what is counted and not timed. Declared work, shader invocations, allocated bytes and errors
 //! against references are equal on both sides, or the change did something.
 
+use std::collections::{BTreeMap, BTreeSet};
+
 use super::cells::CellId;
-use super::store::{CheckFigure, Comparison, ConfigurationFigures, ExactFigures, Side};
+use super::store::{
+    CheckFigure, Comparison, ConfigurationFigures, ExactFigures, Fault, Gate, Side,
+};
 
 /// Share of the base's error by which an error must grow to count: floating-point sums in another order move
 /// errors by far less, a lower-quality setting by more.
@@ -44,13 +48,18 @@ pub struct Difference {
 }
 
 impl Difference {
-    /// It tells on this cell.
-    pub fn concerns(&self, cell: &CellId) -> bool {
+    /// It tells on this cell, one of `cells`.
+    pub fn concerns(&self, cell: &CellId, cells: &[CellId]) -> bool {
         match &self.subject {
             Subject::Cell(own) => own == cell,
             Subject::Stage(stage) => stage == cell.stage(),
             Subject::Configuration(id) if id == cell.configuration() => match self.kind {
-                Kind::Error => concerns_stage(&self.figure, cell),
+                Kind::Error => {
+                    let mut siblings = cells.iter().filter(|other| other.configuration() == id);
+                    let named = family(&self.figure, '_');
+                    family(cell.stage(), '/') == named
+                        || !siblings.any(|other| family(other.stage(), '/') == named)
+                }
                 _ => false,
             },
             Subject::Configuration(_) => false,
@@ -58,21 +67,21 @@ impl Difference {
     }
 }
 
-/// An error named `FAMILY_…` after a family of the registry's stages concerns that family alone, any other all stages.
-fn concerns_stage(error: &str, cell: &CellId) -> bool {
-    let family = |stage: &str| stage.split('/').next().unwrap_or_default().to_owned();
-    let named = error.split('_').next().unwrap_or_default();
-    let mut stages = crate::stages::REGISTRY.iter();
-    let known = stages.any(|stage| family(stage.name) == named);
-    !known || family(cell.stage()) == named
+/// What stands before the first separator: an error named `FAMILY_…` concerns the stages `FAMILY/…` of its configuration
+/// if there are any, and all stages otherwise.
+fn family(name: &str, separator: char) -> &str {
+    name.split(separator).next().unwrap_or_default()
 }
 
 /// Every figure that differs between the sides, in the order of the lines.
 pub fn judge(comparison: &Comparison) -> Vec<Difference> {
     let mut found = Vec::new();
     let cells = twins(&comparison.exact, |line| (line.side, &line.cell));
+    let counting = Side::BOTH.map(|side| counting(comparison, side));
     for (base, head) in cells {
-        cell(base, head, &mut found);
+        let id = base.cell.configuration();
+        let counted = counting.iter().all(|side| side.contains(id));
+        cell(base, head, counted, &mut found);
     }
     let configurations = twins(&comparison.configurations, |line| {
         (line.side, &line.configuration)
@@ -89,22 +98,90 @@ pub fn judge(comparison: &Comparison) -> Vec<Difference> {
     found
 }
 
-/// Lines of the base, each with the head's line of the same key; what one side lacks is left out.
-fn twins<'a, T, K: PartialEq>(
-    lines: &'a [T],
-    key: impl Fn(&'a T) -> (Side, K),
-) -> Vec<(&'a T, &'a T)> {
-    let keyed: Vec<_> = lines.iter().map(|line| (key(line), line)).collect();
-    let side = |wanted| keyed.iter().filter(move |((side, _), _)| *side == wanted);
-    side(Side::Base)
-        .filter_map(|((_, own), base)| {
-            let head = side(Side::Head).find(|((_, other), _)| other == own)?;
-            Some((*base, head.1))
-        })
+/// Configurations in which a side counts invocations.
+fn counting(comparison: &Comparison, side: Side) -> BTreeSet<&str> {
+    let lines = comparison.exact.iter();
+    lines
+        .filter(|line| line.side == side && !line.counters.is_empty())
+        .map(|line| line.cell.configuration())
         .collect()
 }
 
-fn cell(base: &ExactFigures, head: &ExactFigures, found: &mut Vec<Difference>) {
+/// Lines of the base, each with the head's line of the same key; what one side lacks is left out. Of several lines
+/// with one key, which a resumed comparison may have, the last holds.
+fn twins<'a, T, K: Ord>(lines: &'a [T], key: impl Fn(&'a T) -> (Side, K)) -> Vec<(&'a T, &'a T)> {
+    let [base, head] = Side::BOTH.map(|side| last_of(lines, &key, side));
+    let mut twins = Vec::new();
+    for line in lines {
+        let (side, own) = key(line);
+        let holds = base.get(&own).is_some_and(|last| std::ptr::eq(*last, line));
+        if let Some(head) = head.get(&own).filter(|_| side == Side::Base && holds) {
+            twins.push((line, *head));
+        }
+    }
+    twins
+}
+
+fn last_of<'a, T, K: Ord>(
+    lines: &'a [T],
+    key: &impl Fn(&'a T) -> (Side, K),
+    wanted: Side,
+) -> BTreeMap<K, &'a T> {
+    let keyed = lines.iter().map(|line| (key(line), line));
+    keyed
+        .filter(|((side, _), _)| *side == wanted)
+        .map(|((_, own), line)| (own, line))
+        .collect()
+}
+
+/// Errors and checks that one side gives and the other does not. What the base lacks is new in the head, unless a damaged
+/// line may have held it.
+pub fn missing(comparison: &Comparison) -> Vec<Fault> {
+    let mut faults = Vec::new();
+    let configurations = twins(&comparison.configurations, |line| {
+        (line.side, &line.configuration)
+    });
+    for (base, head) in configurations {
+        let read_back = base.quantities.keys().filter(|name| is_error(name));
+        let errors = base.errors.keys().chain(read_back);
+        let lacking = errors.filter(|name| {
+            !head.errors.contains_key(*name) && !head.quantities.contains_key(*name)
+        });
+        faults.extend(lacking.map(|name| {
+            let figure = format!("{name} of {}", base.configuration);
+            lack(Side::Head, &figure)
+        }));
+    }
+    let [base, head] = Side::BOTH.map(|side| {
+        let checks = comparison.checks.iter().filter(|check| check.side == side);
+        let named = checks.map(|check| (&check.stage, &check.what));
+        named.collect::<BTreeSet<_>>()
+    });
+    let check =
+        |side, (stage, what): &(&String, &String)| lack(side, &format!("{what} of {stage}"));
+    // A side without any check has a fault that says why.
+    if !base.is_empty() && !head.is_empty() {
+        faults.extend(base.difference(&head).map(|name| check(Side::Head, name)));
+        if !comparison.damaged.is_empty() {
+            faults.extend(head.difference(&base).map(|name| check(Side::Base, name)));
+        }
+    }
+    faults
+}
+
+fn lack(side: Side, figure: &str) -> Fault {
+    Fault {
+        gate: Gate::Exact,
+        side: Some(side),
+        cell: None,
+        launch: None,
+        control: false,
+        absent: false,
+        reason: format!("the {} does not give {figure}", side.name()),
+    }
+}
+
+fn cell(base: &ExactFigures, head: &ExactFigures, counted: bool, found: &mut Vec<Difference>) {
     let mut differ = |kind, figure: &str, base_count: u64, head_count: u64| {
         if base_count != head_count {
             found.push(Difference {
@@ -121,10 +198,13 @@ fn cell(base: &ExactFigures, head: &ExactFigures, found: &mut Vec<Difference>) {
     for ((name, base), (_, head)) in works {
         differ(Kind::Work, name, base, head);
     }
-    for (name, count) in &base.counters {
-        if let Some(head) = head.counters.get(name) {
-            differ(Kind::Counter, name, *count, *head);
-        }
+    if !counted {
+        return;
+    }
+    let names: BTreeSet<&String> = base.counters.keys().chain(head.counters.keys()).collect();
+    for name in names {
+        let count = |line: &ExactFigures| line.counters.get(name).copied().unwrap_or(0);
+        differ(Kind::Counter, name, count(base), count(head));
     }
 }
 
@@ -155,7 +235,7 @@ fn configuration(
         for (name, b) in base {
             match head.get(name) {
                 Some(h) if is_error(name) && moved(b.abs(), h.abs(), LEAST_ERROR) => {
-                    differ(Kind::Error, name, *b, *h, h.abs() > b.abs());
+                    differ(Kind::Error, name, *b, *h, larger(b.abs(), h.abs()));
                 }
                 Some(h) if !is_error(name) && moved(*b, *h, LEAST_ERROR) => {
                     differ(Kind::Quantity, name, *b, *h, false);
@@ -189,14 +269,22 @@ fn check(base: &CheckFigure, head: &CheckFigure, found: &mut Vec<Difference>) {
             figure: format!("{} ({})", base.what, base.unit),
             base: base.measured,
             head: head.measured,
-            worse: broken || head.measured > base.measured,
+            worse: broken || larger(base.measured, head.measured),
         });
     }
 }
 
-/// A difference beyond what the order of floating-point sums makes. What is not a number has moved.
+/// A difference beyond what the order of floating-point sums makes. What is a number on one side only has moved.
 fn moved(base: f64, head: f64, least: f64) -> bool {
     let tolerance = (ERROR_GROWTH * base.abs()).max(least);
-    let still = (head - base).abs() <= tolerance;
+    let still = (head - base).abs() <= tolerance || !(base.is_finite() || head.is_finite());
     !still
 }
+
+/// An error that is no number is larger than any.
+fn larger(base: f64, head: f64) -> bool {
+    head > base || (base.is_finite() && !head.is_finite())
+}
+
+#[cfg(test)]
+mod tests;

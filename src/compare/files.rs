@@ -13,6 +13,9 @@ use super::store::{
 };
 use crate::record::{self, Cell, Lines, Measured, Outcome, Record, RecordError, Run};
 
+/// Cells that a note names before it breaks off.
+const MOST_NAMED: usize = 5;
+
 #[derive(Debug, Error)]
 pub enum FilesError {
     #[error(transparent)]
@@ -29,7 +32,7 @@ struct Read {
     build: Build,
     /// By resume key: the same pipeline, scene and parameters.
     cells: BTreeMap<String, Cell>,
-    damaged: Vec<String>,
+    notes: Vec<String>,
 }
 
 /// The lines that two files amount to.
@@ -47,48 +50,87 @@ pub fn lines(base: &Path, head: &Path, settings: &Settings) -> Result<Vec<Line>,
         });
     }
     let timed = comparable(&sides[0].run, &sides[1].run);
-    let mut lines = Vec::new();
-    let mut cells = Vec::new();
+    let mut contents = Contents {
+        same_driver: timed.is_ok(),
+        notes: sides.iter().flat_map(|side| side.notes.clone()).collect(),
+        ..Contents::default()
+    };
+    let mut ids = BTreeMap::new();
     for key in common {
-        let [base, head] = [&sides[0].cells[key], &sides[1].cells[key]];
-        let configuration = format!("{}:{}", base.experiment, base.cell);
-        for (side, cell) in [(Side::Base, base), (Side::Head, head)] {
-            match &cell.outcome {
-                Outcome::Measured(measured) => lines.extend(figures(
-                    side,
-                    &configuration,
-                    measured,
-                    timed.is_ok(),
-                    &mut cells,
-                )),
-                Outcome::Skipped { reason } | Outcome::Failed { reason } => {
-                    lines.push(Line::Fault(unmeasured(side, &configuration, reason)));
-                }
-            }
-        }
+        let cells = sides.each_ref().map(|side| &side.cells[key]);
+        contents.add(&numbered(name(cells[0]), &mut ids), cells);
     }
-    let header = header(&sides, settings, cells, timed);
-    lines.insert(0, Line::Header(Box::new(header)));
-    Ok(lines)
+    contents.notes.extend(only_in(Side::Base, &sides));
+    contents.notes.extend(only_in(Side::Head, &sides));
+    let header = header(&sides, settings, contents.cells, contents.notes, timed);
+    let header = Line::Header(Box::new(header));
+    Ok(std::iter::once(header).chain(contents.lines).collect())
+}
+
+fn name(cell: &Cell) -> String {
+    format!("{}:{}", cell.experiment, cell.cell)
+}
+
+/// The name, with a number if it was met before: cells may differ in parameters that are no axes.
+fn numbered(name: String, met: &mut BTreeMap<String, u32>) -> String {
+    let count = met.entry(name.clone()).or_default();
+    *count += 1;
+    match *count {
+        1 => name,
+        n => format!("{name} ({n})"),
+    }
+}
+
+/// Which cells the other side's file lacks.
+fn only_in(side: Side, sides: &[Read; 2]) -> Option<String> {
+    let [own, other] = match side {
+        Side::Base => [&sides[0], &sides[1]],
+        Side::Head => [&sides[1], &sides[0]],
+    };
+    let cells = own.cells.iter();
+    let mut names: Vec<String> = cells
+        .filter(|(key, _)| !other.cells.contains_key(*key))
+        .map(|(_, cell)| name(cell))
+        .collect();
+    let count = names.len();
+    names.truncate(MOST_NAMED);
+    if count > MOST_NAMED {
+        names.push("…".to_owned());
+    }
+    (count > 0).then(|| {
+        format!(
+            "only in the {}, and not compared: {count} of its cells: {}",
+            side.name(),
+            names.join("; ")
+        )
+    })
 }
 
 fn read(path: &Path) -> Result<Read, FilesError> {
     let reading = record::read(path)?;
-    let mut runs = Vec::new();
+    let told = |what: &dyn std::fmt::Display| format!("{}: {what}", path.display());
+    let mut notes: Vec<String> = reading.damaged.iter().map(|damage| told(damage)).collect();
+    let mut last: Option<Run> = None;
     let mut cells = BTreeMap::new();
     for record in reading.records {
         match record {
-            Record::Run(run) => runs.push(*run),
+            Record::Run(run) => {
+                let reason = last.as_ref().and_then(|last| comparable(last, &run).err());
+                if let Some(reason) = reason {
+                    cells.clear();
+                    notes.push(told(&format!("only its last run counts: {reason}")));
+                }
+                last = Some(*run);
+            }
             Record::Cell(cell) => {
                 cells.insert(cell.resume_key(), *cell);
             }
             Record::Experiment(_) | Record::End(_) => {}
         }
     }
-    let run = runs.pop().ok_or_else(|| FilesError::NoRun {
+    let run = last.ok_or_else(|| FilesError::NoRun {
         path: path.to_owned(),
     })?;
-    let told = |damage: &record::Damage| format!("{}: {damage}", path.display());
     Ok(Read {
         build: Build {
             label: path.display().to_string(),
@@ -98,7 +140,7 @@ fn read(path: &Path) -> Result<Read, FilesError> {
         },
         run,
         cells,
-        damaged: reading.damaged.iter().map(told).collect(),
+        notes,
     })
 }
 
@@ -127,63 +169,117 @@ fn comparable(base: &Run, head: &Run) -> Result<(), String> {
     Ok(())
 }
 
-/// The lines of one measured cell, whose stages become gate cells. Counters belong to a driver, like times.
-fn figures(
-    side: Side,
-    configuration: &str,
-    measured: &Measured,
+/// What the cells of two files amount to.
+#[derive(Default)]
+struct Contents {
+    /// Times and counters may stand beside each other.
     same_driver: bool,
-    cells: &mut Vec<CellId>,
-) -> Vec<Line> {
-    let mut lines = vec![Line::Configuration(ConfigurationFigures {
-        side,
-        configuration: configuration.to_owned(),
-        allocated_bytes: measured.allocated_bytes,
-        errors: BTreeMap::new(),
-        quantities: measured.quantities.clone(),
-        notes: Vec::new(),
-    })];
-    for stage in &measured.stages {
-        let cell = CellId::new(configuration, &stage.stage);
-        if !cells.contains(&cell) {
-            cells.push(cell.clone());
-        }
-        lines.push(Line::Exact(ExactFigures {
-            side,
-            cell: cell.clone(),
-            work: stage.work,
-            counters: match same_driver {
-                true => stage.counters.clone(),
-                false => BTreeMap::new(),
-            },
-        }));
-        if same_driver {
-            lines.push(Line::Samples(Samples {
-                side,
-                cell,
-                ns: stage.samples_ns.clone(),
-            }));
-        }
-    }
-    lines
+    lines: Vec<Line>,
+    cells: Vec<CellId>,
+    notes: Vec<String>,
 }
 
-fn unmeasured(side: Side, configuration: &str, reason: &str) -> Fault {
-    Fault {
+impl Contents {
+    /// One cell of both files, whose stages become gate cells.
+    fn add(&mut self, configuration: &str, sides: [&Cell; 2]) {
+        let outcomes = sides.map(|cell| &cell.outcome);
+        let [base, head] = outcomes.map(measured);
+        for side in [base, head].into_iter().flatten() {
+            for stage in &side.stages {
+                let cell = CellId::new(configuration, &stage.stage);
+                if !self.cells.contains(&cell) {
+                    self.cells.push(cell);
+                }
+            }
+        }
+        if let [Outcome::Skipped { reason } | Outcome::Failed { reason }, _] = outcomes
+            && head.is_none()
+        {
+            let note = format!("{configuration}: measured on neither side: {reason}");
+            return self.notes.push(note);
+        }
+        let of = |side| match side {
+            Side::Base => (outcomes[0], head),
+            Side::Head => (outcomes[1], base),
+        };
+        for side in Side::BOTH {
+            let (own, other) = of(side);
+            if let Some(own) = measured(own) {
+                self.figures(side, configuration, own);
+            }
+            for stage in other.iter().flat_map(|other| &other.stages) {
+                let cell = CellId::new(configuration, &stage.stage);
+                self.lines.extend(lacking(side, cell, own));
+            }
+        }
+    }
+
+    /// Counters belong to a driver, like times.
+    fn figures(&mut self, side: Side, configuration: &str, measured: &Measured) {
+        self.lines.push(Line::Configuration(ConfigurationFigures {
+            side,
+            configuration: configuration.to_owned(),
+            allocated_bytes: measured.allocated_bytes,
+            errors: BTreeMap::new(),
+            quantities: measured.quantities.clone(),
+            notes: Vec::new(),
+        }));
+        for stage in &measured.stages {
+            let cell = CellId::new(configuration, &stage.stage);
+            let counters = self.same_driver.then(|| stage.counters.clone());
+            self.lines.push(Line::Exact(ExactFigures {
+                side,
+                cell: cell.clone(),
+                work: stage.work,
+                counters: counters.unwrap_or_default(),
+            }));
+            if self.same_driver {
+                self.lines.push(Line::Samples(Samples {
+                    side,
+                    cell,
+                    ns: stage.samples_ns.clone(),
+                }));
+            }
+        }
+    }
+}
+
+fn measured(outcome: &Outcome) -> Option<&Measured> {
+    match outcome {
+        Outcome::Measured(measured) => Some(measured),
+        Outcome::Skipped { .. } | Outcome::Failed { .. } => None,
+    }
+}
+
+/// The fault of a side that lacks a cell which the other has. What the base skipped or never had is new in the head.
+fn lacking(side: Side, cell: CellId, own: &Outcome) -> Option<Line> {
+    let (reason, failed) = match own {
+        Outcome::Measured(measured) => {
+            let mut stages = measured.stages.iter();
+            if stages.any(|stage| stage.stage == cell.stage()) {
+                return None;
+            }
+            ("it has no such stage", false)
+        }
+        Outcome::Skipped { reason } => (reason.as_str(), false),
+        Outcome::Failed { reason } => (reason.as_str(), true),
+    };
+    Some(Line::Fault(Fault {
         gate: Gate::Exact,
         side: Some(side),
-        cell: Some(CellId::new(configuration, "frame")),
+        cell: Some(cell),
         launch: None,
         control: false,
-        absent: true,
+        absent: side == Side::Base && !failed,
         reason: reason.to_owned(),
-    }
+    }))
 }
 
 fn header(
     sides: &[Read; 2],
     settings: &Settings,
     cells: Vec<CellId>,
+    notes: Vec<String>,
     timed: Result<(), String>,
 ) -> Header {
     let [base, head] = sides;
@@ -215,7 +311,7 @@ fn header(
         },
         cells,
         skipped,
-        notes: base.damaged.iter().chain(&head.damaged).cloned().collect(),
+        notes,
     }
 }
 
@@ -230,3 +326,6 @@ pub fn comparison(base: &Path, head: &Path, settings: &Settings) -> Result<Compa
         path: base.to_owned(),
     })
 }
+
+#[cfg(test)]
+mod tests;

@@ -290,7 +290,8 @@ impl Measurement<'_> {
             }
             let (known, faults) = survey::prepare(parties, configuration);
             self.store.write(&faults)?;
-            if counting && !self.has_exact(&known) && !known.stages.is_empty() {
+            let lacks = |cell: CellId| !self.before.has_exact(&cell);
+            if counting && known.cells().any(lacks) {
                 self.store.write(&survey::exact(parties, &known))?;
             }
             common.push(known);
@@ -302,17 +303,6 @@ impl Measurement<'_> {
                 .write(&survey::checks(parties, stages_of(&common)))?;
         }
         Ok(common)
-    }
-
-    fn has_exact(&self, configuration: &Configuration) -> bool {
-        let known = |cell: CellId| {
-            let counted = |side| {
-                let mut lines = self.before.exact.iter();
-                lines.any(|line| line.side == side && line.cell == cell)
-            };
-            Side::BOTH.into_iter().all(counted)
-        };
-        configuration.cells().all(known)
     }
 
     fn instructions(&mut self, common: &[Configuration]) -> Result<(), CompareError> {
@@ -404,18 +394,16 @@ fn stages_of(configurations: &[Configuration]) -> Vec<String> {
 
 /// What an earlier process left of the time gate.
 fn timed_before(before: &Comparison) -> Before {
-    let faults = || {
-        let faults = before.faults.iter();
-        faults.filter(|fault| fault.gate == Gate::Time)
-    };
-    let told = before.launches.iter().map(|launch| launch.launch);
+    let later = before.faults.iter().skip(before.faults_before_interruption);
+    let lost: Vec<&Fault> = later.filter(|fault| fault.gate == Gate::Time).collect();
+    let cells = lost.iter().filter(|fault| !fault.control);
     Before {
         complete: before.launches.len() as u32,
-        last: told.chain(faults().filter_map(|fault| fault.launch)).max(),
-        lost: faults()
-            .filter(|fault| !fault.control)
-            .filter_map(|fault| fault.cell.clone())
-            .collect(),
-        control_lost: faults().any(|fault| fault.control),
+        last: before.last_launch,
+        lost: cells.filter_map(|fault| fault.cell.clone()).collect(),
+        control_lost: lost.iter().any(|fault| fault.control),
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -7,6 +7,7 @@ use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 use super::cells::CellId;
+use super::nan;
 use crate::record::{self, Adapter, LineWriter, Lines, RecordError, Work};
 
 /// Version of the lines; raised when a field changes its meaning or goes away.
@@ -134,10 +135,11 @@ pub struct ConfigurationFigures {
     pub configuration: String,
     pub allocated_bytes: u64,
     /// Errors against the reference, the larger the worse. One named `FAMILY_…` concerns the stages of that
-    /// family, any other all stages.
+    /// family if the configuration has any, all stages otherwise.
+    #[serde(with = "nan::map")]
     pub errors: BTreeMap<String, f64>,
     /// Figures read back that are no errors: a change of one is told and not judged.
-    #[serde(default)]
+    #[serde(default, with = "nan::map")]
     pub quantities: BTreeMap<String, f64>,
     /// What could not be computed, and why.
     #[serde(default)]
@@ -162,6 +164,7 @@ pub struct CheckFigure {
     pub stage: String,
     pub what: String,
     pub unit: String,
+    #[serde(with = "nan::number")]
     pub measured: f64,
     pub tolerance: f64,
     /// It passed and its control failed.
@@ -306,9 +309,14 @@ pub struct Comparison {
     /// Of complete launches.
     pub pairs: Vec<Pair>,
     pub launches: Vec<Launch>,
+    /// The highest number of a launch that anything was stored of, complete or not.
+    pub last_launch: Option<u32>,
     pub samples: Vec<Samples>,
     pub faults: Vec<Fault>,
-    /// The last end, if measuring came to one.
+    /// So many of the faults, the first, stood when measuring was last interrupted: the interruption may have caused
+    /// them, so what they took is tried again.
+    pub faults_before_interruption: usize,
+    /// The last end, if measuring came to one, with the wall time of all.
     pub end: Option<End>,
     /// Lines that could not be read, as they are told.
     pub damaged: Vec<String>,
@@ -325,8 +333,10 @@ impl Comparison {
             instructions: Vec::new(),
             pairs: Vec::new(),
             launches: Vec::new(),
+            last_launch: None,
             samples: Vec::new(),
             faults: Vec::new(),
+            faults_before_interruption: 0,
             end: None,
             damaged: Vec::new(),
         }
@@ -362,11 +372,41 @@ impl Comparison {
                 Line::Launch(line) => all.launches.push(line),
                 Line::Samples(line) => all.samples.push(line),
                 Line::Fault(line) => all.faults.push(line),
-                Line::End(line) => all.end = Some(line),
+                Line::End(line) => all.ended(line),
             }
         }
-        let whole: Vec<u32> = all.launches.iter().map(|launch| launch.launch).collect();
-        all.pairs.retain(|pair| whole.contains(&pair.launch));
+        all.count_whole_launches();
         Some(all)
+    }
+
+    /// Both sides' exact figures of a cell and of its configuration are there.
+    pub fn has_exact(&self, cell: &CellId) -> bool {
+        Side::BOTH.into_iter().all(|side| {
+            let (mut exact, mut whole) = (self.exact.iter(), self.configurations.iter());
+            exact.any(|line| line.side == side && line.cell == *cell)
+                && whole.any(|line| line.side == side && line.configuration == cell.configuration())
+        })
+    }
+
+    /// Measuring ended by itself.
+    pub fn came_to_its_end(&self) -> bool {
+        self.end.as_ref().is_some_and(|end| !end.interrupted)
+    }
+
+    fn ended(&mut self, mut end: End) {
+        if end.interrupted {
+            self.faults_before_interruption = self.faults.len();
+        }
+        end.wall_s += self.end.as_ref().map_or(0.0, |before| before.wall_s);
+        self.end = Some(end);
+    }
+
+    /// Leaves out the pairs of launches that were cut short, whose numbers are nevertheless taken.
+    fn count_whole_launches(&mut self) {
+        let whole: Vec<u32> = self.launches.iter().map(|launch| launch.launch).collect();
+        let paired = self.pairs.iter().map(|pair| pair.launch);
+        let failed = self.faults.iter().filter_map(|fault| fault.launch);
+        self.last_launch = paired.chain(failed).chain(whole.iter().copied()).max();
+        self.pairs.retain(|pair| whole.contains(&pair.launch));
     }
 }

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use super::cells::CellId;
 use super::exact::{self, Difference, Kind};
 use super::instructions::{self, Change, Counted};
-use super::store::{Comparison, Fault, Gate};
+use super::store::{Comparison, Fault, Gate, Side};
 use super::time::{self, CellTime, TimeGate, TimeVerdict};
 use super::unpaired::{self, Unpaired};
 
@@ -22,8 +22,12 @@ pub enum Verdict {
     Costlier,
     /// It could not be measured.
     Failed,
+    /// A gate that ran has no figure of it, or no gate has any, and nothing tells why.
+    NotMeasured,
     /// Its time can be told neither the same nor different.
     Inconclusive,
+    /// Its exact figures are the same; its times are unpaired, and nobody can tell by them.
+    NotJudged,
     Faster,
     /// Fewer instructions, and a time that is not faster.
     Cheaper,
@@ -44,7 +48,9 @@ impl Verdict {
             Self::FasterButLessAccurate => "faster but less accurate",
             Self::Costlier => "costlier",
             Self::Failed => "failed",
+            Self::NotMeasured => "not measured",
             Self::Inconclusive => "inconclusive",
+            Self::NotJudged => "not judged",
             Self::Faster => "faster",
             Self::Cheaper => "cheaper",
             Self::Same => "same",
@@ -81,9 +87,12 @@ pub enum GateState {
 /// The end of a comparison.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Status {
+    /// Everything was measured, and no slowdown beyond the threshold is left possible.
     NoRegression,
     Regression,
     CouldNotMeasure,
+    /// The interval of a cell's time reaches above the threshold: a slowdown beyond it is neither shown nor excluded. A
+    /// cell whose interval is merely too wide downwards does not count.
     Inconclusive,
 }
 
@@ -138,21 +147,25 @@ impl<'a> Verdicts<'a> {
                 true => by_cell(&time),
                 false => BTreeMap::new(),
             },
+            gates: &gates,
             counts: instructions::judge(comparison),
             unpaired: unpaired::judge(comparison),
             differences: &differences,
         };
         let cells: Vec<CellVerdict> = header.cells.iter().map(|cell| sources.cell(cell)).collect();
-        let told =
-            |difference: &Difference| cells.iter().any(|cell| difference.concerns(&cell.cell));
+        let told = |difference: &Difference| {
+            let mut cells = header.cells.iter();
+            cells.any(|cell| difference.concerns(cell, &header.cells))
+        };
         let configurations: Vec<Difference> = differences
             .iter()
             .filter(|difference| !told(difference))
             .cloned()
             .collect();
         let whole = |fault: &&Fault| fault.cell.is_none() && !overcome(comparison, fault);
-        let faults = unique(comparison.faults.iter().filter(whole));
-        let status = status(&cells, &configurations, &gates, &faults);
+        let missing = exact::missing(comparison);
+        let faults = unique(comparison.faults.iter().filter(whole).chain(&missing));
+        let status = status(comparison, &cells, &configurations, &gates, &faults);
         Self {
             comparison,
             cells,
@@ -185,6 +198,13 @@ impl<'a> Verdicts<'a> {
 }
 
 impl CellVerdict {
+    /// Inconclusive, and possibly slower beyond the threshold.
+    pub fn may_be_slower(&self, threshold: f64) -> bool {
+        let interval = self.time.as_ref().and_then(|time| time.interval);
+        let excluded = interval.is_some_and(|(_, high)| high <= threshold);
+        self.verdict == Verdict::Inconclusive && !excluded
+    }
+
     /// By how much the cell changed for the worse: time before instructions.
     fn weight(&self) -> f64 {
         let instructions = self
@@ -201,6 +221,7 @@ impl CellVerdict {
 /// What speaks of cells.
 struct Sources<'a> {
     comparison: &'a Comparison,
+    gates: &'a [(Gate, GateState)],
     time: BTreeMap<CellId, CellTime>,
     counts: BTreeMap<CellId, Counted>,
     unpaired: BTreeMap<CellId, Unpaired>,
@@ -212,24 +233,38 @@ impl Sources<'_> {
         let differences: Vec<Difference> = self
             .differences
             .iter()
-            .filter(|difference| difference.concerns(cell))
+            .filter(|difference| difference.concerns(cell, &self.comparison.header.cells))
             .cloned()
             .collect();
         let own = |fault: &&Fault| {
             fault.cell.as_ref() == Some(cell) && !fault.control && !overcome(self.comparison, fault)
         };
         let faults = unique(self.comparison.faults.iter().filter(own));
-        let time = self.time.get(cell).cloned();
-        let instructions = self.counts.get(cell).cloned();
-        CellVerdict {
-            verdict: verdict(time.as_ref(), instructions.as_ref(), &differences, &faults),
+        let mut all = CellVerdict {
+            verdict: Verdict::NotMeasured,
             cell: cell.clone(),
+            time: self.time.get(cell).cloned(),
             unpaired: self.unpaired.get(cell).cloned(),
-            time,
-            instructions,
+            instructions: self.counts.get(cell).cloned(),
             differences,
             faults,
-        }
+        };
+        all.verdict = verdict(&all, self.measured(&all));
+        all
+    }
+
+    /// Each gate that ran has both sides' figures of the cell, and one did run.
+    fn measured(&self, cell: &CellVerdict) -> bool {
+        let mut ran = self
+            .gates
+            .iter()
+            .filter(|(_, state)| *state == GateState::Ran);
+        let has = |gate: Gate| match gate {
+            Gate::Exact => self.comparison.has_exact(&cell.cell),
+            Gate::Instructions => cell.instructions.is_some(),
+            Gate::Time => cell.time.is_some() || cell.unpaired.is_some(),
+        };
+        ran.clone().next().is_some() && ran.all(|(gate, _)| has(*gate))
     }
 }
 
@@ -241,16 +276,11 @@ fn by_cell(time: &TimeGate) -> BTreeMap<CellId, CellTime> {
 }
 
 /// One verdict from all gates. A time that is told faster outweighs instructions, which cost nothing by themselves.
-fn verdict(
-    time: Option<&CellTime>,
-    instructions: Option<&Counted>,
-    differences: &[Difference],
-    faults: &[Fault],
-) -> Verdict {
-    let time = time.map(|time| time.verdict);
-    let change = instructions.map(|counted| counted.change);
+fn verdict(cell: &CellVerdict, measured: bool) -> Verdict {
+    let time = cell.time.as_ref().map(|time| time.verdict);
+    let change = cell.instructions.as_ref().map(|counted| counted.change);
     let worse = |kinds: &[Kind]| {
-        let mut differences = differences.iter();
+        let mut differences = cell.differences.iter();
         differences.any(|difference| difference.worse && kinds.contains(&difference.kind))
     };
     let less_accurate = worse(&[Kind::Error]);
@@ -263,15 +293,18 @@ fn verdict(
         Verdict::LessAccurate
     } else if worse(&[Kind::Work, Kind::Counter]) || more_instructions {
         Verdict::Costlier
-    } else if faults.iter().any(|fault| fault.absent) {
+    } else if cell.faults.iter().any(|fault| fault.absent) {
         Verdict::New
-    } else if !faults.is_empty() {
+    } else if !cell.faults.is_empty() {
         Verdict::Failed
+    } else if !measured {
+        Verdict::NotMeasured
     } else {
         match (time, change) {
             (Some(TimeVerdict::Faster), _) => Verdict::Faster,
             (Some(TimeVerdict::Inconclusive), _) => Verdict::Inconclusive,
             (_, Some(Change::Fewer)) => Verdict::Cheaper,
+            (None, None) if cell.unpaired.is_some() => Verdict::NotJudged,
             _ => Verdict::Same,
         }
     }
@@ -297,19 +330,41 @@ fn state(comparison: &Comparison, gate: Gate, time: &TimeGate) -> GateState {
         let reason = faults.next().map(|fault| fault.reason.clone());
         return GateState::Void(reason.unwrap_or_else(|| "nothing was measured".to_owned()));
     }
-    match time.void(settings.alpha) {
-        Some(reason) if gate == Gate::Time => GateState::Void(reason),
-        _ => GateState::Ran,
+    let void = || {
+        time.void(settings.alpha)
+            .or_else(|| uncontrolled(comparison, time))
+    };
+    match gate {
+        Gate::Time => void().map_or(GateState::Ran, GateState::Void),
+        Gate::Exact | Gate::Instructions => GateState::Ran,
+    }
+}
+
+/// Why nothing vouches for the pairs of the time gate, if so: it always has a control, but that was lost.
+fn uncontrolled(comparison: &Comparison, time: &TimeGate) -> Option<String> {
+    if comparison.header.settings.unpaired {
+        return None;
+    }
+    let mut faults = comparison.faults.iter();
+    let lost = faults.find(|fault| fault.control && !overcome(comparison, fault));
+    match lost {
+        Some(fault) => Some(format!("the control was lost: {}", fault.reason)),
+        None if time.control.is_none() => Some("the control was not measured".to_owned()),
+        None => None,
     }
 }
 
 fn status(
+    comparison: &Comparison,
     cells: &[CellVerdict],
     configurations: &[Difference],
     gates: &[(Gate, GateState)],
     faults: &[Fault],
 ) -> Status {
+    let settings = &comparison.header.settings;
     let any = |verdict| cells.iter().any(|cell| cell.verdict == verdict);
+    let incomplete =
+        !settings.unpaired && (!comparison.came_to_its_end() || any(Verdict::NotMeasured));
     let regression = cells.iter().any(|cell| cell.verdict.is_regression())
         || configurations.iter().any(|difference| difference.worse);
     let void = gates
@@ -318,9 +373,17 @@ fn status(
     let nothing = cells.iter().all(|cell| cell.verdict == Verdict::New);
     if regression {
         Status::Regression
-    } else if void || nothing || any(Verdict::Failed) || faults.iter().any(|fault| !fault.absent) {
+    } else if void
+        || nothing
+        || incomplete
+        || any(Verdict::Failed)
+        || faults.iter().any(|fault| !fault.absent)
+    {
         Status::CouldNotMeasure
-    } else if any(Verdict::Inconclusive) {
+    } else if cells
+        .iter()
+        .any(|cell| cell.may_be_slower(settings.threshold))
+    {
         Status::Inconclusive
     } else {
         Status::NoRegression
@@ -332,6 +395,11 @@ fn overcome(comparison: &Comparison, fault: &Fault) -> bool {
     let cell = |own: &CellId| fault.cell.as_ref() == Some(own);
     let side = |own| fault.side == Some(own);
     match fault.gate {
+        // What concerns no cell are the checks of all stages.
+        Gate::Exact if fault.cell.is_none() => Side::BOTH.into_iter().all(|own| {
+            let mut lines = comparison.checks.iter();
+            lines.any(|line| line.side == own)
+        }),
         Gate::Exact => {
             let mut lines = comparison.exact.iter();
             lines.any(|line| cell(&line.cell) && side(line.side))
@@ -340,9 +408,18 @@ fn overcome(comparison: &Comparison, fault: &Fault) -> bool {
             let mut lines = comparison.instructions.iter();
             lines.any(|line| cell(&line.cell) && side(line.side))
         }
-        Gate::Time => {
+        Gate::Time if fault.cell.is_none() => {
             let wanted = comparison.header.settings.launches as usize;
-            fault.cell.is_none() && comparison.launches.len() >= wanted
+            comparison.launches.len() >= wanted
+        }
+        // A cell or control that failed is left out of all later launches, unless it is tried again.
+        Gate::Time => {
+            let mut pairs = comparison.pairs.iter();
+            pairs.any(|pair| {
+                cell(&pair.cell)
+                    && pair.control == fault.control
+                    && Some(pair.launch) > fault.launch
+            })
         }
     }
 }

@@ -1,9 +1,10 @@
-//! JUnit XML, which most CI systems show: a test case for each cell, one for each gate, one for each regression of a whole
-//! configuration.
+//! JUnit XML, which most CI systems show: a test case for each cell, one for each gate, for each fault of a whole gate and
+//! for each regression of a whole configuration.
 
 use quick_junit::{NonSuccessKind, Report, TestCase, TestCaseStatus, TestSuite};
 
 use super::{Format, rows};
+use crate::compare::exact::Subject;
 use crate::compare::verdict::{CellVerdict, GateState, Verdict, Verdicts};
 
 pub const FORMAT: Format = Format {
@@ -23,6 +24,16 @@ fn write(verdicts: &Verdicts<'_>) -> String {
         };
         add(&mut gates, "gate", gate.name(), status);
     }
+    for (number, fault) in verdicts.faults.iter().enumerate() {
+        let name = format!("{} fault {}", fault.gate.name(), number + 1);
+        let status = failed(NonSuccessKind::Error, "fault", &rows::fault(fault));
+        add(&mut gates, "gate", &name, status);
+    }
+    let comparison = verdicts.comparison;
+    if !comparison.header.settings.unpaired && !comparison.came_to_its_end() {
+        let status = failed(NonSuccessKind::Error, "incomplete", rows::INCOMPLETE);
+        add(&mut gates, "gate", "end", status);
+    }
     let mut cells = TestSuite::new("fathom compare: cells");
     for cell in &verdicts.cells {
         let (configuration, stage) = (cell.cell.configuration(), cell.cell.stage());
@@ -32,7 +43,12 @@ fn write(verdicts: &Verdicts<'_>) -> String {
     for difference in verdicts.configurations.iter().filter(|other| other.worse) {
         let told = rows::difference(difference);
         let status = failed(NonSuccessKind::Failure, "costlier", &told);
-        add(&mut whole, "configuration", &difference.figure, status);
+        let class = match &difference.subject {
+            Subject::Configuration(id) => id,
+            Subject::Stage(stage) => stage,
+            Subject::Cell(cell) => cell.configuration(),
+        };
+        add(&mut whole, class, &difference.figure, status);
     }
     let mut report = Report::new("fathom compare");
     for suite in [gates, cells, whole] {
@@ -59,8 +75,10 @@ fn cell_status(cell: &CellVerdict) -> TestCaseStatus {
         .collect();
     let told = told.join("; ");
     match cell.verdict {
-        Verdict::Failed => failed(NonSuccessKind::Error, "failed", &told),
-        Verdict::New | Verdict::Inconclusive => {
+        Verdict::Failed | Verdict::NotMeasured => {
+            failed(NonSuccessKind::Error, cell.verdict.text(), &told)
+        }
+        Verdict::New | Verdict::Inconclusive | Verdict::NotJudged => {
             skipped(&format!("{}: {told}", cell.verdict.text()))
         }
         verdict if verdict.is_regression() => {

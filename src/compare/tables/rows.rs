@@ -2,7 +2,7 @@
 
 use crate::compare::exact::{Difference, Kind, Subject};
 use crate::compare::instructions::Counted;
-use crate::compare::store::{Build, Fault, Side};
+use crate::compare::store::{Build, Comparison, Fault, Side};
 use crate::compare::time::CellTime;
 use crate::compare::unpaired::Unpaired;
 use crate::compare::verdict::{CellVerdict, GateState, Status, Verdict, Verdicts};
@@ -39,6 +39,8 @@ pub fn cell(cell: &CellVerdict) -> [String; 7] {
     ]
 }
 
+/// Of a comparison that was interrupted or killed.
+pub const INCOMPLETE: &str = "measuring did not come to its end; go on with --resume";
 /// What stands where nothing was measured.
 pub const NONE: &str = "–";
 
@@ -98,11 +100,13 @@ pub fn difference(difference: &Difference) -> String {
     let value = |value: f64| match kind {
         Kind::Bytes => mebibytes(value as u64),
         Kind::Work | Kind::Counter => format!("{value:.0}"),
-        Kind::Error | Kind::Quantity => three(value),
+        Kind::Error | Kind::Quantity if value.is_finite() => three(value),
+        Kind::Error | Kind::Quantity => "not a number".to_owned(),
     };
-    let share = match *base == 0.0 {
-        true => String::new(),
-        false => format!(" ({})", signed((head - base) / base.abs(), 2)),
+    let relative = *base != 0.0 && base.is_finite() && head.is_finite();
+    let share = match relative {
+        false => String::new(),
+        true => format!(" ({})", signed((head - base) / base.abs(), 2)),
     };
     let changed = format!("{figure} {} → {}{share}", value(*base), value(*head));
     match &difference.subject {
@@ -126,7 +130,9 @@ pub fn headline(verdicts: &Verdicts<'_>) -> String {
         Verdict::FasterButLessAccurate,
         Verdict::Costlier,
         Verdict::Failed,
+        Verdict::NotMeasured,
         Verdict::Inconclusive,
+        Verdict::NotJudged,
         Verdict::Faster,
         Verdict::Cheaper,
         Verdict::Same,
@@ -195,6 +201,7 @@ pub fn notes(verdicts: &Verdicts<'_>) -> Vec<String> {
             change(control)
         ));
     }
+    notes.extend(inconclusive(verdicts));
     if settings.unpaired {
         notes.push(
             "times are unpaired: the runs were made one after the other, so they are told and not judged"
@@ -204,6 +211,8 @@ pub fn notes(verdicts: &Verdicts<'_>) -> Vec<String> {
     let better = verdicts.configurations.iter();
     notes.extend(better.filter(|other| !other.worse).map(difference));
     notes.extend(verdicts.faults.iter().map(fault));
+    notes.extend(configuration_notes(verdicts.comparison));
+    notes.extend(launch_notes(verdicts.comparison));
     notes.extend(header.notes.iter().cloned());
     let damaged = &verdicts.comparison.damaged;
     notes.extend(damaged.iter().map(|line| format!("left out: {line}")));
@@ -211,9 +220,56 @@ pub fn notes(verdicts: &Verdicts<'_>) -> Vec<String> {
         let cut = if end.interrupted { ", interrupted" } else { "" };
         notes.push(format!("measured in {:.0} s{cut}", end.wall_s));
     } else if !settings.unpaired {
-        notes.push("measuring did not come to its end; go on with --resume".to_owned());
+        notes.push(INCOMPLETE.to_owned());
     }
     notes
+}
+
+/// What inconclusive cells mean for the status.
+fn inconclusive(verdicts: &Verdicts<'_>) -> Option<String> {
+    let all = verdicts.count(Verdict::Inconclusive);
+    let threshold = verdicts.comparison.header.settings.threshold;
+    let cells = verdicts.cells.iter();
+    let open = cells.filter(|cell| cell.may_be_slower(threshold)).count();
+    (all > 0).then(|| {
+        format!(
+            "of {all} inconclusive, {open} may be slower by more than {:.1} %, as their intervals reach above it; only these make the status inconclusive",
+            100.0 * threshold
+        )
+    })
+}
+
+/// What could not be computed of configurations, once where both sides say the same.
+fn configuration_notes(comparison: &Comparison) -> Vec<String> {
+    let mut told: Vec<(String, Option<Side>)> = Vec::new();
+    for line in &comparison.configurations {
+        for note in &line.notes {
+            let text = format!("{}: {note}", line.configuration);
+            match told.iter_mut().find(|(known, _)| *known == text) {
+                Some((_, side)) if *side != Some(line.side) => *side = None,
+                Some(_) => {}
+                None => told.push((text, Some(line.side))),
+            }
+        }
+    }
+    let text = |(text, side): (String, Option<Side>)| match side {
+        Some(side) => format!("{}: {text}", side.name()),
+        None => text,
+    };
+    told.into_iter().map(text).collect()
+}
+
+/// Conditions of the time gate, each once; not which core a launch had.
+fn launch_notes(comparison: &Comparison) -> Vec<String> {
+    let mut told: Vec<String> = Vec::new();
+    let notes = comparison.launches.iter().flat_map(|launch| &launch.notes);
+    for note in notes.filter(|note| !note.starts_with("on core ")) {
+        let text = format!("time gate: {note}");
+        if !told.contains(&text) {
+            told.push(text);
+        }
+    }
+    told
 }
 
 fn rule(verdicts: &Verdicts<'_>, gate: &str) -> String {

@@ -1,0 +1,143 @@
+use super::super::store::Line;
+use super::*;
+use crate::record::Lines;
+
+fn figures(side: Side, errors: &[(&str, f64)]) -> Line {
+    let named = |(name, error): &(&str, f64)| ((*name).to_owned(), *error);
+    Line::Configuration(ConfigurationFigures {
+        side,
+        configuration: "c".to_owned(),
+        allocated_bytes: 1,
+        errors: errors.iter().map(named).collect(),
+        quantities: BTreeMap::new(),
+        notes: Vec::new(),
+    })
+}
+
+fn check(side: Side, what: &str) -> Line {
+    Line::Check(CheckFigure {
+        side,
+        stage: "hsao/march".to_owned(),
+        what: what.to_owned(),
+        unit: "1".to_owned(),
+        measured: 0.0,
+        tolerance: 1.0,
+        sound: true,
+    })
+}
+
+fn counters(side: Side, counters: &[(&str, u64)]) -> Line {
+    let named = |(name, count): &(&str, u64)| ((*name).to_owned(), *count);
+    Line::Exact(ExactFigures {
+        side,
+        cell: CellId::new("c", "hsao/march"),
+        work: crate::record::Work::default(),
+        counters: counters.iter().map(named).collect(),
+    })
+}
+
+/// The lines, as their file gives them back.
+fn comparison(lines: Vec<Line>) -> Comparison {
+    let header = include_str!("../tests/header.json");
+    let lines = std::iter::once(serde_json::from_str(header).unwrap())
+        .chain(lines.iter().map(|line| {
+            let text = serde_json::to_string(line).unwrap();
+            serde_json::from_str(&text).unwrap()
+        }))
+        .collect();
+    let damaged = Vec::new();
+    Comparison::from_lines(Lines { lines, damaged }).unwrap()
+}
+
+#[test]
+fn an_error_of_a_family_without_a_cell_concerns_all_cells() {
+    let lines = vec![
+        figures(Side::Base, &[("ao_rmse", 0.1), ("hsao_rmse", 0.1)]),
+        figures(Side::Head, &[("ao_rmse", 0.2), ("hsao_rmse", 0.2)]),
+    ];
+    let found = judge(&comparison(lines));
+    let cells = ["hsao/march", "hsao/filter", "compose"].map(|stage| CellId::new("c", stage));
+    let concerned = |difference: &Difference| {
+        let concerned = cells
+            .iter()
+            .filter(|cell| difference.concerns(cell, &cells));
+        concerned.count()
+    };
+    assert_eq!(found.iter().map(concerned).collect::<Vec<_>>(), [3, 2]);
+}
+
+#[test]
+fn an_error_that_is_no_number_is_worse_than_any() {
+    let of = |base: f64, head: f64| {
+        let lines = vec![
+            figures(Side::Base, &[("a_error", base)]),
+            figures(Side::Head, &[("a_error", head)]),
+        ];
+        let found = judge(&comparison(lines));
+        found.first().map(|difference| difference.worse)
+    };
+    assert_eq!(of(0.1, f64::NAN), Some(true));
+    assert_eq!(of(f64::NAN, 0.1), Some(false));
+    assert_eq!(of(f64::NAN, f64::INFINITY), None);
+}
+
+#[test]
+fn what_the_head_lacks_is_its_fault_and_what_the_base_lacks_is_new() {
+    let lines = vec![
+        figures(Side::Base, &[("a_error", 0.1)]),
+        figures(Side::Head, &[("b_error", 0.1)]),
+        check(Side::Base, "kept"),
+        check(Side::Base, "gone"),
+        check(Side::Head, "kept"),
+        check(Side::Head, "new"),
+    ];
+    let mut comparison = comparison(lines);
+    let reasons = |comparison: &Comparison| {
+        let faults = missing(comparison).into_iter();
+        faults.map(|fault| fault.reason).collect::<Vec<_>>()
+    };
+    let head = [
+        "the head does not give a_error of c",
+        "the head does not give gone of hsao/march",
+    ];
+    assert_eq!(reasons(&comparison), head);
+    comparison.damaged.push("line 3".to_owned());
+    assert_eq!(
+        reasons(&comparison)[2..],
+        ["the base does not give new of hsao/march"]
+    );
+}
+
+#[test]
+fn a_counter_that_one_side_lacks_is_0_where_that_side_counts() {
+    let found = |head: &[(&str, u64)]| {
+        let lines = vec![
+            counters(Side::Base, &[("vertices", 3), ("clips", 2)]),
+            counters(Side::Head, head),
+        ];
+        let found = judge(&comparison(lines));
+        let changes = found.iter();
+        changes
+            .map(|change| (change.figure.clone(), change.base, change.head))
+            .collect::<Vec<_>>()
+    };
+    assert_eq!(found(&[]), []);
+    let expected = [
+        ("clips".to_owned(), 2.0, 0.0),
+        ("fragments".to_owned(), 0.0, 9.0),
+    ];
+    assert_eq!(found(&[("vertices", 3), ("fragments", 9)]), expected);
+}
+
+#[test]
+fn of_lines_that_were_stored_twice_the_last_holds() {
+    let lines = vec![
+        figures(Side::Base, &[("a_error", 0.1)]),
+        figures(Side::Head, &[("a_error", 0.3)]),
+        figures(Side::Base, &[("a_error", 0.1)]),
+        figures(Side::Head, &[("a_error", 0.2)]),
+    ];
+    let found = judge(&comparison(lines));
+    assert_eq!(found.len(), 1);
+    assert_eq!(found[0].head, 0.2);
+}
