@@ -9,7 +9,7 @@ pub const PADDING: &str = "FATHOM_PADDING";
 pub struct Quiet {
     /// The only core that the worker may run on.
     pub core: Option<usize>,
-    /// Bytes in the variable [`PADDING`]: a build's layout by chance becomes noise between launches and no bias.
+    /// Bytes in the variable `FATHOM_PADDING`: a build's layout by chance becomes noise between launches and no bias.
     pub padding: usize,
 }
 
