@@ -267,7 +267,10 @@ impl Findings {
             .is_some_and(|cell| own(cell.cell.stage()));
         let mut others = Share::default();
         for cell in verdicts.cells.iter().filter(|cell| !own(cell.cell.stage())) {
-            if !matches!(cell.verdict, Verdict::Failed | Verdict::New) {
+            if !matches!(
+                cell.verdict,
+                Verdict::Failed | Verdict::New | Verdict::NotMeasured
+            ) {
                 others.add(cell.verdict.is_regression());
             }
         }
