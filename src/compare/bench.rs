@@ -1,4 +1,4 @@
-//! The workers of the time gate: a base, a head and, for the control, a second base, started afresh for each launch.
+//! The workers of the time gate: a base, a head and, for the control, two more of the base, started afresh for each launch.
 
 use std::collections::BTreeMap;
 
@@ -70,7 +70,7 @@ impl Processes {
         for (place, party) in parties.iter().enumerate() {
             let mut start = match party {
                 Party::Head => self.head.clone(),
-                Party::Base | Party::Control => self.base.clone(),
+                Party::Base | Party::Control | Party::Twin => self.base.clone(),
             };
             start.clock = self.clock;
             start.quiet = self.adapter.software.then(|| Quiet {
@@ -120,7 +120,7 @@ impl Processes {
         let request = Request::Prepare {
             configuration: configuration.clone(),
         };
-        let wanted = |party: &Party| *party != Party::Control || control;
+        let wanted = |party: &Party| matches!(party, Party::Base | Party::Head) || control;
         let concerned = self.workers.iter_mut().filter(|(party, _)| wanted(party));
         let mut concerned: Vec<_> = concerned.collect();
         for (party, worker) in &mut concerned {
@@ -253,11 +253,13 @@ fn sound(ns: &[f64], frames: u32) -> bool {
 /// every launch. Of equal programs started always in the same order, the second was up to 2 % faster in stages bound by
 /// memory.
 fn order(launch: u32, control: bool) -> Vec<Party> {
-    let mut order = match launch / 2 % 2 {
-        0 => vec![Party::Base, Party::Head],
-        _ => vec![Party::Head, Party::Base],
-    };
-    order.extend(control.then_some(Party::Control));
+    let mut order = vec![Party::Base, Party::Head];
+    if control {
+        order.extend([Party::Twin, Party::Control]);
+    }
+    if launch / 2 % 2 == 1 {
+        order.chunks_mut(2).for_each(<[Party]>::reverse);
+    }
     order
 }
 
@@ -291,7 +293,7 @@ mod tests {
         let mut first = BTreeMap::new();
         for launch in 0..20 {
             let parties = order(launch, true);
-            assert_eq!(parties[2], Party::Control);
+            assert!(parties[2..].contains(&Party::Control) && parties[2..].contains(&Party::Twin));
             assert_eq!(order(launch, false), parties[..2]);
             let place = (parties[0], core(&cores, launch as usize));
             *first.entry(place).or_insert(0) += 1;
