@@ -7,7 +7,7 @@ struct Filter {
     radius_px: f32,
 }
 
-@group(0) @binding(0) var<uniform> settings: Filter;
+@group(0) @binding(0) var<storage, read> settings: Filter;
 @group(0) @binding(1) var source: texture_2d<f32>;
 
 @vertex

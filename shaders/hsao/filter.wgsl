@@ -2,7 +2,7 @@
 #import fathom::bilateral::{Filter, filtered}
 #import fathom::screen
 
-@group(1) @binding(0) var<uniform> settings: Filter;
+@group(1) @binding(0) var<storage, read> settings: Filter;
 @group(1) @binding(1) var source: texture_2d<f32>;
 @group(1) @binding(2) var depth: texture_depth_2d;
 

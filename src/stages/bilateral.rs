@@ -53,9 +53,9 @@ impl Bilateral {
     ) -> Result<Self, GpuError> {
         let gpu = resources.gpu;
         let shader = gpu.shader(name, &[])?;
-        let uniforms = resources.uniform(name, settings);
+        let settings_buffer = resources.loop_settings(name, settings);
         let binds = [
-            Bind::Uniform(&uniforms),
+            Bind::Read(&settings_buffer),
             Bind::Texels(inputs.visibility),
             Bind::Depth(inputs.depth),
         ];

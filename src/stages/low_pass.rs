@@ -32,8 +32,8 @@ impl LowPass {
     ) -> Result<Self, GpuError> {
         let gpu = resources.gpu;
         let shader = gpu.shader(name, &[])?;
-        let uniforms = resources.uniform(name, settings);
-        let binds = [Bind::Uniform(&uniforms), Bind::Texels(source)];
+        let settings_buffer = resources.loop_settings(name, settings);
+        let binds = [Bind::Read(&settings_buffer), Bind::Texels(source)];
         let group = Group::new(gpu, name, &binds);
         let pipeline = kit::render_pipeline(
             gpu,

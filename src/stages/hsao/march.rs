@@ -86,9 +86,9 @@ impl March {
             ("COUNT", i32::from(counters.is_some())),
         ];
         let shader = gpu.shader(INFO.name, &defs)?;
-        let uniforms = resources.uniform(INFO.name, settings);
+        let settings_buffer = resources.loop_settings(INFO.name, settings);
         let mut binds = vec![
-            Bind::Uniform(&uniforms),
+            Bind::Read(&settings_buffer),
             Bind::Depth(&inputs.depth),
             Bind::Texels(&inputs.normal),
         ];
