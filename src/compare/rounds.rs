@@ -21,8 +21,7 @@ use super::launch::WorkerFault;
 use super::store::{Fault, Gate, Launch, Line, Pair, Side};
 
 /// Launches of a gate unless told otherwise. The least that an exact test of 44 cells can decide on is 11, if all of them
-/// agree; with 20 a few may stray. In the same time, 20 launches of 12 pairs find a slowdown 3 % smaller than 16 of 17 would,
-/// and 10 % smaller than 12 of 25.
+/// agree; with 20 a few may stray.
 pub const LAUNCHES: u32 = 20;
 /// Rounds of a launch unless told otherwise.
 pub const PAIRS: u32 = 12;

@@ -7,8 +7,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-/// A process that runs `fathom verify`, rendering and casting rays on every core, over and over. It ends when this is
-/// dropped.
+/// A process that runs `fathom verify`, rendering and casting rays, over and over, and keeps a core busy: of two, the one that
+/// is left or the one that is measured on. It ends when this is dropped.
 pub struct Load {
     stopped: Arc<AtomicBool>,
     thread: Option<JoinHandle<()>>,
@@ -45,6 +45,8 @@ fn keep_busy(program: &Path, stopped: &AtomicBool) {
     let mut command = Command::new(program);
     command
         .arg("verify")
+        .env("LP_NUM_THREADS", "0")
+        .env("RAYON_NUM_THREADS", "1")
         .stdin(Stdio::null())
         .stdout(Stdio::null())
         .stderr(Stdio::null());

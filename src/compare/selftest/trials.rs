@@ -49,7 +49,7 @@ pub struct Trial {
     pub filter: Option<String>,
     /// Instead of the default.
     pub launches: Option<u32>,
-    /// Another process works on every core meanwhile.
+    /// Another process works meanwhile.
     pub loaded: bool,
     pub seed: u64,
 }
@@ -66,25 +66,26 @@ pub struct Plan {
 /// Launches that tell how large an injection is: twice those of a trial.
 const TRUTH_LAUNCHES: u32 = 40;
 
-/// Every trial, what is asked of the gates first: 5 % more time, and equal builds strewn between; then instructions and other
-/// kinds of changes; then other sizes. Those of one build stand together.
+/// Every trial, what is asked of the gates first: 5 % more time, and equal builds strewn between; then instructions, and equal
+/// builds on a loaded machine; then other kinds of changes and other sizes. Those of one build stand together.
 pub fn trials(plan: Plan, injections: &[Injection]) -> Vec<Trial> {
     let (sized, kinds): (Vec<&Injection>, Vec<&Injection>) = injections
         .iter()
         .partition(|injection| !injection.sizes.is_empty());
     let count = sized.len() as u32;
+    let (loaded, calm): (Vec<Trial>, Vec<Trial>) =
+        (0..plan.no_ops).map(no_op).partition(|trial| trial.loaded);
+    let due_by = |rank: u32| rank as usize * calm.len() / sized.len();
     let mut all = Vec::new();
-    let mut next = 0;
     for (rank, injection) in (0..).zip(&sized) {
         all.push(truth(injection));
         let fives = plan.slow5 / count + u32::from(rank < plan.slow5 % count);
         all.extend((0..fives).map(|number| timed(injection, Size::Slow5, number)));
-        let due = (rank + 1) * plan.no_ops / count;
-        all.extend((next..due).map(no_op));
-        next = due;
+        all.extend_from_slice(&calm[due_by(rank)..due_by(rank + 1)]);
     }
     all.extend(counted_no_ops());
     all.extend(sized.iter().map(|injection| counted(injection)));
+    all.extend(loaded);
     all.extend(kinds.iter().map(|injection| of_kind(injection)));
     for size in [Size::Slow3, Size::Slow10] {
         all.extend(sized.iter().map(|injection| timed(injection, size, 0)));

@@ -63,7 +63,7 @@ impl Simulation {
                     round,
                     cell: cell.clone(),
                     control,
-                    first: Side::Base,
+                    first: [Side::Base, Side::Head][round as usize % 2],
                     base_ns: self.sample(2e6),
                     head_ns: self.sample(2e6 * (1.0 + change) * bias.exp()),
                 });
@@ -232,6 +232,27 @@ fn a_control_that_moves_voids_the_gate() {
     assert!(void.contains("tank stage/0"), "{void}");
     assert_eq!(gate.cells.len(), 1, "the control is no cell");
     assert_eq!(gate.cells[0].verdict, TimeVerdict::Same);
+}
+
+/// Whoever is sampled second takes 6 % less, and is the head in two of three pairs: the median of all pairs would follow it.
+#[test]
+fn who_is_sampled_second_makes_no_difference() {
+    let cells = cells();
+    let mut pairs = Simulation::new(9, CALM).pairs(&cells[0], false, 0.0);
+    for pair in &mut pairs {
+        pair.first = [Side::Base, Side::Base, Side::Head][pair.round as usize % 3];
+        (pair.base_ns, pair.head_ns) = match pair.first {
+            Side::Base => (1.0e6, 0.94e6),
+            Side::Head => (0.94e6, 1.0e6),
+        };
+    }
+    let change = |pairs: &[Pair]| judge(&cells, pairs, &settings()).cells[0].change;
+    assert!(change(&pairs).abs() < 1e-9);
+    pairs.retain(|pair| pair.first == Side::Base);
+    assert!(
+        (change(&pairs) + 0.06).abs() < 1e-9,
+        "nothing to hold it against"
+    );
 }
 
 #[test]
