@@ -7,6 +7,7 @@ use rand::RngExt;
 use super::cells::CellId;
 use super::launch::{Quiet, Start, Worker, WorkerFault, allowed_cores};
 use super::protocol::{Configuration, Greeting, Reply, Request};
+use super::quiet::PADDING_BYTES;
 use super::rounds::{Bench, Broken, Opened, Party, PartyFault, random};
 use crate::gpu::ClockPlan;
 use crate::record::Adapter;
@@ -20,8 +21,6 @@ use crate::record::Adapter;
 const SAMPLE_NS: f64 = 3e5;
 /// Most frames of a sample.
 const MAX_FRAMES: f64 = 8.0;
-/// Bytes of padding are drawn below this: a page, over which the stack's place repeats itself for the caches.
-const PADDING_BYTES: usize = 4096;
 
 /// Processes that serve a [`Bench`].
 pub struct Processes {
@@ -66,7 +65,7 @@ impl Processes {
     }
 
     fn start(&mut self, launch: u32, parties: &[Party]) -> Result<(), PartyFault> {
-        let mut random = random(self.seed, launch);
+        let padding = random(self.seed, launch).random_range(0..PADDING_BYTES);
         for (place, party) in parties.iter().enumerate() {
             let mut start = match party {
                 Party::Head => self.head.clone(),
@@ -75,7 +74,7 @@ impl Processes {
             start.clock = self.clock;
             start.quiet = self.adapter.software.then(|| Quiet {
                 core: core(&self.cores, launch as usize + place),
-                padding: random.random_range(0..PADDING_BYTES),
+                padding,
             });
             let started = Worker::start(&start).and_then(|mut worker| {
                 worker.greet()?;

@@ -4,10 +4,16 @@ use std::process::Command;
 
 /// Variable that pads a worker's environment, and with it moves its stack.
 pub const PADDING: &str = "FATHOM_PADDING";
+/// A page, over which the stack's place repeats itself for the caches.
+pub const PADDING_BYTES: usize = 4096;
+/// Bytes of a large page of most systems.
+const LARGE_PAGE: usize = 2 << 20;
+/// By how much each byte of padding moves the heap: all together by a large page, by lines of the caches and by parts of them.
+const HEAP_BYTES: usize = 512 + 16;
 /// The C library keeps what is freed: a driver that gives memory back after each frame and asks for it in the next waits for
 /// the kernel to clear it, for up to 0.4 of a stage's time in one process and not at all in another. Blocks beyond 32 MiB,
 /// the most that can be set, still come from the kernel.
-const KEEP_MEMORY: &str = "glibc.malloc.arena_max=1:glibc.malloc.mmap_threshold=33554432:\
+const MEMORY: &str = "glibc.malloc.arena_max=1:glibc.malloc.mmap_threshold=33554432:\
     glibc.malloc.trim_threshold=1073741824";
 
 /// How a worker is quieted.
@@ -15,7 +21,8 @@ const KEEP_MEMORY: &str = "glibc.malloc.arena_max=1:glibc.malloc.mmap_threshold=
 pub struct Quiet {
     /// The only core that the worker may run on.
     pub core: Option<usize>,
-    /// Bytes in the variable `FATHOM_PADDING`: a build's layout by chance becomes noise between launches and no bias.
+    /// Bytes in the variable `FATHOM_PADDING`, drawn below [`PADDING_BYTES`] for each launch and the same on both of its sides: a
+    /// build's layout by chance becomes noise between launches and no bias, and equal builds have equal layouts.
     pub padding: usize,
 }
 
@@ -27,12 +34,26 @@ pub(super) fn apply(command: &mut Command, quiet: Option<&Quiet>) {
     if let Some(quiet) = quiet {
         // Mesa's rasterizer then works in the thread that submits. Drivers without it ignore this.
         command.env("LP_NUM_THREADS", "0");
-        command.env("GLIBC_TUNABLES", KEEP_MEMORY);
+        command.env("GLIBC_TUNABLES", MEMORY);
         command.env(PADDING, "x".repeat(quiet.padding));
     }
     system::apply(command, quiet);
     #[cfg(unix)]
     std::os::unix::process::CommandExt::process_group(command, 0);
+}
+
+/// In a worker, before it does anything: what it will allocate begins so far behind the boundary of a large page, wherever the
+/// program's own data end. When only the stack was moved, a build with an unrelated function was 1.9 % faster than its base in one
+/// stage and 1.2 % in another, gate after gate.
+pub(super) fn pad_heap() {
+    let Some(padding) = std::env::var_os(PADDING) else {
+        return;
+    };
+    let probe = Vec::<u8>::with_capacity(LARGE_PAGE);
+    let beyond = probe.as_ptr() as usize % LARGE_PAGE;
+    drop(std::hint::black_box(probe));
+    let block = Vec::<u8>::with_capacity(LARGE_PAGE - beyond + padding.len() * HEAP_BYTES);
+    std::mem::forget(std::hint::black_box(block));
 }
 
 /// Moves all threads of a process to one core.

@@ -24,7 +24,7 @@ use super::store::{Fault, Gate, Launch, Line, Pair, Side};
 /// agree; with 20 a few may stray.
 pub const LAUNCHES: u32 = 20;
 /// Rounds of a launch unless told otherwise.
-pub const PAIRS: u32 = 12;
+pub const PAIRS: u32 = 16;
 
 /// Launches that may fail for no cell's sake before the gate is given up.
 const MAX_BROKEN_LAUNCHES: u32 = 2;

@@ -64,6 +64,7 @@ pub fn serve(
     input: impl BufRead,
     mut output: impl Write,
 ) -> Result<(), WorkerError> {
+    quiet::pad_heap();
     let mut worker = Worker {
         options,
         subjects: Subjects::default(),

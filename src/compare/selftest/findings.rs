@@ -80,6 +80,17 @@ pub struct Detection {
     pub largest: Option<f64>,
 }
 
+/// How often the slowdown of 5 % of one stage was found.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct StageDetection {
+    /// What a long measurement makes of it, in the configuration in which it is tuned.
+    pub truth: Option<f64>,
+    pub caught: Share,
+    /// What each trial made of it there, and the least slowdown that it could have found.
+    pub changes: Vec<f64>,
+    pub detectable: Vec<f64>,
+}
+
 /// Everything together.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Findings {
@@ -94,6 +105,8 @@ pub struct Findings {
     pub counted_alarms: Share,
     /// By the size's name.
     pub detection: BTreeMap<String, Detection>,
+    /// Of the slowdowns of 5 %: by the injected stage.
+    pub stages: BTreeMap<String, StageDetection>,
     /// Changes of other kinds: kind → verdict on the injected stage's cells, and whether they were caught.
     pub kinds: BTreeMap<String, KindResult>,
     /// Intervals that contain the truth where it is 0.
@@ -133,7 +146,7 @@ pub fn findings(injections: &[Injection], made: &[(Trial, Comparison)]) -> Findi
             let time = verdicts.gates.iter().find(|(gate, _)| *gate == Gate::Time);
             all.void.add(matches!(time, Some((_, GateState::Void(_)))));
         }
-        if trial.gates == [Gate::Time] && trial.filter.is_none() {
+        if trial.gates == [Gate::Time] && trial.aim != Aim::Truth {
             gate_times.extend(result.wall_s);
             all.cover(&result);
         }
@@ -152,19 +165,18 @@ pub fn findings(injections: &[Injection], made: &[(Trial, Comparison)]) -> Findi
     all
 }
 
-/// What long measurements say of injections: (variant, cell) → change.
-type Truths = BTreeMap<(Variant, String), f64>;
+/// What a long measurement says of all injections of a size: (size, cell) → change.
+type Truths = BTreeMap<(Size, String), f64>;
 
 fn truths(made: &[(Trial, Comparison)]) -> Truths {
-    let long = made.iter().filter(|(trial, _)| trial.aim == Aim::Truth);
-    long.flat_map(|(trial, comparison)| {
-        let cells = Verdicts::of(comparison).cells;
-        cells.into_iter().filter_map(|cell| {
-            let change = cell.time?.change;
-            Some(((trial.variant.clone(), cell.cell.to_string()), change))
-        })
-    })
-    .collect()
+    let long = made.iter().filter_map(|(trial, comparison)| {
+        let Variant::Every(size) = trial.variant else {
+            return None;
+        };
+        let cells = Verdicts::of(comparison).cells.into_iter();
+        Some(cells.filter_map(move |cell| Some(((size, cell.cell.to_string()), cell.time?.change))))
+    });
+    long.flatten().collect()
 }
 
 fn result(
@@ -179,9 +191,11 @@ fn result(
         let injected = stage.as_deref() == Some(cell.cell.stage());
         let truth = match injected {
             false => Some(0.0),
-            true => truths
-                .get(&(trial.variant.clone(), cell.cell.to_string()))
-                .copied(),
+            true => match trial.variant {
+                Variant::Injected(_, Some(size)) => truths.get(&(size, cell.cell.to_string())),
+                _ => None,
+            }
+            .copied(),
         };
         CellResult {
             cell: cell.cell.to_string(),
@@ -214,6 +228,7 @@ fn result(
             }
             (Some(injection), _) => injection.kind.clone(),
             (None, Variant::Unrelated) => "unrelated host change".to_owned(),
+            (None, Variant::Every(size)) => format!("every injection, {}", size.name()),
             (None, _) => "same source".to_owned(),
         },
         loaded: trial.loaded,
@@ -297,6 +312,14 @@ impl Findings {
         detection.others_blamed.of += others.of;
         let tuned = format!("{} {}", injection.configuration, injection.stage);
         let measured = result.cells.iter().find(|cell| cell.cell == tuned);
+        if *size == Size::Slow5 {
+            let stage = self.stages.entry(injection.stage.clone()).or_default();
+            stage.caught.add(caught);
+            stage.truth = measured.and_then(|cell| cell.truth);
+            stage.changes.extend(measured.and_then(|cell| cell.change));
+            let detectable = measured.and_then(|cell| cell.detectable);
+            stage.detectable.extend(detectable);
+        }
         let change = measured.and_then(|cell| match size {
             Size::Instructions => cell.instructions,
             _ => cell.change,

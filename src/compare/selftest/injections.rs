@@ -106,8 +106,19 @@ impl Injection {
         size: Option<Size>,
         read: &dyn Fn(&str) -> Result<String, String>,
     ) -> Result<Vec<Changed>, String> {
+        let mut changed = Vec::new();
+        self.change(size, read, &mut changed)?;
+        Ok(changed)
+    }
+
+    /// Makes its edits where other edits have been made already.
+    fn change(
+        &self,
+        size: Option<Size>,
+        read: &dyn Fn(&str) -> Result<String, String>,
+        changed: &mut Vec<Changed>,
+    ) -> Result<(), String> {
         let n = size.and_then(|size| self.sizes.get(&size)).copied();
-        let mut changed: Vec<Changed> = Vec::new();
         for edit in &self.edit {
             let known = changed.iter_mut().find(|known| known.file == edit.file);
             let text = match &known {
@@ -123,8 +134,23 @@ impl Injection {
                 }),
             }
         }
-        Ok(changed)
+        Ok(())
     }
+}
+
+/// The files that all injections with sizes together change.
+pub fn every(
+    injections: &[Injection],
+    size: Size,
+    read: &dyn Fn(&str) -> Result<String, String>,
+) -> Result<Vec<Changed>, String> {
+    let mut changed = Vec::new();
+    for injection in injections {
+        if !injection.sizes.is_empty() {
+            injection.change(Some(size), read, &mut changed)?;
+        }
+    }
+    Ok(changed)
 }
 
 /// A change of the host that no stage uses: a function, data and a long text, which move everything behind them.
@@ -184,6 +210,11 @@ mod tests {
                 let own = changes.iter().any(|changed| changed.file == shader);
                 assert!(own || injection.sizes.is_empty(), "{}", injection.id);
             }
+        }
+        let sized = injections.iter().filter(|other| !other.sizes.is_empty());
+        let together = every(&injections, Size::Slow5, &source).unwrap();
+        for shader in sized.map(|one| format!("shaders/{}.wgsl", one.stage)) {
+            assert!(together.iter().any(|changed| changed.file == shader));
         }
         let unrelated = unrelated(&source).unwrap();
         assert!(

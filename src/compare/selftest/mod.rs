@@ -23,7 +23,7 @@ use super::store::{COMPARISON, Comparison, Settings, StoreError};
 use crate::gpu;
 pub use findings::{Findings, findings};
 pub use injections::Injection;
-use injections::{Changed, unrelated};
+use injections::{Changed, every, unrelated};
 use load::Load;
 pub use trials::{Plan, Trial, Variant, trials};
 use workshop::{Manner, Workshop};
@@ -162,7 +162,7 @@ impl<'a> Bench<'a> {
     ) -> Result<(), SelfTestError> {
         let manner = match trial.variant {
             Variant::Again | Variant::Unrelated => Manner::Whole,
-            Variant::Injected(..) => Manner::Incremental,
+            Variant::Injected(..) | Variant::Every(_) => Manner::Incremental,
         };
         let base = self.base(manner)?;
         let head = self.head(&trial.variant, manner, injections)?;
@@ -234,11 +234,12 @@ impl<'a> Bench<'a> {
                 .find(|injection| injection.id == *id)
                 .ok_or_else(|| format!("no injection is called {id}"))
                 .and_then(|injection| injection.changes(*size, &read)),
+            Variant::Every(size) => every(injections, *size, &read),
         };
         let changes = changes.map_err(SelfTestError::Injection)?;
         let program = self.programs.join(variant.word());
         self.build(&changes, manner, &program)?;
-        if let Variant::Injected(..) = variant {
+        if manner == Manner::Incremental {
             self.at_hand = Some((variant.clone(), program.clone()));
         }
         Ok(program)
