@@ -720,7 +720,7 @@ fn findings_of_a_self_test_count_what_its_trials_show() {
     let made = vec![
         (trial("no-op-000-again"), timed(1.001)),
         (trial("no-op-002-again-loaded"), timed(1.05)),
-        (trial("caustics-trace-fetches-slow5-truth"), timed(1.0501)),
+        (trial("every-slow5-truth"), timed(1.0501)),
         (trial("caustics-trace-fetches-slow5-0"), timed(1.05)),
         (trial("caustics-trace-fetches-slow10-0"), blaming),
     ];
@@ -735,6 +735,9 @@ fn findings_of_a_self_test_count_what_its_trials_show() {
     assert_eq!((five.caught.count, five.caught.of), (1, 1));
     assert_eq!((five.named_first.count, five.others_blamed.count), (1, 0));
     assert!((five.largest.unwrap() - 0.05).abs() < 1e-4);
+    let of_stage = &found.stages["caustics/trace"];
+    assert_eq!((of_stage.caught.count, of_stage.changes.len()), (1, 1));
+    assert!((of_stage.truth.unwrap() - 0.0501).abs() < 1e-4);
     let ten = &found.detection["+10 % time"];
     assert_eq!((ten.caught.count, ten.named_first.count), (1, 0));
     assert_eq!((ten.others_blamed.count, ten.others_blamed.of), (1, 1));
