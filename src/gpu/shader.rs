@@ -174,8 +174,10 @@ impl Gpu {
             defs.iter().map(|(n, v)| ((*n).to_owned(), *v)).collect(),
         );
         let made = || self.shaders.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(shader) = made().get(&key) {
-            return Ok(shader.clone());
+        let known = made().get(&key).cloned();
+        if let Some(shader) = known {
+            // A device that is lost has none.
+            return self.scoped(|| Ok(shader));
         }
         let shader = self.make_shader(path, defs)?;
         made().insert(key, shader.clone());
