@@ -21,7 +21,7 @@ const MEMORY: &str = "glibc.malloc.arena_max=1:glibc.malloc.mmap_threshold=33554
 pub struct Quiet {
     /// The only core that the worker may run on.
     pub core: Option<usize>,
-    /// Bytes in the variable `FATHOM_PADDING`, drawn below [`PADDING_BYTES`] for each launch and the same on both of its sides: a
+    /// Bytes in the variable `FATHOM_PADDING`, fewer than a page, drawn for each launch and the same on both of its sides: a
     /// build's layout by chance becomes noise between launches and no bias, and equal builds have equal layouts.
     pub padding: usize,
 }
