@@ -2,8 +2,7 @@
 //!
 //! A *launch* is a fresh pair of workers, and two more for the control. In each of its rounds every cell is sampled once by each side, one right after the
 //! other; the order of cells is drawn anew each round, and which side comes first is drawn so that each comes first in
-//! half of the rounds. The control is sampled by a third worker that runs nothing else, while the base has just run other
-//! cells: both first run the control's cell once for nothing, so that either finds the caches as the other left them.
+//! half of the rounds. The control is sampled by two workers of its own, both of the base.
 //!
 //! A launch counts when it has gone through all its rounds; one in which a worker died is
 //! thrown away and run anew without the cell that killed it.
