@@ -39,6 +39,11 @@ pub enum SelfTestError {
     Injection(String),
     #[error("trial {trial}: {error}")]
     Trial { trial: String, error: CompareError },
+    #[error(
+        "{} was measured with other settings: choose another folder with --out",
+        .0.display()
+    )]
+    OtherSettings(PathBuf),
     #[error(transparent)]
     Store(#[from] StoreError),
     #[error("cannot {action} {}: {source}", path.display())]
@@ -83,7 +88,7 @@ pub fn run(
         if interrupted.load(Ordering::Relaxed) {
             break;
         }
-        if !bench.is_made(trial) {
+        if !is_made(test, trial)? {
             tell(&format!(
                 "trial {} of {}: {}",
                 number + 1,
@@ -123,6 +128,29 @@ pub fn write(test: &SelfTest, injections: &[Injection]) -> Result<Findings, Self
     Ok(found)
 }
 
+/// Trials of other settings are no part of the same findings.
+fn is_made(test: &SelfTest, trial: &Trial) -> Result<bool, SelfTestError> {
+    let folder = test.out.join(&trial.id);
+    match Comparison::read(&folder) {
+        Ok(stored) if stored.header.settings != test.settings_of(trial) => {
+            Err(SelfTestError::OtherSettings(folder))
+        }
+        Ok(stored) => Ok(stored.end.is_some_and(|end| !end.interrupted)),
+        Err(_) => Ok(false),
+    }
+}
+
+impl SelfTest {
+    fn settings_of(&self, trial: &Trial) -> Settings {
+        Settings {
+            gates: trial.gates.clone(),
+            launches: trial.launches.unwrap_or(self.settings.launches),
+            seed: trial.seed,
+            ..self.settings.clone()
+        }
+    }
+}
+
 /// Builds variants and compares them with their base.
 struct Bench<'a> {
     test: &'a SelfTest,
@@ -149,11 +177,6 @@ impl<'a> Bench<'a> {
         })
     }
 
-    fn is_made(&self, trial: &Trial) -> bool {
-        let ended = Comparison::read(&self.test.out.join(&trial.id)).map(|stored| stored.end);
-        matches!(ended, Ok(Some(end)) if !end.interrupted)
-    }
-
     fn make(
         &mut self,
         trial: &Trial,
@@ -175,19 +198,13 @@ impl<'a> Bench<'a> {
                 .into_owned(),
         };
         let folder = self.test.out.join(&trial.id);
-        let settings = &self.test.settings;
         let options = Options {
             gpu: self.test.gpu.clone(),
             base: program(&base),
             head: program(&head),
             cells_file: None,
             filter: trial.filter.clone(),
-            settings: Settings {
-                gates: trial.gates.clone(),
-                launches: trial.launches.unwrap_or(settings.launches),
-                seed: trial.seed,
-                ..settings.clone()
-            },
+            settings: self.test.settings_of(trial),
             resume: folder.join(COMPARISON).exists(),
             out: Some(folder),
         };
