@@ -78,6 +78,7 @@ impl Stored {
             Line::Launch(Launch {
                 launch,
                 wall_s: 3.5,
+                second: false,
                 notes: vec!["on core 0".to_owned()],
             })
         });
@@ -119,6 +120,7 @@ impl Stored {
                     round,
                     cell: cell(name),
                     control,
+                    second: false,
                     first: if round % 2 == 0 {
                         Side::Base
                     } else {
@@ -130,6 +132,29 @@ impl Stored {
             }
         }
         self
+    }
+
+    /// Launches of a second measurement, with pairs of the control and of a cell.
+    fn second(self, name: &str, ratio: f64, spread: f64, launches: u32) -> Self {
+        let first = self.lines.len();
+        let mut all = self
+            .times("tank caustics/trace", true, 1.0, 0.004)
+            .times(name, false, ratio, spread);
+        for line in &mut all.lines[first..] {
+            if let Line::Pair(pair) = line {
+                (pair.second, pair.launch) = (true, pair.launch + LAUNCHES);
+            }
+        }
+        let more = LAUNCHES..LAUNCHES + launches;
+        all.lines.extend(more.map(|launch| {
+            Line::Launch(Launch {
+                launch,
+                wall_s: 1.5,
+                second: true,
+                notes: Vec::new(),
+            })
+        }));
+        all
     }
 
     fn counts(mut self, name: &str, ratio: f64) -> Self {
@@ -360,6 +385,44 @@ fn the_exit_status_tells_how_it_ended() {
 }
 
 #[test]
+fn what_the_first_measurement_leaves_open_is_told_by_the_second() {
+    let compose = "tank compose";
+    let told = |stored: Stored, status: i32| {
+        let folder = tempfile::tempdir().unwrap();
+        stored.write(folder.path());
+        replayed(folder.path(), status)
+    };
+    let open = || {
+        Stored::new(&["tank caustics/trace", compose])
+            .same("tank caustics/trace")
+            .work(compose, 1, 1)
+            .counts(compose, 1.0)
+            .times(compose, false, 1.03, 0.08)
+    };
+    assert!(told(open(), 3).contains("10 launches of 2 pairs; a change"));
+    let same = told(open().second(compose, 1.001, 0.004, LAUNCHES), 0);
+    assert!(
+        same.contains(
+            "10 launches of 2 pairs, 10 more of 2 pairs for 1 cell that these left open;"
+        ),
+        "{same}"
+    );
+    let slower = told(open().second(compose, 1.06, 0.004, LAUNCHES), 1);
+    assert!(slower.contains("1 slower, 1 same"), "{slower}");
+    // A second measurement that was given up is a failure; a first one that got whole in spite of a fault is none.
+    let late = |launches| {
+        let mut late = open().second(compose, 1.001, 0.004, launches);
+        late = late.fault(Gate::Time, Side::Base, None, false);
+        if let Some(Line::Fault(fault)) = late.lines.last_mut() {
+            fault.launch = Some(LAUNCHES + launches);
+        }
+        late
+    };
+    assert!(told(late(LAUNCHES - 1), 2).contains("could not measure"));
+    told(late(LAUNCHES), 0);
+}
+
+#[test]
 fn a_control_that_moves_voids_the_time_gate_and_no_other() {
     let folder = tempfile::tempdir().unwrap();
     let trace = "tank caustics/trace";
@@ -506,6 +569,7 @@ fn pairs_of_a_launch_that_was_cut_short_do_not_count() {
             round,
             cell: cell("tank compose"),
             control: false,
+            second: false,
             first: Side::Base,
             base_ns: BASE_NS,
             head_ns: 2.0 * BASE_NS,

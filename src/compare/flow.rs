@@ -18,6 +18,7 @@ use super::store::{
     StoreError,
 };
 use super::survey::{self, Party};
+use super::time;
 use crate::gpu;
 use crate::harness::calendar;
 use crate::harness::output::DEFAULT_FOLDER;
@@ -346,13 +347,31 @@ impl Measurement<'_> {
             launches: settings.launches,
             pairs: settings.pairs,
             seed: settings.seed,
+            second: false,
         };
-        let before = timed_before(&self.before);
+        self.launches(&schedule, &mut bench)?;
+        let so_far = Comparison::read(&self.store.folder)?;
+        let open = time::open(&so_far);
+        if open.is_empty() || !self.wants(Gate::Time) {
+            return Ok(());
+        }
+        self.before = so_far;
+        self.launches(&schedule.again(open), &mut bench)
+    }
+
+    /// One of the two measurements of the time gate.
+    fn launches(&mut self, schedule: &Schedule, bench: &mut Processes) -> Result<(), CompareError> {
+        let before = timed_before(&self.before, schedule.second);
         let mut done = before.complete;
         let (tell, store) = (self.tell, &mut self.store);
         tell(&format!(
-            "time gate: {} cells, {} launches of {} pairs",
+            "time gate: {} cells{}, {} launches of {} pairs",
             schedule.cells.len(),
+            if schedule.second {
+                " that these leave open"
+            } else {
+                ""
+            },
             schedule.launches,
             schedule.pairs
         ));
@@ -366,8 +385,13 @@ impl Measurement<'_> {
             ));
             Ok::<(), StoreError>(())
         };
-        rounds::run(&schedule, &mut bench, &before, self.interrupted, &mut sink)?;
-        Ok(())
+        Ok(rounds::run(
+            schedule,
+            bench,
+            &before,
+            self.interrupted,
+            &mut sink,
+        )?)
     }
 
     /// The gate could not begin.
@@ -395,13 +419,13 @@ fn stages_of(configurations: &[Configuration]) -> Vec<String> {
     stages
 }
 
-/// What an earlier process left of the time gate.
-fn timed_before(before: &Comparison) -> Before {
+/// What is there already of the first or second measurement of the time gate.
+fn timed_before(before: &Comparison, second: bool) -> Before {
     let later = before.faults.iter().skip(before.faults_before_interruption);
     let lost: Vec<&Fault> = later.filter(|fault| fault.gate == Gate::Time).collect();
     let cells = lost.iter().filter(|fault| !fault.control);
     Before {
-        complete: before.launches.len() as u32,
+        complete: before.launches_of(second) as u32,
         last: before.last_launch,
         lost: cells.filter_map(|fault| fault.cell.clone()).collect(),
         control_lost: lost.iter().any(|fault| fault.control),

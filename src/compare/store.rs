@@ -117,9 +117,9 @@ pub struct Settings {
     pub threshold: f64,
     /// Share by which an instruction count must differ to matter.
     pub instruction_threshold: f64,
-    /// Pairs of worker processes.
+    /// Pairs of worker processes, in each of the two measurements of the time gate.
     pub launches: u32,
-    /// Pairs of samples of a cell in each launch.
+    /// Pairs of samples of a cell in each launch of the first measurement.
     pub pairs: u32,
     pub seed: u64,
     pub gates: Vec<Gate>,
@@ -188,6 +188,9 @@ pub struct Pair {
     /// Both sides are the base.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub control: bool,
+    /// Of the second measurement, of the cells that the first left open.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub second: bool,
     /// The side that was sampled first.
     pub first: Side,
     pub base_ns: f64,
@@ -199,6 +202,9 @@ pub struct Pair {
 pub struct Launch {
     pub launch: u32,
     pub wall_s: f64,
+    /// Of the second measurement.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub second: bool,
     /// How the workers were quieted: core, threads, padding of the environment, and what could not be done.
     pub notes: Vec<String>,
 }
@@ -386,6 +392,12 @@ impl Comparison {
             exact.any(|line| line.side == side && line.cell == *cell)
                 && whole.any(|line| line.side == side && line.configuration == cell.configuration())
         })
+    }
+
+    /// Launches of the first or the second measurement of the time gate.
+    pub fn launches_of(&self, second: bool) -> usize {
+        let launches = self.launches.iter();
+        launches.filter(|launch| launch.second == second).count()
     }
 
     /// Measuring ended by itself.

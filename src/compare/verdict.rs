@@ -124,7 +124,7 @@ pub struct Verdicts<'a> {
     pub cells: Vec<CellVerdict>,
     /// Differences of whole configurations.
     pub configurations: Vec<Difference>,
-    pub control: Option<CellTime>,
+    pub controls: Vec<CellTime>,
     pub gates: Vec<(Gate, GateState)>,
     /// Faults of a gate as a whole; each reason once.
     pub faults: Vec<Fault>,
@@ -170,7 +170,7 @@ impl<'a> Verdicts<'a> {
             comparison,
             cells,
             configurations,
-            control: time.control,
+            controls: time.controls,
             gates: gates.into(),
             faults,
             status,
@@ -345,11 +345,15 @@ fn uncontrolled(comparison: &Comparison, time: &TimeGate) -> Option<String> {
     if comparison.header.settings.unpaired {
         return None;
     }
+    let second = comparison.launches_of(true) > 0;
+    let measurements = 1 + usize::from(second);
     let mut faults = comparison.faults.iter();
     let lost = faults.find(|fault| fault.control && !overcome(comparison, fault));
     match lost {
         Some(fault) => Some(format!("the control was lost: {}", fault.reason)),
-        None if time.control.is_none() => Some("the control was not measured".to_owned()),
+        None if time.controls.len() < measurements => {
+            Some("the control was not measured".to_owned())
+        }
         None => None,
     }
 }
@@ -410,7 +414,8 @@ fn overcome(comparison: &Comparison, fault: &Fault) -> bool {
         }
         Gate::Time if fault.cell.is_none() => {
             let wanted = comparison.header.settings.launches as usize;
-            comparison.launches.len() >= wanted
+            let whole = |second| comparison.launches_of(second) >= wanted;
+            whole(false) && (whole(true) || time::open(comparison).is_empty())
         }
         // A cell or control that failed is left out of all later launches, unless it is tried again.
         Gate::Time => {

@@ -112,6 +112,7 @@ fn schedule() -> Schedule {
         launches: 3,
         pairs: 4,
         seed: 7,
+        second: false,
     }
 }
 
@@ -361,4 +362,45 @@ fn launches_of_neighbouring_seeds_draw_different_numbers() {
     };
     assert_eq!(drawn(2).len(), 20);
     assert!(drawn(2).is_disjoint(&drawn(3)));
+}
+
+#[test]
+fn a_second_measurement_has_more_rounds_and_takes_no_longer() {
+    let cells: Vec<CellId> = (0..40)
+        .map(|n| CellId::new("tank", &format!("stage/{n}")))
+        .collect();
+    let first = Schedule {
+        cells: cells.clone(),
+        pairs: 16,
+        ..schedule()
+    };
+    for (open, pairs) in [(1, 64), (10, 64), (11, 58), (20, 32), (40, 16)] {
+        let second = first.again(cells[..open].to_vec());
+        assert_eq!((second.cells.len(), second.pairs), (open, pairs));
+        assert_eq!((second.launches, second.second), (first.launches, true));
+        assert!(open as u32 * pairs <= 40 * 16);
+    }
+}
+
+#[test]
+fn lines_tell_which_measurement_they_are_of() {
+    for second in [false, true] {
+        let schedule = Schedule {
+            second,
+            ..schedule()
+        };
+        let mut lines = Vec::new();
+        let mut sink = |more: Vec<Line>| -> Result<(), Infallible> {
+            lines.extend(more);
+            Ok(())
+        };
+        let mut bench = Simulated::default();
+        let Ok(()) = run(&schedule, &mut bench, &Before::default(), &NEVER, &mut sink);
+        assert!(pairs(&lines).iter().all(|pair| pair.second == second));
+        let tells = |line: &Line| match line {
+            Line::Launch(launch) => launch.second == second,
+            _ => true,
+        };
+        assert!(lines.iter().all(tells));
+    }
 }

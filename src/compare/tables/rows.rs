@@ -1,5 +1,7 @@
 //! What terminal and Markdown say alike, as text.
 
+use std::collections::BTreeSet;
+
 use crate::compare::exact::{Difference, Kind, Subject};
 use crate::compare::instructions::Counted;
 use crate::compare::store::{Build, Comparison, Fault, Side};
@@ -194,9 +196,14 @@ pub fn notes(verdicts: &Verdicts<'_>) -> Vec<String> {
             GateState::Void(reason) => format!("{} gate void: {reason}", gate.name()),
         })
         .collect();
-    if let Some(control) = &verdicts.control {
+    for control in &verdicts.controls {
+        let second = if control.second {
+            ", second measurement"
+        } else {
+            ""
+        };
         notes.push(format!(
-            "control {} with the base on both sides: {}",
+            "control {} with the base on both sides{second}: {}",
             control.cell,
             change(control)
         ));
@@ -277,9 +284,10 @@ fn rule(verdicts: &Verdicts<'_>, gate: &str) -> String {
     match gate {
         "time" if settings.unpaired => "medians of each run".to_owned(),
         "time" => format!(
-            "{} launches of {} pairs; a change counts beyond {:.1} %, at a family-wise error of {:.0} %",
-            verdicts.comparison.launches.len(),
+            "{} launches of {} pairs{}; a change counts beyond {:.1} %, at a family-wise error of {:.0} %",
+            verdicts.comparison.launches_of(false),
             settings.pairs,
+            second(verdicts.comparison).unwrap_or_default(),
             100.0 * settings.threshold,
             100.0 * settings.alpha
         ),
@@ -289,6 +297,22 @@ fn rule(verdicts: &Verdicts<'_>, gate: &str) -> String {
         ),
         _ => "work, counters and bytes as they are; errors beyond 1 % of the base's".to_owned(),
     }
+}
+
+/// What the second measurement of the time gate was, if there was one.
+fn second(comparison: &Comparison) -> Option<String> {
+    let of_second = comparison.pairs.iter().filter(|pair| pair.second);
+    let pairs = of_second.clone().map(|pair| pair.round + 1).max()?;
+    let cells: BTreeSet<_> = of_second
+        .filter(|pair| !pair.control)
+        .map(|pair| &pair.cell)
+        .collect();
+    let launches = comparison.launches_of(true);
+    let count = cells.len();
+    let noun = if count == 1 { "cell" } else { "cells" };
+    Some(format!(
+        ", {launches} more of {pairs} pairs for {count} {noun} that these left open"
+    ))
 }
 
 /// `origin/main (0.1.0)`.

@@ -2,8 +2,8 @@ use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 
 use super::super::rank::{POWER, normal};
-use super::super::rounds::{LAUNCHES, PAIRS};
-use super::super::store::{Gate, Side};
+use super::super::rounds::{LAUNCHES, PAIRS, Schedule};
+use super::super::store::{Gate, Launch, Side};
 use super::*;
 
 /// How the samples of a simulated gate scatter, as shares of the time.
@@ -54,15 +54,27 @@ impl Simulation {
     }
 
     fn pairs(&mut self, cell: &CellId, control: bool, change: f64) -> Vec<Pair> {
+        self.rounds(cell, control, change, None)
+    }
+
+    /// Of the second measurement if it is told its rounds.
+    fn rounds(
+        &mut self,
+        cell: &CellId,
+        control: bool,
+        change: f64,
+        second: Option<u32>,
+    ) -> Vec<Pair> {
         let mut pairs = Vec::new();
         for launch in 0..self.launches {
             let bias = self.noise.between * normal(&mut self.random);
-            for round in 0..PAIRS {
+            for round in 0..second.unwrap_or(PAIRS) {
                 pairs.push(Pair {
                     launch,
                     round,
                     cell: cell.clone(),
                     control,
+                    second: second.is_some(),
                     first: [Side::Base, Side::Head][round as usize % 2],
                     base_ns: self.sample(2e6),
                     head_ns: self.sample(2e6 * (1.0 + change) * bias.exp()),
@@ -74,12 +86,32 @@ impl Simulation {
 
     /// A gate of [`CELLS`] cells, `change(n)` being the truth of the n-th.
     fn gate(&mut self, change: impl Fn(usize) -> f64) -> TimeGate {
-        let cells = cells();
-        let mut pairs = self.pairs(&cells[0], true, 0.0);
-        for (n, cell) in cells.iter().enumerate() {
-            pairs.extend(self.pairs(cell, false, change(n)));
+        let mut comparison = comparison(self.launches);
+        let first = schedule(self.launches);
+        self.measure(&mut comparison, &first, &change);
+        let open = open(&comparison);
+        if !open.is_empty() {
+            self.measure(&mut comparison, &first.again(open), &change);
         }
-        judge(&cells, &pairs, &settings())
+        judge(&cells(), &comparison.pairs, &settings())
+    }
+
+    fn measure(
+        &mut self,
+        comparison: &mut Comparison,
+        schedule: &Schedule,
+        change: &impl Fn(usize) -> f64,
+    ) {
+        let second = schedule.second.then_some(schedule.pairs);
+        let all = cells();
+        let control = self.rounds(&all[0], true, 0.0, second);
+        comparison.pairs.extend(control);
+        for (n, cell) in all.iter().enumerate() {
+            if schedule.cells.contains(cell) {
+                let pairs = self.rounds(cell, false, change(n), second);
+                comparison.pairs.extend(pairs);
+            }
+        }
     }
 }
 
@@ -87,6 +119,38 @@ fn cells() -> Vec<CellId> {
     (0..CELLS)
         .map(|n| CellId::new("tank", &format!("stage/{n}")))
         .collect()
+}
+
+fn schedule(launches: u32) -> Schedule {
+    Schedule {
+        cells: cells(),
+        control: None,
+        launches,
+        pairs: PAIRS,
+        seed: 0,
+        second: false,
+    }
+}
+
+/// A first measurement that has all its launches.
+fn comparison(launches: u32) -> Comparison {
+    let header = include_str!("../tests/header.json");
+    let mut header: Header = serde_json::from_str(header).unwrap();
+    header.cells = cells();
+    header.settings = Settings {
+        launches,
+        ..settings()
+    };
+    let mut comparison = Comparison::new(header);
+    comparison.launches = (0..launches)
+        .map(|launch| Launch {
+            launch,
+            wall_s: 3.0,
+            second: false,
+            notes: Vec::new(),
+        })
+        .collect();
+    comparison
 }
 
 fn settings() -> Settings {
@@ -156,8 +220,9 @@ fn intervals_cover_the_truth_as_often_as_they_say() {
         }
     }
     let share = f64::from(covered) / f64::from(all);
-    // 95.2 % for 20 launches; three standard errors over 4,000 intervals are 1.0 %.
-    assert!((0.942..0.962).contains(&share), "{share}");
+    // 95.2 % for 20 launches, and 92.8 % where the change is just the threshold: an interval of the first measurement that
+    // leaves it out ends there, one that holds it is measured again. Three standard errors over 4,000 intervals are 1.0 %.
+    assert!((0.936..0.956).contains(&share), "{share}");
 }
 
 #[test]
@@ -266,4 +331,64 @@ fn unusable_numbers_are_left_out() {
     assert_eq!(damaged.cells[0].launches, LAUNCHES as usize);
     assert!((damaged.cells[0].change - sound.cells[0].change).abs() < 0.005);
     assert!(judge(&cells, &[], &settings()).cells.is_empty());
+}
+
+/// One cell whose samples scatter so that the first measurement of a slowdown of 4 % mostly leaves it open.
+#[test]
+fn what_the_first_measurement_leaves_open_the_second_tells_alone() {
+    let noise = Noise {
+        between: 0.002,
+        within: 0.1,
+        stalls: (0.05, 1.0),
+    };
+    let mut simulation = Simulation::new(10, noise);
+    let trials = 30;
+    let (mut open_first, mut found) = (0, 0);
+    for _ in 0..trials {
+        let mut comparison = comparison(LAUNCHES);
+        let cell = &cells()[5];
+        comparison.pairs = simulation.pairs(cell, false, 0.04);
+        if open(&comparison).is_empty() {
+            continue;
+        }
+        assert_eq!(open(&comparison), std::slice::from_ref(cell));
+        open_first += 1;
+        let second = simulation.rounds(cell, false, 0.04, Some(4 * PAIRS));
+        comparison.pairs.extend(second.iter().cloned());
+        let cells = std::slice::from_ref(cell);
+        let both = judge(cells, &comparison.pairs, &settings());
+        assert_eq!(both, judge(cells, &second, &settings()));
+        assert!(both.cells[0].second);
+        found += usize::from(both.cells[0].verdict == TimeVerdict::Slower);
+    }
+    assert!(open_first > trials / 3, "{open_first} of {trials}");
+    assert!(found * 10 >= open_first * 8, "{found} of {open_first}");
+}
+
+#[test]
+fn nothing_is_open_before_the_first_measurement_is_whole_or_where_launches_are_too_few() {
+    let mut simulation = Simulation::new(11, BUSY);
+    let mut whole = comparison(LAUNCHES);
+    whole.pairs = simulation.pairs(&cells()[0], false, 0.0);
+    assert_eq!(open(&whole).len(), 1);
+    let mut cut_short = whole.clone();
+    cut_short.launches.pop();
+    assert!(open(&cut_short).is_empty());
+    simulation.launches = 5;
+    let mut few = comparison(5);
+    few.pairs = simulation.pairs(&cells()[0], false, 0.0);
+    assert!(open(&few).is_empty());
+}
+
+#[test]
+fn a_control_that_moves_in_the_second_measurement_voids_the_gate() {
+    let cells = cells();
+    let mut simulation = Simulation::new(12, CALM);
+    let mut pairs = simulation.pairs(&cells[0], true, 0.0);
+    pairs.extend(simulation.pairs(&cells[0], false, 0.0));
+    assert_eq!(judge(&cells, &pairs, &settings()).void(0.05), None);
+    pairs.extend(simulation.rounds(&cells[0], true, 0.05, Some(PAIRS)));
+    let gate = judge(&cells, &pairs, &settings());
+    assert_eq!(gate.controls.len(), 2);
+    assert!(gate.void(0.05).is_some());
 }
