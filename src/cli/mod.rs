@@ -225,10 +225,10 @@ pub struct CompareArgs {
     /// Gates to run; a self-test sets its own
     #[arg(long, value_name = "GATE,…", value_delimiter = ',', value_parser = parse_gate, default_value = "exact,instructions,time")]
     pub gates: Vec<Gate>,
-    /// Pairs of worker processes in the time gate
+    /// Pairs of worker processes in the time gate; as many again for cells that these leave open
     #[arg(long, default_value_t = rounds::LAUNCHES, value_parser = clap::value_parser!(u32).range(1..=1000))]
     pub launches: u32,
-    /// Pairs of samples of each cell in each launch
+    /// Pairs of samples of each cell in each launch; up to four times as many for cells left open
     #[arg(long, default_value_t = rounds::PAIRS, value_parser = clap::value_parser!(u32).range(1..=10_000))]
     pub pairs: u32,
     /// Share by which a time must change to count
