@@ -117,7 +117,7 @@ impl Bench {
         let mut command = Command::new(env!("CARGO_BIN_EXE_fathom"));
         command
             .env_remove("GITHUB_STEP_SUMMARY")
-            .args(["compare", "--gates", "exact,time", "--launches", "8"])
+            .args(["compare", "--gates", "exact,time", "--launches", "10"])
             .args(["--pairs", "2", "--cells-file"])
             .arg(self.path("cells.toml"))
             .arg("--base-bin")
@@ -375,7 +375,7 @@ fn ctrl_c_in_a_terminal_costs_no_cell() {
     let mut told = BufReader::new(child.stderr.take().unwrap()).lines();
     told.by_ref()
         .map_while(Result::ok)
-        .find(|line| line.contains("3 of 8 launches"))
+        .find(|line| line.contains("3 of 10 launches"))
         .unwrap();
     let group = format!("-{}", child.id());
     let sent = Command::new("kill").args(["-INT", "--", &group]).status();
@@ -389,7 +389,7 @@ fn ctrl_c_in_a_terminal_costs_no_cell() {
     let resumed = resumed.arg("--resume").output().unwrap();
     assert_eq!(resumed.status.code(), Some(0), "{resumed:?}");
     let stored = Comparison::read(&bench.path("out")).unwrap();
-    assert_eq!(stored.launches.len(), 8);
+    assert_eq!(stored.launches.len(), 10);
     assert_eq!(verdict(&stored, "two b"), Verdict::Same);
 }
 
@@ -414,14 +414,17 @@ fn a_killed_comparison_goes_on_where_it_ended() {
     let third = told
         .lines()
         .map_while(Result::ok)
-        .find(|line| line.contains("3 of 8 launches"));
+        .find(|line| line.contains("3 of 10 launches"));
     assert!(third.is_some());
     child.kill().unwrap();
     child.wait().unwrap();
 
     let stored = Comparison::read(&bench.path("out")).unwrap();
     let before = stored.launches.len();
-    assert!((3..8).contains(&before) && stored.end.is_none(), "{before}");
+    assert!(
+        (3..10).contains(&before) && stored.end.is_none(),
+        "{before}"
+    );
     let occupied = bench.command(&base, &head).output().unwrap();
     assert_eq!(occupied.status.code(), Some(2));
     assert!(
@@ -452,7 +455,7 @@ fn a_killed_comparison_goes_on_where_it_ended() {
         .unwrap();
     assert_eq!(resumed.status.code(), Some(0), "{resumed:?}");
     let stored = Comparison::read(&bench.path("out")).unwrap();
-    assert_eq!(stored.launches.len(), 8);
+    assert_eq!(stored.launches.len(), 10);
     assert_eq!(
         stored.exact.len(),
         2 * 4,
