@@ -75,31 +75,36 @@ pub fn run(
     tell: &dyn Fn(&str),
 ) -> Result<Findings, SelfTestError> {
     let injections = Injection::all().map_err(SelfTestError::Injection)?;
-    let wanted: Vec<Trial> = trials(test.plan, &injections)
-        .into_iter()
-        .filter(|trial| {
-            test.filter
-                .as_ref()
-                .is_none_or(|part| trial.id.contains(part))
-        })
-        .collect();
+    let mut lacking = Vec::new();
+    for trial in trials(test.plan, &injections) {
+        let part = test.filter.as_deref().unwrap_or_default();
+        if trial.id.contains(part) && !is_made(test, &trial)? {
+            lacking.push(trial);
+        }
+    }
+    let ended = make(test, &lacking, &injections, interrupted, tell);
+    let found = write(test, &injections)?;
+    ended.map(|()| found)
+}
+
+/// Makes trials until it is interrupted or one fails.
+fn make(
+    test: &SelfTest,
+    lacking: &[Trial],
+    injections: &[Injection],
+    interrupted: &AtomicBool,
+    tell: &dyn Fn(&str),
+) -> Result<(), SelfTestError> {
     let mut bench = Bench::new(test, tell)?;
-    for (number, trial) in wanted.iter().enumerate() {
+    for (number, trial) in lacking.iter().enumerate() {
         if interrupted.load(Ordering::Relaxed) {
             break;
         }
-        if !is_made(test, trial)? {
-            tell(&format!(
-                "trial {} of {}: {}",
-                number + 1,
-                wanted.len(),
-                trial.id
-            ));
-            bench.make(trial, &injections, interrupted)?;
-            write(test, &injections)?;
-        }
+        let (number, all) = (number + 1, lacking.len());
+        tell(&format!("trial {number} of {all}: {}", trial.id));
+        bench.make(trial, injections, interrupted)?;
     }
-    write(test, &injections)
+    Ok(())
 }
 
 /// Findings from the stored trials alone, written beside them.
@@ -128,15 +133,20 @@ pub fn write(test: &SelfTest, injections: &[Injection]) -> Result<Findings, Self
     Ok(found)
 }
 
-/// Trials of other settings are no part of the same findings.
+/// Trials of other settings are no part of the same findings. Of its gates a trial may have had fewer, where one could not be run.
 fn is_made(test: &SelfTest, trial: &Trial) -> Result<bool, SelfTestError> {
     let folder = test.out.join(&trial.id);
-    match Comparison::read(&folder) {
-        Ok(stored) if stored.header.settings != test.settings_of(trial) => {
-            Err(SelfTestError::OtherSettings(folder))
-        }
-        Ok(stored) => Ok(stored.end.is_some_and(|end| !end.interrupted)),
-        Err(_) => Ok(false),
+    let Ok(stored) = Comparison::read(&folder) else {
+        return Ok(false);
+    };
+    let wanted = test.settings_of(trial);
+    let found = Settings {
+        gates: wanted.gates.clone(),
+        ..stored.header.settings.clone()
+    };
+    match found == wanted {
+        true => Ok(stored.came_to_its_end()),
+        false => Err(SelfTestError::OtherSettings(folder)),
     }
 }
 
@@ -273,5 +283,57 @@ impl<'a> Bench<'a> {
         }
         (self.tell)(&format!("building {}", program.display()));
         Ok(self.workshop.build(changes, manner, program, self.tell)?)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::compare::store::{End, Gate, Header, Line, Store};
+
+    fn self_test(out: &Path, pairs: u32) -> SelfTest {
+        let header = include_str!("../tests/header.json");
+        let header: Header = serde_json::from_str(header).unwrap();
+        SelfTest {
+            repository: PathBuf::new(),
+            out: out.to_owned(),
+            gpu: gpu::Options::default(),
+            plan: Plan {
+                no_ops: 1,
+                slow5: 1,
+            },
+            settings: Settings {
+                pairs,
+                ..header.settings
+            },
+            filter: None,
+        }
+    }
+
+    #[test]
+    fn a_stored_trial_counts_if_it_ended_and_is_refused_if_its_settings_differ() {
+        let folder = tempfile::tempdir().unwrap();
+        let test = self_test(folder.path(), 16);
+        let injections = Injection::all().unwrap();
+        let trial = trials(test.plan, &injections).pop().unwrap();
+        assert!(!is_made(&test, &trial).unwrap());
+
+        let header = include_str!("../tests/header.json");
+        let mut header: Header = serde_json::from_str(header).unwrap();
+        header.settings = test.settings_of(&trial);
+        header.settings.gates.retain(|gate| *gate == Gate::Exact);
+        let mut store = Store::create(&folder.path().join(&trial.id)).unwrap();
+        store.write(&[Line::Header(Box::new(header))]).unwrap();
+        assert!(!is_made(&test, &trial).unwrap());
+        let end = End {
+            wall_s: 1.0,
+            interrupted: false,
+        };
+        store.write(&[Line::End(end)]).unwrap();
+        assert!(is_made(&test, &trial).unwrap());
+
+        let other = self_test(folder.path(), 12);
+        let error = is_made(&other, &trial).unwrap_err().to_string();
+        assert!(error.contains("measured with other settings"), "{error}");
     }
 }
