@@ -365,13 +365,13 @@ impl Measurement<'_> {
         let mut done = before.complete;
         let (tell, store) = (self.tell, &mut self.store);
         tell(&format!(
-            "time gate: {} cells{}, {} launches of {} pairs",
-            schedule.cells.len(),
+            "time gate{}: cells: {}, launches: {} of {} pairs",
             if schedule.second {
-                " that these leave open"
+                ", what is still open"
             } else {
                 ""
             },
+            schedule.cells.len(),
             schedule.launches,
             schedule.pairs
         ));

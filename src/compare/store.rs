@@ -111,7 +111,7 @@ pub struct Build {
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Settings {
-    /// Family-wise error of the time gate; its intervals have the coverage 1 − alpha.
+    /// Family-wise error of the time gate; the intervals of each of its measurements have the coverage 1 − alpha.
     pub alpha: f64,
     /// Share by which a time must differ to matter.
     pub threshold: f64,
