@@ -726,18 +726,15 @@ fn the_documented_jobs_run_the_documented_steps() {
     }
 }
 
-/// A real gate on the default adapter: equal builds execute equally many instructions.
-#[test]
-fn equal_builds_execute_equally_many_instructions() {
+/// A real gate on the default adapter over one cell; none where it cannot be run.
+fn counted(name: &str) -> Option<(Comparison, String)> {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("out");
     let page = folder.path().join("page.md");
     let output = fathom()
         .env("GITHUB_STEP_SUMMARY", &page)
-        .args(["compare", "--gates", "instructions", "--cells"])
-        .args(["pool godrays/trace", "--base-bin"])
-        .arg(env!("CARGO_BIN_EXE_fathom"))
-        .arg("--out")
+        .args(["compare", "--gates", "instructions", "--cells", name])
+        .args(["--base-bin", env!("CARGO_BIN_EXE_fathom"), "--out"])
         .arg(&out)
         .output()
         .unwrap();
@@ -745,14 +742,36 @@ fn equal_builds_execute_equally_many_instructions() {
     let told = String::from_utf8(output.stderr).unwrap();
     if text.contains("instructions gate skipped") {
         eprintln!("not tried: {text}");
-        return;
+        return None;
     }
     assert_eq!(output.status.code(), Some(0), "{text}{told}");
     let comparison = fathom::compare::read(&out).unwrap();
+    Some((comparison, fs::read_to_string(page).unwrap()))
+}
+
+#[test]
+fn equal_builds_execute_equally_many_instructions() {
+    let Some((comparison, page)) = counted("pool godrays/trace") else {
+        return;
+    };
     let counted = fathom::compare::instructions::judge(&comparison);
     let ratio = counted[&cell("pool godrays/trace")].ratio;
     assert!((ratio - 1.0).abs() < 0.001, "{ratio}");
-    assert!(fs::read_to_string(page).unwrap().contains("no regression"));
+    assert!(page.contains("no regression"));
+}
+
+/// What a stage leaves behind must not make its next frame longer: here, triangles in a queue.
+#[test]
+fn a_stage_alone_executes_as_much_in_each_frame() {
+    let Some((comparison, _)) = counted("alpha voxel/alpha") else {
+        return;
+    };
+    for line in &comparison.instructions {
+        let (least, most) = (line.counts.iter().min(), line.counts.iter().max());
+        let (least, most) = (*least.unwrap() as f64, *most.unwrap() as f64);
+        assert!(most / least < 1.002, "{:?}", line.counts);
+    }
+    assert_eq!(comparison.instructions.len(), 2);
 }
 
 /// A self-test of two trials, whose findings are known.

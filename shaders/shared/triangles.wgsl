@@ -7,7 +7,8 @@
 // and each of these is tested in the two other projections.
 //
 // Defs: THIN 1 takes the voxels of a 6-separating surface in place of all that the triangle touches. ALPHA 1 stores the
-// largest alpha beside the bits. LARGE 1 is the second dispatch, of the triangles that the first one left.
+// largest alpha beside the bits. STEP is the dispatch: 0 empties the queue, 1 takes the small triangles and leaves the others in
+// the queue, 2 takes those.
 #define_import_path fathom::triangles
 
 #import fathom::voxels::{Grid, index_of, to_cells}
@@ -192,7 +193,13 @@ fn fill(t: Triangle, u: i32, v: i32) {
     }
 }
 
-#if LARGE == 0
+#if STEP == 0
+fn run(id: vec3<u32>, group: vec3<u32>, groups: vec3<u32>, own: u32) {
+    if own < 2u {
+        atomicStore(&queue[own], 0u);
+    }
+}
+#else if STEP == 1
 fn leave(number: u32, is_huge: bool) {
     if is_huge {
         let slot = batch.triangles + 1u - atomicAdd(&queue[1], 1u);

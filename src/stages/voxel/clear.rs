@@ -1,4 +1,4 @@
-//! `voxel/clear`: slicemaps, bit volumes and counters start from nothing. VAO §4.2.
+//! `voxel/clear`: slicemaps, bit volumes and opacities start from nothing. VAO §4.2.
 
 use crate::gpu::{Encode, StageScope};
 use crate::record::Work;
@@ -6,7 +6,7 @@ use crate::stages::{Output, Stage, StageInfo};
 
 pub const INFO: StageInfo = StageInfo {
     name: "voxel/clear",
-    about: "clears slicemaps, bit volumes and counters",
+    about: "clears slicemaps, bit volumes and opacities",
     source: "VAO §4.2",
 };
 

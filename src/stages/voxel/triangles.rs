@@ -1,7 +1,8 @@
-//! The two dispatches that `voxel/overlap` and `voxel/alpha` share: triangles against voxels.
+//! The three dispatches that `voxel/overlap` and `voxel/alpha` share: triangles against voxels.
 //!
-//! The first takes a triangle an invocation. Triangles of many columns of voxels would keep their workgroup waiting: they go to a
-//! queue. In the second dispatch a workgroup takes each large triangle, and all workgroups share each huge one.
+//! The first empties a queue. The second takes a triangle an invocation; triangles of many columns of voxels would keep their
+//! workgroup waiting: they go to the queue. In the third a workgroup takes each large triangle, and all workgroups share each
+//! huge one.
 
 use encase::ShaderType;
 
@@ -16,7 +17,7 @@ use crate::stages::voxels::Voxels;
 /// driver and with workgroups of a GPU in mind: more columns leave a few invocations of a workgroup at work for long.
 const SMALL_COLUMNS: u32 = 32;
 const LARGE_COLUMNS: u32 = 4096;
-/// Workgroups of the second dispatch. Tuned likewise.
+/// Workgroups of the dispatch of large triangles. Tuned likewise.
 const LARGE_GROUPS: u32 = 128;
 
 /// Host twin of `Batch` in `shaders/shared/triangles.wgsl`.
@@ -43,14 +44,13 @@ pub enum Contact {
 struct Run {
     group: Group,
     part: Part,
-    queue: wgpu::Buffer,
     /// With [`Contact::Alpha`].
     alphas: Option<wgpu::Buffer>,
 }
 
 pub(super) struct Triangles {
-    /// The dispatch of small triangles and that of large ones.
-    pipelines: [wgpu::ComputePipeline; 2],
+    /// A dispatch each: the queue, small triangles, large ones.
+    pipelines: [wgpu::ComputePipeline; 3],
     runs: Vec<Run>,
 }
 
@@ -59,7 +59,7 @@ pub fn queue_bytes(triangles: u64) -> u64 {
     (2 + triangles) * 4
 }
 
-/// Workgroups of the first dispatch.
+/// Workgroups of the dispatch of small triangles.
 pub fn workgroups(triangles: u64) -> [u32; 3] {
     kit::linear_workgroups(triangles)
 }
@@ -77,13 +77,13 @@ impl Triangles {
         let make = |part: &Part| Run::new(resources, name, geometry, part, contact);
         let runs: Vec<Run> = parts.iter().map(make).collect();
         let groups: Vec<&Group> = runs.iter().take(1).map(|run| &run.group).collect();
-        let pipeline = |large: i32| -> Result<wgpu::ComputePipeline, GpuError> {
+        let pipeline = |step: i32| -> Result<wgpu::ComputePipeline, GpuError> {
             let thin = i32::from(contact == Contact::Thin);
-            let shader = gpu.shader(name, &[("THIN", thin), ("LARGE", large)])?;
+            let shader = gpu.shader(name, &[("THIN", thin), ("STEP", step)])?;
             Ok(kit::compute_pipeline(gpu, name, &shader, &groups))
         };
         Ok(Self {
-            pipelines: [pipeline(0)?, pipeline(1)?],
+            pipelines: [pipeline(0)?, pipeline(1)?, pipeline(2)?],
             runs,
         })
     }
@@ -96,16 +96,8 @@ impl Triangles {
     /// What must be cleared before each frame.
     pub(super) fn cleared(&self) -> Vec<Cleared> {
         let of = |run: &Run| {
-            let counter = Cleared {
-                buffer: run.queue.clone(),
-                bytes: 8,
-            };
             let bits = Cleared::from(&run.part.voxels.bits);
-            [
-                Some(bits),
-                run.alphas.as_ref().map(Cleared::from),
-                Some(counter),
-            ]
+            [Some(bits), run.alphas.as_ref().map(Cleared::from)]
         };
         self.runs.iter().flat_map(of).flatten().collect()
     }
@@ -119,18 +111,18 @@ impl Triangles {
     }
 
     pub(super) fn encode(&self, scope: &mut StageScope<'_>) {
-        let [small, large] = &self.pipelines;
         scope.compute(|pass| {
-            pass.set_pipeline(small);
-            for run in &self.runs {
-                let [x, y, z] = workgroups(run.part.triangles());
-                pass.set_bind_group(0, &run.group.group, &[]);
-                pass.dispatch_workgroups(x, y, z);
-            }
-            pass.set_pipeline(large);
-            for run in &self.runs {
-                pass.set_bind_group(0, &run.group.group, &[]);
-                pass.dispatch_workgroups(LARGE_GROUPS, 1, 1);
+            for (step, pipeline) in self.pipelines.iter().enumerate() {
+                pass.set_pipeline(pipeline);
+                for run in &self.runs {
+                    let [x, y, z] = match step {
+                        0 => [1, 1, 1],
+                        1 => workgroups(run.part.triangles()),
+                        _ => [LARGE_GROUPS, 1, 1],
+                    };
+                    pass.set_bind_group(0, &run.group.group, &[]);
+                    pass.dispatch_workgroups(x, y, z);
+                }
             }
         });
     }
@@ -169,7 +161,6 @@ impl Run {
         Self {
             group: Group::new(resources.gpu, name, &binds),
             part: part.clone(),
-            queue,
             alphas,
         }
     }
