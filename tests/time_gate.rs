@@ -124,7 +124,11 @@ fn a_gate_between_two_copies_of_this_build_measures_every_cell() {
 fn a_worker_says_under_which_conditions_it_runs_and_answers_every_request() {
     let core = allowed_cores().last().copied();
     let mut start = fathom();
-    start.quiet = Some(Quiet { core, padding: 100 });
+    start.quiet = Some(Quiet {
+        core,
+        padding: 100,
+        keep_memory: true,
+    });
     let mut worker = Worker::start(&start).unwrap();
     let early = worker.ask(&Request::Clock).unwrap_err();
     assert!(early.to_string().contains("`hello`"), "{early}");

@@ -75,6 +75,7 @@ impl Processes {
             start.quiet = self.adapter.software.then(|| Quiet {
                 core: core(&self.cores, launch as usize + place),
                 padding,
+                keep_memory: true,
             });
             let started = Worker::start(&start).and_then(|mut worker| {
                 worker.greet()?;

@@ -144,7 +144,7 @@ fn start_party(options: &Options, side: Side) -> Result<Party, CompareError> {
     let cores = allowed_cores();
     start.quiet = Some(Quiet {
         core: cores.get(side as usize % cores.len().max(1)).copied(),
-        padding: 0,
+        ..Quiet::default()
     });
     Party::new(side, start).map_err(|fault| CompareError::Worker { side, fault })
 }

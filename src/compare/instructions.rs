@@ -166,7 +166,10 @@ pub fn run(
 
 fn quieted(mut start: Start, core: Option<usize>) -> Start {
     start.patience = PATIENCE;
-    start.quiet = Some(Quiet { core, padding: 0 });
+    start.quiet = Some(Quiet {
+        core,
+        ..Quiet::default()
+    });
     start
 }
 
