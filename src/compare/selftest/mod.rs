@@ -114,7 +114,7 @@ pub fn write(test: &SelfTest, injections: &[Injection]) -> Result<Findings, Self
         let folder = test.out.join(&trial.id);
         if folder.join(COMPARISON).is_file() {
             let comparison = Comparison::read(&folder)?;
-            if comparison.end.as_ref().is_some_and(|end| !end.interrupted) {
+            if comparison.came_to_its_end() {
                 made.push((trial, comparison));
             }
         }
