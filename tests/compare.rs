@@ -719,6 +719,7 @@ fn the_documented_jobs_run_the_documented_steps() {
     let help = String::from_utf8(help.stdout).unwrap();
     let commands = text.lines().filter(|line| line.contains("fathom compare "));
     let words = commands.flat_map(str::split_whitespace);
+    let words = words.map(|word| word.trim_matches('`'));
     let options: Vec<&str> = words.filter(|word| word.starts_with("--")).collect();
     assert!(options.len() > 5, "{options:?}");
     for option in options {
