@@ -182,9 +182,10 @@ fn equal_builds_are_the_same_and_unequal_ones_are_not() {
         ..Build::default()
     });
     assert_eq!(output.status.code(), Some(1));
-    assert_eq!(verdict(&stored, "one a"), Verdict::FasterButLessAccurate);
+    assert_eq!(verdict(&stored, "one a"), Verdict::Faster);
     let told = String::from_utf8(output.stdout).unwrap();
     assert!(told.contains("one: allocated_bytes"), "{told}");
+    assert!(told.contains("one: an_error 0.0100 → 0.0200"), "{told}");
 }
 
 #[test]

@@ -7,6 +7,7 @@ use super::cells::CellId;
 use super::store::{
     CheckFigure, Comparison, ConfigurationFigures, ExactFigures, Fault, Gate, Side,
 };
+use crate::harness::errors;
 
 /// Share of the base's error by which an error must grow to count: floating-point sums in another order move
 /// errors by far less, a lower-quality setting by more.
@@ -48,29 +49,14 @@ pub struct Difference {
 }
 
 impl Difference {
-    /// It tells on this cell, one of `cells`.
-    pub fn concerns(&self, cell: &CellId, cells: &[CellId]) -> bool {
+    /// It tells on this cell.
+    pub fn concerns(&self, cell: &CellId) -> bool {
         match &self.subject {
             Subject::Cell(own) => own == cell,
             Subject::Stage(stage) => stage == cell.stage(),
-            Subject::Configuration(id) if id == cell.configuration() => match self.kind {
-                Kind::Error => {
-                    let mut siblings = cells.iter().filter(|other| other.configuration() == id);
-                    let named = family(&self.figure, '_');
-                    family(cell.stage(), '/') == named
-                        || !siblings.any(|other| family(other.stage(), '/') == named)
-                }
-                _ => false,
-            },
             Subject::Configuration(_) => false,
         }
     }
-}
-
-/// What stands before the first separator: an error named `FAMILY_…` concerns the stages `FAMILY/…` of its configuration
-/// if there are any, and all stages otherwise.
-fn family(name: &str, separator: char) -> &str {
-    name.split(separator).next().unwrap_or_default()
 }
 
 /// Every figure that differs between the sides, in the order of the lines.
@@ -87,7 +73,7 @@ pub fn judge(comparison: &Comparison) -> Vec<Difference> {
         (line.side, &line.configuration)
     });
     for (base, head) in configurations {
-        configuration(base, head, &mut found);
+        configuration(base, head, &comparison.header.cells, &mut found);
     }
     let checks = twins(&comparison.checks, |line| {
         (line.side, (&line.stage, &line.what))
@@ -211,38 +197,63 @@ fn cell(base: &ExactFigures, head: &ExactFigures, counted: bool, found: &mut Vec
 fn configuration(
     base: &ConfigurationFigures,
     head: &ConfigurationFigures,
+    cells: &[CellId],
     found: &mut Vec<Difference>,
 ) {
-    let mut differ = |kind, figure: &str, base_value: f64, head_value: f64, worse| {
-        found.push(Difference {
-            subject: Subject::Configuration(base.configuration.clone()),
-            kind,
-            figure: figure.to_owned(),
-            base: base_value,
-            head: head_value,
-            worse,
-        });
+    let whole = Subject::Configuration(base.configuration.clone());
+    let differ = |subject, kind, figure: &str, base: f64, head: f64, worse| Difference {
+        subject,
+        kind,
+        figure: figure.to_owned(),
+        base,
+        head,
+        worse,
     };
-    if base.allocated_bytes != head.allocated_bytes {
-        let (b, h) = (base.allocated_bytes, head.allocated_bytes);
-        differ(Kind::Bytes, "allocated_bytes", b as f64, h as f64, h > b);
+    let (b, h) = (base.allocated_bytes, head.allocated_bytes);
+    if b != h {
+        let (kind, name) = (Kind::Bytes, "allocated_bytes");
+        found.push(differ(whole.clone(), kind, name, b as f64, h as f64, h > b));
     }
-    let figures = [
-        (&base.errors, &head.errors),
-        (&base.quantities, &head.quantities),
-    ];
-    for (base, head) in figures {
-        for (name, b) in base {
-            match head.get(name) {
-                Some(h) if is_error(name) && moved(b.abs(), h.abs(), LEAST_ERROR) => {
-                    differ(Kind::Error, name, *b, *h, larger(b.abs(), h.abs()));
-                }
-                Some(h) if !is_error(name) && moved(*b, *h, LEAST_ERROR) => {
-                    differ(Kind::Quantity, name, *b, *h, false);
-                }
-                _ => {}
-            }
+    let figures = base.errors.iter().chain(&base.quantities);
+    let pairs = figures.filter_map(|(name, b)| {
+        let h = head.errors.get(name).or(head.quantities.get(name))?;
+        Some((name.as_str(), *b, *h))
+    });
+    let (errors, quantities): (Vec<_>, Vec<_>) = pairs.partition(|(name, ..)| is_error(name));
+    let grown: BTreeMap<&str, bool> = errors
+        .iter()
+        .filter(|(_, b, h)| moved(b.abs(), h.abs(), LEAST_ERROR))
+        .map(|(name, b, h)| (*name, larger(b.abs(), h.abs())))
+        .collect();
+    for (name, b, h) in errors {
+        if let Some(worse) = grown.get(name) {
+            let subject = charged(name, &grown, cells, &base.configuration);
+            found.push(differ(subject, Kind::Error, name, b, h, *worse));
         }
+    }
+    for (name, b, h) in quantities {
+        if moved(b, h, LEAST_ERROR) {
+            found.push(differ(whole.clone(), Kind::Quantity, name, b, h, false));
+        }
+    }
+}
+
+/// Whose an error of a configuration is: that stage's whose output it judges, or the stage's before it if the same error has moved
+/// alike there; the whole configuration's if that stage is no cell. `grown` has the errors that have moved, and whether they grew.
+fn charged(
+    error: &str,
+    grown: &BTreeMap<&str, bool>,
+    cells: &[CellId],
+    configuration: &str,
+) -> Subject {
+    let alike = |name: &String| grown.get(name.as_str()) == grown.get(error);
+    let before = errors::error_before(error).filter(alike);
+    let stages = errors::judged_stages(before.as_deref().unwrap_or(error));
+    let judged =
+        |cell: &&CellId| cell.configuration() == configuration && stages.contains(&cell.stage());
+    match cells.iter().find(judged) {
+        Some(cell) => Subject::Cell(cell.clone()),
+        None => Subject::Configuration(configuration.to_owned()),
     }
 }
 

@@ -134,8 +134,8 @@ pub struct ConfigurationFigures {
     pub side: Side,
     pub configuration: String,
     pub allocated_bytes: u64,
-    /// Errors against the reference, the larger the worse. One named `FAMILY_…` concerns the stages of that
-    /// family if the configuration has any, all stages otherwise.
+    /// Errors against the reference, the larger the worse. Whose output one judges, its name tells
+    /// ([`judged_stages`](crate::harness::errors::judged_stages)).
     #[serde(with = "nan::map")]
     pub errors: BTreeMap<String, f64>,
     /// Figures read back that are no errors: a change of one is told and not judged.

@@ -155,7 +155,7 @@ impl<'a> Verdicts<'a> {
         let cells: Vec<CellVerdict> = header.cells.iter().map(|cell| sources.cell(cell)).collect();
         let told = |difference: &Difference| {
             let mut cells = header.cells.iter();
-            cells.any(|cell| difference.concerns(cell, &header.cells))
+            cells.any(|cell| difference.concerns(cell))
         };
         let configurations: Vec<Difference> = differences
             .iter()
@@ -233,7 +233,7 @@ impl Sources<'_> {
         let differences: Vec<Difference> = self
             .differences
             .iter()
-            .filter(|difference| difference.concerns(cell, &self.comparison.header.cells))
+            .filter(|difference| difference.concerns(cell))
             .cloned()
             .collect();
         let own = |fault: &&Fault| {

@@ -49,21 +49,41 @@ fn comparison(lines: Vec<Line>) -> Comparison {
     Comparison::from_lines(Lines { lines, damaged }).unwrap()
 }
 
-#[test]
-fn an_error_of_a_family_without_a_cell_concerns_all_cells() {
-    let lines = vec![
-        figures(Side::Base, &[("ao_rmse", 0.1), ("hsao_rmse", 0.1)]),
-        figures(Side::Head, &[("ao_rmse", 0.2), ("hsao_rmse", 0.2)]),
-    ];
-    let found = judge(&comparison(lines));
-    let cells = ["hsao/march", "hsao/filter", "compose"].map(|stage| CellId::new("c", stage));
-    let concerned = |difference: &Difference| {
-        let concerned = cells
-            .iter()
-            .filter(|cell| difference.concerns(cell, &cells));
-        concerned.count()
+/// Who is charged with the errors that grew, in a pipeline of these stages.
+fn charged_with(stages: &[&str], base: &[(&str, f64)], head: &[(&str, f64)]) -> Vec<String> {
+    let mut comparison = comparison(vec![figures(Side::Base, base), figures(Side::Head, head)]);
+    comparison.header.cells = stages.iter().map(|stage| CellId::new("c", stage)).collect();
+    let charged = |difference: Difference| {
+        assert!(difference.worse, "{difference:?}");
+        match difference.subject {
+            Subject::Cell(cell) => cell.stage().to_owned(),
+            other => format!("{other:?}"),
+        }
     };
-    assert_eq!(found.iter().map(concerned).collect::<Vec<_>>(), [3, 2]);
+    judge(&comparison).into_iter().map(charged).collect()
+}
+
+#[test]
+fn an_error_is_charged_to_the_stage_whose_output_it_judges() {
+    let name = "caustics_photon_error_median_m";
+    let (base, head) = ([(name, 0.001)], [(name, 0.003)]);
+    let stages = ["caustics/trace", "caustics/splat", "caustics/filter"];
+    assert_eq!(charged_with(&stages, &base, &head), ["caustics/trace"]);
+    let whole = ["Configuration(\"c\")"];
+    assert_eq!(charged_with(&stages[1..], &base, &head), whole);
+    let unknown = charged_with(&stages, &[("new_rmse", 0.1)], &[("new_rmse", 0.2)]);
+    assert_eq!(unknown, whole);
+}
+
+#[test]
+fn what_a_filter_is_handed_is_not_its_error() {
+    let stages = ["hsao/march", "hsao/filter"];
+    let errors = |raw, filtered| [("ao_rmse", raw), ("ao_filtered_rmse", filtered)];
+    let base = errors(0.10, 0.05);
+    let charged = |raw, filtered| charged_with(&stages, &base, &errors(raw, filtered));
+    assert_eq!(charged(0.12, 0.06), ["hsao/march", "hsao/march"]);
+    assert_eq!(charged(0.10, 0.06), ["hsao/filter"]);
+    assert_eq!(charged(0.12, 0.05), ["hsao/march"]);
 }
 
 #[test]

@@ -4,7 +4,7 @@
 use quick_junit::{NonSuccessKind, Report, TestCase, TestCaseStatus, TestSuite};
 
 use super::{Format, rows};
-use crate::compare::exact::Subject;
+use crate::compare::exact::{Kind, Subject};
 use crate::compare::verdict::{CellVerdict, GateState, Verdict, Verdicts};
 
 pub const FORMAT: Format = Format {
@@ -42,7 +42,11 @@ fn write(verdicts: &Verdicts<'_>) -> String {
     let mut whole = TestSuite::new("fathom compare: configurations");
     for difference in verdicts.configurations.iter().filter(|other| other.worse) {
         let told = rows::difference(difference);
-        let status = failed(NonSuccessKind::Failure, "costlier", &told);
+        let what = match difference.kind {
+            Kind::Error => Verdict::LessAccurate,
+            _ => Verdict::Costlier,
+        };
+        let status = failed(NonSuccessKind::Failure, what.text(), &told);
         let class = match &difference.subject {
             Subject::Configuration(id) => id,
             Subject::Stage(stage) => stage,
