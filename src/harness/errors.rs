@@ -40,56 +40,30 @@ const JUDGES: &[(&str, Judge)] = &[
     }),
 ];
 
-/// What errors of a name judge. Adding a reference adds a line.
-struct Judged {
-    /// How their names begin.
-    prefix: &'static str,
-    /// Stages that leave what they judge; a pipeline has one of them.
-    stages: &'static [&'static str],
-    /// How the names begin of the same errors of what that stage starts from.
-    before: Option<&'static str>,
-}
-
-/// The longer of two prefixes comes first.
-const JUDGED: [Judged; 4] = [
-    Judged {
-        prefix: "caustics_",
-        stages: &["caustics/trace"],
-        before: None,
-    },
-    Judged {
-        prefix: "godrays_",
-        stages: &["godrays/trace"],
-        before: None,
-    },
-    Judged {
-        prefix: "ao_filtered_",
-        stages: &FILTERED,
-        before: Some("ao_"),
-    },
-    Judged {
-        prefix: "ao_",
-        stages: &RAW,
-        before: None,
-    },
+/// How the names of errors begin, the longer of two beginnings first, and the stages whose output they judge. Adding a reference
+/// adds a line.
+const JUDGED: &[(&str, &[&str])] = &[
+    ("caustics_photon_", &["caustics/trace"]),
+    ("caustics_unconverged_", &["caustics/trace"]),
+    ("godrays_photon_", &["godrays/trace"]),
+    ("godrays_unconverged_", &["godrays/trace"]),
+    (AO_FILTERED, &FILTERED),
+    (AO, &RAW),
 ];
+const AO_FILTERED: &str = "ao_filtered_";
+const AO: &str = "ao_";
 
 /// The stages, of which a pipeline has one, whose output an error judges; none for a name that is not known.
 pub fn judged_stages(error: &str) -> &'static [&'static str] {
-    let judged = JUDGED
-        .iter()
-        .find(|judged| error.starts_with(judged.prefix));
-    judged.map_or(&[], |judged| judged.stages)
+    let mut judged = JUDGED.iter();
+    let known = judged.find(|(beginning, _)| error.starts_with(beginning));
+    known.map_or(&[], |(_, stages)| stages)
 }
 
 /// Name of the same error before the stage whose output `error` judges, if it is judged there too: what grew there already is
 /// not this stage's.
 pub fn error_before(error: &str) -> Option<String> {
-    let mut judged = JUDGED.iter();
-    judged.find_map(|judged| {
-        let rest = error.strip_prefix(judged.prefix)?;
-        Some(judged.before?.to_owned() + rest)
-    })
+    Some(AO.to_owned() + error.strip_prefix(AO_FILTERED)?)
 }
 
 /// Errors of the cell's last frame as quantities, the unit in the name; none for a kind that nothing judges.
@@ -117,14 +91,14 @@ mod tests {
         );
         assert_eq!(judged_stages("ao_bias"), RAW);
         assert_eq!(judged_stages("ao_filtered_bias"), FILTERED);
-        assert!(judged_stages("compose_rmse").is_empty());
+        assert!(judged_stages("caustics_error_rms").is_empty());
         assert_eq!(error_before("ao_filtered_bias").unwrap(), "ao_bias");
         assert_eq!(error_before("ao_bias"), None);
         let known = |name: &&str| {
             let mut registered = crate::stages::REGISTRY.iter();
             registered.any(|stage| stage.name == *name)
         };
-        let mut stages = JUDGED.iter().flat_map(|judged| judged.stages);
+        let mut stages = JUDGED.iter().flat_map(|(_, stages)| *stages);
         assert!(stages.all(known));
     }
 }
