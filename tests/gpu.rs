@@ -101,7 +101,7 @@ impl Work {
 }
 
 fn compute_pipeline(gpu: &Gpu) -> wgpu::ComputePipeline {
-    let module = gpu.shader("audit/compute", &[]).expect("it links");
+    let module = gpu.shader("audit/kernels", &[]).expect("it links");
     gpu.device
         .create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
             label: Some("test"),
@@ -114,7 +114,7 @@ fn compute_pipeline(gpu: &Gpu) -> wgpu::ComputePipeline {
 }
 
 fn render_pipeline(gpu: &Gpu) -> wgpu::RenderPipeline {
-    let module = gpu.shader("audit/render", &[]).expect("it links");
+    let module = gpu.shader("audit/kernels", &[]).expect("it links");
     gpu.device
         .create_render_pipeline(&wgpu::RenderPipelineDescriptor {
             label: Some("test"),
@@ -502,7 +502,7 @@ fn a_lost_device_is_an_error_and_not_a_panic() {
         Err(GpuError::Lost(_))
     ));
     assert!(matches!(
-        gpu.shader("audit/compute", &[]),
+        gpu.shader("audit/kernels", &[]),
         Err(GpuError::Lost(_))
     ));
 }
@@ -537,7 +537,7 @@ fn an_unknown_adapter_lists_those_that_are_there() {
     };
     let gpu = Gpu::open(&first).expect("the first is there");
     assert_eq!(gpu.adapter.name, Gpu::list()[0].name);
-    gpu.shader("audit/compute", &[])
+    gpu.shader("audit/kernels", &[])
         .expect("it links without checks, too");
 }
 

@@ -251,7 +251,7 @@ mod tests {
     #[test]
     fn every_shader_links_and_validates_with_its_defaults() {
         let paths = shader_paths();
-        assert!(paths.contains(&"audit/compute".to_owned()), "{paths:?}");
+        assert!(paths.contains(&"audit/kernels".to_owned()), "{paths:?}");
         for path in paths {
             link(&path, &[]).unwrap_or_else(|error| panic!("{error}"));
         }
@@ -260,7 +260,7 @@ mod tests {
     #[test]
     fn defs_go_before_the_shaders_own_defaults() {
         let group_size = |defs: &[(&str, i32)]| {
-            link("audit/compute", defs).unwrap().entry_points[0].workgroup_size[0]
+            link("audit/kernels", defs).unwrap().entry_points[0].workgroup_size[0]
         };
         assert_eq!(group_size(&[]), 64);
         assert_eq!(group_size(&[("GROUP_SIZE", 32)]), 32);
@@ -279,10 +279,10 @@ mod tests {
 
     #[test]
     fn a_link_error_shows_the_source() {
-        let error = link("audit/compute", &[("GROUP_SIZE", -1)])
+        let error = link("audit/kernels", &[("GROUP_SIZE", -1)])
             .unwrap_err()
             .to_string();
-        assert!(error.contains("shaders/audit/compute.wgsl"), "{error}");
+        assert!(error.contains("shaders/audit/kernels.wgsl"), "{error}");
         assert!(error.contains("@workgroup_size(-1)"), "{error}");
         assert!(matches!(
             link("audit/none", &[]),
@@ -292,7 +292,7 @@ mod tests {
 
     #[test]
     fn the_layout_of_a_struct_is_read_from_the_shader() {
-        let layout = wgsl_layout("audit/compute", "Work").unwrap();
+        let layout = wgsl_layout("audit/kernels", "Work").unwrap();
         assert_eq!(
             layout,
             StructLayout {
@@ -300,6 +300,6 @@ mod tests {
                 span: 4
             }
         );
-        assert!(wgsl_layout("audit/compute", "None").is_err());
+        assert!(wgsl_layout("audit/kernels", "None").is_err());
     }
 }

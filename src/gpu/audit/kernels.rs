@@ -31,10 +31,10 @@ pub(super) struct Kernels {
 impl Kernels {
     pub(super) fn new(gpu: &Gpu) -> Result<Self, GpuError> {
         use wgpu::BufferUsages as Usage;
-        let compute = gpu.shader("audit/compute", &[("GROUP_SIZE", GROUP_SIZE as i32)])?;
+        let group = ("GROUP_SIZE", GROUP_SIZE as i32);
         let quads = ("QUADS_PER_EDGE", QUADS_PER_EDGE as i32);
         let share = ("VERTEX_SHARE", VERTEX_SHARE as i32);
-        let render = gpu.shader("audit/render", &[quads, share])?;
+        let shader = gpu.shader("audit/kernels", &[group, quads, share])?;
         let copy_bytes = if gpu.adapter.software {
             SOFTWARE_COPY_BYTES
         } else {
@@ -43,8 +43,8 @@ impl Kernels {
         let copy_bytes = copy_bytes.min(gpu.limits.max_buffer_size);
         gpu.scoped(|| {
             Ok(Self {
-                compute: compute_pipeline(gpu, &compute),
-                render: render_pipeline(gpu, &render),
+                compute: compute_pipeline(gpu, &shader),
+                render: render_pipeline(gpu, &shader),
                 results: buffer(gpu, u64::from(INVOCATIONS) * 4, Usage::STORAGE),
                 target: target(gpu, TARGET_EDGE),
                 least_target: target(gpu, 1),

@@ -1,18 +1,27 @@
-// defs: QUADS_PER_EDGE=32, VERTEX_SHARE=10
-// A grid of quads over the whole target, with work proportional to `work.iterations` in the vertex and
-// in the fragment stage: a driver may run the vertices of a pass before it writes the pass's begin.
+// defs: GROUP_SIZE=64, QUADS_PER_EDGE=32, VERTEX_SHARE=10
+// Kernels whose run times are proportional to `work.iterations`.
 #import fathom::busy_work::logistic
 
 struct Work {
     iterations: u32,
 }
 
+@group(0) @binding(0) var<uniform> work: Work;
+@group(0) @binding(1) var<storage, read_write> results: array<f32>;
+
+@compute @workgroup_size(#{GROUP_SIZE})
+fn main(@builtin(global_invocation_id) id: vec3<u32>) {
+    if id.x < arrayLength(&results) {
+        results[id.x] = logistic(f32(id.x), work.iterations);
+    }
+}
+
+// A grid of quads over the whole target, with work in the vertex and in the fragment stage: a driver may run the vertices of a
+// pass before it writes the pass's begin.
 struct Corner {
     @builtin(position) position: vec4<f32>,
     @location(0) @interpolate(flat, either) shade: f32,
 }
-
-@group(0) @binding(0) var<uniform> work: Work;
 
 @vertex
 fn vertex(@builtin(vertex_index) index: u32) -> Corner {
