@@ -370,6 +370,13 @@ fn the_exit_status_tells_how_it_ended() {
     assert!(told(more_bytes, 1).contains("allocated_bytes"));
     let error = quiet().configuration(1_000_000, 0.02);
     assert!(told(error, 1).contains("tank caustics/trace: less accurate"));
+    let cheap = Stored::new(&[trace, compose])
+        .same(compose)
+        .work(trace, 100, 100)
+        .counts(trace, 1.0)
+        .times(trace, false, 0.9, 0.004)
+        .configuration(1_000_000, 0.02);
+    assert!(told(cheap, 1).contains("tank caustics/trace: faster but less accurate"));
     let fewer_errors = quiet().configuration(1_000_000, 0.005);
     assert!(told(fewer_errors, 0).contains("0.0100 → 0.0050"));
     let counted = || two().work(compose, 1, 1).counts(compose, 1.0);

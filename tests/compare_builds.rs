@@ -186,6 +186,8 @@ fn equal_builds_are_the_same_and_unequal_ones_are_not() {
     let told = String::from_utf8(output.stdout).unwrap();
     assert!(told.contains("one: allocated_bytes"), "{told}");
     assert!(told.contains("one: an_error 0.0100 → 0.0200"), "{told}");
+    let junit = fs::read_to_string(bench.path("out/junit.xml")).unwrap();
+    assert!(junit.contains("type=\"less accurate\""), "{junit}");
 }
 
 #[test]

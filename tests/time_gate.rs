@@ -9,11 +9,13 @@ use std::time::{Duration, Instant};
 
 use fathom::compare::bench::Processes;
 use fathom::compare::cells::CellId;
+use fathom::compare::exact::is_error;
 use fathom::compare::launch::{Patience, Quiet, Start, Worker, WorkerFault, allowed_cores};
 use fathom::compare::protocol::{Configuration, Reply, Request};
 use fathom::compare::rounds::{self, Before, Party, PartyFault, Schedule};
 use fathom::compare::store::{Fault, Line, Pair, Settings, Side};
 use fathom::compare::time;
+use fathom::harness::errors::judged_stages;
 use serde_json::{Map, json};
 
 static NEVER: AtomicBool = AtomicBool::new(false);
@@ -224,6 +226,10 @@ fn a_worker_says_under_which_conditions_it_runs_and_answers_every_request() {
     };
     assert!(exact.allocated_bytes > 0 && exact.stages.len() == stages.len());
     assert!(exact.errors.contains_key("caustics_photon_error_median_m"));
+    let figures = exact.errors.keys().chain(exact.quantities.keys());
+    for error in figures.filter(|name| is_error(name)) {
+        assert!(!judged_stages(error).is_empty(), "{error}");
+    }
     let stage = "compose".to_owned();
     let counted = worker
         .ask(&Request::Instructions {
