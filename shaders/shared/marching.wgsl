@@ -9,6 +9,8 @@
 //   SKIPPING  1: empty cells of the pyramid are left in one go
 //   OPACITY   1: samples are opacities, gathered along the ray (Eq. 7); 0: the first above the threshold ends it
 //   BETWEEN   1: a hit lies where V, linear between two samples, crosses the threshold; 0: at the sample
+//   PEAK      1: between two samples below the threshold, a peak of V above it is looked for by halving
+//   JITTER    1: each ray's samples are moved along it by a random share of a step; 0: all rays begin at the guard distance
 //   COUNT     1: counts samples and look-ups of the pyramid
 #define_import_path fathom::marching
 
@@ -39,6 +41,8 @@ const GOLDEN: u32 = 0x9E3779B9u;
 const SKIP_LEVEL: i32 = 2;
 // Samples this near to a cell's wall are taken, as rounding may have put them on the wrong side, voxels.
 const WALL: f32 = 1e-3;
+// Halvings of the interval between two samples when a peak is looked for: a quarter of a voxel with steps of one.
+const HALVINGS: u32 = 2u;
 // Shortest component of a direction, so that none divides by 0.
 const LEAST: f32 = 1e-7;
 
@@ -128,14 +132,62 @@ fn empty_steps(place: vec3<f32>, direction: vec3<f32>) -> f32 {
 }
 #endif
 
-// Obscurity ρ of what a ray meets, 0 where it meets nothing. `cosine` is that of the ray and the normal; `v0` is V where the
-// ray begins.
-fn obscurity(origin: vec3<f32>, direction: vec3<f32>, cosine: f32, v0: f32) -> f32 {
-#if GUARD == 1
-    let first = march.guard / cosine;
-#else
-    let first = march.guard;
+// Distance at which V, linear between two samples, crosses the threshold.
+fn crossing(low_d: f32, low_v: f32, high_d: f32, high_v: f32) -> f32 {
+    return high_d - (high_d - low_d) * (high_v - march.threshold) / (high_v - low_v);
+}
+
+#if PEAK == 1
+// Distance of a hit between the samples at `d − step` and `d`, both below the threshold; −1 without one. V is trilinear
+// between 0 and 1, so along a ray it changes by at most |x| + |y| + |z| of the direction a voxel: most pairs need no look.
+fn peak(origin: vec3<f32>, direction: vec3<f32>, d: f32, previous: f32, v: f32) -> f32 {
+    let size = abs(direction);
+    if previous + v + march.step * (size.x + size.y + size.z) < 2.0 * march.threshold {
+        return -1.0;
+    }
+    var near = vec2(d - march.step, previous);
+    var far = vec2(d, v);
+    for (var i = 0u; i < HALVINGS; i++) {
+        let middle = 0.5 * (near.x + far.x);
+        let found = vec2(middle, density(origin + middle * direction));
+        if found.y >= march.threshold {
+            return crossing(near.x, near.y, found.x, found.y);
+        }
+        if near.y > far.y {
+            far = found;
+        } else {
+            near = found;
+        }
+    }
+    return -1.0;
+}
 #endif
+
+// ρ at a distance.
+fn attenuated(d: f32) -> f32 {
+#if HARD == 1
+    return 1.0;
+#else
+    return 1.0 - d / march.r_max;
+#endif
+}
+
+// Distance of a ray's first sample. `cosine` is that of the ray and the normal.
+fn first_sample(cosine: f32, ray: u32, seed: u32) -> f32 {
+#if GUARD == 1
+    let guard = march.guard / cosine;
+#else
+    let guard = march.guard;
+#endif
+#if JITTER == 1
+    return guard + march.step * unit(pcg(pcg(seed) + ray));
+#else
+    return guard;
+#endif
+}
+
+// Obscurity ρ of what a ray meets from its sample at `first` on, 0 where it meets nothing. `v0` is V where the ray begins.
+fn obscurity(origin: vec3<f32>, direction: vec3<f32>, first: f32, v0: f32) -> f32 {
     let range = clip(origin, direction);
     let end = min(range.y, march.r_max);
     var k = max(ceil((range.x - first) / march.step), 0.0);
@@ -143,7 +195,8 @@ fn obscurity(origin: vec3<f32>, direction: vec3<f32>, cosine: f32, v0: f32) -> f
 #if OPACITY == 1
     var open = 1.0;
 #endif
-    var previous = v0;
+    // Outside the volume V is 0.
+    var previous = select(v0, 0.0, k > 0.0);
     while d < end {
         let place = origin + d * direction;
 #if SKIPPING == 1
@@ -168,15 +221,19 @@ fn obscurity(origin: vec3<f32>, direction: vec3<f32>, cosine: f32, v0: f32) -> f
         if v >= march.threshold {
 #if BETWEEN == 1
             if previous < march.threshold {
-                d -= march.step * (v - march.threshold) / (v - previous);
+                d = crossing(d - march.step, previous, d, v);
             }
 #endif
-#if HARD == 1
-            return 1.0;
-#else
-            return 1.0 - d / march.r_max;
-#endif
+            return attenuated(d);
         }
+#if PEAK == 1
+        if previous < march.threshold {
+            let hit = peak(origin, direction, d, previous, v);
+            if hit >= 0.0 {
+                return attenuated(hit);
+            }
+        }
+#endif
 #endif
         previous = v;
         k += 1.0;
@@ -209,7 +266,7 @@ fn occlusion(position_m: vec3<f32>, normal: vec3<f32>, seed: u32) -> f32 {
         let local = local_direction(ray, seed);
         let across = rotation * local;
         let direction = select(across, vec3(LEAST), abs(across) < vec3(LEAST));
-        let rho = obscurity(origin, direction, local.z, v0);
+        let rho = obscurity(origin, direction, first_sample(local.z, ray, seed), v0);
 #if UNIFORM == 1
         sum += local.z * rho;
 #else

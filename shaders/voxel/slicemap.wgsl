@@ -8,8 +8,9 @@
 
 struct Varying {
     @builtin(position) clip: vec4<f32>,
-    // Voxels along the axis.
-    @location(0) @interpolate(linear) depth: f32,
+    // Voxels along the axis. Perspective and linear interpolation mean the same where w is 1, but some drivers (Mesa 22.3
+    // lavapipe) interpolate linear varyings wrongly on triangles that they clip.
+    @location(0) @interpolate(perspective) depth: f32,
 }
 
 // Column and row of the pass, and depth.

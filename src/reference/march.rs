@@ -72,6 +72,8 @@ pub struct March {
     pub threshold: f64,
     pub offset: f64,
     pub guard: Guard,
+    /// Each ray's samples are moved along it by a random share of a step.
+    pub jitter: bool,
     pub attenuation: Attenuation,
     /// Mean of (n·r) ρ over uniform directions, in place of ρ over cosine-distributed ones: VAO §3 step 3c.
     pub paper_estimator: bool,
@@ -81,6 +83,8 @@ pub struct March {
     pub opacity: bool,
     /// A hit lies between samples.
     pub between: bool,
+    /// Peaks above the threshold are looked for between samples that lie below it.
+    pub peak: bool,
 }
 
 /// What marching from a point gives.
@@ -94,6 +98,13 @@ pub struct Marched {
 
 /// 2³² / golden ratio.
 const GOLDEN: u32 = 0x9E37_79B9;
+/// Halvings of the interval between two samples when a peak is looked for.
+const HALVINGS: u32 = 2;
+
+/// The upper 24 bits as a number in [0, 1).
+fn unit(bits: u32) -> f64 {
+    f64::from(bits >> 8) / 16_777_216.0
+}
 
 impl March {
     /// Marches from a point with a unit normal in the world; `index` seeds the directions: that of the point in a query, or
@@ -120,7 +131,8 @@ impl March {
                     false => cosine_direction(point),
                 };
                 let weight = if self.paper_estimator { local.z } else { 1.0 };
-                weight * self.obscurity(volume, (origin, frame * local), local.z, &taken)
+                let first = self.first_sample(local.z, ray, seed);
+                weight * self.obscurity(volume, (origin, frame * local), first, &taken)
             })
             .sum();
         Marched {
@@ -129,8 +141,21 @@ impl March {
         }
     }
 
+    /// Distance of a ray's first sample; `cosine` is that of the ray and the normal.
+    fn first_sample(&self, cosine: f64, ray: u32, seed: u32) -> f64 {
+        let guard = match self.guard {
+            Guard::Along(d) => d,
+            Guard::Above(h) => h / cosine,
+        };
+        let share = if self.jitter {
+            unit(pcg(pcg(seed).wrapping_add(ray)))
+        } else {
+            0.0
+        };
+        guard + self.step * share
+    }
+
     fn point(&self, ray: u32, seed: u32) -> [f64; 2] {
-        let unit = |v: u32| f64::from(v >> 8) / 16_777_216.0;
         if self.random {
             let first = pcg(seed.wrapping_add(ray));
             return [unit(first), unit(pcg(first))];
@@ -146,31 +171,29 @@ impl March {
         &self,
         volume: &HostVolume,
         (origin, direction): (DVec3, DVec3),
-        cosine: f64,
+        first: f64,
         taken: &Cell<u64>,
     ) -> f64 {
-        let first = match self.guard {
-            Guard::Along(d) => d,
-            Guard::Above(h) => h / cosine,
-        };
         let cells = UVec3::from(volume.grid.cells).as_dvec3();
         let inside = |p: DVec3| p.cmpge(DVec3::ZERO).all() && p.cmple(cells).all();
         let distances = (0..)
             .map(|k| first + f64::from(k) * self.step)
             .take_while(|d| *d < self.r_max);
         // Outside the volume V is 0, and no sample is needed to know it.
-        let samples = distances.map(|d| {
+        let density = |d: f64| {
             let place = origin + direction * d;
             if !inside(place) {
-                return (d, 0.0);
+                return 0.0;
             }
             taken.set(taken.get() + 1);
-            (d, volume.density(place))
-        });
+            volume.density(place)
+        };
         if self.opacity {
+            let samples = distances.map(|d| (d, density(d)));
             self.gathered(samples, volume.density(origin))
         } else {
-            self.first_hit(samples)
+            let steepest = direction.abs().element_sum();
+            self.first_hit(distances, density, steepest)
         }
     }
 
@@ -189,20 +212,62 @@ impl March {
         1.0 - f64::powf(open, self.step)
     }
 
-    /// ρ of the first sample above the threshold.
-    fn first_hit(&self, samples: impl Iterator<Item = (f64, f64)>) -> f64 {
-        let mut previous = None;
-        for (d, v) in samples {
-            if v >= self.threshold {
-                let back = match previous {
-                    Some(p) if self.between => self.step * (v - self.threshold) / (v - p),
-                    _ => 0.0,
-                };
-                return self.attenuation.at((d - back) / self.r_max);
+    /// ρ of the first sample above the threshold, or of a peak before it. V changes by at most `steepest` a voxel along the ray.
+    fn first_hit(
+        &self,
+        distances: impl Iterator<Item = f64>,
+        density: impl Fn(f64) -> f64,
+        steepest: f64,
+    ) -> f64 {
+        let mut previous: Option<(f64, f64)> = None;
+        for d in distances {
+            let now = (d, density(d));
+            let hit = if now.1 >= self.threshold {
+                Some(match previous {
+                    Some(before) if self.between => self.crossing(before, now),
+                    _ => d,
+                })
+            } else {
+                let before = previous.filter(|_| self.peak);
+                before.and_then(|before| self.peak_between(before, now, &density, steepest))
+            };
+            if let Some(hit) = hit {
+                return self.attenuation.at(hit / self.r_max);
             }
-            previous = Some(v);
+            previous = Some(now);
         }
         0.0
+    }
+
+    /// Where V, linear between two samples (distance, V), crosses the threshold.
+    fn crossing(&self, low: (f64, f64), high: (f64, f64)) -> f64 {
+        high.0 - (high.0 - low.0) * (high.1 - self.threshold) / (high.1 - low.1)
+    }
+
+    /// A hit between two samples below the threshold, looked for by halving towards the higher one.
+    fn peak_between(
+        &self,
+        mut near: (f64, f64),
+        mut far: (f64, f64),
+        density: impl Fn(f64) -> f64,
+        steepest: f64,
+    ) -> Option<f64> {
+        if near.1 + far.1 + self.step * steepest < 2.0 * self.threshold {
+            return None;
+        }
+        for _ in 0..HALVINGS {
+            let middle = 0.5 * (near.0 + far.0);
+            let found = (middle, density(middle));
+            if found.1 >= self.threshold {
+                return Some(self.crossing(near, found));
+            }
+            if near.1 > far.1 {
+                far = found;
+            } else {
+                near = found;
+            }
+        }
+        None
     }
 }
 
@@ -223,6 +288,8 @@ mod tests {
             random: false,
             opacity: false,
             between: false,
+            peak: false,
+            jitter: false,
         }
     }
 

@@ -126,6 +126,15 @@ impl Errors {
     }
 }
 
+impl std::ops::AddAssign for Errors {
+    fn add_assign(&mut self, other: Self) {
+        self.occupied += other.occupied;
+        self.false_negatives += other.false_negatives;
+        self.false_positives += other.false_positives;
+        self.borderline += other.borderline;
+    }
+}
+
 /// Holds voxels that were found against gaps of [`gaps`].
 pub fn errors(found: &[bool], gaps: &[f64]) -> Errors {
     let mut errors = Errors::default();

@@ -84,6 +84,9 @@ pub enum Hit {
     Sample,
     /// Where V, taken as linear between that sample and the one before, crosses the threshold.
     Between,
+    /// The same; and where both of two samples lie below the threshold, a peak of V between them is looked for. A wall one
+    /// voxel thick exceeds a high threshold over less than a step.
+    Peak,
 }
 
 /// How rays are marched.
@@ -103,6 +106,8 @@ pub struct Marching {
     pub attenuation: Attenuation,
     pub estimator: Estimator,
     pub guard: Guard,
+    /// Whether each ray's samples are moved along it by a random share of a step.
+    pub jitter: bool,
     pub step: Step,
     pub sampling: Sampling,
     pub storage: Storage,
@@ -173,7 +178,9 @@ impl Marching {
             ("BITS", self.storage == Storage::Bits),
             ("SKIPPING", self.skipping),
             ("OPACITY", self.occluder == Occluder::Opacity),
-            ("BETWEEN", self.hit == Hit::Between),
+            ("BETWEEN", self.hit != Hit::Sample),
+            ("PEAK", self.hit == Hit::Peak),
+            ("JITTER", self.jitter),
         ];
         chosen.map(|(name, on)| (name, i32::from(on))).to_vec()
     }
@@ -217,6 +224,7 @@ mod tests {
             attenuation: Attenuation::Linear,
             estimator: Estimator::Unbiased,
             guard: Guard::Variable,
+            jitter: false,
             step: Step::Paper,
             sampling: Sampling::Stratified,
             storage: Storage::Texture,

@@ -1,6 +1,7 @@
 //! `ao/march` and `ao/query`: against the f64 twin of the marching, against closed forms, and against one another's variants.
 
 mod laws;
+mod orientations;
 mod pixels;
 mod points;
 
@@ -20,10 +21,15 @@ use crate::stages::marching::{
 use crate::stages::voxels::Voxels;
 
 pub fn cases() -> Vec<Case> {
-    [points::cases(), laws::cases(), pixels::cases()]
-        .into_iter()
-        .flatten()
-        .collect()
+    [
+        points::cases(),
+        laws::cases(),
+        orientations::cases(),
+        pixels::cases(),
+    ]
+    .into_iter()
+    .flatten()
+    .collect()
 }
 
 /// Edge of a voxel in these cases, metres.
@@ -126,7 +132,9 @@ fn twin(marching: &Marching, grid: &Grid) -> March {
         paper_estimator: marching.estimator == Estimator::Paper,
         random: marching.sampling == Sampling::Random,
         opacity: marching.occluder == Occluder::Opacity,
-        between: marching.hit == Hit::Between,
+        between: marching.hit != Hit::Sample,
+        peak: marching.hit == Hit::Peak,
+        jitter: marching.jitter,
     }
 }
 

@@ -41,9 +41,12 @@ pub struct Ao {
     pub r_max_share: f64,
     pub attenuation: Attenuation,
     pub estimator: Estimator,
-    /// V_thres. VAO §6.5: 0.2 to 0.8. Tuned with the step, the offset and `hit` on scenes bunny_dry, dragon_dry and sponza.
+    /// V_thres. VAO §6.5: 0.2 to 0.8, for volumes from slicemaps. The default is for the thicker shells of `voxel.method` overlap,
+    /// which leave no gap at any slant. It was chosen with the offset and `hit` by the worst orientation: docs/volume-ao.md.
     pub threshold: f64,
     pub guard: Guard,
+    /// Whether each ray's samples are moved along it by a random share of a step, which turns bands into noise. VAO §5.2.3.
+    pub jitter: bool,
     pub step: Step,
     /// Step where `step` is `voxel`, voxels. At more than one, rays pass through walls of one voxel.
     pub step_voxels: f64,
@@ -71,12 +74,13 @@ impl Default for Ao {
             r_max_share: R_MAX_SHARE,
             attenuation: Attenuation::Linear,
             estimator: Estimator::Unbiased,
-            threshold: 0.55,
+            threshold: 0.9,
             guard: Guard::Variable,
+            jitter: false,
             step: Step::Voxel,
             step_voxels: 1.0,
-            offset_voxels: 0.25,
-            hit: Hit::Between,
+            offset_voxels: 0.1,
+            hit: Hit::Peak,
             sampling: Sampling::Stratified,
             storage: Storage::Texture,
             skipping: false,
@@ -121,6 +125,7 @@ impl Ao {
             attenuation: self.attenuation,
             estimator: self.estimator,
             guard: self.guard,
+            jitter: self.jitter,
             step: self.step,
             sampling: self.sampling,
             storage: self.storage,
@@ -140,7 +145,10 @@ impl Params {
             light: file.light.clone(),
             floor_depth_m: file.floor_depth_m,
             objects: 0,
-            voxel: Voxel::default(),
+            voxel: Voxel {
+                method: Method::Overlap,
+                ..Voxel::default()
+            },
             animation: Animation::default(),
             shadow: Shadow::default(),
             ao: Ao::default(),

@@ -19,7 +19,7 @@ const GLASS: u8 = 90;
 type Change = fn(&mut Marching);
 
 /// What the shader's definitions choose between.
-const VARIANTS: [(&str, Change); 9] = [
+const VARIANTS: [(&str, Change); 12] = [
     ("defaults", |_| ()),
     ("settings of VAO §5.1", paper),
     ("guard none", |m| m.guard = Guard::None),
@@ -29,6 +29,9 @@ const VARIANTS: [(&str, Change); 9] = [
     ("random directions", |m| m.sampling = Sampling::Random),
     ("steps of half a voxel", |m| m.step_voxels = 0.5),
     ("bits", |m| m.storage = Storage::Bits),
+    ("hits between samples", |m| m.hit = Hit::Between),
+    ("a low threshold", |m| m.threshold = 0.55),
+    ("jitter", |m| m.jitter = true),
 ];
 
 fn paper(m: &mut Marching) {

@@ -10,6 +10,8 @@ use crate::stages::voxel::overlap::Overlap;
 
 const OVERLAP: &str = "voxel/overlap";
 const ALPHA: &str = "voxel/alpha";
+/// How far the controls' grids are moved.
+const MOVED_VOXELS: f64 = 0.02;
 /// Of the objects of the case of `voxel/alpha`. The first is not seen at all.
 const ALPHAS: [f32; 3] = [0.0, 0.8, 0.3];
 
@@ -27,26 +29,37 @@ fn overlap(rig: &Rig<'_>, thin: bool) -> Result<Vec<Check>, VerifyError> {
     } else {
         (Contact::Cube, "conservative")
     };
+    let groups = [
+        ("soup", vec![Subject::soup()?]),
+        ("bunny 32", vec![Subject::bunny(32)?]),
+        ("bunny 64", vec![Subject::bunny(64)?]),
+        ("slanted quads of 1 to 16 grid edges", Subject::slanted()?),
+    ];
     let mut checks = Vec::new();
-    for subject in [Subject::soup()?, Subject::bunny(32)?, Subject::bunny(64)?] {
-        let resources = rig.resources();
-        let (geometry, part) = subject.upload(&resources);
-        let bits = part.voxels.bits.clone();
-        let stage = Overlap::new(&resources, &geometry, &[part], thin)?;
-        rig.run(&[&stage])?;
-        let found = voxels_of(&words(rig, &bits)?, &subject.grid);
-        let triangles = subject.triangles();
-        let against = |grid: &Grid| errors(&found, &gaps(&triangles, grid, contact));
-        checks.extend(no_errors(&subject, variant, against));
+    for (name, subjects) in groups {
+        let [mut exact, mut perturbed] = [Errors::default(); 2];
+        for subject in &subjects {
+            let found = overlapped(rig, subject, thin)?;
+            let triangles = subject.triangles();
+            let against = |grid: &Grid| errors(&found, &gaps(&triangles, grid, contact));
+            exact += against(&subject.grid);
+            perturbed += against(&subject.moved(MOVED_VOXELS));
+        }
+        checks.extend(no_errors(&format!("{variant}, {name}"), exact, perturbed));
     }
     Ok(checks)
 }
 
+fn overlapped(rig: &Rig<'_>, subject: &Subject, thin: bool) -> Result<Vec<bool>, VerifyError> {
+    let resources = rig.resources();
+    let (geometry, part) = subject.upload(&resources);
+    let bits = part.voxels.bits.clone();
+    rig.run(&[&Overlap::new(&resources, &geometry, &[part], thin)?])?;
+    Ok(voxels_of(&words(rig, &bits)?, &subject.grid))
+}
+
 /// No false negatives and no false positives outside the borderline band.
-fn no_errors(subject: &Subject, variant: &str, against: impl Fn(&Grid) -> Errors) -> Vec<Check> {
-    let resolution = subject.grid.cells.into_iter().max().unwrap_or(0);
-    let name = format!("{variant}, {} {resolution}", subject.name);
-    let [exact, perturbed] = [against(&subject.grid), against(&subject.moved(0.02))];
+fn no_errors(name: &str, exact: Errors, perturbed: Errors) -> Vec<Check> {
     let control = "grid moved by 0.02 voxels";
     vec![
         Check::new(

@@ -5,6 +5,7 @@ use super::subjects::{Subject, voxels_of, words};
 use crate::gpu::GpuError;
 use crate::harness::verify::rig::Rig;
 use crate::harness::verify::{Case, Check, VerifyError};
+use crate::record::Adapter;
 use crate::reference::voxel::{Contact, FEWEST_SUBPIXELS, disagreements, errors, gaps, sampled};
 use crate::scene::Grid;
 use crate::stages::voxel::combine::Combine;
@@ -24,19 +25,23 @@ pub fn cases() -> Vec<Case> {
         let mut checks = Vec::new();
         for subject in [Subject::soup()?, Subject::bunny(32)?, Subject::bunny(64)?] {
             checks.extend(against_surface(
-                "voxel/combine",
+                COMBINE,
+                rig,
                 &subject,
                 &three_way(rig, &subject)?,
             ));
         }
+        let slanted = slanted_quads(rig, COMBINE, &[0, 1, 2], |s| three_way(rig, s))?;
+        checks.push(slanted);
         Ok(checks)
     });
     let slices = Case::new(SLICE, "the slices' voxels", |rig| {
         let mut checks = Vec::new();
         for subject in [Subject::soup()?, Subject::bunny(32)?] {
             let found = sliced(rig, &subject)?;
-            checks.extend(against_surface(SLICE, &subject, &found));
+            checks.extend(against_surface(SLICE, rig, &subject, &found));
         }
+        checks.push(slanted_quads(rig, SLICE, &[0, 1, 2], |s| sliced(rig, s))?);
         Ok(checks)
     });
     one_axis.into_iter().chain([together, slices]).collect()
@@ -56,15 +61,8 @@ fn slices_of(words: &[u32], grid: &Grid, axis: Axis) -> Vec<bool> {
 fn slicemap_against_samples(rig: &Rig<'_>, axis: Axis) -> Result<Vec<Check>, VerifyError> {
     let mut checks = Vec::new();
     for subject in [Subject::soup()?, Subject::bunny(32)?] {
-        let resources = rig.resources();
-        let (geometry, part) = subject.upload(&resources);
-        let stage = Slicemap::new(&resources, &geometry, &[part], axis)?;
-        rig.run(&[&stage])?;
-        let Some(slices) = stage.slicemaps().next() else {
-            return Err(empty(axis.name()));
-        };
-        let found = slices_of(&words(rig, slices)?, &subject.grid, axis);
-        let against = |grid: &Grid| differing(&found, &subject, grid, &[axis as usize]);
+        let found = one_way(rig, &subject, axis)?;
+        let against = |grid: &Grid| differing(rig, &found, &subject, grid, &[axis as usize]);
         checks.push(Check::new(
             (
                 axis.name(),
@@ -81,12 +79,60 @@ fn slicemap_against_samples(rig: &Rig<'_>, axis: Axis) -> Result<Vec<Check>, Ver
             ),
         ));
     }
+    let slanted = |subject: &Subject| one_way(rig, subject, axis);
+    checks.push(slanted_quads(rig, axis.name(), &[axis as usize], slanted)?);
     Ok(checks)
 }
 
-/// Voxels on which a rasterization along some axes and its samples on a grid disagree, whatever steps the rasterizer rounds to.
-fn differing(found: &[bool], subject: &Subject, grid: &Grid, axes: &[usize]) -> f64 {
-    let twin = sampled(&subject.triangles(), grid, axes, FEWEST_SUBPIXELS);
+/// The voxels of one slicemap.
+fn one_way(rig: &Rig<'_>, subject: &Subject, axis: Axis) -> Result<Vec<bool>, VerifyError> {
+    let resources = rig.resources();
+    let (geometry, part) = subject.upload(&resources);
+    let stage = Slicemap::new(&resources, &geometry, &[part], axis)?;
+    rig.run(&[&stage])?;
+    let Some(slices) = stage.slicemaps().next() else {
+        return Err(empty(axis.name()));
+    };
+    Ok(slices_of(&words(rig, slices)?, &subject.grid, axis))
+}
+
+/// Triangles that the grid's border clips at a slant, all in one check.
+fn slanted_quads<E: Into<VerifyError>>(
+    rig: &Rig<'_>,
+    stage: &'static str,
+    axes: &[usize],
+    voxelized: impl Fn(&Subject) -> Result<Vec<bool>, E>,
+) -> Result<Check, VerifyError> {
+    let (mut exact, mut moved, mut set) = (0.0, 0.0, 0);
+    for subject in Subject::slanted()? {
+        let found = voxelized(&subject).map_err(Into::into)?;
+        set += found.iter().filter(|found| **found).count();
+        exact += differing(rig, &found, &subject, &subject.grid, axes);
+        moved += differing(rig, &found, &subject, &subject.moved(1.0 / 3.0), axes);
+    }
+    let name = "slanted quads of 1 to 16 grid edges: voxels that differ from samples";
+    let control = ("grid moved by a third of a voxel", moved);
+    let check = Check::new((stage, name.to_owned()), (0.0, "1"), exact, control);
+    let steps = f64::from(subpixels(&rig.gpu.adapter));
+    Ok(check
+        .with("voxels", set as f64)
+        .with("steps_per_pixel", steps))
+}
+
+/// Steps per pixel to which the adapter's rasterizer rounds corners. wgpu does not tell `subPixelPrecisionBits`: Mesa's
+/// llvmpipe has 8 bits, SwiftShader 4, and 4 are the fewest that Vulkan allows.
+fn subpixels(adapter: &Adapter) -> u32 {
+    if adapter.name.starts_with("llvmpipe") {
+        256
+    } else {
+        FEWEST_SUBPIXELS
+    }
+}
+
+/// Voxels on which a rasterization along some axes and its samples on a grid disagree.
+fn differing(rig: &Rig<'_>, found: &[bool], subject: &Subject, grid: &Grid, axes: &[usize]) -> f64 {
+    let steps = subpixels(&rig.gpu.adapter);
+    let twin = sampled(&subject.triangles(), grid, axes, steps);
     disagreements(found, &twin) as f64
 }
 
@@ -130,12 +176,17 @@ fn sliced(rig: &Rig<'_>, subject: &Subject) -> Result<Vec<bool>, GpuError> {
 ///
 /// A fragment lies on the triangle, at the middle of its pixel and at its depth: a voxel that holds it touches the triangle.
 /// Sub-pixel rounding moves the triangle by far less than the half voxel between that middle and the voxel's sides.
-fn against_surface(stage: &'static str, subject: &Subject, found: &[bool]) -> Vec<Check> {
+fn against_surface(
+    stage: &'static str,
+    rig: &Rig<'_>,
+    subject: &Subject,
+    found: &[bool],
+) -> Vec<Check> {
     let triangles = subject.triangles();
     let resolution = subject.grid.cells.into_iter().max().unwrap_or(0);
     let name = format!("{} {resolution}", subject.name);
     let moved = subject.moved(1.0 / 3.0);
-    let against = |grid: &Grid| differing(found, subject, grid, &[0, 1, 2]);
+    let against = |grid: &Grid| differing(rig, found, subject, grid, &[0, 1, 2]);
     let touched = |grid: &Grid| errors(found, &gaps(&triangles, grid, Contact::Cube));
     let [exact, perturbed] = [touched(&subject.grid), touched(&moved)];
     let thin = errors(found, &gaps(&triangles, &subject.grid, Contact::Lines));

@@ -51,6 +51,41 @@ impl Subject {
         })
     }
 
+    /// Quads of 1 to 16 grid edges, slanted at random, each with a grid that its middle lies in and that clips it.
+    pub fn slanted() -> Result<Vec<Self>, VerifyError> {
+        let mut random = Random::new(29);
+        let quads = 12;
+        let subject = |number| {
+            let grid = Grid {
+                cells: [40, 33, 48],
+                origin_m: DVec3::new(-2.5, -1.75, 0.25),
+                voxel_m: 0.125,
+            };
+            let edges = 16f64.powf(f64::from(number) / f64::from(quads - 1));
+            let half = edges * grid.size_m().max_element() / 2.0;
+            let across = corner(&mut random, -1.0, 1.0).normalize();
+            let [along, up] = across.any_orthonormal_pair().into();
+            let (sin, cos) = random.within(0.0, std::f64::consts::TAU).sin_cos();
+            let [along, up] = [cos * along + sin * up, cos * up - sin * along].map(|d| half * d);
+            let middle = grid.bounds().min + grid.size_m() * corner(&mut random, 0.2, 0.8);
+            let corners = [-along - up, along - up, along + up, up - along];
+            let mut mesh = Mesh {
+                positions: corners.map(|d| (middle + d).as_vec3().to_array()).to_vec(),
+                indices: vec![0, 1, 2, 0, 2, 3],
+                ..Mesh::default()
+            };
+            mesh.recompute_normals();
+            let mut scene = Scene::load("plane")?;
+            scene.objects = vec![object(&scene, "quad", mesh)];
+            Ok(Self {
+                name: "slanted quads",
+                scene,
+                grid,
+            })
+        };
+        (0..quads).map(subject).collect()
+    }
+
     /// A scanned surface of small triangles, or its stand-in, fitted with `resolution` voxels.
     pub fn bunny(resolution: u32) -> Result<Self, VerifyError> {
         let mut scene = Scene::load("bunny")?;
