@@ -32,6 +32,11 @@ pub trait Pipeline {
     /// Figures that need a read-back of the last frame: rates of missed and unconverged photons and the like,
     /// `name → value`, the unit in the name.
     fn quantities(&self, gpu: &Gpu) -> Result<BTreeMap<String, f64>, GpuError>;
+    /// What an analysis of a stage's outputs needs besides them: an object whose keys go into the description of a dump.
+    fn context(&self, stage: &str) -> Value {
+        let _ = stage;
+        Value::Null
+    }
 }
 
 /// Builds a pipeline's resources for a scene and a parameter tree.

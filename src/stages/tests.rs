@@ -90,6 +90,8 @@ fn frame_uniforms_equal_their_wgsl_twin() {
         noise_scroll: 23.0,
         water_model: 24,
         camera_under_water: 25,
+        height_tile_m: vec2(26.0),
+        height_origin_m: vec2(27.0),
     });
     same_layout("shadow/depth", "Frame", &fields, &value);
 }

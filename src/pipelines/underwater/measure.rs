@@ -61,6 +61,7 @@ pub fn blended_fragments(
 ) -> Result<BTreeMap<&'static str, u64>, GpuError> {
     let mut params = params.clone();
     params.water.attenuation_per_m = 0.0;
+    params.water.fresnel = false;
     params.caustics.intensity = Intensity::Paper;
     params.godrays.intensity = Intensity::Paper;
     params.godrays.phase_k = 0.0;
@@ -75,12 +76,12 @@ pub fn blended_fragments(
         (
             "caustics/splat",
             pipeline.caustics_splat.texture(),
-            pipeline.photon_w[0],
+            f64::from(pipeline.plan.splat.photon_w),
         ),
         (
             "godrays/lines",
             pipeline.godrays_lines.texture(),
-            pipeline.photon_w[1] * isotropic,
+            f64::from(pipeline.plan.lines.photon_w) * isotropic,
         ),
     ];
     let mut counts = BTreeMap::new();
