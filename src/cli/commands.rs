@@ -258,21 +258,62 @@ pub fn dump(args: DumpArgs) -> Outcome {
 }
 
 pub fn query(args: QueryArgs) -> Outcome {
-    let Question::Ao = args.question;
+    match args.question {
+        Question::Ao => query_occlusion(&args)?,
+        Question::Photons => query_photons(&args)?,
+    }
+    if let Some(path) = &args.output {
+        println!("{}", path.display());
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+fn query_occlusion(args: &QueryArgs) -> anyhow::Result<()> {
     let subject = Subjects::default().subject("volume_ao", &args.scene, &args.set)?;
     let rows = querying::read(&args.points)?;
     let gpu = Gpu::open(&gpu_options(&args.adapter))?;
     let occlusion = querying::occlusion(&gpu, &subject, &rows)?;
-    match args.output {
-        Some(path) => {
-            let name = path.display().to_string();
-            let file = File::create(&path).with_context(|| format!("cannot write {name}"))?;
-            querying::write(&name, file, &rows, &occlusion)?;
-            println!("{name}");
-        }
-        None => querying::write("standard output", std::io::stdout(), &rows, &occlusion)?,
+    let rays = args
+        .reference
+        .map(|rays| rays.unwrap_or(querying::REFERENCE_RAYS));
+    let exact = rays
+        .map(|rays| querying::reference(&subject, &rows, rays))
+        .transpose()?;
+    let (name, writer) = query_target(args)?;
+    Ok(querying::write(
+        &name,
+        writer,
+        &rows,
+        &occlusion,
+        exact.as_deref(),
+    )?)
+}
+
+fn query_photons(args: &QueryArgs) -> anyhow::Result<()> {
+    if let Some(Some(rays)) = args.reference {
+        anyhow::bail!("--reference {rays}: a photon has one exact answer; leave the number out");
     }
-    Ok(ExitCode::SUCCESS)
+    let subject = Subjects::default().subject("underwater", &args.scene, &args.set)?;
+    let starts = querying::photons::read(&args.points)?;
+    let query = querying::photons::Query::new(&subject, starts)?;
+    let gpu = Gpu::open(&gpu_options(&args.adapter))?;
+    let answers = query.answers(&gpu, &subject)?;
+    let exact = args
+        .reference
+        .map(|_| query.reference(&subject))
+        .transpose()?;
+    let (name, writer) = query_target(args)?;
+    Ok(query.write(&name, writer, &answers, exact.as_deref())?)
+}
+
+/// Where answers go, and what errors call it.
+fn query_target(args: &QueryArgs) -> anyhow::Result<(String, Box<dyn std::io::Write>)> {
+    let Some(path) = &args.output else {
+        return Ok(("standard output".into(), Box::new(std::io::stdout())));
+    };
+    let name = path.display().to_string();
+    let file = File::create(path).with_context(|| format!("cannot write {name}"))?;
+    Ok((name, Box::new(file)))
 }
 
 pub fn report(args: ReportArgs) -> Outcome {

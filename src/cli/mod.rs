@@ -178,8 +178,10 @@ pub struct DumpArgs {
 
 #[derive(Clone, Copy, ValueEnum)]
 pub enum Question {
-    /// Volume ambient occlusion, 0 open to 1 closed
+    /// Volume ambient occlusion, 0 open to 1 closed, at points with normals; pipeline volume_ao
     Ao,
+    /// Where photons from given starts enter the water and land; pipeline underwater
+    Photons,
 }
 
 #[derive(Args)]
@@ -189,10 +191,14 @@ pub struct QueryArgs {
     /// Name of a scene, or path of a scene file
     #[arg(long)]
     pub scene: String,
-    /// CSV file with the columns x, y, z (metres) and nx, ny, nz
+    /// CSV file with the columns x, y, z (metres); ao: and nx, ny, nz; photons: starts in the air, and optionally dx, dy, dz
+    /// for directions other than the light's
     #[arg(long, value_name = "FILE")]
     pub points: PathBuf,
-    /// Set a parameter of the pipeline volume_ao; see `fathom list parameters --pipeline volume_ao`
+    /// Add the exact answers: ao by casting RAYS rays from each point [default: 1024], photons by refraction and ray casting
+    #[arg(long, value_name = "RAYS", num_args = 0..=1, value_parser = clap::value_parser!(u32).range(1..=1 << 20))]
+    pub reference: Option<Option<u32>>,
+    /// Set a parameter of the pipeline; see `fathom list parameters --pipeline volume_ao`, or underwater for photons
     #[arg(long, value_name = "PATH=VALUE", value_parser = parse_set)]
     pub set: Vec<(String, Value)>,
     /// CSV file to write [default: standard output]

@@ -231,7 +231,13 @@ mod tests {
     /// A stage of the host, one that is too short, and two that no frame holds; everything else is compared somewhere.
     #[test]
     fn every_stage_that_can_be_compared_is_in_a_gate() {
-        let apart = ["frame", "voxel/clear", "voxel/view", "ao/query"];
+        let apart = [
+            "frame",
+            "voxel/clear",
+            "voxel/view",
+            "ao/query",
+            "photons/query",
+        ];
         let cells = Gates::load(None).unwrap().cells();
         for stage in crate::stages::REGISTRY {
             let compared = cells.iter().any(|cell| cell.stage() == stage.name);

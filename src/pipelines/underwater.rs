@@ -22,7 +22,7 @@ use crate::stages::photon::{self, Photons};
 use crate::stages::splatting::PHOTONS_PER_INSTANCE;
 use crate::stages::{Stage, caustics, godrays, scene, shadow, water};
 
-pub use measure::{blended_fragments, read_photons};
+pub use measure::{blended_fragments, photons_at, read_photons};
 pub use parameters::{Intensity, Params, PhotonGrid, SubdivisionMode};
 
 pub const KIND: Kind = Kind {

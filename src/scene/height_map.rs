@@ -57,13 +57,7 @@ impl HeightMap {
         let fault = |what: String| format!("water.height_map.file {}: {what}", path.display());
         let bytes = read::whole_file(path).map_err(|e| fault(e.to_string()))?;
         let (rows, heights_m) = bytes.and_then(|bytes| parse(&bytes)).map_err(fault)?;
-        Ok(Tile {
-            columns: heights_m.len() / rows,
-            rows,
-            heights_m,
-            tile_m: DVec2::from(self.tile_m),
-            origin_m: DVec2::from(self.origin_m),
-        })
+        Tile::new(heights_m.len() / rows, heights_m, self).map_err(fault)
     }
 
     /// The map with its file found from `folder`.
@@ -177,6 +171,24 @@ fn slopes(f: f64) -> [f64; 4] {
 }
 
 impl Tile {
+    /// Heights row by row, laid as `map` says; its file plays no part.
+    pub fn new(columns: usize, heights_m: Vec<f64>, map: &HeightMap) -> Result<Tile, String> {
+        let rows = heights_m.len() / columns.max(1);
+        if rows * columns != heights_m.len() || rows == 0 {
+            return Err(format!(
+                "{} heights do not fill rows of {columns}",
+                heights_m.len()
+            ));
+        }
+        Ok(Tile {
+            rows,
+            columns,
+            heights_m,
+            tile_m: DVec2::from(map.tile_m),
+            origin_m: DVec2::from(map.origin_m),
+        })
+    }
+
     /// Columns and rows.
     pub fn size(&self) -> [u32; 2] {
         [self.columns as u32, self.rows as u32]
@@ -244,13 +256,13 @@ mod tests {
             0.1 * (TAU * i as f64 / 32.0).cos() + 0.05 * (TAU * j as f64 / 24.0).sin()
         };
         let (rows, heights_m) = parse(&bytes(&Array2::from_shape_fn((24, 32), height))).unwrap();
-        Tile {
-            columns: heights_m.len() / rows,
-            rows,
-            heights_m,
-            tile_m: DVec2::new(4.0, 3.0),
-            origin_m: DVec2::new(0.5, -0.25),
-        }
+        let map = HeightMap {
+            tile_m: [4.0, 3.0],
+            origin_m: [0.5, -0.25],
+            ..HeightMap::default()
+        };
+        assert!(Tile::new(5, heights_m.clone(), &map).is_err());
+        Tile::new(heights_m.len() / rows, heights_m, &map).unwrap()
     }
 
     #[test]
