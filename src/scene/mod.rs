@@ -8,6 +8,8 @@ pub mod assets;
 mod bounds;
 mod camera;
 mod check;
+#[cfg(test)]
+mod documented;
 mod file;
 mod frustum;
 pub mod generators;

@@ -53,7 +53,7 @@ fn starts(aimed: bool) -> Vec<Start> {
         let mut within = |half: f64| random.within(-half, half) as f32;
         let direction = Vec3::new(within(0.4), -1.0, within(0.4)).normalize();
         Start {
-            position_m: Vec3::new(within(1.0), HEIGHT_M as f32, within(1.0)),
+            position_m: Vec3::new(within(0.5), HEIGHT_M as f32, within(0.5)),
             aimed: u32::from(aimed),
             direction: if aimed { direction } else { Vec3::ZERO },
         }
