@@ -1,6 +1,6 @@
 //! Water given as a height map: a periodic tile of heights from a `.npy` file.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use glam::{DVec2, DVec3};
 use ndarray::ArrayView2;
@@ -21,7 +21,7 @@ const NPY_PREFIX: usize = 8;
 #[serde(default, deny_unknown_fields)]
 pub struct HeightMap {
     /// A `.npy` file of two dimensions, f32 or f64, metres: a row per z, a column per x.
-    pub file: PathBuf,
+    pub file: String,
     /// Size of the tile along x and z, metres; it repeats without end.
     pub tile_m: [f64; 2],
     /// Where the first sample of the first row lies: x, z, metres.
@@ -31,7 +31,7 @@ pub struct HeightMap {
 impl HeightMap {
     /// Whether a file is named.
     pub fn is_given(&self) -> bool {
-        !self.file.as_os_str().is_empty()
+        !self.file.is_empty()
     }
 
     /// Whether the tile can be laid; the file is not opened.
@@ -53,7 +53,7 @@ impl HeightMap {
 
     /// Reads the file.
     pub fn load(&self) -> Result<Tile, String> {
-        let path = &self.file;
+        let path = Path::new(&self.file);
         let fault = |what: String| format!("water.height_map.file {}: {what}", path.display());
         let bytes = read::whole_file(path).map_err(|e| fault(e.to_string()))?;
         let (rows, heights_m) = bytes.and_then(|bytes| parse(&bytes)).map_err(fault)?;
@@ -64,7 +64,7 @@ impl HeightMap {
     pub(super) fn found_from(&self, folder: &Path) -> HeightMap {
         let mut map = self.clone();
         if self.is_given() {
-            map.file = folder.join(&self.file);
+            map.file = folder.join(&self.file).to_string_lossy().into_owned();
         }
         map
     }

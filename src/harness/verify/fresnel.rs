@@ -18,13 +18,15 @@ use crate::stages::frame::View;
 use crate::stages::godrays::lines as line;
 use crate::stages::photon::Photon;
 
-/// Relative: directions come from places in f32, over paths of a metre and more.
+/// Relative: directions come from places in f32, over paths of 0.6 m.
 const TOLERANCE: f64 = 1e-3;
 /// UW §4.1, and what controls take in its place.
 const INDEX: f64 = 1.33;
 const OTHER_INDEX: f64 = 1.40;
 /// Cells per side of the picture, a photon in each.
 const CELLS: u32 = 4;
+/// Length of the photons' paths, metres: lines stay within their cells.
+const PATH_M: f64 = 0.6;
 /// Greatest angle of incidence, radians: 85°.
 const STEEPEST: f64 = 1.48;
 
@@ -60,13 +62,24 @@ fn photons(view: &View, side_px: u32) -> Vec<(Photon, f64)> {
         let cell_px = f64::from(side_px / CELLS);
         let at = [i % CELLS, i / CELLS].map(|cell| (f64::from(cell) + 0.5) * cell_px);
         let (_, (hit, _)) = photon_at(&rays, eye, at, 6.0, 1.0);
-        let path_m = 1.0;
-        (
-            rig::photon(hit - refracted * path_m, hit, path_m),
-            angle.cos(),
-        )
+        let entry = hit - refracted * PATH_M;
+        (rig::photon(entry, hit, PATH_M), angle.cos())
     };
     (0..count).map(photon).collect()
+}
+
+/// Sums over the cells of a picture, row by row.
+fn cell_sums(image: &Image) -> Vec<f64> {
+    let side = i64::from(image.width() / CELLS);
+    let sum = |cell: u32| {
+        let (x, y) = (
+            i64::from(cell % CELLS) * side,
+            i64::from(cell / CELLS) * side,
+        );
+        let pixels = (0..side * side).map(|i| image.clamped(x + i % side, y + i / side));
+        pixels.sum()
+    };
+    (0..CELLS * CELLS).map(sum).collect()
 }
 
 /// What each photon adds to the picture with transmission over what it adds without, against the exact transmittance.
@@ -74,22 +87,17 @@ fn transmitted(rig: &Rig<'_>, stage: &'static str) -> Result<Vec<Check>, VerifyE
     let size = if stage == splat::INFO.name { 512 } else { 384 };
     let mut view = rig::synthetic_view([size; 2], 0.0)?;
     let (drawn, cosines): (Vec<Photon>, Vec<f64>) = photons(&view, size).into_iter().unzip();
-    let draw = |view: &View, photon: &Photon| -> Result<f64, VerifyError> {
-        let one = std::slice::from_ref(photon);
-        let image: Image = if stage == splat::INFO.name {
-            draw_free(rig, view, one, &RULES)?
+    let mut draw = |fresnel: bool| -> Result<Vec<f64>, VerifyError> {
+        view.water.fresnel = fresnel;
+        let image = if stage == splat::INFO.name {
+            draw_free(rig, &view, &drawn, &RULES)?
         } else {
-            lines::draw(rig, view, one)?
+            lines::draw(rig, &view, &drawn)?
         };
-        Ok(image.sum())
+        Ok(cell_sums(&image))
     };
-    let mut shares = Vec::new();
-    for photon in &drawn {
-        view.water.fresnel = false;
-        let whole = draw(&view, photon)?;
-        view.water.fresnel = true;
-        shares.push(draw(&view, photon)? / whole);
-    }
+    let (whole, passed) = (draw(false)?, draw(true)?);
+    let shares: Vec<f64> = passed.iter().zip(&whole).map(|(a, b)| a / b).collect();
     let error = |index: f64| {
         let errors = shares.iter().zip(&cosines).map(|(share, cosine)| {
             (share / fresnel_transmittance(*cosine, 1.0, index) - 1.0).abs()
