@@ -286,32 +286,28 @@ fn documented_choices_are_all_there_are() {
 
 /// The sections on generators as the program's own declarations have them.
 fn generator_sections() -> String {
-    let mut text =
-        String::from("## Generators of objects\n\nOf an `[[object]]`; units are in the names.\n");
-    for generator in generators::all() {
-        text += &generator_section(generator.name, generator.about, generator.params);
-    }
-    text += "\n## Generators of volumes\n\nOf a `[volume]`; each is a field over a box whose longest edge is 1.\n";
-    for generator in fields::all() {
-        text += &generator_section(generator.name, generator.about, generator.params);
-    }
-    text
+    let header = "| generator | parameter | range | default | meaning |\n|---|---|---|---|---|\n";
+    let objects: String = generators::all()
+        .map(|g| generator_rows(g.name, g.about, g.params))
+        .collect();
+    let volumes: String = fields::all()
+        .map(|g| generator_rows(g.name, g.about, g.params))
+        .collect();
+    format!(
+        "## Generators of objects\n\nOf an `[[object]]`; units are in the names.\n\n{header}{objects}\n\
+         ## Generators of volumes\n\nOf a `[volume]`; each is a field over a box whose longest edge is 1.\n\n{header}{volumes}"
+    )
 }
 
-fn generator_section(name: &str, about: &str, params: &[Param]) -> String {
+fn generator_rows(name: &str, about: &str, params: &[Param]) -> String {
     let row = |p: &Param| {
         format!(
-            "| `{}` | {} to {} | `{}` | {} |\n",
+            "| | `{}` | {} to {} | `{}` | {} |\n",
             p.name, p.low, p.high, p.default, p.about
         )
     };
     let rows: String = params.iter().map(row).collect();
-    let table = if rows.is_empty() {
-        "It has no parameters.\n".to_owned()
-    } else {
-        format!("| parameter | range | default | meaning |\n|---|---|---|---|\n{rows}")
-    };
-    format!("\n### `{name}`\n\n{about}\n\n{table}")
+    format!("| `{name}` | | | | {about} |\n{rows}")
 }
 
 #[test]
