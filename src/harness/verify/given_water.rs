@@ -38,7 +38,7 @@ fn wave_list() -> Vec<Wave> {
         let (sin, cos) = random.within(0.0, std::f64::consts::TAU).sin_cos();
         let length_m = random.within(0.7, 3.0);
         let k = std::f64::consts::TAU / length_m;
-        let as_vector = i % 2 == 0;
+        let as_vector = i.is_multiple_of(2);
         Wave {
             direction: (!as_vector).then_some([2.0 * cos, 2.0 * sin]),
             wavelength_m: (!as_vector).then_some(length_m),
