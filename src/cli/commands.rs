@@ -18,7 +18,7 @@ use fathom::harness::{
 };
 use fathom::pipelines::{self, params};
 use fathom::scene::{SceneFile, assets};
-use fathom::{record, report as reports, scene, stages};
+use fathom::{record, report as reports, scene, stages, tell, text};
 
 use super::{
     AdapterArgs, DumpArgs, FetchArgs, ListArgs, Listing, QueryArgs, Question, RenderArgs,
@@ -69,7 +69,7 @@ pub fn watch_interrupts() -> anyhow::Result<()> {
         if INTERRUPT.swap(true, Ordering::Relaxed) {
             std::process::exit(INTERRUPTED.into());
         }
-        eprintln!("ending with what is measured so far; interrupt again to abort");
+        tell::note("ending with what is measured so far; interrupt again to abort");
     })
     .context("cannot watch for Ctrl-C")
 }
@@ -84,26 +84,26 @@ fn print_summary(summary: &Summary) {
         end,
         ..
     } = summary;
-    println!(
+    tell::done(format!(
         "{measured} cells measured, {skipped} skipped, {failed} failed, {kept} kept from before"
-    );
+    ));
     let ratio = summary
         .efficiency()
         .map(|ratio| format!(" (ratio {ratio:.2})"));
-    println!(
+    tell::done(format!(
         "{:.1} s of set-up, {:.1} s of measuring for {:.1} s of frames{}",
         end.set_up_s,
         end.measuring_wall_s,
         end.measured_gpu_s,
         ratio.unwrap_or_default()
-    );
+    ));
     if let Some(bytes) = end.peak_memory_bytes {
-        println!(
+        tell::done(format!(
             "{:.2} GiB of memory at most",
             bytes as f64 / f64::from(1 << 30)
-        );
+        ));
     }
-    println!("{}", out.join("summary.md").display());
+    tell::done(out.join("summary.md").display());
 }
 
 pub fn list(args: ListArgs) -> Outcome {
@@ -118,9 +118,9 @@ pub fn list(args: ListArgs) -> Outcome {
                 ("Stages", Stages),
                 ("Adapters", Adapters),
             ] {
-                println!("{heading}");
+                tell::answer(heading);
                 print_listing(what, &args.subject)?;
-                println!();
+                tell::answer("");
             }
         }
     }
@@ -153,7 +153,7 @@ fn print_listing(what: Listing, args: &SubjectArgs) -> anyhow::Result<()> {
         .max()
         .unwrap_or(0);
     for (name, about) in rows {
-        println!("  {name:width$}  {about}");
+        tell::answer(text::line(&format!("  {name:width$}  {about}")));
     }
     Ok(())
 }
@@ -201,15 +201,19 @@ fn adapter_rows() -> Rows {
 
 pub fn audit(args: AdapterArgs) -> Outcome {
     let gpu = Gpu::open(&gpu_options(&args))?;
-    println!("{} ({})", gpu.adapter.name, gpu.adapter.driver_info);
-    print!("{}", gpu::audit_table(&gpu::audit(&gpu)?));
+    let table = gpu::audit_table(&gpu::audit(&gpu)?);
+    let adapter = text::line(&format!(
+        "{} ({})",
+        gpu.adapter.name, gpu.adapter.driver_info
+    ));
+    tell::answer(format!("{adapter}\n{table}"));
     Ok(ExitCode::SUCCESS)
 }
 
 pub fn verify(args: VerifyArgs) -> Outcome {
     let gpu = Gpu::open(&gpu_options(&args.adapter))?;
     let checks = verifying::verify(&gpu, args.filter.as_deref())?;
-    println!("{}", verifying::Table(&checks));
+    tell::answer(verifying::Table(&checks));
     let sound = checks.iter().all(verifying::Check::is_sound);
     Ok(if sound {
         ExitCode::SUCCESS
@@ -222,7 +226,12 @@ pub fn fetch(args: FetchArgs) -> Outcome {
     let mut failed = false;
     for result in assets::fetch(&args.assets) {
         match result {
-            Ok(asset) => println!("{}: {} ({})", asset.name, asset.origin, asset.about),
+            Ok(asset) => {
+                tell::done(format!(
+                    "{}: {} ({})",
+                    asset.name, asset.origin, asset.about
+                ));
+            }
             Err(error) => {
                 super::fail(&error.to_string());
                 failed = true;
@@ -244,7 +253,7 @@ pub fn render(args: RenderArgs) -> Outcome {
     });
     let gpu = Gpu::open(&gpu_options(&args.adapter))?;
     rendering::render(&gpu, &subject, &path)?;
-    println!("{}", path.display());
+    tell::done(path.display());
     Ok(ExitCode::SUCCESS)
 }
 
@@ -252,7 +261,7 @@ pub fn dump(args: DumpArgs) -> Outcome {
     let subject = subject(&args.subject)?;
     let gpu = Gpu::open(&gpu_options(&args.adapter))?;
     for path in dumping::dump(&gpu, &subject, &args.stage, &args.output)? {
-        println!("{}", path.display());
+        tell::done(path.display());
     }
     Ok(ExitCode::SUCCESS)
 }
@@ -268,9 +277,9 @@ pub fn query(args: QueryArgs) -> Outcome {
             let name = path.display().to_string();
             let file = File::create(&path).with_context(|| format!("cannot write {name}"))?;
             querying::write(&name, file, &rows, &occlusion)?;
-            println!("{name}");
+            tell::done(name);
         }
-        None => querying::write("standard output", std::io::stdout(), &rows, &occlusion)?,
+        None => querying::write("standard output", tell::Answer, &rows, &occlusion)?,
     }
     Ok(ExitCode::SUCCESS)
 }
@@ -282,10 +291,13 @@ pub fn report(args: ReportArgs) -> Outcome {
     let reading = record::read(&output.records())
         .with_context(|| format!("a run's folder holds its records in {RECORDS}"))?;
     for damage in &reading.damaged {
-        eprintln!("{}, {damage}: left out", output.records().display());
+        tell::note(format!(
+            "{}, {damage}: left out",
+            output.records().display()
+        ));
     }
     for path in reports::write(&output.folder, &reading.records)? {
-        println!("{}", path.display());
+        tell::done(path.display());
     }
     Ok(ExitCode::SUCCESS)
 }

@@ -12,6 +12,7 @@ use fathom::compare::store::Gate;
 use fathom::compare::tables::FORMATS;
 use fathom::compare::{flow, rounds};
 use fathom::experiments::{Profile, parse_axis, parse_set};
+use fathom::tell;
 use serde_json::Value;
 
 /// Bad input, or nothing could be run.
@@ -293,9 +294,15 @@ pub fn parse() -> Result<Command, ExitCode> {
         .map_err(|error| match error.kind() {
             ErrorKind::DisplayHelp
             | ErrorKind::DisplayVersion
-            | ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand => error.exit(),
+            | ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand => {
+                tell::failed_if(error.print());
+                match error.exit_code() {
+                    0 => exit_status(Ok(ExitCode::SUCCESS)),
+                    _ => ExitCode::from(COULD_NOT_RUN),
+                }
+            }
             _ => {
-                eprintln!("{}", one_line(&error.render().to_string()));
+                tell::note(one_line(&error.render().to_string()));
                 ExitCode::from(COULD_NOT_RUN)
             }
         })
@@ -316,8 +323,19 @@ fn one_line(message: &str) -> String {
         .join("; ")
 }
 
-/// Prints an error on one line, with the causes that it does not tell of itself.
+/// The status of a command. Prints its error on one line, with the causes that it does not tell of itself. A command that
+/// did well but could not write its answer could not do what it was asked for.
 pub fn exit_status(result: anyhow::Result<ExitCode>) -> ExitCode {
+    let status = of_command(result);
+    match tell::unanswered() {
+        Some(error) if status == ExitCode::SUCCESS => {
+            fail(&format!("cannot write to standard output: {error}"))
+        }
+        _ => status,
+    }
+}
+
+fn of_command(result: anyhow::Result<ExitCode>) -> ExitCode {
     result.unwrap_or_else(|error| {
         let mut message = String::new();
         for cause in error.chain().map(ToString::to_string) {
@@ -334,6 +352,6 @@ pub fn exit_status(result: anyhow::Result<ExitCode>) -> ExitCode {
 /// Prints an error on one line.
 pub fn fail(message: &str) -> ExitCode {
     let lines: Vec<&str> = message.lines().map(str::trim).collect();
-    eprintln!("error: {}", lines.join(" "));
+    tell::note(format!("error: {}", lines.join(" ")));
     ExitCode::from(COULD_NOT_RUN)
 }

@@ -325,8 +325,12 @@ impl Executor for CellExecutor<'_> {
             CellResult::Failed(reason) => Outcome::Failed { reason },
         };
         let record = self.cells[cell].record(outcome);
+        // Written before it is told: printing can fail, and a process can be killed by it.
+        self.output
+            .writer
+            .write(&Record::Cell(Box::new(record.clone())))?;
         self.output.progress.finished(&record);
-        self.output.writer.write(&Record::Cell(Box::new(record)))
+        Ok(())
     }
 
     fn release(&mut self, cell: usize) {

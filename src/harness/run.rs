@@ -300,8 +300,8 @@ impl Measurement<'_> {
         for cell in cells {
             if let Some(reason) = cell.skip.clone() {
                 let record = cell.record(Outcome::Skipped { reason });
+                self.writer.write(&Record::Cell(Box::new(record.clone())))?;
                 progress.finished(&record);
-                self.writer.write(&Record::Cell(Box::new(record)))?;
             }
         }
         Ok(())
