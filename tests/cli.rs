@@ -174,7 +174,7 @@ fn a_run_leaves_records_reports_and_pictures_and_resumes() {
             .all(|stage| stage.samples_ns.len() == frame.envelope_samples_ns.len())
     );
     assert!(measured.allocated_bytes > 0 && measured.warm_up_frames >= 2);
-    for name in ["summary.md", "cells.csv", "renders/uw-default-base.png"] {
+    for name in ["summary.md", "cells.csv", "renders/uw-default_base.png"] {
         assert!(out.join(name).metadata().unwrap().len() > 0, "{name}");
     }
 
@@ -308,8 +308,8 @@ fn a_cell_of_volume_occlusion_has_its_error_and_pictures() {
     let error = measured.quantities["ao_rmse"];
     assert!(error > 0.0 && error < 0.2, "{error}");
     assert!(measured.quantities["ao_reference_mean"] > 0.01);
-    for ending in ["", "-error"] {
-        let name = format!("vao-guard-scene=corner_ao.guard=variable{ending}.png");
+    for ending in ["", "~error"] {
+        let name = format!("vao-guard_scene=corner,ao.guard=variable{ending}.png");
         let size = image::image_dimensions(out.path().join("renders").join(name)).unwrap();
         assert_eq!(size, (48, 48));
     }

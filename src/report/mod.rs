@@ -14,15 +14,22 @@ mod fixtures;
 use std::path::{Path, PathBuf};
 
 use crate::record::Record;
+use crate::text;
 
 pub use view::{Entry, Section, View};
 
-/// Folder, beside the records, of the pictures that a summary links to. A picture belongs to the experiment whose id its
-/// name begins with.
+/// Folder, beside the records, of the pictures that a summary links to.
 pub const PICTURES: &str = "renders";
 
-/// How the name of a picture ends, before the dot, that shows a cell's error and not its image.
-pub const ERROR_PICTURE: &str = "-error";
+/// How the name of a picture ends, before the dot, that shows a cell's error and not its image. No stem ends so.
+pub const ERROR_PICTURE: &str = "~error";
+
+/// Name of the picture of an experiment's cell, with `ending` before the dot: `EXPERIMENT_CELL.png`, different for different
+/// cells. An id holds no `_`, so that where it ends is plain.
+pub fn picture_name(experiment: &str, cell: &str, ending: &str) -> String {
+    let [experiment, cell] = [experiment, cell].map(text::file_stem);
+    format!("{experiment}_{cell}{ending}.png")
+}
 
 #[derive(Debug, thiserror::Error)]
 pub enum ReportError {

@@ -4,7 +4,7 @@ use plotters::coord::types::RangedCoordf64;
 use plotters::prelude::*;
 
 use super::scale::{Kind, Scale};
-use super::{Area, Drawn, style, text, unit};
+use super::{Area, Drawn, fault, style, unit};
 use crate::experiments::schema::{Experiment, Plot, Published};
 use crate::experiments::{Measure, groups, label_text, measured};
 use crate::record::{Cell, Estimate};
@@ -102,7 +102,7 @@ impl<'a> Panel<'a> {
     pub fn draw(&self, area: &Area<'_>) -> Drawn {
         let (left, legend) = area.split_horizontally(super::WIDTH_PX - LEGEND_PX);
         left.draw_text(&self.plot.title, &style::heading(), (16, 8))
-            .map_err(text)?;
+            .map_err(fault)?;
         let rows = f64::from(self.rows_px());
         let free = self.height_px() - FRAME_PX - self.rows_px();
         let mut chart = ChartBuilder::on(&left)
@@ -112,7 +112,7 @@ impl<'a> Panel<'a> {
             .x_label_area_size(46)
             .y_label_area_size(LABELS_PX)
             .build_cartesian_2d(self.scale.clone(), 0.0..rows)
-            .map_err(text)?;
+            .map_err(fault)?;
         chart
             .configure_mesh()
             .disable_y_mesh()
@@ -126,7 +126,7 @@ impl<'a> Panel<'a> {
             .x_label_formatter(&|at| self.scale.tick_label(*at))
             .x_desc(self.plot.y_title.as_deref().unwrap_or("time (ms)"))
             .draw()
-            .map_err(text)?;
+            .map_err(fault)?;
         let canvas = Canvas {
             left: &left,
             area: chart.plotting_area(),
@@ -154,21 +154,21 @@ impl<'a> Panel<'a> {
         {
             let color = style::color(index).mix(0.8);
             area.draw(&Rectangle::new([(6, y - 6), (18, y + 6)], color.filled()))
-                .map_err(text)?;
+                .map_err(fault)?;
             for piece in style::wrap(series, 28) {
                 area.draw_text(&piece, &style::starting(style::label()), (26, y))
-                    .map_err(text)?;
+                    .map_err(fault)?;
                 y += 18;
             }
         }
         if !self.published.is_empty() {
             let line = vec![(12, y - 8), (12, y + 8)];
             area.draw(&PathElement::new(line, style::INK.stroke_width(4)))
-                .map_err(text)?;
+                .map_err(fault)?;
         }
         for line in &self.published {
             area.draw_text(line, &style::starting(style::label()), (26, y))
-                .map_err(text)?;
+                .map_err(fault)?;
             y += 18;
         }
         Ok(())
@@ -198,7 +198,7 @@ impl Canvas<'_, '_> {
         let (x0, y0) = self.left.get_base_pixel();
         self.left
             .draw_text(line, &style, (x - x0 + shift, y - y0))
-            .map_err(text)
+            .map_err(fault)
     }
 
     fn bar(&self, bar: &Bar, row: f64) -> Drawn {
@@ -207,7 +207,7 @@ impl Canvas<'_, '_> {
         let color = style::color(bar.series).mix(0.8);
         self.area
             .draw(&Rectangle::new(corners, color.filled()))
-            .map_err(text)?;
+            .map_err(fault)?;
         self.line([(bar.value.low, middle), (bar.value.high, middle)], 2)?;
         if let Some((short, long)) = bar.published {
             for at in [short, long] {
@@ -225,6 +225,6 @@ impl Canvas<'_, '_> {
 
     fn line(&self, ends: [(f64, f64); 2], width: u32) -> Drawn {
         let line = PathElement::new(ends.to_vec(), style::INK.stroke_width(width));
-        self.area.draw(&line).map_err(text)
+        self.area.draw(&line).map_err(fault)
     }
 }

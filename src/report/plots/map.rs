@@ -3,7 +3,7 @@
 use plotters::prelude::*;
 use serde_json::Value;
 
-use super::{Area, Drawn, style, text, unit};
+use super::{Area, Drawn, fault, style, unit};
 use crate::experiments::schema::{Experiment, Plot};
 use crate::experiments::{label_text, measured};
 use crate::record::Cell;
@@ -134,7 +134,7 @@ impl<'a> Panel<'a> {
 
     pub fn draw(&self, area: &Area<'_>) -> Drawn {
         area.draw_text(&self.plot.title, &style::heading(), (16, 8))
-            .map_err(text)?;
+            .map_err(fault)?;
         let (width, height) = self.map_px();
         for (index, map) in self.maps.iter().enumerate() {
             let index = index as i32;
@@ -150,7 +150,7 @@ impl<'a> Panel<'a> {
     fn map(&self, area: &Area<'_>, map: &Grid, (x, y): (i32, i32)) -> Drawn {
         let (left, top) = (x + LABELS_PX, y + HEAD_PX);
         let write =
-            |line: &str, style: &TextStyle<'_>, at| area.draw_text(line, style, at).map_err(text);
+            |line: &str, style: &TextStyle<'_>, at| area.draw_text(line, style, at).map_err(fault);
         write(&map.title, &style::label(), (left, y + 2))?;
         write(&self.columns.title, &style::small(), (left, y + 20))?;
         write(&self.rows.title, &style::small(), (x, y + 38))?;
@@ -181,12 +181,12 @@ impl<'a> Panel<'a> {
         let color = value.map_or(style::GRID, |value| style::shade(self.share(value)));
         let corners = [(x + 1, y + 1), (x + FIELD_PX.0 - 1, y + FIELD_PX.1 - 1)];
         area.draw(&Rectangle::new(corners, color.filled()))
-            .map_err(text)?;
+            .map_err(fault)?;
         let number = value.map_or_else(|| "–".to_owned(), three);
         let ink = style::on(color, style::label());
         let middle = (x + FIELD_PX.0 / 2, y + FIELD_PX.1 / 2);
         area.draw_text(&number, &style::centered(ink), middle)
-            .map_err(text)
+            .map_err(fault)
     }
 
     /// Place of a value on the colour scale, 0 … 1.
@@ -209,14 +209,14 @@ impl<'a> Panel<'a> {
             let share = 1.0 - (f64::from(step) + 0.5) / f64::from(STEPS);
             let corners = [(left, edge(step)), (left + 16, edge(step + 1))];
             area.draw(&Rectangle::new(corners, style::shade(share).filled()))
-                .map_err(text)?;
+                .map_err(fault)?;
         }
         let (low, high) = self.range;
         for share in [0.0, 0.5, 1.0] {
             let label = three(low + share * (high - low));
             let at = (left + 22, top + height - (share * f64::from(height)) as i32);
             area.draw_text(&label, &style::starting(style::label()), at)
-                .map_err(text)?;
+                .map_err(fault)?;
         }
         let title = self.plot.y_title.clone();
         let title = title.unwrap_or_else(|| self.plot.y[0].to_string());
@@ -224,7 +224,7 @@ impl<'a> Panel<'a> {
         let start = top - 8 - 15 * title.len() as i32;
         for (line, piece) in (0..).zip(&title) {
             area.draw_text(piece, &style::small(), (left, start + 15 * line))
-                .map_err(text)?;
+                .map_err(fault)?;
         }
         Ok(())
     }

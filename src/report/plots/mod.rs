@@ -16,6 +16,7 @@ use super::{Artifact, Exporter, ReportError, Section, View};
 use crate::experiments::schema::{Experiment, Plot, PlotKind, Published};
 use crate::experiments::{self, Measure};
 use crate::record::Cell;
+use crate::text;
 
 pub const EXPORTER: Exporter = Exporter {
     name: "EXPERIMENT.svg",
@@ -60,7 +61,7 @@ impl Panel<'_> {
 
 /// Name of an experiment's figure within the output folder.
 pub fn file_name(section: &Section<'_>) -> String {
-    format!("{}.svg", section.id)
+    format!("{}.svg", text::file_stem(section.id))
 }
 
 /// Whether there is anything to draw.
@@ -162,26 +163,27 @@ fn figure(section: &Section<'_>, adapter: &str, panels: &[Panel<'_>]) -> Result<
     let mut svg = String::new();
     {
         let root = SVGBackend::with_string(&mut svg, (WIDTH_PX, height)).into_drawing_area();
-        root.fill(&WHITE).map_err(text)?;
+        root.fill(&WHITE).map_err(fault)?;
         let source = section
             .experiment
             .as_ref()
             .map_or("", |experiment| experiment.source.as_str());
         let title = format!("{}: {}", section.id, section.title());
         root.draw_text(&title, &style::title(), (16, 12))
-            .map_err(text)?;
+            .map_err(fault)?;
         let below = [adapter, source].join(" · ");
         root.draw_text(&below, &style::small(), (16, 36))
-            .map_err(text)?;
+            .map_err(fault)?;
         let (_, mut rest) = root.split_vertically(TITLE_PX);
         for (panel, height) in panels.iter().zip(heights) {
             let (area, below) = rest.split_vertically(height);
             panel.draw(&area)?;
             rest = below;
         }
-        root.present().map_err(text)?;
+        root.present().map_err(fault)?;
     }
-    Ok(svg)
+    // The backend escapes marks of XML; what XML cannot hold at all is left to do.
+    Ok(text::block(&svg))
 }
 
 /// The legend's words on published figures: all of them in one line, then the hardware, in lines of its own.
@@ -208,7 +210,7 @@ fn published_lines(published: &[&Published]) -> Vec<String> {
         .collect()
 }
 
-fn text<E: std::fmt::Display>(error: E) -> String {
+fn fault<E: std::fmt::Display>(error: E) -> String {
     error.to_string()
 }
 
