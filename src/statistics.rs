@@ -143,8 +143,11 @@ pub fn log_log_slope(points: &[(f64, &[f64])]) -> Option<Slope> {
         .collect();
     let slope = theil_sen(&medians)?;
 
+    // A resample of a single sample is that sample.
+    let noiseless = points.iter().all(|(_, samples)| samples.len() == 1);
+    let resamples = if noiseless { 1 } else { RESAMPLES };
     let mut bootstrap = MedianBootstrap::new();
-    let mut slopes: Vec<f64> = (0..RESAMPLES)
+    let mut slopes: Vec<f64> = (0..resamples)
         .filter_map(|_| {
             let draw: Vec<(f64, f64)> = points
                 .iter()
@@ -167,7 +170,7 @@ pub fn log_log_slope(points: &[(f64, &[f64])]) -> Option<Slope> {
 
 /// The median slope over all pairs of points with distinct `x`. Sen, *J. Am. Stat. Assoc.* 63 (1968).
 fn theil_sen(points: &[(f64, f64)]) -> Option<f64> {
-    let slopes: Vec<f64> = points
+    let mut slopes: Vec<f64> = points
         .iter()
         .enumerate()
         .flat_map(|(i, a)| {
@@ -177,7 +180,18 @@ fn theil_sen(points: &[(f64, f64)]) -> Option<f64> {
         })
         .filter(|slope| slope.is_finite())
         .collect();
-    (!slopes.is_empty()).then(|| median(&slopes))
+    (!slopes.is_empty()).then(|| median_in_place(&mut slopes))
+}
+
+/// The same value as [`median`] in linear time.
+fn median_in_place(samples: &mut [f64]) -> f64 {
+    let n = samples.len();
+    let (below, upper, _) = samples.select_nth_unstable_by(n / 2, f64::total_cmp);
+    let lower = below.iter().copied().max_by(f64::total_cmp);
+    match lower {
+        Some(lower) if n % 2 == 0 => (lower + *upper) / 2.0,
+        _ => *upper,
+    }
 }
 
 /// Draws medians of resamples with replacement. As the samples are sorted, a resample's median follows

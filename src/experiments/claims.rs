@@ -45,6 +45,9 @@ pub struct Ruling {
 
 type Finding = (Verdict, String);
 
+/// Groups of cells that a claim is tested on; nobody reads the findings of more.
+const MOST_GROUPS: usize = 200;
+
 fn untestable(reason: impl Into<String>) -> Finding {
     (Verdict::Untestable, reason.into())
 }
@@ -92,6 +95,12 @@ fn by_group(test: &Test, cells: &[&Cell]) -> Finding {
     let groups = groups(cells, over);
     if groups.is_empty() {
         return untestable(format!("no cell along `{over}`"));
+    }
+    if groups.len() > MOST_GROUPS {
+        return untestable(format!(
+            "{} groups of cells along `{over}` are more than the {MOST_GROUPS} that are tested: use `where`",
+            groups.len()
+        ));
     }
     let several = groups.len() > 1;
     let findings: Vec<Finding> = groups

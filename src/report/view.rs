@@ -1,11 +1,13 @@
 //! Records in the order in which a report tells them: the run, then each experiment with its cells, once each.
 
+use std::cell::OnceCell;
 use std::cmp::Ordering;
 use std::collections::HashMap;
 use std::collections::hash_map::Entry::{Occupied, Vacant};
 
 use serde_json::Value;
 
+use super::plots::Figure;
 use crate::experiments::{self, Experiment, Ruling, label_text};
 use crate::record::{Cell, End, Measured, Record, Run};
 use crate::text;
@@ -35,6 +37,8 @@ pub struct Section<'a> {
     pub entries: Vec<Entry<'a>>,
     /// Paths of its pictures.
     pub pictures: Vec<&'a str>,
+    rulings: OnceCell<Vec<Ruling>>,
+    figure: OnceCell<Figure>,
 }
 
 impl<'a> View<'a> {
@@ -138,6 +142,8 @@ impl<'a> Section<'a> {
             problem: None,
             entries: Vec::new(),
             pictures: Vec::new(),
+            rulings: OnceCell::new(),
+            figure: OnceCell::new(),
         }
     }
 
@@ -193,11 +199,18 @@ impl<'a> Section<'a> {
             .any(|entry| entry.run.is_none_or(|run| run.adapter.software))
     }
 
-    pub fn rulings(&self) -> Vec<Ruling> {
-        match &self.experiment {
+    pub fn rulings(&self) -> &[Ruling] {
+        self.rulings.get_or_init(|| match &self.experiment {
             Some(experiment) => experiment.rulings(&self.cells(), self.software()),
             None => Vec::new(),
-        }
+        })
+    }
+
+    pub(super) fn figure(&self) -> &Figure {
+        self.figure.get_or_init(|| match &self.experiment {
+            Some(experiment) => Figure::new(experiment, &self.cells()),
+            None => Figure::default(),
+        })
     }
 
     pub fn title(&self) -> &str {

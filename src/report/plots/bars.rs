@@ -1,5 +1,7 @@
 //! Panels of horizontal bars over a named axis: a bar per cell, those of one value together, the other axes by colour.
 
+use std::collections::HashMap;
+
 use plotters::coord::types::RangedCoordf64;
 use plotters::prelude::*;
 
@@ -18,8 +20,8 @@ const LABELS_PX: u32 = 180;
 /// Title above and axis below the bars.
 const FRAME_PX: u32 = 34 + 54;
 
-pub struct Panel<'a> {
-    plot: &'a Plot,
+pub struct Panel {
+    plot: Plot,
     series: Vec<String>,
     /// Values of the axis, each with a bar for each series that has one.
     clusters: Vec<(String, Vec<Bar>)>,
@@ -35,13 +37,14 @@ struct Bar {
     published: Option<(f64, f64)>,
 }
 
-impl<'a> Panel<'a> {
+impl Panel {
     /// None where no cell has a value.
-    pub fn new(plot: &'a Plot, experiment: &Experiment, cells: &[&Cell]) -> Option<Panel<'a>> {
+    pub fn new(plot: &Plot, experiment: &Experiment, cells: &[&Cell]) -> Option<Panel> {
         let (y, over) = (plot.y.first()?, plot.over.as_ref()?);
         let of_frames = *y == Measure::frame();
         let mut series = Vec::new();
         let mut clusters: Vec<(String, Vec<Bar>)> = Vec::new();
+        let mut places: HashMap<String, usize> = HashMap::new();
         let mut figures: Vec<&Published> = Vec::new();
         for (name, members) in groups(cells, over) {
             for cell in members {
@@ -50,7 +53,7 @@ impl<'a> Panel<'a> {
                 };
                 let published = experiment.published_for(cell).filter(|_| of_frames);
                 figures.extend(published);
-                if !series.contains(&name) {
+                if series.last() != Some(&name) {
                     series.push(name.clone());
                 }
                 let bar = Bar {
@@ -59,10 +62,11 @@ impl<'a> Panel<'a> {
                     published: published.map(Published::span_ms),
                 };
                 let label = cell.axes.get(over).map(label_text).unwrap_or_default();
-                match clusters.iter_mut().find(|(known, _)| *known == label) {
-                    Some((_, bars)) => bars.push(bar),
-                    None => clusters.push((label, vec![bar])),
-                }
+                let place = *places.entry(label).or_insert_with_key(|label| {
+                    clusters.push((label.clone(), Vec::new()));
+                    clusters.len() - 1
+                });
+                clusters[place].1.push(bar);
             }
         }
         let bars = || clusters.iter().flat_map(|(_, bars)| bars);
@@ -70,7 +74,7 @@ impl<'a> Panel<'a> {
             bars().flat_map(|bar| [bar.value.high, bar.published.map_or(0.0, |span| span.1)]);
         let scale = Scale::fit(Kind::Linear, ends)?.reaching_zero();
         Some(Panel {
-            plot,
+            plot: plot.clone(),
             series,
             scale,
             published: super::published_lines(&figures),

@@ -13,8 +13,8 @@ const LEGEND_PX: u32 = 300;
 /// Characters of 12-px type that fit into the legend's column.
 const LEGEND_CHARACTERS: usize = 44;
 
-pub struct Panel<'a> {
-    plot: &'a Plot,
+pub struct Panel {
+    plot: Plot,
     x: Scale,
     y: Scale,
     series: Vec<Series>,
@@ -46,9 +46,9 @@ struct Mark {
     span_ms: (f64, f64),
 }
 
-impl<'a> Panel<'a> {
+impl Panel {
     /// None where no series has a point.
-    pub fn new(plot: &'a Plot, experiment: &Experiment, cells: &[&Cell]) -> Option<Panel<'a>> {
+    pub fn new(plot: &Plot, experiment: &Experiment, cells: &[&Cell]) -> Option<Panel> {
         let x_measure = plot.x.as_ref()?;
         let groups = match &plot.over {
             Some(over) => groups(cells, over),
@@ -80,7 +80,7 @@ impl<'a> Panel<'a> {
             .flat_map(|mark| [mark.span_ms.0, mark.span_ms.1]);
         let y = Scale::fit(kind, ends.chain(marked))?;
         Some(Panel {
-            plot,
+            plot: plot.clone(),
             x,
             y,
             series,
@@ -264,7 +264,7 @@ fn marks(experiment: &Experiment, x: &Measure, cells: &[&Cell]) -> Vec<Mark> {
 
 struct Canvas<'a, 'b> {
     area: &'a DrawingArea<SVGBackend<'b>, Cartesian2d<Scale, Scale>>,
-    panel: &'a Panel<'a>,
+    panel: &'a Panel,
 }
 
 impl Canvas<'_, '_> {

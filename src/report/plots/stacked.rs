@@ -17,8 +17,8 @@ const LABELS_PX: u32 = 220;
 const FRAME_PX: u32 = 34 + 54;
 const LEGEND_ROW_PX: u32 = 18;
 
-pub struct Panel<'a> {
-    plot: &'a Plot,
+pub struct Panel {
+    plot: Plot,
     /// Stages with a colour of their own, in frame order.
     stages: Vec<String>,
     has_rest: bool,
@@ -39,9 +39,9 @@ struct Bar {
     published: Option<(f64, f64)>,
 }
 
-impl<'a> Panel<'a> {
+impl Panel {
     /// None where no cell was measured.
-    pub fn new(plot: &'a Plot, experiment: &Experiment, cells: &[&Cell]) -> Option<Panel<'a>> {
+    pub fn new(plot: &Plot, experiment: &Experiment, cells: &[&Cell]) -> Option<Panel> {
         let figures: Vec<(&Cell, &Measured)> = cells
             .iter()
             .filter_map(|cell| Some((*cell, measured(cell)?)))
@@ -65,7 +65,7 @@ impl<'a> Panel<'a> {
             .filter_map(|(cell, _)| experiment.published_for(cell))
             .collect();
         Some(Panel {
-            plot,
+            plot: plot.clone(),
             has_rest: bars
                 .iter()
                 .any(|bar| bar.parts.last().is_some_and(|rest| *rest > 0.0)),

@@ -37,16 +37,17 @@ pub fn write(section: &Section<'_>, text: &mut String) {
             let _ = writeln!(text, "No claims and plots: {}\n", text::markdown(problem));
         }
     }
-    if plots::has_figure(section) {
+    let figure = section.figure();
+    if figure.is_drawn() {
         let file = plots::file_name(section);
         let _ = writeln!(text, "{}\n", image(section.title(), &file));
     }
-    for title in plots::missing(section) {
+    for (title, reason) in figure.missing() {
         let title = text::markdown(title);
-        let _ = writeln!(text, "No records hold the data of the plot *{title}*.\n");
+        let _ = writeln!(text, "The plot *{title}* is left out: {reason}.\n");
     }
     claims(section, text);
-    for (title, table) in plots::map_tables(section) {
+    for (title, table) in figure.map_tables() {
         let _ = writeln!(text, "{}:\n", text::markdown(&title));
         *text += &table.markdown();
     }
@@ -96,7 +97,8 @@ fn caption(id: &str, path: &str) -> String {
 fn claims(section: &Section<'_>, text: &mut String) {
     let mut table = Table::new(["claim", "verdict", "figure"]);
     for ruling in section.rulings() {
-        table.row([ruling.text, ruling.verdict.to_string(), ruling.reason]);
+        let verdict = ruling.verdict.to_string();
+        table.row([&ruling.text, &verdict, &ruling.reason]);
     }
     if !table.is_empty() {
         *text += &table.markdown();
