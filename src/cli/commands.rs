@@ -6,13 +6,14 @@ use std::process::ExitCode;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use anyhow::Context;
+use clap::ValueEnum;
 use fathom::compare::worker;
 use fathom::experiments::Experiment;
 use fathom::gpu::{self, Gpu};
 use fathom::harness::output::{Output, RECORDS};
 use fathom::harness::plan::Request;
 use fathom::harness::run::{self, Options, Summary};
-use fathom::harness::subject::{Subject, Subjects};
+use fathom::harness::subject::{Subject, Subjects, find_kind};
 use fathom::harness::{
     dump as dumping, query as querying, render as rendering, verify as verifying,
 };
@@ -108,8 +109,9 @@ fn print_summary(summary: &Summary) {
 
 pub fn list(args: ListArgs) -> Outcome {
     use Listing::*;
+    check_options(&args)?;
     match args.what {
-        Some(what) => print_listing(what, &args.subject)?,
+        Some(what) => print_listing(what, &args)?,
         None => {
             for (heading, what) in [
                 ("Experiments", Experiments),
@@ -119,7 +121,7 @@ pub fn list(args: ListArgs) -> Outcome {
                 ("Adapters", Adapters),
             ] {
                 tell::answer(heading);
-                print_listing(what, &args.subject)?;
+                print_listing(what, &args)?;
                 tell::answer("");
             }
         }
@@ -127,19 +129,34 @@ pub fn list(args: ListArgs) -> Outcome {
     Ok(ExitCode::SUCCESS)
 }
 
-fn print_listing(what: Listing, args: &SubjectArgs) -> anyhow::Result<()> {
+/// An option that changes nothing in a listing is an error.
+fn check_options(args: &ListArgs) -> anyhow::Result<()> {
+    let whole = matches!(args.what, Some(Listing::Parameters));
+    let of_pipeline = whole || matches!(args.what, Some(Listing::Stages));
+    let options = [
+        ("--pipeline", args.pipeline.is_some(), of_pipeline),
+        ("--scene", args.scene.is_some(), whole),
+        ("--set", !args.set.is_empty(), whole),
+    ];
+    for (option, given, applies) in options {
+        if given && !applies {
+            let what = args.what.and_then(|what| what.to_possible_value());
+            let what = what.map_or(String::new(), |what| format!(" {}", what.get_name()));
+            let kinds = match option {
+                "--pipeline" => "stages` and `list parameters`",
+                _ => "parameters`",
+            };
+            anyhow::bail!("{option} does not apply to `list{what}`, only to `list {kinds}");
+        }
+    }
+    Ok(())
+}
+
+fn print_listing(what: Listing, args: &ListArgs) -> anyhow::Result<()> {
     let rows = match what {
         Listing::Experiments => experiment_rows()?,
         Listing::Scenes => scene_rows()?,
-        Listing::Stages => stages::REGISTRY
-            .iter()
-            .map(|stage| {
-                (
-                    stage.name.to_owned(),
-                    format!("{} ({})", stage.about, stage.source),
-                )
-            })
-            .collect(),
+        Listing::Stages => stage_rows(args.pipeline.as_deref())?,
         Listing::Parameters => parameter_rows(args)?,
         Listing::Adapters => adapter_rows(),
         Listing::Pipelines => pipelines::KINDS
@@ -173,8 +190,25 @@ fn scene_rows() -> anyhow::Result<Rows> {
     scene::Scene::names().into_iter().map(row).collect()
 }
 
-fn parameter_rows(args: &SubjectArgs) -> anyhow::Result<Rows> {
-    let tree = subject(args)?.params;
+/// Every stage, or those of a pipeline.
+fn stage_rows(pipeline: Option<&str>) -> anyhow::Result<Rows> {
+    let stages = match pipeline {
+        Some(name) => find_kind(name)?.stages,
+        None => stages::REGISTRY,
+    };
+    let row = |stage: &stages::StageInfo| {
+        let about = format!("{} ({})", stage.about, stage.source);
+        (stage.name.to_owned(), about)
+    };
+    Ok(stages.iter().map(row).collect())
+}
+
+fn parameter_rows(args: &ListArgs) -> anyhow::Result<Rows> {
+    let pipeline = args.pipeline.as_deref().unwrap_or(super::PIPELINE);
+    let scene = args.scene.as_deref().unwrap_or(super::SCENE);
+    let tree = Subjects::default()
+        .subject(pipeline, scene, &args.set)?
+        .params;
     let value = |path: &String| params::get(&tree, path).map(ToString::to_string);
     let rows = params::leaves(&tree).into_iter();
     Ok(rows
@@ -269,6 +303,13 @@ pub fn dump(args: DumpArgs) -> Outcome {
 pub fn query(args: QueryArgs) -> Outcome {
     let Question::Ao = args.question;
     let subject = Subjects::default().subject("volume_ao", &args.scene, &args.set)?;
+    if !subject.scene.stand_ins.is_empty() && !args.allow_stand_ins {
+        anyhow::bail!(
+            "scene `{}` has stand-ins, whose occlusion is not that of the asset: {}; or use --allow-stand-ins",
+            args.scene,
+            subject.scene.stand_ins.join("; ")
+        );
+    }
     let rows = querying::read(&args.points)?;
     let gpu = Gpu::open(&gpu_options(&args.adapter))?;
     let occlusion = querying::occlusion(&gpu, &subject, &rows)?;

@@ -15,6 +15,10 @@ use fathom::experiments::{Profile, parse_axis, parse_set};
 use fathom::tell;
 use serde_json::Value;
 
+/// What a command runs that is not told.
+pub const PIPELINE: &str = "underwater";
+pub const SCENE: &str = "tank";
+
 /// Bad input, or nothing could be run.
 const COULD_NOT_RUN: u8 = 2;
 
@@ -23,7 +27,7 @@ const COULD_NOT_RUN: u8 = 2;
     version,
     about,
     after_help = "Exit status: 0 all well; 1 a cell or a check failed; 2 bad input, or it could not run; \
-        130 interrupted, with everything measured so far written."
+        130 interrupted, with everything measured so far written. A closed pipe on standard output changes no status."
 )]
 struct Cli {
     #[command(subcommand)]
@@ -117,17 +121,24 @@ pub enum Listing {
 pub struct ListArgs {
     /// What to list [default: everything but parameters]
     pub what: Option<Listing>,
-    #[command(flatten)]
-    pub subject: SubjectArgs,
+    /// List the stages that a pipeline runs, or its parameters [default for parameters: underwater]
+    #[arg(long)]
+    pub pipeline: Option<String>,
+    /// List the parameters with the values that a scene gives them [default: tank]
+    #[arg(long)]
+    pub scene: Option<String>,
+    /// List the parameters with one of them set
+    #[arg(long, value_name = "PATH=VALUE", value_parser = parse_set)]
+    pub set: Vec<(String, Value)>,
 }
 
 /// A pipeline on a scene.
 #[derive(Args)]
 pub struct SubjectArgs {
-    #[arg(long, default_value = "underwater")]
+    #[arg(long, default_value = PIPELINE)]
     pub pipeline: String,
     /// Name of a scene, or path of a scene file
-    #[arg(long, default_value = "tank")]
+    #[arg(long, default_value = SCENE)]
     pub scene: String,
     /// Set a parameter; see `fathom list parameters`
     #[arg(long, value_name = "PATH=VALUE", value_parser = parse_set)]
@@ -199,6 +210,9 @@ pub struct QueryArgs {
     /// CSV file to write [default: standard output]
     #[arg(short, long, value_name = "FILE")]
     pub output: Option<PathBuf>,
+    /// Answer also where a mesh is absent or damaged and a stand-in takes its place
+    #[arg(long)]
+    pub allow_stand_ins: bool,
     #[command(flatten)]
     pub adapter: AdapterArgs,
 }

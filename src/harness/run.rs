@@ -60,7 +60,7 @@ pub struct Options {
     pub seed: Option<u64>,
     /// The command line, for the record.
     pub command: Vec<String>,
-    /// Say nothing on stderr.
+    /// Tell no progress on standard error.
     pub quiet: bool,
 }
 
