@@ -80,6 +80,88 @@ fn bad_input_that_only_a_plan_shows_is_found_before_measuring() {
 }
 
 #[test]
+fn a_light_and_a_grid_that_give_nothing_are_errors_in_every_command() {
+    let none = ["--set", "light.direction=[0,0,0]"];
+    let beside = [
+        "--set",
+        "voxel.cells=[8,8,8]",
+        "--set",
+        "voxel.voxel_m=0.1",
+        "--set",
+        "voxel.origin_m=[500,500,500]",
+    ];
+    let folder = tempfile::tempdir().unwrap();
+    let points = folder.path().join("points.csv");
+    std::fs::write(&points, "x,y,z,nx,ny,nz\n0,-4,0,0,1,0\n").unwrap();
+    let [out, points] = [folder.path().join("out"), points].map(|p| p.display().to_string());
+    let query = ["query", "ao", "--scene", "ball", "--points", &points];
+    let ao = ["--pipeline", "volume_ao"];
+    let commands: [(&[&str], &[&str]); 4] = [
+        (&["run", "vao-guard", "--out", &out], &[]),
+        (&["render", "slab", "-o", &out], &ao),
+        (&["dump", "ao/march", "--scene", "slab", "-o", &out], &ao),
+        (&query, &[]),
+    ];
+    for (command, pipeline) in commands {
+        let with = |set: &[&'static str]| {
+            let all = command.iter().chain(pipeline).copied();
+            all.chain(set.iter().copied()).collect::<Vec<&str>>()
+        };
+        refused(
+            &with(&none),
+            "light.direction = [0.0, 0.0, 0.0] has no direction",
+        );
+        refused(
+            &with(&beside),
+            "voxel.cells, voxel.origin_m and voxel.voxel_m place the grid at",
+        );
+    }
+    assert!(!folder.path().join("out").exists());
+}
+
+/// A cache whose mesh of the bunny is damaged, or that has none.
+fn without_bunny(command: &mut Command, cache: &Path) {
+    command
+        .env("FATHOM_CACHE", cache)
+        .env("CARGO_HOME", cache)
+        .env("HOME", cache);
+}
+
+#[test]
+fn every_command_tells_a_stand_in_and_a_query_refuses_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let points = folder.path().join("points.csv");
+    std::fs::write(&points, "x,y,z,nx,ny,nz\n0,-4,0,0,1,0\n").unwrap();
+    let output = |arguments: &[&str]| {
+        let mut command = fathom();
+        command.args(arguments);
+        without_bunny(&mut command, folder.path());
+        command
+    };
+    let told = contains("stand-in: bunny: asset ").count(1);
+    let size = ["--set", "view.width=16", "--set", "view.height=16"];
+    let mut render = output(&["render", "bunny_dry", "--pipeline", "voxelize", "-o"]);
+    render.arg(folder.path().join("x.png")).args(size);
+    render.assert().success().stderr(told.clone());
+    let mut dump = output(&["dump", "voxel/clear", "--pipeline", "voxelize", "--scene"]);
+    dump.args(["bunny_dry", "-o"]).arg(folder.path()).args(size);
+    dump.assert().stderr(told.clone());
+    let query = || {
+        let mut query = output(&["query", "ao", "--scene", "bunny_dry", "--points"]);
+        query.arg(&points);
+        query.args(["--set", "voxel.resolution=16", "--set", "ao.rays=4"]);
+        query
+    };
+    let refusal =
+        contains("error: scene `bunny_dry` has stand-ins").and(contains("--allow-stand-ins"));
+    query().assert().code(2).stderr(refusal).stdout("");
+    let allowed = query().arg("--allow-stand-ins").assert().success();
+    allowed
+        .stderr(told)
+        .stdout(contains("x,y,z,nx,ny,nz,occlusion"));
+}
+
+#[test]
 fn a_folder_that_cannot_be_written_to_is_found_before_measuring() {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("file");
@@ -100,6 +182,43 @@ fn listings_name_what_there_is() {
     lists("stages").stdout(contains("caustics/trace").and(contains("compose")));
     lists("parameters").stdout(contains("water.refractive_index").and(contains("1.33")));
     lists("pipelines").stdout(contains("underwater"));
+}
+
+#[test]
+fn a_listing_takes_the_options_that_apply_to_it() {
+    let stages = |pipeline: &str| {
+        let mut list = fathom();
+        list.args(["list", "stages", "--pipeline", pipeline]);
+        let output = list.assert().success().get_output().stdout.clone();
+        let text = String::from_utf8(output).unwrap();
+        let names = text
+            .lines()
+            .filter_map(|line| line.split_whitespace().next());
+        names.map(str::to_owned).collect::<Vec<String>>()
+    };
+    let hsao = [
+        "frame",
+        "shadow/depth",
+        "scene/gbuffer",
+        "hsao/march",
+        "hsao/filter",
+        "ao/compose",
+    ];
+    assert_eq!(stages("hsao"), hsao);
+    assert!(stages("voxelize").contains(&"voxel/overlap".to_owned()));
+    refused(
+        &["list", "stages", "--pipeline", "hsoa"],
+        "unknown pipeline `hsoa`; did you mean `hsao`?",
+    );
+    refused(
+        &["list", "stages", "--scene", "tank"],
+        "--scene does not apply to `list stages`, only to `list parameters`",
+    );
+    refused(&["list", "scenes", "--pipeline", "hsao"], "does not apply");
+    refused(
+        &["list", "--set", "caustics.grid=3"],
+        "does not apply to `list`",
+    );
 }
 
 /// Small enough for a second per run on a software driver.
