@@ -154,6 +154,33 @@ fn printed(output: &Output) -> String {
     text.concat()
 }
 
+/// A line of Markdown without its code, in which a mark of HTML is text (CommonMark 0.31 §6.1).
+fn without_code(line: &str) -> String {
+    let mut outside = String::new();
+    let mut rest = line;
+    while let Some(start) = rest.find(['`', '\\']) {
+        outside += &rest[..start];
+        rest = &rest[start..];
+        let fence = rest.len() - rest.trim_start_matches('`').len();
+        let run = |text: &str| text.len() - text.trim_start_matches('`').len();
+        let close = (fence..rest.len()).find(|at| {
+            let bytes = rest.as_bytes();
+            bytes[*at] == b'`' && bytes[at - 1] != b'`' && run(&rest[*at..]) == fence
+        });
+        let skipped = match (fence, close) {
+            // A backslash and what it escapes.
+            (0, _) => 1 + rest[1..].chars().next().map_or(0, char::len_utf8),
+            (_, Some(close)) => close + fence,
+            (_, None) => fence,
+        };
+        if fence == 0 {
+            outside += &rest[..skipped];
+        }
+        rest = &rest[skipped..];
+    }
+    outside + rest
+}
+
 #[track_caller]
 fn markdown_is_sound(text: &str) {
     plain("Markdown", text);
@@ -161,9 +188,8 @@ fn markdown_is_sound(text: &str) {
     for own in ["<details><summary>", "</summary>", "</details>"] {
         rest = rest.replace(own, "");
     }
-    // Within code a mark of HTML is text.
     for line in rest.lines() {
-        let outside: String = line.split('`').step_by(2).collect();
+        let outside = without_code(line);
         assert!(!outside.contains('<'), "{line}");
         assert!(!outside.replace("\\]", "").contains("](http"), "{line}");
     }
@@ -254,10 +280,7 @@ fn reports_show_hostile_names_as_text() {
     }
     let svg = read("own.svg");
     xml_is_sound("own.svg", &svg);
-    for expected in ["&lt;script&gt;", "stacked", "thgir"]
-        .iter()
-        .filter(|e| **e != "stacked")
-    {
+    for expected in ["&lt;script&gt;", "thgir"] {
         assert!(svg.contains(expected), "{expected}");
     }
 

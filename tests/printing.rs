@@ -188,7 +188,7 @@ fn a_run_keeps_every_cell_whatever_can_be_printed() {
     for (name, stream) in streams {
         let folder = tempfile::tempdir().unwrap();
         let mut command = fathom(&["run", "uw-waves", "--profile", "quick", "--budget", "0.5"]);
-        command.args(["--set", "water.noise=0", "--out"]);
+        command.arg("--out");
         let output = command
             .arg(folder.path())
             .args(SMALL)
