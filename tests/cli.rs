@@ -119,44 +119,38 @@ fn a_light_and_a_grid_that_give_nothing_are_errors_in_every_command() {
     assert!(!folder.path().join("out").exists());
 }
 
-/// A cache whose mesh of the bunny is damaged, or that has none.
-fn without_bunny(command: &mut Command, cache: &Path) {
-    command
-        .env("FATHOM_CACHE", cache)
-        .env("CARGO_HOME", cache)
-        .env("HOME", cache);
-}
-
 #[test]
 fn every_command_tells_a_stand_in_and_a_query_refuses_it() {
     let folder = tempfile::tempdir().unwrap();
     let points = folder.path().join("points.csv");
     std::fs::write(&points, "x,y,z,nx,ny,nz\n0,-4,0,0,1,0\n").unwrap();
-    let output = |arguments: &[&str]| {
+    // Damaged, and no package beside it.
+    std::fs::write(folder.path().join("sponza.obj"), "v 0 0 0\n").unwrap();
+    let with = |arguments: &[&str], file: &Path| {
         let mut command = fathom();
-        command.args(arguments);
-        without_bunny(&mut command, folder.path());
+        command.args(arguments).arg(file);
+        command.args(["--set", "voxel.resolution=16"]);
+        let places = ["FATHOM_CACHE", "CARGO_HOME"];
+        command.envs(places.map(|name| (name, folder.path())));
         command
     };
-    let told = contains("stand-in: bunny: asset ").count(1);
-    let size = ["--set", "view.width=16", "--set", "view.height=16"];
-    let mut render = output(&["render", "bunny_dry", "--pipeline", "voxelize", "-o"]);
-    render.arg(folder.path().join("x.png")).args(size);
-    render.assert().success().stderr(told.clone());
-    let mut dump = output(&["dump", "voxel/clear", "--pipeline", "voxelize", "--scene"]);
-    dump.args(["bunny_dry", "-o"]).arg(folder.path()).args(size);
-    dump.assert().stderr(told.clone());
-    let query = || {
-        let mut query = output(&["query", "ao", "--scene", "bunny_dry", "--points"]);
-        query.arg(&points);
-        query.args(["--set", "voxel.resolution=16", "--set", "ao.rays=4"]);
-        query
-    };
+    let told = contains("stand-in: sponza: asset has the wrong SHA-256").count(1);
+    let voxelize = ["--pipeline", "voxelize", "--set", "view.width=16"];
+    let mut render = with(&["render", "sponza", "-o"], &folder.path().join("x.png"));
+    render
+        .args(voxelize)
+        .assert()
+        .success()
+        .stderr(told.clone());
+    let query = ["query", "ao", "--scene", "sponza", "--points"];
     let refusal =
-        contains("error: scene `bunny_dry` has stand-ins").and(contains("--allow-stand-ins"));
-    query().assert().code(2).stderr(refusal).stdout("");
-    let allowed = query().arg("--allow-stand-ins").assert().success();
-    allowed
+        contains("error: scene `sponza` has stand-ins").and(contains("--allow-stand-ins"));
+    let refused = with(&query, &points).assert().code(2);
+    refused.stderr(refusal).stdout("");
+    let mut allowed = with(&query, &points);
+    let allowed = allowed.args(["--allow-stand-ins", "--set", "ao.rays=4"]);
+    let answered = allowed.assert().success();
+    answered
         .stderr(told)
         .stdout(contains("x,y,z,nx,ny,nz,occlusion"));
 }
