@@ -206,7 +206,7 @@ fn median_in_place(samples: &mut [f64]) -> f64 {
     let (below, upper, _) = samples.select_nth_unstable_by(n / 2, f64::total_cmp);
     let lower = below.iter().copied().max_by(f64::total_cmp);
     match lower {
-        Some(lower) if n % 2 == 0 => (lower + *upper) / 2.0,
+        Some(lower) if n.is_multiple_of(2) => (lower + *upper) / 2.0,
         _ => *upper,
     }
 }

@@ -46,7 +46,7 @@ pub fn block(text: &str) -> String {
 /// Text that Markdown shows as it is, within a paragraph, a heading, a list or a table. Code between backticks stays code.
 pub fn markdown(text: &str) -> String {
     let text = line(text);
-    let paired = text.matches('`').count() % 2 == 0;
+    let paired = text.matches('`').count().is_multiple_of(2);
     let mut escaped = String::with_capacity(text.len());
     let mut before = ' ';
     let mut rest = text.chars().peekable();

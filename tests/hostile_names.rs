@@ -82,7 +82,7 @@ fn definition(all: &str, axis: &str) -> String {
         format!("[[claim]]\nid = {text}\ntext = {text}\ntest.at_least = {{ y = \"frame\", value = 1.0 }}"),
         plot("map", &format!("columns = {axis}\nrows = \"n\"\ny = [\"frame\"]")),
         plot("scaling", &format!("over = \"n\"\nx = \"axis:n\"\nx_title = {text}\ny = [\"frame\", {measure}]")),
-        plot("lines", &format!("over = \"n\"\nx = \"axis:n\"\ny = [\"frame\"]")),
+        plot("lines", "over = \"n\"\nx = \"axis:n\"\ny = [\"frame\"]"),
         plot("bars", &format!("over = {axis}\ny = [\"frame\"]")),
         plot("stacked", ""),
     ]

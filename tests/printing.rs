@@ -34,6 +34,8 @@ fn fathom(arguments: &[&str]) -> Command {
     command
 }
 
+type Stream = fn() -> Stdio;
+
 /// A stream on a device that is always full.
 fn full() -> Stdio {
     let device = OpenOptions::new().write(true).open("/dev/full");
@@ -126,7 +128,7 @@ fn a_reader_that_has_had_enough_is_no_error() {
 
 #[test]
 fn reports_are_written_whatever_can_be_printed() {
-    let streams: [(&str, fn() -> Stdio); 2] = [("full", full), ("unread", unread)];
+    let streams: [(&str, Stream); 2] = [("full", full), ("unread", unread)];
     for (name, stream) in streams {
         let folder = recorded();
         let path = folder.path().to_str().unwrap();
@@ -184,7 +186,7 @@ fn closed_streams_write_into_no_file() {
 
 #[test]
 fn a_run_keeps_every_cell_whatever_can_be_printed() {
-    let streams: [(fn() -> Stdio, fn() -> Stdio); 2] = [(full, unread), (unread, full)];
+    let streams: [(Stream, Stream); 2] = [(full, unread), (unread, full)];
     for (out, error) in streams {
         let folder = tempfile::tempdir().unwrap();
         let mut command = fathom(&["run", "uw-waves", "--profile", "quick", "--budget", "0.2"]);
@@ -240,7 +242,7 @@ fn tables_of_a_comparison_are_written_whatever_can_be_printed() {
     command.arg(&out).args(SMALL);
     ended(&command.output().unwrap(), 0);
     let records = out.join("records.jsonl");
-    let compare = |stream: fn() -> Stdio, name: &str| {
+    let compare = |stream: Stream, name: &str| {
         let tables = folder.path().join(name);
         let mut command = fathom(&["compare"]);
         command.args([&records, &records]).arg("--out").arg(&tables);

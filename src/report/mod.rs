@@ -204,7 +204,8 @@ mod tests {
 
     #[test]
     fn the_time_of_a_report_grows_with_its_cells() {
-        let shapes: [(&str, fn(usize) -> Vec<Record>); 3] = [
+        type Shape = fn(usize) -> Vec<Record>;
+        let shapes: [(&str, Shape); 3] = [
             ("undefined", undefined),
             ("defined", defined),
             ("scattered", scattered),
