@@ -2,7 +2,7 @@
 //!
 //! Dependency rule (kept by `tests/dependency_rule.rs`):
 //! `main → compare → report, harness → experiments → pipelines → stages → scene, gpu`;
-//! `record` imports nothing of the rest, `statistics` only `record`, `reference` only `scene`; `report` never imports `gpu`;
+//! `text` imports nothing, `tell` and `record` only `text`, `statistics` only `record`, `reference` only `scene`; `report` never imports `gpu`;
 //! a stage never imports a sibling stage.
 //!
 //! Conventions, stated once: right-handed world, +Y up, metres, water at rest is the plane y = 0,
@@ -20,3 +20,5 @@ pub mod report;
 pub mod scene;
 pub mod stages;
 pub mod statistics;
+pub mod tell;
+pub mod text;

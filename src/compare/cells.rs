@@ -9,6 +9,7 @@ use thiserror::Error;
 
 use super::protocol;
 use crate::experiments::{flatten, nearest};
+use crate::text;
 
 static BUILT_IN: &str = include_str!("../../benches/gates.toml");
 
@@ -139,12 +140,7 @@ impl Gates {
         let mut seen = Vec::new();
         for configuration in &self.configurations {
             let id = &configuration.id;
-            let plain = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '-';
-            if id.is_empty() || !id.chars().all(plain) {
-                return Err(format!(
-                    "configuration `{id}`: an id is made of lower-case letters, digits and `-`"
-                ));
-            }
+            text::check_id(id).map_err(|fault| format!("configuration {fault}"))?;
             if seen.contains(&id) {
                 return Err(format!("configuration `{id}` is there twice"));
             }

@@ -1,5 +1,6 @@
 //! From an experiment to the cells that are to be measured.
 
+use std::collections::HashSet;
 use std::str::FromStr;
 
 use serde_json::{Map, Value};
@@ -267,13 +268,14 @@ impl Experiment {
             return Ok(vec![self.cell(profile, base, sets, &[])]);
         }
         let mut cells: Vec<CellPlan> = Vec::new();
+        let mut known: HashSet<String> = HashSet::new();
         for sweep in &self.sweep {
             let mut params = base.clone();
             params.extend(flatten(&sweep.params));
             params.extend(flatten(sweep.profile.of(profile)));
             for point in self.product(sweep, profile, axis_overrides)? {
                 let cell = self.cell(profile, params.clone(), sets, &point);
-                if !cells.iter().any(|known| known.cell == cell.cell) {
+                if known.insert(cell.cell.clone()) {
                     cells.push(cell);
                 }
             }

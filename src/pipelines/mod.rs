@@ -15,7 +15,7 @@ use serde_json::Value;
 
 use crate::gpu::{Demand, Encode, Gpu, GpuError};
 use crate::scene::{Scene, SceneFile};
-use crate::stages::Stage;
+use crate::stages::{Stage, StageInfo};
 
 /// A built pipeline: what a frame runs.
 pub trait Pipeline {
@@ -46,6 +46,8 @@ pub type Build = fn(&Gpu, &Scene, &Value) -> Result<Box<dyn Pipeline>, GpuError>
 pub struct Kind {
     pub name: &'static str,
     pub about: &'static str,
+    /// Every stage that some parameters run, in frame order.
+    pub stages: &'static [StageInfo],
     /// The whole tree of parameters with the values that the scene file gives.
     pub defaults: fn(&SceneFile) -> Value,
     /// The scene file with the parameters that shape its geometry put in.

@@ -20,7 +20,7 @@ use crate::stages::godrays::lines::LinesUniforms;
 use crate::stages::kit::Resources;
 use crate::stages::photon::{self, Photons};
 use crate::stages::splatting::PHOTONS_PER_INSTANCE;
-use crate::stages::{Stage, caustics, godrays, scene, shadow, water};
+use crate::stages::{self, Stage, caustics, godrays, scene, shadow, water};
 
 pub use measure::{blended_fragments, photons_at, read_photons};
 pub use parameters::{Intensity, Params, PhotonGrid, SubdivisionMode};
@@ -28,6 +28,21 @@ pub use parameters::{Intensity, Params, PhotonGrid, SubdivisionMode};
 pub const KIND: Kind = Kind {
     name: "underwater",
     about: "underwater caustics and godrays (UW): photons through the water's surface, splats and light shafts",
+    stages: &[
+        stages::frame::INFO,
+        stages::shadow::depth::INFO,
+        stages::shadow::mask::INFO,
+        stages::scene::gbuffer::INFO,
+        stages::water::reflection::INFO,
+        stages::water::refraction::INFO,
+        stages::caustics::trace::INFO,
+        stages::caustics::splat::INFO,
+        stages::caustics::filter::INFO,
+        stages::godrays::trace::INFO,
+        stages::godrays::lines::INFO,
+        stages::godrays::filter::INFO,
+        stages::compose::INFO,
+    ],
     defaults: |file| Params::from_scene(file).to_value(),
     scene_file,
     demand,
