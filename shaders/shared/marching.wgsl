@@ -9,7 +9,7 @@
 //   SKIPPING  1: empty cells of the pyramid are left in one go
 //   OPACITY   1: samples are opacities, gathered along the ray (Eq. 7); 0: the first above the threshold ends it
 //   BETWEEN   1: a hit lies where V, linear between two samples, crosses the threshold; 0: at the sample
-//   PEAK      1: between two samples below the threshold, a peak of V above it is looked for by halving
+//   PEAK      1: where V can exceed the threshold between two samples, it is sampled in quarters of the step between them
 //   JITTER    1: each ray's samples are moved along it by a random share of a step; 0: all rays begin at the guard distance
 //   COUNT     1: counts samples and look-ups of the pyramid
 #define_import_path fathom::marching
@@ -41,8 +41,8 @@ const GOLDEN: u32 = 0x9E3779B9u;
 const SKIP_LEVEL: i32 = 2;
 // Samples this near to a cell's wall are taken, as rounding may have put them on the wrong side, voxels.
 const WALL: f32 = 1e-3;
-// Halvings of the interval between two samples when a peak is looked for: a quarter of a voxel with steps of one.
-const HALVINGS: u32 = 2u;
+// Parts of a step that V is sampled at where it can exceed the threshold within the step.
+const PARTS: u32 = 4u;
 // Shortest component of a direction, so that none divides by 0.
 const LEAST: f32 = 1e-7;
 
@@ -138,28 +138,25 @@ fn crossing(low_d: f32, low_v: f32, high_d: f32, high_v: f32) -> f32 {
 }
 
 #if PEAK == 1
-// Distance of a hit between the samples at `d − step` and `d`, both below the threshold; −1 without one. V is trilinear
-// between 0 and 1, so along a ray it changes by at most |x| + |y| + |z| of the direction a voxel: most pairs need no look.
-fn peak(origin: vec3<f32>, direction: vec3<f32>, d: f32, previous: f32, v: f32) -> f32 {
+// Distance of the first crossing between the sample before, at `d − step` and below the threshold, and the one at `d`; −1
+// without one. V is trilinear between 0 and 1, so along a ray it changes by at most |x| + |y| + |z| of the direction a voxel:
+// most pairs need no look.
+fn crossing_within(origin: vec3<f32>, direction: vec3<f32>, d: f32, previous: f32, v: f32) -> f32 {
     let size = abs(direction);
     if previous + v + march.step * (size.x + size.y + size.z) < 2.0 * march.threshold {
         return -1.0;
     }
-    var near = vec2(d - march.step, previous);
-    var far = vec2(d, v);
-    for (var i = 0u; i < HALVINGS; i++) {
-        let middle = 0.5 * (near.x + far.x);
-        let found = vec2(middle, density(origin + middle * direction));
-        if found.y >= march.threshold {
-            return crossing(near.x, near.y, found.x, found.y);
+    let part = march.step / f32(PARTS);
+    var before = previous;
+    for (var i = PARTS - 1u; i > 0u; i--) {
+        let at = d - f32(i) * part;
+        let found = density(origin + at * direction);
+        if found >= march.threshold {
+            return crossing(at - part, before, at, found);
         }
-        if near.y > far.y {
-            far = found;
-        } else {
-            near = found;
-        }
+        before = found;
     }
-    return -1.0;
+    return select(-1.0, crossing(d - part, before, d, v), v >= march.threshold);
 }
 #endif
 
@@ -218,6 +215,14 @@ fn obscurity(origin: vec3<f32>, direction: vec3<f32>, first: f32, v0: f32) -> f3
             }
         }
 #else
+#if PEAK == 1
+        if previous < march.threshold {
+            let hit = crossing_within(origin, direction, d, previous, v);
+            if hit >= 0.0 {
+                return attenuated(hit);
+            }
+        }
+#endif
         if v >= march.threshold {
 #if BETWEEN == 1
             if previous < march.threshold {
@@ -226,14 +231,6 @@ fn obscurity(origin: vec3<f32>, direction: vec3<f32>, first: f32, v0: f32) -> f3
 #endif
             return attenuated(d);
         }
-#if PEAK == 1
-        if previous < march.threshold {
-            let hit = peak(origin, direction, d, previous, v);
-            if hit >= 0.0 {
-                return attenuated(hit);
-            }
-        }
-#endif
 #endif
         previous = v;
         k += 1.0;

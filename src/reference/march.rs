@@ -98,8 +98,8 @@ pub struct Marched {
 
 /// 2³² / golden ratio.
 const GOLDEN: u32 = 0x9E37_79B9;
-/// Halvings of the interval between two samples when a peak is looked for.
-const HALVINGS: u32 = 2;
+/// Parts of a step that V is sampled at where it can exceed the threshold within the step.
+const PARTS: u32 = 4;
 
 /// The upper 24 bits as a number in [0, 1).
 fn unit(bits: u32) -> f64 {
@@ -212,7 +212,7 @@ impl March {
         1.0 - f64::powf(open, self.step)
     }
 
-    /// ρ of the first sample above the threshold, or of a peak before it. V changes by at most `steepest` a voxel along the ray.
+    /// ρ of the first sample above the threshold, or of a crossing before it. V changes by at most `steepest` a voxel along the ray.
     fn first_hit(
         &self,
         distances: impl Iterator<Item = f64>,
@@ -222,16 +222,14 @@ impl March {
         let mut previous: Option<(f64, f64)> = None;
         for d in distances {
             let now = (d, density(d));
-            let hit = if now.1 >= self.threshold {
-                Some(match previous {
-                    Some(before) if self.between => self.crossing(before, now),
-                    _ => d,
-                })
-            } else {
-                let before = previous.filter(|_| self.peak);
-                before.and_then(|before| self.peak_between(before, now, &density, steepest))
+            let within = previous
+                .filter(|_| self.peak)
+                .and_then(|before| self.crossing_within(before, now, &density, steepest));
+            let at_sample = || match previous {
+                Some(before) if self.between => self.crossing(before, now),
+                _ => d,
             };
-            if let Some(hit) = hit {
+            if let Some(hit) = within.or_else(|| (now.1 >= self.threshold).then(at_sample)) {
                 return self.attenuation.at(hit / self.r_max);
             }
             previous = Some(now);
@@ -244,28 +242,24 @@ impl March {
         high.0 - (high.0 - low.0) * (high.1 - self.threshold) / (high.1 - low.1)
     }
 
-    /// A hit between two samples below the threshold, looked for by halving towards the higher one.
-    fn peak_between(
+    /// The first crossing between two neighbouring samples, sampled in parts of the step.
+    fn crossing_within(
         &self,
-        mut near: (f64, f64),
-        mut far: (f64, f64),
+        mut before: (f64, f64),
+        now: (f64, f64),
         density: impl Fn(f64) -> f64,
         steepest: f64,
     ) -> Option<f64> {
-        if near.1 + far.1 + self.step * steepest < 2.0 * self.threshold {
+        if before.1 + now.1 + self.step * steepest < 2.0 * self.threshold {
             return None;
         }
-        for _ in 0..HALVINGS {
-            let middle = 0.5 * (near.0 + far.0);
-            let found = (middle, density(middle));
+        for i in (0..PARTS).rev() {
+            let d = now.0 - f64::from(i) / f64::from(PARTS) * self.step;
+            let found = if i == 0 { now } else { (d, density(d)) };
             if found.1 >= self.threshold {
-                return Some(self.crossing(near, found));
+                return Some(self.crossing(before, found));
             }
-            if near.1 > far.1 {
-                far = found;
-            } else {
-                near = found;
-            }
+            before = found;
         }
         None
     }

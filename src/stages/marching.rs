@@ -84,8 +84,8 @@ pub enum Hit {
     Sample,
     /// Where V, taken as linear between that sample and the one before, crosses the threshold.
     Between,
-    /// The same; and where both of two samples lie below the threshold, a peak of V between them is looked for. A wall one
-    /// voxel thick exceeds a high threshold over less than a step.
+    /// The same between quarters of a step, wherever V can exceed the threshold within the step: a wall one voxel thick exceeds
+    /// a high threshold over less than a step.
     Peak,
 }
 
