@@ -185,22 +185,6 @@ fn closed_streams_write_into_no_file() {
 }
 
 #[test]
-fn a_run_keeps_every_cell_whatever_can_be_printed() {
-    let streams: [(Stream, Stream); 2] = [(full, unread), (unread, full)];
-    for (out, error) in streams {
-        let folder = tempfile::tempdir().unwrap();
-        let mut command = fathom(&["run", "uw-waves", "--profile", "quick", "--budget", "0.2"]);
-        command.args(["--axis", "water=circular", "--axis"]);
-        command.args(["water.amplitude_m=0.0,0.1", "--out"]);
-        command.arg(folder.path()).args(SMALL);
-        let output = command.stdout(out()).stderr(error()).output().unwrap();
-        ended(&output, 0);
-        assert_eq!(cells(folder.path()), 2);
-        assert!(folder.path().join("summary.md").exists());
-    }
-}
-
-#[test]
 fn pictures_and_dumps_are_written_whatever_can_be_printed() {
     let folder = tempfile::tempdir().unwrap();
     let picture = folder.path().join("plane.png");
@@ -233,14 +217,20 @@ fn answers_that_need_an_adapter_are_errors_on_a_full_disk_too() {
     ended(&verify.unwrap(), 2);
 }
 
-/// `compare` writes its tables before it prints one.
+/// Records before progress, tables before the one that is printed.
 #[test]
-fn tables_of_a_comparison_are_written_whatever_can_be_printed() {
+fn runs_and_comparisons_keep_everything_whatever_can_be_printed() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("run");
-    let mut command = fathom(&["run", "uw-default", "--budget", "0.5", "--out"]);
+    let mut command = fathom(&["run", "uw-waves", "--profile", "quick", "--budget", "0.2"]);
+    command.args(["--axis", "water=circular", "--axis"]);
+    command.args(["water.amplitude_m=0.0,0.1", "--out"]);
     command.arg(&out).args(SMALL);
-    ended(&command.output().unwrap(), 0);
+    let output = command.stdout(full()).stderr(unread()).output().unwrap();
+    ended(&output, 0);
+    assert_eq!(cells(&out), 2);
+    assert!(out.join("summary.md").exists());
+
     let records = out.join("records.jsonl");
     let compare = |stream: Stream, name: &str| {
         let tables = folder.path().join(name);
