@@ -342,8 +342,8 @@ fn a_dump_says_what_its_columns_are() {
         ndarray_npy::read_npy(folder.path().join("caustics-trace-photons.npy")).unwrap();
     let about = std::fs::read(folder.path().join("caustics-trace-photons.json")).unwrap();
     let about: serde_json::Value = serde_json::from_slice(&about).unwrap();
-    assert_eq!(array.shape(), [16 * 16 * 4, 12]);
-    assert_eq!(about["columns"].as_array().unwrap().len(), 12);
+    assert_eq!(array.shape(), [16 * 16 * 4, 13]);
+    assert_eq!(about["columns"].as_array().unwrap().len(), 13);
     assert_eq!(about["shape"], serde_json::json!(array.shape()));
     assert_eq!(about["params"]["water"]["refractive_index"], 1.33);
 }
