@@ -377,7 +377,7 @@ pub fn report(args: ReportArgs) -> Outcome {
     let output = Output {
         folder: args.folder,
     };
-    let reading = record::read(&output.records())
+    let reading = record::read_some(&output.records())
         .with_context(|| format!("a run's folder holds its records in {RECORDS}"))?;
     for damage in &reading.damaged {
         tell::note(format!(
