@@ -130,6 +130,14 @@ pub struct Waiting<'a> {
     pub tell: &'a dyn Fn(&str),
 }
 
+impl Waiting<'static> {
+    /// To the end, and without a word.
+    pub const PLAINLY: Self = Waiting {
+        interrupted: &[],
+        tell: &|_| {},
+    };
+}
+
 /// How to start a worker.
 #[derive(Clone, Debug)]
 pub struct Start {
