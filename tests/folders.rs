@@ -146,6 +146,8 @@ fn a_kill_at_any_moment_loses_no_sample_and_one_of_two_processes_goes_on() {
         child.wait().unwrap();
         assert_eq!(cells(out), [], "no cell had its record");
         let before = kept(out);
+        let report = fathom(&["report", out.to_str().unwrap()]);
+        assert!(stderr(&report, 0).contains(" have no record yet; "));
         let resume = || run(out, &["--resume", "--budget", "2"]);
         let resumed = one_of_two([resume(), resume()]);
         let told = String::from_utf8(resumed.stderr).unwrap();

@@ -15,7 +15,7 @@ use fathom::harness::plan::Request;
 use fathom::harness::run::{self, Options, Summary};
 use fathom::harness::subject::{Subject, Subjects, find_kind};
 use fathom::harness::{
-    dump as dumping, query as querying, render as rendering, verify as verifying,
+    dump as dumping, journal, progress, query as querying, render as rendering, verify as verifying,
 };
 use fathom::pipelines::{self, params};
 use fathom::scene::{SceneFile, assets};
@@ -384,6 +384,15 @@ pub fn report(args: ReportArgs) -> Outcome {
             "{}, {damage}: left out",
             output.records().display()
         ));
+    }
+    let unfinished = journal::unfinished(&output.samples(), &reading.records)?;
+    if !unfinished.is_empty() {
+        let pairs: usize = unfinished.iter().map(|(_, pairs)| pairs).sum();
+        let (cells, folder) = (unfinished.len(), output.folder.display());
+        let notice = format!(
+            "{folder}: {cells} cells with {pairs} pairs of frames have no record yet; `fathom run --resume --out {folder}` goes on"
+        );
+        progress::say(&notice, false);
     }
     for path in reports::write(&output.folder, &reading.records)? {
         tell::done(path.display());

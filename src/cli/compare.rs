@@ -126,7 +126,10 @@ fn built(revision: &str) -> anyhow::Result<(PathBuf, String)> {
 /// Makes a comparison of two files of records.
 fn records(args: &CompareArgs, base: &Path, head: &Path) -> anyhow::Result<PathBuf> {
     let lines: Vec<Line> = files::lines(base, head, &settings(args))?;
-    let folder = args.out.clone().unwrap_or_else(flow::fresh);
+    let folder = match &args.out {
+        Some(folder) => folder.clone(),
+        None => flow::fresh()?,
+    };
     Store::create(&folder)?.write(&lines)?;
     Ok(folder)
 }

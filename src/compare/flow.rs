@@ -91,7 +91,7 @@ pub fn measure(
     }
     let folder = match &options.out {
         Some(folder) => folder.clone(),
-        None => unused(&fresh())?,
+        None => fresh()?,
     };
     let held = held(&folder, options.resume)?;
     let flags = [interrupted];
@@ -148,9 +148,9 @@ pub fn try_folder(folder: &Path, resume: bool) -> Result<(), StoreError> {
 }
 
 /// A new folder for a comparison that is told none.
-pub fn fresh() -> PathBuf {
+pub fn fresh() -> Result<PathBuf, OutputError> {
     let name = format!("compare-{}", calendar::compact(SystemTime::now()));
-    Path::new(DEFAULT_FOLDER).join(name)
+    unused(&Path::new(DEFAULT_FOLDER).join(name))
 }
 
 fn start_of(options: &Options, side: Side) -> Start {

