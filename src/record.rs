@@ -20,7 +20,7 @@ mod tests;
 pub use file::{Reading, Writer, empty_or_sound, finished, read, read_some, resume_key};
 pub use lines::{Damage, Line, LineWriter, Lines, Opened, RecordError, kept_aside, read_lines};
 pub use lock::{FolderLock, LOCK, LockError};
-pub use samples::{Addition, FramePair, SAMPLES_SCHEMA, SampleLine, StageTime};
+pub use samples::{Addition, Clocks, FramePair, SAMPLES_SCHEMA, SampleLine, StageTime};
 
 /// Version of the record format; raised when a field changes its meaning or goes away.
 pub const SCHEMA: u32 = 1;
@@ -87,7 +87,7 @@ pub enum PassKind {
 }
 
 /// The clock that timed a stage.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Clock {
     /// Timestamp queries at the pass's begin and end.

@@ -5,7 +5,8 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use crate::record::{
-    Addition, LineWriter, Outcome, Record, RecordError, Run, SAMPLES_SCHEMA, SampleLine, read_lines,
+    Addition, Clocks, LineWriter, Outcome, Record, RecordError, Run, SAMPLES_SCHEMA, SampleLine,
+    read_lines,
 };
 
 /// A round that takes longer is written visit by visit.
@@ -23,14 +24,31 @@ pub struct CellName {
     pub cell: String,
 }
 
-/// Additions by the id of their cell, those only that count.
-type Earlier = BTreeMap<String, Vec<Addition>>;
+/// What an earlier run took of a cell, as far as it counts.
+#[derive(Default)]
+struct Earlier {
+    additions: Vec<Addition>,
+    /// Those of the last line.
+    clocks: Clocks,
+}
+
+impl Earlier {
+    fn pairs(&self) -> usize {
+        let additions = self.additions.iter();
+        additions.filter(|added| added.pair.is_some()).count()
+    }
+}
+
+/// By the id of the cell.
+type Cells = BTreeMap<String, Earlier>;
 
 /// Writes samples as they are taken, and hands out those of an earlier run.
 pub struct Journal {
     path: PathBuf,
     writer: LineWriter<SampleLine>,
-    earlier: Earlier,
+    earlier: Cells,
+    /// By which samples are taken.
+    clocks: Clocks,
     /// Cells with samples and without a record.
     open: BTreeSet<String>,
     unwritten: Vec<SampleLine>,
@@ -50,6 +68,7 @@ impl Journal {
             writer: opened.writer,
             open: earlier.keys().cloned().collect(),
             earlier,
+            clocks: Clocks::new(),
             unwritten: Vec::new(),
             written: now,
             synced: now,
@@ -66,22 +85,45 @@ impl Journal {
     }
 
     /// Pairs of frames that an earlier run took of these cells, and how many of the cells have any.
-    pub fn earlier_pairs(&self, ids: impl IntoIterator<Item = String>) -> (usize, usize) {
-        let found = ids.into_iter().filter_map(|id| self.earlier.get(&id));
-        let pairs = found
-            .map(|additions| pairs(additions))
-            .filter(|pairs| *pairs > 0);
+    pub fn earlier_pairs(&self, ids: &[String]) -> (usize, usize) {
+        let found = ids.iter().filter_map(|id| self.earlier.get(id));
+        let pairs = found.map(Earlier::pairs).filter(|pairs| *pairs > 0);
         pairs.fold((0, 0), |(pairs, cells), more| (pairs + more, cells + 1))
+    }
+
+    /// The clocks to take samples by: those that an earlier run took most pairs of these cells by, else those that were found
+    /// now. Samples by different clocks do not go together, and what one audit found sound, the next may not on a busy machine.
+    pub fn choose_clocks(&mut self, ids: &[String], found: Clocks) -> &Clocks {
+        let mut pairs = BTreeMap::<&Clocks, usize>::new();
+        for earlier in ids.iter().filter_map(|id| self.earlier.get(id)) {
+            *pairs.entry(&earlier.clocks).or_default() += earlier.pairs();
+        }
+        let most = pairs.into_iter().max_by_key(|(_, pairs)| *pairs);
+        let most = most.filter(|(_, pairs)| *pairs > 0);
+        self.clocks = most.map_or(found, |(clocks, _)| clocks.clone());
+        &self.clocks
     }
 
     /// What an earlier run took of a cell. It is given once.
     pub fn take_earlier(&mut self, cell: &CellName) -> Vec<Addition> {
-        self.earlier.remove(&cell.id).unwrap_or_default()
+        let earlier = self.earlier.remove(&cell.id);
+        earlier.map_or_else(Vec::new, |earlier| earlier.additions)
+    }
+
+    fn line(&self, cell: &CellName, added: Addition) -> SampleLine {
+        SampleLine {
+            schema: SAMPLES_SCHEMA,
+            id: cell.id.clone(),
+            experiment: cell.experiment.clone(),
+            cell: cell.cell.clone(),
+            clocks: self.clocks.clone(),
+            added,
+        }
     }
 
     pub fn keep(&mut self, cell: &CellName, added: Addition) -> Result<(), RecordError> {
         self.open.insert(cell.id.clone());
-        self.unwritten.push(line(cell, added));
+        self.unwritten.push(self.line(cell, added));
         if self.written.elapsed() < LONGEST_UNWRITTEN {
             return Ok(());
         }
@@ -105,7 +147,7 @@ impl Journal {
     /// A cell has its record. One that failed will be measured anew, from nothing.
     pub fn close(&mut self, cell: &CellName, outcome: &Outcome) -> Result<(), RecordError> {
         if matches!(outcome, Outcome::Failed { .. }) && self.open.contains(&cell.id) {
-            self.unwritten.push(line(cell, ended()));
+            self.unwritten.push(self.line(cell, ended()));
             self.write()?;
         }
         self.open.remove(&cell.id);
@@ -124,35 +166,19 @@ impl Journal {
     }
 }
 
-fn line(cell: &CellName, added: Addition) -> SampleLine {
-    SampleLine {
-        schema: SAMPLES_SCHEMA,
-        id: cell.id.clone(),
-        experiment: cell.experiment.clone(),
-        cell: cell.cell.clone(),
-        added,
-    }
-}
-
-fn pairs(additions: &[Addition]) -> usize {
-    additions
-        .iter()
-        .filter(|added| added.pair.is_some())
-        .count()
-}
-
-/// Additions of each cell, from the last line on that begins it afresh.
-fn by_cell(lines: Vec<SampleLine>) -> Earlier {
-    let mut cells = Earlier::new();
-    for SampleLine { id, added, .. } in lines {
-        let additions = cells.entry(id).or_default();
-        if added.afresh {
-            additions.clear();
+/// What the lines say of each cell, from the last one on that begins it afresh.
+fn by_cell(lines: Vec<SampleLine>) -> Cells {
+    let mut cells = Cells::new();
+    for line in lines {
+        let earlier = cells.entry(line.id).or_default();
+        if line.added.afresh {
+            earlier.additions.clear();
         }
-        additions.push(added);
+        earlier.additions.push(line.added);
+        earlier.clocks = line.clocks;
     }
     // A cell whose last line only ended what was before has nothing left.
-    cells.retain(|_, additions| additions.iter().any(|added| *added != ended()));
+    cells.retain(|_, earlier| earlier.additions.iter().any(|added| *added != ended()));
     cells
 }
 
@@ -183,10 +209,8 @@ pub fn unfinished(path: &Path, records: &[Record]) -> Result<Vec<(CellName, usiz
     for id in recorded(records) {
         cells.remove(&id);
     }
-    let found = cells
-        .into_iter()
-        .map(|(id, additions)| Some((names.remove(&id)?, pairs(&additions))));
-    Ok(found.flatten().collect())
+    let named = |(id, earlier): (String, Earlier)| Some((names.remove(&id)?, earlier.pairs()));
+    Ok(cells.into_iter().filter_map(named).collect())
 }
 
 /// Ids of the cells that were measured.
@@ -208,7 +232,7 @@ fn recorded(records: &[Record]) -> BTreeSet<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::record::FramePair;
+    use crate::record::{Clock, FramePair, PassKind};
 
     fn cell(id: &str) -> CellName {
         CellName {
@@ -258,11 +282,44 @@ mod tests {
         // It is killed: what was not handed over is gone.
         drop(first);
         let mut second = journal(&folder);
-        let ids = || ["a", "b", "c"].map(str::to_owned);
-        assert_eq!(second.earlier_pairs(ids()), (2, 2));
+        let ids = ["a", "b", "c"].map(str::to_owned);
+        assert_eq!(second.earlier_pairs(&ids), (2, 2));
         assert_eq!(second.take_earlier(&cell("a")), [warm_up, pair(1.0)]);
         assert_eq!(second.take_earlier(&cell("a")), []);
-        assert_eq!(second.earlier_pairs(ids()), (1, 1));
+        assert_eq!(second.earlier_pairs(&ids), (1, 1));
+    }
+
+    #[test]
+    fn a_resumed_run_takes_samples_by_the_clocks_of_the_earlier_one() {
+        let folder = tempfile::tempdir().unwrap();
+        let ids = ["a", "b"].map(str::to_owned);
+        let by = |clock| Clocks::from([(PassKind::Compute, clock)]);
+        let (stamped, fenced) = (by(Clock::Timestamp), by(Clock::FencedHost));
+        let mut first = journal(&folder);
+        assert_eq!(*first.choose_clocks(&ids, stamped.clone()), stamped);
+        first.keep(&cell("a"), pair(1.0)).unwrap();
+        first.keep(&cell("b"), pair(1.0)).unwrap();
+        first.write().unwrap();
+        drop(first);
+        let mut second = journal(&folder);
+        assert_eq!(*second.choose_clocks(&ids, fenced.clone()), stamped);
+        let others = ["c".to_owned()];
+        assert_eq!(*second.choose_clocks(&others, fenced.clone()), fenced);
+        second.settle(ids.clone());
+        assert_eq!(*second.choose_clocks(&ids, fenced.clone()), fenced);
+    }
+
+    #[test]
+    fn numbers_are_read_as_they_were_written() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut first = journal(&folder);
+        let numbers: Vec<f64> = (1..2_000).map(|n| 1e7 / f64::from(n).sqrt()).collect();
+        for ns in &numbers {
+            first.keep(&cell("a"), pair(*ns)).unwrap();
+        }
+        first.write().unwrap();
+        let read = journal(&folder).take_earlier(&cell("a"));
+        assert_eq!(read, numbers.into_iter().map(pair).collect::<Vec<_>>());
     }
 
     #[test]

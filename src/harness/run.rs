@@ -14,7 +14,7 @@ use super::progress::{self, Progress};
 use super::sample::{self, Settings};
 use super::{calendar, memory};
 use crate::experiments::{Experiment, ExperimentError};
-use crate::gpu::{self, Audit, Gpu, GpuError};
+use crate::gpu::{self, Audit, ClockPlan, Gpu, GpuError};
 use crate::record::{
     self, Definition, End, Outcome, PassKind, Record, RecordError, Run, SCHEMA, SampleLine,
 };
@@ -24,6 +24,8 @@ use crate::report::{self, ReportError};
 /// which is to stay below 2 GiB.
 const SOFTWARE_GROUP_BYTES: u64 = 512 << 20;
 const GPU_GROUP_BYTES: u64 = 2 << 30;
+/// Kinds of passes that the audit chooses a clock for.
+const AUDITED: [PassKind; 3] = [PassKind::Compute, PassKind::Render, PassKind::Copy];
 
 #[derive(Debug, Error)]
 pub enum RunError {
@@ -133,24 +135,52 @@ pub fn run(options: &Options, interrupted: &AtomicBool) -> Result<Summary, RunEr
     let seed = options
         .seed
         .unwrap_or_else(|| u64::from(rand::random::<u32>()));
-    let header = header(options, &gpu, &audit, &profile, seed);
+    let mut header = header(options, &gpu, &audit, &profile, seed);
     let finished = record::finished(&held.before, &header);
     let kept = plan::drop_finished(&mut planned, &finished);
     let (mut journal, damage) = Journal::open(&held.output.samples())?;
     journal.settle(finished.iter().map(|key| SampleLine::id(&header, key)));
+    let ids = ids(&planned, &header);
+    let plan = clock_plan(audit.plan, &mut journal, &ids);
+    header.notes.extend(other_clocks(&audit.plan, &plan));
     let mut measurement = Measurement {
         settings: settings(options, &profile, &planned, seed, gpu.adapter.software),
-        session: Session::new(gpu, options.gpu.clone(), audit.plan)?,
+        session: Session::new(gpu, options.gpu.clone(), plan)?,
         held,
         header,
         journal,
         interrupted,
         quiet: options.quiet,
     };
-    measurement.begin(&damage, &planned)?;
+    measurement.begin(&damage, &ids)?;
     let set_up_s = start.elapsed().as_secs_f64();
     measurement.measure(&planned)?;
     measurement.end(start, set_up_s, kept)
+}
+
+/// What the journal calls the cells that are due.
+fn ids(planned: &[PlannedExperiment], header: &Run) -> Vec<String> {
+    let cells = planned.iter().flat_map(|experiment| &experiment.cells);
+    cells.map(|cell| executor::name(header, cell).id).collect()
+}
+
+/// The audit's plan, but by the clocks of the samples that are gone on with.
+fn clock_plan(found: ClockPlan, journal: &mut Journal, ids: &[String]) -> ClockPlan {
+    let clocks = AUDITED.map(|kind| (kind, found.clock(kind)));
+    let chosen = journal.choose_clocks(ids, clocks.into());
+    chosen
+        .iter()
+        .fold(found, |plan, (kind, clock)| plan.with(*kind, *clock))
+}
+
+/// Says so where passes are timed by another clock than this run's audit found.
+fn other_clocks(found: &ClockPlan, plan: &ClockPlan) -> Option<String> {
+    let mut kinds = AUDITED.into_iter();
+    let differs = kinds.any(|kind| found.clock(kind) != plan.clock(kind));
+    differs.then(|| {
+        "passes are timed by the clocks of the run that is gone on with, as its audit chose them"
+            .to_owned()
+    })
 }
 
 fn check(options: &Options) -> Result<(), RunError> {
@@ -203,7 +233,7 @@ fn header(options: &Options, gpu: &Gpu, audit: &Audit, profile: &str, seed: u64)
         }
         .to_owned(),
         audit: audit.rows.clone(),
-        submit_cost_ns: [PassKind::Compute, PassKind::Render, PassKind::Copy]
+        submit_cost_ns: AUDITED
             .map(|kind| (kind, audit.plan.submit_cost.of(kind)))
             .into(),
         notes,
@@ -251,14 +281,12 @@ struct Measurement<'a> {
 
 impl Measurement<'_> {
     /// Writes the header, and says what of an earlier run was damaged and what is gone on with.
-    fn begin(&mut self, damage: &[String], planned: &[PlannedExperiment]) -> Result<(), RunError> {
+    fn begin(&mut self, damage: &[String], ids: &[String]) -> Result<(), RunError> {
         let header = Record::Run(Box::new(self.header.clone()));
         self.held.writer.write(&header)?;
         for notice in self.held.notices.iter().chain(damage) {
             progress::say(notice, self.quiet);
         }
-        let cells = planned.iter().flat_map(|experiment| &experiment.cells);
-        let ids = cells.map(|cell| executor::name(&self.header, cell).id);
         let (pairs, cells) = self.journal.earlier_pairs(ids);
         if pairs > 0 {
             let notice = format!("going on from {pairs} pairs of frames of {cells} cells");

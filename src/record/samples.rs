@@ -4,12 +4,13 @@
 //! Each line stands for itself: it names its cell by a digest of all that makes the cell and its conditions, so a line that is
 //! lost takes no other with it.
 
+use std::collections::BTreeMap;
 use std::fmt::Write;
 
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
-use super::{Clock, Line, Run};
+use super::{Clock, Line, PassKind, Run};
 
 /// Version of the lines; raised when a field changes its meaning or goes away.
 pub const SAMPLES_SCHEMA: u32 = 1;
@@ -25,8 +26,12 @@ pub struct SampleLine {
     /// For readers: the id says all.
     pub experiment: String,
     pub cell: String,
+    pub clocks: Clocks,
     pub added: Addition,
 }
+
+/// The clock that each kind of pass is timed by.
+pub type Clocks = BTreeMap<PassKind, Clock>;
 
 impl Line for SampleLine {
     const SCHEMA: u32 = SAMPLES_SCHEMA;
