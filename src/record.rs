@@ -3,6 +3,8 @@
 //!
 //! A file holds one [`Run`] line, a [`Definition`] line per experiment, then [`Cell`] lines in the order in
 //! which they were finished, then one [`End`] line. A resumed file may hold several runs. Units stand in the field names.
+//!
+//! Samples of cells that have no line yet stand in a file beside it, a [`SampleLine`] for each visit to a cell.
 
 use std::collections::BTreeMap;
 
@@ -11,10 +13,14 @@ use serde_json::{Map, Value};
 
 mod file;
 mod lines;
+mod lock;
+mod samples;
 #[cfg(test)]
 mod tests;
-pub use file::{Reading, Writer, finished, read, resume_key};
-pub use lines::{Damage, Line, LineWriter, Lines, RecordError, read_lines};
+pub use file::{Reading, Writer, empty_or_sound, finished, read, read_some, resume_key};
+pub use lines::{Damage, Line, LineWriter, Lines, Opened, RecordError, kept_aside, read_lines};
+pub use lock::{FolderLock, LOCK, LockError};
+pub use samples::{Addition, Clocks, FramePair, SAMPLES_SCHEMA, SampleLine, StageTime};
 
 /// Version of the record format; raised when a field changes its meaning or goes away.
 pub const SCHEMA: u32 = 1;
@@ -81,7 +87,7 @@ pub enum PassKind {
 }
 
 /// The clock that timed a stage.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Clock {
     /// Timestamp queries at the pass's begin and end.

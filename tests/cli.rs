@@ -459,7 +459,11 @@ fn an_interrupted_run_ends_cleanly_and_resumes() {
     };
     let mut child = measure("600", &[]).spawn().unwrap();
     let patience = Instant::now() + Duration::from_secs(300);
-    while !out.join("records.jsonl").exists() && Instant::now() < patience {
+    let begun = || {
+        let records = out.join("records.jsonl").metadata();
+        records.is_ok_and(|records| records.len() > 0)
+    };
+    while !begun() && Instant::now() < patience {
         std::thread::sleep(Duration::from_millis(100));
     }
     std::thread::sleep(Duration::from_secs(3));

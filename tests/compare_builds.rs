@@ -13,6 +13,9 @@ use fathom::compare::store::{Comparison, Gate};
 use fathom::compare::verdict::{Status, Verdict, Verdicts};
 use fathom::record::{self, Outcome, Record};
 
+#[path = "compare_builds/folders.rs"]
+mod folders;
+
 const ADAPTER: &str = r#"{"name":"toy","backend":"vulkan","device_type":"Cpu","driver":"d","driver_info":"1","vendor_id":1,"device_id":1,"software":true,"timestamp_period_ns":1.0,"host_threads":1}"#;
 
 const CELLS: &str = r#"

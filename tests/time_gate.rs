@@ -10,7 +10,9 @@ use std::time::{Duration, Instant};
 use fathom::compare::bench::Processes;
 use fathom::compare::cells::CellId;
 use fathom::compare::exact::is_error;
-use fathom::compare::launch::{Patience, Quiet, Start, Worker, WorkerFault, allowed_cores};
+use fathom::compare::launch::{
+    Patience, Quiet, Start, Waiting, Worker, WorkerFault, allowed_cores,
+};
 use fathom::compare::protocol::{Configuration, Reply, Request};
 use fathom::compare::rounds::{self, Before, Party, PartyFault, Schedule};
 use fathom::compare::store::{Fault, Line, Pair, Settings, Side};
@@ -78,7 +80,7 @@ fn sorted(lines: Vec<Line>) -> (Vec<Pair>, Vec<Fault>, Vec<Vec<String>>) {
 
 #[test]
 fn a_gate_between_two_copies_of_this_build_measures_every_cell() {
-    let mut bench = Processes::new(fathom(), fathom(), &[plane()], 1).unwrap();
+    let mut bench = Processes::new(fathom(), fathom(), &[plane()], 1, Waiting::PLAINLY).unwrap();
     let schedule = schedule(&[("plane", "caustics/trace"), ("plane", "compose")], 2, 4);
     let (pairs, faults, notes) = sorted(measure(&mut bench, &schedule));
     assert_eq!(faults, []);
@@ -132,19 +134,22 @@ fn a_worker_says_under_which_conditions_it_runs_and_answers_every_request() {
         keep_memory: true,
     });
     let mut worker = Worker::start(&start).unwrap();
-    let early = worker.ask(&Request::Clock).unwrap_err();
+    let early = worker.ask(&Request::Clock, &Waiting::PLAINLY).unwrap_err();
     assert!(early.to_string().contains("`hello`"), "{early}");
     worker.greet().unwrap();
-    let greeting = worker.greeted().unwrap();
+    let greeting = worker.greeted(&Waiting::PLAINLY).unwrap();
     assert_eq!(greeting.parts, ["exact", "checks", "time", "instructions"]);
     if cfg!(target_os = "linux") {
         assert_eq!(greeting.cores, core.map(|core| vec![core]));
         assert!(greeting.randomized.is_some());
     }
     let prepared = worker
-        .ask(&Request::Prepare {
-            configuration: plane(),
-        })
+        .ask(
+            &Request::Prepare {
+                configuration: plane(),
+            },
+            &Waiting::PLAINLY,
+        )
         .unwrap();
     let Reply::Prepared { stages, .. } = prepared else {
         panic!("{prepared:?}")
@@ -162,7 +167,10 @@ fn a_worker_says_under_which_conditions_it_runs_and_answers_every_request() {
         stage: stage.to_owned(),
         frames,
     };
-    let Reply::Sample { ns } = worker.ask(&sample("plane", "caustics/splat", 3)).unwrap() else {
+    let Reply::Sample { ns } = worker
+        .ask(&sample("plane", "caustics/splat", 3), &Waiting::PLAINLY)
+        .unwrap()
+    else {
         panic!("no sample")
     };
     assert!(ns.len() == 3 && ns.iter().all(|ns| *ns > 0.0), "{ns:?}");
@@ -183,7 +191,7 @@ fn a_worker_says_under_which_conditions_it_runs_and_answers_every_request() {
             false,
         ),
     ] {
-        let fault = worker.ask(&request).unwrap_err();
+        let fault = worker.ask(&request, &Waiting::PLAINLY).unwrap_err();
         assert!(
             fault.goes_on() && fault.to_string().contains(reason),
             "{fault}"
@@ -195,9 +203,12 @@ fn a_worker_says_under_which_conditions_it_runs_and_answers_every_request() {
         ..plane()
     };
     let fault = worker
-        .ask(&Request::Prepare {
-            configuration: wrong,
-        })
+        .ask(
+            &Request::Prepare {
+                configuration: wrong,
+            },
+            &Waiting::PLAINLY,
+        )
         .unwrap_err();
     assert!(
         fault.to_string().contains("did you mean `caustics.grid`"),
@@ -209,17 +220,23 @@ fn a_worker_says_under_which_conditions_it_runs_and_answers_every_request() {
         ..plane()
     };
     let fault = worker
-        .ask(&Request::Prepare {
-            configuration: unfit,
-        })
+        .ask(
+            &Request::Prepare {
+                configuration: unfit,
+            },
+            &Waiting::PLAINLY,
+        )
         .unwrap_err();
     assert!(fault.goes_on() && !fault.is_absence(), "{fault}");
 
     let config = "plane".to_owned();
     let Reply::Exact(exact) = worker
-        .ask(&Request::Exact {
-            config: config.clone(),
-        })
+        .ask(
+            &Request::Exact {
+                config: config.clone(),
+            },
+            &Waiting::PLAINLY,
+        )
         .unwrap()
     else {
         panic!("no exact figures")
@@ -232,11 +249,14 @@ fn a_worker_says_under_which_conditions_it_runs_and_answers_every_request() {
     }
     let stage = "compose".to_owned();
     let counted = worker
-        .ask(&Request::Instructions {
-            config,
-            stage,
-            frames: 2,
-        })
+        .ask(
+            &Request::Instructions {
+                config,
+                stage,
+                frames: 2,
+            },
+            &Waiting::PLAINLY,
+        )
         .unwrap();
     assert_eq!(counted, Reply::Instructions { frames: 2 });
     worker.quit();
@@ -289,7 +309,7 @@ fn fails_alone(badly: &str) -> String {
         "echo '{\"message\":\"sample\",\"ns\":[5000000]}'",
     );
     let head = script(folder.path(), "head", badly);
-    let mut bench = Processes::new(base, head, &[toy()], 1).unwrap();
+    let mut bench = Processes::new(base, head, &[toy()], 1, Waiting::PLAINLY).unwrap();
     let schedule = schedule(&[("toy", "good"), ("toy", "bad"), ("toy", "fine")], 3, 2);
     let (pairs, faults, notes) = sorted(measure(&mut bench, &schedule));
     let [fault] = &faults[..] else {
@@ -354,14 +374,14 @@ fn a_hung_worker_is_killed_for_certain() {
     );
     let mut worker = Worker::start(&script(folder.path(), "hung", &hang)).unwrap();
     worker.greet().unwrap();
-    worker.greeted().unwrap();
+    worker.greeted(&Waiting::PLAINLY).unwrap();
     let request = Request::Sample {
         config: "toy".to_owned(),
         stage: "bad".to_owned(),
         frames: 1,
     };
     let asked = Instant::now();
-    let fault = worker.ask(&request).unwrap_err();
+    let fault = worker.ask(&request, &Waiting::PLAINLY).unwrap_err();
     assert!(
         matches!(fault, WorkerFault::Silent { seconds: 1, .. }),
         "{fault}"
@@ -370,13 +390,18 @@ fn a_hung_worker_is_killed_for_certain() {
     let pid = fs::read_to_string(pid).unwrap();
     assert!(!PathBuf::from(format!("/proc/{}", pid.trim())).exists());
     assert!(
-        !worker.ask(&request).unwrap_err().goes_on(),
+        !worker
+            .ask(&request, &Waiting::PLAINLY)
+            .unwrap_err()
+            .goes_on(),
         "a dead worker stays dead"
     );
 }
 
 fn refused(base: Start) -> PartyFault {
-    Processes::new(base, fathom(), &[toy()], 1).err().unwrap()
+    Processes::new(base, fathom(), &[toy()], 1, Waiting::PLAINLY)
+        .err()
+        .unwrap()
 }
 
 #[test]
@@ -418,7 +443,7 @@ fn builds_without_a_worker_of_this_protocol_are_told_apart() {
     // A part that lacks ends the gate with the reason and no cell at fault.
     let base = script(folder.path(), "base", "");
     let head = scripted(folder.path(), "exact", &hello(1, "\"exact\""), "");
-    let mut bench = Processes::new(base, head, &[toy()], 1).unwrap();
+    let mut bench = Processes::new(base, head, &[toy()], 1, Waiting::PLAINLY).unwrap();
     let (pairs, faults, _) = sorted(measure(&mut bench, &schedule(&[("toy", "good")], 3, 2)));
     assert_eq!(pairs, []);
     assert!(faults.iter().all(|fault| fault.cell.is_none()));

@@ -15,7 +15,7 @@ use fathom::harness::plan::Request;
 use fathom::harness::run::{self, Options, Summary};
 use fathom::harness::subject::{Subject, Subjects, find_kind};
 use fathom::harness::{
-    dump as dumping, query as querying, render as rendering, verify as verifying,
+    dump as dumping, journal, progress, query as querying, render as rendering, verify as verifying,
 };
 use fathom::pipelines::{self, params};
 use fathom::scene::{SceneFile, assets};
@@ -377,13 +377,22 @@ pub fn report(args: ReportArgs) -> Outcome {
     let output = Output {
         folder: args.folder,
     };
-    let reading = record::read(&output.records())
+    let reading = record::read_some(&output.records())
         .with_context(|| format!("a run's folder holds its records in {RECORDS}"))?;
     for damage in &reading.damaged {
         tell::note(format!(
             "{}, {damage}: left out",
             output.records().display()
         ));
+    }
+    let unfinished = journal::unfinished(&output.samples(), &reading.records)?;
+    if !unfinished.is_empty() {
+        let pairs: usize = unfinished.iter().map(|(_, pairs)| pairs).sum();
+        let (cells, folder) = (unfinished.len(), output.folder.display());
+        let notice = format!(
+            "{folder}: {cells} cells with {pairs} pairs of frames have no record yet; `fathom run --resume --out {folder}` goes on"
+        );
+        progress::say(&notice, false);
     }
     for path in reports::write(&output.folder, &reading.records)? {
         tell::done(path.display());

@@ -31,7 +31,13 @@ pub fn compare(args: CompareArgs) -> Outcome {
     }
     let folder = match args.records.as_slice() {
         [base, head] => records(&args, base, head)?,
-        _ => builds(&args)?,
+        _ => match builds(&args) {
+            Err(error) if INTERRUPT.load(Ordering::Relaxed) => {
+                super::fail(&error.to_string());
+                return Ok(ExitCode::from(INTERRUPTED));
+            }
+            folder => folder?,
+        },
     };
     let status = tell(&folder, &args.format, true)?;
     Ok(match INTERRUPT.load(Ordering::Relaxed) {
@@ -63,6 +69,9 @@ fn settings(args: &CompareArgs) -> Settings {
 fn builds(args: &CompareArgs) -> anyhow::Result<PathBuf> {
     watch_interrupts()?;
     check_selection(args)?;
+    if let Some(folder) = &args.out {
+        flow::try_folder(folder, args.resume)?;
+    }
     let head = match &args.head_bin {
         Some(path) => path.clone(),
         None => std::env::current_exe().context("cannot tell where this program lies")?,
@@ -110,14 +119,17 @@ fn check_selection(args: &CompareArgs) -> anyhow::Result<()> {
 fn built(revision: &str) -> anyhow::Result<(PathBuf, String)> {
     tell::note(format!("building {revision}"));
     let folder = std::env::current_dir().context("there is no current folder")?;
-    let built = build::revision(&folder, revision, &mut |line| tell::note(line))?;
+    let built = build::revision(&folder, revision, &INTERRUPT, &mut |line| tell::note(line))?;
     Ok((built.program, revision.to_owned()))
 }
 
 /// Makes a comparison of two files of records.
 fn records(args: &CompareArgs, base: &Path, head: &Path) -> anyhow::Result<PathBuf> {
     let lines: Vec<Line> = files::lines(base, head, &settings(args))?;
-    let folder = args.out.clone().unwrap_or_else(flow::fresh);
+    let folder = match &args.out {
+        Some(folder) => folder.clone(),
+        None => flow::fresh()?,
+    };
     Store::create(&folder)?.write(&lines)?;
     Ok(folder)
 }

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use rand::RngExt;
 
 use super::cells::CellId;
-use super::launch::{Quiet, Start, Worker, WorkerFault, allowed_cores};
+use super::launch::{Quiet, Start, Waiting, Worker, WorkerFault, allowed_cores};
 use super::protocol::{Configuration, Greeting, Reply, Request};
 use super::quiet::PADDING_BYTES;
 use super::rounds::{Bench, Broken, Opened, Party, PartyFault, random};
@@ -23,9 +23,10 @@ const SAMPLE_NS: f64 = 3e5;
 const MAX_FRAMES: f64 = 8.0;
 
 /// Processes that serve a [`Bench`].
-pub struct Processes {
+pub struct Processes<'a> {
     base: Start,
     head: Start,
+    waiting: Waiting<'a>,
     configurations: BTreeMap<String, Configuration>,
     pub adapter: Adapter,
     clock: Option<ClockPlan>,
@@ -36,7 +37,7 @@ pub struct Processes {
     frames: BTreeMap<CellId, u32>,
 }
 
-impl Processes {
+impl<'a> Processes<'a> {
     /// Asks a first base worker for the adapter, and for its clock where it is hardware: both sides then read the same
     /// clock, and each launch is spared the audit.
     pub fn new(
@@ -44,8 +45,9 @@ impl Processes {
         head: Start,
         configurations: &[Configuration],
         seed: u64,
+        waiting: Waiting<'a>,
     ) -> Result<Self, PartyFault> {
-        let (adapter, clock) = probe(&base).map_err(|fault| PartyFault {
+        let (adapter, clock) = probe(&base, &waiting).map_err(|fault| PartyFault {
             party: Party::Base,
             fault,
         })?;
@@ -54,6 +56,7 @@ impl Processes {
         Ok(Self {
             base,
             head,
+            waiting,
             configurations: configurations.iter().map(named).collect(),
             adapter,
             clock,
@@ -71,6 +74,7 @@ impl Processes {
                 Party::Head => self.head.clone(),
                 Party::Base | Party::Control | Party::Twin => self.base.clone(),
             };
+            start.name = party.name();
             start.clock = self.clock;
             start.quiet = self.adapter.software.then(|| Quiet {
                 core: core(&self.cores, launch as usize + place),
@@ -90,7 +94,7 @@ impl Processes {
     fn greeted(&mut self) -> Result<Vec<Greeting>, PartyFault> {
         let mut greetings = Vec::new();
         for (party, worker) in &mut self.workers {
-            let greeting = worker.greeted().map_err(of(*party))?;
+            let greeting = worker.greeted(&self.waiting).map_err(of(*party))?;
             if greeting.adapter.name != self.adapter.name
                 || greeting.adapter.driver_info != self.adapter.driver_info
             {
@@ -128,7 +132,7 @@ impl Processes {
         }
         let mut refused = None;
         for (party, worker) in concerned {
-            let fault = match worker.receive() {
+            let fault = match worker.receive(&self.waiting) {
                 Ok(Reply::Prepared { .. }) => continue,
                 Ok(other) => worker.unexpected(&other),
                 Err(fault) => fault,
@@ -161,7 +165,7 @@ impl Processes {
     }
 }
 
-impl Bench for Processes {
+impl Bench for Processes<'_> {
     fn open(
         &mut self,
         launch: u32,
@@ -221,7 +225,7 @@ impl Bench for Processes {
             stage: cell.stage().to_owned(),
             frames: frames.unwrap_or(1),
         };
-        let ns = match worker.ask(&request)? {
+        let ns = match worker.ask(&request, &self.waiting)? {
             Reply::Sample { ns } if sound(&ns, frames.unwrap_or(1)) => ns,
             other => return Err(worker.unexpected(&other)),
         };
@@ -268,13 +272,13 @@ fn core(cores: &[usize], turn: usize) -> Option<usize> {
     (!cores.is_empty()).then(|| cores[turn % cores.len()])
 }
 
-fn probe(base: &Start) -> Result<(Adapter, Option<ClockPlan>), WorkerFault> {
+fn probe(base: &Start, waiting: &Waiting<'_>) -> Result<(Adapter, Option<ClockPlan>), WorkerFault> {
     let mut worker = Worker::start(base)?;
     worker.greet()?;
-    let adapter = worker.greeted()?.adapter;
+    let adapter = worker.greeted(waiting)?.adapter;
     let clock = match adapter.software {
         true => None,
-        false => match worker.ask(&Request::Clock)? {
+        false => match worker.ask(&Request::Clock, waiting)? {
             Reply::Clock { clock } => Some(clock),
             other => return Err(worker.unexpected(&other)),
         },

@@ -5,8 +5,10 @@ use std::collections::VecDeque;
 use std::ffi::{OsStr, OsString};
 use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
-use std::process::{Command, Stdio};
-use std::time::SystemTime;
+use std::process::{Child, Command, Stdio};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
+use std::time::{Duration, SystemTime};
 
 use sha2::{Digest, Sha256};
 use tempfile::TempDir;
@@ -16,6 +18,8 @@ use super::quiet;
 
 /// Lines of the compiler that are told when it fails.
 const LAST_LINES: usize = 20;
+/// How long an interruption may go unnoticed while cargo says nothing.
+const SLICE: Duration = Duration::from_millis(100);
 /// Built revisions that are kept.
 const KEPT: usize = 8;
 /// Folder of the cache, in the repository's target folder.
@@ -34,6 +38,8 @@ pub enum BuildError {
     UnknownRevision { revision: String, reason: String },
     #[error("`{command}` failed: {reason}")]
     Command { command: String, reason: String },
+    #[error("building `{revision}` was interrupted")]
+    Interrupted { revision: String },
     #[error("revision `{revision}` does not build; the compiler's last lines:\n{}", .last.join("\n"))]
     Compile { revision: String, last: Vec<String> },
     #[error("cannot {action} {}: {source}", path.display())]
@@ -53,10 +59,11 @@ pub struct Built {
 }
 
 /// The release build of `revision` of the repository around `folder`, from the cache if it is there. `progress` is given each
-/// line that cargo writes meanwhile.
+/// line that cargo writes meanwhile. As soon as `interrupted` is set the build is given up, and nothing of it is left.
 pub fn revision(
     folder: &Path,
     revision: &str,
+    interrupted: &AtomicBool,
     progress: &mut dyn FnMut(&str),
 ) -> Result<Built, BuildError> {
     let repository = repository(folder)?;
@@ -72,6 +79,7 @@ pub fn revision(
             &cache.join("target"),
             revision,
             &[],
+            interrupted,
             progress,
         )?;
         keep(&built, &program)?;
@@ -180,48 +188,40 @@ impl Drop for Worktree {
 
 /// The program that cargo makes of a checkout, in an environment with these variables.
 ///
-/// Ctrl-C in a terminal does not reach cargo: a build that has begun is finished, unless this process ends before it.
+/// Ctrl-C in a terminal does not reach cargo: this process ends it, and the compilers that it has started, once `interrupted`
+/// is set.
 pub(super) fn compile(
     source: &Path,
     target: &Path,
     revision: &str,
     environment: &[(&str, &str)],
+    interrupted: &AtomicBool,
     progress: &mut dyn FnMut(&str),
 ) -> Result<PathBuf, BuildError> {
     let failed = |error: std::io::Error| BuildError::Command {
         command: "cargo build".to_owned(),
         reason: error.to_string(),
     };
-    let cargo = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
-    let mut command = Command::new(cargo);
-    quiet::apply(&mut command, None);
-    let mut child = command
-        .args([
-            "build",
-            "--release",
-            "--locked",
-            "--color=never",
-            "--bin",
-            BINARY,
-        ])
-        .arg("--target-dir")
-        .arg(target)
-        .current_dir(source)
-        .envs(environment.iter().copied())
-        .stdin(Stdio::null())
-        .stdout(Stdio::null())
-        .stderr(Stdio::piped())
-        .spawn()
-        .map_err(failed)?;
+    let mut child = cargo(source, target, environment).spawn().map_err(failed)?;
+    let lines = lines_of(&mut child);
     let mut last = VecDeque::new();
-    if let Some(output) = child.stderr.take() {
-        for line in BufReader::new(output).split(b'\n').map_while(Result::ok) {
-            let line = String::from_utf8_lossy(&line).trim_end().to_owned();
-            progress(&line);
-            if last.len() == LAST_LINES {
-                last.pop_front();
+    loop {
+        if interrupted.load(Ordering::Relaxed) {
+            quiet::kill_all(&mut child);
+            return Err(BuildError::Interrupted {
+                revision: revision.to_owned(),
+            });
+        }
+        match lines.recv_timeout(SLICE) {
+            Ok(line) => {
+                progress(&line);
+                if last.len() == LAST_LINES {
+                    last.pop_front();
+                }
+                last.push_back(line);
             }
-            last.push_back(line);
+            Err(RecvTimeoutError::Timeout) => {}
+            Err(RecvTimeoutError::Disconnected) => break,
         }
     }
     let program = format!("release/{BINARY}{}", std::env::consts::EXE_SUFFIX);
@@ -232,6 +232,38 @@ pub(super) fn compile(
             last: last.into(),
         }),
     }
+}
+
+fn cargo(source: &Path, target: &Path, environment: &[(&str, &str)]) -> Command {
+    let cargo = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
+    let mut command = Command::new(cargo);
+    quiet::apply(&mut command, None);
+    command
+        .args(["build", "--release", "--locked", "--color=never"])
+        .args(["--bin", BINARY, "--target-dir"])
+        .arg(target)
+        .current_dir(source)
+        .envs(environment.iter().copied())
+        .stdin(Stdio::null())
+        .stdout(Stdio::null())
+        .stderr(Stdio::piped());
+    command
+}
+
+/// What a child writes to its standard error, line by line, as it comes.
+fn lines_of(child: &mut Child) -> Receiver<String> {
+    let (sender, lines) = channel();
+    if let Some(output) = child.stderr.take() {
+        std::thread::spawn(move || {
+            for line in BufReader::new(output).split(b'\n').map_while(Result::ok) {
+                let line = String::from_utf8_lossy(&line).trim_end().to_owned();
+                if sender.send(line).is_err() {
+                    return;
+                }
+            }
+        });
+    }
+    lines
 }
 
 /// Copies a program into the cache. It appears there whole or not at all.
@@ -355,7 +387,9 @@ mod tests {
 
         fn build(&self, name: &str) -> (Result<Built, BuildError>, usize) {
             let mut lines = 0;
-            let built = revision(self.path(), name, &mut |_| lines += 1);
+            let built = revision(self.path(), name, &AtomicBool::new(false), &mut |_| {
+                lines += 1
+            });
             (built, lines)
         }
     }
@@ -374,6 +408,38 @@ mod tests {
         let (again, lines) = repository.build(&built.commit);
         assert_eq!(again.unwrap(), built);
         assert_eq!(lines, 0, "it comes from the cache");
+    }
+
+    /// Its build writes a file in the target folder, and then compiles for a minute.
+    const SLOW_BUILD: &str = "fn main() {\n    println!(\"cargo::warning=begun\");\n    \
+        std::fs::write(std::env::var(\"OUT_DIR\").unwrap() + \"/../../../../begun\", \"\").unwrap();\n    \
+        std::thread::sleep(std::time::Duration::from_secs(60));\n}\n";
+
+    #[test]
+    fn an_interrupted_build_ends_at_once_and_leaves_no_worktree() {
+        let repository = Repository::new();
+        repository.write("build.rs", SLOW_BUILD);
+        repository.commit();
+        let begun = repository.path().join(CACHE).join("target/begun");
+        let interrupted = AtomicBool::new(false);
+        let start = std::time::Instant::now();
+        let built = std::thread::scope(|scope| {
+            let built =
+                scope.spawn(|| revision(repository.path(), "HEAD", &interrupted, &mut |_| {}));
+            while !begun.exists() && !built.is_finished() {
+                std::thread::sleep(Duration::from_millis(20));
+            }
+            interrupted.store(true, Ordering::Relaxed);
+            built.join().unwrap()
+        });
+        let error = built.unwrap_err();
+        assert!(matches!(error, BuildError::Interrupted { .. }), "{error}");
+        assert!(begun.exists(), "it was interrupted in the midst of it");
+        assert!(start.elapsed() < Duration::from_secs(50));
+        assert_eq!(repository.git(["worktree", "list"]).split(" [").count(), 2);
+        let folders = std::fs::read_dir(repository.path().join(CACHE)).unwrap();
+        let names: Vec<_> = folders.flatten().map(|entry| entry.file_name()).collect();
+        assert_eq!(names, ["target"], "no worktree and no build is left");
     }
 
     #[test]
@@ -439,7 +505,8 @@ mod tests {
             assert_eq!(message.lines().count(), 1, "{message}");
         }
         let outside = tempfile::tempdir().unwrap();
-        let error = revision(outside.path(), "HEAD", &mut |_| {}).unwrap_err();
+        let error = revision(outside.path(), "HEAD", &AtomicBool::new(false), &mut |_| {});
+        let error = error.unwrap_err();
         assert!(error.to_string().contains("--base-bin"), "{error}");
     }
 

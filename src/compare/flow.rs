@@ -10,18 +10,18 @@ use thiserror::Error;
 use super::bench::Processes;
 use super::cells::{CellId, CellsError, Configuration, Gates};
 use super::instructions;
-use super::launch::{Quiet, Start, WorkerFault, allowed_cores};
+use super::launch::{Quiet, Start, Waiting, WorkerFault, allowed_cores};
 use super::protocol::{self, Greeting};
 use super::rounds::{self, Before, PartyFault, Schedule};
 use super::store::{
-    Build, Comparison, End, Fault, Gate, Header, Line, SCHEMA, Settings, Side, Skip, Store,
+    Build, Comparison, End, Fault, Gate, Header, Held, Line, SCHEMA, Settings, Side, Skip, Store,
     StoreError,
 };
 use super::survey::{self, Party};
 use super::time;
 use crate::gpu;
 use crate::harness::calendar;
-use crate::harness::output::DEFAULT_FOLDER;
+use crate::harness::output::{DEFAULT_FOLDER, OutputError, unused};
 
 /// Family-wise error of the time gate.
 pub const ALPHA: f64 = 0.05;
@@ -36,6 +36,8 @@ pub enum CompareError {
     Cells(#[from] CellsError),
     #[error(transparent)]
     Store(#[from] StoreError),
+    #[error(transparent)]
+    Folder(#[from] OutputError),
     #[error("{} cannot be read: {source}", path.display())]
     Program {
         path: PathBuf,
@@ -87,21 +89,31 @@ pub fn measure(
     if let Some(filter) = &options.filter {
         gates = gates.filtered(filter)?;
     }
+    let folder = match &options.out {
+        Some(folder) => folder.clone(),
+        None => fresh()?,
+    };
+    let held = held(&folder, options.resume)?;
+    let flags = [interrupted];
+    let waiting = Waiting {
+        interrupted: &flags,
+        tell,
+    };
     let mut parties = [
-        start_party(options, Side::Base)?,
-        start_party(options, Side::Head)?,
+        start_party(options, Side::Base, waiting)?,
+        start_party(options, Side::Head, waiting)?,
     ];
     let greetings = greeted(&mut parties)?;
     let header = header(options, &gates, &greetings)?;
-    let folder = options.out.clone().unwrap_or_else(fresh);
     let (store, before) = match options.resume {
-        true => resumed(&folder, &header)?,
-        false => (Store::create(&folder)?, None),
+        true => resumed(held, &header, tell)?,
+        false => (Store::begin(held)?, None),
     };
     let mut measurement = Measurement {
         options,
         store,
         interrupted,
+        waiting,
         tell,
         before: match before {
             Some(before) => before,
@@ -122,10 +134,23 @@ pub fn measure(
     Ok(folder)
 }
 
+/// The folder to write to, if it is free, or to resume from.
+fn held(folder: &Path, resume: bool) -> Result<Held, StoreError> {
+    match resume {
+        true => Held::with_comparison(folder),
+        false => Held::free(folder),
+    }
+}
+
+/// Finds out whether a folder can be written to, or resumed from, before minutes are spent on building.
+pub fn try_folder(folder: &Path, resume: bool) -> Result<(), StoreError> {
+    held(folder, resume).map(drop)
+}
+
 /// A new folder for a comparison that is told none.
-pub fn fresh() -> PathBuf {
+pub fn fresh() -> Result<PathBuf, OutputError> {
     let name = format!("compare-{}", calendar::compact(SystemTime::now()));
-    Path::new(DEFAULT_FOLDER).join(name)
+    unused(&Path::new(DEFAULT_FOLDER).join(name))
 }
 
 fn start_of(options: &Options, side: Side) -> Start {
@@ -134,24 +159,29 @@ fn start_of(options: &Options, side: Side) -> Start {
         Side::Head => &options.head,
     };
     let mut start = Start::new(&program.path);
+    start.name = side.name();
     start.gpu = options.gpu.clone();
     start
 }
 
 /// The worker of a side's survey. Both run at once, each on a core of its own where there are two.
-fn start_party(options: &Options, side: Side) -> Result<Party, CompareError> {
+fn start_party<'a>(
+    options: &Options,
+    side: Side,
+    waiting: Waiting<'a>,
+) -> Result<Party<'a>, CompareError> {
     let mut start = start_of(options, side);
     let cores = allowed_cores();
     start.quiet = Some(Quiet {
         core: cores.get(side as usize % cores.len().max(1)).copied(),
         ..Quiet::default()
     });
-    Party::new(side, start).map_err(|fault| CompareError::Worker { side, fault })
+    Party::new(side, start, waiting).map_err(|fault| CompareError::Worker { side, fault })
 }
 
-fn greeted(parties: &mut [Party; 2]) -> Result<[Greeting; 2], CompareError> {
+fn greeted(parties: &mut [Party<'_>; 2]) -> Result<[Greeting; 2], CompareError> {
     let [base, head] = parties;
-    let greet = |party: &mut Party| {
+    let greet = |party: &mut Party<'_>| {
         let side = party.side;
         let greeting = party.greeted();
         greeting.map_err(|fault| CompareError::Worker { side, fault })
@@ -241,8 +271,13 @@ pub fn digest(path: &Path) -> Result<String, std::io::Error> {
 }
 
 /// The folder's comparison, if it is this one.
-fn resumed(folder: &Path, now: &Header) -> Result<(Store, Option<Comparison>), CompareError> {
-    let (store, before) = Store::resume(folder)?;
+fn resumed(
+    held: Held,
+    now: &Header,
+    tell: &dyn Fn(&str),
+) -> Result<(Store, Option<Comparison>), CompareError> {
+    let (store, before, notices) = Store::resume(held)?;
+    notices.iter().for_each(|notice| tell(notice));
     let then = &before.header;
     let same = [
         ("base", then.base.digest == now.base.digest),
@@ -253,7 +288,7 @@ fn resumed(folder: &Path, now: &Header) -> Result<(Store, Option<Comparison>), C
     ];
     match same.iter().find(|(_, same)| !same) {
         Some((what, _)) => Err(CompareError::OtherComparison {
-            folder: folder.to_owned(),
+            folder: store.folder.clone(),
             what,
         }),
         None => Ok((store, Some(before))),
@@ -265,6 +300,7 @@ struct Measurement<'a> {
     options: &'a Options,
     store: Store,
     interrupted: &'a AtomicBool,
+    waiting: Waiting<'a>,
     tell: &'a dyn Fn(&str),
     /// What was measured before this process, if anything. Its settings hold.
     before: Comparison,
@@ -273,13 +309,25 @@ struct Measurement<'a> {
 impl Measurement<'_> {
     fn wants(&self, gate: Gate) -> bool {
         let asked = self.before.header.settings.gates.contains(&gate);
-        asked && !self.interrupted.load(Ordering::Relaxed)
+        asked && !self.is_interrupted()
+    }
+
+    fn is_interrupted(&self) -> bool {
+        self.interrupted.load(Ordering::Relaxed)
+    }
+
+    /// Stores what was found out, unless that was interrupted: then what looks like a fault is the interruption's.
+    fn keep(&mut self, lines: &[Line]) -> Result<(), StoreError> {
+        if self.is_interrupted() {
+            return Ok(());
+        }
+        self.store.write(lines)
     }
 
     /// What both sides have of the configurations, with its exact figures if they are wanted and not known.
     fn exact(
         &mut self,
-        parties: &mut [Party; 2],
+        parties: &mut [Party<'_>; 2],
         configurations: &[Configuration],
     ) -> Result<Vec<Configuration>, CompareError> {
         let counting = self.wants(Gate::Exact);
@@ -289,22 +337,21 @@ impl Measurement<'_> {
         });
         let mut common = Vec::new();
         for configuration in configurations {
-            if self.interrupted.load(Ordering::Relaxed) {
+            if self.is_interrupted() {
                 break;
             }
             let (known, faults) = survey::prepare(parties, configuration);
-            self.store.write(&faults)?;
+            self.keep(&faults)?;
             let lacks = |cell: CellId| !self.before.has_exact(&cell);
             if counting && known.cells().any(lacks) {
-                self.store.write(&survey::exact(parties, &known))?;
+                self.keep(&survey::exact(parties, &known))?;
             }
             common.push(known);
         }
         common.retain(|configuration| !configuration.stages.is_empty());
         let checked = |side| self.before.checks.iter().any(|check| check.side == side);
         if self.wants(Gate::Exact) && !Side::BOTH.into_iter().all(checked) {
-            self.store
-                .write(&survey::checks(parties, stages_of(&common)))?;
+            self.keep(&survey::checks(parties, stages_of(&common)))?;
         }
         Ok(common)
     }
@@ -334,8 +381,10 @@ impl Measurement<'_> {
         let configurations: Vec<protocol::Configuration> = common.iter().map(Into::into).collect();
         let sides = Side::BOTH.map(|side| start_of(self.options, side));
         let [base, head] = sides;
-        let mut bench = match Processes::new(base, head, &configurations, settings.seed) {
+        let seed = settings.seed;
+        let mut bench = match Processes::new(base, head, &configurations, seed, self.waiting) {
             Ok(bench) => bench,
+            Err(_) if self.is_interrupted() => return Ok(()),
             Err(cause) => return self.no_time(&cause),
         };
         let schedule = Schedule {
@@ -360,7 +409,11 @@ impl Measurement<'_> {
     }
 
     /// One of the two measurements of the time gate.
-    fn launches(&mut self, schedule: &Schedule, bench: &mut Processes) -> Result<(), CompareError> {
+    fn launches(
+        &mut self,
+        schedule: &Schedule,
+        bench: &mut Processes<'_>,
+    ) -> Result<(), CompareError> {
         let before = timed_before(&self.before, schedule.second);
         let mut done = before.complete;
         let (tell, store) = (self.tell, &mut self.store);

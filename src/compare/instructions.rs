@@ -18,7 +18,7 @@ use std::time::Duration;
 use tempfile::TempDir;
 
 use super::cells::{CellId, Configuration};
-use super::launch::{self, Patience, Quiet, Start, Worker, WorkerFault};
+use super::launch::{self, Patience, Quiet, Start, Waiting, Worker, WorkerFault};
 use super::protocol::{Reply, Request};
 use super::store::{Comparison, Fault, Gate, InstructionCounts, Line, Side, Store, StoreError};
 use super::valgrind;
@@ -274,6 +274,14 @@ fn send_faults(job: &Job<'_>, stages: &[String], cause: &WorkerFault, lines: &Se
     }
 }
 
+/// Under callgrind every reply is long in coming, and several are waited for at once.
+fn silently<'a>(ending: &'a [&'a AtomicBool]) -> Waiting<'a> {
+    Waiting {
+        interrupted: ending,
+        tell: &|_| {},
+    }
+}
+
 fn callgrind(folder: &Path) -> Vec<OsString> {
     let mut out = OsString::from("--callgrind-out-file=");
     out.push(folder.join(OUT));
@@ -305,11 +313,12 @@ impl Counter {
         start.wrapper = (conditions.wrapper)(folder.path());
         let mut worker = Worker::start(&start)?;
         worker.greet()?;
-        worker.greeted_unless(conditions.ending)?;
+        let waiting = silently(conditions.ending);
+        worker.greeted(&waiting)?;
         let request = Request::Prepare {
             configuration: job.configuration.into(),
         };
-        match worker.ask_unless(&request, conditions.ending)? {
+        match worker.ask(&request, &waiting)? {
             Reply::Prepared { .. } => Ok(Self {
                 worker,
                 folder,
@@ -331,7 +340,7 @@ impl Counter {
             stage: stage.to_owned(),
             frames: FRAMES,
         };
-        match self.worker.ask_unless(&request, ending)? {
+        match self.worker.ask(&request, &silently(ending))? {
             Reply::Instructions { frames: FRAMES } => {}
             other => return Err(self.worker.unexpected(&other)),
         }

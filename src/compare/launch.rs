@@ -27,6 +27,8 @@ const MAX_REPLY_BYTES: u64 = 16 << 20;
 const EXCERPT: usize = 80;
 /// A worker that was asked to end is killed after this.
 const FAREWELL: Duration = Duration::from_secs(2);
+/// A reply that takes longer than this is told to be waited for.
+const LONG: Duration = Duration::from_secs(5);
 /// How long an interruption may go unnoticed while a reply is waited for.
 const SLICE: Duration = Duration::from_millis(100);
 
@@ -119,9 +121,28 @@ impl Default for Patience {
     }
 }
 
+/// How a reply is waited for.
+#[derive(Clone, Copy)]
+pub struct Waiting<'a> {
+    /// The worker is killed and waited for no longer as soon as one of these becomes true.
+    pub interrupted: &'a [&'a AtomicBool],
+    /// Takes a line when a reply is long in coming.
+    pub tell: &'a dyn Fn(&str),
+}
+
+impl Waiting<'static> {
+    /// To the end, and without a word.
+    pub const PLAINLY: Self = Waiting {
+        interrupted: &[],
+        tell: &|_| {},
+    };
+}
+
 /// How to start a worker.
 #[derive(Clone, Debug)]
 pub struct Start {
+    /// What to call the worker in messages.
+    pub name: &'static str,
     /// A build of fathom.
     pub program: PathBuf,
     /// A command that runs it, such as `valgrind` with its options; empty for none.
@@ -136,6 +157,7 @@ pub struct Start {
 impl Start {
     pub fn new(program: &Path) -> Self {
         Self {
+            name: "a",
             program: program.to_owned(),
             wrapper: Vec::new(),
             gpu: gpu::Options::default(),
@@ -163,6 +185,7 @@ impl Start {
 
 /// A running worker. Dropping it kills it.
 pub struct Worker {
+    name: &'static str,
     child: Child,
     requests: Option<ChildStdin>,
     replies: Receiver<std::io::Result<String>>,
@@ -198,6 +221,7 @@ impl Worker {
             readers.push(std::thread::spawn(move || keep_last_lines(output, &kept)));
         }
         Ok(Self {
+            name: start.name,
             requests: child.stdin.take(),
             child,
             replies,
@@ -229,19 +253,13 @@ impl Worker {
     }
 
     /// The reply to the last request. After a fault that does not [go on](WorkerFault::goes_on) the worker is dead.
-    ///
-    /// An interruption is not noticed meanwhile: that waits for the reply, or for the worker's [`Patience`] to end.
-    pub fn receive(&mut self) -> Result<Reply, WorkerFault> {
-        self.receive_unless(&[])
-    }
-
-    /// As [`Self::receive`]; a worker whose reply is still due when one of these becomes true is killed.
-    fn receive_unless(&mut self, interrupted: &[&AtomicBool]) -> Result<Reply, WorkerFault> {
+    pub fn receive(&mut self, waiting: &Waiting<'_>) -> Result<Reply, WorkerFault> {
         let patience = match self.asked {
             "sample" => self.patience.sample,
             _ => self.patience.slow,
         };
         let asked = Instant::now();
+        let mut told = false;
         loop {
             let left = patience.saturating_sub(asked.elapsed());
             match self.replies.recv_timeout(left.min(SLICE)) {
@@ -250,7 +268,8 @@ impl Worker {
                 Err(RecvTimeoutError::Disconnected) => return Err(self.ended()),
                 Err(RecvTimeoutError::Timeout) => {}
             }
-            if interrupted.iter().any(|flag| flag.load(Ordering::Relaxed)) {
+            let mut interrupted = waiting.interrupted.iter();
+            if interrupted.any(|flag| flag.load(Ordering::Relaxed)) {
                 self.kill();
                 return Err(WorkerFault::Interrupted);
             }
@@ -262,7 +281,25 @@ impl Worker {
                     stderr: self.stderr(),
                 });
             }
+            if asked.elapsed() >= LONG && !std::mem::replace(&mut told, true) {
+                (waiting.tell)(&self.waited_for(patience));
+            }
         }
+    }
+
+    fn waited_for(&self, patience: Duration) -> String {
+        let process = self.child.id();
+        let stopped = if quiet::is_stopped(process) {
+            format!("; it is stopped, `kill -CONT {process}` lets it go on")
+        } else {
+            String::new()
+        };
+        format!(
+            "waiting for the {} worker (process {process}) to answer `{}`, for at most {} s{stopped}",
+            self.name,
+            self.asked,
+            patience.as_secs()
+        )
     }
 
     fn read(&mut self, line: &str) -> Result<Reply, WorkerFault> {
@@ -293,18 +330,9 @@ impl Worker {
         }
     }
 
-    pub fn ask(&mut self, request: &Request) -> Result<Reply, WorkerFault> {
-        self.ask_unless(request, &[])
-    }
-
-    /// As [`Self::ask`], but given up, and the worker killed, as soon as one of these becomes true.
-    pub fn ask_unless(
-        &mut self,
-        request: &Request,
-        interrupted: &[&AtomicBool],
-    ) -> Result<Reply, WorkerFault> {
+    pub fn ask(&mut self, request: &Request, waiting: &Waiting<'_>) -> Result<Reply, WorkerFault> {
         self.send(request)?;
-        self.receive_unless(interrupted)
+        self.receive(waiting)
     }
 
     /// Sends the first message; [`Self::greeted`] takes the answer.
@@ -316,13 +344,8 @@ impl Worker {
     }
 
     /// What the worker says of itself, if it speaks this protocol.
-    pub fn greeted(&mut self) -> Result<Greeting, WorkerFault> {
-        self.greeted_unless(&[])
-    }
-
-    /// As [`Self::greeted`], but given up, and the worker killed, as soon as one of these becomes true.
-    pub fn greeted_unless(&mut self, interrupted: &[&AtomicBool]) -> Result<Greeting, WorkerFault> {
-        match self.receive_unless(interrupted)? {
+    pub fn greeted(&mut self, waiting: &Waiting<'_>) -> Result<Greeting, WorkerFault> {
+        match self.receive(waiting)? {
             Reply::Hello(greeting) => Ok(*greeting),
             other => Err(self.unexpected(&other)),
         }

@@ -1,6 +1,6 @@
 //! Conditions that keep the noise of a software driver down. A GPU needs none of them.
 
-use std::process::Command;
+use std::process::{Child, Command};
 
 /// Variable that pads a worker's environment, and with it moves its stack.
 pub const PADDING: &str = "FATHOM_PADDING";
@@ -66,6 +66,19 @@ pub(super) fn pin(process: u32, core: usize) {
     system::pin(process, core);
 }
 
+/// Kills a child that [`apply`] has prepared, and all that it has started.
+pub(super) fn kill_all(child: &mut Child) {
+    system::kill_group(child.id());
+    // It may have ended by itself.
+    let _ = child.kill();
+    let _ = child.wait();
+}
+
+/// A process is stopped, as by SIGSTOP. Known on Linux only.
+pub(super) fn is_stopped(process: u32) -> bool {
+    system::is_stopped(process)
+}
+
 /// Cores that this process may run on; empty where that is not known.
 pub fn allowed_cores() -> Vec<usize> {
     cores().unwrap_or_default()
@@ -89,7 +102,7 @@ mod system {
     use nix::sched::{CpuSet, sched_getaffinity, sched_setaffinity};
     use nix::sys::personality::{self, Persona};
     use nix::sys::prctl::set_pdeathsig;
-    use nix::sys::signal::Signal;
+    use nix::sys::signal::{Signal, killpg};
     use nix::unistd::Pid;
 
     use super::Quiet;
@@ -126,6 +139,23 @@ mod system {
         }
     }
 
+    pub fn kill_group(leader: u32) {
+        if let Ok(leader) = i32::try_from(leader) {
+            // It may be gone already.
+            let _ = killpg(Pid::from_raw(leader), Signal::SIGKILL);
+        }
+    }
+
+    pub fn is_stopped(process: u32) -> bool {
+        let status = std::fs::read_to_string(format!("/proc/{process}/status"));
+        let is_state = |line: &str| {
+            line.strip_prefix("State:")
+                .map(|state| state.trim().to_owned())
+        };
+        let state = status.ok().and_then(|text| text.lines().find_map(is_state));
+        state.is_some_and(|state| state.starts_with('T'))
+    }
+
     pub fn cores() -> Option<Vec<usize>> {
         let set = sched_getaffinity(Pid::from_raw(0)).ok()?;
         let allowed = |core: &usize| set.is_set(*core).unwrap_or(false);
@@ -152,6 +182,12 @@ mod system {
     pub fn apply(_: &mut Command, _: Option<&Quiet>) {}
 
     pub fn pin(_: u32, _: usize) {}
+
+    pub fn kill_group(_: u32) {}
+
+    pub fn is_stopped(_: u32) -> bool {
+        false
+    }
 
     pub fn cores() -> Option<Vec<usize>> {
         None

@@ -8,7 +8,8 @@ use thiserror::Error;
 
 use super::cells::CellId;
 use super::nan;
-use crate::record::{self, Adapter, LineWriter, Lines, RecordError, Work};
+use crate::harness::output::holder;
+use crate::record::{self, Adapter, FolderLock, LineWriter, Lines, LockError, RecordError, Work};
 
 /// Version of the lines; raised when a field changes its meaning or goes away.
 pub const SCHEMA: u32 = 1;
@@ -247,6 +248,8 @@ pub struct End {
 pub enum StoreError {
     #[error(transparent)]
     Lines(#[from] RecordError),
+    #[error(transparent)]
+    Lock(#[from] LockError),
     #[error("cannot write to {}: {source}; choose another folder with --out", path.display())]
     Unwritable {
         path: PathBuf,
@@ -257,10 +260,48 @@ pub enum StoreError {
         path.display()
     )]
     Occupied { path: PathBuf },
-    #[error("no comparison in {}", path.display())]
+    #[error("no comparison in {}: name its folder with --out", path.display())]
     Absent { path: PathBuf },
     #[error("{} has no sound header line, so its other lines mean nothing", path.display())]
     NoHeader { path: PathBuf },
+}
+
+/// A comparison's folder that no other process writes to while this is held.
+#[derive(Debug)]
+pub struct Held {
+    folder: PathBuf,
+    lock: FolderLock,
+}
+
+impl Held {
+    /// Takes a folder that holds no comparison.
+    pub fn free(folder: &Path) -> Result<Self, StoreError> {
+        let held = Self::take(folder)?;
+        let lines = folder.join(COMPARISON);
+        if lines.metadata().is_ok_and(|file| file.len() > 0) {
+            return Err(StoreError::Occupied {
+                path: folder.to_owned(),
+            });
+        }
+        Ok(held)
+    }
+
+    /// Takes the folder of a comparison that is to be continued.
+    pub fn with_comparison(folder: &Path) -> Result<Self, StoreError> {
+        if !folder.join(COMPARISON).exists() {
+            return Err(StoreError::Absent {
+                path: folder.to_owned(),
+            });
+        }
+        Self::take(folder)
+    }
+
+    fn take(folder: &Path) -> Result<Self, StoreError> {
+        Ok(Self {
+            folder: folder.to_owned(),
+            lock: FolderLock::take(folder, &holder())?,
+        })
+    }
 }
 
 /// The folder of a comparison under way.
@@ -268,34 +309,45 @@ pub enum StoreError {
 pub struct Store {
     pub folder: PathBuf,
     writer: LineWriter<Line>,
+    /// Held for its release.
+    _lock: FolderLock,
 }
 
 impl Store {
     /// Starts a comparison in a folder that holds none.
     pub fn create(folder: &Path) -> Result<Self, StoreError> {
-        if folder.join(COMPARISON).exists() {
-            return Err(StoreError::Occupied {
-                path: folder.to_owned(),
-            });
+        Self::begin(Held::free(folder)?)
+    }
+
+    /// Starts a comparison.
+    pub fn begin(held: Held) -> Result<Self, StoreError> {
+        let path = held.folder.join(COMPARISON);
+        let opened = LineWriter::open(&path, |_| Ok::<(), RecordError>(()))?;
+        Ok(Self::of(held, opened.writer))
+    }
+
+    /// Continues the comparison of a folder, and gives what there is to say of its damage, which is kept aside.
+    pub fn resume(held: Held) -> Result<(Self, Comparison, Vec<String>), StoreError> {
+        let path = held.folder.join(COMPARISON);
+        let has_header = |read: &Lines<Line>| {
+            let mut lines = read.lines.iter();
+            match lines.any(|line| matches!(line, Line::Header(_))) {
+                true => Ok(()),
+                false => Err(StoreError::NoHeader { path: path.clone() }),
+            }
+        };
+        let opened = LineWriter::open(&path, has_header)?;
+        let notices = opened.notices();
+        let before = Comparison::read(&held.folder)?;
+        Ok((Self::of(held, opened.writer), before, notices))
+    }
+
+    fn of(held: Held, writer: LineWriter<Line>) -> Self {
+        Self {
+            folder: held.folder,
+            writer,
+            _lock: held.lock,
         }
-        std::fs::create_dir_all(folder).map_err(|source| StoreError::Unwritable {
-            path: folder.to_owned(),
-            source,
-        })?;
-        Self::open(folder)
-    }
-
-    /// Continues the comparison of a folder.
-    pub fn resume(folder: &Path) -> Result<(Self, Comparison), StoreError> {
-        let before = Comparison::read(folder)?;
-        Ok((Self::open(folder)?, before))
-    }
-
-    fn open(folder: &Path) -> Result<Self, StoreError> {
-        Ok(Self {
-            folder: folder.to_owned(),
-            writer: LineWriter::append(&folder.join(COMPARISON))?,
-        })
     }
 
     /// Appends lines in one piece. Nothing else than this writes, so that measuring is not disturbed.
@@ -356,7 +408,15 @@ impl Comparison {
             });
         }
         let read = record::read_lines(&path)?;
-        Self::from_lines(read).ok_or(StoreError::NoHeader { path })
+        let mut comparison =
+            Self::from_lines(read).ok_or(StoreError::NoHeader { path: path.clone() })?;
+        let told = |aside: PathBuf| {
+            let name = aside.file_name().unwrap_or_default().to_string_lossy();
+            format!("lines that could not be read were left out; they are in {name}")
+        };
+        let aside = record::kept_aside(&path).into_iter();
+        comparison.damaged.extend(aside.map(told));
+        Ok(comparison)
     }
 
     /// Sorts lines by their kind; none without a header. Of several headers the first holds.

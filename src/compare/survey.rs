@@ -1,7 +1,7 @@
 //! Both builds prepare every configuration: which cells they have in common, and their exact figures.
 
 use super::cells::{CellId, Configuration};
-use super::launch::{Start, Worker, WorkerFault};
+use super::launch::{Start, Waiting, Worker, WorkerFault};
 use super::protocol::{Exact, Greeting, Reply, Request};
 use super::store::{CheckFigure, ConfigurationFigures, ExactFigures, Fault, Gate, Line, Side};
 
@@ -9,20 +9,22 @@ use super::store::{CheckFigure, ConfigurationFigures, ExactFigures, Fault, Gate,
 const CHECKS: &str = "checks";
 
 /// One side: how to start its worker, and the worker while it lives.
-pub struct Party {
+pub struct Party<'a> {
     pub side: Side,
     start: Start,
+    waiting: Waiting<'a>,
     worker: Option<Worker>,
     /// What its build can do, once it has said so.
     parts: Vec<String>,
 }
 
-impl Party {
+impl<'a> Party<'a> {
     /// Starts the worker of a side; what it says of itself comes with [`Self::greeted`].
-    pub fn new(side: Side, start: Start) -> Result<Self, WorkerFault> {
+    pub fn new(side: Side, start: Start, waiting: Waiting<'a>) -> Result<Self, WorkerFault> {
         let mut party = Self {
             side,
             start,
+            waiting,
             worker: None,
             parts: Vec::new(),
         };
@@ -37,7 +39,11 @@ impl Party {
     }
 
     pub fn greeted(&mut self) -> Result<Greeting, WorkerFault> {
-        let greeting = self.worker.as_mut().ok_or_else(gone)?.greeted()?;
+        let greeting = self
+            .worker
+            .as_mut()
+            .ok_or_else(gone)?
+            .greeted(&self.waiting)?;
         self.parts.clone_from(&greeting.parts);
         Ok(greeting)
     }
@@ -46,7 +52,7 @@ impl Party {
     fn send(&mut self, request: &Request) -> Result<(), WorkerFault> {
         if self.worker.is_none() {
             let mut worker = self.started()?;
-            worker.greeted()?;
+            worker.greeted(&self.waiting)?;
             self.worker = Some(worker);
         }
         let sent = self.worker.as_mut().ok_or_else(gone)?.send(request);
@@ -54,7 +60,8 @@ impl Party {
     }
 
     fn receive(&mut self) -> Result<Reply, WorkerFault> {
-        let reply = self.worker.as_mut().ok_or_else(gone)?.receive();
+        let worker = self.worker.as_mut().ok_or_else(gone)?;
+        let reply = worker.receive(&self.waiting);
         self.kept(reply)
     }
 
@@ -72,7 +79,7 @@ fn gone() -> WorkerFault {
 
 /// Prepares a configuration on both sides at once. Gives what of it both have, and the faults of what one lacks.
 pub fn prepare(
-    parties: &mut [Party; 2],
+    parties: &mut [Party<'_>; 2],
     configuration: &Configuration,
 ) -> (Configuration, Vec<Line>) {
     let replies = both(
@@ -90,7 +97,7 @@ pub fn prepare(
 }
 
 /// The exact figures of a configuration that both sides have prepared.
-pub fn exact(parties: &mut [Party; 2], configuration: &Configuration) -> Vec<Line> {
+pub fn exact(parties: &mut [Party<'_>; 2], configuration: &Configuration) -> Vec<Line> {
     let replies = both(
         parties,
         &Request::Exact {
@@ -118,7 +125,7 @@ fn knows_checks(parts: &[String]) -> bool {
 }
 
 /// The checks of these stages on both sides; none where [a side knows of none](without_checks).
-pub fn checks(parties: &mut [Party; 2], stages: Vec<String>) -> Vec<Line> {
+pub fn checks(parties: &mut [Party<'_>; 2], stages: Vec<String>) -> Vec<Line> {
     if !parties.iter().all(|party| knows_checks(&party.parts)) {
         return Vec::new();
     }
@@ -149,7 +156,7 @@ pub fn checks(parties: &mut [Party; 2], stages: Vec<String>) -> Vec<Line> {
 }
 
 /// Asks both sides at once: nothing is timed here.
-fn both(parties: &mut [Party; 2], request: &Request) -> [Result<Reply, WorkerFault>; 2] {
+fn both(parties: &mut [Party<'_>; 2], request: &Request) -> [Result<Reply, WorkerFault>; 2] {
     let [base, head] = parties;
     let sent = [base.send(request), head.send(request)];
     let [of_base, of_head] = sent;

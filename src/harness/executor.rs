@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use super::difference::References;
+use super::journal::{CellName, Journal};
 use super::outcome::{Facts, measured};
 use super::plan::PlannedCell;
 use super::progress::Progress;
@@ -14,7 +15,7 @@ use super::{MAX_PASSES, errors, picture, views};
 use crate::experiments::schema::{Experiment, Pictures};
 use crate::gpu::{self, ClockPlan, Encode, FrameSample, FrameTimer, Gpu, GpuError, StageCounters};
 use crate::pipelines::Pipeline;
-use crate::record::{Outcome, Record, RecordError, Writer};
+use crate::record::{Addition, Outcome, Record, RecordError, Run, SampleLine, Writer};
 use crate::report::{self, ERROR_PICTURE};
 
 /// What a software driver keeps of a pipeline's compiled shaders in the process: of 15 cells of `vao-samples`, 300 MiB more
@@ -73,6 +74,8 @@ pub struct CellExecutor<'a> {
     session: &'a mut Session,
     experiment: &'a Experiment,
     cells: &'a [PlannedCell],
+    /// Of the cells, as the journal calls them.
+    names: Vec<CellName>,
     built: Vec<Option<Built>>,
     output: Output<'a>,
     precision: f64,
@@ -81,9 +84,12 @@ pub struct CellExecutor<'a> {
     pictured: bool,
 }
 
-/// Where records, pictures and progress go.
+/// Where records, samples, pictures and progress go.
 pub struct Output<'a> {
     pub writer: &'a mut Writer,
+    pub journal: &'a mut Journal,
+    /// The header of this run.
+    pub header: &'a Run,
     pub progress: &'a mut Progress,
     /// Folder of the pictures.
     pub pictures: &'a Path,
@@ -130,6 +136,7 @@ impl<'a> CellExecutor<'a> {
             session,
             experiment,
             cells,
+            names: cells.iter().map(|cell| name(output.header, cell)).collect(),
             built: cells.iter().map(|_| None).collect(),
             output,
             precision,
@@ -266,6 +273,15 @@ impl<'a> CellExecutor<'a> {
     }
 }
 
+/// What the journal calls a cell.
+pub fn name(run: &Run, cell: &PlannedCell) -> CellName {
+    CellName {
+        id: SampleLine::id(run, &cell.resume_key()),
+        experiment: cell.plan.experiment.clone(),
+        cell: cell.plan.cell.clone(),
+    }
+}
+
 /// A pipeline's stages as a frame takes them.
 pub(crate) fn encodable(pipeline: &dyn Pipeline) -> Vec<&dyn Encode> {
     pipeline
@@ -309,16 +325,31 @@ impl Executor for CellExecutor<'_> {
         )
     }
 
+    fn earlier(&mut self, cell: usize) -> Vec<Addition> {
+        self.output.journal.take_earlier(&self.names[cell])
+    }
+
+    fn keep(&mut self, cell: usize, added: Addition) -> Result<(), RecordError> {
+        self.output.journal.keep(&self.names[cell], added)
+    }
+
+    fn end_round(&mut self) -> Result<(), RecordError> {
+        self.output.journal.write()
+    }
+
+    /// Writes the record before anything is said of it.
     fn finish(&mut self, cell: usize, result: CellResult) -> Result<(), RecordError> {
+        // What is found out about a cell may take long.
+        self.output.journal.write()?;
         let outcome = match result {
             CellResult::Sampled(samples) => self.sampled(cell, samples),
             CellResult::Failed(reason) => Outcome::Failed { reason },
         };
-        let record = self.cells[cell].record(outcome);
-        // Written before it is told: printing can fail, and a process can be killed by it.
+        let record = Box::new(self.cells[cell].record(outcome));
+        self.output.writer.write(&Record::Cell(record.clone()))?;
         self.output
-            .writer
-            .write(&Record::Cell(Box::new(record.clone())))?;
+            .journal
+            .close(&self.names[cell], &record.outcome)?;
         self.output.progress.finished(&record);
         Ok(())
     }

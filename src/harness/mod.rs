@@ -8,6 +8,7 @@ pub mod difference;
 pub mod dump;
 pub mod errors;
 pub mod executor;
+pub mod journal;
 pub mod landing;
 pub mod memory;
 pub mod occlusion;

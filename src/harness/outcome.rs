@@ -104,6 +104,13 @@ fn stage_records(
 
 fn sampling_notes(samples: &Samples, frame: &Estimate, precision: f64) -> Vec<String> {
     let mut notes = Vec::new();
+    if samples.earlier_pairs > 0 {
+        notes.push(format!(
+            "{} of {} pairs of frames were measured before the run was resumed",
+            samples.earlier_pairs,
+            samples.pairs_ns.len()
+        ));
+    }
     if samples.unsteady {
         notes.push(format!(
             "the frame time still fell after {} warm-up frames",

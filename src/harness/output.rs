@@ -6,18 +6,24 @@ use std::time::SystemTime;
 use thiserror::Error;
 
 use super::calendar;
-use crate::record;
+use crate::record::{self, FolderLock, LockError, Record, RecordError, Writer};
 use crate::report::PICTURES;
 
 /// Where runs go that are not told where.
 pub const DEFAULT_FOLDER: &str = "reports/out";
 /// Name of the records' file in a run's folder.
 pub const RECORDS: &str = "records.jsonl";
+/// Name of the file of samples that have no record yet, in a run's folder.
+pub const SAMPLES: &str = "samples.jsonl";
 /// Bytes written to see whether the folder takes any: more than a cell's record.
 const PROBE_BYTES: usize = 1 << 20;
 
 #[derive(Debug, Error)]
 pub enum OutputError {
+    #[error(transparent)]
+    Lock(#[from] LockError),
+    #[error(transparent)]
+    Record(#[from] RecordError),
     #[error("cannot write to {}: {source}; choose another folder with --out", path.display())]
     Unwritable {
         path: PathBuf,
@@ -28,63 +34,142 @@ pub enum OutputError {
         path.display()
     )]
     Occupied { path: PathBuf },
-    #[error("no run to resume under {}: name its folder with --out", path.display())]
+    #[error("no run to resume in {}: name its folder with --out", path.display())]
     NothingToResume { path: PathBuf },
 }
 
-/// A folder that takes files.
+/// The folder of a run, and its files.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Output {
     pub folder: PathBuf,
 }
 
 impl Output {
-    /// Makes the folder and tries that it can be written to, before anything is measured. Without
-    /// `asked` a new folder under [`DEFAULT_FOLDER`] is named after the adapter, the profile and the time.
-    pub fn create(asked: Option<&Path>, adapter: &str, profile: &str) -> Result<Self, OutputError> {
-        let folder = asked.map_or_else(|| fresh(adapter, profile), Path::to_owned);
-        if folder.join(RECORDS).exists() {
-            return Err(OutputError::Occupied { path: folder });
-        }
-        Self::open(folder)
-    }
-
-    /// The folder of the run to resume: `asked`, or the latest under [`DEFAULT_FOLDER`].
-    pub fn resume(asked: Option<&Path>) -> Result<Self, OutputError> {
-        let default = Path::new(DEFAULT_FOLDER);
-        let folder = asked.map(Path::to_owned).or_else(|| latest(default));
-        Self::open(folder.ok_or_else(|| OutputError::NothingToResume {
-            path: default.to_owned(),
-        })?)
-    }
-
-    fn open(folder: PathBuf) -> Result<Self, OutputError> {
-        probe(&folder).map_err(|source| OutputError::Unwritable {
-            path: folder.clone(),
-            source,
-        })?;
-        Ok(Self { folder })
-    }
-
     pub fn records(&self) -> PathBuf {
         self.folder.join(RECORDS)
+    }
+
+    pub fn samples(&self) -> PathBuf {
+        self.folder.join(SAMPLES)
     }
 
     pub fn pictures(&self) -> PathBuf {
         self.folder.join(PICTURES)
     }
+
+    /// It holds something that was measured.
+    fn is_occupied(&self) -> bool {
+        let holds = |path: PathBuf| path.metadata().is_ok_and(|file| file.len() > 0);
+        holds(self.records()) || holds(self.samples())
+    }
 }
 
-/// Writes a file the size of several records and removes it again.
-fn probe(folder: &Path) -> std::io::Result<()> {
-    std::fs::create_dir_all(folder.join(PICTURES))?;
-    let path = folder.join(".probe");
-    let written = std::fs::File::create(&path).and_then(|mut file| {
-        std::io::Write::write_all(&mut file, &vec![0; PROBE_BYTES])?;
-        file.sync_all()
-    });
-    let removed = std::fs::remove_file(&path);
-    written.and(removed)
+/// A run's folder that takes files, and that no other process writes to while this is held.
+#[derive(Debug)]
+pub struct Held {
+    pub output: Output,
+    pub writer: Writer,
+    /// Records that were there.
+    pub before: Vec<Record>,
+    /// Damage that was found in them.
+    pub notices: Vec<String>,
+    /// Held for its release.
+    _lock: FolderLock,
+}
+
+impl Held {
+    /// Makes the folder and tries that it can be written to, before anything is measured. Without
+    /// `asked` a new folder under [`DEFAULT_FOLDER`] is named after the adapter, the profile and the time.
+    pub fn create(asked: Option<&Path>, adapter: &str, profile: &str) -> Result<Self, OutputError> {
+        let folder = match asked {
+            Some(folder) => folder.to_owned(),
+            None => unused(&fresh(adapter, profile))?,
+        };
+        let output = Output { folder };
+        let lock = FolderLock::take(&output.folder, &holder())?;
+        if output.is_occupied() {
+            return Err(OutputError::Occupied {
+                path: output.folder,
+            });
+        }
+        Self::open(output, lock)
+    }
+
+    /// The folder of the run to resume: `asked`, or the latest under [`DEFAULT_FOLDER`]. Damaged records are kept aside.
+    pub fn resume(asked: Option<&Path>) -> Result<Self, OutputError> {
+        let default = Path::new(DEFAULT_FOLDER);
+        let nothing = |path: &Path| OutputError::NothingToResume {
+            path: path.to_owned(),
+        };
+        let folder = asked.map(Path::to_owned).or_else(|| latest(default));
+        let output = Output {
+            folder: folder.ok_or_else(|| nothing(default))?,
+        };
+        if !output.records().exists() && !output.is_occupied() {
+            return Err(nothing(&output.folder));
+        }
+        let lock = FolderLock::take(&output.folder, &holder())?;
+        Self::open(output, lock)
+    }
+
+    fn open(output: Output, lock: FolderLock) -> Result<Self, OutputError> {
+        probe(&output).map_err(|source| OutputError::Unwritable {
+            path: output.folder.clone(),
+            source,
+        })?;
+        let path = output.records();
+        let opened = Writer::open(&path, |read| record::empty_or_sound(&path, read))?;
+        Ok(Self {
+            output,
+            notices: opened.notices(),
+            writer: opened.writer,
+            before: opened.lines.lines,
+            _lock: lock,
+        })
+    }
+}
+
+/// What this process says of itself to another that wants the same folder.
+pub fn holder() -> String {
+    let command: Vec<String> = std::env::args().collect();
+    format!(
+        "process {} (`{}`, since {})",
+        std::process::id(),
+        command.join(" "),
+        calendar::rfc3339(SystemTime::now())
+    )
+}
+
+/// Writes a file the size of several records, of a name that nothing has, and removes it again.
+fn probe(output: &Output) -> std::io::Result<()> {
+    std::fs::create_dir_all(output.pictures())?;
+    let mut file = tempfile::Builder::new()
+        .prefix(".probe-")
+        .tempfile_in(&output.folder)?;
+    std::io::Write::write_all(&mut file, &vec![0; PROBE_BYTES])?;
+    file.as_file().sync_all()?;
+    file.close()
+}
+
+/// Makes a folder that was not there: of this name, or with a number added to it.
+pub fn unused(folder: &Path) -> Result<PathBuf, OutputError> {
+    let unwritable = |source| OutputError::Unwritable {
+        path: folder.to_owned(),
+        source,
+    };
+    if let Some(parent) = folder.parent() {
+        std::fs::create_dir_all(parent).map_err(unwritable)?;
+    }
+    let name = folder.file_name().unwrap_or_default().to_string_lossy();
+    let numbered = (2..).map(|number| folder.with_file_name(format!("{name}-{number}")));
+    for candidate in std::iter::once(folder.to_owned()).chain(numbered) {
+        match std::fs::create_dir(&candidate) {
+            Ok(()) => return Ok(candidate),
+            Err(error) if error.kind() == std::io::ErrorKind::AlreadyExists => {}
+            Err(source) => return Err(unwritable(source)),
+        }
+    }
+    unreachable!("numbers do not end")
 }
 
 fn fresh(adapter: &str, profile: &str) -> PathBuf {
@@ -117,27 +202,119 @@ fn latest(parent: &Path) -> Option<PathBuf> {
         .map(|(_, folder)| folder)
 }
 
-/// The records of a folder; none where it has no such file.
-pub fn read(output: &Output) -> Result<record::Reading, record::RecordError> {
-    match output.records().exists() {
-        true => record::read(&output.records()),
-        false => Ok(record::Reading::default()),
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
 
+    fn create(folder: &Path) -> Result<Held, OutputError> {
+        Held::create(Some(folder), "gpu", "quick")
+    }
+
+    const END: &str = "{\"record\":\"end\",\"measuring_wall_s\":1.0,\"measured_gpu_s\":1.0,\"set_up_s\":1.0,\
+        \"peak_memory_bytes\":null,\"interrupted\":false}\n";
+
+    fn files(folder: &Path) -> Vec<String> {
+        let entries = std::fs::read_dir(folder).unwrap().flatten();
+        let mut names: Vec<String> = entries
+            .map(|entry| entry.file_name().to_string_lossy().into_owned())
+            .collect();
+        names.sort();
+        names
+    }
+
     #[test]
     fn a_folder_with_records_is_only_resumed() {
         let folder = tempfile::tempdir().unwrap();
-        let output = Output::create(Some(folder.path()), "gpu", "quick").unwrap();
-        assert!(read(&output).unwrap().records.is_empty());
-        std::fs::write(output.records(), "").unwrap();
-        let error = Output::create(Some(folder.path()), "gpu", "quick").unwrap_err();
+        let held = create(folder.path()).unwrap();
+        assert!(held.before.is_empty());
+        let error = create(folder.path()).unwrap_err().to_string();
+        let me = format!("in use by process {} (`", std::process::id());
+        assert!(error.contains(&me), "{error}");
+        let error = Held::resume(Some(folder.path())).unwrap_err().to_string();
+        assert!(error.contains(&me), "{error}");
+        std::fs::write(held.output.records(), END).unwrap();
+        drop(held);
+        let error = create(folder.path()).unwrap_err();
         assert!(error.to_string().contains("--resume"), "{error}");
-        assert_eq!(Output::resume(Some(folder.path())).unwrap(), output);
+        let held = Held::resume(Some(folder.path())).unwrap();
+        assert_eq!(held.before.len(), 1);
+        assert!(held.notices.is_empty());
+        drop(held);
+        assert_eq!(files(folder.path()), [RECORDS, PICTURES]);
+    }
+
+    #[test]
+    fn a_folder_without_a_run_is_not_resumed_and_not_made() {
+        let folder = tempfile::tempdir().unwrap();
+        let typo = folder.path().join("typo");
+        for path in [folder.path(), &typo] {
+            let error = Held::resume(Some(path)).unwrap_err();
+            assert!(
+                matches!(error, OutputError::NothingToResume { .. }),
+                "{error}"
+            );
+        }
+        assert!(files(folder.path()).is_empty());
+        // A run that was killed before its first record.
+        drop(create(&typo).unwrap());
+        Held::resume(Some(&typo)).unwrap();
+        create(&typo).unwrap();
+    }
+
+    #[test]
+    fn a_file_that_holds_no_sound_record_is_refused_and_stays() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join(RECORDS);
+        for garbage in ["{\"record\":\"run\",\"sch", "my notes\nof today\n"] {
+            std::fs::write(&path, garbage).unwrap();
+            let error = Held::resume(Some(folder.path())).unwrap_err().to_string();
+            assert!(error.contains("holds no sound record: line 1"), "{error}");
+            assert_eq!(std::fs::read_to_string(&path).unwrap(), garbage);
+            assert_eq!(files(folder.path()), [RECORDS, PICTURES]);
+        }
+    }
+
+    #[test]
+    fn damaged_records_are_named_and_kept_aside() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join(RECORDS);
+        let damaged = format!("{END}nonsense\n{END}{{\"record\":\"ce");
+        std::fs::write(&path, &damaged).unwrap();
+        let held = Held::resume(Some(folder.path())).unwrap();
+        assert_eq!(held.before.len(), 2);
+        let [second, fourth, kept] = held.notices.as_slice() else {
+            panic!("{:?}", held.notices);
+        };
+        assert!(second.contains("line 2: not JSON"), "{second}");
+        assert!(fourth.contains("line 4: torn off"), "{fourth}");
+        let aside = folder.path().join("records.damaged-1.jsonl");
+        assert!(kept.ends_with(&aside.display().to_string()), "{kept}");
+        assert_eq!(std::fs::read_to_string(aside).unwrap(), damaged);
+        assert_eq!(
+            std::fs::read_to_string(path).unwrap(),
+            format!("{END}{END}")
+        );
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn trying_the_folder_follows_no_link_and_leaves_nothing() {
+        let folder = tempfile::tempdir().unwrap();
+        let [precious, out] = ["precious", "out"].map(|name| folder.path().join(name));
+        std::fs::create_dir(&out).unwrap();
+        std::fs::write(&precious, "text").unwrap();
+        std::os::unix::fs::symlink(&precious, out.join(".probe")).unwrap();
+        drop(create(&out).unwrap());
+        assert_eq!(std::fs::read_to_string(&precious).unwrap(), "text");
+        assert_eq!(files(&out), [".probe", RECORDS, PICTURES]);
+    }
+
+    #[test]
+    fn folders_that_are_named_alike_get_numbers() {
+        let parent = tempfile::tempdir().unwrap();
+        let name = parent.path().join("runs/one");
+        let made = [unused(&name).unwrap(), unused(&name).unwrap()];
+        assert_eq!(made, [name.clone(), parent.path().join("runs/one-2")]);
     }
 
     #[test]
@@ -145,9 +322,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("taken");
         std::fs::write(&file, "").unwrap();
-        let error = Output::create(Some(&file), "gpu", "quick")
-            .unwrap_err()
-            .to_string();
+        let error = create(&file).unwrap_err().to_string();
         assert!(error.starts_with("cannot write to "), "{error}");
         assert_eq!(error.lines().count(), 1);
     }

@@ -87,9 +87,7 @@ impl Progress {
     }
 
     fn line(&self, message: &str) {
-        if !self.quiet {
-            tell::note(message);
-        }
+        say(message, self.quiet);
     }
 
     fn time_left(&self) -> String {
@@ -97,6 +95,13 @@ impl Progress {
             0 => "past the time budget, on each cell's least frames".to_owned(),
             left_s => format!("about {}:{:02} min left", left_s / 60, left_s % 60),
         }
+    }
+}
+
+/// Says something on standard error, unless `quiet`.
+pub fn say(message: &str, quiet: bool) {
+    if !quiet {
+        tell::note(message);
     }
 }
 

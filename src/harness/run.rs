@@ -7,15 +7,16 @@ use std::time::{Instant, SystemTime};
 use thiserror::Error;
 
 use super::executor::{self, CellExecutor, Session};
-use super::output::{self, Output, OutputError};
+use super::journal::Journal;
+use super::output::{Held, OutputError};
 use super::plan::{self, PlanError, PlannedCell, PlannedExperiment, Request};
-use super::progress::Progress;
+use super::progress::{self, Progress};
 use super::sample::{self, Settings};
 use super::{calendar, memory};
 use crate::experiments::{Experiment, ExperimentError};
-use crate::gpu::{self, Audit, Gpu, GpuError};
+use crate::gpu::{self, Audit, ClockPlan, Gpu, GpuError};
 use crate::record::{
-    self, Definition, End, Outcome, PassKind, Record, RecordError, Run, SCHEMA, Writer,
+    self, Definition, End, Outcome, PassKind, Record, RecordError, Run, SCHEMA, SampleLine,
 };
 use crate::report::{self, ReportError};
 
@@ -23,6 +24,8 @@ use crate::report::{self, ReportError};
 /// which is to stay below 2 GiB.
 const SOFTWARE_GROUP_BYTES: u64 = 512 << 20;
 const GPU_GROUP_BYTES: u64 = 2 << 30;
+/// Kinds of passes that the audit chooses a clock for.
+const AUDITED: [PassKind; 3] = [PassKind::Compute, PassKind::Render, PassKind::Copy];
 
 #[derive(Debug, Error)]
 pub enum RunError {
@@ -119,39 +122,65 @@ pub fn run(options: &Options, interrupted: &AtomicBool) -> Result<Summary, RunEr
     let experiments = options.request.load()?;
     let resumed = options
         .resume
-        .then(|| Output::resume(options.out.as_deref()))
+        .then(|| Held::resume(options.out.as_deref()))
         .transpose()?;
-    let before = resumed
-        .as_ref()
-        .map(output::read)
-        .transpose()?
-        .unwrap_or_default()
-        .records;
     let gpu = Gpu::open(&options.gpu)?;
-    let profile = profile(options, &before, &gpu);
+    let profile = profile(options, resumed.as_ref(), &gpu);
     let mut planned = plan::plan(experiments, &options.request, &profile, &gpu.limits)?;
-    let output = match resumed {
-        Some(output) => output,
-        None => Output::create(options.out.as_deref(), &gpu.adapter.name, &profile)?,
+    let held = match resumed {
+        Some(held) => held,
+        None => Held::create(options.out.as_deref(), &gpu.adapter.name, &profile)?,
     };
     let audit = gpu::audit(&gpu)?;
     let seed = options
         .seed
         .unwrap_or_else(|| u64::from(rand::random::<u32>()));
-    let header = header(options, &gpu, &audit, &profile, seed);
-    let kept = plan::drop_finished(&mut planned, &record::finished(&before, &header));
+    let mut header = header(options, &gpu, &audit, &profile, seed);
+    let finished = record::finished(&held.before, &header);
+    let kept = plan::drop_finished(&mut planned, &finished);
+    let (mut journal, damage) = Journal::open(&held.output.samples())?;
+    journal.settle(finished.iter().map(|key| SampleLine::id(&header, key)));
+    let ids = ids(&planned, &header);
+    let plan = clock_plan(audit.plan, &mut journal, &ids);
+    header.notes.extend(other_clocks(&audit.plan, &plan));
     let mut measurement = Measurement {
         settings: settings(options, &profile, &planned, seed, gpu.adapter.software),
-        session: Session::new(gpu, options.gpu.clone(), audit.plan)?,
-        writer: Writer::append(&output.records())?,
-        output,
+        session: Session::new(gpu, options.gpu.clone(), plan)?,
+        held,
+        header,
+        journal,
         interrupted,
         quiet: options.quiet,
     };
-    measurement.writer.write(&Record::Run(Box::new(header)))?;
+    measurement.begin(&damage, &ids)?;
     let set_up_s = start.elapsed().as_secs_f64();
-    measurement.measure(&planned, &before)?;
+    measurement.measure(&planned)?;
     measurement.end(start, set_up_s, kept)
+}
+
+/// What the journal calls the cells that are due.
+fn ids(planned: &[PlannedExperiment], header: &Run) -> Vec<String> {
+    let cells = planned.iter().flat_map(|experiment| &experiment.cells);
+    cells.map(|cell| executor::name(header, cell).id).collect()
+}
+
+/// The audit's plan, but by the clocks of the samples that are gone on with.
+fn clock_plan(found: ClockPlan, journal: &mut Journal, ids: &[String]) -> ClockPlan {
+    let clocks = AUDITED.map(|kind| (kind, found.clock(kind)));
+    let chosen = journal.choose_clocks(ids, clocks.into());
+    chosen
+        .iter()
+        .fold(found, |plan, (kind, clock)| plan.with(*kind, *clock))
+}
+
+/// Says so where passes are timed by another clock than this run's audit found.
+fn other_clocks(found: &ClockPlan, plan: &ClockPlan) -> Option<String> {
+    let mut kinds = AUDITED.into_iter();
+    let differs = kinds.any(|kind| found.clock(kind) != plan.clock(kind));
+    differs.then(|| {
+        "passes are timed by the clocks of the run that is gone on with, as its audit chose them"
+            .to_owned()
+    })
 }
 
 fn check(options: &Options) -> Result<(), RunError> {
@@ -167,7 +196,8 @@ fn check(options: &Options) -> Result<(), RunError> {
     Ok(())
 }
 
-fn profile(options: &Options, before: &[Record], gpu: &Gpu) -> String {
+fn profile(options: &Options, resumed: Option<&Held>, gpu: &Gpu) -> String {
+    let before = resumed.map_or(&[][..], |held| &held.before);
     let resumed = before.iter().rev().find_map(|record| match record {
         Record::Run(run) => Some(run.profile.clone()),
         _ => None,
@@ -203,7 +233,7 @@ fn header(options: &Options, gpu: &Gpu, audit: &Audit, profile: &str, seed: u64)
         }
         .to_owned(),
         audit: audit.rows.clone(),
-        submit_cost_ns: [PassKind::Compute, PassKind::Render, PassKind::Copy]
+        submit_cost_ns: AUDITED
             .map(|kind| (kind, audit.plan.submit_cost.of(kind)))
             .into(),
         notes,
@@ -241,19 +271,31 @@ fn weight(planned: &PlannedExperiment) -> f64 {
 
 struct Measurement<'a> {
     session: Session,
-    writer: Writer,
-    output: Output,
+    held: Held,
+    header: Run,
+    journal: Journal,
     settings: Settings,
     interrupted: &'a AtomicBool,
     quiet: bool,
 }
 
 impl Measurement<'_> {
-    fn measure(
-        &mut self,
-        planned: &[PlannedExperiment],
-        before: &[Record],
-    ) -> Result<(), RunError> {
+    /// Writes the header, and says what of an earlier run was damaged and what is gone on with.
+    fn begin(&mut self, damage: &[String], ids: &[String]) -> Result<(), RunError> {
+        let header = Record::Run(Box::new(self.header.clone()));
+        self.held.writer.write(&header)?;
+        for notice in self.held.notices.iter().chain(damage) {
+            progress::say(notice, self.quiet);
+        }
+        let (pairs, cells) = self.journal.earlier_pairs(ids);
+        if pairs > 0 {
+            let notice = format!("going on from {pairs} pairs of frames of {cells} cells");
+            progress::say(&notice, self.quiet);
+        }
+        Ok(())
+    }
+
+    fn measure(&mut self, planned: &[PlannedExperiment]) -> Result<(), RunError> {
         let total = planned
             .iter()
             .map(|experiment| experiment.cells.len())
@@ -269,7 +311,7 @@ impl Measurement<'_> {
             if self.interrupted.load(Ordering::Relaxed) {
                 break;
             }
-            self.define(experiment, before)?;
+            self.define(experiment)?;
             self.skip(cells, &mut progress)?;
             let left_s = self.settings.budget_s - start.elapsed().as_secs_f64();
             let settings = Settings {
@@ -285,22 +327,22 @@ impl Measurement<'_> {
     }
 
     /// Records an experiment's text before its first cell, once.
-    fn define(&mut self, experiment: &Experiment, before: &[Record]) -> Result<(), RecordError> {
+    fn define(&mut self, experiment: &Experiment) -> Result<(), RecordError> {
         let definition = Record::Experiment(Definition {
             id: experiment.id.clone(),
             toml: experiment.text.clone(),
         });
-        if before.contains(&definition) {
+        if self.held.before.contains(&definition) {
             return Ok(());
         }
-        self.writer.write(&definition)
+        self.held.writer.write(&definition)
     }
 
     fn skip(&mut self, cells: &[PlannedCell], progress: &mut Progress) -> Result<(), RecordError> {
         for cell in cells {
             if let Some(reason) = cell.skip.clone() {
-                let record = cell.record(Outcome::Skipped { reason });
-                self.writer.write(&Record::Cell(Box::new(record.clone())))?;
+                let record = Box::new(cell.record(Outcome::Skipped { reason }));
+                self.held.writer.write(&Record::Cell(record.clone()))?;
                 progress.finished(&record);
             }
         }
@@ -313,9 +355,11 @@ impl Measurement<'_> {
         settings: &Settings,
         progress: &mut Progress,
     ) -> Result<(), RecordError> {
-        let pictures = self.output.pictures();
+        let pictures = self.held.output.pictures();
         let output = executor::Output {
-            writer: &mut self.writer,
+            writer: &mut self.held.writer,
+            journal: &mut self.journal,
+            header: &self.header,
             progress,
             pictures: pictures.as_path(),
         };
@@ -337,10 +381,12 @@ impl Measurement<'_> {
             peak_memory_bytes: memory::peak_bytes(),
             interrupted: self.interrupted.load(Ordering::Relaxed),
         };
-        self.writer.write(&Record::End(end.clone()))?;
-        let records = output::read(&self.output)?.records;
-        report::write(&self.output.folder, &records)?;
-        Ok(summary(self.output.folder, &records, end, kept))
+        self.held.writer.write(&Record::End(end.clone()))?;
+        self.journal.end()?;
+        let output = &self.held.output;
+        let records = record::read(&output.records())?.records;
+        report::write(&output.folder, &records)?;
+        Ok(summary(output.folder.clone(), &records, end, kept))
     }
 }
 

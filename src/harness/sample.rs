@@ -6,10 +6,12 @@
 //! ratio of such pairs is the cost of timing. A cell is done at its precision or when its share of the
 //! time is used up; time that precise cells leave over goes to the others.
 //!
+//! What each visit added is handed to [`Executor::keep`], so that a run that ends at any moment can be gone on with:
+//! a cell begins with what [`Executor::earlier`] has of it.
+//!
 //! The scheduler reads no clock and touches no device: both are behind [`Executor`].
 
 use std::collections::BTreeMap;
-use std::fmt::Display;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use rand::seq::SliceRandom;
@@ -17,7 +19,7 @@ use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 
 use crate::gpu::{Fault, FrameSample};
-use crate::record::Clock;
+use crate::record::{Addition, Clock, FramePair, StageTime};
 use crate::statistics;
 
 /// Pairs that each cell gets however slow it is: a median and a range need three.
@@ -55,6 +57,12 @@ pub trait Executor {
     fn timed(&mut self, cell: usize) -> Result<FrameSample, Failure>;
     /// One frame without; its wall time in nanoseconds.
     fn untimed(&mut self, cell: usize) -> Result<f64, Failure>;
+    /// What an earlier run took of this cell and did not finish, in its order. Asked once, before the first frame.
+    fn earlier(&mut self, cell: usize) -> Vec<Addition>;
+    /// Keeps what a visit added to a cell's samples.
+    fn keep(&mut self, cell: usize, added: Addition) -> Result<(), Self::Fatal>;
+    /// All cells were visited: what was kept must outlive this process from now on.
+    fn end_round(&mut self) -> Result<(), Self::Fatal>;
     /// Takes a cell's result, before [`release`](Self::release).
     fn finish(&mut self, cell: usize, result: CellResult) -> Result<(), Self::Fatal>;
     /// Frees what [`prepare`](Self::prepare) made; also called for cells that failed.
@@ -110,10 +118,26 @@ pub struct Samples {
     pub unsteady: bool,
     /// Timed frames never used, counted by reason.
     pub rejected: BTreeMap<String, u32>,
+    /// So many of the pairs, the first, are of an earlier run.
+    pub earlier_pairs: usize,
     pub stopped: Stopped,
 }
 
 impl Samples {
+    /// What an earlier run kept. Where stages or clocks changed, what came before does not count.
+    fn of(additions: &[Addition]) -> Self {
+        let mut samples = Self::new();
+        for added in additions {
+            let other_stages = |pair: &FramePair| !samples.has_stages(&pair.stages);
+            if added.pair.as_ref().is_some_and(other_stages) {
+                samples = Self::new();
+            }
+            samples.add(added);
+        }
+        samples.earlier_pairs = samples.pairs_ns.len();
+        samples
+    }
+
     fn new() -> Self {
         Self {
             stages: Vec::new(),
@@ -124,32 +148,50 @@ impl Samples {
             warm_up_frames: 0,
             unsteady: false,
             rejected: BTreeMap::new(),
+            earlier_pairs: 0,
             stopped: Stopped::OutOfTime,
         }
     }
 
-    fn add_timed(&mut self, frame: &FrameSample) {
-        if self.stages.is_empty() {
-            let empty = |name: &str, clock| StageSamples {
-                name: name.into(),
-                clock,
-                ns: Vec::new(),
-            };
-            self.stages = frame
-                .stages
-                .iter()
-                .map(|stage| empty(stage.name, stage.clock))
-                .collect();
+    fn add(&mut self, added: &Addition) {
+        if added.afresh {
+            *self = Self::new();
         }
-        for (samples, stage) in self.stages.iter_mut().zip(&frame.stages) {
-            samples.ns.push(stage.ns);
+        self.warm_up_frames += added.warm_up_frames;
+        self.unsteady |= added.unsteady;
+        if let Some(pair) = &added.pair {
+            self.add_pair(pair);
         }
-        self.envelope_ns.push(frame.envelope_ns);
-        self.gaps_ns.push(frame.gaps_ns);
+        if let Some(reason) = &added.rejected {
+            *self.rejected.entry(reason.clone()).or_default() += 1;
+        }
     }
 
-    fn reject(&mut self, reason: impl Display) {
-        *self.rejected.entry(reason.to_string()).or_default() += 1;
+    fn add_pair(&mut self, pair: &FramePair) {
+        if self.stages.is_empty() {
+            let empty = |stage: &StageTime| StageSamples {
+                name: stage.stage.clone(),
+                clock: stage.clock,
+                ns: Vec::new(),
+            };
+            self.stages = pair.stages.iter().map(empty).collect();
+        }
+        for (samples, stage) in self.stages.iter_mut().zip(&pair.stages) {
+            samples.ns.push(stage.ns);
+        }
+        self.envelope_ns.push(pair.envelope_ns);
+        self.gaps_ns.push(pair.gaps_ns);
+        self.untimed_ns.push(pair.untimed_ns);
+        self.pairs_ns.push((pair.wall_ns, pair.untimed_ns));
+    }
+
+    /// These stages, on the same clocks, were sampled before, or none were.
+    fn has_stages(&self, stages: &[StageTime]) -> bool {
+        let same = |(known, stage): (&StageSamples, &StageTime)| {
+            known.name == stage.stage && known.clock == stage.clock
+        };
+        self.stages.is_empty()
+            || self.stages.len() == stages.len() && self.stages.iter().zip(stages).all(same)
     }
 
     fn rejected_frames(&self) -> usize {
@@ -193,14 +235,19 @@ struct Live {
     samples: Samples,
     spent_s: f64,
     last_pair_s: f64,
+    /// It has rendered frames on this device.
     warm: bool,
+    /// Its samples are an earlier run's, and no frame of this run was held against them.
+    unconfirmed: bool,
 }
 
 impl Live {
-    fn new(cell: usize) -> Self {
+    fn new(cell: usize, earlier: &[Addition]) -> Self {
+        let samples = Samples::of(earlier);
         Self {
             cell,
-            samples: Samples::new(),
+            unconfirmed: !samples.stages.is_empty(),
+            samples,
             spent_s: 0.0,
             last_pair_s: 0.0,
             warm: false,
@@ -211,14 +258,20 @@ impl Live {
         self.samples.pairs_ns.len()
     }
 
-    /// Another pair is due: the cell has too few, or its share of the time is closer with it than without.
+    /// Another pair is due: the cell has rendered nothing yet that its figures could be read from, or has too few pairs, or
+    /// its share of the time is closer with it than without.
     fn wants(&self, share_s: f64) -> bool {
-        self.pairs() < MIN_PAIRS || self.spent_s + self.last_pair_s / 2.0 < share_s
+        !self.warm || self.pairs() < MIN_PAIRS || self.spent_s + self.last_pair_s / 2.0 < share_s
+    }
+
+    /// There is enough of it for a record.
+    fn suffices(&self) -> bool {
+        self.warm && self.pairs() >= MIN_PAIRS
     }
 }
 
 /// Samples `cells` until each is precise or the budget is used up, or `interrupted` is set. Every cell is
-/// handed to [`Executor::finish`], except those that an interruption left with fewer than [`MIN_PAIRS`].
+/// handed to [`Executor::finish`], except those that an interruption left with too little: what there is of them was kept.
 pub fn sample<X: Executor>(
     executor: &mut X,
     cells: &[usize],
@@ -271,7 +324,8 @@ impl<X: Executor> Sampler<'_, X> {
             if self.interrupted() || (done > 0 && full) {
                 return Ok(done);
             }
-            self.live.push(Live::new(cell));
+            let earlier = self.executor.earlier(cell);
+            self.live.push(Live::new(cell, &earlier));
             self.attempt(cell, |sampler| {
                 let bytes = sampler.executor.prepare(cell)?;
                 used = used.saturating_add(bytes);
@@ -298,6 +352,7 @@ impl<X: Executor> Sampler<'_, X> {
             for cell in round {
                 self.visit(cell)?;
             }
+            self.executor.end_round()?;
         }
         self.finish_rest()
     }
@@ -308,9 +363,10 @@ impl<X: Executor> Sampler<'_, X> {
             return Ok(());
         }
         let start_s = self.executor.now_s();
-        self.attempt(cell, |sampler| sampler.warm_up(cell))?;
+        let mut added = Addition::default();
+        self.attempt(cell, |sampler| sampler.warm_up(cell, &mut added))?;
         let warm_s = self.executor.now_s();
-        self.attempt(cell, |sampler| sampler.pair(cell))?;
+        self.attempt(cell, |sampler| sampler.pair(cell, &mut added))?;
         let end_s = self.executor.now_s();
         let Some(at) = self.position(cell) else {
             self.left_over_s -= end_s - start_s;
@@ -318,6 +374,8 @@ impl<X: Executor> Sampler<'_, X> {
         };
         self.live[at].spent_s += end_s - start_s;
         self.live[at].last_pair_s = end_s - warm_s;
+        self.live[at].samples.add(&added);
+        self.executor.keep(cell, added)?;
         self.judge(at)
     }
 
@@ -339,7 +397,7 @@ impl<X: Executor> Sampler<'_, X> {
 
     /// Renders frames of both kinds in turn until they no longer get faster: the first ones hold the
     /// driver's compilation of shaders.
-    fn warm_up(&mut self, cell: usize) -> Result<(), Failure> {
+    fn warm_up(&mut self, cell: usize, added: &mut Addition) -> Result<(), Failure> {
         let Some(at) = self.position(cell).filter(|at| !self.live[*at].warm) else {
             return Ok(());
         };
@@ -359,14 +417,14 @@ impl<X: Executor> Sampler<'_, X> {
             before_ns = wall_ns;
         }
         let live = &mut self.live[at];
-        live.samples.warm_up_frames += frames;
-        live.samples.unsteady |= !live.warm;
+        added.warm_up_frames = frames;
+        added.unsteady = !live.warm;
         live.warm = true;
         Ok(())
     }
 
     /// A timed and an untimed frame, in random order.
-    fn pair(&mut self, cell: usize) -> Result<(), Failure> {
+    fn pair(&mut self, cell: usize, added: &mut Addition) -> Result<(), Failure> {
         let Some(at) = self.position(cell) else {
             return Ok(());
         };
@@ -377,17 +435,16 @@ impl<X: Executor> Sampler<'_, X> {
             let untimed_ns = self.executor.untimed(cell)?;
             (self.executor.timed(cell)?, untimed_ns)
         };
-        let samples = &mut self.live[at].samples;
-        let faults = faults(&frame, untimed_ns, &samples.stages);
-        if faults.is_empty() {
-            samples.add_timed(&frame);
-            samples.untimed_ns.push(untimed_ns);
-            samples.pairs_ns.push((frame.wall_ns, untimed_ns));
+        let pair = frame_pair(&frame, untimed_ns);
+        let live = &mut self.live[at];
+        if std::mem::take(&mut live.unconfirmed) && !live.samples.has_stages(&pair.stages) {
+            live.samples = Samples::new();
+            added.afresh = true;
         }
         // A frame with several faults is one rejected frame.
-        if let Some(fault) = faults.first() {
-            samples.reject(fault);
-        }
+        let faults = faults(&frame, untimed_ns, &live.samples.stages);
+        added.rejected = faults.into_iter().next();
+        added.pair = added.rejected.is_none().then_some(pair);
         Ok(())
     }
 
@@ -464,7 +521,7 @@ impl<X: Executor> Sampler<'_, X> {
     fn finish_rest(&mut self) -> Result<(), X::Fatal> {
         let interrupted = self.interrupted();
         while let Some(live) = self.live.first() {
-            if interrupted && live.pairs() < MIN_PAIRS {
+            if interrupted && !live.suffices() {
                 let live = self.live.remove(0);
                 self.executor.release(live.cell);
                 continue;
@@ -477,6 +534,21 @@ impl<X: Executor> Sampler<'_, X> {
             self.close_sampled(0, stopped)?;
         }
         Ok(())
+    }
+}
+
+fn frame_pair(frame: &FrameSample, untimed_ns: f64) -> FramePair {
+    let stages = frame.stages.iter().map(|stage| StageTime {
+        stage: stage.name.to_owned(),
+        clock: stage.clock,
+        ns: stage.ns,
+    });
+    FramePair {
+        stages: stages.collect(),
+        envelope_ns: frame.envelope_ns,
+        gaps_ns: frame.gaps_ns,
+        wall_ns: frame.wall_ns,
+        untimed_ns,
     }
 }
 

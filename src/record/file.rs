@@ -5,7 +5,7 @@ use std::path::Path;
 
 use serde_json::Value;
 
-use super::lines::{Damage, Line, LineWriter, RecordError, read_lines};
+use super::lines::{Damage, Line, LineWriter, Lines, RecordError, read_lines};
 use super::{Cell, Outcome, Record, Run, SCHEMA};
 use crate::text;
 
@@ -22,7 +22,31 @@ impl Line for Record {
         };
         text::check_id(id).map_err(|fault| format!("experiment {fault}"))
     }
+
+    fn is_header(&self) -> bool {
+        matches!(self, Self::Run(_))
+    }
+
+    fn needs_header(&self) -> bool {
+        matches!(self, Self::Cell(_) | Self::End(_))
+    }
+
+    /// Unless it begins as another kind of record does and holds no header's beginning.
+    fn may_be_header(line: &[u8]) -> bool {
+        let line = String::from_utf8_lossy(line);
+        let other = OTHER_RECORDS.iter().any(|begin| line.starts_with(begin));
+        !other || line.contains(HEADER)
+    }
 }
+
+/// How a header line names itself.
+const HEADER: &str = r#""record":"run""#;
+/// How lines begin that are no headers.
+const OTHER_RECORDS: [&str; 3] = [
+    r#"{"record":"cell""#,
+    r#"{"record":"experiment""#,
+    r#"{"record":"end""#,
+];
 
 pub type Writer = LineWriter<Record>;
 
@@ -40,6 +64,37 @@ pub fn read(path: &Path) -> Result<Reading, RecordError> {
         records: read.lines,
         damaged: read.damaged,
     })
+}
+
+/// As [`read`]; a file without any sound record is an error that names its damage.
+pub fn read_some(path: &Path) -> Result<Reading, RecordError> {
+    let read = read_lines(path)?;
+    some_sound(path, &read)?;
+    Ok(Reading {
+        records: read.lines,
+        damaged: read.damaged,
+    })
+}
+
+/// An error where lines were read and none is sound, or none was read.
+fn some_sound<T: Line>(path: &Path, read: &Lines<T>) -> Result<(), RecordError> {
+    if !read.lines.is_empty() {
+        return Ok(());
+    }
+    let first = read.damaged.first().map(ToString::to_string);
+    Err(RecordError::NothingSound {
+        path: path.to_owned(),
+        name: T::NAME,
+        damage: first.unwrap_or_else(|| "it is empty".to_owned()),
+    })
+}
+
+/// Refuses a file of which lines were read and none is sound. An empty file passes: a process that was killed early leaves one.
+pub fn empty_or_sound<T: Line>(path: &Path, read: &Lines<T>) -> Result<(), RecordError> {
+    if read.damaged.is_empty() {
+        return Ok(());
+    }
+    some_sound(path, read)
 }
 
 /// Identity of a cell for `--resume`: a cell with another scene, stand-in or parameter is another cell.

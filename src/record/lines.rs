@@ -1,14 +1,19 @@
-//! Files of JSON lines: a writer that leaves the file whole after every line, and a reader that gives back
-//! everything that is sound and says what is not.
+//! Files of JSON lines: a writer that only ever appends, and a reader that gives back everything that is sound and says what
+//! is not.
 
 use std::fs::{File, OpenOptions};
-use std::io::{Read, Seek, SeekFrom, Write};
+use std::io::{ErrorKind, Read, Seek, SeekFrom, Write};
 use std::marker::PhantomData;
 use std::path::{Path, PathBuf};
 
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use serde_json::Value;
+
+use super::lock::is_file;
+
+/// Damaged lines that are told one by one.
+const MOST_TOLD: usize = 10;
 
 /// What a file of lines holds.
 pub trait Line: Serialize + DeserializeOwned {
@@ -20,6 +25,21 @@ pub trait Line: Serialize + DeserializeOwned {
     /// What no sound line holds, beyond what its types say.
     fn check(&self) -> Result<(), String> {
         Ok(())
+    }
+
+    /// It says under which conditions the lines after it were measured, up to the next such line.
+    fn is_header(&self) -> bool {
+        false
+    }
+
+    /// It means nothing without its header.
+    fn needs_header(&self) -> bool {
+        false
+    }
+
+    /// A line that cannot be read may have been a header.
+    fn may_be_header(_line: &[u8]) -> bool {
+        false
     }
 }
 
@@ -47,70 +67,126 @@ pub enum RecordError {
         name: &'static str,
         source: serde_json::Error,
     },
+    #[error("{} holds no sound {name}: {damage}", path.display())]
+    NothingSound {
+        path: PathBuf,
+        name: &'static str,
+        damage: String,
+    },
+    #[error(
+        "{} was removed or replaced while it was written to; what it held is in {}: move that back and go on with --resume",
+        path.display(), rescued.display()
+    )]
+    Removed { path: PathBuf, rescued: PathBuf },
 }
 
-/// Appends lines to a file. What one call writes is handed to the system in one piece and synced before it
-/// returns; what fails half-way (a full disk) is taken back.
+/// Appends lines to a file. What one call writes is handed to the system in one piece; what fails half-way (a full disk) is
+/// taken back.
 #[derive(Debug)]
 pub struct LineWriter<T> {
     path: PathBuf,
     file: File,
-    /// Bytes of whole lines in the file.
-    length: u64,
     line: PhantomData<T>,
+}
+
+/// A file that was opened to be continued.
+#[derive(Debug)]
+pub struct Opened<T> {
+    pub writer: LineWriter<T>,
+    /// What it held.
+    pub lines: Lines<T>,
+    /// Where the file is kept as it was, if it was damaged. The file itself has its sound lines only.
+    pub aside: Option<PathBuf>,
+}
+
+impl<T: Line> Opened<T> {
+    /// What there is to say of the damage, a line each.
+    pub fn notices(&self) -> Vec<String> {
+        let path = self.writer.path.display();
+        let damaged = &self.lines.damaged;
+        let mut notices: Vec<String> = damaged
+            .iter()
+            .take(MOST_TOLD)
+            .map(|damage| format!("{path}, {damage}: left out"))
+            .collect();
+        if damaged.len() > MOST_TOLD {
+            let more = damaged.len() - MOST_TOLD;
+            notices.push(format!("{path}: {more} more lines left out"));
+        }
+        let aside = self.aside.as_ref();
+        notices
+            .extend(aside.map(|aside| format!("{path} is kept as it was in {}", aside.display())));
+        notices
+    }
 }
 
 impl<T: Line> LineWriter<T> {
     /// Starts an empty file, replacing one of that name.
     pub fn create(path: &Path) -> Result<Self, RecordError> {
-        let file = File::create(path).map_err(io("create", path))?;
+        File::create(path).map_err(io("create", path))?;
+        Self::append(path)
+    }
+
+    /// Continues a file, or starts it where there is none. A damaged file is kept aside as it was, and continued with its
+    /// sound lines, unless `check` refuses what was read: then nothing is changed.
+    pub fn open<E: From<RecordError>>(
+        path: &Path,
+        check: impl FnOnce(&Lines<T>) -> Result<(), E>,
+    ) -> Result<Opened<T>, E> {
+        let bytes = match std::fs::read(path) {
+            Err(error) if error.kind() == ErrorKind::NotFound => Vec::new(),
+            read => read.map_err(io("read", path))?,
+        };
+        let sorted = sort::<T>(path, &bytes)?;
+        check(&sorted.lines)?;
+        let aside = if sorted.lines.damaged.is_empty() {
+            None
+        } else {
+            let aside = keep_beside(path, "damaged", &bytes)?;
+            replace(path, &sorted.sound)?;
+            Some(aside)
+        };
+        let mut writer = Self::append(path)?;
+        let unterminated = aside.is_none() && bytes.last().is_some_and(|last| *last != b'\n');
+        if unterminated {
+            writer.put(b"\n")?;
+        }
+        Ok(Opened {
+            writer,
+            lines: sorted.lines,
+            aside,
+        })
+    }
+
+    fn append(path: &Path) -> Result<Self, RecordError> {
+        let file = OpenOptions::new()
+            .read(true)
+            .append(true)
+            .create(true)
+            .open(path)
+            .map_err(io("open", path))?;
         Ok(Self {
             path: path.to_owned(),
             file,
-            length: 0,
             line: PhantomData,
         })
     }
 
-    /// Continues a file, or starts it where there is none. A last line that was torn by a crash is cut off.
-    pub fn append(path: &Path) -> Result<Self, RecordError> {
-        let mut file = OpenOptions::new()
-            .read(true)
-            .write(true)
-            .create(true)
-            .truncate(false)
-            .open(path)
-            .map_err(io("open", path))?;
-        let mut bytes = Vec::new();
-        file.read_to_end(&mut bytes).map_err(io("read", path))?;
-        let whole = bytes.iter().rposition(|byte| *byte == b'\n');
-        let mut length = whole.map_or(0, |at| at + 1);
-        let tail = &bytes[length..];
-        let unterminated = !tail.is_empty() && serde_json::from_slice::<T>(tail).is_ok();
-        if unterminated {
-            length = bytes.len();
-        }
-        file.set_len(length as u64).map_err(io("shorten", path))?;
-        file.seek(SeekFrom::End(0)).map_err(io("read", path))?;
-        let mut writer = Self {
-            path: path.to_owned(),
-            file,
-            length: length as u64,
-            line: PhantomData,
-        };
-        if unterminated {
-            writer.put(b"\n")?;
-        }
-        Ok(writer)
-    }
-
-    /// Appends one line. What cannot be read back (a number that is not finite) is an error, and nothing is written.
+    /// Appends one line, which is on the disk when this returns. What cannot be read back (a number that is not finite) is an
+    /// error, and nothing is written.
     pub fn write(&mut self, line: &T) -> Result<(), RecordError> {
         self.write_all(std::slice::from_ref(line))
     }
 
-    /// Appends lines, all or none.
+    /// Appends lines, all or none, which are on the disk when this returns.
     pub fn write_all(&mut self, lines: &[T]) -> Result<(), RecordError> {
+        self.hand_over(lines)?;
+        self.sync()
+    }
+
+    /// Appends lines, all or none, and leaves it to the system when they go to the disk: they outlive this process, but not a
+    /// loss of power.
+    pub fn hand_over(&mut self, lines: &[T]) -> Result<(), RecordError> {
         let mut bytes = Vec::new();
         for line in lines {
             bytes.extend(encode(line).map_err(|source| RecordError::Unreadable {
@@ -121,20 +197,95 @@ impl<T: Line> LineWriter<T> {
         self.put(&bytes)
     }
 
+    /// Waits until all lines are on the disk.
+    pub fn sync(&self) -> Result<(), RecordError> {
+        self.file.sync_data().map_err(io("write", &self.path))
+    }
+
     fn put(&mut self, bytes: &[u8]) -> Result<(), RecordError> {
-        let written = self
-            .file
-            .write_all(bytes)
-            .and_then(|()| self.file.sync_data());
-        if let Err(source) = written {
-            // The first error is the one to report; if shortening fails too, the reader skips the torn line.
-            let _ = self.file.set_len(self.length);
-            let _ = self.file.seek(SeekFrom::Start(self.length));
+        let before = self.file.metadata().map_err(io("read", &self.path))?.len();
+        if let Err(source) = self.file.write_all(bytes) {
+            // The first error is the one to report; if shortening fails too, the reader names the torn line.
+            let _ = self.file.set_len(before);
             return Err(io("write", &self.path)(source));
         }
-        self.length += bytes.len() as u64;
-        Ok(())
+        let found = std::fs::metadata(&self.path);
+        if found.is_ok_and(|found| is_file(&self.file, &found)) {
+            Ok(())
+        } else {
+            Err(self.rescue())
+        }
     }
+
+    /// Writes all lines to a file beside the one that is gone.
+    fn rescue(&mut self) -> RecordError {
+        let mut bytes = Vec::new();
+        let read = self
+            .file
+            .seek(SeekFrom::Start(0))
+            .and_then(|_| self.file.read_to_end(&mut bytes));
+        let rescued = read
+            .map_err(io("read", &self.path))
+            .and_then(|_| keep_beside(&self.path, "rescued", &bytes));
+        match rescued {
+            Ok(rescued) => RecordError::Removed {
+                path: self.path.clone(),
+                rescued,
+            },
+            Err(error) => error,
+        }
+    }
+}
+
+/// Writes bytes to the first free file `STEM.WORD-N.EXTENSION` beside a file, and gives its path.
+fn keep_beside(path: &Path, word: &str, bytes: &[u8]) -> Result<PathBuf, RecordError> {
+    for number in 1.. {
+        let beside = beside(path, word, number);
+        let created = OpenOptions::new()
+            .write(true)
+            .create_new(true)
+            .open(&beside);
+        match created {
+            Err(error) if error.kind() == ErrorKind::AlreadyExists => {}
+            Err(source) => return Err(io("create", &beside)(source)),
+            Ok(mut file) => {
+                let written = file.write_all(bytes).and_then(|()| file.sync_all());
+                return written
+                    .map(|()| beside.clone())
+                    .map_err(io("write", &beside));
+            }
+        }
+    }
+    unreachable!("numbers do not end")
+}
+
+fn beside(path: &Path, word: &str, number: u32) -> PathBuf {
+    let part =
+        |part: Option<&std::ffi::OsStr>| part.unwrap_or_default().to_string_lossy().into_owned();
+    let (stem, extension) = (part(path.file_stem()), part(path.extension()));
+    path.with_file_name(format!("{stem}.{word}-{number}.{extension}"))
+}
+
+/// Damaged states of a file that were kept beside it.
+pub fn kept_aside(path: &Path) -> Vec<PathBuf> {
+    (1..)
+        .map(|number| beside(path, "damaged", number))
+        .take_while(|beside| beside.exists())
+        .collect()
+}
+
+/// Replaces a file's contents, all or nothing.
+fn replace(path: &Path, bytes: &[u8]) -> Result<(), RecordError> {
+    let folder = path
+        .parent()
+        .filter(|folder| !folder.as_os_str().is_empty());
+    let folder = folder.unwrap_or(Path::new("."));
+    let written = tempfile::NamedTempFile::new_in(folder).and_then(|mut file| {
+        file.write_all(bytes)?;
+        file.as_file().sync_all()?;
+        file.persist(path).map_err(|error| error.error)
+    });
+    written.map(drop).map_err(io("write", path))
 }
 
 fn encode<T: Line>(line: &T) -> Result<Vec<u8>, serde_json::Error> {
@@ -180,18 +331,40 @@ impl<T> Default for Lines<T> {
 /// and left out; a line in another format is an error.
 pub fn read_lines<T: Line>(path: &Path) -> Result<Lines<T>, RecordError> {
     let bytes = std::fs::read(path).map_err(io("read", path))?;
-    let mut reading = Lines::default();
-    let torn_line = match bytes.last() {
-        None | Some(b'\n') => None,
-        Some(_) => Some(bytes.split(|byte| *byte == b'\n').count()),
+    Ok(sort(path, &bytes)?.lines)
+}
+
+/// A file's lines, and the bytes of the sound ones.
+struct Sorted<T> {
+    lines: Lines<T>,
+    sound: Vec<u8>,
+}
+
+fn sort<T: Line>(path: &Path, bytes: &[u8]) -> Result<Sorted<T>, RecordError> {
+    let mut sorted = Sorted {
+        lines: Lines::default(),
+        sound: Vec::new(),
     };
-    for (index, line) in bytes.split(|byte| *byte == b'\n').enumerate() {
+    let mut headers = Headers::default();
+    for (index, line) in bytes.split_inclusive(|byte| *byte == b'\n').enumerate() {
         let number = index + 1;
         if line.iter().all(u8::is_ascii_whitespace) {
             continue;
         }
-        match parse(line) {
-            Parsed::Line(line) => reading.lines.push(line),
+        let reason = match parse::<T>(line) {
+            Parsed::Line(parsed) => match headers.orphaned(&parsed) {
+                None => {
+                    sorted.lines.lines.push(parsed);
+                    sorted
+                        .sound
+                        .extend(line.strip_suffix(b"\n").unwrap_or(line));
+                    sorted.sound.push(b'\n');
+                    continue;
+                }
+                Some(lost) => {
+                    format!("it belongs to a run whose header, line {lost}, may be damaged")
+                }
+            },
             Parsed::OtherSchema(found) => {
                 return Err(RecordError::Schema {
                     path: path.to_owned(),
@@ -202,20 +375,49 @@ pub fn read_lines<T: Line>(path: &Path) -> Result<Lines<T>, RecordError> {
                 });
             }
             Parsed::Damaged(reason) => {
-                let torn = torn_line == Some(number);
-                let reason = if torn {
-                    format!("torn off while it was written ({reason})")
-                } else {
+                headers.damaged::<T>(number, line);
+                if line.ends_with(b"\n") {
                     reason
-                };
-                reading.damaged.push(Damage {
-                    line: number,
-                    reason,
-                });
+                } else {
+                    format!("torn off while it was written ({reason})")
+                }
             }
+        };
+        sorted.lines.damaged.push(Damage {
+            line: number,
+            reason,
+        });
+    }
+    Ok(sorted)
+}
+
+/// Which header the lines of a file belong to, as far as that is known.
+#[derive(Default)]
+struct Headers {
+    /// A header was read.
+    met: bool,
+    /// The line that cannot be read and may have been a header, if no header was read since.
+    lost: Option<usize>,
+}
+
+impl Headers {
+    fn damaged<T: Line>(&mut self, number: usize, line: &[u8]) {
+        // Before the first header there is none that lines could be taken for.
+        if self.met && T::may_be_header(line) {
+            self.lost = Some(number);
         }
     }
-    Ok(reading)
+
+    /// The lost header of a line that needs one.
+    fn orphaned<T: Line>(&mut self, line: &T) -> Option<usize> {
+        if line.is_header() {
+            *self = Self {
+                met: true,
+                lost: None,
+            };
+        }
+        self.lost.filter(|_| line.needs_header())
+    }
 }
 
 enum Parsed<T> {

@@ -1,4 +1,5 @@
 use std::fs;
+use std::path::Path;
 
 use serde_json::{Map, json};
 
@@ -37,6 +38,14 @@ fn run(profile: &str) -> Run {
     }
 }
 
+fn open(path: &Path) -> Opened<Record> {
+    Writer::open(path, |_| Ok::<(), RecordError>(())).unwrap()
+}
+
+fn append(path: &Path, record: &Record) {
+    open(path).writer.write(record).unwrap();
+}
+
 fn definition() -> Record {
     Record::Experiment(Definition {
         id: "e".to_owned(),
@@ -57,8 +66,7 @@ fn what_is_written_is_read() {
     for record in &records {
         writer.write(record).unwrap();
     }
-    let mut writer = Writer::append(&path).unwrap();
-    writer.write(&skipped("b")).unwrap();
+    append(&path, &skipped("b"));
     let reading = read(&path).unwrap();
     assert_eq!(reading.records[..3], records);
     assert_eq!(reading.records[3], skipped("b"));
@@ -66,7 +74,7 @@ fn what_is_written_is_read() {
 }
 
 #[test]
-fn a_torn_last_line_is_named_and_cut_off_on_appending() {
+fn a_torn_last_line_is_named_and_kept_aside_on_appending() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("records.jsonl");
     let whole = serde_json::to_string(&skipped("a")).unwrap();
@@ -81,10 +89,14 @@ fn a_torn_last_line_is_named_and_cut_off_on_appending() {
         "{told}"
     );
 
-    Writer::append(&path).unwrap().write(&skipped("b")).unwrap();
+    let torn = fs::read(&path).unwrap();
+    append(&path, &skipped("b"));
     let reading = read(&path).unwrap();
     assert_eq!(reading.records, [skipped("a"), skipped("b")]);
     assert!(reading.damaged.is_empty());
+    let aside = kept_aside(&path);
+    assert_eq!(aside.len(), 1);
+    assert_eq!(fs::read(&aside[0]).unwrap(), torn);
 }
 
 #[test]
@@ -92,7 +104,7 @@ fn a_whole_last_line_without_its_end_is_kept_on_appending() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("records.jsonl");
     fs::write(&path, serde_json::to_string(&skipped("a")).unwrap()).unwrap();
-    Writer::append(&path).unwrap().write(&skipped("b")).unwrap();
+    append(&path, &skipped("b"));
     assert_eq!(read(&path).unwrap().records, [skipped("a"), skipped("b")]);
 }
 
@@ -111,6 +123,83 @@ fn damaged_lines_are_named_one_by_one_and_the_rest_is_read() {
     let lines: Vec<usize> = reading.damaged.iter().map(|damage| damage.line).collect();
     assert_eq!(lines, [2, 4, 5]);
     assert!(reading.damaged[1].reason.contains("missing field"));
+}
+
+/// A line of a run and one of a cell, as they are written.
+fn lines(records: &[Record]) -> Vec<String> {
+    let line = |record| serde_json::to_string(record).unwrap() + "\n";
+    records.iter().map(line).collect()
+}
+
+#[test]
+fn cells_after_a_header_that_may_be_lost_are_given_to_no_other_run() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("records.jsonl");
+    let header = |profile| Record::Run(Box::new(run(profile)));
+    let written = lines(&[header("quick"), skipped("a"), header("paper"), skipped("b")]);
+    let [first, a, second, b] = written.as_slice() else {
+        panic!()
+    };
+    let torn = |line: &str, bytes: usize| format!("{}\n", &line[..bytes]);
+    let read_with = |damaged: &str| {
+        fs::write(
+            &path,
+            [first, a, damaged, b, second, b].map(String::from).concat(),
+        )
+        .unwrap();
+        read(&path).unwrap()
+    };
+    let merged = format!("{}{}", &a[..30], &second[..second.len() - 9]) + "\n";
+    for damaged in [&torn(second, 60), &torn(second, 5), &merged, "\0\0\0\n"] {
+        let reading = read_with(damaged);
+        let whole = [header("quick"), skipped("a"), header("paper"), skipped("b")];
+        assert_eq!(reading.records, whole, "{damaged}");
+        let told: Vec<String> = reading.damaged.iter().map(ToString::to_string).collect();
+        assert_eq!(told.len(), 2, "{told:?}");
+        assert!(told[0].starts_with("line 3: not JSON"), "{told:?}");
+        let expected = "line 4: it belongs to a run whose header, line 3, may be damaged";
+        assert_eq!(told[1], expected);
+    }
+    // A torn cell was no header.
+    let reading = read_with(&torn(a, 40));
+    assert_eq!(reading.records.len(), 5);
+    assert_eq!(reading.damaged.len(), 1);
+}
+
+#[test]
+fn a_file_that_is_removed_or_replaced_while_it_is_written_to_is_rescued() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("records.jsonl");
+    for (number, replaced) in [(1, false), (2, true)] {
+        let mut writer = Writer::create(&path).unwrap();
+        writer.write(&skipped("a")).unwrap();
+        fs::remove_file(&path).unwrap();
+        if replaced {
+            fs::write(&path, "another's").unwrap();
+        }
+        let error = writer.write(&skipped("b")).unwrap_err().to_string();
+        let rescued = folder
+            .path()
+            .join(format!("records.rescued-{number}.jsonl"));
+        assert!(error.contains("was removed or replaced"), "{error}");
+        assert!(error.contains(&rescued.display().to_string()), "{error}");
+        let records = read(&rescued).unwrap().records;
+        assert_eq!(records, [skipped("a"), skipped("b")]);
+        assert_eq!(path.exists(), replaced);
+    }
+    assert_eq!(fs::read_to_string(&path).unwrap(), "another's");
+}
+
+#[test]
+fn what_two_writers_append_stays_whole() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("records.jsonl");
+    let mut writers = [open(&path).writer, open(&path).writer];
+    for n in 0..6 {
+        writers[n % 2].write(&skipped(&n.to_string())).unwrap();
+    }
+    let expected: Vec<Record> = (0..6).map(|n| skipped(&n.to_string())).collect();
+    assert_eq!(read(&path).unwrap().records, expected);
 }
 
 #[test]
@@ -138,7 +227,7 @@ fn a_number_that_is_not_finite_is_not_written() {
 #[test]
 fn a_full_disk_is_an_error_that_names_the_file() {
     // Linux's always-full device; elsewhere there is none to try.
-    let path = std::path::Path::new("/dev/full");
+    let path = Path::new("/dev/full");
     if !path.exists() {
         return;
     }
@@ -149,7 +238,7 @@ fn a_full_disk_is_an_error_that_names_the_file() {
 
 #[test]
 fn a_missing_file_is_named() {
-    let error = read(std::path::Path::new("no/such/file")).unwrap_err();
+    let error = read(Path::new("no/such/file")).unwrap_err();
     assert!(error.to_string().starts_with("cannot read no/such/file"));
 }
 

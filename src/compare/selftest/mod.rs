@@ -95,14 +95,17 @@ fn make(
     interrupted: &AtomicBool,
     tell: &dyn Fn(&str),
 ) -> Result<(), SelfTestError> {
-    let mut bench = Bench::new(test, tell)?;
+    let mut bench = Bench::new(test, interrupted, tell)?;
     for (number, trial) in lacking.iter().enumerate() {
         if interrupted.load(Ordering::Relaxed) {
             break;
         }
         let (number, all) = (number + 1, lacking.len());
         tell(&format!("trial {number} of {all}: {}", trial.id));
-        bench.make(trial, injections, interrupted)?;
+        match bench.make(trial, injections) {
+            Err(SelfTestError::Build(BuildError::Interrupted { .. })) => break,
+            made => made?,
+        }
     }
     Ok(())
 }
@@ -150,6 +153,12 @@ fn is_made(test: &SelfTest, trial: &Trial) -> Result<bool, SelfTestError> {
     }
 }
 
+/// A trial's folder holds lines.
+fn begun(folder: &Path) -> bool {
+    let lines = folder.join(COMPARISON).metadata();
+    lines.is_ok_and(|lines| lines.len() > 0)
+}
+
 impl SelfTest {
     fn settings_of(&self, trial: &Trial) -> Settings {
         Settings {
@@ -166,13 +175,18 @@ struct Bench<'a> {
     test: &'a SelfTest,
     workshop: Workshop,
     programs: PathBuf,
+    interrupted: &'a AtomicBool,
     tell: &'a dyn Fn(&str),
     /// The injected build that is at hand.
     at_hand: Option<(Variant, PathBuf)>,
 }
 
 impl<'a> Bench<'a> {
-    fn new(test: &'a SelfTest, tell: &'a dyn Fn(&str)) -> Result<Self, SelfTestError> {
+    fn new(
+        test: &'a SelfTest,
+        interrupted: &'a AtomicBool,
+        tell: &'a dyn Fn(&str),
+    ) -> Result<Self, SelfTestError> {
         let repository = build::repository(&test.repository)?;
         let commit = build::commit(&repository, "HEAD")?;
         let short = commit.get(..12).unwrap_or(&commit);
@@ -182,17 +196,13 @@ impl<'a> Bench<'a> {
             programs: repository
                 .join(build::CACHE)
                 .join(format!("self-test-{short}")),
+            interrupted,
             tell,
             at_hand: None,
         })
     }
 
-    fn make(
-        &mut self,
-        trial: &Trial,
-        injections: &[Injection],
-        interrupted: &AtomicBool,
-    ) -> Result<(), SelfTestError> {
+    fn make(&mut self, trial: &Trial, injections: &[Injection]) -> Result<(), SelfTestError> {
         let manner = match trial.variant {
             Variant::Again | Variant::Unrelated => Manner::Whole,
             Variant::Injected(..) | Variant::Every(_) => Manner::Incremental,
@@ -215,11 +225,11 @@ impl<'a> Bench<'a> {
             cells_file: None,
             filter: trial.filter.clone(),
             settings: self.test.settings_of(trial),
-            resume: folder.join(COMPARISON).exists(),
+            resume: begun(&folder),
             out: Some(folder),
         };
         let load = trial.loaded.then(|| Load::start(&base));
-        let measured = flow::measure(&options, interrupted, self.tell);
+        let measured = flow::measure(&options, self.interrupted, self.tell);
         drop(load);
         measured.map(drop).map_err(|error| SelfTestError::Trial {
             trial: trial.id.clone(),
@@ -282,7 +292,12 @@ impl<'a> Bench<'a> {
             return Ok(());
         }
         (self.tell)(&format!("building {}", program.display()));
-        Ok(self.workshop.build(changes, manner, program, self.tell)?)
+        let Self {
+            interrupted, tell, ..
+        } = self;
+        Ok(self
+            .workshop
+            .build(changes, manner, program, interrupted, tell)?)
     }
 }
 

@@ -1,6 +1,7 @@
 //! A checkout in which sources are changed and built, one change at a time.
 
 use std::path::{Path, PathBuf};
+use std::sync::atomic::AtomicBool;
 use std::time::SystemTime;
 
 use super::injections::Changed;
@@ -42,6 +43,7 @@ impl Workshop {
         changes: &[Changed],
         manner: Manner,
         program: &Path,
+        interrupted: &AtomicBool,
         tell: &dyn Fn(&str),
     ) -> Result<(), BuildError> {
         let committed: Vec<Changed> = changes
@@ -66,6 +68,7 @@ impl Workshop {
             &self.target,
             "with a change",
             &[("CARGO_INCREMENTAL", incremental)],
+            interrupted,
             &mut |line| {
                 if !line.trim_start().starts_with("Compiling") {
                     tell(line);

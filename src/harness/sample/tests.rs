@@ -44,6 +44,14 @@ struct Mock<'a> {
     frames: Vec<usize>,
     calls: Vec<Call>,
     results: BTreeMap<usize, CellResult>,
+    /// What an earlier run has left, by cell.
+    earlier: BTreeMap<usize, Vec<Addition>>,
+    /// In the order in which it was kept.
+    kept: Vec<(usize, Addition)>,
+    /// So much of it, the first, would outlive the process.
+    safe: usize,
+    /// Most visits that were ever not safe.
+    most_unsafe: usize,
     now_s: f64,
     recoveries_left: usize,
     interrupt_at_s: f64,
@@ -57,6 +65,10 @@ impl<'a> Mock<'a> {
             cells,
             calls: Vec::new(),
             results: BTreeMap::new(),
+            earlier: BTreeMap::new(),
+            kept: Vec::new(),
+            safe: 0,
+            most_unsafe: 0,
             now_s: 0.0,
             recoveries_left: 1,
             interrupt_at_s: f64::INFINITY,
@@ -134,6 +146,21 @@ impl Executor for Mock<'_> {
     fn untimed(&mut self, cell: usize) -> Result<f64, Failure> {
         self.calls.push(Call::Untimed(cell));
         self.frame(cell).map(|(ns, _)| ns)
+    }
+
+    fn earlier(&mut self, cell: usize) -> Vec<Addition> {
+        self.earlier.remove(&cell).unwrap_or_default()
+    }
+
+    fn keep(&mut self, cell: usize, added: Addition) -> Result<(), String> {
+        self.kept.push((cell, added));
+        self.most_unsafe = self.most_unsafe.max(self.kept.len() - self.safe);
+        Ok(())
+    }
+
+    fn end_round(&mut self) -> Result<(), String> {
+        self.safe = self.kept.len();
+        Ok(())
     }
 
     fn finish(&mut self, cell: usize, result: CellResult) -> Result<(), String> {
@@ -547,6 +574,15 @@ fn an_error_of_the_caller_ends_the_run() {
         fn untimed(&mut self, cell: usize) -> Result<f64, Failure> {
             self.0.untimed(cell)
         }
+        fn earlier(&mut self, cell: usize) -> Vec<Addition> {
+            self.0.earlier(cell)
+        }
+        fn keep(&mut self, _: usize, _: Addition) -> Result<(), &'static str> {
+            Ok(())
+        }
+        fn end_round(&mut self) -> Result<(), &'static str> {
+            Ok(())
+        }
         fn finish(&mut self, _: usize, _: CellResult) -> Result<(), &'static str> {
             Err("disk full")
         }
@@ -564,3 +600,5 @@ fn an_error_of_the_caller_ends_the_run() {
     let mut disk = FullDisk(Mock::new(vec![MockCell::default()], &flag));
     assert_eq!(sample(&mut disk, &[0], &SETTINGS, &flag), Err("disk full"));
 }
+
+mod resumed;

@@ -1,0 +1,366 @@
+//! The file of samples of a run: what was taken of cells that have no record yet, so that a killed run goes on from there.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+use crate::record::{
+    Addition, Clocks, LineWriter, Outcome, Record, RecordError, Run, SAMPLES_SCHEMA, SampleLine,
+    read_lines,
+};
+
+/// A round that takes longer is written visit by visit.
+const LONGEST_UNWRITTEN: Duration = Duration::from_millis(200);
+/// What is written is forced to the disk no more often than this: it outlives the process at once, and a loss of power costs no
+/// more than this. Forcing takes milliseconds, handing over tens of microseconds.
+const SYNC_INTERVAL: Duration = Duration::from_secs(5);
+
+/// A cell as its lines name it.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub struct CellName {
+    /// See [`SampleLine::id`].
+    pub id: String,
+    pub experiment: String,
+    pub cell: String,
+}
+
+/// What an earlier run took of a cell, as far as it counts.
+#[derive(Default)]
+struct Earlier {
+    additions: Vec<Addition>,
+    /// Those of the last line.
+    clocks: Clocks,
+}
+
+impl Earlier {
+    fn pairs(&self) -> usize {
+        let additions = self.additions.iter();
+        additions.filter(|added| added.pair.is_some()).count()
+    }
+}
+
+/// By the id of the cell.
+type Cells = BTreeMap<String, Earlier>;
+
+/// Writes samples as they are taken, and hands out those of an earlier run.
+pub struct Journal {
+    path: PathBuf,
+    writer: LineWriter<SampleLine>,
+    earlier: Cells,
+    /// By which samples are taken.
+    clocks: Clocks,
+    /// Cells with samples and without a record.
+    open: BTreeSet<String>,
+    unwritten: Vec<SampleLine>,
+    written: Instant,
+    synced: Instant,
+}
+
+impl Journal {
+    /// Opens the file, or starts it where there is none, and gives what there is to say of its damage.
+    pub fn open(path: &Path) -> Result<(Self, Vec<String>), RecordError> {
+        let opened = LineWriter::open(path, |_| Ok::<(), RecordError>(()))?;
+        let notices = opened.notices();
+        let earlier = by_cell(opened.lines.lines);
+        let now = Instant::now();
+        let journal = Self {
+            path: path.to_owned(),
+            writer: opened.writer,
+            open: earlier.keys().cloned().collect(),
+            earlier,
+            clocks: Clocks::new(),
+            unwritten: Vec::new(),
+            written: now,
+            synced: now,
+        };
+        Ok((journal, notices))
+    }
+
+    /// Forgets cells that have a record.
+    pub fn settle(&mut self, ids: impl IntoIterator<Item = String>) {
+        for id in ids {
+            self.open.remove(&id);
+            self.earlier.remove(&id);
+        }
+    }
+
+    /// Pairs of frames that an earlier run took of these cells, and how many of the cells have any.
+    pub fn earlier_pairs(&self, ids: &[String]) -> (usize, usize) {
+        let found = ids.iter().filter_map(|id| self.earlier.get(id));
+        let pairs = found.map(Earlier::pairs).filter(|pairs| *pairs > 0);
+        pairs.fold((0, 0), |(pairs, cells), more| (pairs + more, cells + 1))
+    }
+
+    /// The clocks to take samples by: those that an earlier run took most pairs of these cells by, else those that were found
+    /// now. Samples by different clocks do not go together, and what one audit found sound, the next may not on a busy machine.
+    pub fn choose_clocks(&mut self, ids: &[String], found: Clocks) -> &Clocks {
+        let mut pairs = BTreeMap::<&Clocks, usize>::new();
+        for earlier in ids.iter().filter_map(|id| self.earlier.get(id)) {
+            *pairs.entry(&earlier.clocks).or_default() += earlier.pairs();
+        }
+        let most = pairs.into_iter().max_by_key(|(_, pairs)| *pairs);
+        let most = most.filter(|(_, pairs)| *pairs > 0);
+        self.clocks = most.map_or(found, |(clocks, _)| clocks.clone());
+        &self.clocks
+    }
+
+    /// What an earlier run took of a cell. It is given once.
+    pub fn take_earlier(&mut self, cell: &CellName) -> Vec<Addition> {
+        let earlier = self.earlier.remove(&cell.id);
+        earlier.map_or_else(Vec::new, |earlier| earlier.additions)
+    }
+
+    fn line(&self, cell: &CellName, added: Addition) -> SampleLine {
+        SampleLine {
+            schema: SAMPLES_SCHEMA,
+            id: cell.id.clone(),
+            experiment: cell.experiment.clone(),
+            cell: cell.cell.clone(),
+            clocks: self.clocks.clone(),
+            added,
+        }
+    }
+
+    pub fn keep(&mut self, cell: &CellName, added: Addition) -> Result<(), RecordError> {
+        self.open.insert(cell.id.clone());
+        self.unwritten.push(self.line(cell, added));
+        if self.written.elapsed() < LONGEST_UNWRITTEN {
+            return Ok(());
+        }
+        self.write()
+    }
+
+    /// Hands all lines over to the system, in one piece.
+    pub fn write(&mut self) -> Result<(), RecordError> {
+        if !self.unwritten.is_empty() {
+            self.writer
+                .hand_over(&std::mem::take(&mut self.unwritten))?;
+        }
+        self.written = Instant::now();
+        if self.synced.elapsed() >= SYNC_INTERVAL {
+            self.writer.sync()?;
+            self.synced = Instant::now();
+        }
+        Ok(())
+    }
+
+    /// A cell has its record. One that failed will be measured anew, from nothing.
+    pub fn close(&mut self, cell: &CellName, outcome: &Outcome) -> Result<(), RecordError> {
+        if matches!(outcome, Outcome::Failed { .. }) && self.open.contains(&cell.id) {
+            self.unwritten.push(self.line(cell, ended()));
+            self.write()?;
+        }
+        self.open.remove(&cell.id);
+        Ok(())
+    }
+
+    /// Removes the file if every cell in it has its record.
+    pub fn end(mut self) -> Result<(), RecordError> {
+        self.write()?;
+        if self.open.is_empty() {
+            // What stays is read again and found to be settled.
+            let _ = std::fs::remove_file(&self.path);
+            return Ok(());
+        }
+        self.writer.sync()
+    }
+}
+
+/// What the lines say of each cell, from the last one on that begins it afresh.
+fn by_cell(lines: Vec<SampleLine>) -> Cells {
+    let mut cells = Cells::new();
+    for line in lines {
+        let earlier = cells.entry(line.id).or_default();
+        if line.added.afresh {
+            earlier.additions.clear();
+        }
+        earlier.additions.push(line.added);
+        earlier.clocks = line.clocks;
+    }
+    // A cell whose last line only ended what was before has nothing left.
+    cells.retain(|_, earlier| earlier.additions.iter().any(|added| *added != ended()));
+    cells
+}
+
+/// Ends what came before.
+fn ended() -> Addition {
+    Addition {
+        afresh: true,
+        ..Addition::default()
+    }
+}
+
+/// Cells of a folder that have samples and no record, each with its pairs of frames, for those who only read.
+pub fn unfinished(path: &Path, records: &[Record]) -> Result<Vec<(CellName, usize)>, RecordError> {
+    if !path.exists() {
+        return Ok(Vec::new());
+    }
+    let lines = read_lines::<SampleLine>(path)?.lines;
+    let name = |line: &SampleLine| {
+        let name = CellName {
+            id: line.id.clone(),
+            experiment: line.experiment.clone(),
+            cell: line.cell.clone(),
+        };
+        (line.id.clone(), name)
+    };
+    let mut names: BTreeMap<String, CellName> = lines.iter().map(name).collect();
+    let mut cells = by_cell(lines);
+    for id in recorded(records) {
+        cells.remove(&id);
+    }
+    let named = |(id, earlier): (String, Earlier)| Some((names.remove(&id)?, earlier.pairs()));
+    Ok(cells.into_iter().filter_map(named).collect())
+}
+
+/// Ids of the cells that were measured.
+fn recorded(records: &[Record]) -> BTreeSet<String> {
+    let mut run: Option<&Run> = None;
+    let mut ids = BTreeSet::new();
+    for record in records {
+        match (record, run) {
+            (Record::Run(header), _) => run = Some(header),
+            (Record::Cell(cell), Some(run)) if matches!(cell.outcome, Outcome::Measured(_)) => {
+                ids.insert(SampleLine::id(run, &cell.resume_key()));
+            }
+            _ => {}
+        }
+    }
+    ids
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::record::{Clock, FramePair, PassKind};
+
+    fn cell(id: &str) -> CellName {
+        CellName {
+            id: id.to_owned(),
+            experiment: "e".to_owned(),
+            cell: id.to_owned(),
+        }
+    }
+
+    fn pair(ns: f64) -> Addition {
+        Addition {
+            pair: Some(FramePair {
+                stages: Vec::new(),
+                envelope_ns: ns,
+                gaps_ns: 0.0,
+                wall_ns: ns,
+                untimed_ns: ns,
+            }),
+            ..Addition::default()
+        }
+    }
+
+    fn journal(folder: &tempfile::TempDir) -> Journal {
+        let (journal, notices) = Journal::open(&folder.path().join("samples.jsonl")).unwrap();
+        assert_eq!(notices, Vec::<String>::new());
+        journal
+    }
+
+    const FAILED: fn() -> Outcome = || Outcome::Failed {
+        reason: "hot".to_owned(),
+    };
+
+    #[test]
+    fn what_was_kept_is_handed_out_once_after_the_process_is_gone() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut first = journal(&folder);
+        let warm_up = Addition {
+            warm_up_frames: 2,
+            rejected: Some("a: zero duration".to_owned()),
+            ..Addition::default()
+        };
+        first.keep(&cell("a"), warm_up.clone()).unwrap();
+        first.keep(&cell("b"), pair(3.0)).unwrap();
+        first.keep(&cell("a"), pair(1.0)).unwrap();
+        first.write().unwrap();
+        first.keep(&cell("a"), pair(2.0)).unwrap();
+        // It is killed: what was not handed over is gone.
+        drop(first);
+        let mut second = journal(&folder);
+        let ids = ["a", "b", "c"].map(str::to_owned);
+        assert_eq!(second.earlier_pairs(&ids), (2, 2));
+        assert_eq!(second.take_earlier(&cell("a")), [warm_up, pair(1.0)]);
+        assert_eq!(second.take_earlier(&cell("a")), []);
+        assert_eq!(second.earlier_pairs(&ids), (1, 1));
+    }
+
+    #[test]
+    fn a_resumed_run_takes_samples_by_the_clocks_of_the_earlier_one() {
+        let folder = tempfile::tempdir().unwrap();
+        let ids = ["a", "b"].map(str::to_owned);
+        let by = |clock| Clocks::from([(PassKind::Compute, clock)]);
+        let (stamped, fenced) = (by(Clock::Timestamp), by(Clock::FencedHost));
+        let mut first = journal(&folder);
+        assert_eq!(*first.choose_clocks(&ids, stamped.clone()), stamped);
+        first.keep(&cell("a"), pair(1.0)).unwrap();
+        first.keep(&cell("b"), pair(1.0)).unwrap();
+        first.write().unwrap();
+        drop(first);
+        let mut second = journal(&folder);
+        assert_eq!(*second.choose_clocks(&ids, fenced.clone()), stamped);
+        let others = ["c".to_owned()];
+        assert_eq!(*second.choose_clocks(&others, fenced.clone()), fenced);
+        second.settle(ids.clone());
+        assert_eq!(*second.choose_clocks(&ids, fenced.clone()), fenced);
+    }
+
+    #[test]
+    fn numbers_are_read_as_they_were_written() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut first = journal(&folder);
+        let numbers: Vec<f64> = (1..2_000).map(|n| 1e7 / f64::from(n).sqrt()).collect();
+        for ns in &numbers {
+            first.keep(&cell("a"), pair(*ns)).unwrap();
+        }
+        first.write().unwrap();
+        let read = journal(&folder).take_earlier(&cell("a"));
+        assert_eq!(read, numbers.into_iter().map(pair).collect::<Vec<_>>());
+    }
+
+    #[test]
+    fn the_file_goes_when_every_cell_has_its_record() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("samples.jsonl");
+        let mut first = journal(&folder);
+        for id in ["a", "b", "c"] {
+            first.keep(&cell(id), pair(1.0)).unwrap();
+        }
+        first.close(&cell("a"), &FAILED()).unwrap();
+        first.end().unwrap();
+        let mut second = journal(&folder);
+        assert_eq!(
+            second.take_earlier(&cell("a")),
+            [],
+            "a failed cell begins anew"
+        );
+        second.settle(["b".to_owned()]);
+        assert_eq!(second.take_earlier(&cell("b")), []);
+        second.keep(&cell("c"), pair(2.0)).unwrap();
+        second.close(&cell("c"), &FAILED()).unwrap();
+        second.end().unwrap();
+        assert!(!path.exists());
+    }
+
+    #[test]
+    fn a_torn_line_of_samples_costs_itself_alone_and_is_named() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("samples.jsonl");
+        let mut first = journal(&folder);
+        first.keep(&cell("a"), pair(1.0)).unwrap();
+        first.keep(&cell("b"), pair(2.0)).unwrap();
+        first.write().unwrap();
+        let bytes = std::fs::read(&path).unwrap();
+        std::fs::write(&path, &bytes[..bytes.len() - 9]).unwrap();
+        let (mut second, notices) = Journal::open(&path).unwrap();
+        assert!(notices[0].contains("line 2: torn off"), "{notices:?}");
+        assert_eq!(second.take_earlier(&cell("a")), [pair(1.0)]);
+        assert_eq!(second.take_earlier(&cell("b")), []);
+        let aside = folder.path().join("samples.damaged-1.jsonl");
+        assert_eq!(std::fs::read(aside).unwrap(), bytes[..bytes.len() - 9]);
+    }
+}

@@ -1,0 +1,167 @@
+//! What is kept of a run, and what the next one makes of it.
+
+use super::*;
+
+/// A noisy cell with rejected frames, one that compiles at first, and a slow one.
+fn cells() -> Vec<MockCell> {
+    vec![
+        MockCell {
+            time: |f, _| 1e7 * noise(f, 0.9),
+            faulty: |f| f % 8 == 5,
+            ..MockCell::default()
+        },
+        MockCell {
+            time: |f, _| [9e7, 5e7, 2e7].get(f).copied().unwrap_or(1.5e7) * noise(f, 0.5),
+            ..MockCell::default()
+        },
+        MockCell {
+            time: |f, _| 2e8 * noise(f, 0.3),
+            ..MockCell::default()
+        },
+    ]
+}
+
+const SHORT: Settings = Settings {
+    budget_s: 4.0,
+    ..SETTINGS
+};
+
+fn by_cell(kept: &[(usize, Addition)]) -> BTreeMap<usize, Vec<Addition>> {
+    let mut cells = BTreeMap::<usize, Vec<Addition>>::new();
+    for (cell, added) in kept {
+        cells.entry(*cell).or_default().push(added.clone());
+    }
+    cells
+}
+
+/// A run that has this from before.
+fn resumed<'a>(earlier: &[(usize, Addition)], flag: &'a AtomicBool) -> Mock<'a> {
+    let mut mock = Mock::new(cells(), flag);
+    mock.earlier = by_cell(earlier);
+    mock
+}
+
+#[test]
+fn what_is_kept_makes_up_all_samples_and_no_more_than_a_round_is_at_risk() {
+    let flag = AtomicBool::new(false);
+    let mut mock = Mock::new(cells(), &flag);
+    run(&mut mock, &SHORT);
+    assert_eq!(mock.safe, mock.kept.len());
+    assert_eq!(mock.most_unsafe, 3, "each cell once");
+    for (cell, additions) in by_cell(&mock.kept) {
+        let samples = mock.samples(cell);
+        let made_up = Samples {
+            earlier_pairs: 0,
+            stopped: samples.stopped,
+            ..Samples::of(&additions)
+        };
+        assert_eq!(made_up, *samples);
+        assert!(samples.pairs_ns.len() >= MIN_PAIRS && samples.warm_up_frames >= 2);
+    }
+    assert!(!mock.samples(0).rejected.is_empty());
+}
+
+#[test]
+fn a_run_that_was_killed_after_any_visit_goes_on_with_all_that_was_kept() {
+    let flag = AtomicBool::new(false);
+    let mut whole = Mock::new(cells(), &flag);
+    run(&mut whole, &SHORT);
+    for killed_after in 0..whole.kept.len() {
+        let earlier = &whole.kept[..killed_after];
+        let mut mock = resumed(earlier, &flag);
+        run(&mut mock, &SHORT);
+        assert_eq!(mock.results.len(), 3);
+        for cell in 0..3 {
+            let before = by_cell(earlier).remove(&cell).unwrap_or_default();
+            let (before, after) = (Samples::of(&before), mock.samples(cell));
+            let pairs = before.pairs_ns.len();
+            assert_eq!(after.earlier_pairs, pairs);
+            assert_eq!(after.pairs_ns[..pairs], before.pairs_ns);
+            assert_eq!(after.gaps_ns[..pairs], before.gaps_ns);
+            for (before, after) in before.stages.iter().zip(&after.stages) {
+                assert_eq!((&before.name, before.clock), (&after.name, after.clock));
+                assert_eq!(after.ns[..pairs], before.ns);
+            }
+            let all = after.pairs_ns.len();
+            assert!(
+                all > pairs,
+                "{all} of {pairs}: a frame is rendered to read figures from"
+            );
+            assert!(after.stages.iter().all(|stage| stage.ns.len() == all));
+            assert!(after.warm_up_frames >= before.warm_up_frames + 2);
+            for (reason, count) in &before.rejected {
+                assert!(after.rejected[reason] >= *count);
+            }
+        }
+    }
+}
+
+#[test]
+fn without_time_a_resumed_cell_still_renders_before_it_is_finished() {
+    let flag = AtomicBool::new(false);
+    let mut whole = Mock::new(cells(), &flag);
+    run(&mut whole, &SHORT);
+    let mut mock = resumed(&whole.kept, &flag);
+    let no_time = Settings {
+        budget_s: 0.0,
+        ..SHORT
+    };
+    run(&mut mock, &no_time);
+    for cell in 0..3 {
+        assert!(mock.calls.contains(&Call::Timed(cell)));
+        let before = whole.samples(cell).pairs_ns.len();
+        let after = mock.samples(cell).pairs_ns.len();
+        assert!((before..=before + 2).contains(&after), "{before} {after}");
+    }
+}
+
+#[test]
+fn an_interruption_before_the_first_frame_leaves_a_resumed_cell_for_later() {
+    let flag = AtomicBool::new(false);
+    let mut whole = Mock::new(cells(), &flag);
+    run(&mut whole, &SHORT);
+    let mut mock = resumed(&whole.kept, &flag);
+    // In the warm-up of the first cell that is visited.
+    mock.interrupt_at_s = 0.001;
+    run(&mut mock, &SHORT);
+    assert_eq!(
+        mock.results.len(),
+        1,
+        "what rendered nothing is not finished"
+    );
+    assert_eq!(mock.safe, mock.kept.len());
+}
+
+#[test]
+fn what_was_timed_by_another_clock_does_not_count() {
+    let flag = AtomicBool::new(false);
+    let mut whole = Mock::new(cells(), &flag);
+    run(&mut whole, &SHORT);
+    let mut other = whole.kept.clone();
+    let pairs = other
+        .iter_mut()
+        .filter_map(|(_, added)| added.pair.as_mut());
+    pairs.for_each(|pair| pair.stages[1].clock = Clock::Timestamp);
+    let mut mock = resumed(&other, &flag);
+    run(&mut mock, &SHORT);
+    for cell in 0..3 {
+        let samples = mock.samples(cell);
+        assert_eq!(samples.stages[1].clock, Clock::FencedHost);
+        assert_eq!(samples.earlier_pairs, 0);
+        let new: Vec<Addition> = by_cell(&mock.kept).remove(&cell).unwrap();
+        assert!(new[0].afresh, "the next run must not go back to them");
+        assert!(new[1..].iter().all(|added| !added.afresh));
+        // Of both runs' lines, as they stand in the file.
+        let all: Vec<Addition> = by_cell(&other)
+            .remove(&cell)
+            .unwrap()
+            .into_iter()
+            .chain(new)
+            .collect();
+        assert_eq!(Samples::of(&all).pairs_ns, samples.pairs_ns);
+    }
+    // Should the line that says so be lost, clocks are still not mixed.
+    let (old, new) = (whole.kept[0].1.clone(), other[0].1.clone());
+    let mixed = Samples::of(&[old, new.clone()]);
+    assert_eq!(mixed.pairs_ns, Samples::of(&[new]).pairs_ns);
+}

@@ -1,0 +1,225 @@
+//! One process at a time writes to a folder.
+
+use std::fs::{self, File, Metadata, OpenOptions, TryLockError};
+use std::io::{self, Read, Seek, SeekFrom, Write};
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+/// Name of the locked file. The system releases the lock when its process ends, however that ends, so a file that a killed
+/// process left behind blocks nobody.
+pub const LOCK: &str = ".lock";
+/// Bytes read of what a holder says of itself.
+const MAX_HOLDER_BYTES: u64 = 1_000;
+/// Readings of it before it is given up, and the time between two.
+const MAX_READINGS: usize = 25;
+const BETWEEN_READINGS: Duration = Duration::from_millis(20);
+
+#[derive(Debug, thiserror::Error)]
+pub enum LockError {
+    #[error(
+        "{} is in use by {holder}: wait until that ends, or choose another folder with --out",
+        folder.display()
+    )]
+    InUse { folder: PathBuf, holder: String },
+    #[error("cannot write to {}: {source}; choose another folder with --out", folder.display())]
+    Unwritable { folder: PathBuf, source: io::Error },
+    #[error("{} is a symbolic link and no lock: remove it, or choose another folder with --out", path.display())]
+    Link { path: PathBuf },
+}
+
+/// The right to write to a folder, until this is dropped.
+#[derive(Debug)]
+pub struct FolderLock {
+    file: File,
+    folder: PathBuf,
+    /// The folder was made for this lock. It goes with it, if nothing was written.
+    made_folder: bool,
+}
+
+impl FolderLock {
+    /// Takes the lock of a folder, which is made if it is not there. `holder` tells another process who holds it.
+    pub fn take(folder: &Path, holder: &str) -> Result<Self, LockError> {
+        let unwritable = |source| LockError::Unwritable {
+            folder: folder.to_owned(),
+            source,
+        };
+        let made_folder = !folder.exists();
+        fs::create_dir_all(folder).map_err(unwritable)?;
+        let path = folder.join(LOCK);
+        loop {
+            if path.is_symlink() {
+                return Err(LockError::Link { path });
+            }
+            let mut file = open(&path).map_err(unwritable)?;
+            match file.try_lock() {
+                Ok(()) => {}
+                Err(TryLockError::WouldBlock) => {
+                    return Err(LockError::InUse {
+                        folder: folder.to_owned(),
+                        holder: told(&path),
+                    });
+                }
+                Err(TryLockError::Error(source)) => return Err(unwritable(source)),
+            }
+            // Its last holder may have removed the file after it was opened here: then the lock is that of no name.
+            if fs::symlink_metadata(&path).is_ok_and(|found| is_file(&file, &found)) {
+                tell(&mut file, holder).map_err(unwritable)?;
+                return Ok(Self {
+                    file,
+                    folder: folder.to_owned(),
+                    made_folder,
+                });
+            }
+        }
+    }
+}
+
+impl Drop for FolderLock {
+    fn drop(&mut self) {
+        // What stays behind blocks nobody. Elsewhere than on Unix it cannot be told whether a file still has its name.
+        if cfg!(unix) {
+            let _ = fs::remove_file(self.folder.join(LOCK));
+        }
+        if self.made_folder {
+            // Fails if anything was written.
+            let _ = fs::remove_dir(&self.folder);
+        }
+        let _ = self.file.unlock();
+    }
+}
+
+fn open(path: &Path) -> io::Result<File> {
+    OpenOptions::new()
+        .read(true)
+        .write(true)
+        .create(true)
+        .truncate(false)
+        .open(path)
+}
+
+fn tell(file: &mut File, holder: &str) -> io::Result<()> {
+    file.set_len(0)?;
+    file.seek(SeekFrom::Start(0))?;
+    file.write_all(holder.as_bytes())
+}
+
+/// What the holder of a lock says of itself. It may have taken the lock this moment, and say nothing yet or what its killed
+/// predecessor said: what stays the same for a while is believed.
+fn told(path: &Path) -> String {
+    let mut before = String::new();
+    for _ in 0..MAX_READINGS {
+        std::thread::sleep(BETWEEN_READINGS);
+        let now = read_holder(path);
+        if !now.is_empty() && now == before {
+            return now;
+        }
+        before = now;
+    }
+    "another process".to_owned()
+}
+
+/// One line; empty where nothing can be read. On some systems nobody but its holder reads a locked file.
+fn read_holder(path: &Path) -> String {
+    let mut text = Vec::new();
+    let read = File::open(path).and_then(|file| file.take(MAX_HOLDER_BYTES).read_to_end(&mut text));
+    match read {
+        Ok(_) => String::from_utf8_lossy(&text)
+            .chars()
+            .filter(|c| !c.is_control())
+            .collect(),
+        Err(_) => String::new(),
+    }
+}
+
+/// An open file is the one that was found under a name.
+#[cfg(unix)]
+pub(super) fn is_file(file: &File, found: &Metadata) -> bool {
+    use std::os::unix::fs::MetadataExt;
+    file.metadata()
+        .is_ok_and(|own| (own.dev(), own.ino()) == (found.dev(), found.ino()))
+}
+
+/// Elsewhere any file of that name passes.
+#[cfg(not(unix))]
+pub(super) fn is_file(_: &File, _: &Metadata) -> bool {
+    true
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_second_holder_is_refused_and_told_of_the_first() {
+        let folder = tempfile::tempdir().unwrap();
+        let first = FolderLock::take(folder.path(), "process 1 (`fathom run`)").unwrap();
+        let error = FolderLock::take(folder.path(), "process 2").unwrap_err();
+        let told = error.to_string();
+        assert!(
+            told.contains("in use by process 1 (`fathom run`)"),
+            "{told}"
+        );
+        assert_eq!(told.lines().count(), 1);
+        drop(first);
+        FolderLock::take(folder.path(), "process 2").unwrap();
+    }
+
+    #[test]
+    fn what_a_killed_process_left_behind_does_not_block() {
+        let folder = tempfile::tempdir().unwrap();
+        let long = format!("process 1 {}", "x".repeat(5_000));
+        fs::write(folder.path().join(LOCK), long).unwrap();
+        let held = FolderLock::take(folder.path(), "process 2").unwrap();
+        let error = FolderLock::take(folder.path(), "process 3").unwrap_err();
+        assert!(error.to_string().contains("process 2:"), "{error}");
+        drop(held);
+    }
+
+    #[test]
+    fn a_folder_made_for_the_lock_goes_with_it_unless_it_was_used() {
+        let parent = tempfile::tempdir().unwrap();
+        let folder = parent.path().join("new");
+        drop(FolderLock::take(&folder, "me").unwrap());
+        assert!(!folder.exists());
+        let held = FolderLock::take(&folder, "me").unwrap();
+        fs::write(folder.join("kept"), "").unwrap();
+        drop(held);
+        let names: Vec<_> = fs::read_dir(&folder).unwrap().flatten().collect();
+        assert_eq!(names.len(), 1, "only the lock goes");
+    }
+
+    #[test]
+    fn of_many_that_try_at_once_one_holds_it() {
+        use std::sync::atomic::{AtomicUsize, Ordering};
+
+        let folder = tempfile::tempdir().unwrap();
+        let (inside, entered) = (AtomicUsize::new(0), AtomicUsize::new(0));
+        std::thread::scope(|scope| {
+            for _ in 0..4 {
+                scope.spawn(|| {
+                    for _ in 0..20 {
+                        if let Ok(held) = FolderLock::take(folder.path(), "one of many") {
+                            assert_eq!(inside.fetch_add(1, Ordering::SeqCst), 0);
+                            entered.fetch_add(1, Ordering::SeqCst);
+                            inside.fetch_sub(1, Ordering::SeqCst);
+                            drop(held);
+                        }
+                    }
+                });
+            }
+        });
+        assert!(entered.into_inner() > 0);
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn a_symbolic_link_in_place_of_the_lock_is_not_followed() {
+        let folder = tempfile::tempdir().unwrap();
+        let target = folder.path().join("target");
+        fs::write(&target, "precious").unwrap();
+        std::os::unix::fs::symlink(&target, folder.path().join(LOCK)).unwrap();
+        let error = FolderLock::take(folder.path(), "me").unwrap_err();
+        assert!(error.to_string().contains("symbolic link"), "{error}");
+        assert_eq!(fs::read_to_string(&target).unwrap(), "precious");
+    }
+}

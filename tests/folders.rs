@@ -1,0 +1,252 @@
+//! Folders of measured data under two processes, kills and damage: nothing that was measured is lost or given to another run.
+#![cfg(unix)]
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::Path;
+use std::process::{Child, Command, Output, Stdio};
+use std::time::{Duration, Instant};
+
+use fathom::record::{self, Addition, Cell, FramePair, Outcome, Record, SampleLine};
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64;
+
+/// How often what depends on chance is tried; more by this variable.
+const REPETITIONS: &str = "FATHOM_REPETITIONS";
+/// Far more than any wait here takes on a loaded machine.
+const PATIENCE: Duration = Duration::from_secs(300);
+
+fn repetitions() -> u64 {
+    let asked = std::env::var(REPETITIONS).ok();
+    asked.and_then(|text| text.parse().ok()).unwrap_or(1)
+}
+
+/// A run of two small cells that never reach their precision.
+fn run(out: &Path, arguments: &[&str]) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_fathom"));
+    command
+        .args(["run", "uw-waves", "--precision", "1e-9"])
+        .args(["--axis", "water=circular"])
+        .args(["--axis", "water.amplitude_m=0.0,0.1"]);
+    for small in [
+        "view.width=48",
+        "view.height=48",
+        "shadow.size=64",
+        "surface.cells=8",
+        "caustics.grid=8",
+        "godrays.grid=8",
+        "caustics.buffer=[32,32]",
+        "godrays.buffer=[16,16]",
+    ] {
+        command.args(["--set", small]);
+    }
+    command.arg("--out").arg(out).args(arguments);
+    command.stdout(Stdio::piped()).stderr(Stdio::piped());
+    command
+}
+
+#[track_caller]
+fn stderr(output: &Output, status: i32) -> String {
+    let text = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(output.status.code(), Some(status), "{text}");
+    text
+}
+
+#[track_caller]
+fn wait_until(what: &str, child: &mut Child, mut holds: impl FnMut() -> bool) {
+    let start = Instant::now();
+    while !holds() {
+        assert!(start.elapsed() < PATIENCE, "{what}");
+        assert!(
+            child.try_wait().unwrap().is_none(),
+            "it ended before {what}"
+        );
+        std::thread::sleep(Duration::from_millis(5));
+    }
+}
+
+fn cells(out: &Path) -> Vec<Cell> {
+    let reading = record::read(&out.join("records.jsonl")).unwrap();
+    assert_eq!(reading.damaged, []);
+    let cell = |record| match record {
+        Record::Cell(cell) => Some(*cell),
+        _ => None,
+    };
+    reading.records.into_iter().filter_map(cell).collect()
+}
+
+fn kept(out: &Path) -> Vec<SampleLine> {
+    match record::read_lines(&out.join("samples.jsonl")) {
+        Ok(read) => {
+            assert_eq!(read.damaged, [], "no line is torn");
+            read.lines
+        }
+        Err(_) => Vec::new(),
+    }
+}
+
+/// Exactly one of two that began at the same time measures; the other names it. Gives what the first said.
+#[track_caller]
+fn one_of_two(mut commands: [Command; 2]) -> Output {
+    let children = [commands[0].spawn().unwrap(), commands[1].spawn().unwrap()];
+    let ids = children.each_ref().map(Child::id);
+    let [a, b] = children.map(|child| child.wait_with_output().unwrap());
+    let (measured, refused, id) = if a.status.success() {
+        (a, b, ids[0])
+    } else {
+        (b, a, ids[1])
+    };
+    stderr(&measured, 0);
+    let told = stderr(&refused, 2);
+    let in_use = format!("is in use by process {id} (`");
+    let errors: Vec<&str> = told
+        .lines()
+        .filter(|line| line.starts_with("error: "))
+        .collect();
+    assert_eq!(errors.len(), 1, "{told}");
+    assert!(
+        errors[0].contains(&in_use) && errors[0].contains(", since 20"),
+        "{told}"
+    );
+    measured
+}
+
+#[test]
+fn of_two_runs_in_one_folder_one_measures_all_and_the_other_names_it() {
+    for _ in 0..repetitions() {
+        let folder = tempfile::tempdir().unwrap();
+        let out = folder.path().join("out");
+        // The first must not be done before the second begins.
+        let measure = || run(&out, &["--budget", "2"]);
+        one_of_two([measure(), measure()]);
+        assert_eq!(cells(&out).len(), 2);
+        assert!(!out.join(".lock").exists() && !out.join("samples.jsonl").exists());
+    }
+}
+
+#[test]
+fn a_kill_at_any_moment_loses_no_sample_and_one_of_two_processes_goes_on() {
+    let mut random = Pcg64::seed_from_u64(repetitions());
+    for _ in 0..repetitions() {
+        let folder = tempfile::tempdir().unwrap();
+        let out = folder.path();
+        let mut child = run(out, &["--budget", "600"]).spawn().unwrap();
+        let lines = random.random_range(1..40);
+        wait_until("there were samples", &mut child, || {
+            let text = fs::read(out.join("samples.jsonl")).unwrap_or_default();
+            text.iter().filter(|byte| **byte == b'\n').count() >= lines
+        });
+        std::thread::sleep(Duration::from_millis(random.random_range(0..100)));
+        let told = stderr(&run(out, &["--resume"]).output().unwrap(), 2);
+        assert!(
+            told.contains(&format!("process {} (", child.id())),
+            "{told}"
+        );
+        child.kill().unwrap();
+        child.wait().unwrap();
+        assert_eq!(cells(out), [], "no cell had its record");
+        let before = kept(out);
+        let report = fathom(&["report", out.to_str().unwrap()]);
+        assert!(stderr(&report, 0).contains(" have no record yet; "));
+        let resume = || run(out, &["--resume", "--budget", "2"]);
+        let resumed = one_of_two([resume(), resume()]);
+        let told = String::from_utf8(resumed.stderr).unwrap();
+        assert!(told.contains("going on from "), "{told}");
+        goes_on(&before, &cells(out));
+        assert!(!out.join("samples.jsonl").exists());
+    }
+}
+
+/// Every pair that was kept stands in its cell's record, at the beginning and in its order.
+#[track_caller]
+fn goes_on(before: &[SampleLine], cells: &[Cell]) {
+    assert_eq!(cells.len(), 2);
+    let mut additions = BTreeMap::<&str, Vec<&Addition>>::new();
+    for line in before {
+        additions.entry(&line.cell).or_default().push(&line.added);
+    }
+    for cell in cells {
+        let Outcome::Measured(measured) = &cell.outcome else {
+            panic!("{:?}", cell.outcome);
+        };
+        let added = additions.remove(cell.cell.as_str()).unwrap_or_default();
+        let pairs: Vec<&FramePair> = added
+            .iter()
+            .filter_map(|added| added.pair.as_ref())
+            .collect();
+        let (n, frame) = (pairs.len(), &measured.frame);
+        let all = frame.untimed_samples_ns.len();
+        // The pairs of the resumed run may all have been rejected.
+        assert!(all >= n.max(3) && frame.untimed.n == all && frame.timing_cost.n == all);
+        let of =
+            |ns: fn(&FramePair) -> f64| pairs.iter().map(|pair| ns(pair)).collect::<Vec<f64>>();
+        assert_eq!(frame.envelope_samples_ns[..n], of(|pair| pair.envelope_ns));
+        assert_eq!(frame.gap_samples_ns[..n], of(|pair| pair.gaps_ns));
+        assert_eq!(frame.untimed_samples_ns[..n], of(|pair| pair.untimed_ns));
+        for (place, stage) in measured.stages.iter().enumerate() {
+            assert_eq!(stage.samples_ns.len(), all);
+            let known: Vec<f64> = pairs.iter().map(|pair| pair.stages[place].ns).collect();
+            assert_eq!(stage.samples_ns[..n], known);
+        }
+        let warm_up: u32 = added.iter().map(|added| added.warm_up_frames).sum();
+        assert!(measured.warm_up_frames >= warm_up + 2);
+        let note = format!("{n} of {all} pairs of frames were measured before");
+        assert!(n == 0 || measured.notes.iter().any(|found| found.starts_with(&note)));
+    }
+    assert!(additions.is_empty(), "{:?}", additions.keys());
+}
+
+#[test]
+fn records_that_vanish_in_mid_run_are_rescued_and_the_run_says_so() {
+    let folder = tempfile::tempdir().unwrap();
+    let records = folder.path().join("records.jsonl");
+    let mut child = run(folder.path(), &["--budget", "600"]).spawn().unwrap();
+    wait_until("there were samples", &mut child, || {
+        !kept(folder.path()).is_empty()
+    });
+    fs::remove_file(&records).unwrap();
+    let interrupt = Command::new("kill")
+        .args(["-INT", &child.id().to_string()])
+        .status();
+    assert!(interrupt.unwrap().success());
+    let told = stderr(&child.wait_with_output().unwrap(), 2);
+    assert!(told.contains("was removed or replaced while"), "{told}");
+    let rescued = folder.path().join("records.rescued-1.jsonl");
+    assert!(told.contains(&rescued.display().to_string()), "{told}");
+    let found = record::read(&rescued).unwrap();
+    assert!(matches!(found.records[0], Record::Run(_)), "{found:?}");
+    assert!(!records.exists());
+}
+
+fn fathom(arguments: &[&str]) -> Output {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_fathom"));
+    command.args(arguments).output().unwrap()
+}
+
+#[test]
+fn what_is_no_run_is_not_resumed_and_what_is_garbage_is_not_reported() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("typo");
+    let resume = || run(&out, &["--resume"]).output().unwrap();
+    assert!(stderr(&resume(), 2).contains("no run to resume in "));
+    assert!(!out.exists());
+    fs::create_dir(&out).unwrap();
+    let (records, summary) = (out.join("records.jsonl"), out.join("summary.md"));
+    fs::write(&summary, "a good summary").unwrap();
+    for garbage in ["", "{\"record\":\"run\",\"sche", "one\ntwo\n", "\0\0\0\0"] {
+        fs::write(&records, garbage).unwrap();
+        let report = fathom(&["report", out.to_str().unwrap()]);
+        assert!(
+            stderr(&report, 2).contains("holds no sound record"),
+            "{garbage:?}"
+        );
+        if !garbage.is_empty() {
+            assert!(
+                stderr(&resume(), 2).contains("holds no sound record"),
+                "{garbage:?}"
+            );
+        }
+        assert_eq!(fs::read_to_string(&records).unwrap(), garbage);
+        assert_eq!(fs::read_to_string(&summary).unwrap(), "a good summary");
+    }
+}
