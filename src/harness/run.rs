@@ -129,7 +129,7 @@ pub fn run(options: &Options, interrupted: &AtomicBool) -> Result<Summary, RunEr
         .records;
     let gpu = Gpu::open(&options.gpu)?;
     let profile = profile(options, &before, &gpu);
-    let mut planned = plan::plan(experiments, &options.request, &profile, &gpu.limits)?;
+    let mut planned = plan::plan(experiments, &options.request, &profile, &gpu.capacity)?;
     let output = match resumed {
         Some(output) => output,
         None => Output::create(options.out.as_deref(), &gpu.adapter.name, &profile)?,
