@@ -403,10 +403,6 @@ pub fn worker(args: AdapterArgs) -> Outcome {
     Ok(ExitCode::SUCCESS)
 }
 
-fn subject(args: &SubjectArgs) -> anyhow::Result<Subject> {
-    Ok(Subjects::default().subject(&args.pipeline, &args.scene, &args.set)?)
-}
-
 pub fn gpu_options(args: &AdapterArgs) -> gpu::Options {
     gpu::Options {
         adapter: args.adapter.clone(),

@@ -235,7 +235,7 @@ mod tests {
         let exporter = crate::report::summary::EXPORTER;
         let page = (exporter.export)(&View::new(&records, &[])).unwrap();
         let page = String::from_utf8(page[0].bytes.clone()).unwrap();
-        assert!(page.contains("| < 0.0500 |"), "{page}");
+        assert!(page.contains("| &lt; 0.0500 |"), "{page}");
         assert!(page.contains("no ratio or slope is drawn"));
     }
 }
