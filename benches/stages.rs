@@ -245,11 +245,12 @@ fn declared(work: &Work) -> Option<u64> {
 /// Readings of a stage before its clock is given up.
 const ATTEMPTS: u32 = 20;
 
+/// A stage's time; the clock's resolution where the stage is shorter.
 fn stage_ns(gpu: &Gpu, timer: &mut FrameTimer, stage: &dyn Stage) -> Result<f64, GpuError> {
     for _ in 0..ATTEMPTS {
         let sample = timer.timed(gpu, &[stage as &dyn Encode])?;
         if sample.faults.is_empty() {
-            return Ok(sample.stages[0].ns);
+            return Ok(sample.stages[0].at_least_resolution_ns());
         }
     }
     Err(GpuError::Internal(format!(

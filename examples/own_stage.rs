@@ -129,10 +129,11 @@ fn main() -> anyhow::Result<()> {
     let frame = timer.timed(&gpu, &passes)?;
     for (stage, sample) in stages.iter().zip(&frame.stages) {
         let fragments = stage.work().fragments;
+        let bound = if sample.is_resolved() { "" } else { "<" };
         println!(
-            "{:18} {:8.3} ms  {fragments:>9} fragments declared",
+            "{:18} {bound:1}{:8.3} ms  {fragments:>9} fragments declared",
             sample.name,
-            sample.ns / 1e6
+            sample.at_least_resolution_ns() / 1e6
         );
     }
     Ok(())

@@ -47,7 +47,8 @@ pub struct Run {
     /// `checked` (wgpu's bounds and loop checks) or `unchecked`.
     pub shader_checks: String,
     pub audit: Vec<AuditRow>,
-    /// Host time of a submission with the least pass of a kind, removed from fenced host durations.
+    /// Host time of a submission with the least pass of a kind, as the audit measured it. What was taken off fenced host
+    /// durations was measured beside them: see [`Fenced`].
     pub submit_cost_ns: BTreeMap<PassKind, f64>,
     /// Degraded features, missing assets, and other notes on the whole run.
     pub notes: Vec<String>,
@@ -92,7 +93,7 @@ pub enum PassKind {
 pub enum Clock {
     /// Timestamp queries at the pass's begin and end.
     Timestamp,
-    /// The pass alone in a submission, between host clock readings around submit and fence, less the submit cost.
+    /// The pass alone in a submission, between host clock readings around submit and fence, less the cost of a submission.
     FencedHost,
     /// Host clock around CPU work.
     Host,
@@ -161,12 +162,69 @@ pub struct Measured {
 pub struct StageRecord {
     pub stage: String,
     pub clock: Clock,
+    /// In a fenced stage none is below [`Fenced::resolution_ns`]: a sample of that value says "at most".
     pub samples_ns: Vec<f64>,
+    /// Of `samples_ns`. Its median is a time only where it is above the resolution: see [`Self::is_resolved`].
     pub time: Estimate,
+    /// How the samples came about, where the cost of submissions was taken off. Absent from records of earlier versions.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub fenced: Option<Fenced>,
     pub work: Work,
     /// Pipeline statistics, where the adapter counts them.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub counters: BTreeMap<String, u64>,
+}
+
+impl StageRecord {
+    /// Whether the time is longer than what the clock can tell from none. Where it is not, `time` is an upper bound.
+    pub fn is_resolved(&self) -> bool {
+        let fenced = self.fenced.as_ref();
+        fenced.is_none_or(|fenced| self.time.median > fenced.resolution_ns)
+    }
+
+    /// What was read less the cost of submissions, frame by frame: scatters about the stage's time, and below zero where that
+    /// is short.
+    pub fn differences_ns(&self) -> Vec<f64> {
+        match &self.fenced {
+            Some(fenced) => fenced.differences_ns().collect(),
+            None => self.samples_ns.clone(),
+        }
+    }
+
+    /// The duration below which times cannot be told from none; 0 where no cost was taken off.
+    pub fn resolution_ns(&self) -> f64 {
+        self.fenced
+            .as_ref()
+            .map_or(0.0, |fenced| fenced.resolution_ns)
+    }
+}
+
+/// Times of a stage's fenced submissions as they were read, and the cost of these submissions, which the least pass of the
+/// same kind has in the same frames.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Fenced {
+    /// From submission to fence, summed over the stage's submissions, frame by frame. Its passes on other clocks are in it.
+    pub wall_samples_ns: Vec<f64>,
+    /// The cost that was taken off in each frame.
+    pub submit_cost_samples_ns: Vec<f64>,
+    /// A shorter time cannot be told from none, as the cost scatters: the median over the frames.
+    pub resolution_ns: f64,
+}
+
+impl Fenced {
+    fn differences_ns(&self) -> impl Iterator<Item = f64> {
+        let pairs = self
+            .wall_samples_ns
+            .iter()
+            .zip(&self.submit_cost_samples_ns);
+        pairs.map(|(wall_ns, cost_ns)| wall_ns - cost_ns)
+    }
+
+    /// The stage's times, where no longer than the resolution the resolution itself.
+    pub fn samples_ns(&self) -> Vec<f64> {
+        let at_least = |ns: f64| ns.max(self.resolution_ns);
+        self.differences_ns().map(at_least).collect()
+    }
 }
 
 /// Whole frames: with per-stage timing (envelope, gaps) and without (wall time of one submission).

@@ -525,6 +525,7 @@ fn an_unknown_adapter_lists_those_that_are_there() {
     let options = Options {
         adapter: Some("no such adapter".to_owned()),
         unchecked: false,
+        ..Options::default()
     };
     let message = Gpu::open(&options)
         .err()
@@ -534,6 +535,7 @@ fn an_unknown_adapter_lists_those_that_are_there() {
     let first = Options {
         adapter: Some("0".to_owned()),
         unchecked: true,
+        ..Options::default()
     };
     let gpu = Gpu::open(&first).expect("the first is there");
     assert_eq!(gpu.adapter.name, Gpu::list()[0].name);

@@ -280,20 +280,26 @@ pub fn fetch(args: FetchArgs) -> Outcome {
 }
 
 pub fn render(args: RenderArgs) -> Outcome {
-    let subject = Subjects::default().subject(&args.pipeline, &args.scene, &args.set)?;
+    let gpu = Gpu::open(&gpu_options(&args.adapter))?;
+    let mut subjects = Subjects::within(&gpu.capacity);
+    let subject = subjects.subject(&args.pipeline, &args.scene, &args.set)?;
     let path = args.output.unwrap_or_else(|| {
         let stem = Path::new(&args.scene).file_stem().unwrap_or_default();
         PathBuf::from(stem).with_extension("png")
     });
-    let gpu = Gpu::open(&gpu_options(&args.adapter))?;
     rendering::render(&gpu, &subject, &path)?;
     tell::done(path.display());
     Ok(ExitCode::SUCCESS)
 }
 
 pub fn dump(args: DumpArgs) -> Outcome {
-    let subject = subject(&args.subject)?;
     let gpu = Gpu::open(&gpu_options(&args.adapter))?;
+    let SubjectArgs {
+        pipeline,
+        scene,
+        set,
+    } = &args.subject;
+    let subject = Subjects::within(&gpu.capacity).subject(pipeline, scene, set)?;
     for path in dumping::dump(&gpu, &subject, &args.stage, &args.output)? {
         tell::done(path.display());
     }
@@ -406,13 +412,10 @@ pub fn worker(args: AdapterArgs) -> Outcome {
     Ok(ExitCode::SUCCESS)
 }
 
-fn subject(args: &SubjectArgs) -> anyhow::Result<Subject> {
-    Ok(Subjects::default().subject(&args.pipeline, &args.scene, &args.set)?)
-}
-
 pub fn gpu_options(args: &AdapterArgs) -> gpu::Options {
     gpu::Options {
         adapter: args.adapter.clone(),
         unchecked: args.unchecked,
+        allow_large: args.allow_large,
     }
 }

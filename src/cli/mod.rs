@@ -73,6 +73,9 @@ pub struct AdapterArgs {
     /// Compile shaders without bounds and loop checks
     #[arg(long)]
     pub unchecked: bool,
+    /// On a software adapter, let a pipeline take more than half of the memory, and a frame minutes
+    #[arg(long)]
+    pub allow_large: bool,
 }
 
 #[derive(Args)]

@@ -238,6 +238,7 @@ impl Contents {
                     side,
                     cell,
                     ns: stage.samples_ns.clone(),
+                    resolution_ns: stage.resolution_ns(),
                 }));
             }
         }

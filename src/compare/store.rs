@@ -235,6 +235,9 @@ pub struct Samples {
     pub side: Side,
     pub cell: CellId,
     pub ns: Vec<f64>,
+    /// A shorter median cannot be told from none.
+    #[serde(default)]
+    pub resolution_ns: f64,
 }
 
 /// How measuring ended.

@@ -13,13 +13,36 @@ use crate::statistics;
 /// A cell's time on both sides: medians with bootstrap intervals that know nothing of what lay between the runs.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Unpaired {
-    pub base_ns: Estimate,
-    pub head_ns: Estimate,
+    pub base: RunTime,
+    pub head: RunTime,
+}
+
+/// A cell's time in one run.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RunTime {
+    pub ns: Estimate,
+    /// A shorter median cannot be told from none.
+    pub resolution_ns: f64,
+}
+
+impl RunTime {
+    fn of(samples: &Samples) -> Self {
+        Self {
+            ns: statistics::estimate(&samples.ns),
+            resolution_ns: samples.resolution_ns,
+        }
+    }
+
+    pub fn is_resolved(&self) -> bool {
+        self.ns.median > self.resolution_ns
+    }
 }
 
 impl Unpaired {
-    pub fn change(&self) -> f64 {
-        self.head_ns.median / self.base_ns.median - 1.0
+    /// Of the head against the base; none where a side's time is below the clock's resolution.
+    pub fn change(&self) -> Option<f64> {
+        let resolved = self.base.is_resolved() && self.head.is_resolved();
+        resolved.then(|| self.head.ns.median / self.base.ns.median - 1.0)
     }
 }
 
@@ -33,8 +56,8 @@ pub fn judge(comparison: &Comparison) -> BTreeMap<CellId, Unpaired> {
         Some((
             cell.clone(),
             Unpaired {
-                base_ns: statistics::estimate(&base.ns),
-                head_ns: statistics::estimate(&head.ns),
+                base: RunTime::of(base),
+                head: RunTime::of(head),
             },
         ))
     };

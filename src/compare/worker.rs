@@ -17,7 +17,7 @@ use super::protocol::{
     parse_request,
 };
 use super::{quiet, valgrind};
-use crate::gpu::{self, ClockPlan, Encode, FrameTimer, Gpu, GpuError, SubmitCost};
+use crate::gpu::{self, ClockPlan, Encode, FrameTimer, Gpu, GpuError, StageSample, SubmitCost};
 use crate::harness::executor::encodable;
 use crate::harness::subject::{Subject, SubjectError, Subjects};
 use crate::harness::verify::{Check, VerifyError, verify_stages};
@@ -362,6 +362,17 @@ fn find<'a>(
     })
 }
 
+/// The stage's time; an error where it is below what the clock can tell from none, as a ratio of such times says nothing.
+fn resolved(sample: &StageSample) -> Result<f64, GpuError> {
+    sample.is_resolved().then_some(sample.ns).ok_or_else(|| {
+        GpuError::Internal(format!(
+            "{}: shorter than the {:.3} ms that the fenced host clock tells from none: choose a larger configuration",
+            sample.name,
+            sample.resolution_ns * 1e-6
+        ))
+    })
+}
+
 /// Time of one frame with this stage alone. Readings that cannot be true are taken again.
 fn reading(gpu: &Gpu, timer: &mut FrameTimer, stage: &dyn Encode) -> Result<f64, GpuError> {
     let mut last = String::new();
@@ -376,7 +387,7 @@ fn reading(gpu: &Gpu, timer: &mut FrameTimer, stage: &dyn Encode) -> Result<f64,
         } else {
             let sample = timer.timed(gpu, &[stage])?;
             match sample.faults.first() {
-                None => return Ok(sample.stages[0].ns),
+                None => return resolved(&sample.stages[0]),
                 Some(fault) => last = fault.to_string(),
             }
         }

@@ -13,6 +13,8 @@
 //! | `quantity:caustics_error` | a recorded quantity | as its name says |
 //! | `allocated_bytes` | memory allocated by the pipeline | bytes |
 //!
+//! A stage's time that is below the clock's resolution has no value: nothing can be fitted to it or divided by it.
+//!
 //! A product is written with `*`, a quotient with ` per `: `param:view.width*param:view.height`,
 //! `allocated_bytes per quantity:occupied_voxels`.
 
@@ -291,8 +293,34 @@ impl Term {
     }
 }
 
-/// Time of the stages that `names` names, summed frame by frame; none where none of them ran.
+/// Time of the stages that `names` names, summed frame by frame; none where none of them ran, and where it is below the clock's
+/// resolution.
 fn stage_time<'a>(names: &str, measured: &'a Measured) -> Option<Reading<'a>> {
+    let stages = named(names, measured);
+    if let [stage] = stages.as_slice() {
+        return stage.is_resolved().then(|| Reading {
+            estimate: stage.time,
+            samples: Some(Cow::Borrowed(&stage.samples_ns)),
+        });
+    }
+    let differences: Vec<Vec<f64>> = stages.iter().map(|s| s.differences_ns()).collect();
+    let frames = differences.iter().map(Vec::len).min()?;
+    let resolution_ns = stages
+        .iter()
+        .map(|s| s.resolution_ns().powi(2))
+        .sum::<f64>();
+    let resolution_ns = resolution_ns.sqrt();
+    let sum = |frame: usize| differences.iter().map(|ns| ns[frame]).sum::<f64>();
+    let samples: Vec<f64> = (0..frames).map(|f| sum(f).max(resolution_ns)).collect();
+    let estimate = statistics::estimate(&samples);
+    (estimate.median > resolution_ns).then_some(Reading {
+        estimate,
+        samples: Some(Cow::Owned(samples)),
+    })
+}
+
+/// The stages of a cell that `names` names.
+fn named<'a>(names: &str, measured: &'a Measured) -> Vec<&'a StageRecord> {
     let wanted = |stage: &&StageRecord| {
         let mut names = names.split('|');
         names.any(|name| match name.ends_with('/') {
@@ -300,20 +328,7 @@ fn stage_time<'a>(names: &str, measured: &'a Measured) -> Option<Reading<'a>> {
             false => stage.stage == name,
         })
     };
-    let stages: Vec<&StageRecord> = measured.stages.iter().filter(wanted).collect();
-    if let [stage] = stages.as_slice() {
-        return Some(Reading {
-            estimate: stage.time,
-            samples: Some(Cow::Borrowed(&stage.samples_ns)),
-        });
-    }
-    let frames = stages.iter().map(|stage| stage.samples_ns.len()).min()?;
-    let sum = |frame: usize| stages.iter().map(|stage| stage.samples_ns[frame]).sum();
-    let samples: Vec<f64> = (0..frames).map(sum).collect();
-    Some(Reading {
-        estimate: statistics::estimate(&samples),
-        samples: Some(Cow::Owned(samples)),
-    })
+    measured.stages.iter().filter(wanted).collect()
 }
 
 /// Frames per second of a frame time in nanoseconds.

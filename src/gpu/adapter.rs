@@ -4,8 +4,8 @@ use std::cell::Cell;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::{Arc, Mutex, PoisonError};
 
-use super::GpuError;
 use super::shader::Shaders;
+use super::{Capacity, GpuError};
 use crate::record;
 
 /// Features that are taken when the adapter has them, each with what is lost without it.
@@ -41,6 +41,8 @@ pub struct Options {
     pub adapter: Option<String>,
     /// Compile shaders without wgpu's bounds and loop checks.
     pub unchecked: bool,
+    /// Let a software adapter take all memory and any time.
+    pub allow_large: bool,
 }
 
 /// An open device with all the limits and all the optional features that its adapter offers.
@@ -50,6 +52,8 @@ pub struct Gpu {
     pub adapter: record::Adapter,
     pub features: wgpu::Features,
     pub limits: wgpu::Limits,
+    /// The limits, and on a software adapter those of the machine.
+    pub capacity: Capacity,
     /// What degrades on this adapter, one sentence each.
     pub notes: Vec<String>,
     /// Shaders run without wgpu's bounds and loop checks.
@@ -257,12 +261,14 @@ impl Gpu {
         let faults = watch(&device);
         let (features, limits) = (device.features(), device.limits());
         let unchecked = options.unchecked;
+        let capacity = Capacity::new(limits.clone(), &adapter, options.allow_large);
         Ok(Gpu {
             device,
             queue,
             adapter,
             features,
             limits,
+            capacity,
             notes,
             unchecked,
             shaders: Shaders::default(),

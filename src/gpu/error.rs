@@ -24,7 +24,7 @@ pub enum GpuError {
     UnknownShader(String),
     #[error("shader `{path}` does not link:\n{message}")]
     Shader { path: String, message: String },
-    #[error("beyond the adapter's limits: {0}")]
+    #[error("beyond what the adapter can take: {0}")]
     Limit(String),
     /// What is asked for makes no sense on any adapter; the text says why.
     #[error("{0}")]

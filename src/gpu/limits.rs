@@ -1,11 +1,18 @@
 //! Limits checked before anything is allocated.
 
 use super::Gpu;
+use crate::record::Work;
 
 /// What a pipeline will ask of the adapter, gathered before it is built; checked by [`Gpu::check`].
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Demand {
     needs: Vec<Need>,
+    /// Bytes of textures and buffers, by what they are for.
+    held: Vec<(String, u64)>,
+    /// Bytes that the host takes to read results back.
+    copied: Vec<(String, u64)>,
+    /// Work of a frame, where sizes and settings can make it long.
+    work: Vec<(String, Work)>,
 }
 
 #[derive(Clone, Debug, PartialEq)]
@@ -129,9 +136,58 @@ impl Demand {
         )
     }
 
+    /// Textures and buffers of the pipeline take so many bytes.
+    pub fn holds(mut self, what: &str, bytes: u64) -> Self {
+        self.held.push((what.to_owned(), bytes));
+        self
+    }
+
+    /// The host takes so many bytes to make or read back what the pipeline holds.
+    pub fn copies(mut self, what: &str, bytes: u64) -> Self {
+        self.copied.push((what.to_owned(), bytes));
+        self
+    }
+
+    /// Each frame does this work.
+    pub fn takes(mut self, what: &str, work: Work) -> Self {
+        self.work.push((what.to_owned(), work));
+        self
+    }
+
+    /// The same for a pipeline that is built but whose frames are not run.
+    pub fn without_frames(mut self) -> Self {
+        self.work.clear();
+        self
+    }
+
+    /// Bytes of all textures and buffers.
+    pub fn held_bytes(&self) -> u64 {
+        total(self.held.iter())
+    }
+
+    /// The same with the host's copies.
+    pub fn bytes(&self) -> u64 {
+        total(self.held.iter().chain(&self.copied))
+    }
+
+    /// What takes most of the memory, and how much.
+    pub(super) fn largest(&self) -> Option<(String, u64)> {
+        let all = || self.held.iter().chain(&self.copied);
+        let sum = |what: &str| total(all().filter(|(other, _)| other == what));
+        let sums = all().map(|(what, _)| (what.clone(), sum(what)));
+        sums.max_by_key(|(_, bytes)| *bytes)
+    }
+
+    pub(super) fn work(&self) -> &[(String, Work)] {
+        &self.work
+    }
+
     /// Both demands together.
     pub fn and(mut self, other: Demand) -> Self {
         self.needs.extend(other.needs);
+        self.held.extend(other.held);
+        self.copied.extend(other.copied);
+        self.work.extend(other.work);
         self
     }
 
@@ -151,10 +207,14 @@ impl Demand {
     }
 }
 
+fn total<'a>(parts: impl Iterator<Item = &'a (String, u64)>) -> u64 {
+    parts.fold(0, |sum, (_, bytes)| sum.saturating_add(*bytes))
+}
+
 impl Gpu {
-    /// Checks a demand against this adapter's limits, before any allocation.
+    /// Checks a demand against what this adapter can take, before any allocation.
     pub fn check(&self, demand: &Demand) -> Result<(), String> {
-        demand.check(&self.limits)
+        self.capacity.check(demand)
     }
 }
 

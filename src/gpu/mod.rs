@@ -6,6 +6,7 @@
 
 mod adapter;
 mod audit;
+mod capacity;
 mod counters;
 mod error;
 mod frame;
@@ -15,8 +16,11 @@ mod shader;
 
 pub use adapter::{Gpu, Options};
 pub use audit::{Audit, audit, audit_table};
+pub use capacity::Capacity;
 pub use counters::{StageCounters, count};
 pub use error::GpuError;
+#[cfg(test)]
+pub(crate) use frame::CostMeter;
 pub use frame::{
     ClockPlan, ColorTarget, DepthTarget, Encode, Fault, FaultKind, FrameSample, FrameTimer,
     HostTime, StageSample, StageScope, SubmitCost, Targets,

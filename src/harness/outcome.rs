@@ -2,10 +2,10 @@
 
 use std::collections::BTreeMap;
 
-use super::sample::{Samples, Stopped};
+use super::sample::{Samples, StageSamples, Stopped};
 use crate::gpu::StageCounters;
 use crate::pipelines::Pipeline;
-use crate::record::{Estimate, FrameRecord, Measured, StageRecord};
+use crate::record::{Estimate, Fenced, FrameRecord, Measured, StageRecord, Work};
 use crate::statistics;
 
 /// Share of outliers among the frame times from which on the record says so: one in twenty.
@@ -58,7 +58,7 @@ fn frame_record(samples: &Samples) -> FrameRecord {
 }
 
 /// Median over the frames of |stages + gaps − envelope| / envelope.
-fn accounting_error(samples: &Samples) -> f64 {
+pub(super) fn accounting_error(samples: &Samples) -> f64 {
     let frames = samples.envelope_ns.iter().zip(&samples.gaps_ns).enumerate();
     let errors: Vec<f64> = frames
         .map(|(frame, (envelope, gaps))| {
@@ -91,15 +91,40 @@ fn stage_records(
     samples
         .stages
         .iter()
-        .map(|stage| StageRecord {
-            stage: stage.name.clone(),
-            clock: stage.clock,
-            time: statistics::estimate(&stage.ns),
-            samples_ns: stage.ns.clone(),
-            work: work(&stage.name),
-            counters: counted(&stage.name),
-        })
+        .map(|stage| stage_record(stage, work(&stage.name), counted(&stage.name)))
         .collect()
+}
+
+pub(super) fn stage_record(
+    stage: &StageSamples,
+    work: Work,
+    counters: BTreeMap<String, u64>,
+) -> StageRecord {
+    let fenced = fenced(stage);
+    let samples_ns = match &fenced {
+        Some(fenced) => fenced.samples_ns(),
+        None => stage.ns.clone(),
+    };
+    StageRecord {
+        stage: stage.name.clone(),
+        clock: stage.clock,
+        time: statistics::estimate(&samples_ns),
+        samples_ns,
+        fenced,
+        work,
+        counters,
+    }
+}
+
+/// What was read and taken off; none where nothing was.
+fn fenced(stage: &StageSamples) -> Option<Fenced> {
+    let taken_off = stage.submit_cost_ns.iter().any(|ns| *ns > 0.0);
+    let pairs = stage.ns.iter().zip(&stage.submit_cost_ns);
+    taken_off.then(|| Fenced {
+        wall_samples_ns: pairs.map(|(ns, cost_ns)| ns + cost_ns).collect(),
+        submit_cost_samples_ns: stage.submit_cost_ns.clone(),
+        resolution_ns: statistics::median(&stage.resolution_ns),
+    })
 }
 
 fn sampling_notes(samples: &Samples, frame: &Estimate, precision: f64) -> Vec<String> {

@@ -11,6 +11,7 @@ use thiserror::Error;
 use super::subject::{Subject, SubjectError, Subjects};
 use super::views;
 use crate::experiments::{CellPlan, Experiment, ExperimentError, ReferencePlan};
+use crate::gpu::Capacity;
 use crate::record::{self, Outcome, resume_key};
 
 #[derive(Debug, Error)]
@@ -70,7 +71,7 @@ pub struct PlannedExperiment {
 pub struct PlannedCell {
     pub plan: CellPlan,
     pub subject: Subject,
-    /// Beyond the adapter's limits, with the numbers.
+    /// Beyond what the adapter can take, with the numbers.
     pub skip: Option<String>,
     pub reference: Option<PlannedReference>,
     /// The same seen from elsewhere.
@@ -116,14 +117,14 @@ impl PlannedCell {
     }
 }
 
-/// Expands and resolves `experiments` and holds each cell against the adapter's limits.
+/// Expands and resolves `experiments` and holds each cell against what the adapter can take.
 pub fn plan(
     experiments: Vec<Experiment>,
     request: &Request,
     profile: &str,
-    limits: &wgpu::Limits,
+    capacity: &Capacity,
 ) -> Result<Vec<PlannedExperiment>, PlanError> {
-    let mut subjects = Subjects::default();
+    let mut subjects = Subjects::within(capacity);
     let mut expanded = Vec::new();
     for experiment in &experiments {
         let axes = request.axes_of(experiment, &experiments);
@@ -140,7 +141,7 @@ pub fn plan(
             plans
                 .into_iter()
                 .map(|plan| {
-                    planned_cell(&mut subjects, plan, turns_deg.unwrap_or_default(), limits)
+                    planned_cell(&mut subjects, plan, turns_deg.unwrap_or_default(), capacity)
                 })
                 .collect()
         });
@@ -155,7 +156,7 @@ fn planned_cell(
     subjects: &mut Subjects,
     plan: CellPlan,
     turns_deg: &[f64],
-    limits: &wgpu::Limits,
+    capacity: &Capacity,
 ) -> Result<PlannedCell, PlanError> {
     let error = |source| PlanError::Cell {
         experiment: plan.experiment.clone(),
@@ -179,7 +180,7 @@ fn planned_cell(
         .iter()
         .map(|turn_deg| views::turned(&of_cell, *turn_deg))
         .collect();
-    let skip = of_cell.beyond(limits).map_err(error)?;
+    let skip = of_cell.beyond(capacity).map_err(error)?;
     Ok(PlannedCell {
         subject: of_cell,
         skip,

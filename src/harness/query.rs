@@ -13,11 +13,11 @@ use thiserror::Error;
 
 use super::subject::Subject;
 use crate::gpu::{Gpu, GpuError};
-use crate::pipelines::volume_ao::{Params, occlusion_at};
+use crate::pipelines::volume_ao::{Params, occlusion_at, query_demand};
 use crate::reference::ReferenceError;
 use crate::reference::occlusion::{self as exact, Attenuation};
 use crate::reference::rays::Tracer;
-use crate::stages::ao::query::{self, Point};
+use crate::stages::ao::query::Point;
 use crate::stages::marching::{self, Occluder};
 pub use table::PointFault;
 use table::SHORT;
@@ -105,10 +105,12 @@ fn row((line, numbers): table::Row) -> Result<Row, PointFault> {
 /// Limits of the adapter, named before anything is allocated, and what the GPU reports.
 pub fn occlusion(gpu: &Gpu, subject: &Subject, rows: &[Row]) -> Result<Vec<f32>, QueryError> {
     let params = Params::from_value(&subject.params).map_err(QueryError::Invalid)?;
+    let points = query_demand(&params, &subject.scene, rows.len() as u64);
     let demand = (subject.kind.demand)(&subject.params, &subject.scene)
         .map_err(QueryError::Invalid)?
-        .and(query::demand(rows.len() as u64));
-    demand.check(&gpu.limits).map_err(QueryError::Invalid)?;
+        .without_frames()
+        .and(points.map_err(QueryError::Invalid)?);
+    gpu.check(&demand).map_err(QueryError::Invalid)?;
     let points: Vec<Point> = rows
         .iter()
         .map(|row| Point {

@@ -126,7 +126,7 @@ pub fn run(options: &Options, interrupted: &AtomicBool) -> Result<Summary, RunEr
         .transpose()?;
     let gpu = Gpu::open(&options.gpu)?;
     let profile = profile(options, resumed.as_ref(), &gpu);
-    let mut planned = plan::plan(experiments, &options.request, &profile, &gpu.limits)?;
+    let mut planned = plan::plan(experiments, &options.request, &profile, &gpu.capacity)?;
     let held = match resumed {
         Some(held) => held,
         None => Held::create(options.out.as_deref(), &gpu.adapter.name, &profile)?,

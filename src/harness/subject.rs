@@ -7,7 +7,7 @@ use serde_json::Value;
 use thiserror::Error;
 
 use crate::experiments::nearest;
-use crate::gpu::{Gpu, GpuError};
+use crate::gpu::{Capacity, Gpu, GpuError};
 use crate::pipelines::params::{self, ParamError};
 use crate::pipelines::{self, Kind, Pipeline};
 use crate::scene::{Scene, SceneError, SceneFile};
@@ -44,20 +44,25 @@ pub struct Subject {
     pub scene_name: String,
     pub scene: Rc<Scene>,
     pub params: Value,
+    /// Why the scene is too large to be made; `scene` is then a small one in its place, which is never measured.
+    too_large: Option<String>,
 }
 
 impl Subject {
-    /// What the parameters ask beyond `limits`, with the numbers. Nothing is allocated.
-    pub fn beyond(&self, limits: &wgpu::Limits) -> Result<Option<String>, SubjectError> {
+    /// What the parameters ask beyond `capacity`, with the numbers. Nothing is allocated.
+    pub fn beyond(&self, capacity: &Capacity) -> Result<Option<String>, SubjectError> {
+        if self.too_large.is_some() {
+            return Ok(self.too_large.clone());
+        }
         let demand =
             (self.kind.demand)(&self.params, &self.scene).map_err(SubjectError::Invalid)?;
-        Ok(demand.check(limits).err())
+        Ok(capacity.check(&demand).err())
     }
 
     /// Makes the pipeline's resources; any fault of the device comes back as an error.
     pub fn build(&self, gpu: &Gpu) -> Result<Box<dyn Pipeline>, GpuError> {
         if let Some(reason) = self
-            .beyond(&gpu.limits)
+            .beyond(&gpu.capacity)
             .map_err(|e| GpuError::Unusable(e.to_string()))?
         {
             return Err(GpuError::Limit(reason));
@@ -69,6 +74,7 @@ impl Subject {
 /// Makes subjects, each scene only once. Every stand-in for an asset is told on standard error, once.
 #[derive(Default)]
 pub struct Subjects {
+    capacity: Option<Capacity>,
     files: HashMap<String, SceneFile>,
     built: Vec<(SceneFile, Rc<Scene>)>,
     told: BTreeSet<String>,
@@ -80,6 +86,14 @@ impl Subjects {
     pub fn silent() -> Self {
         Self {
             silent: true,
+            ..Self::default()
+        }
+    }
+
+    /// Makes no scene whose volume is beyond this capacity.
+    pub fn within(capacity: &Capacity) -> Self {
+        Self {
+            capacity: Some(capacity.clone()),
             ..Self::default()
         }
     }
@@ -99,12 +113,24 @@ impl Subjects {
         }
         let file = (kind.scene_file)(&file, &params).map_err(SubjectError::Invalid)?;
         let scene_name = scene.to_owned();
+        let too_large = self.too_large(&file);
+        let file = if too_large.is_some() {
+            pipelines::smallest(file)
+        } else {
+            file
+        };
         Ok(Subject {
             kind,
             scene_name,
             scene: self.scene(file)?,
             params,
+            too_large,
         })
+    }
+
+    fn too_large(&self, file: &SceneFile) -> Option<String> {
+        let capacity = self.capacity.as_ref()?;
+        capacity.check_scene(&pipelines::scene_demand(file)).err()
     }
 
     fn file(&mut self, scene: &str) -> Result<SceneFile, SceneError> {

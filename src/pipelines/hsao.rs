@@ -8,11 +8,15 @@ use std::collections::BTreeMap;
 use glam::UVec2;
 use serde_json::Value;
 
+use super::settings::{
+    COMPOSE_FETCHES, DEPTH_BYTES, GBUFFER_BYTES, IMAGE_BYTES, VIEWPORT, VISIBILITY_BYTES,
+    filter_fetches, pass_demand,
+};
 use super::{Kind, Pipeline, settings};
 use crate::gpu::{Demand, Gpu, GpuError};
 use crate::scene::Scene;
 use crate::stages::frame::{Frame, Shared, View};
-use crate::stages::geometry::{self, Geometry};
+use crate::stages::geometry::Geometry;
 use crate::stages::hsao::march::{self, MarchUniforms};
 use crate::stages::kit::Resources;
 use crate::stages::{self, Stage, ao, bilateral, hsao, scene, shadow};
@@ -51,17 +55,27 @@ pub const KIND: Kind = Kind {
 fn demand(params: &Value, scene: &Scene) -> Result<Demand, String> {
     scene.needs_objects("hsao")?;
     let params = Params::from_value(params)?;
-    let (vertices, indices) = geometry::buffer_bytes(scene);
-    let [width, height] = [params.view.width, params.view.height].map(u64::from);
-    let [ao_width, ao_height] = params.buffer_px().map(u64::from);
-    let shadow = u64::from(params.shadow.size);
-    Ok(Demand::new()
-        .texture_2d("view.width × view.height", width, height)
-        .texture_2d("view × hsao.scale", ao_width, ao_height)
-        .texture_2d("shadow.size", shadow, shadow)
-        .buffer("scene vertices", vertices)
-        .buffer("scene indices", indices)
-        .color_targets("scene/gbuffer", 2, 12))
+    let size_px = [params.view.width, params.view.height];
+    let shadow = [params.shadow.size; 2];
+    let buffer_px = params.buffer_px();
+    let samples = params.hsao.uniforms(buffer_px, 1.0).samples_per_pixel();
+    let taps = filter_fetches(params.hsao.filter, &params.filter);
+    let filter_bytes = u64::from(params.hsao.filter) * VISIBILITY_BYTES;
+    let view_bytes = GBUFFER_BYTES + IMAGE_BYTES + filter_bytes;
+    Ok(
+        pass_demand(size_px, VIEWPORT, view_bytes, COMPOSE_FETCHES + taps)
+            .and(pass_demand(
+                buffer_px,
+                "view × hsao.scale",
+                VISIBILITY_BYTES,
+                samples,
+            ))
+            .and(pass_demand(shadow, "shadow.size", DEPTH_BYTES, 0))
+            .and(settings::picture_demand(size_px))
+            .and(settings::shared_demand())
+            .and(settings::geometry_demand(scene))
+            .color_targets("scene/gbuffer", 2, 12),
+    )
 }
 
 /// The stages of a frame, in order.

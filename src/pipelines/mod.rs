@@ -14,7 +14,8 @@ use std::collections::BTreeMap;
 use serde_json::Value;
 
 use crate::gpu::{Demand, Encode, Gpu, GpuError};
-use crate::scene::{Scene, SceneFile};
+use crate::record::Work;
+use crate::scene::{Scene, SceneFile, VolumeFile};
 use crate::stages::{Stage, StageInfo};
 
 /// A built pipeline: what a frame runs.
@@ -65,6 +66,45 @@ pub const KINDS: &[Kind] = &[
     hsao::KIND,
     scalar_ao::KIND,
 ];
+
+/// Cells of a volume that stands in for one that is too large.
+const SMALLEST_CELLS: [u32; 3] = [8; 3];
+/// Bytes that the host takes for a generated cell: the value while it is made and as it is kept, and its texel.
+const CELL_HOST_BYTES: u64 = 10;
+/// Time of generating a cell, in texel fetches as [`Work`] counts them: 256³ cells of `smoke` took some 15 s.
+const CELL_FETCHES: u64 = 160;
+
+/// What making a scene asks, from its file alone: the cells of a volume that a generator fills.
+pub fn scene_demand(file: &SceneFile) -> Demand {
+    let generated = file.volume.iter().filter(|v| v.generator.is_some());
+    generated.fold(Demand::new(), |demand, volume| {
+        let cells = volume
+            .cells
+            .map(|n| u64::from(n.div_ceil(volume.reduce.max(1))));
+        let count = cells.iter().product::<u64>();
+        let work = Work {
+            texel_fetches: count * CELL_FETCHES,
+            ..Work::default()
+        };
+        demand
+            .texture_3d("volume.cells", cells)
+            .copies("volume.cells", count * CELL_HOST_BYTES)
+            .takes("volume.cells", work)
+    })
+}
+
+/// The scene with as few cells as a volume can have.
+pub fn smallest(file: SceneFile) -> SceneFile {
+    let small = |volume: VolumeFile| VolumeFile {
+        cells: SMALLEST_CELLS,
+        reduce: 1,
+        ..volume
+    };
+    SceneFile {
+        volume: file.volume.map(small),
+        ..file
+    }
+}
 
 pub fn find(name: &str) -> Option<&'static Kind> {
     KINDS.iter().find(|kind| kind.name == name)

@@ -10,14 +10,14 @@ use std::collections::BTreeMap;
 use glam::UVec2;
 use serde_json::Value;
 
-use super::settings::Attenuation;
+use super::settings::{self, Attenuation, IMAGE_BYTES, VIEWPORT, pass_demand};
 use super::{Kind, Pipeline};
 use crate::gpu::{Demand, Gpu, GpuError, read_texture};
 use crate::scene::{Scene, SceneFile, Volume};
 use crate::stages::frame::{Frame, Shared, View};
 use crate::stages::kit::Resources;
 use crate::stages::ray_cast::{self, RayCast};
-use crate::stages::scalar_field::ScalarField;
+use crate::stages::scalar_field::{self, ScalarField};
 use crate::stages::{self, Stage, scalar};
 
 pub use parameters::{Law, Mode, Params, Scalar, Stop};
@@ -76,12 +76,33 @@ fn demand(params: &Value, scene: &Scene) -> Result<Demand, String> {
         .map_err(|fault| format!("volume `{}`: {fault}", volume.name))?;
     params.scalar.suits(volume, longest_m(scene))?;
     let [targets, bytes] = ray_cast::COLOR_TARGETS;
-    let view = [params.view.width, params.view.height].map(u64::from);
-    Ok(Demand::new()
-        .texture_2d("view.width × view.height", view[0], view[1])
-        .texture_3d("volume cells", volume.cells.map(u64::from))
-        .color_targets("scalar/isosurface", targets, bytes))
+    let size_px = [params.view.width, params.view.height];
+    let normal_bytes = if params.scalar.mode == Mode::Isosurface {
+        NORMAL_BYTES
+    } else {
+        0
+    };
+    let (field_bytes, pyramid) = (scalar_field::bytes(volume), params.scalar.needs_pyramid());
+    // All levels above the first have a seventh of its texels.
+    let pyramid_bytes = u64::from(pyramid) * field_bytes / 7;
+    let fetches = params.scalar.typical_fetches(volume);
+    Ok(pass_demand(
+        size_px,
+        VIEWPORT,
+        IMAGE_BYTES + RESULT_BYTES + normal_bytes,
+        fetches,
+    )
+    .and(settings::picture_demand(size_px))
+    .and(settings::shared_demand())
+    .texture_3d("volume cells", volume.cells.map(u64::from))
+    .holds("volume cells", field_bytes + pyramid_bytes)
+    .copies("volume cells", size_of_val(volume.data.as_slice()) as u64)
+    .color_targets("scalar/isosurface", targets, bytes))
 }
+
+/// Bytes of a pixel of a ray cast's results and of its normals.
+const RESULT_BYTES: u64 = 16;
+const NORMAL_BYTES: u64 = 8;
 
 enum Cast {
     Isosurface(scalar::isosurface::Isosurface),

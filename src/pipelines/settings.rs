@@ -4,6 +4,7 @@ use glam::{DVec3, Vec2};
 use serde::{Deserialize, Serialize};
 
 use crate::gpu::{Demand, GpuError};
+use crate::record::Work;
 use crate::scene::{Bounds, Camera, Grid, Light, Scene, SceneFile};
 use crate::stages::ao::compose::ComposeUniforms;
 use crate::stages::bilateral::BilateralUniforms;
@@ -288,6 +289,66 @@ impl Animation {
             max: rest.center() + reach,
         }
     }
+}
+
+/// Bytes of a pixel of the G-buffer: colour, normal and depth.
+pub const GBUFFER_BYTES: u64 = 4 + 8 + 4;
+/// Bytes of a pixel of the final image.
+pub const IMAGE_BYTES: u64 = 4;
+/// Bytes of a texel of a shadow map's depth.
+pub const DEPTH_BYTES: u64 = 4;
+/// Bytes of a texel of visibility.
+pub const VISIBILITY_BYTES: u64 = 2;
+/// Bytes that the host takes for a pixel of a picture: as it is read back, as four floats, and as it is written.
+const PICTURE_BYTES: u64 = 4 + 16 + 4;
+/// Texel fetches of a pixel of `ao/compose`, as it declares them.
+pub const COMPOSE_FETCHES: u64 = 8;
+/// What a demand calls the viewport.
+pub const VIEWPORT: &str = "view.width × view.height";
+
+/// A full-screen pass, or several, to targets of this size with so many bytes and texel fetches a pixel.
+pub fn pass_demand(size_px: [u32; 2], what: &str, bytes: u64, fetches: u64) -> Demand {
+    let [width, height] = size_px.map(u64::from);
+    let pixels = width * height;
+    let work = Work {
+        fragments: pixels,
+        texel_fetches: pixels.saturating_mul(fetches),
+        ..Work::default()
+    };
+    Demand::new()
+        .texture_2d(what, width, height)
+        .holds(what, pixels.saturating_mul(bytes))
+        .takes(what, work)
+}
+
+/// Texel fetches of a pixel of the bilateral filter, as it declares them; none without it.
+pub fn filter_fetches(filtered: bool, filter: &Filter) -> u64 {
+    if filtered {
+        5 + 2 * u64::from(filter.taps)
+    } else {
+        0
+    }
+}
+
+/// What reading the image back for a picture asks.
+pub fn picture_demand(size_px: [u32; 2]) -> Demand {
+    let pixels = size_px.map(u64::from).iter().product::<u64>();
+    Demand::new().copies(VIEWPORT, pixels.saturating_mul(PICTURE_BYTES))
+}
+
+/// What the uniforms and tables that all stages share ask.
+pub fn shared_demand() -> Demand {
+    Demand::new().holds("noise", frame::NOISE_BYTES)
+}
+
+/// What a scene's vertices and indices ask.
+pub fn geometry_demand(scene: &Scene) -> Demand {
+    let (vertices, indices) = geometry::buffer_bytes(scene);
+    Demand::new()
+        .buffer("scene vertices", vertices)
+        .buffer("scene indices", indices)
+        .holds("scene vertices", vertices)
+        .holds("scene indices", indices)
 }
 
 /// What moving the geometry asks of an adapter.

@@ -9,13 +9,15 @@ use std::collections::BTreeMap;
 use glam::{DVec3, UVec2, Vec2};
 use serde_json::Value;
 
+use super::settings::{self, DEPTH_BYTES, GBUFFER_BYTES, IMAGE_BYTES, VIEWPORT, pass_demand};
 use super::{Kind, Pipeline};
 use crate::gpu::{Demand, Gpu, GpuError};
+use crate::record::Work;
 use crate::scene::{LightKind, Scene, SceneFile};
 use crate::stages::caustics::splat::{PointSize, SplatUniforms};
 use crate::stages::compose::{self, ComposeUniforms};
 use crate::stages::frame::{Frame, Shared, View};
-use crate::stages::geometry::{self, Geometry};
+use crate::stages::geometry::Geometry;
 use crate::stages::godrays::lines::LinesUniforms;
 use crate::stages::kit::Resources;
 use crate::stages::photon::{self, Photons};
@@ -66,20 +68,27 @@ fn scene_file(file: &SceneFile, params: &Value) -> Result<SceneFile, String> {
 fn demand(params: &Value, scene: &Scene) -> Result<Demand, String> {
     scene.needs_objects("underwater")?;
     let params = Params::from_value(params)?;
-    let (vertices, indices) = geometry::buffer_bytes(scene);
-    let mut demand = Demand::new()
-        .texture_2d(
-            "view.width × view.height",
-            params.view.width.into(),
-            params.view.height.into(),
-        )
-        .texture_2d(
+    let size_px = [params.view.width, params.view.height];
+    let surface_px = size_px.map(|side| scaled(side, params.surface.scale));
+    let shadow = [params.shadow.size; 2];
+    let view_bytes = GBUFFER_BYTES + IMAGE_BYTES;
+    let compose = COMPOSE_FETCHES + u64::from(params.compose.occlusion_taps);
+    let mut demand = pass_demand(size_px, VIEWPORT, view_bytes, compose)
+        .and(pass_demand(
+            shadow,
             "shadow.size",
-            params.shadow.size.into(),
-            params.shadow.size.into(),
-        )
-        .buffer("scene vertices", vertices)
-        .buffer("scene indices", indices)
+            DEPTH_BYTES + MASK_BYTES,
+            0,
+        ))
+        .and(pass_demand(
+            surface_px,
+            "view × surface.scale",
+            SURFACE_BYTES,
+            0,
+        ))
+        .and(settings::picture_demand(size_px))
+        .and(settings::shared_demand())
+        .and(settings::geometry_demand(scene))
         .color_targets("scene/gbuffer", 2, 12);
     if let Some(tile) = &scene.water.tile {
         let [columns, rows] = tile.size().map(u64::from);
@@ -90,28 +99,53 @@ fn demand(params: &Value, scene: &Scene) -> Result<Demand, String> {
             "caustics",
             &params.caustics.grid_settings(),
             params.caustics_buffer(),
+            (params.caustics.filter, params.caustics.filter_taps),
         ),
         (
             "godrays",
             &params.godrays.grid_settings(),
             params.godrays_buffer(),
+            (params.godrays.filter, params.godrays.filter_taps),
         ),
     ];
-    for (name, grid, buffer) in grids {
+    for (name, grid, buffer_px, (filtered, taps)) in grids {
         let groups = u64::from(photon::workgroups(grid.grid));
+        let photons = format!("{name}.grid × {name}.subdivision");
+        let taps = if filtered { u64::from(taps) } else { 0 };
+        let targets = 1 + u64::from(filtered);
+        let bytes = targets * ACCUMULATION_BYTES + DEPTH_BYTES;
         demand = demand
-            .texture_2d(
+            .and(pass_demand(
+                buffer_px,
                 &format!("{name}.buffer"),
-                buffer[0].into(),
-                buffer[1].into(),
-            )
-            .storage(
-                &format!("{name}.grid × {name}.subdivision"),
-                Photons::bytes(grid.photons()),
-            )
+                bytes,
+                taps,
+            ))
+            .storage(&photons, Photons::bytes(grid.photons()))
+            .holds(&photons, Photons::bytes(grid.photons()))
+            .takes(&photons, tracing(grid))
             .dispatch(&format!("{name}/trace"), [groups, groups, 1]);
     }
     Ok(demand)
+}
+
+/// Texel fetches of a pixel of the final composition without its occlusion, as it declares them.
+const COMPOSE_FETCHES: u64 = 11;
+/// Bytes of a pixel of reflection and refraction: each a colour of four half floats and a depth.
+const SURFACE_BYTES: u64 = 2 * (8 + 4);
+/// Bytes of a texel of the shadow map's mask.
+const MASK_BYTES: u64 = 1;
+/// Bytes of a pixel in which light is summed.
+const ACCUMULATION_BYTES: u64 = 4;
+
+/// Every photon looks up four depth texels an iteration, and is drawn once.
+fn tracing(grid: &PhotonGrid) -> Work {
+    let photons = grid.photons();
+    Work {
+        triangles: photons,
+        texel_fetches: photons.saturating_mul(4 * u64::from(grid.iterations)),
+        ..Work::default()
+    }
 }
 
 /// The stages of a frame, in order.

@@ -8,13 +8,17 @@ use std::collections::BTreeMap;
 use glam::UVec2;
 use serde_json::Value;
 
-use super::settings::{self, Update};
+use super::settings::{
+    self, COMPOSE_FETCHES, DEPTH_BYTES, GBUFFER_BYTES, IMAGE_BYTES, Update, VIEWPORT,
+    VISIBILITY_BYTES, filter_fetches, pass_demand,
+};
 use super::voxelization::{self, Voxelization};
 use super::{Kind, Pipeline};
 use crate::gpu::{Demand, Gpu, GpuError};
-use crate::scene::Scene;
+use crate::record::Work;
+use crate::scene::{Grid, Scene};
 use crate::stages::frame::{Frame, Shared, View};
-use crate::stages::geometry::{self, Geometry};
+use crate::stages::geometry::Geometry;
 use crate::stages::kit::Resources;
 use crate::stages::marching::Marching;
 use crate::stages::scene::deform::Deform;
@@ -67,22 +71,51 @@ pub const KIND: Kind = Kind {
 fn demand(params: &Value, scene: &Scene) -> Result<Demand, String> {
     scene.needs_objects("volume_ao")?;
     let params = Params::from_value(params)?;
-    let (vertices, indices) = geometry::buffer_bytes(scene);
-    let [width, height] = [params.view.width, params.view.height].map(u64::from);
-    let [ao_width, ao_height] = params.buffer_px().map(u64::from);
-    let shadow = u64::from(params.shadow.size);
-    let demand = Demand::new()
-        .texture_2d("view.width × view.height", width, height)
-        .texture_2d("view × ao.scale", ao_width, ao_height)
-        .texture_2d("shadow.size", shadow, shadow)
-        .buffer("scene vertices", vertices)
-        .buffer("scene indices", indices)
-        .color_targets("scene/gbuffer", 2, 12);
-    let demand = settings::deform_demand(demand, scene, &params.animation);
     let (voxel, animation) = (&params.voxel, &params.animation);
-    params.fits(scene, &voxel.grids(scene, &params.camera, animation)?)?;
+    let grids = voxel.grids(scene, &params.camera, animation)?;
+    params.fits(scene, &grids)?;
+    let samples = samples(&params, scene, &grids);
+    let size_px = [params.view.width, params.view.height];
+    let shadow = [params.shadow.size; 2];
+    let taps = filter_fetches(params.ao.filter, &params.filter);
+    let filter_bytes = u64::from(params.ao.filter) * VISIBILITY_BYTES;
+    let view_bytes = GBUFFER_BYTES + IMAGE_BYTES + filter_bytes;
+    let demand = pass_demand(size_px, VIEWPORT, view_bytes, COMPOSE_FETCHES + taps)
+        .and(pass_demand(
+            params.buffer_px(),
+            "ao.rays × samples",
+            VISIBILITY_BYTES,
+            samples,
+        ))
+        .and(pass_demand(shadow, "shadow.size", DEPTH_BYTES, 0))
+        .and(settings::picture_demand(size_px))
+        .and(settings::shared_demand())
+        .and(settings::geometry_demand(scene))
+        .color_targets("scene/gbuffer", 2, 12);
+    let demand = settings::deform_demand(demand, scene, animation);
     let pyramid = params.ao.skipping;
     voxelization::demand(demand, scene, &params.camera, voxel, animation, pyramid)
+}
+
+/// Samples of a point at most, in all volumes.
+fn samples(params: &Params, scene: &Scene, grids: &[Grid]) -> u64 {
+    let marching = params.ao.marching(scene);
+    let samples = |grid| u64::from(marching.rays) * marching.samples_in(grid) as u64;
+    grids.iter().map(samples).sum()
+}
+
+/// What asking for so many points takes, beside the volumes.
+///
+/// # Errors
+/// Settings that give no grid.
+pub fn query_demand(params: &Params, scene: &Scene, points: u64) -> Result<Demand, String> {
+    let (voxel, animation) = (&params.voxel, &params.animation);
+    let grids = voxel.grids(scene, &params.camera, animation)?;
+    let work = Work {
+        texel_fetches: points.saturating_mul(samples(params, scene, &grids)),
+        ..Work::default()
+    };
+    Ok(ao::query::demand(points).takes("points × ao.rays × samples", work))
 }
 
 /// A scene's geometry, what moves it, and its volumes.

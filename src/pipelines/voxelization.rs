@@ -2,6 +2,7 @@
 
 use super::settings::{Animation, Method, Voxel};
 use crate::gpu::{ClockPlan, Demand, Encode, FrameTimer, Gpu, GpuError, SubmitCost};
+use crate::record::Work;
 use crate::scene::{Camera, Grid, Scene};
 use crate::stages::Stage;
 use crate::stages::geometry::{self, Geometry};
@@ -200,6 +201,7 @@ pub fn demand(
             .storage("scene vertices", vertices)
             .storage("scene indices", indices)
             .storage("voxel queue", triangles::queue_bytes(triangles))
+            .holds("voxel queue", triangles::queue_bytes(triangles))
             .dispatch(
                 "voxel/overlap",
                 triangles::workgroups(triangles).map(u64::from),
@@ -226,6 +228,11 @@ fn of_grid(grid: &Grid, settings: &Voxel) -> Demand {
     let demand = Demand::new()
         .texture_3d(name, grid.cells.map(u64::from))
         .indexed(name, grid.count())
+        .holds(
+            name,
+            grid.count() + grid.words() * 4 + unpack::rows_bytes(grid),
+        )
+        .takes(name, filling(grid))
         .storage(&format!("{name}: bit volume"), grid.words() * 4)
         .storage(
             &format!("{name}: rows of voxel/unpack"),
@@ -238,6 +245,7 @@ fn of_grid(grid: &Grid, settings: &Voxel) -> Demand {
             |demand, axis| {
                 let [columns, rows, _] = axis.turned(grid).map(u64::from);
                 demand
+                    .holds(name, columns * rows + axis.slicemap_bytes(grid))
                     .texture_2d(
                         &format!("{name}: viewport of {}", axis.name()),
                         columns,
@@ -249,18 +257,30 @@ fn of_grid(grid: &Grid, settings: &Voxel) -> Demand {
                     )
             },
         ),
-        Method::Slice => demand.dispatch("voxel/slice", slice::workgroups(grid).map(u64::from)),
+        Method::Slice => demand
+            .holds(name, grid.count() * Axis::ALL.len() as u64)
+            .dispatch("voxel/slice", slice::workgroups(grid).map(u64::from)),
         Method::Overlap | Method::OverlapThin => demand,
-        Method::MaxAlpha => demand.storage(
+        Method::MaxAlpha => demand.holds(name, alpha::alphas_bytes(grid)).storage(
             &format!("{name}: alphas of voxel/alpha"),
             alpha::alphas_bytes(grid),
         ),
     }
 }
 
+/// Every voxel is cleared, written as a byte of a row, and copied.
+fn filling(grid: &Grid) -> Work {
+    Work {
+        bytes_written: grid.words() * 4 + unpack::rows_bytes(grid) + grid.count(),
+        ..Work::default()
+    }
+}
+
 fn of_pyramid(grid: &Grid, settings: &Voxel) -> Demand {
     let name = settings.size_name();
+    // All levels above the first have a seventh of its texels.
     Demand::new()
+        .holds(name, grid.count() / 7 + mips::rows_bytes(grid))
         .storage(
             &format!("{name}: rows of voxel/mips"),
             mips::rows_bytes(grid),

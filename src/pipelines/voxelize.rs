@@ -6,13 +6,13 @@ use glam::UVec2;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use super::settings::{self, Animation, Update, Voxel};
+use super::settings::{self, Animation, DEPTH_BYTES, IMAGE_BYTES, Update, VIEWPORT, Voxel};
 use super::voxelization::{self, Voxelization};
 use super::{Kind, Pipeline};
 use crate::gpu::{Demand, Encode, Gpu, GpuError, read_buffer, texture_bytes};
 use crate::scene::{Camera, Light, Scene, SceneFile};
 use crate::stages::frame::{Shared, View};
-use crate::stages::geometry::{self, Geometry};
+use crate::stages::geometry::Geometry;
 use crate::stages::kit::Resources;
 use crate::stages::scene::deform::Deform;
 use crate::stages::voxel::view::CubeView;
@@ -118,12 +118,19 @@ fn scene_file(file: &SceneFile, params: &Value) -> Result<SceneFile, String> {
 fn demand(params: &Value, scene: &Scene) -> Result<Demand, String> {
     scene.needs_objects("voxelize")?;
     let params = Params::from_value(params)?;
-    let (vertices, indices) = geometry::buffer_bytes(scene);
     let [width, height] = [params.view.width, params.view.height].map(u64::from);
+    // The picture and its depth are no part of the pipeline's memory, but the process has them.
     let demand = Demand::new()
-        .texture_2d("view.width × view.height", width, height)
-        .buffer("scene vertices", vertices)
-        .buffer("scene indices", indices);
+        .texture_2d(VIEWPORT, width, height)
+        .copies(
+            VIEWPORT,
+            (width * height).saturating_mul(IMAGE_BYTES + DEPTH_BYTES),
+        )
+        .and(settings::picture_demand([
+            params.view.width,
+            params.view.height,
+        ]))
+        .and(settings::geometry_demand(scene));
     let demand = settings::deform_demand(demand, scene, &params.animation);
     let (voxel, animation) = (&params.voxel, &params.animation);
     voxelization::demand(

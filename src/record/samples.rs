@@ -94,7 +94,12 @@ pub struct FramePair {
 pub struct StageTime {
     pub stage: String,
     pub clock: Clock,
+    /// Less the submission's cost, if one is taken off; noise of that cost can then leave less than nothing.
     pub ns: f64,
+    #[serde(default)]
+    pub submit_cost_ns: f64,
+    #[serde(default)]
+    pub resolution_ns: f64,
 }
 
 fn is_false(value: &bool) -> bool {

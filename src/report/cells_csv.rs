@@ -2,7 +2,8 @@
 //! A name that a spreadsheet would take for a formula has an apostrophe in front; see [`text::csv`].
 
 use super::{Artifact, Entry, Exporter, ReportError, View};
-use crate::record::{Estimate, Measured, Outcome, StageRecord};
+use crate::record::{Estimate, Fenced, Measured, Outcome, StageRecord};
+use crate::statistics::median;
 use crate::text;
 
 pub const EXPORTER: Exporter = Exporter {
@@ -11,7 +12,7 @@ pub const EXPORTER: Exporter = Exporter {
     export,
 };
 
-const HEADER: [&str; 33] = [
+const HEADER: [&str; 35] = [
     "experiment",
     "cell",
     "pipeline",
@@ -28,6 +29,8 @@ const HEADER: [&str; 33] = [
     "low_ns",
     "high_ns",
     "samples",
+    "submit_cost_median_ns",
+    "resolution_ns",
     "photons",
     "triangles",
     "primitives",
@@ -106,7 +109,7 @@ fn stage_fields(stage: &StageRecord) -> Vec<String> {
         stage.stage.clone(),
         clock.as_str().unwrap_or_default().to_owned(),
     ];
-    fields.extend(estimate_fields(&stage.time));
+    fields.extend(time_fields(stage));
     let work = &stage.work;
     let counts = [
         work.photons,
@@ -118,6 +121,20 @@ fn stage_fields(stage: &StageRecord) -> Vec<String> {
         work.bytes_written,
     ];
     fields.extend(counts.map(|count| count.to_string()));
+    fields
+}
+
+/// No figures of a time that is below the resolution, which then stands alone.
+fn time_fields(stage: &StageRecord) -> Vec<String> {
+    let mut fields = estimate_fields(&stage.time);
+    if !stage.is_resolved() {
+        fields[..3].fill(String::new());
+    }
+    let cost_ns = |fenced: &Fenced| median(&fenced.submit_cost_samples_ns).to_string();
+    let resolution_ns = |fenced: &Fenced| fenced.resolution_ns.to_string();
+    let fenced = stage.fenced.as_ref();
+    fields.push(fenced.map(cost_ns).unwrap_or_default());
+    fields.push(fenced.map(resolution_ns).unwrap_or_default());
     fields
 }
 
@@ -159,6 +176,7 @@ fn row(fields: &[String]) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::record::Record;
     use crate::report::fixtures;
 
     #[test]
@@ -187,5 +205,37 @@ mod tests {
         assert!(columns.len() > 20);
         assert!(columns.iter().all(|count| *count == HEADER.len()));
         assert!(text.contains(",skipped,"));
+    }
+
+    #[test]
+    fn a_time_below_the_resolution_has_no_figures_but_its_bound() {
+        let mut records = fixtures::run();
+        let stages = records.iter_mut().find_map(|record| match record {
+            Record::Cell(cell) => match &mut cell.outcome {
+                Outcome::Measured(measured) => Some(&mut measured.stages),
+                _ => None,
+            },
+            _ => None,
+        });
+        let stage = &mut stages.unwrap()[0];
+        stage.time = Estimate {
+            median: 5e4,
+            low: 5e4,
+            high: 6e4,
+            n: 7,
+        };
+        stage.fenced = Some(Fenced {
+            wall_samples_ns: vec![6e4; 7],
+            submit_cost_samples_ns: vec![6e4; 7],
+            resolution_ns: 5e4,
+        });
+        assert_eq!(time_fields(stage), ["", "", "", "7", "60000", "50000"]);
+        let text = crate::report::format::stage_ms(stage);
+        assert_eq!(text, "< 0.0500");
+        let exporter = crate::report::summary::EXPORTER;
+        let page = (exporter.export)(&View::new(&records, &[])).unwrap();
+        let page = String::from_utf8(page[0].bytes.clone()).unwrap();
+        assert!(page.contains("| &lt; 0.0500 |"), "{page}");
+        assert!(page.contains("no ratio or slope is drawn"));
     }
 }

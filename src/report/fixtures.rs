@@ -214,6 +214,7 @@ fn underwater(params: &Value, random: &mut Pcg64) -> Vec<StageRecord> {
             clock,
             time: statistics::estimate(&samples_ns),
             samples_ns,
+            fenced: None,
             work,
             counters: BTreeMap::new(),
         });
@@ -313,6 +314,7 @@ fn invented(name: &str, ms: f64, random: &mut Pcg64) -> StageRecord {
         clock: Clock::Timestamp,
         time: statistics::estimate(&samples_ns),
         samples_ns,
+        fenced: None,
         work: Work {
             triangles: (1e4 * ms) as u64,
             fragments: (1e5 * ms) as u64,

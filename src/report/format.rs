@@ -1,6 +1,6 @@
 //! Numbers and tables as text.
 
-use crate::record::Estimate;
+use crate::record::{Estimate, StageRecord};
 use crate::text;
 
 pub const NS_PER_MS: f64 = 1e6;
@@ -35,6 +35,15 @@ pub fn interval(estimate: &Estimate, scale: f64) -> String {
 /// A duration in nanoseconds as milliseconds with its interval.
 pub fn ms(ns: &Estimate) -> String {
     interval(ns, 1.0 / NS_PER_MS)
+}
+
+/// A stage's time in milliseconds with its interval; `< 0.0500` where it is below what the clock can tell from none.
+pub fn stage_ms(stage: &StageRecord) -> String {
+    if stage.is_resolved() {
+        ms(&stage.time)
+    } else {
+        format!("< {}", three(stage.resolution_ns() / NS_PER_MS))
+    }
 }
 
 /// `1.2 M`, `340 k`: three significant digits with a decimal prefix.

@@ -123,7 +123,7 @@ fn trust(view: &View<'_>, run: &Run, table: &mut Table) {
         ]);
     }
     table.row([
-        "cost of a submission, removed from fenced times".to_owned(),
+        "cost of a submission as the audit measured it".to_owned(),
         run.submit_cost_ns
             .iter()
             .map(|(kind, ns)| {

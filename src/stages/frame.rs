@@ -18,6 +18,8 @@ pub const INFO: StageInfo = StageInfo {
 
 /// Texels per side of the noise texture: 16 to 32 texels a noise cell.
 const NOISE_SIZE: u32 = 256;
+/// Bytes of the noise texture.
+pub const NOISE_BYTES: u64 = NOISE_SIZE as u64 * NOISE_SIZE as u64 * 16;
 
 /// Host twin of `Frame` in `shaders/shared/frame.wgsl`.
 #[derive(Clone, Debug, ShaderType)]

@@ -1,6 +1,7 @@
 //! What `ao/march` and `ao/query` share: rays marched through a volume for the occlusion of surface points. VAO §3, §5.
 
 use encase::ShaderType;
+use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
 use super::kit::{Bind, Group, Resources};
@@ -152,9 +153,10 @@ impl Marching {
         }
     }
 
-    /// Samples of a ray at most.
+    /// Samples of a ray at most: the part of it that lies within the grid is no longer than the grid's diagonal.
     pub fn samples_in(&self, grid: &Grid) -> f64 {
-        (self.r_max_voxels(grid) / self.step_in(grid)).ceil()
+        let diagonal = DVec3::from(grid.cells.map(f64::from)).length();
+        (self.r_max_voxels(grid).min(diagonal) / self.step_in(grid)).ceil()
     }
 
     pub fn uniforms(&self, grid: &Grid) -> MarchUniforms {
@@ -208,8 +210,6 @@ impl Marching {
 
 #[cfg(test)]
 mod tests {
-    use glam::DVec3;
-
     use super::*;
     use crate::gpu::link;
 
@@ -243,6 +243,18 @@ mod tests {
         marching.step = Step::Voxel;
         assert_eq!(marching.step_in(&grid), 0.5);
         assert_eq!(marching.samples_in(&grid), 20.0);
+    }
+
+    #[test]
+    fn a_ray_longer_than_the_grid_samples_only_what_lies_within() {
+        let grid = Grid::around(DVec3::ZERO, 3.2, 32).unwrap();
+        let mut marching = marching();
+        marching.step = Step::Voxel;
+        marching.r_max_m = 1e4;
+        // 32 √3 = 55.4 voxels, two samples each.
+        assert_eq!(marching.samples_in(&grid), 111.0);
+        marching.step = Step::Paper;
+        assert_eq!(marching.samples_in(&grid), 1.0);
     }
 
     #[test]

@@ -92,6 +92,12 @@ impl ScalarField {
     }
 }
 
+/// Bytes of a volume's texture without its pyramid.
+pub fn bytes(volume: &Volume) -> u64 {
+    let texel = format_of(&volume.data).block_copy_size(None).unwrap_or(2);
+    volume.data.len() as u64 * u64::from(texel)
+}
+
 /// 8 bits where they hold the values as they are.
 fn format_of(values: &[f32]) -> wgpu::TextureFormat {
     let fits = |v: &f32| {

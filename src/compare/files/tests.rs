@@ -29,6 +29,7 @@ fn measured(stages: &[&str], ns: f64) -> Outcome {
         clock: record::Clock::Timestamp,
         samples_ns: vec![ns; 5],
         time: record::Estimate::default(),
+        fenced: None,
         work: record::Work::default(),
         counters: BTreeMap::new(),
     };
@@ -100,6 +101,28 @@ fn unpaired_times_are_not_judged() {
     let comparison = compared(&both[0], &both[1]);
     let expected = [("e:x=1 s".to_owned(), Verdict::NotJudged)];
     assert_eq!(told(&comparison), (Status::NoRegression, expected.to_vec()));
+}
+
+#[test]
+fn times_below_the_clock_s_resolution_have_no_ratio() {
+    let short = |ns: f64| {
+        let Outcome::Measured(mut measured) = measured(&["s"], ns) else {
+            panic!("it is measured");
+        };
+        measured.stages[0].fenced = Some(record::Fenced {
+            wall_samples_ns: vec![6e4; 5],
+            submit_cost_samples_ns: vec![6e4; 5],
+            resolution_ns: 5e4,
+        });
+        Outcome::Measured(measured)
+    };
+    let both = [5e4, 9e4].map(|ns| [run("a"), cell("x=1", 1, short(ns))]);
+    let comparison = compared(&both[0], &both[1]);
+    let verdicts = Verdicts::of(&comparison);
+    assert_eq!(verdicts.cells[0].verdict, Verdict::NotJudged);
+    let times = verdicts.cells[0].unpaired.expect("both have times");
+    assert!(!times.base.is_resolved() && times.head.is_resolved());
+    assert_eq!(times.change(), None);
 }
 
 #[test]

@@ -47,8 +47,8 @@ fn measures(cell: &CellVerdict) -> Map<String, Value> {
             json!({ "value": time.head_ns.round() }),
         );
     }
-    if let Some(unpaired) = &cell.unpaired {
-        let time = &unpaired.head_ns;
+    if let Some(unpaired) = cell.unpaired.filter(|times| times.head.is_resolved()) {
+        let time = &unpaired.head.ns;
         let metric =
             json!({ "value": time.median, "lower_value": time.low, "upper_value": time.high });
         measures.insert("latency".to_owned(), metric);

@@ -35,11 +35,11 @@ fn entries(cell: &CellVerdict) -> Vec<Value> {
         }
         entries.push(entry);
     }
-    if let Some(unpaired) = &cell.unpaired {
+    if let Some(unpaired) = cell.unpaired.filter(|times| times.head.is_resolved()) {
         entries.push(json!({
             "name": format!("{} time", cell.cell),
             "unit": "ms",
-            "value": unpaired.head_ns.median / NS_PER_MS,
+            "value": unpaired.head.ns.median / NS_PER_MS,
             "extra": "unpaired",
         }));
     }

@@ -6,7 +6,7 @@ use crate::compare::exact::{Difference, Kind, Subject};
 use crate::compare::instructions::Counted;
 use crate::compare::store::{Build, Comparison, Fault, Side};
 use crate::compare::time::CellTime;
-use crate::compare::unpaired::Unpaired;
+use crate::compare::unpaired::{RunTime, Unpaired};
 use crate::compare::verdict::{CellVerdict, GateState, Status, Verdict, Verdicts};
 use crate::report::format::{NS_PER_MS, mebibytes, si, three};
 
@@ -24,13 +24,13 @@ pub const HEADER: [&str; 7] = [
 /// One cell of a table of cells.
 pub fn cell(cell: &CellVerdict) -> [String; 7] {
     let time = cell.time.as_ref();
-    let base_ns = time
-        .map(|time| time.base_ns)
-        .or(cell.unpaired.map(|unpaired| unpaired.base_ns.median));
+    let base = time
+        .map(|time| in_ms(time.base_ns))
+        .or(cell.unpaired.map(|unpaired| run_time(&unpaired.base)));
     [
         cell.cell.to_string(),
         cell.verdict.text().to_owned(),
-        base_ns.map_or_else(none, |ns| format!("{} ms", three(ns / NS_PER_MS))),
+        base.unwrap_or_else(none),
         time.map(change)
             .or(cell.unpaired.as_ref().map(unpaired_change))
             .unwrap_or_else(none),
@@ -76,8 +76,23 @@ fn change(time: &CellTime) -> String {
     format!("{} ({interval})", signed(time.change, 1))
 }
 
+fn in_ms(ns: f64) -> String {
+    format!("{} ms", three(ns / NS_PER_MS))
+}
+
+fn run_time(time: &RunTime) -> String {
+    if time.is_resolved() {
+        in_ms(time.ns.median)
+    } else {
+        format!("< {}", in_ms(time.resolution_ns))
+    }
+}
+
 fn unpaired_change(unpaired: &Unpaired) -> String {
-    format!("{}, unpaired", signed(unpaired.change(), 1))
+    match unpaired.change() {
+        Some(change) => format!("{}, unpaired", signed(change, 1)),
+        None => "below the clock's resolution".to_owned(),
+    }
 }
 
 fn instructions(counted: &Counted) -> String {

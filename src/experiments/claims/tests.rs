@@ -5,7 +5,7 @@ use rand_pcg::Pcg64;
 use serde_json::{Map, Value, json};
 
 use super::*;
-use crate::record::{Clock, FrameRecord, Measured, Outcome, StageRecord, Work};
+use crate::record::{Clock, Fenced, FrameRecord, Measured, Outcome, StageRecord, Work};
 use crate::statistics;
 
 /// About 3 %, log-normal.
@@ -27,6 +27,7 @@ fn cell(axes: &[(&str, Value)], ms: f64, random: &mut Pcg64) -> Cell {
         clock: Clock::Timestamp,
         samples_ns: samples_ns.clone(),
         time,
+        fenced: None,
         work: Work::default(),
         counters: BTreeMap::new(),
     };
@@ -343,6 +344,38 @@ fn families_of_stages_are_summed_frame_by_frame() {
     let names: Measure = "stage:g/x|s".parse().unwrap();
     assert_eq!(names.stages().collect::<Vec<_>>(), ["g/x", "s"]);
     assert_eq!(names.to_string(), "g/x or s time");
+}
+
+#[test]
+fn a_time_below_the_clock_s_resolution_is_no_figure() {
+    let mut random = Pcg64::seed_from_u64(4);
+    let mut cell = cell(&[], 4.0, &mut random);
+    let Outcome::Measured(measured) = &mut cell.outcome else {
+        panic!("it is measured");
+    };
+    let mut short = measured.stages[0].clone();
+    short.stage = "f/short".to_owned();
+    // Half of the differences are negative.
+    let wall_ns = |frame: usize| 60e3 + if frame.is_multiple_of(2) { 5e3 } else { -5e3 };
+    let fenced = Fenced {
+        wall_samples_ns: (0..short.samples_ns.len()).map(wall_ns).collect(),
+        submit_cost_samples_ns: vec![60e3; short.samples_ns.len()],
+        resolution_ns: 50e3,
+    };
+    short.samples_ns = fenced.samples_ns();
+    short.time = statistics::estimate(&short.samples_ns);
+    short.fenced = Some(fenced);
+    assert!(short.samples_ns.iter().all(|ns| *ns == 50e3));
+    let mut long = measured.stages[0].clone();
+    long.stage = "f/long".to_owned();
+    measured.stages.extend([short, long]);
+    let measured = measure::measured(&cell).unwrap();
+    let read = |text: &str| text.parse::<Measure>().unwrap().read(&cell, measured);
+    assert_eq!(read("stage:f/short"), None);
+    assert_eq!(read("stage:s per stage:f/short"), None);
+    let sum = read("stage:f/").unwrap().estimate.median;
+    let alone = read("stage:f/long").unwrap().estimate.median;
+    assert!((sum - alone).abs() <= 5e3, "{sum} and {alone}");
 }
 
 #[test]

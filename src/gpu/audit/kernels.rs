@@ -24,7 +24,6 @@ pub(super) struct Kernels {
     render: wgpu::RenderPipeline,
     results: wgpu::Buffer,
     target: wgpu::TextureView,
-    least_target: wgpu::TextureView,
     copied: [wgpu::Buffer; 2],
 }
 
@@ -46,8 +45,7 @@ impl Kernels {
                 compute: compute_pipeline(gpu, &shader),
                 render: render_pipeline(gpu, &shader),
                 results: buffer(gpu, u64::from(INVOCATIONS) * 4, Usage::STORAGE),
-                target: target(gpu, TARGET_EDGE),
-                least_target: target(gpu, 1),
+                target: target(gpu),
                 copied: [
                     buffer(gpu, copy_bytes, Usage::COPY_SRC),
                     buffer(gpu, copy_bytes, Usage::COPY_DST),
@@ -100,12 +98,12 @@ fn buffer(gpu: &Gpu, size: u64, usage: wgpu::BufferUsages) -> wgpu::Buffer {
     })
 }
 
-fn target(gpu: &Gpu, edge: u32) -> wgpu::TextureView {
+fn target(gpu: &Gpu) -> wgpu::TextureView {
     let texture = gpu.device.create_texture(&wgpu::TextureDescriptor {
         label: Some("audit"),
         size: wgpu::Extent3d {
-            width: edge,
-            height: edge,
+            width: TARGET_EDGE,
+            height: TARGET_EDGE,
             depth_or_array_layers: 1,
         },
         mip_level_count: 1,
@@ -153,45 +151,6 @@ fn render_pipeline(gpu: &Gpu, module: &wgpu::ShaderModule) -> wgpu::RenderPipeli
             multiview_mask: None,
             cache: None,
         })
-}
-
-/// The least pass of a kind: its time is what a submission costs.
-pub(super) struct Least<'a> {
-    pub(super) kernel: &'a Kernel<'a>,
-}
-
-impl Encode for Least<'_> {
-    fn name(&self) -> &'static str {
-        self.kernel.name()
-    }
-
-    fn encode(&self, scope: &mut StageScope<'_>) {
-        let kernels = self.kernel.kernels;
-        match self.kernel.kind {
-            PassKind::Compute => scope.compute(|pass| {
-                pass.set_pipeline(&kernels.compute);
-                pass.set_bind_group(0, &self.kernel.bindings, &[]);
-                pass.dispatch_workgroups(1, 1, 1);
-            }),
-            PassKind::Render => {
-                let color = [ColorTarget {
-                    view: &kernels.least_target,
-                    clear: Some(wgpu::Color::BLACK),
-                    slice: None,
-                }];
-                let targets = Targets {
-                    color: &color,
-                    depth: None,
-                };
-                scope.render(&targets, |_| {});
-            }
-            PassKind::Copy => scope.copy(|encoder| {
-                let [from, to] = &kernels.copied;
-                encoder.copy_buffer_to_buffer(from, 0, to, 0, wgpu::COPY_BUFFER_ALIGNMENT);
-            }),
-            PassKind::Host => {}
-        }
-    }
 }
 
 /// One kind of pass with a set amount of work.

@@ -23,9 +23,9 @@ mod verdict;
 use std::fmt::Write as _;
 use std::time::{Duration, Instant};
 
-use self::kernels::{Kernel, Kernels, Least};
+use self::kernels::{Kernel, Kernels};
 use self::verdict::{Series, factor, judge, median};
-use super::frame::{ClockPlan, Encode, FrameSample, FrameTimer, SubmitCost};
+use super::frame::{ClockPlan, Encode, FrameSample, FrameTimer, Probe, SubmitCost};
 use super::{Gpu, GpuError};
 use crate::record::{AuditRow, Clock, PassKind};
 
@@ -64,7 +64,7 @@ pub struct Audit {
 /// Audits this adapter's timestamps. Takes some seconds on a software adapter.
 pub fn audit(gpu: &Gpu) -> Result<Audit, GpuError> {
     let kernels = Kernels::new(gpu)?;
-    let mut submissions = Submissions::new(gpu, &kernels)?;
+    let mut submissions = Submissions::new(gpu)?;
     submissions.time(gpu, SUBMISSIONS)?;
     let fenced = ClockPlan::fenced(submissions.cost());
     let work = calibrate(gpu, &kernels, fenced)?;
@@ -132,25 +132,23 @@ fn set_apart(rows: &[AuditRow], alone: &[AuditRow]) -> Vec<PassKind> {
 }
 
 /// Host times in ns of submissions that hold the least pass of each kind, in the order of [`KINDS`].
-struct Submissions<'a> {
-    kernels: [Kernel<'a>; 3],
-    timer: FrameTimer,
+struct Submissions {
+    probe: Probe,
     costs: [Vec<f64>; 3],
 }
 
-impl<'a> Submissions<'a> {
-    fn new(gpu: &Gpu, kernels: &'a Kernels) -> Result<Self, GpuError> {
+impl Submissions {
+    fn new(gpu: &Gpu) -> Result<Self, GpuError> {
         Ok(Self {
-            kernels: KINDS.map(|kind| kernels.kernel(gpu, kind, 1, 1)),
-            timer: FrameTimer::new(gpu, ClockPlan::fenced(SubmitCost::default()), 0)?,
+            probe: Probe::new(gpu)?,
             costs: Default::default(),
         })
     }
 
     fn time(&mut self, gpu: &Gpu, count: usize) -> Result<(), GpuError> {
-        for (kernel, costs) in self.kernels.iter().zip(&mut self.costs) {
+        for (kind, costs) in KINDS.into_iter().zip(&mut self.costs) {
             for _ in 0..count {
-                costs.push(self.timer.untimed(gpu, &[&Least { kernel }])?);
+                costs.push(gpu.scoped(|| self.probe.time(gpu, kind))?);
             }
         }
         Ok(())
@@ -239,7 +237,7 @@ struct Bench<'a> {
     kernels: [[Kernel<'a>; 3]; LEVELS],
     timestamps: FrameTimer,
     fenced: FrameTimer,
-    submissions: Submissions<'a>,
+    submissions: Submissions,
     submit_cost: SubmitCost,
 }
 
@@ -249,7 +247,7 @@ impl<'a> Bench<'a> {
         kernels: &'a Kernels,
         work: [u32; 3],
         fenced: ClockPlan,
-        submissions: Submissions<'a>,
+        submissions: Submissions,
     ) -> Result<Self, GpuError> {
         let level = |factor: u32| {
             [0, 1, 2].map(|i: usize| kernels.kernel(gpu, KINDS[i], work[i], CALLS * factor))

@@ -6,7 +6,8 @@
 //!
 //! A pass whose kind has sound timestamps shares a command buffer with its neighbours. A pass on the
 //! fenced host clock has a command buffer to itself, which is submitted alone and waited for, between
-//! two readings of the host clock less the cost of a submission. The command buffers of a frame are its
+//! two readings of the host clock less the cost of a submission, which is measured between the same
+//! frame's segments (see `meter`). The command buffers of a frame are its
 //! *segments*, each submitted when the one before has finished.
 //!
 //! Accounting: the *envelope* is the host's time from the first submission to the last fence, and the
@@ -15,10 +16,15 @@
 //! timestamps and the host clock agree.
 
 mod clock;
+mod meter;
+mod probe;
 mod scope;
 mod timer;
 
 pub use clock::{ClockPlan, SubmitCost};
+#[cfg(test)]
+pub(crate) use meter::CostMeter;
+pub(super) use probe::Probe;
 pub use scope::{ColorTarget, DepthTarget, Encode, HostTime, StageScope, Targets};
 pub(super) use scope::{Mode, Recorder};
 pub use timer::{Fault, FaultKind, FrameSample, FrameTimer, StageSample};

@@ -4,6 +4,7 @@ use std::ops::Range;
 use std::time::Instant;
 
 use super::clock::ClockPlan;
+use super::meter::Metering;
 use crate::gpu::{Gpu, GpuError};
 use crate::record::{Clock, PassKind};
 
@@ -191,24 +192,30 @@ impl Recorder {
         })
     }
 
-    /// Submits the segments one after the other, each waited for.
+    /// Submits the segments one after the other, each waited for. Between them the cost of a submission is measured.
     pub(super) fn run_segments(
         &mut self,
         gpu: &Gpu,
+        metering: &mut Metering,
         spans: &mut Vec<Span>,
     ) -> Result<(), GpuError> {
         self.flush_host_writes(gpu)?;
         spans.clear();
-        for Segment {
-            commands,
-            passes,
-            fenced,
-        } in self.segments.drain(..)
-        {
+        let kinds = self.segment_kinds();
+        metering.begin(&kinds, self.segments.iter().any(|segment| segment.fenced));
+        for (segment, kind) in self.segments.drain(..).zip(kinds) {
+            let Segment {
+                commands,
+                passes,
+                fenced,
+            } = segment;
+            let metered = Instant::now();
+            metering.before(gpu, kind)?;
             let submit = Instant::now();
             let index = gpu.queue.submit([commands]);
             gpu.wait_for(Some(index))?;
             spans.push(Span {
+                metered,
                 submit,
                 fence: Instant::now(),
                 passes,
@@ -216,6 +223,13 @@ impl Recorder {
             });
         }
         Ok(())
+    }
+
+    /// Kind of each segment's first pass.
+    fn segment_kinds(&self) -> Vec<PassKind> {
+        let first = |segment: &Segment| self.passes[segment.passes.clone()].first();
+        let kind = |segment| first(segment).map_or(PassKind::Host, |pass| pass.kind);
+        self.segments.iter().map(kind).collect()
     }
 }
 
@@ -243,6 +257,8 @@ fn process_clock_ns() -> Option<f64> {
 
 /// When a segment ran, by the host clock.
 pub(super) struct Span {
+    /// From here to `submit` the cost of a submission was measured, which is no part of the frame.
+    pub(super) metered: Instant,
     pub(super) submit: Instant,
     pub(super) fence: Instant,
     pub(super) passes: Range<usize>,
@@ -252,6 +268,10 @@ pub(super) struct Span {
 impl Span {
     pub(super) fn wall_ns(&self) -> f64 {
         ns_between(self.submit, self.fence)
+    }
+
+    pub(super) fn metering_ns(&self) -> f64 {
+        ns_between(self.metered, self.submit)
     }
 }
 

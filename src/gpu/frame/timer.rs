@@ -3,6 +3,7 @@
 use std::fmt;
 
 use super::clock::ClockPlan;
+use super::meter::{CostMeter, Metering, Submissions};
 use super::scope::{
     Encode, HostTime, Mode, QUERIES_PER_PASS, QUERIES_PER_SET, Recorder, Span, ns_between,
 };
@@ -21,7 +22,8 @@ pub struct FrameSample {
     /// In frame order.
     pub stages: Vec<StageSample>,
     pub gaps_ns: f64,
-    /// Host time from the first submission to the last fence, and the host stages.
+    /// Host time from the first submission to the last fence, and the host stages; without the time in which the cost of a
+    /// submission was measured.
     pub envelope_ns: f64,
     /// The envelope, to be held against [`FrameTimer::untimed`]: what is timed costs more by the gaps
     /// between its segments.
@@ -44,8 +46,25 @@ pub struct StageSample {
     pub name: &'static str,
     /// That of its passes; the fenced host clock where passes differ.
     pub clock: Clock,
-    /// Not a number when one of its passes has a fault.
+    /// Not a number when one of its passes has a fault. Where submissions' cost was taken off it may be zero or less: see
+    /// [`Self::resolution_ns`].
     pub ns: f64,
+    /// The cost of its fenced submissions, which was taken off. `ns + submit_cost_ns` is what the clock read.
+    pub submit_cost_ns: f64,
+    /// A shorter time cannot be told from none; 0 where no cost was taken off.
+    pub resolution_ns: f64,
+}
+
+impl StageSample {
+    /// Whether the stage's time is more than the clock's uncertainty.
+    pub fn is_resolved(&self) -> bool {
+        self.ns > self.resolution_ns
+    }
+
+    /// The time, or the resolution where that is longer.
+    pub fn at_least_resolution_ns(&self) -> f64 {
+        self.ns.max(self.resolution_ns)
+    }
 }
 
 /// A stage's duration that was not accepted.
@@ -97,6 +116,7 @@ pub struct FrameTimer {
     max_passes: u32,
     queries: Option<Queries>,
     recorder: Recorder,
+    metering: Metering,
     spans: Vec<Span>,
     /// Of the frame's timestamped passes, in order.
     ticks: Vec<Ticks>,
@@ -128,6 +148,7 @@ impl FrameTimer {
             max_passes,
             queries,
             recorder: Recorder::default(),
+            metering: Metering::default(),
             spans: Vec::new(),
             ticks: Vec::new(),
             previous: Vec::new(),
@@ -151,7 +172,8 @@ impl FrameTimer {
                 max_passes: self.max_passes,
             };
             self.recorder.record(gpu, mode, stages)?;
-            self.recorder.run_segments(gpu, &mut self.spans)?;
+            self.recorder
+                .run_segments(gpu, &mut self.metering, &mut self.spans)?;
             self.read_ticks(gpu)
         })?;
         Ok(self.evaluate(stages))
@@ -200,9 +222,11 @@ impl FrameTimer {
         for work in &self.recorder.host {
             account.add(work.stage, Clock::Host, Ok(work.ns));
         }
+        let mut metering_ns = 0.0;
         for (index, span) in self.spans.iter().enumerate() {
             if let Some(before) = index.checked_sub(1).map(|before| &self.spans[before]) {
-                account.gaps_ns += ns_between(before.fence, span.submit);
+                account.gaps_ns += ns_between(before.fence, span.metered);
+                metering_ns += span.metering_ns();
             }
             account.gaps_ns += self.submit_cost_ns(span);
             match span.fenced {
@@ -211,22 +235,29 @@ impl FrameTimer {
             }
         }
         let gpu_ns = match (self.spans.first(), self.spans.last()) {
-            (Some(first), Some(last)) => ns_between(first.submit, last.fence),
+            (Some(first), Some(last)) => ns_between(first.submit, last.fence) - metering_ns,
             _ => 0.0,
         };
-        account.finish(gpu_ns + self.recorder.host_ns())
+        let envelope_ns = gpu_ns + self.recorder.host_ns();
+        account.finish(envelope_ns, &self.metering.meter)
     }
 
-    /// That of the segment's first pass.
+    /// That of the segment's first pass, as it was measured lately; as the audit measured it where no segment of the frame
+    /// is fenced.
     fn submit_cost_ns(&self, span: &Span) -> f64 {
         let first = self.recorder.passes[span.passes.clone()].first();
-        first.map_or(0.0, |pass| self.plan.submit_cost.of(pass.kind))
+        first.map_or(0.0, |pass| {
+            let lately = self.metering.meter.cost_ns(pass.kind);
+            lately.unwrap_or_else(|| self.plan.submit_cost.of(pass.kind))
+        })
     }
 
     fn add_fenced(&self, account: &mut Account, span: &Span) {
-        let ns = span.wall_ns() - self.submit_cost_ns(span);
+        let cost_ns = self.submit_cost_ns(span);
+        let ns = positive(span.wall_ns()).map(|wall_ns| wall_ns - cost_ns);
         for pass in &self.recorder.passes[span.passes.clone()] {
-            account.add(pass.stage, Clock::FencedHost, positive(ns));
+            account.add(pass.stage, Clock::FencedHost, ns);
+            account.take_off(pass.stage, pass.kind, cost_ns);
         }
     }
 
@@ -283,6 +314,8 @@ fn check(
 struct Account {
     stages: Vec<StageSample>,
     passes: Vec<u32>,
+    /// Fenced ones of each stage.
+    submissions: Vec<Submissions>,
     gaps_ns: f64,
     faults: Vec<Fault>,
 }
@@ -293,10 +326,13 @@ impl Account {
             name: stage.name(),
             clock: Clock::Host,
             ns: 0.0,
+            submit_cost_ns: 0.0,
+            resolution_ns: 0.0,
         };
         Self {
             stages: stages.iter().map(empty).collect(),
             passes: vec![0; stages.len()],
+            submissions: vec![Submissions::new(); stages.len()],
             gaps_ns: 0.0,
             faults: Vec::new(),
         }
@@ -324,7 +360,16 @@ impl Account {
         }
     }
 
-    fn finish(mut self, envelope_ns: f64) -> FrameSample {
+    /// A submission's cost was taken off the stage's time.
+    fn take_off(&mut self, stage: usize, kind: PassKind, cost_ns: f64) {
+        self.stages[stage].submit_cost_ns += cost_ns;
+        *self.submissions[stage].entry(kind).or_default() += 1;
+    }
+
+    fn finish(mut self, envelope_ns: f64, meter: &CostMeter) -> FrameSample {
+        for (sample, submissions) in self.stages.iter_mut().zip(&self.submissions) {
+            sample.resolution_ns = meter.resolution_ns(submissions);
+        }
         for (sample, passes) in self.stages.iter_mut().zip(&self.passes) {
             if *passes == 0 {
                 sample.ns = f64::NAN;

@@ -48,7 +48,12 @@ fn request(sets: &[(&str, Value)]) -> Request {
 }
 
 fn planned(request: &Request) -> Result<Vec<PlannedExperiment>, PlanError> {
-    plan(experiments(), request, "quick", &wgpu::Limits::default())
+    plan(
+        experiments(),
+        request,
+        "quick",
+        &wgpu::Limits::default().into(),
+    )
 }
 
 #[test]

@@ -267,6 +267,19 @@ impl Scalar {
         Ok(())
     }
 
+    /// Look-ups of a pixel whose ray crosses the volume: half of the steps along the view ray meet something, and each of
+    /// these takes all its occlusion rays. On an isosurface one point does.
+    pub fn typical_fetches(&self, volume: &Volume) -> u64 {
+        let voxel_m = scalar_field::voxel_m(volume.spacing_m);
+        let steps = volume.bounds().size().length() / (self.view_step_voxels * voxel_m);
+        let steps = (steps / 2.0).ceil() as u64;
+        let occlusion = u64::from(self.rays) * u64::from(self.samples);
+        match self.mode {
+            Mode::Isosurface => steps + occlusion,
+            Mode::Direct | Mode::Positional => steps.saturating_mul(1 + occlusion),
+        }
+    }
+
     /// Whether the field needs levels above the first: isosurfaces are marched at the first alone.
     pub fn needs_pyramid(&self) -> bool {
         self.pyramid && self.mode != Mode::Isosurface

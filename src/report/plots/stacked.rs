@@ -226,7 +226,8 @@ fn coloured(figures: &[(&Cell, &Measured)]) -> Vec<String> {
 impl Bar {
     fn new(cell: &Cell, measured: &Measured, stages: &[String], experiment: &Experiment) -> Bar {
         let mut parts = vec![0.0; stages.len() + 1];
-        for stage in &measured.stages {
+        // A time below the clock's resolution has no length.
+        for stage in measured.stages.iter().filter(|s| s.is_resolved()) {
             let place = stages.iter().position(|name| *name == stage.stage);
             parts[place.unwrap_or(stages.len())] += stage.time.median / NS_PER_MS;
         }

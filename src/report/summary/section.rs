@@ -9,7 +9,7 @@ use super::super::{ERROR_PICTURE, Section, view::Entry};
 use super::{clock_name, image};
 use crate::experiments::schema::Published;
 use crate::experiments::{fits, fps};
-use crate::record::{Cell, Estimate, Measured, Outcome};
+use crate::record::{Cell, Estimate, Measured, Outcome, StageRecord};
 use crate::text;
 
 /// Cells beside each other in one table of stages.
@@ -214,28 +214,32 @@ fn stages(section: &Section<'_>, text: &mut String) {
                 .chain(cells.iter().map(|(cell, _)| name(cell))),
         );
         for stage in stage_names(cells) {
-            let of = |measured: &Measured| {
-                let found = measured.stages.iter().find(|record| record.stage == stage);
-                found.map(|record| (record.clock, record.time))
-            };
             let mut clocks: Vec<&str> = Vec::new();
             let mut times = Vec::new();
             for (_, measured) in cells {
-                let Some((clock, time)) = of(measured) else {
+                let Some(record) = measured.stages.iter().find(|s| s.stage == stage) else {
                     times.push("–".to_owned());
                     continue;
                 };
-                if !clocks.contains(&clock_name(clock)) {
-                    clocks.push(clock_name(clock));
+                if !clocks.contains(&clock_name(record.clock)) {
+                    clocks.push(clock_name(record.clock));
                 }
-                times.push(format::ms(&time));
+                times.push(format::stage_ms(record));
             }
             let head = [stage.to_owned(), clocks.join(", ")];
             table.row(head.into_iter().chain(times));
         }
         *text += &table.markdown();
     }
+    let unresolved = |measured: &Measured| !measured.stages.iter().all(StageRecord::is_resolved);
+    if all.iter().any(|(_, measured)| unresolved(measured)) {
+        *text += BELOW_RESOLUTION;
+    }
 }
+
+/// Said of a table that has such times.
+const BELOW_RESOLUTION: &str = "`<`: shorter than the scatter of a submission's cost, which is taken off fenced times; no \
+    ratio or slope is drawn from such a time.\n\n";
 
 /// Stages of the cells in frame order; those that only later cells have come last.
 fn stage_names<'a>(cells: &[(&Cell, &'a Measured)]) -> Vec<&'a str> {
@@ -261,17 +265,18 @@ fn throughput(section: &Section<'_>, text: &mut String) {
     let Some((cell, measured)) = longest else {
         return;
     };
-    let total: f64 = measured.stages.iter().map(|stage| stage.time.median).sum();
+    let total_ns: f64 = measured.stages.iter().map(|stage| stage.time.median).sum();
     let mut table = Table::new(["stage", "share of the stages", "photons/s", "fragments/s"]);
     for stage in &measured.stages {
+        let resolved = stage.is_resolved();
         let rate = |count: u64| match count {
-            0 => "–".to_owned(),
-            count => format::si(count as f64 / (stage.time.median * 1e-9)),
+            count if count > 0 && resolved => format::si(count as f64 / (stage.time.median * 1e-9)),
+            _ => "–".to_owned(),
         };
         if stage.work.photons > 0 || stage.work.fragments > 0 {
             table.row([
                 stage.stage.clone(),
-                format::percent(stage.time.median / total),
+                share(stage, total_ns),
                 rate(stage.work.photons),
                 rate(stage.work.fragments),
             ]);
@@ -282,6 +287,11 @@ fn throughput(section: &Section<'_>, text: &mut String) {
         let _ = writeln!(text, "Throughput by declared work in {cell}:\n");
         *text += &table.markdown();
     }
+}
+
+fn share(stage: &StageRecord, total_ns: f64) -> String {
+    let bound = if stage.is_resolved() { "" } else { "< " };
+    bound.to_owned() + &format::percent(stage.time.median / total_ns)
 }
 
 fn quantities(section: &Section<'_>, text: &mut String) {

@@ -36,8 +36,11 @@ pub struct Query {
 
 /// What a query of so many points asks of an adapter.
 pub fn demand(points: u64) -> Demand {
+    let bytes = points * Point::min_size().get();
     Demand::new()
-        .storage("points", points * Point::min_size().get())
+        .storage("points", bytes)
+        .holds("points", bytes + points * size_of::<f32>() as u64)
+        .copies("points", bytes)
         .dispatch(INFO.name, kit::linear_workgroups(points).map(u64::from))
 }
 

@@ -1,0 +1,148 @@
+//! The least pass of each kind: the host time of a submission that holds nothing else is what a submission costs.
+
+use std::time::Instant;
+
+use super::scope::ns_between;
+use crate::gpu::shader::compilation_options;
+use crate::gpu::{Gpu, GpuError};
+use crate::record::PassKind;
+
+/// Invocations of the least compute pass: one workgroup.
+const GROUP_SIZE: u32 = 64;
+const RESULT_BYTES: u64 = GROUP_SIZE as u64 * 4;
+/// Iterations of the least compute pass, in a uniform of this size.
+const ITERATIONS: u32 = 1;
+const UNIFORM_BYTES: u64 = 16;
+
+/// Pipelines and resources of the least passes.
+pub(in crate::gpu) struct Probe {
+    compute: wgpu::ComputePipeline,
+    bindings: wgpu::BindGroup,
+    target: wgpu::TextureView,
+    copied: [wgpu::Buffer; 2],
+}
+
+impl Probe {
+    pub(in crate::gpu) fn new(gpu: &Gpu) -> Result<Self, GpuError> {
+        use wgpu::BufferUsages as Usage;
+        let shader = gpu.shader("audit/kernels", &kernel_definitions())?;
+        gpu.scoped(|| {
+            let compute = compute_pipeline(gpu, &shader);
+            let iterations = buffer(gpu, UNIFORM_BYTES, Usage::UNIFORM | Usage::COPY_DST);
+            gpu.queue
+                .write_buffer(&iterations, 0, &ITERATIONS.to_le_bytes());
+            let results = buffer(gpu, RESULT_BYTES, Usage::STORAGE);
+            let bindings = bind(gpu, &compute, [&iterations, &results]);
+            Ok(Self {
+                compute,
+                bindings,
+                target: target(gpu),
+                copied: [Usage::COPY_SRC, Usage::COPY_DST]
+                    .map(|usage| buffer(gpu, wgpu::COPY_BUFFER_ALIGNMENT, usage)),
+            })
+        })
+    }
+
+    /// Host time in ns from the submission to the fence of the least pass of this kind.
+    pub(in crate::gpu) fn time(&self, gpu: &Gpu, kind: PassKind) -> Result<f64, GpuError> {
+        let commands = self.encode(gpu, kind);
+        let submit = Instant::now();
+        let index = gpu.queue.submit([commands]);
+        gpu.wait_for(Some(index))?;
+        Ok(ns_between(submit, Instant::now()))
+    }
+
+    fn encode(&self, gpu: &Gpu, kind: PassKind) -> wgpu::CommandBuffer {
+        let mut encoder = gpu.device.create_command_encoder(&Default::default());
+        match kind {
+            PassKind::Compute => {
+                let mut pass = encoder.begin_compute_pass(&Default::default());
+                pass.set_pipeline(&self.compute);
+                pass.set_bind_group(0, &self.bindings, &[]);
+                pass.dispatch_workgroups(1, 1, 1);
+            }
+            PassKind::Render => drop(encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
+                color_attachments: &[Some(cleared(&self.target))],
+                ..Default::default()
+            })),
+            PassKind::Copy => {
+                let [from, to] = &self.copied;
+                encoder.copy_buffer_to_buffer(from, 0, to, 0, wgpu::COPY_BUFFER_ALIGNMENT);
+            }
+            PassKind::Host => {}
+        }
+        encoder.finish()
+    }
+}
+
+/// The shader's render kernel is not used here, but its definitions must have values.
+fn kernel_definitions() -> [(&'static str, i32); 3] {
+    [
+        ("GROUP_SIZE", GROUP_SIZE as i32),
+        ("QUADS_PER_EDGE", 1),
+        ("VERTEX_SHARE", 1),
+    ]
+}
+
+fn compute_pipeline(gpu: &Gpu, module: &wgpu::ShaderModule) -> wgpu::ComputePipeline {
+    gpu.device
+        .create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
+            label: Some("least compute pass"),
+            layout: None,
+            module,
+            entry_point: Some("main"),
+            compilation_options: compilation_options(),
+            cache: None,
+        })
+}
+
+fn bind(
+    gpu: &Gpu,
+    pipeline: &wgpu::ComputePipeline,
+    buffers: [&wgpu::Buffer; 2],
+) -> wgpu::BindGroup {
+    let entries = [0, 1].map(|binding: usize| wgpu::BindGroupEntry {
+        binding: binding as u32,
+        resource: buffers[binding].as_entire_binding(),
+    });
+    gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
+        label: Some("least compute pass"),
+        layout: &pipeline.get_bind_group_layout(0),
+        entries: &entries,
+    })
+}
+
+fn buffer(gpu: &Gpu, size: u64, usage: wgpu::BufferUsages) -> wgpu::Buffer {
+    gpu.device.create_buffer(&wgpu::BufferDescriptor {
+        label: Some("least pass"),
+        size,
+        usage,
+        mapped_at_creation: false,
+    })
+}
+
+fn target(gpu: &Gpu) -> wgpu::TextureView {
+    let texture = gpu.device.create_texture(&wgpu::TextureDescriptor {
+        label: Some("least render pass"),
+        size: wgpu::Extent3d::default(),
+        mip_level_count: 1,
+        sample_count: 1,
+        dimension: wgpu::TextureDimension::D2,
+        format: wgpu::TextureFormat::Rgba8Unorm,
+        usage: wgpu::TextureUsages::RENDER_ATTACHMENT,
+        view_formats: &[],
+    });
+    texture.create_view(&wgpu::TextureViewDescriptor::default())
+}
+
+fn cleared(view: &wgpu::TextureView) -> wgpu::RenderPassColorAttachment<'_> {
+    wgpu::RenderPassColorAttachment {
+        view,
+        depth_slice: None,
+        resolve_target: None,
+        ops: wgpu::Operations {
+            load: wgpu::LoadOp::Clear(wgpu::Color::BLACK),
+            store: wgpu::StoreOp::Store,
+        },
+    }
+}

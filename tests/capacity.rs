@@ -1,0 +1,278 @@
+//! Memory and time of a pipeline, foreseen before anything is allocated.
+
+use assert_cmd::Command;
+use fathom::gpu::{Capacity, Gpu, Options};
+use fathom::harness::plan::{Request, plan};
+use fathom::harness::subject::{Subject, Subjects};
+use serde_json::{Value, json};
+
+const GIB: u64 = 1 << 30;
+
+/// A pipeline, a scene, and what is set.
+type Case<'a> = (&'a str, &'a str, &'a [(&'a str, Value)]);
+
+fn gpu() -> Gpu {
+    Gpu::open(&Options::default())
+        .expect("a Vulkan driver: `make test` installs lavapipe where there is none")
+}
+
+fn subject(subjects: &mut Subjects, pipeline: &str, scene: &str, set: &[(&str, Value)]) -> Subject {
+    let set = set
+        .iter()
+        .map(|(path, value)| ((*path).to_owned(), value.clone()));
+    let set: Vec<(String, Value)> = set.collect();
+    subjects.subject(pipeline, scene, &set).unwrap()
+}
+
+/// A software adapter with every limit, 4 GiB and two cores.
+fn small_machine() -> Capacity {
+    Capacity {
+        limits: wgpu::Limits {
+            max_texture_dimension_2d: 16_384,
+            max_texture_dimension_3d: 16_384,
+            ..wgpu::Limits::unlimited()
+        },
+        memory_bytes: Some(4 * GIB),
+        frame_s: Some(30.0),
+        threads: 2,
+    }
+}
+
+/// What is foreseen of a pipeline's textures and buffers, and what it allocates, differ by uniforms and index patterns alone.
+#[test]
+fn demands_foresee_what_pipelines_allocate() {
+    let gpu = gpu();
+    let mut subjects = Subjects::within(&gpu.capacity);
+    let cells = json!([48, 48, 48]);
+    let grid = json!(512);
+    let cases: &[Case] = &[
+        ("underwater", "plane", &[]),
+        (
+            "underwater",
+            "plane",
+            &[
+                ("caustics.filter", json!(true)),
+                ("godrays.filter", json!(true)),
+                ("caustics.grid", grid),
+            ],
+        ),
+        ("hsao", "corner", &[("hsao.scale", json!(0.5))]),
+        (
+            "volume_ao",
+            "corner",
+            &[
+                ("ao.skipping", json!(true)),
+                ("voxel.resolution", json!(192)),
+            ],
+        ),
+        (
+            "volume_ao",
+            "corner",
+            &[("ao.filter", json!(false)), ("ao.scale", json!(0.5))],
+        ),
+        (
+            "voxelize",
+            "corner",
+            &[
+                ("voxel.method", json!("slicemap")),
+                ("voxel.resolution", json!(256)),
+            ],
+        ),
+        (
+            "voxelize",
+            "corner",
+            &[
+                ("voxel.method", json!("slice")),
+                ("voxel.resolution", json!(128)),
+            ],
+        ),
+        (
+            "voxelize",
+            "corner",
+            &[
+                ("voxel.method", json!("overlap")),
+                ("voxel.resolution", json!(128)),
+            ],
+        ),
+        (
+            "voxelize",
+            "corner",
+            &[
+                ("voxel.method", json!("max_alpha")),
+                ("pyramid", json!(true)),
+                ("voxel.resolution", json!(128)),
+            ],
+        ),
+        (
+            "scalar_ao",
+            "engine",
+            &[("scalar.mode", json!("isosurface"))],
+        ),
+        (
+            "scalar_ao",
+            "smoke",
+            &[
+                ("scalar.mode", json!("direct")),
+                ("scalar.pyramid", json!(true)),
+                ("volume.cells", cells),
+            ],
+        ),
+    ];
+    for (pipeline, scene, set) in cases {
+        let subject = subject(&mut subjects, pipeline, scene, set);
+        let demand = (subject.kind.demand)(&subject.params, &subject.scene).unwrap();
+        let foreseen = demand.held_bytes() as f64;
+        let allocated = subject.build(&gpu).unwrap().allocated_bytes() as f64;
+        // Uniforms, materials and index patterns.
+        let small = 256.0 * 1024.0;
+        assert!(
+            foreseen >= 0.98 * allocated - small && foreseen <= 1.02 * allocated + small,
+            "{pipeline} on {scene}, {set:?}: foreseen {foreseen}, allocated {allocated}"
+        );
+    }
+}
+
+#[test]
+fn a_view_beyond_the_memory_is_refused_with_the_numbers() {
+    let capacity = small_machine();
+    let mut subjects = Subjects::within(&capacity);
+    for (pipeline, scene) in [
+        ("underwater", "plane"),
+        ("hsao", "corner"),
+        ("voxelize", "corner"),
+        ("volume_ao", "corner"),
+    ] {
+        let large = [
+            ("view.width", json!(16_384)),
+            ("view.height", json!(16_384)),
+        ];
+        let reason = subject(&mut subjects, pipeline, scene, &large)
+            .beyond(&capacity)
+            .unwrap();
+        let reason = reason.unwrap_or_else(|| panic!("{pipeline}"));
+        assert!(
+            reason.starts_with("view.width × view.height: asks"),
+            "{reason}"
+        );
+        assert!(
+            reason.ends_with("or give --allow-large") && !reason.contains('\n'),
+            "{reason}"
+        );
+        let plain = subject(&mut subjects, pipeline, scene, &[]);
+        assert_eq!(plain.beyond(&capacity).unwrap(), None);
+    }
+}
+
+#[test]
+fn a_frame_of_minutes_is_refused_and_allowed_where_nothing_bounds_it() {
+    let capacity = small_machine();
+    let mut subjects = Subjects::within(&capacity);
+    let slow: [Case; 3] = [
+        ("volume_ao", "corner", &[("ao.rays", json!(5_000))]),
+        (
+            "hsao",
+            "corner",
+            &[("view.width", json!(4_096)), ("view.height", json!(4_096))],
+        ),
+        (
+            "scalar_ao",
+            "smoke",
+            &[
+                ("scalar.mode", json!("direct")),
+                ("view.width", json!(4_096)),
+                ("view.height", json!(4_096)),
+            ],
+        ),
+    ];
+    for (pipeline, scene, set) in slow {
+        let subject = subject(&mut subjects, pipeline, scene, set);
+        let reason = subject
+            .beyond(&capacity)
+            .unwrap()
+            .unwrap_or_else(|| panic!("{pipeline}"));
+        assert!(reason.contains("a frame would take about"), "{reason}");
+        let limits_alone = Capacity::from(capacity.limits.clone());
+        assert_eq!(subject.beyond(&limits_alone).unwrap(), None);
+    }
+}
+
+/// The scene would take minutes and gigabytes to make.
+#[test]
+fn a_volume_beyond_the_limits_is_refused_before_its_scene_is_made() {
+    let capacity = small_machine();
+    let mut subjects = Subjects::within(&capacity);
+    let cells = [("volume.cells", json!([134_217_728, 1, 1]))];
+    let subject = subject(&mut subjects, "scalar_ao", "smoke", &cells);
+    assert!(subject.scene.volume.as_ref().unwrap().data.len() < 1_000);
+    let reason = subject
+        .beyond(&capacity)
+        .unwrap()
+        .expect("it is beyond the limits");
+    assert!(
+        reason.starts_with("volume.cells: asks 134217728 of max_texture_dimension_3d"),
+        "{reason}"
+    );
+}
+
+#[test]
+fn the_default_suite_fits_a_machine_of_two_cores_and_4_gib() {
+    let request = Request::default();
+    let experiments = request.load().unwrap();
+    let planned = plan(experiments, &request, "quick", &small_machine()).unwrap();
+    let cells = planned.iter().flat_map(|experiment| &experiment.cells);
+    let skipped: Vec<_> = cells
+        .filter_map(|cell| Some((&cell.plan.experiment, &cell.plan.cell, cell.skip.as_ref()?)))
+        .collect();
+    assert!(skipped.is_empty(), "{skipped:?}");
+}
+
+#[test]
+fn commands_refuse_in_one_line_and_runs_skip() {
+    let refusal = |arguments: &[&str]| {
+        let out = Command::new(env!("CARGO_BIN_EXE_fathom"))
+            .args(arguments)
+            .output()
+            .unwrap();
+        let message = String::from_utf8(out.stderr).unwrap();
+        assert_eq!(out.status.code(), Some(2), "{arguments:?}: {message}");
+        assert_eq!(message.lines().count(), 1, "{message}");
+        message
+    };
+    let folder = tempfile::tempdir().unwrap();
+    let target = folder.path().to_str().unwrap();
+    let volume = [
+        "--pipeline",
+        "scalar_ao",
+        "--set",
+        "volume.cells=[134217728,1,1]",
+    ];
+    let image = format!("{target}/a.png");
+    let message = refusal(&[&["render", "smoke", "-o", &image][..], &volume].concat());
+    assert!(message.contains("volume.cells"), "{message}");
+    let dump = ["dump", "scalar/direct", "--scene", "smoke", "-o", target];
+    assert!(refusal(&[&dump[..], &volume].concat()).contains("volume.cells"));
+    let experiment = folder.path().join("large.toml");
+    std::fs::write(&experiment, LARGE).unwrap();
+    let run = ["run", experiment.to_str().unwrap(), "--out", target];
+    let out = Command::new(env!("CARGO_BIN_EXE_fathom"))
+        .args(run)
+        .output()
+        .unwrap();
+    let message = String::from_utf8(out.stderr).unwrap();
+    assert_eq!(out.status.code(), Some(2), "{message}");
+    assert!(
+        message.contains("every cell was skipped; volume.cells: asks 134217728"),
+        "{message}"
+    );
+}
+
+const LARGE: &str = r#"
+id = "large"
+title = "t"
+source = "s"
+pipeline = "scalar_ao"
+scene = "smoke"
+
+[params]
+volume.cells = [134217728, 1, 1]
+"#;
