@@ -5,20 +5,25 @@ use std::path::{Path, PathBuf};
 
 /// Module → the crate's modules that it may import, itself apart.
 const RULE: &[(&str, &[&str])] = &[
-    ("record", &[]),
+    ("input", &[]),
+    ("record", &["input"]),
     ("statistics", &["record"]),
-    ("scene", &[]),
+    ("scene", &["input"]),
     ("reference", &["scene"]),
     ("gpu", &["record"]),
     ("stages", &["gpu", "record", "scene"]),
     ("pipelines", &["gpu", "record", "scene", "stages"]),
-    ("experiments", &["pipelines", "record", "statistics"]),
+    (
+        "experiments",
+        &["input", "pipelines", "record", "statistics"],
+    ),
     ("report", &["experiments", "record", "statistics"]),
     (
         "harness",
         &[
             "experiments",
             "gpu",
+            "input",
             "pipelines",
             "record",
             "reference",
@@ -34,6 +39,7 @@ const RULE: &[(&str, &[&str])] = &[
             "experiments",
             "gpu",
             "harness",
+            "input",
             "pipelines",
             "record",
             "reference",

@@ -9,6 +9,7 @@ use thiserror::Error;
 
 use super::protocol;
 use crate::experiments::{flatten, nearest};
+use crate::input;
 
 static BUILT_IN: &str = include_str!("../../benches/gates.toml");
 
@@ -115,10 +116,11 @@ impl Gates {
         match path {
             None => Self::parse("benches/gates.toml", BUILT_IN),
             Some(path) => {
-                let text = std::fs::read_to_string(path).map_err(|source| CellsError::Read {
-                    path: path.to_owned(),
-                    source,
-                })?;
+                let text =
+                    input::text(path, input::MAX_TEXT).map_err(|source| CellsError::Read {
+                        path: path.to_owned(),
+                        source,
+                    })?;
                 Self::parse(&path.display().to_string(), &text)
             }
         }

@@ -13,6 +13,8 @@ use std::path::{Path, PathBuf};
 
 use include_dir::{Dir, include_dir};
 
+use crate::input;
+
 pub use claims::{Ruling, Scaling, Verdict, groups, scaling};
 pub use expand::{CellPlan, Profile, ReferencePlan, flatten, label_text, parse_axis, parse_set};
 pub use measure::{Measure, Reading, fits, fps, lookup, measured, same};
@@ -116,7 +118,7 @@ impl Experiment {
                 nearest: nearest(id_or_path, ids.iter().map(String::as_str)),
             });
         }
-        let text = std::fs::read_to_string(path).map_err(|source| ExperimentError::Read {
+        let text = input::text(path, input::MAX_TEXT).map_err(|source| ExperimentError::Read {
             path: path.to_owned(),
             source,
         })?;

@@ -2,13 +2,20 @@
 //! everything that is sound and says what is not.
 
 use std::fs::{File, OpenOptions};
-use std::io::{Read, Seek, SeekFrom, Write};
+use std::io::{BufReader, Read, Seek, SeekFrom, Write};
 use std::marker::PhantomData;
 use std::path::{Path, PathBuf};
 
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use serde_json::Value;
+
+use crate::input::{self, LineEnd};
+
+/// Largest file that is read, bytes: more than 100,000 cells of ten stages with 30 samples each.
+const MAX_FILE: u64 = 512 << 20;
+/// Longest line that is read, bytes: a cell of ten stages with 40,000 samples each.
+const MAX_LINE: usize = 8 << 20;
 
 /// What a file of lines holds.
 pub trait Line: Serialize + DeserializeOwned {
@@ -174,18 +181,19 @@ impl<T> Default for Lines<T> {
 /// Reads every sound line of a file. Damaged lines, the torn last one of a crash among them, are listed
 /// and left out; a line in another format is an error.
 pub fn read_lines<T: Line>(path: &Path) -> Result<Lines<T>, RecordError> {
-    let bytes = std::fs::read(path).map_err(io("read", path))?;
+    let file = input::plain(path, MAX_FILE).map_err(io("read", path))?;
+    let mut lines = input::Lines::new(BufReader::new(file), MAX_LINE);
     let mut reading = Lines::default();
-    let torn_line = match bytes.last() {
-        None | Some(b'\n') => None,
-        Some(_) => Some(bytes.split(|byte| *byte == b'\n').count()),
-    };
-    for (index, line) in bytes.split(|byte| *byte == b'\n').enumerate() {
-        let number = index + 1;
-        if line.iter().all(u8::is_ascii_whitespace) {
+    while let Some(end) = lines.next().map_err(io("read", path))? {
+        let number = lines.number;
+        if lines.line.iter().all(u8::is_ascii_whitespace) {
             continue;
         }
-        match parse(line) {
+        let parsed = match end {
+            LineEnd::TooLong => Parsed::Damaged(format!("longer than {} MiB", MAX_LINE >> 20)),
+            _ => parse(&lines.line),
+        };
+        match parsed {
             Parsed::Line(line) => reading.lines.push(line),
             Parsed::OtherSchema(found) => {
                 return Err(RecordError::Schema {
@@ -197,8 +205,7 @@ pub fn read_lines<T: Line>(path: &Path) -> Result<Lines<T>, RecordError> {
                 });
             }
             Parsed::Damaged(reason) => {
-                let torn = torn_line == Some(number);
-                let reason = if torn {
+                let reason = if end == LineEnd::File {
                     format!("torn off while it was written ({reason})")
                 } else {
                     reason

@@ -13,12 +13,10 @@ use super::{
     Camera, Light, Material, Mesh, Object, SceneError, VolumeFile, Water, assets, check,
     generators, toml_text,
 };
+use crate::input;
 
 /// The scene files that come with the program.
 static BUILT_IN: Dir<'_> = include_dir!("$CARGO_MANIFEST_DIR/scenes");
-
-/// Largest scene file that is read, bytes.
-const MAX_FILE_BYTES: u64 = 1 << 20;
 
 /// What a scene file holds. A file's `base` (a scene whose tables and objects it starts from) and
 /// `without` (names of the base's objects to leave out) are resolved while it is read.
@@ -288,12 +286,5 @@ fn read(path: &Path) -> Result<String, SceneError> {
         path: PathBuf::from(path),
         source,
     };
-    let size = std::fs::metadata(path).map_err(failed)?.len();
-    if size > MAX_FILE_BYTES {
-        return Err(SceneError::Parse {
-            origin: path.display().to_string(),
-            message: format!("{size} bytes; a scene file has at most {MAX_FILE_BYTES}"),
-        });
-    }
-    std::fs::read_to_string(path).map_err(failed)
+    input::text(path, input::MAX_TEXT).map_err(failed)
 }
