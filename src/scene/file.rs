@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{
     Camera, Light, Material, Mesh, Object, SceneError, VolumeFile, Water, assets, check,
-    generators, toml_text,
+    generators, read, toml_text,
 };
 use crate::input;
 
@@ -223,14 +223,18 @@ impl ObjectFile {
         Ok(())
     }
 
-    /// Makes or reads the mesh and puts it into the world. An absent asset's stand-in is added to
+    /// Makes or reads the mesh, of at most `triangles`, and puts it into the world. An absent asset's stand-in is added to
     /// `stand_ins`.
     pub(super) fn build(
         &self,
         file: &SceneFile,
+        triangles: usize,
         stand_ins: &mut Vec<String>,
     ) -> Result<Object, String> {
-        let mesh = self.mesh(file, stand_ins)?;
+        let mesh = self.mesh(file, triangles, stand_ins)?;
+        if mesh.triangle_count() > triangles {
+            return Err(read::too_many_triangles(triangles));
+        }
         let matrix = self.transform.matrix(&mesh, file.floor_depth_m);
         let mesh = mesh.transformed(&matrix);
         mesh.validate()?;
@@ -241,12 +245,18 @@ impl ObjectFile {
         })
     }
 
-    fn mesh(&self, file: &SceneFile, stand_ins: &mut Vec<String>) -> Result<Mesh, String> {
+    fn mesh(
+        &self,
+        file: &SceneFile,
+        triangles: usize,
+        stand_ins: &mut Vec<String>,
+    ) -> Result<Mesh, String> {
         if let Some(name) = &self.generator {
             return generators::find(name)?.mesh(&self.params, file.floor_depth_m);
         }
         if let Some(path) = &self.file {
-            return Mesh::read(&file.folder.join(path)).map_err(|e| e.to_string());
+            let path = file.folder.join(path);
+            return Mesh::read_within(&path, triangles).map_err(|e| e.to_string());
         }
         let name = self.asset.as_deref().unwrap_or_default();
         let asset = assets::named(name).map_err(|e| e.to_string())?;
@@ -256,7 +266,7 @@ impl ObjectFile {
             ));
         }
         if let Some(path) = assets::find(name) {
-            return Mesh::read(&path).map_err(|e| e.to_string());
+            return Mesh::read_within(&path, triangles).map_err(|e| e.to_string());
         }
         let generator = generators::find(asset.stand_in.0)?;
         let mesh = generator.mesh(&asset.stand_in_params(), file.floor_depth_m)?;
@@ -278,13 +288,9 @@ pub(super) fn find(name_or_path: &str) -> Result<(String, String), SceneError> {
             hint: check::hint(name_or_path, names.iter().copied()),
         });
     }
-    read(path).map(|text| (name_or_path.to_owned(), text))
-}
-
-fn read(path: &Path) -> Result<String, SceneError> {
-    let failed = |source| SceneError::Read {
-        path: PathBuf::from(path),
+    let text = input::text(path, input::MAX_TEXT).map_err(|source| SceneError::Read {
+        path: path.to_owned(),
         source,
-    };
-    input::text(path, input::MAX_TEXT).map_err(failed)
+    })?;
+    Ok((name_or_path.to_owned(), text))
 }

@@ -163,12 +163,15 @@ impl Scene {
         };
         file.validate().map_err(invalid)?;
         let mut stand_ins = Vec::new();
-        let build = |object: &ObjectFile| {
-            object
-                .build(file, &mut stand_ins)
-                .map_err(|m| invalid(format!("object `{}`: {m}", object.name)))
-        };
-        let objects: Vec<Object> = file.objects.iter().map(build).collect::<Result<_, _>>()?;
+        let mut left = MAX_TRIANGLES;
+        let mut objects = Vec::new();
+        for object in &file.objects {
+            let built = object
+                .build(file, left, &mut stand_ins)
+                .map_err(|m| invalid(format!("object `{}`: {m}", object.name)))?;
+            left -= built.mesh.triangle_count();
+            objects.push(built);
+        }
         let volume = file.volume.as_ref();
         let volume = volume
             .map(|v| v.build(file, &mut stand_ins))
