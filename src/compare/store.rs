@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use serde::{Deserialize, Serialize};
+use serde::{Deserialize, Deserializer, Serialize, de};
 use thiserror::Error;
 
 use super::cells::CellId;
@@ -112,10 +112,13 @@ pub struct Build {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Settings {
     /// Family-wise error of the time gate; the intervals of each of its measurements have the coverage 1 − alpha.
+    #[serde(deserialize_with = "share")]
     pub alpha: f64,
     /// Share by which a time must differ to matter.
+    #[serde(deserialize_with = "share")]
     pub threshold: f64,
     /// Share by which an instruction count must differ to matter.
+    #[serde(deserialize_with = "share")]
     pub instruction_threshold: f64,
     /// Pairs of worker processes, in each of the two measurements of the time gate.
     pub launches: u32,
@@ -126,6 +129,17 @@ pub struct Settings {
     /// Sides were measured one after the other, in no pairs: from files of records.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub unpaired: bool,
+}
+
+/// A number between 0 and 1: no verdict follows from another.
+fn share<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f64, D::Error> {
+    let share = f64::deserialize(deserializer)?;
+    if 0.0 < share && share < 1.0 {
+        return Ok(share);
+    }
+    Err(de::Error::custom(format!(
+        "{share} is no share between 0 and 1"
+    )))
 }
 
 /// Exact figures of a whole configuration.

@@ -16,7 +16,10 @@ use include_dir::{Dir, include_dir};
 use crate::input;
 
 pub use claims::{Ruling, Scaling, Verdict, groups, scaling};
-pub use expand::{CellPlan, Profile, ReferencePlan, flatten, label_text, parse_axis, parse_set};
+pub use expand::{
+    CellPlan, MAX_CELLS, MAX_PLAN_BYTES, Profile, ReferencePlan, flatten, label_text, parse_axis,
+    parse_set,
+};
 pub use measure::{Measure, Reading, fits, fps, lookup, measured, same};
 pub use schema::Experiment;
 
@@ -64,6 +67,16 @@ pub enum ExperimentError {
         axis: String,
         path: String,
     },
+    #[error(
+        "experiment `{experiment}` has {cells} cells, references and views counted too: at most {MAX_CELLS} are planned at once"
+    )]
+    TooManyCells { experiment: String, cells: u64 },
+    #[error(
+        "experiment `{experiment}`: its cells, each with its parameters, take {} MiB: at most {} MiB are planned at once",
+        bytes >> 20,
+        MAX_PLAN_BYTES >> 20
+    )]
+    TooLarge { experiment: String, bytes: u64 },
     #[error("`{text}` is not of the form {form}")]
     Assignment { text: String, form: &'static str },
 }

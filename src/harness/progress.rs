@@ -8,6 +8,9 @@ use indicatif::{ProgressBar, ProgressStyle};
 use crate::experiments::CellPlan;
 use crate::record::{Cell, Outcome};
 
+/// Longest budget that is counted down, seconds: a year. A point in time too far away cannot be told.
+const LONGEST_S: f64 = 365.0 * 86_400.0;
+
 /// Follows a run over all its cells.
 pub struct Progress {
     bar: Option<ProgressBar>,
@@ -26,7 +29,8 @@ impl Progress {
                 .unwrap_or_else(|_| ProgressStyle::default_bar());
             bar.with_style(style)
         });
-        let end = Instant::now() + Duration::try_from_secs_f64(budget_s).unwrap_or(Duration::ZERO);
+        let budget = Duration::try_from_secs_f64(budget_s.clamp(0.0, LONGEST_S));
+        let end = Instant::now() + budget.unwrap_or(Duration::ZERO);
         Self {
             bar,
             total,
