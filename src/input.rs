@@ -110,6 +110,13 @@ pub fn unpacked(path: &Path, limit: u64) -> io::Result<Box<dyn Read>> {
     })
 }
 
+/// A file's bytes at once, no more than `limit`.
+pub fn bytes(path: &Path, limit: u64) -> io::Result<Vec<u8>> {
+    let mut bytes = Vec::new();
+    plain(path, limit)?.read_to_end(&mut bytes)?;
+    Ok(bytes)
+}
+
 /// A file's text, no more than `limit` bytes of it.
 pub fn text(path: &Path, limit: u64) -> io::Result<String> {
     let mut text = String::new();

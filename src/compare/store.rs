@@ -15,6 +15,11 @@ pub const SCHEMA: u32 = 1;
 /// Name of the lines' file in a comparison's folder.
 pub const COMPARISON: &str = "comparison.jsonl";
 
+/// Most launches of a measurement: the time to judge them grows with their square, and is seconds for so many.
+pub const MOST_LAUNCHES: u32 = 200;
+/// Most pairs of a cell in a launch of the first measurement; the second takes up to four times as many.
+pub const MOST_PAIRS: u32 = 1000;
+
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Side {
@@ -395,6 +400,7 @@ impl Comparison {
                 Line::End(line) => all.ended(line),
             }
         }
+        all.leave_out_launches();
         all.count_whole_launches();
         Some(all)
     }
@@ -425,6 +431,23 @@ impl Comparison {
         }
         end.wall_s += self.end.as_ref().map_or(0.0, |before| before.wall_s);
         self.end = Some(end);
+    }
+
+    /// Leaves out launches beyond those that a comparison may have, and says so.
+    fn leave_out_launches(&mut self) {
+        let all = self.launches.len();
+        let mut counts = [0; 2];
+        self.launches.retain(|launch| {
+            let count = &mut counts[usize::from(launch.second)];
+            *count += 1;
+            *count <= MOST_LAUNCHES as usize
+        });
+        let left_out = all - self.launches.len();
+        if left_out > 0 {
+            self.damaged.push(format!(
+                "{left_out} launches beyond the first {MOST_LAUNCHES} of a measurement were left out"
+            ));
+        }
     }
 
     /// Leaves out the pairs of launches that were cut short, whose numbers are nevertheless taken.

@@ -71,10 +71,10 @@ pub struct ReferencePlan {
 /// `name=v1,v2,v3` as a name and its values; commas inside brackets do not divide.
 pub fn parse_axis(text: &str) -> Result<(String, Vec<String>), ExperimentError> {
     let error = || ExperimentError::Assignment {
-        text: text.to_owned(),
+        text: text.escape_debug().to_string(),
         form: "NAME=VALUE,VALUE,…",
     };
-    let (name, list) = text.split_once('=').ok_or_else(error)?;
+    let (name, list) = on_one_line(text).ok_or_else(error)?;
     let mut values = vec![String::new()];
     let mut depth = 0_i32;
     for c in list.chars() {
@@ -97,15 +97,21 @@ pub fn parse_axis(text: &str) -> Result<(String, Vec<String>), ExperimentError> 
 
 /// `path=value` as a dotted path and a value: JSON where it is JSON, else a string.
 pub fn parse_set(text: &str) -> Result<(String, Value), ExperimentError> {
-    match text.split_once('=') {
+    match on_one_line(text) {
         Some((path, value)) if !path.trim().is_empty() && !value.trim().is_empty() => {
             Ok((path.trim().to_owned(), parse_value(value.trim())))
         }
         _ => Err(ExperimentError::Assignment {
-            text: text.to_owned(),
+            text: text.escape_debug().to_string(),
             form: "PATH=VALUE",
         }),
     }
+}
+
+/// What stands before and after the first `=` of an argument. No name and no value holds a control character.
+fn on_one_line(text: &str) -> Option<(&str, &str)> {
+    text.split_once('=')
+        .filter(|_| !text.contains(char::is_control))
 }
 
 fn parse_value(text: &str) -> Value {

@@ -120,3 +120,17 @@ fn describe(outcome: &Outcome) -> String {
         Outcome::Failed { reason } => format!("failed: {reason}"),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A time too far away to be told is a year away.
+    #[test]
+    fn any_budget_is_counted_down() {
+        for budget_s in [f64::MIN_POSITIVE, 1e19, f64::MAX] {
+            let progress = Progress::new(1, budget_s, true);
+            assert!(progress.end <= Instant::now() + Duration::from_secs_f64(LONGEST_S));
+        }
+    }
+}

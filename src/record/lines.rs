@@ -2,7 +2,7 @@
 //! everything that is sound and says what is not.
 
 use std::fs::{File, OpenOptions};
-use std::io::{BufReader, Read, Seek, SeekFrom, Write};
+use std::io::{Read, Seek, SeekFrom, Write};
 use std::marker::PhantomData;
 use std::path::{Path, PathBuf};
 
@@ -10,10 +10,10 @@ use serde::Serialize;
 use serde::de::DeserializeOwned;
 use serde_json::Value;
 
-use crate::input::{self, LineEnd};
+use crate::input;
 
-/// Largest file that is read, bytes: more than 100,000 cells of ten stages with 30 samples each.
-const MAX_FILE: u64 = 512 << 20;
+/// Largest file that is read, bytes: 100,000 cells of ten stages with 30 samples each.
+pub const MAX_FILE: u64 = 512 << 20;
 /// Longest line that is read, bytes: a cell of ten stages with 40,000 samples each.
 const MAX_LINE: usize = 8 << 20;
 
@@ -156,7 +156,7 @@ fn io(action: &'static str, path: &Path) -> impl FnOnce(std::io::Error) -> Recor
 
 /// A line that could not be read, numbered from 1.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("line {line}: {reason}")]
+#[error("line {line}: {}", reason.replace('\n', " "))]
 pub struct Damage {
     pub line: usize,
     pub reason: String,
@@ -181,19 +181,18 @@ impl<T> Default for Lines<T> {
 /// Reads every sound line of a file. Damaged lines, the torn last one of a crash among them, are listed
 /// and left out; a line in another format is an error.
 pub fn read_lines<T: Line>(path: &Path) -> Result<Lines<T>, RecordError> {
-    let file = input::plain(path, MAX_FILE).map_err(io("read", path))?;
-    let mut lines = input::Lines::new(BufReader::new(file), MAX_LINE);
+    let bytes = input::bytes(path, MAX_FILE).map_err(io("read", path))?;
     let mut reading = Lines::default();
-    while let Some(end) = lines.next().map_err(io("read", path))? {
-        let number = lines.number;
-        if lines.line.iter().all(u8::is_ascii_whitespace) {
+    let torn_line = match bytes.last() {
+        None | Some(b'\n') => None,
+        Some(_) => Some(bytes.split(|byte| *byte == b'\n').count()),
+    };
+    for (index, line) in bytes.split(|byte| *byte == b'\n').enumerate() {
+        let number = index + 1;
+        if line.iter().all(u8::is_ascii_whitespace) {
             continue;
         }
-        let parsed = match end {
-            LineEnd::TooLong => Parsed::Damaged(format!("longer than {} MiB", MAX_LINE >> 20)),
-            _ => parse(&lines.line),
-        };
-        match parsed {
+        match parse(line) {
             Parsed::Line(line) => reading.lines.push(line),
             Parsed::OtherSchema(found) => {
                 return Err(RecordError::Schema {
@@ -205,7 +204,8 @@ pub fn read_lines<T: Line>(path: &Path) -> Result<Lines<T>, RecordError> {
                 });
             }
             Parsed::Damaged(reason) => {
-                let reason = if end == LineEnd::File {
+                let torn = torn_line == Some(number);
+                let reason = if torn {
                     format!("torn off while it was written ({reason})")
                 } else {
                     reason
@@ -227,6 +227,9 @@ enum Parsed<T> {
 }
 
 fn parse<T: Line>(line: &[u8]) -> Parsed<T> {
+    if line.len() > MAX_LINE {
+        return Parsed::Damaged(format!("longer than {} MiB", MAX_LINE >> 20));
+    }
     let value: Value = match serde_json::from_slice(line) {
         Ok(value) => value,
         Err(error) => return Parsed::Damaged(format!("not JSON: {error}")),

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::Duration;
 
-use fathom::compare::{self, cells::Gates};
+use fathom::compare::{self, cells::Gates, store::Comparison, verdict::Verdicts};
 use fathom::experiments::Experiment;
 use fathom::harness::query;
 use fathom::record;
@@ -270,4 +270,59 @@ fn long_and_deep_lines_of_records_are_damage() {
     assert_eq!(read.damaged.len(), 3);
     assert!(read.damaged[0].to_string().contains("longer than 8 MiB"));
     assert!(peak < 64 << 20, "{peak}");
+}
+
+/// A comparison whose text is changed, or whose lines are followed by others.
+fn comparison(change: impl Fn(String) -> String) -> Result<Comparison, String> {
+    let folder = tempfile::tempdir().unwrap();
+    let text = String::from_utf8(seeds::comparisons().remove(0)).unwrap();
+    std::fs::write(folder.path().join("comparison.jsonl"), change(text)).unwrap();
+    told(compare::read(folder.path()))
+}
+
+#[test]
+fn shares_of_a_comparison_lie_between_0_and_1() {
+    for key in ["alpha", "threshold", "instruction_threshold"] {
+        for share in ["1.5", "1", "0", "-0.1", "1e308"] {
+            let start = format!("\"{key}\":0");
+            let changed =
+                comparison(|text| text.replacen(&start, &format!("\"{key}\":{share},\"x\":0"), 1));
+            let fault = changed.unwrap_err();
+            assert!(fault.contains("no sound header"), "{fault}");
+        }
+    }
+    assert!(comparison(|text| text).is_ok());
+}
+
+#[test]
+fn thousands_of_launches_and_pairs_are_judged_by_those_that_count() {
+    let launch = |n: usize| {
+        let times = "\"cell\":\"tank caustics/trace\",\"base_ns\":1e6,\"head_ns\":2e6";
+        format!(
+            "{{\"kind\":\"launch\",\"launch\":{n},\"wall_s\":1,\"notes\":[]}}\n{{\"kind\":\"pair\",\"launch\":{n},\"round\":0,\"first\":\"base\",{times}}}\n"
+        )
+    };
+    let (read, peak) = peak_of(|| {
+        let read = comparison(|text| text + &(10..5000).map(launch).collect::<String>()).unwrap();
+        Verdicts::of(&read);
+        read
+    });
+    assert_eq!(read.launches.len(), 200);
+    assert!(
+        read.damaged[0].contains("4796 launches"),
+        "{:?}",
+        read.damaged
+    );
+    assert!(peak < 64 << 20, "{peak}");
+    let pair = |n: usize| {
+        let first = ["base", "head"][n % 2];
+        format!(
+            "{{\"kind\":\"pair\",\"launch\":0,\"round\":{n},\"first\":\"{first}\",\"cell\":\"tank caustics/trace\",\"base_ns\":1e6,\"head_ns\":{n}e3}}\n"
+        )
+    };
+    let (_, peak) = peak_of(|| {
+        let read = comparison(|text| text + &(1..40_000).map(pair).collect::<String>()).unwrap();
+        Verdicts::of(&read);
+    });
+    assert!(peak < 256 << 20, "{peak}");
 }

@@ -16,7 +16,7 @@ use fathom::harness::subject::Subjects;
 use fathom::scene::{Mesh, Scene, SceneFile};
 use fathom::{pipelines, record};
 use memory::peak_of;
-use mutator::{mutated, mutated_or_packed};
+use mutator::{Input, mutated, mutated_or_packed};
 use proptest::prelude::*;
 use proptest::test_runner::{Config, RngAlgorithm, TestCaseError, TestRng, TestRunner};
 
@@ -91,7 +91,7 @@ fn told<T, E: std::fmt::Display>(result: Result<T, E>) -> Result<T, String> {
 fn fuzz_file(name: &str, seeds: Vec<Vec<u8>>, reader: impl Fn(&Path) -> Answer) {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join(name);
-    fuzz(name, mutated(seeds), |bytes| {
+    fuzz(name, mutated(seeds), |Input(bytes)| {
         std::fs::write(&path, bytes).unwrap();
         reader(&path)
     });
@@ -100,7 +100,7 @@ fn fuzz_file(name: &str, seeds: Vec<Vec<u8>>, reader: impl Fn(&Path) -> Answer) 
 /// The same, sometimes compressed.
 fn fuzz_packed(name: &str, seeds: Vec<Vec<u8>>, reader: impl Fn(&Path) -> Answer) {
     let folder = tempfile::tempdir().unwrap();
-    fuzz(name, mutated_or_packed(seeds), |(bytes, packed)| {
+    fuzz(name, mutated_or_packed(seeds), |(Input(bytes), packed)| {
         let path = folder.path().join(if *packed {
             format!("{name}.gz")
         } else {
@@ -140,7 +140,7 @@ fn experiment_files() {
 #[test]
 fn axis_arguments() {
     let experiment = Experiment::load("uw-photons").unwrap();
-    fuzz("--axis", mutated(seeds::axes()), |bytes| {
+    fuzz("--axis", mutated(seeds::axes()), |Input(bytes)| {
         let (name, values) = told(parse_axis(&String::from_utf8_lossy(bytes)))?;
         told(experiment.cells("quick", &[(name, values)], &[])).map(drop)
     });
@@ -223,7 +223,7 @@ fn keys_of_raw_volumes() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.raw");
     std::fs::write(&path, [0; 24]).unwrap();
-    fuzz("raw keys", mutated(seeds::raw_keys()), |bytes| {
+    fuzz("raw keys", mutated(seeds::raw_keys()), |Input(bytes)| {
         volume(&path, &String::from_utf8_lossy(bytes))
     });
 }
@@ -242,7 +242,7 @@ fn parameters() {
     fuzz("--set", strategy, |(kind, values)| {
         let known = Subjects::default().subject(kind, &scene, &[]);
         let leaves = pipelines::params::leaves(&told(known)?.params);
-        let set = |(leaf, value): &(usize, Vec<u8>)| {
+        let set = |(leaf, Input(value)): &(usize, Input)| {
             let leaf = &leaves[leaf % leaves.len()];
             told(parse_set(&format!(
                 "{leaf}={}",

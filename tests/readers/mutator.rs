@@ -208,31 +208,41 @@ fn number(bytes: &mut Vec<u8>, which: usize, by: &[u8]) {
     bytes.splice(start..end, by.iter().copied());
 }
 
+/// Bytes that a failed test shows as text.
+#[derive(Clone)]
+pub struct Input(pub Vec<u8>);
+
+impl std::fmt::Debug for Input {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{}", self.0.escape_ascii())
+    }
+}
+
 /// One of the seeds with up to five changes.
-pub fn mutated(seeds: Vec<Vec<u8>>) -> impl Strategy<Value = Vec<u8>> {
+pub fn mutated(seeds: Vec<Vec<u8>>) -> impl Strategy<Value = Input> {
     let changes = prop::collection::vec(change(), 0..6);
     (0..seeds.len(), changes).prop_map(move |(seed, changes)| {
         let mut bytes = seeds[seed].clone();
         for change in changes {
             change.made(&mut bytes, &seeds);
         }
-        bytes
+        Input(bytes)
     })
 }
 
 /// The same, sometimes compressed by gzip, and sometimes damaged in its archive. The flag tells of compression.
-pub fn mutated_or_packed(seeds: Vec<Vec<u8>>) -> impl Strategy<Value = (Vec<u8>, bool)> {
+pub fn mutated_or_packed(seeds: Vec<Vec<u8>>) -> impl Strategy<Value = (Input, bool)> {
     let damage = prop::option::weighted(0.3, change());
-    (mutated(seeds), prop::bool::weighted(0.3), damage).prop_map(|(bytes, packed, damage)| {
+    (mutated(seeds), prop::bool::weighted(0.3), damage).prop_map(|(input, packed, damage)| {
         if !packed {
-            return (bytes, false);
+            return (input, false);
         }
-        let mut bytes = gzip(&bytes);
+        let mut bytes = gzip(&input.0);
         if let Some(damage) = damage {
             let seeds = [bytes.clone()];
             damage.made(&mut bytes, &seeds);
         }
-        (bytes, true)
+        (Input(bytes), true)
     })
 }
 
