@@ -9,7 +9,7 @@ use thiserror::Error;
 
 use super::protocol;
 use crate::experiments::{flatten, nearest};
-use crate::input;
+use crate::input::{self, one_line};
 
 static BUILT_IN: &str = include_str!("../../benches/gates.toml");
 
@@ -20,7 +20,7 @@ pub enum CellsError {
         path: PathBuf,
         source: std::io::Error,
     },
-    #[error("{origin}: {message}")]
+    #[error("{origin}: {}", one_line(.message))]
     Invalid { origin: String, message: String },
     #[error("no gate cell matches `{filter}`{}", match nearest { Some(name) => format!("; did you mean `{name}`?"), None => String::new() })]
     NoMatch {
@@ -131,8 +131,8 @@ impl Gates {
             origin: origin.to_owned(),
             message,
         };
-        let gates: Self = toml::from_str(text)
-            .map_err(|error| invalid(error.to_string().trim().replace('\n', " ")))?;
+        let gates: Self =
+            toml::from_str(text).map_err(|error| invalid(error.to_string().trim().to_owned()))?;
         gates.check().map_err(invalid)?;
         Ok(gates)
     }

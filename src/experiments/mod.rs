@@ -13,7 +13,7 @@ use std::path::{Path, PathBuf};
 
 use include_dir::{Dir, include_dir};
 
-use crate::input;
+use crate::input::{self, one_line};
 
 pub use claims::{Ruling, Scaling, Verdict, groups, scaling};
 pub use expand::{
@@ -37,7 +37,7 @@ pub enum ExperimentError {
         path: PathBuf,
         source: std::io::Error,
     },
-    #[error("experiment `{name}`: {message}")]
+    #[error("experiment `{name}`: {}", one_line(.message))]
     Invalid { name: String, message: String },
     #[error(
         "experiment `{experiment}` has no axis `{axis}`{}",
@@ -48,7 +48,7 @@ pub enum ExperimentError {
         axis: String,
         nearest: Option<String>,
     },
-    #[error("axis `{axis}` of `{experiment}`: {message}")]
+    #[error("axis `{}` of `{experiment}`: {}", one_line(.axis), one_line(.message))]
     AxisValue {
         experiment: String,
         axis: String,

@@ -42,7 +42,7 @@ pub enum QueryError {
 pub enum PointFault {
     #[error("line 1: there is no column `{0}`: x, y, z, nx, ny and nz are needed")]
     Column(&'static str),
-    #[error("line {line}, column `{column}`: `{text}` is not a number within ±10⁶")]
+    #[error("line {line}, column `{column}`: `{}` is not a number within ±10⁶", input::one_line(.text))]
     Number {
         line: u64,
         column: &'static str,

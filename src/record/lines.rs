@@ -156,7 +156,7 @@ fn io(action: &'static str, path: &Path) -> impl FnOnce(std::io::Error) -> Recor
 
 /// A line that could not be read, numbered from 1.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("line {line}: {}", reason.replace('\n', " "))]
+#[error("line {line}: {}", input::one_line(.reason))]
 pub struct Damage {
     pub line: usize,
     pub reason: String,

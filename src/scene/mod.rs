@@ -48,6 +48,8 @@ pub use water::{NOISE_DRIFT_TILES, Water, WaterModel};
 
 use serde::{Deserialize, Serialize};
 
+use crate::input::one_line;
+
 /// Room above the water that the scene's bounds include, so that light starts above the waves.
 const HEADROOM_M: f64 = 1.0;
 
@@ -61,9 +63,9 @@ pub enum SceneError {
         path: PathBuf,
         source: std::io::Error,
     },
-    #[error("scene file {origin}: {message}")]
+    #[error("scene file {origin}: {}", one_line(.message))]
     Parse { origin: String, message: String },
-    #[error("scene `{scene}`: {message}")]
+    #[error("scene `{}`: {}", one_line(.scene), one_line(.message))]
     Invalid { scene: String, message: String },
 }
 

@@ -14,9 +14,9 @@ use fathom::experiments::{Experiment, Profile, parse_axis, parse_set};
 use fathom::harness::query;
 use fathom::harness::subject::Subjects;
 use fathom::scene::{Mesh, Scene, SceneFile};
-use fathom::{pipelines, record};
+use fathom::{pipelines, record, report};
 use memory::peak_of;
-use mutator::{Input, mutated, mutated_or_packed};
+use mutator::{Input, extreme, mutated, mutated_or_packed};
 use proptest::prelude::*;
 use proptest::test_runner::{Config, RngAlgorithm, TestCaseError, TestRng, TestRunner};
 
@@ -157,6 +157,7 @@ fn points() {
 fn records() {
     fuzz_file("records.jsonl", seeds::records(), |path| {
         let read = told(record::read(path))?;
+        told(report::artifacts(&read.records, &[]))?;
         match read.damaged.first() {
             Some(damage) => Err(damage.to_string()),
             None => Ok(()),
@@ -235,21 +236,26 @@ fn parameters() {
     std::fs::write(&scene, seeds::small_scene()).unwrap();
     let scene = scene.to_string_lossy();
     let kinds: Vec<&str> = pipelines::KINDS.iter().map(|kind| kind.name).collect();
+    // A number of the default made extreme, or any text.
+    let any_text = prop::option::weighted(0.2, mutated(seeds::values()));
+    let change = (any::<usize>(), any::<usize>(), any::<usize>(), any_text);
     let strategy = (
         prop::sample::select(kinds),
-        prop::collection::vec((any::<usize>(), mutated(seeds::values())), 1..4),
+        prop::collection::vec(change, 1..3),
     );
-    fuzz("--set", strategy, |(kind, values)| {
-        let known = Subjects::default().subject(kind, &scene, &[]);
-        let leaves = pipelines::params::leaves(&told(known)?.params);
-        let set = |(leaf, Input(value)): &(usize, Input)| {
+    fuzz("--set", strategy, |(kind, changes)| {
+        let params = told(Subjects::default().subject(kind, &scene, &[]))?.params;
+        let leaves = pipelines::params::leaves(&params);
+        let set = |(leaf, which, by, text): &(usize, usize, usize, Option<Input>)| {
             let leaf = &leaves[leaf % leaves.len()];
-            told(parse_set(&format!(
-                "{leaf}={}",
-                String::from_utf8_lossy(value)
-            )))
+            let default = pipelines::params::get(&params, leaf).unwrap().to_string();
+            let value = match text {
+                Some(Input(text)) => String::from_utf8_lossy(text).into_owned(),
+                None => extreme(&default, *which, *by),
+            };
+            told(parse_set(&format!("{leaf}={value}")))
         };
-        let sets: Vec<_> = values.iter().map(set).collect::<Result<_, _>>()?;
+        let sets: Vec<_> = changes.iter().map(set).collect::<Result<_, _>>()?;
         let subject = told(Subjects::default().subject(kind, &scene, &sets))?;
         match told(subject.beyond(&wgpu::Limits::default()))? {
             Some(reason) => Err(reason),

@@ -195,6 +195,13 @@ fn insert(bytes: &mut Vec<u8>, place: usize, piece: &[u8]) {
     bytes.splice(place..place, piece.iter().copied());
 }
 
+/// A text with one of its numbers made extreme.
+pub fn extreme(text: &str, which: usize, by: usize) -> String {
+    let mut bytes = text.as_bytes().to_vec();
+    number(&mut bytes, which, NUMBERS[by % NUMBERS.len()].as_bytes());
+    String::from_utf8(bytes).unwrap()
+}
+
 /// Replaces one of the numbers of a text.
 fn number(bytes: &mut Vec<u8>, which: usize, by: &[u8]) {
     let part = |byte: u8| byte.is_ascii_digit() || b"+-.".contains(&byte);

@@ -92,8 +92,8 @@ pub fn experiments() -> Seeds {
 pub fn axes() -> Seeds {
     all([
         "caustics.grid=100,200",
-        "scene=tank,port",
-        "caustics.buffer=[64,64],[128,128]",
+        "godrays.grid = 50 , 100",
+        "caustics.grid=1",
     ])
 }
 
