@@ -104,17 +104,23 @@ pub fn points() -> Seeds {
     ])
 }
 
-/// The shortest lines of each kind of a real run.
+/// The shortest cell of a real run, with the run's other lines that concern it.
 pub fn records() -> Seeds {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("reports/llvmpipe/records.jsonl");
     let text = std::fs::read_to_string(path).unwrap();
-    let shortest = |kind: &str| {
-        let of_kind = text.lines().filter(|line| line.starts_with(kind));
-        of_kind.min_by_key(|line| line.len()).unwrap()
+    let shortest = |part: &str| {
+        let with_it = text.lines().filter(|line| line.contains(part));
+        with_it.min_by_key(|line| line.len()).unwrap()
     };
-    let kinds = ["run", "experiment", "cell", "end"];
-    let lines = kinds.map(|kind| shortest(&format!("{{\"record\":\"{kind}\"")));
-    vec![(lines.join("\n") + "\n").into_bytes(), lines[2].into()]
+    let cell = shortest("\"status\":\"measured\"");
+    let id = serde_json::from_str::<serde_json::Value>(cell).unwrap()["experiment"].clone();
+    let lines = [
+        shortest("\"record\":\"run\""),
+        shortest(&format!("\"record\":\"experiment\",\"id\":{id}")),
+        cell,
+        shortest("\"record\":\"end\""),
+    ];
+    vec![(lines.join("\n") + "\n").into_bytes(), cell.into()]
 }
 
 fn cell(stage: &str) -> CellId {
