@@ -160,7 +160,7 @@ impl<R: BufRead> Lines<R> {
     }
 
     /// Reads the next line; none at the end of the source.
-    pub fn next(&mut self) -> io::Result<Option<LineEnd>> {
+    pub fn advance(&mut self) -> io::Result<Option<LineEnd>> {
         self.line.clear();
         self.number += 1;
         let mut seen = 0;
@@ -268,7 +268,7 @@ mod tests {
             4,
         );
         let mut found = Vec::new();
-        while let Some(end) = lines.next().unwrap() {
+        while let Some(end) = lines.advance().unwrap() {
             found.push((
                 lines.number,
                 String::from_utf8(lines.line.clone()).unwrap(),

@@ -277,6 +277,8 @@ fn kind(value: &Value) -> &'static str {
 
 type Overrides = [(String, Vec<String>)];
 type ChosenAxis<'a> = (&'a Axis, Vec<AxisValue>);
+/// A sweep's parameters and axes.
+type ChosenSweep<'a> = (Vec<(String, Value)>, Vec<ChosenAxis<'a>>);
 
 /// Every combination of the axes' values; the last axis moves fastest.
 fn product<'v>(axes: &'v [ChosenAxis<'_>]) -> Vec<Vec<(&'v Axis, &'v AxisValue)>> {
@@ -425,7 +427,7 @@ impl Experiment {
         &self,
         profile: Profile,
         sets: &[(String, Value)],
-        sweeps: &[(Vec<(String, Value)>, Vec<ChosenAxis<'_>>)],
+        sweeps: &[ChosenSweep<'_>],
     ) -> Result<(), ExperimentError> {
         let views = self.views.as_ref().map_or(0, |views| views.turns_deg.len());
         let each = 1 + u64::from(self.reference.is_some()) + views as u64;

@@ -98,7 +98,7 @@ impl<R: BufRead> Statements<R> {
         self.out.clear();
         self.taken = 0;
         while self.out.is_empty() {
-            match self.lines.next().map_err(|error| error.to_string())? {
+            match self.lines.advance().map_err(|error| error.to_string())? {
                 None => return Ok(false),
                 Some(LineEnd::TooLong) => return Err(format!("longer than {MAX_LINE} bytes")),
                 Some(LineEnd::Newline | LineEnd::File) => {}
