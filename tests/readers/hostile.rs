@@ -36,8 +36,10 @@ fn mesh(path: &Path) -> Answer {
     told(Mesh::read(path)).map(drop)
 }
 
+type Reader = fn(&Path) -> Answer;
+
 /// Every reader of a file, with the name that its files have.
-const READERS: &[(&str, fn(&Path) -> Answer)] = &[
+const READERS: &[(&str, Reader)] = &[
     ("a.toml", scene),
     ("e.toml", experiment),
     ("points.csv", |path| told(query::read(path)).map(drop)),
@@ -57,7 +59,7 @@ const READERS: &[(&str, fn(&Path) -> Answer)] = &[
 
 /// Puts `made` at the place of each reader's file, and gives what the reader says of it.
 fn each(made: impl Fn(&Path)) -> Vec<String> {
-    let read = |(name, reader): &(&str, fn(&Path) -> Answer)| {
+    let read = |(name, reader): &(&str, Reader)| {
         let folder = tempfile::tempdir().unwrap();
         let path: PathBuf = folder.path().join(name);
         made(&path);
@@ -184,7 +186,7 @@ fn objects_vertices_and_triangles_are_counted() {
 }
 
 /// Writes a scene or an experiment and gives why it is refused.
-fn refused_text(text: &str, reader: fn(&Path) -> Answer) -> String {
+fn refused_text(text: &str, reader: Reader) -> String {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.toml");
     std::fs::write(&path, text).unwrap();
