@@ -111,7 +111,7 @@ fn groups() -> Vec<Group> {
 }
 
 /// Stages that no frame holds: a picture of the volume, and answers at given points.
-const APART: [&str; 2] = ["voxel/view", "ao/query"];
+const APART: [&str; 3] = ["voxel/view", "ao/query", "photons/query"];
 
 struct Bench {
     criterion: Criterion,

@@ -1,4 +1,4 @@
-// defs: CONSERVING=0
+// defs: CONSERVING=0, WATER=0
 // The final image: scene lit by caustics, water colour, godrays, and the water surface drawn over it. UW §3.5.
 #import fathom::frame::{frame, world_at}
 #import fathom::screen

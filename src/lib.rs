@@ -2,8 +2,8 @@
 //!
 //! Dependency rule (kept by `tests/dependency_rule.rs`):
 //! `main → compare → report, harness → experiments → pipelines → stages → scene, gpu`;
-//! `input` imports nothing of the rest, `record` only `input`, `statistics` only `record`, `reference` only `scene`; `report`
-//! never imports `gpu`;
+//! `text` and `input` import nothing, `tell` only `text`, `record` only these two, `statistics` only `record`, `reference` only
+//! `scene`; `report` never imports `gpu`;
 //! a stage never imports a sibling stage.
 //!
 //! Conventions, stated once: right-handed world, +Y up, metres, water at rest is the plane y = 0,
@@ -22,3 +22,5 @@ pub mod report;
 pub mod scene;
 pub mod stages;
 pub mod statistics;
+pub mod tell;
+pub mod text;

@@ -11,6 +11,8 @@ use crate::record::Estimate;
 /// Resamples of a bootstrap. Efron & Tibshirani, *An Introduction to the Bootstrap* (1993), section 13.3:
 /// about 1,000 for a percentile interval.
 pub const RESAMPLES: usize = 1_000;
+/// Samples beyond which the median's interval comes from ranks: resampling takes a thousand times their number.
+const MOST_RESAMPLED: usize = 20_000;
 
 /// Modified z-score beyond which a sample is reported. Iglewicz & Hoaglin, *How to Detect and Handle
 /// Outliers* (1993): 3.5.
@@ -30,13 +32,22 @@ pub fn median(samples: &[f64]) -> f64 {
     median_of_sorted(&sorted(samples))
 }
 
-/// The median with its percentile-bootstrap 95 % interval. All NaN-free for finite samples; `n = 0` and
-/// zeros for none.
+/// The median with its percentile-bootstrap 95 % interval; of more than [`MOST_RESAMPLED`] samples with the interval of
+/// [`ranks`], which is then the same for all that can be seen. All NaN-free for finite samples; `n = 0` and zeros for none.
 pub fn estimate(samples: &[f64]) -> Estimate {
     if samples.is_empty() {
         return Estimate::default();
     }
     let sorted = sorted(samples);
+    if sorted.len() > MOST_RESAMPLED {
+        let (low, high) = ranks(sorted.len());
+        return Estimate {
+            median: median_of_sorted(&sorted),
+            low: sorted[low - 1],
+            high: sorted[high - 1],
+            n: sorted.len(),
+        };
+    }
     let mut bootstrap = MedianBootstrap::new();
     let mut medians: Vec<f64> = (0..RESAMPLES).map(|_| bootstrap.draw(&sorted)).collect();
     medians.sort_by(f64::total_cmp);
@@ -57,18 +68,24 @@ pub fn ratio_estimate(pairs: &[(f64, f64)]) -> Estimate {
 /// Half the width of the median's 95 % interval over the median, from order statistics: cheap enough to
 /// ask after every sample. Infinite below six samples, where no such interval reaches 95 %.
 ///
-/// The interval runs from the sample of rank `(n − 1.96 √n) / 2` to that of rank `1 + (n + 1.96 √n) / 2`
-/// (Conover, *Practical Nonparametric Statistics* (1999), section 3.2).
+/// See [`ranks`] for the interval.
 pub fn relative_half_width(samples: &[f64]) -> f64 {
     if samples.len() < 6 {
         return f64::INFINITY;
     }
     let sorted = sorted(samples);
-    let n = sorted.len() as f64;
+    let (low, high) = ranks(sorted.len());
+    (sorted[high - 1] - sorted[low - 1]) / 2.0 / median_of_sorted(&sorted).abs()
+}
+
+/// Ranks, from 1, of the samples that bound the median's 95 % interval: `(n − 1.96 √n) / 2` and `1 + (n + 1.96 √n) / 2`
+/// (Conover, *Practical Nonparametric Statistics* (1999), section 3.2).
+fn ranks(n: usize) -> (usize, usize) {
+    let n = n as f64;
     let reach = 1.96 * n.sqrt();
     let low = ((n - reach) / 2.0).floor().max(1.0) as usize;
     let high = (1.0 + (n + reach) / 2.0).ceil().min(n) as usize;
-    (sorted[high - 1] - sorted[low - 1]) / 2.0 / median_of_sorted(&sorted).abs()
+    (low, high)
 }
 
 /// How many samples lie far from the median, by the modified z-score of their distance.
@@ -143,8 +160,11 @@ pub fn log_log_slope(points: &[(f64, &[f64])]) -> Option<Slope> {
         .collect();
     let slope = theil_sen(&medians)?;
 
+    // A resample of a single sample is that sample.
+    let noiseless = points.iter().all(|(_, samples)| samples.len() == 1);
+    let resamples = if noiseless { 1 } else { RESAMPLES };
     let mut bootstrap = MedianBootstrap::new();
-    let mut slopes: Vec<f64> = (0..RESAMPLES)
+    let mut slopes: Vec<f64> = (0..resamples)
         .filter_map(|_| {
             let draw: Vec<(f64, f64)> = points
                 .iter()
@@ -167,7 +187,7 @@ pub fn log_log_slope(points: &[(f64, &[f64])]) -> Option<Slope> {
 
 /// The median slope over all pairs of points with distinct `x`. Sen, *J. Am. Stat. Assoc.* 63 (1968).
 fn theil_sen(points: &[(f64, f64)]) -> Option<f64> {
-    let slopes: Vec<f64> = points
+    let mut slopes: Vec<f64> = points
         .iter()
         .enumerate()
         .flat_map(|(i, a)| {
@@ -177,7 +197,18 @@ fn theil_sen(points: &[(f64, f64)]) -> Option<f64> {
         })
         .filter(|slope| slope.is_finite())
         .collect();
-    (!slopes.is_empty()).then(|| median(&slopes))
+    (!slopes.is_empty()).then(|| median_in_place(&mut slopes))
+}
+
+/// The same value as [`median`] in linear time.
+fn median_in_place(samples: &mut [f64]) -> f64 {
+    let n = samples.len();
+    let (below, upper, _) = samples.select_nth_unstable_by(n / 2, f64::total_cmp);
+    let lower = below.iter().copied().max_by(f64::total_cmp);
+    match lower {
+        Some(lower) if n.is_multiple_of(2) => (lower + *upper) / 2.0,
+        _ => *upper,
+    }
 }
 
 /// Draws medians of resamples with replacement. As the samples are sorted, a resample's median follows
@@ -248,6 +279,38 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
+
+    #[test]
+    fn intervals_of_many_samples_are_those_of_the_bootstrap() {
+        let mut random = Pcg64::seed_from_u64(3);
+        let samples = heavy_tailed(&mut random, MOST_RESAMPLED + 1);
+        let [by_ranks, resampled] = [&samples[..], &samples[1..]].map(estimate);
+        assert_eq!(
+            [by_ranks.n, resampled.n],
+            [MOST_RESAMPLED + 1, MOST_RESAMPLED]
+        );
+        let width = |estimate: &Estimate| estimate.high - estimate.low;
+        let off = |a: f64, b: f64| (a - b).abs() / width(&resampled);
+        assert!(
+            off(by_ranks.low, resampled.low) < 0.15,
+            "{by_ranks:?} {resampled:?}"
+        );
+        assert!(
+            off(by_ranks.high, resampled.high) < 0.15,
+            "{by_ranks:?} {resampled:?}"
+        );
+        assert!(by_ranks.low < by_ranks.median && by_ranks.median < by_ranks.high);
+    }
+
+    #[test]
+    fn medians_in_place_are_medians() {
+        let mut random = Pcg64::seed_from_u64(4);
+        for n in 1..40 {
+            let mut samples = heavy_tailed(&mut random, n);
+            let expected = median(&samples);
+            assert_eq!(median_in_place(&mut samples), expected);
+        }
+    }
 
     /// Log-normal body with one sample in ten up to 30 times slower: the shape of frame times on a shared machine.
     fn heavy_tailed(random: &mut Pcg64, n: usize) -> Vec<f64> {

@@ -80,6 +80,82 @@ fn bad_input_that_only_a_plan_shows_is_found_before_measuring() {
 }
 
 #[test]
+fn a_light_and_a_grid_that_give_nothing_are_errors_in_every_command() {
+    let none = ["--set", "light.direction=[0,0,0]"];
+    let beside = [
+        "--set",
+        "voxel.cells=[8,8,8]",
+        "--set",
+        "voxel.voxel_m=0.1",
+        "--set",
+        "voxel.origin_m=[500,500,500]",
+    ];
+    let folder = tempfile::tempdir().unwrap();
+    let points = folder.path().join("points.csv");
+    std::fs::write(&points, "x,y,z,nx,ny,nz\n0,-4,0,0,1,0\n").unwrap();
+    let [out, points] = [folder.path().join("out"), points].map(|p| p.display().to_string());
+    let query = ["query", "ao", "--scene", "ball", "--points", &points];
+    let ao = ["--pipeline", "volume_ao"];
+    let commands: [(&[&str], &[&str]); 4] = [
+        (&["run", "vao-guard", "--out", &out], &[]),
+        (&["render", "slab", "-o", &out], &ao),
+        (&["dump", "ao/march", "--scene", "slab", "-o", &out], &ao),
+        (&query, &[]),
+    ];
+    for (command, pipeline) in commands {
+        let with = |set: &[&'static str]| {
+            let all = command.iter().chain(pipeline).copied();
+            all.chain(set.iter().copied()).collect::<Vec<&str>>()
+        };
+        refused(
+            &with(&none),
+            "light.direction = [0.0, 0.0, 0.0] has no direction",
+        );
+        refused(
+            &with(&beside),
+            "voxel.cells, voxel.origin_m and voxel.voxel_m place the grid at",
+        );
+    }
+    assert!(!folder.path().join("out").exists());
+}
+
+#[test]
+fn every_command_tells_a_stand_in_and_a_query_refuses_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let points = folder.path().join("points.csv");
+    std::fs::write(&points, "x,y,z,nx,ny,nz\n0,-4,0,0,1,0\n").unwrap();
+    // Damaged, and no package beside it.
+    std::fs::write(folder.path().join("sponza.obj"), "v 0 0 0\n").unwrap();
+    let with = |arguments: &[&str], file: &Path| {
+        let mut command = fathom();
+        command.args(arguments).arg(file);
+        command.args(["--set", "voxel.resolution=16"]);
+        let places = ["FATHOM_CACHE", "CARGO_HOME"];
+        command.envs(places.map(|name| (name, folder.path())));
+        command
+    };
+    let told = contains("stand-in: sponza: asset has the wrong SHA-256").count(1);
+    let voxelize = ["--pipeline", "voxelize", "--set", "view.width=16"];
+    let mut render = with(&["render", "sponza", "-o"], &folder.path().join("x.png"));
+    render
+        .args(voxelize)
+        .assert()
+        .success()
+        .stderr(told.clone());
+    let query = ["query", "ao", "--scene", "sponza", "--points"];
+    let refusal =
+        contains("error: scene `sponza` has stand-ins").and(contains("--allow-stand-ins"));
+    let refused = with(&query, &points).assert().code(2);
+    refused.stderr(refusal).stdout("");
+    let mut allowed = with(&query, &points);
+    let allowed = allowed.args(["--allow-stand-ins", "--set", "ao.rays=4"]);
+    let answered = allowed.assert().success();
+    answered
+        .stderr(told)
+        .stdout(contains("x,y,z,nx,ny,nz,occlusion"));
+}
+
+#[test]
 fn a_folder_that_cannot_be_written_to_is_found_before_measuring() {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("file");
@@ -100,6 +176,43 @@ fn listings_name_what_there_is() {
     lists("stages").stdout(contains("caustics/trace").and(contains("compose")));
     lists("parameters").stdout(contains("water.refractive_index").and(contains("1.33")));
     lists("pipelines").stdout(contains("underwater"));
+}
+
+#[test]
+fn a_listing_takes_the_options_that_apply_to_it() {
+    let stages = |pipeline: &str| {
+        let mut list = fathom();
+        list.args(["list", "stages", "--pipeline", pipeline]);
+        let output = list.assert().success().get_output().stdout.clone();
+        let text = String::from_utf8(output).unwrap();
+        let names = text
+            .lines()
+            .filter_map(|line| line.split_whitespace().next());
+        names.map(str::to_owned).collect::<Vec<String>>()
+    };
+    let hsao = [
+        "frame",
+        "shadow/depth",
+        "scene/gbuffer",
+        "hsao/march",
+        "hsao/filter",
+        "ao/compose",
+    ];
+    assert_eq!(stages("hsao"), hsao);
+    assert!(stages("voxelize").contains(&"voxel/overlap".to_owned()));
+    refused(
+        &["list", "stages", "--pipeline", "hsoa"],
+        "unknown pipeline `hsoa`; did you mean `hsao`?",
+    );
+    refused(
+        &["list", "stages", "--scene", "tank"],
+        "--scene does not apply to `list stages`, only to `list parameters`",
+    );
+    refused(&["list", "scenes", "--pipeline", "hsao"], "does not apply");
+    refused(
+        &["list", "--set", "caustics.grid=3"],
+        "does not apply to `list`",
+    );
 }
 
 /// Small enough for a second per run on a software driver.
@@ -174,7 +287,7 @@ fn a_run_leaves_records_reports_and_pictures_and_resumes() {
             .all(|stage| stage.samples_ns.len() == frame.envelope_samples_ns.len())
     );
     assert!(measured.allocated_bytes > 0 && measured.warm_up_frames >= 2);
-    for name in ["summary.md", "cells.csv", "renders/uw-default-base.png"] {
+    for name in ["summary.md", "cells.csv", "renders/uw-default_base.png"] {
         assert!(out.join(name).metadata().unwrap().len() > 0, "{name}");
     }
 
@@ -308,8 +421,8 @@ fn a_cell_of_volume_occlusion_has_its_error_and_pictures() {
     let error = measured.quantities["ao_rmse"];
     assert!(error > 0.0 && error < 0.2, "{error}");
     assert!(measured.quantities["ao_reference_mean"] > 0.01);
-    for ending in ["", "-error"] {
-        let name = format!("vao-guard-scene=corner_ao.guard=variable{ending}.png");
+    for ending in ["", "~error"] {
+        let name = format!("vao-guard_scene=corner,ao.guard=variable{ending}.png");
         let size = image::image_dimensions(out.path().join("renders").join(name)).unwrap();
         assert_eq!(size, (48, 48));
     }

@@ -5,8 +5,10 @@ use std::path::{Path, PathBuf};
 
 /// Module → the crate's modules that it may import, itself apart.
 const RULE: &[(&str, &[&str])] = &[
+    ("text", &[]),
+    ("tell", &["text"]),
     ("input", &[]),
-    ("record", &["input"]),
+    ("record", &["input", "text"]),
     ("statistics", &["record"]),
     ("scene", &["input"]),
     ("reference", &["scene"]),
@@ -15,9 +17,9 @@ const RULE: &[(&str, &[&str])] = &[
     ("pipelines", &["gpu", "record", "scene", "stages"]),
     (
         "experiments",
-        &["input", "pipelines", "record", "statistics"],
+        &["input", "pipelines", "record", "statistics", "text"],
     ),
-    ("report", &["experiments", "record", "statistics"]),
+    ("report", &["experiments", "record", "statistics", "text"]),
     (
         "harness",
         &[
@@ -31,6 +33,8 @@ const RULE: &[(&str, &[&str])] = &[
             "scene",
             "stages",
             "statistics",
+            "tell",
+            "text",
         ],
     ),
     (
@@ -47,13 +51,15 @@ const RULE: &[(&str, &[&str])] = &[
             "scene",
             "stages",
             "statistics",
+            "tell",
+            "text",
         ],
     ),
 ];
 
 /// Stage families may not import each other; what they share lies beside them.
 const FAMILIES: &[&str] = &[
-    "ao", "caustics", "godrays", "hsao", "scalar", "scene", "shadow", "voxel", "water",
+    "ao", "caustics", "godrays", "hsao", "photons", "scalar", "scene", "shadow", "voxel", "water",
 ];
 
 fn rust_files(folder: &Path, found: &mut Vec<PathBuf>) {
@@ -131,6 +137,34 @@ fn stages_import_no_sibling_stage() {
             }
         }
     }
+}
+
+/// Calls that print by themselves, and so panic when the output cannot be written.
+const PRINTING: [&str; 5] = ["println!(", "eprintln!(", "print!(", "eprint!(", "dbg!("];
+
+fn prints(text: &str) -> bool {
+    let code = text.split("#[cfg(test)]").next().unwrap_or_default();
+    let mut lines = code
+        .lines()
+        .filter(|line| !line.trim_start().starts_with("//"));
+    lines.any(|line| PRINTING.iter().any(|call| line.contains(call)))
+}
+
+#[test]
+fn everything_is_printed_by_the_module_tell() {
+    let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("src");
+    let mut files = Vec::new();
+    rust_files(&source, &mut files);
+    for file in files {
+        let text = fs::read_to_string(&file).unwrap();
+        assert!(
+            !prints(&text),
+            "{} prints by itself; use fathom::tell",
+            file.display()
+        );
+    }
+    assert!(prints("fn f() {\n    eprintln!(\"x\");\n}\n"));
+    assert!(!prints("// println!(x)\nfn f() {}\n"));
 }
 
 #[test]

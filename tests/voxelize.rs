@@ -104,12 +104,7 @@ fn grids_of_all_shapes_and_places() {
             });
             fixture.occupied(&pipeline)
         };
-        // Far from everything, and between ball and box.
-        assert_eq!(
-            frames([9, 8, 7], [50.0, 50.0, 50.0], 0.1),
-            0.0,
-            "{method:?}"
-        );
+        // Between ball and box.
         assert_eq!(frames([4, 4, 4], [0.0, -0.3, 0.0], 0.02), 0.0, "{method:?}");
         // One voxel around everything: no middle line of its sides need meet the surface.
         if method == Method::Overlap || method == Method::MaxAlpha {

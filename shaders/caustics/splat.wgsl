@@ -1,7 +1,7 @@
-// defs: CONSERVING=0
+// defs: CONSERVING=0, FRESNEL=0, WATER=0
 // A square of regulated size for each photon, added up: UW §3.3.
 #import fathom::frame::{frame}
-#import fathom::photon::{Photon, angular_weight}
+#import fathom::photon::{Photon, angular_weight, entered}
 #import fathom::screen
 
 struct Splat {
@@ -53,6 +53,9 @@ fn vertex(@builtin(vertex_index) vertex: u32, @builtin(instance_index) instance:
     let depth = max(biased.z / max(biased.w, frame.z_near_m), 0.0);
 
     var intensity = settings.photon_w * exp(-frame.attenuation_per_m * photon.distance_m);
+#if FRESNEL == 1
+    intensity *= entered(photon);
+#endif
 #if CONSERVING == 1
     intensity *= angular_weight(photon.entry_m) / (side_px * side_px);
 #endif

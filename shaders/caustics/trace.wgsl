@@ -1,4 +1,4 @@
-// defs: SIDE=2
+// defs: SIDE=2, WATER=0
 // One invocation a grid cell; the cell's SIDE² photons follow in a loop. SIDE = 0 takes the bound from the settings
 // (UW §4.1, dynamic tessellation).
 #import fathom::photon::{Photon, Trace, place, trace}

@@ -1,7 +1,7 @@
-// defs: CONSERVING=0
+// defs: CONSERVING=0, FRESNEL=0, WATER=0
 // A wide line from water entry to hit for each photon, added up: UW §3.4.
 #import fathom::frame::{frame}
-#import fathom::photon::{Photon, angular_weight}
+#import fathom::photon::{Photon, angular_weight, entered}
 #import fathom::screen
 
 struct Lines {
@@ -66,6 +66,9 @@ fn vertex(@builtin(vertex_index) vertex: u32, @builtin(instance_index) instance:
     clip = vec4(clip.xy + across * clip.w * select(-1.0, 1.0, (vertex & 2u) != 0u), clip.zw);
     let direction = (photon.hit_m - photon.entry_m) / photon.distance_m;
     var photon_w = settings.photon_w;
+#if FRESNEL == 1
+    photon_w *= entered(photon);
+#endif
 #if CONSERVING == 1
     photon_w *= angular_weight(photon.entry_m) / settings.width_px;
 #endif

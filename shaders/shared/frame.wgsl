@@ -33,15 +33,19 @@ struct Frame {
     noise_tile_m: f32,
     // Scroll of the noise along x, in tiles.
     noise_scroll: f32,
-    // 0 circular, 1 directional.
+    // 0 circular, 1 directional; given water is compiled in.
     water_model: u32,
     // 1 where the camera is below the resting water.
     camera_under_water: u32,
+    // Of a height map: size of the tile, and place of its first sample, x and z.
+    height_tile_m: vec2<f32>,
+    height_origin_m: vec2<f32>,
 }
 
 @group(0) @binding(0) var<uniform> frame: Frame;
-// (n, ∂n/∂u, ∂n/∂v) of tile-periodic Perlin noise, texel centres at (i + 0.5) / size.
-@group(0) @binding(1) var noise_texture: texture_2d<f32>;
+// What the surface is made from. Models: (n, ∂n/∂u, ∂n/∂v) of tile-periodic Perlin noise, texel centres at (i + 0.5) / size.
+// A list of waves: a texel for each, (kx, kz, amplitude, phase). A height map: its heights, sample i at i / size.
+@group(0) @binding(1) var water_texels: texture_2d<f32>;
 
 // World point at a place of the picture, 0…1 from its upper left corner, and a device depth.
 fn world_at(uv: vec2<f32>, z: f32) -> vec3<f32> {

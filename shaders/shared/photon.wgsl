@@ -113,6 +113,40 @@ fn angular_weight(entry_m: vec3<f32>) -> f32 {
     return cosine * cosine * cosine;
 }
 
+// Direction in which the light reaches a point.
+fn light_direction(p: vec3<f32>) -> vec3<f32> {
+    if frame.light_is_point == 0u {
+        return frame.light_forward;
+    }
+    return normalize(p - frame.light_position_m);
+}
+
+// Share of unpolarised light that passes from air into water (Fresnel), for unit directions before and behind the surface.
+// By Snell's law the normal lies along incident − n · refracted.
+fn transmittance(incident: vec3<f32>, refracted: vec3<f32>) -> f32 {
+    let n = frame.refractive_index;
+    let across = incident - n * refracted;
+    let scale = length(across);
+    // The index of air: there is no surface.
+    if scale < 1e-4 {
+        return 1.0;
+    }
+    let cos_i = abs(dot(incident, across)) / scale;
+    let cos_t = abs(dot(refracted, across)) / scale;
+    let s = (cos_i - n * cos_t) / (cos_i + n * cos_t);
+    let p = (n * cos_i - cos_t) / (n * cos_i + cos_t);
+    return 1.0 - 0.5 * (s * s + p * p);
+}
+
+// The share of a traced photon's energy that enters the water. Its own path gives the refracted direction.
+fn entered(photon: Photon) -> f32 {
+    if photon.distance_m <= 0.0 {
+        return 1.0;
+    }
+    let refracted = (photon.hit_m - photon.entry_m) / photon.distance_m;
+    return transmittance(light_direction(photon.entry_m), refracted);
+}
+
 // One photon of the grid, at a place in the light's canonical screen space.
 fn trace(
     settings: Trace, depth: texture_depth_2d, texels: sampler, mask: texture_2d<f32>, ndc: vec2<f32>
@@ -124,6 +158,13 @@ fn trace(
         return Photon(entry, MISSED, entry, 0.0);
     }
     let refracted = refract(ray.direction, met.normal, 1.0 / frame.refractive_index);
+    return follow(settings, depth, texels, entry, refracted);
+}
+
+// From the water's surface along the refracted direction.
+fn follow(
+    settings: Trace, depth: texture_depth_2d, texels: sampler, entry: vec3<f32>, refracted: vec3<f32>
+) -> Photon {
     var d = settings.start_m;
     var residual = 0.0;
     for (var i = 0u; i < settings.iterations; i++) {

@@ -6,19 +6,20 @@ use std::process::ExitCode;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use anyhow::Context;
+use clap::ValueEnum;
 use fathom::compare::worker;
 use fathom::experiments::Experiment;
 use fathom::gpu::{self, Gpu};
 use fathom::harness::output::{Output, RECORDS};
 use fathom::harness::plan::Request;
 use fathom::harness::run::{self, Options, Summary};
-use fathom::harness::subject::{Subject, Subjects};
+use fathom::harness::subject::{Subject, Subjects, find_kind};
 use fathom::harness::{
     dump as dumping, query as querying, render as rendering, verify as verifying,
 };
 use fathom::pipelines::{self, params};
 use fathom::scene::{SceneFile, assets};
-use fathom::{record, report as reports, scene, stages};
+use fathom::{record, report as reports, scene, stages, tell, text};
 
 use super::{
     AdapterArgs, DumpArgs, FetchArgs, ListArgs, Listing, QueryArgs, Question, RenderArgs,
@@ -69,7 +70,7 @@ pub fn watch_interrupts() -> anyhow::Result<()> {
         if INTERRUPT.swap(true, Ordering::Relaxed) {
             std::process::exit(INTERRUPTED.into());
         }
-        eprintln!("ending with what is measured so far; interrupt again to abort");
+        tell::note("ending with what is measured so far; interrupt again to abort");
     })
     .context("cannot watch for Ctrl-C")
 }
@@ -84,32 +85,33 @@ fn print_summary(summary: &Summary) {
         end,
         ..
     } = summary;
-    println!(
+    tell::done(format!(
         "{measured} cells measured, {skipped} skipped, {failed} failed, {kept} kept from before"
-    );
+    ));
     let ratio = summary
         .efficiency()
         .map(|ratio| format!(" (ratio {ratio:.2})"));
-    println!(
+    tell::done(format!(
         "{:.1} s of set-up, {:.1} s of measuring for {:.1} s of frames{}",
         end.set_up_s,
         end.measuring_wall_s,
         end.measured_gpu_s,
         ratio.unwrap_or_default()
-    );
+    ));
     if let Some(bytes) = end.peak_memory_bytes {
-        println!(
+        tell::done(format!(
             "{:.2} GiB of memory at most",
             bytes as f64 / f64::from(1 << 30)
-        );
+        ));
     }
-    println!("{}", out.join("summary.md").display());
+    tell::done(out.join("summary.md").display());
 }
 
 pub fn list(args: ListArgs) -> Outcome {
     use Listing::*;
+    check_options(&args)?;
     match args.what {
-        Some(what) => print_listing(what, &args.subject)?,
+        Some(what) => print_listing(what, &args)?,
         None => {
             for (heading, what) in [
                 ("Experiments", Experiments),
@@ -118,28 +120,43 @@ pub fn list(args: ListArgs) -> Outcome {
                 ("Stages", Stages),
                 ("Adapters", Adapters),
             ] {
-                println!("{heading}");
-                print_listing(what, &args.subject)?;
-                println!();
+                tell::answer(heading);
+                print_listing(what, &args)?;
+                tell::answer("");
             }
         }
     }
     Ok(ExitCode::SUCCESS)
 }
 
-fn print_listing(what: Listing, args: &SubjectArgs) -> anyhow::Result<()> {
+/// An option that changes nothing in a listing is an error.
+fn check_options(args: &ListArgs) -> anyhow::Result<()> {
+    let whole = matches!(args.what, Some(Listing::Parameters));
+    let of_pipeline = whole || matches!(args.what, Some(Listing::Stages));
+    let options = [
+        ("--pipeline", args.pipeline.is_some(), of_pipeline),
+        ("--scene", args.scene.is_some(), whole),
+        ("--set", !args.set.is_empty(), whole),
+    ];
+    for (option, given, applies) in options {
+        if given && !applies {
+            let what = args.what.and_then(|what| what.to_possible_value());
+            let what = what.map_or(String::new(), |what| format!(" {}", what.get_name()));
+            let kinds = match option {
+                "--pipeline" => "stages` and `list parameters`",
+                _ => "parameters`",
+            };
+            anyhow::bail!("{option} does not apply to `list{what}`, only to `list {kinds}");
+        }
+    }
+    Ok(())
+}
+
+fn print_listing(what: Listing, args: &ListArgs) -> anyhow::Result<()> {
     let rows = match what {
         Listing::Experiments => experiment_rows()?,
         Listing::Scenes => scene_rows()?,
-        Listing::Stages => stages::REGISTRY
-            .iter()
-            .map(|stage| {
-                (
-                    stage.name.to_owned(),
-                    format!("{} ({})", stage.about, stage.source),
-                )
-            })
-            .collect(),
+        Listing::Stages => stage_rows(args.pipeline.as_deref())?,
         Listing::Parameters => parameter_rows(args)?,
         Listing::Adapters => adapter_rows(),
         Listing::Pipelines => pipelines::KINDS
@@ -153,7 +170,7 @@ fn print_listing(what: Listing, args: &SubjectArgs) -> anyhow::Result<()> {
         .max()
         .unwrap_or(0);
     for (name, about) in rows {
-        println!("  {name:width$}  {about}");
+        tell::answer(text::line(&format!("  {name:width$}  {about}")));
     }
     Ok(())
 }
@@ -173,8 +190,25 @@ fn scene_rows() -> anyhow::Result<Rows> {
     scene::Scene::names().into_iter().map(row).collect()
 }
 
-fn parameter_rows(args: &SubjectArgs) -> anyhow::Result<Rows> {
-    let tree = subject(args)?.params;
+/// Every stage, or those of a pipeline.
+fn stage_rows(pipeline: Option<&str>) -> anyhow::Result<Rows> {
+    let stages = match pipeline {
+        Some(name) => find_kind(name)?.stages,
+        None => stages::REGISTRY,
+    };
+    let row = |stage: &stages::StageInfo| {
+        let about = format!("{} ({})", stage.about, stage.source);
+        (stage.name.to_owned(), about)
+    };
+    Ok(stages.iter().map(row).collect())
+}
+
+fn parameter_rows(args: &ListArgs) -> anyhow::Result<Rows> {
+    let pipeline = args.pipeline.as_deref().unwrap_or(super::PIPELINE);
+    let scene = args.scene.as_deref().unwrap_or(super::SCENE);
+    let tree = Subjects::default()
+        .subject(pipeline, scene, &args.set)?
+        .params;
     let value = |path: &String| params::get(&tree, path).map(ToString::to_string);
     let rows = params::leaves(&tree).into_iter();
     Ok(rows
@@ -201,15 +235,19 @@ fn adapter_rows() -> Rows {
 
 pub fn audit(args: AdapterArgs) -> Outcome {
     let gpu = Gpu::open(&gpu_options(&args))?;
-    println!("{} ({})", gpu.adapter.name, gpu.adapter.driver_info);
-    print!("{}", gpu::audit_table(&gpu::audit(&gpu)?));
+    let table = gpu::audit_table(&gpu::audit(&gpu)?);
+    let adapter = text::line(&format!(
+        "{} ({})",
+        gpu.adapter.name, gpu.adapter.driver_info
+    ));
+    tell::answer(format!("{adapter}\n{table}"));
     Ok(ExitCode::SUCCESS)
 }
 
 pub fn verify(args: VerifyArgs) -> Outcome {
     let gpu = Gpu::open(&gpu_options(&args.adapter))?;
     let checks = verifying::verify(&gpu, args.filter.as_deref())?;
-    println!("{}", verifying::Table(&checks));
+    tell::answer(verifying::Table(&checks));
     let sound = checks.iter().all(verifying::Check::is_sound);
     Ok(if sound {
         ExitCode::SUCCESS
@@ -222,7 +260,12 @@ pub fn fetch(args: FetchArgs) -> Outcome {
     let mut failed = false;
     for result in assets::fetch(&args.assets) {
         match result {
-            Ok(asset) => println!("{}: {} ({})", asset.name, asset.origin, asset.about),
+            Ok(asset) => {
+                tell::done(format!(
+                    "{}: {} ({})",
+                    asset.name, asset.origin, asset.about
+                ));
+            }
             Err(error) => {
                 super::fail(&error.to_string());
                 failed = true;
@@ -244,7 +287,7 @@ pub fn render(args: RenderArgs) -> Outcome {
     });
     let gpu = Gpu::open(&gpu_options(&args.adapter))?;
     rendering::render(&gpu, &subject, &path)?;
-    println!("{}", path.display());
+    tell::done(path.display());
     Ok(ExitCode::SUCCESS)
 }
 
@@ -252,27 +295,82 @@ pub fn dump(args: DumpArgs) -> Outcome {
     let subject = subject(&args.subject)?;
     let gpu = Gpu::open(&gpu_options(&args.adapter))?;
     for path in dumping::dump(&gpu, &subject, &args.stage, &args.output)? {
-        println!("{}", path.display());
+        tell::done(path.display());
     }
     Ok(ExitCode::SUCCESS)
 }
 
 pub fn query(args: QueryArgs) -> Outcome {
-    let Question::Ao = args.question;
+    match args.question {
+        Question::Ao => query_occlusion(&args)?,
+        Question::Photons => query_photons(&args)?,
+    }
+    if let Some(path) = &args.output {
+        tell::done(path.display());
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+fn query_occlusion(args: &QueryArgs) -> anyhow::Result<()> {
     let subject = Subjects::default().subject("volume_ao", &args.scene, &args.set)?;
+    refuse_stand_ins(&subject, args)?;
     let rows = querying::read(&args.points)?;
     let gpu = Gpu::open(&gpu_options(&args.adapter))?;
     let occlusion = querying::occlusion(&gpu, &subject, &rows)?;
-    match args.output {
-        Some(path) => {
-            let name = path.display().to_string();
-            let file = File::create(&path).with_context(|| format!("cannot write {name}"))?;
-            querying::write(&name, file, &rows, &occlusion)?;
-            println!("{name}");
-        }
-        None => querying::write("standard output", std::io::stdout(), &rows, &occlusion)?,
+    let rays = args
+        .reference
+        .map(|rays| rays.unwrap_or(querying::REFERENCE_RAYS));
+    let exact = rays
+        .map(|rays| querying::reference(&subject, &rows, rays))
+        .transpose()?;
+    let (name, writer) = query_target(args)?;
+    Ok(querying::write(
+        &name,
+        writer,
+        &rows,
+        &occlusion,
+        exact.as_deref(),
+    )?)
+}
+
+fn query_photons(args: &QueryArgs) -> anyhow::Result<()> {
+    if let Some(Some(rays)) = args.reference {
+        anyhow::bail!("--reference {rays}: a photon has one exact answer; leave the number out");
     }
-    Ok(ExitCode::SUCCESS)
+    let subject = Subjects::default().subject("underwater", &args.scene, &args.set)?;
+    refuse_stand_ins(&subject, args)?;
+    let starts = querying::photons::read(&args.points)?;
+    let query = querying::photons::Query::new(&subject, starts)?;
+    let gpu = Gpu::open(&gpu_options(&args.adapter))?;
+    let answers = query.answers(&gpu, &subject)?;
+    let exact = args
+        .reference
+        .map(|_| query.reference(&subject))
+        .transpose()?;
+    let (name, writer) = query_target(args)?;
+    Ok(query.write(&name, writer, &answers, exact.as_deref())?)
+}
+
+/// Answers are asked of the assets themselves.
+fn refuse_stand_ins(subject: &Subject, args: &QueryArgs) -> anyhow::Result<()> {
+    if !subject.scene.stand_ins.is_empty() && !args.allow_stand_ins {
+        anyhow::bail!(
+            "scene `{}` has stand-ins, whose answers are not those of the asset: {}; or use --allow-stand-ins",
+            args.scene,
+            subject.scene.stand_ins.join("; ")
+        );
+    }
+    Ok(())
+}
+
+/// Where answers go, and what errors call it.
+fn query_target(args: &QueryArgs) -> anyhow::Result<(String, Box<dyn std::io::Write>)> {
+    let Some(path) = &args.output else {
+        return Ok(("standard output".into(), Box::new(tell::Answer)));
+    };
+    let name = path.display().to_string();
+    let file = File::create(path).with_context(|| format!("cannot write {name}"))?;
+    Ok((name, Box::new(file)))
 }
 
 pub fn report(args: ReportArgs) -> Outcome {
@@ -282,10 +380,13 @@ pub fn report(args: ReportArgs) -> Outcome {
     let reading = record::read(&output.records())
         .with_context(|| format!("a run's folder holds its records in {RECORDS}"))?;
     for damage in &reading.damaged {
-        eprintln!("{}, {damage}: left out", output.records().display());
+        tell::note(format!(
+            "{}, {damage}: left out",
+            output.records().display()
+        ));
     }
     for path in reports::write(&output.folder, &reading.records)? {
-        println!("{}", path.display());
+        tell::done(path.display());
     }
     Ok(ExitCode::SUCCESS)
 }

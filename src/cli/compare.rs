@@ -14,6 +14,7 @@ use fathom::compare::store::{Line, Settings, Store};
 use fathom::compare::verdict::Verdicts;
 use fathom::compare::{self, files, tables};
 use fathom::harness::output::DEFAULT_FOLDER;
+use fathom::tell;
 
 use super::CompareArgs;
 use super::commands::{INTERRUPT, INTERRUPTED, Outcome, gpu_options, watch_interrupts};
@@ -92,7 +93,7 @@ fn builds(args: &CompareArgs) -> anyhow::Result<PathBuf> {
         resume: args.resume,
     };
     Ok(flow::measure(&options, &INTERRUPT, &|text| {
-        eprintln!("{text}")
+        tell::note(text)
     })?)
 }
 
@@ -107,9 +108,9 @@ fn check_selection(args: &CompareArgs) -> anyhow::Result<()> {
 
 /// The program of a revision, and what to call it.
 fn built(revision: &str) -> anyhow::Result<(PathBuf, String)> {
-    eprintln!("building {revision}");
+    tell::note(format!("building {revision}"));
     let folder = std::env::current_dir().context("there is no current folder")?;
-    let built = build::revision(&folder, revision, &mut |line| eprintln!("{line}"))?;
+    let built = build::revision(&folder, revision, &mut |line| tell::note(line))?;
     Ok((built.program, revision.to_owned()))
 }
 
@@ -140,9 +141,9 @@ fn self_test(args: &CompareArgs) -> Outcome {
     };
     std::fs::create_dir_all(&test.out)
         .with_context(|| format!("cannot write to {}", test.out.display()))?;
-    selftest::run(&test, &INTERRUPT, &|text| eprintln!("{text}"))?;
+    selftest::run(&test, &INTERRUPT, &|text| tell::note(text))?;
     for name in selftest::RESULTS {
-        println!("{}", test.out.join(name).display());
+        tell::done(test.out.join(name).display());
     }
     Ok(match INTERRUPT.load(Ordering::Relaxed) {
         true => ExitCode::from(INTERRUPTED),
@@ -159,9 +160,9 @@ fn tell(folder: &Path, format: &str, fresh: bool) -> Outcome {
         append(Path::new(&page), &tables::markdown(&verdicts))?;
     }
     if let Some(format) = tables::find(format) {
-        print!("{}", (format.write)(&verdicts));
+        tell::answer((format.write)(&verdicts));
     }
-    eprintln!("{}", folder.display());
+    tell::note(folder.display());
     Ok(ExitCode::from(verdicts.status.exit_code()))
 }
 

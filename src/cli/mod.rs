@@ -12,7 +12,12 @@ use fathom::compare::store::{Gate, MOST_LAUNCHES, MOST_PAIRS};
 use fathom::compare::tables::FORMATS;
 use fathom::compare::{flow, rounds};
 use fathom::experiments::{Profile, parse_axis, parse_set};
+use fathom::tell;
 use serde_json::Value;
+
+/// What a command runs that is not told.
+pub const PIPELINE: &str = "underwater";
+pub const SCENE: &str = "tank";
 
 /// Bad input, or nothing could be run.
 const COULD_NOT_RUN: u8 = 2;
@@ -22,7 +27,7 @@ const COULD_NOT_RUN: u8 = 2;
     version,
     about,
     after_help = "Exit status: 0 all well; 1 a cell or a check failed; 2 bad input, or it could not run; \
-        130 interrupted, with everything measured so far written."
+        130 interrupted, with everything measured so far written. A closed pipe on standard output changes no status."
 )]
 struct Cli {
     #[command(subcommand)]
@@ -116,17 +121,24 @@ pub enum Listing {
 pub struct ListArgs {
     /// What to list [default: everything but parameters]
     pub what: Option<Listing>,
-    #[command(flatten)]
-    pub subject: SubjectArgs,
+    /// List the stages that a pipeline runs, or its parameters [default for parameters: underwater]
+    #[arg(long)]
+    pub pipeline: Option<String>,
+    /// List the parameters with the values that a scene gives them [default: tank]
+    #[arg(long)]
+    pub scene: Option<String>,
+    /// List the parameters with one of them set
+    #[arg(long, value_name = "PATH=VALUE", value_parser = parse_set)]
+    pub set: Vec<(String, Value)>,
 }
 
 /// A pipeline on a scene.
 #[derive(Args)]
 pub struct SubjectArgs {
-    #[arg(long, default_value = "underwater")]
+    #[arg(long, default_value = PIPELINE)]
     pub pipeline: String,
     /// Name of a scene, or path of a scene file
-    #[arg(long, default_value = "tank")]
+    #[arg(long, default_value = SCENE)]
     pub scene: String,
     /// Set a parameter; see `fathom list parameters`
     #[arg(long, value_name = "PATH=VALUE", value_parser = parse_set)]
@@ -178,8 +190,10 @@ pub struct DumpArgs {
 
 #[derive(Clone, Copy, ValueEnum)]
 pub enum Question {
-    /// Volume ambient occlusion, 0 open to 1 closed
+    /// Volume ambient occlusion, 0 open to 1 closed, at points with normals; pipeline volume_ao
     Ao,
+    /// Where photons from given starts enter the water and land; pipeline underwater
+    Photons,
 }
 
 #[derive(Args)]
@@ -189,15 +203,22 @@ pub struct QueryArgs {
     /// Name of a scene, or path of a scene file
     #[arg(long)]
     pub scene: String,
-    /// CSV file with the columns x, y, z (metres) and nx, ny, nz
+    /// CSV file with the columns x, y, z (metres); ao: and nx, ny, nz; photons: starts in the air, and optionally dx, dy, dz
+    /// for directions other than the light's
     #[arg(long, value_name = "FILE")]
     pub points: PathBuf,
-    /// Set a parameter of the pipeline volume_ao; see `fathom list parameters --pipeline volume_ao`
+    /// Add the exact answers: ao by casting RAYS rays from each point [default: 1024], photons by refraction and ray casting
+    #[arg(long, value_name = "RAYS", num_args = 0..=1, value_parser = clap::value_parser!(u32).range(1..=1 << 20))]
+    pub reference: Option<Option<u32>>,
+    /// Set a parameter of the pipeline; see `fathom list parameters --pipeline volume_ao`, or underwater for photons
     #[arg(long, value_name = "PATH=VALUE", value_parser = parse_set)]
     pub set: Vec<(String, Value)>,
     /// CSV file to write [default: standard output]
     #[arg(short, long, value_name = "FILE")]
     pub output: Option<PathBuf>,
+    /// Answer also where a mesh is absent or damaged and a stand-in takes its place
+    #[arg(long)]
+    pub allow_stand_ins: bool,
     #[command(flatten)]
     pub adapter: AdapterArgs,
 }
@@ -293,9 +314,15 @@ pub fn parse() -> Result<Command, ExitCode> {
         .map_err(|error| match error.kind() {
             ErrorKind::DisplayHelp
             | ErrorKind::DisplayVersion
-            | ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand => error.exit(),
+            | ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand => {
+                tell::failed_if(error.print());
+                match error.exit_code() {
+                    0 => exit_status(Ok(ExitCode::SUCCESS)),
+                    _ => ExitCode::from(COULD_NOT_RUN),
+                }
+            }
             _ => {
-                eprintln!("{}", one_line(&error.render().to_string()));
+                tell::note(one_line(&error.render().to_string()));
                 ExitCode::from(COULD_NOT_RUN)
             }
         })
@@ -316,8 +343,19 @@ fn one_line(message: &str) -> String {
         .join("; ")
 }
 
-/// Prints an error on one line, with the causes that it does not tell of itself.
+/// The status of a command. Prints its error on one line, with the causes that it does not tell of itself. A command that
+/// did well but could not write its answer could not do what it was asked for.
 pub fn exit_status(result: anyhow::Result<ExitCode>) -> ExitCode {
+    let status = of_command(result);
+    match tell::unanswered() {
+        Some(error) if status == ExitCode::SUCCESS => {
+            fail(&format!("cannot write to standard output: {error}"))
+        }
+        _ => status,
+    }
+}
+
+fn of_command(result: anyhow::Result<ExitCode>) -> ExitCode {
     result.unwrap_or_else(|error| {
         let mut message = String::new();
         for cause in error.chain().map(ToString::to_string) {
@@ -334,6 +372,6 @@ pub fn exit_status(result: anyhow::Result<ExitCode>) -> ExitCode {
 /// Prints an error on one line.
 pub fn fail(message: &str) -> ExitCode {
     let lines: Vec<&str> = message.lines().map(str::trim).collect();
-    eprintln!("error: {}", lines.join(" "));
+    tell::note(format!("error: {}", lines.join(" ")));
     ExitCode::from(COULD_NOT_RUN)
 }

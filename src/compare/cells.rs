@@ -10,6 +10,7 @@ use thiserror::Error;
 use super::protocol;
 use crate::experiments::{flatten, nearest};
 use crate::input::{self, one_line};
+use crate::text;
 
 static BUILT_IN: &str = include_str!("../../benches/gates.toml");
 
@@ -141,12 +142,7 @@ impl Gates {
         let mut seen = Vec::new();
         for configuration in &self.configurations {
             let id = &configuration.id;
-            let plain = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '-';
-            if id.is_empty() || !id.chars().all(plain) {
-                return Err(format!(
-                    "configuration `{id}`: an id is made of lower-case letters, digits and `-`"
-                ));
-            }
+            text::check_id(id).map_err(|fault| format!("configuration {fault}"))?;
             if seen.contains(&id) {
                 return Err(format!("configuration `{id}` is there twice"));
             }
@@ -233,7 +229,13 @@ mod tests {
     /// A stage of the host, one that is too short, and two that no frame holds; everything else is compared somewhere.
     #[test]
     fn every_stage_that_can_be_compared_is_in_a_gate() {
-        let apart = ["frame", "voxel/clear", "voxel/view", "ao/query"];
+        let apart = [
+            "frame",
+            "voxel/clear",
+            "voxel/view",
+            "ao/query",
+            "photons/query",
+        ];
         let cells = Gates::load(None).unwrap().cells();
         for stage in crate::stages::REGISTRY {
             let compared = cells.iter().any(|cell| cell.stage() == stage.name);

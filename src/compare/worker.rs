@@ -67,7 +67,7 @@ pub fn serve(
     quiet::pad_heap();
     let mut worker = Worker {
         options,
-        subjects: Subjects::default(),
+        subjects: Subjects::silent(),
         device: None,
     };
     for line in input.lines() {

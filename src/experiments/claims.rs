@@ -6,6 +6,7 @@
 mod comparisons;
 mod fits;
 
+use std::collections::HashMap;
 use std::fmt;
 
 use super::expand::label_text;
@@ -43,6 +44,9 @@ pub struct Ruling {
 }
 
 type Finding = (Verdict, String);
+
+/// Groups of cells that a claim is tested on; nobody reads the findings of more.
+const MOST_GROUPS: usize = 200;
 
 fn untestable(reason: impl Into<String>) -> Finding {
     (Verdict::Untestable, reason.into())
@@ -92,6 +96,12 @@ fn by_group(test: &Test, cells: &[&Cell]) -> Finding {
     if groups.is_empty() {
         return untestable(format!("no cell along `{over}`"));
     }
+    if groups.len() > MOST_GROUPS {
+        return untestable(format!(
+            "{} groups of cells along `{over}` are more than the {MOST_GROUPS} that are tested: use `where`",
+            groups.len()
+        ));
+    }
     let several = groups.len() > 1;
     let findings: Vec<Finding> = groups
         .iter()
@@ -117,6 +127,7 @@ fn by_group(test: &Test, cells: &[&Cell]) -> Finding {
 /// Cells that have the axis, grouped by the values of all their other axes.
 pub fn groups<'a>(cells: &[&'a Cell], over: &str) -> Vec<(String, Vec<&'a Cell>)> {
     let mut groups: Vec<(String, Vec<&Cell>)> = Vec::new();
+    let mut places: HashMap<String, usize> = HashMap::new();
     for cell in cells.iter().filter(|cell| cell.axes.contains_key(over)) {
         let others: Vec<String> = cell
             .axes
@@ -125,10 +136,11 @@ pub fn groups<'a>(cells: &[&'a Cell], over: &str) -> Vec<(String, Vec<&'a Cell>)
             .map(|(name, value)| format!("{name}={}", label_text(value)))
             .collect();
         let name = others.join(", ");
-        match groups.iter_mut().find(|(known, _)| *known == name) {
-            Some((_, members)) => members.push(cell),
-            None => groups.push((name, vec![cell])),
-        }
+        let place = *places.entry(name).or_insert_with_key(|name| {
+            groups.push((name.clone(), Vec::new()));
+            groups.len() - 1
+        });
+        groups[place].1.push(cell);
     }
     groups
 }

@@ -12,6 +12,7 @@ use serde_json::{Map, Value};
 
 use super::{ExperimentError, Measure};
 use crate::record::Cell;
+use crate::text;
 
 pub use claim::{Claim, Direction, FIXED_SHARE, Test};
 pub use plot::{Plot, PlotKind};
@@ -19,7 +20,7 @@ pub use plot::{Plot, PlotKind};
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Experiment {
-    /// Name on the command line and in every record: lower-case letters, digits and `-`.
+    /// Name on the command line, in every record and of files: see [`text::check_id`].
     pub id: String,
     pub title: String,
     /// The publication's section or figure, such as `UW §4.2`.
@@ -202,13 +203,7 @@ impl Experiment {
     }
 
     fn check(&self) -> Result<(), String> {
-        let plain = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '-';
-        if self.id.is_empty() || !self.id.chars().all(plain) {
-            return Err(format!(
-                "id `{}` must be lower-case letters, digits and `-`",
-                self.id
-            ));
-        }
+        text::check_id(&self.id)?;
         for axis in self.axes() {
             axis.check()?;
         }

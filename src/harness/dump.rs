@@ -52,6 +52,7 @@ pub fn dump(
     let pipeline = render::frame(gpu, subject)?;
     let stages = pipeline.stages();
     let outputs = find(&stages, stage)?.outputs();
+    let context = pipeline.context(stage);
     if outputs.is_empty() {
         return Err(DumpError::NoOutput(stage.to_owned()));
     }
@@ -61,7 +62,7 @@ pub fn dump(
     })?;
     outputs
         .iter()
-        .map(|output| write(gpu, subject, stage, output, folder))
+        .map(|output| write(gpu, subject, (stage, &context), output, folder))
         .collect()
 }
 
@@ -76,7 +77,7 @@ fn find<'a>(stages: &[&'a dyn Stage], name: &str) -> Result<&'a dyn Stage, DumpE
 fn write(
     gpu: &Gpu,
     subject: &Subject,
-    stage: &str,
+    (stage, context): (&str, &Value),
     output: &Output,
     folder: &Path,
 ) -> Result<PathBuf, DumpError> {
@@ -91,7 +92,10 @@ fn write(
         path: path.clone(),
         source,
     })?;
-    let about = describe(subject, stage, output, array.shape());
+    let mut about = describe(subject, stage, output, array.shape());
+    for (key, value) in context.as_object().into_iter().flatten() {
+        about[key] = value.clone();
+    }
     let beside = folder.join(format!("{stem}.json"));
     std::fs::write(&beside, format!("{about:#}\n")).map_err(|source| DumpError::Write {
         path: beside,

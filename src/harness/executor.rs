@@ -15,7 +15,7 @@ use crate::experiments::schema::{Experiment, Pictures};
 use crate::gpu::{self, ClockPlan, Encode, FrameSample, FrameTimer, Gpu, GpuError, StageCounters};
 use crate::pipelines::Pipeline;
 use crate::record::{Outcome, Record, RecordError, Writer};
-use crate::report::ERROR_PICTURE;
+use crate::report::{self, ERROR_PICTURE};
 
 /// What a software driver keeps of a pipeline's compiled shaders in the process: of 15 cells of `vao-samples`, 300 MiB more
 /// on lavapipe than of one.
@@ -228,20 +228,10 @@ impl<'a> CellExecutor<'a> {
         }
     }
 
-    /// `EXPERIMENT-CELL.png`, with what file names do not bear replaced and `ending` before the dot.
     fn picture_path(&self, cell: usize, ending: &str) -> PathBuf {
         let plan = &self.cells[cell].plan;
-        let plain = |c: char| {
-            if c.is_ascii_alphanumeric() || ".-_=".contains(c) {
-                c
-            } else {
-                '_'
-            }
-        };
-        let name: String = plan.cell.chars().map(plain).collect();
-        self.output
-            .pictures
-            .join(format!("{}-{name}{ending}.png", plan.experiment))
+        let name = report::picture_name(&plan.experiment, &plan.cell, ending);
+        self.output.pictures.join(name)
     }
 
     fn sampled(&mut self, cell: usize, samples: Samples) -> Outcome {
@@ -325,8 +315,12 @@ impl Executor for CellExecutor<'_> {
             CellResult::Failed(reason) => Outcome::Failed { reason },
         };
         let record = self.cells[cell].record(outcome);
+        // Written before it is told: printing can fail, and a process can be killed by it.
+        self.output
+            .writer
+            .write(&Record::Cell(Box::new(record.clone())))?;
         self.output.progress.finished(&record);
-        self.output.writer.write(&Record::Cell(Box::new(record)))
+        Ok(())
     }
 
     fn release(&mut self, cell: usize) {

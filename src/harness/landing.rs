@@ -50,7 +50,8 @@ pub fn photon_quantities(
     params: &Params,
     pipeline: &dyn Pipeline,
 ) -> Result<BTreeMap<String, f64>, LandingError> {
-    let frame = underwater::view(params, scene).light_frame();
+    let view = underwater::view(params, scene);
+    let frame = view.light_frame();
     let tracer = Tracer::new(&scene.objects)?;
     let grids = [
         (
@@ -69,7 +70,7 @@ pub fn photon_quantities(
             .into_iter()
             .step_by(step)
             .collect();
-        let landings = land_all(&frame, &params.water, &tracer, grid, step);
+        let landings = land_all(&frame, &view.water, &tracer, grid, step);
         let errors = photon_errors(&photons, &landings);
         let figures = [
             ("photon_error_median_m", errors.median_m),

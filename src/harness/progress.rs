@@ -7,6 +7,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 
 use crate::experiments::CellPlan;
 use crate::record::{Cell, Outcome};
+use crate::{tell, text};
 
 /// Longest budget that is counted down, seconds: a year. A point in time too far away cannot be told.
 const LONGEST_S: f64 = 365.0 * 86_400.0;
@@ -62,7 +63,7 @@ impl Progress {
         let result = describe(&cell.outcome);
         match &self.bar {
             Some(bar) => {
-                bar.println(format!("{name}: {result}"));
+                bar.println(text::line(&format!("{name}: {result}")));
                 bar.set_position(self.done as u64);
             }
             None => self.line(&format!(
@@ -75,10 +76,10 @@ impl Progress {
     }
 
     /// Something to know about the run.
-    pub fn say(&self, text: &str) {
+    pub fn say(&self, message: &str) {
         match &self.bar {
-            Some(bar) => bar.println(text),
-            None => self.line(text),
+            Some(bar) => bar.println(text::line(message)),
+            None => self.line(message),
         }
     }
 
@@ -89,9 +90,9 @@ impl Progress {
         }
     }
 
-    fn line(&self, text: &str) {
+    fn line(&self, message: &str) {
         if !self.quiet {
-            eprintln!("{text}");
+            tell::note(message);
         }
     }
 

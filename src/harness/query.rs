@@ -1,16 +1,27 @@
-//! `fathom query`: answers at the points of a CSV file.
+//! `fathom query`: answers at the points of a CSV file. Here occlusion; photons in [`photons`].
 
+pub mod photons;
+mod table;
+
+use std::fs::File;
 use std::io::{self, Read, Write};
 use std::path::{Path, PathBuf};
 
 use glam::DVec3;
+use rayon::prelude::*;
 use thiserror::Error;
 
 use super::subject::Subject;
 use crate::gpu::{Gpu, GpuError};
-use crate::input;
+use crate::input::{self, Limited};
 use crate::pipelines::volume_ao::{Params, occlusion_at};
+use crate::reference::ReferenceError;
+use crate::reference::occlusion::{self as exact, Attenuation};
+use crate::reference::rays::Tracer;
 use crate::stages::ao::query::{self, Point};
+use crate::stages::marching::{self, Occluder};
+pub use table::PointFault;
+use table::SHORT;
 
 /// Columns that a file of points must have, in any order and among others.
 const COLUMNS: [&str; 6] = ["x", "y", "z", "nx", "ny", "nz"];
@@ -18,10 +29,10 @@ const COLUMNS: [&str; 6] = ["x", "y", "z", "nx", "ny", "nz"];
 const ANSWER: &str = "occlusion";
 /// Largest file of points, bytes: five million points of the shortest lines, which take 0.3 GiB.
 const MAX_POINTS_FILE: u64 = 64 << 20;
-/// Largest coordinate, metres, and largest component of a normal.
-const FAR: f64 = 1e6;
-/// Shorter normals have no direction in 32 bits.
-const SHORT: f64 = 1e-6;
+/// The columns that a reference adds.
+const REFERENCE: [&str; 2] = ["reference", "error"];
+/// Rays of a reference unless told otherwise: its own error is below 0.005.
+pub const REFERENCE_RAYS: u32 = 1024;
 
 #[derive(Debug, Error)]
 pub enum QueryError {
@@ -33,33 +44,10 @@ pub enum QueryError {
     Points { path: PathBuf, fault: PointFault },
     #[error("{0}")]
     Invalid(String),
+    #[error(transparent)]
+    Reference(#[from] ReferenceError),
     #[error("cannot write {target}: {source}")]
     Write { target: String, source: csv::Error },
-}
-
-/// What is wrong with a file of points.
-#[derive(Debug, Error)]
-pub enum PointFault {
-    #[error("line 1: there is no column `{0}`: x, y, z, nx, ny and nz are needed")]
-    Column(&'static str),
-    #[error("line {line}, column `{column}`: `{}` is not a number within ±10⁶", input::one_line(.text))]
-    Number {
-        line: u64,
-        column: &'static str,
-        text: String,
-    },
-    #[error("line {line}, columns `nx`, `ny`, `nz`: a normal of length {length} has no direction")]
-    Normal { line: u64, length: f64 },
-    #[error("line {line} has {fields} fields, the header has {expected}")]
-    Fields {
-        line: u64,
-        fields: u64,
-        expected: u64,
-    },
-    #[error("line 2: there is no point")]
-    Empty,
-    #[error("{0}")]
-    Csv(csv::Error),
 }
 
 /// A surface point as its file has it.
@@ -75,6 +63,14 @@ pub struct Row {
 /// # Errors
 /// The first fault, with its line and column.
 pub fn read(path: &Path) -> Result<Vec<Row>, QueryError> {
+    read_with(path, parse)
+}
+
+/// What `parse` makes of a file.
+fn read_with<T>(
+    path: &Path,
+    parse: impl Fn(Limited<File>) -> Result<T, PointFault>,
+) -> Result<T, QueryError> {
     let file = input::plain(path, MAX_POINTS_FILE).map_err(|source| QueryError::Read {
         path: path.to_owned(),
         source,
@@ -86,62 +82,24 @@ pub fn read(path: &Path) -> Result<Vec<Row>, QueryError> {
 }
 
 fn parse(text: impl Read) -> Result<Vec<Row>, PointFault> {
-    let mut reader = csv::ReaderBuilder::new()
-        .trim(csv::Trim::All)
-        .from_reader(text);
-    let header = reader.headers().map_err(fault)?.clone();
-    let mut places = [0; COLUMNS.len()];
-    for (place, column) in places.iter_mut().zip(COLUMNS) {
-        let found = header.iter().position(|name| name == column);
-        *place = found.ok_or(PointFault::Column(column))?;
-    }
-    let rows = reader
-        .records()
-        .map(|record| row(&record.map_err(fault)?, places));
-    let rows = rows.collect::<Result<Vec<Row>, _>>()?;
-    if rows.is_empty() {
-        return Err(PointFault::Empty);
-    }
-    Ok(rows)
+    let (rows, _) = table::read(text, &COLUMNS, &[])?;
+    rows.into_iter().map(row).collect()
 }
 
-fn row(record: &csv::StringRecord, places: [usize; 6]) -> Result<Row, PointFault> {
-    let line = record.position().map_or(0, csv::Position::line);
-    let mut numbers = [0.0; COLUMNS.len()];
-    for ((number, place), column) in numbers.iter_mut().zip(places).zip(COLUMNS) {
-        let text = record.get(place).unwrap_or_default();
-        let parsed = text.parse().ok().filter(|n: &f64| n.abs() <= FAR);
-        *number = parsed.ok_or_else(|| PointFault::Number {
-            line,
-            column,
-            text: text.to_owned(),
-        })?;
-    }
-    let [x, y, z, nx, ny, nz] = numbers;
-    let normal = DVec3::new(nx, ny, nz);
+fn row((line, numbers): table::Row) -> Result<Row, PointFault> {
+    let vector = |at: usize| DVec3::from_slice(&numbers[at..]);
+    let normal = vector(3);
     if normal.length() < SHORT {
-        let length = normal.length();
-        return Err(PointFault::Normal { line, length });
+        return Err(PointFault::Direction {
+            line,
+            columns: "`nx`, `ny`, `nz`",
+            what: format!("a normal of length {} has no direction", normal.length()),
+        });
     }
     Ok(Row {
-        position_m: DVec3::new(x, y, z),
+        position_m: vector(0),
         normal,
     })
-}
-
-fn fault(error: csv::Error) -> PointFault {
-    match error.kind() {
-        csv::ErrorKind::UnequalLengths {
-            pos: Some(position),
-            expected_len,
-            len,
-        } => PointFault::Fields {
-            line: position.line(),
-            fields: *len,
-            expected: *expected_len,
-        },
-        _ => PointFault::Csv(error),
-    }
 }
 
 /// Ambient occlusion at each point by the volumes and rays of a subject of the pipeline `volume_ao`: 0 open … 1 closed.
@@ -164,20 +122,70 @@ pub fn occlusion(gpu: &Gpu, subject: &Subject, rows: &[Row]) -> Result<Vec<f32>,
     Ok(gpu.scoped(|| occlusion_at(gpu, &subject.scene, &params, &points))?)
 }
 
-/// Writes the points in their order with their occlusion; `target` names the writer in errors.
+/// The same by casting `rays` rays from each point at the scene's triangles, all of them opaque.
+///
+/// # Errors
+/// Geometry that moves, and transparent objects where rays pass through them: the reference knows neither.
+pub fn reference(subject: &Subject, rows: &[Row], rays: u32) -> Result<Vec<f64>, QueryError> {
+    let params = Params::from_value(&subject.params).map_err(QueryError::Invalid)?;
+    let invalid = |what: &str| Err(QueryError::Invalid(what.to_owned()));
+    if params.animation.motion().is_some() {
+        return invalid(
+            "--reference: the geometry moves (animation.deform), and the reference knows it at rest only",
+        );
+    }
+    let opaque = subject
+        .scene
+        .objects
+        .iter()
+        .all(|o| o.material.alpha >= 1.0);
+    if params.ao.occluder == Occluder::Opacity && !opaque {
+        return invalid(
+            "--reference: with ao.occluder=opacity rays pass through transparent objects, those of the reference do not",
+        );
+    }
+    let marching = params.ao.marching(&subject.scene);
+    let attenuation = match marching.attenuation {
+        marching::Attenuation::Linear => Attenuation::Linear,
+        marching::Attenuation::Hard => Attenuation::Hard,
+    };
+    let tracer = Tracer::new(&subject.scene.objects)?;
+    let answer = |row: &Row| {
+        let normal = row.normal.normalize();
+        exact::occlusion(
+            &tracer,
+            row.position_m,
+            normal,
+            marching.r_max_m,
+            attenuation,
+            rays,
+        )
+    };
+    Ok(rows.par_iter().map(answer).collect())
+}
+
+/// Writes the points in their order with their occlusion, and with the reference and the difference from it where there is
+/// one; `target` names the writer in errors.
 pub fn write(
     target: &str,
     writer: impl Write,
     rows: &[Row],
     occlusion: &[f32],
+    reference: Option<&[f64]>,
 ) -> Result<(), QueryError> {
     let mut csv = csv::Writer::from_writer(writer);
     let written = (|| {
-        csv.write_record(COLUMNS.iter().chain([&ANSWER]))?;
-        for (row, occlusion) in rows.iter().zip(occlusion) {
+        let more = REFERENCE.iter().filter(|_| reference.is_some());
+        csv.write_record(COLUMNS.iter().chain([&ANSWER]).chain(more))?;
+        for (i, (row, occlusion)) in rows.iter().zip(occlusion).enumerate() {
             let numbers = [row.position_m.to_array(), row.normal.to_array()].concat();
             let fields = numbers.iter().map(f64::to_string);
-            csv.write_record(fields.chain([format!("{occlusion:.6}")]))?;
+            let exact = reference.and_then(|all| all.get(i));
+            let exact = exact.map(|exact| [*exact, f64::from(*occlusion) - exact]);
+            let answers = [f64::from(*occlusion)]
+                .into_iter()
+                .chain(exact.into_iter().flatten());
+            csv.write_record(fields.chain(answers.map(|answer| format!("{answer:.6}"))))?;
         }
         csv.flush().map_err(csv::Error::from)
     })();
@@ -201,8 +209,13 @@ mod tests {
         let rows = parse(text.as_bytes()).unwrap();
         assert_eq!(rows, [row]);
         let mut out = Vec::new();
-        write("memory", &mut out, &rows, &[0.25]).unwrap();
+        write("memory", &mut out, &rows, &[0.25], None).unwrap();
         let expected = "x,y,z,nx,ny,nz,occlusion\n1,2,3,0,2,0,0.250000\n";
+        assert_eq!(String::from_utf8(out).unwrap(), expected);
+        let mut out = Vec::new();
+        write("memory", &mut out, &rows, &[0.25], Some(&[0.5])).unwrap();
+        let expected =
+            "x,y,z,nx,ny,nz,occlusion,reference,error\n1,2,3,0,2,0,0.250000,0.500000,-0.250000\n";
         assert_eq!(String::from_utf8(out).unwrap(), expected);
     }
 

@@ -60,7 +60,7 @@ pub struct Options {
     pub seed: Option<u64>,
     /// The command line, for the record.
     pub command: Vec<String>,
-    /// Say nothing on stderr.
+    /// Tell no progress on standard error.
     pub quiet: bool,
 }
 
@@ -300,8 +300,8 @@ impl Measurement<'_> {
         for cell in cells {
             if let Some(reason) = cell.skip.clone() {
                 let record = cell.record(Outcome::Skipped { reason });
+                self.writer.write(&Record::Cell(Box::new(record.clone())))?;
                 progress.finished(&record);
-                self.writer.write(&Record::Cell(Box::new(record)))?;
             }
         }
         Ok(())

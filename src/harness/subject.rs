@@ -1,6 +1,6 @@
 //! One pipeline on one scene with all its parameters: what can be checked, built and run.
 
-use std::collections::HashMap;
+use std::collections::{BTreeSet, HashMap};
 use std::rc::Rc;
 
 use serde_json::Value;
@@ -11,6 +11,7 @@ use crate::gpu::{Gpu, GpuError};
 use crate::pipelines::params::{self, ParamError};
 use crate::pipelines::{self, Kind, Pipeline};
 use crate::scene::{Scene, SceneError, SceneFile};
+use crate::tell;
 
 /// Why a pipeline, a scene and parameters do not go together. Each message says what to do.
 #[derive(Debug, Error)]
@@ -65,14 +66,24 @@ impl Subject {
     }
 }
 
-/// Makes subjects, each scene only once.
+/// Makes subjects, each scene only once. Every stand-in for an asset is told on standard error, once.
 #[derive(Default)]
 pub struct Subjects {
     files: HashMap<String, SceneFile>,
     built: Vec<(SceneFile, Rc<Scene>)>,
+    told: BTreeSet<String>,
+    silent: bool,
 }
 
 impl Subjects {
+    /// For a process whose replies name the stand-ins.
+    pub fn silent() -> Self {
+        Self {
+            silent: true,
+            ..Self::default()
+        }
+    }
+
     /// The pipeline's defaults for the scene, with `overrides` (dotted path, value) put in, in their order.
     pub fn subject(
         &mut self,
@@ -110,12 +121,25 @@ impl Subjects {
             return Ok(Rc::clone(scene));
         }
         let scene = Rc::new(Scene::build(&file)?);
+        self.tell(&scene.stand_ins);
         self.built.push((file, Rc::clone(&scene)));
         Ok(scene)
     }
+
+    fn tell(&mut self, stand_ins: &[String]) {
+        for stand_in in stand_ins {
+            if !self.silent && self.told.insert(stand_in.clone()) {
+                tell::note(format!("stand-in: {stand_in}"));
+            }
+        }
+    }
 }
 
-fn find_kind(name: &str) -> Result<&'static Kind, SubjectError> {
+/// The kind of pipeline of a name.
+///
+/// # Errors
+/// There is none, with the name that is most like it.
+pub fn find_kind(name: &str) -> Result<&'static Kind, SubjectError> {
     pipelines::find(name).ok_or_else(|| SubjectError::UnknownPipeline {
         name: name.to_owned(),
         nearest: nearest(name, pipelines::KINDS.iter().map(|kind| kind.name)),

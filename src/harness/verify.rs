@@ -12,6 +12,8 @@ mod camera;
 mod compose;
 mod deform;
 mod filters;
+mod fresnel;
+mod given_water;
 mod hsao;
 mod light;
 mod lines;
@@ -20,6 +22,7 @@ mod photons;
 mod rig;
 mod scalar;
 mod splats;
+mod starts;
 mod voxel;
 
 use std::fmt;
@@ -45,6 +48,8 @@ pub enum VerifyError {
     Landing(#[from] LandingError),
     #[error("no check matches `{filter}`; there are checks for: {known}")]
     NoMatch { filter: String, known: String },
+    #[error("{stage}: {what}")]
+    Invalid { stage: &'static str, what: String },
     #[error("{stage}: nothing to compare in check `{what}`")]
     Empty { stage: &'static str, what: String },
 }
@@ -151,8 +156,11 @@ fn cases() -> Vec<Case> {
         ao_compose::cases(),
         hsao::cases(),
         photons::cases(),
+        given_water::cases(),
+        starts::cases(),
         splats::cases(),
         lines::cases(),
+        fresnel::cases(),
         filters::cases(),
         compose::cases(),
         scalar::cases(),

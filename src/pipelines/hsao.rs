@@ -15,13 +15,21 @@ use crate::stages::frame::{Frame, Shared, View};
 use crate::stages::geometry::{self, Geometry};
 use crate::stages::hsao::march::{self, MarchUniforms};
 use crate::stages::kit::Resources;
-use crate::stages::{Stage, ao, bilateral, hsao, scene, shadow};
+use crate::stages::{self, Stage, ao, bilateral, hsao, scene, shadow};
 
 pub use parameters::{Hsao as Settings, Params};
 
 pub const KIND: Kind = Kind {
     name: "hsao",
     about: "horizon-split ambient occlusion over the depth buffer (VAO §6), lit and composed",
+    stages: &[
+        stages::frame::INFO,
+        stages::shadow::depth::INFO,
+        stages::scene::gbuffer::INFO,
+        stages::hsao::march::INFO,
+        stages::hsao::filter::INFO,
+        stages::ao::compose::INFO,
+    ],
     defaults: |file| Params::from_scene(file).to_value(),
     scene_file: |file, params| {
         let p = Params::from_value(params)?;

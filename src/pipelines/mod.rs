@@ -15,7 +15,7 @@ use serde_json::Value;
 
 use crate::gpu::{Demand, Encode, Gpu, GpuError};
 use crate::scene::{Scene, SceneFile};
-use crate::stages::Stage;
+use crate::stages::{Stage, StageInfo};
 
 /// A built pipeline: what a frame runs.
 pub trait Pipeline {
@@ -32,6 +32,11 @@ pub trait Pipeline {
     /// Figures that need a read-back of the last frame: rates of missed and unconverged photons and the like,
     /// `name → value`, the unit in the name.
     fn quantities(&self, gpu: &Gpu) -> Result<BTreeMap<String, f64>, GpuError>;
+    /// What an analysis of a stage's outputs needs besides them: an object whose keys go into the description of a dump.
+    fn context(&self, stage: &str) -> Value {
+        let _ = stage;
+        Value::Null
+    }
 }
 
 /// Builds a pipeline's resources for a scene and a parameter tree.
@@ -41,6 +46,8 @@ pub type Build = fn(&Gpu, &Scene, &Value) -> Result<Box<dyn Pipeline>, GpuError>
 pub struct Kind {
     pub name: &'static str,
     pub about: &'static str,
+    /// Every stage that some parameters run, in frame order.
+    pub stages: &'static [StageInfo],
     /// The whole tree of parameters with the values that the scene file gives.
     pub defaults: fn(&SceneFile) -> Value,
     /// The scene file with the parameters that shape its geometry put in.

@@ -101,6 +101,7 @@ fn fitting(present: &Value, given: Value) -> Result<Value, Value> {
             }
             _ => Err(given),
         },
+        (Value::Array(p), Value::Array(g)) if are_tables(p) && are_tables(g) => Ok(given),
         (Value::Array(p), Value::Array(g)) if p.len() == g.len() => p
             .iter()
             .zip(g)
@@ -112,11 +113,17 @@ fn fitting(present: &Value, given: Value) -> Result<Value, Value> {
     }
 }
 
+/// Lists of tables, such as `water.waves`, may have any length; empty ones count among them.
+fn are_tables(items: &[Value]) -> bool {
+    items.iter().all(Value::is_object)
+}
+
 fn kind(value: &Value) -> String {
     match value {
         Value::Bool(_) => "true or false".into(),
         Value::Number(n) if n.is_f64() => "a number".into(),
         Value::Number(_) => "a whole number".into(),
+        Value::Array(items) if are_tables(items) => "a list of tables".into(),
         Value::Array(items) => format!("a list of {} numbers", items.len()),
         _ => "a name".into(),
     }
@@ -156,6 +163,21 @@ mod tests {
         set(&mut tree, "caustics.grid", json!(100.0)).unwrap();
         assert_eq!(tree["caustics"]["grid"], json!(100));
         assert!(set(&mut tree, "caustics.grid", json!(1.5)).is_err());
+    }
+
+    #[test]
+    fn lists_of_tables_may_have_any_length() {
+        let mut tree = json!({"waves": [], "buffer": [0, 0]});
+        let waves = json!([{"amplitude_m": 1.0}, {"amplitude_m": 2.0}]);
+        set(&mut tree, "waves", waves.clone()).unwrap();
+        assert_eq!(tree["waves"], waves);
+        set(&mut tree, "waves", json!([])).unwrap();
+        let error = set(&mut tree, "waves", json!([1.0]))
+            .unwrap_err()
+            .to_string();
+        assert!(error.contains("takes a list of tables"), "{error}");
+        assert!(set(&mut tree, "buffer", json!([{}, {}])).is_err());
+        assert!(set(&mut tree, "buffer", json!([])).is_err());
     }
 
     #[test]

@@ -18,13 +18,19 @@ use crate::stages::frame::{Frame, Shared, View};
 use crate::stages::kit::Resources;
 use crate::stages::ray_cast::{self, RayCast};
 use crate::stages::scalar_field::ScalarField;
-use crate::stages::{Stage, scalar};
+use crate::stages::{self, Stage, scalar};
 
 pub use parameters::{Law, Mode, Params, Scalar, Stop};
 
 pub const KIND: Kind = Kind {
     name: "scalar_ao",
     about: "ambient occlusion in scalar fields (VAO §5.2): an isosurface, direct volume rendering, or smoke",
+    stages: &[
+        stages::frame::INFO,
+        stages::scalar::isosurface::INFO,
+        stages::scalar::direct::INFO,
+        stages::scalar::positional::INFO,
+    ],
     defaults: |file| Params::from_scene(file).to_value(),
     scene_file,
     demand,

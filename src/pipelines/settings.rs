@@ -146,7 +146,8 @@ impl Voxel {
     /// The grid of the whole scene, or one for each object in the scene's order, with room for the geometry's motion.
     ///
     /// # Errors
-    /// Voxels by the object where the grid is set by hand or lies around the viewer; a scene without geometry.
+    /// Voxels by the object where the grid is set by hand or lies around the viewer; a scene without geometry; a grid that
+    /// holds nothing of the scene.
     pub fn grids(
         &self,
         scene: &Scene,
@@ -166,27 +167,51 @@ impl Voxel {
             };
             return scene.objects.iter().map(fit).collect();
         }
+        let moving = scene.objects.iter();
+        let moving = moving.map(|o| animation.room(&o.mesh.bounds()));
+        let bounds = moving.fold(scene.solid_bounds(), Bounds::union);
         let grid = if by_hand {
-            Grid {
+            let grid = Grid {
                 cells: self.cells,
                 origin_m: DVec3::from(self.origin_m),
                 voxel_m: self.voxel_m,
-            }
+            };
+            holds_some(
+                "voxel.cells, voxel.origin_m and voxel.voxel_m",
+                &grid,
+                &bounds,
+            )?;
+            grid
         } else if self.around_viewer_m > 0.0 {
             let viewer = DVec3::from(camera.position_m);
-            Grid::around(viewer, self.around_viewer_m, self.resolution)?
+            let grid = Grid::around(viewer, self.around_viewer_m, self.resolution)?;
+            holds_some(
+                "voxel.around_viewer_m and camera.position_m",
+                &grid,
+                &bounds,
+            )?;
+            grid
         } else {
-            let moving = scene
-                .objects
-                .iter()
-                .map(|o| animation.room(&o.mesh.bounds()));
-            Grid::fit(
-                &moving.fold(scene.solid_bounds(), Bounds::union),
-                self.resolution,
-            )?
+            Grid::fit(&bounds, self.resolution)?
         };
         Ok(vec![grid])
     }
+}
+
+/// An error for a grid beside the scene: everything in it would be empty.
+fn holds_some(parameters: &str, grid: &Grid, scene: &Bounds) -> Result<(), String> {
+    if grid.bounds().meets(scene) {
+        return Ok(());
+    }
+    let corners = |bounds: &Bounds| {
+        let [min, max] = [bounds.min, bounds.max].map(|p| p.to_array());
+        format!("{min:.3?} to {max:.3?} m")
+    };
+    Err(format!(
+        "{parameters} place the grid at {}, and the scene lies at {}: they must overlap",
+        corners(&grid.bounds()),
+        corners(scene)
+    ))
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]

@@ -1,5 +1,6 @@
 //! Underwater caustics and godrays: Papadopoulos and Papaioannou, *Realistic Real-time Underwater Caustics and Godrays* (UW).
 
+mod explain;
 mod measure;
 mod parameters;
 
@@ -19,14 +20,29 @@ use crate::stages::godrays::lines::LinesUniforms;
 use crate::stages::kit::Resources;
 use crate::stages::photon::{self, Photons};
 use crate::stages::splatting::PHOTONS_PER_INSTANCE;
-use crate::stages::{Stage, caustics, godrays, scene, shadow, water};
+use crate::stages::{self, Stage, caustics, godrays, scene, shadow, water};
 
-pub use measure::{blended_fragments, read_photons};
+pub use measure::{blended_fragments, photons_at, read_photons};
 pub use parameters::{Intensity, Params, PhotonGrid, SubdivisionMode};
 
 pub const KIND: Kind = Kind {
     name: "underwater",
     about: "underwater caustics and godrays (UW): photons through the water's surface, splats and light shafts",
+    stages: &[
+        stages::frame::INFO,
+        stages::shadow::depth::INFO,
+        stages::shadow::mask::INFO,
+        stages::scene::gbuffer::INFO,
+        stages::water::reflection::INFO,
+        stages::water::refraction::INFO,
+        stages::caustics::trace::INFO,
+        stages::caustics::splat::INFO,
+        stages::caustics::filter::INFO,
+        stages::godrays::trace::INFO,
+        stages::godrays::lines::INFO,
+        stages::godrays::filter::INFO,
+        stages::compose::INFO,
+    ],
     defaults: |file| Params::from_scene(file).to_value(),
     scene_file,
     demand,
@@ -65,6 +81,10 @@ fn demand(params: &Value, scene: &Scene) -> Result<Demand, String> {
         .buffer("scene vertices", vertices)
         .buffer("scene indices", indices)
         .color_targets("scene/gbuffer", 2, 12);
+    if let Some(tile) = &scene.water.tile {
+        let [columns, rows] = tile.size().map(u64::from);
+        demand = demand.texture_2d("water.height_map", columns, rows);
+    }
     let grids = [
         (
             "caustics",
@@ -111,8 +131,7 @@ pub struct Underwater {
     godrays_lines: godrays::lines::Lines,
     godrays_filter: Option<godrays::filter::Filter>,
     compose: compose::Compose,
-    /// I_photon of caustics and godrays, W.
-    photon_w: [f64; 2],
+    plan: Plan,
     allocated_bytes: u64,
 }
 
@@ -138,6 +157,7 @@ impl Underwater {
         let refraction =
             water::refraction::Refraction::new(resources, &shared, &geometry, surface_px)?;
 
+        let conserving = params.caustics.intensity == Intensity::Conserving;
         let light = (shadow_depth.texture(), shadow_mask.texture());
         let grid = params.caustics.grid_settings();
         let caustics_trace = caustics::trace::Trace::new(
@@ -146,13 +166,14 @@ impl Underwater {
             light,
             grid.uniforms(),
             grid.is_dynamic(),
-        )?;
+        )?
+        .weighted(conserving);
         let caustics_splat = caustics::splat::Splat::new(
             resources,
             &shared,
             (&caustics_trace.0.photons, &gbuffer.depth),
             &plan.splat,
-            params.caustics.intensity == Intensity::Conserving,
+            conserving,
             plan.splat_px,
         )?;
         let caustics_filter = params
@@ -160,7 +181,9 @@ impl Underwater {
             .filter
             .then(|| {
                 let settings = params.caustics.filter_uniforms();
-                caustics::filter::Filter::new(resources, caustics_splat.texture(), &settings)
+                let column = caustics::splat::column(conserving);
+                let source = (caustics_splat.texture(), column);
+                caustics::filter::Filter::new(resources, source, &settings)
             })
             .transpose()?;
 
@@ -171,7 +194,8 @@ impl Underwater {
             light,
             grid.uniforms(),
             grid.is_dynamic(),
-        )?;
+        )?
+        .weighted(params.godrays.intensity == Intensity::Conserving);
         let godrays_lines = godrays::lines::Lines::new(
             resources,
             &shared,
@@ -185,7 +209,9 @@ impl Underwater {
             .filter
             .then(|| {
                 let settings = params.godrays.filter_uniforms();
-                godrays::filter::Filter::new(resources, godrays_lines.texture(), &settings)
+                let conserving = params.godrays.intensity == Intensity::Conserving;
+                let source = (godrays_lines.texture(), godrays::lines::column(conserving));
+                godrays::filter::Filter::new(resources, source, &settings)
             })
             .transpose()?;
 
@@ -202,8 +228,13 @@ impl Underwater {
             reflection: reflection.texture(),
             refraction: refraction.texture(),
         };
-        let conserving = params.caustics.intensity == Intensity::Conserving;
-        let compose = compose::Compose::new(resources, &shared, &inputs, plan.compose, conserving)?;
+        let compose = compose::Compose::new(
+            resources,
+            &shared,
+            &inputs,
+            plan.compose.clone(),
+            conserving,
+        )?;
         Ok(Self {
             frame: Frame::new(view.clone(), &shared),
             params,
@@ -220,7 +251,7 @@ impl Underwater {
             godrays_lines,
             godrays_filter,
             compose,
-            photon_w: [plan.splat.photon_w, plan.lines.photon_w].map(f64::from),
+            plan,
             allocated_bytes: resources.allocated_bytes(),
         })
     }
@@ -265,6 +296,10 @@ impl Pipeline for Underwater {
     fn quantities(&self, gpu: &Gpu) -> Result<BTreeMap<String, f64>, GpuError> {
         self.measured_quantities(gpu)
     }
+
+    fn context(&self, stage: &str) -> Value {
+        self.explained(stage)
+    }
 }
 
 /// What the frame is seen from, for these parameters.
@@ -272,7 +307,7 @@ pub fn view(params: &Params, scene: &Scene) -> View {
     View {
         camera: params.camera.clone(),
         light: params.light.clone(),
-        water: params.water.clone(),
+        water: params.water.with_tile_of(&scene.water),
         bounds: scene.bounds,
         size_px: UVec2::new(params.view.width, params.view.height),
         edge_m: params.shadow.edge_m,

@@ -19,7 +19,7 @@ use crate::stages::kit::Resources;
 use crate::stages::marching::Marching;
 use crate::stages::scene::deform::Deform;
 use crate::stages::voxels::Voxels;
-use crate::stages::{Stage, ao, bilateral, scene, shadow};
+use crate::stages::{self, Stage, ao, bilateral, scene, shadow};
 
 pub use measure::occlusion_at;
 pub use parameters::{Ao, Params};
@@ -27,6 +27,25 @@ pub use parameters::{Ao, Params};
 pub const KIND: Kind = Kind {
     name: "volume_ao",
     about: "volume ambient occlusion (VAO): voxelization, rays marched through the volume, filter, composition",
+    stages: &[
+        stages::frame::INFO,
+        stages::scene::deform::INFO,
+        stages::voxel::clear::INFO,
+        stages::voxel::slicemap::INFO_X,
+        stages::voxel::slicemap::INFO_Y,
+        stages::voxel::slicemap::INFO_Z,
+        stages::voxel::combine::INFO,
+        stages::voxel::slice::INFO,
+        stages::voxel::overlap::INFO,
+        stages::voxel::alpha::INFO,
+        stages::voxel::unpack::INFO,
+        stages::voxel::mips::INFO,
+        stages::shadow::depth::INFO,
+        stages::scene::gbuffer::INFO,
+        stages::ao::march::INFO,
+        stages::ao::bilateral::INFO,
+        stages::ao::compose::INFO,
+    ],
     defaults: |file| Params::from_scene(file).to_value(),
     scene_file: |file, params| {
         let p = Params::from_value(params)?;

@@ -11,17 +11,30 @@ use super::voxelization::{self, Voxelization};
 use super::{Kind, Pipeline};
 use crate::gpu::{Demand, Encode, Gpu, GpuError, read_buffer, texture_bytes};
 use crate::scene::{Camera, Light, Scene, SceneFile};
-use crate::stages::Stage;
 use crate::stages::frame::{Shared, View};
 use crate::stages::geometry::{self, Geometry};
 use crate::stages::kit::Resources;
 use crate::stages::scene::deform::Deform;
 use crate::stages::voxel::view::CubeView;
 use crate::stages::voxels::Voxels;
+use crate::stages::{self, Stage};
 
 pub const KIND: Kind = Kind {
     name: "voxelize",
     about: "real-time voxelization (VAO §4): slicemaps, slices, or triangles against voxels",
+    stages: &[
+        stages::scene::deform::INFO,
+        stages::voxel::clear::INFO,
+        stages::voxel::slicemap::INFO_X,
+        stages::voxel::slicemap::INFO_Y,
+        stages::voxel::slicemap::INFO_Z,
+        stages::voxel::combine::INFO,
+        stages::voxel::slice::INFO,
+        stages::voxel::overlap::INFO,
+        stages::voxel::alpha::INFO,
+        stages::voxel::unpack::INFO,
+        stages::voxel::mips::INFO,
+    ],
     defaults: |file| Params::from_scene(file).to_value(),
     scene_file,
     demand,

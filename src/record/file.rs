@@ -7,10 +7,21 @@ use serde_json::Value;
 
 use super::lines::{Damage, Line, LineWriter, RecordError, read_lines};
 use super::{Cell, Outcome, Record, Run, SCHEMA};
+use crate::text;
 
 impl Line for Record {
     const SCHEMA: u32 = SCHEMA;
     const NAME: &'static str = "record";
+
+    /// An experiment's id names files of the report.
+    fn check(&self) -> Result<(), String> {
+        let id = match self {
+            Record::Experiment(definition) => &definition.id,
+            Record::Cell(cell) => &cell.experiment,
+            Record::Run(_) | Record::End(_) => return Ok(()),
+        };
+        text::check_id(id).map_err(|fault| format!("experiment {fault}"))
+    }
 }
 
 pub type Writer = LineWriter<Record>;

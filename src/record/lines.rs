@@ -23,6 +23,11 @@ pub trait Line: Serialize + DeserializeOwned {
     const SCHEMA: u32;
     /// Names a line in messages, such as `record`.
     const NAME: &'static str;
+
+    /// What no sound line holds, beyond what its types say.
+    fn check(&self) -> Result<(), String> {
+        Ok(())
+    }
 }
 
 #[derive(Debug, thiserror::Error)]
@@ -238,8 +243,11 @@ fn parse<T: Line>(line: &[u8]) -> Parsed<T> {
     if let Some(found) = schema.filter(|found| *found != u64::from(T::SCHEMA)) {
         return Parsed::OtherSchema(found);
     }
-    match serde_json::from_value(value) {
-        Ok(line) => Parsed::Line(line),
+    match serde_json::from_value::<T>(value) {
+        Ok(line) => match line.check() {
+            Ok(()) => Parsed::Line(line),
+            Err(fault) => Parsed::Damaged(fault),
+        },
         Err(error) => Parsed::Damaged(format!("not a {}: {error}", T::NAME)),
     }
 }

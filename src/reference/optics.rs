@@ -141,6 +141,23 @@ mod tests {
     }
 
     #[test]
+    fn water_lets_through_what_its_closed_forms_say() {
+        let n = 1.33f64;
+        let straight = 1.0 - ((n - 1.0) / (n + 1.0)).powi(2);
+        assert!((fresnel_transmittance(1.0, 1.0, n) - straight).abs() < 1e-15);
+        // Near grazing 4 (1 + n²) cos θ / (n √(n² − 1)) / 2 is left, which tends to 0.
+        for cos_i in [1e-3, 1e-6] {
+            let slope = 2.0 * (1.0 + n * n) / (n * n - 1.0).sqrt();
+            let t = fresnel_transmittance(cos_i, 1.0, n);
+            assert!((t / (slope * cos_i) - 1.0).abs() < 10.0 * cos_i, "{t}");
+        }
+        // At Brewster's angle the parallel part passes whole: T = 1 − R_s / 2.
+        let cos_b = 1.0 / (1.0 + n * n).sqrt();
+        let r_s = ((1.0 - n * n) / (1.0 + n * n)).powi(2);
+        assert!((fresnel_transmittance(cos_b, 1.0, n) - (1.0 - r_s / 2.0)).abs() < 1e-12);
+    }
+
+    #[test]
     fn positive_k_scatters_forward_and_zero_is_isotropic() {
         assert!(phase_schlick(1.0, 0.7) > phase_schlick(-1.0, 0.7));
         assert!((phase_schlick(0.3, 0.0) - 1.0 / (4.0 * PI)).abs() < 1e-16);

@@ -4,7 +4,7 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::ReferenceError;
-use super::optics::refract;
+use super::optics::{fresnel_transmittance, refract};
 use super::rays::{Hit, Tracer};
 use super::surface::{Entry, enter};
 use crate::scene::{LightFrame, Water};
@@ -98,6 +98,11 @@ impl Landing {
 /// Follows the photon through point `ndc` of the light's screen: air, refraction at the surface, water.
 pub fn land(frame: &LightFrame, water: &Water, tracer: &Tracer, ndc: [f64; 2]) -> Landing {
     let (origin, incident) = frame.ray(ndc[0], ndc[1]);
+    land_ray(water, tracer, origin, incident)
+}
+
+/// Follows a photon from any place in the air in a unit direction.
+pub fn land_ray(water: &Water, tracer: &Tracer, origin: DVec3, incident: DVec3) -> Landing {
     let Some(entry) = enter(water, origin, incident, f64::MAX) else {
         return Landing::MissesWater;
     };
@@ -120,6 +125,12 @@ pub fn land(frame: &LightFrame, water: &Water, tracer: &Tracer, ndc: [f64; 2]) -
         }),
         None => Landing::Leaves { entry, direction },
     }
+}
+
+/// Share of an unpolarised photon's energy that enters the water with it (Fresnel); `incident` has unit length.
+pub fn entering(water: &Water, entry: &Entry, incident: DVec3) -> f64 {
+    let cosine = incident.dot(entry.normal).abs();
+    fresnel_transmittance(cosine, 1.0, water.refractive_index)
 }
 
 /// Landing of every `step`th photon of a grid, in memory order, on all cores.

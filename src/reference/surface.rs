@@ -2,13 +2,15 @@
 
 use glam::DVec3;
 
-use crate::scene::Water;
+use crate::scene::{Water, WaterModel, shortest_wave_m};
 
 /// Marching steps per smallest feature of the surface while a root is bracketed. At 64 steps a wave
 /// bends by less than 0.1 rad within one, so that a pair of roots inside a step is a grazing touch.
 const STEPS_PER_FEATURE: f64 = 64.0;
 /// Lattice cells of the finest noise octave in one noise tile (two octaves over 8 cells).
 const FINEST_NOISE_CELLS: f64 = 16.0;
+/// Samples of a height map that the smallest wave takes which its spline can hold.
+const SAMPLES_PER_FEATURE: f64 = 2.0;
 /// Steps along one ray at most; a ray that grazes the surface over kilometres ends as a miss.
 const MAX_STEPS: f64 = 1.0e6;
 
@@ -64,7 +66,7 @@ fn entry_at(water: &Water, p: DVec3, distance_m: f64) -> Entry {
 /// Part of the ray, in metres from its origin, inside the slab that holds every wave.
 fn slab(water: &Water, origin: DVec3, direction: DVec3, max_m: f64) -> Option<(f64, f64)> {
     // Noise is normalised to about ±1: half as much again leaves room for its peaks.
-    let bound = 1.5 * water.amplitude_m.abs() + 1e-6;
+    let bound = 1.5 * water.bound_m() + 1e-6;
     if direction.y == 0.0 {
         return (origin.y.abs() <= bound).then_some((0.0, max_m));
     }
@@ -78,9 +80,16 @@ fn slab(water: &Water, origin: DVec3, direction: DVec3, max_m: f64) -> Option<(f
 
 /// Length of a marching step, metres along the ray.
 fn step_m(water: &Water, direction: DVec3) -> f64 {
-    let feature = water
-        .wavelength_m
-        .min(water.noise_tile_m / FINEST_NOISE_CELLS);
+    let feature = match water.model {
+        WaterModel::Circular | WaterModel::Directional => water
+            .wavelength_m
+            .min(water.noise_tile_m / FINEST_NOISE_CELLS),
+        WaterModel::Waves => shortest_wave_m(&water.waves),
+        WaterModel::HeightMap => {
+            let spacing_m = water.tile.as_ref().map(|tile| tile.spacing_m());
+            SAMPLES_PER_FEATURE * spacing_m.unwrap_or(1.0)
+        }
+    };
     let horizontal = direction.x.hypot(direction.z);
     feature / STEPS_PER_FEATURE / horizontal.max(1e-3)
 }
@@ -105,7 +114,6 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
-    use crate::scene::WaterModel;
 
     fn rough(model: WaterModel) -> Water {
         Water {

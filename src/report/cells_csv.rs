@@ -1,7 +1,9 @@
 //! `cells.csv`: one row per cell and stage, as RFC 4180 has it. A cell without figures has one row with an empty stage.
+//! A name that a spreadsheet would take for a formula has an apostrophe in front; see [`text::csv`].
 
 use super::{Artifact, Entry, Exporter, ReportError, View};
 use crate::record::{Estimate, Measured, Outcome, StageRecord};
+use crate::text;
 
 pub const EXPORTER: Exporter = Exporter {
     name: "cells.csv",
@@ -148,18 +150,10 @@ fn estimate_fields(estimate: &Estimate) -> Vec<String> {
     ]
 }
 
-/// One line of CSV: fields with commas, quotes or line breaks are quoted, quotes doubled, CRLF at the end.
+/// One line of CSV, CRLF at the end.
 fn row(fields: &[String]) -> String {
-    let fields: Vec<String> = fields.iter().map(|field| quote(field)).collect();
+    let fields: Vec<String> = fields.iter().map(|field| text::csv(field)).collect();
     fields.join(",") + "\r\n"
-}
-
-fn quote(field: &str) -> String {
-    if field.contains([',', '"', '\r', '\n']) {
-        format!("\"{}\"", field.replace('"', "\"\""))
-    } else {
-        field.to_owned()
-    }
 }
 
 #[cfg(test)]
@@ -172,7 +166,7 @@ mod tests {
         let fields = ["plain", "a,b", "say \"x\"", "two\nlines", ""].map(str::to_owned);
         assert_eq!(
             row(&fields),
-            "plain,\"a,b\",\"say \"\"x\"\"\",\"two\nlines\",\r\n"
+            "plain,\"a,b\",\"say \"\"x\"\"\",two lines,\r\n"
         );
     }
 

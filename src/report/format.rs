@@ -1,6 +1,7 @@
 //! Numbers and tables as text.
 
 use crate::record::Estimate;
+use crate::text;
 
 pub const NS_PER_MS: f64 = 1e6;
 
@@ -65,22 +66,34 @@ pub fn percent(share: f64) -> String {
     format!("{} %", three(share * 100.0))
 }
 
-/// A table in Markdown.
+/// A table in Markdown. Its cells are Markdown already.
 pub struct Table {
     header: Vec<String>,
     rows: Vec<Vec<String>>,
 }
 
 impl Table {
-    pub fn new<S: Into<String>>(header: impl IntoIterator<Item = S>) -> Table {
+    /// With a header of plain text.
+    pub fn new<S: AsRef<str>>(header: impl IntoIterator<Item = S>) -> Table {
+        Table::of_markdown(escaped(header))
+    }
+
+    /// With a header of Markdown.
+    pub fn of_markdown(header: impl IntoIterator<Item = String>) -> Table {
         Table {
-            header: header.into_iter().map(Into::into).collect(),
+            header: header.into_iter().collect(),
             rows: Vec::new(),
         }
     }
 
-    pub fn row<S: Into<String>>(&mut self, cells: impl IntoIterator<Item = S>) {
-        self.rows.push(cells.into_iter().map(Into::into).collect());
+    /// Adds a row of plain text.
+    pub fn row<S: AsRef<str>>(&mut self, cells: impl IntoIterator<Item = S>) {
+        self.row_of_markdown(escaped(cells));
+    }
+
+    /// Adds a row of Markdown.
+    pub fn row_of_markdown(&mut self, cells: impl IntoIterator<Item = String>) {
+        self.rows.push(cells.into_iter().collect());
     }
 
     pub fn is_empty(&self) -> bool {
@@ -100,11 +113,10 @@ impl Table {
 }
 
 fn line(cells: &[String]) -> String {
-    let cells: Vec<String> = cells.iter().map(|cell| escape(cell)).collect();
     format!("| {} |\n", cells.join(" | "))
 }
 
-/// Text that Markdown shows as it is within a table.
-pub fn escape(text: &str) -> String {
-    text.replace('|', "\\|").replace(['\n', '\r'], " ")
+fn escaped<S: AsRef<str>>(cells: impl IntoIterator<Item = S>) -> Vec<String> {
+    let cells = cells.into_iter();
+    cells.map(|cell| text::markdown(cell.as_ref())).collect()
 }

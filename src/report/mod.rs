@@ -14,15 +14,22 @@ mod fixtures;
 use std::path::{Path, PathBuf};
 
 use crate::record::Record;
+use crate::text;
 
 pub use view::{Entry, Section, View};
 
-/// Folder, beside the records, of the pictures that a summary links to. A picture belongs to the experiment whose id its
-/// name begins with.
+/// Folder, beside the records, of the pictures that a summary links to.
 pub const PICTURES: &str = "renders";
 
-/// How the name of a picture ends, before the dot, that shows a cell's error and not its image.
-pub const ERROR_PICTURE: &str = "-error";
+/// How the name of a picture ends, before the dot, that shows a cell's error and not its image. No stem ends so.
+pub const ERROR_PICTURE: &str = "~error";
+
+/// Name of the picture of an experiment's cell, with `ending` before the dot: `EXPERIMENT_CELL.png`, different for different
+/// cells. An id holds no `_`, so that where it ends is plain.
+pub fn picture_name(experiment: &str, cell: &str, ending: &str) -> String {
+    let [experiment, cell] = [experiment, cell].map(text::file_stem);
+    format!("{experiment}_{cell}{ending}.png")
+}
 
 #[derive(Debug, thiserror::Error)]
 pub enum ReportError {
@@ -87,4 +94,125 @@ fn pictures_in(out: &Path) -> Vec<String> {
         .collect();
     names.sort();
     names
+}
+
+#[cfg(all(test, target_os = "linux"))]
+mod tests {
+    use std::time::Duration;
+
+    use nix::time::{ClockId, clock_gettime};
+    use serde_json::{Map, json};
+
+    use super::*;
+    use crate::record::{Cell, Definition, Outcome};
+
+    /// Quadratic work grows 16-fold from n to 4 n, linear work 4-fold.
+    const MOST_GROWTH: f64 = 8.0;
+    const CELLS: usize = 8_000;
+
+    const ALONG: &str = r#"
+        id = "own"
+        title = "Own"
+        source = "none"
+        pipeline = "underwater"
+        scene = "tank"
+        [[sweep]]
+        [[sweep.axis]]
+        name = "caustics.grid"
+        values = VALUES
+        [[plot]]
+        title = "Frames"
+        kind = "bars"
+        over = "caustics.grid"
+        y = ["frame"]
+        [[claim]]
+        id = "rising"
+        text = "It rises"
+        test.monotone = { y = "frame", x = "axis:caustics.grid", over = "caustics.grid", direction = "rising", tolerance = 0.1 }
+    "#;
+
+    fn cell(experiment: &str, number: usize) -> Record {
+        let mut axes = Map::new();
+        axes.insert("caustics.grid".to_owned(), json!(number));
+        Record::Cell(Box::new(Cell {
+            experiment: experiment.to_owned(),
+            cell: format!("caustics.grid={number}"),
+            axes,
+            pipeline: "underwater".to_owned(),
+            scene: "tank".to_owned(),
+            stand_ins: vec![format!("note {number}")],
+            params: json!({}),
+            outcome: Outcome::Skipped {
+                reason: "too large".to_owned(),
+            },
+        }))
+    }
+
+    /// Cells of one experiment that the records do not define, from the last to the first.
+    fn undefined(count: usize) -> Vec<Record> {
+        (0..count).rev().map(|number| cell("own", number)).collect()
+    }
+
+    /// The same with the definition.
+    fn defined(count: usize) -> Vec<Record> {
+        let values: Vec<usize> = (0..count).collect();
+        let toml = ALONG.replace("VALUES", &format!("{values:?}"));
+        let id = "own".to_owned();
+        let definition = Record::Experiment(Definition { id, toml });
+        std::iter::once(definition)
+            .chain(undefined(count))
+            .collect()
+    }
+
+    /// A cell for each of many experiments.
+    fn scattered(count: usize) -> Vec<Record> {
+        let cells = 0..count;
+        cells
+            .map(|number| cell(&format!("own-{number}"), number))
+            .collect()
+    }
+
+    fn cpu_time() -> Duration {
+        Duration::from(clock_gettime(ClockId::CLOCK_THREAD_CPUTIME_ID).unwrap())
+    }
+
+    /// The least of three, seconds.
+    fn time_of(records: &[Record]) -> f64 {
+        let pictures: Vec<String> = (0..records.len())
+            .map(|number| {
+                format!(
+                    "{PICTURES}/{}",
+                    picture_name("own", &number.to_string(), "")
+                )
+            })
+            .collect();
+        let times = (0..3).map(|_| {
+            let start = cpu_time();
+            artifacts(records, &pictures).unwrap();
+            (cpu_time() - start).as_secs_f64()
+        });
+        times.fold(f64::INFINITY, f64::min)
+    }
+
+    #[test]
+    fn the_definition_is_one() {
+        let files = artifacts(&defined(3), &[]).unwrap();
+        let summary = files.last().unwrap();
+        let text = String::from_utf8(summary.bytes.clone()).unwrap();
+        assert!(text.contains("| It rises |"), "{text}");
+    }
+
+    #[test]
+    fn the_time_of_a_report_grows_with_its_cells() {
+        type Shape = fn(usize) -> Vec<Record>;
+        let shapes: [(&str, Shape); 3] = [
+            ("undefined", undefined),
+            ("defined", defined),
+            ("scattered", scattered),
+        ];
+        for (name, shape) in shapes {
+            let [few, many] = [CELLS, 4 * CELLS].map(|count| time_of(&shape(count)));
+            assert!(many < MOST_GROWTH * few, "{name}: {few} s, then {many} s");
+        }
+    }
 }

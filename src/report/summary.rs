@@ -2,12 +2,14 @@
 
 mod section;
 
+use std::collections::HashSet;
 use std::fmt::Write as _;
 
 use super::format::{self, Table};
 use super::{Artifact, Exporter, ReportError, View};
 use crate::experiments::Verdict;
 use crate::record::{Clock, FrameRecord, Outcome, PassKind, Run};
+use crate::text;
 
 pub const EXPORTER: Exporter = Exporter {
     name: "summary.md",
@@ -23,7 +25,7 @@ fn export(view: &View<'_>) -> Result<Vec<Artifact>, ReportError> {
     }
     overview(view, &mut text);
     for part in &view.sections {
-        section::write(part, view.pictures, &mut text);
+        section::write(part, &mut text);
     }
     other_pictures(view, &mut text);
     Ok(vec![Artifact {
@@ -34,7 +36,7 @@ fn export(view: &View<'_>) -> Result<Vec<Artifact>, ReportError> {
 
 fn header(view: &View<'_>, run: &Run, text: &mut String) {
     let adapter = &run.adapter;
-    *text += &format!("# fathom on {}\n\n", adapter.name);
+    *text += &format!("# fathom on {}\n\n", text::markdown(&adapter.name));
     if adapter.software {
         *text += "> Measured on a software driver. Ratios, slopes and shares stand; absolute times and \
                   frame rates count only on hardware.\n\n";
@@ -56,7 +58,8 @@ fn header(view: &View<'_>, run: &Run, text: &mut String) {
     table.row(["shader checks", &run.shader_checks]);
     table.row(["started", &run.started_at]);
     table.row(["fathom", &run.fathom_version]);
-    table.row(["command".to_owned(), format!("`{}`", run.command.join(" "))]);
+    let command = text::code(&run.command.join(" "));
+    table.row_of_markdown(["command".to_owned(), command.replace('|', "\\|")]);
     trust(view, run, &mut table);
     *text += &table.markdown();
     audit(run, text);
@@ -229,6 +232,7 @@ pub(super) fn clock_name(clock: Clock) -> &'static str {
 /// Notes on the run, and the stand-ins that cells ran on.
 fn notes(view: &View<'_>, text: &mut String) {
     let mut all: Vec<&str> = Vec::new();
+    let mut known: HashSet<&str> = HashSet::new();
     let of_runs = view.runs.iter().flat_map(|run| &run.notes);
     let stand_ins = view
         .sections
@@ -236,7 +240,7 @@ fn notes(view: &View<'_>, text: &mut String) {
         .flat_map(|section| &section.entries)
         .flat_map(|entry| &entry.cell.stand_ins);
     for note in of_runs.chain(stand_ins) {
-        if !all.contains(&note.as_str()) {
+        if known.insert(note) {
             all.push(note);
         }
     }
@@ -254,7 +258,7 @@ fn notes(view: &View<'_>, text: &mut String) {
     }
     *text += "## Notes\n\n";
     for note in all {
-        let _ = writeln!(text, "- {note}");
+        let _ = writeln!(text, "- {}", text::markdown(note));
     }
     *text += "\n";
 }
@@ -283,8 +287,12 @@ fn overview(view: &View<'_>, text: &mut String) {
             let same = rulings.iter().filter(|ruling| ruling.verdict == wanted);
             same.count().to_string()
         };
-        table.row([
-            format!("[{0}](#{0})", section.id),
+        table.row_of_markdown([
+            format!(
+                "[{}](#{})",
+                text::markdown(section.id),
+                text::link(section.id)
+            ),
             count(|outcome| matches!(outcome, Outcome::Measured(_))),
             count(|outcome| matches!(outcome, Outcome::Skipped { .. })),
             count(|outcome| matches!(outcome, Outcome::Failed { .. })),
@@ -299,22 +307,19 @@ fn overview(view: &View<'_>, text: &mut String) {
     }
 }
 
+/// A picture in Markdown.
+fn image(name: &str, path: &str) -> String {
+    format!("![{}]({})", text::markdown(name), text::link(path))
+}
+
 /// Pictures that belong to no experiment.
 fn other_pictures(view: &View<'_>, text: &mut String) {
-    let others: Vec<&String> = view
-        .pictures
-        .iter()
-        .filter(|picture| {
-            let belongs = |id| section::is_picture_of(picture, id);
-            !view.sections.iter().any(|section| belongs(section.id))
-        })
-        .collect();
-    if others.is_empty() {
+    if view.other_pictures.is_empty() {
         return;
     }
     *text += "## Pictures\n\n";
-    for picture in others {
-        let _ = writeln!(text, "![{picture}]({picture})");
+    for picture in &view.other_pictures {
+        let _ = writeln!(text, "{}", image(picture, picture));
     }
 }
 

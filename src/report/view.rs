@@ -1,17 +1,23 @@
 //! Records in the order in which a report tells them: the run, then each experiment with its cells, once each.
 
+use std::cell::OnceCell;
 use std::cmp::Ordering;
+use std::collections::HashMap;
+use std::collections::hash_map::Entry::{Occupied, Vacant};
 
 use serde_json::Value;
 
+use super::plots::Figure;
 use crate::experiments::{self, Experiment, Ruling, label_text};
 use crate::record::{Cell, End, Measured, Record, Run};
+use crate::text;
 
 pub struct View<'a> {
     pub runs: Vec<&'a Run>,
     pub ends: Vec<&'a End>,
     pub sections: Vec<Section<'a>>,
-    pub pictures: &'a [String],
+    /// Paths of pictures that belong to no section.
+    pub other_pictures: Vec<&'a str>,
 }
 
 /// A cell and the run that it belongs to.
@@ -29,6 +35,10 @@ pub struct Section<'a> {
     /// Why there is none.
     pub problem: Option<String>,
     pub entries: Vec<Entry<'a>>,
+    /// Paths of its pictures.
+    pub pictures: Vec<&'a str>,
+    rulings: OnceCell<Vec<Ruling>>,
+    figure: OnceCell<Figure>,
 }
 
 impl<'a> View<'a> {
@@ -37,19 +47,21 @@ impl<'a> View<'a> {
             runs: Vec::new(),
             ends: Vec::new(),
             sections: Vec::new(),
-            pictures,
+            other_pictures: Vec::new(),
         };
+        let mut places = Places::default();
         for record in records {
             match record {
                 Record::Run(run) => view.runs.push(run),
                 Record::End(end) => view.ends.push(end),
                 Record::Experiment(definition) => {
                     let parsed = Experiment::parse(&definition.id, &definition.toml);
-                    view.section(&definition.id).define(parsed);
+                    let section = places.section(&definition.id, &mut view.sections);
+                    view.sections[section].define(parsed);
                 }
                 Record::Cell(cell) => {
                     let run = view.runs.last().copied();
-                    view.section(&cell.experiment).add(Entry { cell, run });
+                    places.add(Entry { cell, run }, &mut view.sections);
                 }
             }
         }
@@ -57,6 +69,7 @@ impl<'a> View<'a> {
         for section in &mut view.sections {
             section.finish(&profile);
         }
+        view.take_pictures(pictures);
         view
     }
 
@@ -70,22 +83,70 @@ impl<'a> View<'a> {
         self.sections.iter().flat_map(Section::measured)
     }
 
-    fn section(&mut self, id: &'a str) -> &mut Section<'a> {
-        let found = self.sections.iter().position(|section| section.id == id);
-        let index = found.unwrap_or_else(|| {
-            self.sections.push(Section {
-                id,
-                experiment: None,
-                problem: None,
-                entries: Vec::new(),
-            });
-            self.sections.len() - 1
-        });
-        &mut self.sections[index]
+    /// Gives each picture to the experiment with the longest id that its name begins with.
+    fn take_pictures(&mut self, pictures: &'a [String]) {
+        let numbered = self.sections.iter().enumerate();
+        let owners: HashMap<String, usize> = numbered
+            .map(|(index, section)| (text::file_stem(section.id), index))
+            .collect();
+        for picture in pictures {
+            match owner(picture, &owners) {
+                Some(index) => self.sections[index].pictures.push(picture),
+                None => self.other_pictures.push(picture),
+            }
+        }
+    }
+}
+
+/// Pictures of older runs have `-` after the id, which ids hold as well.
+fn owner(picture: &str, owners: &HashMap<String, usize>) -> Option<usize> {
+    let name = picture.rsplit('/').next().unwrap_or(picture);
+    let ends = name.match_indices(['_', '-', '.', ' ']).rev();
+    ends.map(|(end, _)| &name[..end])
+        .find_map(|stem| owners.get(stem).copied())
+}
+
+/// Where sections and their cells are in a view that is being filled.
+#[derive(Default)]
+struct Places<'a> {
+    sections: HashMap<&'a str, usize>,
+    cells: HashMap<(usize, &'a str), usize>,
+}
+
+impl<'a> Places<'a> {
+    fn section(&mut self, id: &'a str, sections: &mut Vec<Section<'a>>) -> usize {
+        *self.sections.entry(id).or_insert_with(|| {
+            sections.push(Section::new(id));
+            sections.len() - 1
+        })
+    }
+
+    fn add(&mut self, entry: Entry<'a>, sections: &mut Vec<Section<'a>>) {
+        let section = self.section(&entry.cell.experiment, sections);
+        let entries = &mut sections[section].entries;
+        match self.cells.entry((section, &entry.cell.cell)) {
+            Occupied(known) => entries[*known.get()] = entry,
+            Vacant(new) => {
+                new.insert(entries.len());
+                entries.push(entry);
+            }
+        }
     }
 }
 
 impl<'a> Section<'a> {
+    fn new(id: &'a str) -> Self {
+        Self {
+            id,
+            experiment: None,
+            problem: None,
+            entries: Vec::new(),
+            pictures: Vec::new(),
+            rulings: OnceCell::new(),
+            figure: OnceCell::new(),
+        }
+    }
+
     fn define(&mut self, parsed: Result<Experiment, experiments::ExperimentError>) {
         match parsed {
             Ok(experiment) => {
@@ -93,17 +154,6 @@ impl<'a> Section<'a> {
                 self.problem = None;
             }
             Err(error) => self.problem = Some(error.to_string()),
-        }
-    }
-
-    fn add(&mut self, entry: Entry<'a>) {
-        let known = self
-            .entries
-            .iter_mut()
-            .find(|known| known.cell.cell == entry.cell.cell);
-        match known {
-            Some(known) => *known = entry,
-            None => self.entries.push(entry),
         }
     }
 
@@ -121,13 +171,14 @@ impl<'a> Section<'a> {
             .and_then(|experiment| experiment.cells(profile, &[], &[]).ok())
             .map(|cells| cells.into_iter().map(|plan| plan.cell).collect())
             .unwrap_or_default();
-        let rank = |cell: &Cell| {
-            let place = planned.iter().position(|planned| *planned == cell.cell);
-            place.unwrap_or(planned.len())
-        };
+        let ranks = planned.iter().enumerate().rev();
+        let ranks: HashMap<&str, usize> = ranks.map(|(rank, name)| (name.as_str(), rank)).collect();
+        let rank = |cell: &Cell| ranks.get(cell.cell.as_str()).copied();
         self.entries.sort_by(|a, b| {
-            let by_plan = rank(a.cell).cmp(&rank(b.cell));
-            by_plan.then_with(|| compare_axes(a.cell, b.cell))
+            let [a_rank, b_rank] = [a, b].map(|entry| rank(entry.cell).unwrap_or(planned.len()));
+            a_rank
+                .cmp(&b_rank)
+                .then_with(|| compare_axes(a.cell, b.cell))
         });
     }
 
@@ -148,11 +199,18 @@ impl<'a> Section<'a> {
             .any(|entry| entry.run.is_none_or(|run| run.adapter.software))
     }
 
-    pub fn rulings(&self) -> Vec<Ruling> {
-        match &self.experiment {
+    pub fn rulings(&self) -> &[Ruling] {
+        self.rulings.get_or_init(|| match &self.experiment {
             Some(experiment) => experiment.rulings(&self.cells(), self.software()),
             None => Vec::new(),
-        }
+        })
+    }
+
+    pub(super) fn figure(&self) -> &Figure {
+        self.figure.get_or_init(|| match &self.experiment {
+            Some(experiment) => Figure::new(experiment, &self.cells()),
+            None => Figure::default(),
+        })
     }
 
     pub fn title(&self) -> &str {

@@ -51,6 +51,11 @@ impl Bounds {
         0.5 * (self.min + self.max)
     }
 
+    /// Whether the two have a point in common.
+    pub fn meets(&self, other: &Bounds) -> bool {
+        self.min.cmple(other.max).all() && other.min.cmple(self.max).all()
+    }
+
     /// Whether `p` lies inside or on the border.
     pub fn contains(&self, p: DVec3) -> bool {
         p.cmpge(self.min).all() && p.cmple(self.max).all()

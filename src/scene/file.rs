@@ -176,6 +176,7 @@ impl SceneFile {
     pub fn parse(origin: &str, text: &str) -> Result<SceneFile, SceneError> {
         let mut file = toml_text::read(origin, text)?;
         file.folder = Path::new(origin).parent().unwrap_or(Path::new("")).into();
+        file.water.height_map = file.water.height_map.found_from(&file.folder);
         file.validate().map_err(|message| SceneError::Parse {
             origin: origin.to_owned(),
             message,

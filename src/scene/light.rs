@@ -131,6 +131,13 @@ impl Light {
         check::within("light.intensity_w_sr", self.intensity_w_sr, 0.0, 1e9)?;
         check::within("light.distance_m", self.distance_m, 1e-3, check::FAR_M)?;
         check::within("light.half_extent_m", self.half_extent_m, 0.0, check::FAR_M)?;
+        let direction = DVec3::from(self.direction);
+        if self.kind == LightKind::Directional && direction.try_normalize().is_none() {
+            return Err(format!(
+                "light.direction = {:?} has no direction: a component must differ from 0",
+                self.direction
+            ));
+        }
         if self.kind == LightKind::Directional && self.travel().y > -0.01 {
             return Err(format!(
                 "light.direction = {:?} must point downwards, into the water: its y, at unit length, must be below -0.01",
@@ -433,6 +440,8 @@ mod tests {
         };
         assert!(Light::default().validate().is_ok());
         assert!(bad(|l| l.direction = [0.0, 1.0, 0.0]).contains("light.direction"));
+        assert!(bad(|l| l.direction = [0.0; 3]).contains("has no direction"));
+        assert!(bad(|l| l.direction = [0.0, -1e-200, 0.0]).contains("has no direction"));
         assert!(bad(|l| l.intensity_w_sr = f64::INFINITY).contains("light.intensity_w_sr"));
         assert!(bad(|l| l.half_extent_m = -1.0).contains("light.half_extent_m"));
         assert!(

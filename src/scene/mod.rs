@@ -8,10 +8,13 @@ pub mod assets;
 mod bounds;
 mod camera;
 mod check;
+#[cfg(test)]
+mod documented;
 mod file;
 mod frustum;
 pub mod generators;
 mod grid;
+mod height_map;
 mod light;
 mod mesh;
 mod nifti;
@@ -26,6 +29,7 @@ mod toml_text;
 mod volume;
 mod volume_file;
 mod water;
+mod waves;
 
 use std::path::PathBuf;
 
@@ -36,6 +40,7 @@ pub use bounds::Bounds;
 pub use camera::Camera;
 pub use file::{ObjectFile, SceneFile, Stand, Transform};
 pub use grid::Grid;
+pub use height_map::{HeightMap, Tile};
 pub use light::{Light, LightFrame, LightKind};
 pub use mesh::Mesh;
 pub use noise::{NOISE_CELLS, tile_noise};
@@ -45,6 +50,7 @@ pub use samples::{MAX_CELLS, Up, VolumeError};
 pub use volume::Volume;
 pub use volume_file::VolumeFile;
 pub use water::{NOISE_DRIFT_TILES, Water, WaterModel};
+pub use waves::{MAX_WAVES, Wave, shortest_m as shortest_wave_m, texels as wave_texels};
 
 use serde::{Deserialize, Serialize};
 
@@ -164,6 +170,7 @@ impl Scene {
             message,
         };
         file.validate().map_err(invalid)?;
+        let water = file.water.loaded().map_err(invalid)?;
         let mut stand_ins = Vec::new();
         let mut left = MAX_TRIANGLES;
         let mut objects = Vec::new();
@@ -182,11 +189,11 @@ impl Scene {
         Ok(Scene {
             name: file.name.clone(),
             description: file.description.clone(),
-            bounds: solid_bounds(&objects, volume.as_ref()).union(above(&file.water)),
+            bounds: solid_bounds(&objects, volume.as_ref()).union(above(&water)),
             objects,
             camera: file.camera.clone(),
             light: file.light.clone(),
-            water: file.water.clone(),
+            water,
             floor_depth_m: file.floor_depth_m,
             volume,
             stand_ins,
@@ -227,9 +234,9 @@ fn solid_bounds(objects: &[Object], volume: Option<&Volume>) -> Bounds {
 fn above(water: &Water) -> Bounds {
     let [x, z] = water.center_m;
     let [half_x, half_z] = water.half_size_m;
-    let top = water.amplitude_m + HEADROOM_M;
+    let top = water.bound_m() + HEADROOM_M;
     Bounds {
-        min: DVec3::new(x - half_x, -water.amplitude_m, z - half_z),
+        min: DVec3::new(x - half_x, -water.bound_m(), z - half_z),
         max: DVec3::new(x + half_x, top, z + half_z),
     }
 }

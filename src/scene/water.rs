@@ -1,17 +1,24 @@
 //! The water: an animated height field about y = 0 and the medium below it.
 //!
-//! The two models are those of UW 4.1: a circular cosine with a little Perlin noise, and a cosine
-//! along one world axis with much of it.
+//! Two models are those of UW 4.1: a circular cosine with a little Perlin noise, and a cosine along
+//! one world axis with much of it. The other two are given: a list of waves, and a height map.
+
+use std::sync::Arc;
 
 use glam::{DVec2, DVec3};
 use serde::{Deserialize, Serialize};
 
-use super::{check, noise::tile_noise};
+use super::{
+    check,
+    height_map::{HeightMap, Tile},
+    noise::tile_noise,
+    waves::{self, Wave},
+};
 
 /// Drift of the noise along x, tiles per wave period. Chosen: slow against the waves.
 pub const NOISE_DRIFT_TILES: f64 = 0.11;
 
-/// Shape of the regular wave.
+/// What shapes the surface.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum WaterModel {
@@ -19,13 +26,30 @@ pub enum WaterModel {
     Circular,
     /// Crests parallel to the z axis, travelling along +x.
     Directional,
+    /// The sum of [`Water::waves`], at rest.
+    Waves,
+    /// The tile of [`Water::height_map`], at rest.
+    HeightMap,
 }
 
-/// Surface and medium. With `amplitude_m = 0` the surface is flat, with `noise = 0` a pure cosine.
+impl WaterModel {
+    /// As parameters and scene files call it.
+    pub fn name(self) -> &'static str {
+        match self {
+            WaterModel::Circular => "circular",
+            WaterModel::Directional => "directional",
+            WaterModel::Waves => "waves",
+            WaterModel::HeightMap => "height_map",
+        }
+    }
+}
+
+/// Surface and medium. Amplitude, wavelength, noise, seed, time and period are those of the models `circular` and
+/// `directional`: with `amplitude_m = 0` their surface is flat, with `noise = 0` a pure cosine.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Water {
-    /// Shape of the regular wave.
+    /// What shapes the surface.
     pub model: WaterModel,
     /// Bound of the elevation's magnitude, metres.
     pub amplitude_m: f64,
@@ -49,6 +73,16 @@ pub struct Water {
     pub center_m: [f64; 2],
     /// Half of the surface's extent in x and z, metres.
     pub half_size_m: [f64; 2],
+    /// Whether a photon's energy is multiplied by the share of unpolarised light that the surface lets through (Fresnel).
+    /// UW has none.
+    pub fresnel: bool,
+    /// The waves of the model `waves`.
+    pub waves: Vec<Wave>,
+    /// The tile of the model `height_map`.
+    pub height_map: HeightMap,
+    /// The heights, once [`Water::loaded`] has read them.
+    #[serde(skip)]
+    pub tile: Option<Arc<Tile>>,
 }
 
 impl Default for Water {
@@ -66,6 +100,10 @@ impl Default for Water {
             attenuation_per_m: 0.13,
             center_m: [0.0; 2],
             half_size_m: [5.0; 2],
+            fresnel: false,
+            waves: Vec::new(),
+            height_map: HeightMap::default(),
+            tile: None,
         }
     }
 }
@@ -73,8 +111,12 @@ impl Default for Water {
 impl Water {
     /// Elevation at (x, z), metres:
     /// `h = A [(1 − w) cos(k r − ω t) + w n(u, v)]`, r the distance from the centre (circular) or
-    /// along x from it (directional), n the noise at u = x / tile + drift, v = z / tile.
+    /// along x from it (directional), n the noise at u = x / tile + drift, v = z / tile. Waves and height map are summed
+    /// and interpolated as their types say.
     pub fn height(&self, x: f64, z: f64) -> f64 {
+        if let Some(given) = self.given(x, z) {
+            return given.x;
+        }
         let (phase, _) = self.phase(x, z);
         let (n, _) = self.noise_at(x, z);
         self.amplitude_m * ((1.0 - self.noise) * phase.cos() + self.noise * n)
@@ -83,10 +125,54 @@ impl Water {
     /// (∂h/∂x, ∂h/∂z). At the very centre of circular waves, where the slope is not defined, the
     /// wave's part is zero.
     pub fn gradient(&self, x: f64, z: f64) -> DVec2 {
+        if let Some(given) = self.given(x, z) {
+            return DVec2::new(given.y, given.z);
+        }
         let (phase, phase_gradient) = self.phase(x, z);
         let (_, dn) = self.noise_at(x, z);
         let wave = -phase.sin() * phase_gradient;
         self.amplitude_m * ((1.0 - self.noise) * wave + self.noise * dn / self.noise_tile_m)
+    }
+
+    /// Elevation and its derivatives where the surface is given. Not a number before a height map is read.
+    fn given(&self, x: f64, z: f64) -> Option<DVec3> {
+        let place = DVec2::new(x, z);
+        match self.model {
+            WaterModel::Circular | WaterModel::Directional => None,
+            WaterModel::Waves => Some(waves::sum(&self.waves, place)),
+            WaterModel::HeightMap => {
+                let tile = self.tile.as_ref();
+                Some(tile.map_or(DVec3::NAN, |tile| tile.at(place)))
+            }
+        }
+    }
+
+    /// The water with its height map read, where it has one.
+    pub fn loaded(&self) -> Result<Water, String> {
+        let mut water = self.clone();
+        if self.model == WaterModel::HeightMap {
+            water.tile = Some(Arc::new(self.height_map.load()?));
+        }
+        Ok(water)
+    }
+
+    /// The water with the heights that `other` has read from the same map.
+    #[must_use]
+    pub fn with_tile_of(&self, other: &Water) -> Water {
+        let same = self.height_map == other.height_map;
+        Water {
+            tile: other.tile.clone().filter(|_| same),
+            ..self.clone()
+        }
+    }
+
+    /// Bound of the elevation's magnitude, metres.
+    pub fn bound_m(&self) -> f64 {
+        match self.model {
+            WaterModel::Circular | WaterModel::Directional => self.amplitude_m,
+            WaterModel::Waves => waves::bound_m(&self.waves),
+            WaterModel::HeightMap => self.tile.as_ref().map_or(0.0, |tile| tile.bound_m()),
+        }
     }
 
     /// Unit normal of the surface, pointing up.
@@ -142,7 +228,31 @@ impl Water {
             self.half_size_m[1],
             1e-3,
             check::FAR_M,
-        )
+        )?;
+        waves::validate(&self.waves)?;
+        self.height_map.validate()?;
+        self.validate_model()
+    }
+
+    /// Whether what is given is what the model uses: neither is left aside without a word.
+    fn validate_model(&self) -> Result<(), String> {
+        let model = self.model.name();
+        let (waves, map) = (!self.waves.is_empty(), self.height_map.is_given());
+        match self.model {
+            WaterModel::Waves if !waves => {
+                Err("water.model is waves, but water.waves lists none".into())
+            }
+            WaterModel::HeightMap if !map => {
+                Err("water.model is height_map, but water.height_map.file is not given".into())
+            }
+            _ if waves && self.model != WaterModel::Waves => Err(format!(
+                "water.waves are given, but water.model is {model}: set water.model to waves, or water.waves to []"
+            )),
+            _ if map && self.model != WaterModel::HeightMap => Err(format!(
+                "water.height_map.file is given, but water.model is {model}: set water.model to height_map, or the file to \"\""
+            )),
+            _ => Ok(()),
+        }
     }
 
     /// k = 2π / wavelength, 1/m.
@@ -166,7 +276,7 @@ impl Water {
         let offset = DVec2::new(x - self.center_m[0], z - self.center_m[1]);
         let (r, outward) = match self.model {
             WaterModel::Circular => (offset.length(), offset.normalize_or_zero()),
-            WaterModel::Directional => (offset.x, DVec2::X),
+            _ => (offset.x, DVec2::X),
         };
         (k * r - self.turned_rad(), k * outward)
     }
@@ -258,6 +368,52 @@ mod tests {
         };
         let shifted = noise.height(0.3 + noise.noise_tile_m, -noise.noise_tile_m);
         assert!((noise.height(0.3, 0.0) - shifted).abs() < 1e-9);
+    }
+
+    #[test]
+    fn a_wave_given_is_the_cosine_of_the_model() {
+        let cosine = Water {
+            model: WaterModel::Directional,
+            noise: 0.0,
+            time_s: 0.3,
+            ..Water::default()
+        };
+        let wave = Wave {
+            direction: Some([1.0, 0.0]),
+            wavelength_m: Some(cosine.wavelength_m),
+            vector_rad_m: None,
+            amplitude_m: cosine.amplitude_m,
+            phase_rad: -cosine.turned_rad(),
+        };
+        let given = Water {
+            model: WaterModel::Waves,
+            waves: vec![wave],
+            amplitude_m: 7.0,
+            ..cosine.clone()
+        };
+        for i in 0..100 {
+            let (x, z) = (f64::from(i).sin() * 4.0, f64::from(i * 3).cos() * 4.0);
+            assert!((given.height(x, z) - cosine.height(x, z)).abs() < 1e-12);
+            assert!((given.normal(x, z) - cosine.normal(x, z)).length() < 1e-12);
+        }
+        assert!((given.bound_m() - cosine.bound_m()).abs() < 1e-12);
+    }
+
+    #[test]
+    fn what_the_model_does_not_use_is_refused() {
+        let wave = r#"{"vector_rad_m": [1.0, 0.0], "amplitude_m": 0.1}"#;
+        let fault = |text: &str| {
+            let water: Water = serde_json::from_str(text).unwrap();
+            water.validate().unwrap_err()
+        };
+        assert!(fault(&format!(r#"{{"waves": [{wave}]}}"#)).contains("water.model is circular"));
+        assert!(fault(r#"{"model": "waves"}"#).contains("lists none"));
+        assert!(fault(r#"{"model": "height_map"}"#).contains("water.height_map.file"));
+        let map = r#"{"height_map": {"file": "a.npy", "tile_m": [1, 1]}}"#;
+        assert!(fault(map).contains("set water.model to height_map"));
+        let water: Water =
+            serde_json::from_str(&format!(r#"{{"model": "waves", "waves": [{wave}]}}"#)).unwrap();
+        assert_eq!(water.validate(), Ok(()));
     }
 
     #[test]

@@ -58,7 +58,8 @@ impl Compose {
         conserving: bool,
     ) -> Result<Self, GpuError> {
         let gpu = resources.gpu;
-        let shader = gpu.shader(INFO.name, &[("CONSERVING", i32::from(conserving))])?;
+        let defs = [("CONSERVING", i32::from(conserving)), shared.water_def()];
+        let shader = gpu.shader(INFO.name, &defs)?;
         let uniforms = resources.uniform(INFO.name, &settings);
         let sampler = gpu.device.create_sampler(&wgpu::SamplerDescriptor {
             label: Some(INFO.name),

@@ -1,13 +1,14 @@
 //! `frame`: the light follows the camera, and the shared uniforms are written. UW §3.1.
 
 use encase::ShaderType;
-use glam::{DMat4, DVec3, Mat4, UVec2, Vec2, Vec3};
+use glam::{DMat4, DVec2, DVec3, Mat4, UVec2, Vec2, Vec3};
 
 use super::kit::{Bind, Group, Resources, host_bytes};
+use super::photon::PhotonEnergy;
 use super::{Output, Stage, StageInfo};
 use crate::gpu::{Encode, StageScope};
 use crate::record::Work;
-use crate::scene::{Bounds, Camera, Light, LightFrame, LightKind, Water, WaterModel};
+use crate::scene::{Bounds, Camera, Light, LightFrame, LightKind, Water, WaterModel, wave_texels};
 
 pub const INFO: StageInfo = StageInfo {
     name: "frame",
@@ -46,6 +47,8 @@ pub struct FrameUniforms {
     pub noise_scroll: f32,
     pub water_model: u32,
     pub camera_under_water: u32,
+    pub height_tile_m: Vec2,
+    pub height_origin_m: Vec2,
 }
 
 /// What the frame is seen from, lit by and looks through.
@@ -91,6 +94,7 @@ impl View {
         let light = self.light_frame();
         let camera = self.camera.view_projection(self.aspect());
         let water = &self.water;
+        let map = &water.height_map;
         let mirror = DMat4::from_scale(DVec3::new(1.0, -1.0, 1.0));
         FrameUniforms {
             camera_view_projection: camera.as_mat4(),
@@ -117,10 +121,12 @@ impl View {
             noise_tile_m: water.noise_tile_m as f32,
             noise_scroll: water.noise_drift_tiles() as f32,
             water_model: match water.model {
-                WaterModel::Circular => 0,
                 WaterModel::Directional => 1,
+                _ => 0,
             },
             camera_under_water: u32::from(self.camera.position_m[1] < 0.0),
+            height_tile_m: DVec2::from(map.tile_m).as_vec2(),
+            height_origin_m: DVec2::from(map.origin_m).as_vec2(),
         }
     }
 
@@ -132,20 +138,67 @@ impl View {
     }
 }
 
-/// Bind group 0 of every stage: the frame's uniforms and the noise texture.
+/// Bind group 0 of every stage: the frame's uniforms and what the water's surface is made from.
 pub struct Shared {
     pub group: Group,
     uniforms: wgpu::Buffer,
+    /// Value of WATER in shaders that import `fathom::water`.
+    water: i32,
+    fresnel: bool,
+    photons: PhotonEnergy,
 }
 
 impl Shared {
     pub fn new(resources: &Resources<'_>, view: &View) -> Self {
         let uniforms = resources.uniform("frame", &view.uniforms());
-        let texels = view.water.noise_texels(NOISE_SIZE);
-        let noise = resources.float_texture("noise", NOISE_SIZE, &texels);
-        let binds = [Bind::Uniform(&uniforms), Bind::Texels(&noise)];
+        let texels = water_texels(resources, &view.water);
+        let binds = [Bind::Uniform(&uniforms), Bind::Texels(&texels)];
         let group = Group::new(resources.gpu, "frame", &binds);
-        Self { group, uniforms }
+        Self {
+            group,
+            uniforms,
+            water: match view.water.model {
+                WaterModel::Circular | WaterModel::Directional => 0,
+                WaterModel::Waves => 1,
+                WaterModel::HeightMap => 2,
+            },
+            fresnel: view.water.fresnel,
+            photons: PhotonEnergy::new(view),
+        }
+    }
+
+    /// What shaders that import `fathom::water` are compiled with.
+    pub fn water_def(&self) -> (&'static str, i32) {
+        ("WATER", self.water)
+    }
+
+    /// What shaders that weigh photons are compiled with.
+    pub fn fresnel_def(&self) -> (&'static str, i32) {
+        ("FRESNEL", i32::from(self.fresnel))
+    }
+
+    /// How much of its share of the light's flux a photon carries.
+    pub fn photon_energy(&self) -> &PhotonEnergy {
+        &self.photons
+    }
+}
+
+/// The texture that `shaders/shared/water.wgsl` reads.
+fn water_texels(resources: &Resources<'_>, water: &Water) -> wgpu::Texture {
+    match (water.model, &water.tile) {
+        (WaterModel::Waves, _) => {
+            let waves = wave_texels(&water.waves);
+            let size = [waves.len().max(1) as u32, 1];
+            resources.float_texture("waves", size, bytemuck::cast_slice(&waves))
+        }
+        (WaterModel::HeightMap, Some(tile)) => {
+            resources.grey_texture("height map", tile.size(), &tile.texels())
+        }
+        _ => {
+            let noise = water.noise_texels(NOISE_SIZE);
+            let size = [NOISE_SIZE; 2];
+            resources.float_texture("noise", size, bytemuck::cast_slice(&noise))
+        }
     }
 }
 

@@ -53,17 +53,32 @@ impl<'g> Resources<'g> {
     }
 
     /// A texture of four 32-bit floats per texel with fixed content.
-    pub fn float_texture(&self, label: &str, side: u32, texels: &[[f32; 4]]) -> wgpu::Texture {
-        self.count(u64::from(side) * u64::from(side) * 16);
+    pub fn float_texture(&self, label: &str, size: [u32; 2], texels: &[f32]) -> wgpu::Texture {
+        self.fixed_texture(label, size, wgpu::TextureFormat::Rgba32Float, texels)
+    }
+
+    /// A texture of one 32-bit float per texel with fixed content.
+    pub fn grey_texture(&self, label: &str, size: [u32; 2], texels: &[f32]) -> wgpu::Texture {
+        self.fixed_texture(label, size, wgpu::TextureFormat::R32Float, texels)
+    }
+
+    fn fixed_texture(
+        &self,
+        label: &str,
+        size: [u32; 2],
+        format: wgpu::TextureFormat,
+        texels: &[f32],
+    ) -> wgpu::Texture {
+        self.count(size_of_val(texels) as u64);
         self.gpu.device.create_texture_with_data(
             &self.gpu.queue,
             &wgpu::TextureDescriptor {
                 label: Some(label),
-                size: extent([side, side]),
+                size: extent(size),
                 mip_level_count: 1,
                 sample_count: 1,
                 dimension: wgpu::TextureDimension::D2,
-                format: wgpu::TextureFormat::Rgba32Float,
+                format,
                 usage: wgpu::TextureUsages::TEXTURE_BINDING,
                 view_formats: &[],
             },

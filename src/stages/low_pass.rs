@@ -18,19 +18,22 @@ pub struct LowPass {
     pipeline: wgpu::RenderPipeline,
     group: Group,
     taps: u32,
+    column: Column,
     pub target: wgpu::Texture,
     view: wgpu::TextureView,
 }
 
 impl LowPass {
-    /// `name` is the stage's, and names its shader; the result has the size and format of `source`.
+    /// `name` is the stage's, and names its shader; the result has the size and format of the source, and holds what its
+    /// column says.
     pub fn new(
         resources: &Resources<'_>,
         name: &'static str,
-        source: &wgpu::Texture,
+        source: (&wgpu::Texture, Column),
         settings: &FilterUniforms,
     ) -> Result<Self, GpuError> {
         let gpu = resources.gpu;
+        let (source, column) = source;
         let shader = gpu.shader(name, &[])?;
         let settings_buffer = resources.loop_settings(name, settings);
         let binds = [Bind::Read(&settings_buffer), Bind::Texels(source)];
@@ -53,6 +56,7 @@ impl LowPass {
             pipeline,
             group,
             taps: settings.taps,
+            column,
             view: kit::view(&target),
             target,
         })
@@ -87,12 +91,8 @@ impl LowPass {
     pub fn outputs(&self) -> Vec<Output> {
         vec![Output {
             name: "filtered".into(),
-            meaning: "summed intensity after the low-pass".into(),
-            columns: vec![Column {
-                name: "intensity",
-                unit: "W",
-                meaning: "sum of photon intensities, low-passed",
-            }],
+            meaning: "what the photons add up to, averaged over the low-pass's disc".into(),
+            columns: vec![self.column.clone()],
             data: OutputData::Texture(self.target.clone()),
         }]
     }

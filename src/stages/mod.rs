@@ -16,6 +16,7 @@ pub mod lit_scene;
 pub mod low_pass;
 pub mod marching;
 pub mod photon;
+pub mod photons;
 pub mod ray_cast;
 pub mod scalar;
 pub mod scalar_field;
@@ -117,6 +118,7 @@ pub const REGISTRY: &[StageInfo] = &[
     caustics::trace::INFO,
     caustics::splat::INFO,
     caustics::filter::INFO,
+    photons::query::INFO,
     godrays::trace::INFO,
     godrays::lines::INFO,
     godrays::filter::INFO,

@@ -2,13 +2,14 @@
 
 use bytemuck::{Pod, Zeroable};
 use encase::ShaderType;
-use glam::Vec2;
+use glam::{DVec3, Vec2};
 
-use super::frame::Shared;
+use super::frame::{Shared, View};
 use super::kit::{self, Bind, Group, Resources};
 use super::{Column, Output, OutputData};
 use crate::gpu::{GpuError, StageScope};
 use crate::record::Work;
+use crate::scene::LightKind;
 
 /// A traced photon: host twin of `Photon` in `shaders/shared/photon.wgsl`, metres.
 #[repr(C)]
@@ -28,6 +29,71 @@ pub struct Photon {
 pub const MISSED: f32 = -1.0;
 /// Residual of a photon that left the light's frustum, or looks past everything the light sees.
 pub const OUTSIDE: f32 = -2.0;
+
+/// How much of its share of the light's flux a photon carries under water: host twin of `angular_weight` and `entered`
+/// in `shaders/shared/photon.wgsl`.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PhotonEnergy {
+    kind: LightKind,
+    position: DVec3,
+    forward: DVec3,
+    refractive_index: f64,
+    fresnel: bool,
+    /// Photons are weighted by solid angle, as `conserving` intensity has it.
+    solid_angle: bool,
+}
+
+impl PhotonEnergy {
+    /// Of a view's light and water, with the paper's rule that all photons are alike.
+    pub fn new(view: &View) -> Self {
+        let frame = view.light_frame();
+        Self {
+            kind: frame.kind,
+            position: frame.position,
+            forward: frame.forward,
+            refractive_index: view.water.refractive_index,
+            fresnel: view.water.fresnel,
+            solid_angle: false,
+        }
+    }
+
+    /// 0 for a photon that never enters the water.
+    pub fn weight(&self, photon: &Photon) -> f64 {
+        if photon.residual_m == MISSED {
+            return 0.0;
+        }
+        let entry = photon.entry_m.as_dvec3();
+        let incident = match self.kind {
+            LightKind::Directional => self.forward,
+            LightKind::Point => (entry - self.position).normalize_or(self.forward),
+        };
+        let cosine = incident.dot(self.forward);
+        let solid_angle = if self.solid_angle && self.kind == LightKind::Point {
+            cosine.powi(3)
+        } else {
+            1.0
+        };
+        solid_angle * self.transmittance(incident, direction(photon))
+    }
+
+    /// Fresnel's for unpolarised light, from the directions alone: the normal lies along incident − n · refracted.
+    fn transmittance(&self, incident: DVec3, refracted: DVec3) -> f64 {
+        let n = self.refractive_index;
+        let normal = (incident - n * refracted).normalize_or_zero();
+        if !self.fresnel || n - 1.0 < 1e-4 || refracted == DVec3::ZERO {
+            return 1.0;
+        }
+        let (cos_i, cos_t) = (incident.dot(normal).abs(), refracted.dot(normal).abs());
+        let s = (cos_i - n * cos_t) / (cos_i + n * cos_t);
+        let p = (n * cos_i - cos_t) / (n * cos_i + cos_t);
+        1.0 - 0.5 * (s * s + p * p)
+    }
+}
+
+/// Unit direction from entry to hit; 0 where the two are one.
+fn direction(photon: &Photon) -> DVec3 {
+    (photon.hit_m.as_dvec3() - photon.entry_m.as_dvec3()).normalize_or_zero()
+}
 
 /// Cells per side of a workgroup, as in the shaders.
 const WORKGROUP: u32 = 8;
@@ -82,6 +148,7 @@ pub struct Tracing {
     group: Group,
     settings: TraceUniforms,
     uniforms: wgpu::Buffer,
+    energy: PhotonEnergy,
     pub photons: Photons,
 }
 
@@ -97,7 +164,7 @@ impl Tracing {
     ) -> Result<Self, GpuError> {
         let gpu = resources.gpu;
         let side = if dynamic { 0 } else { settings.side as i32 };
-        let shader = gpu.shader(name, &[("SIDE", side)])?;
+        let shader = gpu.shader(name, &[("SIDE", side), shared.water_def()])?;
         let uniforms = resources.uniform(name, &settings);
         let photons = Photons::new(resources, name, settings.photons());
         let texels = gpu.device.create_sampler(&wgpu::SamplerDescriptor {
@@ -121,8 +188,16 @@ impl Tracing {
             group,
             settings,
             uniforms,
+            energy: shared.photon_energy().clone(),
             photons,
         })
+    }
+
+    /// The same with weights in its output that follow the rule of what draws the photons.
+    #[must_use]
+    pub fn weighted(mut self, conserving: bool) -> Self {
+        self.energy.solid_angle = conserving;
+        self
     }
 
     /// Moves the photons within their shares of the cells; `offset` in 0…1, the middle is 0.5.
@@ -165,27 +240,27 @@ impl Tracing {
                 stride_floats: (size_of::<Photon>() / 4) as u32,
                 count: self.photons.count,
                 row: Box::new({
-                    let tolerance_m = self.settings.tolerance_m;
-                    move |floats| row(floats, tolerance_m)
+                    let (energy, tolerance_m) = (self.energy.clone(), self.settings.tolerance_m);
+                    move |floats| row(floats, &energy, tolerance_m)
                 }),
             },
         }]
     }
 }
 
-/// The columns of a stored photon: entry, direction, hit, distance, residual, converged.
-fn row(stored: &[f32], tolerance_m: f32) -> Vec<f32> {
+/// The columns of a stored photon: entry, direction, hit, distance, residual, converged, weight.
+fn row(stored: &[f32], energy: &PhotonEnergy, tolerance_m: f32) -> Vec<f32> {
     let photon: &Photon = bytemuck::from_bytes(bytemuck::cast_slice(stored));
-    let direction = (photon.hit_m - photon.entry_m).normalize_or_zero();
     let converged = (0.0..=tolerance_m).contains(&photon.residual_m);
-    let mut row = Vec::with_capacity(12);
-    for place in [photon.entry_m, direction, photon.hit_m] {
+    let mut row = Vec::with_capacity(13);
+    for place in [photon.entry_m, direction(photon).as_vec3(), photon.hit_m] {
         row.extend(place.to_array());
     }
     row.extend([
         photon.distance_m,
         photon.residual_m,
         f32::from(u8::from(converged)),
+        energy.weight(photon) as f32,
     ]);
     row
 }
@@ -220,6 +295,11 @@ fn columns() -> Vec<Column> {
             "1",
             "1 where the residual is within the tolerance",
         ),
+        column(
+            "weight",
+            "1",
+            "share of photons.flux_w that enters the water with this photon; 0: never enters the water",
+        ),
     ]
 }
 
@@ -229,33 +309,72 @@ mod tests {
 
     use super::*;
 
+    fn energy(fresnel: bool) -> PhotonEnergy {
+        PhotonEnergy {
+            kind: LightKind::Point,
+            position: DVec3::new(1.0, 4.0, 0.0),
+            forward: DVec3::NEG_Y,
+            refractive_index: 1.33,
+            fresnel,
+            solid_angle: false,
+        }
+    }
+
+    fn columns_of(photon: &Photon, energy: &PhotonEnergy, tolerance_m: f32) -> Vec<f32> {
+        row(
+            bytemuck::cast_slice(bytemuck::bytes_of(photon)),
+            energy,
+            tolerance_m,
+        )
+    }
+
     #[test]
-    fn a_row_holds_direction_and_convergence() {
+    fn a_row_holds_direction_convergence_and_weight() {
         let photon = Photon {
             entry_m: Vec3::new(1.0, 0.0, 0.0),
             residual_m: 0.005,
             hit_m: Vec3::new(1.0, -2.0, 0.0),
             distance_m: 2.0,
         };
-        let floats: &[f32] = bytemuck::cast_slice(bytemuck::bytes_of(&photon));
         let expected = [
-            1.0, 0.0, 0.0, 0.0, -1.0, 0.0, 1.0, -2.0, 0.0, 2.0, 0.005, 1.0,
+            1.0, 0.0, 0.0, 0.0, -1.0, 0.0, 1.0, -2.0, 0.0, 2.0, 0.005, 1.0, 1.0,
         ];
-        assert_eq!(row(floats, 0.01), expected);
-        assert_eq!(row(floats, 0.001)[11], 0.0);
+        assert_eq!(columns_of(&photon, &energy(false), 0.01), expected);
+        assert_eq!(columns_of(&photon, &energy(false), 0.001)[11], 0.0);
         assert_eq!(columns().len(), expected.len());
+        let straight = f64::from(columns_of(&photon, &energy(true), 0.01)[12]);
+        assert!((straight - (1.0 - (0.33f64 / 2.33).powi(2))).abs() < 1e-6);
     }
 
     #[test]
-    fn a_photon_beside_the_water_has_no_direction_and_is_not_converged() {
+    fn a_slanted_photon_weighs_its_solid_angle_where_energy_is_conserved() {
+        let entry = DVec3::new(4.0, 0.0, 0.0);
+        let sin_t = 0.6 / 1.33;
+        let down = DVec3::new(sin_t, -(1.0 - sin_t * sin_t).sqrt(), 0.0);
+        let photon = Photon {
+            entry_m: entry.as_vec3(),
+            residual_m: 0.0,
+            hit_m: (entry + down * 2.0).as_vec3(),
+            distance_m: 2.0,
+        };
+        let conserving = PhotonEnergy {
+            solid_angle: true,
+            ..energy(false)
+        };
+        assert!((conserving.weight(&photon) - 0.8f64.powi(3)).abs() < 1e-9);
+        assert_eq!(energy(false).weight(&photon), 1.0);
+    }
+
+    #[test]
+    fn a_photon_beside_the_water_has_no_direction_or_weight_and_is_not_converged() {
         let photon = Photon {
             entry_m: Vec3::ONE,
             residual_m: MISSED,
             hit_m: Vec3::ONE,
             distance_m: 0.0,
         };
-        let floats: &[f32] = bytemuck::cast_slice(bytemuck::bytes_of(&photon));
-        assert_eq!(row(floats, 0.01)[3..6], [0.0; 3]);
-        assert_eq!(row(floats, 0.01)[11], 0.0);
+        let row = columns_of(&photon, &energy(true), 0.01);
+        assert_eq!(row[3..6], [0.0; 3]);
+        assert_eq!(row[11..], [0.0; 2]);
     }
 }

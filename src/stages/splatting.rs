@@ -111,15 +111,12 @@ impl Additive {
         u64::from(self.target.width()) * u64::from(self.target.height())
     }
 
-    pub fn outputs(&self) -> Vec<Output> {
+    /// `column` says what the sum is.
+    pub fn outputs(&self, column: Column) -> Vec<Output> {
         vec![Output {
             name: "intensity".into(),
-            meaning: "summed intensity before the low-pass".into(),
-            columns: vec![Column {
-                name: "intensity",
-                unit: "W",
-                meaning: "sum of photon intensities",
-            }],
+            meaning: "what the photons add up to, before the low-pass".into(),
+            columns: vec![column],
             data: OutputData::Texture(self.target.clone()),
         }]
     }

@@ -14,6 +14,7 @@ use super::hsao::march::MarchUniforms as HorizonUniforms;
 use super::low_pass::FilterUniforms;
 use super::marching::MarchUniforms;
 use super::photon::{Photon, TraceUniforms};
+use super::photons::query::{Answer, Start};
 use super::ray_cast::MarchUniforms as CastUniforms;
 use super::scalar_field::FieldUniforms;
 use super::scene::deform::{DeformUniforms, PivotUniforms};
@@ -90,6 +91,8 @@ fn frame_uniforms_equal_their_wgsl_twin() {
         noise_scroll: 23.0,
         water_model: 24,
         camera_under_water: 25,
+        height_tile_m: vec2(26.0),
+        height_origin_m: vec2(27.0),
     });
     same_layout("shadow/depth", "Frame", &fields, &value);
 }
@@ -116,6 +119,19 @@ fn photons_and_their_settings_equal_their_wgsl_twins() {
         same_layout(shader, "Trace", &trace_fields, &trace);
     }
     assert_eq!(size_of::<Photon>() as u64, Photon::min_size().get());
+    let (start_fields, start) = numbered!(Start {
+        position_m: vec3(1.0),
+        aimed: 2,
+        direction: vec3(3.0),
+    });
+    same_layout("photons/query", "Start", &start_fields, &start);
+    let (answer_fields, answer) = numbered!(Answer {
+        photon: value,
+        direction: vec3(2.0),
+        weight: 3.0,
+    });
+    same_layout("photons/query", "Answer", &answer_fields, &answer);
+    assert_eq!(size_of::<Answer>() as u64, Answer::min_size().get());
 }
 
 #[test]

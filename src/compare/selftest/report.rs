@@ -5,6 +5,7 @@ use std::fmt::Write;
 use super::findings::{Detection, Findings, Share};
 use super::injections::Size;
 use crate::report::format::{Table, three};
+use crate::text;
 
 /// `38 of 40 (95 %)`.
 fn share(share: Share) -> String {
@@ -22,7 +23,7 @@ fn share(share: Share) -> String {
 pub fn markdown(findings: &Findings) -> String {
     let mut text = format!(
         "# Self-test of `fathom compare`\n\n{}, {} cells. {} trials.\n\n",
-        findings.adapter,
+        text::markdown(&findings.adapter),
         findings.cells,
         findings.trials.len()
     );

@@ -6,6 +6,7 @@ use quick_junit::{NonSuccessKind, Report, TestCase, TestCaseStatus, TestSuite};
 use super::{Format, rows};
 use crate::compare::exact::{Kind, Subject};
 use crate::compare::verdict::{CellVerdict, GateState, Verdict, Verdicts};
+use crate::text;
 
 pub const FORMAT: Format = Format {
     name: "junit",
@@ -65,14 +66,14 @@ fn write(verdicts: &Verdicts<'_>) -> String {
 }
 
 fn add(suite: &mut TestSuite, class: &str, name: &str, status: TestCaseStatus) {
-    let mut case = TestCase::new(name, status);
-    case.set_classname(class);
+    let mut case = TestCase::new(text::line(name), status);
+    case.set_classname(text::line(class));
     suite.add_test_case(case);
 }
 
 fn cell_status(cell: &CellVerdict) -> TestCaseStatus {
-    let text = rows::cell(cell);
-    let told = rows::HEADER.iter().zip(&text).skip(2);
+    let row = rows::cell(cell);
+    let told = rows::HEADER.iter().zip(&row).skip(2);
     let told: Vec<String> = told
         .filter(|(_, value)| !value.is_empty() && *value != rows::NONE)
         .map(|(name, value)| format!("{name}: {value}"))
@@ -94,12 +95,12 @@ fn cell_status(cell: &CellVerdict) -> TestCaseStatus {
 
 fn failed(kind: NonSuccessKind, what: &str, message: &str) -> TestCaseStatus {
     let mut status = TestCaseStatus::non_success(kind);
-    status.set_type(what).set_message(message);
+    status.set_type(what).set_message(text::line(message));
     status
 }
 
 fn skipped(message: &str) -> TestCaseStatus {
     let mut status = TestCaseStatus::skipped();
-    status.set_message(message);
+    status.set_message(text::line(message));
     status
 }

@@ -2,7 +2,8 @@
 
 use super::{Format, rows};
 use crate::compare::verdict::{CellVerdict, Verdicts};
-use crate::report::format::{Table, escape};
+use crate::report::format::Table;
+use crate::text;
 
 pub const FORMAT: Format = Format {
     name: "markdown",
@@ -17,8 +18,8 @@ fn write(verdicts: &Verdicts<'_>) -> String {
         "### {} fathom compare: {}\n\n{}  \n{}\n\n",
         rows::mark(verdicts.status),
         rows::headline(verdicts),
-        escape(&sides),
-        escape(&adapter)
+        text::markdown(&sides),
+        text::markdown(&adapter)
     );
     let regressions = verdicts.regressions();
     if !regressions.is_empty() {
@@ -52,7 +53,7 @@ fn list(items: &[String]) -> String {
     }
     let lines: String = items
         .iter()
-        .map(|item| format!("- {}\n", escape(item)))
+        .map(|item| format!("- {}\n", text::markdown(item)))
         .collect();
     lines + "\n"
 }

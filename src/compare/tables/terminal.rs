@@ -2,6 +2,7 @@
 
 use super::{Format, rows};
 use crate::compare::verdict::Verdicts;
+use crate::text;
 
 pub const FORMAT: Format = Format {
     name: "text",
@@ -11,20 +12,21 @@ pub const FORMAT: Format = Format {
 };
 
 fn write(verdicts: &Verdicts<'_>) -> String {
-    let [sides, adapter] = rows::sides(verdicts);
-    let mut text = format!("{sides}\n{adapter}\n\n");
+    let [sides, adapter] = rows::sides(verdicts).map(|side| text::line(&side));
+    let mut told = format!("{sides}\n{adapter}\n\n");
     let header = rows::HEADER.map(str::to_owned);
-    let cells = verdicts.cells.iter().map(rows::cell);
-    text += &columns(&std::iter::once(header).chain(cells).collect::<Vec<_>>());
-    text.push('\n');
+    let cells = verdicts.cells.iter();
+    let cells = cells.map(|cell| rows::cell(cell).map(|field| text::line(&field)));
+    told += &columns(&std::iter::once(header).chain(cells).collect::<Vec<_>>());
+    told.push('\n');
     for note in rows::notes(verdicts) {
-        text += &format!("{note}\n");
+        told += &format!("{}\n", text::line(&note));
     }
-    text.push('\n');
+    told.push('\n');
     for regression in rows::regressions(verdicts) {
-        text += &format!("{regression}\n");
+        told += &format!("{}\n", text::line(&regression));
     }
-    text + &rows::headline(verdicts) + "\n"
+    told + &rows::headline(verdicts) + "\n"
 }
 
 /// Each column as wide as its widest cell; nothing after a row's last text.

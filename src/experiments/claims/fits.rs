@@ -5,6 +5,9 @@ use crate::experiments::measure::{self, Measure, Reading};
 use crate::record::{Cell, Estimate};
 use crate::statistics::{Slope, log_log_slope};
 
+/// Points that a slope is fitted to; of more, as many are taken. Each resample of the bootstrap looks at every pair of them.
+const MOST_POINTS: usize = 64;
+
 /// A power law fitted where the fixed cost no longer matters.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Scaling {
@@ -26,7 +29,7 @@ pub fn scaling(
     cells: &[&Cell],
     max_fixed_share: f64,
 ) -> Result<Scaling, String> {
-    let points = readings(y, x, cells);
+    let points = thinned(readings(y, x, cells));
     if points.len() < 3 {
         return Err(format!(
             "{} measured {}, and a slope needs 3",
@@ -97,6 +100,27 @@ fn interval_slope(points: &[(f64, &[f64])]) -> Option<Slope> {
         high: all.iter().copied().fold(f64::NEG_INFINITY, f64::max),
         ..slope
     })
+}
+
+/// At most [`MOST_POINTS`], spread over the points in the order of their x.
+fn thinned<T>(mut points: Vec<(f64, T)>) -> Vec<(f64, T)> {
+    let n = points.len();
+    if n <= MOST_POINTS {
+        return points;
+    }
+    points.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let mut chosen = (0..MOST_POINTS).map(|index| index * (n - 1) / (MOST_POINTS - 1));
+    let mut next = chosen.next();
+    let mut place = 0;
+    points.retain(|_| {
+        let keep = next == Some(place);
+        if keep {
+            next = chosen.next();
+        }
+        place += 1;
+        keep
+    });
+    points
 }
 
 /// x and y of the measured cells in which both are positive.

@@ -23,7 +23,11 @@ pub fn cases() -> Vec<Case> {
         Case::new("caustics/filter", "noise through the low-pass", |rig| {
             let make =
                 |resources: &Resources<'_>, source: &wgpu::Texture, settings: &FilterUniforms| {
-                    let filter = caustics::filter::Filter::new(resources, source, settings)?;
+                    let filter = caustics::filter::Filter::new(
+                        resources,
+                        (source, caustics::splat::column(false)),
+                        settings,
+                    )?;
                     let texture = filter.texture().clone();
                     Ok((Box::new(filter) as Box<dyn Encode>, texture))
                 };
@@ -32,7 +36,11 @@ pub fn cases() -> Vec<Case> {
         Case::new("godrays/filter", "noise through the low-pass", |rig| {
             let make =
                 |resources: &Resources<'_>, source: &wgpu::Texture, settings: &FilterUniforms| {
-                    let filter = godrays::filter::Filter::new(resources, source, settings)?;
+                    let filter = godrays::filter::Filter::new(
+                        resources,
+                        (source, godrays::lines::column(false)),
+                        settings,
+                    )?;
                     let texture = filter.texture().clone();
                     Ok((Box::new(filter) as Box<dyn Encode>, texture))
                 };

@@ -33,7 +33,7 @@ pub fn cases() -> Vec<Case> {
 }
 
 /// Draws photons' lines without occlusion.
-fn draw(rig: &Rig<'_>, view: &View, photons: &[Photon]) -> Result<Image, VerifyError> {
+pub(super) fn draw(rig: &Rig<'_>, view: &View, photons: &[Photon]) -> Result<Image, VerifyError> {
     let resources = rig.resources();
     let shared = Shared::new(&resources, view);
     let settings = LinesUniforms {

@@ -74,7 +74,7 @@ pub fn cases() -> Vec<Case> {
 }
 
 #[derive(Clone, Copy, PartialEq)]
-enum Family {
+pub(super) enum Family {
     Caustics,
     Godrays,
 }
@@ -89,7 +89,7 @@ impl Family {
 }
 
 /// Depth map, mask and one tracing stage for a scene; returns the photons.
-fn trace(
+pub(super) fn trace(
     rig: &Rig<'_>,
     scene: &Scene,
     family: Family,
@@ -119,7 +119,7 @@ fn trace(
     Ok((rig.read_photons(&photons)?, view.light_frame()))
 }
 
-fn settings(grid: u32, side: u32) -> TraceUniforms {
+pub(super) fn settings(grid: u32, side: u32) -> TraceUniforms {
     TraceUniforms {
         grid,
         side,
@@ -131,7 +131,7 @@ fn settings(grid: u32, side: u32) -> TraceUniforms {
     }
 }
 
-fn exact(
+pub(super) fn exact(
     frame: &LightFrame,
     water: &Water,
     tracer: &Tracer,
@@ -141,7 +141,7 @@ fn exact(
     Ok(land_all(frame, water, tracer, grid, 1))
 }
 
-fn with_index(water: &Water, refractive_index: f64) -> Water {
+pub(super) fn with_index(water: &Water, refractive_index: f64) -> Water {
     Water {
         refractive_index,
         ..water.clone()
@@ -356,7 +356,7 @@ fn unconverged_over_exact_depth(
     f64::from(unconverged) / f64::from(estimated.max(1))
 }
 
-fn with_rates(check: Check, errors: &PhotonErrors) -> Check {
+pub(super) fn with_rates(check: Check, errors: &PhotonErrors) -> Check {
     check
         .with("p99_m", errors.p99_m)
         .with("converged_p99_m", errors.converged_p99_m)

@@ -56,7 +56,7 @@ pub fn cases() -> Vec<Case> {
 
 /// The rules that splats follow, as the reference has them; controls change one.
 #[derive(Clone, Copy)]
-struct Rules {
+pub(super) struct Rules {
     intensity: Intensity,
     photon_w: f64,
     max_px: f64,
@@ -64,7 +64,7 @@ struct Rules {
     bias_m: f64,
 }
 
-const RULES: Rules = Rules {
+pub(super) const RULES: Rules = Rules {
     intensity: Intensity::Paper,
     photon_w: PHOTON_W,
     max_px: MAX_PX,
@@ -106,7 +106,7 @@ impl Rules {
 }
 
 /// Runs the stage over photons with nothing to hide them.
-fn draw_free(
+pub(super) fn draw_free(
     rig: &Rig<'_>,
     view: &View,
     photons: &[Photon],
@@ -152,7 +152,7 @@ fn draw(
 }
 
 /// A photon on the ray through a point of the buffer, and the f64 values of its rounded numbers.
-fn photon_at(
+pub(super) fn photon_at(
     rays: &PixelRays,
     eye: DVec3,
     at_px: [f64; 2],
@@ -486,7 +486,7 @@ fn draw_in_scene(
     draw(rig, view, photons, &gbuffer.depth, rules)
 }
 
-fn energy_params(file: &SceneFile) -> Params {
+pub(super) fn energy_params(file: &SceneFile) -> Params {
     let mut params = Params::from_scene(file);
     (params.view.width, params.view.height) = (400, 400);
     params.caustics.grid = 64;
@@ -496,7 +496,7 @@ fn energy_params(file: &SceneFile) -> Params {
     params
 }
 
-fn splat_image(rig: &Rig<'_>, pipeline: &Underwater) -> Result<Image, VerifyError> {
+pub(super) fn splat_image(rig: &Rig<'_>, pipeline: &Underwater) -> Result<Image, VerifyError> {
     let stages = pipeline.stages();
     let outputs = stages
         .iter()

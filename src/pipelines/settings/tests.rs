@@ -35,7 +35,43 @@ fn grids_are_of_the_scene_of_its_objects_around_the_viewer_or_set_by_hand() {
     assert_eq!((around.cells, around.size_m().x), ([128; 3], 3.0));
     voxel.cells = [3, 2, 1];
     voxel.voxel_m = 0.5;
+    voxel.origin_m = whole.bounds().center().to_array();
     assert_eq!(grids(&voxel, Deform::None).unwrap()[0].cells, [3, 2, 1]);
+}
+
+#[test]
+fn grids_beside_the_scene_are_errors_that_name_the_parameters() {
+    let mut voxel = Voxel {
+        cells: [4; 3],
+        origin_m: [50.0; 3],
+        voxel_m: 0.1,
+        ..Voxel::default()
+    };
+    let error = grids(&voxel, Deform::None).unwrap_err();
+    assert!(
+        error.starts_with("voxel.cells, voxel.origin_m and voxel.voxel_m place"),
+        "{error}"
+    );
+    assert_eq!(error.lines().count(), 1);
+    // A grid whose border touches the scene may hold some of it.
+    let scene = scene().solid_bounds();
+    voxel.origin_m = scene.max.to_array();
+    assert!(grids(&voxel, Deform::None).is_ok());
+    voxel.origin_m = (scene.max + 1e-6).to_array();
+    assert!(grids(&voxel, Deform::None).is_err());
+    let mut camera = Camera {
+        position_m: [0.0, 1e3, 0.0],
+        ..self::scene().camera
+    };
+    let around = Voxel {
+        around_viewer_m: 3.0,
+        ..Voxel::default()
+    };
+    let still = Animation::default();
+    let error = around.grids(&self::scene(), &camera, &still).unwrap_err();
+    assert!(error.contains("voxel.around_viewer_m"), "{error}");
+    camera.position_m = scene.center().to_array();
+    assert!(around.grids(&self::scene(), &camera, &still).is_ok());
 }
 
 #[test]

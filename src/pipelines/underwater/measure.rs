@@ -2,13 +2,19 @@
 
 use std::collections::BTreeMap;
 
-use super::{Intensity, Params, Underwater};
+use super::{Intensity, Params, Underwater, view};
 use crate::gpu::{
     ClockPlan, Encode, FrameTimer, Gpu, GpuError, SubmitCost, read_buffer, read_texture,
 };
 use crate::pipelines::Pipeline;
+use crate::pipelines::voxelization::run_once;
 use crate::scene::Scene;
+use crate::stages::frame::Shared;
+use crate::stages::geometry::Geometry;
+use crate::stages::kit::Resources;
 use crate::stages::photon::{MISSED, OUTSIDE, Photon, Photons};
+use crate::stages::photons::query::{Answer, Query, Start};
+use crate::stages::shadow;
 
 impl Underwater {
     pub(super) fn measured_quantities(&self, gpu: &Gpu) -> Result<BTreeMap<String, f64>, GpuError> {
@@ -50,6 +56,37 @@ pub fn read_photons(gpu: &Gpu, photons: &Photons) -> Result<Vec<Photon>, GpuErro
     )?))
 }
 
+/// Photons from given starts, by the settings of `caustics` and the scene as the light sees it. One start at least.
+///
+/// # Errors
+/// What the GPU reports.
+pub fn photons_at(
+    gpu: &Gpu,
+    scene: &Scene,
+    params: &Params,
+    starts: &[Start],
+) -> Result<Vec<Answer>, GpuError> {
+    let resources = &Resources::new(gpu);
+    let shared = Shared::new(resources, &view(params, scene));
+    let geometry = Geometry::new(resources, scene);
+    let depth = shadow::depth::Depth::new(resources, &shared, &geometry, params.shadow.size)?;
+    let cells = params.surface.cells;
+    let mask = shadow::mask::Mask::new(resources, &shared, depth.texture(), cells)?;
+    let query = Query::new(
+        resources,
+        &shared,
+        (depth.texture(), mask.texture()),
+        starts,
+        &params.caustics.grid_settings().uniforms(),
+        params.caustics.intensity == Intensity::Conserving,
+    )?;
+    run_once(gpu, &[&depth, &mask, &query])?;
+    Ok(bytemuck::pod_collect_to_vec(&read_buffer(
+        gpu,
+        &query.answers,
+    )?))
+}
+
 /// Fragments that `caustics/splat` and `godrays/lines` blend in a frame, by stage.
 ///
 /// Counted, not estimated: without attenuation and with isotropic scattering every blended fragment adds the same, so that
@@ -61,6 +98,7 @@ pub fn blended_fragments(
 ) -> Result<BTreeMap<&'static str, u64>, GpuError> {
     let mut params = params.clone();
     params.water.attenuation_per_m = 0.0;
+    params.water.fresnel = false;
     params.caustics.intensity = Intensity::Paper;
     params.godrays.intensity = Intensity::Paper;
     params.godrays.phase_k = 0.0;
@@ -75,12 +113,12 @@ pub fn blended_fragments(
         (
             "caustics/splat",
             pipeline.caustics_splat.texture(),
-            pipeline.photon_w[0],
+            f64::from(pipeline.plan.splat.photon_w),
         ),
         (
             "godrays/lines",
             pipeline.godrays_lines.texture(),
-            pipeline.photon_w[1] * isotropic,
+            f64::from(pipeline.plan.lines.photon_w) * isotropic,
         ),
     ];
     let mut counts = BTreeMap::new();

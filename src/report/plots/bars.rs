@@ -1,10 +1,12 @@
 //! Panels of horizontal bars over a named axis: a bar per cell, those of one value together, the other axes by colour.
 
+use std::collections::HashMap;
+
 use plotters::coord::types::RangedCoordf64;
 use plotters::prelude::*;
 
 use super::scale::{Kind, Scale};
-use super::{Area, Drawn, style, text, unit};
+use super::{Area, Drawn, fault, style, unit};
 use crate::experiments::schema::{Experiment, Plot, Published};
 use crate::experiments::{Measure, groups, label_text, measured};
 use crate::record::{Cell, Estimate};
@@ -18,8 +20,8 @@ const LABELS_PX: u32 = 180;
 /// Title above and axis below the bars.
 const FRAME_PX: u32 = 34 + 54;
 
-pub struct Panel<'a> {
-    plot: &'a Plot,
+pub struct Panel {
+    plot: Plot,
     series: Vec<String>,
     /// Values of the axis, each with a bar for each series that has one.
     clusters: Vec<(String, Vec<Bar>)>,
@@ -35,13 +37,14 @@ struct Bar {
     published: Option<(f64, f64)>,
 }
 
-impl<'a> Panel<'a> {
+impl Panel {
     /// None where no cell has a value.
-    pub fn new(plot: &'a Plot, experiment: &Experiment, cells: &[&Cell]) -> Option<Panel<'a>> {
+    pub fn new(plot: &Plot, experiment: &Experiment, cells: &[&Cell]) -> Option<Panel> {
         let (y, over) = (plot.y.first()?, plot.over.as_ref()?);
         let of_frames = *y == Measure::frame();
         let mut series = Vec::new();
         let mut clusters: Vec<(String, Vec<Bar>)> = Vec::new();
+        let mut places: HashMap<String, usize> = HashMap::new();
         let mut figures: Vec<&Published> = Vec::new();
         for (name, members) in groups(cells, over) {
             for cell in members {
@@ -50,7 +53,7 @@ impl<'a> Panel<'a> {
                 };
                 let published = experiment.published_for(cell).filter(|_| of_frames);
                 figures.extend(published);
-                if !series.contains(&name) {
+                if series.last() != Some(&name) {
                     series.push(name.clone());
                 }
                 let bar = Bar {
@@ -59,10 +62,11 @@ impl<'a> Panel<'a> {
                     published: published.map(Published::span_ms),
                 };
                 let label = cell.axes.get(over).map(label_text).unwrap_or_default();
-                match clusters.iter_mut().find(|(known, _)| *known == label) {
-                    Some((_, bars)) => bars.push(bar),
-                    None => clusters.push((label, vec![bar])),
-                }
+                let place = *places.entry(label).or_insert_with_key(|label| {
+                    clusters.push((label.clone(), Vec::new()));
+                    clusters.len() - 1
+                });
+                clusters[place].1.push(bar);
             }
         }
         let bars = || clusters.iter().flat_map(|(_, bars)| bars);
@@ -70,7 +74,7 @@ impl<'a> Panel<'a> {
             bars().flat_map(|bar| [bar.value.high, bar.published.map_or(0.0, |span| span.1)]);
         let scale = Scale::fit(Kind::Linear, ends)?.reaching_zero();
         Some(Panel {
-            plot,
+            plot: plot.clone(),
             series,
             scale,
             published: super::published_lines(&figures),
@@ -102,7 +106,7 @@ impl<'a> Panel<'a> {
     pub fn draw(&self, area: &Area<'_>) -> Drawn {
         let (left, legend) = area.split_horizontally(super::WIDTH_PX - LEGEND_PX);
         left.draw_text(&self.plot.title, &style::heading(), (16, 8))
-            .map_err(text)?;
+            .map_err(fault)?;
         let rows = f64::from(self.rows_px());
         let free = self.height_px() - FRAME_PX - self.rows_px();
         let mut chart = ChartBuilder::on(&left)
@@ -112,7 +116,7 @@ impl<'a> Panel<'a> {
             .x_label_area_size(46)
             .y_label_area_size(LABELS_PX)
             .build_cartesian_2d(self.scale.clone(), 0.0..rows)
-            .map_err(text)?;
+            .map_err(fault)?;
         chart
             .configure_mesh()
             .disable_y_mesh()
@@ -126,7 +130,7 @@ impl<'a> Panel<'a> {
             .x_label_formatter(&|at| self.scale.tick_label(*at))
             .x_desc(self.plot.y_title.as_deref().unwrap_or("time (ms)"))
             .draw()
-            .map_err(text)?;
+            .map_err(fault)?;
         let canvas = Canvas {
             left: &left,
             area: chart.plotting_area(),
@@ -154,21 +158,21 @@ impl<'a> Panel<'a> {
         {
             let color = style::color(index).mix(0.8);
             area.draw(&Rectangle::new([(6, y - 6), (18, y + 6)], color.filled()))
-                .map_err(text)?;
+                .map_err(fault)?;
             for piece in style::wrap(series, 28) {
                 area.draw_text(&piece, &style::starting(style::label()), (26, y))
-                    .map_err(text)?;
+                    .map_err(fault)?;
                 y += 18;
             }
         }
         if !self.published.is_empty() {
             let line = vec![(12, y - 8), (12, y + 8)];
             area.draw(&PathElement::new(line, style::INK.stroke_width(4)))
-                .map_err(text)?;
+                .map_err(fault)?;
         }
         for line in &self.published {
             area.draw_text(line, &style::starting(style::label()), (26, y))
-                .map_err(text)?;
+                .map_err(fault)?;
             y += 18;
         }
         Ok(())
@@ -198,7 +202,7 @@ impl Canvas<'_, '_> {
         let (x0, y0) = self.left.get_base_pixel();
         self.left
             .draw_text(line, &style, (x - x0 + shift, y - y0))
-            .map_err(text)
+            .map_err(fault)
     }
 
     fn bar(&self, bar: &Bar, row: f64) -> Drawn {
@@ -207,7 +211,7 @@ impl Canvas<'_, '_> {
         let color = style::color(bar.series).mix(0.8);
         self.area
             .draw(&Rectangle::new(corners, color.filled()))
-            .map_err(text)?;
+            .map_err(fault)?;
         self.line([(bar.value.low, middle), (bar.value.high, middle)], 2)?;
         if let Some((short, long)) = bar.published {
             for at in [short, long] {
@@ -225,6 +229,6 @@ impl Canvas<'_, '_> {
 
     fn line(&self, ends: [(f64, f64); 2], width: u32) -> Drawn {
         let line = PathElement::new(ends.to_vec(), style::INK.stroke_width(width));
-        self.area.draw(&line).map_err(text)
+        self.area.draw(&line).map_err(fault)
     }
 }

@@ -3,7 +3,7 @@
 use plotters::prelude::*;
 
 use super::scale::{Kind, Scale};
-use super::{Area, Drawn, style, text, unit};
+use super::{Area, Drawn, fault, style, unit};
 use crate::experiments::schema::{Experiment, FIXED_SHARE, Plot, PlotKind, Published};
 use crate::experiments::{Measure, Scaling, groups, measured, scaling};
 use crate::record::Cell;
@@ -13,8 +13,8 @@ const LEGEND_PX: u32 = 300;
 /// Characters of 12-px type that fit into the legend's column.
 const LEGEND_CHARACTERS: usize = 44;
 
-pub struct Panel<'a> {
-    plot: &'a Plot,
+pub struct Panel {
+    plot: Plot,
     x: Scale,
     y: Scale,
     series: Vec<Series>,
@@ -46,9 +46,9 @@ struct Mark {
     span_ms: (f64, f64),
 }
 
-impl<'a> Panel<'a> {
+impl Panel {
     /// None where no series has a point.
-    pub fn new(plot: &'a Plot, experiment: &Experiment, cells: &[&Cell]) -> Option<Panel<'a>> {
+    pub fn new(plot: &Plot, experiment: &Experiment, cells: &[&Cell]) -> Option<Panel> {
         let x_measure = plot.x.as_ref()?;
         let groups = match &plot.over {
             Some(over) => groups(cells, over),
@@ -80,7 +80,7 @@ impl<'a> Panel<'a> {
             .flat_map(|mark| [mark.span_ms.0, mark.span_ms.1]);
         let y = Scale::fit(kind, ends.chain(marked))?;
         Some(Panel {
-            plot,
+            plot: plot.clone(),
             x,
             y,
             series,
@@ -96,7 +96,7 @@ impl<'a> Panel<'a> {
     pub fn draw(&self, area: &Area<'_>) -> Drawn {
         let (left, legend) = area.split_horizontally(super::WIDTH_PX - LEGEND_PX);
         left.draw_text(&self.plot.title, &style::heading(), (16, 8))
-            .map_err(text)?;
+            .map_err(fault)?;
         let mut chart = ChartBuilder::on(&left)
             .margin_top(34)
             .margin_right(16)
@@ -105,7 +105,7 @@ impl<'a> Panel<'a> {
             .x_label_area_size(46)
             .y_label_area_size(74)
             .build_cartesian_2d(self.x.clone(), self.y.clone())
-            .map_err(text)?;
+            .map_err(fault)?;
         let x_title = self.plot.x_title.clone();
         let y_title = self.plot.y_title.as_deref().unwrap_or("time (ms)");
         chart
@@ -122,7 +122,7 @@ impl<'a> Panel<'a> {
             .x_desc(x_title.unwrap_or_else(|| self.plot.x_name()))
             .y_desc(y_title)
             .draw()
-            .map_err(text)?;
+            .map_err(fault)?;
         let canvas = Canvas {
             area: chart.plotting_area(),
             panel: self,
@@ -142,7 +142,7 @@ impl<'a> Panel<'a> {
             let color = style::color(index);
             let outline = shifted(&style::marker(index), (12, y));
             area.draw(&Polygon::new(outline, color.filled()))
-                .map_err(text)?;
+                .map_err(fault)?;
             let lines = [
                 (&series.name, true),
                 (&series.group, false),
@@ -154,7 +154,7 @@ impl<'a> Panel<'a> {
             for ray in STAR {
                 let ray = shifted(&ray, (12, y));
                 area.draw(&PathElement::new(ray, style::INK.stroke_width(2)))
-                    .map_err(text)?;
+                    .map_err(fault)?;
             }
             let rest = hardware.iter().map(|line| (line, false));
             let lines: Vec<(&String, bool)> = [(figures, true)].into_iter().chain(rest).collect();
@@ -180,7 +180,7 @@ fn entry(area: &Area<'_>, mut y: i32, lines: &[(&String, bool)]) -> Result<i32, 
                 style::small()
             };
             area.draw_text(&piece, &style::starting(style), (26, y))
-                .map_err(text)?;
+                .map_err(fault)?;
             y += 16;
         }
     }
@@ -264,7 +264,7 @@ fn marks(experiment: &Experiment, x: &Measure, cells: &[&Cell]) -> Vec<Mark> {
 
 struct Canvas<'a, 'b> {
     area: &'a DrawingArea<SVGBackend<'b>, Cartesian2d<Scale, Scale>>,
-    panel: &'a Panel<'a>,
+    panel: &'a Panel,
 }
 
 impl Canvas<'_, '_> {
@@ -278,7 +278,7 @@ impl Canvas<'_, '_> {
         };
         self.area
             .draw(&PathElement::new(vec![a, b], style))
-            .map_err(text)
+            .map_err(fault)
     }
 
     fn series(&self, index: usize, series: &Series) -> Drawn {
@@ -296,12 +296,12 @@ impl Canvas<'_, '_> {
             for at in ends.into_iter().flatten() {
                 let cap = EmptyElement::at(at)
                     + PathElement::new(vec![(-4, 0), (4, 0)], color.stroke_width(2));
-                self.area.draw(&cap).map_err(text)?;
+                self.area.draw(&cap).map_err(fault)?;
             }
             if let Some(at) = self.at(point.x, point.y) {
                 let shape =
                     EmptyElement::at(at) + Polygon::new(style::marker(index), color.filled());
-                self.area.draw(&shape).map_err(text)?;
+                self.area.draw(&shape).map_err(fault)?;
             }
         }
         Ok(())
@@ -334,7 +334,7 @@ impl Canvas<'_, '_> {
             for ray in STAR {
                 let shape = EmptyElement::at(at)
                     + PathElement::new(ray.to_vec(), style::INK.stroke_width(2));
-                self.area.draw(&shape).map_err(text)?;
+                self.area.draw(&shape).map_err(fault)?;
             }
         }
         Ok(())

@@ -1,9 +1,12 @@
 //! Heat maps: a coloured, numbered field per cell over two named axes, a map for each value of others.
 
+use std::collections::{HashMap, HashSet};
+use std::hash::Hash;
+
 use plotters::prelude::*;
 use serde_json::Value;
 
-use super::{Area, Drawn, style, text, unit};
+use super::{Area, Drawn, fault, style, unit};
 use crate::experiments::schema::{Experiment, Plot};
 use crate::experiments::{label_text, measured};
 use crate::record::Cell;
@@ -16,11 +19,13 @@ const HEAD_PX: i32 = 58;
 /// Labels at the left of a map.
 const LABELS_PX: i32 = 84;
 const GAP_PX: i32 = 26;
+/// Fields of all maps of a plot that are still drawn.
+const MOST_FIELDS: usize = 10_000;
 /// The colour scale at the right.
 const LEGEND_PX: i32 = 110;
 
-pub struct Panel<'a> {
-    plot: &'a Plot,
+pub struct Panel {
+    plot: Plot,
     columns: Side,
     rows: Side,
     maps: Vec<Grid>,
@@ -40,34 +45,47 @@ struct Grid {
     fields: Vec<Vec<Option<f64>>>,
 }
 
-impl<'a> Panel<'a> {
+impl Panel {
     /// None where no cell has a value.
-    pub fn new(plot: &'a Plot, experiment: &Experiment, cells: &[&Cell]) -> Option<Panel<'a>> {
-        let y = plot.y.first()?;
-        let columns = Side::new(plot.columns.as_ref()?, experiment, cells);
-        let rows = Side::new(plot.rows.as_ref()?, experiment, cells);
+    ///
+    /// # Errors
+    /// More fields than can be read.
+    pub fn new(
+        plot: &Plot,
+        experiment: &Experiment,
+        cells: &[&Cell],
+    ) -> Result<Option<Panel>, &'static str> {
+        let (Some(y), Some(columns), Some(rows)) = (plot.y.first(), &plot.columns, &plot.rows)
+        else {
+            return Ok(None);
+        };
+        let columns = Side::new(columns, experiment, cells);
+        let rows = Side::new(rows, experiment, cells);
         let value = |cell: &Cell| {
             let value = y.read(cell, measured(cell)?)?.estimate.median * unit(y);
             value.is_finite().then_some(value)
         };
-        let of = |name: &Option<String>, cell: &Cell| cell.axes.get(name.as_ref()?).cloned();
         let place = |cell: &Cell| -> Option<Vec<Value>> {
             let values = plot.panels.iter().map(|name| cell.axes.get(name).cloned());
             values.collect()
         };
-        let mut panels: Vec<Vec<Value>> = Vec::new();
-        for place in cells.iter().filter_map(|cell| place(cell)) {
-            if !panels.contains(&place) {
-                panels.push(place);
+        let panels = distinct(cells.iter().filter_map(|cell| place(cell)));
+        if panels.len() * rows.labels.len() * columns.labels.len() > MOST_FIELDS {
+            return Err("its maps have more than 10,000 fields, which cells.csv lists");
+        }
+        let mut values: HashMap<(Vec<Value>, Value, Value), f64> = HashMap::new();
+        for cell in cells {
+            let of = |name: &Option<String>| cell.axes.get(name.as_ref()?).cloned();
+            let (row, column) = (of(&plot.rows), of(&plot.columns));
+            if let (Some(panel), Some(row), Some(column), Some(value)) =
+                (place(cell), row, column, value(cell))
+            {
+                values.entry((panel, row, column)).or_insert(value);
             }
         }
         let field = |panel: &Vec<Value>, row: &Value, column: &Value| {
-            let mut fitting = cells.iter().filter(|cell| {
-                of(&plot.rows, cell).as_ref() == Some(row)
-                    && of(&plot.columns, cell).as_ref() == Some(column)
-                    && place(cell).as_ref() == Some(panel)
-            });
-            fitting.find_map(|cell| value(cell))
+            let key = (panel.clone(), row.clone(), column.clone());
+            values.get(&key).copied()
         };
         let grid = |panel: Vec<Value>| Grid {
             fields: (rows.labels.iter())
@@ -83,15 +101,17 @@ impl<'a> Panel<'a> {
             maps.iter()
                 .flat_map(|map| map.fields.iter().flatten().flatten())
         };
-        let low = all().copied().reduce(f64::min)?;
-        let high = all().copied().reduce(f64::max)?;
-        Some(Panel {
-            plot,
+        let ends = [f64::min, f64::max].map(|end| all().copied().reduce(end));
+        let [Some(low), Some(high)] = ends else {
+            return Ok(None);
+        };
+        Ok(Some(Panel {
+            plot: plot.clone(),
             columns,
             rows,
             maps,
             range: (low, high),
-        })
+        }))
     }
 
     /// The numbers, a table for each map.
@@ -134,7 +154,7 @@ impl<'a> Panel<'a> {
 
     pub fn draw(&self, area: &Area<'_>) -> Drawn {
         area.draw_text(&self.plot.title, &style::heading(), (16, 8))
-            .map_err(text)?;
+            .map_err(fault)?;
         let (width, height) = self.map_px();
         for (index, map) in self.maps.iter().enumerate() {
             let index = index as i32;
@@ -150,7 +170,7 @@ impl<'a> Panel<'a> {
     fn map(&self, area: &Area<'_>, map: &Grid, (x, y): (i32, i32)) -> Drawn {
         let (left, top) = (x + LABELS_PX, y + HEAD_PX);
         let write =
-            |line: &str, style: &TextStyle<'_>, at| area.draw_text(line, style, at).map_err(text);
+            |line: &str, style: &TextStyle<'_>, at| area.draw_text(line, style, at).map_err(fault);
         write(&map.title, &style::label(), (left, y + 2))?;
         write(&self.columns.title, &style::small(), (left, y + 20))?;
         write(&self.rows.title, &style::small(), (x, y + 38))?;
@@ -181,12 +201,12 @@ impl<'a> Panel<'a> {
         let color = value.map_or(style::GRID, |value| style::shade(self.share(value)));
         let corners = [(x + 1, y + 1), (x + FIELD_PX.0 - 1, y + FIELD_PX.1 - 1)];
         area.draw(&Rectangle::new(corners, color.filled()))
-            .map_err(text)?;
+            .map_err(fault)?;
         let number = value.map_or_else(|| "–".to_owned(), three);
         let ink = style::on(color, style::label());
         let middle = (x + FIELD_PX.0 / 2, y + FIELD_PX.1 / 2);
         area.draw_text(&number, &style::centered(ink), middle)
-            .map_err(text)
+            .map_err(fault)
     }
 
     /// Place of a value on the colour scale, 0 … 1.
@@ -209,14 +229,14 @@ impl<'a> Panel<'a> {
             let share = 1.0 - (f64::from(step) + 0.5) / f64::from(STEPS);
             let corners = [(left, edge(step)), (left + 16, edge(step + 1))];
             area.draw(&Rectangle::new(corners, style::shade(share).filled()))
-                .map_err(text)?;
+                .map_err(fault)?;
         }
         let (low, high) = self.range;
         for share in [0.0, 0.5, 1.0] {
             let label = three(low + share * (high - low));
             let at = (left + 22, top + height - (share * f64::from(height)) as i32);
             area.draw_text(&label, &style::starting(style::label()), at)
-                .map_err(text)?;
+                .map_err(fault)?;
         }
         let title = self.plot.y_title.clone();
         let title = title.unwrap_or_else(|| self.plot.y[0].to_string());
@@ -224,10 +244,16 @@ impl<'a> Panel<'a> {
         let start = top - 8 - 15 * title.len() as i32;
         for (line, piece) in (0..).zip(&title) {
             area.draw_text(piece, &style::small(), (left, start + 15 * line))
-                .map_err(text)?;
+                .map_err(fault)?;
         }
         Ok(())
     }
+}
+
+/// Each value once, in the order of its first.
+fn distinct<T: Clone + Eq + Hash>(values: impl Iterator<Item = T>) -> Vec<T> {
+    let mut known = HashSet::new();
+    values.filter(|value| known.insert(value.clone())).collect()
 }
 
 /// The panel's place on the axes that have panels: `bunny, threshold 0.5`.
@@ -251,15 +277,10 @@ fn axis_title(name: &str, experiment: &Experiment) -> String {
 impl Side {
     /// The axis' values that measured cells have, in the order of the cells.
     fn new(name: &str, experiment: &Experiment, cells: &[&Cell]) -> Side {
-        let mut labels: Vec<Value> = Vec::new();
-        for cell in cells.iter().filter(|cell| measured(cell).is_some()) {
-            if let Some(value) = cell.axes.get(name).filter(|value| !labels.contains(value)) {
-                labels.push(value.clone());
-            }
-        }
+        let measured = cells.iter().filter(|cell| measured(cell).is_some());
         Side {
             title: axis_title(name, experiment),
-            labels,
+            labels: distinct(measured.filter_map(|cell| cell.axes.get(name).cloned())),
         }
     }
 }

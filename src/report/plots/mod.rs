@@ -16,6 +16,7 @@ use super::{Artifact, Exporter, ReportError, Section, View};
 use crate::experiments::schema::{Experiment, Plot, PlotKind, Published};
 use crate::experiments::{self, Measure};
 use crate::record::Cell;
+use crate::text;
 
 pub const EXPORTER: Exporter = Exporter {
     name: "EXPERIMENT.svg",
@@ -30,15 +31,18 @@ type Area<'a> = DrawingArea<SVGBackend<'a>, plotters::coord::Shift>;
 /// Drawing on a string cannot fail but by a bug in the drawing; the message is all that is of use.
 type Drawn = Result<(), String>;
 
+/// Cells of a plot beyond which it is not drawn: nobody can read it.
+const MOST_CELLS: usize = 2_000;
+
 /// A panel ready to be drawn.
-enum Panel<'a> {
-    Lines(lines::Panel<'a>),
-    Stacked(stacked::Panel<'a>),
-    Bars(bars::Panel<'a>),
-    Map(map::Panel<'a>),
+enum Panel {
+    Lines(lines::Panel),
+    Stacked(stacked::Panel),
+    Bars(bars::Panel),
+    Map(map::Panel),
 }
 
-impl Panel<'_> {
+impl Panel {
     fn height_px(&self) -> u32 {
         match self {
             Panel::Lines(panel) => panel.height_px(),
@@ -58,38 +62,61 @@ impl Panel<'_> {
     }
 }
 
+/// An experiment's panels, and its plots that have none.
+#[derive(Default)]
+pub struct Figure {
+    panels: Vec<Panel>,
+    /// Titles, and why there is no panel.
+    missing: Vec<(String, &'static str)>,
+}
+
+impl Figure {
+    /// The panels of an experiment's plots.
+    pub fn new(experiment: &Experiment, cells: &[&Cell]) -> Figure {
+        let mut figure = Figure::default();
+        for plot in &experiment.plot {
+            match panel(plot, experiment, cells) {
+                Ok(panel) => figure.panels.push(panel),
+                Err(reason) => figure.missing.push((plot.title.clone(), reason)),
+            }
+        }
+        figure
+    }
+
+    /// Whether there is anything to draw.
+    pub fn is_drawn(&self) -> bool {
+        !self.panels.is_empty()
+    }
+
+    /// Titles of the plots that have no panel, and why.
+    pub fn missing(&self) -> &[(String, &'static str)] {
+        &self.missing
+    }
+
+    /// The numbers of its maps: a title and a table for each of their panels.
+    pub fn map_tables(&self) -> Vec<(String, Table)> {
+        let tables = self.panels.iter().filter_map(|panel| match panel {
+            Panel::Map(map) => Some(map.tables()),
+            _ => None,
+        });
+        tables.flatten().collect()
+    }
+}
+
 /// Name of an experiment's figure within the output folder.
 pub fn file_name(section: &Section<'_>) -> String {
-    format!("{}.svg", section.id)
-}
-
-/// Whether there is anything to draw.
-pub fn has_figure(section: &Section<'_>) -> bool {
-    !panels(section).is_empty()
-}
-
-/// Titles of the panels that have no data to draw.
-pub fn missing<'a>(section: &'a Section<'_>) -> Vec<&'a str> {
-    let Some(experiment) = &section.experiment else {
-        return Vec::new();
-    };
-    let cells = section.cells();
-    let plots = experiment.plot.iter();
-    plots
-        .filter(|plot| panel(plot, experiment, &cells).is_none())
-        .map(|plot| plot.title.as_str())
-        .collect()
+    format!("{}.svg", text::file_stem(section.id))
 }
 
 fn export(view: &View<'_>) -> Result<Vec<Artifact>, ReportError> {
     let mut files = Vec::new();
     for section in &view.sections {
-        let panels = panels(section);
+        let panels = &section.figure().panels;
         if panels.is_empty() {
             continue;
         }
         let adapter = view.run().map_or("", |run| run.adapter.name.as_str());
-        let svg = figure(section, adapter, &panels).map_err(|message| ReportError::Plot {
+        let svg = figure(section, adapter, panels).map_err(|message| ReportError::Plot {
             experiment: section.id.to_owned(),
             message,
         })?;
@@ -101,42 +128,24 @@ fn export(view: &View<'_>) -> Result<Vec<Artifact>, ReportError> {
     Ok(files)
 }
 
-/// The experiment's panels that have data.
-fn panels<'a>(section: &'a Section<'_>) -> Vec<Panel<'a>> {
-    let Some(experiment) = &section.experiment else {
-        return Vec::new();
-    };
-    let cells = section.cells();
-    let built = experiment
-        .plot
-        .iter()
-        .filter_map(|plot| panel(plot, experiment, &cells));
-    built.collect()
-}
-
-fn panel<'a>(plot: &'a Plot, experiment: &Experiment, cells: &[&Cell]) -> Option<Panel<'a>> {
+fn panel(plot: &Plot, experiment: &Experiment, cells: &[&Cell]) -> Result<Panel, &'static str> {
     let cells: Vec<&Cell> = cells
         .iter()
         .copied()
         .filter(|cell| belongs(plot, cell))
         .collect();
-    match plot.kind {
+    if cells.len() > MOST_CELLS {
+        return Err("it has more than 2,000 cells, which cells.csv lists");
+    }
+    let panel = match plot.kind {
         PlotKind::Scaling | PlotKind::Lines => {
             lines::Panel::new(plot, experiment, &cells).map(Panel::Lines)
         }
         PlotKind::Stacked => stacked::Panel::new(plot, experiment, &cells).map(Panel::Stacked),
         PlotKind::Bars => bars::Panel::new(plot, experiment, &cells).map(Panel::Bars),
-        PlotKind::Map => map::Panel::new(plot, experiment, &cells).map(Panel::Map),
-    }
-}
-
-/// The numbers of the section's maps: a title and a table for each of their panels.
-pub fn map_tables(section: &Section<'_>) -> Vec<(String, Table)> {
-    let tables = panels(section).into_iter().filter_map(|panel| match panel {
-        Panel::Map(map) => Some(map.tables()),
-        _ => None,
-    });
-    tables.flatten().collect()
+        PlotKind::Map => map::Panel::new(plot, experiment, &cells)?.map(Panel::Map),
+    };
+    panel.ok_or("no records hold its data")
 }
 
 /// Times are shown in milliseconds, everything else as it is.
@@ -156,32 +165,33 @@ fn belongs(plot: &Plot, cell: &Cell) -> bool {
     on_axis && experiments::fits(cell, &plot.filter)
 }
 
-fn figure(section: &Section<'_>, adapter: &str, panels: &[Panel<'_>]) -> Result<String, String> {
+fn figure(section: &Section<'_>, adapter: &str, panels: &[Panel]) -> Result<String, String> {
     let heights: Vec<u32> = panels.iter().map(Panel::height_px).collect();
     let height = TITLE_PX + heights.iter().sum::<u32>();
     let mut svg = String::new();
     {
         let root = SVGBackend::with_string(&mut svg, (WIDTH_PX, height)).into_drawing_area();
-        root.fill(&WHITE).map_err(text)?;
+        root.fill(&WHITE).map_err(fault)?;
         let source = section
             .experiment
             .as_ref()
             .map_or("", |experiment| experiment.source.as_str());
         let title = format!("{}: {}", section.id, section.title());
         root.draw_text(&title, &style::title(), (16, 12))
-            .map_err(text)?;
+            .map_err(fault)?;
         let below = [adapter, source].join(" · ");
         root.draw_text(&below, &style::small(), (16, 36))
-            .map_err(text)?;
+            .map_err(fault)?;
         let (_, mut rest) = root.split_vertically(TITLE_PX);
         for (panel, height) in panels.iter().zip(heights) {
             let (area, below) = rest.split_vertically(height);
             panel.draw(&area)?;
             rest = below;
         }
-        root.present().map_err(text)?;
+        root.present().map_err(fault)?;
     }
-    Ok(svg)
+    // The backend escapes marks of XML; what XML cannot hold at all is left to do.
+    Ok(text::block(&svg))
 }
 
 /// The legend's words on published figures: all of them in one line, then the hardware, in lines of its own.
@@ -208,7 +218,7 @@ fn published_lines(published: &[&Published]) -> Vec<String> {
         .collect()
 }
 
-fn text<E: std::fmt::Display>(error: E) -> String {
+fn fault<E: std::fmt::Display>(error: E) -> String {
     error.to_string()
 }
 
@@ -309,7 +319,7 @@ mod tests {
     fn maps_have_a_panel_for_each_value_and_a_number_in_each_field() {
         let records = mapped();
         let view = View::new(&records, &[]);
-        let tables = map_tables(&view.sections[0]);
+        let tables = view.sections[0].figure().map_tables();
         let titles: Vec<&str> = tables.iter().map(|(title, _)| title.as_str()).collect();
         assert_eq!(titles, ["Error, tank", "Error, port"]);
         // Scenes move fastest, then rows: of tank 0, 4, 8 above 2, 6, 10; of port 1, 5, 9 above 3, –, 11.
@@ -337,8 +347,7 @@ mod tests {
     fn bars_stand_by_value_and_are_told_apart_by_the_other_axes() {
         let records = mapped();
         let view = View::new(&records, &[]);
-        let panels = panels(&view.sections[0]);
-        let Panel::Bars(bars) = &panels[1] else {
+        let Panel::Bars(bars) = &view.sections[0].figure().panels[1] else {
             panic!("the second plot has bars");
         };
         assert_eq!(bars.shape(), [("tank", 3), ("port", 2)]);

@@ -3,7 +3,7 @@
 use plotters::prelude::*;
 
 use super::scale::{Kind, Scale};
-use super::{Area, Drawn, style, text};
+use super::{Area, Drawn, fault, style};
 use crate::experiments::schema::{Experiment, Plot, Published};
 use crate::experiments::{label_text, measured};
 use crate::record::{Cell, Estimate, Measured};
@@ -17,8 +17,8 @@ const LABELS_PX: u32 = 220;
 const FRAME_PX: u32 = 34 + 54;
 const LEGEND_ROW_PX: u32 = 18;
 
-pub struct Panel<'a> {
-    plot: &'a Plot,
+pub struct Panel {
+    plot: Plot,
     /// Stages with a colour of their own, in frame order.
     stages: Vec<String>,
     has_rest: bool,
@@ -39,9 +39,9 @@ struct Bar {
     published: Option<(f64, f64)>,
 }
 
-impl<'a> Panel<'a> {
+impl Panel {
     /// None where no cell was measured.
-    pub fn new(plot: &'a Plot, experiment: &Experiment, cells: &[&Cell]) -> Option<Panel<'a>> {
+    pub fn new(plot: &Plot, experiment: &Experiment, cells: &[&Cell]) -> Option<Panel> {
         let figures: Vec<(&Cell, &Measured)> = cells
             .iter()
             .filter_map(|cell| Some((*cell, measured(cell)?)))
@@ -65,7 +65,7 @@ impl<'a> Panel<'a> {
             .filter_map(|(cell, _)| experiment.published_for(cell))
             .collect();
         Some(Panel {
-            plot,
+            plot: plot.clone(),
             has_rest: bars
                 .iter()
                 .any(|bar| bar.parts.last().is_some_and(|rest| *rest > 0.0)),
@@ -93,7 +93,7 @@ impl<'a> Panel<'a> {
     pub fn draw(&self, area: &Area<'_>) -> Drawn {
         let (left, legend) = area.split_horizontally(super::WIDTH_PX - LEGEND_PX);
         left.draw_text(&self.plot.title, &style::heading(), (16, 8))
-            .map_err(text)?;
+            .map_err(fault)?;
         let rows = self.bars.len() as f64;
         let free = self.height_px() - FRAME_PX - self.bars_px();
         let mut chart = ChartBuilder::on(&left)
@@ -103,7 +103,7 @@ impl<'a> Panel<'a> {
             .x_label_area_size(46)
             .y_label_area_size(LABELS_PX)
             .build_cartesian_2d(self.scale.clone(), 0.0..rows)
-            .map_err(text)?;
+            .map_err(fault)?;
         chart
             .configure_mesh()
             .disable_y_mesh()
@@ -117,17 +117,19 @@ impl<'a> Panel<'a> {
             .x_label_formatter(&|at| self.scale.tick_label(*at))
             .x_desc("time (ms)")
             .draw()
-            .map_err(text)?;
+            .map_err(fault)?;
         for (index, bar) in self.bars.iter().enumerate() {
             let row = rows - 1.0 - index as f64;
-            chart.draw_series(self.rectangles(bar, row)).map_err(text)?;
+            chart
+                .draw_series(self.rectangles(bar, row))
+                .map_err(fault)?;
             for (line, width) in lines(bar, row) {
                 let line = PathElement::new(line, style::INK.stroke_width(width));
-                chart.plotting_area().draw(&line).map_err(text)?;
+                chart.plotting_area().draw(&line).map_err(fault)?;
             }
             let marker = EmptyElement::at((bar.frame.median, row + 0.5))
                 + Polygon::new(diamond((0, 0)), style::INK.filled());
-            chart.plotting_area().draw(&marker).map_err(text)?;
+            chart.plotting_area().draw(&marker).map_err(fault)?;
             let (x, y) = chart.backend_coord(&(0.0, row + 0.5));
             let (x0, y0) = left.get_base_pixel();
             left.draw_text(
@@ -135,7 +137,7 @@ impl<'a> Panel<'a> {
                 &style::ending(style::label()),
                 (x - x0 - 8, y - y0),
             )
-            .map_err(text)?;
+            .map_err(fault)?;
         }
         self.legend(&legend)
     }
@@ -171,17 +173,17 @@ impl<'a> Panel<'a> {
         let mut y = 42;
         for (color, name) in rows {
             area.draw(&Rectangle::new([(6, y - 6), (18, y + 6)], color.filled()))
-                .map_err(text)?;
+                .map_err(fault)?;
             y = write(area, name, y)?;
         }
         let diamond = diamond((12, y));
         area.draw(&Polygon::new(diamond, style::INK.filled()))
-            .map_err(text)?;
+            .map_err(fault)?;
         y = write(area, "frame without stage timing", y)?;
         if !self.published.is_empty() {
             let line = vec![(12, y - 8), (12, y + 8)];
             area.draw(&PathElement::new(line, style::INK.stroke_width(4)))
-                .map_err(text)?;
+                .map_err(fault)?;
         }
         for line in &self.published {
             y = write(area, line, y)?;
@@ -192,7 +194,7 @@ impl<'a> Panel<'a> {
 
 fn write(area: &Area<'_>, line: &str, y: i32) -> Result<i32, String> {
     area.draw_text(line, &style::starting(style::label()), (26, y))
-        .map_err(text)?;
+        .map_err(fault)?;
     Ok(y + LEGEND_ROW_PX as i32)
 }
 

@@ -1,46 +1,54 @@
 //! An experiment's part of the summary.
 
+use std::collections::BTreeSet;
 use std::fmt::Write as _;
 
 use super::super::format::{self, Table};
 use super::super::plots;
 use super::super::{ERROR_PICTURE, Section, view::Entry};
-use super::clock_name;
+use super::{clock_name, image};
 use crate::experiments::schema::Published;
 use crate::experiments::{fits, fps};
 use crate::record::{Cell, Estimate, Measured, Outcome};
+use crate::text;
 
 /// Cells beside each other in one table of stages.
 const COLUMNS: usize = 6;
 /// Pictures beside each other.
 const ACROSS: usize = 4;
+/// How names of pictures of errors ended before [`ERROR_PICTURE`].
+const OLD_ERROR_PICTURE: &str = "-error";
 /// Notes on cells that stand in the open.
 const UNFOLDED: usize = 3;
 
-pub fn write(section: &Section<'_>, pictures: &[String], text: &mut String) {
-    let _ = writeln!(text, "## {}\n", section.id);
+pub fn write(section: &Section<'_>, text: &mut String) {
+    let _ = writeln!(text, "## {}\n", text::markdown(section.id));
     match &section.experiment {
         Some(experiment) => {
-            let _ = writeln!(text, "**{}** ({})\n", experiment.title, experiment.source);
+            let [title, source] =
+                [&experiment.title, &experiment.source].map(|s| text::markdown(s));
+            let _ = writeln!(text, "**{}** ({source})\n", title.trim());
             if !experiment.about.is_empty() {
-                let _ = writeln!(text, "{}\n", experiment.about.trim());
+                let _ = writeln!(text, "{}\n", text::paragraphs(&experiment.about));
             }
         }
         None => {
             let problem = section.problem.as_deref().unwrap_or_default();
-            let _ = writeln!(text, "No claims and plots: {problem}\n");
+            let _ = writeln!(text, "No claims and plots: {}\n", text::markdown(problem));
         }
     }
-    if plots::has_figure(section) {
+    let figure = section.figure();
+    if figure.is_drawn() {
         let file = plots::file_name(section);
-        let _ = writeln!(text, "![{}]({file})\n", section.title());
+        let _ = writeln!(text, "{}\n", image(section.title(), &file));
     }
-    for title in plots::missing(section) {
-        let _ = writeln!(text, "No records hold the data of the plot *{title}*.\n");
+    for (title, reason) in figure.missing() {
+        let title = text::markdown(title);
+        let _ = writeln!(text, "The plot *{title}* is left out: {reason}.\n");
     }
     claims(section, text);
-    for (title, table) in plots::map_tables(section) {
-        let _ = writeln!(text, "{title}:\n");
+    for (title, table) in figure.map_tables() {
+        let _ = writeln!(text, "{}:\n", text::markdown(&title));
         *text += &table.markdown();
     }
     frames(section, text);
@@ -50,50 +58,47 @@ pub fn write(section: &Section<'_>, pictures: &[String], text: &mut String) {
     throughput(section, text);
     quantities(section, text);
     cell_notes(section, text);
-    let own: Vec<&str> = pictures
-        .iter()
-        .map(String::as_str)
-        .filter(|path| is_picture_of(path, section.id))
-        .collect();
-    gallery(section.id, &own, text);
+    gallery(section.id, &section.pictures, text);
 }
 
 /// Pictures side by side, each above its cell.
 fn gallery(id: &str, pictures: &[&str], text: &mut String) {
     for row in pictures.chunks(ACROSS) {
-        let mut table = Table::new(row.iter().map(|path| format!("![{path}]({path})")));
+        let mut table = Table::of_markdown(row.iter().map(|path| image(path, path)));
         table.row(row.iter().map(|path| caption(id, path)));
         *text += &table.markdown();
     }
-    let of_error = |path: &&str| path.ends_with(&format!("{ERROR_PICTURE}.png"));
-    if pictures.iter().any(of_error) {
+    if pictures.iter().any(|path| of_error(path).is_some()) {
         *text += "Pictures of the error: red where the picture is too dark, blue where it is too light, in full \
                   colour from ±0.25 on, grey where nothing is compared.\n\n";
     }
 }
 
-/// `scene=port, error` for `renders/ID-scene=port-error.png`.
-fn caption(id: &str, path: &str) -> String {
-    let name = path.rsplit('/').next().unwrap_or(path);
-    let name = name.strip_suffix(".png").unwrap_or(name);
-    let cell = name.strip_prefix(id).unwrap_or(name);
-    match cell.strip_suffix(ERROR_PICTURE) {
-        Some(cell) => format!("{}, error", cell.trim_start_matches('-')),
-        None => cell.trim_start_matches('-').to_owned(),
-    }
+/// The name of a picture of an error without its ending.
+fn of_error(path: &str) -> Option<&str> {
+    let name = path.strip_suffix(".png").unwrap_or(path);
+    let endings = [ERROR_PICTURE, OLD_ERROR_PICTURE].into_iter();
+    endings
+        .filter_map(|ending| name.strip_suffix(ending))
+        .next()
 }
 
-/// A picture belongs to the experiment whose id its file name begins with.
-pub fn is_picture_of(path: &str, id: &str) -> bool {
+/// `scene=port, error` for `renders/ID_scene=port~error.png`.
+fn caption(id: &str, path: &str) -> String {
     let name = path.rsplit('/').next().unwrap_or(path);
-    let rest = name.strip_prefix(id);
-    rest.is_some_and(|rest| rest.starts_with(['.', '_', '-', ' ']))
+    let (name, ending) = match of_error(name) {
+        Some(name) => (name, ", error"),
+        None => (name.strip_suffix(".png").unwrap_or(name), ""),
+    };
+    let cell = name.strip_prefix(&text::file_stem(id)).unwrap_or(name);
+    format!("{}{ending}", cell.trim_start_matches(['_', '-']))
 }
 
 fn claims(section: &Section<'_>, text: &mut String) {
     let mut table = Table::new(["claim", "verdict", "figure"]);
     for ruling in section.rulings() {
-        table.row([ruling.text, ruling.verdict.to_string(), ruling.reason]);
+        let verdict = ruling.verdict.to_string();
+        table.row([&ruling.text, &verdict, &ruling.reason]);
     }
     if !table.is_empty() {
         *text += &table.markdown();
@@ -169,10 +174,11 @@ fn published(section: &Section<'_>, text: &mut String) {
         };
         let _ = writeln!(
             text,
-            "- Published: {} fps on {} ({}{note}){standing}.",
-            published.figure(),
-            published.hardware,
-            conditions.join(", ")
+            "- Published: {} fps on {} ({}{}){standing}.",
+            text::markdown(&published.figure()),
+            text::markdown(&published.hardware),
+            text::markdown(&conditions.join(", ")),
+            text::markdown(&note)
         );
     }
     if !experiment.published.is_empty() {
@@ -272,24 +278,18 @@ fn throughput(section: &Section<'_>, text: &mut String) {
         }
     }
     if !table.is_empty() {
-        let _ = writeln!(text, "Throughput by declared work in `{}`:\n", cell.cell);
+        let cell = text::code(&cell.cell);
+        let _ = writeln!(text, "Throughput by declared work in {cell}:\n");
         *text += &table.markdown();
     }
 }
 
 fn quantities(section: &Section<'_>, text: &mut String) {
-    let mut names: Vec<&String> = Vec::new();
-    for (_, measured) in section.measured() {
-        for name in measured.quantities.keys() {
-            if !names.contains(&name) {
-                names.push(name);
-            }
-        }
-    }
+    let cells = section.measured();
+    let names: BTreeSet<&String> = cells.flat_map(|(_, cell)| cell.quantities.keys()).collect();
     if names.is_empty() {
         return;
     }
-    names.sort();
     let head = ["cell".to_owned()];
     let mut table = Table::new(
         head.into_iter()
@@ -315,7 +315,8 @@ fn cell_notes(section: &Section<'_>, text: &mut String) {
             .iter()
             .map(|(reason, count)| format!("{count} frames rejected: {reason}"));
         for note in measured.notes.iter().cloned().chain(rejected) {
-            let _ = writeln!(lines, "- `{}`: {note}", cell.cell);
+            let note = text::markdown(&note);
+            let _ = writeln!(lines, "- {}: {note}", text::code(&cell.cell));
         }
     }
     let count = lines.lines().count();
@@ -336,15 +337,15 @@ mod tests {
     #[test]
     fn pictures_stand_side_by_side_above_their_cells() {
         let pictures = [
-            "renders/own-n=1-error.png",
-            "renders/own-n=1.png",
+            "renders/own_n=1~error.png",
+            "renders/own_n=1.png",
+            "renders/own-n=2-error.png",
             "renders/own-n=2.png",
-            "renders/own-n=3.png",
-            "renders/own-n=4.png",
+            "renders/own_n=4.png",
         ];
         let mut text = String::new();
         gallery("own", &pictures, &mut text);
-        let captions = "| n=1, error | n=1 | n=2 | n=3 |";
+        let captions = "| n=1, error | n=1 | n=2, error | n=2 |";
         assert!(text.contains(captions), "{text}");
         assert!(text.contains("| n=4 |\n"), "{text}");
         assert!(text.contains("too dark"), "{text}");

@@ -4,7 +4,7 @@ use crate::gpu::{Encode, GpuError, StageScope};
 use crate::record::Work;
 use crate::stages::kit::Resources;
 use crate::stages::low_pass::{FilterUniforms, LowPass};
-use crate::stages::{Output, Stage, StageInfo};
+use crate::stages::{Column, Output, Stage, StageInfo};
 
 pub const INFO: StageInfo = StageInfo {
     name: "caustics/filter",
@@ -17,7 +17,7 @@ pub struct Filter(LowPass);
 impl Filter {
     pub fn new(
         resources: &Resources<'_>,
-        source: &wgpu::Texture,
+        source: (&wgpu::Texture, Column),
         settings: &FilterUniforms,
     ) -> Result<Self, GpuError> {
         LowPass::new(resources, INFO.name, source, settings).map(Self)

@@ -9,11 +9,11 @@ use crate::stages::frame::Shared;
 use crate::stages::kit::Resources;
 use crate::stages::photon::Photons;
 use crate::stages::splatting::Additive;
-use crate::stages::{Output, Stage, StageInfo};
+use crate::stages::{Column, Output, Stage, StageInfo};
 
 pub const INFO: StageInfo = StageInfo {
     name: "caustics/splat",
-    about: "a square of regulated size for each photon, added up in a float target",
+    about: "a square of regulated size for each photon, added up in a float target: its flux in every pixel (paper), or shared among them (conserving)",
     source: "UW §3.3",
 };
 
@@ -51,8 +51,25 @@ impl PointSize {
     }
 }
 
+/// What a texel of the caustics buffer holds.
+pub fn column(conserving: bool) -> Column {
+    if conserving {
+        return Column {
+            name: "flux",
+            unit: "W/px",
+            meaning: "flux of the photons that land in the pixel: each photon's, attenuated, over the area of its splat in pixels; the sum over the buffer is the flux that lands in view, W",
+        };
+    }
+    Column {
+        name: "intensity",
+        unit: "W per photon, not divided by the area of its splat",
+        meaning: "sum over the splats that cover the pixel of their photons' whole attenuated flux (UW §3.3); the sum over the buffer counts each photon once for every pixel that its splat covers",
+    }
+}
+
 pub struct Splat {
     additive: Additive,
+    conserving: bool,
     photons: u64,
     fragments: u64,
 }
@@ -68,7 +85,7 @@ impl Splat {
         typical_px: f64,
     ) -> Result<Self, GpuError> {
         let uniforms = resources.uniform(INFO.name, settings);
-        let defs = [("CONSERVING", i32::from(conserving))];
+        let defs = [("CONSERVING", i32::from(conserving)), shared.fresnel_def()];
         let size_px = settings.size_px.as_uvec2().to_array();
         let photons = u64::from(inputs.0.count);
         let additive = Additive::new(
@@ -76,6 +93,7 @@ impl Splat {
         )?;
         Ok(Self {
             additive,
+            conserving,
             photons,
             fragments: (photons as f64 * typical_px * typical_px) as u64,
         })
@@ -109,6 +127,6 @@ impl Stage for Splat {
     }
 
     fn outputs(&self) -> Vec<Output> {
-        self.additive.outputs()
+        self.additive.outputs(column(self.conserving))
     }
 }

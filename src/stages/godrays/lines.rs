@@ -9,11 +9,11 @@ use crate::stages::frame::Shared;
 use crate::stages::kit::Resources;
 use crate::stages::photon::Photons;
 use crate::stages::splatting::Additive;
-use crate::stages::{Output, Stage, StageInfo};
+use crate::stages::{Column, Output, Stage, StageInfo};
 
 pub const INFO: StageInfo = StageInfo {
     name: "godrays/lines",
-    about: "a wide line from water entry to hit for each photon, added up in a float target",
+    about: "a wide line from water entry to hit for each photon, added up in a float target: its intensity across the whole width (paper), or shared over it (conserving)",
     source: "UW §3.4",
 };
 
@@ -28,8 +28,25 @@ pub struct LinesUniforms {
     pub photons: u32,
 }
 
+/// What a texel of the godray buffer holds.
+pub fn column(conserving: bool) -> Column {
+    if conserving {
+        return Column {
+            name: "intensity",
+            unit: "W/sr/px",
+            meaning: "sum over the lines that cover the pixel of their photons' attenuated flux × phase function, over the line's width in pixels",
+        };
+    }
+    Column {
+        name: "intensity",
+        unit: "W/sr per photon, not divided by the width of its line",
+        meaning: "sum over the lines that cover the pixel of their photons' attenuated flux × phase function (UW §3.4)",
+    }
+}
+
 pub struct Lines {
     additive: Additive,
+    conserving: bool,
     photons: u64,
     fragments: u64,
 }
@@ -45,7 +62,7 @@ impl Lines {
         typical_px: f64,
     ) -> Result<Self, GpuError> {
         let uniforms = resources.uniform(INFO.name, settings);
-        let defs = [("CONSERVING", i32::from(conserving))];
+        let defs = [("CONSERVING", i32::from(conserving)), shared.fresnel_def()];
         let size_px = settings.size_px.as_uvec2().to_array();
         let photons = u64::from(inputs.0.count);
         let additive = Additive::new(
@@ -53,6 +70,7 @@ impl Lines {
         )?;
         Ok(Self {
             additive,
+            conserving,
             photons,
             fragments: (photons as f64 * typical_px * f64::from(settings.width_px)) as u64,
         })
@@ -86,6 +104,6 @@ impl Stage for Lines {
     }
 
     fn outputs(&self) -> Vec<Output> {
-        self.additive.outputs()
+        self.additive.outputs(column(self.conserving))
     }
 }

@@ -26,6 +26,12 @@ impl Trace {
     ) -> Result<Self, GpuError> {
         Tracing::new(resources, shared, INFO.name, textures, settings, dynamic).map(Self)
     }
+
+    /// See [`Tracing::weighted`].
+    #[must_use]
+    pub fn weighted(self, conserving: bool) -> Self {
+        Self(self.0.weighted(conserving))
+    }
 }
 
 impl Encode for Trace {

@@ -39,7 +39,7 @@ impl Mask {
         cells: u32,
     ) -> Result<Self, GpuError> {
         let gpu = resources.gpu;
-        let shader = gpu.shader(INFO.name, &[])?;
+        let shader = gpu.shader(INFO.name, &[shared.water_def()])?;
         let settings = resources.uniform(INFO.name, &MaskUniforms { cells });
         let group = Group::new(gpu, INFO.name, &[Bind::Uniform(&settings)]);
         let format = wgpu::TextureFormat::R8Unorm;

@@ -1,0 +1,326 @@
+//! `docs/scenes.md` names every key of a scene file with its default, and no other; its ranges are kept.
+
+use serde::de::{self, Deserialize, Deserializer, Visitor, value::Error};
+use serde_json::{Value, json};
+
+use super::generators::{self, Param, fields};
+use super::{
+    Camera, HeightMap, Light, LightKind, Material, ObjectFile, SceneFile, Stand, Transform,
+    VolumeFile, Water, WaterModel, Wave,
+};
+use super::{raw::VolumeFormat, samples::Up};
+
+const DOCS: &str = include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/docs/scenes.md"));
+
+/// Tells what a type asks for when it is read, and gives it nothing.
+struct Asked<'a>(&'a mut &'static [&'static str]);
+
+impl<'de> Deserializer<'de> for Asked<'_> {
+    type Error = Error;
+
+    fn deserialize_any<V: Visitor<'de>>(self, _: V) -> Result<V::Value, Error> {
+        Err(de::Error::custom("nothing is given"))
+    }
+
+    fn deserialize_struct<V: Visitor<'de>>(
+        self,
+        _: &'static str,
+        fields: &'static [&'static str],
+        visitor: V,
+    ) -> Result<V::Value, Error> {
+        *self.0 = fields;
+        self.deserialize_any(visitor)
+    }
+
+    fn deserialize_enum<V: Visitor<'de>>(
+        self,
+        _: &'static str,
+        variants: &'static [&'static str],
+        visitor: V,
+    ) -> Result<V::Value, Error> {
+        *self.0 = variants;
+        self.deserialize_any(visitor)
+    }
+
+    serde::forward_to_deserialize_any! {
+        bool i8 i16 i32 i64 u8 u16 u32 u64 f32 f64 char str string bytes byte_buf option unit unit_struct newtype_struct
+        seq tuple tuple_struct map identifier ignored_any
+    }
+}
+
+/// The keys of a table, or the values of a choice, as serde reads them.
+fn asked<T: for<'de> Deserialize<'de>>() -> Vec<&'static str> {
+    let mut names: &[&str] = &[];
+    let _ = T::deserialize(Asked(&mut names));
+    assert!(!names.is_empty());
+    names.to_vec()
+}
+
+/// A row of a table of keys.
+struct Row {
+    key: &'static str,
+    range: &'static str,
+    default: &'static str,
+}
+
+/// The rows of the section under a heading.
+fn rows(heading: &str) -> Vec<Row> {
+    let (_, section) = DOCS
+        .split_once(&format!("\n## {heading}\n"))
+        .unwrap_or_else(|| panic!("no section {heading}"));
+    let section = section.split("\n## ").next().unwrap_or_default();
+    let lines = section.lines().filter_map(|line| line.strip_prefix("| `"));
+    lines
+        .map(|line| {
+            let cells: Vec<&'static str> = line.split(" | ").collect();
+            assert!(cells.len() >= 4, "{line}");
+            let meaning = cells.last().expect("a cell").trim_end_matches(" |");
+            assert!(!meaning.is_empty(), "{line}");
+            let offset = usize::from(cells.len() == 4);
+            Row {
+                key: cells[0].trim_end_matches('`'),
+                range: cells[2 - offset].trim_matches(['|', ' ']),
+                default: cells[3 - offset].trim_matches(['|', ' ']),
+            }
+        })
+        .collect()
+}
+
+/// A scene with nothing but what must be there.
+fn minimal() -> Value {
+    json!({
+        "name": "a", "description": "b", "floor_depth_m": 2.0,
+        "camera": {"position_m": [0.0, 1.0, 5.0], "target_m": [0.0, 0.0, 0.0], "fov_y_deg": 60.0, "z_near_m": 0.1, "z_far_m": 9.0},
+        "object": [{"name": "floor", "generator": "plane"}],
+    })
+}
+
+fn whole(scene: &Value) -> Value {
+    let file: SceneFile = serde_json::from_value(scene.clone()).unwrap();
+    serde_json::to_value(file).unwrap()
+}
+
+/// A section's heading, the keys that serde takes there, where it lies in a scene, and a scene that has it.
+type Section = (&'static str, Vec<&'static str>, &'static str, Value);
+
+fn sections() -> Vec<Section> {
+    let with = |changes: Value| {
+        let mut scene = minimal();
+        for (key, value) in changes.as_object().unwrap() {
+            scene[key] = value.clone();
+        }
+        whole(&scene)
+    };
+    let wave = json!({"vector_rad_m": [1.0, 0.0], "amplitude_m": 0.1});
+    let map =
+        json!({"model": "height_map", "height_map": {"file": "sea.npy", "tile_m": [1.0, 1.0]}});
+    let plain = with(json!({}));
+    vec![
+        ("Top level", asked::<SceneFile>(), "", plain.clone()),
+        ("`[camera]`", asked::<Camera>(), "/camera", plain.clone()),
+        ("`[light]`", asked::<Light>(), "/light", plain.clone()),
+        ("`[water]`", asked::<Water>(), "/water", plain.clone()),
+        (
+            "`[[water.waves]]`",
+            asked::<Wave>(),
+            "/water/waves/0",
+            with(json!({"water": {"model": "waves", "waves": [wave]}})),
+        ),
+        (
+            "`[water.height_map]`",
+            asked::<HeightMap>(),
+            "/water/height_map",
+            with(json!({"water": map})),
+        ),
+        (
+            "`[[object]]`",
+            asked::<ObjectFile>(),
+            "/object/0",
+            plain.clone(),
+        ),
+        (
+            "`[object.transform]`",
+            asked::<Transform>(),
+            "/object/0/transform",
+            plain.clone(),
+        ),
+        (
+            "`[object.material]`",
+            asked::<Material>(),
+            "/object/0/material",
+            plain,
+        ),
+        (
+            "`[volume]`",
+            asked::<VolumeFile>(),
+            "/volume",
+            with(json!({"volume": {"generator": "smoke"}})),
+        ),
+    ]
+}
+
+#[test]
+fn every_key_is_documented_and_every_documented_key_is_one() {
+    for (heading, keys, ..) in sections() {
+        let mut documented: Vec<&str> = rows(heading).iter().map(|row| row.key).collect();
+        // Resolved while the file is read: they never reach the type.
+        if heading == "Top level" {
+            documented.retain(|key| !["base", "without"].contains(key));
+        }
+        assert_eq!(documented, keys, "{heading}");
+    }
+    let count = DOCS.matches("\n## ").count();
+    assert_eq!(
+        count,
+        sections().len() + 2,
+        "a section that no type stands for"
+    );
+}
+
+#[test]
+fn documented_defaults_are_those_of_the_program() {
+    for (heading, _, place, scene) in sections() {
+        let given = ["sea.npy", "smoke"];
+        let tree = scene.pointer(place).unwrap();
+        for row in rows(heading) {
+            let Some(literal) = row
+                .default
+                .strip_prefix('`')
+                .and_then(|d| d.strip_suffix('`'))
+            else {
+                let known = ["required", "its defaults", "none"].contains(&row.default);
+                assert!(known, "{heading} {}: default {}", row.key, row.default);
+                continue;
+            };
+            let table: toml::Table = format!("v = {literal}").parse().unwrap();
+            let value = &tree[row.key];
+            let is_given = value.as_str().is_some_and(|v| given.contains(&v));
+            if is_given
+                || (heading.contains("height_map") && row.key == "tile_m")
+                || row.key == "object"
+            {
+                continue;
+            }
+            let expected = serde_json::to_value(&table["v"]).unwrap();
+            let near = |a: &Value, b: &Value| match (a.as_f64(), b.as_f64()) {
+                (Some(a), Some(b)) => (a - b).abs() < 1e-6,
+                _ => a == b,
+            };
+            let same = match (value, &expected) {
+                (Value::Array(a), Value::Array(b)) => {
+                    a.len() == b.len() && a.iter().zip(b).all(|(a, b)| near(a, b))
+                }
+                (a, b) => near(a, b),
+            };
+            assert!(
+                same,
+                "{heading} {}: {value} is documented as {literal}",
+                row.key
+            );
+        }
+    }
+}
+
+/// `1e-3 to 100000`, where a range is of that form.
+fn bounds(range: &str) -> Option<[f64; 2]> {
+    let (low, high) = range.split_once(" to ")?;
+    Some([low.parse().ok()?, high.parse().ok()?])
+}
+
+#[test]
+fn documented_ranges_are_kept() {
+    let mut judged = 0;
+    for (heading, _, place, scene) in sections() {
+        let valid = |scene: &Value| {
+            let file: Result<SceneFile, _> = serde_json::from_value(scene.clone());
+            file.is_ok_and(|file| file.validate().is_ok())
+        };
+        assert!(valid(&scene), "{heading}");
+        for row in rows(heading) {
+            let Some([low, high]) = bounds(row.range) else {
+                continue;
+            };
+            let whole = scene.pointer(place).unwrap()[row.key].is_u64();
+            let beyond = if whole {
+                [json!(low as i64 - 1), json!(high as i64 + 1)]
+            } else {
+                let below = low - 0.01 * low.abs().max(1.0);
+                [json!(below), json!(high + 0.01 * high.abs())]
+            };
+            for number in beyond {
+                let mut changed = scene.clone();
+                let section = changed.pointer_mut(place).unwrap();
+                let count = section[row.key].as_array().map_or(2, Vec::len);
+                let is_list = section[row.key].is_array() || row.key == "window";
+                section[row.key] = if is_list {
+                    json!(vec![number.clone(); count])
+                } else {
+                    number.clone()
+                };
+                let taken = valid(&changed);
+                assert!(!taken, "{heading} {} = {number} is taken", row.key);
+                judged += 1;
+            }
+        }
+    }
+    assert!(judged > 60, "{judged}");
+}
+
+#[test]
+fn documented_choices_are_all_there_are() {
+    let choices = [
+        ("`[light]`", "kind", asked::<LightKind>()),
+        ("`[water]`", "model", asked::<WaterModel>()),
+        ("`[object.transform]`", "on", asked::<Stand>()),
+        ("`[volume]`", "on", asked::<Stand>()),
+        ("`[volume]`", "up", asked::<Up>()),
+        ("`[volume]`", "format", asked::<VolumeFormat>()),
+    ];
+    for (heading, key, names) in choices {
+        let all = rows(heading);
+        let row = all.iter().find(|row| row.key == key).expect("a row");
+        let listed: Vec<String> = names.iter().map(|name| format!("`{name}`")).collect();
+        assert_eq!(row.range, listed.join(", "), "{heading} {key}");
+    }
+}
+
+/// The sections on generators as the program's own declarations have them.
+fn generator_sections() -> String {
+    let header = "| generator | parameter | range | default | meaning |\n|---|---|---|---|---|\n";
+    let objects: String = generators::all()
+        .map(|g| generator_rows(g.name, g.about, g.params))
+        .collect();
+    let volumes: String = fields::all()
+        .map(|g| generator_rows(g.name, g.about, g.params))
+        .collect();
+    format!(
+        "## Generators of objects\n\nOf an `[[object]]`; units are in the names.\n\n{header}{objects}\n\
+         ## Generators of volumes\n\nOf a `[volume]`; each is a field over a box whose longest edge is 1.\n\n{header}{volumes}"
+    )
+}
+
+fn generator_rows(name: &str, about: &str, params: &[Param]) -> String {
+    let row = |p: &Param| {
+        format!(
+            "| | `{}` | {} to {} | `{}` | {} |\n",
+            p.name, p.low, p.high, p.default, p.about
+        )
+    };
+    let rows: String = params.iter().map(row).collect();
+    format!("| `{name}` | | | | {about} |\n{rows}")
+}
+
+#[test]
+fn generators_are_documented_as_they_are_declared() {
+    let expected = generator_sections();
+    let found = DOCS
+        .find("## Generators of objects")
+        .map_or("", |at| &DOCS[at..]);
+    for (expected, found) in expected.lines().zip(found.lines()) {
+        assert_eq!(found, expected, "docs/scenes.md");
+    }
+    assert!(
+        found.trim_end() == expected.trim_end(),
+        "docs/scenes.md should end with:\n{expected}"
+    );
+}

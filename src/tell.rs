@@ -1,0 +1,78 @@
+//! Everything that is printed: answers and messages on standard output, notes on standard error.
+//!
+//! Printing neither panics nor ends a command. A note that cannot be written is lost. An answer is what a command was
+//! asked for and writes to no file; [`unanswered`] says why one could not be written, and the exit status follows from it.
+//! A pipe that its reader has closed (`| head`) is no failure: the reader has what it wanted. A standard stream that is
+//! closed when the program starts is opened by the standard library on `/dev/null`, so that no file takes its number.
+
+use std::fmt::Display;
+use std::io::{self, ErrorKind, Write, stderr, stdout};
+use std::sync::OnceLock;
+
+use crate::text;
+
+/// The first failure to write an answer. Nothing is written to standard output after it.
+static FAILURE: OnceLock<io::Error> = OnceLock::new();
+
+/// Prints what was asked for: a text of whole lines.
+pub fn answer(answer: impl Display) {
+    let mut text = text::block(&answer.to_string());
+    if !text.ends_with('\n') {
+        text.push('\n');
+    }
+    // It never fails.
+    let _ = Answer.write_all(text.as_bytes());
+}
+
+/// Prints one line on standard output about what was done, such as the path of a file that was written.
+pub fn done(message: impl Display) {
+    if FAILURE.get().is_none() {
+        let _ = put(&mut stdout(), &message);
+    }
+}
+
+/// Prints one line on standard error.
+pub fn note(message: impl Display) {
+    let _ = put(&mut stderr(), &message);
+}
+
+fn put(stream: &mut impl Write, message: &impl Display) -> io::Result<()> {
+    let line = text::line(message.to_string().trim_end()) + "\n";
+    stream.write_all(line.as_bytes())
+}
+
+/// Standard output as a writer of an answer's bytes. It takes everything; [`unanswered`] says what went wrong.
+#[derive(Clone, Copy, Debug)]
+pub struct Answer;
+
+impl Write for Answer {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        if FAILURE.get().is_none() {
+            failed_if(stdout().write_all(bytes));
+        }
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        if FAILURE.get().is_none() {
+            failed_if(stdout().flush());
+        }
+        Ok(())
+    }
+}
+
+/// Remembers the failure of what printed an answer by itself.
+pub fn failed_if(printed: io::Result<()>) {
+    if let Err(error) = printed {
+        // The first failure is the one to report.
+        let _ = FAILURE.set(error);
+    }
+}
+
+/// Why an answer could not be written; none where its reader closed the pipe.
+pub fn unanswered() -> Option<&'static io::Error> {
+    let _ = Answer.flush();
+    FAILURE
+        .get()
+        .filter(|error| error.kind() != ErrorKind::BrokenPipe)
+}

@@ -1,0 +1,276 @@
+//! Names and messages as text that is safe where it goes: terminals, Markdown, XML, CSV, names of files.
+//!
+//! Ids, titles, cells, scenes, adapters, notes and reasons come from files that anyone may have written, and from drivers.
+//! Each output has one function here, and everything that is written passes through it.
+
+use std::fmt::Write as _;
+
+use sha2::{Digest, Sha256};
+
+/// Longest id of an experiment, so that file names made of it stay below the 255 bytes that file systems take.
+pub const ID_LENGTH: usize = 64;
+/// Characters of a name that a file's name keeps.
+const STEM_LENGTH: usize = 120;
+/// Bytes of the hash that tells shortened and replaced names apart: 64 bits.
+const HASH_BYTES: usize = 8;
+
+/// Characters that terminals obey, that reorder what is read (Unicode TR 36 §2.7), or that XML 1.0 §2.2 forbids.
+fn is_hidden(c: char) -> bool {
+    c.is_control()
+        || matches!(
+            c,
+            '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}' | '\u{feff}' | '\u{fffe}' | '\u{ffff}'
+        )
+}
+
+/// The text on one line: line breaks and tabs become spaces, hidden characters become `�`.
+pub fn line(text: &str) -> String {
+    let shown = |c: char| match c {
+        '\n' | '\r' | '\t' | '\u{2028}' | '\u{2029}' => ' ',
+        c if is_hidden(c) => char::REPLACEMENT_CHARACTER,
+        c => c,
+    };
+    text.chars().map(shown).collect()
+}
+
+/// The same with line feeds and tabs kept: for texts of several lines, whose names have passed through [`line`].
+pub fn block(text: &str) -> String {
+    let shown = |c: char| match c {
+        '\n' | '\t' => c,
+        c if is_hidden(c) => char::REPLACEMENT_CHARACTER,
+        c => c,
+    };
+    text.chars().map(shown).collect()
+}
+
+/// Text that Markdown shows as it is, within a paragraph, a heading, a list or a table. Code between backticks stays code.
+pub fn markdown(text: &str) -> String {
+    let text = line(text);
+    let paired = text.matches('`').count().is_multiple_of(2);
+    let mut escaped = String::with_capacity(text.len());
+    let mut before = ' ';
+    let mut rest = text.chars().peekable();
+    while let Some(c) = rest.next() {
+        let after = rest.peek().copied().unwrap_or(' ');
+        match c {
+            '<' => escaped += "&lt;",
+            '&' => escaped += "&amp;",
+            '\\' | '|' | '*' | '[' | ']' | '~' => escaped.extend(['\\', c]),
+            '`' if !paired => escaped.extend(['\\', c]),
+            // Within a word an underscore marks no emphasis (CommonMark 0.31 §6.2).
+            '_' if !(before.is_alphanumeric() && after.is_alphanumeric()) => {
+                escaped.extend(['\\', c]);
+            }
+            c => escaped.push(c),
+        }
+        before = c;
+    }
+    at_line_start(escaped)
+}
+
+/// Escapes what begins a heading, a quotation or a list at the start of a line.
+fn at_line_start(mut text: String) -> String {
+    let start = text.len() - text.trim_start().len();
+    let digits = text[start..].chars().take_while(char::is_ascii_digit);
+    let number = digits.count();
+    let marker = start + number;
+    let after = text[marker..].chars().nth(1);
+    let ends = after.is_none_or(char::is_whitespace);
+    let marks = match text[marker..].chars().next() {
+        Some('#' | '>' | '=') => number == 0,
+        Some('+' | '-') => number == 0 && (ends || after == Some('-')),
+        Some('.' | ')') => number > 0 && ends,
+        _ => false,
+    };
+    if marks {
+        text.insert(marker, '\\');
+    }
+    text
+}
+
+/// Paragraphs of [`markdown`], parted by empty lines as in `text`.
+pub fn paragraphs(text: &str) -> String {
+    let mut paragraphs: Vec<Vec<&str>> = vec![Vec::new()];
+    for line in text.lines().map(str::trim) {
+        match paragraphs.last_mut() {
+            Some(last) if !line.is_empty() => last.push(line),
+            _ => paragraphs.push(Vec::new()),
+        }
+    }
+    let written = paragraphs.iter().filter(|lines| !lines.is_empty());
+    let written: Vec<String> = written.map(|lines| markdown(&lines.join(" "))).collect();
+    written.join("\n\n")
+}
+
+/// A name as code in Markdown, outside tables.
+pub fn code(name: &str) -> String {
+    let name = line(name);
+    let longest = name.split(|c| c != '`').map(str::len).max().unwrap_or(0);
+    let fence = "`".repeat(longest + 1);
+    let padding = if longest > 0 { " " } else { "" };
+    format!("{fence}{padding}{name}{padding}{fence}")
+}
+
+/// A path of a file as the target of a link in Markdown.
+pub fn link(path: &str) -> String {
+    let mut target = String::with_capacity(path.len());
+    for byte in path.bytes() {
+        if byte.is_ascii_alphanumeric() || b"-._~/=,+".contains(&byte) {
+            target.push(char::from(byte));
+        } else {
+            // Writing to memory does not fail.
+            let _ = write!(target, "%{byte:02X}");
+        }
+    }
+    target
+}
+
+/// A field of CSV as RFC 4180 has it. What a spreadsheet takes for a formula gets an apostrophe in front, as OWASP advises
+/// (*CSV Injection*); numbers stay as they are.
+pub fn csv(field: &str) -> String {
+    let field = line(field);
+    let formula = field.trim_start().starts_with(['=', '+', '-', '@']);
+    let field = if formula && field.parse::<f64>().is_err() {
+        format!("'{field}")
+    } else {
+        field
+    };
+    if field.contains([',', '"']) {
+        format!("\"{}\"", field.replace('"', "\"\""))
+    } else {
+        field
+    }
+}
+
+/// The stem of a file's name: different for different names, also where a file system does not tell `A` from `a`, and
+/// without anything that leads to another folder. Lower-case letters, digits and `.-_=,` stay; other characters become
+/// `_`, and `~` with a hash of the name follows, as after a name that is too long.
+pub fn file_stem(name: &str) -> String {
+    let plain = |c: char| c.is_ascii_alphanumeric() || ".-_=,".contains(c);
+    let as_it_is = |c: char| plain(c) && !c.is_ascii_uppercase();
+    let fits = name.len() <= STEM_LENGTH && !name.is_empty() && !name.starts_with('.');
+    if fits && name.chars().all(as_it_is) {
+        return name.to_owned();
+    }
+    let kept = |c: char| if plain(c) { c } else { '_' };
+    let shown: String = name.chars().map(kept).take(STEM_LENGTH).collect();
+    let hash = Sha256::digest(name.as_bytes());
+    let hash: String = hash
+        .iter()
+        .take(HASH_BYTES)
+        .fold(String::new(), |text, byte| text + &format!("{byte:02x}"));
+    format!("{}~{hash}", shown.trim_start_matches('.'))
+}
+
+/// Whether an experiment's id can name files and stand in every table.
+pub fn check_id(id: &str) -> Result<(), String> {
+    let plain = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '-';
+    if id.is_empty() || !id.chars().all(plain) {
+        return Err(format!(
+            "id `{}` must be lower-case letters, digits and `-`",
+            line(id)
+        ));
+    }
+    if id.len() > ID_LENGTH {
+        return Err(format!(
+            "id `{id}` has {} characters, the most are {ID_LENGTH}",
+            id.len()
+        ));
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn hidden_characters_show_and_line_breaks_do_not_break() {
+        assert_eq!(line("a\u{1b}[2Jb\nc\td\u{9b}e\u{202e}f"), "a�[2Jb c d�e�f");
+        assert_eq!(block("a\u{7}\nb"), "a�\nb");
+        assert_eq!(line("Größe × 2 – 日本"), "Größe × 2 – 日本");
+    }
+
+    #[test]
+    fn markdown_shows_names_as_they_are() {
+        assert_eq!(markdown("<b>&amp;|x"), "&lt;b>&amp;amp;\\|x");
+        assert_eq!(
+            markdown("caustics_photon_error_p99_m"),
+            "caustics_photon_error_p99_m"
+        );
+        assert_eq!(markdown("_a_ *b*"), "\\_a\\_ \\*b\\*");
+        assert_eq!(markdown("![x](http://y)\\"), "!\\[x\\](http://y)\\\\");
+        assert_eq!(markdown("`a.b` and `c`"), "`a.b` and `c`");
+        assert_eq!(markdown("a ` b"), "a \\` b");
+    }
+
+    #[test]
+    fn nothing_begins_a_block_of_markdown() {
+        let escaped = ["# a", "> a", "- a", "--- a", "1. a", "12) a", "===", "+"];
+        for text in escaped {
+            assert_ne!(markdown(text), text);
+            assert_eq!(markdown(text).replacen('\\', "", 1), text);
+        }
+        for text in ["-0.5 a", "+5 %", "1.5 ms", "a # b", "2 cells"] {
+            assert_eq!(markdown(text), text);
+        }
+        assert_eq!(paragraphs("a\n b\n\n\n# c\n"), "a b\n\n\\# c");
+    }
+
+    #[test]
+    fn code_holds_backticks() {
+        assert_eq!(code("a=<b>"), "`a=<b>`");
+        assert_eq!(code("a``b`c\n"), "``` a``b`c  ```");
+    }
+
+    #[test]
+    fn links_lead_nowhere_else() {
+        assert_eq!(
+            link("renders/a_n=1,m=2~error.png"),
+            "renders/a_n=1,m=2~error.png"
+        );
+        assert_eq!(link("a](b) \"é"), "a%5D%28b%29%20%22%C3%A9");
+    }
+
+    #[test]
+    fn fields_of_csv_are_quoted_and_are_no_formulas() {
+        assert_eq!(csv("a,b"), "\"a,b\"");
+        assert_eq!(csv("say \"x\""), "\"say \"\"x\"\"\"");
+        assert_eq!(csv("=1+2"), "'=1+2");
+        assert_eq!(csv("@SUM(A1,A2)"), "\"'@SUM(A1,A2)\"");
+        assert_eq!(csv("\t=1"), "' =1");
+        assert_eq!(csv("-0.5"), "-0.5");
+        assert_eq!(csv("+x"), "'+x");
+    }
+
+    #[test]
+    fn file_stems_are_safe_and_distinct() {
+        assert_eq!(file_stem("scene=port,n=1.5"), "scene=port,n=1.5");
+        let long = ["a".repeat(300), format!("{}b", "a".repeat(299))];
+        let mut names = vec![
+            "", ".", "..", "../../x", "/etc/x", "a/b", "a_b", "A_b", "a\\b", "a\u{0}b", "é",
+        ];
+        names.extend(long.iter().map(String::as_str));
+        let mut stems: Vec<String> = names.iter().map(|name| file_stem(name)).collect();
+        for stem in &stems {
+            assert!(!stem.starts_with('.') && stem.len() < 150, "{stem}");
+            let safe = |c: char| c.is_ascii_alphanumeric() || "-._=,~".contains(c);
+            assert!(stem.chars().all(safe), "{stem}");
+        }
+        stems
+            .iter_mut()
+            .for_each(|stem| stem.make_ascii_lowercase());
+        stems.sort();
+        stems.dedup();
+        assert_eq!(stems.len(), names.len());
+    }
+
+    #[test]
+    fn ids_are_plain_and_short() {
+        assert_eq!(check_id("uw-default"), Ok(()));
+        for id in ["", "../x", "A", "a b", "a\u{1b}", &"a".repeat(65)] {
+            let fault = check_id(id).unwrap_err();
+            assert!(!fault.contains('\u{1b}'), "{fault}");
+        }
+    }
+}

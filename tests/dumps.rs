@@ -1,0 +1,287 @@
+//! Dumps hold what is needed to use them: the caustics buffer's sum is computed again from the photons, the camera's depth
+//! and the descriptions alone.
+
+use std::path::Path;
+
+use fathom::gpu::{Gpu, Options};
+use fathom::harness::dump::dump;
+use fathom::harness::subject::Subjects;
+use glam::{DMat4, DVec3};
+use ndarray::ArrayD;
+use serde_json::{Value, json};
+
+/// Relative error of the sum against splats that cover pixels in f64: drivers place edges within 1/256 px.
+const SUM: f64 = 0.005;
+/// Against the energy of the photons that land in view: splats reach over the border.
+const ENERGY: f64 = 0.03;
+
+struct Dump {
+    array: ArrayD<f32>,
+    about: Value,
+}
+
+impl Dump {
+    fn read(folder: &Path, stem: &str) -> Dump {
+        let text = std::fs::read_to_string(folder.join(format!("{stem}.json"))).unwrap();
+        Dump {
+            array: ndarray_npy::read_npy(folder.join(format!("{stem}.npy"))).unwrap(),
+            about: serde_json::from_str(&text).unwrap(),
+        }
+    }
+
+    fn number(&self, pointer: &str) -> f64 {
+        let found = self.about.pointer(pointer).and_then(Value::as_f64);
+        found.unwrap_or_else(|| panic!("{pointer} is no number in {:#}", self.about))
+    }
+
+    fn matrix(&self, pointer: &str) -> DMat4 {
+        let rows: [[f64; 4]; 4] =
+            serde_json::from_value(self.about.pointer(pointer).unwrap().clone()).unwrap();
+        DMat4::from_cols_array_2d(&rows).transpose()
+    }
+
+    fn vector(&self, pointer: &str) -> DVec3 {
+        let found = self.about.pointer(pointer).unwrap().clone();
+        DVec3::from(serde_json::from_value::<[f64; 3]>(found).unwrap())
+    }
+
+    fn column(&self, name: &str) -> usize {
+        let columns = self.about["columns"].as_array().unwrap();
+        columns
+            .iter()
+            .position(|c| c["name"] == name)
+            .unwrap_or_else(|| panic!("no column {name}"))
+    }
+
+    fn rows(&self) -> impl Iterator<Item = &[f32]> {
+        let width = self.array.shape()[1];
+        self.array.as_slice().unwrap().chunks_exact(width)
+    }
+
+    fn sum(&self) -> f64 {
+        self.array.iter().map(|v| f64::from(*v)).sum()
+    }
+}
+
+/// What stages left behind of one cell.
+struct Dumps {
+    photons: Dump,
+    splat: Dump,
+    filtered: Dump,
+    depth: Dump,
+}
+
+fn dumps(gpu: &Gpu, sets: &[(&str, Value)]) -> Dumps {
+    let small = [
+        ("view.width", json!(200)),
+        ("view.height", json!(200)),
+        ("caustics.grid", json!(64)),
+        ("caustics.buffer", json!([128, 128])),
+        ("godrays.grid", json!(8)),
+    ];
+    let sets: Vec<(String, Value)> = small
+        .iter()
+        .chain(sets)
+        .map(|(path, value)| ((*path).to_owned(), value.clone()))
+        .collect();
+    let subject = Subjects::default()
+        .subject("underwater", "plane", &sets)
+        .unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    for stage in [
+        "caustics/trace",
+        "caustics/splat",
+        "caustics/filter",
+        "scene/gbuffer",
+    ] {
+        dump(gpu, &subject, stage, folder.path()).unwrap();
+    }
+    let read = |stem| Dump::read(folder.path(), stem);
+    Dumps {
+        photons: read("caustics-trace-photons"),
+        splat: read("caustics-splat-intensity"),
+        filtered: read("caustics-filter-filtered"),
+        depth: read("scene-gbuffer-depth"),
+    }
+}
+
+/// A photon that landed: its hit, and the energy that it brings, W.
+fn landed(photons: &Dump) -> Vec<(DVec3, f64)> {
+    let [x, residual, distance, weight] =
+        ["hit_x_m", "residual_m", "distance_m", "weight"].map(|name| photons.column(name));
+    let flux_w = photons.number("/photons/flux_w");
+    let gamma = photons.number("/photons/attenuation_per_m");
+    let photon = |row: &[f32]| {
+        let hit = DVec3::new(row[x].into(), row[x + 1].into(), row[x + 2].into());
+        let decay = (-gamma * f64::from(row[distance])).exp();
+        (hit, flux_w * f64::from(row[weight]) * decay)
+    };
+    let rows = photons.rows().filter(|row| row[residual] >= 0.0);
+    rows.map(photon).collect()
+}
+
+/// The buffer's sum by the description's rules, and the energy of the photons whose hits lie in view.
+fn expected(dumps: &Dumps) -> (f64, f64) {
+    let splat = &dumps.splat;
+    let (eye, project) = (
+        splat.vector("/camera/position_m"),
+        splat.matrix("/camera/view_projection"),
+    );
+    let size = [128.0, 128.0];
+    let (a, b) = (
+        splat.number("/splat/size_a_px"),
+        splat.number("/splat/size_b_px_m"),
+    );
+    let bias_m = splat.number("/splat/depth_bias_m");
+    let conserving = splat.about["photons"]["intensity"] == "conserving";
+    let (mut sum, mut energy) = (0.0, 0.0);
+    for (hit, photon_w) in landed(&dumps.photons) {
+        let ndc = project.project_point3(hit);
+        let place = [(ndc.x + 1.0) / 2.0 * size[0], (1.0 - ndc.y) / 2.0 * size[1]];
+        let distance_m = hit.distance(eye);
+        let side = a + b / distance_m;
+        let nearer = project
+            .project_point3(hit + (eye - hit) * (bias_m / distance_m))
+            .z;
+        let covered = |center: f64| {
+            let first = (center - side / 2.0 - 0.5).ceil().max(0.0) as usize;
+            first..((center + side / 2.0 - 0.5).ceil().clamp(0.0, 128.0) as usize)
+        };
+        let pixels = covered(place[1]).flat_map(|y| covered(place[0]).map(move |x| (x, y)));
+        let seen = pixels.filter(|(x, y)| {
+            let texel = [*y, *x].map(|i| ((i as f64 + 0.5) / 128.0 * 200.0) as usize);
+            nearer <= f64::from(dumps.depth.array[[texel[0], texel[1], 0]])
+        });
+        let value = if conserving {
+            photon_w / (side * side)
+        } else {
+            photon_w
+        };
+        sum += value * seen.count() as f64;
+        if place.iter().all(|p| (0.0..128.0).contains(p)) {
+            energy += photon_w;
+        }
+    }
+    (sum, energy)
+}
+
+fn off(measured: f64, expected: f64) -> f64 {
+    (measured / expected - 1.0).abs()
+}
+
+/// Straight down, so that the floor hides nothing.
+fn from_above() -> Vec<(&'static str, Value)> {
+    vec![
+        ("camera.position_m", json!([0.0, 6.0, 0.0])),
+        ("camera.target_m", json!([0.0, 0.0, 0.0])),
+        ("camera.up", json!([0.0, 0.0, -1.0])),
+        ("camera.z_near_m", json!(0.5)),
+        ("camera.z_far_m", json!(15.0)),
+    ]
+}
+
+/// A point light, with losses at the surface.
+fn point_light() -> Vec<(&'static str, Value)> {
+    vec![
+        ("light.kind", json!("point")),
+        ("light.position_m", json!([1.5, 4.0, -1.0])),
+        ("water.fresnel", json!(true)),
+    ]
+}
+
+fn cell(gpu: &Gpu, rule: &str, sets: &[Vec<(&'static str, Value)>]) -> Dumps {
+    let rule = vec![("caustics.intensity", json!(rule))];
+    dumps(gpu, &[&[rule], sets].concat().concat())
+}
+
+fn unit(dump: &Dump) -> &str {
+    dump.about["columns"][0]["unit"].as_str().unwrap()
+}
+
+/// Seen at a slant, where the floor hides parts of most splats.
+#[test]
+fn the_caustics_buffer_follows_from_its_dumps() {
+    let gpu = Gpu::open(&Options::default()).expect("an adapter is there");
+    for rule in ["paper", "conserving"] {
+        let dumps = cell(&gpu, rule, &[point_light()]);
+        let ((sum, _), measured) = (expected(&dumps), dumps.splat.sum());
+        assert!(off(measured, sum) < SUM, "{rule}: {measured} against {sum}");
+        assert_eq!(unit(&dumps.splat), unit(&dumps.filtered));
+    }
+}
+
+/// Seen from above, the conserving buffer sums to the energy that lands in view. The paper's counts each photon in every
+/// pixel of its splat, of which there are 25 at least.
+#[test]
+fn the_buffers_units_are_what_they_say() {
+    let gpu = Gpu::open(&Options::default()).expect("an adapter is there");
+    for light in [Vec::new(), point_light()] {
+        let dumps = cell(&gpu, "conserving", &[from_above(), light]);
+        let ((sum, energy), measured) = (expected(&dumps), dumps.splat.sum());
+        assert_eq!(unit(&dumps.splat), "W/px");
+        assert!(off(measured, sum) < SUM, "{measured} against {sum}");
+        assert!(
+            off(measured, energy) < ENERGY,
+            "{measured} W, {energy} W land in view"
+        );
+    }
+    let dumps = cell(&gpu, "paper", &[from_above()]);
+    let ((sum, energy), measured) = (expected(&dumps), dumps.splat.sum());
+    assert!(
+        unit(&dumps.splat).contains("not divided"),
+        "{}",
+        unit(&dumps.splat)
+    );
+    assert!(off(measured, sum) < SUM, "{measured} against {sum}");
+    assert!(measured > 24.0 * energy, "{measured} for {energy} W");
+}
+
+/// The frustum's parts agree with each other and with where the photons enter.
+#[test]
+fn the_light_frustum_and_the_photons_belong_together() {
+    let gpu = Gpu::open(&Options::default()).expect("an adapter is there");
+    let dumps = dumps(&gpu, &[("water.amplitude_m", json!(0.0))]);
+    let photons = &dumps.photons;
+    let project = photons.matrix("/light_frustum/view_projection");
+    let inverse = photons.matrix("/light_frustum/inverse");
+    assert!(
+        (project * inverse - DMat4::IDENTITY)
+            .to_cols_array()
+            .iter()
+            .all(|v| v.abs() < 1e-9)
+    );
+    let extents = |name: &str| photons.number(&format!("/light_frustum/extents/{name}"));
+    let width = extents("near_max_m/0") - extents("near_min_m/0");
+    let height = extents("near_max_m/1") - extents("near_min_m/1");
+    let emitted = photons.number("/light_frustum/emitted_w");
+    assert!(off(width * height * 9.2, emitted) < 1e-9);
+    let count = photons.number("/photons/count");
+    assert!(off(photons.number("/photons/flux_w") * count, emitted) < 1e-5);
+    let (forward, eta) = (
+        photons.vector("/light_frustum/forward"),
+        photons.number("/photons/refractive_index"),
+    );
+    let [entry, direction, weight] =
+        ["entry_x_m", "direction_x", "weight"].map(|name| photons.column(name));
+    let mut judged = 0;
+    for (i, row) in photons.rows().enumerate() {
+        let vector = |at: usize| DVec3::new(row[at].into(), row[at + 1].into(), row[at + 2].into());
+        let cell = i / 4;
+        let fine = [cell % 64 * 2 + i % 2, cell / 64 * 2 + i % 4 / 2];
+        let ndc = project.project_point3(vector(entry));
+        for (along, place) in [ndc.x, ndc.y].into_iter().zip(fine) {
+            assert!(
+                (along - ((place as f64 + 0.5) / 64.0 - 1.0)).abs() < 1e-4,
+                "photon {i}"
+            );
+        }
+        if row[weight] > 0.0 && row[photons.column("residual_m")] >= 0.0 {
+            assert!(
+                (forward - eta * vector(direction)).cross(DVec3::Y).length() < 1e-4,
+                "photon {i}"
+            );
+            judged += 1;
+        }
+    }
+    assert!(judged > 1000, "{judged}");
+}

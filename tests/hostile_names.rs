@@ -1,0 +1,376 @@
+//! One set of hostile names through everything that is written of records: Markdown, SVG, CSV, terminal, JUnit, JSON.
+
+use std::path::Path;
+use std::process::{Command, Output};
+
+use serde_json::{Value, json};
+
+/// Names that mean something to a terminal, a browser, a spreadsheet, an XML or Markdown reader, or a file system.
+const HOSTILE: [&str; 14] = [
+    "<script>alert(1)</script>",
+    "a|b",
+    "line\nbreak\r\n# heading",
+    "\u{1b}[31mred\u{7}",
+    "=cmd|' /C calc'!A0",
+    "+1@SUM(A1)",
+    "](http://evil) ![x](http://evil)",
+    "\u{202e}thgir",
+    "nul\u{0}\u{fffe}\u{9b}2J",
+    "]]> &amp; </text>",
+    "../../up",
+    "/tmp/absolute",
+    "`code` and `",
+    "a_b",
+];
+
+fn estimate(median: f64) -> Value {
+    json!({ "median": median, "low": 0.98 * median, "high": 1.02 * median, "n": 4 })
+}
+
+fn measured(name: &str, number: usize) -> Value {
+    let ns = 1e6 * (number + 1) as f64;
+    let stage = |stage: &str| {
+        json!({
+            "stage": stage, "clock": "timestamp", "samples_ns": [ns, ns, ns, ns], "time": estimate(ns),
+            "work": { "photons": 100, "fragments": 10 },
+        })
+    };
+    json!({
+        "status": "measured",
+        "stages": [stage("caustics/trace"), stage(name)],
+        "frame": {
+            "envelope_samples_ns": [ns, ns, ns, ns], "gap_samples_ns": [1.0, 1.0, 1.0, 1.0], "accounting_error": 0.001,
+            "untimed_samples_ns": [ns, ns, ns, ns], "untimed": estimate(ns), "timing_cost": estimate(1.0),
+        },
+        "allocated_bytes": 1000, "quantities": { name: 0.5 }, "warm_up_frames": 3,
+        "rejected": { name: 2 }, "notes": [name],
+    })
+}
+
+fn cell(name: &str, axis: &str, number: usize, outcome: Value) -> Value {
+    json!({
+        "record": "cell", "experiment": "own", "cell": format!("{axis}={name},n={number}"),
+        "axes": { axis: name, "n": number }, "pipeline": name, "scene": name,
+        "stand_ins": [format!("{name}: absent")], "params": { name: name }, "outcome": outcome,
+    })
+}
+
+/// A basic string of TOML.
+fn quoted(text: &str) -> String {
+    let escaped = text.chars().map(|c| match c {
+        'a'..='z' | 'A'..='Z' | '0'..='9' | ' ' => c.to_string(),
+        c => format!("\\U{:08X}", u32::from(c)),
+    });
+    format!("\"{}\"", escaped.collect::<String>())
+}
+
+/// An experiment whose every text is hostile.
+fn definition(all: &str, axis: &str) -> String {
+    let text = quoted(all);
+    let axis = quoted(axis);
+    let values: Vec<String> = HOSTILE.iter().map(|name| quoted(name)).collect();
+    let plot = |kind: &str, rest: &str| {
+        format!("[[plot]]\ntitle = {text}\nkind = \"{kind}\"\ny_title = {text}\n{rest}\n")
+    };
+    let measure = quoted(&format!("quantity:{}", HOSTILE[0]));
+    [
+        format!("id = \"own\"\ntitle = {text}\nsource = {text}\nabout = {text}"),
+        "pipeline = \"underwater\"\nscene = \"tank\"\n[[sweep]]".to_owned(),
+        format!("[[sweep.axis]]\nname = {axis}\ntitle = {text}\nvalues = [{}]", values.join(", ")),
+        "[[sweep.axis]]\nname = \"n\"\nvalues = [0, 1, 2]".to_owned(),
+        format!("[[published]]\ncomparison = \"about\"\nfps = 20\nhardware = {text}\nnote = {text}"),
+        format!("[[claim]]\nid = {text}\ntext = {text}\ntest.at_least = {{ y = \"frame\", value = 1.0 }}"),
+        plot("map", &format!("columns = {axis}\nrows = \"n\"\ny = [\"frame\"]")),
+        plot("scaling", &format!("over = \"n\"\nx = \"axis:n\"\nx_title = {text}\ny = [\"frame\", {measure}]")),
+        plot("lines", "over = \"n\"\nx = \"axis:n\"\ny = [\"frame\"]"),
+        plot("bars", &format!("over = {axis}\ny = [\"frame\"]")),
+        plot("stacked", ""),
+    ]
+    .join("\n")
+}
+
+/// Records in which every name is hostile, ids of experiments too.
+fn records() -> String {
+    let all = HOSTILE.join(" ");
+    let axis = "axis <b>|\u{1b}";
+    let mut lines = vec![
+        json!({
+            "record": "run", "schema": 1, "fathom_version": all, "started_at": all, "profile": all, "command": [all],
+            "adapter": {
+                "name": all, "backend": all, "device_type": all, "driver": all, "driver_info": all, "vendor_id": 0,
+                "device_id": 0, "software": true, "timestamp_period_ns": 1.0, "host_threads": 2,
+            },
+            "shader_checks": all,
+            "audit": [{
+                "pass": "compute", "context": all, "timestamp_ns": 1.0, "host_ns": 1.0, "ratio": 1.0, "doubling": 2.0,
+                "sound": true, "reason": all,
+            }],
+            "submit_cost_ns": { "compute": 1.0 }, "notes": HOSTILE,
+        }),
+        json!({ "record": "experiment", "id": "own", "toml": definition(&all, axis) }),
+        json!({ "record": "experiment", "id": "../../x", "toml": definition(&all, axis).replace("\"own\"", "\"../../x\"") }),
+        json!({ "record": "experiment", "id": "broken", "toml": all }),
+    ];
+    for (number, name) in HOSTILE.iter().enumerate() {
+        lines.push(cell(name, axis, number % 3, measured(name, number)));
+        lines.push(cell(
+            name,
+            axis,
+            7,
+            json!({ "status": "skipped", "reason": name }),
+        ));
+        lines.push(cell(
+            name,
+            axis,
+            8,
+            json!({ "status": "failed", "reason": name }),
+        ));
+    }
+    for id in HOSTILE {
+        let mut bad = cell("x", axis, 0, measured("x", 0));
+        bad["experiment"] = json!(id);
+        lines.push(bad);
+    }
+    lines.iter().map(|line| format!("{line}\n")).collect()
+}
+
+fn fathom() -> Command {
+    Command::new(env!("CARGO_BIN_EXE_fathom"))
+}
+
+#[track_caller]
+fn plain(name: &str, text: &str) {
+    let hidden = text.chars().find(|c| {
+        (c.is_control() && !['\n', '\t'].contains(c))
+            || ('\u{202a}'..='\u{202e}').contains(c)
+            || ['\u{fffe}', '\u{ffff}'].contains(c)
+    });
+    assert_eq!(hidden, None, "{name}");
+}
+
+fn printed(output: &Output) -> String {
+    let streams = [&output.stdout, &output.stderr];
+    let text = streams.map(|stream| String::from_utf8(stream.clone()).unwrap());
+    text.concat()
+}
+
+/// A line of Markdown without its code, in which a mark of HTML is text (CommonMark 0.31 §6.1).
+fn without_code(line: &str) -> String {
+    let mut outside = String::new();
+    let mut rest = line;
+    while let Some(start) = rest.find(['`', '\\']) {
+        outside += &rest[..start];
+        rest = &rest[start..];
+        let fence = rest.len() - rest.trim_start_matches('`').len();
+        let run = |text: &str| text.len() - text.trim_start_matches('`').len();
+        let close = (fence..rest.len()).find(|at| {
+            let bytes = rest.as_bytes();
+            bytes[*at] == b'`' && bytes[at - 1] != b'`' && run(&rest[*at..]) == fence
+        });
+        let skipped = match (fence, close) {
+            // A backslash and what it escapes.
+            (0, _) => 1 + rest[1..].chars().next().map_or(0, char::len_utf8),
+            (_, Some(close)) => close + fence,
+            (_, None) => fence,
+        };
+        if fence == 0 {
+            outside += &rest[..skipped];
+        }
+        rest = &rest[skipped..];
+    }
+    outside + rest
+}
+
+#[track_caller]
+fn markdown_is_sound(text: &str) {
+    plain("Markdown", text);
+    let mut rest = text.to_owned();
+    for own in ["<details><summary>", "</summary>", "</details>"] {
+        rest = rest.replace(own, "");
+    }
+    for line in rest.lines() {
+        let outside = without_code(line);
+        assert!(!outside.contains('<'), "{line}");
+        assert!(!outside.replace("\\]", "").contains("](http"), "{line}");
+    }
+    assert!(!rest.contains("\n# heading"));
+    let columns = |line: &str| {
+        line.replace("\\\\", "")
+            .replace("\\|", "")
+            .matches('|')
+            .count()
+    };
+    let mut above: Option<&str> = None;
+    for line in text.lines() {
+        let table = line.starts_with('|');
+        if let Some(above) = above.filter(|_| table) {
+            assert_eq!(columns(above), columns(line), "{above}\n{line}");
+        }
+        above = Some(line).filter(|_| table);
+    }
+}
+
+#[track_caller]
+fn xml_is_sound(name: &str, text: &str) {
+    plain(name, text);
+    let mut reader = quick_xml::Reader::from_str(text);
+    reader.config_mut().check_end_names = true;
+    let mut open = 0;
+    loop {
+        match reader
+            .read_event()
+            .unwrap_or_else(|fault| panic!("{name}: {fault}"))
+        {
+            quick_xml::events::Event::Start(_) => open += 1,
+            quick_xml::events::Event::End(_) => open -= 1,
+            quick_xml::events::Event::Eof => break,
+            _ => {}
+        }
+    }
+    assert_eq!(open, 0, "{name}");
+    assert!(!text.contains("<script"), "{name}");
+}
+
+/// Names of all files of a folder, whatever lies beside it.
+fn names(folder: &Path) -> Vec<String> {
+    let entries = std::fs::read_dir(folder).unwrap();
+    let names = entries.map(|entry| entry.unwrap().file_name().into_string().unwrap());
+    let mut names: Vec<String> = names.collect();
+    names.sort();
+    names
+}
+
+#[test]
+fn reports_show_hostile_names_as_text() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("a/b");
+    std::fs::create_dir_all(out.join("renders")).unwrap();
+    std::fs::write(out.join("renders/own_](x) <b>.png"), "").unwrap();
+    std::fs::write(out.join("records.jsonl"), records()).unwrap();
+    let output = fathom().arg("report").arg(&out).output().unwrap();
+    let told = printed(&output);
+    assert_eq!(output.status.code(), Some(0), "{told}");
+    plain("the terminal", &told);
+    // One line of standard error for each record whose id is none, on standard output one for each file.
+    let refused = told
+        .lines()
+        .filter(|line| line.contains("must be lower-case"));
+    assert_eq!(refused.count(), 1 + HOSTILE.len(), "{told}");
+    assert_eq!(names(folder.path()), ["a"]);
+    assert_eq!(names(&folder.path().join("a")), ["b"]);
+    let files = [
+        "cells.csv",
+        "own.svg",
+        "records.jsonl",
+        "renders",
+        "summary.md",
+    ];
+    assert_eq!(names(&out), files);
+    let read = |name: &str| std::fs::read_to_string(out.join(name)).unwrap();
+
+    let summary = read("summary.md");
+    markdown_is_sound(&summary);
+    for expected in [
+        "&lt;script>",
+        "a\\|b",
+        "(renders/own_%5D%28x%29%20%3Cb%3E.png)",
+        "own.svg",
+    ] {
+        assert!(summary.contains(expected), "{expected}");
+    }
+    let svg = read("own.svg");
+    xml_is_sound("own.svg", &svg);
+    for expected in ["&lt;script&gt;", "thgir"] {
+        assert!(svg.contains(expected), "{expected}");
+    }
+
+    let csv = read("cells.csv");
+    plain("cells.csv", &csv.replace("\r\n", "\n"));
+    let mut reader = csv::ReaderBuilder::new().from_reader(csv.as_bytes());
+    let mut rows = 0;
+    for row in reader.records() {
+        let row = row.unwrap();
+        rows += 1;
+        assert_eq!(row.len(), 33);
+        for field in &row {
+            let formula = field.starts_with(['=', '+', '-', '@']);
+            assert!(!formula || field.parse::<f64>().is_ok(), "{field}");
+        }
+    }
+    assert_eq!(rows, 4 * HOSTILE.len());
+}
+
+#[test]
+fn tables_of_a_comparison_show_hostile_names_as_text() {
+    let folder = tempfile::tempdir().unwrap();
+    let [base, head] = ["base.jsonl", "head.jsonl"].map(|name| folder.path().join(name));
+    std::fs::write(&base, records()).unwrap();
+    // More work: regressions, which every table names.
+    std::fs::write(
+        &head,
+        records().replace("\"photons\":100", "\"photons\":200"),
+    )
+    .unwrap();
+    let out = folder.path().join("out");
+    let mut compare = fathom();
+    compare.arg("compare").args([&base, &head]).arg("--out");
+    let output = compare.arg(&out).output().unwrap();
+    let told = printed(&output);
+    assert_eq!(output.status.code(), Some(1), "{told}");
+    plain("the terminal", &told);
+    assert!(
+        told.contains("<script>alert(1)</script>") && told.contains("costlier"),
+        "{told}"
+    );
+    assert!(
+        !told.lines().any(|line| line.starts_with("# heading")),
+        "{told}"
+    );
+    for format in ["markdown", "junit", "bencher", "benchmark"] {
+        let mut command = fathom();
+        command.arg("compare").arg("--replay").arg(&out);
+        let output = command.args(["--format", format]).output().unwrap();
+        plain(format, &printed(&output));
+    }
+    let read = |name: &str| std::fs::read_to_string(out.join(name)).unwrap();
+    markdown_is_sound(&read("summary.md"));
+    xml_is_sound("junit.xml", &read("junit.xml"));
+    for name in ["bencher.json", "benchmark.json"] {
+        let value: Value = serde_json::from_str(&read(name)).unwrap();
+        assert!(
+            value
+                .as_object()
+                .map_or_else(|| value.as_array().unwrap().len(), |o| o.len())
+                > 0
+        );
+    }
+}
+
+/// Cells whose names differ in what file names do not bear have pictures of their own.
+#[test]
+fn pictures_of_different_cells_have_different_names() {
+    use fathom::report::picture_name;
+    let mut names: Vec<String> = HOSTILE
+        .iter()
+        .chain(&["a/b", "A/B", "a b", "x~error"])
+        .flat_map(|cell| ["", fathom::report::ERROR_PICTURE].map(|e| picture_name("own", cell, e)))
+        .chain([
+            picture_name("own-x", "y", ""),
+            picture_name("own", "x_y", ""),
+        ])
+        .collect();
+    let count = names.len();
+    for name in &names {
+        assert!(
+            !name.contains(['/', '\\', '\0']) && name.len() < 255,
+            "{name}"
+        );
+    }
+    names.sort();
+    names.dedup();
+    assert_eq!(names.len(), count);
+    assert_eq!(
+        picture_name("uw-default", "base", ""),
+        "uw-default_base.png"
+    );
+}

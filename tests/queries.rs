@@ -1,0 +1,300 @@
+//! `fathom query photons` and given water, as a user meets them.
+
+use std::path::{Path, PathBuf};
+
+use assert_cmd::Command;
+use ndarray::Array2;
+use ndarray_npy::write_npy;
+
+fn fathom() -> Command {
+    Command::new(env!("CARGO_BIN_EXE_fathom"))
+}
+
+/// Answers by column name.
+struct Table {
+    header: Vec<String>,
+    rows: Vec<Vec<String>>,
+}
+
+impl Table {
+    fn text(&self, row: usize, column: &str) -> &str {
+        let place = self.header.iter().position(|name| name == column);
+        &self.rows[row][place.unwrap_or_else(|| panic!("no {column} in {:?}", self.header))]
+    }
+
+    fn number(&self, row: usize, column: &str) -> f64 {
+        let text = self.text(row, column);
+        text.parse()
+            .unwrap_or_else(|_| panic!("{column} of row {row} is `{text}`"))
+    }
+
+    fn vector(&self, row: usize, name: &str) -> [f64; 3] {
+        ["x", "y", "z"].map(|axis| self.number(row, &format!("{name}_{axis}")))
+    }
+}
+
+fn near(a: [f64; 3], b: [f64; 3], tolerance: f64) -> bool {
+    a.iter().zip(b).all(|(a, b)| (a - b).abs() < tolerance)
+}
+
+/// Asks about starts in scene `plane`, with the reference.
+fn photons(starts: &str, sets: &[&str]) -> Table {
+    let folder = tempfile::tempdir().unwrap();
+    let [points, out] = ["starts.csv", "out.csv"].map(|name| folder.path().join(name));
+    std::fs::write(&points, starts).unwrap();
+    let mut query = fathom();
+    query.args([
+        "query",
+        "photons",
+        "--scene",
+        "plane",
+        "--reference",
+        "--points",
+    ]);
+    query.arg(&points).arg("-o").arg(&out);
+    for set in sets {
+        query.args(["--set", set]);
+    }
+    query.assert().success();
+    let mut reader = csv::Reader::from_path(&out).unwrap();
+    let fields = |record: &csv::StringRecord| record.iter().map(str::to_owned).collect();
+    Table {
+        header: fields(reader.headers().unwrap()),
+        rows: reader
+            .records()
+            .map(|record| fields(&record.unwrap()))
+            .collect(),
+    }
+}
+
+/// Starts on the light's rays and with directions of their own, over flat water 3 m deep: Snell's law by hand.
+#[test]
+fn photons_through_flat_water_land_where_snell_says() {
+    let flat = [
+        "water.amplitude_m=0",
+        "caustics.iterations=12",
+        "water.fresnel=true",
+    ];
+    let table = photons("name,x,y,z\na,0.2,1,0.3\nb,0,2,50\n", &flat);
+    assert_eq!(table.text(0, "outcome"), "landed");
+    assert!(near(table.vector(0, "hit"), [0.2, -3.0, 0.3], 1e-3));
+    let straight = 1.0 - (0.33f64 / 2.33).powi(2);
+    assert!((table.number(0, "weight") - straight).abs() < 1e-5);
+    assert!((table.number(0, "reference_weight") - straight).abs() < 1e-12);
+    assert_eq!(table.text(0, "converged"), "1");
+    assert_eq!(table.text(1, "outcome"), "misses_water");
+    assert_eq!(table.text(1, "reference_outcome"), "misses_water");
+    assert_eq!(table.text(1, "hit_x"), "");
+
+    let table = photons("x,y,z,dx,dy,dz\n-1.5,1,0.3,2,-2,0\n", &flat);
+    let sin = 0.5f64.sqrt() / 1.33;
+    let cos = (1.0 - sin * sin).sqrt();
+    assert!(near(table.vector(0, "entry"), [-0.5, 0.0, 0.3], 1e-5));
+    assert!(near(table.vector(0, "direction"), [sin, -cos, 0.0], 1e-5));
+    let hit = [-0.5 + 3.0 * sin / cos, -3.0, 0.3];
+    assert!(near(table.vector(0, "hit"), hit, 1e-3), "{:?}", table.rows);
+    assert!(near(table.vector(0, "reference_hit"), hit, 1e-9));
+    assert!((table.number(0, "distance_m") - 3.0 / cos).abs() < 1e-3);
+    assert!(table.number(0, "error_m") < 1e-3);
+}
+
+/// Two waves that fit a tile of 4 m.
+const WAVES: &str = r#"water.waves=[{"direction":[1,0],"wavelength_m":2,"amplitude_m":0.04},{"vector_rad_m":[1.5707963267948966,3.141592653589793],"amplitude_m":0.03,"phase_rad":1}]"#;
+
+fn height(x: f64, z: f64) -> f64 {
+    use std::f64::consts::PI;
+    0.04 * (PI * x).cos() + 0.03 * (PI / 2.0 * x + PI * z + 1.0).cos()
+}
+
+fn map_file(folder: &Path) -> PathBuf {
+    let path = folder.join("sea.npy");
+    let place = |i: usize| i as f64 / 16.0;
+    write_npy(
+        &path,
+        &Array2::from_shape_fn((64, 64), |(j, i)| height(place(i), place(j))),
+    )
+    .unwrap();
+    path
+}
+
+/// The list of waves and a height map of the same waves, each against its own exact answer and against the formula.
+#[test]
+fn given_water_is_the_water_that_was_given() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = format!(
+        "water.height_map.file={}",
+        map_file(folder.path()).display()
+    );
+    let map = [
+        "water.model=height_map",
+        &file,
+        "water.height_map.tile_m=[4,4]",
+    ];
+    let starts = "x,y,z\n0.1,1,0.2\n-0.7,1,0.4\n0.9,1,-0.6\n-0.4,1,-0.9\n1.3,1,1.1\n";
+    let waves = photons(starts, &["water.model=waves", WAVES]);
+    let mapped = photons(starts, &map);
+    for row in 0..5 {
+        let [x, y, z] = waves.vector(row, "entry");
+        assert!((y - height(x, z)).abs() < 1e-4, "row {row}: {y}");
+        for table in [&waves, &mapped] {
+            assert!(near(
+                table.vector(row, "entry"),
+                table.vector(row, "reference_entry"),
+                1e-4
+            ));
+            assert!(near(
+                table.vector(row, "direction"),
+                table.vector(row, "reference_direction"),
+                1e-3
+            ));
+        }
+        assert!(near(
+            mapped.vector(row, "reference_entry"),
+            waves.vector(row, "reference_entry"),
+            1e-4
+        ));
+        assert!(near(
+            mapped.vector(row, "reference_direction"),
+            waves.vector(row, "reference_direction"),
+            2e-3
+        ));
+    }
+}
+
+/// A scene file finds its map beside itself.
+#[test]
+fn a_scene_names_its_height_map_relative_to_itself() {
+    let folder = tempfile::tempdir().unwrap();
+    map_file(folder.path());
+    let scene = folder.path().join("sea.toml");
+    let text = "base = \"plane\"\n[water]\nmodel = \"height_map\"\nheight_map = { file = \"sea.npy\", tile_m = [4.0, 4.0] }\n";
+    std::fs::write(&scene, text).unwrap();
+    let scene = fathom::scene::Scene::load(&scene.to_string_lossy()).unwrap();
+    assert!((scene.water.height(0.25, 1.75) - height(0.25, 1.75)).abs() < 1e-12);
+}
+
+/// The one line that ends the command.
+fn refusal(sets: &[String]) -> String {
+    let mut list = fathom();
+    list.args(["dump", "caustics/trace", "--scene", "plane"]);
+    for set in sets {
+        list.args(["--set", set]);
+    }
+    let output = list.output().unwrap();
+    let stderr = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(output.status.code(), Some(2), "{sets:?}: {stderr}");
+    let ours: Vec<&str> = stderr
+        .lines()
+        .filter(|line| line.starts_with("error: "))
+        .collect();
+    assert_eq!(ours.len(), 1, "{stderr}");
+    ours[0].to_owned()
+}
+
+#[test]
+fn water_that_cannot_be_used_is_refused_in_one_line() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    write_npy(path("nan.npy"), &Array2::from_elem((4, 4), f32::NAN)).unwrap();
+    write_npy(path("high.npy"), &Array2::from_elem((4, 4), 1e9f64)).unwrap();
+    write_npy(path("wide.npy"), &Array2::<f32>::zeros((1, 5000))).unwrap();
+    write_npy(path("flat.npy"), &ndarray::Array1::<f32>::zeros(16)).unwrap();
+    write_npy(path("whole.npy"), &Array2::<i32>::zeros((4, 4))).unwrap();
+    write_npy(path("good.npy"), &Array2::<f32>::zeros((4, 4))).unwrap();
+    std::fs::write(path("text.npy"), "no array").unwrap();
+    let map = |name: &str, tile: &str| {
+        let file = path(name);
+        refusal(&[
+            "water.model=height_map".into(),
+            format!("water.height_map.file={}", file.display()),
+            format!("water.height_map.tile_m={tile}"),
+        ])
+    };
+    for (name, reason) in [
+        ("none.npy", "none.npy: "),
+        ("nan.npy", "row 0, column 0: a height of NaN m"),
+        ("high.npy", "within ±100 m"),
+        ("wide.npy", "1 × 5000 heights; each side has 1 to 4096"),
+        ("flat.npy", "flat.npy: "),
+        ("whole.npy", "little-endian f32 or f64"),
+        ("text.npy", "text.npy: "),
+    ] {
+        let refusal = map(name, "[1,1]");
+        assert!(refusal.contains(reason), "{refusal}");
+    }
+    assert!(map("good.npy", "[0,1]").contains("water.height_map.tile_m[0] = 0"));
+    let waves = |sets: &[&str]| refusal(&sets.iter().map(|s| (*s).to_owned()).collect::<Vec<_>>());
+    assert!(waves(&[WAVES]).contains("set water.model to waves"));
+    assert!(waves(&["water.model=waves"]).contains("lists none"));
+    let endless = r#"water.waves=[{"vector_rad_m":[0,0],"amplitude_m":0.1}]"#;
+    assert!(waves(&["water.model=waves", endless]).contains("water.waves[0].vector_rad_m"));
+    assert!(waves(&["water.waves=[1]"]).contains("a list of tables"));
+}
+
+#[test]
+fn starts_that_cannot_be_used_are_refused_in_one_line() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("starts.csv");
+    let refusal = |text: &str, more: &[&str]| {
+        std::fs::write(&file, text).unwrap();
+        let mut query = fathom();
+        query
+            .args(["query", "photons", "--scene", "plane", "--points"])
+            .arg(&file)
+            .args(more);
+        let output = query.output().unwrap();
+        assert_eq!(output.status.code(), Some(2));
+        String::from_utf8(output.stderr).unwrap()
+    };
+    assert!(refusal("x,y\n", &[]).contains("line 1: there is no column `z`"));
+    assert!(refusal("x,y,z\n1,-1,1\n", &[]).contains("not above the water"));
+    assert!(refusal("x,y,z,dx,dy,dz\n1,1,1,0,1,0\n", &[]).contains("must point downwards"));
+    assert!(refusal("x,y,z\n1,1,1\n", &["--reference", "9"]).contains("leave the number out"));
+    let above = [
+        "--set",
+        "light.kind=point",
+        "--set",
+        "light.position_m=[0,2,0]",
+    ];
+    assert!(refusal("x,y,z\n0,1,0\n0,3,0\n", &above).contains("start 2: the light's ray"));
+}
+
+/// Ray casting beside fathom's own answer, on the floor beside a ball and far from it.
+#[test]
+fn occlusion_is_answered_with_its_reference() {
+    let folder = tempfile::tempdir().unwrap();
+    let points = folder.path().join("points.csv");
+    std::fs::write(
+        &points,
+        "x,y,z,nx,ny,nz\n-2.5,-4,-2.5,0,1,0\n0.6,-4,0,0,1,0\n",
+    )
+    .unwrap();
+    let mut query = fathom();
+    query
+        .args([
+            "query",
+            "ao",
+            "--scene",
+            "ball",
+            "--reference",
+            "512",
+            "--points",
+        ])
+        .arg(&points);
+    query.args(["--set", "voxel.resolution=64"]);
+    let output = query.output().unwrap();
+    assert!(output.status.success());
+    let mut reader = csv::Reader::from_reader(output.stdout.as_slice());
+    assert_eq!(&reader.headers().unwrap()[7], "reference");
+    let rows: Vec<Vec<f64>> = reader
+        .records()
+        .map(|record| record.unwrap().iter().map(|v| v.parse().unwrap()).collect())
+        .collect();
+    assert!(rows[0][7] < 0.02 && rows[1][7] > 0.2, "{rows:?}");
+    for row in rows {
+        assert!(
+            (row[6] - row[7] - row[8]).abs() < 2e-6 && row[8].abs() < 0.1,
+            "{row:?}"
+        );
+    }
+}
