@@ -2,7 +2,8 @@
 //!
 //! Dependency rule (kept by `tests/dependency_rule.rs`):
 //! `main → compare → report, harness → experiments → pipelines → stages → scene, gpu`;
-//! `text` imports nothing, `tell` and `record` only `text`, `statistics` only `record`, `reference` only `scene`; `report` never imports `gpu`;
+//! `text` and `input` import nothing, `tell` only `text`, `record` only these two, `statistics` only `record`, `reference` only
+//! `scene`; `report` never imports `gpu`;
 //! a stage never imports a sibling stage.
 //!
 //! Conventions, stated once: right-handed world, +Y up, metres, water at rest is the plane y = 0,
@@ -13,6 +14,7 @@ pub mod compare;
 pub mod experiments;
 pub mod gpu;
 pub mod harness;
+pub mod input;
 pub mod pipelines;
 pub mod record;
 pub mod reference;

@@ -7,16 +7,17 @@ use std::path::{Path, PathBuf};
 const RULE: &[(&str, &[&str])] = &[
     ("text", &[]),
     ("tell", &["text"]),
-    ("record", &["text"]),
+    ("input", &[]),
+    ("record", &["input", "text"]),
     ("statistics", &["record"]),
-    ("scene", &[]),
+    ("scene", &["input"]),
     ("reference", &["scene"]),
     ("gpu", &["record"]),
     ("stages", &["gpu", "record", "scene"]),
     ("pipelines", &["gpu", "record", "scene", "stages"]),
     (
         "experiments",
-        &["pipelines", "record", "statistics", "text"],
+        &["input", "pipelines", "record", "statistics", "text"],
     ),
     ("report", &["experiments", "record", "statistics", "text"]),
     (
@@ -24,6 +25,7 @@ const RULE: &[(&str, &[&str])] = &[
         &[
             "experiments",
             "gpu",
+            "input",
             "pipelines",
             "record",
             "reference",
@@ -41,6 +43,7 @@ const RULE: &[(&str, &[&str])] = &[
             "experiments",
             "gpu",
             "harness",
+            "input",
             "pipelines",
             "record",
             "reference",

@@ -149,7 +149,7 @@ fn truncated_archives_are_told() {
 /// 600 MiB of faces in half a megabyte of archive: refused at the limit of what is read.
 #[test]
 fn decompression_bombs_are_refused() {
-    let header = PLY.replace("element face 1", "element face 19000000");
+    let header = PLY.replace("element face 1", "element face 3900000");
     let head = &header[..header.find("4 0 1 2 3").unwrap()];
     let mut encoder = GzEncoder::new(Vec::new(), Compression::fast());
     encoder.write_all(head.as_bytes()).unwrap();
@@ -161,11 +161,63 @@ fn decompression_bombs_are_refused() {
     assert!(error.contains("more than 512 MiB"), "{error}");
 }
 
-/// One face of a hundred million corners: refused before its triangles are made.
 #[test]
-fn a_face_of_too_many_corners_is_refused() {
+fn too_many_triangles_are_refused() {
     let obj = format!("v 0 0 0\nf {}\n", "1 ".repeat(20_000_100));
-    assert!(fault("a.obj", obj.as_bytes()).contains("at most 20000000"));
+    assert!(fault("a.obj", obj.as_bytes()).contains("longer than 65536 bytes"));
+    let face = format!("f {}\n", "1 ".repeat(30_002));
+    let obj = format!("v 0 0 0\n{}", face.repeat(134));
+    let told = fault("a.obj", obj.as_bytes());
+    assert!(
+        told.contains("line 135: more than 4000000 triangles"),
+        "{told}"
+    );
+}
+
+/// `tobj` multiplies such an index by three before it compares it.
+#[test]
+fn far_indices_are_told() {
+    let corners = [
+        "1//6148914691236517206 2//1 3//1",
+        "1//9223372036854775807 2//1 3//1",
+        "1//-9 2//1 3//1",
+        "1//0 2//1 3//1",
+        "6148914691236517206 2 3",
+        "0 2 3",
+        "-4 2 3",
+        "1//2000000 2//1 3//1",
+    ];
+    for face in corners {
+        let obj = format!("v 0 0 0\nv 1 0 0\nv 0 1 0\nvn 0 0 1\nf {face}\n");
+        let told = fault("a.obj", obj.as_bytes());
+        assert!(told.contains("out of bounds"), "{face}: {told}");
+    }
+    // Texture coordinates are not read.
+    let obj = "v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nf 1/6148914691236517206 2/1 3/1\n";
+    assert_eq!(read("a.obj", obj.as_bytes()).unwrap().triangle_count(), 1);
+}
+
+#[test]
+fn faces_without_normals_get_their_own_beside_faces_that_have_some() {
+    let obj = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nvn 0 0 1\nf 1//1 2//1 3//1\nf 1 2 4\nf -4/7/-1 2//1 3//1\n";
+    let mesh = read("a.obj", obj.as_bytes()).unwrap();
+    assert_eq!(mesh.triangle_count(), 3);
+    let normals = |corners: std::ops::Range<usize>| {
+        let corner = |i: usize| mesh.normals[mesh.indices[i] as usize];
+        corners.map(corner).collect::<Vec<_>>()
+    };
+    assert_eq!(normals(0..3), [[0.0, 0.0, 1.0]; 3]);
+    assert_eq!(normals(3..6), [[0.0, -1.0, 0.0]; 3]);
+    assert_eq!(normals(6..9), [[0.0, 0.0, 1.0]; 3]);
+}
+
+#[test]
+fn names_colours_and_remarks_of_obj_files_may_be_anything() {
+    let mut obj =
+        b"# Gr\xfc\xdfe\no S\xe4ule\r\nusemtl\nv 0 0 0 1 0 0\r\nv 1 0 0\nv 0 1 0\ns off\nl 1 2\n"
+            .to_vec();
+    obj.extend(b"f 1\nf 1 2\nf 1 2 3\r\n");
+    assert_eq!(read("a.obj", &obj).unwrap().triangle_count(), 1);
 }
 
 /// A good file with some bytes replaced and the end cut off.

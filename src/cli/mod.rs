@@ -8,7 +8,7 @@ use std::process::ExitCode;
 
 use clap::error::ErrorKind;
 use clap::{Args, Parser, Subcommand, ValueEnum};
-use fathom::compare::store::Gate;
+use fathom::compare::store::{Gate, MOST_LAUNCHES, MOST_PAIRS};
 use fathom::compare::tables::FORMATS;
 use fathom::compare::{flow, rounds};
 use fathom::experiments::{Profile, parse_axis, parse_set};
@@ -250,10 +250,10 @@ pub struct CompareArgs {
     #[arg(long, value_name = "GATE,…", value_delimiter = ',', value_parser = parse_gate, default_value = "exact,instructions,time")]
     pub gates: Vec<Gate>,
     /// Pairs of worker processes in the time gate; as many again for cells that these leave open
-    #[arg(long, default_value_t = rounds::LAUNCHES, value_parser = clap::value_parser!(u32).range(1..=1000))]
+    #[arg(long, default_value_t = rounds::LAUNCHES, value_parser = clap::value_parser!(u32).range(1..=i64::from(MOST_LAUNCHES)))]
     pub launches: u32,
     /// Pairs of samples of each cell in each launch; up to four times as many for cells left open
-    #[arg(long, default_value_t = rounds::PAIRS, value_parser = clap::value_parser!(u32).range(1..=10_000))]
+    #[arg(long, default_value_t = rounds::PAIRS, value_parser = clap::value_parser!(u32).range(1..=i64::from(MOST_PAIRS)))]
     pub pairs: u32,
     /// Share by which a time must change to count
     #[arg(long, value_name = "SHARE", default_value_t = flow::THRESHOLD, value_parser = parse_share)]

@@ -9,6 +9,7 @@ use thiserror::Error;
 
 use super::protocol;
 use crate::experiments::{flatten, nearest};
+use crate::input::{self, one_line};
 use crate::text;
 
 static BUILT_IN: &str = include_str!("../../benches/gates.toml");
@@ -20,7 +21,7 @@ pub enum CellsError {
         path: PathBuf,
         source: std::io::Error,
     },
-    #[error("{origin}: {message}")]
+    #[error("{origin}: {}", one_line(.message))]
     Invalid { origin: String, message: String },
     #[error("no gate cell matches `{filter}`{}", match nearest { Some(name) => format!("; did you mean `{name}`?"), None => String::new() })]
     NoMatch {
@@ -116,10 +117,11 @@ impl Gates {
         match path {
             None => Self::parse("benches/gates.toml", BUILT_IN),
             Some(path) => {
-                let text = std::fs::read_to_string(path).map_err(|source| CellsError::Read {
-                    path: path.to_owned(),
-                    source,
-                })?;
+                let text =
+                    input::text(path, input::MAX_TEXT).map_err(|source| CellsError::Read {
+                        path: path.to_owned(),
+                        source,
+                    })?;
                 Self::parse(&path.display().to_string(), &text)
             }
         }
@@ -130,8 +132,8 @@ impl Gates {
             origin: origin.to_owned(),
             message,
         };
-        let gates: Self = toml::from_str(text)
-            .map_err(|error| invalid(error.to_string().trim().replace('\n', " ")))?;
+        let gates: Self =
+            toml::from_str(text).map_err(|error| invalid(error.to_string().trim().to_owned()))?;
         gates.check().map_err(invalid)?;
         Ok(gates)
     }

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use serde::{Deserialize, Serialize};
+use serde::{Deserialize, Deserializer, Serialize, de};
 use thiserror::Error;
 
 use super::cells::CellId;
@@ -15,6 +15,11 @@ use crate::record::{self, Adapter, FolderLock, LineWriter, Lines, LockError, Rec
 pub const SCHEMA: u32 = 1;
 /// Name of the lines' file in a comparison's folder.
 pub const COMPARISON: &str = "comparison.jsonl";
+
+/// Most launches of a measurement: the time to judge them grows with their square, and is seconds for so many.
+pub const MOST_LAUNCHES: u32 = 200;
+/// Most pairs of a cell in a launch of the first measurement; the second takes up to four times as many.
+pub const MOST_PAIRS: u32 = 1000;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -113,10 +118,13 @@ pub struct Build {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Settings {
     /// Family-wise error of the time gate; the intervals of each of its measurements have the coverage 1 − alpha.
+    #[serde(deserialize_with = "share")]
     pub alpha: f64,
     /// Share by which a time must differ to matter.
+    #[serde(deserialize_with = "share")]
     pub threshold: f64,
     /// Share by which an instruction count must differ to matter.
+    #[serde(deserialize_with = "share")]
     pub instruction_threshold: f64,
     /// Pairs of worker processes, in each of the two measurements of the time gate.
     pub launches: u32,
@@ -127,6 +135,17 @@ pub struct Settings {
     /// Sides were measured one after the other, in no pairs: from files of records.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub unpaired: bool,
+}
+
+/// A number between 0 and 1: no verdict follows from another.
+fn share<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f64, D::Error> {
+    let share = f64::deserialize(deserializer)?;
+    if 0.0 < share && share < 1.0 {
+        return Ok(share);
+    }
+    Err(de::Error::custom(format!(
+        "{share} is no share between 0 and 1"
+    )))
 }
 
 /// Exact figures of a whole configuration.
@@ -444,6 +463,7 @@ impl Comparison {
                 Line::End(line) => all.ended(line),
             }
         }
+        all.leave_out_launches();
         all.count_whole_launches();
         Some(all)
     }
@@ -474,6 +494,23 @@ impl Comparison {
         }
         end.wall_s += self.end.as_ref().map_or(0.0, |before| before.wall_s);
         self.end = Some(end);
+    }
+
+    /// Leaves out launches beyond those that a comparison may have, and says so.
+    fn leave_out_launches(&mut self) {
+        let all = self.launches.len();
+        let mut counts = [0; 2];
+        self.launches.retain(|launch| {
+            let count = &mut counts[usize::from(launch.second)];
+            *count += 1;
+            *count <= MOST_LAUNCHES as usize
+        });
+        let left_out = all - self.launches.len();
+        if left_out > 0 {
+            self.damaged.push(format!(
+                "{left_out} launches beyond the first {MOST_LAUNCHES} of a measurement were left out"
+            ));
+        }
     }
 
     /// Leaves out the pairs of launches that were cut short, whose numbers are nevertheless taken.

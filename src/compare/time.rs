@@ -18,7 +18,7 @@ use serde::Serialize;
 
 use super::cells::CellId;
 use super::rank;
-use super::store::{Comparison, Header, Pair, Settings, Side};
+use super::store::{Comparison, Header, MOST_PAIRS, Pair, Settings, Side};
 use crate::statistics::median;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
@@ -84,6 +84,9 @@ impl TimeGate {
     }
 }
 
+/// Pairs of one order that a launch's figure is taken from: all that a launch may have, as half of its pairs have each order.
+const MOST_SAMPLES: usize = 2 * MOST_PAIRS as usize;
+
 /// ln(head / base) of one launch's pairs, by the side that was sampled first.
 #[derive(Default)]
 struct Ratios {
@@ -97,7 +100,8 @@ impl Ratios {
         if a.is_empty() || b.is_empty() {
             return median(if a.is_empty() { b } else { a });
         }
-        let means = a.iter().flat_map(|x| b.iter().map(move |y| (x + y) / 2.0));
+        let (a, b) = (a.iter().take(MOST_SAMPLES), b.iter().take(MOST_SAMPLES));
+        let means = a.flat_map(|x| b.clone().map(move |y| (x + y) / 2.0));
         median(&means.collect::<Vec<_>>())
     }
 }

@@ -1,6 +1,6 @@
 //! From an experiment to the cells that are to be measured.
 
-use std::collections::HashSet;
+use std::collections::{HashMap, HashSet};
 use std::str::FromStr;
 
 use serde_json::{Map, Value};
@@ -36,6 +36,13 @@ impl FromStr for Profile {
     }
 }
 
+/// Most cells that one experiment plans, the reference and the views of each counted too: planned, one takes about 20 KiB.
+pub const MAX_CELLS: u64 = 20_000;
+/// Most bytes that names and values of an experiment's cells take.
+pub const MAX_PLAN_BYTES: u64 = 64 << 20;
+/// What a name and its value take in memory beside their text, bytes.
+const ENTRY_BYTES: u64 = 100;
+
 /// One cell to measure.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CellPlan {
@@ -64,10 +71,10 @@ pub struct ReferencePlan {
 /// `name=v1,v2,v3` as a name and its values; commas inside brackets do not divide.
 pub fn parse_axis(text: &str) -> Result<(String, Vec<String>), ExperimentError> {
     let error = || ExperimentError::Assignment {
-        text: text.to_owned(),
+        text: text.escape_debug().to_string(),
         form: "NAME=VALUE,VALUE,…",
     };
-    let (name, list) = text.split_once('=').ok_or_else(error)?;
+    let (name, list) = on_one_line(text).ok_or_else(error)?;
     let mut values = vec![String::new()];
     let mut depth = 0_i32;
     for c in list.chars() {
@@ -90,15 +97,21 @@ pub fn parse_axis(text: &str) -> Result<(String, Vec<String>), ExperimentError> 
 
 /// `path=value` as a dotted path and a value: JSON where it is JSON, else a string.
 pub fn parse_set(text: &str) -> Result<(String, Value), ExperimentError> {
-    match text.split_once('=') {
+    match on_one_line(text) {
         Some((path, value)) if !path.trim().is_empty() && !value.trim().is_empty() => {
             Ok((path.trim().to_owned(), parse_value(value.trim())))
         }
         _ => Err(ExperimentError::Assignment {
-            text: text.to_owned(),
+            text: text.escape_debug().to_string(),
             form: "PATH=VALUE",
         }),
     }
+}
+
+/// What stands before and after the first `=` of an argument. No name and no value holds a control character.
+fn on_one_line(text: &str) -> Option<(&str, &str)> {
+    text.split_once('=')
+        .filter(|_| !text.contains(char::is_control))
 }
 
 fn parse_value(text: &str) -> Value {
@@ -136,6 +149,21 @@ impl AxisValue {
     fn text(&self) -> String {
         label_text(&self.label)
     }
+
+    /// What it adds to a cell: label and text of the axis, and its values in the cell and in the reference.
+    fn bytes(&self) -> u64 {
+        2 * (ENTRY_BYTES + self.text().len() as u64 + entry_bytes(&self.set))
+    }
+}
+
+/// What names and values take in memory, about.
+fn entry_bytes(entries: &[(String, Value)]) -> u64 {
+    let text = |value: &Value| match value {
+        Value::String(text) => text.len(),
+        other => other.to_string().len(),
+    };
+    let entry = |(path, value): &(String, Value)| (path.len() + text(value)) as u64 + ENTRY_BYTES;
+    entries.iter().map(entry).sum()
 }
 
 /// An axis value as it stands in keys and tables: `512x512` for an array.
@@ -248,6 +276,27 @@ fn kind(value: &Value) -> &'static str {
 }
 
 type Overrides = [(String, Vec<String>)];
+type ChosenAxis<'a> = (&'a Axis, Vec<AxisValue>);
+/// A sweep's parameters and axes.
+type ChosenSweep<'a> = (Vec<(String, Value)>, Vec<ChosenAxis<'a>>);
+
+/// Every combination of the axes' values; the last axis moves fastest.
+fn product<'v>(axes: &'v [ChosenAxis<'_>]) -> Vec<Vec<(&'v Axis, &'v AxisValue)>> {
+    let mut points = vec![Vec::new()];
+    for (axis, values) in axes {
+        points = points
+            .into_iter()
+            .flat_map(|point: Vec<(&Axis, &AxisValue)>| {
+                values.iter().map(move |value| {
+                    let mut longer = point.clone();
+                    longer.push((*axis, value));
+                    longer
+                })
+            })
+            .collect();
+    }
+    points
+}
 
 impl Experiment {
     /// The cells in the order of the file; sweeps that share a cell measure it once.
@@ -267,13 +316,18 @@ impl Experiment {
         if self.sweep.is_empty() {
             return Ok(vec![self.cell(profile, base, sets, &[])]);
         }
-        let mut cells: Vec<CellPlan> = Vec::new();
-        let mut known: HashSet<String> = HashSet::new();
+        let mut sweeps = Vec::new();
         for sweep in &self.sweep {
             let mut params = base.clone();
             params.extend(flatten(&sweep.params));
             params.extend(flatten(sweep.profile.of(profile)));
-            for point in self.product(sweep, profile, axis_overrides)? {
+            sweeps.push((params, self.axis_values(sweep, profile, axis_overrides)?));
+        }
+        self.check_size(profile, sets, &sweeps)?;
+        let mut cells = Vec::new();
+        let mut known = HashSet::new();
+        for (params, axes) in &sweeps {
+            for point in product(axes) {
                 let cell = self.cell(profile, params.clone(), sets, &point);
                 if known.insert(cell.cell.clone()) {
                     cells.push(cell);
@@ -342,14 +396,14 @@ impl Experiment {
         })
     }
 
-    /// Every combination of the sweep's axis values; the last axis moves fastest.
-    fn product<'a>(
+    /// The sweep's axes with the values chosen for them.
+    fn axis_values<'a>(
         &self,
         sweep: &'a Sweep,
         profile: Profile,
         axis_overrides: &Overrides,
-    ) -> Result<Vec<Vec<(&'a Axis, AxisValue)>>, ExperimentError> {
-        let mut points = vec![Vec::new()];
+    ) -> Result<Vec<ChosenAxis<'a>>, ExperimentError> {
+        let mut axes = Vec::new();
         for axis in &sweep.axis {
             let chosen = axis_overrides.iter().find(|(name, _)| *name == axis.name);
             let values: Result<Vec<AxisValue>, ExperimentError> = match chosen {
@@ -363,19 +417,45 @@ impl Experiment {
                     .map(|value| self.axis_value(axis, AxisValue::parse(&axis.name, value)))
                     .collect(),
             };
-            let values = values?;
-            points = points
-                .into_iter()
-                .flat_map(|point: Vec<(&Axis, AxisValue)>| {
-                    values.iter().map(move |value| {
-                        let mut longer = point.clone();
-                        longer.push((axis, value.clone()));
-                        longer
-                    })
-                })
-                .collect();
+            axes.push((axis, values?));
         }
-        Ok(points)
+        Ok(axes)
+    }
+
+    /// Refuses more cells than are planned, and more than memory holds, before one of them is made.
+    fn check_size(
+        &self,
+        profile: Profile,
+        sets: &[(String, Value)],
+        sweeps: &[ChosenSweep<'_>],
+    ) -> Result<(), ExperimentError> {
+        let views = self.views.as_ref().map_or(0, |views| views.turns_deg.len());
+        let each = 1 + u64::from(self.reference.is_some()) + views as u64;
+        let reference = self.reference.as_ref();
+        let of_reference = reference.map_or(0, |reference| {
+            entry_bytes(&flatten(&reference.params))
+                + entry_bytes(&flatten(reference.profile.of(profile)))
+        });
+        let (mut cells, mut bytes) = (0u64, 0u64);
+        for (params, axes) in sweeps {
+            let points = axes.iter().map(|(_, values)| values.len() as u64);
+            let points = points.fold(1, u64::saturating_mul);
+            let longest = axes.iter().map(|(_, values)| {
+                let bytes = values.iter().map(AxisValue::bytes);
+                bytes.max().unwrap_or(0)
+            });
+            let own = 2 * (entry_bytes(params) + entry_bytes(sets)) + longest.sum::<u64>();
+            cells = cells.saturating_add(points.saturating_mul(each));
+            bytes = bytes.saturating_add(points.saturating_mul(own + of_reference));
+        }
+        let experiment = self.id.clone();
+        if cells > MAX_CELLS {
+            return Err(ExperimentError::TooManyCells { experiment, cells });
+        }
+        if bytes > MAX_PLAN_BYTES {
+            return Err(ExperimentError::TooLarge { experiment, bytes });
+        }
+        Ok(())
     }
 
     fn cell(
@@ -383,7 +463,7 @@ impl Experiment {
         profile: Profile,
         mut params: Vec<(String, Value)>,
         sets: &[(String, Value)],
-        point: &[(&Axis, AxisValue)],
+        point: &[(&Axis, &AxisValue)],
     ) -> CellPlan {
         let mut axes = Map::new();
         params.extend(sets.iter().cloned());
@@ -440,10 +520,17 @@ fn take(params: &mut Vec<(String, Value)>, name: &str) -> Option<String> {
 /// The later of two values for one path replaces the earlier.
 fn last_of_each(params: Vec<(String, Value)>) -> Vec<(String, Value)> {
     let mut kept: Vec<(String, Value)> = Vec::new();
+    let mut places = HashMap::new();
     for (path, value) in params {
-        match kept.iter_mut().find(|(known, _)| *known == path) {
-            Some(entry) => entry.1 = value,
-            None => kept.push((path, value)),
+        match places.get(&path) {
+            Some(place) => {
+                let entry: &mut (String, Value) = &mut kept[*place];
+                entry.1 = value;
+            }
+            None => {
+                places.insert(path.clone(), kept.len());
+                kept.push((path, value));
+            }
         }
     }
     kept

@@ -13,8 +13,13 @@ use std::path::{Path, PathBuf};
 
 use include_dir::{Dir, include_dir};
 
+use crate::input::{self, one_line};
+
 pub use claims::{Ruling, Scaling, Verdict, groups, scaling};
-pub use expand::{CellPlan, Profile, ReferencePlan, flatten, label_text, parse_axis, parse_set};
+pub use expand::{
+    CellPlan, MAX_CELLS, MAX_PLAN_BYTES, Profile, ReferencePlan, flatten, label_text, parse_axis,
+    parse_set,
+};
 pub use measure::{Measure, Reading, fits, fps, lookup, measured, same};
 pub use schema::Experiment;
 
@@ -32,7 +37,7 @@ pub enum ExperimentError {
         path: PathBuf,
         source: std::io::Error,
     },
-    #[error("experiment `{name}`: {message}")]
+    #[error("experiment `{name}`: {}", one_line(.message))]
     Invalid { name: String, message: String },
     #[error(
         "experiment `{experiment}` has no axis `{axis}`{}",
@@ -43,7 +48,7 @@ pub enum ExperimentError {
         axis: String,
         nearest: Option<String>,
     },
-    #[error("axis `{axis}` of `{experiment}`: {message}")]
+    #[error("axis `{}` of `{experiment}`: {}", one_line(.axis), one_line(.message))]
     AxisValue {
         experiment: String,
         axis: String,
@@ -62,6 +67,16 @@ pub enum ExperimentError {
         axis: String,
         path: String,
     },
+    #[error(
+        "experiment `{experiment}` has {cells} cells, references and views counted too: at most {MAX_CELLS} are planned at once"
+    )]
+    TooManyCells { experiment: String, cells: u64 },
+    #[error(
+        "experiment `{experiment}`: its cells, each with its parameters, take {} MiB: at most {} MiB are planned at once",
+        bytes >> 20,
+        MAX_PLAN_BYTES >> 20
+    )]
+    TooLarge { experiment: String, bytes: u64 },
     #[error("`{text}` is not of the form {form}")]
     Assignment { text: String, form: &'static str },
 }
@@ -116,7 +131,7 @@ impl Experiment {
                 nearest: nearest(id_or_path, ids.iter().map(String::as_str)),
             });
         }
-        let text = std::fs::read_to_string(path).map_err(|source| ExperimentError::Read {
+        let text = input::text(path, input::MAX_TEXT).map_err(|source| ExperimentError::Read {
             path: path.to_owned(),
             source,
         })?;

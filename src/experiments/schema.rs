@@ -118,6 +118,9 @@ pub struct Reference {
     pub profile: Profiles,
 }
 
+/// Most turns of a camera: one every 5 degrees.
+const MAX_TURNS: usize = 72;
+
 /// How much a result at one surface point changes with the viewer: the camera is turned about its target, and the points of
 /// the cell's own view are looked up wherever another view sees them too.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
@@ -219,6 +222,12 @@ impl Experiment {
         }
         if let Some(views) = &self.views {
             let turns = views.turns_deg.iter();
+            if views.turns_deg.len() > MAX_TURNS {
+                let count = views.turns_deg.len();
+                return Err(format!(
+                    "views.turns_deg has {count} turns; at most {MAX_TURNS} are taken"
+                ));
+            }
             if views.turns_deg.is_empty() || !turns.clone().all(|turn| turn.abs() <= 180.0) {
                 return Err("views.turns_deg needs turns of at most 180 degrees".to_owned());
             }

@@ -9,6 +9,9 @@ use crate::experiments::CellPlan;
 use crate::record::{Cell, Outcome};
 use crate::{tell, text};
 
+/// Longest budget that is counted down, seconds: a year. A point in time too far away cannot be told.
+const LONGEST_S: f64 = 365.0 * 86_400.0;
+
 /// Follows a run over all its cells.
 pub struct Progress {
     bar: Option<ProgressBar>,
@@ -27,7 +30,8 @@ impl Progress {
                 .unwrap_or_else(|_| ProgressStyle::default_bar());
             bar.with_style(style)
         });
-        let end = Instant::now() + Duration::try_from_secs_f64(budget_s).unwrap_or(Duration::ZERO);
+        let budget = Duration::try_from_secs_f64(budget_s.clamp(0.0, LONGEST_S));
+        let end = Instant::now() + budget.unwrap_or(Duration::ZERO);
         Self {
             bar,
             total,
@@ -120,5 +124,19 @@ fn describe(outcome: &Outcome) -> String {
         }
         Outcome::Skipped { reason } => format!("skipped: {reason}"),
         Outcome::Failed { reason } => format!("failed: {reason}"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A time too far away to be told is a year away.
+    #[test]
+    fn any_budget_is_counted_down() {
+        for budget_s in [f64::MIN_POSITIVE, 1e19, f64::MAX] {
+            let progress = Progress::new(1, budget_s, true);
+            assert!(progress.end <= Instant::now() + Duration::from_secs_f64(LONGEST_S));
+        }
     }
 }

@@ -13,6 +13,7 @@ use thiserror::Error;
 
 use super::subject::Subject;
 use crate::gpu::{Gpu, GpuError};
+use crate::input::{self, Limited};
 use crate::pipelines::volume_ao::{Params, occlusion_at, query_demand};
 use crate::reference::ReferenceError;
 use crate::reference::occlusion::{self as exact, Attenuation};
@@ -26,6 +27,8 @@ use table::SHORT;
 const COLUMNS: [&str; 6] = ["x", "y", "z", "nx", "ny", "nz"];
 /// The added column.
 const ANSWER: &str = "occlusion";
+/// Largest file of points, bytes: five million points of the shortest lines, which take 0.3 GiB.
+const MAX_POINTS_FILE: u64 = 64 << 20;
 /// The columns that a reference adds.
 const REFERENCE: [&str; 2] = ["reference", "error"];
 /// Rays of a reference unless told otherwise: its own error is below 0.005.
@@ -66,9 +69,9 @@ pub fn read(path: &Path) -> Result<Vec<Row>, QueryError> {
 /// What `parse` makes of a file.
 fn read_with<T>(
     path: &Path,
-    parse: impl Fn(File) -> Result<T, PointFault>,
+    parse: impl Fn(Limited<File>) -> Result<T, PointFault>,
 ) -> Result<T, QueryError> {
-    let file = File::open(path).map_err(|source| QueryError::Read {
+    let file = input::plain(path, MAX_POINTS_FILE).map_err(|source| QueryError::Read {
         path: path.to_owned(),
         source,
     })?;

@@ -82,24 +82,39 @@ pub fn spread(
     others: &[Subject],
 ) -> Result<Spread, ViewsError> {
     let own = Shot::new(gpu, subject, cell)?;
-    let mut shots = Vec::new();
+    let mut seen = Seen::by(&own);
+    // One at a time, as the pictures of a view are large.
     for other in others {
         let pipeline = other.build(gpu)?;
         timer.untimed(gpu, &encodable(pipeline.as_ref()))?;
-        shots.push(Shot::new(gpu, other, pipeline.as_ref())?);
+        seen.also_by(&Shot::new(gpu, other, pipeline.as_ref())?);
     }
-    joined(&own, &shots)
+    seen.spread()
 }
 
-fn joined(own: &Shot, others: &[Shot]) -> Result<Spread, ViewsError> {
-    let variances: Vec<f64> = own
-        .points()
-        .iter()
-        .filter_map(|point| {
-            let found = others.iter().filter_map(|shot| shot.find(point));
-            variance(&found.chain([point.occlusion]).collect::<Vec<f64>>())
-        })
-        .collect();
+/// Points of the cell's own view, and their occlusion in each view that sees them.
+struct Seen(Vec<(Point, Vec<f64>)>);
+
+impl Seen {
+    fn by(own: &Shot) -> Self {
+        let points = own.points().into_iter();
+        Self(points.map(|point| (point, vec![point.occlusion])).collect())
+    }
+
+    fn also_by(&mut self, other: &Shot) {
+        for (point, values) in &mut self.0 {
+            values.extend(other.find(point));
+        }
+    }
+
+    fn spread(&self) -> Result<Spread, ViewsError> {
+        let values = self.0.iter().map(|(_, values)| values.as_slice());
+        let variances: Vec<f64> = values.filter_map(variance).collect();
+        joined(&variances)
+    }
+}
+
+fn joined(variances: &[f64]) -> Result<Spread, ViewsError> {
     match variances.len() {
         0 => Err(ViewsError::Nothing),
         points => Ok(Spread {
@@ -117,6 +132,7 @@ fn variance(values: &[f64]) -> Option<f64> {
     (values.len() > 1).then(|| square / (count - 1.0))
 }
 
+#[derive(Clone, Copy)]
 struct Point {
     position: DVec3,
     normal: DVec3,
@@ -237,7 +253,9 @@ mod tests {
         let of_place = |at: DVec3| 0.5 + 0.1 * (at.x + at.z).sin();
         let own = shot(&tracer, [4.0, 3.0, 2.0], of_place);
         let other = shot(&tracer, [4.5, 3.0, 0.5], |at| of_place(at) + offset);
-        joined(&own, &[other]).unwrap()
+        let mut seen = Seen::by(&own);
+        seen.also_by(&other);
+        seen.spread().unwrap()
     }
 
     #[test]

@@ -11,9 +11,15 @@ use serde::de::DeserializeOwned;
 use serde_json::Value;
 
 use super::lock::is_file;
+use crate::input;
 
 /// Damaged lines that are told one by one.
 const MOST_TOLD: usize = 10;
+
+/// Largest file that is read, bytes: 100,000 cells of ten stages with 30 samples each.
+pub const MAX_FILE: u64 = 512 << 20;
+/// Longest line that is read, bytes: a cell of ten stages with 40,000 samples each.
+const MAX_LINE: usize = 8 << 20;
 
 /// What a file of lines holds.
 pub trait Line: Serialize + DeserializeOwned {
@@ -133,7 +139,7 @@ impl<T: Line> LineWriter<T> {
         path: &Path,
         check: impl FnOnce(&Lines<T>) -> Result<(), E>,
     ) -> Result<Opened<T>, E> {
-        let bytes = match std::fs::read(path) {
+        let bytes = match input::bytes(path, MAX_FILE) {
             Err(error) if error.kind() == ErrorKind::NotFound => Vec::new(),
             read => read.map_err(io("read", path))?,
         };
@@ -305,7 +311,7 @@ fn io(action: &'static str, path: &Path) -> impl FnOnce(std::io::Error) -> Recor
 
 /// A line that could not be read, numbered from 1.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("line {line}: {reason}")]
+#[error("line {line}: {}", input::one_line(.reason))]
 pub struct Damage {
     pub line: usize,
     pub reason: String,
@@ -330,7 +336,7 @@ impl<T> Default for Lines<T> {
 /// Reads every sound line of a file. Damaged lines, the torn last one of a crash among them, are listed
 /// and left out; a line in another format is an error.
 pub fn read_lines<T: Line>(path: &Path) -> Result<Lines<T>, RecordError> {
-    let bytes = std::fs::read(path).map_err(io("read", path))?;
+    let bytes = input::bytes(path, MAX_FILE).map_err(io("read", path))?;
     Ok(sort(path, &bytes)?.lines)
 }
 
@@ -427,6 +433,9 @@ enum Parsed<T> {
 }
 
 fn parse<T: Line>(line: &[u8]) -> Parsed<T> {
+    if line.len() > MAX_LINE {
+        return Parsed::Damaged(format!("longer than {} MiB", MAX_LINE >> 20));
+    }
     let value: Value = match serde_json::from_slice(line) {
         Ok(value) => value,
         Err(error) => return Parsed::Damaged(format!("not JSON: {error}")),

@@ -11,14 +11,12 @@ use serde::{Deserialize, Serialize};
 
 use super::{
     Camera, Light, Material, Mesh, Object, SceneError, VolumeFile, Water, assets, check,
-    generators, toml_text,
+    generators, read, toml_text,
 };
+use crate::input;
 
 /// The scene files that come with the program.
 static BUILT_IN: Dir<'_> = include_dir!("$CARGO_MANIFEST_DIR/scenes");
-
-/// Largest scene file that is read, bytes.
-const MAX_FILE_BYTES: u64 = 1 << 20;
 
 /// What a scene file holds. A file's `base` (a scene whose tables and objects it starts from) and
 /// `without` (names of the base's objects to leave out) are resolved while it is read.
@@ -226,14 +224,18 @@ impl ObjectFile {
         Ok(())
     }
 
-    /// Makes or reads the mesh and puts it into the world. An absent asset's stand-in is added to
+    /// Makes or reads the mesh, of at most `triangles`, and puts it into the world. An absent asset's stand-in is added to
     /// `stand_ins`.
     pub(super) fn build(
         &self,
         file: &SceneFile,
+        triangles: usize,
         stand_ins: &mut Vec<String>,
     ) -> Result<Object, String> {
-        let mesh = self.mesh(file, stand_ins)?;
+        let mesh = self.mesh(file, triangles, stand_ins)?;
+        if mesh.triangle_count() > triangles {
+            return Err(read::too_many_triangles(triangles));
+        }
         let matrix = self.transform.matrix(&mesh, file.floor_depth_m);
         let mesh = mesh.transformed(&matrix);
         mesh.validate()?;
@@ -244,12 +246,18 @@ impl ObjectFile {
         })
     }
 
-    fn mesh(&self, file: &SceneFile, stand_ins: &mut Vec<String>) -> Result<Mesh, String> {
+    fn mesh(
+        &self,
+        file: &SceneFile,
+        triangles: usize,
+        stand_ins: &mut Vec<String>,
+    ) -> Result<Mesh, String> {
         if let Some(name) = &self.generator {
             return generators::find(name)?.mesh(&self.params, file.floor_depth_m);
         }
         if let Some(path) = &self.file {
-            return Mesh::read(&file.folder.join(path)).map_err(|e| e.to_string());
+            let path = file.folder.join(path);
+            return Mesh::read_within(&path, triangles).map_err(|e| e.to_string());
         }
         let name = self.asset.as_deref().unwrap_or_default();
         let asset = assets::named(name).map_err(|e| e.to_string())?;
@@ -259,7 +267,7 @@ impl ObjectFile {
             ));
         }
         if let Some(path) = assets::find(name) {
-            return Mesh::read(&path).map_err(|e| e.to_string());
+            return Mesh::read_within(&path, triangles).map_err(|e| e.to_string());
         }
         let generator = generators::find(asset.stand_in.0)?;
         let mesh = generator.mesh(&asset.stand_in_params(), file.floor_depth_m)?;
@@ -281,20 +289,9 @@ pub(super) fn find(name_or_path: &str) -> Result<(String, String), SceneError> {
             hint: check::hint(name_or_path, names.iter().copied()),
         });
     }
-    read(path).map(|text| (name_or_path.to_owned(), text))
-}
-
-fn read(path: &Path) -> Result<String, SceneError> {
-    let failed = |source| SceneError::Read {
-        path: PathBuf::from(path),
+    let text = input::text(path, input::MAX_TEXT).map_err(|source| SceneError::Read {
+        path: path.to_owned(),
         source,
-    };
-    let size = std::fs::metadata(path).map_err(failed)?.len();
-    if size > MAX_FILE_BYTES {
-        return Err(SceneError::Parse {
-            origin: path.display().to_string(),
-            message: format!("{size} bytes; a scene file has at most {MAX_FILE_BYTES}"),
-        });
-    }
-    std::fs::read_to_string(path).map_err(failed)
+    })?;
+    Ok((name_or_path.to_owned(), text))
 }

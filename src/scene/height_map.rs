@@ -1,5 +1,6 @@
 //! Water given as a height map: a periodic tile of heights from a `.npy` file.
 
+use std::io::Read;
 use std::path::Path;
 
 use glam::{DVec2, DVec3};
@@ -7,10 +8,13 @@ use ndarray::ArrayView2;
 use ndarray_npy::{ViewElement, ViewNpyError, ViewNpyExt};
 use serde::{Deserialize, Serialize};
 
-use super::{check, read};
+use super::check;
+use crate::input;
 
 /// Most samples along a side: every adapter holds a texture of this size.
 pub const MAX_SIDE: usize = 4096;
+/// Largest file, bytes: so many heights of 8 bytes along both sides, and the longest header of version 1.
+const MAX_FILE: u64 = (8 * MAX_SIDE * MAX_SIDE + (1 << 16)) as u64;
 /// Greatest height, metres, as of the other kinds of water.
 const MAX_HEIGHT_M: f64 = 100.0;
 /// Bytes before a header's own length in `.npy` files of version 1, and how many hold that length.
@@ -55,8 +59,11 @@ impl HeightMap {
     pub fn load(&self) -> Result<Tile, String> {
         let path = Path::new(&self.file);
         let fault = |what: String| format!("water.height_map.file {}: {what}", path.display());
-        let bytes = read::whole_file(path).map_err(|e| fault(e.to_string()))?;
-        let (rows, heights_m) = bytes.and_then(|bytes| parse(&bytes)).map_err(fault)?;
+        let mut bytes = Vec::new();
+        input::unpacked(path, MAX_FILE)
+            .and_then(|mut source| source.read_to_end(&mut bytes))
+            .map_err(|e| fault(e.to_string()))?;
+        let (rows, heights_m) = parse(&bytes).map_err(fault)?;
         Tile::new(heights_m.len() / rows, heights_m, self).map_err(fault)
     }
 

@@ -54,6 +54,8 @@ pub use waves::{MAX_WAVES, Wave, shortest_m as shortest_wave_m, texels as wave_t
 
 use serde::{Deserialize, Serialize};
 
+use crate::input::one_line;
+
 /// Room above the water that the scene's bounds include, so that light starts above the waves.
 const HEADROOM_M: f64 = 1.0;
 
@@ -67,9 +69,9 @@ pub enum SceneError {
         path: PathBuf,
         source: std::io::Error,
     },
-    #[error("scene file {origin}: {message}")]
+    #[error("scene file {origin}: {}", one_line(.message))]
     Parse { origin: String, message: String },
-    #[error("scene `{scene}`: {message}")]
+    #[error("scene `{}`: {}", one_line(.scene), one_line(.message))]
     Invalid { scene: String, message: String },
 }
 
@@ -170,12 +172,15 @@ impl Scene {
         file.validate().map_err(invalid)?;
         let water = file.water.loaded().map_err(invalid)?;
         let mut stand_ins = Vec::new();
-        let build = |object: &ObjectFile| {
-            object
-                .build(file, &mut stand_ins)
-                .map_err(|m| invalid(format!("object `{}`: {m}", object.name)))
-        };
-        let objects: Vec<Object> = file.objects.iter().map(build).collect::<Result<_, _>>()?;
+        let mut left = MAX_TRIANGLES;
+        let mut objects = Vec::new();
+        for object in &file.objects {
+            let built = object
+                .build(file, left, &mut stand_ins)
+                .map_err(|m| invalid(format!("object `{}`: {m}", object.name)))?;
+            left -= built.mesh.triangle_count();
+            objects.push(built);
+        }
         let volume = file.volume.as_ref();
         let volume = volume
             .map(|v| v.build(file, &mut stand_ins))

@@ -2,9 +2,11 @@
 //!
 //! The cells come as they are stored. The orientation (qform, sform) is not read: `up` in the scene file turns the volume.
 
+use std::io::{self, Read};
+
 use glam::DVec3;
 
-use super::samples::{Samples, cell_count};
+use super::samples::{Samples, cell_count, fill, values};
 
 /// Bytes of the header; the first of its fields says so.
 const HEADER: usize = 348;
@@ -17,29 +19,29 @@ const HEADER_2: i32 = 540;
 
 /// Reads header and cells. Values have the header's slope and intercept applied. They stand for 0 … 1 between `cal_min` and
 /// `cal_max`, or between the least and the largest value where the header does not give those.
-pub fn parse(bytes: &[u8]) -> Result<Samples, String> {
-    let header = Header::new(bytes)?;
+pub fn parse(source: &mut dyn Read) -> Result<Samples, String> {
+    let mut bytes = [0; HEADER];
+    let filled = fill(source, &mut bytes)?;
+    let header = Header::new(&bytes[..filled])?;
     let cells = header.cells()?;
     let stored = header.stored()?;
     let count = cell_count(cells)?;
     let offset = header.offset()?;
-    let needed = count * stored.bytes;
-    let data = bytes.get(offset..).unwrap_or_default();
-    if data.len() < needed {
-        let [x, y, z] = cells;
-        return Err(format!(
-            "{} bytes of data from byte {offset} on, but {x} × {y} × {z} cells of {} bytes take {needed}",
-            data.len(),
-            stored.bytes
-        ));
-    }
     let (slope, intercept) = header.scaling()?;
     let little = header.little;
     let value = |b: &[u8]| ((stored.value)(b, little) * slope + intercept) as f32;
-    let data: Vec<f32> = data[..needed]
-        .chunks_exact(stored.bytes)
-        .map(value)
-        .collect();
+    let mut before = source.take((offset - HEADER) as u64);
+    io::copy(&mut before, &mut io::sink()).map_err(|error| error.to_string())?;
+    let data = values(source, count, stored.bytes, value)?;
+    if data.len() < count {
+        let [x, y, z] = cells;
+        return Err(format!(
+            "{} bytes of data from byte {offset} on, but {x} × {y} × {z} cells of {} bytes take {}",
+            data.len() * stored.bytes,
+            stored.bytes,
+            count * stored.bytes
+        ));
+    }
     Ok(Samples {
         cells,
         spacing_m: header.spacing_m()?,
@@ -83,10 +85,10 @@ impl<'a> Header<'a> {
     /// Size, byte order and magic.
     fn new(file: &'a [u8]) -> Result<Self, String> {
         let Some(bytes) = file.get(..HEADER) else {
-            return Err(format!(
-                "{} bytes: a NIfTI-1 header alone has {HEADER}",
-                file.len()
-            ));
+            return Err(match file.len() {
+                0 => "the file is empty".to_owned(),
+                length => format!("{length} bytes: a NIfTI-1 header alone has {HEADER}"),
+            });
         };
         let size = [true, false].map(|little| Self { bytes, little }.i32(0));
         if size.contains(&HEADER_2) {

@@ -1,87 +1,272 @@
 //! OBJ files, plain or compressed by gzip, read by `tobj`.
+//!
+//! `tobj` keeps every face and object, whether or not it holds a triangle, and computes with indices before it checks them. So
+//! lines reach it through [`Statements`], which passes on what a mesh needs, within limits.
 
-use std::{collections::HashMap, io::Cursor, path::Path};
+use std::{
+    collections::HashMap,
+    io::{self, BufRead, BufReader, Read},
+    path::Path,
+};
 
 use tobj::{LoadError, LoadOptions};
 
 use super::{
     Mesh,
-    read::{self, MAX_TRIANGLES, MeshError},
+    read::{self, MAX_VERTICES, MeshError},
 };
+use crate::input::{LineEnd, Lines};
 
-/// Reads all objects of an OBJ file into one mesh. Polygons are cut into triangles, a missing
-/// material library is no fault, and normals are computed where an object has none.
-pub fn read(path: &Path) -> Result<Mesh, MeshError> {
-    let bytes = read::whole_file(path)
-        .map_err(|e| MeshError::read(path, e))?
-        .map_err(|what| MeshError::malformed(path, what))?;
-    count_triangles(path, &bytes)?;
+/// Longest line that is read, bytes.
+const MAX_LINE: usize = 1 << 16;
+
+/// Most objects and groups that hold triangles. Each takes `tobj` about half a kilobyte.
+const MAX_OBJECTS: usize = 100_000;
+
+/// Reads all objects of an OBJ file of at most `triangles` into one mesh. Polygons are cut into triangles, materials are left
+/// aside, and normals are computed for faces that have none.
+pub fn read(path: &Path, triangles: usize) -> Result<Mesh, MeshError> {
+    let source = read::open(path).map_err(|e| MeshError::read(path, e))?;
+    let mut statements = Statements::new(BufReader::new(source), triangles);
     let options = LoadOptions {
         triangulate: true,
-        ignore_points: true,
-        ignore_lines: true,
         ..LoadOptions::default()
     };
     let no_materials = |_: &Path| Ok((Vec::new(), Default::default()));
-    let mut reader = Cursor::new(bytes.as_slice());
-    let loaded = tobj::load_obj_buf(&mut reader, &options, no_materials);
-    let (models, _) = loaded.map_err(|fault| {
-        let line = line_at(&bytes, reader.position());
-        malformed(path, fault, line)
-    })?;
+    let loaded = tobj::load_obj_buf(&mut statements, &options, no_materials);
+    let (models, _) = loaded.map_err(|fault| malformed(path, &statements, fault))?;
+    if statements.lines.number == 1 {
+        return Err(MeshError::malformed(path, "the file is empty"));
+    }
     let mut mesh = Mesh::default();
-    for model in &models {
-        mesh.append(&convert(&model.mesh));
+    for (model, has_normals) in models.iter().zip(&statements.objects) {
+        mesh.append(&convert(&model.mesh, *has_normals));
     }
     read::checked(path, mesh)
 }
 
-/// Refuses a file with too many triangles before anything is allocated for them.
-fn count_triangles(path: &Path, bytes: &[u8]) -> Result<(), MeshError> {
-    let mut triangles = 0;
-    for line in bytes.split(|b| *b == b'\n') {
-        let mut words = line
-            .split(u8::is_ascii_whitespace)
-            .filter(|word| !word.is_empty());
-        if words.next() == Some(b"f") {
-            triangles += words.count().saturating_sub(2);
-        }
-    }
-    if triangles > MAX_TRIANGLES {
-        return Err(MeshError::malformed(
-            path,
-            format!("{triangles} triangles; at most {MAX_TRIANGLES} are read"),
-        ));
-    }
-    Ok(())
-}
-
-/// The number of the line that ends at `position`.
-fn line_at(bytes: &[u8], position: u64) -> usize {
-    let end = (position as usize).min(bytes.len()).saturating_sub(1);
-    1 + bytes[..end].iter().filter(|b| **b == b'\n').count()
-}
-
-fn malformed(path: &Path, fault: LoadError, line: usize) -> MeshError {
-    let what = match fault {
+fn malformed<R>(path: &Path, statements: &Statements<R>, fault: LoadError) -> MeshError {
+    let line = statements.lines.number;
+    let what = match (&statements.fault, fault) {
+        (Some(what), _) => format!("line {line}: {what}"),
         // Found when an object ends, so the line would mislead.
-        LoadError::FaceVertexOutOfBounds
-        | LoadError::FaceNormalOutOfBounds
-        | LoadError::FaceTexCoordOutOfBounds
-        | LoadError::FaceColorOutOfBounds => format!("{fault} in the object before line {line}"),
-        _ => format!("line {line}: {fault}"),
+        (None, fault @ (LoadError::FaceVertexOutOfBounds | LoadError::FaceNormalOutOfBounds)) => {
+            format!("{fault} in the object before line {line}")
+        }
+        (None, fault) => format!("line {line}: {fault}"),
     };
     MeshError::malformed(path, what)
 }
 
+/// The lines of a file that describe geometry, as `tobj` is to read them: coordinates without colours, faces of three corners
+/// and more with indices that count from 1, and a new object wherever one with faces has ended.
+struct Statements<R> {
+    lines: Lines<R>,
+    /// What is passed on of the line, and how much of it was taken.
+    out: Vec<u8>,
+    taken: usize,
+    positions: usize,
+    normals: usize,
+    triangles: usize,
+    most_triangles: usize,
+    /// Whether its faces have normals, of each object passed on.
+    objects: Vec<bool>,
+    /// The next face starts an object.
+    ended: bool,
+    /// Why reading stopped.
+    fault: Option<String>,
+}
+
+impl<R: BufRead> Statements<R> {
+    fn new(source: R, most_triangles: usize) -> Self {
+        Self {
+            lines: Lines::new(source, MAX_LINE),
+            out: Vec::new(),
+            taken: 0,
+            positions: 0,
+            normals: 0,
+            triangles: 0,
+            most_triangles,
+            objects: Vec::new(),
+            ended: true,
+            fault: None,
+        }
+    }
+
+    /// Reads lines up to one that is passed on; false at the end of the file.
+    fn advance(&mut self) -> Result<bool, String> {
+        self.out.clear();
+        self.taken = 0;
+        while self.out.is_empty() {
+            match self.lines.advance().map_err(|error| error.to_string())? {
+                None => return Ok(false),
+                Some(LineEnd::TooLong) => return Err(format!("longer than {MAX_LINE} bytes")),
+                Some(LineEnd::Newline | LineEnd::File) => {}
+            }
+            let line = std::mem::take(&mut self.lines.line);
+            let passed = self.statement(&line);
+            self.lines.line = line;
+            passed?;
+        }
+        Ok(true)
+    }
+
+    fn statement(&mut self, line: &[u8]) -> Result<(), String> {
+        let mut words = line
+            .split(u8::is_ascii_whitespace)
+            .filter(|word| !word.is_empty());
+        let Some(keyword) = words.next() else {
+            return Ok(());
+        };
+        match keyword {
+            b"o" | b"g" => {
+                self.ended = true;
+                Ok(())
+            }
+            // Names and remarks may be in any encoding.
+            b"usemtl" | b"mtllib" | b"vt" | b"l" | b"p" | b"s" => Ok(()),
+            _ if keyword.starts_with(b"#") => Ok(()),
+            _ => {
+                let text = std::str::from_utf8(line).map_err(|_| "not text in UTF-8")?;
+                self.geometry(text)
+            }
+        }
+    }
+
+    fn geometry(&mut self, line: &str) -> Result<(), String> {
+        let words: Vec<&str> = line.split_ascii_whitespace().collect();
+        match words[..] {
+            ["v", x, y, z, _, _, _] => self.pass(&["v", x, y, z]),
+            ["v", ..] => self.pass(&words),
+            ["vn", ..] => {
+                self.normals = counted(self.normals, "normals")?;
+                self.put(&words);
+                Ok(())
+            }
+            ["f", _, _, _, ..] => self.face(&words[1..]),
+            _ => Ok(()),
+        }
+    }
+
+    /// Passes a vertex on.
+    fn pass(&mut self, words: &[&str]) -> Result<(), String> {
+        self.positions = counted(self.positions, "vertices")?;
+        self.put(words);
+        Ok(())
+    }
+
+    fn face(&mut self, corners: &[&str]) -> Result<(), String> {
+        self.triangles += corners.len() - 2;
+        if self.triangles > self.most_triangles {
+            return Err(read::too_many_triangles(self.most_triangles));
+        }
+        let corners = corners.iter().map(|corner| self.corner(corner));
+        let corners: Vec<(usize, Option<usize>)> = corners.collect::<Result<_, _>>()?;
+        let has_normals = corners.iter().all(|(_, normal)| normal.is_some());
+        if self.ended || self.objects.last() != Some(&has_normals) {
+            self.object(has_normals)?;
+        }
+        self.out.push(b'f');
+        for (position, normal) in corners {
+            let text = match normal {
+                Some(normal) if has_normals => format!(" {position}//{normal}"),
+                _ => format!(" {position}"),
+            };
+            self.out.extend_from_slice(text.as_bytes());
+        }
+        self.out.push(b'\n');
+        Ok(())
+    }
+
+    fn object(&mut self, has_normals: bool) -> Result<(), String> {
+        if self.objects.len() == MAX_OBJECTS {
+            return Err(format!(
+                "more than {MAX_OBJECTS} objects; at most that is read"
+            ));
+        }
+        self.objects.push(has_normals);
+        self.ended = false;
+        self.put(&["o", "object"]);
+        Ok(())
+    }
+
+    /// Indices of the position and the normal of `v`, `v/vt`, `v//vn` or `v/vt/vn`.
+    fn corner(&self, text: &str) -> Result<(usize, Option<usize>), String> {
+        let mut parts = text.split('/');
+        let position = parts.next().unwrap_or_default();
+        let normal = parts.nth(1).filter(|normal| !normal.is_empty());
+        if parts.next().is_some() {
+            return Err(format!("`{}` is no corner of a face", read::clipped(text)));
+        }
+        let normal = normal.map(|normal| index(normal, self.normals));
+        Ok((index(position, self.positions)?, normal.transpose()?))
+    }
+
+    fn put(&mut self, words: &[&str]) {
+        self.out.extend_from_slice(words.join(" ").as_bytes());
+        self.out.push(b'\n');
+    }
+}
+
+/// One more of what is counted, within what is read.
+fn counted(count: usize, what: &str) -> Result<usize, String> {
+    if count == MAX_VERTICES {
+        return Err(format!(
+            "more than {MAX_VERTICES} {what}; at most that is read"
+        ));
+    }
+    Ok(count + 1)
+}
+
+/// An index from 1; a negative one counts back from the last that was read. What a positive one names may follow later.
+fn index(text: &str, count: usize) -> Result<usize, String> {
+    let number: i64 = text
+        .parse()
+        .map_err(|_| format!("`{}` is no index", read::clipped(text)))?;
+    let index = match number {
+        1.. => number,
+        _ => number.saturating_add(count as i64 + 1),
+    };
+    match usize::try_from(index) {
+        Ok(index @ 1..=MAX_VERTICES) if number != 0 => Ok(index),
+        _ => Err(format!(
+            "index {number} is out of bounds: there are {count}"
+        )),
+    }
+}
+
+impl<R: BufRead> Read for Statements<R> {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        let read = self.fill_buf()?.read(buffer)?;
+        self.consume(read);
+        Ok(read)
+    }
+}
+
+impl<R: BufRead> BufRead for Statements<R> {
+    fn fill_buf(&mut self) -> io::Result<&[u8]> {
+        if self.taken == self.out.len() {
+            self.advance().map_err(|fault| {
+                self.fault = Some(fault);
+                io::Error::from(io::ErrorKind::InvalidData)
+            })?;
+        }
+        Ok(&self.out[self.taken..])
+    }
+
+    fn consume(&mut self, bytes: usize) {
+        self.taken += bytes;
+    }
+}
+
 /// One vertex per pair of position and normal; without normals, one per position, so that smooth
 /// surfaces stay smooth.
-fn convert(source: &tobj::Mesh) -> Mesh {
+fn convert(source: &tobj::Mesh, has_normals: bool) -> Mesh {
     let triple = |values: &[f32], i: u32| {
         let at = 3 * i as usize;
         [values[at], values[at + 1], values[at + 2]]
     };
-    if source.normal_indices.len() != source.indices.len() {
+    if !has_normals {
         let mut mesh = Mesh {
             positions: source
                 .positions
@@ -97,7 +282,8 @@ fn convert(source: &tobj::Mesh) -> Mesh {
     let mut mesh = Mesh::default();
     let mut known = HashMap::new();
     for pair in source.indices.iter().zip(&source.normal_indices) {
-        let index = *known.entry(pair).or_insert_with(|| {
+        let key = u64::from(*pair.0) << 32 | u64::from(*pair.1);
+        let index = *known.entry(key).or_insert_with(|| {
             mesh.positions.push(triple(&source.positions, *pair.0));
             mesh.normals.push(triple(&source.normals, *pair.1));
             mesh.positions.len() as u32 - 1

@@ -1,14 +1,14 @@
 //! ASCII PLY files, plain or compressed by gzip: vertices with x, y, z and faces as index lists.
 
 use std::{
-    io::{self, BufRead, BufReader, Read, Take},
+    io::{self, BufRead, BufReader, Read},
     path::Path,
     str::SplitAsciiWhitespace,
 };
 
 use super::{
     Mesh,
-    read::{self, MAX_TRIANGLES, MeshError},
+    read::{self, MAX_TRIANGLES, MAX_VERTICES, MeshError},
 };
 
 /// Longest line that is read, bytes.
@@ -17,12 +17,13 @@ const MAX_LINE: u64 = 1 << 16;
 /// Most lines of a header.
 const MAX_HEADER: usize = 1000;
 
-/// Reads the vertices and faces of an ASCII PLY file; other elements are skipped.
-pub fn read(path: &Path) -> Result<Mesh, MeshError> {
+/// Reads the vertices and faces of an ASCII PLY file of at most `triangles`; other elements are skipped.
+pub fn read(path: &Path, triangles: usize) -> Result<Mesh, MeshError> {
     let source = read::open(path).map_err(|e| MeshError::read(path, e))?;
     let mut lines = Lines {
         path,
         source: BufReader::new(source),
+        triangles,
         number: 0,
         line: String::new(),
     };
@@ -108,7 +109,10 @@ fn header(lines: &mut Lines) -> Result<Vec<Element>, MeshError> {
 }
 
 fn element(lines: &Lines, name: &str, count: &str) -> Result<Element, MeshError> {
-    let most = MAX_TRIANGLES;
+    let most = match name {
+        "vertex" => MAX_VERTICES,
+        _ => MAX_TRIANGLES,
+    };
     match count.parse::<usize>() {
         Ok(count) if count <= most => Ok(Element {
             name: name.to_owned(),
@@ -139,7 +143,9 @@ fn complete(lines: &Lines, elements: Vec<Element>) -> Result<Vec<Element>, MeshE
 /// The lines of a file, counted.
 struct Lines<'a> {
     path: &'a Path,
-    source: BufReader<Take<Box<dyn Read>>>,
+    source: BufReader<Box<dyn Read>>,
+    /// Most that are read.
+    triangles: usize,
     /// Of `line`, from 1.
     number: usize,
     line: String,
@@ -159,11 +165,7 @@ impl Lines<'_> {
                 return Err(self.fault(format!("longer than {MAX_LINE} bytes")));
             }
             if read == 0 {
-                let cut = match self.source.get_ref().limit() {
-                    0 => read::too_large(),
-                    _ => format!("the file ends before {}", wanted()),
-                };
-                return Err(self.fault(cut));
+                return Err(self.fault(format!("the file ends before {}", wanted())));
             }
             if !self.line.trim().is_empty() {
                 return Ok(());
@@ -194,8 +196,8 @@ impl Lines<'_> {
         if corners < 3 {
             return Err(self.fault(format!("a face of {corners} corners")));
         }
-        if corners - 2 > MAX_TRIANGLES - mesh.triangle_count() {
-            return Err(self.fault(format!("more than {MAX_TRIANGLES} triangles")));
+        if corners - 2 > self.triangles - mesh.triangle_count() {
+            return Err(self.fault(read::too_many_triangles(self.triangles)));
         }
         let first = self.number_in::<u32>(&mut words)?;
         let mut last = self.number_in::<u32>(&mut words)?;
@@ -214,8 +216,12 @@ impl Lines<'_> {
         let word = words
             .next()
             .ok_or_else(|| self.fault("the line has too few numbers"))?;
-        word.parse()
-            .map_err(|_| self.fault(format!("`{}` is not a valid number here", clipped(word))))
+        word.parse().map_err(|_| {
+            self.fault(format!(
+                "`{}` is not a valid number here",
+                read::clipped(word)
+            ))
+        })
     }
 
     fn fault(&self, what: impl AsRef<str>) -> MeshError {
@@ -224,9 +230,4 @@ impl Lines<'_> {
             format!("line {}: {}", self.number, what.as_ref()),
         )
     }
-}
-
-/// Enough of a word to know it by.
-fn clipped(word: &str) -> String {
-    word.chars().take(24).collect()
 }

@@ -1,9 +1,11 @@
 //! Raw volumes: nothing but the cells' values, x fastest, then y, then z.
 
+use std::io::{self, Read};
+
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
-use super::samples::{Samples, cell_count};
+use super::samples::{Samples, cell_count, values};
 
 /// How a value is stored.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -33,6 +35,16 @@ impl VolumeFormat {
         }
     }
 
+    /// The value of so many bytes as one takes.
+    fn value(self, bytes: &[u8]) -> f32 {
+        match (self, bytes) {
+            (VolumeFormat::U8, [byte]) => f32::from(*byte),
+            (VolumeFormat::U16, [low, high]) => f32::from(u16::from_le_bytes([*low, *high])),
+            (VolumeFormat::F32, [a, b, c, d]) => f32::from_le_bytes([*a, *b, *c, *d]),
+            _ => f32::NAN,
+        }
+    }
+
     /// The stored values that stand for 0 and 1 unless the scene file says otherwise.
     fn window(self) -> [f64; 2] {
         match self {
@@ -44,22 +56,20 @@ impl VolumeFormat {
 }
 
 /// Cubic cells; the longest edge of the box is 1 m.
-pub fn parse(bytes: &[u8], raw: &Raw) -> Result<Samples, String> {
+pub fn parse(source: &mut dyn Read, raw: &Raw) -> Result<Samples, String> {
     let count = cell_count(raw.cells)?;
-    let needed = count * raw.format.bytes();
-    if bytes.len() != needed {
+    let each = raw.format.bytes();
+    let mut source = Counted { source, bytes: 0 };
+    let data = values(&mut source, count, each, |b| raw.format.value(b))?;
+    io::copy(&mut source, &mut io::sink()).map_err(|error| error.to_string())?;
+    if source.bytes != count * each {
         let [x, y, z] = raw.cells;
         return Err(format!(
-            "{} bytes, but {x} × {y} × {z} cells of {} bytes take {needed}",
-            bytes.len(),
-            raw.format.bytes()
+            "{} bytes, but {x} × {y} × {z} cells of {each} bytes take {}",
+            source.bytes,
+            count * each
         ));
     }
-    let data = match raw.format {
-        VolumeFormat::U8 => bytes.iter().map(|b| f32::from(*b)).collect(),
-        VolumeFormat::U16 => values(bytes, |b| f32::from(u16::from_le_bytes(b))),
-        VolumeFormat::F32 => values(bytes, f32::from_le_bytes),
-    };
     let longest = raw.cells.into_iter().max().unwrap_or(1);
     Ok(Samples {
         cells: raw.cells,
@@ -69,8 +79,18 @@ pub fn parse(bytes: &[u8], raw: &Raw) -> Result<Samples, String> {
     })
 }
 
-fn values<const N: usize>(bytes: &[u8], value: impl Fn([u8; N]) -> f32) -> Vec<f32> {
-    bytes.as_chunks().0.iter().map(|b| value(*b)).collect()
+/// Counts the bytes that are read.
+struct Counted<'a> {
+    source: &'a mut dyn Read,
+    bytes: usize,
+}
+
+impl Read for Counted<'_> {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        let read = self.source.read(buffer)?;
+        self.bytes += read;
+        Ok(read)
+    }
 }
 
 #[cfg(test)]
@@ -86,7 +106,7 @@ mod tests {
 
     #[test]
     fn every_format_is_read() {
-        let read = |format, bytes: &[u8]| parse(bytes, &raw(format)).unwrap().data;
+        let read = |format, mut bytes: &[u8]| parse(&mut bytes, &raw(format)).unwrap().data;
         assert_eq!(read(VolumeFormat::U8, &[3, 255]), [3.0, 255.0]);
         assert_eq!(
             read(VolumeFormat::U16, &[1, 2, 255, 255]),
@@ -102,7 +122,7 @@ mod tests {
     #[test]
     fn a_wrong_size_is_told_in_numbers() {
         for length in [0, 3, 5] {
-            let fault = parse(&vec![0; length], &raw(VolumeFormat::U16)).unwrap_err();
+            let fault = parse(&mut &vec![0; length][..], &raw(VolumeFormat::U16)).unwrap_err();
             assert!(
                 fault.contains(&format!("{length} bytes, but")) && fault.contains("take 4"),
                 "{fault}"

@@ -1,22 +1,25 @@
 //! Meshes from files, and what all readers share.
 
 use std::{
-    fs::File,
-    io::{self, BufRead, BufReader, Read, Take},
+    io::{self, Read},
     path::{Path, PathBuf},
 };
 
-use flate2::bufread::MultiGzDecoder;
 use glam::Vec3;
 use thiserror::Error;
 
 use super::{Mesh, check, obj, ply};
+use crate::input;
 
 /// Most bytes that are read from one file, after decompression.
 pub const MAX_BYTES: u64 = 512 << 20;
 
-/// Most triangles that are read from one mesh file.
-pub const MAX_TRIANGLES: usize = 20_000_000;
+/// Most triangles of a scene, and so of one mesh file: with them `tobj`, which takes 104 bytes a face, and what becomes of its
+/// output stay below 1 GiB.
+pub const MAX_TRIANGLES: usize = 4_000_000;
+
+/// Most vertices, and most normals, that are read from one mesh file: a hash table of 2²² places holds so many.
+pub const MAX_VERTICES: usize = 3_600_000;
 
 /// Why a mesh file cannot be used.
 #[derive(Debug, Error)]
@@ -46,12 +49,17 @@ impl MeshError {
 impl Mesh {
     /// Reads a mesh by the ending of its name: `.obj` or `.ply` (ASCII), each plain or compressed by gzip with `.gz` after it.
     pub fn read(path: &Path) -> Result<Mesh, MeshError> {
+        Mesh::read_within(path, MAX_TRIANGLES)
+    }
+
+    /// The same of no more than so many triangles.
+    pub(super) fn read_within(path: &Path, triangles: usize) -> Result<Mesh, MeshError> {
         let name = path.to_string_lossy().to_ascii_lowercase();
         let plain = name.strip_suffix(".gz").unwrap_or(&name);
         if plain.ends_with(".obj") {
-            obj::read(path)
+            obj::read(path, triangles)
         } else if plain.ends_with(".ply") {
-            ply::read(path)
+            ply::read(path, triangles)
         } else {
             Err(MeshError::malformed(
                 path,
@@ -61,31 +69,25 @@ impl Mesh {
     }
 }
 
-/// A file's content, decompressed where it starts as gzip does, and no more than a byte over [`MAX_BYTES`] of it.
-pub fn open(path: &Path) -> io::Result<Take<Box<dyn Read>>> {
-    let mut file = BufReader::new(File::open(path)?);
-    let source: Box<dyn Read> = if file.fill_buf()?.starts_with(&[0x1f, 0x8b]) {
-        Box::new(MultiGzDecoder::new(file))
+/// A file's content, decompressed where it starts as gzip does; an error where there is more than [`MAX_BYTES`] of it.
+pub fn open(path: &Path) -> io::Result<Box<dyn Read>> {
+    input::unpacked(path, MAX_BYTES)
+}
+
+/// Why a mesh with more triangles than `most` is refused.
+pub fn too_many_triangles(most: usize) -> String {
+    if most == MAX_TRIANGLES {
+        format!("more than {most} triangles; at most that is read")
     } else {
-        Box::new(file)
-    };
-    Ok(source.take(MAX_BYTES + 1))
+        format!(
+            "more than {most} triangles, which the scene's other objects leave of {MAX_TRIANGLES}"
+        )
+    }
 }
 
-/// All bytes of a file of at most [`MAX_BYTES`], decompressed where it starts as gzip does; an error of reading, or what is
-/// wrong with the size.
-pub fn whole_file(path: &Path) -> io::Result<Result<Vec<u8>, String>> {
-    let mut bytes = Vec::new();
-    open(path)?.read_to_end(&mut bytes)?;
-    Ok(match bytes.len() as u64 {
-        0 => Err("the file is empty".to_owned()),
-        n if n > MAX_BYTES => Err(too_large()),
-        _ => Ok(bytes),
-    })
-}
-
-pub fn too_large() -> String {
-    format!("more than {} MiB; at most that is read", MAX_BYTES >> 20)
+/// Enough of a word to know it by.
+pub fn clipped(word: &str) -> String {
+    word.chars().take(24).collect()
 }
 
 /// The mesh with unit normals, if it can be used.

@@ -1,7 +1,7 @@
 //! Stored values of a volume, as its file or generator gives them, on the way to a [`super::Volume`].
 
 use std::{
-    io,
+    io::{self, Read},
     path::{Path, PathBuf},
 };
 
@@ -17,6 +17,9 @@ use super::{
 
 /// Most cells of a volume: 512³, which are 512 MiB of 32-bit floats.
 pub const MAX_CELLS: u64 = 1 << 27;
+
+/// Values that are read at a time.
+const CHUNK: usize = 1 << 14;
 
 /// Why a volume file cannot be used.
 #[derive(Debug, Error)]
@@ -57,21 +60,55 @@ pub fn read(path: &Path, raw: Option<&Raw>) -> Result<Samples, VolumeError> {
         path: path.to_owned(),
         what,
     };
-    let bytes = read::whole_file(path)
-        .map_err(|source| VolumeError::Read {
-            path: path.to_owned(),
-            source,
-        })?
-        .map_err(malformed)?;
+    let mut source = read::open(path).map_err(|source| VolumeError::Read {
+        path: path.to_owned(),
+        source,
+    })?;
     let samples = match (is_nifti(path), raw) {
-        (true, None) => nifti::parse(&bytes),
+        (true, None) => nifti::parse(&mut source),
         (true, Some(_)) => Err("its header tells `cells` and `format`: leave them out".into()),
-        (false, Some(raw)) => raw::parse(&bytes, raw),
+        (false, Some(raw)) => raw::parse(&mut source, raw),
         (false, None) => Err("a raw file needs `cells` and `format`".into()),
     };
     let samples = samples.map_err(malformed)?;
+    // To the end of the archive, whose checksum stands there.
+    io::copy(&mut source, &mut io::sink()).map_err(|e| malformed(e.to_string()))?;
     samples.check_finite().map_err(malformed)?;
     Ok(samples)
+}
+
+/// Reads up to `count` values of so many bytes each. There are fewer where the source ends before.
+pub fn values(
+    source: &mut dyn Read,
+    count: usize,
+    bytes: usize,
+    value: impl Fn(&[u8]) -> f32,
+) -> Result<Vec<f32>, String> {
+    let mut values = Vec::new();
+    let mut chunk = vec![0; CHUNK * bytes];
+    while values.len() < count {
+        let wanted = (count - values.len()).min(CHUNK) * bytes;
+        let filled = fill(source, &mut chunk[..wanted])?;
+        values.extend(chunk[..filled].chunks_exact(bytes).map(&value));
+        if filled < wanted {
+            break;
+        }
+    }
+    Ok(values)
+}
+
+/// Reads until the buffer is full or the source ends; how much was read.
+pub fn fill(source: &mut dyn Read, buffer: &mut [u8]) -> Result<usize, String> {
+    let mut filled = 0;
+    while filled < buffer.len() {
+        match source.read(&mut buffer[filled..]) {
+            Ok(0) => break,
+            Ok(read) => filled += read,
+            Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
+            Err(error) => return Err(error.to_string()),
+        }
+    }
+    Ok(filled)
 }
 
 fn is_nifti(path: &Path) -> bool {

@@ -4,6 +4,8 @@ use std::io::Read;
 
 use thiserror::Error;
 
+use crate::input::one_line;
+
 /// Largest coordinate, metres, and largest component of a direction.
 const FAR: f64 = 1e6;
 /// Shorter directions have none in 32 bits.
@@ -17,7 +19,7 @@ pub enum PointFault {
         column: &'static str,
         needed: String,
     },
-    #[error("line {line}, column `{column}`: `{text}` is not a number within ±10⁶")]
+    #[error("line {line}, column `{column}`: `{}` is not a number within ±10⁶", one_line(.text))]
     Number {
         line: u64,
         column: &'static str,

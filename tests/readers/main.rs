@@ -1,0 +1,265 @@
+//! Every reader against damaged input: no panic, an error of one line, and memory below 1 GiB. A thousand inputs of each with a
+//! fixed seed; `FATHOM_FUZZ_CASES=10000 cargo test --test readers -- --nocapture` tries so many others and tells what they took.
+
+mod hostile;
+mod memory;
+mod mutator;
+mod seeds;
+
+use std::path::Path;
+use std::time::{Duration, Instant};
+
+use fathom::compare::{self, cells::Gates, tables, verdict::Verdicts};
+use fathom::experiments::{Experiment, Profile, parse_axis, parse_set};
+use fathom::harness::query;
+use fathom::harness::subject::Subjects;
+use fathom::scene::{Mesh, Scene, SceneFile};
+use fathom::{pipelines, record, report};
+use memory::peak_of;
+use mutator::{Input, extreme, mutated, mutated_or_packed};
+use proptest::prelude::*;
+use proptest::test_runner::{Config, RngAlgorithm, TestCaseError, TestRng, TestRunner};
+
+#[global_allocator]
+static COUNTING: memory::Counting = memory::Counting;
+
+/// Most memory that any input may take, bytes.
+const MOST_MEMORY: usize = 1 << 30;
+
+/// No input takes so long unless its reader hangs: a thousand times what the slowest takes.
+const HANGS: Duration = Duration::from_secs(120);
+
+/// How many inputs of each reader, where the usual thousand are not enough.
+const CASES: &str = "FATHOM_FUZZ_CASES";
+
+/// What a reader says of an input.
+type Answer = Result<(), String>;
+
+/// Runs a reader on inputs that `strategy` makes. A fixed seed, unless more cases are asked for.
+fn fuzz<T: std::fmt::Debug>(
+    name: &str,
+    strategy: impl Strategy<Value = T>,
+    reader: impl Fn(&T) -> Answer,
+) {
+    let cases = std::env::var(CASES).ok().map(|text| text.parse().unwrap());
+    let config = Config {
+        cases: cases.unwrap_or(1000),
+        failure_persistence: None,
+        max_shrink_time: 60_000,
+        ..Config::default()
+    };
+    let mut runner = match cases {
+        Some(_) => TestRunner::new(config),
+        None => {
+            let random = TestRng::deterministic_rng(RngAlgorithm::ChaCha);
+            TestRunner::new_with_rng(config, random)
+        }
+    };
+    let most = std::cell::Cell::new((0, Duration::ZERO, 0));
+    let run = runner.run(&strategy, |input| {
+        let start = Instant::now();
+        let (answer, peak) = peak_of(|| reader(&input));
+        let took = start.elapsed();
+        let (memory, time, refused) = most.get();
+        let refused = refused + usize::from(answer.is_err());
+        most.set((memory.max(peak), time.max(took), refused));
+        judged(answer, peak, took)
+    });
+    let (memory, time, refused) = most.get();
+    println!(
+        "{name}: {refused} refused, at most {:.1} MiB and {:.2} s for one",
+        memory as f64 / f64::from(1 << 20),
+        time.as_secs_f64()
+    );
+    run.unwrap_or_else(|fault| panic!("{name}: {fault}"));
+}
+
+fn judged(answer: Answer, peak: usize, took: Duration) -> Result<(), TestCaseError> {
+    if let Err(text) = answer {
+        prop_assert_eq!(text.lines().count(), 1, "not one line: {:?}", text);
+    }
+    prop_assert!(peak < MOST_MEMORY, "{} bytes of memory", peak);
+    prop_assert!(took < HANGS, "{took:?}");
+    Ok(())
+}
+
+fn told<T, E: std::fmt::Display>(result: Result<T, E>) -> Result<T, String> {
+    result.map_err(|error| error.to_string())
+}
+
+/// Reads inputs from a file of that name.
+fn fuzz_file(name: &str, seeds: Vec<Vec<u8>>, reader: impl Fn(&Path) -> Answer) {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join(name);
+    fuzz(name, mutated(seeds), |Input(bytes)| {
+        std::fs::write(&path, bytes).unwrap();
+        reader(&path)
+    });
+}
+
+/// The same, sometimes compressed.
+fn fuzz_packed(name: &str, seeds: Vec<Vec<u8>>, reader: impl Fn(&Path) -> Answer) {
+    let folder = tempfile::tempdir().unwrap();
+    fuzz(name, mutated_or_packed(seeds), |(Input(bytes), packed)| {
+        let path = folder.path().join(if *packed {
+            format!("{name}.gz")
+        } else {
+            name.to_owned()
+        });
+        std::fs::write(&path, bytes).unwrap();
+        reader(&path)
+    });
+}
+
+/// More cells of a generated volume take long to fill, which is no fault: they were asked for.
+const MOST_CELLS: u64 = 1 << 18;
+
+#[test]
+fn scene_files() {
+    fuzz_file("a.toml", seeds::scenes(), |path| {
+        let file = told(SceneFile::load(&path.to_string_lossy()))?;
+        let cells = file.volume.as_ref().map_or([0; 3], |volume| volume.cells);
+        if cells.map(u64::from).iter().product::<u64>() > MOST_CELLS {
+            return Ok(());
+        }
+        told(Scene::build(&file)).map(drop)
+    });
+}
+
+#[test]
+fn experiment_files() {
+    fuzz_file("e.toml", seeds::experiments(), |path| {
+        let experiment = told(Experiment::load(&path.to_string_lossy()))?;
+        for profile in Profile::NAMES {
+            told(experiment.cells(profile, &[], &[]))?;
+        }
+        Ok(())
+    });
+}
+
+#[test]
+fn axis_arguments() {
+    let experiment = Experiment::load("uw-photons").unwrap();
+    fuzz("--axis", mutated(seeds::axes()), |Input(bytes)| {
+        let (name, values) = told(parse_axis(&String::from_utf8_lossy(bytes)))?;
+        told(experiment.cells("quick", &[(name, values)], &[])).map(drop)
+    });
+}
+
+#[test]
+fn points() {
+    fuzz_file("points.csv", seeds::points(), |path| {
+        told(query::read(path)).map(drop)
+    });
+}
+
+#[test]
+fn records() {
+    fuzz_file("records.jsonl", seeds::records(), |path| {
+        let read = told(record::read(path))?;
+        told(report::artifacts(&read.records, &[]))?;
+        match read.damaged.first() {
+            Some(damage) => Err(damage.to_string()),
+            None => Ok(()),
+        }
+    });
+}
+
+#[test]
+fn comparison_lines() {
+    fuzz_file("comparison.jsonl", seeds::comparisons(), |path| {
+        let comparison = told(compare::read(path.parent().unwrap()))?;
+        let verdicts = Verdicts::of(&comparison);
+        for format in tables::FORMATS {
+            (format.write)(&verdicts);
+        }
+        Ok(())
+    });
+}
+
+#[test]
+fn gates_files() {
+    fuzz_file("gates.toml", seeds::gates(), |path| {
+        let gates = told(Gates::load(Some(path)))?;
+        told(gates.filtered("caustics")).map(drop)
+    });
+}
+
+fn mesh(path: &Path) -> Answer {
+    told(Mesh::read(path)).and_then(|mesh| mesh.validate())
+}
+
+#[test]
+fn obj_files() {
+    fuzz_packed("a.obj", seeds::objs(), mesh);
+}
+
+#[test]
+fn ply_files() {
+    fuzz_packed("a.ply", seeds::plys(), mesh);
+}
+
+/// A scene whose volume is a file with these keys.
+fn volume(path: &Path, keys: &str) -> Answer {
+    let file = told(SceneFile::parse(
+        &path.to_string_lossy(),
+        &seeds::volume_scene(path, keys),
+    ))?;
+    told(Scene::build(&file)).map(drop)
+}
+
+#[test]
+fn nifti_files() {
+    fuzz_packed("a.nii", seeds::niftis(), |path| volume(path, "up = \"z\""));
+}
+
+#[test]
+fn raw_volumes() {
+    let keys = "cells = [2, 3, 2]\nformat = \"u16\"\nwindow = [0, 44000]";
+    fuzz_packed("a.raw", seeds::raws(), |path| volume(path, keys));
+}
+
+#[test]
+fn keys_of_raw_volumes() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.raw");
+    std::fs::write(&path, [0; 24]).unwrap();
+    fuzz("raw keys", mutated(seeds::raw_keys()), |Input(bytes)| {
+        volume(&path, &String::from_utf8_lossy(bytes))
+    });
+}
+
+#[test]
+fn parameters() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = folder.path().join("a.toml");
+    std::fs::write(&scene, seeds::small_scene()).unwrap();
+    let scene = scene.to_string_lossy();
+    let kinds: Vec<&str> = pipelines::KINDS.iter().map(|kind| kind.name).collect();
+    // A number of the default made extreme, or any text.
+    let any_text = prop::option::weighted(0.2, mutated(seeds::values()));
+    let change = (any::<usize>(), any::<usize>(), any::<usize>(), any_text);
+    let strategy = (
+        prop::sample::select(kinds),
+        prop::collection::vec(change, 1..3),
+    );
+    fuzz("--set", strategy, |(kind, changes)| {
+        let params = told(Subjects::default().subject(kind, &scene, &[]))?.params;
+        let leaves = pipelines::params::leaves(&params);
+        let set = |(leaf, which, by, text): &(usize, usize, usize, Option<Input>)| {
+            let leaf = &leaves[leaf % leaves.len()];
+            let default = pipelines::params::get(&params, leaf).unwrap().to_string();
+            let value = match text {
+                Some(Input(text)) => String::from_utf8_lossy(text).into_owned(),
+                None => extreme(&default, *which, *by),
+            };
+            told(parse_set(&format!("{leaf}={value}")))
+        };
+        let sets: Vec<_> = changes.iter().map(set).collect::<Result<_, _>>()?;
+        let subject = told(Subjects::default().subject(kind, &scene, &sets))?;
+        match told(subject.beyond(&wgpu::Limits::default().into()))? {
+            Some(reason) => Err(reason),
+            None => Ok(()),
+        }
+    });
+}

@@ -1,0 +1,318 @@
+//! Small good inputs of every kind, from which the bad ones are made.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use fathom::compare::cells::CellId;
+use fathom::compare::store::{
+    Build, CheckFigure, ConfigurationFigures, End, ExactFigures, Fault, Gate, Header,
+    InstructionCounts, Launch, Line, Pair, SCHEMA, Samples, Settings, Side, Skip,
+};
+use fathom::experiments::Experiment;
+use fathom::record::{Adapter, Work};
+
+type Seeds = Vec<Vec<u8>>;
+
+fn all<const N: usize>(texts: [&str; N]) -> Seeds {
+    texts.iter().map(|text| text.as_bytes().to_vec()).collect()
+}
+
+const SCENE: &str = r#"name = "s"
+description = "small"
+floor_depth_m = 3.0
+[camera]
+position_m = [0.0, -1.2, 5.5]
+target_m = [0.0, -2.2, 0.0]
+fov_y_deg = 60.0
+z_near_m = 0.1
+z_far_m = 11.0
+[light]
+kind = "directional"
+direction = [0.4, -1.0, -0.35]
+[water]
+model = "circular"
+amplitude_m = 0.05
+wavelength_m = 1.5
+noise = 0.1
+half_size_m = [10.0, 10.0]
+"#;
+
+const OBJECTS: &str = r#"[[object]]
+name = "floor"
+generator = "plane"
+params = { width_m = 20.0, depth_m = 20.0 }
+material = { albedo = [0.75, 0.72, 0.65], tile_m = 1.0 }
+[[object]]
+name = "ball"
+generator = "sphere"
+params = { rows = 5 }
+transform = { fit_m = 1.5, rotate_deg = [0, 30, 0], translate_m = [1, 0, 1] }
+"#;
+
+const VOLUME: &str = r#"[volume]
+generator = "smoke"
+cells = [8, 6, 8]
+fit_m = 2.0
+translate_m = [0.0, 0.1, 0.0]
+reduce = 1
+window = [0.1, 0.9]
+"#;
+
+const DERIVED: &str = r#"base = "plane"
+without = ["floor"]
+name = "d"
+[water]
+amplitude_m = 0.2
+[[object]]
+name = "k"
+generator = "knot"
+params = { segments = 24, sides = 3 }
+"#;
+
+pub fn scenes() -> Seeds {
+    let whole = [SCENE, VOLUME, OBJECTS].concat();
+    all([&[SCENE, OBJECTS].concat(), &whole, DERIVED])
+}
+
+/// A scene with objects, water and a volume, for every pipeline.
+pub fn small_scene() -> String {
+    [SCENE, VOLUME, OBJECTS].concat()
+}
+
+pub fn volume_scene(file: &Path, keys: &str) -> String {
+    let name = file.file_name().unwrap().to_string_lossy();
+    format!("{SCENE}[volume]\nfile = \"{name}\"\n{keys}\n")
+}
+
+pub fn experiments() -> Seeds {
+    let ids = ["vao-view", "uw-photons", "vao-skipping"];
+    all(ids.map(|id| Experiment::builtin_text(id).unwrap()))
+}
+
+pub fn axes() -> Seeds {
+    all([
+        "caustics.grid=100,200",
+        "godrays.grid = 50 , 100",
+        "caustics.grid=1",
+    ])
+}
+
+pub fn points() -> Seeds {
+    all([
+        "x,y,z,nx,ny,nz\n1,2,3,0,1,0\n-0.5,2e1,3,0.1,1,-1\n",
+        "name,nz, ny,nx,z,y,x\n\"a, b\",0,2,0,3, 2,1\n",
+    ])
+}
+
+/// The shortest cell of a real run, with the run's other lines that concern it.
+pub fn records() -> Seeds {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("reports/llvmpipe/records.jsonl");
+    let text = std::fs::read_to_string(path).unwrap();
+    let shortest = |part: &str| {
+        let with_it = text.lines().filter(|line| line.contains(part));
+        with_it.min_by_key(|line| line.len()).unwrap()
+    };
+    let cell = shortest("\"status\":\"measured\"");
+    let id = serde_json::from_str::<serde_json::Value>(cell).unwrap()["experiment"].clone();
+    let lines = [
+        shortest("\"record\":\"run\""),
+        shortest(&format!("\"record\":\"experiment\",\"id\":{id}")),
+        cell,
+        shortest("\"record\":\"end\""),
+    ];
+    vec![(lines.join("\n") + "\n").into_bytes(), cell.into()]
+}
+
+fn cell(stage: &str) -> CellId {
+    CellId::new("tank", stage)
+}
+
+fn header() -> Line {
+    let build = |label: &str| Build {
+        label: label.into(),
+        version: "0.1.0".into(),
+        protocol: Some(1),
+        digest: "d".into(),
+    };
+    Line::Header(Box::new(Header {
+        schema: SCHEMA,
+        fathom_version: "0.1.0".into(),
+        base: build("base"),
+        head: build("head"),
+        adapter: Adapter::default(),
+        settings: Settings {
+            alpha: 0.05,
+            threshold: 0.02,
+            instruction_threshold: 0.005,
+            launches: 6,
+            pairs: 2,
+            seed: 7,
+            gates: Gate::ALL.to_vec(),
+            unpaired: false,
+        },
+        cells: vec![cell("caustics/trace"), cell("godrays/trace")],
+        skipped: vec![Skip {
+            gate: Gate::Instructions,
+            reason: "none".into(),
+        }],
+        notes: vec!["a note".into()],
+    }))
+}
+
+fn figures(side: Side) -> Vec<Line> {
+    let cell = cell("caustics/trace");
+    vec![
+        Line::Configuration(ConfigurationFigures {
+            side,
+            configuration: "tank".into(),
+            allocated_bytes: 1000,
+            errors: BTreeMap::from([("caustics_photon_error_median_m".into(), 0.01)]),
+            quantities: BTreeMap::from([("missed".into(), 0.5)]),
+            notes: Vec::new(),
+        }),
+        Line::Exact(ExactFigures {
+            side,
+            cell: cell.clone(),
+            work: Work::default(),
+            counters: BTreeMap::from([("fragments".into(), 3)]),
+        }),
+        Line::Check(CheckFigure {
+            side,
+            stage: "caustics/trace".into(),
+            what: "landing".into(),
+            unit: "m".into(),
+            measured: 0.1,
+            tolerance: 0.2,
+            sound: true,
+        }),
+        Line::Instructions(InstructionCounts {
+            side,
+            cell: cell.clone(),
+            counts: vec![100, 101, 100],
+        }),
+        Line::Samples(Samples {
+            side,
+            cell,
+            ns: vec![1e6, 1.1e6, 1.2e6],
+            resolution_ns: 5e4,
+        }),
+    ]
+}
+
+fn launch(launch: u32) -> Vec<Line> {
+    let mut lines = vec![Line::Launch(Launch {
+        launch,
+        wall_s: 3.5,
+        second: false,
+        notes: vec!["on core 0".into()],
+    })];
+    for control in [false, true] {
+        for (round, first) in (0..).zip(Side::BOTH) {
+            lines.push(Line::Pair(Pair {
+                launch,
+                round,
+                cell: cell("caustics/trace"),
+                control,
+                second: false,
+                first,
+                base_ns: 1e6 + f64::from(launch),
+                head_ns: 1.02e6,
+            }));
+        }
+    }
+    lines
+}
+
+fn text(lines: &[Line]) -> Vec<u8> {
+    let lines = lines
+        .iter()
+        .map(|line| serde_json::to_string(line).unwrap() + "\n");
+    lines.collect::<String>().into_bytes()
+}
+
+pub fn comparisons() -> Seeds {
+    let fault = Line::Fault(Fault {
+        gate: Gate::Time,
+        side: Some(Side::Head),
+        cell: Some(cell("godrays/trace")),
+        launch: Some(2),
+        control: false,
+        absent: false,
+        reason: "it died".into(),
+    });
+    let end = Line::End(End {
+        wall_s: 10.0,
+        interrupted: false,
+    });
+    let mut lines = vec![header()];
+    lines.extend(Side::BOTH.into_iter().flat_map(figures));
+    lines.extend((0..6).flat_map(launch));
+    lines.extend([fault, end]);
+    vec![text(&lines), text(&lines[..14])]
+}
+
+pub fn gates() -> Seeds {
+    all([
+        include_str!("../../benches/gates.toml"),
+        "control = \"a caustics/trace\"\n[[configuration]]\nid = \"a\"\npipeline = \"underwater\"\nscene = \"tank\"\nstages = [\"caustics/trace\"]\nparams = { caustics.grid = 10 }\n",
+    ])
+}
+
+pub fn objs() -> Seeds {
+    all([
+        "mtllib absent.mtl\no quad\nv 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvt 0 0\nusemtl stone\nf 1/1 2/1 3/1 4/1\n",
+        "v 0 0 0\nv 1 0 0\nv 0 1 0\nvn 0 0 2\nvn 0 1 0\ng a\nf 1//1 2//1 3//1\ng b\nf -1//-1 -2//-2 -3//1\nl 1 2\np 1\n",
+        "v 0 0 0 1\nv 1 0 0 1 0 0\nv 0 1 0 2\nvt 1 1\nvn 0 0 1\nf 1/1/1 2/1/1 3/1/1\r\n",
+    ])
+}
+
+pub fn plys() -> Seeds {
+    all([
+        "ply\nformat ascii 1.0\ncomment made by hand\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\nproperty float confidence\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n0 0 0 1\n1 0 0 1\n1 1 0 1\n0 1 0 1\n4 0 1 2 3\n",
+    ])
+}
+
+pub fn niftis() -> Seeds {
+    let file = |datatype: i16, bytes: usize| {
+        let mut file = vec![0; 352];
+        let mut put = |at: usize, bytes: &[u8]| file[at..at + bytes.len()].copy_from_slice(bytes);
+        put(0, &348i32.to_le_bytes());
+        for (i, n) in [3i16, 2, 3, 2, 1, 1, 1, 1].into_iter().enumerate() {
+            put(40 + 2 * i, &n.to_le_bytes());
+        }
+        put(70, &datatype.to_le_bytes());
+        put(72, &(8 * bytes as i16).to_le_bytes());
+        for (i, edge) in [1.0f32, 1.0, 2.0, 3.0].into_iter().enumerate() {
+            put(76 + 4 * i, &edge.to_le_bytes());
+        }
+        put(108, &352f32.to_le_bytes());
+        put(112, &1f32.to_le_bytes());
+        put(123, &[2]);
+        put(344, b"n+1\0");
+        file.extend((0..12 * bytes).map(|i| i as u8));
+        file
+    };
+    vec![file(2, 1), file(4, 2), file(64, 8)]
+}
+
+pub fn raws() -> Seeds {
+    vec![(0..12u16).flat_map(|i| (i * 4000).to_le_bytes()).collect()]
+}
+
+pub fn raw_keys() -> Seeds {
+    all([
+        "cells = [2, 3, 2]\nformat = \"u16\"\nspacing_m = [0.1, 0.2, 0.3]\nup = \"z\"\nreduce = 2\nwindow = [0, 44000]\nfit_m = 2.0\ntranslate_m = [0, 0, 0]\non = \"floor\"",
+    ])
+}
+
+pub fn values() -> Seeds {
+    all([
+        "1",
+        "0.5",
+        "[64, 64]",
+        "true",
+        "paper",
+        "[0.1, 0.2, 0.3]",
+        "-3e2",
+    ])
+}
