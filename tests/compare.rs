@@ -684,7 +684,7 @@ fn bad_input_is_one_clear_line_and_status_2() {
     );
     refused(
         &["--base-bin", "x", "--launches", "0"],
-        "0 is not in 1..=1000",
+        "0 is not in 1..=200",
     );
     refused(&["--base-bin", "x", "--resume"], "--out");
     refused(&["one.jsonl"], "2 values required");

@@ -7,7 +7,7 @@ use std::path::Path;
 use std::process::{Child, Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
-use fathom::record::{self, Addition, Cell, FramePair, Outcome, Record, SampleLine};
+use fathom::record::{self, Addition, Cell, FramePair, Outcome, Record, SampleLine, StageTime};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 
@@ -185,8 +185,16 @@ fn goes_on(before: &[SampleLine], cells: &[Cell]) {
         assert_eq!(frame.untimed_samples_ns[..n], of(|pair| pair.untimed_ns));
         for (place, stage) in measured.stages.iter().enumerate() {
             assert_eq!(stage.samples_ns.len(), all);
-            let known: Vec<f64> = pairs.iter().map(|pair| pair.stages[place].ns).collect();
-            assert_eq!(stage.samples_ns[..n], known);
+            let known = pairs.iter().map(|pair| &pair.stages[place]);
+            let read = |stage: &StageTime| stage.ns + stage.submit_cost_ns;
+            let [known, as_read]: [Vec<f64>; 2] = [
+                known.clone().map(|stage| stage.ns).collect(),
+                known.map(read).collect(),
+            ];
+            match &stage.fenced {
+                Some(fenced) => assert_eq!(fenced.wall_samples_ns[..n], as_read),
+                None => assert_eq!(stage.samples_ns[..n], known),
+            }
         }
         let warm_up: u32 = added.iter().map(|added| added.warm_up_frames).sum();
         assert!(measured.warm_up_frames >= warm_up + 2);

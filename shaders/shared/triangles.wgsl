@@ -86,15 +86,29 @@ fn extent3(along: vec3<f32>) -> f32 {
 #endif
 }
 
-fn extent2(along: vec2<f32>) -> f32 {
-    return extent3(vec3(along, 0.0));
+// Rounding of a place along an axis, relative to the sum of its terms' sizes: four units of the last place. A voxel that a
+// triangle only touches counts, whichever way its corners were rounded; without this a plane through the diagonals of voxels has
+// gaps.
+const ROUNDING: f32 = 4.8e-7;
+// Most that is allowed for rounding, share of a voxel's extent: below the band that `verify` leaves undecided.
+const MOST_ROUNDING: f32 = 1e-4;
+
+// Half of a voxel's extent along an axis, and the rounding of the corners' places along it.
+fn grown3(along: vec3<f32>, a: vec3<f32>, b: vec3<f32>, c: vec3<f32>) -> f32 {
+    let extent = extent3(along);
+    let rounding = ROUNDING * dot(abs(along), max(abs(a), max(abs(b), abs(c))));
+    return extent + min(rounding, MOST_ROUNDING * extent);
+}
+
+fn grown2(along: vec2<f32>, a: vec2<f32>, b: vec2<f32>, c: vec2<f32>) -> f32 {
+    return grown3(vec3(along, 0.0), vec3(a, 0.0), vec3(b, 0.0), vec3(c, 0.0));
 }
 
 // The axis across an edge. All three corners are projected, so that rounding of the edge costs no voxel.
 fn across(edge: vec2<f32>, a: vec2<f32>, b: vec2<f32>, c: vec2<f32>) -> Axis {
     let along = vec2(-edge.y, edge.x);
     let places = vec3(dot(along, a), dot(along, b), dot(along, c));
-    let grown = extent2(along);
+    let grown = grown2(along, a, b, c);
     let low = min(places.x, min(places.y, places.z)) - grown;
     return Axis(along, low, max(places.x, max(places.y, places.z)) + grown);
 }
@@ -135,7 +149,7 @@ fn triangle(number: u32) -> Triangle {
     c -= origin;
 
     let places = vec3(dot(normal, a), dot(normal, b), dot(normal, c));
-    let grown = extent3(normal);
+    let grown = grown3(normal, a, b, c);
     var found: Triangle;
     found.turn = turn;
     found.base = first;

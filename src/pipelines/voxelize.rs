@@ -272,6 +272,7 @@ mod tests {
         assert!(message.contains("voxel.resolution: asks 512 of max_texture_dimension_3d"));
         let message = beyond(&|p| {
             p.voxel.cells = [256; 3];
+            p.voxel.origin_m = [-10.0, -4.0, -10.0];
             p.voxel.voxel_m = 0.1;
             p.voxel.method = settings::Method::MaxAlpha;
             p.view.width = 9000;
@@ -279,6 +280,7 @@ mod tests {
         assert!(message.contains("view.width"), "{message}");
         let message = beyond(&|p| {
             p.voxel.cells = [2000, 2000, 4000];
+            p.voxel.origin_m = [-10.0, -4.0, -10.0];
             p.voxel.voxel_m = 0.1;
         });
         assert!(message.contains("voxel.cells"), "{message}");

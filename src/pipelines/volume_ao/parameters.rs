@@ -305,6 +305,7 @@ mod tests {
         assert!(error.starts_with("ao.rays"), "{error}");
         let small = [
             ("voxel.cells", json!([3, 3, 3])),
+            ("voxel.origin_m", json!([-1.0, -4.0, -1.0])),
             ("voxel.voxel_m", json!(1.0)),
             ("ao.skipping", json!(true)),
         ];

@@ -6,7 +6,7 @@ use super::{Case, Subject, VOXEL_M, largest, marching, query};
 use crate::harness::verify::rig::Rig;
 use crate::harness::verify::{Check, VerifyError};
 use crate::stages::ao::query::INFO;
-use crate::stages::marching::{Attenuation, Guard, Marching};
+use crate::stages::marching::{Attenuation, Guard, Hit, Marching};
 
 /// Voxels a side: twice r_max and room around it.
 const SIDE: u32 = 96;
@@ -22,8 +22,12 @@ pub fn cases() -> Vec<Case> {
     ]
 }
 
-/// Steps of half a voxel and hard attenuation: A is a solid angle.
+/// Steps of half a voxel and hard attenuation: A is a solid angle. The threshold is one for shells that are a voxel thick at
+/// every slant, as these are; the default's, for conservative volumes, is checked with volumes of its own in `orientations`.
 fn settings(m: &mut Marching) {
+    m.threshold = 0.55;
+    m.offset_voxels = 0.25;
+    m.hit = Hit::Between;
     m.r_max_m = R_MAX * VOXEL_M;
     m.rays = 256;
     m.step_voxels = 0.5;
