@@ -1,0 +1,136 @@
+//! The scheduler on a machine whose submissions cost more at times than a stage lasts.
+
+use super::*;
+use crate::gpu::CostMeter;
+use crate::harness::outcome;
+use crate::record::PassKind;
+
+/// A frame with a stage of no length and one of 2 ms, both fenced, timed by a meter whose submissions cost 60 µs, and every
+/// third time up to 4 ms more.
+struct BusyMachine {
+    meter: CostMeter,
+    random: Pcg64,
+    results: Vec<CellResult>,
+    now_s: f64,
+}
+
+impl BusyMachine {
+    fn submission_ns(&mut self) -> f64 {
+        let waits = self.random.random_bool(1.0 / 3.0);
+        let wait_ns = self.random.random_range(0.0..4e6);
+        60e3 * self.random.random_range(0.8..1.25) + if waits { wait_ns } else { 0.0 }
+    }
+
+    fn stage(&mut self, name: &'static str, length_ns: f64) -> StageSample {
+        let probe_ns = self.submission_ns();
+        self.meter.push(PassKind::Compute, probe_ns);
+        let submit_cost_ns = self
+            .meter
+            .cost_ns(PassKind::Compute)
+            .expect("one was taken");
+        StageSample {
+            name,
+            clock: Clock::FencedHost,
+            ns: length_ns + self.submission_ns() - submit_cost_ns,
+            submit_cost_ns,
+            resolution_ns: self.meter.resolution_ns(&[(PassKind::Compute, 1)].into()),
+        }
+    }
+}
+
+impl Executor for BusyMachine {
+    type Fatal = String;
+
+    fn prepare(&mut self, _: usize) -> Result<u64, Failure> {
+        Ok(1)
+    }
+
+    fn timed(&mut self, _: usize) -> Result<FrameSample, Failure> {
+        let stages = vec![self.stage("none", 0.0), self.stage("long", 2e6)];
+        let cost_ns: f64 = stages.iter().map(|stage| stage.submit_cost_ns).sum();
+        let ns: f64 = stages.iter().map(|stage| stage.ns).sum();
+        self.now_s += 0.01;
+        Ok(FrameSample {
+            stages,
+            gaps_ns: cost_ns,
+            envelope_ns: ns + cost_ns,
+            wall_ns: ns + cost_ns,
+            faults: Vec::new(),
+        })
+    }
+
+    fn untimed(&mut self, _: usize) -> Result<f64, Failure> {
+        self.now_s += 0.01;
+        Ok(2e6 + self.submission_ns())
+    }
+
+    fn earlier(&mut self, _: usize) -> Vec<Addition> {
+        Vec::new()
+    }
+
+    fn keep(&mut self, _: usize, _: Addition) -> Result<(), String> {
+        Ok(())
+    }
+
+    fn end_round(&mut self) -> Result<(), String> {
+        Ok(())
+    }
+
+    fn finish(&mut self, _: usize, result: CellResult) -> Result<(), String> {
+        self.results.push(result);
+        Ok(())
+    }
+
+    fn release(&mut self, _: usize) {}
+
+    fn recover(&mut self) -> Result<(), String> {
+        Ok(())
+    }
+
+    fn now_s(&self) -> f64 {
+        self.now_s
+    }
+}
+
+#[test]
+fn costs_that_scatter_fail_no_cell_and_leave_no_time_of_zero_or_less() {
+    let mut machine = BusyMachine {
+        meter: CostMeter::default(),
+        random: Pcg64::seed_from_u64(11),
+        results: Vec::new(),
+        now_s: 0.0,
+    };
+    let flag = AtomicBool::new(false);
+    let settings = Settings {
+        budget_s: 4.0,
+        ..SETTINGS
+    };
+    sample(&mut machine, &[0], &settings, &flag).expect("it never ends a run");
+    let [CellResult::Sampled(samples)] = machine.results.as_slice() else {
+        panic!("{:?}", machine.results);
+    };
+    assert!(samples.rejected.is_empty(), "{:?}", samples.rejected);
+    assert!(
+        samples.stages[0].ns.iter().any(|ns| *ns < 0.0),
+        "the noise is none"
+    );
+    let [none, long] =
+        [0, 1].map(|i| outcome::stage_record(&samples.stages[i], <_>::default(), <_>::default()));
+    for stage in [&none, &long] {
+        assert!(stage.samples_ns.iter().all(|ns| *ns > 0.0));
+        assert!(stage.time.low > 0.0);
+    }
+    assert!(
+        !none.is_resolved(),
+        "{:?} of {}",
+        none.time,
+        none.resolution_ns()
+    );
+    assert!(long.is_resolved());
+    assert!(
+        (long.time.median / 2e6 - 1.0).abs() < 0.1,
+        "{:?}",
+        long.time
+    );
+    assert!(outcome::accounting_error(samples) < 1e-9);
+}
