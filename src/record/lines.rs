@@ -4,10 +4,11 @@
 use std::fs::{File, OpenOptions};
 use std::io::{ErrorKind, Read, Seek, SeekFrom, Write};
 use std::marker::PhantomData;
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 
-use serde::Serialize;
 use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use super::lock::is_file;
@@ -16,8 +17,8 @@ use crate::input;
 /// Damaged lines that are told one by one.
 const MOST_TOLD: usize = 10;
 
-/// Largest file that is read, bytes: 100,000 cells of ten stages with 30 samples each.
-pub const MAX_FILE: u64 = 512 << 20;
+/// Largest file that is read, bytes: 100,000 cells of thirteen stages with 50 samples each.
+pub const MAX_FILE: u64 = 2 << 30;
 /// Longest line that is read, bytes: a cell of ten stages with 40,000 samples each.
 const MAX_LINE: usize = 8 << 20;
 
@@ -149,7 +150,7 @@ impl<T: Line> LineWriter<T> {
             None
         } else {
             let aside = keep_beside(path, "damaged", &bytes)?;
-            replace(path, &sorted.sound)?;
+            replace(path, &sorted.sound_of(&bytes))?;
             Some(aside)
         };
         let mut writer = Self::append(path)?;
@@ -340,10 +341,22 @@ pub fn read_lines<T: Line>(path: &Path) -> Result<Lines<T>, RecordError> {
     Ok(sort(path, &bytes)?.lines)
 }
 
-/// A file's lines, and the bytes of the sound ones.
+/// A file's lines, and where the sound ones lie in it, without their ends.
 struct Sorted<T> {
     lines: Lines<T>,
-    sound: Vec<u8>,
+    sound: Vec<Range<usize>>,
+}
+
+impl<T> Sorted<T> {
+    /// The sound lines of `bytes`, each with its end.
+    fn sound_of(&self, bytes: &[u8]) -> Vec<u8> {
+        let lines = self.sound.iter().map(|place| &bytes[place.clone()]);
+        lines
+            .flat_map(|line| [line, b"\n"])
+            .flatten()
+            .copied()
+            .collect()
+    }
 }
 
 fn sort<T: Line>(path: &Path, bytes: &[u8]) -> Result<Sorted<T>, RecordError> {
@@ -352,8 +365,10 @@ fn sort<T: Line>(path: &Path, bytes: &[u8]) -> Result<Sorted<T>, RecordError> {
         sound: Vec::new(),
     };
     let mut headers = Headers::default();
+    let mut next = 0;
     for (index, line) in bytes.split_inclusive(|byte| *byte == b'\n').enumerate() {
-        let number = index + 1;
+        let (number, start) = (index + 1, next);
+        next += line.len();
         if line.iter().all(u8::is_ascii_whitespace) {
             continue;
         }
@@ -361,10 +376,8 @@ fn sort<T: Line>(path: &Path, bytes: &[u8]) -> Result<Sorted<T>, RecordError> {
             Parsed::Line(parsed) => match headers.orphaned(&parsed) {
                 None => {
                     sorted.lines.lines.push(parsed);
-                    sorted
-                        .sound
-                        .extend(line.strip_suffix(b"\n").unwrap_or(line));
-                    sorted.sound.push(b'\n');
+                    let length = line.strip_suffix(b"\n").unwrap_or(line).len();
+                    sorted.sound.push(start..start + length);
                     continue;
                 }
                 Some(lost) => {
@@ -436,19 +449,24 @@ fn parse<T: Line>(line: &[u8]) -> Parsed<T> {
     if line.len() > MAX_LINE {
         return Parsed::Damaged(format!("longer than {} MiB", MAX_LINE >> 20));
     }
-    let value: Value = match serde_json::from_slice(line) {
-        Ok(value) => value,
-        Err(error) => return Parsed::Damaged(format!("not JSON: {error}")),
-    };
-    let schema = value.get("schema").and_then(Value::as_u64);
-    if let Some(found) = schema.filter(|found| *found != u64::from(T::SCHEMA)) {
+    let stated = serde_json::from_slice::<Stated>(line).ok();
+    let found = stated.and_then(|stated| stated.schema?.as_u64());
+    if let Some(found) = found.filter(|found| *found != u64::from(T::SCHEMA)) {
         return Parsed::OtherSchema(found);
     }
-    match serde_json::from_value::<T>(value) {
+    match serde_json::from_slice::<T>(line) {
         Ok(line) => match line.check() {
             Ok(()) => Parsed::Line(line),
             Err(fault) => Parsed::Damaged(fault),
         },
-        Err(error) => Parsed::Damaged(format!("not a {}: {error}", T::NAME)),
+        Err(error) if error.is_data() => Parsed::Damaged(format!("not a {}: {error}", T::NAME)),
+        Err(error) => Parsed::Damaged(format!("not JSON: {error}")),
     }
+}
+
+/// The format that a line says it has, if it says so.
+#[derive(Deserialize)]
+struct Stated {
+    #[serde(default)]
+    schema: Option<Value>,
 }
