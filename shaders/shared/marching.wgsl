@@ -139,11 +139,9 @@ fn crossing(low_d: f32, low_v: f32, high_d: f32, high_v: f32) -> f32 {
 
 #if PEAK == 1
 // Distance of the first crossing between the sample before, at `d − step` and below the threshold, and the one at `d`; −1
-// without one. V is trilinear between 0 and 1, so along a ray it changes by at most |x| + |y| + |z| of the direction a voxel:
-// most pairs need no look.
+// without one. Before a wall V changes by at most 1 a voxel, so that most pairs need no look.
 fn crossing_within(origin: vec3<f32>, direction: vec3<f32>, d: f32, previous: f32, v: f32) -> f32 {
-    let size = abs(direction);
-    if previous + v + march.step * (size.x + size.y + size.z) < 2.0 * march.threshold {
+    if previous + v + march.step < 2.0 * march.threshold {
         return -1.0;
     }
     let part = march.step / f32(PARTS);

@@ -192,8 +192,7 @@ impl March {
             let samples = distances.map(|d| (d, density(d)));
             self.gathered(samples, volume.density(origin))
         } else {
-            let steepest = direction.abs().element_sum();
-            self.first_hit(distances, density, steepest)
+            self.first_hit(distances, density)
         }
     }
 
@@ -212,19 +211,14 @@ impl March {
         1.0 - f64::powf(open, self.step)
     }
 
-    /// ρ of the first sample above the threshold, or of a crossing before it. V changes by at most `steepest` a voxel along the ray.
-    fn first_hit(
-        &self,
-        distances: impl Iterator<Item = f64>,
-        density: impl Fn(f64) -> f64,
-        steepest: f64,
-    ) -> f64 {
+    /// ρ of the first sample above the threshold, or of a crossing before it.
+    fn first_hit(&self, distances: impl Iterator<Item = f64>, density: impl Fn(f64) -> f64) -> f64 {
         let mut previous: Option<(f64, f64)> = None;
         for d in distances {
             let now = (d, density(d));
             let within = previous
                 .filter(|_| self.peak)
-                .and_then(|before| self.crossing_within(before, now, &density, steepest));
+                .and_then(|before| self.crossing_within(before, now, &density));
             let at_sample = || match previous {
                 Some(before) if self.between => self.crossing(before, now),
                 _ => d,
@@ -242,15 +236,15 @@ impl March {
         high.0 - (high.0 - low.0) * (high.1 - self.threshold) / (high.1 - low.1)
     }
 
-    /// The first crossing between two neighbouring samples, sampled in parts of the step.
+    /// The first crossing between two neighbouring samples, sampled in parts of the step. Before a wall V changes by at most 1 a
+    /// voxel: where that does not reach the threshold, there is no look.
     fn crossing_within(
         &self,
         mut before: (f64, f64),
         now: (f64, f64),
         density: impl Fn(f64) -> f64,
-        steepest: f64,
     ) -> Option<f64> {
-        if before.1 + now.1 + self.step * steepest < 2.0 * self.threshold {
+        if before.1 + now.1 + self.step < 2.0 * self.threshold {
             return None;
         }
         for i in (0..PARTS).rev() {
