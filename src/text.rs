@@ -33,7 +33,7 @@ pub fn line(text: &str) -> String {
     text.chars().map(shown).collect()
 }
 
-/// The same with line feeds and tabs kept: for texts of several lines, whose names have passed through [`line`].
+/// The same with line feeds and tabs kept: for texts of several lines, whose names have passed through [`line()`].
 pub fn block(text: &str) -> String {
     let shown = |c: char| match c {
         '\n' | '\t' => c,

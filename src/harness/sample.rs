@@ -96,7 +96,7 @@ pub enum Stopped {
     Interrupted,
 }
 
-/// One stage's durations, in the order of the frames; see [`StageSample`](crate::gpu::StageSample).
+/// One stage's durations, in the order of the frames; see [`StageSample`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct StageSamples {
     pub name: String,
