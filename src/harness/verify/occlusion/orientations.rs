@@ -60,7 +60,7 @@ const UNGUARDED: Control = Control {
     change: |params| params.ao.guard = Guard::None,
 };
 
-/// RMS error of A that is allowed over the points of a body in one orientation: about one and a half times the largest seen.
+/// RMS error of A that is allowed over the points of a body in one orientation: above the largest seen, below the control's.
 const BODIES: [(&str, f64, Control, Make); 6] = [
     ("ceiling", 0.05, GAPS, ceiling),
     ("corner", 0.03, GAPS, |random| wedge(random, 90.0)),
