@@ -768,20 +768,18 @@ fn equal_builds_execute_equally_many_instructions() {
     assert!(page.contains("no regression"));
 }
 
-/// What a stage leaves behind must not make its next frame longer: here, triangles in a queue. Such a stage grows from each frame
-/// to the next. What else the process does may fall into one of the frames.
+/// What a stage leaves behind must not make its next frame longer: here, triangles in a queue. All frames but one are held to it:
+/// what else the process does falls into one at times.
 #[test]
 fn a_stage_alone_executes_as_much_in_each_frame() {
     let Some((comparison, _)) = counted("alpha voxel/alpha") else {
         return;
     };
     for line in &comparison.instructions {
-        let growth = line
-            .counts
-            .windows(2)
-            .map(|pair| pair[1] as f64 / pair[0] as f64);
-        let least = growth.fold(f64::INFINITY, f64::min);
-        assert!(least < 1.002, "{:?}", line.counts);
+        let mut counts = line.counts.clone();
+        counts.sort_unstable();
+        let (least, most) = (counts[0] as f64, counts[counts.len() - 2] as f64);
+        assert!(counts.len() >= 3 && most / least < 1.002, "{counts:?}");
     }
     assert_eq!(comparison.instructions.len(), 2);
 }
