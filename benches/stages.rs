@@ -38,19 +38,11 @@ struct Group {
 }
 
 fn groups() -> Vec<Group> {
-    let group = |name, pipeline, scene, params, stages| Group {
-        name,
-        pipeline,
-        scene,
-        params,
-        stages,
-    };
+    let group =
+        |name, pipeline, scene, params, stages| Group { name, pipeline, scene, params, stages };
     let voxelize = |name, method| {
         let size = [("view.width", json!(64)), ("view.height", json!(64))];
-        let method = [
-            ("voxel.method", json!(method)),
-            ("voxel.resolution", json!(128)),
-        ];
+        let method = [("voxel.method", json!(method)), ("voxel.resolution", json!(128))];
         let params = size.into_iter().chain(method).collect();
         group(name, "voxelize", "bunny_dry", params, &["voxel/"])
     };
@@ -77,13 +69,7 @@ fn groups() -> Vec<Group> {
             vec![("ao.rays", json!(50)), ("ao.samples", json!(8))],
             &["ao/march"],
         ),
-        group(
-            "volume_ao",
-            "volume_ao",
-            "bunny_dry",
-            with(vec![("ao.skipping", json!(true))]),
-            &[],
-        ),
+        group("volume_ao", "volume_ao", "bunny_dry", with(vec![("ao.skipping", json!(true))]), &[]),
         group(
             "volume_ao, moving",
             "volume_ao",
@@ -93,13 +79,7 @@ fn groups() -> Vec<Group> {
         ),
         group("hsao", "hsao", "bunny_dry", small(), &[]),
         group("isosurface", "scalar_ao", "smoke", small(), &[]),
-        group(
-            "direct",
-            "scalar_ao",
-            "smoke",
-            with(vec![("scalar.mode", json!("direct"))]),
-            &[],
-        ),
+        group("direct", "scalar_ao", "smoke", with(vec![("scalar.mode", json!("direct"))]), &[]),
         group(
             "positional",
             "scalar_ao",
@@ -137,9 +117,8 @@ fn run() -> anyhow::Result<()> {
     }
     bench.criterion.final_summary();
     let missing = REGISTRY.iter().map(|stage| stage.name);
-    let missing: Vec<&str> = missing
-        .filter(|name| !bench.measured.contains(name) && !APART.contains(name))
-        .collect();
+    let missing: Vec<&str> =
+        missing.filter(|name| !bench.measured.contains(name) && !APART.contains(name)).collect();
     anyhow::ensure!(missing.is_empty(), "not measured: {}", missing.join(", "));
     Ok(())
 }
@@ -147,12 +126,9 @@ fn run() -> anyhow::Result<()> {
 impl Bench {
     fn group(&mut self, group: &Group) -> anyhow::Result<()> {
         let params = group.params.iter();
-        let params: Vec<_> = params
-            .map(|(path, value)| ((*path).to_owned(), value.clone()))
-            .collect();
-        let subject = self
-            .subjects
-            .subject(group.pipeline, group.scene, &params)?;
+        let params: Vec<_> =
+            params.map(|(path, value)| ((*path).to_owned(), value.clone())).collect();
+        let subject = self.subjects.subject(group.pipeline, group.scene, &params)?;
         let pipeline = subject.build(&self.gpu)?;
         let stages = pipeline.stages();
         let frame: Vec<&dyn Encode> = stages.iter().map(|stage| *stage as &dyn Encode).collect();
@@ -237,9 +213,7 @@ fn counted_samples(
 }
 
 fn declared(work: &Work) -> Option<u64> {
-    [work.photons, work.fragments, work.triangles]
-        .into_iter()
-        .find(|&count| count > 0)
+    [work.photons, work.fragments, work.triangles].into_iter().find(|&count| count > 0)
 }
 
 /// Readings of a stage before its clock is given up.

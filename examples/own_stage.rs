@@ -29,40 +29,36 @@ struct Vignette {
 
 impl Vignette {
     fn new(gpu: &Gpu, image: &wgpu::Texture) -> Self {
-        let module = gpu
-            .device
-            .create_shader_module(wgpu::ShaderModuleDescriptor {
-                label: Some("post/vignette"),
-                source: wgpu::ShaderSource::Wgsl(SHADER.into()),
-            });
+        let module = gpu.device.create_shader_module(wgpu::ShaderModuleDescriptor {
+            label: Some("post/vignette"),
+            source: wgpu::ShaderSource::Wgsl(SHADER.into()),
+        });
         let target = wgpu::ColorTargetState {
             format: image.format(),
             blend: Some(wgpu::BlendState::ALPHA_BLENDING),
             write_mask: wgpu::ColorWrites::ALL,
         };
-        let pipeline = gpu
-            .device
-            .create_render_pipeline(&wgpu::RenderPipelineDescriptor {
-                label: Some("post/vignette"),
-                layout: None,
-                vertex: wgpu::VertexState {
-                    module: &module,
-                    entry_point: Some("vertex"),
-                    compilation_options: Default::default(),
-                    buffers: &[],
-                },
-                primitive: Default::default(),
-                depth_stencil: None,
-                multisample: Default::default(),
-                fragment: Some(wgpu::FragmentState {
-                    module: &module,
-                    entry_point: Some("fragment"),
-                    compilation_options: Default::default(),
-                    targets: &[Some(target)],
-                }),
-                multiview_mask: None,
-                cache: None,
-            });
+        let pipeline = gpu.device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
+            label: Some("post/vignette"),
+            layout: None,
+            vertex: wgpu::VertexState {
+                module: &module,
+                entry_point: Some("vertex"),
+                compilation_options: Default::default(),
+                buffers: &[],
+            },
+            primitive: Default::default(),
+            depth_stencil: None,
+            multisample: Default::default(),
+            fragment: Some(wgpu::FragmentState {
+                module: &module,
+                entry_point: Some("fragment"),
+                compilation_options: Default::default(),
+                targets: &[Some(target)],
+            }),
+            multiview_mask: None,
+            cache: None,
+        });
         Self {
             pipeline,
             view: image.create_view(&Default::default()),
@@ -77,15 +73,8 @@ impl Encode for Vignette {
     }
 
     fn encode(&self, scope: &mut StageScope<'_>) {
-        let color = [ColorTarget {
-            view: &self.view,
-            clear: None,
-            slice: None,
-        }];
-        let targets = Targets {
-            color: &color,
-            depth: None,
-        };
+        let color = [ColorTarget { view: &self.view, clear: None, slice: None }];
+        let targets = Targets { color: &color, depth: None };
         scope.render(&targets, |pass| {
             pass.set_pipeline(&self.pipeline);
             pass.draw(0..3, 0..1);
@@ -95,11 +84,7 @@ impl Encode for Vignette {
 
 impl Stage for Vignette {
     fn work(&self) -> Work {
-        Work {
-            fragments: self.pixels,
-            bytes_written: self.pixels * 4,
-            ..Work::default()
-        }
+        Work { fragments: self.pixels, bytes_written: self.pixels * 4, ..Work::default() }
     }
 
     fn outputs(&self) -> Vec<Output> {

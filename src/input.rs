@@ -41,11 +41,7 @@ fn regular(metadata: &Metadata) -> io::Result<()> {
     if metadata.is_file() {
         return Ok(());
     }
-    let what = if metadata.is_dir() {
-        "a folder"
-    } else {
-        "a pipe or a device"
-    };
+    let what = if metadata.is_dir() { "a folder" } else { "a pipe or a device" };
     let message = format!("it is {what}, and only regular files are read");
     Err(io::Error::new(ErrorKind::InvalidInput, message))
 }
@@ -58,10 +54,7 @@ pub struct Limited<R> {
 
 impl<R: Read> Limited<R> {
     pub fn new(source: R, limit: u64) -> Self {
-        Self {
-            source: source.take(limit.saturating_add(1)),
-            limit,
-        }
+        Self { source: source.take(limit.saturating_add(1)), limit }
     }
 }
 
@@ -151,12 +144,7 @@ pub struct Lines<R> {
 
 impl<R: BufRead> Lines<R> {
     pub fn new(source: R, longest: usize) -> Self {
-        Self {
-            source,
-            longest,
-            line: Vec::new(),
-            number: 0,
-        }
+        Self { source, longest, line: Vec::new(), number: 0 }
     }
 
     /// Reads the next line; none at the end of the source.
@@ -171,10 +159,7 @@ impl<R: BufRead> Lines<R> {
             seen += part.len();
             let room = self.longest - self.line.len();
             self.line.extend_from_slice(&part[..part.len().min(room)]);
-            let (used, ended) = (
-                part.len() + usize::from(newline.is_some()),
-                bytes.is_empty(),
-            );
+            let (used, ended) = (part.len() + usize::from(newline.is_some()), bytes.is_empty());
             self.source.consume(used);
             if ended && seen == 0 {
                 return Ok(None);
@@ -245,9 +230,7 @@ mod tests {
         let file = written(&packed(&[7; 1 << 20]));
         assert!(file.path().metadata().unwrap().len() < 1 << 12);
         let mut bytes = Vec::new();
-        let whole = unpacked(file.path(), 1 << 20)
-            .unwrap()
-            .read_to_end(&mut bytes);
+        let whole = unpacked(file.path(), 1 << 20).unwrap().read_to_end(&mut bytes);
         assert_eq!(whole.unwrap(), 1 << 20);
         let mut source = unpacked(file.path(), (1 << 20) - 1).unwrap();
         let fault = source.read_to_end(&mut Vec::new()).unwrap_err();
@@ -263,17 +246,10 @@ mod tests {
 
     #[test]
     fn lines_are_cut_at_their_longest_and_the_next_one_is_whole() {
-        let mut lines = Lines::new(
-            BufReader::with_capacity(3, &b"ab\nabcdefgh\n\nabcd\nx"[..]),
-            4,
-        );
+        let mut lines = Lines::new(BufReader::with_capacity(3, &b"ab\nabcdefgh\n\nabcd\nx"[..]), 4);
         let mut found = Vec::new();
         while let Some(end) = lines.advance().unwrap() {
-            found.push((
-                lines.number,
-                String::from_utf8(lines.line.clone()).unwrap(),
-                end,
-            ));
+            found.push((lines.number, String::from_utf8(lines.line.clone()).unwrap(), end));
         }
         let line = |number, text: &str, end| (number, text.to_owned(), end);
         let expected = [

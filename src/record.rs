@@ -193,9 +193,7 @@ impl StageRecord {
 
     /// The duration below which times cannot be told from none; 0 where no cost was taken off.
     pub fn resolution_ns(&self) -> f64 {
-        self.fenced
-            .as_ref()
-            .map_or(0.0, |fenced| fenced.resolution_ns)
+        self.fenced.as_ref().map_or(0.0, |fenced| fenced.resolution_ns)
     }
 }
 
@@ -213,10 +211,7 @@ pub struct Fenced {
 
 impl Fenced {
     fn differences_ns(&self) -> impl Iterator<Item = f64> {
-        let pairs = self
-            .wall_samples_ns
-            .iter()
-            .zip(&self.submit_cost_samples_ns);
+        let pairs = self.wall_samples_ns.iter().zip(&self.submit_cost_samples_ns);
         pairs.map(|(wall_ns, cost_ns)| wall_ns - cost_ns)
     }
 

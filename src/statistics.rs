@@ -112,20 +112,10 @@ pub fn outliers(samples: &[f64]) -> Outliers {
     let middle = median(samples);
     let distances: Vec<f64> = samples.iter().map(|x| (x - middle).abs()).collect();
     let sigma = MAD_TO_SIGMA * median(&distances);
-    let mut found = Outliers {
-        n: samples.len(),
-        sigma,
-        ..Outliers::default()
-    };
+    let mut found = Outliers { n: samples.len(), sigma, ..Outliers::default() };
     if sigma > 0.0 {
-        found.slow = samples
-            .iter()
-            .filter(|x| (**x - middle) / sigma > OUTLIER_Z)
-            .count();
-        found.fast = samples
-            .iter()
-            .filter(|x| (**x - middle) / sigma < -OUTLIER_Z)
-            .count();
+        found.slow = samples.iter().filter(|x| (**x - middle) / sigma > OUTLIER_Z).count();
+        found.fast = samples.iter().filter(|x| (**x - middle) / sigma < -OUTLIER_Z).count();
     }
     found
 }
@@ -154,10 +144,8 @@ pub fn log_log_slope(points: &[(f64, &[f64])]) -> Option<Slope> {
         .filter(|(x, samples)| usable(*x) && usable(median(samples)))
         .map(|(x, samples)| (x.ln(), sorted(samples)))
         .collect();
-    let medians: Vec<(f64, f64)> = points
-        .iter()
-        .map(|(x, y)| (*x, median_of_sorted(y).ln()))
-        .collect();
+    let medians: Vec<(f64, f64)> =
+        points.iter().map(|(x, y)| (*x, median_of_sorted(y).ln())).collect();
     let slope = theil_sen(&medians)?;
 
     // A resample of a single sample is that sample.
@@ -190,11 +178,7 @@ fn theil_sen(points: &[(f64, f64)]) -> Option<f64> {
     let mut slopes: Vec<f64> = points
         .iter()
         .enumerate()
-        .flat_map(|(i, a)| {
-            points[i + 1..]
-                .iter()
-                .map(move |b| (b.1 - a.1) / (b.0 - a.0))
-        })
+        .flat_map(|(i, a)| points[i + 1..].iter().map(move |b| (b.1 - a.1) / (b.0 - a.0)))
         .filter(|slope| slope.is_finite())
         .collect();
     (!slopes.is_empty()).then(|| median_in_place(&mut slopes))
@@ -220,10 +204,7 @@ struct MedianBootstrap {
 
 impl MedianBootstrap {
     fn new() -> Self {
-        Self {
-            random: Pcg64::seed_from_u64(SEED),
-            counts: Vec::new(),
-        }
+        Self { random: Pcg64::seed_from_u64(SEED), counts: Vec::new() }
     }
 
     fn draw(&mut self, sorted: &[f64]) -> f64 {
@@ -285,20 +266,11 @@ mod tests {
         let mut random = Pcg64::seed_from_u64(3);
         let samples = heavy_tailed(&mut random, MOST_RESAMPLED + 1);
         let [by_ranks, resampled] = [&samples[..], &samples[1..]].map(estimate);
-        assert_eq!(
-            [by_ranks.n, resampled.n],
-            [MOST_RESAMPLED + 1, MOST_RESAMPLED]
-        );
+        assert_eq!([by_ranks.n, resampled.n], [MOST_RESAMPLED + 1, MOST_RESAMPLED]);
         let width = |estimate: &Estimate| estimate.high - estimate.low;
         let off = |a: f64, b: f64| (a - b).abs() / width(&resampled);
-        assert!(
-            off(by_ranks.low, resampled.low) < 0.15,
-            "{by_ranks:?} {resampled:?}"
-        );
-        assert!(
-            off(by_ranks.high, resampled.high) < 0.15,
-            "{by_ranks:?} {resampled:?}"
-        );
+        assert!(off(by_ranks.low, resampled.low) < 0.15, "{by_ranks:?} {resampled:?}");
+        assert!(off(by_ranks.high, resampled.high) < 0.15, "{by_ranks:?} {resampled:?}");
         assert!(by_ranks.low < by_ranks.median && by_ranks.median < by_ranks.high);
     }
 
@@ -317,11 +289,8 @@ mod tests {
         (0..n)
             .map(|_| {
                 let normal: f64 = (0..12).map(|_| random.random::<f64>()).sum::<f64>() - 6.0;
-                let stall = if random.random_bool(0.1) {
-                    1.0 + 29.0 * random.random::<f64>()
-                } else {
-                    1.0
-                };
+                let stall =
+                    if random.random_bool(0.1) { 1.0 + 29.0 * random.random::<f64>() } else { 1.0 };
                 20.0 * (0.15 * normal).exp() * stall
             })
             .collect()
@@ -349,10 +318,7 @@ mod tests {
                 .count();
             let coverage = covered as f64 / trials as f64;
             // Binomial deviation at 95 % over 400 trials is 1.1 %; the percentile bootstrap falls short a little.
-            assert!(
-                (0.91..=0.99).contains(&coverage),
-                "n = {n}: coverage {coverage}"
-            );
+            assert!((0.91..=0.99).contains(&coverage), "n = {n}: coverage {coverage}");
         }
     }
 
@@ -366,10 +332,7 @@ mod tests {
                 e.low <= wrong && wrong <= e.high
             })
             .count();
-        assert!(
-            covered < 60,
-            "a median 20 % off was covered {covered} times in 200"
-        );
+        assert!(covered < 60, "a median 20 % off was covered {covered} times in 200");
     }
 
     #[test]
@@ -383,10 +346,7 @@ mod tests {
             median(&widths)
         };
         let ratio = width(25) / width(400);
-        assert!(
-            (3.0..=5.5).contains(&ratio),
-            "expected about 4, got {ratio}"
-        );
+        assert!((3.0..=5.5).contains(&ratio), "expected about 4, got {ratio}");
     }
 
     #[test]
@@ -429,11 +389,7 @@ mod tests {
         samples[70] = 1.0;
         let found = outliers(&samples);
         assert_eq!((found.slow, found.fast, found.n), (2, 1, 100));
-        assert_eq!(
-            outliers(&[1.0, 1.0, 1.0, 9.0]).slow,
-            0,
-            "no spread, no verdict"
-        );
+        assert_eq!(outliers(&[1.0, 1.0, 1.0, 9.0]).slow, 0, "no spread, no verdict");
     }
 
     #[test]
@@ -450,22 +406,13 @@ mod tests {
             .iter()
             .map(|x: &f64| {
                 let scale = 3.0 * x.powf(exponent);
-                (
-                    *x,
-                    heavy_tailed(random, 30)
-                        .iter()
-                        .map(|t| t / 20.0 * scale)
-                        .collect(),
-                )
+                (*x, heavy_tailed(random, 30).iter().map(|t| t / 20.0 * scale).collect())
             })
             .collect()
     }
 
     fn borrowed(points: &[(f64, Vec<f64>)]) -> Vec<(f64, &[f64])> {
-        points
-            .iter()
-            .map(|(x, samples)| (*x, samples.as_slice()))
-            .collect()
+        points.iter().map(|(x, samples)| (*x, samples.as_slice())).collect()
     }
 
     #[test]
@@ -475,10 +422,7 @@ mod tests {
             let points = power_law(exponent, &mut random);
             let fit = log_log_slope(&borrowed(&points)).expect("five points");
             assert!((fit.slope - exponent).abs() < 0.06, "{exponent}: {fit:?}");
-            assert!(
-                fit.low <= fit.slope && fit.slope <= fit.high,
-                "{exponent}: {fit:?}"
-            );
+            assert!(fit.low <= fit.slope && fit.slope <= fit.high, "{exponent}: {fit:?}");
             assert_eq!(fit.n, 5);
         }
     }
@@ -500,12 +444,7 @@ mod tests {
     #[test]
     fn one_wild_point_does_not_turn_the_slope() {
         let points: Vec<(f64, Vec<f64>)> = (1..=9)
-            .map(|i| {
-                (
-                    f64::from(i),
-                    vec![f64::from(i) * if i == 8 { 20.0 } else { 1.0 }],
-                )
-            })
+            .map(|i| (f64::from(i), vec![f64::from(i) * if i == 8 { 20.0 } else { 1.0 }]))
             .collect();
         let fit = log_log_slope(&borrowed(&points)).expect("nine points");
         assert!((fit.slope - 1.0).abs() < 1e-9, "{fit:?}");

@@ -72,7 +72,5 @@ pub fn failed_if(printed: io::Result<()>) {
 /// Why an answer could not be written; none where its reader closed the pipe.
 pub fn unanswered() -> Option<&'static io::Error> {
     let _ = Answer.flush();
-    FAILURE
-        .get()
-        .filter(|error| error.kind() != ErrorKind::BrokenPipe)
+    FAILURE.get().filter(|error| error.kind() != ErrorKind::BrokenPipe)
 }

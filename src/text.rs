@@ -130,16 +130,8 @@ pub fn link(path: &str) -> String {
 pub fn csv(field: &str) -> String {
     let field = line(field);
     let formula = field.trim_start().starts_with(['=', '+', '-', '@']);
-    let field = if formula && field.parse::<f64>().is_err() {
-        format!("'{field}")
-    } else {
-        field
-    };
-    if field.contains([',', '"']) {
-        format!("\"{}\"", field.replace('"', "\"\""))
-    } else {
-        field
-    }
+    let field = if formula && field.parse::<f64>().is_err() { format!("'{field}") } else { field };
+    if field.contains([',', '"']) { format!("\"{}\"", field.replace('"', "\"\"")) } else { field }
 }
 
 /// The stem of a file's name: different for different names, also where a file system does not tell `A` from `a`, and
@@ -166,16 +158,10 @@ pub fn file_stem(name: &str) -> String {
 pub fn check_id(id: &str) -> Result<(), String> {
     let plain = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '-';
     if id.is_empty() || !id.chars().all(plain) {
-        return Err(format!(
-            "id `{}` must be lower-case letters, digits and `-`",
-            line(id)
-        ));
+        return Err(format!("id `{}` must be lower-case letters, digits and `-`", line(id)));
     }
     if id.len() > ID_LENGTH {
-        return Err(format!(
-            "id `{id}` has {} characters, the most are {ID_LENGTH}",
-            id.len()
-        ));
+        return Err(format!("id `{id}` has {} characters, the most are {ID_LENGTH}", id.len()));
     }
     Ok(())
 }
@@ -194,10 +180,7 @@ mod tests {
     #[test]
     fn markdown_shows_names_as_they_are() {
         assert_eq!(markdown("<b>&amp;|x"), "&lt;b>&amp;amp;\\|x");
-        assert_eq!(
-            markdown("caustics_photon_error_p99_m"),
-            "caustics_photon_error_p99_m"
-        );
+        assert_eq!(markdown("caustics_photon_error_p99_m"), "caustics_photon_error_p99_m");
         assert_eq!(markdown("_a_ *b*"), "\\_a\\_ \\*b\\*");
         assert_eq!(markdown("![x](http://y)\\"), "!\\[x\\](http://y)\\\\");
         assert_eq!(markdown("`a.b` and `c`"), "`a.b` and `c`");
@@ -225,10 +208,7 @@ mod tests {
 
     #[test]
     fn links_lead_nowhere_else() {
-        assert_eq!(
-            link("renders/a_n=1,m=2~error.png"),
-            "renders/a_n=1,m=2~error.png"
-        );
+        assert_eq!(link("renders/a_n=1,m=2~error.png"), "renders/a_n=1,m=2~error.png");
         assert_eq!(link("a](b) \"é"), "a%5D%28b%29%20%22%C3%A9");
     }
 
@@ -247,9 +227,8 @@ mod tests {
     fn file_stems_are_safe_and_distinct() {
         assert_eq!(file_stem("scene=port,n=1.5"), "scene=port,n=1.5");
         let long = ["a".repeat(300), format!("{}b", "a".repeat(299))];
-        let mut names = vec![
-            "", ".", "..", "../../x", "/etc/x", "a/b", "a_b", "A_b", "a\\b", "a\u{0}b", "é",
-        ];
+        let mut names =
+            vec!["", ".", "..", "../../x", "/etc/x", "a/b", "a_b", "A_b", "a\\b", "a\u{0}b", "é"];
         names.extend(long.iter().map(String::as_str));
         let mut stems: Vec<String> = names.iter().map(|name| file_stem(name)).collect();
         for stem in &stems {
@@ -257,9 +236,7 @@ mod tests {
             let safe = |c: char| c.is_ascii_alphanumeric() || "-._=,~".contains(c);
             assert!(stem.chars().all(safe), "{stem}");
         }
-        stems
-            .iter_mut()
-            .for_each(|stem| stem.make_ascii_lowercase());
+        stems.iter_mut().for_each(|stem| stem.make_ascii_lowercase());
         stems.sort();
         stems.dedup();
         assert_eq!(stems.len(), names.len());

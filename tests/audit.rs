@@ -29,35 +29,15 @@ struct Found {
 fn child() {
     let gpu = Gpu::open(&Options::default()).expect("the driver opens");
     let Audit { rows, plan } = audit(&gpu).expect("the audit runs");
-    println!(
-        "{}",
-        audit_table(&Audit {
-            rows: rows.clone(),
-            plan
-        })
-    );
-    let ClockPlan {
-        compute,
-        render,
-        copy,
-        ..
-    } = plan;
-    let found = Found {
-        adapter: gpu.adapter,
-        rows,
-        clocks: [compute, render, copy],
-    };
-    println!(
-        "{RESULT}{}",
-        serde_json::to_string(&found).expect("it is plain data")
-    );
+    println!("{}", audit_table(&Audit { rows: rows.clone(), plan }));
+    let ClockPlan { compute, render, copy, .. } = plan;
+    let found = Found { adapter: gpu.adapter, rows, clocks: [compute, render, copy] };
+    println!("{RESULT}{}", serde_json::to_string(&found).expect("it is plain data"));
 }
 
 /// Runs the audit on the driver of this manifest.
 fn audit_on(manifest: &Path) -> Found {
-    let _alone = ONE_AT_A_TIME
-        .lock()
-        .unwrap_or_else(|poisoned| poisoned.into_inner());
+    let _alone = ONE_AT_A_TIME.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
     let output = Command::new(std::env::current_exe().expect("a test knows its path"))
         .args(["--exact", "child", "--ignored", "--nocapture"])
         .env("VK_DRIVER_FILES", manifest)
@@ -75,15 +55,10 @@ fn audit_on(manifest: &Path) -> Found {
 
 /// The driver manifest in `folder` whose name has this prefix, or a printed reason to skip.
 fn manifest(folder: &str, prefix: &str) -> Option<PathBuf> {
-    let files = std::fs::read_dir(folder)
-        .ok()
-        .into_iter()
-        .flatten()
-        .flatten();
+    let files = std::fs::read_dir(folder).ok().into_iter().flatten().flatten();
     let mut paths = files.map(|file| file.path());
     let found = paths.find(|path| {
-        path.file_name()
-            .is_some_and(|name| name.to_string_lossy().starts_with(prefix))
+        path.file_name().is_some_and(|name| name.to_string_lossy().starts_with(prefix))
     });
     if found.is_none() {
         println!("skipped: no {prefix}*.json in {folder}");
@@ -93,8 +68,7 @@ fn manifest(folder: &str, prefix: &str) -> Option<PathBuf> {
 
 fn row<'a>(found: &'a Found, pass: PassKind, context: &str) -> &'a AuditRow {
     let mut rows = found.rows.iter();
-    rows.find(|row| row.pass == pass && row.context == context)
-        .expect("every kind has its rows")
+    rows.find(|row| row.pass == pass && row.context == context).expect("every kind has its rows")
 }
 
 #[test]
@@ -105,10 +79,7 @@ fn lavapipe_compute_beside_render_passes_is_unusable() {
     let found = audit_on(&manifest);
     assert_eq!(found.rows.len(), 6);
     if !found.adapter.driver_info.contains("Mesa 22.3") {
-        println!(
-            "skipped: the fault is of Mesa 22.3, this is {}",
-            found.adapter.driver_info
-        );
+        println!("skipped: the fault is of Mesa 22.3, this is {}", found.adapter.driver_info);
         return;
     }
     // A busy machine can hide the fault in one surrounding.
@@ -131,8 +102,5 @@ fn swiftshader_timestamps_are_sound() {
             && row(found, PassKind::Compute, "alone").sound
             && row(found, PassKind::Compute, "mixed").sound
     };
-    assert!(
-        tries.into_iter().any(|found| believed(&found)),
-        "no audit in three found it sound"
-    );
+    assert!(tries.into_iter().any(|found| believed(&found)), "no audit in three found it sound");
 }

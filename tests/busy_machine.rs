@@ -51,10 +51,7 @@ fn a_busy_machine_fails_no_cell_and_leaves_no_time_of_zero_or_less() {
     let ran = beside_load(|| {
         let mut fathom = Command::new(env!("CARGO_BIN_EXE_fathom"));
         fathom.arg("run").arg(&experiment).arg("--out").arg(&out);
-        fathom
-            .args(["--budget", "2", "--precision", "0.0001"])
-            .output()
-            .unwrap()
+        fathom.args(["--budget", "2", "--precision", "0.0001"]).output().unwrap()
     });
     let message = String::from_utf8_lossy(&ran.stderr);
     assert_eq!(ran.status.code(), Some(0), "{message}");
@@ -73,26 +70,15 @@ fn a_busy_machine_fails_no_cell_and_leaves_no_time_of_zero_or_less() {
             panic!("{:?}", cell.outcome);
         };
         assert!(measured.rejected.is_empty(), "{:?}", measured.rejected);
-        assert!(
-            measured.frame.accounting_error < 0.05,
-            "{:?}",
-            measured.frame
-        );
+        assert!(measured.frame.accounting_error < 0.05, "{:?}", measured.frame);
         for stage in &measured.stages {
             assert!(stage.samples_ns.iter().all(|ns| *ns > 0.0), "{stage:?}");
             assert!(stage.time.low > 0.0, "{stage:?}");
             let fenced = stage.fenced.as_ref();
-            assert_eq!(
-                fenced.is_some(),
-                stage.clock == Clock::FencedHost,
-                "{stage:?}"
-            );
+            assert_eq!(fenced.is_some(), stage.clock == Clock::FencedHost, "{stage:?}");
             assert!(fenced.is_none_or(|fenced| fenced.resolution_ns > 0.0));
         }
     }
     let table = std::fs::read_to_string(out.join("summary.md")).unwrap();
-    assert!(
-        !table.contains("| -") && !table.contains("| 0 ("),
-        "{table}"
-    );
+    assert!(!table.contains("| -") && !table.contains("| 0 ("), "{table}");
 }

@@ -17,9 +17,7 @@ fn gpu() -> Gpu {
 }
 
 fn subject(subjects: &mut Subjects, pipeline: &str, scene: &str, set: &[(&str, Value)]) -> Subject {
-    let set = set
-        .iter()
-        .map(|(path, value)| ((*path).to_owned(), value.clone()));
+    let set = set.iter().map(|(path, value)| ((*path).to_owned(), value.clone()));
     let set: Vec<(String, Value)> = set.collect();
     subjects.subject(pipeline, scene, &set).unwrap()
 }
@@ -57,42 +55,22 @@ fn demands_foresee_what_pipelines_allocate() {
             ],
         ),
         ("hsao", "corner", &[("hsao.scale", json!(0.5))]),
+        ("volume_ao", "corner", &[("ao.skipping", json!(true)), ("voxel.resolution", json!(192))]),
+        ("volume_ao", "corner", &[("ao.filter", json!(false)), ("ao.scale", json!(0.5))]),
         (
-            "volume_ao",
+            "voxelize",
             "corner",
-            &[
-                ("ao.skipping", json!(true)),
-                ("voxel.resolution", json!(192)),
-            ],
-        ),
-        (
-            "volume_ao",
-            "corner",
-            &[("ao.filter", json!(false)), ("ao.scale", json!(0.5))],
+            &[("voxel.method", json!("slicemap")), ("voxel.resolution", json!(256))],
         ),
         (
             "voxelize",
             "corner",
-            &[
-                ("voxel.method", json!("slicemap")),
-                ("voxel.resolution", json!(256)),
-            ],
+            &[("voxel.method", json!("slice")), ("voxel.resolution", json!(128))],
         ),
         (
             "voxelize",
             "corner",
-            &[
-                ("voxel.method", json!("slice")),
-                ("voxel.resolution", json!(128)),
-            ],
-        ),
-        (
-            "voxelize",
-            "corner",
-            &[
-                ("voxel.method", json!("overlap")),
-                ("voxel.resolution", json!(128)),
-            ],
+            &[("voxel.method", json!("overlap")), ("voxel.resolution", json!(128))],
         ),
         (
             "voxelize",
@@ -103,11 +81,7 @@ fn demands_foresee_what_pipelines_allocate() {
                 ("voxel.resolution", json!(128)),
             ],
         ),
-        (
-            "scalar_ao",
-            "engine",
-            &[("scalar.mode", json!("isosurface"))],
-        ),
+        ("scalar_ao", "engine", &[("scalar.mode", json!("isosurface"))]),
         (
             "scalar_ao",
             "smoke",
@@ -142,22 +116,11 @@ fn a_view_beyond_the_memory_is_refused_with_the_numbers() {
         ("voxelize", "corner"),
         ("volume_ao", "corner"),
     ] {
-        let large = [
-            ("view.width", json!(16_384)),
-            ("view.height", json!(16_384)),
-        ];
-        let reason = subject(&mut subjects, pipeline, scene, &large)
-            .beyond(&capacity)
-            .unwrap();
+        let large = [("view.width", json!(16_384)), ("view.height", json!(16_384))];
+        let reason = subject(&mut subjects, pipeline, scene, &large).beyond(&capacity).unwrap();
         let reason = reason.unwrap_or_else(|| panic!("{pipeline}"));
-        assert!(
-            reason.starts_with("view.width × view.height: asks"),
-            "{reason}"
-        );
-        assert!(
-            reason.ends_with("or give --allow-large") && !reason.contains('\n'),
-            "{reason}"
-        );
+        assert!(reason.starts_with("view.width × view.height: asks"), "{reason}");
+        assert!(reason.ends_with("or give --allow-large") && !reason.contains('\n'), "{reason}");
         let plain = subject(&mut subjects, pipeline, scene, &[]);
         assert_eq!(plain.beyond(&capacity).unwrap(), None);
     }
@@ -169,11 +132,7 @@ fn a_frame_of_minutes_is_refused_and_allowed_where_nothing_bounds_it() {
     let mut subjects = Subjects::within(&capacity);
     let slow: [Case; 3] = [
         ("volume_ao", "corner", &[("ao.rays", json!(5_000))]),
-        (
-            "hsao",
-            "corner",
-            &[("view.width", json!(4_096)), ("view.height", json!(4_096))],
-        ),
+        ("hsao", "corner", &[("view.width", json!(4_096)), ("view.height", json!(4_096))]),
         (
             "scalar_ao",
             "smoke",
@@ -186,10 +145,7 @@ fn a_frame_of_minutes_is_refused_and_allowed_where_nothing_bounds_it() {
     ];
     for (pipeline, scene, set) in slow {
         let subject = subject(&mut subjects, pipeline, scene, set);
-        let reason = subject
-            .beyond(&capacity)
-            .unwrap()
-            .unwrap_or_else(|| panic!("{pipeline}"));
+        let reason = subject.beyond(&capacity).unwrap().unwrap_or_else(|| panic!("{pipeline}"));
         assert!(reason.contains("a frame would take about"), "{reason}");
         let limits_alone = Capacity::from(capacity.limits.clone());
         assert_eq!(subject.beyond(&limits_alone).unwrap(), None);
@@ -204,10 +160,7 @@ fn a_volume_beyond_the_limits_is_refused_before_its_scene_is_made() {
     let cells = [("volume.cells", json!([134_217_728, 1, 1]))];
     let subject = subject(&mut subjects, "scalar_ao", "smoke", &cells);
     assert!(subject.scene.volume.as_ref().unwrap().data.len() < 1_000);
-    let reason = subject
-        .beyond(&capacity)
-        .unwrap()
-        .expect("it is beyond the limits");
+    let reason = subject.beyond(&capacity).unwrap().expect("it is beyond the limits");
     assert!(
         reason.starts_with("volume.cells: asks 134217728 of max_texture_dimension_3d"),
         "{reason}"
@@ -229,10 +182,7 @@ fn the_default_suite_fits_a_machine_of_two_cores_and_4_gib() {
 #[test]
 fn commands_refuse_in_one_line_and_runs_skip() {
     let refusal = |arguments: &[&str]| {
-        let out = Command::new(env!("CARGO_BIN_EXE_fathom"))
-            .args(arguments)
-            .output()
-            .unwrap();
+        let out = Command::new(env!("CARGO_BIN_EXE_fathom")).args(arguments).output().unwrap();
         let message = String::from_utf8(out.stderr).unwrap();
         assert_eq!(out.status.code(), Some(2), "{arguments:?}: {message}");
         assert_eq!(message.lines().count(), 1, "{message}");
@@ -240,12 +190,7 @@ fn commands_refuse_in_one_line_and_runs_skip() {
     };
     let folder = tempfile::tempdir().unwrap();
     let target = folder.path().to_str().unwrap();
-    let volume = [
-        "--pipeline",
-        "scalar_ao",
-        "--set",
-        "volume.cells=[134217728,1,1]",
-    ];
+    let volume = ["--pipeline", "scalar_ao", "--set", "volume.cells=[134217728,1,1]"];
     let image = format!("{target}/a.png");
     let message = refusal(&[&["render", "smoke", "-o", &image][..], &volume].concat());
     assert!(message.contains("volume.cells"), "{message}");
@@ -254,16 +199,10 @@ fn commands_refuse_in_one_line_and_runs_skip() {
     let experiment = folder.path().join("large.toml");
     std::fs::write(&experiment, LARGE).unwrap();
     let run = ["run", experiment.to_str().unwrap(), "--out", target];
-    let out = Command::new(env!("CARGO_BIN_EXE_fathom"))
-        .args(run)
-        .output()
-        .unwrap();
+    let out = Command::new(env!("CARGO_BIN_EXE_fathom")).args(run).output().unwrap();
     let message = String::from_utf8(out.stderr).unwrap();
     assert_eq!(out.status.code(), Some(2), "{message}");
-    assert!(
-        message.contains("every cell was skipped; volume.cells: asks 134217728"),
-        "{message}"
-    );
+    assert!(message.contains("every cell was skipped; volume.cells: asks 134217728"), "{message}");
 }
 
 const LARGE: &str = r#"

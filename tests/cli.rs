@@ -19,60 +19,30 @@ fn refused(arguments: &[&str], reason: &str) {
     let stderr = String::from_utf8(output.stderr).unwrap();
     assert_eq!(output.status.code(), Some(2), "{arguments:?}: {stderr}");
     assert!(output.stdout.is_empty(), "{arguments:?}");
-    let ours: Vec<&str> = stderr
-        .lines()
-        .filter(|line| line.contains(reason))
-        .collect();
+    let ours: Vec<&str> = stderr.lines().filter(|line| line.contains(reason)).collect();
     assert_eq!(ours.len(), 1, "{arguments:?}: {stderr}");
     assert!(ours[0].starts_with("error: "), "{arguments:?}: {stderr}");
 }
 
 #[test]
 fn bad_input_is_one_clear_line_and_status_2() {
-    refused(
-        &["run", "uw-defalt"],
-        "unknown experiment `uw-defalt`; did you mean `uw-default`?",
-    );
+    refused(&["run", "uw-defalt"], "unknown experiment `uw-defalt`; did you mean `uw-default`?");
     refused(&["run", "--set", "nothing"], "not of the form PATH=VALUE");
     refused(&["run", "--profile", "qick"], "'quick'");
-    refused(
-        &["run", "--budget", "0"],
-        "--budget must be a positive number",
-    );
+    refused(&["run", "--budget", "0"], "--budget must be a positive number");
     refused(&["rum"], "'run'");
     refused(&["render", "tnk"], "did you mean `tank`");
-    refused(
-        &["render", "tank", "--pipeline", "underwatr"],
-        "did you mean `underwater`",
-    );
-    refused(
-        &["list", "parameters", "--set", "caustics.gird=3"],
-        "did you mean `caustics.grid`",
-    );
-    refused(
-        &["report", "no/such/folder"],
-        "no/such/folder/records.jsonl",
-    );
+    refused(&["render", "tank", "--pipeline", "underwatr"], "did you mean `underwater`");
+    refused(&["list", "parameters", "--set", "caustics.gird=3"], "did you mean `caustics.grid`");
+    refused(&["report", "no/such/folder"], "no/such/folder/records.jsonl");
 }
 
 #[test]
 fn bad_input_that_only_a_plan_shows_is_found_before_measuring() {
-    refused(
-        &["run", "uw-default", "--set", "caustics.gird=3"],
-        "did you mean `caustics.grid`",
-    );
-    refused(
-        &["run", "uw-default", "--set", "caustics.grid=few"],
-        "takes a whole number",
-    );
-    refused(
-        &["run", "uw-waves", "--axis", "watr=circular"],
-        "did you mean `water`",
-    );
-    refused(
-        &["run", "uw-default", "--adapter", "no such adapter"],
-        "no adapter matches",
-    );
+    refused(&["run", "uw-default", "--set", "caustics.gird=3"], "did you mean `caustics.grid`");
+    refused(&["run", "uw-default", "--set", "caustics.grid=few"], "takes a whole number");
+    refused(&["run", "uw-waves", "--axis", "watr=circular"], "did you mean `water`");
+    refused(&["run", "uw-default", "--adapter", "no such adapter"], "no adapter matches");
     refused(
         &["dump", "caustics/trce", "--set", "caustics.grid=8"],
         "did you mean `caustics/trace`",
@@ -107,14 +77,8 @@ fn a_light_and_a_grid_that_give_nothing_are_errors_in_every_command() {
             let all = command.iter().chain(pipeline).copied();
             all.chain(set.iter().copied()).collect::<Vec<&str>>()
         };
-        refused(
-            &with(&none),
-            "light.direction = [0.0, 0.0, 0.0] has no direction",
-        );
-        refused(
-            &with(&beside),
-            "voxel.cells, voxel.origin_m and voxel.voxel_m place the grid at",
-        );
+        refused(&with(&none), "light.direction = [0.0, 0.0, 0.0] has no direction");
+        refused(&with(&beside), "voxel.cells, voxel.origin_m and voxel.voxel_m place the grid at");
     }
     assert!(!folder.path().join("out").exists());
 }
@@ -137,11 +101,7 @@ fn every_command_tells_a_stand_in_and_a_query_refuses_it() {
     let told = contains("stand-in: sponza: asset has the wrong SHA-256").count(1);
     let voxelize = ["--pipeline", "voxelize", "--set", "view.width=16"];
     let mut render = with(&["render", "sponza", "-o"], &folder.path().join("x.png"));
-    render
-        .args(voxelize)
-        .assert()
-        .success()
-        .stderr(told.clone());
+    render.args(voxelize).assert().success().stderr(told.clone());
     let query = ["query", "ao", "--scene", "sponza", "--points"];
     let refusal =
         contains("error: scene `sponza` has stand-ins").and(contains("--allow-stand-ins"));
@@ -150,9 +110,7 @@ fn every_command_tells_a_stand_in_and_a_query_refuses_it() {
     let mut allowed = with(&query, &points);
     let allowed = allowed.args(["--allow-stand-ins", "--set", "ao.rays=4"]);
     let answered = allowed.assert().success();
-    answered
-        .stderr(told)
-        .stdout(contains("x,y,z,nx,ny,nz,occlusion"));
+    answered.stderr(told).stdout(contains("x,y,z,nx,ny,nz,occlusion"));
 }
 
 #[test]
@@ -161,10 +119,7 @@ fn a_folder_that_cannot_be_written_to_is_found_before_measuring() {
     let file = folder.path().join("file");
     std::fs::write(&file, "in the way").unwrap();
     let out = file.to_str().unwrap();
-    refused(
-        &["run", "uw-default", "--out", out],
-        "choose another folder with --out",
-    );
+    refused(&["run", "uw-default", "--out", out], "choose another folder with --out");
     assert_eq!(std::fs::read_to_string(&file).unwrap(), "in the way");
 }
 
@@ -185,19 +140,11 @@ fn a_listing_takes_the_options_that_apply_to_it() {
         list.args(["list", "stages", "--pipeline", pipeline]);
         let output = list.assert().success().get_output().stdout.clone();
         let text = String::from_utf8(output).unwrap();
-        let names = text
-            .lines()
-            .filter_map(|line| line.split_whitespace().next());
+        let names = text.lines().filter_map(|line| line.split_whitespace().next());
         names.map(str::to_owned).collect::<Vec<String>>()
     };
-    let hsao = [
-        "frame",
-        "shadow/depth",
-        "scene/gbuffer",
-        "hsao/march",
-        "hsao/filter",
-        "ao/compose",
-    ];
+    let hsao =
+        ["frame", "shadow/depth", "scene/gbuffer", "hsao/march", "hsao/filter", "ao/compose"];
     assert_eq!(stages("hsao"), hsao);
     assert!(stages("voxelize").contains(&"voxel/overlap".to_owned()));
     refused(
@@ -209,10 +156,7 @@ fn a_listing_takes_the_options_that_apply_to_it() {
         "--scene does not apply to `list stages`, only to `list parameters`",
     );
     refused(&["list", "scenes", "--pipeline", "hsao"], "does not apply");
-    refused(
-        &["list", "--set", "caustics.grid=3"],
-        "does not apply to `list`",
-    );
+    refused(&["list", "--set", "caustics.grid=3"], "does not apply to `list`");
 }
 
 /// Small enough for a second per run on a software driver.
@@ -237,9 +181,7 @@ const SMALL: [&str; 16] = [
 
 fn run(out: &Path, arguments: &[&str]) -> Command {
     let mut command = fathom();
-    command
-        .args(["run", "uw-default", "--budget", "1", "--seed", "1", "--out"])
-        .arg(out);
+    command.args(["run", "uw-default", "--budget", "1", "--seed", "1", "--out"]).arg(out);
     command.args(SMALL).args(arguments);
     command
 }
@@ -262,10 +204,7 @@ fn cells(records: &[Record]) -> Vec<&record::Cell> {
 fn a_run_leaves_records_reports_and_pictures_and_resumes() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path();
-    run(out, &[])
-        .assert()
-        .success()
-        .stdout(contains("1 cells measured"));
+    run(out, &[]).assert().success().stdout(contains("1 cells measured"));
     let first = records(out);
     assert!(matches!(first[0], Record::Run(_)));
     assert!(matches!(first[1], Record::Experiment(_)));
@@ -306,9 +245,7 @@ fn a_run_leaves_records_reports_and_pictures_and_resumes() {
 #[test]
 fn a_cell_beyond_the_limits_is_skipped_and_recorded() {
     let folder = tempfile::tempdir().unwrap();
-    let refused = run(folder.path(), &["--set", "view.width=900000"])
-        .assert()
-        .code(2);
+    let refused = run(folder.path(), &["--set", "view.width=900000"]).assert().code(2);
     refused.stderr(contains("every cell was skipped").and(contains("900000")));
     let records = records(folder.path());
     assert!(
@@ -320,12 +257,7 @@ fn a_cell_beyond_the_limits_is_skipped_and_recorded() {
 fn a_rendered_file_is_a_picture_of_the_asked_size() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("plane.png");
-    fathom()
-        .args(["render", "plane", "-o"])
-        .arg(&path)
-        .args(SMALL)
-        .assert()
-        .success();
+    fathom().args(["render", "plane", "-o"]).arg(&path).args(SMALL).assert().success();
     assert_eq!(image::image_dimensions(&path).unwrap(), (64, 64));
 }
 
@@ -375,12 +307,7 @@ fn a_volume_is_dumped_with_its_grid() {
     assert_eq!(occupied + empty, array.len(), "a binary volume");
     // A slab lies flat: all that is occupied lies within few layers, at the height that the grid gives them.
     let layers: Vec<usize> = (0..array.shape()[1])
-        .filter(|y| {
-            array
-                .index_axis(ndarray::Axis(1), *y)
-                .iter()
-                .any(|value| *value > 0.0)
-        })
+        .filter(|y| array.index_axis(ndarray::Axis(1), *y).iter().any(|value| *value > 0.0))
         .collect();
     assert!(!layers.is_empty() && layers.len() <= 3, "{layers:?}");
     assert!(about["grid"]["spacing_m"][1].as_f64().unwrap() > 0.0);
@@ -390,15 +317,7 @@ fn a_volume_is_dumped_with_its_grid() {
 fn a_cell_of_volume_occlusion_has_its_error_and_pictures() {
     let out = tempfile::tempdir().unwrap();
     fathom()
-        .args([
-            "run",
-            "vao-guard",
-            "--profile",
-            "quick",
-            "--budget",
-            "1",
-            "--out",
-        ])
+        .args(["run", "vao-guard", "--profile", "quick", "--budget", "1", "--out"])
         .arg(out.path())
         .args(["--axis", "scene=corner", "--axis", "ao.guard=variable"])
         .args(["--set", "view.width=48", "--set", "view.height=48"])
@@ -411,13 +330,7 @@ fn a_cell_of_volume_occlusion_has_its_error_and_pictures() {
     let Outcome::Measured(measured) = &cells[0].outcome else {
         panic!("{:?}", cells[0].outcome);
     };
-    assert_eq!(
-        measured
-            .notes
-            .iter()
-            .find(|note| note.contains("not computed")),
-        None
-    );
+    assert_eq!(measured.notes.iter().find(|note| note.contains("not computed")), None);
     let error = measured.quantities["ao_rmse"];
     assert!(error > 0.0 && error < 0.2, "{error}");
     assert!(measured.quantities["ao_reference_mean"] > 0.01);
@@ -440,21 +353,8 @@ fn an_interrupted_run_ends_cleanly_and_resumes() {
     let out = folder.path();
     let measure = |budget: &str, resume: &[&str]| {
         let mut process = Process::new(env!("CARGO_BIN_EXE_fathom"));
-        process.args([
-            "run",
-            "uw-waves",
-            "--budget",
-            budget,
-            "--precision",
-            "1e-9",
-            "--out",
-        ]);
-        process
-            .arg(out)
-            .args(SMALL)
-            .args(resume)
-            .stdout(Stdio::piped())
-            .stderr(Stdio::null());
+        process.args(["run", "uw-waves", "--budget", budget, "--precision", "1e-9", "--out"]);
+        process.arg(out).args(SMALL).args(resume).stdout(Stdio::piped()).stderr(Stdio::null());
         process
     };
     let mut child = measure("600", &[]).spawn().unwrap();
@@ -467,10 +367,8 @@ fn an_interrupted_run_ends_cleanly_and_resumes() {
         std::thread::sleep(Duration::from_millis(100));
     }
     std::thread::sleep(Duration::from_secs(3));
-    let interrupted = Process::new("kill")
-        .args(["-INT", &child.id().to_string()])
-        .status()
-        .unwrap();
+    let interrupted =
+        Process::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap();
     assert!(interrupted.success());
     assert_eq!(child.wait().unwrap().code(), Some(130));
     let first = records(out);
@@ -485,11 +383,7 @@ fn an_interrupted_run_ends_cleanly_and_resumes() {
     names.dedup();
     assert_eq!(names.len(), total, "no cell is measured twice");
     assert_eq!(total, 8, "{names:?}");
-    assert_eq!(
-        cells(&all)[..cells(&first).len()],
-        cells(&first),
-        "what was measured stays"
-    );
+    assert_eq!(cells(&all)[..cells(&first).len()], cells(&first), "what was measured stays");
 }
 
 #[test]
@@ -499,10 +393,12 @@ fn a_query_answers_at_points_in_their_order() {
     let query = |text: &str| {
         std::fs::write(&points, text).unwrap();
         let mut query = fathom();
-        query
-            .args(["query", "ao", "--scene", "ball", "--points"])
-            .arg(&points)
-            .args(["--set", "voxel.resolution=48", "--set", "ao.rays=32"]);
+        query.args(["query", "ao", "--scene", "ball", "--points"]).arg(&points).args([
+            "--set",
+            "voxel.resolution=48",
+            "--set",
+            "ao.rays=32",
+        ]);
         query
     };
     // On the floor far from the ball, beside its foot, and on its top.
@@ -514,17 +410,13 @@ fn a_query_answers_at_points_in_their_order() {
     let written = std::fs::read_to_string(&out).unwrap();
     let mut lines = written.lines();
     assert_eq!(lines.next(), Some("x,y,z,nx,ny,nz,occlusion"));
-    let rows: Vec<Vec<f64>> = lines
-        .map(|line| line.split(',').map(|v| v.parse().unwrap()).collect())
-        .collect();
+    let rows: Vec<Vec<f64>> =
+        lines.map(|line| line.split(',').map(|v| v.parse().unwrap()).collect()).collect();
     assert_eq!(rows[1][..6], [0.6, -4.0, 0.0, 0.0, 3.0, 0.0]);
     let occlusion: Vec<f64> = rows.iter().map(|row| row[6]).collect();
     assert!(occlusion[0] < 0.02 && occlusion[2] < 0.02, "{occlusion:?}");
     assert!(occlusion[1] > 0.2 && occlusion[1] < 0.9, "{occlusion:?}");
-    query(text)
-        .assert()
-        .success()
-        .stdout(contains("x,y,z,nx,ny,nz,occlusion\n"));
+    query(text).assert().success().stdout(contains("x,y,z,nx,ny,nz,occlusion\n"));
 
     let faulty = "x,y,z,nx,ny,nz\n0,-4,0,0,1,0\n0,-4,0,0,NaN,0\n";
     let fault = contains("points.csv, line 3, column `ny`: `NaN` is not a number");

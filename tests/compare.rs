@@ -82,22 +82,16 @@ impl Stored {
                 notes: vec!["on core 0".to_owned()],
             })
         });
-        Self {
-            header,
-            lines: launches.collect(),
-            interrupted: Some(false),
-        }
-        .configuration(1_000_000, 0.01)
-        .times(cells[0], true, 1.0, 0.004)
+        Self { header, lines: launches.collect(), interrupted: Some(false) }
+            .configuration(1_000_000, 0.01)
+            .times(cells[0], true, 1.0, 0.004)
     }
 
     fn configuration(mut self, head_bytes: u64, head_error: f64) -> Self {
-        self.lines
-            .retain(|line| !matches!(line, Line::Configuration(_)));
-        for (side, allocated_bytes, error) in [
-            (Side::Base, 1_000_000, 0.01),
-            (Side::Head, head_bytes, head_error),
-        ] {
+        self.lines.retain(|line| !matches!(line, Line::Configuration(_)));
+        for (side, allocated_bytes, error) in
+            [(Side::Base, 1_000_000, 0.01), (Side::Head, head_bytes, head_error)]
+        {
             self.lines.push(Line::Configuration(ConfigurationFigures {
                 side,
                 configuration: "tank".to_owned(),
@@ -121,11 +115,7 @@ impl Stored {
                     cell: cell(name),
                     control,
                     second: false,
-                    first: if round % 2 == 0 {
-                        Side::Base
-                    } else {
-                        Side::Head
-                    },
+                    first: if round % 2 == 0 { Side::Base } else { Side::Head },
                     base_ns: BASE_NS,
                     head_ns: BASE_NS * ratio * (1.0 + 2.0 * spread * place),
                 }));
@@ -137,9 +127,8 @@ impl Stored {
     /// Launches of a second measurement, with pairs of the control and of a cell.
     fn second(self, name: &str, ratio: f64, spread: f64, launches: u32) -> Self {
         let first = self.lines.len();
-        let mut all = self
-            .times("tank caustics/trace", true, 1.0, 0.004)
-            .times(name, false, ratio, spread);
+        let mut all =
+            self.times("tank caustics/trace", true, 1.0, 0.004).times(name, false, ratio, spread);
         for line in &mut all.lines[first..] {
             if let Line::Pair(pair) = line {
                 (pair.second, pair.launch) = (true, pair.launch + LAUNCHES);
@@ -147,12 +136,7 @@ impl Stored {
         }
         let more = LAUNCHES..LAUNCHES + launches;
         all.lines.extend(more.map(|launch| {
-            Line::Launch(Launch {
-                launch,
-                wall_s: 1.5,
-                second: true,
-                notes: Vec::new(),
-            })
+            Line::Launch(Launch { launch, wall_s: 1.5, second: true, notes: Vec::new() })
         }));
         all
     }
@@ -175,10 +159,7 @@ impl Stored {
             self.lines.push(Line::Exact(ExactFigures {
                 side,
                 cell: cell(name),
-                work: Work {
-                    photons,
-                    ..Work::default()
-                },
+                work: Work { photons, ..Work::default() },
                 counters: BTreeMap::from([("compute_shader_invocations".to_owned(), 2 * photons)]),
             }));
         }
@@ -202,9 +183,7 @@ impl Stored {
 
     /// A cell in which nothing changed.
     fn same(self, name: &str) -> Self {
-        self.work(name, 100, 100)
-            .counts(name, 1.0)
-            .times(name, false, 1.001, 0.004)
+        self.work(name, 100, 100).counts(name, 1.0).times(name, false, 1.001, 0.004)
     }
 
     fn fault(mut self, gate: Gate, side: Side, name: Option<&str>, absent: bool) -> Self {
@@ -231,12 +210,9 @@ impl Stored {
     fn lines(self) -> Vec<Line> {
         let mut lines = vec![Line::Header(Box::new(self.header))];
         lines.extend(self.lines);
-        lines.extend(self.interrupted.map(|interrupted| {
-            Line::End(End {
-                wall_s: 61.5,
-                interrupted,
-            })
-        }));
+        lines.extend(
+            self.interrupted.map(|interrupted| Line::End(End { wall_s: 61.5, interrupted })),
+        );
         lines
     }
 
@@ -254,11 +230,7 @@ impl Stored {
 
 /// One cell for each verdict.
 fn mixed() -> Stored {
-    let (slow, fast, cost) = (
-        "tank caustics/trace",
-        "tank godrays/lines",
-        "tank shadow/depth",
-    );
+    let (slow, fast, cost) = ("tank caustics/trace", "tank godrays/lines", "tank shadow/depth");
     let (vague, gone, new) = ("tank compose", "tank water/refraction", "new voxel/clear");
     let (same, wrong) = ("tank caustics/splat", "tank caustics/filter");
     let mut stored = Stored::new(&[slow, same, wrong, fast, cost, vague, gone, new])
@@ -294,11 +266,7 @@ fn quiet() -> Stored {
 
 #[track_caller]
 fn replayed(folder: &Path, status: i32) -> String {
-    let output = fathom()
-        .args(["compare", "--replay"])
-        .arg(folder)
-        .output()
-        .unwrap();
+    let output = fathom().args(["compare", "--replay"]).arg(folder).output().unwrap();
     let text = String::from_utf8(output.stdout).unwrap();
     let told = String::from_utf8(output.stderr).unwrap();
     assert_eq!(output.status.code(), Some(status), "{text}{told}");
@@ -315,13 +283,7 @@ fn what_is_told_of_a_stored_comparison_is_as_it_was() {
     let text = replayed(folder.path(), 1);
     fs::write(folder.path().join("terminal.txt"), text).unwrap();
     let golden = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/golden/compare");
-    for name in [
-        "terminal.txt",
-        "summary.md",
-        "junit.xml",
-        "bencher.json",
-        "benchmark.json",
-    ] {
+    for name in ["terminal.txt", "summary.md", "junit.xml", "bencher.json", "benchmark.json"] {
         let found = fs::read_to_string(folder.path().join(name)).unwrap();
         let known = golden.join(name);
         if std::env::var_os("FATHOM_BLESS").is_some() {
@@ -362,9 +324,7 @@ fn the_exit_status_tells_how_it_ended() {
     let (trace, compose) = ("tank caustics/trace", "tank compose");
     let two = || Stored::new(&[trace, compose]).same(trace);
     assert!(told(quiet(), 0).contains("no regression; 2 cells: 2 same"));
-    let slower = two()
-        .counts(compose, 1.0)
-        .times(compose, false, 1.05, 0.004);
+    let slower = two().counts(compose, 1.0).times(compose, false, 1.05, 0.004);
     assert!(told(slower, 1).contains("tank compose: slower: time +5.0 %"));
     let more_bytes = quiet().configuration(1_000_001, 0.01);
     assert!(told(more_bytes, 1).contains("allocated_bytes"));
@@ -434,13 +394,8 @@ fn a_control_that_moves_voids_the_time_gate_and_no_other() {
     let folder = tempfile::tempdir().unwrap();
     let trace = "tank caustics/trace";
     let mut stored = Stored::new(&[trace]).work(trace, 1, 1).counts(trace, 1.0);
-    stored
-        .lines
-        .retain(|line| !matches!(line, Line::Pair(pair) if pair.control));
-    stored
-        .times(trace, true, 1.06, 0.004)
-        .times(trace, false, 1.06, 0.004)
-        .write(folder.path());
+    stored.lines.retain(|line| !matches!(line, Line::Pair(pair) if pair.control));
+    stored.times(trace, true, 1.06, 0.004).times(trace, false, 1.06, 0.004).write(folder.path());
     let text = replayed(folder.path(), 2);
     assert!(text.contains("time gate void: the control"), "{text}");
     assert!(text.contains("1 cell: 1 same"), "{text}");
@@ -450,28 +405,21 @@ fn a_control_that_moves_voids_the_time_gate_and_no_other() {
 fn a_gate_that_cannot_run_here_is_no_failure_and_one_that_gave_nothing_is() {
     let folder = tempfile::tempdir().unwrap();
     let mut stored = quiet().settings(|settings| settings.gates = vec![Gate::Exact, Gate::Time]);
-    stored.header.skipped.push(Skip {
-        gate: Gate::Instructions,
-        reason: "valgrind is not installed".to_owned(),
-    });
     stored
-        .lines
-        .retain(|line| !matches!(line, Line::Instructions(_)));
+        .header
+        .skipped
+        .push(Skip { gate: Gate::Instructions, reason: "valgrind is not installed".to_owned() });
+    stored.lines.retain(|line| !matches!(line, Line::Instructions(_)));
     stored.write(folder.path());
     let text = replayed(folder.path(), 0);
     assert!(text.contains("instructions gate skipped: valgrind is not installed"));
 
     let folder = tempfile::tempdir().unwrap();
     let mut stored = quiet().fault(Gate::Time, Side::Base, None, false);
-    stored
-        .lines
-        .retain(|line| !matches!(line, Line::Pair(_) | Line::Launch(_)));
+    stored.lines.retain(|line| !matches!(line, Line::Pair(_) | Line::Launch(_)));
     stored.write(folder.path());
     let text = replayed(folder.path(), 2);
-    assert!(
-        text.contains("time gate void: it ended with signal"),
-        "{text}"
-    );
+    assert!(text.contains("time gate void: it ended with signal"), "{text}");
 }
 
 #[test]
@@ -531,9 +479,7 @@ fn figures_that_vanish_are_faults_and_notes_are_told_once() {
         match line {
             Line::Configuration(figures) if figures.side == Side::Head => {
                 figures.errors.clear();
-                figures
-                    .notes
-                    .push("errors not computed: no reference".to_owned());
+                figures.notes.push("errors not computed: no reference".to_owned());
             }
             Line::Launch(launch) => launch.notes.push("on any core: no Linux".to_owned()),
             _ => {}
@@ -547,10 +493,7 @@ fn figures_that_vanish_are_faults_and_notes_are_told_once() {
     once("time gate: on any core: no Linux");
     assert!(!text.contains("on core 0"));
     let junit = fs::read_to_string(folder.path().join("junit.xml")).unwrap();
-    assert!(
-        junit.contains("<testcase name=\"exact fault 1\" classname=\"gate\">"),
-        "{junit}"
-    );
+    assert!(junit.contains("<testcase name=\"exact fault 1\" classname=\"gate\">"), "{junit}");
 }
 
 #[test]
@@ -603,16 +546,10 @@ fn damaged_and_foreign_files_are_told() {
         let output = command.args(["compare", "--replay"]).arg(folder.path());
         let told = output.assert().code(2).get_output().stderr.clone();
         let told = String::from_utf8(told).unwrap();
-        assert!(
-            told.starts_with("error: ") && told.contains(reason),
-            "{told}"
-        );
+        assert!(told.starts_with("error: ") && told.contains(reason), "{told}");
         assert_eq!(told.lines().count(), 1, "{told}");
     };
-    refused(
-        &whole.replacen("\"schema\":1", "\"schema\":9", 1),
-        "format 9",
-    );
+    refused(&whole.replacen("\"schema\":1", "\"schema\":9", 1), "format 9");
     refused(whole.split_once('\n').unwrap().1, "no sound header");
     fs::remove_file(&lines).unwrap();
     fathom()
@@ -665,27 +602,12 @@ fn bad_input_is_one_clear_line_and_status_2() {
         assert!(lines[0].starts_with("error: "), "{arguments:?}: {told}");
     };
     refused(&[], "nothing to compare with");
-    refused(
-        &["--base", "no-such-revision"],
-        "unknown revision `no-such-revision`",
-    );
+    refused(&["--base", "no-such-revision"], "unknown revision `no-such-revision`");
     refused(&["--base-bin", "no/such/program"], "no/such/program");
-    refused(
-        &["--base-bin", "x", "--gates", "exakt"],
-        "gates are exact, instructions, time",
-    );
-    refused(
-        &["--base-bin", "x", "--threshold", "2"],
-        "a share lies between 0 and 1",
-    );
-    refused(
-        &["--base-bin", "x", "--cells", "no such cell"],
-        "no gate cell matches",
-    );
-    refused(
-        &["--base-bin", "x", "--launches", "0"],
-        "0 is not in 1..=200",
-    );
+    refused(&["--base-bin", "x", "--gates", "exakt"], "gates are exact, instructions, time");
+    refused(&["--base-bin", "x", "--threshold", "2"], "a share lies between 0 and 1");
+    refused(&["--base-bin", "x", "--cells", "no such cell"], "no gate cell matches");
+    refused(&["--base-bin", "x", "--launches", "0"], "0 is not in 1..=200");
     refused(&["--base-bin", "x", "--resume"], "--out");
     refused(&["one.jsonl"], "2 values required");
     refused(&["one.jsonl", "two.jsonl"], "one.jsonl");
@@ -699,24 +621,17 @@ fn the_documented_jobs_run_the_documented_steps() {
     let (_, rest) = text.split_once("```sh\n").unwrap();
     let (steps, _) = rest.split_once("```").unwrap();
     let commands = |block: &str| -> Vec<String> {
-        let checked = std::process::Command::new("sh")
-            .args(["-n", "-c", block])
-            .status();
+        let checked = std::process::Command::new("sh").args(["-n", "-c", block]).status();
         assert!(checked.unwrap().success(), "{block}");
         let lines = block.lines().map(str::trim);
         let kept = lines.filter(|line| {
-            ["set", "scripts", "cargo", "target"]
-                .iter()
-                .any(|word| line.starts_with(word))
+            ["set", "scripts", "cargo", "target"].iter().any(|word| line.starts_with(word))
         });
         let plain = |line: &str| line.replace(" || status=$?", "");
         kept.map(plain).collect()
     };
     assert_eq!(commands(steps).len(), 4);
-    for (begin, end) in [
-        ("run: |\n", "      - uses: actions/upload"),
-        ("- |\n", "  # 3:"),
-    ] {
+    for (begin, end) in [("run: |\n", "      - uses: actions/upload"), ("- |\n", "  # 3:")] {
         let (_, rest) = text.split_once(begin).unwrap();
         let (block, _) = rest.split_once(end).unwrap();
         assert_eq!(commands(block), commands(steps), "{begin}");
@@ -788,10 +703,7 @@ fn a_stage_alone_executes_as_much_in_each_frame() {
 #[test]
 fn findings_of_a_self_test_count_what_its_trials_show() {
     let injections = Injection::all().unwrap();
-    let plan = Plan {
-        no_ops: 3,
-        slow5: 12,
-    };
+    let plan = Plan { no_ops: 3, slow5: 12 };
     let all = selftest::trials(plan, &injections);
     let trial = |id: &str| {
         let found = all.iter().find(|trial| trial.id == id);
@@ -820,10 +732,7 @@ fn findings_of_a_self_test_count_what_its_trials_show() {
     let found = selftest::findings(&injections, &made);
     assert_eq!((found.false_alarms.count, found.false_alarms.of), (1, 2));
     assert_eq!(found.false_alarms_loaded.count, 1);
-    assert_eq!(
-        (found.no_op_changes().count, found.no_op_changes().of),
-        (1, 4)
-    );
+    assert_eq!((found.no_op_changes().count, found.no_op_changes().of), (1, 4));
     let five = &found.detection["+5 % time"];
     assert_eq!((five.caught.count, five.caught.of), (1, 1));
     assert_eq!((five.named_first.count, five.others_blamed.count), (1, 0));
@@ -836,8 +745,5 @@ fn findings_of_a_self_test_count_what_its_trials_show() {
     assert_eq!((ten.others_blamed.count, ten.others_blamed.of), (1, 1));
     // The loaded no-op's trace, which is none, and the last trial's compose lie outside their intervals.
     assert_eq!((found.covered_zero.count, found.covered_zero.of), (4, 6));
-    assert_eq!(
-        (found.covered_injected.count, found.covered_injected.of),
-        (1, 1)
-    );
+    assert_eq!((found.covered_injected.count, found.covered_injected.of), (1, 1));
 }

@@ -83,13 +83,7 @@ impl Bench {
     }
 
     fn build(&self, name: &str, build: &Build<'_>) -> PathBuf {
-        let Build {
-            hello,
-            instead,
-            bytes,
-            error,
-            ns,
-        } = build;
+        let Build { hello, instead, bytes, error, ns } = build;
         let instead: String = instead
             .iter()
             .map(|(pattern, command)| format!("*'{pattern}'*) {command};;\n"))
@@ -168,22 +162,12 @@ fn equal_builds_are_the_same_and_unequal_ones_are_not() {
     let told = String::from_utf8(output.stdout).unwrap();
     assert_eq!(output.status.code(), Some(0), "{told}");
     assert!(told.contains("no regression; 4 cells: 4 same"), "{told}");
-    assert_eq!(
-        stored.header.base.label,
-        bench.path("base").display().to_string()
-    );
+    assert_eq!(stored.header.base.label, bench.path("base").display().to_string());
 
-    let bench = Bench {
-        folder: tempfile::tempdir().unwrap(),
-        ..bench
-    };
+    let bench = Bench { folder: tempfile::tempdir().unwrap(), ..bench };
     fs::write(bench.path("cells.toml"), CELLS).unwrap();
-    let (output, stored) = bench.compare(&Build {
-        bytes: 1001,
-        error: 0.02,
-        ns: 1_500_000,
-        ..Build::default()
-    });
+    let (output, stored) =
+        bench.compare(&Build { bytes: 1001, error: 0.02, ns: 1_500_000, ..Build::default() });
     assert_eq!(output.status.code(), Some(1));
     assert_eq!(verdict(&stored, "one a"), Verdict::Faster);
     let told = String::from_utf8(output.stdout).unwrap();
@@ -196,18 +180,9 @@ fn equal_builds_are_the_same_and_unequal_ones_are_not() {
 #[test]
 fn bases_that_cannot_be_asked_are_told_apart() {
     let bench = Bench::new();
-    let says = |hello: String| Build {
-        hello,
-        ..Build::default()
-    };
-    bench.refused(
-        &says(hello(9, "")),
-        "version 9 of the worker protocol, this build version 1",
-    );
-    bench.refused(
-        &says("echo Hello".to_owned()),
-        "answered garbage to `hello`: `Hello`",
-    );
+    let says = |hello: String| Build { hello, ..Build::default() };
+    bench.refused(&says(hello(9, "")), "version 9 of the worker protocol, this build version 1");
+    bench.refused(&says("echo Hello".to_owned()), "answered garbage to `hello`: `Hello`");
     bench.refused(
         &says("echo \"error: unrecognized subcommand 'worker'\" >&2; exit 2".to_owned()),
         "unrecognized subcommand 'worker'",
@@ -217,34 +192,20 @@ fn bases_that_cannot_be_asked_are_told_apart() {
 #[test]
 fn a_base_that_lacks_a_part_skips_that_gate_and_says_so() {
     let bench = Bench::new();
-    let base = bench.build(
-        "base",
-        &Build {
-            hello: hello(1, "\"time\""),
-            ..Build::default()
-        },
-    );
+    let base = bench.build("base", &Build { hello: hello(1, "\"time\""), ..Build::default() });
     let head = bench.build("head", &Build::default());
     let output = bench.command(&base, &head).output().unwrap();
     let told = String::from_utf8(output.stdout).unwrap();
     assert_eq!(output.status.code(), Some(0), "{told}");
-    assert!(
-        told.contains("exact gate skipped: the base build knows no such gate"),
-        "{told}"
-    );
+    assert!(told.contains("exact gate skipped: the base build knows no such gate"), "{told}");
 }
 
 #[test]
 fn what_the_base_does_not_know_is_new_and_what_the_head_cannot_do_fails() {
     let refuse = "echo '{\"message\":\"fault\",\"reason\":\"unknown pipeline\"}'";
     let bench = Bench::new();
-    let base = bench.build(
-        "base",
-        &Build {
-            instead: &[("\"id\":\"two\"", refuse)],
-            ..Build::default()
-        },
-    );
+    let base =
+        bench.build("base", &Build { instead: &[("\"id\":\"two\"", refuse)], ..Build::default() });
     let head = bench.build("head", &Build::default());
     let output = bench.command(&base, &head).output().unwrap();
     assert_eq!(output.status.code(), Some(0));
@@ -252,15 +213,10 @@ fn what_the_base_does_not_know_is_new_and_what_the_head_cannot_do_fails() {
     assert_eq!(verdict(&stored, "two a"), Verdict::New);
     assert_eq!(verdict(&stored, "one a"), Verdict::Same);
 
-    let bench = Bench {
-        folder: tempfile::tempdir().unwrap(),
-        ..bench
-    };
+    let bench = Bench { folder: tempfile::tempdir().unwrap(), ..bench };
     fs::write(bench.path("cells.toml"), CELLS).unwrap();
-    let (output, stored) = bench.compare(&Build {
-        instead: &[("\"id\":\"two\"", refuse)],
-        ..Build::default()
-    });
+    let (output, stored) =
+        bench.compare(&Build { instead: &[("\"id\":\"two\"", refuse)], ..Build::default() });
     assert_eq!(output.status.code(), Some(2));
     assert_eq!(verdict(&stored, "two b"), Verdict::Failed);
     assert_eq!(verdict(&stored, "one b"), Verdict::Same);
@@ -273,17 +229,8 @@ fn what_fails_in_either_build_is_not_taken_for_new() {
     for (of_base, of_head) in [(failure, None), (absent, Some("exit 3"))] {
         let bench = Bench::new();
         let build = |name: &str, does: Option<&str>| {
-            let instead: Vec<_> = does
-                .map(|does| ("\"id\":\"two\"", does))
-                .into_iter()
-                .collect();
-            bench.build(
-                name,
-                &Build {
-                    instead: &instead,
-                    ..Build::default()
-                },
-            )
+            let instead: Vec<_> = does.map(|does| ("\"id\":\"two\"", does)).into_iter().collect();
+            bench.build(name, &Build { instead: &instead, ..Build::default() })
         };
         let (base, head) = (build("base", Some(of_base)), build("head", of_head));
         let output = bench.command(&base, &head).output().unwrap();
@@ -318,10 +265,8 @@ fn an_error_that_is_no_number_is_a_figure_like_any_other() {
     let bench = Bench::new();
     let null = "echo '{\"message\":\"exact\",\"stages\":[{\"name\":\"a\",\"work\":{}},{\"name\":\"b\",\"work\":{}}],\
                 \"allocated_bytes\":1,\"errors\":{\"an_error\":null},\"quantities\":{}}'";
-    let (output, stored) = bench.compare(&Build {
-        instead: &[("\"exact\"", null)],
-        ..Build::default()
-    });
+    let (output, stored) =
+        bench.compare(&Build { instead: &[("\"exact\"", null)], ..Build::default() });
     assert!(stored.faults.is_empty(), "{output:?}");
 }
 
@@ -330,47 +275,29 @@ fn a_head_that_dies_or_lies_costs_the_cells_that_it_does_so_at() {
     for (pattern, badly, reason) in [
         ("\"id\":\"two\"", "kill -SEGV $$", "signal: 11"),
         ("\"stage\":\"b\"", "exit 3", "exit status: 3"),
-        (
-            "\"stage\":\"b\"",
-            "echo '{\"message\":\"sample\",\"ns\":[-1]}'",
-            "garbage",
-        ),
+        ("\"stage\":\"b\"", "echo '{\"message\":\"sample\",\"ns\":[-1]}'", "garbage"),
         ("\"stage\":\"b\"", "echo nonsense", "garbage"),
     ] {
         let bench = Bench::new();
-        let (output, stored) = bench.compare(&Build {
-            instead: &[(pattern, badly)],
-            ..Build::default()
-        });
+        let (output, stored) =
+            bench.compare(&Build { instead: &[(pattern, badly)], ..Build::default() });
         let told = String::from_utf8(output.stdout).unwrap();
         assert_eq!(output.status.code(), Some(2), "{badly}: {told}");
-        assert_eq!(
-            verdict(&stored, "two b"),
-            Verdict::Failed,
-            "{badly}: {told}"
-        );
+        assert_eq!(verdict(&stored, "two b"), Verdict::Failed, "{badly}: {told}");
         assert_eq!(verdict(&stored, "one a"), Verdict::Same, "{badly}: {told}");
         assert!(told.contains(reason), "{badly}: {told}");
     }
 }
 
 /// Slow enough to be ended within its launches.
-const SLOWLY: (&str, &str) = (
-    "\"sample\"",
-    "sleep 0.02; echo '{\"message\":\"sample\",\"ns\":[2000000]}'",
-);
+const SLOWLY: (&str, &str) =
+    ("\"sample\"", "sleep 0.02; echo '{\"message\":\"sample\",\"ns\":[2000000]}'");
 
 #[test]
 fn ctrl_c_in_a_terminal_costs_no_cell() {
     let bench = Bench::new();
     let base = bench.build("base", &Build::default());
-    let head = bench.build(
-        "head",
-        &Build {
-            instead: &[SLOWLY],
-            ..Build::default()
-        },
-    );
+    let head = bench.build("head", &Build { instead: &[SLOWLY], ..Build::default() });
     let mut child = bench
         .command(&base, &head)
         .process_group(0)
@@ -379,10 +306,7 @@ fn ctrl_c_in_a_terminal_costs_no_cell() {
         .spawn()
         .unwrap();
     let mut told = BufReader::new(child.stderr.take().unwrap()).lines();
-    told.by_ref()
-        .map_while(Result::ok)
-        .find(|line| line.contains("3 of 10 launches"))
-        .unwrap();
+    told.by_ref().map_while(Result::ok).find(|line| line.contains("3 of 10 launches")).unwrap();
     let group = format!("-{}", child.id());
     let sent = Command::new("kill").args(["-INT", "--", &group]).status();
     assert!(sent.unwrap().success());
@@ -403,70 +327,32 @@ fn ctrl_c_in_a_terminal_costs_no_cell() {
 fn a_killed_comparison_goes_on_where_it_ended() {
     let bench = Bench::new();
     let base = bench.build("base", &Build::default());
-    let head = bench.build(
-        "head",
-        &Build {
-            instead: &[SLOWLY],
-            ..Build::default()
-        },
-    );
-    let mut child = bench
-        .command(&base, &head)
-        .stderr(Stdio::piped())
-        .stdout(Stdio::null())
-        .spawn()
-        .unwrap();
+    let head = bench.build("head", &Build { instead: &[SLOWLY], ..Build::default() });
+    let mut child =
+        bench.command(&base, &head).stderr(Stdio::piped()).stdout(Stdio::null()).spawn().unwrap();
     let told = BufReader::new(child.stderr.take().unwrap());
-    let third = told
-        .lines()
-        .map_while(Result::ok)
-        .find(|line| line.contains("3 of 10 launches"));
+    let third = told.lines().map_while(Result::ok).find(|line| line.contains("3 of 10 launches"));
     assert!(third.is_some());
     child.kill().unwrap();
     child.wait().unwrap();
 
     let stored = Comparison::read(&bench.path("out")).unwrap();
     let before = stored.launches.len();
-    assert!(
-        (3..10).contains(&before) && stored.end.is_none(),
-        "{before}"
-    );
+    assert!((3..10).contains(&before) && stored.end.is_none(), "{before}");
     let occupied = bench.command(&base, &head).output().unwrap();
     assert_eq!(occupied.status.code(), Some(2));
-    assert!(
-        String::from_utf8(occupied.stderr)
-            .unwrap()
-            .contains("--resume")
-    );
-    let other = bench.build(
-        "other",
-        &Build {
-            bytes: 7,
-            ..Build::default()
-        },
-    );
-    let another = bench
-        .command(&base, &other)
-        .arg("--resume")
-        .output()
-        .unwrap();
+    assert!(String::from_utf8(occupied.stderr).unwrap().contains("--resume"));
+    let other = bench.build("other", &Build { bytes: 7, ..Build::default() });
+    let another = bench.command(&base, &other).arg("--resume").output().unwrap();
     assert_eq!(another.status.code(), Some(2));
     let told = String::from_utf8(another.stderr).unwrap();
     assert!(told.contains("was begun with another head"), "{told}");
 
-    let resumed = bench
-        .command(&base, &head)
-        .arg("--resume")
-        .output()
-        .unwrap();
+    let resumed = bench.command(&base, &head).arg("--resume").output().unwrap();
     assert_eq!(resumed.status.code(), Some(0), "{resumed:?}");
     let stored = Comparison::read(&bench.path("out")).unwrap();
     assert_eq!(stored.launches.len(), 10);
-    assert_eq!(
-        stored.exact.len(),
-        2 * 4,
-        "exact figures are not asked for again"
-    );
+    assert_eq!(stored.exact.len(), 2 * 4, "exact figures are not asked for again");
     assert_eq!(Verdicts::of(&stored).status, Status::NoRegression);
     assert_eq!(stored.header.settings.gates, [Gate::Exact, Gate::Time]);
 }
@@ -490,10 +376,8 @@ fn files_of_records_are_judged_by_what_is_exact() {
         "caustics.buffer=[32,32]",
         "godrays.buffer=[32,32]",
     ];
-    let mut arguments: Vec<&Path> = ["run", "uw-default", "--budget", "1", "--out"]
-        .iter()
-        .map(Path::new)
-        .collect();
+    let mut arguments: Vec<&Path> =
+        ["run", "uw-default", "--budget", "1", "--out"].iter().map(Path::new).collect();
     arguments.push(&run);
     for set in &small {
         arguments.extend([Path::new("--set"), Path::new(set)]);
@@ -516,10 +400,7 @@ fn files_of_records_are_judged_by_what_is_exact() {
     let same = compare(&base, "same");
     let told = String::from_utf8(same.stdout).unwrap();
     assert_eq!(same.status.code(), Some(0), "{told}");
-    assert!(
-        told.contains("times are unpaired") && told.contains("+0.0 %, unpaired"),
-        "{told}"
-    );
+    assert!(told.contains("times are unpaired") && told.contains("+0.0 %, unpaired"), "{told}");
     let again = fathom(
         &["compare", "--replay"]
             .map(Path::new)
@@ -541,11 +422,7 @@ fn files_of_records_are_judged_by_what_is_exact() {
     });
     let told = compare(&slower, "slower");
     assert_eq!(told.status.code(), Some(0), "unpaired times raise no alarm");
-    assert!(
-        String::from_utf8(told.stdout)
-            .unwrap()
-            .contains("+50.0 %, unpaired")
-    );
+    assert!(String::from_utf8(told.stdout).unwrap().contains("+50.0 %, unpaired"));
 
     let costlier = changed("costlier.jsonl", &|record| {
         if let Record::Cell(cell) = record
@@ -564,10 +441,7 @@ fn files_of_records_are_judged_by_what_is_exact() {
     let told = compare(&elsewhere, "elsewhere");
     assert_eq!(told.status.code(), Some(0));
     let told = String::from_utf8(told.stdout).unwrap();
-    assert!(
-        told.contains("time gate skipped: times of different adapters or drivers"),
-        "{told}"
-    );
+    assert!(told.contains("time gate skipped: times of different adapters or drivers"), "{told}");
 
     let other = changed("other.jsonl", &|record| {
         if let Record::Cell(cell) = record {

@@ -15,10 +15,7 @@ const RULE: &[(&str, &[&str])] = &[
     ("gpu", &["record"]),
     ("stages", &["gpu", "record", "scene"]),
     ("pipelines", &["gpu", "record", "scene", "stages"]),
-    (
-        "experiments",
-        &["input", "pipelines", "record", "statistics", "text"],
-    ),
+    ("experiments", &["input", "pipelines", "record", "statistics", "text"]),
     ("report", &["experiments", "record", "statistics", "text"]),
     (
         "harness",
@@ -79,11 +76,7 @@ fn imports(text: &str) -> Vec<String> {
     code.lines()
         .filter(|line| !line.trim_start().starts_with("//"))
         .flat_map(|line| line.split("crate::").skip(1))
-        .map(|rest| {
-            rest.chars()
-                .take_while(|c| c.is_alphanumeric() || *c == '_')
-                .collect()
-        })
+        .map(|rest| rest.chars().take_while(|c| c.is_alphanumeric() || *c == '_').collect())
         .collect()
 }
 
@@ -94,13 +87,7 @@ fn modules_import_only_what_the_rule_allows() {
     rust_files(&source, &mut files);
     for file in files {
         let inside = file.strip_prefix(&source).unwrap();
-        let module = inside
-            .iter()
-            .next()
-            .unwrap()
-            .to_str()
-            .unwrap()
-            .trim_end_matches(".rs");
+        let module = inside.iter().next().unwrap().to_str().unwrap().trim_end_matches(".rs");
         let Some((_, allowed)) = RULE.iter().find(|(name, _)| *name == module) else {
             assert!(
                 ["lib", "main", "cli"].contains(&module),
@@ -144,9 +131,7 @@ const PRINTING: [&str; 5] = ["println!(", "eprintln!(", "print!(", "eprint!(", "
 
 fn prints(text: &str) -> bool {
     let code = text.split("#[cfg(test)]").next().unwrap_or_default();
-    let mut lines = code
-        .lines()
-        .filter(|line| !line.trim_start().starts_with("//"));
+    let mut lines = code.lines().filter(|line| !line.trim_start().starts_with("//"));
     lines.any(|line| PRINTING.iter().any(|call| line.contains(call)))
 }
 
@@ -157,11 +142,7 @@ fn everything_is_printed_by_the_module_tell() {
     rust_files(&source, &mut files);
     for file in files {
         let text = fs::read_to_string(&file).unwrap();
-        assert!(
-            !prints(&text),
-            "{} prints by itself; use fathom::tell",
-            file.display()
-        );
+        assert!(!prints(&text), "{} prints by itself; use fathom::tell", file.display());
     }
     assert!(prints("fn f() {\n    eprintln!(\"x\");\n}\n"));
     assert!(!prints("// println!(x)\nfn f() {}\n"));

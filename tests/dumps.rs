@@ -47,10 +47,7 @@ impl Dump {
 
     fn column(&self, name: &str) -> usize {
         let columns = self.about["columns"].as_array().unwrap();
-        columns
-            .iter()
-            .position(|c| c["name"] == name)
-            .unwrap_or_else(|| panic!("no column {name}"))
+        columns.iter().position(|c| c["name"] == name).unwrap_or_else(|| panic!("no column {name}"))
     }
 
     fn rows(&self) -> impl Iterator<Item = &[f32]> {
@@ -79,21 +76,11 @@ fn dumps(gpu: &Gpu, sets: &[(&str, Value)]) -> Dumps {
         ("caustics.buffer", json!([128, 128])),
         ("godrays.grid", json!(8)),
     ];
-    let sets: Vec<(String, Value)> = small
-        .iter()
-        .chain(sets)
-        .map(|(path, value)| ((*path).to_owned(), value.clone()))
-        .collect();
-    let subject = Subjects::default()
-        .subject("underwater", "plane", &sets)
-        .unwrap();
+    let sets: Vec<(String, Value)> =
+        small.iter().chain(sets).map(|(path, value)| ((*path).to_owned(), value.clone())).collect();
+    let subject = Subjects::default().subject("underwater", "plane", &sets).unwrap();
     let folder = tempfile::tempdir().unwrap();
-    for stage in [
-        "caustics/trace",
-        "caustics/splat",
-        "caustics/filter",
-        "scene/gbuffer",
-    ] {
+    for stage in ["caustics/trace", "caustics/splat", "caustics/filter", "scene/gbuffer"] {
         dump(gpu, &subject, stage, folder.path()).unwrap();
     }
     let read = |stem| Dump::read(folder.path(), stem);
@@ -123,15 +110,10 @@ fn landed(photons: &Dump) -> Vec<(DVec3, f64)> {
 /// The buffer's sum by the description's rules, and the energy of the photons whose hits lie in view.
 fn expected(dumps: &Dumps) -> (f64, f64) {
     let splat = &dumps.splat;
-    let (eye, project) = (
-        splat.vector("/camera/position_m"),
-        splat.matrix("/camera/view_projection"),
-    );
+    let (eye, project) =
+        (splat.vector("/camera/position_m"), splat.matrix("/camera/view_projection"));
     let size = [128.0, 128.0];
-    let (a, b) = (
-        splat.number("/splat/size_a_px"),
-        splat.number("/splat/size_b_px_m"),
-    );
+    let (a, b) = (splat.number("/splat/size_a_px"), splat.number("/splat/size_b_px_m"));
     let bias_m = splat.number("/splat/depth_bias_m");
     let conserving = splat.about["photons"]["intensity"] == "conserving";
     let (mut sum, mut energy) = (0.0, 0.0);
@@ -140,9 +122,7 @@ fn expected(dumps: &Dumps) -> (f64, f64) {
         let place = [(ndc.x + 1.0) / 2.0 * size[0], (1.0 - ndc.y) / 2.0 * size[1]];
         let distance_m = hit.distance(eye);
         let side = a + b / distance_m;
-        let nearer = project
-            .project_point3(hit + (eye - hit) * (bias_m / distance_m))
-            .z;
+        let nearer = project.project_point3(hit + (eye - hit) * (bias_m / distance_m)).z;
         let covered = |center: f64| {
             let first = (center - side / 2.0 - 0.5).ceil().max(0.0) as usize;
             first..((center + side / 2.0 - 0.5).ceil().clamp(0.0, 128.0) as usize)
@@ -152,11 +132,7 @@ fn expected(dumps: &Dumps) -> (f64, f64) {
             let texel = [*y, *x].map(|i| ((i as f64 + 0.5) / 128.0 * 200.0) as usize);
             nearer <= f64::from(dumps.depth.array[[texel[0], texel[1], 0]])
         });
-        let value = if conserving {
-            photon_w / (side * side)
-        } else {
-            photon_w
-        };
+        let value = if conserving { photon_w / (side * side) } else { photon_w };
         sum += value * seen.count() as f64;
         if place.iter().all(|p| (0.0..128.0).contains(p)) {
             energy += photon_w;
@@ -220,18 +196,11 @@ fn the_buffers_units_are_what_they_say() {
         let ((sum, energy), measured) = (expected(&dumps), dumps.splat.sum());
         assert_eq!(unit(&dumps.splat), "W/px");
         assert!(off(measured, sum) < SUM, "{measured} against {sum}");
-        assert!(
-            off(measured, energy) < ENERGY,
-            "{measured} W, {energy} W land in view"
-        );
+        assert!(off(measured, energy) < ENERGY, "{measured} W, {energy} W land in view");
     }
     let dumps = cell(&gpu, "paper", &[from_above()]);
     let ((sum, energy), measured) = (expected(&dumps), dumps.splat.sum());
-    assert!(
-        unit(&dumps.splat).contains("not divided"),
-        "{}",
-        unit(&dumps.splat)
-    );
+    assert!(unit(&dumps.splat).contains("not divided"), "{}", unit(&dumps.splat));
     assert!(off(measured, sum) < SUM, "{measured} against {sum}");
     assert!(measured > 24.0 * energy, "{measured} for {energy} W");
 }
@@ -244,12 +213,7 @@ fn the_light_frustum_and_the_photons_belong_together() {
     let photons = &dumps.photons;
     let project = photons.matrix("/light_frustum/view_projection");
     let inverse = photons.matrix("/light_frustum/inverse");
-    assert!(
-        (project * inverse - DMat4::IDENTITY)
-            .to_cols_array()
-            .iter()
-            .all(|v| v.abs() < 1e-9)
-    );
+    assert!((project * inverse - DMat4::IDENTITY).to_cols_array().iter().all(|v| v.abs() < 1e-9));
     let extents = |name: &str| photons.number(&format!("/light_frustum/extents/{name}"));
     let width = extents("near_max_m/0") - extents("near_min_m/0");
     let height = extents("near_max_m/1") - extents("near_min_m/1");
@@ -257,10 +221,8 @@ fn the_light_frustum_and_the_photons_belong_together() {
     assert!(off(width * height * 9.2, emitted) < 1e-9);
     let count = photons.number("/photons/count");
     assert!(off(photons.number("/photons/flux_w") * count, emitted) < 1e-5);
-    let (forward, eta) = (
-        photons.vector("/light_frustum/forward"),
-        photons.number("/photons/refractive_index"),
-    );
+    let (forward, eta) =
+        (photons.vector("/light_frustum/forward"), photons.number("/photons/refractive_index"));
     let [entry, direction, weight] =
         ["entry_x_m", "direction_x", "weight"].map(|name| photons.column(name));
     let mut judged = 0;
@@ -270,10 +232,7 @@ fn the_light_frustum_and_the_photons_belong_together() {
         let fine = [cell % 64 * 2 + i % 2, cell / 64 * 2 + i % 4 / 2];
         let ndc = project.project_point3(vector(entry));
         for (along, place) in [ndc.x, ndc.y].into_iter().zip(fine) {
-            assert!(
-                (along - ((place as f64 + 0.5) / 64.0 - 1.0)).abs() < 1e-4,
-                "photon {i}"
-            );
+            assert!((along - ((place as f64 + 0.5) / 64.0 - 1.0)).abs() < 1e-4, "photon {i}");
         }
         if row[weight] > 0.0 && row[photons.column("residual_m")] >= 0.0 {
             assert!(

@@ -57,10 +57,7 @@ fn wait_until(what: &str, child: &mut Child, mut holds: impl FnMut() -> bool) {
     let start = Instant::now();
     while !holds() {
         assert!(start.elapsed() < PATIENCE, "{what}");
-        assert!(
-            child.try_wait().unwrap().is_none(),
-            "it ended before {what}"
-        );
+        assert!(child.try_wait().unwrap().is_none(), "it ended before {what}");
         std::thread::sleep(Duration::from_millis(5));
     }
 }
@@ -91,23 +88,13 @@ fn one_of_two(mut commands: [Command; 2]) -> Output {
     let children = [commands[0].spawn().unwrap(), commands[1].spawn().unwrap()];
     let ids = children.each_ref().map(Child::id);
     let [a, b] = children.map(|child| child.wait_with_output().unwrap());
-    let (measured, refused, id) = if a.status.success() {
-        (a, b, ids[0])
-    } else {
-        (b, a, ids[1])
-    };
+    let (measured, refused, id) = if a.status.success() { (a, b, ids[0]) } else { (b, a, ids[1]) };
     stderr(&measured, 0);
     let told = stderr(&refused, 2);
     let in_use = format!("is in use by process {id} (`");
-    let errors: Vec<&str> = told
-        .lines()
-        .filter(|line| line.starts_with("error: "))
-        .collect();
+    let errors: Vec<&str> = told.lines().filter(|line| line.starts_with("error: ")).collect();
     assert_eq!(errors.len(), 1, "{told}");
-    assert!(
-        errors[0].contains(&in_use) && errors[0].contains(", since 20"),
-        "{told}"
-    );
+    assert!(errors[0].contains(&in_use) && errors[0].contains(", since 20"), "{told}");
     measured
 }
 
@@ -138,10 +125,7 @@ fn a_kill_at_any_moment_loses_no_sample_and_one_of_two_processes_goes_on() {
         });
         std::thread::sleep(Duration::from_millis(random.random_range(0..100)));
         let told = stderr(&run(out, &["--resume"]).output().unwrap(), 2);
-        assert!(
-            told.contains(&format!("process {} (", child.id())),
-            "{told}"
-        );
+        assert!(told.contains(&format!("process {} (", child.id())), "{told}");
         child.kill().unwrap();
         child.wait().unwrap();
         assert_eq!(cells(out), [], "no cell had its record");
@@ -170,10 +154,7 @@ fn goes_on(before: &[SampleLine], cells: &[Cell]) {
             panic!("{:?}", cell.outcome);
         };
         let added = additions.remove(cell.cell.as_str()).unwrap_or_default();
-        let pairs: Vec<&FramePair> = added
-            .iter()
-            .filter_map(|added| added.pair.as_ref())
-            .collect();
+        let pairs: Vec<&FramePair> = added.iter().filter_map(|added| added.pair.as_ref()).collect();
         let (n, frame) = (pairs.len(), &measured.frame);
         let all = frame.untimed_samples_ns.len();
         // The pairs of the resumed run may all have been rejected.
@@ -187,10 +168,8 @@ fn goes_on(before: &[SampleLine], cells: &[Cell]) {
             assert_eq!(stage.samples_ns.len(), all);
             let known = pairs.iter().map(|pair| &pair.stages[place]);
             let read = |stage: &StageTime| stage.ns + stage.submit_cost_ns;
-            let [known, as_read]: [Vec<f64>; 2] = [
-                known.clone().map(|stage| stage.ns).collect(),
-                known.map(read).collect(),
-            ];
+            let [known, as_read]: [Vec<f64>; 2] =
+                [known.clone().map(|stage| stage.ns).collect(), known.map(read).collect()];
             match &stage.fenced {
                 Some(fenced) => assert_eq!(fenced.wall_samples_ns[..n], as_read),
                 None => assert_eq!(stage.samples_ns[..n], known),
@@ -209,13 +188,9 @@ fn records_that_vanish_in_mid_run_are_rescued_and_the_run_says_so() {
     let folder = tempfile::tempdir().unwrap();
     let records = folder.path().join("records.jsonl");
     let mut child = run(folder.path(), &["--budget", "600"]).spawn().unwrap();
-    wait_until("there were samples", &mut child, || {
-        !kept(folder.path()).is_empty()
-    });
+    wait_until("there were samples", &mut child, || !kept(folder.path()).is_empty());
     fs::remove_file(&records).unwrap();
-    let interrupt = Command::new("kill")
-        .args(["-INT", &child.id().to_string()])
-        .status();
+    let interrupt = Command::new("kill").args(["-INT", &child.id().to_string()]).status();
     assert!(interrupt.unwrap().success());
     let told = stderr(&child.wait_with_output().unwrap(), 2);
     assert!(told.contains("was removed or replaced while"), "{told}");
@@ -244,15 +219,9 @@ fn what_is_no_run_is_not_resumed_and_what_is_garbage_is_not_reported() {
     for garbage in ["", "{\"record\":\"run\",\"sche", "one\ntwo\n", "\0\0\0\0"] {
         fs::write(&records, garbage).unwrap();
         let report = fathom(&["report", out.to_str().unwrap()]);
-        assert!(
-            stderr(&report, 2).contains("holds no sound record"),
-            "{garbage:?}"
-        );
+        assert!(stderr(&report, 2).contains("holds no sound record"), "{garbage:?}");
         if !garbage.is_empty() {
-            assert!(
-                stderr(&resume(), 2).contains("holds no sound record"),
-                "{garbage:?}"
-            );
+            assert!(stderr(&resume(), 2).contains("holds no sound record"), "{garbage:?}");
         }
         assert_eq!(fs::read_to_string(&records).unwrap(), garbage);
         assert_eq!(fs::read_to_string(&summary).unwrap(), "a good summary");

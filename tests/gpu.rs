@@ -44,11 +44,7 @@ fn texture(gpu: &Gpu, width: u32, height: u32, format: wgpu::TextureFormat) -> w
     use wgpu::TextureUsages as Usage;
     gpu.device.create_texture(&wgpu::TextureDescriptor {
         label: Some("test"),
-        size: wgpu::Extent3d {
-            width,
-            height,
-            depth_or_array_layers: 1,
-        },
+        size: wgpu::Extent3d { width, height, depth_or_array_layers: 1 },
         mip_level_count: 1,
         sample_count: 1,
         dimension: wgpu::TextureDimension::D2,
@@ -80,11 +76,7 @@ impl Work {
         let results = buffer(gpu, u64::from(INVOCATIONS) * 4, Usage::STORAGE);
         let target = texture(gpu, EDGE, EDGE, wgpu::TextureFormat::Rgba8Unorm);
         Self {
-            compute_bindings: bind(
-                gpu,
-                &compute.get_bind_group_layout(0),
-                &[&uniform, &results],
-            ),
+            compute_bindings: bind(gpu, &compute.get_bind_group_layout(0), &[&uniform, &results]),
             render_bindings: bind(gpu, &render.get_bind_group_layout(0), &[&uniform]),
             view: target.create_view(&wgpu::TextureViewDescriptor::default()),
             scratch: [Usage::COPY_SRC, Usage::COPY_DST].map(|usage| buffer(gpu, 1 << 22, usage)),
@@ -102,41 +94,39 @@ impl Work {
 
 fn compute_pipeline(gpu: &Gpu) -> wgpu::ComputePipeline {
     let module = gpu.shader("audit/kernels", &[]).expect("it links");
-    gpu.device
-        .create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
-            label: Some("test"),
-            layout: None,
-            module: &module,
-            entry_point: Some("main"),
-            compilation_options: compilation_options(),
-            cache: None,
-        })
+    gpu.device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
+        label: Some("test"),
+        layout: None,
+        module: &module,
+        entry_point: Some("main"),
+        compilation_options: compilation_options(),
+        cache: None,
+    })
 }
 
 fn render_pipeline(gpu: &Gpu) -> wgpu::RenderPipeline {
     let module = gpu.shader("audit/kernels", &[]).expect("it links");
-    gpu.device
-        .create_render_pipeline(&wgpu::RenderPipelineDescriptor {
-            label: Some("test"),
-            layout: None,
-            vertex: wgpu::VertexState {
-                module: &module,
-                entry_point: Some("vertex"),
-                compilation_options: compilation_options(),
-                buffers: &[],
-            },
-            primitive: wgpu::PrimitiveState::default(),
-            depth_stencil: None,
-            multisample: wgpu::MultisampleState::default(),
-            fragment: Some(wgpu::FragmentState {
-                module: &module,
-                entry_point: Some("fragment"),
-                compilation_options: compilation_options(),
-                targets: &[Some(wgpu::TextureFormat::Rgba8Unorm.into())],
-            }),
-            multiview_mask: None,
-            cache: None,
-        })
+    gpu.device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
+        label: Some("test"),
+        layout: None,
+        vertex: wgpu::VertexState {
+            module: &module,
+            entry_point: Some("vertex"),
+            compilation_options: compilation_options(),
+            buffers: &[],
+        },
+        primitive: wgpu::PrimitiveState::default(),
+        depth_stencil: None,
+        multisample: wgpu::MultisampleState::default(),
+        fragment: Some(wgpu::FragmentState {
+            module: &module,
+            entry_point: Some("fragment"),
+            compilation_options: compilation_options(),
+            targets: &[Some(wgpu::TextureFormat::Rgba8Unorm.into())],
+        }),
+        multiview_mask: None,
+        cache: None,
+    })
 }
 
 struct Stage<'a> {
@@ -171,17 +161,11 @@ impl Encode for Stage<'_> {
                     clear: Some(wgpu::Color::BLACK),
                     slice: None,
                 }];
-                scope.render(
-                    &Targets {
-                        color: &color,
-                        depth: None,
-                    },
-                    |pass| {
-                        pass.set_pipeline(&work.render);
-                        pass.set_bind_group(0, &work.render_bindings, &[]);
-                        pass.draw(0..6 * 32 * 32, 0..1);
-                    },
-                );
+                scope.render(&Targets { color: &color, depth: None }, |pass| {
+                    pass.set_pipeline(&work.render);
+                    pass.set_bind_group(0, &work.render_bindings, &[]);
+                    pass.draw(0..6 * 32 * 32, 0..1);
+                });
             }
             PassKind::Copy => scope.copy(|encoder| {
                 let [from, to] = &work.scratch;
@@ -205,15 +189,8 @@ impl Encode for Idle {
 /// Render passes on timestamps, where the adapter has them, and the rest on the fenced host clock;
 /// submissions at 50 µs.
 fn plan(gpu: &Gpu) -> ClockPlan {
-    let plan = ClockPlan::fenced(SubmitCost {
-        compute_ns: 5e4,
-        render_ns: 5e4,
-        copy_ns: 5e4,
-    });
-    match gpu
-        .features
-        .contains(wgpu::Features::TIMESTAMP_QUERY_INSIDE_ENCODERS)
-    {
+    let plan = ClockPlan::fenced(SubmitCost { compute_ns: 5e4, render_ns: 5e4, copy_ns: 5e4 });
+    match gpu.features.contains(wgpu::Features::TIMESTAMP_QUERY_INSIDE_ENCODERS) {
         true => plan.with(PassKind::Render, Clock::Timestamp),
         false => plan,
     }
@@ -234,17 +211,8 @@ fn median(mut values: Vec<f64>) -> f64 {
 fn stages_and_gaps_make_up_the_envelope() {
     let gpu = open();
     let work = Work::new(&gpu);
-    let kinds = [
-        PassKind::Host,
-        PassKind::Compute,
-        PassKind::Render,
-        PassKind::Copy,
-    ];
-    let stages: Vec<_> = kinds
-        .into_iter()
-        .chain(kinds)
-        .map(|kind| work.stage(kind))
-        .collect();
+    let kinds = [PassKind::Host, PassKind::Compute, PassKind::Render, PassKind::Copy];
+    let stages: Vec<_> = kinds.into_iter().chain(kinds).map(|kind| work.stage(kind)).collect();
     let frame: Vec<&dyn Encode> = stages.iter().map(|stage| stage as &dyn Encode).collect();
     let mut timer = FrameTimer::new(&gpu, plan(&gpu), 16).expect("it is made");
     for _ in 0..3 {
@@ -264,10 +232,7 @@ fn stages_and_gaps_make_up_the_envelope() {
     let (error, wall, untimed) = (median(errors), median(walls), median(untimed));
     println!("accounting error {error:.4}, timed {wall:.0} ns, untimed {untimed:.0} ns");
     assert!(error < 0.05, "accounting error {error}");
-    assert!(
-        (0.5..2.0).contains(&(wall / untimed)),
-        "timed {wall}, untimed {untimed}"
-    );
+    assert!((0.5..2.0).contains(&(wall / untimed)), "timed {wall}, untimed {untimed}");
 }
 
 #[test]
@@ -289,9 +254,7 @@ fn more_passes_than_queries_is_an_error() {
     timer.timed(&gpu, &[&host, &render]).expect("one pass fits");
     let outcome = timer.timed(&gpu, &[&host, &render, &render]);
     assert_eq!(matches!(outcome, Err(GpuError::TooManyPasses(1))), timed);
-    timer
-        .timed(&gpu, &[&host, &render])
-        .expect("the timer is usable afterwards");
+    timer.timed(&gpu, &[&host, &render]).expect("the timer is usable afterwards");
 }
 
 #[test]
@@ -313,26 +276,17 @@ fn many_passes_span_several_query_sets() {
             }
         }
     }
-    let sample = timer
-        .timed(&gpu, &[&Many(&work, passes - 1), &copy])
-        .expect("the frame runs");
+    let sample = timer.timed(&gpu, &[&Many(&work, passes - 1), &copy]).expect("the frame runs");
     // Copies this small may read as nothing, but not most of them.
-    assert!(
-        sample.faults.len() < passes as usize / 2,
-        "{} faults",
-        sample.faults.len()
-    );
+    assert!(sample.faults.len() < passes as usize / 2, "{} faults", sample.faults.len());
 }
 
 #[test]
 fn invocations_are_counted_exactly() {
     let gpu = open();
     let work = Work::new(&gpu);
-    let (host, compute, render) = (
-        work.stage(PassKind::Host),
-        work.stage(PassKind::Compute),
-        work.stage(PassKind::Render),
-    );
+    let (host, compute, render) =
+        (work.stage(PassKind::Host), work.stage(PassKind::Compute), work.stage(PassKind::Render));
     let counted = count(&gpu, &[&host, &compute, &render, &compute], 8).expect("the frame runs");
     let Some(counted) = counted else {
         println!("skipped: {} does not count invocations", gpu.adapter.name);
@@ -340,10 +294,7 @@ fn invocations_are_counted_exactly() {
     };
     assert!(counted[0].counters.is_empty());
     for stage in [&counted[1], &counted[3]] {
-        assert_eq!(
-            stage.counters["compute_invocations"],
-            u64::from(INVOCATIONS)
-        );
+        assert_eq!(stage.counters["compute_invocations"], u64::from(INVOCATIONS));
     }
     assert_eq!(counted[2].counters["vertex_invocations"], 6 * 32 * 32);
     assert!(counted[2].counters["fragment_invocations"] >= u64::from(EDGE * EDGE));
@@ -355,20 +306,10 @@ fn what_was_rendered_is_read_back() {
     let work = Work::new(&gpu);
     let mut timer = FrameTimer::new(&gpu, plan(&gpu), 4).expect("it is made");
     let (host, render) = (work.stage(PassKind::Host), work.stage(PassKind::Render));
-    timer
-        .untimed(&gpu, &[&host, &render])
-        .expect("the frame runs");
+    timer.untimed(&gpu, &[&host, &render]).expect("the frame runs");
     let pixels = read_texture(&gpu, &work.target).expect("it is read");
-    assert_eq!(
-        (pixels.width, pixels.height, pixels.channels),
-        (EDGE, EDGE, 4)
-    );
-    assert!(
-        pixels
-            .data
-            .chunks(4)
-            .all(|texel| texel[0] > 0.0 && texel[3] == 1.0)
-    );
+    assert_eq!((pixels.width, pixels.height, pixels.channels), (EDGE, EDGE, 4));
+    assert!(pixels.data.chunks(4).all(|texel| texel[0] > 0.0 && texel[3] == 1.0));
     assert_eq!(texture_bytes(&work.target), u64::from(EDGE * EDGE * 4));
 }
 
@@ -380,24 +321,9 @@ fn every_format_is_read_back_whatever_its_row_length() {
             "test/clear"
         }
         fn encode(&self, scope: &mut StageScope<'_>) {
-            let clear = Some(wgpu::Color {
-                r: 0.2,
-                g: 0.4,
-                b: 0.6,
-                a: 1.0,
-            });
-            let color = [ColorTarget {
-                view: self.0,
-                clear,
-                slice: None,
-            }];
-            scope.render(
-                &Targets {
-                    color: &color,
-                    depth: None,
-                },
-                |_| {},
-            );
+            let clear = Some(wgpu::Color { r: 0.2, g: 0.4, b: 0.6, a: 1.0 });
+            let color = [ColorTarget { view: self.0, clear, slice: None }];
+            scope.render(&Targets { color: &color, depth: None }, |_| {});
         }
     }
     use wgpu::TextureFormat as Format;
@@ -414,51 +340,30 @@ fn every_format_is_read_back_whatever_its_row_length() {
     for (format, channels, tolerance) in formats {
         let usages = gpu.format_features(format).allowed_usages;
         if !usages.contains(wgpu::TextureUsages::RENDER_ATTACHMENT) {
-            println!(
-                "skipped: {} does not render to {format:?}",
-                gpu.adapter.name
-            );
+            println!("skipped: {} does not render to {format:?}", gpu.adapter.name);
             continue;
         }
         let texture = texture(&gpu, 37, 5, format);
         let view = texture.create_view(&wgpu::TextureViewDescriptor::default());
-        timer
-            .untimed(&gpu, &[&Clear(&view)])
-            .expect("the frame runs");
+        timer.untimed(&gpu, &[&Clear(&view)]).expect("the frame runs");
         let pixels = read_texture(&gpu, &texture).expect("it is read");
         assert_eq!(pixels.data.len(), 37 * 5 * channels);
         for (value, cleared) in pixels.texel(36, 4).iter().zip([0.2, 0.4, 0.6, 1.0]) {
-            assert!(
-                (value - cleared).abs() < tolerance,
-                "{format:?}: {value} is not {cleared}"
-            );
+            assert!((value - cleared).abs() < tolerance, "{format:?}: {value} is not {cleared}");
         }
     }
     let texture = texture(&gpu, 4, 4, Format::Rg16Float);
-    assert!(matches!(
-        read_texture(&gpu, &texture),
-        Err(GpuError::ReadBack(_))
-    ));
+    assert!(matches!(read_texture(&gpu, &texture), Err(GpuError::ReadBack(_))));
 }
 
 #[test]
 fn a_buffer_is_read_back() {
     let gpu = open();
-    let source = buffer(
-        &gpu,
-        12,
-        wgpu::BufferUsages::COPY_SRC | wgpu::BufferUsages::COPY_DST,
-    );
+    let source = buffer(&gpu, 12, wgpu::BufferUsages::COPY_SRC | wgpu::BufferUsages::COPY_DST);
     gpu.queue.write_buffer(&source, 0, b"twelve bytes");
-    assert_eq!(
-        read_buffer(&gpu, &source).expect("it is read"),
-        b"twelve bytes"
-    );
+    assert_eq!(read_buffer(&gpu, &source).expect("it is read"), b"twelve bytes");
     let unreadable = buffer(&gpu, 12, wgpu::BufferUsages::STORAGE);
-    assert!(matches!(
-        read_buffer(&gpu, &unreadable),
-        Err(GpuError::Validation(_))
-    ));
+    assert!(matches!(read_buffer(&gpu, &unreadable), Err(GpuError::Validation(_))));
 }
 
 #[test]
@@ -479,12 +384,7 @@ fn a_refused_call_is_an_error_of_its_scope_and_no_other() {
 #[test]
 fn an_error_outside_any_scope_comes_with_the_next_call_and_once() {
     let gpu = open();
-    texture(
-        &gpu,
-        gpu.limits.max_texture_dimension_2d + 1,
-        4,
-        wgpu::TextureFormat::R8Unorm,
-    );
+    texture(&gpu, gpu.limits.max_texture_dimension_2d + 1, 4, wgpu::TextureFormat::R8Unorm);
     assert!(matches!(gpu.wait(), Err(GpuError::Validation(_))));
     gpu.wait().expect("it was told once");
 }
@@ -497,25 +397,16 @@ fn a_lost_device_is_an_error_and_not_a_panic() {
     gpu.device.destroy();
     let render = work.stage(PassKind::Render);
     assert!(timer.timed(&gpu, &[&render]).is_err());
-    assert!(matches!(
-        timer.untimed(&gpu, &[&render]),
-        Err(GpuError::Lost(_))
-    ));
-    assert!(matches!(
-        gpu.shader("audit/kernels", &[]),
-        Err(GpuError::Lost(_))
-    ));
+    assert!(matches!(timer.untimed(&gpu, &[&render]), Err(GpuError::Lost(_))));
+    assert!(matches!(gpu.shader("audit/kernels", &[]), Err(GpuError::Lost(_))));
 }
 
 #[test]
 fn demands_are_held_against_the_adapter() {
     let gpu = open();
     let edge = u64::from(gpu.limits.max_texture_dimension_2d);
-    gpu.check(&Demand::new().texture_2d("map", edge, edge))
-        .expect("the limit itself is allowed");
-    let message = gpu
-        .check(&Demand::new().texture_2d("map", edge + 1, 1))
-        .expect_err("too wide");
+    gpu.check(&Demand::new().texture_2d("map", edge, edge)).expect("the limit itself is allowed");
+    let message = gpu.check(&Demand::new().texture_2d("map", edge + 1, 1)).expect_err("too wide");
     assert!(message.contains("max_texture_dimension_2d"), "{message}");
     assert!(message.contains(&edge.to_string()), "{message}");
 }
@@ -527,29 +418,18 @@ fn an_unknown_adapter_lists_those_that_are_there() {
         unchecked: false,
         ..Options::default()
     };
-    let message = Gpu::open(&options)
-        .err()
-        .expect("there is none")
-        .to_string();
+    let message = Gpu::open(&options).err().expect("there is none").to_string();
     assert!(message.contains(&Gpu::list()[0].name), "{message}");
-    let first = Options {
-        adapter: Some("0".to_owned()),
-        unchecked: true,
-        ..Options::default()
-    };
+    let first = Options { adapter: Some("0".to_owned()), unchecked: true, ..Options::default() };
     let gpu = Gpu::open(&first).expect("the first is there");
     assert_eq!(gpu.adapter.name, Gpu::list()[0].name);
-    gpu.shader("audit/kernels", &[])
-        .expect("it links without checks, too");
+    gpu.shader("audit/kernels", &[]).expect("it links without checks, too");
 }
 
 #[test]
 fn a_missing_required_feature_names_the_adapter() {
     let gpu = open();
-    let message = gpu
-        .require(!gpu.features)
-        .expect_err("some are missing")
-        .to_string();
+    let message = gpu.require(!gpu.features).expect_err("some are missing").to_string();
     assert!(message.contains(&gpu.adapter.name), "{message}");
     gpu.require(gpu.features).expect("those are there");
 }
@@ -557,30 +437,19 @@ fn a_missing_required_feature_names_the_adapter() {
 #[test]
 #[ignore = "run by `without_an_adapter_the_packages_are_named`, in a process without drivers"]
 fn child_without_drivers() {
-    println!(
-        "answer: {}",
-        Gpu::open(&Options::default()).err().expect("there is none")
-    );
+    println!("answer: {}", Gpu::open(&Options::default()).err().expect("there is none"));
 }
 
 #[test]
 fn without_an_adapter_the_packages_are_named() {
     let output = Command::new(std::env::current_exe().expect("a test knows its path"))
-        .args([
-            "--exact",
-            "child_without_drivers",
-            "--ignored",
-            "--nocapture",
-        ])
+        .args(["--exact", "child_without_drivers", "--ignored", "--nocapture"])
         .env("VK_DRIVER_FILES", "/nonexistent.json")
         .env("VK_ICD_FILENAMES", "/nonexistent.json")
         .env("WGPU_BACKEND", "vulkan")
         .output()
         .expect("the child runs");
     let text = String::from_utf8_lossy(&output.stdout);
-    assert!(
-        text.contains("answer: no GPU adapter found (WGPU_BACKEND=vulkan)"),
-        "{text}"
-    );
+    assert!(text.contains("answer: no GPU adapter found (WGPU_BACKEND=vulkan)"), "{text}");
     assert!(text.contains("libvulkan1 mesa-vulkan-drivers"), "{text}");
 }

@@ -113,18 +113,8 @@ fn records() -> String {
     ];
     for (number, name) in HOSTILE.iter().enumerate() {
         lines.push(cell(name, axis, number % 3, measured(name, number)));
-        lines.push(cell(
-            name,
-            axis,
-            7,
-            json!({ "status": "skipped", "reason": name }),
-        ));
-        lines.push(cell(
-            name,
-            axis,
-            8,
-            json!({ "status": "failed", "reason": name }),
-        ));
+        lines.push(cell(name, axis, 7, json!({ "status": "skipped", "reason": name })));
+        lines.push(cell(name, axis, 8, json!({ "status": "failed", "reason": name })));
     }
     for id in HOSTILE {
         let mut bad = cell("x", axis, 0, measured("x", 0));
@@ -194,12 +184,7 @@ fn markdown_is_sound(text: &str) {
         assert!(!outside.replace("\\]", "").contains("](http"), "{line}");
     }
     assert!(!rest.contains("\n# heading"));
-    let columns = |line: &str| {
-        line.replace("\\\\", "")
-            .replace("\\|", "")
-            .matches('|')
-            .count()
-    };
+    let columns = |line: &str| line.replace("\\\\", "").replace("\\|", "").matches('|').count();
     let mut above: Option<&str> = None;
     for line in text.lines() {
         let table = line.starts_with('|');
@@ -217,10 +202,7 @@ fn xml_is_sound(name: &str, text: &str) {
     reader.config_mut().check_end_names = true;
     let mut open = 0;
     loop {
-        match reader
-            .read_event()
-            .unwrap_or_else(|fault| panic!("{name}: {fault}"))
-        {
+        match reader.read_event().unwrap_or_else(|fault| panic!("{name}: {fault}")) {
             quick_xml::events::Event::Start(_) => open += 1,
             quick_xml::events::Event::End(_) => open -= 1,
             quick_xml::events::Event::Eof => break,
@@ -252,30 +234,17 @@ fn reports_show_hostile_names_as_text() {
     assert_eq!(output.status.code(), Some(0), "{told}");
     plain("the terminal", &told);
     // One line of standard error for each record whose id is none, on standard output one for each file.
-    let refused = told
-        .lines()
-        .filter(|line| line.contains("must be lower-case"));
+    let refused = told.lines().filter(|line| line.contains("must be lower-case"));
     assert_eq!(refused.count(), 1 + HOSTILE.len(), "{told}");
     assert_eq!(names(folder.path()), ["a"]);
     assert_eq!(names(&folder.path().join("a")), ["b"]);
-    let files = [
-        "cells.csv",
-        "own.svg",
-        "records.jsonl",
-        "renders",
-        "summary.md",
-    ];
+    let files = ["cells.csv", "own.svg", "records.jsonl", "renders", "summary.md"];
     assert_eq!(names(&out), files);
     let read = |name: &str| std::fs::read_to_string(out.join(name)).unwrap();
 
     let summary = read("summary.md");
     markdown_is_sound(&summary);
-    for expected in [
-        "&lt;script>",
-        "a\\|b",
-        "(renders/own_%5D%28x%29%20%3Cb%3E.png)",
-        "own.svg",
-    ] {
+    for expected in ["&lt;script>", "a\\|b", "(renders/own_%5D%28x%29%20%3Cb%3E.png)", "own.svg"] {
         assert!(summary.contains(expected), "{expected}");
     }
     let svg = read("own.svg");
@@ -306,11 +275,7 @@ fn tables_of_a_comparison_show_hostile_names_as_text() {
     let [base, head] = ["base.jsonl", "head.jsonl"].map(|name| folder.path().join(name));
     std::fs::write(&base, records()).unwrap();
     // More work: regressions, which every table names.
-    std::fs::write(
-        &head,
-        records().replace("\"photons\":100", "\"photons\":200"),
-    )
-    .unwrap();
+    std::fs::write(&head, records().replace("\"photons\":100", "\"photons\":200")).unwrap();
     let out = folder.path().join("out");
     let mut compare = fathom();
     compare.arg("compare").args([&base, &head]).arg("--out");
@@ -318,14 +283,8 @@ fn tables_of_a_comparison_show_hostile_names_as_text() {
     let told = printed(&output);
     assert_eq!(output.status.code(), Some(1), "{told}");
     plain("the terminal", &told);
-    assert!(
-        told.contains("<script>alert(1)</script>") && told.contains("costlier"),
-        "{told}"
-    );
-    assert!(
-        !told.lines().any(|line| line.starts_with("# heading")),
-        "{told}"
-    );
+    assert!(told.contains("<script>alert(1)</script>") && told.contains("costlier"), "{told}");
+    assert!(!told.lines().any(|line| line.starts_with("# heading")), "{told}");
     for format in ["markdown", "junit", "bencher", "benchmark"] {
         let mut command = fathom();
         command.arg("compare").arg("--replay").arg(&out);
@@ -337,12 +296,7 @@ fn tables_of_a_comparison_show_hostile_names_as_text() {
     xml_is_sound("junit.xml", &read("junit.xml"));
     for name in ["bencher.json", "benchmark.json"] {
         let value: Value = serde_json::from_str(&read(name)).unwrap();
-        assert!(
-            value
-                .as_object()
-                .map_or_else(|| value.as_array().unwrap().len(), |o| o.len())
-                > 0
-        );
+        assert!(value.as_object().map_or_else(|| value.as_array().unwrap().len(), |o| o.len()) > 0);
     }
 }
 
@@ -354,23 +308,14 @@ fn pictures_of_different_cells_have_different_names() {
         .iter()
         .chain(&["a/b", "A/B", "a b", "x~error"])
         .flat_map(|cell| ["", fathom::report::ERROR_PICTURE].map(|e| picture_name("own", cell, e)))
-        .chain([
-            picture_name("own-x", "y", ""),
-            picture_name("own", "x_y", ""),
-        ])
+        .chain([picture_name("own-x", "y", ""), picture_name("own", "x_y", "")])
         .collect();
     let count = names.len();
     for name in &names {
-        assert!(
-            !name.contains(['/', '\\', '\0']) && name.len() < 255,
-            "{name}"
-        );
+        assert!(!name.contains(['/', '\\', '\0']) && name.len() < 255, "{name}");
     }
     names.sort();
     names.dedup();
     assert_eq!(names.len(), count);
-    assert_eq!(
-        picture_name("uw-default", "base", ""),
-        "uw-default_base.png"
-    );
+    assert_eq!(picture_name("uw-default", "base", ""), "uw-default_base.png");
 }

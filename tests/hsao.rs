@@ -20,8 +20,7 @@ fn frame(gpu: &Gpu, set: &[(&str, Value)]) -> (Pixels, BTreeMap<String, f64>) {
     }
     let file = (hsao::KIND.scene_file)(&file, &tree).unwrap();
     let scene = Scene::build(&file).unwrap();
-    gpu.check(&(hsao::KIND.demand)(&tree, &scene).unwrap())
-        .unwrap();
+    gpu.check(&(hsao::KIND.demand)(&tree, &scene).unwrap()).unwrap();
     let pipeline = (hsao::KIND.build)(gpu, &scene, &tree).unwrap();
     run(gpu, pipeline.as_ref());
     let image = read_texture(gpu, pipeline.image()).unwrap();
@@ -63,10 +62,7 @@ fn samples_are_bounded_and_pictures_show_what_is_asked() {
     let (small, _) = frame(&gpu, &[occlusion.clone(), half.clone()]);
     assert_eq!([small.width, small.height], SIZE);
     assert!((mean(&small) - mean(&split)).abs() < 0.02);
-    let (coarse, _) = frame(
-        &gpu,
-        &[occlusion.clone(), half, ("hsao.filter", json!(false))],
-    );
+    let (coarse, _) = frame(&gpu, &[occlusion.clone(), half, ("hsao.filter", json!(false))]);
     assert!((mean(&coarse) - mean(&split)).abs() < 0.03);
 
     let near = [occlusion, ("hsao.r_max_m", json!(0.01))];

@@ -20,10 +20,7 @@ fn read(name: &str, bytes: &[u8]) -> Result<Mesh, String> {
 /// The error's one line, which names the file.
 fn fault(name: &str, bytes: &[u8]) -> String {
     let error = read(name, bytes).expect_err("a fault");
-    assert!(
-        error.contains(name) && error.lines().count() == 1,
-        "{error}"
-    );
+    assert!(error.contains(name) && error.lines().count() == 1, "{error}");
     error
 }
 
@@ -44,13 +41,7 @@ fn quads_are_cut_and_normals_computed() {
     // The texture coordinates must precede the face that uses them.
     let (faces, coordinates) = OBJ.split_once("vt").unwrap();
     let (before, face) = faces.split_once("f ").unwrap();
-    is_unit_quad(
-        &read(
-            "a.obj",
-            format!("{before}vt{coordinates}f {face}").as_bytes(),
-        )
-        .unwrap(),
-    );
+    is_unit_quad(&read("a.obj", format!("{before}vt{coordinates}f {face}").as_bytes()).unwrap());
     is_unit_quad(&read("a.ply", PLY.as_bytes()).unwrap());
     is_unit_quad(&read("a.ply.gz", &gzip(PLY.as_bytes())).unwrap());
 }
@@ -58,18 +49,13 @@ fn quads_are_cut_and_normals_computed() {
 #[test]
 fn given_normals_are_kept_at_unit_length() {
     let obj = "v 0 0 0\nv 1 0 0\nv 0 1 0\nvn 0 0 2\nf 1//1 2//1 3//1\n";
-    assert_eq!(
-        read("a.obj", obj.as_bytes()).unwrap().normals,
-        vec![[0.0, 0.0, 1.0]; 3]
-    );
+    assert_eq!(read("a.obj", obj.as_bytes()).unwrap().normals, vec![[0.0, 0.0, 1.0]; 3]);
 }
 
 #[test]
 fn missing_and_empty_files_are_told() {
     for name in ["a.obj", "a.ply", "a.ply.gz"] {
-        let error = Mesh::read(&Path::new("/no/such").join(name))
-            .unwrap_err()
-            .to_string();
+        let error = Mesh::read(&Path::new("/no/such").join(name)).unwrap_err().to_string();
         assert!(error.contains(name), "{error}");
         fault(name, b"");
     }
@@ -81,10 +67,7 @@ fn missing_and_empty_files_are_told() {
 fn compressed_obj_files_are_read() {
     let obj = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n";
     let packed = gzip(obj.as_bytes());
-    assert_eq!(
-        read("a.obj.gz", &packed).unwrap(),
-        read("a.obj", obj.as_bytes()).unwrap()
-    );
+    assert_eq!(read("a.obj.gz", &packed).unwrap(), read("a.obj", obj.as_bytes()).unwrap());
     fault("a.obj.gz", &packed[..packed.len() - 9]);
     assert!(fault("a.obj.gz", &gzip(b"v 1 x 2\n")).contains("line 1"));
 }
@@ -95,9 +78,7 @@ fn triangles_without_area_are_read() {
     let obj = "v 0 0 0\nv 1 0 0\nv 2 0 0\nv 0 0 0\nf 1 2 3\nf 1 4 1\nf 2 2 2\n";
     let mesh = read("a.obj", obj.as_bytes()).unwrap();
     assert_eq!(mesh.triangle_count(), 3);
-    let ply = PLY
-        .replace("1 0 0 1", "0 0 0 1")
-        .replace("4 0 1 2 3", "4 0 1 1 0");
+    let ply = PLY.replace("1 0 0 1", "0 0 0 1").replace("4 0 1 2 3", "4 0 1 1 0");
     let flat = read("a.ply", ply.as_bytes()).unwrap();
     assert_eq!(flat.triangle_count(), 2);
     for mesh in [mesh, flat] {
@@ -168,10 +149,7 @@ fn too_many_triangles_are_refused() {
     let face = format!("f {}\n", "1 ".repeat(30_002));
     let obj = format!("v 0 0 0\n{}", face.repeat(134));
     let told = fault("a.obj", obj.as_bytes());
-    assert!(
-        told.contains("line 135: more than 4000000 triangles"),
-        "{told}"
-    );
+    assert!(told.contains("line 135: more than 4000000 triangles"), "{told}");
 }
 
 /// `tobj` multiplies such an index by three before it compares it.

@@ -61,9 +61,7 @@ fn cells(out: &Path) -> usize {
     let reading = record::read(&out.join("records.jsonl")).unwrap();
     assert!(reading.damaged.is_empty());
     let cells = reading.records.iter();
-    cells
-        .filter(|record| matches!(record, Record::Cell(_)))
-        .count()
+    cells.filter(|record| matches!(record, Record::Cell(_))).count()
 }
 
 /// A folder with the records of two cells that were skipped, so that no adapter is needed.
@@ -82,22 +80,14 @@ fn recorded() -> tempfile::TempDir {
 
 #[test]
 fn an_answer_on_a_full_disk_is_an_error() {
-    for arguments in [
-        &["list", "stages"][..],
-        &["list"],
-        &["--help"],
-        &["list", "--help"],
-    ] {
+    for arguments in [&["list", "stages"][..], &["list"], &["--help"], &["list", "--help"]] {
         let output = fathom(arguments).stdout(full()).output().unwrap();
         ended(&output, 2);
         let told = String::from_utf8(output.stderr).unwrap();
         let ours = told.lines().filter(|line| line.starts_with("error: "));
         let ours: Vec<&str> = ours.collect();
         assert_eq!(ours.len(), 1, "{told}");
-        assert!(
-            ours[0].starts_with("error: cannot write to standard output: "),
-            "{told}"
-        );
+        assert!(ours[0].starts_with("error: cannot write to standard output: "), "{told}");
         // And where that cannot be told either.
         let output = fathom(arguments).stdout(full()).stderr(full()).output();
         ended(&output.unwrap(), 2);
@@ -106,19 +96,12 @@ fn an_answer_on_a_full_disk_is_an_error() {
 
 #[test]
 fn a_reader_that_has_had_enough_is_no_error() {
-    for arguments in [
-        &["list", "stages"][..],
-        &["list", "experiments"],
-        &["--help"],
-    ] {
+    for arguments in [&["list", "stages"][..], &["list", "experiments"], &["--help"]] {
         let output = fathom(arguments).stdout(unread()).output().unwrap();
         ended(&output, 0);
         assert!(output.stderr.is_empty());
     }
-    let mut child = fathom(&["list", "scenes"])
-        .stdout(Stdio::piped())
-        .spawn()
-        .unwrap();
+    let mut child = fathom(&["list", "scenes"]).stdout(Stdio::piped()).spawn().unwrap();
     let mut start = [0; 8];
     let mut stream = child.stdout.take().unwrap();
     stream.read_exact(&mut start).unwrap();
@@ -140,14 +123,9 @@ fn reports_are_written_whatever_can_be_printed() {
         }
     }
     // An error keeps its status where it cannot be told.
-    let missing = fathom(&["report", "no/such/folder"])
-        .stderr(full())
-        .output();
+    let missing = fathom(&["report", "no/such/folder"]).stderr(full()).output();
     ended(&missing.unwrap(), 2);
-    let unknown = fathom(&["fetch", "no-such-asset"])
-        .stdout(full())
-        .stderr(full())
-        .output();
+    let unknown = fathom(&["fetch", "no-such-asset"]).stdout(full()).stderr(full()).output();
     ended(&unknown.unwrap(), 2);
 }
 
@@ -170,12 +148,7 @@ fn closed_streams_write_into_no_file() {
     let open = tempfile::tempdir().unwrap();
     let copy = open.path().join("records.jsonl");
     std::fs::write(&copy, before).unwrap();
-    ended(
-        &fathom(&["report", open.path().to_str().unwrap()])
-            .output()
-            .unwrap(),
-        0,
-    );
+    ended(&fathom(&["report", open.path().to_str().unwrap()]).output().unwrap(), 0);
     for file in ["summary.md", "cells.csv"] {
         let [closed, open] =
             [&folder, &open].map(|folder| std::fs::read(folder.path().join(file)).unwrap());
@@ -211,9 +184,7 @@ fn answers_that_need_an_adapter_are_errors_on_a_full_disk_too() {
     };
     ended(&query().stdout(full()).output().unwrap(), 2);
     ended(&query().stdout(unread()).output().unwrap(), 0);
-    let verify = fathom(&["verify", "water/reflection"])
-        .stdout(full())
-        .output();
+    let verify = fathom(&["verify", "water/reflection"]).stdout(full()).output();
     ended(&verify.unwrap(), 2);
 }
 

@@ -24,8 +24,7 @@ impl Table {
 
     fn number(&self, row: usize, column: &str) -> f64 {
         let text = self.text(row, column);
-        text.parse()
-            .unwrap_or_else(|_| panic!("{column} of row {row} is `{text}`"))
+        text.parse().unwrap_or_else(|_| panic!("{column} of row {row} is `{text}`"))
     }
 
     fn vector(&self, row: usize, name: &str) -> [f64; 3] {
@@ -43,14 +42,7 @@ fn photons(starts: &str, sets: &[&str]) -> Table {
     let [points, out] = ["starts.csv", "out.csv"].map(|name| folder.path().join(name));
     std::fs::write(&points, starts).unwrap();
     let mut query = fathom();
-    query.args([
-        "query",
-        "photons",
-        "--scene",
-        "plane",
-        "--reference",
-        "--points",
-    ]);
+    query.args(["query", "photons", "--scene", "plane", "--reference", "--points"]);
     query.arg(&points).arg("-o").arg(&out);
     for set in sets {
         query.args(["--set", set]);
@@ -60,21 +52,14 @@ fn photons(starts: &str, sets: &[&str]) -> Table {
     let fields = |record: &csv::StringRecord| record.iter().map(str::to_owned).collect();
     Table {
         header: fields(reader.headers().unwrap()),
-        rows: reader
-            .records()
-            .map(|record| fields(&record.unwrap()))
-            .collect(),
+        rows: reader.records().map(|record| fields(&record.unwrap())).collect(),
     }
 }
 
 /// Starts on the light's rays and with directions of their own, over flat water 3 m deep: Snell's law by hand.
 #[test]
 fn photons_through_flat_water_land_where_snell_says() {
-    let flat = [
-        "water.amplitude_m=0",
-        "caustics.iterations=12",
-        "water.fresnel=true",
-    ];
+    let flat = ["water.amplitude_m=0", "caustics.iterations=12", "water.fresnel=true"];
     let table = photons("name,x,y,z\na,0.2,1,0.3\nb,0,2,50\n", &flat);
     assert_eq!(table.text(0, "outcome"), "landed");
     assert!(near(table.vector(0, "hit"), [0.2, -3.0, 0.3], 1e-3));
@@ -109,11 +94,8 @@ fn height(x: f64, z: f64) -> f64 {
 fn map_file(folder: &Path) -> PathBuf {
     let path = folder.join("sea.npy");
     let place = |i: usize| i as f64 / 16.0;
-    write_npy(
-        &path,
-        &Array2::from_shape_fn((64, 64), |(j, i)| height(place(i), place(j))),
-    )
-    .unwrap();
+    write_npy(&path, &Array2::from_shape_fn((64, 64), |(j, i)| height(place(i), place(j))))
+        .unwrap();
     path
 }
 
@@ -121,15 +103,8 @@ fn map_file(folder: &Path) -> PathBuf {
 #[test]
 fn given_water_is_the_water_that_was_given() {
     let folder = tempfile::tempdir().unwrap();
-    let file = format!(
-        "water.height_map.file={}",
-        map_file(folder.path()).display()
-    );
-    let map = [
-        "water.model=height_map",
-        &file,
-        "water.height_map.tile_m=[4,4]",
-    ];
+    let file = format!("water.height_map.file={}", map_file(folder.path()).display());
+    let map = ["water.model=height_map", &file, "water.height_map.tile_m=[4,4]"];
     let starts = "x,y,z\n0.1,1,0.2\n-0.7,1,0.4\n0.9,1,-0.6\n-0.4,1,-0.9\n1.3,1,1.1\n";
     let waves = photons(starts, &["water.model=waves", WAVES]);
     let mapped = photons(starts, &map);
@@ -137,11 +112,7 @@ fn given_water_is_the_water_that_was_given() {
         let [x, y, z] = waves.vector(row, "entry");
         assert!((y - height(x, z)).abs() < 1e-4, "row {row}: {y}");
         for table in [&waves, &mapped] {
-            assert!(near(
-                table.vector(row, "entry"),
-                table.vector(row, "reference_entry"),
-                1e-4
-            ));
+            assert!(near(table.vector(row, "entry"), table.vector(row, "reference_entry"), 1e-4));
             assert!(near(
                 table.vector(row, "direction"),
                 table.vector(row, "reference_direction"),
@@ -183,10 +154,7 @@ fn refusal(sets: &[String]) -> String {
     let output = list.output().unwrap();
     let stderr = String::from_utf8(output.stderr).unwrap();
     assert_eq!(output.status.code(), Some(2), "{sets:?}: {stderr}");
-    let ours: Vec<&str> = stderr
-        .lines()
-        .filter(|line| line.starts_with("error: "))
-        .collect();
+    let ours: Vec<&str> = stderr.lines().filter(|line| line.starts_with("error: ")).collect();
     assert_eq!(ours.len(), 1, "{stderr}");
     ours[0].to_owned()
 }
@@ -238,10 +206,7 @@ fn starts_that_cannot_be_used_are_refused_in_one_line() {
     let refusal = |text: &str, more: &[&str]| {
         std::fs::write(&file, text).unwrap();
         let mut query = fathom();
-        query
-            .args(["query", "photons", "--scene", "plane", "--points"])
-            .arg(&file)
-            .args(more);
+        query.args(["query", "photons", "--scene", "plane", "--points"]).arg(&file).args(more);
         let output = query.output().unwrap();
         assert_eq!(output.status.code(), Some(2));
         String::from_utf8(output.stderr).unwrap()
@@ -250,12 +215,7 @@ fn starts_that_cannot_be_used_are_refused_in_one_line() {
     assert!(refusal("x,y,z\n1,-1,1\n", &[]).contains("not above the water"));
     assert!(refusal("x,y,z,dx,dy,dz\n1,1,1,0,1,0\n", &[]).contains("must point downwards"));
     assert!(refusal("x,y,z\n1,1,1\n", &["--reference", "9"]).contains("leave the number out"));
-    let above = [
-        "--set",
-        "light.kind=point",
-        "--set",
-        "light.position_m=[0,2,0]",
-    ];
+    let above = ["--set", "light.kind=point", "--set", "light.position_m=[0,2,0]"];
     assert!(refusal("x,y,z\n0,1,0\n0,3,0\n", &above).contains("start 2: the light's ray"));
 }
 
@@ -264,23 +224,9 @@ fn starts_that_cannot_be_used_are_refused_in_one_line() {
 fn occlusion_is_answered_with_its_reference() {
     let folder = tempfile::tempdir().unwrap();
     let points = folder.path().join("points.csv");
-    std::fs::write(
-        &points,
-        "x,y,z,nx,ny,nz\n-2.5,-4,-2.5,0,1,0\n0.6,-4,0,0,1,0\n",
-    )
-    .unwrap();
+    std::fs::write(&points, "x,y,z,nx,ny,nz\n-2.5,-4,-2.5,0,1,0\n0.6,-4,0,0,1,0\n").unwrap();
     let mut query = fathom();
-    query
-        .args([
-            "query",
-            "ao",
-            "--scene",
-            "ball",
-            "--reference",
-            "512",
-            "--points",
-        ])
-        .arg(&points);
+    query.args(["query", "ao", "--scene", "ball", "--reference", "512", "--points"]).arg(&points);
     query.args(["--set", "voxel.resolution=64"]);
     let output = query.output().unwrap();
     assert!(output.status.success());
@@ -292,9 +238,6 @@ fn occlusion_is_answered_with_its_reference() {
         .collect();
     assert!(rows[0][7] < 0.02 && rows[1][7] > 0.2, "{rows:?}");
     for row in rows {
-        assert!(
-            (row[6] - row[7] - row[8]).abs() < 2e-6 && row[8].abs() < 0.1,
-            "{row:?}"
-        );
+        assert!((row[6] - row[7] - row[8]).abs() < 2e-6 && row[8].abs() < 0.1, "{row:?}");
     }
 }

@@ -95,10 +95,7 @@ fn dry_scenes_load_at_their_size_and_are_seen() {
             solid.min.y <= floor + 1e-3 && solid.min.y >= floor - 0.03 * size,
             "{name}: {solid:?}"
         );
-        let seen = scene
-            .camera
-            .view_projection(1.0)
-            .project_point3(solid.center());
+        let seen = scene.camera.view_projection(1.0).project_point3(solid.center());
         assert!(seen.abs().truncate().max_element() < 1.0, "{name}: {seen}");
         assert!((0.0..1.0).contains(&seen.z), "{name}: {seen}");
         assert!(scene.light.direction[1] < 0.0, "{name}");
@@ -150,10 +147,7 @@ fn volume_scenes_have_their_cells_and_are_seen() {
         let bounds = volume.bounds();
         assert_eq!(scene.solid_bounds(), bounds);
         assert_eq!(scene.bounds.union(bounds), scene.bounds);
-        let seen = scene
-            .camera
-            .view_projection(1.0)
-            .project_point3(bounds.center());
+        let seen = scene.camera.view_projection(1.0).project_point3(bounds.center());
         assert!(seen.abs().truncate().max_element() < 0.5, "{name}: {seen}");
         let outside = |p: DVec3| !bounds.contains(p);
         assert!(outside(scene.camera.position()), "{name}");
@@ -233,14 +227,8 @@ fn the_floor_follows_its_depth() {
         file.floor_depth_m += 1.5;
         let deep = Scene::build(&file).unwrap();
         assert_eq!(deep.floor_depth_m, shallow.floor_depth_m + 1.5);
-        assert!(
-            (deep.bounds.min.y - shallow.bounds.min.y + 1.5).abs() < 1e-4,
-            "{name}"
-        );
-        assert!(
-            (deep.bounds.max.y - shallow.bounds.max.y).abs() < 1e-4,
-            "{name}"
-        );
+        assert!((deep.bounds.min.y - shallow.bounds.min.y + 1.5).abs() < 1e-4, "{name}");
+        assert!((deep.bounds.max.y - shallow.bounds.max.y).abs() < 1e-4, "{name}");
     }
 }
 
@@ -284,10 +272,7 @@ fn scene_files_survive_a_round_trip_and_reach_meshes_beside_them() {
     let name = path.to_string_lossy();
     let error = Scene::load(&name).unwrap_err().to_string();
     assert!(error.contains("floor.obj"), "{error}");
-    std::fs::write(
-        folder.path().join("floor.obj"),
-        "v 0 0 0\nv 0 0 1\nv 1 0 0\nf 1 2 3\n",
-    )
-    .unwrap();
+    std::fs::write(folder.path().join("floor.obj"), "v 0 0 0\nv 0 0 1\nv 1 0 0\nf 1 2 3\n")
+        .unwrap();
     assert_eq!(Scene::load(&name).unwrap().triangle_count(), 1);
 }

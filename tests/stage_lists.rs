@@ -9,29 +9,13 @@ use fathom::pipelines::KINDS;
 
 /// Pipeline, scene and settings: together they run every stage of every pipeline.
 const VARIANTS: [(&str, &str, &[&str]); 12] = [
-    (
-        "underwater",
-        "plane",
-        &["shadow.size=32", "caustics.grid=8", "godrays.grid=8"],
-    ),
-    (
-        "voxelize",
-        "slab",
-        &["voxel.method=slicemap", "animation.deform=spin"],
-    ),
+    ("underwater", "plane", &["shadow.size=32", "caustics.grid=8", "godrays.grid=8"]),
+    ("voxelize", "slab", &["voxel.method=slicemap", "animation.deform=spin"]),
     ("voxelize", "slab", &["voxel.method=slice", "pyramid=true"]),
     ("voxelize", "slab", &["voxel.method=overlap"]),
     ("voxelize", "slab", &["voxel.method=max_alpha"]),
-    (
-        "volume_ao",
-        "slab",
-        &["voxel.method=slicemap", "animation.deform=spin"],
-    ),
-    (
-        "volume_ao",
-        "slab",
-        &["voxel.method=slice", "ao.skipping=true"],
-    ),
+    ("volume_ao", "slab", &["voxel.method=slicemap", "animation.deform=spin"]),
+    ("volume_ao", "slab", &["voxel.method=slice", "ao.skipping=true"]),
     ("volume_ao", "slab", &["voxel.method=overlap"]),
     ("volume_ao", "slab", &["voxel.method=max_alpha"]),
     ("hsao", "slab", &["shadow.size=32"]),

@@ -41,18 +41,8 @@ fn plane() -> Configuration {
 }
 
 fn schedule(cells: &[(&str, &str)], launches: u32, pairs: u32) -> Schedule {
-    let cells: Vec<CellId> = cells
-        .iter()
-        .map(|(id, stage)| CellId::new(id, stage))
-        .collect();
-    Schedule {
-        control: cells.first().cloned(),
-        cells,
-        launches,
-        pairs,
-        seed: 3,
-        second: false,
-    }
+    let cells: Vec<CellId> = cells.iter().map(|(id, stage)| CellId::new(id, stage)).collect();
+    Schedule { control: cells.first().cloned(), cells, launches, pairs, seed: 3, second: false }
 }
 
 fn measure(bench: &mut Processes, schedule: &Schedule) -> Vec<Line> {
@@ -85,23 +75,11 @@ fn a_gate_between_two_copies_of_this_build_measures_every_cell() {
     let (pairs, faults, notes) = sorted(measure(&mut bench, &schedule));
     assert_eq!(faults, []);
     assert_eq!(notes.len(), 2);
-    assert_eq!(
-        pairs.len(),
-        2 * 4 * 3,
-        "two launches, four rounds, two cells and the control"
-    );
-    assert!(
-        pairs
-            .iter()
-            .all(|pair| pair.base_ns > 0.0 && pair.head_ns > 0.0)
-    );
+    assert_eq!(pairs.len(), 2 * 4 * 3, "two launches, four rounds, two cells and the control");
+    assert!(pairs.iter().all(|pair| pair.base_ns > 0.0 && pair.head_ns > 0.0));
     assert_eq!(pairs.iter().filter(|pair| pair.control).count(), 8);
     if cfg!(target_os = "linux") && bench.adapter.software {
-        assert!(
-            notes
-                .iter()
-                .all(|notes| notes.iter().any(|note| note.starts_with("on core ")))
-        );
+        assert!(notes.iter().all(|notes| notes.iter().any(|note| note.starts_with("on core "))));
     }
     let settings = Settings {
         alpha: 0.05,
@@ -115,12 +93,7 @@ fn a_gate_between_two_copies_of_this_build_measures_every_cell() {
     };
     let judged = time::judge(&schedule.cells, &pairs, &settings);
     assert_eq!(judged.cells.len(), 2);
-    assert!(
-        judged
-            .cells
-            .iter()
-            .all(|cell| cell.launches == 2 && cell.change.is_finite())
-    );
+    assert!(judged.cells.iter().all(|cell| cell.launches == 2 && cell.change.is_finite()));
     assert!(judged.controls.len() == 1);
 }
 
@@ -128,11 +101,7 @@ fn a_gate_between_two_copies_of_this_build_measures_every_cell() {
 fn a_worker_says_under_which_conditions_it_runs_and_answers_every_request() {
     let core = allowed_cores().last().copied();
     let mut start = fathom();
-    start.quiet = Some(Quiet {
-        core,
-        padding: 100,
-        keep_memory: true,
-    });
+    start.quiet = Some(Quiet { core, padding: 100, keep_memory: true });
     let mut worker = Worker::start(&start).unwrap();
     let early = worker.ask(&Request::Clock, &Waiting::PLAINLY).unwrap_err();
     assert!(early.to_string().contains("`hello`"), "{early}");
@@ -143,21 +112,10 @@ fn a_worker_says_under_which_conditions_it_runs_and_answers_every_request() {
         assert_eq!(greeting.cores, core.map(|core| vec![core]));
         assert!(greeting.randomized.is_some());
     }
-    let prepared = worker
-        .ask(
-            &Request::Prepare {
-                configuration: plane(),
-            },
-            &Waiting::PLAINLY,
-        )
-        .unwrap();
-    let Reply::Prepared { stages, .. } = prepared else {
-        panic!("{prepared:?}")
-    };
-    let kinds: Vec<_> = stages
-        .iter()
-        .map(|stage| (stage.name.as_str(), stage.kind))
-        .collect();
+    let prepared =
+        worker.ask(&Request::Prepare { configuration: plane() }, &Waiting::PLAINLY).unwrap();
+    let Reply::Prepared { stages, .. } = prepared else { panic!("{prepared:?}") };
+    let kinds: Vec<_> = stages.iter().map(|stage| (stage.name.as_str(), stage.kind)).collect();
     use fathom::record::PassKind::{Compute, Host, Render};
     assert_eq!(kinds[0], ("frame", Host));
     assert!(kinds.contains(&("caustics/trace", Compute)) && kinds.contains(&("compose", Render)));
@@ -167,77 +125,40 @@ fn a_worker_says_under_which_conditions_it_runs_and_answers_every_request() {
         stage: stage.to_owned(),
         frames,
     };
-    let Reply::Sample { ns } = worker
-        .ask(&sample("plane", "caustics/splat", 3), &Waiting::PLAINLY)
-        .unwrap()
+    let Reply::Sample { ns } =
+        worker.ask(&sample("plane", "caustics/splat", 3), &Waiting::PLAINLY).unwrap()
     else {
         panic!("no sample")
     };
     assert!(ns.len() == 3 && ns.iter().all(|ns| *ns > 0.0), "{ns:?}");
     for (request, reason, absent) in [
-        (
-            sample("plan", "compose", 1),
-            "`plan` is not prepared",
-            false,
-        ),
-        (
-            sample("plane", "compos", 1),
-            "has no stage `compos`; it has frame, ",
-            true,
-        ),
-        (
-            sample("plane", "compose", 0),
-            "frames must lie in 1…",
-            false,
-        ),
+        (sample("plan", "compose", 1), "`plan` is not prepared", false),
+        (sample("plane", "compos", 1), "has no stage `compos`; it has frame, ", true),
+        (sample("plane", "compose", 0), "frames must lie in 1…", false),
     ] {
         let fault = worker.ask(&request, &Waiting::PLAINLY).unwrap_err();
-        assert!(
-            fault.goes_on() && fault.to_string().contains(reason),
-            "{fault}"
-        );
+        assert!(fault.goes_on() && fault.to_string().contains(reason), "{fault}");
         assert_eq!(fault.is_absence(), absent, "{fault}");
     }
     let wrong = Configuration {
         params: Map::from_iter([("caustics.gird".to_owned(), json!(1))]),
         ..plane()
     };
-    let fault = worker
-        .ask(
-            &Request::Prepare {
-                configuration: wrong,
-            },
-            &Waiting::PLAINLY,
-        )
-        .unwrap_err();
-    assert!(
-        fault.to_string().contains("did you mean `caustics.grid`"),
-        "{fault}"
-    );
+    let fault =
+        worker.ask(&Request::Prepare { configuration: wrong }, &Waiting::PLAINLY).unwrap_err();
+    assert!(fault.to_string().contains("did you mean `caustics.grid`"), "{fault}");
     assert!(fault.is_absence());
     let unfit = Configuration {
         params: Map::from_iter([("view.width".to_owned(), json!(1_000_000))]),
         ..plane()
     };
-    let fault = worker
-        .ask(
-            &Request::Prepare {
-                configuration: unfit,
-            },
-            &Waiting::PLAINLY,
-        )
-        .unwrap_err();
+    let fault =
+        worker.ask(&Request::Prepare { configuration: unfit }, &Waiting::PLAINLY).unwrap_err();
     assert!(fault.goes_on() && !fault.is_absence(), "{fault}");
 
     let config = "plane".to_owned();
-    let Reply::Exact(exact) = worker
-        .ask(
-            &Request::Exact {
-                config: config.clone(),
-            },
-            &Waiting::PLAINLY,
-        )
-        .unwrap()
+    let Reply::Exact(exact) =
+        worker.ask(&Request::Exact { config: config.clone() }, &Waiting::PLAINLY).unwrap()
     else {
         panic!("no exact figures")
     };
@@ -248,16 +169,8 @@ fn a_worker_says_under_which_conditions_it_runs_and_answers_every_request() {
         assert!(!judged_stages(error).is_empty(), "{error}");
     }
     let stage = "compose".to_owned();
-    let counted = worker
-        .ask(
-            &Request::Instructions {
-                config,
-                stage,
-                frames: 2,
-            },
-            &Waiting::PLAINLY,
-        )
-        .unwrap();
+    let counted =
+        worker.ask(&Request::Instructions { config, stage, frames: 2 }, &Waiting::PLAINLY).unwrap();
     assert_eq!(counted, Reply::Instructions { frames: 2 });
     worker.quit();
 }
@@ -286,35 +199,23 @@ fn scripted(folder: &Path, name: &str, hello: &str, badly: &str) -> Start {
     let mut start = Start::new(&path);
     // Read, not executed: a file that some other thread's fork still holds open for writing cannot be executed.
     start.wrapper = vec!["sh".into()];
-    start.patience = Patience {
-        slow: Duration::from_secs(20),
-        sample: Duration::from_secs(1),
-    };
+    start.patience = Patience { slow: Duration::from_secs(20), sample: Duration::from_secs(1) };
     start
 }
 
 fn toy() -> Configuration {
-    Configuration {
-        id: "toy".to_owned(),
-        ..plane()
-    }
+    Configuration { id: "toy".to_owned(), ..plane() }
 }
 
 /// A gate of three cells whose head does `badly` at one; that cell's reason. The others must stand.
 fn fails_alone(badly: &str) -> String {
     let folder = tempfile::tempdir().unwrap();
-    let base = script(
-        folder.path(),
-        "base",
-        "echo '{\"message\":\"sample\",\"ns\":[5000000]}'",
-    );
+    let base = script(folder.path(), "base", "echo '{\"message\":\"sample\",\"ns\":[5000000]}'");
     let head = script(folder.path(), "head", badly);
     let mut bench = Processes::new(base, head, &[toy()], 1, Waiting::PLAINLY).unwrap();
     let schedule = schedule(&[("toy", "good"), ("toy", "bad"), ("toy", "fine")], 3, 2);
     let (pairs, faults, notes) = sorted(measure(&mut bench, &schedule));
-    let [fault] = &faults[..] else {
-        panic!("{faults:?}")
-    };
+    let [fault] = &faults[..] else { panic!("{faults:?}") };
     assert_eq!(fault.cell, Some(CellId::new("toy", "bad")));
     assert_eq!(fault.side, Some(Side::Head));
     assert_eq!(notes.len(), 3, "three launches count in the end");
@@ -326,10 +227,7 @@ fn fails_alone(badly: &str) -> String {
 #[test]
 fn a_worker_that_crashes_hangs_or_answers_garbage_costs_one_cell() {
     let crash = fails_alone("echo 'it hurts' >&2; kill -SEGV $$");
-    assert!(
-        crash.starts_with("head worker: it ended with signal: 11"),
-        "{crash}"
-    );
+    assert!(crash.starts_with("head worker: it ended with signal: 11"), "{crash}");
     assert!(crash.ends_with(": it hurts"), "{crash}");
     let status = fails_alone("exit 3");
     assert_eq!(status, "head worker: it ended with exit status: 3");
@@ -337,27 +235,12 @@ fn a_worker_that_crashes_hangs_or_answers_garbage_costs_one_cell() {
     assert!(hang.contains("no answer to `sample` within 1 s"), "{hang}");
     for (answer, shown) in [
         ("echo fish", "garbage to `sample`: `fish`"),
-        (
-            "printf '\\377\\376\\n'",
-            "garbage to `sample`: `stream did not contain valid UTF-8`",
-        ),
+        ("printf '\\377\\376\\n'", "garbage to `sample`: `stream did not contain valid UTF-8`"),
         ("echo '{\"message\":\"sample\",\"ns\":[]}'", "\"ns\":[]"),
-        (
-            "echo '{\"message\":\"sample\",\"ns\":[-1]}'",
-            "\"ns\":[-1.0]",
-        ),
-        (
-            "echo '{\"message\":\"prepared\",\"stages\":[]}'",
-            "\"prepared\"",
-        ),
-        (
-            "echo '{\"message\":\"fault\",\"reason\":\"too hot\"}'",
-            "head worker: too hot",
-        ),
-        (
-            "echo '{\"message\":\"unsupported\",\"request\":\"sample\"}'",
-            "does not know `sample`",
-        ),
+        ("echo '{\"message\":\"sample\",\"ns\":[-1]}'", "\"ns\":[-1.0]"),
+        ("echo '{\"message\":\"prepared\",\"stages\":[]}'", "\"prepared\""),
+        ("echo '{\"message\":\"fault\",\"reason\":\"too hot\"}'", "head worker: too hot"),
+        ("echo '{\"message\":\"unsupported\",\"request\":\"sample\"}'", "does not know `sample`"),
     ] {
         let garbage = fails_alone(answer);
         assert!(garbage.contains(shown), "{garbage}");
@@ -368,40 +251,25 @@ fn a_worker_that_crashes_hangs_or_answers_garbage_costs_one_cell() {
 fn a_hung_worker_is_killed_for_certain() {
     let folder = tempfile::tempdir().unwrap();
     let pid = folder.path().join("pid");
-    let hang = format!(
-        "echo $$ > {}; trap '' TERM INT HUP; sleep 60",
-        pid.display()
-    );
+    let hang = format!("echo $$ > {}; trap '' TERM INT HUP; sleep 60", pid.display());
     let mut worker = Worker::start(&script(folder.path(), "hung", &hang)).unwrap();
     worker.greet().unwrap();
     worker.greeted(&Waiting::PLAINLY).unwrap();
-    let request = Request::Sample {
-        config: "toy".to_owned(),
-        stage: "bad".to_owned(),
-        frames: 1,
-    };
+    let request = Request::Sample { config: "toy".to_owned(), stage: "bad".to_owned(), frames: 1 };
     let asked = Instant::now();
     let fault = worker.ask(&request, &Waiting::PLAINLY).unwrap_err();
-    assert!(
-        matches!(fault, WorkerFault::Silent { seconds: 1, .. }),
-        "{fault}"
-    );
+    assert!(matches!(fault, WorkerFault::Silent { seconds: 1, .. }), "{fault}");
     assert!(asked.elapsed() < Duration::from_secs(10));
     let pid = fs::read_to_string(pid).unwrap();
     assert!(!PathBuf::from(format!("/proc/{}", pid.trim())).exists());
     assert!(
-        !worker
-            .ask(&request, &Waiting::PLAINLY)
-            .unwrap_err()
-            .goes_on(),
+        !worker.ask(&request, &Waiting::PLAINLY).unwrap_err().goes_on(),
         "a dead worker stays dead"
     );
 }
 
 fn refused(base: Start) -> PartyFault {
-    Processes::new(base, fathom(), &[toy()], 1, Waiting::PLAINLY)
-        .err()
-        .unwrap()
+    Processes::new(base, fathom(), &[toy()], 1, Waiting::PLAINLY).err().unwrap()
 }
 
 #[test]
@@ -416,10 +284,7 @@ fn builds_without_a_worker_of_this_protocol_are_told_apart() {
     assert_eq!(older.party, Party::Base);
     assert_eq!(older.fault, WorkerFault::OtherProtocol { theirs: 0 });
     let message = older.fault.to_string();
-    assert!(
-        message.contains("version 0") && message.contains("version 1"),
-        "{message}"
-    );
+    assert!(message.contains("version 0") && message.contains("version 1"), "{message}");
 
     let later = "echo '{\"message\":\"hello\",\"protocol\":2,\"adapters\":[]}'";
     let later = refused(scripted(folder.path(), "later", later, ""));
@@ -428,17 +293,10 @@ fn builds_without_a_worker_of_this_protocol_are_told_apart() {
     let unknown = "echo \"error: unrecognized subcommand 'worker'\" >&2; exit 2";
     let none = refused(scripted(folder.path(), "none", unknown, ""));
     let message = none.fault.to_string();
-    assert!(
-        message.contains("exit status: 2: error: unrecognized subcommand"),
-        "{message}"
-    );
+    assert!(message.contains("exit status: 2: error: unrecognized subcommand"), "{message}");
 
     let missing = refused(Start::new(Path::new("/no/such/fathom")));
-    assert!(
-        missing.fault.to_string().contains("cannot be started"),
-        "{:?}",
-        missing.fault
-    );
+    assert!(missing.fault.to_string().contains("cannot be started"), "{:?}", missing.fault);
 
     // A part that lacks ends the gate with the reason and no cell at fault.
     let base = script(folder.path(), "base", "");

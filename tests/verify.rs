@@ -18,11 +18,7 @@ fn gpu() -> Gpu {
 fn every_check_is_sound() {
     let checks = verify(&gpu(), None).expect("all cases run");
     println!("{}", Table(&checks));
-    let unsound: Vec<_> = checks
-        .iter()
-        .filter(|check| !check.is_sound())
-        .cloned()
-        .collect();
+    let unsound: Vec<_> = checks.iter().filter(|check| !check.is_sound()).cloned().collect();
     assert!(unsound.is_empty(), "\n{}", Table(&unsound));
 }
 
@@ -44,30 +40,18 @@ fn photons_of_a_built_pipeline_have_their_errors() {
     params.caustics.offset = [0.3, 0.8];
     params.godrays.grid = 20;
     let pipeline = Underwater::new(&gpu, &scene, params.clone()).unwrap();
-    let stages: Vec<&dyn Encode> = pipeline
-        .stages()
-        .into_iter()
-        .map(|stage| stage as &dyn Encode)
-        .collect();
+    let stages: Vec<&dyn Encode> =
+        pipeline.stages().into_iter().map(|stage| stage as &dyn Encode).collect();
     let mut timer = FrameTimer::new(&gpu, ClockPlan::fenced(SubmitCost::default()), 64).unwrap();
     timer.untimed(&gpu, &stages).unwrap();
     let figures = photon_quantities(&gpu, &scene, &params, &pipeline).unwrap();
     for name in ["caustics", "godrays"] {
-        assert!(
-            figures[&format!("{name}_photon_error_median_m")] < 1e-4,
-            "{figures:?}"
-        );
-        assert!(
-            figures[&format!("{name}_photon_miss_rate")] < 0.1,
-            "{figures:?}"
-        );
+        assert!(figures[&format!("{name}_photon_error_median_m")] < 1e-4, "{figures:?}");
+        assert!(figures[&format!("{name}_photon_miss_rate")] < 0.1, "{figures:?}");
     }
     params.caustics.offset = [0.5, 0.5];
     let moved = photon_quantities(&gpu, &scene, &params, &pipeline).unwrap();
-    assert!(
-        moved["caustics_photon_error_median_m"] > 1e-3,
-        "the reference follows the offset"
-    );
+    assert!(moved["caustics_photon_error_median_m"] > 1e-3, "the reference follows the offset");
 }
 
 /// Every mode of `scalar_ao` on a small cloud: its figures lie within what the algorithm allows.
@@ -86,11 +70,8 @@ fn scalar_fields_give_their_figures() {
         let scene = Scene::build(&(kind.scene_file)(&file, &tree).unwrap()).unwrap();
         gpu.check(&(kind.demand)(&tree, &scene).unwrap()).unwrap();
         let pipeline = (kind.build)(&gpu, &scene, &tree).unwrap();
-        let stages: Vec<&dyn Encode> = pipeline
-            .stages()
-            .into_iter()
-            .map(|s| s as &dyn Encode)
-            .collect();
+        let stages: Vec<&dyn Encode> =
+            pipeline.stages().into_iter().map(|s| s as &dyn Encode).collect();
         let mut timer = FrameTimer::new(&gpu, ClockPlan::fenced(SubmitCost::default()), 8).unwrap();
         timer.untimed(&gpu, &stages).unwrap();
         let figures = pipeline.quantities(&gpu).unwrap();
@@ -98,38 +79,22 @@ fn scalar_fields_give_their_figures() {
         let cells = scene.volume.as_ref().unwrap().cells;
         assert_eq!(cells, [25, 16, 25]);
         let levels = [25 * 16 * 25, 12 * 8 * 12, 6 * 4 * 6, 3 * 2 * 3, 1];
-        let texels: u32 = if mode == "isosurface" {
-            levels[0]
-        } else {
-            levels.iter().sum()
-        };
+        let texels: u32 = if mode == "isosurface" { levels[0] } else { levels.iter().sum() };
         // Values of a generator are not whole steps of 8 bits: two bytes each.
         assert_eq!(figures["volume_bytes"], f64::from(2 * texels), "{mode}");
         let covered = figures["covered_share"];
-        assert!(
-            covered > covered_least && covered < 0.9,
-            "{mode}: {figures:?}"
-        );
+        assert!(covered > covered_least && covered < 0.9, "{mode}: {figures:?}");
         assert_eq!(figures["r_max_m"], 0.5);
-        assert!(
-            (figures["step_voxels"] - 0.5 / 4.0 / 0.08).abs() < 1e-6,
-            "{figures:?}"
-        );
+        assert!((figures["step_voxels"] - 0.5 / 4.0 / 0.08).abs() < 1e-6, "{figures:?}");
         // Look-ups of a view step: the value, and in media those of A, its start and a gradient.
         let steps = DVec3::from(cells.map(f64::from)).length() + 1.0;
         let most = match mode {
             "isosurface" => steps + 9.0 + 6.0 + 12.0,
             _ => steps * (1.0 + 12.0 + 1.0 + 6.0),
         };
-        assert!(
-            figures["samples_per_pixel_most"] <= most,
-            "{mode}: {figures:?}"
-        );
+        assert!(figures["samples_per_pixel_most"] <= most, "{mode}: {figures:?}");
         assert!(figures["samples_per_pixel"] > 1.0, "{mode}: {figures:?}");
         let visibility = figures["visibility_mean"];
-        assert!(
-            visibility > 0.1 && visibility < 0.999,
-            "{mode}: {figures:?}"
-        );
+        assert!(visibility > 0.1 && visibility < 0.999, "{mode}: {figures:?}");
     }
 }

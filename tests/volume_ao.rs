@@ -34,17 +34,11 @@ fn draw(gpu: &Gpu, scene: &str, set: &[(&str, Value)]) -> Drawn {
     let scene = Scene::build(&file).unwrap();
     gpu.check(&(KIND.demand)(&tree, &scene).unwrap()).unwrap();
     let params = Params::from_value(&tree).unwrap();
-    let pipeline = gpu
-        .scoped(|| VolumeAo::new(gpu, &scene, params.clone()))
-        .unwrap();
+    let pipeline = gpu.scoped(|| VolumeAo::new(gpu, &scene, params.clone())).unwrap();
     let stages: Vec<&dyn Encode> = pipeline.stages().into_iter().map(|s| s as _).collect();
     let mut timer = FrameTimer::new(gpu, ClockPlan::fenced(SubmitCost::default()), 64).unwrap();
     timer.untimed(gpu, &stages).unwrap();
-    Drawn {
-        scene,
-        params,
-        pipeline,
-    }
+    Drawn { scene, params, pipeline }
 }
 
 impl Drawn {
@@ -113,11 +107,7 @@ fn variants_agree_where_they_must() {
 #[test]
 fn figures_say_what_is_marched() {
     let gpu = gpu();
-    let set = [
-        ("ao.step", json!("paper")),
-        ("ao.samples", json!(8)),
-        ("ao.r_max_m", json!(1.5)),
-    ];
+    let set = [("ao.step", json!("paper")), ("ao.samples", json!(8)), ("ao.r_max_m", json!(1.5))];
     let figures = draw(&gpu, "ball", &small(&set)).figures(&gpu);
     assert_eq!(figures["r_max_m"], 1.5);
     assert!((figures["r_max_voxels"] / figures["step_voxels"] - 8.0).abs() < 1e-9);
@@ -143,16 +133,10 @@ fn volumes_of_objects_multiply_and_glass_lets_light_through() {
     assert_eq!(each.pipeline.volumes().len(), 4);
     let all = draw(&gpu, "crates", &small(&crates[1..]));
     let [each, all] = [&each, &all].map(|d| 1.0 - mean(&d.visibility(&gpu)));
-    assert!(
-        each > 0.0 && all > 0.0 && (each / all - 1.0).abs() < 1.0,
-        "{each} {all}"
-    );
+    assert!(each > 0.0 && all > 0.0 && (each / all - 1.0).abs() < 1.0, "{each} {all}");
 
     let glass = |occluder: &str, method: &str| {
-        let set = [
-            ("ao.occluder", json!(occluder)),
-            ("voxel.method", json!(method)),
-        ];
+        let set = [("ao.occluder", json!(occluder)), ("voxel.method", json!(method))];
         1.0 - mean(&draw(&gpu, "glass", &small(&set)).visibility(&gpu))
     };
     let [clear, opaque] = [glass("opacity", "max_alpha"), glass("opacity", "overlap")];
@@ -183,9 +167,7 @@ fn error(gpu: &Gpu, drawn: &Drawn) -> [f64; 2] {
     let rays = PixelRays::new(&drawn.params.camera, image.width, image.height);
     let tracer = Tracer::new(&drawn.scene.objects).unwrap();
     let r_max_m = drawn.params.ao.marching(&drawn.scene).r_max_m;
-    let seen: Vec<usize> = (0..depth.data.len())
-        .filter(|i| depth.data[*i] < 1.0)
-        .collect();
+    let seen: Vec<usize> = (0..depth.data.len()).filter(|i| depth.data[*i] < 1.0).collect();
     assert!(seen.len() >= 2_000, "{} points", seen.len());
     let errors: Vec<f64> = seen
         .par_iter()
@@ -222,11 +204,7 @@ fn occlusion_is_close_to_ray_casting() {
         let [rms, bias] = error(&gpu, &drawn);
         println!("{scene}: RMS error {rms:.4}, bias {bias:+.4}");
         // The limits are for the scene itself.
-        let limit = if drawn.scene.stand_ins.is_empty() {
-            limit
-        } else {
-            0.1
-        };
+        let limit = if drawn.scene.stand_ins.is_empty() { limit } else { 0.1 };
         assert!(rms <= limit, "{scene}: {rms} (bias {bias})");
     }
     // A shell of voxels without a guard occludes itself: the comparison can fail.

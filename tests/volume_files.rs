@@ -64,10 +64,7 @@ impl Writer {
 
 /// A NIfTI-1 file of 2 × 3 × 2 cells of 1 × 2 × 3 mm with the values of `data`, given low byte first.
 fn nifti<const N: usize>(little: bool, datatype: i16, data: &[[u8; N]]) -> Vec<u8> {
-    let mut file = Writer {
-        little,
-        bytes: vec![0; 352],
-    };
+    let mut file = Writer { little, bytes: vec![0; 352] };
     file.put(0, 348i32.to_le_bytes());
     for (i, n) in [3i16, 2, 3, 2, 1, 1, 1, 1].into_iter().enumerate() {
         file.put(40 + 2 * i, n.to_le_bytes());
@@ -237,10 +234,7 @@ fn raw_files_are_read_plain_and_compressed() {
 fn raw_files_that_do_not_match_are_told() {
     let told = |keys: &str| read("a.raw", &[0; 12], keys).expect_err("a fault");
     let wrong = told("cells = [2, 3, 3]\nformat = \"u8\"");
-    assert!(
-        wrong.contains("12 bytes, but 2 × 3 × 3 cells of 1 bytes take 18"),
-        "{wrong}"
-    );
+    assert!(wrong.contains("12 bytes, but 2 × 3 × 3 cells of 1 bytes take 18"), "{wrong}");
     assert!(told("").contains("a raw file needs `cells` and `format`"));
     assert!(told("cells = [2, 3, 2]").contains("needs both"));
     assert!(told("format = \"u8\"").contains("needs both"));
@@ -250,11 +244,7 @@ fn raw_files_that_do_not_match_are_told() {
     assert!(told("window = [1, 1]").contains("volume.window"));
     assert!(told("reduce = 0").contains("volume.reduce"));
     assert!(told("spacing_m = [1, -1, 1]").contains("volume.spacing_m"));
-    let told = fault(
-        "a.nii",
-        &bytes_0_to_11(),
-        "cells = [2, 3, 2]\nformat = \"u8\"",
-    );
+    let told = fault("a.nii", &bytes_0_to_11(), "cells = [2, 3, 2]\nformat = \"u8\"");
     assert!(told.contains("leave them out"), "{told}");
 }
 

@@ -7,13 +7,8 @@ use fathom::pipelines::settings::{Deform, Method};
 use fathom::pipelines::voxelize::{Params, Voxelize};
 use fathom::scene::{Scene, SceneFile};
 
-const METHODS: [Method; 5] = [
-    Method::Slicemap,
-    Method::Slice,
-    Method::Overlap,
-    Method::OverlapThin,
-    Method::MaxAlpha,
-];
+const METHODS: [Method; 5] =
+    [Method::Slicemap, Method::Slice, Method::Overlap, Method::OverlapThin, Method::MaxAlpha];
 
 /// A floor, a ball and a box beside it, in dry air.
 const SCENE: &str = r#"
@@ -108,11 +103,7 @@ fn grids_of_all_shapes_and_places() {
         assert_eq!(frames([4, 4, 4], [0.0, -0.3, 0.0], 0.02), 0.0, "{method:?}");
         // One voxel around everything: no middle line of its sides need meet the surface.
         if method == Method::Overlap || method == Method::MaxAlpha {
-            assert_eq!(
-                frames([1, 1, 1], [-3.0, -3.0, -3.0], 6.0),
-                1.0,
-                "{method:?}"
-            );
+            assert_eq!(frames([1, 1, 1], [-3.0, -3.0, -3.0], 6.0), 1.0, "{method:?}");
         }
         // A part of the scene, in rows longer than a copy's alignment.
         let part = frames([270, 5, 2], [-1.5, -0.4, 0.1], 0.01);
@@ -125,15 +116,9 @@ fn methods_agree_but_for_what_they_miss() {
     let fixture = Fixture::new();
     let count = |method| fixture.occupied(&fixture.frames(|params| params.voxel.method = method));
     let [slicemap, slice, overlap, thin, alpha] = METHODS.map(count);
-    assert!(
-        (slicemap - slice).abs() <= 0.01 * slice,
-        "{slicemap} {slice}"
-    );
+    assert!((slicemap - slice).abs() <= 0.01 * slice, "{slicemap} {slice}");
     assert_eq!(overlap, alpha);
-    assert!(
-        thin < overlap && slicemap < overlap,
-        "{slicemap} {thin} {overlap}"
-    );
+    assert!(thin < overlap && slicemap < overlap, "{slicemap} {thin} {overlap}");
     assert!(slicemap > 0.5 * overlap);
 }
 

@@ -39,11 +39,7 @@ pub fn run(args: RunArgs) -> Outcome {
     watch_interrupts()?;
     let options = Options {
         gpu: gpu_options(&args.adapter),
-        request: Request {
-            experiments: args.experiments,
-            axes: args.axis,
-            sets: args.set,
-        },
+        request: Request { experiments: args.experiments, axes: args.axis, sets: args.set },
         profile: args.profile,
         budget_s: args.budget,
         precision: args.precision,
@@ -76,21 +72,11 @@ pub fn watch_interrupts() -> anyhow::Result<()> {
 }
 
 fn print_summary(summary: &Summary) {
-    let Summary {
-        out,
-        measured,
-        skipped,
-        failed,
-        kept,
-        end,
-        ..
-    } = summary;
+    let Summary { out, measured, skipped, failed, kept, end, .. } = summary;
     tell::done(format!(
         "{measured} cells measured, {skipped} skipped, {failed} failed, {kept} kept from before"
     ));
-    let ratio = summary
-        .efficiency()
-        .map(|ratio| format!(" (ratio {ratio:.2})"));
+    let ratio = summary.efficiency().map(|ratio| format!(" (ratio {ratio:.2})"));
     tell::done(format!(
         "{:.1} s of set-up, {:.1} s of measuring for {:.1} s of frames{}",
         end.set_up_s,
@@ -99,10 +85,7 @@ fn print_summary(summary: &Summary) {
         ratio.unwrap_or_default()
     ));
     if let Some(bytes) = end.peak_memory_bytes {
-        tell::done(format!(
-            "{:.2} GiB of memory at most",
-            bytes as f64 / f64::from(1 << 30)
-        ));
+        tell::done(format!("{:.2} GiB of memory at most", bytes as f64 / f64::from(1 << 30)));
     }
     tell::done(out.join("summary.md").display());
 }
@@ -164,11 +147,7 @@ fn print_listing(what: Listing, args: &ListArgs) -> anyhow::Result<()> {
             .map(|kind| (kind.name.to_owned(), kind.about.to_owned()))
             .collect(),
     };
-    let width = rows
-        .iter()
-        .map(|(name, _)| name.chars().count())
-        .max()
-        .unwrap_or(0);
+    let width = rows.iter().map(|(name, _)| name.chars().count()).max().unwrap_or(0);
     for (name, about) in rows {
         tell::answer(text::line(&format!("  {name:width$}  {about}")));
     }
@@ -206,28 +185,18 @@ fn stage_rows(pipeline: Option<&str>) -> anyhow::Result<Rows> {
 fn parameter_rows(args: &ListArgs) -> anyhow::Result<Rows> {
     let pipeline = args.pipeline.as_deref().unwrap_or(super::PIPELINE);
     let scene = args.scene.as_deref().unwrap_or(super::SCENE);
-    let tree = Subjects::default()
-        .subject(pipeline, scene, &args.set)?
-        .params;
+    let tree = Subjects::default().subject(pipeline, scene, &args.set)?.params;
     let value = |path: &String| params::get(&tree, path).map(ToString::to_string);
     let rows = params::leaves(&tree).into_iter();
-    Ok(rows
-        .map(|path| (path.clone(), value(&path).unwrap_or_default()))
-        .collect())
+    Ok(rows.map(|path| (path.clone(), value(&path).unwrap_or_default())).collect())
 }
 
 fn adapter_rows() -> Rows {
     let rows = Gpu::list().into_iter().enumerate();
     rows.map(|(index, adapter)| {
-        let kind = if adapter.software {
-            "software"
-        } else {
-            "hardware"
-        };
-        let about = format!(
-            "{} ({}, {kind}) {}",
-            adapter.name, adapter.backend, adapter.driver_info
-        );
+        let kind = if adapter.software { "software" } else { "hardware" };
+        let about =
+            format!("{} ({}, {kind}) {}", adapter.name, adapter.backend, adapter.driver_info);
         (index.to_string(), about)
     })
     .collect()
@@ -236,10 +205,7 @@ fn adapter_rows() -> Rows {
 pub fn audit(args: AdapterArgs) -> Outcome {
     let gpu = Gpu::open(&gpu_options(&args))?;
     let table = gpu::audit_table(&gpu::audit(&gpu)?);
-    let adapter = text::line(&format!(
-        "{} ({})",
-        gpu.adapter.name, gpu.adapter.driver_info
-    ));
+    let adapter = text::line(&format!("{} ({})", gpu.adapter.name, gpu.adapter.driver_info));
     tell::answer(format!("{adapter}\n{table}"));
     Ok(ExitCode::SUCCESS)
 }
@@ -249,11 +215,7 @@ pub fn verify(args: VerifyArgs) -> Outcome {
     let checks = verifying::verify(&gpu, args.filter.as_deref())?;
     tell::answer(verifying::Table(&checks));
     let sound = checks.iter().all(verifying::Check::is_sound);
-    Ok(if sound {
-        ExitCode::SUCCESS
-    } else {
-        ExitCode::from(SOMETHING_FAILED)
-    })
+    Ok(if sound { ExitCode::SUCCESS } else { ExitCode::from(SOMETHING_FAILED) })
 }
 
 pub fn fetch(args: FetchArgs) -> Outcome {
@@ -261,10 +223,7 @@ pub fn fetch(args: FetchArgs) -> Outcome {
     for result in assets::fetch(&args.assets) {
         match result {
             Ok(asset) => {
-                tell::done(format!(
-                    "{}: {} ({})",
-                    asset.name, asset.origin, asset.about
-                ));
+                tell::done(format!("{}: {} ({})", asset.name, asset.origin, asset.about));
             }
             Err(error) => {
                 super::fail(&error.to_string());
@@ -272,11 +231,7 @@ pub fn fetch(args: FetchArgs) -> Outcome {
             }
         }
     }
-    Ok(if failed {
-        ExitCode::from(super::COULD_NOT_RUN)
-    } else {
-        ExitCode::SUCCESS
-    })
+    Ok(if failed { ExitCode::from(super::COULD_NOT_RUN) } else { ExitCode::SUCCESS })
 }
 
 pub fn render(args: RenderArgs) -> Outcome {
@@ -294,11 +249,7 @@ pub fn render(args: RenderArgs) -> Outcome {
 
 pub fn dump(args: DumpArgs) -> Outcome {
     let gpu = Gpu::open(&gpu_options(&args.adapter))?;
-    let SubjectArgs {
-        pipeline,
-        scene,
-        set,
-    } = &args.subject;
+    let SubjectArgs { pipeline, scene, set } = &args.subject;
     let subject = Subjects::within(&gpu.capacity).subject(pipeline, scene, set)?;
     for path in dumping::dump(&gpu, &subject, &args.stage, &args.output)? {
         tell::done(path.display());
@@ -323,20 +274,10 @@ fn query_occlusion(args: &QueryArgs) -> anyhow::Result<()> {
     let rows = querying::read(&args.points)?;
     let gpu = Gpu::open(&gpu_options(&args.adapter))?;
     let occlusion = querying::occlusion(&gpu, &subject, &rows)?;
-    let rays = args
-        .reference
-        .map(|rays| rays.unwrap_or(querying::REFERENCE_RAYS));
-    let exact = rays
-        .map(|rays| querying::reference(&subject, &rows, rays))
-        .transpose()?;
+    let rays = args.reference.map(|rays| rays.unwrap_or(querying::REFERENCE_RAYS));
+    let exact = rays.map(|rays| querying::reference(&subject, &rows, rays)).transpose()?;
     let (name, writer) = query_target(args)?;
-    Ok(querying::write(
-        &name,
-        writer,
-        &rows,
-        &occlusion,
-        exact.as_deref(),
-    )?)
+    Ok(querying::write(&name, writer, &rows, &occlusion, exact.as_deref())?)
 }
 
 fn query_photons(args: &QueryArgs) -> anyhow::Result<()> {
@@ -349,10 +290,7 @@ fn query_photons(args: &QueryArgs) -> anyhow::Result<()> {
     let query = querying::photons::Query::new(&subject, starts)?;
     let gpu = Gpu::open(&gpu_options(&args.adapter))?;
     let answers = query.answers(&gpu, &subject)?;
-    let exact = args
-        .reference
-        .map(|_| query.reference(&subject))
-        .transpose()?;
+    let exact = args.reference.map(|_| query.reference(&subject)).transpose()?;
     let (name, writer) = query_target(args)?;
     Ok(query.write(&name, writer, &answers, exact.as_deref())?)
 }
@@ -380,16 +318,11 @@ fn query_target(args: &QueryArgs) -> anyhow::Result<(String, Box<dyn std::io::Wr
 }
 
 pub fn report(args: ReportArgs) -> Outcome {
-    let output = Output {
-        folder: args.folder,
-    };
+    let output = Output { folder: args.folder };
     let reading = record::read_some(&output.records())
         .with_context(|| format!("a run's folder holds its records in {RECORDS}"))?;
     for damage in &reading.damaged {
-        tell::note(format!(
-            "{}, {damage}: left out",
-            output.records().display()
-        ));
+        tell::note(format!("{}, {damage}: left out", output.records().display()));
     }
     let unfinished = journal::unfinished(&output.samples(), &reading.records)?;
     if !unfinished.is_empty() {

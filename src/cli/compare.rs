@@ -57,9 +57,7 @@ fn settings(args: &CompareArgs) -> Settings {
         launches: args.launches,
         pairs: args.pairs,
         // A seed that JSON readers of every kind keep exactly.
-        seed: args
-            .seed
-            .unwrap_or_else(|| u64::from(rand::random::<u32>())),
+        seed: args.seed.unwrap_or_else(|| u64::from(rand::random::<u32>())),
         gates,
         unpaired: false,
     }
@@ -87,10 +85,7 @@ fn builds(args: &CompareArgs) -> anyhow::Result<PathBuf> {
         ),
     };
     let base = build::set_aside(&base)?;
-    let program = |aside: &SetAside, label| Program {
-        path: aside.path.clone(),
-        label,
-    };
+    let program = |aside: &SetAside, label| Program { path: aside.path.clone(), label };
     let options = Options {
         gpu: gpu_options(&args.adapter),
         base: program(&base, base_label),
@@ -101,9 +96,7 @@ fn builds(args: &CompareArgs) -> anyhow::Result<PathBuf> {
         out: args.out.clone(),
         resume: args.resume,
     };
-    Ok(flow::measure(&options, &INTERRUPT, &|text| {
-        tell::note(text)
-    })?)
+    Ok(flow::measure(&options, &INTERRUPT, &|text| tell::note(text))?)
 }
 
 /// A wrong selection is told before minutes are spent on building.
@@ -144,10 +137,7 @@ fn self_test(args: &CompareArgs) -> Outcome {
             None => Path::new(DEFAULT_FOLDER).join("self-test"),
         },
         gpu: gpu_options(&args.adapter),
-        plan: Plan {
-            no_ops: args.no_ops,
-            slow5: args.slowdowns,
-        },
+        plan: Plan { no_ops: args.no_ops, slow5: args.slowdowns },
         settings: settings(args),
         filter: args.cells.clone(),
     };
@@ -179,10 +169,7 @@ fn tell(folder: &Path, format: &str, fresh: bool) -> Outcome {
 }
 
 fn append(page: &Path, text: &str) -> anyhow::Result<()> {
-    let file = std::fs::OpenOptions::new()
-        .create(true)
-        .append(true)
-        .open(page);
+    let file = std::fs::OpenOptions::new().create(true).append(true).open(page);
     file.and_then(|mut file| file.write_all(text.as_bytes()))
         .with_context(|| format!("cannot add to {STEP_SUMMARY} ({})", page.display()))
 }

@@ -312,38 +312,29 @@ fn parse_share(text: &str) -> Result<f64, String> {
 
 /// The command, or the status to exit with: help was asked for, or the line is wrong.
 pub fn parse() -> Result<Command, ExitCode> {
-    Cli::try_parse()
-        .map(|cli| cli.command)
-        .map_err(|error| match error.kind() {
-            ErrorKind::DisplayHelp
-            | ErrorKind::DisplayVersion
-            | ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand => {
-                tell::failed_if(error.print());
-                match error.exit_code() {
-                    0 => exit_status(Ok(ExitCode::SUCCESS)),
-                    _ => ExitCode::from(COULD_NOT_RUN),
-                }
+    Cli::try_parse().map(|cli| cli.command).map_err(|error| match error.kind() {
+        ErrorKind::DisplayHelp
+        | ErrorKind::DisplayVersion
+        | ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand => {
+            tell::failed_if(error.print());
+            match error.exit_code() {
+                0 => exit_status(Ok(ExitCode::SUCCESS)),
+                _ => ExitCode::from(COULD_NOT_RUN),
             }
-            _ => {
-                tell::note(one_line(&error.render().to_string()));
-                ExitCode::from(COULD_NOT_RUN)
-            }
-        })
+        }
+        _ => {
+            tell::note(one_line(&error.render().to_string()));
+            ExitCode::from(COULD_NOT_RUN)
+        }
+    })
 }
 
 /// clap's message without its usage: up to the first empty line, and its tips.
 fn one_line(message: &str) -> String {
     let lines = message.lines().map(str::trim);
-    let head = lines
-        .clone()
-        .take_while(|line| !line.is_empty())
-        .collect::<Vec<_>>()
-        .join(" ");
+    let head = lines.clone().take_while(|line| !line.is_empty()).collect::<Vec<_>>().join(" ");
     let tips = lines.filter(|line| line.starts_with("tip:"));
-    std::iter::once(head.as_str())
-        .chain(tips)
-        .collect::<Vec<_>>()
-        .join("; ")
+    std::iter::once(head.as_str()).chain(tips).collect::<Vec<_>>().join("; ")
 }
 
 /// The status of a command. Prints its error on one line, with the causes that it does not tell of itself. A command that

@@ -47,10 +47,8 @@ impl<'a> Processes<'a> {
         seed: u64,
         waiting: Waiting<'a>,
     ) -> Result<Self, PartyFault> {
-        let (adapter, clock) = probe(&base, &waiting).map_err(|fault| PartyFault {
-            party: Party::Base,
-            fault,
-        })?;
+        let (adapter, clock) =
+            probe(&base, &waiting).map_err(|fault| PartyFault { party: Party::Base, fault })?;
         let named =
             |configuration: &Configuration| (configuration.id.clone(), configuration.clone());
         Ok(Self {
@@ -121,9 +119,7 @@ impl<'a> Processes<'a> {
         configuration: &Configuration,
         control: bool,
     ) -> Result<Option<PartyFault>, PartyFault> {
-        let request = Request::Prepare {
-            configuration: configuration.clone(),
-        };
+        let request = Request::Prepare { configuration: configuration.clone() };
         let wanted = |party: &Party| matches!(party, Party::Base | Party::Head) || control;
         let concerned = self.workers.iter_mut().filter(|(party, _)| wanted(party));
         let mut concerned: Vec<_> = concerned.collect();
@@ -151,10 +147,7 @@ impl<'a> Processes<'a> {
         if !self.adapter.software {
             return notes;
         }
-        if greetings
-            .iter()
-            .any(|greeting| greeting.randomized != Some(false))
-        {
+        if greetings.iter().any(|greeting| greeting.randomized != Some(false)) {
             notes.push("addresses are randomized: the system does not allow otherwise".to_owned());
         }
         match core(&self.cores, launch as usize) {
@@ -172,22 +165,12 @@ impl Bench for Processes<'_> {
         cells: &[CellId],
         control: Option<&CellId>,
     ) -> Result<Opened, Broken> {
-        let broken = |cause| Broken {
-            configuration: None,
-            cause,
-        };
-        self.start(launch, &order(launch, control.is_some()))
-            .map_err(broken)?;
+        let broken = |cause| Broken { configuration: None, cause };
+        self.start(launch, &order(launch, control.is_some())).map_err(broken)?;
         let greetings = self.greeted().map_err(broken)?;
-        let mut opened = Opened {
-            refused: Vec::new(),
-            notes: self.notes(launch, &greetings),
-        };
-        let mut wanted: Vec<&str> = cells
-            .iter()
-            .chain(control)
-            .map(CellId::configuration)
-            .collect();
+        let mut opened = Opened { refused: Vec::new(), notes: self.notes(launch, &greetings) };
+        let mut wanted: Vec<&str> =
+            cells.iter().chain(control).map(CellId::configuration).collect();
         wanted.sort_unstable();
         wanted.dedup();
         for id in wanted {
@@ -199,10 +182,7 @@ impl Bench for Processes<'_> {
                 Ok(None) => {}
                 Ok(Some(cause)) => opened.refused.push((id.to_owned(), cause)),
                 Err(cause) => {
-                    return Err(Broken {
-                        configuration: Some(id.to_owned()),
-                        cause,
-                    });
+                    return Err(Broken { configuration: Some(id.to_owned()), cause });
                 }
             }
         }

@@ -43,11 +43,7 @@ pub enum BuildError {
     #[error("revision `{revision}` does not build; the compiler's last lines:\n{}", .last.join("\n"))]
     Compile { revision: String, last: Vec<String> },
     #[error("cannot {action} {}: {source}", path.display())]
-    Io {
-        action: &'static str,
-        path: PathBuf,
-        source: std::io::Error,
-    },
+    Io { action: &'static str, path: PathBuf, source: std::io::Error },
 }
 
 /// A built revision.
@@ -74,14 +70,8 @@ pub fn revision(
     let program = kept.join(format!("{BINARY}{}", std::env::consts::EXE_SUFFIX));
     if !program.is_file() {
         let worktree = Worktree::add(&repository, &cache, &commit)?;
-        let built = compile(
-            &worktree.path,
-            &cache.join("target"),
-            revision,
-            &[],
-            interrupted,
-            progress,
-        )?;
+        let built =
+            compile(&worktree.path, &cache.join("target"), revision, &[], interrupted, progress)?;
         keep(&built, &program)?;
         forget_old(&cache.join("builds"), &kept);
     }
@@ -109,11 +99,7 @@ fn way(compiler: &str, variable: impl Fn(&str) -> Option<OsString>) -> String {
 
 pub(super) fn repository(folder: &Path) -> Result<PathBuf, BuildError> {
     let found = git(folder, ["rev-parse", "--show-toplevel"]);
-    found
-        .map(PathBuf::from)
-        .map_err(|_| BuildError::NoRepository {
-            path: folder.to_owned(),
-        })
+    found.map(PathBuf::from).map_err(|_| BuildError::NoRepository { path: folder.to_owned() })
 }
 
 pub(super) fn commit(repository: &Path, revision: &str) -> Result<String, BuildError> {
@@ -138,14 +124,9 @@ fn printed(command: &mut Command) -> Result<String, BuildError> {
     let words = std::iter::once(command.get_program()).chain(command.get_args());
     let words: Vec<_> = words.map(OsStr::to_string_lossy).collect();
     let name = words.join(" ");
-    let failed = |reason: String| BuildError::Command {
-        command: name.clone(),
-        reason,
-    };
-    let output = command
-        .stdin(Stdio::null())
-        .output()
-        .map_err(|error| failed(error.to_string()))?;
+    let failed = |reason: String| BuildError::Command { command: name.clone(), reason };
+    let output =
+        command.stdin(Stdio::null()).output().map_err(|error| failed(error.to_string()))?;
     let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).trim().replace('\n', " ");
     match output.status.success() {
         true => Ok(text(&output.stdout)),
@@ -169,10 +150,7 @@ impl Worktree {
             path: cache.join(format!("worktree-{short}-{}", std::process::id())),
         };
         let path = worktree.path.to_string_lossy().into_owned();
-        git(
-            repository,
-            ["worktree", "add", "--detach", "--force", &path, commit],
-        )?;
+        git(repository, ["worktree", "add", "--detach", "--force", &path, commit])?;
         Ok(worktree)
     }
 }
@@ -208,9 +186,7 @@ pub(super) fn compile(
     loop {
         if interrupted.load(Ordering::Relaxed) {
             quiet::kill_all(&mut child);
-            return Err(BuildError::Interrupted {
-                revision: revision.to_owned(),
-            });
+            return Err(BuildError::Interrupted { revision: revision.to_owned() });
         }
         match lines.recv_timeout(SLICE) {
             Ok(line) => {
@@ -227,10 +203,7 @@ pub(super) fn compile(
     let program = format!("release/{BINARY}{}", std::env::consts::EXE_SUFFIX);
     match child.wait().map_err(failed)?.success() {
         true => Ok(target.join(program)),
-        false => Err(BuildError::Compile {
-            revision: revision.to_owned(),
-            last: last.into(),
-        }),
+        false => Err(BuildError::Compile { revision: revision.to_owned(), last: last.into() }),
     }
 }
 
@@ -270,11 +243,7 @@ fn lines_of(child: &mut Child) -> Receiver<String> {
 pub(super) fn keep(built: &Path, program: &Path) -> Result<(), BuildError> {
     let io = |action, path: &Path| {
         let path = path.to_owned();
-        move |source| BuildError::Io {
-            action,
-            path,
-            source,
-        }
+        move |source| BuildError::Io { action, path, source }
     };
     let folder = program.parent().unwrap_or(Path::new("."));
     std::fs::create_dir_all(folder).map_err(io("create", folder))?;
@@ -302,10 +271,7 @@ pub fn set_aside(program: &Path) -> Result<SetAside, BuildError> {
     let name = program.file_name().unwrap_or(OsStr::new(BINARY));
     let path = folder.path().join(name);
     keep(program, &path)?;
-    Ok(SetAside {
-        _folder: folder,
-        path,
-    })
+    Ok(SetAside { _folder: folder, path })
 }
 
 /// Removes the oldest builds but `newest`. What cannot be removed stays.
@@ -387,9 +353,7 @@ mod tests {
 
         fn build(&self, name: &str) -> (Result<Built, BuildError>, usize) {
             let mut lines = 0;
-            let built = revision(self.path(), name, &AtomicBool::new(false), &mut |_| {
-                lines += 1
-            });
+            let built = revision(self.path(), name, &AtomicBool::new(false), &mut |_| lines += 1);
             (built, lines)
         }
     }
@@ -453,10 +417,7 @@ mod tests {
             way("rustc 2", none),
             way("rustc 1", set("RUSTFLAGS", "")),
             way("rustc 1", set("RUSTFLAGS", "-Ctarget-cpu=native")),
-            way(
-                "rustc 1",
-                set("CARGO_ENCODED_RUSTFLAGS", "-Ctarget-cpu=native"),
-            ),
+            way("rustc 1", set("CARGO_ENCODED_RUSTFLAGS", "-Ctarget-cpu=native")),
         ];
         let different: BTreeSet<&String> = ways.iter().collect();
         assert_eq!(different.len(), ways.len(), "{ways:?}");
@@ -482,14 +443,8 @@ mod tests {
     fn a_revision_that_does_not_build_shows_the_compilers_last_lines() {
         let repository = Repository::new();
         let message = repository.build("HEAD").0.unwrap_err().to_string();
-        assert!(
-            message.contains("revision `HEAD` does not build"),
-            "{message}"
-        );
-        assert!(
-            message.contains("cannot find function `second`"),
-            "{message}"
-        );
+        assert!(message.contains("revision `HEAD` does not build"), "{message}");
+        assert!(message.contains("cannot find function `second`"), "{message}");
         let folders = std::fs::read_dir(repository.path().join(CACHE)).unwrap();
         let names: Vec<_> = folders.flatten().map(|entry| entry.file_name()).collect();
         assert_eq!(names, ["target"], "no worktree and no build is left");

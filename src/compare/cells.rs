@@ -17,17 +17,11 @@ static BUILT_IN: &str = include_str!("../../benches/gates.toml");
 #[derive(Debug, Error)]
 pub enum CellsError {
     #[error("cannot read the gates' configurations {}: {source}", path.display())]
-    Read {
-        path: PathBuf,
-        source: std::io::Error,
-    },
+    Read { path: PathBuf, source: std::io::Error },
     #[error("{origin}: {}", one_line(.message))]
     Invalid { origin: String, message: String },
     #[error("no gate cell matches `{filter}`{}", match nearest { Some(name) => format!("; did you mean `{name}`?"), None => String::new() })]
-    NoMatch {
-        filter: String,
-        nearest: Option<String>,
-    },
+    NoMatch { filter: String, nearest: Option<String> },
 }
 
 /// A pipeline on a scene at small sizes, and the stages of it that are compared.
@@ -117,21 +111,15 @@ impl Gates {
         match path {
             None => Self::parse("benches/gates.toml", BUILT_IN),
             Some(path) => {
-                let text =
-                    input::text(path, input::MAX_TEXT).map_err(|source| CellsError::Read {
-                        path: path.to_owned(),
-                        source,
-                    })?;
+                let text = input::text(path, input::MAX_TEXT)
+                    .map_err(|source| CellsError::Read { path: path.to_owned(), source })?;
                 Self::parse(&path.display().to_string(), &text)
             }
         }
     }
 
     fn parse(origin: &str, text: &str) -> Result<Self, CellsError> {
-        let invalid = |message: String| CellsError::Invalid {
-            origin: origin.to_owned(),
-            message,
-        };
+        let invalid = |message: String| CellsError::Invalid { origin: origin.to_owned(), message };
         let gates: Self =
             toml::from_str(text).map_err(|error| invalid(error.to_string().trim().to_owned()))?;
         gates.check().map_err(invalid)?;
@@ -151,9 +139,7 @@ impl Gates {
             stages.sort();
             stages.dedup();
             if stages.len() != configuration.stages.len() || stages.is_empty() {
-                return Err(format!(
-                    "configuration `{id}` must list stages, and each once"
-                ));
+                return Err(format!("configuration `{id}` must list stages, and each once"));
             }
         }
         match self.cells().contains(&self.control) {
@@ -179,8 +165,7 @@ impl Gates {
             let keep = |stage: &String| CellId::new(&id, stage).as_str().contains(filter);
             configuration.stages.retain(keep);
         }
-        self.configurations
-            .retain(|configuration| !configuration.stages.is_empty());
+        self.configurations.retain(|configuration| !configuration.stages.is_empty());
         let left = self.cells();
         match left.first() {
             None => Err(CellsError::NoMatch {
@@ -207,10 +192,7 @@ mod tests {
         assert_eq!(cell.to_string(), "tank-fine caustics/trace");
         assert_eq!(cell.configuration(), "tank-fine");
         assert_eq!(cell.stage(), "caustics/trace");
-        assert_eq!(
-            serde_json::to_string(&cell).unwrap(),
-            "\"tank-fine caustics/trace\""
-        );
+        assert_eq!(serde_json::to_string(&cell).unwrap(), "\"tank-fine caustics/trace\"");
     }
 
     #[test]
@@ -219,9 +201,7 @@ mod tests {
         let cells = gates.cells();
         assert!(cells.len() >= 40, "{}", cells.len());
         for cell in &cells {
-            let known = crate::stages::REGISTRY
-                .iter()
-                .any(|stage| stage.name == cell.stage());
+            let known = crate::stages::REGISTRY.iter().any(|stage| stage.name == cell.stage());
             assert!(known, "{cell}");
         }
     }
@@ -229,13 +209,7 @@ mod tests {
     /// A stage of the host, one that is too short, and two that no frame holds; everything else is compared somewhere.
     #[test]
     fn every_stage_that_can_be_compared_is_in_a_gate() {
-        let apart = [
-            "frame",
-            "voxel/clear",
-            "voxel/view",
-            "ao/query",
-            "photons/query",
-        ];
+        let apart = ["frame", "voxel/clear", "voxel/view", "ao/query", "photons/query"];
         let cells = Gates::load(None).unwrap().cells();
         for stage in crate::stages::REGISTRY {
             let compared = cells.iter().any(|cell| cell.stage() == stage.name);
@@ -247,11 +221,7 @@ mod tests {
     fn filters_keep_what_they_name_and_a_control() {
         let gates = Gates::load(None).unwrap();
         let few = gates.clone().filtered("splat").unwrap();
-        assert!(
-            few.cells()
-                .iter()
-                .all(|cell| cell.stage().contains("splat"))
-        );
+        assert!(few.cells().iter().all(|cell| cell.stage().contains("splat")));
         assert!(few.cells().contains(&few.control));
         let error = gates.filtered("caustics/splt").unwrap_err().to_string();
         assert!(error.contains("did you mean"), "{error}");

@@ -69,15 +69,11 @@ pub fn judge(comparison: &Comparison) -> Vec<Difference> {
         let counted = counting.iter().all(|side| side.contains(id));
         cell(base, head, counted, &mut found);
     }
-    let configurations = twins(&comparison.configurations, |line| {
-        (line.side, &line.configuration)
-    });
+    let configurations = twins(&comparison.configurations, |line| (line.side, &line.configuration));
     for (base, head) in configurations {
         configuration(base, head, &comparison.header.cells, &mut found);
     }
-    let checks = twins(&comparison.checks, |line| {
-        (line.side, (&line.stage, &line.what))
-    });
+    let checks = twins(&comparison.checks, |line| (line.side, (&line.stage, &line.what)));
     for (base, head) in checks {
         check(base, head, &mut found);
     }
@@ -114,19 +110,14 @@ fn last_of<'a, T, K: Ord>(
     wanted: Side,
 ) -> BTreeMap<K, &'a T> {
     let keyed = lines.iter().map(|line| (key(line), line));
-    keyed
-        .filter(|((side, _), _)| *side == wanted)
-        .map(|((_, own), line)| (own, line))
-        .collect()
+    keyed.filter(|((side, _), _)| *side == wanted).map(|((_, own), line)| (own, line)).collect()
 }
 
 /// Errors and checks that one side gives and the other does not. What the base lacks is new in the head, unless a damaged
 /// line may have held it.
 pub fn missing(comparison: &Comparison) -> Vec<Fault> {
     let mut faults = Vec::new();
-    let configurations = twins(&comparison.configurations, |line| {
-        (line.side, &line.configuration)
-    });
+    let configurations = twins(&comparison.configurations, |line| (line.side, &line.configuration));
     for (base, head) in configurations {
         let read_back = base.quantities.keys().filter(|name| is_error(name));
         let errors = base.errors.keys().chain(read_back);
@@ -259,14 +250,7 @@ fn charged(
 
 /// Names of figures that are the worse the further they are from 0.
 pub fn is_error(name: &str) -> bool {
-    let parts = [
-        "error",
-        "rms",
-        "bias",
-        "miss_rate",
-        "false_hit_rate",
-        "unconverged",
-    ];
+    let parts = ["error", "rms", "bias", "miss_rate", "false_hit_rate", "unconverged"];
     parts.iter().any(|part| name.contains(part))
 }
 

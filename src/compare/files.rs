@@ -38,11 +38,8 @@ struct Read {
 /// The lines that two files amount to.
 pub fn lines(base: &Path, head: &Path, settings: &Settings) -> Result<Vec<Line>, FilesError> {
     let sides = [read(base)?, read(head)?];
-    let common: Vec<&String> = sides[0]
-        .cells
-        .keys()
-        .filter(|key| sides[1].cells.contains_key(*key))
-        .collect();
+    let common: Vec<&String> =
+        sides[0].cells.keys().filter(|key| sides[1].cells.contains_key(*key)).collect();
     if common.is_empty() {
         return Err(FilesError::NothingInCommon {
             base: sides[0].cells.len(),
@@ -128,9 +125,7 @@ fn read(path: &Path) -> Result<Read, FilesError> {
             Record::Experiment(_) | Record::End(_) => {}
         }
     }
-    let run = last.ok_or_else(|| FilesError::NoRun {
-        path: path.to_owned(),
-    })?;
+    let run = last.ok_or_else(|| FilesError::NoRun { path: path.to_owned() })?;
     Ok(Read {
         build: Build {
             label: path.display().to_string(),
@@ -148,10 +143,7 @@ fn read(path: &Path) -> Result<Read, FilesError> {
 fn comparable(base: &Run, head: &Run) -> Result<(), String> {
     let told = |run: &Run| {
         let adapter = &run.adapter;
-        format!(
-            "{} ({} {})",
-            adapter.name, adapter.driver, adapter.driver_info
-        )
+        format!("{} ({} {})", adapter.name, adapter.driver, adapter.driver_info)
     };
     if told(base) != told(head) || base.adapter.backend != head.adapter.backend {
         return Err(format!(
@@ -161,10 +153,7 @@ fn comparable(base: &Run, head: &Run) -> Result<(), String> {
         ));
     }
     if base.shader_checks != head.shader_checks {
-        return Err(format!(
-            "shaders {} and {}",
-            base.shader_checks, head.shader_checks
-        ));
+        return Err(format!("shaders {} and {}", base.shader_checks, head.shader_checks));
     }
     Ok(())
 }
@@ -284,14 +273,8 @@ fn header(
     timed: Result<(), String>,
 ) -> Header {
     let [base, head] = sides;
-    let skip = |gate, reason: &str| Skip {
-        gate,
-        reason: reason.to_owned(),
-    };
-    let mut skipped = vec![skip(
-        Gate::Instructions,
-        "files of records hold no instruction counts",
-    )];
+    let skip = |gate, reason: &str| Skip { gate, reason: reason.to_owned() };
+    let mut skipped = vec![skip(Gate::Instructions, "files of records hold no instruction counts")];
     let mut gates = vec![Gate::Exact];
     match timed {
         Ok(()) => gates.push(Gate::Time),
@@ -303,13 +286,7 @@ fn header(
         base: base.build.clone(),
         head: head.build.clone(),
         adapter: head.run.adapter.clone(),
-        settings: Settings {
-            gates,
-            unpaired: true,
-            launches: 0,
-            pairs: 0,
-            ..settings.clone()
-        },
+        settings: Settings { gates, unpaired: true, launches: 0, pairs: 0, ..settings.clone() },
         cells,
         skipped,
         notes,
@@ -319,13 +296,8 @@ fn header(
 /// The comparison that two files amount to.
 pub fn comparison(base: &Path, head: &Path, settings: &Settings) -> Result<Comparison, FilesError> {
     let lines = lines(base, head, settings)?;
-    let read = Lines {
-        lines,
-        damaged: Vec::new(),
-    };
-    Comparison::from_lines(read).ok_or_else(|| FilesError::NoRun {
-        path: base.to_owned(),
-    })
+    let read = Lines { lines, damaged: Vec::new() };
+    Comparison::from_lines(read).ok_or_else(|| FilesError::NoRun { path: base.to_owned() })
 }
 
 #[cfg(test)]

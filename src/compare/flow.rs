@@ -39,10 +39,7 @@ pub enum CompareError {
     #[error(transparent)]
     Folder(#[from] OutputError),
     #[error("{} cannot be read: {source}", path.display())]
-    Program {
-        path: PathBuf,
-        source: std::io::Error,
-    },
+    Program { path: PathBuf, source: std::io::Error },
     #[error("the {} build: {fault}", .side.name())]
     Worker { side: Side, fault: WorkerFault },
     #[error("the sides run on different adapters: the base on {base}, the head on {head}")]
@@ -95,14 +92,9 @@ pub fn measure(
     };
     let held = held(&folder, options.resume)?;
     let flags = [interrupted];
-    let waiting = Waiting {
-        interrupted: &flags,
-        tell,
-    };
-    let mut parties = [
-        start_party(options, Side::Base, waiting)?,
-        start_party(options, Side::Head, waiting)?,
-    ];
+    let waiting = Waiting { interrupted: &flags, tell };
+    let mut parties =
+        [start_party(options, Side::Base, waiting)?, start_party(options, Side::Head, waiting)?];
     let greetings = greeted(&mut parties)?;
     let header = header(options, &gates, &greetings)?;
     let (store, before) = match options.resume {
@@ -192,10 +184,7 @@ fn greeted(parties: &mut [Party<'_>; 2]) -> Result<[Greeting; 2], CompareError> 
         format!("{} ({})", adapter.name, adapter.driver_info)
     };
     if named(&base) != named(&head) {
-        return Err(CompareError::Adapters {
-            base: named(&base),
-            head: named(&head),
-        });
+        return Err(CompareError::Adapters { base: named(&base), head: named(&head) });
     }
     Ok([base, head])
 }
@@ -210,10 +199,8 @@ fn header(
             label: program.label.clone(),
             version: greeting.fathom_version.clone(),
             protocol: Some(greeting.protocol),
-            digest: digest(&program.path).map_err(|source| CompareError::Program {
-                path: program.path.clone(),
-                source,
-            })?,
+            digest: digest(&program.path)
+                .map_err(|source| CompareError::Program { path: program.path.clone(), source })?,
         })
     };
     let [base, head] = greetings;
@@ -222,19 +209,11 @@ fn header(
     settings.gates.retain(|gate| {
         let reason = obstacle(*gate, greetings);
         let possible = reason.is_none();
-        skipped.extend(reason.map(|reason| Skip {
-            gate: *gate,
-            reason,
-        }));
+        skipped.extend(reason.map(|reason| Skip { gate: *gate, reason }));
         possible
     });
     let mut notes = base.notes.clone();
-    notes.extend(
-        head.notes
-            .iter()
-            .filter(|note| !base.notes.contains(note))
-            .cloned(),
-    );
+    notes.extend(head.notes.iter().filter(|note| !base.notes.contains(note)).cloned());
     if settings.gates.contains(&Gate::Exact) {
         notes.extend(survey::without_checks(greetings));
     }
@@ -287,10 +266,9 @@ fn resumed(
         ("kind of measurement", !then.settings.unpaired),
     ];
     match same.iter().find(|(_, same)| !same) {
-        Some((what, _)) => Err(CompareError::OtherComparison {
-            folder: store.folder.clone(),
-            what,
-        }),
+        Some((what, _)) => {
+            Err(CompareError::OtherComparison { folder: store.folder.clone(), what })
+        }
         None => Ok((store, Some(before))),
     }
 }
@@ -363,13 +341,7 @@ impl Measurement<'_> {
         (self.tell)("instruction gate: every stage under callgrind");
         let start = |side| start_of(self.options, side);
         let before = &self.before;
-        Ok(instructions::run(
-            &mut self.store,
-            before,
-            common,
-            &start,
-            self.interrupted,
-        )?)
+        Ok(instructions::run(&mut self.store, before, common, &start, self.interrupted)?)
     }
 
     fn time(&mut self, control: &CellId, common: &[Configuration]) -> Result<(), CompareError> {
@@ -419,11 +391,7 @@ impl Measurement<'_> {
         let (tell, store) = (self.tell, &mut self.store);
         tell(&format!(
             "time gate{}: cells: {}, launches: {} of {} pairs",
-            if schedule.second {
-                ", what is still open"
-            } else {
-                ""
-            },
+            if schedule.second { ", what is still open" } else { "" },
             schedule.cells.len(),
             schedule.launches,
             schedule.pairs
@@ -432,19 +400,10 @@ impl Measurement<'_> {
             store.write(&lines)?;
             let launches = lines.iter().filter(|line| matches!(line, Line::Launch(_)));
             done += launches.count() as u32;
-            tell(&format!(
-                "time gate: {done} of {} launches",
-                schedule.launches
-            ));
+            tell(&format!("time gate: {done} of {} launches", schedule.launches));
             Ok::<(), StoreError>(())
         };
-        Ok(rounds::run(
-            schedule,
-            bench,
-            &before,
-            self.interrupted,
-            &mut sink,
-        )?)
+        Ok(rounds::run(schedule, bench, &before, self.interrupted, &mut sink)?)
     }
 
     /// The gate could not begin.

@@ -26,10 +26,8 @@ use super::valgrind;
 /// Frames that are counted of each cell and side.
 pub const FRAMES: u32 = 3;
 /// Under valgrind a process is tens of times slower than by itself.
-const PATIENCE: Patience = Patience {
-    slow: Duration::from_secs(180),
-    sample: Duration::from_secs(180),
-};
+const PATIENCE: Patience =
+    Patience { slow: Duration::from_secs(180), sample: Duration::from_secs(180) };
 
 /// A cell's counts on both sides.
 #[derive(Clone, Debug, PartialEq)]
@@ -86,21 +84,12 @@ fn held_against(base: &[u64], head: &[u64], threshold: f64) -> Counted {
     } else {
         Change::Same
     };
-    Counted {
-        base,
-        head,
-        ratio,
-        change,
-    }
+    Counted { base, head, ratio, change }
 }
 
 /// The version of the valgrind that is installed, if one is.
 pub fn valgrind_version() -> Option<String> {
-    let output = Command::new("valgrind")
-        .arg("--version")
-        .stdin(Stdio::null())
-        .output()
-        .ok()?;
+    let output = Command::new("valgrind").arg("--version").stdin(Stdio::null()).output().ok()?;
     let version = String::from_utf8_lossy(&output.stdout).trim().to_owned();
     (output.status.success() && !version.is_empty()).then_some(version)
 }
@@ -166,10 +155,7 @@ pub fn run(
 
 fn quieted(mut start: Start, core: Option<usize>) -> Start {
     start.patience = PATIENCE;
-    start.quiet = Some(Quiet {
-        core,
-        ..Quiet::default()
-    });
+    start.quiet = Some(Quiet { core, ..Quiet::default() });
     start
 }
 
@@ -193,20 +179,14 @@ fn jobs<'a>(before: &Comparison, wanted: &'a [Configuration]) -> VecDeque<Job<'a
             .collect(),
     };
     let both = |configuration| Side::BOTH.map(|side| job(configuration, side));
-    wanted
-        .iter()
-        .flat_map(both)
-        .filter(|job| !job.stages.is_empty())
-        .collect()
+    wanted.iter().flat_map(both).filter(|job| !job.stages.is_empty()).collect()
 }
 
 fn next<'a>(jobs: &Mutex<VecDeque<Job<'a>>>, ending: &[&AtomicBool]) -> Option<Job<'a>> {
     if ends(ending) {
         return None;
     }
-    jobs.lock()
-        .unwrap_or_else(PoisonError::into_inner)
-        .pop_front()
+    jobs.lock().unwrap_or_else(PoisonError::into_inner).pop_front()
 }
 
 /// Under what a job is counted.
@@ -229,10 +209,7 @@ fn count(job: &Job<'_>, conditions: &Conditions<'_>, lines: &Sender<Line>) {
         if ends(conditions.ending) {
             break;
         }
-        let mut ready = match counter
-            .take()
-            .map_or_else(|| Counter::new(job, conditions), Ok)
-        {
+        let mut ready = match counter.take().map_or_else(|| Counter::new(job, conditions), Ok) {
             Ok(ready) => ready,
             Err(_) if ends(conditions.ending) => return,
             Err(cause) => return send_faults(job, &job.stages[index..], &cause, lines),
@@ -276,10 +253,7 @@ fn send_faults(job: &Job<'_>, stages: &[String], cause: &WorkerFault, lines: &Se
 
 /// Under callgrind every reply is long in coming, and several are waited for at once.
 fn silently<'a>(ending: &'a [&'a AtomicBool]) -> Waiting<'a> {
-    Waiting {
-        interrupted: ending,
-        tell: &|_| {},
-    }
+    Waiting { interrupted: ending, tell: &|_| {} }
 }
 
 fn callgrind(folder: &Path) -> Vec<OsString> {
@@ -315,15 +289,9 @@ impl Counter {
         worker.greet()?;
         let waiting = silently(conditions.ending);
         worker.greeted(&waiting)?;
-        let request = Request::Prepare {
-            configuration: job.configuration.into(),
-        };
+        let request = Request::Prepare { configuration: job.configuration.into() };
         match worker.ask(&request, &waiting)? {
-            Reply::Prepared { .. } => Ok(Self {
-                worker,
-                folder,
-                cuts: 0,
-            }),
+            Reply::Prepared { .. } => Ok(Self { worker, folder, cuts: 0 }),
             other => Err(worker.unexpected(&other)),
         }
     }
@@ -416,16 +384,8 @@ esac; done
             params: Map::new(),
             stages: stages.clone(),
         };
-        let job = Job {
-            side: Side::Head,
-            configuration: &configuration,
-            stages,
-        };
-        let conditions = Conditions {
-            start: quieted(Start::new(&script), None),
-            wrapper,
-            ending,
-        };
+        let job = Job { side: Side::Head, configuration: &configuration, stages };
+        let conditions = Conditions { start: quieted(Start::new(&script), None), wrapper, ending };
         let (sender, lines) = channel();
         count(&job, &conditions, &sender);
         drop(sender);
@@ -489,13 +449,7 @@ esac; done
     #[test]
     fn frames_that_vary_more_than_the_sides_differ_are_no_change() {
         let wide = [100, 110, 120];
-        assert_eq!(
-            held_against(&wide, &[112, 113, 114], 0.005).change,
-            Change::Same
-        );
-        assert_eq!(
-            held_against(&wide, &[121, 122, 123], 0.005).change,
-            Change::More
-        );
+        assert_eq!(held_against(&wide, &[112, 113, 114], 0.005).change, Change::Same);
+        assert_eq!(held_against(&wide, &[121, 122, 123], 0.005).change, Change::More);
     }
 }

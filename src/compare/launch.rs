@@ -40,16 +40,9 @@ pub enum WorkerFault {
     #[error("it ended with {status}{}", told(.stderr))]
     Ended { status: String, stderr: String },
     #[error("it gave no answer to `{request}` within {seconds} s{}", told(.stderr))]
-    Silent {
-        request: &'static str,
-        seconds: u64,
-        stderr: String,
-    },
+    Silent { request: &'static str, seconds: u64, stderr: String },
     #[error("it answered garbage to `{request}`: {excerpt}")]
-    Garbage {
-        request: &'static str,
-        excerpt: String,
-    },
+    Garbage { request: &'static str, excerpt: String },
     #[error("it speaks version {theirs} of the worker protocol, this build version {PROTOCOL}")]
     OtherProtocol { theirs: u32 },
     #[error("it does not know `{0}`")]
@@ -77,11 +70,7 @@ fn told(stderr: &str) -> String {
 impl WorkerFault {
     /// A fault that this side finds in a worker which is then of no more use.
     pub(super) fn fatal(reason: String) -> Self {
-        Self::Refused {
-            reason,
-            fatal: true,
-            absent: None,
-        }
+        Self::Refused { reason, fatal: true, absent: None }
     }
 
     /// The build does not know what it was asked for. Where an older worker does not say why it refuses, that counts as
@@ -114,10 +103,7 @@ pub struct Patience {
 
 impl Default for Patience {
     fn default() -> Self {
-        Self {
-            slow: Duration::from_secs(180),
-            sample: Duration::from_secs(30),
-        }
+        Self { slow: Duration::from_secs(180), sample: Duration::from_secs(30) }
     }
 }
 
@@ -132,10 +118,7 @@ pub struct Waiting<'a> {
 
 impl Waiting<'static> {
     /// To the end, and without a word.
-    pub const PLAINLY: Self = Waiting {
-        interrupted: &[],
-        tell: &|_| {},
-    };
+    pub const PLAINLY: Self = Waiting { interrupted: &[], tell: &|_| {} };
 }
 
 /// How to start a worker.
@@ -202,10 +185,7 @@ impl Worker {
     /// The worker is tied to the calling thread: it is killed when that thread ends.
     pub fn start(start: &Start) -> Result<Self, WorkerFault> {
         let mut command = start.command();
-        command
-            .stdin(Stdio::piped())
-            .stdout(Stdio::piped())
-            .stderr(Stdio::piped());
+        command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
         let mut child = command.spawn().map_err(|error| WorkerFault::Start {
             program: command.get_program().into(),
             reason: error.to_string(),
@@ -310,19 +290,11 @@ impl Worker {
             return Err(WorkerFault::OtherProtocol { theirs });
         }
         match serde_json::from_str(line) {
-            Ok(Reply::Fault {
-                reason,
-                fatal,
-                absent,
-            }) => {
+            Ok(Reply::Fault { reason, fatal, absent }) => {
                 if fatal {
                     self.kill();
                 }
-                Err(WorkerFault::Refused {
-                    reason,
-                    fatal,
-                    absent,
-                })
+                Err(WorkerFault::Refused { reason, fatal, absent })
             }
             Ok(Reply::Unsupported { message }) => Err(WorkerFault::Unsupported(message)),
             Ok(reply) => Ok(reply),
@@ -337,10 +309,7 @@ impl Worker {
 
     /// Sends the first message; [`Self::greeted`] takes the answer.
     pub fn greet(&mut self) -> Result<(), WorkerFault> {
-        self.send(&Request::Hello {
-            protocol: PROTOCOL,
-            clock: self.clock,
-        })
+        self.send(&Request::Hello { protocol: PROTOCOL, clock: self.clock })
     }
 
     /// What the worker says of itself, if it speaks this protocol.
@@ -366,15 +335,8 @@ impl Worker {
         self.kill();
         let line = line.trim_end();
         let excerpt: String = line.chars().take(EXCERPT).collect();
-        let more = if excerpt.len() < line.len() {
-            "…"
-        } else {
-            ""
-        };
-        WorkerFault::Garbage {
-            request: self.asked,
-            excerpt: format!("`{excerpt}{more}`"),
-        }
+        let more = if excerpt.len() < line.len() { "…" } else { "" };
+        WorkerFault::Garbage { request: self.asked, excerpt: format!("`{excerpt}{more}`") }
     }
 
     fn ended(&mut self) -> WorkerFault {
@@ -384,10 +346,7 @@ impl Worker {
             None => "its output closed".to_owned(),
         };
         self.kill();
-        WorkerFault::Ended {
-            status,
-            stderr: self.stderr(),
-        }
+        WorkerFault::Ended { status, stderr: self.stderr() }
     }
 
     fn status_within(&mut self, patience: Duration) -> Option<ExitStatus> {

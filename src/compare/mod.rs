@@ -40,12 +40,8 @@ pub fn write_tables(folder: &Path, verdicts: &Verdicts<'_>) -> Result<Vec<PathBu
     for format in tables::FORMATS {
         let Some(name) = format.file else { continue };
         let path = folder.join(name);
-        std::fs::write(&path, (format.write)(verdicts)).map_err(|source| {
-            StoreError::Unwritable {
-                path: path.clone(),
-                source,
-            }
-        })?;
+        std::fs::write(&path, (format.write)(verdicts))
+            .map_err(|source| StoreError::Unwritable { path: path.clone(), source })?;
         paths.push(path);
     }
     Ok(paths)

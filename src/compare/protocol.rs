@@ -195,20 +195,11 @@ pub fn parse_request(line: &str) -> Result<Request, Reply> {
         absent: Some(false),
     };
     let value: Value = serde_json::from_str(line).map_err(fault)?;
-    let known = [
-        "hello",
-        "clock",
-        "prepare",
-        "sample",
-        "exact",
-        "instructions",
-        "checks",
-        "quit",
-    ];
+    let known = ["hello", "clock", "prepare", "sample", "exact", "instructions", "checks", "quit"];
     match value.get("message").and_then(Value::as_str) {
-        Some(name) if !known.contains(&name) => Err(Reply::Unsupported {
-            message: name.to_owned(),
-        }),
+        Some(name) if !known.contains(&name) => {
+            Err(Reply::Unsupported { message: name.to_owned() })
+        }
         _ => serde_json::from_value(value).map_err(fault),
     }
 }
@@ -236,11 +227,7 @@ mod tests {
         );
         assert_eq!(parse_request(&line).unwrap(), prepare);
         let sample = parse_request(r#"{"message":"sample","config":"a","stage":"b","later":1}"#);
-        let expected = Request::Sample {
-            config: "a".into(),
-            stage: "b".into(),
-            frames: 1,
-        };
+        let expected = Request::Sample { config: "a".into(), stage: "b".into(), frames: 1 };
         assert_eq!(sample.unwrap(), expected);
     }
 
@@ -252,19 +239,11 @@ mod tests {
             json!({"message": "unsupported", "request": "explode"})
         );
         for (line, reason) in [
-            (
-                r#"{"message":"sample","stage":"b"}"#,
-                "missing field `config`",
-            ),
+            (r#"{"message":"sample","stage":"b"}"#, "missing field `config`"),
             (r#"{"config":"a"}"#, "missing field `message`"),
             ("fish", "expected"),
         ] {
-            let Err(Reply::Fault {
-                reason: found,
-                fatal: false,
-                ..
-            }) = parse_request(line)
-            else {
+            let Err(Reply::Fault { reason: found, fatal: false, .. }) = parse_request(line) else {
                 panic!("{line} was taken");
             };
             assert!(found.contains(reason), "{line}: {found}");
@@ -290,13 +269,9 @@ mod tests {
             let line = serde_json::to_string(&reply).unwrap();
             serde_json::from_str(&line).unwrap_or_else(|error| panic!("{line}: {error}"))
         };
-        let Reply::Exact(exact) = read(Reply::Exact(Box::new(exact))) else {
-            panic!("no figures")
-        };
+        let Reply::Exact(exact) = read(Reply::Exact(Box::new(exact))) else { panic!("no figures") };
         assert!(exact.errors["an_error"].is_nan() && exact.quantities["a_figure"].is_nan());
-        let Reply::Checks { checks } = read(Reply::Checks {
-            checks: vec![check],
-        }) else {
+        let Reply::Checks { checks } = read(Reply::Checks { checks: vec![check] }) else {
             panic!("no checks")
         };
         assert!(checks[0].measured.is_nan() && checks[0].tolerance == 0.1);
@@ -307,11 +282,7 @@ mod tests {
         let replies = [
             Reply::Sample { ns: vec![1.5, 2.0] },
             Reply::Exact(Box::default()),
-            Reply::Fault {
-                reason: "no".into(),
-                fatal: true,
-                absent: Some(false),
-            },
+            Reply::Fault { reason: "no".into(), fatal: true, absent: Some(false) },
             Reply::Hello(Box::new(Greeting {
                 protocol: PROTOCOL,
                 fathom_version: "0".into(),
@@ -325,11 +296,7 @@ mod tests {
         ];
         for reply in replies {
             let line = serde_json::to_string(&reply).unwrap();
-            assert_eq!(
-                serde_json::from_str::<Reply>(&line).unwrap(),
-                reply,
-                "{line}"
-            );
+            assert_eq!(serde_json::from_str::<Reply>(&line).unwrap(), reply, "{line}");
         }
     }
 }

@@ -148,10 +148,8 @@ mod system {
 
     pub fn is_stopped(process: u32) -> bool {
         let status = std::fs::read_to_string(format!("/proc/{process}/status"));
-        let is_state = |line: &str| {
-            line.strip_prefix("State:")
-                .map(|state| state.trim().to_owned())
-        };
+        let is_state =
+            |line: &str| line.strip_prefix("State:").map(|state| state.trim().to_owned());
         let state = status.ok().and_then(|text| text.lines().find_map(is_state));
         state.is_some_and(|state| state.starts_with('T'))
     }

@@ -55,11 +55,7 @@ pub fn centre(samples: &[f64], alpha: f64) -> Centre {
         0 => (f64::NEG_INFINITY, f64::INFINITY),
         beyond => (walsh[beyond - 1], walsh[walsh.len() - beyond]),
     };
-    Centre {
-        estimate: median(&walsh),
-        low,
-        high,
-    }
+    Centre { estimate: median(&walsh), low, high }
 }
 
 /// Probability of samples at least so high when their centre is `bound` or less.
@@ -85,10 +81,7 @@ fn rank_sum(samples: &[f64], bound: f64) -> usize {
         by_size.then(b.total_cmp(a))
     });
     let ranked = distances.iter().zip(1..);
-    ranked
-        .filter(|(distance, _)| **distance > 0.0)
-        .map(|(_, rank)| rank)
-        .sum()
+    ranked.filter(|(distance, _)| **distance > 0.0).map(|(_, rank)| rank).sum()
 }
 
 /// Probabilities adjusted for their number by Holm's procedure, in the order given: what is at most `alpha` may be rejected
@@ -198,10 +191,7 @@ mod tests {
     #[test]
     fn few_samples_have_no_interval_and_no_small_probability() {
         let centre = centre(&[1.0, 1.1, 1.2, 1.3, 1.4], 0.05);
-        assert_eq!(
-            (centre.low, centre.high),
-            (f64::NEG_INFINITY, f64::INFINITY)
-        );
+        assert_eq!((centre.low, centre.high), (f64::NEG_INFINITY, f64::INFINITY));
         assert_eq!(above(&[1.0, 2.0], 0.0), 0.25);
         assert_eq!(above(&[], 0.0), 1.0);
         assert_eq!(detectable(5, 0.01), None);
@@ -219,12 +209,7 @@ mod tests {
     fn holm_is_monotone_and_its_first_step_is_bonferroni() {
         let adjusted = holm(&[0.01, 0.04, 0.001, 0.03]);
         let expected = [0.03, 0.06, 0.004, 0.06];
-        assert!(
-            adjusted
-                .iter()
-                .zip(expected)
-                .all(|(a, b)| (a - b).abs() < 1e-15)
-        );
+        assert!(adjusted.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-15));
         assert!(holm(&[]).is_empty());
         assert_eq!(holm(&[0.9, 0.8]), [1.0, 1.0]);
     }

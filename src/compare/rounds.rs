@@ -283,11 +283,7 @@ impl Gatekeeper<'_> {
                 let mut base_first: Vec<bool> =
                     (0..self.schedule.pairs).map(|n| n % 2 == 0).collect();
                 base_first.shuffle(random);
-                Visit {
-                    cell: cell.clone(),
-                    control,
-                    base_first,
-                }
+                Visit { cell: cell.clone(), control, base_first }
             })
             .collect()
     }
@@ -303,10 +299,7 @@ impl Gatekeeper<'_> {
 
     fn lose_control(&mut self, launch: u32, cause: &PartyFault) -> Fault {
         let cell = self.control.take();
-        Fault {
-            control: true,
-            ..fault(launch, cell.as_ref(), cause)
-        }
+        Fault { control: true, ..fault(launch, cell.as_ref(), cause) }
     }
 
     /// The faults that end a configuration's part: of all its cells, or of the control alone if only that could not be made.
@@ -320,15 +313,12 @@ impl Gatekeeper<'_> {
             return vec![self.lose_control(launch, cause)];
         }
         let concerned = |cell: &CellId| cell.configuration() == configuration;
-        let (lost, left) = std::mem::take(&mut self.cells)
-            .into_iter()
-            .partition(|cell| concerned(cell));
+        let (lost, left) =
+            std::mem::take(&mut self.cells).into_iter().partition(|cell| concerned(cell));
         self.cells = left;
         let lost: Vec<CellId> = lost;
-        let mut faults: Vec<Fault> = lost
-            .iter()
-            .map(|cell| fault(launch, Some(cell), cause))
-            .collect();
+        let mut faults: Vec<Fault> =
+            lost.iter().map(|cell| fault(launch, Some(cell), cause)).collect();
         if self.control.as_ref().is_some_and(concerned) {
             faults.push(self.lose_control(launch, cause));
         }

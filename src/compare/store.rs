@@ -143,9 +143,7 @@ fn share<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f64, D::Error> {
     if 0.0 < share && share < 1.0 {
         return Ok(share);
     }
-    Err(de::Error::custom(format!(
-        "{share} is no share between 0 and 1"
-    )))
+    Err(de::Error::custom(format!("{share} is no share between 0 and 1")))
 }
 
 /// Exact figures of a whole configuration.
@@ -273,10 +271,7 @@ pub enum StoreError {
     #[error(transparent)]
     Lock(#[from] LockError),
     #[error("cannot write to {}: {source}; choose another folder with --out", path.display())]
-    Unwritable {
-        path: PathBuf,
-        source: std::io::Error,
-    },
+    Unwritable { path: PathBuf, source: std::io::Error },
     #[error(
         "{} holds a comparison already: continue it with --resume, or choose another folder with --out",
         path.display()
@@ -301,9 +296,7 @@ impl Held {
         let held = Self::take(folder)?;
         let lines = folder.join(COMPARISON);
         if lines.metadata().is_ok_and(|file| file.len() > 0) {
-            return Err(StoreError::Occupied {
-                path: folder.to_owned(),
-            });
+            return Err(StoreError::Occupied { path: folder.to_owned() });
         }
         Ok(held)
     }
@@ -311,18 +304,13 @@ impl Held {
     /// Takes the folder of a comparison that is to be continued.
     pub fn with_comparison(folder: &Path) -> Result<Self, StoreError> {
         if !folder.join(COMPARISON).exists() {
-            return Err(StoreError::Absent {
-                path: folder.to_owned(),
-            });
+            return Err(StoreError::Absent { path: folder.to_owned() });
         }
         Self::take(folder)
     }
 
     fn take(folder: &Path) -> Result<Self, StoreError> {
-        Ok(Self {
-            folder: folder.to_owned(),
-            lock: FolderLock::take(folder, &holder())?,
-        })
+        Ok(Self { folder: folder.to_owned(), lock: FolderLock::take(folder, &holder())? })
     }
 }
 
@@ -365,11 +353,7 @@ impl Store {
     }
 
     fn of(held: Held, writer: LineWriter<Line>) -> Self {
-        Self {
-            folder: held.folder,
-            writer,
-            _lock: held.lock,
-        }
+        Self { folder: held.folder, writer, _lock: held.lock }
     }
 
     /// Appends lines in one piece. Nothing else than this writes, so that measuring is not disturbed.
@@ -425,9 +409,7 @@ impl Comparison {
     pub fn read(folder: &Path) -> Result<Self, StoreError> {
         let path = folder.join(COMPARISON);
         if !path.exists() {
-            return Err(StoreError::Absent {
-                path: folder.to_owned(),
-            });
+            return Err(StoreError::Absent { path: folder.to_owned() });
         }
         let read = record::read_lines(&path)?;
         let mut comparison =

@@ -21,13 +21,7 @@ pub struct Party<'a> {
 impl<'a> Party<'a> {
     /// Starts the worker of a side; what it says of itself comes with [`Self::greeted`].
     pub fn new(side: Side, start: Start, waiting: Waiting<'a>) -> Result<Self, WorkerFault> {
-        let mut party = Self {
-            side,
-            start,
-            waiting,
-            worker: None,
-            parts: Vec::new(),
-        };
+        let mut party = Self { side, start, waiting, worker: None, parts: Vec::new() };
         party.worker = Some(party.started()?);
         Ok(party)
     }
@@ -39,11 +33,7 @@ impl<'a> Party<'a> {
     }
 
     pub fn greeted(&mut self) -> Result<Greeting, WorkerFault> {
-        let greeting = self
-            .worker
-            .as_mut()
-            .ok_or_else(gone)?
-            .greeted(&self.waiting)?;
+        let greeting = self.worker.as_mut().ok_or_else(gone)?.greeted(&self.waiting)?;
         self.parts.clone_from(&greeting.parts);
         Ok(greeting)
     }
@@ -82,32 +72,17 @@ pub fn prepare(
     parties: &mut [Party<'_>; 2],
     configuration: &Configuration,
 ) -> (Configuration, Vec<Line>) {
-    let replies = both(
-        parties,
-        &Request::Prepare {
-            configuration: configuration.into(),
-        },
-    );
+    let replies = both(parties, &Request::Prepare { configuration: configuration.into() });
     let (stages, faults) = present(configuration, replies);
-    let common = Configuration {
-        stages,
-        ..configuration.clone()
-    };
+    let common = Configuration { stages, ..configuration.clone() };
     (common, faults)
 }
 
 /// The exact figures of a configuration that both sides have prepared.
 pub fn exact(parties: &mut [Party<'_>; 2], configuration: &Configuration) -> Vec<Line> {
-    let replies = both(
-        parties,
-        &Request::Exact {
-            config: configuration.id.clone(),
-        },
-    );
+    let replies = both(parties, &Request::Exact { config: configuration.id.clone() });
     let sides = Side::BOTH.into_iter().zip(replies);
-    sides
-        .flat_map(|(side, reply)| exact_lines(side, configuration, reply))
-        .collect()
+    sides.flat_map(|(side, reply)| exact_lines(side, configuration, reply)).collect()
 }
 
 /// What lacks of the checks, where a build is too old to know of them; they are then made on neither side.
@@ -144,12 +119,7 @@ pub fn checks(parties: &mut [Party<'_>; 2], stages: Vec<String>) -> Vec<Line> {
                     sound: check.sound,
                 })
             })),
-            other => lines.push(fault(
-                side,
-                None,
-                false,
-                &format!("checks: {}", reason(other)),
-            )),
+            other => lines.push(fault(side, None, false, &format!("checks: {}", reason(other)))),
         }
     }
     lines
@@ -160,10 +130,7 @@ fn both(parties: &mut [Party<'_>; 2], request: &Request) -> [Result<Reply, Worke
     let [base, head] = parties;
     let sent = [base.send(request), head.send(request)];
     let [of_base, of_head] = sent;
-    [
-        of_base.and_then(|()| base.receive()),
-        of_head.and_then(|()| head.receive()),
-    ]
+    [of_base.and_then(|()| base.receive()), of_head.and_then(|()| head.receive())]
 }
 
 /// Why a side lacks a stage.
@@ -220,18 +187,10 @@ fn exact_lines(
         other => {
             let reason = reason(other);
             let each = configuration.cells();
-            return each
-                .map(|cell| fault(side, Some(cell), false, &reason))
-                .collect();
+            return each.map(|cell| fault(side, Some(cell), false, &reason)).collect();
         }
     };
-    let Exact {
-        stages,
-        allocated_bytes,
-        errors,
-        quantities,
-        notes,
-    } = exact;
+    let Exact { stages, allocated_bytes, errors, quantities, notes } = exact;
     let mut lines = vec![Line::Configuration(ConfigurationFigures {
         side,
         configuration: configuration.id.clone(),
@@ -241,17 +200,16 @@ fn exact_lines(
         notes,
     })];
     lines.extend(
-        stages
-            .into_iter()
-            .filter(|stage| configuration.stages.contains(&stage.name))
-            .map(|stage| {
+        stages.into_iter().filter(|stage| configuration.stages.contains(&stage.name)).map(
+            |stage| {
                 Line::Exact(ExactFigures {
                     side,
                     cell: CellId::new(&configuration.id, &stage.name),
                     work: stage.work,
                     counters: stage.counters,
                 })
-            }),
+            },
+        ),
     );
     lines
 }
@@ -282,10 +240,7 @@ mod tests {
     use crate::record::{Adapter, PassKind};
 
     fn prepared(stages: &[&str]) -> Result<Reply, WorkerFault> {
-        let kind = |name: &&str| StageKind {
-            name: (*name).to_owned(),
-            kind: PassKind::Compute,
-        };
+        let kind = |name: &&str| StageKind { name: (*name).to_owned(), kind: PassKind::Compute };
         Ok(Reply::Prepared {
             stages: stages.iter().map(kind).collect(),
             stand_ins: Vec::new(),
@@ -295,18 +250,11 @@ mod tests {
     }
 
     fn refused(absent: Option<bool>) -> Result<Reply, WorkerFault> {
-        Err(WorkerFault::Refused {
-            reason: "no".to_owned(),
-            fatal: false,
-            absent,
-        })
+        Err(WorkerFault::Refused { reason: "no".to_owned(), fatal: false, absent })
     }
 
     fn died() -> Result<Reply, WorkerFault> {
-        Err(WorkerFault::Ended {
-            status: "signal: 11".to_owned(),
-            stderr: String::new(),
-        })
+        Err(WorkerFault::Ended { status: "signal: 11".to_owned(), stderr: String::new() })
     }
 
     /// The common stages of a configuration of `a` and `b`, and who lacks which as what: `new` or `failed`.
@@ -337,34 +285,20 @@ mod tests {
     fn only_what_the_base_does_not_know_is_new() {
         let whole = || prepared(&["a", "b"]);
         for absent in [None, Some(true)] {
-            assert_eq!(
-                told(refused(absent), whole()).1,
-                ["base a new", "base b new"]
-            );
+            assert_eq!(told(refused(absent), whole()).1, ["base a new", "base b new"]);
         }
         let (common, faults) = told(refused(Some(false)), whole());
         assert_eq!(faults, ["base a failed", "base b failed"]);
         assert!(common.is_empty());
         assert_eq!(told(died(), whole()).1, ["base a failed", "base b failed"]);
         let (common, faults) = told(prepared(&["b"]), whole());
-        assert_eq!(
-            (common, faults),
-            (vec!["b".to_owned()], vec!["base a new".to_owned()])
-        );
-        assert_eq!(
-            told(whole(), refused(Some(true))).1,
-            ["head a failed", "head b failed"]
-        );
+        assert_eq!((common, faults), (vec!["b".to_owned()], vec!["base a new".to_owned()]));
+        assert_eq!(told(whole(), refused(Some(true))).1, ["head a failed", "head b failed"]);
     }
 
     #[test]
     fn a_head_that_fails_is_told_where_the_base_knows_nothing() {
-        let expected = [
-            "base a failed",
-            "head a failed",
-            "base b failed",
-            "head b failed",
-        ];
+        let expected = ["base a failed", "head a failed", "base b failed", "head b failed"];
         assert_eq!(told(refused(Some(true)), died()).1, expected);
         let (_, faults) = told(refused(Some(true)), prepared(&["b"]));
         assert_eq!(faults, ["base a failed", "head a failed", "base b new"]);
@@ -385,9 +319,6 @@ mod tests {
         let (old, new) = (greeting(&["exact"]), greeting(&["exact", "checks"]));
         assert_eq!(without_checks(&[new.clone(), new.clone()]), None);
         let note = without_checks(&[old, new]).unwrap();
-        assert!(
-            note.ends_with("the base build has no part `checks`"),
-            "{note}"
-        );
+        assert!(note.ends_with("the base build has no part `checks`"), "{note}");
     }
 }

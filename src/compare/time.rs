@@ -206,18 +206,13 @@ pub fn judge<'a>(
         controls.filter_map(|((cell, _, second), pairs)| Figures::of(cell, *second, pairs));
     TimeGate {
         cells: judged(measured, settings),
-        controls: controls
-            .flat_map(|control| judged(vec![control], settings))
-            .collect(),
+        controls: controls.flat_map(|control| judged(vec![control], settings)).collect(),
     }
 }
 
 /// Verdicts on figures that are told together.
 fn judged(measured: Vec<Figures>, settings: &Settings) -> Vec<CellTime> {
-    let p: Vec<f64> = measured
-        .iter()
-        .map(|cell| cell.p(settings.threshold))
-        .collect();
+    let p: Vec<f64> = measured.iter().map(|cell| cell.p(settings.threshold)).collect();
     let doubled: Vec<f64> = p.iter().map(|p| (MEASUREMENTS * p).min(1.0)).collect();
     let adjusted = rank::holm(&doubled);
     // What Holm's first step leaves to each of two directions.
@@ -232,9 +227,7 @@ fn judged(measured: Vec<Figures>, settings: &Settings) -> Vec<CellTime> {
 
 /// Cells of which a complete first measurement tells neither a change nor that there is none, and a second one may.
 pub fn open(comparison: &Comparison) -> Vec<CellId> {
-    let Header {
-        cells, settings, ..
-    } = &comparison.header;
+    let Header { cells, settings, .. } = &comparison.header;
     if comparison.launches_of(false) < settings.launches as usize {
         return Vec::new();
     }

@@ -27,10 +27,7 @@ pub struct RunTime {
 
 impl RunTime {
     fn of(samples: &Samples) -> Self {
-        Self {
-            ns: statistics::estimate(&samples.ns),
-            resolution_ns: samples.resolution_ns,
-        }
+        Self { ns: statistics::estimate(&samples.ns), resolution_ns: samples.resolution_ns }
     }
 
     pub fn is_resolved(&self) -> bool {
@@ -53,13 +50,7 @@ pub fn judge(comparison: &Comparison) -> BTreeMap<CellId, Unpaired> {
     };
     let both = |cell: &CellId| {
         let (base, head) = (of(Side::Base, cell)?, of(Side::Head, cell)?);
-        Some((
-            cell.clone(),
-            Unpaired {
-                base: RunTime::of(base),
-                head: RunTime::of(head),
-            },
-        ))
+        Some((cell.clone(), Unpaired { base: RunTime::of(base), head: RunTime::of(head) }))
     };
     comparison.header.cells.iter().filter_map(both).collect()
 }

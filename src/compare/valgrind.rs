@@ -10,10 +10,8 @@ pub fn start_counting() {
 }
 
 /// This build can start the counting itself.
-pub const SUPPORTED: bool = cfg!(all(
-    target_os = "linux",
-    any(target_arch = "x86_64", target_arch = "aarch64")
-));
+pub const SUPPORTED: bool =
+    cfg!(all(target_os = "linux", any(target_arch = "x86_64", target_arch = "aarch64")));
 
 /// `callgrind.h`: the tool's base, the letters C and T, and the fifth of its requests.
 const CALLGRIND_START_INSTRUMENTATION: usize = ((b'C' as usize) << 24 | (b'T' as usize) << 16) + 4;
@@ -58,10 +56,7 @@ fn request(code: usize) {
     }
 }
 
-#[cfg(not(all(
-    target_os = "linux",
-    any(target_arch = "x86_64", target_arch = "aarch64")
-)))]
+#[cfg(not(all(target_os = "linux", any(target_arch = "x86_64", target_arch = "aarch64"))))]
 fn request(_: usize) {}
 
 #[cfg(test)]

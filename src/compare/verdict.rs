@@ -157,11 +157,8 @@ impl<'a> Verdicts<'a> {
             let mut cells = header.cells.iter();
             cells.any(|cell| difference.concerns(cell))
         };
-        let configurations: Vec<Difference> = differences
-            .iter()
-            .filter(|difference| !told(difference))
-            .cloned()
-            .collect();
+        let configurations: Vec<Difference> =
+            differences.iter().filter(|difference| !told(difference)).cloned().collect();
         let whole = |fault: &&Fault| fault.cell.is_none() && !overcome(comparison, fault);
         let missing = exact::missing(comparison);
         let faults = unique(comparison.faults.iter().filter(whole).chain(&missing));
@@ -179,11 +176,8 @@ impl<'a> Verdicts<'a> {
 
     /// Cells whose verdict is a regression, the gravest first: by verdict, then by how much.
     pub fn regressions(&self) -> Vec<&CellVerdict> {
-        let mut found: Vec<&CellVerdict> = self
-            .cells
-            .iter()
-            .filter(|cell| cell.verdict.is_regression())
-            .collect();
+        let mut found: Vec<&CellVerdict> =
+            self.cells.iter().filter(|cell| cell.verdict.is_regression()).collect();
         found.sort_by(|a, b| {
             let by_verdict = a.verdict.cmp(&b.verdict);
             by_verdict.then(b.weight().total_cmp(&a.weight()))
@@ -207,10 +201,7 @@ impl CellVerdict {
 
     /// By how much the cell changed for the worse: time before instructions.
     fn weight(&self) -> f64 {
-        let instructions = self
-            .instructions
-            .as_ref()
-            .map(|counted| counted.ratio - 1.0);
+        let instructions = self.instructions.as_ref().map(|counted| counted.ratio - 1.0);
         match (&self.time, self.verdict) {
             (Some(time), Verdict::Slower) => time.change,
             _ => instructions.unwrap_or(0.0),
@@ -255,10 +246,7 @@ impl Sources<'_> {
 
     /// Each gate that ran has both sides' figures of the cell, and one did run.
     fn measured(&self, cell: &CellVerdict) -> bool {
-        let mut ran = self
-            .gates
-            .iter()
-            .filter(|(_, state)| *state == GateState::Ran);
+        let mut ran = self.gates.iter().filter(|(_, state)| *state == GateState::Ran);
         let has = |gate: Gate| match gate {
             Gate::Exact => self.comparison.has_exact(&cell.cell),
             Gate::Instructions => cell.instructions.is_some(),
@@ -270,9 +258,7 @@ impl Sources<'_> {
 
 fn by_cell(time: &TimeGate) -> BTreeMap<CellId, CellTime> {
     let cells = time.cells.iter();
-    cells
-        .map(|cell| (cell.cell.clone(), cell.clone()))
-        .collect()
+    cells.map(|cell| (cell.cell.clone(), cell.clone())).collect()
 }
 
 /// One verdict from all gates. A time that is told faster outweighs instructions, which cost nothing by themselves.
@@ -314,10 +300,8 @@ fn state(comparison: &Comparison, gate: Gate, time: &TimeGate) -> GateState {
     let settings = &comparison.header.settings;
     if !settings.gates.contains(&gate) {
         let skipped = comparison.header.skipped.iter();
-        let reason = skipped
-            .filter(|skip| skip.gate == gate)
-            .map(|skip| skip.reason.clone())
-            .next();
+        let reason =
+            skipped.filter(|skip| skip.gate == gate).map(|skip| skip.reason.clone()).next();
         return GateState::Skipped(reason.unwrap_or_else(|| "not asked for".to_owned()));
     }
     let measured = match gate {
@@ -330,10 +314,7 @@ fn state(comparison: &Comparison, gate: Gate, time: &TimeGate) -> GateState {
         let reason = faults.next().map(|fault| fault.reason.clone());
         return GateState::Void(reason.unwrap_or_else(|| "nothing was measured".to_owned()));
     }
-    let void = || {
-        time.void(settings.alpha)
-            .or_else(|| uncontrolled(comparison, time))
-    };
+    let void = || time.void(settings.alpha).or_else(|| uncontrolled(comparison, time));
     match gate {
         Gate::Time => void().map_or(GateState::Ran, GateState::Void),
         Gate::Exact | Gate::Instructions => GateState::Ran,
@@ -371,9 +352,7 @@ fn status(
         !settings.unpaired && (!comparison.came_to_its_end() || any(Verdict::NotMeasured));
     let regression = cells.iter().any(|cell| cell.verdict.is_regression())
         || configurations.iter().any(|difference| difference.worse);
-    let void = gates
-        .iter()
-        .any(|(_, state)| matches!(state, GateState::Void(_)));
+    let void = gates.iter().any(|(_, state)| matches!(state, GateState::Void(_)));
     let nothing = cells.iter().all(|cell| cell.verdict == Verdict::New);
     if regression {
         Status::Regression
@@ -384,10 +363,7 @@ fn status(
         || faults.iter().any(|fault| !fault.absent)
     {
         Status::CouldNotMeasure
-    } else if cells
-        .iter()
-        .any(|cell| cell.may_be_slower(settings.threshold))
-    {
+    } else if cells.iter().any(|cell| cell.may_be_slower(settings.threshold)) {
         Status::Inconclusive
     } else {
         Status::NoRegression

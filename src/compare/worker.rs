@@ -65,11 +65,7 @@ pub fn serve(
     mut output: impl Write,
 ) -> Result<(), WorkerError> {
     quiet::pad_heap();
-    let mut worker = Worker {
-        options,
-        subjects: Subjects::silent(),
-        device: None,
-    };
+    let mut worker = Worker { options, subjects: Subjects::silent(), device: None };
     for line in input.lines() {
         let line = line.map_err(WorkerError::Input)?;
         if line.trim().is_empty() {
@@ -81,15 +77,8 @@ pub fn serve(
             Err(reply) => reply,
         };
         let line = serde_json::to_string(&reply).map_err(|e| WorkerError::Output(e.into()))?;
-        writeln!(output, "{line}")
-            .and_then(|()| output.flush())
-            .map_err(WorkerError::Output)?;
-        if let Reply::Fault {
-            reason,
-            fatal: true,
-            ..
-        } = reply
-        {
+        writeln!(output, "{line}").and_then(|()| output.flush()).map_err(WorkerError::Output)?;
+        if let Reply::Fault { reason, fatal: true, .. } = reply {
             return Err(WorkerError::Fatal(reason));
         }
     }
@@ -110,11 +99,7 @@ enum Refusal {
     #[error("configuration `{0}` is not prepared")]
     NotPrepared(String),
     #[error("configuration `{config}` has no stage `{stage}`; it has {present}")]
-    NoStage {
-        config: String,
-        stage: String,
-        present: String,
-    },
+    NoStage { config: String, stage: String, present: String },
     #[error("frames must lie in 1…{MAX_FRAMES}, not {0}")]
     Frames(u32),
 }
@@ -172,17 +157,11 @@ impl Worker<'_> {
             Request::Prepare { configuration } => {
                 device.prepare(&mut self.subjects, &configuration)
             }
-            Request::Sample {
-                config,
-                stage,
-                frames,
-            } => device.sample(&config, &stage, frames),
+            Request::Sample { config, stage, frames } => device.sample(&config, &stage, frames),
             Request::Exact { config } => device.exact(&config),
-            Request::Instructions {
-                config,
-                stage,
-                frames,
-            } => device.instructions(&config, &stage, frames),
+            Request::Instructions { config, stage, frames } => {
+                device.instructions(&config, &stage, frames)
+            }
             Request::Checks { stages } => device.checks(&stages),
             Request::Hello { .. } | Request::Quit => unreachable!("answered before"),
         }
@@ -194,12 +173,7 @@ impl Worker<'_> {
         let audited = clock.is_some() || gpu.adapter.software;
         let plan = clock.unwrap_or(ClockPlan::fenced(SubmitCost::default()));
         let timer = FrameTimer::new(&gpu, plan, MAX_PASSES)?;
-        let device = self.device.insert(Device {
-            gpu,
-            timer,
-            audited,
-            prepared: BTreeMap::new(),
-        });
+        let device = self.device.insert(Device { gpu, timer, audited, prepared: BTreeMap::new() });
         Ok(Reply::Hello(Box::new(Greeting {
             protocol: PROTOCOL,
             fathom_version: env!("CARGO_PKG_VERSION").to_owned(),
@@ -220,9 +194,7 @@ impl Device {
             self.timer = FrameTimer::new(&self.gpu, plan, MAX_PASSES)?;
             self.audited = true;
         }
-        Ok(Reply::Clock {
-            clock: self.timer.plan(),
-        })
+        Ok(Reply::Clock { clock: self.timer.plan() })
     }
 
     fn prepare(
@@ -241,10 +213,10 @@ impl Device {
             self.timer.untimed(&self.gpu, &stages)?;
         }
         let kinds = self.timer.kinds(&self.gpu, &stages)?;
-        let stages = stages.iter().zip(kinds).map(|(stage, kind)| StageKind {
-            name: stage.name().to_owned(),
-            kind,
-        });
+        let stages = stages
+            .iter()
+            .zip(kinds)
+            .map(|(stage, kind)| StageKind { name: stage.name().to_owned(), kind });
         let reply = Reply::Prepared {
             stages: stages.collect(),
             stand_ins: subject.scene.stand_ins.clone(),
@@ -278,9 +250,7 @@ impl Device {
             ExactStage {
                 name: stage.name().to_owned(),
                 work: stage.work(),
-                counters: counters
-                    .map(|stage| stage.counters.clone())
-                    .unwrap_or_default(),
+                counters: counters.map(|stage| stage.counters.clone()).unwrap_or_default(),
             }
         });
         let mut exact = Exact {
@@ -322,9 +292,7 @@ impl Device {
             measured: check.measured,
             tolerance: check.tolerance,
         };
-        Ok(Reply::Checks {
-            checks: checks.map(read).collect(),
-        })
+        Ok(Reply::Checks { checks: checks.map(read).collect() })
     }
 }
 
@@ -339,9 +307,7 @@ fn known<'a>(
     prepared: &'a BTreeMap<String, Prepared>,
     config: &str,
 ) -> Result<&'a Prepared, Refusal> {
-    prepared
-        .get(config)
-        .ok_or_else(|| Refusal::NotPrepared(config.to_owned()))
+    prepared.get(config).ok_or_else(|| Refusal::NotPrepared(config.to_owned()))
 }
 
 fn find<'a>(
@@ -354,11 +320,7 @@ fn find<'a>(
     found.copied().ok_or_else(|| Refusal::NoStage {
         config: config.to_owned(),
         stage: stage.to_owned(),
-        present: stages
-            .iter()
-            .map(|stage| stage.name())
-            .collect::<Vec<_>>()
-            .join(", "),
+        present: stages.iter().map(|stage| stage.name()).collect::<Vec<_>>().join(", "),
     })
 }
 

@@ -59,12 +59,7 @@ impl Experiment {
             .iter()
             .map(|claim| {
                 let (verdict, reason) = rule(claim, cells, software);
-                Ruling {
-                    id: claim.id.clone(),
-                    text: claim.text.clone(),
-                    verdict,
-                    reason,
-                }
+                Ruling { id: claim.id.clone(), text: claim.text.clone(), verdict, reason }
             })
             .collect()
     }
@@ -76,12 +71,9 @@ fn rule(claim: &Claim, cells: &[&Cell], software: bool) -> Finding {
     match &claim.test {
         Test::AtLeast { y, value } => comparisons::at_least(y, *value, &cells, software),
         Test::Within { y, low, high } => comparisons::inside(y, [*low, *high], &cells, software),
-        Test::NoWorse {
-            y,
-            of,
-            than,
-            margin,
-        } => comparisons::no_worse(y, [of, than], *margin, &cells),
+        Test::NoWorse { y, of, than, margin } => {
+            comparisons::no_worse(y, [of, than], *margin, &cells)
+        }
         test => by_group(test, &cells),
     }
 }
@@ -107,11 +99,7 @@ fn by_group(test: &Test, cells: &[&Cell]) -> Finding {
         .iter()
         .map(|(name, group)| {
             let (verdict, reason) = rule_group(test, over, group);
-            let prefix = if several {
-                format!("{name}: ")
-            } else {
-                String::new()
-            };
+            let prefix = if several { format!("{name}: ") } else { String::new() };
             (verdict, prefix + &reason)
         })
         .collect();
@@ -147,49 +135,28 @@ pub fn groups<'a>(cells: &[&'a Cell], over: &str) -> Vec<(String, Vec<&'a Cell>)
 
 fn rule_group(test: &Test, over: &str, cells: &[&Cell]) -> Finding {
     match test {
-        Test::Slope {
-            y,
-            x,
-            expected,
-            tolerance,
-            max_fixed_share,
-            min_decades,
-            ..
-        } => match scaling(y, x, cells, *max_fixed_share) {
-            Ok(fit) => fits::slope(&fit, *expected, *tolerance, *min_decades),
-            Err(reason) => untestable(reason),
-        },
-        Test::Affine {
-            y,
-            x,
-            tolerance,
-            min_rising_share,
-            ..
-        } => fits::affine(y, x, *tolerance, *min_rising_share, cells),
+        Test::Slope { y, x, expected, tolerance, max_fixed_share, min_decades, .. } => {
+            match scaling(y, x, cells, *max_fixed_share) {
+                Ok(fit) => fits::slope(&fit, *expected, *tolerance, *min_decades),
+                Err(reason) => untestable(reason),
+            }
+        }
+        Test::Affine { y, x, tolerance, min_rising_share, .. } => {
+            fits::affine(y, x, *tolerance, *min_rising_share, cells)
+        }
         Test::Independent { y, tolerance, .. } => {
             comparisons::independent(y, over, *tolerance, cells)
         }
-        Test::Ratio {
-            y,
-            numerator,
-            denominator,
-            low,
-            high,
-            ..
-        } => comparisons::ratio(y, over, [numerator, denominator], [*low, *high], cells),
-        Test::Monotone {
-            y,
-            x,
-            direction,
-            tolerance,
-            ..
-        } => comparisons::monotone(y, x, *direction, *tolerance, cells),
-        Test::Lowest {
-            y, value, margin, ..
-        } => comparisons::lowest(y, over, value, *margin, cells),
-        Test::Minimum {
-            y, x, low, high, ..
-        } => comparisons::minimum(y, x, [*low, *high], cells),
+        Test::Ratio { y, numerator, denominator, low, high, .. } => {
+            comparisons::ratio(y, over, [numerator, denominator], [*low, *high], cells)
+        }
+        Test::Monotone { y, x, direction, tolerance, .. } => {
+            comparisons::monotone(y, x, *direction, *tolerance, cells)
+        }
+        Test::Lowest { y, value, margin, .. } => {
+            comparisons::lowest(y, over, value, *margin, cells)
+        }
+        Test::Minimum { y, x, low, high, .. } => comparisons::minimum(y, x, [*low, *high], cells),
         Test::AtLeast { .. } | Test::Within { .. } | Test::NoWorse { .. } => {
             untestable("the claim names no axis")
         }
@@ -225,10 +192,7 @@ fn quotient(a: &Estimate, b: &Estimate) -> (f64, Interval) {
     let reach = |near: f64, far: f64| (near / far).ln().abs();
     let down = reach(a.median, a.low).hypot(reach(b.median, b.high));
     let up = reach(a.median, a.high).hypot(reach(b.median, b.low));
-    let interval = Interval {
-        low: ratio * (-down).exp(),
-        high: ratio * up.exp(),
-    };
+    let interval = Interval { low: ratio * (-down).exp(), high: ratio * up.exp() };
     (ratio, interval)
 }
 
@@ -249,11 +213,7 @@ fn in_ms(ns: f64) -> String {
 }
 
 fn plural(count: usize, noun: &str) -> String {
-    if count == 1 {
-        noun.to_owned()
-    } else {
-        format!("{noun}s")
-    }
+    if count == 1 { noun.to_owned() } else { format!("{noun}s") }
 }
 
 #[cfg(test)]

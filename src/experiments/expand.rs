@@ -110,8 +110,7 @@ pub fn parse_set(text: &str) -> Result<(String, Value), ExperimentError> {
 
 /// What stands before and after the first `=` of an argument. No name and no value holds a control character.
 fn on_one_line(text: &str) -> Option<(&str, &str)> {
-    text.split_once('=')
-        .filter(|_| !text.contains(char::is_control))
+    text.split_once('=').filter(|_| !text.contains(char::is_control))
 }
 
 fn parse_value(text: &str) -> Value {
@@ -136,10 +135,9 @@ impl AxisValue {
         let label = table.get("label").filter(|label| !label.is_object());
         let set = table.get("set").and_then(Value::as_object);
         match (label, set) {
-            (Some(label), Some(set)) if table.len() == 2 && !set.is_empty() => Ok(AxisValue {
-                label: label.clone(),
-                set: flatten(set),
-            }),
+            (Some(label), Some(set)) if table.len() == 2 && !set.is_empty() => {
+                Ok(AxisValue { label: label.clone(), set: flatten(set) })
+            }
             _ => Err(format!(
                 "a table among the values of axis `{axis}` must be {{ label = …, set = {{ path = value, … }} }}"
             )),
@@ -184,9 +182,7 @@ pub fn flatten(map: &Map<String, Value>) -> Vec<(String, Value)> {
     for (name, value) in map {
         match value {
             Value::Object(inner) => leaves.extend(
-                flatten(inner)
-                    .into_iter()
-                    .map(|(path, leaf)| (format!("{name}.{path}"), leaf)),
+                flatten(inner).into_iter().map(|(path, leaf)| (format!("{name}.{path}"), leaf)),
             ),
             leaf => leaves.push((name.clone(), leaf.clone())),
         }
@@ -209,16 +205,11 @@ impl Axis {
             Profile::Quick => &self.quick,
             Profile::Paper => &self.paper,
         };
-        own.as_ref()
-            .or(self.values.as_ref())
-            .map_or(&[], Vec::as_slice)
+        own.as_ref().or(self.values.as_ref()).map_or(&[], Vec::as_slice)
     }
 
     fn every(&self) -> impl Iterator<Item = &Value> {
-        [&self.values, &self.quick, &self.paper]
-            .into_iter()
-            .flatten()
-            .flatten()
+        [&self.values, &self.quick, &self.paper].into_iter().flatten().flatten()
     }
 
     /// One value of the command line: the label of a table, or a value of the same type as those in the file.
@@ -407,10 +398,9 @@ impl Experiment {
         for axis in &sweep.axis {
             let chosen = axis_overrides.iter().find(|(name, _)| *name == axis.name);
             let values: Result<Vec<AxisValue>, ExperimentError> = match chosen {
-                Some((_, texts)) => texts
-                    .iter()
-                    .map(|text| self.axis_value(axis, axis.choose(text)))
-                    .collect(),
+                Some((_, texts)) => {
+                    texts.iter().map(|text| self.axis_value(axis, axis.choose(text))).collect()
+                }
                 None => axis
                     .of(profile)
                     .iter()
@@ -471,20 +461,14 @@ impl Experiment {
             axes.insert(axis.name.clone(), value.label.clone());
             params.extend(value.set.iter().cloned());
         }
-        let key: Vec<String> = point
-            .iter()
-            .map(|(axis, value)| format!("{}={}", axis.name, value.text()))
-            .collect();
+        let key: Vec<String> =
+            point.iter().map(|(axis, value)| format!("{}={}", axis.name, value.text())).collect();
         let scene = take(&mut params, "scene").unwrap_or_else(|| self.scene.clone());
         let pipeline = take(&mut params, "pipeline").unwrap_or_else(|| self.pipeline.clone());
         let overrides = last_of_each(params);
         CellPlan {
             experiment: self.id.clone(),
-            cell: if key.is_empty() {
-                "base".to_owned()
-            } else {
-                key.join(",")
-            },
+            cell: if key.is_empty() { "base".to_owned() } else { key.join(",") },
             axes,
             pipeline,
             scene,
@@ -508,11 +492,8 @@ impl Experiment {
 
 /// Removes every entry of that name and gives the last one's text.
 fn take(params: &mut Vec<(String, Value)>, name: &str) -> Option<String> {
-    let last = params
-        .iter()
-        .rev()
-        .find(|(path, _)| path == name)
-        .map(|(_, value)| label_text(value));
+    let last =
+        params.iter().rev().find(|(path, _)| path == name).map(|(_, value)| label_text(value));
     params.retain(|(path, _)| path != name);
     last
 }

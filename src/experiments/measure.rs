@@ -126,9 +126,8 @@ fn work_count(work: &Work, count: &str) -> u64 {
 impl fmt::Display for Measure {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let factors = [(" × ", &self.terms), (" per ", &self.per)];
-        let terms = factors
-            .iter()
-            .flat_map(|(sign, terms)| terms.iter().map(move |term| (sign, term)));
+        let terms =
+            factors.iter().flat_map(|(sign, terms)| terms.iter().map(move |term| (sign, term)));
         for (index, (sign, term)) in terms.enumerate() {
             if index > 0 {
                 f.write_str(sign)?;
@@ -157,10 +156,7 @@ impl<'de> Deserialize<'de> for Measure {
 impl Measure {
     /// Frame time without per-stage timing.
     pub fn frame() -> Measure {
-        Measure {
-            terms: vec![Term::Frame],
-            per: Vec::new(),
-        }
+        Measure { terms: vec![Term::Frame], per: Vec::new() }
     }
 
     fn all(&self) -> impl Iterator<Item = &Term> {
@@ -211,9 +207,7 @@ impl Measure {
     /// The measure is a time in nanoseconds, perhaps times or over something else.
     pub fn is_time(&self) -> bool {
         let timed = |terms: &[Term]| {
-            let times = terms
-                .iter()
-                .filter(|term| matches!(term, Term::Stage(_) | Term::Frame));
+            let times = terms.iter().filter(|term| matches!(term, Term::Stage(_) | Term::Frame));
             times.count()
         };
         timed(&self.terms) == 1 && timed(&self.per) == 0
@@ -231,18 +225,9 @@ impl Measure {
             return term.read(cell, measured);
         }
         let product = |terms: &[Term]| {
-            let mut factors = terms
-                .iter()
-                .map(|term| Some(term.read(cell, measured)?.estimate));
-            let one = Estimate {
-                median: 1.0,
-                low: 1.0,
-                high: 1.0,
-                n: 1,
-            };
-            factors.try_fold(one, |product, factor: Option<_>| {
-                Some(multiplied(product, factor?))
-            })
+            let mut factors = terms.iter().map(|term| Some(term.read(cell, measured)?.estimate));
+            let one = Estimate { median: 1.0, low: 1.0, high: 1.0, n: 1 };
+            factors.try_fold(one, |product, factor: Option<_>| Some(multiplied(product, factor?)))
         };
         let (over, under) = (product(&self.terms)?, product(&self.per)?);
         let estimate = Estimate {
@@ -251,10 +236,7 @@ impl Measure {
             high: over.high / under.low,
             n: over.n.max(under.n),
         };
-        Some(Reading {
-            estimate,
-            samples: None,
-        })
+        Some(Reading { estimate, samples: None })
     }
 }
 
@@ -277,10 +259,7 @@ impl Term {
                 estimate: measured.frame.untimed,
                 samples: Some(Cow::Borrowed(&measured.frame.untimed_samples_ns)),
             }),
-            Term::Fps => Some(Reading {
-                estimate: fps(&measured.frame.untimed),
-                samples: None,
-            }),
+            Term::Fps => Some(Reading { estimate: fps(&measured.frame.untimed), samples: None }),
             Term::Work(name, count) => {
                 let count = work_count(&stage(name)?.work, count);
                 (count > 0).then(|| exact(count as f64))
@@ -305,18 +284,13 @@ fn stage_time<'a>(names: &str, measured: &'a Measured) -> Option<Reading<'a>> {
     }
     let differences: Vec<Vec<f64>> = stages.iter().map(|s| s.differences_ns()).collect();
     let frames = differences.iter().map(Vec::len).min()?;
-    let resolution_ns = stages
-        .iter()
-        .map(|s| s.resolution_ns().powi(2))
-        .sum::<f64>();
+    let resolution_ns = stages.iter().map(|s| s.resolution_ns().powi(2)).sum::<f64>();
     let resolution_ns = resolution_ns.sqrt();
     let sum = |frame: usize| differences.iter().map(|ns| ns[frame]).sum::<f64>();
     let samples: Vec<f64> = (0..frames).map(|f| sum(f).max(resolution_ns)).collect();
     let estimate = statistics::estimate(&samples);
-    (estimate.median > resolution_ns).then_some(Reading {
-        estimate,
-        samples: Some(Cow::Owned(samples)),
-    })
+    (estimate.median > resolution_ns)
+        .then_some(Reading { estimate, samples: Some(Cow::Owned(samples)) })
 }
 
 /// The stages of a cell that `names` names.
@@ -342,15 +316,7 @@ pub fn fps(frame_ns: &Estimate) -> Estimate {
 }
 
 fn exact<'a>(value: f64) -> Reading<'a> {
-    Reading {
-        estimate: Estimate {
-            median: value,
-            low: value,
-            high: value,
-            n: 1,
-        },
-        samples: None,
-    }
+    Reading { estimate: Estimate { median: value, low: value, high: value, n: 1 }, samples: None }
 }
 
 fn number(value: &Value) -> Option<f64> {
@@ -362,8 +328,7 @@ fn number(value: &Value) -> Option<f64> {
 
 /// A leaf of a parameter tree by its dotted path.
 pub fn lookup<'a>(params: &'a Value, path: &str) -> Option<&'a Value> {
-    path.split('.')
-        .try_fold(params, |value, key| value.get(key))
+    path.split('.').try_fold(params, |value, key| value.get(key))
 }
 
 /// A cell fits a filter when each name is an axis, else a parameter (`scene` and `pipeline` included), of the value given.

@@ -28,45 +28,21 @@ static BUILT_IN: Dir<'_> = include_dir!("$CARGO_MANIFEST_DIR/benches/experiments
 #[derive(Debug, thiserror::Error)]
 pub enum ExperimentError {
     #[error("unknown experiment `{name}`{}", did_you_mean(nearest))]
-    Unknown {
-        name: String,
-        nearest: Option<String>,
-    },
+    Unknown { name: String, nearest: Option<String> },
     #[error("cannot read the experiment {}: {source}", path.display())]
-    Read {
-        path: PathBuf,
-        source: std::io::Error,
-    },
+    Read { path: PathBuf, source: std::io::Error },
     #[error("experiment `{name}`: {}", one_line(.message))]
     Invalid { name: String, message: String },
-    #[error(
-        "experiment `{experiment}` has no axis `{axis}`{}",
-        did_you_mean(nearest)
-    )]
-    UnknownAxis {
-        experiment: String,
-        axis: String,
-        nearest: Option<String>,
-    },
+    #[error("experiment `{experiment}` has no axis `{axis}`{}", did_you_mean(nearest))]
+    UnknownAxis { experiment: String, axis: String, nearest: Option<String> },
     #[error("axis `{}` of `{experiment}`: {}", one_line(.axis), one_line(.message))]
-    AxisValue {
-        experiment: String,
-        axis: String,
-        message: String,
-    },
+    AxisValue { experiment: String, axis: String, message: String },
     #[error("unknown profile `{name}`{}", did_you_mean(nearest))]
-    UnknownProfile {
-        name: String,
-        nearest: Option<String>,
-    },
+    UnknownProfile { name: String, nearest: Option<String> },
     #[error(
         "`{path}` is swept by the axis `{axis}` of `{experiment}`: choose its values with --axis {axis}=…"
     )]
-    SetOnAxis {
-        experiment: String,
-        axis: String,
-        path: String,
-    },
+    SetOnAxis { experiment: String, axis: String, path: String },
     #[error(
         "experiment `{experiment}` has {cells} cells, references and views counted too: at most {MAX_CELLS} are planned at once"
     )]
@@ -131,10 +107,8 @@ impl Experiment {
                 nearest: nearest(id_or_path, ids.iter().map(String::as_str)),
             });
         }
-        let text = input::text(path, input::MAX_TEXT).map_err(|source| ExperimentError::Read {
-            path: path.to_owned(),
-            source,
-        })?;
+        let text = input::text(path, input::MAX_TEXT)
+            .map_err(|source| ExperimentError::Read { path: path.to_owned(), source })?;
         Experiment::parse(id_or_path, &text)
     }
 }

@@ -187,18 +187,13 @@ impl Published {
 impl Experiment {
     /// Parses and checks an experiment's text; `name` stands in errors.
     pub fn parse(name: &str, text: &str) -> Result<Experiment, ExperimentError> {
-        let mut experiment: Experiment =
-            toml::from_str(text).map_err(|error| ExperimentError::Invalid {
-                name: name.to_owned(),
-                message: one_line(&error, text),
-            })?;
+        let mut experiment: Experiment = toml::from_str(text).map_err(|error| {
+            ExperimentError::Invalid { name: name.to_owned(), message: one_line(&error, text) }
+        })?;
         experiment.text = text.to_owned();
         experiment
             .check()
-            .map_err(|message| ExperimentError::Invalid {
-                name: name.to_owned(),
-                message,
-            })?;
+            .map_err(|message| ExperimentError::Invalid { name: name.to_owned(), message })?;
         Ok(experiment)
     }
 
@@ -254,18 +249,13 @@ impl Experiment {
 
     /// The figure published for a cell of that size, where there is one.
     pub fn published_for(&self, cell: &Cell) -> Option<&Published> {
-        self.published
-            .iter()
-            .find(|published| super::fits(cell, &published.filter))
+        self.published.iter().find(|published| super::fits(cell, &published.filter))
     }
 
     /// What its claims and plots read from a cell.
     pub fn measures(&self) -> Vec<&Measure> {
         let claims = self.claim.iter().flat_map(|claim| claim.test.measures());
-        let plots = self
-            .plot
-            .iter()
-            .flat_map(|plot| plot.x.iter().chain(&plot.y));
+        let plots = self.plot.iter().flat_map(|plot| plot.x.iter().chain(&plot.y));
         claims.chain(plots).collect()
     }
 
@@ -306,9 +296,8 @@ fn one() -> f64 {
 
 /// The parser's message with its line number, without the quoted source.
 fn one_line(error: &toml::de::Error, text: &str) -> String {
-    let line = error
-        .span()
-        .map(|span| text[..span.start.min(text.len())].matches('\n').count() + 1);
+    let line =
+        error.span().map(|span| text[..span.start.min(text.len())].matches('\n').count() + 1);
     match line {
         Some(line) => format!("line {line}: {}", error.message()),
         None => error.message().to_owned(),

@@ -94,8 +94,7 @@ fn sweeps_multiply_axes_and_tables_move_parameters_together() {
     assert_eq!(cells[1].scene, "port");
     let set = |path: &str| {
         let mut all = cells[0].overrides.iter();
-        all.find(|(known, _)| known == path)
-            .map(|(_, value)| value.clone())
+        all.find(|(known, _)| known == path).map(|(_, value)| value.clone())
     };
     assert_eq!(set("a.b"), Some(json!(7)), "profile over base");
     assert_eq!(set("c.d"), Some(json!(2.5)));
@@ -106,10 +105,7 @@ fn sweeps_multiply_axes_and_tables_move_parameters_together() {
 
 #[test]
 fn axis_overrides_take_values_and_labels() {
-    let overrides = [
-        parse_axis("caustics.grid=5").unwrap(),
-        parse_axis("size=port").unwrap(),
-    ];
+    let overrides = [parse_axis("caustics.grid=5").unwrap(), parse_axis("size=port").unwrap()];
     let cells = own().cells("paper", &overrides, &[]).unwrap();
     assert_eq!(cells.len(), 1);
     assert_eq!(cells[0].cell, "caustics.grid=5,size=port");
@@ -143,10 +139,7 @@ fn wrong_names_and_values_are_told_with_the_nearest_right_one() {
     let experiment = own();
     let cells = |axis: &str| experiment.cells("quick", &[parse_axis(axis).unwrap()], &[]);
     let unknown = message(Experiment::load("uw-photon"));
-    assert_eq!(
-        unknown,
-        "unknown experiment `uw-photon`; did you mean `uw-photons`?"
-    );
+    assert_eq!(unknown, "unknown experiment `uw-photon`; did you mean `uw-photons`?");
     assert_eq!(
         message(cells("caustics.gird=5")),
         "experiment `own` has no axis `caustics.gird`; did you mean `caustics.grid`?"
@@ -172,10 +165,7 @@ fn malformed_assignments_are_refused() {
     for text in ["", "a", "a=", "=1"] {
         assert!(parse_set(text).is_err(), "{text}");
     }
-    assert_eq!(
-        parse_set("water.model=circular").unwrap().1,
-        json!("circular")
-    );
+    assert_eq!(parse_set("water.model=circular").unwrap().1, json!("circular"));
     assert_eq!(parse_set("a=[1,2]").unwrap().1, json!([1, 2]));
 }
 
@@ -184,15 +174,9 @@ fn broken_files_are_told_in_one_line() {
     let cases = [
         ("title = \"x\"".to_owned(), "missing field"),
         (SWEPT.replace("a.b = 1", "a.b = 1\na.b = 2"), "line"),
-        (
-            SWEPT.replace("title =", "colour = 1\ntitle ="),
-            "unknown field `colour`",
-        ),
+        (SWEPT.replace("title =", "colour = 1\ntitle ="), "unknown field `colour`"),
         (SWEPT.replace("[10, 20]", "[]"), "empty list"),
-        (
-            SWEPT.replace("paper = [100, 200, 400]\n", ""),
-            "`quick` and `paper`",
-        ),
+        (SWEPT.replace("paper = [100, 200, 400]\n", ""), "`quick` and `paper`"),
         (SWEPT.replace("label = \"small\", ", ""), "must be { label"),
         (SWEPT.replace("\"own\"", "\"Own!\""), "lower-case"),
         (
@@ -230,10 +214,7 @@ fn a_users_own_file_loads_by_its_path() {
 #[test]
 fn an_experiment_without_sweeps_is_one_cell() {
     let text = SWEPT.split("[[sweep]]").next().unwrap();
-    let cells = Experiment::parse("own", text)
-        .unwrap()
-        .cells("paper", &[], &[])
-        .unwrap();
+    let cells = Experiment::parse("own", text).unwrap().cells("paper", &[], &[]).unwrap();
     assert_eq!(cells.len(), 1);
     assert_eq!(cells[0].cell, "base");
     assert_eq!(cells[0].overrides[0], ("a.b".to_owned(), Value::from(1)));
@@ -241,10 +222,7 @@ fn an_experiment_without_sweeps_is_one_cell() {
 
 #[test]
 fn every_builtin_names_parameters_stages_and_scenes_that_exist() {
-    let stages: Vec<&str> = crate::stages::REGISTRY
-        .iter()
-        .map(|stage| stage.name)
-        .collect();
+    let stages: Vec<&str> = crate::stages::REGISTRY.iter().map(|stage| stage.name).collect();
     for id in Experiment::builtin_ids() {
         let experiment = Experiment::load(&id).unwrap();
         let measured = experiment.measures();
@@ -261,10 +239,7 @@ fn every_builtin_names_parameters_stages_and_scenes_that_exist() {
                 let file = SceneFile::load(&cell.scene).unwrap();
                 let mut tree = (kind.defaults)(&file);
                 let reference = cell.reference.map(|reference| reference.overrides);
-                for (path, value) in cell
-                    .overrides
-                    .into_iter()
-                    .chain(reference.unwrap_or_default())
+                for (path, value) in cell.overrides.into_iter().chain(reference.unwrap_or_default())
                 {
                     pipelines::params::set(&mut tree, &path, value).unwrap();
                 }

@@ -111,9 +111,7 @@ fn with_gl(mut others: Vec<Found>) -> Vec<Found> {
 fn is_software(info: &wgpu::AdapterInfo) -> bool {
     let name = info.name.to_lowercase();
     info.device_type == wgpu::DeviceType::Cpu
-        || ["llvmpipe", "lavapipe", "swiftshader", "softpipe"]
-            .iter()
-            .any(|s| name.contains(s))
+        || ["llvmpipe", "lavapipe", "swiftshader", "softpipe"].iter().any(|s| name.contains(s))
 }
 
 /// Hardware before software, discrete before integrated.
@@ -131,9 +129,7 @@ fn rank(info: &wgpu::AdapterInfo) -> (bool, u8) {
 /// The index of the adapter named or numbered by `asked`.
 fn find(names: &[String], asked: &str) -> Option<usize> {
     let wanted = asked.to_lowercase();
-    let by_name = names
-        .iter()
-        .position(|name| name.to_lowercase().contains(&wanted));
+    let by_name = names.iter().position(|name| name.to_lowercase().contains(&wanted));
     match asked.parse::<usize>() {
         Ok(index) if index < names.len() => Some(index),
         _ => by_name,
@@ -158,9 +154,7 @@ fn describe(adapter: &wgpu::Adapter) -> record::Adapter {
 
 /// The chosen adapter, by `--adapter`, then by `WGPU_ADAPTER_NAME`, then by preference.
 fn choose(asked: Option<&str>) -> Result<Found, GpuError> {
-    let from_environment = std::env::var("WGPU_ADAPTER_NAME")
-        .ok()
-        .filter(|name| !name.is_empty());
+    let from_environment = std::env::var("WGPU_ADAPTER_NAME").ok().filter(|name| !name.is_empty());
     let asked = asked.map(str::to_owned).or(from_environment);
     let mut all = without_gl();
     if position(&all, asked.as_deref()).is_none() {
@@ -179,19 +173,15 @@ fn choose(asked: Option<&str>) -> Result<Found, GpuError> {
             })
         }
         _ => {
-            let tried = std::env::var("WGPU_BACKEND").map_or_else(
-                |_| String::new(),
-                |backend| format!(" (WGPU_BACKEND={backend})"),
-            );
+            let tried = std::env::var("WGPU_BACKEND")
+                .map_or_else(|_| String::new(), |backend| format!(" (WGPU_BACKEND={backend})"));
             Err(GpuError::NoAdapter { tried })
         }
     }
 }
 
 fn names(all: &[Found]) -> Vec<String> {
-    all.iter()
-        .map(|(adapter, _)| adapter.get_info().name)
-        .collect()
+    all.iter().map(|(adapter, _)| adapter.get_info().name).collect()
 }
 
 /// The index of the adapter that is asked for; of the first if none is.
@@ -206,18 +196,12 @@ fn position(all: &[Found], asked: Option<&str>) -> Option<usize> {
 fn require(adapter: &wgpu::Adapter) -> Result<(), GpuError> {
     let required = [
         (wgpu::DownlevelFlags::COMPUTE_SHADERS, "compute shaders"),
-        (
-            wgpu::DownlevelFlags::VERTEX_STORAGE,
-            "storage buffers in vertex shaders",
-        ),
+        (wgpu::DownlevelFlags::VERTEX_STORAGE, "storage buffers in vertex shaders"),
     ];
     let flags = adapter.get_downlevel_capabilities().flags;
     let missing = required.iter().find(|(flag, _)| !flags.contains(*flag));
     missing.map_or(Ok(()), |(_, missing)| {
-        Err(GpuError::Missing {
-            adapter: adapter.get_info().name,
-            missing: (*missing).to_owned(),
-        })
+        Err(GpuError::Missing { adapter: adapter.get_info().name, missing: (*missing).to_owned() })
     })
 }
 
@@ -239,10 +223,7 @@ impl Gpu {
     /// All adapters of this machine, in the order of `--adapter INDEX`; the first is the default.
     /// Timestamp periods are known only of open devices and are 0 here.
     pub fn list() -> Vec<record::Adapter> {
-        with_gl(without_gl())
-            .iter()
-            .map(|(adapter, _)| describe(adapter))
-            .collect()
+        with_gl(without_gl()).iter().map(|(adapter, _)| describe(adapter)).collect()
     }
 
     /// Opens the chosen adapter.
@@ -251,9 +232,7 @@ impl Gpu {
         require(&chosen)?;
         let (features, mut notes) = negotiate(chosen.features());
         if !flags.is_empty() {
-            notes.push(format!(
-                "instance flags from the environment slow every call: {flags:?}"
-            ));
+            notes.push(format!("instance flags from the environment slow every call: {flags:?}"));
         }
         let mut adapter = describe(&chosen);
         let (device, queue) = request(&chosen, &adapter, features)?;
@@ -285,11 +264,7 @@ impl Gpu {
         }
         Err(GpuError::Missing {
             adapter: self.adapter.name.clone(),
-            missing: missing
-                .iter_names()
-                .map(|(name, _)| name)
-                .collect::<Vec<_>>()
-                .join(", "),
+            missing: missing.iter_names().map(|(name, _)| name).collect::<Vec<_>>().join(", "),
         })
     }
 
@@ -328,10 +303,7 @@ impl Gpu {
 
     /// Waits for one submission, or for the last.
     pub(super) fn wait_for(&self, index: Option<wgpu::SubmissionIndex>) -> Result<(), GpuError> {
-        let wait = wgpu::PollType::Wait {
-            submission_index: index,
-            timeout: None,
-        };
+        let wait = wgpu::PollType::Wait { submission_index: index, timeout: None };
         // wgpu panics when the device is lost while it waits.
         let outcome = catch_unwind(AssertUnwindSafe(|| self.device.poll(wait)));
         if matches!(outcome, Ok(Err(_))) {
@@ -342,9 +314,7 @@ impl Gpu {
         match outcome {
             Ok(Ok(_)) => Ok(()),
             Ok(Err(error)) => Err(GpuError::Internal(error.to_string())),
-            Err(_) => Err(GpuError::Lost(
-                "it failed while it was waited for".to_owned(),
-            )),
+            Err(_) => Err(GpuError::Lost("it failed while it was waited for".to_owned())),
         }
     }
 
@@ -403,10 +373,7 @@ fn watch(device: &wgpu::Device) -> Arc<Mutex<Faults>> {
     let faults = Arc::new(Mutex::new(Faults::default()));
     let sink = Arc::clone(&faults);
     device.on_uncaptured_error(Arc::new(move |error| {
-        sink.lock()
-            .unwrap_or_else(PoisonError::into_inner)
-            .uncaptured
-            .push(error);
+        sink.lock().unwrap_or_else(PoisonError::into_inner).uncaptured.push(error);
     }));
     let sink = Arc::clone(&faults);
     device.set_device_lost_callback(move |reason, message| {

@@ -32,10 +32,7 @@ pub struct Capacity {
 impl From<wgpu::Limits> for Capacity {
     /// The limits alone.
     fn from(limits: wgpu::Limits) -> Self {
-        Self {
-            limits,
-            ..Self::default()
-        }
+        Self { limits, ..Self::default() }
     }
 }
 
@@ -180,23 +177,16 @@ mod tests {
 
     #[test]
     fn a_frame_of_minutes_is_foreseen() {
-        let fetches = |texel_fetches| Work {
-            texel_fetches,
-            ..Work::default()
-        };
-        let demand = Demand::new()
-            .takes("ao.rays", fetches(60_000_000_000))
-            .takes("filter", fetches(1_000));
+        let fetches = |texel_fetches| Work { texel_fetches, ..Work::default() };
+        let demand =
+            Demand::new().takes("ao.rays", fetches(60_000_000_000)).takes("filter", fetches(1_000));
         let message = software().check(&demand).unwrap_err();
         assert_eq!(
             message,
             "ao.rays: a frame would take about 6 minutes on this software adapter, which is given 30 s: make it smaller, or \
              give --allow-large"
         );
-        let many_cores = Capacity {
-            threads: 64,
-            ..software()
-        };
+        let many_cores = Capacity { threads: 64, ..software() };
         assert_eq!(many_cores.check(&demand), Ok(()));
         let more = Demand::new().takes("ao.rays", fetches(1_000_000_000));
         assert_eq!(software().check(&more), Ok(()));

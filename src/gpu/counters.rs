@@ -31,11 +31,7 @@ pub fn count(
     stages: &[&dyn Encode],
     max_passes: u32,
 ) -> Result<Option<Vec<StageCounters>>, GpuError> {
-    if !gpu
-        .features
-        .contains(wgpu::Features::PIPELINE_STATISTICS_QUERY)
-        || max_passes == 0
-    {
+    if !gpu.features.contains(wgpu::Features::PIPELINE_STATISTICS_QUERY) || max_passes == 0 {
         return Ok(None);
     }
     gpu.scoped(|| {
@@ -45,14 +41,7 @@ pub fn count(
             count: max_passes,
         });
         let mut recorder = Recorder::default();
-        recorder.record(
-            gpu,
-            Mode::Counted {
-                set: &set,
-                max_passes,
-            },
-            stages,
-        )?;
+        recorder.record(gpu, Mode::Counted { set: &set, max_passes }, stages)?;
         recorder.run(gpu)?;
         let results = resolve(gpu, &set, recorder.queries)?;
         Ok(Some(sum(stages, &recorder, &results)))
@@ -87,10 +76,8 @@ fn resolve(gpu: &Gpu, set: &wgpu::QuerySet, queries: u32) -> Result<Vec<u64>, Gp
 }
 
 fn sum(stages: &[&dyn Encode], recorder: &Recorder, results: &[u64]) -> Vec<StageCounters> {
-    let empty = |stage: &&dyn Encode| StageCounters {
-        name: stage.name(),
-        counters: BTreeMap::new(),
-    };
+    let empty =
+        |stage: &&dyn Encode| StageCounters { name: stage.name(), counters: BTreeMap::new() };
     let mut counted: Vec<StageCounters> = stages.iter().map(empty).collect();
     for pass in &recorder.passes {
         let Some(query) = pass.query.map(|query| query as usize * NAMES.len()) else {
@@ -98,10 +85,7 @@ fn sum(stages: &[&dyn Encode], recorder: &Recorder, results: &[u64]) -> Vec<Stag
         };
         for (name, value) in NAMES.iter().zip(&results[query..]) {
             if *value > 0 {
-                *counted[pass.stage]
-                    .counters
-                    .entry((*name).to_owned())
-                    .or_default() += value;
+                *counted[pass.stage].counters.entry((*name).to_owned()).or_default() += value;
             }
         }
     }

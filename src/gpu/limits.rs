@@ -40,23 +40,15 @@ impl Limit {
     /// The limit's name in WebGPU, and its value.
     fn of(self, limits: &wgpu::Limits) -> (&'static str, u64) {
         match self {
-            Self::Texture2d => (
-                "max_texture_dimension_2d",
-                limits.max_texture_dimension_2d.into(),
-            ),
-            Self::Texture3d => (
-                "max_texture_dimension_3d",
-                limits.max_texture_dimension_3d.into(),
-            ),
+            Self::Texture2d => ("max_texture_dimension_2d", limits.max_texture_dimension_2d.into()),
+            Self::Texture3d => ("max_texture_dimension_3d", limits.max_texture_dimension_3d.into()),
             Self::Buffer => ("max_buffer_size", limits.max_buffer_size),
-            Self::StorageBinding => (
-                "max_storage_buffer_binding_size",
-                limits.max_storage_buffer_binding_size,
-            ),
-            Self::UniformBinding => (
-                "max_uniform_buffer_binding_size",
-                limits.max_uniform_buffer_binding_size,
-            ),
+            Self::StorageBinding => {
+                ("max_storage_buffer_binding_size", limits.max_storage_buffer_binding_size)
+            }
+            Self::UniformBinding => {
+                ("max_uniform_buffer_binding_size", limits.max_uniform_buffer_binding_size)
+            }
             Self::DispatchGroups => (
                 "max_compute_workgroups_per_dimension",
                 limits.max_compute_workgroups_per_dimension.into(),
@@ -80,11 +72,7 @@ impl Demand {
     }
 
     fn need(mut self, limit: Limit, what: &str, asked: u64) -> Self {
-        self.needs.push(Need {
-            limit,
-            what: what.to_owned(),
-            asked,
-        });
+        self.needs.push(Need { limit, what: what.to_owned(), asked });
         self
     }
 
@@ -106,14 +94,12 @@ impl Demand {
 
     /// A buffer bound whole as storage, in bytes.
     pub fn storage(self, what: &str, bytes: u64) -> Self {
-        self.need(Limit::Buffer, what, bytes)
-            .need(Limit::StorageBinding, what, bytes)
+        self.need(Limit::Buffer, what, bytes).need(Limit::StorageBinding, what, bytes)
     }
 
     /// A uniform buffer, in bytes.
     pub fn uniform(self, what: &str, bytes: u64) -> Self {
-        self.need(Limit::Buffer, what, bytes)
-            .need(Limit::UniformBinding, what, bytes)
+        self.need(Limit::Buffer, what, bytes).need(Limit::UniformBinding, what, bytes)
     }
 
     /// Things that shaders tell apart by an index, such as voxels.
@@ -225,9 +211,7 @@ mod tests {
     #[test]
     fn a_demand_beyond_a_limit_names_it_with_both_figures() {
         let limits = wgpu::Limits::default();
-        let demand = Demand::new()
-            .texture_2d("view", 800, 600)
-            .texture_2d("light map", 9000, 16);
+        let demand = Demand::new().texture_2d("view", 800, 600).texture_2d("light map", 9000, 16);
         let message = demand.check(&limits).unwrap_err();
         assert_eq!(
             message,
@@ -244,17 +228,7 @@ mod tests {
             .dispatch("trace", [groups, 1, 1])
             .and(Demand::new().uniform("frame", limits.max_uniform_buffer_binding_size));
         assert_eq!(demand.check(&limits), Ok(()));
-        assert!(
-            Demand::new()
-                .dispatch("trace", [1, groups + 1, 1])
-                .check(&limits)
-                .is_err()
-        );
-        assert!(
-            Demand::new()
-                .indexed("voxels", 1 << 32)
-                .check(&limits)
-                .is_err()
-        );
+        assert!(Demand::new().dispatch("trace", [1, groups + 1, 1]).check(&limits).is_err());
+        assert!(Demand::new().indexed("voxels", 1 << 32).check(&limits).is_err());
     }
 }

@@ -18,10 +18,7 @@ pub struct Pixels {
 impl Pixels {
     /// The channels of one texel. Panics outside the texture.
     pub fn texel(&self, x: u32, y: u32) -> &[f32] {
-        assert!(
-            x < self.width && y < self.height,
-            "texel ({x}, {y}) is outside"
-        );
+        assert!(x < self.width && y < self.height, "texel ({x}, {y}) is outside");
         let start = (y as usize * self.width as usize + x as usize) * self.channels as usize;
         &self.data[start..start + self.channels as usize]
     }
@@ -81,9 +78,8 @@ pub(super) fn map<T>(
         Ok(Err(error)) => return Err(GpuError::ReadBack(error.to_string())),
         Err(error) => return Err(GpuError::ReadBack(error.to_string())),
     }
-    let view = buffer
-        .get_mapped_range(..bytes)
-        .map_err(|error| GpuError::ReadBack(error.to_string()))?;
+    let view =
+        buffer.get_mapped_range(..bytes).map_err(|error| GpuError::ReadBack(error.to_string()))?;
     let value = read(&view);
     drop(view);
     buffer.unmap();
@@ -95,12 +91,7 @@ pub(super) fn map<T>(
 pub fn read_texture(gpu: &Gpu, texture: &wgpu::Texture) -> Result<Pixels, GpuError> {
     let size = [texture.width(), texture.height(), 1];
     let (channels, data) = read_texels(gpu, texture, 0, size)?;
-    Ok(Pixels {
-        width: size[0],
-        height: size[1],
-        channels,
-        data,
-    })
+    Ok(Pixels { width: size[0], height: size[1], channels, data })
 }
 
 /// A volume's texels as floats: x runs fastest, then y, then z; the channels of a texel together.
@@ -119,11 +110,7 @@ pub fn read_volume(gpu: &Gpu, texture: &wgpu::Texture, level: u32) -> Result<Tex
     let depth = texture.depth_or_array_layers();
     let cells = [texture.width(), texture.height(), depth].map(|n| (n >> level).max(1));
     let (channels, data) = read_texels(gpu, texture, level, cells)?;
-    Ok(Texels {
-        cells,
-        channels,
-        data,
-    })
+    Ok(Texels { cells, channels, data })
 }
 
 fn read_texels(
@@ -140,9 +127,7 @@ fn read_texels(
         let staging = staging(gpu, bytes);
         copy_to(gpu, (texture, level, size), &staging, pitch);
         map(gpu, &staging, bytes, |padded| {
-            let rows = padded
-                .chunks_exact(pitch as usize)
-                .map(|padded| &padded[..row as usize]);
+            let rows = padded.chunks_exact(pitch as usize).map(|padded| &padded[..row as usize]);
             let data = rows.flat_map(|row| layout.decode(row)).collect();
             (layout.channels, data)
         })
@@ -161,21 +146,11 @@ fn copy_to(
         bytes_per_row: Some(pitch),
         rows_per_image: Some(size[1]),
     };
-    let from = wgpu::TexelCopyTextureInfo {
-        mip_level: level,
-        ..texture.as_image_copy()
-    };
+    let from = wgpu::TexelCopyTextureInfo { mip_level: level, ..texture.as_image_copy() };
     encoder.copy_texture_to_buffer(
         from,
-        wgpu::TexelCopyBufferInfo {
-            buffer: staging,
-            layout,
-        },
-        wgpu::Extent3d {
-            width: size[0],
-            height: size[1],
-            depth_or_array_layers: size[2],
-        },
+        wgpu::TexelCopyBufferInfo { buffer: staging, layout },
+        wgpu::Extent3d { width: size[0], height: size[1], depth_or_array_layers: size[2] },
     );
     gpu.queue.submit([encoder.finish()]);
 }
@@ -208,16 +183,11 @@ impl TexelLayout {
                 )));
             }
         };
-        Ok(Self {
-            bytes,
-            channels,
-            decode,
-        })
+        Ok(Self { bytes, channels, decode })
     }
 
     fn decode(self, row: &[u8]) -> impl Iterator<Item = f32> {
-        row.chunks_exact((self.bytes / self.channels) as usize)
-            .map(self.decode)
+        row.chunks_exact((self.bytes / self.channels) as usize).map(self.decode)
     }
 }
 

@@ -60,29 +60,19 @@ fn source(path: &str) -> Result<&'static str, GpuError> {
 
 /// The defaults in the shader's `// defs:` line.
 pub fn default_defs(path: &str) -> Result<Vec<(String, i32)>, GpuError> {
-    parse_defs(source(path)?).map_err(|message| GpuError::Shader {
-        path: path.to_owned(),
-        message,
-    })
+    parse_defs(source(path)?).map_err(|message| GpuError::Shader { path: path.to_owned(), message })
 }
 
 fn parse_defs(source: &str) -> Result<Vec<(String, i32)>, String> {
     let head = source.lines().take(HEAD_LINES);
-    let Some(line) = head
-        .filter_map(|line| line.trim().strip_prefix("// defs:"))
-        .next()
-    else {
+    let Some(line) = head.filter_map(|line| line.trim().strip_prefix("// defs:")).next() else {
         return Ok(Vec::new());
     };
-    let pairs = line
-        .split(',')
-        .map(str::trim)
-        .filter(|pair| !pair.is_empty());
+    let pairs = line.split(',').map(str::trim).filter(|pair| !pair.is_empty());
     pairs
         .map(|pair| {
-            let (name, value) = pair
-                .split_once('=')
-                .ok_or(format!("`{pair}` is not NAME=INTEGER"))?;
+            let (name, value) =
+                pair.split_once('=').ok_or(format!("`{pair}` is not NAME=INTEGER"))?;
             let value = value.trim().parse().map_err(|e| format!("`{pair}`: {e}"))?;
             Ok((name.trim().to_owned(), value))
         })
@@ -93,14 +83,9 @@ fn parse_defs(source: &str) -> Result<Vec<(String, i32)>, String> {
 /// shader's own defaults.
 pub fn link(path: &str, defs: &[(&str, i32)]) -> Result<naga::Module, GpuError> {
     let mut values: BTreeMap<String, i32> = default_defs(path)?.into_iter().collect();
-    values.extend(
-        defs.iter()
-            .map(|(name, value)| ((*name).to_owned(), *value)),
-    );
-    let shader_defs: HashMap<String, ShaderDefValue> = values
-        .into_iter()
-        .map(|(name, value)| (name, ShaderDefValue::Int(value)))
-        .collect();
+    values.extend(defs.iter().map(|(name, value)| ((*name).to_owned(), *value)));
+    let shader_defs: HashMap<String, ShaderDefValue> =
+        values.into_iter().map(|(name, value)| (name, ShaderDefValue::Int(value))).collect();
     let mut composer = COMPOSER.take().map_or_else(composer, Ok)?;
     let descriptor = NagaModuleDescriptor {
         source: source(path)?,
@@ -123,10 +108,7 @@ thread_local! {
 
 /// naga_oil's message with the lines of source it speaks of.
 fn annotated(path: &str, error: &ComposerError, composer: &Composer) -> GpuError {
-    GpuError::Shader {
-        path: path.to_owned(),
-        message: error.emit_to_string(composer),
-    }
+    GpuError::Shader { path: path.to_owned(), message: error.emit_to_string(composer) }
 }
 
 /// A composer that knows every shared module. A module is added once those it imports are there.
@@ -139,18 +121,13 @@ fn composer() -> Result<Composer, GpuError> {
     while !waiting.is_empty() {
         let imported = |source: &str| get_preprocessor_data(source).1;
         let ready = waiting.iter().position(|(_, source)| {
-            imported(source)
-                .iter()
-                .all(|import| composer.contains_module(&import.import))
+            imported(source).iter().all(|import| composer.contains_module(&import.import))
         });
         // None is ready when an import is unknown or circular: adding one gives the message.
         let (path, source) = waiting.remove(ready.unwrap_or(0));
         let file_path = format!("shaders/{path}.wgsl");
-        let descriptor = ComposableModuleDescriptor {
-            source,
-            file_path: &file_path,
-            ..Default::default()
-        };
+        let descriptor =
+            ComposableModuleDescriptor { source, file_path: &file_path, ..Default::default() };
         if let Err(error) = composer.add_composable_module(descriptor) {
             return Err(annotated(&path, &error, &composer));
         }
@@ -169,10 +146,7 @@ pub fn compilation_options() -> wgpu::PipelineCompilationOptions<'static> {
 impl Gpu {
     /// The shader `shaders/PATH.wgsl`, such as `caustics/trace`, linked with what it imports.
     pub fn shader(&self, path: &str, defs: &[(&str, i32)]) -> Result<wgpu::ShaderModule, GpuError> {
-        let key = (
-            path.to_owned(),
-            defs.iter().map(|(n, v)| ((*n).to_owned(), *v)).collect(),
-        );
+        let key = (path.to_owned(), defs.iter().map(|(n, v)| ((*n).to_owned(), *v)).collect());
         let made = || self.shaders.lock().unwrap_or_else(PoisonError::into_inner);
         let known = made().get(&key).cloned();
         if let Some(shader) = known {
@@ -219,12 +193,7 @@ pub struct StructLayout {
 /// a shared module is found by its plain name, if the shader uses it.
 pub fn wgsl_layout(path: &str, struct_name: &str) -> Result<StructLayout, GpuError> {
     let module = link(path, &[])?;
-    let plain = |name: &str| {
-        name.split("X_naga_oil_mod_X")
-            .next()
-            .unwrap_or(name)
-            .to_owned()
-    };
+    let plain = |name: &str| name.split("X_naga_oil_mod_X").next().unwrap_or(name).to_owned();
     let found = module.types.iter().find_map(|(_, ty)| match &ty.inner {
         naga::TypeInner::Struct { members, span }
             if ty.name.as_deref().map(plain).as_deref() == Some(struct_name) =>
@@ -237,10 +206,7 @@ pub fn wgsl_layout(path: &str, struct_name: &str) -> Result<StructLayout, GpuErr
         path: path.to_owned(),
         message: format!("it has no struct `{struct_name}`"),
     })?;
-    let members = members
-        .iter()
-        .map(|m| (m.name.clone().unwrap_or_default(), m.offset))
-        .collect();
+    let members = members.iter().map(|m| (m.name.clone().unwrap_or_default(), m.offset)).collect();
     Ok(StructLayout { members, span })
 }
 
@@ -268,10 +234,7 @@ mod tests {
 
     #[test]
     fn a_malformed_default_is_an_error() {
-        assert_eq!(
-            parse_defs("// defs: A=1, B=-2\n"),
-            Ok(vec![("A".into(), 1), ("B".into(), -2)])
-        );
+        assert_eq!(parse_defs("// defs: A=1, B=-2\n"), Ok(vec![("A".into(), 1), ("B".into(), -2)]));
         assert_eq!(parse_defs("fn main() {}"), Ok(vec![]));
         assert!(parse_defs("// defs: A\n").is_err());
         assert!(parse_defs("// defs: A=x\n").is_err());
@@ -279,27 +242,16 @@ mod tests {
 
     #[test]
     fn a_link_error_shows_the_source() {
-        let error = link("audit/kernels", &[("GROUP_SIZE", -1)])
-            .unwrap_err()
-            .to_string();
+        let error = link("audit/kernels", &[("GROUP_SIZE", -1)]).unwrap_err().to_string();
         assert!(error.contains("shaders/audit/kernels.wgsl"), "{error}");
         assert!(error.contains("@workgroup_size(-1)"), "{error}");
-        assert!(matches!(
-            link("audit/none", &[]),
-            Err(GpuError::UnknownShader(_))
-        ));
+        assert!(matches!(link("audit/none", &[]), Err(GpuError::UnknownShader(_))));
     }
 
     #[test]
     fn the_layout_of_a_struct_is_read_from_the_shader() {
         let layout = wgsl_layout("audit/kernels", "Work").unwrap();
-        assert_eq!(
-            layout,
-            StructLayout {
-                members: vec![("iterations".into(), 0)],
-                span: 4
-            }
-        );
+        assert_eq!(layout, StructLayout { members: vec![("iterations".into(), 0)], span: 4 });
         assert!(wgsl_layout("audit/kernels", "None").is_err());
     }
 }

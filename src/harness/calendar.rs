@@ -6,19 +6,10 @@ const SECONDS_PER_DAY: u64 = 86_400;
 
 /// Year, month, day, hour, minute, second.
 fn fields(moment: SystemTime) -> [u64; 6] {
-    let seconds = moment
-        .duration_since(UNIX_EPOCH)
-        .map_or(0, |since| since.as_secs());
+    let seconds = moment.duration_since(UNIX_EPOCH).map_or(0, |since| since.as_secs());
     let (days, second) = (seconds / SECONDS_PER_DAY, seconds % SECONDS_PER_DAY);
     let [year, month, day] = civil(days);
-    [
-        year,
-        month,
-        day,
-        second / 3600,
-        second / 60 % 60,
-        second % 60,
-    ]
+    [year, month, day, second / 3600, second / 60 % 60, second % 60]
 }
 
 /// The Gregorian date so many days after 1970-01-01: `civil_from_days` of Howard Hinnant, *chrono-Compatible

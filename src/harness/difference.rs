@@ -40,10 +40,8 @@ impl References {
         reference: &PlannedReference,
     ) -> Result<f64, DifferenceError> {
         let stages = &reference.plan.stages;
-        let key = format!(
-            "{stages:?} {} {}",
-            reference.subject.scene_name, reference.subject.params
-        );
+        let key =
+            format!("{stages:?} {} {}", reference.subject.scene_name, reference.subject.params);
         let known = match self.images.get(&key) {
             Some(image) => image,
             None => {
@@ -69,18 +67,11 @@ fn run(
 fn relative_rms(image: &Pixels, reference: &Pixels) -> Result<f64, DifferenceError> {
     if (image.width, image.height) != (reference.width, reference.height) {
         let Pixels { width, height, .. } = *reference;
-        return Err(DifferenceError::Size(
-            image.width,
-            image.height,
-            width,
-            height,
-        ));
+        return Err(DifferenceError::Size(image.width, image.height, width, height));
     }
     let square = |x: f64| x * x;
     let pairs = image.data.iter().zip(&reference.data);
-    let error: f64 = pairs
-        .map(|(a, b)| square(f64::from(*a) - f64::from(*b)))
-        .sum();
+    let error: f64 = pairs.map(|(a, b)| square(f64::from(*a) - f64::from(*b))).sum();
     let power: f64 = reference.data.iter().map(|b| square(f64::from(*b))).sum();
     match power > 0.0 {
         true => Ok((error / power).sqrt()),
@@ -93,12 +84,7 @@ mod tests {
     use super::*;
 
     fn image(data: &[f32]) -> Pixels {
-        Pixels {
-            width: data.len() as u32,
-            height: 1,
-            channels: 1,
-            data: data.to_vec(),
-        }
+        Pixels { width: data.len() as u32, height: 1, channels: 1, data: data.to_vec() }
     }
 
     #[test]

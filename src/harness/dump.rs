@@ -18,24 +18,15 @@ pub enum DumpError {
     #[error(transparent)]
     Gpu(#[from] GpuError),
     #[error("this pipeline runs no stage `{name}`{}", hint(.nearest))]
-    UnknownStage {
-        name: String,
-        nearest: Option<String>,
-    },
+    UnknownStage { name: String, nearest: Option<String> },
     #[error("stage `{0}` leaves nothing to dump")]
     NoOutput(String),
     #[error("output `{output}` is not of the size it declares: {source}")]
     Shape { output: String, source: ShapeError },
     #[error("cannot write {}: {source}", path.display())]
-    Npy {
-        path: PathBuf,
-        source: WriteNpyError,
-    },
+    Npy { path: PathBuf, source: WriteNpyError },
     #[error("cannot write {}: {source}", path.display())]
-    Write {
-        path: PathBuf,
-        source: std::io::Error,
-    },
+    Write { path: PathBuf, source: std::io::Error },
 }
 
 /// Runs one frame of the subject and writes the outputs of `stage` into `folder`, which is made if need be.
@@ -56,14 +47,9 @@ pub fn dump(
     if outputs.is_empty() {
         return Err(DumpError::NoOutput(stage.to_owned()));
     }
-    std::fs::create_dir_all(folder).map_err(|source| DumpError::Write {
-        path: folder.to_owned(),
-        source,
-    })?;
-    outputs
-        .iter()
-        .map(|output| write(gpu, subject, (stage, &context), output, folder))
-        .collect()
+    std::fs::create_dir_all(folder)
+        .map_err(|source| DumpError::Write { path: folder.to_owned(), source })?;
+    outputs.iter().map(|output| write(gpu, subject, (stage, &context), output, folder)).collect()
 }
 
 fn find<'a>(stages: &[&'a dyn Stage], name: &str) -> Result<&'a dyn Stage, DumpError> {
@@ -82,36 +68,23 @@ fn write(
     folder: &Path,
 ) -> Result<PathBuf, DumpError> {
     let array = read(gpu, output)?;
-    let stem = format!(
-        "{}-{}",
-        stage.replace('/', "-"),
-        output.name.replace('/', "-")
-    );
+    let stem = format!("{}-{}", stage.replace('/', "-"), output.name.replace('/', "-"));
     let path = folder.join(format!("{stem}.npy"));
-    ndarray_npy::write_npy(&path, &array).map_err(|source| DumpError::Npy {
-        path: path.clone(),
-        source,
-    })?;
+    ndarray_npy::write_npy(&path, &array)
+        .map_err(|source| DumpError::Npy { path: path.clone(), source })?;
     let mut about = describe(subject, stage, output, array.shape());
     for (key, value) in context.as_object().into_iter().flatten() {
         about[key] = value.clone();
     }
     let beside = folder.join(format!("{stem}.json"));
-    std::fs::write(&beside, format!("{about:#}\n")).map_err(|source| DumpError::Write {
-        path: beside,
-        source,
-    })?;
+    std::fs::write(&beside, format!("{about:#}\n"))
+        .map_err(|source| DumpError::Write { path: beside, source })?;
     Ok(path)
 }
 
 fn read(gpu: &Gpu, output: &Output) -> Result<ArrayD<f32>, DumpError> {
     let (shape, data) = match &output.data {
-        OutputData::Buffer {
-            buffer,
-            stride_floats,
-            count,
-            row,
-        } => {
+        OutputData::Buffer { buffer, stride_floats, count, row } => {
             let floats: Vec<f32> = bytemuck::pod_collect_to_vec(&read_buffer(gpu, buffer)?);
             let elements = floats.chunks_exact(*stride_floats as usize);
             let data = elements.take(*count as usize).flat_map(row).collect();
@@ -130,10 +103,8 @@ fn read(gpu: &Gpu, output: &Output) -> Result<ArrayD<f32>, DumpError> {
             (shape, texels.data)
         }
     };
-    ArrayD::from_shape_vec(IxDyn(&shape), data).map_err(|source| DumpError::Shape {
-        output: output.name.clone(),
-        source,
-    })
+    ArrayD::from_shape_vec(IxDyn(&shape), data)
+        .map_err(|source| DumpError::Shape { output: output.name.clone(), source })
 }
 
 fn describe(subject: &Subject, stage: &str, output: &Output, shape: &[usize]) -> Value {
@@ -152,13 +123,7 @@ fn describe(subject: &Subject, stage: &str, output: &Output, shape: &[usize]) ->
             depth 0 (near) to 1 (far), light directions point the way the light travels",
         "params": subject.params,
     });
-    if let OutputData::Volume {
-        level,
-        origin_m,
-        spacing_m,
-        ..
-    } = &output.data
-    {
+    if let OutputData::Volume { level, origin_m, spacing_m, .. } = &output.data {
         about["grid"] = json!({
             "level": level,
             "origin_m": origin_m.to_array(),
@@ -190,11 +155,7 @@ mod tests {
     fn volumes_are_dumped_with_z_outermost() {
         let gpu = Gpu::open(&Options::default()).expect("an adapter is there");
         let resources = Resources::new(&gpu);
-        let grid = Grid {
-            cells: [3, 2, 5],
-            origin_m: glam::DVec3::ZERO,
-            voxel_m: 0.5,
-        };
+        let grid = Grid { cells: [3, 2, 5], origin_m: glam::DVec3::ZERO, voxel_m: 0.5 };
         let voxels = Voxels::new(&resources, "volume", &grid, true);
         let values: Vec<u8> = (10..40).collect();
         voxels.write(&gpu, &values);

@@ -29,9 +29,7 @@ type Judge =
 
 /// What judges the cells of a kind of pipeline. Adding a reference adds a line.
 const JUDGES: &[(&str, Judge)] = &[
-    ("underwater", |gpu, subject, pipeline, _| {
-        Ok(landing::cell_errors(gpu, subject, pipeline)?)
-    }),
+    ("underwater", |gpu, subject, pipeline, _| Ok(landing::cell_errors(gpu, subject, pipeline)?)),
     ("volume_ao", |gpu, subject, pipeline, known| {
         Ok(known.occlusion.cell_errors(gpu, subject, pipeline)?)
     }),
@@ -74,9 +72,7 @@ pub fn cell_errors(
     known: &mut Known,
 ) -> Result<BTreeMap<String, f64>, CellError> {
     let judge = JUDGES.iter().find(|(kind, _)| *kind == subject.kind.name);
-    judge.map_or(Ok(BTreeMap::new()), |(_, judge)| {
-        judge(gpu, subject, pipeline, known)
-    })
+    judge.map_or(Ok(BTreeMap::new()), |(_, judge)| judge(gpu, subject, pipeline, known))
 }
 
 #[cfg(test)]
@@ -85,10 +81,7 @@ mod tests {
 
     #[test]
     fn an_error_judges_registered_stages_and_what_it_starts_from() {
-        assert_eq!(
-            judged_stages("caustics_photon_miss_rate"),
-            ["caustics/trace"]
-        );
+        assert_eq!(judged_stages("caustics_photon_miss_rate"), ["caustics/trace"]);
         assert_eq!(judged_stages("ao_bias"), RAW);
         assert_eq!(judged_stages("ao_filtered_bias"), FILTERED);
         assert!(judged_stages("caustics_error_rms").is_empty());

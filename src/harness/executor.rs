@@ -120,8 +120,7 @@ impl Findings {
     }
 
     fn note<E: Display>(&mut self, failure: &str, done: Result<(), E>) {
-        self.notes
-            .extend(done.err().map(|error| format!("{failure}: {error}")));
+        self.notes.extend(done.err().map(|error| format!("{failure}: {error}")));
     }
 }
 
@@ -150,11 +149,7 @@ impl<'a> CellExecutor<'a> {
         let pipeline = self.cells[cell].subject.build(gpu)?;
         let stages = encodable(pipeline.as_ref());
         let counters = gpu::count(gpu, &stages, MAX_PASSES)?.unwrap_or_default();
-        let code = if gpu.adapter.software {
-            SOFTWARE_CODE_BYTES
-        } else {
-            0
-        };
+        let code = if gpu.adapter.software { SOFTWARE_CODE_BYTES } else { 0 };
         let bytes = pipeline.allocated_bytes() + code;
         self.built[cell] = Some(Built { pipeline, counters });
         Ok(bytes)
@@ -186,18 +181,8 @@ impl<'a> CellExecutor<'a> {
 
     /// Differences from the cell's reference run and between views.
     fn compared(&mut self, cell: usize, pipeline: &dyn Pipeline, findings: &mut Findings) {
-        let Session {
-            gpu,
-            timer,
-            references,
-            ..
-        } = &mut *self.session;
-        let PlannedCell {
-            subject,
-            reference,
-            views,
-            ..
-        } = &self.cells[cell];
+        let Session { gpu, timer, references, .. } = &mut *self.session;
+        let PlannedCell { subject, reference, views, .. } = &self.cells[cell];
         if let Some(reference) = reference {
             let name = &reference.plan.quantity;
             let difference = references.difference(gpu, timer, pipeline, reference);
@@ -210,10 +195,7 @@ impl<'a> CellExecutor<'a> {
             let name = &asked.quantity;
             let spread = views::spread(gpu, timer, (subject, pipeline), views);
             let figures = spread.map(|spread| {
-                [
-                    (name.clone(), spread.std),
-                    (format!("{name}_points"), spread.points as f64),
-                ]
+                [(name.clone(), spread.std), (format!("{name}_points"), spread.points as f64)]
             });
             findings.add(&format!("{name} not computed"), figures);
         }
@@ -247,9 +229,7 @@ impl<'a> CellExecutor<'a> {
                 let facts = self.facts(cell, &built);
                 Outcome::Measured(Box::new(measured(samples, facts)))
             }
-            None => Outcome::Failed {
-                reason: "its pipeline is gone".to_owned(),
-            },
+            None => Outcome::Failed { reason: "its pipeline is gone".to_owned() },
         }
     }
 
@@ -263,9 +243,7 @@ impl<'a> CellExecutor<'a> {
             return Err(Failure::Cell("its pipeline was not built".to_owned()));
         };
         let stages = encodable(built.pipeline.as_ref());
-        let Session {
-            gpu, timer, spent, ..
-        } = &mut *self.session;
+        let Session { gpu, timer, spent, .. } = &mut *self.session;
         let frame = run(timer, gpu, &stages).map_err(failure)?;
         spent.frames_ns += ns(&frame);
         self.output.progress.tick();
@@ -284,11 +262,7 @@ pub fn name(run: &Run, cell: &PlannedCell) -> CellName {
 
 /// A pipeline's stages as a frame takes them.
 pub(crate) fn encodable(pipeline: &dyn Pipeline) -> Vec<&dyn Encode> {
-    pipeline
-        .stages()
-        .into_iter()
-        .map(|stage| stage as &dyn Encode)
-        .collect()
+    pipeline.stages().into_iter().map(|stage| stage as &dyn Encode).collect()
 }
 
 fn failure(error: GpuError) -> Failure {
@@ -310,19 +284,11 @@ impl Executor for CellExecutor<'_> {
     }
 
     fn timed(&mut self, cell: usize) -> Result<FrameSample, Failure> {
-        self.frame(
-            cell,
-            |timer, gpu, stages| timer.timed(gpu, stages),
-            |frame| frame.envelope_ns,
-        )
+        self.frame(cell, |timer, gpu, stages| timer.timed(gpu, stages), |frame| frame.envelope_ns)
     }
 
     fn untimed(&mut self, cell: usize) -> Result<f64, Failure> {
-        self.frame(
-            cell,
-            |timer, gpu, stages| timer.untimed(gpu, stages),
-            |wall_ns| *wall_ns,
-        )
+        self.frame(cell, |timer, gpu, stages| timer.untimed(gpu, stages), |wall_ns| *wall_ns)
     }
 
     fn earlier(&mut self, cell: usize) -> Vec<Addition> {
@@ -347,9 +313,7 @@ impl Executor for CellExecutor<'_> {
         };
         let record = Box::new(self.cells[cell].record(outcome));
         self.output.writer.write(&Record::Cell(record.clone()))?;
-        self.output
-            .journal
-            .close(&self.names[cell], &record.outcome)?;
+        self.output.journal.close(&self.names[cell], &record.outcome)?;
         self.output.progress.finished(&record);
         Ok(())
     }

@@ -133,8 +133,7 @@ impl Journal {
     /// Hands all lines over to the system, in one piece.
     pub fn write(&mut self) -> Result<(), RecordError> {
         if !self.unwritten.is_empty() {
-            self.writer
-                .hand_over(&std::mem::take(&mut self.unwritten))?;
+            self.writer.hand_over(&std::mem::take(&mut self.unwritten))?;
         }
         self.written = Instant::now();
         if self.synced.elapsed() >= SYNC_INTERVAL {
@@ -184,10 +183,7 @@ fn by_cell(lines: Vec<SampleLine>) -> Cells {
 
 /// Ends what came before.
 fn ended() -> Addition {
-    Addition {
-        afresh: true,
-        ..Addition::default()
-    }
+    Addition { afresh: true, ..Addition::default() }
 }
 
 /// Cells of a folder that have samples and no record, each with its pairs of frames, for those who only read.
@@ -235,11 +231,7 @@ mod tests {
     use crate::record::{Clock, FramePair, PassKind};
 
     fn cell(id: &str) -> CellName {
-        CellName {
-            id: id.to_owned(),
-            experiment: "e".to_owned(),
-            cell: id.to_owned(),
-        }
+        CellName { id: id.to_owned(), experiment: "e".to_owned(), cell: id.to_owned() }
     }
 
     fn pair(ns: f64) -> Addition {
@@ -261,9 +253,7 @@ mod tests {
         journal
     }
 
-    const FAILED: fn() -> Outcome = || Outcome::Failed {
-        reason: "hot".to_owned(),
-    };
+    const FAILED: fn() -> Outcome = || Outcome::Failed { reason: "hot".to_owned() };
 
     #[test]
     fn what_was_kept_is_handed_out_once_after_the_process_is_gone() {
@@ -333,11 +323,7 @@ mod tests {
         first.close(&cell("a"), &FAILED()).unwrap();
         first.end().unwrap();
         let mut second = journal(&folder);
-        assert_eq!(
-            second.take_earlier(&cell("a")),
-            [],
-            "a failed cell begins anew"
-        );
+        assert_eq!(second.take_earlier(&cell("a")), [], "a failed cell begins anew");
         second.settle(["b".to_owned()]);
         assert_eq!(second.take_earlier(&cell("b")), []);
         second.keep(&cell("c"), pair(2.0)).unwrap();

@@ -54,11 +54,7 @@ pub fn photon_quantities(
     let frame = view.light_frame();
     let tracer = Tracer::new(&scene.objects)?;
     let grids = [
-        (
-            "caustics",
-            "caustics/trace",
-            params.caustics.grid_settings(),
-        ),
+        ("caustics", "caustics/trace", params.caustics.grid_settings()),
         ("godrays", "godrays/trace", params.godrays.grid_settings()),
     ];
     let mut quantities = BTreeMap::new();
@@ -66,10 +62,8 @@ pub fn photon_quantities(
         let grid =
             PhotonGrid::new(settings.grid, settings.subdivision)?.with_offset(settings.offset);
         let step = step(grid.count() as usize);
-        let photons: Vec<StoredPhoton> = stage_photons(gpu, pipeline, stage)?
-            .into_iter()
-            .step_by(step)
-            .collect();
+        let photons: Vec<StoredPhoton> =
+            stage_photons(gpu, pipeline, stage)?.into_iter().step_by(step).collect();
         let landings = land_all(&frame, &view.water, &tracer, grid, step);
         let errors = photon_errors(&photons, &landings);
         let figures = [

@@ -101,10 +101,7 @@ impl Known {
         }
         if readout::texture(pipeline, &FILTERED, None).is_some() {
             let filtered = readout::image(gpu, pipeline, &FILTERED, None)?;
-            quantities.extend(figures(
-                "ao_filtered",
-                &errors(&question, &points, &filtered),
-            ));
+            quantities.extend(figures("ao_filtered", &errors(&question, &points, &filtered)));
         }
         quantities.insert("ao_mean".into(), seen);
         quantities.insert("ao_reference_mean".into(), mean);
@@ -184,9 +181,7 @@ impl Question {
         let camera: Camera = serde_json::from_value(leaf("camera")?.clone())
             .map_err(|_| OcclusionError::Param("camera"))?;
         let side = |path| {
-            let side = leaf(path)?
-                .as_u64()
-                .and_then(|side| u32::try_from(side).ok());
+            let side = leaf(path)?.as_u64().and_then(|side| u32::try_from(side).ok());
             side.ok_or(OcclusionError::Param(path))
         };
         let fixed_m = number("r_max_m")?;
@@ -306,21 +301,14 @@ fn figures(name: &str, errors: &[f64]) -> BTreeMap<String, f64> {
     let count = errors.len() as f64;
     let bias = errors.iter().sum::<f64>() / count;
     let square = errors.iter().map(|error| error * error).sum::<f64>() / count;
-    BTreeMap::from([
-        (format!("{name}_rmse"), square.sqrt()),
-        (format!("{name}_bias"), bias),
-    ])
+    BTreeMap::from([(format!("{name}_rmse"), square.sqrt()), (format!("{name}_bias"), bias)])
 }
 
 /// Blue over white to red for −0.25 … 0.25.
 fn color(error: f64) -> [u8; 3] {
     let share = (error / PICTURE_FULL).clamp(-1.0, 1.0);
     let faded = (255.0 * (1.0 - share.abs())).round() as u8;
-    if share > 0.0 {
-        [255, faded, faded]
-    } else {
-        [faded, faded, 255]
-    }
+    if share > 0.0 { [255, faded, faded] } else { [faded, faded, 255] }
 }
 
 /// Paints each point's error over the pixels that are nearest to it on the lattice.
@@ -351,10 +339,7 @@ fn paint(
             }
         }
     }
-    picture.save(path).map_err(|source| PictureError::Write {
-        path: path.to_owned(),
-        source,
-    })
+    picture.save(path).map_err(|source| PictureError::Write { path: path.to_owned(), source })
 }
 
 #[cfg(test)]

@@ -26,15 +26,9 @@ pub fn measured(samples: Samples, facts: Facts<'_>) -> Measured {
     let frame = frame_record(&samples);
     let mut notes = facts.notes;
     notes.extend(sampling_notes(&samples, &frame.untimed, facts.precision));
-    let (quantities, unusable): (BTreeMap<_, _>, BTreeMap<_, _>) = facts
-        .quantities
-        .into_iter()
-        .partition(|(_, value)| value.is_finite());
-    notes.extend(
-        unusable
-            .keys()
-            .map(|name| format!("{name} left out: it is not a finite number")),
-    );
+    let (quantities, unusable): (BTreeMap<_, _>, BTreeMap<_, _>) =
+        facts.quantities.into_iter().partition(|(_, value)| value.is_finite());
+    notes.extend(unusable.keys().map(|name| format!("{name} left out: it is not a finite number")));
     Measured {
         stages: stage_records(&samples, facts.pipeline, facts.counters),
         frame,
@@ -84,9 +78,7 @@ fn stage_records(
     };
     let counted = |name: &str| {
         let found = counters.iter().find(|stage| stage.name == name);
-        found
-            .map(|stage| stage.counters.clone())
-            .unwrap_or_default()
+        found.map(|stage| stage.counters.clone()).unwrap_or_default()
     };
     samples
         .stages

@@ -25,10 +25,7 @@ pub enum OutputError {
     #[error(transparent)]
     Record(#[from] RecordError),
     #[error("cannot write to {}: {source}; choose another folder with --out", path.display())]
-    Unwritable {
-        path: PathBuf,
-        source: std::io::Error,
-    },
+    Unwritable { path: PathBuf, source: std::io::Error },
     #[error(
         "{} holds records already: continue them with --resume, or choose another folder with --out",
         path.display()
@@ -88,9 +85,7 @@ impl Held {
         let output = Output { folder };
         let lock = FolderLock::take(&output.folder, &holder())?;
         if output.is_occupied() {
-            return Err(OutputError::Occupied {
-                path: output.folder,
-            });
+            return Err(OutputError::Occupied { path: output.folder });
         }
         Self::open(output, lock)
     }
@@ -98,13 +93,9 @@ impl Held {
     /// The folder of the run to resume: `asked`, or the latest under [`DEFAULT_FOLDER`]. Damaged records are kept aside.
     pub fn resume(asked: Option<&Path>) -> Result<Self, OutputError> {
         let default = Path::new(DEFAULT_FOLDER);
-        let nothing = |path: &Path| OutputError::NothingToResume {
-            path: path.to_owned(),
-        };
+        let nothing = |path: &Path| OutputError::NothingToResume { path: path.to_owned() };
         let folder = asked.map(Path::to_owned).or_else(|| latest(default));
-        let output = Output {
-            folder: folder.ok_or_else(|| nothing(default))?,
-        };
+        let output = Output { folder: folder.ok_or_else(|| nothing(default))? };
         if !output.records().exists() && !output.is_occupied() {
             return Err(nothing(&output.folder));
         }
@@ -113,10 +104,8 @@ impl Held {
     }
 
     fn open(output: Output, lock: FolderLock) -> Result<Self, OutputError> {
-        probe(&output).map_err(|source| OutputError::Unwritable {
-            path: output.folder.clone(),
-            source,
-        })?;
+        probe(&output)
+            .map_err(|source| OutputError::Unwritable { path: output.folder.clone(), source })?;
         let path = output.records();
         let opened = Writer::open(&path, |read| record::empty_or_sound(&path, read))?;
         Ok(Self {
@@ -143,9 +132,7 @@ pub fn holder() -> String {
 /// Writes a file the size of several records, of a name that nothing has, and removes it again.
 fn probe(output: &Output) -> std::io::Result<()> {
     std::fs::create_dir_all(output.pictures())?;
-    let mut file = tempfile::Builder::new()
-        .prefix(".probe-")
-        .tempfile_in(&output.folder)?;
+    let mut file = tempfile::Builder::new().prefix(".probe-").tempfile_in(&output.folder)?;
     std::io::Write::write_all(&mut file, &vec![0; PROBE_BYTES])?;
     file.as_file().sync_all()?;
     file.close()
@@ -153,10 +140,7 @@ fn probe(output: &Output) -> std::io::Result<()> {
 
 /// Makes a folder that was not there: of this name, or with a number added to it.
 pub fn unused(folder: &Path) -> Result<PathBuf, OutputError> {
-    let unwritable = |source| OutputError::Unwritable {
-        path: folder.to_owned(),
-        source,
-    };
+    let unwritable = |source| OutputError::Unwritable { path: folder.to_owned(), source };
     if let Some(parent) = folder.parent() {
         std::fs::create_dir_all(parent).map_err(unwritable)?;
     }
@@ -174,11 +158,7 @@ pub fn unused(folder: &Path) -> Result<PathBuf, OutputError> {
 
 fn fresh(adapter: &str, profile: &str) -> PathBuf {
     let word = |c: char| {
-        if c.is_ascii_alphanumeric() {
-            c.to_ascii_lowercase()
-        } else {
-            ' '
-        }
+        if c.is_ascii_alphanumeric() { c.to_ascii_lowercase() } else { ' ' }
     };
     let plain: String = adapter.chars().map(word).collect();
     let words: Vec<&str> = plain.split_whitespace().take(3).collect();
@@ -188,18 +168,11 @@ fn fresh(adapter: &str, profile: &str) -> PathBuf {
 
 /// The folder whose records were changed last.
 fn latest(parent: &Path) -> Option<PathBuf> {
-    let folders = std::fs::read_dir(parent)
-        .ok()?
-        .filter_map(|entry| Some(entry.ok()?.path()));
+    let folders = std::fs::read_dir(parent).ok()?.filter_map(|entry| Some(entry.ok()?.path()));
     let changed = |folder: &PathBuf| {
-        std::fs::metadata(folder.join(RECORDS))
-            .and_then(|records| records.modified())
-            .ok()
+        std::fs::metadata(folder.join(RECORDS)).and_then(|records| records.modified()).ok()
     };
-    folders
-        .filter_map(|folder| Some((changed(&folder)?, folder)))
-        .max()
-        .map(|(_, folder)| folder)
+    folders.filter_map(|folder| Some((changed(&folder)?, folder))).max().map(|(_, folder)| folder)
 }
 
 #[cfg(test)]
@@ -215,9 +188,8 @@ mod tests {
 
     fn files(folder: &Path) -> Vec<String> {
         let entries = std::fs::read_dir(folder).unwrap().flatten();
-        let mut names: Vec<String> = entries
-            .map(|entry| entry.file_name().to_string_lossy().into_owned())
-            .collect();
+        let mut names: Vec<String> =
+            entries.map(|entry| entry.file_name().to_string_lossy().into_owned()).collect();
         names.sort();
         names
     }
@@ -249,10 +221,7 @@ mod tests {
         let typo = folder.path().join("typo");
         for path in [folder.path(), &typo] {
             let error = Held::resume(Some(path)).unwrap_err();
-            assert!(
-                matches!(error, OutputError::NothingToResume { .. }),
-                "{error}"
-            );
+            assert!(matches!(error, OutputError::NothingToResume { .. }), "{error}");
         }
         assert!(files(folder.path()).is_empty());
         // A run that was killed before its first record.
@@ -290,10 +259,7 @@ mod tests {
         let aside = folder.path().join("records.damaged-1.jsonl");
         assert!(kept.ends_with(&aside.display().to_string()), "{kept}");
         assert_eq!(std::fs::read_to_string(aside).unwrap(), damaged);
-        assert_eq!(
-            std::fs::read_to_string(path).unwrap(),
-            format!("{END}{END}")
-        );
+        assert_eq!(std::fs::read_to_string(path).unwrap(), format!("{END}{END}"));
     }
 
     #[cfg(unix)]

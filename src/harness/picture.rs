@@ -13,10 +13,7 @@ pub enum PictureError {
     #[error(transparent)]
     Gpu(#[from] GpuError),
     #[error("cannot write {}: {source}", path.display())]
-    Write {
-        path: PathBuf,
-        source: image::ImageError,
-    },
+    Write { path: PathBuf, source: image::ImageError },
 }
 
 /// Reads the image of the last frame, drawing it first where the frame does not, and writes it, opaque, row 0 at the top.
@@ -31,10 +28,6 @@ pub fn save(gpu: &Gpu, pipeline: &dyn Pipeline, path: &Path) -> Result<(), Pictu
     let rgb = pixels.data.chunks_exact(pixels.channels as usize);
     let rgb: Vec<u8> = rgb.flat_map(|texel| texel[..3].iter().map(byte)).collect();
     let format = image::ExtendedColorType::Rgb8;
-    image::save_buffer(path, &rgb, pixels.width, pixels.height, format).map_err(|source| {
-        PictureError::Write {
-            path: path.to_owned(),
-            source,
-        }
-    })
+    image::save_buffer(path, &rgb, pixels.width, pixels.height, format)
+        .map_err(|source| PictureError::Write { path: path.to_owned(), source })
 }

@@ -19,11 +19,7 @@ pub enum PlanError {
     #[error(transparent)]
     Experiment(#[from] ExperimentError),
     #[error("{experiment}, cell {cell}: {source}")]
-    Cell {
-        experiment: String,
-        cell: String,
-        source: SubjectError,
-    },
+    Cell { experiment: String, cell: String, source: SubjectError },
 }
 
 /// What to measure.
@@ -53,11 +49,7 @@ impl Request {
         let has = |experiment: &Experiment, name: &str| experiment.axis_names().contains(&name);
         let concerns =
             |name: &str| has(experiment, name) || !all.iter().any(|other| has(other, name));
-        self.axes
-            .iter()
-            .filter(|(name, _)| concerns(name))
-            .cloned()
-            .collect()
+        self.axes.iter().filter(|(name, _)| concerns(name)).cloned().collect()
     }
 }
 
@@ -87,18 +79,8 @@ pub struct PlannedReference {
 impl PlannedCell {
     /// See [`resume_key`].
     pub fn resume_key(&self) -> String {
-        let CellPlan {
-            experiment,
-            cell,
-            pipeline,
-            scene,
-            ..
-        } = &self.plan;
-        let Subject {
-            scene: built,
-            params,
-            ..
-        } = &self.subject;
+        let CellPlan { experiment, cell, pipeline, scene, .. } = &self.plan;
+        let Subject { scene: built, params, .. } = &self.subject;
         resume_key(experiment, cell, pipeline, scene, &built.stand_ins, params)
     }
 
@@ -130,26 +112,16 @@ pub fn plan(
         let axes = request.axes_of(experiment, &experiments);
         expanded.push(experiment.cells(profile, &axes, &request.sets)?);
     }
-    let cells = expanded
-        .into_iter()
-        .zip(&experiments)
-        .map(|(plans, experiment)| {
-            let turns_deg = experiment
-                .views
-                .as_ref()
-                .map(|views| views.turns_deg.as_slice());
-            plans
-                .into_iter()
-                .map(|plan| {
-                    planned_cell(&mut subjects, plan, turns_deg.unwrap_or_default(), capacity)
-                })
-                .collect()
-        });
+    let cells = expanded.into_iter().zip(&experiments).map(|(plans, experiment)| {
+        let turns_deg = experiment.views.as_ref().map(|views| views.turns_deg.as_slice());
+        plans
+            .into_iter()
+            .map(|plan| planned_cell(&mut subjects, plan, turns_deg.unwrap_or_default(), capacity))
+            .collect()
+    });
     let cells: Vec<Vec<PlannedCell>> = cells.collect::<Result<_, _>>()?;
     let planned = experiments.into_iter().zip(cells);
-    Ok(planned
-        .map(|(experiment, cells)| PlannedExperiment { experiment, cells })
-        .collect())
+    Ok(planned.map(|(experiment, cells)| PlannedExperiment { experiment, cells }).collect())
 }
 
 fn planned_cell(
@@ -163,11 +135,8 @@ fn planned_cell(
         cell: plan.cell.clone(),
         source,
     };
-    let mut subject = |overrides| {
-        subjects
-            .subject(&plan.pipeline, &plan.scene, overrides)
-            .map_err(error)
-    };
+    let mut subject =
+        |overrides| subjects.subject(&plan.pipeline, &plan.scene, overrides).map_err(error);
     let of_cell = subject(&plan.overrides)?;
     let reference = match &plan.reference {
         Some(reference) => Some(PlannedReference {
@@ -176,18 +145,9 @@ fn planned_cell(
         }),
         None => None,
     };
-    let views = turns_deg
-        .iter()
-        .map(|turn_deg| views::turned(&of_cell, *turn_deg))
-        .collect();
+    let views = turns_deg.iter().map(|turn_deg| views::turned(&of_cell, *turn_deg)).collect();
     let skip = of_cell.beyond(capacity).map_err(error)?;
-    Ok(PlannedCell {
-        subject: of_cell,
-        skip,
-        reference,
-        views,
-        plan,
-    })
+    Ok(PlannedCell { subject: of_cell, skip, reference, views, plan })
 }
 
 /// Drops the cells that `finished` (resume keys) holds; how many they were.
@@ -196,9 +156,7 @@ pub fn drop_finished(planned: &mut [PlannedExperiment], finished: &BTreeSet<Stri
         |planned: &[PlannedExperiment]| planned.iter().map(|e| e.cells.len()).sum::<usize>();
     let before = count(planned);
     for experiment in planned.iter_mut() {
-        experiment
-            .cells
-            .retain(|cell| !finished.contains(&cell.resume_key()));
+        experiment.cells.retain(|cell| !finished.contains(&cell.resume_key()));
     }
     before - count(planned)
 }

@@ -32,13 +32,7 @@ impl Progress {
         });
         let budget = Duration::try_from_secs_f64(budget_s.clamp(0.0, LONGEST_S));
         let end = Instant::now() + budget.unwrap_or(Duration::ZERO);
-        Self {
-            bar,
-            total,
-            done: 0,
-            end,
-            quiet,
-        }
+        Self { bar, total, done: 0, end, quiet }
     }
 
     /// A cell's pipeline is about to be built.

@@ -71,14 +71,9 @@ fn read_with<T>(
     path: &Path,
     parse: impl Fn(Limited<File>) -> Result<T, PointFault>,
 ) -> Result<T, QueryError> {
-    let file = input::plain(path, MAX_POINTS_FILE).map_err(|source| QueryError::Read {
-        path: path.to_owned(),
-        source,
-    })?;
-    parse(file).map_err(|fault| QueryError::Points {
-        path: path.to_owned(),
-        fault,
-    })
+    let file = input::plain(path, MAX_POINTS_FILE)
+        .map_err(|source| QueryError::Read { path: path.to_owned(), source })?;
+    parse(file).map_err(|fault| QueryError::Points { path: path.to_owned(), fault })
 }
 
 fn parse(text: impl Read) -> Result<Vec<Row>, PointFault> {
@@ -96,10 +91,7 @@ fn row((line, numbers): table::Row) -> Result<Row, PointFault> {
             what: format!("a normal of length {} has no direction", normal.length()),
         });
     }
-    Ok(Row {
-        position_m: vector(0),
-        normal,
-    })
+    Ok(Row { position_m: vector(0), normal })
 }
 
 /// Ambient occlusion at each point by the volumes and rays of a subject of the pipeline `volume_ao`: 0 open … 1 closed.
@@ -136,11 +128,7 @@ pub fn reference(subject: &Subject, rows: &[Row], rays: u32) -> Result<Vec<f64>,
             "--reference: the geometry moves (animation.deform), and the reference knows it at rest only",
         );
     }
-    let opaque = subject
-        .scene
-        .objects
-        .iter()
-        .all(|o| o.material.alpha >= 1.0);
+    let opaque = subject.scene.objects.iter().all(|o| o.material.alpha >= 1.0);
     if params.ao.occluder == Occluder::Opacity && !opaque {
         return invalid(
             "--reference: with ao.occluder=opacity rays pass through transparent objects, those of the reference do not",
@@ -154,14 +142,7 @@ pub fn reference(subject: &Subject, rows: &[Row], rays: u32) -> Result<Vec<f64>,
     let tracer = Tracer::new(&subject.scene.objects)?;
     let answer = |row: &Row| {
         let normal = row.normal.normalize();
-        exact::occlusion(
-            &tracer,
-            row.position_m,
-            normal,
-            marching.r_max_m,
-            attenuation,
-            rays,
-        )
+        exact::occlusion(&tracer, row.position_m, normal, marching.r_max_m, attenuation, rays)
     };
     Ok(rows.par_iter().map(answer).collect())
 }
@@ -184,17 +165,12 @@ pub fn write(
             let fields = numbers.iter().map(f64::to_string);
             let exact = reference.and_then(|all| all.get(i));
             let exact = exact.map(|exact| [*exact, f64::from(*occlusion) - exact]);
-            let answers = [f64::from(*occlusion)]
-                .into_iter()
-                .chain(exact.into_iter().flatten());
+            let answers = [f64::from(*occlusion)].into_iter().chain(exact.into_iter().flatten());
             csv.write_record(fields.chain(answers.map(|answer| format!("{answer:.6}"))))?;
         }
         csv.flush().map_err(csv::Error::from)
     })();
-    written.map_err(|source| QueryError::Write {
-        target: target.to_owned(),
-        source,
-    })
+    written.map_err(|source| QueryError::Write { target: target.to_owned(), source })
 }
 
 #[cfg(test)]
@@ -204,10 +180,7 @@ mod tests {
     #[test]
     fn columns_are_found_by_name_and_others_left_aside() {
         let text = "name,nz, ny,nx,z,y,x\n\"a, b\",0,2,0,3, 2,1\n";
-        let row = Row {
-            position_m: DVec3::new(1.0, 2.0, 3.0),
-            normal: DVec3::new(0.0, 2.0, 0.0),
-        };
+        let row = Row { position_m: DVec3::new(1.0, 2.0, 3.0), normal: DVec3::new(0.0, 2.0, 0.0) };
         let rows = parse(text.as_bytes()).unwrap();
         assert_eq!(rows, [row]);
         let mut out = Vec::new();
@@ -229,10 +202,7 @@ mod tests {
         assert!(fault("").starts_with("line 1: there is no column `x`"));
         assert_eq!(fault(header), "line 2: there is no point");
         let bad = fault(&format!("{header}1,2,3,0,1,0\n1,2,three,0,1,0\n"));
-        assert!(
-            bad.starts_with("line 3, column `z`: `three` is not"),
-            "{bad}"
-        );
+        assert!(bad.starts_with("line 3, column `z`: `three` is not"), "{bad}");
         for number in ["NaN", "inf", "1e7", ""] {
             let bad = fault(&format!("{header}1,{number},3,0,1,0\n"));
             assert!(bad.starts_with("line 2, column `y`"), "{bad}");

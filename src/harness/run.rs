@@ -97,16 +97,9 @@ struct Defaults {
 }
 
 /// Quick: both papers' suites within eight minutes, set-up included.
-const QUICK: Defaults = Defaults {
-    precision: 0.02,
-    budget_per_cell_s: 6.0,
-    most_budget_s: 300.0,
-};
-const PAPER: Defaults = Defaults {
-    precision: 0.01,
-    budget_per_cell_s: 20.0,
-    most_budget_s: 1_800.0,
-};
+const QUICK: Defaults = Defaults { precision: 0.02, budget_per_cell_s: 6.0, most_budget_s: 300.0 };
+const PAPER: Defaults =
+    Defaults { precision: 0.01, budget_per_cell_s: 20.0, most_budget_s: 1_800.0 };
 
 impl Defaults {
     fn of(profile: &str) -> Self {
@@ -120,10 +113,7 @@ pub fn run(options: &Options, interrupted: &AtomicBool) -> Result<Summary, RunEr
     let start = Instant::now();
     check(options)?;
     let experiments = options.request.load()?;
-    let resumed = options
-        .resume
-        .then(|| Held::resume(options.out.as_deref()))
-        .transpose()?;
+    let resumed = options.resume.then(|| Held::resume(options.out.as_deref())).transpose()?;
     let gpu = Gpu::open(&options.gpu)?;
     let profile = profile(options, resumed.as_ref(), &gpu);
     let mut planned = plan::plan(experiments, &options.request, &profile, &gpu.capacity)?;
@@ -132,9 +122,7 @@ pub fn run(options: &Options, interrupted: &AtomicBool) -> Result<Summary, RunEr
         None => Held::create(options.out.as_deref(), &gpu.adapter.name, &profile)?,
     };
     let audit = gpu::audit(&gpu)?;
-    let seed = options
-        .seed
-        .unwrap_or_else(|| u64::from(rand::random::<u32>()));
+    let seed = options.seed.unwrap_or_else(|| u64::from(rand::random::<u32>()));
     let mut header = header(options, &gpu, &audit, &profile, seed);
     let finished = record::finished(&held.before, &header);
     let kept = plan::drop_finished(&mut planned, &finished);
@@ -168,9 +156,7 @@ fn ids(planned: &[PlannedExperiment], header: &Run) -> Vec<String> {
 fn clock_plan(found: ClockPlan, journal: &mut Journal, ids: &[String]) -> ClockPlan {
     let clocks = AUDITED.map(|kind| (kind, found.clock(kind)));
     let chosen = journal.choose_clocks(ids, clocks.into());
-    chosen
-        .iter()
-        .fold(found, |plan, (kind, clock)| plan.with(*kind, *clock))
+    chosen.iter().fold(found, |plan, (kind, clock)| plan.with(*kind, *clock))
 }
 
 /// Says so where passes are timed by another clock than this run's audit found.
@@ -184,10 +170,7 @@ fn other_clocks(found: &ClockPlan, plan: &ClockPlan) -> Option<String> {
 }
 
 fn check(options: &Options) -> Result<(), RunError> {
-    let given = [
-        ("--budget", options.budget_s),
-        ("--precision", options.precision),
-    ];
+    let given = [("--budget", options.budget_s), ("--precision", options.precision)];
     for (name, value) in given {
         if let Some(value) = value.filter(|value| !(value.is_finite() && *value > 0.0)) {
             return Err(RunError::NotPositive { name, value });
@@ -202,23 +185,13 @@ fn profile(options: &Options, resumed: Option<&Held>, gpu: &Gpu) -> String {
         Record::Run(run) => Some(run.profile.clone()),
         _ => None,
     });
-    let default = if gpu.adapter.software {
-        "quick"
-    } else {
-        "paper"
-    };
-    options
-        .profile
-        .clone()
-        .or(resumed)
-        .unwrap_or_else(|| default.to_owned())
+    let default = if gpu.adapter.software { "quick" } else { "paper" };
+    options.profile.clone().or(resumed).unwrap_or_else(|| default.to_owned())
 }
 
 fn header(options: &Options, gpu: &Gpu, audit: &Audit, profile: &str, seed: u64) -> Run {
     let mut notes = gpu.notes.clone();
-    notes.push(format!(
-        "cells and frames in an order drawn from the seed {seed}"
-    ));
+    notes.push(format!("cells and frames in an order drawn from the seed {seed}"));
     Run {
         schema: SCHEMA,
         fathom_version: env!("CARGO_PKG_VERSION").to_owned(),
@@ -226,16 +199,9 @@ fn header(options: &Options, gpu: &Gpu, audit: &Audit, profile: &str, seed: u64)
         profile: profile.to_owned(),
         command: options.command.clone(),
         adapter: gpu.adapter.clone(),
-        shader_checks: if gpu.unchecked {
-            "unchecked"
-        } else {
-            "checked"
-        }
-        .to_owned(),
+        shader_checks: if gpu.unchecked { "unchecked" } else { "checked" }.to_owned(),
         audit: audit.rows.clone(),
-        submit_cost_ns: AUDITED
-            .map(|kind| (kind, audit.plan.submit_cost.of(kind)))
-            .into(),
+        submit_cost_ns: AUDITED.map(|kind| (kind, audit.plan.submit_cost.of(kind))).into(),
         notes,
     }
 }
@@ -253,11 +219,7 @@ fn settings(
     Settings {
         precision: options.precision.unwrap_or(defaults.precision),
         budget_s: options.budget_s.unwrap_or(default_budget_s),
-        group_bytes: if software {
-            SOFTWARE_GROUP_BYTES
-        } else {
-            GPU_GROUP_BYTES
-        },
+        group_bytes: if software { SOFTWARE_GROUP_BYTES } else { GPU_GROUP_BYTES },
         seed,
     }
 }
@@ -296,10 +258,7 @@ impl Measurement<'_> {
     }
 
     fn measure(&mut self, planned: &[PlannedExperiment]) -> Result<(), RunError> {
-        let total = planned
-            .iter()
-            .map(|experiment| experiment.cells.len())
-            .sum();
+        let total = planned.iter().map(|experiment| experiment.cells.len()).sum();
         let mut progress = Progress::new(total, self.settings.budget_s, self.quiet);
         let start = Instant::now();
         let mut weight_left: f64 = planned.iter().map(weight).sum();
@@ -365,9 +324,8 @@ impl Measurement<'_> {
         };
         let asked = (experiment, cells);
         let mut executor = CellExecutor::new(&mut self.session, asked, settings.precision, output);
-        let due: Vec<usize> = (0..cells.len())
-            .filter(|index| cells[*index].skip.is_none())
-            .collect();
+        let due: Vec<usize> =
+            (0..cells.len()).filter(|index| cells[*index].skip.is_none()).collect();
         sample::sample(&mut executor, &due, settings, self.interrupted)
     }
 
@@ -392,19 +350,9 @@ impl Measurement<'_> {
 
 /// Counts the cells after the last header.
 fn summary(out: PathBuf, records: &[Record], end: End, kept: usize) -> Summary {
-    let mut summary = Summary {
-        out,
-        measured: 0,
-        skipped: 0,
-        skip_reason: None,
-        failed: 0,
-        kept,
-        end,
-    };
-    let since = records
-        .iter()
-        .rposition(|record| matches!(record, Record::Run(_)))
-        .unwrap_or(0);
+    let mut summary =
+        Summary { out, measured: 0, skipped: 0, skip_reason: None, failed: 0, kept, end };
+    let since = records.iter().rposition(|record| matches!(record, Record::Run(_))).unwrap_or(0);
     for record in &records[since..] {
         let Record::Cell(cell) = record else {
             continue;

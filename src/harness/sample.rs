@@ -215,10 +215,7 @@ impl Samples {
                 .iter()
                 .map(|(reason, count)| format!("{reason} ({count} times)"))
                 .collect();
-            format!(
-                "{rejected} of {judged} timed frames rejected: {}",
-                reasons.join(", ")
-            )
+            format!("{rejected} of {judged} timed frames rejected: {}", reasons.join(", "))
         })
     }
 
@@ -345,12 +342,8 @@ impl<X: Executor> Sampler<'_, X> {
     fn sample_group(&mut self) -> Result<(), X::Fatal> {
         loop {
             let share_s = self.left_over_s / self.live.len().max(1) as f64;
-            let mut round: Vec<usize> = self
-                .live
-                .iter()
-                .filter(|live| live.wants(share_s))
-                .map(|live| live.cell)
-                .collect();
+            let mut round: Vec<usize> =
+                self.live.iter().filter(|live| live.wants(share_s)).map(|live| live.cell).collect();
             if round.is_empty() || self.interrupted() {
                 break;
             }
@@ -480,9 +473,7 @@ impl<X: Executor> Sampler<'_, X> {
     /// Prepares the surviving cells on a new device; they keep their samples and warm up again.
     fn recover(&mut self, reason: &str) -> Result<(), X::Fatal> {
         if let Err(why) = self.executor.recover() {
-            self.hopeless = Some(format!(
-                "device lost before ({reason}) and not recovered: {why}"
-            ));
+            self.hopeless = Some(format!("device lost before ({reason}) and not recovered: {why}"));
         }
         let survivors: Vec<usize> = self.live.iter().map(|live| live.cell).collect();
         for cell in survivors {
@@ -508,10 +499,8 @@ impl<X: Executor> Sampler<'_, X> {
     }
 
     fn close_sampled(&mut self, at: usize, stopped: Stopped) -> Result<(), X::Fatal> {
-        let samples = Samples {
-            stopped,
-            ..std::mem::replace(&mut self.live[at].samples, Samples::new())
-        };
+        let samples =
+            Samples { stopped, ..std::mem::replace(&mut self.live[at].samples, Samples::new()) };
         self.close(at, CellResult::Sampled(samples))
     }
 
@@ -532,11 +521,7 @@ impl<X: Executor> Sampler<'_, X> {
                 self.executor.release(live.cell);
                 continue;
             }
-            let stopped = if interrupted {
-                Stopped::Interrupted
-            } else {
-                Stopped::OutOfTime
-            };
+            let stopped = if interrupted { Stopped::Interrupted } else { Stopped::OutOfTime };
             self.close_sampled(0, stopped)?;
         }
         Ok(())
@@ -577,11 +562,7 @@ fn faults(frame: &FrameSample, untimed_ns: f64, before: &[StageSamples]) -> Vec<
         faults.push("stage time not positive".into());
     }
     let same = frame.stages.len() == before.len()
-        && frame
-            .stages
-            .iter()
-            .zip(before)
-            .all(|(now, before)| now.name == before.name);
+        && frame.stages.iter().zip(before).all(|(now, before)| now.name == before.name);
     if !before.is_empty() && !same {
         faults.push("stages differ from the first frame's".into());
     }

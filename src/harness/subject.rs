@@ -17,10 +17,7 @@ use crate::tell;
 #[derive(Debug, Error)]
 pub enum SubjectError {
     #[error("unknown pipeline `{name}`{}", hint(.nearest))]
-    UnknownPipeline {
-        name: String,
-        nearest: Option<String>,
-    },
+    UnknownPipeline { name: String, nearest: Option<String> },
     #[error(transparent)]
     Scene(#[from] SceneError),
     #[error(transparent)]
@@ -31,9 +28,7 @@ pub enum SubjectError {
 
 /// `; did you mean …?`, or nothing.
 pub(super) fn hint(nearest: &Option<String>) -> String {
-    nearest
-        .as_ref()
-        .map_or_else(String::new, |name| format!("; did you mean `{name}`?"))
+    nearest.as_ref().map_or_else(String::new, |name| format!("; did you mean `{name}`?"))
 }
 
 /// A pipeline kind, a scene with its geometry, and every parameter.
@@ -61,9 +56,8 @@ impl Subject {
 
     /// Makes the pipeline's resources; any fault of the device comes back as an error.
     pub fn build(&self, gpu: &Gpu) -> Result<Box<dyn Pipeline>, GpuError> {
-        if let Some(reason) = self
-            .beyond(&gpu.capacity)
-            .map_err(|e| GpuError::Unusable(e.to_string()))?
+        if let Some(reason) =
+            self.beyond(&gpu.capacity).map_err(|e| GpuError::Unusable(e.to_string()))?
         {
             return Err(GpuError::Limit(reason));
         }
@@ -84,18 +78,12 @@ pub struct Subjects {
 impl Subjects {
     /// For a process whose replies name the stand-ins.
     pub fn silent() -> Self {
-        Self {
-            silent: true,
-            ..Self::default()
-        }
+        Self { silent: true, ..Self::default() }
     }
 
     /// Makes no scene whose volume is beyond this capacity.
     pub fn within(capacity: &Capacity) -> Self {
-        Self {
-            capacity: Some(capacity.clone()),
-            ..Self::default()
-        }
+        Self { capacity: Some(capacity.clone()), ..Self::default() }
     }
 
     /// The pipeline's defaults for the scene, with `overrides` (dotted path, value) put in, in their order.
@@ -114,18 +102,8 @@ impl Subjects {
         let file = (kind.scene_file)(&file, &params).map_err(SubjectError::Invalid)?;
         let scene_name = scene.to_owned();
         let too_large = self.too_large(&file);
-        let file = if too_large.is_some() {
-            pipelines::smallest(file)
-        } else {
-            file
-        };
-        Ok(Subject {
-            kind,
-            scene_name,
-            scene: self.scene(file)?,
-            params,
-            too_large,
-        })
+        let file = if too_large.is_some() { pipelines::smallest(file) } else { file };
+        Ok(Subject { kind, scene_name, scene: self.scene(file)?, params, too_large })
     }
 
     fn too_large(&self, file: &SceneFile) -> Option<String> {

@@ -131,11 +131,7 @@ impl Case {
         what: impl Into<String>,
         run: impl Fn(&Rig<'_>) -> Result<Vec<Check>, VerifyError> + 'static,
     ) -> Case {
-        Case {
-            stage,
-            what: what.into(),
-            run: Box::new(run),
-        }
+        Case { stage, what: what.into(), run: Box::new(run) }
     }
 
     fn matches(&self, filter: &str) -> bool {
@@ -176,10 +172,8 @@ fn cases() -> Vec<Case> {
 /// When nothing matches, when a scene cannot be loaded, or when the GPU fails; never for a failed check.
 pub fn verify(gpu: &Gpu, filter: Option<&str>) -> Result<Vec<Check>, VerifyError> {
     let all = cases();
-    let chosen: Vec<&Case> = all
-        .iter()
-        .filter(|case| filter.is_none_or(|f| case.matches(f)))
-        .collect();
+    let chosen: Vec<&Case> =
+        all.iter().filter(|case| filter.is_none_or(|f| case.matches(f))).collect();
     if chosen.is_empty() {
         return Err(VerifyError::NoMatch {
             filter: filter.unwrap_or_default().to_owned(),
@@ -195,10 +189,8 @@ pub fn verify(gpu: &Gpu, filter: Option<&str>) -> Result<Vec<Check>, VerifyError
 /// When a scene cannot be loaded, or when the GPU fails; never for a failed check.
 pub fn verify_stages(gpu: &Gpu, stages: &[String]) -> Result<Vec<Check>, VerifyError> {
     let all = cases();
-    let chosen: Vec<&Case> = all
-        .iter()
-        .filter(|case| stages.iter().any(|stage| stage == case.stage))
-        .collect();
+    let chosen: Vec<&Case> =
+        all.iter().filter(|case| stages.iter().any(|stage| stage == case.stage)).collect();
     run_all(gpu, &chosen)
 }
 
@@ -270,11 +262,7 @@ impl fmt::Display for Table<'_> {
 /// Three digits, with an exponent where plain digits would be long.
 fn short(value: f64) -> String {
     if value == 0.0 || (1e-3..1e4).contains(&value.abs()) {
-        let digits = if value == 0.0 {
-            0.0
-        } else {
-            value.abs().log10().floor()
-        };
+        let digits = if value == 0.0 { 0.0 } else { value.abs().log10().floor() };
         let decimals = (2.0 - digits).clamp(0.0, 5.0) as usize;
         format!("{value:.decimals$}")
     } else {
@@ -287,12 +275,7 @@ mod tests {
     use super::*;
 
     fn check(measured: f64, control: f64) -> Check {
-        Check::new(
-            ("a/b", "error"),
-            (0.1, "m"),
-            measured,
-            ("index 1.34", control),
-        )
+        Check::new(("a/b", "error"), (0.1, "m"), measured, ("index 1.34", control))
     }
 
     #[test]
@@ -306,11 +289,7 @@ mod tests {
 
     #[test]
     fn the_table_names_verdicts_and_figures() {
-        let checks = [
-            check(0.05, 0.2).with("p99_m", 0.07),
-            check(0.2, 0.3),
-            check(0.0, 0.0),
-        ];
+        let checks = [check(0.05, 0.2).with("p99_m", 0.07), check(0.2, 0.3), check(0.0, 0.0)];
         let table = Table(&checks).to_string();
         assert!(
             table.contains("ok     a/b")

@@ -117,10 +117,9 @@ impl Seen {
 fn joined(variances: &[f64]) -> Result<Spread, ViewsError> {
     match variances.len() {
         0 => Err(ViewsError::Nothing),
-        points => Ok(Spread {
-            std: (variances.iter().sum::<f64>() / points as f64).sqrt(),
-            points,
-        }),
+        points => {
+            Ok(Spread { std: (variances.iter().sum::<f64>() / points as f64).sqrt(), points })
+        }
     }
 }
 
@@ -190,12 +189,7 @@ impl Shot {
         let near = NEAR_FOOTPRINTS * self.footprint * at.w;
         let (left, top) = ((at.x_px - 0.5).floor(), (at.y_px - 0.5).floor());
         let (mut sum, mut weights) = (0.0, 0.0);
-        for (x, y) in [
-            (left, top),
-            (left + 1.0, top),
-            (left, top + 1.0),
-            (left + 1.0, top + 1.0),
-        ] {
+        for (x, y) in [(left, top), (left + 1.0, top), (left, top + 1.0), (left + 1.0, top + 1.0)] {
             let inside = |place: f64, side: u32| (0.0..f64::from(side)).contains(&place);
             if !inside(x, self.depth.width) || !inside(y, self.depth.height) {
                 continue;
@@ -296,16 +290,9 @@ mod tests {
         let own = shot(&tracer, [4.0, 3.0, 2.0], |_| 0.0);
         // From behind the wall the floor is hidden, and the wall's normal points away from what is asked for.
         let behind = shot(&tracer, [-4.0, 3.0, 2.0], |_| 0.0);
-        let floor = own
-            .points()
-            .into_iter()
-            .filter(|point| point.normal.y > 0.9);
+        let floor = own.points().into_iter().filter(|point| point.normal.y > 0.9);
         let hidden = floor.filter(|point| point.position.x > 1.0 && point.position.x < 3.0);
         let found: Vec<bool> = hidden.map(|point| behind.find(&point).is_some()).collect();
-        assert!(
-            found.len() > 50 && !found.contains(&true),
-            "{}",
-            found.len()
-        );
+        assert!(found.len() > 50 && !found.contains(&true), "{}", found.len());
     }
 }

@@ -37,13 +37,7 @@ pub const KIND: Kind = Kind {
     defaults: |file| Params::from_scene(file).to_value(),
     scene_file: |file, params| {
         let p = Params::from_value(params)?;
-        Ok(settings::staged(
-            file,
-            p.floor_depth_m,
-            p.camera,
-            p.light,
-            p.objects,
-        ))
+        Ok(settings::staged(file, p.floor_depth_m, p.camera, p.light, p.objects))
     },
     demand,
     build: |gpu, scene, params| {
@@ -62,20 +56,13 @@ fn demand(params: &Value, scene: &Scene) -> Result<Demand, String> {
     let taps = filter_fetches(params.hsao.filter, &params.filter);
     let filter_bytes = u64::from(params.hsao.filter) * VISIBILITY_BYTES;
     let view_bytes = GBUFFER_BYTES + IMAGE_BYTES + filter_bytes;
-    Ok(
-        pass_demand(size_px, VIEWPORT, view_bytes, COMPOSE_FETCHES + taps)
-            .and(pass_demand(
-                buffer_px,
-                "view × hsao.scale",
-                VISIBILITY_BYTES,
-                samples,
-            ))
-            .and(pass_demand(shadow, "shadow.size", DEPTH_BYTES, 0))
-            .and(settings::picture_demand(size_px))
-            .and(settings::shared_demand())
-            .and(settings::geometry_demand(scene))
-            .color_targets("scene/gbuffer", 2, 12),
-    )
+    Ok(pass_demand(size_px, VIEWPORT, view_bytes, COMPOSE_FETCHES + taps)
+        .and(pass_demand(buffer_px, "view × hsao.scale", VISIBILITY_BYTES, samples))
+        .and(pass_demand(shadow, "shadow.size", DEPTH_BYTES, 0))
+        .and(settings::picture_demand(size_px))
+        .and(settings::shared_demand())
+        .and(settings::geometry_demand(scene))
+        .color_targets("scene/gbuffer", 2, 12))
 }
 
 /// The stages of a frame, in order.
@@ -114,15 +101,9 @@ impl Hsao {
         let r_max_m = settings::r_max_m(scene, params.hsao.r_max_m, params.hsao.r_max_share);
         let uniforms = params.hsao.uniforms(buffer_px, r_max_m);
         let hard = params.hsao.attenuation == settings::Attenuation::Hard;
-        let seen = march::Inputs {
-            depth: gbuffer.depth.clone(),
-            normal: gbuffer.normal.clone(),
-        };
+        let seen = march::Inputs { depth: gbuffer.depth.clone(), normal: gbuffer.normal.clone() };
         let march = march::March::new(resources, &shared, &seen, &uniforms, hard)?;
-        let guided = bilateral::Inputs {
-            visibility: march.texture(),
-            depth: &gbuffer.depth,
-        };
+        let guided = bilateral::Inputs { visibility: march.texture(), depth: &gbuffer.depth };
         let filter = params
             .hsao
             .filter
@@ -188,14 +169,8 @@ impl Pipeline for Hsao {
         let pixels = f64::from(self.uniforms.size_px.x) * f64::from(self.uniforms.size_px.y);
         let covered = counts.fragments as f64;
         let figures = [
-            (
-                "samples_per_pixel_most",
-                self.uniforms.samples_per_pixel() as f64,
-            ),
-            (
-                "samples_per_pixel",
-                counts.samples as f64 / covered.max(1.0),
-            ),
+            ("samples_per_pixel_most", self.uniforms.samples_per_pixel() as f64),
+            ("samples_per_pixel", counts.samples as f64 / covered.max(1.0)),
             ("covered_share", covered / pixels),
         ];
         Ok(figures.map(|(name, value)| (name.to_owned(), value)).into())

@@ -59,13 +59,8 @@ pub struct Kind {
 }
 
 /// Every kind. Adding a pipeline adds one line.
-pub const KINDS: &[Kind] = &[
-    underwater::KIND,
-    voxelize::KIND,
-    volume_ao::KIND,
-    hsao::KIND,
-    scalar_ao::KIND,
-];
+pub const KINDS: &[Kind] =
+    &[underwater::KIND, voxelize::KIND, volume_ao::KIND, hsao::KIND, scalar_ao::KIND];
 
 /// Cells of a volume that stands in for one that is too large.
 const SMALLEST_CELLS: [u32; 3] = [8; 3];
@@ -78,14 +73,9 @@ const CELL_FETCHES: u64 = 160;
 pub fn scene_demand(file: &SceneFile) -> Demand {
     let generated = file.volume.iter().filter(|v| v.generator.is_some());
     generated.fold(Demand::new(), |demand, volume| {
-        let cells = volume
-            .cells
-            .map(|n| u64::from(n.div_ceil(volume.reduce.max(1))));
+        let cells = volume.cells.map(|n| u64::from(n.div_ceil(volume.reduce.max(1))));
         let count = cells.iter().product::<u64>();
-        let work = Work {
-            texel_fetches: count * CELL_FETCHES,
-            ..Work::default()
-        };
+        let work = Work { texel_fetches: count * CELL_FETCHES, ..Work::default() };
         demand
             .texture_3d("volume.cells", cells)
             .copies("volume.cells", count * CELL_HOST_BYTES)
@@ -95,15 +85,8 @@ pub fn scene_demand(file: &SceneFile) -> Demand {
 
 /// The scene with as few cells as a volume can have.
 pub fn smallest(file: SceneFile) -> SceneFile {
-    let small = |volume: VolumeFile| VolumeFile {
-        cells: SMALLEST_CELLS,
-        reduce: 1,
-        ..volume
-    };
-    SceneFile {
-        volume: file.volume.map(small),
-        ..file
-    }
+    let small = |volume: VolumeFile| VolumeFile { cells: SMALLEST_CELLS, reduce: 1, ..volume };
+    SceneFile { volume: file.volume.map(small), ..file }
 }
 
 pub fn find(name: &str) -> Option<&'static Kind> {

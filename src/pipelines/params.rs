@@ -6,16 +6,9 @@ use thiserror::Error;
 #[derive(Debug, Error, PartialEq, Eq)]
 pub enum ParamError {
     #[error("unknown parameter `{path}`{}", hint(.nearest))]
-    Unknown {
-        path: String,
-        nearest: Option<String>,
-    },
+    Unknown { path: String, nearest: Option<String> },
     #[error("parameter `{path}` takes {expected}, not {given}")]
-    Type {
-        path: String,
-        expected: String,
-        given: String,
-    },
+    Type { path: String, expected: String, given: String },
 }
 
 fn hint(nearest: &Option<String>) -> String {
@@ -36,11 +29,7 @@ fn collect(tree: &Value, prefix: &str, paths: &mut Vec<String>) {
     match tree {
         Value::Object(map) => {
             for (key, value) in map {
-                let path = if prefix.is_empty() {
-                    key.clone()
-                } else {
-                    format!("{prefix}.{key}")
-                };
+                let path = if prefix.is_empty() { key.clone() } else { format!("{prefix}.{key}") };
                 collect(value, &path, paths);
             }
         }
@@ -60,10 +49,7 @@ pub fn get<'t>(tree: &'t Value, path: &str) -> Option<&'t Value> {
 pub fn set(tree: &mut Value, path: &str, value: Value) -> Result<(), ParamError> {
     let all = leaves(tree);
     if !all.iter().any(|leaf| leaf == path) {
-        return Err(ParamError::Unknown {
-            path: path.to_owned(),
-            nearest: nearest(path, &all),
-        });
+        return Err(ParamError::Unknown { path: path.to_owned(), nearest: nearest(path, &all) });
     }
     let leaf = path
         .split('.')
@@ -145,13 +131,8 @@ mod tests {
 
     #[test]
     fn leaves_are_dotted_paths() {
-        let expected = [
-            "caustics.grid",
-            "caustics.filter",
-            "caustics.buffer",
-            "water.amplitude_m",
-            "mode",
-        ];
+        let expected =
+            ["caustics.grid", "caustics.filter", "caustics.buffer", "water.amplitude_m", "mode"];
         assert_eq!(leaves(&tree()), expected);
     }
 
@@ -172,9 +153,7 @@ mod tests {
         set(&mut tree, "waves", waves.clone()).unwrap();
         assert_eq!(tree["waves"], waves);
         set(&mut tree, "waves", json!([])).unwrap();
-        let error = set(&mut tree, "waves", json!([1.0]))
-            .unwrap_err()
-            .to_string();
+        let error = set(&mut tree, "waves", json!([1.0])).unwrap_err().to_string();
         assert!(error.contains("takes a list of tables"), "{error}");
         assert!(set(&mut tree, "buffer", json!([{}, {}])).is_err());
         assert!(set(&mut tree, "buffer", json!([])).is_err());

@@ -71,33 +71,22 @@ fn longest_m(scene: &Scene) -> f64 {
 fn demand(params: &Value, scene: &Scene) -> Result<Demand, String> {
     let params = Params::from_value(params)?;
     let volume = volume_of(scene)?;
-    volume
-        .validate()
-        .map_err(|fault| format!("volume `{}`: {fault}", volume.name))?;
+    volume.validate().map_err(|fault| format!("volume `{}`: {fault}", volume.name))?;
     params.scalar.suits(volume, longest_m(scene))?;
     let [targets, bytes] = ray_cast::COLOR_TARGETS;
     let size_px = [params.view.width, params.view.height];
-    let normal_bytes = if params.scalar.mode == Mode::Isosurface {
-        NORMAL_BYTES
-    } else {
-        0
-    };
+    let normal_bytes = if params.scalar.mode == Mode::Isosurface { NORMAL_BYTES } else { 0 };
     let (field_bytes, pyramid) = (scalar_field::bytes(volume), params.scalar.needs_pyramid());
     // All levels above the first have a seventh of its texels.
     let pyramid_bytes = u64::from(pyramid) * field_bytes / 7;
     let fetches = params.scalar.typical_fetches(volume);
-    Ok(pass_demand(
-        size_px,
-        VIEWPORT,
-        IMAGE_BYTES + RESULT_BYTES + normal_bytes,
-        fetches,
-    )
-    .and(settings::picture_demand(size_px))
-    .and(settings::shared_demand())
-    .texture_3d("volume cells", volume.cells.map(u64::from))
-    .holds("volume cells", field_bytes + pyramid_bytes)
-    .copies("volume cells", size_of_val(volume.data.as_slice()) as u64)
-    .color_targets("scalar/isosurface", targets, bytes))
+    Ok(pass_demand(size_px, VIEWPORT, IMAGE_BYTES + RESULT_BYTES + normal_bytes, fetches)
+        .and(settings::picture_demand(size_px))
+        .and(settings::shared_demand())
+        .texture_3d("volume cells", volume.cells.map(u64::from))
+        .holds("volume cells", field_bytes + pyramid_bytes)
+        .copies("volume cells", size_of_val(volume.data.as_slice()) as u64)
+        .color_targets("scalar/isosurface", targets, bytes))
 }
 
 /// Bytes of a pixel of a ray cast's results and of its normals.
@@ -210,12 +199,8 @@ impl Pipeline for ScalarAo {
 
     fn quantities(&self, gpu: &Gpu) -> Result<BTreeMap<String, f64>, GpuError> {
         let pixels = read_texture(gpu, self.result())?;
-        let texels = || {
-            pixels
-                .data
-                .chunks_exact(4)
-                .map(|t| [t[0], t[1], t[2], t[3]].map(f64::from))
-        };
+        let texels =
+            || pixels.data.chunks_exact(4).map(|t| [t[0], t[1], t[2], t[3]].map(f64::from));
         let count = texels().count() as f64;
         let covered = || texels().filter(|[_, opacity, ..]| *opacity > 0.0);
         let covered_count = covered().count() as f64;
@@ -240,10 +225,7 @@ impl Pipeline for ScalarAo {
             ));
             figures.push(("visibility_mean", visibility / covered_count));
         }
-        Ok(figures
-            .into_iter()
-            .map(|(name, value)| (name.to_owned(), value))
-            .collect())
+        Ok(figures.into_iter().map(|(name, value)| (name.to_owned(), value)).collect())
     }
 }
 

@@ -19,9 +19,7 @@ pub fn within(group: &str, name: &str, value: f64, low: f64, high: f64) -> Resul
     if (low..=high).contains(&value) {
         Ok(())
     } else {
-        Err(format!(
-            "{group}.{name} is {value}: it must lie within {low} … {high}"
-        ))
+        Err(format!("{group}.{name} is {value}: it must lie within {low} … {high}"))
     }
 }
 
@@ -42,10 +40,7 @@ pub struct View {
 
 impl Default for View {
     fn default() -> Self {
-        Self {
-            width: 600,
-            height: 600,
-        }
+        Self { width: 600, height: 600 }
     }
 }
 
@@ -115,13 +110,7 @@ impl Default for Voxel {
 
 impl Voxel {
     pub fn validate(&self) -> Result<(), String> {
-        within(
-            "voxel",
-            "resolution",
-            f64::from(self.resolution),
-            4.0,
-            4096.0,
-        )?;
+        within("voxel", "resolution", f64::from(self.resolution), 4.0, 4096.0)?;
         within("voxel", "around_viewer_m", self.around_viewer_m, 0.0, 1e5)?;
         if self.cells == [0; 3] {
             return Ok(());
@@ -137,11 +126,7 @@ impl Voxel {
 
     /// The parameter that sets the size of the volume, for messages.
     pub fn size_name(&self) -> &'static str {
-        if self.cells == [0; 3] {
-            "voxel.resolution"
-        } else {
-            "voxel.cells"
-        }
+        if self.cells == [0; 3] { "voxel.resolution" } else { "voxel.cells" }
     }
 
     /// The grid of the whole scene, or one for each object in the scene's order, with room for the geometry's motion.
@@ -177,20 +162,12 @@ impl Voxel {
                 origin_m: DVec3::from(self.origin_m),
                 voxel_m: self.voxel_m,
             };
-            holds_some(
-                "voxel.cells, voxel.origin_m and voxel.voxel_m",
-                &grid,
-                &bounds,
-            )?;
+            holds_some("voxel.cells, voxel.origin_m and voxel.voxel_m", &grid, &bounds)?;
             grid
         } else if self.around_viewer_m > 0.0 {
             let viewer = DVec3::from(camera.position_m);
             let grid = Grid::around(viewer, self.around_viewer_m, self.resolution)?;
-            holds_some(
-                "voxel.around_viewer_m and camera.position_m",
-                &grid,
-                &bounds,
-            )?;
+            holds_some("voxel.around_viewer_m and camera.position_m", &grid, &bounds)?;
             grid
         } else {
             Grid::fit(&bounds, self.resolution)?
@@ -242,12 +219,7 @@ pub struct Animation {
 
 impl Default for Animation {
     fn default() -> Self {
-        Self {
-            deform: Deform::None,
-            time_s: 0.0,
-            rate_hz: 0.25,
-            amplitude: 0.1,
-        }
+        Self { deform: Deform::None, time_s: 0.0, rate_hz: 0.25, amplitude: 0.1 }
     }
 }
 
@@ -284,10 +256,7 @@ impl Animation {
             }
             Deform::Wave => half + self.amplitude * rest.size().y,
         };
-        Bounds {
-            min: rest.center() - reach,
-            max: rest.center() + reach,
-        }
+        Bounds { min: rest.center() - reach, max: rest.center() + reach }
     }
 }
 
@@ -323,11 +292,7 @@ pub fn pass_demand(size_px: [u32; 2], what: &str, bytes: u64, fetches: u64) -> D
 
 /// Texel fetches of a pixel of the bilateral filter, as it declares them; none without it.
 pub fn filter_fetches(filtered: bool, filter: &Filter) -> u64 {
-    if filtered {
-        5 + 2 * u64::from(filter.taps)
-    } else {
-        0
-    }
+    if filtered { 5 + 2 * u64::from(filter.taps) } else { 0 }
 }
 
 /// What reading the image back for a picture asks.
@@ -388,12 +353,7 @@ pub fn staged(
     light: Light,
     objects: u32,
 ) -> SceneFile {
-    let mut file = SceneFile {
-        floor_depth_m,
-        camera,
-        light,
-        ..file.clone()
-    };
+    let mut file = SceneFile { floor_depth_m, camera, light, ..file.clone() };
     keep_first(&mut file, objects);
     file
 }
@@ -431,11 +391,7 @@ pub const R_MAX_SHARE: f64 = 0.25;
 
 /// Distance up to which geometry occludes, metres: as set, or where that is 0 a share of the scene's longest side.
 pub fn r_max_m(scene: &Scene, r_max_m: f64, r_max_share: f64) -> f64 {
-    if r_max_m > 0.0 {
-        r_max_m
-    } else {
-        r_max_share * scene.solid_bounds().size().max_element()
-    }
+    if r_max_m > 0.0 { r_max_m } else { r_max_share * scene.solid_bounds().size().max_element() }
 }
 
 /// Joint bilateral filter of the ambient-occlusion buffer. VAO §6 gives the taps and no more.
@@ -457,12 +413,7 @@ pub struct Filter {
 
 impl Default for Filter {
     fn default() -> Self {
-        Self {
-            taps: 17,
-            radius_px: 4.0,
-            sigma_px: 2.0,
-            depth_sigma: 0.0025,
-        }
+        Self { taps: 17, radius_px: 4.0, sigma_px: 2.0, depth_sigma: 0.0025 }
     }
 }
 
@@ -510,11 +461,7 @@ pub struct Compose {
 
 impl Default for Compose {
     fn default() -> Self {
-        Self {
-            exposure: 0.5,
-            ambient: 0.4,
-            show: Show::Image,
-        }
+        Self { exposure: 0.5, ambient: 0.4, show: Show::Image }
     }
 }
 

@@ -74,18 +74,8 @@ fn demand(params: &Value, scene: &Scene) -> Result<Demand, String> {
     let view_bytes = GBUFFER_BYTES + IMAGE_BYTES;
     let compose = COMPOSE_FETCHES + u64::from(params.compose.occlusion_taps);
     let mut demand = pass_demand(size_px, VIEWPORT, view_bytes, compose)
-        .and(pass_demand(
-            shadow,
-            "shadow.size",
-            DEPTH_BYTES + MASK_BYTES,
-            0,
-        ))
-        .and(pass_demand(
-            surface_px,
-            "view × surface.scale",
-            SURFACE_BYTES,
-            0,
-        ))
+        .and(pass_demand(shadow, "shadow.size", DEPTH_BYTES + MASK_BYTES, 0))
+        .and(pass_demand(surface_px, "view × surface.scale", SURFACE_BYTES, 0))
         .and(settings::picture_demand(size_px))
         .and(settings::shared_demand())
         .and(settings::geometry_demand(scene))
@@ -115,12 +105,7 @@ fn demand(params: &Value, scene: &Scene) -> Result<Demand, String> {
         let targets = 1 + u64::from(filtered);
         let bytes = targets * ACCUMULATION_BYTES + DEPTH_BYTES;
         demand = demand
-            .and(pass_demand(
-                buffer_px,
-                &format!("{name}.buffer"),
-                bytes,
-                taps,
-            ))
+            .and(pass_demand(buffer_px, &format!("{name}.buffer"), bytes, taps))
             .storage(&photons, Photons::bytes(grid.photons()))
             .holds(&photons, Photons::bytes(grid.photons()))
             .takes(&photons, tracing(grid))
@@ -262,13 +247,8 @@ impl Underwater {
             reflection: reflection.texture(),
             refraction: refraction.texture(),
         };
-        let compose = compose::Compose::new(
-            resources,
-            &shared,
-            &inputs,
-            plan.compose.clone(),
-            conserving,
-        )?;
+        let compose =
+            compose::Compose::new(resources, &shared, &inputs, plan.compose.clone(), conserving)?;
         Ok(Self {
             frame: Frame::new(view.clone(), &shared),
             params,
@@ -304,17 +284,9 @@ impl Pipeline for Underwater {
             &self.caustics_trace,
             &self.caustics_splat,
         ]);
-        stages.extend(
-            self.caustics_filter
-                .iter()
-                .map(|filter| filter as &dyn Stage),
-        );
+        stages.extend(self.caustics_filter.iter().map(|filter| filter as &dyn Stage));
         stages.extend([&self.godrays_trace as &dyn Stage, &self.godrays_lines]);
-        stages.extend(
-            self.godrays_filter
-                .iter()
-                .map(|filter| filter as &dyn Stage),
-        );
+        stages.extend(self.godrays_filter.iter().map(|filter| filter as &dyn Stage));
         stages.push(&self.compose);
         stages
     }
@@ -378,11 +350,8 @@ impl Plan {
             params.camera.z_far_m,
         );
         let splat_px = size.at(middle_m);
-        let photons = [
-            params.caustics.grid_settings(),
-            params.godrays.grid_settings(),
-        ]
-        .map(|g| g.photons());
+        let photons =
+            [params.caustics.grid_settings(), params.godrays.grid_settings()].map(|g| g.photons());
         let splat = SplatUniforms {
             size_px: as_vec2(caustics),
             size_a_px: size.a_px as f32,

@@ -53,13 +53,7 @@ pub const KIND: Kind = Kind {
     defaults: |file| Params::from_scene(file).to_value(),
     scene_file: |file, params| {
         let p = Params::from_value(params)?;
-        Ok(settings::staged(
-            file,
-            p.floor_depth_m,
-            p.camera,
-            p.light,
-            p.objects,
-        ))
+        Ok(settings::staged(file, p.floor_depth_m, p.camera, p.light, p.objects))
     },
     demand,
     build: |gpu, scene, params| {
@@ -81,12 +75,7 @@ fn demand(params: &Value, scene: &Scene) -> Result<Demand, String> {
     let filter_bytes = u64::from(params.ao.filter) * VISIBILITY_BYTES;
     let view_bytes = GBUFFER_BYTES + IMAGE_BYTES + filter_bytes;
     let demand = pass_demand(size_px, VIEWPORT, view_bytes, COMPOSE_FETCHES + taps)
-        .and(pass_demand(
-            params.buffer_px(),
-            "ao.rays × samples",
-            VISIBILITY_BYTES,
-            samples,
-        ))
+        .and(pass_demand(params.buffer_px(), "ao.rays × samples", VISIBILITY_BYTES, samples))
         .and(pass_demand(shadow, "shadow.size", DEPTH_BYTES, 0))
         .and(settings::picture_demand(size_px))
         .and(settings::shared_demand())
@@ -144,11 +133,7 @@ impl Solids {
             &params.animation,
             params.ao.skipping,
         )?;
-        let solids = Self {
-            geometry,
-            deform,
-            voxelization,
-        };
+        let solids = Self { geometry, deform, voxelization };
         if update == Update::Once {
             let stages: Vec<&dyn Stage> = solids.moving().chain(solids.filling()).collect();
             voxelization::run_once(resources.gpu, &stages)?;
@@ -213,10 +198,7 @@ impl VolumeAo {
         let buffer_px = params.buffer_px();
         let march =
             ao::march::March::new(resources, &shared, volumes, &seen, &marching, buffer_px)?;
-        let guided = bilateral::Inputs {
-            visibility: march.texture(),
-            depth: &gbuffer.depth,
-        };
+        let guided = bilateral::Inputs { visibility: march.texture(), depth: &gbuffer.depth };
         let filter = params
             .ao
             .filter

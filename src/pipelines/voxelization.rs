@@ -79,10 +79,8 @@ fn parts(
         let last = geometry.objects.last().map_or(0, |object| object.end);
         std::iter::once(0..last).collect()
     };
-    let part = |(grid, indices)| Part {
-        voxels: Voxels::new(resources, "voxels", grid, pyramid),
-        indices,
-    };
+    let part =
+        |(grid, indices)| Part { voxels: Voxels::new(resources, "voxels", grid, pyramid), indices };
     grids.iter().zip(indices).map(part).collect()
 }
 
@@ -202,10 +200,7 @@ pub fn demand(
             .storage("scene indices", indices)
             .storage("voxel queue", triangles::queue_bytes(triangles))
             .holds("voxel queue", triangles::queue_bytes(triangles))
-            .dispatch(
-                "voxel/overlap",
-                triangles::workgroups(triangles).map(u64::from),
-            );
+            .dispatch("voxel/overlap", triangles::workgroups(triangles).map(u64::from));
     }
     for grid in &grids {
         demand = demand.and(of_grid(grid, settings));
@@ -217,10 +212,7 @@ pub fn demand(
 }
 
 fn is_by_triangle(method: Method) -> bool {
-    matches!(
-        method,
-        Method::Overlap | Method::OverlapThin | Method::MaxAlpha
-    )
+    matches!(method, Method::Overlap | Method::OverlapThin | Method::MaxAlpha)
 }
 
 fn of_grid(grid: &Grid, settings: &Voxel) -> Demand {
@@ -228,16 +220,10 @@ fn of_grid(grid: &Grid, settings: &Voxel) -> Demand {
     let demand = Demand::new()
         .texture_3d(name, grid.cells.map(u64::from))
         .indexed(name, grid.count())
-        .holds(
-            name,
-            grid.count() + grid.words() * 4 + unpack::rows_bytes(grid),
-        )
+        .holds(name, grid.count() + grid.words() * 4 + unpack::rows_bytes(grid))
         .takes(name, filling(grid))
         .storage(&format!("{name}: bit volume"), grid.words() * 4)
-        .storage(
-            &format!("{name}: rows of voxel/unpack"),
-            unpack::rows_bytes(grid),
-        )
+        .storage(&format!("{name}: rows of voxel/unpack"), unpack::rows_bytes(grid))
         .dispatch("voxel/unpack", unpack::workgroups(grid).map(u64::from));
     match settings.method {
         Method::Slicemap => Axis::ALL.into_iter().fold(
@@ -246,11 +232,7 @@ fn of_grid(grid: &Grid, settings: &Voxel) -> Demand {
                 let [columns, rows, _] = axis.turned(grid).map(u64::from);
                 demand
                     .holds(name, columns * rows + axis.slicemap_bytes(grid))
-                    .texture_2d(
-                        &format!("{name}: viewport of {}", axis.name()),
-                        columns,
-                        rows,
-                    )
+                    .texture_2d(&format!("{name}: viewport of {}", axis.name()), columns, rows)
                     .storage(
                         &format!("{name}: slices of {}", axis.name()),
                         axis.slicemap_bytes(grid),
@@ -261,10 +243,9 @@ fn of_grid(grid: &Grid, settings: &Voxel) -> Demand {
             .holds(name, grid.count() * Axis::ALL.len() as u64)
             .dispatch("voxel/slice", slice::workgroups(grid).map(u64::from)),
         Method::Overlap | Method::OverlapThin => demand,
-        Method::MaxAlpha => demand.holds(name, alpha::alphas_bytes(grid)).storage(
-            &format!("{name}: alphas of voxel/alpha"),
-            alpha::alphas_bytes(grid),
-        ),
+        Method::MaxAlpha => demand
+            .holds(name, alpha::alphas_bytes(grid))
+            .storage(&format!("{name}: alphas of voxel/alpha"), alpha::alphas_bytes(grid)),
     }
 }
 
@@ -281,9 +262,6 @@ fn of_pyramid(grid: &Grid, settings: &Voxel) -> Demand {
     // All levels above the first have a seventh of its texels.
     Demand::new()
         .holds(name, grid.count() / 7 + mips::rows_bytes(grid))
-        .storage(
-            &format!("{name}: rows of voxel/mips"),
-            mips::rows_bytes(grid),
-        )
+        .storage(&format!("{name}: rows of voxel/mips"), mips::rows_bytes(grid))
         .dispatch("voxel/mips", mips::workgroups(grid, 1).map(u64::from))
 }

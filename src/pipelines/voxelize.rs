@@ -122,25 +122,12 @@ fn demand(params: &Value, scene: &Scene) -> Result<Demand, String> {
     // The picture and its depth are no part of the pipeline's memory, but the process has them.
     let demand = Demand::new()
         .texture_2d(VIEWPORT, width, height)
-        .copies(
-            VIEWPORT,
-            (width * height).saturating_mul(IMAGE_BYTES + DEPTH_BYTES),
-        )
-        .and(settings::picture_demand([
-            params.view.width,
-            params.view.height,
-        ]))
+        .copies(VIEWPORT, (width * height).saturating_mul(IMAGE_BYTES + DEPTH_BYTES))
+        .and(settings::picture_demand([params.view.width, params.view.height]))
         .and(settings::geometry_demand(scene));
     let demand = settings::deform_demand(demand, scene, &params.animation);
     let (voxel, animation) = (&params.voxel, &params.animation);
-    voxelization::demand(
-        demand,
-        scene,
-        &params.camera,
-        voxel,
-        animation,
-        params.pyramid,
-    )
+    voxelization::demand(demand, scene, &params.camera, voxel, animation, params.pyramid)
 }
 
 /// The stages of a frame, and what draws its volumes.
@@ -184,12 +171,7 @@ impl Voxelize {
             },
         );
         let view = CubeView::new(resources, &shared, &voxelization.volumes, size_px)?;
-        Ok(Self {
-            deform,
-            voxelization,
-            view,
-            allocated_bytes,
-        })
+        Ok(Self { deform, voxelization, view, allocated_bytes })
     }
 
     /// The volumes that a frame fills.
@@ -258,10 +240,7 @@ mod tests {
     fn what_an_adapter_lacks_is_named_before_anything_is_made() {
         let file = SceneFile::load("plane").unwrap();
         let scene = Scene::build(&file).unwrap();
-        let limits = wgpu::Limits {
-            max_texture_dimension_3d: 256,
-            ..wgpu::Limits::default()
-        };
+        let limits = wgpu::Limits { max_texture_dimension_3d: 256, ..wgpu::Limits::default() };
         let beyond = |change: &dyn Fn(&mut Params)| -> String {
             let mut params = Params::from_scene(&file);
             change(&mut params);

@@ -42,11 +42,8 @@ impl Line for Record {
 /// How a header line names itself.
 const HEADER: &str = r#""record":"run""#;
 /// How lines begin that are no headers.
-const OTHER_RECORDS: [&str; 3] = [
-    r#"{"record":"cell""#,
-    r#"{"record":"experiment""#,
-    r#"{"record":"end""#,
-];
+const OTHER_RECORDS: [&str; 3] =
+    [r#"{"record":"cell""#, r#"{"record":"experiment""#, r#"{"record":"end""#];
 
 pub type Writer = LineWriter<Record>;
 
@@ -60,20 +57,14 @@ pub struct Reading {
 /// See [`read_lines`].
 pub fn read(path: &Path) -> Result<Reading, RecordError> {
     let read = read_lines(path)?;
-    Ok(Reading {
-        records: read.lines,
-        damaged: read.damaged,
-    })
+    Ok(Reading { records: read.lines, damaged: read.damaged })
 }
 
 /// As [`read`]; a file without any sound record is an error that names its damage.
 pub fn read_some(path: &Path) -> Result<Reading, RecordError> {
     let read = read_lines(path)?;
     some_sound(path, &read)?;
-    Ok(Reading {
-        records: read.lines,
-        damaged: read.damaged,
-    })
+    Ok(Reading { records: read.lines, damaged: read.damaged })
 }
 
 /// An error where lines were read and none is sound, or none was read.
@@ -115,9 +106,7 @@ fn sort_keys(value: &Value) -> Value {
         Value::Object(map) => {
             let mut entries: Vec<_> = map.iter().collect();
             entries.sort_by_key(|(name, _)| *name);
-            let sorted = entries
-                .into_iter()
-                .map(|(name, inner)| (name.clone(), sort_keys(inner)));
+            let sorted = entries.into_iter().map(|(name, inner)| (name.clone(), sort_keys(inner)));
             Value::Object(sorted.collect())
         }
         other => other.clone(),

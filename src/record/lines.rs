@@ -53,33 +53,16 @@ pub trait Line: Serialize + DeserializeOwned {
 #[derive(Debug, thiserror::Error)]
 pub enum RecordError {
     #[error("cannot {action} {}: {source}", path.display())]
-    Io {
-        action: &'static str,
-        path: PathBuf,
-        source: std::io::Error,
-    },
+    Io { action: &'static str, path: PathBuf, source: std::io::Error },
     #[error(
         "{} line {line}: {name} format {found}, but this build reads format {reads}; \
          use the build that wrote it, or measure again", path.display()
     )]
-    Schema {
-        path: PathBuf,
-        line: usize,
-        name: &'static str,
-        found: u64,
-        reads: u32,
-    },
+    Schema { path: PathBuf, line: usize, name: &'static str, found: u64, reads: u32 },
     #[error("a {name} that cannot be read back was not written: {source}")]
-    Unreadable {
-        name: &'static str,
-        source: serde_json::Error,
-    },
+    Unreadable { name: &'static str, source: serde_json::Error },
     #[error("{} holds no sound {name}: {damage}", path.display())]
-    NothingSound {
-        path: PathBuf,
-        name: &'static str,
-        damage: String,
-    },
+    NothingSound { path: PathBuf, name: &'static str, damage: String },
     #[error(
         "{} was removed or replaced while it was written to; what it held is in {}: move that back and go on with --resume",
         path.display(), rescued.display()
@@ -158,11 +141,7 @@ impl<T: Line> LineWriter<T> {
         if unterminated {
             writer.put(b"\n")?;
         }
-        Ok(Opened {
-            writer,
-            lines: sorted.lines,
-            aside,
-        })
+        Ok(Opened { writer, lines: sorted.lines, aside })
     }
 
     fn append(path: &Path) -> Result<Self, RecordError> {
@@ -172,11 +151,7 @@ impl<T: Line> LineWriter<T> {
             .create(true)
             .open(path)
             .map_err(io("open", path))?;
-        Ok(Self {
-            path: path.to_owned(),
-            file,
-            line: PhantomData,
-        })
+        Ok(Self { path: path.to_owned(), file, line: PhantomData })
     }
 
     /// Appends one line, which is on the disk when this returns. What cannot be read back (a number that is not finite) is an
@@ -196,10 +171,9 @@ impl<T: Line> LineWriter<T> {
     pub fn hand_over(&mut self, lines: &[T]) -> Result<(), RecordError> {
         let mut bytes = Vec::new();
         for line in lines {
-            bytes.extend(encode(line).map_err(|source| RecordError::Unreadable {
-                name: T::NAME,
-                source,
-            })?);
+            bytes.extend(
+                encode(line).map_err(|source| RecordError::Unreadable { name: T::NAME, source })?,
+            );
         }
         self.put(&bytes)
     }
@@ -227,18 +201,13 @@ impl<T: Line> LineWriter<T> {
     /// Writes all lines to a file beside the one that is gone.
     fn rescue(&mut self) -> RecordError {
         let mut bytes = Vec::new();
-        let read = self
-            .file
-            .seek(SeekFrom::Start(0))
-            .and_then(|_| self.file.read_to_end(&mut bytes));
+        let read =
+            self.file.seek(SeekFrom::Start(0)).and_then(|_| self.file.read_to_end(&mut bytes));
         let rescued = read
             .map_err(io("read", &self.path))
             .and_then(|_| keep_beside(&self.path, "rescued", &bytes));
         match rescued {
-            Ok(rescued) => RecordError::Removed {
-                path: self.path.clone(),
-                rescued,
-            },
+            Ok(rescued) => RecordError::Removed { path: self.path.clone(), rescued },
             Err(error) => error,
         }
     }
@@ -248,18 +217,13 @@ impl<T: Line> LineWriter<T> {
 fn keep_beside(path: &Path, word: &str, bytes: &[u8]) -> Result<PathBuf, RecordError> {
     for number in 1.. {
         let beside = beside(path, word, number);
-        let created = OpenOptions::new()
-            .write(true)
-            .create_new(true)
-            .open(&beside);
+        let created = OpenOptions::new().write(true).create_new(true).open(&beside);
         match created {
             Err(error) if error.kind() == ErrorKind::AlreadyExists => {}
             Err(source) => return Err(io("create", &beside)(source)),
             Ok(mut file) => {
                 let written = file.write_all(bytes).and_then(|()| file.sync_all());
-                return written
-                    .map(|()| beside.clone())
-                    .map_err(io("write", &beside));
+                return written.map(|()| beside.clone()).map_err(io("write", &beside));
             }
         }
     }
@@ -283,9 +247,7 @@ pub fn kept_aside(path: &Path) -> Vec<PathBuf> {
 
 /// Replaces a file's contents, all or nothing.
 fn replace(path: &Path, bytes: &[u8]) -> Result<(), RecordError> {
-    let folder = path
-        .parent()
-        .filter(|folder| !folder.as_os_str().is_empty());
+    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
     let folder = folder.unwrap_or(Path::new("."));
     let written = tempfile::NamedTempFile::new_in(folder).and_then(|mut file| {
         file.write_all(bytes)?;
@@ -303,11 +265,7 @@ fn encode<T: Line>(line: &T) -> Result<Vec<u8>, serde_json::Error> {
 }
 
 fn io(action: &'static str, path: &Path) -> impl FnOnce(std::io::Error) -> RecordError {
-    move |source| RecordError::Io {
-        action,
-        path: path.to_owned(),
-        source,
-    }
+    move |source| RecordError::Io { action, path: path.to_owned(), source }
 }
 
 /// A line that could not be read, numbered from 1.
@@ -327,10 +285,7 @@ pub struct Lines<T> {
 
 impl<T> Default for Lines<T> {
     fn default() -> Self {
-        Self {
-            lines: Vec::new(),
-            damaged: Vec::new(),
-        }
+        Self { lines: Vec::new(), damaged: Vec::new() }
     }
 }
 
@@ -351,19 +306,12 @@ impl<T> Sorted<T> {
     /// The sound lines of `bytes`, each with its end.
     fn sound_of(&self, bytes: &[u8]) -> Vec<u8> {
         let lines = self.sound.iter().map(|place| &bytes[place.clone()]);
-        lines
-            .flat_map(|line| [line, b"\n"])
-            .flatten()
-            .copied()
-            .collect()
+        lines.flat_map(|line| [line, b"\n"]).flatten().copied().collect()
     }
 }
 
 fn sort<T: Line>(path: &Path, bytes: &[u8]) -> Result<Sorted<T>, RecordError> {
-    let mut sorted = Sorted {
-        lines: Lines::default(),
-        sound: Vec::new(),
-    };
+    let mut sorted = Sorted { lines: Lines::default(), sound: Vec::new() };
     let mut headers = Headers::default();
     let mut next = 0;
     for (index, line) in bytes.split_inclusive(|byte| *byte == b'\n').enumerate() {
@@ -402,10 +350,7 @@ fn sort<T: Line>(path: &Path, bytes: &[u8]) -> Result<Sorted<T>, RecordError> {
                 }
             }
         };
-        sorted.lines.damaged.push(Damage {
-            line: number,
-            reason,
-        });
+        sorted.lines.damaged.push(Damage { line: number, reason });
     }
     Ok(sorted)
 }
@@ -430,10 +375,7 @@ impl Headers {
     /// The lost header of a line that needs one.
     fn orphaned<T: Line>(&mut self, line: &T) -> Option<usize> {
         if line.is_header() {
-            *self = Self {
-                met: true,
-                lost: None,
-            };
+            *self = Self { met: true, lost: None };
         }
         self.lost.filter(|_| line.needs_header())
     }

@@ -39,10 +39,7 @@ pub struct FolderLock {
 impl FolderLock {
     /// Takes the lock of a folder, which is made if it is not there. `holder` tells another process who holds it.
     pub fn take(folder: &Path, holder: &str) -> Result<Self, LockError> {
-        let unwritable = |source| LockError::Unwritable {
-            folder: folder.to_owned(),
-            source,
-        };
+        let unwritable = |source| LockError::Unwritable { folder: folder.to_owned(), source };
         let made_folder = !folder.exists();
         fs::create_dir_all(folder).map_err(unwritable)?;
         let path = folder.join(LOCK);
@@ -64,11 +61,7 @@ impl FolderLock {
             // Its last holder may have removed the file after it was opened here: then the lock is that of no name.
             if fs::symlink_metadata(&path).is_ok_and(|found| is_file(&file, &found)) {
                 tell(&mut file, holder).map_err(unwritable)?;
-                return Ok(Self {
-                    file,
-                    folder: folder.to_owned(),
-                    made_folder,
-                });
+                return Ok(Self { file, folder: folder.to_owned(), made_folder });
             }
         }
     }
@@ -89,12 +82,7 @@ impl Drop for FolderLock {
 }
 
 fn open(path: &Path) -> io::Result<File> {
-    OpenOptions::new()
-        .read(true)
-        .write(true)
-        .create(true)
-        .truncate(false)
-        .open(path)
+    OpenOptions::new().read(true).write(true).create(true).truncate(false).open(path)
 }
 
 fn tell(file: &mut File, holder: &str) -> io::Result<()> {
@@ -123,10 +111,7 @@ fn read_holder(path: &Path) -> String {
     let mut text = Vec::new();
     let read = File::open(path).and_then(|file| file.take(MAX_HOLDER_BYTES).read_to_end(&mut text));
     match read {
-        Ok(_) => String::from_utf8_lossy(&text)
-            .chars()
-            .filter(|c| !c.is_control())
-            .collect(),
+        Ok(_) => String::from_utf8_lossy(&text).chars().filter(|c| !c.is_control()).collect(),
         Err(_) => String::new(),
     }
 }
@@ -135,8 +120,7 @@ fn read_holder(path: &Path) -> String {
 #[cfg(unix)]
 pub(super) fn is_file(file: &File, found: &Metadata) -> bool {
     use std::os::unix::fs::MetadataExt;
-    file.metadata()
-        .is_ok_and(|own| (own.dev(), own.ino()) == (found.dev(), found.ino()))
+    file.metadata().is_ok_and(|own| (own.dev(), own.ino()) == (found.dev(), found.ino()))
 }
 
 /// Elsewhere any file of that name passes.
@@ -155,10 +139,7 @@ mod tests {
         let first = FolderLock::take(folder.path(), "process 1 (`fathom run`)").unwrap();
         let error = FolderLock::take(folder.path(), "process 2").unwrap_err();
         let told = error.to_string();
-        assert!(
-            told.contains("in use by process 1 (`fathom run`)"),
-            "{told}"
-        );
+        assert!(told.contains("in use by process 1 (`fathom run`)"), "{told}");
         assert_eq!(told.lines().count(), 1);
         drop(first);
         FolderLock::take(folder.path(), "process 2").unwrap();

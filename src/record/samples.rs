@@ -50,13 +50,11 @@ impl SampleLine {
             resume_key
         ]);
         let digest = Sha256::digest(conditions.to_string());
-        digest[..ID_BYTES]
-            .iter()
-            .fold(String::new(), |mut id, byte| {
-                // Writing to a string does not fail.
-                let _ = write!(id, "{byte:02x}");
-                id
-            })
+        digest[..ID_BYTES].iter().fold(String::new(), |mut id, byte| {
+            // Writing to a string does not fail.
+            let _ = write!(id, "{byte:02x}");
+            id
+        })
     }
 }
 

@@ -47,21 +47,14 @@ fn append(path: &Path, record: &Record) {
 }
 
 fn definition() -> Record {
-    Record::Experiment(Definition {
-        id: "e".to_owned(),
-        toml: "id = \"e\"\n".to_owned(),
-    })
+    Record::Experiment(Definition { id: "e".to_owned(), toml: "id = \"e\"\n".to_owned() })
 }
 
 #[test]
 fn what_is_written_is_read() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("records.jsonl");
-    let records = [
-        Record::Run(Box::new(run("quick"))),
-        definition(),
-        skipped("a"),
-    ];
+    let records = [Record::Run(Box::new(run("quick"))), definition(), skipped("a")];
     let mut writer = Writer::create(&path).unwrap();
     for record in &records {
         writer.write(record).unwrap();
@@ -84,10 +77,7 @@ fn a_torn_last_line_is_named_and_kept_aside_on_appending() {
     assert_eq!(reading.damaged.len(), 1);
     assert_eq!(reading.damaged[0].line, 2);
     let told = reading.damaged[0].to_string();
-    assert!(
-        told.starts_with("line 2: torn off while it was written"),
-        "{told}"
-    );
+    assert!(told.starts_with("line 2: torn off while it was written"), "{told}");
 
     let torn = fs::read(&path).unwrap();
     append(&path, &skipped("b"));
@@ -137,16 +127,10 @@ fn cells_after_a_header_that_may_be_lost_are_given_to_no_other_run() {
     let path = folder.path().join("records.jsonl");
     let header = |profile| Record::Run(Box::new(run(profile)));
     let written = lines(&[header("quick"), skipped("a"), header("paper"), skipped("b")]);
-    let [first, a, second, b] = written.as_slice() else {
-        panic!()
-    };
+    let [first, a, second, b] = written.as_slice() else { panic!() };
     let torn = |line: &str, bytes: usize| format!("{}\n", &line[..bytes]);
     let read_with = |damaged: &str| {
-        fs::write(
-            &path,
-            [first, a, damaged, b, second, b].map(String::from).concat(),
-        )
-        .unwrap();
+        fs::write(&path, [first, a, damaged, b, second, b].map(String::from).concat()).unwrap();
         read(&path).unwrap()
     };
     let merged = format!("{}{}", &a[..30], &second[..second.len() - 9]) + "\n";
@@ -178,9 +162,7 @@ fn a_file_that_is_removed_or_replaced_while_it_is_written_to_is_rescued() {
             fs::write(&path, "another's").unwrap();
         }
         let error = writer.write(&skipped("b")).unwrap_err().to_string();
-        let rescued = folder
-            .path()
-            .join(format!("records.rescued-{number}.jsonl"));
+        let rescued = folder.path().join(format!("records.rescued-{number}.jsonl"));
         assert!(error.contains("was removed or replaced"), "{error}");
         assert!(error.contains(&rescued.display().to_string()), "{error}");
         let records = read(&rescued).unwrap().records;
@@ -244,12 +226,7 @@ fn a_missing_file_is_named() {
 
 #[test]
 fn only_cells_under_the_same_conditions_are_finished() {
-    let failed = cell(
-        "failed",
-        Outcome::Failed {
-            reason: "device lost".to_owned(),
-        },
-    );
+    let failed = cell("failed", Outcome::Failed { reason: "device lost".to_owned() });
     let records = [
         Record::Run(Box::new(run("paper"))),
         skipped("other profile"),

@@ -90,12 +90,8 @@ impl Guided<'_> {
         let (mut nearest, mut nearest_m) = (1.0, f64::INFINITY);
         for place in self.places(x, y, &plane) {
             let texel = [
-                place[0]
-                    .floor()
-                    .clamp(0.0, f64::from(self.visibility.width()) - 1.0),
-                place[1]
-                    .floor()
-                    .clamp(0.0, f64::from(self.visibility.height()) - 1.0),
+                place[0].floor().clamp(0.0, f64::from(self.visibility.width()) - 1.0),
+                place[1].floor().clamp(0.0, f64::from(self.visibility.height()) - 1.0),
             ];
             let seen = self.behind(texel);
             let tap_z = self.depth.clamped(seen[0], seen[1]);
@@ -117,11 +113,7 @@ impl Guided<'_> {
             sum += weight * value;
             weights += weight;
         }
-        if weights < 1e-4 {
-            nearest
-        } else {
-            sum / weights
-        }
+        if weights < 1e-4 { nearest } else { sum / weights }
     }
 
     /// Smallest distance of a tap of a pixel from a texel's edge, texels: where it is tiny, single precision may read the
@@ -132,11 +124,7 @@ impl Guided<'_> {
         };
         let places = self.places(x, y, &plane);
         // The first tap is the pixel's own place, which is exact.
-        places
-            .skip(1)
-            .flatten()
-            .map(|t| (t - t.round()).abs())
-            .fold(f64::INFINITY, f64::min)
+        places.skip(1).flatten().map(|t| (t - t.round()).abs()).fold(f64::INFINITY, f64::min)
     }
 
     fn middle(&self, x: u32, y: u32) -> [f64; 2] {
@@ -235,12 +223,7 @@ mod tests {
     }
 
     fn filter() -> Bilateral {
-        Bilateral {
-            taps: 17,
-            radius_px: 4.0,
-            sigma_px: 2.0,
-            depth_sigma: 0.005,
-        }
+        Bilateral { taps: 17, radius_px: 4.0, sigma_px: 2.0, depth_sigma: 0.005 }
     }
 
     /// Device depth of planes `normal · p = offset`, chosen by column.
@@ -300,10 +283,7 @@ mod tests {
             let filtered = filter().over(&input, &depth, &camera()).apply();
             for x in 0..SIZE[0] {
                 let expected = f64::from(u32::from(x >= 20));
-                assert!(
-                    (filtered.clamped(x.into(), 9) - expected).abs() < 1e-6,
-                    "{x}"
-                );
+                assert!((filtered.clamped(x.into(), 9) - expected).abs() < 1e-6, "{x}");
             }
         }
     }
@@ -311,10 +291,7 @@ mod tests {
     #[test]
     fn a_disc_of_no_radius_changes_nothing() {
         let input = noise(SIZE[0], SIZE[1]);
-        let none = Bilateral {
-            radius_px: 0.0,
-            ..filter()
-        };
+        let none = Bilateral { radius_px: 0.0, ..filter() };
         let depth = depth(slanted);
         let filtered = none.over(&input, &depth, &camera()).apply();
         let pairs = filtered.data().iter().zip(input.data());
@@ -336,10 +313,7 @@ mod tests {
     fn noise_falls_on_facing_and_on_slanted_surfaces() {
         let input = noise(SIZE[0], SIZE[1]);
         let before = mean_and_deviation(&input);
-        for (plane, at_most) in [
-            (depth(|_| Some((DVec3::Z, -2.0))), 0.35),
-            (depth(slanted), 0.6),
-        ] {
+        for (plane, at_most) in [(depth(|_| Some((DVec3::Z, -2.0))), 0.35), (depth(slanted), 0.6)] {
             let after = mean_and_deviation(&filter().over(&input, &plane, &camera()).apply());
             assert!((after.0 / before.0 - 1.0).abs() < 0.02);
             assert!(after.1 < at_most * before.1, "{} of {}", after.1, before.1);

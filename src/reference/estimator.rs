@@ -40,12 +40,7 @@ pub fn estimate(
     }
     let point = entry + direction * distance_m;
     let residual_m = (point - surface(point)?).length();
-    Some(Estimate {
-        point,
-        distance_m,
-        residual_m,
-        history_m,
-    })
+    Some(Estimate { point, distance_m, residual_m, history_m })
 }
 
 /// The surface point that a depth map of unlimited resolution and precision stores for a world

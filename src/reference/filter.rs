@@ -50,10 +50,7 @@ impl Disc {
         self.taps
             .iter()
             .flat_map(|[dx, dy]| {
-                [
-                    f64::from(x) + 0.5 + cos * dx - sin * dy,
-                    f64::from(y) + 0.5 + sin * dx + cos * dy,
-                ]
+                [f64::from(x) + 0.5 + cos * dx - sin * dy, f64::from(y) + 0.5 + sin * dx + cos * dy]
             })
             .map(|t| (t - t.round()).abs())
             .fold(f64::INFINITY, f64::min)
@@ -90,9 +87,7 @@ mod tests {
     use super::*;
 
     fn noise(side: u32) -> Image {
-        let data = (0..side * side)
-            .map(|i| f64::from(pcg(i)) / 4_294_967_296.0)
-            .collect();
+        let data = (0..side * side).map(|i| f64::from(pcg(i)) / 4_294_967_296.0).collect();
         Image::from_data(side, side, data).unwrap()
     }
 
@@ -151,11 +146,7 @@ mod tests {
             bins[(rotation(i % side, i / side) / TAU * 8.0) as usize] += 1;
         }
         let expected = f64::from(side * side) / 8.0;
-        assert!(
-            bins.iter()
-                .all(|b| (f64::from(*b) / expected - 1.0).abs() < 0.05),
-            "{bins:?}"
-        );
+        assert!(bins.iter().all(|b| (f64::from(*b) / expected - 1.0).abs() < 0.05), "{bins:?}");
     }
 
     proptest! {

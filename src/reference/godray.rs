@@ -51,18 +51,11 @@ mod tests {
 
     use super::*;
 
-    const RAY: Godray = Godray {
-        entry: DVec3::ZERO,
-        hit: DVec3::new(0.0, -4.0, 0.0),
-        photon: 9.2,
-    };
+    const RAY: Godray = Godray { entry: DVec3::ZERO, hit: DVec3::new(0.0, -4.0, 0.0), photon: 9.2 };
 
     #[test]
     fn seen_from_the_side_without_anisotropy() {
-        let medium = Medium {
-            gamma_per_m: 0.13,
-            phase_k: 0.0,
-        };
+        let medium = Medium { gamma_per_m: 0.13, phase_k: 0.0 };
         for share in [0.0, 0.25, 1.0] {
             let p = RAY.point(share);
             let viewer = p + DVec3::new(3.0, 0.0, 0.0);
@@ -73,10 +66,7 @@ mod tests {
 
     #[test]
     fn looking_into_the_light_is_brighter_than_with_it() {
-        let medium = Medium {
-            gamma_per_m: 0.0,
-            phase_k: 0.5,
-        };
+        let medium = Medium { gamma_per_m: 0.0, phase_k: 0.5 };
         let p = RAY.point(0.5);
         let into = RAY.intensity(p, p - DVec3::Y, medium);
         let with = RAY.intensity(p, p + DVec3::Y, medium);
@@ -86,14 +76,8 @@ mod tests {
 
     #[test]
     fn a_ray_without_length_is_finite() {
-        let ray = Godray {
-            hit: DVec3::ZERO,
-            ..RAY
-        };
-        let medium = Medium {
-            gamma_per_m: 0.1,
-            phase_k: 0.5,
-        };
+        let ray = Godray { hit: DVec3::ZERO, ..RAY };
+        let medium = Medium { gamma_per_m: 0.1, phase_k: 0.5 };
         assert!(ray.intensity(DVec3::ZERO, DVec3::X, medium).is_finite());
     }
 }

@@ -164,10 +164,8 @@ impl HorizonSplit {
         // The sphere of radius r_max is seen to end where a line from the eye touches it.
         let sine = (self.r_max_m / point.eye_m).min(MOST_REACH);
         let rim = point.to_eye * sine + aside_m * (1.0 - sine * sine).sqrt();
-        let (from, mut to) = (
-            clip(point.position),
-            clip(point.position + rim * (sine * point.eye_m)),
-        );
+        let (from, mut to) =
+            (clip(point.position), clip(point.position + rim * (sine * point.eye_m)));
         let least = LEAST_W * from.w;
         if to.w < least {
             to = from + (to - from) * ((from.w - least) / (from.w - to.w));
@@ -179,9 +177,7 @@ impl HorizonSplit {
             room / delta.abs().max(1e-6)
         };
         let size = seen.size();
-        let share = room(start.x, delta.x, size.x)
-            .min(room(start.y, delta.y, size.y))
-            .min(1.0);
+        let share = room(start.x, delta.x, size.x).min(room(start.y, delta.y, size.y)).min(1.0);
         let length = delta.length();
         Slice {
             aside_m,

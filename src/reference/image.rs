@@ -12,11 +12,7 @@ pub struct Image {
 impl Image {
     /// An image of one value.
     pub fn constant(width: u32, height: u32, value: f64) -> Image {
-        Image {
-            width,
-            height,
-            data: vec![value; width as usize * height as usize],
-        }
+        Image { width, height, data: vec![value; width as usize * height as usize] }
     }
 
     /// An image from values in rows.
@@ -30,11 +26,7 @@ impl Image {
                 got: data.len(),
             });
         }
-        Ok(Image {
-            width,
-            height,
-            data,
-        })
+        Ok(Image { width, height, data })
     }
 
     pub fn width(&self) -> u32 {

@@ -87,10 +87,7 @@ pub fn occlusion(
 mod tests {
     use super::*;
 
-    const BALL: Solid = Solid::Ball {
-        centre: DVec3::new(0.0, 2.0, 0.0),
-        radius_m: 1.0,
-    };
+    const BALL: Solid = Solid::Ball { centre: DVec3::new(0.0, 2.0, 0.0), radius_m: 1.0 };
     const SLAB: Solid = Solid::Slab { top_m: 0.0 };
 
     #[test]
@@ -108,26 +105,11 @@ mod tests {
     /// A ball straight above a patch covers (radius / distance)² of its cosine-weighted hemisphere.
     #[test]
     fn a_ball_above_a_plane_covers_its_form_factor() {
-        let at = |r_max| {
-            occlusion(
-                &[BALL, SLAB],
-                DVec3::ZERO,
-                DVec3::Y,
-                r_max,
-                Attenuation::Hard,
-                256,
-            )
-        };
+        let at =
+            |r_max| occlusion(&[BALL, SLAB], DVec3::ZERO, DVec3::Y, r_max, Attenuation::Hard, 256);
         assert!((at(4.0) - 0.25).abs() < 2e-3, "{}", at(4.0));
         assert_eq!(at(0.9), 0.0);
-        let linear = occlusion(
-            &[BALL, SLAB],
-            DVec3::ZERO,
-            DVec3::Y,
-            4.0,
-            Attenuation::Linear,
-            256,
-        );
+        let linear = occlusion(&[BALL, SLAB], DVec3::ZERO, DVec3::Y, 4.0, Attenuation::Linear, 256);
         assert!(linear > 0.25 * (1.0 - 1.75 / 4.0) && linear < 0.25 * (1.0 - 1.0 / 4.0));
     }
 }

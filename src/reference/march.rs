@@ -27,10 +27,7 @@ impl HostVolume {
                 }
             }
         }
-        HostVolume {
-            grid: *grid,
-            values,
-        }
+        HostVolume { grid: *grid, values }
     }
 
     fn value(&self, cell: UVec3) -> f64 {
@@ -113,10 +110,7 @@ impl March {
         let surface = volume.grid.to_cells(position);
         let cells = UVec3::from(volume.grid.cells).as_dvec3();
         if (-surface).max(surface - cells).max_element() > self.r_max {
-            return Marched {
-                occlusion: 0.0,
-                samples: 0,
-            };
+            return Marched { occlusion: 0.0, samples: 0 };
         }
         let origin = surface + normal * self.offset;
         let frame = tangent_frame(normal);
@@ -135,10 +129,7 @@ impl March {
                 weight * self.obscurity(volume, (origin, frame * local), first, &taken)
             })
             .sum();
-        Marched {
-            occlusion: sum / f64::from(self.rays),
-            samples: taken.get(),
-        }
+        Marched { occlusion: sum / f64::from(self.rays), samples: taken.get() }
     }
 
     /// Distance of a ray's first sample; `cosine` is that of the ray and the normal.
@@ -147,11 +138,7 @@ impl March {
             Guard::Along(d) => d,
             Guard::Above(h) => h / cosine,
         };
-        let share = if self.jitter {
-            unit(pcg(pcg(seed).wrapping_add(ray)))
-        } else {
-            0.0
-        };
+        let share = if self.jitter { unit(pcg(pcg(seed).wrapping_add(ray))) } else { 0.0 };
         guard + self.step * share
     }
 
@@ -161,10 +148,7 @@ impl March {
             return [unit(first), unit(pcg(first))];
         }
         let along = (f64::from(ray) + unit(seed)) / f64::from(self.rays);
-        [
-            along,
-            unit(ray.wrapping_mul(GOLDEN).wrapping_add(pcg(seed))),
-        ]
+        [along, unit(ray.wrapping_mul(GOLDEN).wrapping_add(pcg(seed)))]
     }
 
     fn obscurity(
@@ -176,9 +160,8 @@ impl March {
     ) -> f64 {
         let cells = UVec3::from(volume.grid.cells).as_dvec3();
         let inside = |p: DVec3| p.cmpge(DVec3::ZERO).all() && p.cmple(cells).all();
-        let distances = (0..)
-            .map(|k| first + f64::from(k) * self.step)
-            .take_while(|d| *d < self.r_max);
+        let distances =
+            (0..).map(|k| first + f64::from(k) * self.step).take_while(|d| *d < self.r_max);
         // Outside the volume V is 0, and no sample is needed to know it.
         let density = |d: f64| {
             let place = origin + direction * d;
@@ -308,9 +291,7 @@ mod tests {
         let plane = volume(floor);
         assert_eq!(march.from(&plane, DVec3::ZERO, DVec3::Y, 3).occlusion, 0.0);
         let corner = volume(|p| floor(p) || p.x.abs() < 0.6);
-        let a = march
-            .from(&corner, DVec3::new(3.0, 0.0, 0.0), DVec3::Y, 3)
-            .occlusion;
+        let a = march.from(&corner, DVec3::new(3.0, 0.0, 0.0), DVec3::Y, 3).occlusion;
         // The wall is met where cos φ > c sin θ, c = 3 m / r_max: A = (φ₀ − c² tan φ₀) / π with cos φ₀ = c.
         let c: f64 = 3.0 / 20.0;
         let expected = (c.acos() - c * c * c.acos().tan()) / std::f64::consts::PI;
@@ -321,9 +302,7 @@ mod tests {
     fn without_a_guard_a_surface_occludes_itself() {
         let mut march = march();
         march.guard = Guard::Along(0.0);
-        let a = march
-            .from(&volume(floor), DVec3::ZERO, DVec3::Y, 3)
-            .occlusion;
+        let a = march.from(&volume(floor), DVec3::ZERO, DVec3::Y, 3).occlusion;
         assert_eq!(a, 1.0);
     }
 
@@ -335,10 +314,7 @@ mod tests {
         let unbiased = march.from(&ceiling, DVec3::ZERO, DVec3::Y, 3).occlusion;
         march.paper_estimator = true;
         let paper = march.from(&ceiling, DVec3::ZERO, DVec3::Y, 3).occlusion;
-        assert!(
-            (2.0 * paper / unbiased - 1.0).abs() < 0.01,
-            "{paper} {unbiased}"
-        );
+        assert!((2.0 * paper / unbiased - 1.0).abs() < 0.01, "{paper} {unbiased}");
         march.random = true;
         let random = march.from(&ceiling, DVec3::ZERO, DVec3::Y, 3).occlusion;
         assert!((random / paper - 1.0).abs() < 0.1, "{random} {paper}");

@@ -139,15 +139,8 @@ pub fn interpolated(field: &Volume, position: DVec3) -> f64 {
     let [nx, ny, _] = field.cells.map(|n| n as usize);
     let corner = |i: usize| {
         let upper = [0, 1, 2].map(|axis| i >> axis & 1 == 1);
-        let weight: f64 = (0..3)
-            .map(|axis| {
-                if upper[axis] {
-                    part[axis]
-                } else {
-                    1.0 - part[axis]
-                }
-            })
-            .product();
+        let weight: f64 =
+            (0..3).map(|axis| if upper[axis] { part[axis] } else { 1.0 - part[axis] }).product();
         let [x, y, z] = [0, 1, 2].map(|axis| cell(axis, upper[axis]));
         weight * f64::from(field.data[x + nx * (y + ny * z)])
     };
@@ -201,10 +194,7 @@ pub fn on_ramp(sigma_per_m: f64, fall_per_m2: f64, r_max_m: f64) -> f64 {
 
 fn mean_over_unit(f: impl Fn(f64) -> f64) -> f64 {
     let n = f64::from(INTERVALS);
-    (0..INTERVALS)
-        .map(|i| f((f64::from(i) + 0.5) / n))
-        .sum::<f64>()
-        / n
+    (0..INTERVALS).map(|i| f((f64::from(i) + 0.5) / n)).sum::<f64>() / n
 }
 
 #[cfg(test)]
@@ -217,13 +207,8 @@ mod tests {
         let half = f64::from(cells) * VOXEL_M / 2.0;
         let centre = |i: u32| (f64::from(i) + 0.5) * VOXEL_M - half;
         let n = cells;
-        let values = (0..n * n * n).map(|i| {
-            f(DVec3::new(
-                centre(i % n),
-                centre(i / n % n),
-                centre(i / (n * n)),
-            )) as f32
-        });
+        let values = (0..n * n * n)
+            .map(|i| f(DVec3::new(centre(i % n), centre(i / n % n), centre(i / (n * n)))) as f32);
         Volume {
             name: "test".into(),
             cells: [n; 3],
@@ -234,13 +219,7 @@ mod tests {
     }
 
     fn marching(law: Law, r_max_m: f64) -> Marching {
-        Marching {
-            law,
-            r_max_m,
-            samples: 16,
-            rejection: false,
-            threshold: f64::INFINITY,
-        }
+        Marching { law, r_max_m, samples: 16, rejection: false, threshold: f64::INFINITY }
     }
 
     const OPACITY: Law = Law::Opacity { voxel_m: VOXEL_M };
@@ -305,10 +284,7 @@ mod tests {
         let face = field(32, |p| if p.z < 0.8 { 1.0 } else { 0.0 });
         let depth = DVec3::new(0.0, 0.0, 0.5);
         let marched = m.positional(&face, depth, 4096);
-        assert!(
-            (marched - under_face(2.0, 0.3, 1.0)).abs() < 4e-3,
-            "{marched}"
-        );
+        assert!((marched - under_face(2.0, 0.3, 1.0)).abs() < 4e-3, "{marched}");
         let ramp = field(32, |p| 0.5 - 0.3 * p.z);
         let marched = m.hemispherical(&ramp, DVec3::ZERO, DVec3::Z, 4096);
         assert!((marched - on_ramp(1.0, 0.6, 1.0)).abs() < 2e-3, "{marched}");

@@ -53,24 +53,11 @@ pub enum ReferenceError {
     #[error(
         "object `{object}`: triangle {triangle} names a vertex that the mesh of {vertices} does not have"
     )]
-    Index {
-        object: String,
-        triangle: usize,
-        vertices: usize,
-    },
+    Index { object: String, triangle: usize, vertices: usize },
     /// An image's data do not fill it.
     #[error("an image of {width}×{height} needs {expected} values, got {got}")]
-    ImageSize {
-        width: u32,
-        height: u32,
-        expected: usize,
-        got: usize,
-    },
+    ImageSize { width: u32, height: u32, expected: usize, got: usize },
     /// A value lies outside its meaning.
     #[error("{name} = {value} is out of range: {meaning}")]
-    Range {
-        name: &'static str,
-        value: f64,
-        meaning: &'static str,
-    },
+    Range { name: &'static str, value: f64, meaning: &'static str },
 }

@@ -56,10 +56,7 @@ pub fn occlusion(
 
 /// Point i of a Hammersley set of `count`, in [0, 1)²; the first coordinate lies in the middle of its stratum.
 fn hammersley(i: u32, count: u32) -> [f64; 2] {
-    [
-        (f64::from(i) + 0.5) / f64::from(count),
-        f64::from(i.reverse_bits()) / 4_294_967_296.0,
-    ]
+    [(f64::from(i) + 0.5) / f64::from(count), f64::from(i.reverse_bits()) / 4_294_967_296.0]
 }
 
 /// Direction in the hemisphere around +z with density cos θ / π, from a point of [0, 1)² (Malley's method: a point of the
@@ -99,11 +96,7 @@ mod tests {
         let normals = vec![[0.0, 1.0, 0.0]; positions.len()];
         Object {
             name: "test".into(),
-            mesh: Mesh {
-                positions,
-                normals,
-                indices,
-            },
+            mesh: Mesh { positions, normals, indices },
             material: Material::default(),
         }
     }
@@ -112,10 +105,7 @@ mod tests {
     fn quad(center: [f32; 3], a: [f32; 3], b: [f32; 3]) -> Object {
         let corner = |s: f32, t: f32| std::array::from_fn(|i| center[i] + s * a[i] + t * b[i]);
         let corners = [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)];
-        object(
-            corners.map(|(s, t)| corner(s, t)).to_vec(),
-            vec![0, 1, 2, 0, 2, 3],
-        )
+        object(corners.map(|(s, t)| corner(s, t)).to_vec(), vec![0, 1, 2, 0, 2, 3])
     }
 
     /// A floor at a height, far wider than any r_max here.
@@ -129,11 +119,7 @@ mod tests {
         let point = |i: u32| {
             let theta = std::f64::consts::PI * f64::from(i / columns) / f64::from(rows);
             let phi = TAU * f64::from(i % columns) / f64::from(columns);
-            let unit = DVec3::new(
-                theta.sin() * phi.cos(),
-                theta.cos(),
-                theta.sin() * phi.sin(),
-            );
+            let unit = DVec3::new(theta.sin() * phi.cos(), theta.cos(), theta.sin() * phi.sin());
             (center + unit * radius).as_vec3().to_array()
         };
         let patch = |i: u32| {

@@ -10,11 +10,7 @@ use glam::DVec3;
 /// either sign, `n1` and `n2` the refractive indices before and behind the surface. The sine is
 /// taken from the cross product, which keeps its digits near normal incidence.
 pub fn refract(incident: DVec3, normal: DVec3, n1: f64, n2: f64) -> Option<DVec3> {
-    let facing = if incident.dot(normal) > 0.0 {
-        -normal
-    } else {
-        normal
-    };
+    let facing = if incident.dot(normal) > 0.0 { -normal } else { normal };
     let eta = n1 / n2;
     let sin2_t = eta * eta * incident.cross(facing).length_squared();
     if sin2_t > 1.0 {
@@ -132,10 +128,7 @@ mod tests {
         let i = DVec3::new(1.0, -1.0, 0.0).normalize();
         let t = refract(i, DVec3::Y, 1.0, 1.33).unwrap();
         assert!((t.x - (0.5f64).sqrt() / 1.33).abs() < 1e-15);
-        assert_eq!(
-            refract(DVec3::NEG_Y, DVec3::Y, 1.0, 1.33),
-            Some(DVec3::NEG_Y)
-        );
+        assert_eq!(refract(DVec3::NEG_Y, DVec3::Y, 1.0, 1.33), Some(DVec3::NEG_Y));
         assert!((fresnel_reflectance(1.0, 1.0, 1.5) - 0.04).abs() < 1e-15);
         assert_eq!(fresnel_reflectance(0.2, 1.33, 1.0), 1.0);
     }

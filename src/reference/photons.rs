@@ -31,11 +31,7 @@ impl PhotonGrid {
         if side == 0 || side * side != subdivision {
             return Err(ReferenceError::Subdivision(subdivision));
         }
-        Ok(PhotonGrid {
-            cells,
-            side,
-            offset: [0.5, 0.5],
-        })
+        Ok(PhotonGrid { cells, side, offset: [0.5, 0.5] })
     }
 
     /// The same grid with its photons elsewhere in their finer cells: 0…1, the centre is 0.5.
@@ -106,10 +102,7 @@ pub fn land_ray(water: &Water, tracer: &Tracer, origin: DVec3, incident: DVec3) 
     let Some(entry) = enter(water, origin, incident, f64::MAX) else {
         return Landing::MissesWater;
     };
-    if tracer
-        .cast(origin, incident, 0.0, entry.distance_m)
-        .is_some()
-    {
+    if tracer.cast(origin, incident, 0.0, entry.distance_m).is_some() {
         return Landing::Blocked;
     }
     // From air into water nothing is reflected totally; an index below 1 can, and then nothing enters.
@@ -117,12 +110,7 @@ pub fn land_ray(water: &Water, tracer: &Tracer, origin: DVec3, incident: DVec3) 
         return Landing::MissesWater;
     };
     match tracer.cast(entry.position, direction, SELF_HIT_M, f64::MAX) {
-        Some(hit) => Landing::Landed(Landed {
-            entry,
-            direction,
-            hit,
-            distance_m: hit.distance_m,
-        }),
+        Some(hit) => Landing::Landed(Landed { entry, direction, hit, distance_m: hit.distance_m }),
         None => Landing::Leaves { entry, direction },
     }
 }
@@ -169,20 +157,12 @@ mod tests {
                 normals: vec![[0.0, 1.0, 0.0]; 4],
                 indices: vec![0, 2, 1, 0, 3, 2],
             },
-            material: Material {
-                albedo: [1.0; 3],
-                accent: [1.0; 3],
-                ..Material::default()
-            },
+            material: Material { albedo: [1.0; 3], accent: [1.0; 3], ..Material::default() },
         }
     }
 
     fn flat_water(half: f64) -> Water {
-        Water {
-            amplitude_m: 0.0,
-            half_size_m: [half, half],
-            ..Water::default()
-        }
+        Water { amplitude_m: 0.0, half_size_m: [half, half], ..Water::default() }
     }
 
     fn frame(kind: LightKind) -> LightFrame {
@@ -200,10 +180,8 @@ mod tests {
             position_m: [1.0, 8.0, -0.5],
             ..Light::default()
         };
-        let bounds = Bounds {
-            min: DVec3::new(-6.0, -DEPTH_M, -6.0),
-            max: DVec3::new(6.0, 1.0, 6.0),
-        };
+        let bounds =
+            Bounds { min: DVec3::new(-6.0, -DEPTH_M, -6.0), max: DVec3::new(6.0, 1.0, 6.0) };
         light.frame(&camera, 1.0, &bounds)
     }
 

@@ -130,11 +130,7 @@ mod tests {
 
     fn landed(at: DVec3) -> Landing {
         Landing::Landed(Landed {
-            entry: Entry {
-                position: DVec3::ZERO,
-                normal: DVec3::Y,
-                distance_m: 1.0,
-            },
+            entry: Entry { position: DVec3::ZERO, normal: DVec3::Y, distance_m: 1.0 },
             direction: DVec3::NEG_Y,
             hit: Hit {
                 position: at,
@@ -150,24 +146,13 @@ mod tests {
     }
 
     fn stored(hit: DVec3, residual_m: f64) -> StoredPhoton {
-        StoredPhoton {
-            entry: DVec3::ZERO,
-            residual_m,
-            hit,
-            distance_m: hit.length(),
-        }
+        StoredPhoton { entry: DVec3::ZERO, residual_m, hit, distance_m: hit.length() }
     }
 
     #[test]
     fn errors_and_rates_are_counted() {
         let at = DVec3::new(0.0, -3.0, 0.0);
-        let exact = [
-            landed(at),
-            landed(at),
-            landed(at),
-            landed(at),
-            Landing::Blocked,
-        ];
+        let exact = [landed(at), landed(at), landed(at), landed(at), Landing::Blocked];
         let gpu = [
             stored(at, 0.0),
             stored(at + DVec3::X * 0.5, 0.2),

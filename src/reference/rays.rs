@@ -105,17 +105,10 @@ impl Tracer {
                     }
                 }
                 BvhNode::Node {
-                    child_l_index,
-                    child_l_aabb,
-                    child_r_index,
-                    child_r_aabb,
-                    ..
+                    child_l_index, child_l_aabb, child_r_index, child_r_aabb, ..
                 } => push_nearest_last(
                     &ray,
-                    [
-                        (child_l_aabb, *child_l_index),
-                        (child_r_aabb, *child_r_index),
-                    ],
+                    [(child_l_aabb, *child_l_index), (child_r_aabb, *child_r_index)],
                     &mut open,
                 ),
             }
@@ -137,11 +130,7 @@ impl Tracer {
         let interpolated = t.normals[0] * w[0] + t.normals[1] * w[1] + t.normals[2] * w[2];
         Hit {
             position: origin + direction * distance_m,
-            normal: if plane.dot(direction) > 0.0 {
-                -plane
-            } else {
-                plane
-            },
+            normal: if plane.dot(direction) > 0.0 { -plane } else { plane },
             shading_normal: interpolated.normalize_or_zero(),
             distance_m,
             object: t.object,
@@ -157,10 +146,8 @@ fn push_nearest_last(
     children: [(&Aabb<f64, 3>, usize); 2],
     open: &mut Vec<(f64, usize)>,
 ) {
-    let [a, b] = children.map(|(aabb, index)| {
-        ray.intersection_slice_for_aabb(aabb)
-            .map(|(near, _)| (near, index))
-    });
+    let [a, b] = children
+        .map(|(aabb, index)| ray.intersection_slice_for_aabb(aabb).map(|(near, _)| (near, index)));
     match (a, b) {
         (Some(a), Some(b)) if a.0 < b.0 => open.extend([b, a]),
         (a, b) => open.extend(a.into_iter().chain(b)),
@@ -172,10 +159,7 @@ fn collect(object: &Object, number: usize, out: &mut Vec<Triangle>) -> Result<()
     for (index, corner) in mesh.indices.chunks_exact(3).enumerate() {
         let at = |i: usize| -> Option<(DVec3, DVec3)> {
             let vertex = corner[i] as usize;
-            Some((
-                wide(*mesh.positions.get(vertex)?),
-                wide(*mesh.normals.get(vertex)?),
-            ))
+            Some((wide(*mesh.positions.get(vertex)?), wide(*mesh.normals.get(vertex)?)))
         };
         let (Some(a), Some(b), Some(c)) = (at(0), at(1), at(2)) else {
             return Err(ReferenceError::Index {
@@ -222,12 +206,7 @@ impl Axes {
         if d[z] < 0.0 {
             std::mem::swap(&mut x, &mut y);
         }
-        Axes {
-            x,
-            y,
-            z,
-            shear: DVec3::new(d[x] / d[z], d[y] / d[z], 1.0 / d[z]),
-        }
+        Axes { x, y, z, shear: DVec3::new(d[x] / d[z], d[y] / d[z], 1.0 / d[z]) }
     }
 
     /// Distance and barycentric weights where the ray meets a triangle of either orientation.
@@ -250,10 +229,7 @@ impl Axes {
             return None;
         }
         let weights = [u / sum, v / sum, w / sum];
-        Some((
-            weights[0] * a.2 + weights[1] * b.2 + weights[2] * c.2,
-            weights,
-        ))
+        Some((weights[0] * a.2 + weights[1] * b.2 + weights[2] * c.2, weights))
     }
 }
 
@@ -277,12 +253,7 @@ impl PixelRays {
 
     /// The same for any view-projection matrix, such as a light's.
     pub fn of_matrix(view_projection: DMat4, width: u32, height: u32) -> PixelRays {
-        PixelRays {
-            forward: view_projection,
-            inverse: view_projection.inverse(),
-            width,
-            height,
-        }
+        PixelRays { forward: view_projection, inverse: view_projection.inverse(), width, height }
     }
 
     /// Origin on the near plane, unit direction and length up to the far plane, at the centre of
@@ -363,16 +334,8 @@ mod tests {
     fn object(positions: Vec<[f32; 3]>, indices: Vec<u32>) -> Object {
         Object {
             name: "test".into(),
-            mesh: Mesh {
-                normals: vec![[0.0, 1.0, 0.0]; positions.len()],
-                positions,
-                indices,
-            },
-            material: Material {
-                albedo: [1.0; 3],
-                accent: [1.0; 3],
-                ..Material::default()
-            },
+            mesh: Mesh { normals: vec![[0.0, 1.0, 0.0]; positions.len()], positions, indices },
+            material: Material { albedo: [1.0; 3], accent: [1.0; 3], ..Material::default() },
         }
     }
 
@@ -445,10 +408,8 @@ mod tests {
 
     #[test]
     fn ranges_are_respected_and_both_sides_hit() {
-        let quad = object(
-            vec![[-1.0, 0.0, -1.0], [1.0, 0.0, -1.0], [0.0, 0.0, 2.0]],
-            vec![0, 1, 2],
-        );
+        let quad =
+            object(vec![[-1.0, 0.0, -1.0], [1.0, 0.0, -1.0], [0.0, 0.0, 2.0]], vec![0, 1, 2]);
         let tracer = Tracer::new(&[quad]).unwrap();
         let up = DVec3::new(0.0, 2.0, 0.0);
         assert!(tracer.cast(up, DVec3::NEG_Y, 0.0, 10.0).is_some());
@@ -466,10 +427,7 @@ mod tests {
         let line = object(vec![[0.0; 3], [1.0; 3], [2.0; 3]], vec![0, 1, 2]);
         assert!(Tracer::new(&[line]).is_ok());
         let broken = object(vec![[0.0; 3]; 3], vec![0, 1, 9]);
-        assert!(matches!(
-            Tracer::new(&[broken]),
-            Err(ReferenceError::Index { vertices: 3, .. })
-        ));
+        assert!(matches!(Tracer::new(&[broken]), Err(ReferenceError::Index { vertices: 3, .. })));
     }
 
     #[test]

@@ -27,10 +27,7 @@ impl PointSize {
             });
         }
         let slope = (max_px - min_px) / (far_m - near_m);
-        Ok(PointSize {
-            a_px: max_px - far_m * slope,
-            b_px_m: near_m * far_m * slope,
-        })
+        Ok(PointSize { a_px: max_px - far_m * slope, b_px_m: near_m * far_m * slope })
     }
 
     /// Side of the splat in pixels at a distance from the viewer in metres.
@@ -120,21 +117,11 @@ mod tests {
     fn the_top_left_rule_assigns_each_pixel_once() {
         let far = Image::constant(8, 8, 1.0);
         let mut image = Image::constant(8, 8, 0.0);
-        let tile = |x, y| Splat {
-            center_px: [x, y],
-            depth: 0.5,
-            size_px: 4.0,
-            value: 1.0,
-        };
+        let tile = |x, y| Splat { center_px: [x, y], depth: 0.5, size_px: 4.0, value: 1.0 };
         // Edges run through pixel centres, where two squares meet.
         rasterize(
             &mut image,
-            &[
-                tile(2.5, 2.5),
-                tile(6.5, 2.5),
-                tile(2.5, 6.5),
-                tile(6.5, 6.5),
-            ],
+            &[tile(2.5, 2.5), tile(6.5, 2.5), tile(2.5, 6.5), tile(6.5, 6.5)],
             &far,
             0.0,
         );
@@ -147,12 +134,7 @@ mod tests {
     #[test]
     fn depth_hides_splats_beyond_the_bias() {
         let depth = Image::constant(1, 1, 0.5);
-        let at = |depth| Splat {
-            center_px: [4.0, 4.0],
-            depth,
-            size_px: 2.0,
-            value: 1.0,
-        };
+        let at = |depth| Splat { center_px: [4.0, 4.0], depth, size_px: 2.0, value: 1.0 };
         let mut image = Image::constant(8, 8, 0.0);
         rasterize(&mut image, &[at(0.51)], &depth, 0.001);
         assert_eq!(image.sum(), 0.0);

@@ -34,9 +34,7 @@ pub fn enter(water: &Water, origin: DVec3, direction: DVec3, max_distance_m: f64
         p.y - water.height(p.x, p.z)
     };
     let (start, end) = slab(water, origin, direction, max_distance_m)?;
-    let steps = ((end - start) / step_m(water, direction))
-        .ceil()
-        .clamp(1.0, MAX_STEPS);
+    let steps = ((end - start) / step_m(water, direction)).ceil().clamp(1.0, MAX_STEPS);
     let step = (end - start) / steps;
     let (mut t0, mut f0) = (start, above(start));
     for i in 1..=steps as u64 {
@@ -70,10 +68,7 @@ fn slab(water: &Water, origin: DVec3, direction: DVec3, max_m: f64) -> Option<(f
     if direction.y == 0.0 {
         return (origin.y.abs() <= bound).then_some((0.0, max_m));
     }
-    let (a, b) = (
-        (bound - origin.y) / direction.y,
-        (-bound - origin.y) / direction.y,
-    );
+    let (a, b) = ((bound - origin.y) / direction.y, (-bound - origin.y) / direction.y);
     let (near, far) = (a.min(b).max(0.0), a.max(b).min(max_m));
     (near <= far).then_some((near, far))
 }
@@ -81,9 +76,9 @@ fn slab(water: &Water, origin: DVec3, direction: DVec3, max_m: f64) -> Option<(f
 /// Length of a marching step, metres along the ray.
 fn step_m(water: &Water, direction: DVec3) -> f64 {
     let feature = match water.model {
-        WaterModel::Circular | WaterModel::Directional => water
-            .wavelength_m
-            .min(water.noise_tile_m / FINEST_NOISE_CELLS),
+        WaterModel::Circular | WaterModel::Directional => {
+            water.wavelength_m.min(water.noise_tile_m / FINEST_NOISE_CELLS)
+        }
         WaterModel::Waves => shortest_wave_m(&water.waves),
         WaterModel::HeightMap => {
             let spacing_m = water.tile.as_ref().map(|tile| tile.spacing_m());
@@ -152,10 +147,7 @@ mod tests {
 
     #[test]
     fn flat_water_has_the_closed_form() {
-        let water = Water {
-            amplitude_m: 0.0,
-            ..Water::default()
-        };
+        let water = Water { amplitude_m: 0.0, ..Water::default() };
         let (origin, direction) = ray(1.0, -2.0, 0.6, 1.0);
         let entry = enter(&water, origin, direction, 100.0).unwrap();
         assert!((entry.position - DVec3::new(1.0, 0.0, -2.0)).length() < 1e-12);
@@ -165,11 +157,7 @@ mod tests {
 
     #[test]
     fn rays_beside_along_below_or_short_of_the_water_miss() {
-        let water = Water {
-            amplitude_m: 0.0,
-            half_size_m: [1.0, 1.0],
-            ..Water::default()
-        };
+        let water = Water { amplitude_m: 0.0, half_size_m: [1.0, 1.0], ..Water::default() };
         let down = |x: f64, y: f64, max| enter(&water, DVec3::new(x, y, 0.0), DVec3::NEG_Y, max);
         assert!(down(0.0, 2.0, 10.0).is_some());
         assert!(down(1.1, 2.0, 10.0).is_none());

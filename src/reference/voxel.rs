@@ -49,15 +49,9 @@ pub fn triangles(objects: &[Object]) -> Vec<Corners> {
 fn axes([a, b, c]: &Corners) -> Vec<DVec3> {
     let unit = [DVec3::X, DVec3::Y, DVec3::Z];
     let edges = [*b - *a, *c - *b, *a - *c];
-    let crossed = edges
-        .iter()
-        .flat_map(|edge| unit.map(|axis| axis.cross(*edge)));
+    let crossed = edges.iter().flat_map(|edge| unit.map(|axis| axis.cross(*edge)));
     let normal = (*b - *a).cross(*c - *a);
-    crossed
-        .chain([normal])
-        .filter_map(DVec3::try_normalize)
-        .chain(unit)
-        .collect()
+    crossed.chain([normal]).filter_map(DVec3::try_normalize).chain(unit).collect()
 }
 
 /// The smallest gap between any of the triangles (metres) and each voxel, voxels, in the order of [`Grid::index`]. Infinite
@@ -182,11 +176,7 @@ pub fn disagreements(found: &[bool], sampled: &[Sampled]) -> u64 {
         Sampled::Maybe => false,
         Sampled::Surely => !found,
     };
-    found
-        .iter()
-        .zip(sampled)
-        .filter(|pair| wrong(*pair))
-        .count() as u64
+    found.iter().zip(sampled).filter(|pair| wrong(*pair)).count() as u64
 }
 
 /// One triangle's samples along one axis.
@@ -215,11 +205,7 @@ fn sample(corners: &Corners, (axis, subpixels): (usize, u32), grid: &Grid, found
             let mut cell = cell;
             cell[axis] = slice as u32;
             let state = &mut found[grid.index(cell) as usize];
-            *state = (*state).max(if sure {
-                Sampled::Surely
-            } else {
-                Sampled::Maybe
-            });
+            *state = (*state).max(if sure { Sampled::Surely } else { Sampled::Maybe });
         }
     }
 }
@@ -251,11 +237,7 @@ mod tests {
     use super::*;
 
     fn grid(cells: [u32; 3]) -> Grid {
-        Grid {
-            cells,
-            origin_m: DVec3::new(-1.0, 0.5, 2.0),
-            voxel_m: 0.5,
-        }
+        Grid { cells, origin_m: DVec3::new(-1.0, 0.5, 2.0), voxel_m: 0.5 }
     }
 
     /// A triangle given in voxels.
@@ -275,20 +257,9 @@ mod tests {
         let plane = [
             corners(
                 &grid,
-                [
-                    [-far, far + 8.1, -far],
-                    [far, 8.1 - far, -far],
-                    [-far, far + 8.1, far],
-                ],
+                [[-far, far + 8.1, -far], [far, 8.1 - far, -far], [-far, far + 8.1, far]],
             ),
-            corners(
-                &grid,
-                [
-                    [far, 8.1 - far, -far],
-                    [far, 8.1 - far, far],
-                    [-far, far + 8.1, far],
-                ],
-            ),
+            corners(&grid, [[far, 8.1 - far, -far], [far, 8.1 - far, far], [-far, far + 8.1, far]]),
         ];
         // Cubes with i + j < 8.1 < i + j + 2: of i + j = 7 there are 8, of i + j = 8 there are 7, eight layers of each.
         assert_eq!(occupied(&gaps(&plane, &grid, Contact::Cube)), 8 * (8 + 7));

@@ -6,11 +6,8 @@ use crate::record::{Estimate, Fenced, Measured, Outcome, StageRecord};
 use crate::statistics::median;
 use crate::text;
 
-pub const EXPORTER: Exporter = Exporter {
-    name: "cells.csv",
-    about: "one row per cell and stage",
-    export,
-};
+pub const EXPORTER: Exporter =
+    Exporter { name: "cells.csv", about: "one row per cell and stage", export };
 
 const HEADER: [&str; 35] = [
     "experiment",
@@ -57,10 +54,7 @@ fn export(view: &View<'_>) -> Result<Vec<Artifact>, ReportError> {
             rows(entry, &mut text);
         }
     }
-    Ok(vec![Artifact {
-        name: EXPORTER.name.to_owned(),
-        bytes: text.into_bytes(),
-    }])
+    Ok(vec![Artifact { name: EXPORTER.name.to_owned(), bytes: text.into_bytes() }])
 }
 
 fn rows(entry: &Entry<'_>, text: &mut String) {
@@ -95,9 +89,7 @@ fn identity(entry: &Entry<'_>, status: &str, reason: &str) -> Vec<String> {
         cell.stand_ins.join("; "),
         adapter.map_or_else(String::new, |adapter| adapter.name.clone()),
         adapter.map_or_else(String::new, |adapter| adapter.software.to_string()),
-        entry
-            .run
-            .map_or_else(String::new, |run| run.profile.clone()),
+        entry.run.map_or_else(String::new, |run| run.profile.clone()),
         status.to_owned(),
         reason.to_owned(),
     ]
@@ -105,10 +97,7 @@ fn identity(entry: &Entry<'_>, status: &str, reason: &str) -> Vec<String> {
 
 fn stage_fields(stage: &StageRecord) -> Vec<String> {
     let clock = serde_json::to_value(stage.clock).unwrap_or_default();
-    let mut fields = vec![
-        stage.stage.clone(),
-        clock.as_str().unwrap_or_default().to_owned(),
-    ];
+    let mut fields = vec![stage.stage.clone(), clock.as_str().unwrap_or_default().to_owned()];
     fields.extend(time_fields(stage));
     let work = &stage.work;
     let counts = [
@@ -141,11 +130,8 @@ fn time_fields(stage: &StageRecord) -> Vec<String> {
 fn frame_fields(measured: &Measured) -> Vec<String> {
     let frame = &measured.frame;
     let rejected: u32 = measured.rejected.values().sum();
-    let quantities: Vec<String> = measured
-        .quantities
-        .iter()
-        .map(|(name, value)| format!("{name}={value}"))
-        .collect();
+    let quantities: Vec<String> =
+        measured.quantities.iter().map(|(name, value)| format!("{name}={value}")).collect();
     let mut fields = estimate_fields(&frame.untimed);
     fields.extend([
         frame.accounting_error.to_string(),
@@ -182,10 +168,7 @@ mod tests {
     #[test]
     fn fields_are_quoted_as_rfc_4180_has_it() {
         let fields = ["plain", "a,b", "say \"x\"", "two\nlines", ""].map(str::to_owned);
-        assert_eq!(
-            row(&fields),
-            "plain,\"a,b\",\"say \"\"x\"\"\",two lines,\r\n"
-        );
+        assert_eq!(row(&fields), "plain,\"a,b\",\"say \"\"x\"\"\",two lines,\r\n");
     }
 
     #[test]
@@ -218,12 +201,7 @@ mod tests {
             _ => None,
         });
         let stage = &mut stages.unwrap()[0];
-        stage.time = Estimate {
-            median: 5e4,
-            low: 5e4,
-            high: 6e4,
-            n: 7,
-        };
+        stage.time = Estimate { median: 5e4, low: 5e4, high: 6e4, n: 7 };
         stage.fenced = Some(Fenced {
             wall_samples_ns: vec![6e4; 7],
             submit_cost_samples_ns: vec![6e4; 7],

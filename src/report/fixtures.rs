@@ -39,15 +39,11 @@ pub fn profile(profile: &str) -> Vec<Record> {
             reason: "grid 5000×5000 needs 3,200,000,000 bytes, the adapter binds 134,217,728"
                 .to_owned(),
         },
-        Outcome::Failed {
-            reason: "device lost".to_owned(),
-        },
+        Outcome::Failed { reason: "device lost".to_owned() },
     ];
     let buffers = Experiment::load("uw-buffers").unwrap();
-    let axis = [(
-        "caustics.buffer".to_owned(),
-        vec!["[4096,4096]".to_owned(), "[64,64]".to_owned()],
-    )];
+    let axis =
+        [("caustics.buffer".to_owned(), vec!["[4096,4096]".to_owned(), "[64,64]".to_owned()])];
     let plans = buffers.cells(profile, &axis, &[]).unwrap();
     for plan in plans.iter().take(2) {
         let outcome = unmeasured.remove(0);
@@ -61,9 +57,7 @@ pub fn profile(profile: &str) -> Vec<Record> {
 pub fn all_skipped() -> Vec<Record> {
     let skip = |record| match record {
         Record::Cell(cell) => Record::Cell(Box::new(Cell {
-            outcome: Outcome::Skipped {
-                reason: "too large".to_owned(),
-            },
+            outcome: Outcome::Skipped { reason: "too large".to_owned() },
             ..*cell
         })),
         other => other,
@@ -116,10 +110,7 @@ pub fn header(profile: &str) -> Run {
 }
 
 fn definition(experiment: &Experiment) -> Record {
-    Record::Experiment(Definition {
-        id: experiment.id.clone(),
-        toml: experiment.text.clone(),
-    })
+    Record::Experiment(Definition { id: experiment.id.clone(), toml: experiment.text.clone() })
 }
 
 fn end() -> Record {
@@ -229,60 +220,15 @@ fn underwater(params: &Value, random: &mut Pcg64) -> Vec<StageRecord> {
     stage("frame", Clock::Host, 0.02, Work::default());
     stage("shadow/depth", stamped, 2.1, work(0.0, 262_144.0));
     stage("shadow/mask", stamped, 0.6, work(0.0, 262_144.0));
-    stage(
-        "scene/gbuffer",
-        stamped,
-        0.5 + pixels * 1.6e-5,
-        work(0.0, pixels),
-    );
-    stage(
-        "water/reflection",
-        stamped,
-        pixels * 4e-6,
-        work(0.0, pixels),
-    );
-    stage(
-        "water/refraction",
-        stamped,
-        pixels * 4e-6,
-        work(0.0, pixels),
-    );
-    stage(
-        "caustics/trace",
-        fenced,
-        0.05 + slow * caustic / 6.0e3,
-        work(caustic, 0.0),
-    );
-    stage(
-        "caustics/splat",
-        stamped,
-        0.4 + caustic * 36.0 / 4.5e4,
-        work(caustic, caustic * 36.0),
-    );
-    stage(
-        "caustics/filter",
-        stamped,
-        0.3 + area("caustics.buffer") * 2e-5,
-        Work::default(),
-    );
-    stage(
-        "godrays/trace",
-        fenced,
-        0.05 + godray / 6.0e3,
-        work(godray, 0.0),
-    );
-    stage(
-        "godrays/lines",
-        stamped,
-        0.2 + godray * line_px / 4.5e4,
-        work(godray, godray * line_px),
-    );
-    stage(
-        "godrays/filter",
-        stamped,
-        0.1 + area("godrays.buffer") * 2e-5,
-        Work::default(),
-    );
+    stage("scene/gbuffer", stamped, 0.5 + pixels * 1.6e-5, work(0.0, pixels));
+    stage("water/reflection", stamped, pixels * 4e-6, work(0.0, pixels));
+    stage("water/refraction", stamped, pixels * 4e-6, work(0.0, pixels));
+    stage("caustics/trace", fenced, 0.05 + slow * caustic / 6.0e3, work(caustic, 0.0));
+    stage("caustics/splat", stamped, 0.4 + caustic * 36.0 / 4.5e4, work(caustic, caustic * 36.0));
+    stage("caustics/filter", stamped, 0.3 + area("caustics.buffer") * 2e-5, Work::default());
+    stage("godrays/trace", fenced, 0.05 + godray / 6.0e3, work(godray, 0.0));
+    stage("godrays/lines", stamped, 0.2 + godray * line_px / 4.5e4, work(godray, godray * line_px));
+    stage("godrays/filter", stamped, 0.1 + area("godrays.buffer") * 2e-5, Work::default());
     stage("compose", stamped, 0.2 + pixels * 2.4e-5, work(0.0, pixels));
     stages
 }
@@ -290,16 +236,8 @@ fn underwater(params: &Value, random: &mut Pcg64) -> Vec<StageRecord> {
 /// Stages that the experiment's claims and plots speak of and the model lacks; of a family, one.
 fn named(experiment: &Experiment, known: &[StageRecord]) -> Vec<String> {
     let mut names = Vec::new();
-    for name in experiment
-        .measures()
-        .into_iter()
-        .flat_map(|measure| measure.stages())
-    {
-        let name = if name.ends_with('/') {
-            format!("{name}any")
-        } else {
-            name.to_owned()
-        };
+    for name in experiment.measures().into_iter().flat_map(|measure| measure.stages()) {
+        let name = if name.ends_with('/') { format!("{name}any") } else { name.to_owned() };
         if !names.contains(&name) && !known.iter().any(|stage| stage.stage == name) {
             names.push(name);
         }
@@ -327,10 +265,7 @@ fn invented(name: &str, ms: f64, random: &mut Pcg64) -> StageRecord {
 /// Root of the product of the cell's numbers on its axes.
 fn size(plan: &CellPlan) -> f64 {
     let numbers = plan.axes.values().filter_map(Value::as_f64);
-    numbers
-        .map(|number| number.max(0.01))
-        .product::<f64>()
-        .sqrt()
+    numbers.map(|number| number.max(0.01)).product::<f64>().sqrt()
 }
 
 fn frame(total_ns: f64, random: &mut Pcg64) -> FrameRecord {
@@ -355,9 +290,8 @@ fn quantities(
 ) -> BTreeMap<String, f64> {
     let measures = experiment.measures().into_iter();
     let named = measures.flat_map(|measure| measure.quantities());
-    let mut all: BTreeMap<String, f64> = named
-        .map(|name| (name.to_owned(), 0.1 / size(plan)))
-        .collect();
+    let mut all: BTreeMap<String, f64> =
+        named.map(|name| (name.to_owned(), 0.1 / size(plan))).collect();
     let mut put = |name: &str, value| all.insert(name.to_owned(), value);
     if let Some(reference) = &plan.reference {
         let filtered = plan.axes.get("caustics.filter") == Some(&Value::Bool(true));

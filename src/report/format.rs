@@ -89,10 +89,7 @@ impl Table {
 
     /// With a header of Markdown.
     pub fn of_markdown(header: impl IntoIterator<Item = String>) -> Table {
-        Table {
-            header: header.into_iter().collect(),
-            rows: Vec::new(),
-        }
+        Table { header: header.into_iter().collect(), rows: Vec::new() }
     }
 
     /// Adds a row of plain text.

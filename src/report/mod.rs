@@ -36,10 +36,7 @@ pub enum ReportError {
     #[error("cannot draw the plot of `{experiment}`: {message}")]
     Plot { experiment: String, message: String },
     #[error("cannot write {}: {source}", path.display())]
-    Write {
-        path: PathBuf,
-        source: std::io::Error,
-    },
+    Write { path: PathBuf, source: std::io::Error },
 }
 
 /// A file of the report: its name within the output folder, and its bytes.
@@ -73,10 +70,8 @@ pub fn write(out: &Path, records: &[Record]) -> Result<Vec<PathBuf>, ReportError
     let mut paths = Vec::new();
     for artifact in artifacts(records, &pictures_in(out))? {
         let path = out.join(&artifact.name);
-        std::fs::write(&path, &artifact.bytes).map_err(|source| ReportError::Write {
-            path: path.clone(),
-            source,
-        })?;
+        std::fs::write(&path, &artifact.bytes)
+            .map_err(|source| ReportError::Write { path: path.clone(), source })?;
         paths.push(path);
     }
     Ok(paths)
@@ -142,9 +137,7 @@ mod tests {
             scene: "tank".to_owned(),
             stand_ins: vec![format!("note {number}")],
             params: json!({}),
-            outcome: Outcome::Skipped {
-                reason: "too large".to_owned(),
-            },
+            outcome: Outcome::Skipped { reason: "too large".to_owned() },
         }))
     }
 
@@ -159,17 +152,13 @@ mod tests {
         let toml = ALONG.replace("VALUES", &format!("{values:?}"));
         let id = "own".to_owned();
         let definition = Record::Experiment(Definition { id, toml });
-        std::iter::once(definition)
-            .chain(undefined(count))
-            .collect()
+        std::iter::once(definition).chain(undefined(count)).collect()
     }
 
     /// A cell for each of many experiments.
     fn scattered(count: usize) -> Vec<Record> {
         let cells = 0..count;
-        cells
-            .map(|number| cell(&format!("own-{number}"), number))
-            .collect()
+        cells.map(|number| cell(&format!("own-{number}"), number)).collect()
     }
 
     fn cpu_time() -> Duration {
@@ -179,12 +168,7 @@ mod tests {
     /// The least of three, seconds.
     fn time_of(records: &[Record]) -> f64 {
         let pictures: Vec<String> = (0..records.len())
-            .map(|number| {
-                format!(
-                    "{PICTURES}/{}",
-                    picture_name("own", &number.to_string(), "")
-                )
-            })
+            .map(|number| format!("{PICTURES}/{}", picture_name("own", &number.to_string(), "")))
             .collect();
         let times = (0..3).map(|_| {
             let start = cpu_time();
@@ -205,11 +189,8 @@ mod tests {
     #[test]
     fn the_time_of_a_report_grows_with_its_cells() {
         type Shape = fn(usize) -> Vec<Record>;
-        let shapes: [(&str, Shape); 3] = [
-            ("undefined", undefined),
-            ("defined", defined),
-            ("scattered", scattered),
-        ];
+        let shapes: [(&str, Shape); 3] =
+            [("undefined", undefined), ("defined", defined), ("scattered", scattered)];
         for (name, shape) in shapes {
             let [few, many] = [CELLS, 4 * CELLS].map(|count| time_of(&shape(count)));
             assert!(many < MOST_GROWTH * few, "{name}: {few} s, then {many} s");

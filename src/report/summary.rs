@@ -28,10 +28,7 @@ fn export(view: &View<'_>) -> Result<Vec<Artifact>, ReportError> {
         section::write(part, &mut text);
     }
     other_pictures(view, &mut text);
-    Ok(vec![Artifact {
-        name: EXPORTER.name.to_owned(),
-        bytes: text.into_bytes(),
-    }])
+    Ok(vec![Artifact { name: EXPORTER.name.to_owned(), bytes: text.into_bytes() }])
 }
 
 fn header(view: &View<'_>, run: &Run, text: &mut String) {
@@ -44,15 +41,9 @@ fn header(view: &View<'_>, run: &Run, text: &mut String) {
     let mut table = Table::new(["", ""]);
     table.row([
         "adapter".to_owned(),
-        format!(
-            "{} ({}, {})",
-            adapter.name, adapter.device_type, adapter.backend
-        ),
+        format!("{} ({}, {})", adapter.name, adapter.device_type, adapter.backend),
     ]);
-    table.row([
-        "driver".to_owned(),
-        format!("{} {}", adapter.driver, adapter.driver_info),
-    ]);
+    table.row(["driver".to_owned(), format!("{} {}", adapter.driver, adapter.driver_info)]);
     table.row(["host threads".to_owned(), adapter.host_threads.to_string()]);
     table.row(["profile", &run.profile]);
     table.row(["shader checks", &run.shader_checks]);
@@ -86,22 +77,14 @@ fn timing_cost<'r>(frames: impl Iterator<Item = &'r FrameRecord>) -> String {
 
 /// How far the figures can be trusted: accounting, the cost of timing, efficiency, memory.
 fn trust(view: &View<'_>, run: &Run, table: &mut Table) {
-    let frames = || {
-        view.measured()
-            .map(|(cell, measured)| (cell, &measured.frame))
-    };
+    let frames = || view.measured().map(|(cell, measured)| (cell, &measured.frame));
     let worst = |share: &dyn Fn(&FrameRecord) -> f64| {
         let worst = frames()
             .map(|(cell, frame)| (share(frame), cell))
             .filter(|(share, _)| share.is_finite())
             .max_by(|a, b| a.0.total_cmp(&b.0));
         worst.map(|(share, cell)| {
-            format!(
-                "at worst {} ({} {})",
-                format::percent(share),
-                cell.experiment,
-                cell.cell
-            )
+            format!("at worst {} ({} {})", format::percent(share), cell.experiment, cell.cell)
         })
     };
     let typical = |share: &dyn Fn(&FrameRecord) -> f64| {
@@ -112,10 +95,7 @@ fn trust(view: &View<'_>, run: &Run, table: &mut Table) {
     if let Some(worst_accounting) = worst(&accounting) {
         table.row([
             "frame accounting, stages + gaps against envelope".to_owned(),
-            format!(
-                "{} in the median cell, {worst_accounting}",
-                typical(&accounting)
-            ),
+            format!("{} in the median cell, {worst_accounting}", typical(&accounting)),
         ]);
         table.row([
             "cost of timing, timed over untimed frame".to_owned(),
@@ -127,19 +107,12 @@ fn trust(view: &View<'_>, run: &Run, table: &mut Table) {
         run.submit_cost_ns
             .iter()
             .map(|(kind, ns)| {
-                format!(
-                    "{} {} ms",
-                    pass_name(*kind),
-                    format::three(ns / format::NS_PER_MS)
-                )
+                format!("{} {} ms", pass_name(*kind), format::three(ns / format::NS_PER_MS))
             })
             .collect::<Vec<_>>()
             .join(", "),
     ]);
-    let rejected: u32 = view
-        .measured()
-        .flat_map(|(_, measured)| measured.rejected.values())
-        .sum();
+    let rejected: u32 = view.measured().flat_map(|(_, measured)| measured.rejected.values()).sum();
     table.row(["frames rejected".to_owned(), rejected.to_string()]);
     ended(view, table);
 }
@@ -160,16 +133,8 @@ fn ended(view: &View<'_>, table: &mut Table) {
             ),
         ]);
     }
-    if let Some(bytes) = view
-        .ends
-        .iter()
-        .filter_map(|end| end.peak_memory_bytes)
-        .max()
-    {
-        table.row([
-            "peak memory of the process".to_owned(),
-            format::mebibytes(bytes),
-        ]);
+    if let Some(bytes) = view.ends.iter().filter_map(|end| end.peak_memory_bytes).max() {
+        table.row(["peak memory of the process".to_owned(), format::mebibytes(bytes)]);
     }
     let interrupted = view.ends.last().is_none_or(|end| end.interrupted);
     if interrupted {
@@ -244,11 +209,7 @@ fn notes(view: &View<'_>, text: &mut String) {
             all.push(note);
         }
     }
-    let names: Vec<&str> = view
-        .runs
-        .iter()
-        .map(|run| run.adapter.name.as_str())
-        .collect();
+    let names: Vec<&str> = view.runs.iter().map(|run| run.adapter.name.as_str()).collect();
     let mixed = names.windows(2).any(|pair| pair[0] != pair[1]);
     if mixed {
         all.push("Cells of several adapters stand in these records; cells.csv names the adapter of each.");
@@ -277,10 +238,7 @@ fn overview(view: &View<'_>, text: &mut String) {
     for section in &view.sections {
         let count = |wanted: fn(&Outcome) -> bool| {
             let entries = section.entries.iter();
-            entries
-                .filter(|entry| wanted(&entry.cell.outcome))
-                .count()
-                .to_string()
+            entries.filter(|entry| wanted(&entry.cell.outcome)).count().to_string()
         };
         let rulings = section.rulings();
         let ruled = |wanted: Verdict| {
@@ -288,11 +246,7 @@ fn overview(view: &View<'_>, text: &mut String) {
             same.count().to_string()
         };
         table.row_of_markdown([
-            format!(
-                "[{}](#{})",
-                text::markdown(section.id),
-                text::link(section.id)
-            ),
+            format!("[{}](#{})", text::markdown(section.id), text::link(section.id)),
             count(|outcome| matches!(outcome, Outcome::Measured(_))),
             count(|outcome| matches!(outcome, Outcome::Skipped { .. })),
             count(|outcome| matches!(outcome, Outcome::Failed { .. })),

@@ -86,9 +86,8 @@ impl<'a> View<'a> {
     /// Gives each picture to the experiment with the longest id that its name begins with.
     fn take_pictures(&mut self, pictures: &'a [String]) {
         let numbered = self.sections.iter().enumerate();
-        let owners: HashMap<String, usize> = numbered
-            .map(|(index, section)| (text::file_stem(section.id), index))
-            .collect();
+        let owners: HashMap<String, usize> =
+            numbered.map(|(index, section)| (text::file_stem(section.id), index)).collect();
         for picture in pictures {
             match owner(picture, &owners) {
                 Some(index) => self.sections[index].pictures.push(picture),
@@ -102,8 +101,7 @@ impl<'a> View<'a> {
 fn owner(picture: &str, owners: &HashMap<String, usize>) -> Option<usize> {
     let name = picture.rsplit('/').next().unwrap_or(picture);
     let ends = name.match_indices(['_', '-', '.', ' ']).rev();
-    ends.map(|(end, _)| &name[..end])
-        .find_map(|stem| owners.get(stem).copied())
+    ends.map(|(end, _)| &name[..end]).find_map(|stem| owners.get(stem).copied())
 }
 
 /// Where sections and their cells are in a view that is being filled.
@@ -176,9 +174,7 @@ impl<'a> Section<'a> {
         let rank = |cell: &Cell| ranks.get(cell.cell.as_str()).copied();
         self.entries.sort_by(|a, b| {
             let [a_rank, b_rank] = [a, b].map(|entry| rank(entry.cell).unwrap_or(planned.len()));
-            a_rank
-                .cmp(&b_rank)
-                .then_with(|| compare_axes(a.cell, b.cell))
+            a_rank.cmp(&b_rank).then_with(|| compare_axes(a.cell, b.cell))
         });
     }
 
@@ -194,9 +190,7 @@ impl<'a> Section<'a> {
 
     /// Some of its cells were measured on a software driver.
     pub fn software(&self) -> bool {
-        self.entries
-            .iter()
-            .any(|entry| entry.run.is_none_or(|run| run.adapter.software))
+        self.entries.iter().any(|entry| entry.run.is_none_or(|run| run.adapter.software))
     }
 
     pub fn rulings(&self) -> &[Ruling] {
@@ -214,9 +208,7 @@ impl<'a> Section<'a> {
     }
 
     pub fn title(&self) -> &str {
-        self.experiment
-            .as_ref()
-            .map_or(self.id, |experiment| experiment.title.as_str())
+        self.experiment.as_ref().map_or(self.id, |experiment| experiment.title.as_str())
     }
 }
 

@@ -24,24 +24,11 @@ pub enum AssetError {
     #[error("there is no asset `{name}`: {hint}")]
     Unknown { name: String, hint: String },
     #[error("{asset}: cannot run `{client}` ({source}): install it, or get {what} by other means")]
-    NoClient {
-        asset: &'static str,
-        client: String,
-        source: io::Error,
-        what: String,
-    },
+    NoClient { asset: &'static str, client: String, source: io::Error, what: String },
     #[error("{asset}: `{command}` failed: {reason}")]
-    Client {
-        asset: &'static str,
-        command: String,
-        reason: String,
-    },
+    Client { asset: &'static str, command: String, reason: String },
     #[error("{asset}: {origin} does not hold {member}")]
-    Missing {
-        asset: &'static str,
-        origin: String,
-        member: String,
-    },
+    Missing { asset: &'static str, origin: String, member: String },
     #[error("{asset}: {path} has SHA-256 {found}, not {expected}: it is not used, {remedy}")]
     WrongSum {
         asset: &'static str,
@@ -53,17 +40,9 @@ pub enum AssetError {
     #[error(
         "{asset}: the {package} fetched holds a file of another SHA-256 than {expected}: it was not kept"
     )]
-    Changed {
-        asset: &'static str,
-        package: String,
-        expected: &'static str,
-    },
+    Changed { asset: &'static str, package: String, expected: &'static str },
     #[error("{asset}: {path}: {source}")]
-    File {
-        asset: &'static str,
-        path: PathBuf,
-        source: io::Error,
-    },
+    File { asset: &'static str, path: PathBuf, source: io::Error },
     #[error("there is no home folder to cache assets in: set FATHOM_CACHE to a folder")]
     NoCache,
 }
@@ -107,10 +86,7 @@ impl Places {
 
     /// The files that may be the asset, best first, each with its origin.
     fn candidates(&self, asset: &Asset) -> Vec<(PathBuf, String)> {
-        let cached = self
-            .cache
-            .iter()
-            .map(|c| (c.join(asset.file), "cached".into()));
+        let cached = self.cache.iter().map(|c| (c.join(asset.file), "cached".into()));
         let packed = self
             .cache
             .iter()
@@ -120,11 +96,9 @@ impl Places {
             Source::Package(Package::Debian { path, .. }) => {
                 vec![self.root.join(path.trim_start_matches('/'))]
             }
-            Source::Package(Package::Crate {
-                name,
-                version,
-                member,
-            }) => self.in_registry(&format!("{name}-{version}"), member),
+            Source::Package(Package::Crate { name, version, member }) => {
+                self.in_registry(&format!("{name}-{version}"), member)
+            }
             Source::Package(Package::Npm { .. }) | Source::ByHand => Vec::new(),
         };
         let by = format!("installed by {}", asset.source);
@@ -266,24 +240,17 @@ impl Asset {
     }
 
     fn file_error(&self, path: &Path, source: io::Error) -> AssetError {
-        AssetError::File {
-            asset: self.name,
-            path: path.to_owned(),
-            source,
-        }
+        AssetError::File { asset: self.name, path: path.to_owned(), source }
     }
 }
 
 /// The asset called `name`; the error names the nearest one.
 pub fn named(name: &str) -> Result<&'static Asset, AssetError> {
     let names = || ASSETS.iter().map(|a| a.name);
-    ASSETS
-        .iter()
-        .find(|a| a.name == name)
-        .ok_or_else(|| AssetError::Unknown {
-            name: name.to_owned(),
-            hint: check::hint(name, names()),
-        })
+    ASSETS.iter().find(|a| a.name == name).ok_or_else(|| AssetError::Unknown {
+        name: name.to_owned(),
+        hint: check::hint(name, names()),
+    })
 }
 
 /// Where each asset is.
@@ -307,10 +274,7 @@ pub fn fetch(names: &[impl AsRef<str>]) -> Vec<Result<AssetStatus, AssetError>> 
     if names.is_empty() {
         return ASSETS.iter().map(|asset| places.fetch(asset)).collect();
     }
-    names
-        .iter()
-        .map(|name| named(name.as_ref()).and_then(|asset| places.fetch(asset)))
-        .collect()
+    names.iter().map(|name| named(name.as_ref()).and_then(|asset| places.fetch(asset))).collect()
 }
 
 /// Whether the file has the asset's sum.

@@ -13,10 +13,7 @@ pub struct Bounds {
 
 impl Bounds {
     /// The box that holds nothing: growing it by a point gives that point.
-    pub const EMPTY: Bounds = Bounds {
-        min: DVec3::INFINITY,
-        max: DVec3::NEG_INFINITY,
-    };
+    pub const EMPTY: Bounds = Bounds { min: DVec3::INFINITY, max: DVec3::NEG_INFINITY };
 
     /// The smallest box that holds all points.
     pub fn around(points: impl IntoIterator<Item = DVec3>) -> Bounds {
@@ -26,19 +23,13 @@ impl Bounds {
     /// Grown to hold `point`.
     #[must_use]
     pub fn with(self, point: DVec3) -> Bounds {
-        Bounds {
-            min: self.min.min(point),
-            max: self.max.max(point),
-        }
+        Bounds { min: self.min.min(point), max: self.max.max(point) }
     }
 
     /// Grown to hold `other`.
     #[must_use]
     pub fn union(self, other: Bounds) -> Bounds {
-        Bounds {
-            min: self.min.min(other.min),
-            max: self.max.max(other.max),
-        }
+        Bounds { min: self.min.min(other.min), max: self.max.max(other.max) }
     }
 
     /// Extent along each axis, metres.
@@ -65,11 +56,7 @@ impl Bounds {
     pub fn corners(&self) -> [DVec3; 8] {
         std::array::from_fn(|i| {
             let pick = |axis: usize| {
-                if i >> axis & 1 == 1 {
-                    self.max[axis]
-                } else {
-                    self.min[axis]
-                }
+                if i >> axis & 1 == 1 { self.max[axis] } else { self.min[axis] }
             };
             DVec3::new(pick(0), pick(1), pick(2))
         })

@@ -45,21 +45,12 @@ impl Camera {
 
     /// World to view space (right-handed, looking along −z).
     pub fn view(&self) -> DMat4 {
-        view::look_to_mat4(
-            self.position(),
-            self.direction(),
-            DVec3::from(self.up).normalize(),
-        )
+        view::look_to_mat4(self.position(), self.direction(), DVec3::from(self.up).normalize())
     }
 
     /// View to clip space; `aspect` is width / height.
     pub fn projection(&self, aspect: f64) -> DMat4 {
-        directx::perspective(
-            self.fov_y_deg.to_radians(),
-            aspect,
-            self.z_near_m,
-            self.z_far_m,
-        )
+        directx::perspective(self.fov_y_deg.to_radians(), aspect, self.z_near_m, self.z_far_m)
     }
 
     /// World to clip space; `aspect` is width / height.
@@ -149,11 +140,9 @@ mod tests {
     #[test]
     fn projection_round_trips() {
         let m = camera().view_projection(1.5);
-        for ndc in [
-            DVec3::new(0.3, -0.7, 0.2),
-            DVec3::new(-1.0, 1.0, 0.0),
-            DVec3::new(0.9, 0.1, 0.999),
-        ] {
+        for ndc in
+            [DVec3::new(0.3, -0.7, 0.2), DVec3::new(-1.0, 1.0, 0.0), DVec3::new(0.9, 0.1, 0.999)]
+        {
             let world = m.inverse().project_point3(ndc);
             assert!((m.project_point3(world) - ndc).length() < 1e-9);
         }
@@ -182,10 +171,7 @@ mod tests {
         c.up = [0.1, 0.9, 0.05];
         let (m, r) = (c.view_projection(1.3), c.mirrored().view_projection(1.3));
         let p = DVec3::new(0.2, -1.5, 0.4);
-        let (a, b) = (
-            m.project_point3(p),
-            r.project_point3(p * DVec3::new(1.0, -1.0, 1.0)),
-        );
+        let (a, b) = (m.project_point3(p), r.project_point3(p * DVec3::new(1.0, -1.0, 1.0)));
         assert!((a - DVec3::new(b.x, -b.y, b.z)).length() < 1e-12);
     }
 

@@ -16,9 +16,7 @@ pub fn point(name: &str, value: &[f64]) -> Result<(), String> {
     if value.iter().all(|v| v.is_finite() && v.abs() <= FAR_M) {
         return Ok(());
     }
-    Err(format!(
-        "{name} = {value:?} must have components in -{FAR_M} to {FAR_M}"
-    ))
+    Err(format!("{name} = {value:?} must have components in -{FAR_M} to {FAR_M}"))
 }
 
 /// The candidate nearest to `name` by edit distance, if it is near enough to be meant.

@@ -132,24 +132,9 @@ fn sections() -> Vec<Section> {
             "/water/height_map",
             with(json!({"water": map})),
         ),
-        (
-            "`[[object]]`",
-            asked::<ObjectFile>(),
-            "/object/0",
-            plain.clone(),
-        ),
-        (
-            "`[object.transform]`",
-            asked::<Transform>(),
-            "/object/0/transform",
-            plain.clone(),
-        ),
-        (
-            "`[object.material]`",
-            asked::<Material>(),
-            "/object/0/material",
-            plain,
-        ),
+        ("`[[object]]`", asked::<ObjectFile>(), "/object/0", plain.clone()),
+        ("`[object.transform]`", asked::<Transform>(), "/object/0/transform", plain.clone()),
+        ("`[object.material]`", asked::<Material>(), "/object/0/material", plain),
         (
             "`[volume]`",
             asked::<VolumeFile>(),
@@ -170,11 +155,7 @@ fn every_key_is_documented_and_every_documented_key_is_one() {
         assert_eq!(documented, keys, "{heading}");
     }
     let count = DOCS.matches("\n## ").count();
-    assert_eq!(
-        count,
-        sections().len() + 2,
-        "a section that no type stands for"
-    );
+    assert_eq!(count, sections().len() + 2, "a section that no type stands for");
 }
 
 #[test]
@@ -183,10 +164,7 @@ fn documented_defaults_are_those_of_the_program() {
         let given = ["sea.npy", "smoke"];
         let tree = scene.pointer(place).unwrap();
         for row in rows(heading) {
-            let Some(literal) = row
-                .default
-                .strip_prefix('`')
-                .and_then(|d| d.strip_suffix('`'))
+            let Some(literal) = row.default.strip_prefix('`').and_then(|d| d.strip_suffix('`'))
             else {
                 let known = ["required", "its defaults", "none"].contains(&row.default);
                 assert!(known, "{heading} {}: default {}", row.key, row.default);
@@ -212,11 +190,7 @@ fn documented_defaults_are_those_of_the_program() {
                 }
                 (a, b) => near(a, b),
             };
-            assert!(
-                same,
-                "{heading} {}: {value} is documented as {literal}",
-                row.key
-            );
+            assert!(same, "{heading} {}: {value} is documented as {literal}", row.key);
         }
     }
 }
@@ -252,11 +226,8 @@ fn documented_ranges_are_kept() {
                 let section = changed.pointer_mut(place).unwrap();
                 let count = section[row.key].as_array().map_or(2, Vec::len);
                 let is_list = section[row.key].is_array() || row.key == "window";
-                section[row.key] = if is_list {
-                    json!(vec![number.clone(); count])
-                } else {
-                    number.clone()
-                };
+                section[row.key] =
+                    if is_list { json!(vec![number.clone(); count]) } else { number.clone() };
                 let taken = valid(&changed);
                 assert!(!taken, "{heading} {} = {number} is taken", row.key);
                 judged += 1;
@@ -287,12 +258,10 @@ fn documented_choices_are_all_there_are() {
 /// The sections on generators as the program's own declarations have them.
 fn generator_sections() -> String {
     let header = "| generator | parameter | range | default | meaning |\n|---|---|---|---|---|\n";
-    let objects: String = generators::all()
-        .map(|g| generator_rows(g.name, g.about, g.params))
-        .collect();
-    let volumes: String = fields::all()
-        .map(|g| generator_rows(g.name, g.about, g.params))
-        .collect();
+    let objects: String =
+        generators::all().map(|g| generator_rows(g.name, g.about, g.params)).collect();
+    let volumes: String =
+        fields::all().map(|g| generator_rows(g.name, g.about, g.params)).collect();
     format!(
         "## Generators of objects\n\nOf an `[[object]]`; units are in the names.\n\n{header}{objects}\n\
          ## Generators of volumes\n\nOf a `[volume]`; each is a field over a box whose longest edge is 1.\n\n{header}{volumes}"
@@ -301,10 +270,7 @@ fn generator_sections() -> String {
 
 fn generator_rows(name: &str, about: &str, params: &[Param]) -> String {
     let row = |p: &Param| {
-        format!(
-            "| | `{}` | {} to {} | `{}` | {} |\n",
-            p.name, p.low, p.high, p.default, p.about
-        )
+        format!("| | `{}` | {} to {} | `{}` | {} |\n", p.name, p.low, p.high, p.default, p.about)
     };
     let rows: String = params.iter().map(row).collect();
     format!("| `{name}` | | | | {about} |\n{rows}")
@@ -313,14 +279,9 @@ fn generator_rows(name: &str, about: &str, params: &[Param]) -> String {
 #[test]
 fn generators_are_documented_as_they_are_declared() {
     let expected = generator_sections();
-    let found = DOCS
-        .find("## Generators of objects")
-        .map_or("", |at| &DOCS[at..]);
+    let found = DOCS.find("## Generators of objects").map_or("", |at| &DOCS[at..]);
     for (expected, found) in expected.lines().zip(found.lines()) {
         assert_eq!(found, expected, "docs/scenes.md");
     }
-    assert!(
-        found.trim_end() == expected.trim_end(),
-        "docs/scenes.md should end with:\n{expected}"
-    );
+    assert!(found.trim_end() == expected.trim_end(), "docs/scenes.md should end with:\n{expected}");
 }

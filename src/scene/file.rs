@@ -177,10 +177,8 @@ impl SceneFile {
         let mut file = toml_text::read(origin, text)?;
         file.folder = Path::new(origin).parent().unwrap_or(Path::new("")).into();
         file.water.height_map = file.water.height_map.found_from(&file.folder);
-        file.validate().map_err(|message| SceneError::Parse {
-            origin: origin.to_owned(),
-            message,
-        })?;
+        file.validate()
+            .map_err(|message| SceneError::Parse { origin: origin.to_owned(), message })?;
         Ok(file)
     }
 
@@ -198,9 +196,7 @@ impl SceneFile {
             Some(volume) => volume.validate()?,
         }
         for object in &self.objects {
-            object
-                .validate()
-                .map_err(|m| format!("object `{}`: {m}", object.name))?;
+            object.validate().map_err(|m| format!("object `{}`: {m}", object.name))?;
         }
         Ok(())
     }
@@ -210,11 +206,7 @@ impl ObjectFile {
     fn validate(&self) -> Result<(), String> {
         self.transform.validate()?;
         self.material.validate()?;
-        let sources = [
-            self.generator.is_some(),
-            self.asset.is_some(),
-            self.file.is_some(),
-        ];
+        let sources = [self.generator.is_some(), self.asset.is_some(), self.file.is_some()];
         if sources.iter().filter(|given| **given).count() != 1 {
             return Err("it needs one of `generator`, `asset` and `file`".into());
         }
@@ -239,11 +231,7 @@ impl ObjectFile {
         let matrix = self.transform.matrix(&mesh, file.floor_depth_m);
         let mesh = mesh.transformed(&matrix);
         mesh.validate()?;
-        Ok(Object {
-            name: self.name.clone(),
-            mesh,
-            material: self.material.clone(),
-        })
+        Ok(Object { name: self.name.clone(), mesh, material: self.material.clone() })
     }
 
     fn mesh(
@@ -262,9 +250,7 @@ impl ObjectFile {
         let name = self.asset.as_deref().unwrap_or_default();
         let asset = assets::named(name).map_err(|e| e.to_string())?;
         if !matches!(asset.content, assets::Content::Mesh) {
-            return Err(format!(
-                "asset `{name}` is a volume: it belongs to [volume]"
-            ));
+            return Err(format!("asset `{name}` is a volume: it belongs to [volume]"));
         }
         if let Some(path) = assets::find(name) {
             return Mesh::read_within(&path, triangles).map_err(|e| e.to_string());
@@ -289,9 +275,7 @@ pub(super) fn find(name_or_path: &str) -> Result<(String, String), SceneError> {
             hint: check::hint(name_or_path, names.iter().copied()),
         });
     }
-    let text = input::text(path, input::MAX_TEXT).map_err(|source| SceneError::Read {
-        path: path.to_owned(),
-        source,
-    })?;
+    let text = input::text(path, input::MAX_TEXT)
+        .map_err(|source| SceneError::Read { path: path.to_owned(), source })?;
     Ok((name_or_path.to_owned(), text))
 }

@@ -5,24 +5,12 @@ use glam::{DVec2, DVec3, DVec4};
 use super::{bounds::Bounds, camera::Camera};
 
 /// Corner indices of the six faces of a [`Bounds`].
-const BOX_FACES: [[usize; 4]; 6] = [
-    [0, 2, 6, 4],
-    [1, 3, 7, 5],
-    [0, 1, 5, 4],
-    [2, 3, 7, 6],
-    [0, 1, 3, 2],
-    [4, 5, 7, 6],
-];
+const BOX_FACES: [[usize; 4]; 6] =
+    [[0, 2, 6, 4], [1, 3, 7, 5], [0, 1, 5, 4], [2, 3, 7, 6], [0, 1, 3, 2], [4, 5, 7, 6]];
 
 /// Corner indices of the six faces of [`Camera::frustum_corners`].
-const FRUSTUM_FACES: [[usize; 4]; 6] = [
-    [0, 1, 2, 3],
-    [4, 5, 6, 7],
-    [0, 1, 5, 4],
-    [1, 2, 6, 5],
-    [2, 3, 7, 6],
-    [3, 0, 4, 7],
-];
+const FRUSTUM_FACES: [[usize; 4]; 6] =
+    [[0, 1, 2, 3], [4, 5, 6, 7], [0, 1, 5, 4], [1, 2, 6, 5], [2, 3, 7, 6], [3, 0, 4, 7]];
 
 /// The corners of the camera frustum's intersection with `bounds` (some repeated); none if they do
 /// not meet. Each lies on a face of one solid cut by the planes of the other.
@@ -31,12 +19,10 @@ pub fn visible_points(camera: &Camera, aspect: f64, bounds: &Bounds) -> Vec<DVec
     let box_corners = bounds.corners();
     let frustum_planes = camera.frustum_planes(aspect);
     let box_planes = planes(bounds);
-    let frustum_faces = FRUSTUM_FACES
-        .iter()
-        .map(|face| clip(face.map(|i| corners[i]).to_vec(), &box_planes));
-    let box_faces = BOX_FACES
-        .iter()
-        .map(|face| clip(face.map(|i| box_corners[i]).to_vec(), &frustum_planes));
+    let frustum_faces =
+        FRUSTUM_FACES.iter().map(|face| clip(face.map(|i| corners[i]).to_vec(), &box_planes));
+    let box_faces =
+        BOX_FACES.iter().map(|face| clip(face.map(|i| box_corners[i]).to_vec(), &frustum_planes));
     frustum_faces.chain(box_faces).flatten().collect()
 }
 
@@ -81,34 +67,18 @@ pub struct Rectangle {
 impl Rectangle {
     /// Centred on the axis.
     pub fn square(half: f64) -> Rectangle {
-        Rectangle {
-            min: DVec2::splat(-half),
-            max: DVec2::splat(half),
-        }
+        Rectangle { min: DVec2::splat(-half), max: DVec2::splat(half) }
     }
 
     pub fn around(points: impl IntoIterator<Item = DVec2>) -> Rectangle {
-        let empty = Rectangle {
-            min: DVec2::INFINITY,
-            max: DVec2::NEG_INFINITY,
-        };
-        points.into_iter().fold(empty, |r, p| Rectangle {
-            min: r.min.min(p),
-            max: r.max.max(p),
-        })
+        let empty = Rectangle { min: DVec2::INFINITY, max: DVec2::NEG_INFINITY };
+        points.into_iter().fold(empty, |r, p| Rectangle { min: r.min.min(p), max: r.max.max(p) })
     }
 
     /// The part of this rectangle inside `other`; `other` itself if that part has no area.
     pub fn within(&self, other: &Rectangle) -> Rectangle {
-        let cut = Rectangle {
-            min: self.min.max(other.min),
-            max: self.max.min(other.max),
-        };
-        if cut.max.cmpgt(cut.min).all() {
-            cut
-        } else {
-            *other
-        }
+        let cut = Rectangle { min: self.min.max(other.min), max: self.max.min(other.max) };
+        if cut.max.cmpgt(cut.min).all() { cut } else { *other }
     }
 
     pub fn area(&self) -> f64 {
@@ -134,10 +104,7 @@ mod tests {
 
     #[test]
     fn a_box_inside_the_frustum_is_seen_whole() {
-        let bounds = Bounds {
-            min: DVec3::splat(-0.5),
-            max: DVec3::splat(0.5),
-        };
+        let bounds = Bounds { min: DVec3::splat(-0.5), max: DVec3::splat(0.5) };
         let seen = Bounds::around(visible_points(&camera(), 1.0, &bounds));
         assert!((seen.min - bounds.min).length() < 1e-9);
         assert!((seen.max - bounds.max).length() < 1e-9);
@@ -145,10 +112,7 @@ mod tests {
 
     #[test]
     fn a_frustum_inside_the_box_is_seen_whole() {
-        let bounds = Bounds {
-            min: DVec3::splat(-50.0),
-            max: DVec3::splat(50.0),
-        };
+        let bounds = Bounds { min: DVec3::splat(-50.0), max: DVec3::splat(50.0) };
         let seen = Bounds::around(visible_points(&camera(), 1.3, &bounds));
         let whole = Bounds::around(camera().frustum_corners(1.3));
         assert!((seen.min - whole.min).length() < 1e-6);
@@ -157,10 +121,7 @@ mod tests {
 
     #[test]
     fn a_box_behind_the_camera_is_not_seen() {
-        let bounds = Bounds {
-            min: DVec3::new(-1.0, -1.0, 6.0),
-            max: DVec3::new(1.0, 1.0, 8.0),
-        };
+        let bounds = Bounds { min: DVec3::new(-1.0, -1.0, 6.0), max: DVec3::new(1.0, 1.0, 8.0) };
         assert!(visible_points(&camera(), 1.0, &bounds).is_empty());
     }
 }

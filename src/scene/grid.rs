@@ -41,11 +41,7 @@ impl Grid {
         // The longest side comes out at the resolution whatever the rounding.
         let inner = (size / voxel_m - 1e-6).ceil() + 2.0 * MARGIN_VOXELS;
         let cells = inner.to_array().map(|n| (n as u32).clamp(4, resolution));
-        Ok(Grid {
-            cells,
-            origin_m: bounds.min - MARGIN_VOXELS * voxel_m,
-            voxel_m,
-        })
+        Ok(Grid { cells, origin_m: bounds.min - MARGIN_VOXELS * voxel_m, voxel_m })
     }
 
     /// A cube of `edge_m` around a point, `resolution` voxels along each side.
@@ -54,9 +50,7 @@ impl Grid {
     /// No voxels, and an edge that is not positive.
     pub fn around(center: DVec3, edge_m: f64, resolution: u32) -> Result<Grid, String> {
         if resolution == 0 || !(edge_m.is_finite() && edge_m > 0.0) {
-            return Err(format!(
-                "a box of {edge_m} m and {resolution} voxels is no grid"
-            ));
+            return Err(format!("a box of {edge_m} m and {resolution} voxels is no grid"));
         }
         Ok(Grid {
             cells: [resolution; 3],
@@ -82,10 +76,7 @@ impl Grid {
 
     /// The box that it fills.
     pub fn bounds(&self) -> Bounds {
-        Bounds {
-            min: self.origin_m,
-            max: self.origin_m + self.size_m(),
-        }
+        Bounds { min: self.origin_m, max: self.origin_m + self.size_m() }
     }
 
     /// A world point in voxels from the origin.
@@ -126,20 +117,14 @@ mod tests {
             let inner = bounds([2.0, 1.0, 0.3]);
             let low = (inner.min - outer.min) / grid.voxel_m;
             let high = (outer.max - inner.max) / grid.voxel_m;
-            assert!(
-                low.min_element() > 1.49 && high.min_element() > 1.49,
-                "{low} {high}"
-            );
+            assert!(low.min_element() > 1.49 && high.min_element() > 1.49, "{low} {high}");
             assert!(high.max_element() < 4.0, "{high}");
         }
     }
 
     #[test]
     fn flat_boxes_and_bad_ones() {
-        assert_eq!(
-            Grid::fit(&bounds([1.0, 0.0, 1.0]), 64).unwrap().cells,
-            [64, 4, 64]
-        );
+        assert_eq!(Grid::fit(&bounds([1.0, 0.0, 1.0]), 64).unwrap().cells, [64, 4, 64]);
         assert!(Grid::fit(&bounds([0.0; 3]), 64).is_err());
         assert!(Grid::fit(&Bounds::EMPTY, 64).is_err());
         assert!(Grid::fit(&bounds([1.0; 3]), 3).is_err());

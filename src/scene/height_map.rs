@@ -45,12 +45,7 @@ impl HeightMap {
             return Ok(());
         }
         for (i, side_m) in self.tile_m.iter().enumerate() {
-            check::within(
-                &format!("water.height_map.tile_m[{i}]"),
-                *side_m,
-                1e-3,
-                check::FAR_M,
-            )?;
+            check::within(&format!("water.height_map.tile_m[{i}]"), *side_m, 1e-3, check::FAR_M)?;
         }
         Ok(())
     }
@@ -87,9 +82,7 @@ fn parse(bytes: &[u8]) -> Result<(usize, Vec<f64>), String> {
     match widened {
         Err(ViewNpyError::WrongDescriptor(found)) => {
             let found = found.to_string();
-            Err(format!(
-                "its values are of type {found}; heights are little-endian f32 or f64"
-            ))
+            Err(format!("its values are of type {found}; heights are little-endian f32 or f64"))
         }
         Err(error) => Err(error.to_string()),
         Ok(found) => found,
@@ -104,10 +97,7 @@ fn view<T: ViewElement>(bytes: &[u8]) -> Result<ArrayView2<'_, T>, ViewNpyError>
 fn check_header_length(bytes: &[u8]) -> Result<(), String> {
     let byte = |i: usize| bytes.get(i).copied().unwrap_or(0);
     let low = u32::from(u16::from_le_bytes([byte(NPY_PREFIX), byte(NPY_PREFIX + 1)]));
-    let high = u32::from(u16::from_le_bytes([
-        byte(NPY_PREFIX + 2),
-        byte(NPY_PREFIX + 3),
-    ]));
+    let high = u32::from(u16::from_le_bytes([byte(NPY_PREFIX + 2), byte(NPY_PREFIX + 3)]));
     let claimed = match byte(NPY_PREFIX - 2) {
         0 | 1 => low,
         _ => low | high << 16,
@@ -124,15 +114,10 @@ fn heights<T: Copy>(
 ) -> Result<(usize, Vec<f64>), String> {
     let (rows, columns) = array.dim();
     if !(1..=MAX_SIDE).contains(&rows) || !(1..=MAX_SIDE).contains(&columns) {
-        return Err(format!(
-            "{rows} × {columns} heights; each side has 1 to {MAX_SIDE}"
-        ));
+        return Err(format!("{rows} × {columns} heights; each side has 1 to {MAX_SIDE}"));
     }
     let heights: Vec<f64> = array.iter().map(|h| widen(*h)).collect();
-    match heights
-        .iter()
-        .position(|h| h.is_nan() || h.abs() > MAX_HEIGHT_M)
-    {
+    match heights.iter().position(|h| h.is_nan() || h.abs() > MAX_HEIGHT_M) {
         None => Ok((rows, heights)),
         Some(i) => Err(format!(
             "row {}, column {}: a height of {} m; heights lie within ±{MAX_HEIGHT_M} m",
@@ -182,10 +167,7 @@ impl Tile {
     pub fn new(columns: usize, heights_m: Vec<f64>, map: &HeightMap) -> Result<Tile, String> {
         let rows = heights_m.len() / columns.max(1);
         if rows * columns != heights_m.len() || rows == 0 {
-            return Err(format!(
-                "{} heights do not fill rows of {columns}",
-                heights_m.len()
-            ));
+            return Err(format!("{} heights do not fill rows of {columns}", heights_m.len()));
         }
         Ok(Tile {
             rows,
@@ -224,11 +206,7 @@ impl Tile {
 
     /// Bound of the elevation's magnitude, metres.
     pub fn bound_m(&self) -> f64 {
-        OVERSHOOT
-            * self
-                .heights_m
-                .iter()
-                .fold(0.0, |most: f64, h| most.max(h.abs()))
+        OVERSHOOT * self.heights_m.iter().fold(0.0, |most: f64, h| most.max(h.abs()))
     }
 
     /// Smaller distance between neighbouring samples, metres.
@@ -263,11 +241,7 @@ mod tests {
             0.1 * (TAU * i as f64 / 32.0).cos() + 0.05 * (TAU * j as f64 / 24.0).sin()
         };
         let (rows, heights_m) = parse(&bytes(&Array2::from_shape_fn((24, 32), height))).unwrap();
-        let map = HeightMap {
-            tile_m: [4.0, 3.0],
-            origin_m: [0.5, -0.25],
-            ..HeightMap::default()
-        };
+        let map = HeightMap { tile_m: [4.0, 3.0], origin_m: [0.5, -0.25], ..HeightMap::default() };
         assert!(Tile::new(5, heights_m.clone(), &map).is_err());
         Tile::new(heights_m.len() / rows, heights_m, &map).unwrap()
     }
@@ -294,10 +268,7 @@ mod tests {
             let slope = DVec2::new(-0.1 * angle.x.sin(), 0.05 * angle.y.cos()) * TAU / tile.tile_m;
             let at = tile.at(place);
             assert!((at.x - height).abs() < 2e-4, "{at} for {height}");
-            assert!(
-                (DVec2::new(at.y, at.z) - slope).length() < 4e-3,
-                "{at} for {slope}"
-            );
+            assert!((DVec2::new(at.y, at.z) - slope).length() < 4e-3, "{at} for {slope}");
             assert!(at.x.abs() <= tile.bound_m());
         }
     }
@@ -353,26 +324,11 @@ mod tests {
 
     #[test]
     fn tiles_without_size_are_refused() {
-        let mut map = HeightMap {
-            file: "sea.npy".into(),
-            ..HeightMap::default()
-        };
-        assert!(
-            map.validate()
-                .unwrap_err()
-                .contains("water.height_map.tile_m[0] = 0")
-        );
+        let mut map = HeightMap { file: "sea.npy".into(), ..HeightMap::default() };
+        assert!(map.validate().unwrap_err().contains("water.height_map.tile_m[0] = 0"));
         map.tile_m = [4.0, f64::NAN];
-        assert!(
-            map.validate()
-                .unwrap_err()
-                .contains("water.height_map.tile_m[1]")
-        );
+        assert!(map.validate().unwrap_err().contains("water.height_map.tile_m[1]"));
         map.tile_m = [4.0, 4.0];
-        assert!(
-            map.load()
-                .unwrap_err()
-                .starts_with("water.height_map.file sea.npy: ")
-        );
+        assert!(map.load().unwrap_err().starts_with("water.height_map.file sea.npy: "));
     }
 }

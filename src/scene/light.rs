@@ -155,9 +155,7 @@ impl Light {
 
     /// Unit direction in which a directional light's rays travel.
     fn travel(&self) -> DVec3 {
-        DVec3::from(self.direction)
-            .try_normalize()
-            .unwrap_or(DVec3::NEG_Y)
+        DVec3::from(self.direction).try_normalize().unwrap_or(DVec3::NEG_Y)
     }
 
     /// A box along the view's −z around `seen`, and the flux through it.
@@ -215,11 +213,7 @@ impl LightFrame {
 
 /// An up vector that is never parallel to `forward`.
 fn up_for(forward: DVec3) -> DVec3 {
-    if forward.z.abs() < 0.9 {
-        DVec3::Z
-    } else {
-        DVec3::X
-    }
+    if forward.z.abs() < 0.9 { DVec3::Z } else { DVec3::X }
 }
 
 /// Where the seen part of the scene can get its light from: its corners, and for those under water
@@ -250,19 +244,14 @@ fn depth_range(view: &DMat4, bounds: &Bounds) -> (f64, f64) {
         .corners()
         .iter()
         .map(|c| -view.transform_point3(*c).z)
-        .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), d| {
-            (low.min(d), high.max(d))
-        })
+        .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), d| (low.min(d), high.max(d)))
 }
 
 /// Tangents of a view-space point's angles off the axis, limited to [`POINT_MAX_TANGENT`]; a point
 /// at or behind the light has the limit in its direction.
 fn tangent(p: DVec3) -> DVec2 {
     let depth = (-p.z).max(1e-9);
-    (p.truncate() / depth).clamp(
-        DVec2::splat(-POINT_MAX_TANGENT),
-        DVec2::splat(POINT_MAX_TANGENT),
-    )
+    (p.truncate() / depth).clamp(DVec2::splat(-POINT_MAX_TANGENT), DVec2::splat(POINT_MAX_TANGENT))
 }
 
 /// Solid angle of the pyramid with these tangents, steradians.
@@ -288,22 +277,13 @@ mod tests {
     }
 
     fn bounds() -> Bounds {
-        Bounds {
-            min: DVec3::new(-6.0, -4.0, -7.0),
-            max: DVec3::new(6.0, 1.0, 7.0),
-        }
+        Bounds { min: DVec3::new(-6.0, -4.0, -7.0), max: DVec3::new(6.0, 1.0, 7.0) }
     }
 
     fn lights() -> [Light; 3] {
-        let point = Light {
-            kind: LightKind::Point,
-            position_m: [1.0, 9.0, 2.0],
-            ..Light::default()
-        };
-        let steep = Light {
-            direction: [0.0, -1.0, 0.0],
-            ..Light::default()
-        };
+        let point =
+            Light { kind: LightKind::Point, position_m: [1.0, 9.0, 2.0], ..Light::default() };
+        let steep = Light { direction: [0.0, -1.0, 0.0], ..Light::default() };
         [Light::default(), point, steep]
     }
 
@@ -313,11 +293,8 @@ mod tests {
         let mut points = Vec::new();
         for i in 0..60 {
             for j in 0..60 {
-                let p = DVec3::new(
-                    -6.0 + f64::from(i) * 0.2,
-                    -4.0,
-                    -7.0 + f64::from(j) * 14.0 / 60.0,
-                );
+                let p =
+                    DVec3::new(-6.0 + f64::from(i) * 0.2, -4.0, -7.0 + f64::from(j) * 14.0 / 60.0);
                 let ndc = m.project_point3(p);
                 let inside =
                     ndc.truncate().abs().max_element() <= 1.0 && (0.0..=1.0).contains(&ndc.z);
@@ -350,34 +327,16 @@ mod tests {
 
     #[test]
     fn frustum_never_exceeds_the_bounds() {
-        let wide = Camera {
-            fov_y_deg: 150.0,
-            z_far_m: 500.0,
-            ..camera()
-        };
-        let light = Light {
-            direction: [0.0, -1.0, 0.0],
-            ..Light::default()
-        };
+        let wide = Camera { fov_y_deg: 150.0, z_far_m: 500.0, ..camera() };
+        let light = Light { direction: [0.0, -1.0, 0.0], ..Light::default() };
         let frame = light.frame(&wide, 1.0, &bounds());
-        assert!(
-            frame.emitted_w <= 9.2 * 12.0 * 14.0 + 1e-9,
-            "{}",
-            frame.emitted_w
-        );
+        assert!(frame.emitted_w <= 9.2 * 12.0 * 14.0 + 1e-9, "{}", frame.emitted_w);
     }
 
     #[test]
     fn a_camera_that_sees_nothing_gets_the_whole_bounds() {
-        let away = Camera {
-            position_m: [0.0, 50.0, 0.0],
-            target_m: [0.0, 60.0, 1.0],
-            ..camera()
-        };
-        let light = Light {
-            direction: [0.0, -1.0, 0.0],
-            ..Light::default()
-        };
+        let away = Camera { position_m: [0.0, 50.0, 0.0], target_m: [0.0, 60.0, 1.0], ..camera() };
+        let light = Light { direction: [0.0, -1.0, 0.0], ..Light::default() };
         let frame = light.frame(&away, 1.0, &bounds());
         assert!((frame.emitted_w - 9.2 * 12.0 * 14.0).abs() < 1e-6);
     }
@@ -399,9 +358,7 @@ mod tests {
             assert!((direction.length() - 1.0).abs() < 1e-12);
             let start = frame.view_projection.project_point3(origin);
             assert!((start - DVec3::new(0.4, -0.6, 0.0)).length() < 1e-6);
-            let along = frame
-                .view_projection
-                .project_point3(origin + direction * 5.0);
+            let along = frame.view_projection.project_point3(origin + direction * 5.0);
             assert!((along.truncate() - DVec2::new(0.4, -0.6)).length() < 1e-6);
             assert!(origin.y > 0.0, "photons start above the water");
         }
@@ -413,10 +370,7 @@ mod tests {
         // One face of a cube seen from its centre: a sixth of the sphere.
         let sixth = 4.0 * std::f64::consts::PI / 6.0;
         assert!((solid_angle(&full) - sixth).abs() < 1e-12);
-        let light = Light {
-            half_extent_m: 2.0,
-            ..Light::default()
-        };
+        let light = Light { half_extent_m: 2.0, ..Light::default() };
         let frame = light.frame(&camera(), 1.0, &bounds());
         assert!((frame.emitted_w - 9.2 * 16.0).abs() < 1e-9);
         let point = Light {

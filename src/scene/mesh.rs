@@ -82,10 +82,8 @@ impl Mesh {
                 sums[self.indices[3 * t + k] as usize] += doubled_area;
             }
         }
-        self.normals = sums
-            .into_iter()
-            .map(|n| n.normalize_or(DVec3::Y).as_vec3().to_array())
-            .collect();
+        self.normals =
+            sums.into_iter().map(|n| n.normalize_or(DVec3::Y).as_vec3().to_array()).collect();
     }
 
     /// Whether the arrays agree and hold usable numbers; the error says what is wrong and where.

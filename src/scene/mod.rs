@@ -65,10 +65,7 @@ pub enum SceneError {
     #[error("there is no scene `{name}`: {hint} (or give the path of a .toml file)")]
     Unknown { name: String, hint: String },
     #[error("cannot read the scene file {path}: {source}")]
-    Read {
-        path: PathBuf,
-        source: std::io::Error,
-    },
+    Read { path: PathBuf, source: std::io::Error },
     #[error("scene file {origin}: {}", one_line(.message))]
     Parse { origin: String, message: String },
     #[error("scene `{}`: {}", one_line(.scene), one_line(.message))]
@@ -93,13 +90,7 @@ pub struct Material {
 
 impl Default for Material {
     fn default() -> Self {
-        Self {
-            albedo: [0.7; 3],
-            accent: [0.5; 3],
-            tile_m: 0.0,
-            alpha: 1.0,
-            specular: 0.0,
-        }
+        Self { albedo: [0.7; 3], accent: [0.5; 3], tile_m: 0.0, alpha: 1.0, specular: 0.0 }
     }
 }
 
@@ -165,10 +156,7 @@ impl Scene {
 
     /// Makes the geometry that `file` describes.
     pub fn build(file: &SceneFile) -> Result<Scene, SceneError> {
-        let invalid = |message: String| SceneError::Invalid {
-            scene: file.name.clone(),
-            message,
-        };
+        let invalid = |message: String| SceneError::Invalid { scene: file.name.clone(), message };
         file.validate().map_err(invalid)?;
         let water = file.water.loaded().map_err(invalid)?;
         let mut stand_ins = Vec::new();

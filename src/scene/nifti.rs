@@ -42,12 +42,7 @@ pub fn parse(source: &mut dyn Read) -> Result<Samples, String> {
             count * stored.bytes
         ));
     }
-    Ok(Samples {
-        cells,
-        spacing_m: header.spacing_m()?,
-        window: header.window(&data),
-        data,
-    })
+    Ok(Samples { cells, spacing_m: header.spacing_m()?, window: header.window(&data), data })
 }
 
 /// A kind of stored value.
@@ -97,10 +92,7 @@ impl<'a> Header<'a> {
         let Some(order) = size.iter().position(|s| *s == HEADER as i32) else {
             return Err(format!("sizeof_hdr = {} must be {HEADER}", size[0]));
         };
-        let header = Self {
-            bytes,
-            little: order == 0,
-        };
+        let header = Self { bytes, little: order == 0 };
         match &bytes[344..348] {
             b"n+1\0" => Ok(header),
             b"ni1\0" => {
@@ -132,14 +124,8 @@ impl<'a> Header<'a> {
         for i in 1..=axes as usize {
             let (length, low, high) = (dim(i), 1, if i > 3 { 1 } else { i16::MAX });
             if !(low..=high).contains(&length) {
-                let why = if length > 1 {
-                    ": only one volume is read"
-                } else {
-                    ""
-                };
-                return Err(format!(
-                    "dim[{i}] = {length} must lie in {low} to {high}{why}"
-                ));
+                let why = if length > 1 { ": only one volume is read" } else { "" };
+                return Err(format!("dim[{i}] = {length} must lie in {low} to {high}{why}"));
             }
         }
         Ok([dim(1), dim(2), dim(3)].map(|n| n as u32))
@@ -179,9 +165,7 @@ impl<'a> Header<'a> {
         if (FIRST_OFFSET..1e9).contains(&offset) && offset.fract() == 0.0 {
             return Ok(offset as usize);
         }
-        Err(format!(
-            "vox_offset = {offset} must be a whole number from {FIRST_OFFSET} on"
-        ))
+        Err(format!("vox_offset = {offset} must be a whole number from {FIRST_OFFSET} on"))
     }
 
     /// `scl_slope` and `scl_inter`; a slope of 0 means none.
@@ -193,9 +177,7 @@ impl<'a> Header<'a> {
         if slope.is_finite() && intercept.is_finite() {
             return Ok((slope.into(), intercept.into()));
         }
-        Err(format!(
-            "scl_slope = {slope} and scl_inter = {intercept} must be finite"
-        ))
+        Err(format!("scl_slope = {slope} and scl_inter = {intercept} must be finite"))
     }
 
     /// `pixdim` in the unit of `xyzt_units`; without one, millimetres.
@@ -205,9 +187,7 @@ impl<'a> Header<'a> {
             0 | 2 => 1e-3,
             3 => 1e-6,
             other => {
-                return Err(format!(
-                    "xyzt_units = {other}: there is no such unit of length"
-                ));
+                return Err(format!("xyzt_units = {other}: there is no such unit of length"));
             }
         };
         let mut spacing = DVec3::ZERO;
@@ -231,13 +211,6 @@ impl<'a> Header<'a> {
         let least = f64::from(least);
         // A volume of one value is all 0.
         let range = f64::from(largest) - least;
-        [
-            least,
-            if range > 0.0 {
-                f64::from(largest)
-            } else {
-                least + 1.0
-            },
-        ]
+        [least, if range > 0.0 { f64::from(largest) } else { least + 1.0 }]
     }
 }

@@ -99,9 +99,7 @@ fn gradient(ix: u32, iy: u32, seed: u32) -> DVec2 {
 /// Mixes the lattice point and the seed (rounds of the PCG output permutation).
 fn hash(ix: u32, iy: u32, seed: u32) -> u32 {
     [ix, iy, seed].into_iter().fold(0x2545_f491, |state, word| {
-        let s = (state ^ word)
-            .wrapping_mul(747_796_405)
-            .wrapping_add(2_891_336_453);
+        let s = (state ^ word).wrapping_mul(747_796_405).wrapping_add(2_891_336_453);
         let w = ((s >> ((s >> 28) + 4)) ^ s).wrapping_mul(277_803_737);
         (w >> 22) ^ w
     })
@@ -114,10 +112,7 @@ mod tests {
     fn samples() -> impl Iterator<Item = (f64, f64)> {
         (0..2000).map(|i| {
             let i = f64::from(i);
-            (
-                (i * 0.618_034).fract() * 3.0 - 1.0,
-                (i * 0.414_214).fract() * 3.0 - 1.0,
-            )
+            ((i * 0.618_034).fract() * 3.0 - 1.0, (i * 0.414_214).fract() * 3.0 - 1.0)
         })
     }
 

@@ -28,10 +28,7 @@ const MAX_OBJECTS: usize = 100_000;
 pub fn read(path: &Path, triangles: usize) -> Result<Mesh, MeshError> {
     let source = read::open(path).map_err(|e| MeshError::read(path, e))?;
     let mut statements = Statements::new(BufReader::new(source), triangles);
-    let options = LoadOptions {
-        triangulate: true,
-        ..LoadOptions::default()
-    };
+    let options = LoadOptions { triangulate: true, ..LoadOptions::default() };
     let no_materials = |_: &Path| Ok((Vec::new(), Default::default()));
     let loaded = tobj::load_obj_buf(&mut statements, &options, no_materials);
     let (models, _) = loaded.map_err(|fault| malformed(path, &statements, fault))?;
@@ -112,9 +109,7 @@ impl<R: BufRead> Statements<R> {
     }
 
     fn statement(&mut self, line: &[u8]) -> Result<(), String> {
-        let mut words = line
-            .split(u8::is_ascii_whitespace)
-            .filter(|word| !word.is_empty());
+        let mut words = line.split(u8::is_ascii_whitespace).filter(|word| !word.is_empty());
         let Some(keyword) = words.next() else {
             return Ok(());
         };
@@ -180,9 +175,7 @@ impl<R: BufRead> Statements<R> {
 
     fn object(&mut self, has_normals: bool) -> Result<(), String> {
         if self.objects.len() == MAX_OBJECTS {
-            return Err(format!(
-                "more than {MAX_OBJECTS} objects; at most that is read"
-            ));
+            return Err(format!("more than {MAX_OBJECTS} objects; at most that is read"));
         }
         self.objects.push(has_normals);
         self.ended = false;
@@ -211,27 +204,21 @@ impl<R: BufRead> Statements<R> {
 /// One more of what is counted, within what is read.
 fn counted(count: usize, what: &str) -> Result<usize, String> {
     if count == MAX_VERTICES {
-        return Err(format!(
-            "more than {MAX_VERTICES} {what}; at most that is read"
-        ));
+        return Err(format!("more than {MAX_VERTICES} {what}; at most that is read"));
     }
     Ok(count + 1)
 }
 
 /// An index from 1; a negative one counts back from the last that was read. What a positive one names may follow later.
 fn index(text: &str, count: usize) -> Result<usize, String> {
-    let number: i64 = text
-        .parse()
-        .map_err(|_| format!("`{}` is no index", read::clipped(text)))?;
+    let number: i64 = text.parse().map_err(|_| format!("`{}` is no index", read::clipped(text)))?;
     let index = match number {
         1.. => number,
         _ => number.saturating_add(count as i64 + 1),
     };
     match usize::try_from(index) {
         Ok(index @ 1..=MAX_VERTICES) if number != 0 => Ok(index),
-        _ => Err(format!(
-            "index {number} is out of bounds: there are {count}"
-        )),
+        _ => Err(format!("index {number} is out of bounds: there are {count}")),
     }
 }
 
@@ -268,11 +255,7 @@ fn convert(source: &tobj::Mesh, has_normals: bool) -> Mesh {
     };
     if !has_normals {
         let mut mesh = Mesh {
-            positions: source
-                .positions
-                .chunks_exact(3)
-                .map(|p| [p[0], p[1], p[2]])
-                .collect(),
+            positions: source.positions.chunks_exact(3).map(|p| [p[0], p[1], p[2]]).collect(),
             normals: Vec::new(),
             indices: source.indices.clone(),
         };

@@ -20,13 +20,8 @@ const MAX_HEADER: usize = 1000;
 /// Reads the vertices and faces of an ASCII PLY file of at most `triangles`; other elements are skipped.
 pub fn read(path: &Path, triangles: usize) -> Result<Mesh, MeshError> {
     let source = read::open(path).map_err(|e| MeshError::read(path, e))?;
-    let mut lines = Lines {
-        path,
-        source: BufReader::new(source),
-        triangles,
-        number: 0,
-        line: String::new(),
-    };
+    let mut lines =
+        Lines { path, source: BufReader::new(source), triangles, number: 0, line: String::new() };
     let elements = header(&mut lines)?;
     let mut mesh = Mesh::default();
     for element in &elements {
@@ -95,10 +90,9 @@ fn header(lines: &mut Lines) -> Result<Vec<Element>, MeshError> {
             }
             ["element", name, count] => elements.push(element(lines, name, count)?),
             ["property", .., name] => match elements.last_mut() {
-                Some(element) => element.properties.push(Property {
-                    name: name.to_owned(),
-                    list: words[1] == "list",
-                }),
+                Some(element) => element
+                    .properties
+                    .push(Property { name: name.to_owned(), list: words[1] == "list" }),
                 None => return Err(lines.fault("a property before the first element")),
             },
             ["end_header"] => return complete(lines, elements),
@@ -114,11 +108,9 @@ fn element(lines: &Lines, name: &str, count: &str) -> Result<Element, MeshError>
         _ => MAX_TRIANGLES,
     };
     match count.parse::<usize>() {
-        Ok(count) if count <= most => Ok(Element {
-            name: name.to_owned(),
-            count,
-            properties: Vec::new(),
-        }),
+        Ok(count) if count <= most => {
+            Ok(Element { name: name.to_owned(), count, properties: Vec::new() })
+        }
         _ => Err(lines.fault(format!("element {name} {count}: at most {most} are read"))),
     }
 }
@@ -213,21 +205,13 @@ impl Lines<'_> {
         &self,
         words: &mut SplitAsciiWhitespace,
     ) -> Result<T, MeshError> {
-        let word = words
-            .next()
-            .ok_or_else(|| self.fault("the line has too few numbers"))?;
+        let word = words.next().ok_or_else(|| self.fault("the line has too few numbers"))?;
         word.parse().map_err(|_| {
-            self.fault(format!(
-                "`{}` is not a valid number here",
-                read::clipped(word)
-            ))
+            self.fault(format!("`{}` is not a valid number here", read::clipped(word)))
         })
     }
 
     fn fault(&self, what: impl AsRef<str>) -> MeshError {
-        MeshError::malformed(
-            self.path,
-            format!("line {}: {}", self.number, what.as_ref()),
-        )
+        MeshError::malformed(self.path, format!("line {}: {}", self.number, what.as_ref()))
     }
 }

@@ -98,24 +98,15 @@ mod tests {
     use super::*;
 
     fn raw(format: VolumeFormat) -> Raw {
-        Raw {
-            cells: [2, 1, 1],
-            format,
-        }
+        Raw { cells: [2, 1, 1], format }
     }
 
     #[test]
     fn every_format_is_read() {
         let read = |format, mut bytes: &[u8]| parse(&mut bytes, &raw(format)).unwrap().data;
         assert_eq!(read(VolumeFormat::U8, &[3, 255]), [3.0, 255.0]);
-        assert_eq!(
-            read(VolumeFormat::U16, &[1, 2, 255, 255]),
-            [513.0, 65_535.0]
-        );
-        let floats: Vec<u8> = [0.25f32, -2.0]
-            .iter()
-            .flat_map(|v| v.to_le_bytes())
-            .collect();
+        assert_eq!(read(VolumeFormat::U16, &[1, 2, 255, 255]), [513.0, 65_535.0]);
+        let floats: Vec<u8> = [0.25f32, -2.0].iter().flat_map(|v| v.to_le_bytes()).collect();
         assert_eq!(read(VolumeFormat::F32, &floats), [0.25, -2.0]);
     }
 

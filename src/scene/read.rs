@@ -32,17 +32,11 @@ pub enum MeshError {
 
 impl MeshError {
     pub(super) fn malformed(path: &Path, what: impl Into<String>) -> MeshError {
-        MeshError::Malformed {
-            path: path.to_owned(),
-            what: what.into(),
-        }
+        MeshError::Malformed { path: path.to_owned(), what: what.into() }
     }
 
     pub(super) fn read(path: &Path, source: io::Error) -> MeshError {
-        MeshError::Read {
-            path: path.to_owned(),
-            source,
-        }
+        MeshError::Read { path: path.to_owned(), source }
     }
 }
 

@@ -56,14 +56,9 @@ pub struct Samples {
 
 /// Reads `.nii` and `.nii.gz` by their header; everything else, plain or compressed by gzip, is the cells that `raw` tells.
 pub fn read(path: &Path, raw: Option<&Raw>) -> Result<Samples, VolumeError> {
-    let malformed = |what| VolumeError::Malformed {
-        path: path.to_owned(),
-        what,
-    };
-    let mut source = read::open(path).map_err(|source| VolumeError::Read {
-        path: path.to_owned(),
-        source,
-    })?;
+    let malformed = |what| VolumeError::Malformed { path: path.to_owned(), what };
+    let mut source =
+        read::open(path).map_err(|source| VolumeError::Read { path: path.to_owned(), source })?;
     let samples = match (is_nifti(path), raw) {
         (true, None) => nifti::parse(&mut source),
         (true, Some(_)) => Err("its header tells `cells` and `format`: leave them out".into()),
@@ -119,17 +114,13 @@ fn is_nifti(path: &Path) -> bool {
 /// The number of cells, if so many can be held in memory.
 pub fn cell_count(cells: [u32; 3]) -> Result<usize, String> {
     let [x, y, z] = cells;
-    let count = cells
-        .iter()
-        .try_fold(1u64, |n, c| n.checked_mul(u64::from(*c)));
+    let count = cells.iter().try_fold(1u64, |n, c| n.checked_mul(u64::from(*c)));
     match count {
-        Some(0) => Err(format!(
-            "{x} × {y} × {z} cells: there must be one at least along each axis"
-        )),
+        Some(0) => {
+            Err(format!("{x} × {y} × {z} cells: there must be one at least along each axis"))
+        }
         Some(count) if count <= MAX_CELLS => Ok(count as usize),
-        _ => Err(format!(
-            "{x} × {y} × {z} cells: at most {MAX_CELLS} are held"
-        )),
+        _ => Err(format!("{x} × {y} × {z} cells: at most {MAX_CELLS} are held")),
     }
 }
 
@@ -184,12 +175,7 @@ impl Samples {
                 }
             }
         }
-        Samples {
-            cells,
-            spacing_m: self.spacing_m * f64::from(factor),
-            data,
-            window: self.window,
-        }
+        Samples { cells, spacing_m: self.spacing_m * f64::from(factor), data, window: self.window }
     }
 
     /// Turned so that `up` is y.
@@ -211,12 +197,7 @@ impl Samples {
                 }));
             }
         }
-        Samples {
-            cells,
-            spacing_m,
-            data,
-            window: self.window,
-        }
+        Samples { cells, spacing_m, data, window: self.window }
     }
 
     /// The values brought to 0 … 1, linear within `window` (low, high) and clamped outside of it.
@@ -240,9 +221,7 @@ mod tests {
         Samples {
             cells,
             spacing_m: DVec3::new(1.0, 2.0, 3.0),
-            data: (0..nz)
-                .flat_map(|z| (0..ny).flat_map(move |y| row(y, z)))
-                .collect(),
+            data: (0..nz).flat_map(|z| (0..ny).flat_map(move |y| row(y, z))).collect(),
             window: [0.0, 1.0],
         }
     }
@@ -263,10 +242,7 @@ mod tests {
         // Stored (1, 0, 3) lies at x = 1, y = 3 and the far end of z.
         assert_eq!(z_up.at([1, 3, 2]), 301.0);
         let x_up = numbered([2, 3, 4]).upright(Up::X);
-        assert_eq!(
-            (x_up.cells, x_up.spacing_m),
-            ([4, 2, 3], DVec3::new(3.0, 1.0, 2.0))
-        );
+        assert_eq!((x_up.cells, x_up.spacing_m), ([4, 2, 3], DVec3::new(3.0, 1.0, 2.0)));
         assert_eq!(x_up.at([3, 1, 2]), 321.0);
     }
 

@@ -45,9 +45,7 @@ fn push_triangle(mesh: &mut Mesh, corners: [u32; 3]) {
 /// A flat quad a, b, c, d, counter-clockwise.
 pub fn quad(corners: [DVec3; 4]) -> Mesh {
     let [a, b, c, d] = corners;
-    surface((1, 1), (false, false), |u, v| {
-        a.lerp(b, u).lerp(d.lerp(c, u), v)
-    })
+    surface((1, 1), (false, false), |u, v| a.lerp(b, u).lerp(d.lerp(c, u), v))
 }
 
 /// A box between two corners.
@@ -95,10 +93,7 @@ pub fn turned(profile: &[(f64, f64)], segments: usize, swell: impl Fn(f64, f64) 
 /// A smooth profile through `knots` (Catmull–Rom), with `steps` points between two of them.
 pub fn smooth_profile(knots: &[(f64, f64)], steps: usize) -> Vec<(f64, f64)> {
     let knots: Vec<DVec2> = knots.iter().map(|&(r, y)| DVec2::new(r, y)).collect();
-    curve(&knots, steps)
-        .into_iter()
-        .map(|p| (p.x.max(0.0), p.y))
-        .collect()
+    curve(&knots, steps).into_iter().map(|p| (p.x.max(0.0), p.y)).collect()
 }
 
 /// A path through `knots` (Catmull–Rom), with `steps` points between two of them.
@@ -135,10 +130,7 @@ where
 /// A cylinder with caps.
 pub fn cylinder(radius: f64, height: f64, segments: usize) -> Mesh {
     let (r, h) = (radius, height);
-    lathe(
-        &[(0.0, 0.0), (r, 0.0), (r, 0.0), (r, h), (r, h), (0.0, h)],
-        segments,
-    )
+    lathe(&[(0.0, 0.0), (r, 0.0), (r, 0.0), (r, h), (r, h), (0.0, h)], segments)
 }
 
 /// A sphere about the origin with `rows` rings and twice as many segments.
@@ -273,20 +265,13 @@ mod tests {
         assert!(close(v(block(2.0, 3.0, 4.0)), 24.0));
         assert!(close(v(sphere(1.5, 40)), 4.0 / 3.0 * PI * 1.5f64.powi(3)));
         assert!(close(v(cylinder(0.5, 2.0, 64)), PI * 0.25 * 2.0));
-        assert!(close(
-            v(torus(2.0, 0.5, 64, 32)),
-            2.0 * PI * PI * 2.0 * 0.25
-        ));
+        assert!(close(v(torus(2.0, 0.5, 64, 32)), 2.0 * PI * PI * 2.0 * 0.25));
         let path = [DVec3::ZERO, DVec3::Z, DVec3::Z * 2.0];
         assert!(close(v(tube(&path, &[0.3; 3], 48, false)), PI * 0.09 * 2.0));
         let ring: Vec<DVec3> = (0..64)
             .map(|i| {
                 let (sin, cos) = (TAU * f64::from(i) / 64.0).sin_cos();
-                DVec3::new(
-                    2.0 * cos,
-                    2.0 * sin,
-                    0.3 * (2.0 * TAU * f64::from(i) / 64.0).sin(),
-                )
+                DVec3::new(2.0 * cos, 2.0 * sin, 0.3 * (2.0 * TAU * f64::from(i) / 64.0).sin())
             })
             .collect();
         assert!(v(tube(&ring, &[0.5; 64], 32, true)) > 0.9 * 2.0 * PI * PI * 2.0 * 0.25);
@@ -303,9 +288,6 @@ mod tests {
         let knots = [(0.0, 0.0), (1.0, 0.5), (0.4, 2.0)];
         let profile = smooth_profile(&knots, 4);
         assert_eq!(profile.len(), 9);
-        assert_eq!(
-            (profile[0], profile[4], profile[8]),
-            (knots[0], knots[1], knots[2])
-        );
+        assert_eq!((profile[0], profile[4], profile[8]), (knots[0], knots[1], knots[2]));
     }
 }

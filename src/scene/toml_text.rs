@@ -53,19 +53,15 @@ fn with_base(origin: &str, mut table: Table, left: usize) -> Result<Table, Scene
 fn beside(origin: &str, base: &str) -> String {
     let named = Path::new(base).extension().is_none();
     let folder = Path::new(origin).parent().filter(|_| !named);
-    folder.map_or_else(
-        || base.to_owned(),
-        |f| f.join(base).to_string_lossy().into_owned(),
-    )
+    folder.map_or_else(|| base.to_owned(), |f| f.join(base).to_string_lossy().into_owned())
 }
 
 fn names(value: Option<Value>) -> Option<Vec<String>> {
     match value {
         None => Some(Vec::new()),
-        Some(Value::Array(items)) => items
-            .iter()
-            .map(|item| item.as_str().map(str::to_owned))
-            .collect(),
+        Some(Value::Array(items)) => {
+            items.iter().map(|item| item.as_str().map(str::to_owned)).collect()
+        }
         Some(_) => None,
     }
 }
@@ -75,18 +71,11 @@ fn leave_out(table: &mut Table, without: &[String]) -> Result<(), String> {
     let Some(Value::Array(objects)) = table.get_mut("object") else {
         return Ok(());
     };
-    let name_of = |v: &Value| {
-        v.get("name")
-            .and_then(Value::as_str)
-            .unwrap_or("")
-            .to_owned()
-    };
+    let name_of = |v: &Value| v.get("name").and_then(Value::as_str).unwrap_or("").to_owned();
     let known: Vec<String> = objects.iter().map(name_of).collect();
     if let Some(unknown) = without.iter().find(|name| !known.contains(name)) {
         let hint = check::hint(unknown, known.iter().map(String::as_str));
-        return Err(format!(
-            "`without`: the base has no object `{unknown}`: {hint}"
-        ));
+        return Err(format!("`without`: the base has no object `{unknown}`: {hint}"));
     }
     objects.retain(|object| !without.contains(&name_of(object)));
     Ok(())
@@ -164,10 +153,7 @@ generator = "plane"
     fn unknown_keys_get_line_and_nearest_key() {
         let text = MINIMAL.replace("fov_y_deg", "fov_deg");
         let error = message(&text);
-        assert!(
-            error.contains("line 8") && error.contains("`fov_y_deg`"),
-            "{error}"
-        );
+        assert!(error.contains("line 8") && error.contains("`fov_y_deg`"), "{error}");
         let error = message(&format!("{MINIMAL}genrator = \"plane\"\n"));
         assert!(error.contains("`generator`"), "{error}");
         let error = message(&MINIMAL.replace("[camera]", "[camara]"));

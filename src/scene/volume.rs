@@ -23,10 +23,7 @@ impl Volume {
     /// The box that the cells fill.
     pub fn bounds(&self) -> Bounds {
         let size = self.spacing_m * DVec3::from(self.cells.map(f64::from));
-        Bounds {
-            min: self.origin_m,
-            max: self.origin_m + size,
-        }
+        Bounds { min: self.origin_m, max: self.origin_m + size }
     }
 
     /// Whether the values fill the cells and can be used; the error says what is wrong and where.
@@ -35,19 +32,14 @@ impl Volume {
         if count == 0 || self.data.len() as u64 != count {
             let [x, y, z] = self.cells;
             let values = self.data.len();
-            return Err(format!(
-                "a volume of {x} × {y} × {z} cells has {values} values"
-            ));
+            return Err(format!("a volume of {x} × {y} × {z} cells has {values} values"));
         }
         check::point("volume origin", &self.origin_m.to_array())?;
         for edge in self.spacing_m.to_array() {
             check::within("volume spacing", edge, 1e-9, check::FAR_M)?;
         }
         match self.data.iter().position(|v| !(0.0..=1.0).contains(v)) {
-            Some(i) => Err(format!(
-                "value {i} is {}: values must lie in 0 to 1",
-                self.data[i]
-            )),
+            Some(i) => Err(format!("value {i} is {}: values must lie in 0 to 1", self.data[i])),
             None => Ok(()),
         }
     }
@@ -68,18 +60,8 @@ mod tests {
         };
         assert!(volume(vec![0.0, 1.0]).validate().is_ok());
         assert_eq!(volume(vec![0.0, 1.0]).bounds().max, DVec3::ONE);
-        assert!(
-            volume(vec![0.0])
-                .validate()
-                .unwrap_err()
-                .contains("1 values")
-        );
-        assert!(
-            volume(vec![0.0, f32::NAN])
-                .validate()
-                .unwrap_err()
-                .contains("value 1 is NaN")
-        );
+        assert!(volume(vec![0.0]).validate().unwrap_err().contains("1 values"));
+        assert!(volume(vec![0.0, f32::NAN]).validate().unwrap_err().contains("value 1 is NaN"));
         assert!(volume(vec![0.0, 1.5]).validate().is_err());
     }
 }

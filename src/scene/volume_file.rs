@@ -113,16 +113,8 @@ impl VolumeFile {
             return Err("volume: it needs one of `generator`, `asset` and `file`".into());
         }
         let misplaced = [
-            (
-                !self.params.is_empty() && !generator,
-                "params",
-                "`generator`",
-            ),
-            (
-                self.cells != [0; 3] && !generator && !file,
-                "cells",
-                "`generator` or a raw `file`",
-            ),
+            (!self.params.is_empty() && !generator, "params", "`generator`"),
+            (self.cells != [0; 3] && !generator && !file, "cells", "`generator` or a raw `file`"),
             (self.format.is_some() && !file, "format", "raw `file`"),
             (self.spacing_m != [0.0; 3] && !file, "spacing_m", "`file`"),
             (self.up != Up::Y && !file, "up", "`file`"),
@@ -144,11 +136,7 @@ impl VolumeFile {
         samples.windowed(self.window.unwrap_or(samples.window));
         let cells = DVec3::from(samples.cells.map(f64::from));
         let size_m = samples.spacing_m * cells;
-        let scale = if self.fit_m == 0.0 {
-            1.0
-        } else {
-            self.fit_m / size_m.max_element()
-        };
+        let scale = if self.fit_m == 0.0 { 1.0 } else { self.fit_m / size_m.max_element() };
         let foot = DVec3::new(0.5, 0.0, 0.5) * scale * size_m;
         let ground = DVec3::Y * self.on.height_m(file.floor_depth_m);
         let volume = Volume {
@@ -180,10 +168,7 @@ impl VolumeFile {
             if self.spacing_m != [0.0; 3] {
                 samples.spacing_m = DVec3::from(self.spacing_m);
             }
-            return Ok((
-                name.into_owned(),
-                samples.reduced(self.reduce).upright(self.up),
-            ));
+            return Ok((name.into_owned(), samples.reduced(self.reduce).upright(self.up)));
         }
         let name = self.asset.as_deref().unwrap_or_default();
         Ok((name.to_owned(), self.asset(name, stand_ins)?))
@@ -192,9 +177,7 @@ impl VolumeFile {
     fn asset(&self, name: &str, stand_ins: &mut Vec<String>) -> Result<Samples, String> {
         let asset = assets::named(name).map_err(|e| e.to_string())?;
         let Content::Volume { raw, up } = &asset.content else {
-            return Err(format!(
-                "asset `{name}` is a mesh: it belongs to an [[object]]"
-            ));
+            return Err(format!("asset `{name}` is a mesh: it belongs to an [[object]]"));
         };
         if let Some(path) = assets::find(name) {
             let samples = samples::read(&path, raw.as_ref()).map_err(|e| e.to_string())?;

@@ -160,10 +160,7 @@ impl Water {
     #[must_use]
     pub fn with_tile_of(&self, other: &Water) -> Water {
         let same = self.height_map == other.height_map;
-        Water {
-            tile: other.tile.clone().filter(|_| same),
-            ..self.clone()
-        }
+        Water { tile: other.tile.clone().filter(|_| same), ..self.clone() }
     }
 
     /// Bound of the elevation's magnitude, metres.
@@ -195,10 +192,7 @@ impl Water {
             let (n, d) = tile_noise(at(column), at(row), self.seed);
             [n as f32, d.x as f32, d.y as f32, 0.0]
         };
-        (0..size)
-            .flat_map(|row| (0..size).map(move |column| (row, column)))
-            .map(texel)
-            .collect()
+        (0..size).flat_map(|row| (0..size).map(move |column| (row, column))).map(texel).collect()
     }
 
     /// Whether the water can be used; the error names the parameter and its valid range.
@@ -210,25 +204,10 @@ impl Water {
         check::within("water.time_s", self.time_s, -1e6, 1e6)?;
         check::within("water.period_s", self.period_s, 1e-3, 1e6)?;
         check::within("water.refractive_index", self.refractive_index, 1.0, 4.0)?;
-        check::within(
-            "water.attenuation_per_m",
-            self.attenuation_per_m,
-            0.0,
-            100.0,
-        )?;
+        check::within("water.attenuation_per_m", self.attenuation_per_m, 0.0, 100.0)?;
         check::point("water.center_m", &self.center_m)?;
-        check::within(
-            "water.half_size_m[0]",
-            self.half_size_m[0],
-            1e-3,
-            check::FAR_M,
-        )?;
-        check::within(
-            "water.half_size_m[1]",
-            self.half_size_m[1],
-            1e-3,
-            check::FAR_M,
-        )?;
+        check::within("water.half_size_m[0]", self.half_size_m[0], 1e-3, check::FAR_M)?;
+        check::within("water.half_size_m[1]", self.half_size_m[1], 1e-3, check::FAR_M)?;
         waves::validate(&self.waves)?;
         self.height_map.validate()?;
         self.validate_model()
@@ -283,11 +262,7 @@ impl Water {
 
     fn noise_at(&self, x: f64, z: f64) -> (f64, DVec2) {
         let drift = self.noise_drift_tiles();
-        tile_noise(
-            x / self.noise_tile_m + drift,
-            z / self.noise_tile_m,
-            self.seed,
-        )
+        tile_noise(x / self.noise_tile_m + drift, z / self.noise_tile_m, self.seed)
     }
 }
 
@@ -297,11 +272,7 @@ mod tests {
 
     fn waters() -> [Water; 2] {
         [
-            Water {
-                time_s: 0.37,
-                noise: 0.3,
-                ..Water::default()
-            },
+            Water { time_s: 0.37, noise: 0.3, ..Water::default() },
             Water {
                 model: WaterModel::Directional,
                 noise: 0.7,
@@ -330,10 +301,7 @@ mod tests {
 
     #[test]
     fn flat_water_is_level() {
-        let water = Water {
-            amplitude_m: 0.0,
-            ..Water::default()
-        };
+        let water = Water { amplitude_m: 0.0, ..Water::default() };
         assert_eq!(water.height(0.3, 1.0), 0.0);
         assert_eq!(water.normal(0.3, 1.0), DVec3::Y);
     }
@@ -355,29 +323,18 @@ mod tests {
 
     #[test]
     fn waves_repeat_after_their_length() {
-        let water = Water {
-            model: WaterModel::Directional,
-            noise: 0.0,
-            ..Water::default()
-        };
+        let water = Water { model: WaterModel::Directional, noise: 0.0, ..Water::default() };
         let shifted = water.height(0.3 + water.wavelength_m, 0.0);
         assert!((water.height(0.3, 0.0) - shifted).abs() < 1e-12);
-        let noise = Water {
-            noise: 1.0,
-            ..water
-        };
+        let noise = Water { noise: 1.0, ..water };
         let shifted = noise.height(0.3 + noise.noise_tile_m, -noise.noise_tile_m);
         assert!((noise.height(0.3, 0.0) - shifted).abs() < 1e-9);
     }
 
     #[test]
     fn a_wave_given_is_the_cosine_of_the_model() {
-        let cosine = Water {
-            model: WaterModel::Directional,
-            noise: 0.0,
-            time_s: 0.3,
-            ..Water::default()
-        };
+        let cosine =
+            Water { model: WaterModel::Directional, noise: 0.0, time_s: 0.3, ..Water::default() };
         let wave = Wave {
             direction: Some([1.0, 0.0]),
             wavelength_m: Some(cosine.wavelength_m),

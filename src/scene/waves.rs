@@ -51,12 +51,7 @@ impl Wave {
 
     /// `name` is the wave's, such as `water.waves[2]`.
     fn validate(&self, name: &str) -> Result<(), String> {
-        check::within(
-            &format!("{name}.amplitude_m"),
-            self.amplitude_m,
-            -100.0,
-            100.0,
-        )?;
+        check::within(&format!("{name}.amplitude_m"), self.amplitude_m, -100.0, 100.0)?;
         check::within(&format!("{name}.phase_rad"), self.phase_rad, -1e6, 1e6)?;
         match (self.vector_rad_m, self.direction, self.wavelength_m) {
             (Some(vector), None, None) => longest(name, DVec2::from(vector)),
@@ -119,12 +114,7 @@ pub fn validate(waves: &[Wave]) -> Result<(), String> {
     for (i, wave) in waves.iter().enumerate() {
         wave.validate(&format!("water.waves[{i}]"))?;
     }
-    check::within(
-        "the sum of all |water.waves[…].amplitude_m|",
-        bound_m(waves),
-        0.0,
-        100.0,
-    )
+    check::within("the sum of all |water.waves[…].amplitude_m|", bound_m(waves), 0.0, 100.0)
 }
 
 /// A texel for each wave: kx, kz, a, φ within ±π.
@@ -154,12 +144,8 @@ mod tests {
     #[test]
     fn both_forms_of_the_wave_vector_are_the_same_wave() {
         let k = std::f64::consts::PI * DVec2::new(0.6, 0.8);
-        let vector = Wave {
-            direction: None,
-            wavelength_m: None,
-            vector_rad_m: Some(k.into()),
-            ..plain()
-        };
+        let vector =
+            Wave { direction: None, wavelength_m: None, vector_rad_m: Some(k.into()), ..plain() };
         let place = DVec2::new(0.3, -1.7);
         assert!((plain().at(place) - vector.at(place)).length() < 1e-12);
         let expected = 0.1 * (k.dot(place) + 0.4).cos();
@@ -168,14 +154,7 @@ mod tests {
 
     #[test]
     fn derivatives_match_differences() {
-        let waves = [
-            plain(),
-            Wave {
-                phase_rad: 2.0,
-                direction: Some([-1.0, 0.2]),
-                ..plain()
-            },
-        ];
+        let waves = [plain(), Wave { phase_rad: 2.0, direction: Some([-1.0, 0.2]), ..plain() }];
         let (place, h) = (DVec2::new(1.1, 0.7), 1e-6);
         let slope =
             |step: DVec2| (sum(&waves, place + step).x - sum(&waves, place - step).x) / (2.0 * h);
@@ -199,19 +178,8 @@ mod tests {
         assert!(bad(|w| w.direction = Some([0.0, 0.0])).contains("has no direction"));
         assert!(bad(|w| w.wavelength_m = None).contains("`vector_rad_m`"));
         assert!(bad(|w| w.vector_rad_m = Some([1.0, 0.0])).contains("needs either"));
-        assert!(
-            validate(&vec![plain(); 2000])
-                .unwrap_err()
-                .contains("at most 1024")
-        );
-        let high = Wave {
-            amplitude_m: 60.0,
-            ..plain()
-        };
-        assert!(
-            validate(&[high.clone(), high])
-                .unwrap_err()
-                .contains("sum of all")
-        );
+        assert!(validate(&vec![plain(); 2000]).unwrap_err().contains("at most 1024"));
+        let high = Wave { amplitude_m: 60.0, ..plain() };
+        assert!(validate(&[high.clone(), high]).unwrap_err().contains("sum of all"));
     }
 }

@@ -98,16 +98,8 @@ impl Compose {
         };
         let image = resources.target(INFO.name, settings.size_px.as_uvec2().to_array(), format);
         Ok(Self {
-            screen: pipeline(
-                "screen_vertex",
-                "screen_fragment",
-                wgpu::CompareFunction::Always,
-            ),
-            water: pipeline(
-                "water_vertex",
-                "water_fragment",
-                wgpu::CompareFunction::Less,
-            ),
+            screen: pipeline("screen_vertex", "screen_fragment", wgpu::CompareFunction::Always),
+            water: pipeline("water_vertex", "water_fragment", wgpu::CompareFunction::Less),
             shared: shared.group.group.clone(),
             image_view: kit::view(&image),
             depth_view: kit::view(inputs.depth),
@@ -142,11 +134,7 @@ impl Encode for Compose {
                 clear: Some(wgpu::Color::BLACK),
                 slice: None,
             }],
-            depth: Some(DepthTarget {
-                view: &self.depth_view,
-                clear: None,
-                read_only: true,
-            }),
+            depth: Some(DepthTarget { view: &self.depth_view, clear: None, read_only: true }),
         };
         scope.render(&targets, |pass| {
             pass.set_bind_group(0, &self.shared, &[]);
@@ -173,20 +161,11 @@ impl Stage for Compose {
     }
 
     fn outputs(&self) -> Vec<Output> {
-        let column = |name| Column {
-            name,
-            unit: "1",
-            meaning: "display value, gamma 2.2",
-        };
+        let column = |name| Column { name, unit: "1", meaning: "display value, gamma 2.2" };
         vec![Output {
             name: "image".into(),
             meaning: "the final image".into(),
-            columns: vec![
-                column("red"),
-                column("green"),
-                column("blue"),
-                column("alpha"),
-            ],
+            columns: vec![column("red"), column("green"), column("blue"), column("alpha")],
             data: OutputData::Texture(self.image.clone()),
         }]
     }

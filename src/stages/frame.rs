@@ -211,10 +211,7 @@ pub struct Frame {
 
 impl Frame {
     pub fn new(view: View, shared: &Shared) -> Self {
-        Self {
-            view,
-            uniforms: shared.uniforms.clone(),
-        }
+        Self { view, uniforms: shared.uniforms.clone() }
     }
 }
 
@@ -232,10 +229,7 @@ impl Encode for Frame {
 
 impl Stage for Frame {
     fn work(&self) -> Work {
-        Work {
-            bytes_written: FrameUniforms::min_size().get(),
-            ..Work::default()
-        }
+        Work { bytes_written: FrameUniforms::min_size().get(), ..Work::default() }
     }
 
     fn outputs(&self) -> Vec<Output> {

@@ -47,16 +47,8 @@ pub struct Geometry {
 
 /// Bytes of GPU memory that a scene's vertices and indices take.
 pub fn buffer_bytes(scene: &Scene) -> (u64, u64) {
-    let vertices: u64 = scene
-        .objects
-        .iter()
-        .map(|o| o.mesh.positions.len() as u64)
-        .sum();
-    let indices: u64 = scene
-        .objects
-        .iter()
-        .map(|o| o.mesh.indices.len() as u64)
-        .sum();
+    let vertices: u64 = scene.objects.iter().map(|o| o.mesh.positions.len() as u64).sum();
+    let indices: u64 = scene.objects.iter().map(|o| o.mesh.indices.len() as u64).sum();
     (vertices * size_of::<Vertex>() as u64, indices * 4)
 }
 
@@ -64,11 +56,7 @@ pub fn buffer_bytes(scene: &Scene) -> (u64, u64) {
 fn vertices(scene: &Scene) -> Vec<Vertex> {
     let of = |(object, material): (&Object, u32)| -> Vec<Vertex> {
         let corners = object.mesh.positions.iter().zip(&object.mesh.normals);
-        let vertex = |(&position_m, &normal)| Vertex {
-            position_m,
-            normal,
-            material,
-        };
+        let vertex = |(&position_m, &normal)| Vertex { position_m, normal, material };
         corners.map(vertex).collect()
     };
     scene.objects.iter().zip(0..).flat_map(of).collect()
@@ -95,9 +83,7 @@ impl Geometry {
             });
         }
         let mut material_bytes = StorageBuffer::new(Vec::new());
-        material_bytes
-            .write(&materials)
-            .expect("a Vec grows to whatever a shader type needs");
+        material_bytes.write(&materials).expect("a Vec grows to whatever a shader type needs");
         Self {
             objects,
             index_count: indices.len() as u32,

@@ -15,10 +15,7 @@ pub struct Resources<'g> {
 
 impl<'g> Resources<'g> {
     pub fn new(gpu: &'g Gpu) -> Self {
-        Self {
-            gpu,
-            bytes: Cell::new(0),
-        }
+        Self { gpu, bytes: Cell::new(0) }
     }
 
     pub fn allocated_bytes(&self) -> u64 {
@@ -131,13 +128,11 @@ impl<'g> Resources<'g> {
     /// A buffer with content; it can be rewritten.
     pub fn filled(&self, label: &str, bytes: &[u8], usage: wgpu::BufferUsages) -> wgpu::Buffer {
         self.count(bytes.len() as u64);
-        self.gpu
-            .device
-            .create_buffer_init(&wgpu::util::BufferInitDescriptor {
-                label: Some(label),
-                contents: bytes,
-                usage: usage | wgpu::BufferUsages::COPY_DST,
-            })
+        self.gpu.device.create_buffer_init(&wgpu::util::BufferInitDescriptor {
+            label: Some(label),
+            contents: bytes,
+            usage: usage | wgpu::BufferUsages::COPY_DST,
+        })
     }
 
     /// A storage buffer that shaders fill, the host can read back, and tests can fill.
@@ -157,18 +152,12 @@ impl<'g> Resources<'g> {
 /// Bytes of a host value in WGSL's uniform layout, which storage buffers take as well.
 pub fn host_bytes<T: ShaderType + WriteInto>(value: &T) -> Vec<u8> {
     let mut buffer = UniformBuffer::new(Vec::new());
-    buffer
-        .write(value)
-        .expect("a Vec grows to whatever a shader type needs");
+    buffer.write(value).expect("a Vec grows to whatever a shader type needs");
     buffer.into_inner()
 }
 
 fn extent(size: [u32; 2]) -> wgpu::Extent3d {
-    wgpu::Extent3d {
-        width: size[0],
-        height: size[1],
-        depth_or_array_layers: 1,
-    }
+    wgpu::Extent3d { width: size[0], height: size[1], depth_or_array_layers: 1 }
 }
 
 pub fn view(texture: &wgpu::Texture) -> wgpu::TextureView {
@@ -203,12 +192,10 @@ pub struct Group {
 impl Group {
     pub fn new(gpu: &Gpu, label: &str, binds: &[Bind<'_>]) -> Self {
         let layout_entries: Vec<_> = (0..).zip(binds).map(|(i, b)| b.layout_entry(i)).collect();
-        let layout = gpu
-            .device
-            .create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
-                label: Some(label),
-                entries: &layout_entries,
-            });
+        let layout = gpu.device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
+            label: Some(label),
+            entries: &layout_entries,
+        });
         let views: Vec<_> = binds.iter().map(Bind::texture_view).collect();
         let entries: Vec<_> = binds
             .iter()
@@ -261,12 +248,7 @@ impl Bind<'_> {
             Bind::Write(_) => wgpu::ShaderStages::FRAGMENT | wgpu::ShaderStages::COMPUTE,
             _ => wgpu::ShaderStages::VERTEX_FRAGMENT | wgpu::ShaderStages::COMPUTE,
         };
-        wgpu::BindGroupLayoutEntry {
-            binding,
-            visibility,
-            ty,
-            count: None,
-        }
+        wgpu::BindGroupLayoutEntry { binding, visibility, ty, count: None }
     }
 
     fn texture_view(&self) -> Option<wgpu::TextureView> {
@@ -290,12 +272,11 @@ impl Bind<'_> {
 
 fn layout(gpu: &Gpu, label: &str, groups: &[&Group]) -> wgpu::PipelineLayout {
     let layouts: Vec<_> = groups.iter().map(|g| Some(&g.layout)).collect();
-    gpu.device
-        .create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
-            label: Some(label),
-            bind_group_layouts: &layouts,
-            immediate_size: 0,
-        })
+    gpu.device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
+        label: Some(label),
+        bind_group_layouts: &layouts,
+        immediate_size: 0,
+    })
 }
 
 /// A compute pipeline with entry point `main`.
@@ -305,15 +286,14 @@ pub fn compute_pipeline(
     shader: &wgpu::ShaderModule,
     groups: &[&Group],
 ) -> wgpu::ComputePipeline {
-    gpu.device
-        .create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
-            label: Some(label),
-            layout: Some(&layout(gpu, label, groups)),
-            module: shader,
-            entry_point: Some("main"),
-            compilation_options: compilation_options(),
-            cache: None,
-        })
+    gpu.device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
+        label: Some(label),
+        layout: Some(&layout(gpu, label, groups)),
+        module: shader,
+        entry_point: Some("main"),
+        compilation_options: compilation_options(),
+        cache: None,
+    })
 }
 
 /// Invocations of a workgroup of a linear dispatch, as in `shaders/shared/dispatch.wgsl`.
@@ -343,28 +323,27 @@ pub struct RenderSpec<'a> {
 pub fn render_pipeline(gpu: &Gpu, spec: &RenderSpec<'_>) -> wgpu::RenderPipeline {
     let targets: Vec<_> = spec.targets.iter().cloned().map(Some).collect();
     let buffers: Vec<_> = spec.buffers.iter().cloned().map(Some).collect();
-    gpu.device
-        .create_render_pipeline(&wgpu::RenderPipelineDescriptor {
-            label: Some(spec.label),
-            layout: Some(&layout(gpu, spec.label, spec.groups)),
-            vertex: wgpu::VertexState {
-                module: spec.shader,
-                entry_point: Some(spec.vertex),
-                compilation_options: compilation_options(),
-                buffers: &buffers,
-            },
-            primitive: wgpu::PrimitiveState::default(),
-            depth_stencil: spec.depth.clone(),
-            multisample: wgpu::MultisampleState::default(),
-            fragment: spec.fragment.map(|entry| wgpu::FragmentState {
-                module: spec.shader,
-                entry_point: Some(entry),
-                compilation_options: compilation_options(),
-                targets: &targets,
-            }),
-            multiview_mask: None,
-            cache: None,
-        })
+    gpu.device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
+        label: Some(spec.label),
+        layout: Some(&layout(gpu, spec.label, spec.groups)),
+        vertex: wgpu::VertexState {
+            module: spec.shader,
+            entry_point: Some(spec.vertex),
+            compilation_options: compilation_options(),
+            buffers: &buffers,
+        },
+        primitive: wgpu::PrimitiveState::default(),
+        depth_stencil: spec.depth.clone(),
+        multisample: wgpu::MultisampleState::default(),
+        fragment: spec.fragment.map(|entry| wgpu::FragmentState {
+            module: spec.shader,
+            entry_point: Some(entry),
+            compilation_options: compilation_options(),
+            targets: &targets,
+        }),
+        multiview_mask: None,
+        cache: None,
+    })
 }
 
 pub const DEPTH_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Depth32Float;
@@ -381,11 +360,7 @@ pub fn depth_state(compare: wgpu::CompareFunction, write: bool) -> wgpu::DepthSt
 
 /// A colour target written as it is.
 pub fn opaque(format: wgpu::TextureFormat) -> wgpu::ColorTargetState {
-    wgpu::ColorTargetState {
-        format,
-        blend: None,
-        write_mask: wgpu::ColorWrites::ALL,
-    }
+    wgpu::ColorTargetState { format, blend: None, write_mask: wgpu::ColorWrites::ALL }
 }
 
 /// A colour target that adds up what is drawn.
@@ -396,10 +371,7 @@ pub fn additive(format: wgpu::TextureFormat) -> wgpu::ColorTargetState {
         operation: wgpu::BlendOperation::Add,
     };
     wgpu::ColorTargetState {
-        blend: Some(wgpu::BlendState {
-            color: add,
-            alpha: add,
-        }),
+        blend: Some(wgpu::BlendState { color: add, alpha: add }),
         ..opaque(format)
     }
 }
@@ -414,10 +386,7 @@ pub fn multiplicative(format: wgpu::TextureFormat) -> wgpu::ColorTargetState {
     wgpu::ColorTargetState {
         blend: Some(wgpu::BlendState {
             color: multiply,
-            alpha: wgpu::BlendComponent {
-                dst_factor: wgpu::BlendFactor::SrcAlpha,
-                ..multiply
-            },
+            alpha: wgpu::BlendComponent { dst_factor: wgpu::BlendFactor::SrcAlpha, ..multiply },
         }),
         ..opaque(format)
     }

@@ -64,11 +64,7 @@ impl LitScene {
                 clear: Some(wgpu::Color::TRANSPARENT),
                 slice: None,
             }],
-            depth: Some(DepthTarget {
-                view: &self.depth_view,
-                clear: Some(1.0),
-                read_only: false,
-            }),
+            depth: Some(DepthTarget { view: &self.depth_view, clear: Some(1.0), read_only: false }),
         };
         scope.render(&targets, |pass| {
             pass.set_pipeline(&self.pipeline);
@@ -89,11 +85,7 @@ impl LitScene {
     }
 
     pub fn outputs(&self, meaning: &str) -> Vec<Output> {
-        let column = |name| Column {
-            name,
-            unit: "W/(m² sr)",
-            meaning: "radiance",
-        };
+        let column = |name| Column { name, unit: "W/(m² sr)", meaning: "radiance" };
         vec![Output {
             name: "radiance".into(),
             meaning: meaning.into(),
@@ -101,11 +93,7 @@ impl LitScene {
                 column("red"),
                 column("green"),
                 column("blue"),
-                Column {
-                    name: "covered",
-                    unit: "1",
-                    meaning: "1 where geometry was drawn",
-                },
+                Column { name: "covered", unit: "1", meaning: "1 where geometry was drawn" },
             ],
             data: OutputData::Texture(self.color.clone()),
         }]

@@ -52,14 +52,7 @@ impl LowPass {
             },
         );
         let target = resources.target(name, [source.width(), source.height()], source.format());
-        Ok(Self {
-            pipeline,
-            group,
-            taps: settings.taps,
-            column,
-            view: kit::view(&target),
-            target,
-        })
+        Ok(Self { pipeline, group, taps: settings.taps, column, view: kit::view(&target), target })
     }
 
     pub fn encode(&self, scope: &mut StageScope<'_>) {

@@ -68,11 +68,8 @@ impl PhotonEnergy {
             LightKind::Point => (entry - self.position).normalize_or(self.forward),
         };
         let cosine = incident.dot(self.forward);
-        let solid_angle = if self.solid_angle && self.kind == LightKind::Point {
-            cosine.powi(3)
-        } else {
-            1.0
-        };
+        let solid_angle =
+            if self.solid_angle && self.kind == LightKind::Point { cosine.powi(3) } else { 1.0 };
         solid_angle * self.transmittance(incident, direction(photon))
     }
 
@@ -111,10 +108,7 @@ impl Photons {
     }
 
     pub fn new(resources: &Resources<'_>, label: &str, count: u32) -> Self {
-        Self {
-            buffer: resources.storage(label, Self::bytes(u64::from(count))),
-            count,
-        }
+        Self { buffer: resources.storage(label, Self::bytes(u64::from(count))), count }
     }
 }
 
@@ -167,10 +161,9 @@ impl Tracing {
         let shader = gpu.shader(name, &[("SIDE", side), shared.water_def()])?;
         let uniforms = resources.uniform(name, &settings);
         let photons = Photons::new(resources, name, settings.photons());
-        let texels = gpu.device.create_sampler(&wgpu::SamplerDescriptor {
-            label: Some(name),
-            ..Default::default()
-        });
+        let texels = gpu
+            .device
+            .create_sampler(&wgpu::SamplerDescriptor { label: Some(name), ..Default::default() });
         let group = Group::new(
             gpu,
             name,
@@ -202,10 +195,7 @@ impl Tracing {
 
     /// Moves the photons within their shares of the cells; `offset` in 0…1, the middle is 0.5.
     pub fn set_offset(&self, queue: &wgpu::Queue, offset: Vec2) {
-        let settings = TraceUniforms {
-            offset,
-            ..self.settings.clone()
-        };
+        let settings = TraceUniforms { offset, ..self.settings.clone() };
         queue.write_buffer(&self.uniforms, 0, &kit::host_bytes(&settings));
     }
 
@@ -266,11 +256,7 @@ fn row(stored: &[f32], energy: &PhotonEnergy, tolerance_m: f32) -> Vec<f32> {
 }
 
 fn columns() -> Vec<Column> {
-    let column = |name, unit, meaning| Column {
-        name,
-        unit,
-        meaning,
-    };
+    let column = |name, unit, meaning| Column { name, unit, meaning };
     let entry = "where the photon meets the water";
     let direction = "unit direction after refraction; 0 for a photon that never enters the water";
     let hit = "where the photon lands";
@@ -290,11 +276,7 @@ fn columns() -> Vec<Column> {
             "m",
             "distance of the last estimate from the surface seen by the light; -1: never enters the water, -2: left the light's frustum or meets nothing",
         ),
-        column(
-            "converged",
-            "1",
-            "1 where the residual is within the tolerance",
-        ),
+        column("converged", "1", "1 where the residual is within the tolerance"),
         column(
             "weight",
             "1",
@@ -321,11 +303,7 @@ mod tests {
     }
 
     fn columns_of(photon: &Photon, energy: &PhotonEnergy, tolerance_m: f32) -> Vec<f32> {
-        row(
-            bytemuck::cast_slice(bytemuck::bytes_of(photon)),
-            energy,
-            tolerance_m,
-        )
+        row(bytemuck::cast_slice(bytemuck::bytes_of(photon)), energy, tolerance_m)
     }
 
     #[test]
@@ -336,9 +314,7 @@ mod tests {
             hit_m: Vec3::new(1.0, -2.0, 0.0),
             distance_m: 2.0,
         };
-        let expected = [
-            1.0, 0.0, 0.0, 0.0, -1.0, 0.0, 1.0, -2.0, 0.0, 2.0, 0.005, 1.0, 1.0,
-        ];
+        let expected = [1.0, 0.0, 0.0, 0.0, -1.0, 0.0, 1.0, -2.0, 0.0, 2.0, 0.005, 1.0, 1.0];
         assert_eq!(columns_of(&photon, &energy(false), 0.01), expected);
         assert_eq!(columns_of(&photon, &energy(false), 0.001)[11], 0.0);
         assert_eq!(columns().len(), expected.len());
@@ -357,22 +333,15 @@ mod tests {
             hit_m: (entry + down * 2.0).as_vec3(),
             distance_m: 2.0,
         };
-        let conserving = PhotonEnergy {
-            solid_angle: true,
-            ..energy(false)
-        };
+        let conserving = PhotonEnergy { solid_angle: true, ..energy(false) };
         assert!((conserving.weight(&photon) - 0.8f64.powi(3)).abs() < 1e-9);
         assert_eq!(energy(false).weight(&photon), 1.0);
     }
 
     #[test]
     fn a_photon_beside_the_water_has_no_direction_or_weight_and_is_not_converged() {
-        let photon = Photon {
-            entry_m: Vec3::ONE,
-            residual_m: MISSED,
-            hit_m: Vec3::ONE,
-            distance_m: 0.0,
-        };
+        let photon =
+            Photon { entry_m: Vec3::ONE, residual_m: MISSED, hit_m: Vec3::ONE, distance_m: 0.0 };
         let row = columns_of(&photon, &energy(true), 0.01);
         assert_eq!(row[3..6], [0.0; 3]);
         assert_eq!(row[11..], [0.0; 2]);

@@ -105,16 +105,10 @@ impl RayCast {
     }
 
     pub fn encode(&self, scope: &mut StageScope<'_>) {
-        let target = |view| ColorTarget {
-            view,
-            clear: Some(wgpu::Color::TRANSPARENT),
-            slice: None,
-        };
+        let target =
+            |view| ColorTarget { view, clear: Some(wgpu::Color::TRANSPARENT), slice: None };
         let color: Vec<_> = self.views.iter().map(target).collect();
-        let targets = Targets {
-            color: &color,
-            depth: None,
-        };
+        let targets = Targets { color: &color, depth: None };
         scope.render(&targets, |pass| {
             pass.set_pipeline(&self.pipeline);
             pass.set_bind_group(0, &self.shared, &[]);
@@ -135,11 +129,7 @@ impl RayCast {
     }
 
     pub fn outputs(&self) -> Vec<Output> {
-        let column = |name, unit, meaning| Column {
-            name,
-            unit,
-            meaning,
-        };
+        let column = |name, unit, meaning| Column { name, unit, meaning };
         let shown = |name| column(name, "1", "display value, gamma 2.2");
         let axis = |name| column(name, "1", "normal");
         let image = Output {

@@ -49,11 +49,7 @@ impl ScalarField {
     /// `with_pyramid`: with all levels of averages.
     pub fn new(resources: &Resources<'_>, volume: &Volume, with_pyramid: bool) -> Self {
         let gpu = resources.gpu;
-        let levels = if with_pyramid {
-            pyramid::levels(volume.cells)
-        } else {
-            1
-        };
+        let levels = if with_pyramid { pyramid::levels(volume.cells) } else { 1 };
         let format = format_of(&volume.data);
         let texture = resources.volume("scalar field", volume.cells, format, levels);
         write_level(gpu, &texture, 0, &volume.data);
@@ -122,14 +118,9 @@ fn write_level(gpu: &Gpu, texture: &wgpu::Texture, level: u32, values: &[f32]) {
             (2, halves.collect())
         }
     };
-    let size = texture
-        .size()
-        .mip_level_size(level, wgpu::TextureDimension::D3);
+    let size = texture.size().mip_level_size(level, wgpu::TextureDimension::D3);
     gpu.queue.write_texture(
-        wgpu::TexelCopyTextureInfo {
-            mip_level: level,
-            ..texture.as_image_copy()
-        },
+        wgpu::TexelCopyTextureInfo { mip_level: level, ..texture.as_image_copy() },
         &bytes,
         wgpu::TexelCopyBufferLayout {
             offset: 0,

@@ -35,11 +35,8 @@ impl Additive {
     ) -> Result<Self, GpuError> {
         let gpu = resources.gpu;
         let shader = gpu.shader(name, defs)?;
-        let binds = [
-            Bind::Uniform(uniforms),
-            Bind::Read(&photons.buffer),
-            Bind::Depth(scene_depth),
-        ];
+        let binds =
+            [Bind::Uniform(uniforms), Bind::Read(&photons.buffer), Bind::Depth(scene_depth)];
         let group = Group::new(gpu, name, &binds);
         let format = kit::accumulation_format(gpu);
         let target = resources.target(name, size_px, format);
@@ -89,11 +86,7 @@ impl Additive {
                 clear: Some(wgpu::Color::BLACK),
                 slice: None,
             }],
-            depth: Some(DepthTarget {
-                view: &self.depth_view,
-                clear: Some(1.0),
-                read_only: false,
-            }),
+            depth: Some(DepthTarget { view: &self.depth_view, clear: Some(1.0), read_only: false }),
         };
         scope.render(&targets, |pass| {
             pass.set_bind_group(0, &self.shared, &[]);
@@ -127,9 +120,5 @@ fn index_pattern(resources: &Resources<'_>) -> wgpu::Buffer {
     let indices: Vec<u16> = (0..PHOTONS_PER_INSTANCE as u16)
         .flat_map(|quad| [0, 1, 2, 2, 1, 3].map(|corner| quad * 4 + corner))
         .collect();
-    resources.filled(
-        "quad indices",
-        bytemuck::cast_slice(&indices),
-        wgpu::BufferUsages::INDEX,
-    )
+    resources.filled("quad indices", bytemuck::cast_slice(&indices), wgpu::BufferUsages::INDEX)
 }

@@ -29,11 +29,7 @@ use crate::gpu::{shader_paths, wgsl_layout};
 /// names in order, offsets and size.
 fn same_layout<T: ShaderType + WriteInto>(shader: &str, name: &str, fields: &[&str], value: &T) {
     let layout = wgsl_layout(shader, name).unwrap();
-    let names: Vec<&str> = layout
-        .members
-        .iter()
-        .map(|(name, _)| name.as_str())
-        .collect();
+    let names: Vec<&str> = layout.members.iter().map(|(name, _)| name.as_str()).collect();
     assert_eq!(names, fields, "{shader}: {name}");
     let bytes = kit::host_bytes(value);
     assert_eq!(bytes.len() as u32, layout.span, "{shader}: size of {name}");
@@ -119,17 +115,11 @@ fn photons_and_their_settings_equal_their_wgsl_twins() {
         same_layout(shader, "Trace", &trace_fields, &trace);
     }
     assert_eq!(size_of::<Photon>() as u64, Photon::min_size().get());
-    let (start_fields, start) = numbered!(Start {
-        position_m: vec3(1.0),
-        aimed: 2,
-        direction: vec3(3.0),
-    });
+    let (start_fields, start) =
+        numbered!(Start { position_m: vec3(1.0), aimed: 2, direction: vec3(3.0) });
     same_layout("photons/query", "Start", &start_fields, &start);
-    let (answer_fields, answer) = numbered!(Answer {
-        photon: value,
-        direction: vec3(2.0),
-        weight: 3.0,
-    });
+    let (answer_fields, answer) =
+        numbered!(Answer { photon: value, direction: vec3(2.0), weight: 3.0 });
     same_layout("photons/query", "Answer", &answer_fields, &answer);
     assert_eq!(size_of::<Answer>() as u64, Answer::min_size().get());
 }
@@ -173,10 +163,7 @@ fn settings_of_raster_stages_equal_their_wgsl_twins() {
         specular: 5.0,
     });
     same_layout("scene/gbuffer", "Material", &fields, &value);
-    let (fields, value) = numbered!(FilterUniforms {
-        taps: 1,
-        radius_px: 2.0,
-    });
+    let (fields, value) = numbered!(FilterUniforms { taps: 1, radius_px: 2.0 });
     same_layout("caustics/filter", "Filter", &fields, &value);
     same_layout("godrays/filter", "Filter", &fields, &value);
     let (fields, value) = numbered!(MaskUniforms { cells: 1 });
@@ -205,10 +192,7 @@ fn settings_of_volume_occlusion_equal_their_wgsl_twins() {
     }
     let (fields, value) = numbered!(TargetUniforms { size_px: vec2(1.0) });
     same_layout("ao/march", "Target", &fields, &value);
-    let (fields, value) = numbered!(Point {
-        position_m: vec3(1.0),
-        normal: vec3(2.0),
-    });
+    let (fields, value) = numbered!(Point { position_m: vec3(1.0), normal: vec3(2.0) });
     same_layout("ao/query", "Point", &fields, &value);
 }
 
@@ -270,11 +254,8 @@ fn settings_of_occlusion_stages_equal_their_wgsl_twins() {
     });
     same_layout("hsao/march", "March", &fields, &value);
     use ao::compose::ComposeUniforms;
-    let (fields, value) = numbered!(ComposeUniforms {
-        size_px: vec2(1.0),
-        exposure: 2.0,
-        ambient: 3.0,
-    });
+    let (fields, value) =
+        numbered!(ComposeUniforms { size_px: vec2(1.0), exposure: 2.0, ambient: 3.0 });
     same_layout("ao/compose", "Compose", &fields, &value);
 }
 
@@ -304,16 +285,9 @@ fn settings_of_voxel_stages_equal_their_wgsl_twins() {
         size_word: 4,
     });
     same_layout("voxel/mips", "Level", &fields, &value);
-    let (fields, value) = numbered!(DeformUniforms {
-        vertices: 1,
-        cycles: 2.0,
-        amplitude: 3.0,
-    });
+    let (fields, value) = numbered!(DeformUniforms { vertices: 1, cycles: 2.0, amplitude: 3.0 });
     same_layout("scene/deform", "Deform", &fields, &value);
-    let (fields, value) = numbered!(PivotUniforms {
-        foot_m: vec3(1.0),
-        height_m: 2.0,
-    });
+    let (fields, value) = numbered!(PivotUniforms { foot_m: vec3(1.0), height_m: 2.0 });
     same_layout("scene/deform", "Pivot", &fields, &value);
 }
 

@@ -60,8 +60,7 @@ impl Voxels {
         for (index, _) in values.iter().enumerate().filter(|(_, value)| **value > 0) {
             words[index / 32] |= 1 << (index % 32);
         }
-        gpu.queue
-            .write_buffer(&self.bits, 0, bytemuck::cast_slice(&words));
+        gpu.queue.write_buffer(&self.bits, 0, bytemuck::cast_slice(&words));
         let [x, y, z] = self.grid.cells;
         gpu.queue.write_texture(
             self.texture.as_image_copy(),
@@ -71,11 +70,7 @@ impl Voxels {
                 bytes_per_row: Some(x),
                 rows_per_image: Some(y),
             },
-            wgpu::Extent3d {
-                width: x,
-                height: y,
-                depth_or_array_layers: z,
-            },
+            wgpu::Extent3d { width: x, height: y, depth_or_array_layers: z },
         );
     }
 }

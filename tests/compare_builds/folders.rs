@@ -6,20 +6,12 @@ use super::*;
 
 /// A head that is slow enough for two processes to meet.
 fn slow(bench: &Bench) -> [PathBuf; 2] {
-    let slowly = Build {
-        instead: &[SLOWLY],
-        ..Build::default()
-    };
-    [
-        bench.build("base", &Build::default()),
-        bench.build("head", &slowly),
-    ]
+    let slowly = Build { instead: &[SLOWLY], ..Build::default() };
+    [bench.build("base", &Build::default()), bench.build("head", &slowly)]
 }
 
 fn signal(name: &str, process: u32) {
-    let sent = Command::new("kill")
-        .args([name, &process.to_string()])
-        .status();
+    let sent = Command::new("kill").args([name, &process.to_string()]).status();
     assert!(sent.unwrap().success());
 }
 
@@ -65,14 +57,8 @@ fn of_two_comparisons_in_one_folder_one_measures_all_and_the_other_names_it() {
         let lines = bench.path("out/comparison.jsonl");
         // As if it had been killed after its exact figures.
         let text = fs::read_to_string(&lines).unwrap();
-        let kept = text
-            .lines()
-            .take_while(|line| !line.contains("\"kind\":\"pair\""));
-        fs::write(
-            &lines,
-            kept.map(|line| format!("{line}\n")).collect::<String>(),
-        )
-        .unwrap();
+        let kept = text.lines().take_while(|line| !line.contains("\"kind\":\"pair\""));
+        fs::write(&lines, kept.map(|line| format!("{line}\n")).collect::<String>()).unwrap();
         one_of_two(|| {
             let mut command = bench.command(&base, &head);
             command.arg("--resume");
@@ -88,34 +74,20 @@ fn damage_in_a_comparison_is_named_and_kept_aside_and_no_comparison_is_not_resum
     let bench = Bench::new();
     let [base, head] = ["base", "head"].map(|name| bench.build(name, &Build::default()));
     let resume = |status: i32| {
-        let output = bench
-            .command(&base, &head)
-            .arg("--resume")
-            .output()
-            .unwrap();
+        let output = bench.command(&base, &head).arg("--resume").output().unwrap();
         let told = String::from_utf8(output.stderr).unwrap();
         assert_eq!(output.status.code(), Some(status), "{told}");
         (told, String::from_utf8(output.stdout).unwrap())
     };
     assert!(resume(2).0.contains("no comparison in "));
     assert!(!bench.path("out").exists());
-    assert!(
-        bench
-            .command(&base, &head)
-            .output()
-            .unwrap()
-            .status
-            .success()
-    );
+    assert!(bench.command(&base, &head).output().unwrap().status.success());
     let lines = bench.path("out/comparison.jsonl");
     let sound = fs::read_to_string(&lines).unwrap();
     let damaged = format!("{sound}nonsense\n{{\"kind\":\"launch\",\"lau");
     fs::write(&lines, &damaged).unwrap();
     let (told, tables) = resume(0);
-    assert!(
-        told.contains(": not JSON") && told.contains(": torn off"),
-        "{told}"
-    );
+    assert!(told.contains(": not JSON") && told.contains(": torn off"), "{told}");
     let aside = bench.path("out/comparison.damaged-1.jsonl");
     assert!(told.contains(&aside.display().to_string()), "{told}");
     assert_eq!(fs::read_to_string(&aside).unwrap(), damaged);
@@ -132,30 +104,13 @@ fn damage_in_a_comparison_is_named_and_kept_aside_and_no_comparison_is_not_resum
 #[test]
 fn a_worker_that_is_stopped_is_told_of_and_an_interrupt_ends_the_wait() {
     let bench = Bench::new();
-    let stops = Build {
-        instead: &[("\"id\":\"two\"", "kill -STOP $$")],
-        ..Build::default()
-    };
-    let (base, head) = (
-        bench.build("base", &Build::default()),
-        bench.build("head", &stops),
-    );
-    let mut child = bench
-        .command(&base, &head)
-        .stderr(Stdio::piped())
-        .stdout(Stdio::null())
-        .spawn()
-        .unwrap();
-    let mut told = BufReader::new(child.stderr.take().unwrap())
-        .lines()
-        .map_while(Result::ok);
-    let waiting = told
-        .find(|line| line.contains("waiting for the head worker"))
-        .unwrap();
-    assert!(
-        waiting.contains("to answer `prepare`, for at most 180 s"),
-        "{waiting}"
-    );
+    let stops = Build { instead: &[("\"id\":\"two\"", "kill -STOP $$")], ..Build::default() };
+    let (base, head) = (bench.build("base", &Build::default()), bench.build("head", &stops));
+    let mut child =
+        bench.command(&base, &head).stderr(Stdio::piped()).stdout(Stdio::null()).spawn().unwrap();
+    let mut told = BufReader::new(child.stderr.take().unwrap()).lines().map_while(Result::ok);
+    let waiting = told.find(|line| line.contains("waiting for the head worker")).unwrap();
+    assert!(waiting.contains("to answer `prepare`, for at most 180 s"), "{waiting}");
     if cfg!(target_os = "linux") {
         assert!(waiting.contains("it is stopped, `kill -CONT "), "{waiting}");
     }
@@ -163,10 +118,7 @@ fn a_worker_that_is_stopped_is_told_of_and_an_interrupt_ends_the_wait() {
     signal("-INT", child.id());
     told.for_each(drop);
     assert_eq!(child.wait().unwrap().code(), Some(130));
-    assert!(
-        start.elapsed() < Duration::from_secs(60),
-        "it waited for the worker"
-    );
+    assert!(start.elapsed() < Duration::from_secs(60), "it waited for the worker");
     let stored = Comparison::read(&bench.path("out")).unwrap();
     assert!(stored.faults.is_empty(), "{:?}", stored.faults);
 }
@@ -178,37 +130,20 @@ fn slow_repository(folder: &Path) {
             "Cargo.toml",
             "[package]\nname = \"fathom\"\nversion = \"0.1.0\"\nedition = \"2024\"\n\n[workspace]\n",
         ),
-        (
-            "Cargo.lock",
-            "version = 4\n\n[[package]]\nname = \"fathom\"\nversion = \"0.1.0\"\n",
-        ),
+        ("Cargo.lock", "version = 4\n\n[[package]]\nname = \"fathom\"\nversion = \"0.1.0\"\n"),
         (".gitignore", "/target\n"),
         ("src/main.rs", "fn main() {}\n"),
-        (
-            "build.rs",
-            "fn main() { std::thread::sleep(std::time::Duration::from_secs(60)) }\n",
-        ),
+        ("build.rs", "fn main() { std::thread::sleep(std::time::Duration::from_secs(60)) }\n"),
     ];
     fs::create_dir(folder.join("src")).unwrap();
     for (name, text) in files {
         fs::write(folder.join(name), text).unwrap();
     }
-    let someone = [
-        "-c",
-        "user.name=Someone",
-        "-c",
-        "user.email=someone@example.org",
-    ];
-    for arguments in [
-        &["init", "--quiet"][..],
-        &["add", "--all"],
-        &["commit", "--quiet", "--message=Change"],
-    ] {
-        let git = Command::new("git")
-            .current_dir(folder)
-            .args(someone)
-            .args(arguments)
-            .status();
+    let someone = ["-c", "user.name=Someone", "-c", "user.email=someone@example.org"];
+    for arguments in
+        [&["init", "--quiet"][..], &["add", "--all"], &["commit", "--quiet", "--message=Change"]]
+    {
+        let git = Command::new("git").current_dir(folder).args(someone).args(arguments).status();
         assert!(git.unwrap().success());
     }
 }
@@ -224,24 +159,15 @@ fn a_termination_during_the_build_ends_it_and_leaves_no_worktree() {
         .stdout(Stdio::null())
         .spawn()
         .unwrap();
-    let mut told = BufReader::new(child.stderr.take().unwrap())
-        .lines()
-        .map_while(Result::ok);
+    let mut told = BufReader::new(child.stderr.take().unwrap()).lines().map_while(Result::ok);
     let compiling = told.find(|line| line.contains("Compiling fathom"));
     assert!(compiling.is_some());
     let start = Instant::now();
     signal("-TERM", child.id());
     let rest: Vec<String> = told.collect();
     assert_eq!(child.wait().unwrap().code(), Some(130), "{rest:?}");
-    assert!(
-        start.elapsed() < Duration::from_secs(50),
-        "it waited for the build"
-    );
-    assert!(
-        rest.iter()
-            .any(|line| line.contains("building `HEAD` was interrupted")),
-        "{rest:?}"
-    );
+    assert!(start.elapsed() < Duration::from_secs(50), "it waited for the build");
+    assert!(rest.iter().any(|line| line.contains("building `HEAD` was interrupted")), "{rest:?}");
     let cache = fs::read_dir(repository.path().join("target/compare")).unwrap();
     let names: Vec<_> = cache.flatten().map(|entry| entry.file_name()).collect();
     assert_eq!(names, ["target"], "no worktree is left");

@@ -44,17 +44,13 @@ const READERS: &[(&str, Reader)] = &[
     ("e.toml", experiment),
     ("points.csv", |path| told(query::read(path)).map(drop)),
     ("records.jsonl", |path| told(record::read(path)).map(drop)),
-    ("comparison.jsonl", |path| {
-        told(compare::read(path.parent().unwrap())).map(drop)
-    }),
+    ("comparison.jsonl", |path| told(compare::read(path.parent().unwrap())).map(drop)),
     ("gates.toml", |path| told(Gates::load(Some(path))).map(drop)),
     ("a.obj", mesh),
     ("a.ply", mesh),
     ("a.obj.gz", mesh),
     ("a.nii", |path| volume(path, "")),
-    ("a.raw", |path| {
-        volume(path, "cells = [2, 2, 2]\nformat = \"u8\"")
-    }),
+    ("a.raw", |path| volume(path, "cells = [2, 2, 2]\nformat = \"u8\"")),
 ];
 
 /// Puts `made` at the place of each reader's file, and gives what the reader says of it.
@@ -72,10 +68,7 @@ fn each(made: impl Fn(&Path)) -> Vec<String> {
 #[cfg(unix)]
 fn endless_devices_are_refused() {
     let texts = each(|path| std::os::unix::fs::symlink("/dev/zero", path).unwrap());
-    assert!(
-        texts.iter().all(|text| text.contains("a device")),
-        "{texts:?}"
-    );
+    assert!(texts.iter().all(|text| text.contains("a device")), "{texts:?}");
 }
 
 #[test]
@@ -84,34 +77,20 @@ fn pipes_are_refused_and_not_waited_for() {
     let texts = each(|path| {
         assert!(Command::new("mkfifo").arg(path).status().unwrap().success());
     });
-    assert!(
-        texts.iter().all(|text| text.contains("a pipe")),
-        "{texts:?}"
-    );
+    assert!(texts.iter().all(|text| text.contains("a pipe")), "{texts:?}");
 }
 
 #[test]
 fn folders_are_refused() {
     let texts = each(|path| std::fs::create_dir(path).unwrap());
-    assert!(
-        texts.iter().all(|text| text.contains("a folder")),
-        "{texts:?}"
-    );
+    assert!(texts.iter().all(|text| text.contains("a folder")), "{texts:?}");
 }
 
 /// A file of a terabyte takes no space on a disk that stores no zeros.
 #[test]
 fn immense_files_are_refused() {
-    let texts = each(|path| {
-        std::fs::File::create(path)
-            .unwrap()
-            .set_len(1 << 40)
-            .unwrap()
-    });
-    assert!(
-        texts.iter().all(|text| text.contains("more than")),
-        "{texts:?}"
-    );
+    let texts = each(|path| std::fs::File::create(path).unwrap().set_len(1 << 40).unwrap());
+    assert!(texts.iter().all(|text| text.contains("more than")), "{texts:?}");
 }
 
 /// The program itself ends with status 2 and one line where it would wait for ever.
@@ -120,13 +99,7 @@ fn immense_files_are_refused() {
 fn the_program_says_so_too() {
     let folder = tempfile::tempdir().unwrap();
     let pipe = folder.path().join("pipe.toml");
-    assert!(
-        Command::new("mkfifo")
-            .arg(&pipe)
-            .status()
-            .unwrap()
-            .success()
-    );
+    assert!(Command::new("mkfifo").arg(&pipe).status().unwrap().success());
     let pipe = pipe.to_string_lossy();
     for arguments in [
         vec!["list", "parameters", "--scene", &pipe],
@@ -135,10 +108,7 @@ fn the_program_says_so_too() {
         vec!["report", "/dev"],
     ] {
         let mut command = assert_cmd::Command::new(env!("CARGO_BIN_EXE_fathom"));
-        let ended = command
-            .args(&arguments)
-            .timeout(Duration::from_secs(60))
-            .assert();
+        let ended = command.args(&arguments).timeout(Duration::from_secs(60)).assert();
         let output = ended.code(2).get_output().clone();
         let text = String::from_utf8_lossy(&output.stderr);
         assert_eq!(text.lines().count(), 1, "{arguments:?}: {text}");
@@ -209,26 +179,19 @@ fn axes_that_multiply_to_millions_of_cells_are_refused() {
     for axes in [7, 30] {
         let text = format!("{EXPERIMENT}[[sweep]]\n{}", axis.repeat(axes));
         let text = refused_text(&text, experiment);
-        assert!(
-            text.contains("cells") && text.contains("at most 20000"),
-            "{text}"
-        );
+        assert!(text.contains("cells") && text.contains("at most 20000"), "{text}");
     }
     let experiment = Experiment::load("uw-photons").unwrap();
     let name = experiment.axis_names()[0].to_owned();
     let values = (1..30_000).map(|n| n.to_string()).collect();
-    let text = refused("--axis", || {
-        told(experiment.cells("quick", &[(name, values)], &[])).map(drop)
-    });
+    let text =
+        refused("--axis", || told(experiment.cells("quick", &[(name, values)], &[])).map(drop));
     assert!(text.contains("at most 20000"), "{text}");
 }
 
 #[test]
 fn long_values_times_many_cells_are_refused() {
-    let values = (0..300)
-        .map(|n| n.to_string())
-        .collect::<Vec<_>>()
-        .join(", ");
+    let values = (0..300).map(|n| n.to_string()).collect::<Vec<_>>().join(", ");
     let long = "x".repeat(300_000);
     let text = format!(
         "{EXPERIMENT}[params]\nlong = \"{long}\"\n[[sweep]]\n[[sweep.axis]]\nname = \"a\"\nvalues = [{values}]\n"
@@ -310,11 +273,7 @@ fn thousands_of_launches_and_pairs_are_judged_by_those_that_count() {
         read
     });
     assert_eq!(read.launches.len(), 200);
-    assert!(
-        read.damaged[0].contains("4796 launches"),
-        "{:?}",
-        read.damaged
-    );
+    assert!(read.damaged[0].contains("4796 launches"), "{:?}", read.damaged);
     assert!(peak < 64 << 20, "{peak}");
     let pair = |n: usize| {
         let first = ["base", "head"][n % 2];

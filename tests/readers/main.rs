@@ -101,11 +101,7 @@ fn fuzz_file(name: &str, seeds: Vec<Vec<u8>>, reader: impl Fn(&Path) -> Answer) 
 fn fuzz_packed(name: &str, seeds: Vec<Vec<u8>>, reader: impl Fn(&Path) -> Answer) {
     let folder = tempfile::tempdir().unwrap();
     fuzz(name, mutated_or_packed(seeds), |(Input(bytes), packed)| {
-        let path = folder.path().join(if *packed {
-            format!("{name}.gz")
-        } else {
-            name.to_owned()
-        });
+        let path = folder.path().join(if *packed { format!("{name}.gz") } else { name.to_owned() });
         std::fs::write(&path, bytes).unwrap();
         reader(&path)
     });
@@ -148,9 +144,7 @@ fn axis_arguments() {
 
 #[test]
 fn points() {
-    fuzz_file("points.csv", seeds::points(), |path| {
-        told(query::read(path)).map(drop)
-    });
+    fuzz_file("points.csv", seeds::points(), |path| told(query::read(path)).map(drop));
 }
 
 #[test]
@@ -201,10 +195,7 @@ fn ply_files() {
 
 /// A scene whose volume is a file with these keys.
 fn volume(path: &Path, keys: &str) -> Answer {
-    let file = told(SceneFile::parse(
-        &path.to_string_lossy(),
-        &seeds::volume_scene(path, keys),
-    ))?;
+    let file = told(SceneFile::parse(&path.to_string_lossy(), &seeds::volume_scene(path, keys)))?;
     told(Scene::build(&file)).map(drop)
 }
 
@@ -239,10 +230,7 @@ fn parameters() {
     // A number of the default made extreme, or any text.
     let any_text = prop::option::weighted(0.2, mutated(seeds::values()));
     let change = (any::<usize>(), any::<usize>(), any::<usize>(), any_text);
-    let strategy = (
-        prop::sample::select(kinds),
-        prop::collection::vec(change, 1..3),
-    );
+    let strategy = (prop::sample::select(kinds), prop::collection::vec(change, 1..3));
     fuzz("--set", strategy, |(kind, changes)| {
         let params = told(Subjects::default().subject(kind, &scene, &[]))?.params;
         let leaves = pipelines::params::leaves(&params);

@@ -76,9 +76,7 @@ const WORDS: &[&[u8]] = &[
 ];
 
 /// A unit that is repeated until it is long.
-const UNITS: &[&[u8]] = &[
-    b"[", b"{\"a\":", b"a.", b" ", b"9", b"x", b"f 1\n", b"\n", b",", b"[[",
-];
+const UNITS: &[&[u8]] = &[b"[", b"{\"a\":", b"a.", b" ", b"9", b"x", b"f 1\n", b"\n", b",", b"[["];
 
 /// One change; places are taken modulo the length.
 #[derive(Clone, Debug)]
@@ -162,21 +160,12 @@ impl Change {
                 let start = at(place);
                 bytes.drain(start..end(start, length));
             }
-            Change::Repeat {
-                place,
-                length,
-                times,
-            } => {
+            Change::Repeat { place, length, times } => {
                 let start = at(place);
                 let piece = bytes[start..end(start, length)].repeat(times);
                 insert(bytes, start, &piece);
             }
-            Change::Splice {
-                place,
-                seed,
-                from,
-                length,
-            } => {
+            Change::Splice { place, seed, from, length } => {
                 let other = &seeds[seed % seeds.len()];
                 let from = from % (other.len() + 1);
                 let piece = &other[from..(from + length).min(other.len())];

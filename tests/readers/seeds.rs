@@ -90,11 +90,7 @@ pub fn experiments() -> Seeds {
 }
 
 pub fn axes() -> Seeds {
-    all([
-        "caustics.grid=100,200",
-        "godrays.grid = 50 , 100",
-        "caustics.grid=1",
-    ])
+    all(["caustics.grid=100,200", "godrays.grid = 50 , 100", "caustics.grid=1"])
 }
 
 pub fn points() -> Seeds {
@@ -151,10 +147,7 @@ fn header() -> Line {
             unpaired: false,
         },
         cells: vec![cell("caustics/trace"), cell("godrays/trace")],
-        skipped: vec![Skip {
-            gate: Gate::Instructions,
-            reason: "none".into(),
-        }],
+        skipped: vec![Skip { gate: Gate::Instructions, reason: "none".into() }],
         notes: vec!["a note".into()],
     }))
 }
@@ -190,12 +183,7 @@ fn figures(side: Side) -> Vec<Line> {
             cell: cell.clone(),
             counts: vec![100, 101, 100],
         }),
-        Line::Samples(Samples {
-            side,
-            cell,
-            ns: vec![1e6, 1.1e6, 1.2e6],
-            resolution_ns: 5e4,
-        }),
+        Line::Samples(Samples { side, cell, ns: vec![1e6, 1.1e6, 1.2e6], resolution_ns: 5e4 }),
     ]
 }
 
@@ -224,9 +212,7 @@ fn launch(launch: u32) -> Vec<Line> {
 }
 
 fn text(lines: &[Line]) -> Vec<u8> {
-    let lines = lines
-        .iter()
-        .map(|line| serde_json::to_string(line).unwrap() + "\n");
+    let lines = lines.iter().map(|line| serde_json::to_string(line).unwrap() + "\n");
     lines.collect::<String>().into_bytes()
 }
 
@@ -240,10 +226,7 @@ pub fn comparisons() -> Seeds {
         absent: false,
         reason: "it died".into(),
     });
-    let end = Line::End(End {
-        wall_s: 10.0,
-        interrupted: false,
-    });
+    let end = Line::End(End { wall_s: 10.0, interrupted: false });
     let mut lines = vec![header()];
     lines.extend(Side::BOTH.into_iter().flat_map(figures));
     lines.extend((0..6).flat_map(launch));
@@ -306,13 +289,5 @@ pub fn raw_keys() -> Seeds {
 }
 
 pub fn values() -> Seeds {
-    all([
-        "1",
-        "0.5",
-        "[64, 64]",
-        "true",
-        "paper",
-        "[0.1, 0.2, 0.3]",
-        "-3e2",
-    ])
+    all(["1", "0.5", "[64, 64]", "true", "paper", "[0.1, 0.2, 0.3]", "-3e2"])
 }

@@ -116,16 +116,10 @@ fn what_the_head_lacks_is_its_fault_and_what_the_base_lacks_is_new() {
         let faults = missing(comparison).into_iter();
         faults.map(|fault| fault.reason).collect::<Vec<_>>()
     };
-    let head = [
-        "the head does not give a_error of c",
-        "the head does not give gone of hsao/march",
-    ];
+    let head = ["the head does not give a_error of c", "the head does not give gone of hsao/march"];
     assert_eq!(reasons(&comparison), head);
     comparison.damaged.push("line 3".to_owned());
-    assert_eq!(
-        reasons(&comparison)[2..],
-        ["the base does not give new of hsao/march"]
-    );
+    assert_eq!(reasons(&comparison)[2..], ["the base does not give new of hsao/march"]);
 }
 
 #[test]
@@ -137,15 +131,10 @@ fn a_counter_that_one_side_lacks_is_0_where_that_side_counts() {
         ];
         let found = judge(&comparison(lines));
         let changes = found.iter();
-        changes
-            .map(|change| (change.figure.clone(), change.base, change.head))
-            .collect::<Vec<_>>()
+        changes.map(|change| (change.figure.clone(), change.base, change.head)).collect::<Vec<_>>()
     };
     assert_eq!(found(&[]), []);
-    let expected = [
-        ("clips".to_owned(), 2.0, 0.0),
-        ("fragments".to_owned(), 0.0, 9.0),
-    ];
+    let expected = [("clips".to_owned(), 2.0, 0.0), ("fragments".to_owned(), 0.0, 9.0)];
     assert_eq!(found(&[("vertices", 3), ("fragments", 9)]), expected);
 }
 

@@ -11,10 +11,7 @@ fn run(adapter: &str) -> Record {
         started_at: String::new(),
         profile: "release".to_owned(),
         command: Vec::new(),
-        adapter: Adapter {
-            name: adapter.to_owned(),
-            ..Adapter::default()
-        },
+        adapter: Adapter { name: adapter.to_owned(), ..Adapter::default() },
         shader_checks: "checked".to_owned(),
         audit: Vec::new(),
         submit_cost_ns: BTreeMap::new(),
@@ -65,17 +62,13 @@ fn cell(name: &str, quality: u32, outcome: Outcome) -> Record {
 }
 
 fn failed() -> Outcome {
-    Outcome::Failed {
-        reason: "device lost".to_owned(),
-    }
+    Outcome::Failed { reason: "device lost".to_owned() }
 }
 
 fn compared(base: &[Record], head: &[Record]) -> Comparison {
     let folder = tempfile::tempdir().unwrap();
     let write = |name: &str, records: &[Record]| {
-        let lines = records
-            .iter()
-            .map(|record| serde_json::to_string(record).unwrap() + "\n");
+        let lines = records.iter().map(|record| serde_json::to_string(record).unwrap() + "\n");
         let path = folder.path().join(name);
         std::fs::write(&path, lines.collect::<String>()).unwrap();
         path
@@ -129,11 +122,7 @@ fn times_below_the_clock_s_resolution_have_no_ratio() {
 fn a_cell_or_stage_that_the_head_lacks_fails() {
     let whole = || measured(&["s", "t"], 1.0);
     let base = [run("a"), cell("x=1", 1, whole()), cell("x=2", 1, whole())];
-    let head = [
-        run("a"),
-        cell("x=1", 1, failed()),
-        cell("x=2", 1, measured(&["s"], 1.0)),
-    ];
+    let head = [run("a"), cell("x=1", 1, failed()), cell("x=2", 1, measured(&["s"], 1.0))];
     let (status, cells) = told(&compared(&base, &head));
     let verdicts: Vec<Verdict> = cells.iter().map(|(_, verdict)| *verdict).collect();
     assert_eq!(status, Status::CouldNotMeasure);

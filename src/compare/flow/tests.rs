@@ -28,19 +28,11 @@ fn pair(launch: u32, cell: &CellId) -> Line {
 }
 
 fn launch(launch: u32) -> Line {
-    Line::Launch(Launch {
-        launch,
-        wall_s: 1.0,
-        second: false,
-        notes: Vec::new(),
-    })
+    Line::Launch(Launch { launch, wall_s: 1.0, second: false, notes: Vec::new() })
 }
 
 fn end(interrupted: bool) -> Line {
-    Line::End(End {
-        wall_s: 20.0,
-        interrupted,
-    })
+    Line::End(End { wall_s: 20.0, interrupted })
 }
 
 fn comparison(lines: Vec<Line>) -> Comparison {
@@ -83,10 +75,7 @@ fn what_failed_before_an_interruption_is_tried_again() {
 #[test]
 fn launches_of_the_second_measurement_are_counted_apart() {
     let second = |number| match launch(number) {
-        Line::Launch(launch) => Line::Launch(Launch {
-            second: true,
-            ..launch
-        }),
+        Line::Launch(launch) => Line::Launch(Launch { second: true, ..launch }),
         other => other,
     };
     let comparison = comparison(vec![launch(0), launch(1), launch(2), second(3), second(4)]);

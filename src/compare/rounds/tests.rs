@@ -24,18 +24,11 @@ struct Simulated {
 static NEVER: AtomicBool = AtomicBool::new(false);
 
 fn refusal(fatal: bool) -> WorkerFault {
-    WorkerFault::Refused {
-        reason: "out of order".to_owned(),
-        fatal,
-        absent: None,
-    }
+    WorkerFault::Refused { reason: "out of order".to_owned(), fatal, absent: None }
 }
 
 fn ended() -> WorkerFault {
-    WorkerFault::Ended {
-        status: "signal 11".to_owned(),
-        stderr: String::new(),
-    }
+    WorkerFault::Ended { status: "signal 11".to_owned(), stderr: String::new() }
 }
 
 impl Bench for Simulated {
@@ -49,10 +42,7 @@ impl Bench for Simulated {
         self.opened.push((launch, cells.to_vec()));
         let broken = |configuration, fault| Broken {
             configuration,
-            cause: PartyFault {
-                party: Party::Head,
-                fault,
-            },
+            cause: PartyFault { party: Party::Head, fault },
         };
         if self.never_starts {
             return Err(broken(None, ended()));
@@ -163,11 +153,8 @@ fn every_cell_is_paired_in_every_round_of_every_launch() {
     assert_eq!(bench.closed, 3);
     let pairs = pairs(&lines);
     for launch in 0..3 {
-        for (cell, control) in schedule()
-            .cells
-            .iter()
-            .map(|cell| (cell, false))
-            .chain([(&schedule().cells[1], true)])
+        for (cell, control) in
+            schedule().cells.iter().map(|cell| (cell, false)).chain([(&schedule().cells[1], true)])
         {
             let of_cell = pairs.iter().filter(|pair| {
                 pair.launch == launch && pair.cell == *cell && pair.control == control
@@ -176,17 +163,9 @@ fn every_cell_is_paired_in_every_round_of_every_launch() {
             let rounds: Vec<u32> = of_cell.iter().map(|pair| pair.round).collect();
             assert_eq!(rounds, [0, 1, 2, 3]);
             let first = of_cell.iter().filter(|pair| pair.first == Side::Base);
-            assert_eq!(
-                first.count(),
-                2,
-                "each side comes first in half of the rounds"
-            );
+            assert_eq!(first.count(), 2, "each side comes first in half of the rounds");
             let head_ns = if control { 1e6 } else { 2e6 };
-            assert!(
-                of_cell
-                    .iter()
-                    .all(|pair| (pair.base_ns, pair.head_ns) == (1e6, head_ns))
-            );
+            assert!(of_cell.iter().all(|pair| (pair.base_ns, pair.head_ns) == (1e6, head_ns)));
         }
     }
 }
@@ -208,11 +187,7 @@ fn the_two_samples_of_a_pair_are_neighbours_and_orders_differ() {
         let order = round.chunks(2).map(|pair| pair[0].2.clone());
         orders.insert(order.collect::<Vec<_>>());
     }
-    assert_eq!(
-        bench.samples.len(),
-        3 * 5 * 8,
-        "three launches, four rounds and one unkept"
-    );
+    assert_eq!(bench.samples.len(), 3 * 5 * 8, "three launches, four rounds and one unkept");
     assert!(orders.len() > 5, "{}", orders.len());
 }
 
@@ -220,11 +195,7 @@ fn the_two_samples_of_a_pair_are_neighbours_and_orders_differ() {
 fn the_seed_decides_the_schedule_of_each_launch_for_itself() {
     let mut whole = Simulated::default();
     measure(&mut whole, &Before::default(), &NEVER);
-    let before = Before {
-        complete: 2,
-        last: Some(1),
-        ..Before::default()
-    };
+    let before = Before { complete: 2, last: Some(1), ..Before::default() };
     let mut resumed = Simulated::default();
     let lines = measure(&mut resumed, &before, &NEVER);
     assert_eq!(launches(&lines), [2]);
@@ -234,45 +205,27 @@ fn the_seed_decides_the_schedule_of_each_launch_for_itself() {
 
 #[test]
 fn a_refused_sample_costs_its_cell_and_nothing_else() {
-    let mut bench = Simulated {
-        refusing: Some((1, Party::Head, "b/y")),
-        ..Simulated::default()
-    };
+    let mut bench = Simulated { refusing: Some((1, Party::Head, "b/y")), ..Simulated::default() };
     let lines = measure(&mut bench, &Before::default(), &NEVER);
     assert_eq!(launches(&lines), [0, 1, 2]);
-    let [fault] = faults(&lines)[..] else {
-        panic!("{lines:?}")
-    };
+    let [fault] = faults(&lines)[..] else { panic!("{lines:?}") };
     assert_eq!(fault.cell, Some(CellId::new("one", "b/y")));
     assert_eq!((fault.side, fault.launch), (Some(Side::Head), Some(1)));
     assert_eq!(fault.reason, "head worker: out of order");
-    let of_lost = pairs(&lines)
-        .into_iter()
-        .filter(|pair| pair.cell.stage() == "b/y" && !pair.control);
-    assert!(
-        of_lost.clone().all(|pair| pair.launch == 0),
-        "launch 1 has no whole set of it"
-    );
+    let of_lost =
+        pairs(&lines).into_iter().filter(|pair| pair.cell.stage() == "b/y" && !pair.control);
+    assert!(of_lost.clone().all(|pair| pair.launch == 0), "launch 1 has no whole set of it");
     assert_eq!(of_lost.count(), 4);
     assert_eq!(bench.opened[2].1.len(), 2, "it is not tried again");
 }
 
 #[test]
 fn a_dead_worker_costs_the_launch_and_the_cell_that_killed_it() {
-    let mut bench = Simulated {
-        dying: Some((1, Party::Base, "a/x")),
-        ..Simulated::default()
-    };
+    let mut bench = Simulated { dying: Some((1, Party::Base, "a/x")), ..Simulated::default() };
     let lines = measure(&mut bench, &Before::default(), &NEVER);
-    assert_eq!(
-        launches(&lines),
-        [0, 2, 3],
-        "launch 1 does not count and another is run"
-    );
+    assert_eq!(launches(&lines), [0, 2, 3], "launch 1 does not count and another is run");
     assert!(pairs(&lines).iter().all(|pair| pair.launch != 1));
-    let [fault] = faults(&lines)[..] else {
-        panic!("{lines:?}")
-    };
+    let [fault] = faults(&lines)[..] else { panic!("{lines:?}") };
     assert_eq!(fault.reason, "base worker: it ended with signal 11");
     let lost = fault.cell.clone().unwrap();
     assert_eq!(lost.stage(), "a/x");
@@ -298,25 +251,17 @@ fn a_configuration_that_is_refused_or_kills_costs_its_cells() {
         let faults = faults(&lines);
         assert_eq!(faults.len(), 3, "two cells and the control: {faults:?}");
         assert_eq!(faults.iter().filter(|fault| fault.control).count(), 1);
-        assert!(
-            pairs(&lines)
-                .iter()
-                .all(|pair| pair.cell.configuration() == "two")
-        );
+        assert!(pairs(&lines).iter().all(|pair| pair.cell.configuration() == "two"));
         assert_eq!(pairs(&lines).len(), 3 * 4);
     }
 }
 
 #[test]
 fn a_lost_control_leaves_the_cells() {
-    let mut bench = Simulated {
-        refusing: Some((0, Party::Control, "b/y")),
-        ..Simulated::default()
-    };
+    let mut bench =
+        Simulated { refusing: Some((0, Party::Control, "b/y")), ..Simulated::default() };
     let lines = measure(&mut bench, &Before::default(), &NEVER);
-    let [fault] = faults(&lines)[..] else {
-        panic!("{lines:?}")
-    };
+    let [fault] = faults(&lines)[..] else { panic!("{lines:?}") };
     assert!(fault.control);
     assert_eq!(fault.reason, "control worker: out of order");
     assert!(pairs(&lines).iter().all(|pair| !pair.control));
@@ -325,10 +270,7 @@ fn a_lost_control_leaves_the_cells() {
 
 #[test]
 fn workers_that_never_start_end_the_gate() {
-    let mut bench = Simulated {
-        never_starts: true,
-        ..Simulated::default()
-    };
+    let mut bench = Simulated { never_starts: true, ..Simulated::default() };
     let lines = measure(&mut bench, &Before::default(), &NEVER);
     assert_eq!(faults(&lines).len(), 2);
     assert!(faults(&lines).iter().all(|fault| fault.cell.is_none()));
@@ -339,11 +281,8 @@ fn workers_that_never_start_end_the_gate() {
 fn an_interrupted_launch_leaves_nothing() {
     for dying_of_interrupt in [false, true] {
         STOP.store(false, Ordering::Relaxed);
-        let mut bench = Simulated {
-            interrupt_after: Some(60),
-            dying_of_interrupt,
-            ..Simulated::default()
-        };
+        let mut bench =
+            Simulated { interrupt_after: Some(60), dying_of_interrupt, ..Simulated::default() };
         let lines = measure(&mut bench, &Before::default(), &STOP);
         assert_eq!(launches(&lines), [0]);
         assert!(pairs(&lines).iter().all(|pair| pair.launch == 0));
@@ -355,25 +294,16 @@ fn an_interrupted_launch_leaves_nothing() {
 #[test]
 fn launches_of_neighbouring_seeds_draw_different_numbers() {
     use rand::RngExt;
-    let drawn = |seed| -> BTreeSet<u64> {
-        (0..20)
-            .map(|launch| random(seed, launch).random())
-            .collect()
-    };
+    let drawn =
+        |seed| -> BTreeSet<u64> { (0..20).map(|launch| random(seed, launch).random()).collect() };
     assert_eq!(drawn(2).len(), 20);
     assert!(drawn(2).is_disjoint(&drawn(3)));
 }
 
 #[test]
 fn a_second_measurement_has_more_rounds_and_takes_no_longer() {
-    let cells: Vec<CellId> = (0..40)
-        .map(|n| CellId::new("tank", &format!("stage/{n}")))
-        .collect();
-    let first = Schedule {
-        cells: cells.clone(),
-        pairs: 16,
-        ..schedule()
-    };
+    let cells: Vec<CellId> = (0..40).map(|n| CellId::new("tank", &format!("stage/{n}"))).collect();
+    let first = Schedule { cells: cells.clone(), pairs: 16, ..schedule() };
     for (open, pairs) in [(1, 64), (10, 64), (11, 58), (20, 32), (40, 16)] {
         let second = first.again(cells[..open].to_vec());
         assert_eq!((second.cells.len(), second.pairs), (open, pairs));
@@ -385,10 +315,7 @@ fn a_second_measurement_has_more_rounds_and_takes_no_longer() {
 #[test]
 fn lines_tell_which_measurement_they_are_of() {
     for second in [false, true] {
-        let schedule = Schedule {
-            second,
-            ..schedule()
-        };
+        let schedule = Schedule { second, ..schedule() };
         let mut lines = Vec::new();
         let mut sink = |more: Vec<Line>| -> Result<(), Infallible> {
             lines.extend(more);

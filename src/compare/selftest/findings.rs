@@ -205,18 +205,13 @@ fn result(
                 .and_then(|time| time.interval)
                 .map(|(low, high)| (short(low), short(high))),
             detectable: time.and_then(|time| time.detectable).map(short),
-            instructions: cell
-                .instructions
-                .as_ref()
-                .map(|counted| short(counted.ratio - 1.0)),
+            instructions: cell.instructions.as_ref().map(|counted| short(counted.ratio - 1.0)),
             truth: time.and(truth).map(short),
         }
     });
     let mut by_verdict = BTreeMap::new();
     for cell in &verdicts.cells {
-        *by_verdict
-            .entry(cell.verdict.text().to_owned())
-            .or_default() += 1;
+        *by_verdict.entry(cell.verdict.text().to_owned()).or_default() += 1;
     }
     let first = verdicts.regressions();
     TrialResult {
@@ -237,11 +232,7 @@ fn result(
         exit_code: verdicts.status.exit_code(),
         named_first: first.first().map(|cell| cell.cell.stage().to_owned()),
         verdicts: by_verdict,
-        wall_s: verdicts
-            .comparison
-            .end
-            .as_ref()
-            .map(|end| end.wall_s.round()),
+        wall_s: verdicts.comparison.end.as_ref().map(|end| end.wall_s.round()),
         cells: cells.collect(),
     }
 }
@@ -277,15 +268,10 @@ impl Findings {
         let own = |stage: &str| stage == injection.stage;
         let regressions = verdicts.regressions();
         let caught = regressions.iter().any(|cell| own(cell.cell.stage()));
-        let first = regressions
-            .first()
-            .is_some_and(|cell| own(cell.cell.stage()));
+        let first = regressions.first().is_some_and(|cell| own(cell.cell.stage()));
         let mut others = Share::default();
         for cell in verdicts.cells.iter().filter(|cell| !own(cell.cell.stage())) {
-            if !matches!(
-                cell.verdict,
-                Verdict::Failed | Verdict::New | Verdict::NotMeasured
-            ) {
+            if !matches!(cell.verdict, Verdict::Failed | Verdict::New | Verdict::NotMeasured) {
                 others.add(cell.verdict.is_regression());
             }
         }
@@ -339,9 +325,7 @@ impl Findings {
             };
             let covered = low <= truth && truth <= high;
             let injected = result.stage.as_deref().is_some_and(|stage| {
-                cell.cell
-                    .strip_suffix(stage)
-                    .is_some_and(|rest| rest.ends_with(' '))
+                cell.cell.strip_suffix(stage).is_some_and(|rest| rest.ends_with(' '))
             });
             match injected {
                 true => self.covered_injected.add(covered),

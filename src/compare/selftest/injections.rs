@@ -128,10 +128,7 @@ impl Injection {
             let text = edit.made(&text, n.unwrap_or(1))?;
             match known {
                 Some(known) => known.text = text,
-                None => changed.push(Changed {
-                    file: edit.file.clone(),
-                    text,
-                }),
+                None => changed.push(Changed { file: edit.file.clone(), text }),
             }
         }
         Ok(())
@@ -169,13 +166,9 @@ pub extern "C" fn fathom_unrelated(n: u64) -> u64 {
 }
 "#;
     let text = read(FILE)?;
-    let (above, tests) = text
-        .split_once("\n#[cfg(test)]")
-        .ok_or_else(|| format!("{FILE} has no tests"))?;
-    Ok(vec![Changed {
-        file: FILE.to_owned(),
-        text: format!("{above}{CODE}\n#[cfg(test)]{tests}"),
-    }])
+    let (above, tests) =
+        text.split_once("\n#[cfg(test)]").ok_or_else(|| format!("{FILE} has no tests"))?;
+    Ok(vec![Changed { file: FILE.to_owned(), text: format!("{above}{CODE}\n#[cfg(test)]{tests}") }])
 }
 
 #[cfg(test)]
@@ -193,9 +186,7 @@ mod tests {
         for injection in &injections {
             let known = crate::stages::REGISTRY.iter();
             assert!(
-                known
-                    .map(|stage| stage.name)
-                    .any(|name| name == injection.stage),
+                known.map(|stage| stage.name).any(|name| name == injection.stage),
                 "{}",
                 injection.id
             );
@@ -217,11 +208,7 @@ mod tests {
             assert!(together.iter().any(|changed| changed.file == shader));
         }
         let unrelated = unrelated(&source).unwrap();
-        assert!(
-            unrelated[0]
-                .text
-                .contains("extern \"C\" fn fathom_unrelated")
-        );
+        assert!(unrelated[0].text.contains("extern \"C\" fn fathom_unrelated"));
     }
 
     #[test]
@@ -238,11 +225,7 @@ mod tests {
 
     #[test]
     fn an_edit_that_does_not_fit_is_told() {
-        let edit = Edit {
-            file: "a.wgsl".into(),
-            find: "x".into(),
-            replace: "y{n}".into(),
-        };
+        let edit = Edit { file: "a.wgsl".into(), find: "x".into(), replace: "y{n}".into() };
         assert_eq!(edit.made("a x b", 3).unwrap(), "a y3 b");
         assert!(edit.made("a b", 3).unwrap_err().contains("no longer holds"));
         assert!(edit.made("x x", 3).unwrap_err().contains("2 times"));

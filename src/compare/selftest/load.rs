@@ -23,10 +23,7 @@ impl Load {
                 keep_busy(&program, &seen);
             }
         });
-        Self {
-            stopped,
-            thread: Some(thread),
-        }
+        Self { stopped, thread: Some(thread) }
     }
 }
 

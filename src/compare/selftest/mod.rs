@@ -47,11 +47,7 @@ pub enum SelfTestError {
     #[error(transparent)]
     Store(#[from] StoreError),
     #[error("cannot {action} {}: {source}", path.display())]
-    Io {
-        action: &'static str,
-        path: PathBuf,
-        source: std::io::Error,
-    },
+    Io { action: &'static str, path: PathBuf, source: std::io::Error },
 }
 
 #[derive(Clone, Debug)]
@@ -143,10 +139,7 @@ fn is_made(test: &SelfTest, trial: &Trial) -> Result<bool, SelfTestError> {
         return Ok(false);
     };
     let wanted = test.settings_of(trial);
-    let found = Settings {
-        gates: wanted.gates.clone(),
-        ..stored.header.settings.clone()
-    };
+    let found = Settings { gates: wanted.gates.clone(), ..stored.header.settings.clone() };
     match found == wanted {
         true => Ok(stored.came_to_its_end()),
         false => Err(SelfTestError::OtherSettings(folder)),
@@ -193,9 +186,7 @@ impl<'a> Bench<'a> {
         Ok(Self {
             test,
             workshop: Workshop::open(&repository, &commit)?,
-            programs: repository
-                .join(build::CACHE)
-                .join(format!("self-test-{short}")),
+            programs: repository.join(build::CACHE).join(format!("self-test-{short}")),
             interrupted,
             tell,
             at_hand: None,
@@ -211,11 +202,7 @@ impl<'a> Bench<'a> {
         let head = self.head(&trial.variant, manner, injections)?;
         let program = |path: &Path| Program {
             path: path.to_owned(),
-            label: path
-                .file_name()
-                .unwrap_or_default()
-                .to_string_lossy()
-                .into_owned(),
+            label: path.file_name().unwrap_or_default().to_string_lossy().into_owned(),
         };
         let folder = self.test.out.join(&trial.id);
         let options = Options {
@@ -231,10 +218,7 @@ impl<'a> Bench<'a> {
         let load = trial.loaded.then(|| Load::start(&base));
         let measured = flow::measure(&options, self.interrupted, self.tell);
         drop(load);
-        measured.map(drop).map_err(|error| SelfTestError::Trial {
-            trial: trial.id.clone(),
-            error,
-        })
+        measured.map(drop).map_err(|error| SelfTestError::Trial { trial: trial.id.clone(), error })
     }
 
     fn base(&self, manner: Manner) -> Result<PathBuf, SelfTestError> {
@@ -292,12 +276,8 @@ impl<'a> Bench<'a> {
             return Ok(());
         }
         (self.tell)(&format!("building {}", program.display()));
-        let Self {
-            interrupted, tell, ..
-        } = self;
-        Ok(self
-            .workshop
-            .build(changes, manner, program, interrupted, tell)?)
+        let Self { interrupted, tell, .. } = self;
+        Ok(self.workshop.build(changes, manner, program, interrupted, tell)?)
     }
 }
 
@@ -313,14 +293,8 @@ mod tests {
             repository: PathBuf::new(),
             out: out.to_owned(),
             gpu: gpu::Options::default(),
-            plan: Plan {
-                no_ops: 1,
-                slow5: 1,
-            },
-            settings: Settings {
-                pairs,
-                ..header.settings
-            },
+            plan: Plan { no_ops: 1, slow5: 1 },
+            settings: Settings { pairs, ..header.settings },
             filter: None,
         }
     }
@@ -340,10 +314,7 @@ mod tests {
         let mut store = Store::create(&folder.path().join(&trial.id)).unwrap();
         store.write(&[Line::Header(Box::new(header))]).unwrap();
         assert!(!is_made(&test, &trial).unwrap());
-        let end = End {
-            wall_s: 1.0,
-            interrupted: false,
-        };
+        let end = End { wall_s: 1.0, interrupted: false };
         store.write(&[Line::End(end)]).unwrap();
         assert!(is_made(&test, &trial).unwrap());
 

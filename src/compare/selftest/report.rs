@@ -11,11 +11,7 @@ use crate::text;
 fn share(share: Share) -> String {
     match share.of {
         0 => "–".to_owned(),
-        of => format!(
-            "{} of {of} ({} %)",
-            share.count,
-            three(100.0 * share.ratio())
-        ),
+        of => format!("{} of {of} ({} %)", share.count, three(100.0 * share.ratio())),
     }
 }
 
@@ -32,14 +28,8 @@ pub fn markdown(findings: &Findings) -> String {
     let rows = [
         ("time gates with a false alarm", findings.false_alarms),
         ("of them on a loaded machine", findings.false_alarms_loaded),
-        (
-            "cells of time gates called slower or faster",
-            findings.no_op_changes(),
-        ),
-        (
-            "exact and instruction gates with a false alarm",
-            findings.counted_alarms,
-        ),
+        ("cells of time gates called slower or faster", findings.no_op_changes()),
+        ("exact and instruction gates with a false alarm", findings.counted_alarms),
         ("time gates whose control moved", findings.void),
     ];
     for (name, found) in rows {
@@ -47,14 +37,9 @@ pub fn markdown(findings: &Findings) -> String {
     }
     text += &table.markdown();
     let verdicts = findings.no_op_verdicts.iter();
-    let verdicts: Vec<String> = verdicts
-        .map(|(verdict, count)| format!("{count} {verdict}"))
-        .collect();
-    let _ = writeln!(
-        text,
-        "Cells of those time gates: {}.\n",
-        verdicts.join(", ")
-    );
+    let verdicts: Vec<String> =
+        verdicts.map(|(verdict, count)| format!("{count} {verdict}")).collect();
+    let _ = writeln!(text, "Cells of those time gates: {}.\n", verdicts.join(", "));
 
     text += "## Slowdowns of one stage\n\n";
     text += "Measured is what the trials found of the stage in the configuration in which injections are tuned.\n\n";
@@ -118,11 +103,8 @@ pub fn markdown(findings: &Findings) -> String {
     table.row(["both".to_owned(), share(findings.covered())]);
     text += &table.markdown();
     if let Some(seconds) = findings.time_gate_s {
-        let _ = writeln!(
-            text,
-            "A time gate of all cells took {} s, in the median.\n",
-            three(seconds)
-        );
+        let _ =
+            writeln!(text, "A time gate of all cells took {} s, in the median.\n", three(seconds));
     }
     text + &trials(findings)
 }
@@ -155,20 +137,11 @@ fn detection(size: Size, found: &Detection) -> [String; 5] {
 
 /// One line for each trial.
 fn trials(findings: &Findings) -> String {
-    let mut table = Table::new([
-        "trial",
-        "change",
-        "stage",
-        "status",
-        "named first",
-        "cells",
-        "s",
-    ]);
+    let mut table = Table::new(["trial", "change", "stage", "status", "named first", "cells", "s"]);
     for trial in &findings.trials {
         let verdicts = trial.verdicts.iter();
-        let verdicts: Vec<String> = verdicts
-            .map(|(verdict, count)| format!("{count} {verdict}"))
-            .collect();
+        let verdicts: Vec<String> =
+            verdicts.map(|(verdict, count)| format!("{count} {verdict}")).collect();
         table.row([
             trial.id.clone(),
             trial.kind.clone(),

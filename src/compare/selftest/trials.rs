@@ -72,9 +72,8 @@ const TRUTH_LAUNCHES: u32 = 80;
 /// Every trial, what is asked of the gates first: 5 % more time, and equal builds strewn between; then instructions, and equal
 /// builds on a loaded machine; then other kinds of changes and other sizes. Those of one build stand together.
 pub fn trials(plan: Plan, injections: &[Injection]) -> Vec<Trial> {
-    let (sized, kinds): (Vec<&Injection>, Vec<&Injection>) = injections
-        .iter()
-        .partition(|injection| !injection.sizes.is_empty());
+    let (sized, kinds): (Vec<&Injection>, Vec<&Injection>) =
+        injections.iter().partition(|injection| !injection.sizes.is_empty());
     let count = sized.len() as u32;
     let (loaded, calm): (Vec<Trial>, Vec<Trial>) =
         (0..plan.no_ops).map(no_op).partition(|trial| trial.loaded);
@@ -172,12 +171,7 @@ fn truth() -> Trial {
 fn counted(injection: &Injection) -> Trial {
     Trial {
         filter: Some(format!("{} ", injection.configuration)),
-        ..injected(
-            injection,
-            Some(Size::Instructions),
-            "",
-            &[Gate::Instructions],
-        )
+        ..injected(injection, Some(Size::Instructions), "", &[Gate::Instructions])
     }
 }
 
@@ -192,10 +186,7 @@ mod tests {
 
     use super::*;
 
-    const PLAN: Plan = Plan {
-        no_ops: 60,
-        slow5: 40,
-    };
+    const PLAN: Plan = Plan { no_ops: 60, slow5: 40 };
 
     #[test]
     fn trials_are_as_many_as_asked_and_spread_over_the_stages() {
@@ -203,9 +194,8 @@ mod tests {
         let trials = trials(PLAN, &injections);
         let ids: BTreeSet<&str> = trials.iter().map(|trial| trial.id.as_str()).collect();
         assert_eq!(ids.len(), trials.len());
-        let no_ops = trials
-            .iter()
-            .filter(|trial| trial.aim == Aim::NoAlarm && trial.gates == [Gate::Time]);
+        let no_ops =
+            trials.iter().filter(|trial| trial.aim == Aim::NoAlarm && trial.gates == [Gate::Time]);
         assert_eq!(no_ops.clone().count(), 60);
         assert_eq!(no_ops.filter(|trial| trial.loaded).count(), 20);
         let fives = trials.iter().filter(|trial| {

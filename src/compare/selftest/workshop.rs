@@ -97,17 +97,10 @@ impl Workshop {
             .append(true)
             .open(&path)
             .and_then(|file| file.set_modified(SystemTime::now()))
-            .map_err(|source| BuildError::Io {
-                action: "touch",
-                path,
-                source,
-            })
+            .map_err(|source| BuildError::Io { action: "touch", path, source })
     }
 }
 
 fn failed(reason: String) -> BuildError {
-    BuildError::Command {
-        command: "reading a source".to_owned(),
-        reason,
-    }
+    BuildError::Command { command: "reading a source".to_owned(), reason }
 }

@@ -7,12 +7,8 @@ use super::Format;
 use crate::compare::store::Side;
 use crate::compare::verdict::{CellVerdict, Verdicts};
 
-pub const FORMAT: Format = Format {
-    name: "bencher",
-    about: "Bencher Metric Format",
-    file: Some("bencher.json"),
-    write,
-};
+pub const FORMAT: Format =
+    Format { name: "bencher", about: "Bencher Metric Format", file: Some("bencher.json"), write };
 
 fn write(verdicts: &Verdicts<'_>) -> String {
     let mut all = Map::new();
@@ -42,10 +38,7 @@ fn measures(cell: &CellVerdict) -> Map<String, Value> {
         }
         measures.insert("time-ratio".to_owned(), metric);
         // Bencher's own measure of time is in nanoseconds.
-        measures.insert(
-            "latency".to_owned(),
-            json!({ "value": time.head_ns.round() }),
-        );
+        measures.insert("latency".to_owned(), json!({ "value": time.head_ns.round() }));
     }
     if let Some(unpaired) = cell.unpaired.filter(|times| times.head.is_resolved()) {
         let time = &unpaired.head.ns;

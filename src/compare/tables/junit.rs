@@ -8,12 +8,8 @@ use crate::compare::exact::{Kind, Subject};
 use crate::compare::verdict::{CellVerdict, GateState, Verdict, Verdicts};
 use crate::text;
 
-pub const FORMAT: Format = Format {
-    name: "junit",
-    about: "JUnit XML",
-    file: Some("junit.xml"),
-    write,
-};
+pub const FORMAT: Format =
+    Format { name: "junit", about: "JUnit XML", file: Some("junit.xml"), write };
 
 fn write(verdicts: &Verdicts<'_>) -> String {
     let mut gates = TestSuite::new("fathom compare: gates");

@@ -26,10 +26,8 @@ fn write(verdicts: &Verdicts<'_>) -> String {
         text += &table(regressions.into_iter());
     }
     let whole = verdicts.configurations.iter();
-    let whole: Vec<String> = whole
-        .filter(|difference| difference.worse)
-        .map(rows::difference)
-        .collect();
+    let whole: Vec<String> =
+        whole.filter(|difference| difference.worse).map(rows::difference).collect();
     text += &list(&whole);
     text += &format!(
         "<details><summary>All cells</summary>\n\n{}</details>\n\n",
@@ -51,9 +49,6 @@ fn list(items: &[String]) -> String {
     if items.is_empty() {
         return String::new();
     }
-    let lines: String = items
-        .iter()
-        .map(|item| format!("- {}\n", text::markdown(item)))
-        .collect();
+    let lines: String = items.iter().map(|item| format!("- {}\n", text::markdown(item))).collect();
     lines + "\n"
 }

@@ -20,13 +20,8 @@ pub struct Format {
 }
 
 /// Every format. Adding one costs a file and a line.
-pub const FORMATS: &[Format] = &[
-    terminal::FORMAT,
-    markdown::FORMAT,
-    junit::FORMAT,
-    bencher::FORMAT,
-    benchmark::FORMAT,
-];
+pub const FORMATS: &[Format] =
+    &[terminal::FORMAT, markdown::FORMAT, junit::FORMAT, bencher::FORMAT, benchmark::FORMAT];
 
 pub fn find(name: &str) -> Option<&'static Format> {
     FORMATS.iter().find(|format| format.name == name)

@@ -11,15 +11,8 @@ use crate::compare::verdict::{CellVerdict, GateState, Status, Verdict, Verdicts}
 use crate::report::format::{NS_PER_MS, mebibytes, si, three};
 
 /// Columns of a table of cells.
-pub const HEADER: [&str; 7] = [
-    "cell",
-    "verdict",
-    "time, base",
-    "change",
-    "detectable",
-    "instructions",
-    "else",
-];
+pub const HEADER: [&str; 7] =
+    ["cell", "verdict", "time, base", "change", "detectable", "instructions", "else"];
 
 /// One cell of a table of cells.
 pub fn cell(cell: &CellVerdict) -> [String; 7] {
@@ -31,9 +24,7 @@ pub fn cell(cell: &CellVerdict) -> [String; 7] {
         cell.cell.to_string(),
         cell.verdict.text().to_owned(),
         base.unwrap_or_else(none),
-        time.map(change)
-            .or(cell.unpaired.as_ref().map(unpaired_change))
-            .unwrap_or_else(none),
+        time.map(change).or(cell.unpaired.as_ref().map(unpaired_change)).unwrap_or_else(none),
         time.and_then(|time| time.detectable)
             .map_or_else(none, |least| format!("{:.1} %", 100.0 * least)),
         cell.instructions.as_ref().map_or_else(none, instructions),
@@ -66,11 +57,9 @@ fn rounded(value: f64, digits: usize) -> f64 {
 /// `+5.1 % (4.2 … 6.0)`.
 fn change(time: &CellTime) -> String {
     let interval = match time.interval {
-        Some((low, high)) => format!(
-            "{:.1} … {:.1}",
-            rounded(100.0 * low, 1),
-            rounded(100.0 * high, 1)
-        ),
+        Some((low, high)) => {
+            format!("{:.1} … {:.1}", rounded(100.0 * low, 1), rounded(100.0 * high, 1))
+        }
         None => "too few launches for an interval".to_owned(),
     };
     format!("{} ({interval})", signed(time.change, 1))
@@ -107,13 +96,7 @@ fn remarks(cell: &CellVerdict) -> Vec<String> {
 
 /// `fragments 100 → 120 (+20.0 %)`.
 pub fn difference(difference: &Difference) -> String {
-    let Difference {
-        figure,
-        base,
-        head,
-        kind,
-        ..
-    } = difference;
+    let Difference { figure, base, head, kind, .. } = difference;
     let value = |value: f64| match kind {
         Kind::Bytes => mebibytes(value as u64),
         Kind::Work | Kind::Counter => format!("{value:.0}"),
@@ -164,11 +147,7 @@ pub fn headline(verdicts: &Verdicts<'_>) -> String {
         1 => "1 cell".to_owned(),
         n => format!("{n} cells"),
     };
-    format!(
-        "{}; {cells}: {}",
-        verdicts.status.text(),
-        counted.join(", ")
-    )
+    format!("{}; {cells}: {}", verdicts.status.text(), counted.join(", "))
 }
 
 /// Each regression in a sentence, the gravest first; then what concerns configurations as a whole.
@@ -181,17 +160,9 @@ pub fn regressions(verdicts: &Verdicts<'_>) -> Vec<String> {
         if let Some(counted) = &cell.instructions {
             because.push(format!("instructions {}", signed(counted.ratio - 1.0, 2)));
         }
-        let worse = cell
-            .differences
-            .iter()
-            .filter(|difference| difference.worse);
+        let worse = cell.differences.iter().filter(|difference| difference.worse);
         because.extend(worse.map(difference));
-        format!(
-            "{}: {}: {}",
-            cell.cell,
-            cell.verdict.text(),
-            because.join("; ")
-        )
+        format!("{}: {}: {}", cell.cell, cell.verdict.text(), because.join("; "))
     });
     let whole = verdicts.configurations.iter();
     let whole = whole.filter(|difference| difference.worse).map(difference);
@@ -212,11 +183,7 @@ pub fn notes(verdicts: &Verdicts<'_>) -> Vec<String> {
         })
         .collect();
     for control in &verdicts.controls {
-        let second = if control.second {
-            ", second measurement"
-        } else {
-            ""
-        };
+        let second = if control.second { ", second measurement" } else { "" };
         notes.push(format!(
             "control {} with the base on both sides{second}: {}",
             control.cell,
@@ -318,16 +285,12 @@ fn rule(verdicts: &Verdicts<'_>, gate: &str) -> String {
 fn second(comparison: &Comparison) -> Option<String> {
     let of_second = comparison.pairs.iter().filter(|pair| pair.second);
     let pairs = of_second.clone().map(|pair| pair.round + 1).max()?;
-    let cells: BTreeSet<_> = of_second
-        .filter(|pair| !pair.control)
-        .map(|pair| &pair.cell)
-        .collect();
+    let cells: BTreeSet<_> =
+        of_second.filter(|pair| !pair.control).map(|pair| &pair.cell).collect();
     let launches = comparison.launches_of(true);
     let count = cells.len();
     let noun = if count == 1 { "cell" } else { "cells" };
-    Some(format!(
-        ", {launches} more of {pairs} pairs for {count} {noun} that these left open"
-    ))
+    Some(format!(", {launches} more of {pairs} pairs for {count} {noun} that these left open"))
 }
 
 /// `origin/main (0.1.0)`.

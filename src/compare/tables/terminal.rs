@@ -4,12 +4,8 @@ use super::{Format, rows};
 use crate::compare::verdict::Verdicts;
 use crate::text;
 
-pub const FORMAT: Format = Format {
-    name: "text",
-    about: "a table for the terminal",
-    file: None,
-    write,
-};
+pub const FORMAT: Format =
+    Format { name: "text", about: "a table for the terminal", file: None, write };
 
 fn write(verdicts: &Verdicts<'_>) -> String {
     let [sides, adapter] = rows::sides(verdicts).map(|side| text::line(&side));
@@ -38,9 +34,7 @@ fn columns<const N: usize>(rows: &[[String; N]]) -> String {
     let widths: Vec<usize> = (0..N).map(width).collect();
     let line = |row: &[String; N]| {
         let cells = row.iter().zip(&widths);
-        let padded: Vec<String> = cells
-            .map(|(cell, width)| format!("{cell:width$}"))
-            .collect();
+        let padded: Vec<String> = cells.map(|(cell, width)| format!("{cell:width$}")).collect();
         format!("{}\n", padded.join("  ").trim_end())
     };
     rows.iter().map(line).collect()

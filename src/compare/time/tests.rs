@@ -17,16 +17,8 @@ struct Noise {
     stalls: (f64, f64),
 }
 
-const CALM: Noise = Noise {
-    between: 0.007,
-    within: 0.015,
-    stalls: (0.05, 1.0),
-};
-const BUSY: Noise = Noise {
-    between: 0.06,
-    within: 0.08,
-    stalls: (0.2, 10.0),
-};
+const CALM: Noise = Noise { between: 0.007, within: 0.015, stalls: (0.05, 1.0) };
+const BUSY: Noise = Noise { between: 0.06, within: 0.08, stalls: (0.2, 10.0) };
 const CELLS: usize = 40;
 
 struct Simulation {
@@ -37,11 +29,7 @@ struct Simulation {
 
 impl Simulation {
     fn new(seed: u64, noise: Noise) -> Self {
-        Self {
-            random: Pcg64::seed_from_u64(seed),
-            noise,
-            launches: LAUNCHES,
-        }
+        Self { random: Pcg64::seed_from_u64(seed), noise, launches: LAUNCHES }
     }
 
     fn sample(&mut self, ns: f64) -> f64 {
@@ -121,20 +109,11 @@ impl Simulation {
 }
 
 fn cells() -> Vec<CellId> {
-    (0..CELLS)
-        .map(|n| CellId::new("tank", &format!("stage/{n}")))
-        .collect()
+    (0..CELLS).map(|n| CellId::new("tank", &format!("stage/{n}"))).collect()
 }
 
 fn schedule(launches: u32) -> Schedule {
-    Schedule {
-        cells: cells(),
-        control: None,
-        launches,
-        pairs: PAIRS,
-        seed: 0,
-        second: false,
-    }
+    Schedule { cells: cells(), control: None, launches, pairs: PAIRS, seed: 0, second: false }
 }
 
 /// A first measurement that has all its launches.
@@ -142,18 +121,10 @@ fn comparison(launches: u32) -> Comparison {
     let header = include_str!("../tests/header.json");
     let mut header: Header = serde_json::from_str(header).unwrap();
     header.cells = cells();
-    header.settings = Settings {
-        launches,
-        ..settings()
-    };
+    header.settings = Settings { launches, ..settings() };
     let mut comparison = Comparison::new(header);
     comparison.launches = (0..launches)
-        .map(|launch| Launch {
-            launch,
-            wall_s: 3.0,
-            second: false,
-            notes: Vec::new(),
-        })
+        .map(|launch| Launch { launch, wall_s: 3.0, second: false, notes: Vec::new() })
         .collect();
     comparison
 }
@@ -223,14 +194,8 @@ fn intervals_cover_the_truth_as_often_as_they_say() {
         let comparison = simulation.compare(truth);
         let once = comparison.pairs.iter().filter(|pair| !pair.second);
         for (counts, gate) in [
-            (
-                &mut first,
-                judge(&comparison.header.cells, once, &settings()),
-            ),
-            (
-                &mut last,
-                judge(&comparison.header.cells, &comparison.pairs, &settings()),
-            ),
+            (&mut first, judge(&comparison.header.cells, once, &settings())),
+            (&mut last, judge(&comparison.header.cells, &comparison.pairs, &settings())),
         ] {
             for (n, cell) in gate.cells.iter().enumerate() {
                 let (low, high) = cell.interval.unwrap();
@@ -242,21 +207,12 @@ fn intervals_cover_the_truth_as_often_as_they_say() {
     let share =
         |counts: &[usize]| counts.iter().sum::<usize>() as f64 / (each * counts.len()) as f64;
     // 95.2 % for 20 launches; three standard errors over 4,000 intervals are 1.0 %.
-    assert!(
-        (0.942..0.962).contains(&share(&first)),
-        "{first:?} of {each}"
-    );
+    assert!((0.942..0.962).contains(&share(&first)), "{first:?} of {each}");
     // Where the change is far from the threshold the second measurement takes nothing away. Three of 3,000: 1.2 %.
-    assert!(
-        (0.940..0.964).contains(&share(&last[..3])),
-        "{last:?} of {each}"
-    );
+    assert!((0.940..0.964).contains(&share(&last[..3])), "{last:?} of {each}");
     // Where it is just the threshold, an interval of the first that leaves it out is a verdict and stands, one that holds it
     // gives way to the second's: 2.4 % + 97.6 % of 4.8 % leave it out. Three of 1,000: 2.5 %.
-    assert!(
-        (0.903..0.953).contains(&share(&last[3..])),
-        "{last:?} of {each}"
-    );
+    assert!((0.903..0.953).contains(&share(&last[3..])), "{last:?} of {each}");
 }
 
 #[test]
@@ -293,11 +249,7 @@ fn a_busy_machine_makes_it_inconclusive_and_says_what_could_be_found() {
     let gate = simulation.gate(|n| if n == 3 { 0.05 } else { 0.0 });
     assert_eq!(alarms(&gate), 0);
     assert!(count(&gate, TimeVerdict::Inconclusive) > CELLS * 9 / 10);
-    let detectable: Vec<f64> = gate
-        .cells
-        .iter()
-        .filter_map(|cell| cell.detectable)
-        .collect();
+    let detectable: Vec<f64> = gate.cells.iter().filter_map(|cell| cell.detectable).collect();
     assert!(median(&detectable) > 0.08, "{detectable:?}");
     // What it says can be found is found about as often as it says: stalls are no normal noise.
     let least = median(&detectable);
@@ -348,10 +300,7 @@ fn who_is_sampled_second_makes_no_difference() {
     let change = |pairs: &[Pair]| judge(&cells, pairs, &settings()).cells[0].change;
     assert!(change(&pairs).abs() < 1e-9);
     pairs.retain(|pair| pair.first == Side::Base);
-    assert!(
-        (change(&pairs) + 0.06).abs() < 1e-9,
-        "nothing to hold it against"
-    );
+    assert!((change(&pairs) + 0.06).abs() < 1e-9, "nothing to hold it against");
 }
 
 #[test]
@@ -370,11 +319,7 @@ fn unusable_numbers_are_left_out() {
 /// One cell whose samples scatter so that the first measurement of a slowdown of 4 % mostly leaves it open.
 #[test]
 fn what_the_first_measurement_leaves_open_the_second_tells_alone() {
-    let noise = Noise {
-        between: 0.002,
-        within: 0.1,
-        stalls: (0.05, 1.0),
-    };
+    let noise = Noise { between: 0.002, within: 0.1, stalls: (0.05, 1.0) };
     let mut simulation = Simulation::new(10, noise);
     let trials = 30;
     let (mut open_first, mut found) = (0, 0);

@@ -49,15 +49,10 @@ pub(super) fn ratio(
     });
     let [over_name, under_name] = sides.map(label_text);
     let (Some(a), Some(b)) = (numerator, denominator) else {
-        return untestable(format!(
-            "`{over_name}` and `{under_name}` were not both measured"
-        ));
+        return untestable(format!("`{over_name}` and `{under_name}` were not both measured"));
     };
     let (ratio, interval) = quotient(&a, &b);
-    let figure = format!(
-        "{over_name} / {under_name} {}",
-        with_interval(ratio, &interval)
-    );
+    let figure = format!("{over_name} / {under_name} {}", with_interval(ratio, &interval));
     within(&interval, (band[0], band[1]), figure)
 }
 
@@ -90,14 +85,9 @@ fn bounded(
     let Some(worst) = worst else {
         return untestable("no cell was measured at the size the claim speaks of");
     };
-    let interval = Interval {
-        low: worst.low,
-        high: worst.high,
-    };
-    let figure = format!(
-        "{:.2} ({:.2} – {:.2}) {y} {against}",
-        worst.median, worst.low, worst.high
-    );
+    let interval = Interval { low: worst.low, high: worst.high };
+    let figure =
+        format!("{:.2} ({:.2} – {:.2}) {y} {against}", worst.median, worst.low, worst.high);
     if software && y.is_absolute() {
         return untestable(format!("{figure}: absolute times count only on hardware"));
     }
@@ -154,12 +144,9 @@ pub(super) fn monotone(
     };
     let (whole, whole_interval) = quotient(&last.1, &first.1);
     let floor = 1.0 / (1.0 + tolerance);
-    let steps = points
-        .windows(2)
-        .map(|pair| quotient(&pair[1].1, &pair[0].1));
-    let (worst, worst_interval) = steps
-        .min_by(|a, b| a.0.total_cmp(&b.0))
-        .unwrap_or((whole, whole_interval));
+    let steps = points.windows(2).map(|pair| quotient(&pair[1].1, &pair[0].1));
+    let (worst, worst_interval) =
+        steps.min_by(|a, b| a.0.total_cmp(&b.0)).unwrap_or((whole, whole_interval));
     let figure = format!(
         "end to end {}, smallest step {}",
         with_interval(whole, &whole_interval),
@@ -187,9 +174,8 @@ pub(super) fn lowest(
     margin: f64,
     cells: &[&Cell],
 ) -> Finding {
-    let (own, others): (Vec<_>, Vec<_>) = labelled(y, over, cells)
-        .into_iter()
-        .partition(|(label, _)| measure::same(label, value));
+    let (own, others): (Vec<_>, Vec<_>) =
+        labelled(y, over, cells).into_iter().partition(|(label, _)| measure::same(label, value));
     let by_median =
         |a: &&(Value, Estimate), b: &&(Value, Estimate)| a.1.median.total_cmp(&b.1.median);
     let (Some((_, own)), Some((rival, best))) = (own.first(), others.iter().min_by(by_median))
@@ -220,26 +206,16 @@ pub(super) fn minimum(y: &Measure, x: &Measure, band: [f64; 2], cells: &[&Cell])
     let inside = |x: f64| (band[0]..=band[1]).contains(&x);
     let below = points.iter().any(|(x, _)| *x < band[0]);
     let above = points.iter().any(|(x, _)| *x > band[1]);
-    let lowest = points
-        .iter()
-        .min_by(|a, b| a.1.median.total_cmp(&b.1.median));
+    let lowest = points.iter().min_by(|a, b| a.1.median.total_cmp(&b.1.median));
     let (Some((at, lowest)), true) = (lowest, below && above) else {
-        return untestable(format!(
-            "cells on both sides of {} – {} are needed",
-            band[0], band[1]
-        ));
+        return untestable(format!("cells on both sides of {} – {} are needed", band[0], band[1]));
     };
-    let candidates: Vec<f64> = points
-        .iter()
-        .filter(|(_, y)| y.low <= lowest.high)
-        .map(|(x, _)| *x)
-        .collect();
+    let candidates: Vec<f64> =
+        points.iter().filter(|(_, y)| y.low <= lowest.high).map(|(x, _)| *x).collect();
     let figure = format!("lowest at {at}: {:.4}", lowest.median);
     match candidates.iter().filter(|x| inside(**x)).count() {
         n if n == candidates.len() => (Verdict::Supported, figure),
         0 => (Verdict::Contradicted, figure),
-        _ => untestable(format!(
-            "{figure}: within the noise of cells outside the band"
-        )),
+        _ => untestable(format!("{figure}: within the noise of cells outside the band")),
     }
 }

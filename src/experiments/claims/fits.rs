@@ -37,23 +37,14 @@ pub fn scaling(
             plural(points.len(), "cell")
         ));
     }
-    let medians: Vec<(f64, f64)> = points
-        .iter()
-        .map(|(x, y)| (*x, y.estimate.median))
-        .collect();
+    let medians: Vec<(f64, f64)> = points.iter().map(|(x, y)| (*x, y.estimate.median)).collect();
     let fixed = Line::fit(&medians).map_or(0.0, |line| line.fixed_cost());
     let kept: Vec<(f64, &[f64])> = points
         .iter()
         .filter(|(_, y)| fixed <= max_fixed_share * y.estimate.median)
         .map(|(x, y)| {
             let median = std::slice::from_ref(&y.estimate.median);
-            (
-                *x,
-                y.samples
-                    .as_deref()
-                    .filter(|all| !all.is_empty())
-                    .unwrap_or(median),
-            )
+            (*x, y.samples.as_deref().filter(|all| !all.is_empty()).unwrap_or(median))
         })
         .collect();
     let left_out = points.len() - kept.len();
@@ -68,18 +59,9 @@ pub fn scaling(
     let low = kept.iter().map(|(x, _)| *x).fold(f64::INFINITY, f64::min);
     let high = kept.iter().map(|(x, _)| *x).fold(0.0, f64::max);
     let slope = interval_slope(&kept).ok_or_else(|| {
-        format!(
-            "a fixed cost of {} outweighs the work in {left_out} cells",
-            in_ms(fixed)
-        )
+        format!("a fixed cost of {} outweighs the work in {left_out} cells", in_ms(fixed))
     })?;
-    Ok(Scaling {
-        slope,
-        range: (low, high),
-        decades: (high / low).log10(),
-        fixed,
-        left_out,
-    })
+    Ok(Scaling { slope, range: (low, high), decades: (high / low).log10(), fixed, left_out })
 }
 
 /// The slope with its interval. Where nothing was sampled more than once there is no noise to resample: the interval then
@@ -161,11 +143,7 @@ impl Line {
 
     /// What is left at x = 0 of something that rises; never negative.
     fn fixed_cost(&self) -> f64 {
-        if self.rate > 0.0 {
-            self.fixed.max(0.0)
-        } else {
-            0.0
-        }
+        if self.rate > 0.0 { self.fixed.max(0.0) } else { 0.0 }
     }
 
     fn at(&self, x: f64) -> f64 {
@@ -180,10 +158,8 @@ pub(super) fn affine(
     min_rising_share: f64,
     cells: &[&Cell],
 ) -> Finding {
-    let points: Vec<(f64, Estimate)> = readings(y, x, cells)
-        .into_iter()
-        .map(|(x, y)| (x, y.estimate))
-        .collect();
+    let points: Vec<(f64, Estimate)> =
+        readings(y, x, cells).into_iter().map(|(x, y)| (x, y.estimate)).collect();
     let medians: Vec<(f64, f64)> = points.iter().map(|(x, y)| (*x, y.median)).collect();
     let (Some(line), true) = (Line::fit(&medians), points.len() > 3) else {
         let count = points.len();
@@ -199,11 +175,7 @@ pub(super) fn affine(
             let [low, high] = [y.low, y.high].map(|y| off(*x, y));
             let across = low < 0.0 && high > 0.0;
             let interval = Interval {
-                low: if across {
-                    0.0
-                } else {
-                    low.abs().min(high.abs())
-                },
+                low: if across { 0.0 } else { low.abs().min(high.abs()) },
                 high: low.abs().max(high.abs()),
             };
             (off(*x, y.median).abs(), interval)
@@ -224,32 +196,20 @@ pub(super) fn affine(
         return (Verdict::Contradicted, format!("{figure}: the line falls"));
     }
     if rising < min_rising_share {
-        return untestable(format!(
-            "{figure}: {:.0} % are needed",
-            100.0 * min_rising_share
-        ));
+        return untestable(format!("{figure}: {:.0} % are needed", 100.0 * min_rising_share));
     }
     within(&worst, (f64::NEG_INFINITY, tolerance), figure)
 }
 
 pub(super) fn slope(fit: &Scaling, expected: f64, tolerance: f64, min_decades: f64) -> Finding {
-    let Slope {
-        slope,
-        low,
-        high,
-        n,
-        ..
-    } = fit.slope;
+    let Slope { slope, low, high, n, .. } = fit.slope;
     let mut figure = format!(
         "slope {slope:.3} ({low:.3} – {high:.3}) over {:.2} decades, {n} cells",
         fit.decades
     );
     if fit.left_out > 0 {
-        figure += &format!(
-            ", {} left out below a fixed cost of {}",
-            fit.left_out,
-            in_ms(fit.fixed)
-        );
+        figure +=
+            &format!(", {} left out below a fixed cost of {}", fit.left_out, in_ms(fit.fixed));
     }
     // Sweeps end at round numbers: a hair below a decade is a decade.
     if fit.decades < min_decades - 1e-6 {

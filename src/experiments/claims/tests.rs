@@ -18,10 +18,8 @@ fn noise(random: &mut Pcg64) -> f64 {
 fn cell(axes: &[(&str, Value)], ms: f64, random: &mut Pcg64) -> Cell {
     let samples_ns: Vec<f64> = (0..21).map(|_| ms * 1e6 * noise(random)).collect();
     let time = statistics::estimate(&samples_ns);
-    let axes: Map<String, Value> = axes
-        .iter()
-        .map(|(name, value)| ((*name).to_owned(), value.clone()))
-        .collect();
+    let axes: Map<String, Value> =
+        axes.iter().map(|(name, value)| ((*name).to_owned(), value.clone())).collect();
     let stage = StageRecord {
         stage: "s".to_owned(),
         clock: Clock::Timestamp,
@@ -63,10 +61,7 @@ fn cell(axes: &[(&str, Value)], ms: f64, random: &mut Pcg64) -> Cell {
 /// Cells along the axis `n` whose stage takes `ms(n)`.
 fn swept(values: &[f64], ms: impl Fn(f64) -> f64) -> Vec<Cell> {
     let mut random = Pcg64::seed_from_u64(11);
-    values
-        .iter()
-        .map(|n| cell(&[("n", json!(n))], ms(*n), &mut random))
-        .collect()
+    values.iter().map(|n| cell(&[("n", json!(n))], ms(*n), &mut random)).collect()
 }
 
 fn ruled(test: &str, cells: &[Cell], software: bool) -> (Verdict, String) {
@@ -133,10 +128,7 @@ fn cells_below_the_fixed_cost_are_left_out_and_counted() {
     let dear = swept(&GRID, |n| 8.0 + 1e-3 * n);
     let (verdict, reason) = ruled(LINEAR, &dear, true);
     assert_eq!(verdict, Verdict::Untestable);
-    assert!(
-        reason.ends_with("ms is more than 10 % of the time in 4 of 6 cells"),
-        "{reason}"
-    );
+    assert!(reason.ends_with("ms is more than 10 % of the time in 4 of 6 cells"), "{reason}");
 }
 
 #[test]
@@ -164,12 +156,7 @@ fn independence_flips_with_a_perturbed_cell() {
 #[test]
 fn ratios_lie_within_their_band_or_do_not() {
     let test = r#"ratio = { y = "stage:s", over = "n", numerator = 2, denominator = 1, low = 1.05, high = 2.0 }"#;
-    let at = |ratio: f64| {
-        swept(
-            &[1.0, 2.0],
-            move |n| if n > 1.0 { 5.0 * ratio } else { 5.0 },
-        )
-    };
+    let at = |ratio: f64| swept(&[1.0, 2.0], move |n| if n > 1.0 { 5.0 * ratio } else { 5.0 });
     assert_eq!(ruled(test, &at(1.5), true).0, Verdict::Supported);
     assert_eq!(ruled(test, &at(0.9), true).0, Verdict::Contradicted);
     assert_eq!(ruled(test, &at(2.4), true).0, Verdict::Contradicted);
@@ -234,9 +221,7 @@ fn groups_are_ruled_apart_and_the_worst_decides() {
 fn skipped_cells_leave_a_claim_untestable() {
     let mut cells = swept(&GRID, |n| n);
     for cell in &mut cells[2..] {
-        cell.outcome = Outcome::Skipped {
-            reason: "too large".to_owned(),
-        };
+        cell.outcome = Outcome::Skipped { reason: "too large".to_owned() };
     }
     assert_eq!(ruled(LINEAR, &cells, true).0, Verdict::Untestable);
 }
@@ -280,14 +265,8 @@ fn the_lowest_value_is_held_against_all_others() {
     let (verdict, reason) = ruled(test, &errors([0.4, 0.1, 0.2]), true);
     assert_eq!(verdict, Verdict::Supported, "{reason}");
     assert!(reason.contains("lowest of 2 others: 0.500"), "{reason}");
-    assert_eq!(
-        ruled(test, &errors([0.4, 0.1, 0.09]), true).0,
-        Verdict::Contradicted
-    );
-    assert_eq!(
-        ruled(test, &errors([0.4, 0.1, 0.2])[..1], true).0,
-        Verdict::Untestable
-    );
+    assert_eq!(ruled(test, &errors([0.4, 0.1, 0.09]), true).0, Verdict::Contradicted);
+    assert_eq!(ruled(test, &errors([0.4, 0.1, 0.2])[..1], true).0, Verdict::Untestable);
 }
 
 #[test]
@@ -319,11 +298,7 @@ fn families_of_stages_are_summed_frame_by_frame() {
     let mut other = measured.stages[0].clone();
     other.samples_ns.reverse();
     for (stage, reversed) in [("f/a", false), ("f/b", true)] {
-        let mut record = if reversed {
-            other.clone()
-        } else {
-            measured.stages[0].clone()
-        };
+        let mut record = if reversed { other.clone() } else { measured.stages[0].clone() };
         record.stage = stage.to_owned();
         measured.stages.push(record);
     }
@@ -331,15 +306,9 @@ fn families_of_stages_are_summed_frame_by_frame() {
     let read = |text: &str| text.parse::<Measure>().unwrap().read(&cell, measured);
     let sum = read("stage:f/").unwrap();
     let samples = sum.samples.unwrap();
-    assert_eq!(
-        samples[0],
-        measured.stages[1].samples_ns[0] + measured.stages[2].samples_ns[0]
-    );
+    assert_eq!(samples[0], measured.stages[1].samples_ns[0] + measured.stages[2].samples_ns[0]);
     assert!((sum.estimate.median / 8e6 - 1.0).abs() < 0.05);
-    assert_eq!(
-        read("stage:g/x|s").unwrap().estimate,
-        measured.stages[0].time
-    );
+    assert_eq!(read("stage:g/x|s").unwrap().estimate, measured.stages[0].time);
     assert_eq!(read("stage:g/"), None);
     let names: Measure = "stage:g/x|s".parse().unwrap();
     assert_eq!(names.stages().collect::<Vec<_>>(), ["g/x", "s"]);
@@ -384,10 +353,7 @@ fn quotients_of_a_cell_lie_within_a_band_or_do_not() {
     let eight = swept(&[1.0, 2.0, 5.0], |n| 8.0 * n);
     let (verdict, reason) = ruled(test, &eight, true);
     assert_eq!(verdict, Verdict::Supported, "{reason}");
-    assert!(
-        reason.starts_with("8.00 (8.00 – 8.00) error per n"),
-        "{reason}"
-    );
+    assert!(reason.starts_with("8.00 (8.00 – 8.00) error per n"), "{reason}");
     let mut other = eight;
     other[1] = swept(&[2.0], |_| 10.0).remove(0);
     assert_eq!(ruled(test, &other, true).0, Verdict::Contradicted);

@@ -46,20 +46,9 @@ pub enum Test {
         min_rising_share: f64,
     },
     /// The same along the axis, up to a factor of `1 + tolerance` between the largest and the smallest.
-    Independent {
-        y: Measure,
-        over: String,
-        tolerance: f64,
-    },
+    Independent { y: Measure, over: String, tolerance: f64 },
     /// `y` at one value of the axis over `y` at another lies within `low … high`.
-    Ratio {
-        y: Measure,
-        over: String,
-        numerator: Value,
-        denominator: Value,
-        low: f64,
-        high: f64,
-    },
+    Ratio { y: Measure, over: String, numerator: Value, denominator: Value, low: f64, high: f64 },
     /// Every cell reaches the value.
     AtLeast { y: Measure, value: f64 },
     /// Every cell lies within `low … high`.
@@ -73,13 +62,7 @@ pub enum Test {
         margin: f64,
     },
     /// Rises (or falls) along the axis in order of `x`; steps against it of up to `tolerance` are noise.
-    Monotone {
-        y: Measure,
-        x: Measure,
-        over: String,
-        direction: Direction,
-        tolerance: f64,
-    },
+    Monotone { y: Measure, x: Measure, over: String, direction: Direction, tolerance: f64 },
     /// `y` at `value` is at most `1 + margin` times that at every other value of the axis.
     Lowest {
         y: Measure,
@@ -89,13 +72,7 @@ pub enum Test {
         margin: f64,
     },
     /// The x at which `y` is smallest lies within `low … high`; cells must lie on both sides of the band.
-    Minimum {
-        y: Measure,
-        x: Measure,
-        over: String,
-        low: f64,
-        high: f64,
-    },
+    Minimum { y: Measure, x: Measure, over: String, low: f64, high: f64 },
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]

@@ -34,11 +34,7 @@ impl Kernels {
         let quads = ("QUADS_PER_EDGE", QUADS_PER_EDGE as i32);
         let share = ("VERTEX_SHARE", VERTEX_SHARE as i32);
         let shader = gpu.shader("audit/kernels", &[group, quads, share])?;
-        let copy_bytes = if gpu.adapter.software {
-            SOFTWARE_COPY_BYTES
-        } else {
-            GPU_COPY_BYTES
-        };
+        let copy_bytes = if gpu.adapter.software { SOFTWARE_COPY_BYTES } else { GPU_COPY_BYTES };
         let copy_bytes = copy_bytes.min(gpu.limits.max_buffer_size);
         gpu.scoped(|| {
             Ok(Self {
@@ -62,11 +58,8 @@ impl Kernels {
             PassKind::Copy | PassKind::Host => None,
         };
         let bindings = layout.map(|layout| {
-            let uniform = buffer(
-                gpu,
-                16,
-                wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST,
-            );
+            let uniform =
+                buffer(gpu, 16, wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST);
             gpu.queue.write_buffer(&uniform, 0, &work.to_le_bytes());
             let resources = [&uniform, &self.results].map(wgpu::Buffer::as_entire_binding);
             let entry = |(binding, resource)| wgpu::BindGroupEntry { binding, resource };
@@ -78,13 +71,7 @@ impl Kernels {
                 entries: &entries[..used],
             })
         });
-        Kernel {
-            kernels: self,
-            kind,
-            bindings,
-            work,
-            calls,
-        }
+        Kernel { kernels: self, kind, bindings, work, calls }
     }
 }
 
@@ -101,11 +88,7 @@ fn buffer(gpu: &Gpu, size: u64, usage: wgpu::BufferUsages) -> wgpu::Buffer {
 fn target(gpu: &Gpu) -> wgpu::TextureView {
     let texture = gpu.device.create_texture(&wgpu::TextureDescriptor {
         label: Some("audit"),
-        size: wgpu::Extent3d {
-            width: TARGET_EDGE,
-            height: TARGET_EDGE,
-            depth_or_array_layers: 1,
-        },
+        size: wgpu::Extent3d { width: TARGET_EDGE, height: TARGET_EDGE, depth_or_array_layers: 1 },
         mip_level_count: 1,
         sample_count: 1,
         dimension: wgpu::TextureDimension::D2,
@@ -117,40 +100,38 @@ fn target(gpu: &Gpu) -> wgpu::TextureView {
 }
 
 fn compute_pipeline(gpu: &Gpu, module: &wgpu::ShaderModule) -> wgpu::ComputePipeline {
-    gpu.device
-        .create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
-            label: Some("audit/compute"),
-            layout: None,
-            module,
-            entry_point: Some("main"),
-            compilation_options: compilation_options(),
-            cache: None,
-        })
+    gpu.device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
+        label: Some("audit/compute"),
+        layout: None,
+        module,
+        entry_point: Some("main"),
+        compilation_options: compilation_options(),
+        cache: None,
+    })
 }
 
 fn render_pipeline(gpu: &Gpu, module: &wgpu::ShaderModule) -> wgpu::RenderPipeline {
-    gpu.device
-        .create_render_pipeline(&wgpu::RenderPipelineDescriptor {
-            label: Some("audit/render"),
-            layout: None,
-            vertex: wgpu::VertexState {
-                module,
-                entry_point: Some("vertex"),
-                compilation_options: compilation_options(),
-                buffers: &[],
-            },
-            primitive: wgpu::PrimitiveState::default(),
-            depth_stencil: None,
-            multisample: wgpu::MultisampleState::default(),
-            fragment: Some(wgpu::FragmentState {
-                module,
-                entry_point: Some("fragment"),
-                compilation_options: compilation_options(),
-                targets: &[Some(wgpu::TextureFormat::Rgba8Unorm.into())],
-            }),
-            multiview_mask: None,
-            cache: None,
-        })
+    gpu.device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
+        label: Some("audit/render"),
+        layout: None,
+        vertex: wgpu::VertexState {
+            module,
+            entry_point: Some("vertex"),
+            compilation_options: compilation_options(),
+            buffers: &[],
+        },
+        primitive: wgpu::PrimitiveState::default(),
+        depth_stencil: None,
+        multisample: wgpu::MultisampleState::default(),
+        fragment: Some(wgpu::FragmentState {
+            module,
+            entry_point: Some("fragment"),
+            compilation_options: compilation_options(),
+            targets: &[Some(wgpu::TextureFormat::Rgba8Unorm.into())],
+        }),
+        multiview_mask: None,
+        cache: None,
+    })
 }
 
 /// One kind of pass with a set amount of work.
@@ -188,19 +169,13 @@ impl Encode for Kernel<'_> {
                     clear: Some(wgpu::Color::BLACK),
                     slice: None,
                 }];
-                scope.render(
-                    &Targets {
-                        color: &color,
-                        depth: None,
-                    },
-                    |pass| {
-                        pass.set_pipeline(&self.kernels.render);
-                        pass.set_bind_group(0, &self.bindings, &[]);
-                        for _ in 0..self.calls {
-                            pass.draw(0..6 * QUADS_PER_EDGE * QUADS_PER_EDGE, 0..1);
-                        }
-                    },
-                );
+                scope.render(&Targets { color: &color, depth: None }, |pass| {
+                    pass.set_pipeline(&self.kernels.render);
+                    pass.set_bind_group(0, &self.bindings, &[]);
+                    for _ in 0..self.calls {
+                        pass.draw(0..6 * QUADS_PER_EDGE * QUADS_PER_EDGE, 0..1);
+                    }
+                });
             }
             PassKind::Copy => scope.copy(|encoder| {
                 let [from, to] = &self.kernels.copied;

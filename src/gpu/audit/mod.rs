@@ -74,11 +74,7 @@ pub fn audit(gpu: &Gpu) -> Result<Audit, GpuError> {
     let mut rows = alone.clone();
     rows.extend(mixed(gpu, &mut bench, &alone)?);
     rows.sort_by_key(|row| KINDS.iter().position(|kind| *kind == row.pass));
-    let sound = |kind: &PassKind| {
-        rows.iter()
-            .filter(|row| row.pass == *kind)
-            .all(|row| row.sound)
-    };
+    let sound = |kind: &PassKind| rows.iter().filter(|row| row.pass == *kind).all(|row| row.sound);
     let plan = ClockPlan::fenced(bench.submissions.cost());
     let sound_kinds = KINDS.into_iter().filter(sound);
     let plan = sound_kinds.fold(plan, |plan, kind| plan.with(kind, Clock::Timestamp));
@@ -89,17 +85,11 @@ pub fn audit(gpu: &Gpu) -> Result<Audit, GpuError> {
 /// will never share a command buffer, and the time they lose lands in their neighbours. Then the worst is set apart until
 /// the rest are sound.
 fn mixed(gpu: &Gpu, bench: &mut Bench, alone: &[AuditRow]) -> Result<Vec<AuditRow>, GpuError> {
-    let mut kinds: Vec<PassKind> = KINDS
-        .into_iter()
-        .filter(|kind| has_timestamps(gpu, *kind))
-        .collect();
+    let mut kinds: Vec<PassKind> =
+        KINDS.into_iter().filter(|kind| has_timestamps(gpu, *kind)).collect();
     let without = alone.iter().filter(|row| !kinds.contains(&row.pass));
-    let mut done: Vec<AuditRow> = without
-        .map(|row| AuditRow {
-            context: "mixed".to_owned(),
-            ..row.clone()
-        })
-        .collect();
+    let mut done: Vec<AuditRow> =
+        without.map(|row| AuditRow { context: "mixed".to_owned(), ..row.clone() }).collect();
     while !kinds.is_empty() {
         let rows = bench.measure(gpu, Surrounding::Mixed, &kinds)?;
         let apart = set_apart(&rows, alone);
@@ -118,11 +108,8 @@ fn mixed(gpu: &Gpu, bench: &mut Bench, alone: &[AuditRow]) -> Result<Vec<AuditRo
 /// The kinds to take out of the mixture: all that are unsound alone, else the worst that is unsound here.
 fn set_apart(rows: &[AuditRow], alone: &[AuditRow]) -> Vec<PassKind> {
     let unsound_alone = |pass: PassKind| alone.iter().any(|row| row.pass == pass && !row.sound);
-    let wrong: Vec<PassKind> = rows
-        .iter()
-        .map(|row| row.pass)
-        .filter(|pass| unsound_alone(*pass))
-        .collect();
+    let wrong: Vec<PassKind> =
+        rows.iter().map(|row| row.pass).filter(|pass| unsound_alone(*pass)).collect();
     if !wrong.is_empty() {
         return wrong;
     }
@@ -139,10 +126,7 @@ struct Submissions {
 
 impl Submissions {
     fn new(gpu: &Gpu) -> Result<Self, GpuError> {
-        Ok(Self {
-            probe: Probe::new(gpu)?,
-            costs: Default::default(),
-        })
+        Ok(Self { probe: Probe::new(gpu)?, costs: Default::default() })
     }
 
     fn time(&mut self, gpu: &Gpu, count: usize) -> Result<(), GpuError> {
@@ -160,11 +144,7 @@ impl Submissions {
                 let index = KINDS.iter().position(|k| *k == kind);
                 index.map_or(0.0, |index| median(&self.costs[index]))
             });
-        SubmitCost {
-            compute_ns,
-            render_ns,
-            copy_ns,
-        }
+        SubmitCost { compute_ns, render_ns, copy_ns }
     }
 }
 
@@ -196,11 +176,7 @@ fn admit(gpu: &Gpu, row: AuditRow) -> AuditRow {
 
 /// N for each kind: the work at which a pass alone takes about as long as is wanted.
 fn calibrate(gpu: &Gpu, kernels: &Kernels, fenced: ClockPlan) -> Result<[u32; 3], GpuError> {
-    let goal_ns = if gpu.adapter.software {
-        SOFTWARE_PASS_NS
-    } else {
-        GPU_PASS_NS
-    };
+    let goal_ns = if gpu.adapter.software { SOFTWARE_PASS_NS } else { GPU_PASS_NS };
     let mut timer = FrameTimer::new(gpu, fenced, 0)?;
     let mut work = [FIRST_WORK; 3];
     for (kind, work) in KINDS.into_iter().zip(&mut work) {
@@ -322,9 +298,7 @@ impl<'a> Bench<'a> {
         kinds: &[PassKind],
         series: &mut [Series],
     ) -> Result<(), GpuError> {
-        let once = kinds
-            .iter()
-            .map(|kind| kernel(&self.kernels[level], *kind) as &dyn Encode);
+        let once = kinds.iter().map(|kind| kernel(&self.kernels[level], *kind) as &dyn Encode);
         let frame = once.collect::<Vec<_>>().repeat(OCCURRENCES);
         let mixed = self.timestamps.timed(gpu, &frame)?;
         let apart = self.fenced.timed(gpu, &frame)?;
@@ -332,11 +306,7 @@ impl<'a> Bench<'a> {
         let apart_ns: f64 = apart.stages.iter().map(|stage| stage.ns).sum();
         for (index, series) in series.iter_mut().enumerate() {
             let name = frame[index].name();
-            let faults = mixed
-                .faults
-                .iter()
-                .filter(|fault| fault.stage == name)
-                .count();
+            let faults = mixed.faults.iter().filter(|fault| fault.stage == name).count();
             let host_ns = mixed_ns * stage_ns(&apart, index, kinds.len()) / apart_ns;
             series.push(level, stage_ns(&mixed, index, kinds.len()), host_ns, faults);
         }
@@ -351,15 +321,10 @@ fn kernel<'k, 'a>(kernels: &'k [Kernel<'a>; 3], kind: PassKind) -> &'k Kernel<'a
 
 /// Which kinds of pass with timestamps had command buffers of their own; empty if none had.
 fn passes_apart(gpu: &Gpu, kinds: &[PassKind]) -> String {
-    let apart = KINDS
-        .into_iter()
-        .filter(|kind| has_timestamps(gpu, *kind) && !kinds.contains(kind));
+    let apart =
+        KINDS.into_iter().filter(|kind| has_timestamps(gpu, *kind) && !kinds.contains(kind));
     let names = apart.map(pass_name).collect::<Vec<_>>().join(" and ");
-    if names.is_empty() {
-        names
-    } else {
-        format!(" ({names} apart)")
-    }
+    if names.is_empty() { names } else { format!(" ({names} apart)") }
 }
 
 /// Mean time of the stages `first`, `first + stride`, … A duration that was not accepted counts as it was
@@ -368,10 +333,7 @@ fn stage_ns(sample: &FrameSample, first: usize, stride: usize) -> f64 {
     let stages = sample.stages.iter().skip(first).step_by(stride);
     let times = stages.map(|stage| match stage.ns.is_nan() {
         true => {
-            let mut faults = sample
-                .faults
-                .iter()
-                .filter(|fault| fault.stage == stage.name);
+            let mut faults = sample.faults.iter().filter(|fault| fault.stage == stage.name);
             faults.next().map_or(0.0, |fault| fault.ns)
         }
         false => stage.ns,
@@ -456,10 +418,7 @@ mod tests {
             row(PassKind::Compute, 0.7, false),
             row(PassKind::Copy, 0.9, true),
         ];
-        assert_eq!(
-            set_apart(&mixed, &alone),
-            [PassKind::Compute, PassKind::Copy]
-        );
+        assert_eq!(set_apart(&mixed, &alone), [PassKind::Compute, PassKind::Copy]);
     }
 
     #[test]

@@ -46,25 +46,14 @@ impl Series {
 
 /// Time at 2 N over that at N: the median over the rounds.
 fn doubling(levels: &[Vec<f64>; LEVELS]) -> f64 {
-    let pairs = levels[0]
-        .iter()
-        .zip(&levels[1])
-        .filter(|(single, _)| **single > 0.0);
+    let pairs = levels[0].iter().zip(&levels[1]).filter(|(single, _)| **single > 0.0);
     let ratios: Vec<f64> = pairs.map(|(single, double)| double / single).collect();
-    if ratios.is_empty() {
-        0.0
-    } else {
-        median(&ratios)
-    }
+    if ratios.is_empty() { 0.0 } else { median(&ratios) }
 }
 
 /// Distance of a ratio from 1 as a factor of at least 1; infinite where it is not positive.
 pub(super) fn factor(ratio: f64) -> f64 {
-    if ratio > 0.0 {
-        ratio.max(1.0 / ratio)
-    } else {
-        f64::INFINITY
-    }
+    if ratio > 0.0 { ratio.max(1.0 / ratio) } else { f64::INFINITY }
 }
 
 fn is_close(factor: f64, tolerance: f64) -> bool {
@@ -99,11 +88,7 @@ fn verdict(series: &Series, mixed: bool, ratios: [f64; LEVELS]) -> (Result<Strin
         let reason = format!("{} of {durations} durations cannot be true", series.faults);
         return (Err(reason), false);
     }
-    let tolerance = if mixed {
-        MIXED_TOLERANCE
-    } else {
-        ALONE_TOLERANCE
-    };
+    let tolerance = if mixed { MIXED_TOLERANCE } else { ALONE_TOLERANCE };
     let [single, double] = ratios.map(factor);
     let host_doubling = doubling(&series.host_ns);
     let disturbed = !mixed && factor(host_doubling / 2.0) > HOST_DOUBLING_TOLERANCE;
@@ -111,18 +96,11 @@ fn verdict(series: &Series, mixed: bool, ratios: [f64; LEVELS]) -> (Result<Strin
     let verdict = if single > tolerance {
         Err(format!("timestamps read {:.2} of the host time", ratios[0]))
     } else if double > tolerance {
-        Err(format!(
-            "timestamps read {:.2} of the host time of double work",
-            ratios[1]
-        ))
+        Err(format!("timestamps read {:.2} of the host time of double work", ratios[1]))
     } else if disturbed {
-        Err(format!(
-            "double work took {host_doubling:.2} times as long: nothing to judge by"
-        ))
+        Err(format!("double work took {host_doubling:.2} times as long: nothing to judge by"))
     } else {
-        Ok(format!(
-            "agrees with the host clock, where double work took {host_doubling:.2}"
-        ))
+        Ok(format!("agrees with the host clock, where double work took {host_doubling:.2}"))
     };
     (verdict, close)
 }
@@ -137,10 +115,7 @@ fn quantile(values: &[f64], at: f64) -> f64 {
     let mut sorted = values.to_vec();
     sorted.sort_by(f64::total_cmp);
     let place = sorted.len().saturating_sub(1) as f64 * at;
-    match (
-        sorted.get(place.floor() as usize),
-        sorted.get(place.ceil() as usize),
-    ) {
+    match (sorted.get(place.floor() as usize), sorted.get(place.ceil() as usize)) {
         (Some(below), Some(above)) => below + (above - below) * place.fract(),
         _ => 0.0,
     }
@@ -202,9 +177,7 @@ mod tests {
     fn a_disturbed_host_clock_decides_nothing() {
         let mut disturbed = series(5e6, 5e6);
         disturbed.host_ns[1].iter_mut().for_each(|ns| *ns *= 1.4);
-        disturbed.timestamp_ns[1]
-            .iter_mut()
-            .for_each(|ns| *ns *= 1.4);
+        disturbed.timestamp_ns[1].iter_mut().for_each(|ns| *ns *= 1.4);
         assert_eq!(verdict(&disturbed), (false, true));
     }
 

@@ -37,12 +37,7 @@ impl ClockPlan {
     /// Every pass on the fenced host clock.
     pub fn fenced(submit_cost: SubmitCost) -> Self {
         let clock = Clock::FencedHost;
-        Self {
-            compute: clock,
-            render: clock,
-            copy: clock,
-            submit_cost,
-        }
+        Self { compute: clock, render: clock, copy: clock, submit_cost }
     }
 
     pub fn clock(&self, kind: PassKind) -> Clock {

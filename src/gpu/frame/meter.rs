@@ -142,9 +142,7 @@ impl Metering {
         if self.probe.is_none() {
             self.probe = Some(Probe::new(gpu)?);
         }
-        self.probe
-            .as_ref()
-            .map_or(Ok(0.0), |probe| probe.time(gpu, kind))
+        self.probe.as_ref().map_or(Ok(0.0), |probe| probe.time(gpu, kind))
     }
 }
 
@@ -164,11 +162,8 @@ mod tests {
 
     /// A cost of some 60 µs, as on a quiet machine; on a busy one every third waits for a core for up to 4 ms.
     fn cost_ns(random: &mut Pcg64, busy: bool) -> f64 {
-        let wait_ns = if busy && random.random_bool(1.0 / 3.0) {
-            random.random_range(0.0..4e6)
-        } else {
-            0.0
-        };
+        let wait_ns =
+            if busy && random.random_bool(1.0 / 3.0) { random.random_range(0.0..4e6) } else { 0.0 };
         60e3 * random.random_range(0.8..1.25) + wait_ns
     }
 
@@ -194,19 +189,9 @@ mod tests {
     fn a_pass_without_work_is_below_the_resolution_on_a_quiet_and_on_a_busy_machine() {
         for busy in [false, true] {
             let (differences, resolution_ns) = measured(0.0, busy);
-            let below = differences
-                .iter()
-                .filter(|ns| **ns <= resolution_ns)
-                .count();
-            assert!(
-                differences.iter().any(|ns| *ns < 0.0),
-                "busy {busy}: the noise is none"
-            );
-            assert!(
-                below > differences.len() / 2,
-                "busy {busy}: {below} of {}",
-                differences.len()
-            );
+            let below = differences.iter().filter(|ns| **ns <= resolution_ns).count();
+            assert!(differences.iter().any(|ns| *ns < 0.0), "busy {busy}: the noise is none");
+            assert!(below > differences.len() / 2, "busy {busy}: {below} of {}", differences.len());
         }
     }
 
@@ -216,10 +201,7 @@ mod tests {
             let (differences, resolution_ns) = measured(0.4e6, busy);
             let middle = median(differences);
             assert!(resolution_ns < 0.4e6, "busy {busy}: {resolution_ns}");
-            assert!(
-                (middle - 0.4e6).abs() < 0.1 * 0.4e6,
-                "busy {busy}: {middle}"
-            );
+            assert!((middle - 0.4e6).abs() < 0.1 * 0.4e6, "busy {busy}: {middle}");
         }
     }
 

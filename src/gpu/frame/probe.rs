@@ -29,8 +29,7 @@ impl Probe {
         gpu.scoped(|| {
             let compute = compute_pipeline(gpu, &shader);
             let iterations = buffer(gpu, UNIFORM_BYTES, Usage::UNIFORM | Usage::COPY_DST);
-            gpu.queue
-                .write_buffer(&iterations, 0, &ITERATIONS.to_le_bytes());
+            gpu.queue.write_buffer(&iterations, 0, &ITERATIONS.to_le_bytes());
             let results = buffer(gpu, RESULT_BYTES, Usage::STORAGE);
             let bindings = bind(gpu, &compute, [&iterations, &results]);
             Ok(Self {
@@ -77,23 +76,18 @@ impl Probe {
 
 /// The shader's render kernel is not used here, but its definitions must have values.
 fn kernel_definitions() -> [(&'static str, i32); 3] {
-    [
-        ("GROUP_SIZE", GROUP_SIZE as i32),
-        ("QUADS_PER_EDGE", 1),
-        ("VERTEX_SHARE", 1),
-    ]
+    [("GROUP_SIZE", GROUP_SIZE as i32), ("QUADS_PER_EDGE", 1), ("VERTEX_SHARE", 1)]
 }
 
 fn compute_pipeline(gpu: &Gpu, module: &wgpu::ShaderModule) -> wgpu::ComputePipeline {
-    gpu.device
-        .create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
-            label: Some("least compute pass"),
-            layout: None,
-            module,
-            entry_point: Some("main"),
-            compilation_options: compilation_options(),
-            cache: None,
-        })
+    gpu.device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
+        label: Some("least compute pass"),
+        layout: None,
+        module,
+        entry_point: Some("main"),
+        compilation_options: compilation_options(),
+        cache: None,
+    })
 }
 
 fn bind(

@@ -62,18 +62,11 @@ pub struct StageScope<'a> {
 #[derive(Clone, Copy)]
 pub(in crate::gpu) enum Mode<'a> {
     /// Each is timed by the plan's clock for its kind.
-    Timed {
-        plan: &'a ClockPlan,
-        sets: &'a [wgpu::QuerySet],
-        max_passes: u32,
-    },
+    Timed { plan: &'a ClockPlan, sets: &'a [wgpu::QuerySet], max_passes: u32 },
     /// All in one command buffer, nothing is timed.
     Untimed,
     /// All in one command buffer, with a pipeline statistics query around each compute and render pass.
-    Counted {
-        set: &'a wgpu::QuerySet,
-        max_passes: u32,
-    },
+    Counted { set: &'a wgpu::QuerySet, max_passes: u32 },
 }
 
 /// One pass of an encoded frame.
@@ -122,13 +115,7 @@ impl Recorder {
         self.reset();
         for (stage, encode) in stages.iter().enumerate() {
             let name = encode.name();
-            encode.encode(&mut StageScope {
-                recorder: self,
-                gpu,
-                mode,
-                stage,
-                name,
-            });
+            encode.encode(&mut StageScope { recorder: self, gpu, mode, stage, name });
         }
         self.close(false);
         match mode {
@@ -153,11 +140,7 @@ impl Recorder {
     fn close(&mut self, fenced: bool) {
         if let Some(encoder) = self.encoder.take() {
             let passes = self.closed..self.passes.len();
-            self.segments.push(Segment {
-                commands: encoder.finish(),
-                passes,
-                fenced,
-            });
+            self.segments.push(Segment { commands: encoder.finish(), passes, fenced });
         }
         self.closed = self.passes.len();
     }
@@ -180,9 +163,7 @@ impl Recorder {
         self.flush_host_writes(gpu)?;
         let process_ns = process_clock_ns();
         let start = Instant::now();
-        let index = gpu
-            .queue
-            .submit(self.segments.drain(..).map(|segment| segment.commands));
+        let index = gpu.queue.submit(self.segments.drain(..).map(|segment| segment.commands));
         gpu.wait_for(Some(index))?;
         let wall_ns = ns_between(start, Instant::now()) + self.host_ns();
         let spent_ns = |before| process_clock_ns().map(|after| after - before);
@@ -204,23 +185,13 @@ impl Recorder {
         let kinds = self.segment_kinds();
         metering.begin(&kinds, self.segments.iter().any(|segment| segment.fenced));
         for (segment, kind) in self.segments.drain(..).zip(kinds) {
-            let Segment {
-                commands,
-                passes,
-                fenced,
-            } = segment;
+            let Segment { commands, passes, fenced } = segment;
             let metered = Instant::now();
             metering.before(gpu, kind)?;
             let submit = Instant::now();
             let index = gpu.queue.submit([commands]);
             gpu.wait_for(Some(index))?;
-            spans.push(Span {
-                metered,
-                submit,
-                fence: Instant::now(),
-                passes,
-                fenced,
-            });
+            spans.push(Span { metered, submit, fence: Instant::now(), passes, fenced });
         }
         Ok(())
     }
@@ -405,10 +376,7 @@ impl<'a> StageScope<'a> {
         let start = Instant::now();
         f(&self.gpu.queue);
         let ns = ns_between(start, Instant::now());
-        self.recorder.host.push(HostWork {
-            stage: self.stage,
-            ns,
-        });
+        self.recorder.host.push(HostWork { stage: self.stage, ns });
     }
 
     fn counted(&self) -> bool {
@@ -425,20 +393,14 @@ impl<'a> StageScope<'a> {
             self.recorder.close(false);
         }
         let number = self.take_query(kind);
-        self.recorder.passes.push(Pass {
-            stage: self.stage,
-            kind,
-            query: number,
-        });
+        self.recorder.passes.push(Pass { stage: self.stage, kind, query: number });
         let query = number.map(|number| match self.mode {
             Mode::Timed { sets, .. } => timestamp_query(sets, number),
             Mode::Counted { set, .. } => Query { set, first: number },
             Mode::Untimed => unreachable!("an untimed pass takes no query"),
         });
         let encoder = self.recorder.encoder.get_or_insert_with(|| {
-            self.gpu
-                .device
-                .create_command_encoder(&wgpu::CommandEncoderDescriptor::default())
+            self.gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default())
         });
         (encoder, query)
     }
@@ -467,20 +429,14 @@ impl<'a> StageScope<'a> {
 
 fn timestamp_query(sets: &[wgpu::QuerySet], number: u32) -> Query<'_> {
     let index = number * QUERIES_PER_PASS;
-    Query {
-        set: &sets[(index / QUERIES_PER_SET) as usize],
-        first: index % QUERIES_PER_SET,
-    }
+    Query { set: &sets[(index / QUERIES_PER_SET) as usize], first: index % QUERIES_PER_SET }
 }
 
 type Attachments<'a> = [Option<wgpu::RenderPassColorAttachment<'a>>; MAX_COLOR_TARGETS];
 
 fn color_attachments<'a>(targets: &[ColorTarget<'a>]) -> (Attachments<'a>, usize) {
     let mut attachments: Attachments<'a> = [const { None }; MAX_COLOR_TARGETS];
-    assert!(
-        targets.len() <= MAX_COLOR_TARGETS,
-        "a render pass has at most eight colour targets"
-    );
+    assert!(targets.len() <= MAX_COLOR_TARGETS, "a render pass has at most eight colour targets");
     for (attachment, target) in attachments.iter_mut().zip(targets) {
         *attachment = Some(wgpu::RenderPassColorAttachment {
             view: target.view,

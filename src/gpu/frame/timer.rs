@@ -135,9 +135,7 @@ impl FrameTimer {
     /// A timer for frames of at most `max_passes` passes on the timestamp clock.
     pub fn new(gpu: &Gpu, plan: ClockPlan, max_passes: u32) -> Result<Self, GpuError> {
         let kinds = [PassKind::Compute, PassKind::Render, PassKind::Copy];
-        let timestamps = kinds
-            .iter()
-            .any(|kind| plan.clock(*kind) == Clock::Timestamp);
+        let timestamps = kinds.iter().any(|kind| plan.clock(*kind) == Clock::Timestamp);
         let queries = match timestamps && max_passes > 0 {
             true => Some(Queries::new(gpu, max_passes)?),
             false => None,
@@ -162,18 +160,10 @@ impl FrameTimer {
     /// Runs one frame with every stage timed.
     pub fn timed(&mut self, gpu: &Gpu, stages: &[&dyn Encode]) -> Result<FrameSample, GpuError> {
         gpu.scoped(|| {
-            let sets = self
-                .queries
-                .as_ref()
-                .map_or(&[][..], |queries| &queries.sets);
-            let mode = Mode::Timed {
-                plan: &self.plan,
-                sets,
-                max_passes: self.max_passes,
-            };
+            let sets = self.queries.as_ref().map_or(&[][..], |queries| &queries.sets);
+            let mode = Mode::Timed { plan: &self.plan, sets, max_passes: self.max_passes };
             self.recorder.record(gpu, mode, stages)?;
-            self.recorder
-                .run_segments(gpu, &mut self.metering, &mut self.spans)?;
+            self.recorder.run_segments(gpu, &mut self.metering, &mut self.spans)?;
             self.read_ticks(gpu)
         })?;
         Ok(self.evaluate(stages))
@@ -351,11 +341,7 @@ impl Account {
             Ok(ns) => sample.ns += ns,
             Err((kind, ns)) => {
                 sample.ns = f64::NAN;
-                self.faults.push(Fault {
-                    stage: sample.name,
-                    kind,
-                    ns,
-                });
+                self.faults.push(Fault { stage: sample.name, kind, ns });
             }
         }
     }
@@ -373,11 +359,7 @@ impl Account {
         for (sample, passes) in self.stages.iter_mut().zip(&self.passes) {
             if *passes == 0 {
                 sample.ns = f64::NAN;
-                self.faults.push(Fault {
-                    stage: sample.name,
-                    kind: FaultKind::NoPass,
-                    ns: 0.0,
-                });
+                self.faults.push(Fault { stage: sample.name, kind: FaultKind::NoPass, ns: 0.0 });
             }
         }
         FrameSample {
@@ -412,10 +394,7 @@ impl Queries {
         use wgpu::BufferUsages as Usage;
         gpu.scoped(|| {
             Ok(Self {
-                sets: (0..count)
-                    .step_by(QUERIES_PER_SET as usize)
-                    .map(set)
-                    .collect(),
+                sets: (0..count).step_by(QUERIES_PER_SET as usize).map(set).collect(),
                 resolved: buffer("ticks", Usage::QUERY_RESOLVE | Usage::COPY_SRC),
                 read_back: buffer("ticks read back", Usage::MAP_READ | Usage::COPY_DST),
             })

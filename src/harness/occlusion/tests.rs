@@ -12,18 +12,8 @@ pub fn corner() -> Vec<Object> {
         },
         material: Material::default(),
     };
-    let floor = [
-        [0.0, 0.0, -4.0],
-        [0.0, 0.0, 4.0],
-        [8.0, 0.0, 4.0],
-        [8.0, 0.0, -4.0],
-    ];
-    let wall = [
-        [0.0, 0.0, -4.0],
-        [0.0, 8.0, -4.0],
-        [0.0, 8.0, 4.0],
-        [0.0, 0.0, 4.0],
-    ];
+    let floor = [[0.0, 0.0, -4.0], [0.0, 0.0, 4.0], [8.0, 0.0, 4.0], [8.0, 0.0, -4.0]];
+    let wall = [[0.0, 0.0, -4.0], [0.0, 8.0, -4.0], [0.0, 8.0, 4.0], [0.0, 0.0, 4.0]];
     vec![quad(floor, [0.0, 1.0, 0.0]), quad(wall, [1.0, 0.0, 0.0])]
 }
 
@@ -49,12 +39,7 @@ pub fn gbuffer(tracer: &Tracer, camera: &Camera, [width, height]: [u32; 2]) -> [
         let n = hit.map_or(DVec3::ZERO, |(hit, _)| hit.shading_normal);
         normal.extend(n.extend(1.0).as_vec4().to_array());
     }
-    [(1, depth), (4, normal)].map(|(channels, data)| Pixels {
-        width,
-        height,
-        channels,
-        data,
-    })
+    [(1, depth), (4, normal)].map(|(channels, data)| Pixels { width, height, channels, data })
 }
 
 fn question(scale: u32) -> Question {
@@ -88,12 +73,7 @@ fn buffer(question: &Question, points: &[Point], darker: f64) -> Pixels {
             }
         }
     }
-    Pixels {
-        width,
-        height,
-        channels: 1,
-        data,
-    }
+    Pixels { width, height, channels: 1, data }
 }
 
 #[test]
@@ -102,15 +82,9 @@ fn a_buffer_that_holds_the_reference_has_no_error_and_a_darker_one_its_bias() {
         let question = question(scale);
         let points = points(&question, 400);
         assert!((300..440).contains(&points.len()), "{}", points.len());
-        let exact = figures(
-            "ao",
-            &errors(&question, &points, &buffer(&question, &points, 0.0)),
-        );
+        let exact = figures("ao", &errors(&question, &points, &buffer(&question, &points, 0.0)));
         assert!(exact["ao_rmse"] < 1e-6, "{exact:?}");
-        let dark = figures(
-            "ao",
-            &errors(&question, &points, &buffer(&question, &points, 0.1)),
-        );
+        let dark = figures("ao", &errors(&question, &points, &buffer(&question, &points, 0.1)));
         assert!((dark["ao_bias"] - 0.1).abs() < 1e-6, "{dark:?}");
         assert!((dark["ao_rmse"] - 0.1).abs() < 1e-6, "{dark:?}");
     }
@@ -119,14 +93,8 @@ fn a_buffer_that_holds_the_reference_has_no_error_and_a_darker_one_its_bias() {
 #[test]
 fn points_near_the_corner_are_occluded_and_open_ones_are_not() {
     let points = points(&question(1), 10_000);
-    let most = points
-        .iter()
-        .map(|point| point.occlusion)
-        .fold(0.0, f64::max);
-    let least = points
-        .iter()
-        .map(|point| point.occlusion)
-        .fold(1.0, f64::min);
+    let most = points.iter().map(|point| point.occlusion).fold(0.0, f64::max);
+    let least = points.iter().map(|point| point.occlusion).fold(1.0, f64::min);
     // At the very corner half of the hemisphere is blocked at no distance.
     assert!((0.25..0.5).contains(&most), "{most}");
     assert!(least < 1e-9, "{least}");

@@ -25,35 +25,19 @@ values = [[32, 32], [64, 64]]
 "#;
 
 fn experiments() -> Vec<Experiment> {
-    let plain = SWEEP
-        .replace("sweep\"", "plain\"")
-        .replace("[[sweep]]", "")
-        .replace("[[sweep.axis]]", "");
+    let plain =
+        SWEEP.replace("sweep\"", "plain\"").replace("[[sweep]]", "").replace("[[sweep.axis]]", "");
     let plain = plain.split("name = ").next().unwrap().to_owned();
-    vec![
-        Experiment::parse("sweep", SWEEP).unwrap(),
-        Experiment::parse("plain", &plain).unwrap(),
-    ]
+    vec![Experiment::parse("sweep", SWEEP).unwrap(), Experiment::parse("plain", &plain).unwrap()]
 }
 
 fn request(sets: &[(&str, Value)]) -> Request {
-    let sets = sets
-        .iter()
-        .map(|(path, value)| ((*path).to_owned(), value.clone()))
-        .collect();
-    Request {
-        sets,
-        ..Request::default()
-    }
+    let sets = sets.iter().map(|(path, value)| ((*path).to_owned(), value.clone())).collect();
+    Request { sets, ..Request::default() }
 }
 
 fn planned(request: &Request) -> Result<Vec<PlannedExperiment>, PlanError> {
-    plan(
-        experiments(),
-        request,
-        "quick",
-        &wgpu::Limits::default().into(),
-    )
+    plan(experiments(), request, "quick", &wgpu::Limits::default().into())
 }
 
 #[test]
@@ -65,10 +49,7 @@ fn the_last_of_default_experiment_profile_set_and_axis_counts() {
     assert_eq!(params["view"]["width"], 64, "the experiment's");
     assert_eq!(params["godrays"]["grid"], 11, "the profile's");
     assert_eq!(params["view"]["height"], 40, "--set's");
-    assert_eq!(
-        params["water"]["amplitude_m"], 0.0,
-        "a whole number passes for a real one"
-    );
+    assert_eq!(params["water"]["amplitude_m"], 0.0, "a whole number passes for a real one");
     assert_eq!(params["caustics"]["buffer"], json!([64, 64]), "the axis's");
     let file = crate::scene::SceneFile::load("plane").unwrap();
     assert_eq!(params["floor_depth_m"], file.floor_depth_m, "the scene's");
@@ -86,10 +67,7 @@ fn geometry_is_made_once_for_equal_scenes_and_follows_the_parameters() {
 #[test]
 fn cells_beyond_a_limit_are_skipped_with_the_numbers_and_the_others_stay() {
     let request = Request {
-        axes: vec![(
-            "caustics.buffer".into(),
-            vec!["[32,32]".into(), "[20000,32]".into()],
-        )],
+        axes: vec![("caustics.buffer".into(), vec!["[32,32]".into(), "[20000,32]".into()])],
         ..Request::default()
     };
     let planned = planned(&request).unwrap();
@@ -98,13 +76,8 @@ fn cells_beyond_a_limit_are_skipped_with_the_numbers_and_the_others_stay() {
     };
     assert_eq!(fits.skip, None);
     let reason = beyond.skip.as_deref().unwrap();
-    assert!(
-        reason.contains("20000") && reason.contains("8192"),
-        "{reason}"
-    );
-    let record = beyond.record(Outcome::Skipped {
-        reason: reason.to_owned(),
-    });
+    assert!(reason.contains("20000") && reason.contains("8192"), "{reason}");
+    let record = beyond.record(Outcome::Skipped { reason: reason.to_owned() });
     assert_eq!(record.cell, "caustics.buffer=20000x32");
 }
 
@@ -118,10 +91,7 @@ fn unknown_names_are_errors_that_name_the_nearest() {
         ..Request::default()
     };
     let unknown = error(axis("caustics.bufer"));
-    assert!(
-        unknown.contains("did you mean `caustics.buffer`"),
-        "{unknown}"
-    );
+    assert!(unknown.contains("did you mean `caustics.buffer`"), "{unknown}");
     assert!(
         planned(&axis("caustics.buffer")).is_ok(),
         "an axis that one experiment lacks is its own matter"
@@ -132,10 +102,7 @@ fn unknown_names_are_errors_that_name_the_nearest() {
 
 #[test]
 fn parameters_out_of_range_are_errors() {
-    let error = planned(&request(&[("godrays.phase_k", json!(3.0))]))
-        .err()
-        .unwrap()
-        .to_string();
+    let error = planned(&request(&[("godrays.phase_k", json!(3.0))])).err().unwrap().to_string();
     assert!(error.contains("phase_k"), "{error}");
 }
 
@@ -146,14 +113,8 @@ fn finished_cells_are_dropped_by_their_key() {
     assert_eq!(drop_finished(&mut all, &done), 1);
     assert_eq!(all[0].cells.len(), 1);
     assert_eq!(all[0].cells[0].plan.cell, "caustics.buffer=64x64");
-    let record = all[0].cells[0].record(Outcome::Failed {
-        reason: String::new(),
-    });
+    let record = all[0].cells[0].record(Outcome::Failed { reason: String::new() });
     assert_eq!(record.resume_key(), all[0].cells[0].resume_key());
     let mut other = planned(&request(&[("shadow.size", json!(512))])).unwrap();
-    assert_eq!(
-        drop_finished(&mut other, &done),
-        0,
-        "another parameter is another cell"
-    );
+    assert_eq!(drop_finished(&mut other, &done), 0, "another parameter is another cell");
 }

@@ -65,21 +65,14 @@ fn parse(text: impl Read) -> Result<Vec<Start>, PointFault> {
 }
 
 fn start((line, numbers): table::Row, aimed: bool) -> Result<Start, PointFault> {
-    let fault = |columns, what| PointFault::Direction {
-        line,
-        columns,
-        what,
-    };
+    let fault = |columns, what| PointFault::Direction { line, columns, what };
     let position_m = DVec3::from_slice(&numbers);
     if position_m.y <= 0.0 {
         let what = format!("a start at y = {} is not above the water", position_m.y);
         return Err(fault("`x`, `y`, `z`", what));
     }
     if !aimed {
-        return Ok(Start {
-            position_m,
-            direction: None,
-        });
+        return Ok(Start { position_m, direction: None });
     }
     let given = DVec3::from_slice(&numbers[3..]);
     let direction = given / given.length();
@@ -90,10 +83,7 @@ fn start((line, numbers): table::Row, aimed: bool) -> Result<Start, PointFault> 
         );
         return Err(fault("`dx`, `dy`, `dz`", what));
     }
-    Ok(Start {
-        position_m,
-        direction: Some(direction),
-    })
+    Ok(Start { position_m, direction: Some(direction) })
 }
 
 /// What is asked of a subject of the pipeline `underwater`.
@@ -109,17 +99,8 @@ impl Query {
         let params = Params::from_value(&subject.params).map_err(QueryError::Invalid)?;
         let view = underwater::view(&params, &subject.scene);
         let light = view.light_frame();
-        let query = Query {
-            starts,
-            params,
-            view,
-            light,
-        };
-        match query
-            .starts
-            .iter()
-            .position(|s| query.incident(s).y > -LEAST_FALL)
-        {
+        let query = Query { starts, params, view, light };
+        match query.starts.iter().position(|s| query.incident(s).y > -LEAST_FALL) {
             None => Ok(query),
             Some(i) => Err(QueryError::Invalid(format!(
                 "start {}: the light's ray through it does not fall on the water; move it below the light",
@@ -153,12 +134,7 @@ impl Query {
     pub fn reference(&self, subject: &Subject) -> Result<Vec<Landing>, QueryError> {
         let tracer = Tracer::new(&subject.scene.objects)?;
         let land = |start: &Start| {
-            land_ray(
-                &self.view.water,
-                &tracer,
-                start.position_m,
-                self.incident(start),
-            )
+            land_ray(&self.view.water, &tracer, start.position_m, self.incident(start))
         };
         Ok(self.starts.par_iter().map(land).collect())
     }
@@ -195,9 +171,8 @@ impl Query {
         let written = (|| {
             csv.write_record(header(reference.is_some()))?;
             for (i, (start, answer)) in self.starts.iter().zip(answers).enumerate() {
-                let numbers = [start.position_m, self.incident(start)]
-                    .map(|v| v.to_array())
-                    .concat();
+                let numbers =
+                    [start.position_m, self.incident(start)].map(|v| v.to_array()).concat();
                 let mut fields: Vec<String> = numbers.iter().map(f64::to_string).collect();
                 fields.extend(self.answer(answer));
                 if let Some(landing) = reference.and_then(|all| all.get(i)) {
@@ -208,10 +183,7 @@ impl Query {
             }
             csv.flush().map_err(csv::Error::from)
         })();
-        written.map_err(|source| QueryError::Write {
-            target: target.to_owned(),
-            source,
-        })
+        written.map_err(|source| QueryError::Write { target: target.to_owned(), source })
     }
 
     fn answer(&self, answer: &Answer) -> Vec<String> {
@@ -240,11 +212,8 @@ impl Query {
         };
         let landed = landing.landed();
         let mut fields = vec![outcome.to_owned()];
-        for place in [
-            entry.map(|entry| entry.position),
-            direction,
-            landed.map(|l| l.hit.position),
-        ] {
+        for place in [entry.map(|entry| entry.position), direction, landed.map(|l| l.hit.position)]
+        {
             let components = place.map(|p| p.to_array());
             fields.extend((0..3).map(|i| number(components.map(|c| c[i]))));
         }
@@ -264,17 +233,10 @@ fn stored(start: &Start) -> query::Start {
 }
 
 fn header(reference: bool) -> Vec<String> {
-    let mut names: Vec<String> = [&PLACE[..], &DIRECTION, &ANSWER]
-        .concat()
-        .iter()
-        .map(|n| (*n).to_owned())
-        .collect();
+    let mut names: Vec<String> =
+        [&PLACE[..], &DIRECTION, &ANSWER].concat().iter().map(|n| (*n).to_owned()).collect();
     if reference {
-        names.extend(
-            ANSWER[..REFERENCE_COLUMNS]
-                .iter()
-                .map(|name| format!("reference_{name}")),
-        );
+        names.extend(ANSWER[..REFERENCE_COLUMNS].iter().map(|name| format!("reference_{name}")));
         names.push(ERROR.to_owned());
     }
     names
@@ -314,13 +276,7 @@ mod tests {
     fn starts_may_have_directions_all_or_none() {
         let plain = parse("z,x,y,name\n3,1,2,a\n".as_bytes()).unwrap();
         let place = DVec3::new(1.0, 2.0, 3.0);
-        assert_eq!(
-            plain,
-            [Start {
-                position_m: place,
-                direction: None
-            }]
-        );
+        assert_eq!(plain, [Start { position_m: place, direction: None }]);
         let aimed = parse("x,y,z,dx,dy,dz\n1,2,3,0,-4,0\n".as_bytes()).unwrap();
         assert_eq!(aimed[0].direction, Some(DVec3::NEG_Y));
         let fault = |text: &str| parse(text.as_bytes()).unwrap_err().to_string();

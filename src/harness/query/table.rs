@@ -15,28 +15,13 @@ pub const SHORT: f64 = 1e-6;
 #[derive(Debug, Error)]
 pub enum PointFault {
     #[error("line 1: there is no column `{column}`: {needed} are needed")]
-    Column {
-        column: &'static str,
-        needed: String,
-    },
+    Column { column: &'static str, needed: String },
     #[error("line {line}, column `{column}`: `{}` is not a number within ±10⁶", one_line(.text))]
-    Number {
-        line: u64,
-        column: &'static str,
-        text: String,
-    },
+    Number { line: u64, column: &'static str, text: String },
     #[error("line {line}, columns {columns}: {what}")]
-    Direction {
-        line: u64,
-        columns: &'static str,
-        what: String,
-    },
+    Direction { line: u64, columns: &'static str, what: String },
     #[error("line {line} has {fields} fields, the header has {expected}")]
-    Fields {
-        line: u64,
-        fields: u64,
-        expected: u64,
-    },
+    Fields { line: u64, fields: u64, expected: u64 },
     #[error("line 2: there is no point")]
     Empty,
     #[error("{0}")]
@@ -53,9 +38,7 @@ pub fn read(
     needed: &[&'static str],
     optional: &[&'static str],
 ) -> Result<(Vec<Row>, bool), PointFault> {
-    let mut reader = csv::ReaderBuilder::new()
-        .trim(csv::Trim::All)
-        .from_reader(text);
+    let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).from_reader(text);
     let header = reader.headers().map_err(fault)?.clone();
     let has = |column: &&&'static str| header.iter().any(|name| name == **column);
     let more = optional.iter().any(|column| has(&column));
@@ -63,16 +46,11 @@ pub fn read(
     columns.extend(optional.iter().filter(|_| more));
     let places = columns.iter().map(|column| {
         let found = header.iter().position(|name| name == *column);
-        let missing = || PointFault::Column {
-            column,
-            needed: list(&columns),
-        };
+        let missing = || PointFault::Column { column, needed: list(&columns) };
         Ok((*column, found.ok_or_else(missing)?))
     });
     let places = places.collect::<Result<Vec<_>, PointFault>>()?;
-    let rows = reader
-        .records()
-        .map(|record| row(&record.map_err(fault)?, &places));
+    let rows = reader.records().map(|record| row(&record.map_err(fault)?, &places));
     let rows = rows.collect::<Result<Vec<Row>, _>>()?;
     if rows.is_empty() {
         return Err(PointFault::Empty);
@@ -93,11 +71,7 @@ fn row(record: &csv::StringRecord, places: &[(&'static str, usize)]) -> Result<R
     let number = |(column, place): &(&'static str, usize)| {
         let text = record.get(*place).unwrap_or_default();
         let parsed = text.parse().ok().filter(|n: &f64| n.abs() <= FAR);
-        parsed.ok_or_else(|| PointFault::Number {
-            line,
-            column,
-            text: text.to_owned(),
-        })
+        parsed.ok_or_else(|| PointFault::Number { line, column, text: text.to_owned() })
     };
     let numbers = places.iter().map(number).collect::<Result<Vec<f64>, _>>()?;
     Ok((line, numbers))
@@ -105,15 +79,9 @@ fn row(record: &csv::StringRecord, places: &[(&'static str, usize)]) -> Result<R
 
 fn fault(error: csv::Error) -> PointFault {
     match error.kind() {
-        csv::ErrorKind::UnequalLengths {
-            pos: Some(position),
-            expected_len,
-            len,
-        } => PointFault::Fields {
-            line: position.line(),
-            fields: *len,
-            expected: *expected_len,
-        },
+        csv::ErrorKind::UnequalLengths { pos: Some(position), expected_len, len } => {
+            PointFault::Fields { line: position.line(), fields: *len, expected: *expected_len }
+        }
         _ => PointFault::Csv(error),
     }
 }

@@ -169,10 +169,7 @@ impl Executor for Mock<'_> {
 
     fn finish(&mut self, cell: usize, result: CellResult) -> Result<(), String> {
         self.calls.push(Call::Finish(cell));
-        assert!(
-            self.results.insert(cell, result).is_none(),
-            "cell {cell} finished twice"
-        );
+        assert!(self.results.insert(cell, result).is_none(), "cell {cell} finished twice");
         Ok(())
     }
 
@@ -181,10 +178,7 @@ impl Executor for Mock<'_> {
     }
 
     fn recover(&mut self) -> Result<(), String> {
-        self.recoveries_left = self
-            .recoveries_left
-            .checked_sub(1)
-            .ok_or("once is enough")?;
+        self.recoveries_left = self.recoveries_left.checked_sub(1).ok_or("once is enough")?;
         for cell in &mut self.cells {
             cell.loses_device_at = None;
         }
@@ -196,12 +190,8 @@ impl Executor for Mock<'_> {
     }
 }
 
-const SETTINGS: Settings = Settings {
-    precision: 0.02,
-    budget_s: 10.0,
-    group_bytes: 1_000,
-    seed: 7,
-};
+const SETTINGS: Settings =
+    Settings { precision: 0.02, budget_s: 10.0, group_bytes: 1_000, seed: 7 };
 
 /// Deterministic noise of ±`share`, different for each frame.
 fn noise(frame: usize, share: f64) -> f64 {
@@ -218,14 +208,8 @@ fn run(mock: &mut Mock<'_>, settings: &Settings) {
 #[test]
 fn a_steady_cell_stops_as_precise_and_a_noisy_one_at_its_budget() {
     let flag = AtomicBool::new(false);
-    let steady = MockCell {
-        time: |f, _| 1e7 * noise(f, 0.01),
-        ..MockCell::default()
-    };
-    let noisy = MockCell {
-        time: |f, _| 3e7 * noise(f, 0.9),
-        ..MockCell::default()
-    };
+    let steady = MockCell { time: |f, _| 1e7 * noise(f, 0.01), ..MockCell::default() };
+    let noisy = MockCell { time: |f, _| 3e7 * noise(f, 0.9), ..MockCell::default() };
     let mut mock = Mock::new(vec![steady, noisy], &flag);
     run(&mut mock, &SETTINGS);
     assert_eq!(mock.samples(0).stopped, Stopped::Precise);
@@ -248,11 +232,7 @@ fn samples_keep_stages_gaps_and_pairs_in_step() {
     assert_eq!(samples.stages.len(), 2);
     assert!(samples.stages.iter().all(|stage| stage.ns.len() == n));
     assert_eq!(
-        [
-            samples.envelope_ns.len(),
-            samples.gaps_ns.len(),
-            samples.untimed_ns.len()
-        ],
+        [samples.envelope_ns.len(), samples.gaps_ns.len(), samples.untimed_ns.len()],
         [n; 3]
     );
     assert_eq!(samples.stages[1].clock, Clock::FencedHost);
@@ -261,14 +241,8 @@ fn samples_keep_stages_gaps_and_pairs_in_step() {
 #[test]
 fn slow_cells_get_their_least_pairs_beyond_the_budget() {
     let flag = AtomicBool::new(false);
-    let slow = MockCell {
-        time: |_, _| 8e9,
-        ..MockCell::default()
-    };
-    let quick = MockCell {
-        time: |f, _| 1e7 * noise(f, 0.9),
-        ..MockCell::default()
-    };
+    let slow = MockCell { time: |_, _| 8e9, ..MockCell::default() };
+    let quick = MockCell { time: |f, _| 1e7 * noise(f, 0.9), ..MockCell::default() };
     let mut mock = Mock::new(vec![slow, quick], &flag);
     run(&mut mock, &SETTINGS);
     assert_eq!(mock.samples(0).pairs_ns.len(), MIN_PAIRS);
@@ -281,10 +255,7 @@ fn slow_cells_get_their_least_pairs_beyond_the_budget() {
 #[test]
 fn a_cell_stops_at_the_greatest_number_of_pairs() {
     let flag = AtomicBool::new(false);
-    let noisy = MockCell {
-        time: |f, _| 1e4 * noise(f, 0.9),
-        ..MockCell::default()
-    };
+    let noisy = MockCell { time: |f, _| 1e4 * noise(f, 0.9), ..MockCell::default() };
     let mut mock = Mock::new(vec![noisy], &flag);
     run(&mut mock, &SETTINGS);
     assert_eq!(mock.samples(0).stopped, Stopped::EnoughPairs);
@@ -298,10 +269,7 @@ fn warm_up_ends_when_frames_no_longer_get_faster() {
         time: |f, _| [9e7, 5e7, 2e7].get(f).copied().unwrap_or(1e7),
         ..MockCell::default()
     };
-    let never_steady = MockCell {
-        time: |f, _| 1e9 * 0.8f64.powi(f as i32),
-        ..MockCell::default()
-    };
+    let never_steady = MockCell { time: |f, _| 1e9 * 0.8f64.powi(f as i32), ..MockCell::default() };
     let mut mock = Mock::new(vec![MockCell::default(), compiles, never_steady], &flag);
     run(&mut mock, &SETTINGS);
     assert_eq!(mock.samples(0).warm_up_frames, 2);
@@ -319,27 +287,11 @@ fn warm_up_ends_when_frames_no_longer_get_faster() {
 fn drift_falls_on_all_cells_alike() {
     let flag = AtomicBool::new(false);
     // The machine slows down by half over the run; the second cell does twice the first one's work.
-    let one = MockCell {
-        time: |_, now| 1e7 * (1.0 + now / 20.0),
-        ..MockCell::default()
-    };
-    let two = MockCell {
-        time: |_, now| 2e7 * (1.0 + now / 20.0),
-        ..MockCell::default()
-    };
+    let one = MockCell { time: |_, now| 1e7 * (1.0 + now / 20.0), ..MockCell::default() };
+    let two = MockCell { time: |_, now| 2e7 * (1.0 + now / 20.0), ..MockCell::default() };
     let mut mock = Mock::new(vec![one, two], &flag);
-    run(
-        &mut mock,
-        &Settings {
-            precision: 0.0,
-            ..SETTINGS
-        },
-    );
-    let n = mock
-        .samples(0)
-        .pairs_ns
-        .len()
-        .min(mock.samples(1).pairs_ns.len());
+    run(&mut mock, &Settings { precision: 0.0, ..SETTINGS });
+    let n = mock.samples(0).pairs_ns.len().min(mock.samples(1).pairs_ns.len());
     let median = |cell: usize| statistics::median(&mock.samples(cell).envelope_ns[..n]);
     let ratio = median(1) / median(0);
     assert!((ratio - 2.0).abs() < 0.02, "{ratio}");
@@ -348,10 +300,7 @@ fn drift_falls_on_all_cells_alike() {
 #[test]
 fn timed_and_untimed_frames_alternate_in_random_order() {
     let flag = AtomicBool::new(false);
-    let noisy = || MockCell {
-        time: |f, _| 2e7 * noise(f, 0.9),
-        ..MockCell::default()
-    };
+    let noisy = || MockCell { time: |f, _| 2e7 * noise(f, 0.9), ..MockCell::default() };
     let mut mock = Mock::new(vec![noisy(), noisy(), noisy()], &flag);
     run(&mut mock, &SETTINGS);
     let frames: Vec<Call> = (mock.calls.iter().copied())
@@ -359,10 +308,7 @@ fn timed_and_untimed_frames_alternate_in_random_order() {
         .skip(12)
         .collect();
     let visits: Vec<&[Call]> = frames.chunks_exact(2).collect();
-    let timed_first = visits
-        .iter()
-        .filter(|visit| matches!(visit[0], Call::Timed(_)))
-        .count();
+    let timed_first = visits.iter().filter(|visit| matches!(visit[0], Call::Timed(_))).count();
     let share = timed_first as f64 / visits.len() as f64;
     assert!((0.3..=0.7).contains(&share), "{share}");
     assert!(visits.iter().all(|visit| match (visit[0], visit[1]) {
@@ -390,10 +336,8 @@ fn cell_of(call: Call) -> usize {
 fn the_seed_decides_the_order() {
     let calls = |seed| {
         let flag = AtomicBool::new(false);
-        let cells = (0..4).map(|_| MockCell {
-            time: |f, _| 5e7 * noise(f, 0.5),
-            ..MockCell::default()
-        });
+        let cells =
+            (0..4).map(|_| MockCell { time: |f, _| 5e7 * noise(f, 0.5), ..MockCell::default() });
         let mut mock = Mock::new(cells.collect(), &flag);
         run(&mut mock, &Settings { seed, ..SETTINGS });
         mock.calls
@@ -405,47 +349,29 @@ fn the_seed_decides_the_order() {
 #[test]
 fn faulty_frames_are_counted_and_never_used() {
     let flag = AtomicBool::new(false);
-    let sometimes = MockCell {
-        faulty: |f| f % 8 == 5,
-        ..MockCell::default()
-    };
+    let sometimes = MockCell { faulty: |f| f % 8 == 5, ..MockCell::default() };
     let mut mock = Mock::new(vec![sometimes], &flag);
     run(&mut mock, &SETTINGS);
     let samples = mock.samples(0);
-    assert_eq!(
-        samples.rejected.keys().collect::<Vec<_>>(),
-        ["frame time not positive"]
-    );
+    assert_eq!(samples.rejected.keys().collect::<Vec<_>>(), ["frame time not positive"]);
     assert!(samples.envelope_ns.iter().all(|ns| *ns > 0.0));
 }
 
 #[test]
 fn a_cell_with_too_many_faults_fails_with_the_reason() {
     let flag = AtomicBool::new(false);
-    let always = MockCell {
-        faulty: |_| true,
-        ..MockCell::default()
-    };
+    let always = MockCell { faulty: |_| true, ..MockCell::default() };
     let mut mock = Mock::new(vec![always, MockCell::default()], &flag);
     run(&mut mock, &SETTINGS);
-    assert_eq!(
-        mock.reason(0),
-        "6 of 6 timed frames rejected: frame time not positive (6 times)"
-    );
+    assert_eq!(mock.reason(0), "6 of 6 timed frames rejected: frame time not positive (6 times)");
     assert_eq!(mock.samples(1).stopped, Stopped::Precise);
 }
 
 #[test]
 fn a_cell_that_cannot_be_prepared_leaves_the_others_alone() {
     let flag = AtomicBool::new(false);
-    let refuses = MockCell {
-        refuses: true,
-        ..MockCell::default()
-    };
-    let mut mock = Mock::new(
-        vec![MockCell::default(), refuses, MockCell::default()],
-        &flag,
-    );
+    let refuses = MockCell { refuses: true, ..MockCell::default() };
+    let mut mock = Mock::new(vec![MockCell::default(), refuses, MockCell::default()], &flag);
     run(&mut mock, &SETTINGS);
     assert_eq!(mock.reason(1), "out of GPU memory");
     assert!(mock.calls.contains(&Call::Release(1)));
@@ -456,10 +382,7 @@ fn a_cell_that_cannot_be_prepared_leaves_the_others_alone() {
 #[test]
 fn groups_fit_into_memory_and_are_released() {
     let flag = AtomicBool::new(false);
-    let sized = |bytes| MockCell {
-        bytes,
-        ..MockCell::default()
-    };
+    let sized = |bytes| MockCell { bytes, ..MockCell::default() };
     let mut mock = Mock::new([400, 400, 300, 5_000, 100].map(sized).into(), &flag);
     run(&mut mock, &SETTINGS);
     let (mut alive, mut most) = (BTreeSet::new(), 0);
@@ -488,36 +411,20 @@ fn groups_fit_into_memory_and_are_released() {
 #[test]
 fn a_lost_device_is_opened_once_more_and_samples_survive() {
     let flag = AtomicBool::new(false);
-    let loses = MockCell {
-        loses_device_at: Some(7),
-        ..MockCell::default()
-    };
-    let noisy = MockCell {
-        time: |f, _| 1e7 * noise(f, 0.5),
-        ..MockCell::default()
-    };
+    let loses = MockCell { loses_device_at: Some(7), ..MockCell::default() };
+    let noisy = MockCell { time: |f, _| 1e7 * noise(f, 0.5), ..MockCell::default() };
     let mut mock = Mock::new(vec![loses, noisy], &flag);
     run(&mut mock, &SETTINGS);
     assert_eq!(mock.reason(0), "device lost: gone");
     let samples = mock.samples(1);
-    assert_eq!(
-        mock.calls
-            .iter()
-            .filter(|call| **call == Call::Prepare(1))
-            .count(),
-        2
-    );
+    assert_eq!(mock.calls.iter().filter(|call| **call == Call::Prepare(1)).count(), 2);
     assert!(samples.warm_up_frames >= 4, "warmed up on both devices");
 }
 
 #[test]
 fn a_device_lost_for_good_fails_the_rest_with_the_reason() {
     let flag = AtomicBool::new(false);
-    let loses = MockCell {
-        loses_device_at: Some(0),
-        bytes: 600,
-        ..MockCell::default()
-    };
+    let loses = MockCell { loses_device_at: Some(0), bytes: 600, ..MockCell::default() };
     let mut mock = Mock::new(vec![loses, MockCell::default(), MockCell::default()], &flag);
     mock.recoveries_left = 0;
     run(&mut mock, &SETTINGS);
@@ -529,22 +436,14 @@ fn a_device_lost_for_good_fails_the_rest_with_the_reason() {
 #[test]
 fn an_interruption_keeps_what_is_done_and_drops_what_has_hardly_begun() {
     let flag = AtomicBool::new(false);
-    let alone = |time| MockCell {
-        time,
-        bytes: 900,
-        ..MockCell::default()
-    };
+    let alone = |time| MockCell { time, bytes: 900, ..MockCell::default() };
     let cells = vec![alone(|_, _| 1e7), alone(|_, _| 1e9), alone(|_, _| 1e7)];
     let mut mock = Mock::new(cells, &flag);
     // The slow cell warms up for two seconds, and a pair takes two more.
     mock.interrupt_at_s = 3.0;
     run(&mut mock, &SETTINGS);
     assert_eq!(mock.results.keys().copied().collect::<Vec<_>>(), [0]);
-    assert!(
-        mock.now_s < 5.0,
-        "it ends after the pair that is under way: {}",
-        mock.now_s
-    );
+    assert!(mock.now_s < 5.0, "it ends after the pair that is under way: {}", mock.now_s);
     let count = |wanted: fn(&Call) -> bool| mock.calls.iter().filter(|call| wanted(call)).count();
     assert_eq!(count(|call| matches!(call, Call::Prepare(_))), 2);
     assert_eq!(count(|call| matches!(call, Call::Release(_))), 2);
@@ -553,10 +452,7 @@ fn an_interruption_keeps_what_is_done_and_drops_what_has_hardly_begun() {
 #[test]
 fn an_interrupted_cell_with_enough_pairs_says_so() {
     let flag = AtomicBool::new(false);
-    let noisy = MockCell {
-        time: |f, _| 1e7 * noise(f, 0.9),
-        ..MockCell::default()
-    };
+    let noisy = MockCell { time: |f, _| 1e7 * noise(f, 0.9), ..MockCell::default() };
     let mut mock = Mock::new(vec![noisy], &flag);
     mock.interrupt_at_s = 1.0;
     run(&mut mock, &SETTINGS);

@@ -52,38 +52,18 @@ const LIT: Known = Known {
 fn known_inputs(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
     let cases = [
         ("light and ambient", LIT),
-        (
-            "ambient in shadow",
-            Known {
-                shadow: 0.0,
-                exposure: 2.0,
-                ..LIT
-            },
-        ),
-        (
-            "a glossy surface",
-            Known {
-                specular: 0.6,
-                exposure: 0.15,
-                ..LIT
-            },
-        ),
+        ("ambient in shadow", Known { shadow: 0.0, exposure: 2.0, ..LIT }),
+        ("a glossy surface", Known { specular: 0.6, exposure: 0.15, ..LIT }),
     ];
     let mut checks = Vec::new();
     for (name, known) in cases {
         let (shown, view, depth) = composed(rig, &known, false)?;
         let error =
             |known: &Known| relative_error(&radiance(&shown, known.exposure), &view, depth, known);
-        let brighter = Known {
-            albedo: known.albedo * 1.05,
-            specular: known.specular * 1.05,
-            ..known
-        };
+        let brighter =
+            Known { albedo: known.albedo * 1.05, specular: known.specular * 1.05, ..known };
         checks.push(Check::new(
-            (
-                STAGE,
-                format!("{name}: largest relative error of the radiance"),
-            ),
+            (STAGE, format!("{name}: largest relative error of the radiance")),
             (TOLERANCE, "1"),
             error(&known),
             ("reflectances 5 % higher", error(&brighter)),
@@ -126,9 +106,7 @@ fn composed(
     let shared = Shared::new(&resources, &view);
     let rays = PixelRays::new(&view.camera, SIZE[0], SIZE[1]);
     let ahead = view.camera.position() + view.camera.direction() * 3.0;
-    let depth = rays
-        .project(ahead)
-        .map_or(1.0, |p| f64::from(p.depth as f32));
+    let depth = rays.project(ahead).map_or(1.0, |p| f64::from(p.depth as f32));
     let grey = |value: f64| rig.constant(SIZE, [value as f32; 4]);
     let n = known.normal.as_vec3();
     let inputs = Inputs {
@@ -201,10 +179,7 @@ fn shadows(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
             (STAGE, "share of pixels whose shadow is unlike exact rays"),
             (0.015, "1"),
             measured,
-            (
-                "light turned by about 20 degrees",
-                unlike(&shown, &view, &tracer, turned).0,
-            ),
+            ("light turned by about 20 degrees", unlike(&shown, &view, &tracer, turned).0),
         )
         .with("in_shadow_share", in_shadow),
     ])

@@ -41,9 +41,7 @@ pub fn cases() -> Vec<Case> {
         }),
     ];
     let case = |(stage, make): (&'static str, Make)| {
-        Case::new(stage, "noise guided by a scene's depth", move |rig| {
-            check(stage, rig, make)
-        })
+        Case::new(stage, "noise guided by a scene's depth", move |rig| check(stage, rig, make))
     };
     stages.map(case).into()
 }
@@ -58,10 +56,7 @@ fn check(stage: &'static str, rig: &Rig<'_>, make: Make) -> Result<Vec<Check>, V
     rig.run(&[&gbuffer])?;
     let depth = rig.channel(&gbuffer.depth, 0)?;
     let twin = twin(&settings::Filter::default());
-    let blunt = Bilateral {
-        depth_sigma: twin.depth_sigma * 1.2,
-        ..twin.clone()
-    };
+    let blunt = Bilateral { depth_sigma: twin.depth_sigma * 1.2, ..twin.clone() };
 
     let mut checks = Vec::new();
     for source in SOURCES {
@@ -82,10 +77,7 @@ fn check(stage: &'static str, rig: &Rig<'_>, make: Make) -> Result<Vec<Check>, V
         let [w, h] = source;
         checks.push(
             Check::new(
-                (
-                    stage,
-                    format!("{w}×{h} to the viewport: 99.9th percentile of |GPU − f64 twin|"),
-                ),
+                (stage, format!("{w}×{h} to the viewport: 99.9th percentile of |GPU − f64 twin|")),
                 (TOLERANCE, "1"),
                 quantile(&mut measured, 0.999),
                 ("depth_sigma 1.2 times", quantile(&mut control, 0.999)),
@@ -94,13 +86,7 @@ fn check(stage: &'static str, rig: &Rig<'_>, make: Make) -> Result<Vec<Check>, V
             .with("pixels_left_out_share", left_out),
         );
     }
-    checks.push(background(
-        stage,
-        rig,
-        make,
-        &shared,
-        (&view, &depth, &gbuffer.depth),
-    )?);
+    checks.push(background(stage, rig, make, &shared, (&view, &depth, &gbuffer.depth))?);
     Ok(checks)
 }
 
@@ -120,10 +106,7 @@ fn filtered(
     (visibility, depth): (&Image, &wgpu::Texture),
     settings: &BilateralUniforms,
 ) -> Result<Image, VerifyError> {
-    let inputs = Inputs {
-        visibility: &rig.grey(visibility),
-        depth,
-    };
+    let inputs = Inputs { visibility: &rig.grey(visibility), depth };
     let (stage, texture) = make(&rig.resources(), shared, &inputs, settings)?;
     rig.run(&[stage.as_ref()])?;
     rig.channel(&texture, 0)

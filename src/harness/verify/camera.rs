@@ -33,11 +33,7 @@ const OVERLAP_M: f64 = 0.1;
 pub fn cases() -> Vec<Case> {
     vec![
         Case::new("scene/gbuffer", "depth, normal and albedo", gbuffer),
-        Case::new(
-            "water/reflection",
-            "coverage from the mirrored camera",
-            reflection,
-        ),
+        Case::new("water/reflection", "coverage from the mirrored camera", reflection),
         Case::new("water/refraction", "coverage beyond the water", refraction),
     ]
 }
@@ -61,17 +57,11 @@ fn gbuffer(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
 
     let tracer = Tracer::new(&scene.objects)?;
     let seen = Seen::cast(&scene.camera, &tracer);
-    let aside = Camera {
-        fov_y_deg: scene.camera.fov_y_deg * 1.01,
-        ..scene.camera.clone()
-    };
+    let aside = Camera { fov_y_deg: scene.camera.fov_y_deg * 1.01, ..scene.camera.clone() };
     let aside = Seen::cast(&aside, &tracer);
     Ok(vec![
         Check::new(
-            (
-                "scene/gbuffer",
-                "99th percentile of |depth − ray|, of the distance",
-            ),
+            ("scene/gbuffer", "99th percentile of |depth − ray|, of the distance"),
             (DEPTH_P99, "1"),
             seen.depth_p99(&depth),
             ("field of view 1 % wider", aside.depth_p99(&depth)),
@@ -81,31 +71,19 @@ fn gbuffer(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
             ("scene/gbuffer", "90th percentile of the normal's angle"),
             (NORMAL_P90_DEG, "deg"),
             seen.normal_p90_deg(&normals, 0.0),
-            (
-                "normals turned by 1 degree",
-                seen.normal_p90_deg(&normals, 1.0),
-            ),
+            ("normals turned by 1 degree", seen.normal_p90_deg(&normals, 1.0)),
         ),
         Check::new(
-            (
-                "scene/gbuffer",
-                "99th percentile of the albedo's error, plain materials",
-            ),
+            ("scene/gbuffer", "99th percentile of the albedo's error, plain materials"),
             (2.0 / 255.0, "1"),
             seen.albedo_p99(&scene, &colors, 1.0),
             ("albedo 5 % higher", seen.albedo_p99(&scene, &colors, 1.05)),
         ),
         Check::new(
-            (
-                "scene/gbuffer",
-                "97th percentile of the specular coefficient's error",
-            ),
+            ("scene/gbuffer", "97th percentile of the specular coefficient's error"),
             (SPECULAR_P97, "1"),
             seen.specular_p97(&scene, &speculars, 1.0),
-            (
-                "coefficients 1 % higher",
-                seen.specular_p97(&scene, &speculars, 1.01),
-            ),
+            ("coefficients 1 % higher", seen.specular_p97(&scene, &speculars, 1.01)),
         ),
     ])
 }
@@ -121,10 +99,7 @@ impl Seen {
         let rays = PixelRays::new(camera, SIZE[0], SIZE[1]);
         let pixels = (0..SIZE[1]).flat_map(|y| (0..SIZE[0]).map(move |x| (x, y)));
         let hits = pixels.map(|(x, y)| rays.cast(tracer, x, y).map(|(hit, _)| hit));
-        Seen {
-            hits: hits.collect(),
-            rays,
-        }
+        Seen { hits: hits.collect(), rays }
     }
 
     /// Index in rows and hit of every covered pixel.
@@ -159,11 +134,7 @@ impl Seen {
         let mut angles: Vec<f64> = self
             .covered()
             .filter(|(i, hit)| normals[*i].length() > 0.5 && hit.shading_normal.length() > 0.5)
-            .map(|(i, hit)| {
-                normals[i]
-                    .angle_between(turn * hit.shading_normal)
-                    .to_degrees()
-            })
+            .map(|(i, hit)| normals[i].angle_between(turn * hit.shading_normal).to_degrees())
             .collect();
         quantile(&mut angles, 0.90)
     }
@@ -171,9 +142,8 @@ impl Seen {
     fn specular_p97(&self, scene: &Scene, speculars: &Image, factor: f64) -> f64 {
         let expected = |hit: &Hit| factor * f64::from(scene.objects[hit.object].material.specular);
         let pairs = self.covered();
-        let mut errors: Vec<f64> = pairs
-            .map(|(i, hit)| (speculars.data()[i] - expected(hit)).abs())
-            .collect();
+        let mut errors: Vec<f64> =
+            pairs.map(|(i, hit)| (speculars.data()[i] - expected(hit)).abs()).collect();
         quantile(&mut errors, 0.97)
     }
 
@@ -183,9 +153,7 @@ impl Seen {
             .filter(|(_, hit)| scene.objects[hit.object].material.tile_m <= 0.0)
             .map(|(i, hit)| {
                 let albedo = scene.objects[hit.object].material.albedo.map(f64::from);
-                (colors[i] - DVec3::from(albedo) * factor)
-                    .abs()
-                    .max_element()
+                (colors[i] - DVec3::from(albedo) * factor).abs().max_element()
             })
             .collect();
         quantile(&mut errors, 0.99)
@@ -235,12 +203,7 @@ fn refraction(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
     let tracer = Tracer::new(&scene.objects)?;
     let rays = PixelRays::new(&scene.camera, SIZE[0], SIZE[1]);
     let unlike = |level: f64| {
-        coverage_disagreement(
-            &covered,
-            &tracer,
-            |x, y| rays.ray(x, y),
-            |y| y <= level + OVERLAP_M,
-        )
+        coverage_disagreement(&covered, &tracer, |x, y| rays.ray(x, y), |y| y <= level + OVERLAP_M)
     };
     Ok(vec![
         Check::new(

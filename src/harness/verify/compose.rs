@@ -29,16 +29,8 @@ const BORDER_PX: u32 = 4;
 
 pub fn cases() -> Vec<Case> {
     vec![
-        Case::new(
-            STAGE,
-            "addition and attenuation of known inputs",
-            known_inputs,
-        ),
-        Case::new(
-            STAGE,
-            "Fresnel reflection of the water from above and below",
-            fresnel,
-        ),
+        Case::new(STAGE, "addition and attenuation of known inputs", known_inputs),
+        Case::new(STAGE, "Fresnel reflection of the water from above and below", fresnel),
     ]
 }
 
@@ -64,19 +56,13 @@ fn known_inputs(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
             (STAGE, "caustics and godrays add up: relative error"),
             (5e-3, "1"),
             off(both, high - low + rays),
-            (
-                "godrays counted 1.1 times",
-                off(both, high - low + 1.1 * rays),
-            ),
+            ("godrays counted 1.1 times", off(both, high - low + 1.1 * rays)),
         ),
         Check::new(
             (STAGE, "caustics seen through 4 m of water: relative error"),
             (5e-3, "1"),
             off(through, transmittance(GAMMA_PER_M, WALL_M)),
-            (
-                "attenuation 5 % higher",
-                off(through, transmittance(GAMMA_PER_M * 1.05, WALL_M)),
-            ),
+            ("attenuation 5 % higher", off(through, transmittance(GAMMA_PER_M * 1.05, WALL_M))),
         ),
     ])
 }
@@ -150,9 +136,7 @@ fn wall(rig: &Rig<'_>, gamma_per_m: f64) -> Result<Bands, VerifyError> {
     let mean = |column: u32, row: u32| {
         let inside = |band: u32, side: u32| band * side + BORDER_PX..(band + 1) * side - BORDER_PX;
         let pixels = inside(row, rows).flat_map(|y| inside(column, columns).map(move |x| (x, y)));
-        let values: Vec<f64> = pixels
-            .map(|(x, y)| image.clamped(x.into(), y.into()))
-            .collect();
+        let values: Vec<f64> = pixels.map(|(x, y)| image.clamped(x.into(), y.into())).collect();
         values.iter().sum::<f64>() / values.len() as f64
     };
     Ok([0, 1].map(|row| [0, 1, 2].map(|column| mean(column, row))))
@@ -186,10 +170,7 @@ fn fresnel(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
         let rays = PixelRays::new(&view.camera, SIZE[0], SIZE[1]);
         let error = |index: f64| reflectance_error(&image, &rays, side, index);
         checks.push(Check::new(
-            (
-                STAGE,
-                format!("flat water from {name}: mean |reflectance − Fresnel|, of the mean"),
-            ),
+            (STAGE, format!("flat water from {name}: mean |reflectance − Fresnel|, of the mean")),
             (0.02, "1"),
             error(view.water.refractive_index),
             ("refractive index 1.40", error(1.40)),
@@ -201,11 +182,7 @@ fn fresnel(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
 /// Mean absolute difference from the exact reflectance over the pixels that see the water, relative
 /// to its mean. `side` is 1 for a camera in the air and −1 for one in the water.
 fn reflectance_error(image: &Image, rays: &PixelRays, side: f64, index: f64) -> f64 {
-    let (outer, inner) = if side > 0.0 {
-        (1.0, index)
-    } else {
-        (index, 1.0)
-    };
+    let (outer, inner) = if side > 0.0 { (1.0, index) } else { (index, 1.0) };
     let (mut difference, mut sum) = (0.0, 0.0);
     for y in 0..SIZE[1] {
         for x in 0..SIZE[0] {

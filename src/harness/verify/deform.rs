@@ -50,22 +50,14 @@ fn check(
     rig.run(&[&stage])?;
     let words: Vec<f32> = bytemuck::pod_collect_to_vec(&read_buffer(rig.gpu, &geometry.vertices)?);
     let vector = |v: &[f32]| DVec3::new(v[0].into(), v[1].into(), v[2].into());
-    let found: Vec<Vertex> = words
-        .chunks_exact(7)
-        .map(|v| [vector(&v[..3]), vector(&v[3..6])])
-        .collect();
+    let found: Vec<Vertex> =
+        words.chunks_exact(7).map(|v| [vector(&v[..3]), vector(&v[3..6])]).collect();
 
     let twin = |cycles: f64| -> Vec<Vertex> {
-        scene
-            .objects
-            .iter()
-            .flat_map(|o| moved(o, motion, cycles))
-            .collect()
+        scene.objects.iter().flat_map(|o| moved(o, motion, cycles)).collect()
     };
-    let (measured, control) = (
-        largest(&found, &twin(CYCLES)),
-        largest(&found, &twin(CYCLES + 0.02)),
-    );
+    let (measured, control) =
+        (largest(&found, &twin(CYCLES)), largest(&found, &twin(CYCLES + 0.02)));
     let perturbed = "time moved by 0.02 cycles";
     Ok(vec![
         Check::new(
@@ -75,10 +67,7 @@ fn check(
             (perturbed, control[0]),
         ),
         Check::new(
-            (
-                STAGE,
-                format!("{name}: largest difference of the normal from the f64 twin"),
-            ),
+            (STAGE, format!("{name}: largest difference of the normal from the f64 twin")),
             (NORMAL, "1"),
             measured[1],
             (perturbed, control[1]),
@@ -99,16 +88,9 @@ fn moved(object: &Object, motion: Motion, cycles: f64) -> Vec<Vertex> {
     let mesh = &object.mesh;
     let vertex = |(position, normal)| {
         let (position, normal) = (wide(position), wide(normal).normalize());
-        [
-            moment.position(position, normal),
-            moment.normal(position, normal),
-        ]
+        [moment.position(position, normal), moment.normal(position, normal)]
     };
-    mesh.positions
-        .iter()
-        .zip(&mesh.normals)
-        .map(vertex)
-        .collect()
+    mesh.positions.iter().zip(&mesh.normals).map(vertex).collect()
 }
 
 /// Largest distance of positions, and of normals.

@@ -57,10 +57,7 @@ fn check(
     make: impl Fn(&Resources<'_>, &wgpu::Texture, &FilterUniforms) -> Result<Made, GpuError>,
 ) -> Result<Vec<Check>, VerifyError> {
     let image = noise()?;
-    let settings = FilterUniforms {
-        taps: TAPS,
-        radius_px: RADIUS_PX as f32,
-    };
+    let settings = FilterUniforms { taps: TAPS, radius_px: RADIUS_PX as f32 };
     let (filter, texture) = make(&rig.resources(), &rig.grey(&image), &settings)?;
     rig.run(&[filter.as_ref()])?;
     let filtered = rig.channel(&texture, 0)?;
@@ -77,11 +74,7 @@ fn check(
         measured,
         ("one tap moved by a pixel", control),
     );
-    Ok(vec![
-        check
-            .with("pixels_left_out_share", left_out)
-            .with("energy_change", sums),
-    ])
+    Ok(vec![check.with("pixels_left_out_share", left_out).with("energy_change", sums)])
 }
 
 fn noise() -> Result<Image, VerifyError> {

@@ -38,11 +38,7 @@ pub fn cases() -> Vec<Case> {
         Case::new(line::INFO.name, "Fresnel transmission of lines", |rig| {
             transmitted(rig, line::INFO.name)
         }),
-        Case::new(
-            splat::INFO.name,
-            "Fresnel transmission at normal incidence",
-            straight,
-        ),
+        Case::new(splat::INFO.name, "Fresnel transmission at normal incidence", straight),
     ]
 }
 
@@ -72,10 +68,7 @@ fn photons(view: &View, side_px: u32) -> Vec<(Photon, f64)> {
 fn cell_sums(image: &Image) -> Vec<f64> {
     let side = i64::from(image.width() / CELLS);
     let sum = |cell: u32| {
-        let (x, y) = (
-            i64::from(cell % CELLS) * side,
-            i64::from(cell / CELLS) * side,
-        );
+        let (x, y) = (i64::from(cell % CELLS) * side, i64::from(cell / CELLS) * side);
         let pixels = (0..side * side).map(|i| image.clamped(x + i % side, y + i / side));
         pixels.sum()
     };
@@ -105,10 +98,7 @@ fn transmitted(rig: &Rig<'_>, stage: &'static str) -> Result<Vec<Check>, VerifyE
         errors.fold(0.0, |most: f64, e| if e.is_nan() { e } else { most.max(e) })
     };
     Ok(vec![Check::new(
-        (
-            stage,
-            "Fresnel transmittance up to 85°: largest relative error",
-        ),
+        (stage, "Fresnel transmittance up to 85°: largest relative error"),
         (TOLERANCE, "1"),
         error(INDEX),
         ("refractive index 1.34", error(OTHER_INDEX)),
@@ -130,10 +120,7 @@ fn straight(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
     let share = energy(true)? / energy(false)?;
     let error = |n: f64| (share / (1.0 - ((n - 1.0) / (n + 1.0)).powi(2)) - 1.0).abs();
     Ok(vec![Check::new(
-        (
-            splat::INFO.name,
-            "energy through flat water lit from above, relative error",
-        ),
+        (splat::INFO.name, "energy through flat water lit from above, relative error"),
         (TOLERANCE, "1"),
         error(INDEX),
         ("refractive index 1.34", error(OTHER_INDEX)),

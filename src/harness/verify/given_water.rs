@@ -64,11 +64,7 @@ fn tile(origin_m: [f64; 2]) -> Result<Tile, VerifyError> {
             + wave(0.006, 5.0, 4.0, 0.0)
     };
     let heights = (0..rows).flat_map(|j| (0..columns).map(move |i| height(j, i)));
-    let map = HeightMap {
-        tile_m: TILE_M,
-        origin_m,
-        ..HeightMap::default()
-    };
+    let map = HeightMap { tile_m: TILE_M, origin_m, ..HeightMap::default() };
     Tile::new(columns, heights.collect(), &map)
         .map_err(|what| VerifyError::Invalid { stage: STAGE, what })
 }
@@ -85,12 +81,7 @@ fn waves(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
             ..water.clone()
         }
     };
-    compare(
-        rig,
-        "list of waves",
-        water(1.0),
-        ("amplitudes 10 % higher", water(1.1)),
-    )
+    compare(rig, "list of waves", water(1.0), ("amplitudes 10 % higher", water(1.1)))
 }
 
 fn height_map(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
@@ -98,23 +89,14 @@ fn height_map(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
         let tile = Arc::new(tile(origin_m)?);
         Ok(move |water: &Water| Water {
             model: WaterModel::HeightMap,
-            height_map: HeightMap {
-                tile_m: TILE_M,
-                origin_m,
-                ..HeightMap::default()
-            },
+            height_map: HeightMap { tile_m: TILE_M, origin_m, ..HeightMap::default() },
             tile: Some(Arc::clone(&tile)),
             ..water.clone()
         })
     };
     let spacing_m = TILE_M[0] / SAMPLES[0] as f64;
     let (given, shifted) = (water([0.3, -0.2])?, water([0.3 + spacing_m, -0.2])?);
-    compare(
-        rig,
-        "height map",
-        given,
-        ("tile shifted by a sample", shifted),
-    )
+    compare(rig, "height map", given, ("tile shifted by a sample", shifted))
 }
 
 /// Photons through given water over a plane against the exact answers, and against those of perturbed water.
@@ -139,10 +121,7 @@ fn compare(
         (perturbed, photon_errors(&photons, &others).entry_p99_m),
     );
     let direction = Check::new(
-        (
-            STAGE,
-            format!("{what}: 99th percentile of the angle to the exact direction"),
-        ),
+        (STAGE, format!("{what}: 99th percentile of the angle to the exact direction")),
         (DIRECTION_P99, "rad"),
         direction_p99(&photons, &landings),
         (perturbed, direction_p99(&photons, &others)),

@@ -31,11 +31,7 @@ const FIELD_RMS: f64 = 0.01;
 pub fn cases() -> Vec<Case> {
     vec![
         Case::new(STAGE, "a scene against the f64 twin", twin),
-        Case::new(
-            STAGE,
-            "a plane and a wall against closed forms",
-            closed_forms,
-        ),
+        Case::new(STAGE, "a plane and a wall against closed forms", closed_forms),
         Case::new(STAGE, "a height field against ray casting", height_field),
     ]
 }
@@ -66,10 +62,7 @@ fn shade(
         rays: method.rays,
         ray_steps: method.ray_steps,
     };
-    let inputs = Inputs {
-        depth: gbuffer.depth.clone(),
-        normal: gbuffer.normal.clone(),
-    };
+    let inputs = Inputs { depth: gbuffer.depth.clone(), normal: gbuffer.normal.clone() };
     let hard = method.attenuation == Attenuation::Hard;
     let stage = March::new(&resources, &shared, &inputs, &settings, hard)?;
     rig.run(&[&gbuffer, &stage])?;
@@ -99,11 +92,7 @@ fn twin(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
     let mut checks = Vec::new();
     for (name, attenuation, buffer_px) in [
         ("linear", Attenuation::Linear, SIZE),
-        (
-            "hard, at half the size",
-            Attenuation::Hard,
-            SIZE.map(|side| side / 2),
-        ),
+        ("hard, at half the size", Attenuation::Hard, SIZE.map(|side| side / 2)),
     ] {
         let method = method(attenuation);
         let shaded = shade(rig, &scene, &method, buffer_px)?;
@@ -117,29 +106,17 @@ fn twin(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
             off.collect()
         };
         let mut off = differences(&method);
-        let farther = HorizonSplit {
-            r_max_m: method.r_max_m * 1.02,
-            ..method
-        };
+        let farther = HorizonSplit { r_max_m: method.r_max_m * 1.02, ..method };
         checks.push(
             Check::new(
-                (
-                    STAGE,
-                    format!("{name}: 95th percentile of |GPU − f64 twin|"),
-                ),
+                (STAGE, format!("{name}: 95th percentile of |GPU − f64 twin|")),
                 (TWIN_P95, "1"),
                 quantile(&mut off, 0.95),
-                (
-                    "r_max 2 % greater",
-                    quantile(&mut differences(&farther), 0.95),
-                ),
+                ("r_max 2 % greater", quantile(&mut differences(&farther), 0.95)),
             )
             .with("median", quantile(&mut off, 0.5))
             .with("largest", quantile(&mut off, 1.0))
-            .with(
-                "mean_occlusion",
-                shaded.occlusion.sum() / shaded.occlusion.data().len() as f64,
-            ),
+            .with("mean_occlusion", shaded.occlusion.sum() / shaded.occlusion.data().len() as f64),
         );
     }
     Ok(checks)
@@ -147,11 +124,7 @@ fn twin(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
 
 /// More directions and samples than anyone would take, so that the closed form is what is left.
 fn dense(attenuation: Attenuation) -> HorizonSplit {
-    HorizonSplit {
-        directions: 32,
-        steps: 32,
-        ..method(attenuation)
-    }
+    HorizonSplit { directions: 32, steps: 32, ..method(attenuation) }
 }
 
 fn closed_forms(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
@@ -165,11 +138,7 @@ fn closed_forms(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
     let hard = dense(Attenuation::Hard);
     let largest = |scene: &Scene| -> Result<f64, VerifyError> {
         let shaded = shade(rig, scene, &hard, SIZE)?;
-        Ok(shaded
-            .occlusion
-            .data()
-            .iter()
-            .fold(0.0, |most, a| a.max(most)))
+        Ok(shaded.occlusion.data().iter().fold(0.0, |most, a| a.max(most)))
     };
     let mut checks = vec![Check::new(
         (STAGE, "largest occlusion of a plane by itself"),
@@ -183,11 +152,7 @@ fn closed_forms(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
         let against = |r_max_m: f64| {
             errors(&shaded, &tracer, &corner.camera, |hit| {
                 let on_floor = hit.normal.y > 0.5;
-                let from_edge = if on_floor {
-                    hit.position.x
-                } else {
-                    hit.position.y
-                };
+                let from_edge = if on_floor { hit.position.x } else { hit.position.y };
                 // Pixels next to the edge hold it.
                 (from_edge > 0.06).then(|| beside_wall(from_edge / r_max_m, attenuation))
             })
@@ -235,10 +200,7 @@ fn height_field(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
         let (bias, rms) = against(method.r_max_m);
         checks.push(
             Check::new(
-                (
-                    STAGE,
-                    format!("hills, {name}: RMS of the error against ray casting"),
-                ),
+                (STAGE, format!("hills, {name}: RMS of the error against ray casting")),
                 (FIELD_RMS, "1"),
                 rms,
                 ("r_max half as great", against(0.5 * method.r_max_m).1),
@@ -271,29 +233,16 @@ fn errors(
 }
 
 fn camera(position_m: [f64; 3], target_m: [f64; 3]) -> Camera {
-    Camera {
-        position_m,
-        target_m,
-        fov_y_deg: 50.0,
-        ..rig::level_camera()
-    }
+    Camera { position_m, target_m, fov_y_deg: 50.0, ..rig::level_camera() }
 }
 
 /// Scene `plane` with other objects, seen by this camera.
 fn built(camera: Camera, objects: Vec<Object>) -> Result<Scene, VerifyError> {
-    Ok(Scene {
-        camera,
-        objects,
-        ..Scene::load("plane")?
-    })
+    Ok(Scene { camera, objects, ..Scene::load("plane")? })
 }
 
 fn object(mesh: Mesh) -> Object {
-    Object {
-        name: "verify".into(),
-        mesh,
-        material: Material::default(),
-    }
+    Object { name: "verify".into(), mesh, material: Material::default() }
 }
 
 /// A parallelogram around `center`, with half its sides; its normal is that of `a` × `b`.

@@ -36,10 +36,7 @@ pub fn cases() -> Vec<Case> {
 fn look_at(_: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
     let mut scene = Scene::load(SCENE)?;
     let mut checks = Vec::new();
-    for (kind, name) in [
-        (LightKind::Directional, "directional"),
-        (LightKind::Point, "point"),
-    ] {
+    for (kind, name) in [(LightKind::Directional, "directional"), (LightKind::Point, "point")] {
         scene.light.kind = kind;
         scene.light.position_m = [1.0, 6.0, 0.5];
         let view = rig::view(&scene, [256, 256]);
@@ -54,10 +51,7 @@ fn look_at(_: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
             expected.cross(uniforms.light_forward.as_dvec3()).length()
         };
         checks.push(Check::new(
-            (
-                "frame",
-                format!("{name} light: angle to the middle of the view"),
-            ),
+            ("frame", format!("{name} light: angle to the middle of the view")),
             (1e-5, "rad"),
             off(0.5),
             ("middle taken at 0.55 of the frustum", off(0.55)),
@@ -112,9 +106,7 @@ fn depth_errors(depth: &Image, frame: &LightFrame, tracer: &Tracer, aside: f64) 
             let stored = depth.clamped(x.into(), y.into());
             match hit {
                 Some(hit) if stored < 1.0 => {
-                    let seen = frame
-                        .inverse
-                        .project_point3(DVec3::new(ndc_x, ndc_y, stored));
+                    let seen = frame.inverse.project_point3(DVec3::new(ndc_x, ndc_y, stored));
                     errors.push((seen - hit.position).length());
                 }
                 None if stored >= 1.0 => {}
@@ -166,9 +158,7 @@ fn mask_disagreement(
         for x in 0..mask.width() {
             let (origin, direction, length) = rays.ray(x, y);
             let entered = enter(water, origin, direction, length).is_some_and(|entry| {
-                tracer
-                    .cast(origin, direction, 0.0, entry.distance_m)
-                    .is_none()
+                tracer.cast(origin, direction, 0.0, entry.distance_m).is_none()
             });
             wet += u32::from(entered);
             unlike += u32::from(entered != (mask.clamped(x.into(), y.into()) > 0.5));

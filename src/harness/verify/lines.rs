@@ -46,25 +46,14 @@ pub(super) fn draw(rig: &Rig<'_>, view: &View, photons: &[Photon]) -> Result<Ima
     };
     let buffer = rig.photons(photons);
     let depth = rig.depth(SIZE, 1.0)?;
-    let stage = Lines::new(
-        &resources,
-        &shared,
-        (&buffer, &depth),
-        &settings,
-        false,
-        10.0,
-    )?;
+    let stage = Lines::new(&resources, &shared, (&buffer, &depth), &settings, false, 10.0)?;
     rig.run(&[&stage])?;
     rig.channel(stage.texture(), 0)
 }
 
 /// A photon's line with the numbers that the GPU has.
 fn godray(photon: &Photon) -> Godray {
-    Godray {
-        entry: photon.entry_m.as_dvec3(),
-        hit: photon.hit_m.as_dvec3(),
-        photon: PHOTON_W,
-    }
+    Godray { entry: photon.entry_m.as_dvec3(), hit: photon.hit_m.as_dvec3(), photon: PHOTON_W }
 }
 
 /// Lines at all angles, each in its own cell of the buffer, some of them running away from the viewer.
@@ -84,36 +73,19 @@ fn isolated(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
                     rays.ray_at(middle[0] + cos * reach, middle[1] + sin * reach);
                 eye + direction * distance_m
             };
-            let (entry, hit) = (
-                end(-1.0, random.within(1.0, 6.0)),
-                end(1.0, random.within(1.0, 6.0)),
-            );
+            let (entry, hit) =
+                (end(-1.0, random.within(1.0, 6.0)), end(1.0, random.within(1.0, 6.0)));
             rig::photon(entry, hit, entry.distance(hit))
         })
         .collect();
     let image = draw(rig, &view, &photons)?;
-    let medium = Medium {
-        gamma_per_m: GAMMA_PER_M,
-        phase_k: PHASE_K,
-    };
+    let medium = Medium { gamma_per_m: GAMMA_PER_M, phase_k: PHASE_K };
     let errors =
         |medium: Medium, width_px: f64| line_errors(&image, &photons, &rays, eye, medium, width_px);
     let exact = errors(medium, WIDTH_PX);
-    let murky = errors(
-        Medium {
-            gamma_per_m: GAMMA_PER_M * 1.05,
-            ..medium
-        },
-        WIDTH_PX,
-    );
+    let murky = errors(Medium { gamma_per_m: GAMMA_PER_M * 1.05, ..medium }, WIDTH_PX);
     let broad = errors(medium, WIDTH_PX + 2.0);
-    let round = errors(
-        Medium {
-            phase_k: PHASE_K * 1.05,
-            ..medium
-        },
-        WIDTH_PX,
-    );
+    let round = errors(Medium { phase_k: PHASE_K * 1.05, ..medium }, WIDTH_PX);
     Ok(vec![
         Check::new(
             (STAGE, "isolated lines: largest relative error of intensity"),
@@ -124,10 +96,7 @@ fn isolated(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
         .with("pixels_compared", exact.pixels as f64)
         .with("control_with_phase_k_5_percent_higher", round.intensity),
         Check::new(
-            (
-                STAGE,
-                "isolated lines: share of pixels unlike the rectangle",
-            ),
+            (STAGE, "isolated lines: share of pixels unlike the rectangle"),
             (1e-3, "1"),
             exact.coverage,
             ("lines 2 px wider", broad.coverage),
@@ -166,11 +135,7 @@ impl Segment {
         let along = (self.to - self.from).normalize();
         let offset = pixel - self.from;
         let start = offset.dot(along);
-        (
-            start,
-            self.from.distance(self.to) - start,
-            offset.perp_dot(along).abs(),
-        )
+        (start, self.from.distance(self.to) - start, offset.perp_dot(along).abs())
     }
 
     /// Share of the way in the world at `start` pixels along the line: perspective makes the nearer half longer.
@@ -190,9 +155,7 @@ fn line_errors(
     width_px: f64,
 ) -> LineErrors {
     let godrays: Vec<Godray> = photons.iter().map(godray).collect();
-    let segments = godrays
-        .iter()
-        .filter_map(|ray| Some((ray, Segment::new(ray, rays)?)));
+    let segments = godrays.iter().filter_map(|ray| Some((ray, Segment::new(ray, rays)?)));
     let segments: Vec<(&Godray, Segment)> = segments.collect();
     let (mut intensity, mut pixels, mut judged, mut unlike) = (0.0f64, 0, 0u32, 0u32);
     for y in 0..image.height() {
@@ -202,12 +165,7 @@ fn line_errors(
             // Margin by which the nearest line covers the pixel, negative outside.
             let covering = segments.iter().map(|(ray, segment)| {
                 let (start, rest, beside) = segment.place(pixel);
-                (
-                    start.min(rest).min(0.5 * width_px - beside),
-                    ray,
-                    segment,
-                    start,
-                )
+                (start.min(rest).min(0.5 * width_px - beside), ray, segment, start)
             });
             let Some((margin, ray, segment, start)) = covering.max_by(|a, b| a.0.total_cmp(&b.0))
             else {
@@ -248,10 +206,8 @@ fn phase_integral(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
     let view = rig::synthetic_view(SIZE, 0.0)?;
     let eye = DVec3::from(view.camera.position_m);
     let rays = PixelRays::new(&view.camera, SIZE[0], SIZE[1]);
-    let nodes: Vec<(f64, f64)> = GAUSS
-        .iter()
-        .flat_map(|(node, weight)| [(*node, *weight), (-node, *weight)])
-        .collect();
+    let nodes: Vec<(f64, f64)> =
+        GAUSS.iter().flat_map(|(node, weight)| [(*node, *weight), (-node, *weight)]).collect();
     let pixel = |i: usize| [i % CELLS as usize, i / CELLS as usize].map(|c| c as u32 * 96 + 48);
     let photons: Vec<Photon> = nodes
         .iter()
@@ -278,10 +234,7 @@ fn phase_integral(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
     let flat = integral(&|cosine, weight| weight / (1.0 - cosine * cosine).sqrt());
     Ok(vec![
         Check::new(
-            (
-                STAGE,
-                "|integral of the phase function over the sphere − 1|",
-            ),
+            (STAGE, "|integral of the phase function over the sphere − 1|"),
             (1e-3, "1"),
             (sphere - 1.0).abs(),
             ("weights without the sine", (flat - 1.0).abs()),

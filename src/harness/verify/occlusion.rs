@@ -21,15 +21,10 @@ use crate::stages::marching::{
 use crate::stages::voxels::Voxels;
 
 pub fn cases() -> Vec<Case> {
-    [
-        points::cases(),
-        laws::cases(),
-        orientations::cases(),
-        pixels::cases(),
-    ]
-    .into_iter()
-    .flatten()
-    .collect()
+    [points::cases(), laws::cases(), orientations::cases(), pixels::cases()]
+        .into_iter()
+        .flatten()
+        .collect()
 }
 
 /// Edge of a voxel in these cases, metres.
@@ -57,9 +52,7 @@ impl Subject {
     fn on(rig: &Rig<'_>, grid: &Grid, level: u8, inside: impl Fn(DVec3) -> bool) -> Self {
         let mut host = HostVolume::filled(grid, inside);
         let bytes: Vec<u8> = host.values.iter().map(|v| *v as u8 * level).collect();
-        host.values
-            .iter_mut()
-            .for_each(|v| *v *= f64::from(level) / 255.0);
+        host.values.iter_mut().for_each(|v| *v *= f64::from(level) / 255.0);
         let voxels = Voxels::new(&rig.resources(), "verify voxels", grid, true);
         voxels.write(rig.gpu, &bytes);
         Self { host, voxels }
@@ -83,14 +76,8 @@ fn furnished_points() -> Vec<(DVec3, DVec3)> {
     let mut within = |low, high| random.within(low, high);
     (0..96)
         .map(|i| match i % 3 {
-            0 => (
-                DVec3::new(within(-0.9, 1.2), FLOOR_M, within(-1.2, 1.2)),
-                DVec3::Y,
-            ),
-            1 => (
-                DVec3::new(WALL_M, within(-0.8, 1.2), within(-1.2, 1.2)),
-                DVec3::X,
-            ),
+            0 => (DVec3::new(within(-0.9, 1.2), FLOOR_M, within(-1.2, 1.2)), DVec3::Y),
+            1 => (DVec3::new(WALL_M, within(-0.8, 1.2), within(-1.2, 1.2)), DVec3::X),
             _ => {
                 let (sin, cos) = within(0.0, std::f64::consts::TAU).sin_cos();
                 let up = within(-1.0, 1.0);
@@ -171,12 +158,7 @@ fn density_error(storage: Storage) -> f64 {
 /// How far a value lies outside the twin's values for thresholds a little above and below. A lower threshold ends rays
 /// earlier and gives more occlusion: what differs by rounding of V alone lies between.
 fn beyond(value: f64, march: &March, error: f64, occlusion: impl Fn(&March) -> f64) -> f64 {
-    let at = |threshold: f64| {
-        occlusion(&March {
-            threshold,
-            ..march.clone()
-        })
-    };
+    let at = |threshold: f64| occlusion(&March { threshold, ..march.clone() });
     let [low, high] = [at(march.threshold + error), at(march.threshold - error)];
     (low - value).max(value - high).max(0.0)
 }

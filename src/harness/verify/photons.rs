@@ -33,42 +33,24 @@ const SHADOW_TEXELS: u32 = 512;
 pub fn cases() -> Vec<Case> {
     let mut cases = Vec::new();
     for family in [Family::Caustics, Family::Godrays] {
-        for (kind, light) in [
-            (LightKind::Directional, "directional"),
-            (LightKind::Point, "point"),
-        ] {
+        for (kind, light) in [(LightKind::Directional, "directional"), (LightKind::Point, "point")]
+        {
             let what = format!("flat water over a plane, {light} light");
             let title = what.clone();
-            cases.push(Case::new(family.stage(), what, move |rig| {
-                flat(rig, family, kind, &title)
-            }));
+            cases.push(Case::new(family.stage(), what, move |rig| flat(rig, family, kind, &title)));
         }
     }
-    cases.push(Case::new(
-        "caustics/trace",
-        "photons that meet nothing",
-        beside_the_floor,
-    ));
-    cases.push(Case::new(
-        "caustics/trace",
-        "run-time subdivision",
-        dynamic_subdivision,
-    ));
-    for (model, name) in [
-        (WaterModel::Circular, "circular"),
-        (WaterModel::Directional, "directional"),
-    ] {
+    cases.push(Case::new("caustics/trace", "photons that meet nothing", beside_the_floor));
+    cases.push(Case::new("caustics/trace", "run-time subdivision", dynamic_subdivision));
+    for (model, name) in
+        [(WaterModel::Circular, "circular"), (WaterModel::Directional, "directional")]
+    {
         let what = format!("{name} waves");
-        cases.push(Case::new("caustics/trace", what, move |rig| {
-            waves(rig, model, name)
-        }));
+        cases.push(Case::new("caustics/trace", what, move |rig| waves(rig, model, name)));
     }
     for name in Scene::names().into_iter().filter(|name| has_water(name)) {
-        cases.push(Case::new(
-            "caustics/trace",
-            format!("scene {name}"),
-            move |rig| real(rig, name),
-        ));
+        cases
+            .push(Case::new("caustics/trace", format!("scene {name}"), move |rig| real(rig, name)));
     }
     cases
 }
@@ -142,10 +124,7 @@ pub(super) fn exact(
 }
 
 pub(super) fn with_index(water: &Water, refractive_index: f64) -> Water {
-    Water {
-        refractive_index,
-        ..water.clone()
-    }
+    Water { refractive_index, ..water.clone() }
 }
 
 fn flat(
@@ -162,16 +141,10 @@ fn flat(
     let perturbed = exact(&frame, &with_index(&scene.water, 1.34), &tracer, grid)?;
     let errors = photon_errors(&photons, &landings);
     let check = Check::new(
-        (
-            family.stage(),
-            format!("{what}: largest |hit − exact| / path"),
-        ),
+        (family.stage(), format!("{what}: largest |hit − exact| / path")),
         (FLAT_RELATIVE, "1"),
         largest_relative(&photons, &landings),
-        (
-            "refractive index 1.34",
-            largest_relative(&photons, &perturbed),
-        ),
+        ("refractive index 1.34", largest_relative(&photons, &perturbed)),
     );
     Ok(vec![with_rates(check, &errors)])
 }
@@ -200,10 +173,7 @@ fn beside_the_floor(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
         Ok(photon_errors(&photons, &landings).false_hit_rate)
     };
     Ok(vec![Check::new(
-        (
-            "caustics/trace",
-            "photons beside the floor: share that lands",
-        ),
+        ("caustics/trace", "photons beside the floor: share that lands"),
         (0.01, "1"),
         false_hits(Tracer::new(&scene.objects)?)?,
         ("no floor", false_hits(Tracer::new(&[])?)?),
@@ -214,31 +184,19 @@ fn beside_the_floor(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
 fn dynamic_subdivision(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
     let scene = rig::flat_plane(LightKind::Directional)?;
     let traced = |offset: f32, dynamic| {
-        let settings = TraceUniforms {
-            offset: Vec2::splat(offset),
-            ..settings(16, 3)
-        };
+        let settings = TraceUniforms { offset: Vec2::splat(offset), ..settings(16, 3) };
         trace(rig, &scene, Family::Caustics, settings, dynamic).map(|(photons, _)| photons)
     };
     let fixed = traced(0.5, false)?;
     let apart = |other: &[StoredPhoton]| {
-        let distances = fixed
-            .iter()
-            .zip(other)
-            .map(|(a, b)| (a.hit - b.hit).length());
+        let distances = fixed.iter().zip(other).map(|(a, b)| (a.hit - b.hit).length());
         distances.fold(0.0, f64::max)
     };
     Ok(vec![Check::new(
-        (
-            "caustics/trace",
-            "run-time against compiled subdivision: largest distance",
-        ),
+        ("caustics/trace", "run-time against compiled subdivision: largest distance"),
         (1e-5, "m"),
         apart(&traced(0.5, true)?),
-        (
-            "photons moved by 1 % of their share",
-            apart(&traced(0.51, true)?),
-        ),
+        ("photons moved by 1 % of their share", apart(&traced(0.51, true)?)),
     )])
 }
 
@@ -252,16 +210,10 @@ fn waves(rig: &Rig<'_>, model: WaterModel, name: &str) -> Result<Vec<Check>, Ver
     let tracer = Tracer::new(&scene.objects)?;
     let grid = [FLAT_GRID, 4];
     let errors = photon_errors(&photons, &exact(&frame, &scene.water, &tracer, grid)?);
-    let higher = Water {
-        amplitude_m: scene.water.amplitude_m * 1.05,
-        ..scene.water.clone()
-    };
+    let higher = Water { amplitude_m: scene.water.amplitude_m * 1.05, ..scene.water.clone() };
     let perturbed = photon_errors(&photons, &exact(&frame, &higher, &tracer, grid)?);
     let check = Check::new(
-        (
-            "caustics/trace",
-            format!("{name} waves of 0.12 m: 99th percentile of |entry − exact|"),
-        ),
+        ("caustics/trace", format!("{name} waves of 0.12 m: 99th percentile of |entry − exact|")),
         (ENTRY_P99_M, "m"),
         errors.entry_p99_m,
         ("amplitude 5 % higher", perturbed.entry_p99_m),
@@ -292,16 +244,10 @@ fn real(rig: &Rig<'_>, name: &str) -> Result<Vec<Check>, VerifyError> {
             let photons = stage_photons(rig.gpu, &pipeline, family.stage())?;
             let errors = photon_errors(&photons, &landings);
             let check = Check::new(
-                (
-                    family.stage(),
-                    format!("scene {name}: median |hit − exact|"),
-                ),
+                (family.stage(), format!("scene {name}: median |hit − exact|")),
                 (REAL_MEDIAN_M, "m"),
                 errors.median_m,
-                (
-                    "refractive index 1.40",
-                    photon_errors(&photons, &perturbed).median_m,
-                ),
+                ("refractive index 1.40", photon_errors(&photons, &perturbed).median_m),
             );
             Ok(with_rates(check, &errors).with("unconverged_rate_over_exact_depth", unlimited))
         })
@@ -342,13 +288,8 @@ fn unconverged_over_exact_depth(
     for landed in landings.iter().step_by(4).filter_map(Landing::landed) {
         let surface = |p| exact_depth(frame, tracer, p);
         let (entry, start_m) = (landed.entry.position, settings.start_m);
-        if let Some(end) = estimate(
-            entry,
-            landed.direction,
-            start_m,
-            settings.iterations,
-            surface,
-        ) {
+        if let Some(end) = estimate(entry, landed.direction, start_m, settings.iterations, surface)
+        {
             estimated += 1;
             unconverged += u32::from(end.residual_m > settings.tolerance_m);
         }

@@ -28,10 +28,7 @@ pub struct Rig<'g> {
 impl<'g> Rig<'g> {
     pub fn new(gpu: &'g Gpu) -> Result<Self, GpuError> {
         let timer = FrameTimer::new(gpu, ClockPlan::fenced(SubmitCost::default()), MAX_PASSES);
-        Ok(Self {
-            gpu,
-            timer: RefCell::new(timer?),
-        })
+        Ok(Self { gpu, timer: RefCell::new(timer?) })
     }
 
     pub fn resources(&self) -> Resources<'g> {
@@ -68,9 +65,7 @@ impl<'g> Rig<'g> {
     pub fn photons(&self, photons: &[Photon]) -> Photons {
         let resources = self.resources();
         let buffer = Photons::new(&resources, "verify photons", photons.len() as u32);
-        self.gpu
-            .queue
-            .write_buffer(&buffer.buffer, 0, bytemuck::cast_slice(photons));
+        self.gpu.queue.write_buffer(&buffer.buffer, 0, bytemuck::cast_slice(photons));
         buffer
     }
 
@@ -87,26 +82,17 @@ impl<'g> Rig<'g> {
     /// A texture of one colour throughout, in 16-bit floats so that it can be filtered everywhere.
     pub fn constant(&self, size: [u32; 2], color: [f32; 4]) -> Result<wgpu::Texture, GpuError> {
         let texture =
-            self.resources()
-                .target("verify constant", size, wgpu::TextureFormat::Rgba16Float);
+            self.resources().target("verify constant", size, wgpu::TextureFormat::Rgba16Float);
         let [r, g, b, a] = color.map(f64::from);
-        let clear = Clear {
-            view: kit::view(&texture),
-            to: To::Color(wgpu::Color { r, g, b, a }),
-        };
+        let clear = Clear { view: kit::view(&texture), to: To::Color(wgpu::Color { r, g, b, a }) };
         self.run(&[&clear])?;
         Ok(texture)
     }
 
     /// A depth texture of one value throughout.
     pub fn depth(&self, size: [u32; 2], depth: f64) -> Result<wgpu::Texture, GpuError> {
-        let texture = self
-            .resources()
-            .target("verify depth", size, kit::DEPTH_FORMAT);
-        let clear = Clear {
-            view: kit::view(&texture),
-            to: To::Depth(depth as f32),
-        };
+        let texture = self.resources().target("verify depth", size, kit::DEPTH_FORMAT);
+        let clear = Clear { view: kit::view(&texture), to: To::Depth(depth as f32) };
         self.run(&[&clear])?;
         Ok(texture)
     }
@@ -117,11 +103,7 @@ impl<'g> Rig<'g> {
             &self.gpu.queue,
             &wgpu::TextureDescriptor {
                 label: Some("verify input"),
-                size: wgpu::Extent3d {
-                    width: size[0],
-                    height: size[1],
-                    depth_or_array_layers: 1,
-                },
+                size: wgpu::Extent3d { width: size[0], height: size[1], depth_or_array_layers: 1 },
                 mip_level_count: 1,
                 sample_count: 1,
                 dimension: wgpu::TextureDimension::D2,
@@ -156,25 +138,14 @@ impl Encode for Clear {
         let view = &self.view;
         match self.to {
             To::Color(color) => {
-                let color = [ColorTarget {
-                    view,
-                    clear: Some(color),
-                    slice: None,
-                }];
-                let targets = Targets {
-                    color: &color,
-                    depth: None,
-                };
+                let color = [ColorTarget { view, clear: Some(color), slice: None }];
+                let targets = Targets { color: &color, depth: None };
                 scope.render(&targets, |_| ());
             }
             To::Depth(depth) => {
                 let targets = Targets {
                     color: &[],
-                    depth: Some(DepthTarget {
-                        view,
-                        clear: Some(depth),
-                        read_only: false,
-                    }),
+                    depth: Some(DepthTarget { view, clear: Some(depth), read_only: false }),
                 };
                 scope.render(&targets, |_| ());
             }

@@ -46,10 +46,7 @@ struct Seen {
 
 impl Setup {
     fn view(&self) -> Result<View, VerifyError> {
-        Ok(View {
-            camera: self.camera.clone(),
-            ..rig::synthetic_view(self.size_px, 0.0)?
-        })
+        Ok(View { camera: self.camera.clone(), ..rig::synthetic_view(self.size_px, 0.0)? })
     }
 
     fn run(&self, rig: &Rig<'_>) -> Result<Seen, VerifyError> {
@@ -88,11 +85,9 @@ impl Seen {
     fn read(rig: &Rig<'_>, pass: &RayCast) -> Result<Seen, VerifyError> {
         let channel = |i| rig.channel(&pass.result, i);
         let normal = match &pass.normal {
-            Some(normal) => Some([
-                rig.channel(normal, 0)?,
-                rig.channel(normal, 1)?,
-                rig.channel(normal, 2)?,
-            ]),
+            Some(normal) => {
+                Some([rig.channel(normal, 0)?, rig.channel(normal, 1)?, rig.channel(normal, 2)?])
+            }
             None => None,
         };
         Ok(Seen {
@@ -111,13 +106,7 @@ fn mean(image: &Image) -> f64 {
 
 /// Marching that leaves nothing out.
 fn settings(mode: Mode) -> Scalar {
-    Scalar {
-        mode,
-        rejection: false,
-        threshold: 1.0,
-        pyramid: false,
-        ..Scalar::default()
-    }
+    Scalar { mode, rejection: false, threshold: 1.0, pyramid: false, ..Scalar::default() }
 }
 
 /// A field of cells of edges `spacing_m`, centred on the world's origin, of values that 8 bits hold.

@@ -45,11 +45,9 @@ pub fn cases() -> Vec<Case> {
         Case::new(STAGE, "flux of a point light", point_flux),
     ];
     for name in ["plane", "tank"] {
-        cases.push(Case::new(
-            STAGE,
-            format!("conserved energy of scene {name}"),
-            move |rig| scene_energy(rig, name),
-        ));
+        cases.push(Case::new(STAGE, format!("conserved energy of scene {name}"), move |rig| {
+            scene_energy(rig, name)
+        }));
     }
     cases
 }
@@ -139,14 +137,8 @@ fn draw(
     };
     let buffer = rig.photons(photons);
     let conserving = rules.intensity == Intensity::Conserving;
-    let stage = SplatStage::new(
-        &resources,
-        &shared,
-        (&buffer, depth),
-        &settings,
-        conserving,
-        10.0,
-    )?;
+    let stage =
+        SplatStage::new(&resources, &shared, (&buffer, depth), &settings, conserving, 10.0)?;
     rig.run(&[&stage])?;
     rig.channel(stage.texture(), 0)
 }
@@ -162,10 +154,7 @@ pub(super) fn photon_at(
     let (_, direction, _) = rays.ray_at(at_px[0], at_px[1]);
     let hit = eye + direction * distance_m;
     let photon = rig::photon(hit + DVec3::Y * path_m, hit, path_m);
-    (
-        photon,
-        (photon.hit_m.as_dvec3(), f64::from(photon.distance_m)),
-    )
+    (photon, (photon.hit_m.as_dvec3(), f64::from(photon.distance_m)))
 }
 
 /// One splat in the middle of each cell, from near to far.
@@ -186,35 +175,20 @@ fn isolated(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
         .unzip();
     let image = draw_free(rig, &view, &photons, &RULES)?;
     let splats = |rules: Rules| rules.splats(&view.camera, SIZE, &twins);
-    let wide = Rules {
-        max_px: MAX_PX * 1.25,
-        ..RULES
-    };
-    let murky = Rules {
-        gamma_per_m: GAMMA_PER_M * 1.05,
-        ..RULES
-    };
+    let wide = Rules { max_px: MAX_PX * 1.25, ..RULES };
+    let murky = Rules { gamma_per_m: GAMMA_PER_M * 1.05, ..RULES };
     Ok(vec![
         Check::new(
-            (
-                STAGE,
-                "isolated splats: covered pixels unlike the twin's, of all covered",
-            ),
+            (STAGE, "isolated splats: covered pixels unlike the twin's, of all covered"),
             (COVERAGE, "1"),
             coverage_error(&image, &splats(RULES)?),
             ("s_max 25 px", coverage_error(&image, &splats(wide)?)),
         ),
         Check::new(
-            (
-                STAGE,
-                "isolated splats: largest relative error of intensity",
-            ),
+            (STAGE, "isolated splats: largest relative error of intensity"),
             (1e-4, "1"),
             center_error(&image, &splats(RULES)?),
-            (
-                "attenuation 5 % higher",
-                center_error(&image, &splats(murky)?),
-            ),
+            ("attenuation 5 % higher", center_error(&image, &splats(murky)?)),
         ),
     ])
 }
@@ -257,10 +231,7 @@ fn strewn(view: &View, count: u32, nearest_m: f64) -> (Vec<Photon>, Vec<(DVec3, 
 fn conserved(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
     let view = rig::synthetic_view(SIZE, GAMMA_PER_M)?;
     let (photons, twins) = strewn(&view, 4096, NEAREST_M);
-    let rules = Rules {
-        intensity: Intensity::Conserving,
-        ..RULES
-    };
+    let rules = Rules { intensity: Intensity::Conserving, ..RULES };
     let sum = draw_free(rig, &view, &photons, &rules)?.sum();
     let energy = |gamma: f64| -> f64 {
         let photon = |(_, path_m): &(DVec3, f64)| PHOTON_W * (-gamma * path_m).exp();
@@ -270,10 +241,7 @@ fn conserved(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
         (STAGE, "conserved energy of 4096 photons, relative error"),
         (0.01, "1"),
         (sum / energy(GAMMA_PER_M) - 1.0).abs(),
-        (
-            "attenuation 5 % higher",
-            (sum / energy(GAMMA_PER_M * 1.05) - 1.0).abs(),
-        ),
+        ("attenuation 5 % higher", (sum / energy(GAMMA_PER_M * 1.05) - 1.0).abs()),
     )])
 }
 
@@ -286,33 +254,19 @@ fn depth_test(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
     let wall = rays.project(eye + view.camera.direction() * WALL_M);
     let depth = wall.map_or(1.0, |wall| wall.depth);
     let (photons, twins) = strewn(&view, 2000, 3.0);
-    let rules = Rules {
-        bias_m: 0.3,
-        ..RULES
-    };
+    let rules = Rules { bias_m: 0.3, ..RULES };
     let image = draw(rig, &view, &photons, &rig.depth(SIZE, depth)?, &rules)?;
     let error = |rules: Rules| -> Result<f64, VerifyError> {
         let mut twin = Image::constant(SIZE[0], SIZE[1], 0.0);
         let wall = Image::constant(1, 1, depth);
-        rasterize(
-            &mut twin,
-            &rules.splats(&view.camera, SIZE, &twins)?,
-            &wall,
-            0.0,
-        );
+        rasterize(&mut twin, &rules.splats(&view.camera, SIZE, &twins)?, &wall, 0.0);
         Ok((image.sum() / twin.sum() - 1.0).abs())
     };
     Ok(vec![Check::new(
         (STAGE, "splats before a wall: sum, relative error"),
         (0.01, "1"),
         error(rules)?,
-        (
-            "bias 1 m instead of 0.3 m",
-            error(Rules {
-                bias_m: 1.0,
-                ..rules
-            })?,
-        ),
+        ("bias 1 m instead of 0.3 m", error(Rules { bias_m: 1.0, ..rules })?),
     )])
 }
 
@@ -324,24 +278,14 @@ fn accumulation(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
     let eye = DVec3::from(view.camera.position_m);
     let rays = PixelRays::new(&view.camera, SIZE[0], SIZE[1]);
     let (photon, _) = photon_at(&rays, eye, [256.5, 256.5], 4.0, 1.0);
-    let rules = Rules {
-        photon_w: EACH_W,
-        gamma_per_m: 0.0,
-        ..RULES
-    };
+    let rules = Rules { photon_w: EACH_W, gamma_per_m: 0.0, ..RULES };
     let image = draw_free(rig, &view, &vec![photon; PHOTONS], &rules)?;
     let expected = EACH_W * PHOTONS as f64;
     Ok(vec![Check::new(
-        (
-            STAGE,
-            "8192 contributions of 0.001 at one pixel, relative error",
-        ),
+        (STAGE, "8192 contributions of 0.001 at one pixel, relative error"),
         (1e-3, "1"),
         (image.clamped(256, 256) / expected - 1.0).abs(),
-        (
-            "sum in a 16-bit float",
-            (half_float_sum(EACH_W, PHOTONS) / expected - 1.0).abs(),
-        ),
+        ("sum in a 16-bit float", (half_float_sum(EACH_W, PHOTONS) / expected - 1.0).abs()),
     )])
 }
 
@@ -382,30 +326,16 @@ fn scene_energy(rig: &Rig<'_>, name: &str) -> Result<Vec<Check>, VerifyError> {
     let depth = exact_depth(&scene.camera, &tracer, view_px)?;
     let expected = |rules: Rules| -> Result<f64, VerifyError> {
         let mut twin = Image::constant(SIZE[0], SIZE[1], 0.0);
-        rasterize(
-            &mut twin,
-            &rules.splats(&scene.camera, SIZE, &twins)?,
-            &depth,
-            0.0,
-        );
+        rasterize(&mut twin, &rules.splats(&scene.camera, SIZE, &twins)?, &depth, 0.0);
         Ok(twin.sum())
     };
-    let murky = Rules {
-        gamma_per_m: rules.gamma_per_m * 1.05,
-        ..rules
-    };
+    let murky = Rules { gamma_per_m: rules.gamma_per_m * 1.05, ..rules };
     let energy = expected(rules)?;
     let check = Check::new(
-        (
-            STAGE,
-            format!("scene {name}: conserved energy of exact photons, relative error"),
-        ),
+        (STAGE, format!("scene {name}: conserved energy of exact photons, relative error")),
         (0.01, "1"),
         (sum / energy - 1.0).abs(),
-        (
-            "attenuation 5 % higher",
-            (sum / expected(murky)? - 1.0).abs(),
-        ),
+        ("attenuation 5 % higher", (sum / expected(murky)? - 1.0).abs()),
     );
     Ok(vec![
         check
@@ -444,30 +374,17 @@ fn point_flux(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
         4.0 * (half_m.powi(2) / (half_m.powi(2) + d * d)).asin() * file.light.intensity_w_sr
     };
     Ok(vec![Check::new(
-        (
-            STAGE,
-            "flux of a point light through the view, relative error",
-        ),
+        (STAGE, "flux of a point light through the view, relative error"),
         (0.01, "1"),
         (seen_w / flux_w(LIGHT_M) - 1.0).abs(),
-        (
-            "light 0.5 m higher",
-            (seen_w / flux_w(LIGHT_M + 0.5) - 1.0).abs(),
-        ),
+        ("light 0.5 m higher", (seen_w / flux_w(LIGHT_M + 0.5) - 1.0).abs()),
     )])
 }
 
 /// An exact photon as the GPU stores it, and the f64 values of its rounded numbers.
 fn stored(landed: &Landed) -> (Photon, (DVec3, f64)) {
-    let photon = rig::photon(
-        landed.entry.position,
-        landed.hit.position,
-        landed.distance_m,
-    );
-    (
-        photon,
-        (photon.hit_m.as_dvec3(), f64::from(photon.distance_m)),
-    )
+    let photon = rig::photon(landed.entry.position, landed.hit.position, landed.distance_m);
+    (photon, (photon.hit_m.as_dvec3(), f64::from(photon.distance_m)))
 }
 
 /// Splats over the depth of the scene as `scene/gbuffer` draws it.
@@ -508,10 +425,7 @@ pub(super) fn splat_image(rig: &Rig<'_>, pipeline: &Underwater) -> Result<Image,
             return rig.channel(&texture, 0);
         }
     }
-    Err(VerifyError::Empty {
-        stage: STAGE,
-        what: "splats".into(),
-    })
+    Err(VerifyError::Empty { stage: STAGE, what: "splats".into() })
 }
 
 /// Depth that an exact rasterizer stores at each pixel of a camera.

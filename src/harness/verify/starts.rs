@@ -28,11 +28,7 @@ pub fn cases() -> Vec<Case> {
         Case::new(INFO.name, "starts with directions of their own", |rig| {
             landings(rig, LightKind::Directional, true, "given directions")
         }),
-        Case::new(
-            INFO.name,
-            "Fresnel transmittance, normal to grazing",
-            energy_law,
-        ),
+        Case::new(INFO.name, "Fresnel transmittance, normal to grazing", energy_law),
     ]
 }
 
@@ -73,10 +69,7 @@ fn landings(
     let light = view(&params, &scene).light_frame();
     let tracer = Tracer::new(&scene.objects)?;
     let exact = |refractive_index: f64| -> Vec<Landing> {
-        let water = Water {
-            refractive_index,
-            ..scene.water.clone()
-        };
+        let water = Water { refractive_index, ..scene.water.clone() };
         let land = |start: &Start| {
             let origin = start.position_m.as_dvec3();
             let incident = match (aimed, kind) {
@@ -102,40 +95,29 @@ fn largest(answers: &[Answer], landings: &[Landing]) -> f64 {
         let exact = landing.landed()?;
         let landed = answer.photon.residual_m >= 0.0;
         let apart = (answer.photon.hit_m.as_dvec3() - exact.hit.position).length();
-        Some(if landed {
-            apart / exact.distance_m
-        } else {
-            f64::NAN
-        })
+        Some(if landed { apart / exact.distance_m } else { f64::NAN })
     };
     let errors: Vec<f64> = answers.iter().zip(landings).filter_map(error).collect();
     if errors.is_empty() {
         return f64::NAN;
     }
-    errors.iter().fold(0.0, |most: f64, e| {
-        if e.is_nan() || most.is_nan() {
-            f64::NAN
-        } else {
-            most.max(*e)
-        }
-    })
+    errors.iter().fold(
+        0.0,
+        |most: f64, e| {
+            if e.is_nan() || most.is_nan() { f64::NAN } else { most.max(*e) }
+        },
+    )
 }
 
 /// Weights and directions over flat water from 0° to 89°: T + R = 1 with the exact R, and Snell's law.
 fn energy_law(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
     let (scene, mut params) = subject(LightKind::Directional)?;
     params.water.fresnel = true;
-    let angles: Vec<f64> = (0..90)
-        .map(|degrees| f64::from(degrees).to_radians())
-        .collect();
+    let angles: Vec<f64> = (0..90).map(|degrees| f64::from(degrees).to_radians()).collect();
     let incident = |angle: f64| DVec3::new(0.6 * angle.sin(), -angle.cos(), 0.8 * angle.sin());
     let start = |angle: &f64| {
         let direction = incident(*angle);
-        Start {
-            position_m: (-direction).as_vec3(),
-            aimed: 1,
-            direction: direction.as_vec3(),
-        }
+        Start { position_m: (-direction).as_vec3(), aimed: 1, direction: direction.as_vec3() }
     };
     let starts: Vec<Start> = angles.iter().map(start).collect();
     let answers = photons_at(rig.gpu, &scene, &params, &starts)?;
@@ -160,19 +142,10 @@ fn energy_law(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
             energy(1.33),
             ("refractive index 1.34", energy(1.34)),
         )
-        .with(
-            "transmittance_at_0_deg",
-            answers.first().map_or(f64::NAN, |a| a.weight.into()),
-        )
-        .with(
-            "transmittance_at_89_deg",
-            answers.last().map_or(f64::NAN, |a| a.weight.into()),
-        ),
+        .with("transmittance_at_0_deg", answers.first().map_or(f64::NAN, |a| a.weight.into()))
+        .with("transmittance_at_89_deg", answers.last().map_or(f64::NAN, |a| a.weight.into())),
         Check::new(
-            (
-                INFO.name,
-                "refraction over 0° to 89°: largest |direction − exact|",
-            ),
+            (INFO.name, "refraction over 0° to 89°: largest |direction − exact|"),
             (1e-4, "1"),
             bent(1.33),
             ("refractive index 1.34", bent(1.34)),

@@ -10,14 +10,8 @@ mod subjects;
 use super::Case;
 
 pub fn cases() -> Vec<Case> {
-    [
-        packing::cases(),
-        raster::cases(),
-        contact::cases(),
-        pyramid::cases(),
-        cubes::cases(),
-    ]
-    .into_iter()
-    .flatten()
-    .collect()
+    [packing::cases(), raster::cases(), contact::cases(), pyramid::cases(), cubes::cases()]
+        .into_iter()
+        .flatten()
+        .collect()
 }

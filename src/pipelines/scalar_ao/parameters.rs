@@ -54,11 +54,7 @@ impl Cells {
                 self.cells
             ));
         }
-        let volume = VolumeFile {
-            cells: self.cells,
-            reduce: self.reduce,
-            ..volume.clone()
-        };
+        let volume = VolumeFile { cells: self.cells, reduce: self.reduce, ..volume.clone() };
         volume.validate()?;
         Ok(volume)
     }
@@ -173,13 +169,10 @@ impl Params {
             camera: file.camera.clone(),
             light: file.light.clone(),
             floor_depth_m: file.floor_depth_m,
-            volume: file
-                .volume
-                .as_ref()
-                .map_or_else(Cells::default, |volume| Cells {
-                    cells: volume.cells,
-                    reduce: volume.reduce,
-                }),
+            volume: file.volume.as_ref().map_or_else(Cells::default, |volume| Cells {
+                cells: volume.cells,
+                reduce: volume.reduce,
+            }),
             scalar: Scalar::default(),
         }
     }
@@ -220,10 +213,7 @@ impl Scalar {
         scalar("opacity", self.opacity, 0.0, 1.0)?;
         scalar("view_step_voxels", self.view_step_voxels, 0.05, 16.0)?;
         scalar("ambient", self.ambient, 0.0, 1.0)?;
-        for (name, color) in [
-            ("low_color", self.low_color),
-            ("high_color", self.high_color),
-        ] {
+        for (name, color) in [("low_color", self.low_color), ("high_color", self.high_color)] {
             for c in color {
                 scalar(name, f64::from(c), 0.0, 1.0)?;
             }
@@ -233,11 +223,7 @@ impl Scalar {
 
     /// Length of the rays in a scene whose longest side is `longest_m`, metres.
     pub fn reach_m(&self, longest_m: f64) -> f64 {
-        if self.r_max_m > 0.0 {
-            self.r_max_m
-        } else {
-            self.r_max_share * longest_m
-        }
+        if self.r_max_m > 0.0 { self.r_max_m } else { self.r_max_share * longest_m }
     }
 
     /// Whether rays and steps suit the volume.
@@ -248,11 +234,7 @@ impl Scalar {
         let voxel_m = scalar_field::voxel_m(volume.spacing_m);
         let r_max_m = self.reach_m(longest_m);
         if r_max_m < voxel_m {
-            let name = if self.r_max_m > 0.0 {
-                "r_max_m"
-            } else {
-                "r_max_share"
-            };
+            let name = if self.r_max_m > 0.0 { "r_max_m" } else { "r_max_share" };
             return Err(format!(
                 "scalar.{name} makes rays of {r_max_m:.4} m: they must be at least a voxel long, {voxel_m:.4} m"
             ));
@@ -323,10 +305,6 @@ impl Scalar {
             (_, Law::Beer) => -(1.0 - self.threshold).ln() / (self.density_per_m * voxel_m),
         };
         // NaN and infinity where nothing is opaque.
-        if self.threshold < 1.0 && value < NEVER {
-            value
-        } else {
-            NEVER
-        }
+        if self.threshold < 1.0 && value < NEVER { value } else { NEVER }
     }
 }

@@ -71,11 +71,7 @@ fn values_out_of_range_are_named() {
 fn what_is_no_number_is_refused() {
     let mut params = Params::from_scene(&SceneFile::load("plane").unwrap());
     params.scalar.iso = f64::NAN;
-    assert!(
-        Params::from_value(&params.to_value())
-            .unwrap_err()
-            .contains("scalar.iso")
-    );
+    assert!(Params::from_value(&params.to_value()).unwrap_err().contains("scalar.iso"));
 }
 
 #[test]
@@ -99,11 +95,7 @@ fn a_scene_without_a_volume_is_told_so() {
 fn volumes_beyond_the_adapter_are_named() {
     let mut scene = scene();
     if let Some(volume) = &mut scene.volume {
-        *volume = Volume {
-            cells: [4000, 1, 1],
-            data: vec![0.5; 4000],
-            ..volume.clone()
-        };
+        *volume = Volume { cells: [4000, 1, 1], data: vec![0.5; 4000], ..volume.clone() };
     }
     let demand = (KIND.demand)(&tree("scalar.rays", json!(4)), &scene).unwrap();
     let message = demand.check(&wgpu::Limits::default()).unwrap_err();
@@ -113,9 +105,7 @@ fn volumes_beyond_the_adapter_are_named() {
 #[test]
 fn thresholds_of_media_mean_opacity_of_a_voxel() {
     use super::{Law, Mode};
-    let mut scalar = Params::from_value(&tree("scalar.threshold", json!(0.5)))
-        .unwrap()
-        .scalar;
+    let mut scalar = Params::from_value(&tree("scalar.threshold", json!(0.5))).unwrap().scalar;
     let ends_at = |scalar: &super::Scalar| scalar.uniforms([8, 8], VOXEL_M, 1.0).threshold;
     assert_eq!(ends_at(&scalar), 0.5);
     scalar.mode = Mode::Direct;
@@ -138,10 +128,7 @@ fn cells_follow_the_parameters_where_they_can() {
     params::set(&mut tree, "volume.cells", json!([20, 12, 20])).unwrap();
     params::set(&mut tree, "volume.reduce", json!(2)).unwrap();
     let reduced = (KIND.scene_file)(&file, &tree).unwrap();
-    assert_eq!(
-        Scene::build(&reduced).unwrap().volume.unwrap().cells,
-        [10, 6, 10]
-    );
+    assert_eq!(Scene::build(&reduced).unwrap().volume.unwrap().cells, [10, 6, 10]);
     let mut scanned = file.clone();
     if let Some(volume) = &mut scanned.volume {
         volume.generator = None;

@@ -6,10 +6,7 @@ fn scene() -> Scene {
 
 fn grids(voxel: &Voxel, deform: Deform) -> Result<Vec<Grid>, String> {
     let scene = scene();
-    let animation = Animation {
-        deform,
-        ..Animation::default()
-    };
+    let animation = Animation { deform, ..Animation::default() };
     voxel.grids(&scene, &scene.camera, &animation)
 }
 
@@ -25,11 +22,7 @@ fn grids_are_of_the_scene_of_its_objects_around_the_viewer_or_set_by_hand() {
     assert_eq!(objects.len(), scene().objects.len());
     assert!(objects[1].voxel_m < whole.voxel_m);
     voxel.around_viewer_m = 3.0;
-    assert!(
-        grids(&voxel, Deform::None)
-            .unwrap_err()
-            .contains("voxel.per_object")
-    );
+    assert!(grids(&voxel, Deform::None).unwrap_err().contains("voxel.per_object"));
     voxel.per_object = false;
     let around = grids(&voxel, Deform::None).unwrap()[0];
     assert_eq!((around.cells, around.size_m().x), ([128; 3], 3.0));
@@ -41,17 +34,9 @@ fn grids_are_of_the_scene_of_its_objects_around_the_viewer_or_set_by_hand() {
 
 #[test]
 fn grids_beside_the_scene_are_errors_that_name_the_parameters() {
-    let mut voxel = Voxel {
-        cells: [4; 3],
-        origin_m: [50.0; 3],
-        voxel_m: 0.1,
-        ..Voxel::default()
-    };
+    let mut voxel = Voxel { cells: [4; 3], origin_m: [50.0; 3], voxel_m: 0.1, ..Voxel::default() };
     let error = grids(&voxel, Deform::None).unwrap_err();
-    assert!(
-        error.starts_with("voxel.cells, voxel.origin_m and voxel.voxel_m place"),
-        "{error}"
-    );
+    assert!(error.starts_with("voxel.cells, voxel.origin_m and voxel.voxel_m place"), "{error}");
     assert_eq!(error.lines().count(), 1);
     // A grid whose border touches the scene may hold some of it.
     let scene = scene().solid_bounds();
@@ -59,14 +44,8 @@ fn grids_beside_the_scene_are_errors_that_name_the_parameters() {
     assert!(grids(&voxel, Deform::None).is_ok());
     voxel.origin_m = (scene.max + 1e-6).to_array();
     assert!(grids(&voxel, Deform::None).is_err());
-    let mut camera = Camera {
-        position_m: [0.0, 1e3, 0.0],
-        ..self::scene().camera
-    };
-    let around = Voxel {
-        around_viewer_m: 3.0,
-        ..Voxel::default()
-    };
+    let mut camera = Camera { position_m: [0.0, 1e3, 0.0], ..self::scene().camera };
+    let around = Voxel { around_viewer_m: 3.0, ..Voxel::default() };
     let still = Animation::default();
     let error = around.grids(&self::scene(), &camera, &still).unwrap_err();
     assert!(error.contains("voxel.around_viewer_m"), "{error}");
@@ -76,23 +55,14 @@ fn grids_beside_the_scene_are_errors_that_name_the_parameters() {
 
 #[test]
 fn moving_objects_have_room_at_all_times() {
-    let rest = Bounds {
-        min: DVec3::new(-1.0, 0.0, 2.0),
-        max: DVec3::new(3.0, 4.0, 5.0),
-    };
+    let rest = Bounds { min: DVec3::new(-1.0, 0.0, 2.0), max: DVec3::new(3.0, 4.0, 5.0) };
     for deform in [Deform::None, Deform::Spin, Deform::Twist, Deform::Wave] {
-        let animation = Animation {
-            deform,
-            ..Animation::default()
-        };
+        let animation = Animation { deform, ..Animation::default() };
         let room = animation.room(&rest);
         assert!(room.min.cmple(rest.min).all() && room.max.cmpge(rest.max).all());
         assert_eq!(room == rest, deform == Deform::None);
     }
-    let spin = Animation {
-        deform: Deform::Spin,
-        ..Animation::default()
-    };
+    let spin = Animation { deform: Deform::Spin, ..Animation::default() };
     // Half the diagonal of the foot, 4 m × 3 m, to each side of its middle.
     let room = spin.room(&rest);
     assert_eq!((room.min.x, room.max.z), (1.0 - 2.5, 3.5 + 2.5));

@@ -129,11 +129,7 @@ impl Underwater {
 fn light_frustum(frame: &LightFrame) -> Value {
     let inverse = frame.projection.inverse();
     let corner = |x, y, depth| inverse.project_point3(DVec3::new(x, y, depth));
-    let (low, high, far) = (
-        corner(-1.0, -1.0, 0.0),
-        corner(1.0, 1.0, 0.0),
-        corner(0.0, 0.0, 1.0),
-    );
+    let (low, high, far) = (corner(-1.0, -1.0, 0.0), corner(1.0, 1.0, 0.0), corner(0.0, 0.0, 1.0));
     json!({
         "kind": frame.kind,
         "position_m": frame.position.to_array(),

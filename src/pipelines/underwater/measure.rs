@@ -19,16 +19,8 @@ use crate::stages::shadow;
 impl Underwater {
     pub(super) fn measured_quantities(&self, gpu: &Gpu) -> Result<BTreeMap<String, f64>, GpuError> {
         let grids = [
-            (
-                "caustics",
-                &self.caustics_trace.0.photons,
-                self.params.caustics.tolerance_m,
-            ),
-            (
-                "godrays",
-                &self.godrays_trace.0.photons,
-                self.params.godrays.tolerance_m,
-            ),
+            ("caustics", &self.caustics_trace.0.photons, self.params.caustics.tolerance_m),
+            ("godrays", &self.godrays_trace.0.photons, self.params.godrays.tolerance_m),
         ];
         let mut quantities = BTreeMap::new();
         for (name, photons, tolerance_m) in grids {
@@ -50,10 +42,7 @@ impl Underwater {
 
 /// Reads a photon buffer back.
 pub fn read_photons(gpu: &Gpu, photons: &Photons) -> Result<Vec<Photon>, GpuError> {
-    Ok(bytemuck::pod_collect_to_vec(&read_buffer(
-        gpu,
-        &photons.buffer,
-    )?))
+    Ok(bytemuck::pod_collect_to_vec(&read_buffer(gpu, &photons.buffer)?))
 }
 
 /// Photons from given starts, by the settings of `caustics` and the scene as the light sees it. One start at least.
@@ -81,10 +70,7 @@ pub fn photons_at(
         params.caustics.intensity == Intensity::Conserving,
     )?;
     run_once(gpu, &[&depth, &mask, &query])?;
-    Ok(bytemuck::pod_collect_to_vec(&read_buffer(
-        gpu,
-        &query.answers,
-    )?))
+    Ok(bytemuck::pod_collect_to_vec(&read_buffer(gpu, &query.answers)?))
 }
 
 /// Fragments that `caustics/splat` and `godrays/lines` blend in a frame, by stage.
@@ -123,11 +109,7 @@ pub fn blended_fragments(
     ];
     let mut counts = BTreeMap::new();
     for (stage, texture, each) in targets {
-        let sum: f64 = read_texture(gpu, texture)?
-            .data
-            .iter()
-            .map(|&v| f64::from(v))
-            .sum();
+        let sum: f64 = read_texture(gpu, texture)?.data.iter().map(|&v| f64::from(v)).sum();
         counts.insert(stage, (sum / each).round() as u64);
     }
     Ok(counts)

@@ -144,28 +144,19 @@ pub struct Composition {
 
 impl Default for Viewport {
     fn default() -> Self {
-        Self {
-            width: 800,
-            height: 800,
-        }
+        Self { width: 800, height: 800 }
     }
 }
 
 impl Default for ShadowMap {
     fn default() -> Self {
-        Self {
-            size: 1024,
-            edge_m: 0.1,
-        }
+        Self { size: 1024, edge_m: 0.1 }
     }
 }
 
 impl Default for Surface {
     fn default() -> Self {
-        Self {
-            scale: 0.5,
-            cells: 128,
-        }
+        Self { scale: 0.5, cells: 128 }
     }
 }
 
@@ -217,11 +208,7 @@ impl Default for Godrays {
 
 impl Default for Composition {
     fn default() -> Self {
-        Self {
-            exposure: 1.0,
-            occlusion_taps: 0,
-            occlusion_radius_m: 0.5,
-        }
+        Self { exposure: 1.0, occlusion_taps: 0, occlusion_radius_m: 0.5 }
     }
 }
 
@@ -282,9 +269,7 @@ impl PhotonGrid {
                 self.photons()
             ));
         }
-        self.offset
-            .iter()
-            .try_for_each(|&o| within(name, "offset", o, 0.0, 1.0))
+        self.offset.iter().try_for_each(|&o| within(name, "offset", o, 0.0, 1.0))
     }
 }
 
@@ -292,9 +277,7 @@ fn within(group: &str, name: &str, value: f64, low: f64, high: f64) -> Result<()
     if (low..=high).contains(&value) {
         Ok(())
     } else {
-        Err(format!(
-            "{group}.{name} is {value}: it must lie within {low} … {high}"
-        ))
+        Err(format!("{group}.{name} is {value}: it must lie within {low} … {high}"))
     }
 }
 
@@ -315,10 +298,7 @@ macro_rules! shared_settings {
             }
 
             pub fn filter_uniforms(&self) -> FilterUniforms {
-                FilterUniforms {
-                    taps: self.filter_taps,
-                    radius_px: self.filter_radius_px as f32,
-                }
+                FilterUniforms { taps: self.filter_taps, radius_px: self.filter_radius_px as f32 }
             }
 
             /// Pixels of the buffer: as set, or scaled with the viewport.
@@ -339,13 +319,7 @@ macro_rules! shared_settings {
                     ));
                 }
                 within(name, "tolerance_m", self.tolerance_m, 0.0, 1e3)?;
-                within(
-                    name,
-                    "filter_taps",
-                    f64::from(self.filter_taps),
-                    1.0,
-                    1024.0,
-                )?;
+                within(name, "filter_taps", f64::from(self.filter_taps), 1.0, 1024.0)?;
                 within(name, "filter_radius_px", self.filter_radius_px, 0.0, 256.0)
             }
         }
@@ -397,58 +371,19 @@ impl Params {
         within("shadow", "size", f64::from(self.shadow.size), 1.0, 1e6)?;
         within("shadow", "edge_m", self.shadow.edge_m, 0.0, 1e4)?;
         within("surface", "scale", self.surface.scale, 0.01, 4.0)?;
-        within(
-            "surface",
-            "cells",
-            f64::from(self.surface.cells),
-            1.0,
-            8192.0,
-        )?;
+        within("surface", "cells", f64::from(self.surface.cells), 1.0, 8192.0)?;
         self.caustics.validate("caustics")?;
-        let sizes = (
-            self.caustics.point_size_min_px,
-            self.caustics.point_size_max_px,
-        );
+        let sizes = (self.caustics.point_size_min_px, self.caustics.point_size_max_px);
         within("caustics", "point_size_min_px", sizes.0, 0.1, 1024.0)?;
         within("caustics", "point_size_max_px", sizes.1, sizes.0, 1024.0)?;
-        within(
-            "caustics",
-            "depth_bias_m",
-            self.caustics.depth_bias_m,
-            0.0,
-            100.0,
-        )?;
+        within("caustics", "depth_bias_m", self.caustics.depth_bias_m, 0.0, 100.0)?;
         self.godrays.validate("godrays")?;
-        within(
-            "godrays",
-            "line_width_px",
-            self.godrays.line_width_px,
-            0.1,
-            1024.0,
-        )?;
+        within("godrays", "line_width_px", self.godrays.line_width_px, 0.1, 1024.0)?;
         within("godrays", "phase_k", self.godrays.phase_k, -0.99, 0.99)?;
-        within(
-            "godrays",
-            "scattering_per_m",
-            self.godrays.scattering_per_m,
-            0.0,
-            1e3,
-        )?;
+        within("godrays", "scattering_per_m", self.godrays.scattering_per_m, 0.0, 1e3)?;
         within("compose", "exposure", self.compose.exposure, 0.0, 1e6)?;
-        within(
-            "compose",
-            "occlusion_taps",
-            f64::from(self.compose.occlusion_taps),
-            0.0,
-            256.0,
-        )?;
-        within(
-            "compose",
-            "occlusion_radius_m",
-            self.compose.occlusion_radius_m,
-            1e-3,
-            1e3,
-        )
+        within("compose", "occlusion_taps", f64::from(self.compose.occlusion_taps), 0.0, 256.0)?;
+        within("compose", "occlusion_radius_m", self.compose.occlusion_radius_m, 1e-3, 1e3)
     }
 
     pub fn caustics_buffer(&self) -> [u32; 2] {

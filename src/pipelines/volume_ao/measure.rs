@@ -18,14 +18,8 @@ impl VolumeAo {
         let covered = depth.iter().filter(|z| **z < 1.0).count();
         let covered_share = covered as f64 / depth.len() as f64;
         let buffer_px = self.params.buffer_px();
-        let counts = march::count(
-            gpu,
-            &self.shared,
-            self.volumes(),
-            &self.seen,
-            &self.marching,
-            buffer_px,
-        )?;
+        let counts =
+            march::count(gpu, &self.shared, self.volumes(), &self.seen, &self.marching, buffer_px)?;
         // Per pixel of the occlusion buffer that shows geometry.
         let pixels = covered_share * f64::from(buffer_px[0]) * f64::from(buffer_px[1]);
         let per_pixel = |count: u64| count as f64 / pixels.max(1.0);
@@ -45,9 +39,7 @@ impl VolumeAo {
             figures.push(("step_voxels", self.marching.step_in(&grid)));
         }
         let named = figures.into_iter();
-        Ok(named
-            .map(|(name, value)| (name.to_owned(), value))
-            .collect())
+        Ok(named.map(|(name, value)| (name.to_owned(), value)).collect())
     }
 }
 

@@ -145,10 +145,7 @@ impl Params {
             light: file.light.clone(),
             floor_depth_m: file.floor_depth_m,
             objects: 0,
-            voxel: Voxel {
-                method: Method::Overlap,
-                ..Voxel::default()
-            },
+            voxel: Voxel { method: Method::Overlap, ..Voxel::default() },
             animation: Animation::default(),
             shadow: Shadow::default(),
             ao: Ao::default(),
@@ -272,15 +269,8 @@ mod tests {
 
     #[test]
     fn bits_hold_no_opacities() {
-        let changes = [
-            ("voxel.method", json!("max_alpha")),
-            ("ao.storage", json!("bits")),
-        ];
-        assert!(
-            with(&changes)
-                .unwrap_err()
-                .starts_with("ao.storage is bits")
-        );
+        let changes = [("voxel.method", json!("max_alpha")), ("ao.storage", json!("bits"))];
+        assert!(with(&changes).unwrap_err().starts_with("ao.storage is bits"));
     }
 
     #[test]
@@ -295,10 +285,7 @@ mod tests {
         };
         assert_eq!(fault(&[]), Ok(()));
         let error = fault(&[("ao.r_max_m", json!(0.01))]).unwrap_err();
-        assert!(
-            error.starts_with("ao.r_max_m is 1.000e-2 m, less than a voxel"),
-            "{error}"
-        );
+        assert!(error.starts_with("ao.r_max_m is 1.000e-2 m, less than a voxel"), "{error}");
         let error = fault(&[("ao.r_max_share", json!(0.001))]).unwrap_err();
         assert!(error.starts_with("ao.r_max_share"), "{error}");
         let error = fault(&[("ao.rays", json!(65536))]).unwrap_err();

@@ -88,11 +88,7 @@ fn mean_occlusion(
 fn a_plane_at_any_slant_does_not_occlude_itself() {
     let camera = camera([0.0, 1.0, 1.0], [0.0, 0.0, 0.0]);
     let view = field(&camera, |_, _| 0.0, |_| DVec3::Y);
-    let method = HorizonSplit {
-        rays: 32,
-        ray_steps: 8,
-        ..dense(Attenuation::Hard)
-    };
+    let method = HorizonSplit { rays: 32, ray_steps: 8, ..dense(Attenuation::Hard) };
     let seen = Seen::new(&camera, &view.0, &view.1);
     for y in (0..SIZE[1]).step_by(5) {
         for x in (0..SIZE[0]).step_by(5) {
@@ -119,10 +115,7 @@ fn a_wall_seen_from_before_it_has_its_closed_form() {
             (from_edge > 0.06).then(|| beside_wall(from_edge, attenuation))
         };
         let (bias, rms) = mean_occlusion(&dense(attenuation), &camera, &view, expected);
-        assert!(
-            bias.abs() < 0.012 && rms < 0.03,
-            "{attenuation:?}: {bias} {rms}"
-        );
+        assert!(bias.abs() < 0.012 && rms < 0.03, "{attenuation:?}: {bias} {rms}");
     }
 }
 
@@ -150,12 +143,8 @@ fn rays_find_a_ledge_that_the_horizon_leaves_out() {
     let height = |x: f64, _| if x.abs() < 0.4 { 0.5 } else { 0.0 };
     let view = field(&camera, height, |_| DVec3::Y);
     let seen = Seen::new(&camera, &view.0, &view.1);
-    let split = |rays| HorizonSplit {
-        rays,
-        ray_steps: 16,
-        layer_m: 0.3,
-        ..dense(Attenuation::Hard)
-    };
+    let split =
+        |rays| HorizonSplit { rays, ray_steps: 16, layer_m: 0.3, ..dense(Attenuation::Hard) };
     let pixel = (0..SIZE[0]).find(|x| seen.surface([i64::from(*x), 24]).1.x > 0.5);
     let at = |rays| split(rays).at(&seen, SIZE, pixel.unwrap(), 24).unwrap();
     assert!(at(0) < 0.02, "{}", at(0));

@@ -86,16 +86,12 @@ impl Panel {
     #[cfg(test)]
     pub fn shape(&self) -> Vec<(&str, usize)> {
         let clusters = self.clusters.iter();
-        clusters
-            .map(|(label, bars)| (label.as_str(), bars.len()))
-            .collect()
+        clusters.map(|(label, bars)| (label.as_str(), bars.len())).collect()
     }
 
     fn rows_px(&self) -> u32 {
         let clusters = self.clusters.iter();
-        clusters
-            .map(|(_, bars)| bars.len() as u32 * BAR_PX + SPACE_PX)
-            .sum()
+        clusters.map(|(_, bars)| bars.len() as u32 * BAR_PX + SPACE_PX).sum()
     }
 
     pub fn height_px(&self) -> u32 {
@@ -105,8 +101,7 @@ impl Panel {
 
     pub fn draw(&self, area: &Area<'_>) -> Drawn {
         let (left, legend) = area.split_horizontally(super::WIDTH_PX - LEGEND_PX);
-        left.draw_text(&self.plot.title, &style::heading(), (16, 8))
-            .map_err(fault)?;
+        left.draw_text(&self.plot.title, &style::heading(), (16, 8)).map_err(fault)?;
         let rows = f64::from(self.rows_px());
         let free = self.height_px() - FRAME_PX - self.rows_px();
         let mut chart = ChartBuilder::on(&left)
@@ -131,10 +126,7 @@ impl Panel {
             .x_desc(self.plot.y_title.as_deref().unwrap_or("time (ms)"))
             .draw()
             .map_err(fault)?;
-        let canvas = Canvas {
-            left: &left,
-            area: chart.plotting_area(),
-        };
+        let canvas = Canvas { left: &left, area: chart.plotting_area() };
         let mut row = rows - f64::from(SPACE_PX) / 2.0;
         for (label, bars) in &self.clusters {
             let middle = row - f64::from(BAR_PX) * bars.len() as f64 / 2.0;
@@ -150,29 +142,20 @@ impl Panel {
 
     fn legend(&self, area: &Area<'_>) -> Drawn {
         let mut y = 42;
-        for (index, series) in self
-            .series
-            .iter()
-            .enumerate()
-            .filter(|(_, name)| !name.is_empty())
-        {
+        for (index, series) in self.series.iter().enumerate().filter(|(_, name)| !name.is_empty()) {
             let color = style::color(index).mix(0.8);
-            area.draw(&Rectangle::new([(6, y - 6), (18, y + 6)], color.filled()))
-                .map_err(fault)?;
+            area.draw(&Rectangle::new([(6, y - 6), (18, y + 6)], color.filled())).map_err(fault)?;
             for piece in style::wrap(series, 28) {
-                area.draw_text(&piece, &style::starting(style::label()), (26, y))
-                    .map_err(fault)?;
+                area.draw_text(&piece, &style::starting(style::label()), (26, y)).map_err(fault)?;
                 y += 18;
             }
         }
         if !self.published.is_empty() {
             let line = vec![(12, y - 8), (12, y + 8)];
-            area.draw(&PathElement::new(line, style::INK.stroke_width(4)))
-                .map_err(fault)?;
+            area.draw(&PathElement::new(line, style::INK.stroke_width(4))).map_err(fault)?;
         }
         for line in &self.published {
-            area.draw_text(line, &style::starting(style::label()), (26, y))
-                .map_err(fault)?;
+            area.draw_text(line, &style::starting(style::label()), (26, y)).map_err(fault)?;
             y += 18;
         }
         Ok(())
@@ -200,18 +183,14 @@ impl Canvas<'_, '_> {
     fn write(&self, line: &str, style: TextStyle<'_>, at: (f64, f64), shift: i32) -> Drawn {
         let (x, y) = self.area.map_coordinate(&at);
         let (x0, y0) = self.left.get_base_pixel();
-        self.left
-            .draw_text(line, &style, (x - x0 + shift, y - y0))
-            .map_err(fault)
+        self.left.draw_text(line, &style, (x - x0 + shift, y - y0)).map_err(fault)
     }
 
     fn bar(&self, bar: &Bar, row: f64) -> Drawn {
         let (top, middle) = (row + f64::from(BAR_PX), row + f64::from(BAR_PX) / 2.0);
         let corners = [(0.0, row + 2.0), (bar.value.median, top - 2.0)];
         let color = style::color(bar.series).mix(0.8);
-        self.area
-            .draw(&Rectangle::new(corners, color.filled()))
-            .map_err(fault)?;
+        self.area.draw(&Rectangle::new(corners, color.filled())).map_err(fault)?;
         self.line([(bar.value.low, middle), (bar.value.high, middle)], 2)?;
         if let Some((short, long)) = bar.published {
             for at in [short, long] {
@@ -219,12 +198,7 @@ impl Canvas<'_, '_> {
             }
         }
         let end = (bar.value.high, middle);
-        self.write(
-            &three(bar.value.median),
-            style::starting(style::small()),
-            end,
-            6,
-        )
+        self.write(&three(bar.value.median), style::starting(style::small()), end, 6)
     }
 
     fn line(&self, ends: [(f64, f64); 2], width: u32) -> Drawn {

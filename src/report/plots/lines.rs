@@ -75,9 +75,7 @@ impl Panel {
         let points = || series.iter().flat_map(|series| &series.points);
         let x = Scale::fit(kind, points().map(|point| point.x))?;
         let ends = points().flat_map(|point| [point.low, point.y, point.high]);
-        let marked = published
-            .iter()
-            .flat_map(|mark| [mark.span_ms.0, mark.span_ms.1]);
+        let marked = published.iter().flat_map(|mark| [mark.span_ms.0, mark.span_ms.1]);
         let y = Scale::fit(kind, ends.chain(marked))?;
         Some(Panel {
             plot: plot.clone(),
@@ -95,8 +93,7 @@ impl Panel {
 
     pub fn draw(&self, area: &Area<'_>) -> Drawn {
         let (left, legend) = area.split_horizontally(super::WIDTH_PX - LEGEND_PX);
-        left.draw_text(&self.plot.title, &style::heading(), (16, 8))
-            .map_err(fault)?;
+        left.draw_text(&self.plot.title, &style::heading(), (16, 8)).map_err(fault)?;
         let mut chart = ChartBuilder::on(&left)
             .margin_top(34)
             .margin_right(16)
@@ -123,10 +120,7 @@ impl Panel {
             .y_desc(y_title)
             .draw()
             .map_err(fault)?;
-        let canvas = Canvas {
-            area: chart.plotting_area(),
-            panel: self,
-        };
+        let canvas = Canvas { area: chart.plotting_area(), panel: self };
         for (index, series) in self.series.iter().enumerate() {
             canvas.series(index, series)?;
         }
@@ -141,20 +135,14 @@ impl Panel {
         for (index, series) in self.series.iter().enumerate() {
             let color = style::color(index);
             let outline = shifted(&style::marker(index), (12, y));
-            area.draw(&Polygon::new(outline, color.filled()))
-                .map_err(fault)?;
-            let lines = [
-                (&series.name, true),
-                (&series.group, false),
-                (&series.remark, false),
-            ];
+            area.draw(&Polygon::new(outline, color.filled())).map_err(fault)?;
+            let lines = [(&series.name, true), (&series.group, false), (&series.remark, false)];
             y = entry(area, y, &lines)?;
         }
         if let Some((figures, hardware)) = self.published_lines.split_first() {
             for ray in STAR {
                 let ray = shifted(&ray, (12, y));
-                area.draw(&PathElement::new(ray, style::INK.stroke_width(2)))
-                    .map_err(fault)?;
+                area.draw(&PathElement::new(ray, style::INK.stroke_width(2))).map_err(fault)?;
             }
             let rest = hardware.iter().map(|line| (line, false));
             let lines: Vec<(&String, bool)> = [(figures, true)].into_iter().chain(rest).collect();
@@ -174,13 +162,8 @@ impl Plot {
 fn entry(area: &Area<'_>, mut y: i32, lines: &[(&String, bool)]) -> Result<i32, String> {
     for (line, strong) in lines.iter().filter(|(line, _)| !line.is_empty()) {
         for piece in style::wrap(line, LEGEND_CHARACTERS) {
-            let style = if *strong {
-                style::label()
-            } else {
-                style::small()
-            };
-            area.draw_text(&piece, &style::starting(style), (26, y))
-                .map_err(fault)?;
+            let style = if *strong { style::label() } else { style::small() };
+            area.draw_text(&piece, &style::starting(style), (26, y)).map_err(fault)?;
             y += 16;
         }
     }
@@ -192,12 +175,8 @@ fn shifted(outline: &[(i32, i32)], (x, y): (i32, i32)) -> Vec<(i32, i32)> {
 }
 
 /// The mark of published figures.
-const STAR: [[(i32, i32); 2]; 4] = [
-    [(-6, 0), (6, 0)],
-    [(0, -6), (0, 6)],
-    [(-4, -4), (4, 4)],
-    [(-4, 4), (4, -4)],
-];
+const STAR: [[(i32, i32); 2]; 4] =
+    [[(-6, 0), (6, 0)], [(0, -6), (0, 6)], [(-4, -4), (4, 4)], [(-4, 4), (4, -4)]];
 
 impl Series {
     fn new(plot: &Plot, x: &Measure, y: &Measure, group: &str, cells: &[&Cell]) -> Series {
@@ -240,10 +219,7 @@ fn ends(fit: &Scaling, x_unit: f64, y_unit: f64) -> [(f64, f64); 2] {
 
 fn remark(fit: &Scaling) -> String {
     let slope = &fit.slope;
-    let mut remark = format!(
-        "slope {:.2} ({:.2} – {:.2})",
-        slope.slope, slope.low, slope.high
-    );
+    let mut remark = format!("slope {:.2} ({:.2} – {:.2})", slope.slope, slope.low, slope.high);
     if fit.left_out > 0 {
         remark += &format!(", {} left out", fit.left_out);
     }
@@ -254,10 +230,7 @@ fn remark(fit: &Scaling) -> String {
 fn marks(experiment: &Experiment, x: &Measure, cells: &[&Cell]) -> Vec<Mark> {
     let mark = |cell: &&Cell| {
         let at = x.read(cell, measured(cell)?)?.estimate.median;
-        Some(Mark {
-            x: at * unit(x),
-            span_ms: experiment.published_for(cell)?.span_ms(),
-        })
+        Some(Mark { x: at * unit(x), span_ms: experiment.published_for(cell)?.span_ms() })
     };
     cells.iter().filter_map(mark).collect()
 }
@@ -276,9 +249,7 @@ impl Canvas<'_, '_> {
         let [Some(a), Some(b)] = ends else {
             return Ok(());
         };
-        self.area
-            .draw(&PathElement::new(vec![a, b], style))
-            .map_err(fault)
+        self.area.draw(&PathElement::new(vec![a, b], style)).map_err(fault)
     }
 
     fn series(&self, index: usize, series: &Series) -> Drawn {

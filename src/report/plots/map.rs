@@ -97,21 +97,12 @@ impl Panel {
             title: title(plot, experiment, &panel),
         };
         let maps: Vec<Grid> = panels.into_iter().map(grid).collect();
-        let all = || {
-            maps.iter()
-                .flat_map(|map| map.fields.iter().flatten().flatten())
-        };
+        let all = || maps.iter().flat_map(|map| map.fields.iter().flatten().flatten());
         let ends = [f64::min, f64::max].map(|end| all().copied().reduce(end));
         let [Some(low), Some(high)] = ends else {
             return Ok(None);
         };
-        Ok(Some(Panel {
-            plot: plot.clone(),
-            columns,
-            rows,
-            maps,
-            range: (low, high),
-        }))
+        Ok(Some(Panel { plot: plot.clone(), columns, rows, maps, range: (low, high) }))
     }
 
     /// The numbers, a table for each map.
@@ -121,9 +112,7 @@ impl Panel {
             let head = self.columns.labels.iter().map(label_text);
             let mut table = Table::new([corner].into_iter().chain(head));
             for (row, fields) in self.rows.labels.iter().zip(&map.fields) {
-                let fields = fields
-                    .iter()
-                    .map(|field| field.map_or_else(|| "–".to_owned(), three));
+                let fields = fields.iter().map(|field| field.map_or_else(|| "–".to_owned(), three));
                 table.row([label_text(row)].into_iter().chain(fields));
             }
             let title = [self.plot.title.as_str(), &map.title];
@@ -153,15 +142,12 @@ impl Panel {
     }
 
     pub fn draw(&self, area: &Area<'_>) -> Drawn {
-        area.draw_text(&self.plot.title, &style::heading(), (16, 8))
-            .map_err(fault)?;
+        area.draw_text(&self.plot.title, &style::heading(), (16, 8)).map_err(fault)?;
         let (width, height) = self.map_px();
         for (index, map) in self.maps.iter().enumerate() {
             let index = index as i32;
-            let at = (
-                16 + index % self.across() * width,
-                TITLE_PX + index / self.across() * height,
-            );
+            let at =
+                (16 + index % self.across() * width, TITLE_PX + index / self.across() * height);
             self.map(area, map, at)?;
         }
         self.legend(area)
@@ -176,20 +162,12 @@ impl Panel {
         write(&self.rows.title, &style::small(), (x, y + 38))?;
         for (index, column) in self.columns.labels.iter().enumerate() {
             let middle = left + index as i32 * FIELD_PX.0 + FIELD_PX.0 / 2;
-            write(
-                &label_text(column),
-                &style::centered(style::label()),
-                (middle, top - 10),
-            )?;
+            write(&label_text(column), &style::centered(style::label()), (middle, top - 10))?;
         }
         for (index, (row, fields)) in self.rows.labels.iter().zip(&map.fields).enumerate() {
             let upper = top + index as i32 * FIELD_PX.1;
             let middle = upper + FIELD_PX.1 / 2;
-            write(
-                &label_text(row),
-                &style::ending(style::label()),
-                (left - 8, middle),
-            )?;
+            write(&label_text(row), &style::ending(style::label()), (left - 8, middle))?;
             for (index, field) in fields.iter().enumerate() {
                 self.field(area, *field, (left + index as i32 * FIELD_PX.0, upper))?;
             }
@@ -200,23 +178,17 @@ impl Panel {
     fn field(&self, area: &Area<'_>, value: Option<f64>, (x, y): (i32, i32)) -> Drawn {
         let color = value.map_or(style::GRID, |value| style::shade(self.share(value)));
         let corners = [(x + 1, y + 1), (x + FIELD_PX.0 - 1, y + FIELD_PX.1 - 1)];
-        area.draw(&Rectangle::new(corners, color.filled()))
-            .map_err(fault)?;
+        area.draw(&Rectangle::new(corners, color.filled())).map_err(fault)?;
         let number = value.map_or_else(|| "–".to_owned(), three);
         let ink = style::on(color, style::label());
         let middle = (x + FIELD_PX.0 / 2, y + FIELD_PX.1 / 2);
-        area.draw_text(&number, &style::centered(ink), middle)
-            .map_err(fault)
+        area.draw_text(&number, &style::centered(ink), middle).map_err(fault)
     }
 
     /// Place of a value on the colour scale, 0 … 1.
     fn share(&self, value: f64) -> f64 {
         let (low, high) = self.range;
-        if high > low {
-            (value - low) / (high - low)
-        } else {
-            0.0
-        }
+        if high > low { (value - low) / (high - low) } else { 0.0 }
     }
 
     fn legend(&self, area: &Area<'_>) -> Drawn {
@@ -228,23 +200,20 @@ impl Panel {
             let edge = |step: i32| top + height * step / STEPS;
             let share = 1.0 - (f64::from(step) + 0.5) / f64::from(STEPS);
             let corners = [(left, edge(step)), (left + 16, edge(step + 1))];
-            area.draw(&Rectangle::new(corners, style::shade(share).filled()))
-                .map_err(fault)?;
+            area.draw(&Rectangle::new(corners, style::shade(share).filled())).map_err(fault)?;
         }
         let (low, high) = self.range;
         for share in [0.0, 0.5, 1.0] {
             let label = three(low + share * (high - low));
             let at = (left + 22, top + height - (share * f64::from(height)) as i32);
-            area.draw_text(&label, &style::starting(style::label()), at)
-                .map_err(fault)?;
+            area.draw_text(&label, &style::starting(style::label()), at).map_err(fault)?;
         }
         let title = self.plot.y_title.clone();
         let title = title.unwrap_or_else(|| self.plot.y[0].to_string());
         let title = style::wrap(&title, 18);
         let start = top - 8 - 15 * title.len() as i32;
         for (line, piece) in (0..).zip(&title) {
-            area.draw_text(piece, &style::small(), (left, start + 15 * line))
-                .map_err(fault)?;
+            area.draw_text(piece, &style::small(), (left, start + 15 * line)).map_err(fault)?;
         }
         Ok(())
     }

@@ -18,11 +18,8 @@ use crate::experiments::{self, Measure};
 use crate::record::Cell;
 use crate::text;
 
-pub const EXPORTER: Exporter = Exporter {
-    name: "EXPERIMENT.svg",
-    about: "a figure per experiment",
-    export,
-};
+pub const EXPORTER: Exporter =
+    Exporter { name: "EXPERIMENT.svg", about: "a figure per experiment", export };
 
 const WIDTH_PX: u32 = 980;
 const TITLE_PX: u32 = 56;
@@ -116,24 +113,15 @@ fn export(view: &View<'_>) -> Result<Vec<Artifact>, ReportError> {
             continue;
         }
         let adapter = view.run().map_or("", |run| run.adapter.name.as_str());
-        let svg = figure(section, adapter, panels).map_err(|message| ReportError::Plot {
-            experiment: section.id.to_owned(),
-            message,
-        })?;
-        files.push(Artifact {
-            name: file_name(section),
-            bytes: svg.into_bytes(),
-        });
+        let svg = figure(section, adapter, panels)
+            .map_err(|message| ReportError::Plot { experiment: section.id.to_owned(), message })?;
+        files.push(Artifact { name: file_name(section), bytes: svg.into_bytes() });
     }
     Ok(files)
 }
 
 fn panel(plot: &Plot, experiment: &Experiment, cells: &[&Cell]) -> Result<Panel, &'static str> {
-    let cells: Vec<&Cell> = cells
-        .iter()
-        .copied()
-        .filter(|cell| belongs(plot, cell))
-        .collect();
+    let cells: Vec<&Cell> = cells.iter().copied().filter(|cell| belongs(plot, cell)).collect();
     if cells.len() > MOST_CELLS {
         return Err("it has more than 2,000 cells, which cells.csv lists");
     }
@@ -150,18 +138,11 @@ fn panel(plot: &Plot, experiment: &Experiment, cells: &[&Cell]) -> Result<Panel,
 
 /// Times are shown in milliseconds, everything else as it is.
 fn unit(measure: &Measure) -> f64 {
-    if measure.is_time() {
-        1.0 / NS_PER_MS
-    } else {
-        1.0
-    }
+    if measure.is_time() { 1.0 / NS_PER_MS } else { 1.0 }
 }
 
 fn belongs(plot: &Plot, cell: &Cell) -> bool {
-    let on_axis = plot
-        .over
-        .as_ref()
-        .is_none_or(|over| cell.axes.contains_key(over));
+    let on_axis = plot.over.as_ref().is_none_or(|over| cell.axes.contains_key(over));
     on_axis && experiments::fits(cell, &plot.filter)
 }
 
@@ -172,16 +153,12 @@ fn figure(section: &Section<'_>, adapter: &str, panels: &[Panel]) -> Result<Stri
     {
         let root = SVGBackend::with_string(&mut svg, (WIDTH_PX, height)).into_drawing_area();
         root.fill(&WHITE).map_err(fault)?;
-        let source = section
-            .experiment
-            .as_ref()
-            .map_or("", |experiment| experiment.source.as_str());
+        let source =
+            section.experiment.as_ref().map_or("", |experiment| experiment.source.as_str());
         let title = format!("{}: {}", section.id, section.title());
-        root.draw_text(&title, &style::title(), (16, 12))
-            .map_err(fault)?;
+        root.draw_text(&title, &style::title(), (16, 12)).map_err(fault)?;
         let below = [adapter, source].join(" · ");
-        root.draw_text(&below, &style::small(), (16, 36))
-            .map_err(fault)?;
+        root.draw_text(&below, &style::small(), (16, 36)).map_err(fault)?;
         let (_, mut rest) = root.split_vertically(TITLE_PX);
         for (panel, height) in panels.iter().zip(heights) {
             let (area, below) = rest.split_vertically(height);
@@ -212,10 +189,7 @@ fn published_lines(published: &[&Published]) -> Vec<String> {
     }
     let first = format!("published: {} fps", figures.join(", "));
     let parts = hardware.iter().flat_map(|text| text.split(", "));
-    [first]
-        .into_iter()
-        .chain(parts.map(str::to_owned))
-        .collect()
+    [first].into_iter().chain(parts.map(str::to_owned)).collect()
 }
 
 fn fault<E: std::fmt::Display>(error: E) -> String {
@@ -295,19 +269,14 @@ mod tests {
         let mut random = rand::SeedableRng::seed_from_u64(1);
         let mut records = vec![
             Record::Run(Box::new(fixtures::header("quick"))),
-            Record::Experiment(Definition {
-                id: "own".to_owned(),
-                toml: MAPPED.to_owned(),
-            }),
+            Record::Experiment(Definition { id: "own".to_owned(), toml: MAPPED.to_owned() }),
         ];
         for (number, plan) in (0..).zip(experiment.cells("quick", &[], &[]).unwrap()) {
             let mut measured = fixtures::measure(&experiment, &plan, &mut random);
             let name = "caustics_photon_error_p99_m".to_owned();
             measured.quantities.insert(name, f64::from(number));
             let outcome = match number {
-                7 => Outcome::Failed {
-                    reason: "lost".to_owned(),
-                },
+                7 => Outcome::Failed { reason: "lost".to_owned() },
                 _ => Outcome::Measured(Box::new(measured)),
             };
             records.push(fixtures::cell(&plan, outcome));
@@ -330,15 +299,7 @@ mod tests {
         assert!(port.contains("| 10 | 3.00 | – | 11.0 |"), "{port}");
         let files = export(&view).unwrap();
         let svg = String::from_utf8(files[0].bytes.clone()).unwrap();
-        for text in [
-            "Error",
-            "error (m)",
-            "grid",
-            "tank",
-            "11.0",
-            "5.50",
-            "By scene",
-        ] {
+        for text in ["Error", "error (m)", "grid", "tank", "11.0", "5.50", "By scene"] {
             assert!(svg.contains(text), "{text}");
         }
     }

@@ -89,23 +89,14 @@ impl Scale {
                 .collect()
         };
         // The sparsest set of multiples that still gives three ticks.
-        let choices: [&[f64]; 4] = [
-            &[1.0],
-            &[1.0, 3.0],
-            &[1.0, 2.0, 5.0],
-            &[1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0],
-        ];
+        let choices: [&[f64]; 4] =
+            [&[1.0], &[1.0, 3.0], &[1.0, 2.0, 5.0], &[1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0]];
         let ticks = choices
             .iter()
             .map(|multiples| within(multiples))
             .find(|ticks| ticks.len() >= 3)
             .unwrap_or_else(|| within(choices[3]));
-        Scale {
-            kind: Kind::Log,
-            low,
-            high,
-            ticks,
-        }
+        Scale { kind: Kind::Log, low, high, ticks }
     }
 
     /// The same from zero on, for bars.
@@ -149,11 +140,7 @@ mod tests {
     use super::*;
 
     fn labels(scale: &Scale) -> Vec<String> {
-        scale
-            .ticks
-            .iter()
-            .map(|tick| scale.tick_label(*tick))
-            .collect()
+        scale.ticks.iter().map(|tick| scale.tick_label(*tick)).collect()
     }
 
     #[test]

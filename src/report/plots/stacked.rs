@@ -42,10 +42,8 @@ struct Bar {
 impl Panel {
     /// None where no cell was measured.
     pub fn new(plot: &Plot, experiment: &Experiment, cells: &[&Cell]) -> Option<Panel> {
-        let figures: Vec<(&Cell, &Measured)> = cells
-            .iter()
-            .filter_map(|cell| Some((*cell, measured(cell)?)))
-            .collect();
+        let figures: Vec<(&Cell, &Measured)> =
+            cells.iter().filter_map(|cell| Some((*cell, measured(cell)?))).collect();
         let stages = coloured(&figures);
         let bars: Vec<Bar> = figures
             .iter()
@@ -53,22 +51,14 @@ impl Panel {
             .collect();
         let ends = bars.iter().flat_map(|bar| {
             let timed: f64 = bar.parts.iter().sum::<f64>() + bar.gaps;
-            [
-                timed,
-                bar.frame.high,
-                bar.published.map_or(0.0, |span| span.1),
-            ]
+            [timed, bar.frame.high, bar.published.map_or(0.0, |span| span.1)]
         });
         let scale = Scale::fit(Kind::Linear, ends)?.reaching_zero();
-        let published: Vec<&Published> = figures
-            .iter()
-            .filter_map(|(cell, _)| experiment.published_for(cell))
-            .collect();
+        let published: Vec<&Published> =
+            figures.iter().filter_map(|(cell, _)| experiment.published_for(cell)).collect();
         Some(Panel {
             plot: plot.clone(),
-            has_rest: bars
-                .iter()
-                .any(|bar| bar.parts.last().is_some_and(|rest| *rest > 0.0)),
+            has_rest: bars.iter().any(|bar| bar.parts.last().is_some_and(|rest| *rest > 0.0)),
             stages,
             bars,
             scale,
@@ -92,8 +82,7 @@ impl Panel {
 
     pub fn draw(&self, area: &Area<'_>) -> Drawn {
         let (left, legend) = area.split_horizontally(super::WIDTH_PX - LEGEND_PX);
-        left.draw_text(&self.plot.title, &style::heading(), (16, 8))
-            .map_err(fault)?;
+        left.draw_text(&self.plot.title, &style::heading(), (16, 8)).map_err(fault)?;
         let rows = self.bars.len() as f64;
         let free = self.height_px() - FRAME_PX - self.bars_px();
         let mut chart = ChartBuilder::on(&left)
@@ -120,9 +109,7 @@ impl Panel {
             .map_err(fault)?;
         for (index, bar) in self.bars.iter().enumerate() {
             let row = rows - 1.0 - index as f64;
-            chart
-                .draw_series(self.rectangles(bar, row))
-                .map_err(fault)?;
+            chart.draw_series(self.rectangles(bar, row)).map_err(fault)?;
             for (line, width) in lines(bar, row) {
                 let line = PathElement::new(line, style::INK.stroke_width(width));
                 chart.plotting_area().draw(&line).map_err(fault)?;
@@ -145,9 +132,7 @@ impl Panel {
     fn rectangles(&self, bar: &Bar, row: f64) -> Vec<Rectangle<(f64, f64)>> {
         let mut start = 0.0;
         let mut shapes = Vec::new();
-        let colours = (0..self.stages.len())
-            .map(style::color)
-            .chain([style::REST]);
+        let colours = (0..self.stages.len()).map(style::color).chain([style::REST]);
         let parts = bar.parts.iter().copied().zip(colours);
         for (length, color) in parts.chain([(bar.gaps, style::GRID)]) {
             let corners = [(start, row + 0.18), (start + length, row + 0.82)];
@@ -172,18 +157,15 @@ impl Panel {
         rows.push((style::GRID, "gaps between passes"));
         let mut y = 42;
         for (color, name) in rows {
-            area.draw(&Rectangle::new([(6, y - 6), (18, y + 6)], color.filled()))
-                .map_err(fault)?;
+            area.draw(&Rectangle::new([(6, y - 6), (18, y + 6)], color.filled())).map_err(fault)?;
             y = write(area, name, y)?;
         }
         let diamond = diamond((12, y));
-        area.draw(&Polygon::new(diamond, style::INK.filled()))
-            .map_err(fault)?;
+        area.draw(&Polygon::new(diamond, style::INK.filled())).map_err(fault)?;
         y = write(area, "frame without stage timing", y)?;
         if !self.published.is_empty() {
             let line = vec![(12, y - 8), (12, y + 8)];
-            area.draw(&PathElement::new(line, style::INK.stroke_width(4)))
-                .map_err(fault)?;
+            area.draw(&PathElement::new(line, style::INK.stroke_width(4))).map_err(fault)?;
         }
         for line in &self.published {
             y = write(area, line, y)?;
@@ -193,8 +175,7 @@ impl Panel {
 }
 
 fn write(area: &Area<'_>, line: &str, y: i32) -> Result<i32, String> {
-    area.draw_text(line, &style::starting(style::label()), (26, y))
-        .map_err(fault)?;
+    area.draw_text(line, &style::starting(style::label()), (26, y)).map_err(fault)?;
     Ok(y + LEGEND_ROW_PX as i32)
 }
 
@@ -261,11 +242,7 @@ fn label(cell: &Cell) -> String {
             }
         })
         .collect();
-    if values.is_empty() {
-        cell.scene.clone()
-    } else {
-        values.join(", ")
-    }
+    if values.is_empty() { cell.scene.clone() } else { values.join(", ") }
 }
 
 /// What fits beside the bars.

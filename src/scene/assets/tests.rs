@@ -10,10 +10,7 @@ const ABC: Asset = Asset {
     about: "three letters",
     file: "abc.txt",
     sha256: "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad",
-    source: Source::Package(Package::Debian {
-        package: "abc-data",
-        path: "/usr/share/abc.txt",
-    }),
+    source: Source::Package(Package::Debian { package: "abc-data", path: "/usr/share/abc.txt" }),
     content: Content::Mesh,
     stand_in: ("knot", &[]),
 };
@@ -40,9 +37,7 @@ fn absent_installed_and_cached_are_told_apart() {
     let places = places(folder.path(), Some("abc"));
     let status = places.status(&ABC);
     assert_eq!(status.origin, "installed by Debian package abc-data");
-    let stored = places
-        .store(&ABC, &status.path.expect("found"))
-        .expect("stored");
+    let stored = places.store(&ABC, &status.path.expect("found")).expect("stored");
     assert_eq!(std::fs::read_to_string(stored).expect("text"), "abc");
     assert_eq!(places.status(&ABC).origin, "cached");
 }
@@ -64,23 +59,15 @@ fn a_file_with_another_sum_is_never_used() {
 fn crates_are_found_in_any_registry() {
     let folder = tempfile::tempdir().expect("folder");
     let places = places(folder.path(), None);
-    let inside = folder
-        .path()
-        .join("cargo/registry/src/some-registry/abc-1.0.0/media");
+    let inside = folder.path().join("cargo/registry/src/some-registry/abc-1.0.0/media");
     std::fs::create_dir_all(&inside).expect("folder");
     std::fs::write(inside.join("abc.txt"), "abc").expect("file");
-    assert_eq!(
-        places.in_registry("abc-1.0.0", "media/abc.txt"),
-        [inside.join("abc.txt")]
-    );
+    assert_eq!(places.in_registry("abc-1.0.0", "media/abc.txt"), [inside.join("abc.txt")]);
     assert!(places.in_registry("abc-2.0.0", "media/abc.txt").is_empty());
 }
 
 /// [`ABC`], but no package has it.
-const BY_HAND: Asset = Asset {
-    source: Source::ByHand,
-    ..ABC
-};
+const BY_HAND: Asset = Asset { source: Source::ByHand, ..ABC };
 
 #[test]
 fn an_asset_without_package_is_told_to_be_absent_and_that_is_no_failure() {

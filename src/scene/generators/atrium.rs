@@ -18,13 +18,7 @@ pub const GENERATORS: &[Generator] = &[Generator {
     params: &[
         param("length_m", 34.0, 4.0, 500.0, "outer extent in x"),
         param("width_m", 15.0, 4.0, 500.0, "outer extent in z"),
-        param(
-            "court_m",
-            5.5,
-            1.0,
-            500.0,
-            "width of the open court, at most half of width_m",
-        ),
+        param("court_m", 5.5, 1.0, 500.0, "width of the open court, at most half of width_m"),
         param("storey_m", 5.0, 1.0, 50.0, "height of a storey"),
         param("bays", 9.0, 1.0, 40.0, "arches along each side"),
     ],
@@ -40,14 +34,8 @@ fn arcade(a: &Args) -> Mesh {
         cuboid(DVec3::new(-x, -wall, -z), DVec3::new(x, 0.0, z)),
         cuboid(DVec3::new(-x, 0.0, -z), DVec3::new(-x + wall, top, z)),
         cuboid(DVec3::new(x - wall, 0.0, -z), DVec3::new(x, top, z)),
-        cuboid(
-            DVec3::new(-x + wall, 0.0, -z),
-            DVec3::new(x - wall, top, -z + wall),
-        ),
-        cuboid(
-            DVec3::new(-x + wall, 0.0, z - wall),
-            DVec3::new(x - wall, top, z),
-        ),
+        cuboid(DVec3::new(-x + wall, 0.0, -z), DVec3::new(x - wall, top, -z + wall)),
+        cuboid(DVec3::new(-x + wall, 0.0, z - wall), DVec3::new(x - wall, top, z)),
     ]);
     for side in [-1.0, 1.0] {
         for floor in 0..2 {
@@ -73,12 +61,7 @@ fn row(a: &Args, half: f64, storey: f64) -> Mesh {
     let columns = (0..=bays).map(|i| moved(post.clone(), i as f64 * step - half, 0.0, 0.0));
     let arches = (0..bays).map(|i| {
         let middle = (i as f64 + 0.5) * step - half;
-        moved(
-            arch(step, storey - 0.25 - spring, radius),
-            middle,
-            spring,
-            0.0,
-        )
+        moved(arch(step, storey - 0.25 - spring, radius), middle, spring, 0.0)
     });
     merged(columns.chain(arches))
 }
@@ -122,8 +105,7 @@ fn arch(step: f64, height: f64, radius: f64) -> Mesh {
             low(u).lerp(low(u).with_y(height), v) + DVec3::Z * z
         })
     };
-    let soffit = surface((30, 1), (false, false), |u, v| {
-        low(u) + DVec3::Z * thick * (2.0 * v - 1.0)
-    });
+    let soffit =
+        surface((30, 1), (false, false), |u, v| low(u) + DVec3::Z * thick * (2.0 * v - 1.0));
     merged([face(thick), face(-thick).inverted(), soffit])
 }

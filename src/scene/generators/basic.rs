@@ -62,25 +62,15 @@ pub const GENERATORS: &[Generator] = &[
         name: "torus",
         about: "a ring lying on the floor",
         params: &[
-            param(
-                "radius_m",
-                0.7,
-                0.001,
-                1000.0,
-                "radius of the ring's middle",
-            ),
+            param("radius_m", 0.7, 0.001, 1000.0, "radius of the ring's middle"),
             param("tube_m", 0.22, 0.001, 1000.0, "radius of its tube"),
             param("segments", 72.0, 3.0, 200.0, "quads around the ring"),
             param("sides", 32.0, 3.0, 100.0, "quads around the tube"),
         ],
         build: |a| {
             let tube = a.get("tube_m");
-            let mesh = shapes::torus(
-                a.get("radius_m"),
-                tube,
-                a.count("segments"),
-                a.count("sides"),
-            );
+            let mesh =
+                shapes::torus(a.get("radius_m"), tube, a.count("segments"), a.count("sides"));
             raised(mesh, tube)
         },
     },
@@ -90,13 +80,7 @@ pub const GENERATORS: &[Generator] = &[
         params: &[
             param("radius_m", 0.75, 0.001, 1000.0, "mean radius"),
             param("rows", 40.0, 3.0, 160.0, "rings from pole to pole"),
-            param(
-                "bump",
-                0.35,
-                0.0,
-                0.9,
-                "depth of the bumps as a share of the radius",
-            ),
+            param("bump", 0.35, 0.0, 0.9, "depth of the bumps as a share of the radius"),
             SEED,
         ],
         build: blob,

@@ -89,10 +89,7 @@ pub const GENERATORS: &[Generator] = &[
 /// A brick from the origin along +x and +z, `height` high, with or without studs.
 fn brick([columns, rows]: [usize; 2], height: f64, segments: usize, studs: bool) -> Mesh {
     let (x, z) = (columns as f64, rows as f64);
-    let mut mesh = cuboid(
-        DVec3::new(GAP, 0.0, GAP),
-        DVec3::new(x - GAP, height, z - GAP),
-    );
+    let mut mesh = cuboid(DVec3::new(GAP, 0.0, GAP), DVec3::new(x - GAP, height, z - GAP));
     let stud = cylinder(STUD_RADIUS, STUD_HEIGHT + ROOT, segments);
     let places = if studs { columns * rows } else { 0 };
     for i in 0..places {
@@ -159,11 +156,8 @@ fn roof(a: &Args) -> Mesh {
     for i in 0..rows.div_ceil(2) {
         let y = i as f64 * BRICK;
         let (near, far) = (i, rows - i);
-        let strips = if far - near <= 4 {
-            vec![(near, far - near)]
-        } else {
-            vec![(near, 2), (far - 2, 2)]
-        };
+        let strips =
+            if far - near <= 4 { vec![(near, far - near)] } else { vec![(near, 2), (far - 2, 2)] };
         for (row, width) in strips {
             let strip = brick([columns, width], BRICK, segments, true);
             mesh.append(&moved(strip, 0.0, y, row as f64));
@@ -178,10 +172,7 @@ fn loose(a: &Args) -> Mesh {
     let segments = a.count("segments");
     let mut mesh = Mesh::default();
     for _ in 0..a.count("count") {
-        let (x, z) = (
-            dice.between(-0.5, 0.5) * width,
-            dice.between(-0.5, 0.5) * depth,
-        );
+        let (x, z) = (dice.between(-0.5, 0.5) * width, dice.between(-0.5, 0.5) * depth);
         let turn = dice.between(0.0, TAU);
         let second = dice.between(0.0, 1.0) > 0.7;
         let mut pile = random_brick(&mut dice, segments);
@@ -198,10 +189,7 @@ fn loose(a: &Args) -> Mesh {
 
 /// About the y axis, with one to four columns and one or two rows.
 fn random_brick(dice: &mut Dice, segments: usize) -> Mesh {
-    let size = [
-        dice.between(1.0, 4.99) as usize,
-        dice.between(1.0, 2.99) as usize,
-    ];
+    let size = [dice.between(1.0, 4.99) as usize, dice.between(1.0, 2.99) as usize];
     let mesh = brick(size, BRICK, segments, true);
     moved(mesh, -0.5 * size[0] as f64, 0.0, -0.5 * size[1] as f64)
 }

@@ -33,11 +33,7 @@ fn plank_crate(a: &Args) -> Mesh {
     let edges = (0..3).map(|axis| battens(size, axis, t));
     let mut mesh = merged(sides.chain(edges));
     for s in [-1.0, 1.0] {
-        let (x, y, z) = (
-            0.5 * size.x - t,
-            0.5 * size.y - t,
-            s * (0.5 * size.z - 0.3 * t),
-        );
+        let (x, y, z) = (0.5 * size.x - t, 0.5 * size.y - t, s * (0.5 * size.z - 0.3 * t));
         mesh.append(&bar(DVec3::new(-x, -y, z), DVec3::new(x, y, z), 0.5 * t));
         let (x, z) = (s * (0.5 * size.x - 0.3 * t), 0.5 * size.z - t);
         mesh.append(&bar(DVec3::new(x, -y, -z), DVec3::new(x, y, z), 0.5 * t));

@@ -69,14 +69,8 @@ fn level(a: &Args) -> Mesh {
                 ));
             }
             if kind == 'p' {
-                let base = if line.contains('=') {
-                    PLATFORM * height
-                } else {
-                    0.0
-                };
-                mesh.append(&pillars(a, (start, end), base, |i| {
-                    place(i, row as f64 + 0.5)
-                }));
+                let base = if line.contains('=') { PLATFORM * height } else { 0.0 };
+                mesh.append(&pillars(a, (start, end), base, |i| place(i, row as f64 + 0.5)));
             }
         }
     }
@@ -125,10 +119,7 @@ fn pillars(
     merged((start..end).flat_map(|i| {
         let (x, z) = place(i as f64 + 0.5);
         let plate = |y: f64| {
-            cuboid(
-                DVec3::new(x - half, y, z - half),
-                DVec3::new(x + half, y + thick, z + half),
-            )
+            cuboid(DVec3::new(x - half, y, z - half), DVec3::new(x + half, y + thick, z + half))
         };
         let shaft = cylinder(0.22 * cell, height - base - 2.0 * thick, sides);
         let ground = (base > 0.0).then(|| {
@@ -138,13 +129,9 @@ fn pillars(
                 DVec3::new(x + square, base, z + square),
             )
         });
-        [
-            plate(base),
-            plate(height - thick),
-            moved(shaft, x, base + thick, z),
-        ]
-        .into_iter()
-        .chain(ground)
+        [plate(base), plate(height - thick), moved(shaft, x, base + thick, z)]
+            .into_iter()
+            .chain(ground)
     }))
 }
 

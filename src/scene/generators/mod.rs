@@ -79,8 +79,7 @@ impl Generator {
     /// The mesh for these parameters over a floor `floor_depth_m` below the water.
     pub fn mesh(&self, params: &BTreeMap<String, f64>, floor_depth_m: f64) -> Result<Mesh, String> {
         let mesh = (self.build)(&Args::new(self.name, self.params, params, floor_depth_m)?);
-        mesh.validate()
-            .map_err(|fault| format!("generator `{}`: {fault}", self.name))?;
+        mesh.validate().map_err(|fault| format!("generator `{}`: {fault}", self.name))?;
         Ok(mesh)
     }
 }
@@ -105,18 +104,11 @@ impl<'a> Args<'a> {
         for (name, &value) in given {
             let Some(param) = declared.iter().find(|p| p.name == name) else {
                 let hint = check::hint(name, declared.iter().map(|p| p.name));
-                return Err(format!(
-                    "generator `{generator}` has no parameter `{name}`: {hint}"
-                ));
+                return Err(format!("generator `{generator}` has no parameter `{name}`: {hint}"));
             };
             check::within(&format!("params.{name}"), value, param.low, param.high)?;
         }
-        Ok(Self {
-            generator,
-            declared,
-            given,
-            floor_depth_m,
-        })
+        Ok(Self { generator, declared, given, floor_depth_m })
     }
 
     /// A parameter's value, or its default.
@@ -156,23 +148,11 @@ const fn param(
     high: f64,
     about: &'static str,
 ) -> Param {
-    Param {
-        name,
-        default,
-        low,
-        high,
-        about,
-    }
+    Param { name, default, low, high, about }
 }
 
 /// The seed of a generator with random parts.
-const SEED: Param = param(
-    "seed",
-    1.0,
-    0.0,
-    4_294_967_295.0,
-    "seed of the random numbers",
-);
+const SEED: Param = param("seed", 1.0, 0.0, 4_294_967_295.0, "seed of the random numbers");
 
 #[cfg(test)]
 mod tests {
@@ -266,16 +246,10 @@ mod tests {
     fn unknown_names_get_the_nearest_one() {
         assert!(find("sphear").err().expect("unknown").contains("`sphere`"));
         let params = BTreeMap::from([("radus_m".to_owned(), 1.0)]);
-        let error = find("sphere")
-            .expect("known")
-            .mesh(&params, 3.0)
-            .unwrap_err();
+        let error = find("sphere").expect("known").mesh(&params, 3.0).unwrap_err();
         assert!(error.contains("`radius_m`"), "{error}");
         let params = BTreeMap::from([("radius_m".to_owned(), f64::NAN)]);
-        let error = find("sphere")
-            .expect("known")
-            .mesh(&params, 3.0)
-            .unwrap_err();
+        let error = find("sphere").expect("known").mesh(&params, 3.0).unwrap_err();
         assert!(error.contains("params.radius_m"), "{error}");
     }
 }

@@ -24,13 +24,7 @@ pub const GENERATORS: &[Generator] = &[
             param("width_m", 30.0, 0.1, 1000.0, "extent in x"),
             param("depth_m", 26.0, 0.1, 1000.0, "extent in z"),
             param("bump_m", 0.35, 0.0, 20.0, "height of the bumps"),
-            param(
-                "rise_m",
-                0.6,
-                -20.0,
-                20.0,
-                "rise from the front to the back",
-            ),
+            param("rise_m", 0.6, -20.0, 20.0, "rise from the front to the back"),
             param("cells", 96.0, 1.0, 200.0, "quads along each side"),
             SEED,
         ],
@@ -42,13 +36,7 @@ pub const GENERATORS: &[Generator] = &[
         params: &[
             param("length_m", 30.0, 0.5, 1000.0, "extent in x"),
             param("depth_m", 4.0, 0.2, 1000.0, "extent in z, behind z = 0"),
-            param(
-                "height_m",
-                1.1,
-                0.05,
-                100.0,
-                "height of its top above the water",
-            ),
+            param("height_m", 1.1, 0.05, 100.0, "height of its top above the water"),
             param("course_m", 0.55, 0.05, 10.0, "height of a course of blocks"),
             SEED,
         ],
@@ -60,13 +48,7 @@ pub const GENERATORS: &[Generator] = &[
         params: &[
             param("length_m", 10.0, 0.5, 1000.0, "extent in z"),
             param("width_m", 2.2, 0.2, 100.0, "extent in x"),
-            param(
-                "height_m",
-                0.75,
-                -10.0,
-                100.0,
-                "height of the deck above the water",
-            ),
+            param("height_m", 0.75, -10.0, 100.0, "height of the deck above the water"),
             param("spacing_m", 2.0, 0.3, 100.0, "distance between piles"),
             SEED,
         ],
@@ -91,20 +73,8 @@ pub const GENERATORS: &[Generator] = &[
         params: &[
             param("length_m", 4.6, 0.2, 200.0, "length"),
             param("beam_m", 1.7, 0.1, 100.0, "width"),
-            param(
-                "draught_m",
-                0.35,
-                0.01,
-                20.0,
-                "depth of the keel below the waterline",
-            ),
-            param(
-                "freeboard_m",
-                0.5,
-                0.01,
-                20.0,
-                "height of the sides above the waterline",
-            ),
+            param("draught_m", 0.35, 0.01, 20.0, "depth of the keel below the waterline"),
+            param("freeboard_m", 0.5, 0.01, 20.0, "height of the sides above the waterline"),
         ],
         build: hull,
     },
@@ -121,13 +91,7 @@ pub const GENERATORS: &[Generator] = &[
             param("to_x_m", 2.0, -1000.0, 1000.0, "the point's x"),
             param("to_y_m", 0.0, -1000.0, 1000.0, "the point's y"),
             param("to_z_m", 0.0, -1000.0, 1000.0, "the point's z"),
-            param(
-                "sag_m",
-                0.4,
-                0.0,
-                100.0,
-                "how far its middle hangs below the straight line",
-            ),
+            param("sag_m", 0.4, 0.0, 100.0, "how far its middle hangs below the straight line"),
             param("radius_m", 0.025, 0.001, 10.0, "radius"),
         ],
         build: rope,
@@ -153,10 +117,7 @@ fn quay(a: &Args) -> Mesh {
     let mut dice = a.rng();
     let coping = 0.18f64.min(0.3 * top);
     let half = 0.5 * length;
-    let core = cuboid(
-        DVec3::new(-half, -1.0, -depth),
-        DVec3::new(half, top - coping, -0.12),
-    );
+    let core = cuboid(DVec3::new(-half, -1.0, -depth), DVec3::new(half, top - coping, -0.12));
     let mut mesh = core;
     let courses = ((top / a.get("course_m")).ceil() as usize).clamp(1, 40);
     let course = (top - coping) / courses as f64;
@@ -170,10 +131,7 @@ fn quay(a: &Args) -> Mesh {
             if right - left > 0.05 * step {
                 let y = row as f64 * course;
                 let face = dice.between(-0.035, 0.035);
-                let (low, high) = (
-                    DVec3::new(left, y, -0.3),
-                    DVec3::new(right, y + course, face),
-                );
+                let (low, high) = (DVec3::new(left, y, -0.3), DVec3::new(right, y + course, face));
                 mesh.append(&cuboid(
                     low + DVec3::splat(0.008),
                     high - DVec3::new(0.008, 0.008, 0.0),
@@ -204,11 +162,7 @@ fn pier(a: &Args) -> Mesh {
         let (left, right) = (dice.between(-0.05, 0.05), dice.between(-0.05, 0.05));
         cuboid(
             DVec3::new(-0.5 * width + left, deck - 0.05, z + 0.06 * step),
-            DVec3::new(
-                0.5 * width + right,
-                deck + dice.between(-0.006, 0.006),
-                z + 0.94 * step,
-            ),
+            DVec3::new(0.5 * width + right, deck + dice.between(-0.006, 0.006), z + 0.94 * step),
         )
     }));
     let side = 0.5 * width - 0.2 * width.min(0.8);
@@ -260,10 +214,7 @@ fn stones(a: &Args) -> Mesh {
     let (rows, seed) = (a.count("rows"), a.get("seed") as u32);
     let mut dice = a.rng();
     merged((0..a.count("count")).map(|i| {
-        let place = (
-            dice.between(-0.5, 0.5) * width,
-            dice.between(-0.5, 0.5) * depth,
-        );
+        let place = (dice.between(-0.5, 0.5) * width, dice.between(-0.5, 0.5) * depth);
         let radius = size * dice.between(0.25, 1.0).powf(1.5);
         stone(&mut dice, radius, rows, seed ^ i as u32, place)
     }))
@@ -271,11 +222,8 @@ fn stones(a: &Args) -> Mesh {
 
 /// A flattened ball with facets and bumps, half sunk into the ground.
 fn stone(dice: &mut Dice, radius: f64, rows: usize, seed: u32, (x, z): (f64, f64)) -> Mesh {
-    let shape = DVec3::new(
-        dice.between(0.8, 1.3),
-        dice.between(0.55, 0.85),
-        dice.between(0.8, 1.2),
-    );
+    let shape =
+        DVec3::new(dice.between(0.8, 1.3), dice.between(0.55, 0.85), dice.between(0.8, 1.2));
     let mesh = displaced_sphere(rows, |d| {
         let p = d * 0.09 + 0.4;
         let bumps = tile_noise(p.x, p.y + p.z, seed).0 + tile_noise(p.z, p.x - p.y, !seed).0;
@@ -318,14 +266,12 @@ fn hull(a: &Args) -> Mesh {
     let outside = shapes::surface(size, (false, false), outer).inverted();
     let inside = shapes::surface(size, (false, false), inner);
     let gunwales = [0.0, 1.0].map(|v: f64| {
-        let strip = shapes::surface((28, 1), (false, false), |u, w| {
-            outer(u, v).lerp(inner(u, v), w)
-        });
+        let strip =
+            shapes::surface((28, 1), (false, false), |u, w| outer(u, v).lerp(inner(u, v), w));
         if v == 1.0 { strip.inverted() } else { strip }
     });
-    let transom = shapes::surface((28, 1), (false, false), |v, w| {
-        outer(1.0, v).lerp(inner(1.0, v), w)
-    });
+    let transom =
+        shapes::surface((28, 1), (false, false), |v, w| outer(1.0, v).lerp(inner(1.0, v), w));
     let plate = |depth: f64| {
         shapes::surface((28, 1), (false, false), |v, w| {
             let p = outer(1.0, v);
@@ -337,25 +283,13 @@ fn hull(a: &Args) -> Mesh {
     });
     let thwarts = [0.3, 0.55, 0.8].map(|u: f64| {
         let half = inner(u, 0.78).x;
-        moved(
-            block(2.0 * half, 0.04, 0.22),
-            0.0,
-            0.35 * freeboard,
-            (u - 0.5) * length,
-        )
+        moved(block(2.0 * half, 0.04, 0.22), 0.0, 0.35 * freeboard, (u - 0.5) * length)
     });
     merged(
-        [
-            outside,
-            inside,
-            transom,
-            plate(0.0),
-            plate(thickness).inverted(),
-            lid,
-        ]
-        .into_iter()
-        .chain(gunwales)
-        .chain(thwarts),
+        [outside, inside, transom, plate(0.0), plate(thickness).inverted(), lid]
+            .into_iter()
+            .chain(gunwales)
+            .chain(thwarts),
     )
 }
 

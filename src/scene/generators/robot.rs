@@ -16,42 +16,12 @@ pub const GENERATORS: &[Generator] = &[Generator {
     name: "robot",
     about: "a walking robot, facing +z, its lowest foot on the floor",
     params: &[
-        param(
-            "height_m",
-            1.8,
-            0.05,
-            100.0,
-            "height when it stands upright",
-        ),
-        param(
-            "stride_deg",
-            22.0,
-            -60.0,
-            60.0,
-            "swing of the left leg forward, the right one back",
-        ),
-        param(
-            "arm_deg",
-            35.0,
-            -90.0,
-            180.0,
-            "swing of the right arm forward, the left one back",
-        ),
+        param("height_m", 1.8, 0.05, 100.0, "height when it stands upright"),
+        param("stride_deg", 22.0, -60.0, 60.0, "swing of the left leg forward, the right one back"),
+        param("arm_deg", 35.0, -90.0, 180.0, "swing of the right arm forward, the left one back"),
         param("elbow_deg", 55.0, 0.0, 140.0, "bend of the elbows"),
-        param(
-            "spread_deg",
-            12.0,
-            0.0,
-            90.0,
-            "angle of the arms away from the body",
-        ),
-        param(
-            "head_deg",
-            20.0,
-            -90.0,
-            90.0,
-            "turn of the head to its left",
-        ),
+        param("spread_deg", 12.0, 0.0, 90.0, "angle of the arms away from the body"),
+        param("head_deg", 20.0, -90.0, 90.0, "turn of the head to its left"),
         param("rows", 16.0, 4.0, 64.0, "rings of a ball joint"),
     ],
     build: robot,
@@ -112,14 +82,7 @@ fn limb(radius: f64, length: f64, rows: usize) -> Mesh {
 }
 
 fn torso(rows: usize) -> Mesh {
-    let knots = [
-        (0.07, 0.5),
-        (0.09, 0.53),
-        (0.075, 0.6),
-        (0.125, 0.7),
-        (0.13, 0.77),
-        (0.07, 0.83),
-    ];
+    let knots = [(0.07, 0.5), (0.09, 0.53), (0.075, 0.6), (0.125, 0.7), (0.13, 0.77), (0.07, 0.83)];
     let mut profile = vec![(0.0, 0.5), (0.07, 0.5)];
     profile.extend(smooth_profile(&knots, 5));
     profile.extend([(0.07, 0.83), (0.0, 0.83)]);
@@ -151,10 +114,7 @@ fn head(rows: usize, turn: f64) -> Mesh {
     let antenna = moved(cylinder(0.004, 0.035, 8), 0.035, 0.955, -0.02);
     let bulb = moved(sphere(0.009, rows), 0.035, 0.991, -0.02);
     let turned = [skull, visor, antenna, bulb].into_iter().chain(ears);
-    merged([
-        neck,
-        merged(turned).transformed(&DMat4::from_rotation_y(turn)),
-    ])
+    merged([neck, merged(turned).transformed(&DMat4::from_rotation_y(turn))])
 }
 
 /// Hangs down from the hip at the origin; the foot stays level.
@@ -166,17 +126,9 @@ fn leg(rows: usize, knee: f64, forward: f64) -> Mesh {
         moved(block(0.075, 0.03, 0.15), 0.0, -0.05, 0.03),
         moved(block(0.06, 0.025, 0.06), 0.0, -0.025, 0.0),
     ]);
-    let lower = merged([
-        joint(0.042, rows),
-        limb(0.042, SHIN, rows),
-        foot.transformed(&ankle),
-    ]);
+    let lower = merged([joint(0.042, rows), limb(0.042, SHIN, rows), foot.transformed(&ankle)]);
     let bent = DMat4::from_translation(DVec3::NEG_Y * THIGH) * DMat4::from_rotation_x(knee);
-    merged([
-        joint(0.05, rows),
-        limb(0.05, THIGH, rows),
-        lower.transformed(&bent),
-    ])
+    merged([joint(0.05, rows), limb(0.05, THIGH, rows), lower.transformed(&bent)])
 }
 
 /// Hangs down from the shoulder at the origin, with a hand of three fingers.
@@ -193,9 +145,5 @@ fn arm(rows: usize, elbow: f64) -> Mesh {
     let lower = [joint(0.033, rows), limb(0.032, FOREARM, rows), palm];
     let lower = merged(lower.into_iter().chain(fingers));
     let bent = DMat4::from_translation(DVec3::NEG_Y * UPPER_ARM) * DMat4::from_rotation_x(-elbow);
-    merged([
-        joint(0.045, rows),
-        limb(0.036, UPPER_ARM, rows),
-        lower.transformed(&bent),
-    ])
+    merged([joint(0.045, rows), limb(0.036, UPPER_ARM, rows), lower.transformed(&bent)])
 }

@@ -19,27 +19,9 @@ pub const GENERATORS: &[Generator] = &[
             param("height_m", 3.23, 0.1, 1000.0, "outer extent in y"),
             param("depth_m", 3.326, 0.1, 1000.0, "outer extent in z"),
             param("wall_m", 0.1, 0.001, 10.0, "thickness of all sides"),
-            param(
-                "window",
-                0.6,
-                0.0,
-                0.95,
-                "share of the wall that the window is wide",
-            ),
-            param(
-                "sill",
-                0.3,
-                0.0,
-                1.0,
-                "share of the height below the window",
-            ),
-            param(
-                "lintel",
-                0.15,
-                0.0,
-                1.0,
-                "share of the height above the window",
-            ),
+            param("window", 0.6, 0.0, 0.95, "share of the wall that the window is wide"),
+            param("sill", 0.3, 0.0, 1.0, "share of the height below the window"),
+            param("lintel", 0.15, 0.0, 1.0, "share of the height above the window"),
         ],
         build: interior,
     },
@@ -51,13 +33,7 @@ pub const GENERATORS: &[Generator] = &[
             param("height_m", 0.75, 0.05, 100.0, "height"),
             param("depth_m", 0.8, 0.05, 100.0, "extent in z"),
         ],
-        build: |a| {
-            table(DVec3::new(
-                a.get("width_m"),
-                a.get("height_m"),
-                a.get("depth_m"),
-            ))
-        },
+        build: |a| table(DVec3::new(a.get("width_m"), a.get("height_m"), a.get("depth_m"))),
     },
     Generator {
         name: "chair",
@@ -149,10 +125,7 @@ fn chair(a: &Args) -> Mesh {
     let mut mesh = table(DVec3::new(side, seat, side));
     let (x, z) = (0.5 * side - 0.6 * thick, 0.6 * thick - 0.5 * side);
     for sx in [-1.0, 1.0] {
-        let (foot, head) = (
-            DVec3::new(sx * x, seat, z),
-            DVec3::new(sx * x, h, z - 0.05 * h),
-        );
+        let (foot, head) = (DVec3::new(sx * x, seat, z), DVec3::new(sx * x, h, z - 0.05 * h));
         mesh.append(&bar(foot, head, thick));
     }
     for i in 0..3 {
@@ -168,12 +141,7 @@ fn bookcase(a: &Args) -> Mesh {
     let levels = a.count("levels");
     let t = 0.02 * height.min(2.0 * width);
     let mut dice = a.rng();
-    let back = moved(
-        block(width, height, 0.5 * t),
-        0.0,
-        0.0,
-        0.25 * t - 0.5 * depth,
-    );
+    let back = moved(block(width, height, 0.5 * t), 0.0, 0.0, 0.25 * t - 0.5 * depth);
     let sides =
         [-1.0, 1.0].map(|s| moved(block(t, height, depth), s * 0.5 * (width - t), 0.0, 0.0));
     let mut mesh = merged([back].into_iter().chain(sides));
@@ -193,12 +161,7 @@ fn bookcase(a: &Args) -> Mesh {
             }
             let tall = (step - t) * dice.between(0.6, 0.9);
             let book = block(0.94 * thick, tall, depth * dice.between(0.55, 0.75));
-            mesh.append(&moved(
-                book,
-                x + 0.5 * thick,
-                i as f64 * step + t,
-                -0.06 * depth,
-            ));
+            mesh.append(&moved(book, x + 0.5 * thick, i as f64 * step + t, -0.06 * depth));
             x += thick;
         }
     }
@@ -221,12 +184,7 @@ fn sofa(a: &Args) -> Mesh {
     let each = inner / seats as f64;
     let mut mesh = merged([
         moved(block(width - 0.04, 0.22, depth - 0.04), 0.0, 0.06, 0.0),
-        moved(
-            cushion(DVec3::new(width, 0.5, 0.22)),
-            0.0,
-            0.28,
-            0.11 - 0.5 * depth,
-        ),
+        moved(cushion(DVec3::new(width, 0.5, 0.22)), 0.0, 0.28, 0.11 - 0.5 * depth),
     ]);
     for s in [-1.0, 1.0] {
         let rest = cushion(DVec3::new(arm, 0.5, depth));
@@ -242,12 +200,7 @@ fn sofa(a: &Args) -> Mesh {
     }
     for (sx, sz) in [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)] {
         let foot = block(0.05, 0.07, 0.05);
-        mesh.append(&moved(
-            foot,
-            sx * (0.5 * width - 0.1),
-            0.0,
-            sz * (0.5 * depth - 0.1),
-        ));
+        mesh.append(&moved(foot, sx * (0.5 * width - 0.1), 0.0, sz * (0.5 * depth - 0.1)));
     }
     mesh
 }

@@ -19,21 +19,9 @@ pub const GENERATORS: &[Generator] = &[
         params: &[
             param("width_m", 12.0, 0.5, 1000.0, "inner extent in x"),
             param("depth_m", 16.0, 0.5, 1000.0, "inner extent in z"),
-            param(
-                "height_m",
-                2.4,
-                0.1,
-                100.0,
-                "height of the roof above the water",
-            ),
+            param("height_m", 2.4, 0.1, 100.0, "height of the roof above the water"),
             param("slabs", 5.0, 0.0, 100.0, "number of roof slabs, along z"),
-            param(
-                "cover",
-                0.45,
-                0.0,
-                0.9,
-                "share of the roof that the slabs cover",
-            ),
+            param("cover", 0.45, 0.0, 0.9, "share of the roof that the slabs cover"),
             param("wall_m", 0.3, 0.01, 10.0, "thickness of walls and roof"),
         ],
         build: hall,
@@ -43,20 +31,8 @@ pub const GENERATORS: &[Generator] = &[
         about: "roof trusses across x",
         params: &[
             param("width_m", 12.0, 0.5, 1000.0, "extent in x"),
-            param(
-                "depth_m",
-                16.0,
-                0.5,
-                1000.0,
-                "extent in z over which they are spread",
-            ),
-            param(
-                "height_m",
-                1.7,
-                -100.0,
-                100.0,
-                "height of their lower edge above the water",
-            ),
+            param("depth_m", 16.0, 0.5, 1000.0, "extent in z over which they are spread"),
+            param("height_m", 1.7, -100.0, 100.0, "height of their lower edge above the water"),
             param("rise_m", 0.6, 0.05, 20.0, "height of a truss"),
             param("count", 5.0, 1.0, 100.0, "number of trusses"),
             param("bays", 8.0, 1.0, 60.0, "bays of each truss"),
@@ -84,13 +60,7 @@ pub const GENERATORS: &[Generator] = &[
             param("width_m", 4.0, 0.1, 1000.0, "extent in x"),
             param("depth_m", 4.0, 0.1, 1000.0, "extent in z"),
             param("height_m", 0.95, 0.05, 20.0, "height of a barrel"),
-            param(
-                "fallen",
-                0.35,
-                0.0,
-                1.0,
-                "share of barrels that lie on their side",
-            ),
+            param("fallen", 0.35, 0.0, 1.0, "share of barrels that lie on their side"),
             SEED,
         ],
         build: barrels,
@@ -113,13 +83,7 @@ pub const GENERATORS: &[Generator] = &[
         about: "a pipe along x with flanges, bent down to the floor at both ends",
         params: &[
             param("length_m", 8.0, 0.5, 500.0, "extent in x"),
-            param(
-                "height_m",
-                2.0,
-                0.1,
-                100.0,
-                "height of its middle above the floor",
-            ),
+            param("height_m", 2.0, 0.1, 100.0, "height of its middle above the floor"),
             param("radius_m", 0.14, 0.005, 10.0, "radius"),
         ],
         build: pipe,
@@ -161,10 +125,8 @@ fn trusses(a: &Args) -> Mesh {
         let z = ((i as f64 + 0.5) / count as f64 - 0.5) * depth;
         let at = |k: f64, y: f64| DVec3::new((k / bays as f64 - 0.5) * width, low + y, z);
         let ends = bays as f64;
-        let chords = [
-            bar(at(0.0, 0.0), at(ends, 0.0), thick),
-            bar(at(0.0, rise), at(ends, rise), thick),
-        ];
+        let chords =
+            [bar(at(0.0, 0.0), at(ends, 0.0), thick), bar(at(0.0, rise), at(ends, rise), thick)];
         let webs = (0..bays).flat_map(move |bay| {
             let (k, next) = (bay as f64, bay as f64 + 1.0);
             let rising = bay.is_multiple_of(2);
@@ -189,12 +151,7 @@ fn wooden_crate(size: DVec3) -> Mesh {
     let mut mesh = panels;
     for (sx, sz) in [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)] {
         let post = block(t, top, t);
-        mesh.append(&moved(
-            post,
-            sx * (h.x - 0.5 * t),
-            0.0,
-            sz * (h.z - 0.5 * t),
-        ));
+        mesh.append(&moved(post, sx * (h.x - 0.5 * t), 0.0, sz * (h.z - 0.5 * t)));
     }
     for y in [0.0, top - t] {
         for s in [-1.0, 1.0] {
@@ -205,17 +162,9 @@ fn wooden_crate(size: DVec3) -> Mesh {
     }
     for s in [-1.0, 1.0] {
         let (x, z) = (h.x - t, s * (h.z - 0.3 * t));
-        mesh.append(&bar(
-            DVec3::new(-x, t, z),
-            DVec3::new(x, top - t, z),
-            0.6 * t,
-        ));
+        mesh.append(&bar(DVec3::new(-x, t, z), DVec3::new(x, top - t, z), 0.6 * t));
         let (x, z) = (s * (h.x - 0.3 * t), h.z - t);
-        mesh.append(&bar(
-            DVec3::new(x, t, -z),
-            DVec3::new(x, top - t, z),
-            0.6 * t,
-        ));
+        mesh.append(&bar(DVec3::new(x, t, -z), DVec3::new(x, top - t, z), 0.6 * t));
     }
     mesh
 }
@@ -228,16 +177,9 @@ fn crates(a: &Args) -> Mesh {
     let mut mesh = Mesh::default();
     for i in 0..columns * rows {
         let place = |k: usize, n: usize, extent: f64| ((k as f64 + 0.5) / n as f64 - 0.5) * extent;
-        let (x, z) = (
-            place(i % columns, columns, width),
-            place(i / columns, rows, depth),
-        );
+        let (x, z) = (place(i % columns, columns, width), place(i / columns, rows, depth));
         let empty = dice.between(0.0, 1.0) < a.get("gaps") && i > 0;
-        let stack = if empty {
-            0
-        } else {
-            dice.between(1.0, a.get("stack") + 0.99) as usize
-        };
+        let stack = if empty { 0 } else { dice.between(1.0, a.get("stack") + 0.99) as usize };
         mesh.append(&stacked(&mut dice, stack, size, (x, z)));
     }
     mesh
@@ -251,10 +193,7 @@ fn stacked(dice: &mut Dice, count: usize, size: f64, (x, z): (f64, f64)) -> Mesh
         let edge = size * dice.between(0.75, 1.0);
         let shape = DVec3::new(edge, edge * dice.between(0.7, 1.0), edge);
         let turn = DMat4::from_rotation_y(dice.between(-0.18, 0.18));
-        let shift = (
-            0.06 * size * dice.between(-1.0, 1.0),
-            0.06 * size * dice.between(-1.0, 1.0),
-        );
+        let shift = (0.06 * size * dice.between(-1.0, 1.0), 0.06 * size * dice.between(-1.0, 1.0));
         let one = wooden_crate(shape).transformed(&turn);
         mesh.append(&moved(one, x + shift.0, y, z + shift.1));
         y += shape.y;
@@ -274,28 +213,16 @@ fn barrel(height: f64) -> Mesh {
         ]
     };
     let edge = |y: f64| [(1.03 * r, y - 0.015 * h), (1.03 * r, y + 0.015 * h)];
-    let mut profile = vec![
-        (0.0, 0.02 * h),
-        (0.95 * r, 0.02 * h),
-        (0.95 * r, 0.02 * h),
-        (0.95 * r, 0.0),
-    ];
+    let mut profile =
+        vec![(0.0, 0.02 * h), (0.95 * r, 0.02 * h), (0.95 * r, 0.02 * h), (0.95 * r, 0.0)];
     profile.extend(edge(0.015 * h));
     profile.extend([(r, 0.05 * h), (r, 0.05 * h)]);
     profile.extend(hoop(0.34 * h));
     profile.extend(hoop(0.66 * h));
     profile.extend([(r, 0.95 * h), (r, 0.95 * h)]);
     profile.extend(edge(0.985 * h));
-    profile.extend([
-        (0.95 * r, h),
-        (0.95 * r, 0.98 * h),
-        (0.95 * r, 0.98 * h),
-        (0.0, 0.98 * h),
-    ]);
-    merged([
-        lathe(&profile, 40),
-        moved(cylinder(0.1 * r, 0.025 * h, 12), 0.55 * r, 0.97 * h, 0.0),
-    ])
+    profile.extend([(0.95 * r, h), (0.95 * r, 0.98 * h), (0.95 * r, 0.98 * h), (0.0, 0.98 * h)]);
+    merged([lathe(&profile, 40), moved(cylinder(0.1 * r, 0.025 * h, 12), 0.55 * r, 0.97 * h, 0.0)])
 }
 
 fn barrels(a: &Args) -> Mesh {
@@ -308,14 +235,8 @@ fn barrels(a: &Args) -> Mesh {
         let mut room = f64::NEG_INFINITY;
         let mut best = (0.0, 0.0);
         for _ in 0..24 {
-            let p = (
-                dice.between(-0.5, 0.5) * width,
-                dice.between(-0.5, 0.5) * depth,
-            );
-            let nearest = places
-                .iter()
-                .map(|q| (p.0 - q.0).hypot(p.1 - q.1))
-                .fold(1e9, f64::min);
+            let p = (dice.between(-0.5, 0.5) * width, dice.between(-0.5, 0.5) * depth);
+            let nearest = places.iter().map(|q| (p.0 - q.0).hypot(p.1 - q.1)).fold(1e9, f64::min);
             if nearest > room {
                 (room, best) = (nearest, p);
             }
@@ -343,12 +264,7 @@ fn shelves(a: &Args) -> Mesh {
     let mut mesh = Mesh::default();
     for i in 0..=bays {
         for z in [-0.5 * depth, 0.5 * depth] {
-            mesh.append(&moved(
-                block(0.06, height, 0.06),
-                i as f64 * bay - 0.5 * width,
-                0.0,
-                z,
-            ));
+            mesh.append(&moved(block(0.06, height, 0.06), i as f64 * bay - 0.5 * width, 0.0, z));
         }
     }
     for level in 0..levels {
@@ -377,11 +293,8 @@ fn goods(dice: &mut Dice, (left, y): (f64, f64), bay: f64, height: f64, depth: f
             break;
         }
         if dice.between(0.0, 1.0) > 0.3 {
-            let size = DVec3::new(
-                width,
-                height * dice.between(0.4, 1.0),
-                depth * dice.between(0.5, 0.85),
-            );
+            let size =
+                DVec3::new(width, height * dice.between(0.4, 1.0), depth * dice.between(0.5, 0.85));
             mesh.append(&moved(wooden_crate(size), left + x + 0.5 * width, y, 0.0));
         }
         x += 1.08 * width;
@@ -390,11 +303,7 @@ fn goods(dice: &mut Dice, (left, y): (f64, f64), bay: f64, height: f64, depth: f
 }
 
 fn pipe(a: &Args) -> Mesh {
-    let (half, y, r) = (
-        0.5 * a.get("length_m"),
-        a.get("height_m"),
-        a.get("radius_m"),
-    );
+    let (half, y, r) = (0.5 * a.get("length_m"), a.get("height_m"), a.get("radius_m"));
     let bend = (3.0 * r).min(0.5 * y).min(0.5 * half);
     // A quarter circle at either end, from the upright to the level part.
     let turn = |side: f64, i: i32| {
@@ -408,12 +317,7 @@ fn pipe(a: &Args) -> Mesh {
     path.push(DVec3::new(half, 0.0, 0.0));
     let flange = |x: f64| {
         let across = DMat4::from_rotation_z(FRAC_PI_2);
-        moved(
-            cylinder(1.5 * r, 0.5 * r, 24).transformed(&across),
-            x,
-            y,
-            0.0,
-        )
+        moved(cylinder(1.5 * r, 0.5 * r, 24).transformed(&across), x, y, 0.0)
     };
     let main = tube(&path, &vec![r; path.len()], 32, false);
     merged([main, flange(-0.4 * half), flange(0.0), flange(0.4 * half)])

@@ -21,13 +21,7 @@ pub const GENERATORS: &[Generator] = &[
         params: &[
             param("width_m", 10.0, 0.1, 1000.0, "inner extent in x"),
             param("depth_m", 12.0, 0.1, 1000.0, "inner extent in z"),
-            param(
-                "rim_m",
-                0.4,
-                0.0,
-                100.0,
-                "height of the rim above the water",
-            ),
+            param("rim_m", 0.4, 0.0, 100.0, "height of the rim above the water"),
             param("wall_m", 0.4, 0.01, 100.0, "thickness of the walls"),
         ],
         build: basin,
@@ -58,13 +52,7 @@ pub const GENERATORS: &[Generator] = &[
         about: "a draped figure with raised arm on a pedestal",
         params: &[
             param("height_m", 2.2, 0.1, 100.0, "overall height"),
-            param(
-                "detail",
-                1.0,
-                0.25,
-                3.0,
-                "tessellation, 1 = about 14,000 triangles",
-            ),
+            param("detail", 1.0, 0.25, 3.0, "tessellation, 1 = about 14,000 triangles"),
         ],
         build: statue,
     },
@@ -72,11 +60,7 @@ pub const GENERATORS: &[Generator] = &[
 
 /// Inner walls and floor, top of the rim, and outer walls.
 fn basin(a: &Args) -> Mesh {
-    let (x, z, wall) = (
-        0.5 * a.get("width_m"),
-        0.5 * a.get("depth_m"),
-        a.get("wall_m"),
-    );
+    let (x, z, wall) = (0.5 * a.get("width_m"), 0.5 * a.get("depth_m"), a.get("wall_m"));
     let top = a.floor_depth_m + a.get("rim_m");
     let inside = cuboid(DVec3::new(-x, 0.0, -z), DVec3::new(x, top, z)).inverted();
     let (ox, oz) = (x + wall, z + wall);
@@ -85,24 +69,10 @@ fn basin(a: &Args) -> Mesh {
     let rim = [
         quad([corner(-ox, oz), corner(ox, oz), corner(x, z), corner(-x, z)]),
         quad([corner(ox, oz), corner(ox, -oz), corner(x, -z), corner(x, z)]),
-        quad([
-            corner(ox, -oz),
-            corner(-ox, -oz),
-            corner(-x, -z),
-            corner(x, -z),
-        ]),
-        quad([
-            corner(-ox, -oz),
-            corner(-ox, oz),
-            corner(-x, z),
-            corner(-x, -z),
-        ]),
+        quad([corner(ox, -oz), corner(-ox, -oz), corner(-x, -z), corner(x, -z)]),
+        quad([corner(-ox, -oz), corner(-ox, oz), corner(-x, z), corner(-x, -z)]),
     ];
-    merged(
-        [without_lid(inside, top), without_lid(outside, top)]
-            .into_iter()
-            .chain(rim),
-    )
+    merged([without_lid(inside, top), without_lid(outside, top)].into_iter().chain(rim))
 }
 
 /// The mesh without its triangles in the plane y = `top`.
@@ -124,20 +94,11 @@ fn column(a: &Args) -> Mesh {
         .map(|i| {
             let t = f64::from(i) / 20.0;
             // Entasis: the shaft swells a little at a third of its height.
-            (
-                r * (1.0 - 0.12 * t + 0.05 * (TAU * 0.5 * t).sin()),
-                low + (high - low) * t,
-            )
+            (r * (1.0 - 0.12 * t + 0.05 * (TAU * 0.5 * t).sin()), low + (high - low) * t)
         })
         .collect();
     let grooves = |angle: f64, _: f64| 1.0 - 0.05 * (0.5 + 0.5 * (flutes as f64 * angle).cos());
-    let ring = [
-        (1.35, 0.35),
-        (1.4, 0.5),
-        (1.15, 0.7),
-        (1.25, 0.85),
-        (1.0, 1.0),
-    ];
+    let ring = [(1.35, 0.35), (1.4, 0.5), (1.15, 0.7), (1.25, 0.85), (1.0, 1.0)];
     let mut base = smooth_profile(&ring.map(|(k, y)| (k * r, y * foot)), 4);
     // Closed inwards, under the grooves.
     base.extend([(r, foot), (0.7 * r, foot)]);
@@ -200,23 +161,12 @@ fn statue(a: &Args) -> Mesh {
     let arm = |knots: &[DVec3]| {
         let path = smooth_path(knots, fine(7.0));
         let n = path.len() as f64;
-        let radii: Vec<f64> = (0..path.len())
-            .map(|i| 0.03 - 0.013 * i as f64 / n)
-            .collect();
+        let radii: Vec<f64> = (0..path.len()).map(|i| 0.03 - 0.013 * i as f64 / n).collect();
         tube(&path, &radii, fine(20.0), false)
     };
-    let raised = [
-        (-0.085, 0.795, 0.0),
-        (-0.15, 0.77, 0.03),
-        (-0.185, 0.85, 0.07),
-        (-0.17, 0.97, 0.1),
-    ];
-    let lowered = [
-        (0.085, 0.795, 0.0),
-        (0.135, 0.7, 0.0),
-        (0.13, 0.6, 0.06),
-        (0.07, 0.58, 0.11),
-    ];
+    let raised =
+        [(-0.085, 0.795, 0.0), (-0.15, 0.77, 0.03), (-0.185, 0.85, 0.07), (-0.17, 0.97, 0.1)];
+    let lowered = [(0.085, 0.795, 0.0), (0.135, 0.7, 0.0), (0.13, 0.6, 0.06), (0.07, 0.58, 0.11)];
     let arms = [raised, lowered].map(|knots| arm(&knots.map(|(x, y, z)| DVec3::new(x, y, z))));
     let figure = merged(pedestal.into_iter().chain([body, head]).chain(arms));
     figure.transformed(&DMat4::from_scale(DVec3::splat(a.get("height_m"))))

@@ -135,16 +135,8 @@ impl Stage for Compose {
     }
 
     fn outputs(&self) -> Vec<Output> {
-        let meaning = if self.shows_occlusion {
-            "visibility"
-        } else {
-            "display value, gamma 2.2"
-        };
-        let column = |name| Column {
-            name,
-            unit: "1",
-            meaning,
-        };
+        let meaning = if self.shows_occlusion { "visibility" } else { "display value, gamma 2.2" };
+        let column = |name| Column { name, unit: "1", meaning };
         vec![Output {
             name: "image".into(),
             meaning: "the final image".into(),

@@ -95,10 +95,8 @@ impl March {
         ];
         binds.extend(counters.map(Bind::Write));
         let input_group = Group::new(gpu, INFO.name, &binds);
-        let groups: Vec<Group> = volumes
-            .iter()
-            .map(|voxels| marching.group(resources, voxels))
-            .collect();
+        let groups: Vec<Group> =
+            volumes.iter().map(|voxels| marching.group(resources, voxels)).collect();
         let first = groups
             .first()
             .ok_or_else(|| GpuError::Limit("there is no volume to march through".into()))?;
@@ -163,33 +161,19 @@ pub fn count(
 ) -> Result<Counts, GpuError> {
     let resources = Resources::new(gpu);
     let counters = resources.storage("ao/march counters", (COUNTERS * SLOTS * 4) as u64);
-    let march = March::build(
-        &resources,
-        shared,
-        volumes,
-        inputs,
-        marching,
-        size_px,
-        Some(&counters),
-    )?;
+    let march =
+        March::build(&resources, shared, volumes, inputs, marching, size_px, Some(&counters))?;
     FrameTimer::new(gpu, ClockPlan::fenced(SubmitCost::default()), 1)?.untimed(gpu, &[&march])?;
     let words: Vec<u32> = bytemuck::pod_collect_to_vec(&read_buffer(gpu, &counters)?);
     let sum = |counter: usize| {
         let part = &words[counter * SLOTS..][..SLOTS];
         part.iter().map(|n| u64::from(*n)).sum()
     };
-    Ok(Counts {
-        samples: sum(0),
-        lookups: sum(1),
-        fragments: sum(2),
-    })
+    Ok(Counts { samples: sum(0), lookups: sum(1), fragments: sum(2) })
 }
 
 fn grown(bounds: &Bounds, by: f64) -> Bounds {
-    Bounds {
-        min: bounds.min - by,
-        max: bounds.max + by,
-    }
+    Bounds { min: bounds.min - by, max: bounds.max + by }
 }
 
 /// The pixels that a box can cover (x, y, width, height): the whole image where the box reaches behind the eye, none where it
@@ -244,17 +228,9 @@ impl Stage for March {
     fn work(&self) -> Work {
         let pixels = |volume: &Drawn| u64::from(volume.scissor[2]) * u64::from(volume.scissor[3]);
         let fragments = self.volumes.iter().map(pixels).sum();
-        let samples = self
-            .volumes
-            .iter()
-            .map(|v| pixels(v) * u64::from(self.rays) * v.samples)
-            .sum();
-        Work {
-            fragments,
-            texel_fetches: samples,
-            bytes_written: fragments * 2,
-            ..Work::default()
-        }
+        let samples =
+            self.volumes.iter().map(|v| pixels(v) * u64::from(self.rays) * v.samples).sum();
+        Work { fragments, texel_fetches: samples, bytes_written: fragments * 2, ..Work::default() }
     }
 
     fn outputs(&self) -> Vec<Output> {
@@ -280,15 +256,7 @@ mod tests {
             z_far_m: 100.0,
         };
         let m = camera.view_projection(1.0);
-        let cube = |center: DVec3, half: f64| {
-            grown(
-                &Bounds {
-                    min: center,
-                    max: center,
-                },
-                half,
-            )
-        };
+        let cube = |center: DVec3, half: f64| grown(&Bounds { min: center, max: center }, half);
         // At 4 m the image spans 8 m: the near face of a cube of 2 m covers a quarter of it.
         let seen = rectangle(&m, &cube(DVec3::ZERO, 1.0), [80, 80]);
         assert_eq!(seen, Some([30, 30, 20, 20]));

@@ -54,22 +54,15 @@ impl Query {
     ) -> Result<Self, GpuError> {
         let gpu = resources.gpu;
         let mut bytes = StorageBuffer::new(Vec::new());
-        bytes
-            .write(points)
-            .expect("a Vec grows to whatever a shader type needs");
+        bytes.write(points).expect("a Vec grows to whatever a shader type needs");
         let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_SRC;
         let input = resources.filled("ao/query points", &bytes.into_inner(), usage);
         let open = vec![1f32; points.len()];
         let visibility = resources.filled(INFO.name, bytemuck::cast_slice(&open), usage);
-        let point_group = Group::new(
-            gpu,
-            INFO.name,
-            &[Bind::Read(&input), Bind::Write(&visibility)],
-        );
-        let groups: Vec<Group> = volumes
-            .iter()
-            .map(|voxels| marching.group(resources, voxels))
-            .collect();
+        let point_group =
+            Group::new(gpu, INFO.name, &[Bind::Read(&input), Bind::Write(&visibility)]);
+        let groups: Vec<Group> =
+            volumes.iter().map(|voxels| marching.group(resources, voxels)).collect();
         let first = groups
             .first()
             .ok_or_else(|| GpuError::Limit("there is no volume to march through".into()))?;

@@ -40,10 +40,7 @@ impl PointSize {
     /// Sizes `min_px` at `far_m` and `max_px` at `near_m` from the viewer.
     pub fn new(min_px: f64, max_px: f64, near_m: f64, far_m: f64) -> Self {
         let slope = (max_px - min_px) / (far_m - near_m);
-        Self {
-            a_px: max_px - far_m * slope,
-            b_px_m: near_m * far_m * slope,
-        }
+        Self { a_px: max_px - far_m * slope, b_px_m: near_m * far_m * slope }
     }
 
     pub fn at(&self, distance_m: f64) -> f64 {
@@ -88,9 +85,8 @@ impl Splat {
         let defs = [("CONSERVING", i32::from(conserving)), shared.fresnel_def()];
         let size_px = settings.size_px.as_uvec2().to_array();
         let photons = u64::from(inputs.0.count);
-        let additive = Additive::new(
-            resources, shared, INFO.name, &defs, &uniforms, inputs, size_px,
-        )?;
+        let additive =
+            Additive::new(resources, shared, INFO.name, &defs, &uniforms, inputs, size_px)?;
         Ok(Self {
             additive,
             conserving,

@@ -65,9 +65,8 @@ impl Lines {
         let defs = [("CONSERVING", i32::from(conserving)), shared.fresnel_def()];
         let size_px = settings.size_px.as_uvec2().to_array();
         let photons = u64::from(inputs.0.count);
-        let additive = Additive::new(
-            resources, shared, INFO.name, &defs, &uniforms, inputs, size_px,
-        )?;
+        let additive =
+            Additive::new(resources, shared, INFO.name, &defs, &uniforms, inputs, size_px)?;
         Ok(Self {
             additive,
             conserving,

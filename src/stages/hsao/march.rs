@@ -81,10 +81,7 @@ impl March {
         counters: Option<&wgpu::Buffer>,
     ) -> Result<Self, GpuError> {
         let gpu = resources.gpu;
-        let defs = [
-            ("HARD", i32::from(hard)),
-            ("COUNT", i32::from(counters.is_some())),
-        ];
+        let defs = [("HARD", i32::from(hard)), ("COUNT", i32::from(counters.is_some()))];
         let shader = gpu.shader(INFO.name, &defs)?;
         let settings_buffer = resources.loop_settings(INFO.name, settings);
         let mut binds = vec![
@@ -149,10 +146,7 @@ pub fn count(
     let words: Vec<u32> = bytemuck::pod_collect_to_vec(&read_buffer(gpu, &counters)?);
     let (samples, fragments) = words.split_at(SLOTS);
     let sum = |slots: &[u32]| slots.iter().map(|n| u64::from(*n)).sum();
-    Ok(Counts {
-        samples: sum(samples),
-        fragments: sum(fragments),
-    })
+    Ok(Counts { samples: sum(samples), fragments: sum(fragments) })
 }
 
 impl Encode for March {

@@ -66,16 +66,11 @@ impl Query {
         conserving: bool,
     ) -> Result<Self, GpuError> {
         let gpu = resources.gpu;
-        let defs = [
-            ("CONSERVING", i32::from(conserving)),
-            shared.fresnel_def(),
-            shared.water_def(),
-        ];
+        let defs =
+            [("CONSERVING", i32::from(conserving)), shared.fresnel_def(), shared.water_def()];
         let shader = gpu.shader(INFO.name, &defs)?;
         let mut bytes = StorageBuffer::new(Vec::new());
-        bytes
-            .write(starts)
-            .expect("a Vec grows to whatever a shader type needs");
+        bytes.write(starts).expect("a Vec grows to whatever a shader type needs");
         let usage = wgpu::BufferUsages::STORAGE;
         let input = resources.filled("photons/query starts", &bytes.into_inner(), usage);
         let count = starts.len() as u64;

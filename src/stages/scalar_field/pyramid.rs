@@ -20,9 +20,8 @@ pub fn coarser(cells: [u32; 3], values: &[f32]) -> ([u32; 3], Vec<f32>) {
 
 /// The field with `fewer` cells along one axis, each the mean over its box.
 fn averaged(cells: [u32; 3], values: &[f32], axis: usize, fewer: u32) -> Vec<f32> {
-    let taps: Vec<Vec<(usize, f32)>> = (0..fewer)
-        .map(|i| overlaps(cells[axis], fewer, i))
-        .collect();
+    let taps: Vec<Vec<(usize, f32)>> =
+        (0..fewer).map(|i| overlaps(cells[axis], fewer, i)).collect();
     let stride: usize = cells[..axis].iter().map(|n| *n as usize).product();
     let run = stride * cells[axis] as usize;
     let mut means = Vec::with_capacity(values.len() / cells[axis] as usize * fewer as usize);
@@ -43,10 +42,7 @@ fn overlaps(cells: u32, fewer: u32, i: u32) -> Vec<(usize, f32)> {
         let (from_cell, to_cell) = (f64::from(j), f64::from(j + 1));
         (high.min(to_cell) - low.max(from_cell)).max(0.0) / edge
     };
-    (0..cells)
-        .map(|j| (j as usize, share(j) as f32))
-        .filter(|(_, share)| *share > 1e-6)
-        .collect()
+    (0..cells).map(|j| (j as usize, share(j) as f32)).filter(|(_, share)| *share > 1e-6).collect()
 }
 
 #[cfg(test)]

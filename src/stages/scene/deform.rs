@@ -87,9 +87,7 @@ impl Deform {
             },
         );
         let mut bytes = StorageBuffer::new(Vec::new());
-        bytes
-            .write(&pivots(scene))
-            .expect("a Vec grows to whatever a shader type needs");
+        bytes.write(&pivots(scene)).expect("a Vec grows to whatever a shader type needs");
         let storage = wgpu::BufferUsages::STORAGE;
         let pivots = resources.filled("pivots", &bytes.into_inner(), storage);
         let rest = Geometry::vertex_bytes(scene);
@@ -136,11 +134,7 @@ impl Stage for Deform {
     }
 
     fn outputs(&self) -> Vec<Output> {
-        let column = |name, unit, meaning| Column {
-            name,
-            unit,
-            meaning,
-        };
+        let column = |name, unit, meaning| Column { name, unit, meaning };
         vec![Output {
             name: "vertices".into(),
             meaning: "vertices of this moment".into(),

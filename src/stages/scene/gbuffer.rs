@@ -35,10 +35,7 @@ impl Gbuffer {
         let gpu = resources.gpu;
         let shader = gpu.shader(INFO.name, &[])?;
         let group = Group::new(gpu, INFO.name, &[Bind::Read(&geometry.materials)]);
-        let formats = [
-            wgpu::TextureFormat::Rgba8Unorm,
-            wgpu::TextureFormat::Rgba16Float,
-        ];
+        let formats = [wgpu::TextureFormat::Rgba8Unorm, wgpu::TextureFormat::Rgba16Float];
         let pipeline = kit::render_pipeline(
             gpu,
             &RenderSpec {
@@ -78,22 +75,10 @@ impl Encode for Gbuffer {
         let clear = Some(wgpu::Color::TRANSPARENT);
         let targets = Targets {
             color: &[
-                ColorTarget {
-                    view: albedo,
-                    clear,
-                    slice: None,
-                },
-                ColorTarget {
-                    view: normal,
-                    clear,
-                    slice: None,
-                },
+                ColorTarget { view: albedo, clear, slice: None },
+                ColorTarget { view: normal, clear, slice: None },
             ],
-            depth: Some(DepthTarget {
-                view: depth,
-                clear: Some(1.0),
-                read_only: false,
-            }),
+            depth: Some(DepthTarget { view: depth, clear: Some(1.0), read_only: false }),
         };
         scope.render(&targets, |pass| {
             pass.set_pipeline(&self.pipeline);
@@ -116,11 +101,7 @@ impl Stage for Gbuffer {
     }
 
     fn outputs(&self) -> Vec<Output> {
-        let column = |name, meaning| Column {
-            name,
-            unit: "1",
-            meaning,
-        };
+        let column = |name, meaning| Column { name, unit: "1", meaning };
         vec![
             Output {
                 name: "albedo".into(),

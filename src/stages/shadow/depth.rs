@@ -67,11 +67,7 @@ impl Encode for Depth {
     fn encode(&self, scope: &mut StageScope<'_>) {
         let targets = Targets {
             color: &[],
-            depth: Some(DepthTarget {
-                view: &self.view,
-                clear: Some(1.0),
-                read_only: false,
-            }),
+            depth: Some(DepthTarget { view: &self.view, clear: Some(1.0), read_only: false }),
         };
         scope.render(&targets, |pass| {
             pass.set_pipeline(&self.pipeline);

@@ -85,11 +85,7 @@ impl Encode for Mask {
                 clear: Some(wgpu::Color::BLACK),
                 slice: None,
             }],
-            depth: Some(DepthTarget {
-                view: &self.depth_view,
-                clear: None,
-                read_only: true,
-            }),
+            depth: Some(DepthTarget { view: &self.depth_view, clear: None, read_only: true }),
         };
         scope.render(&targets, |pass| {
             pass.set_pipeline(&self.pipeline);
@@ -116,11 +112,7 @@ impl Stage for Mask {
             name: "mask".into(),
             meaning: "1 where the light meets the water first; row 0 is ndc y = +1 of the light"
                 .into(),
-            columns: vec![Column {
-                name: "water",
-                unit: "1",
-                meaning: "1 water, 0 other",
-            }],
+            columns: vec![Column { name: "water", unit: "1", meaning: "1 water, 0 other" }],
             data: OutputData::Texture(self.mask.clone()),
         }]
     }

@@ -33,10 +33,7 @@ impl Alpha {
         parts: &[Part],
     ) -> Result<Self, GpuError> {
         let triangles = Triangles::new(resources, INFO.name, geometry, parts, Contact::Alpha)?;
-        Ok(Self {
-            triangles,
-            bytes_read: geometry.bytes(),
-        })
+        Ok(Self { triangles, bytes_read: geometry.bytes() })
     }
 
     /// What must be cleared before each frame.

@@ -19,10 +19,7 @@ pub struct Cleared {
 
 impl From<&wgpu::Buffer> for Cleared {
     fn from(buffer: &wgpu::Buffer) -> Self {
-        Self {
-            buffer: buffer.clone(),
-            bytes: buffer.size(),
-        }
+        Self { buffer: buffer.clone(), bytes: buffer.size() }
     }
 }
 
@@ -52,10 +49,7 @@ impl Encode for Clear {
 
 impl Stage for Clear {
     fn work(&self) -> Work {
-        Work {
-            bytes_written: self.cleared.iter().map(|c| c.bytes).sum(),
-            ..Work::default()
-        }
+        Work { bytes_written: self.cleared.iter().map(|c| c.bytes).sum(), ..Work::default() }
     }
 
     fn outputs(&self) -> Vec<Output> {

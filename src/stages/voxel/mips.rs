@@ -46,9 +46,7 @@ fn levels(grid: &Grid) -> std::ops::RangeInclusive<u32> {
 
 /// Bytes of the buffer between the passes and the copies.
 pub fn rows_bytes(grid: &Grid) -> u64 {
-    levels(grid)
-        .map(|level| rows::bytes(level_cells(grid, level)))
-        .sum()
+    levels(grid).map(|level| rows::bytes(level_cells(grid, level))).sum()
 }
 
 /// Workgroups that a level of a grid needs.
@@ -82,11 +80,8 @@ impl Mips {
     pub fn new(resources: &Resources<'_>, volumes: &[Voxels]) -> Result<Self, GpuError> {
         let gpu = resources.gpu;
         let tall = |voxels: &&Voxels| rows_bytes(&voxels.grid) > 0;
-        let volumes: Vec<Volume> = volumes
-            .iter()
-            .filter(tall)
-            .map(|voxels| Volume::new(resources, voxels))
-            .collect();
+        let volumes: Vec<Volume> =
+            volumes.iter().filter(tall).map(|voxels| Volume::new(resources, voxels)).collect();
         let groups: Vec<&Group> = volumes
             .iter()
             .flat_map(|volume| &volume.levels)
@@ -97,10 +92,7 @@ impl Mips {
             let shader = gpu.shader(INFO.name, &[("BASE", base)])?;
             Ok(kit::compute_pipeline(gpu, INFO.name, &shader, &groups))
         };
-        Ok(Self {
-            pipelines: [pipeline(1)?, pipeline(0)?],
-            volumes,
-        })
+        Ok(Self { pipelines: [pipeline(1)?, pipeline(0)?], volumes })
     }
 }
 
@@ -118,25 +110,13 @@ impl Volume {
                 size_word: (offset / 4) as u32,
             };
             let uniforms = resources.uniform(INFO.name, &uniforms);
-            let binds = [
-                Bind::Uniform(&uniforms),
-                Bind::Read(&voxels.bits),
-                Bind::Write(&rows),
-            ];
-            let made = Level {
-                group: Group::new(resources.gpu, INFO.name, &binds),
-                level,
-                offset,
-            };
+            let binds = [Bind::Uniform(&uniforms), Bind::Read(&voxels.bits), Bind::Write(&rows)];
+            let made = Level { group: Group::new(resources.gpu, INFO.name, &binds), level, offset };
             below = offset;
             offset += rows::bytes(level_cells(grid, level));
             made
         });
-        Self {
-            levels: levels.collect(),
-            rows: rows.clone(),
-            voxels: voxels.clone(),
-        }
+        Self { levels: levels.collect(), rows: rows.clone(), voxels: voxels.clone() }
     }
 }
 
@@ -157,12 +137,7 @@ impl Encode for Mips {
             }
         });
         scope.copy(|encoder| {
-            for Volume {
-                levels,
-                rows,
-                voxels,
-            } in &self.volumes
-            {
+            for Volume { levels, rows, voxels } in &self.volumes {
                 for Level { level, offset, .. } in levels {
                     let to = (*level, level_cells(&voxels.grid, *level));
                     rows::copy(encoder, (rows, *offset), &voxels.texture, to);
@@ -177,12 +152,8 @@ impl Stage for Mips {
         let bits = self.volumes.iter().map(|v| v.voxels.bits.size());
         let cells = self.volumes.iter().flat_map(|volume| {
             let grid = &volume.voxels.grid;
-            levels(grid).map(|level| {
-                level_cells(grid, level)
-                    .map(u64::from)
-                    .iter()
-                    .product::<u64>()
-            })
+            levels(grid)
+                .map(|level| level_cells(grid, level).map(u64::from).iter().product::<u64>())
         });
         Work {
             bytes_read: bits.sum(),

@@ -40,11 +40,7 @@ fn triangles(parts: &[Part]) -> u64 {
 
 /// Words of bits as an output: 32 bits a word, as two integers that a float holds exactly.
 fn words(name: String, meaning: &str, buffer: &wgpu::Buffer) -> Output {
-    let column = |name, meaning| Column {
-        name,
-        unit: "1",
-        meaning,
-    };
+    let column = |name, meaning| Column { name, unit: "1", meaning };
     Output {
         name,
         meaning: meaning.into(),

@@ -31,11 +31,7 @@ impl Overlap {
         parts: &[Part],
         thin: bool,
     ) -> Result<Self, GpuError> {
-        let contact = if thin {
-            Contact::Thin
-        } else {
-            Contact::Conservative
-        };
+        let contact = if thin { Contact::Thin } else { Contact::Conservative };
         Ok(Self {
             triangles: Triangles::new(resources, INFO.name, geometry, parts, contact)?,
             bytes_read: geometry.bytes(),

@@ -30,19 +30,10 @@ pub(super) fn copy(
         bytes_per_row: Some(pitch(cells[0])),
         rows_per_image: Some(cells[1]),
     };
-    let source = wgpu::TexelCopyBufferInfo {
-        buffer: rows,
-        layout,
-    };
-    let target = wgpu::TexelCopyTextureInfo {
-        mip_level: level,
-        ..texture.as_image_copy()
-    };
-    let size = wgpu::Extent3d {
-        width: cells[0],
-        height: cells[1],
-        depth_or_array_layers: cells[2],
-    };
+    let source = wgpu::TexelCopyBufferInfo { buffer: rows, layout };
+    let target = wgpu::TexelCopyTextureInfo { mip_level: level, ..texture.as_image_copy() };
+    let size =
+        wgpu::Extent3d { width: cells[0], height: cells[1], depth_or_array_layers: cells[2] };
     encoder.copy_buffer_to_texture(source, target, size);
 }
 

@@ -48,16 +48,9 @@ impl Slice {
         parts: &[Part],
     ) -> Result<Self, GpuError> {
         let gpu = resources.gpu;
-        let volumes: Vec<Volume> = parts
-            .iter()
-            .map(|part| Volume::new(resources, part))
-            .collect();
+        let volumes: Vec<Volume> = parts.iter().map(|part| Volume::new(resources, part)).collect();
         let grid: Vec<&Group> = volumes.iter().take(1).map(|v| &v.grid).collect();
-        let both: Vec<&Group> = volumes
-            .iter()
-            .take(1)
-            .flat_map(|v| [&v.grid, &v.gather])
-            .collect();
+        let both: Vec<&Group> = volumes.iter().take(1).flat_map(|v| [&v.grid, &v.gather]).collect();
         let draw = |axis: Axis| -> Result<wgpu::RenderPipeline, GpuError> {
             let spec = RenderSpec {
                 label: INFO.name,
@@ -87,12 +80,7 @@ impl Volume {
         let textures =
             Axis::ALL.map(|axis| resources.volume(INFO.name, axis.turned(&voxels.grid), FORMAT, 1));
         let [x, y, z] = &textures;
-        let binds = [
-            Bind::Volume(x),
-            Bind::Volume(y),
-            Bind::Volume(z),
-            Bind::Write(&voxels.bits),
-        ];
+        let binds = [Bind::Volume(x), Bind::Volume(y), Bind::Volume(z), Bind::Write(&voxels.bits)];
         Self {
             grid: Group::new(gpu, INFO.name, &[Bind::Uniform(&voxels.uniforms)]),
             gather: Group::new(gpu, INFO.name, &binds),
@@ -128,10 +116,8 @@ impl Encode for Slice {
                 }]
             })
             .collect();
-        let targets: Vec<Targets<'_>> = color
-            .iter()
-            .map(|color| Targets { color, depth: None })
-            .collect();
+        let targets: Vec<Targets<'_>> =
+            color.iter().map(|color| Targets { color, depth: None }).collect();
         scope.render_series(&targets, |number, pass| {
             let (volume, axis, slice) = slices[number];
             pass.set_pipeline(&self.draw[axis as usize]);
@@ -153,17 +139,8 @@ impl Encode for Slice {
 
 impl Stage for Slice {
     fn work(&self) -> Work {
-        let passes = |v: &Volume| {
-            Axis::ALL
-                .iter()
-                .map(|a| u64::from(v.slices(*a)))
-                .sum::<u64>()
-        };
-        let texels: u64 = self
-            .volumes
-            .iter()
-            .map(|v| v.part.voxels.grid.count())
-            .sum();
+        let passes = |v: &Volume| Axis::ALL.iter().map(|a| u64::from(v.slices(*a))).sum::<u64>();
+        let texels: u64 = self.volumes.iter().map(|v| v.part.voxels.grid.count()).sum();
         let drawn = self.volumes.iter().map(|v| passes(v) * v.part.triangles());
         Work {
             triangles: drawn.sum(),

@@ -113,10 +113,8 @@ impl Slicemap {
             })
             .collect();
         let groups: Vec<&Group> = draws.iter().take(1).map(|draw| &draw.group).collect();
-        let target = wgpu::ColorTargetState {
-            write_mask: wgpu::ColorWrites::empty(),
-            ..kit::opaque(DUMMY)
-        };
+        let target =
+            wgpu::ColorTargetState { write_mask: wgpu::ColorWrites::empty(), ..kit::opaque(DUMMY) };
         let pipeline = kit::render_pipeline(
             gpu,
             &RenderSpec {
@@ -132,13 +130,7 @@ impl Slicemap {
         );
         let largest = |side: usize| draws.iter().map(|d| d.size_px[side]).max().unwrap_or(1);
         let dummy = resources.target(name, [largest(0), largest(1)], DUMMY);
-        Ok(Self {
-            axis,
-            pipeline,
-            geometry: geometry.clone(),
-            draws,
-            dummy: kit::view(&dummy),
-        })
+        Ok(Self { axis, pipeline, geometry: geometry.clone(), draws, dummy: kit::view(&dummy) })
     }
 
     /// Each volume's slices: words of 32 slices, layers of the pass's columns × rows.
@@ -154,11 +146,7 @@ impl Encode for Slicemap {
 
     fn encode(&self, scope: &mut StageScope<'_>) {
         let targets = Targets {
-            color: &[ColorTarget {
-                view: &self.dummy,
-                clear: None,
-                slice: None,
-            }],
+            color: &[ColorTarget { view: &self.dummy, clear: None, slice: None }],
             depth: None,
         };
         scope.render(&targets, |pass| {
@@ -176,11 +164,7 @@ impl Encode for Slicemap {
 impl Stage for Slicemap {
     fn work(&self) -> Work {
         let parts: Vec<Part> = self.draws.iter().map(|draw| draw.part.clone()).collect();
-        Work {
-            triangles: triangles(&parts),
-            bytes_read: self.geometry.bytes(),
-            ..Work::default()
-        }
+        Work { triangles: triangles(&parts), bytes_read: self.geometry.bytes(), ..Work::default() }
     }
 
     fn outputs(&self) -> Vec<Output> {

@@ -82,10 +82,7 @@ impl Triangles {
             let shader = gpu.shader(name, &[("THIN", thin), ("STEP", step)])?;
             Ok(kit::compute_pipeline(gpu, name, &shader, &groups))
         };
-        Ok(Self {
-            pipelines: [pipeline(0)?, pipeline(1)?, pipeline(2)?],
-            runs,
-        })
+        Ok(Self { pipelines: [pipeline(0)?, pipeline(1)?, pipeline(2)?], runs })
     }
 
     /// Each volume's alphas, a word a voxel.
@@ -158,10 +155,6 @@ impl Run {
         if let Some(alphas) = &alphas {
             binds.extend([Bind::Read(&geometry.materials), Bind::Write(alphas)]);
         }
-        Self {
-            group: Group::new(resources.gpu, name, &binds),
-            part: part.clone(),
-            alphas,
-        }
+        Self { group: Group::new(resources.gpu, name, &binds), part: part.clone(), alphas }
     }
 }

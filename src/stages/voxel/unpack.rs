@@ -70,16 +70,9 @@ impl Unpack {
             .zip(packed)
             .map(|(voxels, packed)| {
                 let rows = rows::buffer(resources, INFO.name, &voxels.grid);
-                let binds = [
-                    Bind::Uniform(&voxels.uniforms),
-                    Bind::Read(packed),
-                    Bind::Write(&rows),
-                ];
-                Volume {
-                    group: Group::new(gpu, INFO.name, &binds),
-                    rows,
-                    voxels: voxels.clone(),
-                }
+                let binds =
+                    [Bind::Uniform(&voxels.uniforms), Bind::Read(packed), Bind::Write(&rows)];
+                Volume { group: Group::new(gpu, INFO.name, &binds), rows, voxels: voxels.clone() }
             })
             .collect();
         let groups: Vec<&Group> = volumes.iter().take(1).map(|v| &v.group).collect();

@@ -14,12 +14,7 @@ pub const INFO: StageInfo = StageInfo {
 };
 
 const FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba8Unorm;
-const BACKGROUND: wgpu::Color = wgpu::Color {
-    r: 0.93,
-    g: 0.94,
-    b: 0.96,
-    a: 1.0,
-};
+const BACKGROUND: wgpu::Color = wgpu::Color { r: 0.93, g: 0.94, b: 0.96, a: 1.0 };
 
 pub struct CubeView {
     pipeline: wgpu::RenderPipeline,
@@ -87,16 +82,8 @@ impl Encode for CubeView {
     fn encode(&self, scope: &mut StageScope<'_>) {
         let [color, depth] = &self.views;
         let targets = Targets {
-            color: &[ColorTarget {
-                view: color,
-                clear: Some(BACKGROUND),
-                slice: None,
-            }],
-            depth: Some(DepthTarget {
-                view: depth,
-                clear: Some(1.0),
-                read_only: false,
-            }),
+            color: &[ColorTarget { view: color, clear: Some(BACKGROUND), slice: None }],
+            depth: Some(DepthTarget { view: depth, clear: Some(1.0), read_only: false }),
         };
         scope.render(&targets, |pass| {
             pass.set_pipeline(&self.pipeline);

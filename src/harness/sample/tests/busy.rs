@@ -24,10 +24,7 @@ impl BusyMachine {
     fn stage(&mut self, name: &'static str, length_ns: f64) -> StageSample {
         let probe_ns = self.submission_ns();
         self.meter.push(PassKind::Compute, probe_ns);
-        let submit_cost_ns = self
-            .meter
-            .cost_ns(PassKind::Compute)
-            .expect("one was taken");
+        let submit_cost_ns = self.meter.cost_ns(PassKind::Compute).expect("one was taken");
         StageSample {
             name,
             clock: Clock::FencedHost,
@@ -101,36 +98,21 @@ fn costs_that_scatter_fail_no_cell_and_leave_no_time_of_zero_or_less() {
         now_s: 0.0,
     };
     let flag = AtomicBool::new(false);
-    let settings = Settings {
-        budget_s: 4.0,
-        ..SETTINGS
-    };
+    let settings = Settings { budget_s: 4.0, ..SETTINGS };
     sample(&mut machine, &[0], &settings, &flag).expect("it never ends a run");
     let [CellResult::Sampled(samples)] = machine.results.as_slice() else {
         panic!("{:?}", machine.results);
     };
     assert!(samples.rejected.is_empty(), "{:?}", samples.rejected);
-    assert!(
-        samples.stages[0].ns.iter().any(|ns| *ns < 0.0),
-        "the noise is none"
-    );
+    assert!(samples.stages[0].ns.iter().any(|ns| *ns < 0.0), "the noise is none");
     let [none, long] =
         [0, 1].map(|i| outcome::stage_record(&samples.stages[i], <_>::default(), <_>::default()));
     for stage in [&none, &long] {
         assert!(stage.samples_ns.iter().all(|ns| *ns > 0.0));
         assert!(stage.time.low > 0.0);
     }
-    assert!(
-        !none.is_resolved(),
-        "{:?} of {}",
-        none.time,
-        none.resolution_ns()
-    );
+    assert!(!none.is_resolved(), "{:?} of {}", none.time, none.resolution_ns());
     assert!(long.is_resolved());
-    assert!(
-        (long.time.median / 2e6 - 1.0).abs() < 0.1,
-        "{:?}",
-        long.time
-    );
+    assert!((long.time.median / 2e6 - 1.0).abs() < 0.1, "{:?}", long.time);
     assert!(outcome::accounting_error(samples) < 1e-9);
 }

@@ -14,17 +14,11 @@ fn cells() -> Vec<MockCell> {
             time: |f, _| [9e7, 5e7, 2e7].get(f).copied().unwrap_or(1.5e7) * noise(f, 0.5),
             ..MockCell::default()
         },
-        MockCell {
-            time: |f, _| 2e8 * noise(f, 0.3),
-            ..MockCell::default()
-        },
+        MockCell { time: |f, _| 2e8 * noise(f, 0.3), ..MockCell::default() },
     ]
 }
 
-const SHORT: Settings = Settings {
-    budget_s: 4.0,
-    ..SETTINGS
-};
+const SHORT: Settings = Settings { budget_s: 4.0, ..SETTINGS };
 
 fn by_cell(kept: &[(usize, Addition)]) -> BTreeMap<usize, Vec<Addition>> {
     let mut cells = BTreeMap::<usize, Vec<Addition>>::new();
@@ -50,11 +44,8 @@ fn what_is_kept_makes_up_all_samples_and_no_more_than_a_round_is_at_risk() {
     assert_eq!(mock.most_unsafe, 3, "each cell once");
     for (cell, additions) in by_cell(&mock.kept) {
         let samples = mock.samples(cell);
-        let made_up = Samples {
-            earlier_pairs: 0,
-            stopped: samples.stopped,
-            ..Samples::of(&additions)
-        };
+        let made_up =
+            Samples { earlier_pairs: 0, stopped: samples.stopped, ..Samples::of(&additions) };
         assert_eq!(made_up, *samples);
         assert!(samples.pairs_ns.len() >= MIN_PAIRS && samples.warm_up_frames >= 2);
     }
@@ -83,10 +74,7 @@ fn a_run_that_was_killed_after_any_visit_goes_on_with_all_that_was_kept() {
                 assert_eq!(after.ns[..pairs], before.ns);
             }
             let all = after.pairs_ns.len();
-            assert!(
-                all > pairs,
-                "{all} of {pairs}: a frame is rendered to read figures from"
-            );
+            assert!(all > pairs, "{all} of {pairs}: a frame is rendered to read figures from");
             assert!(after.stages.iter().all(|stage| stage.ns.len() == all));
             assert!(after.warm_up_frames >= before.warm_up_frames + 2);
             for (reason, count) in &before.rejected {
@@ -102,10 +90,7 @@ fn without_time_a_resumed_cell_still_renders_before_it_is_finished() {
     let mut whole = Mock::new(cells(), &flag);
     run(&mut whole, &SHORT);
     let mut mock = resumed(&whole.kept, &flag);
-    let no_time = Settings {
-        budget_s: 0.0,
-        ..SHORT
-    };
+    let no_time = Settings { budget_s: 0.0, ..SHORT };
     run(&mut mock, &no_time);
     for cell in 0..3 {
         assert!(mock.calls.contains(&Call::Timed(cell)));
@@ -124,11 +109,7 @@ fn an_interruption_before_the_first_frame_leaves_a_resumed_cell_for_later() {
     // In the warm-up of the first cell that is visited.
     mock.interrupt_at_s = 0.001;
     run(&mut mock, &SHORT);
-    assert_eq!(
-        mock.results.len(),
-        1,
-        "what rendered nothing is not finished"
-    );
+    assert_eq!(mock.results.len(), 1, "what rendered nothing is not finished");
     assert_eq!(mock.safe, mock.kept.len());
 }
 
@@ -138,9 +119,7 @@ fn what_was_timed_by_another_clock_does_not_count() {
     let mut whole = Mock::new(cells(), &flag);
     run(&mut whole, &SHORT);
     let mut other = whole.kept.clone();
-    let pairs = other
-        .iter_mut()
-        .filter_map(|(_, added)| added.pair.as_mut());
+    let pairs = other.iter_mut().filter_map(|(_, added)| added.pair.as_mut());
     pairs.for_each(|pair| pair.stages[1].clock = Clock::Timestamp);
     let mut mock = resumed(&other, &flag);
     run(&mut mock, &SHORT);
@@ -152,12 +131,8 @@ fn what_was_timed_by_another_clock_does_not_count() {
         assert!(new[0].afresh, "the next run must not go back to them");
         assert!(new[1..].iter().all(|added| !added.afresh));
         // Of both runs' lines, as they stand in the file.
-        let all: Vec<Addition> = by_cell(&other)
-            .remove(&cell)
-            .unwrap()
-            .into_iter()
-            .chain(new)
-            .collect();
+        let all: Vec<Addition> =
+            by_cell(&other).remove(&cell).unwrap().into_iter().chain(new).collect();
         assert_eq!(Samples::of(&all).pairs_ns, samples.pairs_ns);
     }
     // Should the line that says so be lost, clocks are still not mixed.

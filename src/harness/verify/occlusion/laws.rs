@@ -61,12 +61,7 @@ fn plane(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
             settings(m);
             m.guard = guard;
         });
-        query(
-            rig,
-            std::slice::from_ref(&subject.voxels),
-            &floor_points(0.0),
-            &settings,
-        )
+        query(rig, std::slice::from_ref(&subject.voxels), &floor_points(0.0), &settings)
     };
     let of = |values: Vec<f64>| largest(values.into_iter());
     let voxel = of(run(Guard::Voxel)?);
@@ -78,11 +73,7 @@ fn plane(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
     );
     let seven = mean(&run(Guard::SevenVoxels)?);
     let none = mean(&run(Guard::None)?);
-    Ok(vec![
-        check
-            .with("mean_with_guard_of_seven_voxels", seven)
-            .with("mean_without_guard", none),
-    ])
+    Ok(vec![check.with("mean_with_guard_of_seven_voxels", seven).with("mean_without_guard", none)])
 }
 
 /// A of a floor beside a wall that is far higher than r_max, at x = c r_max: the wall is met in directions with
@@ -97,12 +88,7 @@ fn corner(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
     let subject = Subject::new(rig, SIDE, OPAQUE, |p| is_floor(p) || is_wall(p))?;
     let run = |x_voxels: f64| {
         let points = floor_points(x_voxels);
-        query(
-            rig,
-            std::slice::from_ref(&subject.voxels),
-            &points,
-            &marching(settings),
-        )
+        query(rig, std::slice::from_ref(&subject.voxels), &points, &marching(settings))
     };
     let mut checks = Vec::new();
     // Near the wall the guard passes it at grazing angles: the error shrinks with the distance. VAO §6.1.
@@ -112,10 +98,7 @@ fn corner(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
         let measured = mean(&run(x_voxels)?);
         checks.push(
             Check::new(
-                (
-                    INFO.name,
-                    format!("A in a corner, {x_voxels} voxels from the wall"),
-                ),
+                (INFO.name, format!("A in a corner, {x_voxels} voxels from the wall")),
                 (tolerance, "1"),
                 (measured - expected).abs(),
                 ("the wall six voxels away", (measured - other).abs()),
@@ -133,12 +116,7 @@ fn ball(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
     let is_ball = |p: DVec3| (p.distance(center) - radius).abs() < 0.5 * VOXEL_M;
     let subject = Subject::new(rig, SIDE, OPAQUE, |p| is_floor(p) || is_ball(p))?;
     let points = [(DVec3::new(0.0, 0.03 * VOXEL_M, 0.0), DVec3::Y)];
-    let a = query(
-        rig,
-        std::slice::from_ref(&subject.voxels),
-        &points,
-        &marching(settings),
-    )?;
+    let a = query(rig, std::slice::from_ref(&subject.voxels), &points, &marching(settings))?;
     let law = |radius: f64| (radius / center.y).powi(2);
     // The shell's voxels have centres up to half a voxel outside the ball, and V falls to the threshold within another half.
     let tolerance = law(radius + VOXEL_M) - law(radius);

@@ -55,18 +55,14 @@ const GAPS: Control = Control {
 };
 
 /// Fig. 3a.
-const UNGUARDED: Control = Control {
-    name: "no guard",
-    change: |params| params.ao.guard = Guard::None,
-};
+const UNGUARDED: Control =
+    Control { name: "no guard", change: |params| params.ao.guard = Guard::None };
 
 /// RMS error of A that is allowed over the points of a body in one orientation: above the largest seen, below the control's.
 const BODIES: [(&str, f64, Control, Make); 6] = [
     ("ceiling", 0.05, GAPS, ceiling),
     ("corner", 0.03, GAPS, |random| wedge(random, 90.0)),
-    ("half planes at 30°", 0.05, GAPS, |random| {
-        wedge(random, 30.0)
-    }),
+    ("half planes at 30°", 0.05, GAPS, |random| wedge(random, 30.0)),
     ("ball over a floor", 0.05, GAPS, ball),
     ("hollow ball", 0.05, UNGUARDED, hollow_ball),
     ("open box", 0.03, GAPS, open_box),
@@ -99,11 +95,7 @@ fn worst(rig: &Rig<'_>, make: Make, control: Control) -> Result<[f64; 3], Verify
     let [default, other] = [rms(&default)?, rms(&other)?];
     let squares: f64 = default.iter().map(|error| error * error).sum();
     let mean = (squares / f64::from(ORIENTATIONS)).sqrt();
-    Ok([
-        largest(default.into_iter()),
-        largest(other.into_iter()),
-        mean,
-    ])
+    Ok([largest(default.into_iter()), largest(other.into_iter()), mean])
 }
 
 /// The pipeline's defaults with 64 rays.
@@ -152,35 +144,22 @@ impl Turned {
         }
         mesh.recompute_normals();
         let mut scene = Scene::load("plane")?;
-        scene.objects = vec![Object {
-            name: "body".to_owned(),
-            mesh,
-            material: Material::default(),
-        }];
+        scene.objects =
+            vec![Object { name: "body".to_owned(), mesh, material: Material::default() }];
         let r_max_m = R_MAX_SHARE * scene.solid_bounds().size().max_element();
         let tracer = Tracer::new(&scene.objects)?;
         let (mut points, mut exact) = (Vec::new(), Vec::new());
         for (p, n) in &body.points {
             let (p, n) = (turn * *p, turn * *n);
             exact.push(occlusion(&tracer, p, n, r_max_m, Attenuation::Linear, RAYS));
-            points.push(Point {
-                position_m: p.as_vec3(),
-                normal: n.as_vec3(),
-            });
+            points.push(Point { position_m: p.as_vec3(), normal: n.as_vec3() });
         }
-        Ok(Self {
-            scene,
-            points,
-            exact,
-        })
+        Ok(Self { scene, points, exact })
     }
 
     fn rms_error(&self, rig: &Rig<'_>, params: &Params) -> Result<f64, VerifyError> {
         let found = occlusion_at(rig.gpu, &self.scene, params, &self.points)?;
-        let squares = found
-            .iter()
-            .zip(&self.exact)
-            .map(|(a, b)| (f64::from(*a) - b).powi(2));
+        let squares = found.iter().zip(&self.exact).map(|(a, b)| (f64::from(*a) - b).powi(2));
         Ok((squares.sum::<f64>() / self.exact.len() as f64).sqrt())
     }
 }
@@ -189,8 +168,7 @@ impl Turned {
 fn quad(mesh: &mut Mesh, middle: DVec3, a: DVec3, b: DVec3) {
     let first = mesh.positions.len() as u32;
     let corners = [-a - b, a - b, a + b, b - a];
-    mesh.positions
-        .extend(corners.map(|d| (middle + d).as_vec3().to_array()));
+    mesh.positions.extend(corners.map(|d| (middle + d).as_vec3().to_array()));
     mesh.indices.extend([0, 1, 2, 0, 2, 3].map(|i| first + i));
 }
 
@@ -221,8 +199,7 @@ fn sphere(mesh: &mut Mesh, center: DVec3, radius: f64) {
     }
     for (ring, step) in (0..RINGS).flat_map(|ring| (0..2 * RINGS).map(move |step| (ring, step))) {
         for (ring, step) in facets(ring, step).into_iter().flatten() {
-            mesh.indices
-                .push(first + ring * 2 * RINGS + step % (2 * RINGS));
+            mesh.indices.push(first + ring * 2 * RINGS + step % (2 * RINGS));
         }
     }
 }
@@ -252,12 +229,7 @@ fn ceiling(random: &mut Random) -> Body {
     for y in [0.0, height] {
         quad(&mut mesh, DVec3::Y * y, DVec3::X, DVec3::Z);
     }
-    let point = || {
-        (
-            DVec3::new(random.within(-0.6, 0.6), 0.0, random.within(-0.6, 0.6)),
-            DVec3::Y,
-        )
-    };
+    let point = || (DVec3::new(random.within(-0.6, 0.6), 0.0, random.within(-0.6, 0.6)), DVec3::Y);
     let points = many(point);
     Body { mesh, points }
 }
@@ -285,10 +257,7 @@ fn ball(random: &mut Random) -> Body {
     sphere(&mut mesh, center, radius);
     let point = || {
         if random.next() < 0.6 {
-            return (
-                DVec3::new(random.within(-0.4, 0.4), 0.0, random.within(-0.4, 0.4)),
-                DVec3::Y,
-            );
+            return (DVec3::new(random.within(-0.4, 0.4), 0.0, random.within(-0.4, 0.4)), DVec3::Y);
         }
         facet(random, center, radius)
     };
@@ -348,9 +317,7 @@ mod tests {
         let names = BODIES.map(|(name, ..)| name).join(" | ");
         println!("| volume | threshold | offset | hit | {names} |");
         let worst = |params: &Params, body: &[Turned]| {
-            let errors = body
-                .iter()
-                .map(|turned| turned.rms_error(&rig, params).unwrap());
+            let errors = body.iter().map(|turned| turned.rms_error(&rig, params).unwrap());
             format!("{:.3}", largest(errors))
         };
         let methods = [Method::Slicemap, Method::OverlapThin, Method::Overlap];
@@ -360,10 +327,7 @@ mod tests {
             params.ao.threshold = threshold;
             params.ao.offset_voxels = offset_voxels;
             params.ao.hit = hit;
-            let row = bodies
-                .each_ref()
-                .map(|body| worst(&params, body))
-                .join(" | ");
+            let row = bodies.each_ref().map(|body| worst(&params, body)).join(" | ");
             println!("| {method:?} | {threshold} | {offset_voxels} | {hit:?} | {row} |");
         }
     }

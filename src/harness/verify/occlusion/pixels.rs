@@ -68,10 +68,7 @@ impl Seen {
             let place = (f64::from(pixel) + 0.5) * f64::from(size) / f64::from(own) + 1e-3;
             (place as i64).min(i64::from(size) - 1)
         };
-        let (tx, ty) = (
-            behind(x, size_px[0], SIZE[0]),
-            behind(y, size_px[1], SIZE[1]),
-        );
+        let (tx, ty) = (behind(x, size_px[0], SIZE[0]), behind(y, size_px[1], SIZE[1]));
         let z = self.depth.clamped(tx, ty);
         let normal = [0, 1, 2].map(|i| self.normal[i].clamped(tx, ty));
         let place = self.rays.unproject(tx as f64 + 0.5, ty as f64 + 0.5, z);
@@ -87,10 +84,8 @@ fn volumes(rig: &Rig<'_>, scene: &Scene, per_object: bool) -> Result<Vec<Subject
     let ball = ball.unwrap_or_else(|| scene.solid_bounds());
     let floor_m = scene.solid_bounds().min.y;
     let radius = 0.5 * ball.size().x;
-    let near = Bounds {
-        min: ball.min.with_y(floor_m) - 2.0 * radius,
-        max: ball.max + 2.0 * radius,
-    };
+    let near =
+        Bounds { min: ball.min.with_y(floor_m) - 2.0 * radius, max: ball.max + 2.0 * radius };
     let grid = |bounds: &Bounds| Grid::fit(bounds, RESOLUTION).map_err(GpuError::Limit);
     let (all, own) = (grid(&near)?, grid(&ball)?);
     let is_floor = move |p: DVec3, grid: &Grid| (p.y - floor_m).abs() < 0.5 * grid.voxel_m;
@@ -103,9 +98,7 @@ fn volumes(rig: &Rig<'_>, scene: &Scene, per_object: bool) -> Result<Vec<Subject
             Subject::on(rig, &own, OPAQUE, |p| is_ball(p, &own)),
         ]
     } else {
-        vec![Subject::on(rig, &all, OPAQUE, |p| {
-            is_floor(p, &all) || is_ball(p, &all)
-        })]
+        vec![Subject::on(rig, &all, OPAQUE, |p| is_floor(p, &all) || is_ball(p, &all))]
     })
 }
 
@@ -123,10 +116,8 @@ fn compare(rig: &Rig<'_>, per_object: bool) -> Result<Vec<Check>, VerifyError> {
     let voxels: Vec<_> = subjects.iter().map(|s| s.voxels.clone()).collect();
     let settings = settings(&subjects);
     let error = density_error(settings.storage);
-    let twins: Vec<(&HostVolume, March)> = subjects
-        .iter()
-        .map(|s| (&s.host, twin(&settings, &s.host.grid)))
-        .collect();
+    let twins: Vec<(&HostVolume, March)> =
+        subjects.iter().map(|s| (&s.host, twin(&settings, &s.host.grid))).collect();
     let mut checks = Vec::new();
     for size_px in [SIZE, [24, 18], [31, 23]] {
         let stage = march::March::new(
@@ -149,10 +140,7 @@ fn compare(rig: &Rig<'_>, per_object: bool) -> Result<Vec<Check>, VerifyError> {
                 // Thresholds of all volumes move together.
                 beyond(value, &twins[0].1, error, |moved| {
                     let open = twins.iter().map(|(host, march)| {
-                        let march = March {
-                            threshold: moved.threshold,
-                            ..march.clone()
-                        };
+                        let march = March { threshold: moved.threshold, ..march.clone() };
                         1.0 - march.from(host, p, n, x + 65536 * y + seed).occlusion
                     });
                     1.0 - open.product::<f64>()
@@ -163,10 +151,7 @@ fn compare(rig: &Rig<'_>, per_object: bool) -> Result<Vec<Check>, VerifyError> {
         checks.push(Check::new(
             (
                 INFO.name,
-                format!(
-                    "largest |GPU − f64 twin| of A, {} volumes, {w}×{h}",
-                    voxels.len()
-                ),
+                format!("largest |GPU − f64 twin| of A, {} volumes, {w}×{h}", voxels.len()),
             ),
             (TOLERANCE, "1"),
             measure(0),
@@ -202,10 +187,7 @@ fn counts(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
     };
     let off = |expected: f64| (counted.samples as f64 / expected - 1.0).abs();
     let check = Check::new(
-        (
-            INFO.name,
-            "samples counted over those of the f64 twin, less 1",
-        ),
+        (INFO.name, "samples counted over those of the f64 twin, less 1"),
         // Rays that rounding of V ends a sample earlier or later.
         (2e-3, "1"),
         off(expected(1.0)),

@@ -44,18 +44,12 @@ fn paper(m: &mut Marching) {
 
 pub fn cases() -> Vec<Case> {
     let twins = VARIANTS.map(|(name, change)| {
-        Case::new(
-            INFO.name,
-            format!("against the f64 twin, {name}"),
-            move |rig| against_twin(rig, name, change),
-        )
+        Case::new(INFO.name, format!("against the f64 twin, {name}"), move |rig| {
+            against_twin(rig, name, change)
+        })
     });
     let mut cases: Vec<Case> = twins.into();
-    cases.push(Case::new(
-        INFO.name,
-        "opacities against the f64 twin",
-        opacities,
-    ));
+    cases.push(Case::new(INFO.name, "opacities against the f64 twin", opacities));
     cases.push(Case::new(INFO.name, "bits and texture", storages));
     cases.push(Case::new(INFO.name, "skipping and not skipping", skipping));
     cases
@@ -65,12 +59,7 @@ fn against_twin(rig: &Rig<'_>, name: &str, change: Change) -> Result<Vec<Check>,
     let subject = Subject::new(rig, SIDE, OPAQUE, furnished)?;
     let points = furnished_points();
     let settings = marching(change);
-    let occlusion = query(
-        rig,
-        std::slice::from_ref(&subject.voxels),
-        &points,
-        &settings,
-    )?;
+    let occlusion = query(rig, std::slice::from_ref(&subject.voxels), &points, &settings)?;
     let march = twin(&settings, &subject.host.grid);
     let error = density_error(settings.storage);
     let measure = |values: &[f64], nudge: f64| {
@@ -86,10 +75,7 @@ fn against_twin(rig: &Rig<'_>, name: &str, change: Change) -> Result<Vec<Check>,
         (INFO.name, format!("largest |GPU − f64 twin| of A, {name}")),
         (TOLERANCE, "1"),
         measure(&occlusion, 0.0),
-        (
-            "the twin's points 0.3 voxels higher",
-            measure(&occlusion, nudge),
-        ),
+        ("the twin's points 0.3 voxels higher", measure(&occlusion, nudge)),
     );
     Ok(vec![check.with("mean", mean)])
 }
@@ -101,18 +87,11 @@ fn opacities(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
         m.occluder = Occluder::Opacity;
         m.threshold = 1.0;
     });
-    let occlusion = query(
-        rig,
-        std::slice::from_ref(&subject.voxels),
-        &points,
-        &settings,
-    )?;
+    let occlusion = query(rig, std::slice::from_ref(&subject.voxels), &points, &settings)?;
     let march = twin(&settings, &subject.host.grid);
     let rms = |alpha_scale: f64| {
-        let mut host = super::HostVolume {
-            grid: subject.host.grid,
-            values: subject.host.values.clone(),
-        };
+        let mut host =
+            super::HostVolume { grid: subject.host.grid, values: subject.host.values.clone() };
         host.values.iter_mut().for_each(|v| *v *= alpha_scale);
         let squares = (0..)
             .zip(&points)
@@ -149,35 +128,19 @@ fn storages(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
     };
     let texture = run(Storage::Texture, 0.6)?;
     let error = density_error(Storage::Texture);
-    let [low, high] = [
-        run(Storage::Bits, 0.6 + error)?,
-        run(Storage::Bits, 0.6 - error)?,
-    ];
+    let [low, high] = [run(Storage::Bits, 0.6 + error)?, run(Storage::Bits, 0.6 - error)?];
     let outside = |values: &[f64]| {
         let bounds = low.iter().zip(&high);
-        largest(
-            bounds
-                .zip(values)
-                .map(|((low, high), v)| (low - v).max(v - high)),
-        )
+        largest(bounds.zip(values).map(|((low, high), v)| (low - v).max(v - high)))
     };
     let bits = run(Storage::Bits, 0.6)?;
-    let equal = texture
-        .iter()
-        .zip(&bits)
-        .filter(|(a, b)| (*a - *b).abs() < 1e-3);
+    let equal = texture.iter().zip(&bits).filter(|(a, b)| (*a - *b).abs() < 1e-3);
     let equal_share = equal.count() as f64 / points.len() as f64;
     let check = Check::new(
-        (
-            INFO.name,
-            "largest difference of A by texture and by bits beyond V's rounding",
-        ),
+        (INFO.name, "largest difference of A by texture and by bits beyond V's rounding"),
         (TOLERANCE, "1"),
         outside(&texture),
-        (
-            "threshold 0.7 for the texture",
-            outside(&run(Storage::Texture, 0.7)?),
-        ),
+        ("threshold 0.7 for the texture", outside(&run(Storage::Texture, 0.7)?)),
     );
     Ok(vec![check.with("share_equal_within_1e-3", equal_share)])
 }
@@ -208,10 +171,7 @@ fn skipping(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
             pairs.filter(|(a, b)| a.to_bits() != b.to_bits()).count() as f64
         };
         checks.push(Check::new(
-            (
-                INFO.name,
-                format!("points whose A skipping changes, {name}"),
-            ),
+            (INFO.name, format!("points whose A skipping changes, {name}")),
             (0.0, "1"),
             differ(&skipping),
             ("the pyramid empty", differ(&blind)),

@@ -16,10 +16,7 @@ const SIZE: [u32; 2] = [64, 64];
 const CELLS: u32 = 48;
 /// The field falls from 1 to 0 over this distance around the boundary: a blurred solid.
 const RAMP_M: f64 = 4.0 * VOXEL_M;
-const BALL: Solid = Solid::Ball {
-    centre: DVec3::new(0.03, 0.01, -0.02),
-    radius_m: 1.0,
-};
+const BALL: Solid = Solid::Ball { centre: DVec3::new(0.03, 0.01, -0.02), radius_m: 1.0 };
 const SLAB: Solid = Solid::Slab { top_m: -1.23 };
 const R_MAX_M: f64 = 1.6;
 /// Rays along each side of the reference's grid.
@@ -35,21 +32,14 @@ pub fn cases() -> Vec<Case> {
     vec![
         Case::new(STAGE, "a ball: where rays hit, and the normal there", ball),
         Case::new(STAGE, "a ball over a slab: the light it shows", shading),
-        Case::new(
-            STAGE,
-            "a ball over a slab: ambient occlusion",
-            ball_over_slab,
-        ),
+        Case::new(STAGE, "a ball over a slab: ambient occlusion", ball_over_slab),
     ]
 }
 
 /// 1 inside, 0 outside, 1/2 on the boundary, linear between.
 fn blurred(solids: &[Solid]) -> Volume {
     cubes(CELLS, |p| {
-        let nearest = solids
-            .iter()
-            .map(|s| s.distance(p))
-            .fold(f64::MAX, f64::min);
+        let nearest = solids.iter().map(|s| s.distance(p)).fold(f64::MAX, f64::min);
         0.5 - nearest / RAMP_M
     })
 }
@@ -57,12 +47,7 @@ fn blurred(solids: &[Solid]) -> Volume {
 fn setup(solids: &[Solid], scalar: Scalar) -> Setup {
     Setup {
         volume: blurred(solids),
-        scalar: Scalar {
-            iso: 0.5,
-            r_max_m: R_MAX_M,
-            view_step_voxels: 0.7,
-            ..scalar
-        },
+        scalar: Scalar { iso: 0.5, r_max_m: R_MAX_M, view_step_voxels: 0.7, ..scalar },
         camera: looking(DVec3::new(2.5, 2.2, 5.0), DVec3::new(0.0, -0.4, 0.0)),
         size_px: SIZE,
     }
@@ -101,24 +86,14 @@ fn hits(setup: &Setup, solids: &[Solid]) -> Vec<Hit> {
 }
 
 fn ball(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
-    let scalar = Scalar {
-        rays: 1,
-        samples: 1,
-        ..settings(Mode::Isosurface)
-    };
+    let scalar = Scalar { rays: 1, samples: 1, ..settings(Mode::Isosurface) };
     let setup = setup(&[BALL], scalar);
     let seen = setup.run(rig)?;
     let Solid::Ball { centre, radius_m } = BALL else {
         unreachable!("it is a ball");
     };
-    let larger = Solid::Ball {
-        centre,
-        radius_m: radius_m + 0.2 * VOXEL_M,
-    };
-    let moved = Solid::Ball {
-        centre: centre + DVec3::Y * 0.5 * VOXEL_M,
-        radius_m,
-    };
+    let larger = Solid::Ball { centre, radius_m: radius_m + 0.2 * VOXEL_M };
+    let moved = Solid::Ball { centre: centre + DVec3::Y * 0.5 * VOXEL_M, radius_m };
     let judged = hits(&setup, &[BALL]);
     let eye = setup.camera.position();
     let distance = |solid: Solid| {
@@ -129,17 +104,11 @@ fn ball(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
         percentile(judged.iter().map(off))
     };
     let normal = |solid: Solid| {
-        let off = |h: &Hit| {
-            seen.normal_at(h.pixel)
-                .angle_between(solid.normal(h.position))
-        };
+        let off = |h: &Hit| seen.normal_at(h.pixel).angle_between(solid.normal(h.position));
         percentile(judged.iter().map(|h| off(h).to_degrees()))
     };
     if judged.is_empty() {
-        return Err(VerifyError::Empty {
-            stage: STAGE,
-            what: "a ball".into(),
-        });
+        return Err(VerifyError::Empty { stage: STAGE, what: "a ball".into() });
     }
     Ok(vec![
         Check::new(
@@ -174,10 +143,9 @@ fn percentile(values: impl Iterator<Item = f64>) -> f64 {
 fn ball_over_slab(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
     let solids = [BALL, SLAB];
     let mut checks = Vec::new();
-    for (stop, what) in [
-        (Stop::Threshold, "V ≥ V_thres"),
-        (Stop::Isosurface, "|V − iso| < tolerance"),
-    ] {
+    for (stop, what) in
+        [(Stop::Threshold, "V ≥ V_thres"), (Stop::Isosurface, "|V − iso| < tolerance")]
+    {
         let scalar = Scalar {
             stop,
             threshold: 0.5,
@@ -191,21 +159,11 @@ fn ball_over_slab(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
         let judged: Vec<Hit> = hits(&setup, &solids).into_iter().step_by(STRIDE).collect();
         let exact = |r_max_m: f64| -> Vec<f64> {
             let at = |h: &Hit| {
-                occlusion(
-                    &solids,
-                    h.position,
-                    h.normal,
-                    r_max_m,
-                    Attenuation::Linear,
-                    SIDE,
-                )
+                occlusion(&solids, h.position, h.normal, r_max_m, Attenuation::Linear, SIDE)
             };
             judged.iter().map(at).collect()
         };
-        let measured: Vec<f64> = judged
-            .iter()
-            .map(|h| 1.0 - visibility.data()[h.pixel])
-            .collect();
+        let measured: Vec<f64> = judged.iter().map(|h| 1.0 - visibility.data()[h.pixel]).collect();
         let error = |exact: &[f64]| mean(measured.iter().zip(exact).map(|(a, b)| (a - b).abs()));
         let truth = exact(R_MAX_M);
         let open = vec![0.0; truth.len()];
@@ -216,10 +174,7 @@ fn ball_over_slab(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
                 error(&truth),
                 ("nothing occluded", error(&open)),
             )
-            .with(
-                "mean_signed_error",
-                mean(measured.iter().zip(&truth).map(|(a, b)| a - b)),
-            )
+            .with("mean_signed_error", mean(measured.iter().zip(&truth).map(|(a, b)| a - b)))
             .with("mean_occlusion", mean(truth.iter().copied()))
             .with("error_at_half_r_max", error(&exact(R_MAX_M / 2.0)))
             .with("pixels", judged.len() as f64),
@@ -252,10 +207,7 @@ fn shading(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
     };
     let ambient = setup.scalar.ambient;
     Ok(vec![Check::new(
-        (
-            STAGE,
-            "albedo × visibility × light: largest error of the picture",
-        ),
+        (STAGE, "albedo × visibility × light: largest error of the picture"),
         // A step of 8 bits, and normals of 16 bits.
         (1.5 / 255.0, "1"),
         error(ambient),

@@ -24,51 +24,24 @@ pub fn cases() -> Vec<Case> {
     vec![
         Case::new(DIRECT, "light through a homogeneous block", block),
         Case::new(DIRECT, "occlusion on a ramp of density", ramp),
-        Case::new(
-            DIRECT,
-            "occlusion in a rough field of long cells",
-            rough_hemisphere,
-        ),
+        Case::new(DIRECT, "occlusion in a rough field of long cells", rough_hemisphere),
         Case::new(POSITIONAL, "occlusion inside a homogeneous block", interior),
-        Case::new(
-            POSITIONAL,
-            "occlusion inside a ball and under a face",
-            ball_and_face,
-        ),
-        Case::new(
-            POSITIONAL,
-            "occlusion in a rough field of long cells",
-            rough_sphere,
-        ),
-        Case::new(
-            POSITIONAL,
-            "strata of two voxels in the average pyramid",
-            pyramid,
-        ),
+        Case::new(POSITIONAL, "occlusion inside a ball and under a face", ball_and_face),
+        Case::new(POSITIONAL, "occlusion in a rough field of long cells", rough_sphere),
+        Case::new(POSITIONAL, "strata of two voxels in the average pyramid", pyramid),
         Case::new(POSITIONAL, "laws: rejection and empty fields", laws),
     ]
 }
 
 fn marched(mode: Mode, law: Law, r_max_m: f64, samples: u32) -> Scalar {
-    Scalar {
-        law,
-        r_max_m,
-        samples,
-        rays: RAYS,
-        density_per_m: 4.0,
-        ..settings(mode)
-    }
+    Scalar { law, r_max_m, samples, rays: RAYS, density_per_m: 4.0, ..settings(mode) }
 }
 
 /// The law as the reference has it.
 fn reference_law(scalar: &Scalar, volume: &Volume) -> media::Law {
     match scalar.law {
-        Law::Opacity => media::Law::Opacity {
-            voxel_m: opacity_voxel_m(volume),
-        },
-        Law::Beer => media::Law::Beer {
-            density_per_m: scalar.density_per_m,
-        },
+        Law::Opacity => media::Law::Opacity { voxel_m: opacity_voxel_m(volume) },
+        Law::Beer => media::Law::Beer { density_per_m: scalar.density_per_m },
     }
 }
 
@@ -120,19 +93,13 @@ fn block(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
             Ok(Check::new(
                 (
                     DIRECT,
-                    format!(
-                        "{}: largest error of opacity along the view",
-                        name(setup.scalar.law)
-                    ),
+                    format!("{}: largest error of opacity along the view", name(setup.scalar.law)),
                 ),
                 (1e-3, "1"),
                 error(BLOCK),
                 ("values 2 % higher", error(BLOCK * 1.02)),
             )
-            .with(
-                "opacity_most",
-                opacity.data().iter().copied().fold(0.0, f64::max),
-            ))
+            .with("opacity_most", opacity.data().iter().copied().fold(0.0, f64::max)))
         })
         .into_iter()
         .collect()
@@ -140,10 +107,7 @@ fn block(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
 
 /// Length of a ray within a box.
 fn chord_m(bounds: &Bounds, origin: DVec3, direction: DVec3) -> f64 {
-    let (low, high) = (
-        (bounds.min - origin) / direction,
-        (bounds.max - origin) / direction,
-    );
+    let (low, high) = ((bounds.min - origin) / direction, (bounds.max - origin) / direction);
     let enter = low.min(high).max_element().max(0.0);
     (low.max(high).min_element() - enter).max(0.0)
 }
@@ -161,10 +125,7 @@ fn ramp(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
             (DIRECT, "Eq. 3 against its integral: relative error"),
             (1e-2, "1"),
             error(exact),
-            (
-                "the sum without the factor 2 of uniform directions",
-                error(exact / 2.0),
-            ),
+            ("the sum without the factor 2 of uniform directions", error(exact / 2.0)),
         )
         .with("occlusion", exact),
     ])
@@ -234,17 +195,11 @@ fn rough_checks(
             let mut marching = twin(&scalar, &volume);
             marching.threshold = ends_at;
             let error = |marching: &Marching| (a - exact(marching, TWIN_RAYS)).abs();
-            let all = Marching {
-                rejection: false,
-                ..marching.clone()
-            };
+            let all = Marching { rejection: false, ..marching.clone() };
             Ok(Check::new(
                 (
                     stage,
-                    format!(
-                        "{}: A with rejection and V_thres against f64 marching",
-                        name(law)
-                    ),
+                    format!("{}: A with rejection and V_thres against f64 marching", name(law)),
                 ),
                 (TOLERANCE, "1"),
                 error(&marching),
@@ -272,12 +227,7 @@ fn interior(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
     let mut checks = Vec::new();
     for law in [Law::Opacity, Law::Beer] {
         let at = |r_max_m: f64| {
-            measured(
-                rig,
-                &volume,
-                &marched(Mode::Positional, law, r_max_m, 8),
-                DVec3::ZERO,
-            )
+            measured(rig, &volume, &marched(Mode::Positional, law, r_max_m, 8), DVec3::ZERO)
         };
         let (near, far) = (at(0.6)?, at(1.2)?);
         let exact = |value: f64| {
@@ -286,10 +236,7 @@ fn interior(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
         };
         checks.push(
             Check::new(
-                (
-                    POSITIONAL,
-                    format!("{}: A_P within a homogeneous block", name(law)),
-                ),
+                (POSITIONAL, format!("{}: A_P within a homogeneous block", name(law))),
                 (1e-4, "1"),
                 (far - exact(BLOCK)).abs(),
                 ("values 1 % higher", (far - exact(BLOCK * 1.01)).abs()),
@@ -298,13 +245,7 @@ fn interior(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
         );
         let product = |near: f64| ((1.0 - far) / (1.0 - near).powi(2) - 1.0).abs();
         checks.push(Check::new(
-            (
-                POSITIONAL,
-                format!(
-                    "{}: transmittance of twice the length is the square",
-                    name(law)
-                ),
-            ),
+            (POSITIONAL, format!("{}: transmittance of twice the length is the square", name(law))),
             (1e-4, "1"),
             product(near),
             ("occlusion 1 % higher", product(near * 1.01)),
@@ -345,19 +286,15 @@ fn ball_and_face(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
             "four voxels under a plane face",
             face_a,
             under_face(sigma, depth_m, 1.5),
-            (
-                "half a voxel deeper",
-                under_face(sigma, depth_m + VOXEL_M / 2.0, 1.5),
-            ),
+            ("half a voxel deeper", under_face(sigma, depth_m + VOXEL_M / 2.0, 1.5)),
         ),
     ])
 }
 
 fn pyramid(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
     let mut random = Random::new(5);
-    let values: Vec<f64> = (0..24 * 24 * 24)
-        .map(|_| if random.next() < 0.1 { 0.81 } else { 0.0 })
-        .collect();
+    let values: Vec<f64> =
+        (0..24 * 24 * 24).map(|_| if random.next() < 0.1 { 0.81 } else { 0.0 }).collect();
     let mut volume = cubes(24, |_| 0.0);
     for (value, random) in volume.data.iter_mut().zip(values) {
         *value = random as f32;
@@ -369,10 +306,7 @@ fn pyramid(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
     let error = |volume: &Volume| (a - marching.positional(volume, ROUGH_POINT, TWIN_RAYS)).abs();
     Ok(vec![
         Check::new(
-            (
-                POSITIONAL,
-                "A_P from the next coarser level against f64 marching of means",
-            ),
+            (POSITIONAL, "A_P from the next coarser level against f64 marching of means"),
             (TOLERANCE, "1"),
             error(&halved(&volume)),
             ("the level below", error(&volume)),
@@ -385,24 +319,14 @@ fn laws(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
     let volume = rough();
     let setup = |rejection: bool| Setup {
         volume: volume.clone(),
-        scalar: Scalar {
-            rejection,
-            rays: 8,
-            ..marched(Mode::Positional, Law::Opacity, 0.5, 4)
-        },
+        scalar: Scalar { rejection, rays: 8, ..marched(Mode::Positional, Law::Opacity, 0.5, 4) },
         camera: looking(DVec3::new(1.0, 1.5, 4.0), DVec3::ZERO),
         size_px: [24, 24],
     };
-    let (with, without) = (
-        setup(true).run(rig)?.visibility,
-        setup(false).run(rig)?.visibility,
-    );
+    let (with, without) = (setup(true).run(rig)?.visibility, setup(false).run(rig)?.visibility);
     let more = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a - b).fold(f64::MIN, f64::max);
     let empty = |value: f64| {
-        let setup = Setup {
-            volume: cubes(8, |_| value),
-            ..setup(false)
-        };
+        let setup = Setup { volume: cubes(8, |_| value), ..setup(false) };
         let seen = setup.run(rig)?;
         let dark = seen.visibility.data().iter().map(|v| 1.0 - v);
         let most = |values: &mut dyn Iterator<Item = f64>| values.fold(0.0, f64::max);
@@ -410,19 +334,13 @@ fn laws(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
     };
     Ok(vec![
         Check::new(
-            (
-                POSITIONAL,
-                "rejection never adds: largest excess of A in a pixel",
-            ),
+            (POSITIONAL, "rejection never adds: largest excess of A in a pixel"),
             (1e-6, "1"),
             more(without.data(), with.data()),
             ("exchanged", more(with.data(), without.data())),
         ),
         Check::new(
-            (
-                POSITIONAL,
-                "an empty field hides nothing: largest A or opacity",
-            ),
+            (POSITIONAL, "an empty field hides nothing: largest A or opacity"),
             (0.0, "1"),
             empty(0.0)?,
             ("one step of 8 bits", empty(1.0 / 255.0)?),

@@ -24,11 +24,8 @@ pub fn cases() -> Vec<Case> {
 }
 
 fn overlap(rig: &Rig<'_>, thin: bool) -> Result<Vec<Check>, VerifyError> {
-    let (contact, variant) = if thin {
-        (Contact::Lines, "thin")
-    } else {
-        (Contact::Cube, "conservative")
-    };
+    let (contact, variant) =
+        if thin { (Contact::Lines, "thin") } else { (Contact::Cube, "conservative") };
     let groups = [
         ("soup", vec![Subject::soup()?]),
         ("bunny 32", vec![Subject::bunny(32)?]),
@@ -88,21 +85,12 @@ fn alpha(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
     let stage = Alpha::new(&resources, &geometry, &[part])?;
     rig.run(&[&stage])?;
     let Some(alphas) = stage.alphas().next() else {
-        return Err(VerifyError::Empty {
-            stage: ALPHA,
-            what: "volumes".into(),
-        });
+        return Err(VerifyError::Empty { stage: ALPHA, what: "volumes".into() });
     };
-    let (alphas, bits) = (
-        words(rig, alphas)?,
-        voxels_of(&words(rig, &bits)?, &subject.grid),
-    );
+    let (alphas, bits) = (words(rig, alphas)?, voxels_of(&words(rig, &bits)?, &subject.grid));
     let [exact, perturbed] = [ALPHAS, [0.0, 0.3, 0.8]].map(|of| largest_alphas(&subject, of));
     let wrong = |twin: &[Option<u32>]| {
-        let known = twin
-            .iter()
-            .enumerate()
-            .filter_map(|(i, alpha)| Some((i, (*alpha)?)));
+        let known = twin.iter().enumerate().filter_map(|(i, alpha)| Some((i, (*alpha)?)));
         let differs = |(i, alpha): &(usize, u32)| alphas[*i] != *alpha || bits[*i] != (*alpha > 0);
         known.filter(differs).count() as f64
     };
@@ -133,11 +121,7 @@ fn split(scene: &mut Scene) {
 /// The largest alpha of the objects that touch each voxel, 0 … 255; none where one of them is borderline.
 fn largest_alphas(subject: &Subject, alphas: [f32; 3]) -> Vec<Option<u32>> {
     let of_object = |object: &Object| {
-        gaps(
-            &triangles(std::slice::from_ref(object)),
-            &subject.grid,
-            Contact::Cube,
-        )
+        gaps(&triangles(std::slice::from_ref(object)), &subject.grid, Contact::Cube)
     };
     let gaps: Vec<Vec<f64>> = subject.scene.objects.iter().map(of_object).collect();
     let voxel = |index: usize| {

@@ -23,11 +23,7 @@ pub fn cases() -> Vec<Case> {
 }
 
 fn check(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
-    let grid = Grid {
-        cells: [9, 6, 7],
-        origin_m: DVec3::new(-2.03, -2.57, -6.01),
-        voxel_m: 0.5,
-    };
+    let grid = Grid { cells: [9, 6, 7], origin_m: DVec3::new(-2.03, -2.57, -6.01), voxel_m: 0.5 };
     let voxels = random_voxels(&mut Random::new(17), &grid, 0.15);
     let resources = rig.resources();
     let volume = Voxels::new(&resources, "verify voxels", &grid, false);
@@ -62,10 +58,7 @@ fn check(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
         };
         pixels.filter(differs).count() as f64 / f64::from(SIZE[0] * SIZE[1])
     };
-    let moved = Grid {
-        origin_m: grid.origin_m + DVec3::new(0.01, 0.0, 0.0),
-        ..grid
-    };
+    let moved = Grid { origin_m: grid.origin_m + DVec3::new(0.01, 0.0, 0.0), ..grid };
     Ok(vec![Check::new(
         (STAGE, "share of pixels that see another place"),
         (SHARE, "1"),

@@ -12,13 +12,7 @@ use crate::stages::voxel::unpack::{Packed, Unpack};
 use crate::stages::voxels::Voxels;
 
 /// Multiples of 32 and not, rows longer than a copy's alignment, and a single voxel.
-const SIZES: [[u32; 3]; 5] = [
-    [64, 32, 96],
-    [37, 20, 45],
-    [5, 70, 33],
-    [300, 3, 2],
-    [1, 1, 1],
-];
+const SIZES: [[u32; 3]; 5] = [[64, 32, 96], [37, 20, 45], [5, 70, 33], [300, 3, 2], [1, 1, 1]];
 
 pub fn cases() -> Vec<Case> {
     vec![
@@ -33,15 +27,10 @@ fn clear(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
     let full = vec![u32::MAX; 1000];
     let [all, head, kept] = [0, 1, 2].map(|_| {
         let buffer = resources.storage("verify clear", 4000);
-        rig.gpu
-            .queue
-            .write_buffer(&buffer, 0, bytemuck::cast_slice(&full));
+        rig.gpu.queue.write_buffer(&buffer, 0, bytemuck::cast_slice(&full));
         buffer
     });
-    let part = Cleared {
-        buffer: head.clone(),
-        bytes: 4,
-    };
+    let part = Cleared { buffer: head.clone(), bytes: 4 };
     rig.run(&[&Clear::new(vec![Cleared::from(&all), part])])?;
     let mut expected = [vec![0u32; 1000], full.clone()];
     expected[1][0] = 0;
@@ -91,9 +80,7 @@ fn combine(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
     for ((voxels, _), [x, y, z]) in volumes.iter().zip(&expected) {
         let found = voxels_of(&words(rig, &voxels.bits)?, &voxels.grid);
         let or = |maps: [&[bool]; 3]| -> Vec<bool> {
-            (0..found.len())
-                .map(|i| maps.iter().any(|map| map[i]))
-                .collect()
+            (0..found.len()).map(|i| maps.iter().any(|map| map[i])).collect()
         };
         wrong += differing(&found, &or([x, y, z]));
         control += differing(&found, &or([x, y, y]));
@@ -129,11 +116,7 @@ fn unpack(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
             alphas.push(load(rig, voxels, &values, alpha));
             expected.push(values);
         }
-        let packed = if alpha {
-            Packed::Alphas(alphas)
-        } else {
-            Packed::Bits
-        };
+        let packed = if alpha { Packed::Alphas(alphas) } else { Packed::Bits };
         rig.run(&[&Unpack::new(&resources, &volumes, &packed)?])?;
         let (mut wrong, mut control) = (0.0, 0.0);
         for (voxels, values) in volumes.iter().zip(&mut expected) {
@@ -145,10 +128,7 @@ fn unpack(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
         }
         let name = if alpha { "alphas" } else { "bits" };
         checks.push(Check::new(
-            (
-                "voxel/unpack",
-                format!("texels that differ from the {name}"),
-            ),
+            ("voxel/unpack", format!("texels that differ from the {name}")),
             (0.0, "1"),
             wrong,
             ("voxels moved by one", control),

@@ -9,22 +9,12 @@ use crate::stages::voxel::mips::{Mips, level_cells};
 use crate::stages::voxels::Voxels;
 
 const STAGE: &str = "voxel/mips";
-const SIZES: [[u32; 3]; 5] = [
-    [64, 32, 32],
-    [37, 20, 45],
-    [5, 70, 33],
-    [35, 3, 1],
-    [1, 1, 1],
-];
+const SIZES: [[u32; 3]; 5] = [[64, 32, 32], [37, 20, 45], [5, 70, 33], [35, 3, 1], [1, 1, 1]];
 /// Sparse enough that cells of every level stay empty somewhere.
 const SHARE: f64 = 0.0005;
 
 pub fn cases() -> Vec<Case> {
-    vec![Case::new(
-        STAGE,
-        "occupancy pyramid of random voxels",
-        check,
-    )]
+    vec![Case::new(STAGE, "occupancy pyramid of random voxels", check)]
 }
 
 struct Pyramid {
@@ -111,9 +101,7 @@ fn against_twin(pyramid: &Pyramid, border: i64) -> f64 {
         full
     };
     let levels = pyramid.levels.iter().zip(1..);
-    levels
-        .map(|(found, level)| differing(found, &twin(level)))
-        .sum()
+    levels.map(|(found, level)| differing(found, &twin(level))).sum()
 }
 
 /// Voxels of the grid within `border` of another one.
@@ -133,20 +121,15 @@ fn broken_promises(pyramid: &Pyramid, reach: f64) -> f64 {
     let mut broken = 0;
     for (full, level) in pyramid.levels.iter().zip(1..) {
         let size = plain(level_cells(grid, level));
-        let empty: Vec<[u32; 3]> = cells(&size)
-            .zip(full)
-            .filter_map(|(cell, full)| (!full).then_some(cell))
-            .collect();
+        let empty: Vec<[u32; 3]> =
+            cells(&size).zip(full).filter_map(|(cell, full)| (!full).then_some(cell)).collect();
         for (voxel, _) in cells(grid).zip(&pyramid.voxels).filter(|(_, full)| **full) {
             let near = |cell: &&[u32; 3]| {
                 (0..3).all(|k| {
                     let low = f64::from(cell[k] << level);
                     let is_last = cell[k] + 1 == size.cells[k];
-                    let high = f64::from(if is_last {
-                        grid.cells[k]
-                    } else {
-                        (cell[k] + 1) << level
-                    });
+                    let high =
+                        f64::from(if is_last { grid.cells[k] } else { (cell[k] + 1) << level });
                     let center = f64::from(voxel[k]) + 0.5;
                     center > low - reach && center < high + reach
                 })

@@ -24,12 +24,7 @@ pub fn cases() -> Vec<Case> {
     let together = Case::new(COMBINE, "the slicemaps' voxels", |rig| {
         let mut checks = Vec::new();
         for subject in [Subject::soup()?, Subject::bunny(32)?, Subject::bunny(64)?] {
-            checks.extend(against_surface(
-                COMBINE,
-                rig,
-                &subject,
-                &three_way(rig, &subject)?,
-            ));
+            checks.extend(against_surface(COMBINE, rig, &subject, &three_way(rig, &subject)?));
         }
         let slanted = slanted_quads(rig, COMBINE, &[0, 1, 2], |s| three_way(rig, s))?;
         checks.push(slanted);
@@ -66,17 +61,11 @@ fn slicemap_against_samples(rig: &Rig<'_>, axis: Axis) -> Result<Vec<Check>, Ver
         checks.push(Check::new(
             (
                 axis.name(),
-                format!(
-                    "{}: voxels that differ from samples at pixel centres",
-                    subject.name
-                ),
+                format!("{}: voxels that differ from samples at pixel centres", subject.name),
             ),
             (0.0, "1"),
             against(&subject.grid),
-            (
-                "grid moved by a third of a voxel",
-                against(&subject.moved(1.0 / 3.0)),
-            ),
+            ("grid moved by a third of a voxel", against(&subject.moved(1.0 / 3.0))),
         ));
     }
     let slanted = |subject: &Subject| one_way(rig, subject, axis);
@@ -114,19 +103,13 @@ fn slanted_quads<E: Into<VerifyError>>(
     let control = ("grid moved by a third of a voxel", moved);
     let check = Check::new((stage, name.to_owned()), (0.0, "1"), exact, control);
     let steps = f64::from(subpixels(&rig.gpu.adapter));
-    Ok(check
-        .with("voxels", set as f64)
-        .with("steps_per_pixel", steps))
+    Ok(check.with("voxels", set as f64).with("steps_per_pixel", steps))
 }
 
 /// Steps per pixel to which the adapter's rasterizer rounds corners. wgpu does not tell `subPixelPrecisionBits`: Mesa's
 /// llvmpipe has 8 bits, SwiftShader 4, and 4 are the fewest that Vulkan allows.
 fn subpixels(adapter: &Adapter) -> u32 {
-    if adapter.name.starts_with("llvmpipe") {
-        256
-    } else {
-        FEWEST_SUBPIXELS
-    }
+    if adapter.name.starts_with("llvmpipe") { 256 } else { FEWEST_SUBPIXELS }
 }
 
 /// Voxels on which a rasterization along some axes and its samples on a grid disagree.
@@ -137,10 +120,7 @@ fn differing(rig: &Rig<'_>, found: &[bool], subject: &Subject, grid: &Grid, axes
 }
 
 fn empty(stage: &'static str) -> VerifyError {
-    VerifyError::Empty {
-        stage,
-        what: "volumes".into(),
-    }
+    VerifyError::Empty { stage, what: "volumes".into() }
 }
 
 /// The voxels of three slicemaps and their OR.
@@ -192,10 +172,7 @@ fn against_surface(
     let thin = errors(found, &gaps(&triangles, &subject.grid, Contact::Lines));
     vec![
         Check::new(
-            (
-                stage,
-                format!("{name}: voxels that differ from samples on three axes"),
-            ),
+            (stage, format!("{name}: voxels that differ from samples on three axes")),
             (0.0, "1"),
             against(&subject.grid),
             ("grid moved by a third of a voxel", against(&moved)),
@@ -204,10 +181,7 @@ fn against_surface(
             (stage, format!("{name}: voxels that no triangle touches")),
             (0.0, "1"),
             exact.false_positives as f64,
-            (
-                "grid moved by a third of a voxel",
-                perturbed.false_positives as f64,
-            ),
+            ("grid moved by a third of a voxel", perturbed.false_positives as f64),
         )
         .with("touched_voxels", exact.occupied as f64)
         .with("borderline_voxels", exact.borderline as f64)

@@ -22,11 +22,8 @@ pub struct Subject {
 impl Subject {
     /// Random triangles of all sizes, some without area and some outside a grid that is no cube.
     pub fn soup() -> Result<Self, VerifyError> {
-        let grid = Grid {
-            cells: [37, 24, 32],
-            origin_m: DVec3::new(-1.5, -2.25, 0.5),
-            voxel_m: 0.125,
-        };
+        let grid =
+            Grid { cells: [37, 24, 32], origin_m: DVec3::new(-1.5, -2.25, 0.5), voxel_m: 0.125 };
         let mut random = Random::new(3);
         let mut mesh = Mesh::default();
         for number in 0..300u32 {
@@ -37,18 +34,13 @@ impl Subject {
             // Every twentieth is a line.
             let c = if number % 20 == 0 { (a + b) / 2.0 } else { c };
             let first = mesh.positions.len() as u32;
-            mesh.positions
-                .extend([a, b, c].map(|p| p.as_vec3().to_array()));
+            mesh.positions.extend([a, b, c].map(|p| p.as_vec3().to_array()));
             mesh.indices.extend([first, first + 1, first + 2]);
         }
         mesh.recompute_normals();
         let mut scene = Scene::load("plane")?;
         scene.objects = vec![object(&scene, "soup", mesh)];
-        Ok(Self {
-            name: "soup",
-            scene,
-            grid,
-        })
+        Ok(Self { name: "soup", scene, grid })
     }
 
     /// Quads of 1 to 16 grid edges, slanted at random, each with a grid that its middle lies in and that clips it.
@@ -77,11 +69,7 @@ impl Subject {
             mesh.recompute_normals();
             let mut scene = Scene::load("plane")?;
             scene.objects = vec![object(&scene, "quad", mesh)];
-            Ok(Self {
-                name: "slanted quads",
-                scene,
-                grid,
-            })
+            Ok(Self { name: "slanted quads", scene, grid })
         };
         (0..quads).map(subject).collect()
     }
@@ -91,11 +79,7 @@ impl Subject {
         let mut scene = Scene::load("bunny")?;
         scene.objects.retain(|object| object.name == "bunny");
         let grid = Grid::fit(&scene.solid_bounds(), resolution).map_err(GpuError::Limit)?;
-        Ok(Self {
-            name: "bunny",
-            grid: rounded(&grid),
-            scene,
-        })
+        Ok(Self { name: "bunny", grid: rounded(&grid), scene })
     }
 
     pub fn triangles(&self) -> Vec<Corners> {
@@ -123,11 +107,7 @@ impl Subject {
 
 /// The scene's first object with another mesh.
 pub fn object(scene: &Scene, name: &str, mesh: Mesh) -> Object {
-    Object {
-        name: name.into(),
-        mesh,
-        material: scene.objects[0].material.clone(),
-    }
+    Object { name: name.into(), mesh, material: scene.objects[0].material.clone() }
 }
 
 fn corner(random: &mut Random, low: f64, high: f64) -> DVec3 {
@@ -167,11 +147,7 @@ pub fn random_voxels(random: &mut Random, grid: &Grid, share: f64) -> Vec<bool> 
 
 /// A unit grid of so many cells.
 pub fn plain(cells: [u32; 3]) -> Grid {
-    Grid {
-        cells,
-        origin_m: DVec3::ZERO,
-        voxel_m: 1.0,
-    }
+    Grid { cells, origin_m: DVec3::ZERO, voxel_m: 1.0 }
 }
 
 /// How many of two lists' entries differ.

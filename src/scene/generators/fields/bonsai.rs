@@ -18,13 +18,7 @@ pub const GENERATORS: &[FieldGenerator] = &[FieldGenerator {
         param("pot", 0.6, 0.0, 1.0, "opacity of the pot"),
         param("wood", 0.85, 0.0, 1.0, "opacity of trunk and branches"),
         param("leaves", 0.4, 0.0, 1.0, "opacity of the thickest leaves"),
-        param(
-            "blur",
-            0.008,
-            1e-4,
-            0.1,
-            "width of the borders, longest edge 1",
-        ),
+        param("blur", 0.008, 1e-4, 0.1, "width of the borders, longest edge 1"),
         SEED,
     ],
     // Those of the data set that the paper shows.
@@ -58,10 +52,7 @@ fn bonsai(a: &Args) -> Field {
         let soil = 0.5 * pot * share(cylinder(p - DVec3::Y * -0.36, 0.24, 0.025), width);
         let bark = tree.limbs.iter().map(|l| limb(p, l.ends, l.radii));
         let bark = wood * share(bark.fold(f64::INFINITY, f64::min), width);
-        vessel
-            .max(soil)
-            .max(bark)
-            .max(leaves * tree.foliage(p, seed))
+        vessel.max(soil).max(bark).max(leaves * tree.foliage(p, seed))
     })
 }
 
@@ -69,10 +60,7 @@ fn bonsai(a: &Args) -> Field {
 fn vessel(p: DVec3) -> f64 {
     let q = p - DVec3::Y * -0.41;
     let hollow = cylinder(q - DVec3::Y * 0.05, 0.25, 0.08);
-    let rim = without(
-        cylinder(q - DVec3::Y * 0.075, 0.3, 0.015),
-        cylinder(q, 0.25, 1.0),
-    );
+    let rim = without(cylinder(q - DVec3::Y * 0.075, 0.3, 0.015), cylinder(q, 0.25, 1.0));
     without(cylinder(q, 0.27, 0.09), hollow).min(rim)
 }
 
@@ -94,10 +82,8 @@ fn grow(a: &Args) -> Tree {
         })
         .collect();
     let count = a.count("branches");
-    let mut clusters = vec![Cluster {
-        middle: sway(1.0) + DVec3::Y * 0.04,
-        radii: DVec3::new(0.17, 0.1, 0.17),
-    }];
+    let mut clusters =
+        vec![Cluster { middle: sway(1.0) + DVec3::Y * 0.04, radii: DVec3::new(0.17, 0.1, 0.17) }];
     for i in 0..count {
         let t = 0.4 + 0.5 * (i as f64 + 0.5) / count as f64;
         let angle = turn + 2.4 * i as f64 + dice.between(-0.3, 0.3);
@@ -105,10 +91,9 @@ fn grow(a: &Args) -> Tree {
         let tip = sway(t) + DVec3::new(reach * angle.cos(), 0.3 * reach, reach * angle.sin());
         let bend = sway(t).lerp(tip, 0.5) - DVec3::Y * (0.12 * reach);
         let thick = 0.45 * radius(t);
-        for (ends, radii) in [
-            ([sway(t), bend], [thick, 0.8 * thick]),
-            ([bend, tip], [0.8 * thick, 0.4 * thick]),
-        ] {
+        for (ends, radii) in
+            [([sway(t), bend], [thick, 0.8 * thick]), ([bend, tip], [0.8 * thick, 0.4 * thick])]
+        {
             limbs.push(Limb { ends, radii });
         }
         let spread = dice.between(0.11, 0.15);
@@ -123,10 +108,7 @@ fn grow(a: &Args) -> Tree {
 impl Tree {
     /// Leaves: noise in each cluster, thinner towards its border.
     fn foliage(&self, p: DVec3, seed: u32) -> f64 {
-        let inside = self
-            .clusters
-            .iter()
-            .map(|c| ellipsoid(p - c.middle, c.radii));
+        let inside = self.clusters.iter().map(|c| ellipsoid(p - c.middle, c.radii));
         let depth = -inside.fold(f64::INFINITY, f64::min);
         if depth <= 0.0 {
             return 0.0;

@@ -58,9 +58,6 @@ mod tests {
         assert_eq!(limb(DVec3::new(1.0, 1.0, 0.0), ends, [0.2, 0.4]), 0.7);
         assert_eq!(limb(DVec3::new(3.0, 0.0, 0.0), ends, [0.2, 0.4]), 0.6);
         assert_eq!(without(-1.0, -0.5), 0.5);
-        assert_eq!(
-            (share(-1.0, 0.5), share(0.0, 0.5), share(1.0, 0.5)),
-            (1.0, 0.5, 0.0)
-        );
+        assert_eq!((share(-1.0, 0.5), share(0.0, 0.5), share(1.0, 0.5)), (1.0, 0.5, 0.0));
     }
 }

@@ -13,20 +13,8 @@ pub const GENERATORS: &[FieldGenerator] = &[FieldGenerator {
     about: "a block with bores and steel sleeves of higher density, a stand-in for the engine scan",
     params: &[
         param("casting", 0.55, 0.0, 1.0, "density of the casting"),
-        param(
-            "steel",
-            0.95,
-            0.0,
-            1.0,
-            "density of sleeves, guides and bolts",
-        ),
-        param(
-            "blur",
-            0.006,
-            1e-4,
-            0.1,
-            "width of the borders, longest edge 1",
-        ),
+        param("steel", 0.95, 0.0, 1.0, "density of sleeves, guides and bolts"),
+        param("blur", 0.006, 1e-4, 0.1, "width of the borders, longest edge 1"),
     ],
     // Those of the scan, standing upright.
     cells: [256, 128, 256],
@@ -50,17 +38,11 @@ fn engine(a: &Args) -> Field {
 
 /// The block without its bores, cooling channels, ports and bolt holes, on a foot.
 fn casting(p: DVec3) -> f64 {
-    let foot = cuboid(
-        p - DVec3::new(0.0, -0.185, 0.0),
-        DVec3::new(0.36, 0.02, HALF.z),
-    );
+    let foot = cuboid(p - DVec3::new(0.0, -0.185, 0.0), DVec3::new(0.36, 0.02, HALF.z));
     let mut block = cuboid(p, HALF).min(foot);
     let mirrored = DVec3::new(p.x, p.y, p.z.abs() - BORE_Z);
     let bore = cylinder(mirrored, 0.125, 1.0);
-    let jacket = without(
-        cylinder(mirrored, 0.18, 0.13),
-        cylinder(mirrored, 0.15, 1.0),
-    );
+    let jacket = without(cylinder(mirrored, 0.18, 0.13), cylinder(mirrored, 0.15, 1.0));
     // Between the bores the jackets would meet.
     let jacket = jacket.max(0.01 - p.z.abs());
     let port = DVec3::new(mirrored.y - 0.08, mirrored.x - 0.2, mirrored.z);
@@ -75,10 +57,7 @@ fn casting(p: DVec3) -> f64 {
 /// Sleeves in the bores, guides in the ports, bolts in every other hole.
 fn steel(p: DVec3) -> f64 {
     let mirrored = DVec3::new(p.x, p.y, p.z.abs() - BORE_Z);
-    let sleeve = without(
-        cylinder(mirrored, 0.125, 0.2),
-        cylinder(mirrored, 0.112, 1.0),
-    );
+    let sleeve = without(cylinder(mirrored, 0.125, 0.2), cylinder(mirrored, 0.112, 1.0));
     let port = DVec3::new(mirrored.y - 0.08, mirrored.x - 0.28, mirrored.z);
     let guide = without(cylinder(port, 0.05, 0.02), cylinder(port, 0.035, 1.0));
     let bolts = cylinder(bolt(p), 0.016, 0.15).max(-p.z);

@@ -12,20 +12,8 @@ pub const GENERATORS: &[FieldGenerator] = &[FieldGenerator {
     name: "head_like",
     about: "layers of skin, bone, liquid and folded brain, a stand-in for the scanned head",
     params: &[
-        param(
-            "folds",
-            9.0,
-            1.0,
-            64.0,
-            "folds of the brain along the longest side",
-        ),
-        param(
-            "blur",
-            0.01,
-            1e-4,
-            0.1,
-            "width of the borders, longest edge 1",
-        ),
+        param("folds", 9.0, 1.0, 64.0, "folds of the brain along the longest side"),
+        param("blur", 0.01, 1e-4, 0.1, "width of the borders, longest edge 1"),
         SEED,
     ],
     // Those of the scan, standing upright.

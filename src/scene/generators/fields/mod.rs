@@ -35,14 +35,9 @@ type Field = Box<dyn Fn(DVec3) -> f64 + Sync>;
 
 /// Every generator of volumes there is.
 pub fn all() -> impl Iterator<Item = &'static FieldGenerator> + Clone {
-    [
-        smoke::GENERATORS,
-        bonsai::GENERATORS,
-        engine::GENERATORS,
-        head::GENERATORS,
-    ]
-    .into_iter()
-    .flatten()
+    [smoke::GENERATORS, bonsai::GENERATORS, engine::GENERATORS, head::GENERATORS]
+        .into_iter()
+        .flatten()
 }
 
 /// The generator called `name`; the error names the nearest one.
@@ -88,9 +83,7 @@ mod tests {
 
     /// The field along the longest edge sampled at about this many cells.
     fn coarse(generator: &FieldGenerator, longest: f64) -> [u32; 3] {
-        (generator.extent() * longest)
-            .to_array()
-            .map(|n| n.round() as u32)
+        (generator.extent() * longest).to_array().map(|n| n.round() as u32)
     }
 
     #[test]
@@ -102,11 +95,7 @@ mod tests {
             assert_eq!(data.len(), count);
             assert!(data.iter().all(|v| (0.0..=1.0).contains(v)));
             let filled = data.iter().filter(|v| **v > 0.1).count() as f64 / count as f64;
-            assert!(
-                (0.03..0.7).contains(&filled),
-                "{}: {filled}",
-                generator.name
-            );
+            assert!((0.03..0.7).contains(&filled), "{}: {filled}", generator.name);
             assert_eq!(Ok(data), generator.sample(&BTreeMap::new(), cells));
         }
     }
@@ -136,11 +125,7 @@ mod tests {
                 data.iter().map(|v| f64::from(*v)).sum::<f64>() / data.len() as f64
             };
             let (few, many) = (mean(32.0), mean(56.0));
-            assert!(
-                (few - many).abs() < 0.15 * many,
-                "{}: {few} against {many}",
-                generator.name
-            );
+            assert!((few - many).abs() < 0.15 * many, "{}: {few} against {many}", generator.name);
         }
     }
 
