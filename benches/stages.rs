@@ -11,7 +11,7 @@
 use std::time::Duration;
 
 use criterion::{Criterion, Throughput};
-use fathom::gpu::{Encode, FrameTimer, Gpu, GpuError, Options, audit, audit_table};
+use fathom::gpu::{FrameTimer, Gpu, GpuError, Options, audit, audit_table};
 use fathom::harness::MAX_PASSES;
 use fathom::harness::subject::{Subject, Subjects};
 use fathom::pipelines::underwater::{self, Params};
@@ -131,7 +131,7 @@ impl Bench {
         let subject = self.subjects.subject(group.pipeline, group.scene, &params)?;
         let pipeline = subject.build(&self.gpu)?;
         let stages = pipeline.stages();
-        let frame: Vec<&dyn Encode> = stages.iter().map(|stage| *stage as &dyn Encode).collect();
+        let frame: Vec<&dyn Stage> = stages.iter().map(|stage| *stage as &dyn Stage).collect();
         // Fills every stage's inputs and compiles the shaders.
         self.timer.untimed(&self.gpu, &frame)?;
         let blended = match group.pipeline {
@@ -222,7 +222,7 @@ const ATTEMPTS: u32 = 20;
 /// A stage's time; the clock's resolution where the stage is shorter.
 fn stage_ns(gpu: &Gpu, timer: &mut FrameTimer, stage: &dyn Stage) -> Result<f64, GpuError> {
     for _ in 0..ATTEMPTS {
-        let sample = timer.timed(gpu, &[stage as &dyn Encode])?;
+        let sample = timer.timed(gpu, &[stage as &dyn Stage])?;
         if sample.faults.is_empty() {
             return Ok(sample.stages[0].at_least_resolution_ns());
         }

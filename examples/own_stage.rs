@@ -3,11 +3,11 @@
 //! The stage darkens the final image towards its corners. `cargo run --release --example own_stage`.
 
 use anyhow::Context;
-use fathom::gpu::{ColorTarget, Encode, FrameTimer, Gpu, Options, StageScope, Targets, audit};
+use fathom::gpu::{ColorTarget, FrameTimer, Gpu, Options, StageScope, Targets, audit};
 use fathom::pipelines;
 use fathom::record::Work;
 use fathom::scene::{Scene, SceneFile};
-use fathom::stages::{Output, Stage};
+use fathom::stages::Stage;
 
 /// Vignette by a blended screen triangle, whose alpha grows with the distance from the middle.
 const SHADER: &str = "
@@ -67,7 +67,7 @@ impl Vignette {
     }
 }
 
-impl Encode for Vignette {
+impl Stage for Vignette {
     fn name(&self) -> &'static str {
         "post/vignette"
     }
@@ -80,15 +80,9 @@ impl Encode for Vignette {
             pass.draw(0..3, 0..1);
         });
     }
-}
 
-impl Stage for Vignette {
     fn work(&self) -> Work {
         Work { fragments: self.pixels, bytes_written: self.pixels * 4, ..Work::default() }
-    }
-
-    fn outputs(&self) -> Vec<Output> {
-        Vec::new()
     }
 }
 
@@ -105,7 +99,7 @@ fn main() -> anyhow::Result<()> {
 
     let mut stages = pipeline.stages();
     stages.push(&vignette);
-    let passes: Vec<&dyn Encode> = stages.iter().map(|stage| *stage as &dyn Encode).collect();
+    let passes: Vec<&dyn Stage> = stages.iter().map(|stage| *stage as &dyn Stage).collect();
     let mut timer = FrameTimer::new(&gpu, clock.plan, 64)?;
     // The first frames compile the shaders.
     for _ in 0..3 {

@@ -4,7 +4,7 @@
 use std::process::Command;
 
 use fathom::gpu::{
-    ClockPlan, ColorTarget, Demand, Encode, FaultKind, FrameTimer, Gpu, GpuError, Options,
+    ClockPlan, ColorTarget, Demand, FaultKind, FrameTimer, Gpu, GpuError, Options, Stage,
     StageScope, SubmitCost, Targets, compilation_options, count, read_buffer, read_texture,
     texture_bytes,
 };
@@ -87,8 +87,8 @@ impl Work {
         }
     }
 
-    fn stage(&self, kind: PassKind) -> Stage<'_> {
-        Stage { work: self, kind }
+    fn stage(&self, kind: PassKind) -> Pass<'_> {
+        Pass { work: self, kind }
     }
 }
 
@@ -129,12 +129,12 @@ fn render_pipeline(gpu: &Gpu) -> wgpu::RenderPipeline {
     })
 }
 
-struct Stage<'a> {
+struct Pass<'a> {
     work: &'a Work,
     kind: PassKind,
 }
 
-impl Encode for Stage<'_> {
+impl Stage for Pass<'_> {
     fn name(&self) -> &'static str {
         match self.kind {
             PassKind::Compute => "test/compute",
@@ -178,7 +178,7 @@ impl Encode for Stage<'_> {
 /// Opens nothing.
 struct Idle;
 
-impl Encode for Idle {
+impl Stage for Idle {
     fn name(&self) -> &'static str {
         "test/idle"
     }
@@ -213,7 +213,7 @@ fn stages_and_gaps_make_up_the_envelope() {
     let work = Work::new(&gpu);
     let kinds = [PassKind::Host, PassKind::Compute, PassKind::Render, PassKind::Copy];
     let stages: Vec<_> = kinds.into_iter().chain(kinds).map(|kind| work.stage(kind)).collect();
-    let frame: Vec<&dyn Encode> = stages.iter().map(|stage| stage as &dyn Encode).collect();
+    let frame: Vec<&dyn Stage> = stages.iter().map(|stage| stage as &dyn Stage).collect();
     let mut timer = FrameTimer::new(&gpu, plan(&gpu), 16).expect("it is made");
     for _ in 0..3 {
         timer.timed(&gpu, &frame).expect("the frame runs");
@@ -265,7 +265,7 @@ fn many_passes_span_several_query_sets() {
     let passes = 2100;
     let mut timer = FrameTimer::new(&gpu, plan_with_copies(&gpu), passes).expect("it is made");
     struct Many<'a>(&'a Work, u32);
-    impl Encode for Many<'_> {
+    impl Stage for Many<'_> {
         fn name(&self) -> &'static str {
             "test/many"
         }
@@ -316,7 +316,7 @@ fn what_was_rendered_is_read_back() {
 #[test]
 fn every_format_is_read_back_whatever_its_row_length() {
     struct Clear<'a>(&'a wgpu::TextureView);
-    impl Encode for Clear<'_> {
+    impl Stage for Clear<'_> {
         fn name(&self) -> &'static str {
             "test/clear"
         }

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use fathom::gpu::{ClockPlan, Encode, FrameTimer, Gpu, Options, Pixels, SubmitCost, read_texture};
+use fathom::gpu::{Gpu, Options, Pixels, read_texture};
 use fathom::pipelines::{Pipeline, hsao, params};
 use fathom::scene::{Scene, SceneFile};
 use serde_json::{Value, json};
@@ -28,10 +28,7 @@ fn frame(gpu: &Gpu, set: &[(&str, Value)]) -> (Pixels, BTreeMap<String, f64>) {
 }
 
 fn run(gpu: &Gpu, pipeline: &dyn Pipeline) {
-    let stages = pipeline.stages();
-    let stages: Vec<&dyn Encode> = stages.into_iter().map(|stage| stage as _).collect();
-    let mut timer = FrameTimer::new(gpu, ClockPlan::fenced(SubmitCost::default()), 64).unwrap();
-    timer.untimed(gpu, &stages).unwrap();
+    gpu.run(&pipeline.stages()).unwrap();
 }
 
 /// Mean of the red channel.

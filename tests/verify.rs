@@ -1,6 +1,6 @@
 //! Every stage agrees with its f64 reference, and every control disagrees, on the adapter at hand.
 
-use fathom::gpu::{ClockPlan, Encode, FrameTimer, Gpu, Options, SubmitCost};
+use fathom::gpu::{Gpu, Options};
 use fathom::harness::landing::photon_quantities;
 use fathom::harness::verify::{Table, VerifyError, verify};
 use fathom::pipelines::underwater::{Params, Underwater};
@@ -40,10 +40,7 @@ fn photons_of_a_built_pipeline_have_their_errors() {
     params.caustics.offset = [0.3, 0.8];
     params.godrays.grid = 20;
     let pipeline = Underwater::new(&gpu, &scene, params.clone()).unwrap();
-    let stages: Vec<&dyn Encode> =
-        pipeline.stages().into_iter().map(|stage| stage as &dyn Encode).collect();
-    let mut timer = FrameTimer::new(&gpu, ClockPlan::fenced(SubmitCost::default()), 64).unwrap();
-    timer.untimed(&gpu, &stages).unwrap();
+    gpu.run(&pipeline.stages()).unwrap();
     let figures = photon_quantities(&gpu, &scene, &params, &pipeline).unwrap();
     for name in ["caustics", "godrays"] {
         assert!(figures[&format!("{name}_photon_error_median_m")] < 1e-4, "{figures:?}");
@@ -70,10 +67,7 @@ fn scalar_fields_give_their_figures() {
         let scene = Scene::build(&(kind.scene_file)(&file, &tree).unwrap()).unwrap();
         gpu.check(&(kind.demand)(&tree, &scene).unwrap()).unwrap();
         let pipeline = (kind.build)(&gpu, &scene, &tree).unwrap();
-        let stages: Vec<&dyn Encode> =
-            pipeline.stages().into_iter().map(|s| s as &dyn Encode).collect();
-        let mut timer = FrameTimer::new(&gpu, ClockPlan::fenced(SubmitCost::default()), 8).unwrap();
-        timer.untimed(&gpu, &stages).unwrap();
+        gpu.run(&pipeline.stages()).unwrap();
         let figures = pipeline.quantities(&gpu).unwrap();
 
         let cells = scene.volume.as_ref().unwrap().cells;

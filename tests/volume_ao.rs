@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use fathom::gpu::{ClockPlan, Encode, FrameTimer, Gpu, Options, Pixels, SubmitCost, read_texture};
+use fathom::gpu::{Gpu, Options, Pixels, read_texture};
 use fathom::pipelines::volume_ao::{KIND, Params, VolumeAo};
 use fathom::pipelines::{Pipeline, params};
 use fathom::reference::occlusion::{Attenuation, occlusion};
@@ -35,9 +35,7 @@ fn draw(gpu: &Gpu, scene: &str, set: &[(&str, Value)]) -> Drawn {
     gpu.check(&(KIND.demand)(&tree, &scene).unwrap()).unwrap();
     let params = Params::from_value(&tree).unwrap();
     let pipeline = gpu.scoped(|| VolumeAo::new(gpu, &scene, params.clone())).unwrap();
-    let stages: Vec<&dyn Encode> = pipeline.stages().into_iter().map(|s| s as _).collect();
-    let mut timer = FrameTimer::new(gpu, ClockPlan::fenced(SubmitCost::default()), 64).unwrap();
-    timer.untimed(gpu, &stages).unwrap();
+    gpu.run(&pipeline.stages()).unwrap();
     Drawn { scene, params, pipeline }
 }
 

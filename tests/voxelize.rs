@@ -1,7 +1,7 @@
 //! The pipeline `voxelize` on whatever adapter is there: grids of all shapes, geometry outside them, volumes by the object, and
 //! geometry in motion.
 
-use fathom::gpu::{ClockPlan, Encode, FrameTimer, Gpu, Options, SubmitCost, read_buffer};
+use fathom::gpu::{Gpu, Options, read_buffer};
 use fathom::pipelines::Pipeline;
 use fathom::pipelines::settings::{Deform, Method};
 use fathom::pipelines::voxelize::{Params, Voxelize};
@@ -60,13 +60,10 @@ impl Fixture {
         let params = Params::from_value(&params.to_value()).unwrap();
         let make = || Voxelize::new(&self.gpu, &self.scene, params);
         let pipeline = self.gpu.scoped(make).unwrap();
-        let stages = pipeline.stages().into_iter().map(|s| s as &dyn Encode);
-        let mut frame: Vec<&dyn Encode> = stages.collect();
+        let mut frame = pipeline.stages();
         frame.extend(pipeline.presenting());
-        let plan = ClockPlan::fenced(SubmitCost::default());
-        let mut timer = FrameTimer::new(&self.gpu, plan, 1).unwrap();
         for _ in 0..2 {
-            timer.untimed(&self.gpu, &frame).unwrap();
+            self.gpu.run(&frame).unwrap();
         }
         pipeline
     }

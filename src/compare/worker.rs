@@ -17,8 +17,7 @@ use super::protocol::{
     parse_request,
 };
 use super::{quiet, valgrind};
-use crate::gpu::{self, ClockPlan, Encode, FrameTimer, Gpu, GpuError, StageSample, SubmitCost};
-use crate::harness::executor::encodable;
+use crate::gpu::{self, ClockPlan, FrameTimer, Gpu, GpuError, Stage, StageSample, SubmitCost};
 use crate::harness::subject::{Subject, SubjectError, Subjects};
 use crate::harness::verify::{Check, VerifyError, verify_stages};
 use crate::harness::{MAX_PASSES, errors};
@@ -208,7 +207,7 @@ impl Device {
             subjects.subject(&configuration.pipeline, &configuration.scene, &overrides)?;
         let pipeline = subject.build(&self.gpu)?;
         let built = Instant::now();
-        let stages = encodable(pipeline.as_ref());
+        let stages = pipeline.stages();
         for _ in 0..WARM_UP_FRAMES {
             self.timer.untimed(&self.gpu, &stages)?;
         }
@@ -242,7 +241,7 @@ impl Device {
     fn exact(&mut self, config: &str) -> Result<Reply, Refusal> {
         let prepared = known(&self.prepared, config)?;
         let pipeline = prepared.pipeline.as_ref();
-        let encodes = encodable(pipeline);
+        let encodes = pipeline.stages();
         let counted = gpu::count(&self.gpu, &encodes, MAX_PASSES)?.unwrap_or_default();
         self.timer.untimed(&self.gpu, &encodes)?;
         let stages = pipeline.stages().into_iter().map(|stage| {
@@ -314,8 +313,8 @@ fn find<'a>(
     prepared: &'a BTreeMap<String, Prepared>,
     config: &str,
     stage: &str,
-) -> Result<&'a dyn Encode, Refusal> {
-    let stages = encodable(known(prepared, config)?.pipeline.as_ref());
+) -> Result<&'a dyn Stage, Refusal> {
+    let stages = known(prepared, config)?.pipeline.stages();
     let found = stages.iter().find(|present| present.name() == stage);
     found.copied().ok_or_else(|| Refusal::NoStage {
         config: config.to_owned(),
@@ -336,7 +335,7 @@ fn resolved(sample: &StageSample) -> Result<f64, GpuError> {
 }
 
 /// Time of one frame with this stage alone. Readings that cannot be true are taken again.
-fn reading(gpu: &Gpu, timer: &mut FrameTimer, stage: &dyn Encode) -> Result<f64, GpuError> {
+fn reading(gpu: &Gpu, timer: &mut FrameTimer, stage: &dyn Stage) -> Result<f64, GpuError> {
     let mut last = String::new();
     for _ in 0..ATTEMPTS {
         if gpu.adapter.software {

@@ -2,7 +2,8 @@
 
 use std::collections::BTreeMap;
 
-use super::frame::{Encode, Mode, Recorder};
+use super::Stage;
+use super::frame::{Mode, Recorder};
 use super::readback::map;
 use super::{Gpu, GpuError};
 
@@ -28,7 +29,7 @@ pub struct StageCounters {
 /// of each stage. `None` where the adapter does not count.
 pub fn count(
     gpu: &Gpu,
-    stages: &[&dyn Encode],
+    stages: &[&dyn Stage],
     max_passes: u32,
 ) -> Result<Option<Vec<StageCounters>>, GpuError> {
     if !gpu.features.contains(wgpu::Features::PIPELINE_STATISTICS_QUERY) || max_passes == 0 {
@@ -75,9 +76,9 @@ fn resolve(gpu: &Gpu, set: &wgpu::QuerySet, queries: u32) -> Result<Vec<u64>, Gp
     })
 }
 
-fn sum(stages: &[&dyn Encode], recorder: &Recorder, results: &[u64]) -> Vec<StageCounters> {
+fn sum(stages: &[&dyn Stage], recorder: &Recorder, results: &[u64]) -> Vec<StageCounters> {
     let empty =
-        |stage: &&dyn Encode| StageCounters { name: stage.name(), counters: BTreeMap::new() };
+        |stage: &&dyn Stage| StageCounters { name: stage.name(), counters: BTreeMap::new() };
     let mut counted: Vec<StageCounters> = stages.iter().map(empty).collect();
     for pass in &recorder.passes {
         let Some(query) = pass.query.map(|query| query as usize * NAMES.len()) else {

@@ -13,6 +13,7 @@ mod frame;
 mod limits;
 mod readback;
 mod shader;
+mod stage;
 
 pub use adapter::{Gpu, Options};
 pub use audit::{Audit, audit, audit_table};
@@ -22,11 +23,12 @@ pub use error::GpuError;
 #[cfg(test)]
 pub(crate) use frame::CostMeter;
 pub use frame::{
-    ClockPlan, ColorTarget, DepthTarget, Encode, Fault, FaultKind, FrameSample, FrameTimer,
-    HostTime, StageSample, StageScope, SubmitCost, Targets,
+    ClockPlan, ColorTarget, DepthTarget, Fault, FaultKind, FrameSample, FrameTimer, HostTime,
+    StageSample, StageScope, SubmitCost, Targets,
 };
 pub use limits::Demand;
 pub use readback::{Pixels, Texels, read_buffer, read_texture, read_volume, texture_bytes};
 pub use shader::{
     StructLayout, compilation_options, default_defs, link, shader_paths, wgsl_layout,
 };
+pub use stage::{Column, Output, OutputData, Row, Stage, StageInfo};

@@ -4,7 +4,6 @@ use std::collections::HashMap;
 
 use thiserror::Error;
 
-use super::executor::encodable;
 use super::plan::PlannedReference;
 use super::readout::{self, ReadoutError};
 use super::subject::Subject;
@@ -60,7 +59,7 @@ fn run(
     stages: &[String],
 ) -> Result<Pixels, DifferenceError> {
     let pipeline = subject.build(gpu)?;
-    timer.untimed(gpu, &encodable(pipeline.as_ref()))?;
+    timer.untimed(gpu, &pipeline.stages())?;
     Ok(readout::image(gpu, pipeline.as_ref(), stages, None)?)
 }
 

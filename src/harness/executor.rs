@@ -13,7 +13,7 @@ use super::progress::Progress;
 use super::sample::{CellResult, Executor, Failure, Samples};
 use super::{MAX_PASSES, errors, picture, views};
 use crate::experiments::schema::{Experiment, Pictures};
-use crate::gpu::{self, ClockPlan, Encode, FrameSample, FrameTimer, Gpu, GpuError, StageCounters};
+use crate::gpu::{self, ClockPlan, FrameSample, FrameTimer, Gpu, GpuError, Stage, StageCounters};
 use crate::pipelines::Pipeline;
 use crate::record::{Addition, Outcome, Record, RecordError, Run, SampleLine, Writer};
 use crate::report::{self, ERROR_PICTURE};
@@ -147,7 +147,7 @@ impl<'a> CellExecutor<'a> {
     fn build(&mut self, cell: usize) -> Result<u64, GpuError> {
         let gpu = &self.session.gpu;
         let pipeline = self.cells[cell].subject.build(gpu)?;
-        let stages = encodable(pipeline.as_ref());
+        let stages = pipeline.stages();
         let counters = gpu::count(gpu, &stages, MAX_PASSES)?.unwrap_or_default();
         let code = if gpu.adapter.software { SOFTWARE_CODE_BYTES } else { 0 };
         let bytes = pipeline.allocated_bytes() + code;
@@ -236,13 +236,13 @@ impl<'a> CellExecutor<'a> {
     fn frame<T>(
         &mut self,
         cell: usize,
-        run: impl FnOnce(&mut FrameTimer, &Gpu, &[&dyn Encode]) -> Result<T, GpuError>,
+        run: impl FnOnce(&mut FrameTimer, &Gpu, &[&dyn Stage]) -> Result<T, GpuError>,
         ns: impl FnOnce(&T) -> f64,
     ) -> Result<T, Failure> {
         let Some(built) = &self.built[cell] else {
             return Err(Failure::Cell("its pipeline was not built".to_owned()));
         };
-        let stages = encodable(built.pipeline.as_ref());
+        let stages = built.pipeline.stages();
         let Session { gpu, timer, spent, .. } = &mut *self.session;
         let frame = run(timer, gpu, &stages).map_err(failure)?;
         spent.frames_ns += ns(&frame);
@@ -258,11 +258,6 @@ pub fn name(run: &Run, cell: &PlannedCell) -> CellName {
         experiment: cell.plan.experiment.clone(),
         cell: cell.plan.cell.clone(),
     }
-}
-
-/// A pipeline's stages as a frame takes them.
-pub(crate) fn encodable(pipeline: &dyn Pipeline) -> Vec<&dyn Encode> {
-    pipeline.stages().into_iter().map(|stage| stage as &dyn Encode).collect()
 }
 
 fn failure(error: GpuError) -> Failure {

@@ -4,7 +4,6 @@ use glam::{DQuat, DVec3};
 use serde_json::{Value, json};
 use thiserror::Error;
 
-use super::executor::encodable;
 use super::occlusion::{FILTERED, RAW};
 use super::readout::{self, ReadoutError};
 use super::subject::Subject;
@@ -86,7 +85,7 @@ pub fn spread(
     // One at a time, as the pictures of a view are large.
     for other in others {
         let pipeline = other.build(gpu)?;
-        timer.untimed(gpu, &encodable(pipeline.as_ref()))?;
+        timer.untimed(gpu, &pipeline.stages())?;
         seen.also_by(&Shot::new(gpu, other, pipeline.as_ref())?);
     }
     seen.spread()

@@ -13,7 +13,7 @@ use std::collections::BTreeMap;
 
 use serde_json::Value;
 
-use crate::gpu::{Demand, Encode, Gpu, GpuError};
+use crate::gpu::{Demand, Gpu, GpuError};
 use crate::record::Work;
 use crate::scene::{Scene, SceneFile, VolumeFile};
 use crate::stages::{Stage, StageInfo};
@@ -27,7 +27,7 @@ pub trait Pipeline {
     /// The final image, `Rgba8Unorm`.
     fn image(&self) -> &wgpu::Texture;
     /// What draws the image from a frame's results where the frame itself does not: run for pictures alone, never timed.
-    fn presenting(&self) -> Vec<&dyn Encode> {
+    fn presenting(&self) -> Vec<&dyn Stage> {
         Vec::new()
     }
     /// Figures that need a read-back of the last frame: rates of missed and unconverged photons and the like,

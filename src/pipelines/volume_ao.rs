@@ -136,7 +136,7 @@ impl Solids {
         let solids = Self { geometry, deform, voxelization };
         if update == Update::Once {
             let stages: Vec<&dyn Stage> = solids.moving().chain(solids.filling()).collect();
-            voxelization::run_once(resources.gpu, &stages)?;
+            resources.gpu.run(&stages)?;
         }
         Ok(solids)
     }

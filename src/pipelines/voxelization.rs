@@ -1,7 +1,7 @@
 //! Volumes and the stages that fill them, as `voxelize` and `volume_ao` share them. VAO §4.
 
 use super::settings::{Animation, Method, Voxel};
-use crate::gpu::{ClockPlan, Demand, Encode, FrameTimer, Gpu, GpuError, SubmitCost};
+use crate::gpu::{Demand, GpuError};
 use crate::record::Work;
 use crate::scene::{Camera, Grid, Scene};
 use crate::stages::Stage;
@@ -164,18 +164,6 @@ fn unpack(
 ) -> Result<Box<dyn Stage>, GpuError> {
     let volumes: Vec<Voxels> = parts.iter().map(|part| part.voxels.clone()).collect();
     Ok(Box::new(Unpack::new(resources, &volumes, packed)?))
-}
-
-/// Runs stages as one untimed frame: those of volumes that are made once.
-///
-/// # Errors
-/// What the GPU reports.
-pub fn run_once(gpu: &Gpu, stages: &[&dyn Stage]) -> Result<(), GpuError> {
-    let frame: Vec<&dyn Encode> = stages.iter().map(|stage| *stage as &dyn Encode).collect();
-    let plan = ClockPlan::fenced(SubmitCost::default());
-    // The bound is on timed passes, of which there are none.
-    let mut timer = FrameTimer::new(gpu, plan, 1)?;
-    timer.untimed(gpu, &frame).map(drop)
 }
 
 /// What volumes and their stages ask of an adapter; an error names the parameter at fault.

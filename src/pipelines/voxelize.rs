@@ -9,7 +9,7 @@ use serde_json::Value;
 use super::settings::{self, Animation, DEPTH_BYTES, IMAGE_BYTES, Update, VIEWPORT, Voxel};
 use super::voxelization::{self, Voxelization};
 use super::{Kind, Pipeline};
-use crate::gpu::{Demand, Encode, Gpu, GpuError, read_buffer, texture_bytes};
+use crate::gpu::{Demand, Gpu, GpuError, read_buffer, texture_bytes};
 use crate::scene::{Camera, Light, Scene, SceneFile};
 use crate::stages::frame::{Shared, View};
 use crate::stages::geometry::Geometry;
@@ -194,7 +194,7 @@ impl Pipeline for Voxelize {
         self.view.texture()
     }
 
-    fn presenting(&self) -> Vec<&dyn Encode> {
+    fn presenting(&self) -> Vec<&dyn Stage> {
         vec![&self.view]
     }
 

@@ -3,7 +3,7 @@
 use encase::ShaderType;
 use glam::Vec2;
 
-use crate::gpu::{ColorTarget, DepthTarget, Encode, GpuError, StageScope, Targets};
+use crate::gpu::{ColorTarget, DepthTarget, GpuError, StageScope, Targets};
 use crate::record::Work;
 use crate::stages::frame::Shared;
 use crate::stages::kit::{self, Bind, Group, RenderSpec, Resources};
@@ -122,7 +122,7 @@ impl Compose {
     }
 }
 
-impl Encode for Compose {
+impl Stage for Compose {
     fn name(&self) -> &'static str {
         INFO.name
     }
@@ -145,9 +145,7 @@ impl Encode for Compose {
             pass.draw(0..self.water_quads() * 6, 0..1);
         });
     }
-}
 
-impl Stage for Compose {
     fn work(&self) -> Work {
         // Three G-buffer texels and two bilinear look-ups of four.
         let fetches = 3 + 2 * 4 + u64::from(self.settings.occlusion_taps);

@@ -5,8 +5,8 @@ use glam::{DMat4, DVec2, DVec3, Mat4, UVec2, Vec2, Vec3};
 
 use super::kit::{Bind, Group, Resources, host_bytes};
 use super::photon::PhotonEnergy;
-use super::{Output, Stage, StageInfo};
-use crate::gpu::{Encode, StageScope};
+use super::{Stage, StageInfo};
+use crate::gpu::StageScope;
 use crate::record::Work;
 use crate::scene::{Bounds, Camera, Light, LightFrame, LightKind, Water, WaterModel, wave_texels};
 
@@ -215,7 +215,7 @@ impl Frame {
     }
 }
 
-impl Encode for Frame {
+impl Stage for Frame {
     fn name(&self) -> &'static str {
         INFO.name
     }
@@ -225,14 +225,8 @@ impl Encode for Frame {
             queue.write_buffer(&self.uniforms, 0, &host_bytes(&self.view.uniforms()));
         });
     }
-}
 
-impl Stage for Frame {
     fn work(&self) -> Work {
         Work { bytes_written: FrameUniforms::min_size().get(), ..Work::default() }
-    }
-
-    fn outputs(&self) -> Vec<Output> {
-        Vec::new()
     }
 }

@@ -1,6 +1,7 @@
 //! The kernels of the audit: a pass of each kind whose work is known.
 
-use crate::gpu::frame::{ColorTarget, Encode, StageScope, Targets};
+use crate::gpu::Stage;
+use crate::gpu::frame::{ColorTarget, StageScope, Targets};
 use crate::gpu::shader::compilation_options;
 use crate::gpu::{Gpu, GpuError};
 use crate::record::PassKind;
@@ -144,7 +145,7 @@ pub(super) struct Kernel<'a> {
     calls: u32,
 }
 
-impl Encode for Kernel<'_> {
+impl Stage for Kernel<'_> {
     fn name(&self) -> &'static str {
         match self.kind {
             PassKind::Compute => "audit/compute",

@@ -25,7 +25,8 @@ use std::time::{Duration, Instant};
 
 use self::kernels::{Kernel, Kernels};
 use self::verdict::{Series, factor, judge, median};
-use super::frame::{ClockPlan, Encode, FrameSample, FrameTimer, Probe, SubmitCost};
+use super::Stage;
+use super::frame::{ClockPlan, FrameSample, FrameTimer, Probe, SubmitCost};
 use super::{Gpu, GpuError};
 use crate::record::{AuditRow, Clock, PassKind};
 
@@ -298,7 +299,7 @@ impl<'a> Bench<'a> {
         kinds: &[PassKind],
         series: &mut [Series],
     ) -> Result<(), GpuError> {
-        let once = kinds.iter().map(|kind| kernel(&self.kernels[level], *kind) as &dyn Encode);
+        let once = kinds.iter().map(|kind| kernel(&self.kernels[level], *kind) as &dyn Stage);
         let frame = once.collect::<Vec<_>>().repeat(OCCURRENCES);
         let mixed = self.timestamps.timed(gpu, &frame)?;
         let apart = self.fenced.timed(gpu, &frame)?;

@@ -25,6 +25,6 @@ pub use clock::{ClockPlan, SubmitCost};
 #[cfg(test)]
 pub(crate) use meter::CostMeter;
 pub(super) use probe::Probe;
-pub use scope::{ColorTarget, DepthTarget, Encode, HostTime, StageScope, Targets};
+pub use scope::{ColorTarget, DepthTarget, HostTime, StageScope, Targets};
 pub(super) use scope::{Mode, Recorder};
 pub use timer::{Fault, FaultKind, FrameSample, FrameTimer, StageSample};

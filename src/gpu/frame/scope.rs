@@ -5,7 +5,7 @@ use std::time::Instant;
 
 use super::clock::ClockPlan;
 use super::meter::Metering;
-use crate::gpu::{Gpu, GpuError};
+use crate::gpu::{Gpu, GpuError, Stage};
 use crate::record::{Clock, PassKind};
 
 /// WebGPU's largest query set.
@@ -14,14 +14,6 @@ pub(super) const QUERIES_PER_SET: u32 = 4096;
 pub(super) const QUERIES_PER_PASS: u32 = 2;
 /// WebGPU's largest number of colour targets.
 const MAX_COLOR_TARGETS: usize = 8;
-
-/// Something that encodes passes: a stage.
-pub trait Encode {
-    /// The name under which the time is recorded, such as `caustics/trace`.
-    fn name(&self) -> &'static str;
-    /// Opens the stage's passes. Called once per frame.
-    fn encode(&self, scope: &mut StageScope<'_>);
-}
 
 /// The targets of a render pass.
 #[derive(Clone, Copy, Debug, Default)]
@@ -110,7 +102,7 @@ impl Recorder {
         &mut self,
         gpu: &Gpu,
         mode: Mode<'_>,
-        stages: &[&dyn Encode],
+        stages: &[&dyn Stage],
     ) -> Result<(), GpuError> {
         self.reset();
         for (stage, encode) in stages.iter().enumerate() {

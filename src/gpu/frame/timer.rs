@@ -2,13 +2,12 @@
 
 use std::fmt;
 
+use super::SubmitCost;
 use super::clock::ClockPlan;
 use super::meter::{CostMeter, Metering, Submissions};
-use super::scope::{
-    Encode, HostTime, Mode, QUERIES_PER_PASS, QUERIES_PER_SET, Recorder, Span, ns_between,
-};
+use super::scope::{HostTime, Mode, QUERIES_PER_PASS, QUERIES_PER_SET, Recorder, Span, ns_between};
 use crate::gpu::readback::map;
-use crate::gpu::{Gpu, GpuError};
+use crate::gpu::{Gpu, GpuError, Stage};
 use crate::record::{Clock, PassKind};
 
 const TICK_BYTES: u64 = size_of::<u64>() as u64;
@@ -158,7 +157,7 @@ impl FrameTimer {
     }
 
     /// Runs one frame with every stage timed.
-    pub fn timed(&mut self, gpu: &Gpu, stages: &[&dyn Encode]) -> Result<FrameSample, GpuError> {
+    pub fn timed(&mut self, gpu: &Gpu, stages: &[&dyn Stage]) -> Result<FrameSample, GpuError> {
         gpu.scoped(|| {
             let sets = self.queries.as_ref().map_or(&[][..], |queries| &queries.sets);
             let mode = Mode::Timed { plan: &self.plan, sets, max_passes: self.max_passes };
@@ -171,12 +170,12 @@ impl FrameTimer {
 
     /// Runs one frame in one submission with nothing timed within. Returns the wall time from the
     /// submission to the fence and the host stages, in ns.
-    pub fn untimed(&mut self, gpu: &Gpu, stages: &[&dyn Encode]) -> Result<f64, GpuError> {
+    pub fn untimed(&mut self, gpu: &Gpu, stages: &[&dyn Stage]) -> Result<f64, GpuError> {
         Ok(self.on_host(gpu, stages)?.wall_ns)
     }
 
     /// Runs one frame as [`Self::untimed`] does and also reads the process's CPU time.
-    pub fn on_host(&mut self, gpu: &Gpu, stages: &[&dyn Encode]) -> Result<HostTime, GpuError> {
+    pub fn on_host(&mut self, gpu: &Gpu, stages: &[&dyn Stage]) -> Result<HostTime, GpuError> {
         gpu.scoped(|| {
             self.recorder.record(gpu, Mode::Untimed, stages)?;
             self.recorder.run(gpu)
@@ -184,7 +183,7 @@ impl FrameTimer {
     }
 
     /// Kind of each stage's first pass; `Host` for a stage that opens none. Encodes a frame and drops it.
-    pub fn kinds(&mut self, gpu: &Gpu, stages: &[&dyn Encode]) -> Result<Vec<PassKind>, GpuError> {
+    pub fn kinds(&mut self, gpu: &Gpu, stages: &[&dyn Stage]) -> Result<Vec<PassKind>, GpuError> {
         gpu.scoped(|| self.recorder.record(gpu, Mode::Untimed, stages))?;
         let passes = &self.recorder.passes;
         let first = |stage: usize| passes.iter().find(|pass| pass.stage == stage);
@@ -207,7 +206,7 @@ impl FrameTimer {
         }
     }
 
-    fn evaluate(&self, stages: &[&dyn Encode]) -> FrameSample {
+    fn evaluate(&self, stages: &[&dyn Stage]) -> FrameSample {
         let mut account = Account::new(stages);
         for work in &self.recorder.host {
             account.add(work.stage, Clock::Host, Ok(work.ns));
@@ -311,8 +310,8 @@ struct Account {
 }
 
 impl Account {
-    fn new(stages: &[&dyn Encode]) -> Self {
-        let empty = |stage: &&dyn Encode| StageSample {
+    fn new(stages: &[&dyn Stage]) -> Self {
+        let empty = |stage: &&dyn Stage| StageSample {
             name: stage.name(),
             clock: Clock::Host,
             ns: 0.0,
@@ -421,5 +420,13 @@ impl Queries {
             let pair = |raw: &[u8]| [tick(&raw[..8]), tick(&raw[8..])];
             ticks.extend(raw.chunks_exact(16).map(pair));
         })
+    }
+}
+impl Gpu {
+    /// Runs stages as one untimed frame and waits for it.
+    pub fn run(&self, stages: &[&dyn Stage]) -> Result<(), GpuError> {
+        // The bound is on timed passes, of which there are none.
+        let plan = ClockPlan::fenced(SubmitCost::default());
+        FrameTimer::new(self, plan, 1)?.untimed(self, stages).map(drop)
     }
 }

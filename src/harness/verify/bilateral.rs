@@ -2,7 +2,7 @@
 
 use super::rig::{self, Random, Rig};
 use super::{Case, Check, VerifyError};
-use crate::gpu::{Encode, GpuError};
+use crate::gpu::{GpuError, Stage};
 use crate::pipelines::settings;
 use crate::reference::bilateral::Bilateral;
 use crate::reference::image::Image;
@@ -24,7 +24,7 @@ const AMBIGUOUS_PX: f64 = 2e-3;
 /// The result is stored in 16 bits, a step of which is 4.9e-4 below 1; view depth in f32 adds as much again.
 const TOLERANCE: f64 = 1e-3;
 
-type Made = (Box<dyn Encode>, wgpu::Texture);
+type Made = (Box<dyn Stage>, wgpu::Texture);
 type Make = fn(&Resources<'_>, &Shared, &Inputs<'_>, &BilateralUniforms) -> Result<Made, GpuError>;
 
 pub fn cases() -> Vec<Case> {

@@ -2,7 +2,7 @@
 
 use super::rig::{Random, Rig};
 use super::{Case, Check, VerifyError};
-use crate::gpu::{Encode, GpuError};
+use crate::gpu::{GpuError, Stage};
 use crate::reference::filter::Disc;
 use crate::reference::image::Image;
 use crate::stages::kit::Resources;
@@ -29,7 +29,7 @@ pub fn cases() -> Vec<Case> {
                         settings,
                     )?;
                     let texture = filter.texture().clone();
-                    Ok((Box::new(filter) as Box<dyn Encode>, texture))
+                    Ok((Box::new(filter) as Box<dyn Stage>, texture))
                 };
             check("caustics/filter", rig, make)
         }),
@@ -42,14 +42,14 @@ pub fn cases() -> Vec<Case> {
                         settings,
                     )?;
                     let texture = filter.texture().clone();
-                    Ok((Box::new(filter) as Box<dyn Encode>, texture))
+                    Ok((Box::new(filter) as Box<dyn Stage>, texture))
                 };
             check("godrays/filter", rig, make)
         }),
     ]
 }
 
-type Made = (Box<dyn Encode>, wgpu::Texture);
+type Made = (Box<dyn Stage>, wgpu::Texture);
 
 fn check(
     stage: &'static str,

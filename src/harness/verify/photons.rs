@@ -4,7 +4,7 @@ use glam::Vec2;
 
 use super::rig::{self, Rig};
 use super::{Case, Check, VerifyError};
-use crate::gpu::{Encode, GpuError};
+use crate::gpu::{GpuError, Stage};
 use crate::harness::landing::stage_photons;
 use crate::pipelines::Pipeline;
 use crate::pipelines::underwater::{Params, Underwater};
@@ -85,7 +85,7 @@ pub(super) fn trace(
     let depth = shadow::depth::Depth::new(&resources, &shared, &geometry, SHADOW_TEXELS)?;
     let mask = shadow::mask::Mask::new(&resources, &shared, depth.texture(), 64)?;
     let light = (depth.texture(), mask.texture());
-    let (stage, photons): (Box<dyn Encode>, Photons) = match family {
+    let (stage, photons): (Box<dyn Stage>, Photons) = match family {
         Family::Caustics => {
             let stage = caustics::trace::Trace::new(&resources, &shared, light, settings, dynamic)?;
             let photons = stage.0.photons.clone();
@@ -267,12 +267,7 @@ fn real_params(file: &SceneFile) -> Params {
 pub fn run_until(rig: &Rig<'_>, pipeline: &Underwater, last: &str) -> Result<(), GpuError> {
     let stages = pipeline.stages();
     let end = stages.iter().position(|stage| stage.name() == last);
-    let encodes: Vec<&dyn Encode> = stages
-        .iter()
-        .take(end.map_or(stages.len(), |i| i + 1))
-        .map(|stage| *stage as &dyn Encode)
-        .collect();
-    rig.run(&encodes)
+    rig.run(&stages[..end.map_or(stages.len(), |i| i + 1)])
 }
 
 /// Of every fourth photon that stays within the light's frustum: the share whose estimate does not

@@ -6,7 +6,7 @@ use glam::{DVec3, UVec2};
 
 use super::VerifyError;
 use crate::gpu::{
-    ClockPlan, DepthTarget, Encode, FrameTimer, Gpu, GpuError, StageScope, SubmitCost, Targets,
+    ClockPlan, DepthTarget, FrameTimer, Gpu, GpuError, Stage, StageScope, SubmitCost, Targets,
     read_buffer, read_texture,
 };
 use crate::reference::image::Image;
@@ -36,7 +36,7 @@ impl<'g> Rig<'g> {
     }
 
     /// Runs stages as one frame and waits for it.
-    pub fn run(&self, stages: &[&dyn Encode]) -> Result<(), GpuError> {
+    pub fn run(&self, stages: &[&dyn Stage]) -> Result<(), GpuError> {
         self.timer.borrow_mut().untimed(self.gpu, stages).map(drop)
     }
 
@@ -128,7 +128,7 @@ enum To {
     Depth(f32),
 }
 
-impl Encode for Clear {
+impl Stage for Clear {
     fn name(&self) -> &'static str {
         "verify/clear"
     }

@@ -3,11 +3,8 @@
 use std::collections::BTreeMap;
 
 use super::{Intensity, Params, Underwater, view};
-use crate::gpu::{
-    ClockPlan, Encode, FrameTimer, Gpu, GpuError, SubmitCost, read_buffer, read_texture,
-};
+use crate::gpu::{Gpu, GpuError, read_buffer, read_texture};
 use crate::pipelines::Pipeline;
-use crate::pipelines::voxelization::run_once;
 use crate::scene::Scene;
 use crate::stages::frame::Shared;
 use crate::stages::geometry::Geometry;
@@ -69,7 +66,7 @@ pub fn photons_at(
         &params.caustics.grid_settings().uniforms(),
         params.caustics.intensity == Intensity::Conserving,
     )?;
-    run_once(gpu, &[&depth, &mask, &query])?;
+    gpu.run(&[&depth, &mask, &query])?;
     Ok(bytemuck::pod_collect_to_vec(&read_buffer(gpu, &query.answers)?))
 }
 
@@ -89,10 +86,7 @@ pub fn blended_fragments(
     params.godrays.intensity = Intensity::Paper;
     params.godrays.phase_k = 0.0;
     let pipeline = gpu.scoped(|| Underwater::new(gpu, scene, params))?;
-    let stages = pipeline.stages();
-    let frame: Vec<&dyn Encode> = stages.iter().map(|stage| *stage as &dyn Encode).collect();
-    FrameTimer::new(gpu, ClockPlan::fenced(SubmitCost::default()), MAX_PASSES)?
-        .untimed(gpu, &frame)?;
+    gpu.run(&pipeline.stages())?;
 
     let isotropic = 1.0 / (4.0 * std::f64::consts::PI);
     let targets = [
@@ -114,6 +108,3 @@ pub fn blended_fragments(
     }
     Ok(counts)
 }
-
-/// Passes of an underwater frame, with room to spare.
-const MAX_PASSES: u32 = 32;

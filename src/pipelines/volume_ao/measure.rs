@@ -5,7 +5,6 @@ use std::collections::BTreeMap;
 use super::{Params, Solids, VolumeAo};
 use crate::gpu::{Gpu, GpuError, read_buffer, read_texture};
 use crate::pipelines::settings::Update;
-use crate::pipelines::voxelization;
 use crate::scene::Scene;
 use crate::stages::ao::march;
 use crate::stages::ao::query::{Point, Query};
@@ -58,7 +57,7 @@ pub fn occlusion_at(
     let solids = Solids::new(resources, scene, params, Update::Once)?;
     let volumes = &solids.voxelization.volumes;
     let query = Query::new(resources, volumes, points, &params.ao.marching(scene))?;
-    voxelization::run_once(gpu, &[&query])?;
+    gpu.run(&[&query])?;
     let visibility: Vec<f32> = bytemuck::pod_collect_to_vec(&read_buffer(gpu, &query.visibility)?);
     Ok(visibility.iter().map(|v| 1.0 - v).collect())
 }

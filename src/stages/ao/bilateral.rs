@@ -1,6 +1,6 @@
 //! `ao/bilateral`: joint bilateral filter and up-scaling of the ambient-occlusion buffer. VAO §6.
 
-use crate::gpu::{Encode, GpuError, StageScope};
+use crate::gpu::{GpuError, StageScope};
 use crate::record::Work;
 use crate::stages::bilateral::{self, BilateralUniforms, Inputs};
 use crate::stages::frame::Shared;
@@ -31,7 +31,7 @@ impl Bilateral {
     }
 }
 
-impl Encode for Bilateral {
+impl Stage for Bilateral {
     fn name(&self) -> &'static str {
         INFO.name
     }
@@ -39,9 +39,7 @@ impl Encode for Bilateral {
     fn encode(&self, scope: &mut StageScope<'_>) {
         self.0.encode(scope);
     }
-}
 
-impl Stage for Bilateral {
     fn work(&self) -> Work {
         self.0.work()
     }

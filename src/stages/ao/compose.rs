@@ -3,7 +3,7 @@
 use encase::ShaderType;
 use glam::Vec2;
 
-use crate::gpu::{ColorTarget, Encode, GpuError, StageScope, Targets};
+use crate::gpu::{ColorTarget, GpuError, StageScope, Targets};
 use crate::record::Work;
 use crate::stages::frame::Shared;
 use crate::stages::kit::{self, Bind, Group, RenderSpec, Resources};
@@ -98,7 +98,7 @@ impl Compose {
     }
 }
 
-impl Encode for Compose {
+impl Stage for Compose {
     fn name(&self) -> &'static str {
         INFO.name
     }
@@ -119,9 +119,7 @@ impl Encode for Compose {
             pass.draw(0..3, 0..1);
         });
     }
-}
 
-impl Stage for Compose {
     fn work(&self) -> Work {
         let pixels = u64::from(self.image.width()) * u64::from(self.image.height());
         // Visibility; and for the picture albedo, normal, depth and four texels of the shadow map.

@@ -3,10 +3,7 @@
 use encase::ShaderType;
 use glam::{DMat4, Vec2};
 
-use crate::gpu::{
-    ClockPlan, ColorTarget, Encode, FrameTimer, Gpu, GpuError, StageScope, SubmitCost, Targets,
-    read_buffer,
-};
+use crate::gpu::{ColorTarget, Gpu, GpuError, StageScope, Targets, read_buffer};
 use crate::record::Work;
 use crate::scene::Bounds;
 use crate::stages::bilateral::{VISIBILITY_FORMAT, visibility_output};
@@ -163,7 +160,7 @@ pub fn count(
     let counters = resources.storage("ao/march counters", (COUNTERS * SLOTS * 4) as u64);
     let march =
         March::build(&resources, shared, volumes, inputs, marching, size_px, Some(&counters))?;
-    FrameTimer::new(gpu, ClockPlan::fenced(SubmitCost::default()), 1)?.untimed(gpu, &[&march])?;
+    gpu.run(&[&march])?;
     let words: Vec<u32> = bytemuck::pod_collect_to_vec(&read_buffer(gpu, &counters)?);
     let sum = |counter: usize| {
         let part = &words[counter * SLOTS..][..SLOTS];
@@ -195,7 +192,7 @@ fn rectangle(view_projection: &DMat4, bounds: &Bounds, size_px: [u32; 2]) -> Opt
     (right > left && bottom > top).then_some([left, top, right - left, bottom - top])
 }
 
-impl Encode for March {
+impl Stage for March {
     fn name(&self) -> &'static str {
         INFO.name
     }
@@ -221,9 +218,7 @@ impl Encode for March {
             }
         });
     }
-}
 
-impl Stage for March {
     /// Fragments of the volumes' rectangles, and trilinear samples at most: rays end early at hits and at the volume's border.
     fn work(&self) -> Work {
         let pixels = |volume: &Drawn| u64::from(volume.scissor[2]) * u64::from(volume.scissor[3]);

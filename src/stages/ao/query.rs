@@ -3,7 +3,7 @@
 use encase::{ShaderType, StorageBuffer};
 use glam::Vec3;
 
-use crate::gpu::{Demand, Encode, GpuError, StageScope};
+use crate::gpu::{Demand, GpuError, StageScope};
 use crate::record::Work;
 use crate::stages::kit::{self, Bind, Group, Resources};
 use crate::stages::marching::Marching;
@@ -80,7 +80,7 @@ impl Query {
     }
 }
 
-impl Encode for Query {
+impl Stage for Query {
     fn name(&self) -> &'static str {
         INFO.name
     }
@@ -96,9 +96,7 @@ impl Encode for Query {
             }
         });
     }
-}
 
-impl Stage for Query {
     /// Trilinear samples at most.
     fn work(&self) -> Work {
         Work {

@@ -1,6 +1,6 @@
 //! `caustics/filter`: multi-tap low-pass with a kernel rotated per pixel. UW §3.5.
 
-use crate::gpu::{Encode, GpuError, StageScope};
+use crate::gpu::{GpuError, StageScope};
 use crate::record::Work;
 use crate::stages::kit::Resources;
 use crate::stages::low_pass::{FilterUniforms, LowPass};
@@ -28,7 +28,7 @@ impl Filter {
     }
 }
 
-impl Encode for Filter {
+impl Stage for Filter {
     fn name(&self) -> &'static str {
         INFO.name
     }
@@ -36,9 +36,7 @@ impl Encode for Filter {
     fn encode(&self, scope: &mut StageScope<'_>) {
         self.0.encode(scope);
     }
-}
 
-impl Stage for Filter {
     fn work(&self) -> Work {
         self.0.work()
     }

@@ -3,7 +3,7 @@
 use encase::ShaderType;
 use glam::Vec2;
 
-use crate::gpu::{Encode, GpuError, StageScope};
+use crate::gpu::{GpuError, StageScope};
 use crate::record::Work;
 use crate::stages::frame::Shared;
 use crate::stages::kit::Resources;
@@ -100,7 +100,7 @@ impl Splat {
     }
 }
 
-impl Encode for Splat {
+impl Stage for Splat {
     fn name(&self) -> &'static str {
         INFO.name
     }
@@ -108,9 +108,7 @@ impl Encode for Splat {
     fn encode(&self, scope: &mut StageScope<'_>) {
         self.additive.encode(scope);
     }
-}
 
-impl Stage for Splat {
     fn work(&self) -> Work {
         Work {
             photons: self.photons,

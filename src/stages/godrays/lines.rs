@@ -3,7 +3,7 @@
 use encase::ShaderType;
 use glam::Vec2;
 
-use crate::gpu::{Encode, GpuError, StageScope};
+use crate::gpu::{GpuError, StageScope};
 use crate::record::Work;
 use crate::stages::frame::Shared;
 use crate::stages::kit::Resources;
@@ -80,7 +80,7 @@ impl Lines {
     }
 }
 
-impl Encode for Lines {
+impl Stage for Lines {
     fn name(&self) -> &'static str {
         INFO.name
     }
@@ -88,9 +88,7 @@ impl Encode for Lines {
     fn encode(&self, scope: &mut StageScope<'_>) {
         self.additive.encode(scope);
     }
-}
 
-impl Stage for Lines {
     fn work(&self) -> Work {
         Work {
             photons: self.photons,

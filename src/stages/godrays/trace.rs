@@ -1,6 +1,6 @@
 //! `godrays/trace`: the light's photon grid through the water to the scene. UW §3.4.
 
-use crate::gpu::{Encode, GpuError, StageScope};
+use crate::gpu::{GpuError, StageScope};
 use crate::record::Work;
 use crate::stages::frame::Shared;
 use crate::stages::kit::Resources;
@@ -34,7 +34,7 @@ impl Trace {
     }
 }
 
-impl Encode for Trace {
+impl Stage for Trace {
     fn name(&self) -> &'static str {
         INFO.name
     }
@@ -42,9 +42,7 @@ impl Encode for Trace {
     fn encode(&self, scope: &mut StageScope<'_>) {
         self.0.encode(scope);
     }
-}
 
-impl Stage for Trace {
     fn work(&self) -> Work {
         self.0.work()
     }

@@ -4,10 +4,7 @@
 use encase::ShaderType;
 use glam::Vec2;
 
-use crate::gpu::{
-    ClockPlan, ColorTarget, Encode, FrameTimer, Gpu, GpuError, StageScope, SubmitCost, Targets,
-    read_buffer,
-};
+use crate::gpu::{ColorTarget, Gpu, GpuError, StageScope, Targets, read_buffer};
 use crate::record::Work;
 use crate::stages::bilateral::{VISIBILITY_FORMAT, visibility_output};
 use crate::stages::frame::Shared;
@@ -142,14 +139,14 @@ pub fn count(
     let resources = Resources::new(gpu);
     let counters = resources.storage("hsao/march counters", (2 * SLOTS * 4) as u64);
     let march = March::build(&resources, shared, inputs, settings, hard, Some(&counters))?;
-    FrameTimer::new(gpu, ClockPlan::fenced(SubmitCost::default()), 1)?.untimed(gpu, &[&march])?;
+    gpu.run(&[&march])?;
     let words: Vec<u32> = bytemuck::pod_collect_to_vec(&read_buffer(gpu, &counters)?);
     let (samples, fragments) = words.split_at(SLOTS);
     let sum = |slots: &[u32]| slots.iter().map(|n| u64::from(*n)).sum();
     Ok(Counts { samples: sum(samples), fragments: sum(fragments) })
 }
 
-impl Encode for March {
+impl Stage for March {
     fn name(&self) -> &'static str {
         INFO.name
     }
@@ -170,9 +167,7 @@ impl Encode for March {
             pass.draw(0..3, 0..1);
         });
     }
-}
 
-impl Stage for March {
     /// Samples at most: the depth and normal of each pixel, and those of its directions and rays.
     fn work(&self) -> Work {
         let pixels = u64::from(self.target.width()) * u64::from(self.target.height());

@@ -4,7 +4,7 @@ use bytemuck::{Pod, Zeroable};
 use encase::{ShaderType, StorageBuffer};
 use glam::Vec3;
 
-use crate::gpu::{Demand, Encode, GpuError, StageScope};
+use crate::gpu::{Demand, GpuError, StageScope};
 use crate::record::Work;
 use crate::stages::frame::Shared;
 use crate::stages::kit::{self, Bind, Group, Resources};
@@ -100,7 +100,7 @@ impl Query {
     }
 }
 
-impl Encode for Query {
+impl Stage for Query {
     fn name(&self) -> &'static str {
         INFO.name
     }
@@ -114,9 +114,7 @@ impl Encode for Query {
             pass.dispatch_workgroups(x, y, z);
         });
     }
-}
 
-impl Stage for Query {
     fn work(&self) -> Work {
         Work {
             photons: self.count,

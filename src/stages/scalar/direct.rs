@@ -1,6 +1,6 @@
 //! `scalar/direct`: direct volume rendering with ambient occlusion over the hemisphere down the gradient. VAO §5.2.2.
 
-use crate::gpu::{Encode, GpuError, StageScope};
+use crate::gpu::{GpuError, StageScope};
 use crate::record::Work;
 use crate::stages::frame::Shared;
 use crate::stages::kit::Resources;
@@ -31,7 +31,7 @@ impl Direct {
     }
 }
 
-impl Encode for Direct {
+impl Stage for Direct {
     fn name(&self) -> &'static str {
         INFO.name
     }
@@ -39,9 +39,7 @@ impl Encode for Direct {
     fn encode(&self, scope: &mut StageScope<'_>) {
         self.0.encode(scope);
     }
-}
 
-impl Stage for Direct {
     fn work(&self) -> Work {
         self.0.work()
     }

@@ -1,6 +1,6 @@
 //! `scalar/isosurface`: the first isosurface on each view ray, with ambient occlusion. VAO §5.2.1.
 
-use crate::gpu::{Encode, GpuError, StageScope};
+use crate::gpu::{GpuError, StageScope};
 use crate::record::Work;
 use crate::stages::frame::Shared;
 use crate::stages::kit::Resources;
@@ -31,7 +31,7 @@ impl Isosurface {
     }
 }
 
-impl Encode for Isosurface {
+impl Stage for Isosurface {
     fn name(&self) -> &'static str {
         INFO.name
     }
@@ -39,9 +39,7 @@ impl Encode for Isosurface {
     fn encode(&self, scope: &mut StageScope<'_>) {
         self.0.encode(scope);
     }
-}
 
-impl Stage for Isosurface {
     fn work(&self) -> Work {
         self.0.work()
     }

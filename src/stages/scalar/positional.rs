@@ -1,6 +1,6 @@
 //! `scalar/positional`: participating media with positional ambient occlusion. VAO §5.2.4.
 
-use crate::gpu::{Encode, GpuError, StageScope};
+use crate::gpu::{GpuError, StageScope};
 use crate::record::Work;
 use crate::stages::frame::Shared;
 use crate::stages::kit::Resources;
@@ -31,7 +31,7 @@ impl Positional {
     }
 }
 
-impl Encode for Positional {
+impl Stage for Positional {
     fn name(&self) -> &'static str {
         INFO.name
     }
@@ -39,9 +39,7 @@ impl Encode for Positional {
     fn encode(&self, scope: &mut StageScope<'_>) {
         self.0.encode(scope);
     }
-}
 
-impl Stage for Positional {
     fn work(&self) -> Work {
         self.0.work()
     }

@@ -7,7 +7,7 @@
 use encase::{ShaderType, StorageBuffer};
 use glam::Vec3;
 
-use crate::gpu::{Encode, GpuError, StageScope};
+use crate::gpu::{GpuError, StageScope};
 use crate::record::Work;
 use crate::scene::Scene;
 use crate::stages::geometry::Geometry;
@@ -107,7 +107,7 @@ impl Deform {
     }
 }
 
-impl Encode for Deform {
+impl Stage for Deform {
     fn name(&self) -> &'static str {
         INFO.name
     }
@@ -120,9 +120,7 @@ impl Encode for Deform {
             pass.dispatch_workgroups(x, y, z);
         });
     }
-}
 
-impl Stage for Deform {
     fn work(&self) -> Work {
         let vertices = self.geometry.vertices();
         Work {

@@ -1,6 +1,6 @@
 //! `scene/gbuffer`: albedo, normal and depth from the camera. UW §3.2.
 
-use crate::gpu::{ColorTarget, DepthTarget, Encode, GpuError, StageScope, Targets};
+use crate::gpu::{ColorTarget, DepthTarget, GpuError, StageScope, Targets};
 use crate::record::Work;
 use crate::stages::frame::Shared;
 use crate::stages::geometry::Geometry;
@@ -65,7 +65,7 @@ impl Gbuffer {
     }
 }
 
-impl Encode for Gbuffer {
+impl Stage for Gbuffer {
     fn name(&self) -> &'static str {
         INFO.name
     }
@@ -87,9 +87,7 @@ impl Encode for Gbuffer {
             self.geometry.draw(pass);
         });
     }
-}
 
-impl Stage for Gbuffer {
     fn work(&self) -> Work {
         let pixels = u64::from(self.depth.width()) * u64::from(self.depth.height());
         Work {

@@ -1,6 +1,6 @@
 //! `shadow/depth`: scene depth from the light. UW §3 step 2a.
 
-use crate::gpu::{DepthTarget, Encode, Gpu, GpuError, StageScope, Targets};
+use crate::gpu::{DepthTarget, Gpu, GpuError, StageScope, Targets};
 use crate::record::Work;
 use crate::stages::frame::Shared;
 use crate::stages::geometry::Geometry;
@@ -59,7 +59,7 @@ impl Depth {
     }
 }
 
-impl Encode for Depth {
+impl Stage for Depth {
     fn name(&self) -> &'static str {
         INFO.name
     }
@@ -75,9 +75,7 @@ impl Encode for Depth {
             self.geometry.draw(pass);
         });
     }
-}
 
-impl Stage for Depth {
     fn work(&self) -> Work {
         let texels = u64::from(self.depth.width()) * u64::from(self.depth.height());
         Work {

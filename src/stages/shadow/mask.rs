@@ -2,7 +2,7 @@
 
 use encase::ShaderType;
 
-use crate::gpu::{ColorTarget, DepthTarget, Encode, GpuError, StageScope, Targets};
+use crate::gpu::{ColorTarget, DepthTarget, GpuError, StageScope, Targets};
 use crate::record::Work;
 use crate::stages::frame::Shared;
 use crate::stages::kit::{self, Bind, Group, RenderSpec, Resources};
@@ -73,7 +73,7 @@ impl Mask {
     }
 }
 
-impl Encode for Mask {
+impl Stage for Mask {
     fn name(&self) -> &'static str {
         INFO.name
     }
@@ -94,9 +94,7 @@ impl Encode for Mask {
             pass.draw(0..self.cells * self.cells * 6, 0..1);
         });
     }
-}
 
-impl Stage for Mask {
     fn work(&self) -> Work {
         let texels = u64::from(self.mask.width()) * u64::from(self.mask.height());
         Work {

@@ -3,7 +3,7 @@
 use super::clear::Cleared;
 use super::triangles::{Contact, Triangles};
 use super::{Part, bit_volumes};
-use crate::gpu::{Encode, GpuError, StageScope};
+use crate::gpu::{GpuError, StageScope};
 use crate::record::Work;
 use crate::scene::Grid;
 use crate::stages::geometry::Geometry;
@@ -47,7 +47,7 @@ impl Alpha {
     }
 }
 
-impl Encode for Alpha {
+impl Stage for Alpha {
     fn name(&self) -> &'static str {
         INFO.name
     }
@@ -55,9 +55,7 @@ impl Encode for Alpha {
     fn encode(&self, scope: &mut StageScope<'_>) {
         self.triangles.encode(scope);
     }
-}
 
-impl Stage for Alpha {
     fn work(&self) -> Work {
         Work {
             triangles: self.triangles.triangles(),

@@ -1,8 +1,8 @@
 //! `voxel/clear`: slicemaps, bit volumes and opacities start from nothing. VAO §4.2.
 
-use crate::gpu::{Encode, StageScope};
+use crate::gpu::StageScope;
 use crate::record::Work;
-use crate::stages::{Output, Stage, StageInfo};
+use crate::stages::{Stage, StageInfo};
 
 pub const INFO: StageInfo = StageInfo {
     name: "voxel/clear",
@@ -33,7 +33,7 @@ impl Clear {
     }
 }
 
-impl Encode for Clear {
+impl Stage for Clear {
     fn name(&self) -> &'static str {
         INFO.name
     }
@@ -45,14 +45,8 @@ impl Encode for Clear {
             }
         });
     }
-}
 
-impl Stage for Clear {
     fn work(&self) -> Work {
         Work { bytes_written: self.cleared.iter().map(|c| c.bytes).sum(), ..Work::default() }
-    }
-
-    fn outputs(&self) -> Vec<Output> {
-        Vec::new()
     }
 }

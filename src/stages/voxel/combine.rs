@@ -1,7 +1,7 @@
 //! `voxel/combine`: OR of the three slicemaps, brought to one frame of reference. VAO §4.2.
 
 use super::bit_volumes;
-use crate::gpu::{Encode, GpuError, StageScope};
+use crate::gpu::{GpuError, StageScope};
 use crate::record::Work;
 use crate::scene::Grid;
 use crate::stages::kit::{self, Bind, Group, Resources};
@@ -61,7 +61,7 @@ impl Combine {
     }
 }
 
-impl Encode for Combine {
+impl Stage for Combine {
     fn name(&self) -> &'static str {
         INFO.name
     }
@@ -76,9 +76,7 @@ impl Encode for Combine {
             }
         });
     }
-}
 
-impl Stage for Combine {
     fn work(&self) -> Work {
         Work {
             bytes_read: self.slicemap_bytes,

@@ -9,7 +9,7 @@ use encase::ShaderType;
 use glam::UVec3;
 
 use super::rows;
-use crate::gpu::{Encode, GpuError, StageScope};
+use crate::gpu::{GpuError, StageScope};
 use crate::record::Work;
 use crate::scene::Grid;
 use crate::stages::kit::{self, Bind, Group, Resources};
@@ -120,7 +120,7 @@ impl Volume {
     }
 }
 
-impl Encode for Mips {
+impl Stage for Mips {
     fn name(&self) -> &'static str {
         INFO.name
     }
@@ -145,9 +145,7 @@ impl Encode for Mips {
             }
         });
     }
-}
 
-impl Stage for Mips {
     fn work(&self) -> Work {
         let bits = self.volumes.iter().map(|v| v.voxels.bits.size());
         let cells = self.volumes.iter().flat_map(|volume| {

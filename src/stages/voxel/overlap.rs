@@ -6,7 +6,7 @@
 use super::clear::Cleared;
 use super::triangles::{Contact, Triangles};
 use super::{Part, bit_volumes};
-use crate::gpu::{Encode, GpuError, StageScope};
+use crate::gpu::{GpuError, StageScope};
 use crate::record::Work;
 use crate::stages::geometry::Geometry;
 use crate::stages::kit::Resources;
@@ -44,7 +44,7 @@ impl Overlap {
     }
 }
 
-impl Encode for Overlap {
+impl Stage for Overlap {
     fn name(&self) -> &'static str {
         INFO.name
     }
@@ -52,9 +52,7 @@ impl Encode for Overlap {
     fn encode(&self, scope: &mut StageScope<'_>) {
         self.triangles.encode(scope);
     }
-}
 
-impl Stage for Overlap {
     fn work(&self) -> Work {
         Work {
             triangles: self.triangles.triangles(),

@@ -5,7 +5,7 @@
 
 use super::slicemap::Axis;
 use super::{Part, bit_volumes};
-use crate::gpu::{ColorTarget, Encode, GpuError, StageScope, Targets};
+use crate::gpu::{ColorTarget, GpuError, StageScope, Targets};
 use crate::record::Work;
 use crate::scene::Grid;
 use crate::stages::geometry::Geometry;
@@ -94,7 +94,7 @@ impl Volume {
     }
 }
 
-impl Encode for Slice {
+impl Stage for Slice {
     fn name(&self) -> &'static str {
         INFO.name
     }
@@ -135,9 +135,7 @@ impl Encode for Slice {
             }
         });
     }
-}
 
-impl Stage for Slice {
     fn work(&self) -> Work {
         let passes = |v: &Volume| Axis::ALL.iter().map(|a| u64::from(v.slices(*a))).sum::<u64>();
         let texels: u64 = self.volumes.iter().map(|v| v.part.voxels.grid.count()).sum();

@@ -4,7 +4,7 @@
 //! empty, and the passes along the other axes fill them.
 
 use super::{Part, triangles, words};
-use crate::gpu::{ColorTarget, Encode, GpuError, StageScope, Targets};
+use crate::gpu::{ColorTarget, GpuError, StageScope, Targets};
 use crate::record::Work;
 use crate::scene::Grid;
 use crate::stages::geometry::Geometry;
@@ -139,7 +139,7 @@ impl Slicemap {
     }
 }
 
-impl Encode for Slicemap {
+impl Stage for Slicemap {
     fn name(&self) -> &'static str {
         self.axis.name()
     }
@@ -159,9 +159,7 @@ impl Encode for Slicemap {
             }
         });
     }
-}
 
-impl Stage for Slicemap {
     fn work(&self) -> Work {
         let parts: Vec<Part> = self.draws.iter().map(|draw| draw.part.clone()).collect();
         Work { triangles: triangles(&parts), bytes_read: self.geometry.bytes(), ..Work::default() }

@@ -1,7 +1,7 @@
 //! `voxel/unpack`: bit volumes to textures of a byte a voxel, for trilinear sampling. VAO §4.2.
 
 use super::rows;
-use crate::gpu::{Encode, GpuError, StageScope};
+use crate::gpu::{GpuError, StageScope};
 use crate::record::Work;
 use crate::scene::Grid;
 use crate::stages::kit::{self, Bind, Group, Resources};
@@ -84,7 +84,7 @@ impl Unpack {
     }
 }
 
-impl Encode for Unpack {
+impl Stage for Unpack {
     fn name(&self) -> &'static str {
         INFO.name
     }
@@ -104,9 +104,7 @@ impl Encode for Unpack {
             }
         });
     }
-}
 
-impl Stage for Unpack {
     fn work(&self) -> Work {
         let texels = self.volumes.iter().map(|v| v.voxels.grid.count());
         Work {

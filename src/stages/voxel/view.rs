@@ -1,6 +1,6 @@
 //! `voxel/view`: full voxels as cubes, seen from the camera. VAO Fig. 2.
 
-use crate::gpu::{ColorTarget, DepthTarget, Encode, GpuError, StageScope, Targets};
+use crate::gpu::{ColorTarget, DepthTarget, GpuError, StageScope, Targets};
 use crate::record::Work;
 use crate::stages::frame::Shared;
 use crate::stages::kit::{self, Bind, Group, RenderSpec, Resources};
@@ -74,7 +74,7 @@ impl CubeView {
     }
 }
 
-impl Encode for CubeView {
+impl Stage for CubeView {
     fn name(&self) -> &'static str {
         INFO.name
     }
@@ -94,9 +94,7 @@ impl Encode for CubeView {
             }
         });
     }
-}
 
-impl Stage for CubeView {
     fn work(&self) -> Work {
         let pixels = u64::from(self.color.width()) * u64::from(self.color.height());
         Work {

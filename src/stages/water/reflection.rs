@@ -1,6 +1,6 @@
 //! `water/reflection`: what the water mirrors, drawn from the camera mirrored about y = 0. UW §3 step 4.
 
-use crate::gpu::{Encode, GpuError, StageScope};
+use crate::gpu::{GpuError, StageScope};
 use crate::record::Work;
 use crate::stages::frame::Shared;
 use crate::stages::geometry::Geometry;
@@ -31,7 +31,7 @@ impl Reflection {
     }
 }
 
-impl Encode for Reflection {
+impl Stage for Reflection {
     fn name(&self) -> &'static str {
         INFO.name
     }
@@ -39,9 +39,7 @@ impl Encode for Reflection {
     fn encode(&self, scope: &mut StageScope<'_>) {
         self.0.encode(scope);
     }
-}
 
-impl Stage for Reflection {
     fn work(&self) -> Work {
         self.0.work()
     }

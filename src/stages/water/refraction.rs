@@ -1,6 +1,6 @@
 //! `water/refraction`: what lies beyond the water, drawn from the camera. UW §3 step 4.
 
-use crate::gpu::{Encode, GpuError, StageScope};
+use crate::gpu::{GpuError, StageScope};
 use crate::record::Work;
 use crate::stages::frame::Shared;
 use crate::stages::geometry::Geometry;
@@ -31,7 +31,7 @@ impl Refraction {
     }
 }
 
-impl Encode for Refraction {
+impl Stage for Refraction {
     fn name(&self) -> &'static str {
         INFO.name
     }
@@ -39,9 +39,7 @@ impl Encode for Refraction {
     fn encode(&self, scope: &mut StageScope<'_>) {
         self.0.encode(scope);
     }
-}
 
-impl Stage for Refraction {
     fn work(&self) -> Work {
         self.0.work()
     }
