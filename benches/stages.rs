@@ -200,7 +200,7 @@ impl Bench {
 fn counted_samples(
     gpu: &Gpu,
     subject: &Subject,
-    pipeline: &dyn Pipeline,
+    pipeline: &dyn AnyPipeline,
 ) -> Result<Option<u64>, GpuError> {
     let quantities = pipeline.quantities(gpu)?;
     let number = |path| params::get(&subject.params, path).and_then(Value::as_f64);

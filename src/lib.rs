@@ -15,6 +15,7 @@ pub mod experiments;
 pub mod gpu;
 pub mod harness;
 pub mod input;
+pub mod parameter;
 pub mod pipelines;
 pub mod record;
 pub mod reference;

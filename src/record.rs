@@ -11,12 +11,14 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
+mod error_figure;
 mod file;
 mod lines;
 mod lock;
 mod samples;
 #[cfg(test)]
 mod tests;
+pub use error_figure::ErrorFigure;
 pub use file::{Reading, Writer, empty_or_sound, finished, read, read_some, resume_key};
 pub use lines::{Damage, Line, LineWriter, Lines, Opened, RecordError, kept_aside, read_lines};
 pub use lock::{FolderLock, LOCK, LockError};
@@ -148,14 +150,24 @@ pub struct Measured {
     pub frame: FrameRecord,
     /// GPU memory that the pipeline allocated for this cell.
     pub allocated_bytes: u64,
-    /// Errors against the reference, rates of missed and unconverged photons and the like: `name → value`,
-    /// the unit in the name.
+    /// Rates of missed photons, means and the like: `name → value`, the unit in the name.
     pub quantities: BTreeMap<String, f64>,
+    /// Errors against references.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub errors: Vec<ErrorFigure>,
     /// Frames rendered before the figures were steady.
     pub warm_up_frames: u32,
     /// Frames thrown away because a duration was zero, negative, stale or longer than the wall, with counts by reason.
     pub rejected: BTreeMap<String, u32>,
     pub notes: Vec<String>,
+}
+
+impl Measured {
+    /// Quantities and errors by their names.
+    pub fn figures(&self) -> BTreeMap<&str, f64> {
+        let quantities = self.quantities.iter().map(|(name, value)| (name.as_str(), *value));
+        quantities.chain(self.errors.iter().map(|e| (e.name.as_str(), e.value))).collect()
+    }
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

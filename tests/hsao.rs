@@ -27,7 +27,7 @@ fn frame(gpu: &Gpu, set: &[(&str, Value)]) -> (Pixels, BTreeMap<String, f64>) {
     (image, pipeline.quantities(gpu).unwrap())
 }
 
-fn run(gpu: &Gpu, pipeline: &dyn Pipeline) {
+fn run(gpu: &Gpu, pipeline: &dyn AnyPipeline) {
     gpu.run(&pipeline.stages()).unwrap();
 }
 

@@ -17,7 +17,8 @@ use fathom::harness::subject::{Subject, Subjects, find_kind};
 use fathom::harness::{
     dump as dumping, journal, progress, query as querying, render as rendering, verify as verifying,
 };
-use fathom::pipelines::{self, params};
+use fathom::parameter::{self, Allowed};
+use fathom::pipelines;
 use fathom::scene::{SceneFile, assets};
 use fathom::{record, report as reports, scene, stages, tell, text};
 
@@ -171,24 +172,41 @@ fn scene_rows() -> anyhow::Result<Rows> {
 
 /// Every stage, or those of a pipeline.
 fn stage_rows(pipeline: Option<&str>) -> anyhow::Result<Rows> {
-    let stages = match pipeline {
-        Some(name) => find_kind(name)?.stages,
-        None => stages::REGISTRY,
+    let stages: Vec<&stages::StageInfo> = match pipeline {
+        Some(name) => find_kind(name)?.stages().collect(),
+        None => stages::REGISTRY.iter().collect(),
     };
     let row = |stage: &stages::StageInfo| {
         let about = format!("{} ({})", stage.about, stage.source);
         (stage.name.to_owned(), about)
     };
-    Ok(stages.iter().map(row).collect())
+    Ok(stages.into_iter().map(row).collect())
 }
 
+/// Each parameter with the value that the scene gives it, its unit, what it may be, and its description.
 fn parameter_rows(args: &ListArgs) -> anyhow::Result<Rows> {
     let pipeline = args.pipeline.as_deref().unwrap_or(super::PIPELINE);
     let scene = args.scene.as_deref().unwrap_or(super::SCENE);
-    let tree = Subjects::default().subject(pipeline, scene, &args.set)?.params;
-    let value = |path: &String| params::get(&tree, path).map(ToString::to_string);
-    let rows = params::leaves(&tree).into_iter();
-    Ok(rows.map(|path| (path.clone(), value(&path).unwrap_or_default())).collect())
+    let subject = Subjects::default().subject(pipeline, scene, &args.set)?;
+    let value = |path: &str| {
+        let value = parameter::get(&subject.params, path);
+        value.map_or_else(String::new, ToString::to_string)
+    };
+    let fields = (subject.kind.fields)();
+    let cells = fields.iter().map(|field| {
+        [value(&field.path), field.unit.to_owned(), allowed(&field.allowed), field.about.clone()]
+    });
+    let about = text::columns(&cells.collect::<Vec<_>>());
+    Ok(fields.iter().map(|field| field.path.clone()).zip(about).collect())
+}
+
+fn allowed(allowed: &Allowed) -> String {
+    match allowed {
+        Allowed::Numbers(range) => format!("{} … {}", range.low, range.high),
+        Allowed::Names(names) => names.join(", "),
+        Allowed::Flag => "true, false".to_owned(),
+        Allowed::Free => String::new(),
+    }
 }
 
 fn adapter_rows() -> Rows {

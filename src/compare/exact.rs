@@ -7,7 +7,7 @@ use super::cells::CellId;
 use super::store::{
     CheckFigure, Comparison, ConfigurationFigures, ExactFigures, Fault, Gate, Side,
 };
-use crate::harness::errors;
+use crate::record::ErrorFigure;
 
 /// Share of the base's error by which an error must grow to count: floating-point sums in another order move
 /// errors by far less, a lower-quality setting by more.
@@ -119,8 +119,7 @@ pub fn missing(comparison: &Comparison) -> Vec<Fault> {
     let mut faults = Vec::new();
     let configurations = twins(&comparison.configurations, |line| (line.side, &line.configuration));
     for (base, head) in configurations {
-        let read_back = base.quantities.keys().filter(|name| is_error(name));
-        let errors = base.errors.keys().chain(read_back);
+        let errors = base.errors.keys();
         let lacking = errors.filter(|name| {
             !head.errors.contains_key(*name) && !head.quantities.contains_key(*name)
         });
@@ -210,7 +209,9 @@ fn configuration(
         let h = head.errors.get(name).or(head.quantities.get(name))?;
         Some((name.as_str(), *b, *h))
     });
-    let (errors, quantities): (Vec<_>, Vec<_>) = pairs.partition(|(name, ..)| is_error(name));
+    let judged = |name: &str| head.judged.iter().chain(&base.judged).find(|e| e.name == name);
+    let (errors, quantities): (Vec<_>, Vec<_>) =
+        pairs.partition(|(name, ..)| judged(name).is_some());
     let grown: BTreeMap<&str, bool> = errors
         .iter()
         .filter(|(_, b, h)| moved(b.abs(), h.abs(), LEAST_ERROR))
@@ -218,7 +219,7 @@ fn configuration(
         .collect();
     for (name, b, h) in errors {
         if let Some(worse) = grown.get(name) {
-            let subject = charged(name, &grown, cells, &base.configuration);
+            let subject = charged(judged(name), &grown, &judged, cells, &base.configuration);
             found.push(differ(subject, Kind::Error, name, b, h, *worse));
         }
     }
@@ -231,27 +232,28 @@ fn configuration(
 
 /// Whose an error of a configuration is: that stage's whose output it judges, or the stage's before it if the same error has moved
 /// alike there; the whole configuration's if that stage is no cell. `grown` has the errors that have moved, and whether they grew.
-fn charged(
-    error: &str,
+fn charged<'e>(
+    error: Option<&'e ErrorFigure>,
     grown: &BTreeMap<&str, bool>,
+    judged: &impl Fn(&str) -> Option<&'e ErrorFigure>,
     cells: &[CellId],
     configuration: &str,
 ) -> Subject {
-    let alike = |name: &String| grown.get(name.as_str()) == grown.get(error);
-    let before = errors::error_before(error).filter(alike);
-    let stages = errors::judged_stages(before.as_deref().unwrap_or(error));
-    let judged =
-        |cell: &&CellId| cell.configuration() == configuration && stages.contains(&cell.stage());
-    match cells.iter().find(judged) {
+    let alike = |error: &&ErrorFigure, before: &&ErrorFigure| {
+        grown.get(before.name.as_str()) == grown.get(error.name.as_str())
+    };
+    let of_stage = |error: &'e ErrorFigure| {
+        let before = error.before.as_deref().and_then(judged);
+        before.filter(|before| alike(&error, before)).unwrap_or(error)
+    };
+    let judged_stage = error.map(|error| of_stage(error).stage.as_str());
+    let is_cell = |cell: &&CellId| {
+        cell.configuration() == configuration && Some(cell.stage()) == judged_stage
+    };
+    match cells.iter().find(is_cell) {
         Some(cell) => Subject::Cell(cell.clone()),
         None => Subject::Configuration(configuration.to_owned()),
     }
-}
-
-/// Names of figures that are the worse the further they are from 0.
-pub fn is_error(name: &str) -> bool {
-    let parts = ["error", "rms", "bias", "miss_rate", "false_hit_rate", "unconverged"];
-    parts.iter().any(|part| name.contains(part))
 }
 
 fn check(base: &CheckFigure, head: &CheckFigure, found: &mut Vec<Difference>) {

@@ -209,7 +209,8 @@ impl Contents {
             side,
             configuration: configuration.to_owned(),
             allocated_bytes: measured.allocated_bytes,
-            errors: BTreeMap::new(),
+            errors: measured.errors.iter().map(|e| (e.name.clone(), e.value)).collect(),
+            judged: measured.errors.clone(),
             quantities: measured.quantities.clone(),
             notes: Vec::new(),
         }));

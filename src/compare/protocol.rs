@@ -10,7 +10,7 @@ use serde_json::{Map, Value};
 
 use super::nan;
 use crate::gpu::ClockPlan;
-use crate::record::{Adapter, PassKind, Work};
+use crate::record::{Adapter, ErrorFigure, PassKind, Work};
 
 /// Version of these messages.
 pub const PROTOCOL: u32 = 1;
@@ -156,6 +156,9 @@ pub struct Exact {
     /// Errors against the reference: more is worse.
     #[serde(with = "nan::map")]
     pub errors: BTreeMap<String, f64>,
+    /// The same with the stage that each judges; absent from workers that do not know.
+    #[serde(default)]
+    pub judged: Vec<ErrorFigure>,
     /// Figures read back from the frame that are no errors.
     #[serde(with = "nan::map")]
     pub quantities: BTreeMap<String, f64>,

@@ -9,7 +9,9 @@ use thiserror::Error;
 use super::cells::CellId;
 use super::nan;
 use crate::harness::output::holder;
-use crate::record::{self, Adapter, FolderLock, LineWriter, Lines, LockError, RecordError, Work};
+use crate::record::{
+    self, Adapter, ErrorFigure, FolderLock, LineWriter, Lines, LockError, RecordError, Work,
+};
 
 /// Version of the lines; raised when a field changes its meaning or goes away.
 pub const SCHEMA: u32 = 1;
@@ -152,10 +154,12 @@ pub struct ConfigurationFigures {
     pub side: Side,
     pub configuration: String,
     pub allocated_bytes: u64,
-    /// Errors against the reference, the larger the worse. Whose output one judges, its name tells
-    /// ([`judged_stages`](crate::harness::errors::judged_stages)).
+    /// Errors against the reference, the larger the worse.
     #[serde(with = "nan::map")]
     pub errors: BTreeMap<String, f64>,
+    /// The same with the stage that each judges.
+    #[serde(default)]
+    pub judged: Vec<ErrorFigure>,
     /// Figures read back that are no errors: a change of one is told and not judged.
     #[serde(default, with = "nan::map")]
     pub quantities: BTreeMap<String, f64>,

@@ -190,12 +190,13 @@ fn exact_lines(
             return each.map(|cell| fault(side, Some(cell), false, &reason)).collect();
         }
     };
-    let Exact { stages, allocated_bytes, errors, quantities, notes } = exact;
+    let Exact { stages, allocated_bytes, errors, judged, quantities, notes } = exact;
     let mut lines = vec![Line::Configuration(ConfigurationFigures {
         side,
         configuration: configuration.id.clone(),
         allocated_bytes,
         errors,
+        judged,
         quantities,
         notes,
     })];

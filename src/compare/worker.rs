@@ -18,11 +18,11 @@ use super::protocol::{
 };
 use super::{quiet, valgrind};
 use crate::gpu::{self, ClockPlan, FrameTimer, Gpu, GpuError, Stage, StageSample, SubmitCost};
+use crate::harness::MAX_PASSES;
 use crate::harness::subject::{Subject, SubjectError, Subjects};
 use crate::harness::verify::{Check, VerifyError, verify_stages};
-use crate::harness::{MAX_PASSES, errors};
-use crate::pipelines::Pipeline;
-use crate::pipelines::params::ParamError;
+use crate::parameter::ParamError;
+use crate::pipelines::{AnyPipeline, Judge, Known};
 use crate::scene::SceneError;
 
 /// Readings of a frame before its clock is given up.
@@ -142,7 +142,7 @@ struct Device {
 
 struct Prepared {
     subject: Subject,
-    pipeline: Box<dyn Pipeline>,
+    pipeline: Box<dyn AnyPipeline>,
 }
 
 impl Worker<'_> {
@@ -258,9 +258,14 @@ impl Device {
             quantities: pipeline.quantities(&self.gpu)?,
             ..Exact::default()
         };
-        let mut known = errors::Known::default();
-        match errors::cell_errors(&self.gpu, &prepared.subject, pipeline, &mut known) {
-            Ok(errors) => exact.errors = errors,
+        let mut known = Known::default();
+        let scene = &prepared.subject.scene;
+        match pipeline.judge(&mut Judge { gpu: &self.gpu, scene, known: &mut known }) {
+            Ok(judged) => {
+                exact.quantities.extend(judged.quantities);
+                exact.errors = judged.errors.iter().map(|e| (e.name.clone(), e.value)).collect();
+                exact.judged = judged.errors;
+            }
             Err(error) => exact.notes.push(format!("errors not computed: {error}")),
         }
         Ok(Reply::Exact(Box::new(exact)))

@@ -266,7 +266,7 @@ impl Term {
             }
             Term::Param(path) => number(lookup(&cell.params, path)?).map(exact),
             Term::Axis(name) => number(cell.axes.get(name)?).map(exact),
-            Term::Quantity(name) => measured.quantities.get(name).copied().map(exact),
+            Term::Quantity(name) => measured.figures().get(name.as_str()).copied().map(exact),
             Term::AllocatedBytes => Some(exact(measured.allocated_bytes as f64)),
         }
     }

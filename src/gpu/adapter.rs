@@ -2,7 +2,7 @@
 
 use std::cell::Cell;
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
 use super::shader::Shaders;
 use super::{Capacity, GpuError};
@@ -60,6 +60,8 @@ pub struct Gpu {
     pub unchecked: bool,
     /// What [`Gpu::shader`] has made.
     pub(super) shaders: Shaders,
+    /// It makes nothing: see [`Gpu::planner`].
+    planner: bool,
     raw_adapter: wgpu::Adapter,
     faults: Arc<Mutex<Faults>>,
 }
@@ -229,6 +231,42 @@ impl Gpu {
     /// Opens the chosen adapter.
     pub fn open(options: &Options) -> Result<Gpu, GpuError> {
         let (chosen, flags) = choose(options.adapter.as_deref())?;
+        Self::open_adapter(chosen, flags, options)
+    }
+
+    /// A device that stands in for any: textures and buffers of it have sizes and no memory, and pipelines made of them are
+    /// never run. What a pipeline asks is counted on it before a real one is made.
+    ///
+    /// # Errors
+    /// The library that gives it was built without it.
+    pub fn planner() -> Result<&'static Gpu, GpuError> {
+        static PLANNER: OnceLock<Option<Gpu>> = OnceLock::new();
+        let open = || {
+            let mut descriptor = wgpu::InstanceDescriptor::new_without_display_handle();
+            descriptor.backends = wgpu::Backends::NOOP;
+            descriptor.backend_options.noop.enable = true;
+            let instance = wgpu::Instance::new(descriptor);
+            let adapters = pollster::block_on(instance.enumerate_adapters(wgpu::Backends::NOOP));
+            let flags = wgpu::InstanceFlags::empty();
+            let gpu = Self::open_adapter(adapters.into_iter().next()?, flags, &Options::default());
+            Some(Gpu { planner: true, ..gpu.ok()? })
+        };
+        PLANNER
+            .get_or_init(open)
+            .as_ref()
+            .ok_or(GpuError::NoAdapter { tried: " to plan with".into() })
+    }
+
+    /// Whether this is [`Gpu::planner`].
+    pub fn is_planner(&self) -> bool {
+        self.planner
+    }
+
+    fn open_adapter(
+        chosen: wgpu::Adapter,
+        flags: wgpu::InstanceFlags,
+        options: &Options,
+    ) -> Result<Gpu, GpuError> {
         require(&chosen)?;
         let (features, mut notes) = negotiate(chosen.features());
         if !flags.is_empty() {
@@ -251,6 +289,7 @@ impl Gpu {
             notes,
             unchecked,
             shaders: Shaders::default(),
+            planner: false,
             raw_adapter: chosen,
             faults,
         })

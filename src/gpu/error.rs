@@ -2,6 +2,8 @@
 
 use thiserror::Error;
 
+use crate::parameter::ParamError;
+
 #[derive(Debug, Error)]
 pub enum GpuError {
     #[error(
@@ -41,6 +43,12 @@ pub enum GpuError {
     ReadBack(String),
     #[error("the frame opens more than {0} timed passes")]
     TooManyPasses(u32),
+}
+
+impl From<ParamError> for GpuError {
+    fn from(error: ParamError) -> Self {
+        Self::Unusable(error.to_string())
+    }
 }
 
 impl From<wgpu::Error> for GpuError {

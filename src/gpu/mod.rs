@@ -10,6 +10,7 @@ mod capacity;
 mod counters;
 mod error;
 mod frame;
+mod layout;
 mod limits;
 mod readback;
 mod shader;
@@ -26,9 +27,8 @@ pub use frame::{
     ClockPlan, ColorTarget, DepthTarget, Fault, FaultKind, FrameSample, FrameTimer, HostTime,
     StageSample, StageScope, SubmitCost, Targets,
 };
+pub use layout::{BoundStruct, Member, StructLayout};
 pub use limits::Demand;
 pub use readback::{Pixels, Texels, read_buffer, read_texture, read_volume, texture_bytes};
-pub use shader::{
-    StructLayout, compilation_options, default_defs, link, shader_paths, wgsl_layout,
-};
+pub use shader::{Shader, compilation_options, default_defs, link, shader_paths};
 pub use stage::{Column, Output, OutputData, Row, Stage, StageInfo};

@@ -35,9 +35,10 @@ pub fn texture_bytes(texture: &wgpu::Texture) -> u64 {
             wgpu::TextureDimension::D3 => at(size.depth_or_array_layers),
             _ => u64::from(size.depth_or_array_layers),
         };
-        at(size.width) * at(size.height) * depth
+        at(size.width).saturating_mul(at(size.height)).saturating_mul(depth)
     });
-    levels.sum::<u64>() * texel * u64::from(texture.sample_count())
+    let texels = levels.fold(0u64, u64::saturating_add);
+    texels.saturating_mul(texel * u64::from(texture.sample_count()))
 }
 
 /// All bytes of a buffer, which must have been made with `COPY_SRC`.

@@ -6,7 +6,7 @@
 
 use std::cell::Cell;
 use std::collections::{BTreeMap, HashMap};
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Arc, Mutex, PoisonError};
 
 use include_dir::{Dir, DirEntry, include_dir};
 use naga_oil::compose::{
@@ -15,12 +15,22 @@ use naga_oil::compose::{
 };
 use wgpu::naga;
 
+use super::layout::{BoundStruct, bound_structs};
 use super::{Gpu, GpuError};
 
 static SHADERS: Dir<'_> = include_dir!("$CARGO_MANIFEST_DIR/shaders");
 
-/// Modules by path and values of the host: pipelines share most of theirs.
-pub(super) type Shaders = Mutex<HashMap<(String, Vec<(String, i32)>), wgpu::ShaderModule>>;
+/// A linked shader of a device.
+#[derive(Clone)]
+pub struct Shader {
+    pub path: String,
+    pub module: wgpu::ShaderModule,
+    /// The structs that it binds.
+    pub structs: Arc<[BoundStruct]>,
+}
+
+/// Shaders by path and values of the host: pipelines share most of theirs.
+pub(super) type Shaders = Mutex<HashMap<(String, Vec<(String, i32)>), Shader>>;
 
 /// Lines at a shader's head among which `// defs:` is looked for.
 const HEAD_LINES: usize = 5;
@@ -145,7 +155,7 @@ pub fn compilation_options() -> wgpu::PipelineCompilationOptions<'static> {
 
 impl Gpu {
     /// The shader `shaders/PATH.wgsl`, such as `caustics/trace`, linked with what it imports.
-    pub fn shader(&self, path: &str, defs: &[(&str, i32)]) -> Result<wgpu::ShaderModule, GpuError> {
+    pub fn shader(&self, path: &str, defs: &[(&str, i32)]) -> Result<Shader, GpuError> {
         let key = (path.to_owned(), defs.iter().map(|(n, v)| ((*n).to_owned(), *v)).collect());
         let made = || self.shaders.lock().unwrap_or_else(PoisonError::into_inner);
         let known = made().get(&key).cloned();
@@ -158,56 +168,25 @@ impl Gpu {
         Ok(shader)
     }
 
-    fn make_shader(
-        &self,
-        path: &str,
-        defs: &[(&str, i32)],
-    ) -> Result<wgpu::ShaderModule, GpuError> {
+    fn make_shader(&self, path: &str, defs: &[(&str, i32)]) -> Result<Shader, GpuError> {
         let module = link(path, defs)?;
+        let structs = bound_structs(&module).into();
         let descriptor = wgpu::ShaderModuleDescriptor {
             label: Some(path),
             source: wgpu::ShaderSource::Naga(std::borrow::Cow::Owned(module)),
         };
         self.scoped(|| {
             if !self.unchecked {
-                return Ok(self.device.create_shader_module(descriptor));
+                let module = self.device.create_shader_module(descriptor);
+                return Ok(Shader { path: path.to_owned(), module, structs });
             }
             let checks = wgpu::ShaderRuntimeChecks::unchecked();
             // SAFETY: only shaders of this crate come here. They index within their bindings and have no
             // endless loops, which running the same shaders with the checks on shows.
-            Ok(unsafe { self.device.create_shader_module_trusted(descriptor, checks) })
+            let module = unsafe { self.device.create_shader_module_trusted(descriptor, checks) };
+            Ok(Shader { path: path.to_owned(), module, structs })
         })
     }
-}
-
-/// How WGSL lays out a struct, in bytes.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct StructLayout {
-    /// Each member with its offset, in order.
-    pub members: Vec<(String, u32)>,
-    /// Size of the struct, its padding included.
-    pub span: u32,
-}
-
-/// The layout of a struct of a linked shader, for a test that the host's struct equals it. A struct of
-/// a shared module is found by its plain name, if the shader uses it.
-pub fn wgsl_layout(path: &str, struct_name: &str) -> Result<StructLayout, GpuError> {
-    let module = link(path, &[])?;
-    let plain = |name: &str| name.split("X_naga_oil_mod_X").next().unwrap_or(name).to_owned();
-    let found = module.types.iter().find_map(|(_, ty)| match &ty.inner {
-        naga::TypeInner::Struct { members, span }
-            if ty.name.as_deref().map(plain).as_deref() == Some(struct_name) =>
-        {
-            Some((members, *span))
-        }
-        _ => None,
-    });
-    let (members, span) = found.ok_or_else(|| GpuError::Shader {
-        path: path.to_owned(),
-        message: format!("it has no struct `{struct_name}`"),
-    })?;
-    let members = members.iter().map(|m| (m.name.clone().unwrap_or_default(), m.offset)).collect();
-    Ok(StructLayout { members, span })
 }
 
 #[cfg(test)]
@@ -246,12 +225,5 @@ mod tests {
         assert!(error.contains("shaders/audit/kernels.wgsl"), "{error}");
         assert!(error.contains("@workgroup_size(-1)"), "{error}");
         assert!(matches!(link("audit/none", &[]), Err(GpuError::UnknownShader(_))));
-    }
-
-    #[test]
-    fn the_layout_of_a_struct_is_read_from_the_shader() {
-        let layout = wgsl_layout("audit/kernels", "Work").unwrap();
-        assert_eq!(layout, StructLayout { members: vec![("iterations".into(), 0)], span: 4 });
-        assert!(wgsl_layout("audit/kernels", "None").is_err());
     }
 }

@@ -69,3 +69,32 @@ pub struct StageInfo {
     /// Paper and section.
     pub source: &'static str,
 }
+
+impl Column {
+    pub const fn new(name: &'static str, unit: &'static str, meaning: &'static str) -> Self {
+        Self { name, unit, meaning }
+    }
+
+    /// Red, green, blue and alpha of a picture.
+    pub fn display(meaning: &'static str) -> Vec<Self> {
+        ["red", "green", "blue", "alpha"].map(|name| Self::new(name, "1", meaning)).to_vec()
+    }
+}
+
+impl Output {
+    pub fn texture(
+        name: &str,
+        meaning: impl Into<String>,
+        columns: Vec<Column>,
+        texture: &wgpu::Texture,
+    ) -> Self {
+        let data = OutputData::Texture(texture.clone());
+        Self { name: name.into(), meaning: meaning.into(), columns, data }
+    }
+
+    /// The final image of a pipeline.
+    pub fn image(texture: &wgpu::Texture) -> Self {
+        let columns = Column::display("display value, gamma 2.2");
+        Self::texture("image", "the final image", columns, texture)
+    }
+}

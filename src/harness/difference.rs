@@ -8,7 +8,7 @@ use super::plan::PlannedReference;
 use super::readout::{self, ReadoutError};
 use super::subject::Subject;
 use crate::gpu::{FrameTimer, Gpu, GpuError, Pixels};
-use crate::pipelines::Pipeline;
+use crate::pipelines::AnyPipeline;
 
 #[derive(Debug, Error)]
 pub enum DifferenceError {
@@ -35,7 +35,7 @@ impl References {
         &mut self,
         gpu: &Gpu,
         timer: &mut FrameTimer,
-        cell: &dyn Pipeline,
+        cell: &dyn AnyPipeline,
         reference: &PlannedReference,
     ) -> Result<f64, DifferenceError> {
         let stages = &reference.plan.stages;

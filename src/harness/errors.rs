@@ -8,7 +8,7 @@ use super::landing::{self, LandingError};
 use super::occlusion::{self, FILTERED, OcclusionError, RAW};
 use super::subject::Subject;
 use crate::gpu::Gpu;
-use crate::pipelines::Pipeline;
+use crate::pipelines::AnyPipeline;
 
 #[derive(Debug, Error)]
 pub enum CellError {
@@ -25,7 +25,7 @@ pub struct Known {
 }
 
 type Judge =
-    fn(&Gpu, &Subject, &dyn Pipeline, &mut Known) -> Result<BTreeMap<String, f64>, CellError>;
+    fn(&Gpu, &Subject, &dyn AnyPipeline, &mut Known) -> Result<BTreeMap<String, f64>, CellError>;
 
 /// What judges the cells of a kind of pipeline. Adding a reference adds a line.
 const JUDGES: &[(&str, Judge)] = &[
@@ -68,7 +68,7 @@ pub fn error_before(error: &str) -> Option<String> {
 pub fn cell_errors(
     gpu: &Gpu,
     subject: &Subject,
-    pipeline: &dyn Pipeline,
+    pipeline: &dyn AnyPipeline,
     known: &mut Known,
 ) -> Result<BTreeMap<String, f64>, CellError> {
     let judge = JUDGES.iter().find(|(kind, _)| *kind == subject.kind.name);

@@ -11,11 +11,11 @@ use super::outcome::{Facts, measured};
 use super::plan::PlannedCell;
 use super::progress::Progress;
 use super::sample::{CellResult, Executor, Failure, Samples};
-use super::{MAX_PASSES, errors, picture, views};
+use super::{MAX_PASSES, picture, views};
 use crate::experiments::schema::{Experiment, Pictures};
 use crate::gpu::{self, ClockPlan, FrameSample, FrameTimer, Gpu, GpuError, Stage, StageCounters};
-use crate::pipelines::Pipeline;
-use crate::record::{Addition, Outcome, Record, RecordError, Run, SampleLine, Writer};
+use crate::pipelines::{AnyPipeline, Judge, JudgeError, Judged, Known};
+use crate::record::{Addition, ErrorFigure, Outcome, Record, RecordError, Run, SampleLine, Writer};
 use crate::report::{self, ERROR_PICTURE};
 
 /// What a software driver keeps of a pipeline's compiled shaders in the process: of 15 cells of `vao-samples`, 300 MiB more
@@ -29,7 +29,7 @@ pub struct Session {
     plan: ClockPlan,
     timer: FrameTimer,
     references: References,
-    known: errors::Known,
+    known: Known,
     reopened: bool,
     pub spent: Spent,
 }
@@ -52,7 +52,7 @@ impl Session {
             plan,
             timer,
             references: References::default(),
-            known: errors::Known::default(),
+            known: Known::default(),
             reopened: false,
             spent: Spent::default(),
         })
@@ -96,7 +96,7 @@ pub struct Output<'a> {
 }
 
 struct Built {
-    pipeline: Box<dyn Pipeline>,
+    pipeline: Box<dyn AnyPipeline>,
     counters: Vec<StageCounters>,
 }
 
@@ -104,6 +104,7 @@ struct Built {
 #[derive(Default)]
 struct Findings {
     quantities: BTreeMap<String, f64>,
+    errors: Vec<ErrorFigure>,
     notes: Vec<String>,
 }
 
@@ -116,6 +117,16 @@ impl Findings {
         match found {
             Ok(found) => self.quantities.extend(found),
             Err(error) => self.notes.push(format!("{failure}: {error}")),
+        }
+    }
+
+    fn judged(&mut self, judged: Result<Judged, JudgeError>) {
+        match judged {
+            Ok(judged) => {
+                self.quantities.extend(judged.quantities);
+                self.errors.extend(judged.errors);
+            }
+            Err(error) => self.notes.push(format!("errors not computed: {error}")),
         }
     }
 
@@ -163,10 +174,7 @@ impl<'a> CellExecutor<'a> {
         let mut findings = Findings::default();
         let quantities = pipeline.quantities(&self.session.gpu);
         findings.add("quantities not read", quantities);
-        let subject = &self.cells[cell].subject;
-        let Session { gpu, known, .. } = &mut *self.session;
-        let errors = errors::cell_errors(gpu, subject, pipeline, known);
-        findings.add("errors not computed", errors);
+        findings.judged(pipeline.judge(&mut self.judge(cell)));
         self.compared(cell, pipeline, &mut findings);
         self.pictures(cell, pipeline, &mut findings);
         self.session.spent.set_up_s += start.elapsed().as_secs_f64();
@@ -174,15 +182,21 @@ impl<'a> CellExecutor<'a> {
             pipeline,
             counters: built.counters.as_slice(),
             quantities: findings.quantities,
+            errors: findings.errors,
             notes: findings.notes,
             precision: self.precision,
         }
     }
 
+    fn judge(&mut self, cell: usize) -> Judge<'_> {
+        let Session { gpu, known, .. } = &mut *self.session;
+        Judge { gpu, scene: &self.cells[cell].subject.scene, known }
+    }
+
     /// Differences from the cell's reference run and between views.
-    fn compared(&mut self, cell: usize, pipeline: &dyn Pipeline, findings: &mut Findings) {
+    fn compared(&mut self, cell: usize, pipeline: &dyn AnyPipeline, findings: &mut Findings) {
         let Session { gpu, timer, references, .. } = &mut *self.session;
-        let PlannedCell { subject, reference, views, .. } = &self.cells[cell];
+        let PlannedCell { reference, views, .. } = &self.cells[cell];
         if let Some(reference) = reference {
             let name = &reference.plan.quantity;
             let difference = references.difference(gpu, timer, pipeline, reference);
@@ -193,7 +207,7 @@ impl<'a> CellExecutor<'a> {
         }
         if let Some(asked) = &self.experiment.views {
             let name = &asked.quantity;
-            let spread = views::spread(gpu, timer, (subject, pipeline), views);
+            let spread = views::spread(gpu, timer, pipeline, views);
             let figures = spread.map(|spread| {
                 [(name.clone(), spread.std), (format!("{name}_points"), spread.points as f64)]
             });
@@ -201,18 +215,15 @@ impl<'a> CellExecutor<'a> {
         }
     }
 
-    fn pictures(&mut self, cell: usize, pipeline: &dyn Pipeline, findings: &mut Findings) {
+    fn pictures(&mut self, cell: usize, pipeline: &dyn AnyPipeline, findings: &mut Findings) {
         let later = std::mem::replace(&mut self.pictured, true);
         if later && self.experiment.pictures == Pictures::First {
             return;
         }
         let [path, of_error] = ["", ERROR_PICTURE].map(|ending| self.picture_path(cell, ending));
-        let Session { gpu, known, .. } = &mut *self.session;
-        findings.note("no picture", picture::save(gpu, pipeline, &path));
+        findings.note("no picture", picture::save(&self.session.gpu, pipeline, &path));
         if self.experiment.error_picture {
-            let subject = &self.cells[cell].subject;
-            let error = &mut known.occlusion;
-            let picture = error.error_picture(gpu, subject, pipeline, &of_error);
+            let picture = pipeline.error_picture(&mut self.judge(cell), &of_error);
             findings.note("no picture of the error", picture);
         }
     }

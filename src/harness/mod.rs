@@ -6,12 +6,9 @@
 pub mod calendar;
 pub mod difference;
 pub mod dump;
-pub mod errors;
 pub mod executor;
 pub mod journal;
-pub mod landing;
 pub mod memory;
-pub mod occlusion;
 pub mod outcome;
 pub mod output;
 pub mod picture;

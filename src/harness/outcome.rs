@@ -4,8 +4,8 @@ use std::collections::BTreeMap;
 
 use super::sample::{Samples, StageSamples, Stopped};
 use crate::gpu::StageCounters;
-use crate::pipelines::Pipeline;
-use crate::record::{Estimate, Fenced, FrameRecord, Measured, StageRecord, Work};
+use crate::pipelines::AnyPipeline;
+use crate::record::{ErrorFigure, Estimate, Fenced, FrameRecord, Measured, StageRecord, Work};
 use crate::statistics;
 
 /// Share of outliers among the frame times from which on the record says so: one in twenty.
@@ -13,9 +13,10 @@ const NOTED_OUTLIER_SHARE: f64 = 0.05;
 
 /// What is known of a cell besides its samples.
 pub struct Facts<'a> {
-    pub pipeline: &'a dyn Pipeline,
+    pub pipeline: &'a dyn AnyPipeline,
     pub counters: &'a [StageCounters],
     pub quantities: BTreeMap<String, f64>,
+    pub errors: Vec<ErrorFigure>,
     pub notes: Vec<String>,
     /// The precision asked for.
     pub precision: f64,
@@ -28,12 +29,16 @@ pub fn measured(samples: Samples, facts: Facts<'_>) -> Measured {
     notes.extend(sampling_notes(&samples, &frame.untimed, facts.precision));
     let (quantities, unusable): (BTreeMap<_, _>, BTreeMap<_, _>) =
         facts.quantities.into_iter().partition(|(_, value)| value.is_finite());
-    notes.extend(unusable.keys().map(|name| format!("{name} left out: it is not a finite number")));
+    let (errors, unusable_errors): (Vec<_>, Vec<_>) =
+        facts.errors.into_iter().partition(|error| error.value.is_finite());
+    let unusable = unusable.into_keys().chain(unusable_errors.into_iter().map(|error| error.name));
+    notes.extend(unusable.map(|name| format!("{name} left out: it is not a finite number")));
     Measured {
         stages: stage_records(&samples, facts.pipeline, facts.counters),
         frame,
         allocated_bytes: facts.pipeline.allocated_bytes(),
         quantities,
+        errors,
         warm_up_frames: samples.warm_up_frames,
         rejected: samples.rejected,
         notes,
@@ -65,7 +70,7 @@ pub(super) fn accounting_error(samples: &Samples) -> f64 {
 
 fn stage_records(
     samples: &Samples,
-    pipeline: &dyn Pipeline,
+    pipeline: &dyn AnyPipeline,
     counters: &[StageCounters],
 ) -> Vec<StageRecord> {
     let stages = pipeline.stages();

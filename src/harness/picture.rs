@@ -4,9 +4,8 @@ use std::path::{Path, PathBuf};
 
 use thiserror::Error;
 
-use super::MAX_PASSES;
-use crate::gpu::{ClockPlan, FrameTimer, Gpu, GpuError, SubmitCost, read_texture};
-use crate::pipelines::Pipeline;
+use crate::gpu::{Gpu, GpuError, read_texture};
+use crate::pipelines::AnyPipeline;
 
 #[derive(Debug, Error)]
 pub enum PictureError {
@@ -17,11 +16,10 @@ pub enum PictureError {
 }
 
 /// Reads the image of the last frame, drawing it first where the frame does not, and writes it, opaque, row 0 at the top.
-pub fn save(gpu: &Gpu, pipeline: &dyn Pipeline, path: &Path) -> Result<(), PictureError> {
+pub fn save(gpu: &Gpu, pipeline: &dyn AnyPipeline, path: &Path) -> Result<(), PictureError> {
     let presenting = pipeline.presenting();
     if !presenting.is_empty() {
-        let clock = ClockPlan::fenced(SubmitCost::default());
-        FrameTimer::new(gpu, clock, MAX_PASSES)?.untimed(gpu, &presenting)?;
+        gpu.run(&presenting)?;
     }
     let pixels = read_texture(gpu, pipeline.image())?;
     let byte = |value: &f32| (value.clamp(0.0, 1.0) * 255.0).round() as u8;

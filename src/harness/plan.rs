@@ -145,7 +145,10 @@ fn planned_cell(
         }),
         None => None,
     };
-    let views = turns_deg.iter().map(|turn_deg| views::turned(&of_cell, *turn_deg)).collect();
+    let views = turns_deg
+        .iter()
+        .map(|turn| of_cell.seen_from(views::turned(of_cell.configuration.camera(), *turn)))
+        .collect();
     let skip = of_cell.beyond(capacity).map_err(error)?;
     Ok(PlannedCell { subject: of_cell, skip, reference, views, plan })
 }

@@ -11,14 +11,15 @@ use glam::DVec3;
 use rayon::prelude::*;
 use thiserror::Error;
 
-use super::subject::Subject;
+use super::subject::{Subject, SubjectError};
 use crate::gpu::{Gpu, GpuError};
 use crate::input::{self, Limited};
-use crate::pipelines::volume_ao::{Params, occlusion_at, query_demand};
+use crate::pipelines::volume_ao::{PointQuery, VolumeAo, occlusion_at};
 use crate::reference::ReferenceError;
 use crate::reference::occlusion::{self as exact, Attenuation};
 use crate::reference::rays::Tracer;
-use crate::stages::ao::query::Point;
+use crate::stages::ao::query::SurfacePoint;
+use crate::stages::kit::Resources;
 use crate::stages::marching::{self, Occluder};
 pub use table::PointFault;
 use table::SHORT;
@@ -44,6 +45,8 @@ pub enum QueryError {
     Points { path: PathBuf, fault: PointFault },
     #[error("{0}")]
     Invalid(String),
+    #[error(transparent)]
+    Subject(#[from] SubjectError),
     #[error(transparent)]
     Reference(#[from] ReferenceError),
     #[error("cannot write {target}: {source}")]
@@ -99,21 +102,30 @@ fn row((line, numbers): table::Row) -> Result<Row, PointFault> {
 /// # Errors
 /// Limits of the adapter, named before anything is allocated, and what the GPU reports.
 pub fn occlusion(gpu: &Gpu, subject: &Subject, rows: &[Row]) -> Result<Vec<f32>, QueryError> {
-    let params = Params::from_value(&subject.params).map_err(QueryError::Invalid)?;
-    let points = query_demand(&params, &subject.scene, rows.len() as u64);
-    let demand = (subject.kind.demand)(&subject.params, &subject.scene)
-        .map_err(QueryError::Invalid)?
-        .without_frames()
-        .and(points.map_err(QueryError::Invalid)?);
-    gpu.check(&demand).map_err(QueryError::Invalid)?;
-    let points: Vec<Point> = rows
+    let params = subject.parameters::<VolumeAo>()?;
+    let points: Vec<SurfacePoint> = rows
         .iter()
-        .map(|row| Point {
+        .map(|row| SurfacePoint {
             position_m: row.position_m.as_vec3(),
             normal: row.normal.normalize().as_vec3(),
         })
         .collect();
-    Ok(gpu.scoped(|| occlusion_at(gpu, &subject.scene, &params, &points))?)
+    let plan = |resources: &Resources<'_>| {
+        PointQuery::new(resources, &subject.scene, params, &points).map(drop)
+    };
+    check(gpu, plan)?;
+    Ok(gpu.scoped(|| occlusion_at(gpu, &subject.scene, params, &points))?)
+}
+
+/// Holds what `plan` makes against the adapter, before anything is allocated.
+fn check(
+    gpu: &Gpu,
+    plan: impl FnOnce(&Resources<'_>) -> Result<(), GpuError>,
+) -> Result<(), QueryError> {
+    let planner = Gpu::planner()?;
+    let resources = Resources::new(planner);
+    planner.scoped(|| plan(&resources))?;
+    gpu.check(&resources.into_parts().demand).map_err(QueryError::Invalid)
 }
 
 /// The same by casting `rays` rays from each point at the scene's triangles, all of them opaque.
@@ -121,7 +133,7 @@ pub fn occlusion(gpu: &Gpu, subject: &Subject, rows: &[Row]) -> Result<Vec<f32>,
 /// # Errors
 /// Geometry that moves, and transparent objects where rays pass through them: the reference knows neither.
 pub fn reference(subject: &Subject, rows: &[Row], rays: u32) -> Result<Vec<f64>, QueryError> {
-    let params = Params::from_value(&subject.params).map_err(QueryError::Invalid)?;
+    let params = subject.parameters::<VolumeAo>()?;
     let invalid = |what: &str| Err(QueryError::Invalid(what.to_owned()));
     if params.animation.motion().is_some() {
         return invalid(

@@ -3,7 +3,7 @@
 use thiserror::Error;
 
 use crate::gpu::{Gpu, GpuError, Pixels, read_texture};
-use crate::pipelines::Pipeline;
+use crate::pipelines::AnyPipeline;
 use crate::stages::OutputData;
 
 #[derive(Debug, Error)]
@@ -16,7 +16,7 @@ pub enum ReadoutError {
 
 /// A texture that the first present of the named stages leaves: the one of that name, or the first.
 pub fn texture<S: AsRef<str>>(
-    pipeline: &dyn Pipeline,
+    pipeline: &dyn AnyPipeline,
     stages: &[S],
     output: Option<&str>,
 ) -> Option<wgpu::Texture> {
@@ -36,7 +36,7 @@ pub fn texture<S: AsRef<str>>(
 /// Its texels.
 pub fn image<S: AsRef<str>>(
     gpu: &Gpu,
-    pipeline: &dyn Pipeline,
+    pipeline: &dyn AnyPipeline,
     stages: &[S],
     output: Option<&str>,
 ) -> Result<Pixels, ReadoutError> {

@@ -5,10 +5,10 @@ use std::path::Path;
 use super::picture::{self, PictureError};
 use super::subject::Subject;
 use crate::gpu::{Gpu, GpuError};
-use crate::pipelines::Pipeline;
+use crate::pipelines::AnyPipeline;
 
 /// Builds the subject's pipeline and runs one frame, untimed.
-pub fn frame(gpu: &Gpu, subject: &Subject) -> Result<Box<dyn Pipeline>, GpuError> {
+pub fn frame(gpu: &Gpu, subject: &Subject) -> Result<Box<dyn AnyPipeline>, GpuError> {
     let pipeline = subject.build(gpu)?;
     gpu.run(&pipeline.stages())?;
     Ok(pipeline)

@@ -7,10 +7,10 @@ use serde_json::Value;
 use thiserror::Error;
 
 use crate::experiments::nearest;
-use crate::gpu::{Capacity, Gpu, GpuError};
-use crate::pipelines::params::{self, ParamError};
-use crate::pipelines::{self, Kind, Pipeline};
-use crate::scene::{Scene, SceneError, SceneFile};
+use crate::gpu::{Capacity, Demand, Gpu, GpuError};
+use crate::parameter::{self, ParamError};
+use crate::pipelines::{self, AnyPipeline, Configuration, Kind, Pipeline};
+use crate::scene::{Camera, Scene, SceneError, SceneFile};
 use crate::tell;
 
 /// Why a pipeline, a scene and parameters do not go together. Each message says what to do.
@@ -31,14 +31,17 @@ pub(super) fn hint(nearest: &Option<String>) -> String {
     nearest.as_ref().map_or_else(String::new, |name| format!("; did you mean `{name}`?"))
 }
 
-/// A pipeline kind, a scene with its geometry, and every parameter.
+/// A pipeline with its parameters, and a scene with its geometry.
 #[derive(Clone)]
 pub struct Subject {
-    pub kind: &'static Kind,
+    pub kind: Kind,
     /// As it was asked for: a built-in name or a path.
     pub scene_name: String,
     pub scene: Rc<Scene>,
+    /// The parameters as they are recorded.
     pub params: Value,
+    /// The same, read and checked.
+    pub configuration: Rc<dyn Configuration>,
     /// Why the scene is too large to be made; `scene` is then a small one in its place, which is never measured.
     too_large: Option<String>,
 }
@@ -49,19 +52,41 @@ impl Subject {
         if self.too_large.is_some() {
             return Ok(self.too_large.clone());
         }
-        let demand =
-            (self.kind.demand)(&self.params, &self.scene).map_err(SubjectError::Invalid)?;
-        Ok(capacity.check(&demand).err())
+        Ok(capacity.check(&self.plan()?).err())
+    }
+
+    /// What the pipeline asks of an adapter.
+    pub fn plan(&self) -> Result<Demand, SubjectError> {
+        let invalid = |error: GpuError| SubjectError::Invalid(error.to_string());
+        self.configuration.plan(&self.scene).map_err(invalid)
     }
 
     /// Makes the pipeline's resources; any fault of the device comes back as an error.
-    pub fn build(&self, gpu: &Gpu) -> Result<Box<dyn Pipeline>, GpuError> {
+    pub fn build(&self, gpu: &Gpu) -> Result<Box<dyn AnyPipeline>, GpuError> {
         if let Some(reason) =
             self.beyond(&gpu.capacity).map_err(|e| GpuError::Unusable(e.to_string()))?
         {
             return Err(GpuError::Limit(reason));
         }
-        gpu.scoped(|| (self.kind.build)(gpu, &self.scene, &self.params))
+        gpu.scoped(|| self.configuration.build(gpu, &self.scene))
+    }
+
+    /// The parameters of a kind that the caller knows.
+    ///
+    /// # Errors
+    /// It is of another kind.
+    pub fn parameters<P: Pipeline>(&self) -> Result<&P::Params, SubjectError> {
+        let found = self.configuration.as_any().downcast_ref();
+        found.ok_or_else(|| {
+            SubjectError::Invalid(format!("pipeline {} is not {}", self.kind.name, P::NAME))
+        })
+    }
+
+    /// The same seen from elsewhere. The geometry is shared: pipelines take the camera from the parameters.
+    #[must_use]
+    pub fn seen_from(&self, camera: Camera) -> Self {
+        let configuration = self.configuration.seen_from(camera);
+        Self { params: configuration.tree(), configuration, ..self.clone() }
     }
 }
 
@@ -97,13 +122,16 @@ impl Subjects {
         let file = self.file(scene)?;
         let mut params = (kind.defaults)(&file);
         for (path, value) in overrides {
-            params::set(&mut params, path, value.clone())?;
+            parameter::set(&mut params, path, value.clone())?;
         }
-        let file = (kind.scene_file)(&file, &params).map_err(SubjectError::Invalid)?;
+        let configuration = (kind.configure)(&params)?;
+        let file = configuration.staged(&file)?;
         let scene_name = scene.to_owned();
         let too_large = self.too_large(&file);
         let file = if too_large.is_some() { pipelines::smallest(file) } else { file };
-        Ok(Subject { kind, scene_name, scene: self.scene(file)?, params, too_large })
+        let scene = self.scene(file)?;
+        let params = configuration.tree();
+        Ok(Subject { kind, scene_name, scene, params, configuration, too_large })
     }
 
     fn too_large(&self, file: &SceneFile) -> Option<String> {
@@ -143,8 +171,9 @@ impl Subjects {
 ///
 /// # Errors
 /// There is none, with the name that is most like it.
-pub fn find_kind(name: &str) -> Result<&'static Kind, SubjectError> {
-    pipelines::find(name).ok_or_else(|| SubjectError::UnknownPipeline {
+pub fn find_kind(name: &str) -> Result<Kind, SubjectError> {
+    let found = pipelines::KINDS.iter().find(|kind| kind.name == name);
+    found.copied().ok_or_else(|| SubjectError::UnknownPipeline {
         name: name.to_owned(),
         nearest: nearest(name, pipelines::KINDS.iter().map(|kind| kind.name)),
     })

@@ -30,7 +30,6 @@ use std::fmt;
 use serde::Serialize;
 
 use crate::gpu::{Gpu, GpuError};
-use crate::harness::landing::LandingError;
 use crate::reference::ReferenceError;
 use crate::scene::SceneError;
 use rig::Rig;
@@ -44,8 +43,6 @@ pub enum VerifyError {
     Scene(#[from] SceneError),
     #[error(transparent)]
     Reference(#[from] ReferenceError),
-    #[error(transparent)]
-    Landing(#[from] LandingError),
     #[error("no check matches `{filter}`; there are checks for: {known}")]
     NoMatch { filter: String, known: String },
     #[error("{stage}: {what}")]

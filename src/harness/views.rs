@@ -1,14 +1,11 @@
 //! How much ambient occlusion at one surface point changes with the viewer. VAO §6.1, Fig. 9.
 
 use glam::{DQuat, DVec3};
-use serde_json::{Value, json};
 use thiserror::Error;
 
-use super::occlusion::{FILTERED, RAW};
-use super::readout::{self, ReadoutError};
 use super::subject::Subject;
-use crate::gpu::{FrameTimer, Gpu, GpuError, Pixels};
-use crate::pipelines::Pipeline;
+use crate::gpu::{FrameTimer, Gpu, GpuError, Pixels, read_texture};
+use crate::pipelines::AnyPipeline;
 use crate::reference::rays::PixelRays;
 use crate::scene::Camera;
 
@@ -27,30 +24,18 @@ const SAME_NORMAL: f64 = 0.9;
 pub enum ViewsError {
     #[error(transparent)]
     Gpu(#[from] GpuError),
-    #[error(transparent)]
-    Readout(#[from] ReadoutError),
-    #[error("no camera among the parameters")]
-    Camera,
+    #[error("the pipeline computes no occlusion")]
+    NoOcclusion,
     #[error("no point is seen in two views")]
     Nothing,
 }
 
-/// The subject with its camera turned about the vertical through its target; unchanged where it has no camera. The geometry
-/// is shared: pipelines take the camera from the parameters.
-pub fn turned(subject: &Subject, turn_deg: f64) -> Subject {
-    let mut turned = subject.clone();
-    let Some(camera) = camera(&subject.params) else {
-        return turned;
-    };
+/// The camera turned about the vertical through its target.
+pub fn turned(camera: &Camera, turn_deg: f64) -> Camera {
     let target = DVec3::from(camera.target_m);
     let turn = DQuat::from_axis_angle(DVec3::from(camera.up).normalize(), turn_deg.to_radians());
     let position = target + turn * (camera.position() - target);
-    turned.params["camera"]["position_m"] = json!(position.to_array());
-    turned
-}
-
-fn camera(params: &Value) -> Option<Camera> {
-    serde_json::from_value(params.get("camera")?.clone()).ok()
+    Camera { position_m: position.to_array(), ..camera.clone() }
 }
 
 /// What a view sees.
@@ -77,22 +62,22 @@ pub struct Spread {
 pub fn spread(
     gpu: &Gpu,
     timer: &mut FrameTimer,
-    (subject, cell): (&Subject, &dyn Pipeline),
+    cell: &dyn AnyPipeline,
     others: &[Subject],
 ) -> Result<Spread, ViewsError> {
-    let own = Shot::new(gpu, subject, cell)?;
+    let own = Shot::new(gpu, cell)?;
     let mut seen = Seen::by(&own);
     // One at a time, as the pictures of a view are large.
     for other in others {
         let pipeline = other.build(gpu)?;
         timer.untimed(gpu, &pipeline.stages())?;
-        seen.also_by(&Shot::new(gpu, other, pipeline.as_ref())?);
+        seen.also_by(&Shot::new(gpu, pipeline.as_ref())?);
     }
     seen.spread()
 }
 
 /// Points of the cell's own view, and their occlusion in each view that sees them.
-struct Seen(Vec<(Point, Vec<f64>)>);
+struct Seen(Vec<(SeenPoint, Vec<f64>)>);
 
 impl Seen {
     fn by(own: &Shot) -> Self {
@@ -131,29 +116,28 @@ fn variance(values: &[f64]) -> Option<f64> {
 }
 
 #[derive(Clone, Copy)]
-struct Point {
+struct SeenPoint {
     position: DVec3,
     normal: DVec3,
     occlusion: f64,
 }
 
 impl Shot {
-    fn new(gpu: &Gpu, subject: &Subject, pipeline: &dyn Pipeline) -> Result<Shot, ViewsError> {
-        let gbuffer = |name| readout::image(gpu, pipeline, &["scene/gbuffer"], Some(name));
-        let camera = camera(&subject.params).ok_or(ViewsError::Camera)?;
-        let depth = gbuffer("depth")?;
-        let opening = 2.0 * (camera.fov_y_deg.to_radians() / 2.0).tan();
+    fn new(gpu: &Gpu, pipeline: &dyn AnyPipeline) -> Result<Shot, ViewsError> {
+        let buffers = pipeline.occlusion().ok_or(ViewsError::NoOcclusion)?;
+        let depth = read_texture(gpu, &buffers.gbuffer.depth)?;
+        let opening = 2.0 * (buffers.camera.fov_y_deg.to_radians() / 2.0).tan();
         Ok(Shot {
-            rays: PixelRays::new(&camera, depth.width, depth.height),
+            rays: PixelRays::new(&buffers.camera, depth.width, depth.height),
             footprint: opening / f64::from(depth.height),
-            normal: gbuffer("normal")?,
-            visibility: readout::image(gpu, pipeline, &[FILTERED, RAW].concat(), None)?,
+            normal: read_texture(gpu, &buffers.gbuffer.normal)?,
+            visibility: read_texture(gpu, buffers.visibility())?,
             depth,
         })
     }
 
     /// A lattice of what it sees.
-    fn points(&self) -> Vec<Point> {
+    fn points(&self) -> Vec<SeenPoint> {
         let (width, height) = (self.depth.width, self.depth.height);
         let pixels = f64::from(width) * f64::from(height);
         let step = (pixels / MOST_POINTS as f64).sqrt().ceil().max(1.0) as usize;
@@ -163,7 +147,7 @@ impl Shot {
     }
 
     /// What a pixel shows.
-    fn at(&self, x: u32, y: u32) -> Option<Point> {
+    fn at(&self, x: u32, y: u32) -> Option<SeenPoint> {
         let depth = f64::from(self.depth.texel(x, y)[0]);
         let normal = self.normal.texel(x, y);
         let normal = DVec3::new(normal[0].into(), normal[1].into(), normal[2].into());
@@ -174,7 +158,7 @@ impl Shot {
             scaled(x, self.depth.width, width) as u32,
             scaled(y, self.depth.height, height) as u32,
         );
-        (depth < 1.0).then(|| Point {
+        (depth < 1.0).then(|| SeenPoint {
             position: self.rays.unproject(u, v, depth),
             normal: normal.normalize_or_zero(),
             occlusion: 1.0 - f64::from(self.visibility.texel(texel.0, texel.1)[0]),
@@ -183,7 +167,7 @@ impl Shot {
 
     /// The occlusion at a point of another view, interpolated between the pixels here that see the same surface; none where
     /// none does.
-    fn find(&self, point: &Point) -> Option<f64> {
+    fn find(&self, point: &SeenPoint) -> Option<f64> {
         let at = self.rays.project(point.position)?;
         let near = NEAR_FOOTPRINTS * self.footprint * at.w;
         let (left, top) = ((at.x_px - 0.5).floor(), (at.y_px - 0.5).floor());
@@ -210,8 +194,8 @@ impl Shot {
 
 #[cfg(test)]
 mod tests {
-    use super::super::occlusion::tests::{camera, corner, gbuffer};
     use super::*;
+    use crate::pipelines::occlusion::tests::{camera, corner, gbuffer};
     use crate::reference::rays::Tracer;
 
     /// A view of a corner whose occlusion is a function of the place and of the view.
@@ -268,19 +252,14 @@ mod tests {
 
     #[test]
     fn turning_keeps_height_and_distance() {
-        let mut subjects = super::super::subject::Subjects::default();
-        let subject = subjects.subject("underwater", "tank", &[]).unwrap();
-        let place = |subject: &Subject| camera_of(subject).position();
-        let target = DVec3::from(camera_of(&subject).target_m);
-        let (before, after) = (place(&subject), place(&turned(&subject, 90.0)));
+        let before = camera([4.0, 3.0, 2.0]);
+        let after = turned(&before, 90.0);
+        let target = DVec3::from(before.target_m);
+        let [before, after] = [before.position() - target, after.position() - target];
         assert!((before.y - after.y).abs() < 1e-9);
-        let flat = |at: DVec3| (at - target).with_y(0.0);
-        assert!((flat(before).length() - flat(after).length()).abs() < 1e-9);
-        assert!(flat(before).dot(flat(after)).abs() < 1e-9);
-    }
-
-    fn camera_of(subject: &Subject) -> Camera {
-        super::camera(&subject.params).unwrap()
+        let [before, after] = [before.with_y(0.0), after.with_y(0.0)];
+        assert!((before.length() - after.length()).abs() < 1e-9);
+        assert!(before.dot(after).abs() < 1e-9);
     }
 
     #[test]

@@ -1,7 +1,8 @@
 //! Pipelines: stages wired over typed resources for one scene and one set of parameters, in frame order.
 
 pub mod hsao;
-pub mod params;
+mod lighting;
+pub mod occlusion;
 pub mod scalar_ao;
 pub mod settings;
 pub mod underwater;
@@ -9,58 +10,354 @@ pub mod volume_ao;
 pub mod voxelization;
 pub mod voxelize;
 
+use std::any::Any;
 use std::collections::BTreeMap;
+use std::ops::Deref;
+use std::path::Path;
+use std::rc::Rc;
 
+use serde::Serialize;
+use serde::de::DeserializeOwned;
 use serde_json::Value;
+use thiserror::Error;
 
-use crate::gpu::{Demand, Gpu, GpuError};
-use crate::record::Work;
-use crate::scene::{Scene, SceneFile, VolumeFile};
-use crate::stages::{Stage, StageInfo};
+use crate::gpu::{Demand, Gpu, GpuError, Stage, StageInfo};
+use crate::parameter::{self, Field, ParamError, Setting};
+use crate::record::{ErrorFigure, Work};
+use crate::reference::ReferenceError;
+use crate::scene::{Camera, Scene, SceneFile, VolumeFile};
+use crate::stages::kit::{Parts, Resources};
+use occlusion::OcclusionBuffers;
 
-/// A built pipeline: what a frame runs.
-pub trait Pipeline {
-    /// In frame order.
-    fn stages(&self) -> Vec<&dyn Stage>;
-    /// GPU memory that the pipeline's resources take.
-    fn allocated_bytes(&self) -> u64;
+/// A pipeline's parameters.
+pub trait Parameters: Setting + Serialize + DeserializeOwned + Clone + 'static {
+    /// The values that the scene file gives.
+    fn defaults(file: &SceneFile) -> Self;
+    /// The scene file with the parameters that shape its geometry put in.
+    ///
+    /// # Errors
+    /// Parameters that the scene cannot take.
+    fn staged(&self, file: &SceneFile) -> Result<SceneFile, ParamError>;
+    /// Whether parameters, each within its range, go together.
+    ///
+    /// # Errors
+    /// One line that names those at fault.
+    fn consistent(&self) -> Result<(), ParamError> {
+        Ok(())
+    }
+    /// What the frame is seen from.
+    fn camera(&self) -> &Camera;
+    fn camera_mut(&mut self) -> &mut Camera;
+}
+
+/// A pipeline: its parameters, its stages and its figures.
+pub trait Pipeline: Sized + 'static {
+    const NAME: &'static str;
+    const ABOUT: &'static str;
+    /// Every stage that some parameters run, in frame order, part by part.
+    const STAGES: &'static [&'static [StageInfo]];
+    type Params: Parameters;
+
+    /// Makes the stages and pushes each, in frame order. On a planner this counts what it asks.
+    ///
+    /// # Errors
+    /// What the GPU reports, and a scene that the parameters do not suit.
+    fn new(
+        resources: &Resources<'_>,
+        scene: &Scene,
+        params: &Self::Params,
+    ) -> Result<Self, GpuError>;
+
     /// The final image, `Rgba8Unorm`.
     fn image(&self) -> &wgpu::Texture;
+
     /// What draws the image from a frame's results where the frame itself does not: run for pictures alone, never timed.
     fn presenting(&self) -> Vec<&dyn Stage> {
         Vec::new()
     }
-    /// Figures that need a read-back of the last frame: rates of missed and unconverged photons and the like,
-    /// `name → value`, the unit in the name.
+
+    /// Figures that need a read-back of the last frame, `name → value`, the unit in the name.
+    ///
+    /// # Errors
+    /// What the GPU reports.
     fn quantities(&self, gpu: &Gpu) -> Result<BTreeMap<String, f64>, GpuError>;
+
     /// What an analysis of a stage's outputs needs besides them: an object whose keys go into the description of a dump.
     fn context(&self, stage: &str) -> Value {
         let _ = stage;
         Value::Null
     }
+
+    /// What the pipeline knows of ambient occlusion in the last frame.
+    fn occlusion(&self) -> Option<&OcclusionBuffers> {
+        None
+    }
+
+    /// Errors of the last frame, each with the stage that it judges.
+    ///
+    /// # Errors
+    /// What the GPU reports, and a scene that the reference does not know.
+    fn judge(&self, judge: &mut Judge<'_>) -> Result<Judged, JudgeError> {
+        let _ = judge;
+        Ok(Judged::default())
+    }
+
+    /// Writes a picture of the error, point by point.
+    ///
+    /// # Errors
+    /// As [`Self::judge`], and pipelines whose error is not known so.
+    fn error_picture(&self, judge: &mut Judge<'_>, path: &Path) -> Result<(), JudgeError> {
+        let _ = (judge, path);
+        Err(JudgeError::NoPicture(Self::NAME))
+    }
 }
 
-/// Builds a pipeline's resources for a scene and a parameter tree.
-pub type Build = fn(&Gpu, &Scene, &Value) -> Result<Box<dyn Pipeline>, GpuError>;
+/// What errors are judged with: the device, the scene, and what references answered before.
+pub struct Judge<'a> {
+    pub gpu: &'a Gpu,
+    pub scene: &'a Rc<Scene>,
+    pub known: &'a mut Known,
+}
+
+/// What judging a frame found.
+#[derive(Default)]
+pub struct Judged {
+    pub errors: Vec<ErrorFigure>,
+    /// Figures beside the errors, such as means of what was compared.
+    pub quantities: BTreeMap<String, f64>,
+}
+
+/// Answers of references that several cells share.
+#[derive(Default)]
+pub struct Known {
+    pub occlusion: occlusion::KnownPoints,
+}
+
+/// Why a frame could not be judged.
+#[derive(Debug, Error)]
+pub enum JudgeError {
+    #[error(transparent)]
+    Gpu(#[from] GpuError),
+    #[error(transparent)]
+    Reference(#[from] ReferenceError),
+    #[error("the geometry moves, and the reference knows it at rest only")]
+    Moving,
+    #[error("no surface is seen")]
+    Nothing,
+    #[error("pipeline {0} has no picture of its error")]
+    NoPicture(&'static str),
+    #[error("cannot write {path}: {reason}")]
+    Picture { path: String, reason: String },
+}
+
+/// A pipeline that was made for a scene, and what it runs.
+pub struct Built<P> {
+    pipeline: P,
+    parts: Parts,
+}
+
+impl<P: Pipeline> Built<P> {
+    /// Makes the pipeline; what it runs once has run on return.
+    ///
+    /// # Errors
+    /// As [`Pipeline::new`].
+    pub fn new(gpu: &Gpu, scene: &Scene, params: &P::Params) -> Result<Self, GpuError> {
+        let resources = Resources::new(gpu);
+        let pipeline = P::new(&resources, scene, params)?;
+        let parts = resources.into_parts();
+        parts.run_once(gpu)?;
+        Ok(Self { pipeline, parts })
+    }
+}
+
+impl<P> Deref for Built<P> {
+    type Target = P;
+
+    fn deref(&self) -> &P {
+        &self.pipeline
+    }
+}
+
+/// A built pipeline of any kind.
+pub trait AnyPipeline {
+    /// In frame order.
+    fn stages(&self) -> Vec<&dyn Stage>;
+    /// GPU memory that the pipeline's resources take.
+    fn allocated_bytes(&self) -> u64;
+    /// See [`Pipeline::image`].
+    fn image(&self) -> &wgpu::Texture;
+    /// See [`Pipeline::presenting`].
+    fn presenting(&self) -> Vec<&dyn Stage>;
+    /// See [`Pipeline::quantities`].
+    fn quantities(&self, gpu: &Gpu) -> Result<BTreeMap<String, f64>, GpuError>;
+    /// See [`Pipeline::context`].
+    fn context(&self, stage: &str) -> Value;
+    /// See [`Pipeline::occlusion`].
+    fn occlusion(&self) -> Option<&OcclusionBuffers>;
+    /// See [`Pipeline::judge`].
+    fn judge(&self, judge: &mut Judge<'_>) -> Result<Judged, JudgeError>;
+    /// See [`Pipeline::error_picture`].
+    fn error_picture(&self, judge: &mut Judge<'_>, path: &Path) -> Result<(), JudgeError>;
+    /// For a caller that knows the kind.
+    fn as_any(&self) -> &dyn Any;
+}
+
+impl<P: Pipeline> AnyPipeline for Built<P> {
+    fn stages(&self) -> Vec<&dyn Stage> {
+        self.parts.stages.iter().map(AsRef::as_ref).collect()
+    }
+
+    fn allocated_bytes(&self) -> u64 {
+        self.parts.demand.held_bytes()
+    }
+
+    fn image(&self) -> &wgpu::Texture {
+        self.pipeline.image()
+    }
+
+    fn presenting(&self) -> Vec<&dyn Stage> {
+        self.pipeline.presenting()
+    }
+
+    fn quantities(&self, gpu: &Gpu) -> Result<BTreeMap<String, f64>, GpuError> {
+        self.pipeline.quantities(gpu)
+    }
+
+    fn context(&self, stage: &str) -> Value {
+        self.pipeline.context(stage)
+    }
+
+    fn occlusion(&self) -> Option<&OcclusionBuffers> {
+        self.pipeline.occlusion()
+    }
+
+    fn judge(&self, judge: &mut Judge<'_>) -> Result<Judged, JudgeError> {
+        self.pipeline.judge(judge)
+    }
+
+    fn error_picture(&self, judge: &mut Judge<'_>, path: &Path) -> Result<(), JudgeError> {
+        self.pipeline.error_picture(judge, path)
+    }
+
+    fn as_any(&self) -> &dyn Any {
+        self
+    }
+}
+
+/// A pipeline with parameters that were read and checked: what can be planned and built for a scene.
+pub trait Configuration {
+    fn staged(&self, file: &SceneFile) -> Result<SceneFile, ParamError>;
+    /// What building it and reading its picture back would ask, before anything is allocated.
+    ///
+    /// # Errors
+    /// A scene or settings that it cannot be built for; the text names them.
+    fn plan(&self, scene: &Scene) -> Result<Demand, GpuError>;
+    fn build(&self, gpu: &Gpu, scene: &Scene) -> Result<Box<dyn AnyPipeline>, GpuError>;
+    fn camera(&self) -> &Camera;
+    /// The same seen from elsewhere.
+    fn seen_from(&self, camera: Camera) -> Rc<dyn Configuration>;
+    /// The parameters as a tree.
+    fn tree(&self) -> Value;
+    /// For a caller that knows the kind.
+    fn as_any(&self) -> &dyn Any;
+}
+
+/// Parameters of pipeline `P`.
+struct Configured<P: Pipeline>(P::Params);
+
+/// Bytes that the host takes for a pixel of a picture: as it is read back, as four floats, and as it is written.
+const PICTURE_BYTES: u64 = 4 + 16 + 4;
+
+impl<P: Pipeline> Configuration for Configured<P> {
+    fn staged(&self, file: &SceneFile) -> Result<SceneFile, ParamError> {
+        self.0.staged(file)
+    }
+
+    fn plan(&self, scene: &Scene) -> Result<Demand, GpuError> {
+        let planner = Gpu::planner()?;
+        planner.scoped(|| {
+            let resources = Resources::new(planner);
+            let pipeline = P::new(&resources, scene, &self.0)?;
+            let pixels = crate::stages::kit::pixels(pipeline.image());
+            let picture = resources.sized_by(settings::VIEWPORT);
+            picture.host_copies("image", pixels.saturating_mul(PICTURE_BYTES));
+            Ok(resources.into_parts().demand)
+        })
+    }
+
+    fn build(&self, gpu: &Gpu, scene: &Scene) -> Result<Box<dyn AnyPipeline>, GpuError> {
+        Ok(Box::new(Built::<P>::new(gpu, scene, &self.0)?))
+    }
+
+    fn camera(&self) -> &Camera {
+        self.0.camera()
+    }
+
+    fn seen_from(&self, camera: Camera) -> Rc<dyn Configuration> {
+        let mut params = self.0.clone();
+        *params.camera_mut() = camera;
+        Rc::new(Self(params))
+    }
+
+    fn tree(&self) -> Value {
+        parameter::tree(&self.0)
+    }
+
+    fn as_any(&self) -> &dyn Any {
+        &self.0
+    }
+}
 
 /// A kind of pipeline, by name.
+#[derive(Clone, Copy)]
 pub struct Kind {
     pub name: &'static str,
     pub about: &'static str,
-    /// Every stage that some parameters run, in frame order.
-    pub stages: &'static [StageInfo],
+    stages: &'static [&'static [StageInfo]],
     /// The whole tree of parameters with the values that the scene file gives.
     pub defaults: fn(&SceneFile) -> Value,
-    /// The scene file with the parameters that shape its geometry put in.
-    pub scene_file: fn(&SceneFile, &Value) -> Result<SceneFile, String>,
-    /// What the parameters ask of an adapter, before anything is allocated; an error names the parameter at fault.
-    pub demand: fn(&Value, &Scene) -> Result<Demand, String>,
-    pub build: Build,
+    /// Every parameter, with range, unit and description.
+    pub fields: fn() -> Vec<Field>,
+    /// Reads and checks a tree of parameters.
+    pub configure: fn(&Value) -> Result<Rc<dyn Configuration>, ParamError>,
 }
 
-/// Every kind. Adding a pipeline adds one line.
-pub const KINDS: &[Kind] =
-    &[underwater::KIND, voxelize::KIND, volume_ao::KIND, hsao::KIND, scalar_ao::KIND];
+impl Kind {
+    pub const fn of<P: Pipeline>() -> Self {
+        Self {
+            name: P::NAME,
+            about: P::ABOUT,
+            stages: P::STAGES,
+            defaults: |file| parameter::tree(&P::Params::defaults(file)),
+            fields: parameter::fields::<P::Params>,
+            configure: |tree| Ok(Rc::new(Configured::<P>(read(tree)?))),
+        }
+    }
+
+    /// Every stage that some parameters run, in frame order.
+    pub fn stages(&self) -> impl Iterator<Item = &'static StageInfo> {
+        self.stages.iter().copied().flatten()
+    }
+}
+
+/// Reads and checks a tree of parameters.
+///
+/// # Errors
+/// One line that names the parameter at fault.
+pub fn read<T: Parameters>(tree: &Value) -> Result<T, ParamError> {
+    let params: T = parameter::read(tree)?;
+    params.consistent()?;
+    Ok(params)
+}
+
+/// Every kind that fathom brings. Adding a pipeline adds one line.
+pub const KINDS: &[Kind] = &[
+    Kind::of::<underwater::Underwater>(),
+    Kind::of::<voxelize::Voxelize>(),
+    Kind::of::<volume_ao::VolumeAo>(),
+    Kind::of::<hsao::Hsao>(),
+    Kind::of::<scalar_ao::ScalarAo>(),
+];
 
 /// Cells of a volume that stands in for one that is too large.
 const SMALLEST_CELLS: [u32; 3] = [8; 3];
@@ -87,8 +384,4 @@ pub fn scene_demand(file: &SceneFile) -> Demand {
 pub fn smallest(file: SceneFile) -> SceneFile {
     let small = |volume: VolumeFile| VolumeFile { cells: SMALLEST_CELLS, reduce: 1, ..volume };
     SceneFile { volume: file.volume.map(small), ..file }
-}
-
-pub fn find(name: &str) -> Option<&'static Kind> {
-    KINDS.iter().find(|kind| kind.name == name)
 }

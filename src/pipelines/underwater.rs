@@ -1,36 +1,63 @@
 //! Underwater caustics and godrays: Papadopoulos and Papaioannou, *Realistic Real-time Underwater Caustics and Godrays* (UW).
 
 mod explain;
+mod landing;
 mod measure;
 mod parameters;
 
 use std::collections::BTreeMap;
+use std::rc::Rc;
 
 use glam::{DVec3, UVec2, Vec2};
 use serde_json::Value;
 
-use super::settings::{self, DEPTH_BYTES, GBUFFER_BYTES, IMAGE_BYTES, VIEWPORT, pass_demand};
-use super::{Kind, Pipeline};
-use crate::gpu::{Demand, Gpu, GpuError};
-use crate::record::Work;
-use crate::scene::{LightKind, Scene, SceneFile};
+use super::settings::{VIEWPORT, scaled};
+use super::{Judge, JudgeError, Judged, Pipeline};
+use crate::gpu::{Gpu, GpuError, StageInfo};
+use crate::scene::{LightKind, Scene};
 use crate::stages::caustics::splat::{PointSize, SplatUniforms};
-use crate::stages::compose::{self, ComposeUniforms};
+use crate::stages::compose::{Compose, ComposeUniforms, Composed};
 use crate::stages::frame::{Frame, Shared, View};
 use crate::stages::geometry::Geometry;
 use crate::stages::godrays::lines::LinesUniforms;
 use crate::stages::kit::Resources;
-use crate::stages::photon::{self, Photons};
-use crate::stages::splatting::PHOTONS_PER_INSTANCE;
-use crate::stages::{self, Stage, caustics, godrays, scene, shadow, water};
+use crate::stages::lit_scene::LitScene;
+use crate::stages::low_pass::{FilterUniforms, LowPass};
+use crate::stages::photon::Tracing;
+use crate::stages::splatting::{Additive, PHOTONS_PER_INSTANCE};
+use crate::stages::{self, caustics, godrays, scene, shadow, water};
 
-pub use measure::{blended_fragments, photons_at, read_photons};
+pub use measure::{PhotonQuery, blended_fragments, photons_at, read_photons};
 pub use parameters::{Intensity, Params, PhotonGrid, SubdivisionMode};
 
-pub const KIND: Kind = Kind {
-    name: "underwater",
-    about: "underwater caustics and godrays (UW): photons through the water's surface, splats and light shafts",
-    stages: &[
+/// Photons through the water's surface, splats and light shafts.
+pub struct Underwater {
+    pub params: Params,
+    pub view: View,
+    pub caustics: PhotonStages,
+    pub godrays: PhotonStages,
+    compose: Rc<Compose>,
+    plan: Plan,
+}
+
+/// The stages of a photon grid: traced, drawn, filtered.
+pub struct PhotonStages {
+    pub trace: Rc<Tracing>,
+    pub drawn: Rc<Additive>,
+    filter: Option<Rc<LowPass>>,
+}
+
+impl PhotonStages {
+    /// What the picture is composed of.
+    pub fn texture(&self) -> &wgpu::Texture {
+        self.filter.as_ref().map_or(self.drawn.texture(), |filter| filter.texture())
+    }
+}
+
+impl Pipeline for Underwater {
+    const NAME: &'static str = "underwater";
+    const ABOUT: &'static str = "underwater caustics and godrays (UW): photons through the water's surface, splats and light shafts";
+    const STAGES: &'static [&'static [StageInfo]] = &[&[
         stages::frame::INFO,
         stages::shadow::depth::INFO,
         stages::shadow::mask::INFO,
@@ -44,255 +71,52 @@ pub const KIND: Kind = Kind {
         stages::godrays::lines::INFO,
         stages::godrays::filter::INFO,
         stages::compose::INFO,
-    ],
-    defaults: |file| Params::from_scene(file).to_value(),
-    scene_file,
-    demand,
-    build: |gpu, scene, params| {
-        let params = Params::from_value(params).map_err(GpuError::Unusable)?;
-        Ok(Box::new(Underwater::new(gpu, scene, params)?))
-    },
-};
+    ]];
+    type Params = Params;
 
-fn scene_file(file: &SceneFile, params: &Value) -> Result<SceneFile, String> {
-    let params = Params::from_value(params)?;
-    Ok(SceneFile {
-        floor_depth_m: params.floor_depth_m,
-        camera: params.camera,
-        light: params.light,
-        water: params.water,
-        ..file.clone()
-    })
-}
+    fn new(resources: &Resources<'_>, scene: &Scene, params: &Params) -> Result<Self, GpuError> {
+        scene.needs_objects(Self::NAME).map_err(GpuError::Unusable)?;
+        let view = view(params, scene);
+        let plan = Plan::new(params, &view);
+        let shared = &Shared::new(resources, &view);
+        resources.push(Frame::new(view.clone(), shared));
+        let geometry = &Geometry::new(resources, scene);
 
-fn demand(params: &Value, scene: &Scene) -> Result<Demand, String> {
-    scene.needs_objects("underwater")?;
-    let params = Params::from_value(params)?;
-    let size_px = [params.view.width, params.view.height];
-    let surface_px = size_px.map(|side| scaled(side, params.surface.scale));
-    let shadow = [params.shadow.size; 2];
-    let view_bytes = GBUFFER_BYTES + IMAGE_BYTES;
-    let compose = COMPOSE_FETCHES + u64::from(params.compose.occlusion_taps);
-    let mut demand = pass_demand(size_px, VIEWPORT, view_bytes, compose)
-        .and(pass_demand(shadow, "shadow.size", DEPTH_BYTES + MASK_BYTES, 0))
-        .and(pass_demand(surface_px, "view × surface.scale", SURFACE_BYTES, 0))
-        .and(settings::picture_demand(size_px))
-        .and(settings::shared_demand())
-        .and(settings::geometry_demand(scene))
-        .color_targets("scene/gbuffer", 2, 12);
-    if let Some(tile) = &scene.water.tile {
-        let [columns, rows] = tile.size().map(u64::from);
-        demand = demand.texture_2d("water.height_map", columns, rows);
-    }
-    let grids = [
-        (
-            "caustics",
-            &params.caustics.grid_settings(),
-            params.caustics_buffer(),
-            (params.caustics.filter, params.caustics.filter_taps),
-        ),
-        (
-            "godrays",
-            &params.godrays.grid_settings(),
-            params.godrays_buffer(),
-            (params.godrays.filter, params.godrays.filter_taps),
-        ),
-    ];
-    for (name, grid, buffer_px, (filtered, taps)) in grids {
-        let groups = u64::from(photon::workgroups(grid.grid));
-        let photons = format!("{name}.grid × {name}.subdivision");
-        let taps = if filtered { u64::from(taps) } else { 0 };
-        let targets = 1 + u64::from(filtered);
-        let bytes = targets * ACCUMULATION_BYTES + DEPTH_BYTES;
-        demand = demand
-            .and(pass_demand(buffer_px, &format!("{name}.buffer"), bytes, taps))
-            .storage(&photons, Photons::bytes(grid.photons()))
-            .holds(&photons, Photons::bytes(grid.photons()))
-            .takes(&photons, tracing(grid))
-            .dispatch(&format!("{name}/trace"), [groups, groups, 1]);
-    }
-    Ok(demand)
-}
-
-/// Texel fetches of a pixel of the final composition without its occlusion, as it declares them.
-const COMPOSE_FETCHES: u64 = 11;
-/// Bytes of a pixel of reflection and refraction: each a colour of four half floats and a depth.
-const SURFACE_BYTES: u64 = 2 * (8 + 4);
-/// Bytes of a texel of the shadow map's mask.
-const MASK_BYTES: u64 = 1;
-/// Bytes of a pixel in which light is summed.
-const ACCUMULATION_BYTES: u64 = 4;
-
-/// Every photon looks up four depth texels an iteration, and is drawn once.
-fn tracing(grid: &PhotonGrid) -> Work {
-    let photons = grid.photons();
-    Work {
-        triangles: photons,
-        texel_fetches: photons.saturating_mul(4 * u64::from(grid.iterations)),
-        ..Work::default()
-    }
-}
-
-/// The stages of a frame, in order.
-pub struct Underwater {
-    pub params: Params,
-    pub view: View,
-    frame: Frame,
-    shadow_depth: shadow::depth::Depth,
-    shadow_mask: shadow::mask::Mask,
-    gbuffer: scene::gbuffer::Gbuffer,
-    reflection: water::reflection::Reflection,
-    refraction: water::refraction::Refraction,
-    caustics_trace: caustics::trace::Trace,
-    caustics_splat: caustics::splat::Splat,
-    caustics_filter: Option<caustics::filter::Filter>,
-    godrays_trace: godrays::trace::Trace,
-    godrays_lines: godrays::lines::Lines,
-    godrays_filter: Option<godrays::filter::Filter>,
-    compose: compose::Compose,
-    plan: Plan,
-    allocated_bytes: u64,
-}
-
-impl Underwater {
-    /// Builds all resources and pipelines; `scene` gives the geometry, `params` all else.
-    pub fn new(gpu: &Gpu, scene: &Scene, params: Params) -> Result<Self, GpuError> {
-        let resources = &Resources::new(gpu);
-        let view = view(&params, scene);
-        let plan = Plan::new(&params, &view);
-        let shared = Shared::new(resources, &view);
-        let geometry = Geometry::new(resources, scene);
-
-        let size_px = [params.view.width, params.view.height];
-        let shadow_depth =
-            shadow::depth::Depth::new(resources, &shared, &geometry, params.shadow.size)?;
+        let of_light = &resources.sized_by("shadow.size");
+        let depth = shadow::depth::Depth::new(of_light, shared, geometry, params.shadow.size)?;
+        let depth = of_light.push(depth);
         let cells = params.surface.cells;
-        let shadow_mask =
-            shadow::mask::Mask::new(resources, &shared, shadow_depth.texture(), cells)?;
-        let gbuffer = scene::gbuffer::Gbuffer::new(resources, &shared, &geometry, size_px)?;
-        let surface_px = size_px.map(|side| scaled(side, params.surface.scale));
-        let reflection =
-            water::reflection::Reflection::new(resources, &shared, &geometry, surface_px)?;
-        let refraction =
-            water::refraction::Refraction::new(resources, &shared, &geometry, surface_px)?;
+        let mask = shadow::mask::Mask::new(of_light, shared, depth.texture(), cells)?;
+        let mask_texture = mask.texture().clone();
+        if params.caustics.mask || params.godrays.mask {
+            of_light.push(mask);
+        }
+        let light = (depth.texture(), &mask_texture);
 
-        let conserving = params.caustics.intensity == Intensity::Conserving;
-        let light = (shadow_depth.texture(), shadow_mask.texture());
-        let grid = params.caustics.grid_settings();
-        let caustics_trace = caustics::trace::Trace::new(
-            resources,
-            &shared,
-            light,
-            grid.uniforms(),
-            grid.is_dynamic(),
-        )?
-        .weighted(conserving);
-        let caustics_splat = caustics::splat::Splat::new(
-            resources,
-            &shared,
-            (&caustics_trace.0.photons, &gbuffer.depth),
-            &plan.splat,
-            conserving,
-            plan.splat_px,
-        )?;
-        let caustics_filter = params
-            .caustics
-            .filter
-            .then(|| {
-                let settings = params.caustics.filter_uniforms();
-                let column = caustics::splat::column(conserving);
-                let source = (caustics_splat.texture(), column);
-                caustics::filter::Filter::new(resources, source, &settings)
-            })
-            .transpose()?;
+        let of_view = &resources.sized_by(VIEWPORT);
+        let size_px = view.size_px.to_array();
+        let gbuffer =
+            of_view.push(scene::gbuffer::Gbuffer::new(of_view, shared, geometry, size_px)?);
+        let of_surface = &resources.sized_by("view × surface.scale");
+        let surface_px = scaled(size_px, params.surface.scale);
+        let lit = |info| LitScene::new(of_surface, info, shared, geometry, surface_px);
+        let reflection = of_surface.push(lit(&water::reflection::INFO)?);
+        let refraction = of_surface.push(lit(&water::refraction::INFO)?);
 
-        let grid = params.godrays.grid_settings();
-        let godrays_trace = godrays::trace::Trace::new(
-            resources,
-            &shared,
-            light,
-            grid.uniforms(),
-            grid.is_dynamic(),
-        )?
-        .weighted(params.godrays.intensity == Intensity::Conserving);
-        let godrays_lines = godrays::lines::Lines::new(
-            resources,
-            &shared,
-            (&godrays_trace.0.photons, &gbuffer.depth),
-            &plan.lines,
-            params.godrays.intensity == Intensity::Conserving,
-            plan.line_px,
-        )?;
-        let godrays_filter = params
-            .godrays
-            .filter
-            .then(|| {
-                let settings = params.godrays.filter_uniforms();
-                let conserving = params.godrays.intensity == Intensity::Conserving;
-                let source = (godrays_lines.texture(), godrays::lines::column(conserving));
-                godrays::filter::Filter::new(resources, source, &settings)
-            })
-            .transpose()?;
-
-        let inputs = compose::Inputs {
-            albedo: &gbuffer.albedo,
-            normal: &gbuffer.normal,
-            depth: &gbuffer.depth,
-            caustics: caustics_filter
-                .as_ref()
-                .map_or(caustics_splat.texture(), |filter| filter.texture()),
-            godrays: godrays_filter
-                .as_ref()
-                .map_or(godrays_lines.texture(), |filter| filter.texture()),
+        let seen = (light, &gbuffer.textures.depth);
+        let caustics = caustic_stages(resources, shared, seen, params, &plan)?;
+        let godrays = godray_stages(resources, shared, seen, params, &plan)?;
+        let composed = Composed {
+            gbuffer: &gbuffer.textures,
+            caustics: caustics.texture(),
+            godrays: godrays.texture(),
             reflection: reflection.texture(),
             refraction: refraction.texture(),
         };
-        let compose =
-            compose::Compose::new(resources, &shared, &inputs, plan.compose.clone(), conserving)?;
-        Ok(Self {
-            frame: Frame::new(view.clone(), &shared),
-            params,
-            view,
-            shadow_depth,
-            shadow_mask,
-            gbuffer,
-            reflection,
-            refraction,
-            caustics_trace,
-            caustics_splat,
-            caustics_filter,
-            godrays_trace,
-            godrays_lines,
-            godrays_filter,
-            compose,
-            plan,
-            allocated_bytes: resources.allocated_bytes(),
-        })
-    }
-}
-
-impl Pipeline for Underwater {
-    fn stages(&self) -> Vec<&dyn Stage> {
-        let mut stages: Vec<&dyn Stage> = vec![&self.frame, &self.shadow_depth];
-        if self.params.caustics.mask || self.params.godrays.mask {
-            stages.push(&self.shadow_mask);
-        }
-        stages.extend([
-            &self.gbuffer as &dyn Stage,
-            &self.reflection,
-            &self.refraction,
-            &self.caustics_trace,
-            &self.caustics_splat,
-        ]);
-        stages.extend(self.caustics_filter.iter().map(|filter| filter as &dyn Stage));
-        stages.extend([&self.godrays_trace as &dyn Stage, &self.godrays_lines]);
-        stages.extend(self.godrays_filter.iter().map(|filter| filter as &dyn Stage));
-        stages.push(&self.compose);
-        stages
-    }
-
-    fn allocated_bytes(&self) -> u64 {
-        self.allocated_bytes
+        let conserving = params.caustics.intensity == Intensity::Conserving;
+        let compose = Compose::new(of_view, shared, &composed, plan.compose.clone(), conserving)?;
+        let compose = of_view.push(compose);
+        Ok(Self { params: params.clone(), view, caustics, godrays, compose, plan })
     }
 
     fn image(&self) -> &wgpu::Texture {
@@ -306,6 +130,82 @@ impl Pipeline for Underwater {
     fn context(&self, stage: &str) -> Value {
         self.explained(stage)
     }
+
+    fn judge(&self, judge: &mut Judge<'_>) -> Result<Judged, JudgeError> {
+        self.landing_errors(judge.gpu, judge.scene)
+    }
+}
+
+/// The light's depth and mask, and the camera's depth.
+type Lighted<'a> = ((&'a wgpu::Texture, &'a wgpu::Texture), &'a wgpu::Texture);
+
+fn caustic_stages(
+    resources: &Resources<'_>,
+    shared: &Shared,
+    (light, depth): Lighted<'_>,
+    params: &Params,
+    plan: &Plan,
+) -> Result<PhotonStages, GpuError> {
+    let settings = &params.caustics;
+    let conserving = settings.intensity == Intensity::Conserving;
+    let of_grid = &resources.sized_by("caustics.grid × caustics.subdivision");
+    let grid = settings.grid_settings();
+    let info = &caustics::trace::INFO;
+    let rules = (grid.is_dynamic(), conserving);
+    let trace = of_grid.push(Tracing::new(of_grid, info, shared, light, grid.uniforms(), rules)?);
+    let of_buffer = &resources.sized_by("caustics.buffer");
+    let drawn = caustics::splat::new(
+        of_buffer,
+        shared,
+        (&trace.photons, depth),
+        &plan.splat,
+        conserving,
+        plan.splat_px,
+    )?;
+    let drawn = of_buffer.push(drawn);
+    let filter = settings.filter.then_some((&caustics::filter::INFO, settings.filter_uniforms()));
+    let filter = low_pass(of_buffer, &drawn, filter)?;
+    Ok(PhotonStages { trace, drawn, filter })
+}
+
+fn godray_stages(
+    resources: &Resources<'_>,
+    shared: &Shared,
+    (light, depth): Lighted<'_>,
+    params: &Params,
+    plan: &Plan,
+) -> Result<PhotonStages, GpuError> {
+    let settings = &params.godrays;
+    let conserving = settings.intensity == Intensity::Conserving;
+    let of_grid = &resources.sized_by("godrays.grid × godrays.subdivision");
+    let grid = settings.grid_settings();
+    let info = &godrays::trace::INFO;
+    let rules = (grid.is_dynamic(), conserving);
+    let trace = of_grid.push(Tracing::new(of_grid, info, shared, light, grid.uniforms(), rules)?);
+    let of_buffer = &resources.sized_by("godrays.buffer");
+    let drawn = godrays::lines::new(
+        of_buffer,
+        shared,
+        (&trace.photons, depth),
+        &plan.lines,
+        conserving,
+        plan.line_px,
+    )?;
+    let drawn = of_buffer.push(drawn);
+    let filter = settings.filter.then_some((&godrays::filter::INFO, settings.filter_uniforms()));
+    let filter = low_pass(of_buffer, &drawn, filter)?;
+    Ok(PhotonStages { trace, drawn, filter })
+}
+
+fn low_pass(
+    resources: &Resources<'_>,
+    drawn: &Additive,
+    filter: Option<(&'static StageInfo, FilterUniforms)>,
+) -> Result<Option<Rc<LowPass>>, GpuError> {
+    let made = |(info, settings): (&'static StageInfo, FilterUniforms)| {
+        LowPass::new(resources, info, drawn.source(), &settings).map(|made| resources.push(made))
+    };
+    filter.map(made).transpose()
 }
 
 /// What the frame is seen from, for these parameters.
@@ -318,10 +218,6 @@ pub fn view(params: &Params, scene: &Scene) -> View {
         size_px: UVec2::new(params.view.width, params.view.height),
         edge_m: params.shadow.edge_m,
     }
-}
-
-fn scaled(side: u32, scale: f64) -> u32 {
-    ((f64::from(side) * scale).round() as u32).max(1)
 }
 
 /// Uniforms of the camera-space stages, and the sizes that their declared work rests on.

@@ -2,192 +2,101 @@
 
 use std::collections::BTreeMap;
 
-use glam::UVec2;
-use serde::{Deserialize, Serialize};
-use serde_json::Value;
-
-use super::settings::{self, Animation, DEPTH_BYTES, IMAGE_BYTES, Update, VIEWPORT, Voxel};
+use super::settings::{self, Animation, Update, VIEWPORT, Voxel};
 use super::voxelization::{self, Voxelization};
-use super::{Kind, Pipeline};
-use crate::gpu::{Demand, Gpu, GpuError, read_buffer, texture_bytes};
+use super::{Parameters, Pipeline};
+use crate::gpu::{Gpu, GpuError, Stage, StageInfo, read_buffer, texture_bytes};
+use crate::parameter::ParamError;
 use crate::scene::{Camera, Light, Scene, SceneFile};
-use crate::stages::frame::{Shared, View};
+use crate::stages::frame::Shared;
 use crate::stages::geometry::Geometry;
 use crate::stages::kit::Resources;
-use crate::stages::scene::deform::Deform;
 use crate::stages::voxel::view::CubeView;
 use crate::stages::voxels::Voxels;
-use crate::stages::{self, Stage};
 
-pub const KIND: Kind = Kind {
-    name: "voxelize",
-    about: "real-time voxelization (VAO §4): slicemaps, slices, or triangles against voxels",
-    stages: &[
-        stages::scene::deform::INFO,
-        stages::voxel::clear::INFO,
-        stages::voxel::slicemap::INFO_X,
-        stages::voxel::slicemap::INFO_Y,
-        stages::voxel::slicemap::INFO_Z,
-        stages::voxel::combine::INFO,
-        stages::voxel::slice::INFO,
-        stages::voxel::overlap::INFO,
-        stages::voxel::alpha::INFO,
-        stages::voxel::unpack::INFO,
-        stages::voxel::mips::INFO,
-    ],
-    defaults: |file| Params::from_scene(file).to_value(),
-    scene_file,
-    demand,
-    build: |gpu, scene, params| {
-        let params = Params::from_value(params).map_err(GpuError::Limit)?;
-        Ok(Box::new(Voxelize::new(gpu, scene, params)?))
-    },
-};
-
-/// Step between neighbouring texels of the light's depth: this pipeline has no shadow map, and the shared uniforms take any.
-const UNUSED_EDGE_M: f64 = 0.1;
-
-/// Everything that can be set. The dotted paths of `--set` are these fields' names.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Params {
-    /// Pixels of the picture; the volume does not depend on them.
-    pub view: settings::View,
-    pub camera: Camera,
-    pub light: Light,
-    /// Depth of the scene's floor under the resting water, metres.
-    pub floor_depth_m: f64,
-    /// Only the first objects of the scene file; 0: all.
-    pub objects: u32,
-    pub voxel: Voxel,
-    /// Whether the occupancy pyramid is part of the frame. VAO §6.3.
-    pub pyramid: bool,
-    pub animation: Animation,
+crate::settings! {
+    /// Everything that can be set. The dotted paths of `--set` are these fields' names.
+    pub struct Params from file: SceneFile {
+        /// Pixels of the picture; the volume does not depend on them.
+        view: settings::View = settings::View::default();
+        camera: Camera = file.camera.clone();
+        light: Light = file.light.clone();
+        /// Depth of the scene's floor under the resting water.
+        floor_depth_m: f64 = file.floor_depth_m => 0.01 ..= 1000.0, "m";
+        /// Only the first objects of the scene file; 0: all.
+        objects: u32 = 0 => 0 ..= 1_000_000, "1";
+        voxel: Voxel = Voxel::default();
+        /// Whether the occupancy pyramid is part of the frame. VAO §6.3.
+        pyramid: bool = false;
+        animation: Animation = Animation::default();
+    }
 }
 
-impl Params {
-    /// Defaults with what the scene file says of camera, light and floor.
-    pub fn from_scene(file: &SceneFile) -> Self {
-        Self {
-            view: settings::View::default(),
-            camera: file.camera.clone(),
-            light: file.light.clone(),
-            floor_depth_m: file.floor_depth_m,
-            objects: 0,
-            voxel: Voxel::default(),
-            pyramid: false,
-            animation: Animation::default(),
+impl Parameters for Params {
+    fn defaults(file: &SceneFile) -> Self {
+        Self::from_scene(file)
+    }
+
+    fn staged(&self, file: &SceneFile) -> Result<SceneFile, ParamError> {
+        Ok(settings::staged(file, self.floor_depth_m, &self.camera, &self.light, self.objects))
+    }
+
+    fn consistent(&self) -> Result<(), ParamError> {
+        self.camera.validate()?;
+        self.light.validate()?;
+        self.voxel.consistent()?;
+        if self.voxel.update == Update::Once {
+            let fault = "voxel.update is once: that leaves a frame of voxelize nothing to do; use every_frame";
+            return Err(ParamError::Unfit(fault.into()));
         }
+        Ok(())
     }
 
-    pub fn to_value(&self) -> Value {
-        serde_json::to_value(self).expect("parameters are plain numbers and names")
+    fn camera(&self) -> &Camera {
+        &self.camera
     }
 
-    /// Reads and checks a parameter tree.
-    ///
-    /// # Errors
-    /// One line naming the parameter and its range.
-    pub fn from_value(value: &Value) -> Result<Self, String> {
-        let params: Self = serde_path_to_error::deserialize(value)
-            .map_err(|error| format!("{}: {}", error.path(), error.inner()))?;
-        params.view.validate()?;
-        params.camera.validate()?;
-        params.light.validate()?;
-        params.voxel.validate()?;
-        params.animation.validate()?;
-        if params.voxel.update == Update::Once {
-            return Err("voxel.update is once: that leaves a frame of voxelize nothing to do; use every_frame".into());
-        }
-        Ok(params)
+    fn camera_mut(&mut self) -> &mut Camera {
+        &mut self.camera
     }
 }
 
-fn scene_file(file: &SceneFile, params: &Value) -> Result<SceneFile, String> {
-    let params = Params::from_value(params)?;
-    let mut file = SceneFile {
-        floor_depth_m: params.floor_depth_m,
-        camera: params.camera,
-        light: params.light,
-        ..file.clone()
-    };
-    settings::keep_first(&mut file, params.objects);
-    Ok(file)
-}
-
-fn demand(params: &Value, scene: &Scene) -> Result<Demand, String> {
-    scene.needs_objects("voxelize")?;
-    let params = Params::from_value(params)?;
-    let [width, height] = [params.view.width, params.view.height].map(u64::from);
-    // The picture and its depth are no part of the pipeline's memory, but the process has them.
-    let demand = Demand::new()
-        .texture_2d(VIEWPORT, width, height)
-        .copies(VIEWPORT, (width * height).saturating_mul(IMAGE_BYTES + DEPTH_BYTES))
-        .and(settings::picture_demand([params.view.width, params.view.height]))
-        .and(settings::geometry_demand(scene));
-    let demand = settings::deform_demand(demand, scene, &params.animation);
-    let (voxel, animation) = (&params.voxel, &params.animation);
-    voxelization::demand(demand, scene, &params.camera, voxel, animation, params.pyramid)
-}
-
-/// The stages of a frame, and what draws its volumes.
+/// The volumes that a frame fills, and what draws them.
 pub struct Voxelize {
-    deform: Option<Deform>,
-    voxelization: Voxelization,
+    volumes: Vec<Voxels>,
     view: CubeView,
-    allocated_bytes: u64,
 }
 
 impl Voxelize {
-    /// Builds all resources and pipelines; `scene` gives the geometry, `params` all else.
-    ///
-    /// # Errors
-    /// What the GPU reports, and a scene or settings that give no grid.
-    pub fn new(gpu: &Gpu, scene: &Scene, params: Params) -> Result<Self, GpuError> {
-        let resources = &Resources::new(gpu);
-        let geometry = Geometry::new(resources, scene);
-        let deform = settings::deform(resources, &geometry, scene, &params.animation)?;
-        let voxelization = Voxelization::new(
-            resources,
-            &geometry,
-            scene,
-            &params.camera,
-            &params.voxel,
-            &params.animation,
-            params.pyramid,
-        )?;
-        // What the picture takes is no part of the pipeline's memory.
-        let allocated_bytes = resources.allocated_bytes();
-        let size_px = [params.view.width, params.view.height];
-        let shared = Shared::new(
-            resources,
-            &View {
-                camera: params.camera,
-                light: params.light,
-                water: scene.water.clone(),
-                bounds: scene.bounds,
-                size_px: UVec2::from(size_px),
-                edge_m: UNUSED_EDGE_M,
-            },
-        );
-        let view = CubeView::new(resources, &shared, &voxelization.volumes, size_px)?;
-        Ok(Self { deform, voxelization, view, allocated_bytes })
-    }
-
     /// The volumes that a frame fills.
     pub fn volumes(&self) -> &[Voxels] {
-        &self.voxelization.volumes
+        &self.volumes
     }
 }
 
 impl Pipeline for Voxelize {
-    fn stages(&self) -> Vec<&dyn Stage> {
-        let deform = self.deform.iter().map(|deform| deform as &dyn Stage);
-        deform.chain(self.voxelization.stages()).collect()
-    }
+    const NAME: &'static str = "voxelize";
+    const ABOUT: &'static str =
+        "real-time voxelization (VAO §4): slicemaps, slices, or triangles against voxels";
+    const STAGES: &'static [&'static [StageInfo]] = &[voxelization::STAGES];
+    type Params = Params;
 
-    fn allocated_bytes(&self) -> u64 {
-        self.allocated_bytes
+    fn new(resources: &Resources<'_>, scene: &Scene, params: &Params) -> Result<Self, GpuError> {
+        scene.needs_objects(Self::NAME).map_err(GpuError::Unusable)?;
+        let geometry = Geometry::new(resources, scene);
+        let volumes = voxelization::Volumes {
+            grids: params.voxel.grids(scene, &params.camera, &params.animation)?,
+            update: params.voxel.update,
+            pyramid: params.pyramid,
+        };
+        let (voxel, animation) = (&params.voxel, &params.animation);
+        let Voxelization { volumes } =
+            Voxelization::new(resources, &geometry, scene, voxel, animation, volumes)?;
+        let picture = &resources.for_pictures().sized_by(VIEWPORT);
+        let view = settings::view(&params.view, &params.camera, &params.light, scene);
+        let shared = Shared::new(picture, &view);
+        let view = CubeView::new(picture, &shared, &volumes, view.size_px.to_array())?;
+        Ok(Self { volumes, view })
     }
 
     fn image(&self) -> &wgpu::Texture {
@@ -204,7 +113,7 @@ impl Pipeline for Voxelize {
             let words: Vec<u32> = bytemuck::pod_collect_to_vec(&read_buffer(gpu, &voxels.bits)?);
             occupied += words.iter().map(|w| f64::from(w.count_ones())).sum::<f64>();
         }
-        let sum = |bytes: fn(&Voxels) -> u64| self.volumes().iter().map(bytes).sum::<u64>() as f64;
+        let sum = |bytes: fn(&Voxels) -> u64| self.volumes.iter().map(bytes).sum::<u64>() as f64;
         let figures = [
             ("occupied_voxels", occupied),
             ("occupied_share", occupied / sum(|v| v.grid.count())),
@@ -219,16 +128,16 @@ impl Pipeline for Voxelize {
 mod tests {
     use super::*;
 
-    fn params(change: impl FnOnce(&mut Params)) -> Result<Params, String> {
+    fn params(change: impl FnOnce(&mut Params)) -> Result<Params, ParamError> {
         let mut params = Params::from_scene(&SceneFile::load("plane").unwrap());
         change(&mut params);
-        Params::from_value(&params.to_value())
+        crate::pipelines::read(&crate::parameter::tree(&params))
     }
 
     #[test]
     fn faults_name_the_parameter_and_its_range() {
         assert!(params(|_| ()).is_ok());
-        let fault = |change: fn(&mut Params)| params(change).unwrap_err();
+        let fault = |change: fn(&mut Params)| params(change).unwrap_err().to_string();
         assert!(fault(|p| p.voxel.resolution = 3).contains("voxel.resolution is 3"));
         assert!(fault(|p| p.voxel.cells = [0, 4, 4]).contains("voxel.cells is 0"));
         assert!(fault(|p| p.animation.rate_hz = f64::NAN).contains("animation.rate_hz"));
@@ -244,8 +153,9 @@ mod tests {
         let beyond = |change: &dyn Fn(&mut Params)| -> String {
             let mut params = Params::from_scene(&file);
             change(&mut params);
-            let demand = demand(&params.to_value(), &scene);
-            demand.and_then(|d| d.check(&limits)).unwrap_err()
+            let kind = crate::pipelines::Kind::of::<Voxelize>();
+            let configured = (kind.configure)(&crate::parameter::tree(&params)).unwrap();
+            configured.plan(&scene).unwrap().check(&limits).unwrap_err()
         };
         let message = beyond(&|p| p.voxel.resolution = 512);
         assert!(message.contains("voxel.resolution: asks 512 of max_texture_dimension_3d"));

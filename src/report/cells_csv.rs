@@ -131,7 +131,7 @@ fn frame_fields(measured: &Measured) -> Vec<String> {
     let frame = &measured.frame;
     let rejected: u32 = measured.rejected.values().sum();
     let quantities: Vec<String> =
-        measured.quantities.iter().map(|(name, value)| format!("{name}={value}")).collect();
+        measured.figures().iter().map(|(name, value)| format!("{name}={value}")).collect();
     let mut fields = estimate_fields(&frame.untimed);
     fields.extend([
         frame.accounting_error.to_string(),

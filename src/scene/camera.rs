@@ -1,31 +1,30 @@
 //! The viewer: a right-handed pinhole camera, depth range 0 (near) … 1 (far), clip space y up.
 
+use super::check::within_ranges;
+use crate::settings;
 use glam::{
     DMat4, DVec3, DVec4,
     dcamera::rh::{proj::directx, view},
 };
-use serde::{Deserialize, Serialize};
 
-use super::check;
-
-/// Position, orientation and lens of the viewer.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Camera {
-    /// Where the camera stands, metres.
-    pub position_m: [f64; 3],
-    /// The point in the middle of the picture, metres.
-    pub target_m: [f64; 3],
-    /// Direction that points up in the picture.
-    #[serde(default = "up")]
-    pub up: [f64; 3],
-    /// Vertical opening angle, degrees.
-    pub fov_y_deg: f64,
-    /// Distance of the near clipping plane, metres.
-    pub z_near_m: f64,
-    /// Distance of the far clipping plane, metres. With the near plane it sets the point at which
-    /// the light looks (UW 3.1), so keep it at the scene's depth.
-    pub z_far_m: f64,
+settings! {
+    /// Position, orientation and lens of the viewer.
+    pub struct Camera required {
+        /// Where the camera stands.
+        position_m: [f64; 3] => -1e5 ..= 1e5, "m";
+        /// The point in the middle of the picture.
+        target_m: [f64; 3] => -1e5 ..= 1e5, "m";
+        /// Direction that points up in the picture.
+        #[serde(default = "up")]
+        up: [f64; 3] => -1e5 ..= 1e5, "1";
+        /// Vertical opening angle.
+        fov_y_deg: f64 => 1.0 ..= 170.0, "°";
+        /// Distance of the near clipping plane.
+        z_near_m: f64 => 1e-4 ..= 1e5, "m";
+        /// Distance of the far clipping plane. With the near plane it sets the point at which the light looks (UW §3.1), so
+        /// keep it at the scene's depth.
+        z_far_m: f64 => 1e-4 ..= 1e5, "m";
+    }
 }
 
 fn up() -> [f64; 3] {
@@ -98,12 +97,7 @@ impl Camera {
 
     /// Whether the camera can be used; the error names the parameter and its valid range.
     pub fn validate(&self) -> Result<(), String> {
-        check::point("camera.position_m", &self.position_m)?;
-        check::point("camera.target_m", &self.target_m)?;
-        check::point("camera.up", &self.up)?;
-        check::within("camera.fov_y_deg", self.fov_y_deg, 1.0, 170.0)?;
-        check::within("camera.z_near_m", self.z_near_m, 1e-4, check::FAR_M)?;
-        check::within("camera.z_far_m", self.z_far_m, 1e-4, check::FAR_M)?;
+        within_ranges("camera", self)?;
         if self.z_near_m >= self.z_far_m {
             return Err(format!(
                 "camera.z_near_m = {} must be less than camera.z_far_m = {}",

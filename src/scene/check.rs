@@ -1,5 +1,7 @@
 //! Checks of parameters. Each error names the parameter, its value and the valid range.
 
+use crate::parameter::{Beside, Setting};
+
 /// Largest coordinate or distance that a scene may use, metres: f32 keeps centimetres there.
 pub const FAR_M: f64 = 1e5;
 
@@ -8,7 +10,12 @@ pub fn within(name: &str, value: f64, low: f64, high: f64) -> Result<(), String>
     if value.is_finite() && (low..=high).contains(&value) {
         return Ok(());
     }
-    Err(format!("{name} = {value} must lie in {low} to {high}"))
+    Err(format!("{name} is {value}: it must lie within {low} … {high}"))
+}
+
+/// Every parameter of a group lies in its range.
+pub fn within_ranges<T: Setting>(path: &str, group: &T) -> Result<(), String> {
+    group.check(Beside { path, ..Beside::default() }).map_err(|error| error.to_string())
 }
 
 /// Every component is finite and no farther than [`FAR_M`].

@@ -6,10 +6,10 @@ use std::path::Path;
 use glam::{DVec2, DVec3};
 use ndarray::ArrayView2;
 use ndarray_npy::{ViewElement, ViewNpyError, ViewNpyExt};
-use serde::{Deserialize, Serialize};
 
 use super::check;
 use crate::input;
+use crate::settings;
 
 /// Most samples along a side: every adapter holds a texture of this size.
 pub const MAX_SIDE: usize = 4096;
@@ -20,16 +20,16 @@ const MAX_HEIGHT_M: f64 = 100.0;
 /// Bytes before a header's own length in `.npy` files of version 1, and how many hold that length.
 const NPY_PREFIX: usize = 8;
 
-/// Where the heights are and how they lie.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct HeightMap {
-    /// A `.npy` file of two dimensions, f32 or f64, metres: a row per z, a column per x.
-    pub file: String,
-    /// Size of the tile along x and z, metres; it repeats without end.
-    pub tile_m: [f64; 2],
-    /// Where the first sample of the first row lies: x, z, metres.
-    pub origin_m: [f64; 2],
+settings! {
+    /// Where the heights are and how they lie.
+    pub struct HeightMap {
+        /// A `.npy` file of two dimensions, f32 or f64, metres: a row per z, a column per x.
+        file: String = String::new();
+        /// Size of the tile along x and z; it repeats without end. 1 mm at least where a file is named.
+        tile_m: [f64; 2] = [0.0; 2] => 0.0 ..= 1e5, "m";
+        /// Where the first sample of the first row lies: x, z.
+        origin_m: [f64; 2] = [0.0; 2] => -1e5 ..= 1e5, "m";
+    }
 }
 
 impl HeightMap {
@@ -40,7 +40,7 @@ impl HeightMap {
 
     /// Whether the tile can be laid; the file is not opened.
     pub fn validate(&self) -> Result<(), String> {
-        check::point("water.height_map.origin_m", &self.origin_m)?;
+        check::within_ranges("water.height_map", self)?;
         if !self.is_given() {
             return Ok(());
         }

@@ -9,9 +9,10 @@ use serde::{Deserialize, Serialize};
 use super::{
     bounds::Bounds,
     camera::Camera,
-    check,
+    check::within_ranges,
     frustum::{Rectangle, visible_points},
 };
+use crate::{choices, settings};
 
 /// Horizontal room given to photons for the slopes of the waves, per metre of depth: refraction at
 /// index 1.33 turns a ray by about a quarter of the surface's slope, so this holds slopes to 0.6.
@@ -36,36 +37,25 @@ pub enum LightKind {
     Point,
 }
 
-/// The one light of a scene (UW 4.1: directional, 9.2 W/sr).
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct Light {
-    /// Parallel rays or rays from a point.
-    pub kind: LightKind,
-    /// The way a directional light's rays travel; need not have unit length.
-    pub direction: [f64; 3],
-    /// Where a point light stands, metres.
-    pub position_m: [f64; 3],
-    /// Radiant intensity of a point light, W/sr. For a directional light the same number is read as
-    /// irradiance at normal incidence, W/m².
-    pub intensity_w_sr: f64,
-    /// Distance of a directional light's position from the middle of the camera frustum, metres.
-    pub distance_m: f64,
-    /// Half the width of the light frustum, for a point light at the distance of the camera
-    /// frustum's middle, metres; 0 fits it to what the camera sees.
-    pub half_extent_m: f64,
-}
+choices!(LightKind);
 
-impl Default for Light {
-    fn default() -> Self {
-        Self {
-            kind: LightKind::Directional,
-            direction: [0.25, -1.0, -0.15],
-            position_m: [0.0, 10.0, 0.0],
-            intensity_w_sr: 9.2,
-            distance_m: 50.0,
-            half_extent_m: 0.0,
-        }
+settings! {
+    /// The one light of a scene (UW §4.1: directional, 9.2 W/sr).
+    pub struct Light {
+        /// Parallel rays or rays from a point.
+        kind: LightKind = LightKind::Directional;
+        /// The way a directional light's rays travel; need not have unit length.
+        direction: [f64; 3] = [0.25, -1.0, -0.15] => -1e5 ..= 1e5, "1";
+        /// Where a point light stands.
+        position_m: [f64; 3] = [0.0, 10.0, 0.0] => -1e5 ..= 1e5, "m";
+        /// Radiant intensity of a point light. For a directional light the same number is read as irradiance at normal
+        /// incidence, W/m².
+        intensity_w_sr: f64 = 9.2 => 0.0 ..= 1e9, "W/sr";
+        /// Distance of a directional light's position from the middle of the camera frustum.
+        distance_m: f64 = 50.0 => 1e-3 ..= 1e5, "m";
+        /// Half the width of the light frustum, for a point light at the distance of the camera frustum's middle; 0 fits it to
+        /// what the camera sees.
+        half_extent_m: f64 = 0.0 => 0.0 ..= 1e5, "m";
     }
 }
 
@@ -126,11 +116,7 @@ impl Light {
 
     /// Whether the light can be used; the error names the parameter and its valid range.
     pub fn validate(&self) -> Result<(), String> {
-        check::point("light.direction", &self.direction)?;
-        check::point("light.position_m", &self.position_m)?;
-        check::within("light.intensity_w_sr", self.intensity_w_sr, 0.0, 1e9)?;
-        check::within("light.distance_m", self.distance_m, 1e-3, check::FAR_M)?;
-        check::within("light.half_extent_m", self.half_extent_m, 0.0, check::FAR_M)?;
+        within_ranges("light", self)?;
         let direction = DVec3::from(self.direction);
         if self.kind == LightKind::Directional && direction.try_normalize().is_none() {
             return Err(format!(

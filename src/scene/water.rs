@@ -9,11 +9,13 @@ use glam::{DVec2, DVec3};
 use serde::{Deserialize, Serialize};
 
 use super::{
-    check,
+    check::within_ranges,
     height_map::{HeightMap, Tile},
     noise::tile_noise,
     waves::{self, Wave},
 };
+use crate::parameter::{Beside, Field, ParamError, Setting, describe_free};
+use crate::{choices, settings};
 
 /// Drift of the noise along x, tiles per wave period. Chosen: slow against the waves.
 pub const NOISE_DRIFT_TILES: f64 = 0.11;
@@ -44,68 +46,66 @@ impl WaterModel {
     }
 }
 
-/// Surface and medium. Amplitude, wavelength, noise, seed, time and period are those of the models `circular` and
-/// `directional`: with `amplitude_m = 0` their surface is flat, with `noise = 0` a pure cosine.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct Water {
-    /// What shapes the surface.
-    pub model: WaterModel,
-    /// Bound of the elevation's magnitude, metres.
-    pub amplitude_m: f64,
-    /// Length of the regular wave, metres.
-    pub wavelength_m: f64,
-    /// Share of the noise in the elevation, 0 … 1.
-    pub noise: f64,
-    /// Period in space of the noise texture, metres.
-    pub noise_tile_m: f64,
-    /// Seed of the noise.
-    pub seed: u32,
-    /// Moment shown, seconds.
-    pub time_s: f64,
-    /// Period in time of the regular wave, seconds.
-    pub period_s: f64,
-    /// Refractive index of water against air (UW: 1.33).
-    pub refractive_index: f64,
-    /// Exponential attenuation γ, 1/m (UW: 0.13).
-    pub attenuation_per_m: f64,
-    /// Middle of the surface's rectangle and of the circular waves: x, z, metres.
-    pub center_m: [f64; 2],
-    /// Half of the surface's extent in x and z, metres.
-    pub half_size_m: [f64; 2],
-    /// Whether a photon's energy is multiplied by the share of unpolarised light that the surface lets through (Fresnel).
-    /// UW has none.
-    pub fresnel: bool,
-    /// The waves of the model `waves`.
-    pub waves: Vec<Wave>,
-    /// The tile of the model `height_map`.
-    pub height_map: HeightMap,
-    /// The heights, once [`Water::loaded`] has read them.
-    #[serde(skip)]
-    pub tile: Option<Arc<Tile>>,
+choices!(WaterModel);
+
+settings! {
+    /// Surface and medium. Amplitude, wavelength, noise, seed, time and period are those of the models `circular` and
+    /// `directional`: with `amplitude_m = 0` their surface is flat, with `noise = 0` a pure cosine.
+    pub struct Water {
+        /// What shapes the surface.
+        model: WaterModel = WaterModel::Circular;
+        /// Bound of the elevation's magnitude.
+        amplitude_m: f64 = 0.08 => 0.0 ..= 100.0, "m";
+        /// Length of the regular wave.
+        wavelength_m: f64 = 1.6 => 1e-3 ..= 1e5, "m";
+        /// Share of the noise in the elevation.
+        noise: f64 = 0.2 => 0.0 ..= 1.0, "1";
+        /// Period in space of the noise texture.
+        noise_tile_m: f64 = 8.0 => 1e-3 ..= 1e5, "m";
+        /// Seed of the noise.
+        seed: u32 = 1 => 0 ..= 4_294_967_295u32, "1";
+        /// Moment shown.
+        time_s: f64 = 0.0 => -1e6 ..= 1e6, "s";
+        /// Period in time of the regular wave.
+        period_s: f64 = 2.0 => 1e-3 ..= 1e6, "s";
+        /// Refractive index of water against air (UW: 1.33).
+        refractive_index: f64 = 1.33 => 1.0 ..= 4.0, "1";
+        /// Exponential attenuation γ (UW: 0.13).
+        attenuation_per_m: f64 = 0.13 => 0.0 ..= 100.0, "1/m";
+        /// Middle of the surface's rectangle and of the circular waves: x, z.
+        center_m: [f64; 2] = [0.0; 2] => -1e5 ..= 1e5, "m";
+        /// Half of the surface's extent in x and z.
+        half_size_m: [f64; 2] = [5.0; 2] => 1e-3 ..= 1e5, "m";
+        /// Whether a photon's energy is multiplied by the share of unpolarised light that the surface lets through (Fresnel).
+        /// UW has none.
+        fresnel: bool = false;
+        /// The waves of the model `waves`.
+        waves: Vec<Wave> = Vec::new();
+        /// The tile of the model `height_map`.
+        height_map: HeightMap = HeightMap::default();
+        /// The heights, once [`Water::loaded`] has read them.
+        #[serde(skip)]
+        tile: Option<Arc<Tile>> = None;
+    }
 }
 
-impl Default for Water {
-    fn default() -> Self {
-        Self {
-            model: WaterModel::Circular,
-            amplitude_m: 0.08,
-            wavelength_m: 1.6,
-            noise: 0.2,
-            noise_tile_m: 8.0,
-            seed: 1,
-            time_s: 0.0,
-            period_s: 2.0,
-            refractive_index: 1.33,
-            attenuation_per_m: 0.13,
-            center_m: [0.0; 2],
-            half_size_m: [5.0; 2],
-            fresnel: false,
-            waves: Vec::new(),
-            height_map: HeightMap::default(),
-            tile: None,
-        }
+impl Setting for Vec<Wave> {
+    fn check(&self, _: Beside<'_>) -> Result<(), ParamError> {
+        Ok(waves::validate(self)?)
     }
+
+    fn describe(beside: Beside<'_>, fields: &mut Vec<Field>) {
+        describe_free(beside, fields);
+    }
+}
+
+/// What is read from a file is no parameter.
+impl Setting for Option<Arc<Tile>> {
+    fn check(&self, _: Beside<'_>) -> Result<(), ParamError> {
+        Ok(())
+    }
+
+    fn describe(_: Beside<'_>, _: &mut Vec<Field>) {}
 }
 
 impl Water {
@@ -197,18 +197,7 @@ impl Water {
 
     /// Whether the water can be used; the error names the parameter and its valid range.
     pub fn validate(&self) -> Result<(), String> {
-        check::within("water.amplitude_m", self.amplitude_m, 0.0, 100.0)?;
-        check::within("water.wavelength_m", self.wavelength_m, 1e-3, check::FAR_M)?;
-        check::within("water.noise", self.noise, 0.0, 1.0)?;
-        check::within("water.noise_tile_m", self.noise_tile_m, 1e-3, check::FAR_M)?;
-        check::within("water.time_s", self.time_s, -1e6, 1e6)?;
-        check::within("water.period_s", self.period_s, 1e-3, 1e6)?;
-        check::within("water.refractive_index", self.refractive_index, 1.0, 4.0)?;
-        check::within("water.attenuation_per_m", self.attenuation_per_m, 0.0, 100.0)?;
-        check::point("water.center_m", &self.center_m)?;
-        check::within("water.half_size_m[0]", self.half_size_m[0], 1e-3, check::FAR_M)?;
-        check::within("water.half_size_m[1]", self.half_size_m[1], 1e-3, check::FAR_M)?;
-        waves::validate(&self.waves)?;
+        within_ranges("water", self)?;
         self.height_map.validate()?;
         self.validate_model()
     }

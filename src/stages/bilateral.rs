@@ -1,109 +1,72 @@
-//! The pass that `ao/bilateral` and `hsao/filter` share: joint bilateral filter and up-scaling. VAO §6.
+//! What `ao/bilateral` and `hsao/filter` are: a joint bilateral filter and up-scaling. VAO §6.
 
-use encase::ShaderType;
 use glam::Vec2;
 
 use super::frame::Shared;
-use super::kit::{self, Bind, Group, RenderSpec, Resources};
-use super::{Column, Output, OutputData};
-use crate::gpu::{ColorTarget, GpuError, StageScope, Targets};
+use super::kit::{self, Bind, Group, RenderSpec, Resources, ScreenPass};
+use super::{Column, Output, OutputData, Stage, StageInfo};
+use crate::gpu::{GpuError, StageScope};
 use crate::record::Work;
+use crate::shader_struct;
 
 /// Format of ambient-occlusion buffers: visibility 1 − A, 1 where nothing was drawn.
 pub const VISIBILITY_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::R16Float;
 
-/// Host twin of `Filter` in `shaders/shared/bilateral.wgsl`.
-#[derive(Clone, Debug, PartialEq, ShaderType)]
-pub struct BilateralUniforms {
-    pub size_px: Vec2,
-    pub source_px: Vec2,
-    pub pixel_tangent: f32,
-    pub taps: u32,
-    pub radius_px: f32,
-    pub sigma_px: f32,
-    pub depth_sigma: f32,
-}
-
-/// What is filtered, and what guides it.
-pub struct Inputs<'a> {
-    /// Visibility, at any size up to the viewport's. Each texel belongs to the depth texel behind its middle
-    /// (`texel_behind` in `shaders/shared/screen.wgsl`).
-    pub visibility: &'a wgpu::Texture,
-    /// The camera's depth, at the viewport's size.
-    pub depth: &'a wgpu::Texture,
+shader_struct! {
+    /// `Filter` in `shaders/shared/bilateral.wgsl`.
+    pub struct BilateralUniforms {
+        pub size_px: Vec2,
+        pub source_px: Vec2,
+        pub pixel_tangent: f32,
+        pub taps: u32,
+        pub radius_px: f32,
+        pub sigma_px: f32,
+        pub depth_sigma: f32,
+    }
 }
 
 pub struct Bilateral {
-    pipeline: wgpu::RenderPipeline,
-    shared: wgpu::BindGroup,
-    group: Group,
+    info: &'static StageInfo,
+    pass: ScreenPass,
     taps: u32,
-    pub target: wgpu::Texture,
-    view: wgpu::TextureView,
 }
 
 impl Bilateral {
-    /// `name` is the stage's, and names its shader; the result has the size of the viewport.
+    /// The stage `info`. `visibility` has any size up to the viewport's; each of its texels belongs to the depth texel behind
+    /// its middle (`texel_behind` in `shaders/shared/screen.wgsl`). The result has the size of `depth`, the camera's.
     pub fn new(
         resources: &Resources<'_>,
-        name: &'static str,
+        info: &'static StageInfo,
         shared: &Shared,
-        inputs: &Inputs<'_>,
+        (visibility, depth): (&wgpu::Texture, &wgpu::Texture),
         settings: &BilateralUniforms,
     ) -> Result<Self, GpuError> {
-        let gpu = resources.gpu;
-        let shader = gpu.shader(name, &[])?;
-        let settings_buffer = resources.loop_settings(name, settings);
-        let binds = [
-            Bind::Read(&settings_buffer),
-            Bind::Texels(inputs.visibility),
-            Bind::Depth(inputs.depth),
-        ];
-        let group = Group::new(gpu, name, &binds);
-        let pipeline = kit::render_pipeline(
-            gpu,
-            &RenderSpec {
-                label: name,
-                shader: &shader,
-                vertex: "vertex",
-                fragment: Some("fragment"),
-                groups: &[&shared.group, &group],
-                buffers: &[],
-                targets: &[kit::opaque(VISIBILITY_FORMAT)],
-                depth: None,
-            },
-        );
-        let size_px = [inputs.depth.width(), inputs.depth.height()];
-        let target = resources.target(name, size_px, VISIBILITY_FORMAT);
-        Ok(Self {
-            pipeline,
-            shared: shared.group.group.clone(),
-            group,
-            taps: settings.taps,
-            view: kit::view(&target),
-            target,
-        })
+        let settings_buffer = resources.loop_settings(info.name, settings);
+        let binds = [Bind::Read(&settings_buffer), Bind::Texels(visibility), Bind::Depth(depth)];
+        let group = Group::new(resources.gpu, info.name, &binds);
+        let (groups, targets) = ([&shared.group, &group], [kit::opaque(VISIBILITY_FORMAT)]);
+        let spec = RenderSpec::new(info.name, info.name, &groups, &targets);
+        let size_px = [depth.width(), depth.height()];
+        let pass = ScreenPass::new(resources, &spec, size_px, wgpu::Color::WHITE)?;
+        Ok(Self { info, pass, taps: settings.taps })
     }
 
-    pub fn encode(&self, scope: &mut StageScope<'_>) {
-        let targets = Targets {
-            color: &[ColorTarget {
-                view: &self.view,
-                clear: Some(wgpu::Color::WHITE),
-                slice: None,
-            }],
-            depth: None,
-        };
-        scope.render(&targets, |pass| {
-            pass.set_pipeline(&self.pipeline);
-            pass.set_bind_group(0, &self.shared, &[]);
-            pass.set_bind_group(1, &self.group.group, &[]);
-            pass.draw(0..3, 0..1);
-        });
+    pub fn texture(&self) -> &wgpu::Texture {
+        self.pass.texture()
+    }
+}
+
+impl Stage for Bilateral {
+    fn name(&self) -> &'static str {
+        self.info.name
     }
 
-    pub fn work(&self) -> Work {
-        let pixels = u64::from(self.target.width()) * u64::from(self.target.height());
+    fn encode(&self, scope: &mut StageScope<'_>) {
+        self.pass.encode(scope);
+    }
+
+    fn work(&self) -> Work {
+        let pixels = self.pass.pixels();
         Work {
             fragments: pixels,
             // The pixel's depth and its four neighbours'; depth and visibility at each tap.
@@ -113,8 +76,8 @@ impl Bilateral {
         }
     }
 
-    pub fn outputs(&self) -> Vec<Output> {
-        vec![visibility_output("filtered", &self.target)]
+    fn outputs(&self) -> Vec<Output> {
+        vec![visibility_output("filtered", self.texture())]
     }
 }
 

@@ -3,12 +3,13 @@
 use encase::ShaderType;
 use glam::{DMat4, DVec2, DVec3, Mat4, UVec2, Vec2, Vec3};
 
-use super::kit::{Bind, Group, Resources, host_bytes};
+use super::kit::{Bind, Buffer, Group, Resources, host_bytes};
 use super::photon::PhotonEnergy;
 use super::{Stage, StageInfo};
 use crate::gpu::StageScope;
 use crate::record::Work;
 use crate::scene::{Bounds, Camera, Light, LightFrame, LightKind, Water, WaterModel, wave_texels};
+use crate::shader_struct;
 
 pub const INFO: StageInfo = StageInfo {
     name: "frame",
@@ -18,39 +19,38 @@ pub const INFO: StageInfo = StageInfo {
 
 /// Texels per side of the noise texture: 16 to 32 texels a noise cell.
 const NOISE_SIZE: u32 = 256;
-/// Bytes of the noise texture.
-pub const NOISE_BYTES: u64 = NOISE_SIZE as u64 * NOISE_SIZE as u64 * 16;
 
-/// Host twin of `Frame` in `shaders/shared/frame.wgsl`.
-#[derive(Clone, Debug, ShaderType)]
-pub struct FrameUniforms {
-    pub camera_view_projection: Mat4,
-    pub camera_inverse: Mat4,
-    pub mirror_view_projection: Mat4,
-    pub light_view_projection: Mat4,
-    pub light_inverse: Mat4,
-    pub camera_position_m: Vec3,
-    pub z_near_m: f32,
-    pub light_forward: Vec3,
-    pub z_far_m: f32,
-    pub light_position_m: Vec3,
-    pub light_is_point: u32,
-    pub light_irradiance: f32,
-    pub light_depth_jump: f32,
-    pub refractive_index: f32,
-    pub attenuation_per_m: f32,
-    pub water_center_m: Vec2,
-    pub water_half_size_m: Vec2,
-    pub water_amplitude_m: f32,
-    pub wavenumber_per_m: f32,
-    pub phase: f32,
-    pub noise_share: f32,
-    pub noise_tile_m: f32,
-    pub noise_scroll: f32,
-    pub water_model: u32,
-    pub camera_under_water: u32,
-    pub height_tile_m: Vec2,
-    pub height_origin_m: Vec2,
+shader_struct! {
+    /// `Frame` in `shaders/shared/frame.wgsl`.
+    pub struct FrameUniforms {
+        pub camera_view_projection: Mat4,
+        pub camera_inverse: Mat4,
+        pub mirror_view_projection: Mat4,
+        pub light_view_projection: Mat4,
+        pub light_inverse: Mat4,
+        pub camera_position_m: Vec3,
+        pub z_near_m: f32,
+        pub light_forward: Vec3,
+        pub z_far_m: f32,
+        pub light_position_m: Vec3,
+        pub light_is_point: u32,
+        pub light_irradiance: f32,
+        pub light_depth_jump: f32,
+        pub refractive_index: f32,
+        pub attenuation_per_m: f32,
+        pub water_center_m: Vec2,
+        pub water_half_size_m: Vec2,
+        pub water_amplitude_m: f32,
+        pub wavenumber_per_m: f32,
+        pub phase: f32,
+        pub noise_share: f32,
+        pub noise_tile_m: f32,
+        pub noise_scroll: f32,
+        pub water_model: u32,
+        pub camera_under_water: u32,
+        pub height_tile_m: Vec2,
+        pub height_origin_m: Vec2,
+    }
 }
 
 /// What the frame is seen from, lit by and looks through.
@@ -143,7 +143,7 @@ impl View {
 /// Bind group 0 of every stage: the frame's uniforms and what the water's surface is made from.
 pub struct Shared {
     pub group: Group,
-    uniforms: wgpu::Buffer,
+    uniforms: Buffer,
     /// Value of WATER in shaders that import `fathom::water`.
     water: i32,
     fresnel: bool,
@@ -187,26 +187,24 @@ impl Shared {
 
 /// The texture that `shaders/shared/water.wgsl` reads.
 fn water_texels(resources: &Resources<'_>, water: &Water) -> wgpu::Texture {
+    let floats = |texels: &[[f32; 4]]| texels.iter().flatten().copied().collect();
     match (water.model, &water.tile) {
         (WaterModel::Waves, _) => {
             let waves = wave_texels(&water.waves);
-            let size = [waves.len().max(1) as u32, 1];
-            resources.float_texture("waves", size, bytemuck::cast_slice(&waves))
+            resources.float_texture("waves", [waves.len().max(1) as u32, 1], || floats(&waves))
         }
         (WaterModel::HeightMap, Some(tile)) => {
-            resources.grey_texture("height map", tile.size(), &tile.texels())
+            let resources = resources.sized_by("water.height_map");
+            resources.grey_texture("height map", tile.size(), || tile.texels())
         }
-        _ => {
-            let noise = water.noise_texels(NOISE_SIZE);
-            let size = [NOISE_SIZE; 2];
-            resources.float_texture("noise", size, bytemuck::cast_slice(&noise))
-        }
+        _ => resources
+            .float_texture("noise", [NOISE_SIZE; 2], || floats(&water.noise_texels(NOISE_SIZE))),
     }
 }
 
 pub struct Frame {
     view: View,
-    uniforms: wgpu::Buffer,
+    uniforms: Buffer,
 }
 
 impl Frame {

@@ -3,11 +3,11 @@
 use std::ops::Range;
 
 use bytemuck::{Pod, Zeroable};
-use encase::{ShaderType, StorageBuffer};
 use glam::Vec3;
 
-use super::kit::Resources;
+use super::kit::{Buffer, Resources};
 use crate::scene::{Object, Scene};
+use crate::shader_struct;
 
 /// Host twin of `SceneVertex` in `shaders/shared/surface.wgsl`.
 #[repr(C)]
@@ -21,35 +21,27 @@ struct Vertex {
 const ATTRIBUTES: [wgpu::VertexAttribute; 3] =
     wgpu::vertex_attr_array![0 => Float32x3, 1 => Float32x3, 2 => Uint32];
 
-/// Host twin of `Material` in `shaders/shared/surface.wgsl`.
-#[derive(Clone, Debug, ShaderType)]
-pub struct MaterialUniforms {
-    pub albedo: Vec3,
-    pub tile_m: f32,
-    pub accent: Vec3,
-    pub alpha: f32,
-    pub specular: f32,
+shader_struct! {
+    /// `Material` in `shaders/shared/surface.wgsl`.
+    pub struct MaterialUniforms {
+        pub albedo: Vec3,
+        pub tile_m: f32,
+        pub accent: Vec3,
+        pub alpha: f32,
+        pub specular: f32,
+    }
 }
 
 #[derive(Clone)]
 pub struct Geometry {
     /// Seven 32-bit words a vertex: position (3 floats, metres), normal (3 floats), material (an integer). Shaders may read
     /// and rewrite it as storage.
-    pub vertices: wgpu::Buffer,
+    pub vertices: Buffer,
     /// Three a triangle.
-    pub indices: wgpu::Buffer,
+    pub indices: Buffer,
     /// Each object's part of the indices, in the scene's order.
     pub objects: Vec<Range<u32>>,
-    index_count: u32,
-    vertex_count: u64,
-    pub materials: wgpu::Buffer,
-}
-
-/// Bytes of GPU memory that a scene's vertices and indices take.
-pub fn buffer_bytes(scene: &Scene) -> (u64, u64) {
-    let vertices: u64 = scene.objects.iter().map(|o| o.mesh.positions.len() as u64).sum();
-    let indices: u64 = scene.objects.iter().map(|o| o.mesh.indices.len() as u64).sum();
-    (vertices * size_of::<Vertex>() as u64, indices * 4)
+    pub materials: Buffer,
 }
 
 /// All objects' vertices, one object after the other.
@@ -62,50 +54,48 @@ fn vertices(scene: &Scene) -> Vec<Vertex> {
     scene.objects.iter().zip(0..).flat_map(of).collect()
 }
 
+/// All objects' indices into [`vertices`].
+fn indices(scene: &Scene) -> Vec<u32> {
+    let mut base = 0;
+    let mut indices = Vec::new();
+    for object in &scene.objects {
+        indices.extend(object.mesh.indices.iter().map(|i| i + base));
+        base += object.mesh.positions.len() as u32;
+    }
+    indices
+}
+
+fn material(object: &Object) -> MaterialUniforms {
+    let material = &object.material;
+    MaterialUniforms {
+        albedo: material.albedo.into(),
+        tile_m: material.tile_m,
+        accent: material.accent.into(),
+        alpha: material.alpha,
+        specular: material.specular,
+    }
+}
+
 impl Geometry {
     pub fn new(resources: &Resources<'_>, scene: &Scene) -> Self {
-        let vertices = vertices(scene);
-        let mut base = 0;
-        let mut indices = Vec::new();
-        let mut materials = Vec::new();
-        let mut objects = Vec::new();
-        for object in &scene.objects {
-            let first = indices.len() as u32;
-            indices.extend(object.mesh.indices.iter().map(|i| i + base));
-            base += object.mesh.positions.len() as u32;
-            objects.push(first..indices.len() as u32);
-            materials.push(MaterialUniforms {
-                albedo: object.material.albedo.into(),
-                tile_m: object.material.tile_m,
-                accent: object.material.accent.into(),
-                alpha: object.material.alpha,
-                specular: object.material.specular,
-            });
-        }
-        let mut material_bytes = StorageBuffer::new(Vec::new());
-        material_bytes.write(&materials).expect("a Vec grows to whatever a shader type needs");
-        Self {
-            objects,
-            index_count: indices.len() as u32,
-            vertex_count: vertices.len() as u64,
-            vertices: resources.filled(
-                "vertices",
-                bytemuck::cast_slice(&vertices),
-                wgpu::BufferUsages::VERTEX
-                    | wgpu::BufferUsages::STORAGE
-                    | wgpu::BufferUsages::COPY_SRC,
-            ),
-            indices: resources.filled(
-                "indices",
-                bytemuck::cast_slice(&indices),
-                wgpu::BufferUsages::INDEX | wgpu::BufferUsages::STORAGE,
-            ),
-            materials: resources.filled(
-                "materials",
-                &material_bytes.into_inner(),
-                wgpu::BufferUsages::STORAGE,
-            ),
-        }
+        use wgpu::BufferUsages as Usage;
+        let mut end = 0;
+        let object = |object: &Object| {
+            let start = end;
+            end += object.mesh.indices.len() as u32;
+            start..end
+        };
+        let objects: Vec<Range<u32>> = scene.objects.iter().map(object).collect();
+        let usage = Usage::VERTEX | Usage::STORAGE | Usage::COPY_SRC;
+        let vertices = resources
+            .filled_by("scene vertices", vertex_bytes(scene), usage, || Self::vertex_bytes(scene));
+        let usage = Usage::INDEX | Usage::STORAGE;
+        let indices = resources.filled_by("scene indices", u64::from(end) * 4, usage, || {
+            bytemuck::cast_slice(&indices(scene)).to_vec()
+        });
+        let materials: Vec<_> = scene.objects.iter().map(material).collect();
+        let materials = resources.structs("materials", &materials, Usage::STORAGE);
+        Self { vertices, indices, objects, materials }
     }
 
     /// The content of the vertex buffer as it is made.
@@ -123,7 +113,7 @@ impl Geometry {
     }
 
     pub fn draw(&self, pass: &mut wgpu::RenderPass<'_>) {
-        self.draw_part(pass, 0..self.index_count);
+        self.draw_part(pass, 0..self.index_count());
     }
 
     /// Draws a part of the indices, such as one of [`Geometry::objects`].
@@ -143,15 +133,26 @@ impl Geometry {
         pass.draw_indexed(part, 0, instances);
     }
 
+    fn index_count(&self) -> u32 {
+        self.objects.last().map_or(0, |object| object.end)
+    }
+
     pub fn vertices(&self) -> u64 {
-        self.vertex_count
+        self.vertices.size() / size_of::<Vertex>() as u64
     }
 
     pub fn triangles(&self) -> u64 {
-        u64::from(self.index_count) / 3
+        u64::from(self.index_count()) / 3
     }
 
+    /// Of vertices and indices.
     pub fn bytes(&self) -> u64 {
-        self.vertex_count * size_of::<Vertex>() as u64 + u64::from(self.index_count) * 4
+        self.vertices.size() + self.indices.size()
     }
+}
+
+/// Bytes of all objects' vertices.
+fn vertex_bytes(scene: &Scene) -> u64 {
+    let count: usize = scene.objects.iter().map(|o| o.mesh.positions.len()).sum();
+    count as u64 * size_of::<Vertex>() as u64
 }

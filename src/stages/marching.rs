@@ -1,12 +1,13 @@
 //! What `ao/march` and `ao/query` share: rays marched through a volume for the occlusion of surface points. VAO §3, §5.
 
-use encase::ShaderType;
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
 use super::kit::{Bind, Group, Resources};
 use super::voxels::Voxels;
+use crate::gpu::GpuError;
 use crate::scene::Grid;
+use crate::shader_struct;
 
 /// ρ(d) on (0, r_max]. VAO Eq. 1 leaves it open.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -117,15 +118,16 @@ pub struct Marching {
     pub hit: Hit,
 }
 
-/// Host twin of `March` in `shaders/shared/marching.wgsl`.
-#[derive(Clone, Debug, PartialEq, ShaderType)]
-pub struct MarchUniforms {
-    pub r_max: f32,
-    pub step: f32,
-    pub guard: f32,
-    pub offset: f32,
-    pub threshold: f32,
-    pub rays: u32,
+shader_struct! {
+    /// `March` in `shaders/shared/marching.wgsl`.
+    pub struct MarchUniforms {
+        pub r_max: f32,
+        pub step: f32,
+        pub guard: f32,
+        pub offset: f32,
+        pub threshold: f32,
+        pub rays: u32,
+    }
 }
 
 impl Guard {
@@ -187,16 +189,24 @@ impl Marching {
         chosen.map(|(name, on)| (name, i32::from(on))).to_vec()
     }
 
-    /// Bind group 1 of the marching stages, for one volume.
-    pub fn group(&self, resources: &Resources<'_>, voxels: &Voxels) -> Group {
-        let gpu = resources.gpu;
+    /// Bind group 1 of the marching stages, for each volume.
+    ///
+    /// # Errors
+    /// There is no volume.
+    pub fn groups(
+        &self,
+        resources: &Resources<'_>,
+        volumes: &[Voxels],
+    ) -> Result<Vec<Group>, GpuError> {
+        if volumes.is_empty() {
+            return Err(GpuError::Limit("there is no volume to march through".into()));
+        }
+        Ok(volumes.iter().map(|voxels| self.group(resources, voxels)).collect())
+    }
+
+    fn group(&self, resources: &Resources<'_>, voxels: &Voxels) -> Group {
         let uniforms = resources.uniform("marching", &self.uniforms(&voxels.grid));
-        let sampler = gpu.device.create_sampler(&wgpu::SamplerDescriptor {
-            label: Some("marching"),
-            mag_filter: wgpu::FilterMode::Linear,
-            min_filter: wgpu::FilterMode::Linear,
-            ..Default::default()
-        });
+        let sampler = resources.linear_sampler("marching");
         let binds = [
             Bind::Uniform(&uniforms),
             Bind::Uniform(&voxels.uniforms),
@@ -204,7 +214,7 @@ impl Marching {
             Bind::Sampler(&sampler),
             Bind::Read(&voxels.bits),
         ];
-        Group::new(gpu, "marching", &binds)
+        Group::new(resources.gpu, "marching", &binds)
     }
 }
 

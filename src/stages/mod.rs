@@ -7,7 +7,9 @@ pub mod ao;
 pub mod bilateral;
 pub mod caustics;
 pub mod compose;
+pub mod counters;
 pub mod frame;
+pub mod gbuffer;
 pub mod geometry;
 pub mod godrays;
 pub mod hsao;
@@ -67,6 +69,3 @@ pub const REGISTRY: &[StageInfo] = &[
     scalar::direct::INFO,
     scalar::positional::INFO,
 ];
-
-#[cfg(test)]
-mod tests;

@@ -1,28 +1,30 @@
 //! Photons in GPU memory, and the dispatch that `caustics/trace` and `godrays/trace` share.
 
 use bytemuck::{Pod, Zeroable};
-use encase::ShaderType;
 use glam::{DVec3, Vec2};
 
 use super::frame::{Shared, View};
-use super::kit::{self, Bind, Group, Resources};
-use super::{Column, Output, OutputData};
+use super::kit::{Bind, Buffer, Dispatch, Group, Kernel, Resources};
+use super::{Column, Output, OutputData, Stage, StageInfo};
 use crate::gpu::{GpuError, StageScope};
 use crate::record::Work;
 use crate::scene::LightKind;
+use crate::shader_struct;
 
-/// A traced photon: host twin of `Photon` in `shaders/shared/photon.wgsl`, metres.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable, ShaderType)]
-pub struct Photon {
-    /// Where it meets the water.
-    pub entry_m: glam::Vec3,
-    /// Distance between estimate and seen surface in the last iteration, or [`MISSED`] or [`OUTSIDE`].
-    pub residual_m: f32,
-    /// Where it lands.
-    pub hit_m: glam::Vec3,
-    /// From entry to hit.
-    pub distance_m: f32,
+shader_struct! {
+    /// A traced photon: `Photon` in `shaders/shared/photon.wgsl`, metres.
+    #[repr(C)]
+    #[derive(Copy, Pod, Zeroable)]
+    pub struct Photon {
+        /// Where it meets the water.
+        pub entry_m: glam::Vec3,
+        /// Distance between estimate and seen surface in the last iteration, or [`MISSED`] or [`OUTSIDE`].
+        pub residual_m: f32,
+        /// Where it lands.
+        pub hit_m: glam::Vec3,
+        /// From entry to hit.
+        pub distance_m: f32,
+    }
 }
 
 /// Residual of a photon that never enters the water.
@@ -55,6 +57,12 @@ impl PhotonEnergy {
             fresnel: view.water.fresnel,
             solid_angle: false,
         }
+    }
+
+    /// The same by the rule of `conserving` intensity, or by the paper's.
+    #[must_use]
+    pub fn conserving(&self, solid_angle: bool) -> Self {
+        Self { solid_angle, ..self.clone() }
     }
 
     /// 0 for a photon that never enters the water.
@@ -98,7 +106,7 @@ const WORKGROUP: u32 = 8;
 /// A buffer of photons and how many it holds.
 #[derive(Clone)]
 pub struct Photons {
-    pub buffer: wgpu::Buffer,
+    pub buffer: Buffer,
     pub count: u32,
 }
 
@@ -108,21 +116,22 @@ impl Photons {
     }
 
     pub fn new(resources: &Resources<'_>, label: &str, count: u32) -> Self {
-        Self { buffer: resources.storage(label, Self::bytes(u64::from(count))), count }
+        Self { buffer: resources.room_for::<Photon>(label, count.into()), count }
     }
 }
 
-/// Host twin of `Trace` in `shaders/shared/photon.wgsl`.
-#[derive(Clone, Debug, PartialEq, ShaderType)]
-pub struct TraceUniforms {
-    pub grid: u32,
-    pub side: u32,
-    pub iterations: u32,
-    pub masked: u32,
-    pub offset: Vec2,
-    pub start_m: f32,
-    /// Residual up to which a photon counts as converged.
-    pub tolerance_m: f32,
+shader_struct! {
+    /// `Trace` in `shaders/shared/photon.wgsl`.
+    pub struct TraceUniforms {
+        pub grid: u32,
+        pub side: u32,
+        pub iterations: u32,
+        pub masked: u32,
+        pub offset: Vec2,
+        pub start_m: f32,
+        /// Residual up to which a photon counts as converged.
+        pub tolerance_m: f32,
+    }
 }
 
 impl TraceUniforms {
@@ -131,85 +140,64 @@ impl TraceUniforms {
     }
 }
 
-/// Dispatch groups per side that a grid needs.
-pub fn workgroups(grid: u32) -> u32 {
-    grid.div_ceil(WORKGROUP)
-}
-
+/// What `caustics/trace` and `godrays/trace` are.
 pub struct Tracing {
-    pipeline: wgpu::ComputePipeline,
-    shared: wgpu::BindGroup,
-    group: Group,
+    info: &'static StageInfo,
+    kernel: Kernel,
+    dispatch: Dispatch,
     settings: TraceUniforms,
-    uniforms: wgpu::Buffer,
     energy: PhotonEnergy,
     pub photons: Photons,
 }
 
 impl Tracing {
-    /// `name` is the stage's, and names its shader. With `dynamic` the shader takes its loop bound from the settings.
+    /// The stage `info`. `depth` and `mask` are the light's. With `dynamic` the shader takes its loop bound from the settings.
+    /// With `conserving` the weights in the output follow the rule of what draws the photons.
     pub fn new(
         resources: &Resources<'_>,
+        info: &'static StageInfo,
         shared: &Shared,
-        name: &'static str,
         (depth, mask): (&wgpu::Texture, &wgpu::Texture),
         settings: TraceUniforms,
-        dynamic: bool,
+        (dynamic, conserving): (bool, bool),
     ) -> Result<Self, GpuError> {
-        let gpu = resources.gpu;
+        let name = info.name;
         let side = if dynamic { 0 } else { settings.side as i32 };
-        let shader = gpu.shader(name, &[("SIDE", side), shared.water_def()])?;
+        let defs = [("SIDE", side), shared.water_def()];
         let uniforms = resources.uniform(name, &settings);
         let photons = Photons::new(resources, name, settings.photons());
-        let texels = gpu
-            .device
-            .create_sampler(&wgpu::SamplerDescriptor { label: Some(name), ..Default::default() });
-        let group = Group::new(
-            gpu,
-            name,
-            &[
-                Bind::Uniform(&uniforms),
-                Bind::Depth(depth),
-                Bind::Texels(mask),
-                Bind::Write(&photons.buffer),
-                Bind::NearestSampler(&texels),
-            ],
-        );
+        let texels = resources.nearest_sampler(name);
+        let binds = [
+            Bind::Uniform(&uniforms),
+            Bind::Depth(depth),
+            Bind::Texels(mask),
+            Bind::Write(&photons.buffer),
+            Bind::NearestSampler(&texels),
+        ];
+        let group = Group::new(resources.gpu, name, &binds);
+        let groups = [&shared.group, &group];
+        let side = settings.grid.div_ceil(WORKGROUP);
         Ok(Self {
-            pipeline: kit::compute_pipeline(gpu, name, &shader, &[&shared.group, &group]),
-            shared: shared.group.group.clone(),
-            group,
+            info,
+            kernel: Kernel::new(resources, name, (name, &defs[..]), &groups)?,
+            dispatch: Dispatch::new(resources, name, &groups, [side, side, 1]),
             settings,
-            uniforms,
-            energy: shared.photon_energy().clone(),
+            energy: shared.photon_energy().conserving(conserving),
             photons,
         })
     }
+}
 
-    /// The same with weights in its output that follow the rule of what draws the photons.
-    #[must_use]
-    pub fn weighted(mut self, conserving: bool) -> Self {
-        self.energy.solid_angle = conserving;
-        self
+impl Stage for Tracing {
+    fn name(&self) -> &'static str {
+        self.info.name
     }
 
-    /// Moves the photons within their shares of the cells; `offset` in 0…1, the middle is 0.5.
-    pub fn set_offset(&self, queue: &wgpu::Queue, offset: Vec2) {
-        let settings = TraceUniforms { offset, ..self.settings.clone() };
-        queue.write_buffer(&self.uniforms, 0, &kit::host_bytes(&settings));
+    fn encode(&self, scope: &mut StageScope<'_>) {
+        scope.compute(|pass| self.kernel.run(pass, &self.dispatch));
     }
 
-    pub fn encode(&self, scope: &mut StageScope<'_>) {
-        let groups = workgroups(self.settings.grid);
-        scope.compute(|pass| {
-            pass.set_pipeline(&self.pipeline);
-            pass.set_bind_group(0, &self.shared, &[]);
-            pass.set_bind_group(1, &self.group.group, &[]);
-            pass.dispatch_workgroups(groups, groups, 1);
-        });
-    }
-
-    pub fn work(&self) -> Work {
+    fn work(&self) -> Work {
         let photons = u64::from(self.photons.count);
         Work {
             photons,
@@ -220,19 +208,17 @@ impl Tracing {
         }
     }
 
-    pub fn outputs(&self) -> Vec<Output> {
+    fn outputs(&self) -> Vec<Output> {
+        let (energy, tolerance_m) = (self.energy.clone(), self.settings.tolerance_m);
         vec![Output {
             name: "photons".into(),
             meaning: "traced photons, cell by cell".into(),
             columns: columns(),
             data: OutputData::Buffer {
-                buffer: self.photons.buffer.clone(),
+                buffer: self.photons.buffer.raw(),
                 stride_floats: (size_of::<Photon>() / 4) as u32,
                 count: self.photons.count,
-                row: Box::new({
-                    let (energy, tolerance_m) = (self.energy.clone(), self.settings.tolerance_m);
-                    move |floats| row(floats, &energy, tolerance_m)
-                }),
+                row: Box::new(move |floats| row(floats, &energy, tolerance_m)),
             },
         }]
     }
@@ -256,7 +242,7 @@ fn row(stored: &[f32], energy: &PhotonEnergy, tolerance_m: f32) -> Vec<f32> {
 }
 
 fn columns() -> Vec<Column> {
-    let column = |name, unit, meaning| Column { name, unit, meaning };
+    let column = Column::new;
     let entry = "where the photon meets the water";
     let direction = "unit direction after refraction; 0 for a photon that never enters the water";
     let hit = "where the photon lands";

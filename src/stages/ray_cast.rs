@@ -1,126 +1,104 @@
-//! The pass that the stages of family `scalar` share: a view ray through the field for each pixel.
+//! What the stages of family `scalar` are: a view ray through the field for each pixel.
 
-use encase::ShaderType;
 use glam::{Vec2, Vec3};
 
 use super::frame::Shared;
-use super::kit::{self, Bind, Group, RenderSpec, Resources};
+use super::kit::{self, Bind, Group, RenderSpec, Resources, ScreenPass};
 use super::scalar_field::ScalarField;
-use super::{Column, Output, OutputData};
-use crate::gpu::{ColorTarget, GpuError, StageScope, Targets};
+use super::{Column, Output, Stage, StageInfo};
+use crate::gpu::{GpuError, StageScope};
 use crate::record::Work;
+use crate::shader_struct;
 
-/// Host twin of `March` in `shaders/shared/ray_cast.wgsl`.
-#[derive(Clone, Debug, PartialEq, ShaderType)]
-pub struct MarchUniforms {
-    pub size_px: Vec2,
-    pub window: Vec2,
-    pub low_color: Vec3,
-    pub ambient: f32,
-    pub high_color: Vec3,
-    pub view_step_m: f32,
-    pub iso: f32,
-    pub tolerance: f32,
-    pub threshold: f32,
-    pub rays: u32,
-    pub samples: u32,
-    pub r_max_m: f32,
-    pub stratum_m: f32,
-    pub level: f32,
-    pub opacity: f32,
-    pub density_per_m: f32,
+shader_struct! {
+    /// `March` in `shaders/shared/ray_cast.wgsl`.
+    pub struct CastUniforms {
+        pub size_px: Vec2,
+        pub window: Vec2,
+        pub low_color: Vec3,
+        pub ambient: f32,
+        pub high_color: Vec3,
+        pub view_step_m: f32,
+        pub iso: f32,
+        pub tolerance: f32,
+        pub threshold: f32,
+        pub rays: u32,
+        pub samples: u32,
+        pub r_max_m: f32,
+        pub stratum_m: f32,
+        pub level: f32,
+        pub opacity: f32,
+        pub density_per_m: f32,
+    }
 }
 
 const IMAGE_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba8Unorm;
 const RESULT_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba32Float;
 const NORMAL_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba16Float;
 
-/// Colour targets of the pass with normals, and their bytes per sample as WebGPU counts them.
-pub const COLOR_TARGETS: [u64; 2] = [3, 8 + 16 + 8];
-
 /// Full-viewport pass that casts each pixel's ray through a field.
 pub struct RayCast {
-    pipeline: wgpu::RenderPipeline,
-    shared: wgpu::BindGroup,
-    group: Group,
-    /// The look, for display.
-    pub image: wgpu::Texture,
-    /// Visibility 1 − A, opacity, distance in metres, and the number of look-ups in the field, for each pixel.
-    pub result: wgpu::Texture,
-    /// Of the surface, where the stage finds one.
-    pub normal: Option<wgpu::Texture>,
-    views: Vec<wgpu::TextureView>,
+    info: &'static StageInfo,
+    pass: ScreenPass,
 }
 
 impl RayCast {
-    /// `name` is the stage's, and names its shader; `defs` are the shader's; `normals`: the shader writes them.
-    pub fn new(
+    /// The stage `info`. `defs` are the shader's; `normals`: the shader writes them.
+    pub(super) fn new(
         resources: &Resources<'_>,
-        shared: &Shared,
-        field: &ScalarField,
-        name: &'static str,
+        info: &'static StageInfo,
+        (shared, field): (&Shared, &ScalarField),
         defs: &[(&str, bool)],
         normals: bool,
-        settings: &MarchUniforms,
+        settings: &CastUniforms,
     ) -> Result<Self, GpuError> {
-        let gpu = resources.gpu;
         let defs: Vec<_> = defs.iter().map(|(n, on)| (*n, i32::from(*on))).collect();
-        let shader = gpu.shader(name, &defs)?;
-        let uniforms = resources.uniform(name, settings);
+        let uniforms = resources.uniform(info.name, settings);
         let binds = [
             Bind::Uniform(&field.uniforms),
             Bind::Volume(&field.texture),
             Bind::Sampler(&field.sampler),
             Bind::Uniform(&uniforms),
         ];
-        let group = Group::new(gpu, name, &binds);
+        let group = Group::new(resources.gpu, info.name, &binds);
+        let formats = [IMAGE_FORMAT, RESULT_FORMAT, NORMAL_FORMAT].map(kit::opaque);
+        let targets = &formats[..if normals { 3 } else { 2 }];
+        let groups = [&shared.group, &group];
+        let spec = RenderSpec::new(info.name, (info.name, &defs[..]), &groups, targets);
         let size_px = settings.size_px.as_uvec2().to_array();
-        let image = resources.target(name, size_px, IMAGE_FORMAT);
-        let result = resources.target(name, size_px, RESULT_FORMAT);
-        let normal = normals.then(|| resources.target(name, size_px, NORMAL_FORMAT));
-        let textures: Vec<_> = [&image, &result].into_iter().chain(&normal).collect();
-        let targets: Vec<_> = textures.iter().map(|t| kit::opaque(t.format())).collect();
-        let pipeline = kit::render_pipeline(
-            gpu,
-            &RenderSpec {
-                label: name,
-                shader: &shader,
-                vertex: "vertex",
-                fragment: Some("fragment"),
-                groups: &[&shared.group, &group],
-                buffers: &[],
-                targets: &targets,
-                depth: None,
-            },
-        );
-        Ok(Self {
-            pipeline,
-            shared: shared.group.group.clone(),
-            group,
-            views: textures.into_iter().map(kit::view).collect(),
-            image,
-            result,
-            normal,
-        })
+        let pass = ScreenPass::new(resources, &spec, size_px, wgpu::Color::TRANSPARENT)?;
+        Ok(Self { info, pass })
     }
 
-    pub fn encode(&self, scope: &mut StageScope<'_>) {
-        let target =
-            |view| ColorTarget { view, clear: Some(wgpu::Color::TRANSPARENT), slice: None };
-        let color: Vec<_> = self.views.iter().map(target).collect();
-        let targets = Targets { color: &color, depth: None };
-        scope.render(&targets, |pass| {
-            pass.set_pipeline(&self.pipeline);
-            pass.set_bind_group(0, &self.shared, &[]);
-            pass.set_bind_group(1, &self.group.group, &[]);
-            pass.draw(0..3, 0..1);
-        });
+    /// The look, for display.
+    pub fn image(&self) -> &wgpu::Texture {
+        self.pass.texture()
     }
 
-    /// Look-ups depend on the field and are counted by the shader: see the last channel of `result`.
-    pub fn work(&self) -> Work {
-        let pixels = u64::from(self.image.width()) * u64::from(self.image.height());
-        let normal_bytes = if self.normal.is_some() { 8 } else { 0 };
+    /// Visibility 1 − A, opacity, distance in metres, and the number of look-ups in the field, for each pixel.
+    pub fn result(&self) -> &wgpu::Texture {
+        &self.pass.targets[1]
+    }
+
+    /// Of the surface, where the stage finds one.
+    pub fn normal(&self) -> Option<&wgpu::Texture> {
+        self.pass.targets.get(2)
+    }
+}
+
+impl Stage for RayCast {
+    fn name(&self) -> &'static str {
+        self.info.name
+    }
+
+    fn encode(&self, scope: &mut StageScope<'_>) {
+        self.pass.encode(scope);
+    }
+
+    /// Look-ups depend on the field and are counted by the shader: see the last channel of the result.
+    fn work(&self) -> Work {
+        let pixels = self.pass.pixels();
+        let normal_bytes = if self.normal().is_some() { 8 } else { 0 };
         Work {
             fragments: pixels,
             bytes_written: pixels * (4 + 16 + normal_bytes),
@@ -128,38 +106,21 @@ impl RayCast {
         }
     }
 
-    pub fn outputs(&self) -> Vec<Output> {
-        let column = |name, unit, meaning| Column { name, unit, meaning };
-        let shown = |name| column(name, "1", "display value, gamma 2.2");
-        let axis = |name| column(name, "1", "normal");
-        let image = Output {
-            name: "image".into(),
-            meaning: "the final image".into(),
-            columns: ["red", "green", "blue", "alpha"].map(shown).to_vec(),
-            data: OutputData::Texture(self.image.clone()),
-        };
-        let result = Output {
-            name: "result".into(),
-            meaning: "what each pixel's view ray met".into(),
-            columns: vec![
-                column("visibility", "1", "1 − A, weighted by contribution"),
-                column("opacity", "1", "share of the view that the field hides"),
-                column("distance", "m", "from the viewer, weighted by contribution"),
-                column("look_ups", "1", "look-ups in the field"),
-            ],
-            data: OutputData::Texture(self.result.clone()),
-        };
-        let normal = self.normal.iter().map(|texture| Output {
-            name: "normal".into(),
-            meaning: "unit normal of the isosurface in the world's axes".into(),
-            columns: vec![
-                axis("nx"),
-                axis("ny"),
-                axis("nz"),
-                column("covered", "1", "1 where there is a surface"),
-            ],
-            data: OutputData::Texture(texture.clone()),
+    fn outputs(&self) -> Vec<Output> {
+        let result = vec![
+            Column::new("visibility", "1", "1 − A, weighted by contribution"),
+            Column::new("opacity", "1", "share of the view that the field hides"),
+            Column::new("distance", "m", "from the viewer, weighted by contribution"),
+            Column::new("look_ups", "1", "look-ups in the field"),
+        ];
+        let normal = self.normal().map(|texture| {
+            let mut columns = ["nx", "ny", "nz"].map(|n| Column::new(n, "1", "normal")).to_vec();
+            columns.push(Column::new("covered", "1", "1 where there is a surface"));
+            let meaning = "unit normal of the isosurface in the world's axes";
+            Output::texture("normal", meaning, columns, texture)
         });
-        [image, result].into_iter().chain(normal).collect()
+        let met = "what each pixel's view ray met";
+        let result = Output::texture("result", met, result, self.result());
+        [Output::image(self.image()), result].into_iter().chain(normal).collect()
     }
 }

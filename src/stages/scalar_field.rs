@@ -2,21 +2,22 @@
 
 mod pyramid;
 
-use encase::ShaderType;
 use glam::{DVec3, Vec3};
 
-use super::kit::Resources;
-use crate::gpu::{Gpu, texture_bytes};
+use super::kit::{Buffer, Resources};
+use crate::gpu::texture_bytes;
 use crate::scene::Volume;
+use crate::shader_struct;
 
-/// Host twin of `Field` in `shaders/shared/scalar_field.wgsl`.
-#[derive(Clone, Debug, PartialEq, ShaderType)]
-pub struct FieldUniforms {
-    pub origin_m: Vec3,
-    pub voxel_m: f32,
-    pub size_m: Vec3,
-    pub guard_m: f32,
-    pub spacing_m: Vec3,
+shader_struct! {
+    /// `Field` in `shaders/shared/scalar_field.wgsl`.
+    pub struct FieldUniforms {
+        pub origin_m: Vec3,
+        pub voxel_m: f32,
+        pub size_m: Vec3,
+        pub guard_m: f32,
+        pub spacing_m: Vec3,
+    }
 }
 
 /// v_s of a field whose cells need not be cubes: edge of the cube of a cell's volume, metres.
@@ -39,7 +40,7 @@ pub fn pyramid_level(stratum_m: f64, voxel_m: f64) -> f64 {
 /// Its content and its pyramid of averages are made on the host when it is built: scalar fields do not change from frame to
 /// frame, and no frame pays for them.
 pub struct ScalarField {
-    pub uniforms: wgpu::Buffer,
+    pub uniforms: Buffer,
     pub texture: wgpu::Texture,
     pub sampler: wgpu::Sampler,
     pub voxel_m: f64,
@@ -48,24 +49,14 @@ pub struct ScalarField {
 impl ScalarField {
     /// `with_pyramid`: with all levels of averages.
     pub fn new(resources: &Resources<'_>, volume: &Volume, with_pyramid: bool) -> Self {
-        let gpu = resources.gpu;
         let levels = if with_pyramid { pyramid::levels(volume.cells) } else { 1 };
         let format = format_of(&volume.data);
-        let texture = resources.volume("scalar field", volume.cells, format, levels);
-        write_level(gpu, &texture, 0, &volume.data);
-        let mut finer = (volume.cells, volume.data.clone());
-        for level in 1..levels {
-            finer = pyramid::coarser(finer.0, &finer.1);
-            write_level(gpu, &texture, level, &finer.1);
+        let texture = resources.volume("volume cells", volume.cells, format, levels);
+        resources.host_copies("volume cells", size_of_val(volume.data.as_slice()) as u64);
+        if !resources.gpu.is_planner() {
+            write_levels(resources, &texture, volume);
         }
-        let linear = wgpu::FilterMode::Linear;
-        let sampler = gpu.device.create_sampler(&wgpu::SamplerDescriptor {
-            label: Some("scalar field"),
-            mag_filter: linear,
-            min_filter: linear,
-            mipmap_filter: wgpu::MipmapFilterMode::Linear,
-            ..Default::default()
-        });
+        let sampler = resources.level_sampler("scalar field");
         let bounds = volume.bounds();
         let uniforms = FieldUniforms {
             origin_m: volume.origin_m.as_vec3(),
@@ -88,12 +79,6 @@ impl ScalarField {
     }
 }
 
-/// Bytes of a volume's texture without its pyramid.
-pub fn bytes(volume: &Volume) -> u64 {
-    let texel = format_of(&volume.data).block_copy_size(None).unwrap_or(2);
-    volume.data.len() as u64 * u64::from(texel)
-}
-
 /// 8 bits where they hold the values as they are.
 fn format_of(values: &[f32]) -> wgpu::TextureFormat {
     let fits = |v: &f32| {
@@ -107,28 +92,22 @@ fn format_of(values: &[f32]) -> wgpu::TextureFormat {
     }
 }
 
-fn write_level(gpu: &Gpu, texture: &wgpu::Texture, level: u32, values: &[f32]) {
-    let (texel, bytes): (u32, Vec<u8>) = match texture.format() {
-        wgpu::TextureFormat::R8Unorm => {
-            let bytes = values.iter().map(|v| (v * 255.0).round() as u8);
-            (1, bytes.collect())
+/// The volume and its averages, level by level.
+fn write_levels(resources: &Resources<'_>, texture: &wgpu::Texture, volume: &Volume) {
+    let mut finer = (volume.cells, volume.data.clone());
+    for level in 0..texture.mip_level_count() {
+        if level > 0 {
+            finer = pyramid::coarser(finer.0, &finer.1);
         }
-        _ => {
-            let halves = values.iter().flat_map(|v| half(*v).to_le_bytes());
-            (2, halves.collect())
-        }
-    };
-    let size = texture.size().mip_level_size(level, wgpu::TextureDimension::D3);
-    gpu.queue.write_texture(
-        wgpu::TexelCopyTextureInfo { mip_level: level, ..texture.as_image_copy() },
-        &bytes,
-        wgpu::TexelCopyBufferLayout {
-            offset: 0,
-            bytes_per_row: Some(size.width * texel),
-            rows_per_image: Some(size.height),
-        },
-        size,
-    );
+        resources.write_level(texture, level, &texels(texture.format(), &finer.1));
+    }
+}
+
+fn texels(format: wgpu::TextureFormat, values: &[f32]) -> Vec<u8> {
+    match format {
+        wgpu::TextureFormat::R8Unorm => values.iter().map(|v| (v * 255.0).round() as u8).collect(),
+        _ => values.iter().flat_map(|v| half(*v).to_le_bytes()).collect(),
+    }
 }
 
 /// IEEE 754 binary16 of a value 0 … 1, rounded to even.

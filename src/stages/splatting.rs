@@ -1,122 +1,141 @@
-//! What the additive stages share: quads pulled from the photon buffer, drawn over the camera's depth.
+//! What `caustics/splat` and `godrays/lines` are: quads pulled from the photon buffer, drawn over the camera's depth and added up.
 
 use super::frame::Shared;
-use super::kit::{self, Bind, Group, RenderSpec, Resources};
+use super::kit::{self, Bind, Buffer, Group, Raster, RenderSpec, Resources};
 use super::photon::Photons;
-use super::{Column, Output, OutputData};
+use super::{Column, Output, Stage, StageInfo};
 use crate::gpu::{ColorTarget, DepthTarget, GpuError, StageScope, Targets};
+use crate::record::Work;
 
 /// Photons drawn by one instance of the index pattern: 16,384 vertices, so that 16-bit indices do, and few instances
 /// even for millions of photons.
 pub const PHOTONS_PER_INSTANCE: u32 = 4096;
 
+/// How a family draws its photons.
+pub struct Drawing<'a> {
+    pub uniforms: &'a Buffer,
+    pub size_px: [u32; 2],
+    /// Energy is divided by the area drawn; else each pixel gets all of it.
+    pub conserving: bool,
+    /// Fragments of a frame, for the declared work.
+    pub fragments: u64,
+    /// What the sum is.
+    pub column: Column,
+}
+
 pub struct Additive {
-    depth_pipeline: wgpu::RenderPipeline,
-    pipeline: wgpu::RenderPipeline,
-    shared: wgpu::BindGroup,
-    group: Group,
-    indices: wgpu::Buffer,
+    info: &'static StageInfo,
+    depth_raster: Raster,
+    raster: Raster,
+    groups: Vec<wgpu::BindGroup>,
+    indices: Buffer,
     photons: u32,
-    pub target: wgpu::Texture,
+    fragments: u64,
+    column: Column,
+    target: wgpu::Texture,
     target_view: wgpu::TextureView,
     depth_view: wgpu::TextureView,
 }
 
 impl Additive {
-    /// `name` is the stage's, and names its shader, compiled with `defs`; the target has `size_px` pixels.
-    pub fn new(
+    /// The stage `info`.
+    pub(super) fn new(
         resources: &Resources<'_>,
+        info: &'static StageInfo,
         shared: &Shared,
-        name: &'static str,
-        defs: &[(&str, i32)],
-        uniforms: &wgpu::Buffer,
         (photons, scene_depth): (&Photons, &wgpu::Texture),
-        size_px: [u32; 2],
+        drawing: Drawing<'_>,
     ) -> Result<Self, GpuError> {
+        let Drawing { uniforms, size_px, conserving, fragments, column } = drawing;
         let gpu = resources.gpu;
-        let shader = gpu.shader(name, defs)?;
         let binds =
             [Bind::Uniform(uniforms), Bind::Read(&photons.buffer), Bind::Depth(scene_depth)];
-        let group = Group::new(gpu, name, &binds);
+        let group = Group::new(gpu, info.name, &binds);
         let format = kit::accumulation_format(gpu);
-        let target = resources.target(name, size_px, format);
-        let depth = resources.target(name, size_px, kit::DEPTH_FORMAT);
+        let target = resources.target(info.name, size_px, format);
+        let depth = resources.target(info.name, size_px, kit::DEPTH_FORMAT);
+        let defs = [("CONSERVING", i32::from(conserving)), shared.fresnel_def()];
+        let (groups, targets) = ([&shared.group, &group], [kit::additive(format)]);
         let spec = RenderSpec {
-            label: name,
-            shader: &shader,
-            vertex: "vertex",
-            fragment: Some("fragment"),
-            groups: &[&shared.group, &group],
-            buffers: &[],
-            targets: &[kit::additive(format)],
             depth: Some(kit::depth_state(wgpu::CompareFunction::LessEqual, false)),
+            ..RenderSpec::new(info.name, (info.name, &defs[..]), &groups, &targets)
         };
-        let pipeline = kit::render_pipeline(gpu, &spec);
-        let unwritten = wgpu::ColorTargetState {
-            write_mask: wgpu::ColorWrites::empty(),
-            ..kit::opaque(format)
+        let write_mask = wgpu::ColorWrites::empty();
+        let unwritten = [wgpu::ColorTargetState { write_mask, ..kit::opaque(format) }];
+        let depth_spec = RenderSpec {
+            vertex: "depth_vertex",
+            fragment: Some("depth_fragment"),
+            targets: &unwritten,
+            depth: Some(kit::depth_state(wgpu::CompareFunction::Always, true)),
+            ..spec.clone()
         };
-        let depth_pipeline = kit::render_pipeline(
-            gpu,
-            &RenderSpec {
-                vertex: "depth_vertex",
-                fragment: Some("depth_fragment"),
-                targets: &[unwritten],
-                depth: Some(kit::depth_state(wgpu::CompareFunction::Always, true)),
-                ..spec
-            },
-        );
         Ok(Self {
-            depth_pipeline,
-            pipeline,
-            shared: shared.group.group.clone(),
-            group,
+            info,
+            depth_raster: Raster::new(resources, &depth_spec)?,
+            raster: Raster::new(resources, &spec)?,
+            groups: kit::bare(&groups),
             indices: index_pattern(resources),
             photons: photons.count,
+            fragments,
+            column,
             target_view: kit::view(&target),
             depth_view: kit::view(&depth),
             target,
         })
     }
 
-    pub fn encode(&self, scope: &mut StageScope<'_>) {
+    pub fn texture(&self) -> &wgpu::Texture {
+        &self.target
+    }
+
+    /// The buffer and what its texels hold.
+    pub fn source(&self) -> (&wgpu::Texture, Column) {
+        (&self.target, self.column.clone())
+    }
+}
+
+impl Stage for Additive {
+    fn name(&self) -> &'static str {
+        self.info.name
+    }
+
+    fn encode(&self, scope: &mut StageScope<'_>) {
+        let clear = Some(wgpu::Color::BLACK);
         let targets = Targets {
-            color: &[ColorTarget {
-                view: &self.target_view,
-                clear: Some(wgpu::Color::BLACK),
-                slice: None,
-            }],
+            color: &[ColorTarget { view: &self.target_view, clear, slice: None }],
             depth: Some(DepthTarget { view: &self.depth_view, clear: Some(1.0), read_only: false }),
         };
         scope.render(&targets, |pass| {
-            pass.set_bind_group(0, &self.shared, &[]);
-            pass.set_bind_group(1, &self.group.group, &[]);
-            pass.set_pipeline(&self.depth_pipeline);
+            kit::bind_groups(pass, &self.groups);
+            self.depth_raster.bind(pass);
             pass.draw(0..3, 0..1);
-            pass.set_pipeline(&self.pipeline);
+            self.raster.bind(pass);
             pass.set_index_buffer(self.indices.slice(..), wgpu::IndexFormat::Uint16);
             let instances = self.photons.div_ceil(PHOTONS_PER_INSTANCE);
             pass.draw_indexed(0..PHOTONS_PER_INSTANCE * 6, 0, 0..instances);
         });
     }
 
-    pub fn pixels(&self) -> u64 {
-        u64::from(self.target.width()) * u64::from(self.target.height())
+    fn work(&self) -> Work {
+        let photons = u64::from(self.photons);
+        Work {
+            photons,
+            primitives: photons * 2,
+            fragments: self.fragments,
+            bytes_read: Photons::bytes(photons),
+            bytes_written: self.fragments * 4 + kit::pixels(&self.target) * 8,
+            ..Work::default()
+        }
     }
 
-    /// `column` says what the sum is.
-    pub fn outputs(&self, column: Column) -> Vec<Output> {
-        vec![Output {
-            name: "intensity".into(),
-            meaning: "what the photons add up to, before the low-pass".into(),
-            columns: vec![column],
-            data: OutputData::Texture(self.target.clone()),
-        }]
+    fn outputs(&self) -> Vec<Output> {
+        let meaning = "what the photons add up to, before the low-pass";
+        vec![Output::texture("intensity", meaning, vec![self.column.clone()], &self.target)]
     }
 }
 
 /// Two triangles for each of [`PHOTONS_PER_INSTANCE`] quads.
-fn index_pattern(resources: &Resources<'_>) -> wgpu::Buffer {
+fn index_pattern(resources: &Resources<'_>) -> Buffer {
     let indices: Vec<u16> = (0..PHOTONS_PER_INSTANCE as u16)
         .flat_map(|quad| [0, 1, 2, 2, 1, 3].map(|corner| quad * 4 + corner))
         .collect();

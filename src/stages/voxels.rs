@@ -1,20 +1,20 @@
 //! Voxel volumes in GPU memory, as the families `voxel` and `ao` share them.
 
-use encase::ShaderType;
 use glam::{UVec3, Vec3};
 
-use super::kit::Resources;
-use crate::gpu::Gpu;
+use super::kit::{Buffer, Resources};
 use crate::scene::Grid;
+use crate::shader_struct;
 
-/// Host twin of `Grid` in `shaders/shared/voxels.wgsl`.
-#[derive(Clone, Debug, PartialEq, ShaderType)]
-pub struct GridUniforms {
-    pub origin_m: Vec3,
-    pub voxel_m: f32,
-    pub cells: UVec3,
-    /// Words of the bit volume.
-    pub words: u32,
+shader_struct! {
+    /// `Grid` in `shaders/shared/voxels.wgsl`.
+    pub struct GridUniforms {
+        pub origin_m: Vec3,
+        pub voxel_m: f32,
+        pub cells: UVec3,
+        /// Words of the bit volume.
+        pub words: u32,
+    }
 }
 
 impl GridUniforms {
@@ -33,9 +33,9 @@ impl GridUniforms {
 pub struct Voxels {
     pub grid: Grid,
     /// [`GridUniforms`].
-    pub uniforms: wgpu::Buffer,
+    pub uniforms: Buffer,
     /// A bit for each voxel in the order of [`Grid::index`].
-    pub bits: wgpu::Buffer,
+    pub bits: Buffer,
     /// The same as `R8Unorm`, 0 or 1, or opacities; levels above the first are the pyramid.
     pub texture: wgpu::Texture,
 }
@@ -45,6 +45,7 @@ impl Voxels {
     pub fn new(resources: &Resources<'_>, label: &str, grid: &Grid, pyramid: bool) -> Self {
         let longest = grid.cells.into_iter().max().unwrap_or(1);
         let levels = if pyramid { longest.ilog2() + 1 } else { 1 };
+        resources.indexed(label, grid.count());
         Self {
             grid: *grid,
             uniforms: resources.uniform(label, &GridUniforms::new(grid)),
@@ -55,22 +56,12 @@ impl Voxels {
 
     /// Fills bits and first level of the texture from the host: one value 0 … 255 per voxel in the order of [`Grid::index`];
     /// a bit is set where the value is not 0.
-    pub fn write(&self, gpu: &Gpu, values: &[u8]) {
+    pub fn write(&self, resources: &Resources<'_>, values: &[u8]) {
         let mut words = vec![0u32; self.grid.words() as usize];
         for (index, _) in values.iter().enumerate().filter(|(_, value)| **value > 0) {
             words[index / 32] |= 1 << (index % 32);
         }
-        gpu.queue.write_buffer(&self.bits, 0, bytemuck::cast_slice(&words));
-        let [x, y, z] = self.grid.cells;
-        gpu.queue.write_texture(
-            self.texture.as_image_copy(),
-            values,
-            wgpu::TexelCopyBufferLayout {
-                offset: 0,
-                bytes_per_row: Some(x),
-                rows_per_image: Some(y),
-            },
-            wgpu::Extent3d { width: x, height: y, depth_or_array_layers: z },
-        );
+        resources.gpu.queue.write_buffer(&self.bits, 0, bytemuck::cast_slice(&words));
+        resources.write_level(&self.texture, 0, values);
     }
 }

@@ -39,8 +39,8 @@ impl Kernels {
         let copy_bytes = copy_bytes.min(gpu.limits.max_buffer_size);
         gpu.scoped(|| {
             Ok(Self {
-                compute: compute_pipeline(gpu, &shader),
-                render: render_pipeline(gpu, &shader),
+                compute: compute_pipeline(gpu, &shader.module),
+                render: render_pipeline(gpu, &shader.module),
                 results: buffer(gpu, u64::from(INVOCATIONS) * 4, Usage::STORAGE),
                 target: target(gpu),
                 copied: [

@@ -27,7 +27,7 @@ impl Probe {
         use wgpu::BufferUsages as Usage;
         let shader = gpu.shader("audit/kernels", &kernel_definitions())?;
         gpu.scoped(|| {
-            let compute = compute_pipeline(gpu, &shader);
+            let compute = compute_pipeline(gpu, &shader.module);
             let iterations = buffer(gpu, UNIFORM_BYTES, Usage::UNIFORM | Usage::COPY_DST);
             gpu.queue.write_buffer(&iterations, 0, &ITERATIONS.to_le_bytes());
             let results = buffer(gpu, RESULT_BYTES, Usage::STORAGE);

@@ -7,13 +7,14 @@ use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
 use super::table::{self, PointFault, SHORT};
-use super::{QueryError, read_with};
+use super::{QueryError, check, read_with};
 use crate::gpu::Gpu;
 use crate::harness::subject::Subject;
-use crate::pipelines::underwater::{self, Intensity, Params, photons_at};
+use crate::pipelines::underwater::{self, Intensity, Params, PhotonQuery, Underwater, photons_at};
 use crate::reference::photons::{Landing, entering, land_ray};
 use crate::reference::rays::Tracer;
 use crate::scene::{LightFrame, LightKind};
+use crate::stages::kit::Resources;
 use crate::stages::photon::{MISSED, OUTSIDE};
 use crate::stages::photons::query::{self, Answer};
 
@@ -96,7 +97,7 @@ pub struct Query {
 
 impl Query {
     pub fn new(subject: &Subject, starts: Vec<Start>) -> Result<Query, QueryError> {
-        let params = Params::from_value(&subject.params).map_err(QueryError::Invalid)?;
+        let params = subject.parameters::<Underwater>()?.clone();
         let view = underwater::view(&params, &subject.scene);
         let light = view.light_frame();
         let query = Query { starts, params, view, light };
@@ -122,11 +123,11 @@ impl Query {
     /// # Errors
     /// Limits of the adapter, named before anything is allocated, and what the GPU reports.
     pub fn answers(&self, gpu: &Gpu, subject: &Subject) -> Result<Vec<Answer>, QueryError> {
-        let demand = (subject.kind.demand)(&subject.params, &subject.scene)
-            .map_err(QueryError::Invalid)?
-            .and(query::demand(self.starts.len() as u64));
-        demand.check(&gpu.limits).map_err(QueryError::Invalid)?;
         let starts: Vec<query::Start> = self.starts.iter().map(stored).collect();
+        let plan = |resources: &Resources<'_>| {
+            PhotonQuery::new(resources, &subject.scene, &self.params, &starts).map(drop)
+        };
+        check(gpu, plan)?;
         Ok(gpu.scoped(|| photons_at(gpu, &subject.scene, &self.params, &starts))?)
     }
 

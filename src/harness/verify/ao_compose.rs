@@ -7,8 +7,9 @@ use super::{Case, Check, VerifyError};
 use crate::reference::image::Image;
 use crate::reference::rays::{PixelRays, Tracer};
 use crate::scene::Scene;
-use crate::stages::ao::compose::{Compose, ComposeUniforms, Inputs};
+use crate::stages::ao::compose::{Compose, LightingUniforms, Lit};
 use crate::stages::frame::{Shared, View};
+use crate::stages::gbuffer::GbufferTextures;
 use crate::stages::geometry::Geometry;
 use crate::stages::{scene, shadow};
 
@@ -83,8 +84,8 @@ fn known_inputs(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
     Ok(checks)
 }
 
-fn settings(exposure: f64, ambient: f64) -> ComposeUniforms {
-    ComposeUniforms {
+fn settings(exposure: f64, ambient: f64) -> LightingUniforms {
+    LightingUniforms {
         size_px: Vec2::new(SIZE[0] as f32, SIZE[1] as f32),
         exposure: exposure as f32,
         ambient: ambient as f32,
@@ -109,15 +110,18 @@ fn composed(
     let depth = rays.project(ahead).map_or(1.0, |p| f64::from(p.depth as f32));
     let grey = |value: f64| rig.constant(SIZE, [value as f32; 4]);
     let n = known.normal.as_vec3();
-    let inputs = Inputs {
-        albedo: &grey(known.albedo)?,
-        normal: &rig.constant(SIZE, [n.x, n.y, n.z, known.specular as f32])?,
-        depth: &rig.depth(SIZE, depth)?,
+    let gbuffer = GbufferTextures {
+        albedo: grey(known.albedo)?,
+        normal: rig.constant(SIZE, [n.x, n.y, n.z, known.specular as f32])?,
+        depth: rig.depth(SIZE, depth)?,
+    };
+    let lit = Lit {
+        gbuffer: &gbuffer,
         visibility: &grey(known.visibility)?,
         shadow: &rig.depth([64, 64], known.shadow)?,
     };
     let settings = settings(known.exposure, AMBIENT);
-    let stage = Compose::new(&resources, &shared, &inputs, &settings, shows_occlusion)?;
+    let stage = Compose::new(&resources, &shared, &lit, &settings, shows_occlusion)?;
     rig.run(&[&stage])?;
     Ok((rig.channel(stage.texture(), 0)?, view, depth))
 }
@@ -159,15 +163,14 @@ fn shadows(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
     let geometry = Geometry::new(&resources, &scene);
     let gbuffer = scene::gbuffer::Gbuffer::new(&resources, &shared, &geometry, SIZE)?;
     let light = shadow::depth::Depth::new(&resources, &shared, &geometry, 1024)?;
-    let inputs = Inputs {
-        albedo: &rig.constant(SIZE, [1.0; 4])?,
-        normal: &gbuffer.normal,
-        depth: &gbuffer.depth,
+    let white = rig.constant(SIZE, [1.0; 4])?;
+    let lit = Lit {
+        gbuffer: &GbufferTextures { albedo: white, ..gbuffer.textures.clone() },
         visibility: &rig.constant(SIZE, [1.0; 4])?,
         shadow: light.texture(),
     };
     let dark = settings(1e3, 0.0);
-    let stage = Compose::new(&resources, &shared, &inputs, &dark, false)?;
+    let stage = Compose::new(&resources, &shared, &lit, &dark, false)?;
     rig.run(&[&gbuffer, &light, &stage])?;
     let shown = rig.channel(stage.texture(), 0)?;
     let tracer = Tracer::new(&scene.objects)?;

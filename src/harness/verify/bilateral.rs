@@ -2,16 +2,15 @@
 
 use super::rig::{self, Random, Rig};
 use super::{Case, Check, VerifyError};
-use crate::gpu::{GpuError, Stage};
+use crate::gpu::StageInfo;
 use crate::pipelines::settings;
 use crate::reference::bilateral::Bilateral;
 use crate::reference::image::Image;
 use crate::reference::quantities::quantile;
 use crate::scene::{Camera, Scene};
-use crate::stages::bilateral::{BilateralUniforms, Inputs};
+use crate::stages::bilateral::{Bilateral as BilateralStage, BilateralUniforms};
 use crate::stages::frame::{Shared, View};
 use crate::stages::geometry::Geometry;
-use crate::stages::kit::Resources;
 use crate::stages::{ao, hsao, scene};
 
 /// Columns, curved objects, walls at a slant, and background between them.
@@ -24,29 +23,14 @@ const AMBIGUOUS_PX: f64 = 2e-3;
 /// The result is stored in 16 bits, a step of which is 4.9e-4 below 1; view depth in f32 adds as much again.
 const TOLERANCE: f64 = 1e-3;
 
-type Made = (Box<dyn Stage>, wgpu::Texture);
-type Make = fn(&Resources<'_>, &Shared, &Inputs<'_>, &BilateralUniforms) -> Result<Made, GpuError>;
-
 pub fn cases() -> Vec<Case> {
-    let stages: [(&'static str, Make); 2] = [
-        ("ao/bilateral", |resources, shared, inputs, settings| {
-            let stage = ao::bilateral::Bilateral::new(resources, shared, inputs, settings)?;
-            let texture = stage.texture().clone();
-            Ok((Box::new(stage), texture))
-        }),
-        ("hsao/filter", |resources, shared, inputs, settings| {
-            let stage = hsao::filter::Filter::new(resources, shared, inputs, settings)?;
-            let texture = stage.texture().clone();
-            Ok((Box::new(stage), texture))
-        }),
-    ];
-    let case = |(stage, make): (&'static str, Make)| {
-        Case::new(stage, "noise guided by a scene's depth", move |rig| check(stage, rig, make))
+    let case = |info: &'static StageInfo| {
+        Case::new(info.name, "noise guided by a scene's depth", move |rig| check(info, rig))
     };
-    stages.map(case).into()
+    [&ao::bilateral::INFO, &hsao::filter::INFO].map(case).into()
 }
 
-fn check(stage: &'static str, rig: &Rig<'_>, make: Make) -> Result<Vec<Check>, VerifyError> {
+fn check(info: &'static StageInfo, rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
     let resources = rig.resources();
     let scene = Scene::load(SCENE)?;
     let view = rig::view(&scene, SIZE);
@@ -54,7 +38,7 @@ fn check(stage: &'static str, rig: &Rig<'_>, make: Make) -> Result<Vec<Check>, V
     let geometry = Geometry::new(&resources, &scene);
     let gbuffer = scene::gbuffer::Gbuffer::new(&resources, &shared, &geometry, SIZE)?;
     rig.run(&[&gbuffer])?;
-    let depth = rig.channel(&gbuffer.depth, 0)?;
+    let depth = rig.channel(&gbuffer.textures.depth, 0)?;
     let twin = twin(&settings::Filter::default());
     let blunt = Bilateral { depth_sigma: twin.depth_sigma * 1.2, ..twin.clone() };
 
@@ -64,9 +48,9 @@ fn check(stage: &'static str, rig: &Rig<'_>, make: Make) -> Result<Vec<Check>, V
         let run = |settings: &settings::Filter| {
             filtered(
                 rig,
-                make,
+                info,
                 &shared,
-                (&input, &gbuffer.depth),
+                (&input, &gbuffer.textures.depth),
                 &settings.uniforms(&view, source),
             )
         };
@@ -77,7 +61,10 @@ fn check(stage: &'static str, rig: &Rig<'_>, make: Make) -> Result<Vec<Check>, V
         let [w, h] = source;
         checks.push(
             Check::new(
-                (stage, format!("{w}×{h} to the viewport: 99.9th percentile of |GPU − f64 twin|")),
+                (
+                    info.name,
+                    format!("{w}×{h} to the viewport: 99.9th percentile of |GPU − f64 twin|"),
+                ),
                 (TOLERANCE, "1"),
                 quantile(&mut measured, 0.999),
                 ("depth_sigma 1.2 times", quantile(&mut control, 0.999)),
@@ -86,7 +73,7 @@ fn check(stage: &'static str, rig: &Rig<'_>, make: Make) -> Result<Vec<Check>, V
             .with("pixels_left_out_share", left_out),
         );
     }
-    checks.push(background(stage, rig, make, &shared, (&view, &depth, &gbuffer.depth))?);
+    checks.push(background(info, rig, &shared, (&view, &depth, &gbuffer.textures.depth))?);
     Ok(checks)
 }
 
@@ -101,22 +88,21 @@ fn twin(settings: &settings::Filter) -> Bilateral {
 
 fn filtered(
     rig: &Rig<'_>,
-    make: Make,
+    info: &'static StageInfo,
     shared: &Shared,
     (visibility, depth): (&Image, &wgpu::Texture),
     settings: &BilateralUniforms,
 ) -> Result<Image, VerifyError> {
-    let inputs = Inputs { visibility: &rig.grey(visibility), depth };
-    let (stage, texture) = make(&rig.resources(), shared, &inputs, settings)?;
-    rig.run(&[stage.as_ref()])?;
-    rig.channel(&texture, 0)
+    let textures = (&rig.grey(visibility), depth);
+    let stage = BilateralStage::new(&rig.resources(), info, shared, textures, settings)?;
+    rig.run(&[&stage])?;
+    rig.channel(stage.texture(), 0)
 }
 
 /// Black on the geometry, white beside it: nothing of either may come to the other.
 fn background(
-    stage: &'static str,
+    info: &'static StageInfo,
     rig: &Rig<'_>,
-    make: Make,
     shared: &Shared,
     (view, depth, texture): (&View, &Image, &wgpu::Texture),
 ) -> Result<Check, VerifyError> {
@@ -125,14 +111,14 @@ fn background(
     let input = Image::from_data(SIZE[0], SIZE[1], mask)?;
     let settings = settings::Filter::default().uniforms(view, SIZE);
     let largest = |shifted: i64| -> Result<f64, VerifyError> {
-        let result = filtered(rig, make, shared, (&input, texture), &settings)?;
+        let result = filtered(rig, info, shared, (&input, texture), &settings)?;
         let pixels =
             (0..i64::from(SIZE[1])).flat_map(|y| (0..i64::from(SIZE[0])).map(move |x| (x, y)));
         let off = pixels.map(|(x, y)| (result.clamped(x, y) - input.clamped(x + shifted, y)).abs());
         Ok(off.fold(0.0, f64::max))
     };
     Ok(Check::new(
-        (stage, "largest leak between geometry and background"),
+        (info.name, "largest leak between geometry and background"),
         (0.0, "1"),
         largest(0)?,
         ("compared a pixel aside", largest(1)?),

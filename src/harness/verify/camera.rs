@@ -10,6 +10,7 @@ use crate::reference::rays::{Hit, PixelRays, Tracer};
 use crate::scene::{Camera, Scene};
 use crate::stages::frame::Shared;
 use crate::stages::geometry::Geometry;
+use crate::stages::lit_scene::LitScene;
 use crate::stages::{scene, water};
 
 /// Scene with columns, curved objects and walls.
@@ -50,10 +51,10 @@ fn gbuffer(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
     let geometry = Geometry::new(&resources, &scene);
     let stage = scene::gbuffer::Gbuffer::new(&resources, &shared, &geometry, SIZE)?;
     rig.run(&[&stage])?;
-    let depth = rig.channel(&stage.depth, 0)?;
-    let normals = rig.vectors(&stage.normal)?;
-    let speculars = rig.channel(&stage.normal, 3)?;
-    let colors = rig.vectors(&stage.albedo)?;
+    let depth = rig.channel(&stage.textures.depth, 0)?;
+    let normals = rig.vectors(&stage.textures.normal)?;
+    let speculars = rig.channel(&stage.textures.normal, 3)?;
+    let colors = rig.vectors(&stage.textures.albedo)?;
 
     let tracer = Tracer::new(&scene.objects)?;
     let seen = Seen::cast(&scene.camera, &tracer);
@@ -166,7 +167,7 @@ fn reflection(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
     let view = rig::view(&scene, SIZE);
     let shared = Shared::new(&resources, &view);
     let geometry = Geometry::new(&resources, &scene);
-    let stage = water::reflection::Reflection::new(&resources, &shared, &geometry, SIZE)?;
+    let stage = LitScene::new(&resources, &water::reflection::INFO, &shared, &geometry, SIZE)?;
     rig.run(&[&stage])?;
     let covered = rig.channel(stage.texture(), 3)?;
     let tracer = Tracer::new(&scene.objects)?;
@@ -197,7 +198,7 @@ fn refraction(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
     let view = rig::view(&scene, SIZE);
     let shared = Shared::new(&resources, &view);
     let geometry = Geometry::new(&resources, &scene);
-    let stage = water::refraction::Refraction::new(&resources, &shared, &geometry, SIZE)?;
+    let stage = LitScene::new(&resources, &water::refraction::INFO, &shared, &geometry, SIZE)?;
     rig.run(&[&stage])?;
     let covered = rig.channel(stage.texture(), 3)?;
     let tracer = Tracer::new(&scene.objects)?;

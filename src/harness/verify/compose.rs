@@ -7,8 +7,9 @@ use super::{Case, Check, VerifyError};
 use crate::reference::image::Image;
 use crate::reference::optics::{fresnel_reflectance, transmittance};
 use crate::reference::rays::PixelRays;
-use crate::stages::compose::{Compose, ComposeUniforms, Inputs};
+use crate::stages::compose::{Compose, ComposeUniforms, Composed};
 use crate::stages::frame::{Shared, View};
+use crate::stages::gbuffer::GbufferTextures;
 
 const STAGE: &str = "compose";
 const SIZE: [u32; 2] = [96, 64];
@@ -82,10 +83,13 @@ fn radiance(rig: &Rig<'_>, view: &View, known: &Known<'_>) -> Result<Image, Veri
     let resources = rig.resources();
     let shared = Shared::new(&resources, view);
     let grey = |value: f32, alpha: f32| rig.constant(SIZE, [value, value, value, alpha]);
-    let inputs = Inputs {
-        albedo: &grey(known.albedo, 1.0)?,
-        normal: &rig.constant(SIZE, [0.0, 0.0, 1.0, 1.0])?,
-        depth: &rig.depth(SIZE, known.depth)?,
+    let gbuffer = GbufferTextures {
+        albedo: grey(known.albedo, 1.0)?,
+        normal: rig.constant(SIZE, [0.0, 0.0, 1.0, 1.0])?,
+        depth: rig.depth(SIZE, known.depth)?,
+    };
+    let inputs = Composed {
+        gbuffer: &gbuffer,
         caustics: &rig.grey(known.caustics),
         godrays: &rig.grey(known.godrays),
         reflection: &grey(known.reflection, 1.0)?,

@@ -2,11 +2,10 @@
 
 use super::rig::{Random, Rig};
 use super::{Case, Check, VerifyError};
-use crate::gpu::{GpuError, Stage};
+use crate::gpu::{Column, StageInfo};
 use crate::reference::filter::Disc;
 use crate::reference::image::Image;
-use crate::stages::kit::Resources;
-use crate::stages::low_pass::FilterUniforms;
+use crate::stages::low_pass::{FilterUniforms, LowPass};
 use crate::stages::{caustics, godrays};
 
 const SIZE: [u32; 2] = [96, 64];
@@ -19,48 +18,19 @@ const AMBIGUOUS_PX: f64 = 2e-3;
 const TOLERANCE: f64 = 1e-5;
 
 pub fn cases() -> Vec<Case> {
-    vec![
-        Case::new("caustics/filter", "noise through the low-pass", |rig| {
-            let make =
-                |resources: &Resources<'_>, source: &wgpu::Texture, settings: &FilterUniforms| {
-                    let filter = caustics::filter::Filter::new(
-                        resources,
-                        (source, caustics::splat::column(false)),
-                        settings,
-                    )?;
-                    let texture = filter.texture().clone();
-                    Ok((Box::new(filter) as Box<dyn Stage>, texture))
-                };
-            check("caustics/filter", rig, make)
-        }),
-        Case::new("godrays/filter", "noise through the low-pass", |rig| {
-            let make =
-                |resources: &Resources<'_>, source: &wgpu::Texture, settings: &FilterUniforms| {
-                    let filter = godrays::filter::Filter::new(
-                        resources,
-                        (source, godrays::lines::column(false)),
-                        settings,
-                    )?;
-                    let texture = filter.texture().clone();
-                    Ok((Box::new(filter) as Box<dyn Stage>, texture))
-                };
-            check("godrays/filter", rig, make)
-        }),
-    ]
+    let case = |info: &'static StageInfo| {
+        Case::new(info.name, "noise through the low-pass", move |rig| check(info, rig))
+    };
+    [&caustics::filter::INFO, &godrays::filter::INFO].map(case).into()
 }
 
-type Made = (Box<dyn Stage>, wgpu::Texture);
-
-fn check(
-    stage: &'static str,
-    rig: &Rig<'_>,
-    make: impl Fn(&Resources<'_>, &wgpu::Texture, &FilterUniforms) -> Result<Made, GpuError>,
-) -> Result<Vec<Check>, VerifyError> {
+fn check(info: &'static StageInfo, rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
     let image = noise()?;
     let settings = FilterUniforms { taps: TAPS, radius_px: RADIUS_PX as f32 };
-    let (filter, texture) = make(&rig.resources(), &rig.grey(&image), &settings)?;
-    rig.run(&[filter.as_ref()])?;
-    let filtered = rig.channel(&texture, 0)?;
+    let source = (&rig.grey(&image), Column::new("noise", "1", "noise"));
+    let filter = LowPass::new(&rig.resources(), info, source, &settings)?;
+    rig.run(&[&filter])?;
+    let filtered = rig.channel(filter.texture(), 0)?;
 
     let disc = Disc::vogel(TAPS, RADIUS_PX);
     let mut moved = disc.clone();
@@ -69,7 +39,7 @@ fn check(
     let (control, _) = largest_difference(&filtered, &image, &moved, &disc);
     let sums = (filtered.sum() / image.sum() - 1.0).abs();
     let check = Check::new(
-        (stage, "largest difference from the f64 twin, of the mean"),
+        (info.name, "largest difference from the f64 twin, of the mean"),
         (TOLERANCE, "1"),
         measured,
         ("one tap moved by a pixel", control),

@@ -8,6 +8,7 @@ use super::photons::run_until;
 use super::rig::{self, Random, Rig};
 use super::splats::{RULES, draw_free, energy_params, photon_at, splat_image};
 use super::{Case, Check, VerifyError, lines};
+use crate::pipelines::Built;
 use crate::pipelines::underwater::Underwater;
 use crate::reference::image::Image;
 use crate::reference::optics::{fresnel_transmittance, refract};
@@ -113,7 +114,7 @@ fn straight(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
     let energy = |fresnel: bool| -> Result<f64, VerifyError> {
         let mut params = energy_params(&file);
         params.water.fresnel = fresnel;
-        let pipeline = Underwater::new(rig.gpu, &scene, params)?;
+        let pipeline = Built::<Underwater>::new(rig.gpu, &scene, &params)?;
         run_until(rig, &pipeline, splat::INFO.name)?;
         Ok(splat_image(rig, &pipeline)?.sum())
     };

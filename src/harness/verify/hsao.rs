@@ -13,7 +13,7 @@ use crate::reference::rays::{Hit, PixelRays, Tracer};
 use crate::scene::{Camera, Material, Mesh, Object, Scene};
 use crate::stages::frame::Shared;
 use crate::stages::geometry::Geometry;
-use crate::stages::hsao::march::{Inputs, March, MarchUniforms};
+use crate::stages::hsao::march::{HorizonUniforms, March};
 use crate::stages::scene;
 
 const STAGE: &str = "hsao/march";
@@ -53,7 +53,7 @@ fn shade(
     let shared = Shared::new(&resources, &rig::view(scene, SIZE));
     let geometry = Geometry::new(&resources, scene);
     let gbuffer = scene::gbuffer::Gbuffer::new(&resources, &shared, &geometry, SIZE)?;
-    let settings = MarchUniforms {
+    let settings = HorizonUniforms {
         size_px: Vec2::new(buffer_px[0] as f32, buffer_px[1] as f32),
         r_max_m: method.r_max_m as f32,
         layer_m: method.layer_m as f32,
@@ -62,15 +62,14 @@ fn shade(
         rays: method.rays,
         ray_steps: method.ray_steps,
     };
-    let inputs = Inputs { depth: gbuffer.depth.clone(), normal: gbuffer.normal.clone() };
     let hard = method.attenuation == Attenuation::Hard;
-    let stage = March::new(&resources, &shared, &inputs, &settings, hard)?;
+    let stage = March::new(&resources, &shared, &gbuffer.textures, &settings, hard)?;
     rig.run(&[&gbuffer, &stage])?;
     let visibility = rig.channel(stage.texture(), 0)?;
     let occluded = visibility.data().iter().map(|v| 1.0 - v).collect();
     Ok(Shaded {
-        depth: rig.channel(&gbuffer.depth, 0)?,
-        normals: rig.vectors(&gbuffer.normal)?,
+        depth: rig.channel(&gbuffer.textures.depth, 0)?,
+        normals: rig.vectors(&gbuffer.textures.normal)?,
         occlusion: Image::from_data(buffer_px[0], buffer_px[1], occluded)?,
     })
 }

@@ -10,7 +10,7 @@ use crate::reference::godray::{Godray, Medium};
 use crate::reference::image::Image;
 use crate::reference::rays::PixelRays;
 use crate::stages::frame::{Shared, View};
-use crate::stages::godrays::lines::{Lines, LinesUniforms};
+use crate::stages::godrays::lines::{self, LinesUniforms};
 use crate::stages::photon::Photon;
 use crate::stages::splatting::PHOTONS_PER_INSTANCE;
 
@@ -46,7 +46,7 @@ pub(super) fn draw(rig: &Rig<'_>, view: &View, photons: &[Photon]) -> Result<Ima
     };
     let buffer = rig.photons(photons);
     let depth = rig.depth(SIZE, 1.0)?;
-    let stage = Lines::new(&resources, &shared, (&buffer, &depth), &settings, false, 10.0)?;
+    let stage = lines::new(&resources, &shared, (&buffer, &depth), &settings, false, 10.0)?;
     rig.run(&[&stage])?;
     rig.channel(stage.texture(), 0)
 }

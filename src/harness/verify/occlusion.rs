@@ -14,7 +14,7 @@ use crate::harness::verify::rig::Rig;
 use crate::reference::march::{Guard as TwinGuard, HostVolume, March};
 use crate::reference::occlusion as reference;
 use crate::scene::Grid;
-use crate::stages::ao::query::{Point, Query};
+use crate::stages::ao::query::{Query, SurfacePoint};
 use crate::stages::marching::{
     Attenuation, Estimator, Guard, Hit, Marching, Occluder, Sampling, Storage,
 };
@@ -53,8 +53,9 @@ impl Subject {
         let mut host = HostVolume::filled(grid, inside);
         let bytes: Vec<u8> = host.values.iter().map(|v| *v as u8 * level).collect();
         host.values.iter_mut().for_each(|v| *v *= f64::from(level) / 255.0);
-        let voxels = Voxels::new(&rig.resources(), "verify voxels", grid, true);
-        voxels.write(rig.gpu, &bytes);
+        let resources = rig.resources();
+        let voxels = Voxels::new(&resources, "verify voxels", grid, true);
+        voxels.write(&resources, &bytes);
         Self { host, voxels }
     }
 }
@@ -132,9 +133,9 @@ fn query(
     points: &[(DVec3, DVec3)],
     marching: &Marching,
 ) -> Result<Vec<f64>, VerifyError> {
-    let points: Vec<Point> = points
+    let points: Vec<SurfacePoint> = points
         .iter()
-        .map(|(position, normal)| Point {
+        .map(|(position, normal)| SurfacePoint {
             position_m: position.as_vec3(),
             normal: normal.as_vec3(),
         })

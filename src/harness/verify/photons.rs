@@ -4,10 +4,9 @@ use glam::Vec2;
 
 use super::rig::{self, Rig};
 use super::{Case, Check, VerifyError};
-use crate::gpu::{GpuError, Stage};
-use crate::harness::landing::stage_photons;
-use crate::pipelines::Pipeline;
+use crate::gpu::GpuError;
 use crate::pipelines::underwater::{Params, Underwater};
+use crate::pipelines::{AnyPipeline, Built};
 use crate::reference::estimator::{estimate, exact_depth};
 use crate::reference::photons::{Landing, PhotonGrid, land_all};
 use crate::reference::quantities::{PhotonErrors, StoredPhoton, photon_errors, quantile};
@@ -15,7 +14,7 @@ use crate::reference::rays::Tracer;
 use crate::scene::{LightFrame, LightKind, Scene, SceneFile, Water, WaterModel};
 use crate::stages::frame::Shared;
 use crate::stages::geometry::Geometry;
-use crate::stages::photon::{Photons, TraceUniforms};
+use crate::stages::photon::{TraceUniforms, Tracing};
 use crate::stages::{caustics, godrays, shadow};
 
 /// Flat water over a plane has a closed form: what is left is f32 and the depth map's bits.
@@ -85,20 +84,13 @@ pub(super) fn trace(
     let depth = shadow::depth::Depth::new(&resources, &shared, &geometry, SHADOW_TEXELS)?;
     let mask = shadow::mask::Mask::new(&resources, &shared, depth.texture(), 64)?;
     let light = (depth.texture(), mask.texture());
-    let (stage, photons): (Box<dyn Stage>, Photons) = match family {
-        Family::Caustics => {
-            let stage = caustics::trace::Trace::new(&resources, &shared, light, settings, dynamic)?;
-            let photons = stage.0.photons.clone();
-            (Box::new(stage), photons)
-        }
-        Family::Godrays => {
-            let stage = godrays::trace::Trace::new(&resources, &shared, light, settings, dynamic)?;
-            let photons = stage.0.photons.clone();
-            (Box::new(stage), photons)
-        }
+    let info = match family {
+        Family::Caustics => &caustics::trace::INFO,
+        Family::Godrays => &godrays::trace::INFO,
     };
-    rig.run(&[&depth, &mask, stage.as_ref()])?;
-    Ok((rig.read_photons(&photons)?, view.light_frame()))
+    let stage = Tracing::new(&resources, info, &shared, light, settings, (dynamic, false))?;
+    rig.run(&[&depth, &mask, &stage])?;
+    Ok((rig.read_photons(&stage.photons)?, view.light_frame()))
 }
 
 pub(super) fn settings(grid: u32, side: u32) -> TraceUniforms {
@@ -230,7 +222,7 @@ fn has_water(scene: &str) -> bool {
 fn real(rig: &Rig<'_>, name: &str) -> Result<Vec<Check>, VerifyError> {
     let file = SceneFile::load(name)?;
     let scene = Scene::build(&file)?;
-    let pipeline = Underwater::new(rig.gpu, &scene, real_params(&file))?;
+    let pipeline = Built::<Underwater>::new(rig.gpu, &scene, &real_params(&file))?;
     run_until(rig, &pipeline, godrays::trace::INFO.name)?;
     let tracer = Tracer::new(&scene.objects)?;
     let frame = pipeline.view.light_frame();
@@ -241,7 +233,10 @@ fn real(rig: &Rig<'_>, name: &str) -> Result<Vec<Check>, VerifyError> {
     [Family::Caustics, Family::Godrays]
         .into_iter()
         .map(|family| {
-            let photons = stage_photons(rig.gpu, &pipeline, family.stage())?;
+            let photons = rig.read_photons(match family {
+                Family::Caustics => &pipeline.caustics.trace.photons,
+                Family::Godrays => &pipeline.godrays.trace.photons,
+            })?;
             let errors = photon_errors(&photons, &landings);
             let check = Check::new(
                 (family.stage(), format!("scene {name}: median |hit − exact|")),
@@ -264,7 +259,7 @@ fn real_params(file: &SceneFile) -> Params {
 }
 
 /// Runs a pipeline's stages up to and including one.
-pub fn run_until(rig: &Rig<'_>, pipeline: &Underwater, last: &str) -> Result<(), GpuError> {
+pub fn run_until(rig: &Rig<'_>, pipeline: &Built<Underwater>, last: &str) -> Result<(), GpuError> {
     let stages = pipeline.stages();
     let end = stages.iter().position(|stage| stage.name() == last);
     rig.run(&stages[..end.map_or(stages.len(), |i| i + 1)])

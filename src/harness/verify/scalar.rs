@@ -56,35 +56,25 @@ impl Setup {
         let settings = &self.scalar;
         let march = &settings.uniforms(self.size_px, field.voxel_m, settings.r_max_m);
         let (beer, rejection) = (settings.law == Law::Beer, settings.rejection);
+        let through = (shared, field);
         let pass = match settings.mode {
             Mode::Isosurface => {
                 let near = settings.stop == Stop::Isosurface;
                 let linear = settings.attenuation == Attenuation::Linear;
-                let stage =
-                    surface::Isosurface::new(resources, shared, field, march, near, linear)?;
-                rig.run(&[&stage])?;
-                stage.0
+                surface::new(resources, through, march, near, linear)?
             }
-            Mode::Direct => {
-                let stage = direct::Direct::new(resources, shared, field, march, beer, rejection)?;
-                rig.run(&[&stage])?;
-                stage.0
-            }
-            Mode::Positional => {
-                let stage =
-                    positional::Positional::new(resources, shared, field, march, beer, rejection)?;
-                rig.run(&[&stage])?;
-                stage.0
-            }
+            Mode::Direct => direct::new(resources, through, march, beer, rejection)?,
+            Mode::Positional => positional::new(resources, through, march, beer, rejection)?,
         };
+        rig.run(&[&pass])?;
         Seen::read(rig, &pass)
     }
 }
 
 impl Seen {
     fn read(rig: &Rig<'_>, pass: &RayCast) -> Result<Seen, VerifyError> {
-        let channel = |i| rig.channel(&pass.result, i);
-        let normal = match &pass.normal {
+        let channel = |i| rig.channel(pass.result(), i);
+        let normal = match pass.normal() {
             Some(normal) => {
                 Some([rig.channel(normal, 0)?, rig.channel(normal, 1)?, rig.channel(normal, 2)?])
             }
@@ -94,7 +84,7 @@ impl Seen {
             visibility: channel(0)?,
             opacity: channel(1)?,
             distance_m: channel(2)?,
-            shown: rig.channel(&pass.image, 0)?,
+            shown: rig.channel(pass.image(), 0)?,
             normal,
         })
     }

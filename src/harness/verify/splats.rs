@@ -5,14 +5,14 @@ use glam::{DVec3, Vec2};
 use super::photons::run_until;
 use super::rig::{self, Random, Rig};
 use super::{Case, Check, VerifyError};
-use crate::pipelines::Pipeline;
+use crate::pipelines::Built;
 use crate::pipelines::underwater::{Intensity as Rule, Params, Underwater};
 use crate::reference::image::Image;
 use crate::reference::photons::{Landed, PhotonGrid, land_all};
 use crate::reference::rays::{PixelRays, Tracer};
 use crate::reference::splat::{Intensity, PointSize, Splat, rasterize, splat_value};
 use crate::scene::{Camera, LightKind, Scene, SceneFile};
-use crate::stages::caustics::splat::{Splat as SplatStage, SplatUniforms};
+use crate::stages::caustics::splat::{self, SplatUniforms};
 use crate::stages::frame::{Shared, View};
 use crate::stages::geometry::Geometry;
 use crate::stages::photon::Photon;
@@ -137,8 +137,7 @@ fn draw(
     };
     let buffer = rig.photons(photons);
     let conserving = rules.intensity == Intensity::Conserving;
-    let stage =
-        SplatStage::new(&resources, &shared, (&buffer, depth), &settings, conserving, 10.0)?;
+    let stage = splat::new(&resources, &shared, (&buffer, depth), &settings, conserving, 10.0)?;
     rig.run(&[&stage])?;
     rig.channel(stage.texture(), 0)
 }
@@ -304,7 +303,7 @@ fn scene_energy(rig: &Rig<'_>, name: &str) -> Result<Vec<Check>, VerifyError> {
     let file = SceneFile::load(name)?;
     let scene = Scene::build(&file)?;
     let params = energy_params(&file);
-    let pipeline = Underwater::new(rig.gpu, &scene, params.clone())?;
+    let pipeline = Built::<Underwater>::new(rig.gpu, &scene, &params)?;
     run_until(rig, &pipeline, STAGE)?;
     let estimated = splat_image(rig, &pipeline)?.sum();
 
@@ -363,7 +362,7 @@ fn point_flux(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
     let scene = Scene::build(&file)?;
     let mut params = energy_params(&file);
     params.caustics.grid = 128;
-    let pipeline = Underwater::new(rig.gpu, &scene, params)?;
+    let pipeline = Built::<Underwater>::new(rig.gpu, &scene, &params)?;
     run_until(rig, &pipeline, STAGE)?;
     let seen_w = splat_image(rig, &pipeline)?.sum();
 
@@ -400,7 +399,7 @@ fn draw_in_scene(
     let geometry = Geometry::new(&resources, scene);
     let gbuffer = Gbuffer::new(&resources, &shared, &geometry, view.size_px.to_array())?;
     rig.run(&[&gbuffer])?;
-    draw(rig, view, photons, &gbuffer.depth, rules)
+    draw(rig, view, photons, &gbuffer.textures.depth, rules)
 }
 
 pub(super) fn energy_params(file: &SceneFile) -> Params {
@@ -414,18 +413,7 @@ pub(super) fn energy_params(file: &SceneFile) -> Params {
 }
 
 pub(super) fn splat_image(rig: &Rig<'_>, pipeline: &Underwater) -> Result<Image, VerifyError> {
-    let stages = pipeline.stages();
-    let outputs = stages
-        .iter()
-        .find(|stage| stage.name() == STAGE)
-        .map(|stage| stage.outputs())
-        .unwrap_or_default();
-    for output in outputs {
-        if let crate::stages::OutputData::Texture(texture) = output.data {
-            return rig.channel(&texture, 0);
-        }
-    }
-    Err(VerifyError::Empty { stage: STAGE, what: "splats".into() })
+    rig.channel(pipeline.caustics.drawn.texture(), 0)
 }
 
 /// Depth that an exact rasterizer stores at each pixel of a camera.

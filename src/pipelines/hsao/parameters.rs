@@ -1,95 +1,65 @@
 //! Parameters of the horizon-split pipeline, their defaults with sources, and their ranges.
 
 use glam::Vec2;
-use serde::{Deserialize, Serialize};
-use serde_json::Value;
 
+use crate::parameter::ParamError;
+use crate::pipelines::Parameters;
 use crate::pipelines::settings::{
-    Attenuation, Compose, Filter, R_MAX_SHARE, Shadow, View, scaled, within,
+    Attenuation, Compose, Filter, R_MAX_SHARE, Shadow, View, scaled, staged,
 };
 use crate::scene::{Camera, Light, SceneFile};
-use crate::stages::hsao::march::MarchUniforms;
+use crate::settings;
+use crate::stages::hsao::march::HorizonUniforms;
 
-/// Everything that can be set. The dotted paths of `--set` are these fields' names.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Params {
-    pub view: View,
-    pub camera: Camera,
-    pub light: Light,
-    /// Depth of the scene's floor under the resting water, metres.
-    pub floor_depth_m: f64,
-    /// Objects of the scene file that stand, from the first on; 0: all.
-    pub objects: u32,
-    pub shadow: Shadow,
-    pub hsao: Hsao,
-    pub filter: Filter,
-    pub compose: Compose,
-}
-
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct Hsao {
-    /// Directions around a pixel in which the horizon is sought. VAO Fig. 9: 16.
-    pub directions: u32,
-    /// Samples of depth along each. VAO Fig. 9: 16.
-    pub steps: u32,
-    /// Rays marched above the horizon, shared among the directions. With the defaults a pixel takes at most `directions ×
-    /// steps + rays × ray_steps` = 400 samples of depth, as in VAO Fig. 8; more rays and fewer steps have larger errors on
-    /// scenes bunny_dry, sponza and corner.
-    pub rays: u32,
-    /// Samples of depth along each ray.
-    pub ray_steps: u32,
-    /// Distance up to which geometry occludes, metres; 0: `r_max_share`.
-    pub r_max_m: f64,
-    /// The same as a share of the scene's longest side.
-    pub r_max_share: f64,
-    pub attenuation: Attenuation,
-    /// Difference of depth beyond which samples belong to another layer of surfaces, share of r_max: such samples do not
-    /// raise the horizon, and rays pass behind such layers. VAO §6 gives none; tuned on scenes bunny_dry and sponza.
-    pub layer_share: f64,
-    /// Size of the occlusion buffer relative to the viewport.
-    pub scale: f64,
-    /// Whether the buffer is smoothed and brought to the viewport's size.
-    pub filter: bool,
-}
-
-impl Default for Hsao {
-    fn default() -> Self {
-        Self {
-            directions: 16,
-            steps: 16,
-            rays: 18,
-            ray_steps: 8,
-            r_max_m: 0.0,
-            r_max_share: R_MAX_SHARE,
-            attenuation: Attenuation::Linear,
-            layer_share: 0.5,
-            scale: 1.0,
-            filter: true,
-        }
+settings! {
+    /// Everything that can be set. The dotted paths of `--set` are these fields' names.
+    pub struct Params from file: SceneFile {
+        view: View = View::default();
+        camera: Camera = file.camera.clone();
+        light: Light = file.light.clone();
+        /// Depth of the scene's floor under the resting water.
+        floor_depth_m: f64 = file.floor_depth_m => 0.01 ..= 1000.0, "m";
+        /// Objects of the scene file that stand, from the first on; 0: all.
+        objects: u32 = 0 => 0 ..= 1_000_000, "1";
+        shadow: Shadow = Shadow::default();
+        hsao: Horizon = Horizon::default();
+        filter: Filter = Filter::default();
+        compose: Compose = Compose::default();
     }
 }
 
-impl Hsao {
-    fn validate(&self) -> Result<(), String> {
-        let counts = [
-            ("directions", self.directions, 1.0),
-            ("steps", self.steps, 1.0),
-            ("rays", self.rays, 0.0),
-            ("ray_steps", self.ray_steps, 1.0),
-        ];
-        for (name, count, least) in counts {
-            within("hsao", name, f64::from(count), least, 4096.0)?;
-        }
-        within("hsao", "r_max_m", self.r_max_m, 0.0, 1e4)?;
-        within("hsao", "r_max_share", self.r_max_share, 1e-3, 4.0)?;
-        within("hsao", "layer_share", self.layer_share, 1e-3, 100.0)?;
-        within("hsao", "scale", self.scale, 0.05, 1.0)
+settings! {
+    /// How horizons are sought and rays marched above them.
+    pub struct Horizon {
+        /// Directions around a pixel in which the horizon is sought. VAO Fig. 9: 16.
+        directions: u32 = 16 => 1 ..= 4096, "1";
+        /// Samples of depth along each. VAO Fig. 9: 16.
+        steps: u32 = 16 => 1 ..= 4096, "1";
+        /// Rays marched above the horizon, shared among the directions. With the defaults a pixel takes at most `directions ×
+        /// steps + rays × ray_steps` = 400 samples of depth, as in VAO Fig. 8; more rays and fewer steps have larger errors on
+        /// scenes bunny_dry, sponza and corner.
+        rays: u32 = 18 => 0 ..= 4096, "1";
+        /// Samples of depth along each ray.
+        ray_steps: u32 = 8 => 1 ..= 4096, "1";
+        /// Distance up to which geometry occludes; 0: `r_max_share`.
+        r_max_m: f64 = 0.0 => 0.0 ..= 1e4, "m";
+        /// The same as a share of the scene's longest side.
+        r_max_share: f64 = R_MAX_SHARE => 1e-3 ..= 4.0, "1";
+        /// How occluders weigh by their distance.
+        attenuation: Attenuation = Attenuation::Linear;
+        /// Difference of depth beyond which samples belong to another layer of surfaces, share of r_max: such samples do not
+        /// raise the horizon, and rays pass behind such layers. VAO §6 gives none; tuned on scenes bunny_dry and sponza.
+        layer_share: f64 = 0.5 => 1e-3 ..= 100.0, "1";
+        /// Size of the occlusion buffer relative to the viewport.
+        scale: f64 = 1.0 => 0.05 ..= 1.0, "1";
+        /// Whether the buffer is smoothed and brought to the viewport's size.
+        filter: bool = true;
     }
+}
 
-    pub fn uniforms(&self, buffer_px: [u32; 2], r_max_m: f64) -> MarchUniforms {
-        MarchUniforms {
+impl Horizon {
+    pub fn uniforms(&self, buffer_px: [u32; 2], r_max_m: f64) -> HorizonUniforms {
+        HorizonUniforms {
             size_px: Vec2::from(buffer_px.map(|side| side as f32)),
             r_max_m: r_max_m as f32,
             layer_m: (self.layer_share * r_max_m) as f32,
@@ -101,73 +71,52 @@ impl Hsao {
     }
 }
 
-impl Params {
-    /// Defaults with what the scene file says of camera, light and floor.
-    pub fn from_scene(file: &SceneFile) -> Self {
-        Self {
-            view: View::default(),
-            camera: file.camera.clone(),
-            light: file.light.clone(),
-            floor_depth_m: file.floor_depth_m,
-            objects: 0,
-            shadow: Shadow::default(),
-            hsao: Hsao::default(),
-            filter: Filter::default(),
-            compose: Compose::default(),
-        }
+impl Parameters for Params {
+    fn defaults(file: &SceneFile) -> Self {
+        Self::from_scene(file)
     }
 
-    pub fn to_value(&self) -> Value {
-        serde_json::to_value(self).expect("parameters are plain numbers and names")
+    fn staged(&self, file: &SceneFile) -> Result<SceneFile, ParamError> {
+        Ok(staged(file, self.floor_depth_m, &self.camera, &self.light, self.objects))
     }
 
-    /// Reads and checks a parameter tree.
-    ///
-    /// # Errors
-    /// One line naming the parameter and its range.
-    pub fn from_value(value: &Value) -> Result<Self, String> {
-        let params: Self = serde_path_to_error::deserialize(value)
-            .map_err(|error| format!("{}: {}", error.path(), error.inner()))?;
-        params.validate()?;
-        Ok(params)
-    }
-
-    fn validate(&self) -> Result<(), String> {
+    fn consistent(&self) -> Result<(), ParamError> {
         self.camera.validate()?;
-        self.light.validate()?;
-        self.view.validate()?;
-        self.shadow.validate()?;
-        self.hsao.validate()?;
-        self.filter.validate()?;
-        self.compose.validate()
+        Ok(self.light.validate()?)
     }
 
+    fn camera(&self) -> &Camera {
+        &self.camera
+    }
+
+    fn camera_mut(&mut self) -> &mut Camera {
+        &mut self.camera
+    }
+}
+
+impl Params {
     /// Pixels of the occlusion buffer.
     pub fn buffer_px(&self) -> [u32; 2] {
-        scaled(&self.view, self.hsao.scale)
+        scaled([self.view.width, self.view.height], self.hsao.scale)
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use serde_json::json;
+    use serde_json::{Value, json};
 
     use super::*;
-    use crate::pipelines::params;
+    use crate::{parameter, pipelines};
 
-    fn defaults() -> Value {
-        Params::from_scene(&SceneFile::load("tank").unwrap()).to_value()
-    }
-
-    fn with(path: &str, value: Value) -> Result<Params, String> {
-        let mut tree = defaults();
-        params::set(&mut tree, path, value).unwrap();
-        Params::from_value(&tree)
+    fn with(path: &str, value: Value) -> Result<Params, ParamError> {
+        let mut tree = parameter::tree(&Params::from_scene(&SceneFile::load("tank").unwrap()));
+        parameter::set(&mut tree, path, value).unwrap();
+        pipelines::read(&tree)
     }
 
     #[test]
     fn defaults_take_as_many_samples_as_the_paper() {
-        let params = Params::from_value(&defaults()).unwrap();
+        let params = Params::from_scene(&SceneFile::load("tank").unwrap());
         let uniforms = params.hsao.uniforms(params.buffer_px(), 1.0);
         assert_eq!(uniforms.samples_per_pixel(), 400);
     }
@@ -184,7 +133,7 @@ mod tests {
             ("shadow.size", json!(0)),
         ];
         for (path, value) in bad {
-            let error = with(path, value).unwrap_err();
+            let error = with(path, value).unwrap_err().to_string();
             assert!(error.starts_with(path), "{error}");
         }
     }

@@ -2,57 +2,56 @@
 
 use glam::{Vec2, Vec3};
 use serde::{Deserialize, Serialize};
-use serde_json::Value;
 
-use crate::pipelines::settings::{Attenuation, View, within};
+use crate::parameter::{ParamError, within};
+use crate::pipelines::Parameters;
+use crate::pipelines::settings::{Attenuation, View, staged};
 use crate::scene::{Camera, Light, SceneFile, Volume, VolumeFile};
-use crate::stages::ray_cast::MarchUniforms;
+use crate::stages::ray_cast::CastUniforms;
 use crate::stages::scalar_field;
+use crate::{choices, settings};
 
 /// View steps along a field's diagonal at most: a frame beyond it takes seconds on any adapter.
 const MAX_VIEW_STEPS: f64 = 8192.0;
 
-/// Everything that can be set. The dotted paths of `--set` are these fields' names.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Params {
-    pub view: View,
-    pub camera: Camera,
-    pub light: Light,
-    /// Depth of the scene's floor under the resting water, metres.
-    pub floor_depth_m: f64,
-    pub volume: Cells,
-    pub scalar: Scalar,
+settings! {
+    /// Everything that can be set. The dotted paths of `--set` are these fields' names.
+    pub struct Params from file: SceneFile {
+        view: View = View::default();
+        camera: Camera = file.camera.clone();
+        light: Light = file.light.clone();
+        /// Depth of the scene's floor under the resting water.
+        floor_depth_m: f64 = file.floor_depth_m => 0.01 ..= 1000.0, "m";
+        volume: Cells = Cells::of(&file.volume.clone().unwrap_or_default());
+        scalar: Scalar = Scalar::default();
+    }
 }
 
-/// How finely the scene's volume is sampled.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct Cells {
-    /// Cells along x, y and z of a generated volume; all 0: the generator's own number.
-    pub cells: [u32; 3],
-    /// Each axis has so many times fewer cells.
-    pub reduce: u32,
-}
-
-impl Default for Cells {
-    fn default() -> Self {
-        let VolumeFile { cells, reduce, .. } = VolumeFile::default();
-        Self { cells, reduce }
+settings! {
+    /// How finely the scene's volume is sampled.
+    pub struct Cells {
+        /// Cells along x, y and z of a generated volume; all 0: the generator's own number.
+        cells: [u32; 3] = VolumeFile::default().cells => 0 ..= 4_294_967_295u32, "1";
+        /// Each axis has so many times fewer cells.
+        reduce: u32 = VolumeFile::default().reduce => 0 ..= 4_294_967_295u32, "1";
     }
 }
 
 impl Cells {
+    fn of(volume: &VolumeFile) -> Self {
+        Self { cells: volume.cells, reduce: volume.reduce }
+    }
+
     /// The scene's volume with these cells.
     ///
     /// # Errors
     /// Cells that a file or an asset gives itself.
-    pub fn put_into(&self, volume: &VolumeFile) -> Result<VolumeFile, String> {
+    pub fn put_into(&self, volume: &VolumeFile) -> Result<VolumeFile, ParamError> {
         if self.cells != volume.cells && volume.generator.is_none() {
-            return Err(format!(
+            return Err(ParamError::Unfit(format!(
                 "volume.cells is {:?}: the scene's volume is not generated, only volume.reduce changes its cells",
                 self.cells
-            ));
+            )));
         }
         let volume = VolumeFile { cells: self.cells, reduce: self.reduce, ..volume.clone() };
         volume.validate()?;
@@ -91,136 +90,85 @@ pub enum Law {
     Beer,
 }
 
-/// The stage, its marching and its transfer function.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct Scalar {
-    pub mode: Mode,
-    /// d_iso, value of the isosurface. Between air and casting of scene engine.
-    pub iso: f64,
-    /// d_tol. VAO §5.2.1 calls it volume-dependent and gives none: it must be less than the values fall within half a cell's
-    /// diagonal, or the surface occludes itself. Tuned on scene engine.
-    pub tolerance: f64,
-    pub stop: Stop,
-    pub attenuation: Attenuation,
-    /// Rays from each shaded point. VAO §5.2.4: 20.
-    pub rays: u32,
-    /// N_samples of a ray at most. VAO §6.3: 8 in Fig. 7.
-    pub samples: u32,
-    /// Length of the rays, metres; 0: `r_max_share` times the longest side of the scene.
-    pub r_max_m: f64,
-    /// VAO gives none; tuned on scene engine.
-    pub r_max_share: f64,
-    pub law: Law,
-    /// Whether samples of falling value count for nothing. VAO Eq. 4.
-    pub rejection: bool,
-    /// V_thres: isosurfaces: value that stops a ray; media: opacity of a voxel beyond which a ray ends, 1: none does.
-    /// VAO §6.5: best within 0.2 to 0.8.
-    pub threshold: f64,
-    /// σ at the end of the window where `law` is `beer`, 1/m. Tuned on scene smoke.
-    pub density_per_m: f64,
-    /// Values at which opacity begins and is full; V of the paper's equations runs from 0 to 1 between them.
-    pub window: [f64; 2],
-    /// Opacity of a voxel at the end of the window where `law` is `opacity`.
-    pub opacity: f64,
-    /// Whether strata longer than a voxel read coarser levels of an average pyramid. VAO §5.2.3.
-    pub pyramid: bool,
-    /// Step along view rays, voxels. The Nyquist rate of a grid is two samples a cell; one is what ray casters commonly take.
-    pub view_step_voxels: f64,
-    /// Share of the light that comes evenly from all sides.
-    pub ambient: f64,
-    /// Colours at the ends of the window, linear RGB.
-    pub low_color: [f32; 3],
-    pub high_color: [f32; 3],
-}
+choices!(Mode, Stop, Law);
 
-impl Default for Scalar {
-    fn default() -> Self {
-        Self {
-            mode: Mode::Isosurface,
-            iso: 0.4,
-            tolerance: 0.1,
-            stop: Stop::Threshold,
-            attenuation: Attenuation::Linear,
-            rays: 20,
-            samples: 8,
-            r_max_m: 0.0,
-            r_max_share: 0.25,
-            law: Law::Opacity,
-            rejection: true,
-            threshold: 0.4,
-            density_per_m: 20.0,
-            window: [0.0, 1.0],
-            opacity: 1.0,
-            pyramid: true,
-            view_step_voxels: 1.0,
-            ambient: 0.5,
-            low_color: [0.85, 0.78, 0.7],
-            high_color: [0.95, 0.93, 0.9],
-        }
+settings! {
+    /// The stage, its marching and its transfer function.
+    pub struct Scalar {
+        /// The stage of family `scalar` that runs.
+        mode: Mode = Mode::Isosurface;
+        /// d_iso, value of the isosurface. Between air and casting of scene engine.
+        iso: f64 = 0.4 => 0.0 ..= 1.0, "1";
+        /// d_tol. VAO §5.2.1 calls it volume-dependent and gives none: it must be less than the values fall within half a
+        /// cell's diagonal, or the surface occludes itself. Tuned on scene engine.
+        tolerance: f64 = 0.1 => 1e-4 ..= 1.0, "1";
+        /// What ends a ray from an isosurface.
+        stop: Stop = Stop::Threshold;
+        /// How occluders weigh by their distance.
+        attenuation: Attenuation = Attenuation::Linear;
+        /// Rays from each shaded point. VAO §5.2.4: 20.
+        rays: u32 = 20 => 1 ..= 4096, "1";
+        /// N_samples of a ray at most. VAO §6.3: 8 in Fig. 7.
+        samples: u32 = 8 => 1 ..= 1024, "1";
+        /// Length of the rays; 0: `r_max_share` times the longest side of the scene.
+        r_max_m: f64 = 0.0 => 0.0 ..= 1e5, "m";
+        /// VAO gives none; tuned on scene engine.
+        r_max_share: f64 = 0.25 => 1e-3 ..= 4.0, "1";
+        /// What values of the field mean in a medium.
+        law: Law = Law::Opacity;
+        /// Whether samples of falling value count for nothing. VAO Eq. 4.
+        rejection: bool = true;
+        /// V_thres: isosurfaces: value that stops a ray; media: opacity of a voxel beyond which a ray ends, 1: none does.
+        /// VAO §6.5: best within 0.2 to 0.8.
+        threshold: f64 = 0.4 => 1e-3 ..= 1.0, "1";
+        /// σ at the end of the window where `law` is `beer`. Tuned on scene smoke.
+        density_per_m: f64 = 20.0 => 0.0 ..= 1e6, "1/m";
+        /// Values at which opacity begins and is full; V of the paper's equations runs from 0 to 1 between them.
+        window: [f64; 2] = [0.0, 1.0] => 0.0 ..= 1.0, "1";
+        /// Opacity of a voxel at the end of the window where `law` is `opacity`.
+        opacity: f64 = 1.0 => 0.0 ..= 1.0, "1";
+        /// Whether strata longer than a voxel read coarser levels of an average pyramid. VAO §5.2.3.
+        pyramid: bool = true;
+        /// Step along view rays. The Nyquist rate of a grid is two samples a cell; one is what ray casters commonly take.
+        view_step_voxels: f64 = 1.0 => 0.05 ..= 16.0, "voxels";
+        /// Share of the light that comes evenly from all sides.
+        ambient: f64 = 0.5 => 0.0 ..= 1.0, "1";
+        /// Colour at the window's beginning, linear RGB.
+        low_color: [f32; 3] = [0.85, 0.78, 0.7] => 0.0 ..= 1.0, "1";
+        /// Colour at the window's end, linear RGB.
+        high_color: [f32; 3] = [0.95, 0.93, 0.9] => 0.0 ..= 1.0, "1";
     }
 }
 
-impl Params {
-    /// Defaults with what the scene file says of camera, light and floor.
-    pub fn from_scene(file: &SceneFile) -> Self {
-        Self {
-            view: View::default(),
-            camera: file.camera.clone(),
-            light: file.light.clone(),
-            floor_depth_m: file.floor_depth_m,
-            volume: file.volume.as_ref().map_or_else(Cells::default, |volume| Cells {
-                cells: volume.cells,
-                reduce: volume.reduce,
-            }),
-            scalar: Scalar::default(),
-        }
+impl Parameters for Params {
+    fn defaults(file: &SceneFile) -> Self {
+        Self::from_scene(file)
     }
 
-    pub fn to_value(&self) -> Value {
-        serde_json::to_value(self).expect("parameters are plain numbers and names")
+    fn staged(&self, file: &SceneFile) -> Result<SceneFile, ParamError> {
+        let volume = file.volume.as_ref().map(|v| self.volume.put_into(v)).transpose()?;
+        let staged = staged(file, self.floor_depth_m, &self.camera, &self.light, 0);
+        Ok(SceneFile { volume, ..staged })
     }
 
-    /// Reads and checks a parameter tree.
-    ///
-    /// # Errors
-    /// One line naming the parameter and its range.
-    pub fn from_value(value: &Value) -> Result<Self, String> {
-        let params: Self = serde_path_to_error::deserialize(value)
-            .map_err(|error| format!("{}: {}", error.path(), error.inner()))?;
-        params.camera.validate()?;
-        params.light.validate()?;
-        params.view.validate()?;
-        params.scalar.validate()?;
-        Ok(params)
+    fn consistent(&self) -> Result<(), ParamError> {
+        self.camera.validate()?;
+        self.light.validate()?;
+        let [low, high] = self.scalar.window;
+        within("scalar.window[0]", low, 0.0, 0.999)?;
+        within("scalar.window[1]", high, low + 1e-3, 1.0)
+    }
+
+    fn camera(&self) -> &Camera {
+        &self.camera
+    }
+
+    fn camera_mut(&mut self) -> &mut Camera {
+        &mut self.camera
     }
 }
 
 impl Scalar {
-    fn validate(&self) -> Result<(), String> {
-        let scalar =
-            |name: &str, value: f64, low: f64, high: f64| within("scalar", name, value, low, high);
-        scalar("iso", self.iso, 0.0, 1.0)?;
-        scalar("tolerance", self.tolerance, 1e-4, 1.0)?;
-        scalar("rays", f64::from(self.rays), 1.0, 4096.0)?;
-        scalar("samples", f64::from(self.samples), 1.0, 1024.0)?;
-        scalar("r_max_m", self.r_max_m, 0.0, 1e5)?;
-        scalar("r_max_share", self.r_max_share, 1e-3, 4.0)?;
-        scalar("threshold", self.threshold, 1e-3, 1.0)?;
-        scalar("density_per_m", self.density_per_m, 0.0, 1e6)?;
-        scalar("window[0]", self.window[0], 0.0, 0.999)?;
-        scalar("window[1]", self.window[1], self.window[0] + 1e-3, 1.0)?;
-        scalar("opacity", self.opacity, 0.0, 1.0)?;
-        scalar("view_step_voxels", self.view_step_voxels, 0.05, 16.0)?;
-        scalar("ambient", self.ambient, 0.0, 1.0)?;
-        for (name, color) in [("low_color", self.low_color), ("high_color", self.high_color)] {
-            for c in color {
-                scalar(name, f64::from(c), 0.0, 1.0)?;
-            }
-        }
-        Ok(())
-    }
-
     /// Length of the rays in a scene whose longest side is `longest_m`, metres.
     pub fn reach_m(&self, longest_m: f64) -> f64 {
         if self.r_max_m > 0.0 { self.r_max_m } else { self.r_max_share * longest_m }
@@ -230,21 +178,21 @@ impl Scalar {
     ///
     /// # Errors
     /// Rays shorter than a voxel, and view steps too many.
-    pub fn suits(&self, volume: &Volume, longest_m: f64) -> Result<(), String> {
+    pub fn suits(&self, volume: &Volume, longest_m: f64) -> Result<(), ParamError> {
         let voxel_m = scalar_field::voxel_m(volume.spacing_m);
         let r_max_m = self.reach_m(longest_m);
         if r_max_m < voxel_m {
             let name = if self.r_max_m > 0.0 { "r_max_m" } else { "r_max_share" };
-            return Err(format!(
+            return Err(ParamError::Unfit(format!(
                 "scalar.{name} makes rays of {r_max_m:.4} m: they must be at least a voxel long, {voxel_m:.4} m"
-            ));
+            )));
         }
         let steps = volume.bounds().size().length() / (self.view_step_voxels * voxel_m);
         if steps > MAX_VIEW_STEPS {
-            return Err(format!(
+            return Err(ParamError::Unfit(format!(
                 "scalar.view_step_voxels is {}: {steps:.0} steps through the volume, at most {MAX_VIEW_STEPS}",
                 self.view_step_voxels
-            ));
+            )));
         }
         Ok(())
     }
@@ -268,9 +216,9 @@ impl Scalar {
     }
 
     /// The shader's settings for cells of edge `voxel_m` and rays of `r_max_m`.
-    pub fn uniforms(&self, size_px: [u32; 2], voxel_m: f64, r_max_m: f64) -> MarchUniforms {
+    pub fn uniforms(&self, size_px: [u32; 2], voxel_m: f64, r_max_m: f64) -> CastUniforms {
         let stratum_m = r_max_m / f64::from(self.samples);
-        MarchUniforms {
+        CastUniforms {
             size_px: Vec2::from(size_px.map(|n| n as f32)),
             window: Vec2::from(self.window.map(|v| v as f32)),
             low_color: Vec3::from(self.low_color),

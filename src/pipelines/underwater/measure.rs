@@ -1,10 +1,11 @@
 //! Figures read back from a frame: what became of the photons.
 
 use std::collections::BTreeMap;
+use std::rc::Rc;
 
 use super::{Intensity, Params, Underwater, view};
 use crate::gpu::{Gpu, GpuError, read_buffer, read_texture};
-use crate::pipelines::Pipeline;
+use crate::pipelines::{AnyPipeline, Built, Pipeline};
 use crate::scene::Scene;
 use crate::stages::frame::Shared;
 use crate::stages::geometry::Geometry;
@@ -14,23 +15,17 @@ use crate::stages::photons::query::{Answer, Query, Start};
 use crate::stages::shadow;
 
 impl Underwater {
+    /// Shares of the photons that never enter the water, and that leave the light's frustum.
     pub(super) fn measured_quantities(&self, gpu: &Gpu) -> Result<BTreeMap<String, f64>, GpuError> {
-        let grids = [
-            ("caustics", &self.caustics_trace.0.photons, self.params.caustics.tolerance_m),
-            ("godrays", &self.godrays_trace.0.photons, self.params.godrays.tolerance_m),
-        ];
         let mut quantities = BTreeMap::new();
-        for (name, photons, tolerance_m) in grids {
-            let photons = read_photons(gpu, photons)?;
-            let share = |test: &dyn Fn(&Photon) -> bool| {
-                photons.iter().filter(|p| test(p)).count() as f64 / photons.len() as f64
+        for (name, _, _, photons) in self.grids() {
+            let photons: Vec<Photon> = bytemuck::pod_collect_to_vec(&read_buffer(gpu, photons)?);
+            let share = |residual_m: f32| {
+                let alike = photons.iter().filter(|p| p.residual_m == residual_m);
+                alike.count() as f64 / photons.len() as f64
             };
-            let tolerance = tolerance_m as f32;
-            let figures = [
-                ("missed_water_rate", share(&|p| p.residual_m == MISSED)),
-                ("left_frustum_rate", share(&|p| p.residual_m == OUTSIDE)),
-                ("unconverged_rate", share(&|p| p.residual_m > tolerance)),
-            ];
+            let figures =
+                [("missed_water_rate", share(MISSED)), ("left_frustum_rate", share(OUTSIDE))];
             quantities.extend(figures.map(|(figure, value)| (format!("{name}_{figure}"), value)));
         }
         Ok(quantities)
@@ -42,31 +37,54 @@ pub fn read_photons(gpu: &Gpu, photons: &Photons) -> Result<Vec<Photon>, GpuErro
     Ok(bytemuck::pod_collect_to_vec(&read_buffer(gpu, &photons.buffer)?))
 }
 
-/// Photons from given starts, by the settings of `caustics` and the scene as the light sees it. One start at least.
+/// What asking where photons land makes: the scene as the light sees it, and the query over it.
+pub struct PhotonQuery(Rc<Query>);
+
+impl PhotonQuery {
+    /// By the settings of `caustics`. One start at least.
+    ///
+    /// # Errors
+    /// What the GPU reports.
+    pub fn new(
+        resources: &Resources<'_>,
+        scene: &Scene,
+        params: &Params,
+        starts: &[Start],
+    ) -> Result<Self, GpuError> {
+        scene.needs_objects(Underwater::NAME).map_err(GpuError::Unusable)?;
+        let shared = Shared::new(resources, &view(params, scene));
+        let geometry = Geometry::new(resources, scene);
+        let of_light = resources.sized_by("shadow.size");
+        let depth = shadow::depth::Depth::new(&of_light, &shared, &geometry, params.shadow.size)?;
+        let depth = of_light.push_once(depth);
+        let cells = params.surface.cells;
+        let mask = shadow::mask::Mask::new(&of_light, &shared, depth.texture(), cells)?;
+        let mask = of_light.push_once(mask);
+        let query = Query::new(
+            resources,
+            &shared,
+            (depth.texture(), mask.texture()),
+            starts,
+            &params.caustics.grid_settings().uniforms(),
+            params.caustics.intensity == Intensity::Conserving,
+        )?;
+        Ok(Self(resources.push_once(query)))
+    }
+}
+
+/// Photons from given starts: see [`PhotonQuery::new`].
 ///
 /// # Errors
-/// What the GPU reports.
+/// As there.
 pub fn photons_at(
     gpu: &Gpu,
     scene: &Scene,
     params: &Params,
     starts: &[Start],
 ) -> Result<Vec<Answer>, GpuError> {
-    let resources = &Resources::new(gpu);
-    let shared = Shared::new(resources, &view(params, scene));
-    let geometry = Geometry::new(resources, scene);
-    let depth = shadow::depth::Depth::new(resources, &shared, &geometry, params.shadow.size)?;
-    let cells = params.surface.cells;
-    let mask = shadow::mask::Mask::new(resources, &shared, depth.texture(), cells)?;
-    let query = Query::new(
-        resources,
-        &shared,
-        (depth.texture(), mask.texture()),
-        starts,
-        &params.caustics.grid_settings().uniforms(),
-        params.caustics.intensity == Intensity::Conserving,
-    )?;
-    gpu.run(&[&depth, &mask, &query])?;
+    let resources = Resources::new(gpu);
+    let PhotonQuery(query) = PhotonQuery::new(&resources, scene, params, starts)?;
+    resources.into_parts().run_once(gpu)?;
     Ok(bytemuck::pod_collect_to_vec(&read_buffer(gpu, &query.answers)?))
 }
 
@@ -85,19 +103,19 @@ pub fn blended_fragments(
     params.caustics.intensity = Intensity::Paper;
     params.godrays.intensity = Intensity::Paper;
     params.godrays.phase_k = 0.0;
-    let pipeline = gpu.scoped(|| Underwater::new(gpu, scene, params))?;
+    let pipeline = gpu.scoped(|| Built::<Underwater>::new(gpu, scene, &params))?;
     gpu.run(&pipeline.stages())?;
 
     let isotropic = 1.0 / (4.0 * std::f64::consts::PI);
     let targets = [
         (
             "caustics/splat",
-            pipeline.caustics_splat.texture(),
+            pipeline.caustics.drawn.texture(),
             f64::from(pipeline.plan.splat.photon_w),
         ),
         (
             "godrays/lines",
-            pipeline.godrays_lines.texture(),
+            pipeline.godrays.drawn.texture(),
             f64::from(pipeline.plan.lines.photon_w) * isotropic,
         ),
     ];

@@ -2,54 +2,61 @@
 
 use glam::Vec2;
 use serde::{Deserialize, Serialize};
-use serde_json::Value;
 
+use crate::parameter::{ParamError, within};
+use crate::pipelines::Parameters;
+use crate::pipelines::settings::scaled;
 use crate::scene::{Camera, Light, SceneFile, Water};
 use crate::stages::low_pass::FilterUniforms;
 use crate::stages::photon::TraceUniforms;
+use crate::{choices, settings};
 
-/// Everything that can be set. The dotted paths of `--set` are these fields' names.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Params {
-    pub view: Viewport,
-    pub camera: Camera,
-    pub light: Light,
-    pub water: Water,
-    /// Depth of the scene's floor under the resting water, metres.
-    pub floor_depth_m: f64,
-    pub shadow: ShadowMap,
-    pub surface: Surface,
-    pub caustics: Caustics,
-    pub godrays: Godrays,
-    pub compose: Composition,
+settings! {
+    /// Everything that can be set. The dotted paths of `--set` are these fields' names.
+    pub struct Params from file: SceneFile {
+        view: Viewport = Viewport::default();
+        camera: Camera = file.camera.clone();
+        light: Light = file.light.clone();
+        water: Water = file.water.clone();
+        /// Depth of the scene's floor under the resting water.
+        floor_depth_m: f64 = file.floor_depth_m => 0.01 ..= 1000.0, "m";
+        shadow: ShadowMap = ShadowMap::default();
+        surface: Surface = Surface::default();
+        caustics: Caustics = Caustics::default();
+        godrays: Godrays = Godrays::default();
+        compose: Composition = Composition::default();
+    }
 }
 
-/// Pixels of the main viewport. UW §4.1: 800 × 800.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct Viewport {
-    pub width: u32,
-    pub height: u32,
+settings! {
+    /// Pixels of the main viewport. UW §4.1: 800 × 800.
+    pub struct Viewport {
+        /// Columns.
+        width: u32 = 800 => 1 ..= 1_000_000, "px";
+        /// Rows.
+        height: u32 = 800 => 1 ..= 1_000_000, "px";
+    }
 }
 
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct ShadowMap {
-    /// Texels per side. UW gives none; 1024 resolves 1 cm in a 10 m scene.
-    pub size: u32,
-    /// Step of depth between neighbouring texels that counts as an edge, metres: across it the estimator does
-    /// not interpolate. Tuned on scene tank.
-    pub edge_m: f64,
+settings! {
+    /// The light's depth, which photons look up.
+    pub struct ShadowMap {
+        /// Texels per side. UW gives none; 1024 resolves 1 cm in a 10 m scene.
+        size: u32 = 1024 => 1 ..= 1_000_000, "px";
+        /// Step of depth between neighbouring texels that counts as an edge: across it the estimator does not interpolate.
+        /// Tuned on scene tank.
+        edge_m: f64 = 0.1 => 0.0 ..= 1e4, "m";
+    }
 }
 
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct Surface {
-    /// Size of the reflection and refraction buffers relative to the viewport.
-    pub scale: f64,
-    /// Quads per side of the grid that draws the water.
-    pub cells: u32,
+settings! {
+    /// The water's surface as it is drawn.
+    pub struct Surface {
+        /// Size of the reflection and refraction buffers relative to the viewport.
+        scale: f64 = 0.5 => 0.01 ..= 4.0, "1";
+        /// Quads per side of the grid that draws the water.
+        cells: u32 = 128 => 1 ..= 8192, "1";
+    }
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -71,144 +78,97 @@ pub enum SubdivisionMode {
     Dynamic,
 }
 
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct Caustics {
-    /// Cells per side of the photon grid. UW §4.1: 200.
-    pub grid: u32,
-    /// Photons per cell, a square number. UW §4.2: 4.
-    pub subdivision: u32,
-    pub subdivision_mode: SubdivisionMode,
-    /// Place of each photon in its share of the cell, 0 … 1; the middle is 0.5.
-    pub offset: [f64; 2],
-    /// Iterations of the estimator. UW gives none: errors shrink by about the square of the sine between ray and light
-    /// at each, so that 6 reach below a millimetre on smooth floors.
-    pub iterations: u32,
-    /// First estimate d0 of the path under water, metres. UW gives none.
-    pub start_m: f64,
-    /// Residual below which a photon counts as converged, metres.
-    pub tolerance_m: f64,
-    /// Whether photons are tested against the water mask. UW §3 step 2b.
-    pub mask: bool,
-    /// Pixels of the buffer; 0 × 0 scales it with the viewport by 0.64. UW §4.1: 512 × 512 at 800 × 800.
-    pub buffer: [u32; 2],
-    /// UW §4.1: 5 and 20 px.
-    pub point_size_min_px: f64,
-    pub point_size_max_px: f64,
-    /// How far splats are drawn towards the camera before the depth test, so that the floor they lie on does not hide
-    /// half of them, metres. Tuned on scene tank.
-    pub depth_bias_m: f64,
-    pub intensity: Intensity,
-    pub filter: bool,
-    /// UW §3.5 gives neither taps nor radius.
-    pub filter_taps: u32,
-    pub filter_radius_px: f64,
-}
+choices!(Intensity, SubdivisionMode);
 
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct Godrays {
-    /// Cells per side of the photon grid. UW §4.1: 100.
-    pub grid: u32,
-    pub subdivision: u32,
-    pub subdivision_mode: SubdivisionMode,
-    pub offset: [f64; 2],
-    pub iterations: u32,
-    pub start_m: f64,
-    pub tolerance_m: f64,
-    pub mask: bool,
-    /// Pixels of the buffer; 0 × 0 scales it with the viewport by 0.16. UW §4.1: 128 × 128 at 800 × 800.
-    pub buffer: [u32; 2],
-    /// Width of the lines. UW §4.2 gives 12 px for a 460 × 272 buffer and no default; 2 px leaves shafts apart in a
-    /// 128 × 128 buffer. Tuned on scene tank.
-    pub line_width_px: f64,
-    /// Schlick's k of the phase function. UW gives none; 0.5 scatters forward, yet leaves shafts seen from the side.
-    pub phase_k: f64,
-    /// Scattering coefficient that scales the composed godrays, 1/m. Tuned on scene tank.
-    pub scattering_per_m: f64,
-    pub intensity: Intensity,
-    pub filter: bool,
-    pub filter_taps: u32,
-    pub filter_radius_px: f64,
-}
-
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct Composition {
-    /// Radiance is mapped by 1 − exp(−exposure × radiance).
-    pub exposure: f64,
-    /// Taps of the optional screen-space ambient occlusion; 0 turns it off.
-    pub occlusion_taps: u32,
-    pub occlusion_radius_m: f64,
-}
-
-impl Default for Viewport {
-    fn default() -> Self {
-        Self { width: 800, height: 800 }
+settings! {
+    /// Caustics: a photon grid, drawn as splats. UW §3.3.
+    pub struct Caustics {
+        /// Cells per side of the photon grid. UW §4.1: 200.
+        grid: u32 = 200 => 1 ..= 16384, "1";
+        /// Photons per cell, a square number. UW §4.2: 4.
+        subdivision: u32 = 4 => 1 ..= 256, "1";
+        /// How the shader's loop over a cell's photons is bounded.
+        subdivision_mode: SubdivisionMode = SubdivisionMode::Static;
+        /// Place of each photon in its share of the cell; the middle is 0.5.
+        offset: [f64; 2] = [0.5, 0.5] => 0.0 ..= 1.0, "1";
+        /// Iterations of the estimator. UW gives none: errors shrink by about the square of the sine between ray and light
+        /// at each, so that 6 reach below a millimetre on smooth floors.
+        iterations: u32 = 6 => 1 ..= 1000, "1";
+        /// First estimate d0 of the path under water. UW gives none.
+        start_m: f64 = 1.0 => 0.0 ..= 1e4, "m";
+        /// Residual below which a photon counts as converged.
+        tolerance_m: f64 = 0.01 => 0.0 ..= 1e3, "m";
+        /// Whether photons are tested against the water mask. UW §3 step 2b.
+        mask: bool = true;
+        /// Pixels of the buffer; 0 × 0 scales it with the viewport by 0.64. UW §4.1: 512 × 512 at 800 × 800.
+        buffer: [u32; 2] = [0, 0] => 0 ..= 1_000_000, "px";
+        /// Side of a splat at the far plane. UW §4.1: 5.
+        point_size_min_px: f64 = 5.0 => 0.1 ..= 1024.0, "px";
+        /// Side of a splat at the near plane, not less than at the far one. UW §4.1: 20.
+        point_size_max_px: f64 = 20.0 => 0.1 ..= 1024.0, "px";
+        /// How far splats are drawn towards the camera before the depth test, so that the floor they lie on does not hide
+        /// half of them. Tuned on scene tank.
+        depth_bias_m: f64 = 0.3 => 0.0 ..= 100.0, "m";
+        /// How much a photon adds.
+        intensity: Intensity = Intensity::Paper;
+        /// Whether the buffer is smoothed.
+        filter: bool = true;
+        /// UW §3.5 gives neither taps nor radius.
+        filter_taps: u32 = 16 => 1 ..= 1024, "1";
+        /// Radius of the disc.
+        filter_radius_px: f64 = 3.0 => 0.0 ..= 256.0, "px";
     }
 }
 
-impl Default for ShadowMap {
-    fn default() -> Self {
-        Self { size: 1024, edge_m: 0.1 }
+settings! {
+    /// Godrays: a photon grid, drawn as lines. UW §3.4.
+    pub struct Godrays {
+        /// Cells per side of the photon grid. UW §4.1: 100.
+        grid: u32 = 100 => 1 ..= 16384, "1";
+        /// Photons per cell, a square number. UW §4.2: 4.
+        subdivision: u32 = 4 => 1 ..= 256, "1";
+        /// How the shader's loop over a cell's photons is bounded.
+        subdivision_mode: SubdivisionMode = SubdivisionMode::Static;
+        /// Place of each photon in its share of the cell; the middle is 0.5.
+        offset: [f64; 2] = [0.5, 0.5] => 0.0 ..= 1.0, "1";
+        /// Iterations of the estimator. UW gives none: errors shrink by about the square of the sine between ray and light
+        /// at each, so that 6 reach below a millimetre on smooth floors.
+        iterations: u32 = 6 => 1 ..= 1000, "1";
+        /// First estimate d0 of the path under water. UW gives none.
+        start_m: f64 = 1.0 => 0.0 ..= 1e4, "m";
+        /// Residual below which a photon counts as converged.
+        tolerance_m: f64 = 0.01 => 0.0 ..= 1e3, "m";
+        /// Whether photons are tested against the water mask. UW §3 step 2b.
+        mask: bool = true;
+        /// Pixels of the buffer; 0 × 0 scales it with the viewport by 0.16. UW §4.1: 128 × 128 at 800 × 800.
+        buffer: [u32; 2] = [0, 0] => 0 ..= 1_000_000, "px";
+        /// Width of the lines. UW §4.2 gives 12 px for a 460 × 272 buffer and no default; 2 px leaves shafts apart in a
+        /// 128 × 128 buffer. Tuned on scene tank.
+        line_width_px: f64 = 2.0 => 0.1 ..= 1024.0, "px";
+        /// Schlick's k of the phase function. UW gives none; 0.5 scatters forward, yet leaves shafts seen from the side.
+        phase_k: f64 = 0.5 => -0.99 ..= 0.99, "1";
+        /// Scattering coefficient that scales the composed godrays. Tuned on scene tank.
+        scattering_per_m: f64 = 0.2 => 0.0 ..= 1e3, "1/m";
+        /// How much a photon adds.
+        intensity: Intensity = Intensity::Paper;
+        /// Whether the buffer is smoothed.
+        filter: bool = true;
+        /// UW §3.5 gives neither taps nor radius.
+        filter_taps: u32 = 16 => 1 ..= 1024, "1";
+        /// Radius of the disc.
+        filter_radius_px: f64 = 1.5 => 0.0 ..= 256.0, "px";
     }
 }
 
-impl Default for Surface {
-    fn default() -> Self {
-        Self { scale: 0.5, cells: 128 }
-    }
-}
-
-impl Default for Caustics {
-    fn default() -> Self {
-        Self {
-            grid: 200,
-            subdivision: 4,
-            subdivision_mode: SubdivisionMode::Static,
-            offset: [0.5, 0.5],
-            iterations: 6,
-            start_m: 1.0,
-            tolerance_m: 0.01,
-            mask: true,
-            buffer: [0, 0],
-            point_size_min_px: 5.0,
-            point_size_max_px: 20.0,
-            depth_bias_m: 0.3,
-            intensity: Intensity::Paper,
-            filter: true,
-            filter_taps: 16,
-            filter_radius_px: 3.0,
-        }
-    }
-}
-
-impl Default for Godrays {
-    fn default() -> Self {
-        Self {
-            grid: 100,
-            subdivision: 4,
-            subdivision_mode: SubdivisionMode::Static,
-            offset: [0.5, 0.5],
-            iterations: 6,
-            start_m: 1.0,
-            tolerance_m: 0.01,
-            mask: true,
-            buffer: [0, 0],
-            line_width_px: 2.0,
-            phase_k: 0.5,
-            scattering_per_m: 0.2,
-            intensity: Intensity::Paper,
-            filter: true,
-            filter_taps: 16,
-            filter_radius_px: 1.5,
-        }
-    }
-}
-
-impl Default for Composition {
-    fn default() -> Self {
-        Self { exposure: 1.0, occlusion_taps: 0, occlusion_radius_m: 0.5 }
+settings! {
+    /// How the picture is made.
+    pub struct Composition {
+        /// Radiance is mapped by 1 − exp(−exposure × radiance).
+        exposure: f64 = 1.0 => 0.0 ..= 1e6, "1";
+        /// Taps of the optional screen-space ambient occlusion; 0 turns it off.
+        occlusion_taps: u32 = 0 => 0 ..= 256, "1";
+        /// Radius of the taps' disc at the surface.
+        occlusion_radius_m: f64 = 0.5 => 1e-3 ..= 1e3, "m";
     }
 }
 
@@ -251,37 +211,25 @@ impl PhotonGrid {
         }
     }
 
-    fn validate(&self, name: &str) -> Result<(), String> {
-        within(name, "grid", f64::from(self.grid), 1.0, 16384.0)?;
+    fn consistent(&self, name: &str) -> Result<(), ParamError> {
         let side = self.side();
         if side == 0 || side * side != self.subdivision {
-            return Err(format!(
+            return Err(ParamError::Unfit(format!(
                 "{name}.subdivision is {}: it must be a square number (1, 4, 9, 16 …)",
                 self.subdivision
-            ));
+            )));
         }
-        within(name, "subdivision", f64::from(self.subdivision), 1.0, 256.0)?;
-        within(name, "iterations", f64::from(self.iterations), 1.0, 1000.0)?;
-        within(name, "start_m", self.start_m, 0.0, 1e4)?;
         if self.photons() > u64::from(u32::MAX / 8) {
-            return Err(format!(
+            return Err(ParamError::Unfit(format!(
                 "{name}.grid² × {name}.subdivision is {}: more photons than can be indexed",
                 self.photons()
-            ));
+            )));
         }
-        self.offset.iter().try_for_each(|&o| within(name, "offset", o, 0.0, 1.0))
-    }
-}
-
-fn within(group: &str, name: &str, value: f64, low: f64, high: f64) -> Result<(), String> {
-    if (low..=high).contains(&value) {
         Ok(())
-    } else {
-        Err(format!("{group}.{name} is {value}: it must lie within {low} … {high}"))
     }
 }
 
-macro_rules! shared_settings {
+macro_rules! photon_settings {
     ($group:ty, $scale:expr) => {
         impl $group {
             pub fn grid_settings(&self) -> PhotonGrid {
@@ -304,88 +252,63 @@ macro_rules! shared_settings {
             /// Pixels of the buffer: as set, or scaled with the viewport.
             fn buffer_size(&self, view: &Viewport) -> [u32; 2] {
                 match self.buffer {
-                    [0, 0] => [view.width, view.height]
-                        .map(|side| ((f64::from(side) * $scale).round() as u32).max(1)),
+                    [0, 0] => scaled([view.width, view.height], $scale),
                     size => size,
                 }
             }
 
-            fn validate(&self, name: &str) -> Result<(), String> {
-                self.grid_settings().validate(name)?;
+            fn consistent(&self, name: &str) -> Result<(), ParamError> {
                 if (self.buffer[0] == 0) != (self.buffer[1] == 0) {
-                    return Err(format!(
+                    return Err(ParamError::Unfit(format!(
                         "{name}.buffer is {:?}: both sides must be set, or none",
                         self.buffer
-                    ));
+                    )));
                 }
-                within(name, "tolerance_m", self.tolerance_m, 0.0, 1e3)?;
-                within(name, "filter_taps", f64::from(self.filter_taps), 1.0, 1024.0)?;
-                within(name, "filter_radius_px", self.filter_radius_px, 0.0, 256.0)
+                self.grid_settings().consistent(name)
             }
         }
     };
 }
 
 // Scale factors of the buffers to the viewport: UW §4.1 (512 / 800 and 128 / 800).
-shared_settings!(Caustics, 0.64);
-shared_settings!(Godrays, 0.16);
+photon_settings!(Caustics, 0.64);
+photon_settings!(Godrays, 0.16);
 
-impl Params {
-    /// Defaults with what the scene file says of camera, light, water and floor.
-    pub fn from_scene(file: &SceneFile) -> Self {
-        Self {
-            view: Viewport::default(),
-            camera: file.camera.clone(),
-            light: file.light.clone(),
-            water: file.water.clone(),
-            floor_depth_m: file.floor_depth_m,
-            shadow: ShadowMap::default(),
-            surface: Surface::default(),
-            caustics: Caustics::default(),
-            godrays: Godrays::default(),
-            compose: Composition::default(),
-        }
+impl Parameters for Params {
+    fn defaults(file: &SceneFile) -> Self {
+        Self::from_scene(file)
     }
 
-    pub fn to_value(&self) -> Value {
-        serde_json::to_value(self).expect("parameters are plain numbers and names")
+    fn staged(&self, file: &SceneFile) -> Result<SceneFile, ParamError> {
+        Ok(SceneFile {
+            floor_depth_m: self.floor_depth_m,
+            camera: self.camera.clone(),
+            light: self.light.clone(),
+            water: self.water.clone(),
+            ..file.clone()
+        })
     }
 
-    /// Reads and checks a parameter tree.
-    ///
-    /// # Errors
-    /// One line naming the parameter and its range.
-    pub fn from_value(value: &Value) -> Result<Self, String> {
-        let params: Self = serde_path_to_error::deserialize(value)
-            .map_err(|error| format!("{}: {}", error.path(), error.inner()))?;
-        params.validate()?;
-        Ok(params)
-    }
-
-    fn validate(&self) -> Result<(), String> {
+    fn consistent(&self) -> Result<(), ParamError> {
         self.camera.validate()?;
         self.light.validate()?;
         self.water.validate()?;
-        within("view", "width", f64::from(self.view.width), 1.0, 1e6)?;
-        within("view", "height", f64::from(self.view.height), 1.0, 1e6)?;
-        within("shadow", "size", f64::from(self.shadow.size), 1.0, 1e6)?;
-        within("shadow", "edge_m", self.shadow.edge_m, 0.0, 1e4)?;
-        within("surface", "scale", self.surface.scale, 0.01, 4.0)?;
-        within("surface", "cells", f64::from(self.surface.cells), 1.0, 8192.0)?;
-        self.caustics.validate("caustics")?;
-        let sizes = (self.caustics.point_size_min_px, self.caustics.point_size_max_px);
-        within("caustics", "point_size_min_px", sizes.0, 0.1, 1024.0)?;
-        within("caustics", "point_size_max_px", sizes.1, sizes.0, 1024.0)?;
-        within("caustics", "depth_bias_m", self.caustics.depth_bias_m, 0.0, 100.0)?;
-        self.godrays.validate("godrays")?;
-        within("godrays", "line_width_px", self.godrays.line_width_px, 0.1, 1024.0)?;
-        within("godrays", "phase_k", self.godrays.phase_k, -0.99, 0.99)?;
-        within("godrays", "scattering_per_m", self.godrays.scattering_per_m, 0.0, 1e3)?;
-        within("compose", "exposure", self.compose.exposure, 0.0, 1e6)?;
-        within("compose", "occlusion_taps", f64::from(self.compose.occlusion_taps), 0.0, 256.0)?;
-        within("compose", "occlusion_radius_m", self.compose.occlusion_radius_m, 1e-3, 1e3)
+        self.caustics.consistent("caustics")?;
+        self.godrays.consistent("godrays")?;
+        let (least, most) = (self.caustics.point_size_min_px, self.caustics.point_size_max_px);
+        within("caustics.point_size_max_px", most, least, 1024.0)
     }
 
+    fn camera(&self) -> &Camera {
+        &self.camera
+    }
+
+    fn camera_mut(&mut self) -> &mut Camera {
+        &mut self.camera
+    }
+}
+
+impl Params {
     pub fn caustics_buffer(&self) -> [u32; 2] {
         self.caustics.buffer_size(&self.view)
     }

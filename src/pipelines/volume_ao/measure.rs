@@ -1,29 +1,35 @@
 //! Figures read back from a frame, and occlusion at given points.
 
 use std::collections::BTreeMap;
+use std::rc::Rc;
 
-use super::{Params, Solids, VolumeAo};
+use super::{Params, VolumeAo, voxelize};
 use crate::gpu::{Gpu, GpuError, read_buffer, read_texture};
+use crate::pipelines::Pipeline;
 use crate::pipelines::settings::Update;
 use crate::scene::Scene;
 use crate::stages::ao::march;
-use crate::stages::ao::query::{Point, Query};
+use crate::stages::ao::query::{Query, SurfacePoint};
+use crate::stages::geometry::Geometry;
 use crate::stages::kit::Resources;
 
 impl VolumeAo {
     /// Samples are counted by a shader that does nothing else, over the last frame's G-buffer and volumes.
     pub(super) fn measured_quantities(&self, gpu: &Gpu) -> Result<BTreeMap<String, f64>, GpuError> {
-        let depth = read_texture(gpu, &self.gbuffer.depth)?.data;
+        let gbuffer = &self.buffers.gbuffer;
+        let depth = read_texture(gpu, &gbuffer.depth)?.data;
         let covered = depth.iter().filter(|z| **z < 1.0).count();
         let covered_share = covered as f64 / depth.len() as f64;
-        let buffer_px = self.params.buffer_px();
-        let counts =
-            march::count(gpu, &self.shared, self.volumes(), &self.seen, &self.marching, buffer_px)?;
+        let raw = &self.buffers.raw.1;
+        let buffer_px = [raw.width(), raw.height()];
+        let seen = (gbuffer, self.view_projection);
+        let shared = &self.seen.shared;
+        let counts = march::count(gpu, shared, &self.volumes, seen, &self.marching, buffer_px)?;
         // Per pixel of the occlusion buffer that shows geometry.
         let pixels = covered_share * f64::from(buffer_px[0]) * f64::from(buffer_px[1]);
         let per_pixel = |count: u64| count as f64 / pixels.max(1.0);
         // Of several volumes, the one with the largest voxels.
-        let grids = self.volumes().iter().map(|voxels| voxels.grid);
+        let grids = self.volumes.iter().map(|voxels| voxels.grid);
         let coarsest = grids.max_by(|a, b| a.voxel_m.total_cmp(&b.voxel_m));
         let mut figures = vec![
             ("covered_share", covered_share),
@@ -42,22 +48,41 @@ impl VolumeAo {
     }
 }
 
-/// A at points of a scene, by the pipeline's settings for volumes and rays; what concerns the picture plays no part. One
-/// point at least.
+/// What asking for the occlusion at points makes: volumes, and the query over them.
+pub struct PointQuery(Rc<Query>);
+
+impl PointQuery {
+    /// By the pipeline's settings for volumes and rays; what concerns the picture plays no part. One point at least.
+    ///
+    /// # Errors
+    /// What the GPU reports, and a scene or settings that give no grid.
+    pub fn new(
+        resources: &Resources<'_>,
+        scene: &Scene,
+        params: &Params,
+        points: &[SurfacePoint],
+    ) -> Result<Self, GpuError> {
+        scene.needs_objects(VolumeAo::NAME).map_err(GpuError::Unusable)?;
+        let geometry = Geometry::new(resources, scene);
+        let volumes = voxelize(resources, &geometry, scene, params, Update::Once)?.volumes;
+        let query = Query::new(resources, &volumes, points, &params.ao.marching(scene))?;
+        Ok(Self(resources.push_once(query)))
+    }
+}
+
+/// A at points of a scene: see [`PointQuery::new`].
 ///
 /// # Errors
-/// What the GPU reports, and a scene or settings that give no grid.
+/// As there.
 pub fn occlusion_at(
     gpu: &Gpu,
     scene: &Scene,
     params: &Params,
-    points: &[Point],
+    points: &[SurfacePoint],
 ) -> Result<Vec<f32>, GpuError> {
-    let resources = &Resources::new(gpu);
-    let solids = Solids::new(resources, scene, params, Update::Once)?;
-    let volumes = &solids.voxelization.volumes;
-    let query = Query::new(resources, volumes, points, &params.ao.marching(scene))?;
-    gpu.run(&[&query])?;
+    let resources = Resources::new(gpu);
+    let PointQuery(query) = PointQuery::new(&resources, scene, params, points)?;
+    resources.into_parts().run_once(gpu)?;
     let visibility: Vec<f32> = bytemuck::pod_collect_to_vec(&read_buffer(gpu, &query.visibility)?);
     Ok(visibility.iter().map(|v| 1.0 - v).collect())
 }

@@ -280,16 +280,16 @@ fn share(stage: &StageRecord, total_ns: f64) -> String {
 
 fn quantities(section: &Section<'_>, text: &mut String) {
     let cells = section.measured();
-    let names: BTreeSet<&String> = cells.flat_map(|(_, cell)| cell.quantities.keys()).collect();
+    let names: BTreeSet<&str> = cells.flat_map(|(_, cell)| cell.figures().into_keys()).collect();
     if names.is_empty() {
         return;
     }
     let head = ["cell".to_owned()];
-    let mut table = Table::new(head.into_iter().chain(names.iter().map(|name| (*name).clone())));
+    let mut table = Table::new(head.into_iter().chain(names.iter().map(|name| (*name).to_owned())));
     for (cell, measured) in section.measured() {
         let values = names.iter().map(|quantity| {
-            let value = measured.quantities.get(*quantity);
-            value.map_or_else(|| "–".to_owned(), |value| format::three(*value))
+            let value = measured.figures().get(*quantity).copied();
+            value.map_or_else(|| "–".to_owned(), |value| format::three(value))
         });
         table.row([name(cell)].into_iter().chain(values));
     }

@@ -1,14 +1,16 @@
 //! `ao/march`: ambient occlusion of what the camera sees, by marching rays through volumes. VAO §3 step 3, §5.1.
 
-use encase::ShaderType;
 use glam::{DMat4, Vec2};
 
-use crate::gpu::{ColorTarget, Gpu, GpuError, StageScope, Targets, read_buffer};
+use crate::gpu::{Gpu, GpuError, StageScope};
 use crate::record::Work;
 use crate::scene::Bounds;
+use crate::shader_struct;
 use crate::stages::bilateral::{VISIBILITY_FORMAT, visibility_output};
+use crate::stages::counters::Counters;
 use crate::stages::frame::Shared;
-use crate::stages::kit::{self, Bind, Group, RenderSpec, Resources};
+use crate::stages::gbuffer::GbufferTextures;
+use crate::stages::kit::{self, Bind, Group, RenderSpec, Resources, ScreenPass};
 use crate::stages::marching::Marching;
 use crate::stages::voxels::Voxels;
 use crate::stages::{Output, Stage, StageInfo};
@@ -19,24 +21,11 @@ pub const INFO: StageInfo = StageInfo {
     source: "VAO §3 step 3, §5.1",
 };
 
-/// Partial sums of each counter, so that fragments do not queue for one.
-const SLOTS: usize = 64;
-/// Samples, look-ups of the pyramid, fragments.
-const COUNTERS: usize = 3;
-
-/// Host twin of `Target` in `shaders/ao/march.wgsl`.
-#[derive(Clone, Debug, ShaderType)]
-pub struct TargetUniforms {
-    pub size_px: Vec2,
-}
-
-/// What the camera sees.
-#[derive(Clone)]
-pub struct Inputs {
-    pub depth: wgpu::Texture,
-    pub normal: wgpu::Texture,
-    /// World to clip space, for the rectangles that volumes cover.
-    pub view_projection: DMat4,
+shader_struct! {
+    /// `Target` in `shaders/ao/march.wgsl`.
+    pub struct TargetUniforms {
+        pub size_px: Vec2,
+    }
 }
 
 /// A volume's bind group and the pixels that it can reach.
@@ -48,97 +37,73 @@ struct Drawn {
 }
 
 pub struct March {
-    pipeline: wgpu::RenderPipeline,
-    shared: wgpu::BindGroup,
-    inputs: Group,
+    pass: ScreenPass,
     volumes: Vec<Drawn>,
     rays: u32,
-    target: wgpu::Texture,
-    view: wgpu::TextureView,
 }
 
 impl March {
-    /// The occlusion buffer has `size_px` pixels; it may be smaller than the viewport.
+    /// The occlusion buffer has `size_px` pixels; it may be smaller than the viewport. Rectangles of the pixels that volumes
+    /// can reach follow from `view_projection`, world to clip space.
     pub fn new(
         resources: &Resources<'_>,
         shared: &Shared,
         volumes: &[Voxels],
-        inputs: &Inputs,
+        seen: (&GbufferTextures, DMat4),
         marching: &Marching,
         size_px: [u32; 2],
     ) -> Result<Self, GpuError> {
-        Self::build(resources, shared, volumes, inputs, marching, size_px, None)
+        Self::build(resources, shared, volumes, seen, marching, size_px, None)
     }
 
     fn build(
         resources: &Resources<'_>,
         shared: &Shared,
         volumes: &[Voxels],
-        inputs: &Inputs,
+        (gbuffer, view_projection): (&GbufferTextures, DMat4),
         marching: &Marching,
         size_px: [u32; 2],
-        counters: Option<&wgpu::Buffer>,
+        counters: Option<&Counters>,
     ) -> Result<Self, GpuError> {
-        let gpu = resources.gpu;
         let mut defs = marching.defs();
         defs.push(("COUNT", i32::from(counters.is_some())));
-        let shader = gpu.shader(INFO.name, &defs)?;
         let size = Vec2::new(size_px[0] as f32, size_px[1] as f32);
         let uniforms = resources.uniform(INFO.name, &TargetUniforms { size_px: size });
         let mut binds = vec![
             Bind::Uniform(&uniforms),
-            Bind::Depth(&inputs.depth),
-            Bind::Texels(&inputs.normal),
+            Bind::Depth(&gbuffer.depth),
+            Bind::Texels(&gbuffer.normal),
         ];
-        binds.extend(counters.map(Bind::Write));
-        let input_group = Group::new(gpu, INFO.name, &binds);
-        let groups: Vec<Group> =
-            volumes.iter().map(|voxels| marching.group(resources, voxels)).collect();
-        let first = groups
-            .first()
-            .ok_or_else(|| GpuError::Limit("there is no volume to march through".into()))?;
-        let pipeline = kit::render_pipeline(
-            gpu,
-            &RenderSpec {
-                label: INFO.name,
-                shader: &shader,
-                vertex: "vertex",
-                fragment: Some("fragment"),
-                groups: &[&shared.group, first, &input_group],
-                buffers: &[],
-                targets: &[kit::multiplicative(VISIBILITY_FORMAT)],
-                depth: None,
-            },
-        );
-        let target = resources.target(INFO.name, size_px, VISIBILITY_FORMAT);
-        let drawn = |(group, voxels): (Group, &Voxels)| {
+        binds.extend(counters.map(Counters::bind));
+        let inputs = Group::new(resources.gpu, INFO.name, &binds);
+        let groups = marching.groups(resources, volumes)?;
+        let all = [&shared.group, &groups[0], &inputs];
+        let targets = [kit::multiplicative(VISIBILITY_FORMAT)];
+        let spec = RenderSpec::new(INFO.name, (INFO.name, &defs[..]), &all, &targets);
+        let drawn = |(group, voxels): (&Group, &Voxels)| {
             let reach = grown(&voxels.grid.bounds(), marching.r_max_m);
             Some(Drawn {
-                group: group.group,
-                scissor: rectangle(&inputs.view_projection, &reach, size_px)?,
+                group: group.group.clone(),
+                scissor: rectangle(&view_projection, &reach, size_px)?,
                 samples: marching.samples_in(&voxels.grid) as u64,
             })
         };
         Ok(Self {
-            pipeline,
-            shared: shared.group.group.clone(),
-            inputs: input_group,
-            volumes: groups.into_iter().zip(volumes).filter_map(drawn).collect(),
+            pass: ScreenPass::new(resources, &spec, size_px, wgpu::Color::WHITE)?,
+            volumes: groups.iter().zip(volumes).filter_map(drawn).collect(),
             rays: marching.rays,
-            view: kit::view(&target),
-            target,
         })
     }
 
     /// Visibility 1 − A, 1 where nothing was drawn.
     pub fn texture(&self) -> &wgpu::Texture {
-        &self.target
+        self.pass.texture()
     }
 }
 
 /// What a frame's marching takes, counted.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Counts {
+pub struct MarchCounts {
     /// Trilinear samples of the volumes.
     pub samples: u64,
     /// Look-ups of the pyramid.
@@ -152,21 +117,16 @@ pub fn count(
     gpu: &Gpu,
     shared: &Shared,
     volumes: &[Voxels],
-    inputs: &Inputs,
+    seen: (&GbufferTextures, DMat4),
     marching: &Marching,
     size_px: [u32; 2],
-) -> Result<Counts, GpuError> {
-    let resources = Resources::new(gpu);
-    let counters = resources.storage("ao/march counters", (COUNTERS * SLOTS * 4) as u64);
-    let march =
-        March::build(&resources, shared, volumes, inputs, marching, size_px, Some(&counters))?;
+) -> Result<MarchCounts, GpuError> {
+    let resources = &Resources::new(gpu);
+    let counters = Counters::new(resources, "ao/march counters", 3);
+    let march = March::build(resources, shared, volumes, seen, marching, size_px, Some(&counters))?;
     gpu.run(&[&march])?;
-    let words: Vec<u32> = bytemuck::pod_collect_to_vec(&read_buffer(gpu, &counters)?);
-    let sum = |counter: usize| {
-        let part = &words[counter * SLOTS..][..SLOTS];
-        part.iter().map(|n| u64::from(*n)).sum()
-    };
-    Ok(Counts { samples: sum(0), lookups: sum(1), fragments: sum(2) })
+    let sums = counters.sums(gpu)?;
+    Ok(MarchCounts { samples: sums[0], lookups: sums[1], fragments: sums[2] })
 }
 
 fn grown(bounds: &Bounds, by: f64) -> Bounds {
@@ -198,18 +158,7 @@ impl Stage for March {
     }
 
     fn encode(&self, scope: &mut StageScope<'_>) {
-        let targets = Targets {
-            color: &[ColorTarget {
-                view: &self.view,
-                clear: Some(wgpu::Color::WHITE),
-                slice: None,
-            }],
-            depth: None,
-        };
-        scope.render(&targets, |pass| {
-            pass.set_pipeline(&self.pipeline);
-            pass.set_bind_group(0, &self.shared, &[]);
-            pass.set_bind_group(2, &self.inputs.group, &[]);
+        self.pass.encode_with(scope, |pass| {
             for volume in &self.volumes {
                 let [x, y, width, height] = volume.scissor;
                 pass.set_scissor_rect(x, y, width, height);
@@ -229,7 +178,7 @@ impl Stage for March {
     }
 
     fn outputs(&self) -> Vec<Output> {
-        vec![visibility_output("visibility", &self.target)]
+        vec![visibility_output("visibility", self.texture())]
     }
 }
 

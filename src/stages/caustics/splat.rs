@@ -1,15 +1,14 @@
 //! `caustics/splat`: a square of regulated size for each photon, added up. UW §3.3.
 
-use encase::ShaderType;
 use glam::Vec2;
 
-use crate::gpu::{GpuError, StageScope};
-use crate::record::Work;
+use crate::gpu::GpuError;
+use crate::shader_struct;
 use crate::stages::frame::Shared;
 use crate::stages::kit::Resources;
 use crate::stages::photon::Photons;
-use crate::stages::splatting::Additive;
-use crate::stages::{Column, Output, Stage, StageInfo};
+use crate::stages::splatting::{Additive, Drawing};
+use crate::stages::{Column, StageInfo};
 
 pub const INFO: StageInfo = StageInfo {
     name: "caustics/splat",
@@ -17,16 +16,17 @@ pub const INFO: StageInfo = StageInfo {
     source: "UW §3.3",
 };
 
-/// Host twin of `Splat` in `shaders/caustics/splat.wgsl`.
-#[derive(Clone, Debug, PartialEq, ShaderType)]
-pub struct SplatUniforms {
-    pub size_px: Vec2,
-    pub size_a_px: f32,
-    pub size_b_px_m: f32,
-    pub photon_w: f32,
-    pub depth_bias_m: f32,
-    pub photons_per_instance: u32,
-    pub photons: u32,
+shader_struct! {
+    /// `Splat` in `shaders/caustics/splat.wgsl`.
+    pub struct SplatUniforms {
+        pub size_px: Vec2,
+        pub size_a_px: f32,
+        pub size_b_px_m: f32,
+        pub photon_w: f32,
+        pub depth_bias_m: f32,
+        pub photons_per_instance: u32,
+        pub photons: u32,
+    }
 }
 
 /// The point size rule s = a + b / distance. UW §3.3.
@@ -49,7 +49,7 @@ impl PointSize {
 }
 
 /// What a texel of the caustics buffer holds.
-pub fn column(conserving: bool) -> Column {
+fn column(conserving: bool) -> Column {
     if conserving {
         return Column {
             name: "flux",
@@ -64,63 +64,21 @@ pub fn column(conserving: bool) -> Column {
     }
 }
 
-pub struct Splat {
-    additive: Additive,
+/// `typical_px` is the side of a splat in the middle of the view, for the declared work.
+pub fn new(
+    resources: &Resources<'_>,
+    shared: &Shared,
+    inputs: (&Photons, &wgpu::Texture),
+    settings: &SplatUniforms,
     conserving: bool,
-    photons: u64,
-    fragments: u64,
-}
-
-impl Splat {
-    /// `typical_px` is the side of a splat in the middle of the view, for the declared work.
-    pub fn new(
-        resources: &Resources<'_>,
-        shared: &Shared,
-        inputs: (&Photons, &wgpu::Texture),
-        settings: &SplatUniforms,
-        conserving: bool,
-        typical_px: f64,
-    ) -> Result<Self, GpuError> {
-        let uniforms = resources.uniform(INFO.name, settings);
-        let defs = [("CONSERVING", i32::from(conserving)), shared.fresnel_def()];
-        let size_px = settings.size_px.as_uvec2().to_array();
-        let photons = u64::from(inputs.0.count);
-        let additive =
-            Additive::new(resources, shared, INFO.name, &defs, &uniforms, inputs, size_px)?;
-        Ok(Self {
-            additive,
-            conserving,
-            photons,
-            fragments: (photons as f64 * typical_px * typical_px) as u64,
-        })
-    }
-
-    pub fn texture(&self) -> &wgpu::Texture {
-        &self.additive.target
-    }
-}
-
-impl Stage for Splat {
-    fn name(&self) -> &'static str {
-        INFO.name
-    }
-
-    fn encode(&self, scope: &mut StageScope<'_>) {
-        self.additive.encode(scope);
-    }
-
-    fn work(&self) -> Work {
-        Work {
-            photons: self.photons,
-            primitives: self.photons * 2,
-            fragments: self.fragments,
-            bytes_read: Photons::bytes(self.photons),
-            bytes_written: self.fragments * 4 + self.additive.pixels() * 8,
-            ..Work::default()
-        }
-    }
-
-    fn outputs(&self) -> Vec<Output> {
-        self.additive.outputs(column(self.conserving))
-    }
+    typical_px: f64,
+) -> Result<Additive, GpuError> {
+    let drawing = Drawing {
+        uniforms: &resources.uniform(INFO.name, settings),
+        size_px: settings.size_px.as_uvec2().to_array(),
+        conserving,
+        fragments: (f64::from(inputs.0.count) * typical_px * typical_px) as u64,
+        column: column(conserving),
+    };
+    Additive::new(resources, &INFO, shared, inputs, drawing)
 }

@@ -1,14 +1,16 @@
 //! `hsao/march`: horizon-split ambient occlusion over the depth buffer. Dimitrov, Bavoil and Sainz, I3D 2008, with the
 //! changes of VAO §6.
 
-use encase::ShaderType;
 use glam::Vec2;
 
-use crate::gpu::{ColorTarget, Gpu, GpuError, StageScope, Targets, read_buffer};
+use crate::gpu::{Gpu, GpuError, StageScope};
 use crate::record::Work;
+use crate::shader_struct;
 use crate::stages::bilateral::{VISIBILITY_FORMAT, visibility_output};
+use crate::stages::counters::Counters;
 use crate::stages::frame::Shared;
-use crate::stages::kit::{self, Bind, Group, RenderSpec, Resources};
+use crate::stages::gbuffer::GbufferTextures;
+use crate::stages::kit::{self, Bind, Group, RenderSpec, Resources, ScreenPass};
 use crate::stages::{Output, Stage, StageInfo};
 
 pub const INFO: StageInfo = StageInfo {
@@ -17,22 +19,20 @@ pub const INFO: StageInfo = StageInfo {
     source: "VAO §6; Dimitrov, Bavoil and Sainz, I3D 2008",
 };
 
-/// Partial sums of each counter, so that fragments do not queue for one.
-const SLOTS: usize = 64;
-
-/// Host twin of `March` in `shaders/hsao/march.wgsl`.
-#[derive(Clone, Debug, PartialEq, ShaderType)]
-pub struct MarchUniforms {
-    pub size_px: Vec2,
-    pub r_max_m: f32,
-    pub layer_m: f32,
-    pub directions: u32,
-    pub steps: u32,
-    pub rays: u32,
-    pub ray_steps: u32,
+shader_struct! {
+    /// `March` in `shaders/hsao/march.wgsl`.
+    pub struct HorizonUniforms {
+        pub size_px: Vec2,
+        pub r_max_m: f32,
+        pub layer_m: f32,
+        pub directions: u32,
+        pub steps: u32,
+        pub rays: u32,
+        pub ray_steps: u32,
+    }
 }
 
-impl MarchUniforms {
+impl HorizonUniforms {
     /// Samples of depth that a pixel takes at most. Rays end early at hits and at the picture's border.
     pub fn samples_per_pixel(&self) -> u64 {
         u64::from(self.directions) * u64::from(self.steps)
@@ -40,20 +40,9 @@ impl MarchUniforms {
     }
 }
 
-/// What the camera sees.
-#[derive(Clone)]
-pub struct Inputs {
-    pub depth: wgpu::Texture,
-    pub normal: wgpu::Texture,
-}
-
 pub struct March {
-    pipeline: wgpu::RenderPipeline,
-    shared: wgpu::BindGroup,
-    group: Group,
+    pass: ScreenPass,
     samples_per_pixel: u64,
-    target: wgpu::Texture,
-    view: wgpu::TextureView,
 }
 
 impl March {
@@ -62,66 +51,46 @@ impl March {
     pub fn new(
         resources: &Resources<'_>,
         shared: &Shared,
-        inputs: &Inputs,
-        settings: &MarchUniforms,
+        gbuffer: &GbufferTextures,
+        settings: &HorizonUniforms,
         hard: bool,
     ) -> Result<Self, GpuError> {
-        Self::build(resources, shared, inputs, settings, hard, None)
+        Self::build(resources, shared, gbuffer, settings, hard, None)
     }
 
     fn build(
         resources: &Resources<'_>,
         shared: &Shared,
-        inputs: &Inputs,
-        settings: &MarchUniforms,
+        gbuffer: &GbufferTextures,
+        settings: &HorizonUniforms,
         hard: bool,
-        counters: Option<&wgpu::Buffer>,
+        counters: Option<&Counters>,
     ) -> Result<Self, GpuError> {
-        let gpu = resources.gpu;
         let defs = [("HARD", i32::from(hard)), ("COUNT", i32::from(counters.is_some()))];
-        let shader = gpu.shader(INFO.name, &defs)?;
         let settings_buffer = resources.loop_settings(INFO.name, settings);
         let mut binds = vec![
             Bind::Read(&settings_buffer),
-            Bind::Depth(&inputs.depth),
-            Bind::Texels(&inputs.normal),
+            Bind::Depth(&gbuffer.depth),
+            Bind::Texels(&gbuffer.normal),
         ];
-        binds.extend(counters.map(Bind::Write));
-        let group = Group::new(gpu, INFO.name, &binds);
-        let pipeline = kit::render_pipeline(
-            gpu,
-            &RenderSpec {
-                label: INFO.name,
-                shader: &shader,
-                vertex: "vertex",
-                fragment: Some("fragment"),
-                groups: &[&shared.group, &group],
-                buffers: &[],
-                targets: &[kit::opaque(VISIBILITY_FORMAT)],
-                depth: None,
-            },
-        );
+        binds.extend(counters.map(Counters::bind));
+        let group = Group::new(resources.gpu, INFO.name, &binds);
+        let (groups, targets) = ([&shared.group, &group], [kit::opaque(VISIBILITY_FORMAT)]);
+        let spec = RenderSpec::new(INFO.name, (INFO.name, &defs[..]), &groups, &targets);
         let size_px = settings.size_px.as_uvec2().to_array();
-        let target = resources.target(INFO.name, size_px, VISIBILITY_FORMAT);
-        Ok(Self {
-            pipeline,
-            shared: shared.group.group.clone(),
-            group,
-            samples_per_pixel: settings.samples_per_pixel(),
-            view: kit::view(&target),
-            target,
-        })
+        let pass = ScreenPass::new(resources, &spec, size_px, wgpu::Color::WHITE)?;
+        Ok(Self { pass, samples_per_pixel: settings.samples_per_pixel() })
     }
 
     /// Visibility 1 − A, 1 where nothing was drawn.
     pub fn texture(&self) -> &wgpu::Texture {
-        &self.target
+        self.pass.texture()
     }
 }
 
 /// What a frame's marching takes, counted.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Counts {
+pub struct HorizonCounts {
     /// Samples of depth.
     pub samples: u64,
     /// Fragments where something was drawn.
@@ -132,18 +101,16 @@ pub struct Counts {
 pub fn count(
     gpu: &Gpu,
     shared: &Shared,
-    inputs: &Inputs,
-    settings: &MarchUniforms,
+    gbuffer: &GbufferTextures,
+    settings: &HorizonUniforms,
     hard: bool,
-) -> Result<Counts, GpuError> {
+) -> Result<HorizonCounts, GpuError> {
     let resources = Resources::new(gpu);
-    let counters = resources.storage("hsao/march counters", (2 * SLOTS * 4) as u64);
-    let march = March::build(&resources, shared, inputs, settings, hard, Some(&counters))?;
+    let counters = Counters::new(&resources, "hsao/march counters", 2);
+    let march = March::build(&resources, shared, gbuffer, settings, hard, Some(&counters))?;
     gpu.run(&[&march])?;
-    let words: Vec<u32> = bytemuck::pod_collect_to_vec(&read_buffer(gpu, &counters)?);
-    let (samples, fragments) = words.split_at(SLOTS);
-    let sum = |slots: &[u32]| slots.iter().map(|n| u64::from(*n)).sum();
-    Ok(Counts { samples: sum(samples), fragments: sum(fragments) })
+    let sums = counters.sums(gpu)?;
+    Ok(HorizonCounts { samples: sums[0], fragments: sums[1] })
 }
 
 impl Stage for March {
@@ -152,25 +119,12 @@ impl Stage for March {
     }
 
     fn encode(&self, scope: &mut StageScope<'_>) {
-        let targets = Targets {
-            color: &[ColorTarget {
-                view: &self.view,
-                clear: Some(wgpu::Color::WHITE),
-                slice: None,
-            }],
-            depth: None,
-        };
-        scope.render(&targets, |pass| {
-            pass.set_pipeline(&self.pipeline);
-            pass.set_bind_group(0, &self.shared, &[]);
-            pass.set_bind_group(1, &self.group.group, &[]);
-            pass.draw(0..3, 0..1);
-        });
+        self.pass.encode(scope);
     }
 
     /// Samples at most: the depth and normal of each pixel, and those of its directions and rays.
     fn work(&self) -> Work {
-        let pixels = u64::from(self.target.width()) * u64::from(self.target.height());
+        let pixels = self.pass.pixels();
         Work {
             fragments: pixels,
             texel_fetches: pixels * (2 + self.samples_per_pixel),
@@ -180,6 +134,6 @@ impl Stage for March {
     }
 
     fn outputs(&self) -> Vec<Output> {
-        vec![visibility_output("visibility", &self.target)]
+        vec![visibility_output("visibility", self.texture())]
     }
 }

@@ -1,13 +1,14 @@
 //! `photons/query`: photons from given starts through the water to the scene. UW §3.3.
 
 use bytemuck::{Pod, Zeroable};
-use encase::{ShaderType, StorageBuffer};
+use encase::ShaderType;
 use glam::Vec3;
 
-use crate::gpu::{Demand, GpuError, StageScope};
+use crate::gpu::{GpuError, StageScope};
 use crate::record::Work;
+use crate::shader_struct;
 use crate::stages::frame::Shared;
-use crate::stages::kit::{self, Bind, Group, Resources};
+use crate::stages::kit::{self, Bind, Buffer, Dispatch, Group, Kernel, Resources};
 use crate::stages::photon::{Photon, TraceUniforms};
 use crate::stages::{Column, Output, OutputData, Stage, StageInfo};
 
@@ -17,42 +18,37 @@ pub const INFO: StageInfo = StageInfo {
     source: "UW §3.3",
 };
 
-/// Host twin of `Start` in `shaders/photons/query.wgsl`.
-#[derive(Clone, Debug, PartialEq, ShaderType)]
-pub struct Start {
-    pub position_m: Vec3,
-    /// 1: the direction is given; 0: the light's own ray runs through the start.
-    pub aimed: u32,
-    /// Of unit length where it is given.
-    pub direction: Vec3,
+shader_struct! {
+    /// `Start` in `shaders/photons/query.wgsl`.
+    pub struct Start {
+        pub position_m: Vec3,
+        /// 1: the direction is given; 0: the light's own ray runs through the start.
+        pub aimed: u32,
+        /// Of unit length where it is given.
+        pub direction: Vec3,
+    }
 }
 
-/// Host twin of `Answer` in `shaders/photons/query.wgsl`.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable, ShaderType)]
-pub struct Answer {
-    pub photon: Photon,
-    /// After refraction, unit length; 0 for a photon that never enters the water.
-    pub direction: Vec3,
-    /// Share of a photon's flux that enters the water.
-    pub weight: f32,
+shader_struct! {
+    /// `Answer` in `shaders/photons/query.wgsl`.
+    #[repr(C)]
+    #[derive(Copy, Pod, Zeroable)]
+    pub struct Answer {
+        pub photon: Photon,
+        /// After refraction, unit length; 0 for a photon that never enters the water.
+        pub direction: Vec3,
+        /// Share of a photon's flux that enters the water.
+        pub weight: f32,
+    }
 }
 
 pub struct Query {
-    pipeline: wgpu::ComputePipeline,
-    shared: wgpu::BindGroup,
-    group: Group,
+    kernel: Kernel,
+    dispatch: Dispatch,
     count: u64,
     iterations: u64,
     /// An [`Answer`] for each start.
-    pub answers: wgpu::Buffer,
-}
-
-/// What a query of so many starts asks of an adapter.
-pub fn demand(starts: u64) -> Demand {
-    Demand::new()
-        .storage("starts", starts * Answer::min_size().get())
-        .dispatch(INFO.name, kit::linear_workgroups(starts).map(u64::from))
+    pub answers: Buffer,
 }
 
 impl Query {
@@ -65,21 +61,14 @@ impl Query {
         settings: &TraceUniforms,
         conserving: bool,
     ) -> Result<Self, GpuError> {
-        let gpu = resources.gpu;
+        let resources = &resources.sized_by("starts");
         let defs =
             [("CONSERVING", i32::from(conserving)), shared.fresnel_def(), shared.water_def()];
-        let shader = gpu.shader(INFO.name, &defs)?;
-        let mut bytes = StorageBuffer::new(Vec::new());
-        bytes.write(starts).expect("a Vec grows to whatever a shader type needs");
-        let usage = wgpu::BufferUsages::STORAGE;
-        let input = resources.filled("photons/query starts", &bytes.into_inner(), usage);
+        let input = resources.structs("starts", starts, wgpu::BufferUsages::empty());
         let count = starts.len() as u64;
-        let answers = resources.storage(INFO.name, count * Answer::min_size().get());
+        let answers = resources.room_for::<Answer>(INFO.name, count);
         let uniforms = resources.uniform(INFO.name, settings);
-        let texels = gpu.device.create_sampler(&wgpu::SamplerDescriptor {
-            label: Some(INFO.name),
-            ..Default::default()
-        });
+        let texels = resources.nearest_sampler(INFO.name);
         let binds = [
             Bind::Uniform(&uniforms),
             Bind::Depth(depth),
@@ -88,11 +77,12 @@ impl Query {
             Bind::Write(&answers),
             Bind::NearestSampler(&texels),
         ];
-        let group = Group::new(gpu, INFO.name, &binds);
+        let group = Group::new(resources.gpu, INFO.name, &binds);
+        let groups = [&shared.group, &group];
+        let workgroups = kit::linear_workgroups(count);
         Ok(Self {
-            pipeline: kit::compute_pipeline(gpu, INFO.name, &shader, &[&shared.group, &group]),
-            shared: shared.group.group.clone(),
-            group,
+            kernel: Kernel::new(resources, INFO.name, (INFO.name, &defs[..]), &groups)?,
+            dispatch: Dispatch::new(resources, INFO.name, &groups, workgroups),
             count,
             iterations: settings.iterations.into(),
             answers,
@@ -106,13 +96,7 @@ impl Stage for Query {
     }
 
     fn encode(&self, scope: &mut StageScope<'_>) {
-        let [x, y, z] = kit::linear_workgroups(self.count);
-        scope.compute(|pass| {
-            pass.set_pipeline(&self.pipeline);
-            pass.set_bind_group(0, &self.shared, &[]);
-            pass.set_bind_group(1, &self.group.group, &[]);
-            pass.dispatch_workgroups(x, y, z);
-        });
+        scope.compute(|pass| self.kernel.run(pass, &self.dispatch));
     }
 
     fn work(&self) -> Work {
@@ -136,7 +120,7 @@ impl Stage for Query {
                 meaning: "share of a photon's flux that enters the water",
             }],
             data: OutputData::Buffer {
-                buffer: self.answers.clone(),
+                buffer: self.answers.raw(),
                 stride_floats: (size_of::<Answer>() / 4) as u32,
                 count: self.count as u32,
                 row: Box::new(|floats| vec![floats[11]]),

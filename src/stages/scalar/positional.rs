@@ -1,12 +1,11 @@
 //! `scalar/positional`: participating media with positional ambient occlusion. VAO §5.2.4.
 
-use crate::gpu::{GpuError, StageScope};
-use crate::record::Work;
+use crate::gpu::GpuError;
+use crate::stages::StageInfo;
 use crate::stages::frame::Shared;
 use crate::stages::kit::Resources;
-use crate::stages::ray_cast::{MarchUniforms, RayCast};
+use crate::stages::ray_cast::{CastUniforms, RayCast};
 use crate::stages::scalar_field::ScalarField;
-use crate::stages::{Output, Stage, StageInfo};
 
 pub const INFO: StageInfo = StageInfo {
     name: "scalar/positional",
@@ -14,37 +13,14 @@ pub const INFO: StageInfo = StageInfo {
     source: "VAO §5.2.4",
 };
 
-pub struct Positional(pub RayCast);
-
-impl Positional {
-    /// `beer`: values are densities (Eq. 5), else opacities (Eq. 7). `rejection`: Eq. 4.
-    pub fn new(
-        resources: &Resources<'_>,
-        shared: &Shared,
-        field: &ScalarField,
-        settings: &MarchUniforms,
-        beer: bool,
-        rejection: bool,
-    ) -> Result<Self, GpuError> {
-        let defs = [("BEER", beer), ("REJECTION", rejection)];
-        RayCast::new(resources, shared, field, INFO.name, &defs, false, settings).map(Self)
-    }
-}
-
-impl Stage for Positional {
-    fn name(&self) -> &'static str {
-        INFO.name
-    }
-
-    fn encode(&self, scope: &mut StageScope<'_>) {
-        self.0.encode(scope);
-    }
-
-    fn work(&self) -> Work {
-        self.0.work()
-    }
-
-    fn outputs(&self) -> Vec<Output> {
-        self.0.outputs()
-    }
+/// `beer`: values are densities (Eq. 5), else opacities (Eq. 7). `rejection`: Eq. 4.
+pub fn new(
+    resources: &Resources<'_>,
+    through: (&Shared, &ScalarField),
+    settings: &CastUniforms,
+    beer: bool,
+    rejection: bool,
+) -> Result<RayCast, GpuError> {
+    let defs = [("BEER", beer), ("REJECTION", rejection)];
+    RayCast::new(resources, &INFO, through, &defs, false, settings)
 }

@@ -4,14 +4,14 @@
 //! `wave` moves vertices along their normals by `amplitude` of the object's height, one wave over the height, travelling up.
 //! The paper's dynamic geometry (VAO §4.2) is animated characters; these motions touch every vertex as theirs does.
 
-use encase::{ShaderType, StorageBuffer};
 use glam::Vec3;
 
 use crate::gpu::{GpuError, StageScope};
 use crate::record::Work;
 use crate::scene::Scene;
+use crate::shader_struct;
 use crate::stages::geometry::Geometry;
-use crate::stages::kit::{self, Bind, Group, Resources};
+use crate::stages::kit::{self, Bind, Dispatch, Group, Kernel, Resources};
 use crate::stages::{Column, Output, OutputData, Stage, StageInfo};
 
 pub const INFO: StageInfo = StageInfo {
@@ -30,24 +30,26 @@ pub enum Motion {
     Wave,
 }
 
-/// Host twin of `Deform` in `shaders/scene/deform.wgsl`.
-#[derive(Clone, Debug, PartialEq, ShaderType)]
-pub struct DeformUniforms {
-    pub vertices: u32,
-    pub cycles: f32,
-    pub amplitude: f32,
+shader_struct! {
+    /// `Deform` in `shaders/scene/deform.wgsl`.
+    pub struct DeformUniforms {
+        pub vertices: u32,
+        pub cycles: f32,
+        pub amplitude: f32,
+    }
 }
 
-/// Host twin of `Pivot` in `shaders/scene/deform.wgsl`.
-#[derive(Clone, Debug, PartialEq, ShaderType)]
-pub struct PivotUniforms {
-    pub foot_m: Vec3,
-    pub height_m: f32,
+shader_struct! {
+    /// `Pivot` in `shaders/scene/deform.wgsl`.
+    pub struct PivotUniforms {
+        pub foot_m: Vec3,
+        pub height_m: f32,
+    }
 }
 
 pub struct Deform {
-    pipeline: wgpu::ComputePipeline,
-    group: Group,
+    kernel: Kernel,
+    dispatch: Dispatch,
     geometry: Geometry,
 }
 
@@ -76,32 +78,29 @@ impl Deform {
         motion: Motion,
         (cycles, amplitude): (f64, f64),
     ) -> Result<Self, GpuError> {
-        let gpu = resources.gpu;
-        let shader = gpu.shader(INFO.name, &[("MOTION", motion as i32)])?;
-        let uniforms = resources.uniform(
-            INFO.name,
-            &DeformUniforms {
-                vertices: geometry.vertices() as u32,
-                cycles: cycles.rem_euclid(1.0) as f32,
-                amplitude: amplitude as f32,
-            },
-        );
-        let mut bytes = StorageBuffer::new(Vec::new());
-        bytes.write(&pivots(scene)).expect("a Vec grows to whatever a shader type needs");
+        let uniforms = DeformUniforms {
+            vertices: geometry.vertices() as u32,
+            cycles: cycles.rem_euclid(1.0) as f32,
+            amplitude: amplitude as f32,
+        };
+        let uniforms = resources.uniform(INFO.name, &uniforms);
         let storage = wgpu::BufferUsages::STORAGE;
-        let pivots = resources.filled("pivots", &bytes.into_inner(), storage);
-        let rest = Geometry::vertex_bytes(scene);
-        let rest = resources.filled("vertices at rest", &rest, storage);
+        let pivots = resources.structs("pivots", &pivots(scene), wgpu::BufferUsages::empty());
+        let bytes = geometry.vertices.size();
+        let rest = || Geometry::vertex_bytes(scene);
+        let rest = resources.filled_by("vertices at rest", bytes, storage, rest);
         let binds = [
             Bind::Uniform(&uniforms),
             Bind::Read(&pivots),
             Bind::Read(&rest),
             Bind::Write(&geometry.vertices),
         ];
-        let group = Group::new(gpu, INFO.name, &binds);
+        let groups = [&Group::new(resources.gpu, INFO.name, &binds)];
+        let workgroups = kit::linear_workgroups(geometry.vertices());
+        let defs = [("MOTION", motion as i32)];
         Ok(Self {
-            pipeline: kit::compute_pipeline(gpu, INFO.name, &shader, &[&group]),
-            group,
+            kernel: Kernel::new(resources, INFO.name, (INFO.name, &defs[..]), &groups)?,
+            dispatch: Dispatch::new(resources, INFO.name, &groups, workgroups),
             geometry: geometry.clone(),
         })
     }
@@ -113,12 +112,7 @@ impl Stage for Deform {
     }
 
     fn encode(&self, scope: &mut StageScope<'_>) {
-        let [x, y, z] = kit::linear_workgroups(self.geometry.vertices());
-        scope.compute(|pass| {
-            pass.set_pipeline(&self.pipeline);
-            pass.set_bind_group(0, &self.group.group, &[]);
-            pass.dispatch_workgroups(x, y, z);
-        });
+        scope.compute(|pass| self.kernel.run(pass, &self.dispatch));
     }
 
     fn work(&self) -> Work {
@@ -132,7 +126,7 @@ impl Stage for Deform {
     }
 
     fn outputs(&self) -> Vec<Output> {
-        let column = |name, unit, meaning| Column { name, unit, meaning };
+        let column = Column::new;
         vec![Output {
             name: "vertices".into(),
             meaning: "vertices of this moment".into(),
@@ -145,7 +139,7 @@ impl Stage for Deform {
                 column("nz", "1", "unit normal"),
             ],
             data: OutputData::Buffer {
-                buffer: self.geometry.vertices.clone(),
+                buffer: self.geometry.vertices.raw(),
                 stride_floats: STRIDE,
                 count: self.geometry.vertices() as u32,
                 row: Box::new(|vertex| vertex[..6].to_vec()),

@@ -1,12 +1,11 @@
 //! `shadow/mask`: the water surface as the light sees it first. UW §3 step 2b.
 
-use encase::ShaderType;
-
 use crate::gpu::{ColorTarget, DepthTarget, GpuError, StageScope, Targets};
 use crate::record::Work;
+use crate::shader_struct;
 use crate::stages::frame::Shared;
-use crate::stages::kit::{self, Bind, Group, RenderSpec, Resources};
-use crate::stages::{Column, Output, OutputData, Stage, StageInfo};
+use crate::stages::kit::{self, Bind, Group, Raster, RenderSpec, Resources};
+use crate::stages::{Column, Output, Stage, StageInfo};
 
 pub const INFO: StageInfo = StageInfo {
     name: "shadow/mask",
@@ -14,16 +13,16 @@ pub const INFO: StageInfo = StageInfo {
     source: "UW §3 step 2b",
 };
 
-/// Host twin of `Mask` in `shaders/shadow/mask.wgsl`.
-#[derive(Clone, Debug, ShaderType)]
-pub struct MaskUniforms {
-    pub cells: u32,
+shader_struct! {
+    /// `Mask` in `shaders/shadow/mask.wgsl`.
+    pub struct MaskUniforms {
+        pub cells: u32,
+    }
 }
 
 pub struct Mask {
-    pipeline: wgpu::RenderPipeline,
-    shared: wgpu::BindGroup,
-    group: Group,
+    raster: Raster,
+    groups: Vec<wgpu::BindGroup>,
     cells: u32,
     mask: wgpu::Texture,
     view: wgpu::TextureView,
@@ -38,34 +37,19 @@ impl Mask {
         depth: &wgpu::Texture,
         cells: u32,
     ) -> Result<Self, GpuError> {
-        let gpu = resources.gpu;
-        let shader = gpu.shader(INFO.name, &[shared.water_def()])?;
         let settings = resources.uniform(INFO.name, &MaskUniforms { cells });
-        let group = Group::new(gpu, INFO.name, &[Bind::Uniform(&settings)]);
+        let group = Group::new(resources.gpu, INFO.name, &[Bind::Uniform(&settings)]);
         let format = wgpu::TextureFormat::R8Unorm;
-        let pipeline = kit::render_pipeline(
-            gpu,
-            &RenderSpec {
-                label: INFO.name,
-                shader: &shader,
-                vertex: "vertex",
-                fragment: Some("fragment"),
-                groups: &[&shared.group, &group],
-                buffers: &[],
-                targets: &[kit::opaque(format)],
-                depth: Some(kit::depth_state(wgpu::CompareFunction::Less, false)),
-            },
-        );
+        let (groups, targets) = ([&shared.group, &group], [kit::opaque(format)]);
+        let defs = [shared.water_def()];
+        let spec = RenderSpec {
+            depth: Some(kit::depth_state(wgpu::CompareFunction::Less, false)),
+            ..RenderSpec::new(INFO.name, (INFO.name, &defs[..]), &groups, &targets)
+        };
+        let raster = Raster::new(resources, &spec)?;
         let mask = resources.target(INFO.name, [depth.width(), depth.height()], format);
-        Ok(Self {
-            pipeline,
-            shared: shared.group.group.clone(),
-            group,
-            cells,
-            view: kit::view(&mask),
-            depth_view: kit::view(depth),
-            mask,
-        })
+        let (view, depth_view) = (kit::view(&mask), kit::view(depth));
+        Ok(Self { raster, groups: kit::bare(&groups), cells, view, depth_view, mask })
     }
 
     pub fn texture(&self) -> &wgpu::Texture {
@@ -79,24 +63,20 @@ impl Stage for Mask {
     }
 
     fn encode(&self, scope: &mut StageScope<'_>) {
+        let clear = Some(wgpu::Color::BLACK);
         let targets = Targets {
-            color: &[ColorTarget {
-                view: &self.view,
-                clear: Some(wgpu::Color::BLACK),
-                slice: None,
-            }],
+            color: &[ColorTarget { view: &self.view, clear, slice: None }],
             depth: Some(DepthTarget { view: &self.depth_view, clear: None, read_only: true }),
         };
         scope.render(&targets, |pass| {
-            pass.set_pipeline(&self.pipeline);
-            pass.set_bind_group(0, &self.shared, &[]);
-            pass.set_bind_group(1, &self.group.group, &[]);
+            self.raster.bind(pass);
+            kit::bind_groups(pass, &self.groups);
             pass.draw(0..self.cells * self.cells * 6, 0..1);
         });
     }
 
     fn work(&self) -> Work {
-        let texels = u64::from(self.mask.width()) * u64::from(self.mask.height());
+        let texels = kit::pixels(&self.mask);
         Work {
             triangles: u64::from(self.cells) * u64::from(self.cells) * 2,
             bytes_read: texels * 4,
@@ -106,12 +86,8 @@ impl Stage for Mask {
     }
 
     fn outputs(&self) -> Vec<Output> {
-        vec![Output {
-            name: "mask".into(),
-            meaning: "1 where the light meets the water first; row 0 is ndc y = +1 of the light"
-                .into(),
-            columns: vec![Column { name: "water", unit: "1", meaning: "1 water, 0 other" }],
-            data: OutputData::Texture(self.mask.clone()),
-        }]
+        let meaning = "1 where the light meets the water first; row 0 is ndc y = +1 of the light";
+        let column = Column::new("water", "1", "1 water, 0 other");
+        vec![Output::texture("mask", meaning, vec![column], &self.mask)]
     }
 }

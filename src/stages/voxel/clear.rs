@@ -2,6 +2,7 @@
 
 use crate::gpu::StageScope;
 use crate::record::Work;
+use crate::stages::kit::Buffer;
 use crate::stages::{Stage, StageInfo};
 
 pub const INFO: StageInfo = StageInfo {
@@ -13,12 +14,12 @@ pub const INFO: StageInfo = StageInfo {
 /// A buffer's part that is cleared: its first bytes.
 #[derive(Clone)]
 pub struct Cleared {
-    pub buffer: wgpu::Buffer,
+    pub buffer: Buffer,
     pub bytes: u64,
 }
 
-impl From<&wgpu::Buffer> for Cleared {
-    fn from(buffer: &wgpu::Buffer) -> Self {
+impl From<&Buffer> for Cleared {
+    fn from(buffer: &Buffer) -> Self {
         Self { buffer: buffer.clone(), bytes: buffer.size() }
     }
 }

@@ -3,8 +3,7 @@
 use super::bit_volumes;
 use crate::gpu::{GpuError, StageScope};
 use crate::record::Work;
-use crate::scene::Grid;
-use crate::stages::kit::{self, Bind, Group, Resources};
+use crate::stages::kit::{Bind, Buffer, Dispatch, Group, Kernel, Resources};
 use crate::stages::voxels::Voxels;
 use crate::stages::{Output, Stage, StageInfo};
 
@@ -17,14 +16,9 @@ pub const INFO: StageInfo = StageInfo {
 /// Edge of the cube of voxels that a workgroup takes, as in the shader.
 const CUBE: u32 = 32;
 
-/// Workgroups that a grid needs.
-pub fn workgroups(grid: &Grid) -> [u32; 3] {
-    grid.cells.map(|n| n.div_ceil(CUBE))
-}
-
 pub struct Combine {
-    pipeline: wgpu::ComputePipeline,
-    volumes: Vec<(Group, Voxels)>,
+    kernel: Kernel,
+    volumes: Vec<(Dispatch, Voxels)>,
     /// Of all slicemaps.
     slicemap_bytes: u64,
 }
@@ -33,30 +27,28 @@ impl Combine {
     /// Each volume with its slicemaps along x, y and z. The bit volumes must have been cleared.
     pub fn new(
         resources: &Resources<'_>,
-        volumes: &[(Voxels, [wgpu::Buffer; 3])],
+        volumes: &[(Voxels, [Buffer; 3])],
     ) -> Result<Self, GpuError> {
-        let gpu = resources.gpu;
-        let shader = gpu.shader(INFO.name, &[])?;
-        let slicemap_bytes = volumes.iter().flat_map(|v| &v.1).map(wgpu::Buffer::size);
-        let slicemap_bytes = slicemap_bytes.sum();
-        let volumes: Vec<_> = volumes
-            .iter()
-            .map(|(voxels, [x, y, z])| {
-                let binds = [
-                    Bind::Uniform(&voxels.uniforms),
-                    Bind::Read(x),
-                    Bind::Read(y),
-                    Bind::Read(z),
-                    Bind::Write(&voxels.bits),
-                ];
-                (Group::new(gpu, INFO.name, &binds), voxels.clone())
-            })
-            .collect();
-        let groups: Vec<&Group> = volumes.iter().take(1).map(|(group, _)| group).collect();
+        let group = |(voxels, [x, y, z]): &(Voxels, [Buffer; 3])| {
+            let binds = [
+                Bind::Uniform(&voxels.uniforms),
+                Bind::Read(x),
+                Bind::Read(y),
+                Bind::Read(z),
+                Bind::Write(&voxels.bits),
+            ];
+            Group::new(resources.gpu, INFO.name, &binds)
+        };
+        let groups: Vec<Group> = volumes.iter().map(group).collect();
+        let first: Vec<&Group> = groups.iter().take(1).collect();
+        let dispatch = |(group, (voxels, _)): (&Group, &(Voxels, _))| {
+            let workgroups = voxels.grid.cells.map(|n| n.div_ceil(CUBE));
+            (Dispatch::new(resources, INFO.name, &[group], workgroups), voxels.clone())
+        };
         Ok(Self {
-            pipeline: kit::compute_pipeline(gpu, INFO.name, &shader, &groups),
-            volumes,
-            slicemap_bytes,
+            kernel: Kernel::new(resources, INFO.name, INFO.name, &first)?,
+            volumes: groups.iter().zip(volumes).map(dispatch).collect(),
+            slicemap_bytes: volumes.iter().flat_map(|v| &v.1).map(Buffer::size).sum(),
         })
     }
 }
@@ -68,11 +60,9 @@ impl Stage for Combine {
 
     fn encode(&self, scope: &mut StageScope<'_>) {
         scope.compute(|pass| {
-            pass.set_pipeline(&self.pipeline);
-            for (group, voxels) in &self.volumes {
-                let [x, y, z] = workgroups(&voxels.grid);
-                pass.set_bind_group(0, &group.group, &[]);
-                pass.dispatch_workgroups(x, y, z);
+            self.kernel.bind(pass);
+            for (dispatch, _) in &self.volumes {
+                dispatch.run(pass);
             }
         });
     }

@@ -5,14 +5,14 @@
 //! higher levels are the OR of those below. Sizes are those of a texture's levels, max(1, ⌊n / 2⌋): the last cell along an axis
 //! takes what is left over, so that voxel v lies in cell min(v ≫ level, size − 1).
 
-use encase::ShaderType;
 use glam::UVec3;
 
 use super::rows;
 use crate::gpu::{GpuError, StageScope};
 use crate::record::Work;
 use crate::scene::Grid;
-use crate::stages::kit::{self, Bind, Group, Resources};
+use crate::shader_struct;
+use crate::stages::kit::{self, Bind, Buffer, Dispatch, Group, Kernel, Resources};
 use crate::stages::voxels::Voxels;
 use crate::stages::{Output, Stage, StageInfo};
 
@@ -25,13 +25,14 @@ pub const INFO: StageInfo = StageInfo {
 /// Cells of a row that an invocation takes: of level 1, and of the levels above.
 const PART: [u32; 2] = [16, 4];
 
-/// Host twin of `Level` in `shaders/voxel/mips.wgsl`.
-#[derive(Clone, Debug, PartialEq, ShaderType)]
-pub struct LevelUniforms {
-    pub below: UVec3,
-    pub below_word: u32,
-    pub size: UVec3,
-    pub size_word: u32,
+shader_struct! {
+    /// `Level` in `shaders/voxel/mips.wgsl`.
+    pub struct LevelUniforms {
+        pub below: UVec3,
+        pub below_word: u32,
+        pub size: UVec3,
+        pub size_word: u32,
+    }
 }
 
 /// Cells of a level of a grid.
@@ -45,12 +46,12 @@ fn levels(grid: &Grid) -> std::ops::RangeInclusive<u32> {
 }
 
 /// Bytes of the buffer between the passes and the copies.
-pub fn rows_bytes(grid: &Grid) -> u64 {
+fn rows_bytes(grid: &Grid) -> u64 {
     levels(grid).map(|level| rows::bytes(level_cells(grid, level))).sum()
 }
 
 /// Workgroups that a level of a grid needs.
-pub fn workgroups(grid: &Grid, level: u32) -> [u32; 3] {
+fn workgroups(grid: &Grid, level: u32) -> [u32; 3] {
     let [x, y, z] = level_cells(grid, level);
     let part = PART[usize::from(level > 1)];
     kit::linear_workgroups(u64::from(x.div_ceil(part)) * u64::from(y) * u64::from(z))
@@ -58,6 +59,7 @@ pub fn workgroups(grid: &Grid, level: u32) -> [u32; 3] {
 
 struct Level {
     group: Group,
+    dispatch: Dispatch,
     level: u32,
     /// Where its rows start, bytes.
     offset: u64,
@@ -65,34 +67,27 @@ struct Level {
 
 struct Volume {
     levels: Vec<Level>,
-    rows: wgpu::Buffer,
+    rows: Buffer,
     voxels: Voxels,
 }
 
 pub struct Mips {
     /// Of level 1 and of the levels above.
-    pipelines: [wgpu::ComputePipeline; 2],
+    kernels: [Kernel; 2],
     volumes: Vec<Volume>,
 }
 
 impl Mips {
     /// The volumes' textures must have all levels. Volumes of a single voxel have none above the first and are left out.
     pub fn new(resources: &Resources<'_>, volumes: &[Voxels]) -> Result<Self, GpuError> {
-        let gpu = resources.gpu;
         let tall = |voxels: &&Voxels| rows_bytes(&voxels.grid) > 0;
         let volumes: Vec<Volume> =
             volumes.iter().filter(tall).map(|voxels| Volume::new(resources, voxels)).collect();
-        let groups: Vec<&Group> = volumes
-            .iter()
-            .flat_map(|volume| &volume.levels)
-            .take(1)
-            .map(|level| &level.group)
-            .collect();
-        let pipeline = |base| -> Result<wgpu::ComputePipeline, GpuError> {
-            let shader = gpu.shader(INFO.name, &[("BASE", base)])?;
-            Ok(kit::compute_pipeline(gpu, INFO.name, &shader, &groups))
-        };
-        Ok(Self { pipelines: [pipeline(1)?, pipeline(0)?], volumes })
+        let mut levels = volumes.iter().flat_map(|volume| &volume.levels);
+        let groups: Vec<&Group> = levels.next().map(|level| &level.group).into_iter().collect();
+        let kernel =
+            |base| Kernel::new(resources, INFO.name, (INFO.name, &[("BASE", base)][..]), &groups);
+        Ok(Self { kernels: [kernel(1)?, kernel(0)?], volumes })
     }
 }
 
@@ -111,7 +106,10 @@ impl Volume {
             };
             let uniforms = resources.uniform(INFO.name, &uniforms);
             let binds = [Bind::Uniform(&uniforms), Bind::Read(&voxels.bits), Bind::Write(&rows)];
-            let made = Level { group: Group::new(resources.gpu, INFO.name, &binds), level, offset };
+            let group = Group::new(resources.gpu, INFO.name, &binds);
+            let workgroups = workgroups(grid, level);
+            let dispatch = Dispatch::new(resources, INFO.name, &[&group], workgroups);
+            let made = Level { group, dispatch, level, offset };
             below = offset;
             offset += rows::bytes(level_cells(grid, level));
             made
@@ -127,13 +125,8 @@ impl Stage for Mips {
 
     fn encode(&self, scope: &mut StageScope<'_>) {
         scope.compute(|pass| {
-            for volume in &self.volumes {
-                for Level { group, level, .. } in &volume.levels {
-                    let [x, y, z] = workgroups(&volume.voxels.grid, *level);
-                    pass.set_pipeline(&self.pipelines[usize::from(*level > 1)]);
-                    pass.set_bind_group(0, &group.group, &[]);
-                    pass.dispatch_workgroups(x, y, z);
-                }
+            for level in self.volumes.iter().flat_map(|volume| &volume.levels) {
+                self.kernels[usize::from(level.level > 1)].run(pass, &level.dispatch);
             }
         });
         scope.copy(|encoder| {

@@ -18,6 +18,7 @@ use std::ops::Range;
 
 use glam::DVec3;
 
+use super::kit::Buffer;
 use super::voxels::Voxels;
 use super::{Column, Output, OutputData};
 
@@ -39,7 +40,7 @@ fn triangles(parts: &[Part]) -> u64 {
 }
 
 /// Words of bits as an output: 32 bits a word, as two integers that a float holds exactly.
-fn words(name: String, meaning: &str, buffer: &wgpu::Buffer) -> Output {
+fn words(name: String, meaning: &str, buffer: &Buffer) -> Output {
     let column = |name, meaning| Column { name, unit: "1", meaning };
     Output {
         name,
@@ -49,7 +50,7 @@ fn words(name: String, meaning: &str, buffer: &wgpu::Buffer) -> Output {
             column("high", "bits 16 to 31 as an integer"),
         ],
         data: OutputData::Buffer {
-            buffer: buffer.clone(),
+            buffer: buffer.raw(),
             stride_floats: 1,
             count: (buffer.size() / 4) as u32,
             row: Box::new(|word| {

@@ -1,9 +1,6 @@
 //! Rows of bytes in a buffer, aligned for copies to a texture. `R8Unorm` cannot be written as
 //! storage: what fills such a texture writes rows and copies them.
 
-use crate::scene::Grid;
-use crate::stages::kit::Resources;
-
 /// Bytes from one row to the next.
 pub(super) fn pitch(width: u32) -> u32 {
     width.next_multiple_of(wgpu::COPY_BYTES_PER_ROW_ALIGNMENT)
@@ -12,10 +9,6 @@ pub(super) fn pitch(width: u32) -> u32 {
 /// Bytes that the rows of a grid take.
 pub(super) fn bytes(cells: [u32; 3]) -> u64 {
     u64::from(pitch(cells[0])) * u64::from(cells[1]) * u64::from(cells[2])
-}
-
-pub(super) fn buffer(resources: &Resources<'_>, label: &str, grid: &Grid) -> wgpu::Buffer {
-    resources.storage(label, bytes(grid.cells))
 }
 
 /// Copies rows, from `offset` on in the buffer, to one level of a volume.

@@ -7,9 +7,8 @@ use super::slicemap::Axis;
 use super::{Part, bit_volumes};
 use crate::gpu::{ColorTarget, GpuError, StageScope, Targets};
 use crate::record::Work;
-use crate::scene::Grid;
 use crate::stages::geometry::Geometry;
-use crate::stages::kit::{self, Bind, Group, RenderSpec, Resources};
+use crate::stages::kit::{self, Bind, Dispatch, Group, Kernel, Raster, RenderSpec, Resources};
 use crate::stages::{Output, Stage, StageInfo};
 
 pub const INFO: StageInfo = StageInfo {
@@ -20,14 +19,10 @@ pub const INFO: StageInfo = StageInfo {
 
 const FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::R8Unorm;
 
-/// Workgroups of the OR: an invocation for a word of the bit volume.
-pub fn workgroups(grid: &Grid) -> [u32; 3] {
-    kit::linear_workgroups(grid.words())
-}
-
 struct Volume {
     grid: Group,
     gather: Group,
+    dispatch: Dispatch,
     part: Part,
     /// Along x, y and z.
     views: [wgpu::TextureView; 3],
@@ -35,8 +30,8 @@ struct Volume {
 
 pub struct Slice {
     /// Along x, y and z.
-    draw: [wgpu::RenderPipeline; 3],
-    gather: wgpu::ComputePipeline,
+    draw: [Raster; 3],
+    gather: Kernel,
     geometry: Geometry,
     volumes: Vec<Volume>,
 }
@@ -47,27 +42,20 @@ impl Slice {
         geometry: &Geometry,
         parts: &[Part],
     ) -> Result<Self, GpuError> {
-        let gpu = resources.gpu;
         let volumes: Vec<Volume> = parts.iter().map(|part| Volume::new(resources, part)).collect();
         let grid: Vec<&Group> = volumes.iter().take(1).map(|v| &v.grid).collect();
         let both: Vec<&Group> = volumes.iter().take(1).flat_map(|v| [&v.grid, &v.gather]).collect();
-        let draw = |axis: Axis| -> Result<wgpu::RenderPipeline, GpuError> {
+        let draw = |axis: Axis| {
+            let (defs, targets) = ([("AXIS", axis as i32)], [kit::opaque(FORMAT)]);
             let spec = RenderSpec {
-                label: INFO.name,
-                shader: &gpu.shader(INFO.name, &[("AXIS", axis as i32)])?,
-                vertex: "vertex",
-                fragment: Some("fragment"),
-                groups: &grid,
                 buffers: &[Geometry::layout(true)],
-                targets: &[kit::opaque(FORMAT)],
-                depth: None,
+                ..RenderSpec::new(INFO.name, (INFO.name, &defs[..]), &grid, &targets)
             };
-            Ok(kit::render_pipeline(gpu, &spec))
+            Raster::new(resources, &spec)
         };
-        let shader = gpu.shader(INFO.name, &[])?;
         Ok(Self {
             draw: [draw(Axis::X)?, draw(Axis::Y)?, draw(Axis::Z)?],
-            gather: kit::compute_pipeline(gpu, INFO.name, &shader, &both),
+            gather: Kernel::new(resources, INFO.name, INFO.name, &both)?,
             geometry: geometry.clone(),
             volumes,
         })
@@ -81,12 +69,13 @@ impl Volume {
             Axis::ALL.map(|axis| resources.volume(INFO.name, axis.turned(&voxels.grid), FORMAT, 1));
         let [x, y, z] = &textures;
         let binds = [Bind::Volume(x), Bind::Volume(y), Bind::Volume(z), Bind::Write(&voxels.bits)];
-        Self {
-            grid: Group::new(gpu, INFO.name, &[Bind::Uniform(&voxels.uniforms)]),
-            gather: Group::new(gpu, INFO.name, &binds),
-            part: part.clone(),
-            views: textures.each_ref().map(kit::view),
-        }
+        let grid = Group::new(gpu, INFO.name, &[Bind::Uniform(&voxels.uniforms)]);
+        let gather = Group::new(gpu, INFO.name, &binds);
+        // An invocation for a word of the bit volume.
+        let workgroups = kit::linear_workgroups(voxels.grid.words());
+        let dispatch = Dispatch::new(resources, INFO.name, &[&grid, &gather], workgroups);
+        let views = textures.each_ref().map(kit::view);
+        Self { grid, gather, dispatch, part: part.clone(), views }
     }
 
     fn slices(&self, axis: Axis) -> u32 {
@@ -120,18 +109,14 @@ impl Stage for Slice {
             color.iter().map(|color| Targets { color, depth: None }).collect();
         scope.render_series(&targets, |number, pass| {
             let (volume, axis, slice) = slices[number];
-            pass.set_pipeline(&self.draw[axis as usize]);
+            self.draw[axis as usize].bind(pass);
             pass.set_bind_group(0, &volume.grid.group, &[]);
             let part = volume.part.indices.clone();
             self.geometry.draw_instances(pass, part, slice..slice + 1);
         });
         scope.compute(|pass| {
-            pass.set_pipeline(&self.gather);
             for volume in &self.volumes {
-                let [x, y, z] = workgroups(&volume.part.voxels.grid);
-                pass.set_bind_group(0, &volume.grid.group, &[]);
-                pass.set_bind_group(1, &volume.gather.group, &[]);
-                pass.dispatch_workgroups(x, y, z);
+                self.gather.run(pass, &volume.dispatch);
             }
         });
     }

@@ -8,7 +8,7 @@ use crate::gpu::{ColorTarget, GpuError, StageScope, Targets};
 use crate::record::Work;
 use crate::scene::Grid;
 use crate::stages::geometry::Geometry;
-use crate::stages::kit::{self, Bind, Group, RenderSpec, Resources};
+use crate::stages::kit::{self, Bind, Buffer, Group, Raster, RenderSpec, Resources};
 use crate::stages::{Output, Stage, StageInfo};
 
 pub const INFO_X: StageInfo = StageInfo {
@@ -77,12 +77,12 @@ struct Draw {
     group: Group,
     part: Part,
     size_px: [u32; 2],
-    slices: wgpu::Buffer,
+    slices: Buffer,
 }
 
 pub struct Slicemap {
     axis: Axis,
-    pipeline: wgpu::RenderPipeline,
+    raster: Raster,
     geometry: Geometry,
     draws: Vec<Draw>,
     dummy: wgpu::TextureView,
@@ -95,46 +95,32 @@ impl Slicemap {
         parts: &[Part],
         axis: Axis,
     ) -> Result<Self, GpuError> {
-        let (gpu, name) = (resources.gpu, axis.name());
-        let shader = gpu.shader("voxel/slicemap", &[("AXIS", axis as i32)])?;
-        let draws: Vec<Draw> = parts
-            .iter()
-            .map(|part| {
-                let grid = &part.voxels.grid;
-                let slices = resources.storage(name, axis.slicemap_bytes(grid));
-                let [columns, rows, _] = axis.turned(grid);
-                let binds = [Bind::Uniform(&part.voxels.uniforms), Bind::Write(&slices)];
-                Draw {
-                    group: Group::new(gpu, name, &binds),
-                    part: part.clone(),
-                    size_px: [columns, rows],
-                    slices,
-                }
-            })
-            .collect();
+        let name = axis.name();
+        let draw = |part: &Part| {
+            let grid = &part.voxels.grid;
+            let slices = resources.storage(name, axis.slicemap_bytes(grid));
+            let [columns, rows, _] = axis.turned(grid);
+            let binds = [Bind::Uniform(&part.voxels.uniforms), Bind::Write(&slices)];
+            let group = Group::new(resources.gpu, name, &binds);
+            Draw { group, part: part.clone(), size_px: [columns, rows], slices }
+        };
+        let draws: Vec<Draw> = parts.iter().map(draw).collect();
         let groups: Vec<&Group> = draws.iter().take(1).map(|draw| &draw.group).collect();
-        let target =
-            wgpu::ColorTargetState { write_mask: wgpu::ColorWrites::empty(), ..kit::opaque(DUMMY) };
-        let pipeline = kit::render_pipeline(
-            gpu,
-            &RenderSpec {
-                label: name,
-                shader: &shader,
-                vertex: "vertex",
-                fragment: Some("fragment"),
-                groups: &groups,
-                buffers: &[Geometry::layout(true)],
-                targets: &[target],
-                depth: None,
-            },
-        );
+        let write_mask = wgpu::ColorWrites::empty();
+        let target = [wgpu::ColorTargetState { write_mask, ..kit::opaque(DUMMY) }];
+        let defs = [("AXIS", axis as i32)];
+        let spec = RenderSpec {
+            buffers: &[Geometry::layout(true)],
+            ..RenderSpec::new(name, ("voxel/slicemap", &defs[..]), &groups, &target)
+        };
+        let raster = Raster::new(resources, &spec)?;
         let largest = |side: usize| draws.iter().map(|d| d.size_px[side]).max().unwrap_or(1);
-        let dummy = resources.target(name, [largest(0), largest(1)], DUMMY);
-        Ok(Self { axis, pipeline, geometry: geometry.clone(), draws, dummy: kit::view(&dummy) })
+        let dummy = kit::view(&resources.target(name, [largest(0), largest(1)], DUMMY));
+        Ok(Self { axis, raster, geometry: geometry.clone(), draws, dummy })
     }
 
     /// Each volume's slices: words of 32 slices, layers of the pass's columns × rows.
-    pub fn slicemaps(&self) -> impl Iterator<Item = &wgpu::Buffer> {
+    pub fn slicemaps(&self) -> impl Iterator<Item = &Buffer> {
         self.draws.iter().map(|draw| &draw.slices)
     }
 }
@@ -145,12 +131,9 @@ impl Stage for Slicemap {
     }
 
     fn encode(&self, scope: &mut StageScope<'_>) {
-        let targets = Targets {
-            color: &[ColorTarget { view: &self.dummy, clear: None, slice: None }],
-            depth: None,
-        };
-        scope.render(&targets, |pass| {
-            pass.set_pipeline(&self.pipeline);
+        let color = [ColorTarget { view: &self.dummy, clear: None, slice: None }];
+        scope.render(&Targets { color: &color, depth: None }, |pass| {
+            self.raster.bind(pass);
             for draw in &self.draws {
                 let [columns, rows] = draw.size_px.map(|n| n as f32);
                 pass.set_viewport(0.0, 0.0, columns, rows, 0.0, 1.0);

@@ -1,17 +1,18 @@
-//! The three dispatches that `voxel/overlap` and `voxel/alpha` share: triangles against voxels.
+//! What `voxel/overlap` and `voxel/alpha` are: triangles against voxels, in three dispatches.
 //!
 //! The first empties a queue. The second takes a triangle an invocation; triangles of many columns of voxels would keep their
 //! workgroup waiting: they go to the queue. In the third a workgroup takes each large triangle, and all workgroups share each
 //! huge one.
 
-use encase::ShaderType;
-
-use super::Part;
 use super::clear::Cleared;
+use super::{Part, bit_volumes};
 use crate::gpu::{GpuError, StageScope};
+use crate::record::Work;
+use crate::shader_struct;
 use crate::stages::geometry::Geometry;
-use crate::stages::kit::{self, Bind, Group, Resources};
+use crate::stages::kit::{self, Bind, Buffer, Dispatch, Group, Kernel, Resources};
 use crate::stages::voxels::Voxels;
+use crate::stages::{Output, Stage, StageInfo};
 
 /// Columns of voxels above which a triangle is large, and above which it is huge. Tuned on scenes bunny_dry and room, on a software
 /// driver and with workgroups of a GPU in mind: more columns leave a few invocations of a workgroup at work for long.
@@ -20,13 +21,14 @@ const LARGE_COLUMNS: u32 = 4096;
 /// Workgroups of the dispatch of large triangles. Tuned likewise.
 const LARGE_GROUPS: u32 = 128;
 
-/// Host twin of `Batch` in `shaders/shared/triangles.wgsl`.
-#[derive(Clone, Debug, PartialEq, ShaderType)]
-pub struct BatchUniforms {
-    pub first_index: u32,
-    pub triangles: u32,
-    pub small_columns: u32,
-    pub large_columns: u32,
+shader_struct! {
+    /// `Batch` in `shaders/shared/triangles.wgsl`.
+    pub struct BatchUniforms {
+        pub first_index: u32,
+        pub triangles: u32,
+        pub small_columns: u32,
+        pub large_columns: u32,
+    }
 }
 
 /// Which voxels a triangle sets, and what is stored.
@@ -43,85 +45,83 @@ pub enum Contact {
 /// One volume's share.
 struct Run {
     group: Group,
-    part: Part,
-    /// With [`Contact::Alpha`].
-    alphas: Option<wgpu::Buffer>,
+    /// The queue, small triangles, large ones.
+    dispatches: [Dispatch; 3],
+    voxels: Voxels,
+    triangles: u64,
+    /// With [`Contact::Alpha`], 0 … 255 in a word a voxel.
+    alphas: Option<Buffer>,
 }
 
-pub(super) struct Triangles {
-    /// A dispatch each: the queue, small triangles, large ones.
-    pipelines: [wgpu::ComputePipeline; 3],
+pub struct Triangles {
+    info: &'static StageInfo,
+    /// One for each of a run's dispatches.
+    kernels: [Kernel; 3],
     runs: Vec<Run>,
-}
-
-/// Bytes of the queue for so many triangles: two counters and a word each.
-pub fn queue_bytes(triangles: u64) -> u64 {
-    (2 + triangles) * 4
-}
-
-/// Workgroups of the dispatch of small triangles.
-pub fn workgroups(triangles: u64) -> [u32; 3] {
-    kit::linear_workgroups(triangles)
+    bytes_read: u64,
 }
 
 impl Triangles {
-    /// `name` is the stage's, and names its shader.
+    /// The stage `info`.
     pub(super) fn new(
         resources: &Resources<'_>,
-        name: &'static str,
+        info: &'static StageInfo,
         geometry: &Geometry,
         parts: &[Part],
         contact: Contact,
     ) -> Result<Self, GpuError> {
-        let gpu = resources.gpu;
-        let make = |part: &Part| Run::new(resources, name, geometry, part, contact);
+        let make = |part: &Part| Run::new(resources, info.name, geometry, part, contact);
         let runs: Vec<Run> = parts.iter().map(make).collect();
         let groups: Vec<&Group> = runs.iter().take(1).map(|run| &run.group).collect();
-        let pipeline = |step: i32| -> Result<wgpu::ComputePipeline, GpuError> {
-            let thin = i32::from(contact == Contact::Thin);
-            let shader = gpu.shader(name, &[("THIN", thin), ("STEP", step)])?;
-            Ok(kit::compute_pipeline(gpu, name, &shader, &groups))
+        let kernel = |step: i32| {
+            let defs = [("THIN", i32::from(contact == Contact::Thin)), ("STEP", step)];
+            Kernel::new(resources, info.name, (info.name, &defs[..]), &groups)
         };
-        Ok(Self { pipelines: [pipeline(0)?, pipeline(1)?, pipeline(2)?], runs })
+        let kernels = [kernel(0)?, kernel(1)?, kernel(2)?];
+        Ok(Self { info, kernels, runs, bytes_read: geometry.bytes() })
     }
 
     /// Each volume's alphas, a word a voxel.
-    pub(super) fn alphas(&self) -> impl Iterator<Item = &wgpu::Buffer> {
+    pub fn alphas(&self) -> impl Iterator<Item = &Buffer> {
         self.runs.iter().filter_map(|run| run.alphas.as_ref())
     }
 
     /// What must be cleared before each frame.
-    pub(super) fn cleared(&self) -> Vec<Cleared> {
+    pub fn cleared(&self) -> Vec<Cleared> {
         let of = |run: &Run| {
-            let bits = Cleared::from(&run.part.voxels.bits);
+            let bits = Cleared::from(&run.voxels.bits);
             [Some(bits), run.alphas.as_ref().map(Cleared::from)]
         };
         self.runs.iter().flat_map(of).flatten().collect()
     }
+}
 
-    pub(super) fn volumes(&self) -> impl Iterator<Item = &Voxels> {
-        self.runs.iter().map(|run| &run.part.voxels)
+impl Stage for Triangles {
+    fn name(&self) -> &'static str {
+        self.info.name
     }
 
-    pub(super) fn triangles(&self) -> u64 {
-        self.runs.iter().map(|run| run.part.triangles()).sum()
-    }
-
-    pub(super) fn encode(&self, scope: &mut StageScope<'_>) {
+    fn encode(&self, scope: &mut StageScope<'_>) {
         scope.compute(|pass| {
-            for (step, pipeline) in self.pipelines.iter().enumerate() {
-                pass.set_pipeline(pipeline);
+            for (step, kernel) in self.kernels.iter().enumerate() {
+                kernel.bind(pass);
                 for run in &self.runs {
-                    let [x, y, z] = match step {
-                        0 => [1, 1, 1],
-                        1 => workgroups(run.part.triangles()),
-                        _ => [LARGE_GROUPS, 1, 1],
-                    };
-                    pass.set_bind_group(0, &run.group.group, &[]);
-                    pass.dispatch_workgroups(x, y, z);
+                    run.dispatches[step].run(pass);
                 }
             }
         });
+    }
+
+    fn work(&self) -> Work {
+        Work {
+            triangles: self.runs.iter().map(|run| run.triangles).sum(),
+            bytes_read: self.bytes_read,
+            ..Work::default()
+        }
+    }
+
+    fn outputs(&self) -> Vec<Output> {
+        bit_volumes(self.runs.iter().map(|run| &run.voxels))
     }
 }
 
@@ -133,17 +133,18 @@ impl Run {
         part: &Part,
         contact: Contact,
     ) -> Self {
+        let (voxels, triangles) = (&part.voxels, part.triangles());
         let batch = BatchUniforms {
             first_index: part.indices.start,
-            triangles: part.triangles() as u32,
+            triangles: triangles as u32,
             small_columns: SMALL_COLUMNS,
             large_columns: LARGE_COLUMNS,
         };
         let batch = resources.uniform(name, &batch);
-        let queue = resources.storage("voxel queue", queue_bytes(part.triangles()));
-        let voxels = &part.voxels;
+        // Two counters, and a word for each triangle.
+        let queue = resources.storage("voxel queue", (2 + triangles) * 4);
         let alphas = (contact == Contact::Alpha)
-            .then(|| resources.storage("voxel alphas", super::alpha::alphas_bytes(&voxels.grid)));
+            .then(|| resources.storage("voxel alphas", voxels.grid.count() * 4));
         let mut binds = vec![
             Bind::Uniform(&voxels.uniforms),
             Bind::Uniform(&batch),
@@ -155,6 +156,10 @@ impl Run {
         if let Some(alphas) = &alphas {
             binds.extend([Bind::Read(&geometry.materials), Bind::Write(alphas)]);
         }
-        Self { group: Group::new(resources.gpu, name, &binds), part: part.clone(), alphas }
+        let group = Group::new(resources.gpu, name, &binds);
+        let small = kit::linear_workgroups(triangles);
+        let dispatches = [[1, 1, 1], small, [LARGE_GROUPS, 1, 1]]
+            .map(|workgroups| Dispatch::new(resources, name, &[&group], workgroups));
+        Self { group, dispatches, voxels: voxels.clone(), triangles, alphas }
     }
 }

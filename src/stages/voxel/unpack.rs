@@ -3,8 +3,7 @@
 use super::rows;
 use crate::gpu::{GpuError, StageScope};
 use crate::record::Work;
-use crate::scene::Grid;
-use crate::stages::kit::{self, Bind, Group, Resources};
+use crate::stages::kit::{self, Bind, Buffer, Dispatch, Group, Kernel, Resources};
 use crate::stages::voxels::Voxels;
 use crate::stages::{Output, Stage, StageInfo};
 
@@ -14,25 +13,15 @@ pub const INFO: StageInfo = StageInfo {
     source: "VAO §4.2",
 };
 
-/// Bytes of the buffer between the pass and the copy.
-pub fn rows_bytes(grid: &Grid) -> u64 {
-    rows::bytes(grid.cells)
-}
-
-/// Workgroups that a grid needs: an invocation for 32 voxels of a row.
-pub fn workgroups(grid: &Grid) -> [u32; 3] {
-    let [x, y, z] = grid.cells;
-    kit::linear_workgroups(u64::from(x.div_ceil(32)) * u64::from(y) * u64::from(z))
-}
-
 struct Volume {
     group: Group,
-    rows: wgpu::Buffer,
+    dispatch: Dispatch,
+    rows: Buffer,
     voxels: Voxels,
 }
 
 pub struct Unpack {
-    pipeline: wgpu::ComputePipeline,
+    kernel: Kernel,
     volumes: Vec<Volume>,
     bytes_read: u64,
 }
@@ -42,11 +31,11 @@ pub enum Packed {
     /// The volumes' bits.
     Bits,
     /// A word of 0 … 255 for each voxel, a buffer for each volume.
-    Alphas(Vec<wgpu::Buffer>),
+    Alphas(Vec<Buffer>),
 }
 
 impl Packed {
-    fn of<'a>(&'a self, volumes: &'a [Voxels]) -> Vec<&'a wgpu::Buffer> {
+    fn of<'a>(&'a self, volumes: &'a [Voxels]) -> Vec<&'a Buffer> {
         match self {
             Packed::Bits => volumes.iter().map(|voxels| &voxels.bits).collect(),
             Packed::Alphas(alphas) => alphas.iter().collect(),
@@ -60,27 +49,28 @@ impl Unpack {
         volumes: &[Voxels],
         packed: &Packed,
     ) -> Result<Self, GpuError> {
-        let gpu = resources.gpu;
-        let alpha = i32::from(matches!(packed, Packed::Alphas(_)));
-        let shader = gpu.shader(INFO.name, &[("ALPHA", alpha)])?;
+        let defs = [("ALPHA", i32::from(matches!(packed, Packed::Alphas(_))))];
         let packed = packed.of(volumes);
         let bytes_read = packed.iter().map(|buffer| buffer.size()).sum();
-        let volumes: Vec<Volume> = volumes
-            .iter()
-            .zip(packed)
-            .map(|(voxels, packed)| {
-                let rows = rows::buffer(resources, INFO.name, &voxels.grid);
-                let binds =
-                    [Bind::Uniform(&voxels.uniforms), Bind::Read(packed), Bind::Write(&rows)];
-                Volume { group: Group::new(gpu, INFO.name, &binds), rows, voxels: voxels.clone() }
-            })
-            .collect();
+        let pairs = volumes.iter().zip(packed);
+        let volumes: Vec<Volume> =
+            pairs.map(|(voxels, packed)| Volume::new(resources, voxels, packed)).collect();
         let groups: Vec<&Group> = volumes.iter().take(1).map(|v| &v.group).collect();
-        Ok(Self {
-            pipeline: kit::compute_pipeline(gpu, INFO.name, &shader, &groups),
-            volumes,
-            bytes_read,
-        })
+        let kernel = Kernel::new(resources, INFO.name, (INFO.name, &defs[..]), &groups)?;
+        Ok(Self { kernel, volumes, bytes_read })
+    }
+}
+
+impl Volume {
+    fn new(resources: &Resources<'_>, voxels: &Voxels, packed: &Buffer) -> Self {
+        let rows = resources.storage(INFO.name, rows::bytes(voxels.grid.cells));
+        let binds = [Bind::Uniform(&voxels.uniforms), Bind::Read(packed), Bind::Write(&rows)];
+        let group = Group::new(resources.gpu, INFO.name, &binds);
+        let [x, y, z] = voxels.grid.cells.map(u64::from);
+        // An invocation for 32 voxels of a row.
+        let workgroups = kit::linear_workgroups(x.div_ceil(32) * y * z);
+        let dispatch = Dispatch::new(resources, INFO.name, &[&group], workgroups);
+        Self { group, dispatch, rows, voxels: voxels.clone() }
     }
 }
 
@@ -91,11 +81,9 @@ impl Stage for Unpack {
 
     fn encode(&self, scope: &mut StageScope<'_>) {
         scope.compute(|pass| {
-            pass.set_pipeline(&self.pipeline);
+            self.kernel.bind(pass);
             for volume in &self.volumes {
-                let [x, y, z] = workgroups(&volume.voxels.grid);
-                pass.set_bind_group(0, &volume.group.group, &[]);
-                pass.dispatch_workgroups(x, y, z);
+                volume.dispatch.run(pass);
             }
         });
         scope.copy(|encoder| {

@@ -3,9 +3,9 @@
 use crate::gpu::{ColorTarget, DepthTarget, GpuError, StageScope, Targets};
 use crate::record::Work;
 use crate::stages::frame::Shared;
-use crate::stages::kit::{self, Bind, Group, RenderSpec, Resources};
+use crate::stages::kit::{self, Bind, Group, Raster, RenderSpec, Resources};
 use crate::stages::voxels::Voxels;
-use crate::stages::{Column, Output, OutputData, Stage, StageInfo};
+use crate::stages::{Column, Output, Stage, StageInfo};
 
 pub const INFO: StageInfo = StageInfo {
     name: "voxel/view",
@@ -17,7 +17,7 @@ const FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba8Unorm;
 const BACKGROUND: wgpu::Color = wgpu::Color { r: 0.93, g: 0.94, b: 0.96, a: 1.0 };
 
 pub struct CubeView {
-    pipeline: wgpu::RenderPipeline,
+    raster: Raster,
     shared: wgpu::BindGroup,
     groups: Vec<Group>,
     color: wgpu::Texture,
@@ -32,31 +32,22 @@ impl CubeView {
         volumes: &[Voxels],
         size_px: [u32; 2],
     ) -> Result<Self, GpuError> {
-        let gpu = resources.gpu;
-        let shader = gpu.shader(INFO.name, &[])?;
         let group = |voxels: &Voxels| {
             let binds = [Bind::Uniform(&voxels.uniforms), Bind::Read(&voxels.bits)];
-            Group::new(gpu, INFO.name, &binds)
+            Group::new(resources.gpu, INFO.name, &binds)
         };
         let groups: Vec<Group> = volumes.iter().map(group).collect();
         let layout: Vec<&Group> = [&shared.group].into_iter().chain(groups.first()).collect();
-        let pipeline = kit::render_pipeline(
-            gpu,
-            &RenderSpec {
-                label: INFO.name,
-                shader: &shader,
-                vertex: "vertex",
-                fragment: Some("fragment"),
-                groups: &layout,
-                buffers: &[],
-                targets: &[kit::opaque(FORMAT)],
-                depth: Some(kit::depth_state(wgpu::CompareFunction::Less, true)),
-            },
-        );
+        let targets = [kit::opaque(FORMAT)];
+        let spec = RenderSpec {
+            depth: Some(kit::depth_state(wgpu::CompareFunction::Less, true)),
+            ..RenderSpec::new(INFO.name, INFO.name, &layout, &targets)
+        };
+        let raster = Raster::new(resources, &spec)?;
         let color = resources.target(INFO.name, size_px, FORMAT);
         let depth = resources.target(INFO.name, size_px, kit::DEPTH_FORMAT);
         Ok(Self {
-            pipeline,
+            raster,
             shared: shared.group.group.clone(),
             groups,
             views: [kit::view(&color), kit::view(&depth)],
@@ -86,7 +77,7 @@ impl Stage for CubeView {
             depth: Some(DepthTarget { view: depth, clear: Some(1.0), read_only: false }),
         };
         scope.render(&targets, |pass| {
-            pass.set_pipeline(&self.pipeline);
+            self.raster.bind(pass);
             pass.set_bind_group(0, &self.shared, &[]);
             for group in &self.groups {
                 pass.set_bind_group(1, &group.group, &[]);
@@ -96,7 +87,7 @@ impl Stage for CubeView {
     }
 
     fn work(&self) -> Work {
-        let pixels = u64::from(self.color.width()) * u64::from(self.color.height());
+        let pixels = kit::pixels(&self.color);
         Work {
             fragments: pixels * self.groups.len() as u64,
             bytes_written: pixels * 8,
@@ -105,16 +96,7 @@ impl Stage for CubeView {
     }
 
     fn outputs(&self) -> Vec<Output> {
-        let channels = ["red", "green", "blue", "alpha"].map(|name| Column {
-            name,
-            unit: "1",
-            meaning: "display value",
-        });
-        vec![Output {
-            name: "cubes".into(),
-            meaning: "the voxels as cubes".into(),
-            columns: channels.into(),
-            data: OutputData::Texture(self.color.clone()),
-        }]
+        let meaning = "the voxels as cubes";
+        vec![Output::texture("cubes", meaning, Column::display("display value"), &self.color)]
     }
 }

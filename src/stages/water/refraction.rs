@@ -1,50 +1,9 @@
-//! `water/refraction`: what lies beyond the water, drawn from the camera. UW §3 step 4.
+//! `water/refraction`: [`LitScene`](crate::stages::lit_scene::LitScene) from the camera. UW §3 step 4.
 
-use crate::gpu::{GpuError, StageScope};
-use crate::record::Work;
-use crate::stages::frame::Shared;
-use crate::stages::geometry::Geometry;
-use crate::stages::kit::Resources;
-use crate::stages::lit_scene::LitScene;
-use crate::stages::{Output, Stage, StageInfo};
+use crate::stages::StageInfo;
 
 pub const INFO: StageInfo = StageInfo {
     name: "water/refraction",
     about: "what lies beyond the water, drawn from the camera",
     source: "UW §3 step 4",
 };
-
-pub struct Refraction(LitScene);
-
-impl Refraction {
-    pub fn new(
-        resources: &Resources<'_>,
-        shared: &Shared,
-        geometry: &Geometry,
-        size_px: [u32; 2],
-    ) -> Result<Self, GpuError> {
-        LitScene::new(resources, shared, geometry, INFO.name, size_px).map(Self)
-    }
-
-    pub fn texture(&self) -> &wgpu::Texture {
-        &self.0.color
-    }
-}
-
-impl Stage for Refraction {
-    fn name(&self) -> &'static str {
-        INFO.name
-    }
-
-    fn encode(&self, scope: &mut StageScope<'_>) {
-        self.0.encode(scope);
-    }
-
-    fn work(&self) -> Work {
-        self.0.work()
-    }
-
-    fn outputs(&self) -> Vec<Output> {
-        self.0.outputs(INFO.about)
-    }
-}

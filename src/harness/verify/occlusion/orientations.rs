@@ -13,7 +13,7 @@ use crate::pipelines::volume_ao::{Params, occlusion_at};
 use crate::reference::occlusion::{Attenuation, occlusion};
 use crate::reference::rays::Tracer;
 use crate::scene::{Material, Mesh, Object, Scene, SceneFile};
-use crate::stages::ao::query::{INFO, Point};
+use crate::stages::ao::query::{INFO, SurfacePoint};
 use crate::stages::marching::{Guard, Hit};
 
 /// Points on each body.
@@ -132,7 +132,7 @@ fn orientation(number: u32, random: &mut Random) -> DMat3 {
 /// A body in one orientation: points on it, and A there by ray casting.
 struct Turned {
     scene: Scene,
-    points: Vec<Point>,
+    points: Vec<SurfacePoint>,
     exact: Vec<f64>,
 }
 
@@ -152,7 +152,7 @@ impl Turned {
         for (p, n) in &body.points {
             let (p, n) = (turn * *p, turn * *n);
             exact.push(occlusion(&tracer, p, n, r_max_m, Attenuation::Linear, RAYS));
-            points.push(Point { position_m: p.as_vec3(), normal: n.as_vec3() });
+            points.push(SurfacePoint { position_m: p.as_vec3(), normal: n.as_vec3() });
         }
         Ok(Self { scene, points, exact })
     }

@@ -1,6 +1,6 @@
 //! `ao/march`: pixel by pixel against the f64 twin, from the depth and normals of a rendered scene.
 
-use glam::DVec3;
+use glam::{DMat4, DVec3};
 
 use super::{Case, Marching, Subject, beyond, density_error, largest, marching, twin};
 use crate::gpu::GpuError;
@@ -12,6 +12,7 @@ use crate::reference::rays::PixelRays;
 use crate::scene::{Bounds, Grid, Scene};
 use crate::stages::ao::march::{self, INFO};
 use crate::stages::frame::{Shared, View};
+use crate::stages::gbuffer::GbufferTextures;
 use crate::stages::geometry::Geometry;
 use crate::stages::scene::gbuffer::Gbuffer;
 
@@ -34,7 +35,8 @@ pub fn cases() -> Vec<Case> {
 /// A small G-buffer and its content on the host.
 struct Seen {
     shared: Shared,
-    inputs: march::Inputs,
+    gbuffer: GbufferTextures,
+    view_projection: DMat4,
     rays: PixelRays,
     depth: Image,
     normal: [Image; 3],
@@ -47,16 +49,13 @@ impl Seen {
         let shared = Shared::new(&resources, &view);
         let gbuffer = Gbuffer::new(&resources, &shared, &Geometry::new(&resources, scene), SIZE)?;
         rig.run(&[&gbuffer])?;
-        let channel = |i| rig.channel(&gbuffer.normal, i);
+        let channel = |i| rig.channel(&gbuffer.textures.normal, i);
         Ok(Self {
             rays: PixelRays::new(&scene.camera, SIZE[0], SIZE[1]),
-            depth: rig.channel(&gbuffer.depth, 0)?,
+            depth: rig.channel(&gbuffer.textures.depth, 0)?,
             normal: [channel(0)?, channel(1)?, channel(2)?],
-            inputs: march::Inputs {
-                depth: gbuffer.depth.clone(),
-                normal: gbuffer.normal.clone(),
-                view_projection: view.camera.view_projection(view.aspect()),
-            },
+            view_projection: view.camera.view_projection(view.aspect()),
+            gbuffer: gbuffer.textures,
             shared,
         })
     }
@@ -124,7 +123,7 @@ fn compare(rig: &Rig<'_>, per_object: bool) -> Result<Vec<Check>, VerifyError> {
             &rig.resources(),
             &seen.shared,
             &voxels,
-            &seen.inputs,
+            (&seen.gbuffer, seen.view_projection),
             &settings,
             size_px,
         )?;
@@ -170,7 +169,7 @@ fn counts(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
         rig.gpu,
         &seen.shared,
         &[subjects[0].voxels.clone()],
-        &seen.inputs,
+        (&seen.gbuffer, seen.view_projection),
         &settings,
         SIZE,
     )?;

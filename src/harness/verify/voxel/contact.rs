@@ -5,8 +5,7 @@ use crate::harness::verify::rig::Rig;
 use crate::harness::verify::{Case, Check, VerifyError};
 use crate::reference::voxel::{BORDERLINE_VOXELS, Contact, Errors, errors, gaps, triangles};
 use crate::scene::{Grid, Object, Scene};
-use crate::stages::voxel::alpha::Alpha;
-use crate::stages::voxel::overlap::Overlap;
+use crate::stages::voxel::{alpha, overlap};
 
 const OVERLAP: &str = "voxel/overlap";
 const ALPHA: &str = "voxel/alpha";
@@ -51,7 +50,7 @@ fn overlapped(rig: &Rig<'_>, subject: &Subject, thin: bool) -> Result<Vec<bool>,
     let resources = rig.resources();
     let (geometry, part) = subject.upload(&resources);
     let bits = part.voxels.bits.clone();
-    rig.run(&[&Overlap::new(&resources, &geometry, &[part], thin)?])?;
+    rig.run(&[&overlap::new(&resources, &geometry, &[part], thin)?])?;
     Ok(voxels_of(&words(rig, &bits)?, &subject.grid))
 }
 
@@ -82,7 +81,7 @@ fn alpha(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
     let resources = rig.resources();
     let (geometry, part) = subject.upload(&resources);
     let bits = part.voxels.bits.clone();
-    let stage = Alpha::new(&resources, &geometry, &[part])?;
+    let stage = alpha::new(&resources, &geometry, &[part])?;
     rig.run(&[&stage])?;
     let Some(alphas) = stage.alphas().next() else {
         return Err(VerifyError::Empty { stage: ALPHA, what: "volumes".into() });

@@ -28,7 +28,7 @@ fn check(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
     let resources = rig.resources();
     let volume = Voxels::new(&resources, "verify voxels", &grid, false);
     let values: Vec<u8> = voxels.iter().map(|full| u8::from(*full)).collect();
-    volume.write(rig.gpu, &values);
+    volume.write(&resources, &values);
     let mut scene = rig::flat_plane(LightKind::Directional)?;
     scene.camera = rig::level_camera();
     let shared = Shared::new(&resources, &rig::view(&scene, SIZE));

@@ -5,6 +5,7 @@ use crate::gpu::read_volume;
 use crate::harness::verify::rig::{Random, Rig};
 use crate::harness::verify::{Case, Check, VerifyError};
 use crate::scene::Grid;
+use crate::stages::kit::Buffer;
 use crate::stages::voxel::clear::{Clear, Cleared};
 use crate::stages::voxel::combine::Combine;
 use crate::stages::voxel::slicemap::Axis;
@@ -112,7 +113,7 @@ fn unpack(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
                 (true, true) => 1 + (random.next() * 254.0) as u8,
             };
             let values: Vec<u8> = full.iter().map(value).collect();
-            voxels.write(rig.gpu, &vec![0; values.len()]);
+            voxels.write(&resources, &vec![0; values.len()]);
             alphas.push(load(rig, voxels, &values, alpha));
             expected.push(values);
         }
@@ -138,7 +139,7 @@ fn unpack(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
 }
 
 /// Puts values into a volume's bits, or into a buffer of a word each, which is returned.
-fn load(rig: &Rig<'_>, voxels: &Voxels, values: &[u8], alpha: bool) -> wgpu::Buffer {
+fn load(rig: &Rig<'_>, voxels: &Voxels, values: &[u8], alpha: bool) -> Buffer {
     let (buffer, words) = if alpha {
         let words: Vec<u32> = values.iter().map(|v| u32::from(*v)).collect();
         let bytes = words.len() as u64 * 4;

@@ -62,7 +62,7 @@ fn pyramids(rig: &Rig<'_>) -> Result<Vec<Pyramid>, GpuError> {
         }
         let volume = Voxels::new(&resources, "verify voxels", &grid, true);
         let values: Vec<u8> = voxels.iter().map(|full| u8::from(*full) * 255).collect();
-        volume.write(rig.gpu, &values);
+        volume.write(&resources, &values);
         made.push((volume, voxels));
     }
     let volumes: Vec<Voxels> = made.iter().map(|(volume, _)| volume.clone()).collect();

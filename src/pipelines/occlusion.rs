@@ -1,28 +1,22 @@
 //! Ambient occlusion of a measured cell against rays cast from the same points, as figures and as a picture.
 
-use std::collections::{BTreeMap, HashMap};
+use std::collections::HashMap;
 use std::path::Path;
 use std::rc::Rc;
 
 use glam::DVec3;
 use rayon::prelude::*;
-use serde_json::Value;
-use thiserror::Error;
 
-use super::picture::PictureError;
-use super::readout::{self, ReadoutError};
-use super::subject::Subject;
-use crate::gpu::{Gpu, Pixels};
-use crate::pipelines::Pipeline;
-use crate::pipelines::params::get;
+use super::settings::Attenuation;
+use super::{Judge, JudgeError, Judged};
+use crate::gpu::{Pixels, StageInfo, read_texture};
+use crate::record::ErrorFigure;
 use crate::reference::ReferenceError;
-use crate::reference::occlusion::{Attenuation, occlusion};
+use crate::reference::occlusion::{self as reference, occlusion};
 use crate::reference::rays::{PixelRays, Tracer};
 use crate::scene::{Camera, Scene};
-
-/// Stages that leave an occlusion buffer (visibility 1 − A), as computed and as filtered and brought to the viewport.
-pub(super) const RAW: [&str; 2] = ["ao/march", "hsao/march"];
-pub(super) const FILTERED: [&str; 2] = ["ao/bilateral", "hsao/filter"];
+use crate::stages::bilateral::Bilateral;
+use crate::stages::gbuffer::GbufferTextures;
 
 /// Points that figures rest on at most: an RMS over so many independent errors is known to 2 %.
 const MOST_POINTS: usize = 1_500;
@@ -37,33 +31,45 @@ const PICTURE_FULL: f64 = 0.25;
 /// more, the rasterizer drew another triangle than the ray met, at an edge.
 const DEPTH_TOLERANCE: f64 = 2e-3;
 
-#[derive(Debug, Error)]
-pub enum OcclusionError {
-    #[error(transparent)]
-    Readout(#[from] ReadoutError),
-    #[error(transparent)]
-    Reference(#[from] ReferenceError),
-    #[error(transparent)]
-    Picture(#[from] PictureError),
-    #[error("no {0} among the parameters")]
-    Param(&'static str),
-    #[error("the geometry moves, and the reference knows it at rest only")]
-    Moving,
-    #[error("no surface is seen")]
-    Nothing,
+/// What a pipeline of ambient occlusion leaves behind in a frame, and what its reference depends on.
+pub struct OcclusionBuffers {
+    pub gbuffer: GbufferTextures,
+    /// The stage that computes occlusion, and its visibility, 1 − A.
+    pub raw: (&'static str, wgpu::Texture),
+    /// The stage that filters it and brings it to the viewport's size, and what it leaves.
+    pub filtered: Option<(&'static str, wgpu::Texture)>,
+    pub camera: Camera,
+    /// Distance up to which geometry occludes, metres.
+    pub r_max_m: f64,
+    pub attenuation: Attenuation,
+    /// Rays pass through transparent surfaces, unlike those of the reference.
+    pub through: bool,
+    /// The geometry moves.
+    pub moving: bool,
+}
+
+/// The buffer of a filter's stage.
+pub(super) fn filtered(
+    info: &'static StageInfo,
+    filter: Option<&Bilateral>,
+) -> Option<(&'static str, wgpu::Texture)> {
+    filter.map(|filter| (info.name, filter.texture().clone()))
 }
 
 /// A seen point, the pixel of the viewport that sees it, and the occlusion there by ray casting.
 #[derive(Clone, Debug, PartialEq)]
-struct Point {
+struct JudgedPoint {
     pixel: [u32; 2],
     occlusion: f64,
 }
 
+/// Points of a question with the answers of the reference.
+type Answered = Rc<Vec<JudgedPoint>>;
+
 /// Answers of the reference, each computed once, and the last scene's hierarchy.
 #[derive(Default)]
-pub struct Known {
-    points: HashMap<String, Rc<Vec<Point>>>,
+pub struct KnownPoints {
+    points: HashMap<String, (Rc<Scene>, Answered)>,
     tracer: Option<(Rc<Scene>, Rc<Tracer>)>,
 }
 
@@ -71,86 +77,100 @@ pub struct Known {
 struct Question {
     /// Objects whose surfaces are judged: those that one cannot see through.
     opaque: Vec<bool>,
-    /// Whether rays end at surfaces, as those of the reference do, all of them opaque.
-    comparable: bool,
     camera: Camera,
     size_px: [u32; 2],
     r_max_m: f64,
-    attenuation: Attenuation,
+    attenuation: reference::Attenuation,
     /// The occlusion buffer's size; its texels are where occlusion is computed.
     buffer_px: [u32; 2],
 }
 
-impl Known {
-    /// `ao_rmse` and `ao_bias` of the buffer as computed, `ao_filtered_rmse` and `ao_filtered_bias` after the filter where
-    /// there is one, and the means `ao_mean` and `ao_reference_mean`. All in units of A, 0 open to 1 closed, over points of
-    /// opaque surfaces; `ao_mean` alone where rays pass through transparent ones.
-    pub(super) fn cell_errors(
-        &mut self,
-        gpu: &Gpu,
-        subject: &Subject,
-        pipeline: &dyn Pipeline,
-    ) -> Result<BTreeMap<String, f64>, OcclusionError> {
-        let (question, points) = self.points(gpu, subject, pipeline, MOST_POINTS, RAYS)?;
-        let raw = readout::image(gpu, pipeline, &RAW, None)?;
-        let mut quantities = figures("ao", &errors(&question, &points, &raw));
+impl OcclusionBuffers {
+    /// What the image is composed with.
+    pub fn visibility(&self) -> &wgpu::Texture {
+        self.filtered.as_ref().map_or(&self.raw.1, |(_, texture)| texture)
+    }
+
+    /// Errors `ao_rmse` and `ao_bias` of the buffer as computed, `ao_filtered_rmse` and `ao_filtered_bias` after the filter
+    /// where there is one, and the means `ao_mean` and `ao_reference_mean`. All in units of A, 0 open to 1 closed, over points
+    /// of opaque surfaces; `ao_mean` alone where rays pass through transparent ones.
+    pub(super) fn judge(&self, judge: &mut Judge<'_>) -> Result<Judged, JudgeError> {
+        let (question, points) = self.points(judge, MOST_POINTS, RAYS)?;
+        let errors_of = |texture: &wgpu::Texture| -> Result<Vec<f64>, JudgeError> {
+            Ok(errors(&question, &points, &read_texture(judge.gpu, texture)?))
+        };
+        let raw = figures("ao", self.raw.0, &errors_of(&self.raw.1)?);
         let mean = points.iter().map(|point| point.occlusion).sum::<f64>() / points.len() as f64;
-        let seen = mean + quantities["ao_bias"];
-        if !question.comparable {
-            return Ok(BTreeMap::from([("ao_mean".to_owned(), seen)]));
+        let mut judged = Judged::default();
+        judged.quantities.insert("ao_mean".to_owned(), mean + raw[1].value);
+        if self.through && question.opaque.contains(&false) {
+            return Ok(judged);
         }
-        if readout::texture(pipeline, &FILTERED, None).is_some() {
-            let filtered = readout::image(gpu, pipeline, &FILTERED, None)?;
-            quantities.extend(figures("ao_filtered", &errors(&question, &points, &filtered)));
+        judged.quantities.insert("ao_reference_mean".to_owned(), mean);
+        if let Some((stage, texture)) = &self.filtered {
+            let filtered = figures("ao_filtered", stage, &errors_of(texture)?).into_iter();
+            let with_before = filtered.zip(&raw).map(|(error, raw)| error.after(&raw.name));
+            judged.errors.extend(with_before);
         }
-        quantities.insert("ao_mean".into(), seen);
-        quantities.insert("ao_reference_mean".into(), mean);
-        Ok(quantities)
+        judged.errors.extend(raw);
+        Ok(judged)
     }
 
     /// Writes the signed error of the buffer that the image is composed with: red where it is too dark, blue where too light,
     /// in full colour from ±0.25 on, grey where nothing is drawn or compared.
-    pub fn error_picture(
-        &mut self,
-        gpu: &Gpu,
-        subject: &Subject,
-        pipeline: &dyn Pipeline,
+    pub(super) fn error_picture(
+        &self,
+        judge: &mut Judge<'_>,
         path: &Path,
-    ) -> Result<(), OcclusionError> {
-        let (question, points) =
-            self.points(gpu, subject, pipeline, PICTURE_POINTS, PICTURE_RAYS)?;
-        let stages = [FILTERED, RAW].concat();
-        let buffer = readout::image(gpu, pipeline, &stages, None)?;
-        let errors = errors(&question, &points, &buffer);
-        Ok(paint(&question, &points, &errors, path)?)
+    ) -> Result<(), JudgeError> {
+        let (question, points) = self.points(judge, PICTURE_POINTS, PICTURE_RAYS)?;
+        let errors = errors(&question, &points, &read_texture(judge.gpu, self.visibility())?);
+        paint(&question, &points, &errors, path)
     }
 
     fn points(
-        &mut self,
-        gpu: &Gpu,
-        subject: &Subject,
-        pipeline: &dyn Pipeline,
+        &self,
+        judge: &mut Judge<'_>,
         most: usize,
         rays: u32,
-    ) -> Result<(Question, Rc<Vec<Point>>), OcclusionError> {
-        let raw = readout::texture(pipeline, &RAW, None)
-            .ok_or_else(|| ReadoutError::NoTexture(RAW.join(", ")))?;
-        let question = Question::new(subject, [raw.width(), raw.height()])?;
-        let key = question.key(subject, most, rays);
-        if let Some(points) = self.points.get(&key) {
+    ) -> Result<(Question, Answered), JudgeError> {
+        if self.moving {
+            return Err(JudgeError::Moving);
+        }
+        let question = self.question(judge.scene);
+        let key = question.key(judge.scene, most, rays);
+        let known = &mut judge.known.occlusion;
+        if let Some((_, points)) = known.points.get(&key) {
             return Ok((question, Rc::clone(points)));
         }
-        let depth = readout::image(gpu, pipeline, &["scene/gbuffer"], Some("depth"))?;
-        let normal = readout::image(gpu, pipeline, &["scene/gbuffer"], Some("normal"))?;
-        let tracer = self.tracer(&subject.scene)?;
+        let depth = read_texture(judge.gpu, &self.gbuffer.depth)?;
+        let normal = read_texture(judge.gpu, &self.gbuffer.normal)?;
+        let tracer = known.tracer(judge.scene)?;
         let points = Rc::new(cast(&question, &tracer, (&depth, &normal), most, rays));
         if points.is_empty() {
-            return Err(OcclusionError::Nothing);
+            return Err(JudgeError::Nothing);
         }
-        self.points.insert(key, Rc::clone(&points));
+        known.points.insert(key, (Rc::clone(judge.scene), Rc::clone(&points)));
         Ok((question, points))
     }
 
+    fn question(&self, scene: &Scene) -> Question {
+        let (raw, depth) = (&self.raw.1, &self.gbuffer.depth);
+        Question {
+            opaque: scene.objects.iter().map(|object| object.material.alpha >= 1.0).collect(),
+            camera: self.camera.clone(),
+            size_px: [depth.width(), depth.height()],
+            r_max_m: self.r_max_m,
+            attenuation: match self.attenuation {
+                Attenuation::Hard => reference::Attenuation::Hard,
+                Attenuation::Linear => reference::Attenuation::Linear,
+            },
+            buffer_px: [raw.width(), raw.height()],
+        }
+    }
+}
+
+impl KnownPoints {
     fn tracer(&mut self, scene: &Rc<Scene>) -> Result<Rc<Tracer>, ReferenceError> {
         if let Some((known, tracer)) = &self.tracer
             && Rc::ptr_eq(known, scene)
@@ -164,55 +184,11 @@ impl Known {
 }
 
 impl Question {
-    fn new(subject: &Subject, buffer_px: [u32; 2]) -> Result<Question, OcclusionError> {
-        let params = &subject.params;
-        let leaf = |path: &'static str| get(params, path).ok_or(OcclusionError::Param(path));
-        let of_group = |name: &'static str| {
-            let group = params.get("ao").or(params.get("hsao"));
-            group.and_then(|group| group.get(name))
-        };
-        let number = |name: &'static str| {
-            let value = of_group(name).and_then(Value::as_f64);
-            value.ok_or(OcclusionError::Param(name))
-        };
-        if get(params, "animation.deform").is_some_and(|deform| deform != "none") {
-            return Err(OcclusionError::Moving);
-        }
-        let camera: Camera = serde_json::from_value(leaf("camera")?.clone())
-            .map_err(|_| OcclusionError::Param("camera"))?;
-        let side = |path| {
-            let side = leaf(path)?.as_u64().and_then(|side| u32::try_from(side).ok());
-            side.ok_or(OcclusionError::Param(path))
-        };
-        let fixed_m = number("r_max_m")?;
-        let share = number("r_max_share")?;
-        let alphas = subject.scene.objects.iter().map(|o| o.material.alpha);
-        let opaque: Vec<bool> = alphas.map(|alpha| alpha >= 1.0).collect();
-        let through = of_group("occluder").is_some_and(|occluder| occluder == "opacity");
-        Ok(Question {
-            comparable: !through || opaque.iter().all(|opaque| *opaque),
-            opaque,
-            camera,
-            size_px: [side("view.width")?, side("view.height")?],
-            r_max_m: match fixed_m > 0.0 {
-                true => fixed_m,
-                false => share * subject.scene.solid_bounds().size().max_element(),
-            },
-            attenuation: match of_group("attenuation").and_then(Value::as_str) {
-                Some("hard") => Attenuation::Hard,
-                _ => Attenuation::Linear,
-            },
-            buffer_px,
-        })
-    }
-
-    /// What tells questions apart. Scenes differ by name and by the parameters that shape them.
-    fn key(&self, subject: &Subject, most: usize, rays: u32) -> String {
-        let shaping = ["objects", "floor_depth_m"].map(|path| get(&subject.params, path));
+    /// What tells questions apart. A scene is told apart by where it lies in memory, and is kept there while its key is.
+    fn key(&self, scene: &Rc<Scene>, most: usize, rays: u32) -> String {
         format!(
-            "{} {:?} {shaping:?} {:?} {:?} {:?} {} {:?} {most} {rays}",
-            subject.scene_name,
-            subject.scene.stand_ins,
+            "{:p} {:?} {:?} {:?} {} {:?} {most} {rays}",
+            Rc::as_ptr(scene),
             self.camera,
             self.size_px,
             self.buffer_px,
@@ -238,7 +214,7 @@ fn cast(
     (depth, normal): (&Pixels, &Pixels),
     most: usize,
     rays: u32,
-) -> Vec<Point> {
+) -> Vec<JudgedPoint> {
     let [width, height] = question.buffer_px;
     let seen = |texel: &[u32; 2]| {
         let [x, y] = question.pixel(*texel);
@@ -269,7 +245,7 @@ fn cast(
         let same = hit.position.distance(drawn) <= DEPTH_TOLERANCE * distance;
         let n = normal.texel(x, y);
         let n = DVec3::new(n[0].into(), n[1].into(), n[2].into()).try_normalize()?;
-        same.then(|| Point {
+        same.then(|| JudgedPoint {
             pixel,
             occlusion: occlusion(
                 tracer,
@@ -285,9 +261,9 @@ fn cast(
 }
 
 /// Occlusion of the buffer less that of the reference.
-fn errors(question: &Question, points: &[Point], buffer: &Pixels) -> Vec<f64> {
+fn errors(question: &Question, points: &[JudgedPoint], buffer: &Pixels) -> Vec<f64> {
     let extent = [buffer.width, buffer.height];
-    let error = |point: &Point| {
+    let error = |point: &JudgedPoint| {
         let [x, y]: [u32; 2] = std::array::from_fn(|i| {
             (u64::from(point.pixel[i]) * u64::from(extent[i]) / u64::from(question.size_px[i]))
                 as u32
@@ -297,11 +273,13 @@ fn errors(question: &Question, points: &[Point], buffer: &Pixels) -> Vec<f64> {
     points.iter().map(error).collect()
 }
 
-fn figures(name: &str, errors: &[f64]) -> BTreeMap<String, f64> {
+/// RMS and mean of the errors of a stage's buffer.
+fn figures(name: &str, stage: &'static str, errors: &[f64]) -> [ErrorFigure; 2] {
     let count = errors.len() as f64;
     let bias = errors.iter().sum::<f64>() / count;
     let square = errors.iter().map(|error| error * error).sum::<f64>() / count;
-    BTreeMap::from([(format!("{name}_rmse"), square.sqrt()), (format!("{name}_bias"), bias)])
+    [("rmse", square.sqrt()), ("bias", bias)]
+        .map(|(figure, value)| ErrorFigure::new(format!("{name}_{figure}"), value, "1", stage))
 }
 
 /// Blue over white to red for −0.25 … 0.25.
@@ -314,10 +292,10 @@ fn color(error: f64) -> [u8; 3] {
 /// Paints each point's error over the pixels that are nearest to it on the lattice.
 fn paint(
     question: &Question,
-    points: &[Point],
+    points: &[JudgedPoint],
     errors: &[f64],
     path: &Path,
-) -> Result<(), PictureError> {
+) -> Result<(), JudgeError> {
     const NOTHING: [u8; 3] = [190; 3];
     let [width, height] = question.size_px;
     let apart = |axis: usize| {
@@ -339,8 +317,12 @@ fn paint(
             }
         }
     }
-    picture.save(path).map_err(|source| PictureError::Write { path: path.to_owned(), source })
+    let failed = |error: image::ImageError| JudgeError::Picture {
+        path: path.display().to_string(),
+        reason: error.to_string(),
+    };
+    picture.save(path).map_err(failed)
 }
 
 #[cfg(test)]
-pub(super) mod tests;
+pub(crate) mod tests;

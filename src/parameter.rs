@@ -1,0 +1,526 @@
+//! Parameters: each stands once, with its default, range, unit and description beside the field.
+//!
+//! [`settings!`](crate::settings) declares a group of them, [`choices!`](crate::choices) makes an enum one. A pipeline's parameters
+//! are a tree whose leaves are named by dotted paths, such as `caustics.grid`.
+
+use serde::de::{self, DeserializeOwned, Deserializer, Visitor};
+use serde::{Serialize, de::value::Error as Nothing};
+use serde_json::Value;
+use thiserror::Error;
+
+/// What is wrong with a parameter. One line each.
+#[derive(Clone, Debug, Error, PartialEq)]
+pub enum ParamError {
+    #[error("unknown parameter `{path}`{}", hint(.nearest))]
+    Unknown { path: String, nearest: Option<String> },
+    #[error("parameter `{path}` takes {expected}, not {given}")]
+    Type { path: String, expected: String, given: String },
+    #[error("{path} is {value}: it must lie within {low} … {high}")]
+    Range { path: String, value: f64, low: f64, high: f64 },
+    /// Parameters that do not go together, or with the scene; the text names them.
+    #[error("{0}")]
+    Unfit(String),
+}
+
+impl From<String> for ParamError {
+    fn from(text: String) -> Self {
+        Self::Unfit(text)
+    }
+}
+
+fn hint(nearest: &Option<String>) -> String {
+    nearest.as_ref().map_or_else(String::new, |name| format!("; did you mean `{name}`?"))
+}
+
+/// Numbers that a parameter may take, ends included.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Range {
+    pub low: f64,
+    pub high: f64,
+}
+
+/// What a parameter may be.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Allowed {
+    Numbers(Range),
+    /// One of these names.
+    Names(&'static [&'static str]),
+    /// True or false.
+    Flag,
+    /// A name or a table that the parameter's reader judges.
+    Free,
+}
+
+/// A parameter, for listings.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Field {
+    /// Dotted.
+    pub path: String,
+    pub allowed: Allowed,
+    /// `1` for plain numbers, empty for what is no number.
+    pub unit: &'static str,
+    pub about: String,
+}
+
+/// What stands beside a field.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Beside<'a> {
+    pub path: &'a str,
+    pub range: Option<Range>,
+    pub unit: &'static str,
+    pub about: &'a str,
+}
+
+/// A value of a parameter, or a group of parameters.
+pub trait Setting {
+    /// # Errors
+    /// The first value out of its range.
+    fn check(&self, beside: Beside<'_>) -> Result<(), ParamError>;
+    /// Lists the parameter, or those of the group.
+    fn describe(beside: Beside<'_>, fields: &mut Vec<Field>);
+}
+
+/// Checks a number.
+///
+/// # Errors
+/// It is out of the range, or no number.
+pub fn within(path: &str, value: f64, low: f64, high: f64) -> Result<(), ParamError> {
+    if (low..=high).contains(&value) {
+        return Ok(());
+    }
+    Err(ParamError::Range { path: path.to_owned(), value, low, high })
+}
+
+fn list(beside: Beside<'_>, allowed: Allowed, fields: &mut Vec<Field>) {
+    let about = beside.about.split_whitespace().collect::<Vec<_>>().join(" ");
+    fields.push(Field { path: beside.path.to_owned(), allowed, unit: beside.unit, about });
+}
+
+macro_rules! numbers {
+    ($($type:ty: $each:expr),* $(,)?) => {
+        $(impl Setting for $type {
+            fn check(&self, beside: Beside<'_>) -> Result<(), ParamError> {
+                let each: fn(&$type) -> Vec<f64> = $each;
+                let Some(Range { low, high }) = beside.range else { return Ok(()) };
+                each(self).into_iter().try_for_each(|value| within(beside.path, value, low, high))
+            }
+
+            fn describe(beside: Beside<'_>, fields: &mut Vec<Field>) {
+                list(beside, beside.range.map_or(Allowed::Free, Allowed::Numbers), fields);
+            }
+        })*
+    };
+}
+
+numbers! {
+    u32: |n| vec![f64::from(*n)],
+    f64: |x| vec![*x],
+    [u32; 2]: |a| a.iter().map(|n| f64::from(*n)).collect(),
+    [u32; 3]: |a| a.iter().map(|n| f64::from(*n)).collect(),
+    [f32; 3]: |a| a.iter().map(|x| f64::from(*x)).collect(),
+    [f64; 2]: |a| a.to_vec(),
+    [f64; 3]: |a| a.to_vec(),
+}
+
+impl Setting for bool {
+    fn check(&self, _: Beside<'_>) -> Result<(), ParamError> {
+        Ok(())
+    }
+
+    fn describe(beside: Beside<'_>, fields: &mut Vec<Field>) {
+        list(beside, Allowed::Flag, fields);
+    }
+}
+
+impl Setting for String {
+    fn check(&self, _: Beside<'_>) -> Result<(), ParamError> {
+        Ok(())
+    }
+
+    fn describe(beside: Beside<'_>, fields: &mut Vec<Field>) {
+        describe_free(beside, fields);
+    }
+}
+
+/// Lists a parameter whose values its reader judges, such as a file's name.
+pub fn describe_free(beside: Beside<'_>, fields: &mut Vec<Field>) {
+    list(beside, Allowed::Free, fields);
+}
+
+/// Lists an enum's names: see [`choices!`](crate::choices).
+pub fn describe_choice<T: DeserializeOwned>(beside: Beside<'_>, fields: &mut Vec<Field>) {
+    list(beside, Allowed::Names(names_of::<T>()), fields);
+}
+
+/// The names that an enum is read from.
+pub fn names_of<T: DeserializeOwned>() -> &'static [&'static str] {
+    let mut names: &[&str] = &[];
+    // It asks for its names, is given nothing, and fails.
+    let _ = T::deserialize(Asked(&mut names));
+    names
+}
+
+/// Tells which names a type asks for, and gives it nothing.
+struct Asked<'a>(&'a mut &'static [&'static str]);
+
+impl<'de> Deserializer<'de> for Asked<'_> {
+    type Error = Nothing;
+
+    fn deserialize_any<V: Visitor<'de>>(self, _: V) -> Result<V::Value, Nothing> {
+        Err(de::Error::custom("nothing is given"))
+    }
+
+    fn deserialize_enum<V: Visitor<'de>>(
+        self,
+        _: &'static str,
+        variants: &'static [&'static str],
+        visitor: V,
+    ) -> Result<V::Value, Nothing> {
+        *self.0 = variants;
+        self.deserialize_any(visitor)
+    }
+
+    serde::forward_to_deserialize_any! {
+        bool i8 i16 i32 i64 u8 u16 u32 u64 f32 f64 char str string bytes byte_buf option unit unit_struct newtype_struct
+        seq tuple tuple_struct struct map identifier ignored_any
+    }
+}
+
+/// A dotted path one step longer.
+pub fn joined(path: &str, field: &str) -> String {
+    if path.is_empty() { field.to_owned() } else { format!("{path}.{field}") }
+}
+
+/// Makes enums that serde reads parameters: `choices!(Method, Update)`.
+#[macro_export]
+macro_rules! choices {
+    ($($name:ty),* $(,)?) => {
+        $(impl $crate::parameter::Setting for $name {
+            fn check(
+                &self,
+                _: $crate::parameter::Beside<'_>,
+            ) -> Result<(), $crate::parameter::ParamError> {
+                Ok(())
+            }
+
+            fn describe(
+                beside: $crate::parameter::Beside<'_>,
+                fields: &mut Vec<$crate::parameter::Field>,
+            ) {
+                $crate::parameter::describe_choice::<$name>(beside, fields);
+            }
+        })*
+    };
+}
+
+/// Declares a group of parameters. A field is `NAME: TYPE = DEFAULT => LOW ..= HIGH, "UNIT";` below its description; range and
+/// unit are left out where there are none. A field is a [`Setting`]: a number or an array of them, `bool`, an enum of
+/// [`choices!`](crate::choices), or a group.
+///
+/// `struct NAME from FILE: TYPE { … }` has defaults that depend on a file, and a function `from_scene` in place of `Default`.
+/// Fields of `struct NAME required { … }` have no defaults.
+#[macro_export]
+macro_rules! settings {
+    (
+        $(#[doc = $group:literal])*
+        $visibility:vis struct $name:ident {
+            $(
+                $(#[doc = $about:literal])*
+                $(#[serde $serde:tt])?
+                $field:ident: $type:ty = $default:expr $(=> $low:literal ..= $high:literal, $unit:literal)?;
+            )*
+        }
+    ) => {
+        $(#[doc = $group])*
+        #[derive(Clone, Debug, PartialEq, ::serde::Serialize, ::serde::Deserialize)]
+        #[serde(default, deny_unknown_fields)]
+        $visibility struct $name {
+            $($(#[doc = $about])* $(#[serde $serde])? pub $field: $type,)*
+        }
+
+        impl Default for $name {
+            fn default() -> Self {
+                Self { $($field: $default,)* }
+            }
+        }
+
+        $crate::settings!(@setting $name {
+            $($field: $type, [$($about)*], [$($low ..= $high, $unit)?];)*
+        });
+    };
+    (
+        $(#[doc = $group:literal])*
+        $visibility:vis struct $name:ident from $file:ident: $file_type:ty {
+            $(
+                $(#[doc = $about:literal])*
+                $field:ident: $type:ty = $default:expr $(=> $low:literal ..= $high:literal, $unit:literal)?;
+            )*
+        }
+    ) => {
+        $(#[doc = $group])*
+        #[derive(Clone, Debug, PartialEq, ::serde::Serialize, ::serde::Deserialize)]
+        #[serde(deny_unknown_fields)]
+        $visibility struct $name {
+            $($(#[doc = $about])* pub $field: $type,)*
+        }
+
+        impl $name {
+            /// Defaults, with what the scene file says.
+            pub fn from_scene($file: &$file_type) -> Self {
+                Self { $($field: $default,)* }
+            }
+        }
+
+        $crate::settings!(@setting $name {
+            $($field: $type, [$($about)*], [$($low ..= $high, $unit)?];)*
+        });
+    };
+    (
+        $(#[doc = $group:literal])*
+        $visibility:vis struct $name:ident required {
+            $(
+                $(#[doc = $about:literal])*
+                $(#[serde $serde:tt])?
+                $field:ident: $type:ty $(=> $low:literal ..= $high:literal, $unit:literal)?;
+            )*
+        }
+    ) => {
+        $(#[doc = $group])*
+        #[derive(Clone, Debug, PartialEq, ::serde::Serialize, ::serde::Deserialize)]
+        #[serde(deny_unknown_fields)]
+        $visibility struct $name {
+            $($(#[doc = $about])* $(#[serde $serde])? pub $field: $type,)*
+        }
+
+        $crate::settings!(@setting $name {
+            $($field: $type, [$($about)*], [$($low ..= $high, $unit)?];)*
+        });
+    };
+    (@setting $name:ident {
+        $($field:ident: $type:ty, [$($about:literal)*], [$($low:literal ..= $high:literal, $unit:literal)?];)*
+    }) => {
+        impl $crate::parameter::Setting for $name {
+            fn check(
+                &self,
+                beside: $crate::parameter::Beside<'_>,
+            ) -> Result<(), $crate::parameter::ParamError> {
+                $({
+                    let path = $crate::parameter::joined(beside.path, stringify!($field));
+                    let beside = $crate::settings!(@beside &path, [$($about)*], [$($low ..= $high, $unit)?]);
+                    $crate::parameter::Setting::check(&self.$field, beside)?;
+                })*
+                Ok(())
+            }
+
+            fn describe(
+                beside: $crate::parameter::Beside<'_>,
+                fields: &mut Vec<$crate::parameter::Field>,
+            ) {
+                $({
+                    let path = $crate::parameter::joined(beside.path, stringify!($field));
+                    let beside = $crate::settings!(@beside &path, [$($about)*], [$($low ..= $high, $unit)?]);
+                    <$type as $crate::parameter::Setting>::describe(beside, fields);
+                })*
+            }
+        }
+    };
+    (@beside $path:expr, [$($about:literal)*], [$low:literal ..= $high:literal, $unit:literal]) => {
+        $crate::parameter::Beside {
+            path: $path,
+            range: Some($crate::parameter::Range { low: $low as f64, high: $high as f64 }),
+            unit: $unit,
+            about: concat!($($about, "\n"),*),
+        }
+    };
+    (@beside $path:expr, [$($about:literal)*], []) => {
+        $crate::parameter::Beside {
+            path: $path,
+            range: None,
+            unit: "",
+            about: concat!($($about, "\n"),*),
+        }
+    };
+}
+
+/// The parameters of a tree, read once.
+///
+/// # Errors
+/// A value of the wrong kind, or out of its range.
+pub fn read<T: Setting + DeserializeOwned>(tree: &Value) -> Result<T, ParamError> {
+    let parsed: T = serde_path_to_error::deserialize(tree)
+        .map_err(|error| ParamError::Unfit(format!("{}: {}", error.path(), error.inner())))?;
+    parsed.check(Beside::default())?;
+    Ok(parsed)
+}
+
+/// Every parameter of a group.
+pub fn fields<T: Setting>() -> Vec<Field> {
+    let mut fields = Vec::new();
+    T::describe(Beside::default(), &mut fields);
+    fields
+}
+
+/// Parameters as a tree.
+pub fn tree<T: Serialize>(parameters: &T) -> Value {
+    serde_json::to_value(parameters).expect("parameters are plain numbers and names")
+}
+
+/// Dotted paths of all leaves, in order. Arrays are leaves.
+pub fn leaves(tree: &Value) -> Vec<String> {
+    let mut paths = Vec::new();
+    collect(tree, "", &mut paths);
+    paths
+}
+
+fn collect(tree: &Value, prefix: &str, paths: &mut Vec<String>) {
+    match tree {
+        Value::Object(map) => {
+            for (key, value) in map {
+                let path = if prefix.is_empty() { key.clone() } else { format!("{prefix}.{key}") };
+                collect(value, &path, paths);
+            }
+        }
+        _ => paths.push(prefix.to_owned()),
+    }
+}
+
+/// Value of a leaf.
+pub fn get<'t>(tree: &'t Value, path: &str) -> Option<&'t Value> {
+    path.split('.').try_fold(tree, |node, key| node.get(key))
+}
+
+/// Puts a value at a leaf. The value must be of the kind that stands there; whole numbers pass for reals.
+///
+/// # Errors
+/// An unknown path, with the nearest valid one, and a value of another kind.
+pub fn set(tree: &mut Value, path: &str, value: Value) -> Result<(), ParamError> {
+    let all = leaves(tree);
+    if !all.iter().any(|leaf| leaf == path) {
+        return Err(ParamError::Unknown { path: path.to_owned(), nearest: nearest(path, &all) });
+    }
+    let leaf = path
+        .split('.')
+        .try_fold(tree, |node, key| node.get_mut(key))
+        .expect("the path is one of the tree's leaves");
+    *leaf = fitting(leaf, value).map_err(|given| ParamError::Type {
+        path: path.to_owned(),
+        expected: kind(leaf),
+        given: given.to_string(),
+    })?;
+    Ok(())
+}
+
+/// The leaf closest in spelling, if any is close at all.
+fn nearest(path: &str, all: &[String]) -> Option<String> {
+    let last = |p: &str| p.rsplit('.').next().unwrap_or(p).to_owned();
+    all.iter()
+        .map(|leaf| {
+            let whole = strsim::jaro_winkler(path, leaf);
+            let tail = strsim::jaro_winkler(&last(path), &last(leaf));
+            (whole.max(0.95 * tail), leaf)
+        })
+        .filter(|(score, _)| *score > 0.7)
+        .max_by(|a, b| a.0.total_cmp(&b.0))
+        .map(|(_, leaf)| leaf.clone())
+}
+
+fn fitting(present: &Value, given: Value) -> Result<Value, Value> {
+    match (present, &given) {
+        (Value::Bool(_), Value::Bool(_)) | (Value::String(_), Value::String(_)) => Ok(given),
+        (Value::Number(p), Value::Number(g)) => match (p.is_f64(), g.as_f64()) {
+            (true, Some(real)) => Ok(Value::from(real)),
+            (false, Some(real)) if real.fract() == 0.0 && real.abs() < 9e15 => {
+                Ok(Value::from(real as i64))
+            }
+            _ => Err(given),
+        },
+        (Value::Array(p), Value::Array(g)) if are_tables(p) && are_tables(g) => Ok(given),
+        (Value::Array(p), Value::Array(g)) if p.len() == g.len() => p
+            .iter()
+            .zip(g)
+            .map(|(p, g)| fitting(p, g.clone()))
+            .collect::<Result<Vec<_>, _>>()
+            .map(Value::Array)
+            .map_err(|_| given.clone()),
+        _ => Err(given),
+    }
+}
+
+/// Lists of tables, such as `water.waves`, may have any length; empty ones count among them.
+fn are_tables(items: &[Value]) -> bool {
+    items.iter().all(Value::is_object)
+}
+
+fn kind(value: &Value) -> String {
+    match value {
+        Value::Bool(_) => "true or false".into(),
+        Value::Number(n) if n.is_f64() => "a number".into(),
+        Value::Number(_) => "a whole number".into(),
+        Value::Array(items) if are_tables(items) => "a list of tables".into(),
+        Value::Array(items) => format!("a list of {} numbers", items.len()),
+        _ => "a name".into(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde_json::json;
+
+    fn tree() -> Value {
+        json!({"caustics": {"grid": 200, "filter": true, "buffer": [0, 0]}, "water": {"amplitude_m": 0.1}, "mode": "paper"})
+    }
+
+    #[test]
+    fn leaves_are_dotted_paths() {
+        let expected =
+            ["caustics.grid", "caustics.filter", "caustics.buffer", "water.amplitude_m", "mode"];
+        assert_eq!(leaves(&tree()), expected);
+    }
+
+    #[test]
+    fn whole_numbers_pass_for_reals_but_not_the_reverse() {
+        let mut tree = tree();
+        set(&mut tree, "water.amplitude_m", json!(2)).unwrap();
+        assert_eq!(tree["water"]["amplitude_m"], json!(2.0));
+        set(&mut tree, "caustics.grid", json!(100.0)).unwrap();
+        assert_eq!(tree["caustics"]["grid"], json!(100));
+        assert!(set(&mut tree, "caustics.grid", json!(1.5)).is_err());
+    }
+
+    #[test]
+    fn lists_of_tables_may_have_any_length() {
+        let mut tree = json!({"waves": [], "buffer": [0, 0]});
+        let waves = json!([{"amplitude_m": 1.0}, {"amplitude_m": 2.0}]);
+        set(&mut tree, "waves", waves.clone()).unwrap();
+        assert_eq!(tree["waves"], waves);
+        set(&mut tree, "waves", json!([])).unwrap();
+        let error = set(&mut tree, "waves", json!([1.0])).unwrap_err().to_string();
+        assert!(error.contains("takes a list of tables"), "{error}");
+        assert!(set(&mut tree, "buffer", json!([{}, {}])).is_err());
+        assert!(set(&mut tree, "buffer", json!([])).is_err());
+    }
+
+    #[test]
+    fn unknown_paths_name_the_nearest_leaf() {
+        let error = set(&mut tree(), "caustics.gird", json!(1)).unwrap_err();
+        assert_eq!(
+            error.to_string(),
+            "unknown parameter `caustics.gird`; did you mean `caustics.grid`?"
+        );
+        let error = set(&mut tree(), "amplitude", json!(1)).unwrap_err();
+        assert!(error.to_string().contains("water.amplitude_m"), "{error}");
+    }
+
+    #[test]
+    fn wrong_kinds_say_what_is_taken() {
+        let error = set(&mut tree(), "caustics.filter", json!("yes")).unwrap_err();
+        assert_eq!(
+            error.to_string(),
+            "parameter `caustics.filter` takes true or false, not \"yes\""
+        );
+        assert!(set(&mut tree(), "caustics.buffer", json!([1, 2, 3])).is_err());
+        assert!(set(&mut tree(), "mode", json!(3)).is_err());
+        assert!(set(&mut tree(), "caustics", json!({})).is_err());
+    }
+}

@@ -1,0 +1,80 @@
+//! Where a frame's photons land, against exact refraction and ray casting.
+
+use std::collections::BTreeMap;
+
+use super::{PhotonGrid, Underwater};
+use crate::gpu::{Gpu, read_buffer};
+use crate::pipelines::{JudgeError, Judged};
+use crate::record::ErrorFigure;
+use crate::reference::photons::{PhotonGrid as ExactGrid, land_all};
+use crate::reference::quantities::{StoredPhoton, photon_errors, stored_photons};
+use crate::reference::rays::Tracer;
+use crate::scene::Scene;
+use crate::stages::{caustics, godrays};
+
+/// Photons of a grid that are held against the reference at most: enough for a 99th percentile.
+const MOST_PHOTONS: usize = 10_000;
+
+impl Underwater {
+    /// Errors of the last frame's photons, of both grids: `caustics_photon_error_median_m`, `…_photon_error_p99_m`,
+    /// `…_photon_miss_rate`, `…_photon_false_hit_rate` and `…_unconverged_rate`, `godrays_…` likewise. Of large grids an even
+    /// selection is held against the reference.
+    pub fn landing_errors(&self, gpu: &Gpu, scene: &Scene) -> Result<Judged, JudgeError> {
+        let frame = self.view.light_frame();
+        let tracer = Tracer::new(&scene.objects)?;
+        let mut errors = Vec::new();
+        for (name, stage, settings, photons) in self.grids() {
+            let grid =
+                ExactGrid::new(settings.grid, settings.subdivision)?.with_offset(settings.offset);
+            let step = step(grid.count() as usize);
+            let photons = stored_photons(&read_buffer(gpu, photons)?);
+            let tolerance_m = f64::from(settings.tolerance_m as f32);
+            let unconverged = photons.iter().filter(|p| p.residual_m > tolerance_m);
+            let unconverged_rate = unconverged.count() as f64 / photons.len() as f64;
+            let judged: Vec<StoredPhoton> = photons.into_iter().step_by(step).collect();
+            let landings = land_all(&frame, &self.view.water, &tracer, grid, step);
+            let found = photon_errors(&judged, &landings);
+            let figures = [
+                ("photon_error_median_m", found.median_m, "m"),
+                ("photon_error_p99_m", found.p99_m, "m"),
+                ("photon_miss_rate", found.miss_rate, "1"),
+                ("photon_false_hit_rate", found.false_hit_rate, "1"),
+                ("unconverged_rate", unconverged_rate, "1"),
+            ];
+            errors.extend(figures.map(|(figure, value, unit)| {
+                ErrorFigure::new(format!("{name}_{figure}"), value, unit, stage)
+            }));
+        }
+        Ok(Judged { errors, quantities: BTreeMap::new() })
+    }
+
+    /// Both photon grids: name, stage that traces it, settings, photons.
+    pub(super) fn grids(&self) -> [(&'static str, &'static str, PhotonGrid, &wgpu::Buffer); 2] {
+        let caustics = (self.params.caustics.grid_settings(), &self.caustics.trace.photons.buffer);
+        let godrays = (self.params.godrays.grid_settings(), &self.godrays.trace.photons.buffer);
+        [
+            ("caustics", caustics::trace::INFO.name, caustics.0, caustics.1),
+            ("godrays", godrays::trace::INFO.name, godrays.0, godrays.1),
+        ]
+    }
+}
+
+/// Step through a grid's memory that leaves [`MOST_PHOTONS`]: odd, so that it meets every sub-photon
+/// of a cell and not always the same column.
+fn step(count: usize) -> usize {
+    count.div_ceil(MOST_PHOTONS).max(1) | 1
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn steps_are_odd_and_leave_few() {
+        for count in [1, 9_999, 10_000, 160_000, 4_000_000] {
+            let step = step(count);
+            assert!(step % 2 == 1 && count.div_ceil(step) <= MOST_PHOTONS);
+        }
+        assert_eq!(step(500), 1);
+    }
+}

@@ -1,0 +1,29 @@
+//! Errors of a cell, and whose output each judges.
+
+use serde::{Deserialize, Serialize};
+
+/// An error of a cell's last frame against a reference: the further from 0, the worse.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ErrorFigure {
+    pub name: String,
+    pub value: f64,
+    pub unit: String,
+    /// The stage whose output it judges.
+    pub stage: String,
+    /// Name of the same error before that stage, where it is known: what grew there already is not this stage's.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub before: Option<String>,
+}
+
+impl ErrorFigure {
+    pub fn new(name: impl Into<String>, value: f64, unit: &str, stage: &str) -> Self {
+        let (unit, stage) = (unit.to_owned(), stage.to_owned());
+        Self { name: name.into(), value, unit, stage, before: None }
+    }
+
+    /// The same, known before the stage under another name.
+    #[must_use]
+    pub fn after(self, before: &str) -> Self {
+        Self { before: Some(before.to_owned()), ..self }
+    }
+}

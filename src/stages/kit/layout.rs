@@ -1,0 +1,135 @@
+//! Structs that host and shaders share, and the check that both lay them out alike.
+
+use encase::internal::WriteInto;
+use encase::{ShaderType, StorageBuffer};
+
+use crate::gpu::{GpuError, Shader, StructLayout};
+
+/// A struct of the host that shaders read or write: made by [`shader_struct!`].
+pub trait ShaderStruct: ShaderType + WriteInto {
+    /// Names, WGSL types and offsets of the fields, and the size.
+    fn layout() -> StructLayout;
+}
+
+/// The WGSL type of a field.
+pub trait FieldType {
+    const WGSL: &'static str;
+}
+
+macro_rules! field_types {
+    ($($host:ty => $wgsl:literal),* $(,)?) => {
+        $(impl FieldType for $host {
+            const WGSL: &'static str = $wgsl;
+        })*
+    };
+}
+
+field_types! {
+    f32 => "f32",
+    u32 => "u32",
+    i32 => "i32",
+    glam::Vec2 => "vec2<f32>",
+    glam::Vec3 => "vec3<f32>",
+    glam::Vec4 => "vec4<f32>",
+    glam::UVec3 => "vec3<u32>",
+    glam::Mat4 => "mat4x4<f32>",
+}
+
+/// A struct that a shader has too, under the same names: `shader_struct! { pub struct TraceUniforms { pub grid: u32, … } }`.
+/// Where a bind group with it meets a shader, their layouts must be equal.
+#[macro_export]
+macro_rules! shader_struct {
+    ($(#[$about:meta])* $visibility:vis struct $name:ident {
+        $($(#[$field_about:meta])* pub $field:ident: $type:ty),* $(,)?
+    }) => {
+        $(#[$about])*
+        #[derive(Clone, Debug, PartialEq, ::encase::ShaderType)]
+        $visibility struct $name {
+            $($(#[$field_about])* pub $field: $type),*
+        }
+
+        impl $crate::stages::kit::ShaderStruct for $name {
+            fn layout() -> $crate::gpu::StructLayout {
+                use $crate::stages::kit::FieldType;
+                let types = [$((stringify!($field), <$type as FieldType>::WGSL)),*];
+                let metadata = <Self as ::encase::ShaderType>::METADATA;
+                let offsets = metadata.extra.offsets.map(|offset| offset as u32);
+                $crate::gpu::StructLayout::new(&types, &offsets, metadata.min_size().get() as u32)
+            }
+        }
+
+        impl $crate::stages::kit::FieldType for $name {
+            const WGSL: &'static str = "struct";
+        }
+    };
+}
+
+/// Bytes of a host value in WGSL's layout of uniforms and storage.
+pub fn host_bytes<T: ShaderType + WriteInto>(value: &T) -> Vec<u8> {
+    let mut buffer = StorageBuffer::new(Vec::new());
+    buffer.write(value).expect("a Vec grows to whatever a shader type needs");
+    buffer.into_inner()
+}
+
+/// Fails where a shader lays a bound struct out otherwise than the host does.
+pub(super) fn check(shader: &Shader, hosts: &[(u32, u32, &StructLayout)]) -> Result<(), GpuError> {
+    for (group, binding, host) in hosts {
+        let bound = shader.structs.iter().find(|s| (s.group, s.binding) == (*group, *binding));
+        let Some(bound) = bound else { continue };
+        if let Some(difference) = host.difference(&bound.layout) {
+            return Err(GpuError::Shader {
+                path: shader.path.clone(),
+                message: format!(
+                    "struct `{}` at group {group}, binding {binding} is not that of the host: {difference}",
+                    bound.name
+                ),
+            });
+        }
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::{Vec2, Vec3};
+
+    use super::*;
+
+    shader_struct! {
+        struct Sound {
+            pub size_px: Vec2,
+            pub taps: u32,
+            pub color: Vec3,
+        }
+    }
+
+    #[test]
+    fn a_layout_has_names_types_offsets_and_size() {
+        let layout = Sound::layout();
+        let members = [("size_px", "vec2<f32>", 0), ("taps", "u32", 8), ("color", "vec3<f32>", 16)];
+        for (member, (name, wgsl, offset)) in layout.members.iter().zip(members) {
+            assert_eq!(
+                (member.name.as_str(), member.wgsl.as_str(), member.offset),
+                (name, wgsl, offset)
+            );
+        }
+        assert_eq!(layout.span, 32);
+    }
+
+    #[test]
+    fn differences_name_the_first_field_that_differs() {
+        let base = || StructLayout::new(&[("a", "f32"), ("b", "u32")], &[0, 4], 8);
+        assert_eq!(base().difference(&base()), None);
+        let cases = [
+            (StructLayout::new(&[("a", "f32"), ("c", "u32")], &[0, 4], 8), "b"),
+            (StructLayout::new(&[("a", "f32"), ("b", "f32")], &[0, 4], 8), "b"),
+            (StructLayout::new(&[("a", "f32"), ("b", "u32")], &[0, 8], 8), "b"),
+            (StructLayout::new(&[("a", "f32")], &[0], 8), "b"),
+            (StructLayout::new(&[("a", "f32"), ("b", "u32")], &[0, 4], 16), "bytes"),
+        ];
+        for (shader, named) in cases {
+            let difference = base().difference(&shader).unwrap();
+            assert!(difference.contains(named), "{difference}");
+        }
+    }
+}

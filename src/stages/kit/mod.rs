@@ -1,0 +1,75 @@
+//! What stages are built with: resources whose sizes are declared once, bind groups, passes.
+
+mod bind;
+mod layout;
+mod pass;
+mod resources;
+
+use crate::gpu::Gpu;
+
+pub use bind::{Bind, Group};
+pub use layout::{FieldType, ShaderStruct, host_bytes};
+pub use pass::{
+    Code, Dispatch, Kernel, Raster, RenderSpec, ScenePass, ScreenPass, bare, bind_groups,
+    linear_workgroups, pixels,
+};
+pub use resources::{Buffer, Parts, Resources};
+
+pub fn view(texture: &wgpu::Texture) -> wgpu::TextureView {
+    texture.create_view(&wgpu::TextureViewDescriptor::default())
+}
+
+pub const DEPTH_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Depth32Float;
+
+pub fn depth_state(compare: wgpu::CompareFunction, write: bool) -> wgpu::DepthStencilState {
+    wgpu::DepthStencilState {
+        format: DEPTH_FORMAT,
+        depth_write_enabled: Some(write),
+        depth_compare: Some(compare),
+        stencil: wgpu::StencilState::default(),
+        bias: wgpu::DepthBiasState::default(),
+    }
+}
+
+/// A colour target written as it is.
+pub fn opaque(format: wgpu::TextureFormat) -> wgpu::ColorTargetState {
+    wgpu::ColorTargetState { format, blend: None, write_mask: wgpu::ColorWrites::ALL }
+}
+
+/// A colour target that adds up what is drawn.
+pub fn additive(format: wgpu::TextureFormat) -> wgpu::ColorTargetState {
+    let add = wgpu::BlendComponent {
+        src_factor: wgpu::BlendFactor::One,
+        dst_factor: wgpu::BlendFactor::One,
+        operation: wgpu::BlendOperation::Add,
+    };
+    wgpu::ColorTargetState {
+        blend: Some(wgpu::BlendState { color: add, alpha: add }),
+        ..opaque(format)
+    }
+}
+
+/// A colour target that what is drawn multiplies.
+pub fn multiplicative(format: wgpu::TextureFormat) -> wgpu::ColorTargetState {
+    let multiply = wgpu::BlendComponent {
+        src_factor: wgpu::BlendFactor::Zero,
+        dst_factor: wgpu::BlendFactor::Src,
+        operation: wgpu::BlendOperation::Add,
+    };
+    wgpu::ColorTargetState {
+        blend: Some(wgpu::BlendState {
+            color: multiply,
+            alpha: wgpu::BlendComponent { dst_factor: wgpu::BlendFactor::SrcAlpha, ..multiply },
+        }),
+        ..opaque(format)
+    }
+}
+
+/// Format of targets that sum thousands of small contributions: 32-bit where the adapter blends it.
+pub fn accumulation_format(gpu: &Gpu) -> wgpu::TextureFormat {
+    if gpu.features.contains(wgpu::Features::FLOAT32_BLENDABLE) {
+        wgpu::TextureFormat::R32Float
+    } else {
+        wgpu::TextureFormat::R16Float
+    }
+}

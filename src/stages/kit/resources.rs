@@ -1,0 +1,410 @@
+//! Textures and buffers, declared once: what an adapter must allow, what they take, and their allocation.
+
+use std::cell::RefCell;
+use std::ops::Deref;
+use std::rc::Rc;
+
+use encase::internal::WriteInto;
+use encase::{ShaderType, StorageBuffer};
+use wgpu::util::DeviceExt;
+
+use super::{ShaderStruct, host_bytes};
+use crate::gpu::{Demand, Gpu, GpuError, Stage, StructLayout, texture_bytes};
+use crate::record::Work;
+
+/// Bytes of a buffer that is planned and not made: enough for every binding.
+const PLANNED_BYTES: u64 = 4096;
+
+/// Makes the textures and buffers of a pipeline, takes its stages in frame order, and keeps account of what all of it asks.
+///
+/// The same code plans a pipeline: on [`Gpu::planner`] nothing is allocated and no shader is compiled, and the account says
+/// what making it on a device would ask.
+#[derive(Clone)]
+pub struct Resources<'g> {
+    pub gpu: &'g Gpu,
+    account: Rc<RefCell<Account>>,
+    sized_by: Option<Rc<str>>,
+    for_pictures: bool,
+}
+
+#[derive(Default)]
+struct Account {
+    demand: Demand,
+    stages: Vec<Rc<dyn Stage>>,
+    once: Vec<Rc<dyn Stage>>,
+}
+
+/// What a pipeline runs, and what it asks.
+pub struct Parts {
+    /// In frame order.
+    pub stages: Vec<Rc<dyn Stage>>,
+    /// Run once, when the pipeline is made.
+    pub once: Vec<Rc<dyn Stage>>,
+    pub demand: Demand,
+}
+
+/// A buffer and its size; where it is planned, the size that it would have.
+#[derive(Clone)]
+pub struct Buffer {
+    raw: wgpu::Buffer,
+    bytes: u64,
+    pub(super) layout: Option<Rc<StructLayout>>,
+}
+
+impl Buffer {
+    /// Bytes.
+    pub fn size(&self) -> u64 {
+        self.bytes
+    }
+
+    /// For what outlives the resources' account.
+    pub fn raw(&self) -> wgpu::Buffer {
+        self.raw.clone()
+    }
+}
+
+impl Deref for Buffer {
+    type Target = wgpu::Buffer;
+
+    fn deref(&self) -> &wgpu::Buffer {
+        &self.raw
+    }
+}
+
+impl<'g> Resources<'g> {
+    pub fn new(gpu: &'g Gpu) -> Self {
+        Self { gpu, account: Rc::default(), sized_by: None, for_pictures: false }
+    }
+
+    /// The same account; what is made through it has its size from these parameters. Messages name them.
+    #[must_use]
+    pub fn sized_by(&self, parameters: &str) -> Self {
+        Self { sized_by: Some(parameters.into()), ..self.clone() }
+    }
+
+    /// The same account; what is made through it is no part of the pipeline's memory: only pictures need it.
+    #[must_use]
+    pub fn for_pictures(&self) -> Self {
+        Self { for_pictures: true, ..self.clone() }
+    }
+
+    /// Bytes of all textures and buffers so far.
+    pub fn allocated_bytes(&self) -> u64 {
+        self.account.borrow().demand.held_bytes()
+    }
+
+    /// What was pushed, and what all of it asks.
+    pub fn into_parts(self) -> Parts {
+        let mut account = self.account.borrow_mut();
+        let Account { demand, stages, once } = std::mem::take(&mut *account);
+        Parts { stages, once, demand }
+    }
+
+    /// The next stage of the frame.
+    pub fn push<S: Stage + 'static>(&self, stage: S) -> Rc<S> {
+        let stage = Rc::new(stage);
+        self.note(stage.name(), |demand, name| demand.takes(name, stage.work()));
+        self.account.borrow_mut().stages.push(stage.clone());
+        stage
+    }
+
+    /// A stage that runs once, when the pipeline is made, and that no frame pays for.
+    pub fn push_once<S: Stage + 'static>(&self, stage: S) -> Rc<S> {
+        let stage = Rc::new(stage);
+        self.note(stage.name(), |demand, name| demand.takes(name, stage.work()));
+        self.once(stage.clone());
+        stage
+    }
+
+    /// A stage of the frame that runs once besides, when the pipeline is made.
+    pub fn once<S: Stage + 'static>(&self, stage: Rc<S>) {
+        self.account.borrow_mut().once.push(stage);
+    }
+
+    /// Work of a frame beyond what its stages declare, for the estimate of its time.
+    pub fn expects(&self, label: &str, work: Work) {
+        self.note(label, |demand, name| demand.takes(name, work));
+    }
+
+    /// Adds to the account, under the parameters that give the size or else the label.
+    fn note(&self, label: &str, add: impl FnOnce(Demand, &str) -> Demand) {
+        let mut account = self.account.borrow_mut();
+        let what = self.sized_by.as_deref().unwrap_or(label);
+        account.demand = add(std::mem::take(&mut account.demand), what);
+    }
+
+    /// The host takes so many bytes to make these resources or to read them back.
+    pub fn host_copies(&self, label: &str, bytes: u64) {
+        self.note(label, |demand, what| demand.copies(what, bytes));
+    }
+
+    /// Shaders tell so many things apart by an index.
+    pub fn indexed(&self, label: &str, count: u64) {
+        self.note(label, |demand, what| demand.indexed(what, count));
+    }
+
+    pub(super) fn dispatch(&self, label: &str, workgroups: [u32; 3]) {
+        self.note(label, |demand, what| demand.dispatch(what, workgroups.map(u64::from)));
+    }
+
+    pub(super) fn color_targets(&self, label: &str, formats: &[wgpu::TextureFormat]) {
+        let bytes = formats.iter().map(|f| u64::from(f.target_pixel_byte_cost().unwrap_or(16)));
+        let bytes: u64 = bytes.sum();
+        // Names a stage: no parameter changes it.
+        let mut account = self.account.borrow_mut();
+        let demand = std::mem::take(&mut account.demand);
+        account.demand = demand.color_targets(label, formats.len() as u64, bytes);
+    }
+
+    /// A texture that passes draw into, shaders read, and the host can read back.
+    pub fn target(
+        &self,
+        label: &str,
+        size: [u32; 2],
+        format: wgpu::TextureFormat,
+    ) -> wgpu::Texture {
+        let usage = wgpu::TextureUsages::RENDER_ATTACHMENT
+            | wgpu::TextureUsages::TEXTURE_BINDING
+            | wgpu::TextureUsages::COPY_SRC;
+        self.texture(label, (wgpu::TextureDimension::D2, flat(size)), format, usage, 1)
+    }
+
+    /// A texture of four 32-bit floats per texel with fixed content.
+    pub fn float_texture(
+        &self,
+        label: &str,
+        size: [u32; 2],
+        texels: impl FnOnce() -> Vec<f32>,
+    ) -> wgpu::Texture {
+        self.fixed_texture(label, size, wgpu::TextureFormat::Rgba32Float, texels)
+    }
+
+    /// A texture of one 32-bit float per texel with fixed content.
+    pub fn grey_texture(
+        &self,
+        label: &str,
+        size: [u32; 2],
+        texels: impl FnOnce() -> Vec<f32>,
+    ) -> wgpu::Texture {
+        self.fixed_texture(label, size, wgpu::TextureFormat::R32Float, texels)
+    }
+
+    fn fixed_texture(
+        &self,
+        label: &str,
+        size: [u32; 2],
+        format: wgpu::TextureFormat,
+        texels: impl FnOnce() -> Vec<f32>,
+    ) -> wgpu::Texture {
+        let usage = wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST;
+        let size = (wgpu::TextureDimension::D2, flat(size));
+        let texture = self.texture(label, size, format, usage, 1);
+        if !self.gpu.is_planner() {
+            self.write_level(&texture, 0, bytemuck::cast_slice(&texels()));
+        }
+        texture
+    }
+
+    /// A volume of texels that shaders sample, slices of which passes can draw into, and that can be filled by copying
+    /// and read back.
+    pub fn volume(
+        &self,
+        label: &str,
+        [width, height, depth_or_array_layers]: [u32; 3],
+        format: wgpu::TextureFormat,
+        levels: u32,
+    ) -> wgpu::Texture {
+        let usage = wgpu::TextureUsages::RENDER_ATTACHMENT
+            | wgpu::TextureUsages::TEXTURE_BINDING
+            | wgpu::TextureUsages::COPY_DST
+            | wgpu::TextureUsages::COPY_SRC;
+        let size = wgpu::Extent3d { width, height, depth_or_array_layers };
+        self.texture(label, (wgpu::TextureDimension::D3, size), format, usage, levels)
+    }
+
+    fn texture(
+        &self,
+        label: &str,
+        (dimension, size): (wgpu::TextureDimension, wgpu::Extent3d),
+        format: wgpu::TextureFormat,
+        usage: wgpu::TextureUsages,
+        levels: u32,
+    ) -> wgpu::Texture {
+        let [width, height, depth] =
+            [size.width, size.height, size.depth_or_array_layers].map(u64::from);
+        let texture = self.gpu.device.create_texture(&wgpu::TextureDescriptor {
+            label: Some(label),
+            size,
+            mip_level_count: levels,
+            sample_count: 1,
+            dimension,
+            format,
+            usage,
+            view_formats: &[],
+        });
+        self.note(label, |demand, what| {
+            let demand = self.holding(demand, what, texture_bytes(&texture));
+            match dimension {
+                wgpu::TextureDimension::D3 => demand.texture_3d(what, [width, height, depth]),
+                _ => demand.texture_2d(what, width, height),
+            }
+        });
+        texture
+    }
+
+    /// Fills one level of a texture from the host; not on a planner, whose textures hold nothing.
+    pub fn write_level(&self, texture: &wgpu::Texture, level: u32, texels: &[u8]) {
+        let size = texture.size().mip_level_size(level, texture.dimension());
+        let texel = texture.format().block_copy_size(None).unwrap_or(4);
+        self.gpu.queue.write_texture(
+            wgpu::TexelCopyTextureInfo { mip_level: level, ..texture.as_image_copy() },
+            texels,
+            wgpu::TexelCopyBufferLayout {
+                offset: 0,
+                bytes_per_row: Some(size.width * texel),
+                rows_per_image: Some(size.height),
+            },
+            size,
+        );
+    }
+
+    /// A sampler that interpolates linearly within a level.
+    pub fn linear_sampler(&self, label: &str) -> wgpu::Sampler {
+        self.sampler(label, wgpu::FilterMode::Linear, wgpu::MipmapFilterMode::Nearest)
+    }
+
+    /// A sampler that interpolates linearly within and between levels.
+    pub fn level_sampler(&self, label: &str) -> wgpu::Sampler {
+        self.sampler(label, wgpu::FilterMode::Linear, wgpu::MipmapFilterMode::Linear)
+    }
+
+    /// A sampler that does not filter, for gathers.
+    pub fn nearest_sampler(&self, label: &str) -> wgpu::Sampler {
+        self.sampler(label, wgpu::FilterMode::Nearest, wgpu::MipmapFilterMode::Nearest)
+    }
+
+    fn sampler(
+        &self,
+        label: &str,
+        filter: wgpu::FilterMode,
+        mipmap_filter: wgpu::MipmapFilterMode,
+    ) -> wgpu::Sampler {
+        self.gpu.device.create_sampler(&wgpu::SamplerDescriptor {
+            label: Some(label),
+            mag_filter: filter,
+            min_filter: filter,
+            mipmap_filter,
+            ..Default::default()
+        })
+    }
+
+    /// A uniform buffer. Shaders that it is bound to must lay the struct out as the host does.
+    pub fn uniform<T: ShaderStruct>(&self, label: &str, value: &T) -> Buffer {
+        self.one(label, value, wgpu::BufferUsages::UNIFORM)
+    }
+
+    /// Settings that end a fragment shader's loops: a read-only storage buffer. Where a uniform ends a loop, lavapipe (Mesa
+    /// 22.3) puts its value into the shader and compiles that anew for every draw; the filter of caustics took 5.0 ms with
+    /// 12 taps and 0.7 with 24; with the taps in here, 12 take 0.7.
+    pub fn loop_settings<T: ShaderStruct>(&self, label: &str, value: &T) -> Buffer {
+        self.one(label, value, wgpu::BufferUsages::STORAGE)
+    }
+
+    fn one<T: ShaderStruct>(&self, label: &str, value: &T, usage: wgpu::BufferUsages) -> Buffer {
+        T::assert_uniform_compat();
+        Buffer { layout: Some(T::layout().into()), ..self.filled(label, &host_bytes(value), usage) }
+    }
+
+    /// A storage buffer that holds these structs.
+    pub fn structs<T>(&self, label: &str, values: &[T], usage: wgpu::BufferUsages) -> Buffer
+    where
+        T: ShaderStruct + encase::ShaderSize,
+        for<'v> &'v [T]: ShaderType + WriteInto,
+    {
+        let mut bytes = StorageBuffer::new(Vec::new());
+        bytes.write(&values).expect("a Vec grows to whatever a shader type needs");
+        let usage = usage | wgpu::BufferUsages::STORAGE;
+        Buffer {
+            layout: Some(T::layout().into()),
+            ..self.filled(label, &bytes.into_inner(), usage)
+        }
+    }
+
+    /// A storage buffer with room for so many structs, as [`Self::storage`] makes it.
+    pub fn room_for<T: ShaderStruct>(&self, label: &str, count: u64) -> Buffer {
+        let layout = T::layout();
+        let bytes = count * u64::from(layout.span);
+        Buffer { layout: Some(layout.into()), ..self.storage(label, bytes) }
+    }
+
+    /// A buffer with content; it can be rewritten.
+    pub fn filled(&self, label: &str, bytes: &[u8], usage: wgpu::BufferUsages) -> Buffer {
+        self.filled_by(label, bytes.len() as u64, usage, || bytes.to_vec())
+    }
+
+    /// The same; the content is made only where the buffer is.
+    pub fn filled_by(
+        &self,
+        label: &str,
+        bytes: u64,
+        usage: wgpu::BufferUsages,
+        content: impl FnOnce() -> Vec<u8>,
+    ) -> Buffer {
+        let usage = usage | wgpu::BufferUsages::COPY_DST;
+        if self.gpu.is_planner() {
+            return self.buffer(label, bytes, usage);
+        }
+        self.note_buffer(label, bytes, usage);
+        let contents = &content();
+        let descriptor = wgpu::util::BufferInitDescriptor { label: Some(label), contents, usage };
+        Buffer { raw: self.gpu.device.create_buffer_init(&descriptor), bytes, layout: None }
+    }
+
+    /// A storage buffer that shaders fill, the host can read back, and tests can fill.
+    pub fn storage(&self, label: &str, bytes: u64) -> Buffer {
+        let usage = wgpu::BufferUsages::STORAGE
+            | wgpu::BufferUsages::COPY_SRC
+            | wgpu::BufferUsages::COPY_DST;
+        self.buffer(label, bytes, usage)
+    }
+
+    fn buffer(&self, label: &str, bytes: u64, usage: wgpu::BufferUsages) -> Buffer {
+        self.note_buffer(label, bytes, usage);
+        let size = if self.gpu.is_planner() { PLANNED_BYTES } else { bytes };
+        let descriptor =
+            wgpu::BufferDescriptor { label: Some(label), size, usage, mapped_at_creation: false };
+        Buffer { raw: self.gpu.device.create_buffer(&descriptor), bytes, layout: None }
+    }
+
+    fn holding(&self, demand: Demand, what: &str, bytes: u64) -> Demand {
+        if self.for_pictures { demand.copies(what, bytes) } else { demand.holds(what, bytes) }
+    }
+
+    fn note_buffer(&self, label: &str, bytes: u64, usage: wgpu::BufferUsages) {
+        self.note(label, |demand, what| {
+            let demand = self.holding(demand, what, bytes);
+            if usage.contains(wgpu::BufferUsages::UNIFORM) {
+                demand.uniform(what, bytes)
+            } else if usage.contains(wgpu::BufferUsages::STORAGE) {
+                demand.storage(what, bytes)
+            } else {
+                demand.buffer(what, bytes)
+            }
+        });
+    }
+}
+
+impl Parts {
+    /// Runs what runs once.
+    ///
+    /// # Errors
+    /// What the GPU reports.
+    pub fn run_once(&self, gpu: &Gpu) -> Result<(), GpuError> {
+        let stages: Vec<&dyn Stage> = self.once.iter().map(AsRef::as_ref).collect();
+        if stages.is_empty() || gpu.is_planner() { Ok(()) } else { gpu.run(&stages) }
+    }
+}
+
+fn flat([width, height]: [u32; 2]) -> wgpu::Extent3d {
+    wgpu::Extent3d { width, height, depth_or_array_layers: 1 }
+}
