@@ -145,8 +145,8 @@ pub struct Scene {
 
 impl Scene {
     /// The names of the built-in scenes, sorted.
-    pub fn names() -> Vec<&'static str> {
-        file::built_in().map(|(name, _)| name).collect()
+    pub fn names() -> Vec<String> {
+        file::built_in().into_iter().map(|(name, _)| name).collect()
     }
 
     /// A built-in scene by name, or a scene file by path.

@@ -49,8 +49,8 @@ pub fn cases() -> Vec<Case> {
         cases.push(Case::new("caustics/trace", what, move |rig| waves(rig, model, name)));
     }
     for name in Scene::names().into_iter().filter(|name| has_water(name)) {
-        cases
-            .push(Case::new("caustics/trace", format!("scene {name}"), move |rig| real(rig, name)));
+        let what = format!("scene {name}");
+        cases.push(Case::new("caustics/trace", what, move |rig| real(rig, &name)));
     }
     cases
 }
