@@ -89,6 +89,7 @@ mod tests {
 
     /// A program that writes each file of each folder.
     const WRITER: &str = r#"
+        #[allow(dead_code)]
         #[path = "embedded.rs"]
         mod embedded;
         fn main() {
