@@ -15,6 +15,12 @@ impl Image {
         Image { width, height, data: vec![value; width as usize * height as usize] }
     }
 
+    /// An image of the values that `value` gives for each pixel.
+    pub fn of(size: [u32; 2], value: impl Fn(u32, u32) -> f64) -> Image {
+        let [width, height] = size;
+        Image { width, height, data: pixels(size).map(|(x, y)| value(x, y)).collect() }
+    }
+
     /// An image from values in rows.
     pub fn from_data(width: u32, height: u32, data: Vec<f64>) -> Result<Image, ReferenceError> {
         let expected = width as usize * height as usize;
@@ -35,6 +41,10 @@ impl Image {
 
     pub fn height(&self) -> u32 {
         self.height
+    }
+
+    pub fn size(&self) -> [u32; 2] {
+        [self.width, self.height]
     }
 
     pub fn data(&self) -> &[f64] {
@@ -67,6 +77,11 @@ impl Image {
     pub fn sum(&self) -> f64 {
         self.data.iter().sum()
     }
+}
+
+/// The pixels (x, y) of an image, row by row.
+pub fn pixels([width, height]: [u32; 2]) -> impl Iterator<Item = (u32, u32)> + Clone {
+    (0..height).flat_map(move |y| (0..width).map(move |x| (x, y)))
 }
 
 #[cfg(test)]

@@ -143,6 +143,13 @@ pub struct Scene {
     pub stand_ins: Vec<String>,
 }
 
+impl Object {
+    /// An object of the default material.
+    pub fn new(name: &str, mesh: Mesh) -> Object {
+        Object { name: name.to_owned(), mesh, material: Material::default() }
+    }
+}
+
 impl Scene {
     /// The names of the built-in scenes, sorted.
     pub fn names() -> Vec<String> {
