@@ -16,7 +16,7 @@ impl Image {
     }
 
     /// An image of the values that `value` gives for each pixel.
-    pub fn of(size: [u32; 2], value: impl Fn(u32, u32) -> f64) -> Image {
+    pub fn of(size: [u32; 2], mut value: impl FnMut(u32, u32) -> f64) -> Image {
         let [width, height] = size;
         Image { width, height, data: pixels(size).map(|(x, y)| value(x, y)).collect() }
     }
@@ -33,6 +33,13 @@ impl Image {
             });
         }
         Ok(Image { width, height, data })
+    }
+
+    /// The image with each value changed.
+    #[must_use]
+    pub fn map(&self, change: impl Fn(f64) -> f64) -> Image {
+        let data = self.data.iter().map(|value| change(*value)).collect();
+        Image { width: self.width, height: self.height, data }
     }
 
     pub fn width(&self) -> u32 {
@@ -76,6 +83,10 @@ impl Image {
     /// Sum over all pixels.
     pub fn sum(&self) -> f64 {
         self.data.iter().sum()
+    }
+
+    pub fn mean(&self) -> f64 {
+        self.sum() / self.data.len() as f64
     }
 }
 

@@ -2,9 +2,9 @@
 
 use glam::{DVec3, Vec2};
 
-use super::rig::{self, Rig};
+use super::rig::{self, Rig, largest};
 use super::{Case, Check, VerifyError};
-use crate::reference::image::Image;
+use crate::reference::image::{Image, pixels};
 use crate::reference::rays::{PixelRays, Tracer};
 use crate::scene::Scene;
 use crate::stages::ao::compose::{Compose, ComposeUniforms, Inputs};
@@ -70,10 +70,7 @@ fn known_inputs(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
         ));
     }
     let (shown, ..) = composed(rig, &LIT, true)?;
-    let off = |expected: f64| {
-        let off = shown.data().iter().map(|v| (v - expected).abs());
-        off.fold(0.0, f64::max)
-    };
+    let off = |expected: f64| largest(shown.data().iter().map(|v| (v - expected).abs()));
     checks.push(Check::new(
         (STAGE, "occlusion alone is shown as it is: largest error"),
         (0.51 / 255.0, "1"),
@@ -190,7 +187,7 @@ fn shadows(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
 fn unlike(shown: &Image, view: &View, tracer: &Tracer, toward: DVec3) -> (f64, f64) {
     const START_M: f64 = 1e-3;
     let rays = PixelRays::new(&view.camera, SIZE[0], SIZE[1]);
-    let pixels = (0..SIZE[1]).flat_map(|y| (0..SIZE[0]).map(move |x| (x, y)));
+    let pixels = pixels(SIZE);
     let (mut judged, mut differing, mut shadowed) = (0u32, 0u32, 0u32);
     for (x, y) in pixels {
         let Some((hit, _)) = rays.cast(tracer, x, y) else {

@@ -1,11 +1,11 @@
 //! `ao/bilateral` and `hsao/filter` against the f64 twin, guided by the depth of a rendered scene.
 
-use super::rig::{self, Random, Rig};
+use super::rig::{self, Rig, largest, noise};
 use super::{Case, Check, VerifyError};
 use crate::gpu::{GpuError, Stage};
 use crate::pipelines::settings;
 use crate::reference::bilateral::Bilateral;
-use crate::reference::image::Image;
+use crate::reference::image::{Image, pixels};
 use crate::reference::quantities::quantile;
 use crate::scene::{Camera, Scene};
 use crate::stages::bilateral::{BilateralUniforms, Inputs};
@@ -60,7 +60,7 @@ fn check(stage: &'static str, rig: &Rig<'_>, make: Make) -> Result<Vec<Check>, V
 
     let mut checks = Vec::new();
     for source in SOURCES {
-        let input = noise(source)?;
+        let input = noise(source, 11);
         let run = |settings: &settings::Filter| {
             filtered(
                 rig,
@@ -120,16 +120,13 @@ fn background(
     shared: &Shared,
     (view, depth, texture): (&View, &Image, &wgpu::Texture),
 ) -> Result<Check, VerifyError> {
-    let open = |z: &f64| f64::from(u32::from(*z >= 1.0));
-    let mask: Vec<f64> = depth.data().iter().map(open).collect();
-    let input = Image::from_data(SIZE[0], SIZE[1], mask)?;
+    let input = depth.map(|z| f64::from(u32::from(z >= 1.0)));
     let settings = settings::Filter::default().uniforms(view, SIZE);
     let largest = |shifted: i64| -> Result<f64, VerifyError> {
         let result = filtered(rig, make, shared, (&input, texture), &settings)?;
-        let pixels =
-            (0..i64::from(SIZE[1])).flat_map(|y| (0..i64::from(SIZE[0])).map(move |x| (x, y)));
-        let off = pixels.map(|(x, y)| (result.clamped(x, y) - input.clamped(x + shifted, y)).abs());
-        Ok(off.fold(0.0, f64::max))
+        let beside = |x: u32, y: u32| input.clamped(i64::from(x) + shifted, y.into());
+        let off = |x: u32, y: u32| (result.clamped(x.into(), y.into()) - beside(x, y)).abs();
+        Ok(largest(pixels(SIZE).map(|(x, y)| off(x, y))))
     };
     Ok(Check::new(
         (stage, "largest leak between geometry and background"),
@@ -137,13 +134,7 @@ fn background(
         largest(0)?,
         ("compared a pixel aside", largest(1)?),
     )
-    .with("background_share", input.sum() / input.data().len() as f64))
-}
-
-fn noise([width, height]: [u32; 2]) -> Result<Image, VerifyError> {
-    let mut random = Random::new(11);
-    let data = (0..width * height).map(|_| f64::from(random.next() as f32));
-    Ok(Image::from_data(width, height, data.collect())?)
+    .with("background_share", input.mean()))
 }
 
 /// |GPU − twin| over the pixels without an ambiguous tap, and the share of the pixels left out.
@@ -155,7 +146,7 @@ fn differences(
     twin: &Bilateral,
 ) -> (Vec<f64>, f64) {
     let guided = twin.over(input, depth, camera);
-    let pixels = (0..gpu.height()).flat_map(|y| (0..gpu.width()).map(move |x| (x, y)));
+    let pixels = pixels(gpu.size());
     let off: Vec<f64> = pixels
         .filter(|(x, y)| guided.edge_distance(*x, *y) >= AMBIGUOUS_PX)
         .map(|(x, y)| (gpu.clamped(x.into(), y.into()) - guided.at(x, y)).abs())

@@ -5,7 +5,7 @@ use std::f64::consts::TAU;
 use glam::DVec3;
 
 use super::photons::run_until;
-use super::rig::{self, Random, Rig};
+use super::rig::{self, Random, Rig, largest};
 use super::splats::{RULES, draw_free, energy_params, photon_at, splat_image};
 use super::{Case, Check, VerifyError, lines};
 use crate::pipelines::underwater::Underwater;
@@ -92,10 +92,9 @@ fn transmitted(rig: &Rig<'_>, stage: &'static str) -> Result<Vec<Check>, VerifyE
     let (whole, passed) = (draw(false)?, draw(true)?);
     let shares: Vec<f64> = passed.iter().zip(&whole).map(|(a, b)| a / b).collect();
     let error = |index: f64| {
-        let errors = shares.iter().zip(&cosines).map(|(share, cosine)| {
+        largest(shares.iter().zip(&cosines).map(|(share, cosine)| {
             (share / fresnel_transmittance(*cosine, 1.0, index) - 1.0).abs()
-        });
-        errors.fold(0.0, |most: f64, e| if e.is_nan() { e } else { most.max(e) })
+        }))
     };
     Ok(vec![Check::new(
         (stage, "Fresnel transmittance up to 85°: largest relative error"),

@@ -7,7 +7,7 @@ mod points;
 
 use glam::DVec3;
 
-use super::rig::Random;
+use super::rig::{Random, largest, mean};
 use super::{Case, VerifyError};
 use crate::gpu::{GpuError, read_buffer};
 use crate::harness::verify::rig::Rig;
@@ -161,8 +161,4 @@ fn beyond(value: f64, march: &March, error: f64, occlusion: impl Fn(&March) -> f
     let at = |threshold: f64| occlusion(&March { threshold, ..march.clone() });
     let [low, high] = [at(march.threshold + error), at(march.threshold - error)];
     (low - value).max(value - high).max(0.0)
-}
-
-fn largest(values: impl Iterator<Item = f64>) -> f64 {
-    values.fold(0.0, |a, b| if b.is_nan() { f64::NAN } else { a.max(b) })
 }

@@ -2,7 +2,7 @@
 
 use glam::Vec2;
 
-use super::rig::{self, Rig};
+use super::rig::{self, Rig, largest};
 use super::{Case, Check, VerifyError};
 use crate::gpu::{GpuError, Stage};
 use crate::harness::landing::stage_photons;
@@ -10,7 +10,7 @@ use crate::pipelines::Pipeline;
 use crate::pipelines::underwater::{Params, Underwater};
 use crate::reference::estimator::{estimate, exact_depth};
 use crate::reference::photons::{Landing, PhotonGrid, land_all};
-use crate::reference::quantities::{PhotonErrors, StoredPhoton, photon_errors, quantile};
+use crate::reference::quantities::{PhotonErrors, StoredPhoton, photon_errors};
 use crate::reference::rays::Tracer;
 use crate::scene::{LightFrame, LightKind, Scene, SceneFile, Water, WaterModel};
 use crate::stages::frame::Shared;
@@ -151,16 +151,11 @@ fn flat(
 
 /// Largest error of a landing point relative to the path under water; NaN when nothing lands.
 fn largest_relative(photons: &[StoredPhoton], landings: &[Landing]) -> f64 {
-    let mut errors: Vec<f64> = photons
-        .iter()
-        .zip(landings)
-        .filter(|(photon, _)| photon.landed())
-        .filter_map(|(photon, landing)| {
-            let exact = landing.landed()?;
-            Some((photon.hit - exact.hit.position).length() / exact.distance_m)
-        })
-        .collect();
-    quantile(&mut errors, 1.0)
+    let error = |(photon, landing): (&StoredPhoton, &Landing)| {
+        let exact = landing.landed().filter(|_| photon.landed())?;
+        Some((photon.hit - exact.hit.position).length() / exact.distance_m)
+    };
+    largest(photons.iter().zip(landings).filter_map(error))
 }
 
 /// Photons that pass beside the floor must not land where the depth map is empty.
@@ -189,8 +184,7 @@ fn dynamic_subdivision(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
     };
     let fixed = traced(0.5, false)?;
     let apart = |other: &[StoredPhoton]| {
-        let distances = fixed.iter().zip(other).map(|(a, b)| (a.hit - b.hit).length());
-        distances.fold(0.0, f64::max)
+        largest(fixed.iter().zip(other).map(|(a, b)| (a.hit - b.hit).length()))
     };
     Ok(vec![Check::new(
         ("caustics/trace", "run-time against compiled subdivision: largest distance"),

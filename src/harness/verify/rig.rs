@@ -179,14 +179,7 @@ pub fn view(scene: &Scene, size_px: [u32; 2]) -> View {
 
 /// A camera at a round place in the middle of things, for synthetic photons.
 pub fn level_camera() -> Camera {
-    Camera {
-        position_m: [0.0, -1.0, 0.0],
-        target_m: [0.0, -1.0, -4.0],
-        up: [0.0, 1.0, 0.0],
-        fov_y_deg: 60.0,
-        z_near_m: 0.1,
-        z_far_m: 20.0,
-    }
+    Camera::new([0.0, -1.0, 0.0], [0.0, -1.0, -4.0], 60.0, [0.1, 20.0])
 }
 
 /// The view of synthetic photons: [`level_camera`] in scene `plane`.
@@ -205,6 +198,23 @@ pub fn photon(entry: DVec3, hit: DVec3, distance_m: f64) -> Photon {
         hit_m: hit.as_vec3(),
         distance_m: distance_m as f32,
     }
+}
+
+/// The largest of errors; not a number where one is none or there is nothing to compare, so that no check passes by it.
+pub fn largest(errors: impl IntoIterator<Item = f64>) -> f64 {
+    let worse = |a: f64, b: f64| if a.is_nan() || b.is_nan() { f64::NAN } else { a.max(b) };
+    errors.into_iter().reduce(worse).map_or(f64::NAN, |most| worse(most, 0.0))
+}
+
+pub fn mean(values: impl IntoIterator<Item = f64>) -> f64 {
+    let (sum, count) = values.into_iter().fold((0.0, 0.0), |(sum, n), v| (sum + v, n + 1.0));
+    sum / count
+}
+
+/// Repeatable noise in 0…1, as f32 holds it.
+pub fn noise(size: [u32; 2], seed: u32) -> Image {
+    let mut random = Random::new(seed);
+    Image::of(size, |_, _| f64::from(random.next() as f32))
 }
 
 /// Repeatable numbers in 0…1.

@@ -100,10 +100,6 @@ impl Seen {
     }
 }
 
-fn mean(image: &Image) -> f64 {
-    image.sum() / image.data().len() as f64
-}
-
 /// Marching that leaves nothing out.
 fn settings(mode: Mode) -> Scalar {
     Scalar { mode, rejection: false, threshold: 1.0, pyramid: false, ..Scalar::default() }
@@ -138,14 +134,7 @@ fn probe(point: DVec3) -> Camera {
 }
 
 fn looking(position: DVec3, target: DVec3) -> Camera {
-    Camera {
-        position_m: position.to_array(),
-        target_m: target.to_array(),
-        up: [0.0, 1.0, 0.0],
-        fov_y_deg: 30.0,
-        z_near_m: 0.1,
-        z_far_m: 20.0,
-    }
+    Camera::new(position.to_array(), target.to_array(), 30.0, [0.1, 20.0])
 }
 
 /// The edge that opacities of these fields refer to.

@@ -3,7 +3,7 @@
 use glam::{DVec3, Vec2};
 
 use super::photons::run_until;
-use super::rig::{self, Random, Rig};
+use super::rig::{self, Random, Rig, largest};
 use super::{Case, Check, VerifyError};
 use crate::pipelines::Pipeline;
 use crate::pipelines::underwater::{Intensity as Rule, Params, Underwater};
@@ -209,7 +209,7 @@ fn center_error(image: &Image, splats: &[Splat]) -> f64 {
         let [x, y] = splat.center_px.map(|c| c.floor() as i64);
         (image.clamped(x, y) / splat.value - 1.0).abs()
     };
-    splats.iter().map(error).fold(0.0, f64::max)
+    largest(splats.iter().map(error))
 }
 
 /// Photons strewn over the view, all of their splats within the buffer.
@@ -323,7 +323,7 @@ fn scene_energy(rig: &Rig<'_>, name: &str) -> Result<Vec<Check>, VerifyError> {
     };
     let view_px = [params.view.width, params.view.height];
     let sum = draw_in_scene(rig, &scene, &pipeline.view, &photons, &rules)?.sum();
-    let depth = exact_depth(&scene.camera, &tracer, view_px)?;
+    let depth = exact_depth(&scene.camera, &tracer, view_px);
     let expected = |rules: Rules| -> Result<f64, VerifyError> {
         let mut twin = Image::constant(SIZE[0], SIZE[1], 0.0);
         rasterize(&mut twin, &rules.splats(&scene.camera, SIZE, &twins)?, &depth, 0.0);
@@ -429,9 +429,7 @@ pub(super) fn splat_image(rig: &Rig<'_>, pipeline: &Underwater) -> Result<Image,
 }
 
 /// Depth that an exact rasterizer stores at each pixel of a camera.
-fn exact_depth(camera: &Camera, tracer: &Tracer, size_px: [u32; 2]) -> Result<Image, VerifyError> {
+fn exact_depth(camera: &Camera, tracer: &Tracer, size_px: [u32; 2]) -> Image {
     let rays = PixelRays::new(camera, size_px[0], size_px[1]);
-    let pixels = (0..size_px[1]).flat_map(|y| (0..size_px[0]).map(move |x| (x, y)));
-    let depth = pixels.map(|(x, y)| rays.cast(tracer, x, y).map_or(1.0, |(_, depth)| depth));
-    Ok(Image::from_data(size_px[0], size_px[1], depth.collect())?)
+    Image::of(size_px, |x, y| rays.cast(tracer, x, y).map_or(1.0, |(_, depth)| depth))
 }

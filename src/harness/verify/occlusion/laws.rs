@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 
-use super::{Case, Subject, VOXEL_M, largest, marching, query};
+use super::{Case, Subject, VOXEL_M, largest, marching, mean, query};
 use crate::harness::verify::rig::Rig;
 use crate::harness::verify::{Check, VerifyError};
 use crate::stages::ao::query::INFO;
@@ -49,10 +49,6 @@ fn floor_points(x_voxels: f64) -> Vec<(DVec3, DVec3)> {
         .collect()
 }
 
-fn mean(values: &[f64]) -> f64 {
-    values.iter().sum::<f64>() / values.len() as f64
-}
-
 /// The largest A of a plane is 0 with the variable guard. VAO Fig. 3: with a constant one it is not.
 fn plane(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
     let subject = Subject::new(rig, SIDE, OPAQUE, is_floor)?;
@@ -63,16 +59,15 @@ fn plane(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
         });
         query(rig, std::slice::from_ref(&subject.voxels), &floor_points(0.0), &settings)
     };
-    let of = |values: Vec<f64>| largest(values.into_iter());
-    let voxel = of(run(Guard::Voxel)?);
+    let voxel = largest(run(Guard::Voxel)?);
     let check = Check::new(
         (INFO.name, "largest A of a plane"),
         (1e-6, "1"),
-        of(run(Guard::Variable)?),
+        largest(run(Guard::Variable)?),
         ("constant guard of a voxel's diagonal", voxel),
     );
-    let seven = mean(&run(Guard::SevenVoxels)?);
-    let none = mean(&run(Guard::None)?);
+    let seven = mean(run(Guard::SevenVoxels)?);
+    let none = mean(run(Guard::None)?);
     Ok(vec![check.with("mean_with_guard_of_seven_voxels", seven).with("mean_without_guard", none)])
 }
 
@@ -95,7 +90,7 @@ fn corner(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
     for (x_voxels, tolerance) in [(1.0, 0.05), (2.0, 0.04), (4.0, 0.03)] {
         let expected = beside_wall((x_voxels - 0.03) / R_MAX);
         let other = beside_wall((x_voxels + 6.0) / R_MAX);
-        let measured = mean(&run(x_voxels)?);
+        let measured = mean(run(x_voxels)?);
         checks.push(
             Check::new(
                 (INFO.name, format!("A in a corner, {x_voxels} voxels from the wall")),

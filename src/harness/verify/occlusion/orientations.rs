@@ -5,14 +5,14 @@ use std::f64::consts::{PI, TAU};
 
 use glam::{DMat3, DQuat, DVec3, EulerRot};
 
-use super::{Case, Random, VerifyError, largest};
+use super::{Case, Random, VerifyError, largest, mean};
 use crate::harness::verify::Check;
 use crate::harness::verify::rig::Rig;
 use crate::pipelines::settings::{Method, R_MAX_SHARE};
 use crate::pipelines::volume_ao::{Params, occlusion_at};
 use crate::reference::occlusion::{Attenuation, occlusion};
 use crate::reference::rays::Tracer;
-use crate::scene::{Material, Mesh, Object, Scene, SceneFile};
+use crate::scene::{Mesh, Object, Scene, SceneFile};
 use crate::stages::ao::query::{INFO, Point};
 use crate::stages::marching::{Guard, Hit};
 
@@ -93,9 +93,8 @@ fn worst(rig: &Rig<'_>, make: Make, control: Control) -> Result<[f64; 3], Verify
         errors.collect::<Result<Vec<f64>, VerifyError>>()
     };
     let [default, other] = [rms(&default)?, rms(&other)?];
-    let squares: f64 = default.iter().map(|error| error * error).sum();
-    let mean = (squares / f64::from(ORIENTATIONS)).sqrt();
-    Ok([largest(default.into_iter()), largest(other.into_iter()), mean])
+    let all = mean(default.iter().map(|error| error * error)).sqrt();
+    Ok([largest(default), largest(other), all])
 }
 
 /// The pipeline's defaults with 64 rays.
@@ -144,8 +143,7 @@ impl Turned {
         }
         mesh.recompute_normals();
         let mut scene = Scene::load("plane")?;
-        scene.objects =
-            vec![Object { name: "body".to_owned(), mesh, material: Material::default() }];
+        scene.objects = vec![Object::new("body", mesh)];
         let r_max_m = R_MAX_SHARE * scene.solid_bounds().size().max_element();
         let tracer = Tracer::new(&scene.objects)?;
         let (mut points, mut exact) = (Vec::new(), Vec::new());
@@ -160,16 +158,13 @@ impl Turned {
     fn rms_error(&self, rig: &Rig<'_>, params: &Params) -> Result<f64, VerifyError> {
         let found = occlusion_at(rig.gpu, &self.scene, params, &self.points)?;
         let squares = found.iter().zip(&self.exact).map(|(a, b)| (f64::from(*a) - b).powi(2));
-        Ok((squares.sum::<f64>() / self.exact.len() as f64).sqrt())
+        Ok(mean(squares).sqrt())
     }
 }
 
-/// A parallelogram by its middle and half its sides.
+/// Adds a parallelogram by its middle and half its sides.
 fn quad(mesh: &mut Mesh, middle: DVec3, a: DVec3, b: DVec3) {
-    let first = mesh.positions.len() as u32;
-    let corners = [-a - b, a - b, a + b, b - a];
-    mesh.positions.extend(corners.map(|d| (middle + d).as_vec3().to_array()));
-    mesh.indices.extend([0, 1, 2, 0, 2, 3].map(|i| first + i));
+    mesh.append(&Mesh::parallelogram(middle, a, b));
 }
 
 /// Rings of a ball of triangles, each of twice as many steps.

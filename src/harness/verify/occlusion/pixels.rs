@@ -6,7 +6,7 @@ use super::{Case, Marching, Subject, beyond, density_error, largest, marching, t
 use crate::gpu::GpuError;
 use crate::harness::verify::rig::{self, Rig};
 use crate::harness::verify::{Check, VerifyError};
-use crate::reference::image::Image;
+use crate::reference::image::{Image, pixels};
 use crate::reference::march::{HostVolume, March};
 use crate::reference::rays::PixelRays;
 use crate::scene::{Bounds, Grid, Scene};
@@ -130,7 +130,7 @@ fn compare(rig: &Rig<'_>, per_object: bool) -> Result<Vec<Check>, VerifyError> {
         )?;
         rig.run(&[&stage])?;
         let image = rig.channel(stage.texture(), 0)?;
-        let places = || (0..size_px[1]).flat_map(|y| (0..size_px[0]).map(move |x| (x, y)));
+        let places = || pixels(size_px);
         let measure = |seed: u32| {
             largest(places().map(|(x, y)| {
                 let value = 1.0 - image.clamped(x.into(), y.into());
@@ -178,7 +178,7 @@ fn counts(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
         let host = &subjects[0].host;
         let mut march = twin(&settings, &host.grid);
         march.r_max *= r_max_scale;
-        let places = (0..SIZE[1]).flat_map(|y| (0..SIZE[0]).map(move |x| (x, y)));
+        let places = pixels(SIZE);
         let samples = places.filter_map(|(x, y)| {
             let (p, n) = seen.surface(x, y, SIZE)?;
             Some(march.from(host, p, n, x + 65536 * y).samples)

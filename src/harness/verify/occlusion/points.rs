@@ -1,7 +1,7 @@
 //! `ao/query`: point by point against the f64 twin, and variants that must agree.
 
 use super::{Case, Marching, Subject, beyond, density_error, furnished, furnished_points, largest};
-use super::{marching, query, twin};
+use super::{marching, mean, query, twin};
 use crate::harness::verify::rig::Rig;
 use crate::harness::verify::{Check, VerifyError};
 use crate::stages::ao::query::INFO;
@@ -69,7 +69,6 @@ fn against_twin(rig: &Rig<'_>, name: &str, change: Change) -> Result<Vec<Check>,
             })
         }))
     };
-    let mean = occlusion.iter().sum::<f64>() / occlusion.len() as f64;
     let nudge = 0.3 * subject.host.grid.voxel_m;
     let check = Check::new(
         (INFO.name, format!("largest |GPU − f64 twin| of A, {name}")),
@@ -77,7 +76,7 @@ fn against_twin(rig: &Rig<'_>, name: &str, change: Change) -> Result<Vec<Check>,
         measure(&occlusion, 0.0),
         ("the twin's points 0.3 voxels higher", measure(&occlusion, nudge)),
     );
-    Ok(vec![check.with("mean", mean)])
+    Ok(vec![check.with("mean", mean(occlusion))])
 }
 
 fn opacities(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
@@ -97,7 +96,7 @@ fn opacities(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
             .zip(&points)
             .zip(&occlusion)
             .map(|((i, (p, n)), value)| (value - march.from(&host, *p, *n, i).occlusion).powi(2));
-        (squares.sum::<f64>() / points.len() as f64).sqrt()
+        mean(squares).sqrt()
     };
     // A sample of falling opacity that rounding makes a rising one changes a ray by up to its opacity, 0.35: the share of
     // such samples is that of V's error, 1 / 64, of which 32 rays take the mean.

@@ -3,7 +3,7 @@
 use glam::DVec3;
 
 use super::{Seen, Setup, VOXEL_M, cubes, looking, settings};
-use crate::harness::verify::rig::Rig;
+use crate::harness::verify::rig::{Rig, largest, mean};
 use crate::harness::verify::{Case, Check, VerifyError};
 use crate::pipelines::scalar_ao::{Mode, Scalar, Stop};
 use crate::reference::isosurface::{Solid, first, occlusion};
@@ -203,7 +203,7 @@ fn shading(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
             let radiance = ALBEDO * seen.visibility.data()[h.pixel] * light;
             (radiance.powf(1.0 / DISPLAY_GAMMA) - seen.shown.data()[h.pixel]).abs()
         };
-        hits(&setup, &solids).iter().map(off).fold(0.0, f64::max)
+        largest(hits(&setup, &solids).iter().map(off))
     };
     let ambient = setup.scalar.ambient;
     Ok(vec![Check::new(
@@ -213,9 +213,4 @@ fn shading(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
         error(ambient),
         ("a tenth more ambient light", error(ambient * 1.1)),
     )])
-}
-
-fn mean(values: impl Iterator<Item = f64>) -> f64 {
-    let values: Vec<f64> = values.collect();
-    values.iter().sum::<f64>() / values.len() as f64
 }

@@ -2,10 +2,11 @@
 
 use glam::DVec3;
 
-use super::{Setup, VOXEL_M, cubes, field, looking, mean, opacity_voxel_m, probe, settings};
-use crate::harness::verify::rig::{Random, Rig};
+use super::{Setup, VOXEL_M, cubes, field, looking, opacity_voxel_m, probe, settings};
+use crate::harness::verify::rig::{Random, Rig, largest};
 use crate::harness::verify::{Case, Check, VerifyError};
 use crate::pipelines::scalar_ao::{Law, Mode, Scalar};
+use crate::reference::image::pixels;
 use crate::reference::media::{self, Marching, halved, in_ball, on_ramp, under_face};
 use crate::reference::rays::PixelRays;
 use crate::scene::{Bounds, Volume};
@@ -58,7 +59,7 @@ fn measured(
         camera: probe(point),
         size_px: PROBE_PX,
     };
-    Ok(1.0 - mean(&setup.run(rig)?.visibility))
+    Ok(1.0 - setup.run(rig)?.visibility.mean())
 }
 
 fn name(law: Law) -> &'static str {
@@ -81,14 +82,14 @@ fn block(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
             let law = reference_law(&setup.scalar, &setup.volume);
             let error = |value: f64| {
                 let rays = PixelRays::new(&setup.camera, 48, 48);
-                let pixels = (0..48u32).flat_map(|y| (0..48u32).map(move |x| (x, y)));
+                let pixels = pixels([48, 48]);
                 let difference = |(x, y): (u32, u32)| {
                     let (origin, direction, _) = rays.ray(x, y);
                     let exact =
                         law.opacity(value, chord_m(&setup.volume.bounds(), origin, direction));
                     (opacity.clamped(x.into(), y.into()) - exact).abs()
                 };
-                pixels.map(difference).fold(0.0, f64::max)
+                largest(pixels.map(difference))
             };
             Ok(Check::new(
                 (
@@ -99,7 +100,7 @@ fn block(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
                 error(BLOCK),
                 ("values 2 % higher", error(BLOCK * 1.02)),
             )
-            .with("opacity_most", opacity.data().iter().copied().fold(0.0, f64::max)))
+            .with("opacity_most", largest(opacity.data().iter().copied())))
         })
         .into_iter()
         .collect()
@@ -134,12 +135,8 @@ fn ramp(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
 /// Random values on cells twice as long as wide.
 fn rough() -> Volume {
     let mut random = Random::new(11);
-    let values: Vec<f64> = (0..16 * 16 * 12).map(|_| random.within(0.0, 0.5)).collect();
-    let mut next = values.into_iter();
     let mut volume = field([16, 16, 12], DVec3::new(0.1, 0.1, 0.2), |_| 0.0);
-    for value in &mut volume.data {
-        *value = next.next().unwrap_or_default() as f32;
-    }
+    volume.data.iter_mut().for_each(|value| *value = random.within(0.0, 0.5) as f32);
     volume
 }
 
@@ -293,11 +290,9 @@ fn ball_and_face(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
 
 fn pyramid(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
     let mut random = Random::new(5);
-    let values: Vec<f64> =
-        (0..24 * 24 * 24).map(|_| if random.next() < 0.1 { 0.81 } else { 0.0 }).collect();
     let mut volume = cubes(24, |_| 0.0);
-    for (value, random) in volume.data.iter_mut().zip(values) {
-        *value = random as f32;
+    for value in volume.data.iter_mut() {
+        *value = if random.next() < 0.1 { 0.81 } else { 0.0 };
     }
     let mut scalar = marched(Mode::Positional, Law::Opacity, 0.6, 3);
     scalar.pyramid = true;
@@ -329,8 +324,7 @@ fn laws(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
         let setup = Setup { volume: cubes(8, |_| value), ..setup(false) };
         let seen = setup.run(rig)?;
         let dark = seen.visibility.data().iter().map(|v| 1.0 - v);
-        let most = |values: &mut dyn Iterator<Item = f64>| values.fold(0.0, f64::max);
-        Ok::<f64, VerifyError>(most(&mut dark.chain(seen.opacity.data().iter().copied())))
+        Ok::<f64, VerifyError>(largest(dark.chain(seen.opacity.data().iter().copied())))
     };
     Ok(vec![
         Check::new(

@@ -5,6 +5,7 @@ use glam::DVec3;
 use super::subjects::{cells, random_voxels};
 use crate::harness::verify::rig::{self, Random, Rig};
 use crate::harness::verify::{Case, Check, VerifyError};
+use crate::reference::image::pixels;
 use crate::reference::rays::PixelRays;
 use crate::scene::{Grid, LightKind};
 use crate::stages::frame::Shared;
@@ -43,7 +44,7 @@ fn check(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
             .filter(|(_, full)| **full)
             .map(|(cell, _)| grid.center(cell))
             .collect();
-        let pixels = (0..SIZE[1]).flat_map(|y| (0..SIZE[0]).map(move |x| (x, y)));
+        let pixels = pixels(SIZE);
         let differs = |&(x, y): &(u32, u32)| {
             let (origin, direction, length_m) = rays.ray(x, y);
             let expected = nearest(origin, direction, &cubes, grid.voxel_m / 2.0);

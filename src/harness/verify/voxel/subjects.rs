@@ -39,7 +39,7 @@ impl Subject {
         }
         mesh.recompute_normals();
         let mut scene = Scene::load("plane")?;
-        scene.objects = vec![object(&scene, "soup", mesh)];
+        scene.objects = vec![Object::new("soup", mesh)];
         Ok(Self { name: "soup", scene, grid })
     }
 
@@ -60,15 +60,9 @@ impl Subject {
             let (sin, cos) = random.within(0.0, std::f64::consts::TAU).sin_cos();
             let [along, up] = [cos * along + sin * up, cos * up - sin * along].map(|d| half * d);
             let middle = grid.bounds().min + grid.size_m() * corner(&mut random, 0.2, 0.8);
-            let corners = [-along - up, along - up, along + up, up - along];
-            let mut mesh = Mesh {
-                positions: corners.map(|d| (middle + d).as_vec3().to_array()).to_vec(),
-                indices: vec![0, 1, 2, 0, 2, 3],
-                ..Mesh::default()
-            };
-            mesh.recompute_normals();
+            let mesh = Mesh::parallelogram(middle, along, up);
             let mut scene = Scene::load("plane")?;
-            scene.objects = vec![object(&scene, "quad", mesh)];
+            scene.objects = vec![Object::new("quad", mesh)];
             Ok(Self { name: "slanted quads", scene, grid })
         };
         (0..quads).map(subject).collect()
@@ -103,11 +97,6 @@ impl Subject {
             ..self.grid
         }
     }
-}
-
-/// The scene's first object with another mesh.
-pub fn object(scene: &Scene, name: &str, mesh: Mesh) -> Object {
-    Object { name: name.into(), mesh, material: scene.objects[0].material.clone() }
 }
 
 fn corner(random: &mut Random, low: f64, high: f64) -> DVec3 {
