@@ -3,7 +3,7 @@
 use glam::{DVec3, Vec2};
 
 use super::rig::{self, Rig, largest};
-use super::{Case, Check, VerifyError};
+use super::{Case, Check, Checks, Result};
 use crate::reference::image::{Image, pixels};
 use crate::reference::rays::{PixelRays, Tracer};
 use crate::scene::Scene;
@@ -49,7 +49,7 @@ const LIT: Known = Known {
     exposure: 0.3,
 };
 
-fn known_inputs(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
+fn known_inputs(rig: &Rig<'_>) -> Checks {
     let cases = [
         ("light and ambient", LIT),
         ("ambient in shadow", Known { shadow: 0.0, exposure: 2.0, ..LIT }),
@@ -89,11 +89,7 @@ fn settings(exposure: f64, ambient: f64) -> ComposeUniforms {
 }
 
 /// The picture of known inputs (one channel), what it is seen from, and its device depth.
-fn composed(
-    rig: &Rig<'_>,
-    known: &Known,
-    shows_occlusion: bool,
-) -> Result<(Image, View, f64), VerifyError> {
+fn composed(rig: &Rig<'_>, known: &Known, shows_occlusion: bool) -> Result<(Image, View, f64)> {
     let resources = rig.resources();
     let mut view = rig::synthetic_view(SIZE, 0.0)?;
     // The shadow map covers all that is seen.
@@ -148,7 +144,7 @@ fn relative_error(measured: &[f64], view: &View, depth: f64, known: &Known) -> f
 }
 
 /// Which pixels the light reaches, in a scene with columns and curved objects.
-fn shadows(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
+fn shadows(rig: &Rig<'_>) -> Checks {
     let scene = Scene::load("tank")?;
     let resources = rig.resources();
     let view = rig::view(&scene, SIZE);

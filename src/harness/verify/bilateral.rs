@@ -1,7 +1,7 @@
 //! `ao/bilateral` and `hsao/filter` against the f64 twin, guided by the depth of a rendered scene.
 
 use super::rig::{self, Rig, largest, noise};
-use super::{Case, Check, VerifyError};
+use super::{Case, Check, Checks, Result};
 use crate::gpu::{GpuError, Stage};
 use crate::pipelines::settings;
 use crate::reference::bilateral::Bilateral;
@@ -46,7 +46,7 @@ pub fn cases() -> Vec<Case> {
     stages.map(case).into()
 }
 
-fn check(stage: &'static str, rig: &Rig<'_>, make: Make) -> Result<Vec<Check>, VerifyError> {
+fn check(stage: &'static str, rig: &Rig<'_>, make: Make) -> Checks {
     let resources = rig.resources();
     let scene = Scene::load(SCENE)?;
     let view = rig::view(&scene, SIZE);
@@ -105,7 +105,7 @@ fn filtered(
     shared: &Shared,
     (visibility, depth): (&Image, &wgpu::Texture),
     settings: &BilateralUniforms,
-) -> Result<Image, VerifyError> {
+) -> Result<Image> {
     let inputs = Inputs { visibility: &rig.grey(visibility), depth };
     let (stage, texture) = make(&rig.resources(), shared, &inputs, settings)?;
     rig.run(&[stage.as_ref()])?;
@@ -119,10 +119,10 @@ fn background(
     make: Make,
     shared: &Shared,
     (view, depth, texture): (&View, &Image, &wgpu::Texture),
-) -> Result<Check, VerifyError> {
+) -> Result<Check> {
     let input = depth.map(|z| f64::from(u32::from(z >= 1.0)));
     let settings = settings::Filter::default().uniforms(view, SIZE);
-    let largest = |shifted: i64| -> Result<f64, VerifyError> {
+    let largest = |shifted: i64| -> Result<f64> {
         let result = filtered(rig, make, shared, (&input, texture), &settings)?;
         let beside = |x: u32, y: u32| input.clamped(i64::from(x) + shifted, y.into());
         let off = |x: u32, y: u32| (result.clamped(x.into(), y.into()) - beside(x, y)).abs();

@@ -3,7 +3,7 @@
 use glam::DVec3;
 
 use super::rig::{self, Rig};
-use super::{Case, Check, VerifyError};
+use super::{Case, Check, Checks, Result};
 use crate::reference::image::{Image, pixels};
 use crate::reference::quantities::quantile;
 use crate::reference::rays::{Hit, PixelRays, Tracer};
@@ -38,7 +38,7 @@ pub fn cases() -> Vec<Case> {
     ]
 }
 
-fn gbuffer(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
+fn gbuffer(rig: &Rig<'_>) -> Checks {
     let mut scene = Scene::load(SCENE)?;
     let count = scene.objects.len() as f32;
     for (object, i) in scene.objects.iter_mut().zip(1u8..) {
@@ -160,7 +160,7 @@ impl Seen {
     }
 }
 
-fn reflection(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
+fn reflection(rig: &Rig<'_>) -> Checks {
     let scene = above_water()?;
     let resources = rig.resources();
     let view = rig::view(&scene, SIZE);
@@ -191,7 +191,7 @@ fn reflection(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
     ])
 }
 
-fn refraction(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
+fn refraction(rig: &Rig<'_>) -> Checks {
     let scene = above_water()?;
     let resources = rig.resources();
     let view = rig::view(&scene, SIZE);
@@ -217,7 +217,7 @@ fn refraction(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
 }
 
 /// The shore seen from above the water.
-fn above_water() -> Result<Scene, VerifyError> {
+fn above_water() -> Result<Scene> {
     let mut scene = Scene::load(SHORE)?;
     let height = scene.camera.position_m[1].abs().max(1.5);
     scene.camera.position_m[1] = height;

@@ -3,7 +3,7 @@
 use glam::{DVec3, Vec2};
 
 use super::rig::{self, Rig};
-use super::{Case, Check, VerifyError};
+use super::{Case, Check, Checks, Result};
 use crate::reference::image::{Image, pixels};
 use crate::reference::optics::{fresnel_reflectance, transmittance};
 use crate::reference::rays::PixelRays;
@@ -37,7 +37,7 @@ pub fn cases() -> Vec<Case> {
 /// Mean radiance of each band: `[godrays][caustics]`.
 type Bands = [[f64; 3]; 2];
 
-fn known_inputs(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
+fn known_inputs(rig: &Rig<'_>) -> Checks {
     let clear = wall(rig, 0.0)?;
     let water = wall(rig, GAMMA_PER_M)?;
     let [low, middle, high] = water[0];
@@ -78,7 +78,7 @@ struct Known<'a> {
 }
 
 /// Composes known inputs and returns the radiance of each pixel.
-fn radiance(rig: &Rig<'_>, view: &View, known: &Known<'_>) -> Result<Image, VerifyError> {
+fn radiance(rig: &Rig<'_>, view: &View, known: &Known<'_>) -> Result<Image> {
     let resources = rig.resources();
     let shared = Shared::new(&resources, view);
     let grey = |value: f32, alpha: f32| rig.constant(SIZE, [value, value, value, alpha]);
@@ -107,7 +107,7 @@ fn radiance(rig: &Rig<'_>, view: &View, known: &Known<'_>) -> Result<Image, Veri
 }
 
 /// A white wall across a narrow view under water, with the bands upon it.
-fn wall(rig: &Rig<'_>, gamma_per_m: f64) -> Result<Bands, VerifyError> {
+fn wall(rig: &Rig<'_>, gamma_per_m: f64) -> Result<Bands> {
     let mut view = rig::synthetic_view(SIZE, gamma_per_m)?;
     // So narrow that the path through the water is the same for all pixels.
     view.camera.fov_y_deg = 1.0;
@@ -141,7 +141,7 @@ fn wall(rig: &Rig<'_>, gamma_per_m: f64) -> Result<Bands, VerifyError> {
 }
 
 /// Flat water between a white reflection and a black refraction shows its reflectance.
-fn fresnel(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
+fn fresnel(rig: &Rig<'_>) -> Checks {
     let mut checks = Vec::new();
     // From below the view crosses the critical angle, 48.8° from the vertical.
     for (side, name, target_z) in [(1.0, "above", -1.5), (-1.0, "below", 0.8)] {

@@ -3,7 +3,7 @@
 use glam::DVec3;
 
 use super::rig::{Rig, largest};
-use super::{Case, Check, VerifyError};
+use super::{Case, Check, Checks};
 use crate::gpu::read_buffer;
 use crate::reference::deform::{Moment, Motion};
 use crate::scene::{Object, Scene};
@@ -36,12 +36,7 @@ pub fn cases() -> Vec<Case> {
 /// A vertex's position and normal.
 type Vertex = [DVec3; 2];
 
-fn check(
-    rig: &Rig<'_>,
-    motion: Motion,
-    of_stage: deform::Motion,
-    name: &str,
-) -> Result<Vec<Check>, VerifyError> {
+fn check(rig: &Rig<'_>, motion: Motion, of_stage: deform::Motion, name: &str) -> Checks {
     let scene = Scene::load(SCENE)?;
     let resources = rig.resources();
     let geometry = Geometry::new(&resources, &scene);

@@ -1,7 +1,7 @@
 //! `caustics/filter` and `godrays/filter` against the f64 twin.
 
 use super::rig::{Rig, noise};
-use super::{Case, Check, VerifyError};
+use super::{Case, Check, Checks, Result};
 use crate::gpu::{GpuError, Stage};
 use crate::reference::filter::Disc;
 use crate::reference::image::{Image, pixels};
@@ -55,7 +55,7 @@ fn check(
     stage: &'static str,
     rig: &Rig<'_>,
     make: impl Fn(&Resources<'_>, &wgpu::Texture, &FilterUniforms) -> Result<Made, GpuError>,
-) -> Result<Vec<Check>, VerifyError> {
+) -> Checks {
     let image = noise(SIZE, 7);
     let settings = FilterUniforms { taps: TAPS, radius_px: RADIUS_PX as f32 };
     let (filter, texture) = make(&rig.resources(), &rig.grey(&image), &settings)?;

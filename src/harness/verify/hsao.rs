@@ -4,7 +4,7 @@
 use glam::{DVec3, Vec2};
 
 use super::rig::{self, Rig, largest, mean};
-use super::{Case, Check, VerifyError};
+use super::{Case, Check, Checks, Result};
 use crate::reference::horizon::{HorizonSplit, Seen, beside_wall};
 use crate::reference::image::{Image, pixels};
 use crate::reference::occlusion::{Attenuation, occlusion};
@@ -48,7 +48,7 @@ fn shade(
     scene: &Scene,
     method: &HorizonSplit,
     buffer_px: [u32; 2],
-) -> Result<Shaded, VerifyError> {
+) -> Result<Shaded> {
     let resources = rig.resources();
     let shared = Shared::new(&resources, &rig::view(scene, SIZE));
     let geometry = Geometry::new(&resources, scene);
@@ -86,7 +86,7 @@ fn method(attenuation: Attenuation) -> HorizonSplit {
     }
 }
 
-fn twin(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
+fn twin(rig: &Rig<'_>) -> Checks {
     let scene = Scene::load(SCENE)?;
     let mut checks = Vec::new();
     for (name, attenuation, buffer_px) in [
@@ -126,7 +126,7 @@ fn dense(attenuation: Attenuation) -> HorizonSplit {
     HorizonSplit { directions: 32, steps: 32, ..method(attenuation) }
 }
 
-fn closed_forms(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
+fn closed_forms(rig: &Rig<'_>) -> Checks {
     let camera = camera([3.0, 2.6, 0.0], [0.0, 0.4, 0.0]);
     let floor = quad([30.0, 0.0, 0.0], [0.0, 0.0, -30.0]);
     let wall = quad([0.0, 30.0, 0.0], [0.0, 0.0, 30.0]);
@@ -134,7 +134,7 @@ fn closed_forms(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
     let corner = built(camera, vec![floor, wall])?;
 
     let hard = dense(Attenuation::Hard);
-    let largest = |scene: &Scene| -> Result<f64, VerifyError> {
+    let largest = |scene: &Scene| -> Result<f64> {
         let shaded = shade(rig, scene, &hard, SIZE)?;
         Ok(largest(shaded.occlusion.data().iter().copied()))
     };
@@ -156,7 +156,7 @@ fn closed_forms(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
 }
 
 /// Hills that the camera sees without gaps.
-fn height_field(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
+fn height_field(rig: &Rig<'_>) -> Checks {
     const HEIGHT_M: f64 = 0.25;
     const WAVES_PER_M: [f64; 2] = [2.5, 2.0];
     let camera = camera([0.0, 4.5, 2.2], [0.0; 3]);
@@ -186,7 +186,7 @@ fn rms_checks(
     (title, tolerance): (impl Fn(&str) -> String, f64),
     (perturbed, factor): (&str, f64),
     exact: impl Fn(&Hit, f64, Attenuation) -> Option<f64>,
-) -> Result<Vec<Check>, VerifyError> {
+) -> Checks {
     let tracer = Tracer::new(&scene.objects)?;
     let check = |(name, attenuation): (&str, Attenuation)| {
         let method = dense(attenuation);
@@ -226,7 +226,7 @@ fn camera(position_m: [f64; 3], target_m: [f64; 3]) -> Camera {
 }
 
 /// Scene `plane` with other objects, seen by this camera.
-fn built(camera: Camera, objects: Vec<Object>) -> Result<Scene, VerifyError> {
+fn built(camera: Camera, objects: Vec<Object>) -> Result<Scene> {
     Ok(Scene { camera, objects, ..Scene::load("plane")? })
 }
 

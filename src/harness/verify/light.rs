@@ -3,7 +3,7 @@
 use glam::DVec3;
 
 use super::rig::{self, Rig};
-use super::{Case, Check, VerifyError};
+use super::{Case, Check, Checks};
 use crate::reference::image::{Image, pixels};
 use crate::reference::quantities::quantile;
 use crate::reference::rays::{PixelRays, Tracer};
@@ -33,7 +33,7 @@ pub fn cases() -> Vec<Case> {
 }
 
 /// `l = p_mid − p_light` with p_mid in the middle of the camera frustum (UW §3.1).
-fn look_at(_: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
+fn look_at(_: &Rig<'_>) -> Checks {
     let mut scene = Scene::load(SCENE)?;
     let mut checks = Vec::new();
     for (kind, name) in [(LightKind::Directional, "directional"), (LightKind::Point, "point")] {
@@ -60,7 +60,7 @@ fn look_at(_: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
     Ok(checks)
 }
 
-fn shadow_depth(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
+fn shadow_depth(rig: &Rig<'_>) -> Checks {
     let scene = Scene::load(SCENE)?;
     let resources = rig.resources();
     let view = rig::view(&scene, [256, 256]);
@@ -119,7 +119,7 @@ fn depth_errors(depth: &Image, frame: &LightFrame, tracer: &Tracer, aside: f64) 
     }
 }
 
-fn shadow_mask(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
+fn shadow_mask(rig: &Rig<'_>) -> Checks {
     let scene = Scene::load(SHADED_SCENE)?;
     let resources = rig.resources();
     let view = rig::view(&scene, [256, 256]);

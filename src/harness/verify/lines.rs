@@ -5,7 +5,7 @@ use std::f64::consts::TAU;
 use glam::{DVec2, DVec3, Vec2};
 
 use super::rig::{self, Random, Rig};
-use super::{Case, Check, VerifyError};
+use super::{Case, Check, Checks, Result};
 use crate::reference::godray::{Godray, Medium};
 use crate::reference::image::{Image, pixels};
 use crate::reference::rays::PixelRays;
@@ -33,7 +33,7 @@ pub fn cases() -> Vec<Case> {
 }
 
 /// Draws photons' lines without occlusion.
-pub(super) fn draw(rig: &Rig<'_>, view: &View, photons: &[Photon]) -> Result<Image, VerifyError> {
+pub(super) fn draw(rig: &Rig<'_>, view: &View, photons: &[Photon]) -> Result<Image> {
     let resources = rig.resources();
     let shared = Shared::new(&resources, view);
     let settings = LinesUniforms {
@@ -57,7 +57,7 @@ fn godray(photon: &Photon) -> Godray {
 }
 
 /// Lines at all angles, each in its own cell of the buffer, some of them running away from the viewer.
-fn isolated(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
+fn isolated(rig: &Rig<'_>) -> Checks {
     let view = rig::synthetic_view(SIZE, GAMMA_PER_M)?;
     let eye = DVec3::from(view.camera.position_m);
     let rays = PixelRays::new(&view.camera, SIZE[0], SIZE[1]);
@@ -200,7 +200,7 @@ const GAUSS: [(f64, f64); 6] = [
 
 /// Clear water: the pixel in the middle of a line shows p(α) alone. Twelve lines whose scattering
 /// angles are the nodes of a quadrature sum up to the integral over the sphere.
-fn phase_integral(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
+fn phase_integral(rig: &Rig<'_>) -> Checks {
     let view = rig::synthetic_view(SIZE, 0.0)?;
     let eye = DVec3::from(view.camera.position_m);
     let rays = PixelRays::new(&view.camera, SIZE[0], SIZE[1]);

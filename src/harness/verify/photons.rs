@@ -3,7 +3,7 @@
 use glam::Vec2;
 
 use super::rig::{self, Rig, largest};
-use super::{Case, Check, VerifyError};
+use super::{Case, Check, Checks, Result};
 use crate::gpu::{GpuError, Stage};
 use crate::harness::landing::stage_photons;
 use crate::pipelines::Pipeline;
@@ -77,7 +77,7 @@ pub(super) fn trace(
     family: Family,
     settings: TraceUniforms,
     dynamic: bool,
-) -> Result<(Vec<StoredPhoton>, LightFrame), VerifyError> {
+) -> Result<(Vec<StoredPhoton>, LightFrame)> {
     let resources = rig.resources();
     let view = rig::view(scene, [256, 256]);
     let shared = Shared::new(&resources, &view);
@@ -118,7 +118,7 @@ pub(super) fn exact(
     water: &Water,
     tracer: &Tracer,
     grid: [u32; 2],
-) -> Result<Vec<Landing>, VerifyError> {
+) -> Result<Vec<Landing>> {
     let grid = PhotonGrid::new(grid[0], grid[1])?;
     Ok(land_all(frame, water, tracer, grid, 1))
 }
@@ -127,12 +127,7 @@ pub(super) fn with_index(water: &Water, refractive_index: f64) -> Water {
     Water { refractive_index, ..water.clone() }
 }
 
-fn flat(
-    rig: &Rig<'_>,
-    family: Family,
-    kind: LightKind,
-    what: &str,
-) -> Result<Vec<Check>, VerifyError> {
+fn flat(rig: &Rig<'_>, family: Family, kind: LightKind, what: &str) -> Checks {
     let scene = rig::flat_plane(kind)?;
     let (photons, frame) = trace(rig, &scene, family, settings(FLAT_GRID, 2), false)?;
     let tracer = Tracer::new(&scene.objects)?;
@@ -159,11 +154,11 @@ fn largest_relative(photons: &[StoredPhoton], landings: &[Landing]) -> f64 {
 }
 
 /// Photons that pass beside the floor must not land where the depth map is empty.
-fn beside_the_floor(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
+fn beside_the_floor(rig: &Rig<'_>) -> Checks {
     let mut scene = rig::flat_plane(LightKind::Point)?;
     scene.light.half_extent_m = 14.0;
     let (photons, frame) = trace(rig, &scene, Family::Caustics, settings(FLAT_GRID, 2), false)?;
-    let false_hits = |tracer: Tracer| -> Result<f64, VerifyError> {
+    let false_hits = |tracer: Tracer| -> Result<f64> {
         let landings = exact(&frame, &scene.water, &tracer, [FLAT_GRID, 4])?;
         Ok(photon_errors(&photons, &landings).false_hit_rate)
     };
@@ -176,7 +171,7 @@ fn beside_the_floor(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
 }
 
 /// The loop bound read at run time gives the very photons of the one compiled in. UW §4.1.
-fn dynamic_subdivision(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
+fn dynamic_subdivision(rig: &Rig<'_>) -> Checks {
     let scene = rig::flat_plane(LightKind::Directional)?;
     let traced = |offset: f32, dynamic| {
         let settings = TraceUniforms { offset: Vec2::splat(offset), ..settings(16, 3) };
@@ -195,7 +190,7 @@ fn dynamic_subdivision(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
 }
 
 /// Where photons enter steep waves. UW §4.1 has two models; noise takes half of each here.
-fn waves(rig: &Rig<'_>, model: WaterModel, name: &str) -> Result<Vec<Check>, VerifyError> {
+fn waves(rig: &Rig<'_>, model: WaterModel, name: &str) -> Checks {
     let mut scene = rig::flat_plane(LightKind::Directional)?;
     scene.water.model = model;
     scene.water.amplitude_m = 0.12;
@@ -221,7 +216,7 @@ fn has_water(scene: &str) -> bool {
 }
 
 /// Both tracing stages of the whole pipeline at the scene's own settings.
-fn real(rig: &Rig<'_>, name: &str) -> Result<Vec<Check>, VerifyError> {
+fn real(rig: &Rig<'_>, name: &str) -> Checks {
     let file = SceneFile::load(name)?;
     let scene = Scene::build(&file)?;
     let pipeline = Underwater::new(rig.gpu, &scene, real_params(&file))?;

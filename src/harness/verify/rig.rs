@@ -4,7 +4,7 @@ use std::cell::RefCell;
 
 use glam::{DVec3, UVec2};
 
-use super::VerifyError;
+use super::Result;
 use crate::gpu::{
     ClockPlan, DepthTarget, FrameTimer, Gpu, GpuError, Stage, StageScope, SubmitCost, Targets,
     read_buffer, read_texture,
@@ -41,7 +41,7 @@ impl<'g> Rig<'g> {
     }
 
     /// One channel of a texture in f64.
-    pub fn channel(&self, texture: &wgpu::Texture, channel: usize) -> Result<Image, VerifyError> {
+    pub fn channel(&self, texture: &wgpu::Texture, channel: usize) -> Result<Image> {
         let pixels = read_texture(self.gpu, texture)?;
         let stride = pixels.channels as usize;
         let data = pixels.data.iter().skip(channel).step_by(stride);
@@ -50,7 +50,7 @@ impl<'g> Rig<'g> {
     }
 
     /// Three channels of a texture as vectors, in rows.
-    pub fn vectors(&self, texture: &wgpu::Texture) -> Result<Vec<DVec3>, VerifyError> {
+    pub fn vectors(&self, texture: &wgpu::Texture) -> Result<Vec<DVec3>> {
         let pixels = read_texture(self.gpu, texture)?;
         let vector = |texel: &[f32]| DVec3::new(texel[0].into(), texel[1].into(), texel[2].into());
         let texels = pixels.data.chunks_exact(pixels.channels as usize);
@@ -155,7 +155,7 @@ impl Stage for Clear {
 
 /// Scene `plane` under flat water, lit at a slant, so that refraction shifts every photon. The light's
 /// frustum is narrow enough that no photon passes beside the floor.
-pub fn flat_plane(kind: LightKind) -> Result<Scene, VerifyError> {
+pub fn flat_plane(kind: LightKind) -> Result<Scene> {
     let mut scene = Scene::load("plane")?;
     scene.water.amplitude_m = 0.0;
     scene.light.kind = kind;
@@ -183,7 +183,7 @@ pub fn level_camera() -> Camera {
 }
 
 /// The view of synthetic photons: [`level_camera`] in scene `plane`.
-pub fn synthetic_view(size_px: [u32; 2], gamma_per_m: f64) -> Result<View, VerifyError> {
+pub fn synthetic_view(size_px: [u32; 2], gamma_per_m: f64) -> Result<View> {
     let mut scene = flat_plane(LightKind::Directional)?;
     scene.camera = level_camera();
     scene.water.attenuation_per_m = gamma_per_m;

@@ -6,7 +6,7 @@ mod media;
 use glam::DVec3;
 
 use super::rig::{self, Rig};
-use super::{Case, VerifyError};
+use super::{Case, Result};
 use crate::pipelines::scalar_ao::{Law, Mode, Scalar, Stop};
 use crate::pipelines::settings::Attenuation;
 use crate::reference::image::Image;
@@ -45,11 +45,11 @@ struct Seen {
 }
 
 impl Setup {
-    fn view(&self) -> Result<View, VerifyError> {
+    fn view(&self) -> Result<View> {
         Ok(View { camera: self.camera.clone(), ..rig::synthetic_view(self.size_px, 0.0)? })
     }
 
-    fn run(&self, rig: &Rig<'_>) -> Result<Seen, VerifyError> {
+    fn run(&self, rig: &Rig<'_>) -> Result<Seen> {
         let resources = rig.resources();
         let (resources, shared) = (&resources, &Shared::new(&resources, &self.view()?));
         let field = &ScalarField::new(resources, &self.volume, self.scalar.needs_pyramid());
@@ -82,7 +82,7 @@ impl Setup {
 }
 
 impl Seen {
-    fn read(rig: &Rig<'_>, pass: &RayCast) -> Result<Seen, VerifyError> {
+    fn read(rig: &Rig<'_>, pass: &RayCast) -> Result<Seen> {
         let channel = |i| rig.channel(&pass.result, i);
         let normal = match &pass.normal {
             Some(normal) => {

@@ -3,7 +3,7 @@
 use glam::{DVec3, Vec3};
 
 use super::rig::{self, Random, Rig, largest};
-use super::{Case, Check, VerifyError};
+use super::{Case, Check, Checks, Result};
 use crate::pipelines::underwater::{Params, photons_at, view};
 use crate::reference::optics::{fresnel_reflectance, refract};
 use crate::reference::photons::{Landing, land_ray};
@@ -33,7 +33,7 @@ pub fn cases() -> Vec<Case> {
 }
 
 /// Scene `plane` under flat water, and its parameters.
-fn subject(kind: LightKind) -> Result<(Scene, Params), VerifyError> {
+fn subject(kind: LightKind) -> Result<(Scene, Params)> {
     let scene = rig::flat_plane(kind)?;
     let mut params = Params::from_scene(&SceneFile::load("plane")?);
     params.light = scene.light.clone();
@@ -57,12 +57,7 @@ fn starts(aimed: bool) -> Vec<Start> {
     (0..COUNT).map(start).collect()
 }
 
-fn landings(
-    rig: &Rig<'_>,
-    kind: LightKind,
-    aimed: bool,
-    what: &str,
-) -> Result<Vec<Check>, VerifyError> {
+fn landings(rig: &Rig<'_>, kind: LightKind, aimed: bool, what: &str) -> Checks {
     let (scene, params) = subject(kind)?;
     let starts = starts(aimed);
     let answers = photons_at(rig.gpu, &scene, &params, &starts)?;
@@ -101,7 +96,7 @@ fn largest_error(answers: &[Answer], landings: &[Landing]) -> f64 {
 }
 
 /// Weights and directions over flat water from 0° to 89°: T + R = 1 with the exact R, and Snell's law.
-fn energy_law(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
+fn energy_law(rig: &Rig<'_>) -> Checks {
     let (scene, mut params) = subject(LightKind::Directional)?;
     params.water.fresnel = true;
     let angles: Vec<f64> = (0..90).map(|degrees| f64::from(degrees).to_radians()).collect();

@@ -4,7 +4,7 @@ use glam::DVec3;
 
 use super::{Case, Subject, VOXEL_M, largest, marching, mean, query};
 use crate::harness::verify::rig::Rig;
-use crate::harness::verify::{Check, VerifyError};
+use crate::harness::verify::{Check, Checks};
 use crate::stages::ao::query::INFO;
 use crate::stages::marching::{Attenuation, Guard, Hit, Marching};
 
@@ -50,7 +50,7 @@ fn floor_points(x_voxels: f64) -> Vec<(DVec3, DVec3)> {
 }
 
 /// The largest A of a plane is 0 with the variable guard. VAO Fig. 3: with a constant one it is not.
-fn plane(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
+fn plane(rig: &Rig<'_>) -> Checks {
     let subject = Subject::new(rig, SIDE, OPAQUE, is_floor)?;
     let run = |guard| {
         let settings = marching(|m| {
@@ -78,7 +78,7 @@ fn beside_wall(c: f64) -> f64 {
     (angle - c * c * angle.tan()) / std::f64::consts::PI
 }
 
-fn corner(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
+fn corner(rig: &Rig<'_>) -> Checks {
     let is_wall = |p: DVec3| (p.x - 0.03 * VOXEL_M).abs() < 0.5 * VOXEL_M;
     let subject = Subject::new(rig, SIDE, OPAQUE, |p| is_floor(p) || is_wall(p))?;
     let run = |x_voxels: f64| {
@@ -105,7 +105,7 @@ fn corner(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
 }
 
 /// A ball over a floor, as seen from the point below it, fills a cone of half-angle α with sin α = R / h: A = sin² α.
-fn ball(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
+fn ball(rig: &Rig<'_>) -> Checks {
     let center = DVec3::new(0.0, 24.0, 0.0) * VOXEL_M;
     let radius = 12.0 * VOXEL_M;
     let is_ball = |p: DVec3| (p.distance(center) - radius).abs() < 0.5 * VOXEL_M;

@@ -5,7 +5,7 @@ use std::f64::consts::{PI, TAU};
 
 use glam::{DMat3, DQuat, DVec3, EulerRot};
 
-use super::{Case, Random, VerifyError, largest, mean};
+use super::{Case, Random, Result, largest, mean};
 use crate::harness::verify::Check;
 use crate::harness::verify::rig::Rig;
 use crate::pipelines::settings::{Method, R_MAX_SHARE};
@@ -83,14 +83,14 @@ pub fn cases() -> Vec<Case> {
 }
 
 /// The largest RMS error over the orientations with the defaults and with the control's settings, and the defaults' over all.
-fn worst(rig: &Rig<'_>, make: Make, control: Control) -> Result<[f64; 3], VerifyError> {
+fn worst(rig: &Rig<'_>, make: Make, control: Control) -> Result<[f64; 3]> {
     let default = defaults()?;
     let mut other = default.clone();
     (control.change)(&mut other);
     let turned = turned(make)?;
     let rms = |params: &Params| {
         let errors = turned.iter().map(|turned| turned.rms_error(rig, params));
-        errors.collect::<Result<Vec<f64>, VerifyError>>()
+        errors.collect::<Result<Vec<f64>>>()
     };
     let [default, other] = [rms(&default)?, rms(&other)?];
     let all = mean(default.iter().map(|error| error * error)).sqrt();
@@ -98,14 +98,14 @@ fn worst(rig: &Rig<'_>, make: Make, control: Control) -> Result<[f64; 3], Verify
 }
 
 /// The pipeline's defaults with 64 rays.
-fn defaults() -> Result<Params, VerifyError> {
+fn defaults() -> Result<Params> {
     let mut params = Params::from_scene(&SceneFile::load("plane")?);
     params.ao.rays = 64;
     Ok(params)
 }
 
 /// A body in all orientations.
-fn turned(make: Make) -> Result<Vec<Turned>, VerifyError> {
+fn turned(make: Make) -> Result<Vec<Turned>> {
     let mut random = Random::new(41);
     (0..ORIENTATIONS)
         .map(|number| {
@@ -136,7 +136,7 @@ struct Turned {
 }
 
 impl Turned {
-    fn new(body: &Body, turn: DMat3) -> Result<Self, VerifyError> {
+    fn new(body: &Body, turn: DMat3) -> Result<Self> {
         let mut mesh = body.mesh.clone();
         for p in &mut mesh.positions {
             *p = (turn * DVec3::from(p.map(f64::from))).as_vec3().to_array();
@@ -155,7 +155,7 @@ impl Turned {
         Ok(Self { scene, points, exact })
     }
 
-    fn rms_error(&self, rig: &Rig<'_>, params: &Params) -> Result<f64, VerifyError> {
+    fn rms_error(&self, rig: &Rig<'_>, params: &Params) -> Result<f64> {
         let found = occlusion_at(rig.gpu, &self.scene, params, &self.points)?;
         let squares = found.iter().zip(&self.exact).map(|(a, b)| (f64::from(*a) - b).powi(2));
         Ok(mean(squares).sqrt())

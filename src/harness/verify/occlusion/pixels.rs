@@ -5,7 +5,7 @@ use glam::DVec3;
 use super::{Case, Marching, Subject, beyond, density_error, largest, marching, twin};
 use crate::gpu::GpuError;
 use crate::harness::verify::rig::{self, Rig};
-use crate::harness::verify::{Check, VerifyError};
+use crate::harness::verify::{Check, Checks, Result};
 use crate::reference::image::{Image, pixels};
 use crate::reference::march::{HostVolume, March};
 use crate::reference::rays::PixelRays;
@@ -41,7 +41,7 @@ struct Seen {
 }
 
 impl Seen {
-    fn new(rig: &Rig<'_>, scene: &Scene) -> Result<Self, VerifyError> {
+    fn new(rig: &Rig<'_>, scene: &Scene) -> Result<Self> {
         let resources = rig.resources();
         let view: View = rig::view(scene, SIZE);
         let shared = Shared::new(&resources, &view);
@@ -78,7 +78,7 @@ impl Seen {
 
 /// Volumes around the scene's objects, or one around all: shells of voxels that have a vertex near. They need not be good
 /// ones, only the same for GPU and twin.
-fn volumes(rig: &Rig<'_>, scene: &Scene, per_object: bool) -> Result<Vec<Subject>, VerifyError> {
+fn volumes(rig: &Rig<'_>, scene: &Scene, per_object: bool) -> Result<Vec<Subject>> {
     let ball = scene.objects.iter().map(|o| o.mesh.bounds());
     let ball = ball.min_by(|a, b| a.size().length().total_cmp(&b.size().length()));
     let ball = ball.unwrap_or_else(|| scene.solid_bounds());
@@ -109,7 +109,7 @@ fn settings(volumes: &[Subject]) -> Marching {
     })
 }
 
-fn compare(rig: &Rig<'_>, per_object: bool) -> Result<Vec<Check>, VerifyError> {
+fn compare(rig: &Rig<'_>, per_object: bool) -> Checks {
     let scene = Scene::load(SCENE)?;
     let seen = Seen::new(rig, &scene)?;
     let subjects = volumes(rig, &scene, per_object)?;
@@ -161,7 +161,7 @@ fn compare(rig: &Rig<'_>, per_object: bool) -> Result<Vec<Check>, VerifyError> {
     Ok(checks)
 }
 
-fn counts(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
+fn counts(rig: &Rig<'_>) -> Checks {
     let scene = Scene::load(SCENE)?;
     let seen = Seen::new(rig, &scene)?;
     let subjects = volumes(rig, &scene, false)?;

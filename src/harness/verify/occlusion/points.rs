@@ -3,7 +3,7 @@
 use super::{Case, Marching, Subject, beyond, density_error, furnished, furnished_points, largest};
 use super::{marching, mean, query, twin};
 use crate::harness::verify::rig::Rig;
-use crate::harness::verify::{Check, VerifyError};
+use crate::harness::verify::{Check, Checks};
 use crate::stages::ao::query::INFO;
 use crate::stages::marching::{
     Attenuation, Estimator, Guard, Hit, Occluder, Sampling, Step, Storage,
@@ -55,7 +55,7 @@ pub fn cases() -> Vec<Case> {
     cases
 }
 
-fn against_twin(rig: &Rig<'_>, name: &str, change: Change) -> Result<Vec<Check>, VerifyError> {
+fn against_twin(rig: &Rig<'_>, name: &str, change: Change) -> Checks {
     let subject = Subject::new(rig, SIDE, OPAQUE, furnished)?;
     let points = furnished_points();
     let settings = marching(change);
@@ -79,7 +79,7 @@ fn against_twin(rig: &Rig<'_>, name: &str, change: Change) -> Result<Vec<Check>,
     Ok(vec![check.with("mean", mean(occlusion))])
 }
 
-fn opacities(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
+fn opacities(rig: &Rig<'_>) -> Checks {
     let subject = Subject::new(rig, SIDE, GLASS, furnished)?;
     let points = furnished_points();
     let settings = marching(|m| {
@@ -110,7 +110,7 @@ fn opacities(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
 }
 
 /// The share of points whose values differ by more than rounding of V explains.
-fn storages(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
+fn storages(rig: &Rig<'_>) -> Checks {
     let subject = Subject::new(rig, SIDE, OPAQUE, furnished)?;
     let volumes = [subject.voxels.clone()];
     let points = furnished_points();
@@ -144,7 +144,7 @@ fn storages(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
     Ok(vec![check.with("share_equal_within_1e-3", equal_share)])
 }
 
-fn skipping(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
+fn skipping(rig: &Rig<'_>) -> Checks {
     let subject = Subject::new(rig, SIDE, OPAQUE, furnished)?;
     let volumes = [subject.voxels.clone()];
     let points = furnished_points();

@@ -4,7 +4,7 @@ use glam::DVec3;
 
 use super::{Seen, Setup, VOXEL_M, cubes, looking, settings};
 use crate::harness::verify::rig::{Rig, largest, mean};
-use crate::harness::verify::{Case, Check, VerifyError};
+use crate::harness::verify::{Case, Check, Checks, VerifyError};
 use crate::pipelines::scalar_ao::{Mode, Scalar, Stop};
 use crate::reference::isosurface::{Solid, first, occlusion};
 use crate::reference::occlusion::Attenuation;
@@ -85,7 +85,7 @@ fn hits(setup: &Setup, solids: &[Solid]) -> Vec<Hit> {
     (0..(SIZE[0] * SIZE[1]) as usize).filter_map(hit).collect()
 }
 
-fn ball(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
+fn ball(rig: &Rig<'_>) -> Checks {
     let scalar = Scalar { rays: 1, samples: 1, ..settings(Mode::Isosurface) };
     let setup = setup(&[BALL], scalar);
     let seen = setup.run(rig)?;
@@ -140,7 +140,7 @@ fn percentile(values: impl Iterator<Item = f64>) -> f64 {
     values[(values.len() - 1) * 95 / 100]
 }
 
-fn ball_over_slab(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
+fn ball_over_slab(rig: &Rig<'_>) -> Checks {
     let solids = [BALL, SLAB];
     let mut checks = Vec::new();
     for (stop, what) in
@@ -184,7 +184,7 @@ fn ball_over_slab(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
 }
 
 /// The picture against what visibility and normals make of the light: albedo × visibility × light.
-fn shading(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
+fn shading(rig: &Rig<'_>) -> Checks {
     const ALBEDO: f64 = 0.5;
     let scalar = Scalar {
         low_color: [ALBEDO as f32; 3],

@@ -4,7 +4,7 @@ use glam::DVec3;
 
 use super::{Setup, VOXEL_M, cubes, field, looking, opacity_voxel_m, probe, settings};
 use crate::harness::verify::rig::{Random, Rig, largest};
-use crate::harness::verify::{Case, Check, VerifyError};
+use crate::harness::verify::{Case, Check, Checks, Result, VerifyError};
 use crate::pipelines::scalar_ao::{Law, Mode, Scalar};
 use crate::reference::image::pixels;
 use crate::reference::media::{self, Marching, halved, in_ball, on_ramp, under_face};
@@ -47,12 +47,7 @@ fn reference_law(scalar: &Scalar, volume: &Volume) -> media::Law {
 }
 
 /// Mean A that the stage finds at a point.
-fn measured(
-    rig: &Rig<'_>,
-    volume: &Volume,
-    scalar: &Scalar,
-    point: DVec3,
-) -> Result<f64, VerifyError> {
+fn measured(rig: &Rig<'_>, volume: &Volume, scalar: &Scalar, point: DVec3) -> Result<f64> {
     let setup = Setup {
         volume: volume.clone(),
         scalar: scalar.clone(),
@@ -69,7 +64,7 @@ fn name(law: Law) -> &'static str {
     }
 }
 
-fn block(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
+fn block(rig: &Rig<'_>) -> Checks {
     [Law::Opacity, Law::Beer]
         .map(|law| {
             let setup = Setup {
@@ -113,7 +108,7 @@ fn chord_m(bounds: &Bounds, origin: DVec3, direction: DVec3) -> f64 {
     (low.max(high).min_element() - enter).max(0.0)
 }
 
-fn ramp(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
+fn ramp(rig: &Rig<'_>) -> Checks {
     let scalar = marched(Mode::Direct, Law::Beer, 1.0, 20);
     // 0.5 at the origin; steps of 8 bits are whole.
     let volume = cubes(32, |p| (128.0 - 60.0 * p.z) / 255.0);
@@ -153,7 +148,7 @@ fn twin(scalar: &Scalar, volume: &Volume) -> Marching {
 
 const ROUGH_POINT: DVec3 = DVec3::new(0.13, -0.07, 0.11);
 
-fn rough_hemisphere(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
+fn rough_hemisphere(rig: &Rig<'_>) -> Checks {
     let volume = rough();
     let normal = -gradient(&volume, ROUGH_POINT).normalize();
     rough_checks(rig, DIRECT, Mode::Direct, |marching, rays| {
@@ -161,7 +156,7 @@ fn rough_hemisphere(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
     })
 }
 
-fn rough_sphere(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
+fn rough_sphere(rig: &Rig<'_>) -> Checks {
     let volume = rough();
     rough_checks(rig, POSITIONAL, Mode::Positional, |marching, rays| {
         marching.positional(&volume, ROUGH_POINT, rays)
@@ -174,7 +169,7 @@ fn rough_checks(
     stage: &'static str,
     mode: Mode,
     exact: impl Fn(&Marching, u32) -> f64,
-) -> Result<Vec<Check>, VerifyError> {
+) -> Checks {
     let volume = rough();
     [Law::Opacity, Law::Beer]
         .map(|law| {
@@ -219,7 +214,7 @@ fn gradient(volume: &Volume, p: DVec3) -> DVec3 {
     DVec3::new(along(DVec3::X), along(DVec3::Y), along(DVec3::Z))
 }
 
-fn interior(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
+fn interior(rig: &Rig<'_>) -> Checks {
     let volume = cubes(32, |_| BLOCK);
     let mut checks = Vec::new();
     for law in [Law::Opacity, Law::Beer] {
@@ -251,7 +246,7 @@ fn interior(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
     Ok(checks)
 }
 
-fn ball_and_face(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
+fn ball_and_face(rig: &Rig<'_>) -> Checks {
     let scalar = marched(Mode::Positional, Law::Beer, 1.5, 48);
     let sigma = scalar.density_per_m;
     // Cells that the border cuts hold the share within, so that radius and depth are right on average.
@@ -288,7 +283,7 @@ fn ball_and_face(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
     ])
 }
 
-fn pyramid(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
+fn pyramid(rig: &Rig<'_>) -> Checks {
     let mut random = Random::new(5);
     let mut volume = cubes(24, |_| 0.0);
     for value in volume.data.iter_mut() {
@@ -310,7 +305,7 @@ fn pyramid(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
     ])
 }
 
-fn laws(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
+fn laws(rig: &Rig<'_>) -> Checks {
     let volume = rough();
     let setup = |rejection: bool| Setup {
         volume: volume.clone(),

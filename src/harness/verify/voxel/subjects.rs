@@ -3,7 +3,7 @@
 use glam::DVec3;
 
 use crate::gpu::{GpuError, read_buffer};
-use crate::harness::verify::VerifyError;
+use crate::harness::verify::Result;
 use crate::harness::verify::rig::{Random, Rig};
 use crate::reference::voxel::{Corners, triangles};
 use crate::scene::{Grid, Mesh, Object, Scene};
@@ -21,7 +21,7 @@ pub struct Subject {
 
 impl Subject {
     /// Random triangles of all sizes, some without area and some outside a grid that is no cube.
-    pub fn soup() -> Result<Self, VerifyError> {
+    pub fn soup() -> Result<Self> {
         let grid =
             Grid { cells: [37, 24, 32], origin_m: DVec3::new(-1.5, -2.25, 0.5), voxel_m: 0.125 };
         let mut random = Random::new(3);
@@ -44,7 +44,7 @@ impl Subject {
     }
 
     /// Quads of 1 to 16 grid edges, slanted at random, each with a grid that its middle lies in and that clips it.
-    pub fn slanted() -> Result<Vec<Self>, VerifyError> {
+    pub fn slanted() -> Result<Vec<Self>> {
         let mut random = Random::new(29);
         let quads = 12;
         let subject = |number| {
@@ -69,7 +69,7 @@ impl Subject {
     }
 
     /// A scanned surface of small triangles, or its stand-in, fitted with `resolution` voxels.
-    pub fn bunny(resolution: u32) -> Result<Self, VerifyError> {
+    pub fn bunny(resolution: u32) -> Result<Self> {
         let mut scene = Scene::load("bunny")?;
         scene.objects.retain(|object| object.name == "bunny");
         let grid = Grid::fit(&scene.solid_bounds(), resolution).map_err(GpuError::Limit)?;
