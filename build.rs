@@ -1,10 +1,9 @@
-//! Rebuilds the crate when an embedded file changes: `include_dir!` does not track them itself.
-
-use std::path::Path;
+//! Rebuilds a release when a file is added to an embedded folder: the compiler knows only of those that are there.
+//! A development build reads the folders from disk (`src/embedded.rs`) and needs no build.
 
 fn main() {
-    for folder in ["shaders", "scenes", "benches/experiments"] {
-        if Path::new(folder).is_dir() {
+    if std::env::var("PROFILE").is_ok_and(|profile| profile == "release") {
+        for folder in ["shaders", "scenes", "benches/experiments"] {
             println!("cargo::rerun-if-changed={folder}");
         }
     }

@@ -2,7 +2,7 @@
 //!
 //! Dependency rule (kept by `tests/dependency_rule.rs`):
 //! `main → compare → report, harness → experiments → pipelines → stages → scene, gpu`;
-//! `text` and `input` import nothing, `tell` only `text`, `record` only these two, `statistics` only `record`, `reference` only
+//! `embedded`, `text` and `input` import nothing, `tell` only `text`, `record` only these two, `statistics` only `record`, `reference` only
 //! `scene`; `report` never imports `gpu`;
 //! a stage never imports a sibling stage.
 //!
@@ -11,6 +11,7 @@
 //! light travels, CPU geometry and references in f64, GPU in f32, angles in degrees in parameters.
 
 pub mod compare;
+pub mod embedded;
 pub mod experiments;
 pub mod gpu;
 pub mod harness;

@@ -5,17 +5,18 @@ use std::path::{Path, PathBuf};
 
 /// Module → the crate's modules that it may import, itself apart.
 const RULE: &[(&str, &[&str])] = &[
+    ("embedded", &[]),
     ("text", &[]),
     ("tell", &["text"]),
     ("input", &[]),
     ("record", &["input", "text"]),
     ("statistics", &["record"]),
-    ("scene", &["input"]),
+    ("scene", &["embedded", "input"]),
     ("reference", &["scene"]),
-    ("gpu", &["record"]),
+    ("gpu", &["embedded", "record"]),
     ("stages", &["gpu", "record", "scene"]),
     ("pipelines", &["gpu", "record", "scene", "stages"]),
-    ("experiments", &["input", "pipelines", "record", "statistics", "text"]),
+    ("experiments", &["embedded", "input", "pipelines", "record", "statistics", "text"]),
     ("report", &["experiments", "record", "statistics", "text"]),
     (
         "harness",

@@ -166,7 +166,10 @@ fn experiment_rows() -> anyhow::Result<Rows> {
 }
 
 fn scene_rows() -> anyhow::Result<Rows> {
-    let row = |name: &str| Ok((name.to_owned(), SceneFile::load(name)?.description));
+    let row = |name: String| {
+        let description = SceneFile::load(&name)?.description;
+        Ok((name, description))
+    };
     scene::Scene::names().into_iter().map(row).collect()
 }
 

@@ -1,5 +1,5 @@
 //! Experiments as data: a pipeline, a scene, base parameters, sweeps over axes, what was published, and the
-//! claims to test. The built-in ones (`benches/experiments/*.toml`, embedded) and a user's own file have the
+//! claims to test. The built-in ones (`benches/experiments/*.toml`) and a user's own file have the
 //! same format, described in [`schema`].
 
 mod claims;
@@ -11,8 +11,7 @@ mod tests;
 
 use std::path::{Path, PathBuf};
 
-use include_dir::{Dir, include_dir};
-
+use crate::embedded::EXPERIMENTS;
 use crate::input::{self, one_line};
 
 pub use claims::{Ruling, Scaling, Verdict, groups, scaling};
@@ -22,8 +21,6 @@ pub use expand::{
 };
 pub use measure::{Measure, Reading, fits, fps, lookup, measured, same};
 pub use schema::Experiment;
-
-static BUILT_IN: Dir<'_> = include_dir!("$CARGO_MANIFEST_DIR/benches/experiments");
 
 #[derive(Debug, thiserror::Error)]
 pub enum ExperimentError {
@@ -80,23 +77,18 @@ pub(crate) fn nearest<'a>(
 impl Experiment {
     /// Names of the built-in experiments, in alphabetical order.
     pub fn builtin_ids() -> Vec<String> {
-        let mut ids: Vec<String> = BUILT_IN
-            .files()
-            .filter_map(|file| file.path().file_stem()?.to_str().map(str::to_owned))
-            .collect();
-        ids.sort();
-        ids
+        EXPERIMENTS.texts(".toml").into_iter().map(|(id, _)| id).collect()
     }
 
     /// Text of a built-in experiment's file.
-    pub fn builtin_text(id: &str) -> Option<&'static str> {
-        BUILT_IN.get_file(format!("{id}.toml"))?.contents_utf8()
+    pub fn builtin_text(id: &str) -> Option<String> {
+        EXPERIMENTS.text(&format!("{id}.toml"))
     }
 
     /// Loads a built-in experiment by its id, or a file by its path (a name that ends in `.toml` or holds a separator).
     pub fn load(id_or_path: &str) -> Result<Experiment, ExperimentError> {
         if let Some(text) = Experiment::builtin_text(id_or_path) {
-            return Experiment::parse(id_or_path, text);
+            return Experiment::parse(id_or_path, &text);
         }
         let path = Path::new(id_or_path);
         let is_path = id_or_path.ends_with(".toml") || path.components().count() > 1;

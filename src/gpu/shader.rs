@@ -1,4 +1,4 @@
-//! Shaders: embedded from `shaders/`, linked by naga_oil, checked by naga, handed to wgpu as naga IR.
+//! Shaders: read from `shaders/`, linked by naga_oil, checked by naga, handed to wgpu as naga IR.
 //!
 //! `shaders/shared/NAME.wgsl` begins with `#define_import_path fathom::NAME` and is imported by that
 //! path. A shader may name values of the host as `#{NAME}` or test them with `#if NAME == 1`; a line
@@ -8,7 +8,6 @@ use std::cell::Cell;
 use std::collections::{BTreeMap, HashMap};
 use std::sync::{Arc, Mutex, PoisonError};
 
-use include_dir::{Dir, DirEntry, include_dir};
 use naga_oil::compose::{
     ComposableModuleDescriptor, Composer, ComposerError, NagaModuleDescriptor, ShaderDefValue,
     ShaderType, get_preprocessor_data,
@@ -17,8 +16,7 @@ use wgpu::naga;
 
 use super::layout::{BoundStruct, bound_structs};
 use super::{Gpu, GpuError};
-
-static SHADERS: Dir<'_> = include_dir!("$CARGO_MANIFEST_DIR/shaders");
+use crate::embedded::SHADERS;
 
 /// A linked shader of a device.
 #[derive(Clone)]
@@ -32,45 +30,29 @@ pub struct Shader {
 /// Shaders by path and values of the host: pipelines share most of theirs.
 pub(super) type Shaders = Mutex<HashMap<(String, Vec<(String, i32)>), Shader>>;
 
+/// How shaders' files end.
+const ENDING: &str = ".wgsl";
+
+/// Where the modules lie that other shaders import.
+const SHARED: &str = "shared/";
+
 /// Lines at a shader's head among which `// defs:` is looked for.
 const HEAD_LINES: usize = 5;
 
 /// Paths of all stage shaders, such as `caustics/trace`, in alphabetical order.
 pub fn shader_paths() -> Vec<String> {
-    let mut files = Vec::new();
-    collect(&SHADERS, &mut files);
-    files.retain(|(path, _)| !path.starts_with("shared/"));
-    files.into_iter().map(|(path, _)| path).collect()
+    let paths = SHADERS.texts(ENDING).into_iter().map(|(path, _)| path);
+    paths.filter(|path| !path.starts_with(SHARED)).collect()
 }
 
-/// Paths without their ending, and sources, of all `.wgsl` files under `folder`.
-fn collect(folder: &Dir<'static>, files: &mut Vec<(String, &'static str)>) {
-    for entry in folder.entries() {
-        match entry {
-            DirEntry::Dir(inner) => collect(inner, files),
-            DirEntry::File(file) => {
-                let path = file.path().to_string_lossy().replace('\\', "/");
-                if let (Some(stem), Some(source)) =
-                    (path.strip_suffix(".wgsl"), file.contents_utf8())
-                {
-                    files.push((stem.to_owned(), source));
-                }
-            }
-        }
-    }
-    files.sort();
-}
-
-fn source(path: &str) -> Result<&'static str, GpuError> {
-    SHADERS
-        .get_file(format!("{path}.wgsl"))
-        .and_then(|file| file.contents_utf8())
-        .ok_or_else(|| GpuError::UnknownShader(path.to_owned()))
+fn source(path: &str) -> Result<String, GpuError> {
+    SHADERS.text(&format!("{path}{ENDING}")).ok_or_else(|| GpuError::UnknownShader(path.to_owned()))
 }
 
 /// The defaults in the shader's `// defs:` line.
 pub fn default_defs(path: &str) -> Result<Vec<(String, i32)>, GpuError> {
-    parse_defs(source(path)?).map_err(|message| GpuError::Shader { path: path.to_owned(), message })
+    parse_defs(&source(path)?)
+        .map_err(|message| GpuError::Shader { path: path.to_owned(), message })
 }
 
 fn parse_defs(source: &str) -> Result<Vec<(String, i32)>, String> {
@@ -98,7 +80,7 @@ pub fn link(path: &str, defs: &[(&str, i32)]) -> Result<naga::Module, GpuError> 
         values.into_iter().map(|(name, value)| (name, ShaderDefValue::Int(value))).collect();
     let mut composer = COMPOSER.take().map_or_else(composer, Ok)?;
     let descriptor = NagaModuleDescriptor {
-        source: source(path)?,
+        source: &source(path)?,
         file_path: &format!("shaders/{path}.wgsl"),
         shader_type: ShaderType::Wgsl,
         shader_defs,
@@ -124,10 +106,8 @@ fn annotated(path: &str, error: &ComposerError, composer: &Composer) -> GpuError
 /// A composer that knows every shared module. A module is added once those it imports are there.
 fn composer() -> Result<Composer, GpuError> {
     let mut composer = Composer::default().with_capabilities(naga::valid::Capabilities::all());
-    let mut waiting = Vec::new();
-    if let Some(folder) = SHADERS.get_dir("shared") {
-        collect(folder, &mut waiting);
-    }
+    let mut waiting = SHADERS.texts(ENDING);
+    waiting.retain(|(path, _)| path.starts_with(SHARED));
     while !waiting.is_empty() {
         let imported = |source: &str| get_preprocessor_data(source).1;
         let ready = waiting.iter().position(|(_, source)| {
@@ -136,8 +116,11 @@ fn composer() -> Result<Composer, GpuError> {
         // None is ready when an import is unknown or circular: adding one gives the message.
         let (path, source) = waiting.remove(ready.unwrap_or(0));
         let file_path = format!("shaders/{path}.wgsl");
-        let descriptor =
-            ComposableModuleDescriptor { source, file_path: &file_path, ..Default::default() };
+        let descriptor = ComposableModuleDescriptor {
+            source: &source,
+            file_path: &file_path,
+            ..Default::default()
+        };
         if let Err(error) = composer.add_composable_module(descriptor) {
             return Err(annotated(&path, &error, &composer));
         }

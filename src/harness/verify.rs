@@ -51,6 +51,11 @@ pub enum VerifyError {
     Empty { stage: &'static str, what: String },
 }
 
+type Result<T, E = VerifyError> = std::result::Result<T, E>;
+
+/// What a case finds.
+type Checks = Result<Vec<Check>>;
+
 /// One comparison and its control.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Check {
@@ -113,7 +118,7 @@ impl Check {
     }
 }
 
-type Run = dyn Fn(&Rig<'_>) -> Result<Vec<Check>, VerifyError>;
+type Run = dyn Fn(&Rig<'_>) -> Checks;
 
 /// A case: one run on the GPU that yields one or more checks of a stage.
 struct Case {
@@ -126,7 +131,7 @@ impl Case {
     fn new(
         stage: &'static str,
         what: impl Into<String>,
-        run: impl Fn(&Rig<'_>) -> Result<Vec<Check>, VerifyError> + 'static,
+        run: impl Fn(&Rig<'_>) -> Checks + 'static,
     ) -> Case {
         Case { stage, what: what.into(), run: Box::new(run) }
     }
@@ -167,7 +172,7 @@ fn cases() -> Vec<Case> {
 ///
 /// # Errors
 /// When nothing matches, when a scene cannot be loaded, or when the GPU fails; never for a failed check.
-pub fn verify(gpu: &Gpu, filter: Option<&str>) -> Result<Vec<Check>, VerifyError> {
+pub fn verify(gpu: &Gpu, filter: Option<&str>) -> Result<Vec<Check>> {
     let all = cases();
     let chosen: Vec<&Case> =
         all.iter().filter(|case| filter.is_none_or(|f| case.matches(f))).collect();
@@ -184,14 +189,14 @@ pub fn verify(gpu: &Gpu, filter: Option<&str>) -> Result<Vec<Check>, VerifyError
 ///
 /// # Errors
 /// When a scene cannot be loaded, or when the GPU fails; never for a failed check.
-pub fn verify_stages(gpu: &Gpu, stages: &[String]) -> Result<Vec<Check>, VerifyError> {
+pub fn verify_stages(gpu: &Gpu, stages: &[String]) -> Result<Vec<Check>> {
     let all = cases();
     let chosen: Vec<&Case> =
         all.iter().filter(|case| stages.iter().any(|stage| stage == case.stage)).collect();
     run_all(gpu, &chosen)
 }
 
-fn run_all(gpu: &Gpu, cases: &[&Case]) -> Result<Vec<Check>, VerifyError> {
+fn run_all(gpu: &Gpu, cases: &[&Case]) -> Checks {
     let rig = Rig::new(gpu)?;
     let mut checks = Vec::new();
     for case in cases {
@@ -207,7 +212,7 @@ fn known_stages(cases: &[Case]) -> String {
 }
 
 /// Runs a case so that what the GPU reports late becomes this case's error.
-fn run_scoped(rig: &Rig<'_>, case: &Case) -> Result<Vec<Check>, VerifyError> {
+fn run_scoped(rig: &Rig<'_>, case: &Case) -> Checks {
     let mut result = Ok(Vec::new());
     rig.gpu.scoped(|| {
         result = (case.run)(rig);

@@ -71,13 +71,7 @@ impl Bilateral {
 impl Guided<'_> {
     /// The filtered buffer, at the viewport's size.
     pub fn apply(&self) -> Image {
-        let mut out = Image::constant(self.depth.width(), self.depth.height(), 0.0);
-        for y in 0..out.height() {
-            for x in 0..out.width() {
-                out.add(x.into(), y.into(), self.at(x, y));
-            }
-        }
-        out
+        Image::of(self.depth.size(), |x, y| self.at(x, y))
     }
 
     /// Filtered visibility at a pixel of the viewport; 1 where nothing was drawn.
@@ -212,14 +206,7 @@ mod tests {
     const SIZE: [u32; 2] = [48, 32];
 
     fn camera() -> Camera {
-        Camera {
-            position_m: [0.0; 3],
-            target_m: [0.0, 0.0, -1.0],
-            up: [0.0, 1.0, 0.0],
-            fov_y_deg: 50.0,
-            z_near_m: 0.1,
-            z_far_m: 30.0,
-        }
+        Camera::new([0.0; 3], [0.0, 0.0, -1.0], 50.0, [0.1, 30.0])
     }
 
     fn filter() -> Bilateral {
@@ -242,9 +229,8 @@ mod tests {
         Image::from_data(SIZE[0], SIZE[1], data).unwrap()
     }
 
-    fn noise(width: u32, height: u32) -> Image {
-        let data = (0..width * height).map(|i| f64::from(pcg(i)) / 4_294_967_296.0);
-        Image::from_data(width, height, data.collect()).unwrap()
+    fn noise() -> Image {
+        Image::of(SIZE, |x, y| f64::from(pcg(x + SIZE[0] * y)) / 4_294_967_296.0)
     }
 
     /// Floor that recedes at 55 degrees from the picture's plane.
@@ -275,11 +261,8 @@ mod tests {
         let wall = |x| Some((DVec3::Z, if x < 20 { -2.0 } else { -2.2 }));
         let depth = depth(wall);
         for scale in [1, 2] {
-            let (width, height) = (SIZE[0] / scale, SIZE[1] / scale);
-            let data = (0..width * height)
-                .map(|i| f64::from(u32::from((i % width) * scale >= 20)))
-                .collect();
-            let input = Image::from_data(width, height, data).unwrap();
+            let size = SIZE.map(|side| side / scale);
+            let input = Image::of(size, |x, _| f64::from(u32::from(x * scale >= 20)));
             let filtered = filter().over(&input, &depth, &camera()).apply();
             for x in 0..SIZE[0] {
                 let expected = f64::from(u32::from(x >= 20));
@@ -290,7 +273,7 @@ mod tests {
 
     #[test]
     fn a_disc_of_no_radius_changes_nothing() {
-        let input = noise(SIZE[0], SIZE[1]);
+        let input = noise();
         let none = Bilateral { radius_px: 0.0, ..filter() };
         let depth = depth(slanted);
         let filtered = none.over(&input, &depth, &camera()).apply();
@@ -311,7 +294,7 @@ mod tests {
 
     #[test]
     fn noise_falls_on_facing_and_on_slanted_surfaces() {
-        let input = noise(SIZE[0], SIZE[1]);
+        let input = noise();
         let before = mean_and_deviation(&input);
         for (plane, at_most) in [(depth(|_| Some((DVec3::Z, -2.0))), 0.35), (depth(slanted), 0.6)] {
             let after = mean_and_deviation(&filter().over(&input, &plane, &camera()).apply());

@@ -58,13 +58,7 @@ impl Disc {
 
     /// The filtered image.
     pub fn apply(&self, image: &Image) -> Image {
-        let mut out = Image::constant(image.width(), image.height(), 0.0);
-        for y in 0..image.height() {
-            for x in 0..image.width() {
-                out.add(i64::from(x), i64::from(y), self.at(image, x, y));
-            }
-        }
-        out
+        Image::of(image.size(), |x, y| self.at(image, x, y))
     }
 }
 
@@ -85,11 +79,6 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
-
-    fn noise(side: u32) -> Image {
-        let data = (0..side * side).map(|i| f64::from(pcg(i)) / 4_294_967_296.0).collect();
-        Image::from_data(side, side, data).unwrap()
-    }
 
     /// Mean and variance over the pixels at least `margin` from the border.
     fn moments(image: &Image, margin: u32) -> (f64, f64) {
@@ -118,7 +107,7 @@ mod tests {
 
     #[test]
     fn noise_keeps_its_mean_and_loses_variance() {
-        let image = noise(96);
+        let image = Image::of([96; 2], |x, y| f64::from(pcg(x + 96 * y)) / 4_294_967_296.0);
         let filtered = Disc::vogel(16, 3.0).apply(&image);
         let (before, after) = (moments(&image, 4), moments(&filtered, 4));
         assert!((after.0 / before.0 - 1.0).abs() < 0.005);

@@ -15,6 +15,12 @@ impl Image {
         Image { width, height, data: vec![value; width as usize * height as usize] }
     }
 
+    /// An image of the values that `value` gives for each pixel.
+    pub fn of(size: [u32; 2], mut value: impl FnMut(u32, u32) -> f64) -> Image {
+        let [width, height] = size;
+        Image { width, height, data: pixels(size).map(|(x, y)| value(x, y)).collect() }
+    }
+
     /// An image from values in rows.
     pub fn from_data(width: u32, height: u32, data: Vec<f64>) -> Result<Image, ReferenceError> {
         let expected = width as usize * height as usize;
@@ -29,12 +35,23 @@ impl Image {
         Ok(Image { width, height, data })
     }
 
+    /// The image with each value changed.
+    #[must_use]
+    pub fn map(&self, change: impl Fn(f64) -> f64) -> Image {
+        let data = self.data.iter().map(|value| change(*value)).collect();
+        Image { width: self.width, height: self.height, data }
+    }
+
     pub fn width(&self) -> u32 {
         self.width
     }
 
     pub fn height(&self) -> u32 {
         self.height
+    }
+
+    pub fn size(&self) -> [u32; 2] {
+        [self.width, self.height]
     }
 
     pub fn data(&self) -> &[f64] {
@@ -67,6 +84,15 @@ impl Image {
     pub fn sum(&self) -> f64 {
         self.data.iter().sum()
     }
+
+    pub fn mean(&self) -> f64 {
+        self.sum() / self.data.len() as f64
+    }
+}
+
+/// The pixels (x, y) of an image, row by row.
+pub fn pixels([width, height]: [u32; 2]) -> impl Iterator<Item = (u32, u32)> + Clone {
+    (0..height).flat_map(move |y| (0..width).map(move |x| (x, y)))
 }
 
 #[cfg(test)]

@@ -88,48 +88,28 @@ pub fn tangent_frame(n: DVec3) -> DMat3 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scene::{Material, Mesh, Object};
+    use crate::scene::{Mesh, Object, generators};
+    use glam::DMat4;
 
     const RAYS: u32 = 4096;
 
-    fn object(positions: Vec<[f32; 3]>, indices: Vec<u32>) -> Object {
-        let normals = vec![[0.0, 1.0, 0.0]; positions.len()];
-        Object {
-            name: "test".into(),
-            mesh: Mesh { positions, normals, indices },
-            material: Material::default(),
-        }
-    }
-
     /// A parallelogram around `center`, with half its sides.
-    fn quad(center: [f32; 3], a: [f32; 3], b: [f32; 3]) -> Object {
-        let corner = |s: f32, t: f32| std::array::from_fn(|i| center[i] + s * a[i] + t * b[i]);
-        let corners = [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)];
-        object(corners.map(|(s, t)| corner(s, t)).to_vec(), vec![0, 1, 2, 0, 2, 3])
+    fn quad(center: [f64; 3], a: [f64; 3], b: [f64; 3]) -> Object {
+        let [center, a, b] = [center, a, b].map(DVec3::from);
+        Object::new("quad", Mesh::parallelogram(center, a, b))
     }
 
     /// A floor at a height, far wider than any r_max here.
-    fn floor(y: f32) -> Object {
+    fn floor(y: f64) -> Object {
         quad([0.0, y, 0.0], [100.0, 0.0, 0.0], [0.0, 0.0, 100.0])
     }
 
-    /// A sphere of latitudes and longitudes; 128 of each are within 0.1 % of its silhouette.
+    /// A sphere of latitudes and longitudes; 64 and 128 of them are within 0.1 % of its silhouette.
     fn sphere(center: DVec3, radius: f64) -> Object {
-        let (rows, columns) = (64u32, 128u32);
-        let point = |i: u32| {
-            let theta = std::f64::consts::PI * f64::from(i / columns) / f64::from(rows);
-            let phi = TAU * f64::from(i % columns) / f64::from(columns);
-            let unit = DVec3::new(theta.sin() * phi.cos(), theta.cos(), theta.sin() * phi.sin());
-            (center + unit * radius).as_vec3().to_array()
-        };
-        let patch = |i: u32| {
-            let right = i / columns * columns + (i + 1) % columns;
-            [i, right, i + columns, right, right + columns, i + columns]
-        };
-        object(
-            (0..(rows + 1) * columns).map(point).collect(),
-            (0..rows * columns).flat_map(patch).collect(),
-        )
+        let params = [("radius_m", radius), ("rows", 64.0)].map(|(name, v)| (name.to_owned(), v));
+        let mesh = generators::find("sphere").unwrap().mesh(&params.into(), 0.0).unwrap();
+        let foot = center - DVec3::Y * radius;
+        Object::new("sphere", mesh.transformed(&DMat4::from_translation(foot)))
     }
 
     fn at(objects: &[Object], position: DVec3, r_max_m: f64, attenuation: Attenuation) -> f64 {
@@ -177,8 +157,8 @@ mod tests {
     #[test]
     fn a_ceiling_has_its_closed_forms() {
         // With c = h / r_max: 1 − c² for hard attenuation, (1 − c)² for linear.
-        for h in [0.2f32, 0.5, 0.8] {
-            let c = f64::from(h);
+        for h in [0.2, 0.5, 0.8] {
+            let c: f64 = h;
             let closed = |attenuation| beginning_at(&[floor(h)], DVec3::ZERO, 1.0, attenuation);
             assert!((closed(Attenuation::Hard) - (1.0 - c * c)).abs() < 1e-3);
             assert!((closed(Attenuation::Linear) - (1.0 - c).powi(2)).abs() < 1e-3);

@@ -139,26 +139,14 @@ pub fn land_all(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scene::{Bounds, Camera, Light, LightKind, Material, Mesh, Object};
+    use crate::scene::{Bounds, Camera, Light, LightKind, Mesh, Object};
 
     const DEPTH_M: f64 = 4.0;
 
     /// A horizontal square about (x, z) = (0, 0).
-    fn square(half: f32, y: f32) -> Object {
-        Object {
-            name: "square".into(),
-            mesh: Mesh {
-                positions: vec![
-                    [-half, y, -half],
-                    [half, y, -half],
-                    [half, y, half],
-                    [-half, y, half],
-                ],
-                normals: vec![[0.0, 1.0, 0.0]; 4],
-                indices: vec![0, 2, 1, 0, 3, 2],
-            },
-            material: Material { albedo: [1.0; 3], accent: [1.0; 3], ..Material::default() },
-        }
+    fn square(half: f64, y: f64) -> Object {
+        let middle = DVec3::Y * y;
+        Object::new("square", Mesh::parallelogram(middle, DVec3::Z * half, DVec3::X * half))
     }
 
     fn flat_water(half: f64) -> Water {
@@ -166,14 +154,7 @@ mod tests {
     }
 
     fn frame(kind: LightKind) -> LightFrame {
-        let camera = Camera {
-            position_m: [0.0, -1.0, 5.0],
-            target_m: [0.0, -3.0, 0.0],
-            up: [0.0, 1.0, 0.0],
-            fov_y_deg: 60.0,
-            z_near_m: 0.1,
-            z_far_m: 12.0,
-        };
+        let camera = Camera::new([0.0, -1.0, 5.0], [0.0, -3.0, 0.0], 60.0, [0.1, 12.0]);
         let light = Light {
             kind,
             direction: [0.4, -1.0, 0.2],
@@ -203,7 +184,7 @@ mod tests {
 
     #[test]
     fn flat_water_over_a_plane_has_the_closed_form() {
-        let tracer = Tracer::new(&[square(60.0, -DEPTH_M as f32)]).unwrap();
+        let tracer = Tracer::new(&[square(60.0, -DEPTH_M)]).unwrap();
         let water = flat_water(50.0);
         for kind in [LightKind::Directional, LightKind::Point] {
             let frame = frame(kind);

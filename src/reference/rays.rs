@@ -329,14 +329,11 @@ mod tests {
 
     use super::super::filter::pcg;
     use super::*;
-    use crate::scene::{Material, Mesh};
+    use crate::scene::Mesh;
 
     fn object(positions: Vec<[f32; 3]>, indices: Vec<u32>) -> Object {
-        Object {
-            name: "test".into(),
-            mesh: Mesh { normals: vec![[0.0, 1.0, 0.0]; positions.len()], positions, indices },
-            material: Material { albedo: [1.0; 3], accent: [1.0; 3], ..Material::default() },
-        }
+        let normals = vec![[0.0, 1.0, 0.0]; positions.len()];
+        Object::new("test", Mesh { positions, normals, indices })
     }
 
     /// Bumpy floor of side × side quads over [0, side]².
@@ -432,14 +429,7 @@ mod tests {
 
     #[test]
     fn pixel_rays_and_projection_are_inverse() {
-        let camera = Camera {
-            position_m: [1.0, 2.0, 5.0],
-            target_m: [0.0, -1.0, 0.0],
-            up: [0.0, 1.0, 0.0],
-            fov_y_deg: 60.0,
-            z_near_m: 0.1,
-            z_far_m: 20.0,
-        };
+        let camera = Camera::new([1.0, 2.0, 5.0], [0.0, -1.0, 0.0], 60.0, [0.1, 20.0]);
         let rays = PixelRays::new(&camera, 64, 36);
         for (x, y) in [(0, 0), (63, 35), (20, 7)] {
             let (origin, direction, length) = rays.ray(x, y);

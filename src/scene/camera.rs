@@ -32,6 +32,12 @@ fn up() -> [f64; 3] {
 }
 
 impl Camera {
+    /// A camera whose picture is upright, with its near and far clipping planes, metres.
+    pub fn new(position_m: [f64; 3], target_m: [f64; 3], fov_y_deg: f64, z_m: [f64; 2]) -> Camera {
+        let [z_near_m, z_far_m] = z_m;
+        Camera { position_m, target_m, up: up(), fov_y_deg, z_near_m, z_far_m }
+    }
+
     /// Where the camera stands, metres.
     pub fn position(&self) -> DVec3 {
         DVec3::from(self.position_m)
@@ -121,14 +127,7 @@ mod tests {
     use super::*;
 
     fn camera() -> Camera {
-        Camera {
-            position_m: [1.0, -2.0, 5.0],
-            target_m: [0.5, -1.0, -3.0],
-            up: up(),
-            fov_y_deg: 60.0,
-            z_near_m: 0.1,
-            z_far_m: 20.0,
-        }
+        Camera::new([1.0, -2.0, 5.0], [0.5, -1.0, -3.0], 60.0, [0.1, 20.0])
     }
 
     #[test]

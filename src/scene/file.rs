@@ -6,17 +6,14 @@ use std::{
 };
 
 use glam::{DMat4, DQuat, DVec3, EulerRot};
-use include_dir::{Dir, include_dir};
 use serde::{Deserialize, Serialize};
 
 use super::{
     Camera, Light, Material, Mesh, Object, SceneError, VolumeFile, Water, assets, check,
     generators, read, toml_text,
 };
+use crate::embedded::SCENES;
 use crate::input;
-
-/// The scene files that come with the program.
-static BUILT_IN: Dir<'_> = include_dir!("$CARGO_MANIFEST_DIR/scenes");
 
 /// What a scene file holds. A file's `base` (a scene whose tables and objects it starts from) and
 /// `without` (names of the base's objects to leave out) are resolved while it is read.
@@ -156,13 +153,8 @@ impl Transform {
 }
 
 /// The built-in scenes: name and text, sorted by name.
-pub fn built_in() -> impl Iterator<Item = (&'static str, &'static str)> {
-    let mut scenes: Vec<(&str, &str)> = BUILT_IN
-        .files()
-        .filter_map(|f| Some((f.path().file_stem()?.to_str()?, f.contents_utf8()?)))
-        .collect();
-    scenes.sort_unstable();
-    scenes.into_iter()
+pub fn built_in() -> Vec<(String, String)> {
+    SCENES.texts(".toml")
 }
 
 impl SceneFile {
@@ -264,15 +256,16 @@ impl ObjectFile {
 
 /// The text of a scene and where it is from.
 pub(super) fn find(name_or_path: &str) -> Result<(String, String), SceneError> {
-    if let Some((name, text)) = built_in().find(|(name, _)| *name == name_or_path) {
-        return Ok((format!("scenes/{name}.toml"), text.to_owned()));
+    let file = format!("{name_or_path}.toml");
+    if let Some(text) = SCENES.text(&file) {
+        return Ok((format!("{}/{file}", SCENES.name), text));
     }
     let path = Path::new(name_or_path);
     if path.extension().is_none() && !path.exists() {
-        let names: Vec<&str> = built_in().map(|(name, _)| name).collect();
+        let scenes = built_in();
         return Err(SceneError::Unknown {
             name: name_or_path.to_owned(),
-            hint: check::hint(name_or_path, names.iter().copied()),
+            hint: check::hint(name_or_path, scenes.iter().map(|(name, _)| name.as_str())),
         });
     }
     let text = input::text(path, input::MAX_TEXT)

@@ -92,14 +92,7 @@ mod tests {
     use super::*;
 
     fn camera() -> Camera {
-        Camera {
-            position_m: [0.3, 0.2, 4.0],
-            target_m: [0.0, 0.0, 0.0],
-            up: [0.0, 1.0, 0.0],
-            fov_y_deg: 50.0,
-            z_near_m: 0.5,
-            z_far_m: 9.0,
-        }
+        Camera::new([0.3, 0.2, 4.0], [0.0; 3], 50.0, [0.5, 9.0])
     }
 
     #[test]

@@ -252,14 +252,7 @@ mod tests {
     use super::*;
 
     fn camera() -> Camera {
-        Camera {
-            position_m: [0.0, -1.0, 6.0],
-            target_m: [0.0, -2.0, 0.0],
-            up: [0.0, 1.0, 0.0],
-            fov_y_deg: 60.0,
-            z_near_m: 0.1,
-            z_far_m: 14.0,
-        }
+        Camera::new([0.0, -1.0, 6.0], [0.0, -2.0, 0.0], 60.0, [0.1, 14.0])
     }
 
     fn bounds() -> Bounds {

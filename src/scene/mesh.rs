@@ -16,6 +16,18 @@ pub struct Mesh {
 }
 
 impl Mesh {
+    /// Two triangles around `middle`, with half the sides `a` and `b`; the normal is that of `a` × `b`.
+    pub fn parallelogram(middle: DVec3, a: DVec3, b: DVec3) -> Mesh {
+        let corners = [-a - b, a - b, a + b, b - a];
+        let mut mesh = Mesh {
+            positions: corners.map(|d| (middle + d).as_vec3().to_array()).to_vec(),
+            normals: Vec::new(),
+            indices: vec![0, 1, 2, 0, 2, 3],
+        };
+        mesh.recompute_normals();
+        mesh
+    }
+
     /// How many triangles there are.
     pub fn triangle_count(&self) -> usize {
         self.indices.len() / 3

@@ -143,10 +143,17 @@ pub struct Scene {
     pub stand_ins: Vec<String>,
 }
 
+impl Object {
+    /// An object of the default material.
+    pub fn new(name: &str, mesh: Mesh) -> Object {
+        Object { name: name.to_owned(), mesh, material: Material::default() }
+    }
+}
+
 impl Scene {
     /// The names of the built-in scenes, sorted.
-    pub fn names() -> Vec<&'static str> {
-        file::built_in().map(|(name, _)| name).collect()
+    pub fn names() -> Vec<String> {
+        file::built_in().into_iter().map(|(name, _)| name).collect()
     }
 
     /// A built-in scene by name, or a scene file by path.

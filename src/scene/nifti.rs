@@ -6,7 +6,7 @@ use std::io::{self, Read};
 
 use glam::DVec3;
 
-use super::samples::{Samples, cell_count, fill, values};
+use super::samples::{Samples, cell_count, up_to, values};
 
 /// Bytes of the header; the first of its fields says so.
 const HEADER: usize = 348;
@@ -20,9 +20,8 @@ const HEADER_2: i32 = 540;
 /// Reads header and cells. Values have the header's slope and intercept applied. They stand for 0 … 1 between `cal_min` and
 /// `cal_max`, or between the least and the largest value where the header does not give those.
 pub fn parse(source: &mut dyn Read) -> Result<Samples, String> {
-    let mut bytes = [0; HEADER];
-    let filled = fill(source, &mut bytes)?;
-    let header = Header::new(&bytes[..filled])?;
+    let bytes = up_to(source, HEADER)?;
+    let header = Header::new(&bytes)?;
     let cells = header.cells()?;
     let stored = header.stored()?;
     let count = cell_count(cells)?;
@@ -30,9 +29,9 @@ pub fn parse(source: &mut dyn Read) -> Result<Samples, String> {
     let (slope, intercept) = header.scaling()?;
     let little = header.little;
     let value = |b: &[u8]| ((stored.value)(b, little) * slope + intercept) as f32;
-    let mut before = source.take((offset - HEADER) as u64);
+    let mut before = (&mut *source).take((offset - HEADER) as u64);
     io::copy(&mut before, &mut io::sink()).map_err(|error| error.to_string())?;
-    let data = values(source, count, stored.bytes, value)?;
+    let (data, _) = values(source, count, stored.bytes, value)?;
     if data.len() < count {
         let [x, y, z] = cells;
         return Err(format!(

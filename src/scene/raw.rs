@@ -59,15 +59,13 @@ impl VolumeFormat {
 pub fn parse(source: &mut dyn Read, raw: &Raw) -> Result<Samples, String> {
     let count = cell_count(raw.cells)?;
     let each = raw.format.bytes();
-    let mut source = Counted { source, bytes: 0 };
-    let data = values(&mut source, count, each, |b| raw.format.value(b))?;
-    io::copy(&mut source, &mut io::sink()).map_err(|error| error.to_string())?;
-    if source.bytes != count * each {
+    let (data, read) = values(source, count, each, |b| raw.format.value(b))?;
+    let rest = io::copy(source, &mut io::sink()).map_err(|error| error.to_string())?;
+    let (held, taken) = (read as u64 + rest, (count * each) as u64);
+    if held != taken {
         let [x, y, z] = raw.cells;
         return Err(format!(
-            "{} bytes, but {x} × {y} × {z} cells of {each} bytes take {}",
-            source.bytes,
-            count * each
+            "{held} bytes, but {x} × {y} × {z} cells of {each} bytes take {taken}"
         ));
     }
     let longest = raw.cells.into_iter().max().unwrap_or(1);
@@ -77,20 +75,6 @@ pub fn parse(source: &mut dyn Read, raw: &Raw) -> Result<Samples, String> {
         data,
         window: raw.format.window(),
     })
-}
-
-/// Counts the bytes that are read.
-struct Counted<'a> {
-    source: &'a mut dyn Read,
-    bytes: usize,
-}
-
-impl Read for Counted<'_> {
-    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
-        let read = self.source.read(buffer)?;
-        self.bytes += read;
-        Ok(read)
-    }
 }
 
 #[cfg(test)]

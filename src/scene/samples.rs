@@ -72,38 +72,31 @@ pub fn read(path: &Path, raw: Option<&Raw>) -> Result<Samples, VolumeError> {
     Ok(samples)
 }
 
-/// Reads up to `count` values of so many bytes each. There are fewer where the source ends before.
+/// Reads up to `count` values of so many bytes each: fewer where the source ends before. Gives the bytes that were read, too.
 pub fn values(
     source: &mut dyn Read,
     count: usize,
     bytes: usize,
     value: impl Fn(&[u8]) -> f32,
-) -> Result<Vec<f32>, String> {
-    let mut values = Vec::new();
-    let mut chunk = vec![0; CHUNK * bytes];
+) -> Result<(Vec<f32>, usize), String> {
+    let (mut values, mut read) = (Vec::new(), 0);
     while values.len() < count {
         let wanted = (count - values.len()).min(CHUNK) * bytes;
-        let filled = fill(source, &mut chunk[..wanted])?;
-        values.extend(chunk[..filled].chunks_exact(bytes).map(&value));
-        if filled < wanted {
+        let chunk = up_to(source, wanted)?;
+        values.extend(chunk.chunks_exact(bytes).map(&value));
+        read += chunk.len();
+        if chunk.len() < wanted {
             break;
         }
     }
-    Ok(values)
+    Ok((values, read))
 }
 
-/// Reads until the buffer is full or the source ends; how much was read.
-pub fn fill(source: &mut dyn Read, buffer: &mut [u8]) -> Result<usize, String> {
-    let mut filled = 0;
-    while filled < buffer.len() {
-        match source.read(&mut buffer[filled..]) {
-            Ok(0) => break,
-            Ok(read) => filled += read,
-            Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
-            Err(error) => return Err(error.to_string()),
-        }
-    }
-    Ok(filled)
+/// The next bytes: fewer where the source ends before.
+pub fn up_to(source: &mut dyn Read, wanted: usize) -> Result<Vec<u8>, String> {
+    let mut bytes = Vec::with_capacity(wanted);
+    source.take(wanted as u64).read_to_end(&mut bytes).map_err(|error| error.to_string())?;
+    Ok(bytes)
 }
 
 fn is_nifti(path: &Path) -> bool {

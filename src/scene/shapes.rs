@@ -49,7 +49,8 @@ pub fn quad(corners: [DVec3; 4]) -> Mesh {
 }
 
 /// A box between two corners.
-pub fn cuboid(min: DVec3, max: DVec3) -> Mesh {
+pub fn cuboid(min: impl Into<DVec3>, max: impl Into<DVec3>) -> Mesh {
+    let (min, max) = (min.into(), max.into());
     let p = |x: usize, y: usize, z: usize| {
         let pick = |k: usize, axis: usize| if k == 0 { min[axis] } else { max[axis] };
         DVec3::new(pick(x, 0), pick(y, 1), pick(z, 2))
@@ -67,10 +68,7 @@ pub fn cuboid(min: DVec3, max: DVec3) -> Mesh {
 
 /// A box standing on y = 0, centred on the axis.
 pub fn block(width: f64, height: f64, depth: f64) -> Mesh {
-    cuboid(
-        DVec3::new(-0.5 * width, 0.0, -0.5 * depth),
-        DVec3::new(0.5 * width, height, 0.5 * depth),
-    )
+    cuboid([-0.5 * width, 0.0, -0.5 * depth], [0.5 * width, height, 0.5 * depth])
 }
 
 /// A profile of (radius, y) points, bottom to top, turned about the y axis. A point given twice
@@ -222,8 +220,9 @@ pub fn moved(mesh: Mesh, x: f64, y: f64, z: f64) -> Mesh {
 }
 
 /// A bar of square section between two points.
-pub fn bar(from: DVec3, to: DVec3, thickness: f64) -> Mesh {
-    let along = to - from;
+pub fn bar(from: impl Into<DVec3>, to: impl Into<DVec3>, thickness: f64) -> Mesh {
+    let from = from.into();
+    let along = to.into() - from;
     let turn = DQuat::from_rotation_arc(DVec3::Y, along.normalize_or(DVec3::Y));
     block(thickness, along.length(), thickness)
         .transformed(&DMat4::from_rotation_translation(turn, from))

@@ -16,7 +16,7 @@ use fathom::harness::subject::Subjects;
 use fathom::scene::{Mesh, Scene, SceneFile};
 use fathom::{pipelines, record, report};
 use memory::peak_of;
-use mutator::{Input, extreme, mutated, mutated_or_packed};
+use mutator::{Input, extreme, mesh_words, mutated, mutated_or_packed};
 use proptest::prelude::*;
 use proptest::test_runner::{Config, RngAlgorithm, TestCaseError, TestRng, TestRunner};
 
@@ -179,8 +179,21 @@ fn gates_files() {
     });
 }
 
+/// What is read can be used.
 fn mesh(path: &Path) -> Answer {
-    told(Mesh::read(path)).and_then(|mesh| mesh.validate())
+    told(Mesh::read(path)).map(|mesh| mesh.validate().unwrap())
+}
+
+#[test]
+fn words_of_meshes_in_any_order() {
+    let folder = tempfile::tempdir().unwrap();
+    let paths = ["a.obj", "a.ply"].map(|name| folder.path().join(name));
+    fuzz("words", mesh_words(), |Input(bytes)| {
+        for path in &paths {
+            std::fs::write(path, bytes).unwrap();
+        }
+        mesh(&paths[0]).and(mesh(&paths[1]))
+    });
 }
 
 #[test]
@@ -196,7 +209,7 @@ fn ply_files() {
 /// A scene whose volume is a file with these keys.
 fn volume(path: &Path, keys: &str) -> Answer {
     let file = told(SceneFile::parse(&path.to_string_lossy(), &seeds::volume_scene(path, keys)))?;
-    told(Scene::build(&file)).map(drop)
+    told(Scene::build(&file)).map(|scene| scene.volume.unwrap().validate().unwrap())
 }
 
 #[test]

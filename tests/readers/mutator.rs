@@ -247,3 +247,14 @@ pub fn gzip(bytes: &[u8]) -> Vec<u8> {
     encoder.write_all(bytes).unwrap();
     encoder.finish().unwrap()
 }
+
+/// What lines of OBJ and PLY files are made of.
+const MESH_WORDS: &str = "v|vn|vt|f|o|l|p|usemtl|mtllib|1|-1|0|2//3|1/1/1|-99999999999999999999|1e38|inf|nan|/|//|\n|\n|\n|\\\n|#|\
+    ply|format ascii 1.0|element vertex 3|element face 2|property float x|property list uchar int vertex_indices|end_header";
+
+/// Words of OBJ and PLY files in any order.
+pub fn mesh_words() -> impl Strategy<Value = Input> {
+    let words = prop::sample::select(MESH_WORDS.split('|').collect::<Vec<&str>>());
+    let words = prop::collection::vec(words, 0..60);
+    words.prop_map(|words| Input(words.join(" ").into_bytes()))
+}

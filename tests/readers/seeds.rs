@@ -86,7 +86,7 @@ pub fn volume_scene(file: &Path, keys: &str) -> String {
 
 pub fn experiments() -> Seeds {
     let ids = ["vao-view", "uw-photons", "vao-skipping"];
-    all(ids.map(|id| Experiment::builtin_text(id).unwrap()))
+    ids.map(|id| Experiment::builtin_text(id).unwrap().into_bytes()).into()
 }
 
 pub fn axes() -> Seeds {

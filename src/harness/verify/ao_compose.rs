@@ -2,9 +2,9 @@
 
 use glam::{DVec3, Vec2};
 
-use super::rig::{self, Rig};
-use super::{Case, Check, VerifyError};
-use crate::reference::image::Image;
+use super::rig::{self, Rig, largest};
+use super::{Case, Check, Checks, Result};
+use crate::reference::image::{Image, pixels};
 use crate::reference::rays::{PixelRays, Tracer};
 use crate::scene::Scene;
 use crate::stages::ao::compose::{Compose, LightingUniforms, Lit};
@@ -50,7 +50,7 @@ const LIT: Known = Known {
     exposure: 0.3,
 };
 
-fn known_inputs(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
+fn known_inputs(rig: &Rig<'_>) -> Checks {
     let cases = [
         ("light and ambient", LIT),
         ("ambient in shadow", Known { shadow: 0.0, exposure: 2.0, ..LIT }),
@@ -71,10 +71,7 @@ fn known_inputs(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
         ));
     }
     let (shown, ..) = composed(rig, &LIT, true)?;
-    let off = |expected: f64| {
-        let off = shown.data().iter().map(|v| (v - expected).abs());
-        off.fold(0.0, f64::max)
-    };
+    let off = |expected: f64| largest(shown.data().iter().map(|v| (v - expected).abs()));
     checks.push(Check::new(
         (STAGE, "occlusion alone is shown as it is: largest error"),
         (0.51 / 255.0, "1"),
@@ -93,11 +90,7 @@ fn settings(exposure: f64, ambient: f64) -> LightingUniforms {
 }
 
 /// The picture of known inputs (one channel), what it is seen from, and its device depth.
-fn composed(
-    rig: &Rig<'_>,
-    known: &Known,
-    shows_occlusion: bool,
-) -> Result<(Image, View, f64), VerifyError> {
+fn composed(rig: &Rig<'_>, known: &Known, shows_occlusion: bool) -> Result<(Image, View, f64)> {
     let resources = rig.resources();
     let mut view = rig::synthetic_view(SIZE, 0.0)?;
     // The shadow map covers all that is seen.
@@ -155,7 +148,7 @@ fn relative_error(measured: &[f64], view: &View, depth: f64, known: &Known) -> f
 }
 
 /// Which pixels the light reaches, in a scene with columns and curved objects.
-fn shadows(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
+fn shadows(rig: &Rig<'_>) -> Checks {
     let scene = Scene::load("tank")?;
     let resources = rig.resources();
     let view = rig::view(&scene, SIZE);
@@ -193,7 +186,7 @@ fn shadows(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
 fn unlike(shown: &Image, view: &View, tracer: &Tracer, toward: DVec3) -> (f64, f64) {
     const START_M: f64 = 1e-3;
     let rays = PixelRays::new(&view.camera, SIZE[0], SIZE[1]);
-    let pixels = (0..SIZE[1]).flat_map(|y| (0..SIZE[0]).map(move |x| (x, y)));
+    let pixels = pixels(SIZE);
     let (mut judged, mut differing, mut shadowed) = (0u32, 0u32, 0u32);
     for (x, y) in pixels {
         let Some((hit, _)) = rays.cast(tracer, x, y) else {

@@ -1,11 +1,11 @@
 //! `ao/bilateral` and `hsao/filter` against the f64 twin, guided by the depth of a rendered scene.
 
-use super::rig::{self, Random, Rig};
-use super::{Case, Check, VerifyError};
+use super::rig::{self, Rig, largest, noise};
+use super::{Case, Check, Checks, Result};
 use crate::gpu::StageInfo;
 use crate::pipelines::settings;
 use crate::reference::bilateral::Bilateral;
-use crate::reference::image::Image;
+use crate::reference::image::{Image, pixels};
 use crate::reference::quantities::quantile;
 use crate::scene::{Camera, Scene};
 use crate::stages::bilateral::{Bilateral as BilateralStage, BilateralUniforms};
@@ -30,7 +30,7 @@ pub fn cases() -> Vec<Case> {
     [&ao::bilateral::INFO, &hsao::filter::INFO].map(case).into()
 }
 
-fn check(info: &'static StageInfo, rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
+fn check(info: &'static StageInfo, rig: &Rig<'_>) -> Checks {
     let resources = rig.resources();
     let scene = Scene::load(SCENE)?;
     let view = rig::view(&scene, SIZE);
@@ -44,7 +44,7 @@ fn check(info: &'static StageInfo, rig: &Rig<'_>) -> Result<Vec<Check>, VerifyEr
 
     let mut checks = Vec::new();
     for source in SOURCES {
-        let input = noise(source)?;
+        let input = noise(source, 11);
         let run = |settings: &settings::Filter| {
             filtered(
                 rig,
@@ -92,7 +92,7 @@ fn filtered(
     shared: &Shared,
     (visibility, depth): (&Image, &wgpu::Texture),
     settings: &BilateralUniforms,
-) -> Result<Image, VerifyError> {
+) -> Result<Image> {
     let textures = (&rig.grey(visibility), depth);
     let stage = BilateralStage::new(&rig.resources(), info, shared, textures, settings)?;
     rig.run(&[&stage])?;
@@ -105,17 +105,14 @@ fn background(
     rig: &Rig<'_>,
     shared: &Shared,
     (view, depth, texture): (&View, &Image, &wgpu::Texture),
-) -> Result<Check, VerifyError> {
-    let open = |z: &f64| f64::from(u32::from(*z >= 1.0));
-    let mask: Vec<f64> = depth.data().iter().map(open).collect();
-    let input = Image::from_data(SIZE[0], SIZE[1], mask)?;
+) -> Result<Check> {
+    let input = depth.map(|z| f64::from(u32::from(z >= 1.0)));
     let settings = settings::Filter::default().uniforms(view, SIZE);
-    let largest = |shifted: i64| -> Result<f64, VerifyError> {
+    let largest = |shifted: i64| -> Result<f64> {
         let result = filtered(rig, info, shared, (&input, texture), &settings)?;
-        let pixels =
-            (0..i64::from(SIZE[1])).flat_map(|y| (0..i64::from(SIZE[0])).map(move |x| (x, y)));
-        let off = pixels.map(|(x, y)| (result.clamped(x, y) - input.clamped(x + shifted, y)).abs());
-        Ok(off.fold(0.0, f64::max))
+        let beside = |x: u32, y: u32| input.clamped(i64::from(x) + shifted, y.into());
+        let off = |x: u32, y: u32| (result.clamped(x.into(), y.into()) - beside(x, y)).abs();
+        Ok(largest(pixels(SIZE).map(|(x, y)| off(x, y))))
     };
     Ok(Check::new(
         (info.name, "largest leak between geometry and background"),
@@ -123,13 +120,7 @@ fn background(
         largest(0)?,
         ("compared a pixel aside", largest(1)?),
     )
-    .with("background_share", input.sum() / input.data().len() as f64))
-}
-
-fn noise([width, height]: [u32; 2]) -> Result<Image, VerifyError> {
-    let mut random = Random::new(11);
-    let data = (0..width * height).map(|_| f64::from(random.next() as f32));
-    Ok(Image::from_data(width, height, data.collect())?)
+    .with("background_share", input.mean()))
 }
 
 /// |GPU − twin| over the pixels without an ambiguous tap, and the share of the pixels left out.
@@ -141,7 +132,7 @@ fn differences(
     twin: &Bilateral,
 ) -> (Vec<f64>, f64) {
     let guided = twin.over(input, depth, camera);
-    let pixels = (0..gpu.height()).flat_map(|y| (0..gpu.width()).map(move |x| (x, y)));
+    let pixels = pixels(gpu.size());
     let off: Vec<f64> = pixels
         .filter(|(x, y)| guided.edge_distance(*x, *y) >= AMBIGUOUS_PX)
         .map(|(x, y)| (gpu.clamped(x.into(), y.into()) - guided.at(x, y)).abs())

@@ -3,8 +3,8 @@
 use glam::DVec3;
 
 use super::rig::{self, Rig};
-use super::{Case, Check, VerifyError};
-use crate::reference::image::Image;
+use super::{Case, Check, Checks, Result};
+use crate::reference::image::{Image, pixels};
 use crate::reference::quantities::quantile;
 use crate::reference::rays::{Hit, PixelRays, Tracer};
 use crate::scene::{Camera, Scene};
@@ -39,7 +39,7 @@ pub fn cases() -> Vec<Case> {
     ]
 }
 
-fn gbuffer(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
+fn gbuffer(rig: &Rig<'_>) -> Checks {
     let mut scene = Scene::load(SCENE)?;
     let count = scene.objects.len() as f32;
     for (object, i) in scene.objects.iter_mut().zip(1u8..) {
@@ -98,7 +98,7 @@ struct Seen {
 impl Seen {
     fn cast(camera: &Camera, tracer: &Tracer) -> Seen {
         let rays = PixelRays::new(camera, SIZE[0], SIZE[1]);
-        let pixels = (0..SIZE[1]).flat_map(|y| (0..SIZE[0]).map(move |x| (x, y)));
+        let pixels = pixels(SIZE);
         let hits = pixels.map(|(x, y)| rays.cast(tracer, x, y).map(|(hit, _)| hit));
         Seen { hits: hits.collect(), rays }
     }
@@ -161,7 +161,7 @@ impl Seen {
     }
 }
 
-fn reflection(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
+fn reflection(rig: &Rig<'_>) -> Checks {
     let scene = above_water()?;
     let resources = rig.resources();
     let view = rig::view(&scene, SIZE);
@@ -188,11 +188,11 @@ fn reflection(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
             unlike(0.0),
             ("mirror raised by 0.3 m", unlike(0.3)),
         )
-        .with("covered_share", covered.sum() / covered.data().len() as f64),
+        .with("covered_share", covered.mean()),
     ])
 }
 
-fn refraction(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
+fn refraction(rig: &Rig<'_>) -> Checks {
     let scene = above_water()?;
     let resources = rig.resources();
     let view = rig::view(&scene, SIZE);
@@ -213,12 +213,12 @@ fn refraction(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
             unlike(0.0),
             ("water lowered by 1 m", unlike(-1.0)),
         )
-        .with("covered_share", covered.sum() / covered.data().len() as f64),
+        .with("covered_share", covered.mean()),
     ])
 }
 
 /// The shore seen from above the water.
-fn above_water() -> Result<Scene, VerifyError> {
+fn above_water() -> Result<Scene> {
     let mut scene = Scene::load(SHORE)?;
     let height = scene.camera.position_m[1].abs().max(1.5);
     scene.camera.position_m[1] = height;
@@ -235,20 +235,18 @@ fn coverage_disagreement(
     kept: impl Fn(f64) -> bool,
 ) -> f64 {
     let mut unlike = 0u32;
-    for y in 0..covered.height() {
-        for x in 0..covered.width() {
-            let (origin, direction, length) = ray(x, y);
-            let mut from = 0.0;
-            let mut seen = false;
-            while let Some(hit) = tracer.cast(origin, direction, from, length) {
-                if kept(hit.position.y) {
-                    seen = true;
-                    break;
-                }
-                from = hit.distance_m * (1.0 + 1e-12);
+    for (x, y) in pixels(covered.size()) {
+        let (origin, direction, length) = ray(x, y);
+        let mut from = 0.0;
+        let mut seen = false;
+        while let Some(hit) = tracer.cast(origin, direction, from, length) {
+            if kept(hit.position.y) {
+                seen = true;
+                break;
             }
-            unlike += u32::from(seen != (covered.clamped(x.into(), y.into()) > 0.5));
+            from = hit.distance_m * (1.0 + 1e-12);
         }
+        unlike += u32::from(seen != (covered.clamped(x.into(), y.into()) > 0.5));
     }
     f64::from(unlike) / covered.data().len() as f64
 }

@@ -3,8 +3,8 @@
 use glam::{DVec3, Vec2};
 
 use super::rig::{self, Rig};
-use super::{Case, Check, VerifyError};
-use crate::reference::image::Image;
+use super::{Case, Check, Checks, Result};
+use crate::reference::image::{Image, pixels};
 use crate::reference::optics::{fresnel_reflectance, transmittance};
 use crate::reference::rays::PixelRays;
 use crate::stages::compose::{Compose, ComposeUniforms, Composed};
@@ -38,7 +38,7 @@ pub fn cases() -> Vec<Case> {
 /// Mean radiance of each band: `[godrays][caustics]`.
 type Bands = [[f64; 3]; 2];
 
-fn known_inputs(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
+fn known_inputs(rig: &Rig<'_>) -> Checks {
     let clear = wall(rig, 0.0)?;
     let water = wall(rig, GAMMA_PER_M)?;
     let [low, middle, high] = water[0];
@@ -79,7 +79,7 @@ struct Known<'a> {
 }
 
 /// Composes known inputs and returns the radiance of each pixel.
-fn radiance(rig: &Rig<'_>, view: &View, known: &Known<'_>) -> Result<Image, VerifyError> {
+fn radiance(rig: &Rig<'_>, view: &View, known: &Known<'_>) -> Result<Image> {
     let resources = rig.resources();
     let shared = Shared::new(&resources, view);
     let grey = |value: f32, alpha: f32| rig.constant(SIZE, [value, value, value, alpha]);
@@ -107,13 +107,11 @@ fn radiance(rig: &Rig<'_>, view: &View, known: &Known<'_>) -> Result<Image, Veri
     let stage = Compose::new(&resources, &shared, &inputs, settings, false)?;
     rig.run(&[&stage])?;
     let shown = rig.channel(stage.texture(), BLUE)?;
-    let undo = |value: &f64| -(1.0 - value.powf(DISPLAY_GAMMA)).ln() / known.exposure;
-    let data = shown.data().iter().map(undo).collect();
-    Ok(Image::from_data(SIZE[0], SIZE[1], data)?)
+    Ok(shown.map(|value| -(1.0 - value.powf(DISPLAY_GAMMA)).ln() / known.exposure))
 }
 
 /// A white wall across a narrow view under water, with the bands upon it.
-fn wall(rig: &Rig<'_>, gamma_per_m: f64) -> Result<Bands, VerifyError> {
+fn wall(rig: &Rig<'_>, gamma_per_m: f64) -> Result<Bands> {
     let mut view = rig::synthetic_view(SIZE, gamma_per_m)?;
     // So narrow that the path through the water is the same for all pixels.
     view.camera.fov_y_deg = 1.0;
@@ -131,8 +129,8 @@ fn wall(rig: &Rig<'_>, gamma_per_m: f64) -> Result<Bands, VerifyError> {
     let known = Known {
         albedo: 1.0,
         depth: wall.map_or(1.0, |wall| wall.depth),
-        caustics: &filled(caustics)?,
-        godrays: &filled(|_, y| GODRAYS[(y / rows) as usize])?,
+        caustics: &Image::of(SIZE, caustics),
+        godrays: &Image::of(SIZE, |_, y| GODRAYS[(y / rows) as usize]),
         reflection: 0.0,
         exposure: 0.4,
     };
@@ -146,14 +144,8 @@ fn wall(rig: &Rig<'_>, gamma_per_m: f64) -> Result<Bands, VerifyError> {
     Ok([0, 1].map(|row| [0, 1, 2].map(|column| mean(column, row))))
 }
 
-fn filled(value: impl Fn(u32, u32) -> f64) -> Result<Image, VerifyError> {
-    let pixels = (0..SIZE[1]).flat_map(|y| (0..SIZE[0]).map(move |x| (x, y)));
-    let data = pixels.map(|(x, y)| value(x, y)).collect();
-    Ok(Image::from_data(SIZE[0], SIZE[1], data)?)
-}
-
 /// Flat water between a white reflection and a black refraction shows its reflectance.
-fn fresnel(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
+fn fresnel(rig: &Rig<'_>) -> Checks {
     let mut checks = Vec::new();
     // From below the view crosses the critical angle, 48.8° from the vertical.
     for (side, name, target_z) in [(1.0, "above", -1.5), (-1.0, "below", 0.8)] {
@@ -188,13 +180,11 @@ fn fresnel(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
 fn reflectance_error(image: &Image, rays: &PixelRays, side: f64, index: f64) -> f64 {
     let (outer, inner) = if side > 0.0 { (1.0, index) } else { (index, 1.0) };
     let (mut difference, mut sum) = (0.0, 0.0);
-    for y in 0..SIZE[1] {
-        for x in 0..SIZE[0] {
-            let (_, direction, _) = rays.ray(x, y);
-            let exact = fresnel_reflectance(-side * direction.y, outer, inner);
-            difference += (image.clamped(x.into(), y.into()) - exact).abs();
-            sum += exact;
-        }
+    for (x, y) in pixels(SIZE) {
+        let (_, direction, _) = rays.ray(x, y);
+        let exact = fresnel_reflectance(-side * direction.y, outer, inner);
+        difference += (image.clamped(x.into(), y.into()) - exact).abs();
+        sum += exact;
     }
     difference / sum
 }

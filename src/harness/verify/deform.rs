@@ -2,8 +2,8 @@
 
 use glam::DVec3;
 
-use super::rig::Rig;
-use super::{Case, Check, VerifyError};
+use super::rig::{Rig, largest};
+use super::{Case, Check, Checks};
 use crate::gpu::read_buffer;
 use crate::reference::deform::{Moment, Motion};
 use crate::scene::{Object, Scene};
@@ -36,12 +36,7 @@ pub fn cases() -> Vec<Case> {
 /// A vertex's position and normal.
 type Vertex = [DVec3; 2];
 
-fn check(
-    rig: &Rig<'_>,
-    motion: Motion,
-    of_stage: deform::Motion,
-    name: &str,
-) -> Result<Vec<Check>, VerifyError> {
+fn check(rig: &Rig<'_>, motion: Motion, of_stage: deform::Motion, name: &str) -> Checks {
     let scene = Scene::load(SCENE)?;
     let resources = rig.resources();
     let geometry = Geometry::new(&resources, &scene);
@@ -57,7 +52,7 @@ fn check(
         scene.objects.iter().flat_map(|o| moved(o, motion, cycles)).collect()
     };
     let (measured, control) =
-        (largest(&found, &twin(CYCLES)), largest(&found, &twin(CYCLES + 0.02)));
+        (largest_of(&found, &twin(CYCLES)), largest_of(&found, &twin(CYCLES + 0.02)));
     let perturbed = "time moved by 0.02 cycles";
     Ok(vec![
         Check::new(
@@ -94,10 +89,6 @@ fn moved(object: &Object, motion: Motion, cycles: f64) -> Vec<Vertex> {
 }
 
 /// Largest distance of positions, and of normals.
-fn largest(found: &[Vertex], twin: &[Vertex]) -> [f64; 2] {
-    let over = |k: usize| {
-        let distances = found.iter().zip(twin).map(|(a, b)| a[k].distance(b[k]));
-        distances.fold(0.0, f64::max)
-    };
-    [over(0), over(1)]
+fn largest_of(found: &[Vertex], twin: &[Vertex]) -> [f64; 2] {
+    [0, 1].map(|k| largest(found.iter().zip(twin).map(|(a, b)| a[k].distance(b[k]))))
 }

@@ -1,10 +1,10 @@
 //! `caustics/filter` and `godrays/filter` against the f64 twin.
 
-use super::rig::{Random, Rig};
-use super::{Case, Check, VerifyError};
+use super::rig::{Rig, noise};
+use super::{Case, Check, Checks};
 use crate::gpu::{Column, StageInfo};
 use crate::reference::filter::Disc;
-use crate::reference::image::Image;
+use crate::reference::image::{Image, pixels};
 use crate::stages::low_pass::{FilterUniforms, LowPass};
 use crate::stages::{caustics, godrays};
 
@@ -24,8 +24,8 @@ pub fn cases() -> Vec<Case> {
     [&caustics::filter::INFO, &godrays::filter::INFO].map(case).into()
 }
 
-fn check(info: &'static StageInfo, rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
-    let image = noise()?;
+fn check(info: &'static StageInfo, rig: &Rig<'_>) -> Checks {
+    let image = noise(SIZE, 7);
     let settings = FilterUniforms { taps: TAPS, radius_px: RADIUS_PX as f32 };
     let source = (&rig.grey(&image), Column::new("noise", "1", "noise"));
     let filter = LowPass::new(&rig.resources(), info, source, &settings)?;
@@ -47,26 +47,18 @@ fn check(info: &'static StageInfo, rig: &Rig<'_>) -> Result<Vec<Check>, VerifyEr
     Ok(vec![check.with("pixels_left_out_share", left_out).with("energy_change", sums)])
 }
 
-fn noise() -> Result<Image, VerifyError> {
-    let mut random = Random::new(7);
-    let data = (0..SIZE[0] * SIZE[1]).map(|_| f64::from(random.next() as f32));
-    Ok(Image::from_data(SIZE[0], SIZE[1], data.collect())?)
-}
-
 /// Largest difference between the GPU's result and `twin` over the pixels where `judge` has no
 /// ambiguous tap, relative to the mean, and the share of the pixels left out.
 fn largest_difference(gpu: &Image, source: &Image, twin: &Disc, judge: &Disc) -> (f64, f64) {
-    let mean = source.sum() / source.data().len() as f64;
+    let mean = source.mean();
     let (mut largest, mut left_out) = (0.0f64, 0);
-    for y in 0..gpu.height() {
-        for x in 0..gpu.width() {
-            if judge.edge_distance(x, y) < AMBIGUOUS_PX {
-                left_out += 1;
-                continue;
-            }
-            let difference = gpu.clamped(x.into(), y.into()) - twin.at(source, x, y);
-            largest = largest.max(difference.abs() / mean);
+    for (x, y) in pixels(gpu.size()) {
+        if judge.edge_distance(x, y) < AMBIGUOUS_PX {
+            left_out += 1;
+            continue;
         }
+        let difference = gpu.clamped(x.into(), y.into()) - twin.at(source, x, y);
+        largest = largest.max(difference.abs() / mean);
     }
     (largest, f64::from(left_out) / source.data().len() as f64)
 }

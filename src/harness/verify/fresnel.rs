@@ -5,9 +5,9 @@ use std::f64::consts::TAU;
 use glam::DVec3;
 
 use super::photons::run_until;
-use super::rig::{self, Random, Rig};
+use super::rig::{self, Random, Rig, largest};
 use super::splats::{RULES, draw_free, energy_params, photon_at, splat_image};
-use super::{Case, Check, VerifyError, lines};
+use super::{Case, Check, Checks, Result, lines};
 use crate::pipelines::Built;
 use crate::pipelines::underwater::Underwater;
 use crate::reference::image::Image;
@@ -77,11 +77,11 @@ fn cell_sums(image: &Image) -> Vec<f64> {
 }
 
 /// What each photon adds to the picture with transmission over what it adds without, against the exact transmittance.
-fn transmitted(rig: &Rig<'_>, stage: &'static str) -> Result<Vec<Check>, VerifyError> {
+fn transmitted(rig: &Rig<'_>, stage: &'static str) -> Checks {
     let size = if stage == splat::INFO.name { 512 } else { 384 };
     let mut view = rig::synthetic_view([size; 2], 0.0)?;
     let (drawn, cosines): (Vec<Photon>, Vec<f64>) = photons(&view, size).into_iter().unzip();
-    let mut draw = |fresnel: bool| -> Result<Vec<f64>, VerifyError> {
+    let mut draw = |fresnel: bool| -> Result<Vec<f64>> {
         view.water.fresnel = fresnel;
         let image = if stage == splat::INFO.name {
             draw_free(rig, &view, &drawn, &RULES)?
@@ -93,10 +93,9 @@ fn transmitted(rig: &Rig<'_>, stage: &'static str) -> Result<Vec<Check>, VerifyE
     let (whole, passed) = (draw(false)?, draw(true)?);
     let shares: Vec<f64> = passed.iter().zip(&whole).map(|(a, b)| a / b).collect();
     let error = |index: f64| {
-        let errors = shares.iter().zip(&cosines).map(|(share, cosine)| {
+        largest(shares.iter().zip(&cosines).map(|(share, cosine)| {
             (share / fresnel_transmittance(*cosine, 1.0, index) - 1.0).abs()
-        });
-        errors.fold(0.0, |most: f64, e| if e.is_nan() { e } else { most.max(e) })
+        }))
     };
     Ok(vec![Check::new(
         (stage, "Fresnel transmittance up to 85°: largest relative error"),
@@ -107,11 +106,11 @@ fn transmitted(rig: &Rig<'_>, stage: &'static str) -> Result<Vec<Check>, VerifyE
 }
 
 /// Flat water lit from straight above loses ((n − 1) / (n + 1))² of the energy.
-fn straight(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
+fn straight(rig: &Rig<'_>) -> Checks {
     let mut file = SceneFile::load("plane")?;
     file.water.amplitude_m = 0.0;
     let scene = Scene::build(&file)?;
-    let energy = |fresnel: bool| -> Result<f64, VerifyError> {
+    let energy = |fresnel: bool| -> Result<f64> {
         let mut params = energy_params(&file);
         params.water.fresnel = fresnel;
         let pipeline = Built::<Underwater>::new(rig.gpu, &scene, &params)?;

@@ -6,7 +6,7 @@ use glam::DVec3;
 
 use super::photons::{Family, exact, settings, trace, with_rates};
 use super::rig::{self, Random, Rig};
-use super::{Case, Check, VerifyError};
+use super::{Case, Check, Checks, Result, VerifyError};
 use crate::reference::photons::Landing;
 use crate::reference::quantities::{StoredPhoton, photon_errors, quantile};
 use crate::reference::rays::Tracer;
@@ -51,7 +51,7 @@ fn wave_list() -> Vec<Wave> {
 }
 
 /// Heights without symmetry: four waves that fit the tile.
-fn tile(origin_m: [f64; 2]) -> Result<Tile, VerifyError> {
+fn tile(origin_m: [f64; 2]) -> Result<Tile> {
     let [columns, rows] = SAMPLES;
     let height = |j: usize, i: usize| {
         let (u, v) = (i as f64 / columns as f64, j as f64 / rows as f64);
@@ -69,7 +69,7 @@ fn tile(origin_m: [f64; 2]) -> Result<Tile, VerifyError> {
         .map_err(|what| VerifyError::Invalid { stage: STAGE, what })
 }
 
-fn waves(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
+fn waves(rig: &Rig<'_>) -> Checks {
     let water = |factor: f64| {
         let mut waves = wave_list();
         for wave in &mut waves {
@@ -84,8 +84,8 @@ fn waves(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
     compare(rig, "list of waves", water(1.0), ("amplitudes 10 % higher", water(1.1)))
 }
 
-fn height_map(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
-    let water = |origin_m: [f64; 2]| -> Result<_, VerifyError> {
+fn height_map(rig: &Rig<'_>) -> Checks {
+    let water = |origin_m: [f64; 2]| -> Result<_> {
         let tile = Arc::new(tile(origin_m)?);
         Ok(move |water: &Water| Water {
             model: WaterModel::HeightMap,
@@ -105,7 +105,7 @@ fn compare(
     what: &str,
     given: impl Fn(&Water) -> Water,
     (perturbed, other): (&str, impl Fn(&Water) -> Water),
-) -> Result<Vec<Check>, VerifyError> {
+) -> Checks {
     let mut scene: Scene = rig::flat_plane(LightKind::Directional)?;
     let flat = scene.water.clone();
     scene.water = given(&flat);

@@ -3,14 +3,14 @@
 
 use glam::{DVec3, Vec2};
 
-use super::rig::{self, Rig};
-use super::{Case, Check, VerifyError};
+use super::rig::{self, Rig, largest, mean};
+use super::{Case, Check, Checks, Result};
 use crate::reference::horizon::{HorizonSplit, Seen, beside_wall};
-use crate::reference::image::Image;
+use crate::reference::image::{Image, pixels};
 use crate::reference::occlusion::{Attenuation, occlusion};
 use crate::reference::quantities::quantile;
 use crate::reference::rays::{Hit, PixelRays, Tracer};
-use crate::scene::{Camera, Material, Mesh, Object, Scene};
+use crate::scene::{Camera, Mesh, Object, Scene};
 use crate::stages::frame::Shared;
 use crate::stages::geometry::Geometry;
 use crate::stages::hsao::march::{HorizonUniforms, March};
@@ -48,7 +48,7 @@ fn shade(
     scene: &Scene,
     method: &HorizonSplit,
     buffer_px: [u32; 2],
-) -> Result<Shaded, VerifyError> {
+) -> Result<Shaded> {
     let resources = rig.resources();
     let shared = Shared::new(&resources, &rig::view(scene, SIZE));
     let geometry = Geometry::new(&resources, scene);
@@ -66,11 +66,10 @@ fn shade(
     let stage = March::new(&resources, &shared, &gbuffer.textures, &settings, hard)?;
     rig.run(&[&gbuffer, &stage])?;
     let visibility = rig.channel(stage.texture(), 0)?;
-    let occluded = visibility.data().iter().map(|v| 1.0 - v).collect();
     Ok(Shaded {
         depth: rig.channel(&gbuffer.textures.depth, 0)?,
         normals: rig.vectors(&gbuffer.textures.normal)?,
-        occlusion: Image::from_data(buffer_px[0], buffer_px[1], occluded)?,
+        occlusion: visibility.map(|v| 1.0 - v),
     })
 }
 
@@ -86,7 +85,7 @@ fn method(attenuation: Attenuation) -> HorizonSplit {
     }
 }
 
-fn twin(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
+fn twin(rig: &Rig<'_>) -> Checks {
     let scene = Scene::load(SCENE)?;
     let mut checks = Vec::new();
     for (name, attenuation, buffer_px) in [
@@ -97,7 +96,7 @@ fn twin(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
         let shaded = shade(rig, &scene, &method, buffer_px)?;
         let seen = Seen::new(&scene.camera, &shaded.depth, &shaded.normals);
         let differences = |twin: &HorizonSplit| -> Vec<f64> {
-            let pixels = (0..buffer_px[1]).flat_map(|y| (0..buffer_px[0]).map(move |x| (x, y)));
+            let pixels = pixels(buffer_px);
             let off = pixels.step_by(3).filter_map(|(x, y)| {
                 let expected = twin.at(&seen, buffer_px, x, y)?;
                 Some((shaded.occlusion.clamped(x.into(), y.into()) - expected).abs())
@@ -115,7 +114,7 @@ fn twin(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
             )
             .with("median", quantile(&mut off, 0.5))
             .with("largest", quantile(&mut off, 1.0))
-            .with("mean_occlusion", shaded.occlusion.sum() / shaded.occlusion.data().len() as f64),
+            .with("mean_occlusion", shaded.occlusion.mean()),
         );
     }
     Ok(checks)
@@ -126,18 +125,17 @@ fn dense(attenuation: Attenuation) -> HorizonSplit {
     HorizonSplit { directions: 32, steps: 32, ..method(attenuation) }
 }
 
-fn closed_forms(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
+fn closed_forms(rig: &Rig<'_>) -> Checks {
     let camera = camera([3.0, 2.6, 0.0], [0.0, 0.4, 0.0]);
-    let floor = quad([0.0; 3], [30.0, 0.0, 0.0], [0.0, 0.0, -30.0]);
-    let wall = quad([0.0; 3], [0.0, 30.0, 0.0], [0.0, 0.0, 30.0]);
+    let floor = quad([30.0, 0.0, 0.0], [0.0, 0.0, -30.0]);
+    let wall = quad([0.0, 30.0, 0.0], [0.0, 0.0, 30.0]);
     let plane = built(camera.clone(), vec![floor.clone()])?;
     let corner = built(camera, vec![floor, wall])?;
-    let tracer = Tracer::new(&corner.objects)?;
 
     let hard = dense(Attenuation::Hard);
-    let largest = |scene: &Scene| -> Result<f64, VerifyError> {
+    let largest = |scene: &Scene| -> Result<f64> {
         let shaded = shade(rig, scene, &hard, SIZE)?;
-        Ok(shaded.occlusion.data().iter().fold(0.0, |most, a| a.max(most)))
+        Ok(largest(shaded.occlusion.data().iter().copied()))
     };
     let mut checks = vec![Check::new(
         (STAGE, "largest occlusion of a plane by itself"),
@@ -145,33 +143,19 @@ fn closed_forms(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
         largest(&plane)?,
         ("a wall stands on it", largest(&corner)?),
     )];
-    for (name, attenuation) in [("hard", Attenuation::Hard), ("linear", Attenuation::Linear)] {
-        let method = dense(attenuation);
-        let shaded = shade(rig, &corner, &method, SIZE)?;
-        let against = |r_max_m: f64| {
-            errors(&shaded, &tracer, &corner.camera, |hit| {
-                let on_floor = hit.normal.y > 0.5;
-                let from_edge = if on_floor { hit.position.x } else { hit.position.y };
-                // Pixels next to the edge hold it.
-                (from_edge > 0.06).then(|| beside_wall(from_edge / r_max_m, attenuation))
-            })
-        };
-        let (bias, rms) = against(method.r_max_m);
-        checks.push(
-            Check::new(
-                (STAGE, format!("beside a wall, {name}: RMS of the error")),
-                (WALL_RMS, "1"),
-                rms,
-                ("r_max 20 % greater", against(1.2 * method.r_max_m).1),
-            )
-            .with("bias", bias),
-        );
-    }
+    let exact = |hit: &Hit, r_max_m: f64, attenuation| {
+        let on_floor = hit.normal.y > 0.5;
+        let from_edge = if on_floor { hit.position.x } else { hit.position.y };
+        // Pixels next to the edge hold it.
+        (from_edge > 0.06).then(|| beside_wall(from_edge / r_max_m, attenuation))
+    };
+    let title = |name: &str| format!("beside a wall, {name}: RMS of the error");
+    checks.extend(rms_checks(rig, &corner, (title, WALL_RMS), ("r_max 20 % greater", 1.2), exact)?);
     Ok(checks)
 }
 
 /// Hills that the camera sees without gaps.
-fn height_field(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
+fn height_field(rig: &Rig<'_>) -> Checks {
     const HEIGHT_M: f64 = 0.25;
     const WAVES_PER_M: [f64; 2] = [2.5, 2.0];
     let camera = camera([0.0, 4.5, 2.2], [0.0; 3]);
@@ -185,29 +169,36 @@ fn height_field(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
     };
     let scene = built(camera, vec![hills(height, normal)])?;
     let tracer = Tracer::new(&scene.objects)?;
-    let mut checks = Vec::new();
-    for (name, attenuation) in [("hard", Attenuation::Hard), ("linear", Attenuation::Linear)] {
+    let exact = |hit: &Hit, r_max_m: f64, attenuation| {
+        let inside = hit.position.abs().with_y(0.0).max_element() < 1.0;
+        let (p, n) = (hit.position, hit.shading_normal);
+        inside.then(|| occlusion(&tracer, p, n, r_max_m, attenuation, 256))
+    };
+    let title = |name: &str| format!("hills, {name}: RMS of the error against ray casting");
+    rms_checks(rig, &scene, (title, FIELD_RMS), ("r_max half as great", 0.5), exact)
+}
+
+/// Both attenuations against the exact occlusion of what the camera sees; the control takes that of another r_max.
+fn rms_checks(
+    rig: &Rig<'_>,
+    scene: &Scene,
+    (title, tolerance): (impl Fn(&str) -> String, f64),
+    (perturbed, factor): (&str, f64),
+    exact: impl Fn(&Hit, f64, Attenuation) -> Option<f64>,
+) -> Checks {
+    let tracer = Tracer::new(&scene.objects)?;
+    let check = |(name, attenuation): (&str, Attenuation)| {
         let method = dense(attenuation);
-        let shaded = shade(rig, &scene, &method, SIZE)?;
+        let shaded = shade(rig, scene, &method, SIZE)?;
         let against = |r_max_m: f64| {
-            errors(&shaded, &tracer, &scene.camera, |hit| {
-                let inside = hit.position.abs().with_y(0.0).max_element() < 1.0;
-                let (p, n) = (hit.position, hit.shading_normal);
-                inside.then(|| occlusion(&tracer, p, n, r_max_m, attenuation, 256))
-            })
+            errors(&shaded, &tracer, &scene.camera, |hit| exact(hit, r_max_m, attenuation))
         };
         let (bias, rms) = against(method.r_max_m);
-        checks.push(
-            Check::new(
-                (STAGE, format!("hills, {name}: RMS of the error against ray casting")),
-                (FIELD_RMS, "1"),
-                rms,
-                ("r_max half as great", against(0.5 * method.r_max_m).1),
-            )
-            .with("bias", bias),
-        );
-    }
-    Ok(checks)
+        let control = (perturbed, against(factor * method.r_max_m).1);
+        let check = Check::new((STAGE, title(name)), (tolerance, "1"), rms, control);
+        Ok(check.with("bias", bias))
+    };
+    [("hard", Attenuation::Hard), ("linear", Attenuation::Linear)].into_iter().map(check).collect()
 }
 
 /// Mean and root mean square of the difference from `expected`, over the pixels where it has an answer for the exact hit.
@@ -226,34 +217,21 @@ fn errors(
             Some(shaded.occlusion.clamped(x.into(), y.into()) - expected(&hit)?)
         })
         .collect();
-    let mean = |values: &mut dyn Iterator<Item = f64>| values.sum::<f64>() / off.len() as f64;
-    let square = mean(&mut off.iter().map(|e| e * e));
-    (mean(&mut off.iter().copied()), square.sqrt())
+    (mean(off.iter().copied()), mean(off.iter().map(|e| e * e)).sqrt())
 }
 
 fn camera(position_m: [f64; 3], target_m: [f64; 3]) -> Camera {
-    Camera { position_m, target_m, fov_y_deg: 50.0, ..rig::level_camera() }
+    Camera::new(position_m, target_m, 50.0, [0.1, 20.0])
 }
 
 /// Scene `plane` with other objects, seen by this camera.
-fn built(camera: Camera, objects: Vec<Object>) -> Result<Scene, VerifyError> {
+fn built(camera: Camera, objects: Vec<Object>) -> Result<Scene> {
     Ok(Scene { camera, objects, ..Scene::load("plane")? })
 }
 
-fn object(mesh: Mesh) -> Object {
-    Object { name: "verify".into(), mesh, material: Material::default() }
-}
-
-/// A parallelogram around `center`, with half its sides; its normal is that of `a` × `b`.
-fn quad(center: [f32; 3], a: [f32; 3], b: [f32; 3]) -> Object {
-    let corner = |s: f32, t: f32| std::array::from_fn(|i| center[i] + s * a[i] + t * b[i]);
-    let positions = [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)].map(|(s, t)| corner(s, t));
-    let normal = glam::Vec3::from(a).cross(b.into()).normalize().to_array();
-    object(Mesh {
-        positions: positions.to_vec(),
-        normals: vec![normal; 4],
-        indices: vec![0, 1, 2, 0, 2, 3],
-    })
+/// A parallelogram around the origin, with half its sides; its normal is that of `a` × `b`.
+fn quad(a: [f64; 3], b: [f64; 3]) -> Object {
+    Object::new("verify", Mesh::parallelogram(DVec3::ZERO, a.into(), b.into()))
 }
 
 /// A height field over 6 × 6 m.
@@ -270,19 +248,12 @@ fn hills(height: impl Fn(f64, f64) -> f64, normal: impl Fn(f64, f64) -> DVec3) -
         let a = corner(i);
         [a, a + row, a + 1, a + 1, a + row, a + row + 1]
     };
-    object(Mesh {
-        positions: (0..row * row)
-            .map(|i| {
-                let (x, z) = place(i);
-                DVec3::new(x, height(x, z), z).as_vec3().to_array()
-            })
-            .collect(),
-        normals: (0..row * row)
-            .map(|i| {
-                let (x, z) = place(i);
-                normal(x, z).as_vec3().to_array()
-            })
-            .collect(),
-        indices: (0..CELLS * CELLS).flat_map(cell).collect(),
-    })
+    let vertex = |i: u32| {
+        let (x, z) = place(i);
+        let position = DVec3::new(x, height(x, z), z);
+        (position.as_vec3().to_array(), normal(x, z).as_vec3().to_array())
+    };
+    let (positions, normals) = (0..row * row).map(vertex).unzip();
+    let indices = (0..CELLS * CELLS).flat_map(cell).collect();
+    Object::new("verify", Mesh { positions, normals, indices })
 }

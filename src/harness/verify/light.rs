@@ -3,8 +3,8 @@
 use glam::DVec3;
 
 use super::rig::{self, Rig};
-use super::{Case, Check, VerifyError};
-use crate::reference::image::Image;
+use super::{Case, Check, Checks};
+use crate::reference::image::{Image, pixels};
 use crate::reference::quantities::quantile;
 use crate::reference::rays::{PixelRays, Tracer};
 use crate::reference::surface::enter;
@@ -33,7 +33,7 @@ pub fn cases() -> Vec<Case> {
 }
 
 /// `l = p_mid − p_light` with p_mid in the middle of the camera frustum (UW §3.1).
-fn look_at(_: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
+fn look_at(_: &Rig<'_>) -> Checks {
     let mut scene = Scene::load(SCENE)?;
     let mut checks = Vec::new();
     for (kind, name) in [(LightKind::Directional, "directional"), (LightKind::Point, "point")] {
@@ -60,7 +60,7 @@ fn look_at(_: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
     Ok(checks)
 }
 
-fn shadow_depth(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
+fn shadow_depth(rig: &Rig<'_>) -> Checks {
     let scene = Scene::load(SCENE)?;
     let resources = rig.resources();
     let view = rig::view(&scene, [256, 256]);
@@ -97,21 +97,19 @@ struct DepthErrors {
 /// Distances along the light between the depth map and exact hits of rays `aside` texels away.
 fn depth_errors(depth: &Image, frame: &LightFrame, tracer: &Tracer, aside: f64) -> DepthErrors {
     let (mut errors, mut disagree) = (Vec::new(), 0);
-    for y in 0..depth.height() {
-        for x in 0..depth.width() {
-            let ndc_x = 2.0 * (f64::from(x) + 0.5 + aside) / f64::from(depth.width()) - 1.0;
-            let ndc_y = 1.0 - 2.0 * (f64::from(y) + 0.5 + aside) / f64::from(depth.height());
-            let (origin, direction) = frame.ray(ndc_x, ndc_y);
-            let hit = tracer.cast(origin, direction, 0.0, f64::MAX);
-            let stored = depth.clamped(x.into(), y.into());
-            match hit {
-                Some(hit) if stored < 1.0 => {
-                    let seen = frame.inverse.project_point3(DVec3::new(ndc_x, ndc_y, stored));
-                    errors.push((seen - hit.position).length());
-                }
-                None if stored >= 1.0 => {}
-                _ => disagree += 1,
+    for (x, y) in pixels(depth.size()) {
+        let ndc_x = 2.0 * (f64::from(x) + 0.5 + aside) / f64::from(depth.width()) - 1.0;
+        let ndc_y = 1.0 - 2.0 * (f64::from(y) + 0.5 + aside) / f64::from(depth.height());
+        let (origin, direction) = frame.ray(ndc_x, ndc_y);
+        let hit = tracer.cast(origin, direction, 0.0, f64::MAX);
+        let stored = depth.clamped(x.into(), y.into());
+        match hit {
+            Some(hit) if stored < 1.0 => {
+                let seen = frame.inverse.project_point3(DVec3::new(ndc_x, ndc_y, stored));
+                errors.push((seen - hit.position).length());
             }
+            None if stored >= 1.0 => {}
+            _ => disagree += 1,
         }
     }
     DepthErrors {
@@ -121,7 +119,7 @@ fn depth_errors(depth: &Image, frame: &LightFrame, tracer: &Tracer, aside: f64) 
     }
 }
 
-fn shadow_mask(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
+fn shadow_mask(rig: &Rig<'_>) -> Checks {
     let scene = Scene::load(SHADED_SCENE)?;
     let resources = rig.resources();
     let view = rig::view(&scene, [256, 256]);
@@ -154,15 +152,12 @@ fn mask_disagreement(
 ) -> (f64, f64) {
     let rays = PixelRays::of_matrix(frame.view_projection, mask.width(), mask.height());
     let (mut unlike, mut wet) = (0u32, 0u32);
-    for y in 0..mask.height() {
-        for x in 0..mask.width() {
-            let (origin, direction, length) = rays.ray(x, y);
-            let entered = enter(water, origin, direction, length).is_some_and(|entry| {
-                tracer.cast(origin, direction, 0.0, entry.distance_m).is_none()
-            });
-            wet += u32::from(entered);
-            unlike += u32::from(entered != (mask.clamped(x.into(), y.into()) > 0.5));
-        }
+    for (x, y) in pixels(mask.size()) {
+        let (origin, direction, length) = rays.ray(x, y);
+        let entered = enter(water, origin, direction, length)
+            .is_some_and(|entry| tracer.cast(origin, direction, 0.0, entry.distance_m).is_none());
+        wet += u32::from(entered);
+        unlike += u32::from(entered != (mask.clamped(x.into(), y.into()) > 0.5));
     }
     let all = mask.data().len() as f64;
     (f64::from(unlike) / all, f64::from(wet) / all)

@@ -5,9 +5,9 @@ use std::f64::consts::TAU;
 use glam::{DVec2, DVec3, Vec2};
 
 use super::rig::{self, Random, Rig};
-use super::{Case, Check, VerifyError};
+use super::{Case, Check, Checks, Result};
 use crate::reference::godray::{Godray, Medium};
-use crate::reference::image::Image;
+use crate::reference::image::{Image, pixels};
 use crate::reference::rays::PixelRays;
 use crate::stages::frame::{Shared, View};
 use crate::stages::godrays::lines::{self, LinesUniforms};
@@ -33,7 +33,7 @@ pub fn cases() -> Vec<Case> {
 }
 
 /// Draws photons' lines without occlusion.
-pub(super) fn draw(rig: &Rig<'_>, view: &View, photons: &[Photon]) -> Result<Image, VerifyError> {
+pub(super) fn draw(rig: &Rig<'_>, view: &View, photons: &[Photon]) -> Result<Image> {
     let resources = rig.resources();
     let shared = Shared::new(&resources, view);
     let settings = LinesUniforms {
@@ -57,7 +57,7 @@ fn godray(photon: &Photon) -> Godray {
 }
 
 /// Lines at all angles, each in its own cell of the buffer, some of them running away from the viewer.
-fn isolated(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
+fn isolated(rig: &Rig<'_>) -> Checks {
     let view = rig::synthetic_view(SIZE, GAMMA_PER_M)?;
     let eye = DVec3::from(view.camera.position_m);
     let rays = PixelRays::new(&view.camera, SIZE[0], SIZE[1]);
@@ -157,35 +157,33 @@ fn line_errors(
     let godrays: Vec<Godray> = photons.iter().map(godray).collect();
     let segments = godrays.iter().filter_map(|ray| Some((ray, Segment::new(ray, rays)?)));
     let segments: Vec<(&Godray, Segment)> = segments.collect();
-    let (mut intensity, mut pixels, mut judged, mut unlike) = (0.0f64, 0, 0u32, 0u32);
-    for y in 0..image.height() {
-        for x in 0..image.width() {
-            let value = image.clamped(x.into(), y.into());
-            let pixel = DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5);
-            // Margin by which the nearest line covers the pixel, negative outside.
-            let covering = segments.iter().map(|(ray, segment)| {
-                let (start, rest, beside) = segment.place(pixel);
-                (start.min(rest).min(0.5 * width_px - beside), ray, segment, start)
-            });
-            let Some((margin, ray, segment, start)) = covering.max_by(|a, b| a.0.total_cmp(&b.0))
-            else {
-                continue;
-            };
-            if margin.abs() < EDGE_PX {
-                continue;
-            }
-            judged += 1;
-            unlike += u32::from((margin > 0.0) != (value > 0.0));
-            if margin > 0.0 && value > 0.0 {
-                let expected = ray.intensity(ray.point(segment.share(start)), eye, medium);
-                intensity = intensity.max((value / expected - 1.0).abs());
-                pixels += 1;
-            }
+    let (mut intensity, mut compared, mut judged, mut unlike) = (0.0f64, 0, 0u32, 0u32);
+    for (x, y) in pixels(image.size()) {
+        let value = image.clamped(x.into(), y.into());
+        let pixel = DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5);
+        // Margin by which the nearest line covers the pixel, negative outside.
+        let covering = segments.iter().map(|(ray, segment)| {
+            let (start, rest, beside) = segment.place(pixel);
+            (start.min(rest).min(0.5 * width_px - beside), ray, segment, start)
+        });
+        let Some((margin, ray, segment, start)) = covering.max_by(|a, b| a.0.total_cmp(&b.0))
+        else {
+            continue;
+        };
+        if margin.abs() < EDGE_PX {
+            continue;
+        }
+        judged += 1;
+        unlike += u32::from((margin > 0.0) != (value > 0.0));
+        if margin > 0.0 && value > 0.0 {
+            let expected = ray.intensity(ray.point(segment.share(start)), eye, medium);
+            intensity = intensity.max((value / expected - 1.0).abs());
+            compared += 1;
         }
     }
     LineErrors {
-        intensity: if pixels == 0 { f64::NAN } else { intensity },
-        pixels,
+        intensity: if compared == 0 { f64::NAN } else { intensity },
+        pixels: compared,
         coverage: f64::from(unlike) / f64::from(judged.max(1)),
     }
 }
@@ -202,7 +200,7 @@ const GAUSS: [(f64, f64); 6] = [
 
 /// Clear water: the pixel in the middle of a line shows p(α) alone. Twelve lines whose scattering
 /// angles are the nodes of a quadrature sum up to the integral over the sphere.
-fn phase_integral(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
+fn phase_integral(rig: &Rig<'_>) -> Checks {
     let view = rig::synthetic_view(SIZE, 0.0)?;
     let eye = DVec3::from(view.camera.position_m);
     let rays = PixelRays::new(&view.camera, SIZE[0], SIZE[1]);

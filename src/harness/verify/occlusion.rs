@@ -7,8 +7,8 @@ mod points;
 
 use glam::DVec3;
 
-use super::rig::Random;
-use super::{Case, VerifyError};
+use super::rig::{Random, largest, mean};
+use super::{Case, Result};
 use crate::gpu::{GpuError, read_buffer};
 use crate::harness::verify::rig::Rig;
 use crate::reference::march::{Guard as TwinGuard, HostVolume, March};
@@ -38,12 +38,7 @@ struct Subject {
 
 impl Subject {
     /// `level`, 1 … 255, fills the voxels for whose centres `inside` holds.
-    fn new(
-        rig: &Rig<'_>,
-        side: u32,
-        level: u8,
-        inside: impl Fn(DVec3) -> bool,
-    ) -> Result<Self, VerifyError> {
+    fn new(rig: &Rig<'_>, side: u32, level: u8, inside: impl Fn(DVec3) -> bool) -> Result<Self> {
         let grid =
             Grid::around(DVec3::ZERO, VOXEL_M * f64::from(side), side).map_err(GpuError::Limit)?;
         Ok(Self::on(rig, &grid, level, inside))
@@ -132,7 +127,7 @@ fn query(
     volumes: &[Voxels],
     points: &[(DVec3, DVec3)],
     marching: &Marching,
-) -> Result<Vec<f64>, VerifyError> {
+) -> Result<Vec<f64>> {
     let points: Vec<SurfacePoint> = points
         .iter()
         .map(|(position, normal)| SurfacePoint {
@@ -162,8 +157,4 @@ fn beyond(value: f64, march: &March, error: f64, occlusion: impl Fn(&March) -> f
     let at = |threshold: f64| occlusion(&March { threshold, ..march.clone() });
     let [low, high] = [at(march.threshold + error), at(march.threshold - error)];
     (low - value).max(value - high).max(0.0)
-}
-
-fn largest(values: impl Iterator<Item = f64>) -> f64 {
-    values.fold(0.0, |a, b| if b.is_nan() { f64::NAN } else { a.max(b) })
 }

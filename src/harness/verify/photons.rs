@@ -2,14 +2,14 @@
 
 use glam::Vec2;
 
-use super::rig::{self, Rig};
-use super::{Case, Check, VerifyError};
+use super::rig::{self, Rig, largest};
+use super::{Case, Check, Checks, Result};
 use crate::gpu::GpuError;
 use crate::pipelines::underwater::{Params, Underwater};
 use crate::pipelines::{AnyPipeline, Built};
 use crate::reference::estimator::{estimate, exact_depth};
 use crate::reference::photons::{Landing, PhotonGrid, land_all};
-use crate::reference::quantities::{PhotonErrors, StoredPhoton, photon_errors, quantile};
+use crate::reference::quantities::{PhotonErrors, StoredPhoton, photon_errors};
 use crate::reference::rays::Tracer;
 use crate::scene::{LightFrame, LightKind, Scene, SceneFile, Water, WaterModel};
 use crate::stages::frame::Shared;
@@ -48,8 +48,8 @@ pub fn cases() -> Vec<Case> {
         cases.push(Case::new("caustics/trace", what, move |rig| waves(rig, model, name)));
     }
     for name in Scene::names().into_iter().filter(|name| has_water(name)) {
-        cases
-            .push(Case::new("caustics/trace", format!("scene {name}"), move |rig| real(rig, name)));
+        let what = format!("scene {name}");
+        cases.push(Case::new("caustics/trace", what, move |rig| real(rig, &name)));
     }
     cases
 }
@@ -76,7 +76,7 @@ pub(super) fn trace(
     family: Family,
     settings: TraceUniforms,
     dynamic: bool,
-) -> Result<(Vec<StoredPhoton>, LightFrame), VerifyError> {
+) -> Result<(Vec<StoredPhoton>, LightFrame)> {
     let resources = rig.resources();
     let view = rig::view(scene, [256, 256]);
     let shared = Shared::new(&resources, &view);
@@ -110,7 +110,7 @@ pub(super) fn exact(
     water: &Water,
     tracer: &Tracer,
     grid: [u32; 2],
-) -> Result<Vec<Landing>, VerifyError> {
+) -> Result<Vec<Landing>> {
     let grid = PhotonGrid::new(grid[0], grid[1])?;
     Ok(land_all(frame, water, tracer, grid, 1))
 }
@@ -119,12 +119,7 @@ pub(super) fn with_index(water: &Water, refractive_index: f64) -> Water {
     Water { refractive_index, ..water.clone() }
 }
 
-fn flat(
-    rig: &Rig<'_>,
-    family: Family,
-    kind: LightKind,
-    what: &str,
-) -> Result<Vec<Check>, VerifyError> {
+fn flat(rig: &Rig<'_>, family: Family, kind: LightKind, what: &str) -> Checks {
     let scene = rig::flat_plane(kind)?;
     let (photons, frame) = trace(rig, &scene, family, settings(FLAT_GRID, 2), false)?;
     let tracer = Tracer::new(&scene.objects)?;
@@ -143,24 +138,19 @@ fn flat(
 
 /// Largest error of a landing point relative to the path under water; NaN when nothing lands.
 fn largest_relative(photons: &[StoredPhoton], landings: &[Landing]) -> f64 {
-    let mut errors: Vec<f64> = photons
-        .iter()
-        .zip(landings)
-        .filter(|(photon, _)| photon.landed())
-        .filter_map(|(photon, landing)| {
-            let exact = landing.landed()?;
-            Some((photon.hit - exact.hit.position).length() / exact.distance_m)
-        })
-        .collect();
-    quantile(&mut errors, 1.0)
+    let error = |(photon, landing): (&StoredPhoton, &Landing)| {
+        let exact = landing.landed().filter(|_| photon.landed())?;
+        Some((photon.hit - exact.hit.position).length() / exact.distance_m)
+    };
+    largest(photons.iter().zip(landings).filter_map(error))
 }
 
 /// Photons that pass beside the floor must not land where the depth map is empty.
-fn beside_the_floor(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
+fn beside_the_floor(rig: &Rig<'_>) -> Checks {
     let mut scene = rig::flat_plane(LightKind::Point)?;
     scene.light.half_extent_m = 14.0;
     let (photons, frame) = trace(rig, &scene, Family::Caustics, settings(FLAT_GRID, 2), false)?;
-    let false_hits = |tracer: Tracer| -> Result<f64, VerifyError> {
+    let false_hits = |tracer: Tracer| -> Result<f64> {
         let landings = exact(&frame, &scene.water, &tracer, [FLAT_GRID, 4])?;
         Ok(photon_errors(&photons, &landings).false_hit_rate)
     };
@@ -173,7 +163,7 @@ fn beside_the_floor(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
 }
 
 /// The loop bound read at run time gives the very photons of the one compiled in. UW §4.1.
-fn dynamic_subdivision(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
+fn dynamic_subdivision(rig: &Rig<'_>) -> Checks {
     let scene = rig::flat_plane(LightKind::Directional)?;
     let traced = |offset: f32, dynamic| {
         let settings = TraceUniforms { offset: Vec2::splat(offset), ..settings(16, 3) };
@@ -181,8 +171,7 @@ fn dynamic_subdivision(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
     };
     let fixed = traced(0.5, false)?;
     let apart = |other: &[StoredPhoton]| {
-        let distances = fixed.iter().zip(other).map(|(a, b)| (a.hit - b.hit).length());
-        distances.fold(0.0, f64::max)
+        largest(fixed.iter().zip(other).map(|(a, b)| (a.hit - b.hit).length()))
     };
     Ok(vec![Check::new(
         ("caustics/trace", "run-time against compiled subdivision: largest distance"),
@@ -193,7 +182,7 @@ fn dynamic_subdivision(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
 }
 
 /// Where photons enter steep waves. UW §4.1 has two models; noise takes half of each here.
-fn waves(rig: &Rig<'_>, model: WaterModel, name: &str) -> Result<Vec<Check>, VerifyError> {
+fn waves(rig: &Rig<'_>, model: WaterModel, name: &str) -> Checks {
     let mut scene = rig::flat_plane(LightKind::Directional)?;
     scene.water.model = model;
     scene.water.amplitude_m = 0.12;
@@ -219,7 +208,7 @@ fn has_water(scene: &str) -> bool {
 }
 
 /// Both tracing stages of the whole pipeline at the scene's own settings.
-fn real(rig: &Rig<'_>, name: &str) -> Result<Vec<Check>, VerifyError> {
+fn real(rig: &Rig<'_>, name: &str) -> Checks {
     let file = SceneFile::load(name)?;
     let scene = Scene::build(&file)?;
     let pipeline = Built::<Underwater>::new(rig.gpu, &scene, &real_params(&file))?;

@@ -4,7 +4,7 @@ use std::cell::RefCell;
 
 use glam::{DVec3, UVec2};
 
-use super::VerifyError;
+use super::Result;
 use crate::gpu::{
     ClockPlan, DepthTarget, FrameTimer, Gpu, GpuError, Stage, StageScope, SubmitCost, Targets,
     read_buffer, read_texture,
@@ -41,7 +41,7 @@ impl<'g> Rig<'g> {
     }
 
     /// One channel of a texture in f64.
-    pub fn channel(&self, texture: &wgpu::Texture, channel: usize) -> Result<Image, VerifyError> {
+    pub fn channel(&self, texture: &wgpu::Texture, channel: usize) -> Result<Image> {
         let pixels = read_texture(self.gpu, texture)?;
         let stride = pixels.channels as usize;
         let data = pixels.data.iter().skip(channel).step_by(stride);
@@ -50,7 +50,7 @@ impl<'g> Rig<'g> {
     }
 
     /// Three channels of a texture as vectors, in rows.
-    pub fn vectors(&self, texture: &wgpu::Texture) -> Result<Vec<DVec3>, VerifyError> {
+    pub fn vectors(&self, texture: &wgpu::Texture) -> Result<Vec<DVec3>> {
         let pixels = read_texture(self.gpu, texture)?;
         let vector = |texel: &[f32]| DVec3::new(texel[0].into(), texel[1].into(), texel[2].into());
         let texels = pixels.data.chunks_exact(pixels.channels as usize);
@@ -155,7 +155,7 @@ impl Stage for Clear {
 
 /// Scene `plane` under flat water, lit at a slant, so that refraction shifts every photon. The light's
 /// frustum is narrow enough that no photon passes beside the floor.
-pub fn flat_plane(kind: LightKind) -> Result<Scene, VerifyError> {
+pub fn flat_plane(kind: LightKind) -> Result<Scene> {
     let mut scene = Scene::load("plane")?;
     scene.water.amplitude_m = 0.0;
     scene.light.kind = kind;
@@ -179,18 +179,11 @@ pub fn view(scene: &Scene, size_px: [u32; 2]) -> View {
 
 /// A camera at a round place in the middle of things, for synthetic photons.
 pub fn level_camera() -> Camera {
-    Camera {
-        position_m: [0.0, -1.0, 0.0],
-        target_m: [0.0, -1.0, -4.0],
-        up: [0.0, 1.0, 0.0],
-        fov_y_deg: 60.0,
-        z_near_m: 0.1,
-        z_far_m: 20.0,
-    }
+    Camera::new([0.0, -1.0, 0.0], [0.0, -1.0, -4.0], 60.0, [0.1, 20.0])
 }
 
 /// The view of synthetic photons: [`level_camera`] in scene `plane`.
-pub fn synthetic_view(size_px: [u32; 2], gamma_per_m: f64) -> Result<View, VerifyError> {
+pub fn synthetic_view(size_px: [u32; 2], gamma_per_m: f64) -> Result<View> {
     let mut scene = flat_plane(LightKind::Directional)?;
     scene.camera = level_camera();
     scene.water.attenuation_per_m = gamma_per_m;
@@ -205,6 +198,23 @@ pub fn photon(entry: DVec3, hit: DVec3, distance_m: f64) -> Photon {
         hit_m: hit.as_vec3(),
         distance_m: distance_m as f32,
     }
+}
+
+/// The largest of errors; not a number where one is none or there is nothing to compare, so that no check passes by it.
+pub fn largest(errors: impl IntoIterator<Item = f64>) -> f64 {
+    let worse = |a: f64, b: f64| if a.is_nan() || b.is_nan() { f64::NAN } else { a.max(b) };
+    errors.into_iter().reduce(worse).map_or(f64::NAN, |most| worse(most, 0.0))
+}
+
+pub fn mean(values: impl IntoIterator<Item = f64>) -> f64 {
+    let (sum, count) = values.into_iter().fold((0.0, 0.0), |(sum, n), v| (sum + v, n + 1.0));
+    sum / count
+}
+
+/// Repeatable noise in 0…1, as f32 holds it.
+pub fn noise(size: [u32; 2], seed: u32) -> Image {
+    let mut random = Random::new(seed);
+    Image::of(size, |_, _| f64::from(random.next() as f32))
 }
 
 /// Repeatable numbers in 0…1.

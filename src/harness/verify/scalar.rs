@@ -6,7 +6,7 @@ mod media;
 use glam::DVec3;
 
 use super::rig::{self, Rig};
-use super::{Case, VerifyError};
+use super::{Case, Result};
 use crate::pipelines::scalar_ao::{Law, Mode, Scalar, Stop};
 use crate::pipelines::settings::Attenuation;
 use crate::reference::image::Image;
@@ -45,11 +45,11 @@ struct Seen {
 }
 
 impl Setup {
-    fn view(&self) -> Result<View, VerifyError> {
+    fn view(&self) -> Result<View> {
         Ok(View { camera: self.camera.clone(), ..rig::synthetic_view(self.size_px, 0.0)? })
     }
 
-    fn run(&self, rig: &Rig<'_>) -> Result<Seen, VerifyError> {
+    fn run(&self, rig: &Rig<'_>) -> Result<Seen> {
         let resources = rig.resources();
         let (resources, shared) = (&resources, &Shared::new(&resources, &self.view()?));
         let field = &ScalarField::new(resources, &self.volume, self.scalar.needs_pyramid());
@@ -72,7 +72,7 @@ impl Setup {
 }
 
 impl Seen {
-    fn read(rig: &Rig<'_>, pass: &RayCast) -> Result<Seen, VerifyError> {
+    fn read(rig: &Rig<'_>, pass: &RayCast) -> Result<Seen> {
         let channel = |i| rig.channel(pass.result(), i);
         let normal = match pass.normal() {
             Some(normal) => {
@@ -88,10 +88,6 @@ impl Seen {
             normal,
         })
     }
-}
-
-fn mean(image: &Image) -> f64 {
-    image.sum() / image.data().len() as f64
 }
 
 /// Marching that leaves nothing out.
@@ -128,14 +124,7 @@ fn probe(point: DVec3) -> Camera {
 }
 
 fn looking(position: DVec3, target: DVec3) -> Camera {
-    Camera {
-        position_m: position.to_array(),
-        target_m: target.to_array(),
-        up: [0.0, 1.0, 0.0],
-        fov_y_deg: 30.0,
-        z_near_m: 0.1,
-        z_far_m: 20.0,
-    }
+    Camera::new(position.to_array(), target.to_array(), 30.0, [0.1, 20.0])
 }
 
 /// The edge that opacities of these fields refer to.

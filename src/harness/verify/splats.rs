@@ -3,8 +3,8 @@
 use glam::{DVec3, Vec2};
 
 use super::photons::run_until;
-use super::rig::{self, Random, Rig};
-use super::{Case, Check, VerifyError};
+use super::rig::{self, Random, Rig, largest};
+use super::{Case, Check, Checks, Result};
 use crate::pipelines::Built;
 use crate::pipelines::underwater::{Intensity as Rule, Params, Underwater};
 use crate::reference::image::Image;
@@ -77,7 +77,7 @@ impl Rules {
         camera: &Camera,
         size_px: [u32; 2],
         photons: &[(DVec3, f64)],
-    ) -> Result<Vec<Splat>, VerifyError> {
+    ) -> Result<Vec<Splat>> {
         let eye = DVec3::from(camera.position_m);
         let rays = PixelRays::new(camera, size_px[0], size_px[1]);
         let size = PointSize::new(MIN_PX, self.max_px, camera.z_near_m, camera.z_far_m)?;
@@ -109,7 +109,7 @@ pub(super) fn draw_free(
     view: &View,
     photons: &[Photon],
     rules: &Rules,
-) -> Result<Image, VerifyError> {
+) -> Result<Image> {
     draw(rig, view, photons, &rig.depth(SIZE, 1.0)?, rules)
 }
 
@@ -120,7 +120,7 @@ fn draw(
     photons: &[Photon],
     depth: &wgpu::Texture,
     rules: &Rules,
-) -> Result<Image, VerifyError> {
+) -> Result<Image> {
     let resources = rig.resources();
     let shared = Shared::new(&resources, view);
     let size = PointSize::new(MIN_PX, MAX_PX, view.camera.z_near_m, view.camera.z_far_m)?;
@@ -157,7 +157,7 @@ pub(super) fn photon_at(
 }
 
 /// One splat in the middle of each cell, from near to far.
-fn isolated(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
+fn isolated(rig: &Rig<'_>) -> Checks {
     let view = rig::synthetic_view(SIZE, GAMMA_PER_M)?;
     let eye = DVec3::from(view.camera.position_m);
     let rays = PixelRays::new(&view.camera, SIZE[0], SIZE[1]);
@@ -208,7 +208,7 @@ fn center_error(image: &Image, splats: &[Splat]) -> f64 {
         let [x, y] = splat.center_px.map(|c| c.floor() as i64);
         (image.clamped(x, y) / splat.value - 1.0).abs()
     };
-    splats.iter().map(error).fold(0.0, f64::max)
+    largest(splats.iter().map(error))
 }
 
 /// Photons strewn over the view, all of their splats within the buffer.
@@ -227,7 +227,7 @@ fn strewn(view: &View, count: u32, nearest_m: f64) -> (Vec<Photon>, Vec<(DVec3, 
 }
 
 /// Sum over the buffer against `Σ I exp(−γ d)`.
-fn conserved(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
+fn conserved(rig: &Rig<'_>) -> Checks {
     let view = rig::synthetic_view(SIZE, GAMMA_PER_M)?;
     let (photons, twins) = strewn(&view, 4096, NEAREST_M);
     let rules = Rules { intensity: Intensity::Conserving, ..RULES };
@@ -245,7 +245,7 @@ fn conserved(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
 }
 
 /// Splats before and behind a wall that faces the camera.
-fn depth_test(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
+fn depth_test(rig: &Rig<'_>) -> Checks {
     const WALL_M: f64 = 5.0;
     let view = rig::synthetic_view(SIZE, GAMMA_PER_M)?;
     let eye = DVec3::from(view.camera.position_m);
@@ -255,7 +255,7 @@ fn depth_test(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
     let (photons, twins) = strewn(&view, 2000, 3.0);
     let rules = Rules { bias_m: 0.3, ..RULES };
     let image = draw(rig, &view, &photons, &rig.depth(SIZE, depth)?, &rules)?;
-    let error = |rules: Rules| -> Result<f64, VerifyError> {
+    let error = |rules: Rules| -> Result<f64> {
         let mut twin = Image::constant(SIZE[0], SIZE[1], 0.0);
         let wall = Image::constant(1, 1, depth);
         rasterize(&mut twin, &rules.splats(&view.camera, SIZE, &twins)?, &wall, 0.0);
@@ -270,7 +270,7 @@ fn depth_test(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
 }
 
 /// Thousands of contributions of 0.001 on one place: a 16-bit float sticks at 2 (PAPERS, UW "silent or wrong").
-fn accumulation(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
+fn accumulation(rig: &Rig<'_>) -> Checks {
     const PHOTONS: usize = 8192;
     const EACH_W: f64 = 1e-3;
     let view = rig::synthetic_view(SIZE, 0.0)?;
@@ -299,7 +299,7 @@ fn half_float_sum(each: f64, count: usize) -> f64 {
 
 /// Exact photons of a whole scene through G-buffer and splats, against the twin over exact depth. The
 /// same with the photons of the pipeline's own estimator is a figure: it holds the method's error too.
-fn scene_energy(rig: &Rig<'_>, name: &str) -> Result<Vec<Check>, VerifyError> {
+fn scene_energy(rig: &Rig<'_>, name: &str) -> Checks {
     let file = SceneFile::load(name)?;
     let scene = Scene::build(&file)?;
     let params = energy_params(&file);
@@ -322,8 +322,8 @@ fn scene_energy(rig: &Rig<'_>, name: &str) -> Result<Vec<Check>, VerifyError> {
     };
     let view_px = [params.view.width, params.view.height];
     let sum = draw_in_scene(rig, &scene, &pipeline.view, &photons, &rules)?.sum();
-    let depth = exact_depth(&scene.camera, &tracer, view_px)?;
-    let expected = |rules: Rules| -> Result<f64, VerifyError> {
+    let depth = exact_depth(&scene.camera, &tracer, view_px);
+    let expected = |rules: Rules| -> Result<f64> {
         let mut twin = Image::constant(SIZE[0], SIZE[1], 0.0);
         rasterize(&mut twin, &rules.splats(&scene.camera, SIZE, &twins)?, &depth, 0.0);
         Ok(twin.sum())
@@ -346,7 +346,7 @@ fn scene_energy(rig: &Rig<'_>, name: &str) -> Result<Vec<Check>, VerifyError> {
 
 /// A point light over a level floor, through water that neither refracts nor absorbs: the flux that a camera straight above
 /// sees is intensity × solid angle of the rectangle it looks at.
-fn point_flux(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
+fn point_flux(rig: &Rig<'_>) -> Checks {
     const LIGHT_M: f64 = 3.0;
     const CAMERA_M: f64 = 6.0;
     let mut file = SceneFile::load("plane")?;
@@ -393,7 +393,7 @@ fn draw_in_scene(
     view: &View,
     photons: &[Photon],
     rules: &Rules,
-) -> Result<Image, VerifyError> {
+) -> Result<Image> {
     let resources = rig.resources();
     let shared = Shared::new(&resources, view);
     let geometry = Geometry::new(&resources, scene);
@@ -412,14 +412,12 @@ pub(super) fn energy_params(file: &SceneFile) -> Params {
     params
 }
 
-pub(super) fn splat_image(rig: &Rig<'_>, pipeline: &Underwater) -> Result<Image, VerifyError> {
+pub(super) fn splat_image(rig: &Rig<'_>, pipeline: &Underwater) -> Result<Image> {
     rig.channel(pipeline.caustics.drawn.texture(), 0)
 }
 
 /// Depth that an exact rasterizer stores at each pixel of a camera.
-fn exact_depth(camera: &Camera, tracer: &Tracer, size_px: [u32; 2]) -> Result<Image, VerifyError> {
+fn exact_depth(camera: &Camera, tracer: &Tracer, size_px: [u32; 2]) -> Image {
     let rays = PixelRays::new(camera, size_px[0], size_px[1]);
-    let pixels = (0..size_px[1]).flat_map(|y| (0..size_px[0]).map(move |x| (x, y)));
-    let depth = pixels.map(|(x, y)| rays.cast(tracer, x, y).map_or(1.0, |(_, depth)| depth));
-    Ok(Image::from_data(size_px[0], size_px[1], depth.collect())?)
+    Image::of(size_px, |x, y| rays.cast(tracer, x, y).map_or(1.0, |(_, depth)| depth))
 }

@@ -2,8 +2,8 @@
 
 use glam::{DVec3, Vec3};
 
-use super::rig::{self, Random, Rig};
-use super::{Case, Check, VerifyError};
+use super::rig::{self, Random, Rig, largest};
+use super::{Case, Check, Checks, Result};
 use crate::pipelines::underwater::{Params, photons_at, view};
 use crate::reference::optics::{fresnel_reflectance, refract};
 use crate::reference::photons::{Landing, land_ray};
@@ -33,7 +33,7 @@ pub fn cases() -> Vec<Case> {
 }
 
 /// Scene `plane` under flat water, and its parameters.
-fn subject(kind: LightKind) -> Result<(Scene, Params), VerifyError> {
+fn subject(kind: LightKind) -> Result<(Scene, Params)> {
     let scene = rig::flat_plane(kind)?;
     let mut params = Params::from_scene(&SceneFile::load("plane")?);
     params.light = scene.light.clone();
@@ -57,12 +57,7 @@ fn starts(aimed: bool) -> Vec<Start> {
     (0..COUNT).map(start).collect()
 }
 
-fn landings(
-    rig: &Rig<'_>,
-    kind: LightKind,
-    aimed: bool,
-    what: &str,
-) -> Result<Vec<Check>, VerifyError> {
+fn landings(rig: &Rig<'_>, kind: LightKind, aimed: bool, what: &str) -> Checks {
     let (scene, params) = subject(kind)?;
     let starts = starts(aimed);
     let answers = photons_at(rig.gpu, &scene, &params, &starts)?;
@@ -84,33 +79,24 @@ fn landings(
     Ok(vec![Check::new(
         (INFO.name, format!("{what}: largest |hit − exact| / path")),
         (RELATIVE, "1"),
-        largest(&answers, &exact(1.33)),
-        ("refractive index 1.34", largest(&answers, &exact(1.34))),
+        largest_error(&answers, &exact(1.33)),
+        ("refractive index 1.34", largest_error(&answers, &exact(1.34))),
     )])
 }
 
 /// Largest error of a landing point relative to its path; not a number where a photon is lost that lands exactly.
-fn largest(answers: &[Answer], landings: &[Landing]) -> f64 {
+fn largest_error(answers: &[Answer], landings: &[Landing]) -> f64 {
     let error = |(answer, landing): (&Answer, &Landing)| {
         let exact = landing.landed()?;
         let landed = answer.photon.residual_m >= 0.0;
         let apart = (answer.photon.hit_m.as_dvec3() - exact.hit.position).length();
         Some(if landed { apart / exact.distance_m } else { f64::NAN })
     };
-    let errors: Vec<f64> = answers.iter().zip(landings).filter_map(error).collect();
-    if errors.is_empty() {
-        return f64::NAN;
-    }
-    errors.iter().fold(
-        0.0,
-        |most: f64, e| {
-            if e.is_nan() || most.is_nan() { f64::NAN } else { most.max(*e) }
-        },
-    )
+    largest(answers.iter().zip(landings).filter_map(error))
 }
 
 /// Weights and directions over flat water from 0° to 89°: T + R = 1 with the exact R, and Snell's law.
-fn energy_law(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
+fn energy_law(rig: &Rig<'_>) -> Checks {
     let (scene, mut params) = subject(LightKind::Directional)?;
     params.water.fresnel = true;
     let angles: Vec<f64> = (0..90).map(|degrees| f64::from(degrees).to_radians()).collect();
@@ -123,17 +109,15 @@ fn energy_law(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
     let answers = photons_at(rig.gpu, &scene, &params, &starts)?;
     let pairs = || answers.iter().zip(&angles);
     let energy = |n: f64| {
-        let errors = pairs().map(|(answer, angle)| {
+        largest(pairs().map(|(answer, angle)| {
             (f64::from(answer.weight) + fresnel_reflectance(angle.cos(), 1.0, n) - 1.0).abs()
-        });
-        errors.fold(0.0, f64::max)
+        }))
     };
     let bent = |n: f64| {
-        let errors = pairs().map(|(answer, angle)| {
+        largest(pairs().map(|(answer, angle)| {
             let exact = refract(incident(*angle), DVec3::Y, 1.0, n).unwrap_or(DVec3::NAN);
             (answer.direction.as_dvec3() - exact).length()
-        });
-        errors.fold(0.0, f64::max)
+        }))
     };
     Ok(vec![
         Check::new(

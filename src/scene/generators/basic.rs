@@ -6,95 +6,67 @@ use glam::{DMat4, DVec3};
 
 use super::{
     super::{mesh::Mesh, noise::tile_noise, shapes},
-    Args, Generator, SEED, param,
+    Args, Generator, SEED, generator, param,
 };
 
 pub const GENERATORS: &[Generator] = &[
-    Generator {
-        name: "plane",
-        about: "a level rectangle that faces up",
-        params: &[
-            param("width_m", 20.0, 0.01, 10_000.0, "extent in x"),
-            param("depth_m", 20.0, 0.01, 10_000.0, "extent in z"),
-            param("cells", 1.0, 1.0, 200.0, "quads along each side"),
-        ],
-        build: plane,
-    },
-    Generator {
-        name: "corner",
-        about: "three square planes that meet at right angles in the origin and face +x, +y and +z",
-        params: &[param("size_m", 4.0, 0.01, 10_000.0, "edge of each plane")],
-        build: corner,
-    },
-    Generator {
-        name: "box",
-        about: "a box standing on the floor",
-        params: &[
-            param("width_m", 1.0, 0.001, 1000.0, "extent in x"),
-            param("height_m", 1.0, 0.001, 1000.0, "extent in y"),
-            param("depth_m", 1.0, 0.001, 1000.0, "extent in z"),
-        ],
-        build: |a| shapes::block(a.get("width_m"), a.get("height_m"), a.get("depth_m")),
-    },
-    Generator {
-        name: "cylinder",
-        about: "a round bar standing on the floor",
-        params: &[
-            param("radius_m", 0.5, 0.001, 1000.0, "radius"),
-            param("height_m", 1.0, 0.001, 1000.0, "height"),
-            param("segments", 48.0, 3.0, 200.0, "sides"),
-        ],
-        build: |a| shapes::cylinder(a.get("radius_m"), a.get("height_m"), a.count("segments")),
-    },
-    Generator {
-        name: "sphere",
-        about: "a ball that touches the floor",
-        params: &[
-            param("radius_m", 0.5, 0.001, 1000.0, "radius"),
-            param("rows", 32.0, 3.0, 100.0, "rings from pole to pole"),
-        ],
-        build: |a| {
-            let radius = a.get("radius_m");
-            raised(shapes::sphere(radius, a.count("rows")), radius)
-        },
-    },
-    Generator {
-        name: "torus",
-        about: "a ring lying on the floor",
-        params: &[
-            param("radius_m", 0.7, 0.001, 1000.0, "radius of the ring's middle"),
-            param("tube_m", 0.22, 0.001, 1000.0, "radius of its tube"),
-            param("segments", 72.0, 3.0, 200.0, "quads around the ring"),
-            param("sides", 32.0, 3.0, 100.0, "quads around the tube"),
-        ],
-        build: |a| {
-            let tube = a.get("tube_m");
-            let mesh =
-                shapes::torus(a.get("radius_m"), tube, a.count("segments"), a.count("sides"));
-            raised(mesh, tube)
-        },
-    },
-    Generator {
-        name: "blob",
-        about: "a ball with bumps, a stand-in for scanned objects",
-        params: &[
-            param("radius_m", 0.75, 0.001, 1000.0, "mean radius"),
-            param("rows", 40.0, 3.0, 160.0, "rings from pole to pole"),
-            param("bump", 0.35, 0.0, 0.9, "depth of the bumps as a share of the radius"),
-            SEED,
-        ],
-        build: blob,
-    },
-    Generator {
-        name: "knot",
-        about: "a knotted tube, a stand-in for scanned objects",
-        params: &[
-            param("radius_m", 1.0, 0.001, 1000.0, "outer radius"),
-            param("segments", 200.0, 24.0, 700.0, "quads along the tube"),
-            param("sides", 28.0, 3.0, 160.0, "quads around the tube"),
-        ],
-        build: knot,
-    },
+    generator("plane", "a level rectangle that faces up", plane).with(&[
+        param("width_m", 20.0, 0.01, 10_000.0, "extent in x"),
+        param("depth_m", 20.0, 0.01, 10_000.0, "extent in z"),
+        param("cells", 1.0, 1.0, 200.0, "quads along each side"),
+    ]),
+    generator(
+        "corner",
+        "three square planes that meet at right angles in the origin and face +x, +y and +z",
+        corner,
+    )
+    .with(&[param("size_m", 4.0, 0.01, 10_000.0, "edge of each plane")]),
+    generator("box", "a box standing on the floor", |a| {
+        shapes::block(a.get("width_m"), a.get("height_m"), a.get("depth_m"))
+    })
+    .with(&[
+        param("width_m", 1.0, 0.001, 1000.0, "extent in x"),
+        param("height_m", 1.0, 0.001, 1000.0, "extent in y"),
+        param("depth_m", 1.0, 0.001, 1000.0, "extent in z"),
+    ]),
+    generator("cylinder", "a round bar standing on the floor", |a| {
+        shapes::cylinder(a.get("radius_m"), a.get("height_m"), a.count("segments"))
+    })
+    .with(&[
+        param("radius_m", 0.5, 0.001, 1000.0, "radius"),
+        param("height_m", 1.0, 0.001, 1000.0, "height"),
+        param("segments", 48.0, 3.0, 200.0, "sides"),
+    ]),
+    generator("sphere", "a ball that touches the floor", |a| {
+        let radius = a.get("radius_m");
+        raised(shapes::sphere(radius, a.count("rows")), radius)
+    })
+    .with(&[
+        param("radius_m", 0.5, 0.001, 1000.0, "radius"),
+        param("rows", 32.0, 3.0, 100.0, "rings from pole to pole"),
+    ]),
+    generator("torus", "a ring lying on the floor", |a| {
+        let tube = a.get("tube_m");
+        let mesh = shapes::torus(a.get("radius_m"), tube, a.count("segments"), a.count("sides"));
+        raised(mesh, tube)
+    })
+    .with(&[
+        param("radius_m", 0.7, 0.001, 1000.0, "radius of the ring's middle"),
+        param("tube_m", 0.22, 0.001, 1000.0, "radius of its tube"),
+        param("segments", 72.0, 3.0, 200.0, "quads around the ring"),
+        param("sides", 32.0, 3.0, 100.0, "quads around the tube"),
+    ]),
+    generator("blob", "a ball with bumps, a stand-in for scanned objects", blob).with(&[
+        param("radius_m", 0.75, 0.001, 1000.0, "mean radius"),
+        param("rows", 40.0, 3.0, 160.0, "rings from pole to pole"),
+        param("bump", 0.35, 0.0, 0.9, "depth of the bumps as a share of the radius"),
+        SEED,
+    ]),
+    generator("knot", "a knotted tube, a stand-in for scanned objects", knot).with(&[
+        param("radius_m", 1.0, 0.001, 1000.0, "outer radius"),
+        param("segments", 200.0, 24.0, 700.0, "quads along the tube"),
+        param("sides", 28.0, 3.0, 160.0, "quads around the tube"),
+    ]),
 ];
 
 fn raised(mesh: Mesh, by_m: f64) -> Mesh {

@@ -12,7 +12,7 @@ use super::{
         Mesh,
         shapes::{cuboid, cylinder, merged, moved},
     },
-    Args, Dice, Generator, Param, SEED, param,
+    Args, Dice, Generator, Param, SEED, generator, param,
 };
 
 const BRICK: f64 = 1.2;
@@ -33,22 +33,15 @@ const PITCH_M: Param = param("pitch_m", 0.1, 0.001, 10.0, "distance of the studs
 const SEGMENTS: Param = param("segments", 12.0, 3.0, 48.0, "sides of a stud");
 
 pub const GENERATORS: &[Generator] = &[
-    Generator {
-        name: "brick",
-        about: "a toy brick with studs, or a plate with a low height",
-        params: &[
-            param("columns", 4.0, 1.0, 64.0, "studs along x"),
-            param("rows", 2.0, 1.0, 64.0, "studs along z"),
-            param("plates", 3.0, 1.0, 30.0, "height; a brick is 3 plates high"),
-            PITCH_M,
-            SEGMENTS,
-        ],
-        build: single,
-    },
-    Generator {
-        name: "brick_wall",
-        about: "a wall of toy bricks along x, two studs thick, with an opening",
-        params: &[
+    generator("brick", "a toy brick with studs, or a plate with a low height", single).with(&[
+        param("columns", 4.0, 1.0, 64.0, "studs along x"),
+        param("rows", 2.0, 1.0, 64.0, "studs along z"),
+        param("plates", 3.0, 1.0, 30.0, "height; a brick is 3 plates high"),
+        PITCH_M,
+        SEGMENTS,
+    ]),
+    generator("brick_wall", "a wall of toy bricks along x, two studs thick, with an opening", wall)
+        .with(&[
             param("columns", 16.0, 1.0, 64.0, "studs along x"),
             param("courses", 8.0, 1.0, 40.0, "bricks on top of each other"),
             param("first", 6.0, 0.0, 64.0, "studs left of the opening"),
@@ -57,24 +50,15 @@ pub const GENERATORS: &[Generator] = &[
             param("lintel", 2.0, 1.0, 40.0, "courses above the opening"),
             PITCH_M,
             SEGMENTS,
-        ],
-        build: wall,
-    },
-    Generator {
-        name: "brick_roof",
-        about: "a stepped gable roof of toy bricks, its ridge along x",
-        params: &[
-            param("columns", 18.0, 1.0, 64.0, "studs along x"),
-            param("rows", 14.0, 2.0, 64.0, "studs along z at the eaves"),
-            PITCH_M,
-            SEGMENTS,
-        ],
-        build: roof,
-    },
-    Generator {
-        name: "loose_bricks",
-        about: "toy bricks strewn over a rectangle, some upon others",
-        params: &[
+        ]),
+    generator("brick_roof", "a stepped gable roof of toy bricks, its ridge along x", roof).with(&[
+        param("columns", 18.0, 1.0, 64.0, "studs along x"),
+        param("rows", 14.0, 2.0, 64.0, "studs along z at the eaves"),
+        PITCH_M,
+        SEGMENTS,
+    ]),
+    generator("loose_bricks", "toy bricks strewn over a rectangle, some upon others", loose).with(
+        &[
             param("count", 12.0, 1.0, 200.0, "number of bricks"),
             param("width", 12.0, 1.0, 200.0, "extent in x, pitches"),
             param("depth", 6.0, 1.0, 200.0, "extent in z, pitches"),
@@ -82,14 +66,13 @@ pub const GENERATORS: &[Generator] = &[
             SEGMENTS,
             SEED,
         ],
-        build: loose,
-    },
+    ),
 ];
 
 /// A brick from the origin along +x and +z, `height` high, with or without studs.
 fn brick([columns, rows]: [usize; 2], height: f64, segments: usize, studs: bool) -> Mesh {
     let (x, z) = (columns as f64, rows as f64);
-    let mut mesh = cuboid(DVec3::new(GAP, 0.0, GAP), DVec3::new(x - GAP, height, z - GAP));
+    let mut mesh = cuboid([GAP, 0.0, GAP], [x - GAP, height, z - GAP]);
     let stud = cylinder(STUD_RADIUS, STUD_HEIGHT + ROOT, segments);
     let places = if studs { columns * rows } else { 0 };
     for i in 0..places {

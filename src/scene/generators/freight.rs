@@ -7,20 +7,20 @@ use super::{
         Mesh,
         shapes::{bar, cuboid, merged, moved},
     },
-    Args, Generator, param,
+    Args, Generator, generator, param,
 };
 
-pub const GENERATORS: &[Generator] = &[Generator {
-    name: "crate",
-    about: "a wooden crate: planks with gaps, battens along the edges, a brace on each side",
-    params: &[
-        param("width_m", 1.0, 0.01, 100.0, "extent in x"),
-        param("height_m", 1.0, 0.01, 100.0, "extent in y"),
-        param("depth_m", 1.0, 0.01, 100.0, "extent in z"),
-        param("planks", 5.0, 1.0, 20.0, "planks of a side"),
-    ],
-    build: plank_crate,
-}];
+pub const GENERATORS: &[Generator] = &[generator(
+    "crate",
+    "a wooden crate: planks with gaps, battens along the edges, a brace on each side",
+    plank_crate,
+)
+.with(&[
+    param("width_m", 1.0, 0.01, 100.0, "extent in x"),
+    param("height_m", 1.0, 0.01, 100.0, "extent in y"),
+    param("depth_m", 1.0, 0.01, 100.0, "extent in z"),
+    param("planks", 5.0, 1.0, 20.0, "planks of a side"),
+])];
 
 /// Share of a plank's place that is gap.
 const GAP: f64 = 0.06;
@@ -34,9 +34,9 @@ fn plank_crate(a: &Args) -> Mesh {
     let mut mesh = merged(sides.chain(edges));
     for s in [-1.0, 1.0] {
         let (x, y, z) = (0.5 * size.x - t, 0.5 * size.y - t, s * (0.5 * size.z - 0.3 * t));
-        mesh.append(&bar(DVec3::new(-x, -y, z), DVec3::new(x, y, z), 0.5 * t));
+        mesh.append(&bar([-x, -y, z], [x, y, z], 0.5 * t));
         let (x, z) = (s * (0.5 * size.x - 0.3 * t), 0.5 * size.z - t);
-        mesh.append(&bar(DVec3::new(x, -y, -z), DVec3::new(x, y, z), 0.5 * t));
+        mesh.append(&bar([x, -y, -z], [x, y, z], 0.5 * t));
     }
     moved(mesh, 0.0, 0.5 * size.y, 0.0)
 }

@@ -1,25 +1,19 @@
 //! A game level of few triangles: walls, doorways, windows, pillars, a platform with stairs.
 
-use glam::DVec3;
-
 use super::{
     super::{
         Mesh,
         shapes::{cuboid, cylinder, merged, moved},
     },
-    Args, Generator, param,
+    Args, Generator, generator, param,
 };
 
-pub const GENERATORS: &[Generator] = &[Generator {
-    name: "level",
-    about: "rooms of a low-resolution game level, open to the sky",
-    params: &[
+pub const GENERATORS: &[Generator] =
+    &[generator("level", "rooms of a low-resolution game level, open to the sky", level).with(&[
         param("cell_m", 1.5, 0.1, 100.0, "edge of a square of the plan"),
         param("height_m", 3.2, 0.1, 100.0, "height of the walls"),
         param("sides", 8.0, 3.0, 64.0, "sides of a pillar"),
-    ],
-    build: level,
-}];
+    ])];
 
 /// Seen from above, x to the right and z downward: `#` wall, `d` doorway, `w` window, `p` pillar, `c` crate, `=` platform,
 /// `b` platform with parapet, `1` to `4` stairs up to it, `.` floor.
@@ -57,16 +51,13 @@ fn level(a: &Args) -> Mesh {
     let place = |x: f64, z: f64| ((x - 0.5 * columns) * cell, (z - 0.5 * rows) * cell);
     let (x, z) = place(columns, rows);
     let slab = 0.1 * height;
-    let mut mesh = cuboid(DVec3::new(-x, -slab, -z), DVec3::new(x, 0.0, z));
+    let mut mesh = cuboid([-x, -slab, -z], [x, 0.0, z]);
     for (row, line) in PLAN.iter().enumerate() {
         for (kind, start, end) in runs(line) {
             let (x0, z0) = place(start as f64, row as f64);
             let (x1, z1) = place(end as f64, row as f64 + 1.0);
             for [low, high] in blocks(kind) {
-                mesh.append(&cuboid(
-                    DVec3::new(x0, low * height, z0),
-                    DVec3::new(x1, high * height, z1),
-                ));
+                mesh.append(&cuboid([x0, low * height, z0], [x1, high * height, z1]));
             }
             if kind == 'p' {
                 let base = if line.contains('=') { PLATFORM * height } else { 0.0 };
@@ -118,16 +109,11 @@ fn pillars(
     let thick = 0.06 * height;
     merged((start..end).flat_map(|i| {
         let (x, z) = place(i as f64 + 0.5);
-        let plate = |y: f64| {
-            cuboid(DVec3::new(x - half, y, z - half), DVec3::new(x + half, y + thick, z + half))
-        };
+        let plate = |y: f64| cuboid([x - half, y, z - half], [x + half, y + thick, z + half]);
         let shaft = cylinder(0.22 * cell, height - base - 2.0 * thick, sides);
         let ground = (base > 0.0).then(|| {
             let square = 0.5 * cell;
-            cuboid(
-                DVec3::new(x - square, 0.0, z - square),
-                DVec3::new(x + square, base, z + square),
-            )
+            cuboid([x - square, 0.0, z - square], [x + square, base, z + square])
         });
         [plate(base), plate(height - thick), moved(shaft, x, base + thick, z)]
             .into_iter()

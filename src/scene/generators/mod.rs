@@ -76,6 +76,11 @@ pub fn find(name: &str) -> Result<&'static Generator, String> {
 }
 
 impl Generator {
+    /// The same with these parameters.
+    const fn with(self, params: &'static [Param]) -> Self {
+        Self { params, ..self }
+    }
+
     /// The mesh for these parameters over a floor `floor_depth_m` below the water.
     pub fn mesh(&self, params: &BTreeMap<String, f64>, floor_depth_m: f64) -> Result<Mesh, String> {
         let mesh = (self.build)(&Args::new(self.name, self.params, params, floor_depth_m)?);
@@ -138,6 +143,11 @@ impl Dice {
     fn between(&mut self, low: f64, high: f64) -> f64 {
         low + (high - low) * self.0.random::<f64>()
     }
+}
+
+/// A generator without parameters.
+const fn generator(name: &'static str, about: &'static str, build: fn(&Args) -> Mesh) -> Generator {
+    Generator { name, about, params: &[], build }
 }
 
 /// A declared parameter.

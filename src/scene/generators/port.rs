@@ -13,89 +13,61 @@ use super::{
             tube,
         },
     },
-    Args, Dice, Generator, SEED, param,
+    Args, Dice, Generator, SEED, generator, param,
 };
 
 pub const GENERATORS: &[Generator] = &[
-    Generator {
-        name: "sea_bed",
-        about: "uneven ground that rises towards -z",
-        params: &[
-            param("width_m", 30.0, 0.1, 1000.0, "extent in x"),
-            param("depth_m", 26.0, 0.1, 1000.0, "extent in z"),
-            param("bump_m", 0.35, 0.0, 20.0, "height of the bumps"),
-            param("rise_m", 0.6, -20.0, 20.0, "rise from the front to the back"),
-            param("cells", 96.0, 1.0, 200.0, "quads along each side"),
-            SEED,
-        ],
-        build: sea_bed,
-    },
-    Generator {
-        name: "quay",
-        about: "a quay of stone blocks along x with coping stones, its wall facing +z",
-        params: &[
-            param("length_m", 30.0, 0.5, 1000.0, "extent in x"),
-            param("depth_m", 4.0, 0.2, 1000.0, "extent in z, behind z = 0"),
-            param("height_m", 1.1, 0.05, 100.0, "height of its top above the water"),
-            param("course_m", 0.55, 0.05, 10.0, "height of a course of blocks"),
-            SEED,
-        ],
-        build: quay,
-    },
-    Generator {
-        name: "pier",
-        about: "a plank deck on two rows of piles, along z",
-        params: &[
-            param("length_m", 10.0, 0.5, 1000.0, "extent in z"),
-            param("width_m", 2.2, 0.2, 100.0, "extent in x"),
-            param("height_m", 0.75, -10.0, 100.0, "height of the deck above the water"),
-            param("spacing_m", 2.0, 0.3, 100.0, "distance between piles"),
-            SEED,
-        ],
-        build: pier,
-    },
-    Generator {
-        name: "stones",
-        about: "stones strewn over a rectangle",
-        params: &[
-            param("count", 40.0, 1.0, 200.0, "number of stones"),
-            param("width_m", 10.0, 0.1, 1000.0, "extent in x"),
-            param("depth_m", 3.0, 0.1, 1000.0, "extent in z"),
-            param("size_m", 0.45, 0.01, 100.0, "largest radius"),
-            param("rows", 9.0, 3.0, 30.0, "rings from pole to pole of each"),
-            SEED,
-        ],
-        build: stones,
-    },
-    Generator {
-        name: "hull",
-        about: "an open rowing boat along z, bow towards -z, its waterline at y = 0",
-        params: &[
+    generator("sea_bed", "uneven ground that rises towards -z", sea_bed).with(&[
+        param("width_m", 30.0, 0.1, 1000.0, "extent in x"),
+        param("depth_m", 26.0, 0.1, 1000.0, "extent in z"),
+        param("bump_m", 0.35, 0.0, 20.0, "height of the bumps"),
+        param("rise_m", 0.6, -20.0, 20.0, "rise from the front to the back"),
+        param("cells", 96.0, 1.0, 200.0, "quads along each side"),
+        SEED,
+    ]),
+    generator(
+        "quay",
+        "a quay of stone blocks along x with coping stones, its wall facing +z",
+        quay,
+    )
+    .with(&[
+        param("length_m", 30.0, 0.5, 1000.0, "extent in x"),
+        param("depth_m", 4.0, 0.2, 1000.0, "extent in z, behind z = 0"),
+        param("height_m", 1.1, 0.05, 100.0, "height of its top above the water"),
+        param("course_m", 0.55, 0.05, 10.0, "height of a course of blocks"),
+        SEED,
+    ]),
+    generator("pier", "a plank deck on two rows of piles, along z", pier).with(&[
+        param("length_m", 10.0, 0.5, 1000.0, "extent in z"),
+        param("width_m", 2.2, 0.2, 100.0, "extent in x"),
+        param("height_m", 0.75, -10.0, 100.0, "height of the deck above the water"),
+        param("spacing_m", 2.0, 0.3, 100.0, "distance between piles"),
+        SEED,
+    ]),
+    generator("stones", "stones strewn over a rectangle", stones).with(&[
+        param("count", 40.0, 1.0, 200.0, "number of stones"),
+        param("width_m", 10.0, 0.1, 1000.0, "extent in x"),
+        param("depth_m", 3.0, 0.1, 1000.0, "extent in z"),
+        param("size_m", 0.45, 0.01, 100.0, "largest radius"),
+        param("rows", 9.0, 3.0, 30.0, "rings from pole to pole of each"),
+        SEED,
+    ]),
+    generator("hull", "an open rowing boat along z, bow towards -z, its waterline at y = 0", hull)
+        .with(&[
             param("length_m", 4.6, 0.2, 200.0, "length"),
             param("beam_m", 1.7, 0.1, 100.0, "width"),
             param("draught_m", 0.35, 0.01, 20.0, "depth of the keel below the waterline"),
             param("freeboard_m", 0.5, 0.01, 20.0, "height of the sides above the waterline"),
-        ],
-        build: hull,
-    },
-    Generator {
-        name: "bollard",
-        about: "a mooring bollard",
-        params: &[param("height_m", 0.55, 0.01, 20.0, "height")],
-        build: bollard,
-    },
-    Generator {
-        name: "rope",
-        about: "a rope that hangs from the origin to a point",
-        params: &[
-            param("to_x_m", 2.0, -1000.0, 1000.0, "the point's x"),
-            param("to_y_m", 0.0, -1000.0, 1000.0, "the point's y"),
-            param("to_z_m", 0.0, -1000.0, 1000.0, "the point's z"),
-            param("sag_m", 0.4, 0.0, 100.0, "how far its middle hangs below the straight line"),
-            param("radius_m", 0.025, 0.001, 10.0, "radius"),
-        ],
-        build: rope,
-    },
+        ]),
+    generator("bollard", "a mooring bollard", bollard)
+        .with(&[param("height_m", 0.55, 0.01, 20.0, "height")]),
+    generator("rope", "a rope that hangs from the origin to a point", rope).with(&[
+        param("to_x_m", 2.0, -1000.0, 1000.0, "the point's x"),
+        param("to_y_m", 0.0, -1000.0, 1000.0, "the point's y"),
+        param("to_z_m", 0.0, -1000.0, 1000.0, "the point's z"),
+        param("sag_m", 0.4, 0.0, 100.0, "how far its middle hangs below the straight line"),
+        param("radius_m", 0.025, 0.001, 10.0, "radius"),
+    ]),
 ];
 
 fn sea_bed(a: &Args) -> Mesh {
@@ -117,7 +89,7 @@ fn quay(a: &Args) -> Mesh {
     let mut dice = a.rng();
     let coping = 0.18f64.min(0.3 * top);
     let half = 0.5 * length;
-    let core = cuboid(DVec3::new(-half, -1.0, -depth), DVec3::new(half, top - coping, -0.12));
+    let core = cuboid([-half, -1.0, -depth], [half, top - coping, -0.12]);
     let mut mesh = core;
     let courses = ((top / a.get("course_m")).ceil() as usize).clamp(1, 40);
     let course = (top - coping) / courses as f64;
@@ -161,8 +133,8 @@ fn pier(a: &Args) -> Mesh {
         let z = i as f64 * step - half;
         let (left, right) = (dice.between(-0.05, 0.05), dice.between(-0.05, 0.05));
         cuboid(
-            DVec3::new(-0.5 * width + left, deck - 0.05, z + 0.06 * step),
-            DVec3::new(0.5 * width + right, deck + dice.between(-0.006, 0.006), z + 0.94 * step),
+            [-0.5 * width + left, deck - 0.05, z + 0.06 * step],
+            [0.5 * width + right, deck + dice.between(-0.006, 0.006), z + 0.94 * step],
         )
     }));
     let side = 0.5 * width - 0.2 * width.min(0.8);

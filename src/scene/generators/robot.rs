@@ -9,13 +9,13 @@ use super::{
         Mesh,
         shapes::{block, cylinder, lathe, merged, moved, smooth_profile, sphere, torus},
     },
-    Args, Generator, param,
+    Args, Generator, generator, param,
 };
 
-pub const GENERATORS: &[Generator] = &[Generator {
-    name: "robot",
-    about: "a walking robot, facing +z, its lowest foot on the floor",
-    params: &[
+pub const GENERATORS: &[Generator] = &[ROBOT];
+
+const ROBOT: Generator =
+    generator("robot", "a walking robot, facing +z, its lowest foot on the floor", robot).with(&[
         param("height_m", 1.8, 0.05, 100.0, "height when it stands upright"),
         param("stride_deg", 22.0, -60.0, 60.0, "swing of the left leg forward, the right one back"),
         param("arm_deg", 35.0, -90.0, 180.0, "swing of the right arm forward, the left one back"),
@@ -23,9 +23,7 @@ pub const GENERATORS: &[Generator] = &[Generator {
         param("spread_deg", 12.0, 0.0, 90.0, "angle of the arms away from the body"),
         param("head_deg", 20.0, -90.0, 90.0, "turn of the head to its left"),
         param("rows", 16.0, 4.0, 64.0, "rings of a ball joint"),
-    ],
-    build: robot,
-}];
+    ]);
 
 /// Lengths below are shares of the height.
 const HIP: DVec3 = DVec3::new(0.075, 0.5, 0.0);

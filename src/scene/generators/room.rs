@@ -7,67 +7,47 @@ use super::{
         Mesh,
         shapes::{bar, block, cuboid, displaced_sphere, lathe, merged, moved},
     },
-    Args, Generator, SEED, param,
+    Args, Generator, SEED, generator, param,
 };
 
 pub const GENERATORS: &[Generator] = &[
-    Generator {
-        name: "interior",
-        about: "a closed room with a window in the wall at −x",
-        params: &[
-            param("width_m", 4.0, 0.1, 1000.0, "outer extent in x"),
-            param("height_m", 3.23, 0.1, 1000.0, "outer extent in y"),
-            param("depth_m", 3.326, 0.1, 1000.0, "outer extent in z"),
-            param("wall_m", 0.1, 0.001, 10.0, "thickness of all sides"),
-            param("window", 0.6, 0.0, 0.95, "share of the wall that the window is wide"),
-            param("sill", 0.3, 0.0, 1.0, "share of the height below the window"),
-            param("lintel", 0.15, 0.0, 1.0, "share of the height above the window"),
-        ],
-        build: interior,
-    },
-    Generator {
-        name: "table",
-        about: "a table with four legs",
-        params: &[
-            param("width_m", 1.3, 0.05, 100.0, "extent in x"),
-            param("height_m", 0.75, 0.05, 100.0, "height"),
-            param("depth_m", 0.8, 0.05, 100.0, "extent in z"),
-        ],
-        build: |a| table(DVec3::new(a.get("width_m"), a.get("height_m"), a.get("depth_m"))),
-    },
-    Generator {
-        name: "chair",
-        about: "a chair with a slatted back at −z",
-        params: &[param("height_m", 0.95, 0.05, 100.0, "height of the back")],
-        build: chair,
-    },
-    Generator {
-        name: "bookcase",
-        about: "a case of shelves with books, open towards +z",
-        params: &[
-            param("width_m", 1.0, 0.1, 100.0, "extent in x"),
-            param("height_m", 2.0, 0.1, 100.0, "height"),
-            param("depth_m", 0.3, 0.05, 100.0, "extent in z"),
-            param("levels", 5.0, 1.0, 20.0, "number of shelves"),
-            SEED,
-        ],
-        build: bookcase,
-    },
-    Generator {
-        name: "sofa",
-        about: "a sofa with cushions, its back at −z",
-        params: &[
-            param("width_m", 1.8, 0.2, 100.0, "extent in x"),
-            param("seats", 3.0, 1.0, 12.0, "number of cushions"),
-        ],
-        build: sofa,
-    },
-    Generator {
-        name: "lamp",
-        about: "a standing lamp with a conical shade",
-        params: &[param("height_m", 1.6, 0.1, 100.0, "height")],
-        build: lamp,
-    },
+    generator("interior", "a closed room with a window in the wall at −x", interior).with(&[
+        param("width_m", 4.0, 0.1, 1000.0, "outer extent in x"),
+        param("height_m", 3.23, 0.1, 1000.0, "outer extent in y"),
+        param("depth_m", 3.326, 0.1, 1000.0, "outer extent in z"),
+        param("wall_m", 0.1, 0.001, 10.0, "thickness of all sides"),
+        param("window", 0.6, 0.0, 0.95, "share of the wall that the window is wide"),
+        param("sill", 0.3, 0.0, 1.0, "share of the height below the window"),
+        param("lintel", 0.15, 0.0, 1.0, "share of the height above the window"),
+    ]),
+    generator("table", "a table with four legs", |a| {
+        table(DVec3::new(a.get("width_m"), a.get("height_m"), a.get("depth_m")))
+    })
+    .with(&[
+        param("width_m", 1.3, 0.05, 100.0, "extent in x"),
+        param("height_m", 0.75, 0.05, 100.0, "height"),
+        param("depth_m", 0.8, 0.05, 100.0, "extent in z"),
+    ]),
+    generator("chair", "a chair with a slatted back at −z", chair).with(&[param(
+        "height_m",
+        0.95,
+        0.05,
+        100.0,
+        "height of the back",
+    )]),
+    generator("bookcase", "a case of shelves with books, open towards +z", bookcase).with(&[
+        param("width_m", 1.0, 0.1, 100.0, "extent in x"),
+        param("height_m", 2.0, 0.1, 100.0, "height"),
+        param("depth_m", 0.3, 0.05, 100.0, "extent in z"),
+        param("levels", 5.0, 1.0, 20.0, "number of shelves"),
+        SEED,
+    ]),
+    generator("sofa", "a sofa with cushions, its back at −z", sofa).with(&[
+        param("width_m", 1.8, 0.2, 100.0, "extent in x"),
+        param("seats", 3.0, 1.0, 12.0, "number of cushions"),
+    ]),
+    generator("lamp", "a standing lamp with a conical shade", lamp)
+        .with(&[param("height_m", 1.6, 0.1, 100.0, "height")]),
 ];
 
 /// Six sides, the one at −x in four parts around the window.
@@ -75,13 +55,12 @@ fn interior(a: &Args) -> Mesh {
     let (width, height, depth) = (a.get("width_m"), a.get("height_m"), a.get("depth_m"));
     let t = a.get("wall_m").min(0.2 * width.min(height).min(depth));
     let (x, z) = (0.5 * width, 0.5 * depth);
-    let side = |min: [f64; 3], max: [f64; 3]| cuboid(DVec3::from(min), DVec3::from(max));
     let mut mesh = merged([
-        side([-x, 0.0, -z], [x, t, z]),
-        side([-x, height - t, -z], [x, height, z]),
-        side([-x, t, -z], [x, height - t, t - z]),
-        side([-x, t, z - t], [x, height - t, z]),
-        side([x - t, t, t - z], [x, height - t, z - t]),
+        cuboid([-x, 0.0, -z], [x, t, z]),
+        cuboid([-x, height - t, -z], [x, height, z]),
+        cuboid([-x, t, -z], [x, height - t, t - z]),
+        cuboid([-x, t, z - t], [x, height - t, z]),
+        cuboid([x - t, t, t - z], [x, height - t, z - t]),
     ]);
     let half = a.get("window") * (z - t);
     let inner = height - 2.0 * t;
@@ -96,7 +75,7 @@ fn interior(a: &Args) -> Mesh {
     ];
     for [[y0, z0], [y1, z1]] in parts {
         if y0 < y1 && z0 < z1 {
-            mesh.append(&side([-x, y0, z0], [t - x, y1, z1]));
+            mesh.append(&cuboid([-x, y0, z0], [t - x, y1, z1]));
         }
     }
     mesh

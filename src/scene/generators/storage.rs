@@ -9,85 +9,58 @@ use super::{
         Mesh,
         shapes::{bar, block, cuboid, cylinder, lathe, merged, moved, tube},
     },
-    Args, Dice, Generator, SEED, param,
+    Args, Dice, Generator, SEED, generator, param,
 };
 
 pub const GENERATORS: &[Generator] = &[
-    Generator {
-        name: "hall",
-        about: "a hall with floor, walls, and a roof of slabs with gaps between them",
-        params: &[
+    generator("hall", "a hall with floor, walls, and a roof of slabs with gaps between them", hall)
+        .with(&[
             param("width_m", 12.0, 0.5, 1000.0, "inner extent in x"),
             param("depth_m", 16.0, 0.5, 1000.0, "inner extent in z"),
             param("height_m", 2.4, 0.1, 100.0, "height of the roof above the water"),
             param("slabs", 5.0, 0.0, 100.0, "number of roof slabs, along z"),
             param("cover", 0.45, 0.0, 0.9, "share of the roof that the slabs cover"),
             param("wall_m", 0.3, 0.01, 10.0, "thickness of walls and roof"),
-        ],
-        build: hall,
-    },
-    Generator {
-        name: "trusses",
-        about: "roof trusses across x",
-        params: &[
-            param("width_m", 12.0, 0.5, 1000.0, "extent in x"),
-            param("depth_m", 16.0, 0.5, 1000.0, "extent in z over which they are spread"),
-            param("height_m", 1.7, -100.0, 100.0, "height of their lower edge above the water"),
-            param("rise_m", 0.6, 0.05, 20.0, "height of a truss"),
-            param("count", 5.0, 1.0, 100.0, "number of trusses"),
-            param("bays", 8.0, 1.0, 60.0, "bays of each truss"),
-        ],
-        build: trusses,
-    },
-    Generator {
-        name: "crates",
-        about: "stacks of wooden crates in rows over a rectangle",
-        params: &[
-            param("width_m", 4.0, 0.1, 1000.0, "extent in x"),
-            param("depth_m", 4.0, 0.1, 1000.0, "extent in z"),
-            param("size_m", 0.9, 0.05, 20.0, "edge of the largest crate"),
-            param("stack", 3.0, 1.0, 10.0, "crates in the highest stack"),
-            param("gaps", 0.3, 0.0, 1.0, "share of places left empty"),
-            SEED,
-        ],
-        build: crates,
-    },
-    Generator {
-        name: "barrels",
-        about: "barrels strewn over a rectangle, some fallen",
-        params: &[
-            param("count", 8.0, 1.0, 60.0, "number of barrels"),
-            param("width_m", 4.0, 0.1, 1000.0, "extent in x"),
-            param("depth_m", 4.0, 0.1, 1000.0, "extent in z"),
-            param("height_m", 0.95, 0.05, 20.0, "height of a barrel"),
-            param("fallen", 0.35, 0.0, 1.0, "share of barrels that lie on their side"),
-            SEED,
-        ],
-        build: barrels,
-    },
-    Generator {
-        name: "shelves",
-        about: "a rack of shelves along x with boxes on it, open towards +z",
-        params: &[
+        ]),
+    generator("trusses", "roof trusses across x", trusses).with(&[
+        param("width_m", 12.0, 0.5, 1000.0, "extent in x"),
+        param("depth_m", 16.0, 0.5, 1000.0, "extent in z over which they are spread"),
+        param("height_m", 1.7, -100.0, 100.0, "height of their lower edge above the water"),
+        param("rise_m", 0.6, 0.05, 20.0, "height of a truss"),
+        param("count", 5.0, 1.0, 100.0, "number of trusses"),
+        param("bays", 8.0, 1.0, 60.0, "bays of each truss"),
+    ]),
+    generator("crates", "stacks of wooden crates in rows over a rectangle", crates).with(&[
+        param("width_m", 4.0, 0.1, 1000.0, "extent in x"),
+        param("depth_m", 4.0, 0.1, 1000.0, "extent in z"),
+        param("size_m", 0.9, 0.05, 20.0, "edge of the largest crate"),
+        param("stack", 3.0, 1.0, 10.0, "crates in the highest stack"),
+        param("gaps", 0.3, 0.0, 1.0, "share of places left empty"),
+        SEED,
+    ]),
+    generator("barrels", "barrels strewn over a rectangle, some fallen", barrels).with(&[
+        param("count", 8.0, 1.0, 60.0, "number of barrels"),
+        param("width_m", 4.0, 0.1, 1000.0, "extent in x"),
+        param("depth_m", 4.0, 0.1, 1000.0, "extent in z"),
+        param("height_m", 0.95, 0.05, 20.0, "height of a barrel"),
+        param("fallen", 0.35, 0.0, 1.0, "share of barrels that lie on their side"),
+        SEED,
+    ]),
+    generator("shelves", "a rack of shelves along x with boxes on it, open towards +z", shelves)
+        .with(&[
             param("width_m", 5.0, 0.2, 200.0, "extent in x"),
             param("height_m", 2.6, 0.2, 50.0, "height"),
             param("depth_m", 0.7, 0.05, 20.0, "extent in z"),
             param("levels", 4.0, 1.0, 20.0, "number of shelves"),
             param("bays", 3.0, 1.0, 40.0, "number of bays"),
             SEED,
-        ],
-        build: shelves,
-    },
-    Generator {
-        name: "pipe",
-        about: "a pipe along x with flanges, bent down to the floor at both ends",
-        params: &[
+        ]),
+    generator("pipe", "a pipe along x with flanges, bent down to the floor at both ends", pipe)
+        .with(&[
             param("length_m", 8.0, 0.5, 500.0, "extent in x"),
             param("height_m", 2.0, 0.1, 100.0, "height of its middle above the floor"),
             param("radius_m", 0.14, 0.005, 10.0, "radius"),
-        ],
-        build: pipe,
-    },
+        ]),
 ];
 
 fn hall(a: &Args) -> Mesh {
@@ -95,11 +68,11 @@ fn hall(a: &Args) -> Mesh {
     let (wall, top) = (a.get("wall_m"), a.floor_depth_m + a.get("height_m"));
     let (ox, oz) = (x + wall, z + wall);
     let mut mesh = merged([
-        cuboid(DVec3::new(-ox, -wall, -oz), DVec3::new(ox, 0.0, oz)),
-        cuboid(DVec3::new(-ox, 0.0, -oz), DVec3::new(-x, top, oz)),
-        cuboid(DVec3::new(x, 0.0, -oz), DVec3::new(ox, top, oz)),
-        cuboid(DVec3::new(-x, 0.0, -oz), DVec3::new(x, top, -z)),
-        cuboid(DVec3::new(-x, 0.0, z), DVec3::new(x, top, oz)),
+        cuboid([-ox, -wall, -oz], [ox, 0.0, oz]),
+        cuboid([-ox, 0.0, -oz], [-x, top, oz]),
+        cuboid([x, 0.0, -oz], [ox, top, oz]),
+        cuboid([-x, 0.0, -oz], [x, top, -z]),
+        cuboid([-x, 0.0, z], [x, top, oz]),
     ]);
     let slabs = a.count("slabs");
     let bay = 2.0 * oz / slabs.max(1) as f64;
@@ -107,10 +80,7 @@ fn hall(a: &Args) -> Mesh {
         let middle = (i as f64 + 0.5) * bay - oz;
         let half = 0.5 * bay * a.get("cover");
         if half > 0.0 {
-            mesh.append(&cuboid(
-                DVec3::new(-ox, top, middle - half),
-                DVec3::new(ox, top + 0.5 * wall, middle + half),
-            ));
+            mesh.append(&cuboid([-ox, top, middle - half], [ox, top + 0.5 * wall, middle + half]));
         }
     }
     mesh
@@ -145,8 +115,8 @@ fn wooden_crate(size: DVec3) -> Mesh {
     let t = 0.1 * size.min_element();
     let (h, top) = (0.5 * size, size.y);
     let panels = cuboid(
-        DVec3::new(-h.x + 0.75 * t, 0.75 * t, -h.z + 0.75 * t),
-        DVec3::new(h.x - 0.75 * t, top - 0.75 * t, h.z - 0.75 * t),
+        [-h.x + 0.75 * t, 0.75 * t, -h.z + 0.75 * t],
+        [h.x - 0.75 * t, top - 0.75 * t, h.z - 0.75 * t],
     );
     let mut mesh = panels;
     for (sx, sz) in [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)] {
@@ -162,9 +132,9 @@ fn wooden_crate(size: DVec3) -> Mesh {
     }
     for s in [-1.0, 1.0] {
         let (x, z) = (h.x - t, s * (h.z - 0.3 * t));
-        mesh.append(&bar(DVec3::new(-x, t, z), DVec3::new(x, top - t, z), 0.6 * t));
+        mesh.append(&bar([-x, t, z], [x, top - t, z], 0.6 * t));
         let (x, z) = (s * (h.x - 0.3 * t), h.z - t);
-        mesh.append(&bar(DVec3::new(x, t, -z), DVec3::new(x, top - t, z), 0.6 * t));
+        mesh.append(&bar([x, t, -z], [x, top - t, z], 0.6 * t));
     }
     mesh
 }

@@ -11,60 +11,45 @@ use super::{
             self, block, cuboid, lathe, merged, quad, smooth_path, smooth_profile, tube, turned,
         },
     },
-    Args, Generator, param,
+    Args, Generator, generator, param,
 };
 
 pub const GENERATORS: &[Generator] = &[
-    Generator {
-        name: "basin",
-        about: "a rectangular basin open above: floor and walls face inward, with a rim",
-        params: &[
-            param("width_m", 10.0, 0.1, 1000.0, "inner extent in x"),
-            param("depth_m", 12.0, 0.1, 1000.0, "inner extent in z"),
-            param("rim_m", 0.4, 0.0, 100.0, "height of the rim above the water"),
-            param("wall_m", 0.4, 0.01, 100.0, "thickness of the walls"),
-        ],
-        build: basin,
-    },
-    Generator {
-        name: "column",
-        about: "a fluted column with base and capital",
-        params: &[
-            param("radius_m", 0.35, 0.01, 100.0, "radius of the shaft"),
-            param("height_m", 2.6, 0.1, 100.0, "overall height"),
-            param("flutes", 16.0, 3.0, 40.0, "grooves around the shaft"),
-        ],
-        build: column,
-    },
-    Generator {
-        name: "steps",
-        about: "a flight of steps that rises towards -z",
-        params: &[
-            param("width_m", 3.0, 0.1, 100.0, "extent in x"),
-            param("rise_m", 0.25, 0.01, 10.0, "height of one step"),
-            param("run_m", 0.35, 0.01, 10.0, "depth of one step"),
-            param("count", 6.0, 1.0, 100.0, "number of steps"),
-        ],
-        build: steps,
-    },
-    Generator {
-        name: "statue",
-        about: "a draped figure with raised arm on a pedestal",
-        params: &[
-            param("height_m", 2.2, 0.1, 100.0, "overall height"),
-            param("detail", 1.0, 0.25, 3.0, "tessellation, 1 = about 14,000 triangles"),
-        ],
-        build: statue,
-    },
+    generator(
+        "basin",
+        "a rectangular basin open above: floor and walls face inward, with a rim",
+        basin,
+    )
+    .with(&[
+        param("width_m", 10.0, 0.1, 1000.0, "inner extent in x"),
+        param("depth_m", 12.0, 0.1, 1000.0, "inner extent in z"),
+        param("rim_m", 0.4, 0.0, 100.0, "height of the rim above the water"),
+        param("wall_m", 0.4, 0.01, 100.0, "thickness of the walls"),
+    ]),
+    generator("column", "a fluted column with base and capital", column).with(&[
+        param("radius_m", 0.35, 0.01, 100.0, "radius of the shaft"),
+        param("height_m", 2.6, 0.1, 100.0, "overall height"),
+        param("flutes", 16.0, 3.0, 40.0, "grooves around the shaft"),
+    ]),
+    generator("steps", "a flight of steps that rises towards -z", steps).with(&[
+        param("width_m", 3.0, 0.1, 100.0, "extent in x"),
+        param("rise_m", 0.25, 0.01, 10.0, "height of one step"),
+        param("run_m", 0.35, 0.01, 10.0, "depth of one step"),
+        param("count", 6.0, 1.0, 100.0, "number of steps"),
+    ]),
+    generator("statue", "a draped figure with raised arm on a pedestal", statue).with(&[
+        param("height_m", 2.2, 0.1, 100.0, "overall height"),
+        param("detail", 1.0, 0.25, 3.0, "tessellation, 1 = about 14,000 triangles"),
+    ]),
 ];
 
 /// Inner walls and floor, top of the rim, and outer walls.
 fn basin(a: &Args) -> Mesh {
     let (x, z, wall) = (0.5 * a.get("width_m"), 0.5 * a.get("depth_m"), a.get("wall_m"));
     let top = a.floor_depth_m + a.get("rim_m");
-    let inside = cuboid(DVec3::new(-x, 0.0, -z), DVec3::new(x, top, z)).inverted();
+    let inside = cuboid([-x, 0.0, -z], [x, top, z]).inverted();
     let (ox, oz) = (x + wall, z + wall);
-    let outside = cuboid(DVec3::new(-ox, -wall, -oz), DVec3::new(ox, top, oz));
+    let outside = cuboid([-ox, -wall, -oz], [ox, top, oz]);
     let corner = |x: f64, z: f64| DVec3::new(x, top, z);
     let rim = [
         quad([corner(-ox, oz), corner(ox, oz), corner(x, z), corner(-x, z)]),
@@ -119,7 +104,7 @@ fn steps(a: &Args) -> Mesh {
     merged((0..count).map(|i| {
         let (front, back) = (-(i as f64) * run, -(count as f64) * run);
         let (bottom, top) = (i as f64 * rise, (i + 1) as f64 * rise);
-        cuboid(DVec3::new(-x, bottom, back), DVec3::new(x, top, front))
+        cuboid([-x, bottom, back], [x, top, front])
     }))
 }
 
@@ -128,8 +113,8 @@ fn statue(a: &Args) -> Mesh {
     let fine = |n: f64| (n * a.get("detail")).round().max(3.0) as usize;
     let pedestal = [
         block(0.34, 0.05, 0.34),
-        cuboid(DVec3::new(-0.14, 0.05, -0.14), DVec3::new(0.14, 0.2, 0.14)),
-        cuboid(DVec3::new(-0.16, 0.2, -0.16), DVec3::new(0.16, 0.23, 0.16)),
+        cuboid([-0.14, 0.05, -0.14], [0.14, 0.2, 0.14]),
+        cuboid([-0.16, 0.2, -0.16], [0.16, 0.23, 0.16]),
     ];
     let robe = smooth_profile(
         &[

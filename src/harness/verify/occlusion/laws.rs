@@ -2,9 +2,9 @@
 
 use glam::DVec3;
 
-use super::{Case, Subject, VOXEL_M, largest, marching, query};
+use super::{Case, Subject, VOXEL_M, largest, marching, mean, query};
 use crate::harness::verify::rig::Rig;
-use crate::harness::verify::{Check, VerifyError};
+use crate::harness::verify::{Check, Checks};
 use crate::stages::ao::query::INFO;
 use crate::stages::marching::{Attenuation, Guard, Hit, Marching};
 
@@ -49,12 +49,8 @@ fn floor_points(x_voxels: f64) -> Vec<(DVec3, DVec3)> {
         .collect()
 }
 
-fn mean(values: &[f64]) -> f64 {
-    values.iter().sum::<f64>() / values.len() as f64
-}
-
 /// The largest A of a plane is 0 with the variable guard. VAO Fig. 3: with a constant one it is not.
-fn plane(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
+fn plane(rig: &Rig<'_>) -> Checks {
     let subject = Subject::new(rig, SIDE, OPAQUE, is_floor)?;
     let run = |guard| {
         let settings = marching(|m| {
@@ -63,16 +59,15 @@ fn plane(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
         });
         query(rig, std::slice::from_ref(&subject.voxels), &floor_points(0.0), &settings)
     };
-    let of = |values: Vec<f64>| largest(values.into_iter());
-    let voxel = of(run(Guard::Voxel)?);
+    let voxel = largest(run(Guard::Voxel)?);
     let check = Check::new(
         (INFO.name, "largest A of a plane"),
         (1e-6, "1"),
-        of(run(Guard::Variable)?),
+        largest(run(Guard::Variable)?),
         ("constant guard of a voxel's diagonal", voxel),
     );
-    let seven = mean(&run(Guard::SevenVoxels)?);
-    let none = mean(&run(Guard::None)?);
+    let seven = mean(run(Guard::SevenVoxels)?);
+    let none = mean(run(Guard::None)?);
     Ok(vec![check.with("mean_with_guard_of_seven_voxels", seven).with("mean_without_guard", none)])
 }
 
@@ -83,7 +78,7 @@ fn beside_wall(c: f64) -> f64 {
     (angle - c * c * angle.tan()) / std::f64::consts::PI
 }
 
-fn corner(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
+fn corner(rig: &Rig<'_>) -> Checks {
     let is_wall = |p: DVec3| (p.x - 0.03 * VOXEL_M).abs() < 0.5 * VOXEL_M;
     let subject = Subject::new(rig, SIDE, OPAQUE, |p| is_floor(p) || is_wall(p))?;
     let run = |x_voxels: f64| {
@@ -95,7 +90,7 @@ fn corner(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
     for (x_voxels, tolerance) in [(1.0, 0.05), (2.0, 0.04), (4.0, 0.03)] {
         let expected = beside_wall((x_voxels - 0.03) / R_MAX);
         let other = beside_wall((x_voxels + 6.0) / R_MAX);
-        let measured = mean(&run(x_voxels)?);
+        let measured = mean(run(x_voxels)?);
         checks.push(
             Check::new(
                 (INFO.name, format!("A in a corner, {x_voxels} voxels from the wall")),
@@ -110,7 +105,7 @@ fn corner(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
 }
 
 /// A ball over a floor, as seen from the point below it, fills a cone of half-angle α with sin α = R / h: A = sin² α.
-fn ball(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
+fn ball(rig: &Rig<'_>) -> Checks {
     let center = DVec3::new(0.0, 24.0, 0.0) * VOXEL_M;
     let radius = 12.0 * VOXEL_M;
     let is_ball = |p: DVec3| (p.distance(center) - radius).abs() < 0.5 * VOXEL_M;

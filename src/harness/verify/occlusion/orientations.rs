@@ -5,14 +5,14 @@ use std::f64::consts::{PI, TAU};
 
 use glam::{DMat3, DQuat, DVec3, EulerRot};
 
-use super::{Case, Random, VerifyError, largest};
+use super::{Case, Random, Result, largest, mean};
 use crate::harness::verify::Check;
 use crate::harness::verify::rig::Rig;
 use crate::pipelines::settings::{Method, R_MAX_SHARE};
 use crate::pipelines::volume_ao::{Params, occlusion_at};
 use crate::reference::occlusion::{Attenuation, occlusion};
 use crate::reference::rays::Tracer;
-use crate::scene::{Material, Mesh, Object, Scene, SceneFile};
+use crate::scene::{Mesh, Object, Scene, SceneFile};
 use crate::stages::ao::query::{INFO, SurfacePoint};
 use crate::stages::marching::{Guard, Hit};
 
@@ -83,30 +83,29 @@ pub fn cases() -> Vec<Case> {
 }
 
 /// The largest RMS error over the orientations with the defaults and with the control's settings, and the defaults' over all.
-fn worst(rig: &Rig<'_>, make: Make, control: Control) -> Result<[f64; 3], VerifyError> {
+fn worst(rig: &Rig<'_>, make: Make, control: Control) -> Result<[f64; 3]> {
     let default = defaults()?;
     let mut other = default.clone();
     (control.change)(&mut other);
     let turned = turned(make)?;
     let rms = |params: &Params| {
         let errors = turned.iter().map(|turned| turned.rms_error(rig, params));
-        errors.collect::<Result<Vec<f64>, VerifyError>>()
+        errors.collect::<Result<Vec<f64>>>()
     };
     let [default, other] = [rms(&default)?, rms(&other)?];
-    let squares: f64 = default.iter().map(|error| error * error).sum();
-    let mean = (squares / f64::from(ORIENTATIONS)).sqrt();
-    Ok([largest(default.into_iter()), largest(other.into_iter()), mean])
+    let all = mean(default.iter().map(|error| error * error)).sqrt();
+    Ok([largest(default), largest(other), all])
 }
 
 /// The pipeline's defaults with 64 rays.
-fn defaults() -> Result<Params, VerifyError> {
+fn defaults() -> Result<Params> {
     let mut params = Params::from_scene(&SceneFile::load("plane")?);
     params.ao.rays = 64;
     Ok(params)
 }
 
 /// A body in all orientations.
-fn turned(make: Make) -> Result<Vec<Turned>, VerifyError> {
+fn turned(make: Make) -> Result<Vec<Turned>> {
     let mut random = Random::new(41);
     (0..ORIENTATIONS)
         .map(|number| {
@@ -137,15 +136,14 @@ struct Turned {
 }
 
 impl Turned {
-    fn new(body: &Body, turn: DMat3) -> Result<Self, VerifyError> {
+    fn new(body: &Body, turn: DMat3) -> Result<Self> {
         let mut mesh = body.mesh.clone();
         for p in &mut mesh.positions {
             *p = (turn * DVec3::from(p.map(f64::from))).as_vec3().to_array();
         }
         mesh.recompute_normals();
         let mut scene = Scene::load("plane")?;
-        scene.objects =
-            vec![Object { name: "body".to_owned(), mesh, material: Material::default() }];
+        scene.objects = vec![Object::new("body", mesh)];
         let r_max_m = R_MAX_SHARE * scene.solid_bounds().size().max_element();
         let tracer = Tracer::new(&scene.objects)?;
         let (mut points, mut exact) = (Vec::new(), Vec::new());
@@ -157,19 +155,16 @@ impl Turned {
         Ok(Self { scene, points, exact })
     }
 
-    fn rms_error(&self, rig: &Rig<'_>, params: &Params) -> Result<f64, VerifyError> {
+    fn rms_error(&self, rig: &Rig<'_>, params: &Params) -> Result<f64> {
         let found = occlusion_at(rig.gpu, &self.scene, params, &self.points)?;
         let squares = found.iter().zip(&self.exact).map(|(a, b)| (f64::from(*a) - b).powi(2));
-        Ok((squares.sum::<f64>() / self.exact.len() as f64).sqrt())
+        Ok(mean(squares).sqrt())
     }
 }
 
-/// A parallelogram by its middle and half its sides.
+/// Adds a parallelogram by its middle and half its sides.
 fn quad(mesh: &mut Mesh, middle: DVec3, a: DVec3, b: DVec3) {
-    let first = mesh.positions.len() as u32;
-    let corners = [-a - b, a - b, a + b, b - a];
-    mesh.positions.extend(corners.map(|d| (middle + d).as_vec3().to_array()));
-    mesh.indices.extend([0, 1, 2, 0, 2, 3].map(|i| first + i));
+    mesh.append(&Mesh::parallelogram(middle, a, b));
 }
 
 /// Rings of a ball of triangles, each of twice as many steps.

@@ -5,8 +5,8 @@ use glam::{DMat4, DVec3};
 use super::{Case, Marching, Subject, beyond, density_error, largest, marching, twin};
 use crate::gpu::GpuError;
 use crate::harness::verify::rig::{self, Rig};
-use crate::harness::verify::{Check, VerifyError};
-use crate::reference::image::Image;
+use crate::harness::verify::{Check, Checks, Result};
+use crate::reference::image::{Image, pixels};
 use crate::reference::march::{HostVolume, March};
 use crate::reference::rays::PixelRays;
 use crate::scene::{Bounds, Grid, Scene};
@@ -43,7 +43,7 @@ struct Seen {
 }
 
 impl Seen {
-    fn new(rig: &Rig<'_>, scene: &Scene) -> Result<Self, VerifyError> {
+    fn new(rig: &Rig<'_>, scene: &Scene) -> Result<Self> {
         let resources = rig.resources();
         let view: View = rig::view(scene, SIZE);
         let shared = Shared::new(&resources, &view);
@@ -77,7 +77,7 @@ impl Seen {
 
 /// Volumes around the scene's objects, or one around all: shells of voxels that have a vertex near. They need not be good
 /// ones, only the same for GPU and twin.
-fn volumes(rig: &Rig<'_>, scene: &Scene, per_object: bool) -> Result<Vec<Subject>, VerifyError> {
+fn volumes(rig: &Rig<'_>, scene: &Scene, per_object: bool) -> Result<Vec<Subject>> {
     let ball = scene.objects.iter().map(|o| o.mesh.bounds());
     let ball = ball.min_by(|a, b| a.size().length().total_cmp(&b.size().length()));
     let ball = ball.unwrap_or_else(|| scene.solid_bounds());
@@ -108,7 +108,7 @@ fn settings(volumes: &[Subject]) -> Marching {
     })
 }
 
-fn compare(rig: &Rig<'_>, per_object: bool) -> Result<Vec<Check>, VerifyError> {
+fn compare(rig: &Rig<'_>, per_object: bool) -> Checks {
     let scene = Scene::load(SCENE)?;
     let seen = Seen::new(rig, &scene)?;
     let subjects = volumes(rig, &scene, per_object)?;
@@ -129,7 +129,7 @@ fn compare(rig: &Rig<'_>, per_object: bool) -> Result<Vec<Check>, VerifyError> {
         )?;
         rig.run(&[&stage])?;
         let image = rig.channel(stage.texture(), 0)?;
-        let places = || (0..size_px[1]).flat_map(|y| (0..size_px[0]).map(move |x| (x, y)));
+        let places = || pixels(size_px);
         let measure = |seed: u32| {
             largest(places().map(|(x, y)| {
                 let value = 1.0 - image.clamped(x.into(), y.into());
@@ -160,7 +160,7 @@ fn compare(rig: &Rig<'_>, per_object: bool) -> Result<Vec<Check>, VerifyError> {
     Ok(checks)
 }
 
-fn counts(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
+fn counts(rig: &Rig<'_>) -> Checks {
     let scene = Scene::load(SCENE)?;
     let seen = Seen::new(rig, &scene)?;
     let subjects = volumes(rig, &scene, false)?;
@@ -177,7 +177,7 @@ fn counts(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
         let host = &subjects[0].host;
         let mut march = twin(&settings, &host.grid);
         march.r_max *= r_max_scale;
-        let places = (0..SIZE[1]).flat_map(|y| (0..SIZE[0]).map(move |x| (x, y)));
+        let places = pixels(SIZE);
         let samples = places.filter_map(|(x, y)| {
             let (p, n) = seen.surface(x, y, SIZE)?;
             Some(march.from(host, p, n, x + 65536 * y).samples)

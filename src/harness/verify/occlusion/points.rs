@@ -1,9 +1,9 @@
 //! `ao/query`: point by point against the f64 twin, and variants that must agree.
 
 use super::{Case, Marching, Subject, beyond, density_error, furnished, furnished_points, largest};
-use super::{marching, query, twin};
+use super::{marching, mean, query, twin};
 use crate::harness::verify::rig::Rig;
-use crate::harness::verify::{Check, VerifyError};
+use crate::harness::verify::{Check, Checks};
 use crate::stages::ao::query::INFO;
 use crate::stages::marching::{
     Attenuation, Estimator, Guard, Hit, Occluder, Sampling, Step, Storage,
@@ -55,7 +55,7 @@ pub fn cases() -> Vec<Case> {
     cases
 }
 
-fn against_twin(rig: &Rig<'_>, name: &str, change: Change) -> Result<Vec<Check>, VerifyError> {
+fn against_twin(rig: &Rig<'_>, name: &str, change: Change) -> Checks {
     let subject = Subject::new(rig, SIDE, OPAQUE, furnished)?;
     let points = furnished_points();
     let settings = marching(change);
@@ -69,7 +69,6 @@ fn against_twin(rig: &Rig<'_>, name: &str, change: Change) -> Result<Vec<Check>,
             })
         }))
     };
-    let mean = occlusion.iter().sum::<f64>() / occlusion.len() as f64;
     let nudge = 0.3 * subject.host.grid.voxel_m;
     let check = Check::new(
         (INFO.name, format!("largest |GPU − f64 twin| of A, {name}")),
@@ -77,10 +76,10 @@ fn against_twin(rig: &Rig<'_>, name: &str, change: Change) -> Result<Vec<Check>,
         measure(&occlusion, 0.0),
         ("the twin's points 0.3 voxels higher", measure(&occlusion, nudge)),
     );
-    Ok(vec![check.with("mean", mean)])
+    Ok(vec![check.with("mean", mean(occlusion))])
 }
 
-fn opacities(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
+fn opacities(rig: &Rig<'_>) -> Checks {
     let subject = Subject::new(rig, SIDE, GLASS, furnished)?;
     let points = furnished_points();
     let settings = marching(|m| {
@@ -97,7 +96,7 @@ fn opacities(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
             .zip(&points)
             .zip(&occlusion)
             .map(|((i, (p, n)), value)| (value - march.from(&host, *p, *n, i).occlusion).powi(2));
-        (squares.sum::<f64>() / points.len() as f64).sqrt()
+        mean(squares).sqrt()
     };
     // A sample of falling opacity that rounding makes a rising one changes a ray by up to its opacity, 0.35: the share of
     // such samples is that of V's error, 1 / 64, of which 32 rays take the mean.
@@ -111,7 +110,7 @@ fn opacities(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
 }
 
 /// The share of points whose values differ by more than rounding of V explains.
-fn storages(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
+fn storages(rig: &Rig<'_>) -> Checks {
     let subject = Subject::new(rig, SIDE, OPAQUE, furnished)?;
     let volumes = [subject.voxels.clone()];
     let points = furnished_points();
@@ -145,7 +144,7 @@ fn storages(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
     Ok(vec![check.with("share_equal_within_1e-3", equal_share)])
 }
 
-fn skipping(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
+fn skipping(rig: &Rig<'_>) -> Checks {
     let subject = Subject::new(rig, SIDE, OPAQUE, furnished)?;
     let volumes = [subject.voxels.clone()];
     let points = furnished_points();

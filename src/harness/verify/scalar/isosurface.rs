@@ -3,8 +3,8 @@
 use glam::DVec3;
 
 use super::{Seen, Setup, VOXEL_M, cubes, looking, settings};
-use crate::harness::verify::rig::Rig;
-use crate::harness::verify::{Case, Check, VerifyError};
+use crate::harness::verify::rig::{Rig, largest, mean};
+use crate::harness::verify::{Case, Check, Checks, VerifyError};
 use crate::pipelines::scalar_ao::{Mode, Scalar, Stop};
 use crate::reference::isosurface::{Solid, first, occlusion};
 use crate::reference::occlusion::Attenuation;
@@ -85,7 +85,7 @@ fn hits(setup: &Setup, solids: &[Solid]) -> Vec<Hit> {
     (0..(SIZE[0] * SIZE[1]) as usize).filter_map(hit).collect()
 }
 
-fn ball(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
+fn ball(rig: &Rig<'_>) -> Checks {
     let scalar = Scalar { rays: 1, samples: 1, ..settings(Mode::Isosurface) };
     let setup = setup(&[BALL], scalar);
     let seen = setup.run(rig)?;
@@ -140,7 +140,7 @@ fn percentile(values: impl Iterator<Item = f64>) -> f64 {
     values[(values.len() - 1) * 95 / 100]
 }
 
-fn ball_over_slab(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
+fn ball_over_slab(rig: &Rig<'_>) -> Checks {
     let solids = [BALL, SLAB];
     let mut checks = Vec::new();
     for (stop, what) in
@@ -184,7 +184,7 @@ fn ball_over_slab(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
 }
 
 /// The picture against what visibility and normals make of the light: albedo × visibility × light.
-fn shading(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
+fn shading(rig: &Rig<'_>) -> Checks {
     const ALBEDO: f64 = 0.5;
     let scalar = Scalar {
         low_color: [ALBEDO as f32; 3],
@@ -203,7 +203,7 @@ fn shading(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
             let radiance = ALBEDO * seen.visibility.data()[h.pixel] * light;
             (radiance.powf(1.0 / DISPLAY_GAMMA) - seen.shown.data()[h.pixel]).abs()
         };
-        hits(&setup, &solids).iter().map(off).fold(0.0, f64::max)
+        largest(hits(&setup, &solids).iter().map(off))
     };
     let ambient = setup.scalar.ambient;
     Ok(vec![Check::new(
@@ -213,9 +213,4 @@ fn shading(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
         error(ambient),
         ("a tenth more ambient light", error(ambient * 1.1)),
     )])
-}
-
-fn mean(values: impl Iterator<Item = f64>) -> f64 {
-    let values: Vec<f64> = values.collect();
-    values.iter().sum::<f64>() / values.len() as f64
 }

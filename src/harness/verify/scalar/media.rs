@@ -2,10 +2,11 @@
 
 use glam::DVec3;
 
-use super::{Setup, VOXEL_M, cubes, field, looking, mean, opacity_voxel_m, probe, settings};
-use crate::harness::verify::rig::{Random, Rig};
-use crate::harness::verify::{Case, Check, VerifyError};
+use super::{Setup, VOXEL_M, cubes, field, looking, opacity_voxel_m, probe, settings};
+use crate::harness::verify::rig::{Random, Rig, largest};
+use crate::harness::verify::{Case, Check, Checks, Result, VerifyError};
 use crate::pipelines::scalar_ao::{Law, Mode, Scalar};
+use crate::reference::image::pixels;
 use crate::reference::media::{self, Marching, halved, in_ball, on_ramp, under_face};
 use crate::reference::rays::PixelRays;
 use crate::scene::{Bounds, Volume};
@@ -46,19 +47,14 @@ fn reference_law(scalar: &Scalar, volume: &Volume) -> media::Law {
 }
 
 /// Mean A that the stage finds at a point.
-fn measured(
-    rig: &Rig<'_>,
-    volume: &Volume,
-    scalar: &Scalar,
-    point: DVec3,
-) -> Result<f64, VerifyError> {
+fn measured(rig: &Rig<'_>, volume: &Volume, scalar: &Scalar, point: DVec3) -> Result<f64> {
     let setup = Setup {
         volume: volume.clone(),
         scalar: scalar.clone(),
         camera: probe(point),
         size_px: PROBE_PX,
     };
-    Ok(1.0 - mean(&setup.run(rig)?.visibility))
+    Ok(1.0 - setup.run(rig)?.visibility.mean())
 }
 
 fn name(law: Law) -> &'static str {
@@ -68,7 +64,7 @@ fn name(law: Law) -> &'static str {
     }
 }
 
-fn block(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
+fn block(rig: &Rig<'_>) -> Checks {
     [Law::Opacity, Law::Beer]
         .map(|law| {
             let setup = Setup {
@@ -81,14 +77,14 @@ fn block(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
             let law = reference_law(&setup.scalar, &setup.volume);
             let error = |value: f64| {
                 let rays = PixelRays::new(&setup.camera, 48, 48);
-                let pixels = (0..48u32).flat_map(|y| (0..48u32).map(move |x| (x, y)));
+                let pixels = pixels([48, 48]);
                 let difference = |(x, y): (u32, u32)| {
                     let (origin, direction, _) = rays.ray(x, y);
                     let exact =
                         law.opacity(value, chord_m(&setup.volume.bounds(), origin, direction));
                     (opacity.clamped(x.into(), y.into()) - exact).abs()
                 };
-                pixels.map(difference).fold(0.0, f64::max)
+                largest(pixels.map(difference))
             };
             Ok(Check::new(
                 (
@@ -99,7 +95,7 @@ fn block(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
                 error(BLOCK),
                 ("values 2 % higher", error(BLOCK * 1.02)),
             )
-            .with("opacity_most", opacity.data().iter().copied().fold(0.0, f64::max)))
+            .with("opacity_most", largest(opacity.data().iter().copied())))
         })
         .into_iter()
         .collect()
@@ -112,7 +108,7 @@ fn chord_m(bounds: &Bounds, origin: DVec3, direction: DVec3) -> f64 {
     (low.max(high).min_element() - enter).max(0.0)
 }
 
-fn ramp(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
+fn ramp(rig: &Rig<'_>) -> Checks {
     let scalar = marched(Mode::Direct, Law::Beer, 1.0, 20);
     // 0.5 at the origin; steps of 8 bits are whole.
     let volume = cubes(32, |p| (128.0 - 60.0 * p.z) / 255.0);
@@ -134,12 +130,8 @@ fn ramp(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
 /// Random values on cells twice as long as wide.
 fn rough() -> Volume {
     let mut random = Random::new(11);
-    let values: Vec<f64> = (0..16 * 16 * 12).map(|_| random.within(0.0, 0.5)).collect();
-    let mut next = values.into_iter();
     let mut volume = field([16, 16, 12], DVec3::new(0.1, 0.1, 0.2), |_| 0.0);
-    for value in &mut volume.data {
-        *value = next.next().unwrap_or_default() as f32;
-    }
+    volume.data.iter_mut().for_each(|value| *value = random.within(0.0, 0.5) as f32);
     volume
 }
 
@@ -156,7 +148,7 @@ fn twin(scalar: &Scalar, volume: &Volume) -> Marching {
 
 const ROUGH_POINT: DVec3 = DVec3::new(0.13, -0.07, 0.11);
 
-fn rough_hemisphere(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
+fn rough_hemisphere(rig: &Rig<'_>) -> Checks {
     let volume = rough();
     let normal = -gradient(&volume, ROUGH_POINT).normalize();
     rough_checks(rig, DIRECT, Mode::Direct, |marching, rays| {
@@ -164,7 +156,7 @@ fn rough_hemisphere(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
     })
 }
 
-fn rough_sphere(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
+fn rough_sphere(rig: &Rig<'_>) -> Checks {
     let volume = rough();
     rough_checks(rig, POSITIONAL, Mode::Positional, |marching, rays| {
         marching.positional(&volume, ROUGH_POINT, rays)
@@ -177,7 +169,7 @@ fn rough_checks(
     stage: &'static str,
     mode: Mode,
     exact: impl Fn(&Marching, u32) -> f64,
-) -> Result<Vec<Check>, VerifyError> {
+) -> Checks {
     let volume = rough();
     [Law::Opacity, Law::Beer]
         .map(|law| {
@@ -222,7 +214,7 @@ fn gradient(volume: &Volume, p: DVec3) -> DVec3 {
     DVec3::new(along(DVec3::X), along(DVec3::Y), along(DVec3::Z))
 }
 
-fn interior(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
+fn interior(rig: &Rig<'_>) -> Checks {
     let volume = cubes(32, |_| BLOCK);
     let mut checks = Vec::new();
     for law in [Law::Opacity, Law::Beer] {
@@ -254,7 +246,7 @@ fn interior(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
     Ok(checks)
 }
 
-fn ball_and_face(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
+fn ball_and_face(rig: &Rig<'_>) -> Checks {
     let scalar = marched(Mode::Positional, Law::Beer, 1.5, 48);
     let sigma = scalar.density_per_m;
     // Cells that the border cuts hold the share within, so that radius and depth are right on average.
@@ -291,13 +283,11 @@ fn ball_and_face(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
     ])
 }
 
-fn pyramid(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
+fn pyramid(rig: &Rig<'_>) -> Checks {
     let mut random = Random::new(5);
-    let values: Vec<f64> =
-        (0..24 * 24 * 24).map(|_| if random.next() < 0.1 { 0.81 } else { 0.0 }).collect();
     let mut volume = cubes(24, |_| 0.0);
-    for (value, random) in volume.data.iter_mut().zip(values) {
-        *value = random as f32;
+    for value in volume.data.iter_mut() {
+        *value = if random.next() < 0.1 { 0.81 } else { 0.0 };
     }
     let mut scalar = marched(Mode::Positional, Law::Opacity, 0.6, 3);
     scalar.pyramid = true;
@@ -315,7 +305,7 @@ fn pyramid(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
     ])
 }
 
-fn laws(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
+fn laws(rig: &Rig<'_>) -> Checks {
     let volume = rough();
     let setup = |rejection: bool| Setup {
         volume: volume.clone(),
@@ -329,8 +319,7 @@ fn laws(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
         let setup = Setup { volume: cubes(8, |_| value), ..setup(false) };
         let seen = setup.run(rig)?;
         let dark = seen.visibility.data().iter().map(|v| 1.0 - v);
-        let most = |values: &mut dyn Iterator<Item = f64>| values.fold(0.0, f64::max);
-        Ok::<f64, VerifyError>(most(&mut dark.chain(seen.opacity.data().iter().copied())))
+        Ok::<f64, VerifyError>(largest(dark.chain(seen.opacity.data().iter().copied())))
     };
     Ok(vec![
         Check::new(

@@ -2,7 +2,7 @@
 
 use super::subjects::{Subject, voxels_of, words};
 use crate::harness::verify::rig::Rig;
-use crate::harness::verify::{Case, Check, VerifyError};
+use crate::harness::verify::{Case, Check, Checks, Result, VerifyError};
 use crate::reference::voxel::{BORDERLINE_VOXELS, Contact, Errors, errors, gaps, triangles};
 use crate::scene::{Grid, Object, Scene};
 use crate::stages::voxel::{alpha, overlap};
@@ -22,7 +22,7 @@ pub fn cases() -> Vec<Case> {
     ]
 }
 
-fn overlap(rig: &Rig<'_>, thin: bool) -> Result<Vec<Check>, VerifyError> {
+fn overlap(rig: &Rig<'_>, thin: bool) -> Checks {
     let (contact, variant) =
         if thin { (Contact::Lines, "thin") } else { (Contact::Cube, "conservative") };
     let groups = [
@@ -46,7 +46,7 @@ fn overlap(rig: &Rig<'_>, thin: bool) -> Result<Vec<Check>, VerifyError> {
     Ok(checks)
 }
 
-fn overlapped(rig: &Rig<'_>, subject: &Subject, thin: bool) -> Result<Vec<bool>, VerifyError> {
+fn overlapped(rig: &Rig<'_>, subject: &Subject, thin: bool) -> Result<Vec<bool>> {
     let resources = rig.resources();
     let (geometry, part) = subject.upload(&resources);
     let bits = part.voxels.bits.clone();
@@ -75,7 +75,7 @@ fn no_errors(name: &str, exact: Errors, perturbed: Errors) -> Vec<Check> {
     ]
 }
 
-fn alpha(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
+fn alpha(rig: &Rig<'_>) -> Checks {
     let mut subject = Subject::soup()?;
     split(&mut subject.scene);
     let resources = rig.resources();

@@ -4,7 +4,8 @@ use glam::DVec3;
 
 use super::subjects::{cells, random_voxels};
 use crate::harness::verify::rig::{self, Random, Rig};
-use crate::harness::verify::{Case, Check, VerifyError};
+use crate::harness::verify::{Case, Check, Checks};
+use crate::reference::image::pixels;
 use crate::reference::rays::PixelRays;
 use crate::scene::{Grid, LightKind};
 use crate::stages::frame::Shared;
@@ -22,7 +23,7 @@ pub fn cases() -> Vec<Case> {
     vec![Case::new(STAGE, "cubes seen from outside", check)]
 }
 
-fn check(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
+fn check(rig: &Rig<'_>) -> Checks {
     let grid = Grid { cells: [9, 6, 7], origin_m: DVec3::new(-2.03, -2.57, -6.01), voxel_m: 0.5 };
     let voxels = random_voxels(&mut Random::new(17), &grid, 0.15);
     let resources = rig.resources();
@@ -43,7 +44,7 @@ fn check(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
             .filter(|(_, full)| **full)
             .map(|(cell, _)| grid.center(cell))
             .collect();
-        let pixels = (0..SIZE[1]).flat_map(|y| (0..SIZE[0]).map(move |x| (x, y)));
+        let pixels = pixels(SIZE);
         let differs = |&(x, y): &(u32, u32)| {
             let (origin, direction, length_m) = rays.ray(x, y);
             let expected = nearest(origin, direction, &cubes, grid.voxel_m / 2.0);

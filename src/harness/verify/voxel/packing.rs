@@ -3,7 +3,7 @@
 use super::subjects::{cells, differing, plain, random_voxels, voxels_of, words};
 use crate::gpu::read_volume;
 use crate::harness::verify::rig::{Random, Rig};
-use crate::harness::verify::{Case, Check, VerifyError};
+use crate::harness::verify::{Case, Check, Checks};
 use crate::scene::Grid;
 use crate::stages::kit::Buffer;
 use crate::stages::voxel::clear::{Clear, Cleared};
@@ -23,7 +23,7 @@ pub fn cases() -> Vec<Case> {
     ]
 }
 
-fn clear(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
+fn clear(rig: &Rig<'_>) -> Checks {
     let resources = rig.resources();
     let full = vec![u32::MAX; 1000];
     let [all, head, kept] = [0, 1, 2].map(|_| {
@@ -57,7 +57,7 @@ fn slicemap(voxels: &[bool], grid: &Grid, axis: Axis) -> Vec<u32> {
     words
 }
 
-fn combine(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
+fn combine(rig: &Rig<'_>) -> Checks {
     let resources = rig.resources();
     let mut random = Random::new(11);
     let (mut wrong, mut control) = (0.0, 0.0);
@@ -94,7 +94,7 @@ fn combine(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
     )])
 }
 
-fn unpack(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
+fn unpack(rig: &Rig<'_>) -> Checks {
     let resources = rig.resources();
     let mut random = Random::new(5);
     let volumes: Vec<Voxels> = SIZES

@@ -3,7 +3,7 @@
 use super::subjects::{cells, differing, plain, random_voxels};
 use crate::gpu::{GpuError, read_volume};
 use crate::harness::verify::rig::{Random, Rig};
-use crate::harness::verify::{Case, Check, VerifyError};
+use crate::harness::verify::{Case, Check, Checks, Result};
 use crate::scene::Grid;
 use crate::stages::voxel::mips::{Mips, level_cells};
 use crate::stages::voxels::Voxels;
@@ -24,7 +24,7 @@ struct Pyramid {
     levels: Vec<Vec<bool>>,
 }
 
-fn check(rig: &Rig<'_>) -> Result<Vec<Check>, VerifyError> {
+fn check(rig: &Rig<'_>) -> Checks {
     let pyramids = pyramids(rig)?;
     let sum = |of: &dyn Fn(&Pyramid) -> f64| pyramids.iter().map(of).sum::<f64>();
     let all = |border: i64| sum(&|p| against_twin(p, border));

@@ -4,7 +4,7 @@
 use super::subjects::{Subject, voxels_of, words};
 use crate::gpu::GpuError;
 use crate::harness::verify::rig::Rig;
-use crate::harness::verify::{Case, Check, VerifyError};
+use crate::harness::verify::{Case, Check, Checks, Result, VerifyError};
 use crate::record::Adapter;
 use crate::reference::voxel::{Contact, FEWEST_SUBPIXELS, disagreements, errors, gaps, sampled};
 use crate::scene::Grid;
@@ -53,7 +53,7 @@ fn slices_of(words: &[u32], grid: &Grid, axis: Axis) -> Vec<bool> {
     super::subjects::cells(grid).map(bit).collect()
 }
 
-fn slicemap_against_samples(rig: &Rig<'_>, axis: Axis) -> Result<Vec<Check>, VerifyError> {
+fn slicemap_against_samples(rig: &Rig<'_>, axis: Axis) -> Checks {
     let mut checks = Vec::new();
     for subject in [Subject::soup()?, Subject::bunny(32)?] {
         let found = one_way(rig, &subject, axis)?;
@@ -74,7 +74,7 @@ fn slicemap_against_samples(rig: &Rig<'_>, axis: Axis) -> Result<Vec<Check>, Ver
 }
 
 /// The voxels of one slicemap.
-fn one_way(rig: &Rig<'_>, subject: &Subject, axis: Axis) -> Result<Vec<bool>, VerifyError> {
+fn one_way(rig: &Rig<'_>, subject: &Subject, axis: Axis) -> Result<Vec<bool>> {
     let resources = rig.resources();
     let (geometry, part) = subject.upload(&resources);
     let stage = Slicemap::new(&resources, &geometry, &[part], axis)?;
@@ -91,7 +91,7 @@ fn slanted_quads<E: Into<VerifyError>>(
     stage: &'static str,
     axes: &[usize],
     voxelized: impl Fn(&Subject) -> Result<Vec<bool>, E>,
-) -> Result<Check, VerifyError> {
+) -> Result<Check> {
     let (mut exact, mut moved, mut set) = (0.0, 0.0, 0);
     for subject in Subject::slanted()? {
         let found = voxelized(&subject).map_err(Into::into)?;

@@ -3,7 +3,7 @@
 use glam::DVec3;
 
 use crate::gpu::{GpuError, read_buffer};
-use crate::harness::verify::VerifyError;
+use crate::harness::verify::Result;
 use crate::harness::verify::rig::{Random, Rig};
 use crate::reference::voxel::{Corners, triangles};
 use crate::scene::{Grid, Mesh, Object, Scene};
@@ -21,7 +21,7 @@ pub struct Subject {
 
 impl Subject {
     /// Random triangles of all sizes, some without area and some outside a grid that is no cube.
-    pub fn soup() -> Result<Self, VerifyError> {
+    pub fn soup() -> Result<Self> {
         let grid =
             Grid { cells: [37, 24, 32], origin_m: DVec3::new(-1.5, -2.25, 0.5), voxel_m: 0.125 };
         let mut random = Random::new(3);
@@ -39,12 +39,12 @@ impl Subject {
         }
         mesh.recompute_normals();
         let mut scene = Scene::load("plane")?;
-        scene.objects = vec![object(&scene, "soup", mesh)];
+        scene.objects = vec![Object::new("soup", mesh)];
         Ok(Self { name: "soup", scene, grid })
     }
 
     /// Quads of 1 to 16 grid edges, slanted at random, each with a grid that its middle lies in and that clips it.
-    pub fn slanted() -> Result<Vec<Self>, VerifyError> {
+    pub fn slanted() -> Result<Vec<Self>> {
         let mut random = Random::new(29);
         let quads = 12;
         let subject = |number| {
@@ -60,22 +60,16 @@ impl Subject {
             let (sin, cos) = random.within(0.0, std::f64::consts::TAU).sin_cos();
             let [along, up] = [cos * along + sin * up, cos * up - sin * along].map(|d| half * d);
             let middle = grid.bounds().min + grid.size_m() * corner(&mut random, 0.2, 0.8);
-            let corners = [-along - up, along - up, along + up, up - along];
-            let mut mesh = Mesh {
-                positions: corners.map(|d| (middle + d).as_vec3().to_array()).to_vec(),
-                indices: vec![0, 1, 2, 0, 2, 3],
-                ..Mesh::default()
-            };
-            mesh.recompute_normals();
+            let mesh = Mesh::parallelogram(middle, along, up);
             let mut scene = Scene::load("plane")?;
-            scene.objects = vec![object(&scene, "quad", mesh)];
+            scene.objects = vec![Object::new("quad", mesh)];
             Ok(Self { name: "slanted quads", scene, grid })
         };
         (0..quads).map(subject).collect()
     }
 
     /// A scanned surface of small triangles, or its stand-in, fitted with `resolution` voxels.
-    pub fn bunny(resolution: u32) -> Result<Self, VerifyError> {
+    pub fn bunny(resolution: u32) -> Result<Self> {
         let mut scene = Scene::load("bunny")?;
         scene.objects.retain(|object| object.name == "bunny");
         let grid = Grid::fit(&scene.solid_bounds(), resolution).map_err(GpuError::Limit)?;
@@ -103,11 +97,6 @@ impl Subject {
             ..self.grid
         }
     }
-}
-
-/// The scene's first object with another mesh.
-pub fn object(scene: &Scene, name: &str, mesh: Mesh) -> Object {
-    Object { name: name.into(), mesh, material: scene.objects[0].material.clone() }
 }
 
 fn corner(random: &mut Random, low: f64, high: f64) -> DVec3 {

@@ -1,18 +1,15 @@
-//! Every stage agrees with its f64 reference, and every control disagrees, on the adapter at hand.
+//! Every stage agrees with its f64 reference, and every control disagrees.
 
-use fathom::gpu::{Gpu, Options};
 use fathom::harness::landing::photon_quantities;
 use fathom::harness::verify::{Table, VerifyError, verify};
+use fathom::pipelines::Pipeline;
+use fathom::pipelines::scalar_ao::KIND;
 use fathom::pipelines::underwater::{Params, Underwater};
-use fathom::pipelines::{Pipeline, params};
 use fathom::scene::{Scene, SceneFile};
 use glam::DVec3;
 use serde_json::json;
 
-fn gpu() -> Gpu {
-    Gpu::open(&Options::default())
-        .expect("a Vulkan driver: `make test` installs lavapipe where there is none")
-}
+use super::{gpu, prepared};
 
 #[test]
 fn every_check_is_sound() {
@@ -55,18 +52,17 @@ fn photons_of_a_built_pipeline_have_their_errors() {
 #[test]
 fn scalar_fields_give_their_figures() {
     let gpu = gpu();
-    let file = SceneFile::load("smoke").unwrap();
-    let kind = fathom::pipelines::find("scalar_ao").unwrap();
     for (mode, covered_least) in [("isosurface", 0.02), ("direct", 0.05), ("positional", 0.05)] {
-        let mut tree = (kind.defaults)(&file);
-        let settings = json!({"view.width": 32, "view.height": 24, "volume.reduce": 8, "scalar.mode": mode,
-            "scalar.rays": 3, "scalar.samples": 4});
-        for (path, value) in settings.as_object().unwrap() {
-            params::set(&mut tree, path, value.clone()).unwrap();
-        }
-        let scene = Scene::build(&(kind.scene_file)(&file, &tree).unwrap()).unwrap();
-        gpu.check(&(kind.demand)(&tree, &scene).unwrap()).unwrap();
-        let pipeline = (kind.build)(&gpu, &scene, &tree).unwrap();
+        let set = [
+            ("view.width", json!(32)),
+            ("view.height", json!(24)),
+            ("volume.reduce", json!(8)),
+            ("scalar.mode", json!(mode)),
+            ("scalar.rays", json!(3)),
+            ("scalar.samples", json!(4)),
+        ];
+        let (scene, tree) = prepared(&gpu, &KIND, "smoke", &set);
+        let pipeline = (KIND.build)(&gpu, &scene, &tree).unwrap();
         gpu.run(&pipeline.stages()).unwrap();
         let figures = pipeline.quantities(&gpu).unwrap();
 

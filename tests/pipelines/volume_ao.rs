@@ -1,16 +1,18 @@
-//! The volume ambient occlusion pipeline as a whole, on the adapter at hand: its variants, its figures, its accuracy.
+//! The volume ambient occlusion pipeline as a whole: its variants, its figures, its accuracy.
 
 use std::collections::BTreeMap;
 
-use fathom::gpu::{Gpu, Options, Pixels, read_texture};
+use fathom::gpu::{Gpu, Pixels, read_texture};
+use fathom::pipelines::Pipeline;
 use fathom::pipelines::volume_ao::{KIND, Params, VolumeAo};
-use fathom::pipelines::{Pipeline, params};
 use fathom::reference::occlusion::{Attenuation, occlusion};
 use fathom::reference::rays::{PixelRays, Tracer};
-use fathom::scene::{Scene, SceneFile};
+use fathom::scene::Scene;
 use glam::DVec3;
 use rayon::prelude::*;
 use serde_json::{Value, json};
+
+use super::{Set, gpu, mean, prepared};
 
 /// A built pipeline after one frame.
 struct Drawn {
@@ -19,20 +21,8 @@ struct Drawn {
     pipeline: VolumeAo,
 }
 
-fn gpu() -> Gpu {
-    Gpu::open(&Options::default())
-        .expect("a Vulkan driver: `make test` installs lavapipe where there is none")
-}
-
-fn draw(gpu: &Gpu, scene: &str, set: &[(&str, Value)]) -> Drawn {
-    let file = SceneFile::load(scene).unwrap();
-    let mut tree = (KIND.defaults)(&file);
-    for (path, value) in set {
-        params::set(&mut tree, path, value.clone()).unwrap();
-    }
-    let file = (KIND.scene_file)(&file, &tree).unwrap();
-    let scene = Scene::build(&file).unwrap();
-    gpu.check(&(KIND.demand)(&tree, &scene).unwrap()).unwrap();
+fn draw(gpu: &Gpu, scene: &str, set: &Set<'_>) -> Drawn {
+    let (scene, tree) = prepared(gpu, &KIND, scene, set);
     let params = Params::from_value(&tree).unwrap();
     let pipeline = gpu.scoped(|| VolumeAo::new(gpu, &scene, params.clone())).unwrap();
     gpu.run(&pipeline.stages()).unwrap();
@@ -51,10 +41,6 @@ impl Drawn {
     fn stages(&self) -> Vec<&'static str> {
         self.pipeline.stages().iter().map(|s| s.name()).collect()
     }
-}
-
-fn mean(image: &Pixels) -> f64 {
-    image.data.iter().map(|v| f64::from(*v)).sum::<f64>() / image.data.len() as f64
 }
 
 /// Small pictures and volumes.

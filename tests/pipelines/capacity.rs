@@ -1,24 +1,21 @@
 //! Memory and time of a pipeline, foreseen before anything is allocated.
 
 use assert_cmd::Command;
-use fathom::gpu::{Capacity, Gpu, Options};
+use fathom::gpu::Capacity;
 use fathom::harness::plan::{Request, plan};
 use fathom::harness::subject::{Subject, Subjects};
-use serde_json::{Value, json};
+use serde_json::json;
+
+use super::{Set, gpu};
 
 const GIB: u64 = 1 << 30;
 
 /// A pipeline, a scene, and what is set.
-type Case<'a> = (&'a str, &'a str, &'a [(&'a str, Value)]);
+type Case<'a> = (&'a str, &'a str, &'a Set<'a>);
 
-fn gpu() -> Gpu {
-    Gpu::open(&Options::default())
-        .expect("a Vulkan driver: `make test` installs lavapipe where there is none")
-}
-
-fn subject(subjects: &mut Subjects, pipeline: &str, scene: &str, set: &[(&str, Value)]) -> Subject {
+fn subject(subjects: &mut Subjects, pipeline: &str, scene: &str, set: &Set<'_>) -> Subject {
     let set = set.iter().map(|(path, value)| ((*path).to_owned(), value.clone()));
-    let set: Vec<(String, Value)> = set.collect();
+    let set: Vec<_> = set.collect();
     subjects.subject(pipeline, scene, &set).unwrap()
 }
 
@@ -41,56 +38,25 @@ fn small_machine() -> Capacity {
 fn demands_foresee_what_pipelines_allocate() {
     let gpu = gpu();
     let mut subjects = Subjects::within(&gpu.capacity);
-    let cells = json!([48, 48, 48]);
-    let grid = json!(512);
+    let grid = |resolution: u32| ("voxel.resolution", json!(resolution));
+    let method = |name: &'static str| ("voxel.method", json!(name));
+    let mode = |name: &'static str| ("scalar.mode", json!(name));
+    let on = |path: &'static str| (path, json!(true));
+    let filters = [on("caustics.filter"), on("godrays.filter"), ("caustics.grid", json!(512))];
+    let half = [("ao.filter", json!(false)), ("ao.scale", json!(0.5))];
+    let cells = ("volume.cells", json!([48, 48, 48]));
     let cases: &[Case] = &[
         ("underwater", "plane", &[]),
-        (
-            "underwater",
-            "plane",
-            &[
-                ("caustics.filter", json!(true)),
-                ("godrays.filter", json!(true)),
-                ("caustics.grid", grid),
-            ],
-        ),
+        ("underwater", "plane", &filters),
         ("hsao", "corner", &[("hsao.scale", json!(0.5))]),
-        ("volume_ao", "corner", &[("ao.skipping", json!(true)), ("voxel.resolution", json!(192))]),
-        ("volume_ao", "corner", &[("ao.filter", json!(false)), ("ao.scale", json!(0.5))]),
-        (
-            "voxelize",
-            "corner",
-            &[("voxel.method", json!("slicemap")), ("voxel.resolution", json!(256))],
-        ),
-        (
-            "voxelize",
-            "corner",
-            &[("voxel.method", json!("slice")), ("voxel.resolution", json!(128))],
-        ),
-        (
-            "voxelize",
-            "corner",
-            &[("voxel.method", json!("overlap")), ("voxel.resolution", json!(128))],
-        ),
-        (
-            "voxelize",
-            "corner",
-            &[
-                ("voxel.method", json!("max_alpha")),
-                ("pyramid", json!(true)),
-                ("voxel.resolution", json!(128)),
-            ],
-        ),
-        ("scalar_ao", "engine", &[("scalar.mode", json!("isosurface"))]),
-        (
-            "scalar_ao",
-            "smoke",
-            &[
-                ("scalar.mode", json!("direct")),
-                ("scalar.pyramid", json!(true)),
-                ("volume.cells", cells),
-            ],
-        ),
+        ("volume_ao", "corner", &[on("ao.skipping"), grid(192)]),
+        ("volume_ao", "corner", &half),
+        ("voxelize", "corner", &[method("slicemap"), grid(256)]),
+        ("voxelize", "corner", &[method("slice"), grid(128)]),
+        ("voxelize", "corner", &[method("overlap"), grid(128)]),
+        ("voxelize", "corner", &[method("max_alpha"), on("pyramid"), grid(128)]),
+        ("scalar_ao", "engine", &[mode("isosurface")]),
+        ("scalar_ao", "smoke", &[mode("direct"), on("scalar.pyramid"), cells]),
     ];
     for (pipeline, scene, set) in cases {
         let subject = subject(&mut subjects, pipeline, scene, set);
@@ -130,18 +96,12 @@ fn a_view_beyond_the_memory_is_refused_with_the_numbers() {
 fn a_frame_of_minutes_is_refused_and_allowed_where_nothing_bounds_it() {
     let capacity = small_machine();
     let mut subjects = Subjects::within(&capacity);
+    let large = [("view.width", json!(4_096)), ("view.height", json!(4_096))];
+    let direct = [&large[..], &[("scalar.mode", json!("direct"))]].concat();
     let slow: [Case; 3] = [
         ("volume_ao", "corner", &[("ao.rays", json!(5_000))]),
-        ("hsao", "corner", &[("view.width", json!(4_096)), ("view.height", json!(4_096))]),
-        (
-            "scalar_ao",
-            "smoke",
-            &[
-                ("scalar.mode", json!("direct")),
-                ("view.width", json!(4_096)),
-                ("view.height", json!(4_096)),
-            ],
-        ),
+        ("hsao", "corner", &large),
+        ("scalar_ao", "smoke", &direct),
     ];
     for (pipeline, scene, set) in slow {
         let subject = subject(&mut subjects, pipeline, scene, set);

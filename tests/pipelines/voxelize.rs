@@ -1,11 +1,13 @@
-//! The pipeline `voxelize` on whatever adapter is there: grids of all shapes, geometry outside them, volumes by the object, and
+//! The pipeline `voxelize`: grids of all shapes, geometry outside them, volumes by the object, and
 //! geometry in motion.
 
-use fathom::gpu::{Gpu, Options, read_buffer};
+use fathom::gpu::{Gpu, read_buffer};
 use fathom::pipelines::Pipeline;
 use fathom::pipelines::settings::{Deform, Method};
 use fathom::pipelines::voxelize::{Params, Voxelize};
 use fathom::scene::{Scene, SceneFile};
+
+use super::gpu;
 
 const METHODS: [Method; 5] =
     [Method::Slicemap, Method::Slice, Method::Overlap, Method::OverlapThin, Method::MaxAlpha];
@@ -44,11 +46,7 @@ struct Fixture {
 impl Fixture {
     fn new() -> Self {
         let file = SceneFile::parse("test.toml", SCENE).unwrap();
-        Self {
-            gpu: Gpu::open(&Options::default()).expect("an adapter is there"),
-            scene: Scene::build(&file).unwrap(),
-            file,
-        }
+        Self { gpu: gpu(), scene: Scene::build(&file).unwrap(), file }
     }
 
     /// Two frames of the pipeline: what the first leaves behind must not be in the second.
@@ -130,14 +128,9 @@ fn each_object_fills_its_own_volume() {
         assert_eq!(apart.volumes().len(), 3);
         let mut alone = Fixture::new();
         alone.scene.objects.drain(..2);
-        let alone = fixture_frames(&alone, method);
-        assert_eq!(fixture.bits(&apart, 2), alone, "{method:?}");
+        let pipeline = alone.frames(|params| params.voxel.method = method);
+        assert_eq!(fixture.bits(&apart, 2), alone.bits(&pipeline, 0), "{method:?}");
     }
-}
-
-fn fixture_frames(fixture: &Fixture, method: Method) -> Vec<u8> {
-    let pipeline = fixture.frames(|params| params.voxel.method = method);
-    fixture.bits(&pipeline, 0)
 }
 
 #[test]

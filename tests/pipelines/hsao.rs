@@ -1,46 +1,28 @@
-//! The horizon-split pipeline as a whole, on the adapter at hand.
+//! The horizon-split pipeline as a whole.
 
 use std::collections::BTreeMap;
 
-use fathom::gpu::{Gpu, Options, Pixels, read_texture};
-use fathom::pipelines::{Pipeline, hsao, params};
-use fathom::scene::{Scene, SceneFile};
-use serde_json::{Value, json};
+use fathom::gpu::{Gpu, Pixels, read_texture};
+use fathom::pipelines::hsao::KIND;
+use serde_json::json;
+
+use super::{Set, gpu, mean, prepared};
 
 const SIZE: [u32; 2] = [48, 40];
 
 /// A frame of scene `tank` with some parameters set: its picture and its figures.
-fn frame(gpu: &Gpu, set: &[(&str, Value)]) -> (Pixels, BTreeMap<String, f64>) {
-    let file = SceneFile::load("tank").unwrap();
-    let mut tree = (hsao::KIND.defaults)(&file);
-    let [width, height] = SIZE;
-    let size = [("view.width", json!(width)), ("view.height", json!(height))];
-    for (path, value) in size.iter().chain(set) {
-        params::set(&mut tree, path, value.clone()).unwrap();
-    }
-    let file = (hsao::KIND.scene_file)(&file, &tree).unwrap();
-    let scene = Scene::build(&file).unwrap();
-    gpu.check(&(hsao::KIND.demand)(&tree, &scene).unwrap()).unwrap();
-    let pipeline = (hsao::KIND.build)(gpu, &scene, &tree).unwrap();
-    run(gpu, pipeline.as_ref());
+fn frame(gpu: &Gpu, set: &Set<'_>) -> (Pixels, BTreeMap<String, f64>) {
+    let size = [("view.width", json!(SIZE[0])), ("view.height", json!(SIZE[1]))];
+    let (scene, tree) = prepared(gpu, &KIND, "tank", &[&size, set].concat());
+    let pipeline = (KIND.build)(gpu, &scene, &tree).unwrap();
+    gpu.run(&pipeline.stages()).unwrap();
     let image = read_texture(gpu, pipeline.image()).unwrap();
     (image, pipeline.quantities(gpu).unwrap())
 }
 
-fn run(gpu: &Gpu, pipeline: &dyn AnyPipeline) {
-    gpu.run(&pipeline.stages()).unwrap();
-}
-
-/// Mean of the red channel.
-fn mean(image: &Pixels) -> f64 {
-    let red = image.data.iter().step_by(image.channels as usize);
-    red.map(|v| f64::from(*v)).sum::<f64>() / f64::from(image.width * image.height)
-}
-
 #[test]
 fn samples_are_bounded_and_pictures_show_what_is_asked() {
-    let gpu = Gpu::open(&Options::default())
-        .expect("a Vulkan driver: `make test` installs lavapipe where there is none");
+    let gpu = gpu();
     let occlusion = ("compose.show", json!("occlusion"));
 
     let (picture, figures) = frame(&gpu, &[]);

@@ -1,10 +1,11 @@
-//! OBJ and PLY files: what is read, and that bad ones give one clear line and never a panic.
+//! OBJ and PLY files: what is read, and that bad ones give one clear line. `tests/readers` looks for panics.
 
 use std::{io::Write, path::Path};
 
 use fathom::scene::Mesh;
 use flate2::{Compression, write::GzEncoder};
-use proptest::prelude::*;
+
+use super::gzip;
 
 const OBJ: &str = "mtllib absent.mtl\no quad\nv 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nusemtl stone\nf 1/1 2/2 3/3 4/4\nvt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\n";
 const PLY: &str = "ply\nformat ascii 1.0\ncomment made by hand\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\nproperty float confidence\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n0 0 0 1\n1 0 0 1\n1 1 0 1\n0 1 0 1\n4 0 1 2 3\n";
@@ -22,12 +23,6 @@ fn fault(name: &str, bytes: &[u8]) -> String {
     let error = read(name, bytes).expect_err("a fault");
     assert!(error.contains(name) && error.lines().count() == 1, "{error}");
     error
-}
-
-fn gzip(bytes: &[u8]) -> Vec<u8> {
-    let mut encoder = GzEncoder::new(Vec::new(), Compression::fast());
-    encoder.write_all(bytes).unwrap();
-    encoder.finish().unwrap()
 }
 
 fn is_unit_quad(mesh: &Mesh) {
@@ -196,77 +191,4 @@ fn names_colours_and_remarks_of_obj_files_may_be_anything() {
             .to_vec();
     obj.extend(b"f 1\nf 1 2\nf 1 2 3\r\n");
     assert_eq!(read("a.obj", &obj).unwrap().triangle_count(), 1);
-}
-
-/// A good file with some bytes replaced and the end cut off.
-fn damaged(text: &'static str) -> impl Strategy<Value = Vec<u8>> {
-    let hits = prop::collection::vec((0..text.len(), any::<u8>()), 0..6);
-    (hits, 0..=text.len()).prop_map(move |(hits, end)| {
-        let mut bytes = text.as_bytes().to_vec();
-        for (place, byte) in hits {
-            bytes[place] = byte;
-        }
-        bytes.truncate(end);
-        bytes
-    })
-}
-
-/// Lines of OBJ or PLY words in any order.
-fn words() -> impl Strategy<Value = Vec<u8>> {
-    let word = prop::sample::select(vec![
-        "v",
-        "vn",
-        "vt",
-        "f",
-        "o",
-        "l",
-        "p",
-        "usemtl",
-        "mtllib",
-        "1",
-        "-1",
-        "0",
-        "2//3",
-        "1/1/1",
-        "-99999999999999999999",
-        "1e38",
-        "inf",
-        "nan",
-        "/",
-        "//",
-        "\n",
-        "\n",
-        "\n",
-        "\\\n",
-        "#",
-        "ply",
-        "format ascii 1.0",
-        "element vertex 3",
-        "element face 2",
-        "property float x",
-        "property list uchar int vertex_indices",
-        "end_header",
-    ]);
-    prop::collection::vec(word, 0..60).prop_map(|words| words.join(" ").into_bytes())
-}
-
-proptest! {
-    #[test]
-    fn damaged_files_never_panic(obj in damaged(OBJ), ply in damaged(PLY), any in words()) {
-        for (name, bytes) in [("a.obj", &obj), ("a.ply", &ply), ("b.obj", &any), ("b.ply", &any)] {
-            if let Ok(mesh) = read(name, bytes) {
-                prop_assert!(mesh.validate().is_ok());
-            }
-        }
-    }
-
-    #[test]
-    fn damaged_archives_never_panic(place in 0usize..200, byte in any::<u8>()) {
-        let mut bytes = gzip(PLY.as_bytes());
-        let at = place % bytes.len();
-        bytes[at] = byte;
-        if let Ok(mesh) = read("a.ply.gz", &bytes) {
-            prop_assert!(mesh.validate().is_ok());
-        }
-    }
 }

@@ -1,0 +1,162 @@
+//! Folders that come with the program. A development build reads them from disk, so that a change needs no build; a
+//! release build holds them.
+
+use std::borrow::Cow;
+
+use rust_embed::{Embed, EmbeddedFile};
+
+/// The stages' shaders and the modules that they share.
+pub const SHADERS: Folder = Folder::of::<Shaders>("shaders");
+
+/// The built-in scenes.
+pub const SCENES: Folder = Folder::of::<Scenes>("scenes");
+
+/// The built-in experiments.
+pub const EXPERIMENTS: Folder = Folder::of::<Experiments>("benches/experiments");
+
+#[derive(Embed)]
+#[folder = "shaders"]
+struct Shaders;
+
+#[derive(Embed)]
+#[folder = "scenes"]
+struct Scenes;
+
+#[derive(Embed)]
+#[folder = "benches/experiments"]
+struct Experiments;
+
+/// A folder of files, made from a type that derives [`Embed`].
+#[derive(Clone, Copy, Debug)]
+pub struct Folder {
+    /// Where it lies in the crate, for messages.
+    pub name: &'static str,
+    file: fn(&str) -> Option<EmbeddedFile>,
+    paths: fn() -> Vec<Cow<'static, str>>,
+}
+
+impl Folder {
+    /// The folder of a type that derives [`Embed`]; `name` is for messages.
+    pub const fn of<E: Embed>(name: &'static str) -> Self {
+        Self { name, file: E::get, paths: || E::iter().collect() }
+    }
+
+    /// Paths of all files, from the folder, with `/` between names.
+    pub fn paths(&self) -> Vec<Cow<'static, str>> {
+        (self.paths)()
+    }
+
+    /// What the file of this path holds. A path that [`Self::paths`] does not list is no file.
+    pub fn file(&self, path: &str) -> Option<Cow<'static, [u8]>> {
+        let listed = self.paths().iter().any(|known| known == path);
+        listed.then(|| (self.file)(path))?.map(|file| file.data)
+    }
+
+    /// The file of this path, if it is text.
+    pub fn text(&self, path: &str) -> Option<String> {
+        String::from_utf8(self.file(path)?.into_owned()).ok()
+    }
+
+    /// Path without the ending, and text, of each file that ends in `ending` (such as `.toml`), in alphabetical order.
+    pub fn texts(&self, ending: &str) -> Vec<(String, String)> {
+        let paths = self.paths();
+        let stems = paths.iter().filter_map(|path| Some((path, path.strip_suffix(ending)?)));
+        let mut texts: Vec<(String, String)> =
+            stems.filter_map(|(path, stem)| Some((stem.to_owned(), self.text(path)?))).collect();
+        texts.sort_unstable();
+        texts
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fs;
+    use std::path::{Path, PathBuf};
+    use std::process::Command;
+
+    use super::*;
+
+    #[test]
+    fn a_folder_gives_what_it_lists_and_nothing_else() {
+        assert!(SHADERS.text("shared/frame.wgsl").unwrap().contains("#define_import_path"));
+        for path in ["", "shared", "none.wgsl", "./compose.wgsl", "../Cargo.toml", "/etc/passwd"] {
+            assert!(SHADERS.file(path).is_none(), "{path}");
+        }
+        let scenes = SCENES.texts(".toml");
+        assert!(scenes.is_sorted() && scenes.iter().any(|(name, _)| name == "bunny"));
+        assert_eq!(scenes.len(), SCENES.paths().len(), "a scene is no text or ends otherwise");
+    }
+
+    /// A program that writes each file of each folder.
+    const WRITER: &str = r#"
+        #[allow(dead_code)]
+        #[path = "embedded.rs"]
+        mod embedded;
+        fn main() {
+            for folder in [embedded::SHADERS, embedded::SCENES, embedded::EXPERIMENTS] {
+                for path in folder.paths() {
+                    let to = std::path::Path::new("written").join(folder.name).join(&*path);
+                    std::fs::create_dir_all(to.parent().unwrap()).unwrap();
+                    std::fs::write(to, folder.file(&path).unwrap()).unwrap();
+                }
+            }
+        }"#;
+
+    /// Builds this module as a release does, alone in a crate, and takes the folders away before the program runs.
+    #[test]
+    fn a_release_holds_every_file() {
+        let built = tempfile::tempdir().unwrap();
+        let source = Path::new(env!("CARGO_MANIFEST_DIR"));
+        let folders = [SHADERS, SCENES, EXPERIMENTS];
+        for folder in folders {
+            write_all(folder, &built.path().join(folder.name));
+        }
+        for file in ["Cargo.lock", "src/embedded.rs"] {
+            write(&built.path().join(file), &fs::read(source.join(file)).unwrap());
+        }
+        write(&built.path().join("src/main.rs"), WRITER.as_bytes());
+        let manifest = fs::read_to_string(source.join("Cargo.toml")).unwrap();
+        let dependency = manifest.lines().find(|line| line.starts_with("rust-embed")).unwrap();
+        let manifest = format!(
+            "[package]\nname = \"writer\"\nedition = \"2024\"\n[workspace]\n[dependencies]\n{dependency}\n\
+             [profile.dev]\ndebug-assertions = false\n"
+        );
+        write(&built.path().join("Cargo.toml"), manifest.as_bytes());
+        run(built.path(), Path::new(env!("CARGO")), &["build", "--offline", "--quiet"]);
+        for folder in folders {
+            fs::remove_dir_all(built.path().join(folder.name)).unwrap();
+        }
+        run(built.path(), &target().join("debug/writer"), &[]);
+        for folder in folders {
+            for path in folder.paths() {
+                let written = built.path().join("written").join(folder.name).join(&*path);
+                let same =
+                    fs::read(written).is_ok_and(|bytes| bytes == *folder.file(&path).unwrap());
+                assert!(same, "a release lacks {}/{path}", folder.name);
+            }
+        }
+    }
+
+    /// Kept between runs, so that only the first builds what the module needs.
+    fn target() -> PathBuf {
+        let test = std::env::current_exe().unwrap();
+        test.ancestors().nth(3).unwrap().join("embedded")
+    }
+
+    fn run(folder: &Path, program: &Path, arguments: &[&str]) {
+        let mut command = Command::new(program);
+        command.args(arguments).current_dir(folder).env("CARGO_TARGET_DIR", target());
+        assert!(command.status().unwrap().success(), "{}", program.display());
+    }
+
+    fn write_all(folder: Folder, to: &Path) {
+        for path in folder.paths() {
+            write(&to.join(&*path), &folder.file(&path).unwrap());
+        }
+    }
+
+    fn write(path: &Path, bytes: &[u8]) {
+        fs::create_dir_all(path.parent().unwrap()).unwrap();
+        fs::write(path, bytes).unwrap();
+    }
+}
