@@ -14,8 +14,9 @@ use criterion::{Criterion, Throughput};
 use fathom::gpu::{FrameTimer, Gpu, GpuError, Options, audit, audit_table};
 use fathom::harness::MAX_PASSES;
 use fathom::harness::subject::{Subject, Subjects};
+use fathom::parameter;
+use fathom::pipelines::AnyPipeline;
 use fathom::pipelines::underwater::{self, Params};
-use fathom::pipelines::{Pipeline, params};
 use fathom::record::Work;
 use fathom::stages::{REGISTRY, Stage};
 use serde_json::{Value, json};
@@ -136,8 +137,8 @@ impl Bench {
         self.timer.untimed(&self.gpu, &frame)?;
         let blended = match group.pipeline {
             "underwater" => {
-                let params = Params::from_value(&subject.params).map_err(anyhow::Error::msg)?;
-                underwater::blended_fragments(&self.gpu, &subject.scene, &params)?
+                let params = subject.parameters::<underwater::Underwater>()?;
+                underwater::blended_fragments(&self.gpu, &subject.scene, params)?
             }
             _ => Default::default(),
         };
@@ -203,7 +204,7 @@ fn counted_samples(
     pipeline: &dyn AnyPipeline,
 ) -> Result<Option<u64>, GpuError> {
     let quantities = pipeline.quantities(gpu)?;
-    let number = |path| params::get(&subject.params, path).and_then(Value::as_f64);
+    let number = |path| parameter::get(&subject.params, path).and_then(Value::as_f64);
     let samples = || {
         let covered =
             quantities.get("covered_share")? * number("view.width")? * number("view.height")?;

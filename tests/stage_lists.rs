@@ -6,6 +6,7 @@ use fathom::experiments::parse_set;
 use fathom::gpu::{Gpu, Options};
 use fathom::harness::subject::Subjects;
 use fathom::pipelines::KINDS;
+use fathom::record::Work;
 
 /// Pipeline, scene and settings: together they run every stage of every pipeline.
 const VARIANTS: [(&str, &str, &[&str]); 12] = [
@@ -35,9 +36,10 @@ fn pipelines_run_the_stages_that_they_list() {
         let overrides: Vec<_> = settings.map(|text| parse_set(text).unwrap()).collect();
         let subject = subjects.subject(pipeline, scene, &overrides).unwrap();
         let built = subject.build(&gpu).unwrap();
-        let mut listed = subject.kind.stages.iter().map(|stage| stage.name);
+        let mut listed = subject.kind.stages().map(|stage| stage.name);
         for stage in built.stages() {
             let name = stage.name();
+            assert!(stage.work() != Work::default(), "{name} declares no work");
             assert!(
                 listed.any(|listed| listed == name),
                 "{pipeline} lists {name} nowhere after the stages before it"
@@ -46,7 +48,7 @@ fn pipelines_run_the_stages_that_they_list() {
         }
     }
     for kind in KINDS {
-        for stage in kind.stages {
+        for stage in kind.stages() {
             assert!(
                 run.contains(&(kind.name, stage.name)),
                 "{} lists {}, which no variant runs",

@@ -235,13 +235,14 @@ fn every_builtin_names_parameters_stages_and_scenes_that_exist() {
         }
         for profile in Profile::NAMES {
             for cell in experiment.cells(profile, &[], &[]).unwrap() {
-                let kind = pipelines::find(&cell.pipeline).unwrap();
+                let kinds = pipelines::KINDS.iter();
+                let kind = kinds.into_iter().find(|kind| kind.name == cell.pipeline).unwrap();
                 let file = SceneFile::load(&cell.scene).unwrap();
                 let mut tree = (kind.defaults)(&file);
                 let reference = cell.reference.map(|reference| reference.overrides);
                 for (path, value) in cell.overrides.into_iter().chain(reference.unwrap_or_default())
                 {
-                    pipelines::params::set(&mut tree, &path, value).unwrap();
+                    crate::parameter::set(&mut tree, &path, value).unwrap();
                 }
                 for path in measured.iter().flat_map(|measure| measure.params()) {
                     assert!(lookup(&tree, path).is_some(), "{id}: {path}");

@@ -158,7 +158,7 @@ mod tests {
         let grid = Grid { cells: [3, 2, 5], origin_m: glam::DVec3::ZERO, voxel_m: 0.5 };
         let voxels = Voxels::new(&resources, "volume", &grid, true);
         let values: Vec<u8> = (10..40).collect();
-        voxels.write(&gpu, &values);
+        voxels.write(&resources, &values);
         let output = |level: u32| Output {
             name: "volume".into(),
             meaning: String::new(),

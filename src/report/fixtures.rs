@@ -177,6 +177,7 @@ pub fn measure(experiment: &Experiment, plan: &CellPlan, random: &mut Pcg64) -> 
         stages,
         allocated_bytes: (number("view.width") * number("view.height") * 40.0) as u64,
         quantities: quantities(plan, experiment, photons, number("water.amplitude_m")),
+        errors: Vec::new(),
         warm_up_frames: 3,
         rejected: BTreeMap::new(),
         notes: Vec::new(),

@@ -3,19 +3,19 @@
 use std::collections::BTreeMap;
 
 use fathom::gpu::{Gpu, Pixels, read_texture};
-use fathom::pipelines::hsao::KIND;
+use fathom::pipelines::Pipeline;
+use fathom::pipelines::hsao::Hsao;
 use serde_json::json;
 
-use super::{Set, gpu, mean, prepared};
+use super::{Set, built, gpu, mean, prepared};
 
 const SIZE: [u32; 2] = [48, 40];
 
 /// A frame of scene `tank` with some parameters set: its picture and its figures.
 fn frame(gpu: &Gpu, set: &Set<'_>) -> (Pixels, BTreeMap<String, f64>) {
     let size = [("view.width", json!(SIZE[0])), ("view.height", json!(SIZE[1]))];
-    let (scene, tree) = prepared(gpu, &KIND, "tank", &[&size, set].concat());
-    let pipeline = (KIND.build)(gpu, &scene, &tree).unwrap();
-    gpu.run(&pipeline.stages()).unwrap();
+    let (scene, params) = prepared::<Hsao>(gpu, "tank", &[&size, set].concat());
+    let pipeline = built::<Hsao>(gpu, &scene, &params);
     let image = read_texture(gpu, pipeline.image()).unwrap();
     (image, pipeline.quantities(gpu).unwrap())
 }

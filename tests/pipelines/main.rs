@@ -7,7 +7,8 @@ mod volume_ao;
 mod voxelize;
 
 use fathom::gpu::{Gpu, Options, Pixels};
-use fathom::pipelines::{Kind, params};
+use fathom::parameter;
+use fathom::pipelines::{AnyPipeline, Built, Kind, Parameters, Pipeline};
 use fathom::scene::{Scene, SceneFile};
 use serde_json::Value;
 
@@ -20,15 +21,24 @@ fn gpu() -> Gpu {
 }
 
 /// The scene, and the pipeline's parameters with some of them set, which the adapter can take.
-fn prepared(gpu: &Gpu, kind: &Kind, scene: &str, set: &Set<'_>) -> (Scene, Value) {
+fn prepared<P: Pipeline>(gpu: &Gpu, scene: &str, set: &Set<'_>) -> (Scene, P::Params) {
     let file = SceneFile::load(scene).unwrap();
-    let mut tree = (kind.defaults)(&file);
+    let mut tree = parameter::tree(&P::Params::defaults(&file));
     for (path, value) in set {
-        params::set(&mut tree, path, value.clone()).unwrap();
+        parameter::set(&mut tree, path, value.clone()).unwrap();
     }
-    let scene = Scene::build(&(kind.scene_file)(&file, &tree).unwrap()).unwrap();
-    gpu.check(&(kind.demand)(&tree, &scene).unwrap()).unwrap();
-    (scene, tree)
+    let params: P::Params = fathom::pipelines::read(&tree).unwrap();
+    let scene = Scene::build(&params.staged(&file).unwrap()).unwrap();
+    let configured = (Kind::of::<P>().configure)(&tree).unwrap();
+    gpu.check(&configured.plan(&scene).unwrap()).unwrap();
+    (scene, params)
+}
+
+/// The pipeline after one frame.
+fn built<P: Pipeline>(gpu: &Gpu, scene: &Scene, params: &P::Params) -> Built<P> {
+    let pipeline = gpu.scoped(|| Built::<P>::new(gpu, scene, params)).unwrap();
+    gpu.run(&pipeline.stages()).unwrap();
+    pipeline
 }
 
 /// Mean of the first channel.

@@ -1,15 +1,16 @@
 //! Every stage agrees with its f64 reference, and every control disagrees.
 
-use fathom::harness::landing::photon_quantities;
+use std::collections::BTreeMap;
+
 use fathom::harness::verify::{Table, VerifyError, verify};
 use fathom::pipelines::Pipeline;
-use fathom::pipelines::scalar_ao::KIND;
+use fathom::pipelines::scalar_ao::ScalarAo;
 use fathom::pipelines::underwater::{Params, Underwater};
 use fathom::scene::{Scene, SceneFile};
 use glam::DVec3;
 use serde_json::json;
 
-use super::{gpu, prepared};
+use super::{built, gpu, prepared};
 
 #[test]
 fn every_check_is_sound() {
@@ -36,15 +37,18 @@ fn photons_of_a_built_pipeline_have_their_errors() {
     params.caustics.grid = 120;
     params.caustics.offset = [0.3, 0.8];
     params.godrays.grid = 20;
-    let pipeline = Underwater::new(&gpu, &scene, params.clone()).unwrap();
-    gpu.run(&pipeline.stages()).unwrap();
-    let figures = photon_quantities(&gpu, &scene, &params, &pipeline).unwrap();
+    let figures = |pipeline: &Underwater| -> BTreeMap<String, f64> {
+        let judged = pipeline.landing_errors(&gpu, &scene).unwrap();
+        judged.errors.into_iter().map(|error| (error.name, error.value)).collect()
+    };
+    let mut pipeline = built::<Underwater>(&gpu, &scene, &params);
+    let sound = figures(&pipeline);
     for name in ["caustics", "godrays"] {
-        assert!(figures[&format!("{name}_photon_error_median_m")] < 1e-4, "{figures:?}");
-        assert!(figures[&format!("{name}_photon_miss_rate")] < 0.1, "{figures:?}");
+        assert!(sound[&format!("{name}_photon_error_median_m")] < 1e-4, "{sound:?}");
+        assert!(sound[&format!("{name}_photon_miss_rate")] < 0.1, "{sound:?}");
     }
-    params.caustics.offset = [0.5, 0.5];
-    let moved = photon_quantities(&gpu, &scene, &params, &pipeline).unwrap();
+    pipeline.params.caustics.offset = [0.5, 0.5];
+    let moved = figures(&pipeline);
     assert!(moved["caustics_photon_error_median_m"] > 1e-3, "the reference follows the offset");
 }
 
@@ -61,9 +65,8 @@ fn scalar_fields_give_their_figures() {
             ("scalar.rays", json!(3)),
             ("scalar.samples", json!(4)),
         ];
-        let (scene, tree) = prepared(&gpu, &KIND, "smoke", &set);
-        let pipeline = (KIND.build)(&gpu, &scene, &tree).unwrap();
-        gpu.run(&pipeline.stages()).unwrap();
+        let (scene, params) = prepared::<ScalarAo>(&gpu, "smoke", &set);
+        let pipeline = built::<ScalarAo>(&gpu, &scene, &params);
         let figures = pipeline.quantities(&gpu).unwrap();
 
         let cells = scene.volume.as_ref().unwrap().cells;

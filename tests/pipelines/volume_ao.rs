@@ -3,8 +3,8 @@
 use std::collections::BTreeMap;
 
 use fathom::gpu::{Gpu, Pixels, read_texture};
-use fathom::pipelines::Pipeline;
-use fathom::pipelines::volume_ao::{KIND, Params, VolumeAo};
+use fathom::pipelines::volume_ao::{Params, VolumeAo};
+use fathom::pipelines::{AnyPipeline, Built, Pipeline};
 use fathom::reference::occlusion::{Attenuation, occlusion};
 use fathom::reference::rays::{PixelRays, Tracer};
 use fathom::scene::Scene;
@@ -12,30 +12,28 @@ use glam::DVec3;
 use rayon::prelude::*;
 use serde_json::{Value, json};
 
-use super::{Set, gpu, mean, prepared};
+use super::{Set, built, gpu, mean, prepared};
 
 /// A built pipeline after one frame.
 struct Drawn {
     scene: Scene,
     params: Params,
-    pipeline: VolumeAo,
+    pipeline: Built<VolumeAo>,
 }
 
 fn draw(gpu: &Gpu, scene: &str, set: &Set<'_>) -> Drawn {
-    let (scene, tree) = prepared(gpu, &KIND, scene, set);
-    let params = Params::from_value(&tree).unwrap();
-    let pipeline = gpu.scoped(|| VolumeAo::new(gpu, &scene, params.clone())).unwrap();
-    gpu.run(&pipeline.stages()).unwrap();
+    let (scene, params) = prepared::<VolumeAo>(gpu, scene, set);
+    let pipeline = built::<VolumeAo>(gpu, &scene, &params);
     Drawn { scene, params, pipeline }
 }
 
 impl Drawn {
     fn visibility(&self, gpu: &Gpu) -> Pixels {
-        read_texture(gpu, self.pipeline.visibility()).unwrap()
+        read_texture(gpu, &self.pipeline.buffers().raw.1).unwrap()
     }
 
     fn figures(&self, gpu: &Gpu) -> BTreeMap<String, f64> {
-        self.pipeline.quantities(gpu).unwrap()
+        Pipeline::quantities(&*self.pipeline, gpu).unwrap()
     }
 
     fn stages(&self) -> Vec<&'static str> {
@@ -146,7 +144,7 @@ fn geometry_moves_and_its_volume_with_it() {
 /// RMS and mean of A less that of 256 rays cast from the same pixels.
 fn error(gpu: &Gpu, drawn: &Drawn) -> [f64; 2] {
     let image = drawn.visibility(gpu);
-    let gbuffer = drawn.pipeline.gbuffer();
+    let gbuffer = &drawn.pipeline.buffers().gbuffer;
     let [depth, normal] = [&gbuffer.depth, &gbuffer.normal].map(|t| read_texture(gpu, t).unwrap());
     let rays = PixelRays::new(&drawn.params.camera, image.width, image.height);
     let tracer = Tracer::new(&drawn.scene.objects).unwrap();

@@ -2,9 +2,9 @@
 //! geometry in motion.
 
 use fathom::gpu::{Gpu, read_buffer};
-use fathom::pipelines::Pipeline;
 use fathom::pipelines::settings::{Deform, Method};
 use fathom::pipelines::voxelize::{Params, Voxelize};
+use fathom::pipelines::{AnyPipeline, Built, Pipeline};
 use fathom::scene::{Scene, SceneFile};
 
 use super::gpu;
@@ -50,16 +50,15 @@ impl Fixture {
     }
 
     /// Two frames of the pipeline: what the first leaves behind must not be in the second.
-    fn frames(&self, change: impl FnOnce(&mut Params)) -> Voxelize {
+    fn frames(&self, change: impl FnOnce(&mut Params)) -> Built<Voxelize> {
         let mut params = Params::from_scene(&self.file);
         params.voxel.resolution = 24;
         (params.view.width, params.view.height) = (16, 16);
         change(&mut params);
-        let params = Params::from_value(&params.to_value()).unwrap();
-        let make = || Voxelize::new(&self.gpu, &self.scene, params);
+        let make = || Built::<Voxelize>::new(&self.gpu, &self.scene, &params);
         let pipeline = self.gpu.scoped(make).unwrap();
         let mut frame = pipeline.stages();
-        frame.extend(pipeline.presenting());
+        frame.extend(AnyPipeline::presenting(&pipeline));
         for _ in 0..2 {
             self.gpu.run(&frame).unwrap();
         }

@@ -246,10 +246,10 @@ fn parameters() {
     let strategy = (prop::sample::select(kinds), prop::collection::vec(change, 1..3));
     fuzz("--set", strategy, |(kind, changes)| {
         let params = told(Subjects::default().subject(kind, &scene, &[]))?.params;
-        let leaves = pipelines::params::leaves(&params);
+        let leaves = fathom::parameter::leaves(&params);
         let set = |(leaf, which, by, text): &(usize, usize, usize, Option<Input>)| {
             let leaf = &leaves[leaf % leaves.len()];
-            let default = pipelines::params::get(&params, leaf).unwrap().to_string();
+            let default = fathom::parameter::get(&params, leaf).unwrap().to_string();
             let value = match text {
                 Some(Input(text)) => String::from_utf8_lossy(text).into_owned(),
                 None => extreme(&default, *which, *by),

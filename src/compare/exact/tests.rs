@@ -9,6 +9,7 @@ fn figures(side: Side, errors: &[(&str, f64)]) -> Line {
         configuration: "c".to_owned(),
         allocated_bytes: 1,
         errors: errors.iter().map(named).collect(),
+        judged: Vec::new(),
         quantities: BTreeMap::new(),
         notes: Vec::new(),
     })

@@ -42,6 +42,7 @@ fn measured(stages: &[&str], ns: f64) -> Outcome {
         },
         allocated_bytes: 1,
         quantities: BTreeMap::new(),
+        errors: Vec::new(),
         warm_up_frames: 0,
         rejected: BTreeMap::new(),
         notes: Vec::new(),

@@ -42,6 +42,7 @@ fn cell(axes: &[(&str, Value)], ms: f64, random: &mut Pcg64) -> Cell {
         frame,
         allocated_bytes: 0,
         quantities: BTreeMap::from([("error".to_owned(), ms)]),
+        errors: Vec::new(),
         warm_up_frames: 0,
         rejected: BTreeMap::new(),
         notes: Vec::new(),

@@ -3,8 +3,10 @@
 use glam::DVec3;
 use serde_json::{Value, json};
 
-use super::{KIND, Params};
-use crate::pipelines::params;
+use super::{Params, ScalarAo};
+use crate::gpu::{Demand, GpuError};
+use crate::parameter::{self, ParamError, Setting};
+use crate::pipelines::{self, Kind, Parameters};
 use crate::scene::{Scene, SceneFile, Volume};
 
 const VOXEL_M: f64 = 0.1;
@@ -23,20 +25,28 @@ fn scene() -> Scene {
 }
 
 fn tree(path: &str, value: Value) -> Value {
-    let mut tree = (KIND.defaults)(&SceneFile::load("plane").unwrap());
-    params::set(&mut tree, path, value).unwrap();
+    let mut tree = parameter::tree(&Params::from_scene(&SceneFile::load("plane").unwrap()));
+    parameter::set(&mut tree, path, value).unwrap();
     tree
 }
 
+fn demand(tree: &Value, scene: &Scene) -> Result<Demand, GpuError> {
+    (Kind::of::<ScalarAo>().configure)(tree)?.plan(scene)
+}
+
+fn read(tree: &Value) -> Result<Params, ParamError> {
+    pipelines::read(tree)
+}
+
 fn fault(path: &str, value: Value) -> String {
-    (KIND.demand)(&tree(path, value), &scene()).unwrap_err()
+    demand(&tree(path, value), &scene()).unwrap_err().to_string()
 }
 
 #[test]
 fn defaults_suit_a_volume() {
     let tree = tree("view.width", json!(32));
-    assert!((KIND.demand)(&tree, &scene()).is_ok());
-    let scalar = Params::from_value(&tree).unwrap().scalar;
+    assert!(demand(&tree, &scene()).is_ok());
+    let scalar = read(&tree).unwrap().scalar;
     let march = scalar.uniforms([32, 24], VOXEL_M, 0.8);
     assert_eq!(march.stratum_m, 0.1);
     assert_eq!(march.level, 0.0);
@@ -71,7 +81,9 @@ fn values_out_of_range_are_named() {
 fn what_is_no_number_is_refused() {
     let mut params = Params::from_scene(&SceneFile::load("plane").unwrap());
     params.scalar.iso = f64::NAN;
-    assert!(Params::from_value(&params.to_value()).unwrap_err().contains("scalar.iso"));
+    assert!(read(&tree("scalar.iso", json!(1.0))).is_ok());
+    let error = params.check(parameter::Beside::default()).unwrap_err().to_string();
+    assert!(error.contains("scalar.iso"));
 }
 
 #[test]
@@ -80,14 +92,15 @@ fn steps_without_end_are_refused() {
     if let Some(volume) = &mut scene.volume {
         volume.cells = [1000, 1, 1];
     }
-    let message = (KIND.demand)(&tree("scalar.view_step_voxels", json!(0.06)), &scene).unwrap_err();
+    let message =
+        demand(&tree("scalar.view_step_voxels", json!(0.06)), &scene).unwrap_err().to_string();
     assert!(message.starts_with("scalar.view_step_voxels"), "{message}");
 }
 
 #[test]
 fn a_scene_without_a_volume_is_told_so() {
     let scene = Scene::load("plane").unwrap();
-    let message = (KIND.demand)(&tree("scalar.rays", json!(4)), &scene).unwrap_err();
+    let message = demand(&tree("scalar.rays", json!(4)), &scene).unwrap_err().to_string();
     assert!(message.contains("scene `plane` has no volume"), "{message}");
 }
 
@@ -97,7 +110,7 @@ fn volumes_beyond_the_adapter_are_named() {
     if let Some(volume) = &mut scene.volume {
         *volume = Volume { cells: [4000, 1, 1], data: vec![0.5; 4000], ..volume.clone() };
     }
-    let demand = (KIND.demand)(&tree("scalar.rays", json!(4)), &scene).unwrap();
+    let demand = demand(&tree("scalar.rays", json!(4)), &scene).unwrap();
     let message = demand.check(&wgpu::Limits::default()).unwrap_err();
     assert!(message.starts_with("volume cells"), "{message}");
 }
@@ -105,7 +118,7 @@ fn volumes_beyond_the_adapter_are_named() {
 #[test]
 fn thresholds_of_media_mean_opacity_of_a_voxel() {
     use super::{Law, Mode};
-    let mut scalar = Params::from_value(&tree("scalar.threshold", json!(0.5))).unwrap().scalar;
+    let mut scalar = read(&tree("scalar.threshold", json!(0.5))).unwrap().scalar;
     let ends_at = |scalar: &super::Scalar| scalar.uniforms([8, 8], VOXEL_M, 1.0).threshold;
     assert_eq!(ends_at(&scalar), 0.5);
     scalar.mode = Mode::Direct;
@@ -123,11 +136,11 @@ fn thresholds_of_media_mean_opacity_of_a_voxel() {
 #[test]
 fn cells_follow_the_parameters_where_they_can() {
     let file = SceneFile::load("smoke").unwrap();
-    let mut tree = (KIND.defaults)(&file);
+    let mut tree = parameter::tree(&Params::from_scene(&file));
     assert_eq!(tree["volume"]["cells"], json!([200, 128, 200]));
-    params::set(&mut tree, "volume.cells", json!([20, 12, 20])).unwrap();
-    params::set(&mut tree, "volume.reduce", json!(2)).unwrap();
-    let reduced = (KIND.scene_file)(&file, &tree).unwrap();
+    parameter::set(&mut tree, "volume.cells", json!([20, 12, 20])).unwrap();
+    parameter::set(&mut tree, "volume.reduce", json!(2)).unwrap();
+    let reduced = read(&tree).unwrap().staged(&file).unwrap();
     assert_eq!(Scene::build(&reduced).unwrap().volume.unwrap().cells, [10, 6, 10]);
     let mut scanned = file.clone();
     if let Some(volume) = &mut scanned.volume {
@@ -135,6 +148,6 @@ fn cells_follow_the_parameters_where_they_can() {
         volume.asset = Some("engine".into());
         volume.cells = [0; 3];
     }
-    let message = (KIND.scene_file)(&scanned, &tree).unwrap_err();
+    let message = read(&tree).unwrap().staged(&scanned).unwrap_err().to_string();
     assert!(message.starts_with("volume.cells"), "{message}");
 }

@@ -7,7 +7,7 @@ fn scene() -> Scene {
 fn grids(voxel: &Voxel, deform: Deform) -> Result<Vec<Grid>, String> {
     let scene = scene();
     let animation = Animation { deform, ..Animation::default() };
-    voxel.grids(&scene, &scene.camera, &animation)
+    voxel.grids(&scene, &scene.camera, &animation).map_err(|error| error.to_string())
 }
 
 #[test]
@@ -47,7 +47,7 @@ fn grids_beside_the_scene_are_errors_that_name_the_parameters() {
     let mut camera = Camera { position_m: [0.0, 1e3, 0.0], ..self::scene().camera };
     let around = Voxel { around_viewer_m: 3.0, ..Voxel::default() };
     let still = Animation::default();
-    let error = around.grids(&self::scene(), &camera, &still).unwrap_err();
+    let error = around.grids(&self::scene(), &camera, &still).unwrap_err().to_string();
     assert!(error.contains("voxel.around_viewer_m"), "{error}");
     camera.position_m = scene.center().to_array();
     assert!(around.grids(&self::scene(), &camera, &still).is_ok());
