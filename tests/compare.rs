@@ -7,12 +7,11 @@ use std::path::{Path, PathBuf};
 
 use assert_cmd::Command;
 use fathom::compare::cells::CellId;
-use fathom::compare::selftest::{self, Injection, Plan};
 use fathom::compare::store::{
     Build, CheckFigure, Comparison, ConfigurationFigures, End, ExactFigures, Fault, Gate, Header,
     InstructionCounts, Launch, Line, Pair, SCHEMA, Settings, Side, Skip, Store,
 };
-use fathom::record::{Adapter, Lines, Work};
+use fathom::record::{Adapter, Work};
 use predicates::str::contains;
 
 fn fathom() -> Command {
@@ -214,12 +213,6 @@ impl Stored {
             self.interrupted.map(|interrupted| Line::End(End { wall_s: 61.5, interrupted })),
         );
         lines
-    }
-
-    fn comparison(self) -> Comparison {
-        let lines = self.lines();
-        let damaged = Vec::new();
-        Comparison::from_lines(Lines { lines, damaged }).unwrap()
     }
 
     fn write(self, folder: &Path) -> PathBuf {
@@ -697,53 +690,4 @@ fn a_stage_alone_executes_as_much_in_each_frame() {
         assert!(counts.len() >= 3 && most / least < 1.002, "{counts:?}");
     }
     assert_eq!(comparison.instructions.len(), 2);
-}
-
-/// A self-test of two trials, whose findings are known.
-#[test]
-fn findings_of_a_self_test_count_what_its_trials_show() {
-    let injections = Injection::all().unwrap();
-    let plan = Plan { no_ops: 3, slow5: 12 };
-    let all = selftest::trials(plan, &injections);
-    let trial = |id: &str| {
-        let found = all.iter().find(|trial| trial.id == id);
-        found.unwrap_or_else(|| panic!("{id}")).clone()
-    };
-    let (trace, compose) = ("pool caustics/trace", "pool compose");
-    let timed = |ratio: f64| {
-        Stored::new(&[trace, compose])
-            .settings(|settings| settings.gates = vec![Gate::Time])
-            .times(trace, false, ratio, 0.004)
-            .times(compose, false, 1.0005, 0.004)
-            .comparison()
-    };
-    let blaming = Stored::new(&[trace, compose])
-        .settings(|settings| settings.gates = vec![Gate::Time])
-        .times(trace, false, 1.045, 0.004)
-        .times(compose, false, 1.1, 0.004)
-        .comparison();
-    let made = vec![
-        (trial("no-op-000-again"), timed(1.001)),
-        (trial("no-op-002-again-loaded"), timed(1.05)),
-        (trial("every-slow5-truth"), timed(1.0501)),
-        (trial("caustics-trace-fetches-slow5-0"), timed(1.05)),
-        (trial("caustics-trace-fetches-slow10-0"), blaming),
-    ];
-    let found = selftest::findings(&injections, &made);
-    assert_eq!((found.false_alarms.count, found.false_alarms.of), (1, 2));
-    assert_eq!(found.false_alarms_loaded.count, 1);
-    assert_eq!((found.no_op_changes().count, found.no_op_changes().of), (1, 4));
-    let five = &found.detection["+5 % time"];
-    assert_eq!((five.caught.count, five.caught.of), (1, 1));
-    assert_eq!((five.named_first.count, five.others_blamed.count), (1, 0));
-    assert!((five.largest.unwrap() - 0.05).abs() < 1e-4);
-    let of_stage = &found.stages["caustics/trace"];
-    assert_eq!((of_stage.caught.count, of_stage.changes.len()), (1, 1));
-    assert!((of_stage.truth.unwrap() - 0.0501).abs() < 1e-4);
-    let ten = &found.detection["+10 % time"];
-    assert_eq!((ten.caught.count, ten.named_first.count), (1, 0));
-    assert_eq!((ten.others_blamed.count, ten.others_blamed.of), (1, 1));
-    // The loaded no-op's trace, which is none, and the last trial's compose lie outside their intervals.
-    assert_eq!((found.covered_zero.count, found.covered_zero.of), (4, 6));
-    assert_eq!((found.covered_injected.count, found.covered_injected.of), (1, 1));
 }

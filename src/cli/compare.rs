@@ -9,11 +9,9 @@ use anyhow::Context;
 use fathom::compare::build::{self, SetAside};
 use fathom::compare::cells::Gates;
 use fathom::compare::flow::{self, Options, Program};
-use fathom::compare::selftest::{self, Plan, SelfTest};
 use fathom::compare::store::{Line, Settings, Store};
 use fathom::compare::verdict::Verdicts;
 use fathom::compare::{self, files, tables};
-use fathom::harness::output::DEFAULT_FOLDER;
 use fathom::tell;
 
 use super::CompareArgs;
@@ -26,9 +24,6 @@ pub fn compare(args: CompareArgs) -> Outcome {
     if let Some(folder) = &args.replay {
         return tell(folder, &args.format, false);
     }
-    if args.self_test {
-        return self_test(&args);
-    }
     let folder = match args.records.as_slice() {
         [base, head] => records(&args, base, head)?,
         _ => match builds(&args) {
@@ -40,10 +35,8 @@ pub fn compare(args: CompareArgs) -> Outcome {
         },
     };
     let status = tell(&folder, &args.format, true)?;
-    Ok(match INTERRUPT.load(Ordering::Relaxed) {
-        true => ExitCode::from(INTERRUPTED),
-        false => status,
-    })
+    let interrupted = INTERRUPT.load(Ordering::Relaxed);
+    Ok(if interrupted { ExitCode::from(INTERRUPTED) } else { status })
 }
 
 fn settings(args: &CompareArgs) -> Settings {
@@ -51,7 +44,6 @@ fn settings(args: &CompareArgs) -> Settings {
     gates.sort();
     gates.dedup();
     Settings {
-        alpha: flow::ALPHA,
         threshold: args.threshold,
         instruction_threshold: args.instruction_threshold,
         launches: args.launches,
@@ -59,7 +51,7 @@ fn settings(args: &CompareArgs) -> Settings {
         // A seed that JSON readers of every kind keep exactly.
         seed: args.seed.unwrap_or_else(|| u64::from(rand::random::<u32>())),
         gates,
-        unpaired: false,
+        ..Settings::default()
     }
 }
 
@@ -125,32 +117,6 @@ fn records(args: &CompareArgs, base: &Path, head: &Path) -> anyhow::Result<PathB
     };
     Store::create(&folder)?.write(&lines)?;
     Ok(folder)
-}
-
-/// Tries the gates. The status is that of the tool: whether the gates did well, the findings tell.
-fn self_test(args: &CompareArgs) -> Outcome {
-    watch_interrupts()?;
-    let test = SelfTest {
-        repository: std::env::current_dir().context("there is no current folder")?,
-        out: match &args.out {
-            Some(folder) => folder.clone(),
-            None => Path::new(DEFAULT_FOLDER).join("self-test"),
-        },
-        gpu: gpu_options(&args.adapter),
-        plan: Plan { no_ops: args.no_ops, slow5: args.slowdowns },
-        settings: settings(args),
-        filter: args.cells.clone(),
-    };
-    std::fs::create_dir_all(&test.out)
-        .with_context(|| format!("cannot write to {}", test.out.display()))?;
-    selftest::run(&test, &INTERRUPT, &|text| tell::note(text))?;
-    for name in selftest::RESULTS {
-        tell::done(test.out.join(name).display());
-    }
-    Ok(match INTERRUPT.load(Ordering::Relaxed) {
-        true => ExitCode::from(INTERRUPTED),
-        false => ExitCode::SUCCESS,
-    })
 }
 
 /// Writes the tables of a folder and prints one of them. A fresh comparison also goes to the job's page, if there is one.

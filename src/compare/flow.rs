@@ -23,13 +23,6 @@ use crate::gpu;
 use crate::harness::calendar;
 use crate::harness::output::{DEFAULT_FOLDER, OutputError, unused};
 
-/// Family-wise error of the time gate.
-pub const ALPHA: f64 = 0.05;
-/// Practical threshold of the time gate.
-pub const THRESHOLD: f64 = 0.02;
-/// Counts repeat to 0.1 %; half a per cent is plain.
-pub const INSTRUCTION_THRESHOLD: f64 = 0.005;
-
 #[derive(Debug, Error)]
 pub enum CompareError {
     #[error(transparent)]

@@ -19,7 +19,6 @@ pub mod protocol;
 mod quiet;
 pub mod rank;
 pub mod rounds;
-pub mod selftest;
 pub mod store;
 pub mod survey;
 pub mod tables;

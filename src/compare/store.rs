@@ -8,6 +8,7 @@ use thiserror::Error;
 
 use super::cells::CellId;
 use super::nan;
+use super::rounds::{LAUNCHES, PAIRS};
 use crate::harness::output::holder;
 use crate::record::{self, Adapter, FolderLock, LineWriter, Lines, LockError, RecordError, Work};
 
@@ -20,6 +21,13 @@ pub const COMPARISON: &str = "comparison.jsonl";
 pub const MOST_LAUNCHES: u32 = 200;
 /// Most pairs of a cell in a launch of the first measurement; the second takes up to four times as many.
 pub const MOST_PAIRS: u32 = 1000;
+
+/// Family-wise error of the time gate.
+const ALPHA: f64 = 0.05;
+/// Practical threshold of the time gate.
+pub const THRESHOLD: f64 = 0.02;
+/// Counts repeat to 0.1 %; half a per cent is plain.
+pub const INSTRUCTION_THRESHOLD: f64 = 0.005;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -96,6 +104,23 @@ pub struct Header {
     pub notes: Vec<String>,
 }
 
+/// Of two builds of which nothing is known, by the default settings.
+impl Default for Header {
+    fn default() -> Self {
+        Self {
+            schema: SCHEMA,
+            fathom_version: env!("CARGO_PKG_VERSION").to_owned(),
+            base: Build::default(),
+            head: Build::default(),
+            adapter: Adapter::default(),
+            settings: Settings::default(),
+            cells: Vec::new(),
+            skipped: Vec::new(),
+            notes: Vec::new(),
+        }
+    }
+}
+
 /// A gate that is left out, which is no failure.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Skip {
@@ -104,7 +129,7 @@ pub struct Skip {
 }
 
 /// One side.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Build {
     /// Revision, path or file, as it was asked for.
     pub label: String,
@@ -135,6 +160,21 @@ pub struct Settings {
     /// Sides were measured one after the other, in no pairs: from files of records.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub unpaired: bool,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self {
+            alpha: ALPHA,
+            threshold: THRESHOLD,
+            instruction_threshold: INSTRUCTION_THRESHOLD,
+            launches: LAUNCHES,
+            pairs: PAIRS,
+            seed: 0,
+            gates: Gate::ALL.to_vec(),
+            unpaired: false,
+        }
+    }
 }
 
 /// A number between 0 and 1: no verdict follows from another.
@@ -216,7 +256,7 @@ pub struct Pair {
 }
 
 /// A pair of workers that went through all its rounds. Pairs of a launch without this line do not count.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Launch {
     pub launch: u32,
     pub wall_s: f64,

@@ -1,37 +1,24 @@
-//! `fathom compare --self-test`: the gates are held against builds whose differences are known.
-//!
-//! Equal builds (the same source built twice, and a change of the host that no stage uses) must raise no alarm, on a
-//! quiet machine and on a loaded one; slowdowns of known size, built into one stage at a time, must be found and their
-//! stage named. Each trial is a comparison in a folder of its own, so a self-test that was cut short goes on where it
-//! ended, and its findings are a function of those folders.
-
-mod findings;
-mod injections;
-mod load;
-mod report;
-mod trials;
-mod workshop;
+//! The trials: which are missing, how each is built and measured, and where its findings go.
 
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use thiserror::Error;
+use fathom::compare::build::{self, BuildError};
+use fathom::compare::flow::{self, CompareError, Options, Program};
+use fathom::compare::store::{COMPARISON, Comparison, Settings, StoreError};
+use fathom::gpu;
 
-use super::build::{self, BuildError};
-use super::flow::{self, CompareError, Options, Program};
-use super::store::{COMPARISON, Comparison, Settings, StoreError};
-use crate::gpu;
-pub use findings::{Findings, findings};
-pub use injections::Injection;
-use injections::{Changed, every, unrelated};
-use load::Load;
-pub use trials::{Plan, Trial, Variant, trials};
-use workshop::{Manner, Workshop};
+use crate::findings::findings;
+use crate::injections::{Changed, Injection, every, unrelated};
+use crate::load::Load;
+use crate::report;
+use crate::trials::{Plan, Trial, Variant, trials};
+use crate::workshop::{Compilation, Workshop};
 
 /// Names of the results in the self-test's folder.
 pub const RESULTS: [&str; 2] = ["self-test.json", "self-test.md"];
 
-#[derive(Debug, Error)]
+#[derive(Debug, thiserror::Error)]
 pub enum SelfTestError {
     #[error(transparent)]
     Build(#[from] BuildError),
@@ -46,6 +33,8 @@ pub enum SelfTestError {
     OtherSettings(PathBuf),
     #[error(transparent)]
     Store(#[from] StoreError),
+    #[error("cannot watch for Ctrl-C: {0}")]
+    Signal(#[from] ctrlc::Error),
     #[error("cannot {action} {}: {source}", path.display())]
     Io { action: &'static str, path: PathBuf, source: std::io::Error },
 }
@@ -61,44 +50,45 @@ pub struct SelfTest {
     /// Of every trial, but for what the trial says itself.
     pub settings: Settings,
     /// Only trials whose names contain this.
-    pub filter: Option<String>,
+    pub filter: String,
 }
 
-/// Makes the trials that lack, and writes what all of them show.
+/// Makes the missing trials, and writes what all of them show.
 pub fn run(
     test: &SelfTest,
     interrupted: &AtomicBool,
     tell: &dyn Fn(&str),
-) -> Result<Findings, SelfTestError> {
+) -> Result<(), SelfTestError> {
+    let io = |source| SelfTestError::Io { action: "write to", path: test.out.clone(), source };
+    std::fs::create_dir_all(&test.out).map_err(io)?;
     let injections = Injection::all().map_err(SelfTestError::Injection)?;
-    let mut lacking = Vec::new();
+    let mut missing = Vec::new();
     for trial in trials(test.plan, &injections) {
-        let part = test.filter.as_deref().unwrap_or_default();
-        if trial.id.contains(part) && !is_made(test, &trial)? {
-            lacking.push(trial);
+        if trial.id.contains(&test.filter) && !is_made(test, &trial)? {
+            missing.push(trial);
         }
     }
-    let ended = make(test, &lacking, &injections, interrupted, tell);
-    let found = write(test, &injections)?;
-    ended.map(|()| found)
+    let ended = make(test, &missing, &injections, interrupted, tell);
+    write(test, &injections)?;
+    ended
 }
 
 /// Makes trials until it is interrupted or one fails.
 fn make(
     test: &SelfTest,
-    lacking: &[Trial],
+    missing: &[Trial],
     injections: &[Injection],
     interrupted: &AtomicBool,
     tell: &dyn Fn(&str),
 ) -> Result<(), SelfTestError> {
-    let mut bench = Bench::new(test, interrupted, tell)?;
-    for (number, trial) in lacking.iter().enumerate() {
+    let mut builds = TrialBuilds::new(test, interrupted, tell)?;
+    for (number, trial) in missing.iter().enumerate() {
         if interrupted.load(Ordering::Relaxed) {
             break;
         }
-        let (number, all) = (number + 1, lacking.len());
+        let (number, all) = (number + 1, missing.len());
         tell(&format!("trial {number} of {all}: {}", trial.id));
-        match bench.make(trial, injections) {
+        match builds.make(trial, injections) {
             Err(SelfTestError::Build(BuildError::Interrupted { .. })) => break,
             made => made?,
         }
@@ -107,7 +97,7 @@ fn make(
 }
 
 /// Findings from the stored trials alone, written beside them.
-pub fn write(test: &SelfTest, injections: &[Injection]) -> Result<Findings, SelfTestError> {
+fn write(test: &SelfTest, injections: &[Injection]) -> Result<(), SelfTestError> {
     let mut made = Vec::new();
     for trial in trials(test.plan, injections) {
         let folder = test.out.join(&trial.id);
@@ -129,7 +119,7 @@ pub fn write(test: &SelfTest, injections: &[Injection]) -> Result<Findings, Self
             source,
         })?;
     }
-    Ok(found)
+    Ok(())
 }
 
 /// Trials of other settings are no part of the same findings. Of its gates a trial may have had fewer, where one could not be run.
@@ -140,10 +130,10 @@ fn is_made(test: &SelfTest, trial: &Trial) -> Result<bool, SelfTestError> {
     };
     let wanted = test.settings_of(trial);
     let found = Settings { gates: wanted.gates.clone(), ..stored.header.settings.clone() };
-    match found == wanted {
-        true => Ok(stored.came_to_its_end()),
-        false => Err(SelfTestError::OtherSettings(folder)),
+    if found != wanted {
+        return Err(SelfTestError::OtherSettings(folder));
     }
+    Ok(stored.came_to_its_end())
 }
 
 /// A trial's folder holds lines.
@@ -164,7 +154,7 @@ impl SelfTest {
 }
 
 /// Builds variants and compares them with their base.
-struct Bench<'a> {
+struct TrialBuilds<'a> {
     test: &'a SelfTest,
     workshop: Workshop,
     programs: PathBuf,
@@ -174,7 +164,7 @@ struct Bench<'a> {
     at_hand: Option<(Variant, PathBuf)>,
 }
 
-impl<'a> Bench<'a> {
+impl<'a> TrialBuilds<'a> {
     fn new(
         test: &'a SelfTest,
         interrupted: &'a AtomicBool,
@@ -194,12 +184,12 @@ impl<'a> Bench<'a> {
     }
 
     fn make(&mut self, trial: &Trial, injections: &[Injection]) -> Result<(), SelfTestError> {
-        let manner = match trial.variant {
-            Variant::Again | Variant::Unrelated => Manner::Whole,
-            Variant::Injected(..) | Variant::Every(_) => Manner::Incremental,
+        let compilation = match trial.variant {
+            Variant::Again | Variant::Unrelated => Compilation::Whole,
+            Variant::Injected(..) | Variant::Every(_) => Compilation::Incremental,
         };
-        let base = self.base(manner)?;
-        let head = self.head(&trial.variant, manner, injections)?;
+        let base = self.base(compilation)?;
+        let head = self.head(&trial.variant, compilation, injections)?;
         let program = |path: &Path| Program {
             path: path.to_owned(),
             label: path.file_name().unwrap_or_default().to_string_lossy().into_owned(),
@@ -221,13 +211,13 @@ impl<'a> Bench<'a> {
         measured.map(drop).map_err(|error| SelfTestError::Trial { trial: trial.id.clone(), error })
     }
 
-    fn base(&self, manner: Manner) -> Result<PathBuf, SelfTestError> {
-        let name = match manner {
-            Manner::Whole => "base",
-            Manner::Incremental => "base-of-injections",
+    fn base(&self, compilation: Compilation) -> Result<PathBuf, SelfTestError> {
+        let name = match compilation {
+            Compilation::Whole => "base",
+            Compilation::Incremental => "base-of-injections",
         };
         let program = self.programs.join(name);
-        self.build(&[], manner, &program)?;
+        self.build(&[], compilation, &program)?;
         Ok(program)
     }
 
@@ -235,7 +225,7 @@ impl<'a> Bench<'a> {
     fn head(
         &mut self,
         variant: &Variant,
-        manner: Manner,
+        compilation: Compilation,
         injections: &[Injection],
     ) -> Result<PathBuf, SelfTestError> {
         if let Some((known, program)) = &self.at_hand {
@@ -259,8 +249,8 @@ impl<'a> Bench<'a> {
         };
         let changes = changes.map_err(SelfTestError::Injection)?;
         let program = self.programs.join(variant.word());
-        self.build(&changes, manner, &program)?;
-        if manner == Manner::Incremental {
+        self.build(&changes, compilation, &program)?;
+        if compilation == Compilation::Incremental {
             self.at_hand = Some((variant.clone(), program.clone()));
         }
         Ok(program)
@@ -269,7 +259,7 @@ impl<'a> Bench<'a> {
     fn build(
         &self,
         changes: &[Changed],
-        manner: Manner,
+        compilation: Compilation,
         program: &Path,
     ) -> Result<(), SelfTestError> {
         if program.is_file() {
@@ -277,25 +267,24 @@ impl<'a> Bench<'a> {
         }
         (self.tell)(&format!("building {}", program.display()));
         let Self { interrupted, tell, .. } = self;
-        Ok(self.workshop.build(changes, manner, program, interrupted, tell)?)
+        Ok(self.workshop.build(changes, compilation, program, interrupted, tell)?)
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use fathom::compare::store::{End, Gate, Header, Line, Store};
+
     use super::*;
-    use crate::compare::store::{End, Gate, Header, Line, Store};
 
     fn self_test(out: &Path, pairs: u32) -> SelfTest {
-        let header = include_str!("../tests/header.json");
-        let header: Header = serde_json::from_str(header).unwrap();
         SelfTest {
             repository: PathBuf::new(),
             out: out.to_owned(),
             gpu: gpu::Options::default(),
             plan: Plan { no_ops: 1, slow5: 1 },
-            settings: Settings { pairs, ..header.settings },
-            filter: None,
+            settings: Settings { pairs, ..Settings::default() },
+            filter: String::new(),
         }
     }
 
@@ -307,8 +296,7 @@ mod tests {
         let trial = trials(test.plan, &injections).pop().unwrap();
         assert!(!is_made(&test, &trial).unwrap());
 
-        let header = include_str!("../tests/header.json");
-        let mut header: Header = serde_json::from_str(header).unwrap();
+        let mut header = Header::default();
         header.settings = test.settings_of(&trial);
         header.settings.gates.retain(|gate| *gate == Gate::Exact);
         let mut store = Store::create(&folder.path().join(&trial.id)).unwrap();
