@@ -56,7 +56,7 @@ impl Default for Build<'_> {
 
 fn hello(protocol: u32, parts: &str) -> String {
     format!(
-        r#"echo '{{"message":"hello","protocol":{protocol},"fathom_version":"0","adapter":{ADAPTER},"parts":[{parts}]}}'"#
+        r#"echo '{{"message":"hello","protocol":{protocol},"fathom_version":"0","adapter":{ADAPTER},"parts":[{parts}],"cores":null,"randomized":null,"notes":[]}}'"#
     )
 }
 
@@ -89,13 +89,14 @@ impl Bench {
             .map(|(pattern, command)| format!("*'{pattern}'*) {command};;\n"))
             .collect();
         let stage = |name: &str| format!(r#"{{"name":"{name}","kind":"compute"}}"#);
-        let exact = |name: &str| format!(r#"{{"name":"{name}","work":{{"photons":7}}}}"#);
+        let exact =
+            |name: &str| format!(r#"{{"name":"{name}","work":{{"photons":7}},"counters":{{}}}}"#);
         let text = format!(
             "#!/bin/sh\nwhile read -r line; do case \"$line\" in\n{instead}\
              *'\"hello\"'*) {hello};;\n\
              *'\"prepare\"'*) echo '{{\"message\":\"prepared\",\"stages\":[{},{}]}}';;\n\
              *'\"exact\"'*) echo '{{\"message\":\"exact\",\"stages\":[{},{}],\"allocated_bytes\":{bytes},\
-             \"errors\":{{\"an_error\":{error}}},\"quantities\":{{}}}}';;\n\
+             \"errors\":{{\"an_error\":{error}}},\"quantities\":{{}},\"notes\":[]}}';;\n\
              *'\"checks\"'*) echo '{{\"message\":\"checks\",\"checks\":[]}}';;\n\
              *'\"sample\"'*) echo '{{\"message\":\"sample\",\"ns\":[{ns}]}}';;\n\
              *'\"quit\"'*) exit;;\nesac; done\n",
@@ -202,7 +203,7 @@ fn a_base_that_lacks_a_part_skips_that_gate_and_says_so() {
 
 #[test]
 fn what_the_base_does_not_know_is_new_and_what_the_head_cannot_do_fails() {
-    let refuse = "echo '{\"message\":\"fault\",\"reason\":\"unknown pipeline\"}'";
+    let refuse = "echo '{\"message\":\"fault\",\"reason\":\"unknown pipeline\",\"fatal\":false,\"absent\":true}'";
     let bench = Bench::new();
     let base =
         bench.build("base", &Build { instead: &[("\"id\":\"two\"", refuse)], ..Build::default() });
@@ -224,8 +225,8 @@ fn what_the_base_does_not_know_is_new_and_what_the_head_cannot_do_fails() {
 
 #[test]
 fn what_fails_in_either_build_is_not_taken_for_new() {
-    let absent = "echo '{\"message\":\"fault\",\"reason\":\"unknown pipeline\",\"absent\":true}'";
-    let failure = "echo '{\"message\":\"fault\",\"reason\":\"out of memory\",\"absent\":false}'";
+    let absent = "echo '{\"message\":\"fault\",\"reason\":\"unknown pipeline\",\"fatal\":false,\"absent\":true}'";
+    let failure = "echo '{\"message\":\"fault\",\"reason\":\"out of memory\",\"fatal\":false,\"absent\":false}'";
     for (of_base, of_head) in [(failure, None), (absent, Some("exit 3"))] {
         let bench = Bench::new();
         let build = |name: &str, does: Option<&str>| {
@@ -242,29 +243,10 @@ fn what_fails_in_either_build_is_not_taken_for_new() {
 }
 
 #[test]
-fn a_base_without_checks_is_compared_by_all_else() {
-    let bench = Bench::new();
-    let base = bench.build(
-        "base",
-        &Build {
-            hello: hello(1, r#""exact","time""#),
-            instead: &[(
-                "\"checks\"",
-                "echo '{\"message\":\"unsupported\",\"request\":\"checks\"}'",
-            )],
-            ..Build::default()
-        },
-    );
-    let head = bench.build("head", &Build::default());
-    let output = bench.command(&base, &head).output().unwrap();
-    assert_eq!(output.status.code(), Some(0), "{output:?}");
-}
-
-#[test]
 fn an_error_that_is_no_number_is_a_figure_like_any_other() {
     let bench = Bench::new();
-    let null = "echo '{\"message\":\"exact\",\"stages\":[{\"name\":\"a\",\"work\":{}},{\"name\":\"b\",\"work\":{}}],\
-                \"allocated_bytes\":1,\"errors\":{\"an_error\":null},\"quantities\":{}}'";
+    let null = "echo '{\"message\":\"exact\",\"stages\":[{\"name\":\"a\",\"work\":{},\"counters\":{}},{\"name\":\"b\",\"work\":{},\"counters\":{}}],\
+                \"allocated_bytes\":1,\"errors\":{\"an_error\":null},\"quantities\":{},\"notes\":[]}'";
     let (output, stored) =
         bench.compare(&Build { instead: &[("\"exact\"", null)], ..Build::default() });
     assert!(stored.faults.is_empty(), "{output:?}");

@@ -81,17 +81,7 @@ fn a_gate_between_two_copies_of_this_build_measures_every_cell() {
     if cfg!(target_os = "linux") && bench.adapter.software {
         assert!(notes.iter().all(|notes| notes.iter().any(|note| note.starts_with("on core "))));
     }
-    let settings = Settings {
-        alpha: 0.05,
-        threshold: 0.02,
-        instruction_threshold: 0.005,
-        launches: 2,
-        pairs: 4,
-        seed: 3,
-        gates: Vec::new(),
-        unpaired: false,
-    };
-    let judged = time::judge(&schedule.cells, &pairs, &settings);
+    let judged = time::judge(&schedule.cells, &pairs, &Settings::default());
     assert_eq!(judged.cells.len(), 2);
     assert!(judged.cells.iter().all(|cell| cell.launches == 2 && cell.change.is_finite()));
     assert!(judged.controls.len() == 1);
@@ -180,7 +170,7 @@ const ADAPTER: &str = r#"{"name":"toy","backend":"vulkan","device_type":"Cpu","d
 /// A worker that is a script: it does as it should but for the stage `bad`, where it does `badly`.
 fn script(folder: &Path, name: &str, badly: &str) -> Start {
     let hello = format!(
-        r#"{{"message":"hello","protocol":1,"fathom_version":"0","adapter":{ADAPTER},"parts":["time"]}}"#
+        r#"{{"message":"hello","protocol":1,"fathom_version":"0","adapter":{ADAPTER},"parts":["time"],"cores":null,"randomized":null,"notes":[]}}"#
     );
     scripted(folder, name, &format!("echo '{hello}'"), badly)
 }
@@ -239,7 +229,10 @@ fn a_worker_that_crashes_hangs_or_answers_garbage_costs_one_cell() {
         ("echo '{\"message\":\"sample\",\"ns\":[]}'", "\"ns\":[]"),
         ("echo '{\"message\":\"sample\",\"ns\":[-1]}'", "\"ns\":[-1.0]"),
         ("echo '{\"message\":\"prepared\",\"stages\":[]}'", "\"prepared\""),
-        ("echo '{\"message\":\"fault\",\"reason\":\"too hot\"}'", "head worker: too hot"),
+        (
+            "echo '{\"message\":\"fault\",\"reason\":\"too hot\",\"fatal\":false,\"absent\":false}'",
+            "head worker: too hot",
+        ),
         ("echo '{\"message\":\"unsupported\",\"request\":\"sample\"}'", "does not know `sample`"),
     ] {
         let garbage = fails_alone(answer);
@@ -277,7 +270,7 @@ fn builds_without_a_worker_of_this_protocol_are_told_apart() {
     let folder = tempfile::tempdir().unwrap();
     let hello = |protocol: u32, parts: &str| {
         format!(
-            r#"echo '{{"message":"hello","protocol":{protocol},"fathom_version":"0","adapter":{ADAPTER},"parts":[{parts}]}}'"#
+            r#"echo '{{"message":"hello","protocol":{protocol},"fathom_version":"0","adapter":{ADAPTER},"parts":[{parts}],"cores":null,"randomized":null,"notes":[]}}'"#
         )
     };
     let older = refused(scripted(folder.path(), "older", &hello(0, "\"time\""), ""));
@@ -297,13 +290,4 @@ fn builds_without_a_worker_of_this_protocol_are_told_apart() {
 
     let missing = refused(Start::new(Path::new("/no/such/fathom")));
     assert!(missing.fault.to_string().contains("cannot be started"), "{:?}", missing.fault);
-
-    // A part that lacks ends the gate with the reason and no cell at fault.
-    let base = script(folder.path(), "base", "");
-    let head = scripted(folder.path(), "exact", &hello(1, "\"exact\""), "");
-    let mut bench = Processes::new(base, head, &[toy()], 1, Waiting::PLAINLY).unwrap();
-    let (pairs, faults, _) = sorted(measure(&mut bench, &schedule(&[("toy", "good")], 3, 2)));
-    assert_eq!(pairs, []);
-    assert!(faults.iter().all(|fault| fault.cell.is_none()));
-    assert_eq!(faults[0].reason, "head worker: it does not know `sample`");
 }

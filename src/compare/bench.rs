@@ -105,9 +105,6 @@ impl<'a> Processes<'a> {
                 );
                 return Err(of(*party)(WorkerFault::fatal(reason)));
             }
-            if !greeting.parts.iter().any(|part| part == "time") {
-                return Err(of(*party)(WorkerFault::Unsupported("sample".to_owned())));
-            }
             greetings.push(greeting);
         }
         Ok(greetings)

@@ -354,9 +354,9 @@ mod tests {
     const SCRIPT: &str = r#"n=0
 cut() { n=$((n + 1)); echo "totals: $1" > "$FOLDER/callgrind.out.$n"; }
 while read -r line; do case "$line" in
-*'"hello"'*) echo '{"message":"hello","protocol":1,"fathom_version":"0","adapter":ADAPTER,"parts":[]}';;
+*'"hello"'*) echo '{"message":"hello","protocol":1,"fathom_version":"0","adapter":ADAPTER,"parts":[],"cores":null,"randomized":null,"notes":[]}';;
 *'"prepare"'*) echo '{"message":"prepared","stages":[]}';;
-*'"bad"'*) cut 9; echo '{"message":"fault","reason":"too hot"}';;
+*'"bad"'*) cut 9; echo '{"message":"fault","reason":"too hot","fatal":false,"absent":false}';;
 *'"dead"'*) cut 9; exit 3;;
 *'"slow"'*) sleep 60;;
 *'"b"'*) cut 1; cut 21; cut 22; cut 23; echo '{"message":"instructions","frames":3}';;

@@ -24,7 +24,7 @@ struct Simulated {
 static NEVER: AtomicBool = AtomicBool::new(false);
 
 fn refusal(fatal: bool) -> WorkerFault {
-    WorkerFault::Refused { reason: "out of order".to_owned(), fatal, absent: None }
+    WorkerFault::Refused { reason: "out of order".to_owned(), fatal, absent: false }
 }
 
 fn ended() -> WorkerFault {
