@@ -12,6 +12,7 @@
 
 pub mod compare;
 pub mod experiments;
+pub mod exporters;
 pub mod gpu;
 pub mod harness;
 pub mod input;

@@ -11,12 +11,15 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
+pub mod comparison;
 mod file;
 mod lines;
 mod lock;
+pub(crate) mod nan;
 mod samples;
 #[cfg(test)]
 mod tests;
+pub use comparison::Compared;
 pub use file::{Reading, Writer, empty_or_sound, finished, read, read_some, resume_key};
 pub use lines::{Damage, Line, LineWriter, Lines, Opened, RecordError, kept_aside, read_lines};
 pub use lock::{FolderLock, LOCK, LockError};
@@ -32,6 +35,8 @@ pub enum Record {
     Experiment(Definition),
     Cell(Box<Cell>),
     End(End),
+    /// Of a comparison of two builds, which has a file of its own.
+    Comparison(Compared),
 }
 
 /// What a run was: the build, the adapter, the clock's audit, the conditions.

@@ -19,7 +19,7 @@ use fathom::harness::{
 };
 use fathom::pipelines::{self, params};
 use fathom::scene::{SceneFile, assets};
-use fathom::{record, report as reports, scene, stages, tell, text};
+use fathom::{exporters, record, scene, stages, tell, text};
 
 use super::{
     AdapterArgs, DumpArgs, FetchArgs, ListArgs, Listing, QueryArgs, Question, RenderArgs,
@@ -50,6 +50,8 @@ pub fn run(args: RunArgs) -> Outcome {
         quiet: false,
     };
     let summary = run::run(&options, &INTERRUPT)?;
+    let output = Output { folder: summary.out.clone() };
+    exporters::write(&output.folder, record::read(&output.records())?)?;
     print_summary(&summary);
     let nothing = summary.measured + summary.failed + summary.kept == 0;
     Ok(match &summary.skip_reason {
@@ -333,7 +335,7 @@ pub fn report(args: ReportArgs) -> Outcome {
         );
         progress::say(&notice, false);
     }
-    for path in reports::write(&output.folder, &reading.records)? {
+    for path in exporters::write(&output.folder, reading)? {
         tell::done(path.display());
     }
     Ok(ExitCode::SUCCESS)

@@ -9,10 +9,12 @@ use anyhow::Context;
 use fathom::compare::build::{self, SetAside};
 use fathom::compare::cells::Gates;
 use fathom::compare::flow::{self, Options, Program};
-use fathom::compare::store::{Line, Settings, Store};
+use fathom::compare::store::{self, Comparison};
 use fathom::compare::verdict::Verdicts;
-use fathom::compare::{self, files, tables};
-use fathom::tell;
+use fathom::compare::{files, tables};
+use fathom::harness::output::{Kind, Taken};
+use fathom::record::comparison::GateSettings;
+use fathom::{exporters, tell};
 
 use super::CompareArgs;
 use super::commands::{INTERRUPT, INTERRUPTED, Outcome, gpu_options, watch_interrupts};
@@ -39,11 +41,11 @@ pub fn compare(args: CompareArgs) -> Outcome {
     Ok(if interrupted { ExitCode::from(INTERRUPTED) } else { status })
 }
 
-fn settings(args: &CompareArgs) -> Settings {
+fn settings(args: &CompareArgs) -> GateSettings {
     let mut gates = args.gates.clone();
     gates.sort();
     gates.dedup();
-    Settings {
+    GateSettings {
         threshold: args.threshold,
         instruction_threshold: args.instruction_threshold,
         launches: args.launches,
@@ -51,7 +53,7 @@ fn settings(args: &CompareArgs) -> Settings {
         // A seed that JSON readers of every kind keep exactly.
         seed: args.seed.unwrap_or_else(|| u64::from(rand::random::<u32>())),
         gates,
-        ..Settings::default()
+        ..GateSettings::default()
     }
 }
 
@@ -110,24 +112,25 @@ fn built(revision: &str) -> anyhow::Result<(PathBuf, String)> {
 
 /// Makes a comparison of two files of records.
 fn records(args: &CompareArgs, base: &Path, head: &Path) -> anyhow::Result<PathBuf> {
-    let lines: Vec<Line> = files::lines(base, head, &settings(args))?;
+    let lines = files::lines(base, head, &settings(args))?;
     let folder = match &args.out {
         Some(folder) => folder.clone(),
         None => flow::fresh()?,
     };
-    Store::create(&folder)?.write(&lines)?;
+    let mut held = Taken::free(&folder)?.open(Kind::Comparison)?;
+    store::write(&mut held, lines)?;
     Ok(folder)
 }
 
 /// Writes the tables of a folder and prints one of them. A fresh comparison also goes to the job's page, if there is one.
 fn tell(folder: &Path, format: &str, fresh: bool) -> Outcome {
-    let comparison = compare::read(folder)?;
+    let comparison = Comparison::read(folder)?;
     let verdicts = Verdicts::of(&comparison);
-    compare::write_tables(folder, &verdicts)?;
+    exporters::put(folder, exporters::of_comparison(&verdicts))?;
     if fresh && let Some(page) = std::env::var_os(STEP_SUMMARY).filter(|page| !page.is_empty()) {
-        append(Path::new(&page), &tables::markdown(&verdicts))?;
+        append(Path::new(&page), &(tables::MARKDOWN.write)(&verdicts))?;
     }
-    if let Some(format) = tables::find(format) {
+    if let Some(format) = exporters::formats().find(|known| known.name == format) {
         tell::answer((format.write)(&verdicts));
     }
     tell::note(folder.display());

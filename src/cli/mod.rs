@@ -8,10 +8,9 @@ use std::process::ExitCode;
 
 use clap::error::ErrorKind;
 use clap::{Args, Parser, Subcommand, ValueEnum};
-use fathom::compare::rounds;
-use fathom::compare::store::{self, Gate, MOST_LAUNCHES, MOST_PAIRS};
-use fathom::compare::tables::FORMATS;
 use fathom::experiments::{Profile, parse_axis, parse_set};
+use fathom::exporters::formats;
+use fathom::record::comparison::{self, Gate, MOST_LAUNCHES, MOST_PAIRS};
 use fathom::tell;
 use serde_json::Value;
 
@@ -250,16 +249,16 @@ pub struct CompareArgs {
     #[arg(long, value_name = "GATE,…", value_delimiter = ',', value_parser = parse_gate, default_value = "exact,instructions,time")]
     pub gates: Vec<Gate>,
     /// Pairs of worker processes in the time gate; as many again for cells that these leave open
-    #[arg(long, default_value_t = rounds::LAUNCHES, value_parser = clap::value_parser!(u32).range(1..=i64::from(MOST_LAUNCHES)))]
+    #[arg(long, default_value_t = comparison::LAUNCHES, value_parser = clap::value_parser!(u32).range(1..=i64::from(MOST_LAUNCHES)))]
     pub launches: u32,
     /// Pairs of samples of each cell in each launch; up to four times as many for cells left open
-    #[arg(long, default_value_t = rounds::PAIRS, value_parser = clap::value_parser!(u32).range(1..=i64::from(MOST_PAIRS)))]
+    #[arg(long, default_value_t = comparison::PAIRS, value_parser = clap::value_parser!(u32).range(1..=i64::from(MOST_PAIRS)))]
     pub pairs: u32,
     /// Share by which a time must change to count
-    #[arg(long, value_name = "SHARE", default_value_t = store::THRESHOLD, value_parser = parse_share)]
+    #[arg(long, value_name = "SHARE", default_value_t = comparison::THRESHOLD, value_parser = parse_share)]
     pub threshold: f64,
     /// Share by which an instruction count must change to count
-    #[arg(long, value_name = "SHARE", default_value_t = store::INSTRUCTION_THRESHOLD, value_parser = parse_share)]
+    #[arg(long, value_name = "SHARE", default_value_t = comparison::INSTRUCTION_THRESHOLD, value_parser = parse_share)]
     pub instruction_threshold: f64,
     /// Only cells whose names hold this
     #[arg(long, value_name = "FILTER")]
@@ -280,7 +279,7 @@ pub struct CompareArgs {
     #[arg(long, value_name = "DIR", conflicts_with_all = ["out", "resume"])]
     pub replay: Option<PathBuf>,
     /// What to print; files of every other format are written in any case
-    #[arg(long, default_value = "text", value_parser = clap::builder::PossibleValuesParser::new(FORMATS.iter().map(|format| format.name)))]
+    #[arg(long, default_value = "text", value_parser = clap::builder::PossibleValuesParser::new(formats().map(|format| format.name)))]
     pub format: String,
     #[command(flatten)]
     pub adapter: AdapterArgs,

@@ -3,11 +3,11 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use super::cells::CellId;
-use super::store::{
-    CheckFigure, Comparison, ConfigurationFigures, ExactFigures, Fault, Gate, Side,
-};
+use super::store::Comparison;
 use crate::harness::errors;
+use crate::record::comparison::{
+    CellId, CheckFigure, ConfigurationFigures, ExactFigures, Fault, Gate, Side,
+};
 
 /// Share of the base's error by which an error must grow to count: floating-point sums in another order move
 /// errors by far less, a lower-quality setting by more.
@@ -147,15 +147,8 @@ pub fn missing(comparison: &Comparison) -> Vec<Fault> {
 }
 
 fn lack(side: Side, figure: &str) -> Fault {
-    Fault {
-        gate: Gate::Exact,
-        side: Some(side),
-        cell: None,
-        launch: None,
-        control: false,
-        absent: false,
-        reason: format!("the {} does not give {figure}", side.name()),
-    }
+    let reason = format!("the {} does not give {figure}", side.name());
+    Fault::new(Gate::Exact, Some(side), None, reason)
 }
 
 fn cell(base: &ExactFigures, head: &ExactFigures, counted: bool, found: &mut Vec<Difference>) {

@@ -8,9 +8,8 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
-use super::nan;
 use crate::gpu::ClockPlan;
-use crate::record::{Adapter, PassKind, Work};
+use crate::record::{Adapter, PassKind, Work, nan};
 
 /// Version of these messages.
 pub const PROTOCOL: u32 = 1;

@@ -1,9 +1,11 @@
 //! Both builds prepare every configuration: which cells they have in common, and their exact figures.
 
-use super::cells::{CellId, Configuration};
+use super::cells::Configuration;
 use super::launch::{Start, Waiting, Worker, WorkerFault};
 use super::protocol::{Exact, Greeting, Reply, Request};
-use super::store::{CheckFigure, ConfigurationFigures, ExactFigures, Fault, Gate, Line, Side};
+use crate::record::comparison::{
+    CellId, CheckFigure, Compared, ConfigurationFigures, ExactFigures, Fault, Gate, Side,
+};
 
 /// One side: how to start its worker, and the worker while it lives.
 pub struct Party<'a> {
@@ -64,7 +66,7 @@ fn gone() -> WorkerFault {
 pub fn prepare(
     parties: &mut [Party<'_>; 2],
     configuration: &Configuration,
-) -> (Configuration, Vec<Line>) {
+) -> (Configuration, Vec<Compared>) {
     let replies = both(parties, &Request::Prepare { configuration: configuration.into() });
     let (stages, faults) = present(configuration, replies);
     let common = Configuration { stages, ..configuration.clone() };
@@ -72,20 +74,20 @@ pub fn prepare(
 }
 
 /// The exact figures of a configuration that both sides have prepared.
-pub fn exact(parties: &mut [Party<'_>; 2], configuration: &Configuration) -> Vec<Line> {
+pub fn exact(parties: &mut [Party<'_>; 2], configuration: &Configuration) -> Vec<Compared> {
     let replies = both(parties, &Request::Exact { config: configuration.id.clone() });
     let sides = Side::BOTH.into_iter().zip(replies);
     sides.flat_map(|(side, reply)| exact_lines(side, configuration, reply)).collect()
 }
 
 /// The checks of these stages on both sides.
-pub fn checks(parties: &mut [Party<'_>; 2], stages: Vec<String>) -> Vec<Line> {
+pub fn checks(parties: &mut [Party<'_>; 2], stages: Vec<String>) -> Vec<Compared> {
     let replies = both(parties, &Request::Checks { stages });
     let mut lines = Vec::new();
     for (side, reply) in Side::BOTH.into_iter().zip(replies) {
         match reply {
             Ok(Reply::Checks { checks }) => lines.extend(checks.into_iter().map(|check| {
-                Line::Check(CheckFigure {
+                Compared::Check(CheckFigure {
                     side,
                     stage: check.stage,
                     what: check.what,
@@ -122,7 +124,7 @@ struct Lack {
 fn present(
     configuration: &Configuration,
     replies: [Result<Reply, WorkerFault>; 2],
-) -> (Vec<String>, Vec<Line>) {
+) -> (Vec<String>, Vec<Compared>) {
     let mut stages = Vec::new();
     let mut faults = Vec::new();
     for stage in &configuration.stages {
@@ -157,7 +159,7 @@ fn exact_lines(
     side: Side,
     configuration: &Configuration,
     reply: Result<Reply, WorkerFault>,
-) -> Vec<Line> {
+) -> Vec<Compared> {
     let exact = match reply {
         Ok(Reply::Exact(exact)) => *exact,
         other => {
@@ -167,7 +169,7 @@ fn exact_lines(
         }
     };
     let Exact { stages, allocated_bytes, errors, quantities, notes } = exact;
-    let mut lines = vec![Line::Configuration(ConfigurationFigures {
+    let mut lines = vec![Compared::Configuration(ConfigurationFigures {
         side,
         configuration: configuration.id.clone(),
         allocated_bytes,
@@ -178,7 +180,7 @@ fn exact_lines(
     lines.extend(
         stages.into_iter().filter(|stage| configuration.stages.contains(&stage.name)).map(
             |stage| {
-                Line::Exact(ExactFigures {
+                Compared::Exact(ExactFigures {
                     side,
                     cell: CellId::new(&configuration.id, &stage.name),
                     work: stage.work,
@@ -197,16 +199,8 @@ fn reason(reply: Result<Reply, WorkerFault>) -> String {
     }
 }
 
-fn fault(side: Side, cell: Option<CellId>, absent: bool, reason: &str) -> Line {
-    Line::Fault(Fault {
-        gate: Gate::Exact,
-        side: Some(side),
-        cell,
-        launch: None,
-        control: false,
-        absent,
-        reason: reason.to_owned(),
-    })
+fn fault(side: Side, cell: Option<CellId>, absent: bool, reason: &str) -> Compared {
+    Compared::Fault(Fault { absent, ..Fault::new(Gate::Exact, Some(side), cell, reason) })
 }
 
 #[cfg(test)]
@@ -241,8 +235,8 @@ mod tests {
             stages: vec!["a".to_owned(), "b".to_owned()],
         };
         let (stages, lines) = present(&configuration, [base, head]);
-        let word = |line: &Line| match line {
-            Line::Fault(fault) => {
+        let word = |line: &Compared| match line {
+            Compared::Fault(fault) => {
                 let (side, cell) = (fault.side.unwrap().name(), fault.cell.as_ref().unwrap());
                 let word = if fault.absent { "new" } else { "failed" };
                 format!("{side} {} {word}", cell.stage())

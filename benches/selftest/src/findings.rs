@@ -4,11 +4,12 @@ use std::collections::BTreeMap;
 
 use serde::Serialize;
 
-use fathom::compare::store::{Comparison, Gate};
+use fathom::compare::store::Comparison;
 use fathom::compare::verdict::{GateState, Status, Verdict, Verdicts};
 
 use crate::injections::{Injection, Size};
 use crate::trials::{Aim, Trial, Variant};
+use fathom::record::comparison::Gate;
 
 /// A count and what it is of.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
@@ -353,8 +354,10 @@ impl Findings {
 
 #[cfg(test)]
 pub mod tests {
-    use fathom::compare::cells::CellId;
-    use fathom::compare::store::{End, Header, Launch, Pair, Settings, Side};
+
+    use fathom::record::comparison::{
+        CellId, ComparisonEnd, ComparisonHeader, GateSettings, Launch, Pair, Side,
+    };
 
     use super::*;
     use crate::trials::{Plan, trials};
@@ -366,8 +369,9 @@ pub mod tests {
     /// A time gate of two stages whose times change by these factors.
     fn timed(trace: f64, compose: f64) -> Comparison {
         let cells = ["caustics/trace", "compose"].map(|stage| CellId::new("pool", stage));
-        let settings = Settings { gates: vec![Gate::Time], ..Settings::default() };
-        let header = Header { settings, cells: cells.to_vec(), ..Header::default() };
+        let settings = GateSettings { gates: vec![Gate::Time], ..GateSettings::default() };
+        let header =
+            ComparisonHeader { settings, cells: cells.to_vec(), ..ComparisonHeader::default() };
         let mut comparison = Comparison::new(header);
         let measured = [(0, true, 1.0), (0, false, trace), (1, false, compose)];
         for launch in 0..LAUNCHES {
@@ -386,7 +390,7 @@ pub mod tests {
                 }));
             }
         }
-        comparison.end = Some(End { wall_s: 60.0, interrupted: false });
+        comparison.end = Some(ComparisonEnd { wall_s: 60.0, interrupted: false });
         comparison
     }
 

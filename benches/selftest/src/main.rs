@@ -18,8 +18,7 @@ use std::process::ExitCode;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use clap::Parser;
-use fathom::compare::rounds;
-use fathom::compare::store::Settings;
+use fathom::record::comparison::{self, GateSettings};
 use fathom::{gpu, tell};
 use selftest::{SelfTest, SelfTestError};
 use trials::Plan;
@@ -48,10 +47,10 @@ struct Cli {
     #[arg(long, value_name = "N", default_value_t = 40)]
     slowdowns: u32,
     /// Pairs of worker processes in each time gate
-    #[arg(long, default_value_t = rounds::LAUNCHES)]
+    #[arg(long, default_value_t = comparison::LAUNCHES)]
     launches: u32,
     /// Pairs of samples of each cell in each launch
-    #[arg(long, default_value_t = rounds::PAIRS)]
+    #[arg(long, default_value_t = comparison::PAIRS)]
     pairs: u32,
     /// Part of the adapter's name, or its number in `fathom list adapters`
     #[arg(long, value_name = "NAME|INDEX")]
@@ -79,7 +78,11 @@ fn run(cli: Cli) -> Result<(), SelfTestError> {
     })?;
     let test = SelfTest {
         repository: ".".into(),
-        settings: Settings { launches: cli.launches, pairs: cli.pairs, ..Settings::default() },
+        settings: GateSettings {
+            launches: cli.launches,
+            pairs: cli.pairs,
+            ..GateSettings::default()
+        },
         out: cli.out,
         gpu: gpu::Options { adapter: cli.adapter, ..gpu::Options::default() },
         plan: Plan { no_ops: cli.no_ops, slow5: cli.slowdowns },

@@ -5,8 +5,9 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use fathom::compare::build::{self, BuildError};
 use fathom::compare::flow::{self, CompareError, Options, Program};
-use fathom::compare::store::{COMPARISON, Comparison, Settings, StoreError};
+use fathom::compare::store::{Comparison, StoreError};
 use fathom::gpu;
+use fathom::harness::output::RECORDS;
 
 use crate::findings::findings;
 use crate::injections::{Changed, Injection, every, unrelated};
@@ -14,6 +15,7 @@ use crate::load::Load;
 use crate::report;
 use crate::trials::{Plan, Trial, Variant, trials};
 use crate::workshop::{Compilation, Workshop};
+use fathom::record::comparison::GateSettings;
 
 /// Names of the results in the self-test's folder.
 pub const RESULTS: [&str; 2] = ["self-test.json", "self-test.md"];
@@ -48,7 +50,7 @@ pub struct SelfTest {
     pub gpu: gpu::Options,
     pub plan: Plan,
     /// Of every trial, but for what the trial says itself.
-    pub settings: Settings,
+    pub settings: GateSettings,
     /// Only trials whose names contain this.
     pub filter: String,
 }
@@ -101,7 +103,7 @@ fn write(test: &SelfTest, injections: &[Injection]) -> Result<(), SelfTestError>
     let mut made = Vec::new();
     for trial in trials(test.plan, injections) {
         let folder = test.out.join(&trial.id);
-        if folder.join(COMPARISON).is_file() {
+        if folder.join(RECORDS).is_file() {
             let comparison = Comparison::read(&folder)?;
             if comparison.came_to_its_end() {
                 made.push((trial, comparison));
@@ -129,7 +131,7 @@ fn is_made(test: &SelfTest, trial: &Trial) -> Result<bool, SelfTestError> {
         return Ok(false);
     };
     let wanted = test.settings_of(trial);
-    let found = Settings { gates: wanted.gates.clone(), ..stored.header.settings.clone() };
+    let found = GateSettings { gates: wanted.gates.clone(), ..stored.header.settings.clone() };
     if found != wanted {
         return Err(SelfTestError::OtherSettings(folder));
     }
@@ -138,13 +140,13 @@ fn is_made(test: &SelfTest, trial: &Trial) -> Result<bool, SelfTestError> {
 
 /// A trial's folder holds lines.
 fn begun(folder: &Path) -> bool {
-    let lines = folder.join(COMPARISON).metadata();
+    let lines = folder.join(RECORDS).metadata();
     lines.is_ok_and(|lines| lines.len() > 0)
 }
 
 impl SelfTest {
-    fn settings_of(&self, trial: &Trial) -> Settings {
-        Settings {
+    fn settings_of(&self, trial: &Trial) -> GateSettings {
+        GateSettings {
             gates: trial.gates.clone(),
             launches: trial.launches.unwrap_or(self.settings.launches),
             seed: trial.seed,
@@ -273,7 +275,10 @@ impl<'a> TrialBuilds<'a> {
 
 #[cfg(test)]
 mod tests {
-    use fathom::compare::store::{End, Gate, Header, Line, Store};
+
+    use fathom::compare::store;
+    use fathom::harness::output::{Kind, Taken};
+    use fathom::record::comparison::{Compared, ComparisonEnd, ComparisonHeader, Gate};
 
     use super::*;
 
@@ -283,7 +288,7 @@ mod tests {
             out: out.to_owned(),
             gpu: gpu::Options::default(),
             plan: Plan { no_ops: 1, slow5: 1 },
-            settings: Settings { pairs, ..Settings::default() },
+            settings: GateSettings { pairs, ..GateSettings::default() },
             filter: String::new(),
         }
     }
@@ -296,14 +301,15 @@ mod tests {
         let trial = trials(test.plan, &injections).pop().unwrap();
         assert!(!is_made(&test, &trial).unwrap());
 
-        let mut header = Header::default();
+        let mut header = ComparisonHeader::default();
         header.settings = test.settings_of(&trial);
         header.settings.gates.retain(|gate| *gate == Gate::Exact);
-        let mut store = Store::create(&folder.path().join(&trial.id)).unwrap();
-        store.write(&[Line::Header(Box::new(header))]).unwrap();
+        let taken = Taken::free(&folder.path().join(&trial.id)).unwrap();
+        let mut held = taken.open(Kind::Comparison).unwrap();
+        store::write(&mut held, vec![Compared::Header(Box::new(header))]).unwrap();
         assert!(!is_made(&test, &trial).unwrap());
-        let end = End { wall_s: 1.0, interrupted: false };
-        store.write(&[Line::End(end)]).unwrap();
+        let end = ComparisonEnd { wall_s: 1.0, interrupted: false };
+        store::write(&mut held, vec![Compared::End(end)]).unwrap();
         assert!(is_made(&test, &trial).unwrap());
 
         let other = self_test(folder.path(), 12);

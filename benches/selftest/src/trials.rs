@@ -1,8 +1,7 @@
 //! Which trials a self-test makes, in which order.
 
-use fathom::compare::store::Gate;
-
 use crate::injections::{Injection, Size};
+use fathom::record::comparison::Gate;
 
 /// A build that is held against the base.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]

@@ -1,5 +1,4 @@
 //! The time gate on real processes: workers of this build on a software driver, and scripts that fail in every way.
-#![cfg(unix)]
 
 use std::convert::Infallible;
 use std::fs;
@@ -8,17 +7,18 @@ use std::sync::atomic::AtomicBool;
 use std::time::{Duration, Instant};
 
 use fathom::compare::bench::Processes;
-use fathom::compare::cells::CellId;
 use fathom::compare::exact::is_error;
 use fathom::compare::launch::{
     Patience, Quiet, Start, Waiting, Worker, WorkerFault, allowed_cores,
 };
 use fathom::compare::protocol::{Configuration, Reply, Request};
 use fathom::compare::rounds::{self, Before, Party, PartyFault, Schedule};
-use fathom::compare::store::{Fault, Line, Pair, Settings, Side};
 use fathom::compare::time;
 use fathom::harness::errors::judged_stages;
+use fathom::record::comparison::{CellId, Compared, Fault, GateSettings, Pair, Side};
 use serde_json::{Map, json};
+
+use super::script::{Script, hello, refusal};
 
 static NEVER: AtomicBool = AtomicBool::new(false);
 
@@ -45,9 +45,9 @@ fn schedule(cells: &[(&str, &str)], launches: u32, pairs: u32) -> Schedule {
     Schedule { control: cells.first().cloned(), cells, launches, pairs, seed: 3, second: false }
 }
 
-fn measure(bench: &mut Processes, schedule: &Schedule) -> Vec<Line> {
+fn measure(bench: &mut Processes, schedule: &Schedule) -> Vec<Compared> {
     let mut lines = Vec::new();
-    let mut sink = |more: Vec<Line>| -> Result<(), Infallible> {
+    let mut sink = |more: Vec<Compared>| -> Result<(), Infallible> {
         lines.extend(more);
         Ok(())
     };
@@ -55,13 +55,13 @@ fn measure(bench: &mut Processes, schedule: &Schedule) -> Vec<Line> {
     lines
 }
 
-fn sorted(lines: Vec<Line>) -> (Vec<Pair>, Vec<Fault>, Vec<Vec<String>>) {
+fn sorted(lines: Vec<Compared>) -> (Vec<Pair>, Vec<Fault>, Vec<Vec<String>>) {
     let (mut pairs, mut faults, mut notes) = (Vec::new(), Vec::new(), Vec::new());
     for line in lines {
         match line {
-            Line::Pair(pair) => pairs.push(pair),
-            Line::Fault(fault) => faults.push(fault),
-            Line::Launch(launch) => notes.push(launch.notes),
+            Compared::Pair(pair) => pairs.push(pair),
+            Compared::Fault(fault) => faults.push(fault),
+            Compared::Launch(launch) => notes.push(launch.notes),
             other => panic!("{other:?}"),
         }
     }
@@ -81,7 +81,7 @@ fn a_gate_between_two_copies_of_this_build_measures_every_cell() {
     if cfg!(target_os = "linux") && bench.adapter.software {
         assert!(notes.iter().all(|notes| notes.iter().any(|note| note.starts_with("on core "))));
     }
-    let judged = time::judge(&schedule.cells, &pairs, &Settings::default());
+    let judged = time::judge(&schedule.cells, &pairs, &GateSettings::default());
     assert_eq!(judged.cells.len(), 2);
     assert!(judged.cells.iter().all(|cell| cell.launches == 2 && cell.change.is_finite()));
     assert!(judged.controls.len() == 1);
@@ -165,28 +165,13 @@ fn a_worker_says_under_which_conditions_it_runs_and_answers_every_request() {
     worker.quit();
 }
 
-const ADAPTER: &str = r#"{"name":"toy","backend":"vulkan","device_type":"Cpu","driver":"d","driver_info":"1","vendor_id":1,"device_id":1,"software":true,"timestamp_period_ns":1.0,"host_threads":1}"#;
-
 /// A worker that is a script: it does as it should but for the stage `bad`, where it does `badly`.
 fn script(folder: &Path, name: &str, badly: &str) -> Start {
-    let hello = format!(
-        r#"{{"message":"hello","protocol":1,"fathom_version":"0","adapter":{ADAPTER},"parts":["time"],"cores":null,"randomized":null,"notes":[]}}"#
-    );
-    scripted(folder, name, &format!("echo '{hello}'"), badly)
+    scripted(folder, name, &Script { instead: &[("\"bad\"", badly)], ..Script::default() })
 }
 
-fn scripted(folder: &Path, name: &str, hello: &str, badly: &str) -> Start {
-    let path = folder.join(name);
-    let text = format!(
-        "while read -r line; do case \"$line\" in\n\
-         *'\"hello\"'*) {hello};;\n\
-         *'\"prepare\"'*) echo '{{\"message\":\"prepared\",\"stages\":[]}}';;\n\
-         *'\"bad\"'*) {badly};;\n\
-         *'\"sample\"'*) echo '{{\"message\":\"sample\",\"ns\":[5000000]}}';;\n\
-         esac; done\n"
-    );
-    fs::write(&path, text).unwrap();
-    let mut start = Start::new(&path);
+fn scripted(folder: &Path, name: &str, script: &Script<'_>) -> Start {
+    let mut start = Start::new(&script.write(folder, name));
     // Read, not executed: a file that some other thread's fork still holds open for writing cannot be executed.
     start.wrapper = vec!["sh".into()];
     start.patience = Patience { slow: Duration::from_secs(20), sample: Duration::from_secs(1) };
@@ -229,10 +214,7 @@ fn a_worker_that_crashes_hangs_or_answers_garbage_costs_one_cell() {
         ("echo '{\"message\":\"sample\",\"ns\":[]}'", "\"ns\":[]"),
         ("echo '{\"message\":\"sample\",\"ns\":[-1]}'", "\"ns\":[-1.0]"),
         ("echo '{\"message\":\"prepared\",\"stages\":[]}'", "\"prepared\""),
-        (
-            "echo '{\"message\":\"fault\",\"reason\":\"too hot\",\"fatal\":false,\"absent\":false}'",
-            "head worker: too hot",
-        ),
+        (&refusal("too hot", false), "head worker: too hot"),
         ("echo '{\"message\":\"unsupported\",\"request\":\"sample\"}'", "does not know `sample`"),
     ] {
         let garbage = fails_alone(answer);
@@ -268,24 +250,21 @@ fn refused(base: Start) -> PartyFault {
 #[test]
 fn builds_without_a_worker_of_this_protocol_are_told_apart() {
     let folder = tempfile::tempdir().unwrap();
-    let hello = |protocol: u32, parts: &str| {
-        format!(
-            r#"echo '{{"message":"hello","protocol":{protocol},"fathom_version":"0","adapter":{ADAPTER},"parts":[{parts}],"cores":null,"randomized":null,"notes":[]}}'"#
-        )
+    let says = |name: &str, hello: String| {
+        refused(scripted(folder.path(), name, &Script { hello, ..Script::default() }))
     };
-    let older = refused(scripted(folder.path(), "older", &hello(0, "\"time\""), ""));
+    let older = says("older", hello(0, "\"time\""));
     assert_eq!(older.party, Party::Base);
     assert_eq!(older.fault, WorkerFault::OtherProtocol { theirs: 0 });
     let message = older.fault.to_string();
     assert!(message.contains("version 0") && message.contains("version 1"), "{message}");
 
     let later = "echo '{\"message\":\"hello\",\"protocol\":2,\"adapters\":[]}'";
-    let later = refused(scripted(folder.path(), "later", later, ""));
+    let later = says("later", later.to_owned());
     assert_eq!(later.fault, WorkerFault::OtherProtocol { theirs: 2 });
 
     let unknown = "echo \"error: unrecognized subcommand 'worker'\" >&2; exit 2";
-    let none = refused(scripted(folder.path(), "none", unknown, ""));
-    let message = none.fault.to_string();
+    let message = says("none", unknown.to_owned()).fault.to_string();
     assert!(message.contains("exit status: 2: error: unrecognized subcommand"), "{message}");
 
     let missing = refused(Start::new(Path::new("/no/such/fathom")));
