@@ -13,6 +13,7 @@
 pub mod compare;
 pub mod embedded;
 pub mod experiments;
+pub mod exporters;
 pub mod gpu;
 pub mod harness;
 pub mod input;

@@ -11,13 +11,16 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
+pub mod comparison;
 mod error_figure;
 mod file;
 mod lines;
 mod lock;
+pub(crate) mod nan;
 mod samples;
 #[cfg(test)]
 mod tests;
+pub use comparison::Compared;
 pub use error_figure::ErrorFigure;
 pub use file::{Reading, Writer, empty_or_sound, finished, read, read_some, resume_key};
 pub use lines::{Damage, Line, LineWriter, Lines, Opened, RecordError, kept_aside, read_lines};
@@ -34,6 +37,8 @@ pub enum Record {
     Experiment(Definition),
     Cell(Box<Cell>),
     End(End),
+    /// Of a comparison of two builds, which has a file of its own.
+    Comparison(Compared),
 }
 
 /// What a run was: the build, the adapter, the clock's audit, the conditions.

@@ -53,6 +53,7 @@ const RULE: &[(&str, &[&str])] = &[
             "text",
         ],
     ),
+    ("exporters", &["compare", "harness", "record", "report"]),
 ];
 
 /// Stage families may not import each other; what they share lies beside them.

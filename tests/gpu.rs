@@ -97,7 +97,7 @@ fn compute_pipeline(gpu: &Gpu) -> wgpu::ComputePipeline {
     gpu.device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
         label: Some("test"),
         layout: None,
-        module: &module,
+        module: &module.module,
         entry_point: Some("main"),
         compilation_options: compilation_options(),
         cache: None,
@@ -110,7 +110,7 @@ fn render_pipeline(gpu: &Gpu) -> wgpu::RenderPipeline {
         label: Some("test"),
         layout: None,
         vertex: wgpu::VertexState {
-            module: &module,
+            module: &module.module,
             entry_point: Some("vertex"),
             compilation_options: compilation_options(),
             buffers: &[],
@@ -119,7 +119,7 @@ fn render_pipeline(gpu: &Gpu) -> wgpu::RenderPipeline {
         depth_stencil: None,
         multisample: wgpu::MultisampleState::default(),
         fragment: Some(wgpu::FragmentState {
-            module: &module,
+            module: &module.module,
             entry_point: Some("fragment"),
             compilation_options: compilation_options(),
             targets: &[Some(wgpu::TextureFormat::Rgba8Unorm.into())],

@@ -20,7 +20,7 @@ use fathom::harness::{
 use fathom::parameter::{self, Allowed};
 use fathom::pipelines;
 use fathom::scene::{SceneFile, assets};
-use fathom::{record, report as reports, scene, stages, tell, text};
+use fathom::{exporters, record, scene, stages, tell, text};
 
 use super::{
     AdapterArgs, DumpArgs, FetchArgs, ListArgs, Listing, QueryArgs, Question, RenderArgs,
@@ -51,6 +51,8 @@ pub fn run(args: RunArgs) -> Outcome {
         quiet: false,
     };
     let summary = run::run(&options, &INTERRUPT)?;
+    let output = Output { folder: summary.out.clone() };
+    exporters::write(&output.folder, record::read(&output.records())?)?;
     print_summary(&summary);
     let nothing = summary.measured + summary.failed + summary.kept == 0;
     Ok(match &summary.skip_reason {
@@ -354,7 +356,7 @@ pub fn report(args: ReportArgs) -> Outcome {
         );
         progress::say(&notice, false);
     }
-    for path in reports::write(&output.folder, &reading.records)? {
+    for path in exporters::write(&output.folder, reading)? {
         tell::done(path.display());
     }
     Ok(ExitCode::SUCCESS)

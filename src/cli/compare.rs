@@ -9,12 +9,12 @@ use anyhow::Context;
 use fathom::compare::build::{self, SetAside};
 use fathom::compare::cells::Gates;
 use fathom::compare::flow::{self, Options, Program};
-use fathom::compare::selftest::{self, Plan, SelfTest};
-use fathom::compare::store::{Line, Settings, Store};
+use fathom::compare::store::{self, Comparison};
 use fathom::compare::verdict::Verdicts;
-use fathom::compare::{self, files, tables};
-use fathom::harness::output::DEFAULT_FOLDER;
-use fathom::tell;
+use fathom::compare::{files, tables};
+use fathom::harness::output::{Kind, Taken};
+use fathom::record::comparison::GateSettings;
+use fathom::{exporters, tell};
 
 use super::CompareArgs;
 use super::commands::{INTERRUPT, INTERRUPTED, Outcome, gpu_options, watch_interrupts};
@@ -25,9 +25,6 @@ const STEP_SUMMARY: &str = "GITHUB_STEP_SUMMARY";
 pub fn compare(args: CompareArgs) -> Outcome {
     if let Some(folder) = &args.replay {
         return tell(folder, &args.format, false);
-    }
-    if args.self_test {
-        return self_test(&args);
     }
     let folder = match args.records.as_slice() {
         [base, head] => records(&args, base, head)?,
@@ -40,18 +37,15 @@ pub fn compare(args: CompareArgs) -> Outcome {
         },
     };
     let status = tell(&folder, &args.format, true)?;
-    Ok(match INTERRUPT.load(Ordering::Relaxed) {
-        true => ExitCode::from(INTERRUPTED),
-        false => status,
-    })
+    let interrupted = INTERRUPT.load(Ordering::Relaxed);
+    Ok(if interrupted { ExitCode::from(INTERRUPTED) } else { status })
 }
 
-fn settings(args: &CompareArgs) -> Settings {
+fn settings(args: &CompareArgs) -> GateSettings {
     let mut gates = args.gates.clone();
     gates.sort();
     gates.dedup();
-    Settings {
-        alpha: flow::ALPHA,
+    GateSettings {
         threshold: args.threshold,
         instruction_threshold: args.instruction_threshold,
         launches: args.launches,
@@ -59,7 +53,7 @@ fn settings(args: &CompareArgs) -> Settings {
         // A seed that JSON readers of every kind keep exactly.
         seed: args.seed.unwrap_or_else(|| u64::from(rand::random::<u32>())),
         gates,
-        unpaired: false,
+        ..GateSettings::default()
     }
 }
 
@@ -118,50 +112,25 @@ fn built(revision: &str) -> anyhow::Result<(PathBuf, String)> {
 
 /// Makes a comparison of two files of records.
 fn records(args: &CompareArgs, base: &Path, head: &Path) -> anyhow::Result<PathBuf> {
-    let lines: Vec<Line> = files::lines(base, head, &settings(args))?;
+    let lines = files::lines(base, head, &settings(args))?;
     let folder = match &args.out {
         Some(folder) => folder.clone(),
         None => flow::fresh()?,
     };
-    Store::create(&folder)?.write(&lines)?;
+    let mut held = Taken::free(&folder)?.open(Kind::Comparison)?;
+    store::write(&mut held, lines)?;
     Ok(folder)
-}
-
-/// Tries the gates. The status is that of the tool: whether the gates did well, the findings tell.
-fn self_test(args: &CompareArgs) -> Outcome {
-    watch_interrupts()?;
-    let test = SelfTest {
-        repository: std::env::current_dir().context("there is no current folder")?,
-        out: match &args.out {
-            Some(folder) => folder.clone(),
-            None => Path::new(DEFAULT_FOLDER).join("self-test"),
-        },
-        gpu: gpu_options(&args.adapter),
-        plan: Plan { no_ops: args.no_ops, slow5: args.slowdowns },
-        settings: settings(args),
-        filter: args.cells.clone(),
-    };
-    std::fs::create_dir_all(&test.out)
-        .with_context(|| format!("cannot write to {}", test.out.display()))?;
-    selftest::run(&test, &INTERRUPT, &|text| tell::note(text))?;
-    for name in selftest::RESULTS {
-        tell::done(test.out.join(name).display());
-    }
-    Ok(match INTERRUPT.load(Ordering::Relaxed) {
-        true => ExitCode::from(INTERRUPTED),
-        false => ExitCode::SUCCESS,
-    })
 }
 
 /// Writes the tables of a folder and prints one of them. A fresh comparison also goes to the job's page, if there is one.
 fn tell(folder: &Path, format: &str, fresh: bool) -> Outcome {
-    let comparison = compare::read(folder)?;
+    let comparison = Comparison::read(folder)?;
     let verdicts = Verdicts::of(&comparison);
-    compare::write_tables(folder, &verdicts)?;
+    exporters::put(folder, exporters::of_comparison(&verdicts))?;
     if fresh && let Some(page) = std::env::var_os(STEP_SUMMARY).filter(|page| !page.is_empty()) {
-        append(Path::new(&page), &tables::markdown(&verdicts))?;
+        append(Path::new(&page), &(tables::MARKDOWN.write)(&verdicts))?;
     }
-    if let Some(format) = tables::find(format) {
+    if let Some(format) = exporters::formats().find(|known| known.name == format) {
         tell::answer((format.write)(&verdicts));
     }
     tell::note(folder.display());

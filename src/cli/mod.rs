@@ -8,10 +8,9 @@ use std::process::ExitCode;
 
 use clap::error::ErrorKind;
 use clap::{Args, Parser, Subcommand, ValueEnum};
-use fathom::compare::store::{Gate, MOST_LAUNCHES, MOST_PAIRS};
-use fathom::compare::tables::FORMATS;
-use fathom::compare::{flow, rounds};
 use fathom::experiments::{Profile, parse_axis, parse_set};
+use fathom::exporters::formats;
+use fathom::record::comparison::{self, Gate, MOST_LAUNCHES, MOST_PAIRS};
 use fathom::tell;
 use serde_json::Value;
 
@@ -246,28 +245,28 @@ pub struct CompareArgs {
     /// A built fathom as the head [default: this one]
     #[arg(long, value_name = "PATH", conflicts_with = "replay")]
     pub head_bin: Option<PathBuf>,
-    /// Gates to run; a self-test sets its own
+    /// Gates to run
     #[arg(long, value_name = "GATE,…", value_delimiter = ',', value_parser = parse_gate, default_value = "exact,instructions,time")]
     pub gates: Vec<Gate>,
     /// Pairs of worker processes in the time gate; as many again for cells that these leave open
-    #[arg(long, default_value_t = rounds::LAUNCHES, value_parser = clap::value_parser!(u32).range(1..=i64::from(MOST_LAUNCHES)))]
+    #[arg(long, default_value_t = comparison::LAUNCHES, value_parser = clap::value_parser!(u32).range(1..=i64::from(MOST_LAUNCHES)))]
     pub launches: u32,
     /// Pairs of samples of each cell in each launch; up to four times as many for cells left open
-    #[arg(long, default_value_t = rounds::PAIRS, value_parser = clap::value_parser!(u32).range(1..=i64::from(MOST_PAIRS)))]
+    #[arg(long, default_value_t = comparison::PAIRS, value_parser = clap::value_parser!(u32).range(1..=i64::from(MOST_PAIRS)))]
     pub pairs: u32,
     /// Share by which a time must change to count
-    #[arg(long, value_name = "SHARE", default_value_t = flow::THRESHOLD, value_parser = parse_share)]
+    #[arg(long, value_name = "SHARE", default_value_t = comparison::THRESHOLD, value_parser = parse_share)]
     pub threshold: f64,
     /// Share by which an instruction count must change to count
-    #[arg(long, value_name = "SHARE", default_value_t = flow::INSTRUCTION_THRESHOLD, value_parser = parse_share)]
+    #[arg(long, value_name = "SHARE", default_value_t = comparison::INSTRUCTION_THRESHOLD, value_parser = parse_share)]
     pub instruction_threshold: f64,
-    /// Only cells whose names hold this; in a self-test, only trials
+    /// Only cells whose names hold this
     #[arg(long, value_name = "FILTER")]
     pub cells: Option<String>,
     /// File of the configurations to compare [default: benches/gates.toml, built in]
     #[arg(long, value_name = "FILE")]
     pub cells_file: Option<PathBuf>,
-    /// Seed of the order of cells and samples [default: drawn, and stored]; a self-test sets its own
+    /// Seed of the order of cells and samples [default: drawn, and stored]
     #[arg(long)]
     pub seed: Option<u64>,
     /// Folder to write to [default: a new one in reports/out]
@@ -279,17 +278,8 @@ pub struct CompareArgs {
     /// Tell the comparison stored in a folder again
     #[arg(long, value_name = "DIR", conflicts_with_all = ["out", "resume"])]
     pub replay: Option<PathBuf>,
-    /// Try the gates on builds of HEAD whose differences are known; takes hours, and goes on in the same --out
-    #[arg(long, conflicts_with_all = ["base", "base_bin", "head_bin", "records", "replay", "resume", "cells_file"])]
-    pub self_test: bool,
-    /// Time gates between equal builds in a self-test
-    #[arg(long, value_name = "N", default_value_t = 60, requires = "self_test")]
-    pub no_ops: u32,
-    /// Time gates with 5 % injected into a stage in a self-test
-    #[arg(long, value_name = "N", default_value_t = 40, requires = "self_test")]
-    pub slowdowns: u32,
     /// What to print; files of every other format are written in any case
-    #[arg(long, default_value = "text", value_parser = clap::builder::PossibleValuesParser::new(FORMATS.iter().map(|format| format.name)))]
+    #[arg(long, default_value = "text", value_parser = clap::builder::PossibleValuesParser::new(formats().map(|format| format.name)))]
     pub format: String,
     #[command(flatten)]
     pub adapter: AdapterArgs,

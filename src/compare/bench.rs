@@ -4,13 +4,13 @@ use std::collections::BTreeMap;
 
 use rand::RngExt;
 
-use super::cells::CellId;
 use super::launch::{Quiet, Start, Waiting, Worker, WorkerFault, allowed_cores};
 use super::protocol::{Configuration, Greeting, Reply, Request};
 use super::quiet::PADDING_BYTES;
 use super::rounds::{Bench, Broken, Opened, Party, PartyFault, random};
 use crate::gpu::ClockPlan;
 use crate::record::Adapter;
+use crate::record::comparison::CellId;
 
 /// The frames of a sample last at least so long together, so that a stage of microseconds is no mere reading of the clock;
 /// the shortest counts, as what disturbs a frame only makes it longer.
@@ -104,9 +104,6 @@ impl<'a> Processes<'a> {
                     self.adapter.driver_info
                 );
                 return Err(of(*party)(WorkerFault::fatal(reason)));
-            }
-            if !greeting.parts.iter().any(|part| part == "time") {
-                return Err(of(*party)(WorkerFault::Unsupported("sample".to_owned())));
             }
             greetings.push(greeting);
         }

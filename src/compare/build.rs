@@ -23,7 +23,7 @@ const SLICE: Duration = Duration::from_millis(100);
 /// Built revisions that are kept.
 const KEPT: usize = 8;
 /// Folder of the cache, in the repository's target folder.
-pub(super) const CACHE: &str = "target/compare";
+pub const CACHE: &str = "target/compare";
 const BINARY: &str = "fathom";
 /// Variables that change what a compiler makes of a source.
 const FLAGS: [&str; 2] = ["RUSTFLAGS", "CARGO_ENCODED_RUSTFLAGS"];
@@ -97,12 +97,12 @@ fn way(compiler: &str, variable: impl Fn(&str) -> Option<OsString>) -> String {
     digits[..WAY_DIGITS].to_owned()
 }
 
-pub(super) fn repository(folder: &Path) -> Result<PathBuf, BuildError> {
+pub fn repository(folder: &Path) -> Result<PathBuf, BuildError> {
     let found = git(folder, ["rev-parse", "--show-toplevel"]);
     found.map(PathBuf::from).map_err(|_| BuildError::NoRepository { path: folder.to_owned() })
 }
 
-pub(super) fn commit(repository: &Path, revision: &str) -> Result<String, BuildError> {
+pub fn commit(repository: &Path, revision: &str) -> Result<String, BuildError> {
     let asked = format!("{revision}^{{commit}}");
     let arguments = ["rev-parse", "--verify", "--end-of-options", &asked];
     git(repository, arguments).map_err(|error| BuildError::UnknownRevision {
@@ -135,13 +135,13 @@ fn printed(command: &mut Command) -> Result<String, BuildError> {
 }
 
 /// A checkout that is removed when it is dropped.
-pub(super) struct Worktree {
+pub struct Worktree {
     repository: PathBuf,
-    pub(super) path: PathBuf,
+    pub path: PathBuf,
 }
 
 impl Worktree {
-    pub(super) fn add(repository: &Path, cache: &Path, commit: &str) -> Result<Self, BuildError> {
+    pub fn add(repository: &Path, cache: &Path, commit: &str) -> Result<Self, BuildError> {
         // Forgets checkouts whose folders are gone.
         git(repository, ["worktree", "prune"])?;
         let short = commit.get(..12).unwrap_or(commit);
@@ -168,7 +168,7 @@ impl Drop for Worktree {
 ///
 /// Ctrl-C in a terminal does not reach cargo: this process ends it, and the compilers that it has started, once `interrupted`
 /// is set.
-pub(super) fn compile(
+pub fn compile(
     source: &Path,
     target: &Path,
     revision: &str,
@@ -240,7 +240,7 @@ fn lines_of(child: &mut Child) -> Receiver<String> {
 }
 
 /// Copies a program into the cache. It appears there whole or not at all.
-pub(super) fn keep(built: &Path, program: &Path) -> Result<(), BuildError> {
+pub fn keep(built: &Path, program: &Path) -> Result<(), BuildError> {
     let io = |action, path: &Path| {
         let path = path.to_owned();
         move |source| BuildError::Io { action, path, source }

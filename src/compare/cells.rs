@@ -1,6 +1,5 @@
 //! What is compared: gate cells, each one stage of one configuration, listed in `benches/gates.toml`.
 
-use std::fmt;
 use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
@@ -10,6 +9,7 @@ use thiserror::Error;
 use super::protocol;
 use crate::experiments::{flatten, nearest};
 use crate::input::{self, one_line};
+use crate::record::comparison::CellId;
 use crate::text;
 
 static BUILT_IN: &str = include_str!("../../benches/gates.toml");
@@ -59,39 +59,6 @@ impl From<&Configuration> for protocol::Configuration {
             scene: configuration.scene.clone(),
             params: configuration.overrides().into_iter().collect(),
         }
-    }
-}
-
-/// A gate cell's name: `CONFIGURATION STAGE`, such as `tank caustics/trace`.
-#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
-#[serde(transparent)]
-pub struct CellId(String);
-
-impl CellId {
-    pub fn new(configuration: &str, stage: &str) -> Self {
-        Self(format!("{configuration} {stage}"))
-    }
-
-    pub fn configuration(&self) -> &str {
-        self.parts().0
-    }
-
-    pub fn stage(&self) -> &str {
-        self.parts().1
-    }
-
-    pub fn as_str(&self) -> &str {
-        &self.0
-    }
-
-    fn parts(&self) -> (&str, &str) {
-        self.0.rsplit_once(' ').unwrap_or((&self.0, ""))
-    }
-}
-
-impl fmt::Display for CellId {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.pad(&self.0)
     }
 }
 

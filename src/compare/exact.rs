@@ -3,11 +3,11 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use super::cells::CellId;
-use super::store::{
-    CheckFigure, Comparison, ConfigurationFigures, ExactFigures, Fault, Gate, Side,
-};
+use super::store::Comparison;
 use crate::record::ErrorFigure;
+use crate::record::comparison::{
+    CellId, CheckFigure, ConfigurationFigures, ExactFigures, Fault, Gate, Side,
+};
 
 /// Share of the base's error by which an error must grow to count: floating-point sums in another order move
 /// errors by far less, a lower-quality setting by more.
@@ -146,15 +146,8 @@ pub fn missing(comparison: &Comparison) -> Vec<Fault> {
 }
 
 fn lack(side: Side, figure: &str) -> Fault {
-    Fault {
-        gate: Gate::Exact,
-        side: Some(side),
-        cell: None,
-        launch: None,
-        control: false,
-        absent: false,
-        reason: format!("the {} does not give {figure}", side.name()),
-    }
+    let reason = format!("the {} does not give {figure}", side.name());
+    Fault::new(Gate::Exact, Some(side), None, reason)
 }
 
 fn cell(base: &ExactFigures, head: &ExactFigures, counted: bool, found: &mut Vec<Difference>) {
@@ -210,8 +203,8 @@ fn configuration(
         Some((name.as_str(), *b, *h))
     });
     let judged = |name: &str| head.judged.iter().chain(&base.judged).find(|e| e.name == name);
-    let (errors, quantities): (Vec<_>, Vec<_>) =
-        pairs.partition(|(name, ..)| judged(name).is_some());
+    let is_error = |name: &str| base.errors.contains_key(name) || head.errors.contains_key(name);
+    let (errors, quantities): (Vec<_>, Vec<_>) = pairs.partition(|(name, ..)| is_error(name));
     let grown: BTreeMap<&str, bool> = errors
         .iter()
         .filter(|(_, b, h)| moved(b.abs(), h.abs(), LEAST_ERROR))
@@ -219,7 +212,8 @@ fn configuration(
         .collect();
     for (name, b, h) in errors {
         if let Some(worse) = grown.get(name) {
-            let subject = charged(judged(name), &grown, &judged, cells, &base.configuration);
+            let stage = judged(name).map(|error| charged_stage(error, &grown, &judged));
+            let subject = subject_of(stage, cells, &base.configuration);
             found.push(differ(subject, Kind::Error, name, b, h, *worse));
         }
     }
@@ -230,26 +224,23 @@ fn configuration(
     }
 }
 
-/// Whose an error of a configuration is: that stage's whose output it judges, or the stage's before it if the same error has moved
-/// alike there; the whole configuration's if that stage is no cell. `grown` has the errors that have moved, and whether they grew.
-fn charged<'e>(
-    error: Option<&'e ErrorFigure>,
+/// The stage that an error is charged to: the one whose output it judges, or the stage before it if the same error has moved
+/// alike there. `grown` has the errors that have moved, and whether they grew.
+fn charged_stage<'e>(
+    error: &'e ErrorFigure,
     grown: &BTreeMap<&str, bool>,
     judged: &impl Fn(&str) -> Option<&'e ErrorFigure>,
-    cells: &[CellId],
-    configuration: &str,
-) -> Subject {
-    let alike = |error: &&ErrorFigure, before: &&ErrorFigure| {
-        grown.get(before.name.as_str()) == grown.get(error.name.as_str())
-    };
-    let of_stage = |error: &'e ErrorFigure| {
-        let before = error.before.as_deref().and_then(judged);
-        before.filter(|before| alike(&error, before)).unwrap_or(error)
-    };
-    let judged_stage = error.map(|error| of_stage(error).stage.as_str());
-    let is_cell = |cell: &&CellId| {
-        cell.configuration() == configuration && Some(cell.stage()) == judged_stage
-    };
+) -> &'e str {
+    let alike =
+        |before: &&ErrorFigure| grown.get(before.name.as_str()) == grown.get(error.name.as_str());
+    let before = error.before.as_deref().and_then(judged).filter(alike);
+    &before.unwrap_or(error).stage
+}
+
+/// The stage's cell; the whole configuration where the stage is not known or is no cell.
+fn subject_of(stage: Option<&str>, cells: &[CellId], configuration: &str) -> Subject {
+    let is_cell =
+        |cell: &&CellId| cell.configuration() == configuration && Some(cell.stage()) == stage;
     match cells.iter().find(is_cell) {
         Some(cell) => Subject::Cell(cell.clone()),
         None => Subject::Configuration(configuration.to_owned()),

@@ -5,13 +5,12 @@ use std::path::{Path, PathBuf};
 
 use thiserror::Error;
 
-use super::cells::CellId;
 use super::flow::digest;
-use super::store::{
-    Build, Comparison, ConfigurationFigures, ExactFigures, Fault, Gate, Header, Line, SCHEMA,
-    Samples, Settings, Side, Skip,
+use crate::record::comparison::{
+    CellId, Compared, ComparedBuild, ComparisonHeader, ConfigurationFigures, ExactFigures, Fault,
+    Gate, GateSettings, Side, Skip, UnpairedSamples,
 };
-use crate::record::{self, Cell, Lines, Measured, Outcome, Record, RecordError, Run};
+use crate::record::{self, Cell, Measured, Outcome, Record, RecordError, Run};
 
 /// Cells that a note names before it breaks off.
 const MOST_NAMED: usize = 5;
@@ -29,14 +28,18 @@ pub enum FilesError {
 /// One file.
 struct Read {
     run: Run,
-    build: Build,
+    build: ComparedBuild,
     /// By resume key: the same pipeline, scene and parameters.
     cells: BTreeMap<String, Cell>,
     notes: Vec<String>,
 }
 
 /// The lines that two files amount to.
-pub fn lines(base: &Path, head: &Path, settings: &Settings) -> Result<Vec<Line>, FilesError> {
+pub fn lines(
+    base: &Path,
+    head: &Path,
+    settings: &GateSettings,
+) -> Result<Vec<Compared>, FilesError> {
     let sides = [read(base)?, read(head)?];
     let common: Vec<&String> =
         sides[0].cells.keys().filter(|key| sides[1].cells.contains_key(*key)).collect();
@@ -60,8 +63,8 @@ pub fn lines(base: &Path, head: &Path, settings: &Settings) -> Result<Vec<Line>,
     contents.notes.extend(only_in(Side::Base, &sides));
     contents.notes.extend(only_in(Side::Head, &sides));
     let header = header(&sides, settings, contents.cells, contents.notes, timed);
-    let header = Line::Header(Box::new(header));
-    Ok(std::iter::once(header).chain(contents.lines).collect())
+    contents.lines.insert(0, Compared::Header(Box::new(header)));
+    Ok(contents.lines)
 }
 
 fn name(cell: &Cell) -> String {
@@ -122,12 +125,12 @@ fn read(path: &Path) -> Result<Read, FilesError> {
             Record::Cell(cell) => {
                 cells.insert(cell.resume_key(), *cell);
             }
-            Record::Experiment(_) | Record::End(_) => {}
+            Record::Experiment(_) | Record::End(_) | Record::Comparison(_) => {}
         }
     }
     let run = last.ok_or_else(|| FilesError::NoRun { path: path.to_owned() })?;
     Ok(Read {
-        build: Build {
+        build: ComparedBuild {
             label: path.display().to_string(),
             version: run.fathom_version.clone(),
             protocol: None,
@@ -163,7 +166,7 @@ fn comparable(base: &Run, head: &Run) -> Result<(), String> {
 struct Contents {
     /// Times and counters may stand beside each other.
     same_driver: bool,
-    lines: Vec<Line>,
+    lines: Vec<Compared>,
     cells: Vec<CellId>,
     notes: Vec<String>,
 }
@@ -205,7 +208,7 @@ impl Contents {
 
     /// Counters belong to a driver, like times.
     fn figures(&mut self, side: Side, configuration: &str, measured: &Measured) {
-        self.lines.push(Line::Configuration(ConfigurationFigures {
+        self.lines.push(Compared::Configuration(ConfigurationFigures {
             side,
             configuration: configuration.to_owned(),
             allocated_bytes: measured.allocated_bytes,
@@ -217,14 +220,14 @@ impl Contents {
         for stage in &measured.stages {
             let cell = CellId::new(configuration, &stage.stage);
             let counters = self.same_driver.then(|| stage.counters.clone());
-            self.lines.push(Line::Exact(ExactFigures {
+            self.lines.push(Compared::Exact(ExactFigures {
                 side,
                 cell: cell.clone(),
                 work: stage.work,
                 counters: counters.unwrap_or_default(),
             }));
             if self.same_driver {
-                self.lines.push(Line::Samples(Samples {
+                self.lines.push(Compared::Samples(UnpairedSamples {
                     side,
                     cell,
                     ns: stage.samples_ns.clone(),
@@ -243,7 +246,7 @@ fn measured(outcome: &Outcome) -> Option<&Measured> {
 }
 
 /// The fault of a side that lacks a cell which the other has. What the base skipped or never had is new in the head.
-fn lacking(side: Side, cell: CellId, own: &Outcome) -> Option<Line> {
+fn lacking(side: Side, cell: CellId, own: &Outcome) -> Option<Compared> {
     let (reason, failed) = match own {
         Outcome::Measured(measured) => {
             let mut stages = measured.stages.iter();
@@ -255,24 +258,17 @@ fn lacking(side: Side, cell: CellId, own: &Outcome) -> Option<Line> {
         Outcome::Skipped { reason } => (reason.as_str(), false),
         Outcome::Failed { reason } => (reason.as_str(), true),
     };
-    Some(Line::Fault(Fault {
-        gate: Gate::Exact,
-        side: Some(side),
-        cell: Some(cell),
-        launch: None,
-        control: false,
-        absent: side == Side::Base && !failed,
-        reason: reason.to_owned(),
-    }))
+    let fault = Fault::new(Gate::Exact, Some(side), Some(cell), reason);
+    Some(Compared::Fault(Fault { absent: side == Side::Base && !failed, ..fault }))
 }
 
 fn header(
     sides: &[Read; 2],
-    settings: &Settings,
+    settings: &GateSettings,
     cells: Vec<CellId>,
     notes: Vec<String>,
     timed: Result<(), String>,
-) -> Header {
+) -> ComparisonHeader {
     let [base, head] = sides;
     let skip = |gate, reason: &str| Skip { gate, reason: reason.to_owned() };
     let mut skipped = vec![skip(Gate::Instructions, "files of records hold no instruction counts")];
@@ -281,24 +277,16 @@ fn header(
         Ok(()) => gates.push(Gate::Time),
         Err(reason) => skipped.push(skip(Gate::Time, &reason)),
     }
-    Header {
-        schema: SCHEMA,
-        fathom_version: env!("CARGO_PKG_VERSION").to_owned(),
+    ComparisonHeader {
         base: base.build.clone(),
         head: head.build.clone(),
         adapter: head.run.adapter.clone(),
-        settings: Settings { gates, unpaired: true, launches: 0, pairs: 0, ..settings.clone() },
+        settings: GateSettings { gates, unpaired: true, launches: 0, pairs: 0, ..settings.clone() },
         cells,
         skipped,
         notes,
+        ..ComparisonHeader::default()
     }
-}
-
-/// The comparison that two files amount to.
-pub fn comparison(base: &Path, head: &Path, settings: &Settings) -> Result<Comparison, FilesError> {
-    let lines = lines(base, head, settings)?;
-    let read = Lines { lines, damaged: Vec::new() };
-    Comparison::from_lines(read).ok_or_else(|| FilesError::NoRun { path: base.to_owned() })
 }
 
 #[cfg(test)]

@@ -8,27 +8,22 @@ use sha2::{Digest, Sha256};
 use thiserror::Error;
 
 use super::bench::Processes;
-use super::cells::{CellId, CellsError, Configuration, Gates};
+use super::cells::{CellsError, Configuration, Gates};
 use super::instructions;
 use super::launch::{Quiet, Start, Waiting, WorkerFault, allowed_cores};
 use super::protocol::{self, Greeting};
 use super::rounds::{self, Before, PartyFault, Schedule};
-use super::store::{
-    Build, Comparison, End, Fault, Gate, Header, Held, Line, SCHEMA, Settings, Side, Skip, Store,
-    StoreError,
-};
+use super::store::{self, Comparison, StoreError};
 use super::survey::{self, Party};
 use super::time;
 use crate::gpu;
 use crate::harness::calendar;
-use crate::harness::output::{DEFAULT_FOLDER, OutputError, unused};
-
-/// Family-wise error of the time gate.
-pub const ALPHA: f64 = 0.05;
-/// Practical threshold of the time gate.
-pub const THRESHOLD: f64 = 0.02;
-/// Counts repeat to 0.1 %; half a per cent is plain.
-pub const INSTRUCTION_THRESHOLD: f64 = 0.005;
+use crate::harness::output::{DEFAULT_FOLDER, Held, Kind, OutputError, Taken, unused};
+use crate::record::RecordError;
+use crate::record::comparison::{
+    CellId, Compared, ComparedBuild, ComparisonEnd, ComparisonHeader, Fault, Gate, GateSettings,
+    Side, Skip,
+};
 
 #[derive(Debug, Error)]
 pub enum CompareError {
@@ -38,6 +33,8 @@ pub enum CompareError {
     Store(#[from] StoreError),
     #[error(transparent)]
     Folder(#[from] OutputError),
+    #[error(transparent)]
+    Records(#[from] RecordError),
     #[error("{} cannot be read: {source}", path.display())]
     Program { path: PathBuf, source: std::io::Error },
     #[error("the {} build: {fault}", .side.name())]
@@ -69,7 +66,7 @@ pub struct Options {
     /// Only cells whose names contain this.
     pub filter: Option<String>,
     /// Of the gates, those asked for.
-    pub settings: Settings,
+    pub settings: GateSettings,
     pub out: Option<PathBuf>,
     /// Go on with the comparison in `out`.
     pub resume: bool,
@@ -90,53 +87,40 @@ pub fn measure(
         Some(folder) => folder.clone(),
         None => fresh()?,
     };
-    let held = held(&folder, options.resume)?;
+    let taken = taken(&folder, options.resume)?;
     let flags = [interrupted];
     let waiting = Waiting { interrupted: &flags, tell };
     let mut parties =
         [start_party(options, Side::Base, waiting)?, start_party(options, Side::Head, waiting)?];
     let greetings = greeted(&mut parties)?;
     let header = header(options, &gates, &greetings)?;
-    let (store, before) = match options.resume {
-        true => resumed(held, &header, tell)?,
-        false => (Store::begin(held)?, None),
+    let mut held = taken.open(Kind::Comparison)?;
+    let before = match options.resume {
+        true => resumed(&mut held, &header, tell)?,
+        false => Comparison::new(header.clone()),
     };
-    let mut measurement = Measurement {
-        options,
-        store,
-        interrupted,
-        waiting,
-        tell,
-        before: match before {
-            Some(before) => before,
-            None => Comparison::new(header.clone()),
-        },
-    };
+    let mut measurement = Measurement { options, held, interrupted, waiting, tell, before };
     if !options.resume {
-        measurement.store.write(&[Line::Header(Box::new(header))])?;
+        measurement.write(vec![Compared::Header(Box::new(header))])?;
     }
     let common = measurement.exact(&mut parties, &gates.configurations)?;
     drop(parties);
     measurement.instructions(&common)?;
     measurement.time(&gates.control, &common)?;
-    measurement.store.write(&[Line::End(End {
-        wall_s: start.elapsed().as_secs_f64(),
-        interrupted: interrupted.load(Ordering::Relaxed),
-    })])?;
+    let wall_s = start.elapsed().as_secs_f64();
+    let interrupted = interrupted.load(Ordering::Relaxed);
+    measurement.write(vec![Compared::End(ComparisonEnd { wall_s, interrupted })])?;
     Ok(folder)
 }
 
 /// The folder to write to, if it is free, or to resume from.
-fn held(folder: &Path, resume: bool) -> Result<Held, StoreError> {
-    match resume {
-        true => Held::with_comparison(folder),
-        false => Held::free(folder),
-    }
+fn taken(folder: &Path, resume: bool) -> Result<Taken, OutputError> {
+    if resume { Taken::measured(folder, Kind::Comparison) } else { Taken::free(folder) }
 }
 
 /// Finds out whether a folder can be written to, or resumed from, before minutes are spent on building.
-pub fn try_folder(folder: &Path, resume: bool) -> Result<(), StoreError> {
-    held(folder, resume).map(drop)
+pub fn try_folder(folder: &Path, resume: bool) -> Result<(), OutputError> {
+    taken(folder, resume).map(drop)
 }
 
 /// A new folder for a comparison that is told none.
@@ -193,9 +177,9 @@ fn header(
     options: &Options,
     gates: &Gates,
     greetings: &[Greeting; 2],
-) -> Result<Header, CompareError> {
+) -> Result<ComparisonHeader, CompareError> {
     let build = |program: &Program, greeting: &Greeting| {
-        Ok::<Build, CompareError>(Build {
+        Ok::<ComparedBuild, CompareError>(ComparedBuild {
             label: program.label.clone(),
             version: greeting.fathom_version.clone(),
             protocol: Some(greeting.protocol),
@@ -214,12 +198,7 @@ fn header(
     });
     let mut notes = base.notes.clone();
     notes.extend(head.notes.iter().filter(|note| !base.notes.contains(note)).cloned());
-    if settings.gates.contains(&Gate::Exact) {
-        notes.extend(survey::without_checks(greetings));
-    }
-    Ok(Header {
-        schema: SCHEMA,
-        fathom_version: env!("CARGO_PKG_VERSION").to_owned(),
+    Ok(ComparisonHeader {
         base: build(&options.base, base)?,
         head: build(&options.head, head)?,
         adapter: head.adapter.clone(),
@@ -227,6 +206,7 @@ fn header(
         cells: gates.cells(),
         skipped,
         notes,
+        ..ComparisonHeader::default()
     })
 }
 
@@ -251,12 +231,14 @@ pub fn digest(path: &Path) -> Result<String, std::io::Error> {
 
 /// The folder's comparison, if it is this one.
 fn resumed(
-    held: Held,
-    now: &Header,
+    held: &mut Held,
+    now: &ComparisonHeader,
     tell: &dyn Fn(&str),
-) -> Result<(Store, Option<Comparison>), CompareError> {
-    let (store, before, notices) = Store::resume(held)?;
-    notices.iter().for_each(|notice| tell(notice));
+) -> Result<Comparison, CompareError> {
+    held.notices.iter().for_each(|notice| tell(notice));
+    let folder = held.output.folder.clone();
+    let before = Comparison::from_records(std::mem::take(&mut held.before));
+    let before = before.ok_or_else(|| OutputError::NoHeader { path: folder.clone() })?;
     let then = &before.header;
     let same = [
         ("base", then.base.digest == now.base.digest),
@@ -266,17 +248,15 @@ fn resumed(
         ("kind of measurement", !then.settings.unpaired),
     ];
     match same.iter().find(|(_, same)| !same) {
-        Some((what, _)) => {
-            Err(CompareError::OtherComparison { folder: store.folder.clone(), what })
-        }
-        None => Ok((store, Some(before))),
+        Some((what, _)) => Err(CompareError::OtherComparison { folder, what }),
+        None => Ok(before),
     }
 }
 
 /// A comparison under way.
 struct Measurement<'a> {
     options: &'a Options,
-    store: Store,
+    held: Held,
     interrupted: &'a AtomicBool,
     waiting: Waiting<'a>,
     tell: &'a dyn Fn(&str),
@@ -294,12 +274,13 @@ impl Measurement<'_> {
         self.interrupted.load(Ordering::Relaxed)
     }
 
+    fn write(&mut self, lines: Vec<Compared>) -> Result<(), RecordError> {
+        store::write(&mut self.held, lines)
+    }
+
     /// Stores what was found out, unless that was interrupted: then what looks like a fault is the interruption's.
-    fn keep(&mut self, lines: &[Line]) -> Result<(), StoreError> {
-        if self.is_interrupted() {
-            return Ok(());
-        }
-        self.store.write(lines)
+    fn keep(&mut self, lines: Vec<Compared>) -> Result<(), RecordError> {
+        if self.is_interrupted() { Ok(()) } else { self.write(lines) }
     }
 
     /// What both sides have of the configurations, with its exact figures if they are wanted and not known.
@@ -319,17 +300,17 @@ impl Measurement<'_> {
                 break;
             }
             let (known, faults) = survey::prepare(parties, configuration);
-            self.keep(&faults)?;
+            self.keep(faults)?;
             let lacks = |cell: CellId| !self.before.has_exact(&cell);
             if counting && known.cells().any(lacks) {
-                self.keep(&survey::exact(parties, &known))?;
+                self.keep(survey::exact(parties, &known))?;
             }
             common.push(known);
         }
         common.retain(|configuration| !configuration.stages.is_empty());
         let checked = |side| self.before.checks.iter().any(|check| check.side == side);
         if self.wants(Gate::Exact) && !Side::BOTH.into_iter().all(checked) {
-            self.keep(&survey::checks(parties, stages_of(&common)))?;
+            self.keep(survey::checks(parties, stages_of(&common)))?;
         }
         Ok(common)
     }
@@ -341,7 +322,7 @@ impl Measurement<'_> {
         (self.tell)("instruction gate: every stage under callgrind");
         let start = |side| start_of(self.options, side);
         let before = &self.before;
-        Ok(instructions::run(&mut self.store, before, common, &start, self.interrupted)?)
+        Ok(instructions::run(&mut self.held, before, common, &start, self.interrupted)?)
     }
 
     fn time(&mut self, control: &CellId, common: &[Configuration]) -> Result<(), CompareError> {
@@ -371,7 +352,7 @@ impl Measurement<'_> {
             second: false,
         };
         self.launches(&schedule, &mut bench)?;
-        let so_far = Comparison::read(&self.store.folder)?;
+        let so_far = Comparison::read(&self.held.output.folder)?;
         let open = time::open(&so_far);
         if open.is_empty() || !self.wants(Gate::Time) {
             return Ok(());
@@ -388,7 +369,7 @@ impl Measurement<'_> {
     ) -> Result<(), CompareError> {
         let before = timed_before(&self.before, schedule.second);
         let mut done = before.complete;
-        let (tell, store) = (self.tell, &mut self.store);
+        let (tell, held) = (self.tell, &mut self.held);
         tell(&format!(
             "time gate{}: cells: {}, launches: {} of {} pairs",
             if schedule.second { ", what is still open" } else { "" },
@@ -396,27 +377,21 @@ impl Measurement<'_> {
             schedule.launches,
             schedule.pairs
         ));
-        let mut sink = |lines: Vec<Line>| {
-            store.write(&lines)?;
-            let launches = lines.iter().filter(|line| matches!(line, Line::Launch(_)));
+        let mut sink = |lines: Vec<Compared>| {
+            let launches = lines.iter().filter(|line| matches!(line, Compared::Launch(_)));
             done += launches.count() as u32;
+            store::write(held, lines)?;
             tell(&format!("time gate: {done} of {} launches", schedule.launches));
-            Ok::<(), StoreError>(())
+            Ok::<(), RecordError>(())
         };
         Ok(rounds::run(schedule, bench, &before, self.interrupted, &mut sink)?)
     }
 
     /// The gate could not begin.
     fn no_time(&mut self, cause: &PartyFault) -> Result<(), CompareError> {
-        Ok(self.store.write(&[Line::Fault(Fault {
-            gate: Gate::Time,
-            side: Some(cause.party.side()),
-            cell: None,
-            launch: None,
-            control: false,
-            absent: false,
-            reason: cause.fault.to_string(),
-        })])?)
+        let side = Some(cause.party.side());
+        let fault = Fault::new(Gate::Time, side, None, cause.fault.to_string());
+        Ok(self.write(vec![Compared::Fault(fault)])?)
     }
 }
 

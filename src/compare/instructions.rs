@@ -17,11 +17,14 @@ use std::time::Duration;
 
 use tempfile::TempDir;
 
-use super::cells::{CellId, Configuration};
+use super::cells::Configuration;
 use super::launch::{self, Patience, Quiet, Start, Waiting, Worker, WorkerFault};
 use super::protocol::{Reply, Request};
-use super::store::{Comparison, Fault, Gate, InstructionCounts, Line, Side, Store, StoreError};
+use super::store::{self, Comparison};
 use super::valgrind;
+use crate::harness::output::Held;
+use crate::record::RecordError;
+use crate::record::comparison::{CellId, Compared, Fault, Gate, InstructionCounts, Side};
 
 /// Frames that are counted of each cell and side.
 pub const FRAMES: u32 = 3;
@@ -116,12 +119,12 @@ struct Job<'a> {
 ///
 /// `start` tells how to start the worker of a side. What cannot be counted becomes a fault.
 pub fn run(
-    store: &mut Store,
+    held: &mut Held,
     before: &Comparison,
     wanted: &[Configuration],
     start: &(dyn Fn(Side) -> Start + Sync),
     interrupted: &AtomicBool,
-) -> Result<(), StoreError> {
+) -> Result<(), RecordError> {
     let jobs = Mutex::new(jobs(before, wanted));
     let cores = launch::allowed_cores();
     let workers = match cores.len() {
@@ -147,7 +150,7 @@ pub fn run(
         }
         drop(sender);
         let mut lines = lines.into_iter();
-        let written = lines.try_for_each(|line| store.write(&[line]));
+        let written = lines.try_for_each(|line| store::write(held, vec![line]));
         broken.store(written.is_err(), Ordering::Relaxed);
         written
     })
@@ -200,10 +203,10 @@ struct Conditions<'a> {
 
 /// Counts a job's stages one after the other and sends each as a line, or the fault that it ended in. Stages after a fault
 /// are counted by a fresh worker; they fail too if that cannot be had, or if the worker hung.
-fn count(job: &Job<'_>, conditions: &Conditions<'_>, lines: &Sender<Line>) {
+fn count(job: &Job<'_>, conditions: &Conditions<'_>, lines: &Sender<Compared>) {
     let cell = |stage: &str| CellId::new(&job.configuration.id, stage);
     // Nobody listens only when the store is broken, which ends everything.
-    let send = |line: Line| drop(lines.send(line));
+    let send = |line: Compared| drop(lines.send(line));
     let mut counter = None;
     for (index, stage) in job.stages.iter().enumerate() {
         if ends(conditions.ending) {
@@ -216,7 +219,7 @@ fn count(job: &Job<'_>, conditions: &Conditions<'_>, lines: &Sender<Line>) {
         };
         match ready.count(&job.configuration.id, stage, conditions.ending) {
             Ok(counts) => {
-                send(Line::Instructions(InstructionCounts {
+                send(Compared::Instructions(InstructionCounts {
                     side: job.side,
                     cell: cell(stage),
                     counts,
@@ -235,19 +238,12 @@ fn count(job: &Job<'_>, conditions: &Conditions<'_>, lines: &Sender<Line>) {
     }
 }
 
-fn send_faults(job: &Job<'_>, stages: &[String], cause: &WorkerFault, lines: &Sender<Line>) {
+fn send_faults(job: &Job<'_>, stages: &[String], cause: &WorkerFault, lines: &Sender<Compared>) {
     for stage in stages {
-        let fault = Fault {
-            gate: Gate::Instructions,
-            side: Some(job.side),
-            cell: Some(CellId::new(&job.configuration.id, stage)),
-            launch: None,
-            control: false,
-            absent: false,
-            reason: cause.to_string(),
-        };
+        let cell = CellId::new(&job.configuration.id, stage);
+        let fault = Fault::new(Gate::Instructions, Some(job.side), Some(cell), cause.to_string());
         // Nobody listens only when the store is broken, which ends everything.
-        let _ = lines.send(Line::Fault(fault));
+        let _ = lines.send(Compared::Fault(fault));
     }
 }
 
@@ -354,9 +350,9 @@ mod tests {
     const SCRIPT: &str = r#"n=0
 cut() { n=$((n + 1)); echo "totals: $1" > "$FOLDER/callgrind.out.$n"; }
 while read -r line; do case "$line" in
-*'"hello"'*) echo '{"message":"hello","protocol":1,"fathom_version":"0","adapter":ADAPTER,"parts":[]}';;
+*'"hello"'*) echo '{"message":"hello","protocol":1,"fathom_version":"0","adapter":ADAPTER,"parts":[],"cores":null,"randomized":null,"notes":[]}';;
 *'"prepare"'*) echo '{"message":"prepared","stages":[]}';;
-*'"bad"'*) cut 9; echo '{"message":"fault","reason":"too hot"}';;
+*'"bad"'*) cut 9; echo '{"message":"fault","reason":"too hot","fatal":false,"absent":false}';;
 *'"dead"'*) cut 9; exit 3;;
 *'"slow"'*) sleep 60;;
 *'"b"'*) cut 1; cut 21; cut 22; cut 23; echo '{"message":"instructions","frames":3}';;
@@ -389,9 +385,9 @@ esac; done
         let (sender, lines) = channel();
         count(&job, &conditions, &sender);
         drop(sender);
-        let told = |line: Line| match line {
-            Line::Instructions(line) => format!("{} {:?}", line.cell.stage(), line.counts),
-            Line::Fault(fault) => format!("{} {}", fault.cell.unwrap().stage(), fault.reason),
+        let told = |line: Compared| match line {
+            Compared::Instructions(line) => format!("{} {:?}", line.cell.stage(), line.counts),
+            Compared::Fault(fault) => format!("{} {}", fault.cell.unwrap().stage(), fault.reason),
             other => panic!("{other:?}"),
         };
         lines.into_iter().map(told).collect()

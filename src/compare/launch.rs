@@ -52,8 +52,8 @@ pub enum WorkerFault {
     Refused {
         reason: String,
         fatal: bool,
-        /// Its build lacks what it was asked for; unknown where the worker does not tell.
-        absent: Option<bool>,
+        /// Its build lacks what it was asked for.
+        absent: bool,
     },
     /// This process was told to end while the reply was waited for.
     #[error("interrupted")]
@@ -70,16 +70,12 @@ fn told(stderr: &str) -> String {
 impl WorkerFault {
     /// A fault that this side finds in a worker which is then of no more use.
     pub(super) fn fatal(reason: String) -> Self {
-        Self::Refused { reason, fatal: true, absent: None }
+        Self::Refused { reason, fatal: true, absent: false }
     }
 
-    /// The build does not know what it was asked for. Where an older worker does not say why it refuses, that counts as
-    /// the reason.
+    /// The build does not know what it was asked for.
     pub fn is_absence(&self) -> bool {
-        match self {
-            Self::Refused { fatal, absent, .. } => absent.unwrap_or(!fatal),
-            _ => false,
-        }
+        matches!(self, Self::Refused { absent: true, .. })
     }
 
     /// The worker still answers.
@@ -219,7 +215,7 @@ impl Worker {
         let mut line = serde_json::to_string(request).map_err(|error| WorkerFault::Refused {
             reason: format!("`{}` cannot be sent: {error}", self.asked),
             fatal: false,
-            absent: None,
+            absent: false,
         })?;
         line.push('\n');
         let sent = self

@@ -3,7 +3,7 @@
 //! Two builds are held against each other through three gates, from exact to noisy: declared work, counters,
 //! bytes and errors ([`exact`]); instruction counts ([`instructions`]); time ([`time`]). [`worker`] is the measured side: a
 //! process that holds the prepared configurations of one build and answers [`protocol`]'s requests. [`flow`] measures;
-//! what is measured goes to a folder of lines ([`store`]); the [`verdict`] is a function of those lines alone, and
+//! what is measured goes to a folder of records ([`store`]); the [`verdict`] is a function of those alone, and
 //! [`tables`] tell it.
 
 pub mod bench;
@@ -14,12 +14,10 @@ pub mod files;
 pub mod flow;
 pub mod instructions;
 pub mod launch;
-pub mod nan;
 pub mod protocol;
 mod quiet;
 pub mod rank;
 pub mod rounds;
-pub mod selftest;
 pub mod store;
 pub mod survey;
 pub mod tables;
@@ -28,26 +26,3 @@ pub mod unpaired;
 mod valgrind;
 pub mod verdict;
 pub mod worker;
-
-use std::path::{Path, PathBuf};
-
-use store::{Comparison, StoreError};
-use verdict::Verdicts;
-
-/// Writes what is told of a comparison into its folder, and gives the paths.
-pub fn write_tables(folder: &Path, verdicts: &Verdicts<'_>) -> Result<Vec<PathBuf>, StoreError> {
-    let mut paths = Vec::new();
-    for format in tables::FORMATS {
-        let Some(name) = format.file else { continue };
-        let path = folder.join(name);
-        std::fs::write(&path, (format.write)(verdicts))
-            .map_err(|source| StoreError::Unwritable { path: path.clone(), source })?;
-        paths.push(path);
-    }
-    Ok(paths)
-}
-
-/// The stored comparison of a folder.
-pub fn read(folder: &Path) -> Result<Comparison, StoreError> {
-    Comparison::read(folder)
-}

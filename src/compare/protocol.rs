@@ -8,9 +8,8 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
-use super::nan;
 use crate::gpu::ClockPlan;
-use crate::record::{Adapter, ErrorFigure, PassKind, Work};
+use crate::record::{Adapter, ErrorFigure, PassKind, Work, nan};
 
 /// Version of these messages.
 pub const PROTOCOL: u32 = 1;
@@ -22,7 +21,6 @@ pub struct Configuration {
     pub pipeline: String,
     pub scene: String,
     /// Dotted path → value, over the pipeline's defaults.
-    #[serde(default)]
     pub params: Map<String, Value>,
 }
 
@@ -47,7 +45,6 @@ pub enum Request {
     Sample {
         config: String,
         stage: String,
-        #[serde(default = "one")]
         frames: u32,
     },
     /// What can be counted of a configuration.
@@ -68,10 +65,6 @@ pub enum Request {
     Quit,
 }
 
-fn one() -> u32 {
-    1
-}
-
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "message", rename_all = "snake_case")]
 pub enum Reply {
@@ -82,14 +75,6 @@ pub enum Reply {
     Prepared {
         /// In frame order.
         stages: Vec<StageKind>,
-        /// Assets that were absent, each with the stand-in used.
-        #[serde(default)]
-        stand_ins: Vec<String>,
-        /// Where the time went, seconds: building resources, and the first frames.
-        #[serde(default)]
-        build_s: f64,
-        #[serde(default)]
-        warm_up_s: f64,
     },
     /// One reading per frame.
     Sample {
@@ -105,11 +90,9 @@ pub enum Reply {
     /// The request could not be met. After a fatal one the worker ends.
     Fault {
         reason: String,
-        #[serde(default)]
         fatal: bool,
-        /// This build knows no such pipeline, scene, stage or parameter. Older workers do not tell.
-        #[serde(default, skip_serializing_if = "Option::is_none")]
-        absent: Option<bool>,
+        /// This build knows no such pipeline, scene, stage or parameter.
+        absent: bool,
     },
     /// The worker does not know this message.
     Unsupported {
@@ -127,17 +110,11 @@ pub struct Greeting {
     /// `exact`, `checks`, `time`, `instructions`: what this worker can do.
     pub parts: Vec<String>,
     /// Cores it may run on; unknown outside Linux.
-    #[serde(default)]
     pub cores: Option<Vec<usize>>,
     /// Its addresses are randomized; unknown outside Linux.
-    #[serde(default)]
     pub randomized: Option<bool>,
     /// What degrades on this adapter.
-    #[serde(default)]
     pub notes: Vec<String>,
-    /// Time it took to open the device, seconds.
-    #[serde(default)]
-    pub open_s: f64,
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -163,7 +140,6 @@ pub struct Exact {
     #[serde(with = "nan::map")]
     pub quantities: BTreeMap<String, f64>,
     /// What could not be computed, and why.
-    #[serde(default)]
     pub notes: Vec<String>,
 }
 
@@ -172,7 +148,6 @@ pub struct ExactStage {
     pub name: String,
     pub work: Work,
     /// Shader invocations; empty where the adapter does not count.
-    #[serde(default)]
     pub counters: BTreeMap<String, u64>,
 }
 
@@ -195,7 +170,7 @@ pub fn parse_request(line: &str) -> Result<Request, Reply> {
     let fault = |error: serde_json::Error| Reply::Fault {
         reason: format!("not a message: {error}"),
         fatal: false,
-        absent: Some(false),
+        absent: false,
     };
     let value: Value = serde_json::from_str(line).map_err(fault)?;
     let known = ["hello", "clock", "prepare", "sample", "exact", "instructions", "checks", "quit"];
@@ -229,7 +204,8 @@ mod tests {
             r#"{"message":"prepare","id":"tank","pipeline":"underwater","scene":"tank","params":{"caustics.grid":50}}"#
         );
         assert_eq!(parse_request(&line).unwrap(), prepare);
-        let sample = parse_request(r#"{"message":"sample","config":"a","stage":"b","later":1}"#);
+        let sample = r#"{"message":"sample","config":"a","stage":"b","frames":1,"later":1}"#;
+        let sample = parse_request(sample);
         let expected = Request::Sample { config: "a".into(), stage: "b".into(), frames: 1 };
         assert_eq!(sample.unwrap(), expected);
     }
@@ -285,7 +261,7 @@ mod tests {
         let replies = [
             Reply::Sample { ns: vec![1.5, 2.0] },
             Reply::Exact(Box::default()),
-            Reply::Fault { reason: "no".into(), fatal: true, absent: Some(false) },
+            Reply::Fault { reason: "no".into(), fatal: true, absent: false },
             Reply::Hello(Box::new(Greeting {
                 protocol: PROTOCOL,
                 fathom_version: "0".into(),
@@ -294,7 +270,6 @@ mod tests {
                 cores: Some(vec![1]),
                 randomized: None,
                 notes: Vec::new(),
-                open_s: 0.1,
             })),
         ];
         for reply in replies {

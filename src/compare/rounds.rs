@@ -18,15 +18,8 @@ use rand::SeedableRng;
 use rand::seq::SliceRandom;
 use rand_pcg::Pcg64;
 
-use super::cells::CellId;
 use super::launch::WorkerFault;
-use super::store::{Fault, Gate, Launch, Line, Pair, Side};
-
-/// Launches of a gate unless told otherwise. The least that an exact test of 44 cells can decide on is 11, if all of them
-/// agree; with 20 a few may stray.
-pub const LAUNCHES: u32 = 20;
-/// Rounds of a launch unless told otherwise.
-pub const PAIRS: u32 = 16;
+use crate::record::comparison::{CellId, Compared, Fault, Gate, Launch, Pair, Side};
 
 /// The second measurement has up to so many times the rounds of the first, as far as it takes no longer than that. With 64
 /// pairs instead of 16 the figures of launches of `scene/gbuffer` scattered by 1.1 to 2.0 % instead of 2.6 to 3.8 % (llvmpipe).
@@ -151,7 +144,7 @@ pub fn run<E>(
     bench: &mut dyn Bench,
     before: &Before,
     interrupted: &AtomicBool,
-    sink: &mut dyn FnMut(Vec<Line>) -> Result<(), E>,
+    sink: &mut dyn FnMut(Vec<Compared>) -> Result<(), E>,
 ) -> Result<(), E> {
     let mut gate = Gatekeeper {
         schedule,
@@ -177,7 +170,7 @@ pub fn run<E>(
             Outcome::Interrupted => return Ok(()),
             Outcome::Spoilt(faults) => {
                 let unattributed = faults.iter().any(|fault| fault.cell.is_none());
-                sink(faults.into_iter().map(Line::Fault).collect())?;
+                sink(faults.into_iter().map(Compared::Fault).collect())?;
                 broken += u32::from(unattributed);
                 if broken >= MAX_BROKEN_LAUNCHES {
                     return Ok(());
@@ -199,7 +192,7 @@ struct Gatekeeper<'a> {
 
 enum Outcome {
     /// Its pairs, its faults, and the line that makes it count.
-    Complete(Vec<Line>),
+    Complete(Vec<Compared>),
     /// It does not count, for these reasons.
     Spoilt(Vec<Fault>),
     Interrupted,
@@ -265,9 +258,9 @@ impl Gatekeeper<'_> {
             second: self.schedule.second,
             notes: opened.notes,
         };
-        let faults = faults.into_iter().map(Line::Fault);
-        let lines = pairs.into_iter().map(Line::Pair).chain(faults);
-        Outcome::Complete(lines.chain([Line::Launch(ended)]).collect())
+        let faults = faults.into_iter().map(Compared::Fault);
+        let lines = pairs.into_iter().map(Compared::Pair).chain(faults);
+        Outcome::Complete(lines.chain([Compared::Launch(ended)]).collect())
     }
 
     fn is_interrupted(&self) -> bool {
@@ -334,15 +327,9 @@ impl Gatekeeper<'_> {
 }
 
 fn fault(launch: u32, cell: Option<&CellId>, cause: &PartyFault) -> Fault {
-    Fault {
-        gate: Gate::Time,
-        side: Some(cause.party.side()),
-        cell: cell.cloned(),
-        launch: Some(launch),
-        control: false,
-        absent: false,
-        reason: format!("{} worker: {}", cause.party.name(), cause.fault),
-    }
+    let reason = format!("{} worker: {}", cause.party.name(), cause.fault);
+    let fault = Fault::new(Gate::Time, Some(cause.party.side()), cell.cloned(), reason);
+    Fault { launch: Some(launch), ..fault }
 }
 
 /// The random numbers of a launch: each launch of a seed has a stretch of them to itself.

@@ -1,12 +1,11 @@
 //! Both builds prepare every configuration: which cells they have in common, and their exact figures.
 
-use super::cells::{CellId, Configuration};
+use super::cells::Configuration;
 use super::launch::{Start, Waiting, Worker, WorkerFault};
 use super::protocol::{Exact, Greeting, Reply, Request};
-use super::store::{CheckFigure, ConfigurationFigures, ExactFigures, Fault, Gate, Line, Side};
-
-/// Name of the part of a worker that makes the checks.
-const CHECKS: &str = "checks";
+use crate::record::comparison::{
+    CellId, CheckFigure, Compared, ConfigurationFigures, ExactFigures, Fault, Gate, Side,
+};
 
 /// One side: how to start its worker, and the worker while it lives.
 pub struct Party<'a> {
@@ -14,14 +13,12 @@ pub struct Party<'a> {
     start: Start,
     waiting: Waiting<'a>,
     worker: Option<Worker>,
-    /// What its build can do, once it has said so.
-    parts: Vec<String>,
 }
 
 impl<'a> Party<'a> {
     /// Starts the worker of a side; what it says of itself comes with [`Self::greeted`].
     pub fn new(side: Side, start: Start, waiting: Waiting<'a>) -> Result<Self, WorkerFault> {
-        let mut party = Self { side, start, waiting, worker: None, parts: Vec::new() };
+        let mut party = Self { side, start, waiting, worker: None };
         party.worker = Some(party.started()?);
         Ok(party)
     }
@@ -33,9 +30,7 @@ impl<'a> Party<'a> {
     }
 
     pub fn greeted(&mut self) -> Result<Greeting, WorkerFault> {
-        let greeting = self.worker.as_mut().ok_or_else(gone)?.greeted(&self.waiting)?;
-        self.parts.clone_from(&greeting.parts);
-        Ok(greeting)
+        self.worker.as_mut().ok_or_else(gone)?.greeted(&self.waiting)
     }
 
     /// The worker, a fresh one if the last has died.
@@ -71,7 +66,7 @@ fn gone() -> WorkerFault {
 pub fn prepare(
     parties: &mut [Party<'_>; 2],
     configuration: &Configuration,
-) -> (Configuration, Vec<Line>) {
+) -> (Configuration, Vec<Compared>) {
     let replies = both(parties, &Request::Prepare { configuration: configuration.into() });
     let (stages, faults) = present(configuration, replies);
     let common = Configuration { stages, ..configuration.clone() };
@@ -79,37 +74,20 @@ pub fn prepare(
 }
 
 /// The exact figures of a configuration that both sides have prepared.
-pub fn exact(parties: &mut [Party<'_>; 2], configuration: &Configuration) -> Vec<Line> {
+pub fn exact(parties: &mut [Party<'_>; 2], configuration: &Configuration) -> Vec<Compared> {
     let replies = both(parties, &Request::Exact { config: configuration.id.clone() });
     let sides = Side::BOTH.into_iter().zip(replies);
     sides.flat_map(|(side, reply)| exact_lines(side, configuration, reply)).collect()
 }
 
-/// What lacks of the checks, where a build is too old to know of them; they are then made on neither side.
-pub fn without_checks(greetings: &[Greeting; 2]) -> Option<String> {
-    let mut sides = Side::BOTH.into_iter().zip(greetings);
-    let (side, _) = sides.find(|(_, greeting)| !knows_checks(&greeting.parts))?;
-    let name = side.name();
-    Some(format!(
-        "the checks of `fathom verify` were not compared: the {name} build has no part `{CHECKS}`"
-    ))
-}
-
-fn knows_checks(parts: &[String]) -> bool {
-    parts.iter().any(|part| part == CHECKS)
-}
-
-/// The checks of these stages on both sides; none where [a side knows of none](without_checks).
-pub fn checks(parties: &mut [Party<'_>; 2], stages: Vec<String>) -> Vec<Line> {
-    if !parties.iter().all(|party| knows_checks(&party.parts)) {
-        return Vec::new();
-    }
+/// The checks of these stages on both sides.
+pub fn checks(parties: &mut [Party<'_>; 2], stages: Vec<String>) -> Vec<Compared> {
     let replies = both(parties, &Request::Checks { stages });
     let mut lines = Vec::new();
     for (side, reply) in Side::BOTH.into_iter().zip(replies) {
         match reply {
             Ok(Reply::Checks { checks }) => lines.extend(checks.into_iter().map(|check| {
-                Line::Check(CheckFigure {
+                Compared::Check(CheckFigure {
                     side,
                     stage: check.stage,
                     what: check.what,
@@ -146,7 +124,7 @@ struct Lack {
 fn present(
     configuration: &Configuration,
     replies: [Result<Reply, WorkerFault>; 2],
-) -> (Vec<String>, Vec<Line>) {
+) -> (Vec<String>, Vec<Compared>) {
     let mut stages = Vec::new();
     let mut faults = Vec::new();
     for stage in &configuration.stages {
@@ -181,7 +159,7 @@ fn exact_lines(
     side: Side,
     configuration: &Configuration,
     reply: Result<Reply, WorkerFault>,
-) -> Vec<Line> {
+) -> Vec<Compared> {
     let exact = match reply {
         Ok(Reply::Exact(exact)) => *exact,
         other => {
@@ -191,7 +169,7 @@ fn exact_lines(
         }
     };
     let Exact { stages, allocated_bytes, errors, judged, quantities, notes } = exact;
-    let mut lines = vec![Line::Configuration(ConfigurationFigures {
+    let mut lines = vec![Compared::Configuration(ConfigurationFigures {
         side,
         configuration: configuration.id.clone(),
         allocated_bytes,
@@ -203,7 +181,7 @@ fn exact_lines(
     lines.extend(
         stages.into_iter().filter(|stage| configuration.stages.contains(&stage.name)).map(
             |stage| {
-                Line::Exact(ExactFigures {
+                Compared::Exact(ExactFigures {
                     side,
                     cell: CellId::new(&configuration.id, &stage.name),
                     work: stage.work,
@@ -222,35 +200,22 @@ fn reason(reply: Result<Reply, WorkerFault>) -> String {
     }
 }
 
-fn fault(side: Side, cell: Option<CellId>, absent: bool, reason: &str) -> Line {
-    Line::Fault(Fault {
-        gate: Gate::Exact,
-        side: Some(side),
-        cell,
-        launch: None,
-        control: false,
-        absent,
-        reason: reason.to_owned(),
-    })
+fn fault(side: Side, cell: Option<CellId>, absent: bool, reason: &str) -> Compared {
+    Compared::Fault(Fault { absent, ..Fault::new(Gate::Exact, Some(side), cell, reason) })
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::compare::protocol::StageKind;
-    use crate::record::{Adapter, PassKind};
+    use crate::record::PassKind;
 
     fn prepared(stages: &[&str]) -> Result<Reply, WorkerFault> {
         let kind = |name: &&str| StageKind { name: (*name).to_owned(), kind: PassKind::Compute };
-        Ok(Reply::Prepared {
-            stages: stages.iter().map(kind).collect(),
-            stand_ins: Vec::new(),
-            build_s: 0.0,
-            warm_up_s: 0.0,
-        })
+        Ok(Reply::Prepared { stages: stages.iter().map(kind).collect() })
     }
 
-    fn refused(absent: Option<bool>) -> Result<Reply, WorkerFault> {
+    fn refused(absent: bool) -> Result<Reply, WorkerFault> {
         Err(WorkerFault::Refused { reason: "no".to_owned(), fatal: false, absent })
     }
 
@@ -271,8 +236,8 @@ mod tests {
             stages: vec!["a".to_owned(), "b".to_owned()],
         };
         let (stages, lines) = present(&configuration, [base, head]);
-        let word = |line: &Line| match line {
-            Line::Fault(fault) => {
+        let word = |line: &Compared| match line {
+            Compared::Fault(fault) => {
                 let (side, cell) = (fault.side.unwrap().name(), fault.cell.as_ref().unwrap());
                 let word = if fault.absent { "new" } else { "failed" };
                 format!("{side} {} {word}", cell.stage())
@@ -285,41 +250,21 @@ mod tests {
     #[test]
     fn only_what_the_base_does_not_know_is_new() {
         let whole = || prepared(&["a", "b"]);
-        for absent in [None, Some(true)] {
-            assert_eq!(told(refused(absent), whole()).1, ["base a new", "base b new"]);
-        }
-        let (common, faults) = told(refused(Some(false)), whole());
+        assert_eq!(told(refused(true), whole()).1, ["base a new", "base b new"]);
+        let (common, faults) = told(refused(false), whole());
         assert_eq!(faults, ["base a failed", "base b failed"]);
         assert!(common.is_empty());
         assert_eq!(told(died(), whole()).1, ["base a failed", "base b failed"]);
         let (common, faults) = told(prepared(&["b"]), whole());
         assert_eq!((common, faults), (vec!["b".to_owned()], vec!["base a new".to_owned()]));
-        assert_eq!(told(whole(), refused(Some(true))).1, ["head a failed", "head b failed"]);
+        assert_eq!(told(whole(), refused(true)).1, ["head a failed", "head b failed"]);
     }
 
     #[test]
     fn a_head_that_fails_is_told_where_the_base_knows_nothing() {
         let expected = ["base a failed", "head a failed", "base b failed", "head b failed"];
-        assert_eq!(told(refused(Some(true)), died()).1, expected);
-        let (_, faults) = told(refused(Some(true)), prepared(&["b"]));
+        assert_eq!(told(refused(true), died()).1, expected);
+        let (_, faults) = told(refused(true), prepared(&["b"]));
         assert_eq!(faults, ["base a failed", "head a failed", "base b new"]);
-    }
-
-    #[test]
-    fn a_build_without_checks_is_named() {
-        let greeting = |parts: &[&str]| Greeting {
-            protocol: 1,
-            fathom_version: "0".to_owned(),
-            adapter: Adapter::default(),
-            parts: parts.iter().map(|part| (*part).to_owned()).collect(),
-            cores: None,
-            randomized: None,
-            notes: Vec::new(),
-            open_s: 0.0,
-        };
-        let (old, new) = (greeting(&["exact"]), greeting(&["exact", "checks"]));
-        assert_eq!(without_checks(&[new.clone(), new.clone()]), None);
-        let note = without_checks(&[old, new]).unwrap();
-        assert!(note.ends_with("the base build has no part `checks`"), "{note}");
     }
 }

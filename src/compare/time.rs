@@ -16,9 +16,9 @@ use std::collections::BTreeMap;
 
 use serde::Serialize;
 
-use super::cells::CellId;
 use super::rank;
-use super::store::{Comparison, Header, MOST_PAIRS, Pair, Settings, Side};
+use super::store::Comparison;
+use crate::record::comparison::{CellId, ComparisonHeader, GateSettings, MOST_PAIRS, Pair, Side};
 use crate::statistics::median;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
@@ -148,7 +148,13 @@ impl Figures {
         (2.0 * slower.min(faster)).min(1.0)
     }
 
-    fn judged(self, settings: &Settings, p: f64, adjusted_p: f64, shift: Option<f64>) -> CellTime {
+    fn judged(
+        self,
+        settings: &GateSettings,
+        p: f64,
+        adjusted_p: f64,
+        shift: Option<f64>,
+    ) -> CellTime {
         let bound = (1.0 + settings.threshold).ln();
         let centre = rank::centre(&self.launches, settings.alpha);
         let verdict = if adjusted_p <= settings.alpha {
@@ -188,7 +194,7 @@ const MEASUREMENTS: f64 = 2.0;
 pub fn judge<'a>(
     cells: &'a [CellId],
     pairs: impl IntoIterator<Item = &'a Pair>,
-    settings: &Settings,
+    settings: &GateSettings,
 ) -> TimeGate {
     let mut sorted: BTreeMap<(&CellId, bool, bool), Vec<&Pair>> = BTreeMap::new();
     for pair in pairs.into_iter().filter(|pair| usable(pair)) {
@@ -211,7 +217,7 @@ pub fn judge<'a>(
 }
 
 /// Verdicts on figures that are told together.
-fn judged(measured: Vec<Figures>, settings: &Settings) -> Vec<CellTime> {
+fn judged(measured: Vec<Figures>, settings: &GateSettings) -> Vec<CellTime> {
     let p: Vec<f64> = measured.iter().map(|cell| cell.p(settings.threshold)).collect();
     let doubled: Vec<f64> = p.iter().map(|p| (MEASUREMENTS * p).min(1.0)).collect();
     let adjusted = rank::holm(&doubled);
@@ -227,7 +233,7 @@ fn judged(measured: Vec<Figures>, settings: &Settings) -> Vec<CellTime> {
 
 /// Cells of which a complete first measurement tells neither a change nor that there is none, and a second one may.
 pub fn open(comparison: &Comparison) -> Vec<CellId> {
-    let Header { cells, settings, .. } = &comparison.header;
+    let ComparisonHeader { cells, settings, .. } = &comparison.header;
     if comparison.launches_of(false) < settings.launches as usize {
         return Vec::new();
     }

@@ -5,9 +5,9 @@
 
 use std::collections::BTreeMap;
 
-use super::cells::CellId;
-use super::store::{Comparison, Samples, Side};
+use super::store::Comparison;
 use crate::record::Estimate;
+use crate::record::comparison::{CellId, Side, UnpairedSamples};
 use crate::statistics;
 
 /// A cell's time on both sides: medians with bootstrap intervals that know nothing of what lay between the runs.
@@ -26,7 +26,7 @@ pub struct RunTime {
 }
 
 impl RunTime {
-    fn of(samples: &Samples) -> Self {
+    fn of(samples: &UnpairedSamples) -> Self {
         Self { ns: statistics::estimate(&samples.ns), resolution_ns: samples.resolution_ns }
     }
 
@@ -46,7 +46,9 @@ impl Unpaired {
 pub fn judge(comparison: &Comparison) -> BTreeMap<CellId, Unpaired> {
     let of = |side: Side, cell: &CellId| {
         let mut lines = comparison.samples.iter();
-        lines.find(|line: &&Samples| line.side == side && line.cell == *cell && !line.ns.is_empty())
+        lines.find(|line: &&UnpairedSamples| {
+            line.side == side && line.cell == *cell && !line.ns.is_empty()
+        })
     };
     let both = |cell: &CellId| {
         let (base, head) = (of(Side::Base, cell)?, of(Side::Head, cell)?);

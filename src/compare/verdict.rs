@@ -2,12 +2,12 @@
 
 use std::collections::BTreeMap;
 
-use super::cells::CellId;
 use super::exact::{self, Difference, Kind};
 use super::instructions::{self, Change, Counted};
-use super::store::{Comparison, Fault, Gate, Side};
+use super::store::Comparison;
 use super::time::{self, CellTime, TimeGate, TimeVerdict};
 use super::unpaired::{self, Unpaired};
+use crate::record::comparison::{CellId, Fault, Gate, Side};
 
 /// What is concluded of a cell, the worst first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]

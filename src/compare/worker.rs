@@ -8,7 +8,6 @@
 use std::collections::BTreeMap;
 use std::io::{BufRead, Write};
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::time::Instant;
 
 use thiserror::Error;
 
@@ -107,7 +106,7 @@ impl Refusal {
     fn reply(self) -> Reply {
         Reply::Fault {
             fatal: matches!(self, Self::Gpu(GpuError::Lost(_))),
-            absent: Some(self.is_absence()),
+            absent: self.is_absence(),
             reason: self.to_string(),
         }
     }
@@ -167,7 +166,6 @@ impl Worker<'_> {
     }
 
     fn hello(&mut self, clock: Option<ClockPlan>) -> Result<Reply, Refusal> {
-        let start = Instant::now();
         let gpu = Gpu::open(self.options)?;
         let audited = clock.is_some() || gpu.adapter.software;
         let plan = clock.unwrap_or(ClockPlan::fenced(SubmitCost::default()));
@@ -181,7 +179,6 @@ impl Worker<'_> {
             cores: quiet::cores(),
             randomized: quiet::randomized(),
             notes: device.gpu.notes.clone(),
-            open_s: start.elapsed().as_secs_f64(),
         })))
     }
 }
@@ -201,12 +198,10 @@ impl Device {
         subjects: &mut Subjects,
         configuration: &Configuration,
     ) -> Result<Reply, Refusal> {
-        let start = Instant::now();
         let overrides: Vec<_> = configuration.params.clone().into_iter().collect();
         let subject =
             subjects.subject(&configuration.pipeline, &configuration.scene, &overrides)?;
         let pipeline = subject.build(&self.gpu)?;
-        let built = Instant::now();
         let stages = pipeline.stages();
         for _ in 0..WARM_UP_FRAMES {
             self.timer.untimed(&self.gpu, &stages)?;
@@ -216,12 +211,7 @@ impl Device {
             .iter()
             .zip(kinds)
             .map(|(stage, kind)| StageKind { name: stage.name().to_owned(), kind });
-        let reply = Reply::Prepared {
-            stages: stages.collect(),
-            stand_ins: subject.scene.stand_ins.clone(),
-            build_s: (built - start).as_secs_f64(),
-            warm_up_s: built.elapsed().as_secs_f64(),
-        };
+        let reply = Reply::Prepared { stages: stages.collect() };
         let prepared = Prepared { subject, pipeline };
         self.prepared.insert(configuration.id.clone(), prepared);
         Ok(reply)

@@ -1,4 +1,4 @@
-//! The folder that a run writes to.
+//! The folder that a run or a comparison writes to.
 
 use std::path::{Path, PathBuf};
 use std::time::SystemTime;
@@ -6,12 +6,14 @@ use std::time::SystemTime;
 use thiserror::Error;
 
 use super::calendar;
-use crate::record::{self, FolderLock, LockError, Record, RecordError, Writer};
+use crate::record::{
+    self, Compared, FolderLock, Lines, LockError, Record, RecordError, Writer, read_lines,
+};
 use crate::report::PICTURES;
 
 /// Where runs go that are not told where.
 pub const DEFAULT_FOLDER: &str = "reports/out";
-/// Name of the records' file in a run's folder.
+/// Name of the records' file in the folder of a run or a comparison.
 pub const RECORDS: &str = "records.jsonl";
 /// Name of the file of samples that have no record yet, in a run's folder.
 pub const SAMPLES: &str = "samples.jsonl";
@@ -31,11 +33,52 @@ pub enum OutputError {
         path.display()
     )]
     Occupied { path: PathBuf },
-    #[error("no run to resume in {}: name its folder with --out", path.display())]
-    NothingToResume { path: PathBuf },
+    #[error("no {} to resume in {}: name its folder with --out", kind.name(), path.display())]
+    NothingToResume { kind: Kind, path: PathBuf },
+    #[error("{} holds no {} but other records: choose another folder with --out", path.display(), kind.name())]
+    OtherKind { kind: Kind, path: PathBuf },
+    #[error("{} has no sound header, so its other records mean nothing", path.display())]
+    NoHeader { path: PathBuf },
 }
 
-/// The folder of a run, and its files.
+/// What was measured into a folder.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Kind {
+    Run,
+    Comparison,
+}
+
+impl Kind {
+    fn name(self) -> &'static str {
+        match self {
+            Self::Run => "run",
+            Self::Comparison => "comparison",
+        }
+    }
+
+    fn of(record: &Record) -> Self {
+        match record {
+            Record::Comparison(_) => Self::Comparison,
+            Record::Run(_) | Record::Experiment(_) | Record::Cell(_) | Record::End(_) => Self::Run,
+        }
+    }
+
+    /// Refuses records that this cannot be continued with.
+    fn check(self, path: &Path, read: &Lines<Record>) -> Result<(), OutputError> {
+        record::empty_or_sound(path, read)?;
+        let path = path.to_owned();
+        if read.lines.iter().any(|record| Self::of(record) != self) {
+            return Err(OutputError::OtherKind { kind: self, path });
+        }
+        let header = |record: &Record| matches!(record, Record::Comparison(Compared::Header(_)));
+        if self == Self::Comparison && !read.lines.is_empty() && !read.lines.iter().any(header) {
+            return Err(OutputError::NoHeader { path });
+        }
+        Ok(())
+    }
+}
+
+/// The folder of a run or a comparison, and its files.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Output {
     pub folder: PathBuf,
@@ -61,7 +104,52 @@ impl Output {
     }
 }
 
-/// A run's folder that takes files, and that no other process writes to while this is held.
+/// A folder that no other process writes to while this is held. Nothing is written yet.
+#[derive(Debug)]
+pub struct Taken {
+    output: Output,
+    lock: FolderLock,
+}
+
+impl Taken {
+    /// Takes a folder that holds nothing that was measured.
+    pub fn free(folder: &Path) -> Result<Self, OutputError> {
+        let taken = Self::take(folder)?;
+        if taken.output.is_occupied() {
+            return Err(OutputError::Occupied { path: folder.to_owned() });
+        }
+        Ok(taken)
+    }
+
+    /// Takes a folder whose measurement is to be continued.
+    pub fn measured(folder: &Path, kind: Kind) -> Result<Self, OutputError> {
+        let output = Output { folder: folder.to_owned() };
+        if !output.records().exists() && !output.is_occupied() {
+            return Err(OutputError::NothingToResume { kind, path: output.folder });
+        }
+        Self::take(folder)
+    }
+
+    fn take(folder: &Path) -> Result<Self, OutputError> {
+        let output = Output { folder: folder.to_owned() };
+        Ok(Self { lock: FolderLock::take(folder, &holder())?, output })
+    }
+
+    /// Opens the records. Damaged ones are kept aside.
+    pub fn open(self, kind: Kind) -> Result<Held, OutputError> {
+        let path = self.output.records();
+        let opened = Writer::open(&path, |read| kind.check(&path, read))?;
+        Ok(Held {
+            output: self.output,
+            notices: opened.notices(),
+            writer: opened.writer,
+            before: opened.lines.lines,
+            _lock: self.lock,
+        })
+    }
+}
+
+/// The folder of a run or a comparison, with its records open to be continued.
 #[derive(Debug)]
 pub struct Held {
     pub output: Output,
@@ -82,39 +170,22 @@ impl Held {
             Some(folder) => folder.to_owned(),
             None => unused(&fresh(adapter, profile))?,
         };
-        let output = Output { folder };
-        let lock = FolderLock::take(&output.folder, &holder())?;
-        if output.is_occupied() {
-            return Err(OutputError::Occupied { path: output.folder });
-        }
-        Self::open(output, lock)
+        Self::of_run(Taken::free(&folder)?)
     }
 
     /// The folder of the run to resume: `asked`, or the latest under [`DEFAULT_FOLDER`]. Damaged records are kept aside.
     pub fn resume(asked: Option<&Path>) -> Result<Self, OutputError> {
         let default = Path::new(DEFAULT_FOLDER);
-        let nothing = |path: &Path| OutputError::NothingToResume { path: path.to_owned() };
         let folder = asked.map(Path::to_owned).or_else(|| latest(default));
-        let output = Output { folder: folder.ok_or_else(|| nothing(default))? };
-        if !output.records().exists() && !output.is_occupied() {
-            return Err(nothing(&output.folder));
-        }
-        let lock = FolderLock::take(&output.folder, &holder())?;
-        Self::open(output, lock)
+        let nothing = || OutputError::NothingToResume { kind: Kind::Run, path: default.to_owned() };
+        let folder = folder.ok_or_else(nothing)?;
+        Self::of_run(Taken::measured(&folder, Kind::Run)?)
     }
 
-    fn open(output: Output, lock: FolderLock) -> Result<Self, OutputError> {
-        probe(&output)
-            .map_err(|source| OutputError::Unwritable { path: output.folder.clone(), source })?;
-        let path = output.records();
-        let opened = Writer::open(&path, |read| record::empty_or_sound(&path, read))?;
-        Ok(Self {
-            output,
-            notices: opened.notices(),
-            writer: opened.writer,
-            before: opened.lines.lines,
-            _lock: lock,
-        })
+    fn of_run(taken: Taken) -> Result<Self, OutputError> {
+        let path = taken.output.folder.clone();
+        probe(&taken.output).map_err(|source| OutputError::Unwritable { path, source })?;
+        taken.open(Kind::Run)
     }
 }
 
@@ -166,13 +237,23 @@ fn fresh(adapter: &str, profile: &str) -> PathBuf {
     Path::new(DEFAULT_FOLDER).join(format!("{}-{profile}-{time}", words.join("-")))
 }
 
-/// The folder whose records were changed last.
+/// The folder of the run whose records were changed last.
 fn latest(parent: &Path) -> Option<PathBuf> {
     let folders = std::fs::read_dir(parent).ok()?.filter_map(|entry| Some(entry.ok()?.path()));
     let changed = |folder: &PathBuf| {
         std::fs::metadata(folder.join(RECORDS)).and_then(|records| records.modified()).ok()
     };
-    folders.filter_map(|folder| Some((changed(&folder)?, folder))).max().map(|(_, folder)| folder)
+    let mut folders: Vec<_> =
+        folders.filter_map(|folder| Some((changed(&folder)?, folder))).collect();
+    folders.sort();
+    let folders = folders.into_iter().rev().map(|(_, folder)| folder);
+    folders.into_iter().find(|folder| !is_comparison(&folder.join(RECORDS)))
+}
+
+/// Records that can be read are those of a comparison.
+fn is_comparison(path: &Path) -> bool {
+    let first = read_lines::<Record>(path).ok().and_then(|read| read.lines.into_iter().next());
+    first.is_some_and(|first| Kind::of(&first) == Kind::Comparison)
 }
 
 #[cfg(test)]
@@ -303,7 +384,15 @@ mod tests {
         std::fs::write(parent.path().join("b").join(RECORDS), "").unwrap();
         std::thread::sleep(std::time::Duration::from_millis(20));
         std::fs::write(parent.path().join("a").join(RECORDS), "").unwrap();
+        std::thread::sleep(std::time::Duration::from_millis(20));
+        std::fs::create_dir(parent.path().join("compared")).unwrap();
+        let compared = Taken::free(&parent.path().join("compared")).unwrap();
+        let mut held = compared.open(Kind::Comparison).unwrap();
+        held.writer.write(&Record::Comparison(Compared::Header(Default::default()))).unwrap();
+        drop(held);
         assert_eq!(latest(parent.path()), Some(parent.path().join("a")));
+        let error = Held::resume(Some(&parent.path().join("compared"))).unwrap_err().to_string();
+        assert!(error.contains("holds no run but other records"), "{error}");
     }
 
     #[test]

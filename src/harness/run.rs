@@ -18,7 +18,6 @@ use crate::gpu::{self, Audit, ClockPlan, Gpu, GpuError};
 use crate::record::{
     self, Definition, End, Outcome, PassKind, Record, RecordError, Run, SCHEMA, SampleLine,
 };
-use crate::report::{self, ReportError};
 
 /// Memory of the cells that are prepared at the same time. On a software driver it is the process's own,
 /// which is to stay below 2 GiB.
@@ -39,8 +38,6 @@ pub enum RunError {
     Output(#[from] OutputError),
     #[error(transparent)]
     Record(#[from] RecordError),
-    #[error(transparent)]
-    Report(#[from] ReportError),
     #[error("{name} must be a positive number, not {value}")]
     NotPositive { name: &'static str, value: f64 },
 }
@@ -329,7 +326,7 @@ impl Measurement<'_> {
         sample::sample(&mut executor, &due, settings, self.interrupted)
     }
 
-    /// Records the end, and writes the reports from all records of the folder.
+    /// Records the end.
     fn end(mut self, start: Instant, set_up_s: f64, kept: usize) -> Result<Summary, RunError> {
         let set_up_s = set_up_s + self.session.spent.set_up_s;
         let end = End {
@@ -343,7 +340,6 @@ impl Measurement<'_> {
         self.journal.end()?;
         let output = &self.held.output;
         let records = record::read(&output.records())?.records;
-        report::write(&output.folder, &records)?;
         Ok(summary(output.folder.clone(), &records, end, kept))
     }
 }

@@ -2,10 +2,13 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::nan;
+
 /// An error of a cell's last frame against a reference: the further from 0, the worse.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ErrorFigure {
     pub name: String,
+    #[serde(with = "nan::number")]
     pub value: f64,
     pub unit: String,
     /// The stage whose output it judges.

@@ -18,7 +18,7 @@ impl Line for Record {
         let id = match self {
             Record::Experiment(definition) => &definition.id,
             Record::Cell(cell) => &cell.experiment,
-            Record::Run(_) | Record::End(_) => return Ok(()),
+            Record::Run(_) | Record::End(_) | Record::Comparison(_) => return Ok(()),
         };
         text::check_id(id).map_err(|fault| format!("experiment {fault}"))
     }
@@ -42,8 +42,12 @@ impl Line for Record {
 /// How a header line names itself.
 const HEADER: &str = r#""record":"run""#;
 /// How lines begin that are no headers.
-const OTHER_RECORDS: [&str; 3] =
-    [r#"{"record":"cell""#, r#"{"record":"experiment""#, r#"{"record":"end""#];
+const OTHER_RECORDS: [&str; 4] = [
+    r#"{"record":"cell""#,
+    r#"{"record":"experiment""#,
+    r#"{"record":"end""#,
+    r#"{"record":"comparison""#,
+];
 
 pub type Writer = LineWriter<Record>;
 

@@ -1,6 +1,6 @@
 //! Reports: pure functions from records to bytes. The same records give the same bytes.
 //!
-//! An [`Exporter`] turns a [`View`] of the records into named files. Adding one costs a file and a line in [`EXPORTERS`].
+//! An [`Exporter`] turns a [`View`] of a run's records into named files.
 
 mod cells_csv;
 pub mod format;
@@ -11,11 +11,13 @@ mod view;
 #[cfg(test)]
 mod fixtures;
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
-use crate::record::Record;
 use crate::text;
 
+pub use cells_csv::EXPORTER as CELLS_CSV;
+pub use plots::EXPORTER as PLOTS;
+pub use summary::EXPORTER as SUMMARY;
 pub use view::{Entry, Section, View};
 
 /// Folder, beside the records, of the pictures that a summary links to.
@@ -35,8 +37,6 @@ pub fn picture_name(experiment: &str, cell: &str, ending: &str) -> String {
 pub enum ReportError {
     #[error("cannot draw the plot of `{experiment}`: {message}")]
     Plot { experiment: String, message: String },
-    #[error("cannot write {}: {source}", path.display())]
-    Write { path: PathBuf, source: std::io::Error },
 }
 
 /// A file of the report: its name within the output folder, and its bytes.
@@ -52,33 +52,8 @@ pub struct Exporter {
     pub export: fn(&View<'_>) -> Result<Vec<Artifact>, ReportError>,
 }
 
-/// Every exporter, in the order in which their files are written.
-pub const EXPORTERS: &[Exporter] = &[plots::EXPORTER, cells_csv::EXPORTER, summary::EXPORTER];
-
-/// Every file of the report. `pictures` are paths relative to the output folder.
-pub fn artifacts(records: &[Record], pictures: &[String]) -> Result<Vec<Artifact>, ReportError> {
-    let view = View::new(records, pictures);
-    let mut files = Vec::new();
-    for exporter in EXPORTERS {
-        files.extend((exporter.export)(&view)?);
-    }
-    Ok(files)
-}
-
-/// Writes the report beside the records, linking the pictures found there, and gives the paths written.
-pub fn write(out: &Path, records: &[Record]) -> Result<Vec<PathBuf>, ReportError> {
-    let mut paths = Vec::new();
-    for artifact in artifacts(records, &pictures_in(out))? {
-        let path = out.join(&artifact.name);
-        std::fs::write(&path, &artifact.bytes)
-            .map_err(|source| ReportError::Write { path: path.clone(), source })?;
-        paths.push(path);
-    }
-    Ok(paths)
-}
-
 /// PNG files of the output folder's pictures, sorted. A folder that is not there holds none.
-fn pictures_in(out: &Path) -> Vec<String> {
+pub fn pictures_in(out: &Path) -> Vec<String> {
     let Ok(entries) = std::fs::read_dir(out.join(PICTURES)) else {
         return Vec::new();
     };
@@ -99,7 +74,8 @@ mod tests {
     use serde_json::{Map, json};
 
     use super::*;
-    use crate::record::{Cell, Definition, Outcome};
+    use crate::exporters::of_run as artifacts;
+    use crate::record::{Cell, Definition, Outcome, Record};
 
     /// Quadratic work grows 16-fold from n to 4 n, linear work 4-fold.
     const MOST_GROWTH: f64 = 8.0;

@@ -280,7 +280,8 @@ fn other_pictures(view: &View<'_>, text: &mut String) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::report::{artifacts, fixtures};
+    use crate::exporters::of_run as artifacts;
+    use crate::report::fixtures;
 
     fn summary() -> String {
         let records = fixtures::run();

@@ -63,6 +63,7 @@ impl<'a> View<'a> {
                     let run = view.runs.last().copied();
                     places.add(Entry { cell, run }, &mut view.sections);
                 }
+                Record::Comparison(_) => {}
             }
         }
         let profile = view.run().map_or("", |run| run.profile.as_str()).to_owned();

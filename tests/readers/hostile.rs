@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::Duration;
 
-use fathom::compare::{self, cells::Gates, store::Comparison, verdict::Verdicts};
+use fathom::compare::{cells::Gates, store::Comparison, verdict::Verdicts};
 use fathom::experiments::Experiment;
 use fathom::harness::query;
 use fathom::record;
@@ -44,7 +44,7 @@ const READERS: &[(&str, Reader)] = &[
     ("e.toml", experiment),
     ("points.csv", |path| told(query::read(path)).map(drop)),
     ("records.jsonl", |path| told(record::read(path)).map(drop)),
-    ("comparison.jsonl", |path| told(compare::read(path.parent().unwrap())).map(drop)),
+    ("records.jsonl", |path| told(Comparison::read(path.parent().unwrap())).map(drop)),
     ("gates.toml", |path| told(Gates::load(Some(path))).map(drop)),
     ("a.obj", mesh),
     ("a.ply", mesh),
@@ -241,8 +241,8 @@ fn long_and_deep_lines_of_records_are_damage() {
 fn comparison(change: impl Fn(String) -> String) -> Result<Comparison, String> {
     let folder = tempfile::tempdir().unwrap();
     let text = String::from_utf8(seeds::comparisons().remove(0)).unwrap();
-    std::fs::write(folder.path().join("comparison.jsonl"), change(text)).unwrap();
-    told(compare::read(folder.path()))
+    std::fs::write(folder.path().join("records.jsonl"), change(text)).unwrap();
+    told(Comparison::read(folder.path()))
 }
 
 #[test]
@@ -264,7 +264,7 @@ fn thousands_of_launches_and_pairs_are_judged_by_those_that_count() {
     let launch = |n: usize| {
         let times = "\"cell\":\"tank caustics/trace\",\"base_ns\":1e6,\"head_ns\":2e6";
         format!(
-            "{{\"kind\":\"launch\",\"launch\":{n},\"wall_s\":1,\"notes\":[]}}\n{{\"kind\":\"pair\",\"launch\":{n},\"round\":0,\"first\":\"base\",{times}}}\n"
+            "{{\"record\":\"comparison\",\"kind\":\"launch\",\"launch\":{n},\"wall_s\":1,\"notes\":[]}}\n{{\"record\":\"comparison\",\"kind\":\"pair\",\"launch\":{n},\"round\":0,\"first\":\"base\",{times}}}\n"
         )
     };
     let (read, peak) = peak_of(|| {
@@ -278,7 +278,7 @@ fn thousands_of_launches_and_pairs_are_judged_by_those_that_count() {
     let pair = |n: usize| {
         let first = ["base", "head"][n % 2];
         format!(
-            "{{\"kind\":\"pair\",\"launch\":0,\"round\":{n},\"first\":\"{first}\",\"cell\":\"tank caustics/trace\",\"base_ns\":1e6,\"head_ns\":{n}e3}}\n"
+            "{{\"record\":\"comparison\",\"kind\":\"pair\",\"launch\":0,\"round\":{n},\"first\":\"{first}\",\"cell\":\"tank caustics/trace\",\"base_ns\":1e6,\"head_ns\":{n}e3}}\n"
         )
     };
     let (_, peak) = peak_of(|| {

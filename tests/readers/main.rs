@@ -9,12 +9,12 @@ mod seeds;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-use fathom::compare::{self, cells::Gates, tables, verdict::Verdicts};
+use fathom::compare::{cells::Gates, store::Comparison, verdict::Verdicts};
 use fathom::experiments::{Experiment, Profile, parse_axis, parse_set};
 use fathom::harness::query;
 use fathom::harness::subject::Subjects;
 use fathom::scene::{Mesh, Scene, SceneFile};
-use fathom::{pipelines, record, report};
+use fathom::{exporters, pipelines, record};
 use memory::peak_of;
 use mutator::{Input, extreme, mesh_words, mutated, mutated_or_packed};
 use proptest::prelude::*;
@@ -151,7 +151,7 @@ fn points() {
 fn records() {
     fuzz_file("records.jsonl", seeds::records(), |path| {
         let read = told(record::read(path))?;
-        told(report::artifacts(&read.records, &[]))?;
+        told(exporters::of_run(&read.records, &[]))?;
         match read.damaged.first() {
             Some(damage) => Err(damage.to_string()),
             None => Ok(()),
@@ -161,10 +161,10 @@ fn records() {
 
 #[test]
 fn comparison_lines() {
-    fuzz_file("comparison.jsonl", seeds::comparisons(), |path| {
-        let comparison = told(compare::read(path.parent().unwrap()))?;
+    fuzz_file("records.jsonl", seeds::comparisons(), |path| {
+        let comparison = told(Comparison::read(path.parent().unwrap()))?;
         let verdicts = Verdicts::of(&comparison);
-        for format in tables::FORMATS {
+        for format in exporters::formats() {
             (format.write)(&verdicts);
         }
         Ok(())

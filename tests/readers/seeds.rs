@@ -3,13 +3,13 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use fathom::compare::cells::CellId;
-use fathom::compare::store::{
-    Build, CheckFigure, ConfigurationFigures, End, ExactFigures, Fault, Gate, Header,
-    InstructionCounts, Launch, Line, Pair, SCHEMA, Samples, Settings, Side, Skip,
-};
 use fathom::experiments::Experiment;
-use fathom::record::{Adapter, Work};
+use fathom::record::comparison::{
+    CellId, CheckFigure, Compared, ComparedBuild, ComparisonEnd, ComparisonHeader,
+    ConfigurationFigures, ExactFigures, Fault, Gate, GateSettings, InstructionCounts, Launch, Pair,
+    Side, Skip, UnpairedSamples,
+};
+use fathom::record::{Record, Work};
 
 type Seeds = Vec<Vec<u8>>;
 
@@ -123,39 +123,28 @@ fn cell(stage: &str) -> CellId {
     CellId::new("tank", stage)
 }
 
-fn header() -> Line {
-    let build = |label: &str| Build {
+fn header() -> Compared {
+    let build = |label: &str| ComparedBuild {
         label: label.into(),
         version: "0.1.0".into(),
         protocol: Some(1),
         digest: "d".into(),
     };
-    Line::Header(Box::new(Header {
-        schema: SCHEMA,
-        fathom_version: "0.1.0".into(),
+    Compared::Header(Box::new(ComparisonHeader {
         base: build("base"),
         head: build("head"),
-        adapter: Adapter::default(),
-        settings: Settings {
-            alpha: 0.05,
-            threshold: 0.02,
-            instruction_threshold: 0.005,
-            launches: 6,
-            pairs: 2,
-            seed: 7,
-            gates: Gate::ALL.to_vec(),
-            unpaired: false,
-        },
+        settings: GateSettings { launches: 6, pairs: 2, ..GateSettings::default() },
         cells: vec![cell("caustics/trace"), cell("godrays/trace")],
         skipped: vec![Skip { gate: Gate::Instructions, reason: "none".into() }],
         notes: vec!["a note".into()],
+        ..ComparisonHeader::default()
     }))
 }
 
-fn figures(side: Side) -> Vec<Line> {
+fn figures(side: Side) -> Vec<Compared> {
     let cell = cell("caustics/trace");
     vec![
-        Line::Configuration(ConfigurationFigures {
+        Compared::Configuration(ConfigurationFigures {
             side,
             configuration: "tank".into(),
             allocated_bytes: 1000,
@@ -163,13 +152,13 @@ fn figures(side: Side) -> Vec<Line> {
             quantities: BTreeMap::from([("missed".into(), 0.5)]),
             notes: Vec::new(),
         }),
-        Line::Exact(ExactFigures {
+        Compared::Exact(ExactFigures {
             side,
             cell: cell.clone(),
             work: Work::default(),
             counters: BTreeMap::from([("fragments".into(), 3)]),
         }),
-        Line::Check(CheckFigure {
+        Compared::Check(CheckFigure {
             side,
             stage: "caustics/trace".into(),
             what: "landing".into(),
@@ -178,17 +167,22 @@ fn figures(side: Side) -> Vec<Line> {
             tolerance: 0.2,
             sound: true,
         }),
-        Line::Instructions(InstructionCounts {
+        Compared::Instructions(InstructionCounts {
             side,
             cell: cell.clone(),
             counts: vec![100, 101, 100],
         }),
-        Line::Samples(Samples { side, cell, ns: vec![1e6, 1.1e6, 1.2e6], resolution_ns: 5e4 }),
+        Compared::Samples(UnpairedSamples {
+            side,
+            cell,
+            ns: vec![1e6, 1.1e6, 1.2e6],
+            resolution_ns: 5e4,
+        }),
     ]
 }
 
-fn launch(launch: u32) -> Vec<Line> {
-    let mut lines = vec![Line::Launch(Launch {
+fn launch(launch: u32) -> Vec<Compared> {
+    let mut lines = vec![Compared::Launch(Launch {
         launch,
         wall_s: 3.5,
         second: false,
@@ -196,7 +190,7 @@ fn launch(launch: u32) -> Vec<Line> {
     })];
     for control in [false, true] {
         for (round, first) in (0..).zip(Side::BOTH) {
-            lines.push(Line::Pair(Pair {
+            lines.push(Compared::Pair(Pair {
                 launch,
                 round,
                 cell: cell("caustics/trace"),
@@ -211,13 +205,14 @@ fn launch(launch: u32) -> Vec<Line> {
     lines
 }
 
-fn text(lines: &[Line]) -> Vec<u8> {
-    let lines = lines.iter().map(|line| serde_json::to_string(line).unwrap() + "\n");
+fn text(lines: &[Compared]) -> Vec<u8> {
+    let records = lines.iter().cloned().map(Record::from);
+    let lines = records.map(|record| serde_json::to_string(&record).unwrap() + "\n");
     lines.collect::<String>().into_bytes()
 }
 
 pub fn comparisons() -> Seeds {
-    let fault = Line::Fault(Fault {
+    let fault = Compared::Fault(Fault {
         gate: Gate::Time,
         side: Some(Side::Head),
         cell: Some(cell("godrays/trace")),
@@ -226,7 +221,7 @@ pub fn comparisons() -> Seeds {
         absent: false,
         reason: "it died".into(),
     });
-    let end = Line::End(End { wall_s: 10.0, interrupted: false });
+    let end = Compared::End(ComparisonEnd { wall_s: 10.0, interrupted: false });
     let mut lines = vec![header()];
     lines.extend(Side::BOTH.into_iter().flat_map(figures));
     lines.extend((0..6).flat_map(launch));

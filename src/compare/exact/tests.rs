@@ -1,22 +1,33 @@
-use super::super::store::Line;
 use super::*;
-use crate::record::Lines;
+use crate::record::Record;
+use crate::record::comparison::Compared;
 
-fn figures(side: Side, errors: &[(&str, f64)]) -> Line {
+fn figures(side: Side, errors: &[(&str, f64)]) -> Compared {
     let named = |(name, error): &(&str, f64)| ((*name).to_owned(), *error);
-    Line::Configuration(ConfigurationFigures {
+    Compared::Configuration(ConfigurationFigures {
         side,
         configuration: "c".to_owned(),
         allocated_bytes: 1,
         errors: errors.iter().map(named).collect(),
-        judged: Vec::new(),
+        judged: errors.iter().filter_map(|(name, error)| judged(name, *error)).collect(),
         quantities: BTreeMap::new(),
         notes: Vec::new(),
     })
 }
 
-fn check(side: Side, what: &str) -> Line {
-    Line::Check(CheckFigure {
+/// What each known error judges.
+fn judged(name: &str, value: f64) -> Option<ErrorFigure> {
+    let error = |stage| ErrorFigure::new(name, value, "1", stage);
+    match name {
+        "caustics_photon_error_median_m" => Some(error("caustics/trace")),
+        "ao_rmse" => Some(error("hsao/march")),
+        "ao_filtered_rmse" => Some(error("hsao/filter").after("ao_rmse")),
+        _ => None,
+    }
+}
+
+fn check(side: Side, what: &str) -> Compared {
+    Compared::Check(CheckFigure {
         side,
         stage: "hsao/march".to_owned(),
         what: what.to_owned(),
@@ -27,9 +38,9 @@ fn check(side: Side, what: &str) -> Line {
     })
 }
 
-fn counters(side: Side, counters: &[(&str, u64)]) -> Line {
+fn counters(side: Side, counters: &[(&str, u64)]) -> Compared {
     let named = |(name, count): &(&str, u64)| ((*name).to_owned(), *count);
-    Line::Exact(ExactFigures {
+    Compared::Exact(ExactFigures {
         side,
         cell: CellId::new("c", "hsao/march"),
         work: crate::record::Work::default(),
@@ -38,16 +49,14 @@ fn counters(side: Side, counters: &[(&str, u64)]) -> Line {
 }
 
 /// The lines, as their file gives them back.
-fn comparison(lines: Vec<Line>) -> Comparison {
-    let header = include_str!("../tests/header.json");
-    let lines = std::iter::once(serde_json::from_str(header).unwrap())
-        .chain(lines.iter().map(|line| {
-            let text = serde_json::to_string(line).unwrap();
-            serde_json::from_str(&text).unwrap()
-        }))
-        .collect();
-    let damaged = Vec::new();
-    Comparison::from_lines(Lines { lines, damaged }).unwrap()
+fn comparison(lines: Vec<Compared>) -> Comparison {
+    let header = Compared::Header(Box::default());
+    let records = std::iter::once(header).chain(lines).map(Record::from);
+    let stored = records.map(|record| {
+        let text = serde_json::to_string(&record).unwrap();
+        serde_json::from_str(&text).unwrap()
+    });
+    Comparison::from_records(stored.collect::<Vec<_>>()).unwrap()
 }
 
 /// Who is charged with the errors that grew, in a pipeline of these stages.

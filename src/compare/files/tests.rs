@@ -1,5 +1,6 @@
 use serde_json::json;
 
+use super::super::store::Comparison;
 use super::super::verdict::{Status, Verdict, Verdicts};
 use super::*;
 use crate::record::{Adapter, FrameRecord, StageRecord};
@@ -74,12 +75,9 @@ fn compared(base: &[Record], head: &[Record]) -> Comparison {
         std::fs::write(&path, lines.collect::<String>()).unwrap();
         path
     };
-    let header: Line = serde_json::from_str(include_str!("../tests/header.json")).unwrap();
-    let Line::Header(header) = header else {
-        panic!("no header");
-    };
     let (base, head) = (write("base", base), write("head", head));
-    comparison(&base, &head, &header.settings).unwrap()
+    let compared = lines(&base, &head, &GateSettings::default()).unwrap();
+    Comparison::from_records(compared.into_iter().map(Record::from)).unwrap()
 }
 
 fn told(comparison: &Comparison) -> (Status, Vec<(String, Verdict)>) {

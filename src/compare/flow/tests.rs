@@ -1,21 +1,13 @@
-use super::super::store::{Launch, Pair};
 use super::*;
-use crate::record::Lines;
+use crate::record::comparison::{Launch, Pair};
 
-fn fault(launch: u32, cell: &CellId, control: bool) -> Line {
-    Line::Fault(Fault {
-        gate: Gate::Time,
-        side: Some(Side::Head),
-        cell: Some(cell.clone()),
-        launch: Some(launch),
-        control,
-        absent: false,
-        reason: "gone".to_owned(),
-    })
+fn fault(launch: u32, cell: &CellId, control: bool) -> Compared {
+    let fault = Fault::new(Gate::Time, Some(Side::Head), Some(cell.clone()), "gone");
+    Compared::Fault(Fault { launch: Some(launch), control, ..fault })
 }
 
-fn pair(launch: u32, cell: &CellId) -> Line {
-    Line::Pair(Pair {
+fn pair(launch: u32, cell: &CellId) -> Compared {
+    Compared::Pair(Pair {
         launch,
         round: 0,
         cell: cell.clone(),
@@ -27,22 +19,17 @@ fn pair(launch: u32, cell: &CellId) -> Line {
     })
 }
 
-fn launch(launch: u32) -> Line {
-    Line::Launch(Launch { launch, wall_s: 1.0, second: false, notes: Vec::new() })
+fn launch(launch: u32) -> Compared {
+    Compared::Launch(Launch { launch, ..Launch::default() })
 }
 
-fn end(interrupted: bool) -> Line {
-    Line::End(End { wall_s: 20.0, interrupted })
+fn end(interrupted: bool) -> Compared {
+    Compared::End(ComparisonEnd { wall_s: 20.0, interrupted })
 }
 
-fn comparison(lines: Vec<Line>) -> Comparison {
-    let header = include_str!("../tests/header.json");
-    let header = serde_json::from_str(header).unwrap();
-    Comparison::from_lines(Lines {
-        lines: std::iter::once(header).chain(lines).collect(),
-        damaged: Vec::new(),
-    })
-    .unwrap()
+fn comparison(lines: Vec<Compared>) -> Comparison {
+    let header = Compared::Header(Box::default());
+    Comparison::from_records(std::iter::once(header).chain(lines).map(Into::into)).unwrap()
 }
 
 #[test]
@@ -75,7 +62,7 @@ fn what_failed_before_an_interruption_is_tried_again() {
 #[test]
 fn launches_of_the_second_measurement_are_counted_apart() {
     let second = |number| match launch(number) {
-        Line::Launch(launch) => Line::Launch(Launch { second: true, ..launch }),
+        Compared::Launch(launch) => Compared::Launch(Launch { second: true, ..launch }),
         other => other,
     };
     let comparison = comparison(vec![launch(0), launch(1), launch(2), second(3), second(4)]);

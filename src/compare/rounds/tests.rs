@@ -24,7 +24,7 @@ struct Simulated {
 static NEVER: AtomicBool = AtomicBool::new(false);
 
 fn refusal(fatal: bool) -> WorkerFault {
-    WorkerFault::Refused { reason: "out of order".to_owned(), fatal, absent: None }
+    WorkerFault::Refused { reason: "out of order".to_owned(), fatal, absent: false }
 }
 
 fn ended() -> WorkerFault {
@@ -106,9 +106,9 @@ fn schedule() -> Schedule {
     }
 }
 
-fn measure(bench: &mut Simulated, before: &Before, interrupted: &AtomicBool) -> Vec<Line> {
+fn measure(bench: &mut Simulated, before: &Before, interrupted: &AtomicBool) -> Vec<Compared> {
     let mut lines = Vec::new();
-    let mut sink = |more: Vec<Line>| -> Result<(), Infallible> {
+    let mut sink = |more: Vec<Compared>| -> Result<(), Infallible> {
         lines.extend(more);
         Ok(())
     };
@@ -116,29 +116,29 @@ fn measure(bench: &mut Simulated, before: &Before, interrupted: &AtomicBool) -> 
     lines
 }
 
-fn pairs(lines: &[Line]) -> Vec<&Pair> {
+fn pairs(lines: &[Compared]) -> Vec<&Pair> {
     lines
         .iter()
         .filter_map(|line| match line {
-            Line::Pair(pair) => Some(pair),
+            Compared::Pair(pair) => Some(pair),
             _ => None,
         })
         .collect()
 }
 
-fn faults(lines: &[Line]) -> Vec<&Fault> {
+fn faults(lines: &[Compared]) -> Vec<&Fault> {
     lines
         .iter()
         .filter_map(|line| match line {
-            Line::Fault(fault) => Some(fault),
+            Compared::Fault(fault) => Some(fault),
             _ => None,
         })
         .collect()
 }
 
-fn launches(lines: &[Line]) -> Vec<u32> {
-    let launch = |line: &Line| match line {
-        Line::Launch(launch) => Some(launch.launch),
+fn launches(lines: &[Compared]) -> Vec<u32> {
+    let launch = |line: &Compared| match line {
+        Compared::Launch(launch) => Some(launch.launch),
         _ => None,
     };
     lines.iter().filter_map(launch).collect()
@@ -317,15 +317,15 @@ fn lines_tell_which_measurement_they_are_of() {
     for second in [false, true] {
         let schedule = Schedule { second, ..schedule() };
         let mut lines = Vec::new();
-        let mut sink = |more: Vec<Line>| -> Result<(), Infallible> {
+        let mut sink = |more: Vec<Compared>| -> Result<(), Infallible> {
             lines.extend(more);
             Ok(())
         };
         let mut bench = Simulated::default();
         let Ok(()) = run(&schedule, &mut bench, &Before::default(), &NEVER, &mut sink);
         assert!(pairs(&lines).iter().all(|pair| pair.second == second));
-        let tells = |line: &Line| match line {
-            Line::Launch(launch) => launch.second == second,
+        let tells = |line: &Compared| match line {
+            Compared::Launch(launch) => launch.second == second,
             _ => true,
         };
         assert!(lines.iter().all(tells));

@@ -4,8 +4,8 @@
 use serde_json::{Map, Value, json};
 
 use super::Format;
-use crate::compare::store::Side;
 use crate::compare::verdict::{CellVerdict, Verdicts};
+use crate::record::comparison::Side;
 
 pub const FORMAT: Format =
     Format { name: "bencher", about: "Bencher Metric Format", file: Some("bencher.json"), write };

@@ -7,6 +7,12 @@ mod markdown;
 mod rows;
 mod terminal;
 
+pub use bencher::FORMAT as BENCHER;
+pub use benchmark::FORMAT as BENCHMARK;
+pub use junit::FORMAT as JUNIT;
+pub use markdown::FORMAT as MARKDOWN;
+pub use terminal::FORMAT as TERMINAL;
+
 use super::verdict::Verdicts;
 
 /// A way to tell verdicts.
@@ -17,16 +23,4 @@ pub struct Format {
     /// Its file in the comparison's folder; the terminal's table has none.
     pub file: Option<&'static str>,
     pub write: fn(&Verdicts<'_>) -> String,
-}
-
-/// Every format. Adding one costs a file and a line.
-pub const FORMATS: &[Format] =
-    &[terminal::FORMAT, markdown::FORMAT, junit::FORMAT, bencher::FORMAT, benchmark::FORMAT];
-
-pub fn find(name: &str) -> Option<&'static Format> {
-    FORMATS.iter().find(|format| format.name == name)
-}
-/// What goes to a pull request or a job's page.
-pub fn markdown(verdicts: &Verdicts<'_>) -> String {
-    (markdown::FORMAT.write)(verdicts)
 }

@@ -4,10 +4,11 @@ use std::collections::BTreeSet;
 
 use crate::compare::exact::{Difference, Kind, Subject};
 use crate::compare::instructions::Counted;
-use crate::compare::store::{Build, Comparison, Fault, Side};
+use crate::compare::store::Comparison;
 use crate::compare::time::CellTime;
 use crate::compare::unpaired::{RunTime, Unpaired};
 use crate::compare::verdict::{CellVerdict, GateState, Status, Verdict, Verdicts};
+use crate::record::comparison::{ComparedBuild, Fault, Side};
 use crate::report::format::{NS_PER_MS, mebibytes, si, three};
 
 /// Columns of a table of cells.
@@ -294,7 +295,7 @@ fn second(comparison: &Comparison) -> Option<String> {
 }
 
 /// `origin/main (0.1.0)`.
-pub fn build(build: &Build) -> String {
+pub fn build(build: &ComparedBuild) -> String {
     format!("{} ({})", build.label, build.version)
 }
 

@@ -2,9 +2,9 @@ use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 
 use super::super::rank::{POWER, normal};
-use super::super::rounds::{LAUNCHES, PAIRS, Schedule};
-use super::super::store::{Gate, Launch, Side};
+use super::super::rounds::Schedule;
 use super::*;
+use crate::record::comparison::{Gate, LAUNCHES, Launch, PAIRS, Side};
 
 /// How the samples of a simulated gate scatter, as shares of the time.
 #[derive(Clone, Copy)]
@@ -118,28 +118,16 @@ fn schedule(launches: u32) -> Schedule {
 
 /// A first measurement that has all its launches.
 fn comparison(launches: u32) -> Comparison {
-    let header = include_str!("../tests/header.json");
-    let mut header: Header = serde_json::from_str(header).unwrap();
-    header.cells = cells();
-    header.settings = Settings { launches, ..settings() };
+    let settings = GateSettings { launches, ..settings() };
+    let header = ComparisonHeader { cells: cells(), settings, ..ComparisonHeader::default() };
     let mut comparison = Comparison::new(header);
-    comparison.launches = (0..launches)
-        .map(|launch| Launch { launch, wall_s: 3.0, second: false, notes: Vec::new() })
-        .collect();
+    comparison.launches =
+        (0..launches).map(|launch| Launch { launch, ..Launch::default() }).collect();
     comparison
 }
 
-fn settings() -> Settings {
-    Settings {
-        alpha: 0.05,
-        threshold: 0.02,
-        instruction_threshold: 0.005,
-        launches: LAUNCHES,
-        pairs: PAIRS,
-        seed: 0,
-        gates: vec![Gate::Time],
-        unpaired: false,
-    }
+fn settings() -> GateSettings {
+    GateSettings { gates: vec![Gate::Time], ..GateSettings::default() }
 }
 
 fn alarms(gate: &TimeGate) -> usize {

@@ -4,12 +4,13 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 use std::time::SystemTime;
 
-use super::injections::Changed;
-use crate::compare::build::{self, BuildError, Worktree};
+use fathom::compare::build::{self, BuildError, Worktree};
+
+use crate::injections::Changed;
 
 /// How a program is built. Programs that are held against each other must be built in the same way.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Manner {
+pub enum Compilation {
     /// As `cargo build --release` does, the whole crate anew.
     Whole,
     /// Only what a change touches.
@@ -41,7 +42,7 @@ impl Workshop {
     pub fn build(
         &self,
         changes: &[Changed],
-        manner: Manner,
+        compilation: Compilation,
         program: &Path,
         interrupted: &AtomicBool,
         tell: &dyn Fn(&str),
@@ -59,9 +60,9 @@ impl Workshop {
         // So that cargo builds again what it would call fresh.
         self.touch("src/main.rs")?;
         self.touch("src/lib.rs")?;
-        let incremental = match manner {
-            Manner::Whole => "0",
-            Manner::Incremental => "1",
+        let incremental = match compilation {
+            Compilation::Whole => "0",
+            Compilation::Incremental => "1",
         };
         let built = build::compile(
             &self.worktree.path,

@@ -1,7 +1,7 @@
 //! Which trials a self-test makes, in which order.
 
-use super::injections::{Injection, Size};
-use crate::compare::store::Gate;
+use crate::injections::{Injection, Size};
+use fathom::record::comparison::Gate;
 
 /// A build that is held against the base.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -57,6 +57,14 @@ pub struct Trial {
     pub seed: u64,
 }
 
+impl Trial {
+    /// Of all cells, on a quiet machine.
+    fn new(id: String, variant: Variant, aim: Aim, gates: &[Gate]) -> Self {
+        let gates = gates.to_vec();
+        Self { id, variant, aim, gates, filter: None, launches: None, loaded: false, seed: 0 }
+    }
+}
+
 /// How many trials of each sort.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Plan {
@@ -96,52 +104,28 @@ pub fn trials(plan: Plan, injections: &[Injection]) -> Vec<Trial> {
 
 /// The gates without statistics, on both no-op builds.
 fn counted_no_ops() -> Vec<Trial> {
-    [Variant::Again, Variant::Unrelated]
-        .into_iter()
-        .map(|variant| Trial {
-            id: format!("no-op-counted-{}", variant.word()),
-            variant,
-            aim: Aim::NoAlarm,
-            gates: vec![Gate::Exact, Gate::Instructions],
-            filter: None,
-            launches: None,
-            loaded: false,
-            seed: 0,
-        })
-        .collect()
+    let counted = |variant: Variant| {
+        let id = format!("no-op-counted-{}", variant.word());
+        Trial::new(id, variant, Aim::NoAlarm, &[Gate::Exact, Gate::Instructions])
+    };
+    [Variant::Again, Variant::Unrelated].map(counted).into()
 }
 
 fn no_op(number: u32) -> Trial {
-    let variant = match number % 2 {
-        0 => Variant::Again,
-        _ => Variant::Unrelated,
-    };
+    let variant = if number % 2 == 0 { Variant::Again } else { Variant::Unrelated };
     let loaded = number % 3 == 2;
     let load = if loaded { "-loaded" } else { "" };
+    let id = format!("no-op-{number:03}-{}{load}", variant.word());
     Trial {
-        id: format!("no-op-{number:03}-{}{load}", variant.word()),
-        variant,
-        aim: Aim::NoAlarm,
-        gates: vec![Gate::Time],
-        filter: None,
-        launches: None,
         loaded,
         seed: 1_000 + u64::from(number),
+        ..Trial::new(id, variant, Aim::NoAlarm, &[Gate::Time])
     }
 }
 
 fn injected(injection: &Injection, size: Option<Size>, what: &str, gates: &[Gate]) -> Trial {
     let variant = Variant::Injected(injection.id.clone(), size);
-    Trial {
-        id: format!("{}{what}", variant.word()),
-        variant,
-        aim: Aim::Detection,
-        gates: gates.to_vec(),
-        filter: None,
-        launches: None,
-        loaded: false,
-        seed: 0,
-    }
+    Trial::new(format!("{}{what}", variant.word()), variant, Aim::Detection, gates)
 }
 
 /// A time gate.
@@ -155,15 +139,11 @@ fn timed(injection: &Injection, size: Size, number: u32) -> Trial {
 /// How much time 5 % are, among all cells: with fewer of them a stage would find its caches warmer.
 fn truth() -> Trial {
     let variant = Variant::Every(Size::Slow5);
+    let id = format!("{}-truth", variant.word());
     Trial {
-        id: format!("{}-truth", variant.word()),
-        variant,
-        aim: Aim::Truth,
-        gates: vec![Gate::Time],
-        filter: None,
         launches: Some(TRUTH_LAUNCHES),
-        loaded: false,
         seed: 1,
+        ..Trial::new(id, variant, Aim::Truth, &[Gate::Time])
     }
 }
 

@@ -2,10 +2,11 @@
 
 use std::fmt::Write;
 
-use super::findings::{Detection, Findings, Share};
-use super::injections::Size;
-use crate::report::format::{Table, three};
-use crate::text;
+use fathom::report::format::{Table, three};
+use fathom::text;
+
+use crate::findings::{Detection, Findings, Share};
+use crate::injections::Size;
 
 /// `38 of 40 (95 %)`.
 fn share(share: Share) -> String {

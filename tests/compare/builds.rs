@@ -1,22 +1,17 @@
 //! The whole of `fathom compare` between builds that are scripts, so that each can fail in its own way.
-#![cfg(unix)]
 
 use std::fs;
 use std::io::{BufRead, BufReader};
-use std::os::unix::fs::PermissionsExt;
 use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
-use std::sync::{Mutex, MutexGuard, PoisonError};
 
-use fathom::compare::store::{Comparison, Gate};
+use fathom::compare::store::Comparison;
 use fathom::compare::verdict::{Status, Verdict, Verdicts};
+use fathom::record::comparison::Gate;
 use fathom::record::{self, Outcome, Record};
 
-#[path = "compare_builds/folders.rs"]
-mod folders;
-
-const ADAPTER: &str = r#"{"name":"toy","backend":"vulkan","device_type":"Cpu","driver":"d","driver_info":"1","vendor_id":1,"device_id":1,"software":true,"timestamp_period_ns":1.0,"host_threads":1}"#;
+use super::script::{Script, hello, refusal};
 
 const CELLS: &str = r#"
 control = "one a"
@@ -32,85 +27,27 @@ scene = "s"
 stages = ["a", "b"]
 "#;
 
-/// A build: what it answers to the messages that hold a pattern, the first that fits.
-struct Build<'a> {
-    hello: String,
-    /// Shell commands by pattern, before the usual answers.
-    instead: &'a [(&'a str, &'a str)],
-    bytes: u64,
-    error: f64,
-    ns: u64,
-}
-
-impl Default for Build<'_> {
-    fn default() -> Self {
-        Self {
-            hello: hello(1, r#""exact","checks","time""#),
-            instead: &[],
-            bytes: 1000,
-            error: 0.01,
-            ns: 2_000_000,
-        }
-    }
-}
-
-fn hello(protocol: u32, parts: &str) -> String {
-    format!(
-        r#"echo '{{"message":"hello","protocol":{protocol},"fathom_version":"0","adapter":{ADAPTER},"parts":[{parts}]}}'"#
-    )
-}
-
-/// A script that is being written cannot be executed, not even by a process that was forked meanwhile: one test at a time.
-static ALONE: Mutex<()> = Mutex::new(());
-
-struct Bench {
+/// A folder with builds, the cells to compare and what comes of it.
+pub struct Builds {
     folder: tempfile::TempDir,
-    _alone: MutexGuard<'static, ()>,
 }
 
-impl Bench {
-    fn new() -> Self {
-        let bench = Self {
-            _alone: ALONE.lock().unwrap_or_else(PoisonError::into_inner),
-            folder: tempfile::tempdir().unwrap(),
-        };
-        fs::write(bench.path("cells.toml"), CELLS).unwrap();
-        bench
+impl Builds {
+    pub fn new() -> Self {
+        let builds = Self { folder: tempfile::tempdir().unwrap() };
+        fs::write(builds.path("cells.toml"), CELLS).unwrap();
+        builds
     }
 
-    fn path(&self, name: &str) -> PathBuf {
+    pub fn path(&self, name: &str) -> PathBuf {
         self.folder.path().join(name)
     }
 
-    fn build(&self, name: &str, build: &Build<'_>) -> PathBuf {
-        let Build { hello, instead, bytes, error, ns } = build;
-        let instead: String = instead
-            .iter()
-            .map(|(pattern, command)| format!("*'{pattern}'*) {command};;\n"))
-            .collect();
-        let stage = |name: &str| format!(r#"{{"name":"{name}","kind":"compute"}}"#);
-        let exact = |name: &str| format!(r#"{{"name":"{name}","work":{{"photons":7}}}}"#);
-        let text = format!(
-            "#!/bin/sh\nwhile read -r line; do case \"$line\" in\n{instead}\
-             *'\"hello\"'*) {hello};;\n\
-             *'\"prepare\"'*) echo '{{\"message\":\"prepared\",\"stages\":[{},{}]}}';;\n\
-             *'\"exact\"'*) echo '{{\"message\":\"exact\",\"stages\":[{},{}],\"allocated_bytes\":{bytes},\
-             \"errors\":{{\"an_error\":{error}}},\"quantities\":{{}}}}';;\n\
-             *'\"checks\"'*) echo '{{\"message\":\"checks\",\"checks\":[]}}';;\n\
-             *'\"sample\"'*) echo '{{\"message\":\"sample\",\"ns\":[{ns}]}}';;\n\
-             *'\"quit\"'*) exit;;\nesac; done\n",
-            stage("a"),
-            stage("b"),
-            exact("a"),
-            exact("b"),
-        );
-        let path = self.path(name);
-        fs::write(&path, text).unwrap();
-        fs::set_permissions(&path, fs::Permissions::from_mode(0o755)).unwrap();
-        path
+    pub fn build(&self, name: &str, build: &Script<'_>) -> PathBuf {
+        build.write(self.folder.path(), name)
     }
 
-    fn command(&self, base: &Path, head: &Path) -> Command {
+    pub fn command(&self, base: &Path, head: &Path) -> Command {
         let mut command = Command::new(env!("CARGO_BIN_EXE_fathom"));
         command
             .env_remove("GITHUB_STEP_SUMMARY")
@@ -127,8 +64,8 @@ impl Bench {
     }
 
     /// Compares a build that does all as it should with this one.
-    fn compare(&self, head: &Build<'_>) -> (Output, Comparison) {
-        let base = self.build("base", &Build::default());
+    fn compare(&self, head: &Script<'_>) -> (Output, Comparison) {
+        let base = self.build("base", &Script::default());
         let head = self.build("head", head);
         let output = self.command(&base, &head).output().unwrap();
         let stored = Comparison::read(&self.path("out"));
@@ -137,9 +74,9 @@ impl Bench {
     }
 
     #[track_caller]
-    fn refused(&self, base: &Build<'_>, reason: &str) {
+    fn refused(&self, base: &Script<'_>, reason: &str) {
         let base = self.build("base", base);
-        let head = self.build("head", &Build::default());
+        let head = self.build("head", &Script::default());
         let output = self.command(&base, &head).output().unwrap();
         let told = String::from_utf8(output.stderr).unwrap();
         assert_eq!(output.status.code(), Some(2), "{told}");
@@ -157,33 +94,32 @@ fn verdict(stored: &Comparison, cell: &str) -> Verdict {
 
 #[test]
 fn equal_builds_are_the_same_and_unequal_ones_are_not() {
-    let bench = Bench::new();
-    let (output, stored) = bench.compare(&Build::default());
+    let builds = Builds::new();
+    let (output, stored) = builds.compare(&Script::default());
     let told = String::from_utf8(output.stdout).unwrap();
     assert_eq!(output.status.code(), Some(0), "{told}");
     assert!(told.contains("no regression; 4 cells: 4 same"), "{told}");
-    assert_eq!(stored.header.base.label, bench.path("base").display().to_string());
+    assert_eq!(stored.header.base.label, builds.path("base").display().to_string());
 
-    let bench = Bench { folder: tempfile::tempdir().unwrap(), ..bench };
-    fs::write(bench.path("cells.toml"), CELLS).unwrap();
+    let builds = Builds::new();
     let (output, stored) =
-        bench.compare(&Build { bytes: 1001, error: 0.02, ns: 1_500_000, ..Build::default() });
+        builds.compare(&Script { bytes: 1001, error: 0.02, ns: 1_500_000, ..Script::default() });
     assert_eq!(output.status.code(), Some(1));
     assert_eq!(verdict(&stored, "one a"), Verdict::Faster);
     let told = String::from_utf8(output.stdout).unwrap();
     assert!(told.contains("one: allocated_bytes"), "{told}");
     assert!(told.contains("one: an_error 0.0100 → 0.0200"), "{told}");
-    let junit = fs::read_to_string(bench.path("out/junit.xml")).unwrap();
+    let junit = fs::read_to_string(builds.path("out/junit.xml")).unwrap();
     assert!(junit.contains("type=\"less accurate\""), "{junit}");
 }
 
 #[test]
 fn bases_that_cannot_be_asked_are_told_apart() {
-    let bench = Bench::new();
-    let says = |hello: String| Build { hello, ..Build::default() };
-    bench.refused(&says(hello(9, "")), "version 9 of the worker protocol, this build version 1");
-    bench.refused(&says("echo Hello".to_owned()), "answered garbage to `hello`: `Hello`");
-    bench.refused(
+    let builds = Builds::new();
+    let says = |hello: String| Script { hello, ..Script::default() };
+    builds.refused(&says(hello(9, "")), "version 9 of the worker protocol, this build version 1");
+    builds.refused(&says("echo Hello".to_owned()), "answered garbage to `hello`: `Hello`");
+    builds.refused(
         &says("echo \"error: unrecognized subcommand 'worker'\" >&2; exit 2".to_owned()),
         "unrecognized subcommand 'worker'",
     );
@@ -191,10 +127,10 @@ fn bases_that_cannot_be_asked_are_told_apart() {
 
 #[test]
 fn a_base_that_lacks_a_part_skips_that_gate_and_says_so() {
-    let bench = Bench::new();
-    let base = bench.build("base", &Build { hello: hello(1, "\"time\""), ..Build::default() });
-    let head = bench.build("head", &Build::default());
-    let output = bench.command(&base, &head).output().unwrap();
+    let builds = Builds::new();
+    let base = builds.build("base", &Script { hello: hello(1, "\"time\""), ..Script::default() });
+    let head = builds.build("head", &Script::default());
+    let output = builds.command(&base, &head).output().unwrap();
     let told = String::from_utf8(output.stdout).unwrap();
     assert_eq!(output.status.code(), Some(0), "{told}");
     assert!(told.contains("exact gate skipped: the base build knows no such gate"), "{told}");
@@ -202,21 +138,20 @@ fn a_base_that_lacks_a_part_skips_that_gate_and_says_so() {
 
 #[test]
 fn what_the_base_does_not_know_is_new_and_what_the_head_cannot_do_fails() {
-    let refuse = "echo '{\"message\":\"fault\",\"reason\":\"unknown pipeline\"}'";
-    let bench = Bench::new();
-    let base =
-        bench.build("base", &Build { instead: &[("\"id\":\"two\"", refuse)], ..Build::default() });
-    let head = bench.build("head", &Build::default());
-    let output = bench.command(&base, &head).output().unwrap();
+    let refuse = &refusal("unknown pipeline", true);
+    let builds = Builds::new();
+    let base = builds
+        .build("base", &Script { instead: &[("\"id\":\"two\"", refuse)], ..Script::default() });
+    let head = builds.build("head", &Script::default());
+    let output = builds.command(&base, &head).output().unwrap();
     assert_eq!(output.status.code(), Some(0));
-    let stored = Comparison::read(&bench.path("out")).unwrap();
+    let stored = Comparison::read(&builds.path("out")).unwrap();
     assert_eq!(verdict(&stored, "two a"), Verdict::New);
     assert_eq!(verdict(&stored, "one a"), Verdict::Same);
 
-    let bench = Bench { folder: tempfile::tempdir().unwrap(), ..bench };
-    fs::write(bench.path("cells.toml"), CELLS).unwrap();
+    let builds = Builds::new();
     let (output, stored) =
-        bench.compare(&Build { instead: &[("\"id\":\"two\"", refuse)], ..Build::default() });
+        builds.compare(&Script { instead: &[("\"id\":\"two\"", refuse)], ..Script::default() });
     assert_eq!(output.status.code(), Some(2));
     assert_eq!(verdict(&stored, "two b"), Verdict::Failed);
     assert_eq!(verdict(&stored, "one b"), Verdict::Same);
@@ -224,49 +159,30 @@ fn what_the_base_does_not_know_is_new_and_what_the_head_cannot_do_fails() {
 
 #[test]
 fn what_fails_in_either_build_is_not_taken_for_new() {
-    let absent = "echo '{\"message\":\"fault\",\"reason\":\"unknown pipeline\",\"absent\":true}'";
-    let failure = "echo '{\"message\":\"fault\",\"reason\":\"out of memory\",\"absent\":false}'";
-    for (of_base, of_head) in [(failure, None), (absent, Some("exit 3"))] {
-        let bench = Bench::new();
+    let absent = refusal("unknown pipeline", true);
+    let failure = refusal("out of memory", false);
+    for (of_base, of_head) in [(&failure, None), (&absent, Some("exit 3"))] {
+        let builds = Builds::new();
         let build = |name: &str, does: Option<&str>| {
             let instead: Vec<_> = does.map(|does| ("\"id\":\"two\"", does)).into_iter().collect();
-            bench.build(name, &Build { instead: &instead, ..Build::default() })
+            builds.build(name, &Script { instead: &instead, ..Script::default() })
         };
         let (base, head) = (build("base", Some(of_base)), build("head", of_head));
-        let output = bench.command(&base, &head).output().unwrap();
+        let output = builds.command(&base, &head).output().unwrap();
         assert_eq!(output.status.code(), Some(2), "{output:?}");
-        let stored = Comparison::read(&bench.path("out")).unwrap();
+        let stored = Comparison::read(&builds.path("out")).unwrap();
         assert_eq!(verdict(&stored, "two a"), Verdict::Failed);
         assert_eq!(verdict(&stored, "one a"), Verdict::Same);
     }
 }
 
 #[test]
-fn a_base_without_checks_is_compared_by_all_else() {
-    let bench = Bench::new();
-    let base = bench.build(
-        "base",
-        &Build {
-            hello: hello(1, r#""exact","time""#),
-            instead: &[(
-                "\"checks\"",
-                "echo '{\"message\":\"unsupported\",\"request\":\"checks\"}'",
-            )],
-            ..Build::default()
-        },
-    );
-    let head = bench.build("head", &Build::default());
-    let output = bench.command(&base, &head).output().unwrap();
-    assert_eq!(output.status.code(), Some(0), "{output:?}");
-}
-
-#[test]
 fn an_error_that_is_no_number_is_a_figure_like_any_other() {
-    let bench = Bench::new();
-    let null = "echo '{\"message\":\"exact\",\"stages\":[{\"name\":\"a\",\"work\":{}},{\"name\":\"b\",\"work\":{}}],\
-                \"allocated_bytes\":1,\"errors\":{\"an_error\":null},\"quantities\":{}}'";
+    let builds = Builds::new();
+    let null = "echo '{\"message\":\"exact\",\"stages\":[{\"name\":\"a\",\"work\":{},\"counters\":{}},{\"name\":\"b\",\"work\":{},\"counters\":{}}],\
+                \"allocated_bytes\":1,\"errors\":{\"an_error\":null},\"quantities\":{},\"notes\":[]}'";
     let (output, stored) =
-        bench.compare(&Build { instead: &[("\"exact\"", null)], ..Build::default() });
+        builds.compare(&Script { instead: &[("\"exact\"", null)], ..Script::default() });
     assert!(stored.faults.is_empty(), "{output:?}");
 }
 
@@ -278,9 +194,9 @@ fn a_head_that_dies_or_lies_costs_the_cells_that_it_does_so_at() {
         ("\"stage\":\"b\"", "echo '{\"message\":\"sample\",\"ns\":[-1]}'", "garbage"),
         ("\"stage\":\"b\"", "echo nonsense", "garbage"),
     ] {
-        let bench = Bench::new();
+        let builds = Builds::new();
         let (output, stored) =
-            bench.compare(&Build { instead: &[(pattern, badly)], ..Build::default() });
+            builds.compare(&Script { instead: &[(pattern, badly)], ..Script::default() });
         let told = String::from_utf8(output.stdout).unwrap();
         assert_eq!(output.status.code(), Some(2), "{badly}: {told}");
         assert_eq!(verdict(&stored, "two b"), Verdict::Failed, "{badly}: {told}");
@@ -290,15 +206,15 @@ fn a_head_that_dies_or_lies_costs_the_cells_that_it_does_so_at() {
 }
 
 /// Slow enough to be ended within its launches.
-const SLOWLY: (&str, &str) =
+pub const SLOWLY: (&str, &str) =
     ("\"sample\"", "sleep 0.02; echo '{\"message\":\"sample\",\"ns\":[2000000]}'");
 
 #[test]
 fn ctrl_c_in_a_terminal_costs_no_cell() {
-    let bench = Bench::new();
-    let base = bench.build("base", &Build::default());
-    let head = bench.build("head", &Build { instead: &[SLOWLY], ..Build::default() });
-    let mut child = bench
+    let builds = Builds::new();
+    let base = builds.build("base", &Script::default());
+    let head = builds.build("head", &Script { instead: &[SLOWLY], ..Script::default() });
+    let mut child = builds
         .command(&base, &head)
         .process_group(0)
         .stderr(Stdio::piped())
@@ -313,44 +229,44 @@ fn ctrl_c_in_a_terminal_costs_no_cell() {
     // What it says in the end must not block it.
     told.map_while(Result::ok).for_each(drop);
     assert_eq!(child.wait().unwrap().code(), Some(130));
-    let stored = Comparison::read(&bench.path("out")).unwrap();
+    let stored = Comparison::read(&builds.path("out")).unwrap();
     assert!(stored.faults.is_empty(), "{:?}", stored.faults);
-    let mut resumed = bench.command(&base, &head);
+    let mut resumed = builds.command(&base, &head);
     let resumed = resumed.arg("--resume").output().unwrap();
     assert_eq!(resumed.status.code(), Some(0), "{resumed:?}");
-    let stored = Comparison::read(&bench.path("out")).unwrap();
+    let stored = Comparison::read(&builds.path("out")).unwrap();
     assert_eq!(stored.launches.len(), 10);
     assert_eq!(verdict(&stored, "two b"), Verdict::Same);
 }
 
 #[test]
 fn a_killed_comparison_goes_on_where_it_ended() {
-    let bench = Bench::new();
-    let base = bench.build("base", &Build::default());
-    let head = bench.build("head", &Build { instead: &[SLOWLY], ..Build::default() });
+    let builds = Builds::new();
+    let base = builds.build("base", &Script::default());
+    let head = builds.build("head", &Script { instead: &[SLOWLY], ..Script::default() });
     let mut child =
-        bench.command(&base, &head).stderr(Stdio::piped()).stdout(Stdio::null()).spawn().unwrap();
+        builds.command(&base, &head).stderr(Stdio::piped()).stdout(Stdio::null()).spawn().unwrap();
     let told = BufReader::new(child.stderr.take().unwrap());
     let third = told.lines().map_while(Result::ok).find(|line| line.contains("3 of 10 launches"));
     assert!(third.is_some());
     child.kill().unwrap();
     child.wait().unwrap();
 
-    let stored = Comparison::read(&bench.path("out")).unwrap();
+    let stored = Comparison::read(&builds.path("out")).unwrap();
     let before = stored.launches.len();
     assert!((3..10).contains(&before) && stored.end.is_none(), "{before}");
-    let occupied = bench.command(&base, &head).output().unwrap();
+    let occupied = builds.command(&base, &head).output().unwrap();
     assert_eq!(occupied.status.code(), Some(2));
     assert!(String::from_utf8(occupied.stderr).unwrap().contains("--resume"));
-    let other = bench.build("other", &Build { bytes: 7, ..Build::default() });
-    let another = bench.command(&base, &other).arg("--resume").output().unwrap();
+    let other = builds.build("other", &Script { bytes: 7, ..Script::default() });
+    let another = builds.command(&base, &other).arg("--resume").output().unwrap();
     assert_eq!(another.status.code(), Some(2));
     let told = String::from_utf8(another.stderr).unwrap();
     assert!(told.contains("was begun with another head"), "{told}");
 
-    let resumed = bench.command(&base, &head).arg("--resume").output().unwrap();
+    let resumed = builds.command(&base, &head).arg("--resume").output().unwrap();
     assert_eq!(resumed.status.code(), Some(0), "{resumed:?}");
-    let stored = Comparison::read(&bench.path("out")).unwrap();
+    let stored = Comparison::read(&builds.path("out")).unwrap();
     assert_eq!(stored.launches.len(), 10);
     assert_eq!(stored.exact.len(), 2 * 4, "exact figures are not asked for again");
     assert_eq!(Verdicts::of(&stored).status, Status::NoRegression);

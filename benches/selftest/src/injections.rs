@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use serde::Deserialize;
 
-static BUILT_IN: &str = include_str!("../../../benches/injections.toml");
+static BUILT_IN: &str = include_str!("../injections.toml");
 
 /// What stands for the size in an edit.
 const SIZE: &str = "{n}";
@@ -96,7 +96,7 @@ impl Injection {
             injection: Vec<Injection>,
         }
         let file: File = toml::from_str(BUILT_IN)
-            .map_err(|error| format!("benches/injections.toml: {error}"))?;
+            .map_err(|error| format!("benches/selftest/injections.toml: {error}"))?;
         Ok(file.injection)
     }
 
@@ -176,7 +176,7 @@ mod tests {
     use super::*;
 
     fn source(file: &str) -> Result<String, String> {
-        let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join(file);
+        let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../..").join(file);
         std::fs::read_to_string(path).map_err(|error| error.to_string())
     }
 
@@ -184,7 +184,7 @@ mod tests {
     fn every_injection_applies_to_these_sources_and_changes_one_stage() {
         let injections = Injection::all().unwrap();
         for injection in &injections {
-            let known = crate::stages::REGISTRY.iter();
+            let known = fathom::stages::REGISTRY.iter();
             assert!(
                 known.map(|stage| stage.name).any(|name| name == injection.stage),
                 "{}",

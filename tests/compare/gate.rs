@@ -1,5 +1,4 @@
 //! The time gate on real processes: workers of this build on a software driver, and scripts that fail in every way.
-#![cfg(unix)]
 
 use std::convert::Infallible;
 use std::fs;
@@ -8,17 +7,16 @@ use std::sync::atomic::AtomicBool;
 use std::time::{Duration, Instant};
 
 use fathom::compare::bench::Processes;
-use fathom::compare::cells::CellId;
-use fathom::compare::exact::is_error;
 use fathom::compare::launch::{
     Patience, Quiet, Start, Waiting, Worker, WorkerFault, allowed_cores,
 };
 use fathom::compare::protocol::{Configuration, Reply, Request};
 use fathom::compare::rounds::{self, Before, Party, PartyFault, Schedule};
-use fathom::compare::store::{Fault, Line, Pair, Settings, Side};
 use fathom::compare::time;
-use fathom::harness::errors::judged_stages;
+use fathom::record::comparison::{CellId, Compared, Fault, GateSettings, Pair, Side};
 use serde_json::{Map, json};
+
+use super::script::{Script, hello, refusal};
 
 static NEVER: AtomicBool = AtomicBool::new(false);
 
@@ -45,9 +43,9 @@ fn schedule(cells: &[(&str, &str)], launches: u32, pairs: u32) -> Schedule {
     Schedule { control: cells.first().cloned(), cells, launches, pairs, seed: 3, second: false }
 }
 
-fn measure(bench: &mut Processes, schedule: &Schedule) -> Vec<Line> {
+fn measure(bench: &mut Processes, schedule: &Schedule) -> Vec<Compared> {
     let mut lines = Vec::new();
-    let mut sink = |more: Vec<Line>| -> Result<(), Infallible> {
+    let mut sink = |more: Vec<Compared>| -> Result<(), Infallible> {
         lines.extend(more);
         Ok(())
     };
@@ -55,13 +53,13 @@ fn measure(bench: &mut Processes, schedule: &Schedule) -> Vec<Line> {
     lines
 }
 
-fn sorted(lines: Vec<Line>) -> (Vec<Pair>, Vec<Fault>, Vec<Vec<String>>) {
+fn sorted(lines: Vec<Compared>) -> (Vec<Pair>, Vec<Fault>, Vec<Vec<String>>) {
     let (mut pairs, mut faults, mut notes) = (Vec::new(), Vec::new(), Vec::new());
     for line in lines {
         match line {
-            Line::Pair(pair) => pairs.push(pair),
-            Line::Fault(fault) => faults.push(fault),
-            Line::Launch(launch) => notes.push(launch.notes),
+            Compared::Pair(pair) => pairs.push(pair),
+            Compared::Fault(fault) => faults.push(fault),
+            Compared::Launch(launch) => notes.push(launch.notes),
             other => panic!("{other:?}"),
         }
     }
@@ -81,17 +79,7 @@ fn a_gate_between_two_copies_of_this_build_measures_every_cell() {
     if cfg!(target_os = "linux") && bench.adapter.software {
         assert!(notes.iter().all(|notes| notes.iter().any(|note| note.starts_with("on core "))));
     }
-    let settings = Settings {
-        alpha: 0.05,
-        threshold: 0.02,
-        instruction_threshold: 0.005,
-        launches: 2,
-        pairs: 4,
-        seed: 3,
-        gates: Vec::new(),
-        unpaired: false,
-    };
-    let judged = time::judge(&schedule.cells, &pairs, &settings);
+    let judged = time::judge(&schedule.cells, &pairs, &GateSettings::default());
     assert_eq!(judged.cells.len(), 2);
     assert!(judged.cells.iter().all(|cell| cell.launches == 2 && cell.change.is_finite()));
     assert!(judged.controls.len() == 1);
@@ -164,9 +152,9 @@ fn a_worker_says_under_which_conditions_it_runs_and_answers_every_request() {
     };
     assert!(exact.allocated_bytes > 0 && exact.stages.len() == stages.len());
     assert!(exact.errors.contains_key("caustics_photon_error_median_m"));
-    let figures = exact.errors.keys().chain(exact.quantities.keys());
-    for error in figures.filter(|name| is_error(name)) {
-        assert!(!judged_stages(error).is_empty(), "{error}");
+    for error in exact.errors.keys() {
+        let judged = exact.judged.iter().find(|judged| judged.name == *error).unwrap();
+        assert!(stages.contains(&judged.stage), "{judged:?}");
     }
     let stage = "compose".to_owned();
     let counted =
@@ -175,28 +163,13 @@ fn a_worker_says_under_which_conditions_it_runs_and_answers_every_request() {
     worker.quit();
 }
 
-const ADAPTER: &str = r#"{"name":"toy","backend":"vulkan","device_type":"Cpu","driver":"d","driver_info":"1","vendor_id":1,"device_id":1,"software":true,"timestamp_period_ns":1.0,"host_threads":1}"#;
-
 /// A worker that is a script: it does as it should but for the stage `bad`, where it does `badly`.
 fn script(folder: &Path, name: &str, badly: &str) -> Start {
-    let hello = format!(
-        r#"{{"message":"hello","protocol":1,"fathom_version":"0","adapter":{ADAPTER},"parts":["time"]}}"#
-    );
-    scripted(folder, name, &format!("echo '{hello}'"), badly)
+    scripted(folder, name, &Script { instead: &[("\"bad\"", badly)], ..Script::default() })
 }
 
-fn scripted(folder: &Path, name: &str, hello: &str, badly: &str) -> Start {
-    let path = folder.join(name);
-    let text = format!(
-        "while read -r line; do case \"$line\" in\n\
-         *'\"hello\"'*) {hello};;\n\
-         *'\"prepare\"'*) echo '{{\"message\":\"prepared\",\"stages\":[]}}';;\n\
-         *'\"bad\"'*) {badly};;\n\
-         *'\"sample\"'*) echo '{{\"message\":\"sample\",\"ns\":[5000000]}}';;\n\
-         esac; done\n"
-    );
-    fs::write(&path, text).unwrap();
-    let mut start = Start::new(&path);
+fn scripted(folder: &Path, name: &str, script: &Script<'_>) -> Start {
+    let mut start = Start::new(&script.write(folder, name));
     // Read, not executed: a file that some other thread's fork still holds open for writing cannot be executed.
     start.wrapper = vec!["sh".into()];
     start.patience = Patience { slow: Duration::from_secs(20), sample: Duration::from_secs(1) };
@@ -239,7 +212,7 @@ fn a_worker_that_crashes_hangs_or_answers_garbage_costs_one_cell() {
         ("echo '{\"message\":\"sample\",\"ns\":[]}'", "\"ns\":[]"),
         ("echo '{\"message\":\"sample\",\"ns\":[-1]}'", "\"ns\":[-1.0]"),
         ("echo '{\"message\":\"prepared\",\"stages\":[]}'", "\"prepared\""),
-        ("echo '{\"message\":\"fault\",\"reason\":\"too hot\"}'", "head worker: too hot"),
+        (&refusal("too hot", false), "head worker: too hot"),
         ("echo '{\"message\":\"unsupported\",\"request\":\"sample\"}'", "does not know `sample`"),
     ] {
         let garbage = fails_alone(answer);
@@ -275,35 +248,23 @@ fn refused(base: Start) -> PartyFault {
 #[test]
 fn builds_without_a_worker_of_this_protocol_are_told_apart() {
     let folder = tempfile::tempdir().unwrap();
-    let hello = |protocol: u32, parts: &str| {
-        format!(
-            r#"echo '{{"message":"hello","protocol":{protocol},"fathom_version":"0","adapter":{ADAPTER},"parts":[{parts}]}}'"#
-        )
+    let says = |name: &str, hello: String| {
+        refused(scripted(folder.path(), name, &Script { hello, ..Script::default() }))
     };
-    let older = refused(scripted(folder.path(), "older", &hello(0, "\"time\""), ""));
+    let older = says("older", hello(0, "\"time\""));
     assert_eq!(older.party, Party::Base);
     assert_eq!(older.fault, WorkerFault::OtherProtocol { theirs: 0 });
     let message = older.fault.to_string();
     assert!(message.contains("version 0") && message.contains("version 1"), "{message}");
 
     let later = "echo '{\"message\":\"hello\",\"protocol\":2,\"adapters\":[]}'";
-    let later = refused(scripted(folder.path(), "later", later, ""));
+    let later = says("later", later.to_owned());
     assert_eq!(later.fault, WorkerFault::OtherProtocol { theirs: 2 });
 
     let unknown = "echo \"error: unrecognized subcommand 'worker'\" >&2; exit 2";
-    let none = refused(scripted(folder.path(), "none", unknown, ""));
-    let message = none.fault.to_string();
+    let message = says("none", unknown.to_owned()).fault.to_string();
     assert!(message.contains("exit status: 2: error: unrecognized subcommand"), "{message}");
 
     let missing = refused(Start::new(Path::new("/no/such/fathom")));
     assert!(missing.fault.to_string().contains("cannot be started"), "{:?}", missing.fault);
-
-    // A part that lacks ends the gate with the reason and no cell at fault.
-    let base = script(folder.path(), "base", "");
-    let head = scripted(folder.path(), "exact", &hello(1, "\"exact\""), "");
-    let mut bench = Processes::new(base, head, &[toy()], 1, Waiting::PLAINLY).unwrap();
-    let (pairs, faults, _) = sorted(measure(&mut bench, &schedule(&[("toy", "good")], 3, 2)));
-    assert_eq!(pairs, []);
-    assert!(faults.iter().all(|fault| fault.cell.is_none()));
-    assert_eq!(faults[0].reason, "head worker: it does not know `sample`");
 }

@@ -5,21 +5,18 @@ use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use assert_cmd::Command;
-use fathom::compare::cells::CellId;
-use fathom::compare::selftest::{self, Injection, Plan};
-use fathom::compare::store::{
-    Build, CheckFigure, Comparison, ConfigurationFigures, End, ExactFigures, Fault, Gate, Header,
-    InstructionCounts, Launch, Line, Pair, SCHEMA, Settings, Side, Skip, Store,
+use fathom::compare::store::{self, Comparison};
+use fathom::harness::output::{Kind, Taken};
+use fathom::record::ErrorFigure;
+use fathom::record::comparison::{
+    CellId, CheckFigure, Compared, ComparedBuild, ComparisonEnd, ComparisonHeader,
+    ConfigurationFigures, ExactFigures, Fault, Gate, GateSettings, InstructionCounts, Launch, Pair,
+    Side, Skip,
 };
-use fathom::record::{Adapter, Lines, Work};
+use fathom::record::{Adapter, Work};
 use predicates::str::contains;
 
-fn fathom() -> Command {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_fathom"));
-    command.env_remove("GITHUB_STEP_SUMMARY");
-    command
-}
+use super::fathom;
 
 const LAUNCHES: u32 = 10;
 const PAIRS: u32 = 2;
@@ -30,8 +27,8 @@ fn cell(name: &str) -> CellId {
     CellId::new(configuration, stage)
 }
 
-fn build(label: &str) -> Build {
-    Build {
+fn build(label: &str) -> ComparedBuild {
+    ComparedBuild {
         label: label.to_owned(),
         version: "0.1.0".to_owned(),
         protocol: Some(1),
@@ -41,17 +38,15 @@ fn build(label: &str) -> Build {
 
 /// A stored comparison under construction.
 struct Stored {
-    header: Header,
-    lines: Vec<Line>,
+    header: ComparisonHeader,
+    lines: Vec<Compared>,
     /// How measuring ended: interrupted or not; none if it was killed.
     interrupted: Option<bool>,
 }
 
 impl Stored {
     fn new(cells: &[&str]) -> Self {
-        let header = Header {
-            schema: SCHEMA,
-            fathom_version: "0.1.0".to_owned(),
+        let header = ComparisonHeader {
             base: build("origin/main"),
             head: build("target/release/fathom"),
             adapter: Adapter {
@@ -60,22 +55,12 @@ impl Stored {
                 software: true,
                 ..Adapter::default()
             },
-            settings: Settings {
-                alpha: 0.05,
-                threshold: 0.02,
-                instruction_threshold: 0.005,
-                launches: LAUNCHES,
-                pairs: PAIRS,
-                seed: 7,
-                gates: Gate::ALL.to_vec(),
-                unpaired: false,
-            },
+            settings: GateSettings { launches: LAUNCHES, pairs: PAIRS, ..GateSettings::default() },
             cells: cells.iter().map(|name| cell(name)).collect(),
-            skipped: Vec::new(),
-            notes: Vec::new(),
+            ..ComparisonHeader::default()
         };
         let launches = (0..LAUNCHES).map(|launch| {
-            Line::Launch(Launch {
+            Compared::Launch(Launch {
                 launch,
                 wall_s: 3.5,
                 second: false,
@@ -88,15 +73,21 @@ impl Stored {
     }
 
     fn configuration(mut self, head_bytes: u64, head_error: f64) -> Self {
-        self.lines.retain(|line| !matches!(line, Line::Configuration(_)));
+        self.lines.retain(|line| !matches!(line, Compared::Configuration(_)));
         for (side, allocated_bytes, error) in
             [(Side::Base, 1_000_000, 0.01), (Side::Head, head_bytes, head_error)]
         {
-            self.lines.push(Line::Configuration(ConfigurationFigures {
+            self.lines.push(Compared::Configuration(ConfigurationFigures {
                 side,
                 configuration: "tank".to_owned(),
                 allocated_bytes,
                 errors: BTreeMap::from([("caustics_photon_error_median_m".to_owned(), error)]),
+                judged: vec![ErrorFigure::new(
+                    "caustics_photon_error_median_m",
+                    error,
+                    "m",
+                    "caustics/trace",
+                )],
                 quantities: BTreeMap::new(),
                 notes: Vec::new(),
             }));
@@ -109,7 +100,7 @@ impl Stored {
         for launch in 0..LAUNCHES {
             let place = f64::from(launch) / f64::from(LAUNCHES - 1) - 0.5;
             for round in 0..PAIRS {
-                self.lines.push(Line::Pair(Pair {
+                self.lines.push(Compared::Pair(Pair {
                     launch,
                     round,
                     cell: cell(name),
@@ -130,20 +121,20 @@ impl Stored {
         let mut all =
             self.times("tank caustics/trace", true, 1.0, 0.004).times(name, false, ratio, spread);
         for line in &mut all.lines[first..] {
-            if let Line::Pair(pair) = line {
+            if let Compared::Pair(pair) = line {
                 (pair.second, pair.launch) = (true, pair.launch + LAUNCHES);
             }
         }
         let more = LAUNCHES..LAUNCHES + launches;
         all.lines.extend(more.map(|launch| {
-            Line::Launch(Launch { launch, wall_s: 1.5, second: true, notes: Vec::new() })
+            Compared::Launch(Launch { launch, wall_s: 1.5, second: true, notes: Vec::new() })
         }));
         all
     }
 
     fn counts(mut self, name: &str, ratio: f64) -> Self {
         for (side, ratio) in [(Side::Base, 1.0), (Side::Head, ratio)] {
-            self.lines.push(Line::Instructions(InstructionCounts {
+            self.lines.push(Compared::Instructions(InstructionCounts {
                 side,
                 cell: cell(name),
                 counts: [10_000_000.0, 10_000_100.0, 10_000_200.0]
@@ -156,7 +147,7 @@ impl Stored {
 
     fn work(mut self, name: &str, base: u64, head: u64) -> Self {
         for (side, photons) in [(Side::Base, base), (Side::Head, head)] {
-            self.lines.push(Line::Exact(ExactFigures {
+            self.lines.push(Compared::Exact(ExactFigures {
                 side,
                 cell: cell(name),
                 work: Work { photons, ..Work::default() },
@@ -168,7 +159,7 @@ impl Stored {
 
     fn check(mut self, (stage, what): (&str, &str), base: f64, head: f64) -> Self {
         for (side, measured) in [(Side::Base, base), (Side::Head, head)] {
-            self.lines.push(Line::Check(CheckFigure {
+            self.lines.push(Compared::Check(CheckFigure {
                 side,
                 stage: stage.to_owned(),
                 what: what.to_owned(),
@@ -187,44 +178,35 @@ impl Stored {
     }
 
     fn fault(mut self, gate: Gate, side: Side, name: Option<&str>, absent: bool) -> Self {
-        self.lines.push(Line::Fault(Fault {
-            gate,
-            side: Some(side),
-            cell: name.map(cell),
-            launch: (gate == Gate::Time).then_some(3),
-            control: false,
-            absent,
-            reason: match absent {
-                true => "unknown pipeline `new`".to_owned(),
-                false => "it ended with signal: 11 (SIGSEGV)".to_owned(),
-            },
-        }));
+        let reason = match absent {
+            true => "unknown pipeline `new`",
+            false => "it ended with signal: 11 (SIGSEGV)",
+        };
+        let fault = Fault::new(gate, Some(side), name.map(cell), reason);
+        let launch = (gate == Gate::Time).then_some(3);
+        self.lines.push(Compared::Fault(Fault { launch, absent, ..fault }));
         self
     }
 
-    fn settings(mut self, change: impl FnOnce(&mut Settings)) -> Self {
+    fn settings(mut self, change: impl FnOnce(&mut GateSettings)) -> Self {
         change(&mut self.header.settings);
         self
     }
 
-    fn lines(self) -> Vec<Line> {
-        let mut lines = vec![Line::Header(Box::new(self.header))];
+    fn lines(self) -> Vec<Compared> {
+        let mut lines = vec![Compared::Header(Box::new(self.header))];
         lines.extend(self.lines);
         lines.extend(
-            self.interrupted.map(|interrupted| Line::End(End { wall_s: 61.5, interrupted })),
+            self.interrupted
+                .map(|interrupted| Compared::End(ComparisonEnd { wall_s: 61.5, interrupted })),
         );
         lines
     }
 
-    fn comparison(self) -> Comparison {
-        let lines = self.lines();
-        let damaged = Vec::new();
-        Comparison::from_lines(Lines { lines, damaged }).unwrap()
-    }
-
     fn write(self, folder: &Path) -> PathBuf {
-        Store::create(folder).unwrap().write(&self.lines()).unwrap();
-        folder.join("comparison.jsonl")
+        let mut held = Taken::free(folder).unwrap().open(Kind::Comparison).unwrap();
+        store::write(&mut held, self.lines()).unwrap();
+        held.output.records()
     }
 }
 
@@ -278,7 +260,8 @@ fn what_is_told_of_a_stored_comparison_is_as_it_was() {
     let folder = tempfile::tempdir().unwrap();
     let lines = mixed().write(folder.path());
     // A line that a crash tore.
-    let torn = fs::read_to_string(&lines).unwrap() + "{\"kind\":\"pair\",\"laun";
+    let torn =
+        fs::read_to_string(&lines).unwrap() + "{\"record\":\"comparison\",\"kind\":\"pair\",\"laun";
     fs::write(&lines, torn).unwrap();
     let text = replayed(folder.path(), 1);
     fs::write(folder.path().join("terminal.txt"), text).unwrap();
@@ -312,6 +295,21 @@ fn replaying_gives_the_same_bytes_each_time() {
     assert_eq!(before.len(), 5);
     assert_eq!(replayed(folder.path(), 1), first);
     assert_eq!(files(), before);
+}
+
+#[test]
+fn the_report_of_a_comparison_writes_the_same_files() {
+    let folder = tempfile::tempdir().unwrap();
+    mixed().write(folder.path());
+    replayed(folder.path(), 1);
+    let files = ["summary.md", "junit.xml", "bencher.json", "benchmark.json"];
+    let read = || files.map(|name| fs::read_to_string(folder.path().join(name)).unwrap());
+    let before = read();
+    files.iter().for_each(|name| fs::remove_file(folder.path().join(name)).unwrap());
+    fathom().arg("report").arg(folder.path()).assert().success();
+    assert_eq!(read(), before);
+    let resumed = fathom().args(["run", "--resume", "--out"]).arg(folder.path()).assert().code(2);
+    resumed.stderr(contains("holds no run but other records"));
 }
 
 #[test]
@@ -380,7 +378,7 @@ fn what_the_first_measurement_leaves_open_is_told_by_the_second() {
     let late = |launches| {
         let mut late = open().second(compose, 1.001, 0.004, launches);
         late = late.fault(Gate::Time, Side::Base, None, false);
-        if let Some(Line::Fault(fault)) = late.lines.last_mut() {
+        if let Some(Compared::Fault(fault)) = late.lines.last_mut() {
             fault.launch = Some(LAUNCHES + launches);
         }
         late
@@ -394,7 +392,7 @@ fn a_control_that_moves_voids_the_time_gate_and_no_other() {
     let folder = tempfile::tempdir().unwrap();
     let trace = "tank caustics/trace";
     let mut stored = Stored::new(&[trace]).work(trace, 1, 1).counts(trace, 1.0);
-    stored.lines.retain(|line| !matches!(line, Line::Pair(pair) if pair.control));
+    stored.lines.retain(|line| !matches!(line, Compared::Pair(pair) if pair.control));
     stored.times(trace, true, 1.06, 0.004).times(trace, false, 1.06, 0.004).write(folder.path());
     let text = replayed(folder.path(), 2);
     assert!(text.contains("time gate void: the control"), "{text}");
@@ -409,14 +407,14 @@ fn a_gate_that_cannot_run_here_is_no_failure_and_one_that_gave_nothing_is() {
         .header
         .skipped
         .push(Skip { gate: Gate::Instructions, reason: "valgrind is not installed".to_owned() });
-    stored.lines.retain(|line| !matches!(line, Line::Instructions(_)));
+    stored.lines.retain(|line| !matches!(line, Compared::Instructions(_)));
     stored.write(folder.path());
     let text = replayed(folder.path(), 0);
     assert!(text.contains("instructions gate skipped: valgrind is not installed"));
 
     let folder = tempfile::tempdir().unwrap();
     let mut stored = quiet().fault(Gate::Time, Side::Base, None, false);
-    stored.lines.retain(|line| !matches!(line, Line::Pair(_) | Line::Launch(_)));
+    stored.lines.retain(|line| !matches!(line, Compared::Pair(_) | Compared::Launch(_)));
     stored.write(folder.path());
     let text = replayed(folder.path(), 2);
     assert!(text.contains("time gate void: it ended with signal"), "{text}");
@@ -431,7 +429,7 @@ fn what_nothing_measured_is_not_the_same() {
         replayed(folder.path(), 2)
     };
     let mut void = Stored::new(&[trace]).settings(|settings| settings.gates = vec![Gate::Time]);
-    void.lines.retain(|line| !matches!(line, Line::Pair(_)));
+    void.lines.retain(|line| !matches!(line, Compared::Pair(_)));
     let void = void.times(trace, true, 1.06, 0.004);
     let void = void.times(trace, false, 1.0, 0.004);
     assert!(told(void).contains("1 cell: 1 not measured"));
@@ -459,14 +457,14 @@ fn a_time_gate_whose_control_was_lost_is_void() {
         replayed(folder.path(), 2)
     };
     let mut lost = quiet().fault(Gate::Time, Side::Base, Some("tank caustics/trace"), false);
-    if let Some(Line::Fault(fault)) = lost.lines.last_mut() {
+    if let Some(Compared::Fault(fault)) = lost.lines.last_mut() {
         fault.control = true;
         fault.launch = Some(LAUNCHES);
     }
     let text = told(lost);
     assert!(text.contains("time gate void: the control was lost: it ended with signal"));
     let mut without = quiet();
-    let control = |line: &Line| matches!(line, Line::Pair(pair) if pair.control);
+    let control = |line: &Compared| matches!(line, Compared::Pair(pair) if pair.control);
     without.lines.retain(|line| !control(line));
     assert!(told(without).contains("time gate void: the control was not measured"));
 }
@@ -477,11 +475,11 @@ fn figures_that_vanish_are_faults_and_notes_are_told_once() {
     let mut stored = quiet();
     for line in &mut stored.lines {
         match line {
-            Line::Configuration(figures) if figures.side == Side::Head => {
+            Compared::Configuration(figures) if figures.side == Side::Head => {
                 figures.errors.clear();
                 figures.notes.push("errors not computed: no reference".to_owned());
             }
-            Line::Launch(launch) => launch.notes.push("on any core: no Linux".to_owned()),
+            Compared::Launch(launch) => launch.notes.push("on any core: no Linux".to_owned()),
             _ => {}
         }
     }
@@ -514,7 +512,7 @@ fn pairs_of_a_launch_that_was_cut_short_do_not_count() {
     let folder = tempfile::tempdir().unwrap();
     let mut stored = quiet();
     for round in 0..500 {
-        stored.lines.push(Line::Pair(Pair {
+        stored.lines.push(Compared::Pair(Pair {
             launch: LAUNCHES,
             round,
             cell: cell("tank compose"),
@@ -617,7 +615,7 @@ fn bad_input_is_one_clear_line_and_status_2() {
 /// is one.
 #[test]
 fn the_documented_jobs_run_the_documented_steps() {
-    let text = include_str!("../docs/ci.md");
+    let text = include_str!("../../docs/ci.md");
     let (_, rest) = text.split_once("```sh\n").unwrap();
     let (steps, _) = rest.split_once("```").unwrap();
     let commands = |block: &str| -> Vec<String> {
@@ -668,7 +666,7 @@ fn counted(name: &str) -> Option<(Comparison, String)> {
         return None;
     }
     assert_eq!(output.status.code(), Some(0), "{text}{told}");
-    let comparison = fathom::compare::read(&out).unwrap();
+    let comparison = Comparison::read(&out).unwrap();
     Some((comparison, fs::read_to_string(page).unwrap()))
 }
 
@@ -697,53 +695,4 @@ fn a_stage_alone_executes_as_much_in_each_frame() {
         assert!(counts.len() >= 3 && most / least < 1.002, "{counts:?}");
     }
     assert_eq!(comparison.instructions.len(), 2);
-}
-
-/// A self-test of two trials, whose findings are known.
-#[test]
-fn findings_of_a_self_test_count_what_its_trials_show() {
-    let injections = Injection::all().unwrap();
-    let plan = Plan { no_ops: 3, slow5: 12 };
-    let all = selftest::trials(plan, &injections);
-    let trial = |id: &str| {
-        let found = all.iter().find(|trial| trial.id == id);
-        found.unwrap_or_else(|| panic!("{id}")).clone()
-    };
-    let (trace, compose) = ("pool caustics/trace", "pool compose");
-    let timed = |ratio: f64| {
-        Stored::new(&[trace, compose])
-            .settings(|settings| settings.gates = vec![Gate::Time])
-            .times(trace, false, ratio, 0.004)
-            .times(compose, false, 1.0005, 0.004)
-            .comparison()
-    };
-    let blaming = Stored::new(&[trace, compose])
-        .settings(|settings| settings.gates = vec![Gate::Time])
-        .times(trace, false, 1.045, 0.004)
-        .times(compose, false, 1.1, 0.004)
-        .comparison();
-    let made = vec![
-        (trial("no-op-000-again"), timed(1.001)),
-        (trial("no-op-002-again-loaded"), timed(1.05)),
-        (trial("every-slow5-truth"), timed(1.0501)),
-        (trial("caustics-trace-fetches-slow5-0"), timed(1.05)),
-        (trial("caustics-trace-fetches-slow10-0"), blaming),
-    ];
-    let found = selftest::findings(&injections, &made);
-    assert_eq!((found.false_alarms.count, found.false_alarms.of), (1, 2));
-    assert_eq!(found.false_alarms_loaded.count, 1);
-    assert_eq!((found.no_op_changes().count, found.no_op_changes().of), (1, 4));
-    let five = &found.detection["+5 % time"];
-    assert_eq!((five.caught.count, five.caught.of), (1, 1));
-    assert_eq!((five.named_first.count, five.others_blamed.count), (1, 0));
-    assert!((five.largest.unwrap() - 0.05).abs() < 1e-4);
-    let of_stage = &found.stages["caustics/trace"];
-    assert_eq!((of_stage.caught.count, of_stage.changes.len()), (1, 1));
-    assert!((of_stage.truth.unwrap() - 0.0501).abs() < 1e-4);
-    let ten = &found.detection["+10 % time"];
-    assert_eq!((ten.caught.count, ten.named_first.count), (1, 0));
-    assert_eq!((ten.others_blamed.count, ten.others_blamed.of), (1, 1));
-    // The loaded no-op's trace, which is none, and the last trial's compose lie outside their intervals.
-    assert_eq!((found.covered_zero.count, found.covered_zero.of), (4, 6));
-    assert_eq!((found.covered_injected.count, found.covered_injected.of), (1, 1));
 }

@@ -4,10 +4,12 @@ use std::collections::BTreeMap;
 
 use serde::Serialize;
 
-use super::injections::{Injection, Size};
-use super::trials::{Aim, Trial, Variant};
-use crate::compare::store::{Comparison, Gate};
-use crate::compare::verdict::{GateState, Status, Verdict, Verdicts};
+use fathom::compare::store::Comparison;
+use fathom::compare::verdict::{GateState, Status, Verdict, Verdicts};
+
+use crate::injections::{Injection, Size};
+use crate::trials::{Aim, Trial, Variant};
+use fathom::record::comparison::Gate;
 
 /// A count and what it is of.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
@@ -160,7 +162,7 @@ pub fn findings(injections: &[Injection], made: &[(Trial, Comparison)]) -> Findi
         all.trials.push(result);
     }
     if !gate_times.is_empty() {
-        all.time_gate_s = Some(crate::statistics::median(&gate_times));
+        all.time_gate_s = Some(fathom::statistics::median(&gate_times));
     }
     all
 }
@@ -189,13 +191,10 @@ fn result(
     let cells = verdicts.cells.iter().map(|cell| {
         let time = cell.time.as_ref();
         let injected = stage.as_deref() == Some(cell.cell.stage());
-        let truth = match injected {
-            false => Some(0.0),
-            true => match trial.variant {
-                Variant::Injected(_, Some(size)) => truths.get(&(size, cell.cell.to_string())),
-                _ => None,
-            }
-            .copied(),
+        let truth = match trial.variant {
+            _ if !injected => Some(0.0),
+            Variant::Injected(_, Some(size)) => truths.get(&(size, cell.cell.to_string())).copied(),
+            _ => None,
         };
         CellResult {
             cell: cell.cell.to_string(),
@@ -327,10 +326,8 @@ impl Findings {
             let injected = result.stage.as_deref().is_some_and(|stage| {
                 cell.cell.strip_suffix(stage).is_some_and(|rest| rest.ends_with(' '))
             });
-            match injected {
-                true => self.covered_injected.add(covered),
-                false => self.covered_zero.add(covered),
-            }
+            let share = if injected { &mut self.covered_injected } else { &mut self.covered_zero };
+            share.add(covered);
         }
     }
 
@@ -352,5 +349,83 @@ impl Findings {
             count: count(Verdict::Slower) + count(Verdict::Faster),
             of: self.no_op_verdicts.values().sum(),
         }
+    }
+}
+
+#[cfg(test)]
+pub mod tests {
+
+    use fathom::record::comparison::{
+        CellId, ComparisonEnd, ComparisonHeader, GateSettings, Launch, Pair, Side,
+    };
+
+    use super::*;
+    use crate::trials::{Plan, trials};
+
+    const LAUNCHES: u32 = 10;
+    /// How far apart the ratios of the launches lie.
+    const SPREAD: f64 = 0.004;
+
+    /// A time gate of two stages whose times change by these factors.
+    fn timed(trace: f64, compose: f64) -> Comparison {
+        let cells = ["caustics/trace", "compose"].map(|stage| CellId::new("pool", stage));
+        let settings = GateSettings { gates: vec![Gate::Time], ..GateSettings::default() };
+        let header =
+            ComparisonHeader { settings, cells: cells.to_vec(), ..ComparisonHeader::default() };
+        let mut comparison = Comparison::new(header);
+        let measured = [(0, true, 1.0), (0, false, trace), (1, false, compose)];
+        for launch in 0..LAUNCHES {
+            comparison.launches.push(Launch { launch, ..Launch::default() });
+            let place = f64::from(launch) / f64::from(LAUNCHES - 1) - 0.5;
+            for (cell, control, ratio) in measured {
+                comparison.pairs.extend([Side::Base, Side::Head].map(|first| Pair {
+                    launch,
+                    round: 0,
+                    cell: cells[cell].clone(),
+                    control,
+                    second: false,
+                    first,
+                    base_ns: 2e6,
+                    head_ns: 2e6 * ratio * (1.0 + 2.0 * SPREAD * place),
+                }));
+            }
+        }
+        comparison.end = Some(ComparisonEnd { wall_s: 60.0, interrupted: false });
+        comparison
+    }
+
+    #[test]
+    fn findings_count_what_the_trials_show() {
+        let injections = Injection::all().unwrap();
+        let all = trials(Plan { no_ops: 3, slow5: 12 }, &injections);
+        let trial = |id: &str| {
+            let found = all.iter().find(|trial| trial.id == id);
+            found.unwrap_or_else(|| panic!("{id}")).clone()
+        };
+        let made = [
+            (trial("no-op-000-again"), timed(1.001, 1.0005)),
+            (trial("no-op-002-again-loaded"), timed(1.05, 1.0005)),
+            (trial("every-slow5-truth"), timed(1.0501, 1.0005)),
+            (trial("caustics-trace-fetches-slow5-0"), timed(1.05, 1.0005)),
+            (trial("caustics-trace-fetches-slow10-0"), timed(1.045, 1.1)),
+        ];
+        let found = findings(&injections, &made);
+        let share = |count, of| Share { count, of };
+        assert_eq!(found.false_alarms, share(1, 2));
+        assert_eq!(found.false_alarms_loaded.count, 1);
+        assert_eq!(found.no_op_changes(), share(1, 4));
+        let five = &found.detection["+5 % time"];
+        assert_eq!((five.caught, five.named_first), (share(1, 1), share(1, 1)));
+        assert_eq!(five.others_blamed.count, 0);
+        assert!((five.largest.unwrap() - 0.05).abs() < 1e-4);
+        let of_stage = &found.stages["caustics/trace"];
+        assert_eq!((of_stage.caught.count, of_stage.changes.len()), (1, 1));
+        assert!((of_stage.truth.unwrap() - 0.0501).abs() < 1e-4);
+        let ten = &found.detection["+10 % time"];
+        assert_eq!((ten.caught.count, ten.named_first.count), (1, 0));
+        assert_eq!(ten.others_blamed, share(1, 1));
+        // The loaded no-op's trace, which is none, and the last trial's compose lie outside their intervals.
+        assert_eq!(found.covered_zero, share(4, 6));
+        assert_eq!(found.covered_injected, share(1, 1));
     }
 }

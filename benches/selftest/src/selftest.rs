@@ -1,37 +1,26 @@
-//! `fathom compare --self-test`: the gates are held against builds whose differences are known.
-//!
-//! Equal builds (the same source built twice, and a change of the host that no stage uses) must raise no alarm, on a
-//! quiet machine and on a loaded one; slowdowns of known size, built into one stage at a time, must be found and their
-//! stage named. Each trial is a comparison in a folder of its own, so a self-test that was cut short goes on where it
-//! ended, and its findings are a function of those folders.
-
-mod findings;
-mod injections;
-mod load;
-mod report;
-mod trials;
-mod workshop;
+//! The trials: which are missing, how each is built and measured, and where its findings go.
 
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use thiserror::Error;
+use fathom::compare::build::{self, BuildError};
+use fathom::compare::flow::{self, CompareError, Options, Program};
+use fathom::compare::store::{Comparison, StoreError};
+use fathom::gpu;
+use fathom::harness::output::RECORDS;
 
-use super::build::{self, BuildError};
-use super::flow::{self, CompareError, Options, Program};
-use super::store::{COMPARISON, Comparison, Settings, StoreError};
-use crate::gpu;
-pub use findings::{Findings, findings};
-pub use injections::Injection;
-use injections::{Changed, every, unrelated};
-use load::Load;
-pub use trials::{Plan, Trial, Variant, trials};
-use workshop::{Manner, Workshop};
+use crate::findings::findings;
+use crate::injections::{Changed, Injection, every, unrelated};
+use crate::load::Load;
+use crate::report;
+use crate::trials::{Plan, Trial, Variant, trials};
+use crate::workshop::{Compilation, Workshop};
+use fathom::record::comparison::GateSettings;
 
 /// Names of the results in the self-test's folder.
 pub const RESULTS: [&str; 2] = ["self-test.json", "self-test.md"];
 
-#[derive(Debug, Error)]
+#[derive(Debug, thiserror::Error)]
 pub enum SelfTestError {
     #[error(transparent)]
     Build(#[from] BuildError),
@@ -46,6 +35,8 @@ pub enum SelfTestError {
     OtherSettings(PathBuf),
     #[error(transparent)]
     Store(#[from] StoreError),
+    #[error("cannot watch for Ctrl-C: {0}")]
+    Signal(#[from] ctrlc::Error),
     #[error("cannot {action} {}: {source}", path.display())]
     Io { action: &'static str, path: PathBuf, source: std::io::Error },
 }
@@ -59,46 +50,47 @@ pub struct SelfTest {
     pub gpu: gpu::Options,
     pub plan: Plan,
     /// Of every trial, but for what the trial says itself.
-    pub settings: Settings,
+    pub settings: GateSettings,
     /// Only trials whose names contain this.
-    pub filter: Option<String>,
+    pub filter: String,
 }
 
-/// Makes the trials that lack, and writes what all of them show.
+/// Makes the missing trials, and writes what all of them show.
 pub fn run(
     test: &SelfTest,
     interrupted: &AtomicBool,
     tell: &dyn Fn(&str),
-) -> Result<Findings, SelfTestError> {
+) -> Result<(), SelfTestError> {
+    let io = |source| SelfTestError::Io { action: "write to", path: test.out.clone(), source };
+    std::fs::create_dir_all(&test.out).map_err(io)?;
     let injections = Injection::all().map_err(SelfTestError::Injection)?;
-    let mut lacking = Vec::new();
+    let mut missing = Vec::new();
     for trial in trials(test.plan, &injections) {
-        let part = test.filter.as_deref().unwrap_or_default();
-        if trial.id.contains(part) && !is_made(test, &trial)? {
-            lacking.push(trial);
+        if trial.id.contains(&test.filter) && !is_made(test, &trial)? {
+            missing.push(trial);
         }
     }
-    let ended = make(test, &lacking, &injections, interrupted, tell);
-    let found = write(test, &injections)?;
-    ended.map(|()| found)
+    let ended = make(test, &missing, &injections, interrupted, tell);
+    write(test, &injections)?;
+    ended
 }
 
 /// Makes trials until it is interrupted or one fails.
 fn make(
     test: &SelfTest,
-    lacking: &[Trial],
+    missing: &[Trial],
     injections: &[Injection],
     interrupted: &AtomicBool,
     tell: &dyn Fn(&str),
 ) -> Result<(), SelfTestError> {
-    let mut bench = Bench::new(test, interrupted, tell)?;
-    for (number, trial) in lacking.iter().enumerate() {
+    let mut builds = TrialBuilds::new(test, interrupted, tell)?;
+    for (number, trial) in missing.iter().enumerate() {
         if interrupted.load(Ordering::Relaxed) {
             break;
         }
-        let (number, all) = (number + 1, lacking.len());
+        let (number, all) = (number + 1, missing.len());
         tell(&format!("trial {number} of {all}: {}", trial.id));
-        match bench.make(trial, injections) {
+        match builds.make(trial, injections) {
             Err(SelfTestError::Build(BuildError::Interrupted { .. })) => break,
             made => made?,
         }
@@ -107,11 +99,11 @@ fn make(
 }
 
 /// Findings from the stored trials alone, written beside them.
-pub fn write(test: &SelfTest, injections: &[Injection]) -> Result<Findings, SelfTestError> {
+fn write(test: &SelfTest, injections: &[Injection]) -> Result<(), SelfTestError> {
     let mut made = Vec::new();
     for trial in trials(test.plan, injections) {
         let folder = test.out.join(&trial.id);
-        if folder.join(COMPARISON).is_file() {
+        if folder.join(RECORDS).is_file() {
             let comparison = Comparison::read(&folder)?;
             if comparison.came_to_its_end() {
                 made.push((trial, comparison));
@@ -129,7 +121,7 @@ pub fn write(test: &SelfTest, injections: &[Injection]) -> Result<Findings, Self
             source,
         })?;
     }
-    Ok(found)
+    Ok(())
 }
 
 /// Trials of other settings are no part of the same findings. Of its gates a trial may have had fewer, where one could not be run.
@@ -139,22 +131,22 @@ fn is_made(test: &SelfTest, trial: &Trial) -> Result<bool, SelfTestError> {
         return Ok(false);
     };
     let wanted = test.settings_of(trial);
-    let found = Settings { gates: wanted.gates.clone(), ..stored.header.settings.clone() };
-    match found == wanted {
-        true => Ok(stored.came_to_its_end()),
-        false => Err(SelfTestError::OtherSettings(folder)),
+    let found = GateSettings { gates: wanted.gates.clone(), ..stored.header.settings.clone() };
+    if found != wanted {
+        return Err(SelfTestError::OtherSettings(folder));
     }
+    Ok(stored.came_to_its_end())
 }
 
 /// A trial's folder holds lines.
 fn begun(folder: &Path) -> bool {
-    let lines = folder.join(COMPARISON).metadata();
+    let lines = folder.join(RECORDS).metadata();
     lines.is_ok_and(|lines| lines.len() > 0)
 }
 
 impl SelfTest {
-    fn settings_of(&self, trial: &Trial) -> Settings {
-        Settings {
+    fn settings_of(&self, trial: &Trial) -> GateSettings {
+        GateSettings {
             gates: trial.gates.clone(),
             launches: trial.launches.unwrap_or(self.settings.launches),
             seed: trial.seed,
@@ -164,7 +156,7 @@ impl SelfTest {
 }
 
 /// Builds variants and compares them with their base.
-struct Bench<'a> {
+struct TrialBuilds<'a> {
     test: &'a SelfTest,
     workshop: Workshop,
     programs: PathBuf,
@@ -174,7 +166,7 @@ struct Bench<'a> {
     at_hand: Option<(Variant, PathBuf)>,
 }
 
-impl<'a> Bench<'a> {
+impl<'a> TrialBuilds<'a> {
     fn new(
         test: &'a SelfTest,
         interrupted: &'a AtomicBool,
@@ -194,12 +186,12 @@ impl<'a> Bench<'a> {
     }
 
     fn make(&mut self, trial: &Trial, injections: &[Injection]) -> Result<(), SelfTestError> {
-        let manner = match trial.variant {
-            Variant::Again | Variant::Unrelated => Manner::Whole,
-            Variant::Injected(..) | Variant::Every(_) => Manner::Incremental,
+        let compilation = match trial.variant {
+            Variant::Again | Variant::Unrelated => Compilation::Whole,
+            Variant::Injected(..) | Variant::Every(_) => Compilation::Incremental,
         };
-        let base = self.base(manner)?;
-        let head = self.head(&trial.variant, manner, injections)?;
+        let base = self.base(compilation)?;
+        let head = self.head(&trial.variant, compilation, injections)?;
         let program = |path: &Path| Program {
             path: path.to_owned(),
             label: path.file_name().unwrap_or_default().to_string_lossy().into_owned(),
@@ -221,13 +213,13 @@ impl<'a> Bench<'a> {
         measured.map(drop).map_err(|error| SelfTestError::Trial { trial: trial.id.clone(), error })
     }
 
-    fn base(&self, manner: Manner) -> Result<PathBuf, SelfTestError> {
-        let name = match manner {
-            Manner::Whole => "base",
-            Manner::Incremental => "base-of-injections",
+    fn base(&self, compilation: Compilation) -> Result<PathBuf, SelfTestError> {
+        let name = match compilation {
+            Compilation::Whole => "base",
+            Compilation::Incremental => "base-of-injections",
         };
         let program = self.programs.join(name);
-        self.build(&[], manner, &program)?;
+        self.build(&[], compilation, &program)?;
         Ok(program)
     }
 
@@ -235,7 +227,7 @@ impl<'a> Bench<'a> {
     fn head(
         &mut self,
         variant: &Variant,
-        manner: Manner,
+        compilation: Compilation,
         injections: &[Injection],
     ) -> Result<PathBuf, SelfTestError> {
         if let Some((known, program)) = &self.at_hand {
@@ -259,8 +251,8 @@ impl<'a> Bench<'a> {
         };
         let changes = changes.map_err(SelfTestError::Injection)?;
         let program = self.programs.join(variant.word());
-        self.build(&changes, manner, &program)?;
-        if manner == Manner::Incremental {
+        self.build(&changes, compilation, &program)?;
+        if compilation == Compilation::Incremental {
             self.at_hand = Some((variant.clone(), program.clone()));
         }
         Ok(program)
@@ -269,7 +261,7 @@ impl<'a> Bench<'a> {
     fn build(
         &self,
         changes: &[Changed],
-        manner: Manner,
+        compilation: Compilation,
         program: &Path,
     ) -> Result<(), SelfTestError> {
         if program.is_file() {
@@ -277,25 +269,27 @@ impl<'a> Bench<'a> {
         }
         (self.tell)(&format!("building {}", program.display()));
         let Self { interrupted, tell, .. } = self;
-        Ok(self.workshop.build(changes, manner, program, interrupted, tell)?)
+        Ok(self.workshop.build(changes, compilation, program, interrupted, tell)?)
     }
 }
 
 #[cfg(test)]
 mod tests {
+
+    use fathom::compare::store;
+    use fathom::harness::output::{Kind, Taken};
+    use fathom::record::comparison::{Compared, ComparisonEnd, ComparisonHeader, Gate};
+
     use super::*;
-    use crate::compare::store::{End, Gate, Header, Line, Store};
 
     fn self_test(out: &Path, pairs: u32) -> SelfTest {
-        let header = include_str!("../tests/header.json");
-        let header: Header = serde_json::from_str(header).unwrap();
         SelfTest {
             repository: PathBuf::new(),
             out: out.to_owned(),
             gpu: gpu::Options::default(),
             plan: Plan { no_ops: 1, slow5: 1 },
-            settings: Settings { pairs, ..header.settings },
-            filter: None,
+            settings: GateSettings { pairs, ..GateSettings::default() },
+            filter: String::new(),
         }
     }
 
@@ -307,15 +301,15 @@ mod tests {
         let trial = trials(test.plan, &injections).pop().unwrap();
         assert!(!is_made(&test, &trial).unwrap());
 
-        let header = include_str!("../tests/header.json");
-        let mut header: Header = serde_json::from_str(header).unwrap();
+        let mut header = ComparisonHeader::default();
         header.settings = test.settings_of(&trial);
         header.settings.gates.retain(|gate| *gate == Gate::Exact);
-        let mut store = Store::create(&folder.path().join(&trial.id)).unwrap();
-        store.write(&[Line::Header(Box::new(header))]).unwrap();
+        let taken = Taken::free(&folder.path().join(&trial.id)).unwrap();
+        let mut held = taken.open(Kind::Comparison).unwrap();
+        store::write(&mut held, vec![Compared::Header(Box::new(header))]).unwrap();
         assert!(!is_made(&test, &trial).unwrap());
-        let end = End { wall_s: 1.0, interrupted: false };
-        store.write(&[Line::End(end)]).unwrap();
+        let end = ComparisonEnd { wall_s: 1.0, interrupted: false };
+        store::write(&mut held, vec![Compared::End(end)]).unwrap();
         assert!(is_made(&test, &trial).unwrap());
 
         let other = self_test(folder.path(), 12);

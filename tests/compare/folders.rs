@@ -1,13 +1,20 @@
 //! Folders of comparisons under two processes and damage, and what an interrupt ends at once.
 
+use std::fs;
+use std::io::{BufRead, BufReader};
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
-use super::*;
+use fathom::compare::store::Comparison;
+
+use super::builds::{Builds, SLOWLY};
+use super::script::Script;
 
 /// A head that is slow enough for two processes to meet.
-fn slow(bench: &Bench) -> [PathBuf; 2] {
-    let slowly = Build { instead: &[SLOWLY], ..Build::default() };
-    [bench.build("base", &Build::default()), bench.build("head", &slowly)]
+fn slow(builds: &Builds) -> [PathBuf; 2] {
+    let slowly = Script { instead: &[SLOWLY], ..Script::default() };
+    [builds.build("base", &Script::default()), builds.build("head", &slowly)]
 }
 
 fn signal(name: &str, process: u32) {
@@ -38,8 +45,8 @@ fn one_of_two(mut command: impl FnMut() -> Command) {
 }
 
 #[track_caller]
-fn is_whole(bench: &Bench) {
-    let stored = Comparison::read(&bench.path("out")).unwrap();
+fn is_whole(builds: &Builds) {
+    let stored = Comparison::read(&builds.path("out")).unwrap();
     assert_eq!((stored.launches.len(), stored.exact.len()), (10, 8));
     // Four cells and the control, two pairs of each in every launch.
     assert_eq!(stored.pairs.len(), 10 * 5 * 2);
@@ -50,64 +57,64 @@ fn is_whole(bench: &Bench) {
 fn of_two_comparisons_in_one_folder_one_measures_all_and_the_other_names_it() {
     let repetitions = std::env::var("FATHOM_REPETITIONS").ok();
     for _ in 0..repetitions.and_then(|text| text.parse().ok()).unwrap_or(1) {
-        let bench = Bench::new();
-        let [base, head] = slow(&bench);
-        one_of_two(|| bench.command(&base, &head));
-        is_whole(&bench);
-        let lines = bench.path("out/comparison.jsonl");
+        let builds = Builds::new();
+        let [base, head] = slow(&builds);
+        one_of_two(|| builds.command(&base, &head));
+        is_whole(&builds);
+        let lines = builds.path("out/records.jsonl");
         // As if it had been killed after its exact figures.
         let text = fs::read_to_string(&lines).unwrap();
         let kept = text.lines().take_while(|line| !line.contains("\"kind\":\"pair\""));
         fs::write(&lines, kept.map(|line| format!("{line}\n")).collect::<String>()).unwrap();
         one_of_two(|| {
-            let mut command = bench.command(&base, &head);
+            let mut command = builds.command(&base, &head);
             command.arg("--resume");
             command
         });
-        is_whole(&bench);
-        assert!(!bench.path("out/.lock").exists());
+        is_whole(&builds);
+        assert!(!builds.path("out/.lock").exists());
     }
 }
 
 #[test]
 fn damage_in_a_comparison_is_named_and_kept_aside_and_no_comparison_is_not_resumed() {
-    let bench = Bench::new();
-    let [base, head] = ["base", "head"].map(|name| bench.build(name, &Build::default()));
+    let builds = Builds::new();
+    let [base, head] = ["base", "head"].map(|name| builds.build(name, &Script::default()));
     let resume = |status: i32| {
-        let output = bench.command(&base, &head).arg("--resume").output().unwrap();
+        let output = builds.command(&base, &head).arg("--resume").output().unwrap();
         let told = String::from_utf8(output.stderr).unwrap();
         assert_eq!(output.status.code(), Some(status), "{told}");
         (told, String::from_utf8(output.stdout).unwrap())
     };
-    assert!(resume(2).0.contains("no comparison in "));
-    assert!(!bench.path("out").exists());
-    assert!(bench.command(&base, &head).output().unwrap().status.success());
-    let lines = bench.path("out/comparison.jsonl");
+    assert!(resume(2).0.contains("no comparison to resume in "));
+    assert!(!builds.path("out").exists());
+    assert!(builds.command(&base, &head).output().unwrap().status.success());
+    let lines = builds.path("out/records.jsonl");
     let sound = fs::read_to_string(&lines).unwrap();
     let damaged = format!("{sound}nonsense\n{{\"kind\":\"launch\",\"lau");
     fs::write(&lines, &damaged).unwrap();
     let (told, tables) = resume(0);
     assert!(told.contains(": not JSON") && told.contains(": torn off"), "{told}");
-    let aside = bench.path("out/comparison.damaged-1.jsonl");
+    let aside = builds.path("out/records.damaged-1.jsonl");
     assert!(told.contains(&aside.display().to_string()), "{told}");
     assert_eq!(fs::read_to_string(&aside).unwrap(), damaged);
     assert!(fs::read_to_string(&lines).unwrap().starts_with(&sound));
-    assert!(tables.contains("comparison.damaged-1.jsonl"), "{tables}");
-    is_whole(&bench);
-    for garbage in ["nonsense\n", "{\"kind\":\"header\",\"sch"] {
+    assert!(tables.contains("records.damaged-1.jsonl"), "{tables}");
+    is_whole(&builds);
+    for garbage in ["nonsense\n", "{\"record\":\"comparison\",\"kind\":\"header\",\"sch"] {
         fs::write(&lines, garbage).unwrap();
-        assert!(resume(2).0.contains("has no sound header line"));
+        assert!(resume(2).0.contains("holds no sound record"));
         assert_eq!(fs::read_to_string(&lines).unwrap(), garbage);
     }
 }
 
 #[test]
 fn a_worker_that_is_stopped_is_told_of_and_an_interrupt_ends_the_wait() {
-    let bench = Bench::new();
-    let stops = Build { instead: &[("\"id\":\"two\"", "kill -STOP $$")], ..Build::default() };
-    let (base, head) = (bench.build("base", &Build::default()), bench.build("head", &stops));
+    let builds = Builds::new();
+    let stops = Script { instead: &[("\"id\":\"two\"", "kill -STOP $$")], ..Script::default() };
+    let (base, head) = (builds.build("base", &Script::default()), builds.build("head", &stops));
     let mut child =
-        bench.command(&base, &head).stderr(Stdio::piped()).stdout(Stdio::null()).spawn().unwrap();
+        builds.command(&base, &head).stderr(Stdio::piped()).stdout(Stdio::null()).spawn().unwrap();
     let mut told = BufReader::new(child.stderr.take().unwrap()).lines().map_while(Result::ok);
     let waiting = told.find(|line| line.contains("waiting for the head worker")).unwrap();
     assert!(waiting.contains("to answer `prepare`, for at most 180 s"), "{waiting}");
@@ -119,7 +126,7 @@ fn a_worker_that_is_stopped_is_told_of_and_an_interrupt_ends_the_wait() {
     told.for_each(drop);
     assert_eq!(child.wait().unwrap().code(), Some(130));
     assert!(start.elapsed() < Duration::from_secs(60), "it waited for the worker");
-    let stored = Comparison::read(&bench.path("out")).unwrap();
+    let stored = Comparison::read(&builds.path("out")).unwrap();
     assert!(stored.faults.is_empty(), "{:?}", stored.faults);
 }
 

@@ -1,0 +1,351 @@
+//! Records of a comparison: what was measured of two builds, and nothing that was concluded.
+//!
+//! A comparison's file begins with its [`ComparisonHeader`]. A run's file holds no record of a comparison, nor the other way about.
+
+use std::collections::BTreeMap;
+use std::fmt;
+
+use serde::{Deserialize, Deserializer, Serialize, de};
+
+use super::{Adapter, ErrorFigure, Record, Work, nan};
+
+/// Most launches of a measurement: the time to judge them grows with their square, and is seconds for so many.
+pub const MOST_LAUNCHES: u32 = 200;
+/// Most pairs of a cell in a launch of the first measurement; the second takes up to four times as many.
+pub const MOST_PAIRS: u32 = 1000;
+
+/// Launches of a gate unless told otherwise. The least that an exact test of 44 cells can decide on is 11, if all of them
+/// agree; with 20 a few may stray.
+pub const LAUNCHES: u32 = 20;
+/// Pairs of samples of a cell in each launch unless told otherwise.
+pub const PAIRS: u32 = 16;
+/// Family-wise error of the time gate.
+const ALPHA: f64 = 0.05;
+/// Practical threshold of the time gate.
+pub const THRESHOLD: f64 = 0.02;
+/// Counts repeat to 0.1 %; half a per cent is plain.
+pub const INSTRUCTION_THRESHOLD: f64 = 0.005;
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Side {
+    Base,
+    Head,
+}
+
+impl Side {
+    pub const BOTH: [Self; 2] = [Self::Base, Self::Head];
+
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Base => "base",
+            Self::Head => "head",
+        }
+    }
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Gate {
+    Exact,
+    Instructions,
+    Time,
+}
+
+impl Gate {
+    pub const ALL: [Self; 3] = [Self::Exact, Self::Instructions, Self::Time];
+
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Exact => "exact",
+            Self::Instructions => "instructions",
+            Self::Time => "time",
+        }
+    }
+}
+
+/// A gate cell's name: `CONFIGURATION STAGE`, such as `tank caustics/trace`.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[serde(transparent)]
+pub struct CellId(String);
+
+impl CellId {
+    pub fn new(configuration: &str, stage: &str) -> Self {
+        Self(format!("{configuration} {stage}"))
+    }
+
+    pub fn configuration(&self) -> &str {
+        self.parts().0
+    }
+
+    pub fn stage(&self) -> &str {
+        self.parts().1
+    }
+
+    pub fn as_str(&self) -> &str {
+        &self.0
+    }
+
+    fn parts(&self) -> (&str, &str) {
+        self.0.rsplit_once(' ').unwrap_or((&self.0, ""))
+    }
+}
+
+impl fmt::Display for CellId {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.pad(&self.0)
+    }
+}
+
+/// A record of a comparison.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "kind", rename_all = "snake_case")]
+pub enum Compared {
+    Header(Box<ComparisonHeader>),
+    Configuration(ConfigurationFigures),
+    Exact(ExactFigures),
+    Check(CheckFigure),
+    Instructions(InstructionCounts),
+    Pair(Pair),
+    Launch(Launch),
+    Samples(UnpairedSamples),
+    Fault(Fault),
+    End(ComparisonEnd),
+}
+
+impl From<Compared> for Record {
+    fn from(compared: Compared) -> Self {
+        Self::Comparison(compared)
+    }
+}
+
+/// What is compared, on what, and by which rules.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ComparisonHeader {
+    pub schema: u32,
+    pub fathom_version: String,
+    pub base: ComparedBuild,
+    pub head: ComparedBuild,
+    pub adapter: Adapter,
+    pub settings: GateSettings,
+    /// In the order of `benches/gates.toml`.
+    pub cells: Vec<CellId>,
+    /// Gates that were asked for and cannot be run here.
+    pub skipped: Vec<Skip>,
+    /// On the comparison as a whole.
+    pub notes: Vec<String>,
+}
+
+/// Of two builds of which nothing is known, by the default settings.
+impl Default for ComparisonHeader {
+    fn default() -> Self {
+        Self {
+            schema: super::SCHEMA,
+            fathom_version: env!("CARGO_PKG_VERSION").to_owned(),
+            base: ComparedBuild::default(),
+            head: ComparedBuild::default(),
+            adapter: Adapter::default(),
+            settings: GateSettings::default(),
+            cells: Vec::new(),
+            skipped: Vec::new(),
+            notes: Vec::new(),
+        }
+    }
+}
+
+/// A gate that is left out, which is no failure.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Skip {
+    pub gate: Gate,
+    pub reason: String,
+}
+
+/// One side.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct ComparedBuild {
+    /// Revision, path or file, as it was asked for.
+    pub label: String,
+    pub version: String,
+    /// Of the worker's line protocol; none for a file of records.
+    pub protocol: Option<u32>,
+    /// SHA-256 of the program or file.
+    pub digest: String,
+}
+
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct GateSettings {
+    /// Family-wise error of the time gate; the intervals of each of its measurements have the coverage 1 − alpha.
+    #[serde(deserialize_with = "share")]
+    pub alpha: f64,
+    /// Share by which a time must differ to matter.
+    #[serde(deserialize_with = "share")]
+    pub threshold: f64,
+    /// Share by which an instruction count must differ to matter.
+    #[serde(deserialize_with = "share")]
+    pub instruction_threshold: f64,
+    /// Pairs of worker processes, in each of the two measurements of the time gate.
+    pub launches: u32,
+    /// Pairs of samples of a cell in each launch of the first measurement.
+    pub pairs: u32,
+    pub seed: u64,
+    pub gates: Vec<Gate>,
+    /// Sides were measured one after the other, in no pairs: from files of records.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub unpaired: bool,
+}
+
+impl Default for GateSettings {
+    fn default() -> Self {
+        Self {
+            alpha: ALPHA,
+            threshold: THRESHOLD,
+            instruction_threshold: INSTRUCTION_THRESHOLD,
+            launches: LAUNCHES,
+            pairs: PAIRS,
+            seed: 0,
+            gates: Gate::ALL.to_vec(),
+            unpaired: false,
+        }
+    }
+}
+
+/// A number between 0 and 1: no verdict follows from another.
+fn share<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f64, D::Error> {
+    let share = f64::deserialize(deserializer)?;
+    if 0.0 < share && share < 1.0 {
+        return Ok(share);
+    }
+    Err(de::Error::custom(format!("{share} is no share between 0 and 1")))
+}
+
+/// Exact figures of a whole configuration.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ConfigurationFigures {
+    pub side: Side,
+    pub configuration: String,
+    pub allocated_bytes: u64,
+    /// Errors against the reference, the larger the worse.
+    #[serde(with = "nan::map")]
+    pub errors: BTreeMap<String, f64>,
+    /// The same with the stage that each judges.
+    #[serde(default)]
+    pub judged: Vec<ErrorFigure>,
+    /// Figures read back that are no errors: a change of one is told and not judged.
+    #[serde(default, with = "nan::map")]
+    pub quantities: BTreeMap<String, f64>,
+    /// What could not be computed, and why.
+    #[serde(default)]
+    pub notes: Vec<String>,
+}
+
+/// Exact figures of a cell.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ExactFigures {
+    pub side: Side,
+    pub cell: CellId,
+    pub work: Work,
+    /// Pipeline statistics, where the adapter counts them.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub counters: BTreeMap<String, u64>,
+}
+
+/// A stage's error on a small case, as `fathom verify` measures it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct CheckFigure {
+    pub side: Side,
+    pub stage: String,
+    pub what: String,
+    pub unit: String,
+    #[serde(with = "nan::number")]
+    pub measured: f64,
+    pub tolerance: f64,
+    /// It passed and its control failed.
+    pub sound: bool,
+}
+
+/// Instructions of a cell's steady frames.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct InstructionCounts {
+    pub side: Side,
+    pub cell: CellId,
+    pub counts: Vec<u64>,
+}
+
+/// Two samples of a cell, one right after the other.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Pair {
+    pub launch: u32,
+    pub round: u32,
+    pub cell: CellId,
+    /// Both sides are the base.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub control: bool,
+    /// Of the second measurement, of the cells that the first left open.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub second: bool,
+    /// The side that was sampled first.
+    pub first: Side,
+    pub base_ns: f64,
+    pub head_ns: f64,
+}
+
+/// A pair of workers that went through all its rounds. Pairs of a launch without this line do not count.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Launch {
+    pub launch: u32,
+    pub wall_s: f64,
+    /// Of the second measurement.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub second: bool,
+    /// How the workers were quieted: core, threads, padding of the environment, and what could not be done.
+    pub notes: Vec<String>,
+}
+
+/// Something that could not be measured. Without a cell it concerns the whole gate, without a side both.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Fault {
+    pub gate: Gate,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub side: Option<Side>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub cell: Option<CellId>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub launch: Option<u32>,
+    /// The control failed that measures this cell, not the cell itself.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub control: bool,
+    /// The side has no such cell: there is nothing to compare, and nothing failed.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub absent: bool,
+    pub reason: String,
+}
+
+impl Fault {
+    pub fn new(
+        gate: Gate,
+        side: Option<Side>,
+        cell: Option<CellId>,
+        reason: impl Into<String>,
+    ) -> Self {
+        let reason = reason.into();
+        Self { gate, side, cell, launch: None, control: false, absent: false, reason }
+    }
+}
+
+/// Times of a cell that were taken without a partner.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct UnpairedSamples {
+    pub side: Side,
+    pub cell: CellId,
+    pub ns: Vec<f64>,
+    /// A shorter median cannot be told from none.
+    #[serde(default)]
+    pub resolution_ns: f64,
+}
+
+/// How measuring ended.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ComparisonEnd {
+    pub wall_s: f64,
+    pub interrupted: bool,
+}
