@@ -12,7 +12,7 @@ pub mod voxelize;
 
 use std::any::Any;
 use std::collections::BTreeMap;
-use std::ops::Deref;
+use std::ops::{Deref, DerefMut};
 use std::path::Path;
 use std::rc::Rc;
 
@@ -175,6 +175,12 @@ impl<P> Deref for Built<P> {
 
     fn deref(&self) -> &P {
         &self.pipeline
+    }
+}
+
+impl<P> DerefMut for Built<P> {
+    fn deref_mut(&mut self) -> &mut P {
+        &mut self.pipeline
     }
 }
 
