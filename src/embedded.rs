@@ -2,6 +2,7 @@
 //! release build holds them.
 
 use std::borrow::Cow;
+use std::collections::BTreeMap;
 
 use rust_embed::{Embed, EmbeddedFile};
 
@@ -65,6 +66,39 @@ impl Folder {
             stems.filter_map(|(path, stem)| Some((stem.to_owned(), self.text(path)?))).collect();
         texts.sort_unstable();
         texts
+    }
+}
+
+/// Folders that are searched in their order.
+#[derive(Clone, Debug)]
+pub struct Folders(Vec<Folder>);
+
+impl Folders {
+    pub fn of(folder: Folder) -> Self {
+        Self(vec![folder])
+    }
+
+    /// These folders and one more.
+    #[must_use]
+    pub fn and(mut self, folder: Folder) -> Self {
+        self.0.push(folder);
+        self
+    }
+
+    /// The text of the first file of this path, and its folder's name.
+    pub fn text(&self, path: &str) -> Option<(&'static str, String)> {
+        self.0.iter().find_map(|folder| Some((folder.name, folder.text(path)?)))
+    }
+
+    /// See [`Folder::texts`]; of files with the same path the first.
+    pub fn texts(&self, ending: &str) -> Vec<(String, String)> {
+        let all = self.0.iter().rev().flat_map(|folder| folder.texts(ending));
+        all.collect::<BTreeMap<_, _>>().into_iter().collect()
+    }
+
+    /// Names of the folders.
+    pub fn names(&self) -> Vec<&'static str> {
+        self.0.iter().map(|folder| folder.name).collect()
     }
 }
 

@@ -28,7 +28,7 @@ const POSITIONAL: (&str, &str, &[&str]) = ("scalar_ao", "smoke", &["scalar.mode=
 #[test]
 fn pipelines_run_the_stages_that_they_list() {
     let gpu = Gpu::open(&Options::default()).expect("an adapter is there");
-    let mut subjects = Subjects::silent();
+    let mut subjects = Subjects::default().silent();
     let mut run: BTreeSet<(&str, &str)> = BTreeSet::new();
     for (pipeline, scene, settings) in VARIANTS.into_iter().chain([POSITIONAL]) {
         let small = ["view.width=16", "view.height=16"];

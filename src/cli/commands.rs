@@ -5,22 +5,22 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use anyhow::Context;
-use clap::ValueEnum;
-use fathom::compare::worker;
-use fathom::experiments::Experiment;
-use fathom::gpu::{self, Gpu};
-use fathom::harness::output::{Output, RECORDS};
-use fathom::harness::plan::Request;
-use fathom::harness::run::{self, Options, Summary};
-use fathom::harness::subject::{Subject, Subjects, find_kind};
-use fathom::harness::{
+use crate::compare::worker;
+use crate::experiments::Experiment;
+use crate::gpu::{self, Gpu};
+use crate::harness::catalog::Catalog;
+use crate::harness::output::{Output, RECORDS};
+use crate::harness::plan::Request;
+use crate::harness::run::{self, Options, Summary};
+use crate::harness::subject::{Subject, Subjects};
+use crate::harness::{
     dump as dumping, journal, progress, query as querying, render as rendering, verify as verifying,
 };
-use fathom::parameter::{self, Allowed};
-use fathom::pipelines;
-use fathom::scene::{SceneFile, assets};
-use fathom::{exporters, record, scene, stages, tell, text};
+use crate::parameter::{self, Allowed};
+use crate::scene::{SceneFile, assets};
+use crate::{exporters, record, stages, tell, text};
+use anyhow::Context;
+use clap::ValueEnum;
 
 use super::{
     AdapterArgs, DumpArgs, FetchArgs, ListArgs, Listing, QueryArgs, Question, RenderArgs,
@@ -36,10 +36,11 @@ pub static INTERRUPT: AtomicBool = AtomicBool::new(false);
 
 pub type Outcome = anyhow::Result<ExitCode>;
 
-pub fn run(args: RunArgs) -> Outcome {
+pub fn run(catalog: &Catalog, args: RunArgs) -> Outcome {
     watch_interrupts()?;
     let options = Options {
-        gpu: gpu_options(&args.adapter),
+        catalog: catalog.clone(),
+        gpu: gpu_options(catalog, &args.adapter),
         request: Request { experiments: args.experiments, axes: args.axis, sets: args.set },
         profile: args.profile,
         budget_s: args.budget,
@@ -93,11 +94,11 @@ fn print_summary(summary: &Summary) {
     tell::done(out.join("summary.md").display());
 }
 
-pub fn list(args: ListArgs) -> Outcome {
+pub fn list(catalog: &Catalog, args: ListArgs) -> Outcome {
     use Listing::*;
     check_options(&args)?;
     match args.what {
-        Some(what) => print_listing(what, &args)?,
+        Some(what) => print_listing(catalog, what, &args)?,
         None => {
             for (heading, what) in [
                 ("Experiments", Experiments),
@@ -107,7 +108,7 @@ pub fn list(args: ListArgs) -> Outcome {
                 ("Adapters", Adapters),
             ] {
                 tell::answer(heading);
-                print_listing(what, &args)?;
+                print_listing(catalog, what, &args)?;
                 tell::answer("");
             }
         }
@@ -138,17 +139,16 @@ fn check_options(args: &ListArgs) -> anyhow::Result<()> {
     Ok(())
 }
 
-fn print_listing(what: Listing, args: &ListArgs) -> anyhow::Result<()> {
+fn print_listing(catalog: &Catalog, what: Listing, args: &ListArgs) -> anyhow::Result<()> {
     let rows = match what {
-        Listing::Experiments => experiment_rows()?,
-        Listing::Scenes => scene_rows()?,
-        Listing::Stages => stage_rows(args.pipeline.as_deref())?,
-        Listing::Parameters => parameter_rows(args)?,
+        Listing::Experiments => experiment_rows(catalog)?,
+        Listing::Scenes => scene_rows(catalog)?,
+        Listing::Stages => stage_rows(catalog, args.pipeline.as_deref())?,
+        Listing::Parameters => parameter_rows(catalog, args)?,
         Listing::Adapters => adapter_rows(),
-        Listing::Pipelines => pipelines::KINDS
-            .iter()
-            .map(|kind| (kind.name.to_owned(), kind.about.to_owned()))
-            .collect(),
+        Listing::Pipelines => {
+            catalog.kinds.iter().map(|kind| (kind.name.to_owned(), kind.about.to_owned())).collect()
+        }
     };
     let width = rows.iter().map(|(name, _)| name.chars().count()).max().unwrap_or(0);
     for (name, about) in rows {
@@ -159,27 +159,27 @@ fn print_listing(what: Listing, args: &ListArgs) -> anyhow::Result<()> {
 
 type Rows = Vec<(String, String)>;
 
-fn experiment_rows() -> anyhow::Result<Rows> {
+fn experiment_rows(catalog: &Catalog) -> anyhow::Result<Rows> {
     let row = |id: String| {
-        let experiment = Experiment::load(&id)?;
+        let experiment = Experiment::load_from(&catalog.experiments, &id)?;
         Ok((id, format!("{} ({})", experiment.title, experiment.source)))
     };
-    Experiment::builtin_ids().into_iter().map(row).collect()
+    Experiment::ids(&catalog.experiments).into_iter().map(row).collect()
 }
 
-fn scene_rows() -> anyhow::Result<Rows> {
+fn scene_rows(catalog: &Catalog) -> anyhow::Result<Rows> {
     let row = |name: String| {
-        let description = SceneFile::load(&name)?.description;
+        let description = SceneFile::load_from(&catalog.scenes, &name)?.description;
         Ok((name, description))
     };
-    scene::Scene::names().into_iter().map(row).collect()
+    catalog.scenes.texts(".toml").into_iter().map(|(name, _)| name).map(row).collect()
 }
 
 /// Every stage, or those of a pipeline.
-fn stage_rows(pipeline: Option<&str>) -> anyhow::Result<Rows> {
+fn stage_rows(catalog: &Catalog, pipeline: Option<&str>) -> anyhow::Result<Rows> {
     let stages: Vec<&stages::StageInfo> = match pipeline {
-        Some(name) => find_kind(name)?.stages().collect(),
-        None => stages::REGISTRY.iter().collect(),
+        Some(name) => catalog.kind(name)?.stages().collect(),
+        None => catalog.stages.clone(),
     };
     let row = |stage: &stages::StageInfo| {
         let about = format!("{} ({})", stage.about, stage.source);
@@ -189,10 +189,10 @@ fn stage_rows(pipeline: Option<&str>) -> anyhow::Result<Rows> {
 }
 
 /// Each parameter with the value that the scene gives it, its unit, what it may be, and its description.
-fn parameter_rows(args: &ListArgs) -> anyhow::Result<Rows> {
+fn parameter_rows(catalog: &Catalog, args: &ListArgs) -> anyhow::Result<Rows> {
     let pipeline = args.pipeline.as_deref().unwrap_or(super::PIPELINE);
     let scene = args.scene.as_deref().unwrap_or(super::SCENE);
-    let subject = Subjects::default().subject(pipeline, scene, &args.set)?;
+    let subject = Subjects::of(catalog).subject(pipeline, scene, &args.set)?;
     let value = |path: &str| {
         let value = parameter::get(&subject.params, path);
         value.map_or_else(String::new, ToString::to_string)
@@ -225,17 +225,17 @@ fn adapter_rows() -> Rows {
     .collect()
 }
 
-pub fn audit(args: AdapterArgs) -> Outcome {
-    let gpu = Gpu::open(&gpu_options(&args))?;
+pub fn audit(catalog: &Catalog, args: AdapterArgs) -> Outcome {
+    let gpu = Gpu::open(&gpu_options(catalog, &args))?;
     let table = gpu::audit_table(&gpu::audit(&gpu)?);
     let adapter = text::line(&format!("{} ({})", gpu.adapter.name, gpu.adapter.driver_info));
     tell::answer(format!("{adapter}\n{table}"));
     Ok(ExitCode::SUCCESS)
 }
 
-pub fn verify(args: VerifyArgs) -> Outcome {
-    let gpu = Gpu::open(&gpu_options(&args.adapter))?;
-    let checks = verifying::verify(&gpu, args.filter.as_deref())?;
+pub fn verify(catalog: &Catalog, args: VerifyArgs) -> Outcome {
+    let gpu = Gpu::open(&gpu_options(catalog, &args.adapter))?;
+    let checks = verifying::verify(&gpu, &catalog.cases(), args.filter.as_deref())?;
     tell::answer(verifying::Table(&checks));
     let sound = checks.iter().all(verifying::Check::is_sound);
     Ok(if sound { ExitCode::SUCCESS } else { ExitCode::from(SOMETHING_FAILED) })
@@ -257,9 +257,9 @@ pub fn fetch(args: FetchArgs) -> Outcome {
     Ok(if failed { ExitCode::from(super::COULD_NOT_RUN) } else { ExitCode::SUCCESS })
 }
 
-pub fn render(args: RenderArgs) -> Outcome {
-    let gpu = Gpu::open(&gpu_options(&args.adapter))?;
-    let mut subjects = Subjects::within(&gpu.capacity);
+pub fn render(catalog: &Catalog, args: RenderArgs) -> Outcome {
+    let gpu = Gpu::open(&gpu_options(catalog, &args.adapter))?;
+    let mut subjects = Subjects::of(catalog).within(&gpu.capacity);
     let subject = subjects.subject(&args.pipeline, &args.scene, &args.set)?;
     let path = args.output.unwrap_or_else(|| {
         let stem = Path::new(&args.scene).file_stem().unwrap_or_default();
@@ -270,20 +270,20 @@ pub fn render(args: RenderArgs) -> Outcome {
     Ok(ExitCode::SUCCESS)
 }
 
-pub fn dump(args: DumpArgs) -> Outcome {
-    let gpu = Gpu::open(&gpu_options(&args.adapter))?;
+pub fn dump(catalog: &Catalog, args: DumpArgs) -> Outcome {
+    let gpu = Gpu::open(&gpu_options(catalog, &args.adapter))?;
     let SubjectArgs { pipeline, scene, set } = &args.subject;
-    let subject = Subjects::within(&gpu.capacity).subject(pipeline, scene, set)?;
+    let subject = Subjects::of(catalog).within(&gpu.capacity).subject(pipeline, scene, set)?;
     for path in dumping::dump(&gpu, &subject, &args.stage, &args.output)? {
         tell::done(path.display());
     }
     Ok(ExitCode::SUCCESS)
 }
 
-pub fn query(args: QueryArgs) -> Outcome {
+pub fn query(catalog: &Catalog, args: QueryArgs) -> Outcome {
     match args.question {
-        Question::Ao => query_occlusion(&args)?,
-        Question::Photons => query_photons(&args)?,
+        Question::Ao => query_occlusion(catalog, &args)?,
+        Question::Photons => query_photons(catalog, &args)?,
     }
     if let Some(path) = &args.output {
         tell::done(path.display());
@@ -291,11 +291,11 @@ pub fn query(args: QueryArgs) -> Outcome {
     Ok(ExitCode::SUCCESS)
 }
 
-fn query_occlusion(args: &QueryArgs) -> anyhow::Result<()> {
-    let subject = Subjects::default().subject("volume_ao", &args.scene, &args.set)?;
+fn query_occlusion(catalog: &Catalog, args: &QueryArgs) -> anyhow::Result<()> {
+    let subject = Subjects::of(catalog).subject("volume_ao", &args.scene, &args.set)?;
     refuse_stand_ins(&subject, args)?;
     let rows = querying::read(&args.points)?;
-    let gpu = Gpu::open(&gpu_options(&args.adapter))?;
+    let gpu = Gpu::open(&gpu_options(catalog, &args.adapter))?;
     let occlusion = querying::occlusion(&gpu, &subject, &rows)?;
     let rays = args.reference.map(|rays| rays.unwrap_or(querying::REFERENCE_RAYS));
     let exact = rays.map(|rays| querying::reference(&subject, &rows, rays)).transpose()?;
@@ -303,15 +303,15 @@ fn query_occlusion(args: &QueryArgs) -> anyhow::Result<()> {
     Ok(querying::write(&name, writer, &rows, &occlusion, exact.as_deref())?)
 }
 
-fn query_photons(args: &QueryArgs) -> anyhow::Result<()> {
+fn query_photons(catalog: &Catalog, args: &QueryArgs) -> anyhow::Result<()> {
     if let Some(Some(rays)) = args.reference {
         anyhow::bail!("--reference {rays}: a photon has one exact answer; leave the number out");
     }
-    let subject = Subjects::default().subject("underwater", &args.scene, &args.set)?;
+    let subject = Subjects::of(catalog).subject("underwater", &args.scene, &args.set)?;
     refuse_stand_ins(&subject, args)?;
     let starts = querying::photons::read(&args.points)?;
     let query = querying::photons::Query::new(&subject, starts)?;
-    let gpu = Gpu::open(&gpu_options(&args.adapter))?;
+    let gpu = Gpu::open(&gpu_options(catalog, &args.adapter))?;
     let answers = query.answers(&gpu, &subject)?;
     let exact = args.reference.map(|_| query.reference(&subject)).transpose()?;
     let (name, writer) = query_target(args)?;
@@ -362,14 +362,15 @@ pub fn report(args: ReportArgs) -> Outcome {
     Ok(ExitCode::SUCCESS)
 }
 
-pub fn worker(args: AdapterArgs) -> Outcome {
+pub fn worker(catalog: &Catalog, args: AdapterArgs) -> Outcome {
     let (input, output) = (std::io::stdin().lock(), std::io::stdout().lock());
-    worker::serve(&gpu_options(&args), input, output)?;
+    worker::serve(&gpu_options(catalog, &args), catalog, input, output)?;
     Ok(ExitCode::SUCCESS)
 }
 
-pub fn gpu_options(args: &AdapterArgs) -> gpu::Options {
+pub fn gpu_options(catalog: &Catalog, args: &AdapterArgs) -> gpu::Options {
     gpu::Options {
+        shaders: Some(catalog.shaders.clone()),
         adapter: args.adapter.clone(),
         unchecked: args.unchecked,
         allow_large: args.allow_large,

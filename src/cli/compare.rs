@@ -5,16 +5,17 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::atomic::Ordering;
 
+use crate::compare::build::{self, SetAside};
+use crate::compare::cells::Gates;
+use crate::compare::flow::{self, Options, Program};
+use crate::compare::store::{self, Comparison};
+use crate::compare::verdict::Verdicts;
+use crate::compare::{files, tables};
+use crate::harness::catalog::Catalog;
+use crate::harness::output::{Kind, Taken};
+use crate::record::comparison::GateSettings;
+use crate::{exporters, tell};
 use anyhow::Context;
-use fathom::compare::build::{self, SetAside};
-use fathom::compare::cells::Gates;
-use fathom::compare::flow::{self, Options, Program};
-use fathom::compare::store::{self, Comparison};
-use fathom::compare::verdict::Verdicts;
-use fathom::compare::{files, tables};
-use fathom::harness::output::{Kind, Taken};
-use fathom::record::comparison::GateSettings;
-use fathom::{exporters, tell};
 
 use super::CompareArgs;
 use super::commands::{INTERRUPT, INTERRUPTED, Outcome, gpu_options, watch_interrupts};
@@ -22,13 +23,13 @@ use super::commands::{INTERRUPT, INTERRUPTED, Outcome, gpu_options, watch_interr
 /// Where GitHub Actions takes Markdown for a job's page.
 const STEP_SUMMARY: &str = "GITHUB_STEP_SUMMARY";
 
-pub fn compare(args: CompareArgs) -> Outcome {
+pub fn compare(catalog: &Catalog, args: CompareArgs) -> Outcome {
     if let Some(folder) = &args.replay {
         return tell(folder, &args.format, false);
     }
     let folder = match args.records.as_slice() {
         [base, head] => records(&args, base, head)?,
-        _ => match builds(&args) {
+        _ => match builds(catalog, &args) {
             Err(error) if INTERRUPT.load(Ordering::Relaxed) => {
                 super::fail(&error.to_string());
                 return Ok(ExitCode::from(INTERRUPTED));
@@ -58,9 +59,9 @@ fn settings(args: &CompareArgs) -> GateSettings {
 }
 
 /// Measures two builds.
-fn builds(args: &CompareArgs) -> anyhow::Result<PathBuf> {
+fn builds(catalog: &Catalog, args: &CompareArgs) -> anyhow::Result<PathBuf> {
     watch_interrupts()?;
-    check_selection(args)?;
+    check_selection(catalog, args)?;
     if let Some(folder) = &args.out {
         flow::try_folder(folder, args.resume)?;
     }
@@ -81,7 +82,8 @@ fn builds(args: &CompareArgs) -> anyhow::Result<PathBuf> {
     let base = build::set_aside(&base)?;
     let program = |aside: &SetAside, label| Program { path: aside.path.clone(), label };
     let options = Options {
-        gpu: gpu_options(&args.adapter),
+        catalog: catalog.clone(),
+        gpu: gpu_options(catalog, &args.adapter),
         base: program(&base, base_label),
         head: program(&head, head_label),
         cells_file: args.cells_file.clone(),
@@ -94,8 +96,8 @@ fn builds(args: &CompareArgs) -> anyhow::Result<PathBuf> {
 }
 
 /// A wrong selection is told before minutes are spent on building.
-fn check_selection(args: &CompareArgs) -> anyhow::Result<()> {
-    let gates = Gates::load(args.cells_file.as_deref())?;
+fn check_selection(catalog: &Catalog, args: &CompareArgs) -> anyhow::Result<()> {
+    let gates = Gates::load(args.cells_file.as_deref(), catalog.gates)?;
     if let Some(filter) = &args.cells {
         gates.filtered(filter)?;
     }

@@ -1,17 +1,18 @@
 //! The command line: its arguments, its errors and its exit status.
 
-pub mod commands;
-pub mod compare;
+mod commands;
+mod compare;
 
 use std::path::PathBuf;
 use std::process::ExitCode;
 
+use crate::experiments::{Profile, parse_axis, parse_set};
+use crate::exporters::formats;
+use crate::harness::catalog::Catalog;
+use crate::record::comparison::{self, Gate, MOST_LAUNCHES, MOST_PAIRS};
+use crate::tell;
 use clap::error::ErrorKind;
 use clap::{Args, Parser, Subcommand, ValueEnum};
-use fathom::experiments::{Profile, parse_axis, parse_set};
-use fathom::exporters::formats;
-use fathom::record::comparison::{self, Gate, MOST_LAUNCHES, MOST_PAIRS};
-use fathom::tell;
 use serde_json::Value;
 
 /// What a command runs that is not told.
@@ -20,6 +21,37 @@ pub const SCENE: &str = "tank";
 
 /// Bad input, or nothing could be run.
 const COULD_NOT_RUN: u8 = 2;
+
+/// The program of a crate: parses the command line and does what it says with what `catalog` holds. The whole `main` of a crate
+/// of one's own.
+pub fn main(catalog: &Catalog) -> ExitCode {
+    quiet_driver_layers();
+    let command = match parse() {
+        Ok(command) => command,
+        Err(status) => return status,
+    };
+    let result = match command {
+        Command::Run(args) => commands::run(catalog, args),
+        Command::List(args) => commands::list(catalog, args),
+        Command::Audit(args) => commands::audit(catalog, args),
+        Command::Verify(args) => commands::verify(catalog, args),
+        Command::Fetch(args) => commands::fetch(args),
+        Command::Render(args) => commands::render(catalog, args),
+        Command::Dump(args) => commands::dump(catalog, args),
+        Command::Query(args) => commands::query(catalog, args),
+        Command::Report(args) => commands::report(args),
+        Command::Compare(args) => compare::compare(catalog, *args),
+        Command::Worker(args) => commands::worker(catalog, args),
+    };
+    exit_status(result)
+}
+
+/// Keeps Mesa's device-select layer out of the run: it looks for a Wayland display, complains on standard error where
+/// there is none, and may reorder the adapters.
+fn quiet_driver_layers() {
+    // SAFETY: no other thread runs yet.
+    unsafe { std::env::set_var("NODEVICE_SELECT", "1") };
+}
 
 #[derive(Parser)]
 #[command(

@@ -12,8 +12,6 @@ use crate::input::{self, one_line};
 use crate::record::comparison::CellId;
 use crate::text;
 
-static BUILT_IN: &str = include_str!("../../benches/gates.toml");
-
 #[derive(Debug, Error)]
 pub enum CellsError {
     #[error("cannot read the gates' configurations {}: {source}", path.display())]
@@ -73,10 +71,10 @@ pub struct Gates {
 }
 
 impl Gates {
-    /// Those of a file, or the built-in ones.
-    pub fn load(path: Option<&Path>) -> Result<Self, CellsError> {
+    /// Those of a file, or else those of a catalogue: their name and text.
+    pub fn load(path: Option<&Path>, catalogued: (&str, &str)) -> Result<Self, CellsError> {
         match path {
-            None => Self::parse("benches/gates.toml", BUILT_IN),
+            None => Self::parse(catalogued.0, catalogued.1),
             Some(path) => {
                 let text = input::text(path, input::MAX_TEXT)
                     .map_err(|source| CellsError::Read { path: path.to_owned(), source })?;
@@ -152,6 +150,7 @@ impl Gates {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::harness::catalog::Catalog;
 
     #[test]
     fn names_are_configuration_and_stage() {
@@ -164,7 +163,7 @@ mod tests {
 
     #[test]
     fn the_built_in_configurations_make_at_least_forty_cells_of_known_stages() {
-        let gates = Gates::load(None).unwrap();
+        let gates = Gates::load(None, Catalog::builtin().gates).unwrap();
         let cells = gates.cells();
         assert!(cells.len() >= 40, "{}", cells.len());
         for cell in &cells {
@@ -177,7 +176,7 @@ mod tests {
     #[test]
     fn every_stage_that_can_be_compared_is_in_a_gate() {
         let apart = ["frame", "voxel/clear", "voxel/view", "ao/query", "photons/query"];
-        let cells = Gates::load(None).unwrap().cells();
+        let cells = Gates::load(None, Catalog::builtin().gates).unwrap().cells();
         for stage in crate::stages::REGISTRY {
             let compared = cells.iter().any(|cell| cell.stage() == stage.name);
             assert!(compared != apart.contains(&stage.name), "{}", stage.name);
@@ -186,7 +185,7 @@ mod tests {
 
     #[test]
     fn filters_keep_what_they_name_and_a_control() {
-        let gates = Gates::load(None).unwrap();
+        let gates = Gates::load(None, Catalog::builtin().gates).unwrap();
         let few = gates.clone().filtered("splat").unwrap();
         assert!(few.cells().iter().all(|cell| cell.stage().contains("splat")));
         assert!(few.cells().contains(&few.control));

@@ -18,6 +18,7 @@ use super::survey::{self, Party};
 use super::time;
 use crate::gpu;
 use crate::harness::calendar;
+use crate::harness::catalog::Catalog;
 use crate::harness::output::{DEFAULT_FOLDER, Held, Kind, OutputError, Taken, unused};
 use crate::record::RecordError;
 use crate::record::comparison::{
@@ -58,6 +59,7 @@ pub struct Program {
 
 #[derive(Clone, Debug)]
 pub struct Options {
+    pub catalog: Catalog,
     pub gpu: gpu::Options,
     pub base: Program,
     pub head: Program,
@@ -79,7 +81,7 @@ pub fn measure(
     tell: &dyn Fn(&str),
 ) -> Result<PathBuf, CompareError> {
     let start = Instant::now();
-    let mut gates = Gates::load(options.cells_file.as_deref())?;
+    let mut gates = Gates::load(options.cells_file.as_deref(), options.catalog.gates)?;
     if let Some(filter) = &options.filter {
         gates = gates.filtered(filter)?;
     }

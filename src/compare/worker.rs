@@ -18,8 +18,9 @@ use super::protocol::{
 use super::{quiet, valgrind};
 use crate::gpu::{self, ClockPlan, FrameTimer, Gpu, GpuError, Stage, StageSample, SubmitCost};
 use crate::harness::MAX_PASSES;
+use crate::harness::catalog::Catalog;
 use crate::harness::subject::{Subject, SubjectError, Subjects};
-use crate::harness::verify::{Check, VerifyError, verify_stages};
+use crate::harness::verify::{Case, Check, VerifyError, verify_stages};
 use crate::parameter::ParamError;
 use crate::pipelines::{AnyPipeline, Judge, Known};
 use crate::scene::SceneError;
@@ -59,11 +60,13 @@ pub enum WorkerError {
 /// Answers each line of `input` with a line of `output`, until `quit`, the end of the input or a fatal fault.
 pub fn serve(
     options: &gpu::Options,
+    catalog: &Catalog,
     input: impl BufRead,
     mut output: impl Write,
 ) -> Result<(), WorkerError> {
     quiet::pad_heap();
-    let mut worker = Worker { options, subjects: Subjects::silent(), device: None };
+    let subjects = Subjects::of(catalog).silent();
+    let mut worker = Worker { options, catalog, subjects, device: None };
     for line in input.lines() {
         let line = line.map_err(WorkerError::Input)?;
         if line.trim().is_empty() {
@@ -126,6 +129,7 @@ impl Refusal {
 
 struct Worker<'a> {
     options: &'a gpu::Options,
+    catalog: &'a Catalog,
     subjects: Subjects,
     device: Option<Device>,
 }
@@ -160,7 +164,7 @@ impl Worker<'_> {
             Request::Instructions { config, stage, frames } => {
                 device.instructions(&config, &stage, frames)
             }
-            Request::Checks { stages } => device.checks(&stages),
+            Request::Checks { stages } => device.checks(&self.catalog.cases(), &stages),
             Request::Hello { .. } | Request::Quit => unreachable!("answered before"),
         }
     }
@@ -276,8 +280,8 @@ impl Device {
         Ok(Reply::Instructions { frames })
     }
 
-    fn checks(&mut self, stages: &[String]) -> Result<Reply, Refusal> {
-        let checks = verify_stages(&self.gpu, stages)?.into_iter();
+    fn checks(&mut self, cases: &[Case], stages: &[String]) -> Result<Reply, Refusal> {
+        let checks = verify_stages(&self.gpu, cases, stages)?.into_iter();
         let read = |check: Check| CheckReading {
             sound: check.is_sound(),
             stage: check.stage.to_owned(),

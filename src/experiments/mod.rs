@@ -11,7 +11,7 @@ mod tests;
 
 use std::path::{Path, PathBuf};
 
-use crate::embedded::EXPERIMENTS;
+use crate::embedded::{EXPERIMENTS, Folders};
 use crate::input::{self, one_line};
 
 pub use claims::{Ruling, Scaling, Verdict, groups, scaling};
@@ -77,7 +77,7 @@ pub(crate) fn nearest<'a>(
 impl Experiment {
     /// Names of the built-in experiments, in alphabetical order.
     pub fn builtin_ids() -> Vec<String> {
-        EXPERIMENTS.texts(".toml").into_iter().map(|(id, _)| id).collect()
+        Experiment::ids(&Folders::of(EXPERIMENTS))
     }
 
     /// Text of a built-in experiment's file.
@@ -87,13 +87,23 @@ impl Experiment {
 
     /// Loads a built-in experiment by its id, or a file by its path (a name that ends in `.toml` or holds a separator).
     pub fn load(id_or_path: &str) -> Result<Experiment, ExperimentError> {
-        if let Some(text) = Experiment::builtin_text(id_or_path) {
+        Experiment::load_from(&Folders::of(EXPERIMENTS), id_or_path)
+    }
+
+    /// Names of the experiments in these folders, in alphabetical order.
+    pub fn ids(folders: &Folders) -> Vec<String> {
+        folders.texts(".toml").into_iter().map(|(id, _)| id).collect()
+    }
+
+    /// Loads an experiment of these folders by its id, or a file by its path.
+    pub fn load_from(folders: &Folders, id_or_path: &str) -> Result<Experiment, ExperimentError> {
+        if let Some((_, text)) = folders.text(&format!("{id_or_path}.toml")) {
             return Experiment::parse(id_or_path, &text);
         }
         let path = Path::new(id_or_path);
         let is_path = id_or_path.ends_with(".toml") || path.components().count() > 1;
         if !is_path {
-            let ids = Experiment::builtin_ids();
+            let ids = Experiment::ids(folders);
             return Err(ExperimentError::Unknown {
                 name: id_or_path.to_owned(),
                 nearest: nearest(id_or_path, ids.iter().map(String::as_str)),

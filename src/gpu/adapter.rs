@@ -6,6 +6,7 @@ use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
 use super::shader::Shaders;
 use super::{Capacity, GpuError};
+use crate::embedded::{Folders, SHADERS};
 use crate::record;
 
 /// Features that are taken when the adapter has them, each with what is lost without it.
@@ -43,6 +44,8 @@ pub struct Options {
     pub unchecked: bool,
     /// Let a software adapter take all memory and any time.
     pub allow_large: bool,
+    /// Where shaders are looked for; fathom's own if none is given.
+    pub shaders: Option<Folders>,
 }
 
 /// An open device with all the limits and all the optional features that its adapter offers.
@@ -62,6 +65,7 @@ pub struct Gpu {
     pub(super) shaders: Shaders,
     /// It makes nothing: see [`Gpu::planner`].
     planner: bool,
+    pub(super) folders: Folders,
     raw_adapter: wgpu::Adapter,
     faults: Arc<Mutex<Faults>>,
 }
@@ -290,6 +294,7 @@ impl Gpu {
             unchecked,
             shaders: Shaders::default(),
             planner: false,
+            folders: options.shaders.clone().unwrap_or_else(|| Folders::of(SHADERS)),
             raw_adapter: chosen,
             faults,
         })

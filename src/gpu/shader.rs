@@ -16,7 +16,7 @@ use wgpu::naga;
 
 use super::layout::{BoundStruct, bound_structs};
 use super::{Gpu, GpuError};
-use crate::embedded::SHADERS;
+use crate::embedded::Folders;
 
 /// A linked shader of a device.
 #[derive(Clone)]
@@ -39,19 +39,20 @@ const SHARED: &str = "shared/";
 /// Lines at a shader's head among which `// defs:` is looked for.
 const HEAD_LINES: usize = 5;
 
-/// Paths of all stage shaders, such as `caustics/trace`, in alphabetical order.
-pub fn shader_paths() -> Vec<String> {
-    let paths = SHADERS.texts(ENDING).into_iter().map(|(path, _)| path);
+/// Paths of all stage shaders of these folders, such as `caustics/trace`, in alphabetical order.
+pub fn shader_paths(folders: &Folders) -> Vec<String> {
+    let paths = folders.texts(ENDING).into_iter().map(|(path, _)| path);
     paths.filter(|path| !path.starts_with(SHARED)).collect()
 }
 
-fn source(path: &str) -> Result<String, GpuError> {
-    SHADERS.text(&format!("{path}{ENDING}")).ok_or_else(|| GpuError::UnknownShader(path.to_owned()))
+fn source(folders: &Folders, path: &str) -> Result<String, GpuError> {
+    let found = folders.text(&format!("{path}{ENDING}"));
+    found.map(|(_, text)| text).ok_or_else(|| GpuError::UnknownShader(path.to_owned()))
 }
 
 /// The defaults in the shader's `// defs:` line.
-pub fn default_defs(path: &str) -> Result<Vec<(String, i32)>, GpuError> {
-    parse_defs(&source(path)?)
+pub fn default_defs(folders: &Folders, path: &str) -> Result<Vec<(String, i32)>, GpuError> {
+    parse_defs(&source(folders, path)?)
         .map_err(|message| GpuError::Shader { path: path.to_owned(), message })
 }
 
@@ -73,14 +74,15 @@ fn parse_defs(source: &str) -> Result<Vec<(String, i32)>, String> {
 
 /// Links one shader with the modules it imports: a validated naga module. `defs` go before the
 /// shader's own defaults.
-pub fn link(path: &str, defs: &[(&str, i32)]) -> Result<naga::Module, GpuError> {
-    let mut values: BTreeMap<String, i32> = default_defs(path)?.into_iter().collect();
+pub fn link(folders: &Folders, path: &str, defs: &[(&str, i32)]) -> Result<naga::Module, GpuError> {
+    let mut values: BTreeMap<String, i32> = default_defs(folders, path)?.into_iter().collect();
     values.extend(defs.iter().map(|(name, value)| ((*name).to_owned(), *value)));
     let shader_defs: HashMap<String, ShaderDefValue> =
         values.into_iter().map(|(name, value)| (name, ShaderDefValue::Int(value))).collect();
-    let mut composer = COMPOSER.take().map_or_else(composer, Ok)?;
+    let kept = COMPOSER.take().filter(|(of, _)| *of == folders.names());
+    let mut composer = kept.map_or_else(|| composer(folders), |(_, composer)| Ok(composer))?;
     let descriptor = NagaModuleDescriptor {
-        source: &source(path)?,
+        source: &source(folders, path)?,
         file_path: &format!("shaders/{path}.wgsl"),
         shader_type: ShaderType::Wgsl,
         shader_defs,
@@ -89,13 +91,14 @@ pub fn link(path: &str, defs: &[(&str, i32)]) -> Result<naga::Module, GpuError> 
     let linked = composer
         .make_naga_module(descriptor)
         .map_err(|error| annotated(path, &error, &composer))?;
-    COMPOSER.set(Some(composer));
+    COMPOSER.set(Some((folders.names(), composer)));
     Ok(linked)
 }
 
 thread_local! {
-    /// Kept from shader to shader: to make one takes longer than to link with it. A failed link leaves none.
-    static COMPOSER: Cell<Option<Composer>> = const { Cell::new(None) };
+    /// Kept from shader to shader, with the folders that it knows: to make one takes longer than to link with it. A failed link
+    /// leaves none.
+    static COMPOSER: Cell<Option<(Vec<&'static str>, Composer)>> = const { Cell::new(None) };
 }
 
 /// naga_oil's message with the lines of source it speaks of.
@@ -104,9 +107,9 @@ fn annotated(path: &str, error: &ComposerError, composer: &Composer) -> GpuError
 }
 
 /// A composer that knows every shared module. A module is added once those it imports are there.
-fn composer() -> Result<Composer, GpuError> {
+fn composer(folders: &Folders) -> Result<Composer, GpuError> {
     let mut composer = Composer::default().with_capabilities(naga::valid::Capabilities::all());
-    let mut waiting = SHADERS.texts(ENDING);
+    let mut waiting = folders.texts(ENDING);
     waiting.retain(|(path, _)| path.starts_with(SHARED));
     while !waiting.is_empty() {
         let imported = |source: &str| get_preprocessor_data(source).1;
@@ -152,7 +155,7 @@ impl Gpu {
     }
 
     fn make_shader(&self, path: &str, defs: &[(&str, i32)]) -> Result<Shader, GpuError> {
-        let module = link(path, defs)?;
+        let module = link(&self.folders, path, defs)?;
         let structs = bound_structs(&module).into();
         let descriptor = wgpu::ShaderModuleDescriptor {
             label: Some(path),
@@ -175,20 +178,25 @@ impl Gpu {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::embedded::SHADERS;
+
+    fn folders() -> Folders {
+        Folders::of(SHADERS)
+    }
 
     #[test]
     fn every_shader_links_and_validates_with_its_defaults() {
-        let paths = shader_paths();
+        let paths = shader_paths(&folders());
         assert!(paths.contains(&"audit/kernels".to_owned()), "{paths:?}");
         for path in paths {
-            link(&path, &[]).unwrap_or_else(|error| panic!("{error}"));
+            link(&folders(), &path, &[]).unwrap_or_else(|error| panic!("{error}"));
         }
     }
 
     #[test]
     fn defs_go_before_the_shaders_own_defaults() {
         let group_size = |defs: &[(&str, i32)]| {
-            link("audit/kernels", defs).unwrap().entry_points[0].workgroup_size[0]
+            link(&folders(), "audit/kernels", defs).unwrap().entry_points[0].workgroup_size[0]
         };
         assert_eq!(group_size(&[]), 64);
         assert_eq!(group_size(&[("GROUP_SIZE", 32)]), 32);
@@ -204,9 +212,10 @@ mod tests {
 
     #[test]
     fn a_link_error_shows_the_source() {
-        let error = link("audit/kernels", &[("GROUP_SIZE", -1)]).unwrap_err().to_string();
+        let error =
+            link(&folders(), "audit/kernels", &[("GROUP_SIZE", -1)]).unwrap_err().to_string();
         assert!(error.contains("shaders/audit/kernels.wgsl"), "{error}");
         assert!(error.contains("@workgroup_size(-1)"), "{error}");
-        assert!(matches!(link("audit/none", &[]), Err(GpuError::UnknownShader(_))));
+        assert!(matches!(link(&folders(), "audit/none", &[]), Err(GpuError::UnknownShader(_))));
     }
 }

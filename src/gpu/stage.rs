@@ -63,6 +63,7 @@ pub enum OutputData {
 pub type Row = Box<dyn Fn(&[f32]) -> Vec<f32>>;
 
 /// What `fathom list stages` says of a stage.
+#[derive(Clone, Copy, Debug)]
 pub struct StageInfo {
     pub name: &'static str,
     pub about: &'static str,

@@ -8,6 +8,7 @@ use std::collections::BTreeSet;
 use serde_json::Value;
 use thiserror::Error;
 
+use super::catalog::Catalog;
 use super::subject::{Subject, SubjectError, Subjects};
 use super::views;
 use crate::experiments::{CellPlan, Experiment, ExperimentError, ReferencePlan};
@@ -35,12 +36,13 @@ pub struct Request {
 
 impl Request {
     /// Reads the experiments' files.
-    pub fn load(&self) -> Result<Vec<Experiment>, ExperimentError> {
+    pub fn load(&self, catalog: &Catalog) -> Result<Vec<Experiment>, ExperimentError> {
         let names = match self.experiments.is_empty() {
-            true => Experiment::builtin_ids(),
+            true => Experiment::ids(&catalog.experiments),
             false => self.experiments.clone(),
         };
-        names.iter().map(|name| Experiment::load(name)).collect()
+        let load = |name: &String| Experiment::load_from(&catalog.experiments, name);
+        names.iter().map(load).collect()
     }
 
     /// The axis values that concern one experiment. A name that no experiment knows is left to all of
@@ -105,8 +107,9 @@ pub fn plan(
     request: &Request,
     profile: &str,
     capacity: &Capacity,
+    catalog: &Catalog,
 ) -> Result<Vec<PlannedExperiment>, PlanError> {
-    let mut subjects = Subjects::within(capacity);
+    let mut subjects = Subjects::of(catalog).within(capacity);
     let mut expanded = Vec::new();
     for experiment in &experiments {
         let axes = request.axes_of(experiment, &experiments);

@@ -6,6 +6,7 @@ use std::time::{Instant, SystemTime};
 
 use thiserror::Error;
 
+use super::catalog::Catalog;
 use super::executor::{self, CellExecutor, Session};
 use super::journal::Journal;
 use super::output::{Held, OutputError};
@@ -45,6 +46,7 @@ pub enum RunError {
 /// What to run and how. `None` means the profile's own value.
 #[derive(Clone, Debug, Default)]
 pub struct Options {
+    pub catalog: Catalog,
     pub gpu: gpu::Options,
     pub request: Request,
     /// `quick` or `paper`; by default that of the run to resume, else `quick` on a software adapter and
@@ -109,11 +111,12 @@ impl Defaults {
 pub fn run(options: &Options, interrupted: &AtomicBool) -> Result<Summary, RunError> {
     let start = Instant::now();
     check(options)?;
-    let experiments = options.request.load()?;
+    let experiments = options.request.load(&options.catalog)?;
     let resumed = options.resume.then(|| Held::resume(options.out.as_deref())).transpose()?;
     let gpu = Gpu::open(&options.gpu)?;
     let profile = profile(options, resumed.as_ref(), &gpu);
-    let mut planned = plan::plan(experiments, &options.request, &profile, &gpu.capacity)?;
+    let mut planned =
+        plan::plan(experiments, &options.request, &profile, &gpu.capacity, &options.catalog)?;
     let held = match resumed {
         Some(held) => held,
         None => Held::create(options.out.as_deref(), &gpu.adapter.name, &profile)?,

@@ -6,7 +6,7 @@ use std::rc::Rc;
 use serde_json::Value;
 use thiserror::Error;
 
-use crate::experiments::nearest;
+use super::catalog::Catalog;
 use crate::gpu::{Capacity, Demand, Gpu, GpuError};
 use crate::parameter::{self, ParamError};
 use crate::pipelines::{self, AnyPipeline, Configuration, Kind, Pipeline};
@@ -93,6 +93,7 @@ impl Subject {
 /// Makes subjects, each scene only once. Every stand-in for an asset is told on standard error, once.
 #[derive(Default)]
 pub struct Subjects {
+    catalog: Catalog,
     capacity: Option<Capacity>,
     files: HashMap<String, SceneFile>,
     built: Vec<(SceneFile, Rc<Scene>)>,
@@ -101,14 +102,21 @@ pub struct Subjects {
 }
 
 impl Subjects {
+    /// Of this catalogue's pipelines and scenes.
+    pub fn of(catalog: &Catalog) -> Self {
+        Self { catalog: catalog.clone(), ..Self::default() }
+    }
+
     /// For a process whose replies name the stand-ins.
-    pub fn silent() -> Self {
-        Self { silent: true, ..Self::default() }
+    #[must_use]
+    pub fn silent(self) -> Self {
+        Self { silent: true, ..self }
     }
 
     /// Makes no scene whose volume is beyond this capacity.
-    pub fn within(capacity: &Capacity) -> Self {
-        Self { capacity: Some(capacity.clone()), ..Self::default() }
+    #[must_use]
+    pub fn within(self, capacity: &Capacity) -> Self {
+        Self { capacity: Some(capacity.clone()), ..self }
     }
 
     /// The pipeline's defaults for the scene, with `overrides` (dotted path, value) put in, in their order.
@@ -118,7 +126,7 @@ impl Subjects {
         scene: &str,
         overrides: &[(String, Value)],
     ) -> Result<Subject, SubjectError> {
-        let kind = find_kind(pipeline)?;
+        let kind = self.catalog.kind(pipeline)?;
         let file = self.file(scene)?;
         let mut params = (kind.defaults)(&file);
         for (path, value) in overrides {
@@ -143,7 +151,7 @@ impl Subjects {
         if let Some(file) = self.files.get(scene) {
             return Ok(file.clone());
         }
-        let file = SceneFile::load(scene)?;
+        let file = SceneFile::load_from(&self.catalog.scenes, scene)?;
         self.files.insert(scene.to_owned(), file.clone());
         Ok(file)
     }
@@ -165,16 +173,4 @@ impl Subjects {
             }
         }
     }
-}
-
-/// The kind of pipeline of a name.
-///
-/// # Errors
-/// There is none, with the name that is most like it.
-pub fn find_kind(name: &str) -> Result<Kind, SubjectError> {
-    let found = pipelines::KINDS.iter().find(|kind| kind.name == name);
-    found.copied().ok_or_else(|| SubjectError::UnknownPipeline {
-        name: name.to_owned(),
-        nearest: nearest(name, pipelines::KINDS.iter().map(|kind| kind.name)),
-    })
 }

@@ -19,7 +19,7 @@ mod light;
 mod lines;
 mod occlusion;
 mod photons;
-mod rig;
+pub mod rig;
 mod scalar;
 mod splats;
 mod starts;
@@ -121,14 +121,14 @@ impl Check {
 type Run = dyn Fn(&Rig<'_>) -> Checks;
 
 /// A case: one run on the GPU that yields one or more checks of a stage.
-struct Case {
+pub struct Case {
     stage: &'static str,
     what: String,
     run: Box<Run>,
 }
 
 impl Case {
-    fn new(
+    pub fn new(
         stage: &'static str,
         what: impl Into<String>,
         run: impl Fn(&Rig<'_>) -> Checks + 'static,
@@ -142,8 +142,8 @@ impl Case {
     }
 }
 
-/// Every case, in frame order.
-fn cases() -> Vec<Case> {
+/// Every case of fathom's own stages, in frame order.
+pub fn cases() -> Vec<Case> {
     [
         light::cases(),
         deform::cases(),
@@ -168,18 +168,17 @@ fn cases() -> Vec<Case> {
     .collect()
 }
 
-/// Runs the cases whose stage or name contains `filter` (all without one) and returns their checks.
+/// Runs those of `all` cases whose stage or name contains `filter` (all without one) and returns their checks.
 ///
 /// # Errors
 /// When nothing matches, when a scene cannot be loaded, or when the GPU fails; never for a failed check.
-pub fn verify(gpu: &Gpu, filter: Option<&str>) -> Result<Vec<Check>> {
-    let all = cases();
+pub fn verify(gpu: &Gpu, all: &[Case], filter: Option<&str>) -> Result<Vec<Check>> {
     let chosen: Vec<&Case> =
         all.iter().filter(|case| filter.is_none_or(|f| case.matches(f))).collect();
     if chosen.is_empty() {
         return Err(VerifyError::NoMatch {
             filter: filter.unwrap_or_default().to_owned(),
-            known: known_stages(&all),
+            known: known_stages(all),
         });
     }
     run_all(gpu, &chosen)
@@ -189,8 +188,7 @@ pub fn verify(gpu: &Gpu, filter: Option<&str>) -> Result<Vec<Check>> {
 ///
 /// # Errors
 /// When a scene cannot be loaded, or when the GPU fails; never for a failed check.
-pub fn verify_stages(gpu: &Gpu, stages: &[String]) -> Result<Vec<Check>> {
-    let all = cases();
+pub fn verify_stages(gpu: &Gpu, all: &[Case], stages: &[String]) -> Result<Vec<Check>> {
     let chosen: Vec<&Case> =
         all.iter().filter(|case| stages.iter().any(|stage| stage == case.stage)).collect();
     run_all(gpu, &chosen)

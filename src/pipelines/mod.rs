@@ -315,7 +315,7 @@ impl<P: Pipeline> Configuration for Configured<P> {
 }
 
 /// A kind of pipeline, by name.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Debug)]
 pub struct Kind {
     pub name: &'static str,
     pub about: &'static str,

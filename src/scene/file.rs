@@ -12,7 +12,7 @@ use super::{
     Camera, Light, Material, Mesh, Object, SceneError, VolumeFile, Water, assets, check,
     generators, read, toml_text,
 };
-use crate::embedded::SCENES;
+use crate::embedded::{Folders, SCENES};
 use crate::input;
 
 /// What a scene file holds. A file's `base` (a scene whose tables and objects it starts from) and
@@ -160,13 +160,22 @@ pub fn built_in() -> Vec<(String, String)> {
 impl SceneFile {
     /// A built-in scene's file by name, or one by path.
     pub fn load(name_or_path: &str) -> Result<SceneFile, SceneError> {
-        let (origin, text) = find(name_or_path)?;
-        SceneFile::parse(&origin, &text)
+        SceneFile::load_from(&Folders::of(SCENES), name_or_path)
+    }
+
+    /// The file of a scene of these folders by name, or one by path.
+    pub fn load_from(folders: &Folders, name_or_path: &str) -> Result<SceneFile, SceneError> {
+        let (origin, text) = find(folders, name_or_path)?;
+        SceneFile::read(folders, &origin, &text)
     }
 
     /// Reads the text of a scene file; `origin` is its path, for errors and relative paths.
     pub fn parse(origin: &str, text: &str) -> Result<SceneFile, SceneError> {
-        let mut file = toml_text::read(origin, text)?;
+        SceneFile::read(&Folders::of(SCENES), origin, text)
+    }
+
+    fn read(folders: &Folders, origin: &str, text: &str) -> Result<SceneFile, SceneError> {
+        let mut file = toml_text::read(folders, origin, text)?;
         file.folder = Path::new(origin).parent().unwrap_or(Path::new("")).into();
         file.water.height_map = file.water.height_map.found_from(&file.folder);
         file.validate()
@@ -254,15 +263,15 @@ impl ObjectFile {
     }
 }
 
-/// The text of a scene and where it is from.
-pub(super) fn find(name_or_path: &str) -> Result<(String, String), SceneError> {
+/// The text of a scene of these folders, or of a path, and where it is from.
+pub(super) fn find(folders: &Folders, name_or_path: &str) -> Result<(String, String), SceneError> {
     let file = format!("{name_or_path}.toml");
-    if let Some(text) = SCENES.text(&file) {
-        return Ok((format!("{}/{file}", SCENES.name), text));
+    if let Some((folder, text)) = folders.text(&file) {
+        return Ok((format!("{folder}/{file}"), text));
     }
     let path = Path::new(name_or_path);
     if path.extension().is_none() && !path.exists() {
-        let scenes = built_in();
+        let scenes = folders.texts(".toml");
         return Err(SceneError::Unknown {
             name: name_or_path.to_owned(),
             hint: check::hint(name_or_path, scenes.iter().map(|(name, _)| name.as_str())),

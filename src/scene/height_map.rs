@@ -325,7 +325,7 @@ mod tests {
     #[test]
     fn tiles_without_size_are_refused() {
         let mut map = HeightMap { file: "sea.npy".into(), ..HeightMap::default() };
-        assert!(map.validate().unwrap_err().contains("water.height_map.tile_m[0] = 0"));
+        assert!(map.validate().unwrap_err().contains("water.height_map.tile_m[0] is 0"));
         map.tile_m = [4.0, f64::NAN];
         assert!(map.validate().unwrap_err().contains("water.height_map.tile_m[1]"));
         map.tile_m = [4.0, 4.0];

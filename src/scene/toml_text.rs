@@ -5,6 +5,7 @@ use std::path::Path;
 use toml::{Table, Value};
 
 use super::{SceneError, SceneFile, check, file};
+use crate::embedded::Folders;
 
 /// How far a chain of `base` scenes may go.
 const MAX_BASES: usize = 4;
@@ -14,18 +15,23 @@ const BASE: &str = "base";
 const WITHOUT: &str = "without";
 
 /// Reads a scene file's text, with what it takes from its base.
-pub fn read(origin: &str, text: &str) -> Result<SceneFile, SceneError> {
+pub fn read(folders: &Folders, origin: &str, text: &str) -> Result<SceneFile, SceneError> {
     let parsed = text.parse::<Table>();
     let table = parsed.map_err(|e| fault(origin, text, &e))?;
     if !table.contains_key(BASE) && !table.contains_key(WITHOUT) {
         return toml::from_str(text).map_err(|e| fault(origin, text, &e));
     }
-    let merged = with_base(origin, table, MAX_BASES)?;
+    let merged = with_base(folders, origin, table, MAX_BASES)?;
     merged.try_into().map_err(|e| fault(origin, "", &e))
 }
 
 /// The table on top of its base's.
-fn with_base(origin: &str, mut table: Table, left: usize) -> Result<Table, SceneError> {
+fn with_base(
+    folders: &Folders,
+    origin: &str,
+    mut table: Table,
+    left: usize,
+) -> Result<Table, SceneError> {
     let wrong = |message: &str| SceneError::Parse {
         origin: origin.to_owned(),
         message: message.to_owned(),
@@ -40,10 +46,10 @@ fn with_base(origin: &str, mut table: Table, left: usize) -> Result<Table, Scene
     if left == 0 {
         return Err(wrong(&format!("more than {MAX_BASES} bases in a chain")));
     }
-    let (base_origin, text) = file::find(&beside(origin, &base))?;
+    let (base_origin, text) = file::find(folders, &beside(origin, &base))?;
     let parsed = text.parse::<Table>();
     let parsed = parsed.map_err(|e| fault(&base_origin, &text, &e))?;
-    let mut merged = with_base(&base_origin, parsed, left - 1)?;
+    let mut merged = with_base(folders, &base_origin, parsed, left - 1)?;
     leave_out(&mut merged, &without).map_err(|message| wrong(&message))?;
     overlay(&mut merged, table);
     Ok(merged)
@@ -126,6 +132,11 @@ fn named(message: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::embedded::SCENES;
+
+    fn scenes() -> Folders {
+        Folders::of(SCENES)
+    }
 
     const MINIMAL: &str = r#"
 name = "test"
@@ -143,7 +154,7 @@ generator = "plane"
 "#;
 
     fn message(text: &str) -> String {
-        let error = read("test.toml", text).unwrap_err().to_string();
+        let error = read(&scenes(), "test.toml", text).unwrap_err().to_string();
         assert_eq!(error.lines().count(), 1, "{error}");
         assert!(error.contains("test.toml"), "{error}");
         error
@@ -180,7 +191,7 @@ name = "ball"
 generator = "sphere"
 "#;
         let tank = SceneFile::load("tank").expect("tank");
-        let mine = read("mine.toml", text).expect("mine");
+        let mine = read(&scenes(), "mine.toml", text).expect("mine");
         assert_eq!(mine.camera, tank.camera);
         assert_eq!(mine.water.amplitude_m, 0.2);
         assert_eq!(mine.water.wavelength_m, tank.water.wavelength_m);
@@ -195,7 +206,7 @@ generator = "sphere"
         assert!(message("base = \"tank\"\nwithout = 1").contains("`without` must be"));
         let error = message("base = \"tank\"\nwithout = [\"statu\"]");
         assert!(error.contains("`statue`"), "{error}");
-        let error = read("test.toml", "base = \"tnak\"").unwrap_err();
+        let error = read(&scenes(), "test.toml", "base = \"tnak\"").unwrap_err();
         assert!(error.to_string().contains("`tank`"), "{error}");
     }
 

@@ -221,6 +221,7 @@ impl Marching {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::embedded::{Folders, SHADERS};
     use crate::gpu::link;
 
     fn marching() -> Marching {
@@ -273,7 +274,8 @@ mod tests {
         for name in names.chain(["COUNT"]) {
             for value in [0, 1] {
                 for shader in ["ao/march", "ao/query"] {
-                    link(shader, &[(name, value)]).unwrap_or_else(|e| panic!("{name}: {e}"));
+                    link(&Folders::of(SHADERS), shader, &[(name, value)])
+                        .unwrap_or_else(|e| panic!("{name}: {e}"));
                 }
             }
         }

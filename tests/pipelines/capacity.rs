@@ -1,6 +1,7 @@
 //! Memory and time of a pipeline, foreseen before anything is allocated.
 
 use assert_cmd::Command;
+use fathom::Catalog;
 use fathom::gpu::Capacity;
 use fathom::harness::plan::{Request, plan};
 use fathom::harness::subject::{Subject, Subjects};
@@ -37,7 +38,7 @@ fn small_machine() -> Capacity {
 #[test]
 fn demands_foresee_what_pipelines_allocate() {
     let gpu = gpu();
-    let mut subjects = Subjects::within(&gpu.capacity);
+    let mut subjects = Subjects::default().within(&gpu.capacity);
     let grid = |resolution: u32| ("voxel.resolution", json!(resolution));
     let method = |name: &'static str| ("voxel.method", json!(name));
     let mode = |name: &'static str| ("scalar.mode", json!(name));
@@ -69,7 +70,7 @@ fn demands_foresee_what_pipelines_allocate() {
 #[test]
 fn a_view_beyond_the_memory_is_refused_with_the_numbers() {
     let capacity = small_machine();
-    let mut subjects = Subjects::within(&capacity);
+    let mut subjects = Subjects::default().within(&capacity);
     for (pipeline, scene) in [
         ("underwater", "plane"),
         ("hsao", "corner"),
@@ -89,7 +90,7 @@ fn a_view_beyond_the_memory_is_refused_with_the_numbers() {
 #[test]
 fn a_frame_of_minutes_is_refused_and_allowed_where_nothing_bounds_it() {
     let capacity = small_machine();
-    let mut subjects = Subjects::within(&capacity);
+    let mut subjects = Subjects::default().within(&capacity);
     let large = [("view.width", json!(4_096)), ("view.height", json!(4_096))];
     let direct = [&large[..], &[("scalar.mode", json!("direct"))]].concat();
     let slow: [Case; 3] = [
@@ -110,7 +111,7 @@ fn a_frame_of_minutes_is_refused_and_allowed_where_nothing_bounds_it() {
 #[test]
 fn a_volume_beyond_the_limits_is_refused_before_its_scene_is_made() {
     let capacity = small_machine();
-    let mut subjects = Subjects::within(&capacity);
+    let mut subjects = Subjects::default().within(&capacity);
     let cells = [("volume.cells", json!([134_217_728, 1, 1]))];
     let subject = subject(&mut subjects, "scalar_ao", "smoke", &cells);
     assert!(subject.scene.volume.as_ref().unwrap().data.len() < 1_000);
@@ -124,8 +125,9 @@ fn a_volume_beyond_the_limits_is_refused_before_its_scene_is_made() {
 #[test]
 fn the_default_suite_fits_a_machine_of_two_cores_and_4_gib() {
     let request = Request::default();
-    let experiments = request.load().unwrap();
-    let planned = plan(experiments, &request, "quick", &small_machine()).unwrap();
+    let experiments = request.load(&Catalog::builtin()).unwrap();
+    let planned =
+        plan(experiments, &request, "quick", &small_machine(), &Catalog::builtin()).unwrap();
     let cells = planned.iter().flat_map(|experiment| &experiment.cells);
     let skipped: Vec<_> = cells
         .filter_map(|cell| Some((&cell.plan.experiment, &cell.plan.cell, cell.skip.as_ref()?)))

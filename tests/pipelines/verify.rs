@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use fathom::Catalog;
 use fathom::harness::verify::{Table, VerifyError, verify};
 use fathom::pipelines::Pipeline;
 use fathom::pipelines::scalar_ao::ScalarAo;
@@ -14,7 +15,7 @@ use super::{built, gpu, prepared};
 
 #[test]
 fn every_check_is_sound() {
-    let checks = verify(&gpu(), None).expect("all cases run");
+    let checks = verify(&gpu(), &Catalog::builtin().cases(), None).expect("all cases run");
     println!("{}", Table(&checks));
     let unsound: Vec<_> = checks.iter().filter(|check| !check.is_sound()).cloned().collect();
     assert!(unsound.is_empty(), "\n{}", Table(&unsound));
@@ -22,7 +23,7 @@ fn every_check_is_sound() {
 
 #[test]
 fn an_unknown_filter_names_the_stages() {
-    let error = verify(&gpu(), Some("cuastics")).unwrap_err();
+    let error = verify(&gpu(), &Catalog::builtin().cases(), Some("cuastics")).unwrap_err();
     assert!(matches!(error, VerifyError::NoMatch { .. }));
     assert!(error.to_string().contains("caustics/trace"), "{error}");
 }

@@ -198,6 +198,7 @@ impl<'a> TrialBuilds<'a> {
         };
         let folder = self.test.out.join(&trial.id);
         let options = Options {
+            catalog: fathom::Catalog::builtin(),
             gpu: self.test.gpu.clone(),
             base: program(&base),
             head: program(&head),

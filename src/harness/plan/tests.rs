@@ -1,6 +1,7 @@
 use serde_json::json;
 
 use super::*;
+use crate::harness::catalog::Catalog;
 
 const SWEEP: &str = r#"
 id = "sweep"
@@ -37,7 +38,7 @@ fn request(sets: &[(&str, Value)]) -> Request {
 }
 
 fn planned(request: &Request) -> Result<Vec<PlannedExperiment>, PlanError> {
-    plan(experiments(), request, "quick", &wgpu::Limits::default().into())
+    plan(experiments(), request, "quick", &wgpu::Limits::default().into(), &Catalog::builtin())
 }
 
 #[test]

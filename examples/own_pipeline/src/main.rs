@@ -1,0 +1,37 @@
+//! A program with all of fathom's commands over a pipeline of its own: ripples on the water, drawn and blurred.
+//!
+//! `cargo run --release -p own_pipeline -- run` measures the experiment, `… -- compare --base REV` compares the gate cell.
+
+mod blur;
+mod check;
+mod draw;
+mod pipeline;
+
+use std::process::ExitCode;
+
+use fathom::Catalog;
+use fathom::embedded::Folder;
+use rust_embed::Embed;
+
+#[derive(Embed)]
+#[folder = "shaders"]
+struct Shaders;
+
+#[derive(Embed)]
+#[folder = "scenes"]
+struct Scenes;
+
+#[derive(Embed)]
+#[folder = "experiments"]
+struct Experiments;
+
+fn main() -> ExitCode {
+    let catalog = Catalog::builtin()
+        .pipeline::<pipeline::Ripples>()
+        .shaders(Folder::of::<Shaders>("own shaders"))
+        .scenes(Folder::of::<Scenes>("own scenes"))
+        .only_experiments(Folder::of::<Experiments>("own experiments"))
+        .checks(check::cases)
+        .gates("gates.toml", include_str!("../gates.toml"));
+    fathom::cli::main(&catalog)
+}

@@ -1,0 +1,88 @@
+//! The pipeline `ripples`: parameters and wiring.
+
+use std::collections::BTreeMap;
+use std::rc::Rc;
+
+use fathom::gpu::{Gpu, GpuError, StageInfo, read_texture};
+use fathom::parameter::ParamError;
+use fathom::pipelines::settings::View;
+use fathom::pipelines::{Parameters, Pipeline};
+use fathom::scene::{Camera, Scene, SceneFile, Water};
+use fathom::stages::kit::Resources;
+
+use crate::{blur, draw};
+
+fathom::settings! {
+    /// Everything that can be set.
+    pub struct Params from file: SceneFile {
+        view: View = View::default();
+        camera: Camera = file.camera.clone();
+        water: Water = file.water.clone();
+        ripples: RippleSettings = RippleSettings::default();
+    }
+}
+
+fathom::settings! {
+    /// How ripples are drawn.
+    pub struct RippleSettings {
+        /// Rings that are added up at each pixel.
+        rings: u32 = 8 => 1 ..= 4096, "1";
+        /// Radius of the blur; 0: none.
+        blur_px: u32 = 2 => 0 ..= 64, "px";
+    }
+}
+
+impl Parameters for Params {
+    fn defaults(file: &SceneFile) -> Self {
+        Self::from_scene(file)
+    }
+
+    fn staged(&self, file: &SceneFile) -> Result<SceneFile, ParamError> {
+        let (camera, water) = (self.camera.clone(), self.water.clone());
+        Ok(SceneFile { camera, water, ..file.clone() })
+    }
+
+    fn consistent(&self) -> Result<(), ParamError> {
+        self.camera.validate()?;
+        Ok(self.water.validate()?)
+    }
+
+    fn camera(&self) -> &Camera {
+        &self.camera
+    }
+
+    fn camera_mut(&mut self) -> &mut Camera {
+        &mut self.camera
+    }
+}
+
+/// Rings of ripples, blurred.
+pub struct Ripples {
+    blur: Rc<blur::Blur>,
+}
+
+impl Pipeline for Ripples {
+    const NAME: &'static str = "ripples";
+    const ABOUT: &'static str = "rings of ripples, drawn and blurred";
+    const STAGES: &'static [&'static [StageInfo]] = &[&[draw::INFO, blur::INFO]];
+    type Params = Params;
+
+    fn new(resources: &Resources<'_>, _: &Scene, params: &Params) -> Result<Self, GpuError> {
+        let resources = &resources.sized_by("view.width × view.height");
+        let size_px = [params.view.width, params.view.height];
+        let draw = resources.push(draw::Draw::new(resources, size_px, params)?);
+        let blur = blur::Blur::new(resources, draw.texture(), params.ripples.blur_px)?;
+        Ok(Self { blur: resources.push(blur) })
+    }
+
+    fn image(&self) -> &wgpu::Texture {
+        self.blur.texture()
+    }
+
+    fn quantities(&self, gpu: &Gpu) -> Result<BTreeMap<String, f64>, GpuError> {
+        let pixels = read_texture(gpu, self.image())?;
+        let red = pixels.data.iter().step_by(pixels.channels as usize);
+        let mean = red.clone().map(|v| f64::from(*v)).sum::<f64>() / red.count() as f64;
+        Ok(BTreeMap::from([("mean_height".to_owned(), mean)]))
+    }
+}
