@@ -63,21 +63,19 @@ fn known_inputs(rig: &Rig<'_>) -> Checks {
             |known: &Known| relative_error(&radiance(&shown, known.exposure), &view, depth, known);
         let brighter =
             Known { albedo: known.albedo * 1.05, specular: known.specular * 1.05, ..known };
-        checks.push(Check::new(
-            (STAGE, format!("{name}: largest relative error of the radiance")),
-            (TOLERANCE, "1"),
-            error(&known),
-            ("reflectances 5 % higher", error(&brighter)),
-        ));
+        checks.push(
+            Check::of(STAGE, format!("{name}: largest relative error of the radiance"))
+                .within((TOLERANCE, "1"), error(&known))
+                .control("reflectances 5 % higher", error(&brighter)),
+        );
     }
     let (shown, ..) = composed(rig, &LIT, true)?;
     let off = |expected: f64| largest(shown.data().iter().map(|v| (v - expected).abs()));
-    checks.push(Check::new(
-        (STAGE, "occlusion alone is shown as it is: largest error"),
-        (0.51 / 255.0, "1"),
-        off(LIT.visibility),
-        ("visibility 0.01 higher", off(LIT.visibility + 0.01)),
-    ));
+    checks.push(
+        Check::of(STAGE, "occlusion alone is shown as it is: largest error")
+            .within((0.51 / 255.0, "1"), off(LIT.visibility))
+            .control("visibility 0.01 higher", off(LIT.visibility + 0.01)),
+    );
     Ok(checks)
 }
 
@@ -148,7 +146,7 @@ fn relative_error(measured: &[f64], view: &View, depth: f64, known: &Known) -> f
 }
 
 /// Which pixels the light reaches, in a scene with columns and curved objects.
-fn shadows(rig: &Rig<'_>) -> Checks {
+fn shadows(rig: &Rig<'_>) -> Result<Check> {
     let scene = Scene::load("tank")?;
     let resources = rig.resources();
     let view = rig::view(&scene, SIZE);
@@ -170,15 +168,10 @@ fn shadows(rig: &Rig<'_>) -> Checks {
     let toward = -view.light_frame().forward;
     let (measured, in_shadow) = unlike(&shown, &view, &tracer, toward);
     let turned = (toward + DVec3::new(0.3, 0.0, 0.3)).normalize();
-    Ok(vec![
-        Check::new(
-            (STAGE, "share of pixels whose shadow is unlike exact rays"),
-            (0.015, "1"),
-            measured,
-            ("light turned by about 20 degrees", unlike(&shown, &view, &tracer, turned).0),
-        )
-        .with("in_shadow_share", in_shadow),
-    ])
+    Ok(Check::of(STAGE, "share of pixels whose shadow is unlike exact rays")
+        .within((0.015, "1"), measured)
+        .control("light turned by about 20 degrees", unlike(&shown, &view, &tracer, turned).0)
+        .with("in_shadow_share", in_shadow))
 }
 
 /// Share of the covered pixels that are lit where a ray to the light is blocked, or dark where it is free; and the share

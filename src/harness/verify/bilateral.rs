@@ -60,15 +60,12 @@ fn check(info: &'static StageInfo, rig: &Rig<'_>) -> Checks {
         let (mut control, _) = against(&blunt);
         let [w, h] = source;
         checks.push(
-            Check::new(
-                (
-                    info.name,
-                    format!("{w}×{h} to the viewport: 99.9th percentile of |GPU − f64 twin|"),
-                ),
-                (TOLERANCE, "1"),
-                quantile(&mut measured, 0.999),
-                ("depth_sigma 1.2 times", quantile(&mut control, 0.999)),
+            Check::of(
+                info.name,
+                format!("{w}×{h} to the viewport: 99.9th percentile of |GPU − f64 twin|"),
             )
+            .within((TOLERANCE, "1"), quantile(&mut measured, 0.999))
+            .control("depth_sigma 1.2 times", quantile(&mut control, 0.999))
             .with("largest", measured.last().copied().unwrap_or(f64::NAN))
             .with("pixels_left_out_share", left_out),
         );
@@ -114,13 +111,10 @@ fn background(
         let off = |x: u32, y: u32| (result.clamped(x.into(), y.into()) - beside(x, y)).abs();
         Ok(largest(pixels(SIZE).map(|(x, y)| off(x, y))))
     };
-    Ok(Check::new(
-        (info.name, "largest leak between geometry and background"),
-        (0.0, "1"),
-        largest(0)?,
-        ("compared a pixel aside", largest(1)?),
-    )
-    .with("background_share", input.mean()))
+    Ok(Check::of(info.name, "largest leak between geometry and background")
+        .within((0.0, "1"), largest(0)?)
+        .control("compared a pixel aside", largest(1)?)
+        .with("background_share", input.mean()))
 }
 
 /// |GPU − twin| over the pixels without an ambiguous tap, and the share of the pixels left out.

@@ -61,31 +61,19 @@ fn gbuffer(rig: &Rig<'_>) -> Checks {
     let aside = Camera { fov_y_deg: scene.camera.fov_y_deg * 1.01, ..scene.camera.clone() };
     let aside = Seen::cast(&aside, &tracer);
     Ok(vec![
-        Check::new(
-            ("scene/gbuffer", "99th percentile of |depth − ray|, of the distance"),
-            (DEPTH_P99, "1"),
-            seen.depth_p99(&depth),
-            ("field of view 1 % wider", aside.depth_p99(&depth)),
-        )
-        .with("coverage_disagreement", seen.coverage_disagreement(&depth)),
-        Check::new(
-            ("scene/gbuffer", "90th percentile of the normal's angle"),
-            (NORMAL_P90_DEG, "deg"),
-            seen.normal_p90_deg(&normals, 0.0),
-            ("normals turned by 1 degree", seen.normal_p90_deg(&normals, 1.0)),
-        ),
-        Check::new(
-            ("scene/gbuffer", "99th percentile of the albedo's error, plain materials"),
-            (2.0 / 255.0, "1"),
-            seen.albedo_p99(&scene, &colors, 1.0),
-            ("albedo 5 % higher", seen.albedo_p99(&scene, &colors, 1.05)),
-        ),
-        Check::new(
-            ("scene/gbuffer", "97th percentile of the specular coefficient's error"),
-            (SPECULAR_P97, "1"),
-            seen.specular_p97(&scene, &speculars, 1.0),
-            ("coefficients 1 % higher", seen.specular_p97(&scene, &speculars, 1.01)),
-        ),
+        Check::of("scene/gbuffer", "99th percentile of |depth − ray|, of the distance")
+            .within((DEPTH_P99, "1"), seen.depth_p99(&depth))
+            .control("field of view 1 % wider", aside.depth_p99(&depth))
+            .with("coverage_disagreement", seen.coverage_disagreement(&depth)),
+        Check::of("scene/gbuffer", "90th percentile of the normal's angle")
+            .within((NORMAL_P90_DEG, "deg"), seen.normal_p90_deg(&normals, 0.0))
+            .control("normals turned by 1 degree", seen.normal_p90_deg(&normals, 1.0)),
+        Check::of("scene/gbuffer", "99th percentile of the albedo's error, plain materials")
+            .within((2.0 / 255.0, "1"), seen.albedo_p99(&scene, &colors, 1.0))
+            .control("albedo 5 % higher", seen.albedo_p99(&scene, &colors, 1.05)),
+        Check::of("scene/gbuffer", "97th percentile of the specular coefficient's error")
+            .within((SPECULAR_P97, "1"), seen.specular_p97(&scene, &speculars, 1.0))
+            .control("coefficients 1 % higher", seen.specular_p97(&scene, &speculars, 1.01)),
     ])
 }
 
@@ -161,7 +149,7 @@ impl Seen {
     }
 }
 
-fn reflection(rig: &Rig<'_>) -> Checks {
+fn reflection(rig: &Rig<'_>) -> Result<Check> {
     let scene = above_water()?;
     let resources = rig.resources();
     let view = rig::view(&scene, SIZE);
@@ -181,18 +169,13 @@ fn reflection(rig: &Rig<'_>) -> Checks {
         };
         coverage_disagreement(&covered, &tracer, ray, |y| y >= -OVERLAP_M)
     };
-    Ok(vec![
-        Check::new(
-            ("water/reflection", "share of pixels unlike exact rays"),
-            (0.01, "1"),
-            unlike(0.0),
-            ("mirror raised by 0.3 m", unlike(0.3)),
-        )
-        .with("covered_share", covered.mean()),
-    ])
+    Ok(Check::of("water/reflection", "share of pixels unlike exact rays")
+        .within((0.01, "1"), unlike(0.0))
+        .control("mirror raised by 0.3 m", unlike(0.3))
+        .with("covered_share", covered.mean()))
 }
 
-fn refraction(rig: &Rig<'_>) -> Checks {
+fn refraction(rig: &Rig<'_>) -> Result<Check> {
     let scene = above_water()?;
     let resources = rig.resources();
     let view = rig::view(&scene, SIZE);
@@ -206,15 +189,10 @@ fn refraction(rig: &Rig<'_>) -> Checks {
     let unlike = |level: f64| {
         coverage_disagreement(&covered, &tracer, |x, y| rays.ray(x, y), |y| y <= level + OVERLAP_M)
     };
-    Ok(vec![
-        Check::new(
-            ("water/refraction", "share of pixels unlike exact rays"),
-            (0.01, "1"),
-            unlike(0.0),
-            ("water lowered by 1 m", unlike(-1.0)),
-        )
-        .with("covered_share", covered.mean()),
-    ])
+    Ok(Check::of("water/refraction", "share of pixels unlike exact rays")
+        .within((0.01, "1"), unlike(0.0))
+        .control("water lowered by 1 m", unlike(-1.0))
+        .with("covered_share", covered.mean()))
 }
 
 /// The shore seen from above the water.

@@ -55,18 +55,12 @@ fn check(rig: &Rig<'_>, motion: Motion, of_stage: deform::Motion, name: &str) ->
         (largest_of(&found, &twin(CYCLES)), largest_of(&found, &twin(CYCLES + 0.02)));
     let perturbed = "time moved by 0.02 cycles";
     Ok(vec![
-        Check::new(
-            (STAGE, format!("{name}: largest distance from the f64 twin")),
-            (POSITION_M, "m"),
-            measured[0],
-            (perturbed, control[0]),
-        ),
-        Check::new(
-            (STAGE, format!("{name}: largest difference of the normal from the f64 twin")),
-            (NORMAL, "1"),
-            measured[1],
-            (perturbed, control[1]),
-        ),
+        Check::of(STAGE, format!("{name}: largest distance from the f64 twin"))
+            .within((POSITION_M, "m"), measured[0])
+            .control(perturbed, control[0]),
+        Check::of(STAGE, format!("{name}: largest difference of the normal from the f64 twin"))
+            .within((NORMAL, "1"), measured[1])
+            .control(perturbed, control[1]),
     ])
 }
 

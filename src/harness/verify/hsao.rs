@@ -106,15 +106,12 @@ fn twin(rig: &Rig<'_>) -> Checks {
         let mut off = differences(&method);
         let farther = HorizonSplit { r_max_m: method.r_max_m * 1.02, ..method };
         checks.push(
-            Check::new(
-                (STAGE, format!("{name}: 95th percentile of |GPU − f64 twin|")),
-                (TWIN_P95, "1"),
-                quantile(&mut off, 0.95),
-                ("r_max 2 % greater", quantile(&mut differences(&farther), 0.95)),
-            )
-            .with("median", quantile(&mut off, 0.5))
-            .with("largest", quantile(&mut off, 1.0))
-            .with("mean_occlusion", shaded.occlusion.mean()),
+            Check::of(STAGE, format!("{name}: 95th percentile of |GPU − f64 twin|"))
+                .within((TWIN_P95, "1"), quantile(&mut off, 0.95))
+                .control("r_max 2 % greater", quantile(&mut differences(&farther), 0.95))
+                .with("median", quantile(&mut off, 0.5))
+                .with("largest", quantile(&mut off, 1.0))
+                .with("mean_occlusion", shaded.occlusion.mean()),
         );
     }
     Ok(checks)
@@ -137,12 +134,11 @@ fn closed_forms(rig: &Rig<'_>) -> Checks {
         let shaded = shade(rig, scene, &hard, SIZE)?;
         Ok(largest(shaded.occlusion.data().iter().copied()))
     };
-    let mut checks = vec![Check::new(
-        (STAGE, "largest occlusion of a plane by itself"),
-        (PLANE, "1"),
-        largest(&plane)?,
-        ("a wall stands on it", largest(&corner)?),
-    )];
+    let mut checks = vec![
+        Check::of(STAGE, "largest occlusion of a plane by itself")
+            .within((PLANE, "1"), largest(&plane)?)
+            .control("a wall stands on it", largest(&corner)?),
+    ];
     let exact = |hit: &Hit, r_max_m: f64, attenuation| {
         let on_floor = hit.normal.y > 0.5;
         let from_edge = if on_floor { hit.position.x } else { hit.position.y };
@@ -194,8 +190,9 @@ fn rms_checks(
             errors(&shaded, &tracer, &scene.camera, |hit| exact(hit, r_max_m, attenuation))
         };
         let (bias, rms) = against(method.r_max_m);
-        let control = (perturbed, against(factor * method.r_max_m).1);
-        let check = Check::new((STAGE, title(name)), (tolerance, "1"), rms, control);
+        let check = Check::of(STAGE, title(name))
+            .within((tolerance, "1"), rms)
+            .control(perturbed, against(factor * method.r_max_m).1);
         Ok(check.with("bias", bias))
     };
     [("hard", Attenuation::Hard), ("linear", Attenuation::Linear)].into_iter().map(check).collect()

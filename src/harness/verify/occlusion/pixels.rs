@@ -147,20 +147,19 @@ fn compare(rig: &Rig<'_>, per_object: bool) -> Checks {
             }))
         };
         let [w, h] = size_px;
-        checks.push(Check::new(
-            (
+        checks.push(
+            Check::of(
                 INFO.name,
                 format!("largest |GPU − f64 twin| of A, {} volumes, {w}×{h}", voxels.len()),
-            ),
-            (TOLERANCE, "1"),
-            measure(0),
-            ("directions of the neighbouring pixel", measure(1)),
-        ));
+            )
+            .within((TOLERANCE, "1"), measure(0))
+            .control("directions of the neighbouring pixel", measure(1)),
+        );
     }
     Ok(checks)
 }
 
-fn counts(rig: &Rig<'_>) -> Checks {
+fn counts(rig: &Rig<'_>) -> Result<Check> {
     let scene = Scene::load(SCENE)?;
     let seen = Seen::new(rig, &scene)?;
     let subjects = volumes(rig, &scene, false)?;
@@ -185,13 +184,13 @@ fn counts(rig: &Rig<'_>) -> Checks {
         samples.sum::<u64>() as f64
     };
     let off = |expected: f64| (counted.samples as f64 / expected - 1.0).abs();
-    let check = Check::new(
-        (INFO.name, "samples counted over those of the f64 twin, less 1"),
-        // Rays that rounding of V ends a sample earlier or later.
-        (2e-3, "1"),
-        off(expected(1.0)),
-        ("r_max 1.1 times", off(expected(1.1))),
-    );
+    let check = Check::of(INFO.name, "samples counted over those of the f64 twin, less 1")
+        .within(
+            // Rays that rounding of V ends a sample earlier or later.
+            (2e-3, "1"),
+            off(expected(1.0)),
+        )
+        .control("r_max 1.1 times", off(expected(1.1)));
     let per_fragment = counted.samples as f64 / counted.fragments.max(1) as f64;
-    Ok(vec![check.with("samples_per_fragment", per_fragment)])
+    Ok(check.with("samples_per_fragment", per_fragment))
 }

@@ -58,24 +58,18 @@ fn overlapped(rig: &Rig<'_>, subject: &Subject, thin: bool) -> Result<Vec<bool>>
 fn no_errors(name: &str, exact: Errors, perturbed: Errors) -> Vec<Check> {
     let control = "grid moved by 0.02 voxels";
     vec![
-        Check::new(
-            (OVERLAP, format!("{name}: voxels missed")),
-            (0.0, "1"),
-            exact.false_negatives as f64,
-            (control, perturbed.false_negatives as f64),
-        )
-        .with("occupied_voxels", exact.occupied as f64)
-        .with("borderline_voxels", exact.borderline as f64),
-        Check::new(
-            (OVERLAP, format!("{name}: voxels too many")),
-            (0.0, "1"),
-            exact.false_positives as f64,
-            (control, perturbed.false_positives as f64),
-        ),
+        Check::of(OVERLAP, format!("{name}: voxels missed"))
+            .within((0.0, "1"), exact.false_negatives as f64)
+            .control(control, perturbed.false_negatives as f64)
+            .with("occupied_voxels", exact.occupied as f64)
+            .with("borderline_voxels", exact.borderline as f64),
+        Check::of(OVERLAP, format!("{name}: voxels too many"))
+            .within((0.0, "1"), exact.false_positives as f64)
+            .control(control, perturbed.false_positives as f64),
     ]
 }
 
-fn alpha(rig: &Rig<'_>) -> Checks {
+fn alpha(rig: &Rig<'_>) -> Result<Check> {
     let mut subject = Subject::soup()?;
     split(&mut subject.scene);
     let resources = rig.resources();
@@ -94,15 +88,10 @@ fn alpha(rig: &Rig<'_>) -> Checks {
         known.filter(differs).count() as f64
     };
     let borderline = exact.iter().filter(|alpha| alpha.is_none()).count();
-    Ok(vec![
-        Check::new(
-            (ALPHA, "voxels with another alpha or bit"),
-            (0.0, "1"),
-            wrong(&exact),
-            ("alphas of two objects exchanged", wrong(&perturbed)),
-        )
-        .with("borderline_voxels", borderline as f64),
-    ])
+    Ok(Check::of(ALPHA, "voxels with another alpha or bit")
+        .within((0.0, "1"), wrong(&exact))
+        .control("alphas of two objects exchanged", wrong(&perturbed))
+        .with("borderline_voxels", borderline as f64))
 }
 
 /// Deals the triangles of the one object to three with the alphas of [`ALPHAS`].

@@ -4,7 +4,7 @@ use glam::DVec3;
 
 use super::subjects::{cells, random_voxels};
 use crate::harness::verify::rig::{self, Random, Rig};
-use crate::harness::verify::{Case, Check, Checks};
+use crate::harness::verify::{Case, Check, Result};
 use crate::reference::image::pixels;
 use crate::reference::rays::PixelRays;
 use crate::scene::{Grid, LightKind};
@@ -23,7 +23,7 @@ pub fn cases() -> Vec<Case> {
     vec![Case::new(STAGE, "cubes seen from outside", check)]
 }
 
-fn check(rig: &Rig<'_>) -> Checks {
+fn check(rig: &Rig<'_>) -> Result<Check> {
     let grid = Grid { cells: [9, 6, 7], origin_m: DVec3::new(-2.03, -2.57, -6.01), voxel_m: 0.5 };
     let voxels = random_voxels(&mut Random::new(17), &grid, 0.15);
     let resources = rig.resources();
@@ -60,12 +60,9 @@ fn check(rig: &Rig<'_>) -> Checks {
         pixels.filter(differs).count() as f64 / f64::from(SIZE[0] * SIZE[1])
     };
     let moved = Grid { origin_m: grid.origin_m + DVec3::new(0.01, 0.0, 0.0), ..grid };
-    Ok(vec![Check::new(
-        (STAGE, "share of pixels that see another place"),
-        (SHARE, "1"),
-        wrong(&grid),
-        ("cubes moved by a centimetre", wrong(&moved)),
-    )])
+    Ok(Check::of(STAGE, "share of pixels that see another place")
+        .within((SHARE, "1"), wrong(&grid))
+        .control("cubes moved by a centimetre", wrong(&moved)))
 }
 
 /// Distance to the nearest of cubes with these centres along a ray: the slab test on each.

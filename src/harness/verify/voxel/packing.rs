@@ -3,7 +3,7 @@
 use super::subjects::{cells, differing, plain, random_voxels, voxels_of, words};
 use crate::gpu::read_volume;
 use crate::harness::verify::rig::{Random, Rig};
-use crate::harness::verify::{Case, Check, Checks};
+use crate::harness::verify::{Case, Check, Checks, Result};
 use crate::scene::Grid;
 use crate::stages::kit::Buffer;
 use crate::stages::voxel::clear::{Clear, Cleared};
@@ -23,7 +23,7 @@ pub fn cases() -> Vec<Case> {
     ]
 }
 
-fn clear(rig: &Rig<'_>) -> Checks {
+fn clear(rig: &Rig<'_>) -> Result<Check> {
     let resources = rig.resources();
     let full = vec![u32::MAX; 1000];
     let [all, head, kept] = [0, 1, 2].map(|_| {
@@ -38,12 +38,9 @@ fn clear(rig: &Rig<'_>) -> Checks {
     let wrong =
         differing(&words(rig, &all)?, &expected[0]) + differing(&words(rig, &head)?, &expected[1]);
     let control = differing(&words(rig, &kept)?, &expected[0]);
-    Ok(vec![Check::new(
-        ("voxel/clear", "words that are not as they should be"),
-        (0.0, "1"),
-        wrong,
-        ("a buffer that is not cleared", control),
-    )])
+    Ok(Check::of("voxel/clear", "words that are not as they should be")
+        .within((0.0, "1"), wrong)
+        .control("a buffer that is not cleared", control))
 }
 
 /// Voxels as a slicemap's words.
@@ -57,7 +54,7 @@ fn slicemap(voxels: &[bool], grid: &Grid, axis: Axis) -> Vec<u32> {
     words
 }
 
-fn combine(rig: &Rig<'_>) -> Checks {
+fn combine(rig: &Rig<'_>) -> Result<Check> {
     let resources = rig.resources();
     let mut random = Random::new(11);
     let (mut wrong, mut control) = (0.0, 0.0);
@@ -86,12 +83,9 @@ fn combine(rig: &Rig<'_>) -> Checks {
         wrong += differing(&found, &or([x, y, z]));
         control += differing(&found, &or([x, y, y]));
     }
-    Ok(vec![Check::new(
-        ("voxel/combine", "voxels that differ from the OR"),
-        (0.0, "1"),
-        wrong,
-        ("z's slicemap left out", control),
-    )])
+    Ok(Check::of("voxel/combine", "voxels that differ from the OR")
+        .within((0.0, "1"), wrong)
+        .control("z's slicemap left out", control))
 }
 
 fn unpack(rig: &Rig<'_>) -> Checks {
@@ -128,12 +122,11 @@ fn unpack(rig: &Rig<'_>) -> Checks {
             control += differing(&found, values);
         }
         let name = if alpha { "alphas" } else { "bits" };
-        checks.push(Check::new(
-            ("voxel/unpack", format!("texels that differ from the {name}")),
-            (0.0, "1"),
-            wrong,
-            ("voxels moved by one", control),
-        ));
+        checks.push(
+            Check::of("voxel/unpack", format!("texels that differ from the {name}"))
+                .within((0.0, "1"), wrong)
+                .control("voxels moved by one", control),
+        );
     }
     Ok(checks)
 }

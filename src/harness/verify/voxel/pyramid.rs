@@ -30,22 +30,16 @@ fn check(rig: &Rig<'_>) -> Checks {
     let all = |border: i64| sum(&|p| against_twin(p, border));
     let law = |reach: f64| sum(&|p| broken_promises(p, reach));
     Ok(vec![
-        Check::new(
-            (STAGE, "cells that differ from the twin"),
-            (0.0, "1"),
-            all(1),
-            ("twin without the border", all(0)),
-        ),
-        Check::new(
-            (STAGE, "samples above 0 within an empty cell"),
-            (0.0, "1"),
-            law(1.0),
-            ("samples up to two voxels outside the cell", law(3.0)),
-        )
-        .with(
-            "empty_cells",
-            sum(&|p| p.levels.iter().flatten().filter(|full| !**full).count() as f64),
-        ),
+        Check::of(STAGE, "cells that differ from the twin")
+            .within((0.0, "1"), all(1))
+            .control("twin without the border", all(0)),
+        Check::of(STAGE, "samples above 0 within an empty cell")
+            .within((0.0, "1"), law(1.0))
+            .control("samples up to two voxels outside the cell", law(3.0))
+            .with(
+                "empty_cells",
+                sum(&|p| p.levels.iter().flatten().filter(|full| !**full).count() as f64),
+            ),
     ])
 }
 
