@@ -10,8 +10,7 @@ use crate::reference::quantities::quantile;
 use crate::scene::{Camera, Scene};
 use crate::stages::bilateral::{Bilateral as BilateralStage, BilateralUniforms};
 use crate::stages::frame::{Shared, View};
-use crate::stages::geometry::Geometry;
-use crate::stages::{ao, hsao, scene};
+use crate::stages::{ao, hsao};
 
 /// Columns, curved objects, walls at a slant, and background between them.
 const SCENE: &str = "tank";
@@ -31,14 +30,11 @@ pub fn cases() -> Vec<Case> {
 }
 
 fn check(info: &'static StageInfo, rig: &Rig<'_>) -> Checks {
-    let resources = rig.resources();
     let scene = Scene::load(SCENE)?;
-    let view = rig::view(&scene, SIZE);
-    let shared = Shared::new(&resources, &view);
-    let geometry = Geometry::new(&resources, &scene);
-    let gbuffer = scene::gbuffer::Gbuffer::new(&resources, &shared, &geometry, SIZE)?;
-    rig.run(&[&gbuffer])?;
-    let depth = rig.channel(&gbuffer.textures.depth, 0)?;
+    let stand = rig.stand(&scene, SIZE);
+    let textures = rig.gbuffer(&stand)?;
+    let rig::Stand { view, shared, .. } = stand;
+    let depth = rig.channel(&textures.depth, 0)?;
     let twin = twin(&settings::Filter::default());
     let blunt = Bilateral { depth_sigma: twin.depth_sigma * 1.2, ..twin.clone() };
 
@@ -50,7 +46,7 @@ fn check(info: &'static StageInfo, rig: &Rig<'_>) -> Checks {
                 rig,
                 info,
                 &shared,
-                (&input, &gbuffer.textures.depth),
+                (&input, &textures.depth),
                 &settings.uniforms(&view, source),
             )
         };
@@ -70,7 +66,7 @@ fn check(info: &'static StageInfo, rig: &Rig<'_>) -> Checks {
             .with("pixels_left_out_share", left_out),
         );
     }
-    checks.push(background(info, rig, &shared, (&view, &depth, &gbuffer.textures.depth))?);
+    checks.push(background(info, rig, &shared, (&view, &depth, &textures.depth))?);
     Ok(checks)
 }
 
@@ -91,7 +87,7 @@ fn filtered(
     settings: &BilateralUniforms,
 ) -> Result<Image> {
     let textures = (&rig.grey(visibility), depth);
-    let stage = BilateralStage::new(&rig.resources(), info, shared, textures, settings)?;
+    let stage = BilateralStage::new(&rig.resources, info, shared, textures, settings)?;
     rig.run(&[&stage])?;
     rig.channel(stage.texture(), 0)
 }

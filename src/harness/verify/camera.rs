@@ -8,10 +8,8 @@ use crate::reference::image::{Image, pixels};
 use crate::reference::quantities::quantile;
 use crate::reference::rays::{Hit, PixelRays, Tracer};
 use crate::scene::{Camera, Scene};
-use crate::stages::frame::Shared;
-use crate::stages::geometry::Geometry;
 use crate::stages::lit_scene::LitScene;
-use crate::stages::{scene, water};
+use crate::stages::water;
 
 /// Scene with columns, curved objects and walls.
 const SCENE: &str = "tank";
@@ -45,16 +43,11 @@ fn gbuffer(rig: &Rig<'_>) -> Checks {
     for (object, i) in scene.objects.iter_mut().zip(1u8..) {
         object.material.specular = f32::from(i) / count;
     }
-    let resources = rig.resources();
-    let view = rig::view(&scene, SIZE);
-    let shared = Shared::new(&resources, &view);
-    let geometry = Geometry::new(&resources, &scene);
-    let stage = scene::gbuffer::Gbuffer::new(&resources, &shared, &geometry, SIZE)?;
-    rig.run(&[&stage])?;
-    let depth = rig.channel(&stage.textures.depth, 0)?;
-    let normals = rig.vectors(&stage.textures.normal)?;
-    let speculars = rig.channel(&stage.textures.normal, 3)?;
-    let colors = rig.vectors(&stage.textures.albedo)?;
+    let textures = rig.gbuffer(&rig.stand(&scene, SIZE))?;
+    let depth = rig.channel(&textures.depth, 0)?;
+    let normals = rig.vectors(&textures.normal)?;
+    let speculars = rig.channel(&textures.normal, 3)?;
+    let colors = rig.vectors(&textures.albedo)?;
 
     let tracer = Tracer::new(&scene.objects)?;
     let seen = Seen::cast(&scene.camera, &tracer);
@@ -151,11 +144,8 @@ impl Seen {
 
 fn reflection(rig: &Rig<'_>) -> Result<Check> {
     let scene = above_water()?;
-    let resources = rig.resources();
-    let view = rig::view(&scene, SIZE);
-    let shared = Shared::new(&resources, &view);
-    let geometry = Geometry::new(&resources, &scene);
-    let stage = LitScene::new(&resources, &water::reflection::INFO, &shared, &geometry, SIZE)?;
+    let rig::Stand { shared, geometry, .. } = rig.stand(&scene, SIZE);
+    let stage = LitScene::new(&rig.resources, &water::reflection::INFO, &shared, &geometry, SIZE)?;
     rig.run(&[&stage])?;
     let covered = rig.channel(stage.texture(), 3)?;
     let tracer = Tracer::new(&scene.objects)?;
@@ -177,11 +167,8 @@ fn reflection(rig: &Rig<'_>) -> Result<Check> {
 
 fn refraction(rig: &Rig<'_>) -> Result<Check> {
     let scene = above_water()?;
-    let resources = rig.resources();
-    let view = rig::view(&scene, SIZE);
-    let shared = Shared::new(&resources, &view);
-    let geometry = Geometry::new(&resources, &scene);
-    let stage = LitScene::new(&resources, &water::refraction::INFO, &shared, &geometry, SIZE)?;
+    let rig::Stand { shared, geometry, .. } = rig.stand(&scene, SIZE);
+    let stage = LitScene::new(&rig.resources, &water::refraction::INFO, &shared, &geometry, SIZE)?;
     rig.run(&[&stage])?;
     let covered = rig.channel(stage.texture(), 3)?;
     let tracer = Tracer::new(&scene.objects)?;

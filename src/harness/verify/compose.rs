@@ -74,8 +74,7 @@ struct Known<'a> {
 
 /// Composes known inputs and returns the radiance of each pixel.
 fn radiance(rig: &Rig<'_>, view: &View, known: &Known<'_>) -> Result<Image> {
-    let resources = rig.resources();
-    let shared = Shared::new(&resources, view);
+    let shared = Shared::new(&rig.resources, view);
     let grey = |value: f32, alpha: f32| rig.constant(SIZE, [value, value, value, alpha]);
     let gbuffer = GbufferTextures {
         albedo: grey(known.albedo, 1.0)?,
@@ -98,7 +97,7 @@ fn radiance(rig: &Rig<'_>, view: &View, known: &Known<'_>) -> Result<Image> {
         occlusion_radius_m: 0.5,
         water_cells: 8,
     };
-    let stage = Compose::new(&resources, &shared, &inputs, settings, false)?;
+    let stage = Compose::new(&rig.resources, &shared, &inputs, settings, false)?;
     rig.run(&[&stage])?;
     let shown = rig.channel(stage.texture(), BLUE)?;
     Ok(shown.map(|value| -(1.0 - value.powf(DISPLAY_GAMMA)).ln() / known.exposure))

@@ -38,10 +38,9 @@ type Vertex = [DVec3; 2];
 
 fn check(rig: &Rig<'_>, motion: Motion, of_stage: deform::Motion, name: &str) -> Checks {
     let scene = Scene::load(SCENE)?;
-    let resources = rig.resources();
-    let geometry = Geometry::new(&resources, &scene);
+    let geometry = Geometry::new(&rig.resources, &scene);
     let amount = (CYCLES, AMPLITUDE);
-    let stage = deform::Deform::new(&resources, &geometry, &scene, of_stage, amount)?;
+    let stage = deform::Deform::new(&rig.resources, &geometry, &scene, of_stage, amount)?;
     rig.run(&[&stage])?;
     let words: Vec<f32> = bytemuck::pod_collect_to_vec(&read_buffer(rig.gpu, &geometry.vertices)?);
     let vector = |v: &[f32]| DVec3::new(v[0].into(), v[1].into(), v[2].into());

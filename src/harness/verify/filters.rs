@@ -28,7 +28,7 @@ fn check(info: &'static StageInfo, rig: &Rig<'_>) -> Result<Check> {
     let image = noise(SIZE, 7);
     let settings = FilterUniforms { taps: TAPS, radius_px: RADIUS_PX as f32 };
     let source = (&rig.grey(&image), Column::new("noise", "1", "noise"));
-    let filter = LowPass::new(&rig.resources(), info, source, &settings)?;
+    let filter = LowPass::new(&rig.resources, info, source, &settings)?;
     rig.run(&[&filter])?;
     let filtered = rig.channel(filter.texture(), 0)?;
 

@@ -3,7 +3,7 @@
 
 use glam::{DVec3, Vec2};
 
-use super::rig::{self, Rig, largest, mean};
+use super::rig::{Rig, largest, mean};
 use super::{Case, Check, Checks, Result};
 use crate::reference::horizon::{HorizonSplit, Seen, beside_wall};
 use crate::reference::image::{Image, pixels};
@@ -11,10 +11,7 @@ use crate::reference::occlusion::{Attenuation, occlusion};
 use crate::reference::quantities::quantile;
 use crate::reference::rays::{Hit, PixelRays, Tracer};
 use crate::scene::{Camera, Mesh, Object, Scene};
-use crate::stages::frame::Shared;
-use crate::stages::geometry::Geometry;
 use crate::stages::hsao::march::{HorizonUniforms, March};
-use crate::stages::scene;
 
 const STAGE: &str = "hsao/march";
 const SIZE: [u32; 2] = [96, 72];
@@ -49,10 +46,8 @@ fn shade(
     method: &HorizonSplit,
     buffer_px: [u32; 2],
 ) -> Result<Shaded> {
-    let resources = rig.resources();
-    let shared = Shared::new(&resources, &rig::view(scene, SIZE));
-    let geometry = Geometry::new(&resources, scene);
-    let gbuffer = scene::gbuffer::Gbuffer::new(&resources, &shared, &geometry, SIZE)?;
+    let stand = rig.stand(scene, SIZE);
+    let gbuffer = rig.gbuffer(&stand)?;
     let settings = HorizonUniforms {
         size_px: Vec2::new(buffer_px[0] as f32, buffer_px[1] as f32),
         r_max_m: method.r_max_m as f32,
@@ -63,12 +58,12 @@ fn shade(
         ray_steps: method.ray_steps,
     };
     let hard = method.attenuation == Attenuation::Hard;
-    let stage = March::new(&resources, &shared, &gbuffer.textures, &settings, hard)?;
-    rig.run(&[&gbuffer, &stage])?;
+    let stage = March::new(&rig.resources, &stand.shared, &gbuffer, &settings, hard)?;
+    rig.run(&[&stage])?;
     let visibility = rig.channel(stage.texture(), 0)?;
     Ok(Shaded {
-        depth: rig.channel(&gbuffer.textures.depth, 0)?,
-        normals: rig.vectors(&gbuffer.textures.normal)?,
+        depth: rig.channel(&gbuffer.depth, 0)?,
+        normals: rig.vectors(&gbuffer.normal)?,
         occlusion: visibility.map(|v| 1.0 - v),
     })
 }

@@ -9,8 +9,6 @@ use crate::reference::quantities::quantile;
 use crate::reference::rays::{PixelRays, Tracer};
 use crate::reference::surface::enter;
 use crate::scene::{LightFrame, LightKind, Scene, Water};
-use crate::stages::frame::Shared;
-use crate::stages::geometry::Geometry;
 use crate::stages::shadow;
 
 /// Scene with columns, curved objects and walls.
@@ -61,11 +59,8 @@ fn look_at(_: &Rig<'_>) -> Checks {
 
 fn shadow_depth(rig: &Rig<'_>) -> Result<Check> {
     let scene = Scene::load(SCENE)?;
-    let resources = rig.resources();
-    let view = rig::view(&scene, [256, 256]);
-    let shared = Shared::new(&resources, &view);
-    let geometry = Geometry::new(&resources, &scene);
-    let stage = shadow::depth::Depth::new(&resources, &shared, &geometry, TEXELS)?;
+    let rig::Stand { view, shared, geometry } = rig.stand(&scene, [256, 256]);
+    let stage = shadow::depth::Depth::new(&rig.resources, &shared, &geometry, TEXELS)?;
     rig.run(&[&stage])?;
     let depth = rig.channel(stage.texture(), 0)?;
 
@@ -115,12 +110,9 @@ fn depth_errors(depth: &Image, frame: &LightFrame, tracer: &Tracer, aside: f64) 
 
 fn shadow_mask(rig: &Rig<'_>) -> Result<Check> {
     let scene = Scene::load(SHADED_SCENE)?;
-    let resources = rig.resources();
-    let view = rig::view(&scene, [256, 256]);
-    let shared = Shared::new(&resources, &view);
-    let geometry = Geometry::new(&resources, &scene);
-    let depth = shadow::depth::Depth::new(&resources, &shared, &geometry, TEXELS)?;
-    let stage = shadow::mask::Mask::new(&resources, &shared, depth.texture(), CELLS)?;
+    let rig::Stand { view, shared, geometry } = rig.stand(&scene, [256, 256]);
+    let depth = shadow::depth::Depth::new(&rig.resources, &shared, &geometry, TEXELS)?;
+    let stage = shadow::mask::Mask::new(&rig.resources, &shared, depth.texture(), CELLS)?;
     rig.run(&[&depth, &stage])?;
     let mask = rig.channel(stage.texture(), 0)?;
 

@@ -34,8 +34,7 @@ pub fn cases() -> Vec<Case> {
 
 /// Draws photons' lines without occlusion.
 pub(super) fn draw(rig: &Rig<'_>, view: &View, photons: &[Photon]) -> Result<Image> {
-    let resources = rig.resources();
-    let shared = Shared::new(&resources, view);
+    let shared = Shared::new(&rig.resources, view);
     let settings = LinesUniforms {
         size_px: Vec2::new(SIZE[0] as f32, SIZE[1] as f32),
         width_px: WIDTH_PX as f32,
@@ -46,7 +45,7 @@ pub(super) fn draw(rig: &Rig<'_>, view: &View, photons: &[Photon]) -> Result<Ima
     };
     let buffer = rig.photons(photons);
     let depth = rig.depth(SIZE, 1.0)?;
-    let stage = lines::new(&resources, &shared, (&buffer, &depth), &settings, false, 10.0)?;
+    let stage = lines::new(&rig.resources, &shared, (&buffer, &depth), &settings, false, 10.0)?;
     rig.run(&[&stage])?;
     rig.channel(stage.texture(), 0)
 }

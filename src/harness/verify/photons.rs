@@ -12,8 +12,6 @@ use crate::reference::photons::{Landing, PhotonGrid, land_all};
 use crate::reference::quantities::{PhotonErrors, StoredPhoton, photon_errors};
 use crate::reference::rays::Tracer;
 use crate::scene::{LightFrame, LightKind, Scene, SceneFile, Water, WaterModel};
-use crate::stages::frame::Shared;
-use crate::stages::geometry::Geometry;
 use crate::stages::photon::{TraceUniforms, Tracing};
 use crate::stages::{caustics, godrays, shadow};
 
@@ -77,18 +75,15 @@ pub(super) fn trace(
     settings: TraceUniforms,
     dynamic: bool,
 ) -> Result<(Vec<StoredPhoton>, LightFrame)> {
-    let resources = rig.resources();
-    let view = rig::view(scene, [256, 256]);
-    let shared = Shared::new(&resources, &view);
-    let geometry = Geometry::new(&resources, scene);
-    let depth = shadow::depth::Depth::new(&resources, &shared, &geometry, SHADOW_TEXELS)?;
-    let mask = shadow::mask::Mask::new(&resources, &shared, depth.texture(), 64)?;
+    let rig::Stand { view, shared, geometry } = rig.stand(scene, [256, 256]);
+    let depth = shadow::depth::Depth::new(&rig.resources, &shared, &geometry, SHADOW_TEXELS)?;
+    let mask = shadow::mask::Mask::new(&rig.resources, &shared, depth.texture(), 64)?;
     let light = (depth.texture(), mask.texture());
     let info = match family {
         Family::Caustics => &caustics::trace::INFO,
         Family::Godrays => &godrays::trace::INFO,
     };
-    let stage = Tracing::new(&resources, info, &shared, light, settings, (dynamic, false))?;
+    let stage = Tracing::new(&rig.resources, info, &shared, light, settings, (dynamic, false))?;
     rig.run(&[&depth, &mask, &stage])?;
     Ok((rig.read_photons(&stage.photons)?, view.light_frame()))
 }

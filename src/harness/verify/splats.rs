@@ -14,9 +14,7 @@ use crate::reference::splat::{Intensity, PointSize, Splat, rasterize, splat_valu
 use crate::scene::{Camera, LightKind, Scene, SceneFile};
 use crate::stages::caustics::splat::{self, SplatUniforms};
 use crate::stages::frame::{Shared, View};
-use crate::stages::geometry::Geometry;
 use crate::stages::photon::Photon;
-use crate::stages::scene::gbuffer::Gbuffer;
 use crate::stages::splatting::PHOTONS_PER_INSTANCE;
 
 const STAGE: &str = "caustics/splat";
@@ -121,8 +119,7 @@ fn draw(
     depth: &wgpu::Texture,
     rules: &Rules,
 ) -> Result<Image> {
-    let resources = rig.resources();
-    let shared = Shared::new(&resources, view);
+    let shared = Shared::new(&rig.resources, view);
     let size = PointSize::new(MIN_PX, MAX_PX, view.camera.z_near_m, view.camera.z_far_m)?;
     // a and b of the size rule from two of its values: s = a + b / d.
     let b = (size.at(1.0) - size.at(2.0)) * 2.0;
@@ -137,7 +134,7 @@ fn draw(
     };
     let buffer = rig.photons(photons);
     let conserving = rules.intensity == Intensity::Conserving;
-    let stage = splat::new(&resources, &shared, (&buffer, depth), &settings, conserving, 10.0)?;
+    let stage = splat::new(&rig.resources, &shared, (&buffer, depth), &settings, conserving, 10.0)?;
     rig.run(&[&stage])?;
     rig.channel(stage.texture(), 0)
 }
@@ -374,12 +371,8 @@ fn draw_in_scene(
     photons: &[Photon],
     rules: &Rules,
 ) -> Result<Image> {
-    let resources = rig.resources();
-    let shared = Shared::new(&resources, view);
-    let geometry = Geometry::new(&resources, scene);
-    let gbuffer = Gbuffer::new(&resources, &shared, &geometry, view.size_px.to_array())?;
-    rig.run(&[&gbuffer])?;
-    draw(rig, view, photons, &gbuffer.textures.depth, rules)
+    let textures = rig.gbuffer(&rig.stand(scene, view.size_px.to_array()))?;
+    draw(rig, view, photons, &textures.depth, rules)
 }
 
 pub(super) fn energy_params(file: &SceneFile) -> Params {

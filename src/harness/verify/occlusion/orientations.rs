@@ -308,7 +308,7 @@ mod tests {
     #[ignore = "a map of some minutes: cargo test --lib map_of_settings -- --ignored --nocapture"]
     fn map_of_settings() {
         let gpu = Gpu::open(&Options::default()).unwrap();
-        let rig = Rig::new(&gpu).unwrap();
+        let rig = Rig::new(&gpu);
         let bodies = BODIES.map(|(_, _, _, make)| turned(make).unwrap());
         let names = BODIES.map(|(name, ..)| name).join(" | ");
         println!("| volume | threshold | offset | hit | {names} |");

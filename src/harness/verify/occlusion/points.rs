@@ -143,7 +143,7 @@ fn skipping(rig: &Rig<'_>) -> Checks {
     let run = |change: &dyn Fn(&mut Marching)| query(rig, &volumes, &points, &marching(change));
     // The pyramid is not filled yet and says that all is empty.
     let blind = run(&|m| m.skipping = true)?;
-    let mips = Mips::new(&rig.resources(), &volumes)?;
+    let mips = Mips::new(&rig.resources, &volumes)?;
     rig.run(&[&mips])?;
     let variants: [(&str, Change); 3] = [
         ("defaults", |_| ()),

@@ -47,10 +47,9 @@ fn overlap(rig: &Rig<'_>, thin: bool) -> Checks {
 }
 
 fn overlapped(rig: &Rig<'_>, subject: &Subject, thin: bool) -> Result<Vec<bool>> {
-    let resources = rig.resources();
-    let (geometry, part) = subject.upload(&resources);
+    let (geometry, part) = subject.upload(&rig.resources);
     let bits = part.voxels.bits.clone();
-    rig.run(&[&overlap::new(&resources, &geometry, &[part], thin)?])?;
+    rig.run(&[&overlap::new(&rig.resources, &geometry, &[part], thin)?])?;
     Ok(voxels_of(&words(rig, &bits)?, &subject.grid))
 }
 
@@ -72,10 +71,9 @@ fn no_errors(name: &str, exact: Errors, perturbed: Errors) -> Vec<Check> {
 fn alpha(rig: &Rig<'_>) -> Result<Check> {
     let mut subject = Subject::soup()?;
     split(&mut subject.scene);
-    let resources = rig.resources();
-    let (geometry, part) = subject.upload(&resources);
+    let (geometry, part) = subject.upload(&rig.resources);
     let bits = part.voxels.bits.clone();
-    let stage = alpha::new(&resources, &geometry, &[part])?;
+    let stage = alpha::new(&rig.resources, &geometry, &[part])?;
     rig.run(&[&stage])?;
     let Some(alphas) = stage.alphas().next() else {
         return Err(VerifyError::Empty { stage: ALPHA, what: "volumes".into() });

@@ -26,14 +26,13 @@ pub fn cases() -> Vec<Case> {
 fn check(rig: &Rig<'_>) -> Result<Check> {
     let grid = Grid { cells: [9, 6, 7], origin_m: DVec3::new(-2.03, -2.57, -6.01), voxel_m: 0.5 };
     let voxels = random_voxels(&mut Random::new(17), &grid, 0.15);
-    let resources = rig.resources();
-    let volume = Voxels::new(&resources, "verify voxels", &grid, false);
+    let volume = Voxels::new(&rig.resources, "verify voxels", &grid, false);
     let values: Vec<u8> = voxels.iter().map(|full| u8::from(*full)).collect();
-    volume.write(&resources, &values);
+    volume.write(&rig.resources, &values);
     let mut scene = rig::flat_plane(LightKind::Directional)?;
     scene.camera = rig::level_camera();
-    let shared = Shared::new(&resources, &rig::view(&scene, SIZE));
-    let stage = CubeView::new(&resources, &shared, &[volume], SIZE)?;
+    let shared = Shared::new(&rig.resources, &rig::view(&scene, SIZE));
+    let stage = CubeView::new(&rig.resources, &shared, &[volume], SIZE)?;
     rig.run(&[&stage])?;
     let depth = rig.channel(stage.depth(), 0)?;
 

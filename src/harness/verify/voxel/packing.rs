@@ -24,10 +24,9 @@ pub fn cases() -> Vec<Case> {
 }
 
 fn clear(rig: &Rig<'_>) -> Result<Check> {
-    let resources = rig.resources();
     let full = vec![u32::MAX; 1000];
     let [all, head, kept] = [0, 1, 2].map(|_| {
-        let buffer = resources.storage("verify clear", 4000);
+        let buffer = rig.resources.storage("verify clear", 4000);
         rig.gpu.queue.write_buffer(&buffer, 0, bytemuck::cast_slice(&full));
         buffer
     });
@@ -55,7 +54,6 @@ fn slicemap(voxels: &[bool], grid: &Grid, axis: Axis) -> Vec<u32> {
 }
 
 fn combine(rig: &Rig<'_>) -> Result<Check> {
-    let resources = rig.resources();
     let mut random = Random::new(11);
     let (mut wrong, mut control) = (0.0, 0.0);
     let mut volumes = Vec::new();
@@ -65,16 +63,16 @@ fn combine(rig: &Rig<'_>) -> Result<Check> {
         let maps = Axis::ALL.map(|_| random_voxels(&mut random, &grid, 0.2));
         let buffers = [0, 1, 2].map(|k| {
             let words = slicemap(&maps[k], &grid, Axis::ALL[k]);
-            let buffer = resources.storage("verify slicemap", words.len() as u64 * 4);
+            let buffer = rig.resources.storage("verify slicemap", words.len() as u64 * 4);
             let bytes = bytemuck::cast_slice(&words);
             rig.gpu.queue.write_buffer(&buffer, 0, bytes);
             buffer
         });
-        let voxels = Voxels::new(&resources, "verify voxels", &grid, false);
+        let voxels = Voxels::new(&rig.resources, "verify voxels", &grid, false);
         volumes.push((voxels, buffers));
         expected.push(maps);
     }
-    rig.run(&[&Combine::new(&resources, &volumes)?])?;
+    rig.run(&[&Combine::new(&rig.resources, &volumes)?])?;
     for ((voxels, _), [x, y, z]) in volumes.iter().zip(&expected) {
         let found = voxels_of(&words(rig, &voxels.bits)?, &voxels.grid);
         let or = |maps: [&[bool]; 3]| -> Vec<bool> {
@@ -89,11 +87,10 @@ fn combine(rig: &Rig<'_>) -> Result<Check> {
 }
 
 fn unpack(rig: &Rig<'_>) -> Checks {
-    let resources = rig.resources();
     let mut random = Random::new(5);
     let volumes: Vec<Voxels> = SIZES
         .iter()
-        .map(|size| Voxels::new(&resources, "verify voxels", &plain(*size), false))
+        .map(|size| Voxels::new(&rig.resources, "verify voxels", &plain(*size), false))
         .collect();
     let mut checks = Vec::new();
     for alpha in [false, true] {
@@ -107,12 +104,12 @@ fn unpack(rig: &Rig<'_>) -> Checks {
                 (true, true) => 1 + (random.next() * 254.0) as u8,
             };
             let values: Vec<u8> = full.iter().map(value).collect();
-            voxels.write(&resources, &vec![0; values.len()]);
+            voxels.write(&rig.resources, &vec![0; values.len()]);
             alphas.push(load(rig, voxels, &values, alpha));
             expected.push(values);
         }
         let packed = if alpha { Packed::Alphas(alphas) } else { Packed::Bits };
-        rig.run(&[&Unpack::new(&resources, &volumes, &packed)?])?;
+        rig.run(&[&Unpack::new(&rig.resources, &volumes, &packed)?])?;
         let (mut wrong, mut control) = (0.0, 0.0);
         for (voxels, values) in volumes.iter().zip(&mut expected) {
             let texels = read_volume(rig.gpu, &voxels.texture, 0)?.data;
@@ -136,7 +133,7 @@ fn load(rig: &Rig<'_>, voxels: &Voxels, values: &[u8], alpha: bool) -> Buffer {
     let (buffer, words) = if alpha {
         let words: Vec<u32> = values.iter().map(|v| u32::from(*v)).collect();
         let bytes = words.len() as u64 * 4;
-        (rig.resources().storage("verify alphas", bytes), words)
+        (rig.resources.storage("verify alphas", bytes), words)
     } else {
         let mut words = vec![0u32; voxels.grid.words() as usize];
         for (index, _) in values.iter().enumerate().filter(|(_, value)| **value > 0) {

@@ -44,7 +44,6 @@ fn check(rig: &Rig<'_>) -> Checks {
 }
 
 fn pyramids(rig: &Rig<'_>) -> Result<Vec<Pyramid>, GpuError> {
-    let resources = rig.resources();
     let mut random = Random::new(23);
     let mut made = Vec::new();
     for size in SIZES {
@@ -54,13 +53,13 @@ fn pyramids(rig: &Rig<'_>) -> Result<Vec<Pyramid>, GpuError> {
         if let Some(last) = voxels.last_mut() {
             *last = true;
         }
-        let volume = Voxels::new(&resources, "verify voxels", &grid, true);
+        let volume = Voxels::new(&rig.resources, "verify voxels", &grid, true);
         let values: Vec<u8> = voxels.iter().map(|full| u8::from(*full) * 255).collect();
-        volume.write(&resources, &values);
+        volume.write(&rig.resources, &values);
         made.push((volume, voxels));
     }
     let volumes: Vec<Voxels> = made.iter().map(|(volume, _)| volume.clone()).collect();
-    rig.run(&[&Mips::new(&resources, &volumes)?])?;
+    rig.run(&[&Mips::new(&rig.resources, &volumes)?])?;
     let pyramid = |(volume, voxels): (Voxels, Vec<bool>)| {
         let count = volume.texture.mip_level_count();
         let level = |level| {

@@ -74,9 +74,8 @@ fn slicemap_against_samples(rig: &Rig<'_>, axis: Axis) -> Checks {
 
 /// The voxels of one slicemap.
 fn one_way(rig: &Rig<'_>, subject: &Subject, axis: Axis) -> Result<Vec<bool>> {
-    let resources = rig.resources();
-    let (geometry, part) = subject.upload(&resources);
-    let stage = Slicemap::new(&resources, &geometry, &[part], axis)?;
+    let (geometry, part) = subject.upload(&rig.resources);
+    let stage = Slicemap::new(&rig.resources, &geometry, &[part], axis)?;
     rig.run(&[&stage])?;
     let Some(slices) = stage.slicemaps().next() else {
         return Err(empty(axis.name()));
@@ -125,10 +124,9 @@ fn empty(stage: &'static str) -> VerifyError {
 
 /// The voxels of three slicemaps and their OR.
 fn three_way(rig: &Rig<'_>, subject: &Subject) -> Result<Vec<bool>, GpuError> {
-    let resources = rig.resources();
-    let (geometry, part) = subject.upload(&resources);
+    let (geometry, part) = subject.upload(&rig.resources);
     let parts = [part];
-    let passes = Axis::ALL.map(|axis| Slicemap::new(&resources, &geometry, &parts, axis));
+    let passes = Axis::ALL.map(|axis| Slicemap::new(&rig.resources, &geometry, &parts, axis));
     let [x, y, z] = passes;
     let (x, y, z) = (x?, y?, z?);
     let maps = [&x, &y, &z].map(|pass| pass.slicemaps().next().cloned());
@@ -137,17 +135,16 @@ fn three_way(rig: &Rig<'_>, subject: &Subject) -> Result<Vec<bool>, GpuError> {
     };
     let voxels = parts[0].voxels.clone();
     let bits = voxels.bits.clone();
-    let combine = Combine::new(&resources, &[(voxels, [a, b, c])])?;
+    let combine = Combine::new(&rig.resources, &[(voxels, [a, b, c])])?;
     rig.run(&[&x, &y, &z, &combine])?;
     Ok(voxels_of(&words(rig, &bits)?, &subject.grid))
 }
 
 /// The voxels of passes of a slice each.
 fn sliced(rig: &Rig<'_>, subject: &Subject) -> Result<Vec<bool>, GpuError> {
-    let resources = rig.resources();
-    let (geometry, part) = subject.upload(&resources);
+    let (geometry, part) = subject.upload(&rig.resources);
     let bits = part.voxels.bits.clone();
-    rig.run(&[&Slice::new(&resources, &geometry, &[part])?])?;
+    rig.run(&[&Slice::new(&rig.resources, &geometry, &[part])?])?;
     Ok(voxels_of(&words(rig, &bits)?, &subject.grid))
 }
 
