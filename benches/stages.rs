@@ -16,7 +16,7 @@ use fathom::harness::MAX_PASSES;
 use fathom::harness::subject::{Subject, Subjects};
 use fathom::parameter;
 use fathom::pipelines::AnyPipeline;
-use fathom::pipelines::underwater::{self, Params};
+use fathom::pipelines::underwater;
 use fathom::record::Work;
 use fathom::stages::{REGISTRY, Stage};
 use serde_json::{Value, json};

@@ -3,6 +3,7 @@
 
 use std::borrow::Cow;
 use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
 
 use rust_embed::{Embed, EmbeddedFile};
 
@@ -27,30 +28,53 @@ struct Scenes;
 #[folder = "benches/experiments"]
 struct Experiments;
 
-/// A folder of files, made from a type that derives [`Embed`].
-#[derive(Clone, Copy, Debug)]
+/// A folder of files.
+#[derive(Clone, Debug)]
 pub struct Folder {
-    /// Where it lies in the crate, for messages.
-    pub name: &'static str,
-    file: fn(&str) -> Option<EmbeddedFile>,
-    paths: fn() -> Vec<Cow<'static, str>>,
+    /// Where it lies, for messages.
+    pub name: Cow<'static, str>,
+    source: Source,
+}
+
+#[derive(Clone, Debug)]
+enum Source {
+    Embedded { file: fn(&str) -> Option<EmbeddedFile>, paths: fn() -> Vec<Cow<'static, str>> },
+    Disk(PathBuf),
 }
 
 impl Folder {
     /// The folder of a type that derives [`Embed`]; `name` is for messages.
     pub const fn of<E: Embed>(name: &'static str) -> Self {
-        Self { name, file: E::get, paths: || E::iter().collect() }
+        let source = Source::Embedded { file: E::get, paths: || E::iter().collect() };
+        Self { name: Cow::Borrowed(name), source }
+    }
+
+    /// A folder that is read when the program runs.
+    pub fn at(path: impl Into<PathBuf>) -> Self {
+        let path = path.into();
+        Self { name: path.display().to_string().into(), source: Source::Disk(path) }
     }
 
     /// Paths of all files, from the folder, with `/` between names.
     pub fn paths(&self) -> Vec<Cow<'static, str>> {
-        (self.paths)()
+        match &self.source {
+            Source::Embedded { paths, .. } => paths(),
+            Source::Disk(root) => {
+                let mut paths = Vec::new();
+                list(root, "", &mut paths);
+                paths
+            }
+        }
     }
 
     /// What the file of this path holds. A path that [`Self::paths`] does not list is no file.
     pub fn file(&self, path: &str) -> Option<Cow<'static, [u8]>> {
         let listed = self.paths().iter().any(|known| known == path);
-        listed.then(|| (self.file)(path))?.map(|file| file.data)
+        match &self.source {
+            _ if !listed => None,
+            Source::Embedded { file, .. } => file(path).map(|file| file.data),
+            Source::Disk(root) => std::fs::read(root.join(path)).ok().map(Cow::Owned),
+        }
     }
 
     /// The file of this path, if it is text.
@@ -66,6 +90,19 @@ impl Folder {
             stems.filter_map(|(path, stem)| Some((stem.to_owned(), self.text(path)?))).collect();
         texts.sort_unstable();
         texts
+    }
+}
+
+/// Adds the files under `root` whose paths begin with `prefix`; what cannot be listed has none.
+fn list(root: &Path, prefix: &str, paths: &mut Vec<Cow<'static, str>>) {
+    for entry in std::fs::read_dir(root.join(prefix)).into_iter().flatten().flatten() {
+        let name = entry.file_name().to_string_lossy().into_owned();
+        let path = if prefix.is_empty() { name } else { format!("{prefix}/{name}") };
+        match entry.file_type() {
+            Ok(kind) if kind.is_dir() => list(root, &path, paths),
+            Ok(kind) if kind.is_file() => paths.push(path.into()),
+            _ => {}
+        }
     }
 }
 
@@ -86,8 +123,8 @@ impl Folders {
     }
 
     /// The text of the first file of this path, and its folder's name.
-    pub fn text(&self, path: &str) -> Option<(&'static str, String)> {
-        self.0.iter().find_map(|folder| Some((folder.name, folder.text(path)?)))
+    pub fn text(&self, path: &str) -> Option<(&str, String)> {
+        self.0.iter().find_map(|folder| Some((&*folder.name, folder.text(path)?)))
     }
 
     /// See [`Folder::texts`]; of files with the same path the first.
@@ -97,15 +134,14 @@ impl Folders {
     }
 
     /// Names of the folders.
-    pub fn names(&self) -> Vec<&'static str> {
-        self.0.iter().map(|folder| folder.name).collect()
+    pub fn names(&self) -> Vec<Cow<'static, str>> {
+        self.0.iter().map(|folder| folder.name.clone()).collect()
     }
 }
 
 #[cfg(test)]
 mod tests {
     use std::fs;
-    use std::path::{Path, PathBuf};
     use std::process::Command;
 
     use super::*;
@@ -129,7 +165,7 @@ mod tests {
         fn main() {
             for folder in [embedded::SHADERS, embedded::SCENES, embedded::EXPERIMENTS] {
                 for path in folder.paths() {
-                    let to = std::path::Path::new("written").join(folder.name).join(&*path);
+                    let to = std::path::Path::new("written").join(&*folder.name).join(&*path);
                     std::fs::create_dir_all(to.parent().unwrap()).unwrap();
                     std::fs::write(to, folder.file(&path).unwrap()).unwrap();
                 }
@@ -142,8 +178,8 @@ mod tests {
         let built = tempfile::tempdir().unwrap();
         let source = Path::new(env!("CARGO_MANIFEST_DIR"));
         let folders = [SHADERS, SCENES, EXPERIMENTS];
-        for folder in folders {
-            write_all(folder, &built.path().join(folder.name));
+        for folder in &folders {
+            write_all(folder, &built.path().join(&*folder.name));
         }
         for file in ["Cargo.lock", "src/embedded.rs"] {
             write(&built.path().join(file), &fs::read(source.join(file)).unwrap());
@@ -157,13 +193,13 @@ mod tests {
         );
         write(&built.path().join("Cargo.toml"), manifest.as_bytes());
         run(built.path(), Path::new(env!("CARGO")), &["build", "--offline", "--quiet"]);
-        for folder in folders {
-            fs::remove_dir_all(built.path().join(folder.name)).unwrap();
+        for folder in &folders {
+            fs::remove_dir_all(built.path().join(&*folder.name)).unwrap();
         }
         run(built.path(), &target().join("debug/writer"), &[]);
-        for folder in folders {
+        for folder in &folders {
             for path in folder.paths() {
-                let written = built.path().join("written").join(folder.name).join(&*path);
+                let written = built.path().join("written").join(&*folder.name).join(&*path);
                 let same =
                     fs::read(written).is_ok_and(|bytes| bytes == *folder.file(&path).unwrap());
                 assert!(same, "a release lacks {}/{path}", folder.name);
@@ -183,7 +219,7 @@ mod tests {
         assert!(command.status().unwrap().success(), "{}", program.display());
     }
 
-    fn write_all(folder: Folder, to: &Path) {
+    fn write_all(folder: &Folder, to: &Path) {
         for path in folder.paths() {
             write(&to.join(&*path), &folder.file(&path).unwrap());
         }

@@ -93,11 +93,11 @@ impl Work {
 }
 
 fn compute_pipeline(gpu: &Gpu) -> wgpu::ComputePipeline {
-    let module = gpu.shader("audit/kernels", &[]).expect("it links");
+    let shader = gpu.shader("audit/kernels", &[]).expect("it links");
     gpu.device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
         label: Some("test"),
         layout: None,
-        module: &module.module,
+        module: &shader.module,
         entry_point: Some("main"),
         compilation_options: compilation_options(),
         cache: None,
@@ -105,12 +105,12 @@ fn compute_pipeline(gpu: &Gpu) -> wgpu::ComputePipeline {
 }
 
 fn render_pipeline(gpu: &Gpu) -> wgpu::RenderPipeline {
-    let module = gpu.shader("audit/kernels", &[]).expect("it links");
+    let shader = gpu.shader("audit/kernels", &[]).expect("it links");
     gpu.device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
         label: Some("test"),
         layout: None,
         vertex: wgpu::VertexState {
-            module: &module.module,
+            module: &shader.module,
             entry_point: Some("vertex"),
             compilation_options: compilation_options(),
             buffers: &[],
@@ -119,7 +119,7 @@ fn render_pipeline(gpu: &Gpu) -> wgpu::RenderPipeline {
         depth_stencil: None,
         multisample: wgpu::MultisampleState::default(),
         fragment: Some(wgpu::FragmentState {
-            module: &module.module,
+            module: &shader.module,
             entry_point: Some("fragment"),
             compilation_options: compilation_options(),
             targets: &[Some(wgpu::TextureFormat::Rgba8Unorm.into())],

@@ -4,6 +4,7 @@
 //! path. A shader may name values of the host as `#{NAME}` or test them with `#if NAME == 1`; a line
 //! `// defs: NAME=4, OTHER=0` among its first lines gives their defaults.
 
+use std::borrow::Cow;
 use std::cell::Cell;
 use std::collections::{BTreeMap, HashMap};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -98,7 +99,7 @@ pub fn link(folders: &Folders, path: &str, defs: &[(&str, i32)]) -> Result<naga:
 thread_local! {
     /// Kept from shader to shader, with the folders that it knows: to make one takes longer than to link with it. A failed link
     /// leaves none.
-    static COMPOSER: Cell<Option<(Vec<&'static str>, Composer)>> = const { Cell::new(None) };
+    static COMPOSER: Cell<Option<(Vec<Cow<'static, str>>, Composer)>> = const { Cell::new(None) };
 }
 
 /// naga_oil's message with the lines of source it speaks of.
@@ -159,7 +160,7 @@ impl Gpu {
         let structs = bound_structs(&module).into();
         let descriptor = wgpu::ShaderModuleDescriptor {
             label: Some(path),
-            source: wgpu::ShaderSource::Naga(std::borrow::Cow::Owned(module)),
+            source: wgpu::ShaderSource::Naga(Cow::Owned(module)),
         };
         self.scoped(|| {
             if !self.unchecked {

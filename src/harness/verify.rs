@@ -51,10 +51,10 @@ pub enum VerifyError {
     Empty { stage: &'static str, what: String },
 }
 
-type Result<T, E = VerifyError> = std::result::Result<T, E>;
+pub type Result<T, E = VerifyError> = std::result::Result<T, E>;
 
 /// What a case finds.
-type Checks = Result<Vec<Check>>;
+pub type Checks = Result<Vec<Check>>;
 
 /// One comparison and its control.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -81,28 +81,9 @@ pub struct Control {
 }
 
 impl Check {
-    /// A check that passes when `measured ≤ tolerance` and the control's measure exceeds it. What is
-    /// not a number never passes.
-    pub fn new(
-        (stage, what): (&'static str, impl Into<String>),
-        (tolerance, unit): (f64, &'static str),
-        measured: f64,
-        (perturbed, control): (impl Into<String>, f64),
-    ) -> Check {
-        Check {
-            stage,
-            what: what.into(),
-            unit,
-            measured,
-            tolerance,
-            passed: measured <= tolerance,
-            control: Control {
-                perturbed: perturbed.into(),
-                measured: control,
-                failed_as_it_must: control > tolerance,
-            },
-            figures: Vec::new(),
-        }
+    /// A comparison: its stage, what is compared and its statistic.
+    pub fn of(stage: &'static str, what: impl Into<String>) -> Comparison {
+        Comparison { stage, what: what.into() }
     }
 
     /// Adds a figure that is reported and not judged.
@@ -118,6 +99,47 @@ impl Check {
     }
 }
 
+impl From<Check> for Vec<Check> {
+    fn from(check: Check) -> Self {
+        vec![check]
+    }
+}
+
+/// What a check compares.
+pub struct Comparison {
+    stage: &'static str,
+    what: String,
+}
+
+impl Comparison {
+    /// What was measured, and the tolerance up to which it passes, with its unit.
+    pub fn within(self, (tolerance, unit): (f64, &'static str), measured: f64) -> Judged {
+        Judged { comparison: self, tolerance, unit, measured }
+    }
+}
+
+/// A comparison that still needs its control.
+pub struct Judged {
+    comparison: Comparison,
+    tolerance: f64,
+    unit: &'static str,
+    measured: f64,
+}
+
+impl Judged {
+    /// The same measured with one value perturbed: it must exceed the tolerance. What is not a number neither passes nor exceeds.
+    pub fn control(self, perturbed: impl Into<String>, measured: f64) -> Check {
+        let Judged { comparison: Comparison { stage, what }, tolerance, unit, .. } = self;
+        let control = Control {
+            perturbed: perturbed.into(),
+            measured,
+            failed_as_it_must: measured > tolerance,
+        };
+        let (measured, passed) = (self.measured, self.measured <= tolerance);
+        Check { stage, what, unit, measured, tolerance, passed, control, figures: Vec::new() }
+    }
+}
+
 type Run = dyn Fn(&Rig<'_>) -> Checks;
 
 /// A case: one run on the GPU that yields one or more checks of a stage.
@@ -128,12 +150,12 @@ pub struct Case {
 }
 
 impl Case {
-    pub fn new(
+    pub fn new<C: Into<Vec<Check>>>(
         stage: &'static str,
         what: impl Into<String>,
-        run: impl Fn(&Rig<'_>) -> Checks + 'static,
+        run: impl Fn(&Rig<'_>) -> Result<C> + 'static,
     ) -> Case {
-        Case { stage, what: what.into(), run: Box::new(run) }
+        Case { stage, what: what.into(), run: Box::new(move |rig| run(rig).map(Into::into)) }
     }
 
     fn matches(&self, filter: &str) -> bool {
@@ -195,7 +217,7 @@ pub fn verify_stages(gpu: &Gpu, all: &[Case], stages: &[String]) -> Result<Vec<C
 }
 
 fn run_all(gpu: &Gpu, cases: &[&Case]) -> Checks {
-    let rig = Rig::new(gpu)?;
+    let rig = Rig::new(gpu);
     let mut checks = Vec::new();
     for case in cases {
         checks.extend(run_scoped(&rig, case)?);
@@ -275,7 +297,7 @@ mod tests {
     use super::*;
 
     fn check(measured: f64, control: f64) -> Check {
-        Check::new(("a/b", "error"), (0.1, "m"), measured, ("index 1.34", control))
+        Check::of("a/b", "error").within((0.1, "m"), measured).control("index 1.34", control)
     }
 
     #[test]

@@ -45,7 +45,7 @@ const READERS: &[(&str, Reader)] = &[
     ("points.csv", |path| told(query::read(path)).map(drop)),
     ("records.jsonl", |path| told(record::read(path)).map(drop)),
     ("records.jsonl", |path| told(Comparison::read(path.parent().unwrap())).map(drop)),
-    ("gates.toml", |path| told(Gates::load(Some(path))).map(drop)),
+    ("gates.toml", |path| told(Gates::load(Some(path), ("", ""))).map(drop)),
     ("a.obj", mesh),
     ("a.ply", mesh),
     ("a.obj.gz", mesh),

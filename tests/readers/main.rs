@@ -174,7 +174,7 @@ fn comparison_lines() {
 #[test]
 fn gates_files() {
     fuzz_file("gates.toml", seeds::gates(), |path| {
-        let gates = told(Gates::load(Some(path)))?;
+        let gates = told(Gates::load(Some(path), ("", "")))?;
         told(gates.filtered("caustics")).map(drop)
     });
 }

@@ -149,6 +149,7 @@ fn figures(side: Side) -> Vec<Compared> {
             configuration: "tank".into(),
             allocated_bytes: 1000,
             errors: BTreeMap::from([("caustics_photon_error_median_m".into(), 0.01)]),
+            judged: Vec::new(),
             quantities: BTreeMap::from([("missed".into(), 0.5)]),
             notes: Vec::new(),
         }),

@@ -25,10 +25,15 @@ struct Scenes;
 #[folder = "experiments"]
 struct Experiments;
 
+/// A folder of shaders to use in place of the crate's own, to try a change without a build.
+const SHADERS_VARIABLE: &str = "OWN_PIPELINE_SHADERS";
+
 fn main() -> ExitCode {
+    let shaders = std::env::var_os(SHADERS_VARIABLE)
+        .map_or_else(|| Folder::of::<Shaders>("own shaders"), Folder::at);
     let catalog = Catalog::builtin()
         .pipeline::<pipeline::Ripples>()
-        .shaders(Folder::of::<Shaders>("own shaders"))
+        .shaders(shaders)
         .scenes(Folder::of::<Scenes>("own scenes"))
         .only_experiments(Folder::of::<Experiments>("own experiments"))
         .checks(check::cases)

@@ -10,8 +10,7 @@ use crate::scene::Scene;
 use crate::stages::ao::compose::{Compose, LightingUniforms, Lit};
 use crate::stages::frame::{Shared, View};
 use crate::stages::gbuffer::GbufferTextures;
-use crate::stages::geometry::Geometry;
-use crate::stages::{scene, shadow};
+use crate::stages::shadow;
 
 const STAGE: &str = "ao/compose";
 const SIZE: [u32; 2] = [96, 64];
@@ -63,21 +62,19 @@ fn known_inputs(rig: &Rig<'_>) -> Checks {
             |known: &Known| relative_error(&radiance(&shown, known.exposure), &view, depth, known);
         let brighter =
             Known { albedo: known.albedo * 1.05, specular: known.specular * 1.05, ..known };
-        checks.push(Check::new(
-            (STAGE, format!("{name}: largest relative error of the radiance")),
-            (TOLERANCE, "1"),
-            error(&known),
-            ("reflectances 5 % higher", error(&brighter)),
-        ));
+        checks.push(
+            Check::of(STAGE, format!("{name}: largest relative error of the radiance"))
+                .within((TOLERANCE, "1"), error(&known))
+                .control("reflectances 5 % higher", error(&brighter)),
+        );
     }
     let (shown, ..) = composed(rig, &LIT, true)?;
     let off = |expected: f64| largest(shown.data().iter().map(|v| (v - expected).abs()));
-    checks.push(Check::new(
-        (STAGE, "occlusion alone is shown as it is: largest error"),
-        (0.51 / 255.0, "1"),
-        off(LIT.visibility),
-        ("visibility 0.01 higher", off(LIT.visibility + 0.01)),
-    ));
+    checks.push(
+        Check::of(STAGE, "occlusion alone is shown as it is: largest error")
+            .within((0.51 / 255.0, "1"), off(LIT.visibility))
+            .control("visibility 0.01 higher", off(LIT.visibility + 0.01)),
+    );
     Ok(checks)
 }
 
@@ -91,13 +88,12 @@ fn settings(exposure: f64, ambient: f64) -> LightingUniforms {
 
 /// The picture of known inputs (one channel), what it is seen from, and its device depth.
 fn composed(rig: &Rig<'_>, known: &Known, shows_occlusion: bool) -> Result<(Image, View, f64)> {
-    let resources = rig.resources();
     let mut view = rig::synthetic_view(SIZE, 0.0)?;
     // The shadow map covers all that is seen.
     view.light.half_extent_m = 20.0;
     // From behind the viewer, so that the glossy lobe is seen.
     view.light.direction = [0.2, -0.3, -1.0];
-    let shared = Shared::new(&resources, &view);
+    let shared = Shared::new(&rig.resources, &view);
     let rays = PixelRays::new(&view.camera, SIZE[0], SIZE[1]);
     let ahead = view.camera.position() + view.camera.direction() * 3.0;
     let depth = rays.project(ahead).map_or(1.0, |p| f64::from(p.depth as f32));
@@ -114,7 +110,7 @@ fn composed(rig: &Rig<'_>, known: &Known, shows_occlusion: bool) -> Result<(Imag
         shadow: &rig.depth([64, 64], known.shadow)?,
     };
     let settings = settings(known.exposure, AMBIENT);
-    let stage = Compose::new(&resources, &shared, &lit, &settings, shows_occlusion)?;
+    let stage = Compose::new(&rig.resources, &shared, &lit, &settings, shows_occlusion)?;
     rig.run(&[&stage])?;
     Ok((rig.channel(stage.texture(), 0)?, view, depth))
 }
@@ -148,37 +144,30 @@ fn relative_error(measured: &[f64], view: &View, depth: f64, known: &Known) -> f
 }
 
 /// Which pixels the light reaches, in a scene with columns and curved objects.
-fn shadows(rig: &Rig<'_>) -> Checks {
+fn shadows(rig: &Rig<'_>) -> Result<Check> {
     let scene = Scene::load("tank")?;
-    let resources = rig.resources();
-    let view = rig::view(&scene, SIZE);
-    let shared = Shared::new(&resources, &view);
-    let geometry = Geometry::new(&resources, &scene);
-    let gbuffer = scene::gbuffer::Gbuffer::new(&resources, &shared, &geometry, SIZE)?;
-    let light = shadow::depth::Depth::new(&resources, &shared, &geometry, 1024)?;
+    let stand = rig.stand(&scene, SIZE);
+    let gbuffer = rig.gbuffer(&stand)?;
+    let rig::Stand { view, shared, geometry } = stand;
+    let light = shadow::depth::Depth::new(&rig.resources, &shared, &geometry, 1024)?;
     let white = rig.constant(SIZE, [1.0; 4])?;
     let lit = Lit {
-        gbuffer: &GbufferTextures { albedo: white, ..gbuffer.textures.clone() },
+        gbuffer: &GbufferTextures { albedo: white, ..gbuffer },
         visibility: &rig.constant(SIZE, [1.0; 4])?,
         shadow: light.texture(),
     };
     let dark = settings(1e3, 0.0);
-    let stage = Compose::new(&resources, &shared, &lit, &dark, false)?;
-    rig.run(&[&gbuffer, &light, &stage])?;
+    let stage = Compose::new(&rig.resources, &shared, &lit, &dark, false)?;
+    rig.run(&[&light, &stage])?;
     let shown = rig.channel(stage.texture(), 0)?;
     let tracer = Tracer::new(&scene.objects)?;
     let toward = -view.light_frame().forward;
     let (measured, in_shadow) = unlike(&shown, &view, &tracer, toward);
     let turned = (toward + DVec3::new(0.3, 0.0, 0.3)).normalize();
-    Ok(vec![
-        Check::new(
-            (STAGE, "share of pixels whose shadow is unlike exact rays"),
-            (0.015, "1"),
-            measured,
-            ("light turned by about 20 degrees", unlike(&shown, &view, &tracer, turned).0),
-        )
-        .with("in_shadow_share", in_shadow),
-    ])
+    Ok(Check::of(STAGE, "share of pixels whose shadow is unlike exact rays")
+        .within((0.015, "1"), measured)
+        .control("light turned by about 20 degrees", unlike(&shown, &view, &tracer, turned).0)
+        .with("in_shadow_share", in_shadow))
 }
 
 /// Share of the covered pixels that are lit where a ray to the light is blocked, or dark where it is free; and the share

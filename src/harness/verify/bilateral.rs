@@ -10,8 +10,7 @@ use crate::reference::quantities::quantile;
 use crate::scene::{Camera, Scene};
 use crate::stages::bilateral::{Bilateral as BilateralStage, BilateralUniforms};
 use crate::stages::frame::{Shared, View};
-use crate::stages::geometry::Geometry;
-use crate::stages::{ao, hsao, scene};
+use crate::stages::{ao, hsao};
 
 /// Columns, curved objects, walls at a slant, and background between them.
 const SCENE: &str = "tank";
@@ -31,14 +30,11 @@ pub fn cases() -> Vec<Case> {
 }
 
 fn check(info: &'static StageInfo, rig: &Rig<'_>) -> Checks {
-    let resources = rig.resources();
     let scene = Scene::load(SCENE)?;
-    let view = rig::view(&scene, SIZE);
-    let shared = Shared::new(&resources, &view);
-    let geometry = Geometry::new(&resources, &scene);
-    let gbuffer = scene::gbuffer::Gbuffer::new(&resources, &shared, &geometry, SIZE)?;
-    rig.run(&[&gbuffer])?;
-    let depth = rig.channel(&gbuffer.textures.depth, 0)?;
+    let stand = rig.stand(&scene, SIZE);
+    let textures = rig.gbuffer(&stand)?;
+    let rig::Stand { view, shared, .. } = stand;
+    let depth = rig.channel(&textures.depth, 0)?;
     let twin = twin(&settings::Filter::default());
     let blunt = Bilateral { depth_sigma: twin.depth_sigma * 1.2, ..twin.clone() };
 
@@ -50,7 +46,7 @@ fn check(info: &'static StageInfo, rig: &Rig<'_>) -> Checks {
                 rig,
                 info,
                 &shared,
-                (&input, &gbuffer.textures.depth),
+                (&input, &textures.depth),
                 &settings.uniforms(&view, source),
             )
         };
@@ -60,20 +56,17 @@ fn check(info: &'static StageInfo, rig: &Rig<'_>) -> Checks {
         let (mut control, _) = against(&blunt);
         let [w, h] = source;
         checks.push(
-            Check::new(
-                (
-                    info.name,
-                    format!("{w}×{h} to the viewport: 99.9th percentile of |GPU − f64 twin|"),
-                ),
-                (TOLERANCE, "1"),
-                quantile(&mut measured, 0.999),
-                ("depth_sigma 1.2 times", quantile(&mut control, 0.999)),
+            Check::of(
+                info.name,
+                format!("{w}×{h} to the viewport: 99.9th percentile of |GPU − f64 twin|"),
             )
+            .within((TOLERANCE, "1"), quantile(&mut measured, 0.999))
+            .control("depth_sigma 1.2 times", quantile(&mut control, 0.999))
             .with("largest", measured.last().copied().unwrap_or(f64::NAN))
             .with("pixels_left_out_share", left_out),
         );
     }
-    checks.push(background(info, rig, &shared, (&view, &depth, &gbuffer.textures.depth))?);
+    checks.push(background(info, rig, &shared, (&view, &depth, &textures.depth))?);
     Ok(checks)
 }
 
@@ -94,7 +87,7 @@ fn filtered(
     settings: &BilateralUniforms,
 ) -> Result<Image> {
     let textures = (&rig.grey(visibility), depth);
-    let stage = BilateralStage::new(&rig.resources(), info, shared, textures, settings)?;
+    let stage = BilateralStage::new(&rig.resources, info, shared, textures, settings)?;
     rig.run(&[&stage])?;
     rig.channel(stage.texture(), 0)
 }
@@ -114,13 +107,10 @@ fn background(
         let off = |x: u32, y: u32| (result.clamped(x.into(), y.into()) - beside(x, y)).abs();
         Ok(largest(pixels(SIZE).map(|(x, y)| off(x, y))))
     };
-    Ok(Check::new(
-        (info.name, "largest leak between geometry and background"),
-        (0.0, "1"),
-        largest(0)?,
-        ("compared a pixel aside", largest(1)?),
-    )
-    .with("background_share", input.mean()))
+    Ok(Check::of(info.name, "largest leak between geometry and background")
+        .within((0.0, "1"), largest(0)?)
+        .control("compared a pixel aside", largest(1)?)
+        .with("background_share", input.mean()))
 }
 
 /// |GPU − twin| over the pixels without an ambiguous tap, and the share of the pixels left out.

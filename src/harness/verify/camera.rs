@@ -8,10 +8,8 @@ use crate::reference::image::{Image, pixels};
 use crate::reference::quantities::quantile;
 use crate::reference::rays::{Hit, PixelRays, Tracer};
 use crate::scene::{Camera, Scene};
-use crate::stages::frame::Shared;
-use crate::stages::geometry::Geometry;
 use crate::stages::lit_scene::LitScene;
-use crate::stages::{scene, water};
+use crate::stages::water;
 
 /// Scene with columns, curved objects and walls.
 const SCENE: &str = "tank";
@@ -45,47 +43,30 @@ fn gbuffer(rig: &Rig<'_>) -> Checks {
     for (object, i) in scene.objects.iter_mut().zip(1u8..) {
         object.material.specular = f32::from(i) / count;
     }
-    let resources = rig.resources();
-    let view = rig::view(&scene, SIZE);
-    let shared = Shared::new(&resources, &view);
-    let geometry = Geometry::new(&resources, &scene);
-    let stage = scene::gbuffer::Gbuffer::new(&resources, &shared, &geometry, SIZE)?;
-    rig.run(&[&stage])?;
-    let depth = rig.channel(&stage.textures.depth, 0)?;
-    let normals = rig.vectors(&stage.textures.normal)?;
-    let speculars = rig.channel(&stage.textures.normal, 3)?;
-    let colors = rig.vectors(&stage.textures.albedo)?;
+    let textures = rig.gbuffer(&rig.stand(&scene, SIZE))?;
+    let depth = rig.channel(&textures.depth, 0)?;
+    let normals = rig.vectors(&textures.normal)?;
+    let speculars = rig.channel(&textures.normal, 3)?;
+    let colors = rig.vectors(&textures.albedo)?;
 
     let tracer = Tracer::new(&scene.objects)?;
     let seen = Seen::cast(&scene.camera, &tracer);
     let aside = Camera { fov_y_deg: scene.camera.fov_y_deg * 1.01, ..scene.camera.clone() };
     let aside = Seen::cast(&aside, &tracer);
     Ok(vec![
-        Check::new(
-            ("scene/gbuffer", "99th percentile of |depth − ray|, of the distance"),
-            (DEPTH_P99, "1"),
-            seen.depth_p99(&depth),
-            ("field of view 1 % wider", aside.depth_p99(&depth)),
-        )
-        .with("coverage_disagreement", seen.coverage_disagreement(&depth)),
-        Check::new(
-            ("scene/gbuffer", "90th percentile of the normal's angle"),
-            (NORMAL_P90_DEG, "deg"),
-            seen.normal_p90_deg(&normals, 0.0),
-            ("normals turned by 1 degree", seen.normal_p90_deg(&normals, 1.0)),
-        ),
-        Check::new(
-            ("scene/gbuffer", "99th percentile of the albedo's error, plain materials"),
-            (2.0 / 255.0, "1"),
-            seen.albedo_p99(&scene, &colors, 1.0),
-            ("albedo 5 % higher", seen.albedo_p99(&scene, &colors, 1.05)),
-        ),
-        Check::new(
-            ("scene/gbuffer", "97th percentile of the specular coefficient's error"),
-            (SPECULAR_P97, "1"),
-            seen.specular_p97(&scene, &speculars, 1.0),
-            ("coefficients 1 % higher", seen.specular_p97(&scene, &speculars, 1.01)),
-        ),
+        Check::of("scene/gbuffer", "99th percentile of |depth − ray|, of the distance")
+            .within((DEPTH_P99, "1"), seen.depth_p99(&depth))
+            .control("field of view 1 % wider", aside.depth_p99(&depth))
+            .with("coverage_disagreement", seen.coverage_disagreement(&depth)),
+        Check::of("scene/gbuffer", "90th percentile of the normal's angle")
+            .within((NORMAL_P90_DEG, "deg"), seen.normal_p90_deg(&normals, 0.0))
+            .control("normals turned by 1 degree", seen.normal_p90_deg(&normals, 1.0)),
+        Check::of("scene/gbuffer", "99th percentile of the albedo's error, plain materials")
+            .within((2.0 / 255.0, "1"), seen.albedo_p99(&scene, &colors, 1.0))
+            .control("albedo 5 % higher", seen.albedo_p99(&scene, &colors, 1.05)),
+        Check::of("scene/gbuffer", "97th percentile of the specular coefficient's error")
+            .within((SPECULAR_P97, "1"), seen.specular_p97(&scene, &speculars, 1.0))
+            .control("coefficients 1 % higher", seen.specular_p97(&scene, &speculars, 1.01)),
     ])
 }
 
@@ -161,13 +142,10 @@ impl Seen {
     }
 }
 
-fn reflection(rig: &Rig<'_>) -> Checks {
+fn reflection(rig: &Rig<'_>) -> Result<Check> {
     let scene = above_water()?;
-    let resources = rig.resources();
-    let view = rig::view(&scene, SIZE);
-    let shared = Shared::new(&resources, &view);
-    let geometry = Geometry::new(&resources, &scene);
-    let stage = LitScene::new(&resources, &water::reflection::INFO, &shared, &geometry, SIZE)?;
+    let rig::Stand { shared, geometry, .. } = rig.stand(&scene, SIZE);
+    let stage = LitScene::new(&rig.resources, &water::reflection::INFO, &shared, &geometry, SIZE)?;
     rig.run(&[&stage])?;
     let covered = rig.channel(stage.texture(), 3)?;
     let tracer = Tracer::new(&scene.objects)?;
@@ -181,24 +159,16 @@ fn reflection(rig: &Rig<'_>) -> Checks {
         };
         coverage_disagreement(&covered, &tracer, ray, |y| y >= -OVERLAP_M)
     };
-    Ok(vec![
-        Check::new(
-            ("water/reflection", "share of pixels unlike exact rays"),
-            (0.01, "1"),
-            unlike(0.0),
-            ("mirror raised by 0.3 m", unlike(0.3)),
-        )
-        .with("covered_share", covered.mean()),
-    ])
+    Ok(Check::of("water/reflection", "share of pixels unlike exact rays")
+        .within((0.01, "1"), unlike(0.0))
+        .control("mirror raised by 0.3 m", unlike(0.3))
+        .with("covered_share", covered.mean()))
 }
 
-fn refraction(rig: &Rig<'_>) -> Checks {
+fn refraction(rig: &Rig<'_>) -> Result<Check> {
     let scene = above_water()?;
-    let resources = rig.resources();
-    let view = rig::view(&scene, SIZE);
-    let shared = Shared::new(&resources, &view);
-    let geometry = Geometry::new(&resources, &scene);
-    let stage = LitScene::new(&resources, &water::refraction::INFO, &shared, &geometry, SIZE)?;
+    let rig::Stand { shared, geometry, .. } = rig.stand(&scene, SIZE);
+    let stage = LitScene::new(&rig.resources, &water::refraction::INFO, &shared, &geometry, SIZE)?;
     rig.run(&[&stage])?;
     let covered = rig.channel(stage.texture(), 3)?;
     let tracer = Tracer::new(&scene.objects)?;
@@ -206,15 +176,10 @@ fn refraction(rig: &Rig<'_>) -> Checks {
     let unlike = |level: f64| {
         coverage_disagreement(&covered, &tracer, |x, y| rays.ray(x, y), |y| y <= level + OVERLAP_M)
     };
-    Ok(vec![
-        Check::new(
-            ("water/refraction", "share of pixels unlike exact rays"),
-            (0.01, "1"),
-            unlike(0.0),
-            ("water lowered by 1 m", unlike(-1.0)),
-        )
-        .with("covered_share", covered.mean()),
-    ])
+    Ok(Check::of("water/refraction", "share of pixels unlike exact rays")
+        .within((0.01, "1"), unlike(0.0))
+        .control("water lowered by 1 m", unlike(-1.0))
+        .with("covered_share", covered.mean()))
 }
 
 /// The shore seen from above the water.

@@ -47,24 +47,18 @@ fn known_inputs(rig: &Rig<'_>) -> Checks {
     let off = |measured: f64, expected: f64| (measured / expected - 1.0).abs();
     let twice = (high - low) / (middle - low);
     Ok(vec![
-        Check::new(
-            (STAGE, "twice the caustics, twice the light: relative error"),
-            (5e-3, "1"),
-            off(twice, 2.0),
-            ("2.1 times expected", off(twice, 2.1)),
-        ),
-        Check::new(
-            (STAGE, "caustics and godrays add up: relative error"),
-            (5e-3, "1"),
-            off(both, high - low + rays),
-            ("godrays counted 1.1 times", off(both, high - low + 1.1 * rays)),
-        ),
-        Check::new(
-            (STAGE, "caustics seen through 4 m of water: relative error"),
-            (5e-3, "1"),
-            off(through, transmittance(GAMMA_PER_M, WALL_M)),
-            ("attenuation 5 % higher", off(through, transmittance(GAMMA_PER_M * 1.05, WALL_M))),
-        ),
+        Check::of(STAGE, "twice the caustics, twice the light: relative error")
+            .within((5e-3, "1"), off(twice, 2.0))
+            .control("2.1 times expected", off(twice, 2.1)),
+        Check::of(STAGE, "caustics and godrays add up: relative error")
+            .within((5e-3, "1"), off(both, high - low + rays))
+            .control("godrays counted 1.1 times", off(both, high - low + 1.1 * rays)),
+        Check::of(STAGE, "caustics seen through 4 m of water: relative error")
+            .within((5e-3, "1"), off(through, transmittance(GAMMA_PER_M, WALL_M)))
+            .control(
+                "attenuation 5 % higher",
+                off(through, transmittance(GAMMA_PER_M * 1.05, WALL_M)),
+            ),
     ])
 }
 
@@ -80,8 +74,7 @@ struct Known<'a> {
 
 /// Composes known inputs and returns the radiance of each pixel.
 fn radiance(rig: &Rig<'_>, view: &View, known: &Known<'_>) -> Result<Image> {
-    let resources = rig.resources();
-    let shared = Shared::new(&resources, view);
+    let shared = Shared::new(&rig.resources, view);
     let grey = |value: f32, alpha: f32| rig.constant(SIZE, [value, value, value, alpha]);
     let gbuffer = GbufferTextures {
         albedo: grey(known.albedo, 1.0)?,
@@ -104,7 +97,7 @@ fn radiance(rig: &Rig<'_>, view: &View, known: &Known<'_>) -> Result<Image> {
         occlusion_radius_m: 0.5,
         water_cells: 8,
     };
-    let stage = Compose::new(&resources, &shared, &inputs, settings, false)?;
+    let stage = Compose::new(&rig.resources, &shared, &inputs, settings, false)?;
     rig.run(&[&stage])?;
     let shown = rig.channel(stage.texture(), BLUE)?;
     Ok(shown.map(|value| -(1.0 - value.powf(DISPLAY_GAMMA)).ln() / known.exposure))
@@ -165,12 +158,14 @@ fn fresnel(rig: &Rig<'_>) -> Checks {
         let image = radiance(rig, &view, &known)?;
         let rays = PixelRays::new(&view.camera, SIZE[0], SIZE[1]);
         let error = |index: f64| reflectance_error(&image, &rays, side, index);
-        checks.push(Check::new(
-            (STAGE, format!("flat water from {name}: mean |reflectance − Fresnel|, of the mean")),
-            (0.02, "1"),
-            error(view.water.refractive_index),
-            ("refractive index 1.40", error(1.40)),
-        ));
+        checks.push(
+            Check::of(
+                STAGE,
+                format!("flat water from {name}: mean |reflectance − Fresnel|, of the mean"),
+            )
+            .within((0.02, "1"), error(view.water.refractive_index))
+            .control("refractive index 1.40", error(1.40)),
+        );
     }
     Ok(checks)
 }

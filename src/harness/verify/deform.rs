@@ -38,10 +38,9 @@ type Vertex = [DVec3; 2];
 
 fn check(rig: &Rig<'_>, motion: Motion, of_stage: deform::Motion, name: &str) -> Checks {
     let scene = Scene::load(SCENE)?;
-    let resources = rig.resources();
-    let geometry = Geometry::new(&resources, &scene);
+    let geometry = Geometry::new(&rig.resources, &scene);
     let amount = (CYCLES, AMPLITUDE);
-    let stage = deform::Deform::new(&resources, &geometry, &scene, of_stage, amount)?;
+    let stage = deform::Deform::new(&rig.resources, &geometry, &scene, of_stage, amount)?;
     rig.run(&[&stage])?;
     let words: Vec<f32> = bytemuck::pod_collect_to_vec(&read_buffer(rig.gpu, &geometry.vertices)?);
     let vector = |v: &[f32]| DVec3::new(v[0].into(), v[1].into(), v[2].into());
@@ -55,18 +54,12 @@ fn check(rig: &Rig<'_>, motion: Motion, of_stage: deform::Motion, name: &str) ->
         (largest_of(&found, &twin(CYCLES)), largest_of(&found, &twin(CYCLES + 0.02)));
     let perturbed = "time moved by 0.02 cycles";
     Ok(vec![
-        Check::new(
-            (STAGE, format!("{name}: largest distance from the f64 twin")),
-            (POSITION_M, "m"),
-            measured[0],
-            (perturbed, control[0]),
-        ),
-        Check::new(
-            (STAGE, format!("{name}: largest difference of the normal from the f64 twin")),
-            (NORMAL, "1"),
-            measured[1],
-            (perturbed, control[1]),
-        ),
+        Check::of(STAGE, format!("{name}: largest distance from the f64 twin"))
+            .within((POSITION_M, "m"), measured[0])
+            .control(perturbed, control[0]),
+        Check::of(STAGE, format!("{name}: largest difference of the normal from the f64 twin"))
+            .within((NORMAL, "1"), measured[1])
+            .control(perturbed, control[1]),
     ])
 }
 

@@ -1,7 +1,7 @@
 //! `caustics/filter` and `godrays/filter` against the f64 twin.
 
 use super::rig::{Rig, noise};
-use super::{Case, Check, Checks};
+use super::{Case, Check, Result};
 use crate::gpu::{Column, StageInfo};
 use crate::reference::filter::Disc;
 use crate::reference::image::{Image, pixels};
@@ -24,11 +24,11 @@ pub fn cases() -> Vec<Case> {
     [&caustics::filter::INFO, &godrays::filter::INFO].map(case).into()
 }
 
-fn check(info: &'static StageInfo, rig: &Rig<'_>) -> Checks {
+fn check(info: &'static StageInfo, rig: &Rig<'_>) -> Result<Check> {
     let image = noise(SIZE, 7);
     let settings = FilterUniforms { taps: TAPS, radius_px: RADIUS_PX as f32 };
     let source = (&rig.grey(&image), Column::new("noise", "1", "noise"));
-    let filter = LowPass::new(&rig.resources(), info, source, &settings)?;
+    let filter = LowPass::new(&rig.resources, info, source, &settings)?;
     rig.run(&[&filter])?;
     let filtered = rig.channel(filter.texture(), 0)?;
 
@@ -38,13 +38,10 @@ fn check(info: &'static StageInfo, rig: &Rig<'_>) -> Checks {
     let (measured, left_out) = largest_difference(&filtered, &image, &disc, &disc);
     let (control, _) = largest_difference(&filtered, &image, &moved, &disc);
     let sums = (filtered.sum() / image.sum() - 1.0).abs();
-    let check = Check::new(
-        (info.name, "largest difference from the f64 twin, of the mean"),
-        (TOLERANCE, "1"),
-        measured,
-        ("one tap moved by a pixel", control),
-    );
-    Ok(vec![check.with("pixels_left_out_share", left_out).with("energy_change", sums)])
+    let check = Check::of(info.name, "largest difference from the f64 twin, of the mean")
+        .within((TOLERANCE, "1"), measured)
+        .control("one tap moved by a pixel", control);
+    Ok(check.with("pixels_left_out_share", left_out).with("energy_change", sums))
 }
 
 /// Largest difference between the GPU's result and `twin` over the pixels where `judge` has no

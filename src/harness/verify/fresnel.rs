@@ -7,7 +7,7 @@ use glam::DVec3;
 use super::photons::run_until;
 use super::rig::{self, Random, Rig, largest};
 use super::splats::{RULES, draw_free, energy_params, photon_at, splat_image};
-use super::{Case, Check, Checks, Result, lines};
+use super::{Case, Check, Result, lines};
 use crate::pipelines::Built;
 use crate::pipelines::underwater::Underwater;
 use crate::reference::image::Image;
@@ -77,7 +77,7 @@ fn cell_sums(image: &Image) -> Vec<f64> {
 }
 
 /// What each photon adds to the picture with transmission over what it adds without, against the exact transmittance.
-fn transmitted(rig: &Rig<'_>, stage: &'static str) -> Checks {
+fn transmitted(rig: &Rig<'_>, stage: &'static str) -> Result<Check> {
     let size = if stage == splat::INFO.name { 512 } else { 384 };
     let mut view = rig::synthetic_view([size; 2], 0.0)?;
     let (drawn, cosines): (Vec<Photon>, Vec<f64>) = photons(&view, size).into_iter().unzip();
@@ -97,16 +97,13 @@ fn transmitted(rig: &Rig<'_>, stage: &'static str) -> Checks {
             (share / fresnel_transmittance(*cosine, 1.0, index) - 1.0).abs()
         }))
     };
-    Ok(vec![Check::new(
-        (stage, "Fresnel transmittance up to 85°: largest relative error"),
-        (TOLERANCE, "1"),
-        error(INDEX),
-        ("refractive index 1.34", error(OTHER_INDEX)),
-    )])
+    Ok(Check::of(stage, "Fresnel transmittance up to 85°: largest relative error")
+        .within((TOLERANCE, "1"), error(INDEX))
+        .control("refractive index 1.34", error(OTHER_INDEX)))
 }
 
 /// Flat water lit from straight above loses ((n − 1) / (n + 1))² of the energy.
-fn straight(rig: &Rig<'_>) -> Checks {
+fn straight(rig: &Rig<'_>) -> Result<Check> {
     let mut file = SceneFile::load("plane")?;
     file.water.amplitude_m = 0.0;
     let scene = Scene::build(&file)?;
@@ -119,10 +116,7 @@ fn straight(rig: &Rig<'_>) -> Checks {
     };
     let share = energy(true)? / energy(false)?;
     let error = |n: f64| (share / (1.0 - ((n - 1.0) / (n + 1.0)).powi(2)) - 1.0).abs();
-    Ok(vec![Check::new(
-        (splat::INFO.name, "energy through flat water lit from above, relative error"),
-        (TOLERANCE, "1"),
-        error(INDEX),
-        ("refractive index 1.34", error(OTHER_INDEX)),
-    )])
+    Ok(Check::of(splat::INFO.name, "energy through flat water lit from above, relative error")
+        .within((TOLERANCE, "1"), error(INDEX))
+        .control("refractive index 1.34", error(OTHER_INDEX)))
 }

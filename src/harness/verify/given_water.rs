@@ -114,18 +114,13 @@ fn compare(
     let landings = exact(&frame, &scene.water, &tracer, [GRID, 4])?;
     let others = exact(&frame, &other(&flat), &tracer, [GRID, 4])?;
     let errors = photon_errors(&photons, &landings);
-    let entry = Check::new(
-        (STAGE, format!("{what}: 99th percentile of |entry − exact|")),
-        (ENTRY_P99_M, "m"),
-        errors.entry_p99_m,
-        (perturbed, photon_errors(&photons, &others).entry_p99_m),
-    );
-    let direction = Check::new(
-        (STAGE, format!("{what}: 99th percentile of the angle to the exact direction")),
-        (DIRECTION_P99, "rad"),
-        direction_p99(&photons, &landings),
-        (perturbed, direction_p99(&photons, &others)),
-    );
+    let entry = Check::of(STAGE, format!("{what}: 99th percentile of |entry − exact|"))
+        .within((ENTRY_P99_M, "m"), errors.entry_p99_m)
+        .control(perturbed, photon_errors(&photons, &others).entry_p99_m);
+    let direction =
+        Check::of(STAGE, format!("{what}: 99th percentile of the angle to the exact direction"))
+            .within((DIRECTION_P99, "rad"), direction_p99(&photons, &landings))
+            .control(perturbed, direction_p99(&photons, &others));
     Ok(vec![with_rates(entry, &errors), direction])
 }
 

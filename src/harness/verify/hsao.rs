@@ -3,7 +3,7 @@
 
 use glam::{DVec3, Vec2};
 
-use super::rig::{self, Rig, largest, mean};
+use super::rig::{Rig, largest, mean};
 use super::{Case, Check, Checks, Result};
 use crate::reference::horizon::{HorizonSplit, Seen, beside_wall};
 use crate::reference::image::{Image, pixels};
@@ -11,10 +11,7 @@ use crate::reference::occlusion::{Attenuation, occlusion};
 use crate::reference::quantities::quantile;
 use crate::reference::rays::{Hit, PixelRays, Tracer};
 use crate::scene::{Camera, Mesh, Object, Scene};
-use crate::stages::frame::Shared;
-use crate::stages::geometry::Geometry;
 use crate::stages::hsao::march::{HorizonUniforms, March};
-use crate::stages::scene;
 
 const STAGE: &str = "hsao/march";
 const SIZE: [u32; 2] = [96, 72];
@@ -49,10 +46,8 @@ fn shade(
     method: &HorizonSplit,
     buffer_px: [u32; 2],
 ) -> Result<Shaded> {
-    let resources = rig.resources();
-    let shared = Shared::new(&resources, &rig::view(scene, SIZE));
-    let geometry = Geometry::new(&resources, scene);
-    let gbuffer = scene::gbuffer::Gbuffer::new(&resources, &shared, &geometry, SIZE)?;
+    let stand = rig.stand(scene, SIZE);
+    let gbuffer = rig.gbuffer(&stand)?;
     let settings = HorizonUniforms {
         size_px: Vec2::new(buffer_px[0] as f32, buffer_px[1] as f32),
         r_max_m: method.r_max_m as f32,
@@ -63,12 +58,12 @@ fn shade(
         ray_steps: method.ray_steps,
     };
     let hard = method.attenuation == Attenuation::Hard;
-    let stage = March::new(&resources, &shared, &gbuffer.textures, &settings, hard)?;
-    rig.run(&[&gbuffer, &stage])?;
+    let stage = March::new(&rig.resources, &stand.shared, &gbuffer, &settings, hard)?;
+    rig.run(&[&stage])?;
     let visibility = rig.channel(stage.texture(), 0)?;
     Ok(Shaded {
-        depth: rig.channel(&gbuffer.textures.depth, 0)?,
-        normals: rig.vectors(&gbuffer.textures.normal)?,
+        depth: rig.channel(&gbuffer.depth, 0)?,
+        normals: rig.vectors(&gbuffer.normal)?,
         occlusion: visibility.map(|v| 1.0 - v),
     })
 }
@@ -106,15 +101,12 @@ fn twin(rig: &Rig<'_>) -> Checks {
         let mut off = differences(&method);
         let farther = HorizonSplit { r_max_m: method.r_max_m * 1.02, ..method };
         checks.push(
-            Check::new(
-                (STAGE, format!("{name}: 95th percentile of |GPU − f64 twin|")),
-                (TWIN_P95, "1"),
-                quantile(&mut off, 0.95),
-                ("r_max 2 % greater", quantile(&mut differences(&farther), 0.95)),
-            )
-            .with("median", quantile(&mut off, 0.5))
-            .with("largest", quantile(&mut off, 1.0))
-            .with("mean_occlusion", shaded.occlusion.mean()),
+            Check::of(STAGE, format!("{name}: 95th percentile of |GPU − f64 twin|"))
+                .within((TWIN_P95, "1"), quantile(&mut off, 0.95))
+                .control("r_max 2 % greater", quantile(&mut differences(&farther), 0.95))
+                .with("median", quantile(&mut off, 0.5))
+                .with("largest", quantile(&mut off, 1.0))
+                .with("mean_occlusion", shaded.occlusion.mean()),
         );
     }
     Ok(checks)
@@ -137,12 +129,11 @@ fn closed_forms(rig: &Rig<'_>) -> Checks {
         let shaded = shade(rig, scene, &hard, SIZE)?;
         Ok(largest(shaded.occlusion.data().iter().copied()))
     };
-    let mut checks = vec![Check::new(
-        (STAGE, "largest occlusion of a plane by itself"),
-        (PLANE, "1"),
-        largest(&plane)?,
-        ("a wall stands on it", largest(&corner)?),
-    )];
+    let mut checks = vec![
+        Check::of(STAGE, "largest occlusion of a plane by itself")
+            .within((PLANE, "1"), largest(&plane)?)
+            .control("a wall stands on it", largest(&corner)?),
+    ];
     let exact = |hit: &Hit, r_max_m: f64, attenuation| {
         let on_floor = hit.normal.y > 0.5;
         let from_edge = if on_floor { hit.position.x } else { hit.position.y };
@@ -194,8 +185,9 @@ fn rms_checks(
             errors(&shaded, &tracer, &scene.camera, |hit| exact(hit, r_max_m, attenuation))
         };
         let (bias, rms) = against(method.r_max_m);
-        let control = (perturbed, against(factor * method.r_max_m).1);
-        let check = Check::new((STAGE, title(name)), (tolerance, "1"), rms, control);
+        let check = Check::of(STAGE, title(name))
+            .within((tolerance, "1"), rms)
+            .control(perturbed, against(factor * method.r_max_m).1);
         Ok(check.with("bias", bias))
     };
     [("hard", Attenuation::Hard), ("linear", Attenuation::Linear)].into_iter().map(check).collect()

@@ -3,14 +3,12 @@
 use glam::DVec3;
 
 use super::rig::{self, Rig};
-use super::{Case, Check, Checks};
+use super::{Case, Check, Checks, Result};
 use crate::reference::image::{Image, pixels};
 use crate::reference::quantities::quantile;
 use crate::reference::rays::{PixelRays, Tracer};
 use crate::reference::surface::enter;
 use crate::scene::{LightFrame, LightKind, Scene, Water};
-use crate::stages::frame::Shared;
-use crate::stages::geometry::Geometry;
 use crate::stages::shadow;
 
 /// Scene with columns, curved objects and walls.
@@ -50,23 +48,19 @@ fn look_at(_: &Rig<'_>) -> Checks {
             let expected = (middle - uniforms.light_position_m.as_dvec3()).normalize();
             expected.cross(uniforms.light_forward.as_dvec3()).length()
         };
-        checks.push(Check::new(
-            ("frame", format!("{name} light: angle to the middle of the view")),
-            (1e-5, "rad"),
-            off(0.5),
-            ("middle taken at 0.55 of the frustum", off(0.55)),
-        ));
+        checks.push(
+            Check::of("frame", format!("{name} light: angle to the middle of the view"))
+                .within((1e-5, "rad"), off(0.5))
+                .control("middle taken at 0.55 of the frustum", off(0.55)),
+        );
     }
     Ok(checks)
 }
 
-fn shadow_depth(rig: &Rig<'_>) -> Checks {
+fn shadow_depth(rig: &Rig<'_>) -> Result<Check> {
     let scene = Scene::load(SCENE)?;
-    let resources = rig.resources();
-    let view = rig::view(&scene, [256, 256]);
-    let shared = Shared::new(&resources, &view);
-    let geometry = Geometry::new(&resources, &scene);
-    let stage = shadow::depth::Depth::new(&resources, &shared, &geometry, TEXELS)?;
+    let rig::Stand { view, shared, geometry } = rig.stand(&scene, [256, 256]);
+    let stage = shadow::depth::Depth::new(&rig.resources, &shared, &geometry, TEXELS)?;
     rig.run(&[&stage])?;
     let depth = rig.channel(stage.texture(), 0)?;
 
@@ -74,17 +68,12 @@ fn shadow_depth(rig: &Rig<'_>) -> Checks {
     let frame = view.light_frame();
     let measured = depth_errors(&depth, &frame, &tracer, 0.0);
     let control = depth_errors(&depth, &frame, &tracer, 0.5);
-    let check = Check::new(
-        ("shadow/depth", "99th percentile of |depth − ray|"),
-        (DEPTH_P99_M, "m"),
-        measured.p99_m,
-        ("rays half a texel aside", control.p99_m),
-    );
-    Ok(vec![
-        check
-            .with("median_m", measured.median_m)
-            .with("coverage_disagreement", measured.disagreement),
-    ])
+    let check = Check::of("shadow/depth", "99th percentile of |depth − ray|")
+        .within((DEPTH_P99_M, "m"), measured.p99_m)
+        .control("rays half a texel aside", control.p99_m);
+    Ok(check
+        .with("median_m", measured.median_m)
+        .with("coverage_disagreement", measured.disagreement))
 }
 
 struct DepthErrors {
@@ -119,14 +108,11 @@ fn depth_errors(depth: &Image, frame: &LightFrame, tracer: &Tracer, aside: f64) 
     }
 }
 
-fn shadow_mask(rig: &Rig<'_>) -> Checks {
+fn shadow_mask(rig: &Rig<'_>) -> Result<Check> {
     let scene = Scene::load(SHADED_SCENE)?;
-    let resources = rig.resources();
-    let view = rig::view(&scene, [256, 256]);
-    let shared = Shared::new(&resources, &view);
-    let geometry = Geometry::new(&resources, &scene);
-    let depth = shadow::depth::Depth::new(&resources, &shared, &geometry, TEXELS)?;
-    let stage = shadow::mask::Mask::new(&resources, &shared, depth.texture(), CELLS)?;
+    let rig::Stand { view, shared, geometry } = rig.stand(&scene, [256, 256]);
+    let depth = shadow::depth::Depth::new(&rig.resources, &shared, &geometry, TEXELS)?;
+    let stage = shadow::mask::Mask::new(&rig.resources, &shared, depth.texture(), CELLS)?;
     rig.run(&[&depth, &stage])?;
     let mask = rig.channel(stage.texture(), 0)?;
 
@@ -134,13 +120,10 @@ fn shadow_mask(rig: &Rig<'_>) -> Checks {
     let frame = view.light_frame();
     let (measured, water_share) = mask_disagreement(&mask, &frame, &scene.water, &tracer);
     let (control, _) = mask_disagreement(&mask, &frame, &scene.water, &Tracer::new(&[])?);
-    let check = Check::new(
-        ("shadow/mask", "share of texels unlike exact rays"),
-        (0.01, "1"),
-        measured,
-        ("nothing shades the water", control),
-    );
-    Ok(vec![check.with("water_share", water_share)])
+    let check = Check::of("shadow/mask", "share of texels unlike exact rays")
+        .within((0.01, "1"), measured)
+        .control("nothing shades the water", control);
+    Ok(check.with("water_share", water_share))
 }
 
 /// Share of texels whose mask differs from exact rays, and the exact share of water.

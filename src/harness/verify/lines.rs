@@ -34,8 +34,7 @@ pub fn cases() -> Vec<Case> {
 
 /// Draws photons' lines without occlusion.
 pub(super) fn draw(rig: &Rig<'_>, view: &View, photons: &[Photon]) -> Result<Image> {
-    let resources = rig.resources();
-    let shared = Shared::new(&resources, view);
+    let shared = Shared::new(&rig.resources, view);
     let settings = LinesUniforms {
         size_px: Vec2::new(SIZE[0] as f32, SIZE[1] as f32),
         width_px: WIDTH_PX as f32,
@@ -46,7 +45,7 @@ pub(super) fn draw(rig: &Rig<'_>, view: &View, photons: &[Photon]) -> Result<Ima
     };
     let buffer = rig.photons(photons);
     let depth = rig.depth(SIZE, 1.0)?;
-    let stage = lines::new(&resources, &shared, (&buffer, &depth), &settings, false, 10.0)?;
+    let stage = lines::new(&rig.resources, &shared, (&buffer, &depth), &settings, false, 10.0)?;
     rig.run(&[&stage])?;
     rig.channel(stage.texture(), 0)
 }
@@ -87,20 +86,14 @@ fn isolated(rig: &Rig<'_>) -> Checks {
     let broad = errors(medium, WIDTH_PX + 2.0);
     let round = errors(Medium { phase_k: PHASE_K * 1.05, ..medium }, WIDTH_PX);
     Ok(vec![
-        Check::new(
-            (STAGE, "isolated lines: largest relative error of intensity"),
-            (1e-3, "1"),
-            exact.intensity,
-            ("attenuation 5 % higher", murky.intensity),
-        )
-        .with("pixels_compared", exact.pixels as f64)
-        .with("control_with_phase_k_5_percent_higher", round.intensity),
-        Check::new(
-            (STAGE, "isolated lines: share of pixels unlike the rectangle"),
-            (1e-3, "1"),
-            exact.coverage,
-            ("lines 2 px wider", broad.coverage),
-        ),
+        Check::of(STAGE, "isolated lines: largest relative error of intensity")
+            .within((1e-3, "1"), exact.intensity)
+            .control("attenuation 5 % higher", murky.intensity)
+            .with("pixels_compared", exact.pixels as f64)
+            .with("control_with_phase_k_5_percent_higher", round.intensity),
+        Check::of(STAGE, "isolated lines: share of pixels unlike the rectangle")
+            .within((1e-3, "1"), exact.coverage)
+            .control("lines 2 px wider", broad.coverage),
     ])
 }
 
@@ -200,7 +193,7 @@ const GAUSS: [(f64, f64); 6] = [
 
 /// Clear water: the pixel in the middle of a line shows p(α) alone. Twelve lines whose scattering
 /// angles are the nodes of a quadrature sum up to the integral over the sphere.
-fn phase_integral(rig: &Rig<'_>) -> Checks {
+fn phase_integral(rig: &Rig<'_>) -> Result<Check> {
     let view = rig::synthetic_view(SIZE, 0.0)?;
     let eye = DVec3::from(view.camera.position_m);
     let rays = PixelRays::new(&view.camera, SIZE[0], SIZE[1]);
@@ -230,13 +223,8 @@ fn phase_integral(rig: &Rig<'_>) -> Checks {
     let sphere = integral(&|_, weight| weight);
     // Leaving out the sine that turns angles into solid angle.
     let flat = integral(&|cosine, weight| weight / (1.0 - cosine * cosine).sqrt());
-    Ok(vec![
-        Check::new(
-            (STAGE, "|integral of the phase function over the sphere − 1|"),
-            (1e-3, "1"),
-            (sphere - 1.0).abs(),
-            ("weights without the sine", (flat - 1.0).abs()),
-        )
-        .with("integral", sphere),
-    ])
+    Ok(Check::of(STAGE, "|integral of the phase function over the sphere − 1|")
+        .within((1e-3, "1"), (sphere - 1.0).abs())
+        .control("weights without the sine", (flat - 1.0).abs())
+        .with("integral", sphere))
 }

@@ -48,9 +48,8 @@ impl Subject {
         let mut host = HostVolume::filled(grid, inside);
         let bytes: Vec<u8> = host.values.iter().map(|v| *v as u8 * level).collect();
         host.values.iter_mut().for_each(|v| *v *= f64::from(level) / 255.0);
-        let resources = rig.resources();
-        let voxels = Voxels::new(&resources, "verify voxels", grid, true);
-        voxels.write(&resources, &bytes);
+        let voxels = Voxels::new(&rig.resources, "verify voxels", grid, true);
+        voxels.write(&rig.resources, &bytes);
         Self { host, voxels }
     }
 }
@@ -135,7 +134,7 @@ fn query(
             normal: normal.as_vec3(),
         })
         .collect();
-    let stage = Query::new(&rig.resources(), volumes, &points, marching)?;
+    let stage = Query::new(&rig.resources, volumes, &points, marching)?;
     rig.run(&[&stage])?;
     let visibility: Vec<f32> =
         bytemuck::pod_collect_to_vec(&read_buffer(rig.gpu, &stage.visibility)?);

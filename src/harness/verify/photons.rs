@@ -12,8 +12,6 @@ use crate::reference::photons::{Landing, PhotonGrid, land_all};
 use crate::reference::quantities::{PhotonErrors, StoredPhoton, photon_errors};
 use crate::reference::rays::Tracer;
 use crate::scene::{LightFrame, LightKind, Scene, SceneFile, Water, WaterModel};
-use crate::stages::frame::Shared;
-use crate::stages::geometry::Geometry;
 use crate::stages::photon::{TraceUniforms, Tracing};
 use crate::stages::{caustics, godrays, shadow};
 
@@ -77,18 +75,15 @@ pub(super) fn trace(
     settings: TraceUniforms,
     dynamic: bool,
 ) -> Result<(Vec<StoredPhoton>, LightFrame)> {
-    let resources = rig.resources();
-    let view = rig::view(scene, [256, 256]);
-    let shared = Shared::new(&resources, &view);
-    let geometry = Geometry::new(&resources, scene);
-    let depth = shadow::depth::Depth::new(&resources, &shared, &geometry, SHADOW_TEXELS)?;
-    let mask = shadow::mask::Mask::new(&resources, &shared, depth.texture(), 64)?;
+    let rig::Stand { view, shared, geometry } = rig.stand(scene, [256, 256]);
+    let depth = shadow::depth::Depth::new(&rig.resources, &shared, &geometry, SHADOW_TEXELS)?;
+    let mask = shadow::mask::Mask::new(&rig.resources, &shared, depth.texture(), 64)?;
     let light = (depth.texture(), mask.texture());
     let info = match family {
         Family::Caustics => &caustics::trace::INFO,
         Family::Godrays => &godrays::trace::INFO,
     };
-    let stage = Tracing::new(&resources, info, &shared, light, settings, (dynamic, false))?;
+    let stage = Tracing::new(&rig.resources, info, &shared, light, settings, (dynamic, false))?;
     rig.run(&[&depth, &mask, &stage])?;
     Ok((rig.read_photons(&stage.photons)?, view.light_frame()))
 }
@@ -119,7 +114,7 @@ pub(super) fn with_index(water: &Water, refractive_index: f64) -> Water {
     Water { refractive_index, ..water.clone() }
 }
 
-fn flat(rig: &Rig<'_>, family: Family, kind: LightKind, what: &str) -> Checks {
+fn flat(rig: &Rig<'_>, family: Family, kind: LightKind, what: &str) -> Result<Check> {
     let scene = rig::flat_plane(kind)?;
     let (photons, frame) = trace(rig, &scene, family, settings(FLAT_GRID, 2), false)?;
     let tracer = Tracer::new(&scene.objects)?;
@@ -127,13 +122,10 @@ fn flat(rig: &Rig<'_>, family: Family, kind: LightKind, what: &str) -> Checks {
     let landings = exact(&frame, &scene.water, &tracer, grid)?;
     let perturbed = exact(&frame, &with_index(&scene.water, 1.34), &tracer, grid)?;
     let errors = photon_errors(&photons, &landings);
-    let check = Check::new(
-        (family.stage(), format!("{what}: largest |hit − exact| / path")),
-        (FLAT_RELATIVE, "1"),
-        largest_relative(&photons, &landings),
-        ("refractive index 1.34", largest_relative(&photons, &perturbed)),
-    );
-    Ok(vec![with_rates(check, &errors)])
+    let check = Check::of(family.stage(), format!("{what}: largest |hit − exact| / path"))
+        .within((FLAT_RELATIVE, "1"), largest_relative(&photons, &landings))
+        .control("refractive index 1.34", largest_relative(&photons, &perturbed));
+    Ok(with_rates(check, &errors))
 }
 
 /// Largest error of a landing point relative to the path under water; NaN when nothing lands.
@@ -146,7 +138,7 @@ fn largest_relative(photons: &[StoredPhoton], landings: &[Landing]) -> f64 {
 }
 
 /// Photons that pass beside the floor must not land where the depth map is empty.
-fn beside_the_floor(rig: &Rig<'_>) -> Checks {
+fn beside_the_floor(rig: &Rig<'_>) -> Result<Check> {
     let mut scene = rig::flat_plane(LightKind::Point)?;
     scene.light.half_extent_m = 14.0;
     let (photons, frame) = trace(rig, &scene, Family::Caustics, settings(FLAT_GRID, 2), false)?;
@@ -154,16 +146,13 @@ fn beside_the_floor(rig: &Rig<'_>) -> Checks {
         let landings = exact(&frame, &scene.water, &tracer, [FLAT_GRID, 4])?;
         Ok(photon_errors(&photons, &landings).false_hit_rate)
     };
-    Ok(vec![Check::new(
-        ("caustics/trace", "photons beside the floor: share that lands"),
-        (0.01, "1"),
-        false_hits(Tracer::new(&scene.objects)?)?,
-        ("no floor", false_hits(Tracer::new(&[])?)?),
-    )])
+    Ok(Check::of("caustics/trace", "photons beside the floor: share that lands")
+        .within((0.01, "1"), false_hits(Tracer::new(&scene.objects)?)?)
+        .control("no floor", false_hits(Tracer::new(&[])?)?))
 }
 
 /// The loop bound read at run time gives the very photons of the one compiled in. UW §4.1.
-fn dynamic_subdivision(rig: &Rig<'_>) -> Checks {
+fn dynamic_subdivision(rig: &Rig<'_>) -> Result<Check> {
     let scene = rig::flat_plane(LightKind::Directional)?;
     let traced = |offset: f32, dynamic| {
         let settings = TraceUniforms { offset: Vec2::splat(offset), ..settings(16, 3) };
@@ -173,16 +162,13 @@ fn dynamic_subdivision(rig: &Rig<'_>) -> Checks {
     let apart = |other: &[StoredPhoton]| {
         largest(fixed.iter().zip(other).map(|(a, b)| (a.hit - b.hit).length()))
     };
-    Ok(vec![Check::new(
-        ("caustics/trace", "run-time against compiled subdivision: largest distance"),
-        (1e-5, "m"),
-        apart(&traced(0.5, true)?),
-        ("photons moved by 1 % of their share", apart(&traced(0.51, true)?)),
-    )])
+    Ok(Check::of("caustics/trace", "run-time against compiled subdivision: largest distance")
+        .within((1e-5, "m"), apart(&traced(0.5, true)?))
+        .control("photons moved by 1 % of their share", apart(&traced(0.51, true)?)))
 }
 
 /// Where photons enter steep waves. UW §4.1 has two models; noise takes half of each here.
-fn waves(rig: &Rig<'_>, model: WaterModel, name: &str) -> Checks {
+fn waves(rig: &Rig<'_>, model: WaterModel, name: &str) -> Result<Check> {
     let mut scene = rig::flat_plane(LightKind::Directional)?;
     scene.water.model = model;
     scene.water.amplitude_m = 0.12;
@@ -193,13 +179,13 @@ fn waves(rig: &Rig<'_>, model: WaterModel, name: &str) -> Checks {
     let errors = photon_errors(&photons, &exact(&frame, &scene.water, &tracer, grid)?);
     let higher = Water { amplitude_m: scene.water.amplitude_m * 1.05, ..scene.water.clone() };
     let perturbed = photon_errors(&photons, &exact(&frame, &higher, &tracer, grid)?);
-    let check = Check::new(
-        ("caustics/trace", format!("{name} waves of 0.12 m: 99th percentile of |entry − exact|")),
-        (ENTRY_P99_M, "m"),
-        errors.entry_p99_m,
-        ("amplitude 5 % higher", perturbed.entry_p99_m),
-    );
-    Ok(vec![with_rates(check, &errors)])
+    let check = Check::of(
+        "caustics/trace",
+        format!("{name} waves of 0.12 m: 99th percentile of |entry − exact|"),
+    )
+    .within((ENTRY_P99_M, "m"), errors.entry_p99_m)
+    .control("amplitude 5 % higher", perturbed.entry_p99_m);
+    Ok(with_rates(check, &errors))
 }
 
 /// The scene's file sets its water; dry scenes and volumes leave it alone.
@@ -227,12 +213,9 @@ fn real(rig: &Rig<'_>, name: &str) -> Checks {
                 Family::Godrays => &pipeline.godrays.trace.photons,
             })?;
             let errors = photon_errors(&photons, &landings);
-            let check = Check::new(
-                (family.stage(), format!("scene {name}: median |hit − exact|")),
-                (REAL_MEDIAN_M, "m"),
-                errors.median_m,
-                ("refractive index 1.40", photon_errors(&photons, &perturbed).median_m),
-            );
+            let check = Check::of(family.stage(), format!("scene {name}: median |hit − exact|"))
+                .within((REAL_MEDIAN_M, "m"), errors.median_m)
+                .control("refractive index 1.40", photon_errors(&photons, &perturbed).median_m);
             Ok(with_rates(check, &errors).with("unconverged_rate_over_exact_depth", unlimited))
         })
         .collect()

@@ -1,43 +1,57 @@
 //! What cases run on: uploads of a reference's inputs, small scenes, and read-back as f64 images.
 
-use std::cell::RefCell;
-
 use glam::{DVec3, UVec2};
 
 use super::Result;
 use crate::gpu::{
-    ClockPlan, DepthTarget, FrameTimer, Gpu, GpuError, Stage, StageScope, SubmitCost, Targets,
-    read_buffer, read_texture,
+    DepthTarget, Gpu, GpuError, Stage, StageScope, Targets, read_buffer, read_texture,
 };
 use crate::reference::image::Image;
 use crate::reference::quantities::{StoredPhoton, stored_photons};
 use crate::scene::{Camera, LightKind, Scene};
-use crate::stages::frame::View;
+use crate::stages::frame::{Shared, View};
+use crate::stages::gbuffer::GbufferTextures;
+use crate::stages::geometry::Geometry;
 use crate::stages::kit::{self, Resources};
 use crate::stages::photon::{Photon, Photons};
+use crate::stages::scene::gbuffer::Gbuffer;
 
-/// Timed passes of a frame at most; cases do not time, the timer wants a bound.
-const MAX_PASSES: u32 = 64;
-
-/// The device and what runs frames on it.
+/// The device, and what is made on it.
 pub struct Rig<'g> {
     pub gpu: &'g Gpu,
-    timer: RefCell<FrameTimer>,
+    pub resources: Resources<'g>,
+}
+
+/// What the stages over a scene share.
+pub struct Stand {
+    pub view: View,
+    pub shared: Shared,
+    pub geometry: Geometry,
 }
 
 impl<'g> Rig<'g> {
-    pub fn new(gpu: &'g Gpu) -> Result<Self, GpuError> {
-        let timer = FrameTimer::new(gpu, ClockPlan::fenced(SubmitCost::default()), MAX_PASSES);
-        Ok(Self { gpu, timer: RefCell::new(timer?) })
-    }
-
-    pub fn resources(&self) -> Resources<'g> {
-        Resources::new(self.gpu)
+    pub fn new(gpu: &'g Gpu) -> Self {
+        Self { gpu, resources: Resources::new(gpu) }
     }
 
     /// Runs stages as one frame and waits for it.
     pub fn run(&self, stages: &[&dyn Stage]) -> Result<(), GpuError> {
-        self.timer.borrow_mut().untimed(self.gpu, stages).map(drop)
+        self.gpu.run(stages)
+    }
+
+    pub fn stand(&self, scene: &Scene, size_px: [u32; 2]) -> Stand {
+        let view = view(scene, size_px);
+        let shared = Shared::new(&self.resources, &view);
+        Stand { view, shared, geometry: Geometry::new(&self.resources, scene) }
+    }
+
+    /// The scene's G-buffer, drawn.
+    pub fn gbuffer(&self, stand: &Stand) -> Result<GbufferTextures> {
+        let Stand { view, shared, geometry } = stand;
+        let size_px = view.size_px.to_array();
+        let gbuffer = Gbuffer::new(&self.resources, shared, geometry, size_px)?;
+        self.run(&[&gbuffer])?;
+        Ok(gbuffer.textures)
     }
 
     /// One channel of a texture in f64.
@@ -63,8 +77,7 @@ impl<'g> Rig<'g> {
 
     /// A photon buffer with this content.
     pub fn photons(&self, photons: &[Photon]) -> Photons {
-        let resources = self.resources();
-        let buffer = Photons::new(&resources, "verify photons", photons.len() as u32);
+        let buffer = Photons::new(&self.resources, "verify photons", photons.len() as u32);
         self.gpu.queue.write_buffer(&buffer.buffer, 0, bytemuck::cast_slice(photons));
         buffer
     }
@@ -82,7 +95,7 @@ impl<'g> Rig<'g> {
     /// A texture of one colour throughout, in 16-bit floats so that it can be filtered everywhere.
     pub fn constant(&self, size: [u32; 2], color: [f32; 4]) -> Result<wgpu::Texture, GpuError> {
         let texture =
-            self.resources().target("verify constant", size, wgpu::TextureFormat::Rgba16Float);
+            self.resources.target("verify constant", size, wgpu::TextureFormat::Rgba16Float);
         let [r, g, b, a] = color.map(f64::from);
         let clear = Clear { view: kit::view(&texture), to: To::Color(wgpu::Color { r, g, b, a }) };
         self.run(&[&clear])?;
@@ -91,7 +104,7 @@ impl<'g> Rig<'g> {
 
     /// A depth texture of one value throughout.
     pub fn depth(&self, size: [u32; 2], depth: f64) -> Result<wgpu::Texture, GpuError> {
-        let texture = self.resources().target("verify depth", size, kit::DEPTH_FORMAT);
+        let texture = self.resources.target("verify depth", size, kit::DEPTH_FORMAT);
         let clear = Clear { view: kit::view(&texture), to: To::Depth(depth as f32) };
         self.run(&[&clear])?;
         Ok(texture)

@@ -50,8 +50,7 @@ impl Setup {
     }
 
     fn run(&self, rig: &Rig<'_>) -> Result<Seen> {
-        let resources = rig.resources();
-        let (resources, shared) = (&resources, &Shared::new(&resources, &self.view()?));
+        let (resources, shared) = (&rig.resources, &Shared::new(&rig.resources, &self.view()?));
         let field = &ScalarField::new(resources, &self.volume, self.scalar.needs_pyramid());
         let settings = &self.scalar;
         let march = &settings.uniforms(self.size_px, field.voxel_m, settings.r_max_m);

@@ -14,9 +14,7 @@ use crate::reference::splat::{Intensity, PointSize, Splat, rasterize, splat_valu
 use crate::scene::{Camera, LightKind, Scene, SceneFile};
 use crate::stages::caustics::splat::{self, SplatUniforms};
 use crate::stages::frame::{Shared, View};
-use crate::stages::geometry::Geometry;
 use crate::stages::photon::Photon;
-use crate::stages::scene::gbuffer::Gbuffer;
 use crate::stages::splatting::PHOTONS_PER_INSTANCE;
 
 const STAGE: &str = "caustics/splat";
@@ -121,8 +119,7 @@ fn draw(
     depth: &wgpu::Texture,
     rules: &Rules,
 ) -> Result<Image> {
-    let resources = rig.resources();
-    let shared = Shared::new(&resources, view);
+    let shared = Shared::new(&rig.resources, view);
     let size = PointSize::new(MIN_PX, MAX_PX, view.camera.z_near_m, view.camera.z_far_m)?;
     // a and b of the size rule from two of its values: s = a + b / d.
     let b = (size.at(1.0) - size.at(2.0)) * 2.0;
@@ -137,7 +134,7 @@ fn draw(
     };
     let buffer = rig.photons(photons);
     let conserving = rules.intensity == Intensity::Conserving;
-    let stage = splat::new(&resources, &shared, (&buffer, depth), &settings, conserving, 10.0)?;
+    let stage = splat::new(&rig.resources, &shared, (&buffer, depth), &settings, conserving, 10.0)?;
     rig.run(&[&stage])?;
     rig.channel(stage.texture(), 0)
 }
@@ -177,18 +174,12 @@ fn isolated(rig: &Rig<'_>) -> Checks {
     let wide = Rules { max_px: MAX_PX * 1.25, ..RULES };
     let murky = Rules { gamma_per_m: GAMMA_PER_M * 1.05, ..RULES };
     Ok(vec![
-        Check::new(
-            (STAGE, "isolated splats: covered pixels unlike the twin's, of all covered"),
-            (COVERAGE, "1"),
-            coverage_error(&image, &splats(RULES)?),
-            ("s_max 25 px", coverage_error(&image, &splats(wide)?)),
-        ),
-        Check::new(
-            (STAGE, "isolated splats: largest relative error of intensity"),
-            (1e-4, "1"),
-            center_error(&image, &splats(RULES)?),
-            ("attenuation 5 % higher", center_error(&image, &splats(murky)?)),
-        ),
+        Check::of(STAGE, "isolated splats: covered pixels unlike the twin's, of all covered")
+            .within((COVERAGE, "1"), coverage_error(&image, &splats(RULES)?))
+            .control("s_max 25 px", coverage_error(&image, &splats(wide)?)),
+        Check::of(STAGE, "isolated splats: largest relative error of intensity")
+            .within((1e-4, "1"), center_error(&image, &splats(RULES)?))
+            .control("attenuation 5 % higher", center_error(&image, &splats(murky)?)),
     ])
 }
 
@@ -227,7 +218,7 @@ fn strewn(view: &View, count: u32, nearest_m: f64) -> (Vec<Photon>, Vec<(DVec3, 
 }
 
 /// Sum over the buffer against `Σ I exp(−γ d)`.
-fn conserved(rig: &Rig<'_>) -> Checks {
+fn conserved(rig: &Rig<'_>) -> Result<Check> {
     let view = rig::synthetic_view(SIZE, GAMMA_PER_M)?;
     let (photons, twins) = strewn(&view, 4096, NEAREST_M);
     let rules = Rules { intensity: Intensity::Conserving, ..RULES };
@@ -236,16 +227,13 @@ fn conserved(rig: &Rig<'_>) -> Checks {
         let photon = |(_, path_m): &(DVec3, f64)| PHOTON_W * (-gamma * path_m).exp();
         twins.iter().map(photon).sum()
     };
-    Ok(vec![Check::new(
-        (STAGE, "conserved energy of 4096 photons, relative error"),
-        (0.01, "1"),
-        (sum / energy(GAMMA_PER_M) - 1.0).abs(),
-        ("attenuation 5 % higher", (sum / energy(GAMMA_PER_M * 1.05) - 1.0).abs()),
-    )])
+    Ok(Check::of(STAGE, "conserved energy of 4096 photons, relative error")
+        .within((0.01, "1"), (sum / energy(GAMMA_PER_M) - 1.0).abs())
+        .control("attenuation 5 % higher", (sum / energy(GAMMA_PER_M * 1.05) - 1.0).abs()))
 }
 
 /// Splats before and behind a wall that faces the camera.
-fn depth_test(rig: &Rig<'_>) -> Checks {
+fn depth_test(rig: &Rig<'_>) -> Result<Check> {
     const WALL_M: f64 = 5.0;
     let view = rig::synthetic_view(SIZE, GAMMA_PER_M)?;
     let eye = DVec3::from(view.camera.position_m);
@@ -261,16 +249,13 @@ fn depth_test(rig: &Rig<'_>) -> Checks {
         rasterize(&mut twin, &rules.splats(&view.camera, SIZE, &twins)?, &wall, 0.0);
         Ok((image.sum() / twin.sum() - 1.0).abs())
     };
-    Ok(vec![Check::new(
-        (STAGE, "splats before a wall: sum, relative error"),
-        (0.01, "1"),
-        error(rules)?,
-        ("bias 1 m instead of 0.3 m", error(Rules { bias_m: 1.0, ..rules })?),
-    )])
+    Ok(Check::of(STAGE, "splats before a wall: sum, relative error")
+        .within((0.01, "1"), error(rules)?)
+        .control("bias 1 m instead of 0.3 m", error(Rules { bias_m: 1.0, ..rules })?))
 }
 
 /// Thousands of contributions of 0.001 on one place: a 16-bit float sticks at 2 (PAPERS, UW "silent or wrong").
-fn accumulation(rig: &Rig<'_>) -> Checks {
+fn accumulation(rig: &Rig<'_>) -> Result<Check> {
     const PHOTONS: usize = 8192;
     const EACH_W: f64 = 1e-3;
     let view = rig::synthetic_view(SIZE, 0.0)?;
@@ -280,12 +265,9 @@ fn accumulation(rig: &Rig<'_>) -> Checks {
     let rules = Rules { photon_w: EACH_W, gamma_per_m: 0.0, ..RULES };
     let image = draw_free(rig, &view, &vec![photon; PHOTONS], &rules)?;
     let expected = EACH_W * PHOTONS as f64;
-    Ok(vec![Check::new(
-        (STAGE, "8192 contributions of 0.001 at one pixel, relative error"),
-        (1e-3, "1"),
-        (image.clamped(256, 256) / expected - 1.0).abs(),
-        ("sum in a 16-bit float", (half_float_sum(EACH_W, PHOTONS) / expected - 1.0).abs()),
-    )])
+    Ok(Check::of(STAGE, "8192 contributions of 0.001 at one pixel, relative error")
+        .within((1e-3, "1"), (image.clamped(256, 256) / expected - 1.0).abs())
+        .control("sum in a 16-bit float", (half_float_sum(EACH_W, PHOTONS) / expected - 1.0).abs()))
 }
 
 /// What a 16-bit float target holds after adding `each` `count` times, rounding to 11 bits.
@@ -299,7 +281,7 @@ fn half_float_sum(each: f64, count: usize) -> f64 {
 
 /// Exact photons of a whole scene through G-buffer and splats, against the twin over exact depth. The
 /// same with the photons of the pipeline's own estimator is a figure: it holds the method's error too.
-fn scene_energy(rig: &Rig<'_>, name: &str) -> Checks {
+fn scene_energy(rig: &Rig<'_>, name: &str) -> Result<Check> {
     let file = SceneFile::load(name)?;
     let scene = Scene::build(&file)?;
     let params = energy_params(&file);
@@ -330,23 +312,21 @@ fn scene_energy(rig: &Rig<'_>, name: &str) -> Checks {
     };
     let murky = Rules { gamma_per_m: rules.gamma_per_m * 1.05, ..rules };
     let energy = expected(rules)?;
-    let check = Check::new(
-        (STAGE, format!("scene {name}: conserved energy of exact photons, relative error")),
-        (0.01, "1"),
-        (sum / energy - 1.0).abs(),
-        ("attenuation 5 % higher", (sum / expected(murky)? - 1.0).abs()),
-    );
-    Ok(vec![
-        check
-            .with("emitted_w", frame.emitted_w)
-            .with("seen_w", sum)
-            .with("error_with_estimated_photons", estimated / energy - 1.0),
-    ])
+    let check = Check::of(
+        STAGE,
+        format!("scene {name}: conserved energy of exact photons, relative error"),
+    )
+    .within((0.01, "1"), (sum / energy - 1.0).abs())
+    .control("attenuation 5 % higher", (sum / expected(murky)? - 1.0).abs());
+    Ok(check
+        .with("emitted_w", frame.emitted_w)
+        .with("seen_w", sum)
+        .with("error_with_estimated_photons", estimated / energy - 1.0))
 }
 
 /// A point light over a level floor, through water that neither refracts nor absorbs: the flux that a camera straight above
 /// sees is intensity × solid angle of the rectangle it looks at.
-fn point_flux(rig: &Rig<'_>) -> Checks {
+fn point_flux(rig: &Rig<'_>) -> Result<Check> {
     const LIGHT_M: f64 = 3.0;
     const CAMERA_M: f64 = 6.0;
     let mut file = SceneFile::load("plane")?;
@@ -372,12 +352,9 @@ fn point_flux(rig: &Rig<'_>) -> Checks {
         let d = height_m + file.floor_depth_m;
         4.0 * (half_m.powi(2) / (half_m.powi(2) + d * d)).asin() * file.light.intensity_w_sr
     };
-    Ok(vec![Check::new(
-        (STAGE, "flux of a point light through the view, relative error"),
-        (0.01, "1"),
-        (seen_w / flux_w(LIGHT_M) - 1.0).abs(),
-        ("light 0.5 m higher", (seen_w / flux_w(LIGHT_M + 0.5) - 1.0).abs()),
-    )])
+    Ok(Check::of(STAGE, "flux of a point light through the view, relative error")
+        .within((0.01, "1"), (seen_w / flux_w(LIGHT_M) - 1.0).abs())
+        .control("light 0.5 m higher", (seen_w / flux_w(LIGHT_M + 0.5) - 1.0).abs()))
 }
 
 /// An exact photon as the GPU stores it, and the f64 values of its rounded numbers.
@@ -394,12 +371,8 @@ fn draw_in_scene(
     photons: &[Photon],
     rules: &Rules,
 ) -> Result<Image> {
-    let resources = rig.resources();
-    let shared = Shared::new(&resources, view);
-    let geometry = Geometry::new(&resources, scene);
-    let gbuffer = Gbuffer::new(&resources, &shared, &geometry, view.size_px.to_array())?;
-    rig.run(&[&gbuffer])?;
-    draw(rig, view, photons, &gbuffer.textures.depth, rules)
+    let textures = rig.gbuffer(&rig.stand(scene, view.size_px.to_array()))?;
+    draw(rig, view, photons, &textures.depth, rules)
 }
 
 pub(super) fn energy_params(file: &SceneFile) -> Params {

@@ -57,7 +57,7 @@ fn starts(aimed: bool) -> Vec<Start> {
     (0..COUNT).map(start).collect()
 }
 
-fn landings(rig: &Rig<'_>, kind: LightKind, aimed: bool, what: &str) -> Checks {
+fn landings(rig: &Rig<'_>, kind: LightKind, aimed: bool, what: &str) -> Result<Check> {
     let (scene, params) = subject(kind)?;
     let starts = starts(aimed);
     let answers = photons_at(rig.gpu, &scene, &params, &starts)?;
@@ -76,12 +76,9 @@ fn landings(rig: &Rig<'_>, kind: LightKind, aimed: bool, what: &str) -> Checks {
         };
         starts.iter().map(land).collect()
     };
-    Ok(vec![Check::new(
-        (INFO.name, format!("{what}: largest |hit − exact| / path")),
-        (RELATIVE, "1"),
-        largest_error(&answers, &exact(1.33)),
-        ("refractive index 1.34", largest_error(&answers, &exact(1.34))),
-    )])
+    Ok(Check::of(INFO.name, format!("{what}: largest |hit − exact| / path"))
+        .within((RELATIVE, "1"), largest_error(&answers, &exact(1.33)))
+        .control("refractive index 1.34", largest_error(&answers, &exact(1.34))))
 }
 
 /// Largest error of a landing point relative to its path; not a number where a photon is lost that lands exactly.
@@ -120,19 +117,13 @@ fn energy_law(rig: &Rig<'_>) -> Checks {
         }))
     };
     Ok(vec![
-        Check::new(
-            (INFO.name, "Fresnel over 0° to 89°: largest |T + R − 1|"),
-            (1e-4, "1"),
-            energy(1.33),
-            ("refractive index 1.34", energy(1.34)),
-        )
-        .with("transmittance_at_0_deg", answers.first().map_or(f64::NAN, |a| a.weight.into()))
-        .with("transmittance_at_89_deg", answers.last().map_or(f64::NAN, |a| a.weight.into())),
-        Check::new(
-            (INFO.name, "refraction over 0° to 89°: largest |direction − exact|"),
-            (1e-4, "1"),
-            bent(1.33),
-            ("refractive index 1.34", bent(1.34)),
-        ),
+        Check::of(INFO.name, "Fresnel over 0° to 89°: largest |T + R − 1|")
+            .within((1e-4, "1"), energy(1.33))
+            .control("refractive index 1.34", energy(1.34))
+            .with("transmittance_at_0_deg", answers.first().map_or(f64::NAN, |a| a.weight.into()))
+            .with("transmittance_at_89_deg", answers.last().map_or(f64::NAN, |a| a.weight.into())),
+        Check::of(INFO.name, "refraction over 0° to 89°: largest |direction − exact|")
+            .within((1e-4, "1"), bent(1.33))
+            .control("refractive index 1.34", bent(1.34)),
     ])
 }

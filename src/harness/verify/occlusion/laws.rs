@@ -4,7 +4,7 @@ use glam::DVec3;
 
 use super::{Case, Subject, VOXEL_M, largest, marching, mean, query};
 use crate::harness::verify::rig::Rig;
-use crate::harness::verify::{Check, Checks};
+use crate::harness::verify::{Check, Checks, Result};
 use crate::stages::ao::query::INFO;
 use crate::stages::marching::{Attenuation, Guard, Hit, Marching};
 
@@ -50,7 +50,7 @@ fn floor_points(x_voxels: f64) -> Vec<(DVec3, DVec3)> {
 }
 
 /// The largest A of a plane is 0 with the variable guard. VAO Fig. 3: with a constant one it is not.
-fn plane(rig: &Rig<'_>) -> Checks {
+fn plane(rig: &Rig<'_>) -> Result<Check> {
     let subject = Subject::new(rig, SIDE, OPAQUE, is_floor)?;
     let run = |guard| {
         let settings = marching(|m| {
@@ -60,15 +60,12 @@ fn plane(rig: &Rig<'_>) -> Checks {
         query(rig, std::slice::from_ref(&subject.voxels), &floor_points(0.0), &settings)
     };
     let voxel = largest(run(Guard::Voxel)?);
-    let check = Check::new(
-        (INFO.name, "largest A of a plane"),
-        (1e-6, "1"),
-        largest(run(Guard::Variable)?),
-        ("constant guard of a voxel's diagonal", voxel),
-    );
+    let check = Check::of(INFO.name, "largest A of a plane")
+        .within((1e-6, "1"), largest(run(Guard::Variable)?))
+        .control("constant guard of a voxel's diagonal", voxel);
     let seven = mean(run(Guard::SevenVoxels)?);
     let none = mean(run(Guard::None)?);
-    Ok(vec![check.with("mean_with_guard_of_seven_voxels", seven).with("mean_without_guard", none)])
+    Ok(check.with("mean_with_guard_of_seven_voxels", seven).with("mean_without_guard", none))
 }
 
 /// A of a floor beside a wall that is far higher than r_max, at x = c r_max: the wall is met in directions with
@@ -92,20 +89,17 @@ fn corner(rig: &Rig<'_>) -> Checks {
         let other = beside_wall((x_voxels + 6.0) / R_MAX);
         let measured = mean(run(x_voxels)?);
         checks.push(
-            Check::new(
-                (INFO.name, format!("A in a corner, {x_voxels} voxels from the wall")),
-                (tolerance, "1"),
-                (measured - expected).abs(),
-                ("the wall six voxels away", (measured - other).abs()),
-            )
-            .with("expected", expected),
+            Check::of(INFO.name, format!("A in a corner, {x_voxels} voxels from the wall"))
+                .within((tolerance, "1"), (measured - expected).abs())
+                .control("the wall six voxels away", (measured - other).abs())
+                .with("expected", expected),
         );
     }
     Ok(checks)
 }
 
 /// A ball over a floor, as seen from the point below it, fills a cone of half-angle α with sin α = R / h: A = sin² α.
-fn ball(rig: &Rig<'_>) -> Checks {
+fn ball(rig: &Rig<'_>) -> Result<Check> {
     let center = DVec3::new(0.0, 24.0, 0.0) * VOXEL_M;
     let radius = 12.0 * VOXEL_M;
     let is_ball = |p: DVec3| (p.distance(center) - radius).abs() < 0.5 * VOXEL_M;
@@ -115,11 +109,8 @@ fn ball(rig: &Rig<'_>) -> Checks {
     let law = |radius: f64| (radius / center.y).powi(2);
     // The shell's voxels have centres up to half a voxel outside the ball, and V falls to the threshold within another half.
     let tolerance = law(radius + VOXEL_M) - law(radius);
-    let check = Check::new(
-        (INFO.name, "A below a ball"),
-        (tolerance, "1"),
-        (a[0] - law(radius)).abs(),
-        ("radius 1.3 times", (a[0] - law(1.3 * radius)).abs()),
-    );
-    Ok(vec![check.with("expected", law(radius))])
+    let check = Check::of(INFO.name, "A below a ball")
+        .within((tolerance, "1"), (a[0] - law(radius)).abs())
+        .control("radius 1.3 times", (a[0] - law(1.3 * radius)).abs());
+    Ok(check.with("expected", law(radius)))
 }

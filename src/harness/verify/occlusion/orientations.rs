@@ -74,8 +74,9 @@ pub fn cases() -> Vec<Case> {
             Case::new(INFO.name, format!("orientations, {name}"), move |rig| {
                 let [default, other, mean] = worst(rig, make, control)?;
                 let what = format!("{name}, {ORIENTATIONS} orientations: largest RMS error of A");
-                let control = (control.name, other);
-                let check = Check::new((INFO.name, what), (tolerance, "1"), default, control);
+                let check = Check::of(INFO.name, what)
+                    .within((tolerance, "1"), default)
+                    .control(control.name, other);
                 Ok(vec![check.with("over_all_orientations", mean)])
             })
         })
@@ -307,7 +308,7 @@ mod tests {
     #[ignore = "a map of some minutes: cargo test --lib map_of_settings -- --ignored --nocapture"]
     fn map_of_settings() {
         let gpu = Gpu::open(&Options::default()).unwrap();
-        let rig = Rig::new(&gpu).unwrap();
+        let rig = Rig::new(&gpu);
         let bodies = BODIES.map(|(_, _, _, make)| turned(make).unwrap());
         let names = BODIES.map(|(name, ..)| name).join(" | ");
         println!("| volume | threshold | offset | hit | {names} |");

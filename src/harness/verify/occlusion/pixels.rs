@@ -4,17 +4,15 @@ use glam::{DMat4, DVec3};
 
 use super::{Case, Marching, Subject, beyond, density_error, largest, marching, twin};
 use crate::gpu::GpuError;
-use crate::harness::verify::rig::{self, Rig};
+use crate::harness::verify::rig::Rig;
 use crate::harness::verify::{Check, Checks, Result};
 use crate::reference::image::{Image, pixels};
 use crate::reference::march::{HostVolume, March};
 use crate::reference::rays::PixelRays;
 use crate::scene::{Bounds, Grid, Scene};
 use crate::stages::ao::march::{self, INFO};
-use crate::stages::frame::{Shared, View};
+use crate::stages::frame::Shared;
 use crate::stages::gbuffer::GbufferTextures;
-use crate::stages::geometry::Geometry;
-use crate::stages::scene::gbuffer::Gbuffer;
 
 /// A ball over a plane, and background.
 const SCENE: &str = "ball";
@@ -44,19 +42,16 @@ struct Seen {
 
 impl Seen {
     fn new(rig: &Rig<'_>, scene: &Scene) -> Result<Self> {
-        let resources = rig.resources();
-        let view: View = rig::view(scene, SIZE);
-        let shared = Shared::new(&resources, &view);
-        let gbuffer = Gbuffer::new(&resources, &shared, &Geometry::new(&resources, scene), SIZE)?;
-        rig.run(&[&gbuffer])?;
-        let channel = |i| rig.channel(&gbuffer.textures.normal, i);
+        let stand = rig.stand(scene, SIZE);
+        let gbuffer = rig.gbuffer(&stand)?;
+        let channel = |i| rig.channel(&gbuffer.normal, i);
         Ok(Self {
             rays: PixelRays::new(&scene.camera, SIZE[0], SIZE[1]),
-            depth: rig.channel(&gbuffer.textures.depth, 0)?,
+            depth: rig.channel(&gbuffer.depth, 0)?,
             normal: [channel(0)?, channel(1)?, channel(2)?],
-            view_projection: view.camera.view_projection(view.aspect()),
-            gbuffer: gbuffer.textures,
-            shared,
+            view_projection: stand.view.camera.view_projection(stand.view.aspect()),
+            gbuffer,
+            shared: stand.shared,
         })
     }
 
@@ -120,7 +115,7 @@ fn compare(rig: &Rig<'_>, per_object: bool) -> Checks {
     let mut checks = Vec::new();
     for size_px in [SIZE, [24, 18], [31, 23]] {
         let stage = march::March::new(
-            &rig.resources(),
+            &rig.resources,
             &seen.shared,
             &voxels,
             (&seen.gbuffer, seen.view_projection),
@@ -147,20 +142,19 @@ fn compare(rig: &Rig<'_>, per_object: bool) -> Checks {
             }))
         };
         let [w, h] = size_px;
-        checks.push(Check::new(
-            (
+        checks.push(
+            Check::of(
                 INFO.name,
                 format!("largest |GPU − f64 twin| of A, {} volumes, {w}×{h}", voxels.len()),
-            ),
-            (TOLERANCE, "1"),
-            measure(0),
-            ("directions of the neighbouring pixel", measure(1)),
-        ));
+            )
+            .within((TOLERANCE, "1"), measure(0))
+            .control("directions of the neighbouring pixel", measure(1)),
+        );
     }
     Ok(checks)
 }
 
-fn counts(rig: &Rig<'_>) -> Checks {
+fn counts(rig: &Rig<'_>) -> Result<Check> {
     let scene = Scene::load(SCENE)?;
     let seen = Seen::new(rig, &scene)?;
     let subjects = volumes(rig, &scene, false)?;
@@ -185,13 +179,13 @@ fn counts(rig: &Rig<'_>) -> Checks {
         samples.sum::<u64>() as f64
     };
     let off = |expected: f64| (counted.samples as f64 / expected - 1.0).abs();
-    let check = Check::new(
-        (INFO.name, "samples counted over those of the f64 twin, less 1"),
-        // Rays that rounding of V ends a sample earlier or later.
-        (2e-3, "1"),
-        off(expected(1.0)),
-        ("r_max 1.1 times", off(expected(1.1))),
-    );
+    let check = Check::of(INFO.name, "samples counted over those of the f64 twin, less 1")
+        .within(
+            // Rays that rounding of V ends a sample earlier or later.
+            (2e-3, "1"),
+            off(expected(1.0)),
+        )
+        .control("r_max 1.1 times", off(expected(1.1)));
     let per_fragment = counted.samples as f64 / counted.fragments.max(1) as f64;
-    Ok(vec![check.with("samples_per_fragment", per_fragment)])
+    Ok(check.with("samples_per_fragment", per_fragment))
 }

@@ -3,7 +3,7 @@
 use super::{Case, Marching, Subject, beyond, density_error, furnished, furnished_points, largest};
 use super::{marching, mean, query, twin};
 use crate::harness::verify::rig::Rig;
-use crate::harness::verify::{Check, Checks};
+use crate::harness::verify::{Check, Checks, Result};
 use crate::stages::ao::query::INFO;
 use crate::stages::marching::{
     Attenuation, Estimator, Guard, Hit, Occluder, Sampling, Step, Storage,
@@ -55,7 +55,7 @@ pub fn cases() -> Vec<Case> {
     cases
 }
 
-fn against_twin(rig: &Rig<'_>, name: &str, change: Change) -> Checks {
+fn against_twin(rig: &Rig<'_>, name: &str, change: Change) -> Result<Check> {
     let subject = Subject::new(rig, SIDE, OPAQUE, furnished)?;
     let points = furnished_points();
     let settings = marching(change);
@@ -70,16 +70,13 @@ fn against_twin(rig: &Rig<'_>, name: &str, change: Change) -> Checks {
         }))
     };
     let nudge = 0.3 * subject.host.grid.voxel_m;
-    let check = Check::new(
-        (INFO.name, format!("largest |GPU − f64 twin| of A, {name}")),
-        (TOLERANCE, "1"),
-        measure(&occlusion, 0.0),
-        ("the twin's points 0.3 voxels higher", measure(&occlusion, nudge)),
-    );
-    Ok(vec![check.with("mean", mean(occlusion))])
+    let check = Check::of(INFO.name, format!("largest |GPU − f64 twin| of A, {name}"))
+        .within((TOLERANCE, "1"), measure(&occlusion, 0.0))
+        .control("the twin's points 0.3 voxels higher", measure(&occlusion, nudge));
+    Ok(check.with("mean", mean(occlusion)))
 }
 
-fn opacities(rig: &Rig<'_>) -> Checks {
+fn opacities(rig: &Rig<'_>) -> Result<Check> {
     let subject = Subject::new(rig, SIDE, GLASS, furnished)?;
     let points = furnished_points();
     let settings = marching(|m| {
@@ -100,17 +97,14 @@ fn opacities(rig: &Rig<'_>) -> Checks {
     };
     // A sample of falling opacity that rounding makes a rising one changes a ray by up to its opacity, 0.35: the share of
     // such samples is that of V's error, 1 / 64, of which 32 rays take the mean.
-    let check = Check::new(
-        (INFO.name, "RMS of GPU − f64 twin of A, opacities"),
-        (5e-3, "1"),
-        rms(1.0),
-        ("the twin's opacities 1.1 times", rms(1.1)),
-    );
-    Ok(vec![check])
+    let check = Check::of(INFO.name, "RMS of GPU − f64 twin of A, opacities")
+        .within((5e-3, "1"), rms(1.0))
+        .control("the twin's opacities 1.1 times", rms(1.1));
+    Ok(check)
 }
 
 /// The share of points whose values differ by more than rounding of V explains.
-fn storages(rig: &Rig<'_>) -> Checks {
+fn storages(rig: &Rig<'_>) -> Result<Check> {
     let subject = Subject::new(rig, SIDE, OPAQUE, furnished)?;
     let volumes = [subject.voxels.clone()];
     let points = furnished_points();
@@ -135,13 +129,11 @@ fn storages(rig: &Rig<'_>) -> Checks {
     let bits = run(Storage::Bits, 0.6)?;
     let equal = texture.iter().zip(&bits).filter(|(a, b)| (*a - *b).abs() < 1e-3);
     let equal_share = equal.count() as f64 / points.len() as f64;
-    let check = Check::new(
-        (INFO.name, "largest difference of A by texture and by bits beyond V's rounding"),
-        (TOLERANCE, "1"),
-        outside(&texture),
-        ("threshold 0.7 for the texture", outside(&run(Storage::Texture, 0.7)?)),
-    );
-    Ok(vec![check.with("share_equal_within_1e-3", equal_share)])
+    let check =
+        Check::of(INFO.name, "largest difference of A by texture and by bits beyond V's rounding")
+            .within((TOLERANCE, "1"), outside(&texture))
+            .control("threshold 0.7 for the texture", outside(&run(Storage::Texture, 0.7)?));
+    Ok(check.with("share_equal_within_1e-3", equal_share))
 }
 
 fn skipping(rig: &Rig<'_>) -> Checks {
@@ -151,7 +143,7 @@ fn skipping(rig: &Rig<'_>) -> Checks {
     let run = |change: &dyn Fn(&mut Marching)| query(rig, &volumes, &points, &marching(change));
     // The pyramid is not filled yet and says that all is empty.
     let blind = run(&|m| m.skipping = true)?;
-    let mips = Mips::new(&rig.resources(), &volumes)?;
+    let mips = Mips::new(&rig.resources, &volumes)?;
     rig.run(&[&mips])?;
     let variants: [(&str, Change); 3] = [
         ("defaults", |_| ()),
@@ -169,12 +161,11 @@ fn skipping(rig: &Rig<'_>) -> Checks {
             let pairs = plain.iter().zip(values);
             pairs.filter(|(a, b)| a.to_bits() != b.to_bits()).count() as f64
         };
-        checks.push(Check::new(
-            (INFO.name, format!("points whose A skipping changes, {name}")),
-            (0.0, "1"),
-            differ(&skipping),
-            ("the pyramid empty", differ(&blind)),
-        ));
+        checks.push(
+            Check::of(INFO.name, format!("points whose A skipping changes, {name}"))
+                .within((0.0, "1"), differ(&skipping))
+                .control("the pyramid empty", differ(&blind)),
+        );
     }
     Ok(checks)
 }

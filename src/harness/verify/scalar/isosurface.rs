@@ -4,7 +4,7 @@ use glam::DVec3;
 
 use super::{Seen, Setup, VOXEL_M, cubes, looking, settings};
 use crate::harness::verify::rig::{Rig, largest, mean};
-use crate::harness::verify::{Case, Check, Checks, VerifyError};
+use crate::harness::verify::{Case, Check, Checks, Result, VerifyError};
 use crate::pipelines::scalar_ao::{Mode, Scalar, Stop};
 use crate::reference::isosurface::{Solid, first, occlusion};
 use crate::reference::occlusion::Attenuation;
@@ -111,19 +111,13 @@ fn ball(rig: &Rig<'_>) -> Checks {
         return Err(VerifyError::Empty { stage: STAGE, what: "a ball".into() });
     }
     Ok(vec![
-        Check::new(
-            (STAGE, "distance of hits from the boundary, 95th percentile"),
-            (0.1, "voxel"),
-            distance(BALL),
-            ("radius 0.2 voxels larger", distance(larger)),
-        )
-        .with("pixels", judged.len() as f64),
-        Check::new(
-            (STAGE, "error of the normal, 95th percentile"),
-            (1.5, "°"),
-            normal(BALL),
-            ("centre half a voxel higher", normal(moved)),
-        ),
+        Check::of(STAGE, "distance of hits from the boundary, 95th percentile")
+            .within((0.1, "voxel"), distance(BALL))
+            .control("radius 0.2 voxels larger", distance(larger))
+            .with("pixels", judged.len() as f64),
+        Check::of(STAGE, "error of the normal, 95th percentile")
+            .within((1.5, "°"), normal(BALL))
+            .control("centre half a voxel higher", normal(moved)),
     ])
 }
 
@@ -168,23 +162,20 @@ fn ball_over_slab(rig: &Rig<'_>) -> Checks {
         let truth = exact(R_MAX_M);
         let open = vec![0.0; truth.len()];
         checks.push(
-            Check::new(
-                (STAGE, format!("rays end at {what}: mean error of A")),
-                (0.02, "1"),
-                error(&truth),
-                ("nothing occluded", error(&open)),
-            )
-            .with("mean_signed_error", mean(measured.iter().zip(&truth).map(|(a, b)| a - b)))
-            .with("mean_occlusion", mean(truth.iter().copied()))
-            .with("error_at_half_r_max", error(&exact(R_MAX_M / 2.0)))
-            .with("pixels", judged.len() as f64),
+            Check::of(STAGE, format!("rays end at {what}: mean error of A"))
+                .within((0.02, "1"), error(&truth))
+                .control("nothing occluded", error(&open))
+                .with("mean_signed_error", mean(measured.iter().zip(&truth).map(|(a, b)| a - b)))
+                .with("mean_occlusion", mean(truth.iter().copied()))
+                .with("error_at_half_r_max", error(&exact(R_MAX_M / 2.0)))
+                .with("pixels", judged.len() as f64),
         );
     }
     Ok(checks)
 }
 
 /// The picture against what visibility and normals make of the light: albedo × visibility × light.
-fn shading(rig: &Rig<'_>) -> Checks {
+fn shading(rig: &Rig<'_>) -> Result<Check> {
     const ALBEDO: f64 = 0.5;
     let scalar = Scalar {
         low_color: [ALBEDO as f32; 3],
@@ -206,11 +197,11 @@ fn shading(rig: &Rig<'_>) -> Checks {
         largest(hits(&setup, &solids).iter().map(off))
     };
     let ambient = setup.scalar.ambient;
-    Ok(vec![Check::new(
-        (STAGE, "albedo × visibility × light: largest error of the picture"),
-        // A step of 8 bits, and normals of 16 bits.
-        (1.5 / 255.0, "1"),
-        error(ambient),
-        ("a tenth more ambient light", error(ambient * 1.1)),
-    )])
+    Ok(Check::of(STAGE, "albedo × visibility × light: largest error of the picture")
+        .within(
+            // A step of 8 bits, and normals of 16 bits.
+            (1.5 / 255.0, "1"),
+            error(ambient),
+        )
+        .control("a tenth more ambient light", error(ambient * 1.1)))
 }

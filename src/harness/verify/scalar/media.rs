@@ -86,15 +86,12 @@ fn block(rig: &Rig<'_>) -> Checks {
                 };
                 largest(pixels.map(difference))
             };
-            Ok(Check::new(
-                (
-                    DIRECT,
-                    format!("{}: largest error of opacity along the view", name(setup.scalar.law)),
-                ),
-                (1e-3, "1"),
-                error(BLOCK),
-                ("values 2 % higher", error(BLOCK * 1.02)),
+            Ok(Check::of(
+                DIRECT,
+                format!("{}: largest error of opacity along the view", name(setup.scalar.law)),
             )
+            .within((1e-3, "1"), error(BLOCK))
+            .control("values 2 % higher", error(BLOCK * 1.02))
             .with("opacity_most", largest(opacity.data().iter().copied())))
         })
         .into_iter()
@@ -108,7 +105,7 @@ fn chord_m(bounds: &Bounds, origin: DVec3, direction: DVec3) -> f64 {
     (low.max(high).min_element() - enter).max(0.0)
 }
 
-fn ramp(rig: &Rig<'_>) -> Checks {
+fn ramp(rig: &Rig<'_>) -> Result<Check> {
     let scalar = marched(Mode::Direct, Law::Beer, 1.0, 20);
     // 0.5 at the origin; steps of 8 bits are whole.
     let volume = cubes(32, |p| (128.0 - 60.0 * p.z) / 255.0);
@@ -116,15 +113,10 @@ fn ramp(rig: &Rig<'_>) -> Checks {
     let (sigma, fall) = (4.0 * 128.0 / 255.0, 4.0 * 60.0 / 255.0);
     let error = |exact: f64| (a / exact - 1.0).abs();
     let exact = on_ramp(sigma, fall, 1.0);
-    Ok(vec![
-        Check::new(
-            (DIRECT, "Eq. 3 against its integral: relative error"),
-            (1e-2, "1"),
-            error(exact),
-            ("the sum without the factor 2 of uniform directions", error(exact / 2.0)),
-        )
-        .with("occlusion", exact),
-    ])
+    Ok(Check::of(DIRECT, "Eq. 3 against its integral: relative error")
+        .within((1e-2, "1"), error(exact))
+        .control("the sum without the factor 2 of uniform directions", error(exact / 2.0))
+        .with("occlusion", exact))
 }
 
 /// Random values on cells twice as long as wide.
@@ -188,15 +180,12 @@ fn rough_checks(
             marching.threshold = ends_at;
             let error = |marching: &Marching| (a - exact(marching, TWIN_RAYS)).abs();
             let all = Marching { rejection: false, ..marching.clone() };
-            Ok(Check::new(
-                (
-                    stage,
-                    format!("{}: A with rejection and V_thres against f64 marching", name(law)),
-                ),
-                (TOLERANCE, "1"),
-                error(&marching),
-                ("no sample rejected", error(&all)),
+            Ok(Check::of(
+                stage,
+                format!("{}: A with rejection and V_thres against f64 marching", name(law)),
             )
+            .within((TOLERANCE, "1"), error(&marching))
+            .control("no sample rejected", error(&all))
             .with("occlusion", a))
         })
         .into_iter()
@@ -227,21 +216,20 @@ fn interior(rig: &Rig<'_>) -> Checks {
             law.opacity(value, 1.2)
         };
         checks.push(
-            Check::new(
-                (POSITIONAL, format!("{}: A_P within a homogeneous block", name(law))),
-                (1e-4, "1"),
-                (far - exact(BLOCK)).abs(),
-                ("values 1 % higher", (far - exact(BLOCK * 1.01)).abs()),
-            )
-            .with("occlusion", far),
+            Check::of(POSITIONAL, format!("{}: A_P within a homogeneous block", name(law)))
+                .within((1e-4, "1"), (far - exact(BLOCK)).abs())
+                .control("values 1 % higher", (far - exact(BLOCK * 1.01)).abs())
+                .with("occlusion", far),
         );
         let product = |near: f64| ((1.0 - far) / (1.0 - near).powi(2) - 1.0).abs();
-        checks.push(Check::new(
-            (POSITIONAL, format!("{}: transmittance of twice the length is the square", name(law))),
-            (1e-4, "1"),
-            product(near),
-            ("occlusion 1 % higher", product(near * 1.01)),
-        ));
+        checks.push(
+            Check::of(
+                POSITIONAL,
+                format!("{}: transmittance of twice the length is the square", name(law)),
+            )
+            .within((1e-4, "1"), product(near))
+            .control("occlusion 1 % higher", product(near * 1.01)),
+        );
     }
     Ok(checks)
 }
@@ -258,13 +246,10 @@ fn ball_and_face(rig: &Rig<'_>) -> Checks {
     let face = cubes(36, |p| within(p.z - depth_m));
     let face_a = measured(rig, &face, &scalar, DVec3::ZERO)?;
     let check = |what: &str, a: f64, exact: f64, (perturbed, control): (&str, f64)| {
-        Check::new(
-            (POSITIONAL, format!("{what}: error of A_P (Eq. 8)")),
-            (TOLERANCE, "1"),
-            (a - exact).abs(),
-            (perturbed, (a - control).abs()),
-        )
-        .with("occlusion", exact)
+        Check::of(POSITIONAL, format!("{what}: error of A_P (Eq. 8)"))
+            .within((TOLERANCE, "1"), (a - exact).abs())
+            .control(perturbed, (a - control).abs())
+            .with("occlusion", exact)
     };
     let sigma = sigma * 51.0 / 255.0;
     Ok(vec![
@@ -283,7 +268,7 @@ fn ball_and_face(rig: &Rig<'_>) -> Checks {
     ])
 }
 
-fn pyramid(rig: &Rig<'_>) -> Checks {
+fn pyramid(rig: &Rig<'_>) -> Result<Check> {
     let mut random = Random::new(5);
     let mut volume = cubes(24, |_| 0.0);
     for value in volume.data.iter_mut() {
@@ -294,15 +279,10 @@ fn pyramid(rig: &Rig<'_>) -> Checks {
     let a = measured(rig, &volume, &scalar, ROUGH_POINT)?;
     let marching = twin(&scalar, &volume);
     let error = |volume: &Volume| (a - marching.positional(volume, ROUGH_POINT, TWIN_RAYS)).abs();
-    Ok(vec![
-        Check::new(
-            (POSITIONAL, "A_P from the next coarser level against f64 marching of means"),
-            (TOLERANCE, "1"),
-            error(&halved(&volume)),
-            ("the level below", error(&volume)),
-        )
-        .with("occlusion", a),
-    ])
+    Ok(Check::of(POSITIONAL, "A_P from the next coarser level against f64 marching of means")
+        .within((TOLERANCE, "1"), error(&halved(&volume)))
+        .control("the level below", error(&volume))
+        .with("occlusion", a))
 }
 
 fn laws(rig: &Rig<'_>) -> Checks {
@@ -322,17 +302,11 @@ fn laws(rig: &Rig<'_>) -> Checks {
         Ok::<f64, VerifyError>(largest(dark.chain(seen.opacity.data().iter().copied())))
     };
     Ok(vec![
-        Check::new(
-            (POSITIONAL, "rejection never adds: largest excess of A in a pixel"),
-            (1e-6, "1"),
-            more(without.data(), with.data()),
-            ("exchanged", more(with.data(), without.data())),
-        ),
-        Check::new(
-            (POSITIONAL, "an empty field hides nothing: largest A or opacity"),
-            (0.0, "1"),
-            empty(0.0)?,
-            ("one step of 8 bits", empty(1.0 / 255.0)?),
-        ),
+        Check::of(POSITIONAL, "rejection never adds: largest excess of A in a pixel")
+            .within((1e-6, "1"), more(without.data(), with.data()))
+            .control("exchanged", more(with.data(), without.data())),
+        Check::of(POSITIONAL, "an empty field hides nothing: largest A or opacity")
+            .within((0.0, "1"), empty(0.0)?)
+            .control("one step of 8 bits", empty(1.0 / 255.0)?),
     ])
 }

@@ -47,10 +47,9 @@ fn overlap(rig: &Rig<'_>, thin: bool) -> Checks {
 }
 
 fn overlapped(rig: &Rig<'_>, subject: &Subject, thin: bool) -> Result<Vec<bool>> {
-    let resources = rig.resources();
-    let (geometry, part) = subject.upload(&resources);
+    let (geometry, part) = subject.upload(&rig.resources);
     let bits = part.voxels.bits.clone();
-    rig.run(&[&overlap::new(&resources, &geometry, &[part], thin)?])?;
+    rig.run(&[&overlap::new(&rig.resources, &geometry, &[part], thin)?])?;
     Ok(voxels_of(&words(rig, &bits)?, &subject.grid))
 }
 
@@ -58,30 +57,23 @@ fn overlapped(rig: &Rig<'_>, subject: &Subject, thin: bool) -> Result<Vec<bool>>
 fn no_errors(name: &str, exact: Errors, perturbed: Errors) -> Vec<Check> {
     let control = "grid moved by 0.02 voxels";
     vec![
-        Check::new(
-            (OVERLAP, format!("{name}: voxels missed")),
-            (0.0, "1"),
-            exact.false_negatives as f64,
-            (control, perturbed.false_negatives as f64),
-        )
-        .with("occupied_voxels", exact.occupied as f64)
-        .with("borderline_voxels", exact.borderline as f64),
-        Check::new(
-            (OVERLAP, format!("{name}: voxels too many")),
-            (0.0, "1"),
-            exact.false_positives as f64,
-            (control, perturbed.false_positives as f64),
-        ),
+        Check::of(OVERLAP, format!("{name}: voxels missed"))
+            .within((0.0, "1"), exact.false_negatives as f64)
+            .control(control, perturbed.false_negatives as f64)
+            .with("occupied_voxels", exact.occupied as f64)
+            .with("borderline_voxels", exact.borderline as f64),
+        Check::of(OVERLAP, format!("{name}: voxels too many"))
+            .within((0.0, "1"), exact.false_positives as f64)
+            .control(control, perturbed.false_positives as f64),
     ]
 }
 
-fn alpha(rig: &Rig<'_>) -> Checks {
+fn alpha(rig: &Rig<'_>) -> Result<Check> {
     let mut subject = Subject::soup()?;
     split(&mut subject.scene);
-    let resources = rig.resources();
-    let (geometry, part) = subject.upload(&resources);
+    let (geometry, part) = subject.upload(&rig.resources);
     let bits = part.voxels.bits.clone();
-    let stage = alpha::new(&resources, &geometry, &[part])?;
+    let stage = alpha::new(&rig.resources, &geometry, &[part])?;
     rig.run(&[&stage])?;
     let Some(alphas) = stage.alphas().next() else {
         return Err(VerifyError::Empty { stage: ALPHA, what: "volumes".into() });
@@ -94,15 +86,10 @@ fn alpha(rig: &Rig<'_>) -> Checks {
         known.filter(differs).count() as f64
     };
     let borderline = exact.iter().filter(|alpha| alpha.is_none()).count();
-    Ok(vec![
-        Check::new(
-            (ALPHA, "voxels with another alpha or bit"),
-            (0.0, "1"),
-            wrong(&exact),
-            ("alphas of two objects exchanged", wrong(&perturbed)),
-        )
-        .with("borderline_voxels", borderline as f64),
-    ])
+    Ok(Check::of(ALPHA, "voxels with another alpha or bit")
+        .within((0.0, "1"), wrong(&exact))
+        .control("alphas of two objects exchanged", wrong(&perturbed))
+        .with("borderline_voxels", borderline as f64))
 }
 
 /// Deals the triangles of the one object to three with the alphas of [`ALPHAS`].

@@ -4,7 +4,7 @@ use glam::DVec3;
 
 use super::subjects::{cells, random_voxels};
 use crate::harness::verify::rig::{self, Random, Rig};
-use crate::harness::verify::{Case, Check, Checks};
+use crate::harness::verify::{Case, Check, Result};
 use crate::reference::image::pixels;
 use crate::reference::rays::PixelRays;
 use crate::scene::{Grid, LightKind};
@@ -23,17 +23,16 @@ pub fn cases() -> Vec<Case> {
     vec![Case::new(STAGE, "cubes seen from outside", check)]
 }
 
-fn check(rig: &Rig<'_>) -> Checks {
+fn check(rig: &Rig<'_>) -> Result<Check> {
     let grid = Grid { cells: [9, 6, 7], origin_m: DVec3::new(-2.03, -2.57, -6.01), voxel_m: 0.5 };
     let voxels = random_voxels(&mut Random::new(17), &grid, 0.15);
-    let resources = rig.resources();
-    let volume = Voxels::new(&resources, "verify voxels", &grid, false);
+    let volume = Voxels::new(&rig.resources, "verify voxels", &grid, false);
     let values: Vec<u8> = voxels.iter().map(|full| u8::from(*full)).collect();
-    volume.write(&resources, &values);
+    volume.write(&rig.resources, &values);
     let mut scene = rig::flat_plane(LightKind::Directional)?;
     scene.camera = rig::level_camera();
-    let shared = Shared::new(&resources, &rig::view(&scene, SIZE));
-    let stage = CubeView::new(&resources, &shared, &[volume], SIZE)?;
+    let shared = Shared::new(&rig.resources, &rig::view(&scene, SIZE));
+    let stage = CubeView::new(&rig.resources, &shared, &[volume], SIZE)?;
     rig.run(&[&stage])?;
     let depth = rig.channel(stage.depth(), 0)?;
 
@@ -60,12 +59,9 @@ fn check(rig: &Rig<'_>) -> Checks {
         pixels.filter(differs).count() as f64 / f64::from(SIZE[0] * SIZE[1])
     };
     let moved = Grid { origin_m: grid.origin_m + DVec3::new(0.01, 0.0, 0.0), ..grid };
-    Ok(vec![Check::new(
-        (STAGE, "share of pixels that see another place"),
-        (SHARE, "1"),
-        wrong(&grid),
-        ("cubes moved by a centimetre", wrong(&moved)),
-    )])
+    Ok(Check::of(STAGE, "share of pixels that see another place")
+        .within((SHARE, "1"), wrong(&grid))
+        .control("cubes moved by a centimetre", wrong(&moved)))
 }
 
 /// Distance to the nearest of cubes with these centres along a ray: the slab test on each.

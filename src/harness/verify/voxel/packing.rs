@@ -3,7 +3,7 @@
 use super::subjects::{cells, differing, plain, random_voxels, voxels_of, words};
 use crate::gpu::read_volume;
 use crate::harness::verify::rig::{Random, Rig};
-use crate::harness::verify::{Case, Check, Checks};
+use crate::harness::verify::{Case, Check, Checks, Result};
 use crate::scene::Grid;
 use crate::stages::kit::Buffer;
 use crate::stages::voxel::clear::{Clear, Cleared};
@@ -23,11 +23,10 @@ pub fn cases() -> Vec<Case> {
     ]
 }
 
-fn clear(rig: &Rig<'_>) -> Checks {
-    let resources = rig.resources();
+fn clear(rig: &Rig<'_>) -> Result<Check> {
     let full = vec![u32::MAX; 1000];
     let [all, head, kept] = [0, 1, 2].map(|_| {
-        let buffer = resources.storage("verify clear", 4000);
+        let buffer = rig.resources.storage("verify clear", 4000);
         rig.gpu.queue.write_buffer(&buffer, 0, bytemuck::cast_slice(&full));
         buffer
     });
@@ -38,12 +37,9 @@ fn clear(rig: &Rig<'_>) -> Checks {
     let wrong =
         differing(&words(rig, &all)?, &expected[0]) + differing(&words(rig, &head)?, &expected[1]);
     let control = differing(&words(rig, &kept)?, &expected[0]);
-    Ok(vec![Check::new(
-        ("voxel/clear", "words that are not as they should be"),
-        (0.0, "1"),
-        wrong,
-        ("a buffer that is not cleared", control),
-    )])
+    Ok(Check::of("voxel/clear", "words that are not as they should be")
+        .within((0.0, "1"), wrong)
+        .control("a buffer that is not cleared", control))
 }
 
 /// Voxels as a slicemap's words.
@@ -57,8 +53,7 @@ fn slicemap(voxels: &[bool], grid: &Grid, axis: Axis) -> Vec<u32> {
     words
 }
 
-fn combine(rig: &Rig<'_>) -> Checks {
-    let resources = rig.resources();
+fn combine(rig: &Rig<'_>) -> Result<Check> {
     let mut random = Random::new(11);
     let (mut wrong, mut control) = (0.0, 0.0);
     let mut volumes = Vec::new();
@@ -68,16 +63,16 @@ fn combine(rig: &Rig<'_>) -> Checks {
         let maps = Axis::ALL.map(|_| random_voxels(&mut random, &grid, 0.2));
         let buffers = [0, 1, 2].map(|k| {
             let words = slicemap(&maps[k], &grid, Axis::ALL[k]);
-            let buffer = resources.storage("verify slicemap", words.len() as u64 * 4);
+            let buffer = rig.resources.storage("verify slicemap", words.len() as u64 * 4);
             let bytes = bytemuck::cast_slice(&words);
             rig.gpu.queue.write_buffer(&buffer, 0, bytes);
             buffer
         });
-        let voxels = Voxels::new(&resources, "verify voxels", &grid, false);
+        let voxels = Voxels::new(&rig.resources, "verify voxels", &grid, false);
         volumes.push((voxels, buffers));
         expected.push(maps);
     }
-    rig.run(&[&Combine::new(&resources, &volumes)?])?;
+    rig.run(&[&Combine::new(&rig.resources, &volumes)?])?;
     for ((voxels, _), [x, y, z]) in volumes.iter().zip(&expected) {
         let found = voxels_of(&words(rig, &voxels.bits)?, &voxels.grid);
         let or = |maps: [&[bool]; 3]| -> Vec<bool> {
@@ -86,20 +81,16 @@ fn combine(rig: &Rig<'_>) -> Checks {
         wrong += differing(&found, &or([x, y, z]));
         control += differing(&found, &or([x, y, y]));
     }
-    Ok(vec![Check::new(
-        ("voxel/combine", "voxels that differ from the OR"),
-        (0.0, "1"),
-        wrong,
-        ("z's slicemap left out", control),
-    )])
+    Ok(Check::of("voxel/combine", "voxels that differ from the OR")
+        .within((0.0, "1"), wrong)
+        .control("z's slicemap left out", control))
 }
 
 fn unpack(rig: &Rig<'_>) -> Checks {
-    let resources = rig.resources();
     let mut random = Random::new(5);
     let volumes: Vec<Voxels> = SIZES
         .iter()
-        .map(|size| Voxels::new(&resources, "verify voxels", &plain(*size), false))
+        .map(|size| Voxels::new(&rig.resources, "verify voxels", &plain(*size), false))
         .collect();
     let mut checks = Vec::new();
     for alpha in [false, true] {
@@ -113,12 +104,12 @@ fn unpack(rig: &Rig<'_>) -> Checks {
                 (true, true) => 1 + (random.next() * 254.0) as u8,
             };
             let values: Vec<u8> = full.iter().map(value).collect();
-            voxels.write(&resources, &vec![0; values.len()]);
+            voxels.write(&rig.resources, &vec![0; values.len()]);
             alphas.push(load(rig, voxels, &values, alpha));
             expected.push(values);
         }
         let packed = if alpha { Packed::Alphas(alphas) } else { Packed::Bits };
-        rig.run(&[&Unpack::new(&resources, &volumes, &packed)?])?;
+        rig.run(&[&Unpack::new(&rig.resources, &volumes, &packed)?])?;
         let (mut wrong, mut control) = (0.0, 0.0);
         for (voxels, values) in volumes.iter().zip(&mut expected) {
             let texels = read_volume(rig.gpu, &voxels.texture, 0)?.data;
@@ -128,12 +119,11 @@ fn unpack(rig: &Rig<'_>) -> Checks {
             control += differing(&found, values);
         }
         let name = if alpha { "alphas" } else { "bits" };
-        checks.push(Check::new(
-            ("voxel/unpack", format!("texels that differ from the {name}")),
-            (0.0, "1"),
-            wrong,
-            ("voxels moved by one", control),
-        ));
+        checks.push(
+            Check::of("voxel/unpack", format!("texels that differ from the {name}"))
+                .within((0.0, "1"), wrong)
+                .control("voxels moved by one", control),
+        );
     }
     Ok(checks)
 }
@@ -143,7 +133,7 @@ fn load(rig: &Rig<'_>, voxels: &Voxels, values: &[u8], alpha: bool) -> Buffer {
     let (buffer, words) = if alpha {
         let words: Vec<u32> = values.iter().map(|v| u32::from(*v)).collect();
         let bytes = words.len() as u64 * 4;
-        (rig.resources().storage("verify alphas", bytes), words)
+        (rig.resources.storage("verify alphas", bytes), words)
     } else {
         let mut words = vec![0u32; voxels.grid.words() as usize];
         for (index, _) in values.iter().enumerate().filter(|(_, value)| **value > 0) {

@@ -30,27 +30,20 @@ fn check(rig: &Rig<'_>) -> Checks {
     let all = |border: i64| sum(&|p| against_twin(p, border));
     let law = |reach: f64| sum(&|p| broken_promises(p, reach));
     Ok(vec![
-        Check::new(
-            (STAGE, "cells that differ from the twin"),
-            (0.0, "1"),
-            all(1),
-            ("twin without the border", all(0)),
-        ),
-        Check::new(
-            (STAGE, "samples above 0 within an empty cell"),
-            (0.0, "1"),
-            law(1.0),
-            ("samples up to two voxels outside the cell", law(3.0)),
-        )
-        .with(
-            "empty_cells",
-            sum(&|p| p.levels.iter().flatten().filter(|full| !**full).count() as f64),
-        ),
+        Check::of(STAGE, "cells that differ from the twin")
+            .within((0.0, "1"), all(1))
+            .control("twin without the border", all(0)),
+        Check::of(STAGE, "samples above 0 within an empty cell")
+            .within((0.0, "1"), law(1.0))
+            .control("samples up to two voxels outside the cell", law(3.0))
+            .with(
+                "empty_cells",
+                sum(&|p| p.levels.iter().flatten().filter(|full| !**full).count() as f64),
+            ),
     ])
 }
 
 fn pyramids(rig: &Rig<'_>) -> Result<Vec<Pyramid>, GpuError> {
-    let resources = rig.resources();
     let mut random = Random::new(23);
     let mut made = Vec::new();
     for size in SIZES {
@@ -60,13 +53,13 @@ fn pyramids(rig: &Rig<'_>) -> Result<Vec<Pyramid>, GpuError> {
         if let Some(last) = voxels.last_mut() {
             *last = true;
         }
-        let volume = Voxels::new(&resources, "verify voxels", &grid, true);
+        let volume = Voxels::new(&rig.resources, "verify voxels", &grid, true);
         let values: Vec<u8> = voxels.iter().map(|full| u8::from(*full) * 255).collect();
-        volume.write(&resources, &values);
+        volume.write(&rig.resources, &values);
         made.push((volume, voxels));
     }
     let volumes: Vec<Voxels> = made.iter().map(|(volume, _)| volume.clone()).collect();
-    rig.run(&[&Mips::new(&resources, &volumes)?])?;
+    rig.run(&[&Mips::new(&rig.resources, &volumes)?])?;
     let pyramid = |(volume, voxels): (Voxels, Vec<bool>)| {
         let count = volume.texture.mip_level_count();
         let level = |level| {

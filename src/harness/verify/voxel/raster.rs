@@ -58,15 +58,14 @@ fn slicemap_against_samples(rig: &Rig<'_>, axis: Axis) -> Checks {
     for subject in [Subject::soup()?, Subject::bunny(32)?] {
         let found = one_way(rig, &subject, axis)?;
         let against = |grid: &Grid| differing(rig, &found, &subject, grid, &[axis as usize]);
-        checks.push(Check::new(
-            (
+        checks.push(
+            Check::of(
                 axis.name(),
                 format!("{}: voxels that differ from samples at pixel centres", subject.name),
-            ),
-            (0.0, "1"),
-            against(&subject.grid),
-            ("grid moved by a third of a voxel", against(&subject.moved(1.0 / 3.0))),
-        ));
+            )
+            .within((0.0, "1"), against(&subject.grid))
+            .control("grid moved by a third of a voxel", against(&subject.moved(1.0 / 3.0))),
+        );
     }
     let slanted = |subject: &Subject| one_way(rig, subject, axis);
     checks.push(slanted_quads(rig, axis.name(), &[axis as usize], slanted)?);
@@ -75,9 +74,8 @@ fn slicemap_against_samples(rig: &Rig<'_>, axis: Axis) -> Checks {
 
 /// The voxels of one slicemap.
 fn one_way(rig: &Rig<'_>, subject: &Subject, axis: Axis) -> Result<Vec<bool>> {
-    let resources = rig.resources();
-    let (geometry, part) = subject.upload(&resources);
-    let stage = Slicemap::new(&resources, &geometry, &[part], axis)?;
+    let (geometry, part) = subject.upload(&rig.resources);
+    let stage = Slicemap::new(&rig.resources, &geometry, &[part], axis)?;
     rig.run(&[&stage])?;
     let Some(slices) = stage.slicemaps().next() else {
         return Err(empty(axis.name()));
@@ -100,8 +98,9 @@ fn slanted_quads<E: Into<VerifyError>>(
         moved += differing(rig, &found, &subject, &subject.moved(1.0 / 3.0), axes);
     }
     let name = "slanted quads of 1 to 16 grid edges: voxels that differ from samples";
-    let control = ("grid moved by a third of a voxel", moved);
-    let check = Check::new((stage, name.to_owned()), (0.0, "1"), exact, control);
+    let check = Check::of(stage, name.to_owned())
+        .within((0.0, "1"), exact)
+        .control("grid moved by a third of a voxel", moved);
     let steps = f64::from(subpixels(&rig.gpu.adapter));
     Ok(check.with("voxels", set as f64).with("steps_per_pixel", steps))
 }
@@ -125,10 +124,9 @@ fn empty(stage: &'static str) -> VerifyError {
 
 /// The voxels of three slicemaps and their OR.
 fn three_way(rig: &Rig<'_>, subject: &Subject) -> Result<Vec<bool>, GpuError> {
-    let resources = rig.resources();
-    let (geometry, part) = subject.upload(&resources);
+    let (geometry, part) = subject.upload(&rig.resources);
     let parts = [part];
-    let passes = Axis::ALL.map(|axis| Slicemap::new(&resources, &geometry, &parts, axis));
+    let passes = Axis::ALL.map(|axis| Slicemap::new(&rig.resources, &geometry, &parts, axis));
     let [x, y, z] = passes;
     let (x, y, z) = (x?, y?, z?);
     let maps = [&x, &y, &z].map(|pass| pass.slicemaps().next().cloned());
@@ -137,17 +135,16 @@ fn three_way(rig: &Rig<'_>, subject: &Subject) -> Result<Vec<bool>, GpuError> {
     };
     let voxels = parts[0].voxels.clone();
     let bits = voxels.bits.clone();
-    let combine = Combine::new(&resources, &[(voxels, [a, b, c])])?;
+    let combine = Combine::new(&rig.resources, &[(voxels, [a, b, c])])?;
     rig.run(&[&x, &y, &z, &combine])?;
     Ok(voxels_of(&words(rig, &bits)?, &subject.grid))
 }
 
 /// The voxels of passes of a slice each.
 fn sliced(rig: &Rig<'_>, subject: &Subject) -> Result<Vec<bool>, GpuError> {
-    let resources = rig.resources();
-    let (geometry, part) = subject.upload(&resources);
+    let (geometry, part) = subject.upload(&rig.resources);
     let bits = part.voxels.bits.clone();
-    rig.run(&[&Slice::new(&resources, &geometry, &[part])?])?;
+    rig.run(&[&Slice::new(&rig.resources, &geometry, &[part])?])?;
     Ok(voxels_of(&words(rig, &bits)?, &subject.grid))
 }
 
@@ -171,21 +168,15 @@ fn against_surface(
     let [exact, perturbed] = [touched(&subject.grid), touched(&moved)];
     let thin = errors(found, &gaps(&triangles, &subject.grid, Contact::Lines));
     vec![
-        Check::new(
-            (stage, format!("{name}: voxels that differ from samples on three axes")),
-            (0.0, "1"),
-            against(&subject.grid),
-            ("grid moved by a third of a voxel", against(&moved)),
-        ),
-        Check::new(
-            (stage, format!("{name}: voxels that no triangle touches")),
-            (0.0, "1"),
-            exact.false_positives as f64,
-            ("grid moved by a third of a voxel", perturbed.false_positives as f64),
-        )
-        .with("touched_voxels", exact.occupied as f64)
-        .with("borderline_voxels", exact.borderline as f64)
-        .with("missed_share_of_touched", exact.false_negative_rate())
-        .with("missed_share_of_thin", thin.false_negative_rate()),
+        Check::of(stage, format!("{name}: voxels that differ from samples on three axes"))
+            .within((0.0, "1"), against(&subject.grid))
+            .control("grid moved by a third of a voxel", against(&moved)),
+        Check::of(stage, format!("{name}: voxels that no triangle touches"))
+            .within((0.0, "1"), exact.false_positives as f64)
+            .control("grid moved by a third of a voxel", perturbed.false_positives as f64)
+            .with("touched_voxels", exact.occupied as f64)
+            .with("borderline_voxels", exact.borderline as f64)
+            .with("missed_share_of_touched", exact.false_negative_rate())
+            .with("missed_share_of_thin", thin.false_negative_rate()),
     ]
 }

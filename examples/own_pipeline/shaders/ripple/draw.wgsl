@@ -1,0 +1,25 @@
+// Rings of ripples about the middle of the picture, added up.
+#import fathom::screen
+
+struct Ripples {
+    size_px: vec2<f32>,
+    wavelength: f32,
+    rings: u32,
+}
+
+@group(0) @binding(0) var<storage, read> settings: Ripples;
+
+@vertex
+fn vertex(@builtin(vertex_index) index: u32) -> @builtin(position) vec4<f32> {
+    return screen::corner(index);
+}
+
+@fragment
+fn fragment(@builtin(position) pixel: vec4<f32>) -> @location(0) vec4<f32> {
+    let from_middle = length(2.0 * pixel.xy / settings.size_px - 1.0);
+    var height = 0.0;
+    for (var ring = 1u; ring <= settings.rings; ring++) {
+        height += cos(6.2831855 * from_middle * f32(ring) / settings.wavelength) / f32(settings.rings);
+    }
+    return vec4(vec3(0.5 + 0.5 * height), 1.0);
+}

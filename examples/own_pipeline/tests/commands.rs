@@ -1,0 +1,122 @@
+//! Every command over the crate's own pipeline, on the adapter at hand.
+
+use std::fs;
+use std::os::unix::fs::PermissionsExt;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+const PROGRAM: &str = env!("CARGO_BIN_EXE_own_pipeline");
+
+fn run(arguments: &[&str]) -> Output {
+    Command::new(PROGRAM).args(arguments).output().expect("the program starts")
+}
+
+/// Standard output of a command that does well.
+fn told(arguments: &[&str]) -> String {
+    let out = run(arguments);
+    assert!(out.status.success(), "{arguments:?}: {}", String::from_utf8_lossy(&out.stderr));
+    String::from_utf8(out.stdout).unwrap()
+}
+
+fn text(path: &Path) -> &str {
+    path.to_str().unwrap()
+}
+
+#[test]
+fn listings_hold_what_the_crate_brings_beside_what_fathom_brings() {
+    let pipelines = told(&["list", "pipelines"]);
+    assert!(pipelines.contains("ripples") && pipelines.contains("underwater"), "{pipelines}");
+    let stages = told(&["list", "stages", "--pipeline", "ripples"]);
+    let names: Vec<&str> =
+        stages.lines().filter_map(|line| line.split_whitespace().next()).collect();
+    assert_eq!(names, ["ripple/draw", "ripple/blur"]);
+    let parameters = told(&["list", "parameters", "--pipeline", "ripples", "--scene", "puddle"]);
+    let rings = parameters.lines().find(|line| line.contains("ripples.rings")).unwrap();
+    for part in ["8", "1 … 4096", "Rings that are added up"] {
+        assert!(rings.contains(part), "{rings}");
+    }
+    assert_eq!(told(&["list", "experiments"]).lines().count(), 1);
+    let out = run(&["render", "puddle", "--pipeline", "ripples", "--set", "ripples.rings=0"]);
+    let message = String::from_utf8(out.stderr).unwrap();
+    assert!(message.contains("ripples.rings is 0: it must lie within 1 … 4096"), "{message}");
+}
+
+#[test]
+fn pictures_and_outputs_are_written() {
+    let folder = tempfile::tempdir().unwrap();
+    let picture = folder.path().join("puddle.png");
+    let view = ["--set", "view.width=40", "--set", "view.height=30"];
+    let render = ["render", "puddle", "--pipeline", "ripples", "-o", text(&picture)];
+    told(&[&render[..], &view].concat());
+    assert!(fs::metadata(&picture).unwrap().len() > 200);
+    let target = text(folder.path());
+    let dump = ["dump", "ripple/draw", "--pipeline", "ripples", "--scene", "puddle", "-o", target];
+    told(&[&dump[..], &view].concat());
+    assert!(folder.path().join("ripple-draw-image.npy").exists());
+}
+
+#[test]
+fn checks_are_sound_and_their_controls_fail() {
+    let checks = told(&["verify", "ripple"]);
+    for stage in ["ripple/draw", "ripple/blur"] {
+        assert!(checks.contains(stage), "{checks}");
+    }
+}
+
+#[test]
+fn the_experiment_runs_and_is_told_again_from_its_records() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("run");
+    told(&["run", "--budget", "6", "--out", text(&out)]);
+    let summary = fs::read_to_string(out.join("summary.md")).unwrap();
+    assert!(summary.contains("More rings take longer to draw"), "{summary}");
+    fs::remove_file(out.join("summary.md")).unwrap();
+    told(&["report", text(&out)]);
+    assert_eq!(fs::read_to_string(out.join("summary.md")).unwrap(), summary);
+}
+
+/// The program over shaders in a folder of their own.
+fn with_shaders(folder: &Path, name: &str, shaders: &Path) -> PathBuf {
+    let path = folder.join(name);
+    let script =
+        format!("#!/bin/sh\nOWN_PIPELINE_SHADERS={} exec {PROGRAM} \"$@\"\n", shaders.display());
+    fs::write(&path, script).unwrap();
+    fs::set_permissions(&path, fs::Permissions::from_mode(0o755)).unwrap();
+    path
+}
+
+/// The crate's shaders, with each pass over the rings made `times` times.
+fn shaders(folder: &Path, times: u32) -> PathBuf {
+    let own = Path::new(env!("CARGO_MANIFEST_DIR")).join("shaders/ripple");
+    let target = folder.join(format!("shaders-{times}"));
+    fs::create_dir_all(target.join("ripple")).unwrap();
+    for file in ["draw.wgsl", "blur.wgsl"] {
+        let source = fs::read_to_string(own.join(file)).unwrap();
+        let bound = "ring <= settings.rings";
+        let slowed = source.replace(bound, &format!("ring <= settings.rings * {times}u"));
+        assert!(file != "draw.wgsl" || source.contains(bound));
+        fs::write(target.join("ripple").join(file), slowed).unwrap();
+    }
+    target
+}
+
+#[test]
+fn its_own_compare_catches_a_slowdown_of_its_shader_and_nothing_else() {
+    let folder = tempfile::tempdir().unwrap();
+    let compared = |name: &str, times: u32| {
+        let sound = with_shaders(folder.path(), "base", &shaders(folder.path(), 1));
+        let head = with_shaders(folder.path(), name, &shaders(folder.path(), times));
+        let out = folder.path().join(format!("{name}-compared"));
+        let gates = ["compare", "--gates", "exact,time", "--launches", "14", "--pairs", "6"];
+        let sides = ["--base-bin", text(&sound), "--head-bin", text(&head), "--out", text(&out)];
+        let out = run(&[&gates[..], &sides].concat());
+        (out.status.code(), String::from_utf8(out.stdout).unwrap())
+    };
+    let (status, table) = compared("slow", 2);
+    assert_eq!(status, Some(1), "{table}");
+    assert!(table.contains("puddle ripple/draw: slower"), "{table}");
+    assert!(!table.contains("puddle ripple/blur: slower"), "{table}");
+    let (status, table) = compared("equal", 1);
+    assert!(matches!(status, Some(0 | 3)), "{table}");
+    assert!(!table.contains("slower"), "{table}");
+}
