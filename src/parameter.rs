@@ -102,7 +102,13 @@ macro_rules! numbers {
             fn check(&self, beside: Beside<'_>) -> Result<(), ParamError> {
                 let each: fn(&$type) -> Vec<f64> = $each;
                 let Some(Range { low, high }) = beside.range else { return Ok(()) };
-                each(self).into_iter().try_for_each(|value| within(beside.path, value, low, high))
+                let values = each(self);
+                if let [value] = values[..] {
+                    return within(beside.path, value, low, high);
+                }
+                values.into_iter().enumerate().try_for_each(|(i, value)| {
+                    within(&format!("{}[{i}]", beside.path), value, low, high)
+                })
             }
 
             fn describe(beside: Beside<'_>, fields: &mut Vec<Field>) {

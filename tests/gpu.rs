@@ -135,12 +135,12 @@ struct Pass<'a> {
 }
 
 impl Stage for Pass<'_> {
-    fn name(&self) -> &'static str {
+    fn info(&self) -> &'static StageInfo {
         match self.kind {
-            PassKind::Compute => "test/compute",
-            PassKind::Render => "test/render",
-            PassKind::Copy => "test/copy",
-            PassKind::Host => "test/host",
+            PassKind::Compute => const { &StageInfo::unlisted("test/compute") },
+            PassKind::Render => const { &StageInfo::unlisted("test/render") },
+            PassKind::Copy => const { &StageInfo::unlisted("test/copy") },
+            PassKind::Host => const { &StageInfo::unlisted("test/host") },
         }
     }
 
@@ -179,8 +179,8 @@ impl Stage for Pass<'_> {
 struct Idle;
 
 impl Stage for Idle {
-    fn name(&self) -> &'static str {
-        "test/idle"
+    fn info(&self) -> &'static StageInfo {
+        const { &StageInfo::unlisted("test/idle") }
     }
 
     fn encode(&self, _: &mut StageScope<'_>) {}
@@ -266,8 +266,8 @@ fn many_passes_span_several_query_sets() {
     let mut timer = FrameTimer::new(&gpu, plan_with_copies(&gpu), passes).expect("it is made");
     struct Many<'a>(&'a Work, u32);
     impl Stage for Many<'_> {
-        fn name(&self) -> &'static str {
-            "test/many"
+        fn info(&self) -> &'static StageInfo {
+            const { &StageInfo::unlisted("test/many") }
         }
         fn encode(&self, scope: &mut StageScope<'_>) {
             let [from, to] = &self.0.scratch;
@@ -317,8 +317,8 @@ fn what_was_rendered_is_read_back() {
 fn every_format_is_read_back_whatever_its_row_length() {
     struct Clear<'a>(&'a wgpu::TextureView);
     impl Stage for Clear<'_> {
-        fn name(&self) -> &'static str {
-            "test/clear"
+        fn info(&self) -> &'static StageInfo {
+            const { &StageInfo::unlisted("test/clear") }
         }
         fn encode(&self, scope: &mut StageScope<'_>) {
             let clear = Some(wgpu::Color { r: 0.2, g: 0.4, b: 0.6, a: 1.0 });

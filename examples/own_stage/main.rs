@@ -8,7 +8,7 @@ use std::io::Write;
 use fathom::Catalog;
 use fathom::embedded::Folder;
 use fathom::gpu::{
-    ColorTarget, FrameTimer, Gpu, GpuError, Options, Stage, StageScope, Targets, audit,
+    ColorTarget, FrameTimer, Gpu, GpuError, Options, Stage, StageInfo, StageScope, Targets, audit,
 };
 use fathom::harness::subject::Subjects;
 use fathom::record::Work;
@@ -52,8 +52,8 @@ impl Vignette {
 }
 
 impl Stage for Vignette {
-    fn name(&self) -> &'static str {
-        NAME
+    fn info(&self) -> &'static StageInfo {
+        const { &StageInfo::unlisted(NAME) }
     }
 
     fn encode(&self, scope: &mut StageScope<'_>) {

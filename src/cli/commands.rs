@@ -178,8 +178,8 @@ fn scene_rows(catalog: &Catalog) -> anyhow::Result<Rows> {
 /// Every stage, or those of a pipeline.
 fn stage_rows(catalog: &Catalog, pipeline: Option<&str>) -> anyhow::Result<Rows> {
     let stages: Vec<&stages::StageInfo> = match pipeline {
-        Some(name) => catalog.kind(name)?.stages().collect(),
-        None => catalog.stages.clone(),
+        Some(name) => catalog.stages_of(name)?,
+        None => catalog.stages(),
     };
     let row = |stage: &stages::StageInfo| {
         let about = format!("{} ({})", stage.about, stage.source);

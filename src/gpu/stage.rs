@@ -7,8 +7,11 @@ use crate::record::Work;
 
 /// A timed unit of a pipeline.
 pub trait Stage {
+    fn info(&self) -> &'static StageInfo;
     /// The name under which the time is recorded, such as `caustics/trace`.
-    fn name(&self) -> &'static str;
+    fn name(&self) -> &'static str {
+        self.info().name
+    }
     /// Opens the stage's passes. Called once per frame.
     fn encode(&self, scope: &mut StageScope<'_>);
     /// Work of one frame, from the algorithm.
@@ -63,7 +66,7 @@ pub enum OutputData {
 pub type Row = Box<dyn Fn(&[f32]) -> Vec<f32>>;
 
 /// What `fathom list stages` says of a stage.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct StageInfo {
     pub name: &'static str,
     pub about: &'static str,
@@ -97,5 +100,12 @@ impl Output {
     pub fn image(texture: &wgpu::Texture) -> Self {
         let columns = Column::display("display value, gamma 2.2");
         Self::texture("image", "the final image", columns, texture)
+    }
+}
+
+impl StageInfo {
+    /// Of a stage that is listed nowhere: of a test, an audit or an example.
+    pub const fn unlisted(name: &'static str) -> Self {
+        Self { name, about: "", source: "" }
     }
 }

@@ -1,20 +1,24 @@
 //! What commands work on, by name: pipelines, shaders, scenes, experiments, checks and gate cells. A crate of one's own hands in
 //! a catalogue of its own.
 
+use std::collections::BTreeSet;
+
+use serde_json::Value;
+
 use super::subject::SubjectError;
 use super::verify::{self, Case};
 use crate::embedded::{EXPERIMENTS, Folder, Folders, SCENES, SHADERS};
 use crate::experiments::nearest;
 use crate::gpu::StageInfo;
-use crate::pipelines::{KINDS, Kind, Pipeline};
+use crate::parameter::{self, Allowed, Field};
+use crate::pipelines::{self, KINDS, Kind, Pipeline};
+use crate::scene::{Scene, SceneFile};
 use crate::stages;
 
 /// Everything that the commands know by name.
 #[derive(Clone, Debug)]
 pub struct Catalog {
     pub kinds: Vec<Kind>,
-    /// In frame order.
-    pub stages: Vec<&'static StageInfo>,
     pub shaders: Folders,
     pub scenes: Folders,
     pub experiments: Folders,
@@ -34,7 +38,6 @@ impl Catalog {
     pub fn builtin() -> Self {
         Self {
             kinds: KINDS.to_vec(),
-            stages: stages::REGISTRY.iter().collect(),
             shaders: Folders::of(SHADERS),
             scenes: Folders::of(SCENES),
             experiments: Folders::of(EXPERIMENTS),
@@ -43,23 +46,10 @@ impl Catalog {
         }
     }
 
-    /// Adds a pipeline. Its stages are listed with those that are known.
+    /// Adds a pipeline.
     #[must_use]
     pub fn pipeline<P: Pipeline>(mut self) -> Self {
-        let kind = Kind::of::<P>();
-        for stage in kind.stages() {
-            if !self.stages.iter().any(|known| known.name == stage.name) {
-                self.stages.push(stage);
-            }
-        }
-        self.kinds.push(kind);
-        self
-    }
-
-    /// Adds stages that no pipeline's frame runs.
-    #[must_use]
-    pub fn stages(mut self, stages: &'static [StageInfo]) -> Self {
-        self.stages.extend(stages);
+        self.kinds.push(Kind::of::<P>());
         self
     }
 
@@ -112,8 +102,72 @@ impl Catalog {
         })
     }
 
+    /// The stages that a pipeline's frame holds by some of its parameters, in frame order: found by planning it with each of the
+    /// choices that a parameter has, one parameter at a time.
+    ///
+    /// # Errors
+    /// An unknown pipeline, and one that no scene suits.
+    pub fn stages_of(&self, pipeline: &str) -> Result<Vec<&'static StageInfo>, SubjectError> {
+        let kind = self.kind(pipeline)?;
+        let suitable = LISTED.into_iter().map(str::to_owned);
+        let mut scenes =
+            suitable.chain(self.scenes.texts(".toml").into_iter().map(|(name, _)| name));
+        let planned = |scene: String| {
+            let file = pipelines::smallest(SceneFile::load_from(&self.scenes, &scene).ok()?);
+            let tree = (kind.defaults)(&file);
+            Some((planned_stages(kind, &file, &tree)?, file, tree))
+        };
+        let (mut found, file, tree) = scenes.find_map(planned).ok_or_else(|| {
+            SubjectError::Invalid(format!("no scene suits pipeline `{pipeline}`"))
+        })?;
+        for (path, value) in (kind.fields)().iter().flat_map(choices) {
+            let mut tree = tree.clone();
+            let set = parameter::set(&mut tree, &path, value).ok();
+            found.extend(set.and_then(|()| planned_stages(kind, &file, &tree)).unwrap_or_default());
+        }
+        Ok(in_order(found))
+    }
+
+    /// Every stage: those of fathom, and those of the pipelines.
+    pub fn stages(&self) -> Vec<&'static StageInfo> {
+        let own = self.kinds.iter().flat_map(|kind| self.stages_of(kind.name).unwrap_or_default());
+        in_order(stages::REGISTRY.iter().chain(own).collect())
+    }
+
     /// Every check, in frame order.
     pub fn cases(&self) -> Vec<Case> {
         self.checks.iter().flat_map(|cases| cases()).collect()
     }
+}
+
+/// Scenes that pipelines are listed with, where they suit: one of objects and one of a volume, both quickly made.
+const LISTED: [&str; 2] = ["plane", "smoke"];
+
+/// What a parameter may be, where that is a few names.
+fn choices(field: &Field) -> Vec<(String, Value)> {
+    let values = match field.allowed {
+        Allowed::Names(names) => names.iter().map(|name| Value::from(*name)).collect(),
+        Allowed::Flag => vec![Value::from(true), Value::from(false)],
+        Allowed::Numbers(_) | Allowed::Free => Vec::new(),
+    };
+    values.into_iter().map(|value| (field.path.clone(), value)).collect()
+}
+
+/// The stages of a frame by these parameters; none where they or the scene do not suit.
+fn planned_stages(kind: Kind, file: &SceneFile, tree: &Value) -> Option<Vec<&'static StageInfo>> {
+    let configuration = (kind.configure)(tree).ok()?;
+    let scene = Scene::build(&configuration.staged(file).ok()?).ok()?;
+    Some(configuration.plan(&scene).ok()?.stages)
+}
+
+/// Each stage once: those of fathom in frame order, then all others in the order in which they were found.
+fn in_order(mut found: Vec<&'static StageInfo>) -> Vec<&'static StageInfo> {
+    let place = |stage: &&StageInfo| {
+        let registered = stages::REGISTRY.iter().position(|known| known.name == stage.name);
+        registered.unwrap_or(usize::MAX)
+    };
+    found.sort_by_key(place);
+    let mut seen = BTreeSet::new();
+    found.retain(|stage| seen.insert(stage.name));
+    found
 }

@@ -7,9 +7,9 @@ use serde_json::Value;
 use thiserror::Error;
 
 use super::catalog::Catalog;
-use crate::gpu::{Capacity, Demand, Gpu, GpuError};
+use crate::gpu::{Capacity, Gpu, GpuError};
 use crate::parameter::{self, ParamError};
-use crate::pipelines::{self, AnyPipeline, Configuration, Kind, Pipeline};
+use crate::pipelines::{self, AnyPipeline, Configuration, Kind, Pipeline, Plan};
 use crate::scene::{Camera, Scene, SceneError, SceneFile};
 use crate::tell;
 
@@ -52,11 +52,11 @@ impl Subject {
         if self.too_large.is_some() {
             return Ok(self.too_large.clone());
         }
-        Ok(capacity.check(&self.plan()?).err())
+        Ok(capacity.check(&self.plan()?.demand).err())
     }
 
-    /// What the pipeline asks of an adapter.
-    pub fn plan(&self) -> Result<Demand, SubjectError> {
+    /// What the pipeline would make.
+    pub fn plan(&self) -> Result<Plan, SubjectError> {
         let invalid = |error: GpuError| SubjectError::Invalid(error.to_string());
         self.configuration.plan(&self.scene).map_err(invalid)
     }

@@ -9,12 +9,12 @@ use std::path::Path;
 use super::lighting::{Composed, Seen};
 use super::occlusion::{self, OcclusionBuffers};
 use super::{Judge, JudgeError, Judged, Pipeline, settings};
-use crate::gpu::{Gpu, GpuError, StageInfo};
+use crate::gpu::{Gpu, GpuError};
 use crate::scene::Scene;
 use crate::stages::geometry::Geometry;
+use crate::stages::hsao;
 use crate::stages::hsao::march::{self, HorizonUniforms};
 use crate::stages::kit::Resources;
-use crate::stages::{self, hsao};
 
 pub use parameters::{Horizon, Params};
 
@@ -31,14 +31,6 @@ impl Pipeline for Hsao {
     const NAME: &'static str = "hsao";
     const ABOUT: &'static str =
         "horizon-split ambient occlusion over the depth buffer (VAO §6), lit and composed";
-    const STAGES: &'static [&'static [StageInfo]] = &[&[
-        stages::frame::INFO,
-        stages::shadow::depth::INFO,
-        stages::scene::gbuffer::INFO,
-        stages::hsao::march::INFO,
-        stages::hsao::filter::INFO,
-        stages::ao::compose::INFO,
-    ]];
     type Params = Params;
 
     fn new(resources: &Resources<'_>, scene: &Scene, params: &Params) -> Result<Self, GpuError> {

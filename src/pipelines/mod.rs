@@ -54,8 +54,6 @@ pub trait Parameters: Setting + Serialize + DeserializeOwned + Clone + 'static {
 pub trait Pipeline: Sized + 'static {
     const NAME: &'static str;
     const ABOUT: &'static str;
-    /// Every stage that some parameters run, in frame order, part by part.
-    const STAGES: &'static [&'static [StageInfo]];
     type Params: Parameters;
 
     /// Makes the stages and pushes each, in frame order. On a planner this counts what it asks.
@@ -250,14 +248,22 @@ impl<P: Pipeline> AnyPipeline for Built<P> {
     }
 }
 
+/// What a pipeline would make.
+pub struct Plan {
+    /// What building it and reading its picture back asks of an adapter.
+    pub demand: Demand,
+    /// The stages of a frame, in order.
+    pub stages: Vec<&'static StageInfo>,
+}
+
 /// A pipeline with parameters that were read and checked: what can be planned and built for a scene.
 pub trait Configuration {
     fn staged(&self, file: &SceneFile) -> Result<SceneFile, ParamError>;
-    /// What building it and reading its picture back would ask, before anything is allocated.
+    /// What building it would make and ask, before anything is allocated.
     ///
     /// # Errors
     /// A scene or settings that it cannot be built for; the text names them.
-    fn plan(&self, scene: &Scene) -> Result<Demand, GpuError>;
+    fn plan(&self, scene: &Scene) -> Result<Plan, GpuError>;
     fn build(&self, gpu: &Gpu, scene: &Scene) -> Result<Box<dyn AnyPipeline>, GpuError>;
     fn camera(&self) -> &Camera;
     /// The same seen from elsewhere.
@@ -279,7 +285,7 @@ impl<P: Pipeline> Configuration for Configured<P> {
         self.0.staged(file)
     }
 
-    fn plan(&self, scene: &Scene) -> Result<Demand, GpuError> {
+    fn plan(&self, scene: &Scene) -> Result<Plan, GpuError> {
         let planner = Gpu::planner()?;
         planner.scoped(|| {
             let resources = Resources::new(planner);
@@ -287,7 +293,9 @@ impl<P: Pipeline> Configuration for Configured<P> {
             let pixels = crate::stages::kit::pixels(pipeline.image());
             let picture = resources.sized_by(settings::VIEWPORT);
             picture.host_copies("image", pixels.saturating_mul(PICTURE_BYTES));
-            Ok(resources.into_parts().demand)
+            let parts = resources.into_parts();
+            let stages = parts.stages.iter().map(|stage| stage.info()).collect();
+            Ok(Plan { demand: parts.demand, stages })
         })
     }
 
@@ -319,7 +327,6 @@ impl<P: Pipeline> Configuration for Configured<P> {
 pub struct Kind {
     pub name: &'static str,
     pub about: &'static str,
-    stages: &'static [&'static [StageInfo]],
     /// The whole tree of parameters with the values that the scene file gives.
     pub defaults: fn(&SceneFile) -> Value,
     /// Every parameter, with range, unit and description.
@@ -333,16 +340,10 @@ impl Kind {
         Self {
             name: P::NAME,
             about: P::ABOUT,
-            stages: P::STAGES,
             defaults: |file| parameter::tree(&P::Params::defaults(file)),
             fields: parameter::fields::<P::Params>,
             configure: |tree| Ok(Rc::new(Configured::<P>(read(tree)?))),
         }
-    }
-
-    /// Every stage that some parameters run, in frame order.
-    pub fn stages(&self) -> impl Iterator<Item = &'static StageInfo> {
-        self.stages.iter().copied().flatten()
     }
 }
 

@@ -10,14 +10,14 @@ use std::rc::Rc;
 
 use super::Pipeline;
 use super::settings::{self, Attenuation, VIEWPORT};
-use crate::gpu::{Gpu, GpuError, StageInfo, read_texture};
+use crate::gpu::{Gpu, GpuError, read_texture};
 use crate::record::Work;
 use crate::scene::{Scene, Volume};
 use crate::stages::frame::{Frame, Shared, View};
 use crate::stages::kit::{self, Resources};
 use crate::stages::ray_cast::RayCast;
+use crate::stages::scalar;
 use crate::stages::scalar_field::ScalarField;
-use crate::stages::{self, scalar};
 
 pub use parameters::{Law, Mode, Params, Scalar, Stop};
 
@@ -52,12 +52,6 @@ impl ScalarAo {
 impl Pipeline for ScalarAo {
     const NAME: &'static str = "scalar_ao";
     const ABOUT: &'static str = "ambient occlusion in scalar fields (VAO §5.2): an isosurface, direct volume rendering, or smoke";
-    const STAGES: &'static [&'static [StageInfo]] = &[&[
-        stages::frame::INFO,
-        stages::scalar::isosurface::INFO,
-        stages::scalar::direct::INFO,
-        stages::scalar::positional::INFO,
-    ]];
     type Params = Params;
 
     fn new(resources: &Resources<'_>, scene: &Scene, params: &Params) -> Result<Self, GpuError> {

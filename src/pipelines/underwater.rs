@@ -25,7 +25,7 @@ use crate::stages::lit_scene::LitScene;
 use crate::stages::low_pass::{FilterUniforms, LowPass};
 use crate::stages::photon::Tracing;
 use crate::stages::splatting::{Additive, PHOTONS_PER_INSTANCE};
-use crate::stages::{self, caustics, godrays, scene, shadow, water};
+use crate::stages::{caustics, godrays, scene, shadow, water};
 
 pub use measure::{PhotonQuery, blended_fragments, photons_at, read_photons};
 pub use parameters::{Intensity, Params, PhotonGrid, SubdivisionMode};
@@ -57,21 +57,6 @@ impl PhotonStages {
 impl Pipeline for Underwater {
     const NAME: &'static str = "underwater";
     const ABOUT: &'static str = "underwater caustics and godrays (UW): photons through the water's surface, splats and light shafts";
-    const STAGES: &'static [&'static [StageInfo]] = &[&[
-        stages::frame::INFO,
-        stages::shadow::depth::INFO,
-        stages::shadow::mask::INFO,
-        stages::scene::gbuffer::INFO,
-        stages::water::reflection::INFO,
-        stages::water::refraction::INFO,
-        stages::caustics::trace::INFO,
-        stages::caustics::splat::INFO,
-        stages::caustics::filter::INFO,
-        stages::godrays::trace::INFO,
-        stages::godrays::lines::INFO,
-        stages::godrays::filter::INFO,
-        stages::compose::INFO,
-    ]];
     type Params = Params;
 
     fn new(resources: &Resources<'_>, scene: &Scene, params: &Params) -> Result<Self, GpuError> {

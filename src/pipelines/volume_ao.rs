@@ -13,7 +13,7 @@ use super::occlusion::{self, OcclusionBuffers};
 use super::settings::{self, Deform, Update};
 use super::voxelization::{self, Voxelization};
 use super::{Judge, JudgeError, Judged, Pipeline};
-use crate::gpu::{Gpu, GpuError, StageInfo};
+use crate::gpu::{Gpu, GpuError};
 use crate::scene::Scene;
 use crate::stages::geometry::Geometry;
 use crate::stages::kit::Resources;
@@ -49,17 +49,6 @@ impl VolumeAo {
 impl Pipeline for VolumeAo {
     const NAME: &'static str = "volume_ao";
     const ABOUT: &'static str = "volume ambient occlusion (VAO): voxelization, rays marched through the volume, filter, composition";
-    const STAGES: &'static [&'static [StageInfo]] = &[
-        &[stages::frame::INFO],
-        voxelization::STAGES,
-        &[
-            stages::shadow::depth::INFO,
-            stages::scene::gbuffer::INFO,
-            stages::ao::march::INFO,
-            stages::ao::bilateral::INFO,
-            stages::ao::compose::INFO,
-        ],
-    ];
     type Params = Params;
 
     fn new(resources: &Resources<'_>, scene: &Scene, params: &Params) -> Result<Self, GpuError> {

@@ -3,9 +3,8 @@
 use std::rc::Rc;
 
 use super::settings::{self, Animation, Method, Update, Voxel};
-use crate::gpu::{GpuError, Stage, StageInfo};
+use crate::gpu::{GpuError, Stage};
 use crate::scene::{Grid, Scene};
-use crate::stages;
 use crate::stages::geometry::Geometry;
 use crate::stages::kit::Resources;
 use crate::stages::voxel::clear::{Clear, Cleared};
@@ -16,21 +15,6 @@ use crate::stages::voxel::slicemap::{Axis, Slicemap};
 use crate::stages::voxel::unpack::{Packed, Unpack};
 use crate::stages::voxel::{Part, alpha, overlap};
 use crate::stages::voxels::Voxels;
-
-/// Every stage that moves geometry or fills volumes, in frame order.
-pub const STAGES: &[StageInfo] = &[
-    stages::scene::deform::INFO,
-    stages::voxel::clear::INFO,
-    stages::voxel::slicemap::INFO_X,
-    stages::voxel::slicemap::INFO_Y,
-    stages::voxel::slicemap::INFO_Z,
-    stages::voxel::combine::INFO,
-    stages::voxel::slice::INFO,
-    stages::voxel::overlap::INFO,
-    stages::voxel::alpha::INFO,
-    stages::voxel::unpack::INFO,
-    stages::voxel::mips::INFO,
-];
 
 /// Which volumes are made, and when they are filled.
 pub struct Volumes {

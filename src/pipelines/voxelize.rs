@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use super::settings::{self, Animation, Update, VIEWPORT, Voxel};
 use super::voxelization::{self, Voxelization};
 use super::{Parameters, Pipeline};
-use crate::gpu::{Gpu, GpuError, Stage, StageInfo, read_buffer, texture_bytes};
+use crate::gpu::{Gpu, GpuError, Stage, read_buffer, texture_bytes};
 use crate::parameter::ParamError;
 use crate::scene::{Camera, Light, Scene, SceneFile};
 use crate::stages::frame::Shared;
@@ -78,7 +78,6 @@ impl Pipeline for Voxelize {
     const NAME: &'static str = "voxelize";
     const ABOUT: &'static str =
         "real-time voxelization (VAO §4): slicemaps, slices, or triangles against voxels";
-    const STAGES: &'static [&'static [StageInfo]] = &[voxelization::STAGES];
     type Params = Params;
 
     fn new(resources: &Resources<'_>, scene: &Scene, params: &Params) -> Result<Self, GpuError> {
@@ -155,7 +154,7 @@ mod tests {
             change(&mut params);
             let kind = crate::pipelines::Kind::of::<Voxelize>();
             let configured = (kind.configure)(&crate::parameter::tree(&params)).unwrap();
-            configured.plan(&scene).unwrap().check(&limits).unwrap_err()
+            configured.plan(&scene).unwrap().demand.check(&limits).unwrap_err()
         };
         let message = beyond(&|p| p.voxel.resolution = 512);
         assert!(message.contains("voxel.resolution: asks 512 of max_texture_dimension_3d"));

@@ -381,7 +381,7 @@ mod tests {
         assert!(Water::default().validate().is_ok());
         assert!(bad(|w| w.wavelength_m = 0.0).contains("water.wavelength_m is 0"));
         assert!(bad(|w| w.refractive_index = 0.9).contains("water.refractive_index"));
-        assert!(bad(|w| w.noise = 1.5).contains("0 to 1"));
+        assert!(bad(|w| w.noise = 1.5).contains("0 … 1"));
         assert!(bad(|w| w.amplitude_m = f64::NAN).contains("water.amplitude_m"));
         assert!(bad(|w| w.half_size_m[1] = -1.0).contains("water.half_size_m"));
     }

@@ -57,8 +57,8 @@ impl Bilateral {
 }
 
 impl Stage for Bilateral {
-    fn name(&self) -> &'static str {
-        self.info.name
+    fn info(&self) -> &'static StageInfo {
+        self.info
     }
 
     fn encode(&self, scope: &mut StageScope<'_>) {

@@ -214,8 +214,8 @@ impl Frame {
 }
 
 impl Stage for Frame {
-    fn name(&self) -> &'static str {
-        INFO.name
+    fn info(&self) -> &'static StageInfo {
+        &INFO
     }
 
     fn encode(&self, scope: &mut StageScope<'_>) {

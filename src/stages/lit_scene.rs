@@ -34,8 +34,8 @@ impl LitScene {
 }
 
 impl Stage for LitScene {
-    fn name(&self) -> &'static str {
-        self.info.name
+    fn info(&self) -> &'static StageInfo {
+        self.info
     }
 
     fn encode(&self, scope: &mut StageScope<'_>) {

@@ -45,8 +45,8 @@ impl LowPass {
 }
 
 impl Stage for LowPass {
-    fn name(&self) -> &'static str {
-        self.info.name
+    fn info(&self) -> &'static StageInfo {
+        self.info
     }
 
     fn encode(&self, scope: &mut StageScope<'_>) {

@@ -189,8 +189,8 @@ impl Tracing {
 }
 
 impl Stage for Tracing {
-    fn name(&self) -> &'static str {
-        self.info.name
+    fn info(&self) -> &'static StageInfo {
+        self.info
     }
 
     fn encode(&self, scope: &mut StageScope<'_>) {

@@ -87,8 +87,8 @@ impl RayCast {
 }
 
 impl Stage for RayCast {
-    fn name(&self) -> &'static str {
-        self.info.name
+    fn info(&self) -> &'static StageInfo {
+        self.info
     }
 
     fn encode(&self, scope: &mut StageScope<'_>) {

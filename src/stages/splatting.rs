@@ -95,8 +95,8 @@ impl Additive {
 }
 
 impl Stage for Additive {
-    fn name(&self) -> &'static str {
-        self.info.name
+    fn info(&self) -> &'static StageInfo {
+        self.info
     }
 
     fn encode(&self, scope: &mut StageScope<'_>) {

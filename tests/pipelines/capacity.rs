@@ -61,7 +61,7 @@ fn demands_foresee_what_pipelines_allocate() {
     ];
     for (pipeline, scene, set) in cases {
         let subject = subject(&mut subjects, pipeline, scene, set);
-        let foreseen = subject.plan().unwrap().held_bytes();
+        let foreseen = subject.plan().unwrap().demand.held_bytes();
         let allocated = subject.build(&gpu).unwrap().allocated_bytes();
         assert_eq!(foreseen, allocated, "{pipeline} on {scene}, {set:?}");
     }

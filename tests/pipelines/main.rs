@@ -30,7 +30,7 @@ fn prepared<P: Pipeline>(gpu: &Gpu, scene: &str, set: &Set<'_>) -> (Scene, P::Pa
     let params: P::Params = fathom::pipelines::read(&tree).unwrap();
     let scene = Scene::build(&params.staged(&file).unwrap()).unwrap();
     let configured = (Kind::of::<P>().configure)(&tree).unwrap();
-    gpu.check(&configured.plan(&scene).unwrap()).unwrap();
+    gpu.check(&configured.plan(&scene).unwrap().demand).unwrap();
     (scene, params)
 }
 

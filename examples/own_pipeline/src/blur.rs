@@ -46,8 +46,8 @@ impl Blur {
 }
 
 impl Stage for Blur {
-    fn name(&self) -> &'static str {
-        INFO.name
+    fn info(&self) -> &'static StageInfo {
+        &INFO
     }
 
     fn encode(&self, scope: &mut StageScope<'_>) {

@@ -53,8 +53,8 @@ impl Draw {
 }
 
 impl Stage for Draw {
-    fn name(&self) -> &'static str {
-        INFO.name
+    fn info(&self) -> &'static StageInfo {
+        &INFO
     }
 
     fn encode(&self, scope: &mut StageScope<'_>) {

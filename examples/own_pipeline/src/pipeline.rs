@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::rc::Rc;
 
-use fathom::gpu::{Gpu, GpuError, StageInfo, read_texture};
+use fathom::gpu::{Gpu, GpuError, read_texture};
 use fathom::parameter::ParamError;
 use fathom::pipelines::settings::View;
 use fathom::pipelines::{Parameters, Pipeline};
@@ -64,7 +64,6 @@ pub struct Ripples {
 impl Pipeline for Ripples {
     const NAME: &'static str = "ripples";
     const ABOUT: &'static str = "rings of ripples, drawn and blurred";
-    const STAGES: &'static [&'static [StageInfo]] = &[&[draw::INFO, blur::INFO]];
     type Params = Params;
 
     fn new(resources: &Resources<'_>, _: &Scene, params: &Params) -> Result<Self, GpuError> {

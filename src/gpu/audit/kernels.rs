@@ -1,9 +1,9 @@
 //! The kernels of the audit: a pass of each kind whose work is known.
 
-use crate::gpu::Stage;
 use crate::gpu::frame::{ColorTarget, StageScope, Targets};
 use crate::gpu::shader::compilation_options;
 use crate::gpu::{Gpu, GpuError};
+use crate::gpu::{Stage, StageInfo};
 use crate::record::PassKind;
 
 /// Edge of the render kernel's target in pixels, and invocations of the compute kernel.
@@ -146,12 +146,12 @@ pub(super) struct Kernel<'a> {
 }
 
 impl Stage for Kernel<'_> {
-    fn name(&self) -> &'static str {
+    fn info(&self) -> &'static StageInfo {
         match self.kind {
-            PassKind::Compute => "audit/compute",
-            PassKind::Render => "audit/render",
-            PassKind::Copy => "audit/copy",
-            PassKind::Host => "audit/host",
+            PassKind::Compute => const { &StageInfo::unlisted("audit/compute") },
+            PassKind::Render => const { &StageInfo::unlisted("audit/render") },
+            PassKind::Copy => const { &StageInfo::unlisted("audit/copy") },
+            PassKind::Host => const { &StageInfo::unlisted("audit/host") },
         }
     }
 

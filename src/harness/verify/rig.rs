@@ -4,7 +4,7 @@ use glam::{DVec3, UVec2};
 
 use super::Result;
 use crate::gpu::{
-    DepthTarget, Gpu, GpuError, Stage, StageScope, Targets, read_buffer, read_texture,
+    DepthTarget, Gpu, GpuError, Stage, StageInfo, StageScope, Targets, read_buffer, read_texture,
 };
 use crate::reference::image::Image;
 use crate::reference::quantities::{StoredPhoton, stored_photons};
@@ -142,8 +142,8 @@ enum To {
 }
 
 impl Stage for Clear {
-    fn name(&self) -> &'static str {
-        "verify/clear"
+    fn info(&self) -> &'static StageInfo {
+        const { &StageInfo::unlisted("verify/clear") }
     }
 
     fn encode(&self, scope: &mut StageScope<'_>) {

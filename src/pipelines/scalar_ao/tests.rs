@@ -31,7 +31,7 @@ fn tree(path: &str, value: Value) -> Value {
 }
 
 fn demand(tree: &Value, scene: &Scene) -> Result<Demand, GpuError> {
-    (Kind::of::<ScalarAo>().configure)(tree)?.plan(scene)
+    Ok((Kind::of::<ScalarAo>().configure)(tree)?.plan(scene)?.demand)
 }
 
 fn read(tree: &Value) -> Result<Params, ParamError> {

@@ -73,8 +73,8 @@ impl Compose {
 }
 
 impl Stage for Compose {
-    fn name(&self) -> &'static str {
-        INFO.name
+    fn info(&self) -> &'static StageInfo {
+        &INFO
     }
 
     fn encode(&self, scope: &mut StageScope<'_>) {

@@ -153,8 +153,8 @@ fn rectangle(view_projection: &DMat4, bounds: &Bounds, size_px: [u32; 2]) -> Opt
 }
 
 impl Stage for March {
-    fn name(&self) -> &'static str {
-        INFO.name
+    fn info(&self) -> &'static StageInfo {
+        &INFO
     }
 
     fn encode(&self, scope: &mut StageScope<'_>) {

@@ -71,8 +71,8 @@ impl Query {
 }
 
 impl Stage for Query {
-    fn name(&self) -> &'static str {
-        INFO.name
+    fn info(&self) -> &'static StageInfo {
+        &INFO
     }
 
     fn encode(&self, scope: &mut StageScope<'_>) {

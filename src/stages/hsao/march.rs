@@ -114,8 +114,8 @@ pub fn count(
 }
 
 impl Stage for March {
-    fn name(&self) -> &'static str {
-        INFO.name
+    fn info(&self) -> &'static StageInfo {
+        &INFO
     }
 
     fn encode(&self, scope: &mut StageScope<'_>) {

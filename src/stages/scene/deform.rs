@@ -107,8 +107,8 @@ impl Deform {
 }
 
 impl Stage for Deform {
-    fn name(&self) -> &'static str {
-        INFO.name
+    fn info(&self) -> &'static StageInfo {
+        &INFO
     }
 
     fn encode(&self, scope: &mut StageScope<'_>) {

@@ -40,8 +40,8 @@ impl Gbuffer {
 }
 
 impl Stage for Gbuffer {
-    fn name(&self) -> &'static str {
-        INFO.name
+    fn info(&self) -> &'static StageInfo {
+        &INFO
     }
 
     fn encode(&self, scope: &mut StageScope<'_>) {

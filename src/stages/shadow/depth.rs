@@ -33,8 +33,8 @@ impl Depth {
 }
 
 impl Stage for Depth {
-    fn name(&self) -> &'static str {
-        INFO.name
+    fn info(&self) -> &'static StageInfo {
+        &INFO
     }
 
     fn encode(&self, scope: &mut StageScope<'_>) {

@@ -58,8 +58,8 @@ impl Mask {
 }
 
 impl Stage for Mask {
-    fn name(&self) -> &'static str {
-        INFO.name
+    fn info(&self) -> &'static StageInfo {
+        &INFO
     }
 
     fn encode(&self, scope: &mut StageScope<'_>) {

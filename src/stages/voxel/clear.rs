@@ -35,8 +35,8 @@ impl Clear {
 }
 
 impl Stage for Clear {
-    fn name(&self) -> &'static str {
-        INFO.name
+    fn info(&self) -> &'static StageInfo {
+        &INFO
     }
 
     fn encode(&self, scope: &mut StageScope<'_>) {

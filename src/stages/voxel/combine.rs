@@ -54,8 +54,8 @@ impl Combine {
 }
 
 impl Stage for Combine {
-    fn name(&self) -> &'static str {
-        INFO.name
+    fn info(&self) -> &'static StageInfo {
+        &INFO
     }
 
     fn encode(&self, scope: &mut StageScope<'_>) {

@@ -119,8 +119,8 @@ impl Volume {
 }
 
 impl Stage for Mips {
-    fn name(&self) -> &'static str {
-        INFO.name
+    fn info(&self) -> &'static StageInfo {
+        &INFO
     }
 
     fn encode(&self, scope: &mut StageScope<'_>) {

@@ -84,8 +84,8 @@ impl Volume {
 }
 
 impl Stage for Slice {
-    fn name(&self) -> &'static str {
-        INFO.name
+    fn info(&self) -> &'static StageInfo {
+        &INFO
     }
 
     fn encode(&self, scope: &mut StageScope<'_>) {

@@ -42,12 +42,12 @@ pub enum Axis {
 impl Axis {
     pub const ALL: [Axis; 3] = [Axis::X, Axis::Y, Axis::Z];
 
-    /// The stage's name.
-    pub fn name(self) -> &'static str {
+    /// The stage's.
+    pub fn info(self) -> &'static StageInfo {
         match self {
-            Axis::X => INFO_X.name,
-            Axis::Y => INFO_Y.name,
-            Axis::Z => INFO_Z.name,
+            Axis::X => &INFO_X,
+            Axis::Y => &INFO_Y,
+            Axis::Z => &INFO_Z,
         }
     }
 
@@ -95,7 +95,7 @@ impl Slicemap {
         parts: &[Part],
         axis: Axis,
     ) -> Result<Self, GpuError> {
-        let name = axis.name();
+        let name = axis.info().name;
         let draw = |part: &Part| {
             let grid = &part.voxels.grid;
             let slices = resources.storage(name, axis.slicemap_bytes(grid));
@@ -126,8 +126,8 @@ impl Slicemap {
 }
 
 impl Stage for Slicemap {
-    fn name(&self) -> &'static str {
-        self.axis.name()
+    fn info(&self) -> &'static StageInfo {
+        self.axis.info()
     }
 
     fn encode(&self, scope: &mut StageScope<'_>) {

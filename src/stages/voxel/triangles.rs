@@ -97,8 +97,8 @@ impl Triangles {
 }
 
 impl Stage for Triangles {
-    fn name(&self) -> &'static str {
-        self.info.name
+    fn info(&self) -> &'static StageInfo {
+        self.info
     }
 
     fn encode(&self, scope: &mut StageScope<'_>) {

@@ -75,8 +75,8 @@ impl Volume {
 }
 
 impl Stage for Unpack {
-    fn name(&self) -> &'static str {
-        INFO.name
+    fn info(&self) -> &'static StageInfo {
+        &INFO
     }
 
     fn encode(&self, scope: &mut StageScope<'_>) {

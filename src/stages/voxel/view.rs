@@ -66,8 +66,8 @@ impl CubeView {
 }
 
 impl Stage for CubeView {
-    fn name(&self) -> &'static str {
-        INFO.name
+    fn info(&self) -> &'static StageInfo {
+        &INFO
     }
 
     fn encode(&self, scope: &mut StageScope<'_>) {

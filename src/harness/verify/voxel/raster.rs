@@ -17,7 +17,7 @@ const SLICE: &str = "voxel/slice";
 
 pub fn cases() -> Vec<Case> {
     let one_axis = Axis::ALL.map(|axis| {
-        Case::new(axis.name(), "bits along one axis", move |rig| {
+        Case::new(axis.info().name, "bits along one axis", move |rig| {
             slicemap_against_samples(rig, axis)
         })
     });
@@ -60,7 +60,7 @@ fn slicemap_against_samples(rig: &Rig<'_>, axis: Axis) -> Checks {
         let against = |grid: &Grid| differing(rig, &found, &subject, grid, &[axis as usize]);
         checks.push(
             Check::of(
-                axis.name(),
+                axis.info().name,
                 format!("{}: voxels that differ from samples at pixel centres", subject.name),
             )
             .within((0.0, "1"), against(&subject.grid))
@@ -68,7 +68,7 @@ fn slicemap_against_samples(rig: &Rig<'_>, axis: Axis) -> Checks {
         );
     }
     let slanted = |subject: &Subject| one_way(rig, subject, axis);
-    checks.push(slanted_quads(rig, axis.name(), &[axis as usize], slanted)?);
+    checks.push(slanted_quads(rig, axis.info().name, &[axis as usize], slanted)?);
     Ok(checks)
 }
 
@@ -78,7 +78,7 @@ fn one_way(rig: &Rig<'_>, subject: &Subject, axis: Axis) -> Result<Vec<bool>> {
     let stage = Slicemap::new(&rig.resources, &geometry, &[part], axis)?;
     rig.run(&[&stage])?;
     let Some(slices) = stage.slicemaps().next() else {
-        return Err(empty(axis.name()));
+        return Err(empty(axis.info().name));
     };
     Ok(slices_of(&words(rig, slices)?, &subject.grid, axis))
 }
