@@ -331,7 +331,7 @@ fn a_cell_of_volume_occlusion_has_its_error_and_pictures() {
         panic!("{:?}", cells[0].outcome);
     };
     assert_eq!(measured.notes.iter().find(|note| note.contains("not computed")), None);
-    let error = measured.quantities["ao_rmse"];
+    let error = measured.figures()["ao_rmse"];
     assert!(error > 0.0 && error < 0.2, "{error}");
     assert!(measured.quantities["ao_reference_mean"] > 0.01);
     for ending in ["", "~error"] {

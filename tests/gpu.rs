@@ -5,8 +5,8 @@ use std::process::Command;
 
 use fathom::gpu::{
     ClockPlan, ColorTarget, Demand, FaultKind, FrameTimer, Gpu, GpuError, Options, Stage,
-    StageScope, SubmitCost, Targets, compilation_options, count, read_buffer, read_texture,
-    texture_bytes,
+    StageInfo, StageScope, SubmitCost, Targets, compilation_options, count, read_buffer,
+    read_texture, texture_bytes,
 };
 use fathom::record::{Clock, PassKind};
 
