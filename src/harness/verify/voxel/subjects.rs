@@ -13,13 +13,13 @@ use crate::stages::voxel::Part;
 use crate::stages::voxels::Voxels;
 
 /// Triangles and a grid whose numbers f32 holds exactly, so that GPU and reference start from the same.
-pub struct Subject {
+pub struct VoxelScene {
     pub name: &'static str,
     pub scene: Scene,
     pub grid: Grid,
 }
 
-impl Subject {
+impl VoxelScene {
     /// Random triangles of all sizes, some without area and some outside a grid that is no cube.
     pub fn soup() -> Result<Self> {
         let grid =
