@@ -131,7 +131,7 @@ pub fn cells(grid: &Grid) -> impl Iterator<Item = [u32; 3]> + use<> {
 
 /// Random voxels, a `share` of them full.
 pub fn random_voxels(random: &mut Random, grid: &Grid, share: f64) -> Vec<bool> {
-    (0..grid.count()).map(|_| random.next() < share).collect()
+    (0..grid.count()).map(|_| random.number() < share).collect()
 }
 
 /// A unit grid of so many cells.
