@@ -5,10 +5,12 @@ use std::process::Command;
 
 use fathom::gpu::{
     ClockPlan, ColorTarget, Demand, FaultKind, FrameTimer, Gpu, GpuError, Options, Stage,
-    StageInfo, StageScope, SubmitCost, Targets, compilation_options, count, read_buffer,
-    read_texture, texture_bytes,
+    StageInfo, StageScope, SubmitCost, Targets, count, read_buffer, read_texture, texture_bytes,
 };
 use fathom::record::{Clock, PassKind};
+use fathom::stages::kit::{
+    Bind, Buffer, Dispatch, Group, Kernel, RenderSpec, Resources, ScreenPass, opaque,
+};
 
 /// Edge of the render stage's target in pixels, and invocations of the compute stage.
 const EDGE: u32 = 128;
@@ -20,13 +22,10 @@ fn open() -> Gpu {
 
 /// A compute and a render stage of some milliseconds on a software adapter.
 struct Work {
-    compute: wgpu::ComputePipeline,
-    render: wgpu::RenderPipeline,
-    compute_bindings: wgpu::BindGroup,
-    render_bindings: wgpu::BindGroup,
-    uniform: wgpu::Buffer,
-    target: wgpu::Texture,
-    view: wgpu::TextureView,
+    kernel: Kernel,
+    dispatch: Dispatch,
+    render: ScreenPass,
+    uniform: Buffer,
     scratch: [wgpu::Buffer; 2],
 }
 
@@ -41,92 +40,33 @@ fn buffer(gpu: &Gpu, size: u64, usage: wgpu::BufferUsages) -> wgpu::Buffer {
 }
 
 fn texture(gpu: &Gpu, width: u32, height: u32, format: wgpu::TextureFormat) -> wgpu::Texture {
-    use wgpu::TextureUsages as Usage;
-    gpu.device.create_texture(&wgpu::TextureDescriptor {
-        label: Some("test"),
-        size: wgpu::Extent3d { width, height, depth_or_array_layers: 1 },
-        mip_level_count: 1,
-        sample_count: 1,
-        dimension: wgpu::TextureDimension::D2,
-        format,
-        usage: Usage::RENDER_ATTACHMENT | Usage::COPY_SRC,
-        view_formats: &[],
-    })
-}
-
-fn bind(gpu: &Gpu, layout: &wgpu::BindGroupLayout, buffers: &[&wgpu::Buffer]) -> wgpu::BindGroup {
-    let resources = buffers.iter().map(|buffer| buffer.as_entire_binding());
-    let entries: Vec<_> = (0..)
-        .zip(resources)
-        .map(|(binding, resource)| wgpu::BindGroupEntry { binding, resource })
-        .collect();
-    gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
-        label: Some("test"),
-        layout,
-        entries: &entries,
-    })
+    Resources::new(gpu).target("test", [width, height], format)
 }
 
 impl Work {
     fn new(gpu: &Gpu) -> Self {
         use wgpu::BufferUsages as Usage;
-        let compute = compute_pipeline(gpu);
-        let render = render_pipeline(gpu);
-        let uniform = buffer(gpu, 16, Usage::UNIFORM | Usage::COPY_DST);
-        let results = buffer(gpu, u64::from(INVOCATIONS) * 4, Usage::STORAGE);
-        let target = texture(gpu, EDGE, EDGE, wgpu::TextureFormat::Rgba8Unorm);
+        let (resources, shader) = (Resources::new(gpu), "audit/kernels");
+        let uniform = resources.filled("test", &[0; 16], Usage::UNIFORM | Usage::COPY_DST);
+        let results = resources.storage("test", u64::from(INVOCATIONS) * 4);
+        let computed = Group::new(gpu, "test", &[Bind::Uniform(&uniform), Bind::Write(&results)]);
+        let drawn = Group::new(gpu, "test", &[Bind::Uniform(&uniform)]);
+        let format = [opaque(wgpu::TextureFormat::Rgba8Unorm)];
+        let spec =
+            RenderSpec { groups: &[&drawn], ..RenderSpec::new("test", shader, &[], &format) };
+        let render = ScreenPass::new(&resources, &spec, [EDGE; 2], wgpu::Color::BLACK);
         Self {
-            compute_bindings: bind(gpu, &compute.get_bind_group_layout(0), &[&uniform, &results]),
-            render_bindings: bind(gpu, &render.get_bind_group_layout(0), &[&uniform]),
-            view: target.create_view(&wgpu::TextureViewDescriptor::default()),
+            kernel: Kernel::new(&resources, "test", shader, &[&computed]).expect("it links"),
+            dispatch: Dispatch::new(&resources, "test", &[&computed], [INVOCATIONS / 64, 1, 1]),
+            render: render.expect("it links"),
             scratch: [Usage::COPY_SRC, Usage::COPY_DST].map(|usage| buffer(gpu, 1 << 22, usage)),
-            compute,
-            render,
             uniform,
-            target,
         }
     }
 
     fn stage(&self, kind: PassKind) -> Pass<'_> {
         Pass { work: self, kind }
     }
-}
-
-fn compute_pipeline(gpu: &Gpu) -> wgpu::ComputePipeline {
-    let shader = gpu.shader("audit/kernels", &[]).expect("it links");
-    gpu.device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
-        label: Some("test"),
-        layout: None,
-        module: &shader.module,
-        entry_point: Some("main"),
-        compilation_options: compilation_options(),
-        cache: None,
-    })
-}
-
-fn render_pipeline(gpu: &Gpu) -> wgpu::RenderPipeline {
-    let shader = gpu.shader("audit/kernels", &[]).expect("it links");
-    gpu.device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
-        label: Some("test"),
-        layout: None,
-        vertex: wgpu::VertexState {
-            module: &shader.module,
-            entry_point: Some("vertex"),
-            compilation_options: compilation_options(),
-            buffers: &[],
-        },
-        primitive: wgpu::PrimitiveState::default(),
-        depth_stencil: None,
-        multisample: wgpu::MultisampleState::default(),
-        fragment: Some(wgpu::FragmentState {
-            module: &shader.module,
-            entry_point: Some("fragment"),
-            compilation_options: compilation_options(),
-            targets: &[Some(wgpu::TextureFormat::Rgba8Unorm.into())],
-        }),
-        multiview_mask: None,
-        cache: None,
-    })
 }
 
 struct Pass<'a> {
@@ -150,22 +90,9 @@ impl Stage for Pass<'_> {
             PassKind::Host => scope.host(|queue| {
                 queue.write_buffer(&work.uniform, 0, &200u32.to_le_bytes());
             }),
-            PassKind::Compute => scope.compute(|pass| {
-                pass.set_pipeline(&work.compute);
-                pass.set_bind_group(0, &work.compute_bindings, &[]);
-                pass.dispatch_workgroups(INVOCATIONS / 64, 1, 1);
-            }),
+            PassKind::Compute => scope.compute(|pass| work.kernel.run(pass, &work.dispatch)),
             PassKind::Render => {
-                let color = [ColorTarget {
-                    view: &work.view,
-                    clear: Some(wgpu::Color::BLACK),
-                    slice: None,
-                }];
-                scope.render(&Targets { color: &color, depth: None }, |pass| {
-                    pass.set_pipeline(&work.render);
-                    pass.set_bind_group(0, &work.render_bindings, &[]);
-                    pass.draw(0..6 * 32 * 32, 0..1);
-                });
+                work.render.encode_with(scope, |pass| pass.draw(0..6 * 32 * 32, 0..1));
             }
             PassKind::Copy => scope.copy(|encoder| {
                 let [from, to] = &work.scratch;
@@ -307,10 +234,10 @@ fn what_was_rendered_is_read_back() {
     let mut timer = FrameTimer::new(&gpu, plan(&gpu), 4).expect("it is made");
     let (host, render) = (work.stage(PassKind::Host), work.stage(PassKind::Render));
     timer.untimed(&gpu, &[&host, &render]).expect("the frame runs");
-    let pixels = read_texture(&gpu, &work.target).expect("it is read");
+    let pixels = read_texture(&gpu, work.render.texture()).expect("it is read");
     assert_eq!((pixels.width, pixels.height, pixels.channels), (EDGE, EDGE, 4));
     assert!(pixels.data.chunks(4).all(|texel| texel[0] > 0.0 && texel[3] == 1.0));
-    assert_eq!(texture_bytes(&work.target), u64::from(EDGE * EDGE * 4));
+    assert_eq!(texture_bytes(work.render.texture()), u64::from(EDGE * EDGE * 4));
 }
 
 #[test]

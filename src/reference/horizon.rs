@@ -27,7 +27,7 @@ pub struct HorizonSplit {
 }
 
 /// What the camera sees.
-pub struct Seen<'a> {
+pub struct SeenDepth<'a> {
     rays: PixelRays,
     eye: DVec3,
     z_near_m: f64,
@@ -39,10 +39,10 @@ pub struct Seen<'a> {
     normals: &'a [DVec3],
 }
 
-impl<'a> Seen<'a> {
-    pub fn new(camera: &Camera, depth: &'a Image, normals: &'a [DVec3]) -> Seen<'a> {
+impl<'a> SeenDepth<'a> {
+    pub fn new(camera: &Camera, depth: &'a Image, normals: &'a [DVec3]) -> SeenDepth<'a> {
         let aspect = f64::from(depth.width()) / f64::from(depth.height());
-        Seen {
+        SeenDepth {
             rays: PixelRays::new(camera, depth.width(), depth.height()),
             eye: camera.position(),
             z_near_m: camera.z_near_m,
@@ -82,8 +82,8 @@ impl<'a> Seen<'a> {
 }
 
 /// A shaded point.
-struct Point<'a> {
-    seen: &'a Seen<'a>,
+struct ShadedPoint<'a> {
+    seen: &'a SeenDepth<'a>,
     texel: [i64; 2],
     position: DVec3,
     normal: DVec3,
@@ -117,7 +117,7 @@ const LEAST_W: f64 = 0.1;
 
 impl HorizonSplit {
     /// Occlusion A, 0 open … 1 closed, at a pixel of a buffer of `buffer_px` pixels; none where nothing was drawn.
-    pub fn at(&self, seen: &Seen<'_>, buffer_px: [u32; 2], x: u32, y: u32) -> Option<f64> {
+    pub fn at(&self, seen: &SeenDepth<'_>, buffer_px: [u32; 2], x: u32, y: u32) -> Option<f64> {
         let along = |t: u32, own: u32, size: u32| {
             let place = (f64::from(t) + 0.5) * f64::from(size) / f64::from(own);
             ((place + 1e-3) as i64).min(i64::from(size) - 1)
@@ -126,7 +126,7 @@ impl HorizonSplit {
             along(x, buffer_px[0], seen.depth.width()),
             along(y, buffer_px[1], seen.depth.height()),
         ];
-        let point = Point::new(seen, texel)?;
+        let point = ShadedPoint::new(seen, texel)?;
         let seed = pcg(x.wrapping_add(y.wrapping_mul(65_536)));
         let [first, second, third] = [pcg(seed), pcg(pcg(seed)), pcg(pcg(pcg(seed)))].map(unit);
         let turn = unit(seed);
@@ -156,7 +156,7 @@ impl HorizonSplit {
         Some(a.clamp(0.0, 1.0))
     }
 
-    fn slice(&self, point: &Point<'_>, aside_m: DVec3) -> Slice {
+    fn slice(&self, point: &ShadedPoint<'_>, aside_m: DVec3) -> Slice {
         let seen = point.seen;
         let across = point.to_eye.cross(aside_m);
         let off = point.normal.dot(across);
@@ -193,7 +193,7 @@ impl HorizonSplit {
 
     /// Part 1: samples of depth along the picture's line, farther apart with the distance, raise the horizon. Returns ∫ ρ cos dω / dψ below it, and the cosine of
     /// its angle θ.
-    fn find_horizon(&self, point: &Point<'_>, slice: &Slice, jitter: f64) -> (f64, f64) {
+    fn find_horizon(&self, point: &ShadedPoint<'_>, slice: &Slice, jitter: f64) -> (f64, f64) {
         let mut cosine = slice.tangent();
         let mut below = slice.integral(cosine);
         let mut occluded = 0.0;
@@ -229,7 +229,7 @@ impl HorizonSplit {
 
     /// Part 2: one ray at cos θ = x above the horizon, marched until it goes behind a surface that is not deeper than a layer.
     /// Returns ρ times its cosine with the normal, 0 without a hit.
-    fn march(&self, point: &Point<'_>, slice: &Slice, x: f64, jitter: f64) -> f64 {
+    fn march(&self, point: &ShadedPoint<'_>, slice: &Slice, x: f64, jitter: f64) -> f64 {
         let seen = point.seen;
         let sine = (1.0 - x * x).max(0.0).sqrt();
         let direction = point.to_eye * x + slice.aside_m * sine;
@@ -260,8 +260,8 @@ impl HorizonSplit {
     }
 }
 
-impl<'a> Point<'a> {
-    fn new(seen: &'a Seen<'a>, texel: [i64; 2]) -> Option<Point<'a>> {
+impl<'a> ShadedPoint<'a> {
+    fn new(seen: &'a SeenDepth<'a>, texel: [i64; 2]) -> Option<ShadedPoint<'a>> {
         let (z, position) = seen.surface(texel);
         if z >= 1.0 {
             return None;
@@ -272,7 +272,7 @@ impl<'a> Point<'a> {
         let index = texel[1] as usize * seen.depth.width() as usize + texel[0] as usize;
         let stored = seen.normals[index].normalize();
         let lift = (LEAST_FACING - stored.dot(to_eye)).max(0.0);
-        Some(Point {
+        Some(ShadedPoint {
             seen,
             texel,
             position,

@@ -102,7 +102,7 @@ fn near(corners: &Corners, grid: &Grid) -> impl Iterator<Item = [u32; 3]> + use<
 
 /// What a voxelization found against what there is.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Errors {
+pub struct VoxelErrors {
     /// Voxels that a triangle occupies beyond doubt.
     pub occupied: u64,
     /// Of these, voxels not found.
@@ -113,14 +113,14 @@ pub struct Errors {
     pub borderline: u64,
 }
 
-impl Errors {
+impl VoxelErrors {
     /// Share of the occupied voxels that were not found.
     pub fn false_negative_rate(&self) -> f64 {
         self.false_negatives as f64 / self.occupied.max(1) as f64
     }
 }
 
-impl std::ops::AddAssign for Errors {
+impl std::ops::AddAssign for VoxelErrors {
     fn add_assign(&mut self, other: Self) {
         self.occupied += other.occupied;
         self.false_negatives += other.false_negatives;
@@ -130,8 +130,8 @@ impl std::ops::AddAssign for Errors {
 }
 
 /// Holds voxels that were found against gaps of [`gaps`].
-pub fn errors(found: &[bool], gaps: &[f64]) -> Errors {
-    let mut errors = Errors::default();
+pub fn errors(found: &[bool], gaps: &[f64]) -> VoxelErrors {
+    let mut errors = VoxelErrors::default();
     for (found, gap) in found.iter().zip(gaps) {
         if gap.abs() <= BORDERLINE_VOXELS {
             errors.borderline += 1;

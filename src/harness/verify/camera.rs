@@ -50,9 +50,9 @@ fn gbuffer(rig: &Rig<'_>) -> Checks {
     let colors = rig.vectors(&textures.albedo)?;
 
     let tracer = Tracer::new(&scene.objects)?;
-    let seen = Seen::cast(&scene.camera, &tracer);
+    let seen = ExactHits::cast(&scene.camera, &tracer);
     let aside = Camera { fov_y_deg: scene.camera.fov_y_deg * 1.01, ..scene.camera.clone() };
-    let aside = Seen::cast(&aside, &tracer);
+    let aside = ExactHits::cast(&aside, &tracer);
     Ok(vec![
         Check::of("scene/gbuffer", "99th percentile of |depth − ray|, of the distance")
             .within((DEPTH_P99, "1"), seen.depth_p99(&depth))
@@ -71,17 +71,17 @@ fn gbuffer(rig: &Rig<'_>) -> Checks {
 }
 
 /// Exact hits of a camera's pixels.
-struct Seen {
+struct ExactHits {
     rays: PixelRays,
     hits: Vec<Option<Hit>>,
 }
 
-impl Seen {
-    fn cast(camera: &Camera, tracer: &Tracer) -> Seen {
+impl ExactHits {
+    fn cast(camera: &Camera, tracer: &Tracer) -> ExactHits {
         let rays = PixelRays::new(camera, SIZE[0], SIZE[1]);
         let pixels = pixels(SIZE);
         let hits = pixels.map(|(x, y)| rays.cast(tracer, x, y).map(|(hit, _)| hit));
-        Seen { hits: hits.collect(), rays }
+        ExactHits { hits: hits.collect(), rays }
     }
 
     /// Index in rows and hit of every covered pixel.

@@ -5,7 +5,7 @@ use glam::{DVec3, Vec2};
 
 use super::rig::{Rig, largest, mean};
 use super::{Case, Check, Checks, Result};
-use crate::reference::horizon::{HorizonSplit, Seen, beside_wall};
+use crate::reference::horizon::{HorizonSplit, SeenDepth, beside_wall};
 use crate::reference::image::{Image, pixels};
 use crate::reference::occlusion::{Attenuation, occlusion};
 use crate::reference::quantities::quantile;
@@ -89,7 +89,7 @@ fn twin(rig: &Rig<'_>) -> Checks {
     ] {
         let method = method(attenuation);
         let shaded = shade(rig, &scene, &method, buffer_px)?;
-        let seen = Seen::new(&scene.camera, &shaded.depth, &shaded.normals);
+        let seen = SeenDepth::new(&scene.camera, &shaded.depth, &shaded.normals);
         let differences = |twin: &HorizonSplit| -> Vec<f64> {
             let pixels = pixels(buffer_px);
             let off = pixels.step_by(3).filter_map(|(x, y)| {

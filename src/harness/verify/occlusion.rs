@@ -31,12 +31,12 @@ pub fn cases() -> Vec<Case> {
 const VOXEL_M: f64 = 0.1;
 
 /// A volume of so many voxels a side around the origin, on the host and on the GPU.
-struct Subject {
+struct MarchedVolume {
     host: HostVolume,
     voxels: Voxels,
 }
 
-impl Subject {
+impl MarchedVolume {
     /// `level`, 1 … 255, fills the voxels for whose centres `inside` holds.
     fn new(rig: &Rig<'_>, side: u32, level: u8, inside: impl Fn(DVec3) -> bool) -> Result<Self> {
         let grid =

@@ -227,7 +227,7 @@ pub fn mean(values: impl IntoIterator<Item = f64>) -> f64 {
 /// Repeatable noise in 0…1, as f32 holds it.
 pub fn noise(size: [u32; 2], seed: u32) -> Image {
     let mut random = Random::new(seed);
-    Image::of(size, |_, _| f64::from(random.next() as f32))
+    Image::of(size, |_, _| f64::from(random.number() as f32))
 }
 
 /// Repeatable numbers in 0…1.
@@ -238,12 +238,12 @@ impl Random {
         Self(seed)
     }
 
-    pub fn next(&mut self) -> f64 {
+    pub fn number(&mut self) -> f64 {
         self.0 = self.0.wrapping_add(1);
         f64::from(crate::reference::filter::pcg(self.0)) / 4_294_967_296.0
     }
 
     pub fn within(&mut self, low: f64, high: f64) -> f64 {
-        low + (high - low) * self.next()
+        low + (high - low) * self.number()
     }
 }

@@ -34,7 +34,7 @@ struct Setup {
 }
 
 /// What a stage left behind, pixel by pixel.
-struct Seen {
+struct ScalarPicture {
     visibility: Image,
     opacity: Image,
     distance_m: Image,
@@ -49,7 +49,7 @@ impl Setup {
         Ok(View { camera: self.camera.clone(), ..rig::synthetic_view(self.size_px, 0.0)? })
     }
 
-    fn run(&self, rig: &Rig<'_>) -> Result<Seen> {
+    fn run(&self, rig: &Rig<'_>) -> Result<ScalarPicture> {
         let (resources, shared) = (&rig.resources, &Shared::new(&rig.resources, &self.view()?));
         let field = &ScalarField::new(resources, &self.volume, self.scalar.needs_pyramid());
         let settings = &self.scalar;
@@ -66,12 +66,12 @@ impl Setup {
             Mode::Positional => positional::new(resources, through, march, beer, rejection)?,
         };
         rig.run(&[&pass])?;
-        Seen::read(rig, &pass)
+        ScalarPicture::read(rig, &pass)
     }
 }
 
-impl Seen {
-    fn read(rig: &Rig<'_>, pass: &RayCast) -> Result<Seen> {
+impl ScalarPicture {
+    fn read(rig: &Rig<'_>, pass: &RayCast) -> Result<ScalarPicture> {
         let channel = |i| rig.channel(pass.result(), i);
         let normal = match pass.normal() {
             Some(normal) => {
@@ -79,7 +79,7 @@ impl Seen {
             }
             None => None,
         };
-        Ok(Seen {
+        Ok(ScalarPicture {
             visibility: channel(0)?,
             opacity: channel(1)?,
             distance_m: channel(2)?,

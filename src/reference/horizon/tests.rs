@@ -58,7 +58,7 @@ fn mean_occlusion(
     (depth, normals): &(Image, Vec<DVec3>),
     expected: impl Fn(DVec3, DVec3) -> Option<f64>,
 ) -> (f64, f64) {
-    let seen = Seen::new(camera, depth, normals);
+    let seen = SeenDepth::new(camera, depth, normals);
     let (mut bias, mut square, mut count) = (0.0, 0.0, 0.0);
     for y in (8..SIZE[1] - 8).step_by(3) {
         for x in (8..SIZE[0] - 8).step_by(3) {
@@ -82,7 +82,7 @@ fn a_plane_at_any_slant_does_not_occlude_itself() {
     let camera = camera([0.0, 1.0, 1.0], [0.0, 0.0, 0.0]);
     let view = field(&camera, |_, _| 0.0, |_| DVec3::Y);
     let method = HorizonSplit { rays: 32, ray_steps: 8, ..dense(Attenuation::Hard) };
-    let seen = Seen::new(&camera, &view.0, &view.1);
+    let seen = SeenDepth::new(&camera, &view.0, &view.1);
     for y in (0..SIZE[1]).step_by(5) {
         for x in (0..SIZE[0]).step_by(5) {
             let a = method.at(&seen, SIZE, x, y).unwrap();
@@ -135,7 +135,7 @@ fn rays_find_a_ledge_that_the_horizon_leaves_out() {
     let camera = camera([0.0, 4.0, 0.01], [0.0, 0.0, 0.0]);
     let height = |x: f64, _| if x.abs() < 0.4 { 0.5 } else { 0.0 };
     let view = field(&camera, height, |_| DVec3::Y);
-    let seen = Seen::new(&camera, &view.0, &view.1);
+    let seen = SeenDepth::new(&camera, &view.0, &view.1);
     let split =
         |rays| HorizonSplit { rays, ray_steps: 16, layer_m: 0.3, ..dense(Attenuation::Hard) };
     let pixel = (0..SIZE[0]).find(|x| seen.surface([i64::from(*x), 24]).1.x > 0.5);

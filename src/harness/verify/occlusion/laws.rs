@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 
-use super::{Case, Subject, VOXEL_M, largest, marching, mean, query};
+use super::{Case, MarchedVolume, VOXEL_M, largest, marching, mean, query};
 use crate::harness::verify::rig::Rig;
 use crate::harness::verify::{Check, Checks, Result};
 use crate::stages::ao::query::INFO;
@@ -51,7 +51,7 @@ fn floor_points(x_voxels: f64) -> Vec<(DVec3, DVec3)> {
 
 /// The largest A of a plane is 0 with the variable guard. VAO Fig. 3: with a constant one it is not.
 fn plane(rig: &Rig<'_>) -> Result<Check> {
-    let subject = Subject::new(rig, SIDE, OPAQUE, is_floor)?;
+    let subject = MarchedVolume::new(rig, SIDE, OPAQUE, is_floor)?;
     let run = |guard| {
         let settings = marching(|m| {
             settings(m);
@@ -77,7 +77,7 @@ fn beside_wall(c: f64) -> f64 {
 
 fn corner(rig: &Rig<'_>) -> Checks {
     let is_wall = |p: DVec3| (p.x - 0.03 * VOXEL_M).abs() < 0.5 * VOXEL_M;
-    let subject = Subject::new(rig, SIDE, OPAQUE, |p| is_floor(p) || is_wall(p))?;
+    let subject = MarchedVolume::new(rig, SIDE, OPAQUE, |p| is_floor(p) || is_wall(p))?;
     let run = |x_voxels: f64| {
         let points = floor_points(x_voxels);
         query(rig, std::slice::from_ref(&subject.voxels), &points, &marching(settings))
@@ -103,7 +103,7 @@ fn ball(rig: &Rig<'_>) -> Result<Check> {
     let center = DVec3::new(0.0, 24.0, 0.0) * VOXEL_M;
     let radius = 12.0 * VOXEL_M;
     let is_ball = |p: DVec3| (p.distance(center) - radius).abs() < 0.5 * VOXEL_M;
-    let subject = Subject::new(rig, SIDE, OPAQUE, |p| is_floor(p) || is_ball(p))?;
+    let subject = MarchedVolume::new(rig, SIDE, OPAQUE, |p| is_floor(p) || is_ball(p))?;
     let points = [(DVec3::new(0.0, 0.03 * VOXEL_M, 0.0), DVec3::Y)];
     let a = query(rig, std::slice::from_ref(&subject.voxels), &points, &marching(settings))?;
     let law = |radius: f64| (radius / center.y).powi(2);

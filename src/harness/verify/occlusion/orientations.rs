@@ -205,7 +205,7 @@ fn facet(random: &mut Random, center: DVec3, radius: f64) -> (DVec3, DVec3) {
     // Uniform over the sphere: the polar angle's cosine is.
     let polar = random.within(-1.0, 1.0).acos() / PI;
     let ring = ((polar * f64::from(RINGS)) as u32).min(RINGS - 1);
-    let step = (random.next() * f64::from(2 * RINGS)) as u32;
+    let step = (random.number() * f64::from(2 * RINGS)) as u32;
     let [lower, upper] = facets(ring, step);
     let corners = if ring == 0 { lower } else { upper };
     let [a, b, c] = corners.map(|(ring, step)| on_ball(center, radius, ring, step));
@@ -252,7 +252,7 @@ fn ball(random: &mut Random) -> Body {
     quad(&mut mesh, DVec3::ZERO, DVec3::X, DVec3::Z);
     sphere(&mut mesh, center, radius);
     let point = || {
-        if random.next() < 0.6 {
+        if random.number() < 0.6 {
             return (DVec3::new(random.within(-0.4, 0.4), 0.0, random.within(-0.4, 0.4)), DVec3::Y);
         }
         facet(random, center, radius)
@@ -267,7 +267,7 @@ fn hollow_ball(random: &mut Random) -> Body {
     sphere(&mut mesh, DVec3::ZERO, 1.0);
     let point = || {
         let (point, normal) = facet(random, DVec3::ZERO, 1.0);
-        let side = if random.next() < 0.5 { 1.0 } else { -1.0 };
+        let side = if random.number() < 0.5 { 1.0 } else { -1.0 };
         (point, side * normal)
     };
     let points = many(point);
@@ -290,7 +290,7 @@ fn open_box(random: &mut Random) -> Body {
     }
     let reach = half - NEAREST * VOXEL_M;
     let point = || {
-        let (out, along) = walls[(random.next() * 5.0) as usize];
+        let (out, along) = walls[(random.number() * 5.0) as usize];
         let [a, b] = [(); 2].map(|()| random.within(-reach, reach));
         (half * out + a * along + b * out.cross(along), -out)
     };

@@ -2,7 +2,7 @@
 
 use glam::{DMat4, DVec3};
 
-use super::{Case, Marching, Subject, beyond, density_error, largest, marching, twin};
+use super::{Case, MarchedVolume, Marching, beyond, density_error, largest, marching, twin};
 use crate::gpu::GpuError;
 use crate::harness::verify::rig::Rig;
 use crate::harness::verify::{Check, Checks, Result};
@@ -31,7 +31,7 @@ pub fn cases() -> Vec<Case> {
 }
 
 /// A small G-buffer and its content on the host.
-struct Seen {
+struct DrawnSurface {
     shared: Shared,
     gbuffer: GbufferTextures,
     view_projection: DMat4,
@@ -40,7 +40,7 @@ struct Seen {
     normal: [Image; 3],
 }
 
-impl Seen {
+impl DrawnSurface {
     fn new(rig: &Rig<'_>, scene: &Scene) -> Result<Self> {
         let stand = rig.stand(scene, SIZE);
         let gbuffer = rig.gbuffer(&stand)?;
@@ -72,7 +72,7 @@ impl Seen {
 
 /// Volumes around the scene's objects, or one around all: shells of voxels that have a vertex near. They need not be good
 /// ones, only the same for GPU and twin.
-fn volumes(rig: &Rig<'_>, scene: &Scene, per_object: bool) -> Result<Vec<Subject>> {
+fn volumes(rig: &Rig<'_>, scene: &Scene, per_object: bool) -> Result<Vec<MarchedVolume>> {
     let ball = scene.objects.iter().map(|o| o.mesh.bounds());
     let ball = ball.min_by(|a, b| a.size().length().total_cmp(&b.size().length()));
     let ball = ball.unwrap_or_else(|| scene.solid_bounds());
@@ -88,16 +88,16 @@ fn volumes(rig: &Rig<'_>, scene: &Scene, per_object: bool) -> Result<Vec<Subject
     };
     Ok(if per_object {
         vec![
-            Subject::on(rig, &all, OPAQUE, |p| is_floor(p, &all)),
-            Subject::on(rig, &own, OPAQUE, |p| is_ball(p, &own)),
+            MarchedVolume::on(rig, &all, OPAQUE, |p| is_floor(p, &all)),
+            MarchedVolume::on(rig, &own, OPAQUE, |p| is_ball(p, &own)),
         ]
     } else {
-        vec![Subject::on(rig, &all, OPAQUE, |p| is_floor(p, &all) || is_ball(p, &all))]
+        vec![MarchedVolume::on(rig, &all, OPAQUE, |p| is_floor(p, &all) || is_ball(p, &all))]
     })
 }
 
 /// The pipeline's defaults with r_max of ten voxels of the largest grid.
-fn settings(volumes: &[Subject]) -> Marching {
+fn settings(volumes: &[MarchedVolume]) -> Marching {
     marching(|m| {
         m.r_max_m = largest(volumes.iter().map(|v| 10.0 * v.host.grid.voxel_m));
     })
@@ -105,7 +105,7 @@ fn settings(volumes: &[Subject]) -> Marching {
 
 fn compare(rig: &Rig<'_>, per_object: bool) -> Checks {
     let scene = Scene::load(SCENE)?;
-    let seen = Seen::new(rig, &scene)?;
+    let seen = DrawnSurface::new(rig, &scene)?;
     let subjects = volumes(rig, &scene, per_object)?;
     let voxels: Vec<_> = subjects.iter().map(|s| s.voxels.clone()).collect();
     let settings = settings(&subjects);
@@ -156,7 +156,7 @@ fn compare(rig: &Rig<'_>, per_object: bool) -> Checks {
 
 fn counts(rig: &Rig<'_>) -> Result<Check> {
     let scene = Scene::load(SCENE)?;
-    let seen = Seen::new(rig, &scene)?;
+    let seen = DrawnSurface::new(rig, &scene)?;
     let subjects = volumes(rig, &scene, false)?;
     let settings = settings(&subjects);
     let counted = march::count(

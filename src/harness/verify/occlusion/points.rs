@@ -1,6 +1,8 @@
 //! `ao/query`: point by point against the f64 twin, and variants that must agree.
 
-use super::{Case, Marching, Subject, beyond, density_error, furnished, furnished_points, largest};
+use super::{
+    Case, MarchedVolume, Marching, beyond, density_error, furnished, furnished_points, largest,
+};
 use super::{marching, mean, query, twin};
 use crate::harness::verify::rig::Rig;
 use crate::harness::verify::{Check, Checks, Result};
@@ -56,7 +58,7 @@ pub fn cases() -> Vec<Case> {
 }
 
 fn against_twin(rig: &Rig<'_>, name: &str, change: Change) -> Result<Check> {
-    let subject = Subject::new(rig, SIDE, OPAQUE, furnished)?;
+    let subject = MarchedVolume::new(rig, SIDE, OPAQUE, furnished)?;
     let points = furnished_points();
     let settings = marching(change);
     let occlusion = query(rig, std::slice::from_ref(&subject.voxels), &points, &settings)?;
@@ -77,7 +79,7 @@ fn against_twin(rig: &Rig<'_>, name: &str, change: Change) -> Result<Check> {
 }
 
 fn opacities(rig: &Rig<'_>) -> Result<Check> {
-    let subject = Subject::new(rig, SIDE, GLASS, furnished)?;
+    let subject = MarchedVolume::new(rig, SIDE, GLASS, furnished)?;
     let points = furnished_points();
     let settings = marching(|m| {
         m.occluder = Occluder::Opacity;
@@ -105,7 +107,7 @@ fn opacities(rig: &Rig<'_>) -> Result<Check> {
 
 /// The share of points whose values differ by more than rounding of V explains.
 fn storages(rig: &Rig<'_>) -> Result<Check> {
-    let subject = Subject::new(rig, SIDE, OPAQUE, furnished)?;
+    let subject = MarchedVolume::new(rig, SIDE, OPAQUE, furnished)?;
     let volumes = [subject.voxels.clone()];
     let points = furnished_points();
     let run = |storage, threshold| {
@@ -137,7 +139,7 @@ fn storages(rig: &Rig<'_>) -> Result<Check> {
 }
 
 fn skipping(rig: &Rig<'_>) -> Checks {
-    let subject = Subject::new(rig, SIDE, OPAQUE, furnished)?;
+    let subject = MarchedVolume::new(rig, SIDE, OPAQUE, furnished)?;
     let volumes = [subject.voxels.clone()];
     let points = furnished_points();
     let run = |change: &dyn Fn(&mut Marching)| query(rig, &volumes, &points, &marching(change));

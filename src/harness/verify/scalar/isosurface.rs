@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 
-use super::{Seen, Setup, VOXEL_M, cubes, looking, settings};
+use super::{ScalarPicture, Setup, VOXEL_M, cubes, looking, settings};
 use crate::harness::verify::rig::{Rig, largest, mean};
 use crate::harness::verify::{Case, Check, Checks, Result, VerifyError};
 use crate::pipelines::scalar_ao::{Mode, Scalar, Stop};
@@ -121,7 +121,7 @@ fn ball(rig: &Rig<'_>) -> Checks {
     ])
 }
 
-impl Seen {
+impl ScalarPicture {
     fn normal_at(&self, pixel: usize) -> DVec3 {
         let axis = |i: usize| self.normal.as_ref().map_or(0.0, |n| n[i].data()[pixel]);
         DVec3::new(axis(0), axis(1), axis(2))

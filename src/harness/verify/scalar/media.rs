@@ -272,7 +272,7 @@ fn pyramid(rig: &Rig<'_>) -> Result<Check> {
     let mut random = Random::new(5);
     let mut volume = cubes(24, |_| 0.0);
     for value in volume.data.iter_mut() {
-        *value = if random.next() < 0.1 { 0.81 } else { 0.0 };
+        *value = if random.number() < 0.1 { 0.81 } else { 0.0 };
     }
     let mut scalar = marched(Mode::Positional, Law::Opacity, 0.6, 3);
     scalar.pyramid = true;

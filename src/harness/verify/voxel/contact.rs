@@ -1,9 +1,9 @@
 //! `voxel/overlap` and `voxel/alpha` against separating axes in f64.
 
-use super::subjects::{Subject, voxels_of, words};
+use super::subjects::{VoxelScene, voxels_of, words};
 use crate::harness::verify::rig::Rig;
 use crate::harness::verify::{Case, Check, Checks, Result, VerifyError};
-use crate::reference::voxel::{BORDERLINE_VOXELS, Contact, Errors, errors, gaps, triangles};
+use crate::reference::voxel::{BORDERLINE_VOXELS, Contact, VoxelErrors, errors, gaps, triangles};
 use crate::scene::{Grid, Object, Scene};
 use crate::stages::voxel::{alpha, overlap};
 
@@ -26,14 +26,14 @@ fn overlap(rig: &Rig<'_>, thin: bool) -> Checks {
     let (contact, variant) =
         if thin { (Contact::Lines, "thin") } else { (Contact::Cube, "conservative") };
     let groups = [
-        ("soup", vec![Subject::soup()?]),
-        ("bunny 32", vec![Subject::bunny(32)?]),
-        ("bunny 64", vec![Subject::bunny(64)?]),
-        ("slanted quads of 1 to 16 grid edges", Subject::slanted()?),
+        ("soup", vec![VoxelScene::soup()?]),
+        ("bunny 32", vec![VoxelScene::bunny(32)?]),
+        ("bunny 64", vec![VoxelScene::bunny(64)?]),
+        ("slanted quads of 1 to 16 grid edges", VoxelScene::slanted()?),
     ];
     let mut checks = Vec::new();
     for (name, subjects) in groups {
-        let [mut exact, mut perturbed] = [Errors::default(); 2];
+        let [mut exact, mut perturbed] = [VoxelErrors::default(); 2];
         for subject in &subjects {
             let found = overlapped(rig, subject, thin)?;
             let triangles = subject.triangles();
@@ -46,7 +46,7 @@ fn overlap(rig: &Rig<'_>, thin: bool) -> Checks {
     Ok(checks)
 }
 
-fn overlapped(rig: &Rig<'_>, subject: &Subject, thin: bool) -> Result<Vec<bool>> {
+fn overlapped(rig: &Rig<'_>, subject: &VoxelScene, thin: bool) -> Result<Vec<bool>> {
     let (geometry, part) = subject.upload(&rig.resources);
     let bits = part.voxels.bits.clone();
     rig.run(&[&overlap::new(&rig.resources, &geometry, &[part], thin)?])?;
@@ -54,7 +54,7 @@ fn overlapped(rig: &Rig<'_>, subject: &Subject, thin: bool) -> Result<Vec<bool>>
 }
 
 /// No false negatives and no false positives outside the borderline band.
-fn no_errors(name: &str, exact: Errors, perturbed: Errors) -> Vec<Check> {
+fn no_errors(name: &str, exact: VoxelErrors, perturbed: VoxelErrors) -> Vec<Check> {
     let control = "grid moved by 0.02 voxels";
     vec![
         Check::of(OVERLAP, format!("{name}: voxels missed"))
@@ -69,7 +69,7 @@ fn no_errors(name: &str, exact: Errors, perturbed: Errors) -> Vec<Check> {
 }
 
 fn alpha(rig: &Rig<'_>) -> Result<Check> {
-    let mut subject = Subject::soup()?;
+    let mut subject = VoxelScene::soup()?;
     split(&mut subject.scene);
     let (geometry, part) = subject.upload(&rig.resources);
     let bits = part.voxels.bits.clone();
@@ -105,7 +105,7 @@ fn split(scene: &mut Scene) {
 }
 
 /// The largest alpha of the objects that touch each voxel, 0 … 255; none where one of them is borderline.
-fn largest_alphas(subject: &Subject, alphas: [f32; 3]) -> Vec<Option<u32>> {
+fn largest_alphas(subject: &VoxelScene, alphas: [f32; 3]) -> Vec<Option<u32>> {
     let of_object = |object: &Object| {
         gaps(&triangles(std::slice::from_ref(object)), &subject.grid, Contact::Cube)
     };

@@ -101,7 +101,7 @@ fn unpack(rig: &Rig<'_>) -> Checks {
             let value = |full: &bool| match (full, alpha) {
                 (false, _) => 0,
                 (true, false) => 255,
-                (true, true) => 1 + (random.next() * 254.0) as u8,
+                (true, true) => 1 + (random.number() * 254.0) as u8,
             };
             let values: Vec<u8> = full.iter().map(value).collect();
             voxels.write(&rig.resources, &vec![0; values.len()]);

@@ -1,7 +1,7 @@
 //! `voxel/slicemap-x`, `-y`, `-z`, what they make together, and `voxel/slice`, against samples in f64; and the law that a fragment's voxel is one
 //! that the surface touches.
 
-use super::subjects::{Subject, voxels_of, words};
+use super::subjects::{VoxelScene, voxels_of, words};
 use crate::gpu::GpuError;
 use crate::harness::verify::rig::Rig;
 use crate::harness::verify::{Case, Check, Checks, Result, VerifyError};
@@ -23,7 +23,7 @@ pub fn cases() -> Vec<Case> {
     });
     let together = Case::new(COMBINE, "the slicemaps' voxels", |rig| {
         let mut checks = Vec::new();
-        for subject in [Subject::soup()?, Subject::bunny(32)?, Subject::bunny(64)?] {
+        for subject in [VoxelScene::soup()?, VoxelScene::bunny(32)?, VoxelScene::bunny(64)?] {
             checks.extend(against_surface(COMBINE, rig, &subject, &three_way(rig, &subject)?));
         }
         let slanted = slanted_quads(rig, COMBINE, &[0, 1, 2], |s| three_way(rig, s))?;
@@ -32,7 +32,7 @@ pub fn cases() -> Vec<Case> {
     });
     let slices = Case::new(SLICE, "the slices' voxels", |rig| {
         let mut checks = Vec::new();
-        for subject in [Subject::soup()?, Subject::bunny(32)?] {
+        for subject in [VoxelScene::soup()?, VoxelScene::bunny(32)?] {
             let found = sliced(rig, &subject)?;
             checks.extend(against_surface(SLICE, rig, &subject, &found));
         }
@@ -55,7 +55,7 @@ fn slices_of(words: &[u32], grid: &Grid, axis: Axis) -> Vec<bool> {
 
 fn slicemap_against_samples(rig: &Rig<'_>, axis: Axis) -> Checks {
     let mut checks = Vec::new();
-    for subject in [Subject::soup()?, Subject::bunny(32)?] {
+    for subject in [VoxelScene::soup()?, VoxelScene::bunny(32)?] {
         let found = one_way(rig, &subject, axis)?;
         let against = |grid: &Grid| differing(rig, &found, &subject, grid, &[axis as usize]);
         checks.push(
@@ -67,13 +67,13 @@ fn slicemap_against_samples(rig: &Rig<'_>, axis: Axis) -> Checks {
             .control("grid moved by a third of a voxel", against(&subject.moved(1.0 / 3.0))),
         );
     }
-    let slanted = |subject: &Subject| one_way(rig, subject, axis);
+    let slanted = |subject: &VoxelScene| one_way(rig, subject, axis);
     checks.push(slanted_quads(rig, axis.info().name, &[axis as usize], slanted)?);
     Ok(checks)
 }
 
 /// The voxels of one slicemap.
-fn one_way(rig: &Rig<'_>, subject: &Subject, axis: Axis) -> Result<Vec<bool>> {
+fn one_way(rig: &Rig<'_>, subject: &VoxelScene, axis: Axis) -> Result<Vec<bool>> {
     let (geometry, part) = subject.upload(&rig.resources);
     let stage = Slicemap::new(&rig.resources, &geometry, &[part], axis)?;
     rig.run(&[&stage])?;
@@ -88,10 +88,10 @@ fn slanted_quads<E: Into<VerifyError>>(
     rig: &Rig<'_>,
     stage: &'static str,
     axes: &[usize],
-    voxelized: impl Fn(&Subject) -> Result<Vec<bool>, E>,
+    voxelized: impl Fn(&VoxelScene) -> Result<Vec<bool>, E>,
 ) -> Result<Check> {
     let (mut exact, mut moved, mut set) = (0.0, 0.0, 0);
-    for subject in Subject::slanted()? {
+    for subject in VoxelScene::slanted()? {
         let found = voxelized(&subject).map_err(Into::into)?;
         set += found.iter().filter(|found| **found).count();
         exact += differing(rig, &found, &subject, &subject.grid, axes);
@@ -112,7 +112,13 @@ fn subpixels(adapter: &Adapter) -> u32 {
 }
 
 /// Voxels on which a rasterization along some axes and its samples on a grid disagree.
-fn differing(rig: &Rig<'_>, found: &[bool], subject: &Subject, grid: &Grid, axes: &[usize]) -> f64 {
+fn differing(
+    rig: &Rig<'_>,
+    found: &[bool],
+    subject: &VoxelScene,
+    grid: &Grid,
+    axes: &[usize],
+) -> f64 {
     let steps = subpixels(&rig.gpu.adapter);
     let twin = sampled(&subject.triangles(), grid, axes, steps);
     disagreements(found, &twin) as f64
@@ -123,7 +129,7 @@ fn empty(stage: &'static str) -> VerifyError {
 }
 
 /// The voxels of three slicemaps and their OR.
-fn three_way(rig: &Rig<'_>, subject: &Subject) -> Result<Vec<bool>, GpuError> {
+fn three_way(rig: &Rig<'_>, subject: &VoxelScene) -> Result<Vec<bool>, GpuError> {
     let (geometry, part) = subject.upload(&rig.resources);
     let parts = [part];
     let passes = Axis::ALL.map(|axis| Slicemap::new(&rig.resources, &geometry, &parts, axis));
@@ -141,7 +147,7 @@ fn three_way(rig: &Rig<'_>, subject: &Subject) -> Result<Vec<bool>, GpuError> {
 }
 
 /// The voxels of passes of a slice each.
-fn sliced(rig: &Rig<'_>, subject: &Subject) -> Result<Vec<bool>, GpuError> {
+fn sliced(rig: &Rig<'_>, subject: &VoxelScene) -> Result<Vec<bool>, GpuError> {
     let (geometry, part) = subject.upload(&rig.resources);
     let bits = part.voxels.bits.clone();
     rig.run(&[&Slice::new(&rig.resources, &geometry, &[part])?])?;
@@ -156,7 +162,7 @@ fn sliced(rig: &Rig<'_>, subject: &Subject) -> Result<Vec<bool>, GpuError> {
 fn against_surface(
     stage: &'static str,
     rig: &Rig<'_>,
-    subject: &Subject,
+    subject: &VoxelScene,
     found: &[bool],
 ) -> Vec<Check> {
     let triangles = subject.triangles();

@@ -13,13 +13,13 @@ use crate::stages::voxel::Part;
 use crate::stages::voxels::Voxels;
 
 /// Triangles and a grid whose numbers f32 holds exactly, so that GPU and reference start from the same.
-pub struct Subject {
+pub struct VoxelScene {
     pub name: &'static str,
     pub scene: Scene,
     pub grid: Grid,
 }
 
-impl Subject {
+impl VoxelScene {
     /// Random triangles of all sizes, some without area and some outside a grid that is no cube.
     pub fn soup() -> Result<Self> {
         let grid =
@@ -131,7 +131,7 @@ pub fn cells(grid: &Grid) -> impl Iterator<Item = [u32; 3]> + use<> {
 
 /// Random voxels, a `share` of them full.
 pub fn random_voxels(random: &mut Random, grid: &Grid, share: f64) -> Vec<bool> {
-    (0..grid.count()).map(|_| random.next() < share).collect()
+    (0..grid.count()).map(|_| random.number() < share).collect()
 }
 
 /// A unit grid of so many cells.
