@@ -1,10 +1,33 @@
 //! GPU benchmark of published real-time rendering pipelines, on a clock that is audited first.
 //!
+//! The program is [`cli::main`] over a [`Catalog`]. A crate of one's own adds its pipelines, shaders, scenes, experiments, checks
+//! and gate cells to the catalogue, and has every command over them: `examples/own_pipeline` is such a crate. Underneath:
+//!
+//! ```no_run
+//! use fathom::Catalog;
+//! use fathom::gpu::{FrameTimer, Gpu, Options, audit};
+//! use fathom::harness::MAX_PASSES;
+//! use fathom::harness::subject::Subjects;
+//!
+//! let gpu = Gpu::open(&Options::default())?;
+//! // Which passes' timestamps can be trusted on this adapter.
+//! let clock = audit(&gpu)?;
+//! let set = [("view.width".to_owned(), 256.into()), ("view.height".to_owned(), 256.into())];
+//! let subject = Subjects::of(&Catalog::builtin()).subject("hsao", "tank", &set)?;
+//! let pipeline = subject.build(&gpu)?;
+//! let mut timer = FrameTimer::new(&gpu, clock.plan, MAX_PASSES)?;
+//! // The first frame compiles the shaders.
+//! timer.untimed(&gpu, &pipeline.stages())?;
+//! for stage in timer.timed(&gpu, &pipeline.stages())?.stages {
+//!     println!("{}: {:.3} ms", stage.name, stage.at_least_resolution_ns() / 1e6);
+//! }
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+//!
 //! Dependency rule (kept by `tests/dependency_rule.rs`):
-//! `main → compare → report, harness → experiments → pipelines → stages → scene, gpu`;
-//! `embedded`, `text` and `input` import nothing, `tell` only `text`, `record` only these two, `statistics` only `record`, `reference` only
-//! `scene`; `report` never imports `gpu`;
-//! a stage never imports a sibling stage.
+//! `main → cli → exporters → compare → report, harness → experiments → pipelines → stages → scene, gpu`;
+//! `embedded`, `parameter`, `text` and `input` import nothing, `tell` only `text`, `record` only these two, `statistics` only `record`,
+//! `reference` only `scene`; `report` never imports `gpu`; a stage never imports a sibling stage.
 //!
 //! Conventions, stated once: right-handed world, +Y up, metres, water at rest is the plane y = 0,
 //! seconds, depth range 0 (near) … 1 (far), clip space y up, light directions point the way the
