@@ -62,7 +62,8 @@ const RULE: &[(&str, &[&str])] = &[
 
 /// Stage families may not import each other; what they share lies beside them.
 const FAMILIES: &[&str] = &[
-    "ao", "caustics", "godrays", "hsao", "photons", "scalar", "scene", "shadow", "voxel", "water",
+    "ao", "caustics", "godrays", "hsao", "photons", "post", "scalar", "scene", "shadow", "voxel",
+    "water",
 ];
 
 fn rust_files(folder: &Path, found: &mut Vec<PathBuf>) {

@@ -59,7 +59,7 @@ const RUNS: [(&str, &str, &[&str]); 8] = [
     ("volume_ao", "slab", &["voxel.method=slice", "ao.skipping=true"]),
     ("voxelize", "slab", &["voxel.method=overlap"]),
     ("voxelize", "slab", &["voxel.method=max_alpha"]),
-    ("hsao", "slab", &["shadow.size=32"]),
+    ("hsao", "slab", &["shadow.size=32", "compose.meter=true"]),
     ("scalar_ao", "smoke", &["scalar.mode=isosurface"]),
     ("scalar_ao", "smoke", &["scalar.mode=direct"]),
 ];

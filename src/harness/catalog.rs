@@ -1,8 +1,6 @@
 //! What commands work on, by name: pipelines, shaders, scenes, experiments, checks and gate cells. A crate of one's own hands in
 //! a catalogue of its own.
 
-use std::collections::BTreeSet;
-
 use serde_json::Value;
 
 use super::subject::SubjectError;
@@ -123,15 +121,21 @@ impl Catalog {
         for (path, value) in (kind.fields)().iter().flat_map(choices) {
             let mut tree = tree.clone();
             let set = parameter::set(&mut tree, &path, value).ok();
-            found.extend(set.and_then(|()| planned_stages(kind, &file, &tree)).unwrap_or_default());
+            let frame = set.and_then(|()| planned_stages(kind, &file, &tree));
+            merge(&mut found, frame.unwrap_or_default());
         }
-        Ok(in_order(found))
+        Ok(found)
     }
 
     /// Every stage: those of fathom, and those of the pipelines.
     pub fn stages(&self) -> Vec<&'static StageInfo> {
-        let own = self.kinds.iter().flat_map(|kind| self.stages_of(kind.name).unwrap_or_default());
-        in_order(stages::REGISTRY.iter().chain(own).collect())
+        let mut all: Vec<&'static StageInfo> = stages::REGISTRY.iter().collect();
+        for stage in self.kinds.iter().flat_map(|k| self.stages_of(k.name).unwrap_or_default()) {
+            if !all.iter().any(|known| known.name == stage.name) {
+                all.push(stage);
+            }
+        }
+        all
     }
 
     /// Every check, in frame order.
@@ -160,14 +164,53 @@ fn planned_stages(kind: Kind, file: &SceneFile, tree: &Value) -> Option<Vec<&'st
     Some(configuration.plan(&scene).ok()?.stages)
 }
 
-/// Each stage once: those of fathom in frame order, then all others in the order in which they were found.
-fn in_order(mut found: Vec<&'static StageInfo>) -> Vec<&'static StageInfo> {
-    let place = |stage: &&StageInfo| {
-        let registered = stages::REGISTRY.iter().position(|known| known.name == stage.name);
-        registered.unwrap_or(usize::MAX)
-    };
-    found.sort_by_key(place);
-    let mut seen = BTreeSet::new();
-    found.retain(|stage| seen.insert(stage.name));
-    found
+/// Adds what a frame runs to what others run: each stage once, behind the one that it follows in its frame.
+fn merge(all: &mut Vec<&'static StageInfo>, frame: Vec<&'static StageInfo>) {
+    let mut next = 0;
+    for stage in frame {
+        match all.iter().position(|known| known.name == stage.name) {
+            Some(place) => next = place + 1,
+            None => {
+                all.insert(next, stage);
+                next += 1;
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn stages_of_a_pipeline_stand_in_frame_order() {
+        let catalog = Catalog::builtin();
+        let names = |pipeline: &str| -> Vec<&str> {
+            catalog.stages_of(pipeline).unwrap().into_iter().map(|stage| stage.name).collect()
+        };
+        let hsao = [
+            "frame",
+            "shadow/depth",
+            "scene/gbuffer",
+            "hsao/march",
+            "hsao/filter",
+            "ao/compose",
+            "post/luminance",
+        ];
+        assert_eq!(names("hsao"), hsao);
+        let volume_ao = names("volume_ao");
+        let place = |name: &str| volume_ao.iter().position(|stage| *stage == name).unwrap();
+        for pair in [
+            "scene/deform",
+            "voxel/clear",
+            "voxel/slicemap-x",
+            "voxel/unpack",
+            "voxel/mips",
+            "ao/march",
+        ]
+        .windows(2)
+        {
+            assert!(place(pair[0]) < place(pair[1]), "{volume_ao:?}");
+        }
+    }
 }

@@ -17,6 +17,7 @@ mod given_water;
 mod hsao;
 mod light;
 mod lines;
+mod luminance;
 mod occlusion;
 mod photons;
 pub mod rig;
@@ -183,6 +184,7 @@ pub fn cases() -> Vec<Case> {
         fresnel::cases(),
         filters::cases(),
         compose::cases(),
+        luminance::cases(),
         scalar::cases(),
     ]
     .into_iter()
@@ -333,7 +335,11 @@ mod tests {
         let cases = cases();
         for info in crate::stages::REGISTRY {
             let covered = cases.iter().any(|case| case.stage == info.name);
-            assert!(covered, "{} has no case", info.name);
+            assert!(
+                covered,
+                "{} has no check: add one under src/harness/verify and a line in verify::cases",
+                info.name
+            );
         }
     }
 }

@@ -9,7 +9,7 @@ use crate::stages::bilateral::Bilateral;
 use crate::stages::frame::{Frame, Shared, View};
 use crate::stages::geometry::Geometry;
 use crate::stages::kit::Resources;
-use crate::stages::{ao, scene, shadow};
+use crate::stages::{ao, post, scene, shadow};
 
 /// The stages before the occlusion buffer.
 pub struct Seen {
@@ -84,6 +84,10 @@ impl Composed {
         let shows_occlusion = compose.shows_occlusion();
         let made =
             ao::compose::Compose::new(resources, &seen.shared, &lit, &settings, shows_occlusion)?;
-        Ok(Self { compose: resources.push(made), filter })
+        let lighted = resources.push(made);
+        if compose.meter {
+            resources.push(post::luminance::Luminance::new(resources, lighted.texture())?);
+        }
+        Ok(Self { compose: lighted, filter })
     }
 }

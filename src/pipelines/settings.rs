@@ -336,6 +336,8 @@ settings! {
         ambient: f64 = 0.4 => 0.0 ..= 1e3, "1";
         /// What the picture shows.
         show: Show = Show::Image;
+        /// Whether the picture's log-average luminance is taken, as exposure is metered by.
+        meter: bool = false;
     }
 }
 

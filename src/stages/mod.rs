@@ -19,6 +19,7 @@ pub mod low_pass;
 pub mod marching;
 pub mod photon;
 pub mod photons;
+pub mod post;
 pub mod ray_cast;
 pub mod scalar;
 pub mod scalar_field;
@@ -65,6 +66,7 @@ pub const REGISTRY: &[StageInfo] = &[
     godrays::lines::INFO,
     godrays::filter::INFO,
     compose::INFO,
+    post::luminance::INFO,
     scalar::isosurface::INFO,
     scalar::direct::INFO,
     scalar::positional::INFO,

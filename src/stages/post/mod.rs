@@ -1,0 +1,3 @@
+//! What is done with the final image.
+
+pub mod luminance;
