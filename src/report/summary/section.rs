@@ -289,7 +289,7 @@ fn quantities(section: &Section<'_>, text: &mut String) {
     for (cell, measured) in section.measured() {
         let values = names.iter().map(|quantity| {
             let value = measured.figures().get(*quantity).copied();
-            value.map_or_else(|| "–".to_owned(), |value| format::three(value))
+            value.map_or_else(|| "–".to_owned(), format::three)
         });
         table.row([name(cell)].into_iter().chain(values));
     }
