@@ -295,7 +295,7 @@ pub struct CompareArgs {
     /// Only cells whose names hold this
     #[arg(long, value_name = "FILTER")]
     pub cells: Option<String>,
-    /// File of the configurations to compare [default: benches/gates.toml, built in]
+    /// Experiment file whose cells list the `stages` to compare [default: benches/gates.toml, built in]
     #[arg(long, value_name = "FILE")]
     pub cells_file: Option<PathBuf>,
     /// Seed of the order of cells and samples [default: drawn, and stored]

@@ -1,125 +1,62 @@
-//! What is compared: gate cells, each one stage of one configuration, listed in `benches/gates.toml`.
+//! What is compared: gate cells, each one stage of one cell of an experiment that lists its `stages`.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
-use serde::{Deserialize, Serialize};
-use serde_json::{Map, Value};
 use thiserror::Error;
 
-use super::protocol;
-use crate::experiments::{flatten, nearest};
-use crate::input::{self, one_line};
+use super::protocol::Configuration;
+use crate::experiments::{Experiment, ExperimentError, did_you_mean, nearest};
 use crate::record::comparison::CellId;
-use crate::text;
+
+/// Gates are small at every profile.
+const PROFILE: &str = "quick";
 
 #[derive(Debug, Error)]
 pub enum CellsError {
-    #[error("cannot read the gates' configurations {}: {source}", path.display())]
-    Read { path: PathBuf, source: std::io::Error },
-    #[error("{origin}: {}", one_line(.message))]
-    Invalid { origin: String, message: String },
-    #[error("no gate cell matches `{filter}`{}", match nearest { Some(name) => format!("; did you mean `{name}`?"), None => String::new() })]
+    #[error(transparent)]
+    Experiment(#[from] ExperimentError),
+    #[error("experiment `{experiment}`: {message}")]
+    Invalid { experiment: String, message: String },
+    #[error("no gate cell matches `{filter}`{}", did_you_mean(.nearest))]
     NoMatch { filter: String, nearest: Option<String> },
 }
 
-/// A pipeline on a scene at small sizes, and the stages of it that are compared.
-#[derive(Clone, Debug, PartialEq, Deserialize, Serialize)]
-#[serde(deny_unknown_fields)]
-pub struct Configuration {
-    /// Lower-case letters, digits and `-`.
-    pub id: String,
-    pub pipeline: String,
-    pub scene: String,
-    /// Parameters by their dotted paths or nested, as in an experiment's file.
-    #[serde(default)]
-    pub params: Map<String, Value>,
-    /// Stages whose time at these sizes suits the gates, in frame order.
-    pub stages: Vec<String>,
-}
-
-impl Configuration {
-    /// Parameters to set: dotted path and value.
-    pub fn overrides(&self) -> Vec<(String, Value)> {
-        flatten(&self.params)
-    }
-
-    pub fn cells(&self) -> impl Iterator<Item = CellId> + '_ {
-        let cell = |stage: &String| CellId::new(&self.id, stage);
-        self.stages.iter().map(cell)
-    }
-}
-
-impl From<&Configuration> for protocol::Configuration {
-    fn from(configuration: &Configuration) -> Self {
-        Self {
-            id: configuration.id.clone(),
-            pipeline: configuration.pipeline.clone(),
-            scene: configuration.scene.clone(),
-            params: configuration.overrides().into_iter().collect(),
-        }
-    }
-}
-
 /// The configurations of a comparison, in the file's order.
-#[derive(Clone, Debug, PartialEq, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Gates {
     /// A cell that is measured once more with the base on both sides; it must show no difference.
     pub control: CellId,
-    #[serde(rename = "configuration")]
     pub configurations: Vec<Configuration>,
 }
 
 impl Gates {
-    /// Those of a file, or else those of a catalogue: their name and text.
+    /// Those of an experiment's file, or else those of a catalogue: their name and text.
     pub fn load(path: Option<&Path>, catalogued: (&str, &str)) -> Result<Self, CellsError> {
-        match path {
-            None => Self::parse(catalogued.0, catalogued.1),
-            Some(path) => {
-                let text = input::text(path, input::MAX_TEXT)
-                    .map_err(|source| CellsError::Read { path: path.to_owned(), source })?;
-                Self::parse(&path.display().to_string(), &text)
-            }
-        }
+        Self::of(&match path {
+            None => Experiment::parse(catalogued.0, catalogued.1)?,
+            Some(path) => Experiment::read(path)?,
+        })
     }
 
-    fn parse(origin: &str, text: &str) -> Result<Self, CellsError> {
-        let invalid = |message: String| CellsError::Invalid { origin: origin.to_owned(), message };
-        let gates: Self =
-            toml::from_str(text).map_err(|error| invalid(error.to_string().trim().to_owned()))?;
-        gates.check().map_err(invalid)?;
-        Ok(gates)
-    }
-
-    fn check(&self) -> Result<(), String> {
-        let mut seen = Vec::new();
-        for configuration in &self.configurations {
-            let id = &configuration.id;
-            text::check_id(id).map_err(|fault| format!("configuration {fault}"))?;
-            if seen.contains(&id) {
-                return Err(format!("configuration `{id}` is there twice"));
-            }
-            seen.push(id);
-            let mut stages = configuration.stages.clone();
-            stages.sort();
-            stages.dedup();
-            if stages.len() != configuration.stages.len() || stages.is_empty() {
-                return Err(format!("configuration `{id}` must list stages, and each once"));
-            }
+    fn of(experiment: &Experiment) -> Result<Self, CellsError> {
+        let invalid = |message| CellsError::Invalid { experiment: experiment.id.clone(), message };
+        let plans = experiment.cells(PROFILE, &[], &[])?;
+        let configurations: Vec<Configuration> = plans.into_iter().map(Into::into).collect();
+        if let Some(cell) = configurations.iter().find(|cell| cell.stages.is_empty()) {
+            return Err(invalid(format!("cell `{}` lists no `stages` to compare", cell.id)));
         }
-        match self.cells().contains(&self.control) {
-            true => Ok(()),
-            false => Err(format!("the control `{}` is no cell", self.control)),
-        }
+        let asked = experiment.control.as_deref();
+        let control = configurations
+            .iter()
+            .flat_map(Configuration::cells)
+            .find(|cell| asked.is_none_or(|asked| asked == cell.as_str()));
+        let control = control
+            .ok_or_else(|| invalid(format!("the control `{}` is no cell", asked.unwrap_or(""))))?;
+        Ok(Self { control, configurations })
     }
 
     pub fn cells(&self) -> Vec<CellId> {
-        let configurations = self.configurations.iter();
-        configurations.flat_map(Configuration::cells).collect()
-    }
-
-    pub fn configuration(&self, id: &str) -> Option<&Configuration> {
-        self.configurations.iter().find(|known| known.id == id)
+        self.configurations.iter().flat_map(Configuration::cells).collect()
     }
 
     /// Only the cells whose names contain `filter`. The control stays one of them.
@@ -132,18 +69,14 @@ impl Gates {
         }
         self.configurations.retain(|configuration| !configuration.stages.is_empty());
         let left = self.cells();
-        match left.first() {
-            None => Err(CellsError::NoMatch {
-                filter: filter.to_owned(),
-                nearest: nearest(filter, all.iter().map(CellId::as_str)),
-            }),
-            Some(first) => {
-                if !left.contains(&self.control) {
-                    self.control = first.clone();
-                }
-                Ok(self)
-            }
+        let Some(first) = left.first() else {
+            let nearest = nearest(filter, all.iter().map(CellId::as_str));
+            return Err(CellsError::NoMatch { filter: filter.to_owned(), nearest });
+        };
+        if !left.contains(&self.control) {
+            self.control = first.clone();
         }
+        Ok(self)
     }
 }
 
@@ -163,8 +96,7 @@ mod tests {
 
     #[test]
     fn the_built_in_configurations_make_at_least_forty_cells_of_known_stages() {
-        let gates = Gates::load(None, Catalog::builtin().gates).unwrap();
-        let cells = gates.cells();
+        let cells = Gates::load(None, Catalog::builtin().gates).unwrap().cells();
         assert!(cells.len() >= 40, "{}", cells.len());
         for cell in &cells {
             let known = crate::stages::REGISTRY.iter().any(|stage| stage.name == cell.stage());
@@ -193,25 +125,41 @@ mod tests {
         assert!(error.contains("did you mean"), "{error}");
     }
 
+    fn parsed(rest: &str) -> Result<Gates, CellsError> {
+        let head = "id = \"own\"\ntitle = \"t\"\nsource = \"s\"\npipeline = \"p\"\nscene = \"s\"\n";
+        Gates::of(&Experiment::parse("own", &format!("{head}{rest}"))?)
+    }
+
+    #[test]
+    fn cells_are_those_of_the_experiment_and_stages_are_inherited() {
+        let axis = "[[sweep.axis]]\nname = \"view.width\"\nvalues = [16, 32]\n";
+        let rest = format!(
+            "stages = [\"x\"]\n[[sweep]]\nid = \"a\"\nstages = [\"y\", \"z\"]\n[[sweep]]\n{axis}"
+        );
+        let gates = parsed(&rest).unwrap();
+        let cells: Vec<String> = gates.cells().iter().map(CellId::to_string).collect();
+        assert_eq!(cells, ["a y", "a z", "view.width=16 x", "view.width=32 x"]);
+        assert_eq!(gates.control.as_str(), "a y");
+        assert_eq!(gates.configurations[2].params["view.width"], 32);
+    }
+
     #[test]
     fn faults_of_a_file_are_one_line() {
-        let fault = |text: &str| {
-            let error = Gates::parse("my.toml", text).unwrap_err().to_string();
-            assert_eq!(error.lines().count(), 1, "{error}");
-            assert!(error.starts_with("my.toml: "), "{error}");
-            error
-        };
-        let one = |id: &str, stages: &str| {
-            format!(
-                "[[configuration]]\nid = \"{id}\"\npipeline = \"p\"\nscene = \"s\"\nstages = {stages}\n"
-            )
-        };
-        let control = "control = \"a x\"\n";
-        assert!(fault("").contains("control"));
-        assert!(fault(&format!("{control}{}", one("A b", "[\"x\"]"))).contains("lower-case"));
-        assert!(fault(&format!("{control}{}", one("a", "[]"))).contains("must list stages"));
-        assert!(fault(&format!("{control}{}", one("a", "[\"y\"]"))).contains("`a x` is no cell"));
+        let one = |id: &str, stages: &str| format!("[[sweep]]\nid = \"{id}\"\nstages = {stages}\n");
         let twice = one("a", "[\"x\"]").repeat(2);
-        assert!(fault(&format!("{control}{twice}")).contains("twice"));
+        for (rest, expected) in [
+            ("", "lists no `stages`"),
+            (&one("A b", "[\"x\"]"), "lower-case"),
+            (&one("a", "[]"), "cell `a` lists no `stages`"),
+            (&one("a", "[\"x\", \"x\"]"), "stage `x` is listed twice"),
+            ("stages = [\"x\"]\n[[sweep]]\n", "a sweep needs an `axis` or an `id`"),
+            (&format!("control = \"a y\"\n{}", one("a", "[\"x\"]")), "`a y` is no cell"),
+            (&twice, "twice"),
+        ] {
+            let error = parsed(rest).unwrap_err().to_string();
+            assert_eq!(error.lines().count(), 1, "{error}");
+            assert!(error.starts_with("experiment `own`: "), "{error}");
+            assert!(error.contains(expected), "{error}");
+        }
     }
 }

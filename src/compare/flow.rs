@@ -8,10 +8,10 @@ use sha2::{Digest, Sha256};
 use thiserror::Error;
 
 use super::bench::Processes;
-use super::cells::{CellsError, Configuration, Gates};
+use super::cells::{CellsError, Gates};
 use super::instructions;
 use super::launch::{Quiet, Start, Waiting, WorkerFault, allowed_cores};
-use super::protocol::{self, Greeting};
+use super::protocol::{Configuration, Greeting};
 use super::rounds::{self, Before, PartyFault, Schedule};
 use super::store::{self, Comparison, StoreError};
 use super::survey::{self, Party};
@@ -333,11 +333,10 @@ impl Measurement<'_> {
         }
         let cells: Vec<CellId> = common.iter().flat_map(Configuration::cells).collect();
         let settings = self.before.header.settings.clone();
-        let configurations: Vec<protocol::Configuration> = common.iter().map(Into::into).collect();
         let sides = Side::BOTH.map(|side| start_of(self.options, side));
         let [base, head] = sides;
         let seed = settings.seed;
-        let mut bench = match Processes::new(base, head, &configurations, seed, self.waiting) {
+        let mut bench = match Processes::new(base, head, common, seed, self.waiting) {
             Ok(bench) => bench,
             Err(_) if self.is_interrupted() => return Ok(()),
             Err(cause) => return self.no_time(&cause),

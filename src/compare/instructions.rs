@@ -17,8 +17,8 @@ use std::time::Duration;
 
 use tempfile::TempDir;
 
-use super::cells::Configuration;
 use super::launch::{self, Patience, Quiet, Start, Waiting, Worker, WorkerFault};
+use super::protocol::Configuration;
 use super::protocol::{Reply, Request};
 use super::store::{self, Comparison};
 use super::valgrind;
@@ -285,7 +285,7 @@ impl Counter {
         worker.greet()?;
         let waiting = silently(conditions.ending);
         worker.greeted(&waiting)?;
-        let request = Request::Prepare { configuration: job.configuration.into() };
+        let request = Request::Prepare { configuration: job.configuration.clone() };
         match worker.ask(&request, &waiting)? {
             Reply::Prepared { .. } => Ok(Self { worker, folder, cuts: 0 }),
             other => Err(worker.unexpected(&other)),
@@ -341,8 +341,6 @@ fn parse_total(text: &str) -> Option<u64> {
 mod tests {
     use std::time::Instant;
 
-    use serde_json::Map;
-
     use super::*;
 
     /// A worker that cuts as callgrind does: the counts of `b` are in the twenties, all others in the tens. It refuses `bad` after a
@@ -373,13 +371,8 @@ esac; done
         let adapter = serde_json::to_string(&crate::record::Adapter::default()).unwrap();
         std::fs::write(&script, SCRIPT.replace("ADAPTER", &adapter)).unwrap();
         let stages: Vec<String> = stages.iter().map(|stage| (*stage).to_owned()).collect();
-        let configuration = Configuration {
-            id: "one".to_owned(),
-            pipeline: "p".to_owned(),
-            scene: "s".to_owned(),
-            params: Map::new(),
-            stages: stages.clone(),
-        };
+        let id = "one".to_owned();
+        let configuration = Configuration { id, stages: stages.clone(), ..Default::default() };
         let job = Job { side: Side::Head, configuration: &configuration, stages };
         let conditions = Conditions { start: quieted(Start::new(&script), None), wrapper, ending };
         let (sender, lines) = channel();

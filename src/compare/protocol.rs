@@ -8,20 +8,43 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
+use crate::experiments::CellPlan;
 use crate::gpu::ClockPlan;
+use crate::record::comparison::CellId;
 use crate::record::{Adapter, ErrorFigure, PassKind, Work, nan};
 
 /// Version of these messages.
 pub const PROTOCOL: u32 = 1;
 
 /// A pipeline on a scene with these parameters, under a name of the caller's choice.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Configuration {
     pub id: String,
     pub pipeline: String,
     pub scene: String,
     /// Dotted path → value, over the pipeline's defaults.
     pub params: Map<String, Value>,
+    /// Those that are compared. The worker prepares all that the pipeline has.
+    #[serde(skip)]
+    pub stages: Vec<String>,
+}
+
+impl Configuration {
+    pub fn cells(&self) -> impl Iterator<Item = CellId> + '_ {
+        self.stages.iter().map(|stage| CellId::new(&self.id, stage))
+    }
+}
+
+impl From<CellPlan> for Configuration {
+    fn from(plan: CellPlan) -> Self {
+        Self {
+            id: plan.cell,
+            pipeline: plan.pipeline,
+            scene: plan.scene,
+            params: plan.overrides.into_iter().collect(),
+            stages: plan.stages,
+        }
+    }
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -196,6 +219,7 @@ mod tests {
                 pipeline: "underwater".into(),
                 scene: "tank".into(),
                 params: Map::from_iter([("caustics.grid".to_owned(), json!(50))]),
+                stages: Vec::new(),
             },
         };
         let line = serde_json::to_string(&prepare).unwrap();

@@ -1,7 +1,7 @@
 //! Both builds prepare every configuration: which cells they have in common, and their exact figures.
 
-use super::cells::Configuration;
 use super::launch::{Start, Waiting, Worker, WorkerFault};
+use super::protocol::Configuration;
 use super::protocol::{Exact, Greeting, Reply, Request};
 use crate::record::comparison::{
     CellId, CheckFigure, Compared, ConfigurationFigures, ExactFigures, Fault, Gate, Side,
@@ -67,7 +67,7 @@ pub fn prepare(
     parties: &mut [Party<'_>; 2],
     configuration: &Configuration,
 ) -> (Configuration, Vec<Compared>) {
-    let replies = both(parties, &Request::Prepare { configuration: configuration.into() });
+    let replies = both(parties, &Request::Prepare { configuration: configuration.clone() });
     let (stages, faults) = present(configuration, replies);
     let common = Configuration { stages, ..configuration.clone() };
     (common, faults)
@@ -228,13 +228,8 @@ mod tests {
         base: Result<Reply, WorkerFault>,
         head: Result<Reply, WorkerFault>,
     ) -> (Vec<String>, Vec<String>) {
-        let configuration = Configuration {
-            id: "one".to_owned(),
-            pipeline: "p".to_owned(),
-            scene: "s".to_owned(),
-            params: Default::default(),
-            stages: vec!["a".to_owned(), "b".to_owned()],
-        };
+        let stages = ["a", "b"].map(str::to_owned).to_vec();
+        let configuration = Configuration { id: "one".to_owned(), stages, ..Default::default() };
         let (stages, lines) = present(&configuration, [base, head]);
         let word = |line: &Compared| match line {
             Compared::Fault(fault) => {

@@ -55,6 +55,8 @@ pub struct CellPlan {
     /// Dotted path → value, to be set in this order on the pipeline's defaults.
     pub overrides: Vec<(String, Value)>,
     pub reference: Option<ReferencePlan>,
+    /// Those that `fathom compare` compares.
+    pub stages: Vec<String>,
 }
 
 /// The run that a cell's result is held against: the cell's overrides and then these.
@@ -269,7 +271,7 @@ fn kind(value: &Value) -> &'static str {
 type Overrides = [(String, Vec<String>)];
 type ChosenAxis<'a> = (&'a Axis, Vec<AxisValue>);
 /// A sweep's parameters and axes.
-type ChosenSweep<'a> = (Vec<(String, Value)>, Vec<ChosenAxis<'a>>);
+type ChosenSweep<'a> = (&'a Sweep, Vec<(String, Value)>, Vec<ChosenAxis<'a>>);
 
 /// Every combination of the axes' values; the last axis moves fastest.
 fn product<'v>(axes: &'v [ChosenAxis<'_>]) -> Vec<Vec<(&'v Axis, &'v AxisValue)>> {
@@ -305,21 +307,21 @@ impl Experiment {
         let mut base = flatten(&self.params);
         base.extend(flatten(self.profile.of(profile)));
         if self.sweep.is_empty() {
-            return Ok(vec![self.cell(profile, base, sets, &[])]);
+            return Ok(vec![self.cell(profile, None, base, sets, &[])]);
         }
         let mut sweeps = Vec::new();
         for sweep in &self.sweep {
             let mut params = base.clone();
             params.extend(flatten(&sweep.params));
             params.extend(flatten(sweep.profile.of(profile)));
-            sweeps.push((params, self.axis_values(sweep, profile, axis_overrides)?));
+            sweeps.push((sweep, params, self.axis_values(sweep, profile, axis_overrides)?));
         }
         self.check_size(profile, sets, &sweeps)?;
         let mut cells = Vec::new();
         let mut known = HashSet::new();
-        for (params, axes) in &sweeps {
+        for (sweep, params, axes) in &sweeps {
             for point in product(axes) {
-                let cell = self.cell(profile, params.clone(), sets, &point);
+                let cell = self.cell(profile, Some(sweep), params.clone(), sets, &point);
                 if known.insert(cell.cell.clone()) {
                     cells.push(cell);
                 }
@@ -427,7 +429,7 @@ impl Experiment {
                 + entry_bytes(&flatten(reference.profile.of(profile)))
         });
         let (mut cells, mut bytes) = (0u64, 0u64);
-        for (params, axes) in sweeps {
+        for (_, params, axes) in sweeps {
             let points = axes.iter().map(|(_, values)| values.len() as u64);
             let points = points.fold(1, u64::saturating_mul);
             let longest = axes.iter().map(|(_, values)| {
@@ -451,6 +453,7 @@ impl Experiment {
     fn cell(
         &self,
         profile: Profile,
+        sweep: Option<&Sweep>,
         mut params: Vec<(String, Value)>,
         sets: &[(String, Value)],
         point: &[(&Axis, &AxisValue)],
@@ -461,8 +464,10 @@ impl Experiment {
             axes.insert(axis.name.clone(), value.label.clone());
             params.extend(value.set.iter().cloned());
         }
-        let key: Vec<String> =
-            point.iter().map(|(axis, value)| format!("{}={}", axis.name, value.text())).collect();
+        let id = sweep.and_then(|sweep| sweep.id.clone());
+        let values = point.iter().map(|(axis, value)| format!("{}={}", axis.name, value.text()));
+        let key: Vec<String> = id.into_iter().chain(values).collect();
+        let stages = sweep.map(|sweep| &sweep.stages).filter(|stages| !stages.is_empty());
         let scene = take(&mut params, "scene").unwrap_or_else(|| self.scene.clone());
         let pipeline = take(&mut params, "pipeline").unwrap_or_else(|| self.pipeline.clone());
         let overrides = last_of_each(params);
@@ -473,6 +478,7 @@ impl Experiment {
             pipeline,
             scene,
             reference: self.reference_plan(profile, &overrides),
+            stages: stages.unwrap_or(&self.stages).clone(),
             overrides,
         }
     }

@@ -54,7 +54,7 @@ pub enum ExperimentError {
     Assignment { text: String, form: &'static str },
 }
 
-fn did_you_mean(nearest: &Option<String>) -> String {
+pub(crate) fn did_you_mean(nearest: &Option<String>) -> String {
     match nearest {
         Some(name) => format!("; did you mean `{name}`?"),
         None => String::new(),
@@ -109,8 +109,13 @@ impl Experiment {
                 nearest: nearest(id_or_path, ids.iter().map(String::as_str)),
             });
         }
+        Experiment::read(path)
+    }
+
+    /// Loads a file.
+    pub fn read(path: &Path) -> Result<Experiment, ExperimentError> {
         let text = input::text(path, input::MAX_TEXT)
             .map_err(|source| ExperimentError::Read { path: path.to_owned(), source })?;
-        Experiment::parse(id_or_path, &text)
+        Experiment::parse(&path.display().to_string(), &text)
     }
 }

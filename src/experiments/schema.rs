@@ -7,6 +7,8 @@
 mod claim;
 mod plot;
 
+use std::collections::HashSet;
+
 use serde::Deserialize;
 use serde_json::{Map, Value};
 
@@ -38,6 +40,11 @@ pub struct Experiment {
     /// Each sweep is the product of its axes; the experiment is their union. None: a single cell.
     #[serde(default)]
     pub sweep: Vec<Sweep>,
+    /// Stages of every cell that `fathom compare` compares.
+    #[serde(default)]
+    pub stages: Vec<String>,
+    /// `CELL STAGE` that `fathom compare` measures once more with the base on both sides; the first where absent.
+    pub control: Option<String>,
     /// A denser run that each cell's result is held against.
     pub reference: Option<Reference>,
     /// The same surface points seen from other places.
@@ -81,11 +88,18 @@ pub struct ProfileParams {
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Sweep {
+    /// Name of its cell, or what the names of its cells begin with.
+    pub id: Option<String>,
+    /// Stages of its cells that `fathom compare` compares, in place of the experiment's.
+    #[serde(default)]
+    pub stages: Vec<String>,
     /// Parameters of this sweep's cells only.
     #[serde(default)]
     pub params: Map<String, Value>,
     #[serde(default)]
     pub profile: Profiles,
+    /// May be left out where the sweep has an id.
+    #[serde(default)]
     pub axis: Vec<Axis>,
 }
 
@@ -202,6 +216,7 @@ impl Experiment {
         for axis in self.axes() {
             axis.check()?;
         }
+        self.check_sweeps()?;
         for claim in &self.claim {
             self.check_over(claim.test.over(), &format!("claim `{}`", claim.id))?;
         }
@@ -233,6 +248,29 @@ impl Experiment {
             }
             if !(published.fps.is_finite() && published.fps > 0.0) {
                 return Err("a published fps must be positive".to_owned());
+            }
+        }
+        Ok(())
+    }
+
+    fn check_sweeps(&self) -> Result<(), String> {
+        let mut ids = HashSet::new();
+        for sweep in &self.sweep {
+            match &sweep.id {
+                Some(id) => text::check_id(id).map_err(|fault| format!("sweep {fault}"))?,
+                None if sweep.axis.is_empty() => {
+                    return Err("a sweep needs an `axis` or an `id`".to_owned());
+                }
+                None => {}
+            }
+            if let Some(id) = sweep.id.as_ref().filter(|id| !ids.insert(id.as_str())) {
+                return Err(format!("sweep `{id}` is there twice"));
+            }
+        }
+        for stages in self.sweep.iter().map(|sweep| &sweep.stages).chain([&self.stages]) {
+            let mut seen = HashSet::new();
+            if let Some(stage) = stages.iter().find(|stage| !seen.insert(*stage)) {
+                return Err(format!("stage `{stage}` is listed twice"));
             }
         }
         Ok(())

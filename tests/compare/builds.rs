@@ -14,17 +14,17 @@ use fathom::record::{self, Outcome, Record};
 use super::script::{Script, hello, refusal};
 
 const CELLS: &str = r#"
+id = "toy"
+title = "t"
+source = "s"
+pipeline = "p"
+scene = "s"
+stages = ["a", "b"]
 control = "one a"
-[[configuration]]
+[[sweep]]
 id = "one"
-pipeline = "p"
-scene = "s"
-stages = ["a", "b"]
-[[configuration]]
+[[sweep]]
 id = "two"
-pipeline = "p"
-scene = "s"
-stages = ["a", "b"]
 "#;
 
 /// A folder with builds, the cells to compare and what comes of it.

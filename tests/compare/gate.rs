@@ -35,6 +35,7 @@ fn plane() -> Configuration {
         pipeline: "underwater".to_owned(),
         scene: "plane".to_owned(),
         params: params.as_object().cloned().unwrap(),
+        stages: Vec::new(),
     }
 }
 

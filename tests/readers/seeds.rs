@@ -233,7 +233,7 @@ pub fn comparisons() -> Seeds {
 pub fn gates() -> Seeds {
     all([
         include_str!("../../benches/gates.toml"),
-        "control = \"a caustics/trace\"\n[[configuration]]\nid = \"a\"\npipeline = \"underwater\"\nscene = \"tank\"\nstages = [\"caustics/trace\"]\nparams = { caustics.grid = 10 }\n",
+        "id = \"g\"\ntitle = \"t\"\nsource = \"s\"\npipeline = \"underwater\"\nscene = \"tank\"\ncontrol = \"a caustics/trace\"\n[[sweep]]\nid = \"a\"\nstages = [\"caustics/trace\"]\nparams = { caustics.grid = 10 }\n",
     ])
 }
 
