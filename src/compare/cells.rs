@@ -111,7 +111,11 @@ mod tests {
         let cells = Gates::load(None, Catalog::builtin().gates).unwrap().cells();
         for stage in crate::stages::REGISTRY {
             let compared = cells.iter().any(|cell| cell.stage() == stage.name);
-            assert!(compared != apart.contains(&stage.name), "{}", stage.name);
+            assert!(
+                compared != apart.contains(&stage.name),
+                "{} has no gate cell: add it to a configuration of benches/gates.toml, or it has one and stands in `apart`",
+                stage.name
+            );
         }
     }
 

@@ -106,37 +106,13 @@ fn write_levels(resources: &Resources<'_>, texture: &wgpu::Texture, volume: &Vol
 fn texels(format: wgpu::TextureFormat, values: &[f32]) -> Vec<u8> {
     match format {
         wgpu::TextureFormat::R8Unorm => values.iter().map(|v| (v * 255.0).round() as u8).collect(),
-        _ => values.iter().flat_map(|v| half(*v).to_le_bytes()).collect(),
+        _ => values.iter().flat_map(|v| half::f16::from_f32(*v).to_le_bytes()).collect(),
     }
-}
-
-/// IEEE 754 binary16 of a value 0 … 1, rounded to even.
-fn half(value: f32) -> u16 {
-    let exponent = ((value.to_bits() >> 23) as i32 - 127).max(-14);
-    let mantissa = (value * 2f32.powi(10 - exponent)).round_ties_even() as u16;
-    ((exponent + 14) as u16) * 1024 + mantissa
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn halves_are_rounded_to_even() {
-        let cases = [
-            (0.0, 0x0000),
-            (1.0, 0x3c00),
-            (0.5, 0x3800),
-            (1.0 / 3.0, 0x3555),
-            (5.960_464_5e-8, 0x0001),
-            (0.999_9, 0x3c00),
-            (1.0 + -2f32.powi(-12), 0x3c00),
-            (6.1e-5, 0x03ff),
-        ];
-        for (value, bits) in cases {
-            assert_eq!(half(value), bits, "{value}");
-        }
-    }
 
     #[test]
     fn eight_bits_hold_what_came_from_a_byte() {
