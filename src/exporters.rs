@@ -10,7 +10,7 @@ use crate::compare::tables::{self, Format};
 use crate::compare::verdict::Verdicts;
 use crate::harness::output::RECORDS;
 use crate::record::{Reading, Record};
-use crate::report::{self, Artifact, ReportError, View, pictures_in};
+use crate::report::{self, Artifact, ReportError, View};
 
 /// By what the records hold.
 pub enum Exporter {
@@ -48,9 +48,9 @@ pub fn formats() -> impl Iterator<Item = &'static Format> {
     })
 }
 
-/// The files that tell a run. `pictures` are paths relative to its folder.
-pub fn of_run(records: &[Record], pictures: &[String]) -> Result<Vec<Artifact>, ReportError> {
-    let view = View::new(records, pictures);
+/// The files that tell a run. Pictures are linked that lie in `folder`; without one, all that the records name.
+pub fn of_run(records: &[Record], folder: Option<&Path>) -> Result<Vec<Artifact>, ReportError> {
+    let view = View::new(records, folder);
     let mut files = Vec::new();
     for exporter in EXPORTERS {
         if let Exporter::Run(exporter) = exporter {
@@ -69,13 +69,13 @@ pub fn of_comparison(verdicts: &Verdicts<'_>) -> Vec<Artifact> {
     formats().filter_map(file).collect()
 }
 
-/// Writes the files of a folder's records beside them, and gives their paths. A run's link the pictures found there.
+/// Writes the files of a folder's records beside them, and gives their paths. A run's link the pictures that lie there.
 pub fn write(folder: &Path, reading: Reading) -> Result<Vec<PathBuf>, ExportError> {
     if holds_comparison(&reading.records) {
         let comparison = Comparison::of(reading, &folder.join(RECORDS))?;
         return put(folder, of_comparison(&Verdicts::of(&comparison)));
     }
-    put(folder, of_run(&reading.records, &pictures_in(folder))?)
+    put(folder, of_run(&reading.records, Some(folder))?)
 }
 
 /// Writes files into a folder, and gives their paths.

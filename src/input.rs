@@ -117,11 +117,6 @@ pub fn text(path: &Path, limit: u64) -> io::Result<String> {
     Ok(text)
 }
 
-/// What a file says, as part of a message: on one line.
-pub fn one_line(text: &str) -> String {
-    text.replace(['\n', '\r'], " ")
-}
-
 /// How a line ends.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum LineEnd {

@@ -26,8 +26,9 @@
 //!
 //! Dependency rule (kept by `tests/dependency_rule.rs`):
 //! `main → cli → exporters → compare → report, harness → experiments → pipelines → stages → scene, gpu`;
-//! `embedded`, `parameter`, `text` and `input` import nothing, `tell` only `text`, `record` only these two, `statistics` only `record`,
-//! `reference` only `scene`; `report` never imports `gpu`; a stage never imports a sibling stage.
+//! `embedded`, `text`, `input` and `statistics` import nothing, `tell` and `parameter` only `text`, `record` only these leaves,
+//! `reference` only `scene`; neither `report` nor `harness` imports the other, and `report` never imports `gpu`; a stage never imports
+//! a sibling stage.
 //!
 //! Conventions, stated once: right-handed world, +Y up, metres, water at rest is the plane y = 0,
 //! seconds, depth range 0 (near) … 1 (far), clip space y up, light directions point the way the

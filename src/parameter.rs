@@ -8,10 +8,12 @@ use serde::{Serialize, de::value::Error as Nothing};
 use serde_json::Value;
 use thiserror::Error;
 
+use crate::text::{did_you_mean, nearest};
+
 /// What is wrong with a parameter. One line each.
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum ParamError {
-    #[error("unknown parameter `{path}`{}", hint(.nearest))]
+    #[error("unknown parameter `{path}`{}", did_you_mean(.nearest))]
     Unknown { path: String, nearest: Option<String> },
     #[error("parameter `{path}` takes {expected}, not {given}")]
     Type { path: String, expected: String, given: String },
@@ -26,10 +28,6 @@ impl From<String> for ParamError {
     fn from(text: String) -> Self {
         Self::Unfit(text)
     }
-}
-
-fn hint(nearest: &Option<String>) -> String {
-    nearest.as_ref().map_or_else(String::new, |name| format!("; did you mean `{name}`?"))
 }
 
 /// Numbers that a parameter may take, ends included.
@@ -402,7 +400,8 @@ pub fn get<'t>(tree: &'t Value, path: &str) -> Option<&'t Value> {
 pub fn set(tree: &mut Value, path: &str, value: Value) -> Result<(), ParamError> {
     let all = leaves(tree);
     if !all.iter().any(|leaf| leaf == path) {
-        return Err(ParamError::Unknown { path: path.to_owned(), nearest: nearest(path, &all) });
+        let nearest = nearest(path, all.iter().map(String::as_str));
+        return Err(ParamError::Unknown { path: path.to_owned(), nearest });
     }
     let leaf = path
         .split('.')
@@ -414,20 +413,6 @@ pub fn set(tree: &mut Value, path: &str, value: Value) -> Result<(), ParamError>
         given: given.to_string(),
     })?;
     Ok(())
-}
-
-/// The leaf closest in spelling, if any is close at all.
-fn nearest(path: &str, all: &[String]) -> Option<String> {
-    let last = |p: &str| p.rsplit('.').next().unwrap_or(p).to_owned();
-    all.iter()
-        .map(|leaf| {
-            let whole = strsim::jaro_winkler(path, leaf);
-            let tail = strsim::jaro_winkler(&last(path), &last(leaf));
-            (whole.max(0.95 * tail), leaf)
-        })
-        .filter(|(score, _)| *score > 0.7)
-        .max_by(|a, b| a.0.total_cmp(&b.0))
-        .map(|(_, leaf)| leaf.clone())
 }
 
 fn fitting(present: &Value, given: Value) -> Result<Value, Value> {

@@ -14,6 +14,7 @@ use serde_json::{Map, Value};
 pub mod comparison;
 mod error_figure;
 mod file;
+mod kinds;
 mod lines;
 mod lock;
 pub(crate) mod nan;
@@ -23,12 +24,16 @@ mod tests;
 pub use comparison::Compared;
 pub use error_figure::ErrorFigure;
 pub use file::{Reading, Writer, empty_or_sound, finished, read, read_some, resume_key};
+pub use kinds::{
+    FaultKind, Note, NoteKind, Picture, PictureKind, Profile, RejectedFrames, Rejection, ShaderChecks, Surrounding,
+};
 pub use lines::{Damage, Line, LineWriter, Lines, Opened, RecordError, kept_aside, read_lines};
 pub use lock::{FolderLock, LOCK, LockError};
+pub use crate::statistics::Estimate;
 pub use samples::{Addition, Clocks, FramePair, SAMPLES_SCHEMA, SampleLine, StageTime};
 
 /// Version of the record format; raised when a field changes its meaning or goes away.
-pub const SCHEMA: u32 = 1;
+pub const SCHEMA: u32 = 2;
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "record", rename_all = "snake_case")]
@@ -42,23 +47,22 @@ pub enum Record {
 }
 
 /// What a run was: the build, the adapter, the clock's audit, the conditions.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Run {
     pub schema: u32,
     pub fathom_version: String,
     /// RFC 3339, UTC.
     pub started_at: String,
-    pub profile: String,
+    pub profile: Profile,
     pub command: Vec<String>,
     pub adapter: Adapter,
-    /// `checked` (wgpu's bounds and loop checks) or `unchecked`.
-    pub shader_checks: String,
+    pub shader_checks: ShaderChecks,
     pub audit: Vec<AuditRow>,
     /// Host time of a submission with the least pass of a kind, as the audit measured it. What was taken off fenced host
     /// durations was measured beside them: see [`Fenced`].
     pub submit_cost_ns: BTreeMap<PassKind, f64>,
-    /// Degraded features, missing assets, and other notes on the whole run.
-    pub notes: Vec<String>,
+    /// On the whole run.
+    pub notes: Vec<Note>,
 }
 
 /// The text of an experiment's file as it was when its cells were measured, so that its published
@@ -94,6 +98,17 @@ pub enum PassKind {
     Host,
 }
 
+impl PassKind {
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Compute => "compute",
+            Self::Render => "render",
+            Self::Copy => "copy",
+            Self::Host => "host",
+        }
+    }
+}
+
 /// The clock that timed a stage.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -106,12 +121,22 @@ pub enum Clock {
     Host,
 }
 
+impl Clock {
+    /// For people.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Timestamp => "timestamp",
+            Self::FencedHost => "fenced host",
+            Self::Host => "host",
+        }
+    }
+}
+
 /// One row of the clock's audit: one kind of pass in one surrounding.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct AuditRow {
     pub pass: PassKind,
-    /// `alone` in its command buffer or `mixed` with the other kinds.
-    pub context: String,
+    pub context: Surrounding,
     /// Medians for the kernel at N work.
     pub timestamp_ns: f64,
     pub host_ns: f64,
@@ -140,6 +165,24 @@ pub struct Cell {
     pub outcome: Outcome,
 }
 
+impl Cell {
+    #[cfg(test)]
+    pub fn measured_mut(&mut self) -> Option<&mut Measured> {
+        match &mut self.outcome {
+            Outcome::Measured(measured) => Some(measured),
+            Outcome::Skipped { .. } | Outcome::Failed { .. } => None,
+        }
+    }
+
+    /// Its figures, where it was measured.
+    pub fn measured(&self) -> Option<&Measured> {
+        match &self.outcome {
+            Outcome::Measured(measured) => Some(measured),
+            Outcome::Skipped { .. } | Outcome::Failed { .. } => None,
+        }
+    }
+}
+
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "status", rename_all = "snake_case")]
 pub enum Outcome {
@@ -148,7 +191,7 @@ pub enum Outcome {
     Failed { reason: String },
 }
 
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Measured {
     /// In frame order.
     pub stages: Vec<StageRecord>,
@@ -162,9 +205,16 @@ pub struct Measured {
     pub errors: Vec<ErrorFigure>,
     /// Frames rendered before the figures were steady.
     pub warm_up_frames: u32,
-    /// Frames thrown away because a duration was zero, negative, stale or longer than the wall, with counts by reason.
-    pub rejected: BTreeMap<String, u32>,
-    pub notes: Vec<String>,
+    /// Timed frames that were not used.
+    pub rejected: Vec<RejectedFrames>,
+    pub notes: Vec<Note>,
+    pub pictures: Vec<Picture>,
+}
+
+impl Measured {
+    pub fn rejected_frames(&self) -> u32 {
+        self.rejected.iter().map(|rejected| rejected.frames).sum()
+    }
 }
 
 impl Measured {
@@ -240,7 +290,7 @@ impl Fenced {
 }
 
 /// Whole frames: with per-stage timing (envelope, gaps) and without (wall time of one submission).
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct FrameRecord {
     pub envelope_samples_ns: Vec<f64>,
     pub gap_samples_ns: Vec<f64>,
@@ -253,58 +303,35 @@ pub struct FrameRecord {
     pub timing_cost: Estimate,
 }
 
-/// A median with its bootstrap 95 % interval. The unit is that of the samples.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct Estimate {
-    pub median: f64,
-    pub low: f64,
-    pub high: f64,
-    pub n: usize,
+macro_rules! work {
+    ($($(#[$about:meta])* $count:ident,)*) => {
+        /// Work that a stage declares from its algorithm. Zero fields are left out of the record.
+        #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+        #[serde(default)]
+        pub struct Work {
+            $($(#[$about])* #[serde(skip_serializing_if = "is_zero")] pub $count: u64,)*
+        }
+
+        impl Work {
+            pub const NAMES: &[&str] = &[$(stringify!($count),)*];
+
+            /// Every field by its name, in the order of [`Self::NAMES`].
+            pub fn fields(&self) -> [(&'static str, u64); Self::NAMES.len()] {
+                [$((stringify!($count), self.$count),)*]
+            }
+        }
+    };
 }
 
-/// Work that a stage declares from its algorithm. Zero fields are left out of the record.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(default)]
-pub struct Work {
-    #[serde(skip_serializing_if = "is_zero")]
-    pub photons: u64,
-    #[serde(skip_serializing_if = "is_zero")]
-    pub triangles: u64,
-    #[serde(skip_serializing_if = "is_zero")]
-    pub primitives: u64,
+work! {
+    photons,
+    triangles,
+    primitives,
     /// Fragments written or blended; an estimate where it depends on the data.
-    #[serde(skip_serializing_if = "is_zero")]
-    pub fragments: u64,
-    #[serde(skip_serializing_if = "is_zero")]
-    pub texel_fetches: u64,
-    #[serde(skip_serializing_if = "is_zero")]
-    pub bytes_read: u64,
-    #[serde(skip_serializing_if = "is_zero")]
-    pub bytes_written: u64,
-}
-
-impl Work {
-    /// Every field by its name.
-    pub fn fields(&self) -> [(&'static str, u64); 7] {
-        let Self {
-            photons,
-            triangles,
-            primitives,
-            fragments,
-            texel_fetches,
-            bytes_read,
-            bytes_written,
-        } = *self;
-        [
-            ("photons", photons),
-            ("triangles", triangles),
-            ("primitives", primitives),
-            ("fragments", fragments),
-            ("texel_fetches", texel_fetches),
-            ("bytes_read", bytes_read),
-            ("bytes_written", bytes_written),
-        ]
-    }
+    fragments,
+    texel_fetches,
+    bytes_read,
+    bytes_written,
 }
 
 fn is_zero(count: &u64) -> bool {

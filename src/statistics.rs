@@ -5,8 +5,23 @@
 
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
+use serde::{Deserialize, Serialize};
 
-use crate::record::Estimate;
+/// A median with its bootstrap 95 % interval. The unit is that of the samples.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Estimate {
+    pub median: f64,
+    pub low: f64,
+    pub high: f64,
+    pub n: usize,
+}
+
+impl Estimate {
+    /// The same in another unit.
+    pub fn scaled(&self, by: f64) -> Estimate {
+        Estimate { median: self.median * by, low: self.low * by, high: self.high * by, n: self.n }
+    }
+}
 
 /// Resamples of a bootstrap. Efron & Tibshirani, *An Introduction to the Bootstrap* (1993), section 13.3:
 /// about 1,000 for a percentile interval.
@@ -25,7 +40,18 @@ const TAILS: (f64, f64) = (0.025, 0.975);
 const SEED: u64 = 0x00fa_7403;
 
 /// Scales a median absolute deviation to the standard deviation of a normal distribution, `1 / Φ⁻¹(3/4)`.
-const MAD_TO_SIGMA: f64 = 1.482_602_218_505_602;
+pub const MAD_TO_SIGMA: f64 = 1.482_602_218_505_602;
+
+/// NaN for no values.
+pub fn mean(values: impl IntoIterator<Item = f64>) -> f64 {
+    let values = Vec::from_iter(values);
+    values.iter().sum::<f64>() / values.len() as f64
+}
+
+/// The value below which a share of the samples lies, between neighbours if need be. NaN for no samples.
+pub fn quantile(samples: &[f64], share: f64) -> f64 {
+    quantile_of_sorted(&sorted(samples), share)
+}
 
 /// The middle value, or the mean of the two middle ones. NaN for no samples.
 pub fn median(samples: &[f64]) -> f64 {
@@ -39,24 +65,16 @@ pub fn estimate(samples: &[f64]) -> Estimate {
         return Estimate::default();
     }
     let sorted = sorted(samples);
-    if sorted.len() > MOST_RESAMPLED {
+    let (low, high) = if sorted.len() > MOST_RESAMPLED {
         let (low, high) = ranks(sorted.len());
-        return Estimate {
-            median: median_of_sorted(&sorted),
-            low: sorted[low - 1],
-            high: sorted[high - 1],
-            n: sorted.len(),
-        };
-    }
-    let mut bootstrap = MedianBootstrap::new();
-    let mut medians: Vec<f64> = (0..RESAMPLES).map(|_| bootstrap.draw(&sorted)).collect();
-    medians.sort_by(f64::total_cmp);
-    Estimate {
-        median: median_of_sorted(&sorted),
-        low: quantile_of_sorted(&medians, TAILS.0),
-        high: quantile_of_sorted(&medians, TAILS.1),
-        n: samples.len(),
-    }
+        (sorted[low - 1], sorted[high - 1])
+    } else {
+        let mut bootstrap = MedianBootstrap::new();
+        let mut medians: Vec<f64> = (0..RESAMPLES).map(|_| bootstrap.draw(&sorted)).collect();
+        medians.sort_by(f64::total_cmp);
+        (quantile_of_sorted(&medians, TAILS.0), quantile_of_sorted(&medians, TAILS.1))
+    };
+    Estimate { median: median_of_sorted(&sorted), low, high, n: samples.len() }
 }
 
 /// The median ratio of paired samples, `a / b`, with its interval.

@@ -125,13 +125,12 @@ pub fn link(path: &str) -> String {
     target
 }
 
-/// A field of CSV as RFC 4180 has it. What a spreadsheet takes for a formula gets an apostrophe in front, as OWASP advises
+/// A field of a table for spreadsheets. What one would take for a formula gets an apostrophe in front, as OWASP advises
 /// (*CSV Injection*); numbers stay as they are.
-pub fn csv(field: &str) -> String {
+pub fn spreadsheet(field: &str) -> String {
     let field = line(field);
     let formula = field.trim_start().starts_with(['=', '+', '-', '@']);
-    let field = if formula && field.parse::<f64>().is_err() { format!("'{field}") } else { field };
-    if field.contains([',', '"']) { format!("\"{}\"", field.replace('"', "\"\"")) } else { field }
+    if formula && field.parse::<f64>().is_err() { format!("'{field}") } else { field }
 }
 
 /// The stem of a file's name: different for different names, also where a file system does not tell `A` from `a`, and
@@ -175,6 +174,27 @@ pub fn columns<const N: usize>(rows: &[[String; N]]) -> Vec<String> {
         padded.collect::<Vec<_>>().join("  ").trim_end().to_owned()
     };
     rows.iter().map(row).collect()
+}
+
+/// Likeness of two names from which on one may be meant by the other, 0 … 1 (Jaro–Winkler).
+const ALIKE: f64 = 0.7;
+
+/// The candidate most like `name`, where one is like it at all. A dotted path may be meant by its last part.
+pub fn nearest<'a>(name: &str, candidates: impl IntoIterator<Item = &'a str>) -> Option<String> {
+    let last = |path: &str| path.rsplit('.').next().unwrap_or_default().to_owned();
+    let likeness = |candidate: &str| {
+        let tail = strsim::jaro_winkler(&last(name), &last(candidate));
+        strsim::jaro_winkler(name, candidate).max(0.95 * tail)
+    };
+    let rated = candidates.into_iter().map(|candidate| (likeness(candidate), candidate));
+    let alike = rated.filter(|(likeness, _)| *likeness > ALIKE);
+    let most = alike.max_by(|a, b| a.0.total_cmp(&b.0));
+    most.map(|(_, candidate)| candidate.to_owned())
+}
+
+/// The end of an error of an unknown name: `; did you mean …?`, or nothing.
+pub fn did_you_mean(nearest: &Option<String>) -> String {
+    nearest.as_ref().map_or_else(String::new, |name| format!("; did you mean `{}`?", line(name)))
 }
 
 #[cfg(test)]
@@ -224,14 +244,12 @@ mod tests {
     }
 
     #[test]
-    fn fields_of_csv_are_quoted_and_are_no_formulas() {
-        assert_eq!(csv("a,b"), "\"a,b\"");
-        assert_eq!(csv("say \"x\""), "\"say \"\"x\"\"\"");
-        assert_eq!(csv("=1+2"), "'=1+2");
-        assert_eq!(csv("@SUM(A1,A2)"), "\"'@SUM(A1,A2)\"");
-        assert_eq!(csv("\t=1"), "' =1");
-        assert_eq!(csv("-0.5"), "-0.5");
-        assert_eq!(csv("+x"), "'+x");
+    fn fields_of_spreadsheets_are_no_formulas() {
+        for formula in ["=1+2", "@SUM(A1,A2)", "+x"] {
+            assert_eq!(spreadsheet(formula), format!("'{formula}"));
+        }
+        assert_eq!(spreadsheet("\t=1"), "' =1");
+        assert_eq!(spreadsheet("-0.5"), "-0.5");
     }
 
     #[test]

@@ -66,7 +66,7 @@ fn manifest(folder: &str, prefix: &str) -> Option<PathBuf> {
     found
 }
 
-fn row<'a>(found: &'a Found, pass: PassKind, context: &str) -> &'a AuditRow {
+fn row<'a>(found: &'a Found, pass: PassKind, context: Surrounding) -> &'a AuditRow {
     let mut rows = found.rows.iter();
     rows.find(|row| row.pass == pass && row.context == context).expect("every kind has its rows")
 }
@@ -99,8 +99,8 @@ fn swiftshader_timestamps_are_sound() {
     let tries = std::iter::repeat_with(|| audit_on(&manifest)).take(3);
     let believed = |found: &Found| {
         found.clocks[..2] == [Clock::Timestamp; 2]
-            && row(found, PassKind::Compute, "alone").sound
-            && row(found, PassKind::Compute, "mixed").sound
+            && row(found, PassKind::Compute, Surrounding::Alone).sound
+            && row(found, PassKind::Compute, Surrounding::Mixed).sound
     };
     assert!(tries.into_iter().any(|found| believed(&found)), "no audit in three found it sound");
 }

@@ -178,7 +178,7 @@ fn goes_on(before: &[SampleLine], cells: &[Cell]) {
         let warm_up: u32 = added.iter().map(|added| added.warm_up_frames).sum();
         assert!(measured.warm_up_frames >= warm_up + 2);
         let note = format!("{n} of {all} pairs of frames were measured before");
-        assert!(n == 0 || measured.notes.iter().any(|found| found.starts_with(&note)));
+        assert!(n == 0 || measured.notes.iter().any(|found| found.text.starts_with(&note)));
     }
     assert!(additions.is_empty(), "{:?}", additions.keys());
 }

@@ -4,7 +4,7 @@
 use std::process::Command;
 
 use fathom::gpu::{
-    ClockPlan, ColorTarget, Demand, FaultKind, FrameTimer, Gpu, GpuError, Options, Stage,
+    ClockPlan, ColorTarget, Demand, FrameTimer, Gpu, GpuError, Options, Stage,
     StageInfo, StageScope, SubmitCost, Targets, count, read_buffer, read_texture, texture_bytes,
 };
 use fathom::record::{Clock, PassKind};
@@ -153,7 +153,7 @@ fn stages_and_gaps_make_up_the_envelope() {
         assert_eq!(sample.stages[0].clock, Clock::Host);
         assert_eq!(sample.stages[1].clock, Clock::FencedHost);
         errors.push(sample.accounting_error());
-        walls.push(sample.wall_ns);
+        walls.push(sample.envelope_ns);
         untimed.push(timer.untimed(&gpu, &frame).expect("the frame runs"));
     }
     let (error, wall, untimed) = (median(errors), median(walls), median(untimed));
@@ -168,7 +168,7 @@ fn a_stage_without_passes_is_a_fault() {
     let mut timer = FrameTimer::new(&gpu, plan(&gpu), 4).expect("it is made");
     let sample = timer.timed(&gpu, &[&Idle]).expect("the frame runs");
     assert!(sample.stages[0].ns.is_nan());
-    assert_eq!(sample.faults[0].kind, FaultKind::NoPass);
+    assert_eq!(sample.faults[0].kind, fathom::record::FaultKind::NoPass);
 }
 
 #[test]

@@ -23,6 +23,9 @@ const HOSTILE: [&str; 14] = [
     "a_b",
 ];
 
+/// It lies beside the records; another that they name does not.
+const PICTURE: &str = "renders/own_](x) <b>.png";
+
 fn estimate(median: f64) -> Value {
     json!({ "median": median, "low": 0.98 * median, "high": 1.02 * median, "n": 4 })
 }
@@ -43,7 +46,9 @@ fn measured(name: &str, number: usize) -> Value {
             "untimed_samples_ns": [ns, ns, ns, ns], "untimed": estimate(ns), "timing_cost": estimate(1.0),
         },
         "allocated_bytes": 1000, "quantities": { name: 0.5 }, "warm_up_frames": 3,
-        "rejected": { name: 2 }, "notes": [name],
+        "rejected": [{ "stage": name, "fault": "zero", "frames": 2 }],
+        "notes": [{ "kind": "not_computed", "text": name }],
+        "pictures": [{ "path": PICTURE, "shows": "image" }, { "path": "renders/gone.png", "shows": "error" }],
     })
 }
 
@@ -95,17 +100,18 @@ fn records() -> String {
     let axis = "axis <b>|\u{1b}";
     let mut lines = vec![
         json!({
-            "record": "run", "schema": 1, "fathom_version": all, "started_at": all, "profile": all, "command": [all],
+            "record": "run", "schema": 2, "fathom_version": all, "started_at": all, "profile": "quick", "command": [all],
             "adapter": {
                 "name": all, "backend": all, "device_type": all, "driver": all, "driver_info": all, "vendor_id": 0,
                 "device_id": 0, "software": true, "timestamp_period_ns": 1.0, "host_threads": 2,
             },
-            "shader_checks": all,
+            "shader_checks": "checked",
             "audit": [{
-                "pass": "compute", "context": all, "timestamp_ns": 1.0, "host_ns": 1.0, "ratio": 1.0, "doubling": 2.0,
+                "pass": "compute", "context": "mixed", "timestamp_ns": 1.0, "host_ns": 1.0, "ratio": 1.0, "doubling": 2.0,
                 "sound": true, "reason": all,
             }],
-            "submit_cost_ns": { "compute": 1.0 }, "notes": HOSTILE,
+            "submit_cost_ns": { "compute": 1.0 },
+            "notes": HOSTILE.map(|name| json!({ "kind": "adapter", "text": name })),
         }),
         json!({ "record": "experiment", "id": "own", "toml": definition(&all, axis) }),
         json!({ "record": "experiment", "id": "../../x", "toml": definition(&all, axis).replace("\"own\"", "\"../../x\"") }),
@@ -227,7 +233,7 @@ fn reports_show_hostile_names_as_text() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("a/b");
     std::fs::create_dir_all(out.join("renders")).unwrap();
-    std::fs::write(out.join("renders/own_](x) <b>.png"), "").unwrap();
+    std::fs::write(out.join(PICTURE), "").unwrap();
     std::fs::write(out.join("records.jsonl"), records()).unwrap();
     let output = fathom().arg("report").arg(&out).output().unwrap();
     let told = printed(&output);
@@ -247,6 +253,7 @@ fn reports_show_hostile_names_as_text() {
     for expected in ["&lt;script>", "a\\|b", "(renders/own_%5D%28x%29%20%3Cb%3E.png)", "own.svg"] {
         assert!(summary.contains(expected), "{expected}");
     }
+    assert!(!summary.contains("gone.png"));
     let svg = read("own.svg");
     xml_is_sound("own.svg", &svg);
     for expected in ["&lt;script&gt;", "thgir"] {
@@ -303,19 +310,21 @@ fn tables_of_a_comparison_show_hostile_names_as_text() {
 /// Cells whose names differ in what file names do not bear have pictures of their own.
 #[test]
 fn pictures_of_different_cells_have_different_names() {
-    use fathom::report::picture_name;
+    use fathom::harness::output::picture_path;
+    use fathom::record::PictureKind::{Error, Image};
     let mut names: Vec<String> = HOSTILE
         .iter()
         .chain(&["a/b", "A/B", "a b", "x~error"])
-        .flat_map(|cell| ["", fathom::report::ERROR_PICTURE].map(|e| picture_name("own", cell, e)))
-        .chain([picture_name("own-x", "y", ""), picture_name("own", "x_y", "")])
+        .flat_map(|cell| [Image, Error].map(|shows| picture_path("own", cell, shows)))
+        .chain([picture_path("own-x", "y", Image), picture_path("own", "x_y", Image)])
         .collect();
     let count = names.len();
-    for name in &names {
+    for path in &names {
+        let name = path.strip_prefix("renders/").unwrap();
         assert!(!name.contains(['/', '\\', '\0']) && name.len() < 255, "{name}");
     }
     names.sort();
     names.dedup();
     assert_eq!(names.len(), count);
-    assert_eq!(picture_name("uw-default", "base", ""), "uw-default_base.png");
+    assert_eq!(picture_path("uw-default", "base", Image), "renders/uw-default_base.png");
 }

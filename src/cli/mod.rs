@@ -6,9 +6,10 @@ mod compare;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-use crate::experiments::{Profile, parse_axis, parse_set};
+use crate::experiments::{parse_axis, parse_set};
 use crate::exporters::formats;
 use crate::harness::catalog::Catalog;
+use crate::record::Profile;
 use crate::record::comparison::{self, Gate, MOST_LAUNCHES, MOST_PAIRS};
 use crate::tell;
 use clap::error::ErrorKind;
@@ -114,8 +115,8 @@ pub struct RunArgs {
     /// Names of experiments or paths of experiment files [default: all built-in ones]
     pub experiments: Vec<String>,
     /// Sizes: `quick` for software drivers, `paper` as published [default: by the adapter]
-    #[arg(long, value_parser = clap::builder::PossibleValuesParser::new(Profile::NAMES))]
-    pub profile: Option<String>,
+    #[arg(long, value_enum)]
+    pub profile: Option<Profile>,
     /// Set a parameter of every cell; see `fathom list parameters`
     #[arg(long, value_name = "PATH=VALUE", value_parser = parse_set)]
     pub set: Vec<(String, Value)>,

@@ -5,11 +5,13 @@ use std::path::Path;
 use thiserror::Error;
 
 use super::protocol::Configuration;
-use crate::experiments::{Experiment, ExperimentError, did_you_mean, nearest};
+use crate::experiments::{Experiment, ExperimentError};
+use crate::record::Profile;
 use crate::record::comparison::CellId;
+use crate::text::{did_you_mean, nearest};
 
 /// Gates are small at every profile.
-const PROFILE: &str = "quick";
+const PROFILE: Profile = Profile::Quick;
 
 #[derive(Debug, Error)]
 pub enum CellsError {

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::{Instant, SystemTime};
+use std::time::Instant;
 
 use sha2::{Digest, Sha256};
 use thiserror::Error;
@@ -127,7 +127,7 @@ pub fn try_folder(folder: &Path, resume: bool) -> Result<(), OutputError> {
 
 /// A new folder for a comparison that is told none.
 pub fn fresh() -> Result<PathBuf, OutputError> {
-    let name = format!("compare-{}", calendar::compact(SystemTime::now()));
+    let name = format!("compare-{}", calendar::compact(jiff::Timestamp::now()));
     unused(&Path::new(DEFAULT_FOLDER).join(name))
 }
 

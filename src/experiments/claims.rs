@@ -6,8 +6,9 @@
 mod comparisons;
 mod fits;
 
-use std::collections::HashMap;
 use std::fmt;
+
+use indexmap::IndexMap;
 
 use super::expand::label_text;
 use super::measure::{self, Measure};
@@ -114,8 +115,7 @@ fn by_group(test: &Test, cells: &[&Cell]) -> Finding {
 
 /// Cells that have the axis, grouped by the values of all their other axes.
 pub fn groups<'a>(cells: &[&'a Cell], over: &str) -> Vec<(String, Vec<&'a Cell>)> {
-    let mut groups: Vec<(String, Vec<&Cell>)> = Vec::new();
-    let mut places: HashMap<String, usize> = HashMap::new();
+    let mut groups = IndexMap::<String, Vec<&Cell>>::new();
     for cell in cells.iter().filter(|cell| cell.axes.contains_key(over)) {
         let others: Vec<String> = cell
             .axes
@@ -123,14 +123,9 @@ pub fn groups<'a>(cells: &[&'a Cell], over: &str) -> Vec<(String, Vec<&'a Cell>)
             .filter(|(name, _)| *name != over)
             .map(|(name, value)| format!("{name}={}", label_text(value)))
             .collect();
-        let name = others.join(", ");
-        let place = *places.entry(name).or_insert_with_key(|name| {
-            groups.push((name.clone(), Vec::new()));
-            groups.len() - 1
-        });
-        groups[place].1.push(cell);
+        groups.entry(others.join(", ")).or_default().push(cell);
     }
-    groups
+    groups.into_iter().collect()
 }
 
 fn rule_group(test: &Test, over: &str, cells: &[&Cell]) -> Finding {
@@ -197,7 +192,7 @@ fn quotient(a: &Estimate, b: &Estimate) -> (f64, Interval) {
 }
 
 fn read_positive(y: &Measure, cell: &Cell) -> Option<Estimate> {
-    let estimate = y.read(cell, measure::measured(cell)?)?.estimate;
+    let estimate = y.read(cell, cell.measured()?)?.estimate;
     (estimate.low > 0.0 && estimate.high.is_finite()).then_some(estimate)
 }
 

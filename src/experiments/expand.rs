@@ -1,40 +1,12 @@
 //! From an experiment to the cells that are to be measured.
 
-use std::collections::{HashMap, HashSet};
-use std::str::FromStr;
-
+use indexmap::{IndexMap, IndexSet};
 use serde_json::{Map, Value};
 
 use super::schema::{Axis, Profiles, Sweep};
-use super::{Experiment, ExperimentError, nearest};
-
-/// How large an experiment runs.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Profile {
-    /// Scaled for a software driver on two cores.
-    Quick,
-    /// The published sizes.
-    Paper,
-}
-
-impl Profile {
-    pub const NAMES: [&str; 2] = ["quick", "paper"];
-}
-
-impl FromStr for Profile {
-    type Err = ExperimentError;
-
-    fn from_str(name: &str) -> Result<Profile, ExperimentError> {
-        match name {
-            "quick" => Ok(Profile::Quick),
-            "paper" => Ok(Profile::Paper),
-            _ => Err(ExperimentError::UnknownProfile {
-                name: name.to_owned(),
-                nearest: nearest(name, Profile::NAMES),
-            }),
-        }
-    }
-}
+use super::{Experiment, ExperimentError};
+use crate::record::Profile;
+use crate::text::{did_you_mean, nearest};
 
 /// Most cells that one experiment plans, the reference and the views of each counted too: planned, one takes about 20 KiB.
 pub const MAX_CELLS: u64 = 20_000;
@@ -223,14 +195,14 @@ impl Axis {
                 return Ok(known);
             }
         }
-        let labels: Vec<String> = self.every().map(value_text).collect();
+        let labels: IndexSet<String> = self.every().map(value_text).collect();
         let plain = self.every().find(|value| !value.is_object());
         let Some(example) = plain else {
             let near = nearest(text, labels.iter().map(String::as_str));
             return Err(format!(
                 "no value `{text}`{}; its values: {}",
-                super::did_you_mean(&near),
-                unique(labels).join(", ")
+                did_you_mean(&near),
+                labels.into_iter().collect::<Vec<_>>().join(", ")
             ));
         };
         let value = match example {
@@ -250,11 +222,6 @@ impl Axis {
 
 fn value_text(value: &Value) -> String {
     label_text(value.get("label").unwrap_or(value))
-}
-
-fn unique(mut labels: Vec<String>) -> Vec<String> {
-    labels.dedup();
-    labels
 }
 
 fn kind(value: &Value) -> &'static str {
@@ -297,11 +264,10 @@ impl Experiment {
     /// `axis_overrides` replaces values of axes, `sets` sets parameters of every cell.
     pub fn cells(
         &self,
-        profile: &str,
+        profile: Profile,
         axis_overrides: &Overrides,
         sets: &[(String, Value)],
     ) -> Result<Vec<CellPlan>, ExperimentError> {
-        let profile: Profile = profile.parse()?;
         self.check_axes(axis_overrides)?;
         self.check_sets(profile, sets)?;
         let mut base = flatten(&self.params);
@@ -317,28 +283,20 @@ impl Experiment {
             sweeps.push((sweep, params, self.axis_values(sweep, profile, axis_overrides)?));
         }
         self.check_size(profile, sets, &sweeps)?;
-        let mut cells = Vec::new();
-        let mut known = HashSet::new();
+        let mut cells = IndexMap::new();
         for (sweep, params, axes) in &sweeps {
             for point in product(axes) {
                 let cell = self.cell(profile, Some(sweep), params.clone(), sets, &point);
-                if known.insert(cell.cell.clone()) {
-                    cells.push(cell);
-                }
+                cells.entry(cell.cell.clone()).or_insert(cell);
             }
         }
-        Ok(cells)
+        Ok(cells.into_values().collect())
     }
 
     /// Names of all axes, without repetition.
     pub fn axis_names(&self) -> Vec<&str> {
-        let mut names: Vec<&str> = Vec::new();
-        for axis in self.axes() {
-            if !names.contains(&axis.name.as_str()) {
-                names.push(&axis.name);
-            }
-        }
-        names
+        let names: IndexSet<&str> = self.axes().map(|axis| axis.name.as_str()).collect();
+        names.into_iter().collect()
     }
 
     fn check_axes(&self, axis_overrides: &Overrides) -> Result<(), ExperimentError> {
@@ -506,19 +464,5 @@ fn take(params: &mut Vec<(String, Value)>, name: &str) -> Option<String> {
 
 /// The later of two values for one path replaces the earlier.
 fn last_of_each(params: Vec<(String, Value)>) -> Vec<(String, Value)> {
-    let mut kept: Vec<(String, Value)> = Vec::new();
-    let mut places = HashMap::new();
-    for (path, value) in params {
-        match places.get(&path) {
-            Some(place) => {
-                let entry: &mut (String, Value) = &mut kept[*place];
-                entry.1 = value;
-            }
-            None => {
-                places.insert(path.clone(), kept.len());
-                kept.push((path, value));
-            }
-        }
-    }
-    kept
+    params.into_iter().collect::<IndexMap<_, _>>().into_iter().collect()
 }

@@ -25,7 +25,7 @@ use std::str::FromStr;
 use serde::{Deserialize, Deserializer};
 use serde_json::Value;
 
-use crate::record::{Cell, Estimate, Measured, Outcome, StageRecord, Work};
+use crate::record::{Cell, Estimate, Measured, StageRecord, Work};
 use crate::statistics;
 
 /// A product of terms over another.
@@ -37,14 +37,40 @@ pub struct Measure {
 
 #[derive(Clone, Debug, PartialEq, Eq)]
 enum Term {
-    Stage(String),
+    /// Time of these of them that run.
+    Stages(Vec<StageName>),
     Frame,
     Fps,
-    Work(String, String),
+    /// A field of the stage's declared work.
+    Work(StageName, &'static str),
     Param(String),
     Axis(String),
     Quantity(String),
     AllocatedBytes,
+}
+
+/// Stages that a measure speaks of.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum StageName {
+    One(String),
+    /// All whose names begin so; it ends in `/`.
+    Family(String),
+}
+
+impl StageName {
+    pub fn covers(&self, stage: &str) -> bool {
+        match self {
+            StageName::One(name) => stage == name,
+            StageName::Family(beginning) => stage.starts_with(beginning.as_str()),
+        }
+    }
+}
+
+impl fmt::Display for StageName {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let (StageName::One(name) | StageName::Family(name)) = self;
+        f.write_str(name)
+    }
 }
 
 /// The value of a measure in a cell. Samples are there where the measure is a time.
@@ -82,45 +108,28 @@ fn parse_term(text: &str) -> Result<Term, String> {
         ("frame", "") => Ok(Term::Frame),
         ("fps", "") => Ok(Term::Fps),
         ("allocated_bytes", "") => Ok(Term::AllocatedBytes),
-        ("stage", _) => named(Term::Stage),
+        ("stage", _) => named(|names| Term::Stages(names.split('|').map(stage_name).collect())),
         ("param", _) => named(Term::Param),
         ("axis", _) => named(Term::Axis),
         ("quantity", _) => named(Term::Quantity),
-        ("work", _) => match rest.rsplit_once('.') {
-            Some((stage, count)) if WORK_COUNTS.contains(&count) => {
-                Ok(Term::Work(stage.to_owned(), count.to_owned()))
-            }
-            _ => Err(format!(
-                "`{text}` must be work:STAGE.COUNT with COUNT one of {}",
-                WORK_COUNTS.join(", ")
-            )),
-        },
+        ("work", _) => {
+            let known = rest.rsplit_once('.').and_then(|(stage, count)| {
+                let count = Work::NAMES.iter().find(|name| **name == count)?;
+                Some(Term::Work(stage_name(stage), count))
+            });
+            known.ok_or_else(|| {
+                let counts = Work::NAMES.join(", ");
+                format!("`{text}` must be work:STAGE.COUNT with COUNT one of {counts}")
+            })
+        }
         _ => Err(format!(
             "unknown measure `{text}`; known: stage:, frame, fps, work:, param:, axis:, quantity:, allocated_bytes"
         )),
     }
 }
 
-const WORK_COUNTS: [&str; 7] = [
-    "photons",
-    "triangles",
-    "primitives",
-    "fragments",
-    "texel_fetches",
-    "bytes_read",
-    "bytes_written",
-];
-
-fn work_count(work: &Work, count: &str) -> u64 {
-    match count {
-        "photons" => work.photons,
-        "triangles" => work.triangles,
-        "primitives" => work.primitives,
-        "fragments" => work.fragments,
-        "texel_fetches" => work.texel_fetches,
-        "bytes_read" => work.bytes_read,
-        _ => work.bytes_written,
-    }
+fn stage_name(text: &str) -> StageName {
+    if text.ends_with('/') { StageName::Family(text.to_owned()) } else { StageName::One(text.to_owned()) }
 }
 
 impl fmt::Display for Measure {
@@ -133,8 +142,10 @@ impl fmt::Display for Measure {
                 f.write_str(sign)?;
             }
             match term {
-                Term::Stage(name) if name.ends_with('/') => write!(f, "all {name} stages")?,
-                Term::Stage(name) => write!(f, "{} time", name.replace('|', " or "))?,
+                Term::Stages(names) => match names.as_slice() {
+                    [family @ StageName::Family(_)] => write!(f, "all {family} stages")?,
+                    names => write!(f, "{} time", joined(names, " or "))?,
+                },
                 Term::Frame => f.write_str("frame time")?,
                 Term::Fps => f.write_str("frames per second")?,
                 Term::Work(stage, count) => write!(f, "{} of {stage}", count.replace('_', " "))?,
@@ -171,13 +182,13 @@ impl Measure {
         }
     }
 
-    /// Names of the stages that the measure speaks of; a family's ends in `/`.
-    pub fn stages(&self) -> impl Iterator<Item = &str> {
-        let named = self.all().filter_map(|term| match term {
-            Term::Stage(name) | Term::Work(name, _) => Some(name.as_str()),
-            _ => None,
-        });
-        named.flat_map(|names| names.split('|'))
+    /// The stages that the measure speaks of.
+    pub fn stages(&self) -> impl Iterator<Item = &StageName> {
+        self.all().flat_map(|term| match term {
+            Term::Stages(names) => names.as_slice(),
+            Term::Work(name, _) => std::slice::from_ref(name),
+            _ => &[],
+        })
     }
 
     /// Dotted paths of the parameters that the measure speaks of.
@@ -197,9 +208,11 @@ impl Measure {
     }
 
     /// A stage's name, where the measure is its time and nothing else: what a legend shows.
-    pub fn stage_name(&self) -> Option<&str> {
+    pub fn stage_name(&self) -> Option<String> {
         match self.only() {
-            Some(Term::Stage(name)) if !name.ends_with('/') => Some(name),
+            Some(Term::Stages(names)) if !matches!(names.last(), Some(StageName::Family(_))) => {
+                Some(joined(names, "|"))
+            }
             _ => None,
         }
     }
@@ -207,7 +220,7 @@ impl Measure {
     /// The measure is a time in nanoseconds, perhaps times or over something else.
     pub fn is_time(&self) -> bool {
         let timed = |terms: &[Term]| {
-            let times = terms.iter().filter(|term| matches!(term, Term::Stage(_) | Term::Frame));
+            let times = terms.iter().filter(|term| matches!(term, Term::Stages(_) | Term::Frame));
             times.count()
         };
         timed(&self.terms) == 1 && timed(&self.per) == 0
@@ -215,7 +228,7 @@ impl Measure {
 
     /// It counts only on hardware: software drivers say nothing of absolute times.
     pub fn is_absolute(&self) -> bool {
-        let absolute = |term: &Term| matches!(term, Term::Stage(_) | Term::Frame | Term::Fps);
+        let absolute = |term: &Term| matches!(term, Term::Stages(_) | Term::Frame | Term::Fps);
         self.all().any(absolute)
     }
 
@@ -240,6 +253,10 @@ impl Measure {
     }
 }
 
+fn joined(names: &[StageName], by: &str) -> String {
+    names.iter().map(ToString::to_string).collect::<Vec<_>>().join(by)
+}
+
 /// The product of two positive figures, its interval as wide as theirs together.
 fn multiplied(a: Estimate, b: Estimate) -> Estimate {
     Estimate {
@@ -252,16 +269,16 @@ fn multiplied(a: Estimate, b: Estimate) -> Estimate {
 
 impl Term {
     fn read<'a>(&self, cell: &Cell, measured: &'a Measured) -> Option<Reading<'a>> {
-        let stage = |name: &str| measured.stages.iter().find(|stage| stage.stage == name);
         match self {
-            Term::Stage(names) => stage_time(names, measured),
+            Term::Stages(names) => stage_time(names, measured),
             Term::Frame => Some(Reading {
                 estimate: measured.frame.untimed,
                 samples: Some(Cow::Borrowed(&measured.frame.untimed_samples_ns)),
             }),
             Term::Fps => Some(Reading { estimate: fps(&measured.frame.untimed), samples: None }),
             Term::Work(name, count) => {
-                let count = work_count(&stage(name)?.work, count);
+                let stage = measured.stages.iter().find(|stage| name.covers(&stage.stage))?;
+                let (_, count) = stage.work.fields().into_iter().find(|(known, _)| known == count)?;
                 (count > 0).then(|| exact(count as f64))
             }
             Term::Param(path) => number(lookup(&cell.params, path)?).map(exact),
@@ -272,10 +289,11 @@ impl Term {
     }
 }
 
-/// Time of the stages that `names` names, summed frame by frame; none where none of them ran, and where it is below the clock's
+/// Time of the named stages, summed frame by frame; none where none of them ran, and where it is below the clock's
 /// resolution.
-fn stage_time<'a>(names: &str, measured: &'a Measured) -> Option<Reading<'a>> {
-    let stages = named(names, measured);
+fn stage_time<'a>(names: &[StageName], measured: &'a Measured) -> Option<Reading<'a>> {
+    let wanted = |stage: &&StageRecord| names.iter().any(|name| name.covers(&stage.stage));
+    let stages: Vec<&StageRecord> = measured.stages.iter().filter(wanted).collect();
     if let [stage] = stages.as_slice() {
         return stage.is_resolved().then(|| Reading {
             estimate: stage.time,
@@ -291,18 +309,6 @@ fn stage_time<'a>(names: &str, measured: &'a Measured) -> Option<Reading<'a>> {
     let estimate = statistics::estimate(&samples);
     (estimate.median > resolution_ns)
         .then_some(Reading { estimate, samples: Some(Cow::Owned(samples)) })
-}
-
-/// The stages of a cell that `names` names.
-fn named<'a>(names: &str, measured: &'a Measured) -> Vec<&'a StageRecord> {
-    let wanted = |stage: &&StageRecord| {
-        let mut names = names.split('|');
-        names.any(|name| match name.ends_with('/') {
-            true => stage.stage.starts_with(name),
-            false => stage.stage == name,
-        })
-    };
-    measured.stages.iter().filter(wanted).collect()
 }
 
 /// Frames per second of a frame time in nanoseconds.
@@ -353,13 +359,5 @@ pub fn same(a: &Value, b: &Value) -> bool {
             a.len() == b.len() && a.iter().zip(b).all(|(a, b)| same(a, b))
         }
         _ => a == b || (a.is_number() && a.as_f64() == b.as_f64()),
-    }
-}
-
-/// The figures of a cell, where it was measured.
-pub fn measured(cell: &Cell) -> Option<&Measured> {
-    match &cell.outcome {
-        Outcome::Measured(measured) => Some(measured),
-        Outcome::Skipped { .. } | Outcome::Failed { .. } => None,
     }
 }

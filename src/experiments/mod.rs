@@ -12,14 +12,15 @@ mod tests;
 use std::path::{Path, PathBuf};
 
 use crate::embedded::{EXPERIMENTS, Folders};
-use crate::input::{self, one_line};
+use crate::input;
+use crate::text::{did_you_mean, line, nearest};
 
 pub use claims::{Ruling, Scaling, Verdict, groups, scaling};
 pub use expand::{
-    CellPlan, MAX_CELLS, MAX_PLAN_BYTES, Profile, ReferencePlan, flatten, label_text, parse_axis,
+    CellPlan, MAX_CELLS, MAX_PLAN_BYTES, ReferencePlan, flatten, label_text, parse_axis,
     parse_set,
 };
-pub use measure::{Measure, Reading, fits, fps, lookup, measured, same};
+pub use measure::{Measure, Reading, StageName, fits, fps, lookup, same};
 pub use schema::Experiment;
 
 #[derive(Debug, thiserror::Error)]
@@ -28,14 +29,12 @@ pub enum ExperimentError {
     Unknown { name: String, nearest: Option<String> },
     #[error("cannot read the experiment {}: {source}", path.display())]
     Read { path: PathBuf, source: std::io::Error },
-    #[error("experiment `{name}`: {}", one_line(.message))]
+    #[error("experiment `{name}`: {}", line(.message))]
     Invalid { name: String, message: String },
     #[error("experiment `{experiment}` has no axis `{axis}`{}", did_you_mean(nearest))]
     UnknownAxis { experiment: String, axis: String, nearest: Option<String> },
-    #[error("axis `{}` of `{experiment}`: {}", one_line(.axis), one_line(.message))]
+    #[error("axis `{}` of `{experiment}`: {}", line(.axis), line(.message))]
     AxisValue { experiment: String, axis: String, message: String },
-    #[error("unknown profile `{name}`{}", did_you_mean(nearest))]
-    UnknownProfile { name: String, nearest: Option<String> },
     #[error(
         "`{path}` is swept by the axis `{axis}` of `{experiment}`: choose its values with --axis {axis}=…"
     )]
@@ -52,26 +51,6 @@ pub enum ExperimentError {
     TooLarge { experiment: String, bytes: u64 },
     #[error("`{text}` is not of the form {form}")]
     Assignment { text: String, form: &'static str },
-}
-
-pub(crate) fn did_you_mean(nearest: &Option<String>) -> String {
-    match nearest {
-        Some(name) => format!("; did you mean `{name}`?"),
-        None => String::new(),
-    }
-}
-
-/// The candidate most like `name`, where one is like it at all.
-pub(crate) fn nearest<'a>(
-    name: &str,
-    candidates: impl IntoIterator<Item = &'a str>,
-) -> Option<String> {
-    candidates
-        .into_iter()
-        .map(|candidate| (strsim::jaro_winkler(name, candidate), candidate))
-        .filter(|(likeness, _)| *likeness > 0.6)
-        .max_by(|a, b| a.0.total_cmp(&b.0))
-        .map(|(_, candidate)| candidate.to_owned())
 }
 
 impl Experiment {

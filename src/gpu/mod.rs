@@ -24,7 +24,7 @@ pub use error::GpuError;
 #[cfg(test)]
 pub(crate) use frame::CostMeter;
 pub use frame::{
-    ClockPlan, ColorTarget, DepthTarget, Fault, FaultKind, FrameSample, FrameTimer, HostTime,
+    ClockPlan, ColorTarget, DepthTarget, Fault, FrameSample, FrameTimer, HostTime,
     StageSample, StageScope, SubmitCost, Targets,
 };
 pub use layout::{BoundStruct, Member, StructLayout};

@@ -8,16 +8,16 @@ use serde_json::{Value, json};
 use thiserror::Error;
 
 use super::render;
-use super::subject::{Subject, hint};
-use crate::experiments::nearest;
+use super::subject::Subject;
 use crate::gpu::{Gpu, GpuError, read_buffer, read_texture, read_volume};
 use crate::stages::{Output, OutputData, Stage};
+use crate::text::{did_you_mean, nearest};
 
 #[derive(Debug, Error)]
 pub enum DumpError {
     #[error(transparent)]
     Gpu(#[from] GpuError),
-    #[error("this pipeline runs no stage `{name}`{}", hint(.nearest))]
+    #[error("this pipeline runs no stage `{name}`{}", did_you_mean(.nearest))]
     UnknownStage { name: String, nearest: Option<String> },
     #[error("stage `{0}` leaves nothing to dump")]
     NoOutput(String),

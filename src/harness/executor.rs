@@ -2,12 +2,13 @@
 
 use std::collections::BTreeMap;
 use std::fmt::Display;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::time::Instant;
 
 use super::difference::References;
 use super::journal::{CellName, Journal};
 use super::outcome::{Facts, measured};
+use super::output::picture_path;
 use super::plan::PlannedCell;
 use super::progress::Progress;
 use super::sample::{CellResult, Executor, Failure, Samples};
@@ -15,8 +16,9 @@ use super::{MAX_PASSES, picture, views};
 use crate::experiments::schema::{Experiment, Pictures};
 use crate::gpu::{self, ClockPlan, FrameSample, FrameTimer, Gpu, GpuError, Stage, StageCounters};
 use crate::pipelines::{AnyPipeline, Judge, JudgeError, Judged, Known};
-use crate::record::{Addition, ErrorFigure, Outcome, Record, RecordError, Run, SampleLine, Writer};
-use crate::report::{self, ERROR_PICTURE};
+use crate::record::{
+    Addition, ErrorFigure, Note, NoteKind, Outcome, Picture, PictureKind, Record, RecordError, Run, SampleLine, Writer,
+};
 
 /// What a software driver keeps of a pipeline's compiled shaders in the process: of 15 cells of `vao-samples`, 300 MiB more
 /// on lavapipe than of one.
@@ -91,8 +93,8 @@ pub struct Output<'a> {
     /// The header of this run.
     pub header: &'a Run,
     pub progress: &'a mut Progress,
-    /// Folder of the pictures.
-    pub pictures: &'a Path,
+    /// The folder of the records, in which pictures are.
+    pub folder: &'a Path,
 }
 
 struct Built {
@@ -105,7 +107,8 @@ struct Built {
 struct Findings {
     quantities: BTreeMap<String, f64>,
     errors: Vec<ErrorFigure>,
-    notes: Vec<String>,
+    notes: Vec<Note>,
+    pictures: Vec<Picture>,
 }
 
 impl Findings {
@@ -116,7 +119,7 @@ impl Findings {
     ) {
         match found {
             Ok(found) => self.quantities.extend(found),
-            Err(error) => self.notes.push(format!("{failure}: {error}")),
+            Err(error) => self.note(NoteKind::NotComputed, failure, error),
         }
     }
 
@@ -126,12 +129,19 @@ impl Findings {
                 self.quantities.extend(judged.quantities);
                 self.errors.extend(judged.errors);
             }
-            Err(error) => self.notes.push(format!("errors not computed: {error}")),
+            Err(error) => self.note(NoteKind::NotComputed, "errors not computed", error),
         }
     }
 
-    fn note<E: Display>(&mut self, failure: &str, done: Result<(), E>) {
-        self.notes.extend(done.err().map(|error| format!("{failure}: {error}")));
+    fn add_picture<E: Display>(&mut self, picture: Picture, failure: &str, saved: Result<(), E>) {
+        match saved {
+            Ok(()) => self.pictures.push(picture),
+            Err(error) => self.note(NoteKind::NoPicture, failure, error),
+        }
+    }
+
+    fn note(&mut self, kind: NoteKind, failure: &str, error: impl Display) {
+        self.notes.push(Note::new(kind, format!("{failure}: {error}")));
     }
 }
 
@@ -184,6 +194,7 @@ impl<'a> CellExecutor<'a> {
             quantities: findings.quantities,
             errors: findings.errors,
             notes: findings.notes,
+            pictures: findings.pictures,
             precision: self.precision,
         }
     }
@@ -220,18 +231,17 @@ impl<'a> CellExecutor<'a> {
         if later && self.experiment.pictures == Pictures::First {
             return;
         }
-        let [path, of_error] = ["", ERROR_PICTURE].map(|ending| self.picture_path(cell, ending));
-        findings.note("no picture", picture::save(&self.session.gpu, pipeline, &path));
-        if self.experiment.error_picture {
-            let picture = pipeline.error_picture(&mut self.judge(cell), &of_error);
-            findings.note("no picture of the error", picture);
-        }
-    }
-
-    fn picture_path(&self, cell: usize, ending: &str) -> PathBuf {
         let plan = &self.cells[cell].plan;
-        let name = report::picture_name(&plan.experiment, &plan.cell, ending);
-        self.output.pictures.join(name)
+        let [image, of_error] = [PictureKind::Image, PictureKind::Error]
+            .map(|shows| Picture { path: picture_path(&plan.experiment, &plan.cell, shows), shows });
+        let folder = self.output.folder;
+        let saved = picture::save(&self.session.gpu, pipeline, &folder.join(&image.path));
+        findings.add_picture(image, "no picture", saved);
+        if self.experiment.error_picture {
+            let path = folder.join(&of_error.path);
+            let saved = pipeline.error_picture(&mut self.judge(cell), &path);
+            findings.add_picture(of_error, "no picture of the error", saved);
+        }
     }
 
     fn sampled(&mut self, cell: usize, samples: Samples) -> Outcome {

@@ -228,7 +228,7 @@ fn recorded(records: &[Record]) -> BTreeSet<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::record::{Clock, FramePair, PassKind};
+    use crate::record::{Clock, FaultKind, FramePair, PassKind};
 
     fn cell(id: &str) -> CellName {
         CellName { id: id.to_owned(), experiment: "e".to_owned(), cell: id.to_owned() }
@@ -240,7 +240,6 @@ mod tests {
                 stages: Vec::new(),
                 envelope_ns: ns,
                 gaps_ns: 0.0,
-                wall_ns: ns,
                 untimed_ns: ns,
             }),
             ..Addition::default()
@@ -261,7 +260,7 @@ mod tests {
         let mut first = journal(&folder);
         let warm_up = Addition {
             warm_up_frames: 2,
-            rejected: Some("a: zero duration".to_owned()),
+            rejected: Some(FaultKind::Zero.into()),
             ..Addition::default()
         };
         first.keep(&cell("a"), warm_up.clone()).unwrap();

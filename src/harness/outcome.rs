@@ -5,7 +5,9 @@ use std::collections::BTreeMap;
 use super::sample::{Samples, StageSamples, Stopped};
 use crate::gpu::StageCounters;
 use crate::pipelines::AnyPipeline;
-use crate::record::{ErrorFigure, Estimate, Fenced, FrameRecord, Measured, StageRecord, Work};
+use crate::record::{
+    ErrorFigure, Estimate, Fenced, FrameRecord, Measured, Note, NoteKind, Picture, RejectedFrames, StageRecord, Work,
+};
 use crate::statistics;
 
 /// Share of outliers among the frame times from which on the record says so: one in twenty.
@@ -17,7 +19,8 @@ pub struct Facts<'a> {
     pub counters: &'a [StageCounters],
     pub quantities: BTreeMap<String, f64>,
     pub errors: Vec<ErrorFigure>,
-    pub notes: Vec<String>,
+    pub notes: Vec<Note>,
+    pub pictures: Vec<Picture>,
     /// The precision asked for.
     pub precision: f64,
 }
@@ -32,7 +35,11 @@ pub fn measured(samples: Samples, facts: Facts<'_>) -> Measured {
     let (errors, unusable_errors): (Vec<_>, Vec<_>) =
         facts.errors.into_iter().partition(|error| error.value.is_finite());
     let unusable = unusable.into_keys().chain(unusable_errors.into_iter().map(|error| error.name));
-    notes.extend(unusable.map(|name| format!("{name} left out: it is not a finite number")));
+    notes.extend(unusable.map(|name| {
+        Note::new(NoteKind::NotFinite, format!("{name} left out: it is not a finite number"))
+    }));
+    let rejected = samples.rejected.iter();
+    let rejected = rejected.map(|(rejection, frames)| RejectedFrames { rejection: rejection.clone(), frames: *frames });
     Measured {
         stages: stage_records(&samples, facts.pipeline, facts.counters),
         frame,
@@ -40,8 +47,9 @@ pub fn measured(samples: Samples, facts: Facts<'_>) -> Measured {
         quantities,
         errors,
         warm_up_frames: samples.warm_up_frames,
-        rejected: samples.rejected,
+        rejected: rejected.collect(),
         notes,
+        pictures: facts.pictures,
     }
 }
 
@@ -49,11 +57,17 @@ fn frame_record(samples: &Samples) -> FrameRecord {
     FrameRecord {
         accounting_error: accounting_error(samples),
         untimed: statistics::estimate(&samples.untimed_ns),
-        timing_cost: statistics::ratio_estimate(&samples.pairs_ns),
+        timing_cost: timing_cost(&samples.envelope_ns, &samples.untimed_ns),
         envelope_samples_ns: samples.envelope_ns.clone(),
         gap_samples_ns: samples.gaps_ns.clone(),
         untimed_samples_ns: samples.untimed_ns.clone(),
     }
+}
+
+/// Timed over untimed frames, pair by pair.
+fn timing_cost(timed_ns: &[f64], untimed_ns: &[f64]) -> Estimate {
+    let pairs = timed_ns.iter().copied().zip(untimed_ns.iter().copied());
+    statistics::ratio_estimate(&pairs.collect::<Vec<_>>())
 }
 
 /// Median over the frames of |stages + gaps − envelope| / envelope.
@@ -124,38 +138,36 @@ fn fenced(stage: &StageSamples) -> Option<Fenced> {
     })
 }
 
-fn sampling_notes(samples: &Samples, frame: &Estimate, precision: f64) -> Vec<String> {
+fn sampling_notes(samples: &Samples, frame: &Estimate, precision: f64) -> Vec<Note> {
     let mut notes = Vec::new();
+    let mut note = |kind, text: String| notes.push(Note::new(kind, text));
     if samples.earlier_pairs > 0 {
-        notes.push(format!(
-            "{} of {} pairs of frames were measured before the run was resumed",
-            samples.earlier_pairs,
-            samples.pairs_ns.len()
-        ));
+        let (earlier, all) = (samples.earlier_pairs, samples.pairs());
+        let text = format!("{earlier} of {all} pairs of frames were measured before the run was resumed");
+        note(NoteKind::Resumed, text);
     }
     if samples.unsteady {
-        notes.push(format!(
-            "the frame time still fell after {} warm-up frames",
-            samples.warm_up_frames
-        ));
+        let frames = samples.warm_up_frames;
+        note(NoteKind::Unsteady, format!("the frame time still fell after {frames} warm-up frames"));
     }
-    let reached = format!(
-        "±{:.1} % where ±{:.1} % was asked",
-        100.0 * (frame.high - frame.low) / 2.0 / frame.median,
-        100.0 * precision
-    );
-    match samples.stopped {
-        Stopped::Precise => {}
-        Stopped::OutOfTime => notes.push(format!("stopped by the time budget at {reached}")),
-        Stopped::EnoughPairs => notes.push(format!("stopped at the most frames at {reached}")),
-        Stopped::Interrupted => notes.push(format!("interrupted at {reached}")),
+    let stopped = match samples.stopped {
+        Stopped::Precise => None,
+        Stopped::OutOfTime => Some("stopped by the time budget"),
+        Stopped::EnoughPairs => Some("stopped at the most frames"),
+        Stopped::Interrupted => Some("interrupted"),
+    };
+    if let Some(stopped) = stopped {
+        let reached = 100.0 * (frame.high - frame.low) / 2.0 / frame.median;
+        let asked = 100.0 * precision;
+        note(NoteKind::Imprecise, format!("{stopped} at ±{reached:.1} % where ±{asked:.1} % was asked"));
     }
     let outliers = statistics::outliers(&samples.untimed_ns);
     if outliers.share() > NOTED_OUTLIER_SHARE {
-        notes.push(format!(
-            "{} of {} frames were far slower and {} far faster than the median: other work disturbed the machine",
+        let text = format!(
+            "{} of {} frames were far slower and {} far faster than the median",
             outliers.slow, outliers.n, outliers.fast
-        ));
+        );
+        note(NoteKind::Outliers, text);
     }
     notes
 }

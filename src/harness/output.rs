@@ -1,15 +1,15 @@
 //! The folder that a run or a comparison writes to.
 
 use std::path::{Path, PathBuf};
-use std::time::SystemTime;
 
+use jiff::Timestamp;
 use thiserror::Error;
 
 use super::calendar;
 use crate::record::{
-    self, Compared, FolderLock, Lines, LockError, Record, RecordError, Writer, read_lines,
+    self, Compared, FolderLock, Lines, LockError, PictureKind, Profile, Record, RecordError, Writer, read_lines,
 };
-use crate::report::PICTURES;
+use crate::text;
 
 /// Where runs go that are not told where.
 pub const DEFAULT_FOLDER: &str = "reports/out";
@@ -17,6 +17,8 @@ pub const DEFAULT_FOLDER: &str = "reports/out";
 pub const RECORDS: &str = "records.jsonl";
 /// Name of the file of samples that have no record yet, in a run's folder.
 pub const SAMPLES: &str = "samples.jsonl";
+/// Name of the folder of pictures, in a run's folder.
+pub const PICTURES: &str = "renders";
 /// Bytes written to see whether the folder takes any: more than a cell's record.
 const PROBE_BYTES: usize = 1 << 20;
 
@@ -165,7 +167,7 @@ pub struct Held {
 impl Held {
     /// Makes the folder and tries that it can be written to, before anything is measured. Without
     /// `asked` a new folder under [`DEFAULT_FOLDER`] is named after the adapter, the profile and the time.
-    pub fn create(asked: Option<&Path>, adapter: &str, profile: &str) -> Result<Self, OutputError> {
+    pub fn create(asked: Option<&Path>, adapter: &str, profile: Profile) -> Result<Self, OutputError> {
         let folder = match asked {
             Some(folder) => folder.to_owned(),
             None => unused(&fresh(adapter, profile))?,
@@ -189,6 +191,17 @@ impl Held {
     }
 }
 
+/// Path within a run's folder of the picture of an experiment's cell, different for different cells. An id holds no `_` and no
+/// file's stem ends in `~error`, so that no two are the same.
+pub fn picture_path(experiment: &str, cell: &str, shows: PictureKind) -> String {
+    let [experiment, cell] = [experiment, cell].map(text::file_stem);
+    let ending = match shows {
+        PictureKind::Image => "",
+        PictureKind::Error => "~error",
+    };
+    format!("{PICTURES}/{experiment}_{cell}{ending}.png")
+}
+
 /// What this process says of itself to another that wants the same folder.
 pub fn holder() -> String {
     let command: Vec<String> = std::env::args().collect();
@@ -196,7 +209,7 @@ pub fn holder() -> String {
         "process {} (`{}`, since {})",
         std::process::id(),
         command.join(" "),
-        calendar::rfc3339(SystemTime::now())
+        calendar::rfc3339(Timestamp::now())
     )
 }
 
@@ -227,13 +240,14 @@ pub fn unused(folder: &Path) -> Result<PathBuf, OutputError> {
     unreachable!("numbers do not end")
 }
 
-fn fresh(adapter: &str, profile: &str) -> PathBuf {
+fn fresh(adapter: &str, profile: Profile) -> PathBuf {
     let word = |c: char| {
         if c.is_ascii_alphanumeric() { c.to_ascii_lowercase() } else { ' ' }
     };
     let plain: String = adapter.chars().map(word).collect();
     let words: Vec<&str> = plain.split_whitespace().take(3).collect();
-    let time = calendar::compact(SystemTime::now());
+    let time = calendar::compact(Timestamp::now());
+    let profile = profile.name();
     Path::new(DEFAULT_FOLDER).join(format!("{}-{profile}-{time}", words.join("-")))
 }
 
@@ -261,7 +275,7 @@ mod tests {
     use super::*;
 
     fn create(folder: &Path) -> Result<Held, OutputError> {
-        Held::create(Some(folder), "gpu", "quick")
+        Held::create(Some(folder), "gpu", Profile::Quick)
     }
 
     const END: &str = "{\"record\":\"end\",\"measuring_wall_s\":1.0,\"measured_gpu_s\":1.0,\"set_up_s\":1.0,\
@@ -397,7 +411,7 @@ mod tests {
 
     #[test]
     fn fresh_folders_bear_adapter_and_profile() {
-        let name = fresh("llvmpipe (LLVM 15.0.6, 256 bits)", "quick");
+        let name = fresh("llvmpipe (LLVM 15.0.6, 256 bits)", Profile::Quick);
         let name = name.file_name().unwrap().to_string_lossy().into_owned();
         assert!(name.starts_with("llvmpipe-llvm-15-quick-2"), "{name}");
     }

@@ -13,7 +13,7 @@ use super::subject::{Subject, SubjectError, Subjects};
 use super::views;
 use crate::experiments::{CellPlan, Experiment, ExperimentError, ReferencePlan};
 use crate::gpu::Capacity;
-use crate::record::{self, Outcome, resume_key};
+use crate::record::{self, Outcome, Profile, resume_key};
 
 #[derive(Debug, Error)]
 pub enum PlanError {
@@ -105,7 +105,7 @@ impl PlannedCell {
 pub fn plan(
     experiments: Vec<Experiment>,
     request: &Request,
-    profile: &str,
+    profile: Profile,
     capacity: &Capacity,
     catalog: &Catalog,
 ) -> Result<Vec<PlannedExperiment>, PlanError> {

@@ -1,9 +1,10 @@
-//! `fathom run`: experiments in turn, a record after every cell, reports at the end.
+//! `fathom run`: experiments in turn, a record after every cell. Reports are made of the records by whoever wants them.
 
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::{Instant, SystemTime};
+use std::time::Instant;
 
+use jiff::Timestamp;
 use thiserror::Error;
 
 use super::catalog::Catalog;
@@ -17,7 +18,8 @@ use super::{calendar, memory};
 use crate::experiments::{Experiment, ExperimentError};
 use crate::gpu::{self, Audit, ClockPlan, Gpu, GpuError};
 use crate::record::{
-    self, Definition, End, Outcome, PassKind, Record, RecordError, Run, SCHEMA, SampleLine,
+    self, Definition, End, Note, NoteKind, Outcome, PassKind, Profile, Record, RecordError, Run, SCHEMA, SampleLine,
+    ShaderChecks,
 };
 
 /// Memory of the cells that are prepared at the same time. On a software driver it is the process's own,
@@ -49,9 +51,8 @@ pub struct Options {
     pub catalog: Catalog,
     pub gpu: gpu::Options,
     pub request: Request,
-    /// `quick` or `paper`; by default that of the run to resume, else `quick` on a software adapter and
-    /// `paper` on a GPU.
-    pub profile: Option<String>,
+    /// By default that of the run to resume, else quick on a software adapter and paper on a GPU.
+    pub profile: Option<Profile>,
     /// Time for all cells together, seconds.
     pub budget_s: Option<f64>,
     /// Half the width of the frame time's 95 % interval over its median.
@@ -101,12 +102,15 @@ const PAPER: Defaults =
     Defaults { precision: 0.01, budget_per_cell_s: 20.0, most_budget_s: 1_800.0 };
 
 impl Defaults {
-    fn of(profile: &str) -> Self {
-        if profile == "quick" { QUICK } else { PAPER }
+    fn of(profile: Profile) -> Self {
+        match profile {
+            Profile::Quick => QUICK,
+            Profile::Paper => PAPER,
+        }
     }
 }
 
-/// Measures what `options` ask for and writes records and reports. When `interrupted` is set, what has been
+/// Measures what `options` ask for and writes records. When `interrupted` is set, what has been
 /// measured so far is written and the run ends.
 pub fn run(options: &Options, interrupted: &AtomicBool) -> Result<Summary, RunError> {
     let start = Instant::now();
@@ -116,14 +120,14 @@ pub fn run(options: &Options, interrupted: &AtomicBool) -> Result<Summary, RunEr
     let gpu = Gpu::open(&options.gpu)?;
     let profile = profile(options, resumed.as_ref(), &gpu);
     let mut planned =
-        plan::plan(experiments, &options.request, &profile, &gpu.capacity, &options.catalog)?;
+        plan::plan(experiments, &options.request, profile, &gpu.capacity, &options.catalog)?;
     let held = match resumed {
         Some(held) => held,
-        None => Held::create(options.out.as_deref(), &gpu.adapter.name, &profile)?,
+        None => Held::create(options.out.as_deref(), &gpu.adapter.name, profile)?,
     };
     let audit = gpu::audit(&gpu)?;
     let seed = options.seed.unwrap_or_else(|| u64::from(rand::random::<u32>()));
-    let mut header = header(options, &gpu, &audit, &profile, seed);
+    let mut header = header(options, &gpu, &audit, profile, seed);
     let finished = record::finished(&held.before, &header);
     let kept = plan::drop_finished(&mut planned, &finished);
     let (mut journal, damage) = Journal::open(&held.output.samples())?;
@@ -132,7 +136,7 @@ pub fn run(options: &Options, interrupted: &AtomicBool) -> Result<Summary, RunEr
     let plan = clock_plan(audit.plan, &mut journal, &ids);
     header.notes.extend(other_clocks(&audit.plan, &plan));
     let mut measurement = Measurement {
-        settings: settings(options, &profile, &planned, seed, gpu.adapter.software),
+        settings: settings(options, profile, &planned, seed, gpu.adapter.software),
         session: Session::new(gpu, options.gpu.clone(), plan)?,
         held,
         header,
@@ -160,13 +164,11 @@ fn clock_plan(found: ClockPlan, journal: &mut Journal, ids: &[String]) -> ClockP
 }
 
 /// Says so where passes are timed by another clock than this run's audit found.
-fn other_clocks(found: &ClockPlan, plan: &ClockPlan) -> Option<String> {
+fn other_clocks(found: &ClockPlan, plan: &ClockPlan) -> Option<Note> {
     let mut kinds = AUDITED.into_iter();
     let differs = kinds.any(|kind| found.clock(kind) != plan.clock(kind));
-    differs.then(|| {
-        "passes are timed by the clocks of the run that is gone on with, as its audit chose them"
-            .to_owned()
-    })
+    let text = "passes are timed by the clocks of the run that is gone on with, as its audit chose them";
+    differs.then(|| Note::new(NoteKind::OtherClocks, text))
 }
 
 fn check(options: &Options) -> Result<(), RunError> {
@@ -179,36 +181,36 @@ fn check(options: &Options) -> Result<(), RunError> {
     Ok(())
 }
 
-fn profile(options: &Options, resumed: Option<&Held>, gpu: &Gpu) -> String {
+fn profile(options: &Options, resumed: Option<&Held>, gpu: &Gpu) -> Profile {
     let before = resumed.map_or(&[][..], |held| &held.before);
     let resumed = before.iter().rev().find_map(|record| match record {
-        Record::Run(run) => Some(run.profile.clone()),
+        Record::Run(run) => Some(run.profile),
         _ => None,
     });
-    let default = if gpu.adapter.software { "quick" } else { "paper" };
-    options.profile.clone().or(resumed).unwrap_or_else(|| default.to_owned())
+    let default = if gpu.adapter.software { Profile::Quick } else { Profile::Paper };
+    options.profile.or(resumed).unwrap_or(default)
 }
 
-fn header(options: &Options, gpu: &Gpu, audit: &Audit, profile: &str, seed: u64) -> Run {
-    let mut notes = gpu.notes.clone();
-    notes.push(format!("cells and frames in an order drawn from the seed {seed}"));
+fn header(options: &Options, gpu: &Gpu, audit: &Audit, profile: Profile, seed: u64) -> Run {
+    let order = format!("cells and frames in an order drawn from the seed {seed}");
+    let of_adapter = gpu.notes.iter().map(|text| Note::new(NoteKind::Adapter, text));
     Run {
         schema: SCHEMA,
         fathom_version: env!("CARGO_PKG_VERSION").to_owned(),
-        started_at: calendar::rfc3339(SystemTime::now()),
-        profile: profile.to_owned(),
+        started_at: calendar::rfc3339(Timestamp::now()),
+        profile,
         command: options.command.clone(),
         adapter: gpu.adapter.clone(),
-        shader_checks: if gpu.unchecked { "unchecked" } else { "checked" }.to_owned(),
+        shader_checks: if gpu.unchecked { ShaderChecks::Unchecked } else { ShaderChecks::Checked },
         audit: audit.rows.clone(),
         submit_cost_ns: AUDITED.map(|kind| (kind, audit.plan.submit_cost.of(kind))).into(),
-        notes,
+        notes: of_adapter.chain([Note::new(NoteKind::Order, order)]).collect(),
     }
 }
 
 fn settings(
     options: &Options,
-    profile: &str,
+    profile: Profile,
     planned: &[PlannedExperiment],
     seed: u64,
     software: bool,
@@ -314,13 +316,13 @@ impl Measurement<'_> {
         settings: &Settings,
         progress: &mut Progress,
     ) -> Result<(), RecordError> {
-        let pictures = self.held.output.pictures();
+        let folder = self.held.output.folder.clone();
         let output = executor::Output {
             writer: &mut self.held.writer,
             journal: &mut self.journal,
             header: &self.header,
             progress,
-            pictures: pictures.as_path(),
+            folder: &folder,
         };
         let asked = (experiment, cells);
         let mut executor = CellExecutor::new(&mut self.session, asked, settings.precision, output);
@@ -349,21 +351,20 @@ impl Measurement<'_> {
 
 /// Counts the cells after the last header.
 fn summary(out: PathBuf, records: &[Record], end: End, kept: usize) -> Summary {
-    let mut summary =
-        Summary { out, measured: 0, skipped: 0, skip_reason: None, failed: 0, kept, end };
+    let (mut measured, mut skipped, mut skip_reason, mut failed) = (0, 0, None, 0);
     let since = records.iter().rposition(|record| matches!(record, Record::Run(_))).unwrap_or(0);
     for record in &records[since..] {
         let Record::Cell(cell) = record else {
             continue;
         };
         match &cell.outcome {
-            Outcome::Measured(_) => summary.measured += 1,
-            Outcome::Failed { .. } => summary.failed += 1,
+            Outcome::Measured(_) => measured += 1,
+            Outcome::Failed { .. } => failed += 1,
             Outcome::Skipped { reason } => {
-                summary.skipped += 1;
-                summary.skip_reason.get_or_insert_with(|| reason.clone());
+                skipped += 1;
+                skip_reason.get_or_insert_with(|| reason.clone());
             }
         }
     }
-    summary
+    Summary { out, measured, skipped, skip_reason, failed, kept, end }
 }

@@ -19,7 +19,7 @@ use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 
 use crate::gpu::{Fault, FrameSample, StageSample};
-use crate::record::{Addition, Clock, FramePair, StageTime};
+use crate::record::{Addition, Clock, FaultKind, FramePair, Rejection, StageTime};
 use crate::statistics;
 
 /// Pairs that each cell gets however slow it is: a median and a range need three.
@@ -113,13 +113,11 @@ pub struct Samples {
     pub envelope_ns: Vec<f64>,
     pub gaps_ns: Vec<f64>,
     pub untimed_ns: Vec<f64>,
-    /// Wall times of neighbouring frames, (timed, untimed).
-    pub pairs_ns: Vec<(f64, f64)>,
     pub warm_up_frames: u32,
     /// The frame time still fell when warm-up was given up.
     pub unsteady: bool,
     /// Timed frames never used, counted by reason.
-    pub rejected: BTreeMap<String, u32>,
+    pub rejected: BTreeMap<Rejection, u32>,
     /// So many of the pairs, the first, are of an earlier run.
     pub earlier_pairs: usize,
     pub stopped: Stopped,
@@ -136,7 +134,7 @@ impl Samples {
             }
             samples.add(added);
         }
-        samples.earlier_pairs = samples.pairs_ns.len();
+        samples.earlier_pairs = samples.pairs();
         samples
     }
 
@@ -146,13 +144,17 @@ impl Samples {
             envelope_ns: Vec::new(),
             gaps_ns: Vec::new(),
             untimed_ns: Vec::new(),
-            pairs_ns: Vec::new(),
             warm_up_frames: 0,
             unsteady: false,
             rejected: BTreeMap::new(),
             earlier_pairs: 0,
             stopped: Stopped::OutOfTime,
         }
+    }
+
+    /// Timed frames, each with an untimed one beside it.
+    pub fn pairs(&self) -> usize {
+        self.untimed_ns.len()
     }
 
     fn add(&mut self, added: &Addition) {
@@ -188,7 +190,6 @@ impl Samples {
         self.envelope_ns.push(pair.envelope_ns);
         self.gaps_ns.push(pair.gaps_ns);
         self.untimed_ns.push(pair.untimed_ns);
-        self.pairs_ns.push((pair.wall_ns, pair.untimed_ns));
     }
 
     /// These stages, on the same clocks, were sampled before, or none were.
@@ -200,14 +201,10 @@ impl Samples {
             || self.stages.len() == stages.len() && self.stages.iter().zip(stages).all(same)
     }
 
-    fn rejected_frames(&self) -> usize {
-        self.rejected.values().map(|count| *count as usize).sum()
-    }
-
     /// Why the cell cannot be trusted, if too many of its frames were rejected.
     fn verdict_on_rejections(&self) -> Option<String> {
-        let rejected = self.rejected_frames();
-        let judged = rejected + self.envelope_ns.len();
+        let rejected = self.rejected.values().sum::<u32>() as usize;
+        let judged = rejected + self.pairs();
         let too_many = rejected as f64 > MAX_REJECTED_SHARE * judged as f64;
         (judged >= MIN_JUDGED_FRAMES && too_many).then(|| {
             let reasons: Vec<String> = self
@@ -258,7 +255,7 @@ impl Live {
     }
 
     fn pairs(&self) -> usize {
-        self.samples.pairs_ns.len()
+        self.samples.pairs()
     }
 
     /// Another pair is due: the cell has rendered nothing yet that its figures could be read from, or has too few pairs, or
@@ -404,7 +401,7 @@ impl<X: Executor> Sampler<'_, X> {
         let mut frames = 0;
         while frames < MAX_WARM_UP_FRAMES && !self.interrupted() {
             let wall_ns = if frames % 2 == 0 {
-                self.executor.timed(cell)?.wall_ns
+                self.executor.timed(cell)?.envelope_ns
             } else {
                 self.executor.untimed(cell)?
             };
@@ -440,9 +437,7 @@ impl<X: Executor> Sampler<'_, X> {
             live.samples = Samples::new();
             added.afresh = true;
         }
-        // A frame with several faults is one rejected frame.
-        let faults = faults(&frame, untimed_ns, &live.samples.stages);
-        added.rejected = faults.into_iter().next();
+        added.rejected = fault(&frame, untimed_ns, &live.samples.stages);
         added.pair = added.rejected.is_none().then_some(pair);
         Ok(())
     }
@@ -540,33 +535,29 @@ fn frame_pair(frame: &FrameSample, untimed_ns: f64) -> FramePair {
         stages: stages.collect(),
         envelope_ns: frame.envelope_ns,
         gaps_ns: frame.gaps_ns,
-        wall_ns: frame.wall_ns,
         untimed_ns,
     }
 }
 
-/// Why a pair of frames cannot be used: the timer's own reasons first, then what no duration may be.
-fn faults(frame: &FrameSample, untimed_ns: f64, before: &[StageSamples]) -> Vec<String> {
-    let reason = |fault: &Fault| format!("{}: {}", fault.stage, fault.kind.reason());
-    let mut faults: Vec<String> = frame.faults.iter().map(reason).collect();
+/// Why a pair of frames cannot be used: the timer's own reason first, then what no duration may be. A frame with several faults
+/// is one rejected frame.
+fn fault(frame: &FrameSample, untimed_ns: f64, before: &[StageSamples]) -> Option<Rejection> {
+    let of_timer = |fault: &Fault| Rejection { stage: Some(fault.stage.to_owned()), fault: fault.kind };
+    if let Some(fault) = frame.faults.first() {
+        return Some(of_timer(fault));
+    }
     let positive = |ns: f64| ns.is_finite() && ns > 0.0;
-    if !positive(frame.envelope_ns) || !positive(frame.wall_ns) {
-        faults.push("frame time not positive".into());
-    }
-    if !positive(untimed_ns) {
-        faults.push("untimed frame time not positive".into());
-    }
     // Less than nothing is left only where a cost was taken off, which scatters. What was read is more than nothing.
     let read = |stage: &StageSample| stage.ns + stage.submit_cost_ns;
-    if !frame.stages.iter().all(|stage| positive(read(stage))) {
-        faults.push("stage time not positive".into());
-    }
     let same = frame.stages.len() == before.len()
         && frame.stages.iter().zip(before).all(|(now, before)| now.name == before.name);
-    if !before.is_empty() && !same {
-        faults.push("stages differ from the first frame's".into());
-    }
-    faults
+    let faults = [
+        (FaultKind::FrameNotPositive, !positive(frame.envelope_ns)),
+        (FaultKind::UntimedNotPositive, !positive(untimed_ns)),
+        (FaultKind::StageNotPositive, !frame.stages.iter().all(|stage| positive(read(stage)))),
+        (FaultKind::OtherStages, !before.is_empty() && !same),
+    ];
+    faults.into_iter().find(|(_, found)| *found).map(|(fault, _)| fault.into())
 }
 
 #[cfg(test)]

@@ -12,11 +12,12 @@ use crate::parameter::{self, ParamError};
 use crate::pipelines::{self, AnyPipeline, Configuration, Kind, Pipeline, Plan};
 use crate::scene::{Camera, Scene, SceneError, SceneFile};
 use crate::tell;
+use crate::text::{did_you_mean, nearest};
 
 /// Why a pipeline, a scene and parameters do not go together. Each message says what to do.
 #[derive(Debug, Error)]
 pub enum SubjectError {
-    #[error("unknown pipeline `{name}`{}", hint(.nearest))]
+    #[error("unknown pipeline `{name}`{}", did_you_mean(.nearest))]
     UnknownPipeline { name: String, nearest: Option<String> },
     #[error(transparent)]
     Scene(#[from] SceneError),
@@ -24,11 +25,6 @@ pub enum SubjectError {
     Param(#[from] ParamError),
     #[error("{0}")]
     Invalid(String),
-}
-
-/// `; did you mean …?`, or nothing.
-pub(super) fn hint(nearest: &Option<String>) -> String {
-    nearest.as_ref().map_or_else(String::new, |name| format!("; did you mean `{name}`?"))
 }
 
 /// A pipeline with its parameters, and a scene with its geometry.

@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use super::lock::is_file;
-use crate::input;
+use crate::{input, text};
 
 /// Damaged lines that are told one by one.
 const MOST_TOLD: usize = 10;
@@ -270,7 +270,7 @@ fn io(action: &'static str, path: &Path) -> impl FnOnce(std::io::Error) -> Recor
 
 /// A line that could not be read, numbered from 1.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("line {line}: {}", input::one_line(.reason))]
+#[error("line {line}: {}", text::line(.reason))]
 pub struct Damage {
     pub line: usize,
     pub reason: String,

@@ -10,10 +10,10 @@ use std::fmt::Write;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
-use super::{Clock, Line, PassKind, Run};
+use super::{Clock, Line, PassKind, Rejection, Run};
 
 /// Version of the lines; raised when a field changes its meaning or goes away.
-pub const SAMPLES_SCHEMA: u32 = 1;
+pub const SAMPLES_SCHEMA: u32 = 2;
 /// Bytes of the digest that names a cell.
 const ID_BYTES: usize = 12;
 
@@ -74,7 +74,7 @@ pub struct Addition {
     pub pair: Option<FramePair>,
     /// Why the frames of this visit were not used.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub rejected: Option<String>,
+    pub rejected: Option<Rejection>,
 }
 
 /// A timed frame and an untimed one, nanoseconds.
@@ -83,8 +83,6 @@ pub struct FramePair {
     pub stages: Vec<StageTime>,
     pub envelope_ns: f64,
     pub gaps_ns: f64,
-    /// Wall time of the timed frame.
-    pub wall_ns: f64,
     pub untimed_ns: f64,
 }
 

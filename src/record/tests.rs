@@ -1,5 +1,5 @@
 use std::fs;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use serde_json::{Map, json};
 
@@ -23,19 +23,15 @@ fn skipped(name: &str) -> Record {
     cell(name, Outcome::Skipped { reason })
 }
 
-fn run(profile: &str) -> Run {
-    Run {
-        schema: SCHEMA,
-        fathom_version: "1".to_owned(),
-        started_at: "now".to_owned(),
-        profile: profile.to_owned(),
-        command: Vec::new(),
-        adapter: Adapter::default(),
-        shader_checks: "checked".to_owned(),
-        audit: Vec::new(),
-        submit_cost_ns: Default::default(),
-        notes: Vec::new(),
-    }
+fn run(profile: Profile) -> Run {
+    Run { schema: SCHEMA, profile, ..Run::default() }
+}
+
+/// A folder, and the path of the records in it.
+fn file() -> (tempfile::TempDir, PathBuf) {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("records.jsonl");
+    (folder, path)
 }
 
 fn open(path: &Path) -> Opened<Record> {
@@ -52,9 +48,8 @@ fn definition() -> Record {
 
 #[test]
 fn what_is_written_is_read() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("records.jsonl");
-    let records = [Record::Run(Box::new(run("quick"))), definition(), skipped("a")];
+    let (_folder, path) = file();
+    let records = [Record::Run(Box::new(run(Profile::Quick))), definition(), skipped("a")];
     let mut writer = Writer::create(&path).unwrap();
     for record in &records {
         writer.write(record).unwrap();
@@ -68,8 +63,7 @@ fn what_is_written_is_read() {
 
 #[test]
 fn a_torn_last_line_is_named_and_kept_aside_on_appending() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("records.jsonl");
+    let (_folder, path) = file();
     let whole = serde_json::to_string(&skipped("a")).unwrap();
     fs::write(&path, format!("{whole}\n{}", &whole[..whole.len() / 2])).unwrap();
     let reading = read(&path).unwrap();
@@ -91,8 +85,7 @@ fn a_torn_last_line_is_named_and_kept_aside_on_appending() {
 
 #[test]
 fn a_whole_last_line_without_its_end_is_kept_on_appending() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("records.jsonl");
+    let (_folder, path) = file();
     fs::write(&path, serde_json::to_string(&skipped("a")).unwrap()).unwrap();
     append(&path, &skipped("b"));
     assert_eq!(read(&path).unwrap().records, [skipped("a"), skipped("b")]);
@@ -100,8 +93,7 @@ fn a_whole_last_line_without_its_end_is_kept_on_appending() {
 
 #[test]
 fn damaged_lines_are_named_one_by_one_and_the_rest_is_read() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("records.jsonl");
+    let (_folder, path) = file();
     let good = serde_json::to_string(&skipped("a")).unwrap();
     let mut bytes = format!("{good}\nnonsense\n\n{{\"record\":\"cell\"}}\n").into_bytes();
     bytes.extend(b"\xff\xfe\n");
@@ -123,10 +115,9 @@ fn lines(records: &[Record]) -> Vec<String> {
 
 #[test]
 fn cells_after_a_header_that_may_be_lost_are_given_to_no_other_run() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("records.jsonl");
+    let (_folder, path) = file();
     let header = |profile| Record::Run(Box::new(run(profile)));
-    let written = lines(&[header("quick"), skipped("a"), header("paper"), skipped("b")]);
+    let written = lines(&[header(Profile::Quick), skipped("a"), header(Profile::Paper), skipped("b")]);
     let [first, a, second, b] = written.as_slice() else { panic!() };
     let torn = |line: &str, bytes: usize| format!("{}\n", &line[..bytes]);
     let read_with = |damaged: &str| {
@@ -136,7 +127,7 @@ fn cells_after_a_header_that_may_be_lost_are_given_to_no_other_run() {
     let merged = format!("{}{}", &a[..30], &second[..second.len() - 9]) + "\n";
     for damaged in [&torn(second, 60), &torn(second, 5), &merged, "\0\0\0\n"] {
         let reading = read_with(damaged);
-        let whole = [header("quick"), skipped("a"), header("paper"), skipped("b")];
+        let whole = [header(Profile::Quick), skipped("a"), header(Profile::Paper), skipped("b")];
         assert_eq!(reading.records, whole, "{damaged}");
         let told: Vec<String> = reading.damaged.iter().map(ToString::to_string).collect();
         assert_eq!(told.len(), 2, "{told:?}");
@@ -152,8 +143,7 @@ fn cells_after_a_header_that_may_be_lost_are_given_to_no_other_run() {
 
 #[test]
 fn a_file_that_is_removed_or_replaced_while_it_is_written_to_is_rescued() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("records.jsonl");
+    let (folder, path) = file();
     for (number, replaced) in [(1, false), (2, true)] {
         let mut writer = Writer::create(&path).unwrap();
         writer.write(&skipped("a")).unwrap();
@@ -174,8 +164,7 @@ fn a_file_that_is_removed_or_replaced_while_it_is_written_to_is_rescued() {
 
 #[test]
 fn what_two_writers_append_stays_whole() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("records.jsonl");
+    let (_folder, path) = file();
     let mut writers = [open(&path).writer, open(&path).writer];
     for n in 0..6 {
         writers[n % 2].write(&skipped(&n.to_string())).unwrap();
@@ -186,8 +175,7 @@ fn what_two_writers_append_stays_whole() {
 
 #[test]
 fn another_format_is_an_error_that_says_so() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("records.jsonl");
+    let (_folder, path) = file();
     fs::write(&path, "{\"record\":\"run\",\"schema\":99,\"new\":true}\n").unwrap();
     let error = read(&path).unwrap_err().to_string();
     assert!(error.contains("line 1: record format 99"), "{error}");
@@ -195,11 +183,10 @@ fn another_format_is_an_error_that_says_so() {
 
 #[test]
 fn a_number_that_is_not_finite_is_not_written() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("records.jsonl");
+    let (_folder, path) = file();
     let mut writer = Writer::create(&path).unwrap();
     writer.write(&skipped("a")).unwrap();
-    let mut bad = run("quick");
+    let mut bad = run(Profile::Quick);
     bad.submit_cost_ns.insert(PassKind::Render, f64::NAN);
     let error = writer.write(&Record::Run(Box::new(bad))).unwrap_err();
     assert!(matches!(error, RecordError::Unreadable { .. }));
@@ -228,17 +215,15 @@ fn a_missing_file_is_named() {
 fn only_cells_under_the_same_conditions_are_finished() {
     let failed = cell("failed", Outcome::Failed { reason: "device lost".to_owned() });
     let records = [
-        Record::Run(Box::new(run("paper"))),
+        Record::Run(Box::new(run(Profile::Paper))),
         skipped("other profile"),
-        Record::Run(Box::new(run("quick"))),
+        Record::Run(Box::new(run(Profile::Quick))),
         skipped("same"),
         failed,
     ];
-    let keys = finished(&records, &run("quick"));
-    let same = match skipped("same") {
-        Record::Cell(cell) => cell.resume_key(),
-        _ => unreachable!(),
-    };
+    let keys = finished(&records, &run(Profile::Quick));
+    let Record::Cell(same) = skipped("same") else { panic!() };
+    let same = same.resume_key();
     assert_eq!(keys.into_iter().collect::<Vec<_>>(), [same]);
 }
 

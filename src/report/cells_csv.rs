@@ -1,15 +1,15 @@
 //! `cells.csv`: one row per cell and stage, as RFC 4180 has it. A cell without figures has one row with an empty stage.
-//! A name that a spreadsheet would take for a formula has an apostrophe in front; see [`text::csv`].
+//! A name that a spreadsheet would take for a formula has an apostrophe in front; see [`text::spreadsheet`].
 
 use super::{Artifact, Entry, Exporter, ReportError, View};
-use crate::record::{Estimate, Fenced, Measured, Outcome, StageRecord};
+use crate::record::{Estimate, Fenced, Measured, Outcome, StageRecord, Work};
 use crate::statistics::median;
 use crate::text;
 
 pub const EXPORTER: Exporter =
     Exporter { name: "cells.csv", about: "one row per cell and stage", export };
 
-const HEADER: [&str; 35] = [
+const OF_CELL: [&str; 10] = [
     "experiment",
     "cell",
     "pipeline",
@@ -20,6 +20,8 @@ const HEADER: [&str; 35] = [
     "profile",
     "status",
     "reason",
+];
+const OF_STAGE: [&str; 8] = [
     "stage",
     "clock",
     "median_ns",
@@ -28,13 +30,8 @@ const HEADER: [&str; 35] = [
     "samples",
     "submit_cost_median_ns",
     "resolution_ns",
-    "photons",
-    "triangles",
-    "primitives",
-    "fragments",
-    "texel_fetches",
-    "bytes_read",
-    "bytes_written",
+];
+const OF_FRAME: [&str; 10] = [
     "frame_untimed_median_ns",
     "frame_untimed_low_ns",
     "frame_untimed_high_ns",
@@ -48,48 +45,48 @@ const HEADER: [&str; 35] = [
 ];
 
 fn export(view: &View<'_>) -> Result<Vec<Artifact>, ReportError> {
-    let mut text = row(HEADER.map(str::to_owned).as_slice());
-    for section in &view.sections {
-        for entry in &section.entries {
-            rows(entry, &mut text);
-        }
+    let header = [&OF_CELL[..], &OF_STAGE, Work::NAMES, &OF_FRAME].concat();
+    let mut writer = csv::WriterBuilder::new().terminator(csv::Terminator::CRLF).from_writer(Vec::new());
+    let entries = view.sections.iter().flat_map(|section| &section.entries);
+    let rows = entries.flat_map(|entry| rows(entry, header.len()));
+    let header = header.iter().map(ToString::to_string).collect();
+    for row in std::iter::once(header).chain(rows) {
+        // Writing to memory does not fail, and all rows are of one length.
+        let _ = writer.write_record(row.iter().map(|field: &String| text::spreadsheet(field)));
     }
-    Ok(vec![Artifact { name: EXPORTER.name.to_owned(), bytes: text.into_bytes() }])
+    let bytes = writer.into_inner().unwrap_or_default();
+    Ok(vec![Artifact { name: EXPORTER.name.to_owned(), bytes }])
 }
 
-fn rows(entry: &Entry<'_>, text: &mut String) {
+fn rows(entry: &Entry<'_>, columns: usize) -> Vec<Vec<String>> {
+    let unmeasured = |status: &str, reason: &str| {
+        let mut fields = cell_fields(entry, status, reason);
+        fields.resize(columns, String::new());
+        vec![fields]
+    };
     match &entry.cell.outcome {
         Outcome::Measured(measured) => {
-            for stage in &measured.stages {
-                let mut fields = identity(entry, "measured", "");
-                fields.extend(stage_fields(stage));
-                fields.extend(frame_fields(measured));
-                *text += &row(&fields);
-            }
+            let cell = cell_fields(entry, "measured", "");
+            let row = |stage| [cell.clone(), stage_fields(stage), frame_fields(measured)].concat();
+            measured.stages.iter().map(row).collect()
         }
-        Outcome::Skipped { reason } => *text += &unmeasured(entry, "skipped", reason),
-        Outcome::Failed { reason } => *text += &unmeasured(entry, "failed", reason),
+        Outcome::Skipped { reason } => unmeasured("skipped", reason),
+        Outcome::Failed { reason } => unmeasured("failed", reason),
     }
 }
 
-fn unmeasured(entry: &Entry<'_>, status: &str, reason: &str) -> String {
-    let mut fields = identity(entry, status, reason);
-    fields.resize(HEADER.len(), String::new());
-    row(&fields)
-}
-
-fn identity(entry: &Entry<'_>, status: &str, reason: &str) -> Vec<String> {
+fn cell_fields(entry: &Entry<'_>, status: &str, reason: &str) -> Vec<String> {
     let cell = entry.cell;
-    let adapter = entry.run.map(|run| &run.adapter);
+    let run = |field: fn(&crate::record::Run) -> String| entry.run.map(field).unwrap_or_default();
     vec![
         cell.experiment.clone(),
         cell.cell.clone(),
         cell.pipeline.clone(),
         cell.scene.clone(),
         cell.stand_ins.join("; "),
-        adapter.map_or_else(String::new, |adapter| adapter.name.clone()),
-        adapter.map_or_else(String::new, |adapter| adapter.software.to_string()),
-        entry.run.map_or_else(String::new, |run| run.profile.clone()),
+        run(|run| run.adapter.name.clone()),
+        run(|run| run.adapter.software.to_string()),
+        run(|run| run.profile.name().to_owned()),
         status.to_owned(),
         reason.to_owned(),
     ]
@@ -99,64 +96,43 @@ fn stage_fields(stage: &StageRecord) -> Vec<String> {
     let clock = serde_json::to_value(stage.clock).unwrap_or_default();
     let mut fields = vec![stage.stage.clone(), clock.as_str().unwrap_or_default().to_owned()];
     fields.extend(time_fields(stage));
-    let work = &stage.work;
-    let counts = [
-        work.photons,
-        work.triangles,
-        work.primitives,
-        work.fragments,
-        work.texel_fetches,
-        work.bytes_read,
-        work.bytes_written,
-    ];
-    fields.extend(counts.map(|count| count.to_string()));
+    fields.extend(stage.work.fields().map(|(_, count)| count.to_string()));
     fields
 }
 
 /// No figures of a time that is below the resolution, which then stands alone.
 fn time_fields(stage: &StageRecord) -> Vec<String> {
-    let mut fields = estimate_fields(&stage.time);
+    let mut fields = estimate_fields(&stage.time).to_vec();
     if !stage.is_resolved() {
         fields[..3].fill(String::new());
     }
-    let cost_ns = |fenced: &Fenced| median(&fenced.submit_cost_samples_ns).to_string();
-    let resolution_ns = |fenced: &Fenced| fenced.resolution_ns.to_string();
-    let fenced = stage.fenced.as_ref();
-    fields.push(fenced.map(cost_ns).unwrap_or_default());
-    fields.push(fenced.map(resolution_ns).unwrap_or_default());
+    let of_fenced = |field: fn(&Fenced) -> f64| {
+        stage.fenced.as_ref().map(|fenced| field(fenced).to_string()).unwrap_or_default()
+    };
+    fields.push(of_fenced(|fenced| median(&fenced.submit_cost_samples_ns)));
+    fields.push(of_fenced(|fenced| fenced.resolution_ns));
     fields
 }
 
 fn frame_fields(measured: &Measured) -> Vec<String> {
     let frame = &measured.frame;
-    let rejected: u32 = measured.rejected.values().sum();
-    let quantities: Vec<String> =
-        measured.figures().iter().map(|(name, value)| format!("{name}={value}")).collect();
-    let mut fields = estimate_fields(&frame.untimed);
+    let quantities = measured.figures();
+    let quantities = quantities.iter().map(|(name, value)| format!("{name}={value}"));
+    let mut fields = estimate_fields(&frame.untimed).to_vec();
     fields.extend([
         frame.accounting_error.to_string(),
         frame.timing_cost.median.to_string(),
         measured.allocated_bytes.to_string(),
         measured.warm_up_frames.to_string(),
-        rejected.to_string(),
-        quantities.join("; "),
+        measured.rejected_frames().to_string(),
+        quantities.collect::<Vec<_>>().join("; "),
     ]);
     fields
 }
 
-fn estimate_fields(estimate: &Estimate) -> Vec<String> {
-    vec![
-        estimate.median.to_string(),
-        estimate.low.to_string(),
-        estimate.high.to_string(),
-        estimate.n.to_string(),
-    ]
-}
-
-/// One line of CSV, CRLF at the end.
-fn row(fields: &[String]) -> String {
-    let fields: Vec<String> = fields.iter().map(|field| text::csv(field)).collect();
-    fields.join(",") + "\r\n"
+fn estimate_fields(estimate: &Estimate) -> [String; 4] {
+    let Estimate { median, low, high, n } = estimate;
+    [median.to_string(), low.to_string(), high.to_string(), n.to_string()]
 }
 
 #[cfg(test)]
@@ -166,41 +142,24 @@ mod tests {
     use crate::report::fixtures;
 
     #[test]
-    fn fields_are_quoted_as_rfc_4180_has_it() {
-        let fields = ["plain", "a,b", "say \"x\"", "two\nlines", ""].map(str::to_owned);
-        assert_eq!(row(&fields), "plain,\"a,b\",\"say \"\"x\"\"\",two lines,\r\n");
-    }
-
-    #[test]
     fn every_row_has_every_column() {
         let records = fixtures::run();
-        let files = export(&View::new(&records, &[])).unwrap();
-        let text = String::from_utf8(files[0].bytes.clone()).unwrap();
-        let mut columns = Vec::new();
-        for line in text.split_terminator("\r\n") {
-            let mut quoted = false;
-            let commas = line.chars().filter(|c| {
-                quoted ^= *c == '"';
-                *c == ',' && !quoted
-            });
-            columns.push(commas.count() + 1);
-        }
-        assert!(columns.len() > 20);
-        assert!(columns.iter().all(|count| *count == HEADER.len()));
-        assert!(text.contains(",skipped,"));
+        let files = export(&View::new(&records, None)).unwrap();
+        let mut reader = csv::Reader::from_reader(files[0].bytes.as_slice());
+        assert_eq!(reader.headers().unwrap().len(), 35);
+        let rows: Vec<csv::StringRecord> = reader.records().map(Result::unwrap).collect();
+        assert!(rows.len() > 20);
+        assert!(rows.iter().any(|row| &row[8] == "skipped"));
     }
 
     #[test]
     fn a_time_below_the_resolution_has_no_figures_but_its_bound() {
         let mut records = fixtures::run();
-        let stages = records.iter_mut().find_map(|record| match record {
-            Record::Cell(cell) => match &mut cell.outcome {
-                Outcome::Measured(measured) => Some(&mut measured.stages),
-                _ => None,
-            },
+        let measured = records.iter_mut().find_map(|record| match record {
+            Record::Cell(cell) => cell.measured_mut(),
             _ => None,
         });
-        let stage = &mut stages.unwrap()[0];
+        let stage = &mut measured.unwrap().stages[0];
         stage.time = Estimate { median: 5e4, low: 5e4, high: 6e4, n: 7 };
         stage.fenced = Some(Fenced {
             wall_samples_ns: vec![6e4; 7],
@@ -208,11 +167,8 @@ mod tests {
             resolution_ns: 5e4,
         });
         assert_eq!(time_fields(stage), ["", "", "", "7", "60000", "50000"]);
-        let text = crate::report::format::stage_ms(stage);
-        assert_eq!(text, "< 0.0500");
-        let exporter = crate::report::summary::EXPORTER;
-        let page = (exporter.export)(&View::new(&records, &[])).unwrap();
-        let page = String::from_utf8(page[0].bytes.clone()).unwrap();
+        assert_eq!(crate::report::format::stage_ms(stage), "< 0.0500");
+        let page = fixtures::summary(&records);
         assert!(page.contains("| &lt; 0.0500 |"), "{page}");
         assert!(page.contains("no ratio or slope is drawn"));
     }

@@ -7,10 +7,10 @@ use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use serde_json::{Map, Value, json};
 
-use crate::experiments::{CellPlan, Experiment, lookup};
+use crate::experiments::{CellPlan, Experiment, StageName, lookup};
 use crate::record::{
-    Adapter, AuditRow, Cell, Clock, Definition, End, FrameRecord, Measured, Outcome, PassKind,
-    Record, Run, SCHEMA, StageRecord, Work,
+    Adapter, AuditRow, Cell, Clock, Definition, End, FrameRecord, Measured, Note, NoteKind, Outcome, PassKind, Profile,
+    Record, Run, SCHEMA, ShaderChecks, StageRecord, Surrounding, Work,
 };
 use crate::statistics;
 
@@ -19,11 +19,11 @@ const SAMPLES: usize = 15;
 /// A quick run of every built-in experiment on a software driver, with a skipped and a failed cell.
 pub fn run() -> Vec<Record> {
     static RECORDS: OnceLock<Vec<Record>> = OnceLock::new();
-    RECORDS.get_or_init(|| profile("quick")).clone()
+    RECORDS.get_or_init(|| profile(Profile::Quick)).clone()
 }
 
 /// The same in any profile.
-pub fn profile(profile: &str) -> Vec<Record> {
+pub fn profile(profile: Profile) -> Vec<Record> {
     let mut records = vec![Record::Run(Box::new(header(profile)))];
     let mut random = Pcg64::seed_from_u64(7);
     for id in Experiment::builtin_ids() {
@@ -53,6 +53,13 @@ pub fn profile(profile: &str) -> Vec<Record> {
     records
 }
 
+/// The page that is made of records.
+pub fn summary(records: &[Record]) -> String {
+    let view = super::View::new(records, None);
+    let page = (super::summary::EXPORTER.export)(&view).unwrap().remove(0);
+    String::from_utf8(page.bytes).unwrap()
+}
+
 /// A run in which no cell was measured.
 pub fn all_skipped() -> Vec<Record> {
     let skip = |record| match record {
@@ -65,10 +72,10 @@ pub fn all_skipped() -> Vec<Record> {
     run().into_iter().map(skip).collect()
 }
 
-pub fn header(profile: &str) -> Run {
-    let row = |pass, context: &str, ratio: f64, sound| AuditRow {
+pub fn header(profile: Profile) -> Run {
+    let row = |pass, context, ratio: f64, sound| AuditRow {
         pass,
-        context: context.to_owned(),
+        context,
         timestamp_ns: 18.5e6 * ratio,
         host_ns: 18.5e6,
         ratio,
@@ -85,7 +92,7 @@ pub fn header(profile: &str) -> Run {
         schema: SCHEMA,
         fathom_version: "0.1.0".to_owned(),
         started_at: "2026-01-02T03:04:05Z".to_owned(),
-        profile: profile.to_owned(),
+        profile,
         command: vec!["fathom".to_owned(), "run".to_owned()],
         adapter: Adapter {
             name: "llvmpipe (LLVM 15.0.6, 256 bits)".to_owned(),
@@ -98,14 +105,14 @@ pub fn header(profile: &str) -> Run {
             host_threads: 2,
             ..Adapter::default()
         },
-        shader_checks: "checked".to_owned(),
+        shader_checks: ShaderChecks::Checked,
         audit: vec![
-            row(PassKind::Compute, "alone", 1.002, true),
-            row(PassKind::Compute, "mixed", 0.003, false),
-            row(PassKind::Render, "mixed", 0.998, true),
+            row(PassKind::Compute, Surrounding::Alone, 1.002, true),
+            row(PassKind::Compute, Surrounding::Mixed, 0.003, false),
+            row(PassKind::Render, Surrounding::Mixed, 0.998, true),
         ],
         submit_cost_ns: [(PassKind::Compute, 41_000.0), (PassKind::Render, 52_000.0)].into(),
-        notes: vec!["no SHADER_F16: not used".to_owned()],
+        notes: vec![Note::new(NoteKind::Adapter, "no SHADER_F16: not used")],
     }
 }
 
@@ -179,8 +186,7 @@ pub fn measure(experiment: &Experiment, plan: &CellPlan, random: &mut Pcg64) -> 
         quantities: quantities(plan, experiment, photons, number("water.amplitude_m")),
         errors: Vec::new(),
         warm_up_frames: 3,
-        rejected: BTreeMap::new(),
-        notes: Vec::new(),
+        ..Measured::default()
     }
 }
 
@@ -238,7 +244,10 @@ fn underwater(params: &Value, random: &mut Pcg64) -> Vec<StageRecord> {
 fn named(experiment: &Experiment, known: &[StageRecord]) -> Vec<String> {
     let mut names = Vec::new();
     for name in experiment.measures().into_iter().flat_map(|measure| measure.stages()) {
-        let name = if name.ends_with('/') { format!("{name}any") } else { name.to_owned() };
+        let name = match name {
+            StageName::One(name) => name.clone(),
+            StageName::Family(beginning) => format!("{beginning}any"),
+        };
         if !names.contains(&name) && !known.iter().any(|stage| stage.stage == name) {
             names.push(name);
         }

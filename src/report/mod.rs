@@ -11,27 +11,11 @@ mod view;
 #[cfg(test)]
 mod fixtures;
 
-use std::path::Path;
-
-use crate::text;
 
 pub use cells_csv::EXPORTER as CELLS_CSV;
 pub use plots::EXPORTER as PLOTS;
 pub use summary::EXPORTER as SUMMARY;
 pub use view::{Entry, Section, View};
-
-/// Folder, beside the records, of the pictures that a summary links to.
-pub const PICTURES: &str = "renders";
-
-/// How the name of a picture ends, before the dot, that shows a cell's error and not its image. No stem ends so.
-pub const ERROR_PICTURE: &str = "~error";
-
-/// Name of the picture of an experiment's cell, with `ending` before the dot: `EXPERIMENT_CELL.png`, different for different
-/// cells. An id holds no `_`, so that where it ends is plain.
-pub fn picture_name(experiment: &str, cell: &str, ending: &str) -> String {
-    let [experiment, cell] = [experiment, cell].map(text::file_stem);
-    format!("{experiment}_{cell}{ending}.png")
-}
 
 #[derive(Debug, thiserror::Error)]
 pub enum ReportError {
@@ -52,18 +36,6 @@ pub struct Exporter {
     pub export: fn(&View<'_>) -> Result<Vec<Artifact>, ReportError>,
 }
 
-/// PNG files of the output folder's pictures, sorted. A folder that is not there holds none.
-pub fn pictures_in(out: &Path) -> Vec<String> {
-    let Ok(entries) = std::fs::read_dir(out.join(PICTURES)) else {
-        return Vec::new();
-    };
-    let mut names: Vec<String> = entries
-        .filter_map(|entry| entry.ok()?.file_name().into_string().ok())
-        .filter(|name| name.ends_with(".png"))
-        .map(|name| format!("{PICTURES}/{name}"))
-        .collect();
-    names.sort();
-    names
 }
 
 #[cfg(all(test, target_os = "linux"))]
@@ -143,12 +115,9 @@ mod tests {
 
     /// The least of three, seconds.
     fn time_of(records: &[Record]) -> f64 {
-        let pictures: Vec<String> = (0..records.len())
-            .map(|number| format!("{PICTURES}/{}", picture_name("own", &number.to_string(), "")))
-            .collect();
         let times = (0..3).map(|_| {
             let start = cpu_time();
-            artifacts(records, &pictures).unwrap();
+            artifacts(records, None).unwrap();
             (cpu_time() - start).as_secs_f64()
         });
         times.fold(f64::INFINITY, f64::min)
@@ -156,7 +125,7 @@ mod tests {
 
     #[test]
     fn the_definition_is_one() {
-        let files = artifacts(&defined(3), &[]).unwrap();
+        let files = artifacts(&defined(3), None).unwrap();
         let summary = files.last().unwrap();
         let text = String::from_utf8(summary.bytes.clone()).unwrap();
         assert!(text.contains("| It rises |"), "{text}");

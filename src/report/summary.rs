@@ -2,13 +2,14 @@
 
 mod section;
 
-use std::collections::HashSet;
 use std::fmt::Write as _;
+
+use indexmap::IndexSet;
 
 use super::format::{self, Table};
 use super::{Artifact, Exporter, ReportError, View};
 use crate::experiments::Verdict;
-use crate::record::{Clock, FrameRecord, Outcome, PassKind, Run};
+use crate::record::{FrameRecord, Outcome, Run};
 use crate::text;
 
 pub const EXPORTER: Exporter = Exporter {
@@ -27,7 +28,6 @@ fn export(view: &View<'_>) -> Result<Vec<Artifact>, ReportError> {
     for part in &view.sections {
         section::write(part, &mut text);
     }
-    other_pictures(view, &mut text);
     Ok(vec![Artifact { name: EXPORTER.name.to_owned(), bytes: text.into_bytes() }])
 }
 
@@ -45,8 +45,8 @@ fn header(view: &View<'_>, run: &Run, text: &mut String) {
     ]);
     table.row(["driver".to_owned(), format!("{} {}", adapter.driver, adapter.driver_info)]);
     table.row(["host threads".to_owned(), adapter.host_threads.to_string()]);
-    table.row(["profile", &run.profile]);
-    table.row(["shader checks", &run.shader_checks]);
+    table.row(["profile", run.profile.name()]);
+    table.row(["shader checks", run.shader_checks.name()]);
     table.row(["started", &run.started_at]);
     table.row(["fathom", &run.fathom_version]);
     let command = text::code(&run.command.join(" "));
@@ -107,12 +107,12 @@ fn trust(view: &View<'_>, run: &Run, table: &mut Table) {
         run.submit_cost_ns
             .iter()
             .map(|(kind, ns)| {
-                format!("{} {} ms", pass_name(*kind), format::three(ns / format::NS_PER_MS))
+                format!("{} {} ms", kind.name(), format::three(ns / format::NS_PER_MS))
             })
             .collect::<Vec<_>>()
             .join(", "),
     ]);
-    let rejected: u32 = view.measured().flat_map(|(_, measured)| measured.rejected.values()).sum();
+    let rejected: u32 = view.measured().map(|(_, measured)| measured.rejected_frames()).sum();
     table.row(["frames rejected".to_owned(), rejected.to_string()]);
     ended(view, table);
 }
@@ -164,8 +164,8 @@ fn audit(run: &Run, text: &mut String) {
     for row in &run.audit {
         let verdict = if row.sound { "sound" } else { "unusable" };
         table.row([
-            pass_name(row.pass).to_owned(),
-            row.context.clone(),
+            row.pass.name().to_owned(),
+            row.context.name().to_owned(),
             format::three(row.timestamp_ns / format::NS_PER_MS),
             format::three(row.host_ns / format::NS_PER_MS),
             format!("{:.3}", row.ratio),
@@ -177,42 +177,18 @@ fn audit(run: &Run, text: &mut String) {
     *text += &table.markdown();
 }
 
-fn pass_name(pass: PassKind) -> &'static str {
-    match pass {
-        PassKind::Compute => "compute",
-        PassKind::Render => "render",
-        PassKind::Copy => "copy",
-        PassKind::Host => "host",
-    }
-}
-
-pub(super) fn clock_name(clock: Clock) -> &'static str {
-    match clock {
-        Clock::Timestamp => "timestamp",
-        Clock::FencedHost => "fenced host",
-        Clock::Host => "host",
-    }
-}
-
 /// Notes on the run, and the stand-ins that cells ran on.
 fn notes(view: &View<'_>, text: &mut String) {
-    let mut all: Vec<&str> = Vec::new();
-    let mut known: HashSet<&str> = HashSet::new();
-    let of_runs = view.runs.iter().flat_map(|run| &run.notes);
+    let of_runs = view.runs.iter().flat_map(|run| &run.notes).map(|note| &note.text);
     let stand_ins = view
         .sections
         .iter()
         .flat_map(|section| &section.entries)
         .flat_map(|entry| &entry.cell.stand_ins);
-    for note in of_runs.chain(stand_ins) {
-        if known.insert(note) {
-            all.push(note);
-        }
-    }
-    let names: Vec<&str> = view.runs.iter().map(|run| run.adapter.name.as_str()).collect();
-    let mixed = names.windows(2).any(|pair| pair[0] != pair[1]);
-    if mixed {
-        all.push("Cells of several adapters stand in these records; cells.csv names the adapter of each.");
+    let mut all: IndexSet<&str> = of_runs.chain(stand_ins).map(String::as_str).collect();
+    let adapters: IndexSet<&str> = view.runs.iter().map(|run| run.adapter.name.as_str()).collect();
+    if adapters.len() > 1 {
+        all.insert("Cells of several adapters stand in these records; cells.csv names the adapter of each.");
     }
     if all.is_empty() {
         return;
@@ -266,42 +242,20 @@ fn image(name: &str, path: &str) -> String {
     format!("![{}]({})", text::markdown(name), text::link(path))
 }
 
-/// Pictures that belong to no experiment.
-fn other_pictures(view: &View<'_>, text: &mut String) {
-    if view.other_pictures.is_empty() {
-        return;
-    }
-    *text += "## Pictures\n\n";
-    for picture in &view.other_pictures {
-        let _ = writeln!(text, "{}", image(picture, picture));
-    }
-}
-
 #[cfg(test)]
 mod tests {
-    use super::*;
     use crate::exporters::of_run as artifacts;
     use crate::report::fixtures;
-
-    fn summary() -> String {
-        let records = fixtures::run();
-        let view = View::new(&records, &[]);
-        String::from_utf8(export(&view).unwrap().remove(0).bytes).unwrap()
-    }
 
     #[test]
     fn the_same_records_give_the_same_bytes() {
         let records = fixtures::run();
-        let pictures = ["renders/uw-default.png".to_owned()];
-        assert_eq!(
-            artifacts(&records, &pictures).unwrap(),
-            artifacts(&records, &pictures).unwrap()
-        );
+        assert_eq!(artifacts(&records, None).unwrap(), artifacts(&records, None).unwrap());
     }
 
     #[test]
     fn the_summary_tells_adapter_audit_claims_and_reasons() {
-        let text = summary();
+        let text = fixtures::summary(&fixtures::run());
         for expected in [
             "# fathom on llvmpipe",
             "count only on hardware",
@@ -320,7 +274,7 @@ mod tests {
 
     #[test]
     fn tables_have_as_many_columns_in_every_row() {
-        let text = summary();
+        let text = fixtures::summary(&fixtures::run());
         let columns = |line: &str| line.replace("\\|", "").matches('|').count();
         let mut previous: Option<&str> = None;
         for line in text.lines() {
@@ -333,7 +287,7 @@ mod tests {
 
     #[test]
     fn no_records_give_a_summary_all_the_same() {
-        let files = artifacts(&[], &[]).unwrap();
+        let files = artifacts(&[], None).unwrap();
         assert!(files.iter().any(|file| file.name == "summary.md"));
     }
 }

@@ -4,20 +4,18 @@ use std::cell::OnceCell;
 use std::cmp::Ordering;
 use std::collections::HashMap;
 use std::collections::hash_map::Entry::{Occupied, Vacant};
+use std::path::Path;
 
 use serde_json::Value;
 
 use super::plots::Figure;
 use crate::experiments::{self, Experiment, Ruling, label_text};
-use crate::record::{Cell, End, Measured, Record, Run};
-use crate::text;
+use crate::record::{Cell, End, Measured, Picture, Profile, Record, Run};
 
 pub struct View<'a> {
     pub runs: Vec<&'a Run>,
     pub ends: Vec<&'a End>,
     pub sections: Vec<Section<'a>>,
-    /// Paths of pictures that belong to no section.
-    pub other_pictures: Vec<&'a str>,
 }
 
 /// A cell and the run that it belongs to.
@@ -35,20 +33,16 @@ pub struct Section<'a> {
     /// Why there is none.
     pub problem: Option<String>,
     pub entries: Vec<Entry<'a>>,
-    /// Paths of its pictures.
-    pub pictures: Vec<&'a str>,
+    /// Its pictures and their cells, by path.
+    pub pictures: Vec<(&'a Cell, &'a Picture)>,
     rulings: OnceCell<Vec<Ruling>>,
     figure: OnceCell<Figure>,
 }
 
 impl<'a> View<'a> {
-    pub fn new(records: &'a [Record], pictures: &'a [String]) -> View<'a> {
-        let mut view = View {
-            runs: Vec::new(),
-            ends: Vec::new(),
-            sections: Vec::new(),
-            other_pictures: Vec::new(),
-        };
+    /// With the pictures that lie in `folder`; without one, all that the records name.
+    pub fn new(records: &'a [Record], folder: Option<&Path>) -> View<'a> {
+        let mut view = View { runs: Vec::new(), ends: Vec::new(), sections: Vec::new() };
         let mut places = Places::default();
         for record in records {
             match record {
@@ -66,11 +60,10 @@ impl<'a> View<'a> {
                 Record::Comparison(_) => {}
             }
         }
-        let profile = view.run().map_or("", |run| run.profile.as_str()).to_owned();
+        let profile = view.run().map(|run| run.profile);
         for section in &mut view.sections {
-            section.finish(&profile);
+            section.finish(profile, folder);
         }
-        view.take_pictures(pictures);
         view
     }
 
@@ -84,25 +77,6 @@ impl<'a> View<'a> {
         self.sections.iter().flat_map(Section::measured)
     }
 
-    /// Gives each picture to the experiment with the longest id that its name begins with.
-    fn take_pictures(&mut self, pictures: &'a [String]) {
-        let numbered = self.sections.iter().enumerate();
-        let owners: HashMap<String, usize> =
-            numbered.map(|(index, section)| (text::file_stem(section.id), index)).collect();
-        for picture in pictures {
-            match owner(picture, &owners) {
-                Some(index) => self.sections[index].pictures.push(picture),
-                None => self.other_pictures.push(picture),
-            }
-        }
-    }
-}
-
-/// Pictures of older runs have `-` after the id, which ids hold as well.
-fn owner(picture: &str, owners: &HashMap<String, usize>) -> Option<usize> {
-    let name = picture.rsplit('/').next().unwrap_or(picture);
-    let ends = name.match_indices(['_', '-', '.', ' ']).rev();
-    ends.map(|(end, _)| &name[..end]).find_map(|stem| owners.get(stem).copied())
 }
 
 /// Where sections and their cells are in a view that is being filled.
@@ -156,7 +130,7 @@ impl<'a> Section<'a> {
         }
     }
 
-    fn finish(&mut self, profile: &str) {
+    fn finish(&mut self, profile: Option<Profile>, folder: Option<&Path>) {
         if self.experiment.is_none() && self.problem.is_none() {
             if Experiment::builtin_text(self.id).is_some() {
                 self.define(Experiment::load(self.id));
@@ -167,7 +141,7 @@ impl<'a> Section<'a> {
         let planned: Vec<String> = self
             .experiment
             .as_ref()
-            .and_then(|experiment| experiment.cells(profile, &[], &[]).ok())
+            .and_then(|experiment| experiment.cells(profile?, &[], &[]).ok())
             .map(|cells| cells.into_iter().map(|plan| plan.cell).collect())
             .unwrap_or_default();
         let ranks = planned.iter().enumerate().rev();
@@ -177,6 +151,12 @@ impl<'a> Section<'a> {
             let [a_rank, b_rank] = [a, b].map(|entry| rank(entry.cell).unwrap_or(planned.len()));
             a_rank.cmp(&b_rank).then_with(|| compare_axes(a.cell, b.cell))
         });
+        let is_there = |picture: &Picture| folder.is_none_or(|out| out.join(&picture.path).is_file());
+        let pictures = self.measured().flat_map(|(cell, measured)| {
+            measured.pictures.iter().filter(|picture| is_there(picture)).map(move |picture| (cell, picture))
+        });
+        self.pictures = pictures.collect();
+        self.pictures.sort_by_key(|(_, picture)| &picture.path);
     }
 
     pub fn cells(&self) -> Vec<&'a Cell> {
@@ -186,7 +166,7 @@ impl<'a> Section<'a> {
     pub fn measured(&self) -> impl Iterator<Item = (&'a Cell, &'a Measured)> + use<'a, '_> {
         self.entries
             .iter()
-            .filter_map(|entry| Some((entry.cell, experiments::measured(entry.cell)?)))
+            .filter_map(|entry| Some((entry.cell, entry.cell.measured()?)))
     }
 
     /// Some of its cells were measured on a software driver.

@@ -1,6 +1,7 @@
 //! Checks of parameters. Each error names the parameter, its value and the valid range.
 
 use crate::parameter::{Beside, Setting};
+use crate::text;
 
 /// Largest coordinate or distance that a scene may use, metres: f32 keeps centimetres there.
 pub const FAR_M: f64 = 1e5;
@@ -26,19 +27,9 @@ pub fn point(name: &str, value: &[f64]) -> Result<(), String> {
     Err(format!("{name} = {value:?} must have components in -{FAR_M} to {FAR_M}"))
 }
 
-/// The candidate nearest to `name` by edit distance, if it is near enough to be meant.
-pub fn nearest<'a>(name: &str, candidates: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
-    candidates
-        .into_iter()
-        .map(|c| (strsim::damerau_levenshtein(name, c), c))
-        .min()
-        .filter(|(distance, c)| *distance <= c.len().max(3) * 2 / 3)
-        .map(|(_, c)| c)
-}
-
 /// ` (did you mean NAME?)`, or a list of what there is when nothing is near.
 pub fn hint<'a>(name: &str, candidates: impl IntoIterator<Item = &'a str> + Clone) -> String {
-    match nearest(name, candidates.clone()) {
+    match text::nearest(name, candidates.clone()) {
         Some(found) => format!("did you mean `{found}`?"),
         None => {
             let all: Vec<&str> = candidates.into_iter().collect();

@@ -54,7 +54,7 @@ pub use waves::{MAX_WAVES, Wave, shortest_m as shortest_wave_m, texels as wave_t
 
 use serde::{Deserialize, Serialize};
 
-use crate::input::one_line;
+use crate::text::line;
 
 /// Room above the water that the scene's bounds include, so that light starts above the waves.
 const HEADROOM_M: f64 = 1.0;
@@ -66,9 +66,9 @@ pub enum SceneError {
     Unknown { name: String, hint: String },
     #[error("cannot read the scene file {path}: {source}")]
     Read { path: PathBuf, source: std::io::Error },
-    #[error("scene file {origin}: {}", one_line(.message))]
+    #[error("scene file {origin}: {}", line(.message))]
     Parse { origin: String, message: String },
-    #[error("scene `{}`: {}", one_line(.scene), one_line(.message))]
+    #[error("scene `{}`: {}", line(.scene), line(.message))]
     Invalid { scene: String, message: String },
 }
 

@@ -29,7 +29,7 @@ fn scene(path: &Path) -> Answer {
 
 fn experiment(path: &Path) -> Answer {
     let experiment = told(Experiment::load(&path.to_string_lossy()))?;
-    told(experiment.cells("quick", &[], &[])).map(drop)
+    told(experiment.cells(record::Profile::Quick, &[], &[])).map(drop)
 }
 
 fn mesh(path: &Path) -> Answer {
@@ -185,7 +185,7 @@ fn axes_that_multiply_to_millions_of_cells_are_refused() {
     let name = experiment.axis_names()[0].to_owned();
     let values = (1..30_000).map(|n| n.to_string()).collect();
     let text =
-        refused("--axis", || told(experiment.cells("quick", &[(name, values)], &[])).map(drop));
+        refused("--axis", || told(experiment.cells(record::Profile::Quick, &[(name, values)], &[])).map(drop));
     assert!(text.contains("at most 20000"), "{text}");
 }
 

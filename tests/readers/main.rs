@@ -10,9 +10,10 @@ use std::path::Path;
 use std::time::{Duration, Instant};
 
 use fathom::compare::{cells::Gates, store::Comparison, verdict::Verdicts};
-use fathom::experiments::{Experiment, Profile, parse_axis, parse_set};
+use fathom::experiments::{Experiment, parse_axis, parse_set};
 use fathom::harness::query;
 use fathom::harness::subject::Subjects;
+use fathom::record::Profile;
 use fathom::scene::{Mesh, Scene, SceneFile};
 use fathom::{exporters, pipelines, record};
 use memory::peak_of;
@@ -126,7 +127,7 @@ fn scene_files() {
 fn experiment_files() {
     fuzz_file("e.toml", seeds::experiments(), |path| {
         let experiment = told(Experiment::load(&path.to_string_lossy()))?;
-        for profile in Profile::NAMES {
+        for profile in Profile::ALL {
             told(experiment.cells(profile, &[], &[]))?;
         }
         Ok(())
@@ -138,7 +139,7 @@ fn axis_arguments() {
     let experiment = Experiment::load("uw-photons").unwrap();
     fuzz("--axis", mutated(seeds::axes()), |Input(bytes)| {
         let (name, values) = told(parse_axis(&String::from_utf8_lossy(bytes)))?;
-        told(experiment.cells("quick", &[(name, values)], &[])).map(drop)
+        told(experiment.cells(Profile::Quick, &[(name, values)], &[])).map(drop)
     });
 }
 
@@ -151,7 +152,7 @@ fn points() {
 fn records() {
     fuzz_file("records.jsonl", seeds::records(), |path| {
         let read = told(record::read(path))?;
-        told(exporters::of_run(&read.records, &[]))?;
+        told(exporters::of_run(&read.records, None))?;
         match read.damaged.first() {
             Some(damage) => Err(damage.to_string()),
             None => Ok(()),

@@ -3,17 +3,17 @@ use serde_json::json;
 use super::super::store::Comparison;
 use super::super::verdict::{Status, Verdict, Verdicts};
 use super::*;
-use crate::record::{Adapter, FrameRecord, StageRecord};
+use crate::record::{Adapter, StageRecord};
 
 fn run(adapter: &str) -> Record {
     Record::Run(Box::new(Run {
         schema: record::SCHEMA,
         fathom_version: "0.1.0".to_owned(),
         started_at: String::new(),
-        profile: "release".to_owned(),
+        profile: record::Profile::Quick,
         command: Vec::new(),
         adapter: Adapter { name: adapter.to_owned(), ..Adapter::default() },
-        shader_checks: "checked".to_owned(),
+        shader_checks: record::ShaderChecks::Checked,
         audit: Vec::new(),
         submit_cost_ns: BTreeMap::new(),
         notes: Vec::new(),
@@ -33,20 +33,8 @@ fn measured(stages: &[&str], ns: f64) -> Outcome {
     };
     Outcome::Measured(Box::new(Measured {
         stages: stages.iter().map(stage).collect(),
-        frame: FrameRecord {
-            envelope_samples_ns: Vec::new(),
-            gap_samples_ns: Vec::new(),
-            accounting_error: 0.0,
-            untimed_samples_ns: Vec::new(),
-            untimed: record::Estimate::default(),
-            timing_cost: record::Estimate::default(),
-        },
         allocated_bytes: 1,
-        quantities: BTreeMap::new(),
-        errors: Vec::new(),
-        warm_up_frames: 0,
-        rejected: BTreeMap::new(),
-        notes: Vec::new(),
+        ..Measured::default()
     }))
 }
 

@@ -127,7 +127,7 @@ pub(super) fn monotone(
     let mut points: Vec<(f64, Estimate)> = cells
         .iter()
         .filter_map(|cell| {
-            let x = x.read(cell, measure::measured(cell)?)?.estimate.median;
+            let x = x.read(cell, cell.measured()?)?.estimate.median;
             Some((x, read_positive(y, cell)?))
         })
         .collect();
@@ -199,7 +199,7 @@ pub(super) fn lowest(
 /// Every cell whose interval reaches below the upper end of the lowest cell's may hold the minimum.
 pub(super) fn minimum(y: &Measure, x: &Measure, band: [f64; 2], cells: &[&Cell]) -> Finding {
     let read = |cell: &&Cell| {
-        let x = x.read(cell, measure::measured(cell)?)?.estimate.median;
+        let x = x.read(cell, cell.measured()?)?.estimate.median;
         Some((x, read_positive(y, cell)?))
     };
     let points: Vec<(f64, Estimate)> = cells.iter().filter_map(read).collect();

@@ -1,7 +1,7 @@
 //! Lines through cells: power laws and affine ones.
 
 use super::{Finding, Interval, Verdict, in_ms, plural, untestable, with_interval, within};
-use crate::experiments::measure::{self, Measure, Reading};
+use crate::experiments::measure::{Measure, Reading};
 use crate::record::{Cell, Estimate};
 use crate::statistics::{Slope, log_log_slope};
 
@@ -108,7 +108,7 @@ fn thinned<T>(mut points: Vec<(f64, T)>) -> Vec<(f64, T)> {
 /// x and y of the measured cells in which both are positive.
 fn readings<'a>(y: &Measure, x: &Measure, cells: &[&'a Cell]) -> Vec<(f64, Reading<'a>)> {
     let both = |cell: &&'a Cell| {
-        let measured = measure::measured(cell)?;
+        let measured = cell.measured()?;
         let x = x.read(cell, measured)?.estimate.median;
         let y = y.read(cell, measured)?;
         (x > 0.0 && y.estimate.median > 0.0).then_some((x, y))

@@ -28,7 +28,7 @@ use self::verdict::{Series, factor, judge, median};
 use super::Stage;
 use super::frame::{ClockPlan, FrameSample, FrameTimer, Probe, SubmitCost};
 use super::{Gpu, GpuError};
-use crate::record::{AuditRow, Clock, PassKind};
+use crate::record::{AuditRow, Clock, PassKind, Surrounding};
 
 const KINDS: [PassKind; 3] = [PassKind::Render, PassKind::Compute, PassKind::Copy];
 /// Length of a pass at N work: on a software adapter, and on a GPU. Long beside the jitter of a
@@ -90,7 +90,7 @@ fn mixed(gpu: &Gpu, bench: &mut Bench, alone: &[AuditRow]) -> Result<Vec<AuditRo
         KINDS.into_iter().filter(|kind| has_timestamps(gpu, *kind)).collect();
     let without = alone.iter().filter(|row| !kinds.contains(&row.pass));
     let mut done: Vec<AuditRow> =
-        without.map(|row| AuditRow { context: "mixed".to_owned(), ..row.clone() }).collect();
+        without.map(|row| AuditRow { context: Surrounding::Mixed, ..row.clone() }).collect();
     while !kinds.is_empty() {
         let rows = bench.measure(gpu, Surrounding::Mixed, &kinds)?;
         let apart = set_apart(&rows, alone);
@@ -188,7 +188,7 @@ fn calibrate(gpu: &Gpu, kernels: &Kernels, fenced: ClockPlan) -> Result<[u32; 3]
             let mut ns = f64::INFINITY;
             for _ in 0..CALIBRATION_FRAMES {
                 // The shortest is the least disturbed.
-                ns = ns.min(timer.timed(gpu, &[&kernel])?.wall_ns - fenced.submit_cost.of(kind));
+                ns = ns.min(timer.timed(gpu, &[&kernel])?.envelope_ns - fenced.submit_cost.of(kind));
             }
             let short_by = goal_ns / ns.max(goal_ns / 1024.0);
             if (0.6..1.6).contains(&short_by) {
@@ -199,13 +199,6 @@ fn calibrate(gpu: &Gpu, kernels: &Kernels, fenced: ClockPlan) -> Result<[u32; 3]
         }
     }
     Ok(work)
-}
-
-/// What a pass shares its command buffer with.
-#[derive(Clone, Copy, PartialEq)]
-enum Surrounding {
-    Alone,
-    Mixed,
 }
 
 /// The kernels of the three kinds at N and at 2 N, and both clocks.
@@ -285,7 +278,7 @@ impl<'a> Bench<'a> {
         for (kind, series) in kinds.iter().zip(series) {
             let kernel = kernel(&self.kernels[level], *kind);
             let sample = self.timestamps.timed(gpu, &[kernel])?;
-            let host_ns = sample.wall_ns - self.submit_cost.of(*kind);
+            let host_ns = sample.envelope_ns - self.submit_cost.of(*kind);
             series.push(level, stage_ns(&sample, 0, 1), host_ns, sample.faults.len());
         }
         Ok(())
@@ -303,7 +296,7 @@ impl<'a> Bench<'a> {
         let frame = once.collect::<Vec<_>>().repeat(OCCURRENCES);
         let mixed = self.timestamps.timed(gpu, &frame)?;
         let apart = self.fenced.timed(gpu, &frame)?;
-        let mixed_ns = mixed.wall_ns - self.submit_cost.of(kinds[0]);
+        let mixed_ns = mixed.envelope_ns - self.submit_cost.of(kinds[0]);
         let apart_ns: f64 = apart.stages.iter().map(|stage| stage.ns).sum();
         for (index, series) in series.iter_mut().enumerate() {
             let name = frame[index].name();
@@ -324,7 +317,7 @@ fn kernel<'k, 'a>(kernels: &'k [Kernel<'a>; 3], kind: PassKind) -> &'k Kernel<'a
 fn passes_apart(gpu: &Gpu, kinds: &[PassKind]) -> String {
     let apart =
         KINDS.into_iter().filter(|kind| has_timestamps(gpu, *kind) && !kinds.contains(kind));
-    let names = apart.map(pass_name).collect::<Vec<_>>().join(" and ");
+    let names = apart.map(PassKind::name).collect::<Vec<_>>().join(" and ");
     if names.is_empty() { names } else { format!(" ({names} apart)") }
 }
 
@@ -353,8 +346,8 @@ pub fn audit_table(audit: &Audit) -> String {
         let _ = writeln!(
             table,
             "{:<8} {:<8} {:>12.3} {:>10.3} {:>7.3} {:>9.2}  {verdict}: {}",
-            pass_name(row.pass),
-            row.context,
+            row.pass.name(),
+            row.context.name(),
             row.timestamp_ns * 1e-6,
             row.host_ns * 1e-6,
             row.ratio,
@@ -367,7 +360,7 @@ pub fn audit_table(audit: &Audit) -> String {
             Clock::Timestamp => "timestamps",
             Clock::FencedHost | Clock::Host => "fenced host clock",
         };
-        let _ = writeln!(table, "{} passes are timed by {clock}", pass_name(kind));
+        let _ = writeln!(table, "{} passes are timed by {clock}", kind.name());
     }
     let cost = audit.plan.submit_cost;
     let _ = writeln!(
@@ -380,15 +373,6 @@ pub fn audit_table(audit: &Audit) -> String {
     table
 }
 
-fn pass_name(kind: PassKind) -> &'static str {
-    match kind {
-        PassKind::Compute => "compute",
-        PassKind::Render => "render",
-        PassKind::Copy => "copy",
-        PassKind::Host => "host",
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -396,7 +380,7 @@ mod tests {
     fn row(pass: PassKind, ratio: f64, sound: bool) -> AuditRow {
         AuditRow {
             pass,
-            context: String::new(),
+            context: Surrounding::Alone,
             timestamp_ns: 1e6 * ratio,
             host_ns: 1e6,
             ratio,

@@ -1,7 +1,8 @@
 //! What the audit makes of its measurements.
 
 use super::LEVELS;
-use crate::record::{AuditRow, PassKind};
+use crate::record::{AuditRow, PassKind, Surrounding};
+use crate::statistics;
 
 /// Timestamp over host time at which a clock is sound: within this factor of 1 either way. The lies known
 /// of drivers read 0 or a half. What a submission with work costs beyond an empty one is left in the host's
@@ -67,7 +68,7 @@ pub(super) fn judge(kind: PassKind, apart: Option<&str>, series: &Series) -> (Au
     let at = if mixed { 0.5 } else { ALONE_QUANTILE };
     let mut row = AuditRow {
         pass: kind,
-        context: if mixed { "mixed" } else { "alone" }.to_owned(),
+        context: if mixed { Surrounding::Mixed } else { Surrounding::Alone },
         timestamp_ns: median(&series.timestamp_ns[0]),
         host_ns: median(&series.host_ns[0]),
         ratio: series.ratio(0, at),
@@ -110,15 +111,9 @@ pub(super) fn median(values: &[f64]) -> f64 {
     quantile(values, 0.5)
 }
 
-/// The value below which a share `at` of the values lies, between neighbours if need be; 0 of nothing.
+/// 0 of nothing.
 fn quantile(values: &[f64], at: f64) -> f64 {
-    let mut sorted = values.to_vec();
-    sorted.sort_by(f64::total_cmp);
-    let place = sorted.len().saturating_sub(1) as f64 * at;
-    match (sorted.get(place.floor() as usize), sorted.get(place.ceil() as usize)) {
-        (Some(below), Some(above)) => below + (above - below) * place.fract(),
-        _ => 0.0,
-    }
+    if values.is_empty() { 0.0 } else { statistics::quantile(values, at) }
 }
 
 #[cfg(test)]
@@ -179,13 +174,5 @@ mod tests {
         disturbed.host_ns[1].iter_mut().for_each(|ns| *ns *= 1.4);
         disturbed.timestamp_ns[1].iter_mut().for_each(|ns| *ns *= 1.4);
         assert_eq!(verdict(&disturbed), (false, true));
-    }
-
-    #[test]
-    fn the_median_is_the_middle() {
-        assert_eq!(median(&[]), 0.0);
-        assert_eq!(median(&[3.0, 1.0, 2.0]), 2.0);
-        assert_eq!(median(&[4.0, 1.0, 2.0, 3.0]), 2.5);
-        assert_eq!(quantile(&[4.0, 1.0, 2.0, 3.0, 5.0], 0.75), 4.0);
     }
 }

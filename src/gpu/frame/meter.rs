@@ -14,6 +14,7 @@ use std::collections::{BTreeMap, VecDeque};
 use super::probe::Probe;
 use crate::gpu::{Gpu, GpuError};
 use crate::record::PassKind;
+use crate::statistics::{MAD_TO_SIGMA, median};
 
 /// Latest costs whose median is taken off and whose scatter gives the resolution: those of some six frames, so that a machine
 /// that becomes busy is noticed soon. On a busy one, bursts in which the process waits for a core made the median of nine
@@ -22,8 +23,6 @@ const WINDOW: usize = 24;
 /// Standard deviations of a difference that can be told from none, with 5 % of errors either way. Currie, *Limits for
 /// Qualitative Detection and Quantitative Determination*, Anal. Chem. 40 (1968).
 const DETECTION: f64 = 3.29;
-/// Scales a median absolute deviation to the standard deviation of a normal distribution.
-const MAD_TO_SIGMA: f64 = 1.4826;
 /// Variance of a median of n normal values: π / 2n times that of one.
 const MEDIAN_VARIANCE: f64 = std::f64::consts::FRAC_PI_2 / WINDOW as f64;
 /// Share of the cost below which its scatter is not believed: where the latest costs are all alike, the next one need not be.
@@ -59,7 +58,7 @@ impl CostMeter {
     /// What a submission of this kind costs now, ns; none where it was never measured.
     pub(crate) fn cost_ns(&self, kind: PassKind) -> Option<f64> {
         let latest = self.latest.get(&kind)?;
-        Some(median(latest.iter().copied().collect()))
+        Some(median(&Vec::from_iter(latest.iter().copied())))
     }
 
     /// Standard deviation of one submission's cost, from the median absolute deviation of the latest.
@@ -67,9 +66,9 @@ impl CostMeter {
         let Some(latest) = self.latest.get(&kind) else {
             return 0.0;
         };
-        let middle = median(latest.iter().copied().collect());
-        let distances = latest.iter().map(|ns| (ns - middle).abs()).collect();
-        (MAD_TO_SIGMA * median(distances)).max(LEAST_SIGMA_SHARE * middle)
+        let middle = median(&Vec::from_iter(latest.iter().copied()));
+        let distances = Vec::from_iter(latest.iter().map(|ns| (ns - middle).abs()));
+        (MAD_TO_SIGMA * median(&distances)).max(LEAST_SIGMA_SHARE * middle)
     }
 
     /// The duration below which a stage of so many submissions cannot be told from one that takes no time, ns. Each
@@ -80,16 +79,6 @@ impl CostMeter {
             self.sigma_ns(*kind).powi(2) * (count + count.powi(2) * MEDIAN_VARIANCE)
         };
         DETECTION * submissions.iter().map(variance).sum::<f64>().sqrt()
-    }
-}
-
-/// The middle value, or the mean of the two middle ones; 0 of nothing.
-fn median(mut values: Vec<f64>) -> f64 {
-    values.sort_by(f64::total_cmp);
-    match values.len() {
-        0 => 0.0,
-        n if n % 2 == 1 => values[n / 2],
-        n => (values[n / 2 - 1] + values[n / 2]) / 2.0,
     }
 }
 
@@ -182,7 +171,7 @@ mod tests {
             differences.push(wall_ns - meter.cost_ns(KIND).unwrap());
             resolutions.push(meter.resolution_ns(&one));
         }
-        (differences, median(resolutions))
+        (differences, median(&resolutions))
     }
 
     #[test]
@@ -199,7 +188,7 @@ mod tests {
     fn a_pass_above_the_resolution_keeps_its_time() {
         for busy in [false, true] {
             let (differences, resolution_ns) = measured(0.4e6, busy);
-            let middle = median(differences);
+            let middle = median(&differences);
             assert!(resolution_ns < 0.4e6, "busy {busy}: {resolution_ns}");
             assert!((middle - 0.4e6).abs() < 0.1 * 0.4e6, "busy {busy}: {middle}");
         }

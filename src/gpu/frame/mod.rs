@@ -27,4 +27,4 @@ pub(crate) use meter::CostMeter;
 pub(super) use probe::Probe;
 pub use scope::{ColorTarget, DepthTarget, HostTime, StageScope, Targets};
 pub(super) use scope::{Mode, Recorder};
-pub use timer::{Fault, FaultKind, FrameSample, FrameTimer, StageSample};
+pub use timer::{Fault, FrameSample, FrameTimer, StageSample};

@@ -8,7 +8,7 @@ use super::meter::{CostMeter, Metering, Submissions};
 use super::scope::{HostTime, Mode, QUERIES_PER_PASS, QUERIES_PER_SET, Recorder, Span, ns_between};
 use crate::gpu::readback::map;
 use crate::gpu::{Gpu, GpuError, Stage};
-use crate::record::{Clock, PassKind};
+use crate::record::{Clock, FaultKind, PassKind};
 
 const TICK_BYTES: u64 = size_of::<u64>() as u64;
 /// A timestamp duration may be longer than its segment's wall time by this factor and still be within
@@ -24,9 +24,6 @@ pub struct FrameSample {
     /// Host time from the first submission to the last fence, and the host stages; without the time in which the cost of a
     /// submission was measured.
     pub envelope_ns: f64,
-    /// The envelope, to be held against [`FrameTimer::untimed`]: what is timed costs more by the gaps
-    /// between its segments.
-    pub wall_ns: f64,
     /// Durations that cannot be true. A frame with any is not to be used.
     pub faults: Vec<Fault>,
 }
@@ -73,30 +70,6 @@ pub struct Fault {
     pub kind: FaultKind,
     /// The duration as read.
     pub ns: f64,
-}
-
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub enum FaultKind {
-    Zero,
-    Negative,
-    /// Both timestamps are those of the frame before.
-    Stale,
-    LongerThanWall,
-    /// The stage opened no pass, so there is nothing to time.
-    NoPass,
-}
-
-impl FaultKind {
-    /// The reason under which rejected frames are counted.
-    pub fn reason(self) -> &'static str {
-        match self {
-            Self::Zero => "zero duration",
-            Self::Negative => "negative duration",
-            Self::Stale => "stale timestamps",
-            Self::LongerThanWall => "longer than the wall clock",
-            Self::NoPass => "no pass",
-        }
-    }
 }
 
 impl fmt::Display for Fault {
@@ -365,7 +338,6 @@ impl Account {
             stages: self.stages,
             gaps_ns: self.gaps_ns,
             envelope_ns,
-            wall_ns: envelope_ns,
             faults: self.faults,
         }
     }

@@ -38,7 +38,8 @@ fn request(sets: &[(&str, Value)]) -> Request {
 }
 
 fn planned(request: &Request) -> Result<Vec<PlannedExperiment>, PlanError> {
-    plan(experiments(), request, "quick", &wgpu::Limits::default().into(), &Catalog::builtin())
+    let profile = crate::record::Profile::Quick;
+    plan(experiments(), request, profile, &wgpu::Limits::default().into(), &Catalog::builtin())
 }
 
 #[test]

@@ -4,7 +4,7 @@ use std::io::Read;
 
 use thiserror::Error;
 
-use crate::input::one_line;
+use crate::text::line as on_one_line;
 
 /// Largest coordinate, metres, and largest component of a direction.
 const FAR: f64 = 1e6;
@@ -16,7 +16,7 @@ pub const SHORT: f64 = 1e-6;
 pub enum PointFault {
     #[error("line 1: there is no column `{column}`: {needed} are needed")]
     Column { column: &'static str, needed: String },
-    #[error("line {line}, column `{column}`: `{}` is not a number within ±10⁶", one_line(.text))]
+    #[error("line {line}, column `{column}`: `{}` is not a number within ±10⁶", on_one_line(.text))]
     Number { line: u64, column: &'static str, text: String },
     #[error("line {line}, columns {columns}: {what}")]
     Direction { line: u64, columns: &'static str, what: String },

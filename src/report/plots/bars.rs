@@ -1,14 +1,13 @@
 //! Panels of horizontal bars over a named axis: a bar per cell, those of one value together, the other axes by colour.
 
-use std::collections::HashMap;
-
+use indexmap::IndexMap;
 use plotters::coord::types::RangedCoordf64;
 use plotters::prelude::*;
 
 use super::scale::{Kind, Scale};
 use super::{Area, Drawn, fault, style, unit};
 use crate::experiments::schema::{Experiment, Plot, Published};
-use crate::experiments::{Measure, groups, label_text, measured};
+use crate::experiments::{Measure, groups, label_text};
 use crate::record::{Cell, Estimate};
 use crate::report::format::three;
 
@@ -24,7 +23,7 @@ pub struct Panel {
     plot: Plot,
     series: Vec<String>,
     /// Values of the axis, each with a bar for each series that has one.
-    clusters: Vec<(String, Vec<Bar>)>,
+    clusters: IndexMap<String, Vec<Bar>>,
     scale: Scale,
     published: Vec<String>,
 }
@@ -43,12 +42,11 @@ impl Panel {
         let (y, over) = (plot.y.first()?, plot.over.as_ref()?);
         let of_frames = *y == Measure::frame();
         let mut series = Vec::new();
-        let mut clusters: Vec<(String, Vec<Bar>)> = Vec::new();
-        let mut places: HashMap<String, usize> = HashMap::new();
+        let mut clusters = IndexMap::<String, Vec<Bar>>::new();
         let mut figures: Vec<&Published> = Vec::new();
         for (name, members) in groups(cells, over) {
             for cell in members {
-                let Some(value) = measured(cell).and_then(|figures| y.read(cell, figures)) else {
+                let Some(value) = cell.measured().and_then(|figures| y.read(cell, figures)) else {
                     continue;
                 };
                 let published = experiment.published_for(cell).filter(|_| of_frames);
@@ -62,14 +60,10 @@ impl Panel {
                     published: published.map(Published::span_ms),
                 };
                 let label = cell.axes.get(over).map(label_text).unwrap_or_default();
-                let place = *places.entry(label).or_insert_with_key(|label| {
-                    clusters.push((label.clone(), Vec::new()));
-                    clusters.len() - 1
-                });
-                clusters[place].1.push(bar);
+                clusters.entry(label).or_default().push(bar);
             }
         }
-        let bars = || clusters.iter().flat_map(|(_, bars)| bars);
+        let bars = || clusters.values().flatten();
         let ends =
             bars().flat_map(|bar| [bar.value.high, bar.published.map_or(0.0, |span| span.1)]);
         let scale = Scale::fit(Kind::Linear, ends)?.reaching_zero();

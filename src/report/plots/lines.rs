@@ -5,7 +5,7 @@ use plotters::prelude::*;
 use super::scale::{Kind, Scale};
 use super::{Area, Drawn, fault, style, unit};
 use crate::experiments::schema::{Experiment, FIXED_SHARE, Plot, PlotKind, Published};
-use crate::experiments::{Measure, Scaling, groups, measured, scaling};
+use crate::experiments::{Measure, Scaling, groups, scaling};
 use crate::record::Cell;
 
 const HEIGHT_PX: u32 = 430;
@@ -66,7 +66,7 @@ impl Panel {
         let published = marks(experiment, x_measure, shown);
         let figures: Vec<&Published> = shown
             .iter()
-            .filter_map(|cell| measured(cell).and(experiment.published_for(cell)))
+            .filter_map(|cell| cell.measured().and(experiment.published_for(cell)))
             .collect();
         let kind = match plot.kind {
             PlotKind::Scaling => Kind::Log,
@@ -183,7 +183,7 @@ impl Series {
         let mut points: Vec<Point> = cells
             .iter()
             .filter_map(|cell| {
-                let figures = measured(cell)?;
+                let figures = cell.measured()?;
                 let x_value = x.read(cell, figures)?.estimate.median * unit(x);
                 let estimate = y.read(cell, figures)?.estimate;
                 Some(Point {
@@ -201,7 +201,7 @@ impl Series {
         };
         let remark = fit.as_ref().map(remark).unwrap_or_default();
         Series {
-            name: y.stage_name().map_or_else(|| y.to_string(), str::to_owned),
+            name: y.stage_name().unwrap_or_else(|| y.to_string()),
             group: group.to_owned(),
             points,
             fit: fit.map(|fit| ends(&fit, unit(x), unit(y))),
@@ -229,7 +229,7 @@ fn remark(fit: &Scaling) -> String {
 /// Published frame times of the cells that are at the published size.
 fn marks(experiment: &Experiment, x: &Measure, cells: &[&Cell]) -> Vec<Mark> {
     let mark = |cell: &&Cell| {
-        let at = x.read(cell, measured(cell)?)?.estimate.median;
+        let at = x.read(cell, cell.measured()?)?.estimate.median;
         Some(Mark { x: at * unit(x), span_ms: experiment.published_for(cell)?.span_ms() })
     };
     cells.iter().filter_map(mark).collect()

@@ -1,14 +1,14 @@
 //! Heat maps: a coloured, numbered field per cell over two named axes, a map for each value of others.
 
-use std::collections::{HashMap, HashSet};
-use std::hash::Hash;
+use std::collections::HashMap;
 
+use indexmap::IndexSet;
 use plotters::prelude::*;
 use serde_json::Value;
 
 use super::{Area, Drawn, fault, style, unit};
 use crate::experiments::schema::{Experiment, Plot};
-use crate::experiments::{label_text, measured};
+use crate::experiments::label_text;
 use crate::record::Cell;
 use crate::report::format::{Table, three};
 
@@ -36,7 +36,7 @@ pub struct Panel {
 /// What runs along a side of the maps.
 struct Side {
     title: String,
-    labels: Vec<Value>,
+    labels: IndexSet<Value>,
 }
 
 /// One map: its place on the other axes, and the fields row by row.
@@ -62,14 +62,14 @@ impl Panel {
         let columns = Side::new(columns, experiment, cells);
         let rows = Side::new(rows, experiment, cells);
         let value = |cell: &Cell| {
-            let value = y.read(cell, measured(cell)?)?.estimate.median * unit(y);
+            let value = y.read(cell, cell.measured()?)?.estimate.median * unit(y);
             value.is_finite().then_some(value)
         };
         let place = |cell: &Cell| -> Option<Vec<Value>> {
             let values = plot.panels.iter().map(|name| cell.axes.get(name).cloned());
             values.collect()
         };
-        let panels = distinct(cells.iter().filter_map(|cell| place(cell)));
+        let panels: IndexSet<Vec<Value>> = cells.iter().filter_map(|cell| place(cell)).collect();
         if panels.len() * rows.labels.len() * columns.labels.len() > MOST_FIELDS {
             return Err("its maps have more than 10,000 fields, which cells.csv lists");
         }
@@ -219,12 +219,6 @@ impl Panel {
     }
 }
 
-/// Each value once, in the order of its first.
-fn distinct<T: Clone + Eq + Hash>(values: impl Iterator<Item = T>) -> Vec<T> {
-    let mut known = HashSet::new();
-    values.filter(|value| known.insert(value.clone())).collect()
-}
-
 /// The panel's place on the axes that have panels: `bunny, threshold 0.5`.
 fn title(plot: &Plot, experiment: &Experiment, panel: &[Value]) -> String {
     let names = plot.panels.iter().zip(panel);
@@ -246,10 +240,10 @@ fn axis_title(name: &str, experiment: &Experiment) -> String {
 impl Side {
     /// The axis' values that measured cells have, in the order of the cells.
     fn new(name: &str, experiment: &Experiment, cells: &[&Cell]) -> Side {
-        let measured = cells.iter().filter(|cell| measured(cell).is_some());
+        let measured = cells.iter().filter(|cell| cell.measured().is_some());
         Side {
             title: axis_title(name, experiment),
-            labels: distinct(measured.filter_map(|cell| cell.axes.get(name).cloned())),
+            labels: measured.filter_map(|cell| cell.axes.get(name).cloned()).collect(),
         }
     }
 }

@@ -9,6 +9,7 @@ mod scale;
 mod stacked;
 mod style;
 
+use indexmap::IndexSet;
 use plotters::prelude::*;
 
 use super::format::{NS_PER_MS, Table};
@@ -173,21 +174,12 @@ fn figure(section: &Section<'_>, adapter: &str, panels: &[Panel]) -> Result<Stri
 
 /// The legend's words on published figures: all of them in one line, then the hardware, in lines of its own.
 fn published_lines(published: &[&Published]) -> Vec<String> {
-    let mut figures: Vec<String> = Vec::new();
-    let mut hardware: Vec<&str> = Vec::new();
-    for one in published {
-        let figure = one.figure();
-        if !figures.contains(&figure) {
-            figures.push(figure);
-        }
-        if !hardware.contains(&one.hardware.as_str()) {
-            hardware.push(&one.hardware);
-        }
-    }
+    let figures: IndexSet<String> = published.iter().map(|one| one.figure()).collect();
+    let hardware: IndexSet<&str> = published.iter().map(|one| one.hardware.as_str()).collect();
     if figures.is_empty() {
         return Vec::new();
     }
-    let first = format!("published: {} fps", figures.join(", "));
+    let first = format!("published: {} fps", figures.into_iter().collect::<Vec<_>>().join(", "));
     let parts = hardware.iter().flat_map(|text| text.split(", "));
     [first].into_iter().chain(parts.map(str::to_owned)).collect()
 }
@@ -204,7 +196,7 @@ mod tests {
     #[test]
     fn every_builtin_figure_has_data_in_a_full_run() {
         let records = fixtures::run();
-        let view = View::new(&records, &[]);
+        let view = View::new(&records, None);
         let files = export(&view).unwrap();
         let names: Vec<&str> = files.iter().map(|file| file.name.as_str()).collect();
         for id in crate::experiments::Experiment::builtin_ids() {
@@ -215,7 +207,7 @@ mod tests {
     #[test]
     fn scaling_figures_show_the_fitted_slope_and_the_published_figure() {
         let records = fixtures::run();
-        let files = export(&View::new(&records, &[])).unwrap();
+        let files = export(&View::new(&records, None)).unwrap();
         let svg = |name: &str| {
             let file = files.iter().find(|file| file.name == name).unwrap();
             String::from_utf8(file.bytes.clone()).unwrap()
@@ -260,7 +252,7 @@ mod tests {
 
     /// Records of [`MAPPED`] whose error is the number of the cell; one cell was not measured.
     fn mapped() -> Vec<crate::record::Record> {
-        use crate::record::{Definition, Outcome, Record};
+        use crate::record::{Definition, Outcome, Profile, Record};
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("own.toml");
         std::fs::write(&path, MAPPED).unwrap();
@@ -268,10 +260,10 @@ mod tests {
         let experiment = Experiment::load(path).unwrap();
         let mut random = rand::SeedableRng::seed_from_u64(1);
         let mut records = vec![
-            Record::Run(Box::new(fixtures::header("quick"))),
+            Record::Run(Box::new(fixtures::header(Profile::Quick))),
             Record::Experiment(Definition { id: "own".to_owned(), toml: MAPPED.to_owned() }),
         ];
-        for (number, plan) in (0..).zip(experiment.cells("quick", &[], &[]).unwrap()) {
+        for (number, plan) in (0..).zip(experiment.cells(Profile::Quick, &[], &[]).unwrap()) {
             let mut measured = fixtures::measure(&experiment, &plan, &mut random);
             let name = "caustics_photon_error_p99_m".to_owned();
             measured.quantities.insert(name, f64::from(number));
@@ -287,7 +279,7 @@ mod tests {
     #[test]
     fn maps_have_a_panel_for_each_value_and_a_number_in_each_field() {
         let records = mapped();
-        let view = View::new(&records, &[]);
+        let view = View::new(&records, None);
         let tables = view.sections[0].figure().map_tables();
         let titles: Vec<&str> = tables.iter().map(|(title, _)| title.as_str()).collect();
         assert_eq!(titles, ["Error, tank", "Error, port"]);
@@ -307,7 +299,7 @@ mod tests {
     #[test]
     fn bars_stand_by_value_and_are_told_apart_by_the_other_axes() {
         let records = mapped();
-        let view = View::new(&records, &[]);
+        let view = View::new(&records, None);
         let Panel::Bars(bars) = &view.sections[0].figure().panels[1] else {
             panic!("the second plot has bars");
         };
@@ -317,6 +309,6 @@ mod tests {
     #[test]
     fn a_section_without_figures_draws_nothing() {
         let records = fixtures::all_skipped();
-        assert!(export(&View::new(&records, &[])).unwrap().is_empty());
+        assert!(export(&View::new(&records, None)).unwrap().is_empty());
     }
 }

@@ -5,7 +5,7 @@ use plotters::prelude::*;
 use super::scale::{Kind, Scale};
 use super::{Area, Drawn, fault, style};
 use crate::experiments::schema::{Experiment, Plot, Published};
-use crate::experiments::{label_text, measured};
+use crate::experiments::label_text;
 use crate::record::{Cell, Estimate, Measured};
 use crate::report::format::NS_PER_MS;
 
@@ -43,7 +43,7 @@ impl Panel {
     /// None where no cell was measured.
     pub fn new(plot: &Plot, experiment: &Experiment, cells: &[&Cell]) -> Option<Panel> {
         let figures: Vec<(&Cell, &Measured)> =
-            cells.iter().filter_map(|cell| Some((*cell, measured(cell)?))).collect();
+            cells.iter().filter_map(|cell| Some((*cell, cell.measured()?))).collect();
         let stages = coloured(&figures);
         let bars: Vec<Bar> = figures
             .iter()

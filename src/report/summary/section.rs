@@ -3,21 +3,21 @@
 use std::collections::BTreeSet;
 use std::fmt::Write as _;
 
+use indexmap::IndexSet;
+
 use super::super::format::{self, Table};
 use super::super::plots;
-use super::super::{ERROR_PICTURE, Section, view::Entry};
-use super::{clock_name, image};
+use super::super::{Section, view::Entry};
+use super::image;
 use crate::experiments::schema::Published;
 use crate::experiments::{fits, fps};
-use crate::record::{Cell, Estimate, Measured, Outcome, StageRecord};
+use crate::record::{Cell, Estimate, Measured, Outcome, Picture, PictureKind, StageRecord};
 use crate::text;
 
 /// Cells beside each other in one table of stages.
 const COLUMNS: usize = 6;
 /// Pictures beside each other.
 const ACROSS: usize = 4;
-/// How names of pictures of errors ended before [`ERROR_PICTURE`].
-const OLD_ERROR_PICTURE: &str = "-error";
 /// Notes on cells that stand in the open.
 const UNFOLDED: usize = 3;
 
@@ -58,38 +58,24 @@ pub fn write(section: &Section<'_>, text: &mut String) {
     throughput(section, text);
     quantities(section, text);
     cell_notes(section, text);
-    gallery(section.id, &section.pictures, text);
+    gallery(&section.pictures, text);
 }
 
 /// Pictures side by side, each above its cell.
-fn gallery(id: &str, pictures: &[&str], text: &mut String) {
+fn gallery(pictures: &[(&Cell, &Picture)], text: &mut String) {
     for row in pictures.chunks(ACROSS) {
-        let mut table = Table::of_markdown(row.iter().map(|path| image(path, path)));
-        table.row(row.iter().map(|path| caption(id, path)));
+        let images = row.iter().map(|(_, picture)| image(&picture.path, &picture.path));
+        let mut table = Table::of_markdown(images);
+        table.row(row.iter().map(|(cell, picture)| match picture.shows {
+            PictureKind::Image => cell.cell.clone(),
+            PictureKind::Error => format!("{}, error", cell.cell),
+        }));
         *text += &table.markdown();
     }
-    if pictures.iter().any(|path| of_error(path).is_some()) {
+    if pictures.iter().any(|(_, picture)| picture.shows == PictureKind::Error) {
         *text += "Pictures of the error: red where the picture is too dark, blue where it is too light, in full \
                   colour from ±0.25 on, grey where nothing is compared.\n\n";
     }
-}
-
-/// The name of a picture of an error without its ending.
-fn of_error(path: &str) -> Option<&str> {
-    let name = path.strip_suffix(".png").unwrap_or(path);
-    let endings = [ERROR_PICTURE, OLD_ERROR_PICTURE].into_iter();
-    endings.filter_map(|ending| name.strip_suffix(ending)).next()
-}
-
-/// `scene=port, error` for `renders/ID_scene=port~error.png`.
-fn caption(id: &str, path: &str) -> String {
-    let name = path.rsplit('/').next().unwrap_or(path);
-    let (name, ending) = match of_error(name) {
-        Some(name) => (name, ", error"),
-        None => (name.strip_suffix(".png").unwrap_or(name), ""),
-    };
-    let cell = name.strip_prefix(&text::file_stem(id)).unwrap_or(name);
-    format!("{}{ending}", cell.trim_start_matches(['_', '-']))
 }
 
 fn claims(section: &Section<'_>, text: &mut String) {
@@ -201,19 +187,17 @@ fn stages(section: &Section<'_>, text: &mut String) {
         let mut table =
             Table::new(head.into_iter().chain(cells.iter().map(|(cell, _)| name(cell))));
         for stage in stage_names(cells) {
-            let mut clocks: Vec<&str> = Vec::new();
+            let mut clocks = IndexSet::new();
             let mut times = Vec::new();
             for (_, measured) in cells {
                 let Some(record) = measured.stages.iter().find(|s| s.stage == stage) else {
                     times.push("–".to_owned());
                     continue;
                 };
-                if !clocks.contains(&clock_name(record.clock)) {
-                    clocks.push(clock_name(record.clock));
-                }
+                clocks.insert(record.clock.name());
                 times.push(format::stage_ms(record));
             }
-            let head = [stage.to_owned(), clocks.join(", ")];
+            let head = [stage.to_owned(), clocks.into_iter().collect::<Vec<_>>().join(", ")];
             table.row(head.into_iter().chain(times));
         }
         *text += &table.markdown();
@@ -229,16 +213,8 @@ const BELOW_RESOLUTION: &str = "`<`: shorter than the scatter of a submission's 
     ratio or slope is drawn from such a time.\n\n";
 
 /// Stages of the cells in frame order; those that only later cells have come last.
-fn stage_names<'a>(cells: &[(&Cell, &'a Measured)]) -> Vec<&'a str> {
-    let mut names: Vec<&str> = Vec::new();
-    for (_, measured) in cells {
-        for stage in &measured.stages {
-            if !names.contains(&stage.stage.as_str()) {
-                names.push(&stage.stage);
-            }
-        }
-    }
-    names
+fn stage_names<'a>(cells: &[(&Cell, &'a Measured)]) -> IndexSet<&'a str> {
+    cells.iter().flat_map(|(_, measured)| &measured.stages).map(|stage| stage.stage.as_str()).collect()
 }
 
 /// Declared work over time in the cell with the longest frame, where fixed costs matter least.
@@ -301,11 +277,10 @@ fn quantities(section: &Section<'_>, text: &mut String) {
 fn cell_notes(section: &Section<'_>, text: &mut String) {
     let mut lines = String::new();
     for (cell, measured) in section.measured() {
-        let rejected = measured
-            .rejected
-            .iter()
-            .map(|(reason, count)| format!("{count} frames rejected: {reason}"));
-        for note in measured.notes.iter().cloned().chain(rejected) {
+        let rejected = measured.rejected.iter().map(|rejected| {
+            format!("{} frames rejected: {}", rejected.frames, rejected.rejection)
+        });
+        for note in measured.notes.iter().map(|note| note.text.clone()).chain(rejected) {
             let note = text::markdown(&note);
             let _ = writeln!(lines, "- {}: {note}", text::code(&cell.cell));
         }
@@ -318,30 +293,5 @@ fn cell_notes(section: &Section<'_>, text: &mut String) {
         );
     } else if count > 0 {
         let _ = writeln!(text, "{lines}");
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn pictures_stand_side_by_side_above_their_cells() {
-        let pictures = [
-            "renders/own_n=1~error.png",
-            "renders/own_n=1.png",
-            "renders/own-n=2-error.png",
-            "renders/own-n=2.png",
-            "renders/own_n=4.png",
-        ];
-        let mut text = String::new();
-        gallery("own", &pictures, &mut text);
-        let captions = "| n=1, error | n=1 | n=2, error | n=2 |";
-        assert!(text.contains(captions), "{text}");
-        assert!(text.contains("| n=4 |\n"), "{text}");
-        assert!(text.contains("too dark"), "{text}");
-        let mut plain = String::new();
-        gallery("own", &pictures[1..2], &mut plain);
-        assert!(!plain.contains("too dark"), "{plain}");
     }
 }

@@ -51,7 +51,6 @@ impl Executor for BusyMachine {
             stages,
             gaps_ns: cost_ns,
             envelope_ns: ns + cost_ns,
-            wall_ns: ns + cost_ns,
             faults: Vec::new(),
         })
     }

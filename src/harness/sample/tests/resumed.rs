@@ -47,7 +47,7 @@ fn what_is_kept_makes_up_all_samples_and_no_more_than_a_round_is_at_risk() {
         let made_up =
             Samples { earlier_pairs: 0, stopped: samples.stopped, ..Samples::of(&additions) };
         assert_eq!(made_up, *samples);
-        assert!(samples.pairs_ns.len() >= MIN_PAIRS && samples.warm_up_frames >= 2);
+        assert!(samples.pairs() >= MIN_PAIRS && samples.warm_up_frames >= 2);
     }
     assert!(!mock.samples(0).rejected.is_empty());
 }
@@ -65,15 +65,15 @@ fn a_run_that_was_killed_after_any_visit_goes_on_with_all_that_was_kept() {
         for cell in 0..3 {
             let before = by_cell(earlier).remove(&cell).unwrap_or_default();
             let (before, after) = (Samples::of(&before), mock.samples(cell));
-            let pairs = before.pairs_ns.len();
+            let pairs = before.pairs();
             assert_eq!(after.earlier_pairs, pairs);
-            assert_eq!(after.pairs_ns[..pairs], before.pairs_ns);
+            assert_eq!(after.untimed_ns[..pairs], before.untimed_ns);
             assert_eq!(after.gaps_ns[..pairs], before.gaps_ns);
             for (before, after) in before.stages.iter().zip(&after.stages) {
                 assert_eq!((&before.name, before.clock), (&after.name, after.clock));
                 assert_eq!(after.ns[..pairs], before.ns);
             }
-            let all = after.pairs_ns.len();
+            let all = after.pairs();
             assert!(all > pairs, "{all} of {pairs}: a frame is rendered to read figures from");
             assert!(after.stages.iter().all(|stage| stage.ns.len() == all));
             assert!(after.warm_up_frames >= before.warm_up_frames + 2);
@@ -94,8 +94,8 @@ fn without_time_a_resumed_cell_still_renders_before_it_is_finished() {
     run(&mut mock, &no_time);
     for cell in 0..3 {
         assert!(mock.calls.contains(&Call::Timed(cell)));
-        let before = whole.samples(cell).pairs_ns.len();
-        let after = mock.samples(cell).pairs_ns.len();
+        let before = whole.samples(cell).pairs();
+        let after = mock.samples(cell).pairs();
         assert!((before..=before + 2).contains(&after), "{before} {after}");
     }
 }
@@ -133,10 +133,10 @@ fn what_was_timed_by_another_clock_does_not_count() {
         // Of both runs' lines, as they stand in the file.
         let all: Vec<Addition> =
             by_cell(&other).remove(&cell).unwrap().into_iter().chain(new).collect();
-        assert_eq!(Samples::of(&all).pairs_ns, samples.pairs_ns);
+        assert_eq!(Samples::of(&all).untimed_ns, samples.untimed_ns);
     }
     // Should the line that says so be lost, clocks are still not mixed.
     let (old, new) = (whole.kept[0].1.clone(), other[0].1.clone());
     let mixed = Samples::of(&[old, new.clone()]);
-    assert_eq!(mixed.pairs_ns, Samples::of(&[new]).pairs_ns);
+    assert_eq!(mixed.untimed_ns, Samples::of(&[new]).untimed_ns);
 }

@@ -1,0 +1,183 @@
+//! What records tell apart: kinds of notes, of pictures, of frames that were not used, and the conditions of a run.
+
+use std::fmt;
+
+use serde::{Deserialize, Serialize};
+
+/// How large an experiment runs.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
+#[serde(rename_all = "snake_case")]
+pub enum Profile {
+    /// Scaled for a software driver on two cores.
+    #[default]
+    Quick,
+    /// The published sizes.
+    Paper,
+}
+
+impl Profile {
+    pub const ALL: [Profile; 2] = [Profile::Quick, Profile::Paper];
+
+    pub fn name(self) -> &'static str {
+        match self {
+            Profile::Quick => "quick",
+            Profile::Paper => "paper",
+        }
+    }
+}
+
+/// Whether wgpu's bounds and loop checks are compiled into the shaders.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ShaderChecks {
+    #[default]
+    Checked,
+    Unchecked,
+}
+
+impl ShaderChecks {
+    pub fn name(self) -> &'static str {
+        match self {
+            ShaderChecks::Checked => "checked",
+            ShaderChecks::Unchecked => "unchecked",
+        }
+    }
+}
+
+/// What else was in the command buffer of an audited pass.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Surrounding {
+    Alone,
+    /// Passes of the other kinds.
+    Mixed,
+}
+
+impl Surrounding {
+    pub fn name(self) -> &'static str {
+        match self {
+            Surrounding::Alone => "alone",
+            Surrounding::Mixed => "mixed",
+        }
+    }
+}
+
+/// Something to know about a run or a cell.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Note {
+    pub kind: NoteKind,
+    pub text: String,
+}
+
+impl Note {
+    pub fn new(kind: NoteKind, text: impl Into<String>) -> Note {
+        Note { kind, text: text.into() }
+    }
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum NoteKind {
+    /// The adapter lacks a feature, or the environment changes how it works.
+    Adapter,
+    /// Of a run: in which order cells and frames were measured.
+    Order,
+    /// Of a run: passes are timed by another clock than its audit chose.
+    OtherClocks,
+    /// Some samples are of an earlier run.
+    Resumed,
+    /// The frame time still fell when warm-up was given up.
+    Unsteady,
+    /// Sampling stopped before the precision asked for was reached.
+    Imprecise,
+    /// Some frames were far slower or faster than the median.
+    Outliers,
+    /// A figure was not finite and is left out.
+    NotFinite,
+    /// A figure could not be computed.
+    NotComputed,
+    /// A picture could not be written.
+    NoPicture,
+}
+
+/// A picture of a cell.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Picture {
+    /// Within the folder of the records, its parts joined by `/`.
+    pub path: String,
+    pub shows: PictureKind,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum PictureKind {
+    /// The final image.
+    Image,
+    /// The difference from the reference.
+    Error,
+}
+
+/// Why a timed frame was not used.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+pub struct Rejection {
+    /// Where it is one stage's fault.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub stage: Option<String>,
+    pub fault: FaultKind,
+}
+
+impl From<FaultKind> for Rejection {
+    fn from(fault: FaultKind) -> Rejection {
+        Rejection { stage: None, fault }
+    }
+}
+
+impl fmt::Display for Rejection {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if let Some(stage) = &self.stage {
+            write!(f, "{stage}: ")?;
+        }
+        f.write_str(self.fault.reason())
+    }
+}
+
+/// What was wrong with a frame's times.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum FaultKind {
+    Zero,
+    Negative,
+    /// Both timestamps are those of the frame before.
+    Stale,
+    LongerThanWall,
+    /// The stage opened no pass, so there is nothing to time.
+    NoPass,
+    FrameNotPositive,
+    UntimedNotPositive,
+    StageNotPositive,
+    OtherStages,
+}
+
+impl FaultKind {
+    pub fn reason(self) -> &'static str {
+        match self {
+            Self::Zero => "zero duration",
+            Self::Negative => "negative duration",
+            Self::Stale => "stale timestamps",
+            Self::LongerThanWall => "longer than the wall clock",
+            Self::NoPass => "no pass",
+            Self::FrameNotPositive => "frame time not positive",
+            Self::UntimedNotPositive => "untimed frame time not positive",
+            Self::StageNotPositive => "stage time not positive",
+            Self::OtherStages => "stages differ from the first frame's",
+        }
+    }
+}
+
+/// So many timed frames were rejected for one reason.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct RejectedFrames {
+    #[serde(flatten)]
+    pub rejection: Rejection,
+    pub frames: u32,
+}
