@@ -21,15 +21,16 @@ pub(crate) mod nan;
 mod samples;
 #[cfg(test)]
 mod tests;
+pub use crate::statistics::Estimate;
 pub use comparison::Compared;
 pub use error_figure::ErrorFigure;
 pub use file::{Reading, Writer, empty_or_sound, finished, read, read_some, resume_key};
 pub use kinds::{
-    FaultKind, Note, NoteKind, Picture, PictureKind, Profile, RejectedFrames, Rejection, ShaderChecks, Surrounding,
+    FaultKind, Note, NoteKind, Picture, PictureKind, Profile, RejectedFrames, Rejection,
+    ShaderChecks, Surrounding,
 };
 pub use lines::{Damage, Line, LineWriter, Lines, Opened, RecordError, kept_aside, read_lines};
 pub use lock::{FolderLock, LOCK, LockError};
-pub use crate::statistics::Estimate;
 pub use samples::{Addition, Clocks, FramePair, SAMPLES_SCHEMA, SampleLine, StageTime};
 
 /// Version of the record format; raised when a field changes its meaning or goes away.

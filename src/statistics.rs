@@ -44,8 +44,8 @@ pub const MAD_TO_SIGMA: f64 = 1.482_602_218_505_602;
 
 /// NaN for no values.
 pub fn mean(values: impl IntoIterator<Item = f64>) -> f64 {
-    let values = Vec::from_iter(values);
-    values.iter().sum::<f64>() / values.len() as f64
+    let (sum, count) = values.into_iter().fold((0.0, 0.0), |(sum, n), v| (sum + v, n + 1.0));
+    sum / count
 }
 
 /// The value below which a share of the samples lies, between neighbours if need be. NaN for no samples.

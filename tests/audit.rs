@@ -8,7 +8,7 @@ use std::process::Command;
 use std::sync::Mutex;
 
 use fathom::gpu::{Audit, ClockPlan, Gpu, Options, audit, audit_table};
-use fathom::record::{Adapter, AuditRow, Clock, PassKind};
+use fathom::record::{Adapter, AuditRow, Clock, PassKind, Surrounding};
 use serde::{Deserialize, Serialize};
 
 /// Two audits at once would disturb each other.
@@ -83,7 +83,8 @@ fn lavapipe_compute_beside_render_passes_is_unusable() {
         return;
     }
     // A busy machine can hide the fault in one surrounding.
-    let rows = ["alone", "mixed"].map(|context| row(&found, PassKind::Compute, context));
+    let rows = [Surrounding::Alone, Surrounding::Mixed]
+        .map(|context| row(&found, PassKind::Compute, context));
     let caught = rows.iter().any(|row| !row.sound && row.ratio < 0.8);
     assert!(caught, "{rows:?}");
     assert_eq!(found.clocks[0], Clock::FencedHost, "{rows:?}");

@@ -4,8 +4,8 @@
 use std::process::Command;
 
 use fathom::gpu::{
-    ClockPlan, ColorTarget, Demand, FrameTimer, Gpu, GpuError, Options, Stage,
-    StageInfo, StageScope, SubmitCost, Targets, count, read_buffer, read_texture, texture_bytes,
+    ClockPlan, ColorTarget, Demand, FrameTimer, Gpu, GpuError, Options, Stage, StageInfo,
+    StageScope, SubmitCost, Targets, count, read_buffer, read_texture, texture_bytes,
 };
 use fathom::record::{Clock, PassKind};
 use fathom::stages::kit::{

@@ -156,7 +156,11 @@ fn comparable(base: &Run, head: &Run) -> Result<(), String> {
         ));
     }
     if base.shader_checks != head.shader_checks {
-        return Err(format!("shaders {} and {}", base.shader_checks.name(), head.shader_checks.name()));
+        return Err(format!(
+            "shaders {} and {}",
+            base.shader_checks.name(),
+            head.shader_checks.name()
+        ));
     }
     Ok(())
 }

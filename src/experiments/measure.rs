@@ -129,7 +129,11 @@ fn parse_term(text: &str) -> Result<Term, String> {
 }
 
 fn stage_name(text: &str) -> StageName {
-    if text.ends_with('/') { StageName::Family(text.to_owned()) } else { StageName::One(text.to_owned()) }
+    if text.ends_with('/') {
+        StageName::Family(text.to_owned())
+    } else {
+        StageName::One(text.to_owned())
+    }
 }
 
 impl fmt::Display for Measure {
@@ -278,7 +282,8 @@ impl Term {
             Term::Fps => Some(Reading { estimate: fps(&measured.frame.untimed), samples: None }),
             Term::Work(name, count) => {
                 let stage = measured.stages.iter().find(|stage| name.covers(&stage.stage))?;
-                let (_, count) = stage.work.fields().into_iter().find(|(known, _)| known == count)?;
+                let (_, count) =
+                    stage.work.fields().into_iter().find(|(known, _)| known == count)?;
                 (count > 0).then(|| exact(count as f64))
             }
             Term::Param(path) => number(lookup(&cell.params, path)?).map(exact),

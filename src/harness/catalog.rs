@@ -6,12 +6,12 @@ use serde_json::Value;
 use super::subject::SubjectError;
 use super::verify::{self, Case};
 use crate::embedded::{EXPERIMENTS, Folder, Folders, SCENES, SHADERS};
-use crate::experiments::nearest;
 use crate::gpu::StageInfo;
 use crate::parameter::{self, Allowed, Field};
 use crate::pipelines::{self, KINDS, Kind, Pipeline};
 use crate::scene::{Scene, SceneFile};
 use crate::stages;
+use crate::text::nearest;
 
 /// Everything that the commands know by name.
 #[derive(Clone, Debug)]

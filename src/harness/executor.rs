@@ -17,7 +17,8 @@ use crate::experiments::schema::{Experiment, Pictures};
 use crate::gpu::{self, ClockPlan, FrameSample, FrameTimer, Gpu, GpuError, Stage, StageCounters};
 use crate::pipelines::{AnyPipeline, Judge, JudgeError, Judged, Known};
 use crate::record::{
-    Addition, ErrorFigure, Note, NoteKind, Outcome, Picture, PictureKind, Record, RecordError, Run, SampleLine, Writer,
+    Addition, ErrorFigure, Note, NoteKind, Outcome, Picture, PictureKind, Record, RecordError, Run,
+    SampleLine, Writer,
 };
 
 /// What a software driver keeps of a pipeline's compiled shaders in the process: of 15 cells of `vao-samples`, 300 MiB more
@@ -232,8 +233,10 @@ impl<'a> CellExecutor<'a> {
             return;
         }
         let plan = &self.cells[cell].plan;
-        let [image, of_error] = [PictureKind::Image, PictureKind::Error]
-            .map(|shows| Picture { path: picture_path(&plan.experiment, &plan.cell, shows), shows });
+        let [image, of_error] = [PictureKind::Image, PictureKind::Error].map(|shows| Picture {
+            path: picture_path(&plan.experiment, &plan.cell, shows),
+            shows,
+        });
         let folder = self.output.folder;
         let saved = picture::save(&self.session.gpu, pipeline, &folder.join(&image.path));
         findings.add_picture(image, "no picture", saved);

@@ -6,7 +6,8 @@ use super::sample::{Samples, StageSamples, Stopped};
 use crate::gpu::StageCounters;
 use crate::pipelines::AnyPipeline;
 use crate::record::{
-    ErrorFigure, Estimate, Fenced, FrameRecord, Measured, Note, NoteKind, Picture, RejectedFrames, StageRecord, Work,
+    ErrorFigure, Estimate, Fenced, FrameRecord, Measured, Note, NoteKind, Picture, RejectedFrames,
+    StageRecord, Work,
 };
 use crate::statistics;
 
@@ -39,7 +40,10 @@ pub fn measured(samples: Samples, facts: Facts<'_>) -> Measured {
         Note::new(NoteKind::NotFinite, format!("{name} left out: it is not a finite number"))
     }));
     let rejected = samples.rejected.iter();
-    let rejected = rejected.map(|(rejection, frames)| RejectedFrames { rejection: rejection.clone(), frames: *frames });
+    let rejected = rejected.map(|(rejection, frames)| RejectedFrames {
+        rejection: rejection.clone(),
+        frames: *frames,
+    });
     Measured {
         stages: stage_records(&samples, facts.pipeline, facts.counters),
         frame,
@@ -143,12 +147,16 @@ fn sampling_notes(samples: &Samples, frame: &Estimate, precision: f64) -> Vec<No
     let mut note = |kind, text: String| notes.push(Note::new(kind, text));
     if samples.earlier_pairs > 0 {
         let (earlier, all) = (samples.earlier_pairs, samples.pairs());
-        let text = format!("{earlier} of {all} pairs of frames were measured before the run was resumed");
+        let text =
+            format!("{earlier} of {all} pairs of frames were measured before the run was resumed");
         note(NoteKind::Resumed, text);
     }
     if samples.unsteady {
         let frames = samples.warm_up_frames;
-        note(NoteKind::Unsteady, format!("the frame time still fell after {frames} warm-up frames"));
+        note(
+            NoteKind::Unsteady,
+            format!("the frame time still fell after {frames} warm-up frames"),
+        );
     }
     let stopped = match samples.stopped {
         Stopped::Precise => None,
@@ -159,7 +167,10 @@ fn sampling_notes(samples: &Samples, frame: &Estimate, precision: f64) -> Vec<No
     if let Some(stopped) = stopped {
         let reached = 100.0 * (frame.high - frame.low) / 2.0 / frame.median;
         let asked = 100.0 * precision;
-        note(NoteKind::Imprecise, format!("{stopped} at ±{reached:.1} % where ±{asked:.1} % was asked"));
+        note(
+            NoteKind::Imprecise,
+            format!("{stopped} at ±{reached:.1} % where ±{asked:.1} % was asked"),
+        );
     }
     let outliers = statistics::outliers(&samples.untimed_ns);
     if outliers.share() > NOTED_OUTLIER_SHARE {

@@ -7,7 +7,8 @@ use thiserror::Error;
 
 use super::calendar;
 use crate::record::{
-    self, Compared, FolderLock, Lines, LockError, PictureKind, Profile, Record, RecordError, Writer, read_lines,
+    self, Compared, FolderLock, Lines, LockError, PictureKind, Profile, Record, RecordError,
+    Writer, read_lines,
 };
 use crate::text;
 
@@ -167,7 +168,11 @@ pub struct Held {
 impl Held {
     /// Makes the folder and tries that it can be written to, before anything is measured. Without
     /// `asked` a new folder under [`DEFAULT_FOLDER`] is named after the adapter, the profile and the time.
-    pub fn create(asked: Option<&Path>, adapter: &str, profile: Profile) -> Result<Self, OutputError> {
+    pub fn create(
+        asked: Option<&Path>,
+        adapter: &str,
+        profile: Profile,
+    ) -> Result<Self, OutputError> {
         let folder = match asked {
             Some(folder) => folder.to_owned(),
             None => unused(&fresh(adapter, profile))?,

@@ -18,8 +18,8 @@ use super::{calendar, memory};
 use crate::experiments::{Experiment, ExperimentError};
 use crate::gpu::{self, Audit, ClockPlan, Gpu, GpuError};
 use crate::record::{
-    self, Definition, End, Note, NoteKind, Outcome, PassKind, Profile, Record, RecordError, Run, SCHEMA, SampleLine,
-    ShaderChecks,
+    self, Definition, End, Note, NoteKind, Outcome, PassKind, Profile, Record, RecordError, Run,
+    SCHEMA, SampleLine, ShaderChecks,
 };
 
 /// Memory of the cells that are prepared at the same time. On a software driver it is the process's own,
@@ -167,7 +167,8 @@ fn clock_plan(found: ClockPlan, journal: &mut Journal, ids: &[String]) -> ClockP
 fn other_clocks(found: &ClockPlan, plan: &ClockPlan) -> Option<Note> {
     let mut kinds = AUDITED.into_iter();
     let differs = kinds.any(|kind| found.clock(kind) != plan.clock(kind));
-    let text = "passes are timed by the clocks of the run that is gone on with, as its audit chose them";
+    let text =
+        "passes are timed by the clocks of the run that is gone on with, as its audit chose them";
     differs.then(|| Note::new(NoteKind::OtherClocks, text))
 }
 

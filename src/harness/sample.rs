@@ -542,7 +542,8 @@ fn frame_pair(frame: &FrameSample, untimed_ns: f64) -> FramePair {
 /// Why a pair of frames cannot be used: the timer's own reason first, then what no duration may be. A frame with several faults
 /// is one rejected frame.
 fn fault(frame: &FrameSample, untimed_ns: f64, before: &[StageSamples]) -> Option<Rejection> {
-    let of_timer = |fault: &Fault| Rejection { stage: Some(fault.stage.to_owned()), fault: fault.kind };
+    let of_timer =
+        |fault: &Fault| Rejection { stage: Some(fault.stage.to_owned()), fault: fault.kind };
     if let Some(fault) = frame.faults.first() {
         return Some(of_timer(fault));
     }

@@ -12,7 +12,7 @@ use crate::parameter::{self, ParamError};
 use crate::pipelines::{self, AnyPipeline, Configuration, Kind, Pipeline, Plan};
 use crate::scene::{Camera, Scene, SceneError, SceneFile};
 use crate::tell;
-use crate::text::{did_you_mean, nearest};
+use crate::text::did_you_mean;
 
 /// Why a pipeline, a scene and parameters do not go together. Each message says what to do.
 #[derive(Debug, Error)]

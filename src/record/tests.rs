@@ -117,7 +117,8 @@ fn lines(records: &[Record]) -> Vec<String> {
 fn cells_after_a_header_that_may_be_lost_are_given_to_no_other_run() {
     let (_folder, path) = file();
     let header = |profile| Record::Run(Box::new(run(profile)));
-    let written = lines(&[header(Profile::Quick), skipped("a"), header(Profile::Paper), skipped("b")]);
+    let written =
+        lines(&[header(Profile::Quick), skipped("a"), header(Profile::Paper), skipped("b")]);
     let [first, a, second, b] = written.as_slice() else { panic!() };
     let torn = |line: &str, bytes: usize| format!("{}\n", &line[..bytes]);
     let read_with = |damaged: &str| {

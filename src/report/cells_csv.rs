@@ -46,7 +46,8 @@ const OF_FRAME: [&str; 10] = [
 
 fn export(view: &View<'_>) -> Result<Vec<Artifact>, ReportError> {
     let header = [&OF_CELL[..], &OF_STAGE, Work::NAMES, &OF_FRAME].concat();
-    let mut writer = csv::WriterBuilder::new().terminator(csv::Terminator::CRLF).from_writer(Vec::new());
+    let mut writer =
+        csv::WriterBuilder::new().terminator(csv::Terminator::CRLF).from_writer(Vec::new());
     let entries = view.sections.iter().flat_map(|section| &section.entries);
     let rows = entries.flat_map(|entry| rows(entry, header.len()));
     let header = header.iter().map(ToString::to_string).collect();

@@ -9,8 +9,8 @@ use serde_json::{Map, Value, json};
 
 use crate::experiments::{CellPlan, Experiment, StageName, lookup};
 use crate::record::{
-    Adapter, AuditRow, Cell, Clock, Definition, End, FrameRecord, Measured, Note, NoteKind, Outcome, PassKind, Profile,
-    Record, Run, SCHEMA, ShaderChecks, StageRecord, Surrounding, Work,
+    Adapter, AuditRow, Cell, Clock, Definition, End, FrameRecord, Measured, Note, NoteKind,
+    Outcome, PassKind, Profile, Record, Run, SCHEMA, ShaderChecks, StageRecord, Surrounding, Work,
 };
 use crate::statistics;
 

@@ -11,7 +11,6 @@ mod view;
 #[cfg(test)]
 mod fixtures;
 
-
 pub use cells_csv::EXPORTER as CELLS_CSV;
 pub use plots::EXPORTER as PLOTS;
 pub use summary::EXPORTER as SUMMARY;
@@ -36,8 +35,6 @@ pub struct Exporter {
     pub export: fn(&View<'_>) -> Result<Vec<Artifact>, ReportError>,
 }
 
-}
-
 #[cfg(all(test, target_os = "linux"))]
 mod tests {
     use std::time::Duration;
@@ -45,7 +42,6 @@ mod tests {
     use nix::time::{ClockId, clock_gettime};
     use serde_json::{Map, json};
 
-    use super::*;
     use crate::exporters::of_run as artifacts;
     use crate::record::{Cell, Definition, Outcome, Record};
 

@@ -76,7 +76,6 @@ impl<'a> View<'a> {
     pub fn measured(&self) -> impl Iterator<Item = (&'a Cell, &'a Measured)> {
         self.sections.iter().flat_map(Section::measured)
     }
-
 }
 
 /// Where sections and their cells are in a view that is being filled.
@@ -151,9 +150,14 @@ impl<'a> Section<'a> {
             let [a_rank, b_rank] = [a, b].map(|entry| rank(entry.cell).unwrap_or(planned.len()));
             a_rank.cmp(&b_rank).then_with(|| compare_axes(a.cell, b.cell))
         });
-        let is_there = |picture: &Picture| folder.is_none_or(|out| out.join(&picture.path).is_file());
+        let is_there =
+            |picture: &Picture| folder.is_none_or(|out| out.join(&picture.path).is_file());
         let pictures = self.measured().flat_map(|(cell, measured)| {
-            measured.pictures.iter().filter(|picture| is_there(picture)).map(move |picture| (cell, picture))
+            measured
+                .pictures
+                .iter()
+                .filter(|picture| is_there(picture))
+                .map(move |picture| (cell, picture))
         });
         self.pictures = pictures.collect();
         self.pictures.sort_by_key(|(_, picture)| &picture.path);
@@ -164,9 +168,7 @@ impl<'a> Section<'a> {
     }
 
     pub fn measured(&self) -> impl Iterator<Item = (&'a Cell, &'a Measured)> + use<'a, '_> {
-        self.entries
-            .iter()
-            .filter_map(|entry| Some((entry.cell, entry.cell.measured()?)))
+        self.entries.iter().filter_map(|entry| Some((entry.cell, entry.cell.measured()?)))
     }
 
     /// Some of its cells were measured on a software driver.

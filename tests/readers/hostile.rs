@@ -184,8 +184,9 @@ fn axes_that_multiply_to_millions_of_cells_are_refused() {
     let experiment = Experiment::load("uw-photons").unwrap();
     let name = experiment.axis_names()[0].to_owned();
     let values = (1..30_000).map(|n| n.to_string()).collect();
-    let text =
-        refused("--axis", || told(experiment.cells(record::Profile::Quick, &[(name, values)], &[])).map(drop));
+    let text = refused("--axis", || {
+        told(experiment.cells(record::Profile::Quick, &[(name, values)], &[])).map(drop)
+    });
     assert!(text.contains("at most 20000"), "{text}");
 }
 

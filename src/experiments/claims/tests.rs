@@ -31,7 +31,11 @@ fn cell(axes: &[(&str, Value)], ms: f64, random: &mut Pcg64) -> Cell {
     };
     let measured = Measured {
         stages: vec![stage],
-        frame: FrameRecord { untimed_samples_ns: samples_ns, untimed: time, ..FrameRecord::default() },
+        frame: FrameRecord {
+            untimed_samples_ns: samples_ns,
+            untimed: time,
+            ..FrameRecord::default()
+        },
         quantities: BTreeMap::from([("error".to_owned(), ms)]),
         ..Measured::default()
     };

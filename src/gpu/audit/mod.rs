@@ -188,7 +188,8 @@ fn calibrate(gpu: &Gpu, kernels: &Kernels, fenced: ClockPlan) -> Result<[u32; 3]
             let mut ns = f64::INFINITY;
             for _ in 0..CALIBRATION_FRAMES {
                 // The shortest is the least disturbed.
-                ns = ns.min(timer.timed(gpu, &[&kernel])?.envelope_ns - fenced.submit_cost.of(kind));
+                ns =
+                    ns.min(timer.timed(gpu, &[&kernel])?.envelope_ns - fenced.submit_cost.of(kind));
             }
             let short_by = goal_ns / ns.max(goal_ns / 1024.0);
             if (0.6..1.6).contains(&short_by) {

@@ -334,12 +334,7 @@ impl Account {
                 self.faults.push(Fault { stage: sample.name, kind: FaultKind::NoPass, ns: 0.0 });
             }
         }
-        FrameSample {
-            stages: self.stages,
-            gaps_ns: self.gaps_ns,
-            envelope_ns,
-            faults: self.faults,
-        }
+        FrameSample { stages: self.stages, gaps_ns: self.gaps_ns, envelope_ns, faults: self.faults }
     }
 }
 

@@ -245,10 +245,7 @@ fn slow_cells_get_their_least_pairs_beyond_the_budget() {
     let mut mock = Mock::new(vec![slow, quick], &flag);
     run(&mut mock, &SETTINGS);
     assert_eq!(mock.samples(0).pairs(), MIN_PAIRS);
-    assert!(
-        mock.samples(1).pairs() > 100,
-        "a slow neighbour takes nothing of a cell's share"
-    );
+    assert!(mock.samples(1).pairs() > 100, "a slow neighbour takes nothing of a cell's share");
 }
 
 #[test]

@@ -219,10 +219,7 @@ pub fn largest(errors: impl IntoIterator<Item = f64>) -> f64 {
     errors.into_iter().reduce(worse).map_or(f64::NAN, |most| worse(most, 0.0))
 }
 
-pub fn mean(values: impl IntoIterator<Item = f64>) -> f64 {
-    let (sum, count) = values.into_iter().fold((0.0, 0.0), |(sum, n), v| (sum + v, n + 1.0));
-    sum / count
-}
+pub use crate::statistics::mean;
 
 /// Repeatable noise in 0…1, as f32 holds it.
 pub fn noise(size: [u32; 2], seed: u32) -> Image {

@@ -7,8 +7,8 @@ use plotters::prelude::*;
 use serde_json::Value;
 
 use super::{Area, Drawn, fault, style, unit};
-use crate::experiments::schema::{Experiment, Plot};
 use crate::experiments::label_text;
+use crate::experiments::schema::{Experiment, Plot};
 use crate::record::Cell;
 use crate::report::format::{Table, three};
 

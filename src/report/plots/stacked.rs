@@ -4,8 +4,8 @@ use plotters::prelude::*;
 
 use super::scale::{Kind, Scale};
 use super::{Area, Drawn, fault, style};
-use crate::experiments::schema::{Experiment, Plot, Published};
 use crate::experiments::label_text;
+use crate::experiments::schema::{Experiment, Plot, Published};
 use crate::record::{Cell, Estimate, Measured};
 use crate::report::format::NS_PER_MS;
 

@@ -214,7 +214,11 @@ const BELOW_RESOLUTION: &str = "`<`: shorter than the scatter of a submission's 
 
 /// Stages of the cells in frame order; those that only later cells have come last.
 fn stage_names<'a>(cells: &[(&Cell, &'a Measured)]) -> IndexSet<&'a str> {
-    cells.iter().flat_map(|(_, measured)| &measured.stages).map(|stage| stage.stage.as_str()).collect()
+    cells
+        .iter()
+        .flat_map(|(_, measured)| &measured.stages)
+        .map(|stage| stage.stage.as_str())
+        .collect()
 }
 
 /// Declared work over time in the cell with the longest frame, where fixed costs matter least.
@@ -277,9 +281,10 @@ fn quantities(section: &Section<'_>, text: &mut String) {
 fn cell_notes(section: &Section<'_>, text: &mut String) {
     let mut lines = String::new();
     for (cell, measured) in section.measured() {
-        let rejected = measured.rejected.iter().map(|rejected| {
-            format!("{} frames rejected: {}", rejected.frames, rejected.rejection)
-        });
+        let rejected = measured
+            .rejected
+            .iter()
+            .map(|rejected| format!("{} frames rejected: {}", rejected.frames, rejected.rejection));
         for note in measured.notes.iter().map(|note| note.text.clone()).chain(rejected) {
             let note = text::markdown(&note);
             let _ = writeln!(lines, "- {}: {note}", text::code(&cell.cell));

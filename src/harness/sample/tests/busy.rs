@@ -47,12 +47,7 @@ impl Executor for BusyMachine {
         let cost_ns: f64 = stages.iter().map(|stage| stage.submit_cost_ns).sum();
         let ns: f64 = stages.iter().map(|stage| stage.ns).sum();
         self.now_s += 0.01;
-        Ok(FrameSample {
-            stages,
-            gaps_ns: cost_ns,
-            envelope_ns: ns + cost_ns,
-            faults: Vec::new(),
-        })
+        Ok(FrameSample { stages, gaps_ns: cost_ns, envelope_ns: ns + cost_ns, faults: Vec::new() })
     }
 
     fn untimed(&mut self, _: usize) -> Result<f64, Failure> {

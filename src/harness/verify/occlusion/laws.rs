@@ -7,7 +7,6 @@ use crate::harness::verify::rig::Rig;
 use crate::harness::verify::{Check, Checks, Result};
 use crate::stages::ao::query::INFO;
 use crate::stages::marching::{Attenuation, Guard, Hit, Marching};
-use crate::statistics::mean;
 
 /// Voxels a side: twice r_max and room around it.
 const SIDE: u32 = 96;

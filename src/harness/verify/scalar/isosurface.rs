@@ -10,7 +10,6 @@ use crate::reference::isosurface::{Solid, first, occlusion};
 use crate::reference::occlusion::Attenuation;
 use crate::reference::rays::PixelRays;
 use crate::scene::Volume;
-use crate::statistics::mean;
 
 const STAGE: &str = "scalar/isosurface";
 const SIZE: [u32; 2] = [64, 64];
