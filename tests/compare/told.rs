@@ -547,7 +547,7 @@ fn damaged_and_foreign_files_are_told() {
         assert!(told.starts_with("error: ") && told.contains(reason), "{told}");
         assert_eq!(told.lines().count(), 1, "{told}");
     };
-    refused(&whole.replacen("\"schema\":1", "\"schema\":9", 1), "format 9");
+    refused(&whole.replacen("\"schema\":2", "\"schema\":9", 1), "format 9");
     refused(whole.split_once('\n').unwrap().1, "no sound header");
     fs::remove_file(&lines).unwrap();
     fathom()

@@ -126,8 +126,14 @@ fn a_volume_beyond_the_limits_is_refused_before_its_scene_is_made() {
 fn the_default_suite_fits_a_machine_of_two_cores_and_4_gib() {
     let request = Request::default();
     let experiments = request.load(&Catalog::builtin()).unwrap();
-    let planned =
-        plan(experiments, &request, "quick", &small_machine(), &Catalog::builtin()).unwrap();
+    let planned = plan(
+        experiments,
+        &request,
+        fathom::record::Profile::Quick,
+        &small_machine(),
+        &Catalog::builtin(),
+    )
+    .unwrap();
     let cells = planned.iter().flat_map(|experiment| &experiment.cells);
     let skipped: Vec<_> = cells
         .filter_map(|cell| Some((&cell.plan.experiment, &cell.plan.cell, cell.skip.as_ref()?)))
