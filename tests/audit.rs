@@ -66,7 +66,7 @@ fn manifest(folder: &str, prefix: &str) -> Option<PathBuf> {
     found
 }
 
-fn row<'a>(found: &'a Found, pass: PassKind, context: Surrounding) -> &'a AuditRow {
+fn row(found: &Found, pass: PassKind, context: Surrounding) -> &AuditRow {
     let mut rows = found.rows.iter();
     rows.find(|row| row.pass == pass && row.context == context).expect("every kind has its rows")
 }
