@@ -112,7 +112,7 @@ fn counted_no_ops() -> Vec<Trial> {
 }
 
 fn no_op(number: u32) -> Trial {
-    let variant = if number % 2 == 0 { Variant::Again } else { Variant::Unrelated };
+    let variant = if number.is_multiple_of(2) { Variant::Again } else { Variant::Unrelated };
     let loaded = number % 3 == 2;
     let load = if loaded { "-loaded" } else { "" };
     let id = format!("no-op-{number:03}-{}{load}", variant.word());
