@@ -302,9 +302,9 @@ mod tests {
         let trial = trials(test.plan, &injections).pop().unwrap();
         assert!(!is_made(&test, &trial).unwrap());
 
-        let mut header = ComparisonHeader::default();
-        header.settings = test.settings_of(&trial);
-        header.settings.gates.retain(|gate| *gate == Gate::Exact);
+        // A gate that could not be run.
+        let settings = GateSettings { gates: vec![Gate::Exact], ..test.settings_of(&trial) };
+        let header = ComparisonHeader { settings, ..ComparisonHeader::default() };
         let taken = Taken::free(&folder.path().join(&trial.id)).unwrap();
         let mut held = taken.open(Kind::Comparison).unwrap();
         store::write(&mut held, vec![Compared::Header(Box::new(header))]).unwrap();
