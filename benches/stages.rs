@@ -8,17 +8,14 @@
 //! 600 × 600 pixels and 400 samples per pixel of VAO Fig. 8, with throughput in the samples that are really taken; the rest at
 //! small sizes. Every stage of the registry is measured, or the run ends with an error.
 
-use std::time::Duration;
-
-use criterion::{Criterion, Throughput};
-use fathom::gpu::{FrameTimer, Gpu, GpuError, Options, audit, audit_table};
-use fathom::harness::MAX_PASSES;
+use criterion::Criterion;
+use fathom::bench::StageBench;
+use fathom::gpu::{Gpu, GpuError, Options, audit, audit_table};
 use fathom::harness::subject::{Subject, Subjects};
 use fathom::parameter;
 use fathom::pipelines::AnyPipeline;
 use fathom::pipelines::underwater;
-use fathom::record::Work;
-use fathom::stages::{REGISTRY, Stage};
+use fathom::stages::REGISTRY;
 use serde_json::{Value, json};
 
 fn main() {
@@ -94,10 +91,8 @@ fn groups() -> Vec<Group> {
 /// Stages that no frame holds: a picture of the volume, and answers at given points.
 const APART: [&str; 3] = ["voxel/view", "ao/query", "photons/query"];
 
-struct Bench {
-    criterion: Criterion,
-    gpu: Gpu,
-    timer: FrameTimer,
+struct Suite {
+    bench: StageBench,
     subjects: Subjects,
     measured: Vec<&'static str>,
 }
@@ -106,50 +101,46 @@ fn run() -> anyhow::Result<()> {
     let gpu = Gpu::open(&Options::default())?;
     let clock = audit(&gpu)?;
     println!("{}", audit_table(&clock));
-    let mut bench = Bench {
-        criterion: Criterion::default().configure_from_args(),
-        timer: FrameTimer::new(&gpu, clock.plan, MAX_PASSES)?,
-        gpu,
+    let criterion = Criterion::default().configure_from_args();
+    let mut suite = Suite {
+        bench: StageBench::new(gpu, clock.plan, criterion)?,
         subjects: Subjects::default(),
         measured: Vec::new(),
     };
     for group in groups() {
-        bench.group(&group)?;
+        suite.group(&group)?;
     }
-    bench.criterion.final_summary();
+    suite.bench.finish();
     let missing = REGISTRY.iter().map(|stage| stage.name);
     let missing: Vec<&str> =
-        missing.filter(|name| !bench.measured.contains(name) && !APART.contains(name)).collect();
+        missing.filter(|name| !suite.measured.contains(name) && !APART.contains(name)).collect();
     anyhow::ensure!(missing.is_empty(), "not measured: {}", missing.join(", "));
     Ok(())
 }
 
-impl Bench {
+impl Suite {
     fn group(&mut self, group: &Group) -> anyhow::Result<()> {
         let params = group.params.iter();
         let params: Vec<_> =
             params.map(|(path, value)| ((*path).to_owned(), value.clone())).collect();
         let subject = self.subjects.subject(group.pipeline, group.scene, &params)?;
-        let pipeline = subject.build(&self.gpu)?;
+        let pipeline = subject.build(&self.bench.gpu)?;
         let stages = pipeline.stages();
-        let frame: Vec<&dyn Stage> = stages.iter().map(|stage| *stage as &dyn Stage).collect();
-        // Fills every stage's inputs and compiles the shaders.
-        self.timer.untimed(&self.gpu, &frame)?;
+        self.bench.warm_up(&stages)?;
         let blended = match group.pipeline {
             "underwater" => {
                 let params = subject.parameters::<underwater::Underwater>()?;
-                underwater::blended_fragments(&self.gpu, &subject.scene, params)?
+                underwater::blended_fragments(&self.bench.gpu, &subject.scene, params)?
             }
             _ => Default::default(),
         };
-        let samples = counted_samples(&self.gpu, &subject, pipeline.as_ref())?;
+        let samples = counted_samples(&self.bench.gpu, &subject, pipeline.as_ref())?;
         for stage in stages {
             let name = stage.name();
             let wanted = match group.stages {
                 [] => !self.measured.contains(&name),
-                named => named.iter().any(|wanted| match wanted.ends_with('/') {
-                    true => name.starts_with(wanted),
-                    false => name == *wanted,
+                named => named.iter().any(|wanted| {
+                    if wanted.ends_with('/') { name.starts_with(wanted) } else { name == *wanted }
                 }),
             };
             if wanted {
@@ -157,43 +148,11 @@ impl Bench {
                     "ao/march" => samples,
                     _ => blended.get(name).copied(),
                 };
-                self.stage(group.name, stage, counted)?;
+                self.measured.push(name);
+                self.bench.stage(group.name, stage, counted)?;
             }
         }
         Ok(())
-    }
-
-    /// One stage alone in its frames; faulty readings are taken again, and end the run if they go on.
-    fn stage(
-        &mut self,
-        group: &str,
-        stage: &dyn Stage,
-        counted: Option<u64>,
-    ) -> Result<(), GpuError> {
-        self.measured.push(stage.name());
-        let mut group = self.criterion.benchmark_group(group);
-        group.sample_size(10);
-        group.warm_up_time(Duration::from_millis(300));
-        group.measurement_time(Duration::from_secs(2));
-        if let Some(elements) = counted.or(declared(&stage.work())) {
-            group.throughput(Throughput::Elements(elements));
-        }
-        let mut failure = None;
-        let (gpu, timer) = (&self.gpu, &mut self.timer);
-        group.bench_function(stage.name(), |bencher| {
-            bencher.iter_custom(|iterations| {
-                let mut total_ns = 0.0;
-                for _ in 0..iterations {
-                    match stage_ns(gpu, timer, stage) {
-                        Ok(ns) => total_ns += ns,
-                        Err(error) => failure = Some(error),
-                    }
-                }
-                Duration::from_nanos((total_ns.round() as u64).max(1))
-            });
-        });
-        group.finish();
-        failure.map_or(Ok(()), Err)
     }
 }
 
@@ -211,25 +170,4 @@ fn counted_samples(
         Some(quantities.get("samples_per_pixel_mean")? * covered * number("ao.scale")?.powi(2))
     };
     Ok(samples().map(|count| count.round() as u64))
-}
-
-fn declared(work: &Work) -> Option<u64> {
-    [work.photons, work.fragments, work.triangles].into_iter().find(|&count| count > 0)
-}
-
-/// Readings of a stage before its clock is given up.
-const ATTEMPTS: u32 = 20;
-
-/// A stage's time; the clock's resolution where the stage is shorter.
-fn stage_ns(gpu: &Gpu, timer: &mut FrameTimer, stage: &dyn Stage) -> Result<f64, GpuError> {
-    for _ in 0..ATTEMPTS {
-        let sample = timer.timed(gpu, &[stage as &dyn Stage])?;
-        if sample.faults.is_empty() {
-            return Ok(sample.stages[0].at_least_resolution_ns());
-        }
-    }
-    Err(GpuError::Internal(format!(
-        "{}: no acceptable reading of the clock in {ATTEMPTS} frames",
-        stage.name()
-    )))
 }

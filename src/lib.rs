@@ -34,6 +34,7 @@
 //! seconds, depth range 0 (near) … 1 (far), clip space y up, light directions point the way the
 //! light travels, CPU geometry and references in f64, GPU in f32, angles in degrees in parameters.
 
+pub mod bench;
 pub mod cli;
 pub mod compare;
 pub mod embedded;

@@ -56,6 +56,7 @@ const RULE: &[(&str, &[&str])] = &[
             "text",
         ],
     ),
+    ("bench", &["compare", "gpu", "harness", "record"]),
     ("exporters", &["compare", "harness", "record", "report"]),
 ];
 

@@ -117,9 +117,10 @@ impl Stage for Idle {
 /// submissions at 50 µs.
 fn plan(gpu: &Gpu) -> ClockPlan {
     let plan = ClockPlan::fenced(SubmitCost { compute_ns: 5e4, render_ns: 5e4, copy_ns: 5e4 });
-    match gpu.features.contains(wgpu::Features::TIMESTAMP_QUERY_INSIDE_ENCODERS) {
-        true => plan.with(PassKind::Render, Clock::Timestamp),
-        false => plan,
+    if gpu.features.contains(wgpu::Features::TIMESTAMP_QUERY_INSIDE_ENCODERS) {
+        plan.with(PassKind::Render, Clock::Timestamp)
+    } else {
+        plan
     }
 }
 

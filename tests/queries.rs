@@ -190,7 +190,8 @@ fn water_that_cannot_be_used_is_refused_in_one_line() {
         let refusal = map(name, "[1,1]");
         assert!(refusal.contains(reason), "{refusal}");
     }
-    assert!(map("good.npy", "[0,1]").contains("water.height_map.tile_m[0] = 0"));
+    let tile = map("good.npy", "[0,1]");
+    assert!(tile.contains("water.height_map.tile_m[0] = 0"), "{tile}");
     let waves = |sets: &[&str]| refusal(&sets.iter().map(|s| (*s).to_owned()).collect::<Vec<_>>());
     assert!(waves(&[WAVES]).contains("set water.model to waves"));
     assert!(waves(&["water.model=waves"]).contains("lists none"));

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::atomic::{AtomicBool, Ordering};
 
+use crate::bench::{self, StageBench};
 use crate::compare::worker;
 use crate::experiments::Experiment;
 use crate::gpu::{self, Gpu};
@@ -21,10 +22,11 @@ use crate::scene::{SceneFile, assets};
 use crate::{exporters, record, stages, tell, text};
 use anyhow::Context;
 use clap::ValueEnum;
+use criterion::Criterion;
 
 use super::{
-    AdapterArgs, DumpArgs, FetchArgs, ListArgs, Listing, QueryArgs, Question, RenderArgs,
-    ReportArgs, RunArgs, SubjectArgs, VerifyArgs,
+    AdapterArgs, BenchArgs, DumpArgs, FetchArgs, ListArgs, Listing, QueryArgs, Question,
+    RenderArgs, ReportArgs, RunArgs, SubjectArgs, VerifyArgs,
 };
 
 /// A cell or a check failed.
@@ -359,6 +361,14 @@ pub fn report(args: ReportArgs) -> Outcome {
     for path in exporters::write(&output.folder, reading)? {
         tell::done(path.display());
     }
+    Ok(ExitCode::SUCCESS)
+}
+
+pub fn bench(catalog: &Catalog, args: &BenchArgs) -> Outcome {
+    let gpu = Gpu::open(&gpu_options(catalog, &args.adapter))?;
+    let clock = gpu::audit(&gpu)?;
+    let criterion = Criterion::default().with_filter(args.filter.as_deref().unwrap_or_default());
+    bench::gate_cells(catalog, StageBench::new(gpu, clock.plan, criterion)?)?;
     Ok(ExitCode::SUCCESS)
 }
 

@@ -42,6 +42,7 @@ pub fn main(catalog: &Catalog) -> ExitCode {
         Command::Query(args) => commands::query(catalog, args),
         Command::Report(args) => commands::report(args),
         Command::Compare(args) => compare::compare(catalog, *args),
+        Command::Bench(args) => commands::bench(catalog, &args),
         Command::Worker(args) => commands::worker(catalog, args),
     };
     exit_status(result)
@@ -92,6 +93,8 @@ pub enum Command {
             130 interrupted, with everything measured so far stored."
     )]
     Compare(Box<CompareArgs>),
+    /// Time the gate cells with criterion, on the audited clock; reports go to target/criterion
+    Bench(BenchArgs),
     /// Answer a comparing process on standard input and output, one JSON object a line
     #[command(hide = true)]
     Worker(AdapterArgs),
@@ -254,6 +257,14 @@ pub struct QueryArgs {
     /// Answer also where a mesh is absent or damaged and a stand-in takes its place
     #[arg(long)]
     pub allow_stand_ins: bool,
+    #[command(flatten)]
+    pub adapter: AdapterArgs,
+}
+
+#[derive(Args)]
+pub struct BenchArgs {
+    /// Only cells whose names hold this
+    pub filter: Option<String>,
     #[command(flatten)]
     pub adapter: AdapterArgs,
 }

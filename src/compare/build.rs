@@ -128,9 +128,10 @@ fn printed(command: &mut Command) -> Result<String, BuildError> {
     let output =
         command.stdin(Stdio::null()).output().map_err(|error| failed(error.to_string()))?;
     let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).trim().replace('\n', " ");
-    match output.status.success() {
-        true => Ok(text(&output.stdout)),
-        false => Err(failed(text(&output.stderr))),
+    if output.status.success() {
+        Ok(text(&output.stdout))
+    } else {
+        Err(failed(text(&output.stderr)))
     }
 }
 
@@ -201,9 +202,10 @@ pub fn compile(
         }
     }
     let program = format!("release/{BINARY}{}", std::env::consts::EXE_SUFFIX);
-    match child.wait().map_err(failed)?.success() {
-        true => Ok(target.join(program)),
-        false => Err(BuildError::Compile { revision: revision.to_owned(), last: last.into() }),
+    if child.wait().map_err(failed)?.success() {
+        Ok(target.join(program))
+    } else {
+        Err(BuildError::Compile { revision: revision.to_owned(), last: last.into() })
     }
 }
 

@@ -97,9 +97,10 @@ pub fn measure(
     let greetings = greeted(&mut parties)?;
     let header = header(options, &gates, &greetings)?;
     let mut held = taken.open(Kind::Comparison)?;
-    let before = match options.resume {
-        true => resumed(&mut held, &header, tell)?,
-        false => Comparison::new(header.clone()),
+    let before = if options.resume {
+        resumed(&mut held, &header, tell)?
+    } else {
+        Comparison::new(header.clone())
     };
     let mut measurement = Measurement { options, held, interrupted, waiting, tell, before };
     if !options.resume {
@@ -292,9 +293,10 @@ impl Measurement<'_> {
         configurations: &[Configuration],
     ) -> Result<Vec<Configuration>, CompareError> {
         let counting = self.wants(Gate::Exact);
-        (self.tell)(match counting {
-            true => "exact gate: work, counters, bytes and errors of both builds",
-            false => "preparing both builds",
+        (self.tell)(if counting {
+            "exact gate: work, counters, bytes and errors of both builds"
+        } else {
+            "preparing both builds"
         });
         let mut common = Vec::new();
         for configuration in configurations {
@@ -342,9 +344,10 @@ impl Measurement<'_> {
             Err(cause) => return self.no_time(&cause),
         };
         let schedule = Schedule {
-            control: match cells.contains(control) {
-                true => Some(control.clone()),
-                false => cells.first().cloned(),
+            control: if cells.contains(control) {
+                Some(control.clone())
+            } else {
+                cells.first().cloned()
             },
             cells,
             launches: settings.launches,

@@ -346,10 +346,8 @@ fn pair(
     round: Option<u32>,
     visit: &Visit,
 ) -> Result<Pair, PartyFault> {
-    let (base, head) = match visit.control {
-        true => (Party::Twin, Party::Control),
-        false => (Party::Base, Party::Head),
-    };
+    let (base, head) =
+        if visit.control { (Party::Twin, Party::Control) } else { (Party::Base, Party::Head) };
     let mut sample = |party| {
         let sampled = bench.sample(party, &visit.cell);
         sampled.map_err(|fault| PartyFault { party, fault })
@@ -368,10 +366,7 @@ fn pair(
         cell: visit.cell.clone(),
         control: visit.control,
         second: false,
-        first: match base_first {
-            true => Side::Base,
-            false => Side::Head,
-        },
+        first: if base_first { Side::Base } else { Side::Head },
         base_ns,
         head_ns,
     })

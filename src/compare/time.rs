@@ -158,10 +158,7 @@ impl Figures {
         let bound = (1.0 + settings.threshold).ln();
         let centre = rank::centre(&self.launches, settings.alpha);
         let verdict = if adjusted_p <= settings.alpha {
-            match centre.estimate > 0.0 {
-                true => TimeVerdict::Slower,
-                false => TimeVerdict::Faster,
-            }
+            if centre.estimate > 0.0 { TimeVerdict::Slower } else { TimeVerdict::Faster }
         } else if -bound <= centre.low && centre.high <= bound {
             TimeVerdict::Same
         } else {

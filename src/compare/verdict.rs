@@ -143,10 +143,7 @@ impl<'a> Verdicts<'a> {
         });
         let sources = Sources {
             comparison,
-            time: match believed {
-                true => by_cell(&time),
-                false => BTreeMap::new(),
-            },
+            time: if believed { by_cell(&time) } else { BTreeMap::new() },
             gates: &gates,
             counts: instructions::judge(comparison),
             unpaired: unpaired::judge(comparison),

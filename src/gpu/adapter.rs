@@ -400,9 +400,10 @@ fn request(
         required_limits: chosen.limits(),
         experimental_features: wgpu::ExperimentalFeatures::disabled(),
         // A software driver's GPU memory is the machine's own.
-        memory_hints: match adapter.software {
-            true => wgpu::MemoryHints::MemoryUsage,
-            false => wgpu::MemoryHints::Performance,
+        memory_hints: if adapter.software {
+            wgpu::MemoryHints::MemoryUsage
+        } else {
+            wgpu::MemoryHints::Performance
         },
         trace: wgpu::Trace::Off,
     };

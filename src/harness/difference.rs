@@ -72,10 +72,7 @@ fn relative_rms(image: &Pixels, reference: &Pixels) -> Result<f64, DifferenceErr
     let pairs = image.data.iter().zip(&reference.data);
     let error: f64 = pairs.map(|(a, b)| square(f64::from(*a) - f64::from(*b))).sum();
     let power: f64 = reference.data.iter().map(|b| square(f64::from(*b))).sum();
-    match power > 0.0 {
-        true => Ok((error / power).sqrt()),
-        false => Err(DifferenceError::Black),
-    }
+    if power > 0.0 { Ok((error / power).sqrt()) } else { Err(DifferenceError::Black) }
 }
 
 #[cfg(test)]

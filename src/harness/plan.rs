@@ -37,9 +37,10 @@ pub struct Request {
 impl Request {
     /// Reads the experiments' files.
     pub fn load(&self, catalog: &Catalog) -> Result<Vec<Experiment>, ExperimentError> {
-        let names = match self.experiments.is_empty() {
-            true => Experiment::ids(&catalog.experiments),
-            false => self.experiments.clone(),
+        let names = if self.experiments.is_empty() {
+            Experiment::ids(&catalog.experiments)
+        } else {
+            self.experiments.clone()
         };
         let load = |name: &String| Experiment::load_from(&catalog.experiments, name);
         names.iter().map(load).collect()

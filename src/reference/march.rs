@@ -120,9 +120,10 @@ impl March {
         let sum: f64 = (0..self.rays)
             .map(|ray| {
                 let point = self.point(ray, seed);
-                let local = match self.paper_estimator {
-                    true => uniform_direction(point),
-                    false => cosine_direction(point),
+                let local = if self.paper_estimator {
+                    uniform_direction(point)
+                } else {
+                    cosine_direction(point)
                 };
                 let weight = if self.paper_estimator { local.z } else { 1.0 };
                 let first = self.first_sample(local.z, ray, seed);

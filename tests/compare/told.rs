@@ -178,10 +178,8 @@ impl Stored {
     }
 
     fn fault(mut self, gate: Gate, side: Side, name: Option<&str>, absent: bool) -> Self {
-        let reason = match absent {
-            true => "unknown pipeline `new`",
-            false => "it ended with signal: 11 (SIGSEGV)",
-        };
+        let reason =
+            if absent { "unknown pipeline `new`" } else { "it ended with signal: 11 (SIGSEGV)" };
         let fault = Fault::new(gate, Some(side), name.map(cell), reason);
         let launch = (gate == Gate::Time).then_some(3);
         self.lines.push(Compared::Fault(Fault { launch, absent, ..fault }));

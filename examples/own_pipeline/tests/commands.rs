@@ -75,6 +75,16 @@ fn the_experiment_runs_and_is_told_again_from_its_records() {
     assert_eq!(fs::read_to_string(out.join("summary.md")).unwrap(), summary);
 }
 
+#[test]
+fn criterion_times_the_gate_cell() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = Command::new(PROGRAM).args(["bench", "blur"]).current_dir(folder.path()).output();
+    let out = out.expect("the program starts");
+    let told = String::from_utf8(out.stdout).unwrap();
+    assert!(out.status.success(), "{told}");
+    assert!(told.contains("puddle/ripple/blur") && !told.contains("ripple/draw"), "{told}");
+}
+
 /// The program over shaders in a folder of their own.
 fn with_shaders(folder: &Path, name: &str, shaders: &Path) -> PathBuf {
     let path = folder.join(name);

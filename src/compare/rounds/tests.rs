@@ -242,9 +242,10 @@ fn a_dead_worker_costs_the_launch_and_the_cell_that_killed_it() {
 fn a_configuration_that_is_refused_or_kills_costs_its_cells() {
     for kills in [false, true] {
         let mut bench = Simulated::default();
-        match kills {
-            true => bench.killing_configuration = Some("one"),
-            false => bench.refused_configuration = Some(("one", Party::Head)),
+        if kills {
+            bench.killing_configuration = Some("one")
+        } else {
+            bench.refused_configuration = Some(("one", Party::Head))
         }
         let lines = measure(&mut bench, &Before::default(), &NEVER);
         assert_eq!(launches(&lines).len(), 3);

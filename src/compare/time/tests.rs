@@ -34,10 +34,8 @@ impl Simulation {
 
     fn sample(&mut self, ns: f64) -> f64 {
         let (share, most) = self.noise.stalls;
-        let stall = match self.random.random_bool(share) {
-            true => most * self.random.random::<f64>(),
-            false => 0.0,
-        };
+        let stall =
+            if self.random.random_bool(share) { most * self.random.random::<f64>() } else { 0.0 };
         ns * (self.noise.within * normal(&mut self.random)).exp() * (1.0 + stall)
     }
 

@@ -108,10 +108,8 @@ impl FrameTimer {
     pub fn new(gpu: &Gpu, plan: ClockPlan, max_passes: u32) -> Result<Self, GpuError> {
         let kinds = [PassKind::Compute, PassKind::Render, PassKind::Copy];
         let timestamps = kinds.iter().any(|kind| plan.clock(*kind) == Clock::Timestamp);
-        let queries = match timestamps && max_passes > 0 {
-            true => Some(Queries::new(gpu, max_passes)?),
-            false => None,
-        };
+        let queries =
+            if timestamps && max_passes > 0 { Some(Queries::new(gpu, max_passes)?) } else { None };
         Ok(Self {
             plan,
             period_ns: f64::from(gpu.queue.get_timestamp_period()),
@@ -191,9 +189,10 @@ impl FrameTimer {
                 metering_ns += span.metering_ns();
             }
             account.gaps_ns += self.submit_cost_ns(span);
-            match span.fenced {
-                true => self.add_fenced(&mut account, span),
-                false => self.add_timestamped(&mut account, span),
+            if span.fenced {
+                self.add_fenced(&mut account, span)
+            } else {
+                self.add_timestamped(&mut account, span)
             }
         }
         let gpu_ns = match (self.spans.first(), self.spans.last()) {

@@ -110,9 +110,10 @@ impl Executor for Mock<'_> {
 
     fn prepare(&mut self, cell: usize) -> Result<u64, Failure> {
         self.calls.push(Call::Prepare(cell));
-        match self.cells[cell].refuses {
-            true => Err(Failure::Cell("out of GPU memory".into())),
-            false => Ok(self.cells[cell].bytes),
+        if self.cells[cell].refuses {
+            Err(Failure::Cell("out of GPU memory".into()))
+        } else {
+            Ok(self.cells[cell].bytes)
         }
     }
 
