@@ -191,7 +191,7 @@ fn water_that_cannot_be_used_is_refused_in_one_line() {
         assert!(refusal.contains(reason), "{refusal}");
     }
     let tile = map("good.npy", "[0,1]");
-    assert!(tile.contains("water.height_map.tile_m[0] = 0"), "{tile}");
+    assert!(tile.contains("water.height_map.tile_m[0] is 0"), "{tile}");
     let waves = |sets: &[&str]| refusal(&sets.iter().map(|s| (*s).to_owned()).collect::<Vec<_>>());
     assert!(waves(&[WAVES]).contains("set water.model to waves"));
     assert!(waves(&["water.model=waves"]).contains("lists none"));
