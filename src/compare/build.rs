@@ -15,6 +15,7 @@ use tempfile::TempDir;
 use thiserror::Error;
 
 use super::quiet;
+use crate::harness::catalog::CargoTarget;
 
 /// Lines of the compiler that are told when it fails.
 const LAST_LINES: usize = 20;
@@ -24,7 +25,6 @@ const SLICE: Duration = Duration::from_millis(100);
 const KEPT: usize = 8;
 /// Folder of the cache, in the repository's target folder.
 pub const CACHE: &str = "target/compare";
-const BINARY: &str = "fathom";
 /// Variables that change what a compiler makes of a source.
 const FLAGS: [&str; 2] = ["RUSTFLAGS", "CARGO_ENCODED_RUSTFLAGS"];
 /// Hexadecimal digits that tell one way of compiling from another.
@@ -54,10 +54,12 @@ pub struct Built {
     pub program: PathBuf,
 }
 
-/// The release build of `revision` of the repository around `folder`, from the cache if it is there. `progress` is given each
-/// line that cargo writes meanwhile. As soon as `interrupted` is set the build is given up, and nothing of it is left.
+/// The release build of `target` at `revision` of the repository around `folder`, from the cache if it is there. cargo starts in the
+/// same folder of the checkout, so the crate need not be at the repository's root. `progress` is given each line that cargo
+/// writes. Once `interrupted` is set the build ends, and nothing of it is left.
 pub fn revision(
     folder: &Path,
+    target: CargoTarget,
     revision: &str,
     interrupted: &AtomicBool,
     progress: &mut dyn FnMut(&str),
@@ -67,11 +69,13 @@ pub fn revision(
     let cache = repository.join(CACHE);
     let way = way(&compiler(&repository)?, |name| std::env::var_os(name));
     let kept = cache.join("builds").join(format!("{commit}-{way}"));
-    let program = kept.join(format!("{BINARY}{}", std::env::consts::EXE_SUFFIX));
+    let program = kept.join(format!("{}{}", target.binary, std::env::consts::EXE_SUFFIX));
     if !program.is_file() {
         let worktree = Worktree::add(&repository, &cache, &commit)?;
-        let built =
-            compile(&worktree.path, &cache.join("target"), revision, &[], interrupted, progress)?;
+        let source = worktree.path.join(git(folder, ["rev-parse", "--show-prefix"])?);
+        let source = source.ancestors().find(|path| path.is_dir()).unwrap_or(&worktree.path);
+        let folders = (source, &*cache.join("target"));
+        let built = compile(folders, target, revision, &[], interrupted, progress)?;
         keep(&built, &program)?;
         forget_old(&cache.join("builds"), &kept);
     }
@@ -165,13 +169,13 @@ impl Drop for Worktree {
     }
 }
 
-/// The program that cargo makes of a checkout, in an environment with these variables.
+/// The program that cargo makes of a checkout, into a target folder, in an environment with these variables.
 ///
 /// Ctrl-C in a terminal does not reach cargo: this process ends it, and the compilers that it has started, once `interrupted`
 /// is set.
 pub fn compile(
-    source: &Path,
-    target: &Path,
+    (source, built): (&Path, &Path),
+    target: CargoTarget,
     revision: &str,
     environment: &[(&str, &str)],
     interrupted: &AtomicBool,
@@ -181,7 +185,7 @@ pub fn compile(
         command: "cargo build".to_owned(),
         reason: error.to_string(),
     };
-    let mut child = cargo(source, target, environment).spawn().map_err(failed)?;
+    let mut child = cargo(source, built, target, environment).spawn().map_err(failed)?;
     let lines = lines_of(&mut child);
     let mut last = VecDeque::new();
     loop {
@@ -201,22 +205,27 @@ pub fn compile(
             Err(RecvTimeoutError::Disconnected) => break,
         }
     }
-    let program = format!("release/{BINARY}{}", std::env::consts::EXE_SUFFIX);
+    let program = format!("release/{}{}", target.binary, std::env::consts::EXE_SUFFIX);
     if child.wait().map_err(failed)?.success() {
-        Ok(target.join(program))
+        Ok(built.join(program))
     } else {
         Err(BuildError::Compile { revision: revision.to_owned(), last: last.into() })
     }
 }
 
-fn cargo(source: &Path, target: &Path, environment: &[(&str, &str)]) -> Command {
+fn cargo(
+    source: &Path,
+    built: &Path,
+    target: CargoTarget,
+    environment: &[(&str, &str)],
+) -> Command {
     let cargo = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
     let mut command = Command::new(cargo);
     quiet::apply(&mut command, None);
     command
         .args(["build", "--release", "--locked", "--color=never"])
-        .args(["--bin", BINARY, "--target-dir"])
-        .arg(target)
+        .args(["-p", target.package, "--bin", target.binary, "--target-dir"])
+        .arg(built)
         .current_dir(source)
         .envs(environment.iter().copied())
         .stdin(Stdio::null())
@@ -270,7 +279,7 @@ pub fn set_aside(program: &Path) -> Result<SetAside, BuildError> {
         path: std::env::temp_dir(),
         source,
     })?;
-    let name = program.file_name().unwrap_or(OsStr::new(BINARY));
+    let name = program.file_name().unwrap_or(OsStr::new("program"));
     let path = folder.path().join(name);
     keep(program, &path)?;
     Ok(SetAside { _folder: folder, path })
@@ -302,23 +311,28 @@ mod tests {
 
     use super::*;
 
-    const MANIFEST: &str =
-        "[package]\nname = \"fathom\"\nversion = \"0.1.0\"\nedition = \"2024\"\n\n[workspace]\n";
-    const LOCK: &str = "version = 4\n\n[[package]]\nname = \"fathom\"\nversion = \"0.1.0\"\n";
+    const MANIFEST: &str = "[package]\nname = \"mine\"\nversion = \"0.1.0\"\nedition = \"2024\"\n\n\
+        [[bin]]\nname = \"my-bench\"\npath = \"src/main.rs\"\n\n[workspace]\n";
+    const LOCK: &str = "version = 4\n\n[[package]]\nname = \"mine\"\nversion = \"0.1.0\"\n";
+    const TARGET: CargoTarget = CargoTarget { package: "mine", binary: "my-bench" };
 
-    /// A repository with a crate of two commits: the first builds, the second, HEAD, does not.
+    /// A repository with a crate of two commits: the first builds, the second, HEAD, does not. The crate lies in a folder of it.
     struct Repository {
         folder: tempfile::TempDir,
+        /// Of the crate.
+        path: PathBuf,
     }
 
     impl Repository {
         fn new() -> Self {
             let folder = tempfile::tempdir().unwrap();
-            let repository = Self { folder };
-            repository.git(["init", "--quiet"]);
+            let path = folder.path().join("crates/mine");
+            std::fs::create_dir_all(&path).unwrap();
+            let repository = Self { folder, path };
+            git(repository.folder.path(), ["init", "--quiet"]).unwrap();
             repository.write("Cargo.toml", MANIFEST);
             repository.write("Cargo.lock", LOCK);
-            repository.write(".gitignore", "/target\n");
+            repository.write("../../.gitignore", "/target\n");
             repository.write("src/main.rs", "fn main() { println!(\"first\"); }\n");
             repository.commit();
             repository.write("src/main.rs", "fn main() { second() }\n");
@@ -327,7 +341,11 @@ mod tests {
         }
 
         fn path(&self) -> &Path {
-            self.folder.path()
+            &self.path
+        }
+
+        fn cache(&self) -> PathBuf {
+            self.folder.path().join(CACHE)
         }
 
         fn write(&self, name: &str, text: &str) {
@@ -355,7 +373,9 @@ mod tests {
 
         fn build(&self, name: &str) -> (Result<Built, BuildError>, usize) {
             let mut lines = 0;
-            let built = revision(self.path(), name, &AtomicBool::new(false), &mut |_| lines += 1);
+            let built = revision(self.path(), TARGET, name, &AtomicBool::new(false), &mut |_| {
+                lines += 1;
+            });
             (built, lines)
         }
     }
@@ -386,12 +406,12 @@ mod tests {
         let repository = Repository::new();
         repository.write("build.rs", SLOW_BUILD);
         repository.commit();
-        let begun = repository.path().join(CACHE).join("target/begun");
+        let begun = repository.cache().join("target/begun");
         let interrupted = AtomicBool::new(false);
         let start = std::time::Instant::now();
         let built = std::thread::scope(|scope| {
-            let built =
-                scope.spawn(|| revision(repository.path(), "HEAD", &interrupted, &mut |_| {}));
+            let built = scope
+                .spawn(|| revision(repository.path(), TARGET, "HEAD", &interrupted, &mut |_| {}));
             while !begun.exists() && !built.is_finished() {
                 std::thread::sleep(Duration::from_millis(20));
             }
@@ -403,7 +423,7 @@ mod tests {
         assert!(begun.exists(), "it was interrupted in the midst of it");
         assert!(start.elapsed() < Duration::from_secs(50));
         assert_eq!(repository.git(["worktree", "list"]).split(" [").count(), 2);
-        let folders = std::fs::read_dir(repository.path().join(CACHE)).unwrap();
+        let folders = std::fs::read_dir(repository.cache()).unwrap();
         let names: Vec<_> = folders.flatten().map(|entry| entry.file_name()).collect();
         assert_eq!(names, ["target"], "no worktree and no build is left");
     }
@@ -447,7 +467,7 @@ mod tests {
         let message = repository.build("HEAD").0.unwrap_err().to_string();
         assert!(message.contains("revision `HEAD` does not build"), "{message}");
         assert!(message.contains("cannot find function `second`"), "{message}");
-        let folders = std::fs::read_dir(repository.path().join(CACHE)).unwrap();
+        let folders = std::fs::read_dir(repository.cache()).unwrap();
         let names: Vec<_> = folders.flatten().map(|entry| entry.file_name()).collect();
         assert_eq!(names, ["target"], "no worktree and no build is left");
     }
@@ -462,7 +482,7 @@ mod tests {
             assert_eq!(message.lines().count(), 1, "{message}");
         }
         let outside = tempfile::tempdir().unwrap();
-        let error = revision(outside.path(), "HEAD", &AtomicBool::new(false), &mut |_| {});
+        let error = revision(outside.path(), TARGET, "HEAD", &AtomicBool::new(false), &mut |_| {});
         let error = error.unwrap_err();
         assert!(error.to_string().contains("--base-bin"), "{error}");
     }

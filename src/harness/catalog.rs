@@ -13,9 +13,22 @@ use crate::scene::{Scene, SceneFile};
 use crate::stages;
 use crate::text::nearest;
 
+/// What cargo calls a program: `cargo build -p PACKAGE --bin BINARY`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct CargoTarget {
+    pub package: &'static str,
+    pub binary: &'static str,
+}
+
+impl CargoTarget {
+    pub const FATHOM: Self = Self { package: "fathom", binary: "fathom" };
+}
+
 /// Everything that the commands know by name.
 #[derive(Clone, Debug)]
 pub struct Catalog {
+    /// The program itself: `compare --base REV` builds it of that revision.
+    pub program: CargoTarget,
     pub kinds: Vec<Kind>,
     pub shaders: Folders,
     pub scenes: Folders,
@@ -35,6 +48,7 @@ impl Catalog {
     /// What fathom brings.
     pub fn builtin() -> Self {
         Self {
+            program: CargoTarget::FATHOM,
             kinds: KINDS.to_vec(),
             shaders: Folders::of(SHADERS),
             scenes: Folders::of(SCENES),
@@ -42,6 +56,12 @@ impl Catalog {
             checks: vec![verify::cases],
             gates: ("benches/gates.toml", include_str!("../../benches/gates.toml")),
         }
+    }
+
+    /// Names the program, for `compare --base REV`: `env!("CARGO_PKG_NAME")` and `env!("CARGO_BIN_NAME")`.
+    #[must_use]
+    pub fn program(self, package: &'static str, binary: &'static str) -> Self {
+        Self { program: CargoTarget { package, binary }, ..self }
     }
 
     /// Adds a pipeline.

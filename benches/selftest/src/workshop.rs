@@ -5,6 +5,7 @@ use std::sync::atomic::AtomicBool;
 use std::time::SystemTime;
 
 use fathom::compare::build::{self, BuildError, Worktree};
+use fathom::harness::catalog::CargoTarget;
 
 use crate::injections::Changed;
 
@@ -65,8 +66,8 @@ impl Workshop {
             Compilation::Incremental => "1",
         };
         let built = build::compile(
-            &self.worktree.path,
-            &self.target,
+            (&self.worktree.path, &self.target),
+            CargoTarget::FATHOM,
             "with a change",
             &[("CARGO_INCREMENTAL", incremental)],
             interrupted,

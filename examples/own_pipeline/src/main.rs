@@ -32,6 +32,7 @@ fn main() -> ExitCode {
     let shaders = std::env::var_os(SHADERS_VARIABLE)
         .map_or_else(|| Folder::of::<Shaders>("own shaders"), Folder::at);
     let catalog = Catalog::builtin()
+        .program(env!("CARGO_PKG_NAME"), env!("CARGO_BIN_NAME"))
         .pipeline::<pipeline::Ripples>()
         .shaders(shaders)
         .scenes(Folder::of::<Scenes>("own scenes"))
