@@ -1,5 +1,5 @@
 //! Criterion over stages, through the audited clock, so that criterion's reports show GPU time. `fathom bench` runs the gate cells of a
-//! catalogue; `cargo bench` runs fathom's own stages at the sizes of the publications.
+//! catalogue; `cargo bench` runs every stage of fathom, at the sizes of the publications where they give any.
 
 use std::time::Duration;
 
@@ -93,13 +93,21 @@ impl StageBench {
     }
 }
 
-/// Criterion over the gate cells of a catalogue.
+/// Criterion over those gate cells of a catalogue whose stage is `wanted`.
 ///
 /// # Errors
 /// Cells that cannot be read or built, and what the GPU reports.
-pub fn gate_cells(catalog: &Catalog, mut bench: StageBench) -> Result<(), BenchError> {
+pub fn gate_cells(
+    catalog: &Catalog,
+    bench: &mut StageBench,
+    wanted: impl Fn(&str) -> bool,
+) -> Result<(), BenchError> {
     let mut subjects = Subjects::of(catalog).within(&bench.gpu.capacity);
-    for cell in Gates::load(None, catalog.gates)?.configurations {
+    for mut cell in Gates::load(None, catalog.gates)?.configurations {
+        cell.stages.retain(|stage| wanted(stage));
+        if cell.stages.is_empty() {
+            continue;
+        }
         let set: Vec<_> = cell.params.into_iter().collect();
         let subject = subjects.subject(&cell.pipeline, &cell.scene, &set)?;
         let pipeline = subject.build(&bench.gpu)?;
@@ -111,7 +119,6 @@ pub fn gate_cells(catalog: &Catalog, mut bench: StageBench) -> Result<(), BenchE
             bench.stage(&cell.id, *stage, None)?;
         }
     }
-    bench.finish();
     Ok(())
 }
 

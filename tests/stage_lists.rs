@@ -1,8 +1,8 @@
 //! Every stage is listed where it runs, declares its work and bears its shader's name. Each message says what to add.
 
 use fathom::Catalog;
+use fathom::compare::cells::Gates;
 use fathom::embedded::{Folders, SHADERS};
-use fathom::experiments::parse_set;
 use fathom::gpu::{Gpu, Options, shader_paths};
 use fathom::harness::subject::Subjects;
 use fathom::record::Work;
@@ -52,39 +52,21 @@ fn every_stage_with_a_shader_bears_its_stem() {
     }
 }
 
-/// Pipelines with settings that together run every stage.
-const RUNS: [(&str, &str, &[&str]); 8] = [
-    ("underwater", "plane", &["shadow.size=32", "caustics.grid=8", "godrays.grid=8"]),
-    ("volume_ao", "slab", &["voxel.method=slicemap", "animation.deform=spin"]),
-    ("volume_ao", "slab", &["voxel.method=slice", "ao.skipping=true"]),
-    ("voxelize", "slab", &["voxel.method=overlap"]),
-    ("voxelize", "slab", &["voxel.method=max_alpha"]),
-    ("hsao", "slab", &["shadow.size=32", "compose.meter=true"]),
-    ("scalar_ao", "smoke", &["scalar.mode=isosurface"]),
-    ("scalar_ao", "smoke", &["scalar.mode=direct"]),
-];
-const POSITIONAL: (&str, &str, &[&str]) = ("scalar_ao", "smoke", &["scalar.mode=positional"]);
-
+/// The gates' cells run every stage; here with a small picture.
 #[test]
 fn what_is_built_runs_what_was_planned_and_declares_its_work() {
     let gpu = Gpu::open(&Options::default()).expect("an adapter is there");
-    let mut subjects = Subjects::default().silent();
-    let mut run = Vec::new();
-    for (pipeline, scene, settings) in RUNS.into_iter().chain([POSITIONAL]) {
-        let small = ["view.width=16", "view.height=16"];
-        let overrides: Vec<_> =
-            small.iter().chain(settings).map(|text| parse_set(text).unwrap()).collect();
-        let subject = subjects.subject(pipeline, scene, &overrides).unwrap();
+    let catalog = Catalog::builtin();
+    let mut subjects = Subjects::of(&catalog).silent();
+    for cell in Gates::load(None, catalog.gates).unwrap().configurations {
+        let small = ["view.width", "view.height"].map(|path| (path.to_owned(), 16.into()));
+        let params: Vec<_> = cell.params.into_iter().chain(small).collect();
+        let subject = subjects.subject(&cell.pipeline, &cell.scene, &params).unwrap();
         let built = subject.build(&gpu).unwrap();
         let stages: Vec<_> = built.stages().iter().map(|stage| stage.info()).collect();
-        assert_eq!(stages, subject.plan().unwrap().stages, "{pipeline}");
+        assert_eq!(stages, subject.plan().unwrap().stages, "{}", cell.id);
         for stage in built.stages() {
             assert!(stage.work() != Work::default(), "{} declares no work", stage.name());
         }
-        run.extend(stages);
     }
-    let missing = REGISTRY.iter().filter(|stage| !run.contains(stage));
-    let missing: Vec<&str> =
-        missing.map(|stage| stage.name).filter(|name| !APART.contains(name)).collect();
-    assert!(missing.is_empty(), "no line of RUNS runs {missing:?}");
 }

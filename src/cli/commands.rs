@@ -367,8 +367,10 @@ pub fn report(args: ReportArgs) -> Outcome {
 pub fn bench(catalog: &Catalog, args: &BenchArgs) -> Outcome {
     let gpu = Gpu::open(&gpu_options(catalog, &args.adapter))?;
     let clock = gpu::audit(&gpu)?;
-    let criterion = Criterion::default().with_filter(args.filter.as_deref().unwrap_or_default());
-    bench::gate_cells(catalog, StageBench::new(gpu, clock.plan, criterion)?)?;
+    let filter = args.filter.as_deref().unwrap_or_default();
+    let mut stages = StageBench::new(gpu, clock.plan, Criterion::default())?;
+    bench::gate_cells(catalog, &mut stages, |stage| stage.contains(filter))?;
+    stages.finish();
     Ok(ExitCode::SUCCESS)
 }
 

@@ -263,7 +263,7 @@ pub struct QueryArgs {
 
 #[derive(Args)]
 pub struct BenchArgs {
-    /// Only cells whose names hold this
+    /// Only stages whose names hold this
     pub filter: Option<String>,
     #[command(flatten)]
     pub adapter: AdapterArgs,
