@@ -57,13 +57,13 @@ pub struct Gpu {
     pub limits: wgpu::Limits,
     /// The limits, and on a software adapter those of the machine.
     pub capacity: Capacity,
-    /// What degrades on this adapter, one sentence each.
+    /// What this adapter lacks and what that degrades, one sentence each.
     pub notes: Vec<String>,
     /// Shaders run without wgpu's bounds and loop checks.
     pub unchecked: bool,
-    /// What [`Gpu::shader`] has made.
+    /// Results of [`Gpu::shader`].
     pub(super) shaders: Shaders,
-    /// It makes nothing: see [`Gpu::planner`].
+    /// It allocates nothing: see [`Gpu::planner`].
     planner: bool,
     pub(super) folders: Folders,
     raw_adapter: wgpu::Adapter,
@@ -103,8 +103,8 @@ fn found(backends: wgpu::Backends) -> Vec<Found> {
     all.into_iter().map(|adapter| (adapter, flags)).collect()
 }
 
-/// Adapters of every interface but GL. Looking for GL opens a display, which some libraries answer
-/// with complaints on stderr, so it is left until it is needed.
+/// Adapters of every interface but GL. Looking for GL opens a display, and some libraries then print warnings, so fathom looks for
+/// it only when needed.
 fn without_gl() -> Vec<Found> {
     found(wgpu::Backends::all() - wgpu::Backends::GL)
 }
@@ -238,11 +238,11 @@ impl Gpu {
         Self::open_adapter(chosen, flags, options)
     }
 
-    /// A device that stands in for any: textures and buffers of it have sizes and no memory, and pipelines made of them are
-    /// never run. What a pipeline asks is counted on it before a real one is made.
+    /// A device on which pipelines are planned: its textures and buffers have sizes and no memory, and its pipelines are never run.
+    /// What a pipeline needs is counted on it before the real one is made.
     ///
     /// # Errors
-    /// The library that gives it was built without it.
+    /// wgpu was built without its `noop` backend.
     pub fn planner() -> Result<&'static Gpu, GpuError> {
         static PLANNER: OnceLock<Option<Gpu>> = OnceLock::new();
         let open = || {
@@ -351,7 +351,7 @@ impl Gpu {
         // wgpu panics when the device is lost while it waits.
         let outcome = catch_unwind(AssertUnwindSafe(|| self.device.poll(wait)));
         if matches!(outcome, Ok(Err(_))) {
-            // A submission was refused. That the device is gone is told by the next poll only.
+            // A submission was refused. Only the next poll reports that the device is gone.
             let _ = self.device.poll(wgpu::PollType::Poll);
         }
         self.pending_fault()?;

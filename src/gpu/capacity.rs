@@ -11,7 +11,7 @@ const LONGEST_FRAME_S: f64 = 30.0;
 /// Host threads of the machine on which the costs below were taken.
 const COST_THREADS: f64 = 2.0;
 /// Costs of a unit of work on lavapipe, ns: the medians of the stages that are dominated by it, in the reference run
-/// `reports/llvmpipe`. They tell seconds from minutes and no more.
+/// `reports/llvmpipe`. They are good enough to distinguish seconds from minutes.
 const TRIANGLE_NS: f64 = 150.0;
 const FRAGMENT_NS: f64 = 40.0;
 const FETCH_NS: f64 = 5.5;
@@ -37,7 +37,7 @@ impl From<wgpu::Limits> for Capacity {
 }
 
 impl Capacity {
-    /// Of an opened adapter; `allow_large`: its limits alone.
+    /// The capacity of an opened adapter. With `allow_large` only its limits count.
     pub(super) fn new(limits: wgpu::Limits, adapter: &Adapter, allow_large: bool) -> Self {
         let bounded = adapter.software && !allow_large;
         let share = |bytes: u64| (bytes as f64 * MEMORY_SHARE) as u64;
@@ -49,13 +49,13 @@ impl Capacity {
         }
     }
 
-    /// What a demand asks beyond it, as a sentence with the numbers and what to do.
+    /// Fails where a demand exceeds it, with the numbers and what to do.
     pub fn check(&self, demand: &Demand) -> Result<(), String> {
         self.check_sizes(demand)?;
         self.check_time(demand, "a frame")
     }
 
-    /// The same of what making a scene takes.
+    /// The same for making a scene.
     pub fn check_scene(&self, demand: &Demand) -> Result<(), String> {
         self.check_sizes(demand)?;
         self.check_time(demand, "making the scene")
@@ -113,7 +113,7 @@ fn gibibytes(bytes: u64) -> String {
     format!("{:.1} GiB", bytes as f64 / f64::from(1 << 30))
 }
 
-/// To one significant digit, as more is not known.
+/// To one significant digit: the estimate is no better.
 fn duration(seconds: f64) -> String {
     let (value, unit) = match seconds {
         s if s < 120.0 => (s, "s"),

@@ -28,7 +28,7 @@ pub enum GpuError {
     Shader { path: String, message: String },
     #[error("beyond what the adapter can take: {0}")]
     Limit(String),
-    /// What is asked for makes no sense on any adapter; the text says why.
+    /// The request makes no sense on any adapter; the text says why.
     #[error("{0}")]
     Unusable(String),
     #[error("the GPU refused a call: {0}")]

@@ -3,7 +3,7 @@
 use super::Gpu;
 use crate::record::Work;
 
-/// What a pipeline will ask of the adapter, gathered before it is built; checked by [`Gpu::check`].
+/// What a pipeline will need of the adapter, collected before it is built; checked by [`Gpu::check`].
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Demand {
     needs: Vec<Need>,
@@ -102,7 +102,7 @@ impl Demand {
         self.need(Limit::Buffer, what, bytes).need(Limit::UniformBinding, what, bytes)
     }
 
-    /// Things that shaders tell apart by an index, such as voxels.
+    /// Things that shaders index, such as voxels.
     pub fn indexed(self, what: &str, count: u64) -> Self {
         self.need(Limit::Index, what, count)
     }

@@ -1,4 +1,4 @@
-//! Pipelines: stages wired over typed resources for one scene and one set of parameters, in frame order.
+//! Pipelines: stages in frame order over typed resources, for one scene and one set of parameters.
 
 pub mod hsao;
 mod lighting;
@@ -33,12 +33,12 @@ use occlusion::OcclusionBuffers;
 pub trait Parameters: Setting + Serialize + DeserializeOwned + Clone + 'static {
     /// The values that the scene file gives.
     fn defaults(file: &SceneFile) -> Self;
-    /// The scene file with the parameters that shape its geometry put in.
+    /// The scene file, changed by those parameters that shape the scene.
     ///
     /// # Errors
     /// Parameters that the scene cannot take.
     fn staged(&self, file: &SceneFile) -> Result<SceneFile, ParamError>;
-    /// Whether parameters, each within its range, go together.
+    /// Checks parameters that depend on each other; each is within its range.
     ///
     /// # Errors
     /// One line that names those at fault.
@@ -69,7 +69,7 @@ pub trait Pipeline: Sized + 'static {
     /// The final image, `Rgba8Unorm`.
     fn image(&self) -> &wgpu::Texture;
 
-    /// What draws the image from a frame's results where the frame itself does not: run for pictures alone, never timed.
+    /// Stages that draw the image where the frame itself does not: run for pictures only, never timed.
     fn presenting(&self) -> Vec<&dyn Stage> {
         Vec::new()
     }
@@ -80,7 +80,7 @@ pub trait Pipeline: Sized + 'static {
     /// What the GPU reports.
     fn quantities(&self, gpu: &Gpu) -> Result<BTreeMap<String, f64>, GpuError>;
 
-    /// What an analysis of a stage's outputs needs besides them: an object whose keys go into the description of a dump.
+    /// What an analysis of a stage's outputs needs in addition: an object whose keys go into the description of a dump.
     fn context(&self, stage: &str) -> Value {
         let _ = stage;
         Value::Null
@@ -103,14 +103,14 @@ pub trait Pipeline: Sized + 'static {
     /// Writes a picture of the error, point by point.
     ///
     /// # Errors
-    /// As [`Self::judge`], and pipelines whose error is not known so.
+    /// As [`Self::judge`], and pipelines without such a picture.
     fn error_picture(&self, judge: &mut Judge<'_>, path: &Path) -> Result<(), JudgeError> {
         let _ = (judge, path);
         Err(JudgeError::NoPicture(Self::NAME))
     }
 }
 
-/// What errors are judged with: the device, the scene, and what references answered before.
+/// What [`Pipeline::judge`] works with: the device, the scene, and earlier answers of the references.
 pub struct Judge<'a> {
     pub gpu: &'a Gpu,
     pub scene: &'a Rc<Scene>,
@@ -125,7 +125,7 @@ pub struct Judged {
     pub quantities: BTreeMap<String, f64>,
 }
 
-/// Answers of references that several cells share.
+/// Answers of the references that several cells share.
 #[derive(Default)]
 pub struct Known {
     pub occlusion: occlusion::KnownPoints,
@@ -248,9 +248,9 @@ impl<P: Pipeline> AnyPipeline for Built<P> {
     }
 }
 
-/// What a pipeline would make.
+/// What a pipeline would consist of.
 pub struct Plan {
-    /// What building it and reading its picture back asks of an adapter.
+    /// What building it and reading its picture back needs of an adapter.
     pub demand: Demand,
     /// The stages of a frame, in order.
     pub stages: Vec<&'static StageInfo>,
@@ -259,10 +259,10 @@ pub struct Plan {
 /// A pipeline with parameters that were read and checked: what can be planned and built for a scene.
 pub trait Configuration {
     fn staged(&self, file: &SceneFile) -> Result<SceneFile, ParamError>;
-    /// What building it would make and ask, before anything is allocated.
+    /// What it would consist of and need, before anything is allocated.
     ///
     /// # Errors
-    /// A scene or settings that it cannot be built for; the text names them.
+    /// A scene or settings for which it cannot be built; the text names them.
     fn plan(&self, scene: &Scene) -> Result<Plan, GpuError>;
     fn build(&self, gpu: &Gpu, scene: &Scene) -> Result<Box<dyn AnyPipeline>, GpuError>;
     fn camera(&self) -> &Camera;
@@ -357,7 +357,7 @@ pub fn read<T: Parameters>(tree: &Value) -> Result<T, ParamError> {
     Ok(params)
 }
 
-/// Every kind that fathom brings. Adding a pipeline adds one line.
+/// fathom's own pipelines. Adding one adds a line.
 pub const KINDS: &[Kind] = &[
     Kind::of::<underwater::Underwater>(),
     Kind::of::<voxelize::Voxelize>(),
@@ -366,14 +366,14 @@ pub const KINDS: &[Kind] = &[
     Kind::of::<scalar_ao::ScalarAo>(),
 ];
 
-/// Cells of a volume that stands in for one that is too large.
+/// Cells of the volume that replaces one that is too large.
 const SMALLEST_CELLS: [u32; 3] = [8; 3];
-/// Bytes that the host takes for a generated cell: the value while it is made and as it is kept, and its texel.
+/// Host bytes per generated cell: the value while it is made, the stored value, and its texel.
 const CELL_HOST_BYTES: u64 = 10;
 /// Time of generating a cell, in texel fetches as [`Work`] counts them: 256³ cells of `smoke` took some 15 s.
 const CELL_FETCHES: u64 = 160;
 
-/// What making a scene asks, from its file alone: the cells of a volume that a generator fills.
+/// What making a scene needs, from its file alone: the cells of a generated volume.
 pub fn scene_demand(file: &SceneFile) -> Demand {
     let generated = file.volume.iter().filter(|v| v.generator.is_some());
     generated.fold(Demand::new(), |demand, volume| {

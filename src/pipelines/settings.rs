@@ -45,7 +45,7 @@ pub enum Method {
 pub enum Update {
     /// Voxelization is part of every frame.
     EveryFrame,
-    /// The volume is made when the pipeline is built, and no frame pays for it.
+    /// The volume is filled when the pipeline is built, and in no frame.
     Once,
 }
 
@@ -156,7 +156,7 @@ fn holds_some(parameters: &str, grid: &Grid, scene: &Bounds) -> Result<(), Strin
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Deform {
-    /// Geometry rests.
+    /// The geometry does not move.
     None,
     /// Each object turns about its vertical axis.
     Spin,

@@ -1,7 +1,7 @@
-//! Stages: the units that are timed. One file each, bearing the stem of its shader.
+//! Stages: the units that are timed. Each has a file with the same stem as its shader.
 //!
-//! A stage is made from the typed resources that earlier stages hand on, encodes its passes through the
-//! [`StageScope`](crate::gpu::StageScope) it is given (which puts the timestamps there), and declares its work.
+//! A stage is made from the typed resources of earlier stages. It encodes its passes through the
+//! [`StageScope`](crate::gpu::StageScope), which writes the timestamps, and declares its work.
 
 pub mod ao;
 pub mod bilateral;

@@ -26,9 +26,10 @@ use std::time::{Duration, Instant};
 use self::kernels::{Kernel, Kernels};
 use self::verdict::{Series, factor, judge, median};
 use super::Stage;
-use super::frame::{ClockPlan, FrameSample, FrameTimer, Probe, SubmitCost};
+use super::frame::{ClockPlan, FrameSample, FrameTimer, Probe, StageSample, SubmitCost};
 use super::{Gpu, GpuError};
 use crate::record::{AuditRow, Clock, PassKind, Surrounding};
+use crate::statistics;
 
 const KINDS: [PassKind; 3] = [PassKind::Render, PassKind::Compute, PassKind::Copy];
 /// Length of a pass at N work: on a software adapter, and on a GPU. Long beside the jitter of a
@@ -69,7 +70,7 @@ pub fn audit(gpu: &Gpu) -> Result<Audit, GpuError> {
     submissions.time(gpu, SUBMISSIONS)?;
     let fenced = ClockPlan::fenced(submissions.cost());
     let work = calibrate(gpu, &kernels, fenced)?;
-    let mut bench = Bench::new(gpu, &kernels, work, fenced, submissions)?;
+    let mut bench = TimedKernels::new(gpu, &kernels, work, fenced, submissions)?;
     let alone = bench.measure(gpu, Surrounding::Alone, &KINDS)?;
     let alone: Vec<AuditRow> = alone.into_iter().map(|row| admit(gpu, row)).collect();
     let mut rows = alone.clone();
@@ -85,7 +86,11 @@ pub fn audit(gpu: &Gpu) -> Result<Audit, GpuError> {
 /// A row for each kind mixed with the others. Kinds that read wrong alone are set apart after the first measurement: they
 /// will never share a command buffer, and the time they lose lands in their neighbours. Then the worst is set apart until
 /// the rest are sound.
-fn mixed(gpu: &Gpu, bench: &mut Bench, alone: &[AuditRow]) -> Result<Vec<AuditRow>, GpuError> {
+fn mixed(
+    gpu: &Gpu,
+    bench: &mut TimedKernels,
+    alone: &[AuditRow],
+) -> Result<Vec<AuditRow>, GpuError> {
     let mut kinds: Vec<PassKind> =
         KINDS.into_iter().filter(|kind| has_timestamps(gpu, *kind)).collect();
     let without = alone.iter().filter(|row| !kinds.contains(&row.pass));
@@ -203,7 +208,7 @@ fn calibrate(gpu: &Gpu, kernels: &Kernels, fenced: ClockPlan) -> Result<[u32; 3]
 }
 
 /// The kernels of the three kinds at N and at 2 N, and both clocks.
-struct Bench<'a> {
+struct TimedKernels<'a> {
     /// By level (N, 2 N), then in the order of [`KINDS`].
     kernels: [[Kernel<'a>; 3]; LEVELS],
     timestamps: FrameTimer,
@@ -212,7 +217,7 @@ struct Bench<'a> {
     submit_cost: SubmitCost,
 }
 
-impl<'a> Bench<'a> {
+impl<'a> TimedKernels<'a> {
     fn new(
         gpu: &Gpu,
         kernels: &'a Kernels,
@@ -235,7 +240,7 @@ impl<'a> Bench<'a> {
         })
     }
 
-    /// A row for each of `kinds`, from rounds until no verdict is close or patience ends.
+    /// A row for each of `kinds`. Rounds are added until no verdict is close or [`PATIENCE`] is over.
     fn measure(
         &mut self,
         gpu: &Gpu,
@@ -326,15 +331,11 @@ fn passes_apart(gpu: &Gpu, kinds: &[PassKind]) -> String {
 /// read.
 fn stage_ns(sample: &FrameSample, first: usize, stride: usize) -> f64 {
     let stages = sample.stages.iter().skip(first).step_by(stride);
-    let times = stages.map(|stage| match stage.ns.is_nan() {
-        true => {
-            let mut faults = sample.faults.iter().filter(|fault| fault.stage == stage.name);
-            faults.next().map_or(0.0, |fault| fault.ns)
-        }
-        false => stage.ns,
-    });
-    let times: Vec<f64> = times.collect();
-    times.iter().sum::<f64>() / times.len() as f64
+    let read = |stage: &StageSample| {
+        let fault = sample.faults.iter().find(|fault| fault.stage == stage.name);
+        if stage.ns.is_nan() { fault.map_or(0.0, |fault| fault.ns) } else { stage.ns }
+    };
+    statistics::mean(stages.map(read))
 }
 
 /// The audit as a table for the terminal, and the clocks that follow from it.

@@ -13,8 +13,8 @@ pub struct ClockPlan {
     pub submit_cost: SubmitCost,
 }
 
-/// Host time in ns from submission to fence of a command buffer with the least pass of a kind. An empty command buffer
-/// says too little: a driver need not wake its threads for it.
+/// Host time in ns from submission to fence of a command buffer with the smallest pass of a kind. An empty command buffer would
+/// be too fast: a driver need not wake its threads for it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct SubmitCost {
     pub compute_ns: f64,

@@ -1,13 +1,13 @@
-//! What submissions cost lately, and the shortest pass that can be told from none.
+//! The current cost of a submission, and the shortest pass that is distinguishable from none.
 //!
-//! A pass on the fenced host clock is timed from its submission to its fence. Its own time is what is left when the cost of a
-//! submission is taken off. That cost depends on what else runs on the machine, so it is measured in the frame itself: before
-//! some of the frame's segments the least pass of the same kind is submitted, outside the frame's envelope. The cost taken off
-//! is the median of the latest such times.
+//! A pass on the fenced host clock is timed from its submission to its fence. Its own time is that less the cost of a
+//! submission. The cost depends on what else runs on the machine, so it is measured in the frame itself: before some of the
+//! frame's segments the smallest pass of the same kind is submitted, outside the frame's envelope. The median of the latest such
+//! times is subtracted.
 //!
-//! The costs scatter. A difference that is smaller than this scatter explains is no duration: it may even be negative. The
-//! scatter of the latest costs therefore gives the *resolution*, and what is not longer is recorded as "below the resolution".
-//! No sample is dropped or moved by it: a median above the resolution is the same whatever stands for the samples below.
+//! The costs scatter, so a difference smaller than that scatter says nothing; it can even be negative. The scatter of the latest
+//! costs therefore gives the *resolution*. A time that is not longer is recorded as "below the resolution". No sample is dropped, and
+//! a median above the resolution does not depend on what replaces the samples below it.
 
 use std::collections::{BTreeMap, VecDeque};
 
@@ -16,18 +16,18 @@ use crate::gpu::{Gpu, GpuError};
 use crate::record::PassKind;
 use crate::statistics::{MAD_TO_SIGMA, median};
 
-/// Latest costs whose median is taken off and whose scatter gives the resolution: those of some six frames, so that a machine
-/// that becomes busy is noticed soon. On a busy one, bursts in which the process waits for a core made the median of nine
-/// costs 40 times too large.
+/// Number of latest costs. Their median is subtracted, their scatter gives the resolution. They come from some six frames, so
+/// that a machine that becomes busy is noticed soon. Nine were too few: on a busy machine, bursts in which the process waits for a core
+/// made their median 40 times too large.
 const WINDOW: usize = 24;
-/// Standard deviations of a difference that can be told from none, with 5 % of errors either way. Currie, *Limits for
+/// Standard deviations of the smallest difference that is distinguishable from zero, with 5 % of errors either way. Currie, *Limits for
 /// Qualitative Detection and Quantitative Determination*, Anal. Chem. 40 (1968).
 const DETECTION: f64 = 3.29;
 /// Variance of a median of n normal values: π / 2n times that of one.
 const MEDIAN_VARIANCE: f64 = std::f64::consts::FRAC_PI_2 / WINDOW as f64;
-/// Share of the cost below which its scatter is not believed: where the latest costs are all alike, the next one need not be.
+/// The scatter counts as at least this share of the cost: even if the latest costs are all equal, the next one may differ.
 const LEAST_SIGMA_SHARE: f64 = 0.02;
-/// Least passes before the first segment of a kind: then there is a scatter.
+/// Smallest passes that are timed before the first segment of a kind, to know the scatter.
 const FIRST_PROBES: usize = 16;
 /// Segments of each kind in a frame before which the cost is measured.
 const PROBES_PER_FRAME: usize = 4;
@@ -42,7 +42,7 @@ pub(crate) struct CostMeter {
 }
 
 impl CostMeter {
-    /// Takes in the host time of a least pass, ns.
+    /// Adds the host time of a smallest pass, ns.
     pub(crate) fn push(&mut self, kind: PassKind, ns: f64) {
         let latest = self.latest.entry(kind).or_default();
         if latest.len() == WINDOW {
@@ -71,8 +71,8 @@ impl CostMeter {
         (MAD_TO_SIGMA * median(&distances)).max(LEAST_SIGMA_SHARE * middle)
     }
 
-    /// The duration below which a stage of so many submissions cannot be told from one that takes no time, ns. Each
-    /// submission scatters by itself; the error of the cost taken off is common to all of a kind.
+    /// The duration below which a stage of so many submissions is indistinguishable from one that takes no time, ns. Each submission
+    /// scatters independently; the error of the subtracted cost is common to all of a kind.
     pub(crate) fn resolution_ns(&self, submissions: &Submissions) -> f64 {
         let variance = |(kind, count): (&PassKind, &u32)| {
             let count = f64::from(*count);
@@ -110,7 +110,7 @@ impl Metering {
         let due = is_due(*done, *count, self.frame);
         *done += 1;
         if self.meter.len(kind) < FIRST_PROBES {
-            // The very first holds the compilation of its shader.
+            // The first one includes the compilation of its shader.
             self.time(gpu, kind)?;
             for _ in 0..FIRST_PROBES {
                 self.measure(gpu, kind)?;
@@ -135,7 +135,7 @@ impl Metering {
     }
 }
 
-/// Whether the cost is measured before this segment: [`PROBES_PER_FRAME`] times a frame, before others in the next.
+/// Whether the cost is measured before this segment: [`PROBES_PER_FRAME`] times a frame, before other segments in the next frame.
 fn is_due(number: usize, count: usize, frame: usize) -> bool {
     (number + frame).is_multiple_of(count.div_ceil(PROBES_PER_FRAME).max(1))
 }

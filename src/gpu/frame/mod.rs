@@ -1,19 +1,16 @@
 //! Frames and their timing.
 //!
-//! A stage opens passes only through the [`StageScope`] it is handed, which puts the timestamps there:
-//! nobody can forget to time. The whole frame is encoded before the first submission, so that what the
-//! CPU spends on encoding is in neither the stages nor the gaps.
+//! A stage opens passes only through its [`StageScope`], which writes the timestamps, so every pass is timed. The whole frame is
+//! encoded before the first submission, so neither stages nor gaps contain the CPU time of encoding.
 //!
-//! A pass whose kind has sound timestamps shares a command buffer with its neighbours. A pass on the
-//! fenced host clock has a command buffer to itself, which is submitted alone and waited for, between
-//! two readings of the host clock less the cost of a submission, which is measured between the same
-//! frame's segments (see `meter`). The command buffers of a frame are its
-//! *segments*, each submitted when the one before has finished.
+//! Passes of a kind with sound timestamps share a command buffer with their neighbours. A pass on the fenced host clock has a command
+//! buffer of its own, which is submitted alone and waited for, between two readings of the host clock. The cost of a submission is
+//! subtracted; it is measured between the segments of the same frame (see `meter`). The command buffers of a frame are its *segments*.
+//! Each is submitted when the one before has finished.
 //!
-//! Accounting: the *envelope* is the host's time from the first submission to the last fence, and the
-//! host stages. *Gaps* are the timestamps' gaps between passes of a segment, the host's gaps between
-//! segments, and one submission cost per segment. Stages + gaps = envelope then holds only if the
-//! timestamps and the host clock agree.
+//! Accounting: the *envelope* is the host time from the first submission to the last fence, plus the host stages. *Gaps* are the time
+//! between passes of a segment by timestamps, the time between segments by the host clock, and one submission cost per
+//! segment. Stages + gaps = envelope then holds only if timestamps and host clock agree.
 
 mod clock;
 mod meter;

@@ -1,4 +1,4 @@
-//! The least pass of each kind: the host time of a submission that holds nothing else is what a submission costs.
+//! The smallest pass of each kind. The host time of a submission that holds nothing else is the cost of a submission.
 
 use std::time::Instant;
 
@@ -7,14 +7,14 @@ use crate::gpu::shader::compilation_options;
 use crate::gpu::{Gpu, GpuError};
 use crate::record::PassKind;
 
-/// Invocations of the least compute pass: one workgroup.
+/// Invocations of the smallest compute pass: one workgroup.
 const GROUP_SIZE: u32 = 64;
 const RESULT_BYTES: u64 = GROUP_SIZE as u64 * 4;
-/// Iterations of the least compute pass, in a uniform of this size.
+/// Iterations of the smallest compute pass, in a uniform of this size.
 const ITERATIONS: u32 = 1;
 const UNIFORM_BYTES: u64 = 16;
 
-/// Pipelines and resources of the least passes.
+/// Pipelines and resources of the smallest passes.
 pub(in crate::gpu) struct Probe {
     compute: wgpu::ComputePipeline,
     bindings: wgpu::BindGroup,
@@ -42,7 +42,7 @@ impl Probe {
         })
     }
 
-    /// Host time in ns from the submission to the fence of the least pass of this kind.
+    /// Host time in ns from the submission to the fence of the smallest pass of this kind.
     pub(in crate::gpu) fn time(&self, gpu: &Gpu, kind: PassKind) -> Result<f64, GpuError> {
         let commands = self.encode(gpu, kind);
         let submit = Instant::now();

@@ -1,4 +1,4 @@
-//! Encoding a frame: the scope that stages open their passes through, and the command buffers that come of it.
+//! Encodes a frame: the scope through which stages open their passes, and the resulting command buffers.
 
 use std::ops::Range;
 use std::time::Instant;
@@ -92,7 +92,7 @@ pub(in crate::gpu) struct Recorder {
     /// Passes before the open encoder's first.
     closed: usize,
     pub(in crate::gpu) queries: u32,
-    /// The frame wanted more queries than there are.
+    /// The frame needed more queries than there are.
     overflow: bool,
 }
 
@@ -137,7 +137,7 @@ impl Recorder {
         self.closed = self.passes.len();
     }
 
-    /// Submits what the host stages have queued, so that it burdens no pass and no gap.
+    /// Submits what the host stages have queued, so that no pass and no gap contains it.
     fn flush_host_writes(&self, gpu: &Gpu) -> Result<(), GpuError> {
         if self.host.is_empty() {
             return Ok(());
@@ -200,8 +200,7 @@ impl Recorder {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HostTime {
     pub wall_ns: f64,
-    /// Time that the cores spent on this process, all threads together: what others took from it is not in it. Unknown
-    /// outside Linux.
+    /// CPU time of this process, all threads together, without the time that other processes took. Unknown outside Linux.
     pub process_ns: Option<f64>,
 }
 
@@ -220,7 +219,7 @@ fn process_clock_ns() -> Option<f64> {
 
 /// When a segment ran, by the host clock.
 pub(super) struct Span {
-    /// From here to `submit` the cost of a submission was measured, which is no part of the frame.
+    /// From here to `submit` the cost of a submission was measured. That time is not part of the frame.
     pub(super) metered: Instant,
     pub(super) submit: Instant,
     pub(super) fence: Instant,
@@ -242,11 +241,22 @@ pub(super) fn ns_between(start: Instant, end: Instant) -> f64 {
     end.saturating_duration_since(start).as_secs_f64() * 1e9
 }
 
-/// What a pass is given to time or count it.
+/// The query that times or counts a pass.
 #[derive(Clone, Copy)]
 struct Query<'a> {
     set: &'a wgpu::QuerySet,
     first: u32,
+}
+
+impl<'a> Query<'a> {
+    /// Timestamps of a pass that is the first of a series, the last, or both.
+    fn of_series(self, first: bool, last: bool) -> wgpu::RenderPassTimestampWrites<'a> {
+        wgpu::RenderPassTimestampWrites {
+            query_set: self.set,
+            beginning_of_pass_write_index: first.then_some(self.first),
+            end_of_pass_write_index: last.then_some(self.first + 1),
+        }
+    }
 }
 
 impl<'a> StageScope<'a> {
@@ -279,23 +289,10 @@ impl<'a> StageScope<'a> {
 
     /// A render pass to these targets.
     pub fn render(&mut self, targets: &Targets<'_>, f: impl FnOnce(&mut wgpu::RenderPass<'_>)) {
-        let (label, counted) = (Some(self.name), self.counted());
+        let (name, counted) = (self.name, self.counted());
         let (encoder, query) = self.begin(PassKind::Render);
-        let timestamps = query.filter(|_| !counted);
-        let (attachments, count) = color_attachments(targets.color);
-        let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
-            label,
-            color_attachments: &attachments[..count],
-            depth_stencil_attachment: targets.depth.as_ref().map(depth_attachment),
-            timestamp_writes: timestamps.map(|Query { set, first }| {
-                wgpu::RenderPassTimestampWrites {
-                    query_set: set,
-                    beginning_of_pass_write_index: Some(first),
-                    end_of_pass_write_index: Some(first + 1),
-                }
-            }),
-            ..Default::default()
-        });
+        let timestamps = query.filter(|_| !counted).map(|query| query.of_series(true, true));
+        let mut pass = open(encoder, name, targets, timestamps);
         let statistics = query.filter(|_| counted);
         if let Some(Query { set, first }) = statistics {
             pass.begin_pipeline_statistics_query(set, first);
@@ -324,25 +321,12 @@ impl<'a> StageScope<'a> {
         let Some(last) = passes.len().checked_sub(1) else {
             return;
         };
-        let label = Some(self.name);
+        let name = self.name;
         let (encoder, query) = self.begin(PassKind::Render);
         for (number, targets) in passes.iter().enumerate() {
-            let timestamp_writes = query
-                .map(|Query { set, first }| wgpu::RenderPassTimestampWrites {
-                    query_set: set,
-                    beginning_of_pass_write_index: (number == 0).then_some(first),
-                    end_of_pass_write_index: (number == last).then_some(first + 1),
-                })
-                .filter(|_| number == 0 || number == last);
-            let (attachments, count) = color_attachments(targets.color);
-            let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
-                label,
-                color_attachments: &attachments[..count],
-                depth_stencil_attachment: targets.depth.as_ref().map(depth_attachment),
-                timestamp_writes,
-                ..Default::default()
-            });
-            f(number, &mut pass);
+            let query = query.filter(|_| number == 0 || number == last);
+            let timestamps = query.map(|query| query.of_series(number == 0, number == last));
+            f(number, &mut open(encoder, name, targets, timestamps));
         }
         self.end(PassKind::Render);
     }
@@ -362,8 +346,8 @@ impl<'a> StageScope<'a> {
         self.end(PassKind::Copy);
     }
 
-    /// Work of the CPU, such as writing uniforms, timed by the host clock. As always with wgpu, what is
-    /// written to a buffer is there before the frame's first pass, whatever the order of the stages.
+    /// Work of the CPU, such as writing uniforms, timed by the host clock. As always with wgpu, buffers are written before the
+    /// frame's first pass, whatever the order of the stages.
     pub fn host(&mut self, f: impl FnOnce(&wgpu::Queue)) {
         let start = Instant::now();
         f(&self.gpu.queue);
@@ -379,7 +363,7 @@ impl<'a> StageScope<'a> {
         matches!(self.mode, Mode::Timed { plan, .. } if plan.clock(kind) != Clock::Timestamp)
     }
 
-    /// Notes a pass, and gives the encoder to open it in and its queries.
+    /// Records a pass, and returns the encoder to open it in and its queries.
     fn begin(&mut self, kind: PassKind) -> (&mut wgpu::CommandEncoder, Option<Query<'a>>) {
         if self.fenced(kind) {
             self.recorder.close(false);
@@ -422,6 +406,22 @@ impl<'a> StageScope<'a> {
 fn timestamp_query(sets: &[wgpu::QuerySet], number: u32) -> Query<'_> {
     let index = number * QUERIES_PER_PASS;
     Query { set: &sets[(index / QUERIES_PER_SET) as usize], first: index % QUERIES_PER_SET }
+}
+
+fn open<'e>(
+    encoder: &'e mut wgpu::CommandEncoder,
+    label: &str,
+    targets: &Targets<'_>,
+    timestamp_writes: Option<wgpu::RenderPassTimestampWrites<'_>>,
+) -> wgpu::RenderPass<'e> {
+    let (attachments, count) = color_attachments(targets.color);
+    encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
+        label: Some(label),
+        color_attachments: &attachments[..count],
+        depth_stencil_attachment: targets.depth.as_ref().map(depth_attachment),
+        timestamp_writes,
+        ..Default::default()
+    })
 }
 
 type Attachments<'a> = [Option<wgpu::RenderPassColorAttachment<'a>>; MAX_COLOR_TARGETS];

@@ -1,4 +1,4 @@
-//! Running frames, reading their timestamps, and the account of where a frame's time went.
+//! Runs frames, reads their timestamps, and sums the time by stage and gap.
 
 use std::fmt;
 
@@ -11,8 +11,7 @@ use crate::gpu::{Gpu, GpuError, Stage};
 use crate::record::{Clock, FaultKind, PassKind};
 
 const TICK_BYTES: u64 = size_of::<u64>() as u64;
-/// A timestamp duration may be longer than its segment's wall time by this factor and still be within
-/// what two clocks differ by.
+/// A timestamp duration may exceed its segment's wall time by this factor: two clocks differ by about as much.
 const WALL_TOLERANCE: f64 = 1.01;
 
 /// One timed frame.
@@ -21,10 +20,10 @@ pub struct FrameSample {
     /// In frame order.
     pub stages: Vec<StageSample>,
     pub gaps_ns: f64,
-    /// Host time from the first submission to the last fence, and the host stages; without the time in which the cost of a
-    /// submission was measured.
+    /// Host time from the first submission to the last fence, plus the host stages, minus the time spent on measuring the cost of
+    /// submissions.
     pub envelope_ns: f64,
-    /// Durations that cannot be true. A frame with any is not to be used.
+    /// Impossible durations. Discard a frame that has any.
     pub faults: Vec<Fault>,
 }
 
@@ -40,14 +39,14 @@ impl FrameSample {
 #[derive(Clone, Debug, PartialEq)]
 pub struct StageSample {
     pub name: &'static str,
-    /// That of its passes; the fenced host clock where passes differ.
+    /// The clock of its passes; the fenced host clock where they differ.
     pub clock: Clock,
-    /// Not a number when one of its passes has a fault. Where submissions' cost was taken off it may be zero or less: see
+    /// NaN when one of its passes has a fault. It can be zero or negative where the cost of submissions was subtracted: see
     /// [`Self::resolution_ns`].
     pub ns: f64,
-    /// The cost of its fenced submissions, which was taken off. `ns + submit_cost_ns` is what the clock read.
+    /// The cost of its fenced submissions, already subtracted. `ns + submit_cost_ns` is what the clock read.
     pub submit_cost_ns: f64,
-    /// A shorter time cannot be told from none; 0 where no cost was taken off.
+    /// A shorter time is indistinguishable from zero; 0 where no cost was subtracted.
     pub resolution_ns: f64,
 }
 
@@ -203,8 +202,8 @@ impl FrameTimer {
         account.finish(envelope_ns, &self.metering.meter)
     }
 
-    /// That of the segment's first pass, as it was measured lately; as the audit measured it where no segment of the frame
-    /// is fenced.
+    /// The cost of the segment's first pass, from the latest measurements, or from the audit where no segment of the frame is
+    /// fenced.
     fn submit_cost_ns(&self, span: &Span) -> f64 {
         let first = self.recorder.passes[span.passes.clone()].first();
         first.map_or(0.0, |pass| {
@@ -245,7 +244,7 @@ fn signed_ticks(begin: u64, end: u64) -> f64 {
     end.wrapping_sub(begin) as i64 as f64
 }
 
-/// A host duration that is more than nothing.
+/// The duration if it is above zero.
 fn positive(ns: f64) -> Result<f64, (FaultKind, f64)> {
     match ns {
         ns if ns > 0.0 => Ok(ns),
@@ -254,7 +253,7 @@ fn positive(ns: f64) -> Result<f64, (FaultKind, f64)> {
     }
 }
 
-/// The duration between two timestamps in ns, or why it cannot be true.
+/// The duration between two timestamps in ns, or why it is impossible.
 fn check(
     ticks: Ticks,
     previous: Option<&Ticks>,
@@ -271,11 +270,11 @@ fn check(
     Ok(ns)
 }
 
-/// The sum of a frame's durations as it is drawn up.
+/// Sums of a frame's durations, being filled.
 struct Account {
     stages: Vec<StageSample>,
     passes: Vec<u32>,
-    /// Fenced ones of each stage.
+    /// Fenced submissions of each stage.
     submissions: Vec<Submissions>,
     gaps_ns: f64,
     faults: Vec<Fault>,
@@ -317,7 +316,7 @@ impl Account {
         }
     }
 
-    /// A submission's cost was taken off the stage's time.
+    /// Notes a submission's cost that was subtracted from the stage's time.
     fn take_off(&mut self, stage: usize, kind: PassKind, cost_ns: f64) {
         self.stages[stage].submit_cost_ns += cost_ns;
         *self.submissions[stage].entry(kind).or_default() += 1;
@@ -391,7 +390,7 @@ impl Queries {
 impl Gpu {
     /// Runs stages as one untimed frame and waits for it.
     pub fn run(&self, stages: &[&dyn Stage]) -> Result<(), GpuError> {
-        // The bound is on timed passes, of which there are none.
+        // The limit is on timed passes, and there are none.
         let plan = ClockPlan::fenced(SubmitCost::default());
         FrameTimer::new(self, plan, 1)?.untimed(self, stages).map(drop)
     }

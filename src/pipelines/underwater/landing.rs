@@ -12,13 +12,13 @@ use crate::reference::rays::Tracer;
 use crate::scene::Scene;
 use crate::stages::{caustics, godrays};
 
-/// Photons of a grid that are held against the reference at most: enough for a 99th percentile.
+/// At most this many photons of a grid are compared with the reference: enough for a 99th percentile.
 const MOST_PHOTONS: usize = 10_000;
 
 impl Underwater {
     /// Errors of the last frame's photons, of both grids: `caustics_photon_error_median_m`, `…_photon_error_p99_m`,
     /// `…_photon_miss_rate`, `…_photon_false_hit_rate` and `…_unconverged_rate`, `godrays_…` likewise. Of large grids an even
-    /// selection is held against the reference.
+    /// selection is compared.
     pub fn landing_errors(&self, gpu: &Gpu, scene: &Scene) -> Result<Judged, JudgeError> {
         let frame = self.view.light_frame();
         let tracer = Tracer::new(&scene.objects)?;

@@ -1,11 +1,11 @@
-//! Structs that host and shaders share, and the check that both lay them out alike.
+//! Structs that host and shaders share, and the check that their layouts are equal.
 
 use encase::internal::WriteInto;
 use encase::{ShaderType, StorageBuffer};
 
 use crate::gpu::{GpuError, Shader, StructLayout};
 
-/// A struct of the host that shaders read or write: made by [`shader_struct!`].
+/// A host struct that shaders read or write; [`shader_struct!`] makes it.
 pub trait ShaderStruct: ShaderType + WriteInto {
     /// Names, WGSL types and offsets of the fields, and the size.
     fn layout() -> StructLayout;
@@ -35,8 +35,8 @@ field_types! {
     glam::Mat4 => "mat4x4<f32>",
 }
 
-/// A struct that a shader has too, under the same names: `shader_struct! { pub struct TraceUniforms { pub grid: u32, … } }`.
-/// Where a bind group with it meets a shader, their layouts must be equal.
+/// A struct with the same fields in a shader: `shader_struct! { pub struct TraceUniforms { pub grid: u32, … } }`. When a pipeline binds
+/// it, the layouts must be equal.
 #[macro_export]
 macro_rules! shader_struct {
     ($(#[$about:meta])* $visibility:vis struct $name:ident {
@@ -71,7 +71,7 @@ pub fn host_bytes<T: ShaderType + WriteInto>(value: &T) -> Vec<u8> {
     buffer.into_inner()
 }
 
-/// Fails where a shader lays a bound struct out otherwise than the host does.
+/// Fails where the layout of a bound struct differs between shader and host.
 pub(super) fn check(shader: &Shader, hosts: &[(u32, u32, &StructLayout)]) -> Result<(), GpuError> {
     for (group, binding, host) in hosts {
         let bound = shader.structs.iter().find(|s| (s.group, s.binding) == (*group, *binding));

@@ -1,4 +1,4 @@
-//! Pipelines of shaders, and the passes that most stages are.
+//! Compute and render pipelines, and the two passes that most stages consist of.
 
 use super::layout::check;
 use super::{Group, Resources, view};
@@ -27,7 +27,7 @@ impl<'a> From<(&'a str, &'a [(&'a str, i32)])> for Code<'a> {
     }
 }
 
-/// The linked shader, its structs held against those of the groups; none where the pipeline is planned only.
+/// The linked shader, its structs compared with those of the groups; none on a planner.
 fn shader(
     resources: &Resources<'_>,
     code: Code<'_>,
@@ -66,7 +66,7 @@ pub struct Kernel {
 }
 
 impl Kernel {
-    /// `groups` stand for all with the same layouts.
+    /// It also runs with other groups of the same layouts.
     pub fn new<'a>(
         resources: &Resources<'_>,
         label: &str,
@@ -236,7 +236,7 @@ pub fn pixels(texture: &wgpu::Texture) -> u64 {
     u64::from(texture.width()) * u64::from(texture.height())
 }
 
-/// A pass that computes every pixel of its targets, by a triangle that covers them.
+/// A pass that computes every pixel of its targets: one triangle covers them.
 pub struct ScreenPass {
     raster: Raster,
     groups: Vec<wgpu::BindGroup>,
@@ -278,7 +278,7 @@ impl ScreenPass {
         self.encode_with(scope, |pass| pass.draw(0..3, 0..1));
     }
 
-    /// With draws of its own in place of the triangle.
+    /// With other draws in place of the triangle.
     pub fn encode_with(
         &self,
         scope: &mut StageScope<'_>,
@@ -306,8 +306,8 @@ pub struct ScenePass {
 }
 
 impl ScenePass {
-    /// A colour target of `size_px` for each format, cleared to nothing, and a depth target. Without colours only positions are
-    /// read.
+    /// A colour target of `size_px` for each format, cleared to transparent black, and a depth target. Without colours only positions
+    /// are read.
     pub fn new<'a>(
         resources: &Resources<'_>,
         label: &'a str,

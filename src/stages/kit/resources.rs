@@ -1,4 +1,4 @@
-//! Textures and buffers, declared once: what an adapter must allow, what they take, and their allocation.
+//! Textures and buffers. One declaration gives the limits that an adapter must have, the bytes, and the allocation.
 
 use std::cell::RefCell;
 use std::ops::Deref;
@@ -12,13 +12,13 @@ use super::{ShaderStruct, host_bytes};
 use crate::gpu::{Demand, Gpu, GpuError, Stage, StructLayout, texture_bytes};
 use crate::record::Work;
 
-/// Bytes of a buffer that is planned and not made: enough for every binding.
+/// Bytes of a buffer on a planner: enough for every binding.
 const PLANNED_BYTES: u64 = 4096;
 
-/// Makes the textures and buffers of a pipeline, takes its stages in frame order, and keeps account of what all of it asks.
+/// Makes the textures and buffers of a pipeline, collects its stages in frame order, and counts what all of it needs.
 ///
-/// The same code plans a pipeline: on [`Gpu::planner`] nothing is allocated and no shader is compiled, and the account says
-/// what making it on a device would ask.
+/// The same code plans a pipeline: on [`Gpu::planner`] nothing is allocated and no shader is compiled, and the count says what the
+/// pipeline would need on a device.
 #[derive(Clone)]
 pub struct Resources<'g> {
     pub gpu: &'g Gpu,
@@ -34,7 +34,7 @@ struct Account {
     once: Vec<Rc<dyn Stage>>,
 }
 
-/// What a pipeline runs, and what it asks.
+/// What a pipeline runs, and what it needs.
 pub struct Parts {
     /// In frame order.
     pub stages: Vec<Rc<dyn Stage>>,
@@ -43,7 +43,7 @@ pub struct Parts {
     pub demand: Demand,
 }
 
-/// A buffer and its size; where it is planned, the size that it would have.
+/// A buffer and its size; on a planner, the size that it would have.
 #[derive(Clone)]
 pub struct Buffer {
     raw: wgpu::Buffer,
@@ -57,7 +57,7 @@ impl Buffer {
         self.bytes
     }
 
-    /// For what outlives the resources' account.
+    /// The wgpu buffer, for holders that outlive the resources.
     pub fn raw(&self) -> wgpu::Buffer {
         self.raw.clone()
     }
@@ -76,13 +76,13 @@ impl<'g> Resources<'g> {
         Self { gpu, account: Rc::default(), sized_by: None, for_pictures: false }
     }
 
-    /// The same account; what is made through it has its size from these parameters. Messages name them.
+    /// Shares this account. These parameters give the size of what is made through it; messages name them.
     #[must_use]
     pub fn sized_by(&self, parameters: &str) -> Self {
         Self { sized_by: Some(parameters.into()), ..self.clone() }
     }
 
-    /// The same account; what is made through it is no part of the pipeline's memory: only pictures need it.
+    /// Shares this account. What is made through it does not count as the pipeline's memory: only pictures need it.
     #[must_use]
     pub fn for_pictures(&self) -> Self {
         Self { for_pictures: true, ..self.clone() }
@@ -93,7 +93,7 @@ impl<'g> Resources<'g> {
         self.account.borrow().demand.held_bytes()
     }
 
-    /// What was pushed, and what all of it asks.
+    /// The stages, and what all of it needs.
     pub fn into_parts(self) -> Parts {
         let mut account = self.account.borrow_mut();
         let Account { demand, stages, once } = std::mem::take(&mut *account);
@@ -108,7 +108,7 @@ impl<'g> Resources<'g> {
         stage
     }
 
-    /// A stage that runs once, when the pipeline is made, and that no frame pays for.
+    /// A stage that runs once, when the pipeline is made, and in no frame.
     pub fn push_once<S: Stage + 'static>(&self, stage: S) -> Rc<S> {
         let stage = Rc::new(stage);
         self.note(stage.name(), |demand, name| demand.takes(name, stage.work()));
@@ -116,29 +116,29 @@ impl<'g> Resources<'g> {
         stage
     }
 
-    /// A stage of the frame that runs once besides, when the pipeline is made.
+    /// A stage of the frame that also runs once when the pipeline is made.
     pub fn once<S: Stage + 'static>(&self, stage: Rc<S>) {
         self.account.borrow_mut().once.push(stage);
     }
 
-    /// Work of a frame beyond what its stages declare, for the estimate of its time.
+    /// Work of a frame in addition to what its stages declare, for the estimate of its time.
     pub fn expects(&self, label: &str, work: Work) {
         self.note(label, |demand, name| demand.takes(name, work));
     }
 
-    /// Adds to the account, under the parameters that give the size or else the label.
+    /// Adds to the account, under the parameters that give the size, or under the label.
     fn note(&self, label: &str, add: impl FnOnce(Demand, &str) -> Demand) {
         let mut account = self.account.borrow_mut();
         let what = self.sized_by.as_deref().unwrap_or(label);
         account.demand = add(std::mem::take(&mut account.demand), what);
     }
 
-    /// The host takes so many bytes to make these resources or to read them back.
+    /// The host needs this many bytes to make these resources or to read them back.
     pub fn host_copies(&self, label: &str, bytes: u64) {
         self.note(label, |demand, what| demand.copies(what, bytes));
     }
 
-    /// Shaders tell so many things apart by an index.
+    /// Shaders index this many things.
     pub fn indexed(&self, label: &str, count: u64) {
         self.note(label, |demand, what| demand.indexed(what, count));
     }
@@ -150,7 +150,7 @@ impl<'g> Resources<'g> {
     pub(super) fn color_targets(&self, label: &str, formats: &[wgpu::TextureFormat]) {
         let bytes = formats.iter().map(|f| u64::from(f.target_pixel_byte_cost().unwrap_or(16)));
         let bytes: u64 = bytes.sum();
-        // Names a stage: no parameter changes it.
+        // The message names the stage, because no parameter changes this.
         let mut account = self.account.borrow_mut();
         let demand = std::mem::take(&mut account.demand);
         account.demand = demand.color_targets(label, formats.len() as u64, bytes);
@@ -303,9 +303,9 @@ impl<'g> Resources<'g> {
         self.one(label, value, wgpu::BufferUsages::UNIFORM)
     }
 
-    /// Settings that end a fragment shader's loops: a read-only storage buffer. Where a uniform ends a loop, lavapipe (Mesa
-    /// 22.3) puts its value into the shader and compiles that anew for every draw; the filter of caustics took 5.0 ms with
-    /// 12 taps and 0.7 with 24; with the taps in here, 12 take 0.7.
+    /// Settings that end a fragment shader's loops: a read-only storage buffer. Where a uniform ends a loop, lavapipe (Mesa 22.3)
+    /// compiles its value into the shader, again for every draw: the filter of caustics took 5.0 ms with 12 taps and 0.7 ms with 24. With
+    /// the taps in storage, 12 take 0.7 ms.
     pub fn loop_settings<T: ShaderStruct>(&self, label: &str, value: &T) -> Buffer {
         self.one(label, value, wgpu::BufferUsages::STORAGE)
     }
@@ -395,7 +395,7 @@ impl<'g> Resources<'g> {
 }
 
 impl Parts {
-    /// Runs what runs once.
+    /// Runs the stages that run once.
     ///
     /// # Errors
     /// What the GPU reports.
