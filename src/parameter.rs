@@ -221,7 +221,7 @@ macro_rules! choices {
 /// unit are left out where there are none. A field is a [`Setting`]: a number or an array of them, `bool`, an enum of
 /// [`choices!`](crate::choices), or a group.
 ///
-/// `struct NAME from FILE: TYPE { … }` has defaults that depend on a file, and a function `from_scene` in place of `Default`.
+/// `struct NAME from FILE: TYPE { … }` has defaults that depend on a file, and is `From<&TYPE>` in place of `Default`.
 /// Fields of `struct NAME required { … }` have no defaults.
 #[macro_export]
 macro_rules! settings {
@@ -268,9 +268,9 @@ macro_rules! settings {
             $($(#[doc = $about])* pub $field: $type,)*
         }
 
-        impl $name {
-            /// Defaults, with what the scene file says.
-            pub fn from_scene($file: &$file_type) -> Self {
+        impl From<&$file_type> for $name {
+            /// Defaults, with what the file says.
+            fn from($file: &$file_type) -> Self {
                 Self { $($field: $default,)* }
             }
         }

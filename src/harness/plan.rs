@@ -151,7 +151,7 @@ fn planned_cell(
     };
     let views = turns_deg
         .iter()
-        .map(|turn| of_cell.seen_from(views::turned(of_cell.configuration.camera(), *turn)))
+        .map(|turn| of_cell.seen_from(views::turned(&of_cell.configuration.camera(), *turn)))
         .collect();
     let skip = of_cell.beyond(capacity).map_err(error)?;
     Ok(PlannedCell { subject: of_cell, skip, reference, views, plan })

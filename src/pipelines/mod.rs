@@ -30,9 +30,9 @@ use crate::stages::kit::{Parts, Resources};
 use occlusion::OcclusionBuffers;
 
 /// A pipeline's parameters.
-pub trait Parameters: Setting + Serialize + DeserializeOwned + Clone + 'static {
-    /// The values that the scene file gives.
-    fn defaults(file: &SceneFile) -> Self;
+pub trait Parameters:
+    Setting + Serialize + DeserializeOwned + Clone + for<'f> From<&'f SceneFile> + 'static
+{
     /// The scene file, changed by those parameters that shape the scene.
     ///
     /// # Errors
@@ -46,7 +46,6 @@ pub trait Parameters: Setting + Serialize + DeserializeOwned + Clone + 'static {
         Ok(())
     }
     /// What the frame is seen from.
-    fn camera(&self) -> &Camera;
     fn camera_mut(&mut self) -> &mut Camera;
 }
 
@@ -265,7 +264,7 @@ pub trait Configuration {
     /// A scene or settings for which it cannot be built; the text names them.
     fn plan(&self, scene: &Scene) -> Result<Plan, GpuError>;
     fn build(&self, gpu: &Gpu, scene: &Scene) -> Result<Box<dyn AnyPipeline>, GpuError>;
-    fn camera(&self) -> &Camera;
+    fn camera(&self) -> Camera;
     /// The same seen from elsewhere.
     fn seen_from(&self, camera: Camera) -> Rc<dyn Configuration>;
     /// The parameters as a tree.
@@ -303,8 +302,8 @@ impl<P: Pipeline> Configuration for Configured<P> {
         Ok(Box::new(Built::<P>::new(gpu, scene, &self.0)?))
     }
 
-    fn camera(&self) -> &Camera {
-        self.0.camera()
+    fn camera(&self) -> Camera {
+        self.0.clone().camera_mut().clone()
     }
 
     fn seen_from(&self, camera: Camera) -> Rc<dyn Configuration> {
@@ -340,7 +339,7 @@ impl Kind {
         Self {
             name: P::NAME,
             about: P::ABOUT,
-            defaults: |file| parameter::tree(&P::Params::defaults(file)),
+            defaults: |file| parameter::tree(&P::Params::from(file)),
             fields: parameter::fields::<P::Params>,
             configure: |tree| Ok(Rc::new(Configured::<P>(read(tree)?))),
         }

@@ -33,10 +33,6 @@ crate::settings! {
 }
 
 impl Parameters for Params {
-    fn defaults(file: &SceneFile) -> Self {
-        Self::from_scene(file)
-    }
-
     fn staged(&self, file: &SceneFile) -> Result<SceneFile, ParamError> {
         Ok(settings::staged(file, self.floor_depth_m, &self.camera, &self.light, self.objects))
     }
@@ -50,10 +46,6 @@ impl Parameters for Params {
             return Err(ParamError::Unfit(fault.into()));
         }
         Ok(())
-    }
-
-    fn camera(&self) -> &Camera {
-        &self.camera
     }
 
     fn camera_mut(&mut self) -> &mut Camera {
@@ -128,7 +120,7 @@ mod tests {
     use super::*;
 
     fn params(change: impl FnOnce(&mut Params)) -> Result<Params, ParamError> {
-        let mut params = Params::from_scene(&SceneFile::load("plane").unwrap());
+        let mut params = Params::from(&SceneFile::load("plane").unwrap());
         change(&mut params);
         crate::pipelines::read(&crate::parameter::tree(&params))
     }
@@ -150,7 +142,7 @@ mod tests {
         let scene = Scene::build(&file).unwrap();
         let limits = wgpu::Limits { max_texture_dimension_3d: 256, ..wgpu::Limits::default() };
         let beyond = |change: &dyn Fn(&mut Params)| -> String {
-            let mut params = Params::from_scene(&file);
+            let mut params = Params::from(&file);
             change(&mut params);
             let kind = crate::pipelines::Kind::of::<Voxelize>();
             let configured = (kind.configure)(&crate::parameter::tree(&params)).unwrap();

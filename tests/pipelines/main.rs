@@ -23,7 +23,7 @@ fn gpu() -> Gpu {
 /// The scene, and the pipeline's parameters with some of them set, which the adapter can take.
 fn prepared<P: Pipeline>(gpu: &Gpu, scene: &str, set: &Set<'_>) -> (Scene, P::Params) {
     let file = SceneFile::load(scene).unwrap();
-    let mut tree = parameter::tree(&P::Params::defaults(&file));
+    let mut tree = parameter::tree(&P::Params::from(&file));
     for (path, value) in set {
         parameter::set(&mut tree, path, value.clone()).unwrap();
     }

@@ -33,7 +33,7 @@ fn photons_of_a_built_pipeline_have_their_errors() {
     let gpu = gpu();
     let file = SceneFile::load("plane").unwrap();
     let scene = Scene::build(&file).unwrap();
-    let mut params = Params::from_scene(&file);
+    let mut params = Params::from(&file);
     (params.view.width, params.view.height) = (200, 160);
     params.caustics.grid = 120;
     params.caustics.offset = [0.3, 0.8];

@@ -51,7 +51,7 @@ impl Fixture {
 
     /// Two frames of the pipeline: what the first leaves behind must not be in the second.
     fn frames(&self, change: impl FnOnce(&mut Params)) -> Built<Voxelize> {
-        let mut params = Params::from_scene(&self.file);
+        let mut params = Params::from(&self.file);
         params.voxel.resolution = 24;
         (params.view.width, params.view.height) = (16, 16);
         change(&mut params);

@@ -2,7 +2,6 @@
 
 use fathom::harness::verify::rig::{Rig, largest, noise};
 use fathom::harness::verify::{Case, Check, Result};
-use fathom::pipelines::Parameters;
 use fathom::reference::image::{Image, pixels};
 use fathom::scene::SceneFile;
 use fathom::stages::kit::Resources;
@@ -23,7 +22,7 @@ pub fn cases() -> Vec<Case> {
 }
 
 fn rings(rig: &Rig<'_>) -> Result<Check> {
-    let mut params = Params::defaults(&SceneFile::load("plane")?);
+    let mut params = Params::from(&SceneFile::load("plane")?);
     params.ripples.rings = 5;
     let stage = draw::Draw::new(&Resources::new(rig.gpu), SIZE, &params)?;
     rig.run(&[&stage])?;

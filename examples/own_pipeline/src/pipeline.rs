@@ -33,10 +33,6 @@ fathom::settings! {
 }
 
 impl Parameters for Params {
-    fn defaults(file: &SceneFile) -> Self {
-        Self::from_scene(file)
-    }
-
     fn staged(&self, file: &SceneFile) -> Result<SceneFile, ParamError> {
         let (camera, water) = (self.camera.clone(), self.water.clone());
         Ok(SceneFile { camera, water, ..file.clone() })
@@ -45,10 +41,6 @@ impl Parameters for Params {
     fn consistent(&self) -> Result<(), ParamError> {
         self.camera.validate()?;
         Ok(self.water.validate()?)
-    }
-
-    fn camera(&self) -> &Camera {
-        &self.camera
     }
 
     fn camera_mut(&mut self) -> &mut Camera {

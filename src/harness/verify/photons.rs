@@ -222,7 +222,7 @@ fn real(rig: &Rig<'_>, name: &str) -> Checks {
 }
 
 fn real_params(file: &SceneFile) -> Params {
-    let mut params = Params::from_scene(file);
+    let mut params = Params::from(file);
     params.caustics.grid = REAL_GRID;
     params.caustics.subdivision = 4;
     params.godrays.grid = REAL_GRID;

@@ -376,7 +376,7 @@ fn draw_in_scene(
 }
 
 pub(super) fn energy_params(file: &SceneFile) -> Params {
-    let mut params = Params::from_scene(file);
+    let mut params = Params::from(file);
     (params.view.width, params.view.height) = (400, 400);
     params.caustics.grid = 64;
     params.caustics.subdivision = 4;

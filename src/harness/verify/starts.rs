@@ -35,7 +35,7 @@ pub fn cases() -> Vec<Case> {
 /// Scene `plane` under flat water, and its parameters.
 fn subject(kind: LightKind) -> Result<(Scene, Params)> {
     let scene = rig::flat_plane(kind)?;
-    let mut params = Params::from_scene(&SceneFile::load("plane")?);
+    let mut params = Params::from(&SceneFile::load("plane")?);
     params.light = scene.light.clone();
     params.water = scene.water.clone();
     params.caustics.iterations = 12;

@@ -72,10 +72,6 @@ impl Horizon {
 }
 
 impl Parameters for Params {
-    fn defaults(file: &SceneFile) -> Self {
-        Self::from_scene(file)
-    }
-
     fn staged(&self, file: &SceneFile) -> Result<SceneFile, ParamError> {
         Ok(staged(file, self.floor_depth_m, &self.camera, &self.light, self.objects))
     }
@@ -83,10 +79,6 @@ impl Parameters for Params {
     fn consistent(&self) -> Result<(), ParamError> {
         self.camera.validate()?;
         Ok(self.light.validate()?)
-    }
-
-    fn camera(&self) -> &Camera {
-        &self.camera
     }
 
     fn camera_mut(&mut self) -> &mut Camera {
@@ -109,14 +101,14 @@ mod tests {
     use crate::{parameter, pipelines};
 
     fn with(path: &str, value: Value) -> Result<Params, ParamError> {
-        let mut tree = parameter::tree(&Params::from_scene(&SceneFile::load("tank").unwrap()));
+        let mut tree = parameter::tree(&Params::from(&SceneFile::load("tank").unwrap()));
         parameter::set(&mut tree, path, value).unwrap();
         pipelines::read(&tree)
     }
 
     #[test]
     fn defaults_take_as_many_samples_as_the_paper() {
-        let params = Params::from_scene(&SceneFile::load("tank").unwrap());
+        let params = Params::from(&SceneFile::load("tank").unwrap());
         let uniforms = params.hsao.uniforms(params.buffer_px(), 1.0);
         assert_eq!(uniforms.samples_per_pixel(), 400);
     }

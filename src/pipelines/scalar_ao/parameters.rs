@@ -141,10 +141,6 @@ settings! {
 }
 
 impl Parameters for Params {
-    fn defaults(file: &SceneFile) -> Self {
-        Self::from_scene(file)
-    }
-
     fn staged(&self, file: &SceneFile) -> Result<SceneFile, ParamError> {
         let volume = file.volume.as_ref().map(|v| self.volume.put_into(v)).transpose()?;
         let staged = staged(file, self.floor_depth_m, &self.camera, &self.light, 0);
@@ -157,10 +153,6 @@ impl Parameters for Params {
         let [low, high] = self.scalar.window;
         within("scalar.window[0]", low, 0.0, 0.999)?;
         within("scalar.window[1]", high, low + 1e-3, 1.0)
-    }
-
-    fn camera(&self) -> &Camera {
-        &self.camera
     }
 
     fn camera_mut(&mut self) -> &mut Camera {

@@ -25,7 +25,7 @@ fn scene() -> Scene {
 }
 
 fn tree(path: &str, value: Value) -> Value {
-    let mut tree = parameter::tree(&Params::from_scene(&SceneFile::load("plane").unwrap()));
+    let mut tree = parameter::tree(&Params::from(&SceneFile::load("plane").unwrap()));
     parameter::set(&mut tree, path, value).unwrap();
     tree
 }
@@ -79,7 +79,7 @@ fn values_out_of_range_are_named() {
 
 #[test]
 fn what_is_no_number_is_refused() {
-    let mut params = Params::from_scene(&SceneFile::load("plane").unwrap());
+    let mut params = Params::from(&SceneFile::load("plane").unwrap());
     params.scalar.iso = f64::NAN;
     assert!(read(&tree("scalar.iso", json!(1.0))).is_ok());
     let error = params.check(parameter::Beside::default()).unwrap_err().to_string();
@@ -136,7 +136,7 @@ fn thresholds_of_media_mean_opacity_of_a_voxel() {
 #[test]
 fn cells_follow_the_parameters_where_they_can() {
     let file = SceneFile::load("smoke").unwrap();
-    let mut tree = parameter::tree(&Params::from_scene(&file));
+    let mut tree = parameter::tree(&Params::from(&file));
     assert_eq!(tree["volume"]["cells"], json!([200, 128, 200]));
     parameter::set(&mut tree, "volume.cells", json!([20, 12, 20])).unwrap();
     parameter::set(&mut tree, "volume.reduce", json!(2)).unwrap();

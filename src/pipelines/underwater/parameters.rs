@@ -275,10 +275,6 @@ photon_settings!(Caustics, 0.64);
 photon_settings!(Godrays, 0.16);
 
 impl Parameters for Params {
-    fn defaults(file: &SceneFile) -> Self {
-        Self::from_scene(file)
-    }
-
     fn staged(&self, file: &SceneFile) -> Result<SceneFile, ParamError> {
         Ok(SceneFile {
             floor_depth_m: self.floor_depth_m,
@@ -297,10 +293,6 @@ impl Parameters for Params {
         self.godrays.consistent("godrays")?;
         let (least, most) = (self.caustics.point_size_min_px, self.caustics.point_size_max_px);
         within("caustics.point_size_max_px", most, least, 1024.0)
-    }
-
-    fn camera(&self) -> &Camera {
-        &self.camera
     }
 
     fn camera_mut(&mut self) -> &mut Camera {

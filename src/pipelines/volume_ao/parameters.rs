@@ -112,10 +112,6 @@ impl Ao {
 }
 
 impl Parameters for Params {
-    fn defaults(file: &SceneFile) -> Self {
-        Self::from_scene(file)
-    }
-
     fn staged(&self, file: &SceneFile) -> Result<SceneFile, ParamError> {
         Ok(settings::staged(file, self.floor_depth_m, &self.camera, &self.light, self.objects))
     }
@@ -129,10 +125,6 @@ impl Parameters for Params {
             return Err(ParamError::Unfit(fault.into()));
         }
         Ok(())
-    }
-
-    fn camera(&self) -> &Camera {
-        &self.camera
     }
 
     fn camera_mut(&mut self) -> &mut Camera {
@@ -190,7 +182,7 @@ mod tests {
     use crate::{parameter, pipelines};
 
     fn with(changes: &[(&str, Value)]) -> Result<Params, String> {
-        let mut tree = parameter::tree(&Params::from_scene(&SceneFile::load("plane").unwrap()));
+        let mut tree = parameter::tree(&Params::from(&SceneFile::load("plane").unwrap()));
         for (path, value) in changes {
             parameter::set(&mut tree, path, value.clone()).unwrap();
         }

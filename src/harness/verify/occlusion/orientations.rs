@@ -100,7 +100,7 @@ fn worst(rig: &Rig<'_>, make: Make, control: Control) -> Result<[f64; 3]> {
 
 /// The pipeline's defaults with 64 rays.
 fn defaults() -> Result<Params> {
-    let mut params = Params::from_scene(&SceneFile::load("plane")?);
+    let mut params = Params::from(&SceneFile::load("plane")?);
     params.ao.rays = 64;
     Ok(params)
 }
