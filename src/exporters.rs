@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use thiserror::Error;
 
-use crate::compare::store::{Comparison, StoreError, holds_comparison};
+use crate::compare::store::{StoreError, StoredComparison, holds_comparison};
 use crate::compare::tables::{self, Format};
 use crate::compare::verdict::Verdicts;
 use crate::harness::output::RECORDS;
@@ -72,7 +72,7 @@ pub fn of_comparison(verdicts: &Verdicts<'_>) -> Vec<Artifact> {
 /// Writes the files of a folder's records beside them, and gives their paths. A run's link the pictures that lie there.
 pub fn write(folder: &Path, reading: Reading) -> Result<Vec<PathBuf>, ExportError> {
     if holds_comparison(&reading.records) {
-        let comparison = Comparison::of(reading, &folder.join(RECORDS))?;
+        let comparison = StoredComparison::of(reading, &folder.join(RECORDS))?;
         return put(folder, of_comparison(&Verdicts::of(&comparison)));
     }
     put(folder, of_run(&reading.records, Some(folder))?)

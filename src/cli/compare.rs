@@ -7,8 +7,8 @@ use std::sync::atomic::Ordering;
 
 use crate::compare::build::{self, SetAside};
 use crate::compare::cells::Gates;
-use crate::compare::flow::{self, Options, Program};
-use crate::compare::store::{self, Comparison};
+use crate::compare::flow::{self, CompareOptions, Program};
+use crate::compare::store::{self, StoredComparison};
 use crate::compare::verdict::Verdicts;
 use crate::compare::{files, tables};
 use crate::harness::catalog::Catalog;
@@ -81,7 +81,7 @@ fn builds(catalog: &Catalog, args: &CompareArgs) -> anyhow::Result<PathBuf> {
     };
     let base = build::set_aside(&base)?;
     let program = |aside: &SetAside, label| Program { path: aside.path.clone(), label };
-    let options = Options {
+    let options = CompareOptions {
         catalog: catalog.clone(),
         gpu: gpu_options(catalog, &args.adapter),
         base: program(&base, base_label),
@@ -126,7 +126,7 @@ fn records(args: &CompareArgs, base: &Path, head: &Path) -> anyhow::Result<PathB
 
 /// Writes the tables of a folder and prints one of them. A fresh comparison also goes to the job's page, if there is one.
 fn tell(folder: &Path, format: &str, fresh: bool) -> Outcome {
-    let comparison = Comparison::read(folder)?;
+    let comparison = StoredComparison::read(folder)?;
     let verdicts = Verdicts::of(&comparison);
     exporters::put(folder, exporters::of_comparison(&verdicts))?;
     if fresh && let Some(page) = std::env::var_os(STEP_SUMMARY).filter(|page| !page.is_empty()) {

@@ -4,10 +4,10 @@ use std::collections::BTreeMap;
 
 use rand::RngExt;
 
-use super::launch::{Quiet, Start, Waiting, Worker, WorkerFault, allowed_cores};
-use super::protocol::{Configuration, Greeting, Reply, Request};
+use super::launch::{Quiet, Waiting, WorkerFault, WorkerProcess, WorkerStart, allowed_cores};
+use super::protocol::{GateConfiguration, Greeting, Reply, WorkerRequest};
 use super::quiet::PADDING_BYTES;
-use super::rounds::{Bench, Broken, Opened, Party, PartyFault, random};
+use super::rounds::{BrokenLaunch, LaunchWorkers, OpenedLaunch, RoleFault, WorkerRole, random};
 use crate::gpu::ClockPlan;
 use crate::record::Adapter;
 use crate::record::comparison::CellId;
@@ -24,15 +24,15 @@ const MAX_FRAMES: f64 = 8.0;
 
 /// Processes that serve a [`Bench`].
 pub struct Processes<'a> {
-    base: Start,
-    head: Start,
+    base: WorkerStart,
+    head: WorkerStart,
     waiting: Waiting<'a>,
-    configurations: BTreeMap<String, Configuration>,
+    configurations: BTreeMap<String, GateConfiguration>,
     pub adapter: Adapter,
     clock: Option<ClockPlan>,
     cores: Vec<usize>,
     seed: u64,
-    workers: Vec<(Party, Worker)>,
+    workers: Vec<(WorkerRole, WorkerProcess)>,
     /// Frames of a sample of each cell, from its first one in this launch.
     frames: BTreeMap<CellId, u32>,
 }
@@ -41,16 +41,16 @@ impl<'a> Processes<'a> {
     /// Asks a first base worker for the adapter, and for its clock where it is hardware: both sides then read the same
     /// clock, and each launch is spared the audit.
     pub fn new(
-        base: Start,
-        head: Start,
-        configurations: &[Configuration],
+        base: WorkerStart,
+        head: WorkerStart,
+        configurations: &[GateConfiguration],
         seed: u64,
         waiting: Waiting<'a>,
-    ) -> Result<Self, PartyFault> {
+    ) -> Result<Self, RoleFault> {
         let (adapter, clock) =
-            probe(&base, &waiting).map_err(|fault| PartyFault { party: Party::Base, fault })?;
+            probe(&base, &waiting).map_err(|fault| RoleFault { role: WorkerRole::Base, fault })?;
         let named =
-            |configuration: &Configuration| (configuration.id.clone(), configuration.clone());
+            |configuration: &GateConfiguration| (configuration.id.clone(), configuration.clone());
         Ok(Self {
             base,
             head,
@@ -65,34 +65,36 @@ impl<'a> Processes<'a> {
         })
     }
 
-    fn start(&mut self, launch: u32, parties: &[Party]) -> Result<(), PartyFault> {
+    fn start(&mut self, launch: u32, roles: &[WorkerRole]) -> Result<(), RoleFault> {
         let padding = random(self.seed, launch).random_range(0..PADDING_BYTES);
-        for (place, party) in parties.iter().enumerate() {
-            let mut start = match party {
-                Party::Head => self.head.clone(),
-                Party::Base | Party::Control | Party::Twin => self.base.clone(),
+        for (place, role) in roles.iter().enumerate() {
+            let mut start = match role {
+                WorkerRole::Head => self.head.clone(),
+                WorkerRole::Base | WorkerRole::ControlHead | WorkerRole::ControlBase => {
+                    self.base.clone()
+                }
             };
-            start.name = party.name();
+            start.name = role.name();
             start.clock = self.clock;
             start.quiet = self.adapter.software.then(|| Quiet {
                 core: core(&self.cores, launch as usize + place),
                 padding,
                 keep_memory: true,
             });
-            let started = Worker::start(&start).and_then(|mut worker| {
+            let started = WorkerProcess::start(&start).and_then(|mut worker| {
                 worker.greet()?;
                 Ok(worker)
             });
-            let worker = started.map_err(of(*party))?;
-            self.workers.push((*party, worker));
+            let worker = started.map_err(of(*role))?;
+            self.workers.push((*role, worker));
         }
         Ok(())
     }
 
-    fn greeted(&mut self) -> Result<Vec<Greeting>, PartyFault> {
+    fn greeted(&mut self) -> Result<Vec<Greeting>, RoleFault> {
         let mut greetings = Vec::new();
-        for (party, worker) in &mut self.workers {
-            let greeting = worker.greeted(&self.waiting).map_err(of(*party))?;
+        for (role, worker) in &mut self.workers {
+            let greeting = worker.greeted(&self.waiting).map_err(of(*role))?;
             if greeting.adapter.name != self.adapter.name
                 || greeting.adapter.driver_info != self.adapter.driver_info
             {
@@ -103,37 +105,38 @@ impl<'a> Processes<'a> {
                     self.adapter.name,
                     self.adapter.driver_info
                 );
-                return Err(of(*party)(WorkerFault::fatal(reason)));
+                return Err(of(*role)(WorkerFault::fatal(reason)));
             }
             greetings.push(greeting);
         }
         Ok(greetings)
     }
 
-    /// All parties prepare a configuration at the same time. The fault of the first that refuses it.
+    /// All workers prepare a configuration at the same time. The fault of the first that refuses it.
     fn prepare(
         &mut self,
-        configuration: &Configuration,
+        configuration: &GateConfiguration,
         control: bool,
-    ) -> Result<Option<PartyFault>, PartyFault> {
-        let request = Request::Prepare { configuration: configuration.clone() };
-        let wanted = |party: &Party| matches!(party, Party::Base | Party::Head) || control;
-        let concerned = self.workers.iter_mut().filter(|(party, _)| wanted(party));
+    ) -> Result<Option<RoleFault>, RoleFault> {
+        let request = WorkerRequest::Prepare { configuration: configuration.clone() };
+        let wanted =
+            |role: &WorkerRole| matches!(role, WorkerRole::Base | WorkerRole::Head) || control;
+        let concerned = self.workers.iter_mut().filter(|(role, _)| wanted(role));
         let mut concerned: Vec<_> = concerned.collect();
-        for (party, worker) in &mut concerned {
-            worker.send(&request).map_err(of(*party))?;
+        for (role, worker) in &mut concerned {
+            worker.send(&request).map_err(of(*role))?;
         }
         let mut refused = None;
-        for (party, worker) in concerned {
+        for (role, worker) in concerned {
             let fault = match worker.receive(&self.waiting) {
                 Ok(Reply::Prepared { .. }) => continue,
                 Ok(other) => worker.unexpected(&other),
                 Err(fault) => fault,
             };
             if !fault.goes_on() {
-                return Err(of(*party)(fault));
+                return Err(of(*role)(fault));
             }
-            refused = refused.or(Some(of(*party)(fault)));
+            refused = refused.or(Some(of(*role)(fault)));
         }
         Ok(refused)
     }
@@ -155,17 +158,18 @@ impl<'a> Processes<'a> {
     }
 }
 
-impl Bench for Processes<'_> {
+impl LaunchWorkers for Processes<'_> {
     fn open(
         &mut self,
         launch: u32,
         cells: &[CellId],
         control: Option<&CellId>,
-    ) -> Result<Opened, Broken> {
-        let broken = |cause| Broken { configuration: None, cause };
+    ) -> Result<OpenedLaunch, BrokenLaunch> {
+        let broken = |cause| BrokenLaunch { configuration: None, cause };
         self.start(launch, &order(launch, control.is_some())).map_err(broken)?;
         let greetings = self.greeted().map_err(broken)?;
-        let mut opened = Opened { refused: Vec::new(), notes: self.notes(launch, &greetings) };
+        let mut opened =
+            OpenedLaunch { refused: Vec::new(), notes: self.notes(launch, &greetings) };
         let mut wanted: Vec<&str> =
             cells.iter().chain(control).map(CellId::configuration).collect();
         wanted.sort_unstable();
@@ -179,7 +183,7 @@ impl Bench for Processes<'_> {
                 Ok(None) => {}
                 Ok(Some(cause)) => opened.refused.push((id.to_owned(), cause)),
                 Err(cause) => {
-                    return Err(Broken { configuration: Some(id.to_owned()), cause });
+                    return Err(BrokenLaunch { configuration: Some(id.to_owned()), cause });
                 }
             }
         }
@@ -191,13 +195,13 @@ impl Bench for Processes<'_> {
         Ok(opened)
     }
 
-    fn sample(&mut self, party: Party, cell: &CellId) -> Result<f64, WorkerFault> {
-        let of_party = self.workers.iter_mut().find(|(known, _)| *known == party);
+    fn sample(&mut self, role: WorkerRole, cell: &CellId) -> Result<f64, WorkerFault> {
+        let of_party = self.workers.iter_mut().find(|(known, _)| *known == role);
         let Some((_, worker)) = of_party else {
             return Err(WorkerFault::fatal("it was not started".to_owned()));
         };
         let frames = self.frames.get(cell).copied();
-        let request = Request::Sample {
+        let request = WorkerRequest::Sample {
             config: cell.configuration().to_owned(),
             stage: cell.stage().to_owned(),
             frames: frames.unwrap_or(1),
@@ -221,8 +225,8 @@ impl Bench for Processes<'_> {
     }
 }
 
-fn of(party: Party) -> impl FnOnce(WorkerFault) -> PartyFault {
-    move |fault| PartyFault { party, fault }
+fn of(role: WorkerRole) -> impl FnOnce(WorkerFault) -> RoleFault {
+    move |fault| RoleFault { role, fault }
 }
 
 fn sound(ns: &[f64], frames: u32) -> bool {
@@ -233,13 +237,13 @@ fn sound(ns: &[f64], frames: u32) -> bool {
 /// Who is started first, and with that on which core, changes every second launch while the core that is measured on changes
 /// every launch. Of equal programs started always in the same order, the second was up to 2 % faster in stages bound by
 /// memory.
-fn order(launch: u32, control: bool) -> Vec<Party> {
-    let mut order = vec![Party::Base, Party::Head];
+fn order(launch: u32, control: bool) -> Vec<WorkerRole> {
+    let mut order = vec![WorkerRole::Base, WorkerRole::Head];
     if control {
-        order.extend([Party::Twin, Party::Control]);
+        order.extend([WorkerRole::ControlBase, WorkerRole::ControlHead]);
     }
     if launch / 2 % 2 == 1 {
-        order.chunks_mut(2).for_each(<[Party]>::reverse);
+        order.chunks_mut(2).for_each(<[WorkerRole]>::reverse);
     }
     order
 }
@@ -249,13 +253,16 @@ fn core(cores: &[usize], turn: usize) -> Option<usize> {
     (!cores.is_empty()).then(|| cores[turn % cores.len()])
 }
 
-fn probe(base: &Start, waiting: &Waiting<'_>) -> Result<(Adapter, Option<ClockPlan>), WorkerFault> {
-    let mut worker = Worker::start(base)?;
+fn probe(
+    base: &WorkerStart,
+    waiting: &Waiting<'_>,
+) -> Result<(Adapter, Option<ClockPlan>), WorkerFault> {
+    let mut worker = WorkerProcess::start(base)?;
     worker.greet()?;
     let adapter = worker.greeted(waiting)?.adapter;
     let clock = match adapter.software {
         true => None,
-        false => match worker.ask(&Request::Clock, waiting)? {
+        false => match worker.ask(&WorkerRequest::Clock, waiting)? {
             Reply::Clock { clock } => Some(clock),
             other => return Err(worker.unexpected(&other)),
         },
@@ -273,10 +280,13 @@ mod tests {
         let cores = [4, 7];
         let mut first = BTreeMap::new();
         for launch in 0..20 {
-            let parties = order(launch, true);
-            assert!(parties[2..].contains(&Party::Control) && parties[2..].contains(&Party::Twin));
-            assert_eq!(order(launch, false), parties[..2]);
-            let place = (parties[0], core(&cores, launch as usize));
+            let roles = order(launch, true);
+            assert!(
+                roles[2..].contains(&WorkerRole::ControlHead)
+                    && roles[2..].contains(&WorkerRole::ControlBase)
+            );
+            assert_eq!(order(launch, false), roles[..2]);
+            let place = (roles[0], core(&cores, launch as usize));
             *first.entry(place).or_insert(0) += 1;
         }
         assert_eq!(first.into_values().collect::<Vec<_>>(), [5; 4]);

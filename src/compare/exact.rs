@@ -3,7 +3,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use super::store::Comparison;
+use super::store::StoredComparison;
 use crate::record::ErrorFigure;
 use crate::record::comparison::{
     CellId, CheckFigure, ConfigurationFigures, ExactFigures, Fault, Gate, Side,
@@ -19,7 +19,7 @@ pub const LEAST_OF_TOLERANCE: f64 = 0.01;
 
 /// What a difference concerns.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Subject {
+pub enum DifferenceScope {
     Cell(CellId),
     /// A stage in every configuration.
     Stage(String),
@@ -27,7 +27,7 @@ pub enum Subject {
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Kind {
+pub enum FigureKind {
     Work,
     Counter,
     Bytes,
@@ -39,8 +39,8 @@ pub enum Kind {
 /// A figure that is not the same on both sides.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Difference {
-    pub subject: Subject,
-    pub kind: Kind,
+    pub scope: DifferenceScope,
+    pub kind: FigureKind,
     pub figure: String,
     pub base: f64,
     pub head: f64,
@@ -51,16 +51,16 @@ pub struct Difference {
 impl Difference {
     /// It tells on this cell.
     pub fn concerns(&self, cell: &CellId) -> bool {
-        match &self.subject {
-            Subject::Cell(own) => own == cell,
-            Subject::Stage(stage) => stage == cell.stage(),
-            Subject::Configuration(_) => false,
+        match &self.scope {
+            DifferenceScope::Cell(own) => own == cell,
+            DifferenceScope::Stage(stage) => stage == cell.stage(),
+            DifferenceScope::Configuration(_) => false,
         }
     }
 }
 
 /// Every figure that differs between the sides, in the order of the lines.
-pub fn judge(comparison: &Comparison) -> Vec<Difference> {
+pub fn judge(comparison: &StoredComparison) -> Vec<Difference> {
     let mut found = Vec::new();
     let cells = twins(&comparison.exact, |line| (line.side, &line.cell));
     let counting = Side::BOTH.map(|side| counting(comparison, side));
@@ -81,7 +81,7 @@ pub fn judge(comparison: &Comparison) -> Vec<Difference> {
 }
 
 /// Configurations in which a side counts invocations.
-fn counting(comparison: &Comparison, side: Side) -> BTreeSet<&str> {
+fn counting(comparison: &StoredComparison, side: Side) -> BTreeSet<&str> {
     let lines = comparison.exact.iter();
     lines
         .filter(|line| line.side == side && !line.counters.is_empty())
@@ -115,7 +115,7 @@ fn last_of<'a, T, K: Ord>(
 
 /// Errors and checks that one side gives and the other does not. What the base lacks is new in the head, unless a damaged
 /// line may have held it.
-pub fn missing(comparison: &Comparison) -> Vec<Fault> {
+pub fn missing(comparison: &StoredComparison) -> Vec<Fault> {
     let mut faults = Vec::new();
     let configurations = twins(&comparison.configurations, |line| (line.side, &line.configuration));
     for (base, head) in configurations {
@@ -154,7 +154,7 @@ fn cell(base: &ExactFigures, head: &ExactFigures, counted: bool, found: &mut Vec
     let mut differ = |kind, figure: &str, base_count: u64, head_count: u64| {
         if base_count != head_count {
             found.push(Difference {
-                subject: Subject::Cell(base.cell.clone()),
+                scope: DifferenceScope::Cell(base.cell.clone()),
                 kind,
                 figure: figure.to_owned(),
                 base: base_count as f64,
@@ -165,7 +165,7 @@ fn cell(base: &ExactFigures, head: &ExactFigures, counted: bool, found: &mut Vec
     };
     let works = base.work.fields().into_iter().zip(head.work.fields());
     for ((name, base), (_, head)) in works {
-        differ(Kind::Work, name, base, head);
+        differ(FigureKind::Work, name, base, head);
     }
     if !counted {
         return;
@@ -173,7 +173,7 @@ fn cell(base: &ExactFigures, head: &ExactFigures, counted: bool, found: &mut Vec
     let names: BTreeSet<&String> = base.counters.keys().chain(head.counters.keys()).collect();
     for name in names {
         let count = |line: &ExactFigures| line.counters.get(name).copied().unwrap_or(0);
-        differ(Kind::Counter, name, count(base), count(head));
+        differ(FigureKind::Counter, name, count(base), count(head));
     }
 }
 
@@ -183,9 +183,9 @@ fn configuration(
     cells: &[CellId],
     found: &mut Vec<Difference>,
 ) {
-    let whole = Subject::Configuration(base.configuration.clone());
-    let differ = |subject, kind, figure: &str, base: f64, head: f64, worse| Difference {
-        subject,
+    let whole = DifferenceScope::Configuration(base.configuration.clone());
+    let differ = |scope, kind, figure: &str, base: f64, head: f64, worse| Difference {
+        scope,
         kind,
         figure: figure.to_owned(),
         base,
@@ -194,7 +194,7 @@ fn configuration(
     };
     let (b, h) = (base.allocated_bytes, head.allocated_bytes);
     if b != h {
-        let (kind, name) = (Kind::Bytes, "allocated_bytes");
+        let (kind, name) = (FigureKind::Bytes, "allocated_bytes");
         found.push(differ(whole.clone(), kind, name, b as f64, h as f64, h > b));
     }
     let figures = base.errors.iter().chain(&base.quantities);
@@ -213,13 +213,13 @@ fn configuration(
     for (name, b, h) in errors {
         if let Some(worse) = grown.get(name) {
             let stage = judged(name).map(|error| charged_stage(error, &grown, &judged));
-            let subject = subject_of(stage, cells, &base.configuration);
-            found.push(differ(subject, Kind::Error, name, b, h, *worse));
+            let scope = scope_of(stage, cells, &base.configuration);
+            found.push(differ(scope, FigureKind::Error, name, b, h, *worse));
         }
     }
     for (name, b, h) in quantities {
         if moved(b, h, LEAST_ERROR) {
-            found.push(differ(whole.clone(), Kind::Quantity, name, b, h, false));
+            found.push(differ(whole.clone(), FigureKind::Quantity, name, b, h, false));
         }
     }
 }
@@ -238,12 +238,12 @@ fn charged_stage<'e>(
 }
 
 /// The stage's cell; the whole configuration where the stage is not known or is no cell.
-fn subject_of(stage: Option<&str>, cells: &[CellId], configuration: &str) -> Subject {
+fn scope_of(stage: Option<&str>, cells: &[CellId], configuration: &str) -> DifferenceScope {
     let is_cell =
         |cell: &&CellId| cell.configuration() == configuration && Some(cell.stage()) == stage;
     match cells.iter().find(is_cell) {
-        Some(cell) => Subject::Cell(cell.clone()),
-        None => Subject::Configuration(configuration.to_owned()),
+        Some(cell) => DifferenceScope::Cell(cell.clone()),
+        None => DifferenceScope::Configuration(configuration.to_owned()),
     }
 }
 
@@ -252,8 +252,8 @@ fn check(base: &CheckFigure, head: &CheckFigure, found: &mut Vec<Difference>) {
     let least = LEAST_OF_TOLERANCE * base.tolerance;
     if broken || moved(base.measured, head.measured, least) {
         found.push(Difference {
-            subject: Subject::Stage(base.stage.clone()),
-            kind: Kind::Error,
+            scope: DifferenceScope::Stage(base.stage.clone()),
+            kind: FigureKind::Error,
             figure: format!("{} ({})", base.what, base.unit),
             base: base.measured,
             head: head.measured,

@@ -10,11 +10,11 @@ use thiserror::Error;
 use super::bench::Processes;
 use super::cells::{CellsError, Gates};
 use super::instructions;
-use super::launch::{Quiet, Start, Waiting, WorkerFault, allowed_cores};
-use super::protocol::{Configuration, Greeting};
-use super::rounds::{self, Before, PartyFault, Schedule};
-use super::store::{self, Comparison, StoreError};
-use super::survey::{self, Party};
+use super::launch::{Quiet, Waiting, WorkerFault, WorkerStart, allowed_cores};
+use super::protocol::{GateConfiguration, Greeting};
+use super::rounds::{self, Before, RoleFault, Schedule};
+use super::store::{self, StoreError, StoredComparison};
+use super::survey::{self, SurveyedBuild};
 use super::time;
 use crate::gpu;
 use crate::harness::calendar;
@@ -58,7 +58,7 @@ pub struct Program {
 }
 
 #[derive(Clone, Debug)]
-pub struct Options {
+pub struct CompareOptions {
     pub catalog: Catalog,
     pub gpu: gpu::Options,
     pub base: Program,
@@ -76,7 +76,7 @@ pub struct Options {
 
 /// Measures what `options` ask for and gives the folder with its lines. `tell` is told of each step.
 pub fn measure(
-    options: &Options,
+    options: &CompareOptions,
     interrupted: &AtomicBool,
     tell: &dyn Fn(&str),
 ) -> Result<PathBuf, CompareError> {
@@ -100,9 +100,9 @@ pub fn measure(
     let before = if options.resume {
         resumed(&mut held, &header, tell)?
     } else {
-        Comparison::new(header.clone())
+        StoredComparison::new(header.clone())
     };
-    let mut measurement = Measurement { options, held, interrupted, waiting, tell, before };
+    let mut measurement = ComparisonRun { options, held, interrupted, waiting, tell, before };
     if !options.resume {
         measurement.write(vec![Compared::Header(Box::new(header))])?;
     }
@@ -132,12 +132,12 @@ pub fn fresh() -> Result<PathBuf, OutputError> {
     unused(&Path::new(DEFAULT_FOLDER).join(name))
 }
 
-fn start_of(options: &Options, side: Side) -> Start {
+fn start_of(options: &CompareOptions, side: Side) -> WorkerStart {
     let program = match side {
         Side::Base => &options.base,
         Side::Head => &options.head,
     };
-    let mut start = Start::new(&program.path);
+    let mut start = WorkerStart::new(&program.path);
     start.name = side.name();
     start.gpu = options.gpu.clone();
     start
@@ -145,22 +145,22 @@ fn start_of(options: &Options, side: Side) -> Start {
 
 /// The worker of a side's survey. Both run at once, each on a core of its own where there are two.
 fn start_party<'a>(
-    options: &Options,
+    options: &CompareOptions,
     side: Side,
     waiting: Waiting<'a>,
-) -> Result<Party<'a>, CompareError> {
+) -> Result<SurveyedBuild<'a>, CompareError> {
     let mut start = start_of(options, side);
     let cores = allowed_cores();
     start.quiet = Some(Quiet {
         core: cores.get(side as usize % cores.len().max(1)).copied(),
         ..Quiet::default()
     });
-    Party::new(side, start, waiting).map_err(|fault| CompareError::Worker { side, fault })
+    SurveyedBuild::new(side, start, waiting).map_err(|fault| CompareError::Worker { side, fault })
 }
 
-fn greeted(parties: &mut [Party<'_>; 2]) -> Result<[Greeting; 2], CompareError> {
+fn greeted(parties: &mut [SurveyedBuild<'_>; 2]) -> Result<[Greeting; 2], CompareError> {
     let [base, head] = parties;
-    let greet = |party: &mut Party<'_>| {
+    let greet = |party: &mut SurveyedBuild<'_>| {
         let side = party.side;
         let greeting = party.greeted();
         greeting.map_err(|fault| CompareError::Worker { side, fault })
@@ -177,7 +177,7 @@ fn greeted(parties: &mut [Party<'_>; 2]) -> Result<[Greeting; 2], CompareError> 
 }
 
 fn header(
-    options: &Options,
+    options: &CompareOptions,
     gates: &Gates,
     greetings: &[Greeting; 2],
 ) -> Result<ComparisonHeader, CompareError> {
@@ -237,10 +237,10 @@ fn resumed(
     held: &mut Held,
     now: &ComparisonHeader,
     tell: &dyn Fn(&str),
-) -> Result<Comparison, CompareError> {
+) -> Result<StoredComparison, CompareError> {
     held.notices.iter().for_each(|notice| tell(notice));
     let folder = held.output.folder.clone();
-    let before = Comparison::from_records(std::mem::take(&mut held.before));
+    let before = StoredComparison::from_records(std::mem::take(&mut held.before));
     let before = before.ok_or_else(|| OutputError::NoHeader { path: folder.clone() })?;
     let then = &before.header;
     let same = [
@@ -257,17 +257,17 @@ fn resumed(
 }
 
 /// A comparison under way.
-struct Measurement<'a> {
-    options: &'a Options,
+struct ComparisonRun<'a> {
+    options: &'a CompareOptions,
     held: Held,
     interrupted: &'a AtomicBool,
     waiting: Waiting<'a>,
     tell: &'a dyn Fn(&str),
     /// What was measured before this process, if anything. Its settings hold.
-    before: Comparison,
+    before: StoredComparison,
 }
 
-impl Measurement<'_> {
+impl ComparisonRun<'_> {
     fn wants(&self, gate: Gate) -> bool {
         let asked = self.before.header.settings.gates.contains(&gate);
         asked && !self.is_interrupted()
@@ -289,9 +289,9 @@ impl Measurement<'_> {
     /// What both sides have of the configurations, with its exact figures if they are wanted and not known.
     fn exact(
         &mut self,
-        parties: &mut [Party<'_>; 2],
-        configurations: &[Configuration],
-    ) -> Result<Vec<Configuration>, CompareError> {
+        parties: &mut [SurveyedBuild<'_>; 2],
+        configurations: &[GateConfiguration],
+    ) -> Result<Vec<GateConfiguration>, CompareError> {
         let counting = self.wants(Gate::Exact);
         (self.tell)(if counting {
             "exact gate: work, counters, bytes and errors of both builds"
@@ -319,7 +319,7 @@ impl Measurement<'_> {
         Ok(common)
     }
 
-    fn instructions(&mut self, common: &[Configuration]) -> Result<(), CompareError> {
+    fn instructions(&mut self, common: &[GateConfiguration]) -> Result<(), CompareError> {
         if !self.wants(Gate::Instructions) {
             return Ok(());
         }
@@ -329,11 +329,11 @@ impl Measurement<'_> {
         Ok(instructions::run(&mut self.held, before, common, &start, self.interrupted)?)
     }
 
-    fn time(&mut self, control: &CellId, common: &[Configuration]) -> Result<(), CompareError> {
+    fn time(&mut self, control: &CellId, common: &[GateConfiguration]) -> Result<(), CompareError> {
         if !self.wants(Gate::Time) {
             return Ok(());
         }
-        let cells: Vec<CellId> = common.iter().flat_map(Configuration::cells).collect();
+        let cells: Vec<CellId> = common.iter().flat_map(GateConfiguration::cells).collect();
         let settings = self.before.header.settings.clone();
         let sides = Side::BOTH.map(|side| start_of(self.options, side));
         let [base, head] = sides;
@@ -356,7 +356,7 @@ impl Measurement<'_> {
             second: false,
         };
         self.launches(&schedule, &mut bench)?;
-        let so_far = Comparison::read(&self.held.output.folder)?;
+        let so_far = StoredComparison::read(&self.held.output.folder)?;
         let open = time::open(&so_far);
         if open.is_empty() || !self.wants(Gate::Time) {
             return Ok(());
@@ -392,15 +392,15 @@ impl Measurement<'_> {
     }
 
     /// The gate could not begin.
-    fn no_time(&mut self, cause: &PartyFault) -> Result<(), CompareError> {
-        let side = Some(cause.party.side());
+    fn no_time(&mut self, cause: &RoleFault) -> Result<(), CompareError> {
+        let side = Some(cause.role.side());
         let fault = Fault::new(Gate::Time, side, None, cause.fault.to_string());
         Ok(self.write(vec![Compared::Fault(fault)])?)
     }
 }
 
 /// Each stage of the configurations once.
-fn stages_of(configurations: &[Configuration]) -> Vec<String> {
+fn stages_of(configurations: &[GateConfiguration]) -> Vec<String> {
     let mut stages: Vec<String> = configurations
         .iter()
         .flat_map(|configuration| configuration.stages.iter().cloned())
@@ -411,7 +411,7 @@ fn stages_of(configurations: &[Configuration]) -> Vec<String> {
 }
 
 /// What is there already of the first or second measurement of the time gate.
-fn timed_before(before: &Comparison, second: bool) -> Before {
+fn timed_before(before: &StoredComparison, second: bool) -> Before {
     let later = before.faults.iter().skip(before.faults_before_interruption);
     let lost: Vec<&Fault> = later.filter(|fault| fault.gate == Gate::Time).collect();
     let cells = lost.iter().filter(|fault| !fault.control);

@@ -17,10 +17,10 @@ use std::time::Duration;
 
 use tempfile::TempDir;
 
-use super::launch::{self, Patience, Quiet, Start, Waiting, Worker, WorkerFault};
-use super::protocol::Configuration;
-use super::protocol::{Reply, Request};
-use super::store::{self, Comparison};
+use super::launch::{self, Patience, Quiet, Waiting, WorkerFault, WorkerProcess, WorkerStart};
+use super::protocol::GateConfiguration;
+use super::protocol::{Reply, WorkerRequest};
+use super::store::{self, StoredComparison};
 use super::valgrind;
 use crate::harness::output::Held;
 use crate::record::RecordError;
@@ -52,7 +52,7 @@ pub enum Change {
 
 /// Holds the counts of both sides against each other. A change is one that exceeds the threshold and the spread of
 /// either side's frames; cells that lack a side are left out.
-pub fn judge(comparison: &Comparison) -> BTreeMap<CellId, Counted> {
+pub fn judge(comparison: &StoredComparison) -> BTreeMap<CellId, Counted> {
     let threshold = comparison.header.settings.instruction_threshold;
     let counts = |cell: &CellId, side: Side| {
         let mut lines = comparison.instructions.iter().rev();
@@ -111,7 +111,7 @@ pub fn obstacle(software: bool) -> Option<String> {
 /// A configuration of one side, with the stages of it that are still to be counted.
 struct Job<'a> {
     side: Side,
-    configuration: &'a Configuration,
+    configuration: &'a GateConfiguration,
     stages: Vec<String>,
 }
 
@@ -120,9 +120,9 @@ struct Job<'a> {
 /// `start` tells how to start the worker of a side. What cannot be counted becomes a fault.
 pub fn run(
     held: &mut Held,
-    before: &Comparison,
-    wanted: &[Configuration],
-    start: &(dyn Fn(Side) -> Start + Sync),
+    before: &StoredComparison,
+    wanted: &[GateConfiguration],
+    start: &(dyn Fn(Side) -> WorkerStart + Sync),
     interrupted: &AtomicBool,
 ) -> Result<(), RecordError> {
     let jobs = Mutex::new(jobs(before, wanted));
@@ -156,7 +156,7 @@ pub fn run(
     })
 }
 
-fn quieted(mut start: Start, core: Option<usize>) -> Start {
+fn quieted(mut start: WorkerStart, core: Option<usize>) -> WorkerStart {
     start.patience = PATIENCE;
     start.quiet = Some(Quiet { core, ..Quiet::default() });
     start
@@ -166,12 +166,12 @@ fn ends(ending: &[&AtomicBool]) -> bool {
     ending.iter().any(|flag| flag.load(Ordering::Relaxed))
 }
 
-fn jobs<'a>(before: &Comparison, wanted: &'a [Configuration]) -> VecDeque<Job<'a>> {
+fn jobs<'a>(before: &StoredComparison, wanted: &'a [GateConfiguration]) -> VecDeque<Job<'a>> {
     let counted = |side: Side, cell: &CellId| {
         let mut lines = before.instructions.iter();
         lines.any(|line| line.side == side && line.cell == *cell)
     };
-    let job = |configuration: &'a Configuration, side: Side| Job {
+    let job = |configuration: &'a GateConfiguration, side: Side| Job {
         side,
         configuration,
         stages: configuration
@@ -194,7 +194,7 @@ fn next<'a>(jobs: &Mutex<VecDeque<Job<'a>>>, ending: &[&AtomicBool]) -> Option<J
 
 /// Under what a job is counted.
 struct Conditions<'a> {
-    start: Start,
+    start: WorkerStart,
     /// The command that counts, which leaves its files in a folder.
     wrapper: fn(&Path) -> Vec<OsString>,
     /// The gate ends as soon as one of these is true.
@@ -269,7 +269,7 @@ const OUT: &str = "callgrind.out";
 
 /// A worker that has prepared a configuration, and where its counts go.
 struct Counter {
-    worker: Worker,
+    worker: WorkerProcess,
     folder: TempDir,
     /// Files that callgrind has written so far.
     cuts: u32,
@@ -281,11 +281,11 @@ impl Counter {
             .map_err(|error| WorkerFault::fatal(format!("no folder for callgrind: {error}")))?;
         let mut start = conditions.start.clone();
         start.wrapper = (conditions.wrapper)(folder.path());
-        let mut worker = Worker::start(&start)?;
+        let mut worker = WorkerProcess::start(&start)?;
         worker.greet()?;
         let waiting = silently(conditions.ending);
         worker.greeted(&waiting)?;
-        let request = Request::Prepare { configuration: job.configuration.clone() };
+        let request = WorkerRequest::Prepare { configuration: job.configuration.clone() };
         match worker.ask(&request, &waiting)? {
             Reply::Prepared { .. } => Ok(Self { worker, folder, cuts: 0 }),
             other => Err(worker.unexpected(&other)),
@@ -299,7 +299,7 @@ impl Counter {
         stage: &str,
         ending: &[&AtomicBool],
     ) -> Result<Vec<u64>, WorkerFault> {
-        let request = Request::Instructions {
+        let request = WorkerRequest::Instructions {
             config: configuration.to_owned(),
             stage: stage.to_owned(),
             frames: FRAMES,
@@ -372,9 +372,10 @@ esac; done
         std::fs::write(&script, SCRIPT.replace("ADAPTER", &adapter)).unwrap();
         let stages: Vec<String> = stages.iter().map(|stage| (*stage).to_owned()).collect();
         let id = "one".to_owned();
-        let configuration = Configuration { id, stages: stages.clone(), ..Default::default() };
+        let configuration = GateConfiguration { id, stages: stages.clone(), ..Default::default() };
         let job = Job { side: Side::Head, configuration: &configuration, stages };
-        let conditions = Conditions { start: quieted(Start::new(&script), None), wrapper, ending };
+        let conditions =
+            Conditions { start: quieted(WorkerStart::new(&script), None), wrapper, ending };
         let (sender, lines) = channel();
         count(&job, &conditions, &sender);
         drop(sender);

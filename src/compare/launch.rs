@@ -14,7 +14,7 @@ use std::time::{Duration, Instant};
 use serde_json::Value;
 use thiserror::Error;
 
-use super::protocol::{Greeting, PROTOCOL, Reply, Request};
+use super::protocol::{Greeting, PROTOCOL, Reply, WorkerRequest};
 use super::quiet;
 pub use super::quiet::{Quiet, allowed_cores};
 use crate::gpu::{self, ClockPlan};
@@ -119,7 +119,7 @@ impl Waiting<'static> {
 
 /// How to start a worker.
 #[derive(Clone, Debug)]
-pub struct Start {
+pub struct WorkerStart {
     /// What to call the worker in messages.
     pub name: &'static str,
     /// A build of fathom.
@@ -133,7 +133,7 @@ pub struct Start {
     pub patience: Patience,
 }
 
-impl Start {
+impl WorkerStart {
     pub fn new(program: &Path) -> Self {
         Self {
             name: "a",
@@ -163,7 +163,7 @@ impl Start {
 }
 
 /// A running worker. Dropping it kills it.
-pub struct Worker {
+pub struct WorkerProcess {
     name: &'static str,
     child: Child,
     requests: Option<ChildStdin>,
@@ -175,11 +175,11 @@ pub struct Worker {
     asked: &'static str,
 }
 
-impl Worker {
+impl WorkerProcess {
     /// Starts a process. It has said nothing yet.
     ///
     /// The worker is tied to the calling thread: it is killed when that thread ends.
-    pub fn start(start: &Start) -> Result<Self, WorkerFault> {
+    pub fn start(start: &WorkerStart) -> Result<Self, WorkerFault> {
         let mut command = start.command();
         command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
         let mut child = command.spawn().map_err(|error| WorkerFault::Start {
@@ -210,7 +210,7 @@ impl Worker {
     }
 
     /// Sends a request; [`Self::receive`] takes its reply. So two workers can prepare at the same time.
-    pub fn send(&mut self, request: &Request) -> Result<(), WorkerFault> {
+    pub fn send(&mut self, request: &WorkerRequest) -> Result<(), WorkerFault> {
         self.asked = name(request);
         let mut line = serde_json::to_string(request).map_err(|error| WorkerFault::Refused {
             reason: format!("`{}` cannot be sent: {error}", self.asked),
@@ -298,14 +298,18 @@ impl Worker {
         }
     }
 
-    pub fn ask(&mut self, request: &Request, waiting: &Waiting<'_>) -> Result<Reply, WorkerFault> {
+    pub fn ask(
+        &mut self,
+        request: &WorkerRequest,
+        waiting: &Waiting<'_>,
+    ) -> Result<Reply, WorkerFault> {
         self.send(request)?;
         self.receive(waiting)
     }
 
     /// Sends the first message; [`Self::greeted`] takes the answer.
     pub fn greet(&mut self) -> Result<(), WorkerFault> {
-        self.send(&Request::Hello { protocol: PROTOCOL, clock: self.clock })
+        self.send(&WorkerRequest::Hello { protocol: PROTOCOL, clock: self.clock })
     }
 
     /// What the worker says of itself, if it speaks this protocol.
@@ -380,30 +384,30 @@ impl Worker {
 
     /// Asks the worker to end, and sees to it.
     pub fn quit(mut self) {
-        if self.send(&Request::Quit).is_ok() {
+        if self.send(&WorkerRequest::Quit).is_ok() {
             self.requests = None;
             self.status_within(FAREWELL);
         }
     }
 }
 
-impl Drop for Worker {
+impl Drop for WorkerProcess {
     fn drop(&mut self) {
         let _ = self.child.kill();
         let _ = self.child.wait();
     }
 }
 
-fn name(request: &Request) -> &'static str {
+fn name(request: &WorkerRequest) -> &'static str {
     match request {
-        Request::Hello { .. } => "hello",
-        Request::Clock => "clock",
-        Request::Prepare { .. } => "prepare",
-        Request::Sample { .. } => "sample",
-        Request::Exact { .. } => "exact",
-        Request::Instructions { .. } => "instructions",
-        Request::Checks { .. } => "checks",
-        Request::Quit => "quit",
+        WorkerRequest::Hello { .. } => "hello",
+        WorkerRequest::Clock => "clock",
+        WorkerRequest::Prepare { .. } => "prepare",
+        WorkerRequest::Sample { .. } => "sample",
+        WorkerRequest::Exact { .. } => "exact",
+        WorkerRequest::Instructions { .. } => "instructions",
+        WorkerRequest::Checks { .. } => "checks",
+        WorkerRequest::Quit => "quit",
     }
 }
 

@@ -18,7 +18,7 @@ pub const PROTOCOL: u32 = 1;
 
 /// A pipeline on a scene with these parameters, under a name of the caller's choice.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct Configuration {
+pub struct GateConfiguration {
     pub id: String,
     pub pipeline: String,
     pub scene: String,
@@ -29,13 +29,13 @@ pub struct Configuration {
     pub stages: Vec<String>,
 }
 
-impl Configuration {
+impl GateConfiguration {
     pub fn cells(&self) -> impl Iterator<Item = CellId> + '_ {
         self.stages.iter().map(|stage| CellId::new(&self.id, stage))
     }
 }
 
-impl From<CellPlan> for Configuration {
+impl From<CellPlan> for GateConfiguration {
     fn from(plan: CellPlan) -> Self {
         Self {
             id: plan.cell,
@@ -49,7 +49,7 @@ impl From<CellPlan> for Configuration {
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "message", rename_all = "snake_case")]
-pub enum Request {
+pub enum WorkerRequest {
     /// Comes first. The worker opens its device.
     Hello {
         protocol: u32,
@@ -62,7 +62,7 @@ pub enum Request {
     /// Builds a configuration and runs its frame, which compiles its shaders.
     Prepare {
         #[serde(flatten)]
-        configuration: Configuration,
+        configuration: GateConfiguration,
     },
     /// Runs a stage alone, so many frames in a row.
     Sample {
@@ -189,7 +189,7 @@ pub struct CheckReading {
 }
 
 /// The request on a line, or what to answer instead.
-pub fn parse_request(line: &str) -> Result<Request, Reply> {
+pub fn parse_request(line: &str) -> Result<WorkerRequest, Reply> {
     let fault = |error: serde_json::Error| Reply::Fault {
         reason: format!("not a message: {error}"),
         fatal: false,
@@ -213,8 +213,8 @@ mod tests {
 
     #[test]
     fn requests_are_flat_lines_and_round_trip() {
-        let prepare = Request::Prepare {
-            configuration: Configuration {
+        let prepare = WorkerRequest::Prepare {
+            configuration: GateConfiguration {
                 id: "tank".into(),
                 pipeline: "underwater".into(),
                 scene: "tank".into(),
@@ -230,7 +230,7 @@ mod tests {
         assert_eq!(parse_request(&line).unwrap(), prepare);
         let sample = r#"{"message":"sample","config":"a","stage":"b","frames":1,"later":1}"#;
         let sample = parse_request(sample);
-        let expected = Request::Sample { config: "a".into(), stage: "b".into(), frames: 1 };
+        let expected = WorkerRequest::Sample { config: "a".into(), stage: "b".into(), frames: 1 };
         assert_eq!(sample.unwrap(), expected);
     }
 

@@ -29,30 +29,30 @@ const MAX_BROKEN_LAUNCHES: u32 = 2;
 
 /// A worker of a launch.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Party {
+pub enum WorkerRole {
     Base,
     Head,
     /// The base once more, as the head of the control.
-    Control,
+    ControlHead,
     /// And once more, as the base of the control. The base itself, which samples every cell, would differ from a control that
     /// samples one by up to 3 %.
-    Twin,
+    ControlBase,
 }
 
-impl Party {
+impl WorkerRole {
     pub fn name(self) -> &'static str {
         match self {
             Self::Base => "base",
             Self::Head => "head",
-            Self::Control => "control",
-            Self::Twin => "control's base",
+            Self::ControlHead => "control",
+            Self::ControlBase => "control's base",
         }
     }
 
     /// The build it runs.
     pub fn side(self) -> Side {
         match self {
-            Self::Base | Self::Control | Self::Twin => Side::Base,
+            Self::Base | Self::ControlHead | Self::ControlBase => Side::Base,
             Self::Head => Side::Head,
         }
     }
@@ -60,39 +60,39 @@ impl Party {
 
 /// Why a worker could not be used, and by which of them.
 #[derive(Clone, Debug, PartialEq)]
-pub struct PartyFault {
-    pub party: Party,
+pub struct RoleFault {
+    pub role: WorkerRole,
     pub fault: WorkerFault,
 }
 
 /// A launch ready for its rounds.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Opened {
+pub struct OpenedLaunch {
     /// Configurations that a side refused.
-    pub refused: Vec<(String, PartyFault)>,
+    pub refused: Vec<(String, RoleFault)>,
     /// Under which conditions the workers run.
     pub notes: Vec<String>,
 }
 
 /// A launch that did not get ready.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Broken {
+pub struct BrokenLaunch {
     /// The configuration whose preparation ended a worker, if that was it.
     pub configuration: Option<String>,
-    pub cause: PartyFault,
+    pub cause: RoleFault,
 }
 
 /// The workers of one launch at a time.
-pub trait Bench {
-    /// Starts fresh workers and prepares the configurations of `cells`, and that of `control` for its party.
+pub trait LaunchWorkers {
+    /// Starts fresh workers and prepares the configurations of `cells`, and that of `control` for its workers.
     fn open(
         &mut self,
         launch: u32,
         cells: &[CellId],
         control: Option<&CellId>,
-    ) -> Result<Opened, Broken>;
+    ) -> Result<OpenedLaunch, BrokenLaunch>;
     /// One sample in ns, while the other workers rest.
-    fn sample(&mut self, party: Party, cell: &CellId) -> Result<f64, WorkerFault>;
+    fn sample(&mut self, role: WorkerRole, cell: &CellId) -> Result<f64, WorkerFault>;
     /// Ends the workers.
     fn close(&mut self);
 }
@@ -141,7 +141,7 @@ pub struct Before {
 /// Runs the launches that lack. `sink` takes the lines of each launch together, as soon as it has ended.
 pub fn run<E>(
     schedule: &Schedule,
-    bench: &mut dyn Bench,
+    bench: &mut dyn LaunchWorkers,
     before: &Before,
     interrupted: &AtomicBool,
     sink: &mut dyn FnMut(Vec<Compared>) -> Result<(), E>,
@@ -163,12 +163,12 @@ pub fn run<E>(
         let outcome = gate.launch(bench, launch);
         bench.close();
         match outcome {
-            Outcome::Complete(lines) => {
+            LaunchOutcome::Complete(lines) => {
                 sink(lines)?;
                 complete += 1;
             }
-            Outcome::Interrupted => return Ok(()),
-            Outcome::Spoilt(faults) => {
+            LaunchOutcome::Interrupted => return Ok(()),
+            LaunchOutcome::Spoilt(faults) => {
                 let unattributed = faults.iter().any(|fault| fault.cell.is_none());
                 sink(faults.into_iter().map(Compared::Fault).collect())?;
                 broken += u32::from(unattributed);
@@ -190,7 +190,7 @@ struct Gatekeeper<'a> {
     interrupted: &'a AtomicBool,
 }
 
-enum Outcome {
+enum LaunchOutcome {
     /// Its pairs, its faults, and the line that makes it count.
     Complete(Vec<Compared>),
     /// It does not count, for these reasons.
@@ -208,13 +208,13 @@ struct Visit {
 }
 
 impl Gatekeeper<'_> {
-    fn launch(&mut self, bench: &mut dyn Bench, launch: u32) -> Outcome {
+    fn launch(&mut self, bench: &mut dyn LaunchWorkers, launch: u32) -> LaunchOutcome {
         let start = Instant::now();
         let mut faults = Vec::new();
         let opened = match bench.open(launch, &self.cells, self.control.as_ref()) {
             Ok(opened) => opened,
-            Err(_) if self.is_interrupted() => return Outcome::Interrupted,
-            Err(broken) => return Outcome::Spoilt(self.broken(launch, broken)),
+            Err(_) if self.is_interrupted() => return LaunchOutcome::Interrupted,
+            Err(broken) => return LaunchOutcome::Spoilt(self.broken(launch, broken)),
         };
         for (configuration, cause) in opened.refused {
             faults.extend(self.lose_configuration(launch, &configuration, &cause));
@@ -228,7 +228,7 @@ impl Gatekeeper<'_> {
             let mut at = 0;
             while at < visits.len() {
                 if self.is_interrupted() {
-                    return Outcome::Interrupted;
+                    return LaunchOutcome::Interrupted;
                 }
                 match pair(bench, launch, round, &visits[at]) {
                     Ok(pair) => {
@@ -237,12 +237,12 @@ impl Gatekeeper<'_> {
                         at += 1;
                     }
                     // Whatever interrupted this process may have ended its workers as well.
-                    Err(_) if self.is_interrupted() => return Outcome::Interrupted,
+                    Err(_) if self.is_interrupted() => return LaunchOutcome::Interrupted,
                     Err(cause) => {
                         let visit = visits.remove(at);
                         faults.push(self.lose(launch, &visit, &cause));
                         if !cause.fault.goes_on() {
-                            return Outcome::Spoilt(faults);
+                            return LaunchOutcome::Spoilt(faults);
                         }
                     }
                 }
@@ -260,7 +260,7 @@ impl Gatekeeper<'_> {
         };
         let faults = faults.into_iter().map(Compared::Fault);
         let lines = pairs.into_iter().map(Compared::Pair).chain(faults);
-        Outcome::Complete(lines.chain([Compared::Launch(ended)]).collect())
+        LaunchOutcome::Complete(lines.chain([Compared::Launch(ended)]).collect())
     }
 
     fn is_interrupted(&self) -> bool {
@@ -282,7 +282,7 @@ impl Gatekeeper<'_> {
     }
 
     /// The fault that ends this cell's part in the gate.
-    fn lose(&mut self, launch: u32, visit: &Visit, cause: &PartyFault) -> Fault {
+    fn lose(&mut self, launch: u32, visit: &Visit, cause: &RoleFault) -> Fault {
         if visit.control {
             return self.lose_control(launch, cause);
         }
@@ -290,7 +290,7 @@ impl Gatekeeper<'_> {
         fault(launch, Some(&visit.cell), cause)
     }
 
-    fn lose_control(&mut self, launch: u32, cause: &PartyFault) -> Fault {
+    fn lose_control(&mut self, launch: u32, cause: &RoleFault) -> Fault {
         let cell = self.control.take();
         Fault { control: true, ..fault(launch, cell.as_ref(), cause) }
     }
@@ -300,9 +300,9 @@ impl Gatekeeper<'_> {
         &mut self,
         launch: u32,
         configuration: &str,
-        cause: &PartyFault,
+        cause: &RoleFault,
     ) -> Vec<Fault> {
-        if matches!(cause.party, Party::Control | Party::Twin) {
+        if matches!(cause.role, WorkerRole::ControlHead | WorkerRole::ControlBase) {
             return vec![self.lose_control(launch, cause)];
         }
         let concerned = |cell: &CellId| cell.configuration() == configuration;
@@ -318,7 +318,7 @@ impl Gatekeeper<'_> {
         faults
     }
 
-    fn broken(&mut self, launch: u32, broken: Broken) -> Vec<Fault> {
+    fn broken(&mut self, launch: u32, broken: BrokenLaunch) -> Vec<Fault> {
         match &broken.configuration {
             Some(configuration) => self.lose_configuration(launch, configuration, &broken.cause),
             None => vec![fault(launch, None, &broken.cause)],
@@ -326,9 +326,9 @@ impl Gatekeeper<'_> {
     }
 }
 
-fn fault(launch: u32, cell: Option<&CellId>, cause: &PartyFault) -> Fault {
-    let reason = format!("{} worker: {}", cause.party.name(), cause.fault);
-    let fault = Fault::new(Gate::Time, Some(cause.party.side()), cell.cloned(), reason);
+fn fault(launch: u32, cell: Option<&CellId>, cause: &RoleFault) -> Fault {
+    let reason = format!("{} worker: {}", cause.role.name(), cause.fault);
+    let fault = Fault::new(Gate::Time, Some(cause.role.side()), cell.cloned(), reason);
     Fault { launch: Some(launch), ..fault }
 }
 
@@ -341,16 +341,19 @@ pub(super) fn random(seed: u64, launch: u32) -> Pcg64 {
 
 /// Samples both sides of a cell.
 fn pair(
-    bench: &mut dyn Bench,
+    bench: &mut dyn LaunchWorkers,
     launch: u32,
     round: Option<u32>,
     visit: &Visit,
-) -> Result<Pair, PartyFault> {
-    let (base, head) =
-        if visit.control { (Party::Twin, Party::Control) } else { (Party::Base, Party::Head) };
-    let mut sample = |party| {
-        let sampled = bench.sample(party, &visit.cell);
-        sampled.map_err(|fault| PartyFault { party, fault })
+) -> Result<Pair, RoleFault> {
+    let (base, head) = if visit.control {
+        (WorkerRole::ControlBase, WorkerRole::ControlHead)
+    } else {
+        (WorkerRole::Base, WorkerRole::Head)
+    };
+    let mut sample = |role| {
+        let sampled = bench.sample(role, &visit.cell);
+        sampled.map_err(|fault| RoleFault { role, fault })
     };
     let base_first = round.is_none_or(|round| visit.base_first[round as usize]);
     let (base_ns, head_ns) = if base_first {

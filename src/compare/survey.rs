@@ -1,30 +1,30 @@
 //! Both builds prepare every configuration: which cells they have in common, and their exact figures.
 
-use super::launch::{Start, Waiting, Worker, WorkerFault};
-use super::protocol::Configuration;
-use super::protocol::{Exact, Greeting, Reply, Request};
+use super::launch::{Waiting, WorkerFault, WorkerProcess, WorkerStart};
+use super::protocol::GateConfiguration;
+use super::protocol::{Exact, Greeting, Reply, WorkerRequest};
 use crate::record::comparison::{
     CellId, CheckFigure, Compared, ConfigurationFigures, ExactFigures, Fault, Gate, Side,
 };
 
 /// One side: how to start its worker, and the worker while it lives.
-pub struct Party<'a> {
+pub struct SurveyedBuild<'a> {
     pub side: Side,
-    start: Start,
+    start: WorkerStart,
     waiting: Waiting<'a>,
-    worker: Option<Worker>,
+    worker: Option<WorkerProcess>,
 }
 
-impl<'a> Party<'a> {
+impl<'a> SurveyedBuild<'a> {
     /// Starts the worker of a side; what it says of itself comes with [`Self::greeted`].
-    pub fn new(side: Side, start: Start, waiting: Waiting<'a>) -> Result<Self, WorkerFault> {
+    pub fn new(side: Side, start: WorkerStart, waiting: Waiting<'a>) -> Result<Self, WorkerFault> {
         let mut party = Self { side, start, waiting, worker: None };
         party.worker = Some(party.started()?);
         Ok(party)
     }
 
-    fn started(&self) -> Result<Worker, WorkerFault> {
-        let mut worker = Worker::start(&self.start)?;
+    fn started(&self) -> Result<WorkerProcess, WorkerFault> {
+        let mut worker = WorkerProcess::start(&self.start)?;
         worker.greet()?;
         Ok(worker)
     }
@@ -34,7 +34,7 @@ impl<'a> Party<'a> {
     }
 
     /// The worker, a fresh one if the last has died.
-    fn send(&mut self, request: &Request) -> Result<(), WorkerFault> {
+    fn send(&mut self, request: &WorkerRequest) -> Result<(), WorkerFault> {
         if self.worker.is_none() {
             let mut worker = self.started()?;
             worker.greeted(&self.waiting)?;
@@ -64,25 +64,28 @@ fn gone() -> WorkerFault {
 
 /// Prepares a configuration on both sides at once. Gives what of it both have, and the faults of what one lacks.
 pub fn prepare(
-    parties: &mut [Party<'_>; 2],
-    configuration: &Configuration,
-) -> (Configuration, Vec<Compared>) {
-    let replies = both(parties, &Request::Prepare { configuration: configuration.clone() });
+    parties: &mut [SurveyedBuild<'_>; 2],
+    configuration: &GateConfiguration,
+) -> (GateConfiguration, Vec<Compared>) {
+    let replies = both(parties, &WorkerRequest::Prepare { configuration: configuration.clone() });
     let (stages, faults) = present(configuration, replies);
-    let common = Configuration { stages, ..configuration.clone() };
+    let common = GateConfiguration { stages, ..configuration.clone() };
     (common, faults)
 }
 
 /// The exact figures of a configuration that both sides have prepared.
-pub fn exact(parties: &mut [Party<'_>; 2], configuration: &Configuration) -> Vec<Compared> {
-    let replies = both(parties, &Request::Exact { config: configuration.id.clone() });
+pub fn exact(
+    parties: &mut [SurveyedBuild<'_>; 2],
+    configuration: &GateConfiguration,
+) -> Vec<Compared> {
+    let replies = both(parties, &WorkerRequest::Exact { config: configuration.id.clone() });
     let sides = Side::BOTH.into_iter().zip(replies);
     sides.flat_map(|(side, reply)| exact_lines(side, configuration, reply)).collect()
 }
 
 /// The checks of these stages on both sides.
-pub fn checks(parties: &mut [Party<'_>; 2], stages: Vec<String>) -> Vec<Compared> {
-    let replies = both(parties, &Request::Checks { stages });
+pub fn checks(parties: &mut [SurveyedBuild<'_>; 2], stages: Vec<String>) -> Vec<Compared> {
+    let replies = both(parties, &WorkerRequest::Checks { stages });
     let mut lines = Vec::new();
     for (side, reply) in Side::BOTH.into_iter().zip(replies) {
         match reply {
@@ -104,7 +107,10 @@ pub fn checks(parties: &mut [Party<'_>; 2], stages: Vec<String>) -> Vec<Compared
 }
 
 /// Asks both sides at once: nothing is timed here.
-fn both(parties: &mut [Party<'_>; 2], request: &Request) -> [Result<Reply, WorkerFault>; 2] {
+fn both(
+    parties: &mut [SurveyedBuild<'_>; 2],
+    request: &WorkerRequest,
+) -> [Result<Reply, WorkerFault>; 2] {
     let [base, head] = parties;
     let sent = [base.send(request), head.send(request)];
     let [of_base, of_head] = sent;
@@ -122,7 +128,7 @@ struct Lack {
 ///
 /// What only the base does not know is new in the head. All else that a side lacks is a failure.
 fn present(
-    configuration: &Configuration,
+    configuration: &GateConfiguration,
     replies: [Result<Reply, WorkerFault>; 2],
 ) -> (Vec<String>, Vec<Compared>) {
     let mut stages = Vec::new();
@@ -157,7 +163,7 @@ fn lack(reply: &Result<Reply, WorkerFault>, stage: &str) -> Option<Lack> {
 
 fn exact_lines(
     side: Side,
-    configuration: &Configuration,
+    configuration: &GateConfiguration,
     reply: Result<Reply, WorkerFault>,
 ) -> Vec<Compared> {
     let exact = match reply {
@@ -229,7 +235,8 @@ mod tests {
         head: Result<Reply, WorkerFault>,
     ) -> (Vec<String>, Vec<String>) {
         let stages = ["a", "b"].map(str::to_owned).to_vec();
-        let configuration = Configuration { id: "one".to_owned(), stages, ..Default::default() };
+        let configuration =
+            GateConfiguration { id: "one".to_owned(), stages, ..Default::default() };
         let (stages, lines) = present(&configuration, [base, head]);
         let word = |line: &Compared| match line {
             Compared::Fault(fault) => {

@@ -17,7 +17,7 @@ use std::collections::BTreeMap;
 use serde::Serialize;
 
 use super::rank;
-use super::store::Comparison;
+use super::store::StoredComparison;
 use crate::record::comparison::{CellId, ComparisonHeader, GateSettings, MOST_PAIRS, Pair, Side};
 use crate::statistics::median;
 
@@ -229,7 +229,7 @@ fn judged(measured: Vec<Figures>, settings: &GateSettings) -> Vec<CellTime> {
 }
 
 /// Cells of which a complete first measurement tells neither a change nor that there is none, and a second one may.
-pub fn open(comparison: &Comparison) -> Vec<CellId> {
+pub fn open(comparison: &StoredComparison) -> Vec<CellId> {
     let ComparisonHeader { cells, settings, .. } = &comparison.header;
     if comparison.launches_of(false) < settings.launches as usize {
         return Vec::new();

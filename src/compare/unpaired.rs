@@ -5,7 +5,7 @@
 
 use std::collections::BTreeMap;
 
-use super::store::Comparison;
+use super::store::StoredComparison;
 use crate::record::Estimate;
 use crate::record::comparison::{CellId, Side, UnpairedSamples};
 use crate::statistics;
@@ -43,7 +43,7 @@ impl Unpaired {
     }
 }
 
-pub fn judge(comparison: &Comparison) -> BTreeMap<CellId, Unpaired> {
+pub fn judge(comparison: &StoredComparison) -> BTreeMap<CellId, Unpaired> {
     let of = |side: Side, cell: &CellId| {
         let mut lines = comparison.samples.iter();
         lines.find(|line: &&UnpairedSamples| {

@@ -2,16 +2,16 @@
 
 use std::collections::BTreeMap;
 
-use super::exact::{self, Difference, Kind};
+use super::exact::{self, Difference, FigureKind};
 use super::instructions::{self, Change, Counted};
-use super::store::Comparison;
+use super::store::StoredComparison;
 use super::time::{self, CellTime, TimeGate, TimeVerdict};
 use super::unpaired::{self, Unpaired};
 use crate::record::comparison::{CellId, Fault, Gate, Side};
 
 /// What is concluded of a cell, the worst first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Verdict {
+pub enum CellVerdict {
     /// Its time rose beyond the threshold.
     Slower,
     /// Its error rose, and its time did not fall.
@@ -36,7 +36,7 @@ pub enum Verdict {
     New,
 }
 
-impl Verdict {
+impl CellVerdict {
     pub fn is_regression(self) -> bool {
         self <= Self::Costlier
     }
@@ -61,9 +61,9 @@ impl Verdict {
 
 /// A cell with everything that speaks of it.
 #[derive(Clone, Debug, PartialEq)]
-pub struct CellVerdict {
+pub struct JudgedCell {
     pub cell: CellId,
-    pub verdict: Verdict,
+    pub verdict: CellVerdict,
     pub time: Option<CellTime>,
     /// Times of runs apart from each other, told and not judged.
     pub unpaired: Option<Unpaired>,
@@ -119,9 +119,9 @@ impl Status {
 /// Everything that is concluded from a comparison.
 #[derive(Clone, Debug)]
 pub struct Verdicts<'a> {
-    pub comparison: &'a Comparison,
+    pub comparison: &'a StoredComparison,
     /// In the order of the header.
-    pub cells: Vec<CellVerdict>,
+    pub cells: Vec<JudgedCell>,
     /// Differences of whole configurations.
     pub configurations: Vec<Difference>,
     pub controls: Vec<CellTime>,
@@ -132,7 +132,7 @@ pub struct Verdicts<'a> {
 }
 
 impl<'a> Verdicts<'a> {
-    pub fn of(comparison: &'a Comparison) -> Self {
+    pub fn of(comparison: &'a StoredComparison) -> Self {
         let header = &comparison.header;
         let time = time::judge(&header.cells, &comparison.pairs, &header.settings);
         let differences = exact::judge(comparison);
@@ -149,7 +149,7 @@ impl<'a> Verdicts<'a> {
             unpaired: unpaired::judge(comparison),
             differences: &differences,
         };
-        let cells: Vec<CellVerdict> = header.cells.iter().map(|cell| sources.cell(cell)).collect();
+        let cells: Vec<JudgedCell> = header.cells.iter().map(|cell| sources.cell(cell)).collect();
         let told = |difference: &Difference| {
             let mut cells = header.cells.iter();
             cells.any(|cell| difference.concerns(cell))
@@ -172,8 +172,8 @@ impl<'a> Verdicts<'a> {
     }
 
     /// Cells whose verdict is a regression, the gravest first: by verdict, then by how much.
-    pub fn regressions(&self) -> Vec<&CellVerdict> {
-        let mut found: Vec<&CellVerdict> =
+    pub fn regressions(&self) -> Vec<&JudgedCell> {
+        let mut found: Vec<&JudgedCell> =
             self.cells.iter().filter(|cell| cell.verdict.is_regression()).collect();
         found.sort_by(|a, b| {
             let by_verdict = a.verdict.cmp(&b.verdict);
@@ -182,25 +182,25 @@ impl<'a> Verdicts<'a> {
         found
     }
 
-    pub fn count(&self, verdict: Verdict) -> usize {
-        let of = |cell: &&CellVerdict| cell.verdict == verdict;
+    pub fn count(&self, verdict: CellVerdict) -> usize {
+        let of = |cell: &&JudgedCell| cell.verdict == verdict;
         self.cells.iter().filter(of).count()
     }
 }
 
-impl CellVerdict {
+impl JudgedCell {
     /// Inconclusive, and possibly slower beyond the threshold.
     pub fn may_be_slower(&self, threshold: f64) -> bool {
         let interval = self.time.as_ref().and_then(|time| time.interval);
         let excluded = interval.is_some_and(|(_, high)| high <= threshold);
-        self.verdict == Verdict::Inconclusive && !excluded
+        self.verdict == CellVerdict::Inconclusive && !excluded
     }
 
     /// By how much the cell changed for the worse: time before instructions.
     fn weight(&self) -> f64 {
         let instructions = self.instructions.as_ref().map(|counted| counted.ratio - 1.0);
         match (&self.time, self.verdict) {
-            (Some(time), Verdict::Slower) => time.change,
+            (Some(time), CellVerdict::Slower) => time.change,
             _ => instructions.unwrap_or(0.0),
         }
     }
@@ -208,7 +208,7 @@ impl CellVerdict {
 
 /// What speaks of cells.
 struct Sources<'a> {
-    comparison: &'a Comparison,
+    comparison: &'a StoredComparison,
     gates: &'a [(Gate, GateState)],
     time: BTreeMap<CellId, CellTime>,
     counts: BTreeMap<CellId, Counted>,
@@ -217,7 +217,7 @@ struct Sources<'a> {
 }
 
 impl Sources<'_> {
-    fn cell(&self, cell: &CellId) -> CellVerdict {
+    fn cell(&self, cell: &CellId) -> JudgedCell {
         let differences: Vec<Difference> = self
             .differences
             .iter()
@@ -228,8 +228,8 @@ impl Sources<'_> {
             fault.cell.as_ref() == Some(cell) && !fault.control && !overcome(self.comparison, fault)
         };
         let faults = unique(self.comparison.faults.iter().filter(own));
-        let mut all = CellVerdict {
-            verdict: Verdict::NotMeasured,
+        let mut all = JudgedCell {
+            verdict: CellVerdict::NotMeasured,
             cell: cell.clone(),
             time: self.time.get(cell).cloned(),
             unpaired: self.unpaired.get(cell).cloned(),
@@ -242,7 +242,7 @@ impl Sources<'_> {
     }
 
     /// Each gate that ran has both sides' figures of the cell, and one did run.
-    fn measured(&self, cell: &CellVerdict) -> bool {
+    fn measured(&self, cell: &JudgedCell) -> bool {
         let mut ran = self.gates.iter().filter(|(_, state)| *state == GateState::Ran);
         let has = |gate: Gate| match gate {
             Gate::Exact => self.comparison.has_exact(&cell.cell),
@@ -259,41 +259,41 @@ fn by_cell(time: &TimeGate) -> BTreeMap<CellId, CellTime> {
 }
 
 /// One verdict from all gates. A time that is told faster outweighs instructions, which cost nothing by themselves.
-fn verdict(cell: &CellVerdict, measured: bool) -> Verdict {
+fn verdict(cell: &JudgedCell, measured: bool) -> CellVerdict {
     let time = cell.time.as_ref().map(|time| time.verdict);
     let change = cell.instructions.as_ref().map(|counted| counted.change);
-    let worse = |kinds: &[Kind]| {
+    let worse = |kinds: &[FigureKind]| {
         let mut differences = cell.differences.iter();
         differences.any(|difference| difference.worse && kinds.contains(&difference.kind))
     };
-    let less_accurate = worse(&[Kind::Error]);
+    let less_accurate = worse(&[FigureKind::Error]);
     let more_instructions = change == Some(Change::More) && time != Some(TimeVerdict::Faster);
     if time == Some(TimeVerdict::Slower) {
-        Verdict::Slower
+        CellVerdict::Slower
     } else if less_accurate && time == Some(TimeVerdict::Faster) {
-        Verdict::FasterButLessAccurate
+        CellVerdict::FasterButLessAccurate
     } else if less_accurate {
-        Verdict::LessAccurate
-    } else if worse(&[Kind::Work, Kind::Counter]) || more_instructions {
-        Verdict::Costlier
+        CellVerdict::LessAccurate
+    } else if worse(&[FigureKind::Work, FigureKind::Counter]) || more_instructions {
+        CellVerdict::Costlier
     } else if cell.faults.iter().any(|fault| fault.absent) {
-        Verdict::New
+        CellVerdict::New
     } else if !cell.faults.is_empty() {
-        Verdict::Failed
+        CellVerdict::Failed
     } else if !measured {
-        Verdict::NotMeasured
+        CellVerdict::NotMeasured
     } else {
         match (time, change) {
-            (Some(TimeVerdict::Faster), _) => Verdict::Faster,
-            (Some(TimeVerdict::Inconclusive), _) => Verdict::Inconclusive,
-            (_, Some(Change::Fewer)) => Verdict::Cheaper,
-            (None, None) if cell.unpaired.is_some() => Verdict::NotJudged,
-            _ => Verdict::Same,
+            (Some(TimeVerdict::Faster), _) => CellVerdict::Faster,
+            (Some(TimeVerdict::Inconclusive), _) => CellVerdict::Inconclusive,
+            (_, Some(Change::Fewer)) => CellVerdict::Cheaper,
+            (None, None) if cell.unpaired.is_some() => CellVerdict::NotJudged,
+            _ => CellVerdict::Same,
         }
     }
 }
 
-fn state(comparison: &Comparison, gate: Gate, time: &TimeGate) -> GateState {
+fn state(comparison: &StoredComparison, gate: Gate, time: &TimeGate) -> GateState {
     let settings = &comparison.header.settings;
     if !settings.gates.contains(&gate) {
         let skipped = comparison.header.skipped.iter();
@@ -319,7 +319,7 @@ fn state(comparison: &Comparison, gate: Gate, time: &TimeGate) -> GateState {
 }
 
 /// Why nothing vouches for the pairs of the time gate, if so: it always has a control, but that was lost.
-fn uncontrolled(comparison: &Comparison, time: &TimeGate) -> Option<String> {
+fn uncontrolled(comparison: &StoredComparison, time: &TimeGate) -> Option<String> {
     if comparison.header.settings.unpaired {
         return None;
     }
@@ -337,8 +337,8 @@ fn uncontrolled(comparison: &Comparison, time: &TimeGate) -> Option<String> {
 }
 
 fn status(
-    comparison: &Comparison,
-    cells: &[CellVerdict],
+    comparison: &StoredComparison,
+    cells: &[JudgedCell],
     configurations: &[Difference],
     gates: &[(Gate, GateState)],
     faults: &[Fault],
@@ -346,17 +346,17 @@ fn status(
     let settings = &comparison.header.settings;
     let any = |verdict| cells.iter().any(|cell| cell.verdict == verdict);
     let incomplete =
-        !settings.unpaired && (!comparison.came_to_its_end() || any(Verdict::NotMeasured));
+        !settings.unpaired && (!comparison.came_to_its_end() || any(CellVerdict::NotMeasured));
     let regression = cells.iter().any(|cell| cell.verdict.is_regression())
         || configurations.iter().any(|difference| difference.worse);
     let void = gates.iter().any(|(_, state)| matches!(state, GateState::Void(_)));
-    let nothing = cells.iter().all(|cell| cell.verdict == Verdict::New);
+    let nothing = cells.iter().all(|cell| cell.verdict == CellVerdict::New);
     if regression {
         Status::Regression
     } else if void
         || nothing
         || incomplete
-        || any(Verdict::Failed)
+        || any(CellVerdict::Failed)
         || faults.iter().any(|fault| !fault.absent)
     {
         Status::CouldNotMeasure
@@ -368,7 +368,7 @@ fn status(
 }
 
 /// What failed was measured after all: by another launch, or when the comparison was resumed.
-fn overcome(comparison: &Comparison, fault: &Fault) -> bool {
+fn overcome(comparison: &StoredComparison, fault: &Fault) -> bool {
     let cell = |own: &CellId| fault.cell.as_ref() == Some(own);
     let side = |own| fault.side == Some(own);
     match fault.gate {

@@ -6,8 +6,8 @@ use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
 
-use fathom::compare::store::Comparison;
-use fathom::compare::verdict::{Status, Verdict, Verdicts};
+use fathom::compare::store::StoredComparison;
+use fathom::compare::verdict::{CellVerdict, Status, Verdicts};
 use fathom::record::comparison::Gate;
 use fathom::record::{self, Outcome, Record};
 
@@ -64,11 +64,11 @@ impl Builds {
     }
 
     /// Compares a build that does all as it should with this one.
-    fn compare(&self, head: &Script<'_>) -> (Output, Comparison) {
+    fn compare(&self, head: &Script<'_>) -> (Output, StoredComparison) {
         let base = self.build("base", &Script::default());
         let head = self.build("head", head);
         let output = self.command(&base, &head).output().unwrap();
-        let stored = Comparison::read(&self.path("out"));
+        let stored = StoredComparison::read(&self.path("out"));
         let stored = stored.unwrap_or_else(|error| panic!("{error}: {output:?}"));
         (output, stored)
     }
@@ -86,7 +86,7 @@ impl Builds {
     }
 }
 
-fn verdict(stored: &Comparison, cell: &str) -> Verdict {
+fn verdict(stored: &StoredComparison, cell: &str) -> CellVerdict {
     let cells = Verdicts::of(stored).cells;
     let found = cells.iter().find(|found| found.cell.as_str() == cell);
     found.unwrap().verdict
@@ -105,7 +105,7 @@ fn equal_builds_are_the_same_and_unequal_ones_are_not() {
     let (output, stored) =
         builds.compare(&Script { bytes: 1001, error: 0.02, ns: 1_500_000, ..Script::default() });
     assert_eq!(output.status.code(), Some(1));
-    assert_eq!(verdict(&stored, "one a"), Verdict::Faster);
+    assert_eq!(verdict(&stored, "one a"), CellVerdict::Faster);
     let told = String::from_utf8(output.stdout).unwrap();
     assert!(told.contains("one: allocated_bytes"), "{told}");
     assert!(told.contains("one: an_error 0.0100 → 0.0200"), "{told}");
@@ -145,16 +145,16 @@ fn what_the_base_does_not_know_is_new_and_what_the_head_cannot_do_fails() {
     let head = builds.build("head", &Script::default());
     let output = builds.command(&base, &head).output().unwrap();
     assert_eq!(output.status.code(), Some(0));
-    let stored = Comparison::read(&builds.path("out")).unwrap();
-    assert_eq!(verdict(&stored, "two a"), Verdict::New);
-    assert_eq!(verdict(&stored, "one a"), Verdict::Same);
+    let stored = StoredComparison::read(&builds.path("out")).unwrap();
+    assert_eq!(verdict(&stored, "two a"), CellVerdict::New);
+    assert_eq!(verdict(&stored, "one a"), CellVerdict::Same);
 
     let builds = Builds::new();
     let (output, stored) =
         builds.compare(&Script { instead: &[("\"id\":\"two\"", refuse)], ..Script::default() });
     assert_eq!(output.status.code(), Some(2));
-    assert_eq!(verdict(&stored, "two b"), Verdict::Failed);
-    assert_eq!(verdict(&stored, "one b"), Verdict::Same);
+    assert_eq!(verdict(&stored, "two b"), CellVerdict::Failed);
+    assert_eq!(verdict(&stored, "one b"), CellVerdict::Same);
 }
 
 #[test]
@@ -170,9 +170,9 @@ fn what_fails_in_either_build_is_not_taken_for_new() {
         let (base, head) = (build("base", Some(of_base)), build("head", of_head));
         let output = builds.command(&base, &head).output().unwrap();
         assert_eq!(output.status.code(), Some(2), "{output:?}");
-        let stored = Comparison::read(&builds.path("out")).unwrap();
-        assert_eq!(verdict(&stored, "two a"), Verdict::Failed);
-        assert_eq!(verdict(&stored, "one a"), Verdict::Same);
+        let stored = StoredComparison::read(&builds.path("out")).unwrap();
+        assert_eq!(verdict(&stored, "two a"), CellVerdict::Failed);
+        assert_eq!(verdict(&stored, "one a"), CellVerdict::Same);
     }
 }
 
@@ -199,8 +199,8 @@ fn a_head_that_dies_or_lies_costs_the_cells_that_it_does_so_at() {
             builds.compare(&Script { instead: &[(pattern, badly)], ..Script::default() });
         let told = String::from_utf8(output.stdout).unwrap();
         assert_eq!(output.status.code(), Some(2), "{badly}: {told}");
-        assert_eq!(verdict(&stored, "two b"), Verdict::Failed, "{badly}: {told}");
-        assert_eq!(verdict(&stored, "one a"), Verdict::Same, "{badly}: {told}");
+        assert_eq!(verdict(&stored, "two b"), CellVerdict::Failed, "{badly}: {told}");
+        assert_eq!(verdict(&stored, "one a"), CellVerdict::Same, "{badly}: {told}");
         assert!(told.contains(reason), "{badly}: {told}");
     }
 }
@@ -229,14 +229,14 @@ fn ctrl_c_in_a_terminal_costs_no_cell() {
     // What it says in the end must not block it.
     told.map_while(Result::ok).for_each(drop);
     assert_eq!(child.wait().unwrap().code(), Some(130));
-    let stored = Comparison::read(&builds.path("out")).unwrap();
+    let stored = StoredComparison::read(&builds.path("out")).unwrap();
     assert!(stored.faults.is_empty(), "{:?}", stored.faults);
     let mut resumed = builds.command(&base, &head);
     let resumed = resumed.arg("--resume").output().unwrap();
     assert_eq!(resumed.status.code(), Some(0), "{resumed:?}");
-    let stored = Comparison::read(&builds.path("out")).unwrap();
+    let stored = StoredComparison::read(&builds.path("out")).unwrap();
     assert_eq!(stored.launches.len(), 10);
-    assert_eq!(verdict(&stored, "two b"), Verdict::Same);
+    assert_eq!(verdict(&stored, "two b"), CellVerdict::Same);
 }
 
 #[test]
@@ -252,7 +252,7 @@ fn a_killed_comparison_goes_on_where_it_ended() {
     child.kill().unwrap();
     child.wait().unwrap();
 
-    let stored = Comparison::read(&builds.path("out")).unwrap();
+    let stored = StoredComparison::read(&builds.path("out")).unwrap();
     let before = stored.launches.len();
     assert!((3..10).contains(&before) && stored.end.is_none(), "{before}");
     let occupied = builds.command(&base, &head).output().unwrap();
@@ -266,7 +266,7 @@ fn a_killed_comparison_goes_on_where_it_ended() {
 
     let resumed = builds.command(&base, &head).arg("--resume").output().unwrap();
     assert_eq!(resumed.status.code(), Some(0), "{resumed:?}");
-    let stored = Comparison::read(&builds.path("out")).unwrap();
+    let stored = StoredComparison::read(&builds.path("out")).unwrap();
     assert_eq!(stored.launches.len(), 10);
     assert_eq!(stored.exact.len(), 2 * 4, "exact figures are not asked for again");
     assert_eq!(Verdicts::of(&stored).status, Status::NoRegression);

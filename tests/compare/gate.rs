@@ -8,10 +8,10 @@ use std::time::{Duration, Instant};
 
 use fathom::compare::bench::Processes;
 use fathom::compare::launch::{
-    Patience, Quiet, Start, Waiting, Worker, WorkerFault, allowed_cores,
+    Patience, Quiet, Waiting, WorkerFault, WorkerProcess, WorkerStart, allowed_cores,
 };
-use fathom::compare::protocol::{Configuration, Reply, Request};
-use fathom::compare::rounds::{self, Before, Party, PartyFault, Schedule};
+use fathom::compare::protocol::{GateConfiguration, Reply, WorkerRequest};
+use fathom::compare::rounds::{self, Before, RoleFault, Schedule, WorkerRole};
 use fathom::compare::time;
 use fathom::record::comparison::{CellId, Compared, Fault, GateSettings, Pair, Side};
 use serde_json::{Map, json};
@@ -20,17 +20,17 @@ use super::script::{Script, hello, refusal};
 
 static NEVER: AtomicBool = AtomicBool::new(false);
 
-fn fathom() -> Start {
-    Start::new(Path::new(env!("CARGO_BIN_EXE_fathom")))
+fn fathom() -> WorkerStart {
+    WorkerStart::new(Path::new(env!("CARGO_BIN_EXE_fathom")))
 }
 
 /// Small enough for an unoptimized build.
-fn plane() -> Configuration {
+fn plane() -> GateConfiguration {
     let params = json!({
         "view.width": 48, "view.height": 48, "shadow.size": 64, "surface.cells": 8,
         "caustics.grid": 8, "caustics.buffer": [32, 32], "godrays.grid": 8, "godrays.buffer": [32, 32]
     });
-    Configuration {
+    GateConfiguration {
         id: "plane".to_owned(),
         pipeline: "underwater".to_owned(),
         scene: "plane".to_owned(),
@@ -91,8 +91,8 @@ fn a_worker_says_under_which_conditions_it_runs_and_answers_every_request() {
     let core = allowed_cores().last().copied();
     let mut start = fathom();
     start.quiet = Some(Quiet { core, padding: 100, keep_memory: true });
-    let mut worker = Worker::start(&start).unwrap();
-    let early = worker.ask(&Request::Clock, &Waiting::PLAINLY).unwrap_err();
+    let mut worker = WorkerProcess::start(&start).unwrap();
+    let early = worker.ask(&WorkerRequest::Clock, &Waiting::PLAINLY).unwrap_err();
     assert!(early.to_string().contains("`hello`"), "{early}");
     worker.greet().unwrap();
     let greeting = worker.greeted(&Waiting::PLAINLY).unwrap();
@@ -102,14 +102,14 @@ fn a_worker_says_under_which_conditions_it_runs_and_answers_every_request() {
         assert!(greeting.randomized.is_some());
     }
     let prepared =
-        worker.ask(&Request::Prepare { configuration: plane() }, &Waiting::PLAINLY).unwrap();
+        worker.ask(&WorkerRequest::Prepare { configuration: plane() }, &Waiting::PLAINLY).unwrap();
     let Reply::Prepared { stages, .. } = prepared else { panic!("{prepared:?}") };
     let kinds: Vec<_> = stages.iter().map(|stage| (stage.name.as_str(), stage.kind)).collect();
     use fathom::record::PassKind::{Compute, Host, Render};
     assert_eq!(kinds[0], ("frame", Host));
     assert!(kinds.contains(&("caustics/trace", Compute)) && kinds.contains(&("compose", Render)));
 
-    let sample = |config: &str, stage: &str, frames| Request::Sample {
+    let sample = |config: &str, stage: &str, frames| WorkerRequest::Sample {
         config: config.to_owned(),
         stage: stage.to_owned(),
         frames,
@@ -129,25 +129,27 @@ fn a_worker_says_under_which_conditions_it_runs_and_answers_every_request() {
         assert!(fault.goes_on() && fault.to_string().contains(reason), "{fault}");
         assert_eq!(fault.is_absence(), absent, "{fault}");
     }
-    let wrong = Configuration {
+    let wrong = GateConfiguration {
         params: Map::from_iter([("caustics.gird".to_owned(), json!(1))]),
         ..plane()
     };
-    let fault =
-        worker.ask(&Request::Prepare { configuration: wrong }, &Waiting::PLAINLY).unwrap_err();
+    let fault = worker
+        .ask(&WorkerRequest::Prepare { configuration: wrong }, &Waiting::PLAINLY)
+        .unwrap_err();
     assert!(fault.to_string().contains("did you mean `caustics.grid`"), "{fault}");
     assert!(fault.is_absence());
-    let unfit = Configuration {
+    let unfit = GateConfiguration {
         params: Map::from_iter([("view.width".to_owned(), json!(1_000_000))]),
         ..plane()
     };
-    let fault =
-        worker.ask(&Request::Prepare { configuration: unfit }, &Waiting::PLAINLY).unwrap_err();
+    let fault = worker
+        .ask(&WorkerRequest::Prepare { configuration: unfit }, &Waiting::PLAINLY)
+        .unwrap_err();
     assert!(fault.goes_on() && !fault.is_absence(), "{fault}");
 
     let config = "plane".to_owned();
     let Reply::Exact(exact) =
-        worker.ask(&Request::Exact { config: config.clone() }, &Waiting::PLAINLY).unwrap()
+        worker.ask(&WorkerRequest::Exact { config: config.clone() }, &Waiting::PLAINLY).unwrap()
     else {
         panic!("no exact figures")
     };
@@ -158,27 +160,28 @@ fn a_worker_says_under_which_conditions_it_runs_and_answers_every_request() {
         assert!(stages.iter().any(|stage| stage.name == judged.stage), "{judged:?}");
     }
     let stage = "compose".to_owned();
-    let counted =
-        worker.ask(&Request::Instructions { config, stage, frames: 2 }, &Waiting::PLAINLY).unwrap();
+    let counted = worker
+        .ask(&WorkerRequest::Instructions { config, stage, frames: 2 }, &Waiting::PLAINLY)
+        .unwrap();
     assert_eq!(counted, Reply::Instructions { frames: 2 });
     worker.quit();
 }
 
 /// A worker that is a script: it does as it should but for the stage `bad`, where it does `badly`.
-fn script(folder: &Path, name: &str, badly: &str) -> Start {
+fn script(folder: &Path, name: &str, badly: &str) -> WorkerStart {
     scripted(folder, name, &Script { instead: &[("\"bad\"", badly)], ..Script::default() })
 }
 
-fn scripted(folder: &Path, name: &str, script: &Script<'_>) -> Start {
-    let mut start = Start::new(&script.write(folder, name));
+fn scripted(folder: &Path, name: &str, script: &Script<'_>) -> WorkerStart {
+    let mut start = WorkerStart::new(&script.write(folder, name));
     // Read, not executed: a file that some other thread's fork still holds open for writing cannot be executed.
     start.wrapper = vec!["sh".into()];
     start.patience = Patience { slow: Duration::from_secs(20), sample: Duration::from_secs(1) };
     start
 }
 
-fn toy() -> Configuration {
-    Configuration { id: "toy".to_owned(), ..plane() }
+fn toy() -> GateConfiguration {
+    GateConfiguration { id: "toy".to_owned(), ..plane() }
 }
 
 /// A gate of three cells whose head does `badly` at one; that cell's reason. The others must stand.
@@ -226,10 +229,11 @@ fn a_hung_worker_is_killed_for_certain() {
     let folder = tempfile::tempdir().unwrap();
     let pid = folder.path().join("pid");
     let hang = format!("echo $$ > {}; trap '' TERM INT HUP; sleep 60", pid.display());
-    let mut worker = Worker::start(&script(folder.path(), "hung", &hang)).unwrap();
+    let mut worker = WorkerProcess::start(&script(folder.path(), "hung", &hang)).unwrap();
     worker.greet().unwrap();
     worker.greeted(&Waiting::PLAINLY).unwrap();
-    let request = Request::Sample { config: "toy".to_owned(), stage: "bad".to_owned(), frames: 1 };
+    let request =
+        WorkerRequest::Sample { config: "toy".to_owned(), stage: "bad".to_owned(), frames: 1 };
     let asked = Instant::now();
     let fault = worker.ask(&request, &Waiting::PLAINLY).unwrap_err();
     assert!(matches!(fault, WorkerFault::Silent { seconds: 1, .. }), "{fault}");
@@ -242,7 +246,7 @@ fn a_hung_worker_is_killed_for_certain() {
     );
 }
 
-fn refused(base: Start) -> PartyFault {
+fn refused(base: WorkerStart) -> RoleFault {
     Processes::new(base, fathom(), &[toy()], 1, Waiting::PLAINLY).err().unwrap()
 }
 
@@ -253,7 +257,7 @@ fn builds_without_a_worker_of_this_protocol_are_told_apart() {
         refused(scripted(folder.path(), name, &Script { hello, ..Script::default() }))
     };
     let older = says("older", hello(0, "\"time\""));
-    assert_eq!(older.party, Party::Base);
+    assert_eq!(older.role, WorkerRole::Base);
     assert_eq!(older.fault, WorkerFault::OtherProtocol { theirs: 0 });
     let message = older.fault.to_string();
     assert!(message.contains("version 0") && message.contains("version 1"), "{message}");
@@ -266,6 +270,6 @@ fn builds_without_a_worker_of_this_protocol_are_told_apart() {
     let message = says("none", unknown.to_owned()).fault.to_string();
     assert!(message.contains("exit status: 2: error: unrecognized subcommand"), "{message}");
 
-    let missing = refused(Start::new(Path::new("/no/such/fathom")));
+    let missing = refused(WorkerStart::new(Path::new("/no/such/fathom")));
     assert!(missing.fault.to_string().contains("cannot be started"), "{:?}", missing.fault);
 }

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use fathom::compare::store::{self, Comparison};
+use fathom::compare::store::{self, StoredComparison};
 use fathom::harness::output::{Kind, Taken};
 use fathom::record::ErrorFigure;
 use fathom::record::comparison::{
@@ -646,7 +646,7 @@ fn the_documented_jobs_run_the_documented_steps() {
 }
 
 /// A real gate on the default adapter over one cell; none where it cannot be run.
-fn counted(name: &str) -> Option<(Comparison, String)> {
+fn counted(name: &str) -> Option<(StoredComparison, String)> {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("out");
     let page = folder.path().join("page.md");
@@ -664,7 +664,7 @@ fn counted(name: &str) -> Option<(Comparison, String)> {
         return None;
     }
     assert_eq!(output.status.code(), Some(0), "{text}{told}");
-    let comparison = Comparison::read(&out).unwrap();
+    let comparison = StoredComparison::read(&out).unwrap();
     Some((comparison, fs::read_to_string(page).unwrap()))
 }
 

@@ -4,8 +4,8 @@ use std::collections::BTreeMap;
 
 use serde::Serialize;
 
-use fathom::compare::store::Comparison;
-use fathom::compare::verdict::{GateState, Status, Verdict, Verdicts};
+use fathom::compare::store::StoredComparison;
+use fathom::compare::verdict::{CellVerdict, GateState, Status, Verdicts};
 
 use crate::injections::{Injection, Size};
 use crate::trials::{Aim, Trial, Variant};
@@ -132,7 +132,7 @@ pub struct KindResult {
 }
 
 /// What comes of the trials that were made.
-pub fn findings(injections: &[Injection], made: &[(Trial, Comparison)]) -> Findings {
+pub fn findings(injections: &[Injection], made: &[(Trial, StoredComparison)]) -> Findings {
     let truths = truths(made);
     let mut all = Findings::default();
     let mut gate_times = Vec::new();
@@ -170,7 +170,7 @@ pub fn findings(injections: &[Injection], made: &[(Trial, Comparison)]) -> Findi
 /// What a long measurement says of all injections of a size: (size, cell) → change.
 type Truths = BTreeMap<(Size, String), f64>;
 
-fn truths(made: &[(Trial, Comparison)]) -> Truths {
+fn truths(made: &[(Trial, StoredComparison)]) -> Truths {
     let long = made.iter().filter_map(|(trial, comparison)| {
         let Variant::Every(size) = trial.variant else {
             return None;
@@ -270,7 +270,10 @@ impl Findings {
         let first = regressions.first().is_some_and(|cell| own(cell.cell.stage()));
         let mut others = Share::default();
         for cell in verdicts.cells.iter().filter(|cell| !own(cell.cell.stage())) {
-            if !matches!(cell.verdict, Verdict::Failed | Verdict::New | Verdict::NotMeasured) {
+            if !matches!(
+                cell.verdict,
+                CellVerdict::Failed | CellVerdict::New | CellVerdict::NotMeasured
+            ) {
                 others.add(cell.verdict.is_regression());
             }
         }
@@ -341,12 +344,12 @@ impl Findings {
 
     /// How often a cell is called slower or faster where nothing changed.
     pub fn no_op_changes(&self) -> Share {
-        let count = |verdict: Verdict| {
+        let count = |verdict: CellVerdict| {
             let found = self.no_op_verdicts.get(verdict.text());
             found.copied().unwrap_or(0)
         };
         Share {
-            count: count(Verdict::Slower) + count(Verdict::Faster),
+            count: count(CellVerdict::Slower) + count(CellVerdict::Faster),
             of: self.no_op_verdicts.values().sum(),
         }
     }
@@ -367,12 +370,12 @@ pub mod tests {
     const SPREAD: f64 = 0.004;
 
     /// A time gate of two stages whose times change by these factors.
-    fn timed(trace: f64, compose: f64) -> Comparison {
+    fn timed(trace: f64, compose: f64) -> StoredComparison {
         let cells = ["caustics/trace", "compose"].map(|stage| CellId::new("pool", stage));
         let settings = GateSettings { gates: vec![Gate::Time], ..GateSettings::default() };
         let header =
             ComparisonHeader { settings, cells: cells.to_vec(), ..ComparisonHeader::default() };
-        let mut comparison = Comparison::new(header);
+        let mut comparison = StoredComparison::new(header);
         let measured = [(0, true, 1.0), (0, false, trace), (1, false, compose)];
         for launch in 0..LAUNCHES {
             comparison.launches.push(Launch { launch, ..Launch::default() });

@@ -4,8 +4,8 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use fathom::compare::build::{self, BuildError};
-use fathom::compare::flow::{self, CompareError, Options, Program};
-use fathom::compare::store::{Comparison, StoreError};
+use fathom::compare::flow::{self, CompareError, CompareOptions, Program};
+use fathom::compare::store::{StoreError, StoredComparison};
 use fathom::gpu;
 use fathom::harness::output::RECORDS;
 
@@ -104,7 +104,7 @@ fn write(test: &SelfTest, injections: &[Injection]) -> Result<(), SelfTestError>
     for trial in trials(test.plan, injections) {
         let folder = test.out.join(&trial.id);
         if folder.join(RECORDS).is_file() {
-            let comparison = Comparison::read(&folder)?;
+            let comparison = StoredComparison::read(&folder)?;
             if comparison.came_to_its_end() {
                 made.push((trial, comparison));
             }
@@ -127,7 +127,7 @@ fn write(test: &SelfTest, injections: &[Injection]) -> Result<(), SelfTestError>
 /// Trials of other settings are no part of the same findings. Of its gates a trial may have had fewer, where one could not be run.
 fn is_made(test: &SelfTest, trial: &Trial) -> Result<bool, SelfTestError> {
     let folder = test.out.join(&trial.id);
-    let Ok(stored) = Comparison::read(&folder) else {
+    let Ok(stored) = StoredComparison::read(&folder) else {
         return Ok(false);
     };
     let wanted = test.settings_of(trial);
@@ -197,7 +197,7 @@ impl<'a> TrialBuilds<'a> {
             label: path.file_name().unwrap_or_default().to_string_lossy().into_owned(),
         };
         let folder = self.test.out.join(&trial.id);
-        let options = Options {
+        let options = CompareOptions {
             catalog: fathom::Catalog::builtin(),
             gpu: self.test.gpu.clone(),
             base: program(&base),

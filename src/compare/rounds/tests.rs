@@ -6,13 +6,13 @@ use super::*;
 #[derive(Default)]
 struct Simulated {
     /// Every sample, with the number of its launch.
-    samples: Vec<(u32, Party, CellId)>,
+    samples: Vec<(u32, WorkerRole, CellId)>,
     opened: Vec<(u32, Vec<CellId>)>,
     launch: u32,
-    /// (launch, party, stage): the worker goes on after this, or dies.
-    refusing: Option<(u32, Party, &'static str)>,
-    dying: Option<(u32, Party, &'static str)>,
-    refused_configuration: Option<(&'static str, Party)>,
+    /// (launch, role, stage): the worker goes on after this, or dies.
+    refusing: Option<(u32, WorkerRole, &'static str)>,
+    dying: Option<(u32, WorkerRole, &'static str)>,
+    refused_configuration: Option<(&'static str, WorkerRole)>,
     killing_configuration: Option<&'static str>,
     never_starts: bool,
     interrupt_after: Option<usize>,
@@ -31,18 +31,18 @@ fn ended() -> WorkerFault {
     WorkerFault::Ended { status: "signal 11".to_owned(), stderr: String::new() }
 }
 
-impl Bench for Simulated {
+impl LaunchWorkers for Simulated {
     fn open(
         &mut self,
         launch: u32,
         cells: &[CellId],
         _: Option<&CellId>,
-    ) -> Result<Opened, Broken> {
+    ) -> Result<OpenedLaunch, BrokenLaunch> {
         self.launch = launch;
         self.opened.push((launch, cells.to_vec()));
-        let broken = |configuration, fault| Broken {
+        let broken = |configuration, fault| BrokenLaunch {
             configuration,
-            cause: PartyFault { party: Party::Head, fault },
+            cause: RoleFault { role: WorkerRole::Head, fault },
         };
         if self.never_starts {
             return Err(broken(None, ended()));
@@ -52,11 +52,11 @@ impl Bench for Simulated {
             return Err(broken(Some(id.to_owned()), ended()));
         }
         let refused = self.refused_configuration.filter(|(id, _)| there(id));
-        Ok(Opened {
+        Ok(OpenedLaunch {
             refused: refused
-                .map(|(id, party)| {
+                .map(|(id, role)| {
                     let fault = refusal(false);
-                    (id.to_owned(), PartyFault { party, fault })
+                    (id.to_owned(), RoleFault { role, fault })
                 })
                 .into_iter()
                 .collect(),
@@ -64,11 +64,11 @@ impl Bench for Simulated {
         })
     }
 
-    fn sample(&mut self, party: Party, cell: &CellId) -> Result<f64, WorkerFault> {
-        let now = |fault: &Option<(u32, Party, &'static str)>| {
-            *fault == Some((self.launch, party, cell.stage()))
+    fn sample(&mut self, role: WorkerRole, cell: &CellId) -> Result<f64, WorkerFault> {
+        let now = |fault: &Option<(u32, WorkerRole, &'static str)>| {
+            *fault == Some((self.launch, role, cell.stage()))
                 || fault.is_some_and(|(launch, by, stage)| {
-                    launch == self.launch && by == party && stage == cell.stage()
+                    launch == self.launch && by == role && stage == cell.stage()
                 })
         };
         if now(&self.refusing) {
@@ -77,14 +77,14 @@ impl Bench for Simulated {
         if now(&self.dying) {
             return Err(ended());
         }
-        self.samples.push((self.launch, party, cell.clone()));
+        self.samples.push((self.launch, role, cell.clone()));
         if self.interrupt_after == Some(self.samples.len()) {
             STOP.store(true, Ordering::Relaxed);
             if self.dying_of_interrupt {
                 return Err(ended());
             }
         }
-        Ok(if party == Party::Head { 2e6 } else { 1e6 })
+        Ok(if role == WorkerRole::Head { 2e6 } else { 1e6 })
     }
 
     fn close(&mut self) {
@@ -181,7 +181,8 @@ fn the_two_samples_of_a_pair_are_neighbours_and_orders_differ() {
             assert_eq!(pair[0].2, pair[1].2);
             assert!(pair[0].1 != pair[1].1);
             let twins = pair.iter().map(|sample| sample.1);
-            let twins = twins.filter(|party| matches!(party, Party::Control | Party::Twin));
+            let twins = twins
+                .filter(|role| matches!(role, WorkerRole::ControlHead | WorkerRole::ControlBase));
             assert!(matches!(twins.count(), 0 | 2));
         }
         let order = round.chunks(2).map(|pair| pair[0].2.clone());
@@ -205,7 +206,8 @@ fn the_seed_decides_the_schedule_of_each_launch_for_itself() {
 
 #[test]
 fn a_refused_sample_costs_its_cell_and_nothing_else() {
-    let mut bench = Simulated { refusing: Some((1, Party::Head, "b/y")), ..Simulated::default() };
+    let mut bench =
+        Simulated { refusing: Some((1, WorkerRole::Head, "b/y")), ..Simulated::default() };
     let lines = measure(&mut bench, &Before::default(), &NEVER);
     assert_eq!(launches(&lines), [0, 1, 2]);
     let [fault] = faults(&lines)[..] else { panic!("{lines:?}") };
@@ -221,7 +223,7 @@ fn a_refused_sample_costs_its_cell_and_nothing_else() {
 
 #[test]
 fn a_dead_worker_costs_the_launch_and_the_cell_that_killed_it() {
-    let mut bench = Simulated { dying: Some((1, Party::Base, "a/x")), ..Simulated::default() };
+    let mut bench = Simulated { dying: Some((1, WorkerRole::Base, "a/x")), ..Simulated::default() };
     let lines = measure(&mut bench, &Before::default(), &NEVER);
     assert_eq!(launches(&lines), [0, 2, 3], "launch 1 does not count and another is run");
     assert!(pairs(&lines).iter().all(|pair| pair.launch != 1));
@@ -245,7 +247,7 @@ fn a_configuration_that_is_refused_or_kills_costs_its_cells() {
         if kills {
             bench.killing_configuration = Some("one")
         } else {
-            bench.refused_configuration = Some(("one", Party::Head))
+            bench.refused_configuration = Some(("one", WorkerRole::Head))
         }
         let lines = measure(&mut bench, &Before::default(), &NEVER);
         assert_eq!(launches(&lines).len(), 3);
@@ -260,7 +262,7 @@ fn a_configuration_that_is_refused_or_kills_costs_its_cells() {
 #[test]
 fn a_lost_control_leaves_the_cells() {
     let mut bench =
-        Simulated { refusing: Some((0, Party::Control, "b/y")), ..Simulated::default() };
+        Simulated { refusing: Some((0, WorkerRole::ControlHead, "b/y")), ..Simulated::default() };
     let lines = measure(&mut bench, &Before::default(), &NEVER);
     let [fault] = faults(&lines)[..] else { panic!("{lines:?}") };
     assert!(fault.control);

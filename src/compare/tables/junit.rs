@@ -4,8 +4,8 @@
 use quick_junit::{NonSuccessKind, Report, TestCase, TestCaseStatus, TestSuite};
 
 use super::{Format, rows};
-use crate::compare::exact::{Kind, Subject};
-use crate::compare::verdict::{CellVerdict, GateState, Verdict, Verdicts};
+use crate::compare::exact::{DifferenceScope, FigureKind};
+use crate::compare::verdict::{CellVerdict, GateState, JudgedCell, Verdicts};
 use crate::text;
 
 pub const FORMAT: Format =
@@ -40,14 +40,14 @@ fn write(verdicts: &Verdicts<'_>) -> String {
     for difference in verdicts.configurations.iter().filter(|other| other.worse) {
         let told = rows::difference(difference);
         let what = match difference.kind {
-            Kind::Error => Verdict::LessAccurate,
-            _ => Verdict::Costlier,
+            FigureKind::Error => CellVerdict::LessAccurate,
+            _ => CellVerdict::Costlier,
         };
         let status = failed(NonSuccessKind::Failure, what.text(), &told);
-        let class = match &difference.subject {
-            Subject::Configuration(id) => id,
-            Subject::Stage(stage) => stage,
-            Subject::Cell(cell) => cell.configuration(),
+        let class = match &difference.scope {
+            DifferenceScope::Configuration(id) => id,
+            DifferenceScope::Stage(stage) => stage,
+            DifferenceScope::Cell(cell) => cell.configuration(),
         };
         add(&mut whole, class, &difference.figure, status);
     }
@@ -67,7 +67,7 @@ fn add(suite: &mut TestSuite, class: &str, name: &str, status: TestCaseStatus) {
     suite.add_test_case(case);
 }
 
-fn cell_status(cell: &CellVerdict) -> TestCaseStatus {
+fn cell_status(cell: &JudgedCell) -> TestCaseStatus {
     let row = rows::cell(cell);
     let told = rows::HEADER.iter().zip(&row).skip(2);
     let told: Vec<String> = told
@@ -76,10 +76,10 @@ fn cell_status(cell: &CellVerdict) -> TestCaseStatus {
         .collect();
     let told = told.join("; ");
     match cell.verdict {
-        Verdict::Failed | Verdict::NotMeasured => {
+        CellVerdict::Failed | CellVerdict::NotMeasured => {
             failed(NonSuccessKind::Error, cell.verdict.text(), &told)
         }
-        Verdict::New | Verdict::Inconclusive | Verdict::NotJudged => {
+        CellVerdict::New | CellVerdict::Inconclusive | CellVerdict::NotJudged => {
             skipped(&format!("{}: {told}", cell.verdict.text()))
         }
         verdict if verdict.is_regression() => {

@@ -2,12 +2,12 @@
 
 use std::collections::BTreeSet;
 
-use crate::compare::exact::{Difference, Kind, Subject};
+use crate::compare::exact::{Difference, DifferenceScope, FigureKind};
 use crate::compare::instructions::Counted;
-use crate::compare::store::Comparison;
+use crate::compare::store::StoredComparison;
 use crate::compare::time::CellTime;
 use crate::compare::unpaired::{RunTime, Unpaired};
-use crate::compare::verdict::{CellVerdict, GateState, Status, Verdict, Verdicts};
+use crate::compare::verdict::{CellVerdict, GateState, JudgedCell, Status, Verdicts};
 use crate::record::comparison::{ComparedBuild, Fault, Side};
 use crate::report::format::{NS_PER_MS, mebibytes, si, three};
 
@@ -16,7 +16,7 @@ pub const HEADER: [&str; 7] =
     ["cell", "verdict", "time, base", "change", "detectable", "instructions", "else"];
 
 /// One cell of a table of cells.
-pub fn cell(cell: &CellVerdict) -> [String; 7] {
+pub fn cell(cell: &JudgedCell) -> [String; 7] {
     let time = cell.time.as_ref();
     let base = time
         .map(|time| in_ms(time.base_ns))
@@ -90,7 +90,7 @@ fn instructions(counted: &Counted) -> String {
 }
 
 /// Exact differences and faults.
-fn remarks(cell: &CellVerdict) -> Vec<String> {
+fn remarks(cell: &JudgedCell) -> Vec<String> {
     let differences = cell.differences.iter().map(difference);
     differences.chain(cell.faults.iter().map(fault)).collect()
 }
@@ -99,10 +99,10 @@ fn remarks(cell: &CellVerdict) -> Vec<String> {
 pub fn difference(difference: &Difference) -> String {
     let Difference { figure, base, head, kind, .. } = difference;
     let value = |value: f64| match kind {
-        Kind::Bytes => mebibytes(value as u64),
-        Kind::Work | Kind::Counter => format!("{value:.0}"),
-        Kind::Error | Kind::Quantity if value.is_finite() => three(value),
-        Kind::Error | Kind::Quantity => "not a number".to_owned(),
+        FigureKind::Bytes => mebibytes(value as u64),
+        FigureKind::Work | FigureKind::Counter => format!("{value:.0}"),
+        FigureKind::Error | FigureKind::Quantity if value.is_finite() => three(value),
+        FigureKind::Error | FigureKind::Quantity => "not a number".to_owned(),
     };
     let relative = *base != 0.0 && base.is_finite() && head.is_finite();
     let share = match relative {
@@ -110,9 +110,9 @@ pub fn difference(difference: &Difference) -> String {
         true => format!(" ({})", signed((head - base) / base.abs(), 2)),
     };
     let changed = format!("{figure} {} → {}{share}", value(*base), value(*head));
-    match &difference.subject {
-        Subject::Configuration(id) => format!("{id}: {changed}"),
-        Subject::Cell(_) | Subject::Stage(_) => changed,
+    match &difference.scope {
+        DifferenceScope::Configuration(id) => format!("{id}: {changed}"),
+        DifferenceScope::Cell(_) | DifferenceScope::Stage(_) => changed,
     }
 }
 
@@ -126,18 +126,18 @@ pub fn fault(fault: &Fault) -> String {
 /// `no regression: 48 cells: 40 same, 8 inconclusive`.
 pub fn headline(verdicts: &Verdicts<'_>) -> String {
     let all = [
-        Verdict::Slower,
-        Verdict::LessAccurate,
-        Verdict::FasterButLessAccurate,
-        Verdict::Costlier,
-        Verdict::Failed,
-        Verdict::NotMeasured,
-        Verdict::Inconclusive,
-        Verdict::NotJudged,
-        Verdict::Faster,
-        Verdict::Cheaper,
-        Verdict::Same,
-        Verdict::New,
+        CellVerdict::Slower,
+        CellVerdict::LessAccurate,
+        CellVerdict::FasterButLessAccurate,
+        CellVerdict::Costlier,
+        CellVerdict::Failed,
+        CellVerdict::NotMeasured,
+        CellVerdict::Inconclusive,
+        CellVerdict::NotJudged,
+        CellVerdict::Faster,
+        CellVerdict::Cheaper,
+        CellVerdict::Same,
+        CellVerdict::New,
     ];
     let counted = all.iter().filter_map(|verdict| {
         let count = verdicts.count(*verdict);
@@ -217,7 +217,7 @@ pub fn notes(verdicts: &Verdicts<'_>) -> Vec<String> {
 
 /// What inconclusive cells mean for the status.
 fn inconclusive(verdicts: &Verdicts<'_>) -> Option<String> {
-    let all = verdicts.count(Verdict::Inconclusive);
+    let all = verdicts.count(CellVerdict::Inconclusive);
     let threshold = verdicts.comparison.header.settings.threshold;
     let cells = verdicts.cells.iter();
     let open = cells.filter(|cell| cell.may_be_slower(threshold)).count();
@@ -230,7 +230,7 @@ fn inconclusive(verdicts: &Verdicts<'_>) -> Option<String> {
 }
 
 /// What could not be computed of configurations, once where both sides say the same.
-fn configuration_notes(comparison: &Comparison) -> Vec<String> {
+fn configuration_notes(comparison: &StoredComparison) -> Vec<String> {
     let mut told: Vec<(String, Option<Side>)> = Vec::new();
     for line in &comparison.configurations {
         for note in &line.notes {
@@ -250,7 +250,7 @@ fn configuration_notes(comparison: &Comparison) -> Vec<String> {
 }
 
 /// Conditions of the time gate, each once; not which core a launch had.
-fn launch_notes(comparison: &Comparison) -> Vec<String> {
+fn launch_notes(comparison: &StoredComparison) -> Vec<String> {
     let mut told: Vec<String> = Vec::new();
     let notes = comparison.launches.iter().flat_map(|launch| &launch.notes);
     for note in notes.filter(|note| !note.starts_with("on core ")) {
@@ -283,7 +283,7 @@ fn rule(verdicts: &Verdicts<'_>, gate: &str) -> String {
 }
 
 /// What the second measurement of the time gate was, if there was one.
-fn second(comparison: &Comparison) -> Option<String> {
+fn second(comparison: &StoredComparison) -> Option<String> {
     let of_second = comparison.pairs.iter().filter(|pair| pair.second);
     let pairs = of_second.clone().map(|pair| pair.round + 1).max()?;
     let cells: BTreeSet<_> =
