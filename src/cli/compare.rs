@@ -136,7 +136,7 @@ fn tell(folder: &Path, format: &str, fresh: bool) -> Outcome {
         tell::answer((format.write)(&verdicts));
     }
     tell::note(folder.display());
-    Ok(ExitCode::from(verdicts.status.exit_code()))
+    Ok(ExitCode::from(verdicts.status as u8))
 }
 
 fn append(page: &Path, text: &str) -> anyhow::Result<()> {

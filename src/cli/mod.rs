@@ -330,11 +330,8 @@ pub struct CompareArgs {
 }
 
 fn parse_gate(name: &str) -> Result<Gate, String> {
-    let known = Gate::ALL.into_iter().find(|gate| gate.name() == name);
-    known.ok_or_else(|| {
-        let names = Gate::ALL.map(Gate::name).join(", ");
-        format!("gates are {names}")
-    })
+    let names = || Gate::ALL.map(|gate| gate.to_string()).join(", ");
+    name.parse().map_err(|_| format!("gates are {}", names()))
 }
 
 fn parse_share(text: &str) -> Result<f64, String> {

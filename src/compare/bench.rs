@@ -2,10 +2,11 @@
 
 use std::collections::BTreeMap;
 
+use itertools::Itertools;
 use rand::RngExt;
 
 use super::launch::{Quiet, Waiting, WorkerFault, WorkerProcess, WorkerStart, allowed_cores};
-use super::protocol::{GateConfiguration, Greeting, Reply, WorkerRequest};
+use super::protocol::{GateConfiguration, Greeting, Reply, WorkerRequest, with_driver};
 use super::quiet::PADDING_BYTES;
 use super::rounds::{BrokenLaunch, LaunchWorkers, OpenedLaunch, RoleFault, WorkerRole, random};
 use crate::gpu::ClockPlan;
@@ -22,7 +23,7 @@ const SAMPLE_NS: f64 = 3e5;
 /// Most frames of a sample.
 const MAX_FRAMES: f64 = 8.0;
 
-/// Processes that serve a [`Bench`].
+/// Processes that serve as [`LaunchWorkers`].
 pub struct Processes<'a> {
     base: WorkerStart,
     head: WorkerStart,
@@ -41,21 +42,18 @@ impl<'a> Processes<'a> {
     /// Asks a first base worker for the adapter, and for its clock where it is hardware: both sides then read the same
     /// clock, and each launch is spared the audit.
     pub fn new(
-        base: WorkerStart,
-        head: WorkerStart,
+        [base, head]: [WorkerStart; 2],
         configurations: &[GateConfiguration],
         seed: u64,
         waiting: Waiting<'a>,
     ) -> Result<Self, RoleFault> {
-        let (adapter, clock) =
-            probe(&base, &waiting).map_err(|fault| RoleFault { role: WorkerRole::Base, fault })?;
-        let named =
-            |configuration: &GateConfiguration| (configuration.id.clone(), configuration.clone());
+        let (adapter, clock) = probe(&base, &waiting).map_err(of(WorkerRole::Base))?;
+        let named = configurations.iter().map(|own| (own.id.clone(), own.clone()));
         Ok(Self {
             base,
             head,
             waiting,
-            configurations: configurations.iter().map(named).collect(),
+            configurations: named.collect(),
             adapter,
             clock,
             cores: allowed_cores(),
@@ -68,25 +66,18 @@ impl<'a> Processes<'a> {
     fn start(&mut self, launch: u32, roles: &[WorkerRole]) -> Result<(), RoleFault> {
         let padding = random(self.seed, launch).random_range(0..PADDING_BYTES);
         for (place, role) in roles.iter().enumerate() {
-            let mut start = match role {
-                WorkerRole::Head => self.head.clone(),
-                WorkerRole::Base | WorkerRole::ControlHead | WorkerRole::ControlBase => {
-                    self.base.clone()
-                }
+            let build = if *role == WorkerRole::Head { &self.head } else { &self.base };
+            let start = WorkerStart {
+                name: role.into(),
+                clock: self.clock,
+                quiet: self.adapter.software.then(|| Quiet {
+                    core: core(&self.cores, launch as usize + place),
+                    padding,
+                    keep_memory: true,
+                }),
+                ..build.clone()
             };
-            start.name = role.name();
-            start.clock = self.clock;
-            start.quiet = self.adapter.software.then(|| Quiet {
-                core: core(&self.cores, launch as usize + place),
-                padding,
-                keep_memory: true,
-            });
-            let started = WorkerProcess::start(&start).and_then(|mut worker| {
-                worker.greet()?;
-                Ok(worker)
-            });
-            let worker = started.map_err(of(*role))?;
-            self.workers.push((*role, worker));
+            self.workers.push((*role, WorkerProcess::start(&start).map_err(of(*role))?));
         }
         Ok(())
     }
@@ -95,16 +86,9 @@ impl<'a> Processes<'a> {
         let mut greetings = Vec::new();
         for (role, worker) in &mut self.workers {
             let greeting = worker.greeted(&self.waiting).map_err(of(*role))?;
-            if greeting.adapter.name != self.adapter.name
-                || greeting.adapter.driver_info != self.adapter.driver_info
-            {
-                let reason = format!(
-                    "it runs on {} ({}), the base on {} ({})",
-                    greeting.adapter.name,
-                    greeting.adapter.driver_info,
-                    self.adapter.name,
-                    self.adapter.driver_info
-                );
+            let (own, base) = (with_driver(&greeting.adapter), with_driver(&self.adapter));
+            if own != base {
+                let reason = format!("it runs on {own}, the base on {base}");
                 return Err(of(*role)(WorkerFault::fatal(reason)));
             }
             greetings.push(greeting);
@@ -119,10 +103,8 @@ impl<'a> Processes<'a> {
         control: bool,
     ) -> Result<Option<RoleFault>, RoleFault> {
         let request = WorkerRequest::Prepare { configuration: configuration.clone() };
-        let wanted =
-            |role: &WorkerRole| matches!(role, WorkerRole::Base | WorkerRole::Head) || control;
-        let concerned = self.workers.iter_mut().filter(|(role, _)| wanted(role));
-        let mut concerned: Vec<_> = concerned.collect();
+        let workers = self.workers.iter_mut();
+        let mut concerned = workers.filter(|(role, _)| control || !role.is_control()).collect_vec();
         for (role, worker) in &mut concerned {
             worker.send(&request).map_err(of(*role))?;
         }
@@ -141,18 +123,23 @@ impl<'a> Processes<'a> {
         Ok(refused)
     }
 
-    /// The conditions that this launch runs under, those first that could not be had.
-    fn notes(&self, launch: u32, greetings: &[Greeting]) -> Vec<String> {
+    /// The only core that a launch is measured on, where workers can be kept on one.
+    fn core(&self, launch: u32) -> Option<usize> {
+        core(&self.cores, launch as usize).filter(|_| self.adapter.software)
+    }
+
+    /// Conditions of a quiet measurement that this launch could not have.
+    fn notes(&self, greetings: &[Greeting]) -> Vec<String> {
         let mut notes = Vec::new();
-        if !self.adapter.software {
-            return notes;
-        }
-        if greetings.iter().any(|greeting| greeting.randomized != Some(false)) {
-            notes.push("addresses are randomized: the system does not allow otherwise".to_owned());
-        }
-        match core(&self.cores, launch as usize) {
-            Some(core) => notes.push(format!("on core {core}")),
-            None => notes.push("on any core: pinning is done on Linux only".to_owned()),
+        if self.adapter.software {
+            if greetings.iter().any(|greeting| greeting.randomized != Some(false)) {
+                notes.push(
+                    "addresses are randomized: the system does not allow otherwise".to_owned(),
+                );
+            }
+            if self.cores.is_empty() {
+                notes.push("on any core: pinning is done on Linux only".to_owned());
+            }
         }
         notes
     }
@@ -168,50 +155,43 @@ impl LaunchWorkers for Processes<'_> {
         let broken = |cause| BrokenLaunch { configuration: None, cause };
         self.start(launch, &order(launch, control.is_some())).map_err(broken)?;
         let greetings = self.greeted().map_err(broken)?;
-        let mut opened =
-            OpenedLaunch { refused: Vec::new(), notes: self.notes(launch, &greetings) };
-        let mut wanted: Vec<&str> =
-            cells.iter().chain(control).map(CellId::configuration).collect();
-        wanted.sort_unstable();
-        wanted.dedup();
+        let core = self.core(launch);
+        let mut opened = OpenedLaunch { refused: Vec::new(), core, notes: self.notes(&greetings) };
+        let wanted = cells.iter().chain(control).map(CellId::configuration).sorted().dedup();
         for id in wanted {
             let Some(configuration) = self.configurations.get(id).cloned() else {
                 continue;
             };
             let of_control = control.is_some_and(|cell| cell.configuration() == id);
-            match self.prepare(&configuration, of_control) {
-                Ok(None) => {}
-                Ok(Some(cause)) => opened.refused.push((id.to_owned(), cause)),
-                Err(cause) => {
-                    return Err(BrokenLaunch { configuration: Some(id.to_owned()), cause });
-                }
-            }
+            let refused = self
+                .prepare(&configuration, of_control)
+                .map_err(|cause| BrokenLaunch { configuration: Some(id.to_owned()), cause })?;
+            opened.refused.extend(refused.map(|cause| (id.to_owned(), cause)));
         }
-        if self.adapter.software
-            && let Some(core) = core(&self.cores, launch as usize)
-        {
+        if let Some(core) = core {
             self.workers.iter().for_each(|(_, worker)| worker.pin(core));
         }
         Ok(opened)
     }
 
     fn sample(&mut self, role: WorkerRole, cell: &CellId) -> Result<f64, WorkerFault> {
-        let of_party = self.workers.iter_mut().find(|(known, _)| *known == role);
-        let Some((_, worker)) = of_party else {
+        let of_role = self.workers.iter_mut().find(|(known, _)| *known == role);
+        let Some((_, worker)) = of_role else {
             return Err(WorkerFault::fatal("it was not started".to_owned()));
         };
-        let frames = self.frames.get(cell).copied();
+        let known = self.frames.get(cell).copied();
+        let frames = known.unwrap_or(1);
         let request = WorkerRequest::Sample {
             config: cell.configuration().to_owned(),
             stage: cell.stage().to_owned(),
-            frames: frames.unwrap_or(1),
+            frames,
         };
         let ns = match worker.ask(&request, &self.waiting)? {
-            Reply::Sample { ns } if sound(&ns, frames.unwrap_or(1)) => ns,
+            Reply::Sample { ns } if sound(&ns, frames) => ns,
             other => return Err(worker.unexpected(&other)),
         };
         let shortest_ns = ns.into_iter().fold(f64::INFINITY, f64::min);
-        if frames.is_none() {
+        if known.is_none() {
             let frames = (SAMPLE_NS / shortest_ns).ceil().clamp(1.0, MAX_FRAMES);
             self.frames.insert(cell.clone(), frames as u32);
         }
@@ -234,9 +214,9 @@ fn sound(ns: &[f64], frames: u32) -> bool {
     ns.len() == frames as usize && ns.iter().all(positive)
 }
 
-/// Who is started first, and with that on which core, changes every second launch while the core that is measured on changes
-/// every launch. Of equal programs started always in the same order, the second was up to 2 % faster in stages bound by
-/// memory.
+/// The starting order, and with it the core that a worker starts on, alternates every second launch, while the core that is
+/// measured on changes every launch. Of equal programs started always in the same order, the second was up to 2 % faster in
+/// stages bound by memory.
 fn order(launch: u32, control: bool) -> Vec<WorkerRole> {
     let mut order = vec![WorkerRole::Base, WorkerRole::Head];
     if control {
@@ -258,14 +238,14 @@ fn probe(
     waiting: &Waiting<'_>,
 ) -> Result<(Adapter, Option<ClockPlan>), WorkerFault> {
     let mut worker = WorkerProcess::start(base)?;
-    worker.greet()?;
     let adapter = worker.greeted(waiting)?.adapter;
-    let clock = match adapter.software {
-        true => None,
-        false => match worker.ask(&WorkerRequest::Clock, waiting)? {
+    let clock = if adapter.software {
+        None
+    } else {
+        match worker.ask(&WorkerRequest::Clock, waiting)? {
             Reply::Clock { clock } => Some(clock),
             other => return Err(worker.unexpected(&other)),
-        },
+        }
     };
     worker.quit();
     Ok((adapter, clock))

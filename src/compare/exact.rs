@@ -146,7 +146,7 @@ pub fn missing(comparison: &StoredComparison) -> Vec<Fault> {
 }
 
 fn lack(side: Side, figure: &str) -> Fault {
-    let reason = format!("the {} does not give {figure}", side.name());
+    let reason = format!("the {} does not give {figure}", side);
     Fault::new(Gate::Exact, Some(side), None, reason)
 }
 

@@ -100,7 +100,7 @@ fn only_in(side: Side, sides: &[Read; 2]) -> Option<String> {
     (count > 0).then(|| {
         format!(
             "only in the {}, and not compared: {count} of its cells: {}",
-            side.name(),
+            side,
             names.join("; ")
         )
     })

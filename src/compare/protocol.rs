@@ -7,6 +7,7 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
+use strum::{Display, EnumDiscriminants, EnumString};
 
 use crate::experiments::CellPlan;
 use crate::gpu::ClockPlan;
@@ -47,8 +48,10 @@ impl From<CellPlan> for GateConfiguration {
     }
 }
 
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, EnumDiscriminants)]
 #[serde(tag = "message", rename_all = "snake_case")]
+#[strum_discriminants(name(RequestKind), derive(Display, EnumString))]
+#[strum_discriminants(strum(serialize_all = "snake_case"))]
 pub enum WorkerRequest {
     /// Comes first. The worker opens its device.
     Hello {
@@ -140,6 +143,11 @@ pub struct Greeting {
     pub notes: Vec<String>,
 }
 
+/// `llvmpipe (Mesa 22.3.6)`.
+pub fn with_driver(adapter: &Adapter) -> String {
+    format!("{} ({})", adapter.name, adapter.driver_info)
+}
+
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct StageKind {
     pub name: String,
@@ -196,9 +204,8 @@ pub fn parse_request(line: &str) -> Result<WorkerRequest, Reply> {
         absent: false,
     };
     let value: Value = serde_json::from_str(line).map_err(fault)?;
-    let known = ["hello", "clock", "prepare", "sample", "exact", "instructions", "checks", "quit"];
     match value.get("message").and_then(Value::as_str) {
-        Some(name) if !known.contains(&name) => {
+        Some(name) if name.parse::<RequestKind>().is_err() => {
             Err(Reply::Unsupported { message: name.to_owned() })
         }
         _ => serde_json::from_value(value).map_err(fault),

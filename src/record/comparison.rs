@@ -6,6 +6,7 @@ use std::collections::BTreeMap;
 use std::fmt;
 
 use serde::{Deserialize, Deserializer, Serialize, de};
+use strum::{Display, EnumString, IntoStaticStr};
 
 use super::{Adapter, ErrorFigure, Record, Work, nan};
 
@@ -26,8 +27,22 @@ pub const THRESHOLD: f64 = 0.02;
 /// Counts repeat to 0.1 %; half a per cent is plain.
 pub const INSTRUCTION_THRESHOLD: f64 = 0.005;
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[derive(
+    Clone,
+    Copy,
+    Debug,
+    PartialEq,
+    Eq,
+    PartialOrd,
+    Ord,
+    Hash,
+    Serialize,
+    Deserialize,
+    Display,
+    IntoStaticStr,
+)]
 #[serde(rename_all = "snake_case")]
+#[strum(serialize_all = "snake_case")]
 pub enum Side {
     Base,
     Head,
@@ -35,17 +50,24 @@ pub enum Side {
 
 impl Side {
     pub const BOTH: [Self; 2] = [Self::Base, Self::Head];
-
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Base => "base",
-            Self::Head => "head",
-        }
-    }
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[derive(
+    Clone,
+    Copy,
+    Debug,
+    PartialEq,
+    Eq,
+    PartialOrd,
+    Ord,
+    Hash,
+    Serialize,
+    Deserialize,
+    Display,
+    EnumString,
+)]
 #[serde(rename_all = "snake_case")]
+#[strum(serialize_all = "snake_case")]
 pub enum Gate {
     Exact,
     Instructions,
@@ -54,14 +76,6 @@ pub enum Gate {
 
 impl Gate {
     pub const ALL: [Self; 3] = [Self::Exact, Self::Instructions, Self::Time];
-
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Exact => "exact",
-            Self::Instructions => "instructions",
-            Self::Time => "time",
-        }
-    }
 }
 
 /// A gate cell's name: `CONFIGURATION STAGE`, such as `tank caustics/trace`.
@@ -93,7 +107,7 @@ impl CellId {
 
 impl fmt::Display for CellId {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.pad(&self.0)
+        f.write_str(&self.0)
     }
 }
 
@@ -297,7 +311,10 @@ pub struct Launch {
     /// Of the second measurement.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub second: bool,
-    /// How the workers were quieted: core, threads, padding of the environment, and what could not be done.
+    /// The only core that was measured on, if the workers were kept on one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub core: Option<usize>,
+    /// Conditions of a quiet measurement that could not be had.
     pub notes: Vec<String>,
 }
 

@@ -46,11 +46,11 @@ fn schedule(cells: &[(&str, &str)], launches: u32, pairs: u32) -> Schedule {
 
 fn measure(bench: &mut Processes, schedule: &Schedule) -> Vec<Compared> {
     let mut lines = Vec::new();
-    let mut sink = |more: Vec<Compared>| -> Result<(), Infallible> {
+    let sink = |more: Vec<Compared>| -> Result<(), Infallible> {
         lines.extend(more);
         Ok(())
     };
-    let Ok(()) = rounds::run(schedule, bench, &Before::default(), &NEVER, &mut sink);
+    let Ok(()) = rounds::run(schedule, bench, &Before::default(), &NEVER, sink);
     lines
 }
 
@@ -69,7 +69,7 @@ fn sorted(lines: Vec<Compared>) -> (Vec<Pair>, Vec<Fault>, Vec<Vec<String>>) {
 
 #[test]
 fn a_gate_between_two_copies_of_this_build_measures_every_cell() {
-    let mut bench = Processes::new(fathom(), fathom(), &[plane()], 1, Waiting::PLAINLY).unwrap();
+    let mut bench = Processes::new([fathom(), fathom()], &[plane()], 1, Waiting::PLAINLY).unwrap();
     let schedule = schedule(&[("plane", "caustics/trace"), ("plane", "compose")], 2, 4);
     let (pairs, faults, notes) = sorted(measure(&mut bench, &schedule));
     assert_eq!(faults, []);
@@ -91,10 +91,10 @@ fn a_worker_says_under_which_conditions_it_runs_and_answers_every_request() {
     let core = allowed_cores().last().copied();
     let mut start = fathom();
     start.quiet = Some(Quiet { core, padding: 100, keep_memory: true });
+    let mut early = WorkerProcess::spawn(&start).unwrap();
+    let fault = early.ask(&WorkerRequest::Clock, &Waiting::PLAINLY).unwrap_err();
+    assert!(fault.goes_on() && fault.to_string().contains("`hello`"), "{fault}");
     let mut worker = WorkerProcess::start(&start).unwrap();
-    let early = worker.ask(&WorkerRequest::Clock, &Waiting::PLAINLY).unwrap_err();
-    assert!(early.to_string().contains("`hello`"), "{early}");
-    worker.greet().unwrap();
     let greeting = worker.greeted(&Waiting::PLAINLY).unwrap();
     assert_eq!(greeting.parts, ["exact", "checks", "time", "instructions"]);
     if cfg!(target_os = "linux") {
@@ -189,7 +189,7 @@ fn fails_alone(badly: &str) -> String {
     let folder = tempfile::tempdir().unwrap();
     let base = script(folder.path(), "base", "echo '{\"message\":\"sample\",\"ns\":[5000000]}'");
     let head = script(folder.path(), "head", badly);
-    let mut bench = Processes::new(base, head, &[toy()], 1, Waiting::PLAINLY).unwrap();
+    let mut bench = Processes::new([base, head], &[toy()], 1, Waiting::PLAINLY).unwrap();
     let schedule = schedule(&[("toy", "good"), ("toy", "bad"), ("toy", "fine")], 3, 2);
     let (pairs, faults, notes) = sorted(measure(&mut bench, &schedule));
     let [fault] = &faults[..] else { panic!("{faults:?}") };
@@ -230,7 +230,6 @@ fn a_hung_worker_is_killed_for_certain() {
     let pid = folder.path().join("pid");
     let hang = format!("echo $$ > {}; trap '' TERM INT HUP; sleep 60", pid.display());
     let mut worker = WorkerProcess::start(&script(folder.path(), "hung", &hang)).unwrap();
-    worker.greet().unwrap();
     worker.greeted(&Waiting::PLAINLY).unwrap();
     let request =
         WorkerRequest::Sample { config: "toy".to_owned(), stage: "bad".to_owned(), frames: 1 };
@@ -247,7 +246,7 @@ fn a_hung_worker_is_killed_for_certain() {
 }
 
 fn refused(base: WorkerStart) -> RoleFault {
-    Processes::new(base, fathom(), &[toy()], 1, Waiting::PLAINLY).err().unwrap()
+    Processes::new([base, fathom()], &[toy()], 1, Waiting::PLAINLY).err().unwrap()
 }
 
 #[test]

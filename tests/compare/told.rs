@@ -64,7 +64,8 @@ impl Stored {
                 launch,
                 wall_s: 3.5,
                 second: false,
-                notes: vec!["on core 0".to_owned()],
+                core: Some(0),
+                notes: Vec::new(),
             })
         });
         Self { header, lines: launches.collect(), interrupted: Some(false) }
@@ -127,7 +128,7 @@ impl Stored {
         }
         let more = LAUNCHES..LAUNCHES + launches;
         all.lines.extend(more.map(|launch| {
-            Compared::Launch(Launch { launch, wall_s: 1.5, second: true, notes: Vec::new() })
+            Compared::Launch(Launch { launch, wall_s: 1.5, second: true, ..Launch::default() })
         }));
         all
     }
@@ -487,7 +488,7 @@ fn figures_that_vanish_are_faults_and_notes_are_told_once() {
     once("the head does not give caustics_photon_error_median_m of tank");
     once("head: tank: errors not computed: no reference");
     once("time gate: on any core: no Linux");
-    assert!(!text.contains("on core 0"));
+    assert!(!text.contains("core 0"));
     let junit = fs::read_to_string(folder.path().join("junit.xml")).unwrap();
     assert!(junit.contains("<testcase name=\"exact fault 1\" classname=\"gate\">"), "{junit}");
 }

@@ -198,7 +198,7 @@ fn result(
         };
         CellResult {
             cell: cell.cell.to_string(),
-            verdict: cell.verdict.text().to_owned(),
+            verdict: cell.verdict.to_string(),
             change: time.map(|time| short(time.change)),
             interval: time
                 .and_then(|time| time.interval)
@@ -210,7 +210,7 @@ fn result(
     });
     let mut by_verdict = BTreeMap::new();
     for cell in &verdicts.cells {
-        *by_verdict.entry(cell.verdict.text().to_owned()).or_default() += 1;
+        *by_verdict.entry(cell.verdict.to_string()).or_default() += 1;
     }
     let first = verdicts.regressions();
     TrialResult {
@@ -227,8 +227,8 @@ fn result(
         },
         loaded: trial.loaded,
         gates: trial.gates.clone(),
-        status: verdicts.status.text().to_owned(),
-        exit_code: verdicts.status.exit_code(),
+        status: verdicts.status.to_string(),
+        exit_code: verdicts.status as u8,
         named_first: first.first().map(|cell| cell.cell.stage().to_owned()),
         verdicts: by_verdict,
         wall_s: verdicts.comparison.end.as_ref().map(|end| end.wall_s.round()),
@@ -284,9 +284,7 @@ impl Findings {
                 caught,
                 named_first: first,
                 others_blamed: others,
-                verdicts: cells
-                    .map(|cell| format!("{}: {}", cell.cell, cell.verdict.text()))
-                    .collect(),
+                verdicts: cells.map(|cell| format!("{}: {}", cell.cell, cell.verdict)).collect(),
             };
             self.kinds.insert(injection.kind.clone(), found);
             return;
@@ -345,7 +343,7 @@ impl Findings {
     /// How often a cell is called slower or faster where nothing changed.
     pub fn no_op_changes(&self) -> Share {
         let count = |verdict: CellVerdict| {
-            let found = self.no_op_verdicts.get(verdict.text());
+            let found = self.no_op_verdicts.get(&verdict.to_string());
             found.copied().unwrap_or(0)
         };
         Share {

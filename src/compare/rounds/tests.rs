@@ -60,7 +60,7 @@ impl LaunchWorkers for Simulated {
                 })
                 .into_iter()
                 .collect(),
-            notes: vec!["on core 1".to_owned()],
+            ..OpenedLaunch::default()
         })
     }
 
@@ -108,11 +108,11 @@ fn schedule() -> Schedule {
 
 fn measure(bench: &mut Simulated, before: &Before, interrupted: &AtomicBool) -> Vec<Compared> {
     let mut lines = Vec::new();
-    let mut sink = |more: Vec<Compared>| -> Result<(), Infallible> {
+    let sink = |more: Vec<Compared>| -> Result<(), Infallible> {
         lines.extend(more);
         Ok(())
     };
-    let Ok(()) = run(&schedule(), bench, before, interrupted, &mut sink);
+    let Ok(()) = run(&schedule(), bench, before, interrupted, sink);
     lines
 }
 
@@ -320,12 +320,12 @@ fn lines_tell_which_measurement_they_are_of() {
     for second in [false, true] {
         let schedule = Schedule { second, ..schedule() };
         let mut lines = Vec::new();
-        let mut sink = |more: Vec<Compared>| -> Result<(), Infallible> {
+        let sink = |more: Vec<Compared>| -> Result<(), Infallible> {
             lines.extend(more);
             Ok(())
         };
         let mut bench = Simulated::default();
-        let Ok(()) = run(&schedule, &mut bench, &Before::default(), &NEVER, &mut sink);
+        let Ok(()) = run(&schedule, &mut bench, &Before::default(), &NEVER, sink);
         assert!(pairs(&lines).iter().all(|pair| pair.second == second));
         let tells = |line: &Compared| match line {
             Compared::Launch(launch) => launch.second == second,

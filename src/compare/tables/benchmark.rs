@@ -21,7 +21,7 @@ fn write(verdicts: &Verdicts<'_>) -> String {
 
 fn entries(cell: &JudgedCell) -> Vec<Value> {
     let mut entries = Vec::new();
-    let verdict = cell.verdict.text();
+    let verdict = cell.verdict;
     if let Some(time) = &cell.time {
         let mut entry = json!({
             "name": format!("{} time", cell.cell),
