@@ -13,7 +13,7 @@ use fathom::compare::launch::{
 use fathom::compare::protocol::{GateConfiguration, Reply, WorkerRequest};
 use fathom::compare::rounds::{self, Before, RoleFault, Schedule, WorkerRole};
 use fathom::compare::time;
-use fathom::record::comparison::{CellId, Compared, Fault, GateSettings, Pair, Side};
+use fathom::record::comparison::{CellId, Compared, Fault, GateSettings, Launch, Pair, Side};
 use serde_json::{Map, json};
 
 use super::script::{Script, hello, refusal};
@@ -54,31 +54,31 @@ fn measure(bench: &mut Processes, schedule: &Schedule) -> Vec<Compared> {
     lines
 }
 
-fn sorted(lines: Vec<Compared>) -> (Vec<Pair>, Vec<Fault>, Vec<Vec<String>>) {
-    let (mut pairs, mut faults, mut notes) = (Vec::new(), Vec::new(), Vec::new());
+fn sorted(lines: Vec<Compared>) -> (Vec<Pair>, Vec<Fault>, Vec<Launch>) {
+    let (mut pairs, mut faults, mut launches) = (Vec::new(), Vec::new(), Vec::new());
     for line in lines {
         match line {
             Compared::Pair(pair) => pairs.push(pair),
             Compared::Fault(fault) => faults.push(fault),
-            Compared::Launch(launch) => notes.push(launch.notes),
+            Compared::Launch(launch) => launches.push(launch),
             other => panic!("{other:?}"),
         }
     }
-    (pairs, faults, notes)
+    (pairs, faults, launches)
 }
 
 #[test]
 fn a_gate_between_two_copies_of_this_build_measures_every_cell() {
     let mut bench = Processes::new([fathom(), fathom()], &[plane()], 1, Waiting::PLAINLY).unwrap();
     let schedule = schedule(&[("plane", "caustics/trace"), ("plane", "compose")], 2, 4);
-    let (pairs, faults, notes) = sorted(measure(&mut bench, &schedule));
+    let (pairs, faults, launches) = sorted(measure(&mut bench, &schedule));
     assert_eq!(faults, []);
-    assert_eq!(notes.len(), 2);
+    assert_eq!(launches.len(), 2);
     assert_eq!(pairs.len(), 2 * 4 * 3, "two launches, four rounds, two cells and the control");
     assert!(pairs.iter().all(|pair| pair.base_ns > 0.0 && pair.head_ns > 0.0));
     assert_eq!(pairs.iter().filter(|pair| pair.control).count(), 8);
     if cfg!(target_os = "linux") && bench.adapter.software {
-        assert!(notes.iter().all(|notes| notes.iter().any(|note| note.starts_with("on core "))));
+        assert!(launches.iter().all(|launch| launch.core.is_some()));
     }
     let judged = time::judge(&schedule.cells, &pairs, &GateSettings::default());
     assert_eq!(judged.cells.len(), 2);
@@ -191,11 +191,11 @@ fn fails_alone(badly: &str) -> String {
     let head = script(folder.path(), "head", badly);
     let mut bench = Processes::new([base, head], &[toy()], 1, Waiting::PLAINLY).unwrap();
     let schedule = schedule(&[("toy", "good"), ("toy", "bad"), ("toy", "fine")], 3, 2);
-    let (pairs, faults, notes) = sorted(measure(&mut bench, &schedule));
+    let (pairs, faults, launches) = sorted(measure(&mut bench, &schedule));
     let [fault] = &faults[..] else { panic!("{faults:?}") };
     assert_eq!(fault.cell, Some(CellId::new("toy", "bad")));
     assert_eq!(fault.side, Some(Side::Head));
-    assert_eq!(notes.len(), 3, "three launches count in the end");
+    assert_eq!(launches.len(), 3, "three launches count in the end");
     assert_eq!(pairs.len(), 3 * 2 * 3, "two cells and the control");
     assert!(pairs.iter().all(|pair| pair.cell.stage() != "bad"));
     fault.reason.clone()
