@@ -132,7 +132,7 @@ fn tell(folder: &Path, format: &str, fresh: bool) -> Outcome {
     if fresh && let Some(page) = std::env::var_os(STEP_SUMMARY).filter(|page| !page.is_empty()) {
         append(Path::new(&page), &(tables::MARKDOWN.write)(&verdicts))?;
     }
-    if let Some(format) = exporters::formats().find(|known| known.name == format) {
+    if let Some(format) = exporters::OF_COMPARISONS.iter().find(|known| known.name == format) {
         tell::answer((format.write)(&verdicts));
     }
     tell::note(folder.display());

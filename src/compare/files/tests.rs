@@ -9,14 +9,8 @@ fn run(adapter: &str) -> Record {
     Record::Run(Box::new(Run {
         schema: record::SCHEMA,
         fathom_version: "0.1.0".to_owned(),
-        started_at: String::new(),
-        profile: record::Profile::Quick,
-        command: Vec::new(),
         adapter: Adapter { name: adapter.to_owned(), ..Adapter::default() },
-        shader_checks: record::ShaderChecks::Checked,
-        audit: Vec::new(),
-        submit_cost_ns: BTreeMap::new(),
-        notes: Vec::new(),
+        ..Run::default()
     }))
 }
 
