@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use derive_more::{Add, AddAssign};
 use serde::Serialize;
 
 use fathom::compare::store::StoredComparison;
@@ -9,10 +10,10 @@ use fathom::compare::verdict::{CellVerdict, GateState, Status, Verdicts};
 
 use crate::injections::{Injection, Size};
 use crate::trials::{Aim, Trial, Variant};
-use fathom::record::comparison::Gate;
+use fathom::record::comparison::{CellId, Gate};
 
 /// A count and what it is of.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Add, AddAssign, Serialize)]
 pub struct Share {
     pub count: usize,
     pub of: usize,
@@ -51,7 +52,7 @@ pub struct TrialResult {
 /// A cell of a trial.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct CellResult {
-    pub cell: String,
+    pub cell: CellId,
     pub verdict: String,
     /// Head over base less one.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -137,9 +138,7 @@ pub fn findings(injections: &[Injection], made: &[(Trial, StoredComparison)]) ->
     let mut all = Findings::default();
     let mut gate_times = Vec::new();
     for (trial, comparison) in made {
-        let injection = injections.iter().find(
-            |injection| matches!(&trial.variant, Variant::Injected(id, _) if *id == injection.id),
-        );
+        let injection = injections.iter().find(|injection| trial.variant.injects(injection));
         let verdicts = Verdicts::of(comparison);
         let result = result(trial, injection, &verdicts, &truths);
         all.adapter = comparison.header.adapter.name.clone();
@@ -168,7 +167,7 @@ pub fn findings(injections: &[Injection], made: &[(Trial, StoredComparison)]) ->
 }
 
 /// What a long measurement says of all injections of a size: (size, cell) → change.
-type Truths = BTreeMap<(Size, String), f64>;
+type Truths = BTreeMap<(Size, CellId), f64>;
 
 fn truths(made: &[(Trial, StoredComparison)]) -> Truths {
     let long = made.iter().filter_map(|(trial, comparison)| {
@@ -176,7 +175,7 @@ fn truths(made: &[(Trial, StoredComparison)]) -> Truths {
             return None;
         };
         let cells = Verdicts::of(comparison).cells.into_iter();
-        Some(cells.filter_map(move |cell| Some(((size, cell.cell.to_string()), cell.time?.change))))
+        Some(cells.filter_map(move |cell| Some(((size, cell.cell), cell.time?.change))))
     });
     long.flatten().collect()
 }
@@ -193,11 +192,11 @@ fn result(
         let injected = stage.as_deref() == Some(cell.cell.stage());
         let truth = match trial.variant {
             _ if !injected => Some(0.0),
-            Variant::Injected(_, Some(size)) => truths.get(&(size, cell.cell.to_string())).copied(),
+            Variant::Injected(_, Some(size)) => truths.get(&(size, cell.cell.clone())).copied(),
             _ => None,
         };
         CellResult {
-            cell: cell.cell.to_string(),
+            cell: cell.cell.clone(),
             verdict: cell.verdict.to_string(),
             change: time.map(|time| short(time.change)),
             interval: time
@@ -208,29 +207,25 @@ fn result(
             truth: time.and(truth).map(short),
         }
     });
-    let mut by_verdict = BTreeMap::new();
-    for cell in &verdicts.cells {
-        *by_verdict.entry(cell.verdict.to_string()).or_default() += 1;
-    }
-    let first = verdicts.regressions();
+    let by_verdict = verdicts.counts().into_iter();
     TrialResult {
         id: trial.id.clone(),
         stage: stage.clone(),
         kind: match (injection, &trial.variant) {
             (Some(injection), Variant::Injected(_, Some(size))) => {
-                format!("{}, {}", injection.kind, size.name())
+                format!("{}, {}", injection.kind, size.label())
             }
             (Some(injection), _) => injection.kind.clone(),
             (None, Variant::Unrelated) => "unrelated host change".to_owned(),
-            (None, Variant::Every(size)) => format!("every injection, {}", size.name()),
+            (None, Variant::Every(size)) => format!("every injection, {}", size.label()),
             (None, _) => "same source".to_owned(),
         },
         loaded: trial.loaded,
         gates: trial.gates.clone(),
         status: verdicts.status.to_string(),
         exit_code: verdicts.status as u8,
-        named_first: first.first().map(|cell| cell.cell.stage().to_owned()),
-        verdicts: by_verdict,
+        named_first: verdicts.regressions().first().map(|cell| cell.cell.stage().to_owned()),
+        verdicts: by_verdict.map(|(verdict, count)| (verdict.to_string(), count)).collect(),
         wall_s: verdicts.comparison.end.as_ref().map(|end| end.wall_s.round()),
         cells: cells.collect(),
     }
@@ -289,14 +284,13 @@ impl Findings {
             self.kinds.insert(injection.kind.clone(), found);
             return;
         };
-        let detection = self.detection.entry(size.name().to_owned()).or_default();
+        let detection = self.detection.entry(size.label().to_owned()).or_default();
         detection.caught.add(caught);
         if caught {
             detection.named_first.add(first);
         }
-        detection.others_blamed.count += others.count;
-        detection.others_blamed.of += others.of;
-        let tuned = format!("{} {}", injection.configuration, injection.stage);
+        detection.others_blamed += others;
+        let tuned = CellId::new(&injection.configuration, &injection.stage);
         let measured = result.cells.iter().find(|cell| cell.cell == tuned);
         if *size == Size::Slow5 {
             let stage = self.stages.entry(injection.stage.clone()).or_default();
@@ -311,9 +305,8 @@ impl Findings {
             _ => cell.change,
         });
         if let Some(change) = change {
-            let least = detection.smallest.map_or(change, |known| known.min(change));
-            let most = detection.largest.map_or(change, |known| known.max(change));
-            (detection.smallest, detection.largest) = (Some(least), Some(most));
+            detection.smallest = Some(detection.smallest.map_or(change, |known| known.min(change)));
+            detection.largest = Some(detection.largest.map_or(change, |known| known.max(change)));
         }
     }
 
@@ -324,9 +317,7 @@ impl Findings {
                 continue;
             };
             let covered = low <= truth && truth <= high;
-            let injected = result.stage.as_deref().is_some_and(|stage| {
-                cell.cell.strip_suffix(stage).is_some_and(|rest| rest.ends_with(' '))
-            });
+            let injected = result.stage.as_deref() == Some(cell.cell.stage());
             let share = if injected { &mut self.covered_injected } else { &mut self.covered_zero };
             share.add(covered);
         }
@@ -334,10 +325,7 @@ impl Findings {
 
     /// All intervals whose truth is known.
     pub fn covered(&self) -> Share {
-        Share {
-            count: self.covered_zero.count + self.covered_injected.count,
-            of: self.covered_zero.of + self.covered_injected.of,
-        }
+        self.covered_zero + self.covered_injected
     }
 
     /// How often a cell is called slower or faster where nothing changed.
@@ -357,7 +345,7 @@ impl Findings {
 pub mod tests {
 
     use fathom::record::comparison::{
-        CellId, ComparisonEnd, ComparisonHeader, GateSettings, Launch, Pair, Side,
+        ComparisonEnd, ComparisonHeader, GateSettings, Launch, Pair, Side,
     };
 
     use super::*;

@@ -10,7 +10,7 @@ use fathom::gpu;
 use fathom::harness::output::RECORDS;
 
 use crate::findings::findings;
-use crate::injections::{Changed, Injection, every, unrelated};
+use crate::injections::{Changes, Injection, every, unrelated};
 use crate::load::Load;
 use crate::report;
 use crate::trials::{Plan, Trial, Variant, trials};
@@ -115,11 +115,8 @@ fn write(test: &SelfTest, injections: &[Injection]) -> Result<(), SelfTestError>
     let texts = [json, report::markdown(&found)];
     for (name, text) in RESULTS.iter().zip(texts) {
         let path = test.out.join(name);
-        std::fs::write(&path, text).map_err(|source| SelfTestError::Io {
-            action: "write",
-            path,
-            source,
-        })?;
+        let written = std::fs::write(&path, text);
+        written.map_err(|source| SelfTestError::Io { action: "write", path, source })?;
     }
     Ok(())
 }
@@ -220,7 +217,7 @@ impl<'a> TrialBuilds<'a> {
             Compilation::Incremental => "base-of-injections",
         };
         let program = self.programs.join(name);
-        self.build(&[], compilation, &program)?;
+        self.build(&Changes::new(), compilation, &program)?;
         Ok(program)
     }
 
@@ -241,7 +238,7 @@ impl<'a> TrialBuilds<'a> {
         }
         let read = |file: &str| self.workshop.read(file);
         let changes = match variant {
-            Variant::Again => Ok(Vec::new()),
+            Variant::Again => Ok(Changes::new()),
             Variant::Unrelated => unrelated(&read),
             Variant::Injected(id, size) => injections
                 .iter()
@@ -251,7 +248,7 @@ impl<'a> TrialBuilds<'a> {
             Variant::Every(size) => every(injections, *size, &read),
         };
         let changes = changes.map_err(SelfTestError::Injection)?;
-        let program = self.programs.join(variant.word());
+        let program = self.programs.join(variant.to_string());
         self.build(&changes, compilation, &program)?;
         if compilation == Compilation::Incremental {
             self.at_hand = Some((variant.clone(), program.clone()));
@@ -261,7 +258,7 @@ impl<'a> TrialBuilds<'a> {
 
     fn build(
         &self,
-        changes: &[Changed],
+        changes: &Changes,
         compilation: Compilation,
         program: &Path,
     ) -> Result<(), SelfTestError> {
