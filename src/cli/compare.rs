@@ -73,7 +73,7 @@ fn builds(catalog: &Catalog, args: &CompareArgs) -> anyhow::Result<PathBuf> {
     // A build meanwhile must not swap what is measured.
     let head = build::set_aside(&head)?;
     let (base, base_label) = match (&args.base, &args.base_bin) {
-        (Some(revision), _) => built(revision)?,
+        (Some(revision), _) => (built(revision)?, revision.clone()),
         (None, Some(path)) => (path.clone(), path.display().to_string()),
         (None, None) => anyhow::bail!(
             "nothing to compare with: give --base REV, --base-bin PATH, or two files of records"
@@ -104,12 +104,11 @@ fn check_selection(catalog: &Catalog, args: &CompareArgs) -> anyhow::Result<()> 
     Ok(())
 }
 
-/// The program of a revision, and what to call it.
-fn built(revision: &str) -> anyhow::Result<(PathBuf, String)> {
+/// The program of a revision.
+fn built(revision: &str) -> anyhow::Result<PathBuf> {
     tell::note(format!("building {revision}"));
     let folder = std::env::current_dir().context("there is no current folder")?;
-    let built = build::revision(&folder, revision, &INTERRUPT, &mut |line| tell::note(line))?;
-    Ok((built.program, revision.to_owned()))
+    Ok(build::revision(&folder, revision, &INTERRUPT, &mut |line| tell::note(line))?)
 }
 
 /// Makes a comparison of two files of records.

@@ -49,7 +49,7 @@ pub struct Difference {
 }
 
 impl Difference {
-    /// It tells on this cell.
+    /// It is charged to this cell.
     pub fn concerns(&self, cell: &CellId) -> bool {
         match &self.scope {
             DifferenceScope::Cell(own) => own == cell,
@@ -62,18 +62,19 @@ impl Difference {
 /// Every figure that differs between the sides, in the order of the lines.
 pub fn judge(comparison: &StoredComparison) -> Vec<Difference> {
     let mut found = Vec::new();
-    let cells = twins(&comparison.exact, |line| (line.side, &line.cell));
+    let cells = of_both(&comparison.exact, |line| (line.side, &line.cell));
     let counting = Side::BOTH.map(|side| counting(comparison, side));
     for (base, head) in cells {
         let id = base.cell.configuration();
         let counted = counting.iter().all(|side| side.contains(id));
         cell(base, head, counted, &mut found);
     }
-    let configurations = twins(&comparison.configurations, |line| (line.side, &line.configuration));
+    let configurations =
+        of_both(&comparison.configurations, |line| (line.side, &line.configuration));
     for (base, head) in configurations {
         configuration(base, head, &comparison.header.cells, &mut found);
     }
-    let checks = twins(&comparison.checks, |line| (line.side, (&line.stage, &line.what)));
+    let checks = of_both(&comparison.checks, |line| (line.side, (&line.stage, &line.what)));
     for (base, head) in checks {
         check(base, head, &mut found);
     }
@@ -83,58 +84,41 @@ pub fn judge(comparison: &StoredComparison) -> Vec<Difference> {
 /// Configurations in which a side counts invocations.
 fn counting(comparison: &StoredComparison, side: Side) -> BTreeSet<&str> {
     let lines = comparison.exact.iter();
-    lines
-        .filter(|line| line.side == side && !line.counters.is_empty())
-        .map(|line| line.cell.configuration())
-        .collect()
+    let counted = lines.filter(|line| line.side == side && !line.counters.is_empty());
+    counted.map(|line| line.cell.configuration()).collect()
 }
 
 /// Lines of the base, each with the head's line of the same key; what one side lacks is left out. Of several lines
 /// with one key, which a resumed comparison may have, the last holds.
-fn twins<'a, T, K: Ord>(lines: &'a [T], key: impl Fn(&'a T) -> (Side, K)) -> Vec<(&'a T, &'a T)> {
-    let [base, head] = Side::BOTH.map(|side| last_of(lines, &key, side));
-    let mut twins = Vec::new();
-    for line in lines {
+fn of_both<'a, T, K: Ord>(lines: &'a [T], key: impl Fn(&'a T) -> (Side, K)) -> Vec<(&'a T, &'a T)> {
+    let last: BTreeMap<(Side, K), &T> = lines.iter().map(|line| (key(line), line)).collect();
+    let with_head = |line: &'a T| {
         let (side, own) = key(line);
-        let holds = base.get(&own).is_some_and(|last| std::ptr::eq(*last, line));
-        if let Some(head) = head.get(&own).filter(|_| side == Side::Base && holds) {
-            twins.push((line, *head));
-        }
-    }
-    twins
-}
-
-fn last_of<'a, T, K: Ord>(
-    lines: &'a [T],
-    key: &impl Fn(&'a T) -> (Side, K),
-    wanted: Side,
-) -> BTreeMap<K, &'a T> {
-    let keyed = lines.iter().map(|line| (key(line), line));
-    keyed.filter(|((side, _), _)| *side == wanted).map(|((_, own), line)| (own, line)).collect()
+        let own = (side, own);
+        let holds = side == Side::Base && std::ptr::eq(last[&own], line);
+        let head = last.get(&(Side::Head, own.1))?;
+        holds.then_some((line, *head))
+    };
+    lines.iter().filter_map(with_head).collect()
 }
 
 /// Errors and checks that one side gives and the other does not. What the base lacks is new in the head, unless a damaged
 /// line may have held it.
 pub fn missing(comparison: &StoredComparison) -> Vec<Fault> {
     let mut faults = Vec::new();
-    let configurations = twins(&comparison.configurations, |line| (line.side, &line.configuration));
+    let configurations =
+        of_both(&comparison.configurations, |line| (line.side, &line.configuration));
     for (base, head) in configurations {
-        let errors = base.errors.keys();
-        let lacking = errors.filter(|name| {
-            !head.errors.contains_key(*name) && !head.quantities.contains_key(*name)
-        });
-        faults.extend(lacking.map(|name| {
-            let figure = format!("{name} of {}", base.configuration);
-            lack(Side::Head, &figure)
-        }));
+        let given =
+            |name: &String| head.errors.contains_key(name) || head.quantities.contains_key(name);
+        let lacking = base.errors.keys().filter(|name| !given(name));
+        faults.extend(lacking.map(|name| lack(Side::Head, name, &base.configuration)));
     }
     let [base, head] = Side::BOTH.map(|side| {
         let checks = comparison.checks.iter().filter(|check| check.side == side);
-        let named = checks.map(|check| (&check.stage, &check.what));
-        named.collect::<BTreeSet<_>>()
+        checks.map(|check| (&check.stage, &check.what)).collect::<BTreeSet<_>>()
     });
-    let check =
-        |side, (stage, what): &(&String, &String)| lack(side, &format!("{what} of {stage}"));
+    let check = |side, (stage, what): &(&String, &String)| lack(side, what, stage);
     // A side without any check has a fault that says why.
     if !base.is_empty() && !head.is_empty() {
         faults.extend(base.difference(&head).map(|name| check(Side::Head, name)));
@@ -145,8 +129,8 @@ pub fn missing(comparison: &StoredComparison) -> Vec<Fault> {
     faults
 }
 
-fn lack(side: Side, figure: &str) -> Fault {
-    let reason = format!("the {} does not give {figure}", side);
+fn lack(side: Side, figure: &str, of: &str) -> Fault {
+    let reason = format!("the {side} does not give {figure} of {of}");
     Fault::new(Gate::Exact, Some(side), None, reason)
 }
 
@@ -265,8 +249,8 @@ fn check(base: &CheckFigure, head: &CheckFigure, found: &mut Vec<Difference>) {
 /// A difference beyond what the order of floating-point sums makes. What is a number on one side only has moved.
 fn moved(base: f64, head: f64, least: f64) -> bool {
     let tolerance = (ERROR_GROWTH * base.abs()).max(least);
-    let still = (head - base).abs() <= tolerance || !(base.is_finite() || head.is_finite());
-    !still
+    let within = (head - base).abs() <= tolerance;
+    !within && (base.is_finite() || head.is_finite())
 }
 
 /// An error that is no number is larger than any.

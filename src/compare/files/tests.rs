@@ -3,7 +3,7 @@ use serde_json::json;
 use super::super::store::StoredComparison;
 use super::super::verdict::{CellVerdict, Status, Verdicts};
 use super::*;
-use crate::record::{Adapter, StageRecord};
+use crate::record::StageRecord;
 
 fn run(adapter: &str) -> Record {
     Record::Run(Box::new(Run {
