@@ -1,6 +1,6 @@
 //! Times of two runs that were made one after the other.
 //!
-//! They are told and not judged: two halves of one run on one machine, compared in this way, differ with a standard
+//! They are reported, but not judged: two halves of one run on one machine, compared in this way, differ with a standard
 //! deviation of 10 to 15 % on a software driver, whatever their length.
 
 use std::collections::BTreeMap;

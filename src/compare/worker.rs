@@ -114,7 +114,7 @@ impl Refusal {
         }
     }
 
-    /// This build does not know what it is asked for. All else is a failure.
+    /// This build does not know what it is asked for. Every other refusal is a failure.
     fn is_absence(&self) -> bool {
         matches!(
             self,
@@ -212,14 +212,10 @@ impl Device {
         for _ in 0..WARM_UP_FRAMES {
             self.timer.untimed(&self.gpu, &stages)?;
         }
-        let kinds = self.timer.kinds(&self.gpu, &stages)?;
-        let stages = stages
-            .iter()
-            .zip(kinds)
-            .map(|(stage, kind)| StageKind { name: stage.name().to_owned(), kind });
-        let reply = Reply::Prepared { stages: stages.collect() };
-        let prepared = Prepared { subject, pipeline };
-        self.prepared.insert(configuration.id.clone(), prepared);
+        let kinds = stages.iter().zip(self.timer.kinds(&self.gpu, &stages)?);
+        let kinds = kinds.map(|(stage, kind)| StageKind { name: stage.name().to_owned(), kind });
+        let reply = Reply::Prepared { stages: kinds.collect() };
+        self.prepared.insert(configuration.id.clone(), Prepared { subject, pipeline });
         Ok(reply)
     }
 

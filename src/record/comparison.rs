@@ -15,10 +15,10 @@ pub const MOST_LAUNCHES: u32 = 200;
 /// Most pairs of a cell in a launch of the first measurement; the second takes up to four times as many.
 pub const MOST_PAIRS: u32 = 1000;
 
-/// Launches of a gate unless told otherwise. The least that an exact test of 44 cells can decide on is 11, if all of them
+/// Launches of a gate by default. The least that an exact test of 44 cells can decide on is 11, if all of them
 /// agree; with 20 a few may stray.
 pub const LAUNCHES: u32 = 20;
-/// Pairs of samples of a cell in each launch unless told otherwise.
+/// Pairs of samples of a cell in each launch by default.
 pub const PAIRS: u32 = 16;
 /// Family-wise error of the time gate.
 const ALPHA: f64 = 0.05;
@@ -223,7 +223,7 @@ impl Default for GateSettings {
     }
 }
 
-/// A number between 0 and 1: no verdict follows from another.
+/// A number between 0 and 1: any other decides nothing.
 fn share<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f64, D::Error> {
     let share = f64::deserialize(deserializer)?;
     if 0.0 < share && share < 1.0 {
@@ -244,7 +244,7 @@ pub struct ConfigurationFigures {
     /// The same with the stage that each judges.
     #[serde(default)]
     pub judged: Vec<ErrorFigure>,
-    /// Figures read back that are no errors: a change of one is told and not judged.
+    /// Figures read back that are no errors: a change of one is reported, but not judged.
     #[serde(default, with = "nan::map")]
     pub quantities: BTreeMap<String, f64>,
     /// What could not be computed, and why.
