@@ -213,7 +213,7 @@ pub fn judge<'a>(
     }
 }
 
-/// Verdicts on figures that are told together.
+/// Verdicts on figures whose probabilities are adjusted together.
 fn judged(measured: Vec<Figures>, settings: &GateSettings) -> Vec<CellTime> {
     let p: Vec<f64> = measured.iter().map(|cell| cell.p(settings.threshold)).collect();
     let doubled: Vec<f64> = p.iter().map(|p| (MEASUREMENTS * p).min(1.0)).collect();

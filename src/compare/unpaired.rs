@@ -21,7 +21,7 @@ pub struct Unpaired {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RunTime {
     pub ns: Estimate,
-    /// A shorter median cannot be told from none.
+    /// A shorter median cannot be distinguished from 0.
     pub resolution_ns: f64,
 }
 

@@ -355,7 +355,7 @@ pub struct UnpairedSamples {
     pub side: Side,
     pub cell: CellId,
     pub ns: Vec<f64>,
-    /// A shorter median cannot be told from none.
+    /// A shorter median cannot be distinguished from 0.
     #[serde(default)]
     pub resolution_ns: f64,
 }

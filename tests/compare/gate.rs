@@ -96,13 +96,13 @@ fn a_worker_says_under_which_conditions_it_runs_and_answers_every_request() {
     assert!(fault.goes_on() && fault.to_string().contains("`hello`"), "{fault}");
     let mut worker = WorkerProcess::start(&start).unwrap();
     let greeting = worker.greeted(&Waiting::PLAINLY).unwrap();
+    let mut ask = |request| worker.ask(&request, &Waiting::PLAINLY);
     assert_eq!(greeting.parts, ["exact", "checks", "time", "instructions"]);
     if cfg!(target_os = "linux") {
         assert_eq!(greeting.cores, core.map(|core| vec![core]));
         assert!(greeting.randomized.is_some());
     }
-    let prepared =
-        worker.ask(&WorkerRequest::Prepare { configuration: plane() }, &Waiting::PLAINLY).unwrap();
+    let prepared = ask(WorkerRequest::Prepare { configuration: plane() }).unwrap();
     let Reply::Prepared { stages, .. } = prepared else { panic!("{prepared:?}") };
     let kinds: Vec<_> = stages.iter().map(|stage| (stage.name.as_str(), stage.kind)).collect();
     use fathom::record::PassKind::{Compute, Host, Render};
@@ -114,43 +114,28 @@ fn a_worker_says_under_which_conditions_it_runs_and_answers_every_request() {
         stage: stage.to_owned(),
         frames,
     };
-    let Reply::Sample { ns } =
-        worker.ask(&sample("plane", "caustics/splat", 3), &Waiting::PLAINLY).unwrap()
-    else {
+    let Ok(Reply::Sample { ns }) = ask(sample("plane", "caustics/splat", 3)) else {
         panic!("no sample")
     };
     assert!(ns.len() == 3 && ns.iter().all(|ns| *ns > 0.0), "{ns:?}");
+    let prepare = |name: &str, value: u32| {
+        let params = Map::from_iter([(name.to_owned(), json!(value))]);
+        WorkerRequest::Prepare { configuration: GateConfiguration { params, ..plane() } }
+    };
     for (request, reason, absent) in [
         (sample("plan", "compose", 1), "`plan` is not prepared", false),
         (sample("plane", "compos", 1), "has no stage `compos`; it has frame, ", true),
         (sample("plane", "compose", 0), "frames must lie in 1…", false),
+        (prepare("caustics.gird", 1), "did you mean `caustics.grid`", true),
+        (prepare("view.width", 1_000_000), "", false),
     ] {
-        let fault = worker.ask(&request, &Waiting::PLAINLY).unwrap_err();
+        let fault = ask(request).unwrap_err();
         assert!(fault.goes_on() && fault.to_string().contains(reason), "{fault}");
         assert_eq!(fault.is_absence(), absent, "{fault}");
     }
-    let wrong = GateConfiguration {
-        params: Map::from_iter([("caustics.gird".to_owned(), json!(1))]),
-        ..plane()
-    };
-    let fault = worker
-        .ask(&WorkerRequest::Prepare { configuration: wrong }, &Waiting::PLAINLY)
-        .unwrap_err();
-    assert!(fault.to_string().contains("did you mean `caustics.grid`"), "{fault}");
-    assert!(fault.is_absence());
-    let unfit = GateConfiguration {
-        params: Map::from_iter([("view.width".to_owned(), json!(1_000_000))]),
-        ..plane()
-    };
-    let fault = worker
-        .ask(&WorkerRequest::Prepare { configuration: unfit }, &Waiting::PLAINLY)
-        .unwrap_err();
-    assert!(fault.goes_on() && !fault.is_absence(), "{fault}");
 
     let config = "plane".to_owned();
-    let Reply::Exact(exact) =
-        worker.ask(&WorkerRequest::Exact { config: config.clone() }, &Waiting::PLAINLY).unwrap()
-    else {
+    let Ok(Reply::Exact(exact)) = ask(WorkerRequest::Exact { config: config.clone() }) else {
         panic!("no exact figures")
     };
     assert!(exact.allocated_bytes > 0 && exact.stages.len() == stages.len());
@@ -160,10 +145,8 @@ fn a_worker_says_under_which_conditions_it_runs_and_answers_every_request() {
         assert!(stages.iter().any(|stage| stage.name == judged.stage), "{judged:?}");
     }
     let stage = "compose".to_owned();
-    let counted = worker
-        .ask(&WorkerRequest::Instructions { config, stage, frames: 2 }, &Waiting::PLAINLY)
-        .unwrap();
-    assert_eq!(counted, Reply::Instructions { frames: 2 });
+    let counted = ask(WorkerRequest::Instructions { config, stage, frames: 2 });
+    assert_eq!(counted, Ok(Reply::Instructions { frames: 2 }));
     worker.quit();
 }
 

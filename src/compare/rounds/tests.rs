@@ -4,7 +4,7 @@ use itertools::Itertools;
 
 use super::*;
 
-/// A bench whose cells take 1 ms on the base and 2 ms on the head, and which fails as it is told.
+/// Workers whose cells take 1 ms on the base and 2 ms on the head, and which fail as asked.
 #[derive(Default)]
 struct Simulated {
     /// Every sample, with the number of its launch.

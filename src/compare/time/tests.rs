@@ -43,7 +43,7 @@ impl Simulation {
         self.rounds(cell, control, change, None)
     }
 
-    /// Of the second measurement if it is told its rounds.
+    /// Of the second measurement if `second` gives its rounds.
     fn rounds(
         &mut self,
         cell: &CellId,
