@@ -233,10 +233,10 @@ impl Device {
     fn exact(&mut self, config: &str) -> Result<Reply, Refusal> {
         let prepared = known(&self.prepared, config)?;
         let pipeline = prepared.pipeline.as_ref();
-        let encodes = pipeline.stages();
-        let counted = gpu::count(&self.gpu, &encodes, MAX_PASSES)?.unwrap_or_default();
-        self.timer.untimed(&self.gpu, &encodes)?;
-        let stages = pipeline.stages().into_iter().map(|stage| {
+        let stages = pipeline.stages();
+        let counted = gpu::count(&self.gpu, &stages, MAX_PASSES)?.unwrap_or_default();
+        self.timer.untimed(&self.gpu, &stages)?;
+        let stages = stages.iter().map(|stage| {
             let counters = counted.iter().find(|counted| counted.name == stage.name());
             ExactStage {
                 name: stage.name().to_owned(),

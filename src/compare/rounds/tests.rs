@@ -174,10 +174,10 @@ fn the_two_samples_of_a_pair_are_neighbours_and_orders_differ() {
         for pair in round.chunks(2) {
             assert_eq!(pair[0].2, pair[1].2);
             assert!(pair[0].1 != pair[1].1);
-            let twins = pair.iter().map(|sample| sample.1);
-            let twins = twins
+            let controls = pair.iter().map(|sample| sample.1);
+            let controls = controls
                 .filter(|role| matches!(role, WorkerRole::ControlHead | WorkerRole::ControlBase));
-            assert!(matches!(twins.count(), 0 | 2));
+            assert!(matches!(controls.count(), 0 | 2));
         }
         let order = round.chunks(2).map(|pair| pair[0].2.clone());
         orders.insert(order.collect::<Vec<_>>());
