@@ -7,8 +7,8 @@ use std::sync::atomic::Ordering;
 
 use crate::compare::build::{self, SetAside};
 use crate::compare::cells::Gates;
-use crate::compare::flow::{self, Options, Program};
-use crate::compare::store::{self, Comparison};
+use crate::compare::flow::{self, CompareOptions, Program};
+use crate::compare::store::{self, StoredComparison};
 use crate::compare::verdict::Verdicts;
 use crate::compare::{files, tables};
 use crate::harness::catalog::Catalog;
@@ -73,7 +73,7 @@ fn builds(catalog: &Catalog, args: &CompareArgs) -> anyhow::Result<PathBuf> {
     // A build meanwhile must not swap what is measured.
     let head = build::set_aside(&head)?;
     let (base, base_label) = match (&args.base, &args.base_bin) {
-        (Some(revision), _) => built(catalog, revision)?,
+        (Some(revision), _) => (built(catalog, revision)?, revision.clone()),
         (None, Some(path)) => (path.clone(), path.display().to_string()),
         (None, None) => anyhow::bail!(
             "nothing to compare with: give --base REV, --base-bin PATH, or two files of records"
@@ -81,7 +81,7 @@ fn builds(catalog: &Catalog, args: &CompareArgs) -> anyhow::Result<PathBuf> {
     };
     let base = build::set_aside(&base)?;
     let program = |aside: &SetAside, label| Program { path: aside.path.clone(), label };
-    let options = Options {
+    let options = CompareOptions {
         catalog: catalog.clone(),
         gpu: gpu_options(catalog, &args.adapter),
         base: program(&base, base_label),
@@ -104,13 +104,12 @@ fn check_selection(catalog: &Catalog, args: &CompareArgs) -> anyhow::Result<()> 
     Ok(())
 }
 
-/// The program of a revision, and what to call it.
-fn built(catalog: &Catalog, revision: &str) -> anyhow::Result<(PathBuf, String)> {
+/// The program of a revision.
+fn built(catalog: &Catalog, revision: &str) -> anyhow::Result<PathBuf> {
     tell::note(format!("building {revision}"));
     let folder = std::env::current_dir().context("there is no current folder")?;
     let mut progress = |line: &str| tell::note(line);
-    let built = build::revision(&folder, catalog.program, revision, &INTERRUPT, &mut progress)?;
-    Ok((built.program, revision.to_owned()))
+    Ok(build::revision(&folder, catalog.program, revision, &INTERRUPT, &mut progress)?)
 }
 
 /// Makes a comparison of two files of records.
@@ -127,17 +126,17 @@ fn records(args: &CompareArgs, base: &Path, head: &Path) -> anyhow::Result<PathB
 
 /// Writes the tables of a folder and prints one of them. A fresh comparison also goes to the job's page, if there is one.
 fn tell(folder: &Path, format: &str, fresh: bool) -> Outcome {
-    let comparison = Comparison::read(folder)?;
+    let comparison = StoredComparison::read(folder)?;
     let verdicts = Verdicts::of(&comparison);
     exporters::put(folder, exporters::of_comparison(&verdicts))?;
     if fresh && let Some(page) = std::env::var_os(STEP_SUMMARY).filter(|page| !page.is_empty()) {
         append(Path::new(&page), &(tables::MARKDOWN.write)(&verdicts))?;
     }
-    if let Some(format) = exporters::formats().find(|known| known.name == format) {
+    if let Some(format) = exporters::OF_COMPARISONS.iter().find(|known| known.name == format) {
         tell::answer((format.write)(&verdicts));
     }
     tell::note(folder.display());
-    Ok(ExitCode::from(verdicts.status.exit_code()))
+    Ok(ExitCode::from(verdicts.status as u8))
 }
 
 fn append(page: &Path, text: &str) -> anyhow::Result<()> {

@@ -7,7 +7,7 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use crate::experiments::{parse_axis, parse_set};
-use crate::exporters::formats;
+use crate::exporters::OF_COMPARISONS;
 use crate::harness::catalog::Catalog;
 use crate::record::Profile;
 use crate::record::comparison::{self, Gate, MOST_LAUNCHES, MOST_PAIRS};
@@ -323,18 +323,15 @@ pub struct CompareArgs {
     #[arg(long, value_name = "DIR", conflicts_with_all = ["out", "resume"])]
     pub replay: Option<PathBuf>,
     /// What to print; files of every other format are written in any case
-    #[arg(long, default_value = "text", value_parser = clap::builder::PossibleValuesParser::new(formats().map(|format| format.name)))]
+    #[arg(long, default_value = "text", value_parser = clap::builder::PossibleValuesParser::new(OF_COMPARISONS.map(|format| format.name)))]
     pub format: String,
     #[command(flatten)]
     pub adapter: AdapterArgs,
 }
 
 fn parse_gate(name: &str) -> Result<Gate, String> {
-    let known = Gate::ALL.into_iter().find(|gate| gate.name() == name);
-    known.ok_or_else(|| {
-        let names = Gate::ALL.map(Gate::name).join(", ");
-        format!("gates are {names}")
-    })
+    let names = || Gate::ALL.map(|gate| gate.to_string()).join(", ");
+    name.parse().map_err(|_| format!("gates are {}", names()))
 }
 
 fn parse_share(text: &str) -> Result<f64, String> {

@@ -2,12 +2,13 @@
 
 use std::collections::BTreeMap;
 
+use itertools::Itertools;
 use rand::RngExt;
 
-use super::launch::{Quiet, Start, Waiting, Worker, WorkerFault, allowed_cores};
-use super::protocol::{Configuration, Greeting, Reply, Request};
+use super::launch::{Quiet, Waiting, WorkerFault, WorkerProcess, WorkerStart, allowed_cores};
+use super::protocol::{GateConfiguration, Greeting, Reply, WorkerRequest, with_driver};
 use super::quiet::PADDING_BYTES;
-use super::rounds::{Bench, Broken, Opened, Party, PartyFault, random};
+use super::rounds::{BrokenLaunch, LaunchWorkers, OpenedLaunch, RoleFault, WorkerRole, random};
 use crate::gpu::ClockPlan;
 use crate::record::Adapter;
 use crate::record::comparison::CellId;
@@ -22,17 +23,17 @@ const SAMPLE_NS: f64 = 3e5;
 /// Most frames of a sample.
 const MAX_FRAMES: f64 = 8.0;
 
-/// Processes that serve a [`Bench`].
+/// Processes that serve as [`LaunchWorkers`].
 pub struct Processes<'a> {
-    base: Start,
-    head: Start,
+    base: WorkerStart,
+    head: WorkerStart,
     waiting: Waiting<'a>,
-    configurations: BTreeMap<String, Configuration>,
+    configurations: BTreeMap<String, GateConfiguration>,
     pub adapter: Adapter,
     clock: Option<ClockPlan>,
     cores: Vec<usize>,
     seed: u64,
-    workers: Vec<(Party, Worker)>,
+    workers: Vec<(WorkerRole, WorkerProcess)>,
     /// Frames of a sample of each cell, from its first one in this launch.
     frames: BTreeMap<CellId, u32>,
 }
@@ -41,21 +42,18 @@ impl<'a> Processes<'a> {
     /// Asks a first base worker for the adapter, and for its clock where it is hardware: both sides then read the same
     /// clock, and each launch is spared the audit.
     pub fn new(
-        base: Start,
-        head: Start,
-        configurations: &[Configuration],
+        [base, head]: [WorkerStart; 2],
+        configurations: &[GateConfiguration],
         seed: u64,
         waiting: Waiting<'a>,
-    ) -> Result<Self, PartyFault> {
-        let (adapter, clock) =
-            probe(&base, &waiting).map_err(|fault| PartyFault { party: Party::Base, fault })?;
-        let named =
-            |configuration: &Configuration| (configuration.id.clone(), configuration.clone());
+    ) -> Result<Self, RoleFault> {
+        let (adapter, clock) = probe(&base, &waiting).map_err(of(WorkerRole::Base))?;
+        let named = configurations.iter().map(|own| (own.id.clone(), own.clone()));
         Ok(Self {
             base,
             head,
             waiting,
-            configurations: configurations.iter().map(named).collect(),
+            configurations: named.collect(),
             adapter,
             clock,
             cores: allowed_cores(),
@@ -65,149 +63,135 @@ impl<'a> Processes<'a> {
         })
     }
 
-    fn start(&mut self, launch: u32, parties: &[Party]) -> Result<(), PartyFault> {
+    fn start(&mut self, launch: u32, roles: &[WorkerRole]) -> Result<(), RoleFault> {
         let padding = random(self.seed, launch).random_range(0..PADDING_BYTES);
-        for (place, party) in parties.iter().enumerate() {
-            let mut start = match party {
-                Party::Head => self.head.clone(),
-                Party::Base | Party::Control | Party::Twin => self.base.clone(),
+        for (place, role) in roles.iter().enumerate() {
+            let build = if *role == WorkerRole::Head { &self.head } else { &self.base };
+            let start = WorkerStart {
+                name: role.into(),
+                clock: self.clock,
+                quiet: self.adapter.software.then(|| Quiet {
+                    core: core(&self.cores, launch as usize + place),
+                    padding,
+                    keep_memory: true,
+                }),
+                ..build.clone()
             };
-            start.name = party.name();
-            start.clock = self.clock;
-            start.quiet = self.adapter.software.then(|| Quiet {
-                core: core(&self.cores, launch as usize + place),
-                padding,
-                keep_memory: true,
-            });
-            let started = Worker::start(&start).and_then(|mut worker| {
-                worker.greet()?;
-                Ok(worker)
-            });
-            let worker = started.map_err(of(*party))?;
-            self.workers.push((*party, worker));
+            self.workers.push((*role, WorkerProcess::start(&start).map_err(of(*role))?));
         }
         Ok(())
     }
 
-    fn greeted(&mut self) -> Result<Vec<Greeting>, PartyFault> {
+    fn greeted(&mut self) -> Result<Vec<Greeting>, RoleFault> {
         let mut greetings = Vec::new();
-        for (party, worker) in &mut self.workers {
-            let greeting = worker.greeted(&self.waiting).map_err(of(*party))?;
-            if greeting.adapter.name != self.adapter.name
-                || greeting.adapter.driver_info != self.adapter.driver_info
-            {
-                let reason = format!(
-                    "it runs on {} ({}), the base on {} ({})",
-                    greeting.adapter.name,
-                    greeting.adapter.driver_info,
-                    self.adapter.name,
-                    self.adapter.driver_info
-                );
-                return Err(of(*party)(WorkerFault::fatal(reason)));
+        for (role, worker) in &mut self.workers {
+            let greeting = worker.greeted(&self.waiting).map_err(of(*role))?;
+            let (own, base) = (with_driver(&greeting.adapter), with_driver(&self.adapter));
+            if own != base {
+                let reason = format!("it runs on {own}, the base on {base}");
+                return Err(of(*role)(WorkerFault::fatal(reason)));
             }
             greetings.push(greeting);
         }
         Ok(greetings)
     }
 
-    /// All parties prepare a configuration at the same time. The fault of the first that refuses it.
+    /// All workers prepare a configuration at the same time. The fault of the first that refuses it.
     fn prepare(
         &mut self,
-        configuration: &Configuration,
+        configuration: &GateConfiguration,
         control: bool,
-    ) -> Result<Option<PartyFault>, PartyFault> {
-        let request = Request::Prepare { configuration: configuration.clone() };
-        let wanted = |party: &Party| matches!(party, Party::Base | Party::Head) || control;
-        let concerned = self.workers.iter_mut().filter(|(party, _)| wanted(party));
-        let mut concerned: Vec<_> = concerned.collect();
-        for (party, worker) in &mut concerned {
-            worker.send(&request).map_err(of(*party))?;
+    ) -> Result<Option<RoleFault>, RoleFault> {
+        let request = WorkerRequest::Prepare { configuration: configuration.clone() };
+        let workers = self.workers.iter_mut();
+        let mut concerned = workers.filter(|(role, _)| control || !role.is_control()).collect_vec();
+        for (role, worker) in &mut concerned {
+            worker.send(&request).map_err(of(*role))?;
         }
         let mut refused = None;
-        for (party, worker) in concerned {
+        for (role, worker) in concerned {
             let fault = match worker.receive(&self.waiting) {
                 Ok(Reply::Prepared { .. }) => continue,
                 Ok(other) => worker.unexpected(&other),
                 Err(fault) => fault,
             };
             if !fault.goes_on() {
-                return Err(of(*party)(fault));
+                return Err(of(*role)(fault));
             }
-            refused = refused.or(Some(of(*party)(fault)));
+            refused = refused.or(Some(of(*role)(fault)));
         }
         Ok(refused)
     }
 
-    /// The conditions that this launch runs under, those first that could not be had.
-    fn notes(&self, launch: u32, greetings: &[Greeting]) -> Vec<String> {
+    /// The only core that a launch is measured on, where workers can be kept on one.
+    fn core(&self, launch: u32) -> Option<usize> {
+        core(&self.cores, launch as usize).filter(|_| self.adapter.software)
+    }
+
+    /// Conditions of a quiet measurement that this launch could not have.
+    fn notes(&self, greetings: &[Greeting]) -> Vec<String> {
         let mut notes = Vec::new();
-        if !self.adapter.software {
-            return notes;
-        }
-        if greetings.iter().any(|greeting| greeting.randomized != Some(false)) {
-            notes.push("addresses are randomized: the system does not allow otherwise".to_owned());
-        }
-        match core(&self.cores, launch as usize) {
-            Some(core) => notes.push(format!("on core {core}")),
-            None => notes.push("on any core: pinning is done on Linux only".to_owned()),
+        if self.adapter.software {
+            if greetings.iter().any(|greeting| greeting.randomized != Some(false)) {
+                notes.push(
+                    "addresses are randomized: the system does not allow otherwise".to_owned(),
+                );
+            }
+            if self.cores.is_empty() {
+                notes.push("on any core: pinning is done on Linux only".to_owned());
+            }
         }
         notes
     }
 }
 
-impl Bench for Processes<'_> {
+impl LaunchWorkers for Processes<'_> {
     fn open(
         &mut self,
         launch: u32,
         cells: &[CellId],
         control: Option<&CellId>,
-    ) -> Result<Opened, Broken> {
-        let broken = |cause| Broken { configuration: None, cause };
+    ) -> Result<OpenedLaunch, BrokenLaunch> {
+        let broken = |cause| BrokenLaunch { configuration: None, cause };
         self.start(launch, &order(launch, control.is_some())).map_err(broken)?;
         let greetings = self.greeted().map_err(broken)?;
-        let mut opened = Opened { refused: Vec::new(), notes: self.notes(launch, &greetings) };
-        let mut wanted: Vec<&str> =
-            cells.iter().chain(control).map(CellId::configuration).collect();
-        wanted.sort_unstable();
-        wanted.dedup();
+        let core = self.core(launch);
+        let mut opened = OpenedLaunch { refused: Vec::new(), core, notes: self.notes(&greetings) };
+        let wanted = cells.iter().chain(control).map(CellId::configuration).sorted().dedup();
         for id in wanted {
             let Some(configuration) = self.configurations.get(id).cloned() else {
                 continue;
             };
             let of_control = control.is_some_and(|cell| cell.configuration() == id);
-            match self.prepare(&configuration, of_control) {
-                Ok(None) => {}
-                Ok(Some(cause)) => opened.refused.push((id.to_owned(), cause)),
-                Err(cause) => {
-                    return Err(Broken { configuration: Some(id.to_owned()), cause });
-                }
-            }
+            let refused = self
+                .prepare(&configuration, of_control)
+                .map_err(|cause| BrokenLaunch { configuration: Some(id.to_owned()), cause })?;
+            opened.refused.extend(refused.map(|cause| (id.to_owned(), cause)));
         }
-        if self.adapter.software
-            && let Some(core) = core(&self.cores, launch as usize)
-        {
+        if let Some(core) = core {
             self.workers.iter().for_each(|(_, worker)| worker.pin(core));
         }
         Ok(opened)
     }
 
-    fn sample(&mut self, party: Party, cell: &CellId) -> Result<f64, WorkerFault> {
-        let of_party = self.workers.iter_mut().find(|(known, _)| *known == party);
-        let Some((_, worker)) = of_party else {
+    fn sample(&mut self, role: WorkerRole, cell: &CellId) -> Result<f64, WorkerFault> {
+        let of_role = self.workers.iter_mut().find(|(known, _)| *known == role);
+        let Some((_, worker)) = of_role else {
             return Err(WorkerFault::fatal("it was not started".to_owned()));
         };
-        let frames = self.frames.get(cell).copied();
-        let request = Request::Sample {
+        let known = self.frames.get(cell).copied();
+        let frames = known.unwrap_or(1);
+        let request = WorkerRequest::Sample {
             config: cell.configuration().to_owned(),
             stage: cell.stage().to_owned(),
-            frames: frames.unwrap_or(1),
+            frames,
         };
         let ns = match worker.ask(&request, &self.waiting)? {
-            Reply::Sample { ns } if sound(&ns, frames.unwrap_or(1)) => ns,
+            Reply::Sample { ns } if sound(&ns, frames) => ns,
             other => return Err(worker.unexpected(&other)),
         };
         let shortest_ns = ns.into_iter().fold(f64::INFINITY, f64::min);
-        if frames.is_none() {
+        if known.is_none() {
             let frames = (SAMPLE_NS / shortest_ns).ceil().clamp(1.0, MAX_FRAMES);
             self.frames.insert(cell.clone(), frames as u32);
         }
@@ -221,8 +205,8 @@ impl Bench for Processes<'_> {
     }
 }
 
-fn of(party: Party) -> impl FnOnce(WorkerFault) -> PartyFault {
-    move |fault| PartyFault { party, fault }
+fn of(role: WorkerRole) -> impl FnOnce(WorkerFault) -> RoleFault {
+    move |fault| RoleFault { role, fault }
 }
 
 fn sound(ns: &[f64], frames: u32) -> bool {
@@ -230,16 +214,16 @@ fn sound(ns: &[f64], frames: u32) -> bool {
     ns.len() == frames as usize && ns.iter().all(positive)
 }
 
-/// Who is started first, and with that on which core, changes every second launch while the core that is measured on changes
-/// every launch. Of equal programs started always in the same order, the second was up to 2 % faster in stages bound by
-/// memory.
-fn order(launch: u32, control: bool) -> Vec<Party> {
-    let mut order = vec![Party::Base, Party::Head];
+/// The starting order, and with it the core that a worker starts on, alternates every second launch, while the core that is
+/// measured on changes every launch. Of equal programs started always in the same order, the second was up to 2 % faster in
+/// stages bound by memory.
+fn order(launch: u32, control: bool) -> Vec<WorkerRole> {
+    let mut order = vec![WorkerRole::Base, WorkerRole::Head];
     if control {
-        order.extend([Party::Twin, Party::Control]);
+        order.extend([WorkerRole::ControlBase, WorkerRole::ControlHead]);
     }
     if launch / 2 % 2 == 1 {
-        order.chunks_mut(2).for_each(<[Party]>::reverse);
+        order.chunks_mut(2).for_each(<[WorkerRole]>::reverse);
     }
     order
 }
@@ -249,16 +233,19 @@ fn core(cores: &[usize], turn: usize) -> Option<usize> {
     (!cores.is_empty()).then(|| cores[turn % cores.len()])
 }
 
-fn probe(base: &Start, waiting: &Waiting<'_>) -> Result<(Adapter, Option<ClockPlan>), WorkerFault> {
-    let mut worker = Worker::start(base)?;
-    worker.greet()?;
+fn probe(
+    base: &WorkerStart,
+    waiting: &Waiting<'_>,
+) -> Result<(Adapter, Option<ClockPlan>), WorkerFault> {
+    let mut worker = WorkerProcess::start(base)?;
     let adapter = worker.greeted(waiting)?.adapter;
-    let clock = match adapter.software {
-        true => None,
-        false => match worker.ask(&Request::Clock, waiting)? {
+    let clock = if adapter.software {
+        None
+    } else {
+        match worker.ask(&WorkerRequest::Clock, waiting)? {
             Reply::Clock { clock } => Some(clock),
             other => return Err(worker.unexpected(&other)),
-        },
+        }
     };
     worker.quit();
     Ok((adapter, clock))
@@ -273,10 +260,13 @@ mod tests {
         let cores = [4, 7];
         let mut first = BTreeMap::new();
         for launch in 0..20 {
-            let parties = order(launch, true);
-            assert!(parties[2..].contains(&Party::Control) && parties[2..].contains(&Party::Twin));
-            assert_eq!(order(launch, false), parties[..2]);
-            let place = (parties[0], core(&cores, launch as usize));
+            let roles = order(launch, true);
+            assert!(
+                roles[2..].contains(&WorkerRole::ControlHead)
+                    && roles[2..].contains(&WorkerRole::ControlBase)
+            );
+            assert_eq!(order(launch, false), roles[..2]);
+            let place = (roles[0], core(&cores, launch as usize));
             *first.entry(place).or_insert(0) += 1;
         }
         assert_eq!(first.into_values().collect::<Vec<_>>(), [5; 4]);

@@ -1,6 +1,7 @@
 //! Builds of revisions of the repository, each checked out into a temporary worktree and compiled into a target folder of its
 //! own; a base is kept by its commit and what compiled it.
 
+use std::cmp::Reverse;
 use std::collections::VecDeque;
 use std::ffi::{OsStr, OsString};
 use std::io::{BufRead, BufReader};
@@ -10,6 +11,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
 use std::time::{Duration, SystemTime};
 
+use itertools::Itertools;
 use sha2::{Digest, Sha256};
 use tempfile::TempDir;
 use thiserror::Error;
@@ -17,7 +19,7 @@ use thiserror::Error;
 use super::quiet;
 use crate::harness::catalog::CargoTarget;
 
-/// Lines of the compiler that are told when it fails.
+/// Lines of the compiler that an error shows.
 const LAST_LINES: usize = 20;
 /// How long an interruption may go unnoticed while cargo says nothing.
 const SLICE: Duration = Duration::from_millis(100);
@@ -46,14 +48,6 @@ pub enum BuildError {
     Io { action: &'static str, path: PathBuf, source: std::io::Error },
 }
 
-/// A built revision.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Built {
-    /// Full hash of the commit.
-    pub commit: String,
-    pub program: PathBuf,
-}
-
 /// The release build of `target` at `revision` of the repository around `folder`, from the cache if it is there. cargo starts in the
 /// same folder of the checkout, so the crate need not be at the repository's root. `progress` is given each line that cargo
 /// writes. Once `interrupted` is set the build ends, and nothing of it is left.
@@ -63,7 +57,7 @@ pub fn revision(
     revision: &str,
     interrupted: &AtomicBool,
     progress: &mut dyn FnMut(&str),
-) -> Result<Built, BuildError> {
+) -> Result<PathBuf, BuildError> {
     let repository = repository(folder)?;
     let commit = commit(&repository, revision)?;
     let cache = repository.join(CACHE);
@@ -79,7 +73,7 @@ pub fn revision(
         keep(&built, &program)?;
         forget_old(&cache.join("builds"), &kept);
     }
-    Ok(Built { commit, program })
+    Ok(program)
 }
 
 /// What the compiler used in a folder says of itself.
@@ -126,8 +120,7 @@ fn git<const N: usize>(folder: &Path, arguments: [&str; N]) -> Result<String, Bu
 /// What a command prints, without the end of line.
 fn printed(command: &mut Command) -> Result<String, BuildError> {
     let words = std::iter::once(command.get_program()).chain(command.get_args());
-    let words: Vec<_> = words.map(OsStr::to_string_lossy).collect();
-    let name = words.join(" ");
+    let name = words.map(OsStr::to_string_lossy).join(" ");
     let failed = |reason: String| BuildError::Command { command: name.clone(), reason };
     let output =
         command.stdin(Stdio::null()).output().map_err(|error| failed(error.to_string()))?;
@@ -294,13 +287,9 @@ fn forget_old(builds: &Path, newest: &Path) {
         let modified = path.metadata().and_then(|meta| meta.modified());
         modified.unwrap_or(SystemTime::UNIX_EPOCH)
     };
-    let mut others: Vec<PathBuf> = entries
-        .flatten()
-        .map(|entry| entry.path())
-        .filter(|path| path.file_name().and_then(OsStr::to_str).is_some() && path != newest)
-        .collect();
-    others.sort_by_key(|path| std::cmp::Reverse(age(path)));
-    for path in others.iter().skip(KEPT - 1) {
+    let others = entries.flatten().map(|entry| entry.path());
+    let others = others.filter(|path| path.to_str().is_some() && path != newest);
+    for path in others.sorted_by_key(|path| Reverse(age(path))).skip(KEPT - 1) {
         let _ = std::fs::remove_dir_all(path);
     }
 }
@@ -371,7 +360,7 @@ mod tests {
             ]);
         }
 
-        fn build(&self, name: &str) -> (Result<Built, BuildError>, usize) {
+        fn build(&self, name: &str) -> (Result<PathBuf, BuildError>, usize) {
             let mut lines = 0;
             let built = revision(self.path(), TARGET, name, &AtomicBool::new(false), &mut |_| {
                 lines += 1;
@@ -386,12 +375,13 @@ mod tests {
         let (built, lines) = repository.build("HEAD~1");
         let built = built.unwrap();
         assert!(lines > 0, "cargo's progress is passed on");
-        assert_eq!(built.commit, repository.git(["rev-parse", "HEAD~1"]));
-        let output = Command::new(&built.program).output().unwrap();
+        let commit = repository.git(["rev-parse", "HEAD~1"]);
+        assert!(built.to_string_lossy().contains(&commit), "{}", built.display());
+        let output = Command::new(&built).output().unwrap();
         assert_eq!(output.stdout, b"first\n");
         assert_eq!(repository.git(["worktree", "list"]).split(" [").count(), 2);
         assert_eq!(repository.git(["status", "--porcelain"]), "");
-        let (again, lines) = repository.build(&built.commit);
+        let (again, lines) = repository.build(&commit);
         assert_eq!(again.unwrap(), built);
         assert_eq!(lines, 0, "it comes from the cache");
     }

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use thiserror::Error;
 
-use super::protocol::Configuration;
+use super::protocol::GateConfiguration;
 use crate::experiments::{Experiment, ExperimentError};
 use crate::record::Profile;
 use crate::record::comparison::CellId;
@@ -28,7 +28,7 @@ pub enum CellsError {
 pub struct Gates {
     /// A cell that is measured once more with the base on both sides; it must show no difference.
     pub control: CellId,
-    pub configurations: Vec<Configuration>,
+    pub configurations: Vec<GateConfiguration>,
 }
 
 impl Gates {
@@ -43,14 +43,14 @@ impl Gates {
     fn of(experiment: &Experiment) -> Result<Self, CellsError> {
         let invalid = |message| CellsError::Invalid { experiment: experiment.id.clone(), message };
         let plans = experiment.cells(PROFILE, &[], &[])?;
-        let configurations: Vec<Configuration> = plans.into_iter().map(Into::into).collect();
+        let configurations: Vec<GateConfiguration> = plans.into_iter().map(Into::into).collect();
         if let Some(cell) = configurations.iter().find(|cell| cell.stages.is_empty()) {
             return Err(invalid(format!("cell `{}` lists no `stages` to compare", cell.id)));
         }
         let asked = experiment.control.as_deref();
         let control = configurations
             .iter()
-            .flat_map(Configuration::cells)
+            .flat_map(GateConfiguration::cells)
             .find(|cell| asked.is_none_or(|asked| asked == cell.as_str()));
         let control = control
             .ok_or_else(|| invalid(format!("the control `{}` is no cell", asked.unwrap_or(""))))?;
@@ -58,7 +58,7 @@ impl Gates {
     }
 
     pub fn cells(&self) -> Vec<CellId> {
-        self.configurations.iter().flat_map(Configuration::cells).collect()
+        self.configurations.iter().flat_map(GateConfiguration::cells).collect()
     }
 
     /// Only the cells whose names contain `filter`. The control stays one of them.

@@ -3,7 +3,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use super::store::Comparison;
+use super::store::StoredComparison;
 use crate::record::ErrorFigure;
 use crate::record::comparison::{
     CellId, CheckFigure, ConfigurationFigures, ExactFigures, Fault, Gate, Side,
@@ -19,7 +19,7 @@ pub const LEAST_OF_TOLERANCE: f64 = 0.01;
 
 /// What a difference concerns.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Subject {
+pub enum DifferenceScope {
     Cell(CellId),
     /// A stage in every configuration.
     Stage(String),
@@ -27,7 +27,7 @@ pub enum Subject {
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Kind {
+pub enum FigureKind {
     Work,
     Counter,
     Bytes,
@@ -39,8 +39,8 @@ pub enum Kind {
 /// A figure that is not the same on both sides.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Difference {
-    pub subject: Subject,
-    pub kind: Kind,
+    pub scope: DifferenceScope,
+    pub kind: FigureKind,
     pub figure: String,
     pub base: f64,
     pub head: f64,
@@ -49,31 +49,32 @@ pub struct Difference {
 }
 
 impl Difference {
-    /// It tells on this cell.
+    /// It is charged to this cell.
     pub fn concerns(&self, cell: &CellId) -> bool {
-        match &self.subject {
-            Subject::Cell(own) => own == cell,
-            Subject::Stage(stage) => stage == cell.stage(),
-            Subject::Configuration(_) => false,
+        match &self.scope {
+            DifferenceScope::Cell(own) => own == cell,
+            DifferenceScope::Stage(stage) => stage == cell.stage(),
+            DifferenceScope::Configuration(_) => false,
         }
     }
 }
 
 /// Every figure that differs between the sides, in the order of the lines.
-pub fn judge(comparison: &Comparison) -> Vec<Difference> {
+pub fn judge(comparison: &StoredComparison) -> Vec<Difference> {
     let mut found = Vec::new();
-    let cells = twins(&comparison.exact, |line| (line.side, &line.cell));
+    let cells = of_both(&comparison.exact, |line| (line.side, &line.cell));
     let counting = Side::BOTH.map(|side| counting(comparison, side));
     for (base, head) in cells {
         let id = base.cell.configuration();
         let counted = counting.iter().all(|side| side.contains(id));
         cell(base, head, counted, &mut found);
     }
-    let configurations = twins(&comparison.configurations, |line| (line.side, &line.configuration));
+    let configurations =
+        of_both(&comparison.configurations, |line| (line.side, &line.configuration));
     for (base, head) in configurations {
         configuration(base, head, &comparison.header.cells, &mut found);
     }
-    let checks = twins(&comparison.checks, |line| (line.side, (&line.stage, &line.what)));
+    let checks = of_both(&comparison.checks, |line| (line.side, (&line.stage, &line.what)));
     for (base, head) in checks {
         check(base, head, &mut found);
     }
@@ -81,60 +82,43 @@ pub fn judge(comparison: &Comparison) -> Vec<Difference> {
 }
 
 /// Configurations in which a side counts invocations.
-fn counting(comparison: &Comparison, side: Side) -> BTreeSet<&str> {
+fn counting(comparison: &StoredComparison, side: Side) -> BTreeSet<&str> {
     let lines = comparison.exact.iter();
-    lines
-        .filter(|line| line.side == side && !line.counters.is_empty())
-        .map(|line| line.cell.configuration())
-        .collect()
+    let counted = lines.filter(|line| line.side == side && !line.counters.is_empty());
+    counted.map(|line| line.cell.configuration()).collect()
 }
 
 /// Lines of the base, each with the head's line of the same key; what one side lacks is left out. Of several lines
 /// with one key, which a resumed comparison may have, the last holds.
-fn twins<'a, T, K: Ord>(lines: &'a [T], key: impl Fn(&'a T) -> (Side, K)) -> Vec<(&'a T, &'a T)> {
-    let [base, head] = Side::BOTH.map(|side| last_of(lines, &key, side));
-    let mut twins = Vec::new();
-    for line in lines {
+fn of_both<'a, T, K: Ord>(lines: &'a [T], key: impl Fn(&'a T) -> (Side, K)) -> Vec<(&'a T, &'a T)> {
+    let last: BTreeMap<(Side, K), &T> = lines.iter().map(|line| (key(line), line)).collect();
+    let with_head = |line: &'a T| {
         let (side, own) = key(line);
-        let holds = base.get(&own).is_some_and(|last| std::ptr::eq(*last, line));
-        if let Some(head) = head.get(&own).filter(|_| side == Side::Base && holds) {
-            twins.push((line, *head));
-        }
-    }
-    twins
-}
-
-fn last_of<'a, T, K: Ord>(
-    lines: &'a [T],
-    key: &impl Fn(&'a T) -> (Side, K),
-    wanted: Side,
-) -> BTreeMap<K, &'a T> {
-    let keyed = lines.iter().map(|line| (key(line), line));
-    keyed.filter(|((side, _), _)| *side == wanted).map(|((_, own), line)| (own, line)).collect()
+        let own = (side, own);
+        let holds = side == Side::Base && std::ptr::eq(last[&own], line);
+        let head = last.get(&(Side::Head, own.1))?;
+        holds.then_some((line, *head))
+    };
+    lines.iter().filter_map(with_head).collect()
 }
 
 /// Errors and checks that one side gives and the other does not. What the base lacks is new in the head, unless a damaged
 /// line may have held it.
-pub fn missing(comparison: &Comparison) -> Vec<Fault> {
+pub fn missing(comparison: &StoredComparison) -> Vec<Fault> {
     let mut faults = Vec::new();
-    let configurations = twins(&comparison.configurations, |line| (line.side, &line.configuration));
+    let configurations =
+        of_both(&comparison.configurations, |line| (line.side, &line.configuration));
     for (base, head) in configurations {
-        let errors = base.errors.keys();
-        let lacking = errors.filter(|name| {
-            !head.errors.contains_key(*name) && !head.quantities.contains_key(*name)
-        });
-        faults.extend(lacking.map(|name| {
-            let figure = format!("{name} of {}", base.configuration);
-            lack(Side::Head, &figure)
-        }));
+        let given =
+            |name: &String| head.errors.contains_key(name) || head.quantities.contains_key(name);
+        let lacking = base.errors.keys().filter(|name| !given(name));
+        faults.extend(lacking.map(|name| lack(Side::Head, name, &base.configuration)));
     }
     let [base, head] = Side::BOTH.map(|side| {
         let checks = comparison.checks.iter().filter(|check| check.side == side);
-        let named = checks.map(|check| (&check.stage, &check.what));
-        named.collect::<BTreeSet<_>>()
+        checks.map(|check| (&check.stage, &check.what)).collect::<BTreeSet<_>>()
     });
-    let check =
-        |side, (stage, what): &(&String, &String)| lack(side, &format!("{what} of {stage}"));
+    let check = |side, (stage, what): &(&String, &String)| lack(side, what, stage);
     // A side without any check has a fault that says why.
     if !base.is_empty() && !head.is_empty() {
         faults.extend(base.difference(&head).map(|name| check(Side::Head, name)));
@@ -145,8 +129,8 @@ pub fn missing(comparison: &Comparison) -> Vec<Fault> {
     faults
 }
 
-fn lack(side: Side, figure: &str) -> Fault {
-    let reason = format!("the {} does not give {figure}", side.name());
+fn lack(side: Side, figure: &str, of: &str) -> Fault {
+    let reason = format!("the {side} does not give {figure} of {of}");
     Fault::new(Gate::Exact, Some(side), None, reason)
 }
 
@@ -154,7 +138,7 @@ fn cell(base: &ExactFigures, head: &ExactFigures, counted: bool, found: &mut Vec
     let mut differ = |kind, figure: &str, base_count: u64, head_count: u64| {
         if base_count != head_count {
             found.push(Difference {
-                subject: Subject::Cell(base.cell.clone()),
+                scope: DifferenceScope::Cell(base.cell.clone()),
                 kind,
                 figure: figure.to_owned(),
                 base: base_count as f64,
@@ -165,7 +149,7 @@ fn cell(base: &ExactFigures, head: &ExactFigures, counted: bool, found: &mut Vec
     };
     let works = base.work.fields().into_iter().zip(head.work.fields());
     for ((name, base), (_, head)) in works {
-        differ(Kind::Work, name, base, head);
+        differ(FigureKind::Work, name, base, head);
     }
     if !counted {
         return;
@@ -173,7 +157,7 @@ fn cell(base: &ExactFigures, head: &ExactFigures, counted: bool, found: &mut Vec
     let names: BTreeSet<&String> = base.counters.keys().chain(head.counters.keys()).collect();
     for name in names {
         let count = |line: &ExactFigures| line.counters.get(name).copied().unwrap_or(0);
-        differ(Kind::Counter, name, count(base), count(head));
+        differ(FigureKind::Counter, name, count(base), count(head));
     }
 }
 
@@ -183,9 +167,9 @@ fn configuration(
     cells: &[CellId],
     found: &mut Vec<Difference>,
 ) {
-    let whole = Subject::Configuration(base.configuration.clone());
-    let differ = |subject, kind, figure: &str, base: f64, head: f64, worse| Difference {
-        subject,
+    let whole = DifferenceScope::Configuration(base.configuration.clone());
+    let differ = |scope, kind, figure: &str, base: f64, head: f64, worse| Difference {
+        scope,
         kind,
         figure: figure.to_owned(),
         base,
@@ -194,7 +178,7 @@ fn configuration(
     };
     let (b, h) = (base.allocated_bytes, head.allocated_bytes);
     if b != h {
-        let (kind, name) = (Kind::Bytes, "allocated_bytes");
+        let (kind, name) = (FigureKind::Bytes, "allocated_bytes");
         found.push(differ(whole.clone(), kind, name, b as f64, h as f64, h > b));
     }
     let figures = base.errors.iter().chain(&base.quantities);
@@ -213,13 +197,13 @@ fn configuration(
     for (name, b, h) in errors {
         if let Some(worse) = grown.get(name) {
             let stage = judged(name).map(|error| charged_stage(error, &grown, &judged));
-            let subject = subject_of(stage, cells, &base.configuration);
-            found.push(differ(subject, Kind::Error, name, b, h, *worse));
+            let scope = scope_of(stage, cells, &base.configuration);
+            found.push(differ(scope, FigureKind::Error, name, b, h, *worse));
         }
     }
     for (name, b, h) in quantities {
         if moved(b, h, LEAST_ERROR) {
-            found.push(differ(whole.clone(), Kind::Quantity, name, b, h, false));
+            found.push(differ(whole.clone(), FigureKind::Quantity, name, b, h, false));
         }
     }
 }
@@ -238,12 +222,12 @@ fn charged_stage<'e>(
 }
 
 /// The stage's cell; the whole configuration where the stage is not known or is no cell.
-fn subject_of(stage: Option<&str>, cells: &[CellId], configuration: &str) -> Subject {
+fn scope_of(stage: Option<&str>, cells: &[CellId], configuration: &str) -> DifferenceScope {
     let is_cell =
         |cell: &&CellId| cell.configuration() == configuration && Some(cell.stage()) == stage;
     match cells.iter().find(is_cell) {
-        Some(cell) => Subject::Cell(cell.clone()),
-        None => Subject::Configuration(configuration.to_owned()),
+        Some(cell) => DifferenceScope::Cell(cell.clone()),
+        None => DifferenceScope::Configuration(configuration.to_owned()),
     }
 }
 
@@ -252,8 +236,8 @@ fn check(base: &CheckFigure, head: &CheckFigure, found: &mut Vec<Difference>) {
     let least = LEAST_OF_TOLERANCE * base.tolerance;
     if broken || moved(base.measured, head.measured, least) {
         found.push(Difference {
-            subject: Subject::Stage(base.stage.clone()),
-            kind: Kind::Error,
+            scope: DifferenceScope::Stage(base.stage.clone()),
+            kind: FigureKind::Error,
             figure: format!("{} ({})", base.what, base.unit),
             base: base.measured,
             head: head.measured,
@@ -265,8 +249,8 @@ fn check(base: &CheckFigure, head: &CheckFigure, found: &mut Vec<Difference>) {
 /// A difference beyond what the order of floating-point sums makes. What is a number on one side only has moved.
 fn moved(base: f64, head: f64, least: f64) -> bool {
     let tolerance = (ERROR_GROWTH * base.abs()).max(least);
-    let still = (head - base).abs() <= tolerance || !(base.is_finite() || head.is_finite());
-    !still
+    let within = (head - base).abs() <= tolerance;
+    !within && (base.is_finite() || head.is_finite())
 }
 
 /// An error that is no number is larger than any.

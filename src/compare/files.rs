@@ -1,8 +1,9 @@
-//! Two files of records as the sides of a comparison: what they hold of the same cells.
+//! Comparison of two files of records: what they hold of the same cells.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
+use itertools::Itertools;
 use thiserror::Error;
 
 use super::flow::digest;
@@ -10,7 +11,7 @@ use crate::record::comparison::{
     CellId, Compared, ComparedBuild, ComparisonHeader, ConfigurationFigures, ExactFigures, Fault,
     Gate, GateSettings, Side, Skip, UnpairedSamples,
 };
-use crate::record::{self, Cell, Measured, Outcome, Record, RecordError, Run};
+use crate::record::{self, Adapter, Cell, Measured, Outcome, Record, RecordError, Run};
 
 /// Cells that a note names before it breaks off.
 const MOST_NAMED: usize = 5;
@@ -40,29 +41,26 @@ pub fn lines(
     head: &Path,
     settings: &GateSettings,
 ) -> Result<Vec<Compared>, FilesError> {
-    let sides = [read(base)?, read(head)?];
-    let common: Vec<&String> =
-        sides[0].cells.keys().filter(|key| sides[1].cells.contains_key(*key)).collect();
-    if common.is_empty() {
-        return Err(FilesError::NothingInCommon {
-            base: sides[0].cells.len(),
-            head: sides[1].cells.len(),
-        });
-    }
-    let timed = comparable(&sides[0].run, &sides[1].run);
+    let [base, head] = [read(base)?, read(head)?];
+    let timed = comparable(&base.run, &head.run);
     let mut contents = Contents {
         same_driver: timed.is_ok(),
-        notes: sides.iter().flat_map(|side| side.notes.clone()).collect(),
+        notes: base.notes.iter().chain(&head.notes).cloned().collect(),
         ..Contents::default()
     };
     let mut ids = BTreeMap::new();
-    for key in common {
-        let cells = sides.each_ref().map(|side| &side.cells[key]);
-        contents.add(&numbered(name(cells[0]), &mut ids), cells);
+    for (key, cell) in &base.cells {
+        if let Some(of_head) = head.cells.get(key) {
+            contents.add(&numbered(name(cell), &mut ids), [cell, of_head]);
+        }
     }
-    contents.notes.extend(only_in(Side::Base, &sides));
-    contents.notes.extend(only_in(Side::Head, &sides));
-    let header = header(&sides, settings, contents.cells, contents.notes, timed);
+    if ids.is_empty() {
+        let (base, head) = (base.cells.len(), head.cells.len());
+        return Err(FilesError::NothingInCommon { base, head });
+    }
+    contents.notes.extend(only_in(Side::Base, &base, &head));
+    contents.notes.extend(only_in(Side::Head, &head, &base));
+    let header = header([base, head], settings, contents.cells, contents.notes, timed);
     contents.lines.insert(0, Compared::Header(Box::new(header)));
     Ok(contents.lines)
 }
@@ -82,43 +80,28 @@ fn numbered(name: String, met: &mut BTreeMap<String, u32>) -> String {
 }
 
 /// Which cells the other side's file lacks.
-fn only_in(side: Side, sides: &[Read; 2]) -> Option<String> {
-    let [own, other] = match side {
-        Side::Base => [&sides[0], &sides[1]],
-        Side::Head => [&sides[1], &sides[0]],
-    };
-    let cells = own.cells.iter();
-    let mut names: Vec<String> = cells
-        .filter(|(key, _)| !other.cells.contains_key(*key))
-        .map(|(_, cell)| name(cell))
-        .collect();
-    let count = names.len();
-    names.truncate(MOST_NAMED);
-    if count > MOST_NAMED {
-        names.push("…".to_owned());
-    }
-    (count > 0).then(|| {
-        format!(
-            "only in the {}, and not compared: {count} of its cells: {}",
-            side.name(),
-            names.join("; ")
-        )
-    })
+fn only_in(side: Side, own: &Read, other: &Read) -> Option<String> {
+    let alone = own.cells.iter().filter(|(key, _)| !other.cells.contains_key(*key));
+    let count = alone.clone().count();
+    let more = (count > MOST_NAMED).then(|| "…".to_owned());
+    let names = alone.map(|(_, cell)| name(cell)).take(MOST_NAMED).chain(more).join("; ");
+    (count > 0)
+        .then(|| format!("only in the {side}, and not compared: {count} of its cells: {names}"))
 }
 
 fn read(path: &Path) -> Result<Read, FilesError> {
     let reading = record::read(path)?;
-    let told = |what: &dyn std::fmt::Display| format!("{}: {what}", path.display());
-    let mut notes: Vec<String> = reading.damaged.iter().map(|damage| told(damage)).collect();
+    let file = path.display();
+    let mut notes: Vec<String> =
+        reading.damaged.iter().map(|damage| format!("{file}: {damage}")).collect();
     let mut last: Option<Run> = None;
     let mut cells = BTreeMap::new();
     for record in reading.records {
         match record {
             Record::Run(run) => {
-                let reason = last.as_ref().and_then(|last| comparable(last, &run).err());
-                if let Some(reason) = reason {
+                if let Some(Err(reason)) = last.as_ref().map(|last| comparable(last, &run)) {
                     cells.clear();
-                    notes.push(told(&format!("only its last run counts: {reason}")));
+                    notes.push(format!("{file}: only its last run counts: {reason}"));
                 }
                 last = Some(*run);
             }
@@ -144,25 +127,15 @@ fn read(path: &Path) -> Result<Read, FilesError> {
 
 /// Why the times of two runs may not stand beside each other.
 fn comparable(base: &Run, head: &Run) -> Result<(), String> {
-    let told = |run: &Run| {
-        let adapter = &run.adapter;
-        format!("{} ({} {})", adapter.name, adapter.driver, adapter.driver_info)
+    let named = |Adapter { name, driver, driver_info, .. }: &Adapter| {
+        format!("{name} ({driver} {driver_info})")
     };
-    if told(base) != told(head) || base.adapter.backend != head.adapter.backend {
-        return Err(format!(
-            "times of different adapters or drivers: {} and {}",
-            told(base),
-            told(head)
-        ));
+    let (a, b) = (named(&base.adapter), named(&head.adapter));
+    if a != b || base.adapter.backend != head.adapter.backend {
+        return Err(format!("times of different adapters or drivers: {a} and {b}"));
     }
-    if base.shader_checks != head.shader_checks {
-        return Err(format!(
-            "shaders {} and {}",
-            base.shader_checks.name(),
-            head.shader_checks.name()
-        ));
-    }
-    Ok(())
+    let (a, b) = (base.shader_checks, head.shader_checks);
+    if a == b { Ok(()) } else { Err(format!("shaders {} and {}", a.name(), b.name())) }
 }
 
 /// What the cells of two files amount to.
@@ -180,33 +153,24 @@ impl Contents {
     fn add(&mut self, configuration: &str, sides: [&Cell; 2]) {
         let outcomes = sides.map(|cell| &cell.outcome);
         let [base, head] = outcomes.map(measured);
-        for side in [base, head].into_iter().flatten() {
-            for stage in &side.stages {
-                let cell = CellId::new(configuration, &stage.stage);
-                if !self.cells.contains(&cell) {
-                    self.cells.push(cell);
-                }
-            }
-        }
+        let cells_of = |side: Option<&Measured>| -> Vec<CellId> {
+            let stages = side.iter().flat_map(|side| &side.stages);
+            stages.map(|stage| CellId::new(configuration, &stage.stage)).collect()
+        };
+        self.cells.extend(cells_of(base).into_iter().chain(cells_of(head)).unique());
         if let [Outcome::Skipped { reason } | Outcome::Failed { reason }, _] = outcomes
             && head.is_none()
         {
             let note = format!("{configuration}: measured on neither side: {reason}");
             return self.notes.push(note);
         }
-        let of = |side| match side {
-            Side::Base => (outcomes[0], head),
-            Side::Head => (outcomes[1], base),
-        };
-        for side in Side::BOTH {
-            let (own, other) = of(side);
+        for (side, own, other) in [(Side::Base, outcomes[0], head), (Side::Head, outcomes[1], base)]
+        {
             if let Some(own) = measured(own) {
                 self.figures(side, configuration, own);
             }
-            for stage in other.iter().flat_map(|other| &other.stages) {
-                let cell = CellId::new(configuration, &stage.stage);
-                self.lines.extend(lacking(side, cell, own));
-            }
+            let lacking = |cell| lacking(side, cell, own);
+            self.lines.extend(cells_of(other).into_iter().filter_map(lacking));
         }
     }
 
@@ -267,13 +231,12 @@ fn lacking(side: Side, cell: CellId, own: &Outcome) -> Option<Compared> {
 }
 
 fn header(
-    sides: &[Read; 2],
+    [base, head]: [Read; 2],
     settings: &GateSettings,
     cells: Vec<CellId>,
     notes: Vec<String>,
     timed: Result<(), String>,
 ) -> ComparisonHeader {
-    let [base, head] = sides;
     let skip = |gate, reason: &str| Skip { gate, reason: reason.to_owned() };
     let mut skipped = vec![skip(Gate::Instructions, "files of records hold no instruction counts")];
     let mut gates = vec![Gate::Exact];
@@ -282,9 +245,9 @@ fn header(
         Err(reason) => skipped.push(skip(Gate::Time, &reason)),
     }
     ComparisonHeader {
-        base: base.build.clone(),
-        head: head.build.clone(),
-        adapter: head.run.adapter.clone(),
+        base: base.build,
+        head: head.build,
+        adapter: head.run.adapter,
         settings: GateSettings { gates, unpaired: true, launches: 0, pairs: 0, ..settings.clone() },
         cells,
         skipped,

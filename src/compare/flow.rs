@@ -1,20 +1,21 @@
 //! A comparison from its options to its stored lines: which builds, which gates, in which order.
 
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
+use itertools::Itertools;
 use sha2::{Digest, Sha256};
 use thiserror::Error;
 
 use super::bench::Processes;
 use super::cells::{CellsError, Gates};
 use super::instructions;
-use super::launch::{Quiet, Start, Waiting, WorkerFault, allowed_cores};
-use super::protocol::{Configuration, Greeting};
-use super::rounds::{self, Before, PartyFault, Schedule};
-use super::store::{self, Comparison, StoreError};
-use super::survey::{self, Party};
+use super::launch::{Quiet, Waiting, WorkerFault, WorkerStart, allowed_cores};
+use super::protocol::{GateConfiguration, Greeting, with_driver};
+use super::rounds::{self, Before, Schedule};
+use super::store::{self, StoreError, StoredComparison};
+use super::survey::{self, SurveyedBuild};
 use super::time;
 use crate::gpu;
 use crate::harness::calendar;
@@ -38,7 +39,7 @@ pub enum CompareError {
     Records(#[from] RecordError),
     #[error("{} cannot be read: {source}", path.display())]
     Program { path: PathBuf, source: std::io::Error },
-    #[error("the {} build: {fault}", .side.name())]
+    #[error("the {side} build: {fault}")]
     Worker { side: Side, fault: WorkerFault },
     #[error("the sides run on different adapters: the base on {base}, the head on {head}")]
     Adapters { base: String, head: String },
@@ -58,7 +59,7 @@ pub struct Program {
 }
 
 #[derive(Clone, Debug)]
-pub struct Options {
+pub struct CompareOptions {
     pub catalog: Catalog,
     pub gpu: gpu::Options,
     pub base: Program,
@@ -74,9 +75,9 @@ pub struct Options {
     pub resume: bool,
 }
 
-/// Measures what `options` ask for and gives the folder with its lines. `tell` is told of each step.
+/// Measures what `options` ask for and gives the folder with its lines. `tell` takes a line for each step.
 pub fn measure(
-    options: &Options,
+    options: &CompareOptions,
     interrupted: &AtomicBool,
     tell: &dyn Fn(&str),
 ) -> Result<PathBuf, CompareError> {
@@ -85,34 +86,30 @@ pub fn measure(
     if let Some(filter) = &options.filter {
         gates = gates.filtered(filter)?;
     }
-    let folder = match &options.out {
-        Some(folder) => folder.clone(),
-        None => fresh()?,
-    };
+    let folder = options.out.clone().map_or_else(fresh, Ok)?;
     let taken = taken(&folder, options.resume)?;
     let flags = [interrupted];
     let waiting = Waiting { interrupted: &flags, tell };
-    let mut parties =
-        [start_party(options, Side::Base, waiting)?, start_party(options, Side::Head, waiting)?];
-    let greetings = greeted(&mut parties)?;
-    let header = header(options, &gates, &greetings)?;
+    let [base, head] = Side::BOTH.map(|side| start_build(options, side, waiting));
+    let mut builds = [base?, head?];
+    let header = header(options, &gates, &greeted(&mut builds)?)?;
     let mut held = taken.open(Kind::Comparison)?;
     let before = if options.resume {
         resumed(&mut held, &header, tell)?
     } else {
-        Comparison::new(header.clone())
+        store::write(&mut held, vec![Compared::Header(Box::new(header.clone()))])?;
+        StoredComparison::new(header)
     };
-    let mut measurement = Measurement { options, held, interrupted, waiting, tell, before };
-    if !options.resume {
-        measurement.write(vec![Compared::Header(Box::new(header))])?;
-    }
-    let common = measurement.exact(&mut parties, &gates.configurations)?;
-    drop(parties);
-    measurement.instructions(&common)?;
-    measurement.time(&gates.control, &common)?;
-    let wall_s = start.elapsed().as_secs_f64();
-    let interrupted = interrupted.load(Ordering::Relaxed);
-    measurement.write(vec![Compared::End(ComparisonEnd { wall_s, interrupted })])?;
+    let mut run = ComparisonRun { options, held, interrupted, waiting, before };
+    let common = run.exact(&mut builds, &gates.configurations)?;
+    drop(builds);
+    run.instructions(&common)?;
+    run.time(&gates.control, &common)?;
+    let end = ComparisonEnd {
+        wall_s: start.elapsed().as_secs_f64(),
+        interrupted: waiting.is_interrupted(),
+    };
+    store::write(&mut run.held, vec![Compared::End(end)])?;
     Ok(folder)
 }
 
@@ -126,68 +123,55 @@ pub fn try_folder(folder: &Path, resume: bool) -> Result<(), OutputError> {
     taken(folder, resume).map(drop)
 }
 
-/// A new folder for a comparison that is told none.
+/// A new folder for a comparison without `--out`.
 pub fn fresh() -> Result<PathBuf, OutputError> {
     let name = format!("compare-{}", calendar::compact(jiff::Timestamp::now()));
     unused(&Path::new(DEFAULT_FOLDER).join(name))
 }
 
-fn start_of(options: &Options, side: Side) -> Start {
+fn worker_of(options: &CompareOptions, side: Side) -> WorkerStart {
     let program = match side {
         Side::Base => &options.base,
         Side::Head => &options.head,
     };
-    let mut start = Start::new(&program.path);
-    start.name = side.name();
-    start.gpu = options.gpu.clone();
-    start
+    WorkerStart { name: side.into(), gpu: options.gpu.clone(), ..WorkerStart::new(&program.path) }
 }
 
 /// The worker of a side's survey. Both run at once, each on a core of its own where there are two.
-fn start_party<'a>(
-    options: &Options,
+fn start_build<'a>(
+    options: &CompareOptions,
     side: Side,
     waiting: Waiting<'a>,
-) -> Result<Party<'a>, CompareError> {
-    let mut start = start_of(options, side);
-    let cores = allowed_cores();
-    start.quiet = Some(Quiet {
-        core: cores.get(side as usize % cores.len().max(1)).copied(),
-        ..Quiet::default()
-    });
-    Party::new(side, start, waiting).map_err(|fault| CompareError::Worker { side, fault })
+) -> Result<SurveyedBuild<'a>, CompareError> {
+    let core = allowed_cores().into_iter().cycle().nth(side as usize);
+    let quiet = Some(Quiet { core, ..Quiet::default() });
+    let start = WorkerStart { quiet, ..worker_of(options, side) };
+    SurveyedBuild::new(start, waiting).map_err(|fault| CompareError::Worker { side, fault })
 }
 
-fn greeted(parties: &mut [Party<'_>; 2]) -> Result<[Greeting; 2], CompareError> {
-    let [base, head] = parties;
-    let greet = |party: &mut Party<'_>| {
-        let side = party.side;
-        let greeting = party.greeted();
-        greeting.map_err(|fault| CompareError::Worker { side, fault })
+fn greeted(builds: &mut [SurveyedBuild<'_>; 2]) -> Result<[Greeting; 2], CompareError> {
+    let [base, head] = builds;
+    let greet = |build: &mut SurveyedBuild<'_>, side| {
+        build.greeted().map_err(|fault| CompareError::Worker { side, fault })
     };
-    let [base, head] = [greet(base)?, greet(head)?];
-    let named = |greeting: &Greeting| {
-        let adapter = &greeting.adapter;
-        format!("{} ({})", adapter.name, adapter.driver_info)
-    };
-    if named(&base) != named(&head) {
-        return Err(CompareError::Adapters { base: named(&base), head: named(&head) });
-    }
-    Ok([base, head])
+    let greetings = [greet(base, Side::Base)?, greet(head, Side::Head)?];
+    let [base, head] = greetings.each_ref().map(|greeting| with_driver(&greeting.adapter));
+    if base == head { Ok(greetings) } else { Err(CompareError::Adapters { base, head }) }
 }
 
 fn header(
-    options: &Options,
+    options: &CompareOptions,
     gates: &Gates,
     greetings: &[Greeting; 2],
 ) -> Result<ComparisonHeader, CompareError> {
     let build = |program: &Program, greeting: &Greeting| {
+        let digest = digest(&program.path);
+        let unreadable = |source| CompareError::Program { path: program.path.clone(), source };
         Ok::<ComparedBuild, CompareError>(ComparedBuild {
             label: program.label.clone(),
             version: greeting.fathom_version.clone(),
             protocol: Some(greeting.protocol),
-            digest: digest(&program.path)
-                .map_err(|source| CompareError::Program { path: program.path.clone(), source })?,
+            digest: digest.map_err(unreadable)?,
         })
     };
     let [base, head] = greetings;
@@ -199,8 +183,6 @@ fn header(
         skipped.extend(reason.map(|reason| Skip { gate: *gate, reason }));
         possible
     });
-    let mut notes = base.notes.clone();
-    notes.extend(head.notes.iter().filter(|note| !base.notes.contains(note)).cloned());
     Ok(ComparisonHeader {
         base: build(&options.base, base)?,
         head: build(&options.head, head)?,
@@ -208,7 +190,7 @@ fn header(
         settings,
         cells: gates.cells(),
         skipped,
-        notes,
+        notes: base.notes.iter().chain(&head.notes).unique().cloned().collect(),
         ..ComparisonHeader::default()
     })
 }
@@ -216,8 +198,8 @@ fn header(
 /// Why a gate cannot be run with these workers here.
 fn obstacle(gate: Gate, greetings: &[Greeting; 2]) -> Option<String> {
     for (side, greeting) in Side::BOTH.into_iter().zip(greetings) {
-        if !greeting.parts.iter().any(|part| part == gate.name()) {
-            return Some(format!("the {} build knows no such gate", side.name()));
+        if !greeting.parts.contains(&gate.to_string()) {
+            return Some(format!("the {side} build knows no such gate"));
         }
     }
     match gate {
@@ -237,10 +219,10 @@ fn resumed(
     held: &mut Held,
     now: &ComparisonHeader,
     tell: &dyn Fn(&str),
-) -> Result<Comparison, CompareError> {
+) -> Result<StoredComparison, CompareError> {
     held.notices.iter().for_each(|notice| tell(notice));
     let folder = held.output.folder.clone();
-    let before = Comparison::from_records(std::mem::take(&mut held.before));
+    let before = StoredComparison::from_records(std::mem::take(&mut held.before));
     let before = before.ok_or_else(|| OutputError::NoHeader { path: folder.clone() })?;
     let then = &before.header;
     let same = [
@@ -256,170 +238,137 @@ fn resumed(
     }
 }
 
-/// A comparison under way.
-struct Measurement<'a> {
-    options: &'a Options,
+/// A comparison that is being measured.
+struct ComparisonRun<'a> {
+    options: &'a CompareOptions,
     held: Held,
     interrupted: &'a AtomicBool,
     waiting: Waiting<'a>,
-    tell: &'a dyn Fn(&str),
     /// What was measured before this process, if anything. Its settings hold.
-    before: Comparison,
+    before: StoredComparison,
 }
 
-impl Measurement<'_> {
+impl ComparisonRun<'_> {
     fn wants(&self, gate: Gate) -> bool {
-        let asked = self.before.header.settings.gates.contains(&gate);
-        asked && !self.is_interrupted()
-    }
-
-    fn is_interrupted(&self) -> bool {
-        self.interrupted.load(Ordering::Relaxed)
-    }
-
-    fn write(&mut self, lines: Vec<Compared>) -> Result<(), RecordError> {
-        store::write(&mut self.held, lines)
+        self.before.header.settings.gates.contains(&gate) && !self.waiting.is_interrupted()
     }
 
     /// Stores what was found out, unless that was interrupted: then what looks like a fault is the interruption's.
     fn keep(&mut self, lines: Vec<Compared>) -> Result<(), RecordError> {
-        if self.is_interrupted() { Ok(()) } else { self.write(lines) }
+        if self.waiting.is_interrupted() { Ok(()) } else { store::write(&mut self.held, lines) }
     }
 
     /// What both sides have of the configurations, with its exact figures if they are wanted and not known.
     fn exact(
         &mut self,
-        parties: &mut [Party<'_>; 2],
-        configurations: &[Configuration],
-    ) -> Result<Vec<Configuration>, CompareError> {
+        builds: &mut [SurveyedBuild<'_>; 2],
+        configurations: &[GateConfiguration],
+    ) -> Result<Vec<GateConfiguration>, CompareError> {
         let counting = self.wants(Gate::Exact);
-        (self.tell)(if counting {
+        (self.waiting.tell)(if counting {
             "exact gate: work, counters, bytes and errors of both builds"
         } else {
             "preparing both builds"
         });
         let mut common = Vec::new();
         for configuration in configurations {
-            if self.is_interrupted() {
+            if self.waiting.is_interrupted() {
                 break;
             }
-            let (known, faults) = survey::prepare(parties, configuration);
+            let (known, faults) = survey::prepare(builds, configuration);
             self.keep(faults)?;
-            let lacks = |cell: CellId| !self.before.has_exact(&cell);
-            if counting && known.cells().any(lacks) {
-                self.keep(survey::exact(parties, &known))?;
+            if counting && known.cells().any(|cell| !self.before.has_exact(&cell)) {
+                self.keep(survey::exact(builds, &known))?;
             }
             common.push(known);
         }
         common.retain(|configuration| !configuration.stages.is_empty());
         let checked = |side| self.before.checks.iter().any(|check| check.side == side);
         if self.wants(Gate::Exact) && !Side::BOTH.into_iter().all(checked) {
-            self.keep(survey::checks(parties, stages_of(&common)))?;
+            let stages = common.iter().flat_map(|configuration| &configuration.stages);
+            let stages = stages.sorted().dedup().cloned().collect();
+            self.keep(survey::checks(builds, stages))?;
         }
         Ok(common)
     }
 
-    fn instructions(&mut self, common: &[Configuration]) -> Result<(), CompareError> {
+    fn instructions(&mut self, common: &[GateConfiguration]) -> Result<(), CompareError> {
         if !self.wants(Gate::Instructions) {
             return Ok(());
         }
-        (self.tell)("instruction gate: every stage under callgrind");
-        let start = |side| start_of(self.options, side);
-        let before = &self.before;
-        Ok(instructions::run(&mut self.held, before, common, &start, self.interrupted)?)
+        (self.waiting.tell)("instruction gate: every stage under callgrind");
+        let start = |side| worker_of(self.options, side);
+        Ok(instructions::run(&mut self.held, &self.before, common, &start, self.interrupted)?)
     }
 
-    fn time(&mut self, control: &CellId, common: &[Configuration]) -> Result<(), CompareError> {
+    fn time(&mut self, control: &CellId, common: &[GateConfiguration]) -> Result<(), CompareError> {
         if !self.wants(Gate::Time) {
             return Ok(());
         }
-        let cells: Vec<CellId> = common.iter().flat_map(Configuration::cells).collect();
-        let settings = self.before.header.settings.clone();
-        let sides = Side::BOTH.map(|side| start_of(self.options, side));
-        let [base, head] = sides;
-        let seed = settings.seed;
-        let mut bench = match Processes::new(base, head, common, seed, self.waiting) {
-            Ok(bench) => bench,
-            Err(_) if self.is_interrupted() => return Ok(()),
-            Err(cause) => return self.no_time(&cause),
+        let cells: Vec<CellId> = common.iter().flat_map(GateConfiguration::cells).collect();
+        let settings = &self.before.header.settings;
+        let builds = Side::BOTH.map(|side| worker_of(self.options, side));
+        let mut workers = match Processes::new(builds, common, settings.seed, self.waiting) {
+            Ok(workers) => workers,
+            Err(cause) => {
+                let side = Some(cause.role.side());
+                let fault = Fault::new(Gate::Time, side, None, cause.fault.to_string());
+                return Ok(self.keep(vec![Compared::Fault(fault)])?);
+            }
         };
         let schedule = Schedule {
-            control: if cells.contains(control) {
-                Some(control.clone())
-            } else {
-                cells.first().cloned()
-            },
+            control: cells.iter().find(|cell| *cell == control).or(cells.first()).cloned(),
             cells,
             launches: settings.launches,
             pairs: settings.pairs,
             seed: settings.seed,
             second: false,
         };
-        self.launches(&schedule, &mut bench)?;
-        let so_far = Comparison::read(&self.held.output.folder)?;
+        self.launches(&schedule, &mut workers)?;
+        let so_far = StoredComparison::read(&self.held.output.folder)?;
         let open = time::open(&so_far);
         if open.is_empty() || !self.wants(Gate::Time) {
             return Ok(());
         }
         self.before = so_far;
-        self.launches(&schedule.again(open), &mut bench)
+        self.launches(&schedule.again(open), &mut workers)
     }
 
     /// One of the two measurements of the time gate.
     fn launches(
         &mut self,
         schedule: &Schedule,
-        bench: &mut Processes<'_>,
+        workers: &mut Processes<'_>,
     ) -> Result<(), CompareError> {
-        let before = timed_before(&self.before, schedule.second);
+        let Schedule { cells, launches, pairs, second, .. } = schedule;
+        let before = timed_before(&self.before, *second);
         let mut done = before.complete;
-        let (tell, held) = (self.tell, &mut self.held);
+        let tell = self.waiting.tell;
         tell(&format!(
-            "time gate{}: cells: {}, launches: {} of {} pairs",
-            if schedule.second { ", what is still open" } else { "" },
-            schedule.cells.len(),
-            schedule.launches,
-            schedule.pairs
+            "time gate{}: cells: {}, launches: {launches} of {pairs} pairs",
+            if *second { ", second measurement" } else { "" },
+            cells.len(),
         ));
-        let mut sink = |lines: Vec<Compared>| {
-            let launches = lines.iter().filter(|line| matches!(line, Compared::Launch(_)));
-            done += launches.count() as u32;
-            store::write(held, lines)?;
-            tell(&format!("time gate: {done} of {} launches", schedule.launches));
-            Ok::<(), RecordError>(())
+        let sink = |lines: Vec<Compared>| -> Result<(), RecordError> {
+            done += lines.iter().filter(|line| matches!(line, Compared::Launch(_))).count() as u32;
+            store::write(&mut self.held, lines)?;
+            tell(&format!("time gate: {done} of {launches} launches"));
+            Ok(())
         };
-        Ok(rounds::run(schedule, bench, &before, self.interrupted, &mut sink)?)
+        Ok(rounds::run(schedule, workers, &before, self.interrupted, sink)?)
     }
-
-    /// The gate could not begin.
-    fn no_time(&mut self, cause: &PartyFault) -> Result<(), CompareError> {
-        let side = Some(cause.party.side());
-        let fault = Fault::new(Gate::Time, side, None, cause.fault.to_string());
-        Ok(self.write(vec![Compared::Fault(fault)])?)
-    }
-}
-
-/// Each stage of the configurations once.
-fn stages_of(configurations: &[Configuration]) -> Vec<String> {
-    let mut stages: Vec<String> = configurations
-        .iter()
-        .flat_map(|configuration| configuration.stages.iter().cloned())
-        .collect();
-    stages.sort();
-    stages.dedup();
-    stages
 }
 
 /// What is there already of the first or second measurement of the time gate.
-fn timed_before(before: &Comparison, second: bool) -> Before {
+fn timed_before(before: &StoredComparison, second: bool) -> Before {
     let later = before.faults.iter().skip(before.faults_before_interruption);
-    let lost: Vec<&Fault> = later.filter(|fault| fault.gate == Gate::Time).collect();
-    let cells = lost.iter().filter(|fault| !fault.control);
+    let lost = later.filter(|fault| fault.gate == Gate::Time);
+    let cells = lost.clone().filter(|fault| !fault.control);
     Before {
         complete: before.launches_of(second) as u32,
         last: before.last_launch,
         lost: cells.filter_map(|fault| fault.cell.clone()).collect(),
-        control_lost: lost.iter().any(|fault| fault.control),
+        control_lost: lost.clone().any(|fault| fault.control),
     }
 }
 

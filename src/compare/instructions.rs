@@ -15,12 +15,12 @@ use std::sync::mpsc::{Sender, channel};
 use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
 
+use itertools::Itertools;
 use tempfile::TempDir;
 
-use super::launch::{self, Patience, Quiet, Start, Waiting, Worker, WorkerFault};
-use super::protocol::Configuration;
-use super::protocol::{Reply, Request};
-use super::store::{self, Comparison};
+use super::launch::{self, Patience, Quiet, Waiting, WorkerFault, WorkerProcess, WorkerStart};
+use super::protocol::{GateConfiguration, Reply, WorkerRequest};
+use super::store::{self, StoredComparison};
 use super::valgrind;
 use crate::harness::output::Held;
 use crate::record::RecordError;
@@ -50,39 +50,31 @@ pub enum Change {
     Same,
 }
 
-/// Holds the counts of both sides against each other. A change is one that exceeds the threshold and the spread of
+/// Compares the counts of both sides. A change is one that exceeds the threshold and the spread of
 /// either side's frames; cells that lack a side are left out.
-pub fn judge(comparison: &Comparison) -> BTreeMap<CellId, Counted> {
+pub fn judge(comparison: &StoredComparison) -> BTreeMap<CellId, Counted> {
     let threshold = comparison.header.settings.instruction_threshold;
     let counts = |cell: &CellId, side: Side| {
         let mut lines = comparison.instructions.iter().rev();
-        lines
-            .find(|line| line.cell == *cell && line.side == side && !line.counts.is_empty())
-            .map(|line| line.counts.as_slice())
+        lines.find(|line| line.cell == *cell && line.side == side && !line.counts.is_empty())
     };
     let judged = |cell: &CellId| {
         let (base, head) = (counts(cell, Side::Base)?, counts(cell, Side::Head)?);
-        Some((cell.clone(), held_against(base, head, threshold)))
+        Some((cell.clone(), compared(&base.counts, &head.counts, threshold)))
     };
     comparison.header.cells.iter().filter_map(judged).collect()
 }
 
-fn held_against(base: &[u64], head: &[u64], threshold: f64) -> Counted {
-    let ends = |counts: &[u64]| {
-        let least = counts.iter().min().copied().unwrap_or(0);
-        let most = counts.iter().max().copied().unwrap_or(0);
-        (least, most)
-    };
+fn compared(base_counts: &[u64], head_counts: &[u64], threshold: f64) -> Counted {
     let median = |counts: &[u64]| {
         let counts: Vec<f64> = counts.iter().map(|count| *count as f64).collect();
         crate::statistics::median(&counts)
     };
-    let ((base_least, base_most), (head_least, head_most)) = (ends(base), ends(head));
-    let (base, head) = (median(base), median(head));
+    let (base, head) = (median(base_counts), median(head_counts));
     let ratio = head / base;
-    let change = if ratio > 1.0 + threshold && head_least > base_most {
+    let change = if ratio > 1.0 + threshold && head_counts.iter().min() > base_counts.iter().max() {
         Change::More
-    } else if ratio < 1.0 - threshold && head_most < base_least {
+    } else if ratio < 1.0 - threshold && head_counts.iter().max() < base_counts.iter().min() {
         Change::Fewer
     } else {
         Change::Same
@@ -102,16 +94,14 @@ pub fn obstacle(software: bool) -> Option<String> {
     if !software {
         return Some("the adapter is no software driver: its work is not the process's".to_owned());
     }
-    match valgrind_version() {
-        Some(_) => None,
-        None => Some("valgrind is not installed (Debian: apt-get install valgrind)".to_owned()),
-    }
+    let lacks = valgrind_version().is_none();
+    lacks.then(|| "valgrind is not installed (Debian: apt-get install valgrind)".to_owned())
 }
 
 /// A configuration of one side, with the stages of it that are still to be counted.
 struct Job<'a> {
     side: Side,
-    configuration: &'a Configuration,
+    configuration: &'a GateConfiguration,
     stages: Vec<String>,
 }
 
@@ -120,9 +110,9 @@ struct Job<'a> {
 /// `start` tells how to start the worker of a side. What cannot be counted becomes a fault.
 pub fn run(
     held: &mut Held,
-    before: &Comparison,
-    wanted: &[Configuration],
-    start: &(dyn Fn(Side) -> Start + Sync),
+    before: &StoredComparison,
+    wanted: &[GateConfiguration],
+    start: &(dyn Fn(Side) -> WorkerStart + Sync),
     interrupted: &AtomicBool,
 ) -> Result<(), RecordError> {
     let jobs = Mutex::new(jobs(before, wanted));
@@ -138,13 +128,10 @@ pub fn run(
         for number in 0..workers {
             let (jobs, sender, core) = (&jobs, sender.clone(), cores.get(number).copied());
             scope.spawn(move || {
-                while let Some(job) = next(jobs, &ending) {
-                    let conditions = Conditions {
-                        start: quieted(start(job.side), core),
-                        wrapper: callgrind,
-                        ending: &ending,
-                    };
-                    count(&job, &conditions, &sender);
+                let waiting = Waiting { interrupted: &ending, ..Waiting::PLAINLY };
+                while let Some(job) = next(jobs, waiting) {
+                    let start = quieted(start(job.side), core);
+                    count(&job, &Conditions { start, wrapper: callgrind, waiting }, &sender);
                 }
             });
         }
@@ -156,49 +143,37 @@ pub fn run(
     })
 }
 
-fn quieted(mut start: Start, core: Option<usize>) -> Start {
-    start.patience = PATIENCE;
-    start.quiet = Some(Quiet { core, ..Quiet::default() });
-    start
+fn quieted(start: WorkerStart, core: Option<usize>) -> WorkerStart {
+    let quiet = Some(Quiet { core, ..Quiet::default() });
+    WorkerStart { patience: PATIENCE, quiet, ..start }
 }
 
-fn ends(ending: &[&AtomicBool]) -> bool {
-    ending.iter().any(|flag| flag.load(Ordering::Relaxed))
-}
-
-fn jobs<'a>(before: &Comparison, wanted: &'a [Configuration]) -> VecDeque<Job<'a>> {
-    let counted = |side: Side, cell: &CellId| {
-        let mut lines = before.instructions.iter();
-        lines.any(|line| line.side == side && line.cell == *cell)
+fn jobs<'a>(before: &StoredComparison, wanted: &'a [GateConfiguration]) -> VecDeque<Job<'a>> {
+    let job = |(configuration, side): (&'a GateConfiguration, Side)| {
+        let missing = |stage: &&String| {
+            let cell = CellId::new(&configuration.id, stage);
+            !before.instructions.iter().any(|line| line.side == side && line.cell == cell)
+        };
+        let stages = configuration.stages.iter().filter(missing).cloned().collect();
+        Job { side, configuration, stages }
     };
-    let job = |configuration: &'a Configuration, side: Side| Job {
-        side,
-        configuration,
-        stages: configuration
-            .stages
-            .iter()
-            .filter(|stage| !counted(side, &CellId::new(&configuration.id, stage)))
-            .cloned()
-            .collect(),
-    };
-    let both = |configuration| Side::BOTH.map(|side| job(configuration, side));
-    wanted.iter().flat_map(both).filter(|job| !job.stages.is_empty()).collect()
+    let all = wanted.iter().cartesian_product(Side::BOTH).map(job);
+    all.filter(|job| !job.stages.is_empty()).collect()
 }
 
-fn next<'a>(jobs: &Mutex<VecDeque<Job<'a>>>, ending: &[&AtomicBool]) -> Option<Job<'a>> {
-    if ends(ending) {
-        return None;
-    }
-    jobs.lock().unwrap_or_else(PoisonError::into_inner).pop_front()
+fn next<'a>(jobs: &Mutex<VecDeque<Job<'a>>>, waiting: Waiting<'_>) -> Option<Job<'a>> {
+    let mut left = jobs.lock().unwrap_or_else(PoisonError::into_inner);
+    left.pop_front().filter(|_| !waiting.is_interrupted())
 }
 
-/// Under what a job is counted.
+/// How a job is counted.
 struct Conditions<'a> {
-    start: Start,
+    start: WorkerStart,
     /// The command that counts, which leaves its files in a folder.
     wrapper: fn(&Path) -> Vec<OsString>,
-    /// The gate ends as soon as one of these is true.
-    ending: &'a [&'a AtomicBool],
+    /// Tells when the gate ends. Nobody hears of a long wait: under callgrind every reply takes long, and several are waited
+    /// for at once.
+    waiting: Waiting<'a>,
 }
 
 /// Counts a job's stages one after the other and sends each as a line, or the fault that it ended in. Stages after a fault
@@ -207,49 +182,38 @@ fn count(job: &Job<'_>, conditions: &Conditions<'_>, lines: &Sender<Compared>) {
     let cell = |stage: &str| CellId::new(&job.configuration.id, stage);
     // Nobody listens only when the store is broken, which ends everything.
     let send = |line: Compared| drop(lines.send(line));
+    let send_faults = |stages: &[String], cause: &WorkerFault| {
+        for stage in stages {
+            let (side, cell) = (Some(job.side), Some(cell(stage)));
+            send(Compared::Fault(Fault::new(Gate::Instructions, side, cell, cause.to_string())));
+        }
+    };
     let mut counter = None;
     for (index, stage) in job.stages.iter().enumerate() {
-        if ends(conditions.ending) {
+        if conditions.waiting.is_interrupted() {
             break;
         }
         let mut ready = match counter.take().map_or_else(|| Counter::new(job, conditions), Ok) {
             Ok(ready) => ready,
-            Err(_) if ends(conditions.ending) => return,
-            Err(cause) => return send_faults(job, &job.stages[index..], &cause, lines),
+            Err(_) if conditions.waiting.is_interrupted() => return,
+            Err(cause) => return send_faults(&job.stages[index..], &cause),
         };
-        match ready.count(&job.configuration.id, stage, conditions.ending) {
+        match ready.count(&job.configuration.id, stage, conditions.waiting) {
             Ok(counts) => {
-                send(Compared::Instructions(InstructionCounts {
-                    side: job.side,
-                    cell: cell(stage),
-                    counts,
-                }));
+                let (side, cell) = (job.side, cell(stage));
+                send(Compared::Instructions(InstructionCounts { side, cell, counts }));
                 counter = Some(ready);
             }
-            Err(_) if ends(conditions.ending) => return,
+            Err(_) if conditions.waiting.is_interrupted() => return,
             Err(cause @ WorkerFault::Silent { .. }) => {
-                return send_faults(job, &job.stages[index..], &cause, lines);
+                return send_faults(&job.stages[index..], &cause);
             }
-            Err(cause) => send_faults(job, &job.stages[index..=index], &cause, lines),
+            Err(cause) => send_faults(&job.stages[index..=index], &cause),
         }
     }
     if let Some(counter) = counter {
         counter.worker.quit();
     }
-}
-
-fn send_faults(job: &Job<'_>, stages: &[String], cause: &WorkerFault, lines: &Sender<Compared>) {
-    for stage in stages {
-        let cell = CellId::new(&job.configuration.id, stage);
-        let fault = Fault::new(Gate::Instructions, Some(job.side), Some(cell), cause.to_string());
-        // Nobody listens only when the store is broken, which ends everything.
-        let _ = lines.send(Compared::Fault(fault));
-    }
-}
-
-/// Under callgrind every reply is long in coming, and several are waited for at once.
-fn silently<'a>(ending: &'a [&'a AtomicBool]) -> Waiting<'a> {
-    Waiting { interrupted: ending, tell: &|_| {} }
 }
 
 fn callgrind(folder: &Path) -> Vec<OsString> {
@@ -269,7 +233,7 @@ const OUT: &str = "callgrind.out";
 
 /// A worker that has prepared a configuration, and where its counts go.
 struct Counter {
-    worker: Worker,
+    worker: WorkerProcess,
     folder: TempDir,
     /// Files that callgrind has written so far.
     cuts: u32,
@@ -279,14 +243,12 @@ impl Counter {
     fn new(job: &Job<'_>, conditions: &Conditions<'_>) -> Result<Self, WorkerFault> {
         let folder = tempfile::tempdir()
             .map_err(|error| WorkerFault::fatal(format!("no folder for callgrind: {error}")))?;
-        let mut start = conditions.start.clone();
-        start.wrapper = (conditions.wrapper)(folder.path());
-        let mut worker = Worker::start(&start)?;
-        worker.greet()?;
-        let waiting = silently(conditions.ending);
-        worker.greeted(&waiting)?;
-        let request = Request::Prepare { configuration: job.configuration.clone() };
-        match worker.ask(&request, &waiting)? {
+        let wrapper = (conditions.wrapper)(folder.path());
+        let start = WorkerStart { wrapper, ..conditions.start.clone() };
+        let mut worker = WorkerProcess::start(&start)?;
+        worker.greeted(&conditions.waiting)?;
+        let request = WorkerRequest::Prepare { configuration: job.configuration.clone() };
+        match worker.ask(&request, &conditions.waiting)? {
             Reply::Prepared { .. } => Ok(Self { worker, folder, cuts: 0 }),
             other => Err(worker.unexpected(&other)),
         }
@@ -297,14 +259,14 @@ impl Counter {
         &mut self,
         configuration: &str,
         stage: &str,
-        ending: &[&AtomicBool],
+        waiting: Waiting<'_>,
     ) -> Result<Vec<u64>, WorkerFault> {
-        let request = Request::Instructions {
+        let request = WorkerRequest::Instructions {
             config: configuration.to_owned(),
             stage: stage.to_owned(),
             frames: FRAMES,
         };
-        match self.worker.ask(&request, &silently(ending))? {
+        match self.worker.ask(&request, &waiting)? {
             Reply::Instructions { frames: FRAMES } => {}
             other => return Err(self.worker.unexpected(&other)),
         }
@@ -372,9 +334,11 @@ esac; done
         std::fs::write(&script, SCRIPT.replace("ADAPTER", &adapter)).unwrap();
         let stages: Vec<String> = stages.iter().map(|stage| (*stage).to_owned()).collect();
         let id = "one".to_owned();
-        let configuration = Configuration { id, stages: stages.clone(), ..Default::default() };
+        let configuration = GateConfiguration { id, stages: stages.clone(), ..Default::default() };
         let job = Job { side: Side::Head, configuration: &configuration, stages };
-        let conditions = Conditions { start: quieted(Start::new(&script), None), wrapper, ending };
+        let start = quieted(WorkerStart::new(&script), None);
+        let waiting = Waiting { interrupted: ending, ..Waiting::PLAINLY };
+        let conditions = Conditions { start, wrapper, waiting };
         let (sender, lines) = channel();
         count(&job, &conditions, &sender);
         drop(sender);
@@ -427,18 +391,18 @@ esac; done
     fn two_percent_more_is_a_change_and_the_spread_of_runs_is_not() {
         let base = [60_679_568, 60_718_750, 60_729_061];
         let again = [60_677_997, 60_716_862, 60_727_334];
-        assert_eq!(held_against(&base, &again, 0.005).change, Change::Same);
+        assert_eq!(compared(&base, &again, 0.005).change, Change::Same);
         let more = base.map(|count| count + count / 50);
-        let counted = held_against(&base, &more, 0.005);
+        let counted = compared(&base, &more, 0.005);
         assert_eq!(counted.change, Change::More);
         assert!((counted.ratio - 1.02).abs() < 1e-6);
-        assert_eq!(held_against(&more, &base, 0.005).change, Change::Fewer);
+        assert_eq!(compared(&more, &base, 0.005).change, Change::Fewer);
     }
 
     #[test]
     fn frames_that_vary_more_than_the_sides_differ_are_no_change() {
         let wide = [100, 110, 120];
-        assert_eq!(held_against(&wide, &[112, 113, 114], 0.005).change, Change::Same);
-        assert_eq!(held_against(&wide, &[121, 122, 123], 0.005).change, Change::More);
+        assert_eq!(compared(&wide, &[112, 113, 114], 0.005).change, Change::Same);
+        assert_eq!(compared(&wide, &[121, 122, 123], 0.005).change, Change::More);
     }
 }

@@ -1,4 +1,4 @@
-//! Worker processes: started under set conditions, asked with patience that ends, and ended for certain.
+//! Worker processes: started under set conditions, asked within a time limit, and ended for certain.
 
 use std::collections::VecDeque;
 use std::ffi::OsString;
@@ -11,10 +11,11 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
+use itertools::Itertools;
 use serde_json::Value;
 use thiserror::Error;
 
-use super::protocol::{Greeting, PROTOCOL, Reply, Request};
+use super::protocol::{Greeting, PROTOCOL, Reply, RequestKind, WorkerRequest};
 use super::quiet;
 pub use super::quiet::{Quiet, allowed_cores};
 use crate::gpu::{self, ClockPlan};
@@ -23,11 +24,11 @@ use crate::gpu::{self, ClockPlan};
 const STDERR_LINES: usize = 12;
 /// A reply longer than this is garbage.
 const MAX_REPLY_BYTES: u64 = 16 << 20;
-/// Bytes of a garbled reply that are told.
+/// Characters of a garbled reply that its fault shows.
 const EXCERPT: usize = 80;
 /// A worker that was asked to end is killed after this.
 const FAREWELL: Duration = Duration::from_secs(2);
-/// A reply that takes longer than this is told to be waited for.
+/// A reply that takes longer than this is announced as being waited for.
 const LONG: Duration = Duration::from_secs(5);
 /// How long an interruption may go unnoticed while a reply is waited for.
 const SLICE: Duration = Duration::from_millis(100);
@@ -37,12 +38,12 @@ const SLICE: Duration = Duration::from_millis(100);
 pub enum WorkerFault {
     #[error("{} cannot be started: {reason}", program.display())]
     Start { program: PathBuf, reason: String },
-    #[error("it ended with {status}{}", told(.stderr))]
+    #[error("it ended with {status}{}", after_colon(.stderr))]
     Ended { status: String, stderr: String },
-    #[error("it gave no answer to `{request}` within {seconds} s{}", told(.stderr))]
-    Silent { request: &'static str, seconds: u64, stderr: String },
+    #[error("it gave no answer to `{request}` within {seconds} s{}", after_colon(.stderr))]
+    Silent { request: RequestKind, seconds: u64, stderr: String },
     #[error("it answered garbage to `{request}`: {excerpt}")]
-    Garbage { request: &'static str, excerpt: String },
+    Garbage { request: RequestKind, excerpt: String },
     #[error("it speaks version {theirs} of the worker protocol, this build version {PROTOCOL}")]
     OtherProtocol { theirs: u32 },
     #[error("it does not know `{0}`")]
@@ -60,11 +61,8 @@ pub enum WorkerFault {
     Interrupted,
 }
 
-fn told(stderr: &str) -> String {
-    match stderr {
-        "" => String::new(),
-        _ => format!(": {stderr}"),
-    }
+fn after_colon(stderr: &str) -> String {
+    if stderr.is_empty() { String::new() } else { format!(": {stderr}") }
 }
 
 impl WorkerFault {
@@ -80,11 +78,7 @@ impl WorkerFault {
 
     /// The worker still answers.
     pub fn goes_on(&self) -> bool {
-        match self {
-            Self::Refused { fatal, .. } => !fatal,
-            Self::Unsupported(_) => true,
-            _ => false,
-        }
+        matches!(self, Self::Refused { fatal: false, .. } | Self::Unsupported(_))
     }
 }
 
@@ -103,23 +97,27 @@ impl Default for Patience {
     }
 }
 
-/// How a reply is waited for.
+/// What ends the wait for a reply early, and who hears of a long one.
 #[derive(Clone, Copy)]
 pub struct Waiting<'a> {
-    /// The worker is killed and waited for no longer as soon as one of these becomes true.
+    /// The worker is killed as soon as one of these becomes true.
     pub interrupted: &'a [&'a AtomicBool],
-    /// Takes a line when a reply is long in coming.
+    /// Takes a line when a reply takes long.
     pub tell: &'a dyn Fn(&str),
 }
 
-impl Waiting<'static> {
-    /// To the end, and without a word.
-    pub const PLAINLY: Self = Waiting { interrupted: &[], tell: &|_| {} };
+impl Waiting<'_> {
+    /// Nothing interrupts the wait and nobody hears of it.
+    pub const PLAINLY: Waiting<'static> = Waiting { interrupted: &[], tell: &|_| {} };
+
+    pub fn is_interrupted(&self) -> bool {
+        self.interrupted.iter().any(|flag| flag.load(Ordering::Relaxed))
+    }
 }
 
 /// How to start a worker.
 #[derive(Clone, Debug)]
-pub struct Start {
+pub struct WorkerStart {
     /// What to call the worker in messages.
     pub name: &'static str,
     /// A build of fathom.
@@ -133,7 +131,7 @@ pub struct Start {
     pub patience: Patience,
 }
 
-impl Start {
+impl WorkerStart {
     pub fn new(program: &Path) -> Self {
         Self {
             name: "a",
@@ -163,7 +161,7 @@ impl Start {
 }
 
 /// A running worker. Dropping it kills it.
-pub struct Worker {
+pub struct WorkerProcess {
     name: &'static str,
     child: Child,
     requests: Option<ChildStdin>,
@@ -171,15 +169,21 @@ pub struct Worker {
     errors: Arc<Mutex<VecDeque<String>>>,
     readers: Vec<JoinHandle<()>>,
     patience: Patience,
-    clock: Option<ClockPlan>,
-    asked: &'static str,
+    asked: RequestKind,
 }
 
-impl Worker {
+impl WorkerProcess {
+    /// Starts a process and greets it; [`Self::greeted`] takes the answer.
+    pub fn start(start: &WorkerStart) -> Result<Self, WorkerFault> {
+        let mut worker = Self::spawn(start)?;
+        worker.send(&WorkerRequest::Hello { protocol: PROTOCOL, clock: start.clock })?;
+        Ok(worker)
+    }
+
     /// Starts a process. It has said nothing yet.
     ///
     /// The worker is tied to the calling thread: it is killed when that thread ends.
-    pub fn start(start: &Start) -> Result<Self, WorkerFault> {
+    pub fn spawn(start: &WorkerStart) -> Result<Self, WorkerFault> {
         let mut command = start.command();
         command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
         let mut child = command.spawn().map_err(|error| WorkerFault::Start {
@@ -204,34 +208,30 @@ impl Worker {
             errors,
             readers,
             patience: start.patience,
-            clock: start.clock,
-            asked: "",
+            asked: RequestKind::Hello,
         })
     }
 
-    /// Sends a request; [`Self::receive`] takes its reply. So two workers can prepare at the same time.
-    pub fn send(&mut self, request: &Request) -> Result<(), WorkerFault> {
-        self.asked = name(request);
+    /// Sends a request; [`Self::receive`] takes its reply, so that two workers can prepare at the same time.
+    pub fn send(&mut self, request: &WorkerRequest) -> Result<(), WorkerFault> {
+        self.asked = request.into();
         let mut line = serde_json::to_string(request).map_err(|error| WorkerFault::Refused {
             reason: format!("`{}` cannot be sent: {error}", self.asked),
             fatal: false,
             absent: false,
         })?;
         line.push('\n');
-        let sent = self
-            .requests
-            .as_mut()
-            .map(|pipe| pipe.write_all(line.as_bytes()).and_then(|()| pipe.flush()));
-        match sent {
-            Some(Ok(())) => Ok(()),
-            _ => Err(self.ended()),
-        }
+        let pipe = self.requests.as_mut();
+        let sent = pipe.is_some_and(|pipe| {
+            pipe.write_all(line.as_bytes()).and_then(|()| pipe.flush()).is_ok()
+        });
+        if sent { Ok(()) } else { Err(self.ended()) }
     }
 
     /// The reply to the last request. After a fault that does not [go on](WorkerFault::goes_on) the worker is dead.
     pub fn receive(&mut self, waiting: &Waiting<'_>) -> Result<Reply, WorkerFault> {
         let patience = match self.asked {
-            "sample" => self.patience.sample,
+            RequestKind::Sample => self.patience.sample,
             _ => self.patience.slow,
         };
         let asked = Instant::now();
@@ -244,8 +244,7 @@ impl Worker {
                 Err(RecvTimeoutError::Disconnected) => return Err(self.ended()),
                 Err(RecvTimeoutError::Timeout) => {}
             }
-            let mut interrupted = waiting.interrupted.iter();
-            if interrupted.any(|flag| flag.load(Ordering::Relaxed)) {
+            if waiting.is_interrupted() {
                 self.kill();
                 return Err(WorkerFault::Interrupted);
             }
@@ -279,7 +278,7 @@ impl Worker {
     }
 
     fn read(&mut self, line: &str) -> Result<Reply, WorkerFault> {
-        if self.asked == "hello"
+        if self.asked == RequestKind::Hello
             && let Some(theirs) = protocol_of(line).filter(|theirs| *theirs != PROTOCOL)
         {
             self.kill();
@@ -298,14 +297,13 @@ impl Worker {
         }
     }
 
-    pub fn ask(&mut self, request: &Request, waiting: &Waiting<'_>) -> Result<Reply, WorkerFault> {
+    pub fn ask(
+        &mut self,
+        request: &WorkerRequest,
+        waiting: &Waiting<'_>,
+    ) -> Result<Reply, WorkerFault> {
         self.send(request)?;
         self.receive(waiting)
-    }
-
-    /// Sends the first message; [`Self::greeted`] takes the answer.
-    pub fn greet(&mut self) -> Result<(), WorkerFault> {
-        self.send(&Request::Hello { protocol: PROTOCOL, clock: self.clock })
     }
 
     /// What the worker says of itself, if it speaks this protocol.
@@ -337,10 +335,8 @@ impl Worker {
 
     fn ended(&mut self) -> WorkerFault {
         self.requests = None;
-        let status = match self.status_within(FAREWELL) {
-            Some(status) => status.to_string(),
-            None => "its output closed".to_owned(),
-        };
+        let status = self.status_within(FAREWELL);
+        let status = status.map_or("its output closed".to_owned(), |status| status.to_string());
         self.kill();
         WorkerFault::Ended { status, stderr: self.stderr() }
     }
@@ -359,10 +355,9 @@ impl Worker {
     }
 
     /// The last lines of its standard error.
-    fn stderr(&mut self) -> String {
+    fn stderr(&self) -> String {
         let kept = self.errors.lock().unwrap_or_else(PoisonError::into_inner);
-        let lines: Vec<&str> = kept.iter().map(|line| line.trim()).collect();
-        lines.join("; ")
+        kept.iter().join("; ")
     }
 
     /// Ends the process and what reads from it.
@@ -380,30 +375,17 @@ impl Worker {
 
     /// Asks the worker to end, and sees to it.
     pub fn quit(mut self) {
-        if self.send(&Request::Quit).is_ok() {
+        if self.send(&WorkerRequest::Quit).is_ok() {
             self.requests = None;
             self.status_within(FAREWELL);
         }
     }
 }
 
-impl Drop for Worker {
+impl Drop for WorkerProcess {
     fn drop(&mut self) {
         let _ = self.child.kill();
         let _ = self.child.wait();
-    }
-}
-
-fn name(request: &Request) -> &'static str {
-    match request {
-        Request::Hello { .. } => "hello",
-        Request::Clock => "clock",
-        Request::Prepare { .. } => "prepare",
-        Request::Sample { .. } => "sample",
-        Request::Exact { .. } => "exact",
-        Request::Instructions { .. } => "instructions",
-        Request::Checks { .. } => "checks",
-        Request::Quit => "quit",
     }
 }
 

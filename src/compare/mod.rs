@@ -1,10 +1,10 @@
 //! `fathom compare`: whether a change made any stage of any pipeline slower, costlier or less accurate.
 //!
-//! Two builds are held against each other through three gates, from exact to noisy: declared work, counters,
+//! Two builds are compared through three gates, from exact to noisy: declared work, counters,
 //! bytes and errors ([`exact`]); instruction counts ([`instructions`]); time ([`time`]). [`worker`] is the measured side: a
 //! process that holds the prepared configurations of one build and answers [`protocol`]'s requests. [`flow`] measures;
 //! what is measured goes to a folder of records ([`store`]); the [`verdict`] is a function of those alone, and
-//! [`tables`] tell it.
+//! [`tables`] report it.
 
 pub mod bench;
 pub mod build;

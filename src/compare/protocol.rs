@@ -7,6 +7,7 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
+use strum::{Display, EnumDiscriminants, EnumString};
 
 use crate::experiments::CellPlan;
 use crate::gpu::ClockPlan;
@@ -18,7 +19,7 @@ pub const PROTOCOL: u32 = 1;
 
 /// A pipeline on a scene with these parameters, under a name of the caller's choice.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct Configuration {
+pub struct GateConfiguration {
     pub id: String,
     pub pipeline: String,
     pub scene: String,
@@ -29,13 +30,13 @@ pub struct Configuration {
     pub stages: Vec<String>,
 }
 
-impl Configuration {
+impl GateConfiguration {
     pub fn cells(&self) -> impl Iterator<Item = CellId> + '_ {
         self.stages.iter().map(|stage| CellId::new(&self.id, stage))
     }
 }
 
-impl From<CellPlan> for Configuration {
+impl From<CellPlan> for GateConfiguration {
     fn from(plan: CellPlan) -> Self {
         Self {
             id: plan.cell,
@@ -47,9 +48,11 @@ impl From<CellPlan> for Configuration {
     }
 }
 
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, EnumDiscriminants)]
 #[serde(tag = "message", rename_all = "snake_case")]
-pub enum Request {
+#[strum_discriminants(name(RequestKind), derive(Display, EnumString))]
+#[strum_discriminants(strum(serialize_all = "snake_case"))]
+pub enum WorkerRequest {
     /// Comes first. The worker opens its device.
     Hello {
         protocol: u32,
@@ -62,7 +65,7 @@ pub enum Request {
     /// Builds a configuration and runs its frame, which compiles its shaders.
     Prepare {
         #[serde(flatten)]
-        configuration: Configuration,
+        configuration: GateConfiguration,
     },
     /// Runs a stage alone, so many frames in a row.
     Sample {
@@ -140,6 +143,11 @@ pub struct Greeting {
     pub notes: Vec<String>,
 }
 
+/// `llvmpipe (Mesa 22.3.6)`.
+pub fn with_driver(adapter: &Adapter) -> String {
+    format!("{} ({})", adapter.name, adapter.driver_info)
+}
+
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct StageKind {
     pub name: String,
@@ -189,16 +197,15 @@ pub struct CheckReading {
 }
 
 /// The request on a line, or what to answer instead.
-pub fn parse_request(line: &str) -> Result<Request, Reply> {
+pub fn parse_request(line: &str) -> Result<WorkerRequest, Reply> {
     let fault = |error: serde_json::Error| Reply::Fault {
         reason: format!("not a message: {error}"),
         fatal: false,
         absent: false,
     };
     let value: Value = serde_json::from_str(line).map_err(fault)?;
-    let known = ["hello", "clock", "prepare", "sample", "exact", "instructions", "checks", "quit"];
     match value.get("message").and_then(Value::as_str) {
-        Some(name) if !known.contains(&name) => {
+        Some(name) if name.parse::<RequestKind>().is_err() => {
             Err(Reply::Unsupported { message: name.to_owned() })
         }
         _ => serde_json::from_value(value).map_err(fault),
@@ -213,8 +220,8 @@ mod tests {
 
     #[test]
     fn requests_are_flat_lines_and_round_trip() {
-        let prepare = Request::Prepare {
-            configuration: Configuration {
+        let prepare = WorkerRequest::Prepare {
+            configuration: GateConfiguration {
                 id: "tank".into(),
                 pipeline: "underwater".into(),
                 scene: "tank".into(),
@@ -230,7 +237,7 @@ mod tests {
         assert_eq!(parse_request(&line).unwrap(), prepare);
         let sample = r#"{"message":"sample","config":"a","stage":"b","frames":1,"later":1}"#;
         let sample = parse_request(sample);
-        let expected = Request::Sample { config: "a".into(), stage: "b".into(), frames: 1 };
+        let expected = WorkerRequest::Sample { config: "a".into(), stage: "b".into(), frames: 1 };
         assert_eq!(sample.unwrap(), expected);
     }
 

@@ -2,6 +2,8 @@
 
 use std::process::{Child, Command};
 
+pub(super) use system::{cores, is_stopped, pin, randomized};
+
 /// Variable that pads a worker's environment, and with it moves its stack.
 pub const PADDING: &str = "FATHOM_PADDING";
 /// A page, over which the stack's place repeats itself for the caches.
@@ -16,7 +18,7 @@ const HEAP_BYTES: usize = 512 + 16;
 const MEMORY: &str = "glibc.malloc.arena_max=1:glibc.malloc.mmap_threshold=33554432:\
     glibc.malloc.trim_threshold=1073741824";
 
-/// How a worker is quieted.
+/// The conditions of a quiet worker.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Quiet {
     /// The only core that the worker may run on.
@@ -24,8 +26,8 @@ pub struct Quiet {
     /// Bytes in the variable `FATHOM_PADDING`, fewer than a page, drawn for each launch and the same on both of its sides: a
     /// build's layout by chance becomes noise between launches and no bias, and equal builds have equal layouts.
     pub padding: usize,
-    /// Freed memory stays with the process, which is for clocks: all threads then share what is free, and how far each looks
-    /// for a place hangs on which came first. Counts of instructions strayed by 0.6 % from that.
+    /// Freed memory stays with the process. Use for timing only: it shifts instruction counts by 0.6 %, as all threads then
+    /// share what is free.
     pub keep_memory: bool,
 }
 
@@ -61,11 +63,6 @@ pub(super) fn pad_heap() {
     std::mem::forget(std::hint::black_box(block));
 }
 
-/// Moves all threads of a process to one core.
-pub(super) fn pin(process: u32, core: usize) {
-    system::pin(process, core);
-}
-
 /// Kills a child that [`apply`] has prepared, and all that it has started.
 pub(super) fn kill_all(child: &mut Child) {
     system::kill_group(child.id());
@@ -74,24 +71,9 @@ pub(super) fn kill_all(child: &mut Child) {
     let _ = child.wait();
 }
 
-/// A process is stopped, as by SIGSTOP. Known on Linux only.
-pub(super) fn is_stopped(process: u32) -> bool {
-    system::is_stopped(process)
-}
-
 /// Cores that this process may run on; empty where that is not known.
 pub fn allowed_cores() -> Vec<usize> {
     cores().unwrap_or_default()
-}
-
-/// Cores that this process may run on.
-pub(super) fn cores() -> Option<Vec<usize>> {
-    system::cores()
-}
-
-/// This process's addresses are randomized.
-pub(super) fn randomized() -> Option<bool> {
-    system::randomized()
 }
 
 #[cfg(target_os = "linux")]
@@ -111,7 +93,6 @@ mod system {
         let core = quiet.and_then(|quiet| quiet.core).and_then(one);
         let quieted = quiet.is_some();
         let prepare = move || {
-            // The worker goes when this process does, however that ends.
             let _ = set_pdeathsig(Signal::SIGKILL);
             if quieted && let Ok(persona) = personality::get() {
                 let _ = personality::set(persona | Persona::ADDR_NO_RANDOMIZE);
@@ -127,6 +108,7 @@ mod system {
         }
     }
 
+    /// Moves all threads of a process to one core.
     pub fn pin(process: u32, core: usize) {
         let Some(set) = one(core) else { return };
         let Ok(tasks) = std::fs::read_dir(format!("/proc/{process}/task")) else {
@@ -146,20 +128,20 @@ mod system {
         }
     }
 
+    /// A process is stopped, as by SIGSTOP.
     pub fn is_stopped(process: u32) -> bool {
-        let status = std::fs::read_to_string(format!("/proc/{process}/status"));
-        let is_state =
-            |line: &str| line.strip_prefix("State:").map(|state| state.trim().to_owned());
-        let state = status.ok().and_then(|text| text.lines().find_map(is_state));
-        state.is_some_and(|state| state.starts_with('T'))
+        let stat = procfs::process::Process::new(process as i32).and_then(|process| process.stat());
+        stat.is_ok_and(|stat| stat.state == 'T')
     }
 
+    /// Cores that this process may run on.
     pub fn cores() -> Option<Vec<usize>> {
         let set = sched_getaffinity(Pid::from_raw(0)).ok()?;
         let allowed = |core: &usize| set.is_set(*core).unwrap_or(false);
         Some((0..CpuSet::count()).filter(allowed).collect())
     }
 
+    /// This process's addresses are randomized.
     pub fn randomized() -> Option<bool> {
         let persona = personality::get().ok()?;
         Some(!persona.contains(Persona::ADDR_NO_RANDOMIZE))

@@ -1,14 +1,14 @@
 //! The time gate's schedule: which worker samples which cell when, and what is kept when a worker fails.
 //!
-//! A *launch* is a fresh pair of workers, and two more for the control. In each of its rounds every cell is sampled once by each side, one right after the
-//! other; the order of cells is drawn anew each round, and which side comes first is drawn so that each comes first in
-//! half of the rounds. The control is sampled by two workers of its own, both of the base.
+//! A *launch* is a fresh pair of workers, and two more for the control. In each of its rounds every cell is sampled once by
+//! each side, one right after the other; the order of cells is drawn anew each round, and which side comes first is drawn so
+//! that each comes first in half of the rounds. The control is sampled by two workers of its own, both of the base.
 //!
-//! Cells that this first measurement leaves open are measured once more, by as many launches of more rounds: what scatters
-//! between launches is for the greatest part what scatters between pairs. The second measurement stands for itself.
+//! Cells that this first measurement leaves open are measured once more, by as many launches of more rounds: most of the
+//! scatter between launches is scatter between pairs. The second measurement stands for itself.
 //!
-//! A launch counts when it has gone through all its rounds; one in which a worker died is
-//! thrown away and run anew without the cell that killed it.
+//! A launch counts when it has gone through all its rounds. One in which a worker died is discarded and run anew without the
+//! cell that killed it.
 
 use std::collections::BTreeSet;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -17,6 +17,7 @@ use std::time::Instant;
 use rand::SeedableRng;
 use rand::seq::SliceRandom;
 use rand_pcg::Pcg64;
+use strum::{Display, IntoStaticStr};
 
 use super::launch::WorkerFault;
 use crate::record::comparison::{CellId, Compared, Fault, Gate, Launch, Pair, Side};
@@ -27,72 +28,70 @@ const MORE_PAIRS: u32 = 4;
 /// Launches that may fail for no cell's sake before the gate is given up.
 const MAX_BROKEN_LAUNCHES: u32 = 2;
 
-/// A worker of a launch.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Party {
+/// What a worker of a launch is there for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Display, IntoStaticStr)]
+pub enum WorkerRole {
+    #[strum(to_string = "base")]
     Base,
+    #[strum(to_string = "head")]
     Head,
     /// The base once more, as the head of the control.
-    Control,
+    #[strum(to_string = "control")]
+    ControlHead,
     /// And once more, as the base of the control. The base itself, which samples every cell, would differ from a control that
     /// samples one by up to 3 %.
-    Twin,
+    #[strum(to_string = "control's base")]
+    ControlBase,
 }
 
-impl Party {
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Base => "base",
-            Self::Head => "head",
-            Self::Control => "control",
-            Self::Twin => "control's base",
-        }
-    }
-
+impl WorkerRole {
     /// The build it runs.
     pub fn side(self) -> Side {
-        match self {
-            Self::Base | Self::Control | Self::Twin => Side::Base,
-            Self::Head => Side::Head,
-        }
+        if self == Self::Head { Side::Head } else { Side::Base }
+    }
+
+    pub fn is_control(self) -> bool {
+        matches!(self, Self::ControlBase | Self::ControlHead)
     }
 }
 
-/// Why a worker could not be used, and by which of them.
+/// Why a worker could not be used, and which.
 #[derive(Clone, Debug, PartialEq)]
-pub struct PartyFault {
-    pub party: Party,
+pub struct RoleFault {
+    pub role: WorkerRole,
     pub fault: WorkerFault,
 }
 
 /// A launch ready for its rounds.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Opened {
+pub struct OpenedLaunch {
     /// Configurations that a side refused.
-    pub refused: Vec<(String, PartyFault)>,
-    /// Under which conditions the workers run.
+    pub refused: Vec<(String, RoleFault)>,
+    /// The only core that is measured on, if the workers are kept on one.
+    pub core: Option<usize>,
+    /// Conditions of a quiet measurement that could not be had.
     pub notes: Vec<String>,
 }
 
 /// A launch that did not get ready.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Broken {
+pub struct BrokenLaunch {
     /// The configuration whose preparation ended a worker, if that was it.
     pub configuration: Option<String>,
-    pub cause: PartyFault,
+    pub cause: RoleFault,
 }
 
 /// The workers of one launch at a time.
-pub trait Bench {
-    /// Starts fresh workers and prepares the configurations of `cells`, and that of `control` for its party.
+pub trait LaunchWorkers {
+    /// Starts fresh workers and prepares the configurations of `cells`, and that of `control` for its workers.
     fn open(
         &mut self,
         launch: u32,
         cells: &[CellId],
         control: Option<&CellId>,
-    ) -> Result<Opened, Broken>;
+    ) -> Result<OpenedLaunch, BrokenLaunch>;
     /// One sample in ns, while the other workers rest.
-    fn sample(&mut self, party: Party, cell: &CellId) -> Result<f64, WorkerFault>;
+    fn sample(&mut self, role: WorkerRole, cell: &CellId) -> Result<f64, WorkerFault>;
     /// Ends the workers.
     fn close(&mut self);
 }
@@ -130,7 +129,7 @@ impl Schedule {
 pub struct Before {
     /// Launches of this measurement that count.
     pub complete: u32,
-    /// The highest number of a launch that anything is told of.
+    /// The highest number of a launch that any record names.
     pub last: Option<u32>,
     /// Cells that were given up.
     pub lost: BTreeSet<CellId>,
@@ -138,46 +137,43 @@ pub struct Before {
     pub control_lost: bool,
 }
 
-/// Runs the launches that lack. `sink` takes the lines of each launch together, as soon as it has ended.
+/// Runs the missing launches. `sink` takes the lines of each launch together, as soon as it has ended.
 pub fn run<E>(
     schedule: &Schedule,
-    bench: &mut dyn Bench,
+    workers: &mut dyn LaunchWorkers,
     before: &Before,
     interrupted: &AtomicBool,
-    sink: &mut dyn FnMut(Vec<Compared>) -> Result<(), E>,
+    mut sink: impl FnMut(Vec<Compared>) -> Result<(), E>,
 ) -> Result<(), E> {
+    let left = schedule.cells.iter().filter(|cell| !before.lost.contains(cell));
     let mut gate = Gatekeeper {
         schedule,
-        cells: schedule.cells.clone(),
+        workers,
+        launch: before.last.map_or(0, |last| last + 1),
+        cells: left.cloned().collect(),
         control: schedule.control.clone().filter(|_| !before.control_lost),
         interrupted,
     };
-    gate.cells.retain(|cell| !before.lost.contains(cell));
     let mut complete = before.complete;
     let mut broken = 0;
-    let mut launch = before.last.map_or(0, |last| last + 1);
-    while complete < schedule.launches && !gate.cells.is_empty() {
-        if interrupted.load(Ordering::Relaxed) {
-            return Ok(());
-        }
-        let outcome = gate.launch(bench, launch);
-        bench.close();
+    while complete < schedule.launches && !gate.cells.is_empty() && !gate.is_interrupted() {
+        let outcome = gate.launch();
+        gate.workers.close();
         match outcome {
-            Outcome::Complete(lines) => {
+            LaunchOutcome::Complete(lines) => {
                 sink(lines)?;
                 complete += 1;
             }
-            Outcome::Interrupted => return Ok(()),
-            Outcome::Spoilt(faults) => {
-                let unattributed = faults.iter().any(|fault| fault.cell.is_none());
+            LaunchOutcome::Interrupted => break,
+            LaunchOutcome::Spoilt(faults) => {
+                broken += u32::from(faults.iter().any(|fault| fault.cell.is_none()));
                 sink(faults.into_iter().map(Compared::Fault).collect())?;
-                broken += u32::from(unattributed);
                 if broken >= MAX_BROKEN_LAUNCHES {
-                    return Ok(());
+                    break;
                 }
             }
         }
-        launch += 1;
+        gate.launch += 1;
     }
     Ok(())
 }
@@ -185,12 +181,15 @@ pub fn run<E>(
 /// Runs launches and keeps count of the cells that are left.
 struct Gatekeeper<'a> {
     schedule: &'a Schedule,
+    workers: &'a mut dyn LaunchWorkers,
+    /// Number of the launch that is run.
+    launch: u32,
     cells: Vec<CellId>,
     control: Option<CellId>,
     interrupted: &'a AtomicBool,
 }
 
-enum Outcome {
+enum LaunchOutcome {
     /// Its pairs, its faults, and the line that makes it count.
     Complete(Vec<Compared>),
     /// It does not count, for these reasons.
@@ -208,18 +207,23 @@ struct Visit {
 }
 
 impl Gatekeeper<'_> {
-    fn launch(&mut self, bench: &mut dyn Bench, launch: u32) -> Outcome {
+    fn launch(&mut self) -> LaunchOutcome {
         let start = Instant::now();
         let mut faults = Vec::new();
-        let opened = match bench.open(launch, &self.cells, self.control.as_ref()) {
+        let opened = match self.workers.open(self.launch, &self.cells, self.control.as_ref()) {
             Ok(opened) => opened,
-            Err(_) if self.is_interrupted() => return Outcome::Interrupted,
-            Err(broken) => return Outcome::Spoilt(self.broken(launch, broken)),
+            Err(_) if self.is_interrupted() => return LaunchOutcome::Interrupted,
+            Err(BrokenLaunch { configuration: Some(id), cause }) => {
+                return LaunchOutcome::Spoilt(self.lose_configuration(&id, &cause));
+            }
+            Err(BrokenLaunch { configuration: None, cause }) => {
+                return LaunchOutcome::Spoilt(vec![self.fault(None, &cause)]);
+            }
         };
         for (configuration, cause) in opened.refused {
-            faults.extend(self.lose_configuration(launch, &configuration, &cause));
+            faults.extend(self.lose_configuration(&configuration, &cause));
         }
-        let mut random = random(self.schedule.seed, launch);
+        let mut random = random(self.schedule.seed, self.launch);
         let mut visits = self.visits(&mut random);
         let mut pairs = Vec::new();
         // The round before the first settles what a stage alone in a frame needs, and is not kept.
@@ -228,21 +232,19 @@ impl Gatekeeper<'_> {
             let mut at = 0;
             while at < visits.len() {
                 if self.is_interrupted() {
-                    return Outcome::Interrupted;
+                    return LaunchOutcome::Interrupted;
                 }
-                match pair(bench, launch, round, &visits[at]) {
+                match self.pair(round, &visits[at]) {
                     Ok(pair) => {
-                        let second = self.schedule.second;
-                        pairs.extend(round.map(|_| Pair { second, ..pair }));
+                        pairs.extend(round.map(|_| pair));
                         at += 1;
                     }
                     // Whatever interrupted this process may have ended its workers as well.
-                    Err(_) if self.is_interrupted() => return Outcome::Interrupted,
+                    Err(_) if self.is_interrupted() => return LaunchOutcome::Interrupted,
                     Err(cause) => {
-                        let visit = visits.remove(at);
-                        faults.push(self.lose(launch, &visit, &cause));
+                        faults.push(self.lose(&visits.remove(at), &cause));
                         if !cause.fault.goes_on() {
-                            return Outcome::Spoilt(faults);
+                            return LaunchOutcome::Spoilt(faults);
                         }
                     }
                 }
@@ -253,14 +255,15 @@ impl Gatekeeper<'_> {
             visits.iter().any(whole)
         });
         let ended = Launch {
-            launch,
+            launch: self.launch,
             wall_s: start.elapsed().as_secs_f64(),
             second: self.schedule.second,
+            core: opened.core,
             notes: opened.notes,
         };
         let faults = faults.into_iter().map(Compared::Fault);
         let lines = pairs.into_iter().map(Compared::Pair).chain(faults);
-        Outcome::Complete(lines.chain([Compared::Launch(ended)]).collect())
+        LaunchOutcome::Complete(lines.chain([Compared::Launch(ended)]).collect())
     }
 
     fn is_interrupted(&self) -> bool {
@@ -270,66 +273,80 @@ impl Gatekeeper<'_> {
     fn visits(&self, random: &mut Pcg64) -> Vec<Visit> {
         let cells = self.cells.iter().map(|cell| (cell, false));
         let control = self.control.iter().map(|cell| (cell, true));
-        cells
-            .chain(control)
-            .map(|(cell, control)| {
-                let mut base_first: Vec<bool> =
-                    (0..self.schedule.pairs).map(|n| n % 2 == 0).collect();
-                base_first.shuffle(random);
-                Visit { cell: cell.clone(), control, base_first }
-            })
-            .collect()
+        let visit = |(cell, control): (&CellId, bool)| {
+            let mut base_first: Vec<bool> =
+                (0..self.schedule.pairs).map(|round| round % 2 == 0).collect();
+            base_first.shuffle(random);
+            Visit { cell: cell.clone(), control, base_first }
+        };
+        cells.chain(control).map(visit).collect()
+    }
+
+    /// Samples both sides of a cell. The round before the first has no number, and the base comes first in it.
+    fn pair(&mut self, round: Option<u32>, visit: &Visit) -> Result<Pair, RoleFault> {
+        let (base, head) = if visit.control {
+            (WorkerRole::ControlBase, WorkerRole::ControlHead)
+        } else {
+            (WorkerRole::Base, WorkerRole::Head)
+        };
+        let mut sample = |role| {
+            let sampled = self.workers.sample(role, &visit.cell);
+            sampled.map_err(|fault| RoleFault { role, fault })
+        };
+        let base_first = round.is_none_or(|round| visit.base_first[round as usize]);
+        let (base_ns, head_ns) = if base_first {
+            let base_ns = sample(base)?;
+            (base_ns, sample(head)?)
+        } else {
+            let head_ns = sample(head)?;
+            (sample(base)?, head_ns)
+        };
+        Ok(Pair {
+            launch: self.launch,
+            round: round.unwrap_or(0),
+            cell: visit.cell.clone(),
+            control: visit.control,
+            second: self.schedule.second,
+            first: if base_first { Side::Base } else { Side::Head },
+            base_ns,
+            head_ns,
+        })
     }
 
     /// The fault that ends this cell's part in the gate.
-    fn lose(&mut self, launch: u32, visit: &Visit, cause: &PartyFault) -> Fault {
+    fn lose(&mut self, visit: &Visit, cause: &RoleFault) -> Fault {
         if visit.control {
-            return self.lose_control(launch, cause);
+            return self.lose_control(cause);
         }
         self.cells.retain(|cell| *cell != visit.cell);
-        fault(launch, Some(&visit.cell), cause)
+        self.fault(Some(visit.cell.clone()), cause)
     }
 
-    fn lose_control(&mut self, launch: u32, cause: &PartyFault) -> Fault {
+    fn lose_control(&mut self, cause: &RoleFault) -> Fault {
         let cell = self.control.take();
-        Fault { control: true, ..fault(launch, cell.as_ref(), cause) }
+        Fault { control: true, ..self.fault(cell, cause) }
     }
 
     /// The faults that end a configuration's part: of all its cells, or of the control alone if only that could not be made.
-    fn lose_configuration(
-        &mut self,
-        launch: u32,
-        configuration: &str,
-        cause: &PartyFault,
-    ) -> Vec<Fault> {
-        if matches!(cause.party, Party::Control | Party::Twin) {
-            return vec![self.lose_control(launch, cause)];
+    fn lose_configuration(&mut self, configuration: &str, cause: &RoleFault) -> Vec<Fault> {
+        if cause.role.is_control() {
+            return vec![self.lose_control(cause)];
         }
         let concerned = |cell: &CellId| cell.configuration() == configuration;
-        let (lost, left) =
-            std::mem::take(&mut self.cells).into_iter().partition(|cell| concerned(cell));
-        self.cells = left;
-        let lost: Vec<CellId> = lost;
+        let lost: Vec<CellId> = self.cells.extract_if(.., |cell| concerned(cell)).collect();
         let mut faults: Vec<Fault> =
-            lost.iter().map(|cell| fault(launch, Some(cell), cause)).collect();
+            lost.into_iter().map(|cell| self.fault(Some(cell), cause)).collect();
         if self.control.as_ref().is_some_and(concerned) {
-            faults.push(self.lose_control(launch, cause));
+            faults.push(self.lose_control(cause));
         }
         faults
     }
 
-    fn broken(&mut self, launch: u32, broken: Broken) -> Vec<Fault> {
-        match &broken.configuration {
-            Some(configuration) => self.lose_configuration(launch, configuration, &broken.cause),
-            None => vec![fault(launch, None, &broken.cause)],
-        }
+    fn fault(&self, cell: Option<CellId>, cause: &RoleFault) -> Fault {
+        let reason = format!("{} worker: {}", cause.role, cause.fault);
+        let fault = Fault::new(Gate::Time, Some(cause.role.side()), cell, reason);
+        Fault { launch: Some(self.launch), ..fault }
     }
-}
-
-fn fault(launch: u32, cell: Option<&CellId>, cause: &PartyFault) -> Fault {
-    let reason = format!("{} worker: {}", cause.party.name(), cause.fault);
-    let fault = Fault::new(Gate::Time, Some(cause.party.side()), cell.cloned(), reason);
-    Fault { launch: Some(launch), ..fault }
 }
 
 /// The random numbers of a launch: each launch of a seed has a stretch of them to itself.
@@ -337,39 +354,6 @@ pub(super) fn random(seed: u64, launch: u32) -> Pcg64 {
     let mut random = Pcg64::seed_from_u64(seed);
     random.advance(u128::from(launch) << 64);
     random
-}
-
-/// Samples both sides of a cell.
-fn pair(
-    bench: &mut dyn Bench,
-    launch: u32,
-    round: Option<u32>,
-    visit: &Visit,
-) -> Result<Pair, PartyFault> {
-    let (base, head) =
-        if visit.control { (Party::Twin, Party::Control) } else { (Party::Base, Party::Head) };
-    let mut sample = |party| {
-        let sampled = bench.sample(party, &visit.cell);
-        sampled.map_err(|fault| PartyFault { party, fault })
-    };
-    let base_first = round.is_none_or(|round| visit.base_first[round as usize]);
-    let (base_ns, head_ns) = if base_first {
-        let base_ns = sample(base)?;
-        (base_ns, sample(head)?)
-    } else {
-        let head_ns = sample(head)?;
-        (sample(base)?, head_ns)
-    };
-    Ok(Pair {
-        launch,
-        round: round.unwrap_or(0),
-        cell: visit.cell.clone(),
-        control: visit.control,
-        second: false,
-        first: if base_first { Side::Base } else { Side::Head },
-        base_ns,
-        head_ns,
-    })
 }
 
 #[cfg(test)]

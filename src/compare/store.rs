@@ -29,7 +29,7 @@ pub fn write(held: &mut Held, lines: Vec<Compared>) -> Result<(), RecordError> {
 
 /// Everything that was measured, as verdicts take it.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Comparison {
+pub struct StoredComparison {
     pub header: ComparisonHeader,
     pub configurations: Vec<ConfigurationFigures>,
     pub exact: Vec<ExactFigures>,
@@ -51,7 +51,7 @@ pub struct Comparison {
     pub damaged: Vec<String>,
 }
 
-impl Comparison {
+impl StoredComparison {
     /// Nothing measured yet.
     pub fn new(header: ComparisonHeader) -> Self {
         Self { header, ..Self::default() }

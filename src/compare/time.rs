@@ -1,6 +1,6 @@
 //! What the pairs of the time gate say: a function of stored lines alone.
 //!
-//! A pair's figure is ln(head / base): drift falls on both of its sides. Who is sampled second in a pair finds the caches
+//! A pair's figure is ln(head / base), as drift affects both of its sides. Who is sampled second in a pair finds the caches
 //! warmer, by up to 4 % of a sample, so a launch's figure of a cell is the median over all means of a pair in which the base
 //! came first and one in which the head did: the median of Hodges and Lehmann (1963) with that effect taken out, and a stall
 //! falls on few of them. Between launches of equal builds, in two gates of 41 cells, it scatters 4 to 5 % less than the plain median
@@ -17,7 +17,7 @@ use std::collections::BTreeMap;
 use serde::Serialize;
 
 use super::rank;
-use super::store::Comparison;
+use super::store::StoredComparison;
 use crate::record::comparison::{CellId, ComparisonHeader, GateSettings, MOST_PAIRS, Pair, Side};
 use crate::statistics::median;
 
@@ -30,7 +30,7 @@ pub enum TimeVerdict {
     Faster,
     /// The whole interval lies within the threshold.
     Same,
-    /// Neither can be told.
+    /// Neither a change nor its absence is shown.
     Inconclusive,
 }
 
@@ -47,8 +47,8 @@ pub struct CellTime {
     pub base_ns: f64,
     pub head_ns: f64,
     /// Head over base less one, with the interval over launches of the measurement that counts; none where there are too few
-    /// launches for it. Each measurement's intervals cover 1 − `alpha`; as which one counts hangs on the first, those of a change
-    /// of just the threshold cover 93 % instead of 95 by calculation (in simulated gates 914 of 1,000).
+    /// launches for it. Each measurement's intervals cover 1 − `alpha`. The first measurement decides whether there is a second,
+    /// so intervals of a change at the threshold cover 93 %, not 95 %, by calculation (in simulated gates 914 of 1,000).
     pub change: f64,
     pub interval: Option<(f64, f64)>,
     /// Of a change beyond the threshold in either direction, by chance; and the same adjusted for two measurements of all cells.
@@ -72,7 +72,7 @@ pub struct TimeGate {
 }
 
 impl TimeGate {
-    /// Why nothing of this gate may be believed, if so: sides that are the same build differ.
+    /// Why no time of this gate can be used, if so: the control differs, though both of its sides are the base.
     pub fn void(&self, alpha: f64) -> Option<String> {
         let mut controls = self.controls.iter();
         let moved = controls.find(|control| control.adjusted_p <= alpha)?;
@@ -213,7 +213,7 @@ pub fn judge<'a>(
     }
 }
 
-/// Verdicts on figures that are told together.
+/// Verdicts on figures whose probabilities are adjusted together.
 fn judged(measured: Vec<Figures>, settings: &GateSettings) -> Vec<CellTime> {
     let p: Vec<f64> = measured.iter().map(|cell| cell.p(settings.threshold)).collect();
     let doubled: Vec<f64> = p.iter().map(|p| (MEASUREMENTS * p).min(1.0)).collect();
@@ -229,7 +229,7 @@ fn judged(measured: Vec<Figures>, settings: &GateSettings) -> Vec<CellTime> {
 }
 
 /// Cells of which a complete first measurement tells neither a change nor that there is none, and a second one may.
-pub fn open(comparison: &Comparison) -> Vec<CellId> {
+pub fn open(comparison: &StoredComparison) -> Vec<CellId> {
     let ComparisonHeader { cells, settings, .. } = &comparison.header;
     if comparison.launches_of(false) < settings.launches as usize {
         return Vec::new();

@@ -1,11 +1,11 @@
 //! Times of two runs that were made one after the other.
 //!
-//! They are told and not judged: two halves of one run on one machine, compared in this way, differ with a standard
+//! They are reported, but not judged: two halves of one run on one machine, compared in this way, differ with a standard
 //! deviation of 10 to 15 % on a software driver, whatever their length.
 
 use std::collections::BTreeMap;
 
-use super::store::Comparison;
+use super::store::StoredComparison;
 use crate::record::Estimate;
 use crate::record::comparison::{CellId, Side, UnpairedSamples};
 use crate::statistics;
@@ -21,7 +21,7 @@ pub struct Unpaired {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RunTime {
     pub ns: Estimate,
-    /// A shorter median cannot be told from none.
+    /// A shorter median cannot be distinguished from 0.
     pub resolution_ns: f64,
 }
 
@@ -43,7 +43,7 @@ impl Unpaired {
     }
 }
 
-pub fn judge(comparison: &Comparison) -> BTreeMap<CellId, Unpaired> {
+pub fn judge(comparison: &StoredComparison) -> BTreeMap<CellId, Unpaired> {
     let of = |side: Side, cell: &CellId| {
         let mut lines = comparison.samples.iter();
         lines.find(|line: &&UnpairedSamples| {

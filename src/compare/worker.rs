@@ -12,8 +12,8 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use thiserror::Error;
 
 use super::protocol::{
-    CheckReading, Configuration, Exact, ExactStage, Greeting, PROTOCOL, Reply, Request, StageKind,
-    parse_request,
+    CheckReading, Exact, ExactStage, GateConfiguration, Greeting, PROTOCOL, Reply, StageKind,
+    WorkerRequest, parse_request,
 };
 use super::{quiet, valgrind};
 use crate::gpu::{self, ClockPlan, FrameTimer, Gpu, GpuError, Stage, StageSample, SubmitCost};
@@ -66,14 +66,14 @@ pub fn serve(
 ) -> Result<(), WorkerError> {
     quiet::pad_heap();
     let subjects = Subjects::of(catalog).silent();
-    let mut worker = Worker { options, catalog, subjects, device: None };
+    let mut worker = RequestServer { options, catalog, subjects, device: None };
     for line in input.lines() {
         let line = line.map_err(WorkerError::Input)?;
         if line.trim().is_empty() {
             continue;
         }
         let reply = match parse_request(&line) {
-            Ok(Request::Quit) => return Ok(()),
+            Ok(WorkerRequest::Quit) => return Ok(()),
             Ok(request) => worker.answer(request).unwrap_or_else(Refusal::reply),
             Err(reply) => reply,
         };
@@ -114,7 +114,7 @@ impl Refusal {
         }
     }
 
-    /// This build does not know what it is asked for. All else is a failure.
+    /// This build does not know what it is asked for. Every other refusal is a failure.
     fn is_absence(&self) -> bool {
         matches!(
             self,
@@ -127,7 +127,7 @@ impl Refusal {
     }
 }
 
-struct Worker<'a> {
+struct RequestServer<'a> {
     options: &'a gpu::Options,
     catalog: &'a Catalog,
     subjects: Subjects,
@@ -148,24 +148,26 @@ struct Prepared {
     pipeline: Box<dyn AnyPipeline>,
 }
 
-impl Worker<'_> {
-    fn answer(&mut self, request: Request) -> Result<Reply, Refusal> {
-        if let Request::Hello { clock, .. } = request {
+impl RequestServer<'_> {
+    fn answer(&mut self, request: WorkerRequest) -> Result<Reply, Refusal> {
+        if let WorkerRequest::Hello { clock, .. } = request {
             return self.hello(clock);
         }
         let device = self.device.as_mut().ok_or(Refusal::NoHello)?;
         match request {
-            Request::Clock => device.clock(),
-            Request::Prepare { configuration } => {
+            WorkerRequest::Clock => device.clock(),
+            WorkerRequest::Prepare { configuration } => {
                 device.prepare(&mut self.subjects, &configuration)
             }
-            Request::Sample { config, stage, frames } => device.sample(&config, &stage, frames),
-            Request::Exact { config } => device.exact(&config),
-            Request::Instructions { config, stage, frames } => {
+            WorkerRequest::Sample { config, stage, frames } => {
+                device.sample(&config, &stage, frames)
+            }
+            WorkerRequest::Exact { config } => device.exact(&config),
+            WorkerRequest::Instructions { config, stage, frames } => {
                 device.instructions(&config, &stage, frames)
             }
-            Request::Checks { stages } => device.checks(&self.catalog.cases(), &stages),
-            Request::Hello { .. } | Request::Quit => unreachable!("answered before"),
+            WorkerRequest::Checks { stages } => device.checks(&self.catalog.cases(), &stages),
+            WorkerRequest::Hello { .. } | WorkerRequest::Quit => unreachable!("answered before"),
         }
     }
 
@@ -200,7 +202,7 @@ impl Device {
     fn prepare(
         &mut self,
         subjects: &mut Subjects,
-        configuration: &Configuration,
+        configuration: &GateConfiguration,
     ) -> Result<Reply, Refusal> {
         let overrides: Vec<_> = configuration.params.clone().into_iter().collect();
         let subject =
@@ -210,14 +212,10 @@ impl Device {
         for _ in 0..WARM_UP_FRAMES {
             self.timer.untimed(&self.gpu, &stages)?;
         }
-        let kinds = self.timer.kinds(&self.gpu, &stages)?;
-        let stages = stages
-            .iter()
-            .zip(kinds)
-            .map(|(stage, kind)| StageKind { name: stage.name().to_owned(), kind });
-        let reply = Reply::Prepared { stages: stages.collect() };
-        let prepared = Prepared { subject, pipeline };
-        self.prepared.insert(configuration.id.clone(), prepared);
+        let kinds = stages.iter().zip(self.timer.kinds(&self.gpu, &stages)?);
+        let kinds = kinds.map(|(stage, kind)| StageKind { name: stage.name().to_owned(), kind });
+        let reply = Reply::Prepared { stages: kinds.collect() };
+        self.prepared.insert(configuration.id.clone(), Prepared { subject, pipeline });
         Ok(reply)
     }
 
@@ -235,10 +233,10 @@ impl Device {
     fn exact(&mut self, config: &str) -> Result<Reply, Refusal> {
         let prepared = known(&self.prepared, config)?;
         let pipeline = prepared.pipeline.as_ref();
-        let encodes = pipeline.stages();
-        let counted = gpu::count(&self.gpu, &encodes, MAX_PASSES)?.unwrap_or_default();
-        self.timer.untimed(&self.gpu, &encodes)?;
-        let stages = pipeline.stages().into_iter().map(|stage| {
+        let stages = pipeline.stages();
+        let counted = gpu::count(&self.gpu, &stages, MAX_PASSES)?.unwrap_or_default();
+        self.timer.untimed(&self.gpu, &stages)?;
+        let stages = stages.iter().map(|stage| {
             let counters = counted.iter().find(|counted| counted.name == stage.name());
             ExactStage {
                 name: stage.name().to_owned(),

@@ -6,6 +6,7 @@ use std::collections::BTreeMap;
 use std::fmt;
 
 use serde::{Deserialize, Deserializer, Serialize, de};
+use strum::{Display, EnumString, IntoStaticStr};
 
 use super::{Adapter, ErrorFigure, Record, Work, nan};
 
@@ -14,10 +15,10 @@ pub const MOST_LAUNCHES: u32 = 200;
 /// Most pairs of a cell in a launch of the first measurement; the second takes up to four times as many.
 pub const MOST_PAIRS: u32 = 1000;
 
-/// Launches of a gate unless told otherwise. The least that an exact test of 44 cells can decide on is 11, if all of them
+/// Launches of a gate by default. The least that an exact test of 44 cells can decide on is 11, if all of them
 /// agree; with 20 a few may stray.
 pub const LAUNCHES: u32 = 20;
-/// Pairs of samples of a cell in each launch unless told otherwise.
+/// Pairs of samples of a cell in each launch by default.
 pub const PAIRS: u32 = 16;
 /// Family-wise error of the time gate.
 const ALPHA: f64 = 0.05;
@@ -26,8 +27,22 @@ pub const THRESHOLD: f64 = 0.02;
 /// Counts repeat to 0.1 %; half a per cent is plain.
 pub const INSTRUCTION_THRESHOLD: f64 = 0.005;
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[derive(
+    Clone,
+    Copy,
+    Debug,
+    PartialEq,
+    Eq,
+    PartialOrd,
+    Ord,
+    Hash,
+    Serialize,
+    Deserialize,
+    Display,
+    IntoStaticStr,
+)]
 #[serde(rename_all = "snake_case")]
+#[strum(serialize_all = "snake_case")]
 pub enum Side {
     Base,
     Head,
@@ -35,17 +50,24 @@ pub enum Side {
 
 impl Side {
     pub const BOTH: [Self; 2] = [Self::Base, Self::Head];
-
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Base => "base",
-            Self::Head => "head",
-        }
-    }
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[derive(
+    Clone,
+    Copy,
+    Debug,
+    PartialEq,
+    Eq,
+    PartialOrd,
+    Ord,
+    Hash,
+    Serialize,
+    Deserialize,
+    Display,
+    EnumString,
+)]
 #[serde(rename_all = "snake_case")]
+#[strum(serialize_all = "snake_case")]
 pub enum Gate {
     Exact,
     Instructions,
@@ -54,14 +76,6 @@ pub enum Gate {
 
 impl Gate {
     pub const ALL: [Self; 3] = [Self::Exact, Self::Instructions, Self::Time];
-
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Exact => "exact",
-            Self::Instructions => "instructions",
-            Self::Time => "time",
-        }
-    }
 }
 
 /// A gate cell's name: `CONFIGURATION STAGE`, such as `tank caustics/trace`.
@@ -93,7 +107,7 @@ impl CellId {
 
 impl fmt::Display for CellId {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.pad(&self.0)
+        f.write_str(&self.0)
     }
 }
 
@@ -209,7 +223,7 @@ impl Default for GateSettings {
     }
 }
 
-/// A number between 0 and 1: no verdict follows from another.
+/// A number between 0 and 1: any other decides nothing.
 fn share<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f64, D::Error> {
     let share = f64::deserialize(deserializer)?;
     if 0.0 < share && share < 1.0 {
@@ -230,7 +244,7 @@ pub struct ConfigurationFigures {
     /// The same with the stage that each judges.
     #[serde(default)]
     pub judged: Vec<ErrorFigure>,
-    /// Figures read back that are no errors: a change of one is told and not judged.
+    /// Figures read back that are no errors: a change of one is reported, but not judged.
     #[serde(default, with = "nan::map")]
     pub quantities: BTreeMap<String, f64>,
     /// What could not be computed, and why.
@@ -297,7 +311,10 @@ pub struct Launch {
     /// Of the second measurement.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub second: bool,
-    /// How the workers were quieted: core, threads, padding of the environment, and what could not be done.
+    /// The only core that was measured on, if the workers were kept on one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub core: Option<usize>,
+    /// Conditions of a quiet measurement that could not be had.
     pub notes: Vec<String>,
 }
 
@@ -338,7 +355,7 @@ pub struct UnpairedSamples {
     pub side: Side,
     pub cell: CellId,
     pub ns: Vec<f64>,
-    /// A shorter median cannot be told from none.
+    /// A shorter median cannot be distinguished from 0.
     #[serde(default)]
     pub resolution_ns: f64,
 }

@@ -4,12 +4,12 @@ use std::fs;
 use std::io::{BufRead, BufReader};
 use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output, Stdio};
+use std::process::{Command, Stdio};
 
-use fathom::compare::store::Comparison;
-use fathom::compare::verdict::{Status, Verdict, Verdicts};
+use fathom::compare::store::StoredComparison;
+use fathom::compare::verdict::{CellVerdict, Status, Verdicts};
 use fathom::record::comparison::Gate;
-use fathom::record::{self, Outcome, Record};
+use fathom::record::{self, Measured, Outcome, Record};
 
 use super::script::{Script, hello, refusal};
 
@@ -63,14 +63,13 @@ impl Builds {
         command
     }
 
-    /// Compares a build that does all as it should with this one.
-    fn compare(&self, head: &Script<'_>) -> (Output, Comparison) {
-        let base = self.build("base", &Script::default());
-        let head = self.build("head", head);
+    /// What two builds print and store, and the exit status.
+    fn compare(&self, base: &Script<'_>, head: &Script<'_>) -> (String, StoredComparison, i32) {
+        let (base, head) = (self.build("base", base), self.build("head", head));
         let output = self.command(&base, &head).output().unwrap();
-        let stored = Comparison::read(&self.path("out"));
+        let stored = StoredComparison::read(&self.path("out"));
         let stored = stored.unwrap_or_else(|error| panic!("{error}: {output:?}"));
-        (output, stored)
+        (String::from_utf8(output.stdout).unwrap(), stored, output.status.code().unwrap())
     }
 
     #[track_caller]
@@ -86,7 +85,7 @@ impl Builds {
     }
 }
 
-fn verdict(stored: &Comparison, cell: &str) -> Verdict {
+fn verdict(stored: &StoredComparison, cell: &str) -> CellVerdict {
     let cells = Verdicts::of(stored).cells;
     let found = cells.iter().find(|found| found.cell.as_str() == cell);
     found.unwrap().verdict
@@ -95,18 +94,16 @@ fn verdict(stored: &Comparison, cell: &str) -> Verdict {
 #[test]
 fn equal_builds_are_the_same_and_unequal_ones_are_not() {
     let builds = Builds::new();
-    let (output, stored) = builds.compare(&Script::default());
-    let told = String::from_utf8(output.stdout).unwrap();
-    assert_eq!(output.status.code(), Some(0), "{told}");
+    let (told, stored, status) = builds.compare(&Script::default(), &Script::default());
+    assert_eq!(status, 0, "{told}");
     assert!(told.contains("no regression; 4 cells: 4 same"), "{told}");
     assert_eq!(stored.header.base.label, builds.path("base").display().to_string());
 
     let builds = Builds::new();
-    let (output, stored) =
-        builds.compare(&Script { bytes: 1001, error: 0.02, ns: 1_500_000, ..Script::default() });
-    assert_eq!(output.status.code(), Some(1));
-    assert_eq!(verdict(&stored, "one a"), Verdict::Faster);
-    let told = String::from_utf8(output.stdout).unwrap();
+    let other = Script { bytes: 1001, error: 0.02, ns: 1_500_000, ..Script::default() };
+    let (told, stored, status) = builds.compare(&Script::default(), &other);
+    assert_eq!(status, 1);
+    assert_eq!(verdict(&stored, "one a"), CellVerdict::Faster);
     assert!(told.contains("one: allocated_bytes"), "{told}");
     assert!(told.contains("one: an_error 0.0100 → 0.0200"), "{told}");
     let junit = fs::read_to_string(builds.path("out/junit.xml")).unwrap();
@@ -127,63 +124,45 @@ fn bases_that_cannot_be_asked_are_told_apart() {
 
 #[test]
 fn a_base_that_lacks_a_part_skips_that_gate_and_says_so() {
-    let builds = Builds::new();
-    let base = builds.build("base", &Script { hello: hello(1, "\"time\""), ..Script::default() });
-    let head = builds.build("head", &Script::default());
-    let output = builds.command(&base, &head).output().unwrap();
-    let told = String::from_utf8(output.stdout).unwrap();
-    assert_eq!(output.status.code(), Some(0), "{told}");
+    let base = Script { hello: hello(1, "\"time\""), ..Script::default() };
+    let (told, _, status) = Builds::new().compare(&base, &Script::default());
+    assert_eq!(status, 0, "{told}");
     assert!(told.contains("exact gate skipped: the base build knows no such gate"), "{told}");
 }
 
 #[test]
-fn what_the_base_does_not_know_is_new_and_what_the_head_cannot_do_fails() {
-    let refuse = &refusal("unknown pipeline", true);
-    let builds = Builds::new();
-    let base = builds
-        .build("base", &Script { instead: &[("\"id\":\"two\"", refuse)], ..Script::default() });
-    let head = builds.build("head", &Script::default());
-    let output = builds.command(&base, &head).output().unwrap();
-    assert_eq!(output.status.code(), Some(0));
-    let stored = Comparison::read(&builds.path("out")).unwrap();
-    assert_eq!(verdict(&stored, "two a"), Verdict::New);
-    assert_eq!(verdict(&stored, "one a"), Verdict::Same);
-
-    let builds = Builds::new();
-    let (output, stored) =
-        builds.compare(&Script { instead: &[("\"id\":\"two\"", refuse)], ..Script::default() });
-    assert_eq!(output.status.code(), Some(2));
-    assert_eq!(verdict(&stored, "two b"), Verdict::Failed);
-    assert_eq!(verdict(&stored, "one b"), Verdict::Same);
-}
-
-#[test]
-fn what_fails_in_either_build_is_not_taken_for_new() {
+fn only_what_the_base_alone_does_not_know_is_new() {
     let absent = refusal("unknown pipeline", true);
     let failure = refusal("out of memory", false);
-    for (of_base, of_head) in [(&failure, None), (&absent, Some("exit 3"))] {
-        let builds = Builds::new();
-        let build = |name: &str, does: Option<&str>| {
-            let instead: Vec<_> = does.map(|does| ("\"id\":\"two\"", does)).into_iter().collect();
-            builds.build(name, &Script { instead: &instead, ..Script::default() })
-        };
-        let (base, head) = (build("base", Some(of_base)), build("head", of_head));
-        let output = builds.command(&base, &head).output().unwrap();
-        assert_eq!(output.status.code(), Some(2), "{output:?}");
-        let stored = Comparison::read(&builds.path("out")).unwrap();
-        assert_eq!(verdict(&stored, "two a"), Verdict::Failed);
-        assert_eq!(verdict(&stored, "one a"), Verdict::Same);
+    for (name, of_base, of_head, status, expected) in [
+        ("new in the head", Some(&absent[..]), None, 0, CellVerdict::New),
+        ("gone in the head", None, Some(&absent[..]), 2, CellVerdict::Failed),
+        ("the base fails", Some(&failure), None, 2, CellVerdict::Failed),
+        ("the head dies", Some(&absent), Some("exit 3"), 2, CellVerdict::Failed),
+    ] {
+        let [base, head] = [of_base, of_head]
+            .map(|does| Vec::from_iter(does.map(|does| ("\"id\":\"two\"", does))));
+        let script = |instead| Script { instead, ..Script::default() };
+        let (told, stored, found) = Builds::new().compare(&script(&base), &script(&head));
+        assert_eq!(found, status, "{name}: {told}");
+        for (cell, verdict_of_cell) in [
+            ("two a", expected),
+            ("two b", expected),
+            ("one a", CellVerdict::Same),
+            ("one b", CellVerdict::Same),
+        ] {
+            assert_eq!(verdict(&stored, cell), verdict_of_cell, "{name}: {cell}");
+        }
     }
 }
 
 #[test]
 fn an_error_that_is_no_number_is_a_figure_like_any_other() {
-    let builds = Builds::new();
     let null = "echo '{\"message\":\"exact\",\"stages\":[{\"name\":\"a\",\"work\":{},\"counters\":{}},{\"name\":\"b\",\"work\":{},\"counters\":{}}],\
                 \"allocated_bytes\":1,\"errors\":{\"an_error\":null},\"quantities\":{},\"notes\":[]}'";
-    let (output, stored) =
-        builds.compare(&Script { instead: &[("\"exact\"", null)], ..Script::default() });
-    assert!(stored.faults.is_empty(), "{output:?}");
+    let head = Script { instead: &[("\"exact\"", null)], ..Script::default() };
+    let (told, stored, _) = Builds::new().compare(&Script::default(), &head);
+    assert!(stored.faults.is_empty(), "{told}");
 }
 
 #[test]
@@ -194,13 +173,11 @@ fn a_head_that_dies_or_lies_costs_the_cells_that_it_does_so_at() {
         ("\"stage\":\"b\"", "echo '{\"message\":\"sample\",\"ns\":[-1]}'", "garbage"),
         ("\"stage\":\"b\"", "echo nonsense", "garbage"),
     ] {
-        let builds = Builds::new();
-        let (output, stored) =
-            builds.compare(&Script { instead: &[(pattern, badly)], ..Script::default() });
-        let told = String::from_utf8(output.stdout).unwrap();
-        assert_eq!(output.status.code(), Some(2), "{badly}: {told}");
-        assert_eq!(verdict(&stored, "two b"), Verdict::Failed, "{badly}: {told}");
-        assert_eq!(verdict(&stored, "one a"), Verdict::Same, "{badly}: {told}");
+        let head = Script { instead: &[(pattern, badly)], ..Script::default() };
+        let (told, stored, status) = Builds::new().compare(&Script::default(), &head);
+        assert_eq!(status, 2, "{badly}: {told}");
+        assert_eq!(verdict(&stored, "two b"), CellVerdict::Failed, "{badly}: {told}");
+        assert_eq!(verdict(&stored, "one a"), CellVerdict::Same, "{badly}: {told}");
         assert!(told.contains(reason), "{badly}: {told}");
     }
 }
@@ -229,14 +206,14 @@ fn ctrl_c_in_a_terminal_costs_no_cell() {
     // What it says in the end must not block it.
     told.map_while(Result::ok).for_each(drop);
     assert_eq!(child.wait().unwrap().code(), Some(130));
-    let stored = Comparison::read(&builds.path("out")).unwrap();
+    let stored = StoredComparison::read(&builds.path("out")).unwrap();
     assert!(stored.faults.is_empty(), "{:?}", stored.faults);
     let mut resumed = builds.command(&base, &head);
     let resumed = resumed.arg("--resume").output().unwrap();
     assert_eq!(resumed.status.code(), Some(0), "{resumed:?}");
-    let stored = Comparison::read(&builds.path("out")).unwrap();
+    let stored = StoredComparison::read(&builds.path("out")).unwrap();
     assert_eq!(stored.launches.len(), 10);
-    assert_eq!(verdict(&stored, "two b"), Verdict::Same);
+    assert_eq!(verdict(&stored, "two b"), CellVerdict::Same);
 }
 
 #[test]
@@ -252,7 +229,7 @@ fn a_killed_comparison_goes_on_where_it_ended() {
     child.kill().unwrap();
     child.wait().unwrap();
 
-    let stored = Comparison::read(&builds.path("out")).unwrap();
+    let stored = StoredComparison::read(&builds.path("out")).unwrap();
     let before = stored.launches.len();
     assert!((3..10).contains(&before) && stored.end.is_none(), "{before}");
     let occupied = builds.command(&base, &head).output().unwrap();
@@ -266,7 +243,7 @@ fn a_killed_comparison_goes_on_where_it_ended() {
 
     let resumed = builds.command(&base, &head).arg("--resume").output().unwrap();
     assert_eq!(resumed.status.code(), Some(0), "{resumed:?}");
-    let stored = Comparison::read(&builds.path("out")).unwrap();
+    let stored = StoredComparison::read(&builds.path("out")).unwrap();
     assert_eq!(stored.launches.len(), 10);
     assert_eq!(stored.exact.len(), 2 * 4, "exact figures are not asked for again");
     assert_eq!(Verdicts::of(&stored).status, Status::NoRegression);
@@ -317,36 +294,27 @@ fn files_of_records_are_judged_by_what_is_exact() {
     let told = String::from_utf8(same.stdout).unwrap();
     assert_eq!(same.status.code(), Some(0), "{told}");
     assert!(told.contains("times are unpaired") && told.contains("+0.0 %, unpaired"), "{told}");
-    let again = fathom(
-        &["compare", "--replay"]
-            .map(Path::new)
-            .iter()
-            .copied()
-            .chain([folder.path().join("same").as_path()])
-            .collect::<Vec<_>>(),
-    );
+    let again = fathom(&[Path::new("compare"), Path::new("--replay"), &folder.path().join("same")]);
     assert_eq!(String::from_utf8(again.stdout).unwrap(), told);
 
-    let slower = changed("slower.jsonl", &|record| {
-        if let Record::Cell(cell) = record
-            && let Outcome::Measured(measured) = &mut cell.outcome
-        {
-            measured.stages.iter_mut().for_each(|stage| {
-                stage.samples_ns.iter_mut().for_each(|ns| *ns *= 1.5);
-            });
-        }
+    let remeasured = |name: &str, change: &dyn Fn(&mut Measured)| {
+        changed(name, &|record| {
+            if let Record::Cell(cell) = record
+                && let Outcome::Measured(measured) = &mut cell.outcome
+            {
+                change(measured);
+            }
+        })
+    };
+    let slower = remeasured("slower.jsonl", &|measured| {
+        let stages = measured.stages.iter_mut();
+        stages.flat_map(|stage| &mut stage.samples_ns).for_each(|ns| *ns *= 1.5);
     });
     let told = compare(&slower, "slower");
     assert_eq!(told.status.code(), Some(0), "unpaired times raise no alarm");
     assert!(String::from_utf8(told.stdout).unwrap().contains("+50.0 %, unpaired"));
 
-    let costlier = changed("costlier.jsonl", &|record| {
-        if let Record::Cell(cell) = record
-            && let Outcome::Measured(measured) = &mut cell.outcome
-        {
-            measured.allocated_bytes += 1;
-        }
-    });
+    let costlier = remeasured("costlier.jsonl", &|measured| measured.allocated_bytes += 1);
     assert_eq!(compare(&costlier, "costlier").status.code(), Some(1));
 
     let elsewhere = changed("elsewhere.jsonl", &|record| {

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
-use fathom::compare::store::Comparison;
+use fathom::compare::store::StoredComparison;
 
 use super::builds::{Builds, SLOWLY};
 use super::script::Script;
@@ -46,7 +46,7 @@ fn one_of_two(mut command: impl FnMut() -> Command) {
 
 #[track_caller]
 fn is_whole(builds: &Builds) {
-    let stored = Comparison::read(&builds.path("out")).unwrap();
+    let stored = StoredComparison::read(&builds.path("out")).unwrap();
     assert_eq!((stored.launches.len(), stored.exact.len()), (10, 8));
     // Four cells and the control, two pairs of each in every launch.
     assert_eq!(stored.pairs.len(), 10 * 5 * 2);
@@ -126,7 +126,7 @@ fn a_worker_that_is_stopped_is_told_of_and_an_interrupt_ends_the_wait() {
     told.for_each(drop);
     assert_eq!(child.wait().unwrap().code(), Some(130));
     assert!(start.elapsed() < Duration::from_secs(60), "it waited for the worker");
-    let stored = Comparison::read(&builds.path("out")).unwrap();
+    let stored = StoredComparison::read(&builds.path("out")).unwrap();
     assert!(stored.faults.is_empty(), "{:?}", stored.faults);
 }
 

@@ -8,29 +8,29 @@ use std::time::{Duration, Instant};
 
 use fathom::compare::bench::Processes;
 use fathom::compare::launch::{
-    Patience, Quiet, Start, Waiting, Worker, WorkerFault, allowed_cores,
+    Patience, Quiet, Waiting, WorkerFault, WorkerProcess, WorkerStart, allowed_cores,
 };
-use fathom::compare::protocol::{Configuration, Reply, Request};
-use fathom::compare::rounds::{self, Before, Party, PartyFault, Schedule};
+use fathom::compare::protocol::{GateConfiguration, Reply, WorkerRequest};
+use fathom::compare::rounds::{self, Before, RoleFault, Schedule, WorkerRole};
 use fathom::compare::time;
-use fathom::record::comparison::{CellId, Compared, Fault, GateSettings, Pair, Side};
+use fathom::record::comparison::{CellId, Compared, Fault, GateSettings, Launch, Pair, Side};
 use serde_json::{Map, json};
 
 use super::script::{Script, hello, refusal};
 
 static NEVER: AtomicBool = AtomicBool::new(false);
 
-fn fathom() -> Start {
-    Start::new(Path::new(env!("CARGO_BIN_EXE_fathom")))
+fn fathom() -> WorkerStart {
+    WorkerStart::new(Path::new(env!("CARGO_BIN_EXE_fathom")))
 }
 
 /// Small enough for an unoptimized build.
-fn plane() -> Configuration {
+fn plane() -> GateConfiguration {
     let params = json!({
         "view.width": 48, "view.height": 48, "shadow.size": 64, "surface.cells": 8,
         "caustics.grid": 8, "caustics.buffer": [32, 32], "godrays.grid": 8, "godrays.buffer": [32, 32]
     });
-    Configuration {
+    GateConfiguration {
         id: "plane".to_owned(),
         pipeline: "underwater".to_owned(),
         scene: "plane".to_owned(),
@@ -46,39 +46,39 @@ fn schedule(cells: &[(&str, &str)], launches: u32, pairs: u32) -> Schedule {
 
 fn measure(bench: &mut Processes, schedule: &Schedule) -> Vec<Compared> {
     let mut lines = Vec::new();
-    let mut sink = |more: Vec<Compared>| -> Result<(), Infallible> {
+    let sink = |more: Vec<Compared>| -> Result<(), Infallible> {
         lines.extend(more);
         Ok(())
     };
-    let Ok(()) = rounds::run(schedule, bench, &Before::default(), &NEVER, &mut sink);
+    let Ok(()) = rounds::run(schedule, bench, &Before::default(), &NEVER, sink);
     lines
 }
 
-fn sorted(lines: Vec<Compared>) -> (Vec<Pair>, Vec<Fault>, Vec<Vec<String>>) {
-    let (mut pairs, mut faults, mut notes) = (Vec::new(), Vec::new(), Vec::new());
+fn sorted(lines: Vec<Compared>) -> (Vec<Pair>, Vec<Fault>, Vec<Launch>) {
+    let (mut pairs, mut faults, mut launches) = (Vec::new(), Vec::new(), Vec::new());
     for line in lines {
         match line {
             Compared::Pair(pair) => pairs.push(pair),
             Compared::Fault(fault) => faults.push(fault),
-            Compared::Launch(launch) => notes.push(launch.notes),
+            Compared::Launch(launch) => launches.push(launch),
             other => panic!("{other:?}"),
         }
     }
-    (pairs, faults, notes)
+    (pairs, faults, launches)
 }
 
 #[test]
 fn a_gate_between_two_copies_of_this_build_measures_every_cell() {
-    let mut bench = Processes::new(fathom(), fathom(), &[plane()], 1, Waiting::PLAINLY).unwrap();
+    let mut bench = Processes::new([fathom(), fathom()], &[plane()], 1, Waiting::PLAINLY).unwrap();
     let schedule = schedule(&[("plane", "caustics/trace"), ("plane", "compose")], 2, 4);
-    let (pairs, faults, notes) = sorted(measure(&mut bench, &schedule));
+    let (pairs, faults, launches) = sorted(measure(&mut bench, &schedule));
     assert_eq!(faults, []);
-    assert_eq!(notes.len(), 2);
+    assert_eq!(launches.len(), 2);
     assert_eq!(pairs.len(), 2 * 4 * 3, "two launches, four rounds, two cells and the control");
     assert!(pairs.iter().all(|pair| pair.base_ns > 0.0 && pair.head_ns > 0.0));
     assert_eq!(pairs.iter().filter(|pair| pair.control).count(), 8);
     if cfg!(target_os = "linux") && bench.adapter.software {
-        assert!(notes.iter().all(|notes| notes.iter().any(|note| note.starts_with("on core "))));
+        assert!(launches.iter().all(|launch| launch.core.is_some()));
     }
     let judged = time::judge(&schedule.cells, &pairs, &GateSettings::default());
     assert_eq!(judged.cells.len(), 2);
@@ -91,64 +91,51 @@ fn a_worker_says_under_which_conditions_it_runs_and_answers_every_request() {
     let core = allowed_cores().last().copied();
     let mut start = fathom();
     start.quiet = Some(Quiet { core, padding: 100, keep_memory: true });
-    let mut worker = Worker::start(&start).unwrap();
-    let early = worker.ask(&Request::Clock, &Waiting::PLAINLY).unwrap_err();
-    assert!(early.to_string().contains("`hello`"), "{early}");
-    worker.greet().unwrap();
+    let mut early = WorkerProcess::spawn(&start).unwrap();
+    let fault = early.ask(&WorkerRequest::Clock, &Waiting::PLAINLY).unwrap_err();
+    assert!(fault.goes_on() && fault.to_string().contains("`hello`"), "{fault}");
+    let mut worker = WorkerProcess::start(&start).unwrap();
     let greeting = worker.greeted(&Waiting::PLAINLY).unwrap();
+    let mut ask = |request| worker.ask(&request, &Waiting::PLAINLY);
     assert_eq!(greeting.parts, ["exact", "checks", "time", "instructions"]);
     if cfg!(target_os = "linux") {
         assert_eq!(greeting.cores, core.map(|core| vec![core]));
         assert!(greeting.randomized.is_some());
     }
-    let prepared =
-        worker.ask(&Request::Prepare { configuration: plane() }, &Waiting::PLAINLY).unwrap();
+    let prepared = ask(WorkerRequest::Prepare { configuration: plane() }).unwrap();
     let Reply::Prepared { stages, .. } = prepared else { panic!("{prepared:?}") };
     let kinds: Vec<_> = stages.iter().map(|stage| (stage.name.as_str(), stage.kind)).collect();
     use fathom::record::PassKind::{Compute, Host, Render};
     assert_eq!(kinds[0], ("frame", Host));
     assert!(kinds.contains(&("caustics/trace", Compute)) && kinds.contains(&("compose", Render)));
 
-    let sample = |config: &str, stage: &str, frames| Request::Sample {
+    let sample = |config: &str, stage: &str, frames| WorkerRequest::Sample {
         config: config.to_owned(),
         stage: stage.to_owned(),
         frames,
     };
-    let Reply::Sample { ns } =
-        worker.ask(&sample("plane", "caustics/splat", 3), &Waiting::PLAINLY).unwrap()
-    else {
+    let Ok(Reply::Sample { ns }) = ask(sample("plane", "caustics/splat", 3)) else {
         panic!("no sample")
     };
     assert!(ns.len() == 3 && ns.iter().all(|ns| *ns > 0.0), "{ns:?}");
+    let prepare = |name: &str, value: u32| {
+        let params = Map::from_iter([(name.to_owned(), json!(value))]);
+        WorkerRequest::Prepare { configuration: GateConfiguration { params, ..plane() } }
+    };
     for (request, reason, absent) in [
         (sample("plan", "compose", 1), "`plan` is not prepared", false),
         (sample("plane", "compos", 1), "has no stage `compos`; it has frame, ", true),
         (sample("plane", "compose", 0), "frames must lie in 1…", false),
+        (prepare("caustics.gird", 1), "did you mean `caustics.grid`", true),
+        (prepare("view.width", 1_000_000), "", false),
     ] {
-        let fault = worker.ask(&request, &Waiting::PLAINLY).unwrap_err();
+        let fault = ask(request).unwrap_err();
         assert!(fault.goes_on() && fault.to_string().contains(reason), "{fault}");
         assert_eq!(fault.is_absence(), absent, "{fault}");
     }
-    let wrong = Configuration {
-        params: Map::from_iter([("caustics.gird".to_owned(), json!(1))]),
-        ..plane()
-    };
-    let fault =
-        worker.ask(&Request::Prepare { configuration: wrong }, &Waiting::PLAINLY).unwrap_err();
-    assert!(fault.to_string().contains("did you mean `caustics.grid`"), "{fault}");
-    assert!(fault.is_absence());
-    let unfit = Configuration {
-        params: Map::from_iter([("view.width".to_owned(), json!(1_000_000))]),
-        ..plane()
-    };
-    let fault =
-        worker.ask(&Request::Prepare { configuration: unfit }, &Waiting::PLAINLY).unwrap_err();
-    assert!(fault.goes_on() && !fault.is_absence(), "{fault}");
 
     let config = "plane".to_owned();
-    let Reply::Exact(exact) =
-        worker.ask(&Request::Exact { config: config.clone() }, &Waiting::PLAINLY).unwrap()
-    else {
+    let Ok(Reply::Exact(exact)) = ask(WorkerRequest::Exact { config: config.clone() }) else {
         panic!("no exact figures")
     };
     assert!(exact.allocated_bytes > 0 && exact.stages.len() == stages.len());
@@ -158,27 +145,26 @@ fn a_worker_says_under_which_conditions_it_runs_and_answers_every_request() {
         assert!(stages.iter().any(|stage| stage.name == judged.stage), "{judged:?}");
     }
     let stage = "compose".to_owned();
-    let counted =
-        worker.ask(&Request::Instructions { config, stage, frames: 2 }, &Waiting::PLAINLY).unwrap();
-    assert_eq!(counted, Reply::Instructions { frames: 2 });
+    let counted = ask(WorkerRequest::Instructions { config, stage, frames: 2 });
+    assert_eq!(counted, Ok(Reply::Instructions { frames: 2 }));
     worker.quit();
 }
 
 /// A worker that is a script: it does as it should but for the stage `bad`, where it does `badly`.
-fn script(folder: &Path, name: &str, badly: &str) -> Start {
+fn script(folder: &Path, name: &str, badly: &str) -> WorkerStart {
     scripted(folder, name, &Script { instead: &[("\"bad\"", badly)], ..Script::default() })
 }
 
-fn scripted(folder: &Path, name: &str, script: &Script<'_>) -> Start {
-    let mut start = Start::new(&script.write(folder, name));
+fn scripted(folder: &Path, name: &str, script: &Script<'_>) -> WorkerStart {
+    let mut start = WorkerStart::new(&script.write(folder, name));
     // Read, not executed: a file that some other thread's fork still holds open for writing cannot be executed.
     start.wrapper = vec!["sh".into()];
     start.patience = Patience { slow: Duration::from_secs(20), sample: Duration::from_secs(1) };
     start
 }
 
-fn toy() -> Configuration {
-    Configuration { id: "toy".to_owned(), ..plane() }
+fn toy() -> GateConfiguration {
+    GateConfiguration { id: "toy".to_owned(), ..plane() }
 }
 
 /// A gate of three cells whose head does `badly` at one; that cell's reason. The others must stand.
@@ -186,13 +172,13 @@ fn fails_alone(badly: &str) -> String {
     let folder = tempfile::tempdir().unwrap();
     let base = script(folder.path(), "base", "echo '{\"message\":\"sample\",\"ns\":[5000000]}'");
     let head = script(folder.path(), "head", badly);
-    let mut bench = Processes::new(base, head, &[toy()], 1, Waiting::PLAINLY).unwrap();
+    let mut bench = Processes::new([base, head], &[toy()], 1, Waiting::PLAINLY).unwrap();
     let schedule = schedule(&[("toy", "good"), ("toy", "bad"), ("toy", "fine")], 3, 2);
-    let (pairs, faults, notes) = sorted(measure(&mut bench, &schedule));
+    let (pairs, faults, launches) = sorted(measure(&mut bench, &schedule));
     let [fault] = &faults[..] else { panic!("{faults:?}") };
     assert_eq!(fault.cell, Some(CellId::new("toy", "bad")));
     assert_eq!(fault.side, Some(Side::Head));
-    assert_eq!(notes.len(), 3, "three launches count in the end");
+    assert_eq!(launches.len(), 3, "three launches count in the end");
     assert_eq!(pairs.len(), 3 * 2 * 3, "two cells and the control");
     assert!(pairs.iter().all(|pair| pair.cell.stage() != "bad"));
     fault.reason.clone()
@@ -226,10 +212,10 @@ fn a_hung_worker_is_killed_for_certain() {
     let folder = tempfile::tempdir().unwrap();
     let pid = folder.path().join("pid");
     let hang = format!("echo $$ > {}; trap '' TERM INT HUP; sleep 60", pid.display());
-    let mut worker = Worker::start(&script(folder.path(), "hung", &hang)).unwrap();
-    worker.greet().unwrap();
+    let mut worker = WorkerProcess::start(&script(folder.path(), "hung", &hang)).unwrap();
     worker.greeted(&Waiting::PLAINLY).unwrap();
-    let request = Request::Sample { config: "toy".to_owned(), stage: "bad".to_owned(), frames: 1 };
+    let request =
+        WorkerRequest::Sample { config: "toy".to_owned(), stage: "bad".to_owned(), frames: 1 };
     let asked = Instant::now();
     let fault = worker.ask(&request, &Waiting::PLAINLY).unwrap_err();
     assert!(matches!(fault, WorkerFault::Silent { seconds: 1, .. }), "{fault}");
@@ -242,8 +228,8 @@ fn a_hung_worker_is_killed_for_certain() {
     );
 }
 
-fn refused(base: Start) -> PartyFault {
-    Processes::new(base, fathom(), &[toy()], 1, Waiting::PLAINLY).err().unwrap()
+fn refused(base: WorkerStart) -> RoleFault {
+    Processes::new([base, fathom()], &[toy()], 1, Waiting::PLAINLY).err().unwrap()
 }
 
 #[test]
@@ -253,7 +239,7 @@ fn builds_without_a_worker_of_this_protocol_are_told_apart() {
         refused(scripted(folder.path(), name, &Script { hello, ..Script::default() }))
     };
     let older = says("older", hello(0, "\"time\""));
-    assert_eq!(older.party, Party::Base);
+    assert_eq!(older.role, WorkerRole::Base);
     assert_eq!(older.fault, WorkerFault::OtherProtocol { theirs: 0 });
     let message = older.fault.to_string();
     assert!(message.contains("version 0") && message.contains("version 1"), "{message}");
@@ -266,6 +252,6 @@ fn builds_without_a_worker_of_this_protocol_are_told_apart() {
     let message = says("none", unknown.to_owned()).fault.to_string();
     assert!(message.contains("exit status: 2: error: unrecognized subcommand"), "{message}");
 
-    let missing = refused(Start::new(Path::new("/no/such/fathom")));
+    let missing = refused(WorkerStart::new(Path::new("/no/such/fathom")));
     assert!(missing.fault.to_string().contains("cannot be started"), "{:?}", missing.fault);
 }

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::Duration;
 
-use fathom::compare::{cells::Gates, store::Comparison, verdict::Verdicts};
+use fathom::compare::{cells::Gates, store::StoredComparison, verdict::Verdicts};
 use fathom::experiments::Experiment;
 use fathom::harness::query;
 use fathom::record;
@@ -44,7 +44,7 @@ const READERS: &[(&str, Reader)] = &[
     ("e.toml", experiment),
     ("points.csv", |path| told(query::read(path)).map(drop)),
     ("records.jsonl", |path| told(record::read(path)).map(drop)),
-    ("records.jsonl", |path| told(Comparison::read(path.parent().unwrap())).map(drop)),
+    ("records.jsonl", |path| told(StoredComparison::read(path.parent().unwrap())).map(drop)),
     ("gates.toml", |path| told(Gates::load(Some(path), ("", ""))).map(drop)),
     ("a.obj", mesh),
     ("a.ply", mesh),
@@ -239,11 +239,11 @@ fn long_and_deep_lines_of_records_are_damage() {
 }
 
 /// A comparison whose text is changed, or whose lines are followed by others.
-fn comparison(change: impl Fn(String) -> String) -> Result<Comparison, String> {
+fn comparison(change: impl Fn(String) -> String) -> Result<StoredComparison, String> {
     let folder = tempfile::tempdir().unwrap();
     let text = String::from_utf8(seeds::comparisons().remove(0)).unwrap();
     std::fs::write(folder.path().join("records.jsonl"), change(text)).unwrap();
-    told(Comparison::read(folder.path()))
+    told(StoredComparison::read(folder.path()))
 }
 
 #[test]

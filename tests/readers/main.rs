@@ -9,7 +9,7 @@ mod seeds;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-use fathom::compare::{cells::Gates, store::Comparison, verdict::Verdicts};
+use fathom::compare::{cells::Gates, store::StoredComparison, verdict::Verdicts};
 use fathom::experiments::{Experiment, parse_axis, parse_set};
 use fathom::harness::query;
 use fathom::harness::subject::Subjects;
@@ -163,9 +163,9 @@ fn records() {
 #[test]
 fn comparison_lines() {
     fuzz_file("records.jsonl", seeds::comparisons(), |path| {
-        let comparison = told(Comparison::read(path.parent().unwrap()))?;
+        let comparison = told(StoredComparison::read(path.parent().unwrap()))?;
         let verdicts = Verdicts::of(&comparison);
-        for format in exporters::formats() {
+        for format in exporters::OF_COMPARISONS {
             (format.write)(&verdicts);
         }
         Ok(())

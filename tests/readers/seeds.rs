@@ -187,7 +187,8 @@ fn launch(launch: u32) -> Vec<Compared> {
         launch,
         wall_s: 3.5,
         second: false,
-        notes: vec!["on core 0".into()],
+        core: Some(0),
+        notes: vec!["addresses are randomized".into()],
     })];
     for control in [false, true] {
         for (round, first) in (0..).zip(Side::BOTH) {

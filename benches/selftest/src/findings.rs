@@ -2,17 +2,18 @@
 
 use std::collections::BTreeMap;
 
+use derive_more::{Add, AddAssign};
 use serde::Serialize;
 
-use fathom::compare::store::Comparison;
-use fathom::compare::verdict::{GateState, Status, Verdict, Verdicts};
+use fathom::compare::store::StoredComparison;
+use fathom::compare::verdict::{CellVerdict, GateState, Status, Verdicts};
 
 use crate::injections::{Injection, Size};
 use crate::trials::{Aim, Trial, Variant};
-use fathom::record::comparison::Gate;
+use fathom::record::comparison::{CellId, Gate};
 
 /// A count and what it is of.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Add, AddAssign, Serialize)]
 pub struct Share {
     pub count: usize,
     pub of: usize,
@@ -51,7 +52,7 @@ pub struct TrialResult {
 /// A cell of a trial.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct CellResult {
-    pub cell: String,
+    pub cell: CellId,
     pub verdict: String,
     /// Head over base less one.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -132,14 +133,12 @@ pub struct KindResult {
 }
 
 /// What comes of the trials that were made.
-pub fn findings(injections: &[Injection], made: &[(Trial, Comparison)]) -> Findings {
+pub fn findings(injections: &[Injection], made: &[(Trial, StoredComparison)]) -> Findings {
     let truths = truths(made);
     let mut all = Findings::default();
     let mut gate_times = Vec::new();
     for (trial, comparison) in made {
-        let injection = injections.iter().find(
-            |injection| matches!(&trial.variant, Variant::Injected(id, _) if *id == injection.id),
-        );
+        let injection = injections.iter().find(|injection| trial.variant.injects(injection));
         let verdicts = Verdicts::of(comparison);
         let result = result(trial, injection, &verdicts, &truths);
         all.adapter = comparison.header.adapter.name.clone();
@@ -168,15 +167,15 @@ pub fn findings(injections: &[Injection], made: &[(Trial, Comparison)]) -> Findi
 }
 
 /// What a long measurement says of all injections of a size: (size, cell) → change.
-type Truths = BTreeMap<(Size, String), f64>;
+type Truths = BTreeMap<(Size, CellId), f64>;
 
-fn truths(made: &[(Trial, Comparison)]) -> Truths {
+fn truths(made: &[(Trial, StoredComparison)]) -> Truths {
     let long = made.iter().filter_map(|(trial, comparison)| {
         let Variant::Every(size) = trial.variant else {
             return None;
         };
         let cells = Verdicts::of(comparison).cells.into_iter();
-        Some(cells.filter_map(move |cell| Some(((size, cell.cell.to_string()), cell.time?.change))))
+        Some(cells.filter_map(move |cell| Some(((size, cell.cell), cell.time?.change))))
     });
     long.flatten().collect()
 }
@@ -193,12 +192,12 @@ fn result(
         let injected = stage.as_deref() == Some(cell.cell.stage());
         let truth = match trial.variant {
             _ if !injected => Some(0.0),
-            Variant::Injected(_, Some(size)) => truths.get(&(size, cell.cell.to_string())).copied(),
+            Variant::Injected(_, Some(size)) => truths.get(&(size, cell.cell.clone())).copied(),
             _ => None,
         };
         CellResult {
-            cell: cell.cell.to_string(),
-            verdict: cell.verdict.text().to_owned(),
+            cell: cell.cell.clone(),
+            verdict: cell.verdict.to_string(),
             change: time.map(|time| short(time.change)),
             interval: time
                 .and_then(|time| time.interval)
@@ -208,29 +207,25 @@ fn result(
             truth: time.and(truth).map(short),
         }
     });
-    let mut by_verdict = BTreeMap::new();
-    for cell in &verdicts.cells {
-        *by_verdict.entry(cell.verdict.text().to_owned()).or_default() += 1;
-    }
-    let first = verdicts.regressions();
+    let by_verdict = verdicts.counts().into_iter();
     TrialResult {
         id: trial.id.clone(),
         stage: stage.clone(),
         kind: match (injection, &trial.variant) {
             (Some(injection), Variant::Injected(_, Some(size))) => {
-                format!("{}, {}", injection.kind, size.name())
+                format!("{}, {}", injection.kind, size.label())
             }
             (Some(injection), _) => injection.kind.clone(),
             (None, Variant::Unrelated) => "unrelated host change".to_owned(),
-            (None, Variant::Every(size)) => format!("every injection, {}", size.name()),
+            (None, Variant::Every(size)) => format!("every injection, {}", size.label()),
             (None, _) => "same source".to_owned(),
         },
         loaded: trial.loaded,
         gates: trial.gates.clone(),
-        status: verdicts.status.text().to_owned(),
-        exit_code: verdicts.status.exit_code(),
-        named_first: first.first().map(|cell| cell.cell.stage().to_owned()),
-        verdicts: by_verdict,
+        status: verdicts.status.to_string(),
+        exit_code: verdicts.status as u8,
+        named_first: verdicts.regressions().first().map(|cell| cell.cell.stage().to_owned()),
+        verdicts: by_verdict.map(|(verdict, count)| (verdict.to_string(), count)).collect(),
         wall_s: verdicts.comparison.end.as_ref().map(|end| end.wall_s.round()),
         cells: cells.collect(),
     }
@@ -270,7 +265,10 @@ impl Findings {
         let first = regressions.first().is_some_and(|cell| own(cell.cell.stage()));
         let mut others = Share::default();
         for cell in verdicts.cells.iter().filter(|cell| !own(cell.cell.stage())) {
-            if !matches!(cell.verdict, Verdict::Failed | Verdict::New | Verdict::NotMeasured) {
+            if !matches!(
+                cell.verdict,
+                CellVerdict::Failed | CellVerdict::New | CellVerdict::NotMeasured
+            ) {
                 others.add(cell.verdict.is_regression());
             }
         }
@@ -281,21 +279,18 @@ impl Findings {
                 caught,
                 named_first: first,
                 others_blamed: others,
-                verdicts: cells
-                    .map(|cell| format!("{}: {}", cell.cell, cell.verdict.text()))
-                    .collect(),
+                verdicts: cells.map(|cell| format!("{}: {}", cell.cell, cell.verdict)).collect(),
             };
             self.kinds.insert(injection.kind.clone(), found);
             return;
         };
-        let detection = self.detection.entry(size.name().to_owned()).or_default();
+        let detection = self.detection.entry(size.label().to_owned()).or_default();
         detection.caught.add(caught);
         if caught {
             detection.named_first.add(first);
         }
-        detection.others_blamed.count += others.count;
-        detection.others_blamed.of += others.of;
-        let tuned = format!("{} {}", injection.configuration, injection.stage);
+        detection.others_blamed += others;
+        let tuned = CellId::new(&injection.configuration, &injection.stage);
         let measured = result.cells.iter().find(|cell| cell.cell == tuned);
         if *size == Size::Slow5 {
             let stage = self.stages.entry(injection.stage.clone()).or_default();
@@ -310,9 +305,8 @@ impl Findings {
             _ => cell.change,
         });
         if let Some(change) = change {
-            let least = detection.smallest.map_or(change, |known| known.min(change));
-            let most = detection.largest.map_or(change, |known| known.max(change));
-            (detection.smallest, detection.largest) = (Some(least), Some(most));
+            detection.smallest = Some(detection.smallest.map_or(change, |known| known.min(change)));
+            detection.largest = Some(detection.largest.map_or(change, |known| known.max(change)));
         }
     }
 
@@ -323,9 +317,7 @@ impl Findings {
                 continue;
             };
             let covered = low <= truth && truth <= high;
-            let injected = result.stage.as_deref().is_some_and(|stage| {
-                cell.cell.strip_suffix(stage).is_some_and(|rest| rest.ends_with(' '))
-            });
+            let injected = result.stage.as_deref() == Some(cell.cell.stage());
             let share = if injected { &mut self.covered_injected } else { &mut self.covered_zero };
             share.add(covered);
         }
@@ -333,20 +325,17 @@ impl Findings {
 
     /// All intervals whose truth is known.
     pub fn covered(&self) -> Share {
-        Share {
-            count: self.covered_zero.count + self.covered_injected.count,
-            of: self.covered_zero.of + self.covered_injected.of,
-        }
+        self.covered_zero + self.covered_injected
     }
 
     /// How often a cell is called slower or faster where nothing changed.
     pub fn no_op_changes(&self) -> Share {
-        let count = |verdict: Verdict| {
-            let found = self.no_op_verdicts.get(verdict.text());
+        let count = |verdict: CellVerdict| {
+            let found = self.no_op_verdicts.get(&verdict.to_string());
             found.copied().unwrap_or(0)
         };
         Share {
-            count: count(Verdict::Slower) + count(Verdict::Faster),
+            count: count(CellVerdict::Slower) + count(CellVerdict::Faster),
             of: self.no_op_verdicts.values().sum(),
         }
     }
@@ -356,7 +345,7 @@ impl Findings {
 pub mod tests {
 
     use fathom::record::comparison::{
-        CellId, ComparisonEnd, ComparisonHeader, GateSettings, Launch, Pair, Side,
+        ComparisonEnd, ComparisonHeader, GateSettings, Launch, Pair, Side,
     };
 
     use super::*;
@@ -367,12 +356,12 @@ pub mod tests {
     const SPREAD: f64 = 0.004;
 
     /// A time gate of two stages whose times change by these factors.
-    fn timed(trace: f64, compose: f64) -> Comparison {
+    fn timed(trace: f64, compose: f64) -> StoredComparison {
         let cells = ["caustics/trace", "compose"].map(|stage| CellId::new("pool", stage));
         let settings = GateSettings { gates: vec![Gate::Time], ..GateSettings::default() };
         let header =
             ComparisonHeader { settings, cells: cells.to_vec(), ..ComparisonHeader::default() };
-        let mut comparison = Comparison::new(header);
+        let mut comparison = StoredComparison::new(header);
         let measured = [(0, true, 1.0), (0, false, trace), (1, false, compose)];
         for launch in 0..LAUNCHES {
             comparison.launches.push(Launch { launch, ..Launch::default() });

@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 
 use serde::Deserialize;
+use strum::{Display, EnumIter};
 
 static BUILT_IN: &str = include_str!("../injections.toml");
 
@@ -26,8 +27,11 @@ pub struct Injection {
 }
 
 /// How much is injected.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Deserialize)]
+#[derive(
+    Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Deserialize, Display, EnumIter,
+)]
 #[serde(rename_all = "lowercase")]
+#[strum(serialize_all = "lowercase")]
 pub enum Size {
     /// About 2 % more instructions.
     Instructions,
@@ -38,24 +42,13 @@ pub enum Size {
 }
 
 impl Size {
-    pub const SLOW: [Self; 3] = [Self::Slow3, Self::Slow5, Self::Slow10];
-
-    pub fn name(self) -> &'static str {
+    /// For people; [`Display`] is part of a file's name.
+    pub fn label(self) -> &'static str {
         match self {
             Self::Instructions => "+2 % instructions",
             Self::Slow3 => "+3 % time",
             Self::Slow5 => "+5 % time",
             Self::Slow10 => "+10 % time",
-        }
-    }
-
-    /// As part of a file's name.
-    pub fn word(self) -> &'static str {
-        match self {
-            Self::Instructions => "instructions",
-            Self::Slow3 => "slow3",
-            Self::Slow5 => "slow5",
-            Self::Slow10 => "slow10",
         }
     }
 }
@@ -69,12 +62,11 @@ pub struct Edit {
     pub replace: String,
 }
 
-/// A file with its new text.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Changed {
-    pub file: String,
-    pub text: String,
-}
+/// Changed files with their new text.
+pub type Changes = BTreeMap<String, String>;
+
+/// Gives the text of a file of the sources.
+pub type Read<'a> = &'a dyn Fn(&str) -> Result<String, String>;
 
 impl Edit {
     /// The file's text with the edit made; the message says why it cannot be.
@@ -100,58 +92,43 @@ impl Injection {
         Ok(file.injection)
     }
 
-    /// The files that it changes, at a size if it has sizes. `read` gives a file's text.
-    pub fn changes(
-        &self,
-        size: Option<Size>,
-        read: &dyn Fn(&str) -> Result<String, String>,
-    ) -> Result<Vec<Changed>, String> {
-        let mut changed = Vec::new();
-        self.change(size, read, &mut changed)?;
-        Ok(changed)
+    /// The files that it changes, at a size if it has sizes.
+    pub fn changes(&self, size: Option<Size>, read: Read<'_>) -> Result<Changes, String> {
+        let mut changes = Changes::new();
+        self.change(size, read, &mut changes)?;
+        Ok(changes)
     }
 
     /// Makes its edits where other edits have been made already.
     fn change(
         &self,
         size: Option<Size>,
-        read: &dyn Fn(&str) -> Result<String, String>,
-        changed: &mut Vec<Changed>,
+        read: Read<'_>,
+        changes: &mut Changes,
     ) -> Result<(), String> {
-        let n = size.and_then(|size| self.sizes.get(&size)).copied();
+        let n = size.and_then(|size| self.sizes.get(&size)).copied().unwrap_or(1);
         for edit in &self.edit {
-            let known = changed.iter_mut().find(|known| known.file == edit.file);
-            let text = match &known {
-                Some(known) => known.text.clone(),
-                None => read(&edit.file)?,
+            let text = match changes.get(&edit.file) {
+                Some(text) => edit.made(text, n)?,
+                None => edit.made(&read(&edit.file)?, n)?,
             };
-            let text = edit.made(&text, n.unwrap_or(1))?;
-            match known {
-                Some(known) => known.text = text,
-                None => changed.push(Changed { file: edit.file.clone(), text }),
-            }
+            changes.insert(edit.file.clone(), text);
         }
         Ok(())
     }
 }
 
 /// The files that all injections with sizes together change.
-pub fn every(
-    injections: &[Injection],
-    size: Size,
-    read: &dyn Fn(&str) -> Result<String, String>,
-) -> Result<Vec<Changed>, String> {
-    let mut changed = Vec::new();
-    for injection in injections {
-        if !injection.sizes.is_empty() {
-            injection.change(Some(size), read, &mut changed)?;
-        }
+pub fn every(injections: &[Injection], size: Size, read: Read<'_>) -> Result<Changes, String> {
+    let mut changes = Changes::new();
+    for injection in injections.iter().filter(|injection| !injection.sizes.is_empty()) {
+        injection.change(Some(size), read, &mut changes)?;
     }
-    Ok(changed)
+    Ok(changes)
 }
 
 /// A change of the host that no stage uses: a function, data and a long text, which move everything behind them.
-pub fn unrelated(read: &dyn Fn(&str) -> Result<String, String>) -> Result<Vec<Changed>, String> {
+pub fn unrelated(read: Read<'_>) -> Result<Changes, String> {
     const FILE: &str = "src/statistics.rs";
     const CODE: &str = r#"
 /// Changes nothing that is measured.
@@ -168,7 +145,8 @@ pub extern "C" fn fathom_unrelated(n: u64) -> u64 {
     let text = read(FILE)?;
     let (above, tests) =
         text.split_once("\n#[cfg(test)]").ok_or_else(|| format!("{FILE} has no tests"))?;
-    Ok(vec![Changed { file: FILE.to_owned(), text: format!("{above}{CODE}\n#[cfg(test)]{tests}") }])
+    let text = format!("{above}{CODE}\n#[cfg(test)]{tests}");
+    Ok(Changes::from([(FILE.to_owned(), text)]))
 }
 
 #[cfg(test)]
@@ -184,31 +162,28 @@ mod tests {
     fn every_injection_applies_to_these_sources_and_changes_one_stage() {
         let injections = Injection::all().unwrap();
         for injection in &injections {
-            let known = fathom::stages::REGISTRY.iter();
-            assert!(
-                known.map(|stage| stage.name).any(|name| name == injection.stage),
-                "{}",
-                injection.id
-            );
+            let mut known = fathom::stages::REGISTRY.iter();
+            assert!(known.any(|stage| stage.name == injection.stage), "{}", injection.id);
             let sizes = injection.sizes.keys().copied().map(Some);
             for size in sizes.chain([None]) {
                 let changes = injection.changes(size, &source).unwrap();
-                for changed in &changes {
-                    assert_ne!(source(&changed.file).unwrap(), changed.text);
-                    assert!(!changed.text.contains(SIZE), "{}", injection.id);
+                for (file, text) in &changes {
+                    assert_ne!(source(file).unwrap(), *text);
+                    assert!(!text.contains(SIZE), "{}", injection.id);
                 }
                 let shader = format!("shaders/{}.wgsl", injection.stage);
-                let own = changes.iter().any(|changed| changed.file == shader);
+                let own = changes.contains_key(&shader);
                 assert!(own || injection.sizes.is_empty(), "{}", injection.id);
             }
         }
         let sized = injections.iter().filter(|other| !other.sizes.is_empty());
         let together = every(&injections, Size::Slow5, &source).unwrap();
         for shader in sized.map(|one| format!("shaders/{}.wgsl", one.stage)) {
-            assert!(together.iter().any(|changed| changed.file == shader));
+            assert!(together.contains_key(&shader));
         }
         let unrelated = unrelated(&source).unwrap();
-        assert!(unrelated[0].text.contains("extern \"C\" fn fathom_unrelated"));
+        let (_, text) = unrelated.first_key_value().unwrap();
+        assert!(text.contains("extern \"C\" fn fathom_unrelated"));
     }
 
     #[test]

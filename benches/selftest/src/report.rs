@@ -1,9 +1,12 @@
 //! The findings of a self-test as Markdown.
 
+use std::collections::BTreeMap;
 use std::fmt::Write;
 
 use fathom::report::format::{Table, three};
 use fathom::text;
+use itertools::Itertools;
+use strum::IntoEnumIterator;
 
 use crate::findings::{Detection, Findings, Share};
 use crate::injections::Size;
@@ -37,10 +40,7 @@ pub fn markdown(findings: &Findings) -> String {
         table.row([name.to_owned(), share(found)]);
     }
     text += &table.markdown();
-    let verdicts = findings.no_op_verdicts.iter();
-    let verdicts: Vec<String> =
-        verdicts.map(|(verdict, count)| format!("{count} {verdict}")).collect();
-    let _ = writeln!(text, "Cells of those time gates: {}.\n", verdicts.join(", "));
+    let _ = writeln!(text, "Cells of those time gates: {}.\n", counts(&findings.no_op_verdicts));
 
     text += "## Slowdowns of one stage\n\n";
     text += "Measured is what the trials found of the stage in the configuration in which injections are tuned.\n\n";
@@ -51,9 +51,8 @@ pub fn markdown(findings: &Findings) -> String {
         "stage named first",
         "verdicts that blame another stage",
     ]);
-    let sizes = std::iter::once(Size::Instructions).chain(Size::SLOW);
-    for size in sizes {
-        if let Some(found) = findings.detection.get(size.name()) {
+    for size in Size::iter() {
+        if let Some(found) = findings.detection.get(size.label()) {
             table.row(detection(size, found));
         }
     }
@@ -61,8 +60,8 @@ pub fn markdown(findings: &Findings) -> String {
 
     if !findings.stages.is_empty() {
         text += "## +5 % time, stage by stage\n\n";
-        text += "The truth is what a longer measurement makes of the injection, detectable the least slowdown that a trial could have \
-                 found in 80 % of cases, both in the configuration in which the injection is tuned. A stage that several \
+        text += "The truth is what a longer measurement gives for the injection; detectable is the least slowdown that a trial finds in \
+                 80 % of cases; both in the configuration in which the injection is tuned. A stage that several \
                  configurations have is caught in any of them.\n\n";
         let header = ["stage", "truth", "measured", "detectable", "caught"];
         let mut table = Table::new(header);
@@ -116,20 +115,22 @@ fn percent(change: f64) -> String {
 
 /// The least and the greatest.
 fn span(changes: &[f64]) -> String {
-    let least = changes.iter().copied().reduce(f64::min);
-    let most = changes.iter().copied().reduce(f64::max);
-    match (least, most) {
-        (Some(least), Some(most)) => format!("{:+.1} … {}", 100.0 * least, percent(most)),
-        _ => "–".to_owned(),
+    match changes.iter().minmax().into_option() {
+        Some((least, most)) => format!("{:+.1} … {}", 100.0 * least, percent(*most)),
+        None => "–".to_owned(),
     }
+}
+
+/// `40 same, 1 slower`.
+fn counts(verdicts: &BTreeMap<String, usize>) -> String {
+    verdicts.iter().map(|(verdict, count)| format!("{count} {verdict}")).join(", ")
 }
 
 fn detection(size: Size, found: &Detection) -> [String; 5] {
     let ends: Vec<f64> = found.smallest.into_iter().chain(found.largest).collect();
-    let measured = span(&ends);
     [
-        size.name().to_owned(),
-        measured,
+        size.label().to_owned(),
+        span(&ends),
         share(found.caught),
         share(found.named_first),
         share(found.others_blamed),
@@ -140,16 +141,13 @@ fn detection(size: Size, found: &Detection) -> [String; 5] {
 fn trials(findings: &Findings) -> String {
     let mut table = Table::new(["trial", "change", "stage", "status", "named first", "cells", "s"]);
     for trial in &findings.trials {
-        let verdicts = trial.verdicts.iter();
-        let verdicts: Vec<String> =
-            verdicts.map(|(verdict, count)| format!("{count} {verdict}")).collect();
         table.row([
             trial.id.clone(),
             trial.kind.clone(),
             trial.stage.clone().unwrap_or_default(),
             trial.status.clone(),
             trial.named_first.clone().unwrap_or_default(),
-            verdicts.join(", "),
+            counts(&trial.verdicts),
             trial.wall_s.map(three).unwrap_or_default(),
         ]);
     }

@@ -4,13 +4,13 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use fathom::compare::build::{self, BuildError};
-use fathom::compare::flow::{self, CompareError, Options, Program};
-use fathom::compare::store::{Comparison, StoreError};
+use fathom::compare::flow::{self, CompareError, CompareOptions, Program};
+use fathom::compare::store::{StoreError, StoredComparison};
 use fathom::gpu;
 use fathom::harness::output::RECORDS;
 
 use crate::findings::findings;
-use crate::injections::{Changed, Injection, every, unrelated};
+use crate::injections::{Changes, Injection, every, unrelated};
 use crate::load::Load;
 use crate::report;
 use crate::trials::{Plan, Trial, Variant, trials};
@@ -104,7 +104,7 @@ fn write(test: &SelfTest, injections: &[Injection]) -> Result<(), SelfTestError>
     for trial in trials(test.plan, injections) {
         let folder = test.out.join(&trial.id);
         if folder.join(RECORDS).is_file() {
-            let comparison = Comparison::read(&folder)?;
+            let comparison = StoredComparison::read(&folder)?;
             if comparison.came_to_its_end() {
                 made.push((trial, comparison));
             }
@@ -115,11 +115,8 @@ fn write(test: &SelfTest, injections: &[Injection]) -> Result<(), SelfTestError>
     let texts = [json, report::markdown(&found)];
     for (name, text) in RESULTS.iter().zip(texts) {
         let path = test.out.join(name);
-        std::fs::write(&path, text).map_err(|source| SelfTestError::Io {
-            action: "write",
-            path,
-            source,
-        })?;
+        let written = std::fs::write(&path, text);
+        written.map_err(|source| SelfTestError::Io { action: "write", path, source })?;
     }
     Ok(())
 }
@@ -127,7 +124,7 @@ fn write(test: &SelfTest, injections: &[Injection]) -> Result<(), SelfTestError>
 /// Trials of other settings are no part of the same findings. Of its gates a trial may have had fewer, where one could not be run.
 fn is_made(test: &SelfTest, trial: &Trial) -> Result<bool, SelfTestError> {
     let folder = test.out.join(&trial.id);
-    let Ok(stored) = Comparison::read(&folder) else {
+    let Ok(stored) = StoredComparison::read(&folder) else {
         return Ok(false);
     };
     let wanted = test.settings_of(trial);
@@ -197,7 +194,7 @@ impl<'a> TrialBuilds<'a> {
             label: path.file_name().unwrap_or_default().to_string_lossy().into_owned(),
         };
         let folder = self.test.out.join(&trial.id);
-        let options = Options {
+        let options = CompareOptions {
             catalog: fathom::Catalog::builtin(),
             gpu: self.test.gpu.clone(),
             base: program(&base),
@@ -220,7 +217,7 @@ impl<'a> TrialBuilds<'a> {
             Compilation::Incremental => "base-of-injections",
         };
         let program = self.programs.join(name);
-        self.build(&[], compilation, &program)?;
+        self.build(&Changes::new(), compilation, &program)?;
         Ok(program)
     }
 
@@ -241,7 +238,7 @@ impl<'a> TrialBuilds<'a> {
         }
         let read = |file: &str| self.workshop.read(file);
         let changes = match variant {
-            Variant::Again => Ok(Vec::new()),
+            Variant::Again => Ok(Changes::new()),
             Variant::Unrelated => unrelated(&read),
             Variant::Injected(id, size) => injections
                 .iter()
@@ -251,7 +248,7 @@ impl<'a> TrialBuilds<'a> {
             Variant::Every(size) => every(injections, *size, &read),
         };
         let changes = changes.map_err(SelfTestError::Injection)?;
-        let program = self.programs.join(variant.word());
+        let program = self.programs.join(variant.to_string());
         self.build(&changes, compilation, &program)?;
         if compilation == Compilation::Incremental {
             self.at_hand = Some((variant.clone(), program.clone()));
@@ -261,7 +258,7 @@ impl<'a> TrialBuilds<'a> {
 
     fn build(
         &self,
-        changes: &[Changed],
+        changes: &Changes,
         compilation: Compilation,
         program: &Path,
     ) -> Result<(), SelfTestError> {

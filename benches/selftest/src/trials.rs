@@ -1,9 +1,11 @@
 //! Which trials a self-test makes, in which order.
 
+use std::fmt;
+
 use crate::injections::{Injection, Size};
 use fathom::record::comparison::Gate;
 
-/// A build that is held against the base.
+/// A build that is compared with the base.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Variant {
     /// The same source, built once more.
@@ -17,14 +19,20 @@ pub enum Variant {
 }
 
 impl Variant {
-    /// As part of a file's name.
-    pub fn word(&self) -> String {
+    pub fn injects(&self, injection: &Injection) -> bool {
+        matches!(self, Self::Injected(id, _) if *id == injection.id)
+    }
+}
+
+/// As part of a file's name.
+impl fmt::Display for Variant {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Again => "again".to_owned(),
-            Self::Unrelated => "unrelated".to_owned(),
-            Self::Injected(id, None) => id.clone(),
-            Self::Injected(id, Some(size)) => format!("{id}-{}", size.word()),
-            Self::Every(size) => format!("every-{}", size.word()),
+            Self::Again => f.write_str("again"),
+            Self::Unrelated => f.write_str("unrelated"),
+            Self::Injected(id, None) => f.write_str(id),
+            Self::Injected(id, Some(size)) => write!(f, "{id}-{size}"),
+            Self::Every(size) => write!(f, "every-{size}"),
         }
     }
 }
@@ -77,7 +85,7 @@ pub struct Plan {
 /// Launches that tell how large the injections are: four times those of a trial.
 const TRUTH_LAUNCHES: u32 = 80;
 
-/// Every trial, what is asked of the gates first: 5 % more time, and equal builds strewn between; then instructions, and equal
+/// Every trial, what is asked of the gates first: 5 % more time, interleaved with equal builds; then instructions, and equal
 /// builds on a loaded machine; then other kinds of changes and other sizes. Those of one build stand together.
 pub fn trials(plan: Plan, injections: &[Injection]) -> Vec<Trial> {
     let (sized, kinds): (Vec<&Injection>, Vec<&Injection>) =
@@ -95,7 +103,8 @@ pub fn trials(plan: Plan, injections: &[Injection]) -> Vec<Trial> {
     all.extend(counted_no_ops());
     all.extend(sized.iter().map(|injection| counted(injection)));
     all.extend(loaded);
-    all.extend(kinds.iter().map(|injection| of_kind(injection)));
+    // All gates on each change that has no sizes.
+    all.extend(kinds.iter().map(|injection| injected(injection, None, "", &Gate::ALL)));
     for size in [Size::Slow3, Size::Slow10] {
         all.extend(sized.iter().map(|injection| timed(injection, size, 0)));
     }
@@ -105,7 +114,7 @@ pub fn trials(plan: Plan, injections: &[Injection]) -> Vec<Trial> {
 /// The gates without statistics, on both no-op builds.
 fn counted_no_ops() -> Vec<Trial> {
     let counted = |variant: Variant| {
-        let id = format!("no-op-counted-{}", variant.word());
+        let id = format!("no-op-counted-{variant}");
         Trial::new(id, variant, Aim::NoAlarm, &[Gate::Exact, Gate::Instructions])
     };
     [Variant::Again, Variant::Unrelated].map(counted).into()
@@ -115,7 +124,7 @@ fn no_op(number: u32) -> Trial {
     let variant = if number.is_multiple_of(2) { Variant::Again } else { Variant::Unrelated };
     let loaded = number % 3 == 2;
     let load = if loaded { "-loaded" } else { "" };
-    let id = format!("no-op-{number:03}-{}{load}", variant.word());
+    let id = format!("no-op-{number:03}-{variant}{load}");
     Trial {
         loaded,
         seed: 1_000 + u64::from(number),
@@ -125,7 +134,7 @@ fn no_op(number: u32) -> Trial {
 
 fn injected(injection: &Injection, size: Option<Size>, what: &str, gates: &[Gate]) -> Trial {
     let variant = Variant::Injected(injection.id.clone(), size);
-    Trial::new(format!("{}{what}", variant.word()), variant, Aim::Detection, gates)
+    Trial::new(format!("{variant}{what}"), variant, Aim::Detection, gates)
 }
 
 /// A time gate.
@@ -139,7 +148,7 @@ fn timed(injection: &Injection, size: Size, number: u32) -> Trial {
 /// How much time 5 % are, among all cells: with fewer of them a stage would find its caches warmer.
 fn truth() -> Trial {
     let variant = Variant::Every(Size::Slow5);
-    let id = format!("{}-truth", variant.word());
+    let id = format!("{variant}-truth");
     Trial {
         launches: Some(TRUTH_LAUNCHES),
         seed: 1,
@@ -153,11 +162,6 @@ fn counted(injection: &Injection) -> Trial {
         filter: Some(format!("{} ", injection.configuration)),
         ..injected(injection, Some(Size::Instructions), "", &[Gate::Instructions])
     }
-}
-
-/// All gates on a change that has no sizes.
-fn of_kind(injection: &Injection) -> Trial {
-    injected(injection, None, "", &Gate::ALL)
 }
 
 #[cfg(test)]
@@ -184,9 +188,7 @@ mod tests {
         });
         assert_eq!(fives.count(), 40);
         for injection in injections.iter().filter(|other| !other.sizes.is_empty()) {
-            let own = trials.iter().filter(
-                |trial| matches!(&trial.variant, Variant::Injected(id, _) if *id == injection.id),
-            );
+            let own = trials.iter().filter(|trial| trial.variant.injects(injection));
             assert!(own.count() >= 5, "{}", injection.id);
         }
     }

@@ -7,9 +7,9 @@ use std::time::SystemTime;
 use fathom::compare::build::{self, BuildError, Worktree};
 use fathom::harness::catalog::CargoTarget;
 
-use crate::injections::Changed;
+use crate::injections::Changes;
 
-/// How a program is built. Programs that are held against each other must be built in the same way.
+/// How a program is built. Programs that are compared must be built in the same way.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Compilation {
     /// As `cargo build --release` does, the whole crate anew.
@@ -42,21 +42,14 @@ impl Workshop {
     /// Builds with these files in place of the committed ones, and keeps the program.
     pub fn build(
         &self,
-        changes: &[Changed],
+        changes: &Changes,
         compilation: Compilation,
         program: &Path,
         interrupted: &AtomicBool,
         tell: &dyn Fn(&str),
     ) -> Result<(), BuildError> {
-        let committed: Vec<Changed> = changes
-            .iter()
-            .map(|changed| {
-                Ok(Changed {
-                    file: changed.file.clone(),
-                    text: self.read(&changed.file).map_err(failed)?,
-                })
-            })
-            .collect::<Result<_, BuildError>>()?;
+        let committed = changes.keys().map(|file| Ok((file.clone(), self.read(file)?)));
+        let committed: Changes = committed.collect::<Result<_, _>>().map_err(failed)?;
         self.put(changes)?;
         // So that cargo builds again what it would call fresh.
         self.touch("src/main.rs")?;
@@ -81,14 +74,11 @@ impl Workshop {
         build::keep(&built?, program)
     }
 
-    fn put(&self, changes: &[Changed]) -> Result<(), BuildError> {
-        for changed in changes {
-            let path = self.worktree.path.join(&changed.file);
-            std::fs::write(&path, &changed.text).map_err(|source| BuildError::Io {
-                action: "write",
-                path,
-                source,
-            })?;
+    fn put(&self, changes: &Changes) -> Result<(), BuildError> {
+        for (file, text) in changes {
+            let path = self.worktree.path.join(file);
+            let written = std::fs::write(&path, text);
+            written.map_err(|source| BuildError::Io { action: "write", path, source })?;
         }
         Ok(())
     }

@@ -49,14 +49,14 @@ fn counters(side: Side, counters: &[(&str, u64)]) -> Compared {
 }
 
 /// The lines, as their file gives them back.
-fn comparison(lines: Vec<Compared>) -> Comparison {
+fn comparison(lines: Vec<Compared>) -> StoredComparison {
     let header = Compared::Header(Box::default());
     let records = std::iter::once(header).chain(lines).map(Record::from);
     let stored = records.map(|record| {
         let text = serde_json::to_string(&record).unwrap();
         serde_json::from_str(&text).unwrap()
     });
-    Comparison::from_records(stored.collect::<Vec<_>>()).unwrap()
+    StoredComparison::from_records(stored.collect::<Vec<_>>()).unwrap()
 }
 
 /// Who is charged with the errors that grew, in a pipeline of these stages.
@@ -65,8 +65,8 @@ fn charged_with(stages: &[&str], base: &[(&str, f64)], head: &[(&str, f64)]) -> 
     comparison.header.cells = stages.iter().map(|stage| CellId::new("c", stage)).collect();
     let charged = |difference: Difference| {
         assert!(difference.worse, "{difference:?}");
-        match difference.subject {
-            Subject::Cell(cell) => cell.stage().to_owned(),
+        match difference.scope {
+            DifferenceScope::Cell(cell) => cell.stage().to_owned(),
             other => format!("{other:?}"),
         }
     };
@@ -122,7 +122,7 @@ fn what_the_head_lacks_is_its_fault_and_what_the_base_lacks_is_new() {
         check(Side::Head, "new"),
     ];
     let mut comparison = comparison(lines);
-    let reasons = |comparison: &Comparison| {
+    let reasons = |comparison: &StoredComparison| {
         let faults = missing(comparison).into_iter();
         faults.map(|fault| fault.reason).collect::<Vec<_>>()
     };

@@ -1,22 +1,16 @@
 use serde_json::json;
 
-use super::super::store::Comparison;
-use super::super::verdict::{Status, Verdict, Verdicts};
+use super::super::store::StoredComparison;
+use super::super::verdict::{CellVerdict, Status, Verdicts};
 use super::*;
-use crate::record::{Adapter, StageRecord};
+use crate::record::StageRecord;
 
 fn run(adapter: &str) -> Record {
     Record::Run(Box::new(Run {
         schema: record::SCHEMA,
         fathom_version: "0.1.0".to_owned(),
-        started_at: String::new(),
-        profile: record::Profile::Quick,
-        command: Vec::new(),
         adapter: Adapter { name: adapter.to_owned(), ..Adapter::default() },
-        shader_checks: record::ShaderChecks::Checked,
-        audit: Vec::new(),
-        submit_cost_ns: BTreeMap::new(),
-        notes: Vec::new(),
+        ..Run::default()
     }))
 }
 
@@ -55,7 +49,7 @@ fn failed() -> Outcome {
     Outcome::Failed { reason: "device lost".to_owned() }
 }
 
-fn compared(base: &[Record], head: &[Record]) -> Comparison {
+fn compared(base: &[Record], head: &[Record]) -> StoredComparison {
     let folder = tempfile::tempdir().unwrap();
     let write = |name: &str, records: &[Record]| {
         let lines = records.iter().map(|record| serde_json::to_string(record).unwrap() + "\n");
@@ -65,10 +59,10 @@ fn compared(base: &[Record], head: &[Record]) -> Comparison {
     };
     let (base, head) = (write("base", base), write("head", head));
     let compared = lines(&base, &head, &GateSettings::default()).unwrap();
-    Comparison::from_records(compared.into_iter().map(Record::from)).unwrap()
+    StoredComparison::from_records(compared.into_iter().map(Record::from)).unwrap()
 }
 
-fn told(comparison: &Comparison) -> (Status, Vec<(String, Verdict)>) {
+fn told(comparison: &StoredComparison) -> (Status, Vec<(String, CellVerdict)>) {
     let verdicts = Verdicts::of(comparison);
     let cells = verdicts.cells.iter();
     let cells = cells.map(|cell| (cell.cell.to_string(), cell.verdict));
@@ -79,7 +73,7 @@ fn told(comparison: &Comparison) -> (Status, Vec<(String, Verdict)>) {
 fn unpaired_times_are_not_judged() {
     let both = [1.0, 1.5].map(|ns| [run("a"), cell("x=1", 1, measured(&["s"], ns))]);
     let comparison = compared(&both[0], &both[1]);
-    let expected = [("e:x=1 s".to_owned(), Verdict::NotJudged)];
+    let expected = [("e:x=1 s".to_owned(), CellVerdict::NotJudged)];
     assert_eq!(told(&comparison), (Status::NoRegression, expected.to_vec()));
 }
 
@@ -99,7 +93,7 @@ fn times_below_the_clock_s_resolution_have_no_ratio() {
     let both = [5e4, 9e4].map(|ns| [run("a"), cell("x=1", 1, short(ns))]);
     let comparison = compared(&both[0], &both[1]);
     let verdicts = Verdicts::of(&comparison);
-    assert_eq!(verdicts.cells[0].verdict, Verdict::NotJudged);
+    assert_eq!(verdicts.cells[0].verdict, CellVerdict::NotJudged);
     let times = verdicts.cells[0].unpaired.expect("both have times");
     assert!(!times.base.is_resolved() && times.head.is_resolved());
     assert_eq!(times.change(), None);
@@ -111,13 +105,13 @@ fn a_cell_or_stage_that_the_head_lacks_fails() {
     let base = [run("a"), cell("x=1", 1, whole()), cell("x=2", 1, whole())];
     let head = [run("a"), cell("x=1", 1, failed()), cell("x=2", 1, measured(&["s"], 1.0))];
     let (status, cells) = told(&compared(&base, &head));
-    let verdicts: Vec<Verdict> = cells.iter().map(|(_, verdict)| *verdict).collect();
+    let verdicts: Vec<CellVerdict> = cells.iter().map(|(_, verdict)| *verdict).collect();
     assert_eq!(status, Status::CouldNotMeasure);
-    let (failed, unjudged) = (Verdict::Failed, Verdict::NotJudged);
+    let (failed, unjudged) = (CellVerdict::Failed, CellVerdict::NotJudged);
     assert_eq!(verdicts, [failed, failed, unjudged, failed]);
     let (status, cells) = told(&compared(&head[..], &base[..]));
     assert_eq!(status, Status::CouldNotMeasure);
-    assert_eq!(cells[3], ("e:x=2 t".to_owned(), Verdict::New));
+    assert_eq!(cells[3], ("e:x=2 t".to_owned(), CellVerdict::New));
 }
 
 #[test]

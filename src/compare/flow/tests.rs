@@ -27,9 +27,9 @@ fn end(interrupted: bool) -> Compared {
     Compared::End(ComparisonEnd { wall_s: 20.0, interrupted })
 }
 
-fn comparison(lines: Vec<Compared>) -> Comparison {
+fn comparison(lines: Vec<Compared>) -> StoredComparison {
     let header = Compared::Header(Box::default());
-    Comparison::from_records(std::iter::once(header).chain(lines).map(Into::into)).unwrap()
+    StoredComparison::from_records(std::iter::once(header).chain(lines).map(Into::into)).unwrap()
 }
 
 #[test]

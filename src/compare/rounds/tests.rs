@@ -1,18 +1,20 @@
 use std::convert::Infallible;
 
+use itertools::Itertools;
+
 use super::*;
 
-/// A bench whose cells take 1 ms on the base and 2 ms on the head, and which fails as it is told.
+/// Workers whose cells take 1 ms on the base and 2 ms on the head, and which fail as asked.
 #[derive(Default)]
 struct Simulated {
     /// Every sample, with the number of its launch.
-    samples: Vec<(u32, Party, CellId)>,
+    samples: Vec<(u32, WorkerRole, CellId)>,
     opened: Vec<(u32, Vec<CellId>)>,
     launch: u32,
-    /// (launch, party, stage): the worker goes on after this, or dies.
-    refusing: Option<(u32, Party, &'static str)>,
-    dying: Option<(u32, Party, &'static str)>,
-    refused_configuration: Option<(&'static str, Party)>,
+    /// (launch, role, stage): the worker goes on after this, or dies.
+    refusing: Option<(u32, WorkerRole, &'static str)>,
+    dying: Option<(u32, WorkerRole, &'static str)>,
+    refused_configuration: Option<(&'static str, WorkerRole)>,
     killing_configuration: Option<&'static str>,
     never_starts: bool,
     interrupt_after: Option<usize>,
@@ -23,26 +25,26 @@ struct Simulated {
 
 static NEVER: AtomicBool = AtomicBool::new(false);
 
-fn refusal(fatal: bool) -> WorkerFault {
-    WorkerFault::Refused { reason: "out of order".to_owned(), fatal, absent: false }
+fn refusal() -> WorkerFault {
+    WorkerFault::Refused { reason: "out of order".to_owned(), fatal: false, absent: false }
 }
 
 fn ended() -> WorkerFault {
     WorkerFault::Ended { status: "signal 11".to_owned(), stderr: String::new() }
 }
 
-impl Bench for Simulated {
+impl LaunchWorkers for Simulated {
     fn open(
         &mut self,
         launch: u32,
         cells: &[CellId],
         _: Option<&CellId>,
-    ) -> Result<Opened, Broken> {
+    ) -> Result<OpenedLaunch, BrokenLaunch> {
         self.launch = launch;
         self.opened.push((launch, cells.to_vec()));
-        let broken = |configuration, fault| Broken {
+        let broken = |configuration, fault| BrokenLaunch {
             configuration,
-            cause: PartyFault { party: Party::Head, fault },
+            cause: RoleFault { role: WorkerRole::Head, fault },
         };
         if self.never_starts {
             return Err(broken(None, ended()));
@@ -52,39 +54,27 @@ impl Bench for Simulated {
             return Err(broken(Some(id.to_owned()), ended()));
         }
         let refused = self.refused_configuration.filter(|(id, _)| there(id));
-        Ok(Opened {
-            refused: refused
-                .map(|(id, party)| {
-                    let fault = refusal(false);
-                    (id.to_owned(), PartyFault { party, fault })
-                })
-                .into_iter()
-                .collect(),
-            notes: vec!["on core 1".to_owned()],
-        })
+        let refused =
+            refused.map(|(id, role)| (id.to_owned(), RoleFault { role, fault: refusal() }));
+        Ok(OpenedLaunch { refused: Vec::from_iter(refused), ..OpenedLaunch::default() })
     }
 
-    fn sample(&mut self, party: Party, cell: &CellId) -> Result<f64, WorkerFault> {
-        let now = |fault: &Option<(u32, Party, &'static str)>| {
-            *fault == Some((self.launch, party, cell.stage()))
-                || fault.is_some_and(|(launch, by, stage)| {
-                    launch == self.launch && by == party && stage == cell.stage()
-                })
-        };
-        if now(&self.refusing) {
-            return Err(refusal(false));
+    fn sample(&mut self, role: WorkerRole, cell: &CellId) -> Result<f64, WorkerFault> {
+        let now = Some((self.launch, role, cell.stage()));
+        if now == self.refusing {
+            return Err(refusal());
         }
-        if now(&self.dying) {
+        if now == self.dying {
             return Err(ended());
         }
-        self.samples.push((self.launch, party, cell.clone()));
+        self.samples.push((self.launch, role, cell.clone()));
         if self.interrupt_after == Some(self.samples.len()) {
             STOP.store(true, Ordering::Relaxed);
             if self.dying_of_interrupt {
                 return Err(ended());
             }
         }
-        Ok(if party == Party::Head { 2e6 } else { 1e6 })
+        Ok(if role == WorkerRole::Head { 2e6 } else { 1e6 })
     }
 
     fn close(&mut self) {
@@ -106,60 +96,64 @@ fn schedule() -> Schedule {
     }
 }
 
-fn measure(bench: &mut Simulated, before: &Before, interrupted: &AtomicBool) -> Vec<Compared> {
-    let mut lines = Vec::new();
-    let mut sink = |more: Vec<Compared>| -> Result<(), Infallible> {
-        lines.extend(more);
+/// What a gate wrote, by the kind of line.
+#[derive(Default)]
+struct Written {
+    pairs: Vec<Pair>,
+    faults: Vec<Fault>,
+    launches: Vec<Launch>,
+}
+
+impl Written {
+    fn launches(&self) -> Vec<u32> {
+        self.launches.iter().map(|launch| launch.launch).collect()
+    }
+
+    fn only_fault(&self) -> &Fault {
+        self.faults.iter().exactly_one().unwrap()
+    }
+}
+
+fn written(
+    schedule: &Schedule,
+    bench: &mut Simulated,
+    before: &Before,
+    interrupted: &AtomicBool,
+) -> Written {
+    let mut written = Written::default();
+    let sink = |lines: Vec<Compared>| -> Result<(), Infallible> {
+        for line in lines {
+            match line {
+                Compared::Pair(pair) => written.pairs.push(pair),
+                Compared::Fault(fault) => written.faults.push(fault),
+                Compared::Launch(launch) => written.launches.push(launch),
+                other => panic!("{other:?}"),
+            }
+        }
         Ok(())
     };
-    let Ok(()) = run(&schedule(), bench, before, interrupted, &mut sink);
-    lines
+    let Ok(()) = run(schedule, bench, before, interrupted, sink);
+    written
 }
 
-fn pairs(lines: &[Compared]) -> Vec<&Pair> {
-    lines
-        .iter()
-        .filter_map(|line| match line {
-            Compared::Pair(pair) => Some(pair),
-            _ => None,
-        })
-        .collect()
-}
-
-fn faults(lines: &[Compared]) -> Vec<&Fault> {
-    lines
-        .iter()
-        .filter_map(|line| match line {
-            Compared::Fault(fault) => Some(fault),
-            _ => None,
-        })
-        .collect()
-}
-
-fn launches(lines: &[Compared]) -> Vec<u32> {
-    let launch = |line: &Compared| match line {
-        Compared::Launch(launch) => Some(launch.launch),
-        _ => None,
-    };
-    lines.iter().filter_map(launch).collect()
+fn measure(bench: &mut Simulated) -> Written {
+    written(&schedule(), bench, &Before::default(), &NEVER)
 }
 
 #[test]
 fn every_cell_is_paired_in_every_round_of_every_launch() {
     let mut bench = Simulated::default();
-    let lines = measure(&mut bench, &Before::default(), &NEVER);
-    assert_eq!(launches(&lines), [0, 1, 2]);
-    assert!(faults(&lines).is_empty());
+    let found = measure(&mut bench);
+    assert_eq!(found.launches(), [0, 1, 2]);
+    assert!(found.faults.is_empty());
     assert_eq!(bench.closed, 3);
-    let pairs = pairs(&lines);
+    let pairs = &found.pairs;
     for launch in 0..3 {
-        for (cell, control) in
-            schedule().cells.iter().map(|cell| (cell, false)).chain([(&schedule().cells[1], true)])
-        {
-            let of_cell = pairs.iter().filter(|pair| {
-                pair.launch == launch && pair.cell == *cell && pair.control == control
-            });
-            let of_cell: Vec<_> = of_cell.collect();
+        let cells = &schedule().cells;
+        for (cell, control) in cells.iter().map(|cell| (cell, false)).chain([(&cells[1], true)]) {
+            let key = (launch, cell, control);
+            let own = |pair: &&Pair| (pair.launch, &pair.cell, pair.control) == key;
+            let of_cell: Vec<&Pair> = pairs.iter().filter(own).collect();
             let rounds: Vec<u32> = of_cell.iter().map(|pair| pair.round).collect();
             assert_eq!(rounds, [0, 1, 2, 3]);
             let first = of_cell.iter().filter(|pair| pair.first == Side::Base);
@@ -173,16 +167,17 @@ fn every_cell_is_paired_in_every_round_of_every_launch() {
 #[test]
 fn the_two_samples_of_a_pair_are_neighbours_and_orders_differ() {
     let mut bench = Simulated::default();
-    measure(&mut bench, &Before::default(), &NEVER);
+    measure(&mut bench);
     let mut orders = BTreeSet::new();
     // Four visits a round, two samples a visit; the control's sides are workers of their own.
     for round in bench.samples.chunks(8) {
         for pair in round.chunks(2) {
             assert_eq!(pair[0].2, pair[1].2);
             assert!(pair[0].1 != pair[1].1);
-            let twins = pair.iter().map(|sample| sample.1);
-            let twins = twins.filter(|party| matches!(party, Party::Control | Party::Twin));
-            assert!(matches!(twins.count(), 0 | 2));
+            let controls = pair.iter().map(|sample| sample.1);
+            let controls = controls
+                .filter(|role| matches!(role, WorkerRole::ControlHead | WorkerRole::ControlBase));
+            assert!(matches!(controls.count(), 0 | 2));
         }
         let order = round.chunks(2).map(|pair| pair[0].2.clone());
         orders.insert(order.collect::<Vec<_>>());
@@ -194,26 +189,26 @@ fn the_two_samples_of_a_pair_are_neighbours_and_orders_differ() {
 #[test]
 fn the_seed_decides_the_schedule_of_each_launch_for_itself() {
     let mut whole = Simulated::default();
-    measure(&mut whole, &Before::default(), &NEVER);
+    measure(&mut whole);
     let before = Before { complete: 2, last: Some(1), ..Before::default() };
     let mut resumed = Simulated::default();
-    let lines = measure(&mut resumed, &before, &NEVER);
-    assert_eq!(launches(&lines), [2]);
+    let found = written(&schedule(), &mut resumed, &before, &NEVER);
+    assert_eq!(found.launches(), [2]);
     let last = whole.samples.into_iter().filter(|sample| sample.0 == 2);
     assert_eq!(resumed.samples, last.collect::<Vec<_>>());
 }
 
 #[test]
 fn a_refused_sample_costs_its_cell_and_nothing_else() {
-    let mut bench = Simulated { refusing: Some((1, Party::Head, "b/y")), ..Simulated::default() };
-    let lines = measure(&mut bench, &Before::default(), &NEVER);
-    assert_eq!(launches(&lines), [0, 1, 2]);
-    let [fault] = faults(&lines)[..] else { panic!("{lines:?}") };
+    let mut bench =
+        Simulated { refusing: Some((1, WorkerRole::Head, "b/y")), ..Simulated::default() };
+    let found = measure(&mut bench);
+    assert_eq!(found.launches(), [0, 1, 2]);
+    let fault = found.only_fault();
     assert_eq!(fault.cell, Some(CellId::new("one", "b/y")));
     assert_eq!((fault.side, fault.launch), (Some(Side::Head), Some(1)));
     assert_eq!(fault.reason, "head worker: out of order");
-    let of_lost =
-        pairs(&lines).into_iter().filter(|pair| pair.cell.stage() == "b/y" && !pair.control);
+    let of_lost = found.pairs.iter().filter(|pair| pair.cell.stage() == "b/y" && !pair.control);
     assert!(of_lost.clone().all(|pair| pair.launch == 0), "launch 1 has no whole set of it");
     assert_eq!(of_lost.count(), 4);
     assert_eq!(bench.opened[2].1.len(), 2, "it is not tried again");
@@ -221,20 +216,17 @@ fn a_refused_sample_costs_its_cell_and_nothing_else() {
 
 #[test]
 fn a_dead_worker_costs_the_launch_and_the_cell_that_killed_it() {
-    let mut bench = Simulated { dying: Some((1, Party::Base, "a/x")), ..Simulated::default() };
-    let lines = measure(&mut bench, &Before::default(), &NEVER);
-    assert_eq!(launches(&lines), [0, 2, 3], "launch 1 does not count and another is run");
-    assert!(pairs(&lines).iter().all(|pair| pair.launch != 1));
-    let [fault] = faults(&lines)[..] else { panic!("{lines:?}") };
+    let mut bench = Simulated { dying: Some((1, WorkerRole::Base, "a/x")), ..Simulated::default() };
+    let found = measure(&mut bench);
+    assert_eq!(found.launches(), [0, 2, 3], "launch 1 does not count and another is run");
+    assert!(found.pairs.iter().all(|pair| pair.launch != 1));
+    let fault = found.only_fault();
     assert_eq!(fault.reason, "base worker: it ended with signal 11");
     let lost = fault.cell.clone().unwrap();
     assert_eq!(lost.stage(), "a/x");
     assert!(!bench.opened[2].1.contains(&lost));
-    let others: BTreeSet<_> = pairs(&lines)
-        .iter()
-        .filter(|pair| pair.launch == 3)
-        .map(|pair| pair.cell.clone())
-        .collect();
+    let others: BTreeSet<_> =
+        found.pairs.iter().filter(|pair| pair.launch == 3).map(|pair| pair.cell.clone()).collect();
     assert_eq!(others.len(), 2);
 }
 
@@ -245,37 +237,37 @@ fn a_configuration_that_is_refused_or_kills_costs_its_cells() {
         if kills {
             bench.killing_configuration = Some("one")
         } else {
-            bench.refused_configuration = Some(("one", Party::Head))
+            bench.refused_configuration = Some(("one", WorkerRole::Head))
         }
-        let lines = measure(&mut bench, &Before::default(), &NEVER);
-        assert_eq!(launches(&lines).len(), 3);
-        let faults = faults(&lines);
+        let found = measure(&mut bench);
+        assert_eq!(found.launches().len(), 3);
+        let faults = &found.faults;
         assert_eq!(faults.len(), 3, "two cells and the control: {faults:?}");
         assert_eq!(faults.iter().filter(|fault| fault.control).count(), 1);
-        assert!(pairs(&lines).iter().all(|pair| pair.cell.configuration() == "two"));
-        assert_eq!(pairs(&lines).len(), 3 * 4);
+        assert!(found.pairs.iter().all(|pair| pair.cell.configuration() == "two"));
+        assert_eq!(found.pairs.len(), 3 * 4);
     }
 }
 
 #[test]
 fn a_lost_control_leaves_the_cells() {
     let mut bench =
-        Simulated { refusing: Some((0, Party::Control, "b/y")), ..Simulated::default() };
-    let lines = measure(&mut bench, &Before::default(), &NEVER);
-    let [fault] = faults(&lines)[..] else { panic!("{lines:?}") };
+        Simulated { refusing: Some((0, WorkerRole::ControlHead, "b/y")), ..Simulated::default() };
+    let found = measure(&mut bench);
+    let fault = found.only_fault();
     assert!(fault.control);
     assert_eq!(fault.reason, "control worker: out of order");
-    assert!(pairs(&lines).iter().all(|pair| !pair.control));
-    assert_eq!(pairs(&lines).len(), 3 * 3 * 4);
+    assert!(found.pairs.iter().all(|pair| !pair.control));
+    assert_eq!(found.pairs.len(), 3 * 3 * 4);
 }
 
 #[test]
 fn workers_that_never_start_end_the_gate() {
     let mut bench = Simulated { never_starts: true, ..Simulated::default() };
-    let lines = measure(&mut bench, &Before::default(), &NEVER);
-    assert_eq!(faults(&lines).len(), 2);
-    assert!(faults(&lines).iter().all(|fault| fault.cell.is_none()));
-    assert!(launches(&lines).is_empty());
+    let found = measure(&mut bench);
+    assert_eq!(found.faults.len(), 2);
+    assert!(found.faults.iter().all(|fault| fault.cell.is_none()));
+    assert!(found.launches().is_empty());
 }
 
 #[test]
@@ -284,10 +276,10 @@ fn an_interrupted_launch_leaves_nothing() {
         STOP.store(false, Ordering::Relaxed);
         let mut bench =
             Simulated { interrupt_after: Some(60), dying_of_interrupt, ..Simulated::default() };
-        let lines = measure(&mut bench, &Before::default(), &STOP);
-        assert_eq!(launches(&lines), [0]);
-        assert!(pairs(&lines).iter().all(|pair| pair.launch == 0));
-        assert!(faults(&lines).is_empty(), "no cell is given up");
+        let found = written(&schedule(), &mut bench, &Before::default(), &STOP);
+        assert_eq!(found.launches(), [0]);
+        assert!(found.pairs.iter().all(|pair| pair.launch == 0));
+        assert!(found.faults.is_empty(), "no cell is given up");
         assert_eq!(bench.closed, 2);
     }
 }
@@ -314,21 +306,11 @@ fn a_second_measurement_has_more_rounds_and_takes_no_longer() {
 }
 
 #[test]
-fn lines_tell_which_measurement_they_are_of() {
+fn lines_name_the_measurement_that_they_are_of() {
     for second in [false, true] {
         let schedule = Schedule { second, ..schedule() };
-        let mut lines = Vec::new();
-        let mut sink = |more: Vec<Compared>| -> Result<(), Infallible> {
-            lines.extend(more);
-            Ok(())
-        };
-        let mut bench = Simulated::default();
-        let Ok(()) = run(&schedule, &mut bench, &Before::default(), &NEVER, &mut sink);
-        assert!(pairs(&lines).iter().all(|pair| pair.second == second));
-        let tells = |line: &Compared| match line {
-            Compared::Launch(launch) => launch.second == second,
-            _ => true,
-        };
-        assert!(lines.iter().all(tells));
+        let found = written(&schedule, &mut Simulated::default(), &Before::default(), &NEVER);
+        assert!(found.pairs.iter().all(|pair| pair.second == second));
+        assert!(found.launches.iter().all(|launch| launch.second == second));
     }
 }

@@ -4,7 +4,7 @@
 use serde_json::{Map, Value, json};
 
 use super::Format;
-use crate::compare::verdict::{CellVerdict, Verdicts};
+use crate::compare::verdict::{JudgedCell, Verdicts};
 use crate::record::comparison::Side;
 
 pub const FORMAT: Format =
@@ -26,7 +26,7 @@ fn write(verdicts: &Verdicts<'_>) -> String {
     format!("{:#}\n", Value::Object(all))
 }
 
-fn measures(cell: &CellVerdict) -> Map<String, Value> {
+fn measures(cell: &JudgedCell) -> Map<String, Value> {
     let mut measures = Map::new();
     if let Some(time) = &cell.time {
         // What digits there are beyond these is the mathematics library's affair.

@@ -4,7 +4,7 @@
 use serde_json::{Value, json};
 
 use super::Format;
-use crate::compare::verdict::{CellVerdict, Verdicts};
+use crate::compare::verdict::{JudgedCell, Verdicts};
 use crate::report::format::NS_PER_MS;
 
 pub const FORMAT: Format = Format {
@@ -19,9 +19,9 @@ fn write(verdicts: &Verdicts<'_>) -> String {
     format!("{:#}\n", Value::Array(entries))
 }
 
-fn entries(cell: &CellVerdict) -> Vec<Value> {
+fn entries(cell: &JudgedCell) -> Vec<Value> {
     let mut entries = Vec::new();
-    let verdict = cell.verdict.text();
+    let verdict = cell.verdict;
     if let Some(time) = &cell.time {
         let mut entry = json!({
             "name": format!("{} time", cell.cell),

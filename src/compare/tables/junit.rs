@@ -1,11 +1,14 @@
 //! JUnit XML, which most CI systems show: a test case for each cell, one for each gate, for each fault of a whole gate and
 //! for each regression of a whole configuration.
 
+use std::fmt::Display;
+
+use itertools::Itertools;
 use quick_junit::{NonSuccessKind, Report, TestCase, TestCaseStatus, TestSuite};
 
 use super::{Format, rows};
-use crate::compare::exact::{Kind, Subject};
-use crate::compare::verdict::{CellVerdict, GateState, Verdict, Verdicts};
+use crate::compare::exact::{DifferenceScope, FigureKind};
+use crate::compare::verdict::{CellVerdict, GateState, JudgedCell, Verdicts};
 use crate::text;
 
 pub const FORMAT: Format =
@@ -19,10 +22,10 @@ fn write(verdicts: &Verdicts<'_>) -> String {
             GateState::Skipped(reason) => skipped(reason),
             GateState::Void(reason) => failed(NonSuccessKind::Error, "void", reason),
         };
-        add(&mut gates, "gate", gate.name(), status);
+        add(&mut gates, "gate", &gate.to_string(), status);
     }
     for (number, fault) in verdicts.faults.iter().enumerate() {
-        let name = format!("{} fault {}", fault.gate.name(), number + 1);
+        let name = format!("{} fault {}", fault.gate, number + 1);
         let status = failed(NonSuccessKind::Error, "fault", &rows::fault(fault));
         add(&mut gates, "gate", &name, status);
     }
@@ -40,14 +43,14 @@ fn write(verdicts: &Verdicts<'_>) -> String {
     for difference in verdicts.configurations.iter().filter(|other| other.worse) {
         let told = rows::difference(difference);
         let what = match difference.kind {
-            Kind::Error => Verdict::LessAccurate,
-            _ => Verdict::Costlier,
+            FigureKind::Error => CellVerdict::LessAccurate,
+            _ => CellVerdict::Costlier,
         };
-        let status = failed(NonSuccessKind::Failure, what.text(), &told);
-        let class = match &difference.subject {
-            Subject::Configuration(id) => id,
-            Subject::Stage(stage) => stage,
-            Subject::Cell(cell) => cell.configuration(),
+        let status = failed(NonSuccessKind::Failure, what, &told);
+        let class = match &difference.scope {
+            DifferenceScope::Configuration(id) => id,
+            DifferenceScope::Stage(stage) => stage,
+            DifferenceScope::Cell(cell) => cell.configuration(),
         };
         add(&mut whole, class, &difference.figure, status);
     }
@@ -67,31 +70,26 @@ fn add(suite: &mut TestSuite, class: &str, name: &str, status: TestCaseStatus) {
     suite.add_test_case(case);
 }
 
-fn cell_status(cell: &CellVerdict) -> TestCaseStatus {
+fn cell_status(cell: &JudgedCell) -> TestCaseStatus {
     let row = rows::cell(cell);
     let told = rows::HEADER.iter().zip(&row).skip(2);
-    let told: Vec<String> = told
-        .filter(|(_, value)| !value.is_empty() && *value != rows::NONE)
-        .map(|(name, value)| format!("{name}: {value}"))
-        .collect();
-    let told = told.join("; ");
+    let told = told.filter(|(_, value)| !value.is_empty() && *value != rows::NONE);
+    let told = told.map(|(name, value)| format!("{name}: {value}")).join("; ");
     match cell.verdict {
-        Verdict::Failed | Verdict::NotMeasured => {
-            failed(NonSuccessKind::Error, cell.verdict.text(), &told)
+        verdict @ (CellVerdict::Failed | CellVerdict::NotMeasured) => {
+            failed(NonSuccessKind::Error, verdict, &told)
         }
-        Verdict::New | Verdict::Inconclusive | Verdict::NotJudged => {
-            skipped(&format!("{}: {told}", cell.verdict.text()))
+        CellVerdict::New | CellVerdict::Inconclusive | CellVerdict::NotJudged => {
+            skipped(&format!("{}: {told}", cell.verdict))
         }
-        verdict if verdict.is_regression() => {
-            failed(NonSuccessKind::Failure, verdict.text(), &told)
-        }
+        verdict if verdict.is_regression() => failed(NonSuccessKind::Failure, verdict, &told),
         _ => TestCaseStatus::success(),
     }
 }
 
-fn failed(kind: NonSuccessKind, what: &str, message: &str) -> TestCaseStatus {
+fn failed(kind: NonSuccessKind, what: impl Display, message: &str) -> TestCaseStatus {
     let mut status = TestCaseStatus::non_success(kind);
-    status.set_type(what).set_message(text::line(message));
+    status.set_type(what.to_string()).set_message(text::line(message));
     status
 }
 

@@ -1,7 +1,7 @@
 //! Markdown for a pull request and for a job's summary: the regressions, and everything else folded away.
 
 use super::{Format, rows};
-use crate::compare::verdict::{CellVerdict, Verdicts};
+use crate::compare::verdict::{JudgedCell, Verdicts};
 use crate::report::format::Table;
 use crate::text;
 
@@ -36,7 +36,7 @@ fn write(verdicts: &Verdicts<'_>) -> String {
     text + &list(&rows::notes(verdicts))
 }
 
-fn table<'a>(cells: impl Iterator<Item = &'a CellVerdict>) -> String {
+fn table<'a>(cells: impl Iterator<Item = &'a JudgedCell>) -> String {
     let mut table = Table::new(rows::HEADER);
     for cell in cells {
         table.row(rows::cell(cell));

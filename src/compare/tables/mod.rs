@@ -1,4 +1,4 @@
-//! What is told of a comparison: functions of its verdicts alone.
+//! Reports of a comparison: functions of its verdicts alone.
 
 mod bencher;
 mod benchmark;
@@ -15,7 +15,7 @@ pub use terminal::FORMAT as TERMINAL;
 
 use super::verdict::Verdicts;
 
-/// A way to tell verdicts.
+/// A report of verdicts.
 pub struct Format {
     /// On the command line.
     pub name: &'static str,

@@ -2,13 +2,16 @@
 
 use std::collections::BTreeSet;
 
-use crate::compare::exact::{Difference, Kind, Subject};
+use indexmap::IndexMap;
+use itertools::Itertools;
+
+use crate::compare::exact::{Difference, DifferenceScope, FigureKind};
 use crate::compare::instructions::Counted;
-use crate::compare::store::Comparison;
+use crate::compare::store::StoredComparison;
 use crate::compare::time::CellTime;
 use crate::compare::unpaired::{RunTime, Unpaired};
-use crate::compare::verdict::{CellVerdict, GateState, Status, Verdict, Verdicts};
-use crate::record::comparison::{ComparedBuild, Fault, Side};
+use crate::compare::verdict::{CellVerdict, GateState, JudgedCell, Status, Verdicts};
+use crate::record::comparison::{ComparedBuild, Fault, Gate, Side};
 use crate::report::format::{NS_PER_MS, mebibytes, si, three};
 
 /// Columns of a table of cells.
@@ -16,31 +19,27 @@ pub const HEADER: [&str; 7] =
     ["cell", "verdict", "time, base", "change", "detectable", "instructions", "else"];
 
 /// One cell of a table of cells.
-pub fn cell(cell: &CellVerdict) -> [String; 7] {
-    let time = cell.time.as_ref();
-    let base = time
-        .map(|time| in_ms(time.base_ns))
-        .or(cell.unpaired.map(|unpaired| run_time(&unpaired.base)));
+pub fn cell(cell: &JudgedCell) -> [String; 7] {
+    let (time, unpaired) = (cell.time.as_ref(), cell.unpaired.as_ref());
+    let base = time.map(|time| in_ms(time.base_ns));
+    let detectable = time.and_then(|time| time.detectable);
+    let counted = cell.instructions.as_ref();
+    let or_none = |text: Option<String>| text.unwrap_or_else(|| NONE.to_owned());
     [
         cell.cell.to_string(),
-        cell.verdict.text().to_owned(),
-        base.unwrap_or_else(none),
-        time.map(change).or(cell.unpaired.as_ref().map(unpaired_change)).unwrap_or_else(none),
-        time.and_then(|time| time.detectable)
-            .map_or_else(none, |least| format!("{:.1} %", 100.0 * least)),
-        cell.instructions.as_ref().map_or_else(none, instructions),
-        remarks(cell).join("; "),
+        cell.verdict.to_string(),
+        or_none(base.or(unpaired.map(|unpaired| run_time(&unpaired.base)))),
+        or_none(time.map(change).or(unpaired.map(unpaired_change))),
+        or_none(detectable.map(|least| format!("{:.1} %", 100.0 * least))),
+        or_none(counted.map(|counted| format!("{} {}", si(counted.base), more(counted)))),
+        cell.differences.iter().map(difference).chain(cell.faults.iter().map(fault)).join("; "),
     ]
 }
 
 /// Of a comparison that was interrupted or killed.
-pub const INCOMPLETE: &str = "measuring did not come to its end; go on with --resume";
+pub const INCOMPLETE: &str = "measuring did not finish; continue it with --resume";
 /// What stands where nothing was measured.
 pub const NONE: &str = "–";
-
-fn none() -> String {
-    NONE.to_owned()
-}
 
 /// A share as `+5.1 %`: with a sign, but without one that only hides a zero, and without digits that say nothing.
 fn signed(share: f64, digits: usize) -> String {
@@ -85,70 +84,45 @@ fn unpaired_change(unpaired: &Unpaired) -> String {
     }
 }
 
-fn instructions(counted: &Counted) -> String {
-    format!("{} {}", si(counted.base), signed(counted.ratio - 1.0, 2))
-}
-
-/// Exact differences and faults.
-fn remarks(cell: &CellVerdict) -> Vec<String> {
-    let differences = cell.differences.iter().map(difference);
-    differences.chain(cell.faults.iter().map(fault)).collect()
+/// How many more instructions the head takes.
+fn more(counted: &Counted) -> String {
+    signed(counted.ratio - 1.0, 2)
 }
 
 /// `fragments 100 → 120 (+20.0 %)`.
 pub fn difference(difference: &Difference) -> String {
     let Difference { figure, base, head, kind, .. } = difference;
     let value = |value: f64| match kind {
-        Kind::Bytes => mebibytes(value as u64),
-        Kind::Work | Kind::Counter => format!("{value:.0}"),
-        Kind::Error | Kind::Quantity if value.is_finite() => three(value),
-        Kind::Error | Kind::Quantity => "not a number".to_owned(),
+        FigureKind::Bytes => mebibytes(value as u64),
+        FigureKind::Work | FigureKind::Counter => format!("{value:.0}"),
+        FigureKind::Error | FigureKind::Quantity if value.is_finite() => three(value),
+        FigureKind::Error | FigureKind::Quantity => "not a number".to_owned(),
     };
     let relative = *base != 0.0 && base.is_finite() && head.is_finite();
-    let share = match relative {
-        false => String::new(),
-        true => format!(" ({})", signed((head - base) / base.abs(), 2)),
-    };
+    let share = relative.then(|| format!(" ({})", signed((head - base) / base.abs(), 2)));
+    let share = share.unwrap_or_default();
     let changed = format!("{figure} {} → {}{share}", value(*base), value(*head));
-    match &difference.subject {
-        Subject::Configuration(id) => format!("{id}: {changed}"),
-        Subject::Cell(_) | Subject::Stage(_) => changed,
+    match &difference.scope {
+        DifferenceScope::Configuration(id) => format!("{id}: {changed}"),
+        DifferenceScope::Cell(_) | DifferenceScope::Stage(_) => changed,
     }
 }
 
 /// Who could not do what, and why.
 pub fn fault(fault: &Fault) -> String {
-    let side = fault.side.map_or("", Side::name);
-    let who = format!("{side} {}", fault.gate.name());
-    format!("{}: {}", who.trim(), fault.reason)
+    let side = fault.side.map_or(String::new(), |side| format!("{side} "));
+    format!("{side}{}: {}", fault.gate, fault.reason)
 }
 
 /// `no regression: 48 cells: 40 same, 8 inconclusive`.
 pub fn headline(verdicts: &Verdicts<'_>) -> String {
-    let all = [
-        Verdict::Slower,
-        Verdict::LessAccurate,
-        Verdict::FasterButLessAccurate,
-        Verdict::Costlier,
-        Verdict::Failed,
-        Verdict::NotMeasured,
-        Verdict::Inconclusive,
-        Verdict::NotJudged,
-        Verdict::Faster,
-        Verdict::Cheaper,
-        Verdict::Same,
-        Verdict::New,
-    ];
-    let counted = all.iter().filter_map(|verdict| {
-        let count = verdicts.count(*verdict);
-        (count > 0).then(|| format!("{count} {}", verdict.text()))
-    });
-    let counted: Vec<String> = counted.collect();
-    let cells = match verdicts.cells.len() {
-        1 => "1 cell".to_owned(),
-        n => format!("{n} cells"),
-    };
-    format!("{}; {cells}: {}", verdicts.status.text(), counted.join(", "))
+    let all = verdicts.counts();
+    let counted = all.iter().map(|(verdict, count)| format!("{count} {verdict}")).join(", ");
+    format!("{}; {}: {counted}", verdicts.status, cells(verdicts.cells.len()))
+}
+
+fn cells(count: usize) -> String {
+    format!("{count} {}", if count == 1 { "cell" } else { "cells" })
 }
 
 /// Each regression in a sentence, the gravest first; then what concerns configurations as a whole.
@@ -159,11 +133,11 @@ pub fn regressions(verdicts: &Verdicts<'_>) -> Vec<String> {
             because.push(format!("time {}", change(time)));
         }
         if let Some(counted) = &cell.instructions {
-            because.push(format!("instructions {}", signed(counted.ratio - 1.0, 2)));
+            because.push(format!("instructions {}", more(counted)));
         }
         let worse = cell.differences.iter().filter(|difference| difference.worse);
         because.extend(worse.map(difference));
-        format!("{}: {}: {}", cell.cell, cell.verdict.text(), because.join("; "))
+        format!("{}: {}: {}", cell.cell, cell.verdict, because.join("; "))
     });
     let whole = verdicts.configurations.iter();
     let whole = whole.filter(|difference| difference.worse).map(difference);
@@ -178,9 +152,9 @@ pub fn notes(verdicts: &Verdicts<'_>) -> Vec<String> {
         .gates
         .iter()
         .map(|(gate, state)| match state {
-            GateState::Ran => format!("{} gate: {}", gate.name(), rule(verdicts, gate.name())),
-            GateState::Skipped(reason) => format!("{} gate skipped: {reason}", gate.name()),
-            GateState::Void(reason) => format!("{} gate void: {reason}", gate.name()),
+            GateState::Ran => format!("{gate} gate: {}", rule(verdicts, *gate)),
+            GateState::Skipped(reason) => format!("{gate} gate skipped: {reason}"),
+            GateState::Void(reason) => format!("{gate} gate void: {reason}"),
         })
         .collect();
     for control in &verdicts.controls {
@@ -194,7 +168,7 @@ pub fn notes(verdicts: &Verdicts<'_>) -> Vec<String> {
     notes.extend(inconclusive(verdicts));
     if settings.unpaired {
         notes.push(
-            "times are unpaired: the runs were made one after the other, so they are told and not judged"
+            "times are unpaired: the runs were made one after the other, so they are reported, but not judged"
                 .to_owned(),
         );
     }
@@ -202,7 +176,8 @@ pub fn notes(verdicts: &Verdicts<'_>) -> Vec<String> {
     notes.extend(better.filter(|other| !other.worse).map(difference));
     notes.extend(verdicts.faults.iter().map(fault));
     notes.extend(configuration_notes(verdicts.comparison));
-    notes.extend(launch_notes(verdicts.comparison));
+    let conditions = verdicts.comparison.launches.iter().flat_map(|launch| &launch.notes);
+    notes.extend(conditions.unique().map(|note| format!("time gate: {note}")));
     notes.extend(header.notes.iter().cloned());
     let damaged = &verdicts.comparison.damaged;
     notes.extend(damaged.iter().map(|line| format!("left out: {line}")));
@@ -217,7 +192,8 @@ pub fn notes(verdicts: &Verdicts<'_>) -> Vec<String> {
 
 /// What inconclusive cells mean for the status.
 fn inconclusive(verdicts: &Verdicts<'_>) -> Option<String> {
-    let all = verdicts.count(Verdict::Inconclusive);
+    let is_inconclusive = |cell: &&JudgedCell| cell.verdict == CellVerdict::Inconclusive;
+    let all = verdicts.cells.iter().filter(is_inconclusive).count();
     let threshold = verdicts.comparison.header.settings.threshold;
     let cells = verdicts.cells.iter();
     let open = cells.filter(|cell| cell.may_be_slower(threshold)).count();
@@ -230,43 +206,27 @@ fn inconclusive(verdicts: &Verdicts<'_>) -> Option<String> {
 }
 
 /// What could not be computed of configurations, once where both sides say the same.
-fn configuration_notes(comparison: &Comparison) -> Vec<String> {
-    let mut told: Vec<(String, Option<Side>)> = Vec::new();
-    for line in &comparison.configurations {
-        for note in &line.notes {
-            let text = format!("{}: {note}", line.configuration);
-            match told.iter_mut().find(|(known, _)| *known == text) {
-                Some((_, side)) if *side != Some(line.side) => *side = None,
-                Some(_) => {}
-                None => told.push((text, Some(line.side))),
-            }
-        }
+fn configuration_notes(comparison: &StoredComparison) -> Vec<String> {
+    let lines = comparison.configurations.iter();
+    let notes = lines.flat_map(|line| {
+        line.notes.iter().map(|note| (format!("{}: {note}", line.configuration), line.side))
+    });
+    let mut sides: IndexMap<String, BTreeSet<Side>> = IndexMap::new();
+    for (note, side) in notes {
+        sides.entry(note).or_default().insert(side);
     }
-    let text = |(text, side): (String, Option<Side>)| match side {
-        Some(side) => format!("{}: {text}", side.name()),
-        None => text,
-    };
-    told.into_iter().map(text).collect()
+    let told = sides.into_iter().map(|(note, sides)| match sides.into_iter().exactly_one() {
+        Ok(side) => format!("{side}: {note}"),
+        Err(_) => note,
+    });
+    told.collect()
 }
 
-/// Conditions of the time gate, each once; not which core a launch had.
-fn launch_notes(comparison: &Comparison) -> Vec<String> {
-    let mut told: Vec<String> = Vec::new();
-    let notes = comparison.launches.iter().flat_map(|launch| &launch.notes);
-    for note in notes.filter(|note| !note.starts_with("on core ")) {
-        let text = format!("time gate: {note}");
-        if !told.contains(&text) {
-            told.push(text);
-        }
-    }
-    told
-}
-
-fn rule(verdicts: &Verdicts<'_>, gate: &str) -> String {
+fn rule(verdicts: &Verdicts<'_>, gate: Gate) -> String {
     let settings = &verdicts.comparison.header.settings;
     match gate {
-        "time" if settings.unpaired => "medians of each run".to_owned(),
-        "time" => format!(
+        Gate::Time if settings.unpaired => "medians of each run".to_owned(),
+        Gate::Time => format!(
             "{} launches of {} pairs{}; a change counts beyond {:.1} %, at a family-wise error of {:.0} %",
             verdicts.comparison.launches_of(false),
             settings.pairs,
@@ -274,24 +234,23 @@ fn rule(verdicts: &Verdicts<'_>, gate: &str) -> String {
             100.0 * settings.threshold,
             100.0 * settings.alpha
         ),
-        "instructions" => format!(
+        Gate::Instructions => format!(
             "under callgrind; a change counts beyond {:.2} %",
             100.0 * settings.instruction_threshold
         ),
-        _ => "work, counters and bytes as they are; errors beyond 1 % of the base's".to_owned(),
+        Gate::Exact => {
+            "work, counters and bytes as they are; errors beyond 1 % of the base's".to_owned()
+        }
     }
 }
 
 /// What the second measurement of the time gate was, if there was one.
-fn second(comparison: &Comparison) -> Option<String> {
+fn second(comparison: &StoredComparison) -> Option<String> {
     let of_second = comparison.pairs.iter().filter(|pair| pair.second);
     let pairs = of_second.clone().map(|pair| pair.round + 1).max()?;
-    let cells: BTreeSet<_> =
-        of_second.filter(|pair| !pair.control).map(|pair| &pair.cell).collect();
+    let open = of_second.filter(|pair| !pair.control).map(|pair| &pair.cell).unique().count();
     let launches = comparison.launches_of(true);
-    let count = cells.len();
-    let noun = if count == 1 { "cell" } else { "cells" };
-    Some(format!(", {launches} more of {pairs} pairs for {count} {noun} that these left open"))
+    Some(format!(", {launches} more of {pairs} pairs for {} that these left open", cells(open)))
 }
 
 /// `origin/main (0.1.0)`.

@@ -13,8 +13,8 @@ fn write(verdicts: &Verdicts<'_>) -> String {
     let header = rows::HEADER.map(str::to_owned);
     let cells = verdicts.cells.iter();
     let cells = cells.map(|cell| rows::cell(cell).map(|field| text::line(&field)));
-    told += &columns(&std::iter::once(header).chain(cells).collect::<Vec<_>>());
-    told.push('\n');
+    told += &text::columns(&std::iter::once(header).chain(cells).collect::<Vec<_>>()).join("\n");
+    told += "\n\n";
     for note in rows::notes(verdicts) {
         told += &format!("{}\n", text::line(&note));
     }
@@ -23,19 +23,4 @@ fn write(verdicts: &Verdicts<'_>) -> String {
         told += &format!("{}\n", text::line(&regression));
     }
     told + &rows::headline(verdicts) + "\n"
-}
-
-/// Each column as wide as its widest cell; nothing after a row's last text.
-fn columns<const N: usize>(rows: &[[String; N]]) -> String {
-    let width = |column: usize| {
-        let cells = rows.iter().map(|row| row[column].chars().count());
-        cells.max().unwrap_or(0)
-    };
-    let widths: Vec<usize> = (0..N).map(width).collect();
-    let line = |row: &[String; N]| {
-        let cells = row.iter().zip(&widths);
-        let padded: Vec<String> = cells.map(|(cell, width)| format!("{cell:width$}")).collect();
-        format!("{}\n", padded.join("  ").trim_end())
-    };
-    rows.iter().map(line).collect()
 }

@@ -43,7 +43,7 @@ impl Simulation {
         self.rounds(cell, control, change, None)
     }
 
-    /// Of the second measurement if it is told its rounds.
+    /// Of the second measurement if `second` gives its rounds.
     fn rounds(
         &mut self,
         cell: &CellId,
@@ -76,7 +76,7 @@ impl Simulation {
     }
 
     /// The measurements behind [`Self::gate`].
-    fn compare(&mut self, change: impl Fn(usize) -> f64) -> Comparison {
+    fn compare(&mut self, change: impl Fn(usize) -> f64) -> StoredComparison {
         let mut comparison = comparison(self.launches);
         let first = schedule(self.launches);
         self.measure(&mut comparison, &first, &change);
@@ -89,7 +89,7 @@ impl Simulation {
 
     fn measure(
         &mut self,
-        comparison: &mut Comparison,
+        comparison: &mut StoredComparison,
         schedule: &Schedule,
         change: &impl Fn(usize) -> f64,
     ) {
@@ -115,10 +115,10 @@ fn schedule(launches: u32) -> Schedule {
 }
 
 /// A first measurement that has all its launches.
-fn comparison(launches: u32) -> Comparison {
+fn comparison(launches: u32) -> StoredComparison {
     let settings = GateSettings { launches, ..settings() };
     let header = ComparisonHeader { cells: cells(), settings, ..ComparisonHeader::default() };
-    let mut comparison = Comparison::new(header);
+    let mut comparison = StoredComparison::new(header);
     comparison.launches =
         (0..launches).map(|launch| Launch { launch, ..Launch::default() }).collect();
     comparison

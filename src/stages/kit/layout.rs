@@ -5,7 +5,7 @@ use encase::{ShaderType, StorageBuffer};
 
 use crate::gpu::{GpuError, Shader, StructLayout};
 
-/// A host struct that shaders read or write; [`shader_struct!`] makes it.
+/// A host struct that shaders read or write; [`shader_struct!`](crate::shader_struct) makes it.
 pub trait ShaderStruct: ShaderType + WriteInto {
     /// Names, WGSL types and offsets of the fields, and the size.
     fn layout() -> StructLayout;
