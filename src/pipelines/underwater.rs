@@ -23,11 +23,12 @@ use crate::stages::godrays::lines::LinesUniforms;
 use crate::stages::kit::Resources;
 use crate::stages::lit_scene::LitScene;
 use crate::stages::low_pass::{FilterUniforms, LowPass};
-use crate::stages::photon::Tracing;
+use crate::stages::photon::{Photons, Tracing};
 use crate::stages::splatting::{Additive, PHOTONS_PER_INSTANCE};
 use crate::stages::{caustics, godrays, scene, shadow, water};
 
 pub use measure::{PhotonQuery, blended_fragments, photons_at, read_photons};
+use parameters::PhotonPath;
 pub use parameters::{Intensity, Params, PhotonGrid, SubdivisionMode};
 
 /// Photons through the water's surface, splats and light shafts.
@@ -88,9 +89,17 @@ impl Pipeline for Underwater {
         let reflection = of_surface.push(lit(&water::reflection::INFO)?);
         let refraction = of_surface.push(lit(&water::refraction::INFO)?);
 
-        let seen = (light, &gbuffer.textures.depth);
-        let caustics = caustic_stages(resources, shared, seen, params, &plan)?;
-        let godrays = godray_stages(resources, shared, seen, params, &plan)?;
+        let seen = &gbuffer.textures.depth;
+        let path = params.caustics.path();
+        let caustics = photon_stages(resources, shared, light, path, |of, photons, conserving| {
+            let (settings, side_px) = (&plan.splat, plan.splat_px);
+            caustics::splat::new(of, shared, (photons, seen), settings, conserving, side_px)
+        })?;
+        let path = params.godrays.path();
+        let godrays = photon_stages(resources, shared, light, path, |of, photons, conserving| {
+            let (settings, length_px) = (&plan.lines, plan.line_px);
+            godrays::lines::new(of, shared, (photons, seen), settings, conserving, length_px)
+        })?;
         let composed = Composed {
             gbuffer: &gbuffer.textures,
             caustics: caustics.texture(),
@@ -121,76 +130,26 @@ impl Pipeline for Underwater {
     }
 }
 
-/// The light's depth and mask, and the camera's depth.
-type Lighted<'a> = ((&'a wgpu::Texture, &'a wgpu::Texture), &'a wgpu::Texture);
-
-fn caustic_stages(
+/// `light` is the light's depth and mask. `draw` makes the stage that draws the photons.
+fn photon_stages(
     resources: &Resources<'_>,
     shared: &Shared,
-    (light, depth): Lighted<'_>,
-    params: &Params,
-    plan: &Plan,
+    light: (&wgpu::Texture, &wgpu::Texture),
+    path: PhotonPath,
+    draw: impl FnOnce(&Resources<'_>, &Photons, bool) -> Result<Additive, GpuError>,
 ) -> Result<PhotonStages, GpuError> {
-    let settings = &params.caustics;
-    let conserving = settings.intensity == Intensity::Conserving;
-    let of_grid = &resources.sized_by("caustics.grid × caustics.subdivision");
-    let grid = settings.grid_settings();
-    let info = &caustics::trace::INFO;
+    let PhotonPath { grid, conserving, .. } = path;
+    let of_grid = &resources.sized_by(path.grid_sized_by);
     let rules = (grid.is_dynamic(), conserving);
-    let trace = of_grid.push(Tracing::new(of_grid, info, shared, light, grid.uniforms(), rules)?);
-    let of_buffer = &resources.sized_by("caustics.buffer");
-    let drawn = caustics::splat::new(
-        of_buffer,
-        shared,
-        (&trace.photons, depth),
-        &plan.splat,
-        conserving,
-        plan.splat_px,
-    )?;
-    let drawn = of_buffer.push(drawn);
-    let filter = settings.filter.then_some((&caustics::filter::INFO, settings.filter_uniforms()));
-    let filter = low_pass(of_buffer, &drawn, filter)?;
-    Ok(PhotonStages { trace, drawn, filter })
-}
-
-fn godray_stages(
-    resources: &Resources<'_>,
-    shared: &Shared,
-    (light, depth): Lighted<'_>,
-    params: &Params,
-    plan: &Plan,
-) -> Result<PhotonStages, GpuError> {
-    let settings = &params.godrays;
-    let conserving = settings.intensity == Intensity::Conserving;
-    let of_grid = &resources.sized_by("godrays.grid × godrays.subdivision");
-    let grid = settings.grid_settings();
-    let info = &godrays::trace::INFO;
-    let rules = (grid.is_dynamic(), conserving);
-    let trace = of_grid.push(Tracing::new(of_grid, info, shared, light, grid.uniforms(), rules)?);
-    let of_buffer = &resources.sized_by("godrays.buffer");
-    let drawn = godrays::lines::new(
-        of_buffer,
-        shared,
-        (&trace.photons, depth),
-        &plan.lines,
-        conserving,
-        plan.line_px,
-    )?;
-    let drawn = of_buffer.push(drawn);
-    let filter = settings.filter.then_some((&godrays::filter::INFO, settings.filter_uniforms()));
-    let filter = low_pass(of_buffer, &drawn, filter)?;
-    Ok(PhotonStages { trace, drawn, filter })
-}
-
-fn low_pass(
-    resources: &Resources<'_>,
-    drawn: &Additive,
-    filter: Option<(&'static StageInfo, FilterUniforms)>,
-) -> Result<Option<Rc<LowPass>>, GpuError> {
-    let made = |(info, settings): (&'static StageInfo, FilterUniforms)| {
-        LowPass::new(resources, info, drawn.source(), &settings).map(|made| resources.push(made))
+    let trace = Tracing::new(of_grid, path.trace, shared, light, grid.uniforms(), rules)?;
+    let trace = of_grid.push(trace);
+    let of_buffer = &resources.sized_by(path.buffer_sized_by);
+    let drawn = of_buffer.push(draw(of_buffer, &trace.photons, conserving)?);
+    let low_pass = |(info, settings): (&'static StageInfo, FilterUniforms)| {
+        LowPass::new(of_buffer, info, drawn.source(), &settings).map(|made| of_buffer.push(made))
     };
-    filter.map(made).transpose()
+    let filter = path.filter.map(low_pass).transpose()?;
+    Ok(PhotonStages { trace, drawn, filter })
 }
 
 /// What the frame is seen from, for these parameters.

@@ -3,12 +3,14 @@
 use glam::Vec2;
 use serde::{Deserialize, Serialize};
 
+use crate::gpu::StageInfo;
 use crate::parameter::{ParamError, within};
 use crate::pipelines::Parameters;
 use crate::pipelines::settings::scaled;
 use crate::scene::{Camera, Light, SceneFile, Water};
 use crate::stages::low_pass::FilterUniforms;
 use crate::stages::photon::TraceUniforms;
+use crate::stages::{caustics, godrays};
 use crate::{choices, settings};
 
 settings! {
@@ -229,8 +231,18 @@ impl PhotonGrid {
     }
 }
 
+/// What distinguishes the stages of one photon grid from those of another.
+pub(super) struct PhotonPath {
+    pub(super) grid_sized_by: &'static str,
+    pub(super) buffer_sized_by: &'static str,
+    pub(super) trace: &'static StageInfo,
+    pub(super) grid: PhotonGrid,
+    pub(super) conserving: bool,
+    pub(super) filter: Option<(&'static StageInfo, FilterUniforms)>,
+}
+
 macro_rules! photon_settings {
-    ($group:ty, $scale:expr) => {
+    ($group:ty, $name:ident, $scale:expr) => {
         impl $group {
             pub fn grid_settings(&self) -> PhotonGrid {
                 PhotonGrid {
@@ -245,8 +257,22 @@ macro_rules! photon_settings {
                 }
             }
 
-            pub fn filter_uniforms(&self) -> FilterUniforms {
-                FilterUniforms { taps: self.filter_taps, radius_px: self.filter_radius_px as f32 }
+            pub(super) fn path(&self) -> PhotonPath {
+                let (taps, radius_px) = (self.filter_taps, self.filter_radius_px as f32);
+                let filter = (&$name::filter::INFO, FilterUniforms { taps, radius_px });
+                PhotonPath {
+                    grid_sized_by: concat!(
+                        stringify!($name),
+                        ".grid × ",
+                        stringify!($name),
+                        ".subdivision"
+                    ),
+                    buffer_sized_by: concat!(stringify!($name), ".buffer"),
+                    trace: &$name::trace::INFO,
+                    grid: self.grid_settings(),
+                    conserving: self.intensity == Intensity::Conserving,
+                    filter: self.filter.then_some(filter),
+                }
             }
 
             /// Pixels of the buffer: as set, or scaled with the viewport.
@@ -257,7 +283,8 @@ macro_rules! photon_settings {
                 }
             }
 
-            fn consistent(&self, name: &str) -> Result<(), ParamError> {
+            fn consistent(&self) -> Result<(), ParamError> {
+                let name = stringify!($name);
                 if (self.buffer[0] == 0) != (self.buffer[1] == 0) {
                     return Err(ParamError::Unfit(format!(
                         "{name}.buffer is {:?}: both sides must be set, or none",
@@ -271,8 +298,8 @@ macro_rules! photon_settings {
 }
 
 // Scale factors of the buffers to the viewport: UW §4.1 (512 / 800 and 128 / 800).
-photon_settings!(Caustics, 0.64);
-photon_settings!(Godrays, 0.16);
+photon_settings!(Caustics, caustics, 0.64);
+photon_settings!(Godrays, godrays, 0.16);
 
 impl Parameters for Params {
     fn staged(&self, file: &SceneFile) -> Result<SceneFile, ParamError> {
@@ -289,8 +316,8 @@ impl Parameters for Params {
         self.camera.validate()?;
         self.light.validate()?;
         self.water.validate()?;
-        self.caustics.consistent("caustics")?;
-        self.godrays.consistent("godrays")?;
+        self.caustics.consistent()?;
+        self.godrays.consistent()?;
         let (least, most) = (self.caustics.point_size_min_px, self.caustics.point_size_max_px);
         within("caustics.point_size_max_px", most, least, 1024.0)
     }
