@@ -74,6 +74,11 @@ pub fn pcg(v: u32) -> u32 {
     (word >> 22) ^ word
 }
 
+/// The upper 24 bits as a number in [0, 1).
+pub fn unit(bits: u32) -> f64 {
+    f64::from(bits >> 8) / 16_777_216.0
+}
+
 #[cfg(test)]
 mod tests {
     use proptest::prelude::*;

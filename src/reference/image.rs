@@ -25,12 +25,8 @@ impl Image {
     pub fn from_data(width: u32, height: u32, data: Vec<f64>) -> Result<Image, ReferenceError> {
         let expected = width as usize * height as usize;
         if data.len() != expected || expected == 0 {
-            return Err(ReferenceError::ImageSize {
-                width,
-                height,
-                expected: expected.max(1),
-                got: data.len(),
-            });
+            let (expected, got) = (expected.max(1), data.len());
+            return Err(ReferenceError::ImageSize { width, height, expected, got });
         }
         Ok(Image { width, height, data })
     }
@@ -58,6 +54,10 @@ impl Image {
         &self.data
     }
 
+    pub fn contains(&self, x: i64, y: i64) -> bool {
+        (0..i64::from(self.width)).contains(&x) && (0..i64::from(self.height)).contains(&y)
+    }
+
     /// Value at a pixel; coordinates beyond the border are clamped to it.
     pub fn clamped(&self, x: i64, y: i64) -> f64 {
         let x = x.clamp(0, i64::from(self.width) - 1) as usize;
@@ -75,7 +75,7 @@ impl Image {
 
     /// Adds to a pixel; outside the image nothing happens.
     pub fn add(&mut self, x: i64, y: i64, value: f64) {
-        if (0..i64::from(self.width)).contains(&x) && (0..i64::from(self.height)).contains(&y) {
+        if self.contains(x, y) {
             self.data[y as usize * self.width as usize + x as usize] += value;
         }
     }
@@ -88,6 +88,15 @@ impl Image {
     pub fn mean(&self) -> f64 {
         self.sum() / self.data.len() as f64
     }
+}
+
+/// The pixel of an image that a texel of another over the same view belongs to: the one its middle falls into, the right and
+/// lower one on a border.
+pub fn behind(texel: [f64; 2], own: [u32; 2], size: [u32; 2]) -> [i64; 2] {
+    [0, 1].map(|k| {
+        let place = (texel[k] + 0.5) * f64::from(size[k]) / f64::from(own[k]);
+        ((place + 1e-3) as i64).min(i64::from(size[k]) - 1)
+    })
 }
 
 /// The pixels (x, y) of an image, row by row.

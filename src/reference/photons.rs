@@ -62,9 +62,8 @@ pub struct Landed {
     pub entry: Entry,
     /// Unit direction after refraction.
     pub direction: DVec3,
+    /// Its distance is that from the entry (the paper's d_fromSurface).
     pub hit: Hit,
-    /// From entry to hit, metres (the paper's d_fromSurface).
-    pub distance_m: f64,
 }
 
 /// What became of a photon.
@@ -110,7 +109,7 @@ pub fn land_ray(water: &Water, tracer: &Tracer, origin: DVec3, incident: DVec3) 
         return Landing::MissesWater;
     };
     match tracer.cast(entry.position, direction, SELF_HIT_M, f64::MAX) {
-        Some(hit) => Landing::Landed(Landed { entry, direction, hit, distance_m: hit.distance_m }),
+        Some(hit) => Landing::Landed(Landed { entry, direction, hit }),
         None => Landing::Leaves { entry, direction },
     }
 }
@@ -199,7 +198,7 @@ mod tests {
                 let expected = entry + along * shift - DVec3::Y * DEPTH_M;
                 assert!((landed.hit.position - expected).length() < 1e-9);
                 let slant = DEPTH_M / (1.0 - sin_t * sin_t).sqrt();
-                assert!((landed.distance_m - slant).abs() < 1e-9);
+                assert!((landed.hit.distance_m - slant).abs() < 1e-9);
             }
         }
     }

@@ -27,6 +27,22 @@ pub fn point(name: &str, value: &[f64]) -> Result<(), String> {
     Err(format!("{name} = {value:?} must have components in -{FAR_M} to {FAR_M}"))
 }
 
+/// Each change makes a valid value one that `validate` refuses, in a message that holds the text beside the change.
+#[cfg(test)]
+pub fn assert_refused<T: Clone>(
+    valid: &T,
+    validate: impl Fn(&T) -> Result<(), String>,
+    cases: &[(fn(&mut T), &str)],
+) {
+    assert_eq!(validate(valid), Ok(()));
+    for (change, text) in cases {
+        let mut changed = valid.clone();
+        change(&mut changed);
+        let fault = validate(&changed).expect_err(text);
+        assert!(fault.contains(text), "{fault}, not {text}");
+    }
+}
+
 /// ` (did you mean NAME?)`, or a list of what there is when nothing is near.
 pub fn hint<'a>(name: &str, candidates: impl IntoIterator<Item = &'a str> + Clone) -> String {
     match text::nearest(name, candidates.clone()) {

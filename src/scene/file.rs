@@ -1,9 +1,7 @@
 //! Scene files: TOML, one table for each of camera, light and water, and a list of objects.
 
-use std::{
-    collections::BTreeMap,
-    path::{Path, PathBuf},
-};
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
 
 use glam::{DMat4, DQuat, DVec3, EulerRot};
 use serde::{Deserialize, Serialize};
@@ -13,7 +11,7 @@ use super::{
     generators, read, toml_text,
 };
 use crate::embedded::{Folders, SCENES};
-use crate::input;
+use crate::{choices, input, settings};
 
 /// What a scene file holds. A file's `base` (a scene whose tables and objects it starts from) and
 /// `without` (names of the base's objects to leave out) are resolved while it is read.
@@ -26,13 +24,10 @@ pub struct SceneFile {
     pub description: String,
     /// Depth of the floor below the water at rest, metres.
     pub floor_depth_m: f64,
-    /// The viewer.
     pub camera: Camera,
     #[serde(default)]
-    /// The one light.
     pub light: Light,
     #[serde(default)]
-    /// Surface and medium.
     pub water: Water,
     /// The scalar field.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -64,10 +59,8 @@ pub struct ObjectFile {
     #[serde(default)]
     pub params: BTreeMap<String, f64>,
     #[serde(default)]
-    /// Where it goes.
     pub transform: Transform,
     #[serde(default)]
-    /// How it looks.
     pub material: Material,
 }
 
@@ -82,21 +75,23 @@ pub enum Stand {
     Surface,
 }
 
-/// Where an object goes: fitted, scaled, turned, then moved.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct Transform {
-    /// If not 0: the largest extent is brought to this many metres, and the object is put upright
-    /// on y = 0 in the middle of x and z.
-    pub fit_m: f64,
-    /// Factor on the size.
-    pub scale: f64,
-    /// Turns about x, then y, then z, degrees.
-    pub rotate_deg: [f64; 3],
-    /// Metres, y from `on`.
-    pub translate_m: [f64; 3],
-    /// What y is measured from.
-    pub on: Stand,
+choices!(Stand);
+
+settings! {
+    /// Where an object goes: fitted, scaled, turned, then moved.
+    pub struct Transform {
+        /// If not 0: the largest extent is brought to this many metres, and the object is put upright on y = 0 in the middle
+        /// of x and z.
+        fit_m: f64 = 0.0 => 0.0 ..= 1e5, "m";
+        /// Factor on the size.
+        scale: f64 = 1.0 => 1e-6 ..= 1e6, "1";
+        /// Turns about x, then y, then z.
+        rotate_deg: [f64; 3] = [0.0; 3];
+        /// y from `on`.
+        translate_m: [f64; 3] = [0.0; 3];
+        /// What y is measured from.
+        on: Stand = Stand::Floor;
+    }
 }
 
 impl Stand {
@@ -105,18 +100,6 @@ impl Stand {
         match self {
             Stand::Floor => -floor_depth_m,
             Stand::Surface => 0.0,
-        }
-    }
-}
-
-impl Default for Transform {
-    fn default() -> Self {
-        Self {
-            fit_m: 0.0,
-            scale: 1.0,
-            rotate_deg: [0.0; 3],
-            translate_m: [0.0; 3],
-            on: Stand::Floor,
         }
     }
 }
@@ -145,8 +128,7 @@ impl Transform {
     }
 
     fn validate(&self) -> Result<(), String> {
-        check::within("transform.fit_m", self.fit_m, 0.0, check::FAR_M)?;
-        check::within("transform.scale", self.scale, 1e-6, 1e6)?;
+        check::within_ranges("transform", self)?;
         check::point("transform.rotate_deg", &self.rotate_deg)?;
         check::point("transform.translate_m", &self.translate_m)
     }
@@ -232,7 +214,7 @@ impl ObjectFile {
         let matrix = self.transform.matrix(&mesh, file.floor_depth_m);
         let mesh = mesh.transformed(&matrix);
         mesh.validate()?;
-        Ok(Object { name: self.name.clone(), mesh, material: self.material.clone() })
+        Ok(Object { material: self.material.clone(), ..Object::new(&self.name, mesh) })
     }
 
     fn mesh(
@@ -245,8 +227,7 @@ impl ObjectFile {
             return generators::find(name)?.mesh(&self.params, file.floor_depth_m);
         }
         if let Some(path) = &self.file {
-            let path = file.folder.join(path);
-            return Mesh::read_within(&path, triangles).map_err(|e| e.to_string());
+            return Mesh::read_within(&file.folder.join(path), triangles);
         }
         let name = self.asset.as_deref().unwrap_or_default();
         let asset = assets::named(name).map_err(|e| e.to_string())?;
@@ -254,7 +235,7 @@ impl ObjectFile {
             return Err(format!("asset `{name}` is a volume: it belongs to [volume]"));
         }
         if let Some(path) = assets::find(name) {
-            return Mesh::read_within(&path, triangles).map_err(|e| e.to_string());
+            return Mesh::read_within(&path, triangles);
         }
         let generator = generators::find(asset.stand_in.0)?;
         let mesh = generator.mesh(&asset.stand_in_params(), file.floor_depth_m)?;

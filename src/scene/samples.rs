@@ -1,34 +1,19 @@
 //! Stored values of a volume, as its file or generator gives them, on the way to a [`super::Volume`].
 
-use std::{
-    io::{self, Read},
-    path::{Path, PathBuf},
-};
+use std::io::{self, Read};
+use std::path::Path;
 
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
-use thiserror::Error;
 
-use super::{
-    nifti,
-    raw::{self, Raw},
-    read,
-};
+use super::raw::{self, Raw};
+use super::{nifti, read};
 
 /// Most cells of a volume: 512³, which are 512 MiB of 32-bit floats.
 pub const MAX_CELLS: u64 = 1 << 27;
 
 /// Values that are read at a time.
 const CHUNK: usize = 1 << 14;
-
-/// Why a volume file cannot be used.
-#[derive(Debug, Error)]
-pub enum VolumeError {
-    #[error("cannot read the volume {path}: {source}")]
-    Read { path: PathBuf, source: io::Error },
-    #[error("volume {path}: {what}")]
-    Malformed { path: PathBuf, what: String },
-}
 
 /// The stored axis that points up in the world.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -55,10 +40,10 @@ pub struct Samples {
 }
 
 /// Reads `.nii` and `.nii.gz` by their header; everything else, plain or compressed by gzip, is the cells that `raw` tells.
-pub fn read(path: &Path, raw: Option<&Raw>) -> Result<Samples, VolumeError> {
-    let malformed = |what| VolumeError::Malformed { path: path.to_owned(), what };
+pub fn read(path: &Path, raw: Option<&Raw>) -> Result<Samples, String> {
+    let malformed = |what| format!("volume {}: {what}", path.display());
     let mut source =
-        read::open(path).map_err(|source| VolumeError::Read { path: path.to_owned(), source })?;
+        read::open(path).map_err(|e| format!("cannot read the volume {}: {e}", path.display()))?;
     let samples = match (is_nifti(path), raw) {
         (true, None) => nifti::parse(&mut source),
         (true, Some(_)) => Err("its header tells `cells` and `format`: leave them out".into()),

@@ -2,10 +2,8 @@
 
 use std::fmt;
 
-use super::super::{
-    raw::{Raw, VolumeFormat},
-    samples::Up,
-};
+use super::super::raw::{Raw, VolumeFormat};
+use super::super::samples::Up;
 
 /// One mesh or volume that a scene may use.
 pub struct Asset {

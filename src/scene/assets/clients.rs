@@ -1,13 +1,11 @@
 //! The package clients that download assets, each run in a folder of its own.
 
-use std::{
-    ffi::OsStr,
-    io::{self, Read},
-    path::{Path, PathBuf},
-    process::{Child, Command, ExitStatus, Stdio},
-    thread,
-    time::{Duration, Instant},
-};
+use std::ffi::OsStr;
+use std::io::{self, Read};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, ExitStatus, Stdio};
+use std::thread;
+use std::time::{Duration, Instant};
 
 use super::{Asset, AssetError, Package, Places};
 

@@ -2,13 +2,9 @@
 
 use glam::DVec3;
 
-use super::{
-    super::{
-        Mesh,
-        shapes::{bar, cuboid, merged, moved},
-    },
-    Args, Generator, generator, param,
-};
+use super::{Args, Generator, generator, param};
+use crate::scene::Mesh;
+use crate::scene::shapes::{bar, cuboid, merged, moved};
 
 pub const GENERATORS: &[Generator] = &[generator(
     "crate",

@@ -1,12 +1,8 @@
 //! A game level of few triangles: walls, doorways, windows, pillars, a platform with stairs.
 
-use super::{
-    super::{
-        Mesh,
-        shapes::{cuboid, cylinder, merged, moved},
-    },
-    Args, Generator, generator, param,
-};
+use super::{Args, Generator, generator, param};
+use crate::scene::Mesh;
+use crate::scene::shapes::{cuboid, cylinder, merged, moved};
 
 pub const GENERATORS: &[Generator] =
     &[generator("level", "rooms of a low-resolution game level, open to the sky", level).with(&[
@@ -115,9 +111,8 @@ fn pillars(
             let square = 0.5 * cell;
             cuboid([x - square, 0.0, z - square], [x + square, base, z + square])
         });
-        [plate(base), plate(height - thick), moved(shaft, x, base + thick, z)]
-            .into_iter()
-            .chain(ground)
+        let pillar = [plate(base), plate(height - thick), moved(shaft, x, base + thick, z)];
+        pillar.into_iter().chain(ground)
     }))
 }
 

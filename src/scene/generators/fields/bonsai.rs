@@ -4,11 +4,10 @@ use std::f64::consts::TAU;
 
 use glam::DVec3;
 
-use super::{
-    super::{super::noise::fractal_noise, Args, SEED, param},
-    Field, FieldGenerator,
-    distance::{cylinder, ellipsoid, limb, share, without},
-};
+use super::super::{Args, SEED, param};
+use super::distance::{cylinder, ellipsoid, limb, share, without};
+use super::{Field, FieldGenerator};
+use crate::scene::noise::fractal_noise;
 
 pub const GENERATORS: &[FieldGenerator] = &[FieldGenerator {
     name: "bonsai",
