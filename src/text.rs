@@ -25,22 +25,17 @@ fn is_hidden(c: char) -> bool {
 
 /// The text on one line: line breaks and tabs become spaces, hidden characters become `�`.
 pub fn line(text: &str) -> String {
-    let shown = |c: char| match c {
-        '\n' | '\r' | '\t' | '\u{2028}' | '\u{2029}' => ' ',
-        c if is_hidden(c) => char::REPLACEMENT_CHARACTER,
-        c => c,
-    };
-    text.chars().map(shown).collect()
+    let breaks = ['\n', '\r', '\t', '\u{2028}', '\u{2029}'];
+    text.chars().map(|c| if breaks.contains(&c) { ' ' } else { shown(c) }).collect()
+}
+
+fn shown(c: char) -> char {
+    if is_hidden(c) { char::REPLACEMENT_CHARACTER } else { c }
 }
 
 /// The same with line feeds and tabs kept: for texts of several lines, whose names have passed through [`line()`].
 pub fn block(text: &str) -> String {
-    let shown = |c: char| match c {
-        '\n' | '\t' => c,
-        c if is_hidden(c) => char::REPLACEMENT_CHARACTER,
-        c => c,
-    };
-    text.chars().map(shown).collect()
+    text.chars().map(|c| if ['\n', '\t'].contains(&c) { c } else { shown(c) }).collect()
 }
 
 /// Text that Markdown shows as it is, within a paragraph, a heading, a list or a table. Code between backticks stays code.
@@ -146,10 +141,7 @@ pub fn file_stem(name: &str) -> String {
     let kept = |c: char| if plain(c) { c } else { '_' };
     let shown: String = name.chars().map(kept).take(STEM_LENGTH).collect();
     let hash = Sha256::digest(name.as_bytes());
-    let hash: String = hash
-        .iter()
-        .take(HASH_BYTES)
-        .fold(String::new(), |text, byte| text + &format!("{byte:02x}"));
+    let hash: String = hash.iter().take(HASH_BYTES).map(|byte| format!("{byte:02x}")).collect();
     format!("{}~{hash}", shown.trim_start_matches('.'))
 }
 

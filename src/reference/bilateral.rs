@@ -1,7 +1,7 @@
 //! Joint bilateral filter and up-scaling of an ambient-occlusion buffer (VAO §6; Kopf et al., Joint Bilateral Upsampling,
 //! 2007), twin of the GPU's.
 
-use super::filter::GOLDEN_ANGLE;
+use super::filter::{GOLDEN_ANGLE, from_edges};
 use super::image::{Image, behind};
 use crate::scene::Camera;
 
@@ -108,9 +108,8 @@ impl Guided<'_> {
         let Some(plane) = self.plane(x, y) else {
             return f64::INFINITY;
         };
-        let places = self.places(x, y, &plane);
         // The first tap is the pixel's own place, which is exact.
-        places.skip(1).flatten().map(|t| (t - t.round()).abs()).fold(f64::INFINITY, f64::min)
+        from_edges(self.places(x, y, &plane).skip(1))
     }
 
     fn middle(&self, x: u32, y: u32) -> [f64; 2] {

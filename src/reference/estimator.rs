@@ -6,7 +6,6 @@ use glam::DVec3;
 use super::rays::Tracer;
 use crate::scene::LightFrame;
 
-/// How an iteration ended.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Estimate {
     /// Distance of p_e from the entry after the last iteration, metres.

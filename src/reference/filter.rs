@@ -30,36 +30,31 @@ impl Disc {
     /// Mean of the taps around pixel (x, y), the disc turned by the pixel's angle. A tap reads the
     /// texel in which it falls; beyond the border the border's texel.
     pub fn at(&self, image: &Image, x: u32, y: u32) -> f64 {
-        let (sin, cos) = rotation(x, y).sin_cos();
-        let sum: f64 = self
-            .taps
-            .iter()
-            .map(|[dx, dy]| {
-                let tx = f64::from(x) + 0.5 + cos * dx - sin * dy;
-                let ty = f64::from(y) + 0.5 + sin * dx + cos * dy;
-                image.clamped(tx.floor() as i64, ty.floor() as i64)
-            })
-            .sum();
-        sum / self.taps.len() as f64
+        let texels = self.places(x, y).map(|place| place.map(|t| t.floor() as i64));
+        texels.map(|[x, y]| image.clamped(x, y)).sum::<f64>() / self.taps.len() as f64
     }
 
     /// Smallest distance of a rotated tap of pixel (x, y) from a texel's edge, pixels: where it is
     /// tiny, single precision may read the neighbour.
     pub fn edge_distance(&self, x: u32, y: u32) -> f64 {
-        let (sin, cos) = rotation(x, y).sin_cos();
-        self.taps
-            .iter()
-            .flat_map(|[dx, dy]| {
-                [f64::from(x) + 0.5 + cos * dx - sin * dy, f64::from(y) + 0.5 + sin * dx + cos * dy]
-            })
-            .map(|t| (t - t.round()).abs())
-            .fold(f64::INFINITY, f64::min)
+        from_edges(self.places(x, y))
     }
 
-    /// The filtered image.
+    /// Where the rotated taps of a pixel lie, pixels.
+    fn places(&self, x: u32, y: u32) -> impl Iterator<Item = [f64; 2]> {
+        let (sin, cos) = rotation(x, y).sin_cos();
+        let [x, y] = [x, y].map(|t| f64::from(t) + 0.5);
+        self.taps.iter().map(move |[dx, dy]| [x + cos * dx - sin * dy, y + sin * dx + cos * dy])
+    }
+
     pub fn apply(&self, image: &Image) -> Image {
         Image::of(image.size(), |x, y| self.at(image, x, y))
     }
+}
+
+/// Smallest distance of any of these coordinates from a whole number.
+pub fn from_edges(places: impl Iterator<Item = [f64; 2]>) -> f64 {
+    places.flatten().map(|t| (t - t.round()).abs()).fold(f64::INFINITY, f64::min)
 }
 
 /// Angle by which the disc is turned at a pixel, radians in [0, 2π).

@@ -69,7 +69,6 @@ impl<'a> SeenDepth<'a> {
     }
 }
 
-/// A shaded point.
 struct ShadedPoint<'a> {
     seen: &'a SeenDepth<'a>,
     texel: [i64; 2],

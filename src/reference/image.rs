@@ -10,7 +10,6 @@ pub struct Image {
 }
 
 impl Image {
-    /// An image of one value.
     pub fn constant(width: u32, height: u32, value: f64) -> Image {
         Image { width, height, data: vec![value; width as usize * height as usize] }
     }
@@ -31,7 +30,6 @@ impl Image {
         Ok(Image { width, height, data })
     }
 
-    /// The image with each value changed.
     #[must_use]
     pub fn map(&self, change: impl Fn(f64) -> f64) -> Image {
         let data = self.data.iter().map(|value| change(*value)).collect();
@@ -80,7 +78,6 @@ impl Image {
         }
     }
 
-    /// Sum over all pixels.
     pub fn sum(&self) -> f64 {
         self.data.iter().sum()
     }

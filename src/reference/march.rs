@@ -189,9 +189,8 @@ impl March {
         let mut previous: Option<(f64, f64)> = None;
         for d in distances {
             let now = (d, density(d));
-            let within = previous
-                .filter(|_| self.peak)
-                .and_then(|before| self.crossing_within(before, now, &density));
+            let peaked = previous.filter(|_| self.peak);
+            let within = peaked.and_then(|before| self.crossing_within(before, now, &density));
             let at_sample = || match previous {
                 Some(before) if self.between => self.crossing(before, now),
                 _ => d,

@@ -39,7 +39,6 @@ impl PhotonGrid {
         PhotonGrid { offset, ..self }
     }
 
-    /// Photons in the grid.
     pub fn count(&self) -> u64 {
         (u64::from(self.cells) * u64::from(self.side)).pow(2)
     }
@@ -66,7 +65,6 @@ pub struct Landed {
     pub hit: Hit,
 }
 
-/// What became of a photon.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Landing {
     Landed(Landed),

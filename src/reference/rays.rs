@@ -70,10 +70,8 @@ impl Tracer {
         for (i, object) in objects.iter().enumerate() {
             collect(object, i, &mut triangles)?;
         }
-        let size = triangles
-            .iter()
-            .flat_map(|t| t.corners)
-            .fold(0.0f64, |size, p| size.max(p.abs().max_element()));
+        let corners = triangles.iter().flat_map(|t| t.corners);
+        let size = corners.fold(0.0f64, |size, p| size.max(p.abs().max_element()));
         for triangle in &mut triangles {
             triangle.padding = BOX_PADDING * size;
         }
@@ -379,9 +377,8 @@ mod tests {
 
     #[test]
     fn ranges_are_respected_and_both_sides_hit() {
-        let quad =
-            object(vec![[-1.0, 0.0, -1.0], [1.0, 0.0, -1.0], [0.0, 0.0, 2.0]], vec![0, 1, 2]);
-        let tracer = Tracer::new(&[quad]).unwrap();
+        let corners = vec![[-1.0, 0.0, -1.0], [1.0, 0.0, -1.0], [0.0, 0.0, 2.0]];
+        let tracer = Tracer::new(&[object(corners, vec![0, 1, 2])]).unwrap();
         let up = DVec3::new(0.0, 2.0, 0.0);
         assert!(tracer.cast(up, DVec3::NEG_Y, 0.0, 10.0).is_some());
         assert!(tracer.cast(up, DVec3::NEG_Y, 0.0, 1.9).is_none());

@@ -46,11 +46,10 @@ pub fn triangles(objects: &[Object]) -> Vec<Corners> {
 
 /// The thirteen axes that can separate a triangle from a cube, of unit length; those without a direction are left out.
 fn axes([a, b, c]: &Corners) -> Vec<DVec3> {
-    let unit = [DVec3::X, DVec3::Y, DVec3::Z];
     let edges = [*b - *a, *c - *b, *a - *c];
-    let crossed = edges.iter().flat_map(|edge| unit.map(|axis| axis.cross(*edge)));
+    let crossed = edges.iter().flat_map(|edge| DVec3::AXES.map(|axis| axis.cross(*edge)));
     let normal = (*b - *a).cross(*c - *a);
-    crossed.chain([normal]).filter_map(DVec3::try_normalize).chain(unit).collect()
+    crossed.chain([normal]).filter_map(DVec3::try_normalize).chain(DVec3::AXES).collect()
 }
 
 /// The smallest gap between any of the triangles (metres) and each voxel, voxels, in the order of [`Grid::index`]. Infinite
@@ -208,10 +207,8 @@ fn sample(corners: &Corners, (axis, subpixels): (usize, u32), grid: &Grid, found
 
 /// The voxels of a triangle's box in the first slice along `axis`: one for each pixel.
 fn flat(corners: &Corners, axis: usize, grid: &Grid) -> impl Iterator<Item = [u32; 3]> + use<> {
-    let flattened = corners.map(|mut corner| {
-        corner[axis] = 0.5;
-        corner
-    });
+    let mut flattened = *corners;
+    flattened.iter_mut().for_each(|corner| corner[axis] = 0.5);
     near(&flattened, grid)
 }
 

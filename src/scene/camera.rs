@@ -41,7 +41,6 @@ impl Camera {
         DVec3::from(self.position_m)
     }
 
-    /// Unit vector from the position to the target.
     pub fn direction(&self) -> DVec3 {
         (DVec3::from(self.target_m) - self.position()).normalize()
     }

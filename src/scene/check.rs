@@ -6,7 +6,6 @@ use crate::text;
 /// Largest coordinate or distance that a scene may use, metres: f32 keeps centimetres there.
 pub const FAR_M: f64 = 1e5;
 
-/// `value` is finite and lies in `low..=high`.
 pub fn within(name: &str, value: f64, low: f64, high: f64) -> Result<(), String> {
     if value.is_finite() && (low..=high).contains(&value) {
         return Ok(());

@@ -109,12 +109,10 @@ impl Transform {
     pub fn matrix(&self, mesh: &Mesh, floor_depth_m: f64) -> DMat4 {
         let [x, y, z] = self.rotate_deg.map(f64::to_radians);
         let ground = self.on.height_m(floor_depth_m);
-        let placed = DMat4::from_scale_rotation_translation(
-            DVec3::splat(self.scale),
-            DQuat::from_euler(EulerRot::ZYX, z, y, x),
-            DVec3::from(self.translate_m) + DVec3::Y * ground,
-        );
-        placed * self.fitting(mesh)
+        let turn = DQuat::from_euler(EulerRot::ZYX, z, y, x);
+        let place = DVec3::from(self.translate_m) + DVec3::Y * ground;
+        let scale = DVec3::splat(self.scale);
+        DMat4::from_scale_rotation_translation(scale, turn, place) * self.fitting(mesh)
     }
 
     fn fitting(&self, mesh: &Mesh) -> DMat4 {
@@ -132,11 +130,6 @@ impl Transform {
         check::point("transform.rotate_deg", &self.rotate_deg)?;
         check::point("transform.translate_m", &self.translate_m)
     }
-}
-
-/// The built-in scenes: name and text, sorted by name.
-pub fn built_in() -> Vec<(String, String)> {
-    SCENES.texts(".toml")
 }
 
 impl SceneFile {
@@ -171,12 +164,10 @@ impl SceneFile {
         self.camera.validate()?;
         self.light.validate()?;
         self.water.validate()?;
-        match &self.volume {
-            None if self.objects.is_empty() => {
-                return Err("it has neither an [[object]] nor a [volume]".into());
-            }
-            None => {}
-            Some(volume) => volume.validate()?,
+        if let Some(volume) = &self.volume {
+            volume.validate()?;
+        } else if self.objects.is_empty() {
+            return Err("it has neither an [[object]] nor a [volume]".into());
         }
         for object in &self.objects {
             object.validate().map_err(|m| format!("object `{}`: {m}", object.name))?;

@@ -24,7 +24,6 @@ const POINT_NEAR_M: f64 = 0.05;
 /// Largest tangent of a point light's frustum (79° off its axis).
 const POINT_MAX_TANGENT: f64 = 5.0;
 
-/// How light leaves the source.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum LightKind {
@@ -59,7 +58,6 @@ settings! {
 /// The light's frustum for one view: the space in which photons start and the shadow map lies.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LightFrame {
-    /// That of the light.
     pub kind: LightKind,
     /// Metres.
     pub position: DVec3,
@@ -72,7 +70,6 @@ pub struct LightFrame {
     pub projection: DMat4,
     /// World to clip space.
     pub view_projection: DMat4,
-    /// Inverse of `view_projection`.
     pub inverse: DMat4,
     /// Flux through the frustum, watts: irradiance × cross-section (directional) or
     /// intensity × solid angle (point).

@@ -34,7 +34,6 @@ impl Mesh {
         self.indices.len() / 3
     }
 
-    /// The smallest box that holds the mesh.
     pub fn bounds(&self) -> Bounds {
         Bounds::around(self.positions.iter().map(|p| Vec3::from(*p).as_dvec3()))
     }
@@ -76,7 +75,6 @@ impl Mesh {
         self
     }
 
-    /// Adds the triangles of `other`.
     pub fn append(&mut self, other: &Mesh) {
         let first = self.positions.len() as u32;
         self.positions.extend_from_slice(&other.positions);

@@ -52,6 +52,7 @@ pub use volume_file::VolumeFile;
 pub use water::{NOISE_DRIFT_TILES, Water, WaterModel};
 pub use waves::{MAX_WAVES, Wave, shortest_m as shortest_wave_m, texels as wave_texels};
 
+use crate::embedded::SCENES;
 use crate::settings;
 use crate::text::line;
 
@@ -139,7 +140,7 @@ impl Object {
 impl Scene {
     /// The names of the built-in scenes, sorted.
     pub fn names() -> Vec<String> {
-        file::built_in().into_iter().map(|(name, _)| name).collect()
+        SCENES.texts(".toml").into_iter().map(|(name, _)| name).collect()
     }
 
     /// A built-in scene by name, or a scene file by path.

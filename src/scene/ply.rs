@@ -56,7 +56,6 @@ impl Element {
     }
 }
 
-/// Reads the header up to `end_header`.
 fn header(lines: &mut Lines) -> Result<Vec<Element>, String> {
     let within = || "the header".to_owned();
     lines.next(within)?;

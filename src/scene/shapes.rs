@@ -213,7 +213,6 @@ fn untwist(frames: &mut [(DVec3, DVec3)], axis: DVec3) {
     }
 }
 
-/// The mesh moved by x, y and z.
 pub fn moved(mesh: Mesh, x: f64, y: f64, z: f64) -> Mesh {
     mesh.transformed(&DMat4::from_translation(DVec3::new(x, y, z)))
 }
@@ -224,7 +223,6 @@ pub fn grounded(mesh: Mesh) -> Mesh {
     moved(mesh, 0.0, -lowest, 0.0)
 }
 
-/// The mesh times a factor.
 pub fn scaled(mesh: Mesh, factor: f64) -> Mesh {
     mesh.transformed(&DMat4::from_scale(DVec3::splat(factor)))
 }
@@ -238,7 +236,6 @@ pub fn bar(from: impl Into<DVec3>, to: impl Into<DVec3>, thickness: f64) -> Mesh
         .transformed(&DMat4::from_rotation_translation(turn, from))
 }
 
-/// All meshes in one.
 pub fn merged(meshes: impl IntoIterator<Item = Mesh>) -> Mesh {
     let mut all = Mesh::default();
     for mesh in meshes {

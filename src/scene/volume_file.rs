@@ -39,7 +39,6 @@ pub struct VolumeFile {
     pub format: Option<VolumeFormat>,
     /// Edges of a file's cells, metres; all 0: as a NIfTI file says, or cubes and a longest edge of the box of 1 m.
     pub spacing_m: [f64; 3],
-    /// The axis of a file that points up.
     pub up: Up,
     /// Each axis has so many times fewer cells: means over boxes of a file's cells, fewer samples of a generator's field.
     pub reduce: u32,
@@ -52,7 +51,6 @@ pub struct VolumeFile {
     pub fit_m: f64,
     /// Where the middle of the lower side goes, metres, y from `on`.
     pub translate_m: [f64; 3],
-    /// What y is measured from.
     pub on: Stand,
     /// The generator's parameters; those left out have their defaults.
     pub params: BTreeMap<String, f64>,

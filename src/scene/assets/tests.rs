@@ -31,24 +31,21 @@ fn places(folder: &Path, installed: Option<&str>) -> Places {
 #[test]
 fn absent_installed_and_cached_are_told_apart() {
     let folder = tempfile::tempdir().expect("folder");
-    let status = places(folder.path(), None).status(&ABC);
-    assert_eq!((status.path, status.origin.as_str()), (None, "absent"));
-
+    assert_eq!(places(folder.path(), None).locate(&ABC).expect("no failure"), None);
     let places = places(folder.path(), Some("abc"));
-    let status = places.status(&ABC);
-    assert_eq!(status.origin, "installed by Debian package abc-data");
-    let stored = places.store(&ABC, &status.path.expect("found")).expect("stored");
+    let found = || places.locate(&ABC).expect("no failure").expect("found");
+    assert_eq!(found().1, "installed by Debian package abc-data");
+    let stored = places.store(&ABC, &found().0).expect("stored");
     assert_eq!(std::fs::read_to_string(stored).expect("text"), "abc");
-    assert_eq!(places.status(&ABC).origin, "cached");
+    assert_eq!(found().1, "cached");
 }
 
 #[test]
 fn a_file_with_another_sum_is_never_used() {
     let folder = tempfile::tempdir().expect("folder");
     let places = places(folder.path(), Some("abd"));
-    let status = places.status(&ABC);
-    assert_eq!(status.path, None);
-    assert!(status.origin.contains("SHA-256"), "{}", status.origin);
+    let fault = places.locate(&ABC).unwrap_err().to_string();
+    assert!(fault.contains("SHA-256"), "{fault}");
     let wrong = folder.path().join("usr/share/abc.txt");
     let error = places.store(&ABC, &wrong).unwrap_err();
     assert!(matches!(error, AssetError::WrongSum { .. }), "{error}");
@@ -89,9 +86,10 @@ fn an_asset_put_there_by_hand_is_found_plain_and_packed_by_the_sum_of_its_conten
     let mut gzip = GzEncoder::new(Vec::new(), Compression::fast());
     gzip.write_all(b"abc").expect("packed");
     std::fs::write(&packed, gzip.finish().expect("packed")).expect("file");
-    assert_eq!(places.status(&BY_HAND).path, Some(packed));
+    let found = |asset| places.locate(asset).expect("no failure").map(|found| found.0);
+    assert_eq!(found(&BY_HAND), Some(packed));
     // A package's file has its sum as it is.
-    assert_eq!(places.status(&ABC).path, None);
+    assert_eq!(found(&ABC), None);
     let plain = cache.join("abc.txt");
     std::fs::write(&plain, "abc").expect("file");
     assert_eq!(places.fetch(&BY_HAND).expect("found").path, Some(plain));

@@ -75,7 +75,7 @@ fn plane(a: &Args) -> Mesh {
 }
 
 fn corner(a: &Args) -> Mesh {
-    let axes = [DVec3::X, DVec3::Y, DVec3::Z].map(|axis| axis * a.get("size_m"));
+    let axes = DVec3::AXES.map(|axis| axis * a.get("size_m"));
     shapes::merged((0..3).map(|i| {
         let (u, v) = (axes[(i + 1) % 3], axes[(i + 2) % 3]);
         shapes::quad([DVec3::ZERO, u, u + v, v])

@@ -22,7 +22,6 @@ const GAP: f64 = 0.0125;
 /// How far a stud reaches into its brick, so that no faces fall together.
 const ROOT: f64 = 0.05;
 
-/// Longest brick of a wall.
 const LONGEST: usize = 4;
 
 const PITCH_M: Param = param("pitch_m", 0.1, 0.001, 10.0, "distance of the studs");

@@ -23,32 +23,23 @@ use rand_pcg::Pcg32;
 
 use super::{Mesh, check};
 
-/// One generator.
 pub struct Generator {
     /// As scene files call it.
     pub name: &'static str,
-    /// What it makes, in a few words.
     pub about: &'static str,
-    /// What can be set.
     pub params: &'static [Param],
     build: fn(&Args) -> Mesh,
 }
 
-/// One number that a generator takes.
 pub struct Param {
     /// With its unit, as scene files call it.
     pub name: &'static str,
-    /// Its value if left out.
     pub default: f64,
-    /// Smallest valid value.
     pub low: f64,
-    /// Largest valid value.
     pub high: f64,
-    /// What it is, in a few words.
     pub about: &'static str,
 }
 
-/// Every generator there is.
 pub fn all() -> impl Iterator<Item = &'static Generator> + Clone {
     [
         basic::GENERATORS,
@@ -75,7 +66,6 @@ pub fn find(name: &str) -> Result<&'static Generator, String> {
 }
 
 impl Generator {
-    /// The same with these parameters.
     const fn with(self, params: &'static [Param]) -> Self {
         Self { params, ..self }
     }
@@ -126,13 +116,11 @@ impl<'a> Args<'a> {
         self.get(name).round() as usize
     }
 
-    /// The generator's own random numbers.
     fn rng(&self) -> Dice {
         Dice(Pcg32::seed_from_u64(self.get("seed") as u64))
     }
 }
 
-/// Seeded random numbers.
 struct Dice(Pcg32);
 
 impl Dice {
@@ -146,7 +134,6 @@ const fn generator(name: &'static str, about: &'static str, build: fn(&Args) -> 
     Generator { name, about, params: &[], build }
 }
 
-/// A declared parameter.
 const fn param(
     name: &'static str,
     default: f64,
@@ -157,7 +144,6 @@ const fn param(
     Param { name, default, low, high, about }
 }
 
-/// The seed of a generator with random parts.
 const SEED: Param = param("seed", 1.0, 0.0, 4_294_967_295.0, "seed of the random numbers");
 
 #[cfg(test)]
