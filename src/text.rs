@@ -3,8 +3,6 @@
 //! Ids, titles, cells, scenes, adapters, notes and reasons come from files that anyone may have written, and from drivers.
 //! Each output has one function here, and everything that is written passes through it.
 
-use std::fmt::Write as _;
-
 use sha2::{Digest, Sha256};
 
 /// Longest id of an experiment, so that file names made of it stay below the 255 bytes that file systems take.
@@ -85,15 +83,9 @@ fn at_line_start(mut text: String) -> String {
 
 /// Paragraphs of [`markdown`], parted by empty lines as in `text`.
 pub fn paragraphs(text: &str) -> String {
-    let mut paragraphs: Vec<Vec<&str>> = vec![Vec::new()];
-    for line in text.lines().map(str::trim) {
-        match paragraphs.last_mut() {
-            Some(last) if !line.is_empty() => last.push(line),
-            _ => paragraphs.push(Vec::new()),
-        }
-    }
-    let written = paragraphs.iter().filter(|lines| !lines.is_empty());
-    let written: Vec<String> = written.map(|lines| markdown(&lines.join(" "))).collect();
+    let lines: Vec<&str> = text.lines().map(str::trim).collect();
+    let paragraphs = lines.split(|line| line.is_empty()).filter(|lines| !lines.is_empty());
+    let written: Vec<String> = paragraphs.map(|lines| markdown(&lines.join(" "))).collect();
     written.join("\n\n")
 }
 
@@ -108,16 +100,9 @@ pub fn code(name: &str) -> String {
 
 /// A path of a file as the target of a link in Markdown.
 pub fn link(path: &str) -> String {
-    let mut target = String::with_capacity(path.len());
-    for byte in path.bytes() {
-        if byte.is_ascii_alphanumeric() || b"-._~/=,+".contains(&byte) {
-            target.push(char::from(byte));
-        } else {
-            // Writing to memory does not fail.
-            let _ = write!(target, "%{byte:02X}");
-        }
-    }
-    target
+    let plain = |byte: u8| byte.is_ascii_alphanumeric() || b"-._~/=,+".contains(&byte);
+    let shown = |b| if plain(b) { char::from(b).to_string() } else { format!("%{b:02X}") };
+    path.bytes().map(shown).collect()
 }
 
 /// A field of a table for spreadsheets. What one would take for a formula gets an apostrophe in front, as OWASP advises

@@ -76,18 +76,16 @@ pub fn unit(bits: u32) -> f64 {
 
 #[cfg(test)]
 mod tests {
+    use itertools::iproduct;
     use proptest::prelude::*;
 
     use super::*;
 
     /// Mean and variance over the pixels at least `margin` from the border.
     fn moments(image: &Image, margin: u32) -> (f64, f64) {
-        let inside = margin..image.width() - margin;
-        let values: Vec<f64> = inside
-            .clone()
-            .flat_map(|y| inside.clone().map(move |x| (x, y)))
-            .map(|(x, y)| image.clamped(i64::from(x), i64::from(y)))
-            .collect();
+        let inside = i64::from(margin)..i64::from(image.width() - margin);
+        let pixels = iproduct!(inside.clone(), inside);
+        let values: Vec<f64> = pixels.map(|(y, x)| image.clamped(x, y)).collect();
         let mean = values.iter().sum::<f64>() / values.len() as f64;
         let square = values.iter().map(|v| (v - mean).powi(2)).sum::<f64>();
         (mean, square / values.len() as f64)
@@ -118,10 +116,8 @@ mod tests {
     #[test]
     fn an_interior_impulse_keeps_its_energy_on_average() {
         let mut image = Image::constant(64, 64, 0.0);
-        for y in (8..56).step_by(4) {
-            for x in (8..56).step_by(4) {
-                image.add(x, y, 1.0);
-            }
+        for (y, x) in iproduct!((8..56).step_by(4), (8..56).step_by(4)) {
+            image.add(x, y, 1.0);
         }
         let filtered = Disc::vogel(16, 3.0).apply(&image);
         assert!((filtered.sum() / image.sum() - 1.0).abs() < 0.05);

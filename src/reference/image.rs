@@ -1,5 +1,7 @@
 //! A grey image in f64, row 0 on top.
 
+use itertools::iproduct;
+
 use super::ReferenceError;
 
 #[derive(Clone, Debug, PartialEq)]
@@ -98,7 +100,7 @@ pub fn behind(texel: [f64; 2], own: [u32; 2], size: [u32; 2]) -> [i64; 2] {
 
 /// The pixels (x, y) of an image, row by row.
 pub fn pixels([width, height]: [u32; 2]) -> impl Iterator<Item = (u32, u32)> + Clone {
-    (0..height).flat_map(move |y| (0..width).map(move |x| (x, y)))
+    iproduct!(0..height, 0..width).map(|(y, x)| (x, y))
 }
 
 #[cfg(test)]

@@ -123,8 +123,7 @@ fn sphere_direction([u, v]: [f64; 2]) -> DVec3 {
     DVec3::new(radius * cos, radius * sin, z)
 }
 
-/// A field's value at a point, trilinear between the centres of its cells, constant from the outer centres to the border, 0
-/// beyond.
+/// A field's value at a point: trilinear between cell centres, constant from the outer ones to the border, 0 beyond.
 pub fn interpolated(field: &Volume, position: DVec3) -> f64 {
     if !field.bounds().contains(position) {
         return 0.0;

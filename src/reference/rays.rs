@@ -297,6 +297,7 @@ fn wide(v: [f32; 3]) -> DVec3 {
 
 #[cfg(test)]
 mod tests {
+    use itertools::iproduct;
     use proptest::prelude::*;
 
     use super::super::filter::pcg;
@@ -366,12 +367,10 @@ mod tests {
     #[test]
     fn no_ray_slips_through_shared_edges_and_vertices() {
         let tracer = Tracer::new(&[floor(8)]).unwrap();
-        for i in 0..=28 {
-            for j in 0..=28 {
-                // Quarter steps run along edges, diagonals and through vertices.
-                let origin = DVec3::new(0.5 + f64::from(i) * 0.25, 3.0, 0.5 + f64::from(j) * 0.25);
-                assert!(tracer.cast(origin, DVec3::NEG_Y, 0.0, 10.0).is_some());
-            }
+        for (i, j) in iproduct!(0..=28, 0..=28) {
+            // Quarter steps run along edges, diagonals and through vertices.
+            let origin = DVec3::new(0.5 + f64::from(i) * 0.25, 3.0, 0.5 + f64::from(j) * 0.25);
+            assert!(tracer.cast(origin, DVec3::NEG_Y, 0.0, 10.0).is_some());
         }
     }
 

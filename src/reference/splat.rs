@@ -1,5 +1,7 @@
 //! Photon splats: regulated point size, intensity, and a rasterizer twin in f64 (UW §3.3).
 
+use itertools::iproduct;
+
 use super::ReferenceError;
 use super::image::Image;
 use super::optics::transmittance;
@@ -75,13 +77,12 @@ pub fn rasterize(target: &mut Image, splats: &[Splat], depth: &Image, bias: f64)
     let (width, height) = (target.width(), target.height());
     for splat in splats {
         let columns = covered(splat.center_px[0], splat.size_px, width);
-        for y in covered(splat.center_px[1], splat.size_px, height) {
-            for x in columns.clone() {
-                let u = (x as f64 + 0.5) / f64::from(width);
-                let v = (y as f64 + 0.5) / f64::from(height);
-                if splat.depth <= depth.nearest(u, v) + bias {
-                    target.add(x, y, splat.value);
-                }
+        let rows = covered(splat.center_px[1], splat.size_px, height);
+        for (y, x) in iproduct!(rows, columns) {
+            let u = (x as f64 + 0.5) / f64::from(width);
+            let v = (y as f64 + 0.5) / f64::from(height);
+            if splat.depth <= depth.nearest(u, v) + bias {
+                target.add(x, y, splat.value);
             }
         }
     }

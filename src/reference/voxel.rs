@@ -212,8 +212,7 @@ fn flat(corners: &Corners, axis: usize, grid: &Grid) -> impl Iterator<Item = [u3
     near(&flattened, grid)
 }
 
-/// How far inside a triangle a point lies: its distance from the nearest edge's line, negative outside. Not a number for a
-/// triangle without area.
+/// How far inside a triangle a point lies: its distance from the nearest edge's line, negative outside; NaN without area.
 fn inside_by(corners: [(f64, f64); 3], point: (f64, f64)) -> f64 {
     let [a, b, c] = corners;
     let cross = |a: (f64, f64), b: (f64, f64), p: (f64, f64)| {

@@ -45,9 +45,7 @@ impl Bounds {
 
     /// Corner `i` takes its x, y, z from the maximum where bit 0, 1, 2 of `i` is set.
     pub fn corners(&self) -> [DVec3; 8] {
-        std::array::from_fn(|i| {
-            let pick = |axis| if i >> axis & 1 == 1 { self.max[axis] } else { self.min[axis] };
-            DVec3::from([0, 1, 2].map(pick))
-        })
+        let ends = [self.min, self.max];
+        std::array::from_fn(|i| DVec3::new(ends[i & 1].x, ends[i >> 1 & 1].y, ends[i >> 2].z))
     }
 }

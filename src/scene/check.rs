@@ -26,12 +26,16 @@ pub fn point(name: &str, value: &[f64]) -> Result<(), String> {
     Err(format!("{name} = {value:?} must have components in -{FAR_M} to {FAR_M}"))
 }
 
-/// Each change makes a valid value one that `validate` refuses, in a message that holds the text beside the change.
+/// A change that makes a value invalid, and what the error then says.
+#[cfg(test)]
+pub type Refusal<T> = (fn(&mut T), &'static str);
+
+/// Each change makes a valid value one that `validate` refuses.
 #[cfg(test)]
 pub fn assert_refused<T: Clone>(
     valid: &T,
     validate: impl Fn(&T) -> Result<(), String>,
-    cases: &[(fn(&mut T), &str)],
+    cases: &[Refusal<T>],
 ) {
     assert_eq!(validate(valid), Ok(()));
     for (change, text) in cases {

@@ -190,8 +190,7 @@ impl ObjectFile {
         Ok(())
     }
 
-    /// Makes or reads the mesh, of at most `triangles`, and puts it into the world. An absent asset's stand-in is added to
-    /// `stand_ins`.
+    /// Makes or reads the mesh, of at most `triangles`, and places it. Adds an absent asset's stand-in to `stand_ins`.
     pub(super) fn build(
         &self,
         file: &SceneFile,

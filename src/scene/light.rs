@@ -172,8 +172,7 @@ impl Light {
 }
 
 impl LightFrame {
-    /// The ray through normalized device coordinates (x, y): its origin on the near plane and its
-    /// unit direction.
+    /// Origin on the near plane and unit direction of the ray through normalized device coordinates.
     pub fn ray(&self, ndc_x: f64, ndc_y: f64) -> (DVec3, DVec3) {
         let at = |depth| self.inverse.project_point3(DVec3::new(ndc_x, ndc_y, depth));
         let origin = at(0.0);
@@ -235,7 +234,9 @@ fn solid_angle(r: &Rectangle) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use super::super::check::assert_refused;
+    use itertools::iproduct;
+
+    use super::super::check::{Refusal, assert_refused};
     use super::*;
 
     fn camera() -> Camera {
@@ -262,15 +263,10 @@ mod tests {
     /// Points of the floor that the camera sees.
     fn visible_floor() -> Vec<DVec3> {
         let m = camera().view_projection(1.0);
-        let mut points = Vec::new();
-        for i in 0..60 {
-            for j in 0..60 {
-                let (x, z) = (-6.0 + f64::from(i) * 0.2, -7.0 + f64::from(j) * 14.0 / 60.0);
-                let p = DVec3::new(x, -4.0, z);
-                points.extend(holds(&m, p, 0.0).then_some(p));
-            }
-        }
-        points
+        let points = iproduct!(0..60, 0..60).map(|(i, j)| {
+            DVec3::new(-6.0 + f64::from(i) * 0.2, -4.0, -7.0 + f64::from(j) * 14.0 / 60.0)
+        });
+        points.filter(|p| holds(&m, *p, 0.0)).collect()
     }
 
     /// Whether a frustum, this much wider, holds a point.
@@ -346,7 +342,7 @@ mod tests {
 
     #[test]
     fn bad_values_are_named() {
-        let cases: &[(fn(&mut Light), &str)] = &[
+        let cases: &[Refusal<Light>] = &[
             (|l| l.direction = [0.0, 1.0, 0.0], "light.direction"),
             (|l| l.direction = [0.0; 3], "has no direction"),
             (|l| l.direction = [0.0, -1e-200, 0.0], "has no direction"),

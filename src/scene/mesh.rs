@@ -46,8 +46,7 @@ impl Mesh {
         })
     }
 
-    /// Moves the mesh; a mirroring transform also turns the triangles over, so that they stay
-    /// counter-clockwise.
+    /// Moves the mesh; a mirroring transform also turns the triangles over: they stay counter-clockwise.
     #[must_use]
     pub fn transformed(mut self, transform: &DMat4) -> Mesh {
         let turn = glam::DMat3::from_mat4(*transform).inverse().transpose();
@@ -82,8 +81,7 @@ impl Mesh {
         self.indices.extend(other.indices.iter().map(|i| i + first));
     }
 
-    /// Vertex normals from the triangles around each vertex, weighted by area. A vertex without
-    /// area gets +y.
+    /// Vertex normals from the triangles around each vertex, weighted by area; +y without area.
     pub fn recompute_normals(&mut self) {
         let mut sums = vec![DVec3::ZERO; self.positions.len()];
         for t in 0..self.triangle_count() {
@@ -140,7 +138,7 @@ impl Mesh {
 
 #[cfg(test)]
 mod tests {
-    use super::super::check::assert_refused;
+    use super::super::check::{Refusal, assert_refused};
     use super::*;
 
     fn triangle() -> Mesh {
@@ -169,7 +167,7 @@ mod tests {
 
     #[test]
     fn faults_are_found() {
-        let cases: &[(fn(&mut Mesh), &str)] = &[
+        let cases: &[Refusal<Mesh>] = &[
             (|m| m.indices[2] = 7, "uses vertex 7"),
             (|m| m.positions[1][0] = f32::NAN, "vertex 1"),
             (|m| m.indices.clear(), "no triangles"),

@@ -230,8 +230,7 @@ impl<R: BufRead> BufRead for Statements<R> {
     }
 }
 
-/// One vertex per pair of position and normal; without normals, one per position, so that smooth
-/// surfaces stay smooth.
+/// One vertex per pair of position and normal; without normals one per position, for smooth surfaces.
 fn convert(source: &tobj::Mesh, has_normals: bool) -> Mesh {
     let (positions, _) = source.positions.as_chunks::<3>();
     let (normals, _) = source.normals.as_chunks::<3>();

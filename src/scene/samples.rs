@@ -153,10 +153,12 @@ impl Samples {
             Up::Z => ([nx, nz, ny], DVec3::new(s.x, s.z, s.y)),
         };
         let mut data = Vec::with_capacity(self.data.len());
-        data.extend(iproduct!(0..cells[2], 0..cells[1], 0..cells[0]).map(|(z, y, x)| match up {
-            Up::X => self.at([y, z, x]),
-            _ => self.at([x, ny - 1 - z, y]),
-        }));
+        for (z, y) in iproduct!(0..cells[2], 0..cells[1]) {
+            data.extend((0..cells[0]).map(|x| match up {
+                Up::X => self.at([y, z, x]),
+                _ => self.at([x, ny - 1 - z, y]),
+            }));
+        }
         Samples { cells, spacing_m, data, window: self.window }
     }
 

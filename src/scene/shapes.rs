@@ -5,6 +5,7 @@ use std::f64::consts::{PI, TAU};
 use std::ops::{Add, Mul, Sub};
 
 use glam::{DMat4, DQuat, DVec2, DVec3};
+use itertools::iproduct;
 
 use super::mesh::Mesh;
 
@@ -17,19 +18,15 @@ pub fn surface(
 ) -> Mesh {
     let (nu, nv) = (columns + usize::from(!wrap_u), rows + usize::from(!wrap_v));
     let mut mesh = Mesh::default();
-    for j in 0..nv {
-        for i in 0..nu {
-            let p = point(i as f64 / columns as f64, j as f64 / rows as f64);
-            mesh.positions.push(p.as_vec3().to_array());
-        }
+    for (j, i) in iproduct!(0..nv, 0..nu) {
+        let p = point(i as f64 / columns as f64, j as f64 / rows as f64);
+        mesh.positions.push(p.as_vec3().to_array());
     }
     let at = |i: usize, j: usize| (j % nv * nu + i % nu) as u32;
-    for j in 0..rows {
-        for i in 0..columns {
-            let [a, b, c, d] = [at(i, j), at(i + 1, j), at(i + 1, j + 1), at(i, j + 1)];
-            push_triangle(&mut mesh, [a, b, c]);
-            push_triangle(&mut mesh, [a, c, d]);
-        }
+    for (j, i) in iproduct!(0..rows, 0..columns) {
+        let [a, b, c, d] = [at(i, j), at(i + 1, j), at(i + 1, j + 1), at(i, j + 1)];
+        push_triangle(&mut mesh, [a, b, c]);
+        push_triangle(&mut mesh, [a, c, d]);
     }
     mesh.recompute_normals();
     mesh
@@ -56,11 +53,8 @@ pub fn quad(corners: [DVec3; 4]) -> Mesh {
 
 /// A box between two corners.
 pub fn cuboid(min: impl Into<DVec3>, max: impl Into<DVec3>) -> Mesh {
-    let (min, max) = (min.into(), max.into());
-    let p = |x: usize, y: usize, z: usize| {
-        let pick = |k: usize, axis: usize| if k == 0 { min[axis] } else { max[axis] };
-        DVec3::new(pick(x, 0), pick(y, 1), pick(z, 2))
-    };
+    let ends = [min.into(), max.into()];
+    let p = |x: usize, y: usize, z: usize| DVec3::new(ends[x].x, ends[y].y, ends[z].z);
     let faces = [
         [p(1, 0, 1), p(1, 0, 0), p(1, 1, 0), p(1, 1, 1)],
         [p(0, 0, 0), p(0, 0, 1), p(0, 1, 1), p(0, 1, 0)],
@@ -77,8 +71,7 @@ pub fn block(width: f64, height: f64, depth: f64) -> Mesh {
     cuboid([-0.5 * width, 0.0, -0.5 * depth], [0.5 * width, height, 0.5 * depth])
 }
 
-/// A profile of (radius, y) points, bottom to top, turned about the y axis. A point given twice
-/// makes a crease.
+/// A profile of (radius, y) points, bottom to top, turned about y. A point given twice makes a crease.
 pub fn lathe(profile: &[(f64, f64)], segments: usize) -> Mesh {
     turned(profile, segments, |_, _| 1.0)
 }

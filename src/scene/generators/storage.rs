@@ -104,8 +104,7 @@ fn trusses(a: &Args) -> Mesh {
     }))
 }
 
-/// A crate of the given size standing on y = 0: panels, a frame of battens, and a diagonal on each
-/// side.
+/// A crate of this size standing on y = 0: panels, a frame of battens, a diagonal on each side.
 fn wooden_crate(size: DVec3) -> Mesh {
     let t = 0.1 * size.min_element();
     let (h, top) = (0.5 * size, size.y);

@@ -1,7 +1,6 @@
 //! Procedural volumes, named in scene files by `generator` in the table `[volume]`.
 //!
-//! Each is a field over a box that can be sampled at any number of cells: a coarser volume shows the
-//! same thing.
+//! Each is a field over a box. A volume sampled at fewer cells shows the same thing.
 
 mod bonsai;
 mod distance;
