@@ -171,8 +171,8 @@ impl HorizonSplit {
         }
     }
 
-    /// Part 1: samples of depth along the picture's line, farther apart with the distance, raise the horizon. Returns ∫ ρ cos dω / dψ below it, and the cosine of
-    /// its angle θ.
+    /// Part 1: samples of depth along the picture's line, farther apart with the distance, raise the horizon. Returns
+    /// ∫ ρ cos dω / dψ below it, and the cosine of its angle θ.
     fn find_horizon(&self, point: &ShadedPoint<'_>, slice: &Slice, jitter: f64) -> (f64, f64) {
         let mut cosine = slice.tangent();
         let mut below = slice.integral(cosine);
