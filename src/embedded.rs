@@ -10,10 +10,8 @@ use rust_embed::{Embed, EmbeddedFile};
 /// The stages' shaders and the modules that they share.
 pub const SHADERS: Folder = Folder::of::<Shaders>("shaders");
 
-/// The built-in scenes.
 pub const SCENES: Folder = Folder::of::<Scenes>("scenes");
 
-/// The built-in experiments.
 pub const EXPERIMENTS: Folder = Folder::of::<Experiments>("benches/experiments");
 
 #[derive(Embed)]
@@ -28,7 +26,6 @@ struct Scenes;
 #[folder = "benches/experiments"]
 struct Experiments;
 
-/// A folder of files.
 #[derive(Clone, Debug)]
 pub struct Folder {
     /// Where it lies, for messages.
@@ -133,7 +130,6 @@ impl Folders {
         all.collect::<BTreeMap<_, _>>().into_iter().collect()
     }
 
-    /// Names of the folders.
     pub fn names(&self) -> Vec<Cow<'static, str>> {
         self.0.iter().map(|folder| folder.name.clone()).collect()
     }

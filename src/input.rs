@@ -117,7 +117,6 @@ pub fn text(path: &Path, limit: u64) -> io::Result<String> {
     Ok(text)
 }
 
-/// How a line ends.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum LineEnd {
     Newline,

@@ -118,6 +118,7 @@ macro_rules! numbers {
 
 numbers! {
     u32: |n| vec![f64::from(*n)],
+    f32: |x| vec![f64::from(*x)],
     f64: |x| vec![*x],
     [u32; 2]: |a| a.iter().map(|n| f64::from(*n)).collect(),
     [u32; 3]: |a| a.iter().map(|n| f64::from(*n)).collect(),
@@ -156,7 +157,7 @@ pub fn describe_choice<T: DeserializeOwned>(beside: Beside<'_>, fields: &mut Vec
     list(beside, Allowed::Names(names_of::<T>()), fields);
 }
 
-/// The names that an enum is read from.
+/// The names that an enum is read from, or the keys of a table.
 pub fn names_of<T: DeserializeOwned>() -> &'static [&'static str] {
     let mut names: &[&str] = &[];
     // It asks for its names, is given nothing, and fails.
@@ -164,7 +165,7 @@ pub fn names_of<T: DeserializeOwned>() -> &'static [&'static str] {
     names
 }
 
-/// Tells which names a type asks for, and gives it nothing.
+/// Tells which names or keys a type asks for, and gives it nothing.
 struct Asked<'a>(&'a mut &'static [&'static str]);
 
 impl<'de> Deserializer<'de> for Asked<'_> {
@@ -184,9 +185,19 @@ impl<'de> Deserializer<'de> for Asked<'_> {
         self.deserialize_any(visitor)
     }
 
+    fn deserialize_struct<V: Visitor<'de>>(
+        self,
+        _: &'static str,
+        fields: &'static [&'static str],
+        visitor: V,
+    ) -> Result<V::Value, Nothing> {
+        *self.0 = fields;
+        self.deserialize_any(visitor)
+    }
+
     serde::forward_to_deserialize_any! {
         bool i8 i16 i32 i64 u8 u16 u32 u64 f32 f64 char str string bytes byte_buf option unit unit_struct newtype_struct
-        seq tuple tuple_struct struct map identifier ignored_any
+        seq tuple tuple_struct map identifier ignored_any
     }
 }
 

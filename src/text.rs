@@ -3,8 +3,6 @@
 //! Ids, titles, cells, scenes, adapters, notes and reasons come from files that anyone may have written, and from drivers.
 //! Each output has one function here, and everything that is written passes through it.
 
-use std::fmt::Write as _;
-
 use sha2::{Digest, Sha256};
 
 /// Longest id of an experiment, so that file names made of it stay below the 255 bytes that file systems take.
@@ -25,22 +23,17 @@ fn is_hidden(c: char) -> bool {
 
 /// The text on one line: line breaks and tabs become spaces, hidden characters become `�`.
 pub fn line(text: &str) -> String {
-    let shown = |c: char| match c {
-        '\n' | '\r' | '\t' | '\u{2028}' | '\u{2029}' => ' ',
-        c if is_hidden(c) => char::REPLACEMENT_CHARACTER,
-        c => c,
-    };
-    text.chars().map(shown).collect()
+    let breaks = ['\n', '\r', '\t', '\u{2028}', '\u{2029}'];
+    text.chars().map(|c| if breaks.contains(&c) { ' ' } else { shown(c) }).collect()
+}
+
+fn shown(c: char) -> char {
+    if is_hidden(c) { char::REPLACEMENT_CHARACTER } else { c }
 }
 
 /// The same with line feeds and tabs kept: for texts of several lines, whose names have passed through [`line()`].
 pub fn block(text: &str) -> String {
-    let shown = |c: char| match c {
-        '\n' | '\t' => c,
-        c if is_hidden(c) => char::REPLACEMENT_CHARACTER,
-        c => c,
-    };
-    text.chars().map(shown).collect()
+    text.chars().map(|c| if ['\n', '\t'].contains(&c) { c } else { shown(c) }).collect()
 }
 
 /// Text that Markdown shows as it is, within a paragraph, a heading, a list or a table. Code between backticks stays code.
@@ -90,15 +83,9 @@ fn at_line_start(mut text: String) -> String {
 
 /// Paragraphs of [`markdown`], parted by empty lines as in `text`.
 pub fn paragraphs(text: &str) -> String {
-    let mut paragraphs: Vec<Vec<&str>> = vec![Vec::new()];
-    for line in text.lines().map(str::trim) {
-        match paragraphs.last_mut() {
-            Some(last) if !line.is_empty() => last.push(line),
-            _ => paragraphs.push(Vec::new()),
-        }
-    }
-    let written = paragraphs.iter().filter(|lines| !lines.is_empty());
-    let written: Vec<String> = written.map(|lines| markdown(&lines.join(" "))).collect();
+    let lines: Vec<&str> = text.lines().map(str::trim).collect();
+    let paragraphs = lines.split(|line| line.is_empty()).filter(|lines| !lines.is_empty());
+    let written: Vec<String> = paragraphs.map(|lines| markdown(&lines.join(" "))).collect();
     written.join("\n\n")
 }
 
@@ -113,16 +100,9 @@ pub fn code(name: &str) -> String {
 
 /// A path of a file as the target of a link in Markdown.
 pub fn link(path: &str) -> String {
-    let mut target = String::with_capacity(path.len());
-    for byte in path.bytes() {
-        if byte.is_ascii_alphanumeric() || b"-._~/=,+".contains(&byte) {
-            target.push(char::from(byte));
-        } else {
-            // Writing to memory does not fail.
-            let _ = write!(target, "%{byte:02X}");
-        }
-    }
-    target
+    let plain = |byte: u8| byte.is_ascii_alphanumeric() || b"-._~/=,+".contains(&byte);
+    let shown = |b| if plain(b) { char::from(b).to_string() } else { format!("%{b:02X}") };
+    path.bytes().map(shown).collect()
 }
 
 /// A field of a table for spreadsheets. What one would take for a formula gets an apostrophe in front, as OWASP advises
@@ -146,10 +126,7 @@ pub fn file_stem(name: &str) -> String {
     let kept = |c: char| if plain(c) { c } else { '_' };
     let shown: String = name.chars().map(kept).take(STEM_LENGTH).collect();
     let hash = Sha256::digest(name.as_bytes());
-    let hash: String = hash
-        .iter()
-        .take(HASH_BYTES)
-        .fold(String::new(), |text, byte| text + &format!("{byte:02x}"));
+    let hash: String = hash.iter().take(HASH_BYTES).map(|byte| format!("{byte:02x}")).collect();
     format!("{}~{hash}", shown.trim_start_matches('.'))
 }
 

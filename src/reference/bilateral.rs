@@ -1,8 +1,8 @@
 //! Joint bilateral filter and up-scaling of an ambient-occlusion buffer (VAO §6; Kopf et al., Joint Bilateral Upsampling,
 //! 2007), twin of the GPU's.
 
-use super::filter::GOLDEN_ANGLE;
-use super::image::Image;
+use super::filter::{GOLDEN_ANGLE, from_edges};
+use super::image::{Image, behind};
 use crate::scene::Camera;
 
 /// What the filter is told.
@@ -23,8 +23,7 @@ pub struct Guided<'a> {
     visibility: &'a Image,
     /// Device depth, at the size of the viewport.
     depth: &'a Image,
-    z_near_m: f64,
-    z_far_m: f64,
+    camera: &'a Camera,
     /// Metres that a pixel of the viewport spans at 1 m.
     pixel_tangent: f64,
 }
@@ -46,17 +45,11 @@ impl Bilateral {
         &'a self,
         visibility: &'a Image,
         depth: &'a Image,
-        camera: &Camera,
+        camera: &'a Camera,
     ) -> Guided<'a> {
         let half = (camera.fov_y_deg.to_radians() / 2.0).tan();
-        Guided {
-            filter: self,
-            visibility,
-            depth,
-            z_near_m: camera.z_near_m,
-            z_far_m: camera.z_far_m,
-            pixel_tangent: 2.0 * half / f64::from(depth.height()),
-        }
+        let pixel_tangent = 2.0 * half / f64::from(depth.height());
+        Guided { filter: self, visibility, depth, camera, pixel_tangent }
     }
 
     /// Tap i before it is laid on the surface, texels: a Vogel spiral from the middle to the rim.
@@ -83,11 +76,9 @@ impl Guided<'_> {
         let (mut sum, mut weights) = (0.0, 0.0);
         let (mut nearest, mut nearest_m) = (1.0, f64::INFINITY);
         for place in self.places(x, y, &plane) {
-            let texel = [
-                place[0].floor().clamp(0.0, f64::from(self.visibility.width()) - 1.0),
-                place[1].floor().clamp(0.0, f64::from(self.visibility.height()) - 1.0),
-            ];
-            let seen = self.behind(texel);
+            let size = self.visibility.size().map(f64::from);
+            let texel = [0, 1].map(|k| place[k].floor().clamp(0.0, size[k] - 1.0));
+            let seen = behind(texel, self.visibility.size(), self.depth.size());
             let tap_z = self.depth.clamped(seen[0], seen[1]);
             if tap_z >= 1.0 {
                 continue;
@@ -95,7 +86,8 @@ impl Guided<'_> {
             let shift = [seen[0] - i64::from(x), seen[1] - i64::from(y)];
             let expected =
                 plane.z + plane.slope[0] * shift[0] as f64 + plane.slope[1] * shift[1] as f64;
-            let off_m = (self.view_m(tap_z) - self.view_m(expected.clamp(0.0, 1.0))).abs();
+            let expected_m = self.camera.view_depth_m(expected.clamp(0.0, 1.0));
+            let off_m = (self.camera.view_depth_m(tap_z) - expected_m).abs();
             let value = self.visibility.clamped(texel[0] as i64, texel[1] as i64);
             if off_m < nearest_m {
                 (nearest, nearest_m) = (value, off_m);
@@ -116,18 +108,14 @@ impl Guided<'_> {
         let Some(plane) = self.plane(x, y) else {
             return f64::INFINITY;
         };
-        let places = self.places(x, y, &plane);
         // The first tap is the pixel's own place, which is exact.
-        places.skip(1).flatten().map(|t| (t - t.round()).abs()).fold(f64::INFINITY, f64::min)
+        from_edges(self.places(x, y, &plane).skip(1))
     }
 
     fn middle(&self, x: u32, y: u32) -> [f64; 2] {
-        [
-            (f64::from(x) + 0.5) * f64::from(self.visibility.width())
-                / f64::from(self.depth.width()),
-            (f64::from(y) + 0.5) * f64::from(self.visibility.height())
-                / f64::from(self.depth.height()),
-        ]
+        let [x, y] = [x, y].map(|t| f64::from(t) + 0.5);
+        let ([w, h], [of_w, of_h]) = (self.visibility.size(), self.depth.size());
+        [x * f64::from(w) / f64::from(of_w), y * f64::from(h) / f64::from(of_h)]
     }
 
     /// Where the taps fall, texels of the buffer that is filtered.
@@ -142,23 +130,6 @@ impl Guided<'_> {
         })
     }
 
-    /// The viewport's pixel that a texel belongs to: the one its middle falls into, the right and lower one on a border.
-    fn behind(&self, texel: [f64; 2]) -> [i64; 2] {
-        let along = |t: f64, own: u32, size: u32| {
-            let place = (t + 0.5) * f64::from(size) / f64::from(own);
-            ((place + 1e-3) as i64).min(i64::from(size) - 1)
-        };
-        [
-            along(texel[0], self.visibility.width(), self.depth.width()),
-            along(texel[1], self.visibility.height(), self.depth.height()),
-        ]
-    }
-
-    fn view_m(&self, z: f64) -> f64 {
-        let (n, f) = (self.z_near_m, self.z_far_m);
-        n * f / (f - z * (f - n))
-    }
-
     fn plane(&self, x: u32, y: u32) -> Option<Plane> {
         let (x, y) = (i64::from(x), i64::from(y));
         let z = self.depth.clamped(x, y);
@@ -168,22 +139,18 @@ impl Guided<'_> {
         let ahead_and_behind = |dx: i64, dy: i64| {
             let forward = self.depth.clamped(x + dx, y + dy) - z;
             let backward = z - self.depth.clamped(x - dx, y - dy);
-            let inside = |x: i64, y: i64| {
-                (0..i64::from(self.depth.width())).contains(&x)
-                    && (0..i64::from(self.depth.height())).contains(&y)
-            };
-            if !inside(x - dx, y - dy) {
+            if !self.depth.contains(x - dx, y - dy) {
                 forward
-            } else if !inside(x + dx, y + dy) || backward.abs() <= forward.abs() {
+            } else if !self.depth.contains(x + dx, y + dy) || backward.abs() <= forward.abs() {
                 backward
             } else {
                 forward
             }
         };
         let slope = [ahead_and_behind(1, 0), ahead_and_behind(0, 1)];
-        let view_m = self.view_m(z);
+        let view_m = self.camera.view_depth_m(z);
         // Chain rule: ∂(view depth)/∂(device depth) = view² (f − n) / (f n), over the pixel's width view · tangent.
-        let (n, f) = (self.z_near_m, self.z_far_m);
+        let (n, f) = (self.camera.z_near_m, self.camera.z_far_m);
         let tilt = slope.map(|s| s * view_m * (f - n) / (f * n) / self.pixel_tangent);
         let steepness = tilt[0].hypot(tilt[1]);
         Some(Plane {
@@ -218,15 +185,11 @@ mod tests {
         let rays = PixelRays::new(&camera(), SIZE[0], SIZE[1]);
         let at = |x, y| {
             let (_, direction, _) = rays.ray(x, y);
-            let Some((normal, offset)) = plane(x) else {
-                return 1.0;
-            };
-            let hit = direction * (offset / normal.dot(direction));
-            rays.project(hit).unwrap().depth
+            plane(x).map_or(1.0, |(normal, offset)| {
+                rays.project(direction * (offset / normal.dot(direction))).unwrap().depth
+            })
         };
-        let pixels = (0..SIZE[1]).flat_map(|y| (0..SIZE[0]).map(move |x| (x, y)));
-        let data = pixels.map(|(x, y)| at(x, y)).collect();
-        Image::from_data(SIZE[0], SIZE[1], data).unwrap()
+        Image::of(SIZE, at)
     }
 
     fn noise() -> Image {
@@ -277,8 +240,8 @@ mod tests {
         let none = Bilateral { radius_px: 0.0, ..filter() };
         let depth = depth(slanted);
         let filtered = none.over(&input, &depth, &camera()).apply();
-        let pairs = filtered.data().iter().zip(input.data());
-        assert!(pairs.into_iter().all(|(a, b)| (a - b).abs() < 1e-12));
+        let mut pairs = filtered.data().iter().zip(input.data());
+        assert!(pairs.all(|(a, b)| (a - b).abs() < 1e-12));
     }
 
     #[test]

@@ -36,17 +36,11 @@ impl Moment {
     pub fn position(&self, rest_m: DVec3, normal: DVec3) -> DVec3 {
         let from_foot = rest_m - self.foot_m;
         let turned = |angle: f64| self.foot_m + DQuat::from_rotation_y(angle) * from_foot;
-        if self.motion == Motion::Spin {
-            return turned(TAU * self.cycles);
-        }
-        if self.height_m <= 0.0 {
-            return rest_m;
-        }
         let share = from_foot.y / self.height_m;
         match self.motion {
-            Motion::Spin | Motion::Twist => {
-                turned(TAU * self.amplitude * share * (TAU * self.cycles).sin())
-            }
+            Motion::Spin => turned(TAU * self.cycles),
+            _ if self.height_m <= 0.0 => rest_m,
+            Motion::Twist => turned(TAU * self.amplitude * share * (TAU * self.cycles).sin()),
             Motion::Wave => {
                 let reach = self.amplitude * self.height_m;
                 rest_m + normal * reach * (TAU * (share - self.cycles)).sin()
@@ -71,26 +65,20 @@ mod tests {
     use super::*;
 
     fn moment(motion: Motion, cycles: f64) -> Moment {
-        Moment {
-            motion,
-            foot_m: DVec3::new(1.0, -2.0, 3.0),
-            height_m: 2.0,
-            cycles,
-            amplitude: 0.25,
-        }
+        let foot_m = DVec3::new(1.0, -2.0, 3.0);
+        Moment { motion, foot_m, height_m: 2.0, cycles, amplitude: 0.25 }
     }
 
     #[test]
     fn a_quarter_turn_takes_x_to_minus_z() {
-        let spun = moment(Motion::Spin, 0.25);
-        let place = spun.position(DVec3::new(2.0, 0.0, 3.0), DVec3::X);
-        assert!(place.abs_diff_eq(DVec3::new(1.0, 0.0, 2.0), 1e-12));
-        let normal = spun.normal(DVec3::new(2.0, 0.0, 3.0), DVec3::X);
+        let at = DVec3::new(2.0, 0.0, 3.0);
+        // Also the top of a twist at its widest, by the amplitude of a quarter turn.
+        for motion in [Motion::Spin, Motion::Twist] {
+            let place = moment(motion, 0.25).position(at, DVec3::X);
+            assert!(place.abs_diff_eq(DVec3::new(1.0, 0.0, 2.0), 1e-12), "{motion:?}");
+        }
+        let normal = moment(Motion::Spin, 0.25).normal(at, DVec3::X);
         assert!(normal.abs_diff_eq(-DVec3::Z, 1e-8));
-        // The top of a twist at its widest, by the amplitude of a quarter turn.
-        let twisted = moment(Motion::Twist, 0.25);
-        let top = twisted.position(DVec3::new(2.0, 0.0, 3.0), DVec3::X);
-        assert!(top.abs_diff_eq(DVec3::new(1.0, 0.0, 2.0), 1e-12));
     }
 
     #[test]

@@ -6,17 +6,12 @@ use glam::DVec3;
 use super::rays::Tracer;
 use crate::scene::LightFrame;
 
-/// How an iteration ended.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Estimate {
-    /// p_e after the last iteration.
-    pub point: DVec3,
-    /// Its distance from the entry, metres.
+    /// Distance of p_e from the entry after the last iteration, metres.
     pub distance_m: f64,
     /// |p_e − p_proj|, metres: 0 where the estimate lies on the surface.
     pub residual_m: f64,
-    /// Residual before each iteration, metres.
-    pub history_m: Vec<f64>,
 }
 
 /// Iterates `p_e = p_s + d r_t`, `d ← |p_proj(p_e) − p_s|`, from `d = start_m`.
@@ -31,16 +26,12 @@ pub fn estimate(
     surface: impl Fn(DVec3) -> Option<DVec3>,
 ) -> Option<Estimate> {
     let mut distance_m = start_m;
-    let mut history_m = Vec::with_capacity(iterations as usize);
     for _ in 0..iterations {
-        let point = entry + direction * distance_m;
-        let stored = surface(point)?;
-        history_m.push((point - stored).length());
+        let stored = surface(entry + direction * distance_m)?;
         distance_m = (stored - entry).length();
     }
     let point = entry + direction * distance_m;
-    let residual_m = (point - surface(point)?).length();
-    Some(Estimate { point, distance_m, residual_m, history_m })
+    Some(Estimate { distance_m, residual_m: (point - surface(point)?).length() })
 }
 
 /// The surface point that a depth map of unlimited resolution and precision stores for a world
@@ -69,10 +60,10 @@ mod tests {
         let sin: f64 = 0.4;
         let direction = DVec3::new(sin, -(1.0 - sin * sin).sqrt(), 0.0);
         let exact = DEPTH_M / (1.0 - sin * sin).sqrt();
-        let found = estimate(DVec3::ZERO, direction, 1.0, 12, floor).unwrap();
-        assert!((found.distance_m - exact).abs() < 1e-9);
-        let h = &found.history_m;
-        assert!((h[6] / h[5] - sin * sin).abs() < 1e-2, "{h:?}");
+        let after = |i| estimate(DVec3::ZERO, direction, 1.0, i, floor).unwrap();
+        assert!((after(12).distance_m - exact).abs() < 1e-9);
+        let ratio = after(6).residual_m / after(5).residual_m;
+        assert!((ratio - sin * sin).abs() < 1e-2, "{ratio}");
     }
 
     #[test]

@@ -30,36 +30,31 @@ impl Disc {
     /// Mean of the taps around pixel (x, y), the disc turned by the pixel's angle. A tap reads the
     /// texel in which it falls; beyond the border the border's texel.
     pub fn at(&self, image: &Image, x: u32, y: u32) -> f64 {
-        let (sin, cos) = rotation(x, y).sin_cos();
-        let sum: f64 = self
-            .taps
-            .iter()
-            .map(|[dx, dy]| {
-                let tx = f64::from(x) + 0.5 + cos * dx - sin * dy;
-                let ty = f64::from(y) + 0.5 + sin * dx + cos * dy;
-                image.clamped(tx.floor() as i64, ty.floor() as i64)
-            })
-            .sum();
-        sum / self.taps.len() as f64
+        let texels = self.places(x, y).map(|place| place.map(|t| t.floor() as i64));
+        texels.map(|[x, y]| image.clamped(x, y)).sum::<f64>() / self.taps.len() as f64
     }
 
     /// Smallest distance of a rotated tap of pixel (x, y) from a texel's edge, pixels: where it is
     /// tiny, single precision may read the neighbour.
     pub fn edge_distance(&self, x: u32, y: u32) -> f64 {
-        let (sin, cos) = rotation(x, y).sin_cos();
-        self.taps
-            .iter()
-            .flat_map(|[dx, dy]| {
-                [f64::from(x) + 0.5 + cos * dx - sin * dy, f64::from(y) + 0.5 + sin * dx + cos * dy]
-            })
-            .map(|t| (t - t.round()).abs())
-            .fold(f64::INFINITY, f64::min)
+        from_edges(self.places(x, y))
     }
 
-    /// The filtered image.
+    /// Where the rotated taps of a pixel lie, pixels.
+    fn places(&self, x: u32, y: u32) -> impl Iterator<Item = [f64; 2]> {
+        let (sin, cos) = rotation(x, y).sin_cos();
+        let [x, y] = [x, y].map(|t| f64::from(t) + 0.5);
+        self.taps.iter().map(move |[dx, dy]| [x + cos * dx - sin * dy, y + sin * dx + cos * dy])
+    }
+
     pub fn apply(&self, image: &Image) -> Image {
         Image::of(image.size(), |x, y| self.at(image, x, y))
     }
+}
+
+/// Smallest distance of any of these coordinates from a whole number.
+pub fn from_edges(places: impl Iterator<Item = [f64; 2]>) -> f64 {
+    places.flatten().map(|t| (t - t.round()).abs()).fold(f64::INFINITY, f64::min)
 }
 
 /// Angle by which the disc is turned at a pixel, radians in [0, 2π).
@@ -74,20 +69,23 @@ pub fn pcg(v: u32) -> u32 {
     (word >> 22) ^ word
 }
 
+/// The upper 24 bits as a number in [0, 1).
+pub fn unit(bits: u32) -> f64 {
+    f64::from(bits >> 8) / 16_777_216.0
+}
+
 #[cfg(test)]
 mod tests {
+    use itertools::iproduct;
     use proptest::prelude::*;
 
     use super::*;
 
     /// Mean and variance over the pixels at least `margin` from the border.
     fn moments(image: &Image, margin: u32) -> (f64, f64) {
-        let inside = margin..image.width() - margin;
-        let values: Vec<f64> = inside
-            .clone()
-            .flat_map(|y| inside.clone().map(move |x| (x, y)))
-            .map(|(x, y)| image.clamped(i64::from(x), i64::from(y)))
-            .collect();
+        let inside = i64::from(margin)..i64::from(image.width() - margin);
+        let pixels = iproduct!(inside.clone(), inside);
+        let values: Vec<f64> = pixels.map(|(y, x)| image.clamped(x, y)).collect();
         let mean = values.iter().sum::<f64>() / values.len() as f64;
         let square = values.iter().map(|v| (v - mean).powi(2)).sum::<f64>();
         (mean, square / values.len() as f64)
@@ -118,10 +116,8 @@ mod tests {
     #[test]
     fn an_interior_impulse_keeps_its_energy_on_average() {
         let mut image = Image::constant(64, 64, 0.0);
-        for y in (8..56).step_by(4) {
-            for x in (8..56).step_by(4) {
-                image.add(x, y, 1.0);
-            }
+        for (y, x) in iproduct!((8..56).step_by(4), (8..56).step_by(4)) {
+            image.add(x, y, 1.0);
         }
         let filtered = Disc::vogel(16, 3.0).apply(&image);
         assert!((filtered.sum() / image.sum() - 1.0).abs() < 0.05);

@@ -11,7 +11,6 @@ pub struct Godray {
     pub entry: DVec3,
     /// Hit p_i.
     pub hit: DVec3,
-    /// Intensity of the photon.
     pub photon: f64,
 }
 

@@ -3,10 +3,10 @@
 
 use std::f64::consts::{PI, TAU};
 
-use glam::{DVec2, DVec3, DVec4};
+use glam::{DMat4, DVec2, DVec3, DVec4};
 
-use super::filter::pcg;
-use super::image::Image;
+use super::filter::{pcg, unit};
+use super::image::{Image, behind};
 use super::occlusion::{Attenuation, tangent_frame};
 use super::rays::PixelRays;
 use crate::scene::Camera;
@@ -29,10 +29,8 @@ pub struct HorizonSplit {
 /// What the camera sees.
 pub struct SeenDepth<'a> {
     rays: PixelRays,
-    eye: DVec3,
-    z_near_m: f64,
-    z_far_m: f64,
-    view_projection: glam::DMat4,
+    camera: Camera,
+    view_projection: DMat4,
     /// Device depth.
     depth: &'a Image,
     /// Unit normals in rows, as many as depths.
@@ -44,9 +42,7 @@ impl<'a> SeenDepth<'a> {
         let aspect = f64::from(depth.width()) / f64::from(depth.height());
         SeenDepth {
             rays: PixelRays::new(camera, depth.width(), depth.height()),
-            eye: camera.position(),
-            z_near_m: camera.z_near_m,
-            z_far_m: camera.z_far_m,
+            camera: camera.clone(),
             view_projection: camera.view_projection(aspect),
             depth,
             normals,
@@ -64,16 +60,8 @@ impl<'a> SeenDepth<'a> {
         (z, self.rays.unproject(x, y, z))
     }
 
-    fn view_m(&self, z: f64) -> f64 {
-        let (n, f) = (self.z_near_m, self.z_far_m);
-        n * f / (f - z * (f - n))
-    }
-
     fn pixels(&self, clip: DVec4) -> DVec2 {
-        DVec2::new(
-            (clip.x / clip.w * 0.5 + 0.5) * f64::from(self.depth.width()),
-            (0.5 - clip.y / clip.w * 0.5) * f64::from(self.depth.height()),
-        )
+        DVec2::new(clip.x / clip.w * 0.5 + 0.5, 0.5 - clip.y / clip.w * 0.5) * self.size()
     }
 
     fn inside(&self, place: DVec2) -> bool {
@@ -81,7 +69,6 @@ impl<'a> SeenDepth<'a> {
     }
 }
 
-/// A shaded point.
 struct ShadedPoint<'a> {
     seen: &'a SeenDepth<'a>,
     texel: [i64; 2],
@@ -118,14 +105,7 @@ const LEAST_W: f64 = 0.1;
 impl HorizonSplit {
     /// Occlusion A, 0 open … 1 closed, at a pixel of a buffer of `buffer_px` pixels; none where nothing was drawn.
     pub fn at(&self, seen: &SeenDepth<'_>, buffer_px: [u32; 2], x: u32, y: u32) -> Option<f64> {
-        let along = |t: u32, own: u32, size: u32| {
-            let place = (f64::from(t) + 0.5) * f64::from(size) / f64::from(own);
-            ((place + 1e-3) as i64).min(i64::from(size) - 1)
-        };
-        let texel = [
-            along(x, buffer_px[0], seen.depth.width()),
-            along(y, buffer_px[1], seen.depth.height()),
-        ];
+        let texel = behind([x, y].map(f64::from), buffer_px, seen.depth.size());
         let point = ShadedPoint::new(seen, texel)?;
         let seed = pcg(x.wrapping_add(y.wrapping_mul(65_536)));
         let [first, second, third] = [pcg(seed), pcg(pcg(seed)), pcg(pcg(pcg(seed)))].map(unit);
@@ -191,13 +171,12 @@ impl HorizonSplit {
         }
     }
 
-    /// Part 1: samples of depth along the picture's line, farther apart with the distance, raise the horizon. Returns ∫ ρ cos dω / dψ below it, and the cosine of
-    /// its angle θ.
+    /// Part 1: samples of depth along the picture's line, farther apart with the distance, raise the horizon. Returns
+    /// ∫ ρ cos dω / dψ below it, and the cosine of its angle θ.
     fn find_horizon(&self, point: &ShadedPoint<'_>, slice: &Slice, jitter: f64) -> (f64, f64) {
         let mut cosine = slice.tangent();
         let mut below = slice.integral(cosine);
-        let mut occluded = 0.0;
-        let mut height = 0.0;
+        let (mut occluded, mut height) = (0.0, 0.0);
         if slice.length_px <= 1.0 {
             return (0.0, cosine);
         }
@@ -237,7 +216,7 @@ impl HorizonSplit {
             let share = (f64::from(k) + jitter) / f64::from(self.ray_steps);
             let place = point.position + direction * (share * self.r_max_m);
             let clip = seen.view_projection * place.extend(1.0);
-            if clip.w <= seen.z_near_m {
+            if clip.w <= seen.camera.z_near_m {
                 break;
             }
             let pixel = seen.pixels(clip);
@@ -246,7 +225,7 @@ impl HorizonSplit {
             }
             let texel = [pixel.x as i64, pixel.y as i64];
             let (z, surface) = seen.surface(texel);
-            let behind = clip.w - seen.view_m(z);
+            let behind = clip.w - seen.camera.view_depth_m(z);
             if texel == point.texel || behind <= 0.0 || behind > self.layer_m {
                 continue;
             }
@@ -266,7 +245,7 @@ impl<'a> ShadedPoint<'a> {
         if z >= 1.0 {
             return None;
         }
-        let to_eye = seen.eye - position;
+        let to_eye = seen.camera.position() - position;
         let eye_m = to_eye.length();
         let to_eye = to_eye / eye_m;
         let index = texel[1] as usize * seen.depth.width() as usize + texel[0] as usize;
@@ -312,11 +291,6 @@ impl Slice {
 /// Rays of the first `directions` directions, of `of` in all.
 fn rays_before(rays: u32, of: u32, directions: u32) -> u32 {
     (u64::from(directions) * u64::from(rays) / u64::from(of)) as u32
-}
-
-/// The upper 24 bits as a number in [0, 1).
-fn unit(v: u32) -> f64 {
-    f64::from(v >> 8) / 16_777_216.0
 }
 
 /// Occlusion at `share` × r_max from an endless wall that stands on an endless floor. Directions that meet the wall within

@@ -1,5 +1,7 @@
 //! A grey image in f64, row 0 on top.
 
+use itertools::iproduct;
+
 use super::ReferenceError;
 
 #[derive(Clone, Debug, PartialEq)]
@@ -10,7 +12,6 @@ pub struct Image {
 }
 
 impl Image {
-    /// An image of one value.
     pub fn constant(width: u32, height: u32, value: f64) -> Image {
         Image { width, height, data: vec![value; width as usize * height as usize] }
     }
@@ -25,17 +26,12 @@ impl Image {
     pub fn from_data(width: u32, height: u32, data: Vec<f64>) -> Result<Image, ReferenceError> {
         let expected = width as usize * height as usize;
         if data.len() != expected || expected == 0 {
-            return Err(ReferenceError::ImageSize {
-                width,
-                height,
-                expected: expected.max(1),
-                got: data.len(),
-            });
+            let (expected, got) = (expected.max(1), data.len());
+            return Err(ReferenceError::ImageSize { width, height, expected, got });
         }
         Ok(Image { width, height, data })
     }
 
-    /// The image with each value changed.
     #[must_use]
     pub fn map(&self, change: impl Fn(f64) -> f64) -> Image {
         let data = self.data.iter().map(|value| change(*value)).collect();
@@ -58,6 +54,10 @@ impl Image {
         &self.data
     }
 
+    pub fn contains(&self, x: i64, y: i64) -> bool {
+        (0..i64::from(self.width)).contains(&x) && (0..i64::from(self.height)).contains(&y)
+    }
+
     /// Value at a pixel; coordinates beyond the border are clamped to it.
     pub fn clamped(&self, x: i64, y: i64) -> f64 {
         let x = x.clamp(0, i64::from(self.width) - 1) as usize;
@@ -75,12 +75,11 @@ impl Image {
 
     /// Adds to a pixel; outside the image nothing happens.
     pub fn add(&mut self, x: i64, y: i64, value: f64) {
-        if (0..i64::from(self.width)).contains(&x) && (0..i64::from(self.height)).contains(&y) {
+        if self.contains(x, y) {
             self.data[y as usize * self.width as usize + x as usize] += value;
         }
     }
 
-    /// Sum over all pixels.
     pub fn sum(&self) -> f64 {
         self.data.iter().sum()
     }
@@ -90,9 +89,18 @@ impl Image {
     }
 }
 
+/// The pixel of an image that a texel of another over the same view belongs to: the one its middle falls into, the right and
+/// lower one on a border.
+pub fn behind(texel: [f64; 2], own: [u32; 2], size: [u32; 2]) -> [i64; 2] {
+    [0, 1].map(|k| {
+        let place = (texel[k] + 0.5) * f64::from(size[k]) / f64::from(own[k]);
+        ((place + 1e-3) as i64).min(i64::from(size[k]) - 1)
+    })
+}
+
 /// The pixels (x, y) of an image, row by row.
 pub fn pixels([width, height]: [u32; 2]) -> impl Iterator<Item = (u32, u32)> + Clone {
-    (0..height).flat_map(move |y| (0..width).map(move |x| (x, y)))
+    iproduct!(0..height, 0..width).map(|(y, x)| (x, y))
 }
 
 #[cfg(test)]

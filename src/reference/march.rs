@@ -3,8 +3,9 @@
 use std::cell::Cell;
 
 use glam::{DVec3, UVec3};
+use itertools::iproduct;
 
-use super::filter::pcg;
+use super::filter::{pcg, unit};
 use super::occlusion::{Attenuation, cosine_direction, tangent_frame, uniform_direction};
 use crate::scene::Grid;
 
@@ -19,15 +20,9 @@ impl HostVolume {
     /// The voxels for whose centres `inside` holds are 1.
     pub fn filled(grid: &Grid, inside: impl Fn(DVec3) -> bool) -> HostVolume {
         let [nx, ny, nz] = grid.cells;
-        let mut values = Vec::with_capacity(grid.count() as usize);
-        for z in 0..nz {
-            for y in 0..ny {
-                for x in 0..nx {
-                    values.push(f64::from(u8::from(inside(grid.center([x, y, z])))));
-                }
-            }
-        }
-        HostVolume { grid: *grid, values }
+        let cells = iproduct!(0..nz, 0..ny, 0..nx).map(|(z, y, x)| [x, y, z]);
+        let values = cells.map(|cell| f64::from(u8::from(inside(grid.center(cell)))));
+        HostVolume { grid: *grid, values: values.collect() }
     }
 
     fn value(&self, cell: UVec3) -> f64 {
@@ -98,11 +93,6 @@ const GOLDEN: u32 = 0x9E37_79B9;
 /// Parts of a step that V is sampled at where it can exceed the threshold within the step.
 const PARTS: u32 = 4;
 
-/// The upper 24 bits as a number in [0, 1).
-fn unit(bits: u32) -> f64 {
-    f64::from(bits >> 8) / 16_777_216.0
-}
-
 impl March {
     /// Marches from a point with a unit normal in the world; `index` seeds the directions: that of the point in a query, or
     /// x + 65536 y of a pixel.
@@ -120,12 +110,12 @@ impl March {
         let sum: f64 = (0..self.rays)
             .map(|ray| {
                 let point = self.point(ray, seed);
-                let local = if self.paper_estimator {
-                    uniform_direction(point)
+                let (local, weight) = if self.paper_estimator {
+                    let local = uniform_direction(point);
+                    (local, local.z)
                 } else {
-                    cosine_direction(point)
+                    (cosine_direction(point), 1.0)
                 };
-                let weight = if self.paper_estimator { local.z } else { 1.0 };
                 let first = self.first_sample(local.z, ray, seed);
                 weight * self.obscurity(volume, (origin, frame * local), first, &taken)
             })
@@ -173,17 +163,16 @@ impl March {
             volume.density(place)
         };
         if self.opacity {
-            let samples = distances.map(|d| (d, density(d)));
-            self.gathered(samples, volume.density(origin))
+            self.gathered(distances.map(density), volume.density(origin))
         } else {
             self.first_hit(distances, density)
         }
     }
 
     /// γ of VAO Eq. 7 with the rejection of Eq. 4, V at the ray's beginning being the sample before the first.
-    fn gathered(&self, samples: impl Iterator<Item = (f64, f64)>, start: f64) -> f64 {
+    fn gathered(&self, samples: impl Iterator<Item = f64>, start: f64) -> f64 {
         let (mut open, mut previous) = (1.0, start);
-        for (_, v) in samples {
+        for v in samples {
             if v >= previous {
                 open *= (1.0 - v).max(0.0);
                 if v >= self.threshold {
@@ -200,9 +189,8 @@ impl March {
         let mut previous: Option<(f64, f64)> = None;
         for d in distances {
             let now = (d, density(d));
-            let within = previous
-                .filter(|_| self.peak)
-                .and_then(|before| self.crossing_within(before, now, &density));
+            let peaked = previous.filter(|_| self.peak);
+            let within = peaked.and_then(|before| self.crossing_within(before, now, &density));
             let at_sample = || match previous {
                 Some(before) if self.between => self.crossing(before, now),
                 _ => d,
@@ -287,8 +275,7 @@ mod tests {
 
     #[test]
     fn a_plane_is_open_and_a_wall_closes_its_share() {
-        let mut march = march();
-        march.threshold = 0.7;
+        let march = March { threshold: 0.7, ..march() };
         let plane = volume(floor);
         assert_eq!(march.from(&plane, DVec3::ZERO, DVec3::Y, 3).occlusion, 0.0);
         let corner = volume(|p| floor(p) || p.x.abs() < 0.6);
@@ -301,8 +288,7 @@ mod tests {
 
     #[test]
     fn without_a_guard_a_surface_occludes_itself() {
-        let mut march = march();
-        march.guard = Guard::Along(0.0);
+        let march = March { guard: Guard::Along(0.0), ..march() };
         let a = march.from(&volume(floor), DVec3::ZERO, DVec3::Y, 3).occlusion;
         assert_eq!(a, 1.0);
     }
@@ -310,8 +296,7 @@ mod tests {
     #[test]
     fn the_papers_sum_is_half_of_the_unbiased() {
         let ceiling = volume(|p| (p.y - 6.0).abs() < 0.6);
-        let mut march = march();
-        march.rays = 4096;
+        let mut march = March { rays: 4096, ..march() };
         let unbiased = march.from(&ceiling, DVec3::ZERO, DVec3::Y, 3).occlusion;
         march.paper_estimator = true;
         let paper = march.from(&ceiling, DVec3::ZERO, DVec3::Y, 3).occlusion;
@@ -325,13 +310,10 @@ mod tests {
     fn hits_between_samples_do_not_depend_on_the_step() {
         // Two layers of voxels with centres at 5.5 and 6.5 m: V crosses a half at 5 m.
         let ceiling = volume(|p| (p.y - 6.0).abs() < 0.6);
-        let mut march = march();
-        march.attenuation = Attenuation::Linear;
-        march.between = true;
-        march.rays = 1024;
         let c: f64 = 5.0 / 20.0;
         for step in [0.25, 0.4] {
-            march.step = step;
+            let attenuation = Attenuation::Linear;
+            let march = March { attenuation, between: true, rays: 1024, step, ..march() };
             let a = march.from(&ceiling, DVec3::ZERO, DVec3::Y, 3).occlusion;
             assert!((a - (1.0 - c).powi(2)).abs() < 0.02, "{a}");
         }
@@ -339,9 +321,7 @@ mod tests {
 
     #[test]
     fn opacity_gathers_rising_samples() {
-        let mut march = march();
-        march.opacity = true;
-        march.threshold = 1.0;
+        let march = March { opacity: true, threshold: 1.0, ..march() };
         let mut glass = volume(|p| (p.y - 6.0).abs() < 0.6);
         let opaque = march.from(&glass, DVec3::ZERO, DVec3::Y, 3).occlusion;
         glass.values.iter_mut().for_each(|v| *v *= 0.3);

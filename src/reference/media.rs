@@ -123,8 +123,7 @@ fn sphere_direction([u, v]: [f64; 2]) -> DVec3 {
     DVec3::new(radius * cos, radius * sin, z)
 }
 
-/// A field's value at a point, trilinear between the centres of its cells, constant from the outer centres to the border, 0
-/// beyond.
+/// A field's value at a point: trilinear between cell centres, constant from the outer ones to the border, 0 beyond.
 pub fn interpolated(field: &Volume, position: DVec3) -> f64 {
     if !field.bounds().contains(position) {
         return 0.0;
@@ -199,6 +198,8 @@ fn mean_over_unit(f: impl Fn(f64) -> f64) -> f64 {
 
 #[cfg(test)]
 mod tests {
+    use itertools::iproduct;
+
     use super::*;
 
     const VOXEL_M: f64 = 0.1;
@@ -206,12 +207,11 @@ mod tests {
     fn field(cells: u32, f: impl Fn(DVec3) -> f64) -> Volume {
         let half = f64::from(cells) * VOXEL_M / 2.0;
         let centre = |i: u32| (f64::from(i) + 0.5) * VOXEL_M - half;
-        let n = cells;
-        let values = (0..n * n * n)
-            .map(|i| f(DVec3::new(centre(i % n), centre(i / n % n), centre(i / (n * n)))) as f32);
+        let places = iproduct!(0..cells, 0..cells, 0..cells);
+        let values = places.map(|(z, y, x)| f(DVec3::new(centre(x), centre(y), centre(z))) as f32);
         Volume {
             name: "test".into(),
-            cells: [n; 3],
+            cells: [cells; 3],
             origin_m: DVec3::splat(-half),
             spacing_m: DVec3::splat(VOXEL_M),
             data: values.collect(),
@@ -264,9 +264,8 @@ mod tests {
     #[test]
     fn rejection_never_adds_and_empties_a_falling_ray() {
         let ramp = field(24, |p| 0.4 + 0.3 * p.z);
-        let mut with = marching(OPACITY, 0.8);
-        with.rejection = true;
         let without = marching(OPACITY, 0.8);
+        let with = Marching { rejection: true, ..without.clone() };
         let directions = (0..64).map(|i| sphere_direction([halton(i)[0], halton(i)[1]]));
         for direction in directions {
             let at = |m: &Marching| m.obscurance(&ramp, DVec3::ZERO, direction, 0.5);
@@ -279,8 +278,7 @@ mod tests {
     #[test]
     fn closed_forms_agree_with_marching() {
         let beer = Law::Beer { density_per_m: 2.0 };
-        let mut m = marching(beer, 1.0);
-        m.samples = 64;
+        let m = Marching { samples: 64, ..marching(beer, 1.0) };
         let face = field(32, |p| if p.z < 0.8 { 1.0 } else { 0.0 });
         let depth = DVec3::new(0.0, 0.0, 0.5);
         let marched = m.positional(&face, depth, 4096);

@@ -46,18 +46,14 @@ pub mod voxel;
 /// Why a reference could not be set up.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum ReferenceError {
-    /// `subdivision` photons per cell must form a square.
     #[error("{0} photons per grid cell do not form a square: use 1, 4, 9 or 16")]
     Subdivision(u32),
-    /// An index points past the vertices of its mesh.
     #[error(
         "object `{object}`: triangle {triangle} names a vertex that the mesh of {vertices} does not have"
     )]
     Index { object: String, triangle: usize, vertices: usize },
-    /// An image's data do not fill it.
     #[error("an image of {width}×{height} needs {expected} values, got {got}")]
     ImageSize { width: u32, height: u32, expected: usize, got: usize },
-    /// A value lies outside its meaning.
-    #[error("{name} = {value} is out of range: {meaning}")]
-    Range { name: &'static str, value: f64, meaning: &'static str },
+    #[error("z_far = {0} is out of range: clipping distances need 0 < z_near < z_far")]
+    Clipping(f64),
 }

@@ -117,15 +117,9 @@ mod tests {
         occlusion(&tracer, position, DVec3::Y, r_max_m, attenuation, RAYS)
     }
 
-    /// The same with rays that begin at the point itself, as closed forms have them.
-    fn beginning_at(
-        objects: &[Object],
-        origin: DVec3,
-        r_max_m: f64,
-        attenuation: Attenuation,
-    ) -> f64 {
-        let below = origin - DVec3::Y * (ORIGIN_OFFSET * r_max_m);
-        at(objects, below, r_max_m, attenuation)
+    /// The same at the origin, with rays that begin there, as closed forms have them.
+    fn from_origin(object: Object, r_max_m: f64, attenuation: Attenuation) -> f64 {
+        at(&[object], DVec3::NEG_Y * (ORIGIN_OFFSET * r_max_m), r_max_m, attenuation)
     }
 
     #[test]
@@ -148,7 +142,7 @@ mod tests {
     fn a_sphere_overhead_closes_the_sine_squared_of_its_angle() {
         for (direction, cos) in [(DVec3::Y, 1.0), (DVec3::new(0.6, 0.8, 0.0), 0.8)] {
             let ball = sphere(direction * 2.0, 1.0);
-            let a = beginning_at(&[ball], DVec3::ZERO, 10.0, Attenuation::Hard);
+            let a = from_origin(ball, 10.0, Attenuation::Hard);
             let expected = cos * 0.25;
             assert!((a - expected).abs() < 2e-3, "{a} for {expected}");
         }
@@ -157,9 +151,8 @@ mod tests {
     #[test]
     fn a_ceiling_has_its_closed_forms() {
         // With c = h / r_max: 1 − c² for hard attenuation, (1 − c)² for linear.
-        for h in [0.2, 0.5, 0.8] {
-            let c: f64 = h;
-            let closed = |attenuation| beginning_at(&[floor(h)], DVec3::ZERO, 1.0, attenuation);
+        for c in [0.2, 0.5, 0.8f64] {
+            let closed = |attenuation| from_origin(floor(c), 1.0, attenuation);
             assert!((closed(Attenuation::Hard) - (1.0 - c * c)).abs() < 1e-3);
             assert!((closed(Attenuation::Linear) - (1.0 - c).powi(2)).abs() < 1e-3);
             assert_eq!(at(&[floor(1.01)], DVec3::ZERO, 1.0, Attenuation::Hard), 0.0);
@@ -185,12 +178,7 @@ mod tests {
             let frame = tangent_frame(n);
             assert!((frame.determinant() - 1.0).abs() < 1e-12);
             assert!((frame * DVec3::Z - n).length() < 1e-12);
-            assert!(
-                (frame.transpose() * frame - DMat3::IDENTITY)
-                    .to_cols_array()
-                    .iter()
-                    .all(|e| e.abs() < 1e-12)
-            );
+            assert!((frame.transpose() * frame).abs_diff_eq(DMat3::IDENTITY, 1e-12));
         }
     }
 }

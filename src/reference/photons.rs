@@ -39,7 +39,6 @@ impl PhotonGrid {
         PhotonGrid { offset, ..self }
     }
 
-    /// Photons in the grid.
     pub fn count(&self) -> u64 {
         (u64::from(self.cells) * u64::from(self.side)).pow(2)
     }
@@ -62,12 +61,10 @@ pub struct Landed {
     pub entry: Entry,
     /// Unit direction after refraction.
     pub direction: DVec3,
+    /// Its distance is that from the entry (the paper's d_fromSurface).
     pub hit: Hit,
-    /// From entry to hit, metres (the paper's d_fromSurface).
-    pub distance_m: f64,
 }
 
-/// What became of a photon.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Landing {
     Landed(Landed),
@@ -110,7 +107,7 @@ pub fn land_ray(water: &Water, tracer: &Tracer, origin: DVec3, incident: DVec3) 
         return Landing::MissesWater;
     };
     match tracer.cast(entry.position, direction, SELF_HIT_M, f64::MAX) {
-        Some(hit) => Landing::Landed(Landed { entry, direction, hit, distance_m: hit.distance_m }),
+        Some(hit) => Landing::Landed(Landed { entry, direction, hit }),
         None => Landing::Leaves { entry, direction },
     }
 }
@@ -199,7 +196,7 @@ mod tests {
                 let expected = entry + along * shift - DVec3::Y * DEPTH_M;
                 assert!((landed.hit.position - expected).length() < 1e-9);
                 let slant = DEPTH_M / (1.0 - sin_t * sin_t).sqrt();
-                assert!((landed.distance_m - slant).abs() < 1e-9);
+                assert!((landed.hit.distance_m - slant).abs() < 1e-9);
             }
         }
     }

@@ -34,10 +34,8 @@ pub fn stored_photons(bytes: &[u8]) -> Vec<StoredPhoton> {
     bytes
         .chunks_exact(32)
         .map(|chunk| {
-            let f = |i: usize| {
-                let b = &chunk[4 * i..4 * i + 4];
-                f64::from(f32::from_le_bytes([b[0], b[1], b[2], b[3]]))
-            };
+            let (words, _) = chunk.as_chunks::<4>();
+            let f = |i: usize| f64::from(f32::from_le_bytes(words[i]));
             StoredPhoton {
                 entry: DVec3::new(f(0), f(1), f(2)),
                 residual_m: f(3),
@@ -139,9 +137,7 @@ mod tests {
                 distance_m: at.length(),
                 object: 0,
                 triangle: 0,
-                edge_margin: 0.3,
             },
-            distance_m: at.length(),
         })
     }
 

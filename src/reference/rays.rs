@@ -4,8 +4,7 @@ use bvh::aabb::{Aabb, Bounded};
 use bvh::bounding_hierarchy::{BHShape, BoundingHierarchy};
 use bvh::bvh::{Bvh, BvhNode};
 use bvh::ray::Ray;
-use glam::{DMat4, DVec3, DVec4};
-use nalgebra::{Point3, Vector3};
+use glam::{DMat4, DVec3};
 
 use super::ReferenceError;
 use crate::scene::{Camera, Object};
@@ -26,8 +25,6 @@ pub struct Hit {
     pub object: usize,
     /// Index of the triangle in its object's mesh.
     pub triangle: usize,
-    /// Smallest barycentric coordinate, 0…1/3: how far from an edge the ray went through.
-    pub edge_margin: f64,
 }
 
 struct Triangle {
@@ -43,7 +40,8 @@ impl Bounded<f64, 3> for Triangle {
     fn aabb(&self) -> Aabb<f64, 3> {
         let [a, b, c] = self.corners;
         let pad = DVec3::splat(self.padding);
-        Aabb::with_bounds(point(a.min(b).min(c) - pad), point(a.max(b).max(c) + pad))
+        let [low, high] = [a.min(b).min(c) - pad, a.max(b).max(c) + pad];
+        Aabb::with_bounds(low.to_array().into(), high.to_array().into())
     }
 }
 
@@ -55,6 +53,9 @@ impl BHShape<f64, 3> for Triangle {
         self.node
     }
 }
+
+/// Distance, index of the triangle and barycentric weights of a hit.
+type Found = (f64, usize, [f64; 3]);
 
 /// All triangles of a scene in a bounding volume hierarchy.
 pub struct Tracer {
@@ -69,10 +70,8 @@ impl Tracer {
         for (i, object) in objects.iter().enumerate() {
             collect(object, i, &mut triangles)?;
         }
-        let size = triangles
-            .iter()
-            .flat_map(|t| t.corners)
-            .fold(0.0f64, |size, p| size.max(p.abs().max_element()));
+        let corners = triangles.iter().flat_map(|t| t.corners);
+        let size = corners.fold(0.0f64, |size, p| size.max(p.abs().max_element()));
         for triangle in &mut triangles {
             triangle.padding = BOX_PADDING * size;
         }
@@ -82,9 +81,9 @@ impl Tracer {
 
     /// Nearest hit at a distance in (`min_m`, `max_m`) from the origin. `direction` has unit length.
     pub fn cast(&self, origin: DVec3, direction: DVec3, min_m: f64, max_m: f64) -> Option<Hit> {
-        let ray = Ray::new(point(origin), vector(direction));
+        let ray = Ray::new(origin.to_array().into(), direction.to_array().into());
         let axes = Axes::of(direction);
-        let mut best: Option<(f64, usize, [f64; 3])> = None;
+        let mut best: Option<Found> = None;
         let mut open = Vec::with_capacity(64);
         if !self.bvh.nodes.is_empty() {
             open.push((0.0, 0));
@@ -96,8 +95,8 @@ impl Tracer {
             }
             match &self.bvh.nodes[node] {
                 BvhNode::Leaf { shape_index, .. } => {
-                    let found = axes.intersect(origin, &self.triangles[*shape_index].corners);
-                    if let Some((distance, weights)) = found
+                    let corners = &self.triangles[*shape_index].corners;
+                    if let Some((distance, weights)) = axes.intersect(origin, corners)
                         && distance > min_m
                         && distance < limit
                     {
@@ -113,17 +112,11 @@ impl Tracer {
                 ),
             }
         }
-        best.map(|(distance, shape, weights)| self.hit(origin, direction, distance, shape, weights))
+        best.map(|found| self.hit(origin, direction, found))
     }
 
-    fn hit(
-        &self,
-        origin: DVec3,
-        direction: DVec3,
-        distance_m: f64,
-        shape: usize,
-        w: [f64; 3],
-    ) -> Hit {
+    /// What is at a distance, in a triangle, at these barycentric weights.
+    fn hit(&self, origin: DVec3, direction: DVec3, (distance_m, shape, w): Found) -> Hit {
         let t = &self.triangles[shape];
         let [a, b, c] = t.corners;
         let plane = (b - a).cross(c - a).normalize();
@@ -135,7 +128,6 @@ impl Tracer {
             distance_m,
             object: t.object,
             triangle: t.index,
-            edge_margin: w[0].min(w[1]).min(w[2]),
         }
     }
 }
@@ -193,15 +185,8 @@ struct Axes {
 
 impl Axes {
     fn of(direction: DVec3) -> Axes {
-        let d = direction.to_array();
-        let magnitude = direction.abs();
-        let z = if magnitude.x >= magnitude.max_element() {
-            0
-        } else if magnitude.y >= magnitude.max_element() {
-            1
-        } else {
-            2
-        };
+        let d = direction;
+        let z = d.abs().max_position();
         let (mut x, mut y) = ((z + 1) % 3, (z + 2) % 3);
         if d[z] < 0.0 {
             std::mem::swap(&mut x, &mut y);
@@ -211,15 +196,14 @@ impl Axes {
 
     /// Distance and barycentric weights where the ray meets a triangle of either orientation.
     fn intersect(&self, origin: DVec3, corners: &[DVec3; 3]) -> Option<(f64, [f64; 3])> {
-        let sheared = corners.map(|corner| {
-            let p = (corner - origin).to_array();
+        let [a, b, c] = corners.map(|corner| {
+            let p = corner - origin;
             (
                 p[self.x] - self.shear.x * p[self.z],
                 p[self.y] - self.shear.y * p[self.z],
                 self.shear.z * p[self.z],
             )
         });
-        let [a, b, c] = sheared;
         let u = c.0 * b.1 - c.1 * b.0;
         let v = a.0 * c.1 - a.1 * c.0;
         let w = b.0 * a.1 - b.1 * a.0;
@@ -244,11 +228,8 @@ pub struct PixelRays {
 impl PixelRays {
     /// `width` × `height` pixels; the camera's aspect ratio is that of the image.
     pub fn new(camera: &Camera, width: u32, height: u32) -> PixelRays {
-        PixelRays::of_matrix(
-            camera.view_projection(f64::from(width) / f64::from(height)),
-            width,
-            height,
-        )
+        let aspect = f64::from(width) / f64::from(height);
+        PixelRays::of_matrix(camera.view_projection(aspect), width, height)
     }
 
     /// The same for any view-projection matrix, such as a light's.
@@ -278,7 +259,7 @@ impl PixelRays {
 
     /// Where a world point appears; `None` behind the eye.
     pub fn project(&self, point: DVec3) -> Option<Projected> {
-        let clip: DVec4 = self.forward * point.extend(1.0);
+        let clip = self.forward * point.extend(1.0);
         if clip.w <= 0.0 {
             return None;
         }
@@ -295,8 +276,7 @@ impl PixelRays {
     pub fn cast(&self, tracer: &Tracer, x: u32, y: u32) -> Option<(Hit, f64)> {
         let (origin, direction, length) = self.ray(x, y);
         let hit = tracer.cast(origin, direction, 0.0, length)?;
-        let depth = self.project(hit.position)?.depth;
-        Some((hit, depth))
+        Some((hit, self.project(hit.position)?.depth))
     }
 }
 
@@ -311,20 +291,13 @@ pub struct Projected {
     pub w: f64,
 }
 
-fn point(v: DVec3) -> Point3<f64> {
-    Point3::new(v.x, v.y, v.z)
-}
-
-fn vector(v: DVec3) -> Vector3<f64> {
-    Vector3::new(v.x, v.y, v.z)
-}
-
 fn wide(v: [f32; 3]) -> DVec3 {
     DVec3::from(v.map(f64::from))
 }
 
 #[cfg(test)]
 mod tests {
+    use itertools::iproduct;
     use proptest::prelude::*;
 
     use super::super::filter::pcg;
@@ -394,20 +367,17 @@ mod tests {
     #[test]
     fn no_ray_slips_through_shared_edges_and_vertices() {
         let tracer = Tracer::new(&[floor(8)]).unwrap();
-        for i in 0..=28 {
-            for j in 0..=28 {
-                // Quarter steps run along edges, diagonals and through vertices.
-                let origin = DVec3::new(0.5 + f64::from(i) * 0.25, 3.0, 0.5 + f64::from(j) * 0.25);
-                assert!(tracer.cast(origin, DVec3::NEG_Y, 0.0, 10.0).is_some());
-            }
+        for (i, j) in iproduct!(0..=28, 0..=28) {
+            // Quarter steps run along edges, diagonals and through vertices.
+            let origin = DVec3::new(0.5 + f64::from(i) * 0.25, 3.0, 0.5 + f64::from(j) * 0.25);
+            assert!(tracer.cast(origin, DVec3::NEG_Y, 0.0, 10.0).is_some());
         }
     }
 
     #[test]
     fn ranges_are_respected_and_both_sides_hit() {
-        let quad =
-            object(vec![[-1.0, 0.0, -1.0], [1.0, 0.0, -1.0], [0.0, 0.0, 2.0]], vec![0, 1, 2]);
-        let tracer = Tracer::new(&[quad]).unwrap();
+        let corners = vec![[-1.0, 0.0, -1.0], [1.0, 0.0, -1.0], [0.0, 0.0, 2.0]];
+        let tracer = Tracer::new(&[object(corners, vec![0, 1, 2])]).unwrap();
         let up = DVec3::new(0.0, 2.0, 0.0);
         assert!(tracer.cast(up, DVec3::NEG_Y, 0.0, 10.0).is_some());
         assert!(tracer.cast(up, DVec3::NEG_Y, 0.0, 1.9).is_none());

@@ -1,5 +1,7 @@
 //! Photon splats: regulated point size, intensity, and a rasterizer twin in f64 (UW §3.3).
 
+use itertools::iproduct;
+
 use super::ReferenceError;
 use super::image::Image;
 use super::optics::transmittance;
@@ -20,11 +22,7 @@ impl PointSize {
         far_m: f64,
     ) -> Result<PointSize, ReferenceError> {
         if !(near_m > 0.0 && far_m > near_m) {
-            return Err(ReferenceError::Range {
-                name: "z_far",
-                value: far_m,
-                meaning: "clipping distances need 0 < z_near < z_far",
-            });
+            return Err(ReferenceError::Clipping(far_m));
         }
         let slope = (max_px - min_px) / (far_m - near_m);
         Ok(PointSize { a_px: max_px - far_m * slope, b_px_m: near_m * far_m * slope })
@@ -79,13 +77,12 @@ pub fn rasterize(target: &mut Image, splats: &[Splat], depth: &Image, bias: f64)
     let (width, height) = (target.width(), target.height());
     for splat in splats {
         let columns = covered(splat.center_px[0], splat.size_px, width);
-        for y in covered(splat.center_px[1], splat.size_px, height) {
-            for x in columns.clone() {
-                let u = (x as f64 + 0.5) / f64::from(width);
-                let v = (y as f64 + 0.5) / f64::from(height);
-                if splat.depth <= depth.nearest(u, v) + bias {
-                    target.add(x, y, splat.value);
-                }
+        let rows = covered(splat.center_px[1], splat.size_px, height);
+        for (y, x) in iproduct!(rows, columns) {
+            let u = (x as f64 + 0.5) / f64::from(width);
+            let v = (y as f64 + 0.5) / f64::from(height);
+            if splat.depth <= depth.nearest(u, v) + bias {
+                target.add(x, y, splat.value);
             }
         }
     }
@@ -119,14 +116,9 @@ mod tests {
         let mut image = Image::constant(8, 8, 0.0);
         let tile = |x, y| Splat { center_px: [x, y], depth: 0.5, size_px: 4.0, value: 1.0 };
         // Edges run through pixel centres, where two squares meet.
-        rasterize(
-            &mut image,
-            &[tile(2.5, 2.5), tile(6.5, 2.5), tile(2.5, 6.5), tile(6.5, 6.5)],
-            &far,
-            0.0,
-        );
-        let covered_twice = image.data().iter().any(|v| *v > 1.0);
-        assert!(!covered_twice);
+        let tiles = [tile(2.5, 2.5), tile(6.5, 2.5), tile(2.5, 6.5), tile(6.5, 6.5)];
+        rasterize(&mut image, &tiles, &far, 0.0);
+        assert!(image.data().iter().all(|v| *v <= 1.0), "covered twice");
         assert_eq!(image.clamped(4, 4), 1.0);
         assert_eq!(image.sum(), 64.0);
     }
@@ -167,17 +159,12 @@ mod tests {
     fn fractional_sizes_keep_energy_on_average() {
         let mut image = Image::constant(64, 64, 0.0);
         let steps = 40;
-        let splats: Vec<Splat> = (0..steps * steps)
-            .map(|i| Splat {
-                center_px: [
-                    30.0 + f64::from(i % steps) / f64::from(steps),
-                    30.0 + f64::from(i / steps) / f64::from(steps),
-                ],
-                depth: 0.0,
-                size_px: 5.3,
-                value: splat_value(Intensity::Conserving, 1.0, 0.0, 0.0, 5.3),
-            })
-            .collect();
+        let value = splat_value(Intensity::Conserving, 1.0, 0.0, 0.0, 5.3);
+        let splat = |i: u32| {
+            let center_px = [i % steps, i / steps].map(|k| 30.0 + f64::from(k) / f64::from(steps));
+            Splat { center_px, depth: 0.0, size_px: 5.3, value }
+        };
+        let splats: Vec<Splat> = (0..steps * steps).map(splat).collect();
         rasterize(&mut image, &splats, &Image::constant(1, 1, 1.0), 0.0);
         let mean = image.sum() / f64::from(steps * steps);
         assert!((mean - 1.0).abs() < 0.01, "mean energy {mean}");

@@ -4,6 +4,7 @@
 //! where they overlap. Voxels whose gap is within a borderline band are counted apart, as rounding to f32 decides there.
 
 use glam::DVec3;
+use itertools::iproduct;
 
 use crate::scene::{Grid, Object};
 
@@ -39,19 +40,16 @@ impl Contact {
 
 /// All triangles of some objects, metres.
 pub fn triangles(objects: &[Object]) -> Vec<Corners> {
-    objects
-        .iter()
-        .flat_map(|o| (0..o.mesh.triangle_count()).map(|index| o.mesh.triangle(index)))
-        .collect()
+    let meshes = objects.iter().map(|o| &o.mesh);
+    meshes.flat_map(|m| (0..m.triangle_count()).map(|index| m.triangle(index))).collect()
 }
 
 /// The thirteen axes that can separate a triangle from a cube, of unit length; those without a direction are left out.
 fn axes([a, b, c]: &Corners) -> Vec<DVec3> {
-    let unit = [DVec3::X, DVec3::Y, DVec3::Z];
     let edges = [*b - *a, *c - *b, *a - *c];
-    let crossed = edges.iter().flat_map(|edge| unit.map(|axis| axis.cross(*edge)));
+    let crossed = edges.iter().flat_map(|edge| DVec3::AXES.map(|axis| axis.cross(*edge)));
     let normal = (*b - *a).cross(*c - *a);
-    crossed.chain([normal]).filter_map(DVec3::try_normalize).chain(unit).collect()
+    crossed.chain([normal]).filter_map(DVec3::try_normalize).chain(DVec3::AXES).collect()
 }
 
 /// The smallest gap between any of the triangles (metres) and each voxel, voxels, in the order of [`Grid::index`]. Infinite
@@ -60,10 +58,9 @@ pub fn gaps(triangles: &[Corners], grid: &Grid, contact: Contact) -> Vec<f64> {
     let mut gaps = vec![f64::INFINITY; grid.count() as usize];
     for corners in triangles {
         let corners = corners.map(|corner| grid.to_cells(corner));
-        let axes = axes(&corners);
-        let spans: Vec<(DVec3, f64, f64)> = axes
-            .iter()
-            .map(|&axis| {
+        let spans: Vec<(DVec3, f64, f64)> = axes(&corners)
+            .into_iter()
+            .map(|axis| {
                 let places = corners.map(|corner| corner.dot(axis));
                 let low = places.into_iter().fold(f64::INFINITY, f64::min);
                 let high = places.into_iter().fold(f64::NEG_INFINITY, f64::max);
@@ -95,9 +92,7 @@ fn near(corners: &Corners, grid: &Grid) -> impl Iterator<Item = [u32; 3]> + use<
         let last = high[k].min(f64::from(cells[k]) - 1.0);
         low[k].max(0.0) as i64..=last.max(-1.0) as i64
     };
-    range(2).flat_map(move |z| {
-        range(1).flat_map(move |y| range(0).map(move |x| [x as u32, y as u32, z as u32]))
-    })
+    iproduct!(range(2), range(1), range(0)).map(|(z, y, x)| [x, y, z].map(|k| k as u32))
 }
 
 /// What a voxelization found against what there is.
@@ -212,15 +207,12 @@ fn sample(corners: &Corners, (axis, subpixels): (usize, u32), grid: &Grid, found
 
 /// The voxels of a triangle's box in the first slice along `axis`: one for each pixel.
 fn flat(corners: &Corners, axis: usize, grid: &Grid) -> impl Iterator<Item = [u32; 3]> + use<> {
-    let flattened = corners.map(|mut corner| {
-        corner[axis] = 0.5;
-        corner
-    });
+    let mut flattened = *corners;
+    flattened.iter_mut().for_each(|corner| corner[axis] = 0.5);
     near(&flattened, grid)
 }
 
-/// How far inside a triangle a point lies: its distance from the nearest edge's line, negative outside. Not a number for a
-/// triangle without area.
+/// How far inside a triangle a point lies: its distance from the nearest edge's line, negative outside; NaN without area.
 fn inside_by(corners: [(f64, f64); 3], point: (f64, f64)) -> f64 {
     let [a, b, c] = corners;
     let cross = |a: (f64, f64), b: (f64, f64), p: (f64, f64)| {
@@ -254,12 +246,10 @@ mod tests {
         let grid = grid([8, 8, 8]);
         // The plane x + y = 8.1, all through the grid.
         let far = 100.0;
+        let at = |x: f64, z: f64| [x, 8.1 - x, z];
         let plane = [
-            corners(
-                &grid,
-                [[-far, far + 8.1, -far], [far, 8.1 - far, -far], [-far, far + 8.1, far]],
-            ),
-            corners(&grid, [[far, 8.1 - far, -far], [far, 8.1 - far, far], [-far, far + 8.1, far]]),
+            corners(&grid, [at(-far, -far), at(far, -far), at(-far, far)]),
+            corners(&grid, [at(far, -far), at(far, far), at(-far, far)]),
         ];
         // Cubes with i + j < 8.1 < i + j + 2: of i + j = 7 there are 8, of i + j = 8 there are 7, eight layers of each.
         assert_eq!(occupied(&gaps(&plane, &grid, Contact::Cube)), 8 * (8 + 7));
@@ -297,8 +287,7 @@ mod tests {
         let slanted = corners(&grid, [[1.1, 2.2, 3.3], [14.7, 5.1, 9.9], [4.2, 13.3, 7.1]]);
         let touched = gaps(&[slanted], &grid, Contact::Cube);
         let sampled = sampled(&[slanted], &grid, &[0, 1, 2], 256);
-        let surely = sampled.iter().map(|s| *s == Sampled::Surely);
-        let found: Vec<bool> = surely.collect();
+        let found: Vec<bool> = sampled.iter().map(|s| *s == Sampled::Surely).collect();
         let errors = errors(&found, &touched);
         assert!(found.iter().filter(|found| **found).count() > 50);
         assert_eq!(errors.false_positives, 0);

@@ -4,12 +4,10 @@
 mod catalogue;
 mod clients;
 
-use std::{
-    collections::BTreeMap,
-    fs::File,
-    io::{self, BufRead, BufReader, Read, Write},
-    path::{Path, PathBuf},
-};
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::{self, BufRead, BufReader, Read, Write};
+use std::path::{Path, PathBuf};
 
 use sha2::{Digest, Sha256};
 use thiserror::Error;
@@ -50,15 +48,12 @@ pub enum AssetError {
 /// Where an asset is, or that it is absent.
 #[derive(Clone, Debug, PartialEq)]
 pub struct AssetStatus {
-    /// That of the [`Asset`].
+    /// Name and description of the [`Asset`].
     pub name: &'static str,
-    /// That of the [`Asset`].
     pub about: &'static str,
-    /// The package that holds it, or that none does.
-    pub package: String,
     /// The file, if it is there and has the right sum.
     pub path: Option<PathBuf>,
-    /// `cached`, `installed by …`, `fetched from …`, `absent`, or what is wrong with the file.
+    /// `cached`, `installed by …`, `fetched from …`, or that it is absent and who has it.
     pub origin: String,
 }
 
@@ -76,8 +71,8 @@ impl Places {
         let home = directories::BaseDirs::new().map(|d| d.home_dir().join(".cargo"));
         Places {
             cache: variable("FATHOM_CACHE").map(PathBuf::from).or_else(|| {
-                directories::ProjectDirs::from("", "", "fathom")
-                    .map(|d| d.cache_dir().join("assets"))
+                let folders = directories::ProjectDirs::from("", "", "fathom")?;
+                Some(folders.cache_dir().join("assets"))
             }),
             cargo_home: variable("CARGO_HOME").map(PathBuf::from).or(home),
             root: PathBuf::from("/"),
@@ -86,41 +81,31 @@ impl Places {
 
     /// The files that may be the asset, best first, each with its origin.
     fn candidates(&self, asset: &Asset) -> Vec<(PathBuf, String)> {
-        let cached = self.cache.iter().map(|c| (c.join(asset.file), "cached".into()));
-        let packed = self
-            .cache
-            .iter()
-            .filter(|_| matches!(asset.source, Source::ByHand))
-            .map(|c| (c.join(format!("{}.gz", asset.file)), "cached".into()));
-        let installed = match &asset.source {
+        let mut names = vec![asset.file.to_owned()];
+        let mut installed = Vec::new();
+        match &asset.source {
             Source::Package(Package::Debian { path, .. }) => {
-                vec![self.root.join(path.trim_start_matches('/'))]
+                installed.push(self.root.join(path.trim_start_matches('/')));
             }
             Source::Package(Package::Crate { name, version, member }) => {
-                self.in_registry(&format!("{name}-{version}"), member)
+                installed = self.in_registry(&format!("{name}-{version}"), member);
             }
-            Source::Package(Package::Npm { .. }) | Source::ByHand => Vec::new(),
-        };
+            Source::Package(Package::Npm { .. }) => {}
+            Source::ByHand => names.push(format!("{}.gz", asset.file)),
+        }
+        let cached = self.cache.iter().flat_map(|cache| names.iter().map(|name| cache.join(name)));
+        let cached = cached.map(|path| (path, "cached".to_owned()));
         let by = format!("installed by {}", asset.source);
-        cached
-            .chain(packed)
-            .chain(installed.into_iter().map(|path| (path, by.clone())))
-            .filter(|(path, _)| path.is_file())
-            .collect()
+        let all = cached.chain(installed.into_iter().map(|path| (path, by.clone())));
+        all.filter(|(path, _)| path.is_file()).collect()
     }
 
     /// `member` of an unpacked crate, in each registry that cargo knows.
     fn in_registry(&self, folder: &str, member: &str) -> Vec<PathBuf> {
-        let registries = self
-            .cargo_home
-            .iter()
-            .filter_map(|home| std::fs::read_dir(home.join("registry/src")).ok());
-        registries
-            .flatten()
-            .flatten()
-            .map(|registry| registry.path().join(folder).join(member))
-            .filter(|path| path.is_file())
-            .collect()
+        let sources = self.cargo_home.iter().map(|home| home.join("registry/src"));
+        let registries = sources.filter_map(|sources| std::fs::read_dir(sources).ok());
+        let paths = registries.flatten().flatten().map(|registry| registry.path());
+        paths.map(|path| path.join(folder).join(member)).filter(|path| path.is_file()).collect()
     }
 
     /// The first candidate with the right sum; an error if there are only others.
@@ -133,15 +118,6 @@ impl Places {
             }
         }
         wrong.map_or(Ok(None), Err)
-    }
-
-    fn status(&self, asset: &Asset) -> AssetStatus {
-        let (path, origin) = match self.locate(asset) {
-            Ok(Some((path, origin))) => (Some(path), origin),
-            Ok(None) => (None, "absent".to_owned()),
-            Err(fault) => (None, fault.to_string()),
-        };
-        asset.status(path, origin)
     }
 
     /// Copies a file with the right sum into the cache, all or nothing.
@@ -183,9 +159,7 @@ impl Places {
         })?;
         Ok(asset.status(Some(path), format!("fetched from {}", asset.source)))
     }
-}
 
-impl Places {
     /// The status of an absent asset that only the user can bring.
     fn wanted(&self, asset: &Asset) -> AssetStatus {
         let folder = match &self.cache {
@@ -203,8 +177,7 @@ impl Places {
 impl Asset {
     /// The parameters of the stand-in's generator.
     pub(super) fn stand_in_params(&self) -> BTreeMap<String, f64> {
-        let params = self.stand_in.1.iter();
-        params.map(|&(name, v)| (name.to_owned(), v)).collect()
+        self.stand_in.1.iter().map(|&(name, v)| (name.to_owned(), v)).collect()
     }
 
     /// What is used in the asset's place, and how to get it.
@@ -230,13 +203,7 @@ impl Asset {
     }
 
     fn status(&self, path: Option<PathBuf>, origin: String) -> AssetStatus {
-        AssetStatus {
-            name: self.name,
-            about: self.about,
-            package: self.source.to_string(),
-            path,
-            origin,
-        }
+        AssetStatus { name: self.name, about: self.about, path, origin }
     }
 
     fn file_error(&self, path: &Path, source: io::Error) -> AssetError {
@@ -251,12 +218,6 @@ pub fn named(name: &str) -> Result<&'static Asset, AssetError> {
         name: name.to_owned(),
         hint: check::hint(name, names()),
     })
-}
-
-/// Where each asset is.
-pub fn status() -> Vec<AssetStatus> {
-    let places = Places::of_this_machine();
-    ASSETS.iter().map(|asset| places.status(asset)).collect()
 }
 
 /// The asset's file, if it is there and has the right sum.

@@ -5,9 +5,7 @@ use glam::DVec3;
 /// An axis-aligned box, metres.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Bounds {
-    /// Smallest coordinates.
     pub min: DVec3,
-    /// Largest coordinates.
     pub max: DVec3,
 }
 
@@ -15,15 +13,9 @@ impl Bounds {
     /// The box that holds nothing: growing it by a point gives that point.
     pub const EMPTY: Bounds = Bounds { min: DVec3::INFINITY, max: DVec3::NEG_INFINITY };
 
-    /// The smallest box that holds all points.
     pub fn around(points: impl IntoIterator<Item = DVec3>) -> Bounds {
-        points.into_iter().fold(Bounds::EMPTY, Bounds::with)
-    }
-
-    /// Grown to hold `point`.
-    #[must_use]
-    pub fn with(self, point: DVec3) -> Bounds {
-        Bounds { min: self.min.min(point), max: self.max.max(point) }
+        let boxes = points.into_iter().map(|point| Bounds { min: point, max: point });
+        boxes.fold(Bounds::EMPTY, Bounds::union)
     }
 
     /// Grown to hold `other`.
@@ -37,7 +29,6 @@ impl Bounds {
         self.max - self.min
     }
 
-    /// The middle of the box.
     pub fn center(&self) -> DVec3 {
         0.5 * (self.min + self.max)
     }
@@ -54,11 +45,7 @@ impl Bounds {
 
     /// Corner `i` takes its x, y, z from the maximum where bit 0, 1, 2 of `i` is set.
     pub fn corners(&self) -> [DVec3; 8] {
-        std::array::from_fn(|i| {
-            let pick = |axis: usize| {
-                if i >> axis & 1 == 1 { self.max[axis] } else { self.min[axis] }
-            };
-            DVec3::new(pick(0), pick(1), pick(2))
-        })
+        let ends = [self.min, self.max];
+        std::array::from_fn(|i| DVec3::new(ends[i & 1].x, ends[i >> 1 & 1].y, ends[i >> 2].z))
     }
 }

@@ -2,10 +2,9 @@
 
 use super::check::within_ranges;
 use crate::settings;
-use glam::{
-    DMat4, DVec3, DVec4,
-    dcamera::rh::{proj::directx, view},
-};
+use glam::dcamera::rh::proj::directx;
+use glam::dcamera::rh::view;
+use glam::{DMat4, DVec3, DVec4};
 
 settings! {
     /// Position, orientation and lens of the viewer.
@@ -38,12 +37,10 @@ impl Camera {
         Camera { position_m, target_m, up: up(), fov_y_deg, z_near_m, z_far_m }
     }
 
-    /// Where the camera stands, metres.
     pub fn position(&self) -> DVec3 {
         DVec3::from(self.position_m)
     }
 
-    /// Unit vector from the position to the target.
     pub fn direction(&self) -> DVec3 {
         (DVec3::from(self.target_m) - self.position()).normalize()
     }
@@ -63,6 +60,12 @@ impl Camera {
         self.projection(aspect) * self.view()
     }
 
+    /// Distance along the view direction, metres, of a depth 0 … 1.
+    pub fn view_depth_m(&self, depth: f64) -> f64 {
+        let (n, f) = (self.z_near_m, self.z_far_m);
+        n * f / (f - depth * (f - n))
+    }
+
     /// The middle of the view frustum, at which the light looks:
     /// `p_mid = p_viewer + (z_near + z_far) / 2 · l_viewer` (UW 3.1).
     pub fn middle(&self) -> DVec3 {
@@ -75,13 +78,9 @@ impl Camera {
     /// at (x, −y), at the same depth.
     pub fn mirrored(&self) -> Camera {
         let flip = |[x, y, z]: [f64; 3]| [x, -y, z];
+        let [position_m, target_m] = [self.position_m, self.target_m].map(flip);
         let [x, y, z] = self.up;
-        Camera {
-            position_m: flip(self.position_m),
-            target_m: flip(self.target_m),
-            up: [-x, y, -z],
-            ..self.clone()
-        }
+        Camera { position_m, target_m, up: [-x, y, -z], ..self.clone() }
     }
 
     /// The eight corners of the view frustum: near plane first, counter-clockwise from bottom left.
@@ -124,6 +123,7 @@ impl Camera {
 
 #[cfg(test)]
 mod tests {
+    use super::super::check::{Refusal, assert_refused};
     use super::*;
 
     fn camera() -> Camera {
@@ -172,29 +172,23 @@ mod tests {
     fn corners_lie_on_the_planes() {
         let c = camera();
         for corner in c.frustum_corners(1.2) {
-            let on = c
-                .frustum_planes(1.2)
-                .iter()
-                .filter(|p| p.dot(corner.extend(1.0)).abs() < 1e-6)
-                .count();
-            assert_eq!(on, 3, "{corner}");
+            let planes = c.frustum_planes(1.2);
+            let on = planes.iter().filter(|p| p.dot(corner.extend(1.0)).abs() < 1e-6);
+            assert_eq!(on.count(), 3, "{corner}");
         }
     }
 
     #[test]
     fn bad_values_are_named() {
-        let bad = |change: fn(&mut Camera)| {
-            let mut c = camera();
-            change(&mut c);
-            c.validate().unwrap_err()
-        };
-        assert!(camera().validate().is_ok());
-        assert!(bad(|c| c.z_near_m = 30.0).contains("camera.z_near_m"));
-        assert!(bad(|c| c.z_near_m = 0.0).contains("camera.z_near_m"));
-        assert!(bad(|c| c.z_far_m = f64::INFINITY).contains("camera.z_far_m"));
-        assert!(bad(|c| c.fov_y_deg = 180.0).contains("camera.fov_y_deg"));
-        assert!(bad(|c| c.position_m[1] = f64::NAN).contains("camera.position_m"));
-        assert!(bad(|c| c.target_m = c.position_m).contains("camera.target_m"));
-        assert!(bad(|c| c.up = [0.0; 3]).contains("camera.up"));
+        let cases: &[Refusal<Camera>] = &[
+            (|c| c.z_near_m = 30.0, "camera.z_near_m"),
+            (|c| c.z_near_m = 0.0, "camera.z_near_m"),
+            (|c| c.z_far_m = f64::INFINITY, "camera.z_far_m"),
+            (|c| c.fov_y_deg = 180.0, "camera.fov_y_deg"),
+            (|c| c.position_m[1] = f64::NAN, "camera.position_m"),
+            (|c| c.target_m = c.position_m, "camera.target_m"),
+            (|c| c.up = [0.0; 3], "camera.up"),
+        ];
+        assert_refused(&camera(), Camera::validate, cases);
     }
 }

@@ -6,7 +6,6 @@ use crate::text;
 /// Largest coordinate or distance that a scene may use, metres: f32 keeps centimetres there.
 pub const FAR_M: f64 = 1e5;
 
-/// `value` is finite and lies in `low..=high`.
 pub fn within(name: &str, value: f64, low: f64, high: f64) -> Result<(), String> {
     if value.is_finite() && (low..=high).contains(&value) {
         return Ok(());
@@ -25,6 +24,26 @@ pub fn point(name: &str, value: &[f64]) -> Result<(), String> {
         return Ok(());
     }
     Err(format!("{name} = {value:?} must have components in -{FAR_M} to {FAR_M}"))
+}
+
+/// A change that makes a value invalid, and what the error then says.
+#[cfg(test)]
+pub type Refusal<T> = (fn(&mut T), &'static str);
+
+/// Each change makes a valid value one that `validate` refuses.
+#[cfg(test)]
+pub fn assert_refused<T: Clone>(
+    valid: &T,
+    validate: impl Fn(&T) -> Result<(), String>,
+    cases: &[Refusal<T>],
+) {
+    assert_eq!(validate(valid), Ok(()));
+    for (change, text) in cases {
+        let mut changed = valid.clone();
+        change(&mut changed);
+        let fault = validate(&changed).expect_err(text);
+        assert!(fault.contains(text), "{fault}, not {text}");
+    }
 }
 
 /// ` (did you mean NAME?)`, or a list of what there is when nothing is near.

@@ -1,6 +1,5 @@
 //! `docs/scenes.md` names every key of a scene file with its default, and no other; its ranges are kept.
 
-use serde::de::{self, Deserialize, Deserializer, Visitor, value::Error};
 use serde_json::{Value, json};
 
 use super::generators::{self, Param, fields};
@@ -9,52 +8,9 @@ use super::{
     VolumeFile, Water, WaterModel, Wave,
 };
 use super::{raw::VolumeFormat, samples::Up};
+use crate::parameter::names_of;
 
 const DOCS: &str = include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/docs/scenes.md"));
-
-/// Tells what a type asks for when it is read, and gives it nothing.
-struct Asked<'a>(&'a mut &'static [&'static str]);
-
-impl<'de> Deserializer<'de> for Asked<'_> {
-    type Error = Error;
-
-    fn deserialize_any<V: Visitor<'de>>(self, _: V) -> Result<V::Value, Error> {
-        Err(de::Error::custom("nothing is given"))
-    }
-
-    fn deserialize_struct<V: Visitor<'de>>(
-        self,
-        _: &'static str,
-        fields: &'static [&'static str],
-        visitor: V,
-    ) -> Result<V::Value, Error> {
-        *self.0 = fields;
-        self.deserialize_any(visitor)
-    }
-
-    fn deserialize_enum<V: Visitor<'de>>(
-        self,
-        _: &'static str,
-        variants: &'static [&'static str],
-        visitor: V,
-    ) -> Result<V::Value, Error> {
-        *self.0 = variants;
-        self.deserialize_any(visitor)
-    }
-
-    serde::forward_to_deserialize_any! {
-        bool i8 i16 i32 i64 u8 u16 u32 u64 f32 f64 char str string bytes byte_buf option unit unit_struct newtype_struct
-        seq tuple tuple_struct map identifier ignored_any
-    }
-}
-
-/// The keys of a table, or the values of a choice, as serde reads them.
-fn asked<T: for<'de> Deserialize<'de>>() -> Vec<&'static str> {
-    let mut names: &[&str] = &[];
-    let _ = T::deserialize(Asked(&mut names));
-    assert!(!names.is_empty());
-    names.to_vec()
-}
 
 /// A row of a table of keys.
 struct Row {
@@ -101,7 +57,7 @@ fn whole(scene: &Value) -> Value {
 }
 
 /// A section's heading, the keys that serde takes there, where it lies in a scene, and a scene that has it.
-type Section = (&'static str, Vec<&'static str>, &'static str, Value);
+type Section = (&'static str, &'static [&'static str], &'static str, Value);
 
 fn sections() -> Vec<Section> {
     let with = |changes: Value| {
@@ -116,28 +72,28 @@ fn sections() -> Vec<Section> {
         json!({"model": "height_map", "height_map": {"file": "sea.npy", "tile_m": [1.0, 1.0]}});
     let plain = with(json!({}));
     vec![
-        ("Top level", asked::<SceneFile>(), "", plain.clone()),
-        ("`[camera]`", asked::<Camera>(), "/camera", plain.clone()),
-        ("`[light]`", asked::<Light>(), "/light", plain.clone()),
-        ("`[water]`", asked::<Water>(), "/water", plain.clone()),
+        ("Top level", names_of::<SceneFile>(), "", plain.clone()),
+        ("`[camera]`", names_of::<Camera>(), "/camera", plain.clone()),
+        ("`[light]`", names_of::<Light>(), "/light", plain.clone()),
+        ("`[water]`", names_of::<Water>(), "/water", plain.clone()),
         (
             "`[[water.waves]]`",
-            asked::<Wave>(),
+            names_of::<Wave>(),
             "/water/waves/0",
             with(json!({"water": {"model": "waves", "waves": [wave]}})),
         ),
         (
             "`[water.height_map]`",
-            asked::<HeightMap>(),
+            names_of::<HeightMap>(),
             "/water/height_map",
             with(json!({"water": map})),
         ),
-        ("`[[object]]`", asked::<ObjectFile>(), "/object/0", plain.clone()),
-        ("`[object.transform]`", asked::<Transform>(), "/object/0/transform", plain.clone()),
-        ("`[object.material]`", asked::<Material>(), "/object/0/material", plain),
+        ("`[[object]]`", names_of::<ObjectFile>(), "/object/0", plain.clone()),
+        ("`[object.transform]`", names_of::<Transform>(), "/object/0/transform", plain.clone()),
+        ("`[object.material]`", names_of::<Material>(), "/object/0/material", plain),
         (
             "`[volume]`",
-            asked::<VolumeFile>(),
+            names_of::<VolumeFile>(),
             "/volume",
             with(json!({"volume": {"generator": "smoke"}})),
         ),
@@ -147,6 +103,7 @@ fn sections() -> Vec<Section> {
 #[test]
 fn every_key_is_documented_and_every_documented_key_is_one() {
     for (heading, keys, ..) in sections() {
+        assert!(!keys.is_empty(), "{heading}");
         let mut documented: Vec<&str> = rows(heading).iter().map(|row| row.key).collect();
         // Resolved while the file is read: they never reach the type.
         if heading == "Top level" {
@@ -173,10 +130,8 @@ fn documented_defaults_are_those_of_the_program() {
             let table: toml::Table = format!("v = {literal}").parse().unwrap();
             let value = &tree[row.key];
             let is_given = value.as_str().is_some_and(|v| given.contains(&v));
-            if is_given
-                || (heading.contains("height_map") && row.key == "tile_m")
-                || row.key == "object"
-            {
+            let is_tile = heading.contains("height_map") && row.key == "tile_m";
+            if is_given || is_tile || row.key == "object" {
                 continue;
             }
             let expected = serde_json::to_value(&table["v"]).unwrap();
@@ -240,14 +195,15 @@ fn documented_ranges_are_kept() {
 #[test]
 fn documented_choices_are_all_there_are() {
     let choices = [
-        ("`[light]`", "kind", asked::<LightKind>()),
-        ("`[water]`", "model", asked::<WaterModel>()),
-        ("`[object.transform]`", "on", asked::<Stand>()),
-        ("`[volume]`", "on", asked::<Stand>()),
-        ("`[volume]`", "up", asked::<Up>()),
-        ("`[volume]`", "format", asked::<VolumeFormat>()),
+        ("`[light]`", "kind", names_of::<LightKind>()),
+        ("`[water]`", "model", names_of::<WaterModel>()),
+        ("`[object.transform]`", "on", names_of::<Stand>()),
+        ("`[volume]`", "on", names_of::<Stand>()),
+        ("`[volume]`", "up", names_of::<Up>()),
+        ("`[volume]`", "format", names_of::<VolumeFormat>()),
     ];
     for (heading, key, names) in choices {
+        assert!(!names.is_empty(), "{heading} {key}");
         let all = rows(heading);
         let row = all.iter().find(|row| row.key == key).expect("a row");
         let listed: Vec<String> = names.iter().map(|name| format!("`{name}`")).collect();

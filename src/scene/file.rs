@@ -1,9 +1,7 @@
 //! Scene files: TOML, one table for each of camera, light and water, and a list of objects.
 
-use std::{
-    collections::BTreeMap,
-    path::{Path, PathBuf},
-};
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
 
 use glam::{DMat4, DQuat, DVec3, EulerRot};
 use serde::{Deserialize, Serialize};
@@ -13,7 +11,7 @@ use super::{
     generators, read, toml_text,
 };
 use crate::embedded::{Folders, SCENES};
-use crate::input;
+use crate::{choices, input, settings};
 
 /// What a scene file holds. A file's `base` (a scene whose tables and objects it starts from) and
 /// `without` (names of the base's objects to leave out) are resolved while it is read.
@@ -26,13 +24,10 @@ pub struct SceneFile {
     pub description: String,
     /// Depth of the floor below the water at rest, metres.
     pub floor_depth_m: f64,
-    /// The viewer.
     pub camera: Camera,
     #[serde(default)]
-    /// The one light.
     pub light: Light,
     #[serde(default)]
-    /// Surface and medium.
     pub water: Water,
     /// The scalar field.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -64,10 +59,8 @@ pub struct ObjectFile {
     #[serde(default)]
     pub params: BTreeMap<String, f64>,
     #[serde(default)]
-    /// Where it goes.
     pub transform: Transform,
     #[serde(default)]
-    /// How it looks.
     pub material: Material,
 }
 
@@ -82,21 +75,23 @@ pub enum Stand {
     Surface,
 }
 
-/// Where an object goes: fitted, scaled, turned, then moved.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct Transform {
-    /// If not 0: the largest extent is brought to this many metres, and the object is put upright
-    /// on y = 0 in the middle of x and z.
-    pub fit_m: f64,
-    /// Factor on the size.
-    pub scale: f64,
-    /// Turns about x, then y, then z, degrees.
-    pub rotate_deg: [f64; 3],
-    /// Metres, y from `on`.
-    pub translate_m: [f64; 3],
-    /// What y is measured from.
-    pub on: Stand,
+choices!(Stand);
+
+settings! {
+    /// Where an object goes: fitted, scaled, turned, then moved.
+    pub struct Transform {
+        /// If not 0: the largest extent is brought to this many metres, and the object is put upright on y = 0 in the middle
+        /// of x and z.
+        fit_m: f64 = 0.0 => 0.0 ..= 1e5, "m";
+        /// Factor on the size.
+        scale: f64 = 1.0 => 1e-6 ..= 1e6, "1";
+        /// Turns about x, then y, then z.
+        rotate_deg: [f64; 3] = [0.0; 3];
+        /// y from `on`.
+        translate_m: [f64; 3] = [0.0; 3];
+        /// What y is measured from.
+        on: Stand = Stand::Floor;
+    }
 }
 
 impl Stand {
@@ -109,29 +104,15 @@ impl Stand {
     }
 }
 
-impl Default for Transform {
-    fn default() -> Self {
-        Self {
-            fit_m: 0.0,
-            scale: 1.0,
-            rotate_deg: [0.0; 3],
-            translate_m: [0.0; 3],
-            on: Stand::Floor,
-        }
-    }
-}
-
 impl Transform {
     /// Object space to world space, for this mesh.
     pub fn matrix(&self, mesh: &Mesh, floor_depth_m: f64) -> DMat4 {
         let [x, y, z] = self.rotate_deg.map(f64::to_radians);
         let ground = self.on.height_m(floor_depth_m);
-        let placed = DMat4::from_scale_rotation_translation(
-            DVec3::splat(self.scale),
-            DQuat::from_euler(EulerRot::ZYX, z, y, x),
-            DVec3::from(self.translate_m) + DVec3::Y * ground,
-        );
-        placed * self.fitting(mesh)
+        let turn = DQuat::from_euler(EulerRot::ZYX, z, y, x);
+        let place = DVec3::from(self.translate_m) + DVec3::Y * ground;
+        let scale = DVec3::splat(self.scale);
+        DMat4::from_scale_rotation_translation(scale, turn, place) * self.fitting(mesh)
     }
 
     fn fitting(&self, mesh: &Mesh) -> DMat4 {
@@ -145,16 +126,10 @@ impl Transform {
     }
 
     fn validate(&self) -> Result<(), String> {
-        check::within("transform.fit_m", self.fit_m, 0.0, check::FAR_M)?;
-        check::within("transform.scale", self.scale, 1e-6, 1e6)?;
+        check::within_ranges("transform", self)?;
         check::point("transform.rotate_deg", &self.rotate_deg)?;
         check::point("transform.translate_m", &self.translate_m)
     }
-}
-
-/// The built-in scenes: name and text, sorted by name.
-pub fn built_in() -> Vec<(String, String)> {
-    SCENES.texts(".toml")
 }
 
 impl SceneFile {
@@ -189,12 +164,10 @@ impl SceneFile {
         self.camera.validate()?;
         self.light.validate()?;
         self.water.validate()?;
-        match &self.volume {
-            None if self.objects.is_empty() => {
-                return Err("it has neither an [[object]] nor a [volume]".into());
-            }
-            None => {}
-            Some(volume) => volume.validate()?,
+        if let Some(volume) = &self.volume {
+            volume.validate()?;
+        } else if self.objects.is_empty() {
+            return Err("it has neither an [[object]] nor a [volume]".into());
         }
         for object in &self.objects {
             object.validate().map_err(|m| format!("object `{}`: {m}", object.name))?;
@@ -217,8 +190,7 @@ impl ObjectFile {
         Ok(())
     }
 
-    /// Makes or reads the mesh, of at most `triangles`, and puts it into the world. An absent asset's stand-in is added to
-    /// `stand_ins`.
+    /// Makes or reads the mesh, of at most `triangles`, and places it. Adds an absent asset's stand-in to `stand_ins`.
     pub(super) fn build(
         &self,
         file: &SceneFile,
@@ -232,7 +204,7 @@ impl ObjectFile {
         let matrix = self.transform.matrix(&mesh, file.floor_depth_m);
         let mesh = mesh.transformed(&matrix);
         mesh.validate()?;
-        Ok(Object { name: self.name.clone(), mesh, material: self.material.clone() })
+        Ok(Object { material: self.material.clone(), ..Object::new(&self.name, mesh) })
     }
 
     fn mesh(
@@ -245,8 +217,7 @@ impl ObjectFile {
             return generators::find(name)?.mesh(&self.params, file.floor_depth_m);
         }
         if let Some(path) = &self.file {
-            let path = file.folder.join(path);
-            return Mesh::read_within(&path, triangles).map_err(|e| e.to_string());
+            return Mesh::read_within(&file.folder.join(path), triangles);
         }
         let name = self.asset.as_deref().unwrap_or_default();
         let asset = assets::named(name).map_err(|e| e.to_string())?;
@@ -254,7 +225,7 @@ impl ObjectFile {
             return Err(format!("asset `{name}` is a volume: it belongs to [volume]"));
         }
         if let Some(path) = assets::find(name) {
-            return Mesh::read_within(&path, triangles).map_err(|e| e.to_string());
+            return Mesh::read_within(&path, triangles);
         }
         let generator = generators::find(asset.stand_in.0)?;
         let mesh = generator.mesh(&asset.stand_in_params(), file.floor_depth_m)?;

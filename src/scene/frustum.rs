@@ -28,9 +28,8 @@ pub fn visible_points(camera: &Camera, aspect: f64, bounds: &Bounds) -> Vec<DVec
 
 /// The planes (n, d) of a box with n·p + d ≥ 0 inside.
 fn planes(bounds: &Bounds) -> [DVec4; 6] {
-    let axes = [DVec3::X, DVec3::Y, DVec3::Z];
     std::array::from_fn(|i| {
-        let axis = axes[i / 2];
+        let axis = DVec3::AXES[i / 2];
         match i % 2 {
             0 => axis.extend(-bounds.min.dot(axis)),
             _ => (-axis).extend(bounds.max.dot(axis)),

@@ -59,7 +59,6 @@ impl Grid {
         })
     }
 
-    /// Number of voxels.
     pub fn count(&self) -> u64 {
         self.cells.iter().map(|n| u64::from(*n)).product()
     }
@@ -74,7 +73,6 @@ impl Grid {
         self.voxel_m * DVec3::from(self.cells.map(f64::from))
     }
 
-    /// The box that it fills.
     pub fn bounds(&self) -> Bounds {
         Bounds { min: self.origin_m, max: self.origin_m + self.size_m() }
     }
@@ -102,19 +100,17 @@ mod tests {
     use super::*;
 
     fn bounds(size: [f64; 3]) -> Bounds {
-        Bounds {
-            min: DVec3::new(1.0, -2.0, 3.0),
-            max: DVec3::new(1.0, -2.0, 3.0) + DVec3::from(size),
-        }
+        let min = DVec3::new(1.0, -2.0, 3.0);
+        Bounds { min, max: min + DVec3::from(size) }
     }
 
     #[test]
     fn a_fitted_grid_holds_its_box_with_a_margin() {
         for resolution in [4, 5, 64, 128, 257] {
-            let grid = Grid::fit(&bounds([2.0, 1.0, 0.3]), resolution).unwrap();
+            let inner = bounds([2.0, 1.0, 0.3]);
+            let grid = Grid::fit(&inner, resolution).unwrap();
             assert_eq!(grid.cells[0], resolution);
             let outer = grid.bounds();
-            let inner = bounds([2.0, 1.0, 0.3]);
             let low = (inner.min - outer.min) / grid.voxel_m;
             let high = (outer.max - inner.max) / grid.voxel_m;
             assert!(low.min_element() > 1.49 && high.min_element() > 1.49, "{low} {high}");

@@ -17,7 +17,7 @@ pub const MAX_SIDE: usize = 4096;
 const MAX_FILE: u64 = (8 * MAX_SIDE * MAX_SIDE + (1 << 16)) as u64;
 /// Greatest height, metres, as of the other kinds of water.
 const MAX_HEIGHT_M: f64 = 100.0;
-/// Bytes before a header's own length in `.npy` files of version 1, and how many hold that length.
+/// Bytes before a header's own length in `.npy` files.
 const NPY_PREFIX: usize = 8;
 
 settings! {
@@ -33,7 +33,6 @@ settings! {
 }
 
 impl HeightMap {
-    /// Whether a file is named.
     pub fn is_given(&self) -> bool {
         !self.file.is_empty()
     }
@@ -81,7 +80,6 @@ fn parse(bytes: &[u8]) -> Result<(usize, Vec<f64>), String> {
     };
     match widened {
         Err(ViewNpyError::WrongDescriptor(found)) => {
-            let found = found.to_string();
             Err(format!("its values are of type {found}; heights are little-endian f32 or f64"))
         }
         Err(error) => Err(error.to_string()),
@@ -96,12 +94,9 @@ fn view<T: ViewElement>(bytes: &[u8]) -> Result<ArrayView2<'_, T>, ViewNpyError>
 /// The header says how long it is, and the reader allocates that much.
 fn check_header_length(bytes: &[u8]) -> Result<(), String> {
     let byte = |i: usize| bytes.get(i).copied().unwrap_or(0);
-    let low = u32::from(u16::from_le_bytes([byte(NPY_PREFIX), byte(NPY_PREFIX + 1)]));
-    let high = u32::from(u16::from_le_bytes([byte(NPY_PREFIX + 2), byte(NPY_PREFIX + 3)]));
-    let claimed = match byte(NPY_PREFIX - 2) {
-        0 | 1 => low,
-        _ => low | high << 16,
-    };
+    let claimed = u32::from_le_bytes([0, 1, 2, 3].map(|i| byte(NPY_PREFIX + i)));
+    // Two bytes in version 1, four in later ones.
+    let claimed = if byte(NPY_PREFIX - 2) <= 1 { claimed & 0xffff } else { claimed };
     if claimed as usize > bytes.len() {
         return Err("it is not a .npy file, or it is cut short".into());
     }
@@ -119,12 +114,12 @@ fn heights<T: Copy>(
     let heights: Vec<f64> = array.iter().map(|h| widen(*h)).collect();
     match heights.iter().position(|h| h.is_nan() || h.abs() > MAX_HEIGHT_M) {
         None => Ok((rows, heights)),
-        Some(i) => Err(format!(
-            "row {}, column {}: a height of {} m; heights lie within ±{MAX_HEIGHT_M} m",
-            i / columns,
-            i % columns,
-            heights[i]
-        )),
+        Some(i) => {
+            let (row, column, h) = (i / columns, i % columns, heights[i]);
+            Err(format!(
+                "row {row}, column {column}: a height of {h} m; heights lie within ±{MAX_HEIGHT_M} m"
+            ))
+        }
     }
 }
 
@@ -178,7 +173,6 @@ impl Tile {
         })
     }
 
-    /// Columns and rows.
     pub fn size(&self) -> [u32; 2] {
         [self.columns as u32, self.rows as u32]
     }
@@ -304,9 +298,8 @@ mod tests {
             fault
         };
         let good = bytes(&Array2::<f32>::zeros((4, 4)));
-        assert!(
-            fault(&bytes(&Array2::<f32>::from_elem((2, 2), f32::NAN))).contains("row 0, column 0")
-        );
+        let without_number = bytes(&Array2::<f32>::from_elem((2, 2), f32::NAN));
+        assert!(fault(&without_number).contains("row 0, column 0"));
         assert!(fault(&bytes(&Array2::<f64>::from_elem((2, 2), 101.0))).contains("101 m"));
         assert!(fault(&bytes(&Array2::<u8>::zeros((2, 2)))).contains("f32 or f64"));
         assert!(fault(&bytes(&Array2::<f32>::zeros((0, 4)))).contains("0 × 4"));

@@ -1,17 +1,14 @@
 //! The light and the frustum from which it casts photons.
 
-use glam::{
-    DMat4, DVec2, DVec3,
-    dcamera::rh::{proj::directx, view},
-};
+use glam::dcamera::rh::proj::directx;
+use glam::dcamera::rh::view;
+use glam::{DMat4, DVec2, DVec3};
 use serde::{Deserialize, Serialize};
 
-use super::{
-    bounds::Bounds,
-    camera::Camera,
-    check::within_ranges,
-    frustum::{Rectangle, visible_points},
-};
+use super::bounds::Bounds;
+use super::camera::Camera;
+use super::check::within_ranges;
+use super::frustum::{Rectangle, visible_points};
 use crate::{choices, settings};
 
 /// Horizontal room given to photons for the slopes of the waves, per metre of depth: refraction at
@@ -27,7 +24,6 @@ const POINT_NEAR_M: f64 = 0.05;
 /// Largest tangent of a point light's frustum (79° off its axis).
 const POINT_MAX_TANGENT: f64 = 5.0;
 
-/// How light leaves the source.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum LightKind {
@@ -62,7 +58,6 @@ settings! {
 /// The light's frustum for one view: the space in which photons start and the shadow map lies.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LightFrame {
-    /// That of the light.
     pub kind: LightKind,
     /// Metres.
     pub position: DVec3,
@@ -75,7 +70,6 @@ pub struct LightFrame {
     pub projection: DMat4,
     /// World to clip space.
     pub view_projection: DMat4,
-    /// Inverse of `view_projection`.
     pub inverse: DMat4,
     /// Flux through the frustum, watts: irradiance × cross-section (directional) or
     /// intensity × solid angle (point).
@@ -117,20 +111,20 @@ impl Light {
     /// Whether the light can be used; the error names the parameter and its valid range.
     pub fn validate(&self) -> Result<(), String> {
         within_ranges("light", self)?;
-        let direction = DVec3::from(self.direction);
-        if self.kind == LightKind::Directional && direction.try_normalize().is_none() {
+        let directional = self.kind == LightKind::Directional;
+        if directional && DVec3::from(self.direction).try_normalize().is_none() {
             return Err(format!(
                 "light.direction = {:?} has no direction: a component must differ from 0",
                 self.direction
             ));
         }
-        if self.kind == LightKind::Directional && self.travel().y > -0.01 {
+        if directional && self.travel().y > -0.01 {
             return Err(format!(
                 "light.direction = {:?} must point downwards, into the water: its y, at unit length, must be below -0.01",
                 self.direction
             ));
         }
-        if self.kind == LightKind::Point && self.position_m[1] <= 0.0 {
+        if !directional && self.position_m[1] <= 0.0 {
             return Err(format!(
                 "light.position_m = {:?} must lie above the water: its y must be greater than 0",
                 self.position_m
@@ -154,14 +148,8 @@ impl Light {
             h if h > 0.0 => Rectangle::square(h),
             _ => across(seen).within(&across(&bounds.corners())),
         };
-        let projection = directx::orthographic(
-            r.min.x,
-            r.max.x,
-            r.min.y,
-            r.max.y,
-            near - DEPTH_SLACK_M,
-            far + DEPTH_SLACK_M,
-        );
+        let (near, far) = (near - DEPTH_SLACK_M, far + DEPTH_SLACK_M);
+        let projection = directx::orthographic(r.min.x, r.max.x, r.min.y, r.max.y, near, far);
         (projection, self.intensity_w_sr * r.area())
     }
 
@@ -184,8 +172,7 @@ impl Light {
 }
 
 impl LightFrame {
-    /// The ray through normalized device coordinates (x, y): its origin on the near plane and its
-    /// unit direction.
+    /// Origin on the near plane and unit direction of the ray through normalized device coordinates.
     pub fn ray(&self, ndc_x: f64, ndc_y: f64) -> (DVec3, DVec3) {
         let at = |depth| self.inverse.project_point3(DVec3::new(ndc_x, ndc_y, depth));
         let origin = at(0.0);
@@ -226,11 +213,9 @@ fn lit_points(camera: &Camera, aspect: f64, bounds: &Bounds) -> Vec<DVec3> {
 
 /// Smallest and largest distance of the bounds' corners along the view direction.
 fn depth_range(view: &DMat4, bounds: &Bounds) -> (f64, f64) {
-    bounds
-        .corners()
-        .iter()
-        .map(|c| -view.transform_point3(*c).z)
-        .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), d| (low.min(d), high.max(d)))
+    let depths = bounds.corners().map(|corner| -view.transform_point3(corner).z);
+    let nearest = depths.into_iter().fold(f64::INFINITY, f64::min);
+    (nearest, depths.into_iter().fold(f64::NEG_INFINITY, f64::max))
 }
 
 /// Tangents of a view-space point's angles off the axis, limited to [`POINT_MAX_TANGENT`]; a point
@@ -249,6 +234,9 @@ fn solid_angle(r: &Rectangle) -> f64 {
 
 #[cfg(test)]
 mod tests {
+    use itertools::iproduct;
+
+    use super::super::check::{Refusal, assert_refused};
     use super::*;
 
     fn camera() -> Camera {
@@ -259,47 +247,44 @@ mod tests {
         Bounds { min: DVec3::new(-6.0, -4.0, -7.0), max: DVec3::new(6.0, 1.0, 7.0) }
     }
 
-    fn lights() -> [Light; 3] {
-        let point =
-            Light { kind: LightKind::Point, position_m: [1.0, 9.0, 2.0], ..Light::default() };
-        let steep = Light { direction: [0.0, -1.0, 0.0], ..Light::default() };
-        [Light::default(), point, steep]
+    fn steep() -> Light {
+        Light { direction: [0.0, -1.0, 0.0], ..Light::default() }
+    }
+
+    fn point(position_m: [f64; 3]) -> Light {
+        Light { kind: LightKind::Point, position_m, ..Light::default() }
+    }
+
+    fn frames() -> [LightFrame; 3] {
+        let lights = [Light::default(), point([1.0, 9.0, 2.0]), steep()];
+        lights.map(|light| light.frame(&camera(), 1.0, &bounds()))
     }
 
     /// Points of the floor that the camera sees.
     fn visible_floor() -> Vec<DVec3> {
         let m = camera().view_projection(1.0);
-        let mut points = Vec::new();
-        for i in 0..60 {
-            for j in 0..60 {
-                let p =
-                    DVec3::new(-6.0 + f64::from(i) * 0.2, -4.0, -7.0 + f64::from(j) * 14.0 / 60.0);
-                let ndc = m.project_point3(p);
-                let inside =
-                    ndc.truncate().abs().max_element() <= 1.0 && (0.0..=1.0).contains(&ndc.z);
-                points.extend(inside.then_some(p));
-            }
-        }
-        points
+        let points = iproduct!(0..60, 0..60).map(|(i, j)| {
+            DVec3::new(-6.0 + f64::from(i) * 0.2, -4.0, -7.0 + f64::from(j) * 14.0 / 60.0)
+        });
+        points.filter(|p| holds(&m, *p, 0.0)).collect()
     }
 
-    fn holds(frame: &LightFrame, p: DVec3) -> bool {
-        let ndc = frame.view_projection.project_point3(p);
-        ndc.truncate().abs().max_element() <= 1.0 + 1e-9 && (0.0..=1.0).contains(&ndc.z)
+    /// Whether a frustum, this much wider, holds a point.
+    fn holds(view_projection: &DMat4, p: DVec3, slack: f64) -> bool {
+        let ndc = view_projection.project_point3(p);
+        ndc.truncate().abs().max_element() <= 1.0 + slack && (0.0..=1.0).contains(&ndc.z)
     }
 
     #[test]
     fn frustum_holds_the_visible_floor_and_its_entry_points() {
         let floor = visible_floor();
         assert!(floor.len() > 100);
-        for light in lights() {
-            let frame = light.frame(&camera(), 1.0, &bounds());
+        for frame in frames() {
+            let held = |p: DVec3| holds(&frame.view_projection, p, 1e-9);
             for p in &floor {
-                assert!(holds(&frame, *p), "{:?} {p}", light.kind);
+                assert!(held(*p), "{:?} {p}", frame.kind);
                 let entry = DVec3::new(p.x, 0.0, p.z);
-                if bounds().contains(entry) {
-                    assert!(holds(&frame, entry), "{:?} {entry}", light.kind);
-                }
+                assert!(held(entry) || !bounds().contains(entry), "{:?} {entry}", frame.kind);
             }
         }
     }
@@ -307,23 +292,20 @@ mod tests {
     #[test]
     fn frustum_never_exceeds_the_bounds() {
         let wide = Camera { fov_y_deg: 150.0, z_far_m: 500.0, ..camera() };
-        let light = Light { direction: [0.0, -1.0, 0.0], ..Light::default() };
-        let frame = light.frame(&wide, 1.0, &bounds());
+        let frame = steep().frame(&wide, 1.0, &bounds());
         assert!(frame.emitted_w <= 9.2 * 12.0 * 14.0 + 1e-9, "{}", frame.emitted_w);
     }
 
     #[test]
     fn a_camera_that_sees_nothing_gets_the_whole_bounds() {
         let away = Camera { position_m: [0.0, 50.0, 0.0], target_m: [0.0, 60.0, 1.0], ..camera() };
-        let light = Light { direction: [0.0, -1.0, 0.0], ..Light::default() };
-        let frame = light.frame(&away, 1.0, &bounds());
+        let frame = steep().frame(&away, 1.0, &bounds());
         assert!((frame.emitted_w - 9.2 * 12.0 * 14.0).abs() < 1e-6);
     }
 
     #[test]
     fn light_looks_at_the_middle_of_the_camera_frustum() {
-        for light in lights() {
-            let frame = light.frame(&camera(), 1.0, &bounds());
+        for frame in frames() {
             let expected = (camera().middle() - frame.position).normalize();
             assert!((frame.forward - expected).length() < 1e-12);
         }
@@ -331,8 +313,7 @@ mod tests {
 
     #[test]
     fn rays_run_from_the_near_plane_to_the_far_plane() {
-        for light in lights() {
-            let frame = light.frame(&camera(), 1.0, &bounds());
+        for frame in frames() {
             let (origin, direction) = frame.ray(0.4, -0.6);
             assert!((direction.length() - 1.0).abs() < 1e-12);
             let start = frame.view_projection.project_point3(origin);
@@ -352,13 +333,8 @@ mod tests {
         let light = Light { half_extent_m: 2.0, ..Light::default() };
         let frame = light.frame(&camera(), 1.0, &bounds());
         assert!((frame.emitted_w - 9.2 * 16.0).abs() < 1e-9);
-        let point = Light {
-            kind: LightKind::Point,
-            position_m: [0.0, 5.0, 0.0],
-            half_extent_m: 1.0,
-            ..Light::default()
-        };
-        let frame = point.frame(&camera(), 1.0, &bounds());
+        let light = Light { half_extent_m: 1.0, ..point([0.0, 5.0, 0.0]) };
+        let frame = light.frame(&camera(), 1.0, &bounds());
         let reach = (camera().middle() - DVec3::new(0.0, 5.0, 0.0)).length();
         let expected = 9.2 * solid_angle(&Rectangle::square(1.0 / reach));
         assert!((frame.emitted_w - expected).abs() < 1e-9);
@@ -366,23 +342,14 @@ mod tests {
 
     #[test]
     fn bad_values_are_named() {
-        let bad = |change: fn(&mut Light)| {
-            let mut l = Light::default();
-            change(&mut l);
-            l.validate().unwrap_err()
-        };
-        assert!(Light::default().validate().is_ok());
-        assert!(bad(|l| l.direction = [0.0, 1.0, 0.0]).contains("light.direction"));
-        assert!(bad(|l| l.direction = [0.0; 3]).contains("has no direction"));
-        assert!(bad(|l| l.direction = [0.0, -1e-200, 0.0]).contains("has no direction"));
-        assert!(bad(|l| l.intensity_w_sr = f64::INFINITY).contains("light.intensity_w_sr"));
-        assert!(bad(|l| l.half_extent_m = -1.0).contains("light.half_extent_m"));
-        assert!(
-            bad(|l| {
-                l.kind = LightKind::Point;
-                l.position_m[1] = -1.0;
-            })
-            .contains("light.position_m")
-        );
+        let cases: &[Refusal<Light>] = &[
+            (|l| l.direction = [0.0, 1.0, 0.0], "light.direction"),
+            (|l| l.direction = [0.0; 3], "has no direction"),
+            (|l| l.direction = [0.0, -1e-200, 0.0], "has no direction"),
+            (|l| l.intensity_w_sr = f64::INFINITY, "light.intensity_w_sr"),
+            (|l| l.half_extent_m = -1.0, "light.half_extent_m"),
+            (|l| (l.kind, l.position_m[1]) = (LightKind::Point, -1.0), "light.position_m"),
+        ];
+        assert_refused(&Light::default(), Light::validate, cases);
     }
 }

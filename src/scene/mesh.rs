@@ -19,21 +19,21 @@ impl Mesh {
     /// Two triangles around `middle`, with half the sides `a` and `b`; the normal is that of `a` × `b`.
     pub fn parallelogram(middle: DVec3, a: DVec3, b: DVec3) -> Mesh {
         let corners = [-a - b, a - b, a + b, b - a];
-        let mut mesh = Mesh {
-            positions: corners.map(|d| (middle + d).as_vec3().to_array()).to_vec(),
-            normals: Vec::new(),
-            indices: vec![0, 1, 2, 0, 2, 3],
-        };
+        let positions = corners.map(|d| (middle + d).as_vec3().to_array());
+        Mesh::smooth(positions.to_vec(), vec![0, 1, 2, 0, 2, 3])
+    }
+
+    /// The mesh with normals from [`Mesh::recompute_normals`].
+    pub fn smooth(positions: Vec<[f32; 3]>, indices: Vec<u32>) -> Mesh {
+        let mut mesh = Mesh { positions, normals: Vec::new(), indices };
         mesh.recompute_normals();
         mesh
     }
 
-    /// How many triangles there are.
     pub fn triangle_count(&self) -> usize {
         self.indices.len() / 3
     }
 
-    /// The smallest box that holds the mesh.
     pub fn bounds(&self) -> Bounds {
         Bounds::around(self.positions.iter().map(|p| Vec3::from(*p).as_dvec3()))
     }
@@ -46,8 +46,7 @@ impl Mesh {
         })
     }
 
-    /// Moves the mesh; a mirroring transform also turns the triangles over, so that they stay
-    /// counter-clockwise.
+    /// Moves the mesh; a mirroring transform also turns the triangles over: they stay counter-clockwise.
     #[must_use]
     pub fn transformed(mut self, transform: &DMat4) -> Mesh {
         let turn = glam::DMat3::from_mat4(*transform).inverse().transpose();
@@ -75,7 +74,6 @@ impl Mesh {
         self
     }
 
-    /// Adds the triangles of `other`.
     pub fn append(&mut self, other: &Mesh) {
         let first = self.positions.len() as u32;
         self.positions.extend_from_slice(&other.positions);
@@ -83,8 +81,7 @@ impl Mesh {
         self.indices.extend(other.indices.iter().map(|i| i + first));
     }
 
-    /// Vertex normals from the triangles around each vertex, weighted by area. A vertex without
-    /// area gets +y.
+    /// Vertex normals from the triangles around each vertex, weighted by area; +y without area.
     pub fn recompute_normals(&mut self) {
         let mut sums = vec![DVec3::ZERO; self.positions.len()];
         for t in 0..self.triangle_count() {
@@ -100,21 +97,16 @@ impl Mesh {
 
     /// Whether the arrays agree and hold usable numbers; the error says what is wrong and where.
     pub fn validate(&self) -> Result<(), String> {
-        if self.indices.is_empty() {
+        let [indices, normals, count] =
+            [self.indices.len(), self.normals.len(), self.positions.len()];
+        if indices == 0 {
             return Err("it has no triangles".into());
         }
-        if !self.indices.len().is_multiple_of(3) {
-            return Err(format!(
-                "{} indices are not a whole number of triangles",
-                self.indices.len()
-            ));
+        if !indices.is_multiple_of(3) {
+            return Err(format!("{indices} indices are not a whole number of triangles"));
         }
-        if self.normals.len() != self.positions.len() {
-            return Err(format!(
-                "{} normals for {} vertices",
-                self.normals.len(),
-                self.positions.len()
-            ));
+        if normals != count {
+            return Err(format!("{normals} normals for {count} vertices"));
         }
         let finite = |v: &[f32; 3]| v.iter().all(|c| c.is_finite());
         if let Some(i) = self.positions.iter().position(|p| !finite(p)) {
@@ -123,15 +115,18 @@ impl Mesh {
         if let Some(i) = self.normals.iter().position(|n| !finite(n)) {
             return Err(format!("the normal of vertex {i} is not finite"));
         }
-        let count = self.positions.len();
         if let Some(i) = self.indices.iter().position(|&i| i as usize >= count) {
-            return Err(format!(
-                "triangle {} uses vertex {}, but there are {count}",
-                i / 3,
-                self.indices[i]
-            ));
+            let (triangle, vertex) = (i / 3, self.indices[i]);
+            return Err(format!("triangle {triangle} uses vertex {vertex}, but there are {count}"));
         }
         Ok(())
+    }
+
+    /// Signed volume of closed meshes: positive where triangles face outward.
+    #[cfg(test)]
+    pub fn volume(&self) -> f64 {
+        let corners = (0..self.triangle_count()).map(|t| self.triangle(t));
+        corners.map(|[a, b, c]| a.dot(b.cross(c)) / 6.0).sum()
     }
 
     fn turn_over(&mut self) {
@@ -143,16 +138,12 @@ impl Mesh {
 
 #[cfg(test)]
 mod tests {
+    use super::super::check::{Refusal, assert_refused};
     use super::*;
 
     fn triangle() -> Mesh {
-        let mut mesh = Mesh {
-            positions: vec![[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]],
-            normals: Vec::new(),
-            indices: vec![0, 1, 2],
-        };
-        mesh.recompute_normals();
-        mesh
+        let corners = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
+        Mesh::smooth(corners.to_vec(), vec![0, 1, 2])
     }
 
     fn face_normal(mesh: &Mesh) -> DVec3 {
@@ -176,16 +167,13 @@ mod tests {
 
     #[test]
     fn faults_are_found() {
-        let broken = |change: fn(&mut Mesh)| {
-            let mut mesh = triangle();
-            change(&mut mesh);
-            mesh.validate().unwrap_err()
-        };
-        assert!(triangle().validate().is_ok());
-        assert!(broken(|m| m.indices[2] = 7).contains("uses vertex 7"));
-        assert!(broken(|m| m.positions[1][0] = f32::NAN).contains("vertex 1"));
-        assert!(broken(|m| m.indices.clear()).contains("no triangles"));
-        assert!(broken(|m| m.indices.truncate(2)).contains("whole number"));
-        assert!(broken(|m| m.normals.clear()).contains("0 normals"));
+        let cases: &[Refusal<Mesh>] = &[
+            (|m| m.indices[2] = 7, "uses vertex 7"),
+            (|m| m.positions[1][0] = f32::NAN, "vertex 1"),
+            (|m| m.indices.clear(), "no triangles"),
+            (|m| m.indices.truncate(2), "whole number"),
+            (|m| m.normals.clear(), "0 normals"),
+        ];
+        assert_refused(&triangle(), Mesh::validate, cases);
     }
 }

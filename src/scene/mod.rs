@@ -45,15 +45,15 @@ pub use light::{Light, LightFrame, LightKind};
 pub use mesh::Mesh;
 pub use noise::{NOISE_CELLS, tile_noise};
 pub use raw::VolumeFormat;
-pub use read::{MAX_BYTES, MAX_TRIANGLES, MeshError};
-pub use samples::{MAX_CELLS, Up, VolumeError};
+pub use read::{MAX_BYTES, MAX_TRIANGLES};
+pub use samples::{MAX_CELLS, Up};
 pub use volume::Volume;
 pub use volume_file::VolumeFile;
 pub use water::{NOISE_DRIFT_TILES, Water, WaterModel};
 pub use waves::{MAX_WAVES, Wave, shortest_m as shortest_wave_m, texels as wave_texels};
 
-use serde::{Deserialize, Serialize};
-
+use crate::embedded::SCENES;
+use crate::settings;
 use crate::text::line;
 
 /// Room above the water that the scene's bounds include, so that light starts above the waves.
@@ -72,25 +72,19 @@ pub enum SceneError {
     Invalid { scene: String, message: String },
 }
 
-/// How a surface looks in diffuse light.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct Material {
-    /// Diffuse reflectance, linear RGB, 0 … 1.
-    pub albedo: [f32; 3],
-    /// Colour of the joints or checks of the pattern.
-    pub accent: [f32; 3],
-    /// Size of the world-space pattern, metres; 0 = plain.
-    pub tile_m: f32,
-    /// Opacity, 0 … 1: what max-alpha voxelization stores. VAO Fig. 6.
-    pub alpha: f32,
-    /// Reflectance of the glossy lobe, 0 … 1. VAO §6.
-    pub specular: f32,
-}
-
-impl Default for Material {
-    fn default() -> Self {
-        Self { albedo: [0.7; 3], accent: [0.5; 3], tile_m: 0.0, alpha: 1.0, specular: 0.0 }
+settings! {
+    /// How a surface looks in diffuse light.
+    pub struct Material {
+        /// Diffuse reflectance, linear RGB, 0 … 1.
+        albedo: [f32; 3] = [0.7; 3];
+        /// Colour of the joints or checks of the pattern.
+        accent: [f32; 3] = [0.5; 3];
+        /// Size of the world-space pattern; 0 = plain.
+        tile_m: f32 = 0.0 => 0.0 ..= 1000.0, "m";
+        /// Opacity: what max-alpha voxelization stores. VAO Fig. 6.
+        alpha: f32 = 1.0 => 0.0 ..= 1.0, "1";
+        /// Reflectance of the glossy lobe. VAO §6.
+        specular: f32 = 0.0 => 0.0 ..= 1.0, "1";
     }
 }
 
@@ -101,9 +95,7 @@ impl Material {
                 check::within(&format!("material.{name}"), f64::from(c), 0.0, 1.0)?;
             }
         }
-        check::within("material.alpha", f64::from(self.alpha), 0.0, 1.0)?;
-        check::within("material.specular", f64::from(self.specular), 0.0, 1.0)?;
-        check::within("material.tile_m", f64::from(self.tile_m), 0.0, 1000.0)
+        check::within_ranges("material", self)
     }
 }
 
@@ -114,7 +106,6 @@ pub struct Object {
     pub name: String,
     /// In world space, metres.
     pub mesh: Mesh,
-    /// How it looks.
     pub material: Material,
 }
 
@@ -129,15 +120,11 @@ pub struct Scene {
     pub objects: Vec<Object>,
     /// Holds all objects, the volume, and the water's rectangle with some room above it.
     pub bounds: Bounds,
-    /// The viewer.
     pub camera: Camera,
-    /// The one light.
     pub light: Light,
-    /// Surface and medium.
     pub water: Water,
     /// Depth of the floor below the water at rest, metres.
     pub floor_depth_m: f64,
-    /// The scalar field, where the scene has one.
     pub volume: Option<Volume>,
     /// Assets that were absent, each with the stand-in used.
     pub stand_ins: Vec<String>,
@@ -153,7 +140,7 @@ impl Object {
 impl Scene {
     /// The names of the built-in scenes, sorted.
     pub fn names() -> Vec<String> {
-        file::built_in().into_iter().map(|(name, _)| name).collect()
+        SCENES.texts(".toml").into_iter().map(|(name, _)| name).collect()
     }
 
     /// A built-in scene by name, or a scene file by path.
@@ -176,11 +163,8 @@ impl Scene {
             left -= built.mesh.triangle_count();
             objects.push(built);
         }
-        let volume = file.volume.as_ref();
-        let volume = volume
-            .map(|v| v.build(file, &mut stand_ins))
-            .transpose()
-            .map_err(|m| invalid(format!("[volume]: {m}")))?;
+        let volume = file.volume.as_ref().map(|v| v.build(file, &mut stand_ins)).transpose();
+        let volume = volume.map_err(|m| invalid(format!("[volume]: {m}")))?;
         Ok(Scene {
             name: file.name.clone(),
             description: file.description.clone(),
@@ -202,16 +186,15 @@ impl Scene {
 
     /// An error for a pipeline that draws objects where there are none.
     pub fn needs_objects(&self, pipeline: &str) -> Result<(), String> {
-        if self.objects.is_empty() {
-            let name = &self.name;
-            return Err(format!(
-                "scene `{name}` is a volume without objects: pipeline {pipeline} draws objects"
-            ));
+        if !self.objects.is_empty() {
+            return Ok(());
         }
-        Ok(())
+        Err(format!(
+            "scene `{}` is a volume without objects: pipeline {pipeline} draws objects",
+            self.name
+        ))
     }
 
-    /// Triangles of all objects.
     pub fn triangle_count(&self) -> usize {
         self.objects.iter().map(|o| o.mesh.triangle_count()).sum()
     }
@@ -229,9 +212,9 @@ fn solid_bounds(objects: &[Object], volume: Option<&Volume>) -> Bounds {
 fn above(water: &Water) -> Bounds {
     let [x, z] = water.center_m;
     let [half_x, half_z] = water.half_size_m;
-    let top = water.bound_m() + HEADROOM_M;
+    let bound = water.bound_m();
     Bounds {
-        min: DVec3::new(x - half_x, -water.bound_m(), z - half_z),
-        max: DVec3::new(x + half_x, top, z + half_z),
+        min: DVec3::new(x - half_x, -bound, z - half_z),
+        max: DVec3::new(x + half_x, bound + HEADROOM_M, z + half_z),
     }
 }

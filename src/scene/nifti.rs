@@ -33,18 +33,15 @@ pub fn parse(source: &mut dyn Read) -> Result<Samples, String> {
     io::copy(&mut before, &mut io::sink()).map_err(|error| error.to_string())?;
     let (data, _) = values(source, count, stored.bytes, value)?;
     if data.len() < count {
-        let [x, y, z] = cells;
+        let ([x, y, z], each) = (cells, stored.bytes);
+        let (held, taken) = (data.len() * each, count * each);
         return Err(format!(
-            "{} bytes of data from byte {offset} on, but {x} × {y} × {z} cells of {} bytes take {}",
-            data.len() * stored.bytes,
-            stored.bytes,
-            count * stored.bytes
+            "{held} bytes of data from byte {offset} on, but {x} × {y} × {z} cells of {each} bytes take {taken}"
         ));
     }
     Ok(Samples { cells, spacing_m: header.spacing_m()?, window: header.window(&data), data })
 }
 
-/// A kind of stored value.
 struct Stored {
     bytes: usize,
     /// The value, with the low byte first or last.
@@ -58,18 +55,14 @@ macro_rules! stored {
             bytes: size_of::<$number>(),
             value: |bytes, little| {
                 let bytes = bytes.try_into().unwrap_or_default();
-                let number = if little {
-                    <$number>::from_le_bytes(bytes)
-                } else {
-                    <$number>::from_be_bytes(bytes)
-                };
-                number as f64
+                let order =
+                    if little { <$number>::from_le_bytes } else { <$number>::from_be_bytes };
+                order(bytes) as f64
             },
         }
     };
 }
 
-/// The 348 bytes and their order.
 struct Header<'a> {
     bytes: &'a [u8],
     little: bool,
@@ -150,11 +143,9 @@ impl<'a> Header<'a> {
                 ));
             }
         };
-        if usize::try_from(bits) != Ok(8 * stored.bytes) {
-            return Err(format!(
-                "bitpix = {bits} must be {} for datatype {datatype}",
-                8 * stored.bytes
-            ));
+        let expected = 8 * stored.bytes;
+        if usize::try_from(bits) != Ok(expected) {
+            return Err(format!("bitpix = {bits} must be {expected} for datatype {datatype}"));
         }
         Ok(stored)
     }
@@ -185,9 +176,7 @@ impl<'a> Header<'a> {
             1 => 1.0,
             0 | 2 => 1e-3,
             3 => 1e-6,
-            other => {
-                return Err(format!("xyzt_units = {other}: there is no such unit of length"));
-            }
+            other => return Err(format!("xyzt_units = {other}: there is no such unit of length")),
         };
         let mut spacing = DVec3::ZERO;
         for axis in 0..3 {
@@ -205,11 +194,9 @@ impl<'a> Header<'a> {
         if low.is_finite() && high.is_finite() && low < high {
             return [low.into(), high.into()];
         }
-        let least = data.iter().copied().fold(f32::INFINITY, f32::min);
-        let largest = data.iter().copied().fold(f32::NEG_INFINITY, f32::max);
-        let least = f64::from(least);
+        let least = f64::from(data.iter().copied().fold(f32::INFINITY, f32::min));
+        let largest = f64::from(data.iter().copied().fold(f32::NEG_INFINITY, f32::max));
         // A volume of one value is all 0.
-        let range = f64::from(largest) - least;
-        [least, if range > 0.0 { f64::from(largest) } else { least + 1.0 }]
+        [least, if largest - least > 0.0 { largest } else { least + 1.0 }]
     }
 }

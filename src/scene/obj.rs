@@ -3,18 +3,13 @@
 //! `tobj` keeps every face and object, whether or not it holds a triangle, and computes with indices before it checks them. So
 //! lines reach it through [`Statements`], which passes on what a mesh needs, within limits.
 
-use std::{
-    collections::HashMap,
-    io::{self, BufRead, BufReader, Read},
-    path::Path,
-};
+use std::collections::HashMap;
+use std::io::{self, BufRead, Read};
 
 use tobj::{LoadError, LoadOptions};
 
-use super::{
-    Mesh,
-    read::{self, MAX_VERTICES, MeshError},
-};
+use super::Mesh;
+use super::read::{self, MAX_VERTICES, Source};
 use crate::input::{LineEnd, Lines};
 
 /// Longest line that is read, bytes.
@@ -25,34 +20,32 @@ const MAX_OBJECTS: usize = 100_000;
 
 /// Reads all objects of an OBJ file of at most `triangles` into one mesh. Polygons are cut into triangles, materials are left
 /// aside, and normals are computed for faces that have none.
-pub fn read(path: &Path, triangles: usize) -> Result<Mesh, MeshError> {
-    let source = read::open(path).map_err(|e| MeshError::read(path, e))?;
-    let mut statements = Statements::new(BufReader::new(source), triangles);
+pub fn read(source: Source, triangles: usize) -> Result<Mesh, String> {
+    let mut statements = Statements::new(source, triangles);
     let options = LoadOptions { triangulate: true, ..LoadOptions::default() };
-    let no_materials = |_: &Path| Ok((Vec::new(), Default::default()));
+    let no_materials = |_: &std::path::Path| Ok((Vec::new(), Default::default()));
     let loaded = tobj::load_obj_buf(&mut statements, &options, no_materials);
-    let (models, _) = loaded.map_err(|fault| malformed(path, &statements, fault))?;
+    let (models, _) = loaded.map_err(|fault| malformed(&statements, fault))?;
     if statements.lines.number == 1 {
-        return Err(MeshError::malformed(path, "the file is empty"));
+        return Err("the file is empty".into());
     }
     let mut mesh = Mesh::default();
     for (model, has_normals) in models.iter().zip(&statements.objects) {
         mesh.append(&convert(&model.mesh, *has_normals));
     }
-    read::checked(path, mesh)
+    Ok(mesh)
 }
 
-fn malformed<R>(path: &Path, statements: &Statements<R>, fault: LoadError) -> MeshError {
+fn malformed<R>(statements: &Statements<R>, fault: LoadError) -> String {
     let line = statements.lines.number;
-    let what = match (&statements.fault, fault) {
+    match (&statements.fault, fault) {
         (Some(what), _) => format!("line {line}: {what}"),
         // Found when an object ends, so the line would mislead.
         (None, fault @ (LoadError::FaceVertexOutOfBounds | LoadError::FaceNormalOutOfBounds)) => {
             format!("{fault} in the object before line {line}")
         }
         (None, fault) => format!("line {line}: {fault}"),
-    };
-    MeshError::malformed(path, what)
+    }
 }
 
 /// The lines of a file that describe geometry, as `tobj` is to read them: coordinates without colours, faces of three corners
@@ -114,39 +107,30 @@ impl<R: BufRead> Statements<R> {
             return Ok(());
         };
         match keyword {
-            b"o" | b"g" => {
-                self.ended = true;
-                Ok(())
-            }
+            b"o" | b"g" => self.ended = true,
             // Names and remarks may be in any encoding.
-            b"usemtl" | b"mtllib" | b"vt" | b"l" | b"p" | b"s" => Ok(()),
-            _ if keyword.starts_with(b"#") => Ok(()),
-            _ => {
-                let text = std::str::from_utf8(line).map_err(|_| "not text in UTF-8")?;
-                self.geometry(text)
-            }
+            b"usemtl" | b"mtllib" | b"vt" | b"l" | b"p" | b"s" => {}
+            _ if keyword.starts_with(b"#") => {}
+            _ => self.geometry(std::str::from_utf8(line).map_err(|_| "not text in UTF-8")?)?,
         }
+        Ok(())
     }
 
     fn geometry(&mut self, line: &str) -> Result<(), String> {
         let words: Vec<&str> = line.split_ascii_whitespace().collect();
         match words[..] {
-            ["v", x, y, z, _, _, _] => self.pass(&["v", x, y, z]),
-            ["v", ..] => self.pass(&words),
+            ["v", ..] => {
+                self.positions = counted(self.positions, "vertices")?;
+                // Six numbers are a position and a colour.
+                self.put(if words.len() == 7 { &words[..4] } else { &words });
+            }
             ["vn", ..] => {
                 self.normals = counted(self.normals, "normals")?;
                 self.put(&words);
-                Ok(())
             }
-            ["f", _, _, _, ..] => self.face(&words[1..]),
-            _ => Ok(()),
+            ["f", _, _, _, ..] => self.face(&words[1..])?,
+            _ => {}
         }
-    }
-
-    /// Passes a vertex on.
-    fn pass(&mut self, words: &[&str]) -> Result<(), String> {
-        self.positions = counted(self.positions, "vertices")?;
-        self.put(words);
         Ok(())
     }
 
@@ -246,29 +230,19 @@ impl<R: BufRead> BufRead for Statements<R> {
     }
 }
 
-/// One vertex per pair of position and normal; without normals, one per position, so that smooth
-/// surfaces stay smooth.
+/// One vertex per pair of position and normal; without normals one per position, for smooth surfaces.
 fn convert(source: &tobj::Mesh, has_normals: bool) -> Mesh {
-    let triple = |values: &[f32], i: u32| {
-        let at = 3 * i as usize;
-        [values[at], values[at + 1], values[at + 2]]
-    };
+    let (positions, _) = source.positions.as_chunks::<3>();
+    let (normals, _) = source.normals.as_chunks::<3>();
     if !has_normals {
-        let mut mesh = Mesh {
-            positions: source.positions.chunks_exact(3).map(|p| [p[0], p[1], p[2]]).collect(),
-            normals: Vec::new(),
-            indices: source.indices.clone(),
-        };
-        mesh.recompute_normals();
-        return mesh;
+        return Mesh::smooth(positions.to_vec(), source.indices.clone());
     }
     let mut mesh = Mesh::default();
     let mut known = HashMap::new();
-    for pair in source.indices.iter().zip(&source.normal_indices) {
-        let key = u64::from(*pair.0) << 32 | u64::from(*pair.1);
-        let index = *known.entry(key).or_insert_with(|| {
-            mesh.positions.push(triple(&source.positions, *pair.0));
-            mesh.normals.push(triple(&source.normals, *pair.1));
+    for (&position, &normal) in source.indices.iter().zip(&source.normal_indices) {
+        let index = *known.entry((position, normal)).or_insert_with(|| {
+            mesh.positions.push(positions[position as usize]);
+            mesh.normals.push(normals[normal as usize]);
             mesh.positions.len() as u32 - 1
         });
         mesh.indices.push(index);

@@ -1,15 +1,10 @@
 //! ASCII PLY files, plain or compressed by gzip: vertices with x, y, z and faces as index lists.
 
-use std::{
-    io::{self, BufRead, BufReader, Read},
-    path::Path,
-    str::SplitAsciiWhitespace,
-};
+use std::io::{self, BufRead, Read};
+use std::str::{FromStr, SplitAsciiWhitespace};
 
-use super::{
-    Mesh,
-    read::{self, MAX_TRIANGLES, MAX_VERTICES, MeshError},
-};
+use super::Mesh;
+use super::read::{self, MAX_TRIANGLES, MAX_VERTICES, Source};
 
 /// Longest line that is read, bytes.
 const MAX_LINE: u64 = 1 << 16;
@@ -18,10 +13,8 @@ const MAX_LINE: u64 = 1 << 16;
 const MAX_HEADER: usize = 1000;
 
 /// Reads the vertices and faces of an ASCII PLY file of at most `triangles`; other elements are skipped.
-pub fn read(path: &Path, triangles: usize) -> Result<Mesh, MeshError> {
-    let source = read::open(path).map_err(|e| MeshError::read(path, e))?;
-    let mut lines =
-        Lines { path, source: BufReader::new(source), triangles, number: 0, line: String::new() };
+pub fn read(source: Source, triangles: usize) -> Result<Mesh, String> {
+    let mut lines = Lines { source, triangles, number: 0, line: String::new() };
     let elements = header(&mut lines)?;
     let mut mesh = Mesh::default();
     for element in &elements {
@@ -36,18 +29,10 @@ pub fn read(path: &Path, triangles: usize) -> Result<Mesh, MeshError> {
     }
     // To the end of the archive, whose checksum stands there.
     io::copy(&mut lines.source, &mut io::sink())
-        .map_err(|e| MeshError::malformed(path, format!("{e}, after the last element")))?;
-    read::checked(path, with_normals(path, mesh)?)
-}
-
-/// Computes normals once the indices are known to be good.
-fn with_normals(path: &Path, mut mesh: Mesh) -> Result<Mesh, MeshError> {
+        .map_err(|e| format!("{e}, after the last element"))?;
     let count = mesh.positions.len();
     if let Some(bad) = mesh.indices.iter().find(|i| **i as usize >= count) {
-        return Err(MeshError::malformed(
-            path,
-            format!("a face uses vertex {bad}, but there are {count}"),
-        ));
+        return Err(format!("a face uses vertex {bad}, but there are {count}"));
     }
     mesh.recompute_normals();
     Ok(mesh)
@@ -71,8 +56,7 @@ impl Element {
     }
 }
 
-/// Reads the header up to `end_header`.
-fn header(lines: &mut Lines) -> Result<Vec<Element>, MeshError> {
+fn header(lines: &mut Lines) -> Result<Vec<Element>, String> {
     let within = || "the header".to_owned();
     lines.next(within)?;
     if lines.line.trim() != "ply" {
@@ -89,12 +73,13 @@ fn header(lines: &mut Lines) -> Result<Vec<Element>, MeshError> {
                 return Err(lines.fault(format!("format {other}: only ascii is read")));
             }
             ["element", name, count] => elements.push(element(lines, name, count)?),
-            ["property", .., name] => match elements.last_mut() {
-                Some(element) => element
-                    .properties
-                    .push(Property { name: name.to_owned(), list: words[1] == "list" }),
-                None => return Err(lines.fault("a property before the first element")),
-            },
+            ["property", .., name] => {
+                let element = elements.last_mut();
+                let element =
+                    element.ok_or_else(|| lines.fault("a property before the first element"))?;
+                let list = words[1] == "list";
+                element.properties.push(Property { name: name.to_owned(), list });
+            }
             ["end_header"] => return complete(lines, elements),
             _ => return Err(lines.fault("not a line of a PLY header")),
         }
@@ -102,11 +87,8 @@ fn header(lines: &mut Lines) -> Result<Vec<Element>, MeshError> {
     Err(lines.fault(format!("no end_header within {MAX_HEADER} lines")))
 }
 
-fn element(lines: &Lines, name: &str, count: &str) -> Result<Element, MeshError> {
-    let most = match name {
-        "vertex" => MAX_VERTICES,
-        _ => MAX_TRIANGLES,
-    };
+fn element(lines: &Lines, name: &str, count: &str) -> Result<Element, String> {
+    let most = if name == "vertex" { MAX_VERTICES } else { MAX_TRIANGLES };
     match count.parse::<usize>() {
         Ok(count) if count <= most => {
             Ok(Element { name: name.to_owned(), count, properties: Vec::new() })
@@ -116,7 +98,7 @@ fn element(lines: &Lines, name: &str, count: &str) -> Result<Element, MeshError>
 }
 
 /// Checks that the header declares what a mesh needs.
-fn complete(lines: &Lines, elements: Vec<Element>) -> Result<Vec<Element>, MeshError> {
+fn complete(lines: &Lines, elements: Vec<Element>) -> Result<Vec<Element>, String> {
     let of = |name: &str| elements.iter().find(|e| e.name == name);
     let plain = |e: &Element, name: &str| e.place(name).is_some_and(|i| !e.properties[i].list);
     let vertex = of("vertex").is_some_and(|e| {
@@ -133,9 +115,8 @@ fn complete(lines: &Lines, elements: Vec<Element>) -> Result<Vec<Element>, MeshE
 }
 
 /// The lines of a file, counted.
-struct Lines<'a> {
-    path: &'a Path,
-    source: BufReader<Box<dyn Read>>,
+struct Lines {
+    source: Source,
     /// Most that are read.
     triangles: usize,
     /// Of `line`, from 1.
@@ -143,9 +124,9 @@ struct Lines<'a> {
     line: String,
 }
 
-impl Lines<'_> {
+impl Lines {
     /// Reads the next line that is not blank; `wanted` names what it should hold.
-    fn next(&mut self, wanted: impl Fn() -> String) -> Result<(), MeshError> {
+    fn next(&mut self, wanted: impl Fn() -> String) -> Result<(), String> {
         loop {
             self.number += 1;
             self.line.clear();
@@ -165,7 +146,7 @@ impl Lines<'_> {
         }
     }
 
-    fn vertex(&self, element: &Element, mesh: &mut Mesh) -> Result<(), MeshError> {
+    fn vertex(&self, element: &Element, mesh: &mut Mesh) -> Result<(), String> {
         let mut position = [f32::NAN; 3];
         let mut words = self.line.split_ascii_whitespace();
         for property in &element.properties {
@@ -182,7 +163,7 @@ impl Lines<'_> {
     }
 
     /// Adds the face as a fan of triangles.
-    fn face(&self, mesh: &mut Mesh) -> Result<(), MeshError> {
+    fn face(&self, mesh: &mut Mesh) -> Result<(), String> {
         let mut words = self.line.split_ascii_whitespace();
         let corners = self.number_in::<usize>(&mut words)?;
         if corners < 3 {
@@ -201,17 +182,14 @@ impl Lines<'_> {
         Ok(())
     }
 
-    fn number_in<T: std::str::FromStr>(
-        &self,
-        words: &mut SplitAsciiWhitespace,
-    ) -> Result<T, MeshError> {
+    fn number_in<T: FromStr>(&self, words: &mut SplitAsciiWhitespace) -> Result<T, String> {
         let word = words.next().ok_or_else(|| self.fault("the line has too few numbers"))?;
         word.parse().map_err(|_| {
             self.fault(format!("`{}` is not a valid number here", read::clipped(word)))
         })
     }
 
-    fn fault(&self, what: impl AsRef<str>) -> MeshError {
-        MeshError::malformed(self.path, format!("line {}: {}", self.number, what.as_ref()))
+    fn fault(&self, what: impl AsRef<str>) -> String {
+        format!("line {}: {}", self.number, what.as_ref())
     }
 }

@@ -7,11 +7,9 @@ use serde::{Deserialize, Serialize};
 
 use super::samples::{Samples, cell_count, values};
 
-/// How a value is stored.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum VolumeFormat {
-    /// A byte.
     U8,
     /// Two bytes, the low one first.
     U16,
@@ -98,10 +96,8 @@ mod tests {
     fn a_wrong_size_is_told_in_numbers() {
         for length in [0, 3, 5] {
             let fault = parse(&mut &vec![0; length][..], &raw(VolumeFormat::U16)).unwrap_err();
-            assert!(
-                fault.contains(&format!("{length} bytes, but")) && fault.contains("take 4"),
-                "{fault}"
-            );
+            assert!(fault.contains(&format!("{length} bytes, but")), "{fault}");
+            assert!(fault.contains("take 4"), "{fault}");
         }
     }
 }

@@ -1,12 +1,9 @@
 //! Meshes from files, and what all readers share.
 
-use std::{
-    io::{self, Read},
-    path::{Path, PathBuf},
-};
+use std::io::{self, BufReader, Read};
+use std::path::Path;
 
 use glam::Vec3;
-use thiserror::Error;
 
 use super::{Mesh, check, obj, ply};
 use crate::input;
@@ -21,45 +18,31 @@ pub const MAX_TRIANGLES: usize = 4_000_000;
 /// Most vertices, and most normals, that are read from one mesh file: a hash table of 2²² places holds so many.
 pub const MAX_VERTICES: usize = 3_600_000;
 
-/// Why a mesh file cannot be used.
-#[derive(Debug, Error)]
-pub enum MeshError {
-    #[error("cannot read the mesh {path}: {source}")]
-    Read { path: PathBuf, source: io::Error },
-    #[error("mesh {path}: {what}")]
-    Malformed { path: PathBuf, what: String },
-}
-
-impl MeshError {
-    pub(super) fn malformed(path: &Path, what: impl Into<String>) -> MeshError {
-        MeshError::Malformed { path: path.to_owned(), what: what.into() }
-    }
-
-    pub(super) fn read(path: &Path, source: io::Error) -> MeshError {
-        MeshError::Read { path: path.to_owned(), source }
-    }
-}
+/// A file's content as it is read, decompressed.
+pub type Source = BufReader<Box<dyn Read>>;
 
 impl Mesh {
     /// Reads a mesh by the ending of its name: `.obj` or `.ply` (ASCII), each plain or compressed by gzip with `.gz` after it.
-    pub fn read(path: &Path) -> Result<Mesh, MeshError> {
+    pub fn read(path: &Path) -> Result<Mesh, String> {
         Mesh::read_within(path, MAX_TRIANGLES)
     }
 
     /// The same of no more than so many triangles.
-    pub(super) fn read_within(path: &Path, triangles: usize) -> Result<Mesh, MeshError> {
+    pub(super) fn read_within(path: &Path, triangles: usize) -> Result<Mesh, String> {
+        let malformed = |what| format!("mesh {}: {what}", path.display());
         let name = path.to_string_lossy().to_ascii_lowercase();
         let plain = name.strip_suffix(".gz").unwrap_or(&name);
-        if plain.ends_with(".obj") {
-            obj::read(path, triangles)
-        } else if plain.ends_with(".ply") {
-            ply::read(path, triangles)
-        } else {
-            Err(MeshError::malformed(
-                path,
-                "its name must end in .obj or .ply, or in one of them and .gz",
-            ))
-        }
+        let read: fn(Source, usize) -> Result<Mesh, String> = match plain.rsplit_once('.') {
+            Some((_, "obj")) => obj::read,
+            Some((_, "ply")) => ply::read,
+            _ => {
+                let what = "its name must end in .obj or .ply, or in one of them and .gz";
+                return Err(malformed(what.to_owned()));
+            }
+        };
+        let source =
+            open(path).map_err(|e| format!("cannot read the mesh {}: {e}", path.display()))?;
+        read(BufReader::new(source), triangles).and_then(checked).map_err(malformed)
     }
 }
 
@@ -85,23 +68,18 @@ pub fn clipped(word: &str) -> String {
 }
 
 /// The mesh with unit normals, if it can be used.
-pub fn checked(path: &Path, mut mesh: Mesh) -> Result<Mesh, MeshError> {
+fn checked(mut mesh: Mesh) -> Result<Mesh, String> {
     for n in &mut mesh.normals {
         *n = Vec3::from(*n).normalize_or(Vec3::Y).to_array();
     }
     let far = check::FAR_M as f32;
     let bad = |p: &[f32; 3]| !p.iter().all(|c| c.abs() <= far);
     if let Some(i) = mesh.positions.iter().position(bad) {
-        return Err(MeshError::malformed(
-            path,
-            format!(
-                "vertex {i} is {:?}; coordinates must be finite and within ±{far}",
-                mesh.positions[i]
-            ),
+        let vertex = mesh.positions[i];
+        return Err(format!(
+            "vertex {i} is {vertex:?}; coordinates must be finite and within ±{far}"
         ));
     }
-    match mesh.validate() {
-        Ok(()) => Ok(mesh),
-        Err(what) => Err(MeshError::malformed(path, what)),
-    }
+    mesh.validate()?;
+    Ok(mesh)
 }

@@ -1,34 +1,20 @@
 //! Stored values of a volume, as its file or generator gives them, on the way to a [`super::Volume`].
 
-use std::{
-    io::{self, Read},
-    path::{Path, PathBuf},
-};
+use std::io::{self, Read};
+use std::path::Path;
 
 use glam::DVec3;
+use itertools::iproduct;
 use serde::{Deserialize, Serialize};
-use thiserror::Error;
 
-use super::{
-    nifti,
-    raw::{self, Raw},
-    read,
-};
+use super::raw::{self, Raw};
+use super::{nifti, read};
 
 /// Most cells of a volume: 512³, which are 512 MiB of 32-bit floats.
 pub const MAX_CELLS: u64 = 1 << 27;
 
 /// Values that are read at a time.
 const CHUNK: usize = 1 << 14;
-
-/// Why a volume file cannot be used.
-#[derive(Debug, Error)]
-pub enum VolumeError {
-    #[error("cannot read the volume {path}: {source}")]
-    Read { path: PathBuf, source: io::Error },
-    #[error("volume {path}: {what}")]
-    Malformed { path: PathBuf, what: String },
-}
 
 /// The stored axis that points up in the world.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -55,10 +41,10 @@ pub struct Samples {
 }
 
 /// Reads `.nii` and `.nii.gz` by their header; everything else, plain or compressed by gzip, is the cells that `raw` tells.
-pub fn read(path: &Path, raw: Option<&Raw>) -> Result<Samples, VolumeError> {
-    let malformed = |what| VolumeError::Malformed { path: path.to_owned(), what };
+pub fn read(path: &Path, raw: Option<&Raw>) -> Result<Samples, String> {
+    let malformed = |what| format!("volume {}: {what}", path.display());
     let mut source =
-        read::open(path).map_err(|source| VolumeError::Read { path: path.to_owned(), source })?;
+        read::open(path).map_err(|e| format!("cannot read the volume {}: {e}", path.display()))?;
     let samples = match (is_nifti(path), raw) {
         (true, None) => nifti::parse(&mut source),
         (true, Some(_)) => Err("its header tells `cells` and `format`: leave them out".into()),
@@ -107,8 +93,7 @@ fn is_nifti(path: &Path) -> bool {
 /// The number of cells, if so many can be held in memory.
 pub fn cell_count(cells: [u32; 3]) -> Result<usize, String> {
     let [x, y, z] = cells;
-    let count = cells.iter().try_fold(1u64, |n, c| n.checked_mul(u64::from(*c)));
-    match count {
+    match cells.iter().try_fold(1u64, |n, c| n.checked_mul(u64::from(*c))) {
         Some(0) => {
             Err(format!("{x} × {y} × {z} cells: there must be one at least along each axis"))
         }
@@ -123,23 +108,17 @@ impl Samples {
         self.data[x as usize + nx * (y as usize + ny * z as usize)]
     }
 
-    /// Place of a value by its index.
-    fn cell(&self, index: usize) -> [usize; 3] {
-        let [nx, ny, _] = self.cells.map(|n| n as usize);
-        [index % nx, index / nx % ny, index / (nx * ny)]
-    }
-
     /// The error counts values that are not finite and names the first.
     fn check_finite(&self) -> Result<(), String> {
         let Some(first) = self.data.iter().position(|v| !v.is_finite()) else {
             return Ok(());
         };
         let count = self.data.iter().filter(|v| !v.is_finite()).count();
-        let [x, y, z] = self.cell(first);
+        let [nx, ny, _] = self.cells.map(|n| n as usize);
+        let (x, y, z) = (first % nx, first / nx % ny, first / (nx * ny));
+        let (of, value) = (self.data.len(), self.data[first]);
         Err(format!(
-            "{count} of {} values are not finite: the first, {}, lies in cell ({x}, {y}, {z})",
-            self.data.len(),
-            self.data[first]
+            "{count} of {of} values are not finite: the first, {value}, lies in cell ({x}, {y}, {z})"
         ))
     }
 
@@ -151,23 +130,15 @@ impl Samples {
         }
         let cells = self.cells.map(|n| n.div_ceil(factor));
         let span = |axis: usize, i: u32| i * factor..((i + 1) * factor).min(self.cells[axis]);
-        let mut data = Vec::with_capacity(cells.iter().map(|n| *n as usize).product());
-        for z in 0..cells[2] {
-            for y in 0..cells[1] {
-                for x in 0..cells[0] {
-                    let (mut sum, mut count) = (0.0, 0u32);
-                    for k in span(2, z) {
-                        for j in span(1, y) {
-                            for i in span(0, x) {
-                                sum += f64::from(self.at([i, j, k]));
-                                count += 1;
-                            }
-                        }
-                    }
-                    data.push((sum / f64::from(count)) as f32);
-                }
+        let mean = |(z, y, x)| {
+            let (mut sum, mut count) = (0.0, 0u32);
+            for (k, j, i) in iproduct!(span(2, z), span(1, y), span(0, x)) {
+                sum += f64::from(self.at([i, j, k]));
+                count += 1;
             }
-        }
+            (sum / f64::from(count)) as f32
+        };
+        let data = iproduct!(0..cells[2], 0..cells[1], 0..cells[0]).map(mean).collect();
         Samples { cells, spacing_m: self.spacing_m * f64::from(factor), data, window: self.window }
     }
 
@@ -182,13 +153,11 @@ impl Samples {
             Up::Z => ([nx, nz, ny], DVec3::new(s.x, s.z, s.y)),
         };
         let mut data = Vec::with_capacity(self.data.len());
-        for z in 0..cells[2] {
-            for y in 0..cells[1] {
-                data.extend((0..cells[0]).map(|x| match up {
-                    Up::X => self.at([y, z, x]),
-                    _ => self.at([x, ny - 1 - z, y]),
-                }));
-            }
+        for (z, y) in iproduct!(0..cells[2], 0..cells[1]) {
+            data.extend((0..cells[0]).map(|x| match up {
+                Up::X => self.at([y, z, x]),
+                _ => self.at([x, ny - 1 - z, y]),
+            }));
         }
         Samples { cells, spacing_m, data, window: self.window }
     }
@@ -209,12 +178,11 @@ mod tests {
     /// Each value tells its cell: x + 10 y + 100 z.
     fn numbered(cells: [u32; 3]) -> Samples {
         let [nx, ny, nz] = cells;
-        let value = |x, y, z| (x + 10 * y + 100 * z) as f32;
-        let row = |y, z| (0..nx).map(move |x| value(x, y, z));
+        let value = |(z, y, x)| (x + 10 * y + 100 * z) as f32;
         Samples {
             cells,
             spacing_m: DVec3::new(1.0, 2.0, 3.0),
-            data: (0..nz).flat_map(|z| (0..ny).flat_map(move |y| row(y, z))).collect(),
+            data: iproduct!(0..nz, 0..ny, 0..nx).map(value).collect(),
             window: [0.0, 1.0],
         }
     }
@@ -241,13 +209,14 @@ mod tests {
 
     #[test]
     fn a_window_is_linear_and_clamps() {
-        let mut samples = numbered([4, 1, 1]);
-        samples.windowed([1.0, 2.0]);
-        assert_eq!(samples.data, [0.0, 0.0, 1.0, 1.0]);
-        let mut samples = numbered([4, 1, 1]);
-        samples.windowed([3.0, 0.0]);
-        assert_eq!(samples.data[0], 1.0);
-        assert_eq!(samples.data[3], 0.0);
+        let windowed = |window| {
+            let mut samples = numbered([4, 1, 1]);
+            samples.windowed(window);
+            samples.data
+        };
+        assert_eq!(windowed([1.0, 2.0]), [0.0, 0.0, 1.0, 1.0]);
+        let falling = windowed([3.0, 0.0]);
+        assert_eq!((falling[0], falling[3]), (1.0, 0.0));
     }
 
     #[test]
@@ -256,10 +225,8 @@ mod tests {
         samples.data[5] = f32::NAN;
         samples.data[6] = f32::INFINITY;
         let fault = samples.check_finite().unwrap_err();
-        assert!(
-            fault.contains("2 of 8") && fault.contains("NaN, lies in cell (1, 0, 1)"),
-            "{fault}"
-        );
+        assert!(fault.contains("2 of 8"), "{fault}");
+        assert!(fault.contains("NaN, lies in cell (1, 0, 1)"), "{fault}");
     }
 
     #[test]

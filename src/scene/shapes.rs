@@ -2,8 +2,10 @@
 //! Unless said otherwise a shape stands on y = 0 with its axis on the y axis.
 
 use std::f64::consts::{PI, TAU};
+use std::ops::{Add, Mul, Sub};
 
 use glam::{DMat4, DQuat, DVec2, DVec3};
+use itertools::iproduct;
 
 use super::mesh::Mesh;
 
@@ -16,22 +18,23 @@ pub fn surface(
 ) -> Mesh {
     let (nu, nv) = (columns + usize::from(!wrap_u), rows + usize::from(!wrap_v));
     let mut mesh = Mesh::default();
-    for j in 0..nv {
-        for i in 0..nu {
-            let p = point(i as f64 / columns as f64, j as f64 / rows as f64);
-            mesh.positions.push(p.as_vec3().to_array());
-        }
+    for (j, i) in iproduct!(0..nv, 0..nu) {
+        let p = point(i as f64 / columns as f64, j as f64 / rows as f64);
+        mesh.positions.push(p.as_vec3().to_array());
     }
     let at = |i: usize, j: usize| (j % nv * nu + i % nu) as u32;
-    for j in 0..rows {
-        for i in 0..columns {
-            let [a, b, c, d] = [at(i, j), at(i + 1, j), at(i + 1, j + 1), at(i, j + 1)];
-            push_triangle(&mut mesh, [a, b, c]);
-            push_triangle(&mut mesh, [a, c, d]);
-        }
+    for (j, i) in iproduct!(0..rows, 0..columns) {
+        let [a, b, c, d] = [at(i, j), at(i + 1, j), at(i + 1, j + 1), at(i, j + 1)];
+        push_triangle(&mut mesh, [a, b, c]);
+        push_triangle(&mut mesh, [a, c, d]);
     }
     mesh.recompute_normals();
     mesh
+}
+
+/// A [`surface`] without a wrapped direction.
+pub fn sheet(quads: (usize, usize), point: impl Fn(f64, f64) -> DVec3) -> Mesh {
+    surface(quads, (false, false), point)
 }
 
 /// Adds a triangle unless two of its corners fall together.
@@ -45,16 +48,13 @@ fn push_triangle(mesh: &mut Mesh, corners: [u32; 3]) {
 /// A flat quad a, b, c, d, counter-clockwise.
 pub fn quad(corners: [DVec3; 4]) -> Mesh {
     let [a, b, c, d] = corners;
-    surface((1, 1), (false, false), |u, v| a.lerp(b, u).lerp(d.lerp(c, u), v))
+    sheet((1, 1), |u, v| a.lerp(b, u).lerp(d.lerp(c, u), v))
 }
 
 /// A box between two corners.
 pub fn cuboid(min: impl Into<DVec3>, max: impl Into<DVec3>) -> Mesh {
-    let (min, max) = (min.into(), max.into());
-    let p = |x: usize, y: usize, z: usize| {
-        let pick = |k: usize, axis: usize| if k == 0 { min[axis] } else { max[axis] };
-        DVec3::new(pick(x, 0), pick(y, 1), pick(z, 2))
-    };
+    let ends = [min.into(), max.into()];
+    let p = |x: usize, y: usize, z: usize| DVec3::new(ends[x].x, ends[y].y, ends[z].z);
     let faces = [
         [p(1, 0, 1), p(1, 0, 0), p(1, 1, 0), p(1, 1, 1)],
         [p(0, 0, 0), p(0, 0, 1), p(0, 1, 1), p(0, 1, 0)],
@@ -71,8 +71,7 @@ pub fn block(width: f64, height: f64, depth: f64) -> Mesh {
     cuboid([-0.5 * width, 0.0, -0.5 * depth], [0.5 * width, height, 0.5 * depth])
 }
 
-/// A profile of (radius, y) points, bottom to top, turned about the y axis. A point given twice
-/// makes a crease.
+/// A profile of (radius, y) points, bottom to top, turned about y. A point given twice makes a crease.
 pub fn lathe(profile: &[(f64, f64)], segments: usize) -> Mesh {
     turned(profile, segments, |_, _| 1.0)
 }
@@ -91,20 +90,13 @@ pub fn turned(profile: &[(f64, f64)], segments: usize, swell: impl Fn(f64, f64) 
 /// A smooth profile through `knots` (Catmull–Rom), with `steps` points between two of them.
 pub fn smooth_profile(knots: &[(f64, f64)], steps: usize) -> Vec<(f64, f64)> {
     let knots: Vec<DVec2> = knots.iter().map(|&(r, y)| DVec2::new(r, y)).collect();
-    curve(&knots, steps).into_iter().map(|p| (p.x.max(0.0), p.y)).collect()
+    smooth_path(&knots, steps).into_iter().map(|p| (p.x.max(0.0), p.y)).collect()
 }
 
 /// A path through `knots` (Catmull–Rom), with `steps` points between two of them.
-pub fn smooth_path(knots: &[DVec3], steps: usize) -> Vec<DVec3> {
-    curve(knots, steps)
-}
-
-fn curve<V>(knots: &[V], steps: usize) -> Vec<V>
+pub fn smooth_path<V>(knots: &[V], steps: usize) -> Vec<V>
 where
-    V: Copy
-        + std::ops::Add<Output = V>
-        + std::ops::Sub<Output = V>
-        + std::ops::Mul<f64, Output = V>,
+    V: Copy + Add<Output = V> + Sub<Output = V> + Mul<f64, Output = V>,
 {
     let last = knots.len() - 1;
     let tangent = |i: usize| (knots[(i + 1).min(last)] - knots[i.saturating_sub(1)]) * 0.5;
@@ -214,9 +206,18 @@ fn untwist(frames: &mut [(DVec3, DVec3)], axis: DVec3) {
     }
 }
 
-/// The mesh moved by x, y and z.
 pub fn moved(mesh: Mesh, x: f64, y: f64, z: f64) -> Mesh {
     mesh.transformed(&DMat4::from_translation(DVec3::new(x, y, z)))
+}
+
+/// The mesh moved up or down until it touches y = 0.
+pub fn grounded(mesh: Mesh) -> Mesh {
+    let lowest = mesh.bounds().min.y;
+    moved(mesh, 0.0, -lowest, 0.0)
+}
+
+pub fn scaled(mesh: Mesh, factor: f64) -> Mesh {
+    mesh.transformed(&DMat4::from_scale(DVec3::splat(factor)))
 }
 
 /// A bar of square section between two points.
@@ -228,7 +229,6 @@ pub fn bar(from: impl Into<DVec3>, to: impl Into<DVec3>, thickness: f64) -> Mesh
         .transformed(&DMat4::from_rotation_translation(turn, from))
 }
 
-/// All meshes in one.
 pub fn merged(meshes: impl IntoIterator<Item = Mesh>) -> Mesh {
     let mut all = Mesh::default();
     for mesh in meshes {
@@ -241,16 +241,6 @@ pub fn merged(meshes: impl IntoIterator<Item = Mesh>) -> Mesh {
 mod tests {
     use super::*;
 
-    /// Signed volume of a closed mesh: positive when its triangles face outward.
-    fn volume(mesh: &Mesh) -> f64 {
-        (0..mesh.triangle_count())
-            .map(|t| {
-                let [a, b, c] = mesh.triangle(t);
-                a.dot(b.cross(c)) / 6.0
-            })
-            .sum()
-    }
-
     fn close(a: f64, b: f64) -> bool {
         (a - b).abs() < 0.03 * b
     }
@@ -259,7 +249,7 @@ mod tests {
     fn closed_shapes_face_outward_and_have_their_volume() {
         let v = |mesh: Mesh| {
             mesh.validate().expect("valid");
-            volume(&mesh)
+            mesh.volume()
         };
         assert!(close(v(block(2.0, 3.0, 4.0)), 24.0));
         assert!(close(v(sphere(1.5, 40)), 4.0 / 3.0 * PI * 1.5f64.powi(3)));
@@ -267,12 +257,10 @@ mod tests {
         assert!(close(v(torus(2.0, 0.5, 64, 32)), 2.0 * PI * PI * 2.0 * 0.25));
         let path = [DVec3::ZERO, DVec3::Z, DVec3::Z * 2.0];
         assert!(close(v(tube(&path, &[0.3; 3], 48, false)), PI * 0.09 * 2.0));
-        let ring: Vec<DVec3> = (0..64)
-            .map(|i| {
-                let (sin, cos) = (TAU * f64::from(i) / 64.0).sin_cos();
-                DVec3::new(2.0 * cos, 2.0 * sin, 0.3 * (2.0 * TAU * f64::from(i) / 64.0).sin())
-            })
-            .collect();
+        let ring: [DVec3; 64] = std::array::from_fn(|i| {
+            let angle = TAU * i as f64 / 64.0;
+            DVec3::new(2.0 * angle.cos(), 2.0 * angle.sin(), 0.3 * (2.0 * angle).sin())
+        });
         assert!(v(tube(&ring, &[0.5; 64], 32, true)) > 0.9 * 2.0 * PI * PI * 2.0 * 0.25);
     }
 

@@ -16,13 +16,16 @@ const WITHOUT: &str = "without";
 
 /// Reads a scene file's text, with what it takes from its base.
 pub fn read(folders: &Folders, origin: &str, text: &str) -> Result<SceneFile, SceneError> {
-    let parsed = text.parse::<Table>();
-    let table = parsed.map_err(|e| fault(origin, text, &e))?;
+    let table = parse(origin, text)?;
     if !table.contains_key(BASE) && !table.contains_key(WITHOUT) {
         return toml::from_str(text).map_err(|e| fault(origin, text, &e));
     }
     let merged = with_base(folders, origin, table, MAX_BASES)?;
     merged.try_into().map_err(|e| fault(origin, "", &e))
+}
+
+fn parse(origin: &str, text: &str) -> Result<Table, SceneError> {
+    text.parse().map_err(|e| fault(origin, text, &e))
 }
 
 /// The table on top of its base's.
@@ -32,10 +35,8 @@ fn with_base(
     mut table: Table,
     left: usize,
 ) -> Result<Table, SceneError> {
-    let wrong = |message: &str| SceneError::Parse {
-        origin: origin.to_owned(),
-        message: message.to_owned(),
-    };
+    let wrong =
+        |message: &str| SceneError::Parse { origin: origin.into(), message: message.into() };
     let without = names(table.remove(WITHOUT))
         .ok_or_else(|| wrong("`without` must be a list of names of the base's objects"))?;
     let base = match table.remove(BASE) {
@@ -47,9 +48,8 @@ fn with_base(
         return Err(wrong(&format!("more than {MAX_BASES} bases in a chain")));
     }
     let (base_origin, text) = file::find(folders, &beside(origin, &base))?;
-    let parsed = text.parse::<Table>();
-    let parsed = parsed.map_err(|e| fault(&base_origin, &text, &e))?;
-    let mut merged = with_base(folders, &base_origin, parsed, left - 1)?;
+    let base = parse(&base_origin, &text)?;
+    let mut merged = with_base(folders, &base_origin, base, left - 1)?;
     leave_out(&mut merged, &without).map_err(|message| wrong(&message))?;
     overlay(&mut merged, table);
     Ok(merged)
@@ -65,10 +65,9 @@ fn beside(origin: &str, base: &str) -> String {
 fn names(value: Option<Value>) -> Option<Vec<String>> {
     match value {
         None => Some(Vec::new()),
-        Some(Value::Array(items)) => {
-            items.iter().map(|item| item.as_str().map(str::to_owned)).collect()
+        Some(value) => {
+            value.as_array()?.iter().map(|item| Some(item.as_str()?.to_owned())).collect()
         }
-        Some(_) => None,
     }
 }
 
@@ -108,11 +107,9 @@ fn fault(origin: &str, text: &str, error: &toml::de::Error) -> SceneError {
         .span()
         .and_then(|span| text.get(..span.start))
         .map(|before| format!("line {}: ", before.matches('\n').count() + 1));
-    let message = error.message().replace('\n', " ");
-    SceneError::Parse {
-        origin: origin.to_owned(),
-        message: format!("{}{}", line.unwrap_or_default(), named(&message)),
-    }
+    let message = named(&error.message().replace('\n', " "));
+    let message = format!("{}{message}", line.unwrap_or_default());
+    SceneError::Parse { origin: origin.to_owned(), message }
 }
 
 /// `unknown field`, followed by the nearest of the fields that serde lists.
@@ -121,8 +118,7 @@ fn named(message: &str) -> String {
     match (message.starts_with("unknown "), quoted.split_first()) {
         (true, Some((unknown, valid))) => {
             let hint = check::hint(unknown, valid.iter().copied());
-            let kind = message.split('`').next().unwrap_or_default().trim();
-            let kind = kind.replace("field", "key");
+            let kind = message.split('`').next().unwrap_or_default().trim().replace("field", "key");
             format!("{kind} `{unknown}`: {hint}")
         }
         _ => message.to_owned(),
@@ -133,10 +129,6 @@ fn named(message: &str) -> String {
 mod tests {
     use super::*;
     use crate::embedded::SCENES;
-
-    fn scenes() -> Folders {
-        Folders::of(SCENES)
-    }
 
     const MINIMAL: &str = r#"
 name = "test"
@@ -153,8 +145,12 @@ name = "floor"
 generator = "plane"
 "#;
 
+    fn read_here(text: &str) -> Result<SceneFile, SceneError> {
+        read(&Folders::of(SCENES), "test.toml", text)
+    }
+
     fn message(text: &str) -> String {
-        let error = read(&scenes(), "test.toml", text).unwrap_err().to_string();
+        let error = read_here(text).unwrap_err().to_string();
         assert_eq!(error.lines().count(), 1, "{error}");
         assert!(error.contains("test.toml"), "{error}");
         error
@@ -162,8 +158,7 @@ generator = "plane"
 
     #[test]
     fn unknown_keys_get_line_and_nearest_key() {
-        let text = MINIMAL.replace("fov_y_deg", "fov_deg");
-        let error = message(&text);
+        let error = message(&MINIMAL.replace("fov_y_deg", "fov_deg"));
         assert!(error.contains("line 8") && error.contains("`fov_y_deg`"), "{error}");
         let error = message(&format!("{MINIMAL}genrator = \"plane\"\n"));
         assert!(error.contains("`generator`"), "{error}");
@@ -191,7 +186,7 @@ name = "ball"
 generator = "sphere"
 "#;
         let tank = SceneFile::load("tank").expect("tank");
-        let mine = read(&scenes(), "mine.toml", text).expect("mine");
+        let mine = read_here(text).expect("mine");
         assert_eq!(mine.camera, tank.camera);
         assert_eq!(mine.water.amplitude_m, 0.2);
         assert_eq!(mine.water.wavelength_m, tank.water.wavelength_m);
@@ -204,9 +199,8 @@ generator = "sphere"
         assert!(message("base = 3").contains("`base` must be"));
         assert!(message("without = [\"a\"]").contains("`base` must be"));
         assert!(message("base = \"tank\"\nwithout = 1").contains("`without` must be"));
-        let error = message("base = \"tank\"\nwithout = [\"statu\"]");
-        assert!(error.contains("`statue`"), "{error}");
-        let error = read(&scenes(), "test.toml", "base = \"tnak\"").unwrap_err();
+        assert!(message("base = \"tank\"\nwithout = [\"statu\"]").contains("`statue`"));
+        let error = read_here("base = \"tnak\"").unwrap_err();
         assert!(error.to_string().contains("`tank`"), "{error}");
     }
 

@@ -20,7 +20,6 @@ pub struct Volume {
 }
 
 impl Volume {
-    /// The box that the cells fill.
     pub fn bounds(&self) -> Bounds {
         let size = self.spacing_m * DVec3::from(self.cells.map(f64::from));
         Bounds { min: self.origin_m, max: self.origin_m + size }

@@ -5,14 +5,11 @@ use std::{collections::BTreeMap, path::PathBuf};
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
-use super::{
-    SceneFile, Stand, Volume,
-    assets::{self, Content},
-    check,
-    generators::fields::{self, FieldGenerator},
-    raw::{Raw, VolumeFormat},
-    samples::{self, Samples, Up},
-};
+use super::assets::{self, Content};
+use super::generators::fields::{self, FieldGenerator};
+use super::raw::{Raw, VolumeFormat};
+use super::samples::{self, Samples, Up};
+use super::{SceneFile, Stand, Volume, check};
 
 /// Largest factor by which a volume is reduced.
 const MAX_REDUCE: u32 = 64;
@@ -42,7 +39,6 @@ pub struct VolumeFile {
     pub format: Option<VolumeFormat>,
     /// Edges of a file's cells, metres; all 0: as a NIfTI file says, or cubes and a longest edge of the box of 1 m.
     pub spacing_m: [f64; 3],
-    /// The axis of a file that points up.
     pub up: Up,
     /// Each axis has so many times fewer cells: means over boxes of a file's cells, fewer samples of a generator's field.
     pub reduce: u32,
@@ -55,7 +51,6 @@ pub struct VolumeFile {
     pub fit_m: f64,
     /// Where the middle of the lower side goes, metres, y from `on`.
     pub translate_m: [f64; 3],
-    /// What y is measured from.
     pub on: Stand,
     /// The generator's parameters; those left out have their defaults.
     pub params: BTreeMap<String, f64>,
@@ -119,14 +114,13 @@ impl VolumeFile {
             (self.spacing_m != [0.0; 3] && !file, "spacing_m", "`file`"),
             (self.up != Up::Y && !file, "up", "`file`"),
         ];
-        match misplaced.iter().find(|(misplaced, ..)| *misplaced) {
+        match misplaced.into_iter().find(|(misplaced, ..)| *misplaced) {
             Some((_, key, owner)) => Err(format!("volume.{key} belongs to a {owner}")),
             None => Ok(()),
         }
     }
 
-    /// Makes or reads the values and puts them into the world. An absent asset's stand-in is added to
-    /// `stand_ins`.
+    /// Makes or reads the values and places them. Adds an absent asset's stand-in to `stand_ins`.
     pub(super) fn build(
         &self,
         file: &SceneFile,
@@ -157,14 +151,11 @@ impl VolumeFile {
         stand_ins: &mut Vec<String>,
     ) -> Result<(String, Samples), String> {
         if let Some(name) = &self.generator {
-            let generator = fields::find(name)?;
-            let samples = self.sampled(generator, &self.params)?;
-            return Ok((name.clone(), samples));
+            return Ok((name.clone(), self.sampled(fields::find(name)?, &self.params)?));
         }
         if let Some(path) = &self.file {
             let name = path.file_name().unwrap_or_default().to_string_lossy();
-            let read = samples::read(&file.folder.join(path), self.raw()?.as_ref());
-            let mut samples = read.map_err(|e| e.to_string())?;
+            let mut samples = samples::read(&file.folder.join(path), self.raw()?.as_ref())?;
             if self.spacing_m != [0.0; 3] {
                 samples.spacing_m = DVec3::from(self.spacing_m);
             }
@@ -180,7 +171,7 @@ impl VolumeFile {
             return Err(format!("asset `{name}` is a mesh: it belongs to an [[object]]"));
         };
         if let Some(path) = assets::find(name) {
-            let samples = samples::read(&path, raw.as_ref()).map_err(|e| e.to_string())?;
+            let samples = samples::read(&path, raw.as_ref())?;
             return Ok(samples.reduced(self.reduce).upright(*up));
         }
         let samples = self.sampled(fields::find(asset.stand_in.0)?, &asset.stand_in_params())?;
@@ -234,8 +225,7 @@ mod tests {
 
     /// In a scene with the floor at y = −3.
     fn build(volume: &VolumeFile) -> Result<Volume, String> {
-        let mut file = SceneFile::load("plane").expect("a scene");
-        file.floor_depth_m = 3.0;
+        let file = SceneFile { floor_depth_m: 3.0, ..SceneFile::load("plane").expect("a scene") };
         let mut stand_ins = Vec::new();
         let built = volume.build(&file, &mut stand_ins);
         assert!(stand_ins.is_empty());
@@ -254,16 +244,14 @@ mod tests {
 
     #[test]
     fn faults_name_their_parameter() {
-        let broken = |change: fn(&mut VolumeFile)| {
-            let mut file = smoke();
-            change(&mut file);
-            let fault = file.validate().and_then(|()| build(&file).map(drop));
-            fault.unwrap_err()
-        };
-        assert!(broken(|v| v.fit_m = -1.0).contains("volume.fit_m"));
-        assert!(broken(|v| v.cells = [u32::MAX; 3]).contains("volume.cells"));
-        assert!(broken(|v| v.cells = [0, 4, 4]).contains("volume.cells"));
-        assert!(broken(|v| v.generator = Some("smok".into())).contains("`smoke`"));
-        assert!(broken(|v| v.params = [("x".into(), 1.0)].into()).contains("`x`"));
+        let cases: &[check::Refusal<VolumeFile>] = &[
+            (|v| v.fit_m = -1.0, "volume.fit_m"),
+            (|v| v.cells = [u32::MAX; 3], "volume.cells"),
+            (|v| v.cells = [0, 4, 4], "volume.cells"),
+            (|v| v.generator = Some("smok".into()), "`smoke`"),
+            (|v| v.params = [("x".into(), 1.0)].into(), "`x`"),
+        ];
+        let judged = |v: &VolumeFile| v.validate().and_then(|()| build(v).map(drop));
+        check::assert_refused(&smoke(), judged, cases);
     }
 }

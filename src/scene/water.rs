@@ -8,12 +8,10 @@ use std::sync::Arc;
 use glam::{DVec2, DVec3};
 use serde::{Deserialize, Serialize};
 
-use super::{
-    check::within_ranges,
-    height_map::{HeightMap, Tile},
-    noise::tile_noise,
-    waves::{self, Wave},
-};
+use super::check::within_ranges;
+use super::height_map::{HeightMap, Tile};
+use super::noise::tile_noise;
+use super::waves::{self, Wave};
 use crate::parameter::{Beside, Field, ParamError, Setting, describe_free};
 use crate::{choices, settings};
 
@@ -21,8 +19,9 @@ use crate::{choices, settings};
 pub const NOISE_DRIFT_TILES: f64 = 0.11;
 
 /// What shapes the surface.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, strum::Display)]
 #[serde(rename_all = "snake_case")]
+#[strum(serialize_all = "snake_case")]
 pub enum WaterModel {
     /// Rings about the centre.
     Circular,
@@ -32,18 +31,6 @@ pub enum WaterModel {
     Waves,
     /// The tile of [`Water::height_map`], at rest.
     HeightMap,
-}
-
-impl WaterModel {
-    /// As parameters and scene files call it.
-    pub fn name(self) -> &'static str {
-        match self {
-            WaterModel::Circular => "circular",
-            WaterModel::Directional => "directional",
-            WaterModel::Waves => "waves",
-            WaterModel::HeightMap => "height_map",
-        }
-    }
 }
 
 choices!(WaterModel);
@@ -122,8 +109,7 @@ impl Water {
         self.amplitude_m * ((1.0 - self.noise) * phase.cos() + self.noise * n)
     }
 
-    /// (∂h/∂x, ∂h/∂z). At the very centre of circular waves, where the slope is not defined, the
-    /// wave's part is zero.
+    /// (∂h/∂x, ∂h/∂z). At the centre of circular waves, where it is not defined, the wave's part is 0.
     pub fn gradient(&self, x: f64, z: f64) -> DVec2 {
         if let Some(given) = self.given(x, z) {
             return DVec2::new(given.y, given.z);
@@ -141,8 +127,7 @@ impl Water {
             WaterModel::Circular | WaterModel::Directional => None,
             WaterModel::Waves => Some(waves::sum(&self.waves, place)),
             WaterModel::HeightMap => {
-                let tile = self.tile.as_ref();
-                Some(tile.map_or(DVec3::NAN, |tile| tile.at(place)))
+                Some(self.tile.as_ref().map_or(DVec3::NAN, |tile| tile.at(place)))
             }
         }
     }
@@ -204,19 +189,19 @@ impl Water {
 
     /// Whether what is given is what the model uses: neither is left aside without a word.
     fn validate_model(&self) -> Result<(), String> {
-        let model = self.model.name();
+        let model = self.model;
         let (waves, map) = (!self.waves.is_empty(), self.height_map.is_given());
-        match self.model {
+        match model {
             WaterModel::Waves if !waves => {
                 Err("water.model is waves, but water.waves lists none".into())
             }
             WaterModel::HeightMap if !map => {
                 Err("water.model is height_map, but water.height_map.file is not given".into())
             }
-            _ if waves && self.model != WaterModel::Waves => Err(format!(
+            _ if waves && model != WaterModel::Waves => Err(format!(
                 "water.waves are given, but water.model is {model}: set water.model to waves, or water.waves to []"
             )),
-            _ if map && self.model != WaterModel::HeightMap => Err(format!(
+            _ if map && model != WaterModel::HeightMap => Err(format!(
                 "water.height_map.file is given, but water.model is {model}: set water.model to height_map, or the file to \"\""
             )),
             _ => Ok(()),
@@ -250,13 +235,16 @@ impl Water {
     }
 
     fn noise_at(&self, x: f64, z: f64) -> (f64, DVec2) {
-        let drift = self.noise_drift_tiles();
-        tile_noise(x / self.noise_tile_m + drift, z / self.noise_tile_m, self.seed)
+        let (u, v) = (x / self.noise_tile_m, z / self.noise_tile_m);
+        tile_noise(u + self.noise_drift_tiles(), v, self.seed)
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use serde_json::json;
+
+    use super::super::check::{Refusal, assert_refused};
     use super::*;
 
     fn waters() -> [Water; 2] {
@@ -272,12 +260,20 @@ mod tests {
         ]
     }
 
+    /// Waves along x without noise.
+    fn cosine() -> Water {
+        Water { model: WaterModel::Directional, noise: 0.0, ..Water::default() }
+    }
+
+    fn places(count: u32) -> impl Iterator<Item = (f64, f64)> {
+        (0..count).map(|i| (f64::from(i).sin() * 4.0, f64::from(i * 3).cos() * 4.0))
+    }
+
     #[test]
     fn gradient_matches_differences() {
         let h = 1e-6;
         for water in waters() {
-            for i in 0..1000 {
-                let (x, z) = (f64::from(i).sin() * 4.0, f64::from(i * 3).cos() * 4.0);
+            for (x, z) in places(1000) {
                 let dx = (water.height(x + h, z) - water.height(x - h, z)) / (2.0 * h);
                 let dz = (water.height(x, z + h) - water.height(x, z - h)) / (2.0 * h);
                 let g = water.gradient(x, z);
@@ -297,22 +293,15 @@ mod tests {
 
     #[test]
     fn without_noise_it_is_the_pure_cosine() {
-        let water = Water {
-            model: WaterModel::Directional,
-            noise: 0.0,
-            amplitude_m: 0.1,
-            wavelength_m: 2.0,
-            time_s: 0.5,
-            period_s: 2.0,
-            ..Water::default()
-        };
+        let water =
+            Water { amplitude_m: 0.1, wavelength_m: 2.0, time_s: 0.5, period_s: 2.0, ..cosine() };
         let expected = 0.1 * (std::f64::consts::PI * 0.7 - std::f64::consts::FRAC_PI_2).cos();
         assert!((water.height(0.7, 9.0) - expected).abs() < 1e-12);
     }
 
     #[test]
     fn waves_repeat_after_their_length() {
-        let water = Water { model: WaterModel::Directional, noise: 0.0, ..Water::default() };
+        let water = cosine();
         let shifted = water.height(0.3 + water.wavelength_m, 0.0);
         assert!((water.height(0.3, 0.0) - shifted).abs() < 1e-12);
         let noise = Water { noise: 1.0, ..water };
@@ -322,8 +311,7 @@ mod tests {
 
     #[test]
     fn a_wave_given_is_the_cosine_of_the_model() {
-        let cosine =
-            Water { model: WaterModel::Directional, noise: 0.0, time_s: 0.3, ..Water::default() };
+        let cosine = Water { time_s: 0.3, ..cosine() };
         let wave = Wave {
             direction: Some([1.0, 0.0]),
             wavelength_m: Some(cosine.wavelength_m),
@@ -331,14 +319,9 @@ mod tests {
             amplitude_m: cosine.amplitude_m,
             phase_rad: -cosine.turned_rad(),
         };
-        let given = Water {
-            model: WaterModel::Waves,
-            waves: vec![wave],
-            amplitude_m: 7.0,
-            ..cosine.clone()
-        };
-        for i in 0..100 {
-            let (x, z) = (f64::from(i).sin() * 4.0, f64::from(i * 3).cos() * 4.0);
+        let (model, waves) = (WaterModel::Waves, vec![wave]);
+        let given = Water { model, waves, amplitude_m: 7.0, ..cosine.clone() };
+        for (x, z) in places(100) {
             assert!((given.height(x, z) - cosine.height(x, z)).abs() < 1e-12);
             assert!((given.normal(x, z) - cosine.normal(x, z)).length() < 1e-12);
         }
@@ -347,19 +330,19 @@ mod tests {
 
     #[test]
     fn what_the_model_does_not_use_is_refused() {
-        let wave = r#"{"vector_rad_m": [1.0, 0.0], "amplitude_m": 0.1}"#;
-        let fault = |text: &str| {
-            let water: Water = serde_json::from_str(text).unwrap();
-            water.validate().unwrap_err()
-        };
-        assert!(fault(&format!(r#"{{"waves": [{wave}]}}"#)).contains("water.model is circular"));
-        assert!(fault(r#"{"model": "waves"}"#).contains("lists none"));
-        assert!(fault(r#"{"model": "height_map"}"#).contains("water.height_map.file"));
-        let map = r#"{"height_map": {"file": "a.npy", "tile_m": [1, 1]}}"#;
-        assert!(fault(map).contains("set water.model to height_map"));
-        let water: Water =
-            serde_json::from_str(&format!(r#"{{"model": "waves", "waves": [{wave}]}}"#)).unwrap();
-        assert_eq!(water.validate(), Ok(()));
+        let wave = json!({"vector_rad_m": [1.0, 0.0], "amplitude_m": 0.1});
+        let map = json!({"file": "a.npy", "tile_m": [1, 1]});
+        let judged = |water| serde_json::from_value::<Water>(water).unwrap().validate();
+        assert_eq!(judged(json!({"model": "waves", "waves": [wave]})), Ok(()));
+        for (water, expected) in [
+            (json!({"waves": [wave]}), "water.model is circular"),
+            (json!({"model": "waves"}), "lists none"),
+            (json!({"model": "height_map"}), "water.height_map.file"),
+            (json!({"height_map": map}), "set water.model to height_map"),
+        ] {
+            let fault = judged(water).unwrap_err();
+            assert!(fault.contains(expected), "{fault}");
+        }
     }
 
     #[test]
@@ -373,16 +356,13 @@ mod tests {
 
     #[test]
     fn bad_values_are_named() {
-        let bad = |change: fn(&mut Water)| {
-            let mut w = Water::default();
-            change(&mut w);
-            w.validate().unwrap_err()
-        };
-        assert!(Water::default().validate().is_ok());
-        assert!(bad(|w| w.wavelength_m = 0.0).contains("water.wavelength_m is 0"));
-        assert!(bad(|w| w.refractive_index = 0.9).contains("water.refractive_index"));
-        assert!(bad(|w| w.noise = 1.5).contains("0 … 1"));
-        assert!(bad(|w| w.amplitude_m = f64::NAN).contains("water.amplitude_m"));
-        assert!(bad(|w| w.half_size_m[1] = -1.0).contains("water.half_size_m"));
+        let cases: &[Refusal<Water>] = &[
+            (|w| w.wavelength_m = 0.0, "water.wavelength_m is 0"),
+            (|w| w.refractive_index = 0.9, "water.refractive_index"),
+            (|w| w.noise = 1.5, "0 … 1"),
+            (|w| w.amplitude_m = f64::NAN, "water.amplitude_m"),
+            (|w| w.half_size_m[1] = -1.0, "water.half_size_m"),
+        ];
+        assert_refused(&Water::default(), Water::validate, cases);
     }
 }

@@ -54,14 +54,14 @@ impl Wave {
         check::within(&format!("{name}.amplitude_m"), self.amplitude_m, -100.0, 100.0)?;
         check::within(&format!("{name}.phase_rad"), self.phase_rad, -1e6, 1e6)?;
         match (self.vector_rad_m, self.direction, self.wavelength_m) {
-            (Some(vector), None, None) => longest(name, DVec2::from(vector)),
+            (Some(vector), None, None) => {
+                let (name, length) =
+                    (format!("|{name}.vector_rad_m|"), DVec2::from(vector).length());
+                check::within(&name, length, TAU / check::FAR_M, TAU / SHORTEST_M)
+            }
             (None, Some(direction), Some(wavelength_m)) => {
-                check::within(
-                    &format!("{name}.wavelength_m"),
-                    wavelength_m,
-                    SHORTEST_M,
-                    check::FAR_M,
-                )?;
+                let length = format!("{name}.wavelength_m");
+                check::within(&length, wavelength_m, SHORTEST_M, check::FAR_M)?;
                 check::point(&format!("{name}.direction"), &direction)?;
                 if DVec2::from(direction).length() < 1e-6 {
                     return Err(format!("{name}.direction = {direction:?} has no direction"));
@@ -77,15 +77,6 @@ impl Wave {
 
 /// Shortest wave, metres.
 const SHORTEST_M: f64 = 1e-3;
-
-fn longest(name: &str, vector: DVec2) -> Result<(), String> {
-    check::within(
-        &format!("|{name}.vector_rad_m|"),
-        vector.length(),
-        TAU / check::FAR_M,
-        TAU / SHORTEST_M,
-    )
-}
 
 /// Sum of the waves: elevation, metres, and its derivatives by x and z.
 pub fn sum(waves: &[Wave], place: DVec2) -> DVec3 {
@@ -106,10 +97,8 @@ pub fn shortest_m(waves: &[Wave]) -> f64 {
 /// Whether the list can be used.
 pub fn validate(waves: &[Wave]) -> Result<(), String> {
     if waves.len() > MAX_WAVES {
-        return Err(format!(
-            "water.waves lists {} waves; at most {MAX_WAVES} are taken",
-            waves.len()
-        ));
+        let count = waves.len();
+        return Err(format!("water.waves lists {count} waves; at most {MAX_WAVES} are taken"));
     }
     for (i, wave) in waves.iter().enumerate() {
         wave.validate(&format!("water.waves[{i}]"))?;
@@ -167,17 +156,14 @@ mod tests {
 
     #[test]
     fn bad_waves_are_named() {
-        let bad = |change: fn(&mut Wave)| {
-            let mut wave = plain();
-            change(&mut wave);
-            validate(&[plain(), wave]).unwrap_err()
-        };
-        assert!(validate(&[plain()]).is_ok());
-        assert!(bad(|w| w.amplitude_m = f64::NAN).contains("water.waves[1].amplitude_m"));
-        assert!(bad(|w| w.wavelength_m = Some(0.0)).contains("water.waves[1].wavelength_m"));
-        assert!(bad(|w| w.direction = Some([0.0, 0.0])).contains("has no direction"));
-        assert!(bad(|w| w.wavelength_m = None).contains("`vector_rad_m`"));
-        assert!(bad(|w| w.vector_rad_m = Some([1.0, 0.0])).contains("needs either"));
+        let cases: &[check::Refusal<Wave>] = &[
+            (|w| w.amplitude_m = f64::NAN, "water.waves[1].amplitude_m"),
+            (|w| w.wavelength_m = Some(0.0), "water.waves[1].wavelength_m"),
+            (|w| w.direction = Some([0.0, 0.0]), "has no direction"),
+            (|w| w.wavelength_m = None, "`vector_rad_m`"),
+            (|w| w.vector_rad_m = Some([1.0, 0.0]), "needs either"),
+        ];
+        check::assert_refused(&plain(), |w| validate(&[plain(), w.clone()]), cases);
         assert!(validate(&vec![plain(); 2000]).unwrap_err().contains("at most 1024"));
         let high = Wave { amplitude_m: 60.0, ..plain() };
         assert!(validate(&[high.clone(), high]).unwrap_err().contains("sum of all"));

@@ -15,7 +15,7 @@ fn read(name: &str, bytes: &[u8]) -> Result<Mesh, String> {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join(name);
     std::fs::write(&path, bytes).unwrap();
-    Mesh::read(&path).map_err(|e| e.to_string())
+    Mesh::read(&path)
 }
 
 /// The error's one line, which names the file.
@@ -50,7 +50,7 @@ fn given_normals_are_kept_at_unit_length() {
 #[test]
 fn missing_and_empty_files_are_told() {
     for name in ["a.obj", "a.ply", "a.ply.gz"] {
-        let error = Mesh::read(&Path::new("/no/such").join(name)).unwrap_err().to_string();
+        let error = Mesh::read(&Path::new("/no/such").join(name)).unwrap_err();
         assert!(error.contains(name), "{error}");
         fault(name, b"");
     }

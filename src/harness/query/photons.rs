@@ -218,7 +218,7 @@ impl Query {
             let components = place.map(|p| p.to_array());
             fields.extend((0..3).map(|i| number(components.map(|c| c[i]))));
         }
-        fields.push(number(landed.map(|landed| landed.distance_m)));
+        fields.push(number(landed.map(|landed| landed.hit.distance_m)));
         fields.push(self.exact_weight(start, landing).to_string());
         fields
     }

@@ -132,7 +132,7 @@ fn flat(rig: &Rig<'_>, family: Family, kind: LightKind, what: &str) -> Result<Ch
 fn largest_relative(photons: &[StoredPhoton], landings: &[Landing]) -> f64 {
     let error = |(photon, landing): (&StoredPhoton, &Landing)| {
         let exact = landing.landed().filter(|_| photon.landed())?;
-        Some((photon.hit - exact.hit.position).length() / exact.distance_m)
+        Some((photon.hit - exact.hit.position).length() / exact.hit.distance_m)
     };
     largest(photons.iter().zip(landings).filter_map(error))
 }

@@ -359,7 +359,7 @@ fn point_flux(rig: &Rig<'_>) -> Result<Check> {
 
 /// An exact photon as the GPU stores it, and the f64 values of its rounded numbers.
 fn stored(landed: &Landed) -> (Photon, (DVec3, f64)) {
-    let photon = rig::photon(landed.entry.position, landed.hit.position, landed.distance_m);
+    let photon = rig::photon(landed.entry.position, landed.hit.position, landed.hit.distance_m);
     (photon, (photon.hit_m.as_dvec3(), f64::from(photon.distance_m)))
 }
 

@@ -87,7 +87,7 @@ fn largest_error(answers: &[Answer], landings: &[Landing]) -> f64 {
         let exact = landing.landed()?;
         let landed = answer.photon.residual_m >= 0.0;
         let apart = (answer.photon.hit_m.as_dvec3() - exact.hit.position).length();
-        Some(if landed { apart / exact.distance_m } else { f64::NAN })
+        Some(if landed { apart / exact.hit.distance_m } else { f64::NAN })
     };
     largest(answers.iter().zip(landings).filter_map(error))
 }

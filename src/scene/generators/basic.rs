@@ -2,12 +2,12 @@
 
 use std::f64::consts::TAU;
 
-use glam::{DMat4, DVec3};
+use glam::DVec3;
 
-use super::{
-    super::{mesh::Mesh, noise::tile_noise, shapes},
-    Args, Generator, SEED, generator, param,
-};
+use super::{Args, Generator, SEED, generator, param};
+use crate::scene::Mesh;
+use crate::scene::noise::tile_noise;
+use crate::scene::shapes::{self, grounded, moved};
 
 pub const GENERATORS: &[Generator] = &[
     generator("plane", "a level rectangle that faces up", plane).with(&[
@@ -39,7 +39,7 @@ pub const GENERATORS: &[Generator] = &[
     ]),
     generator("sphere", "a ball that touches the floor", |a| {
         let radius = a.get("radius_m");
-        raised(shapes::sphere(radius, a.count("rows")), radius)
+        moved(shapes::sphere(radius, a.count("rows")), 0.0, radius, 0.0)
     })
     .with(&[
         param("radius_m", 0.5, 0.001, 1000.0, "radius"),
@@ -48,7 +48,7 @@ pub const GENERATORS: &[Generator] = &[
     generator("torus", "a ring lying on the floor", |a| {
         let tube = a.get("tube_m");
         let mesh = shapes::torus(a.get("radius_m"), tube, a.count("segments"), a.count("sides"));
-        raised(mesh, tube)
+        moved(mesh, 0.0, tube, 0.0)
     })
     .with(&[
         param("radius_m", 0.7, 0.001, 1000.0, "radius of the ring's middle"),
@@ -69,19 +69,13 @@ pub const GENERATORS: &[Generator] = &[
     ]),
 ];
 
-fn raised(mesh: Mesh, by_m: f64) -> Mesh {
-    mesh.transformed(&DMat4::from_translation(DVec3::Y * by_m))
-}
-
 fn plane(a: &Args) -> Mesh {
     let (width, depth, cells) = (a.get("width_m"), a.get("depth_m"), a.count("cells"));
-    shapes::surface((cells, cells), (false, false), |u, v| {
-        DVec3::new((u - 0.5) * width, 0.0, (0.5 - v) * depth)
-    })
+    shapes::sheet((cells, cells), |u, v| DVec3::new((u - 0.5) * width, 0.0, (0.5 - v) * depth))
 }
 
 fn corner(a: &Args) -> Mesh {
-    let axes = [DVec3::X, DVec3::Y, DVec3::Z].map(|axis| axis * a.get("size_m"));
+    let axes = DVec3::AXES.map(|axis| axis * a.get("size_m"));
     shapes::merged((0..3).map(|i| {
         let (u, v) = (axes[(i + 1) % 3], axes[(i + 2) % 3]);
         shapes::quad([DVec3::ZERO, u, u + v, v])
@@ -91,15 +85,13 @@ fn corner(a: &Args) -> Mesh {
 /// Three slices of the noise, one per axis, bend the ball.
 fn blob(a: &Args) -> Mesh {
     let (radius, bump, seed) = (a.get("radius_m"), a.get("bump"), a.get("seed") as u32);
-    let mesh = shapes::displaced_sphere(a.count("rows"), |d| {
+    grounded(shapes::displaced_sphere(a.count("rows"), |d| {
         let p = d * 0.12 + 0.37;
         let bumps = tile_noise(p.x, p.y, seed).0
             + tile_noise(p.y, p.z, seed ^ 1).0
             + tile_noise(p.z, p.x, seed ^ 2).0;
         d * radius * (1.0 + bump * bumps.clamp(-1.0, 1.0))
-    });
-    let lowest = mesh.bounds().min.y;
-    raised(mesh, -lowest)
+    }))
 }
 
 /// A trefoil, standing upright.
@@ -113,7 +105,5 @@ fn knot(a: &Args) -> Mesh {
             DVec3::new(ring * (2.0 * t).cos(), ring * (2.0 * t).sin(), lift) * scale
         })
         .collect();
-    let mesh = shapes::tube(&path, &vec![0.7 * scale; n], a.count("sides"), true);
-    let lowest = mesh.bounds().min.y;
-    raised(mesh, -lowest)
+    grounded(shapes::tube(&path, &vec![0.7 * scale; n], a.count("sides"), true))
 }

@@ -5,15 +5,11 @@
 
 use std::f64::consts::TAU;
 
-use glam::{DMat4, DVec3};
+use glam::DMat4;
 
-use super::{
-    super::{
-        Mesh,
-        shapes::{cuboid, cylinder, merged, moved},
-    },
-    Args, Dice, Generator, Param, SEED, generator, param,
-};
+use super::{Args, Dice, Generator, Param, SEED, generator, param};
+use crate::scene::Mesh;
+use crate::scene::shapes::{cuboid, cylinder, merged, moved, scaled};
 
 const BRICK: f64 = 1.2;
 const PLATE: f64 = 0.4;
@@ -26,7 +22,6 @@ const GAP: f64 = 0.0125;
 /// How far a stud reaches into its brick, so that no faces fall together.
 const ROOT: f64 = 0.05;
 
-/// Longest brick of a wall.
 const LONGEST: usize = 4;
 
 const PITCH_M: Param = param("pitch_m", 0.1, 0.001, 10.0, "distance of the studs");
@@ -77,8 +72,7 @@ fn brick([columns, rows]: [usize; 2], height: f64, segments: usize, studs: bool)
     let places = if studs { columns * rows } else { 0 };
     for i in 0..places {
         let (column, row) = ((i % columns) as f64, (i / columns) as f64);
-        let place = moved(stud.clone(), column + 0.5, height - ROOT, row + 0.5);
-        mesh.append(&place);
+        mesh.append(&moved(stud.clone(), column + 0.5, height - ROOT, row + 0.5));
     }
     mesh
 }
@@ -86,7 +80,7 @@ fn brick([columns, rows]: [usize; 2], height: f64, segments: usize, studs: bool)
 /// From pitches to metres, the middle in x and z on the axis.
 fn placed(a: &Args, mesh: Mesh, columns: usize, rows: usize) -> Mesh {
     let centred = moved(mesh, -0.5 * columns as f64, 0.0, -0.5 * rows as f64);
-    centred.transformed(&DMat4::from_scale(DVec3::splat(a.get("pitch_m"))))
+    scaled(centred, a.get("pitch_m"))
 }
 
 fn single(a: &Args) -> Mesh {
@@ -99,8 +93,7 @@ fn single(a: &Args) -> Mesh {
 /// A course of bricks from `start` to `end`, the first one shifted in every other course.
 fn course(start: usize, end: usize, odd: bool, segments: usize, studs: bool) -> Mesh {
     let mut mesh = Mesh::default();
-    let mut at = start;
-    let mut longest = if odd { LONGEST / 2 } else { LONGEST };
+    let (mut at, mut longest) = (start, if odd { LONGEST / 2 } else { LONGEST });
     while at < end {
         let length = longest.min(end - at);
         let one = brick([length, 2], BRICK, segments, studs);

@@ -2,13 +2,9 @@
 
 use glam::DVec3;
 
-use super::{
-    super::{
-        Mesh,
-        shapes::{bar, cuboid, merged, moved},
-    },
-    Args, Generator, generator, param,
-};
+use super::{Args, Generator, generator, param};
+use crate::scene::Mesh;
+use crate::scene::shapes::{bar, cuboid, merged, moved};
 
 pub const GENERATORS: &[Generator] = &[generator(
     "crate",
@@ -25,7 +21,6 @@ pub const GENERATORS: &[Generator] = &[generator(
 /// Share of a plank's place that is gap.
 const GAP: f64 = 0.06;
 
-/// Battens outside, planks within them.
 fn plank_crate(a: &Args) -> Mesh {
     let size = DVec3::new(a.get("width_m"), a.get("height_m"), a.get("depth_m"));
     let t = 0.09 * size.min_element();

@@ -1,12 +1,10 @@
 //! A game level of few triangles: walls, doorways, windows, pillars, a platform with stairs.
 
-use super::{
-    super::{
-        Mesh,
-        shapes::{cuboid, cylinder, merged, moved},
-    },
-    Args, Generator, generator, param,
-};
+use itertools::Itertools;
+
+use super::{Args, Generator, generator, param};
+use crate::scene::Mesh;
+use crate::scene::shapes::{cuboid, cylinder, merged, moved};
 
 pub const GENERATORS: &[Generator] =
     &[generator("level", "rooms of a low-resolution game level, open to the sky", level).with(&[
@@ -70,14 +68,12 @@ fn level(a: &Args) -> Mesh {
 
 /// Runs of the same letter: the letter, its first place, and the one after its last.
 fn runs(line: &str) -> Vec<(char, usize, usize)> {
-    let mut runs: Vec<(char, usize, usize)> = Vec::new();
-    for (i, kind) in line.chars().enumerate() {
-        match runs.last_mut() {
-            Some((last, _, end)) if *last == kind => *end = i + 1,
-            _ => runs.push((kind, i, i + 1)),
-        }
-    }
-    runs
+    let mut end = 0;
+    let run = |(length, kind)| {
+        end += length;
+        (kind, end - length, end)
+    };
+    line.chars().dedup_with_count().map(run).collect()
 }
 
 /// The solid parts over a square of the plan, from and to which share of the walls' height.
@@ -115,9 +111,8 @@ fn pillars(
             let square = 0.5 * cell;
             cuboid([x - square, 0.0, z - square], [x + square, base, z + square])
         });
-        [plate(base), plate(height - thick), moved(shaft, x, base + thick, z)]
-            .into_iter()
-            .chain(ground)
+        let pillar = [plate(base), plate(height - thick), moved(shaft, x, base + thick, z)];
+        pillar.into_iter().chain(ground)
     }))
 }
 

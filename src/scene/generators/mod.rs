@@ -21,35 +21,26 @@ use std::collections::BTreeMap;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg32;
 
-use super::{check, mesh::Mesh};
+use super::{Mesh, check};
 
-/// One generator.
 pub struct Generator {
     /// As scene files call it.
     pub name: &'static str,
-    /// What it makes, in a few words.
     pub about: &'static str,
-    /// What can be set.
     pub params: &'static [Param],
     build: fn(&Args) -> Mesh,
 }
 
-/// One number that a generator takes.
 pub struct Param {
     /// With its unit, as scene files call it.
     pub name: &'static str,
-    /// Its value if left out.
     pub default: f64,
-    /// Smallest valid value.
     pub low: f64,
-    /// Largest valid value.
     pub high: f64,
-    /// What it is, in a few words.
     pub about: &'static str,
 }
 
-/// Every generator there is.
-pub fn all() -> impl Iterator<Item = &'static Generator> {
+pub fn all() -> impl Iterator<Item = &'static Generator> + Clone {
     [
         basic::GENERATORS,
         tank::GENERATORS,
@@ -69,14 +60,12 @@ pub fn all() -> impl Iterator<Item = &'static Generator> {
 /// The generator called `name`; the error names the nearest one.
 pub fn find(name: &str) -> Result<&'static Generator, String> {
     all().find(|g| g.name == name).ok_or_else(|| {
-        let names: Vec<&str> = all().map(|g| g.name).collect();
-        let hint = check::hint(name, names.iter().copied());
+        let hint = check::hint(name, all().map(|g| g.name));
         format!("there is no generator `{name}`: {hint}")
     })
 }
 
 impl Generator {
-    /// The same with these parameters.
     const fn with(self, params: &'static [Param]) -> Self {
         Self { params, ..self }
     }
@@ -118,25 +107,20 @@ impl<'a> Args<'a> {
 
     /// A parameter's value, or its default.
     fn get(&self, name: &str) -> f64 {
-        let declared = || self.declared.iter().find(|p| p.name == name);
-        self.given
-            .get(name)
-            .copied()
-            .or_else(|| declared().map(|p| p.default))
-            .unwrap_or_else(|| panic!("`{}` does not declare `{name}`", self.generator))
+        let declared = || self.declared.iter().find(|p| p.name == name).map(|p| p.default);
+        let value = self.given.get(name).copied().or_else(declared);
+        value.unwrap_or_else(|| panic!("`{}` does not declare `{name}`", self.generator))
     }
 
     fn count(&self, name: &str) -> usize {
         self.get(name).round() as usize
     }
 
-    /// The generator's own random numbers.
     fn rng(&self) -> Dice {
         Dice(Pcg32::seed_from_u64(self.get("seed") as u64))
     }
 }
 
-/// Seeded random numbers.
 struct Dice(Pcg32);
 
 impl Dice {
@@ -150,7 +134,6 @@ const fn generator(name: &'static str, about: &'static str, build: fn(&Args) -> 
     Generator { name, about, params: &[], build }
 }
 
-/// A declared parameter.
 const fn param(
     name: &'static str,
     default: f64,
@@ -161,7 +144,6 @@ const fn param(
     Param { name, default, low, high, about }
 }
 
-/// The seed of a generator with random parts.
 const SEED: Param = param("seed", 1.0, 0.0, 4_294_967_295.0, "seed of the random numbers");
 
 #[cfg(test)]
@@ -178,15 +160,6 @@ mod tests {
                 assert!(mesh.triangle_count() < 100_000, "{}", generator.name);
             }
         }
-    }
-
-    /// Signed volume of closed meshes: positive where triangles face outward.
-    fn volume(mesh: &Mesh) -> f64 {
-        let signed = |t: usize| {
-            let [a, b, c] = mesh.triangle(t);
-            a.dot(b.cross(c)) / 6.0
-        };
-        (0..mesh.triangle_count()).map(signed).sum()
     }
 
     /// Edges that are not met as often from one side as from the other: none in closed meshes.
@@ -217,7 +190,7 @@ mod tests {
         for generator in themes.into_iter().flatten().chain(basic) {
             let mesh = generator.mesh(&BTreeMap::new(), 3.0).expect("a mesh");
             assert_eq!(open_edges(&mesh), 0, "{}", generator.name);
-            assert!(volume(&mesh) > 0.0, "{}", generator.name);
+            assert!(mesh.volume() > 0.0, "{}", generator.name);
             let flat = (0..mesh.triangle_count()).filter(|t| {
                 let [a, b, c] = mesh.triangle(*t);
                 (b - a).cross(c - a).length() < 1e-12
@@ -255,11 +228,13 @@ mod tests {
     #[test]
     fn unknown_names_get_the_nearest_one() {
         assert!(find("sphear").err().expect("unknown").contains("`sphere`"));
-        let params = BTreeMap::from([("radus_m".to_owned(), 1.0)]);
-        let error = find("sphere").expect("known").mesh(&params, 3.0).unwrap_err();
-        assert!(error.contains("`radius_m`"), "{error}");
-        let params = BTreeMap::from([("radius_m".to_owned(), f64::NAN)]);
-        let error = find("sphere").expect("known").mesh(&params, 3.0).unwrap_err();
-        assert!(error.contains("params.radius_m"), "{error}");
+        let sphere = find("sphere").expect("known");
+        for (param, value, named) in
+            [("radus_m", 1.0, "`radius_m`"), ("radius_m", f64::NAN, "params.radius_m")]
+        {
+            let params = BTreeMap::from([(param.to_owned(), value)]);
+            let error = sphere.mesh(&params, 3.0).unwrap_err();
+            assert!(error.contains(named), "{error}");
+        }
     }
 }

@@ -4,16 +4,11 @@ use std::f64::consts::{PI, TAU};
 
 use glam::{DMat4, DVec3, EulerRot};
 
-use super::{
-    super::{
-        Mesh,
-        noise::tile_noise,
-        shapes::{
-            self, block, cuboid, cylinder, displaced_sphere, lathe, merged, moved, smooth_profile,
-            tube,
-        },
-    },
-    Args, Dice, Generator, SEED, generator, param,
+use super::{Args, Dice, Generator, SEED, generator, param};
+use crate::scene::Mesh;
+use crate::scene::noise::tile_noise;
+use crate::scene::shapes::{
+    block, cuboid, cylinder, displaced_sphere, lathe, merged, moved, sheet, smooth_profile, tube,
 };
 
 pub const GENERATORS: &[Generator] = &[
@@ -73,7 +68,7 @@ pub const GENERATORS: &[Generator] = &[
 fn sea_bed(a: &Args) -> Mesh {
     let (width, depth, cells) = (a.get("width_m"), a.get("depth_m"), a.count("cells"));
     let (bump, rise, seed) = (a.get("bump_m"), a.get("rise_m"), a.get("seed") as u32);
-    shapes::surface((cells, cells), (false, false), |u, v| {
+    sheet((cells, cells), |u, v| {
         let (x, z) = ((u - 0.5) * width, (0.5 - v) * depth);
         let (swell, _) = tile_noise(x / 40.0, z / 40.0, seed);
         let (ripple, _) = tile_noise(x / 9.0, z / 9.0, seed ^ 5);
@@ -89,8 +84,7 @@ fn quay(a: &Args) -> Mesh {
     let mut dice = a.rng();
     let coping = 0.18f64.min(0.3 * top);
     let half = 0.5 * length;
-    let core = cuboid([-half, -1.0, -depth], [half, top - coping, -0.12]);
-    let mut mesh = core;
+    let mut mesh = cuboid([-half, -1.0, -depth], [half, top - coping, -0.12]);
     let courses = ((top / a.get("course_m")).ceil() as usize).clamp(1, 40);
     let course = (top - coping) / courses as f64;
     let blocks = ((length / (2.2 * course)).ceil() as usize).clamp(1, 60);
@@ -104,10 +98,7 @@ fn quay(a: &Args) -> Mesh {
                 let y = row as f64 * course;
                 let face = dice.between(-0.035, 0.035);
                 let (low, high) = (DVec3::new(left, y, -0.3), DVec3::new(right, y + course, face));
-                mesh.append(&cuboid(
-                    low + DVec3::splat(0.008),
-                    high - DVec3::new(0.008, 0.008, 0.0),
-                ));
+                mesh.append(&cuboid(low + 0.008, high - DVec3::new(0.008, 0.008, 0.0)));
             }
         }
     }
@@ -146,12 +137,8 @@ fn pier(a: &Args) -> Mesh {
     for row in 0..=rows {
         let z = (row as f64 / rows as f64 - 0.5) * (length - 0.4);
         for x in [-side, side] {
-            let lean = DMat4::from_euler(
-                EulerRot::XYZ,
-                dice.between(-0.02, 0.02),
-                0.0,
-                dice.between(-0.02, 0.02),
-            );
+            let mut tilt = || dice.between(-0.02, 0.02);
+            let lean = DMat4::from_euler(EulerRot::XYZ, tilt(), 0.0, tilt());
             let height = deck + dice.between(0.05, 0.5);
             let pile = pile(0.13, height + 0.6).transformed(&lean);
             mesh.append(&moved(pile, x * 1.12, -0.6, z));
@@ -201,12 +188,9 @@ fn stone(dice: &mut Dice, radius: f64, rows: usize, seed: u32, (x, z): (f64, f64
         let bumps = tile_noise(p.x, p.y + p.z, seed).0 + tile_noise(p.z, p.x - p.y, !seed).0;
         d * shape * radius * (1.0 + 0.45 * bumps)
     });
-    let turn = DMat4::from_euler(
-        EulerRot::YXZ,
-        dice.between(0.0, TAU),
-        dice.between(-0.3, 0.3),
-        dice.between(-0.3, 0.3),
-    );
+    let yaw = dice.between(0.0, TAU);
+    let mut tilt = || dice.between(-0.3, 0.3);
+    let turn = DMat4::from_euler(EulerRot::YXZ, yaw, tilt(), tilt());
     moved(mesh.transformed(&turn), x, 0.25 * radius, z)
 }
 
@@ -234,40 +218,33 @@ fn hull(a: &Args) -> Mesh {
         }
     };
     let (outer, inner) = (skin(0.0), skin(thickness));
-    let size = (28, 20);
-    let outside = shapes::surface(size, (false, false), outer).inverted();
-    let inside = shapes::surface(size, (false, false), inner);
+    let outside = sheet((28, 20), outer).inverted();
+    let inside = sheet((28, 20), inner);
     let gunwales = [0.0, 1.0].map(|v: f64| {
-        let strip =
-            shapes::surface((28, 1), (false, false), |u, w| outer(u, v).lerp(inner(u, v), w));
+        let strip = sheet((28, 1), |u, w| outer(u, v).lerp(inner(u, v), w));
         if v == 1.0 { strip.inverted() } else { strip }
     });
-    let transom =
-        shapes::surface((28, 1), (false, false), |v, w| outer(1.0, v).lerp(inner(1.0, v), w));
+    let transom = sheet((28, 1), |v, w| outer(1.0, v).lerp(inner(1.0, v), w));
     let plate = |depth: f64| {
-        shapes::surface((28, 1), (false, false), |v, w| {
+        sheet((28, 1), |v, w| {
             let p = outer(1.0, v);
             p.lerp(DVec3::new(0.0, p.y, p.z), w) - DVec3::Z * depth
         })
     };
-    let lid = shapes::surface((1, 1), (false, false), |side, w| {
+    let lid = sheet((1, 1), |side, w| {
         outer(1.0, 0.0).lerp(outer(1.0, 1.0), side) - DVec3::Z * (w * thickness)
     });
     let thwarts = [0.3, 0.55, 0.8].map(|u: f64| {
         let half = inner(u, 0.78).x;
         moved(block(2.0 * half, 0.04, 0.22), 0.0, 0.35 * freeboard, (u - 0.5) * length)
     });
-    merged(
-        [outside, inside, transom, plate(0.0), plate(thickness).inverted(), lid]
-            .into_iter()
-            .chain(gunwales)
-            .chain(thwarts),
-    )
+    let sides = [outside, inside, transom, plate(0.0), plate(thickness).inverted(), lid];
+    merged(sides.into_iter().chain(gunwales).chain(thwarts))
 }
 
 fn bollard(a: &Args) -> Mesh {
     let h = a.get("height_m");
-    let profile: Vec<(f64, f64)> = smooth_profile(
+    let profile = smooth_profile(
         &[
             (0.3, 0.0),
             (0.3, 0.06),

@@ -4,26 +4,26 @@ use std::f64::consts::{FRAC_PI_2, TAU};
 
 use glam::{DMat4, DVec3};
 
-use super::{
-    super::{
-        Mesh,
-        shapes::{block, cylinder, lathe, merged, moved, smooth_profile, sphere, torus},
-    },
-    Args, Generator, generator, param,
+use super::{Args, Generator, generator, param};
+use crate::scene::Mesh;
+use crate::scene::shapes::{
+    block, cylinder, grounded, lathe, merged, moved, scaled, smooth_profile, sphere, torus,
 };
 
-pub const GENERATORS: &[Generator] = &[ROBOT];
-
-const ROBOT: Generator =
-    generator("robot", "a walking robot, facing +z, its lowest foot on the floor", robot).with(&[
-        param("height_m", 1.8, 0.05, 100.0, "height when it stands upright"),
-        param("stride_deg", 22.0, -60.0, 60.0, "swing of the left leg forward, the right one back"),
-        param("arm_deg", 35.0, -90.0, 180.0, "swing of the right arm forward, the left one back"),
-        param("elbow_deg", 55.0, 0.0, 140.0, "bend of the elbows"),
-        param("spread_deg", 12.0, 0.0, 90.0, "angle of the arms away from the body"),
-        param("head_deg", 20.0, -90.0, 90.0, "turn of the head to its left"),
-        param("rows", 16.0, 4.0, 64.0, "rings of a ball joint"),
-    ]);
+pub const GENERATORS: &[Generator] = &[generator(
+    "robot",
+    "a walking robot, facing +z, its lowest foot on the floor",
+    robot,
+)
+.with(&[
+    param("height_m", 1.8, 0.05, 100.0, "height when it stands upright"),
+    param("stride_deg", 22.0, -60.0, 60.0, "swing of the left leg forward, the right one back"),
+    param("arm_deg", 35.0, -90.0, 180.0, "swing of the right arm forward, the left one back"),
+    param("elbow_deg", 55.0, 0.0, 140.0, "bend of the elbows"),
+    param("spread_deg", 12.0, 0.0, 90.0, "angle of the arms away from the body"),
+    param("head_deg", 20.0, -90.0, 90.0, "turn of the head to its left"),
+    param("rows", 16.0, 4.0, 64.0, "rings of a ball joint"),
+])];
 
 /// Lengths below are shares of the height.
 const HIP: DVec3 = DVec3::new(0.075, 0.5, 0.0);
@@ -53,14 +53,7 @@ fn robot(a: &Args) -> Mesh {
             * DMat4::from_rotation_x(side * swing);
         mesh.append(&arm(rows, elbow).transformed(&shoulder));
     }
-    let lowest = mesh.bounds().min.y;
-    let scale = DMat4::from_scale(DVec3::splat(a.get("height_m")));
-    moved(mesh, 0.0, -lowest, 0.0).transformed(&scale)
-}
-
-/// A ball joint about the origin.
-fn joint(radius: f64, rows: usize) -> Mesh {
-    sphere(radius, rows)
+    scaled(grounded(mesh), a.get("height_m"))
 }
 
 /// A round limb that hangs down from the origin.
@@ -120,13 +113,13 @@ fn leg(rows: usize, knee: f64, forward: f64) -> Mesh {
     let ankle =
         DMat4::from_translation(DVec3::NEG_Y * SHIN) * DMat4::from_rotation_x(forward - knee);
     let foot = merged([
-        joint(0.03, rows),
+        sphere(0.03, rows),
         moved(block(0.075, 0.03, 0.15), 0.0, -0.05, 0.03),
         moved(block(0.06, 0.025, 0.06), 0.0, -0.025, 0.0),
     ]);
-    let lower = merged([joint(0.042, rows), limb(0.042, SHIN, rows), foot.transformed(&ankle)]);
+    let lower = merged([sphere(0.042, rows), limb(0.042, SHIN, rows), foot.transformed(&ankle)]);
     let bent = DMat4::from_translation(DVec3::NEG_Y * THIGH) * DMat4::from_rotation_x(knee);
-    merged([joint(0.05, rows), limb(0.05, THIGH, rows), lower.transformed(&bent)])
+    merged([sphere(0.05, rows), limb(0.05, THIGH, rows), lower.transformed(&bent)])
 }
 
 /// Hangs down from the shoulder at the origin, with a hand of three fingers.
@@ -135,13 +128,13 @@ fn arm(rows: usize, elbow: f64) -> Mesh {
         let (sin, cos) = (TAU * f64::from(i) / 3.0).sin_cos();
         let finger = merged([
             limb(0.009, 0.045, rows / 2 + 2),
-            moved(joint(0.008, rows / 2 + 2), 0.0, -0.045, 0.0),
+            moved(sphere(0.008, rows / 2 + 2), 0.0, -0.045, 0.0),
         ]);
         moved(finger, 0.018 * cos, -FOREARM - 0.02, 0.018 * sin)
     });
     let palm = moved(cylinder(0.028, 0.025, 2 * rows), 0.0, -FOREARM - 0.025, 0.0);
-    let lower = [joint(0.033, rows), limb(0.032, FOREARM, rows), palm];
+    let lower = [sphere(0.033, rows), limb(0.032, FOREARM, rows), palm];
     let lower = merged(lower.into_iter().chain(fingers));
     let bent = DMat4::from_translation(DVec3::NEG_Y * UPPER_ARM) * DMat4::from_rotation_x(-elbow);
-    merged([joint(0.045, rows), limb(0.036, UPPER_ARM, rows), lower.transformed(&bent)])
+    merged([sphere(0.045, rows), limb(0.036, UPPER_ARM, rows), lower.transformed(&bent)])
 }

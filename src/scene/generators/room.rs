@@ -2,13 +2,9 @@
 
 use glam::{DMat4, DVec3};
 
-use super::{
-    super::{
-        Mesh,
-        shapes::{bar, block, cuboid, displaced_sphere, lathe, merged, moved},
-    },
-    Args, Generator, SEED, generator, param,
-};
+use super::{Args, Generator, SEED, generator, param};
+use crate::scene::Mesh;
+use crate::scene::shapes::{bar, block, cuboid, displaced_sphere, lathe, merged, moved};
 
 pub const GENERATORS: &[Generator] = &[
     generator("interior", "a closed room with a window in the wall at −x", interior).with(&[
@@ -85,12 +81,8 @@ fn table(size: DVec3) -> Mesh {
     let top = 0.05 * size.y;
     let leg = 0.06 * size.x.min(size.z);
     let board = moved(block(size.x, top, size.z), 0.0, size.y - top, 0.0);
-    let frame = moved(
-        block(size.x - 4.0 * leg, 0.1 * size.y, size.z - 4.0 * leg),
-        0.0,
-        size.y - top - 0.1 * size.y,
-        0.0,
-    );
+    let frame = block(size.x - 4.0 * leg, 0.1 * size.y, size.z - 4.0 * leg);
+    let frame = moved(frame, 0.0, size.y - top - 0.1 * size.y, 0.0);
     let legs = [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)].map(|(sx, sz)| {
         let (x, z) = (0.5 * size.x - 1.5 * leg, 0.5 * size.z - 1.5 * leg);
         moved(block(leg, size.y - top, leg), sx * x, 0.0, sz * z)

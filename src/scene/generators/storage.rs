@@ -4,13 +4,9 @@ use std::f64::consts::{FRAC_PI_2, TAU};
 
 use glam::{DMat4, DVec3};
 
-use super::{
-    super::{
-        Mesh,
-        shapes::{bar, block, cuboid, cylinder, lathe, merged, moved, tube},
-    },
-    Args, Dice, Generator, SEED, generator, param,
-};
+use super::{Args, Dice, Generator, SEED, generator, param};
+use crate::scene::Mesh;
+use crate::scene::shapes::{bar, block, cuboid, cylinder, lathe, merged, moved, tube};
 
 pub const GENERATORS: &[Generator] = &[
     generator("hall", "a hall with floor, walls, and a roof of slabs with gaps between them", hall)
@@ -102,23 +98,20 @@ fn trusses(a: &Args) -> Mesh {
             let rising = bay.is_multiple_of(2);
             let (from, to) = if rising { (0.0, rise) } else { (rise, 0.0) };
             let diagonal = bar(at(k, from), at(next, to), 0.7 * thick);
-            let upright = bar(at(next, 0.0), at(next, rise), 0.6 * thick);
-            [diagonal, upright]
+            [diagonal, bar(at(next, 0.0), at(next, rise), 0.6 * thick)]
         });
         chords.into_iter().chain(webs).collect::<Vec<_>>()
     }))
 }
 
-/// A crate of the given size standing on y = 0: panels, a frame of battens, and a diagonal on each
-/// side.
+/// A crate of this size standing on y = 0: panels, a frame of battens, a diagonal on each side.
 fn wooden_crate(size: DVec3) -> Mesh {
     let t = 0.1 * size.min_element();
     let (h, top) = (0.5 * size, size.y);
-    let panels = cuboid(
+    let mut mesh = cuboid(
         [-h.x + 0.75 * t, 0.75 * t, -h.z + 0.75 * t],
         [h.x - 0.75 * t, top - 0.75 * t, h.z - 0.75 * t],
     );
-    let mut mesh = panels;
     for (sx, sz) in [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)] {
         let post = block(t, top, t);
         mesh.append(&moved(post, sx * (h.x - 0.5 * t), 0.0, sz * (h.z - 0.5 * t)));
@@ -241,13 +234,8 @@ fn shelves(a: &Args) -> Mesh {
         let y = (level as f64 + 0.35) * gap;
         mesh.append(&moved(block(width, 0.05, depth), 0.0, y, 0.0));
         for i in 0..bays {
-            mesh.append(&goods(
-                &mut dice,
-                (i as f64 * bay - 0.5 * width, y + 0.05),
-                bay,
-                0.6 * gap,
-                depth,
-            ));
+            let place = (i as f64 * bay - 0.5 * width, y + 0.05);
+            mesh.append(&goods(&mut dice, place, bay, 0.6 * gap, depth));
         }
     }
     mesh

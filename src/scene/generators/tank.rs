@@ -2,16 +2,13 @@
 
 use std::f64::consts::TAU;
 
-use glam::{DMat4, DVec3};
+use glam::DVec3;
 
-use super::{
-    super::{
-        mesh::Mesh,
-        shapes::{
-            self, block, cuboid, lathe, merged, quad, smooth_path, smooth_profile, tube, turned,
-        },
-    },
-    Args, Generator, generator, param,
+use super::{Args, Generator, generator, param};
+use crate::scene::Mesh;
+use crate::scene::shapes::{
+    block, cuboid, displaced_sphere, lathe, merged, moved, quad, scaled, smooth_path,
+    smooth_profile, tube, turned,
 };
 
 pub const GENERATORS: &[Generator] = &[
@@ -62,11 +59,9 @@ fn basin(a: &Args) -> Mesh {
 
 /// The mesh without its triangles in the plane y = `top`.
 fn without_lid(mut mesh: Mesh, top: f64) -> Mesh {
-    let kept: Vec<u32> = (0..mesh.triangle_count())
-        .filter(|&t| mesh.triangle(t).iter().any(|p| (p.y - top).abs() > 1e-4))
-        .flat_map(|t| mesh.indices[3 * t..3 * t + 3].to_vec())
-        .collect();
-    mesh.indices = kept;
+    let kept = (0..mesh.triangle_count())
+        .filter(|&t| mesh.triangle(t).iter().any(|p| (p.y - top).abs() > 1e-4));
+    mesh.indices = kept.flat_map(|t| mesh.indices[3 * t..3 * t + 3].to_vec()).collect();
     mesh
 }
 
@@ -93,8 +88,7 @@ fn column(a: &Args) -> Mesh {
         lathe(&base, 48),
         turned(&shaft, flutes * 6, grooves),
         lathe(&capital, 48),
-        block(2.8 * r, 0.35 * foot, 2.8 * r)
-            .transformed(&DMat4::from_translation(DVec3::Y * (h - 0.35 * foot))),
+        moved(block(2.8 * r, 0.35 * foot, 2.8 * r), 0.0, h - 0.35 * foot, 0.0),
     ])
 }
 
@@ -139,7 +133,7 @@ fn statue(a: &Args) -> Mesh {
         let chest = 1.0 - 0.3 * ((y - 0.6) / 0.2).clamp(0.0, 1.0) * angle.sin().powi(2);
         folds * chest
     });
-    let head = shapes::displaced_sphere(fine(24.0), |d| {
+    let head = displaced_sphere(fine(24.0), |d| {
         let nose = 0.012 * (-((d - DVec3::new(0.0, -0.1, 0.99)).length_squared()) / 0.03).exp();
         d * DVec3::new(0.042, 0.056, 0.05) + DVec3::new(0.0, 0.935, nose + 0.006)
     });
@@ -154,5 +148,5 @@ fn statue(a: &Args) -> Mesh {
     let lowered = [(0.085, 0.795, 0.0), (0.135, 0.7, 0.0), (0.13, 0.6, 0.06), (0.07, 0.58, 0.11)];
     let arms = [raised, lowered].map(|knots| arm(&knots.map(|(x, y, z)| DVec3::new(x, y, z))));
     let figure = merged(pedestal.into_iter().chain([body, head]).chain(arms));
-    figure.transformed(&DMat4::from_scale(DVec3::splat(a.get("height_m"))))
+    scaled(figure, a.get("height_m"))
 }

@@ -4,11 +4,10 @@ use std::f64::consts::TAU;
 
 use glam::DVec3;
 
-use super::{
-    super::{super::noise::fractal_noise, Args, SEED, param},
-    Field, FieldGenerator,
-    distance::{cylinder, ellipsoid, limb, share, without},
-};
+use super::super::{Args, SEED, param};
+use super::distance::{cylinder, ellipsoid, limb, share, without};
+use super::{Field, FieldGenerator};
+use crate::scene::noise::fractal_noise;
 
 pub const GENERATORS: &[FieldGenerator] = &[FieldGenerator {
     name: "bonsai",
@@ -38,21 +37,16 @@ struct Cluster {
     radii: DVec3,
 }
 
-struct Tree {
-    limbs: Vec<Limb>,
-    clusters: Vec<Cluster>,
-}
-
 fn bonsai(a: &Args) -> Field {
-    let tree = grow(a);
+    let (limbs, clusters) = grow(a);
     let [pot, wood, leaves, width] = ["pot", "wood", "leaves", "blur"].map(|name| a.get(name));
     let seed = a.get("seed") as u32;
     Box::new(move |p| {
         let vessel = pot * share(vessel(p), width);
         let soil = 0.5 * pot * share(cylinder(p - DVec3::Y * -0.36, 0.24, 0.025), width);
-        let bark = tree.limbs.iter().map(|l| limb(p, l.ends, l.radii));
+        let bark = limbs.iter().map(|l| limb(p, l.ends, l.radii));
         let bark = wood * share(bark.fold(f64::INFINITY, f64::min), width);
-        vessel.max(soil).max(bark).max(leaves * tree.foliage(p, seed))
+        vessel.max(soil).max(bark).max(leaves * foliage(&clusters, p, seed))
     })
 }
 
@@ -65,7 +59,7 @@ fn vessel(p: DVec3) -> f64 {
 }
 
 /// A trunk that winds upward, and branches around it, each with leaves at its end.
-fn grow(a: &Args) -> Tree {
+fn grow(a: &Args) -> (Vec<Limb>, Vec<Cluster>) {
     let mut dice = a.rng();
     let turn = dice.between(0.0, TAU);
     let sway = |t: f64| {
@@ -76,10 +70,8 @@ fn grow(a: &Args) -> Tree {
     let segments = 8;
     let at = |i: i32| f64::from(i) / f64::from(segments);
     let mut limbs: Vec<Limb> = (0..segments)
-        .map(|i| Limb {
-            ends: [sway(at(i)), sway(at(i + 1))],
-            radii: [radius(at(i)), radius(at(i + 1))],
-        })
+        .map(|i| [at(i), at(i + 1)])
+        .map(|ends| Limb { ends: ends.map(sway), radii: ends.map(radius) })
         .collect();
     let count = a.count("branches");
     let mut clusters =
@@ -91,29 +83,22 @@ fn grow(a: &Args) -> Tree {
         let tip = sway(t) + DVec3::new(reach * angle.cos(), 0.3 * reach, reach * angle.sin());
         let bend = sway(t).lerp(tip, 0.5) - DVec3::Y * (0.12 * reach);
         let thick = 0.45 * radius(t);
-        for (ends, radii) in
-            [([sway(t), bend], [thick, 0.8 * thick]), ([bend, tip], [0.8 * thick, 0.4 * thick])]
-        {
-            limbs.push(Limb { ends, radii });
-        }
+        limbs.push(Limb { ends: [sway(t), bend], radii: [thick, 0.8 * thick] });
+        limbs.push(Limb { ends: [bend, tip], radii: [0.8 * thick, 0.4 * thick] });
         let spread = dice.between(0.11, 0.15);
-        clusters.push(Cluster {
-            middle: tip + DVec3::Y * 0.02,
-            radii: DVec3::new(spread, 0.5 * spread, spread),
-        });
+        let radii = DVec3::new(spread, 0.5 * spread, spread);
+        clusters.push(Cluster { middle: tip + DVec3::Y * 0.02, radii });
     }
-    Tree { limbs, clusters }
+    (limbs, clusters)
 }
 
-impl Tree {
-    /// Leaves: noise in each cluster, thinner towards its border.
-    fn foliage(&self, p: DVec3, seed: u32) -> f64 {
-        let inside = self.clusters.iter().map(|c| ellipsoid(p - c.middle, c.radii));
-        let depth = -inside.fold(f64::INFINITY, f64::min);
-        if depth <= 0.0 {
-            return 0.0;
-        }
-        let speckle = 0.5 + 1.5 * fractal_noise(p * 28.0, 2, seed);
-        (depth / 0.03).min(1.0) * speckle.clamp(0.0, 1.0)
+/// Leaves: noise in each cluster, thinner towards its border.
+fn foliage(clusters: &[Cluster], p: DVec3, seed: u32) -> f64 {
+    let inside = clusters.iter().map(|c| ellipsoid(p - c.middle, c.radii));
+    let depth = -inside.fold(f64::INFINITY, f64::min);
+    if depth <= 0.0 {
+        return 0.0;
     }
+    let speckle = 0.5 + 1.5 * fractal_noise(p * 28.0, 2, seed);
+    (depth / 0.03).min(1.0) * speckle.clamp(0.0, 1.0)
 }

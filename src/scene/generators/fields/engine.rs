@@ -2,11 +2,9 @@
 
 use glam::DVec3;
 
-use super::{
-    super::{Args, param},
-    Field, FieldGenerator,
-    distance::{cuboid, cylinder, share, without},
-};
+use super::super::{Args, param};
+use super::distance::{cuboid, cylinder, share, without};
+use super::{Field, FieldGenerator};
 
 pub const GENERATORS: &[FieldGenerator] = &[FieldGenerator {
     name: "engine_like",

@@ -2,11 +2,10 @@
 
 use glam::DVec3;
 
-use super::{
-    super::{super::noise::fractal_noise, Args, SEED, param},
-    Field, FieldGenerator,
-    distance::{ellipsoid, limb, share},
-};
+use super::super::{Args, SEED, param};
+use super::distance::{ellipsoid, limb, share};
+use super::{Field, FieldGenerator};
+use crate::scene::noise::fractal_noise;
 
 pub const GENERATORS: &[FieldGenerator] = &[FieldGenerator {
     name: "head_like",

@@ -1,7 +1,6 @@
 //! Procedural volumes, named in scene files by `generator` in the table `[volume]`.
 //!
-//! Each is a field over a box that can be sampled at any number of cells: a coarser volume shows the
-//! same thing.
+//! Each is a field over a box. A volume sampled at fewer cells shows the same thing.
 
 mod bonsai;
 mod distance;
@@ -16,24 +15,19 @@ use rayon::prelude::*;
 
 use super::{Args, Param, check};
 
-/// One generator of volumes.
 pub struct FieldGenerator {
     /// As scene files call it.
     pub name: &'static str,
-    /// What it makes, in a few words.
     pub about: &'static str,
-    /// What can be set.
     pub params: &'static [Param],
     /// Cells along x, y and z where the scene file does not say; their ratio is that of the box.
     pub cells: [u32; 3],
-    /// The field for these parameters.
     build: fn(&Args) -> Field,
 }
 
 /// Values 0 … 1 over a box whose longest edge is 1, about the origin.
 type Field = Box<dyn Fn(DVec3) -> f64 + Sync>;
 
-/// Every generator of volumes there is.
 pub fn all() -> impl Iterator<Item = &'static FieldGenerator> + Clone {
     [smoke::GENERATORS, bonsai::GENERATORS, engine::GENERATORS, head::GENERATORS]
         .into_iter()

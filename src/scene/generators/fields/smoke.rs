@@ -1,12 +1,8 @@
 //! Smoke: fractal noise that thins out towards the border of the box.
 
-use super::{
-    super::{
-        super::noise::fractal_noise,
-        {Args, SEED, param},
-    },
-    Field, FieldGenerator,
-};
+use super::super::{Args, SEED, param};
+use super::{Field, FieldGenerator};
+use crate::scene::noise::fractal_noise;
 
 pub const GENERATORS: &[FieldGenerator] = &[FieldGenerator {
     name: "smoke",
