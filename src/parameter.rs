@@ -69,11 +69,25 @@ pub struct Beside<'a> {
     pub about: &'a str,
 }
 
+impl<'a> Beside<'a> {
+    pub fn new(path: &'a str, about: &'a str) -> Self {
+        Self { path, about, ..Self::default() }
+    }
+
+    #[must_use]
+    pub fn within(self, low: f64, high: f64, unit: &'static str) -> Self {
+        Self { range: Some(Range { low, high }), unit, ..self }
+    }
+}
+
 /// A value of a parameter, or a group of parameters.
 pub trait Setting {
     /// # Errors
-    /// The first value out of its range.
-    fn check(&self, beside: Beside<'_>) -> Result<(), ParamError>;
+    /// The first value out of its range. Where there is no range, none.
+    fn check(&self, _: Beside<'_>) -> Result<(), ParamError> {
+        Ok(())
+    }
+
     /// Lists the parameter, or those of the group.
     fn describe(beside: Beside<'_>, fields: &mut Vec<Field>);
 }
@@ -89,7 +103,8 @@ pub fn within(path: &str, value: f64, low: f64, high: f64) -> Result<(), ParamEr
     Err(ParamError::Range { path: path.to_owned(), value, low, high })
 }
 
-fn list(beside: Beside<'_>, allowed: Allowed, fields: &mut Vec<Field>) {
+/// Lists a single parameter.
+pub fn list(beside: Beside<'_>, allowed: Allowed, fields: &mut Vec<Field>) {
     let about = beside.about.split_whitespace().collect::<Vec<_>>().join(" ");
     fields.push(Field { path: beside.path.to_owned(), allowed, unit: beside.unit, about });
 }
@@ -127,33 +142,15 @@ numbers! {
 }
 
 impl Setting for bool {
-    fn check(&self, _: Beside<'_>) -> Result<(), ParamError> {
-        Ok(())
-    }
-
     fn describe(beside: Beside<'_>, fields: &mut Vec<Field>) {
         list(beside, Allowed::Flag, fields);
     }
 }
 
 impl Setting for String {
-    fn check(&self, _: Beside<'_>) -> Result<(), ParamError> {
-        Ok(())
-    }
-
     fn describe(beside: Beside<'_>, fields: &mut Vec<Field>) {
-        describe_free(beside, fields);
+        list(beside, Allowed::Free, fields);
     }
-}
-
-/// Lists a parameter whose values its reader judges, such as a file's name.
-pub fn describe_free(beside: Beside<'_>, fields: &mut Vec<Field>) {
-    list(beside, Allowed::Free, fields);
-}
-
-/// Lists an enum's names: see [`choices!`](crate::choices).
-pub fn describe_choice<T: DeserializeOwned>(beside: Beside<'_>, fields: &mut Vec<Field>) {
-    list(beside, Allowed::Names(names_of::<T>()), fields);
 }
 
 /// The names that an enum is read from.
@@ -200,18 +197,12 @@ pub fn joined(path: &str, field: &str) -> String {
 macro_rules! choices {
     ($($name:ty),* $(,)?) => {
         $(impl $crate::parameter::Setting for $name {
-            fn check(
-                &self,
-                _: $crate::parameter::Beside<'_>,
-            ) -> Result<(), $crate::parameter::ParamError> {
-                Ok(())
-            }
-
             fn describe(
                 beside: $crate::parameter::Beside<'_>,
                 fields: &mut Vec<$crate::parameter::Field>,
             ) {
-                $crate::parameter::describe_choice::<$name>(beside, fields);
+                let names = $crate::parameter::names_of::<$name>();
+                $crate::parameter::list(beside, $crate::parameter::Allowed::Names(names), fields);
             }
         })*
     };
@@ -235,21 +226,14 @@ macro_rules! settings {
             )*
         }
     ) => {
-        $(#[doc = $group])*
-        #[derive(Clone, Debug, PartialEq, ::serde::Serialize, ::serde::Deserialize)]
-        #[serde(default, deny_unknown_fields)]
-        $visibility struct $name {
-            $($(#[doc = $about])* $(#[serde $serde])? pub $field: $type,)*
-        }
-
         impl Default for $name {
             fn default() -> Self {
                 Self { $($field: $default,)* }
             }
         }
 
-        $crate::settings!(@setting $name {
-            $($field: $type, [$($about)*], [$($low ..= $high, $unit)?];)*
+        $crate::settings!(@group [$(#[doc = $group])* #[serde(default, deny_unknown_fields)]] $visibility $name {
+            $($field: $type, [$($about)*], [$(#[serde $serde])?], [$($low, $high, $unit)?];)*
         });
     };
     (
@@ -261,13 +245,6 @@ macro_rules! settings {
             )*
         }
     ) => {
-        $(#[doc = $group])*
-        #[derive(Clone, Debug, PartialEq, ::serde::Serialize, ::serde::Deserialize)]
-        #[serde(deny_unknown_fields)]
-        $visibility struct $name {
-            $($(#[doc = $about])* pub $field: $type,)*
-        }
-
         impl From<&$file_type> for $name {
             /// Defaults, with what the file says.
             fn from($file: &$file_type) -> Self {
@@ -275,8 +252,8 @@ macro_rules! settings {
             }
         }
 
-        $crate::settings!(@setting $name {
-            $($field: $type, [$($about)*], [$($low ..= $high, $unit)?];)*
+        $crate::settings!(@group [$(#[doc = $group])* #[serde(deny_unknown_fields)]] $visibility $name {
+            $($field: $type, [$($about)*], [], [$($low, $high, $unit)?];)*
         });
     };
     (
@@ -289,20 +266,19 @@ macro_rules! settings {
             )*
         }
     ) => {
-        $(#[doc = $group])*
-        #[derive(Clone, Debug, PartialEq, ::serde::Serialize, ::serde::Deserialize)]
-        #[serde(deny_unknown_fields)]
-        $visibility struct $name {
-            $($(#[doc = $about])* $(#[serde $serde])? pub $field: $type,)*
-        }
-
-        $crate::settings!(@setting $name {
-            $($field: $type, [$($about)*], [$($low ..= $high, $unit)?];)*
+        $crate::settings!(@group [$(#[doc = $group])* #[serde(deny_unknown_fields)]] $visibility $name {
+            $($field: $type, [$($about)*], [$(#[serde $serde])?], [$($low, $high, $unit)?];)*
         });
     };
-    (@setting $name:ident {
-        $($field:ident: $type:ty, [$($about:literal)*], [$($low:literal ..= $high:literal, $unit:literal)?];)*
+    (@group [$($group:tt)*] $visibility:vis $name:ident {
+        $($field:ident: $type:ty, [$($about:literal)*], [$($serde:tt)*], [$($low:literal, $high:literal, $unit:literal)?];)*
     }) => {
+        #[derive(Clone, Debug, PartialEq, ::serde::Serialize, ::serde::Deserialize)]
+        $($group)*
+        $visibility struct $name {
+            $($(#[doc = $about])* $($serde)* pub $field: $type,)*
+        }
+
         impl $crate::parameter::Setting for $name {
             fn check(
                 &self,
@@ -310,7 +286,8 @@ macro_rules! settings {
             ) -> Result<(), $crate::parameter::ParamError> {
                 $({
                     let path = $crate::parameter::joined(beside.path, stringify!($field));
-                    let beside = $crate::settings!(@beside &path, [$($about)*], [$($low ..= $high, $unit)?]);
+                    let beside = $crate::parameter::Beside::new(&path, concat!($($about, "\n"),*))
+                        $(.within($low as f64, $high as f64, $unit))?;
                     $crate::parameter::Setting::check(&self.$field, beside)?;
                 })*
                 Ok(())
@@ -322,26 +299,11 @@ macro_rules! settings {
             ) {
                 $({
                     let path = $crate::parameter::joined(beside.path, stringify!($field));
-                    let beside = $crate::settings!(@beside &path, [$($about)*], [$($low ..= $high, $unit)?]);
+                    let beside = $crate::parameter::Beside::new(&path, concat!($($about, "\n"),*))
+                        $(.within($low as f64, $high as f64, $unit))?;
                     <$type as $crate::parameter::Setting>::describe(beside, fields);
                 })*
             }
-        }
-    };
-    (@beside $path:expr, [$($about:literal)*], [$low:literal ..= $high:literal, $unit:literal]) => {
-        $crate::parameter::Beside {
-            path: $path,
-            range: Some($crate::parameter::Range { low: $low as f64, high: $high as f64 }),
-            unit: $unit,
-            about: concat!($($about, "\n"),*),
-        }
-    };
-    (@beside $path:expr, [$($about:literal)*], []) => {
-        $crate::parameter::Beside {
-            path: $path,
-            range: None,
-            unit: "",
-            about: concat!($($about, "\n"),*),
         }
     };
 }
@@ -380,8 +342,7 @@ fn collect(tree: &Value, prefix: &str, paths: &mut Vec<String>) {
     match tree {
         Value::Object(map) => {
             for (key, value) in map {
-                let path = if prefix.is_empty() { key.clone() } else { format!("{prefix}.{key}") };
-                collect(value, &path, paths);
+                collect(value, &joined(prefix, key), paths);
             }
         }
         _ => paths.push(prefix.to_owned()),

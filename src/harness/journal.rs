@@ -61,7 +61,7 @@ impl Journal {
     pub fn open(path: &Path) -> Result<(Self, Vec<String>), RecordError> {
         let opened = LineWriter::open(path, |_| Ok::<(), RecordError>(()))?;
         let notices = opened.notices();
-        let earlier = by_cell(opened.lines.lines);
+        let earlier = by_cell(opened.read.records);
         let now = Instant::now();
         let journal = Self {
             path: path.to_owned(),
@@ -191,7 +191,7 @@ pub fn unfinished(path: &Path, records: &[Record]) -> Result<Vec<(CellName, usiz
     if !path.exists() {
         return Ok(Vec::new());
     }
-    let lines = read_lines::<SampleLine>(path)?.lines;
+    let lines = read_lines::<SampleLine>(path)?.records;
     let name = |line: &SampleLine| {
         let name = CellName {
             id: line.id.clone(),

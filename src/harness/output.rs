@@ -7,7 +7,7 @@ use thiserror::Error;
 
 use super::calendar;
 use crate::record::{
-    self, Compared, FolderLock, Lines, LockError, PictureKind, Profile, Record, RecordError,
+    self, Compared, FolderLock, LockError, PictureKind, Profile, Reading, Record, RecordError,
     Writer, read_lines,
 };
 use crate::text;
@@ -36,29 +36,23 @@ pub enum OutputError {
         path.display()
     )]
     Occupied { path: PathBuf },
-    #[error("no {} to resume in {}: name its folder with --out", kind.name(), path.display())]
+    #[error("no {kind} to resume in {}: name its folder with --out", path.display())]
     NothingToResume { kind: Kind, path: PathBuf },
-    #[error("{} holds no {} but other records: choose another folder with --out", path.display(), kind.name())]
+    #[error("{} holds no {kind} but other records: choose another folder with --out", path.display())]
     OtherKind { kind: Kind, path: PathBuf },
     #[error("{} has no sound header, so its other records mean nothing", path.display())]
     NoHeader { path: PathBuf },
 }
 
 /// What was measured into a folder.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, strum::Display)]
+#[strum(serialize_all = "lowercase")]
 pub enum Kind {
     Run,
     Comparison,
 }
 
 impl Kind {
-    fn name(self) -> &'static str {
-        match self {
-            Self::Run => "run",
-            Self::Comparison => "comparison",
-        }
-    }
-
     fn of(record: &Record) -> Self {
         match record {
             Record::Comparison(_) => Self::Comparison,
@@ -67,14 +61,15 @@ impl Kind {
     }
 
     /// Refuses records that this cannot be continued with.
-    fn check(self, path: &Path, read: &Lines<Record>) -> Result<(), OutputError> {
+    fn check(self, path: &Path, read: &Reading) -> Result<(), OutputError> {
         record::empty_or_sound(path, read)?;
         let path = path.to_owned();
-        if read.lines.iter().any(|record| Self::of(record) != self) {
+        if read.records.iter().any(|record| Self::of(record) != self) {
             return Err(OutputError::OtherKind { kind: self, path });
         }
         let header = |record: &Record| matches!(record, Record::Comparison(Compared::Header(_)));
-        if self == Self::Comparison && !read.lines.is_empty() && !read.lines.iter().any(header) {
+        if self == Self::Comparison && !read.records.is_empty() && !read.records.iter().any(header)
+        {
             return Err(OutputError::NoHeader { path });
         }
         Ok(())
@@ -146,7 +141,7 @@ impl Taken {
             output: self.output,
             notices: opened.notices(),
             writer: opened.writer,
-            before: opened.lines.lines,
+            before: opened.read.records,
             _lock: self.lock,
         })
     }
@@ -271,7 +266,7 @@ fn latest(parent: &Path) -> Option<PathBuf> {
 
 /// Records that can be read are those of a comparison.
 fn is_comparison(path: &Path) -> bool {
-    let first = read_lines::<Record>(path).ok().and_then(|read| read.lines.into_iter().next());
+    let first = read_lines::<Record>(path).ok().and_then(|read| read.records.into_iter().next());
     first.is_some_and(|first| Kind::of(&first) == Kind::Comparison)
 }
 

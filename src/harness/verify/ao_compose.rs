@@ -2,8 +2,7 @@
 
 use glam::{DVec3, Vec2};
 
-use super::rig::{self, Rig, largest};
-use super::{Case, Check, Checks, Result};
+use super::{Case, Check, Checks, Result, Rig, largest, rig};
 use crate::reference::image::{Image, pixels};
 use crate::reference::rays::{PixelRays, Tracer};
 use crate::scene::Scene;

@@ -1,7 +1,6 @@
 //! `ao/bilateral` and `hsao/filter` against the f64 twin, guided by the depth of a rendered scene.
 
-use super::rig::{self, Rig, largest, noise};
-use super::{Case, Check, Checks, Result};
+use super::{Case, Check, Checks, Result, Rig, largest, noise, rig};
 use crate::gpu::StageInfo;
 use crate::pipelines::settings;
 use crate::reference::bilateral::Bilateral;

@@ -2,9 +2,7 @@
 
 use glam::DVec3;
 
-use super::rig::{Rig, largest};
-use super::{Case, Check, Checks};
-use crate::gpu::read_buffer;
+use super::{Case, Check, Checks, Rig, largest};
 use crate::reference::deform::{Moment, Motion};
 use crate::scene::{Object, Scene};
 use crate::stages::geometry::Geometry;
@@ -42,7 +40,7 @@ fn check(rig: &Rig<'_>, motion: Motion, of_stage: deform::Motion, name: &str) ->
     let amount = (CYCLES, AMPLITUDE);
     let stage = deform::Deform::new(&rig.resources, &geometry, &scene, of_stage, amount)?;
     rig.run(&[&stage])?;
-    let words: Vec<f32> = bytemuck::pod_collect_to_vec(&read_buffer(rig.gpu, &geometry.vertices)?);
+    let words: Vec<f32> = rig.read(&geometry.vertices)?;
     let vector = |v: &[f32]| DVec3::new(v[0].into(), v[1].into(), v[2].into());
     let found: Vec<Vertex> =
         words.chunks_exact(7).map(|v| [vector(&v[..3]), vector(&v[3..6])]).collect();

@@ -5,9 +5,8 @@ use std::f64::consts::TAU;
 use glam::DVec3;
 
 use super::photons::run_until;
-use super::rig::{self, Random, Rig, largest};
 use super::splats::{RULES, draw_free, energy_params, photon_at, splat_image};
-use super::{Case, Check, Result, lines};
+use super::{Case, Check, Random, Result, Rig, largest, lines, rig};
 use crate::pipelines::Built;
 use crate::pipelines::underwater::Underwater;
 use crate::reference::image::Image;

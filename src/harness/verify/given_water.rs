@@ -5,8 +5,7 @@ use std::sync::Arc;
 use glam::DVec3;
 
 use super::photons::{Family, exact, settings, trace, with_rates};
-use super::rig::{self, Random, Rig};
-use super::{Case, Check, Checks, Result, VerifyError};
+use super::{Case, Check, Checks, Random, Result, Rig, VerifyError, rig};
 use crate::reference::photons::Landing;
 use crate::reference::quantities::{StoredPhoton, photon_errors, quantile};
 use crate::reference::rays::Tracer;

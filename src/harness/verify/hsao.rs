@@ -3,8 +3,7 @@
 
 use glam::{DVec3, Vec2};
 
-use super::rig::{Rig, largest, mean};
-use super::{Case, Check, Checks, Result};
+use super::{Case, Check, Checks, Result, Rig, largest, mean};
 use crate::reference::horizon::{HorizonSplit, SeenDepth, beside_wall};
 use crate::reference::image::{Image, pixels};
 use crate::reference::occlusion::{Attenuation, occlusion};

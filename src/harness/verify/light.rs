@@ -2,8 +2,7 @@
 
 use glam::DVec3;
 
-use super::rig::{self, Rig};
-use super::{Case, Check, Checks, Result};
+use super::{Case, Check, Checks, Result, Rig, rig};
 use crate::reference::image::{Image, pixels};
 use crate::reference::quantities::quantile;
 use crate::reference::rays::{PixelRays, Tracer};

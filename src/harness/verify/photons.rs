@@ -2,8 +2,7 @@
 
 use glam::Vec2;
 
-use super::rig::{self, Rig, largest};
-use super::{Case, Check, Checks, Result};
+use super::{Case, Check, Checks, Result, Rig, largest, rig};
 use crate::gpu::GpuError;
 use crate::pipelines::underwater::{Params, Underwater};
 use crate::pipelines::{AnyPipeline, Built};

@@ -5,8 +5,7 @@ mod media;
 
 use glam::DVec3;
 
-use super::rig::{self, Rig};
-use super::{Case, Result};
+use super::{Case, Result, Rig, rig};
 use crate::pipelines::scalar_ao::{Law, Mode, Scalar, Stop};
 use crate::pipelines::settings::Attenuation;
 use crate::reference::image::Image;

@@ -3,8 +3,7 @@
 use glam::{DVec3, Vec2};
 
 use super::photons::run_until;
-use super::rig::{self, Random, Rig, largest};
-use super::{Case, Check, Checks, Result};
+use super::{Case, Check, Checks, Random, Result, Rig, largest, rig};
 use crate::pipelines::Built;
 use crate::pipelines::underwater::{Intensity as Rule, Params, Underwater};
 use crate::reference::image::Image;

@@ -4,8 +4,7 @@ use glam::{DMat4, DVec3};
 
 use super::{Case, MarchedVolume, Marching, beyond, density_error, largest, marching, twin};
 use crate::gpu::GpuError;
-use crate::harness::verify::rig::Rig;
-use crate::harness::verify::{Check, Checks, Result};
+use crate::harness::verify::{Check, Checks, Result, Rig};
 use crate::reference::image::{Image, pixels};
 use crate::reference::march::{HostVolume, March};
 use crate::reference::rays::PixelRays;

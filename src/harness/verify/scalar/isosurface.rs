@@ -3,8 +3,7 @@
 use glam::DVec3;
 
 use super::{ScalarPicture, Setup, VOXEL_M, cubes, looking, settings};
-use crate::harness::verify::rig::{Rig, largest, mean};
-use crate::harness::verify::{Case, Check, Checks, Result, VerifyError};
+use crate::harness::verify::{Case, Check, Checks, Result, Rig, VerifyError, largest, mean};
 use crate::pipelines::scalar_ao::{Mode, Scalar, Stop};
 use crate::reference::isosurface::{Solid, first, occlusion};
 use crate::reference::occlusion::Attenuation;

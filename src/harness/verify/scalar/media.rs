@@ -3,8 +3,7 @@
 use glam::DVec3;
 
 use super::{Setup, VOXEL_M, cubes, field, looking, opacity_voxel_m, probe, settings};
-use crate::harness::verify::rig::{Random, Rig, largest};
-use crate::harness::verify::{Case, Check, Checks, Result, VerifyError};
+use crate::harness::verify::{Case, Check, Checks, Random, Result, Rig, VerifyError, largest};
 use crate::pipelines::scalar_ao::{Law, Mode, Scalar};
 use crate::reference::image::pixels;
 use crate::reference::media::{self, Marching, halved, in_ball, on_ramp, under_face};

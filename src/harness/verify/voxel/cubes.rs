@@ -3,8 +3,7 @@
 use glam::DVec3;
 
 use super::subjects::{cells, random_voxels};
-use crate::harness::verify::rig::{self, Random, Rig};
-use crate::harness::verify::{Case, Check, Result};
+use crate::harness::verify::{Case, Check, Random, Result, Rig, rig};
 use crate::reference::image::pixels;
 use crate::reference::rays::PixelRays;
 use crate::scene::{Grid, LightKind};

@@ -2,8 +2,7 @@
 
 use super::subjects::{cells, differing, plain, random_voxels};
 use crate::gpu::{GpuError, read_volume};
-use crate::harness::verify::rig::{Random, Rig};
-use crate::harness::verify::{Case, Check, Checks, Result};
+use crate::harness::verify::{Case, Check, Checks, Random, Result, Rig};
 use crate::scene::Grid;
 use crate::stages::voxel::mips::{Mips, level_cells};
 use crate::stages::voxels::Voxels;
