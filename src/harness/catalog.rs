@@ -45,7 +45,6 @@ impl Default for Catalog {
 }
 
 impl Catalog {
-    /// What fathom brings.
     pub fn builtin() -> Self {
         Self {
             program: CargoTarget::FATHOM,
@@ -108,10 +107,7 @@ impl Catalog {
         Self { gates: (name, text), ..self }
     }
 
-    /// The kind of pipeline of a name.
-    ///
-    /// # Errors
-    /// There is none, with the name that is most like it.
+    /// The kind of pipeline of a name; an error names the name that is most like it.
     pub fn kind(&self, name: &str) -> Result<Kind, SubjectError> {
         let found = self.kinds.iter().find(|kind| kind.name == name);
         found.copied().ok_or_else(|| SubjectError::UnknownPipeline {
@@ -121,10 +117,7 @@ impl Catalog {
     }
 
     /// The stages that a pipeline's frame holds by some of its parameters, in frame order: found by planning it with each of the
-    /// choices that a parameter has, one parameter at a time.
-    ///
-    /// # Errors
-    /// An unknown pipeline, and one that no scene suits.
+    /// choices that a parameter has, one parameter at a time. A pipeline that no scene suits is an error.
     pub fn stages_of(&self, pipeline: &str) -> Result<Vec<&'static StageInfo>, SubjectError> {
         let kind = self.kind(pipeline)?;
         let suitable = LISTED.into_iter().map(str::to_owned);

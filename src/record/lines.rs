@@ -308,8 +308,11 @@ fn sort<T: Line>(path: &Path, bytes: &[u8]) -> Result<Sorted<T>, RecordError> {
         if line.iter().all(u8::is_ascii_whitespace) {
             continue;
         }
-        let reason = match parse::<T>(line) {
-            Parsed::Line(parsed) => match headers.orphaned(&parsed) {
+        let (name, reads) = (T::NAME, T::SCHEMA);
+        let other_format =
+            |found| RecordError::Schema { path: path.to_owned(), line: number, name, found, reads };
+        let reason = match parse::<T>(line).map_err(other_format)? {
+            Ok(parsed) => match headers.orphaned(&parsed) {
                 None => {
                     sorted.read.records.push(parsed);
                     let length = line.strip_suffix(b"\n").unwrap_or(line).len();
@@ -320,16 +323,7 @@ fn sort<T: Line>(path: &Path, bytes: &[u8]) -> Result<Sorted<T>, RecordError> {
                     format!("it belongs to a run whose header, line {lost}, may be damaged")
                 }
             },
-            Parsed::OtherSchema(found) => {
-                return Err(RecordError::Schema {
-                    path: path.to_owned(),
-                    line: number,
-                    name: T::NAME,
-                    found,
-                    reads: T::SCHEMA,
-                });
-            }
-            Parsed::Damaged(reason) => {
+            Err(reason) => {
                 headers.damaged::<T>(number, line);
                 if line.ends_with(b"\n") {
                     reason
@@ -369,29 +363,21 @@ impl Headers {
     }
 }
 
-enum Parsed<T> {
-    Line(T),
-    OtherSchema(u64),
-    Damaged(String),
-}
-
-fn parse<T: Line>(line: &[u8]) -> Parsed<T> {
+/// A line, or why it is damaged; the error is the format that it says it has where that is another.
+fn parse<T: Line>(line: &[u8]) -> Result<Result<T, String>, u64> {
     if line.len() > MAX_LINE {
-        return Parsed::Damaged(format!("longer than {} MiB", MAX_LINE >> 20));
+        return Ok(Err(format!("longer than {} MiB", MAX_LINE >> 20)));
     }
     let stated = serde_json::from_slice::<Stated>(line).ok();
     let found = stated.and_then(|stated| stated.schema?.as_u64());
     if let Some(found) = found.filter(|found| *found != u64::from(T::SCHEMA)) {
-        return Parsed::OtherSchema(found);
+        return Err(found);
     }
-    match serde_json::from_slice::<T>(line) {
-        Ok(line) => match line.check() {
-            Ok(()) => Parsed::Line(line),
-            Err(fault) => Parsed::Damaged(fault),
-        },
-        Err(error) if error.is_data() => Parsed::Damaged(format!("not a {}: {error}", T::NAME)),
-        Err(error) => Parsed::Damaged(format!("not JSON: {error}")),
-    }
+    Ok(match serde_json::from_slice::<T>(line) {
+        Ok(line) => line.check().map(|()| line),
+        Err(error) if error.is_data() => Err(format!("not a {}: {error}", T::NAME)),
+        Err(error) => Err(format!("not JSON: {error}")),
+    })
 }
 
 /// The format that a line says it has, if it says so.
