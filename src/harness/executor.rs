@@ -90,7 +90,6 @@ pub struct CellExecutor<'a> {
 pub struct Output<'a> {
     pub writer: &'a mut Writer,
     pub journal: &'a mut Journal,
-    /// The header of this run.
     pub header: &'a Run,
     pub progress: &'a mut Progress,
     /// The folder of the records, in which pictures are.

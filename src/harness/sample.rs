@@ -207,14 +207,12 @@ impl Samples {
     }
 }
 
-/// How a cell ended.
 #[derive(Clone, Debug, PartialEq)]
 pub enum CellResult {
     Sampled(Samples),
     Failed(String),
 }
 
-/// A prepared cell.
 struct Live {
     cell: usize,
     samples: Samples,

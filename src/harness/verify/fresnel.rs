@@ -69,8 +69,7 @@ fn cell_sums(image: &Image) -> Vec<f64> {
     let side = i64::from(image.width() / CELLS);
     let sum = |cell: u32| {
         let (x, y) = (i64::from(cell % CELLS) * side, i64::from(cell / CELLS) * side);
-        let pixels = (0..side * side).map(|i| image.clamped(x + i % side, y + i / side));
-        pixels.sum()
+        (0..side * side).map(|i| image.clamped(x + i % side, y + i / side)).sum()
     };
     (0..CELLS * CELLS).map(sum).collect()
 }

@@ -71,9 +71,7 @@ fn tile(origin_m: [f64; 2]) -> Result<Tile> {
 fn waves(rig: &Rig<'_>) -> Checks {
     let water = |factor: f64| {
         let mut waves = wave_list();
-        for wave in &mut waves {
-            wave.amplitude_m *= factor;
-        }
+        waves.iter_mut().for_each(|wave| wave.amplitude_m *= factor);
         move |water: &Water| Water {
             model: WaterModel::Waves,
             waves: waves.clone(),
