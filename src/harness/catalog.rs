@@ -193,6 +193,8 @@ fn merge(all: &mut Vec<&'static StageInfo>, frame: Vec<&'static StageInfo>) {
 
 #[cfg(test)]
 mod tests {
+    use itertools::Itertools;
+
     use super::*;
 
     #[test]
@@ -201,29 +203,15 @@ mod tests {
         let names = |pipeline: &str| -> Vec<&str> {
             catalog.stages_of(pipeline).unwrap().into_iter().map(|stage| stage.name).collect()
         };
-        let hsao = [
-            "frame",
-            "shadow/depth",
-            "scene/gbuffer",
-            "hsao/march",
-            "hsao/filter",
-            "ao/compose",
-            "post/luminance",
-        ];
-        assert_eq!(names("hsao"), hsao);
+        let hsao =
+            "frame shadow/depth scene/gbuffer hsao/march hsao/filter ao/compose post/luminance";
+        assert_eq!(names("hsao").join(" "), hsao);
         let volume_ao = names("volume_ao");
         let place = |name: &str| volume_ao.iter().position(|stage| *stage == name).unwrap();
-        for pair in [
-            "scene/deform",
-            "voxel/clear",
-            "voxel/slicemap-x",
-            "voxel/unpack",
-            "voxel/mips",
-            "ao/march",
-        ]
-        .windows(2)
-        {
-            assert!(place(pair[0]) < place(pair[1]), "{volume_ao:?}");
+        let order =
+            "scene/deform voxel/clear voxel/slicemap-x voxel/unpack voxel/mips ao/march".split(' ');
+        for (before, after) in order.tuple_windows() {
+            assert!(place(before) < place(after), "{before}, {after}: {volume_ao:?}");
         }
     }
 }
