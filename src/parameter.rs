@@ -69,19 +69,29 @@ pub struct Beside<'a> {
     pub about: &'a str,
 }
 
+impl<'a> Beside<'a> {
+    pub fn new(path: &'a str, about: &'a str) -> Self {
+        Self { path, about, ..Self::default() }
+    }
+
+    #[must_use]
+    pub fn within(self, low: f64, high: f64, unit: &'static str) -> Self {
+        Self { range: Some(Range { low, high }), unit, ..self }
+    }
+}
+
 /// A value of a parameter, or a group of parameters.
 pub trait Setting {
-    /// # Errors
-    /// The first value out of its range.
-    fn check(&self, beside: Beside<'_>) -> Result<(), ParamError>;
+    /// An error names the first value out of its range. Where there is no range, all pass.
+    fn check(&self, _: Beside<'_>) -> Result<(), ParamError> {
+        Ok(())
+    }
+
     /// Lists the parameter, or those of the group.
     fn describe(beside: Beside<'_>, fields: &mut Vec<Field>);
 }
 
-/// Checks a number.
-///
-/// # Errors
-/// It is out of the range, or no number.
+/// Refuses a number out of the range, and what is no number.
 pub fn within(path: &str, value: f64, low: f64, high: f64) -> Result<(), ParamError> {
     if (low..=high).contains(&value) {
         return Ok(());
@@ -89,7 +99,8 @@ pub fn within(path: &str, value: f64, low: f64, high: f64) -> Result<(), ParamEr
     Err(ParamError::Range { path: path.to_owned(), value, low, high })
 }
 
-fn list(beside: Beside<'_>, allowed: Allowed, fields: &mut Vec<Field>) {
+/// Lists a single parameter.
+pub fn list(beside: Beside<'_>, allowed: Allowed, fields: &mut Vec<Field>) {
     let about = beside.about.split_whitespace().collect::<Vec<_>>().join(" ");
     fields.push(Field { path: beside.path.to_owned(), allowed, unit: beside.unit, about });
 }
@@ -128,33 +139,15 @@ numbers! {
 }
 
 impl Setting for bool {
-    fn check(&self, _: Beside<'_>) -> Result<(), ParamError> {
-        Ok(())
-    }
-
     fn describe(beside: Beside<'_>, fields: &mut Vec<Field>) {
         list(beside, Allowed::Flag, fields);
     }
 }
 
 impl Setting for String {
-    fn check(&self, _: Beside<'_>) -> Result<(), ParamError> {
-        Ok(())
-    }
-
     fn describe(beside: Beside<'_>, fields: &mut Vec<Field>) {
-        describe_free(beside, fields);
+        list(beside, Allowed::Free, fields);
     }
-}
-
-/// Lists a parameter whose values its reader judges, such as a file's name.
-pub fn describe_free(beside: Beside<'_>, fields: &mut Vec<Field>) {
-    list(beside, Allowed::Free, fields);
-}
-
-/// Lists an enum's names: see [`choices!`](crate::choices).
-pub fn describe_choice<T: DeserializeOwned>(beside: Beside<'_>, fields: &mut Vec<Field>) {
-    list(beside, Allowed::Names(names_of::<T>()), fields);
 }
 
 /// The names that an enum is read from, or the keys of a table.
@@ -211,18 +204,12 @@ pub fn joined(path: &str, field: &str) -> String {
 macro_rules! choices {
     ($($name:ty),* $(,)?) => {
         $(impl $crate::parameter::Setting for $name {
-            fn check(
-                &self,
-                _: $crate::parameter::Beside<'_>,
-            ) -> Result<(), $crate::parameter::ParamError> {
-                Ok(())
-            }
-
             fn describe(
                 beside: $crate::parameter::Beside<'_>,
                 fields: &mut Vec<$crate::parameter::Field>,
             ) {
-                $crate::parameter::describe_choice::<$name>(beside, fields);
+                let names = $crate::parameter::names_of::<$name>();
+                $crate::parameter::list(beside, $crate::parameter::Allowed::Names(names), fields);
             }
         })*
     };
@@ -246,21 +233,14 @@ macro_rules! settings {
             )*
         }
     ) => {
-        $(#[doc = $group])*
-        #[derive(Clone, Debug, PartialEq, ::serde::Serialize, ::serde::Deserialize)]
-        #[serde(default, deny_unknown_fields)]
-        $visibility struct $name {
-            $($(#[doc = $about])* $(#[serde $serde])? pub $field: $type,)*
-        }
-
         impl Default for $name {
             fn default() -> Self {
                 Self { $($field: $default,)* }
             }
         }
 
-        $crate::settings!(@setting $name {
-            $($field: $type, [$($about)*], [$($low ..= $high, $unit)?];)*
+        $crate::settings!(@group [$(#[doc = $group])* #[serde(default, deny_unknown_fields)]] $visibility $name {
+            $($field: $type, [$($about)*], [$(#[serde $serde])?], [$($low, $high, $unit)?];)*
         });
     };
     (
@@ -272,13 +252,6 @@ macro_rules! settings {
             )*
         }
     ) => {
-        $(#[doc = $group])*
-        #[derive(Clone, Debug, PartialEq, ::serde::Serialize, ::serde::Deserialize)]
-        #[serde(deny_unknown_fields)]
-        $visibility struct $name {
-            $($(#[doc = $about])* pub $field: $type,)*
-        }
-
         impl From<&$file_type> for $name {
             /// Defaults, with what the file says.
             fn from($file: &$file_type) -> Self {
@@ -286,8 +259,8 @@ macro_rules! settings {
             }
         }
 
-        $crate::settings!(@setting $name {
-            $($field: $type, [$($about)*], [$($low ..= $high, $unit)?];)*
+        $crate::settings!(@group [$(#[doc = $group])* #[serde(deny_unknown_fields)]] $visibility $name {
+            $($field: $type, [$($about)*], [], [$($low, $high, $unit)?];)*
         });
     };
     (
@@ -300,20 +273,19 @@ macro_rules! settings {
             )*
         }
     ) => {
-        $(#[doc = $group])*
-        #[derive(Clone, Debug, PartialEq, ::serde::Serialize, ::serde::Deserialize)]
-        #[serde(deny_unknown_fields)]
-        $visibility struct $name {
-            $($(#[doc = $about])* $(#[serde $serde])? pub $field: $type,)*
-        }
-
-        $crate::settings!(@setting $name {
-            $($field: $type, [$($about)*], [$($low ..= $high, $unit)?];)*
+        $crate::settings!(@group [$(#[doc = $group])* #[serde(deny_unknown_fields)]] $visibility $name {
+            $($field: $type, [$($about)*], [$(#[serde $serde])?], [$($low, $high, $unit)?];)*
         });
     };
-    (@setting $name:ident {
-        $($field:ident: $type:ty, [$($about:literal)*], [$($low:literal ..= $high:literal, $unit:literal)?];)*
+    (@group [$($group:tt)*] $visibility:vis $name:ident {
+        $($field:ident: $type:ty, [$($about:literal)*], [$($serde:tt)*], [$($low:literal, $high:literal, $unit:literal)?];)*
     }) => {
+        #[derive(Clone, Debug, PartialEq, ::serde::Serialize, ::serde::Deserialize)]
+        $($group)*
+        $visibility struct $name {
+            $($(#[doc = $about])* $($serde)* pub $field: $type,)*
+        }
+
         impl $crate::parameter::Setting for $name {
             fn check(
                 &self,
@@ -321,7 +293,8 @@ macro_rules! settings {
             ) -> Result<(), $crate::parameter::ParamError> {
                 $({
                     let path = $crate::parameter::joined(beside.path, stringify!($field));
-                    let beside = $crate::settings!(@beside &path, [$($about)*], [$($low ..= $high, $unit)?]);
+                    let beside = $crate::parameter::Beside::new(&path, concat!($($about, "\n"),*))
+                        $(.within($low as f64, $high as f64, $unit))?;
                     $crate::parameter::Setting::check(&self.$field, beside)?;
                 })*
                 Ok(())
@@ -333,34 +306,16 @@ macro_rules! settings {
             ) {
                 $({
                     let path = $crate::parameter::joined(beside.path, stringify!($field));
-                    let beside = $crate::settings!(@beside &path, [$($about)*], [$($low ..= $high, $unit)?]);
+                    let beside = $crate::parameter::Beside::new(&path, concat!($($about, "\n"),*))
+                        $(.within($low as f64, $high as f64, $unit))?;
                     <$type as $crate::parameter::Setting>::describe(beside, fields);
                 })*
             }
         }
     };
-    (@beside $path:expr, [$($about:literal)*], [$low:literal ..= $high:literal, $unit:literal]) => {
-        $crate::parameter::Beside {
-            path: $path,
-            range: Some($crate::parameter::Range { low: $low as f64, high: $high as f64 }),
-            unit: $unit,
-            about: concat!($($about, "\n"),*),
-        }
-    };
-    (@beside $path:expr, [$($about:literal)*], []) => {
-        $crate::parameter::Beside {
-            path: $path,
-            range: None,
-            unit: "",
-            about: concat!($($about, "\n"),*),
-        }
-    };
 }
 
-/// The parameters of a tree, read once.
-///
-/// # Errors
-/// A value of the wrong kind, or out of its range.
+/// The parameters of a tree, read once. Values of the wrong kind or out of their range are errors.
 pub fn read<T: Setting + DeserializeOwned>(tree: &Value) -> Result<T, ParamError> {
     let parsed: T = serde_path_to_error::deserialize(tree)
         .map_err(|error| ParamError::Unfit(format!("{}: {}", error.path(), error.inner())))?;
@@ -391,8 +346,7 @@ fn collect(tree: &Value, prefix: &str, paths: &mut Vec<String>) {
     match tree {
         Value::Object(map) => {
             for (key, value) in map {
-                let path = if prefix.is_empty() { key.clone() } else { format!("{prefix}.{key}") };
-                collect(value, &path, paths);
+                collect(value, &joined(prefix, key), paths);
             }
         }
         _ => paths.push(prefix.to_owned()),
@@ -404,10 +358,8 @@ pub fn get<'t>(tree: &'t Value, path: &str) -> Option<&'t Value> {
     path.split('.').try_fold(tree, |node, key| node.get(key))
 }
 
-/// Puts a value at a leaf. The value must be of the kind that stands there; whole numbers pass for reals.
-///
-/// # Errors
-/// An unknown path, with the nearest valid one, and a value of another kind.
+/// Puts a value at a leaf. The value must be of the kind that stands there; whole numbers pass for reals. The error about an
+/// unknown path names the nearest valid one.
 pub fn set(tree: &mut Value, path: &str, value: Value) -> Result<(), ParamError> {
     let all = leaves(tree);
     if !all.iter().any(|leaf| leaf == path) {
@@ -481,13 +433,12 @@ mod tests {
     }
 
     #[test]
-    fn whole_numbers_pass_for_reals_but_not_the_reverse() {
+    fn whole_numbers_pass_for_reals() {
         let mut tree = tree();
         set(&mut tree, "water.amplitude_m", json!(2)).unwrap();
         assert_eq!(tree["water"]["amplitude_m"], json!(2.0));
         set(&mut tree, "caustics.grid", json!(100.0)).unwrap();
         assert_eq!(tree["caustics"]["grid"], json!(100));
-        assert!(set(&mut tree, "caustics.grid", json!(1.5)).is_err());
     }
 
     #[test]
@@ -504,25 +455,18 @@ mod tests {
     }
 
     #[test]
-    fn unknown_paths_name_the_nearest_leaf() {
-        let error = set(&mut tree(), "caustics.gird", json!(1)).unwrap_err();
-        assert_eq!(
-            error.to_string(),
-            "unknown parameter `caustics.gird`; did you mean `caustics.grid`?"
-        );
-        let error = set(&mut tree(), "amplitude", json!(1)).unwrap_err();
-        assert!(error.to_string().contains("water.amplitude_m"), "{error}");
-    }
-
-    #[test]
-    fn wrong_kinds_say_what_is_taken() {
-        let error = set(&mut tree(), "caustics.filter", json!("yes")).unwrap_err();
-        assert_eq!(
-            error.to_string(),
-            "parameter `caustics.filter` takes true or false, not \"yes\""
-        );
-        assert!(set(&mut tree(), "caustics.buffer", json!([1, 2, 3])).is_err());
-        assert!(set(&mut tree(), "mode", json!(3)).is_err());
-        assert!(set(&mut tree(), "caustics", json!({})).is_err());
+    fn values_that_do_not_fit_are_refused() {
+        let error = |path, value| set(&mut tree(), path, value).unwrap_err().to_string();
+        let unknown = "unknown parameter `caustics.gird`; did you mean `caustics.grid`?";
+        assert_eq!(error("caustics.gird", json!(1)), unknown);
+        let unknown = error("amplitude", json!(1));
+        assert!(unknown.contains("water.amplitude_m"), "{unknown}");
+        let kind = "parameter `caustics.filter` takes true or false, not \"yes\"";
+        assert_eq!(error("caustics.filter", json!("yes")), kind);
+        let others = [("caustics.grid", json!(1.5)), ("caustics.buffer", json!([1, 2, 3]))];
+        for (path, value) in others.into_iter().chain([("mode", json!(3)), ("caustics", json!({}))])
+        {
+            assert!(set(&mut tree(), path, value).is_err(), "{path}");
+        }
     }
 }

@@ -24,12 +24,12 @@ mod tests;
 pub use crate::statistics::Estimate;
 pub use comparison::Compared;
 pub use error_figure::ErrorFigure;
-pub use file::{Reading, Writer, empty_or_sound, finished, read, read_some, resume_key};
+pub use file::{Writer, empty_or_sound, finished, read, read_some, resume_key};
 pub use kinds::{
     FaultKind, Note, NoteKind, Picture, PictureKind, Profile, RejectedFrames, Rejection,
     ShaderChecks, Surrounding,
 };
-pub use lines::{Damage, Line, LineWriter, Lines, Opened, RecordError, kept_aside, read_lines};
+pub use lines::{Damage, Line, LineWriter, Opened, Reading, RecordError, kept_aside, read_lines};
 pub use lock::{FolderLock, LOCK, LockError};
 pub use samples::{Addition, Clocks, FramePair, SAMPLES_SCHEMA, SampleLine, StageTime};
 
@@ -89,8 +89,21 @@ pub struct Adapter {
     pub host_threads: usize,
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[derive(
+    Clone,
+    Copy,
+    Debug,
+    PartialEq,
+    Eq,
+    PartialOrd,
+    Ord,
+    Hash,
+    Serialize,
+    Deserialize,
+    strum::IntoStaticStr,
+)]
 #[serde(rename_all = "snake_case")]
+#[strum(serialize_all = "snake_case")]
 pub enum PassKind {
     Compute,
     Render,
@@ -101,12 +114,7 @@ pub enum PassKind {
 
 impl PassKind {
     pub fn name(self) -> &'static str {
-        match self {
-            Self::Compute => "compute",
-            Self::Render => "render",
-            Self::Copy => "copy",
-            Self::Host => "host",
-        }
+        self.into()
     }
 }
 
@@ -167,20 +175,14 @@ pub struct Cell {
 }
 
 impl Cell {
-    #[cfg(test)]
-    pub fn measured_mut(&mut self) -> Option<&mut Measured> {
-        match &mut self.outcome {
-            Outcome::Measured(measured) => Some(measured),
-            Outcome::Skipped { .. } | Outcome::Failed { .. } => None,
-        }
-    }
-
     /// Its figures, where it was measured.
     pub fn measured(&self) -> Option<&Measured> {
-        match &self.outcome {
-            Outcome::Measured(measured) => Some(measured),
-            Outcome::Skipped { .. } | Outcome::Failed { .. } => None,
-        }
+        if let Outcome::Measured(measured) = &self.outcome { Some(measured) } else { None }
+    }
+
+    #[cfg(test)]
+    pub fn measured_mut(&mut self) -> Option<&mut Measured> {
+        if let Outcome::Measured(measured) = &mut self.outcome { Some(measured) } else { None }
     }
 }
 
@@ -216,9 +218,7 @@ impl Measured {
     pub fn rejected_frames(&self) -> u32 {
         self.rejected.iter().map(|rejected| rejected.frames).sum()
     }
-}
 
-impl Measured {
     /// Quantities and errors by their names.
     pub fn figures(&self) -> BTreeMap<&str, f64> {
         let quantities = self.quantities.iter().map(|(name, value)| (name.as_str(), *value));
@@ -246,8 +246,7 @@ pub struct StageRecord {
 impl StageRecord {
     /// Whether the time is longer than what the clock can tell from none. Where it is not, `time` is an upper bound.
     pub fn is_resolved(&self) -> bool {
-        let fenced = self.fenced.as_ref();
-        fenced.is_none_or(|fenced| self.time.median > fenced.resolution_ns)
+        self.fenced.as_ref().is_none_or(|fenced| self.time.median > fenced.resolution_ns)
     }
 
     /// What was read less the cost of submissions, frame by frame: scatters about the stage's time, and below zero where that
@@ -335,8 +334,8 @@ work! {
     bytes_written,
 }
 
-fn is_zero(count: &u64) -> bool {
-    *count == 0
+fn is_zero<N: Default + PartialEq>(count: &N) -> bool {
+    *count == N::default()
 }
 
 /// How a run ended.

@@ -3,6 +3,7 @@
 //! Everything is f64, deterministic, and in the unit of the samples it is given. No function drops a
 //! sample: outliers are reported, and the median does not mind them.
 
+use itertools::Itertools;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use serde::{Deserialize, Serialize};
@@ -70,8 +71,8 @@ pub fn estimate(samples: &[f64]) -> Estimate {
         (sorted[low - 1], sorted[high - 1])
     } else {
         let mut bootstrap = MedianBootstrap::new();
-        let mut medians: Vec<f64> = (0..RESAMPLES).map(|_| bootstrap.draw(&sorted)).collect();
-        medians.sort_by(f64::total_cmp);
+        let medians = (0..RESAMPLES).map(|_| bootstrap.draw(&sorted));
+        let medians = medians.sorted_by(f64::total_cmp).collect_vec();
         (quantile_of_sorted(&medians, TAILS.0), quantile_of_sorted(&medians, TAILS.1))
     };
     Estimate { median: median_of_sorted(&sorted), low, high, n: samples.len() }
@@ -79,14 +80,11 @@ pub fn estimate(samples: &[f64]) -> Estimate {
 
 /// The median ratio of paired samples, `a / b`, with its interval.
 pub fn ratio_estimate(pairs: &[(f64, f64)]) -> Estimate {
-    let ratios: Vec<f64> = pairs.iter().map(|(a, b)| a / b).collect();
-    estimate(&ratios)
+    estimate(&pairs.iter().map(|(a, b)| a / b).collect_vec())
 }
 
 /// Half the width of the median's 95 % interval over the median, from order statistics: cheap enough to
 /// ask after every sample. Infinite below six samples, where no such interval reaches 95 %.
-///
-/// See `ranks` for the interval.
 pub fn relative_half_width(samples: &[f64]) -> f64 {
     if samples.len() < 6 {
         return f64::INFINITY;
@@ -170,17 +168,11 @@ pub fn log_log_slope(points: &[(f64, &[f64])]) -> Option<Slope> {
     let noiseless = points.iter().all(|(_, samples)| samples.len() == 1);
     let resamples = if noiseless { 1 } else { RESAMPLES };
     let mut bootstrap = MedianBootstrap::new();
-    let mut slopes: Vec<f64> = (0..resamples)
-        .filter_map(|_| {
-            let draw: Vec<(f64, f64)> = points
-                .iter()
-                .map(|(x, samples)| (*x, bootstrap.draw(samples).ln()))
-                .filter(|(_, y)| y.is_finite())
-                .collect();
-            theil_sen(&draw)
-        })
-        .collect();
-    slopes.sort_by(f64::total_cmp);
+    let slopes = (0..resamples).filter_map(|_| {
+        let draws = points.iter().map(|(x, samples)| (*x, bootstrap.draw(samples).ln()));
+        theil_sen(&draws.filter(|(_, y)| y.is_finite()).collect_vec())
+    });
+    let slopes = slopes.sorted_by(f64::total_cmp).collect_vec();
     let intercepts: Vec<f64> = medians.iter().map(|(x, y)| y - slope * x).collect();
     Some(Slope {
         slope,
@@ -193,12 +185,8 @@ pub fn log_log_slope(points: &[(f64, &[f64])]) -> Option<Slope> {
 
 /// The median slope over all pairs of points with distinct `x`. Sen, *J. Am. Stat. Assoc.* 63 (1968).
 fn theil_sen(points: &[(f64, f64)]) -> Option<f64> {
-    let mut slopes: Vec<f64> = points
-        .iter()
-        .enumerate()
-        .flat_map(|(i, a)| points[i + 1..].iter().map(move |b| (b.1 - a.1) / (b.0 - a.0)))
-        .filter(|slope| slope.is_finite())
-        .collect();
+    let slopes = points.iter().array_combinations().map(|[a, b]| (b.1 - a.1) / (b.0 - a.0));
+    let mut slopes = slopes.filter(|slope| slope.is_finite()).collect_vec();
     (!slopes.is_empty()).then(|| median_in_place(&mut slopes))
 }
 
@@ -250,9 +238,7 @@ impl MedianBootstrap {
 }
 
 fn sorted(samples: &[f64]) -> Vec<f64> {
-    let mut sorted = samples.to_vec();
-    sorted.sort_by(f64::total_cmp);
-    sorted
+    samples.iter().copied().sorted_by(f64::total_cmp).collect()
 }
 
 fn median_of_sorted(sorted: &[f64]) -> f64 {
@@ -302,14 +288,19 @@ mod tests {
         }
     }
 
+    /// The sum of twelve uniform numbers, as good as normal.
+    fn normal(random: &mut Pcg64) -> f64 {
+        (0..12).map(|_| random.random::<f64>()).sum::<f64>() - 6.0
+    }
+
     /// Log-normal body with one sample in ten up to 30 times slower: the shape of frame times on a shared machine.
     fn heavy_tailed(random: &mut Pcg64, n: usize) -> Vec<f64> {
         (0..n)
             .map(|_| {
-                let normal: f64 = (0..12).map(|_| random.random::<f64>()).sum::<f64>() - 6.0;
+                let body = (0.15 * normal(random)).exp();
                 let stall =
                     if random.random_bool(0.1) { 1.0 + 29.0 * random.random::<f64>() } else { 1.0 };
-                20.0 * (0.15 * normal).exp() * stall
+                20.0 * body * stall
             })
             .collect()
     }
@@ -322,19 +313,18 @@ mod tests {
         assert_eq!(estimate(&[]), Estimate::default());
     }
 
+    /// In how many of `trials` the interval from `n` samples holds a value.
+    fn covered(random: &mut Pcg64, trials: u32, n: usize, value: f64) -> usize {
+        let holds = |e: Estimate| e.low <= value && value <= e.high;
+        (0..trials).filter(|_| holds(estimate(&heavy_tailed(random, n)))).count()
+    }
+
     #[test]
     fn bootstrap_interval_covers_the_true_median_of_heavy_tails() {
         let mut random = Pcg64::seed_from_u64(1);
         let truth = median(&heavy_tailed(&mut random, 400_001));
         for n in [20, 50] {
-            let trials = 400;
-            let covered = (0..trials)
-                .filter(|_| {
-                    let e = estimate(&heavy_tailed(&mut random, n));
-                    e.low <= truth && truth <= e.high
-                })
-                .count();
-            let coverage = covered as f64 / trials as f64;
+            let coverage = covered(&mut random, 400, n, truth) as f64 / 400.0;
             // Binomial deviation at 95 % over 400 trials is 1.1 %; the percentile bootstrap falls short a little.
             assert!((0.91..=0.99).contains(&coverage), "n = {n}: coverage {coverage}");
         }
@@ -344,12 +334,7 @@ mod tests {
     fn coverage_fails_for_a_perturbed_truth() {
         let mut random = Pcg64::seed_from_u64(2);
         let wrong = 1.2 * median(&heavy_tailed(&mut random, 100_001));
-        let covered = (0..200)
-            .filter(|_| {
-                let e = estimate(&heavy_tailed(&mut random, 50));
-                e.low <= wrong && wrong <= e.high
-            })
-            .count();
+        let covered = covered(&mut random, 200, 50, wrong);
         assert!(covered < 60, "a median 20 % off was covered {covered} times in 200");
     }
 
@@ -357,11 +342,8 @@ mod tests {
     fn interval_narrows_with_the_root_of_n() {
         let mut random = Pcg64::seed_from_u64(3);
         let mut width = |n| {
-            let widths: Vec<f64> = (0..40)
-                .map(|_| estimate(&heavy_tailed(&mut random, n)))
-                .map(|e| e.high - e.low)
-                .collect();
-            median(&widths)
+            let estimates = (0..40).map(|_| estimate(&heavy_tailed(&mut random, n)));
+            median(&estimates.map(|e| e.high - e.low).collect_vec())
         };
         let ratio = width(25) / width(400);
         assert!((3.0..=5.5).contains(&ratio), "expected about 4, got {ratio}");
@@ -413,32 +395,28 @@ mod tests {
     #[test]
     fn mad_estimates_the_deviation_of_normal_noise() {
         let mut random = Pcg64::seed_from_u64(6);
-        let samples: Vec<f64> = (0..20_000)
-            .map(|_| (0..12).map(|_| random.random::<f64>()).sum::<f64>() - 6.0)
-            .collect();
+        let samples = (0..20_000).map(|_| normal(&mut random)).collect_vec();
         assert!((outliers(&samples).sigma - 1.0).abs() < 0.03);
     }
 
     fn power_law(exponent: f64, random: &mut Pcg64) -> Vec<(f64, Vec<f64>)> {
-        [1e4, 4e4, 1.6e5, 6.4e5, 1e6]
-            .iter()
-            .map(|x: &f64| {
-                let scale = 3.0 * x.powf(exponent);
-                (*x, heavy_tailed(random, 30).iter().map(|t| t / 20.0 * scale).collect())
-            })
-            .collect()
+        let point = |x: f64| {
+            let scale = 3.0 * x.powf(exponent);
+            (x, heavy_tailed(random, 30).iter().map(|t| t / 20.0 * scale).collect())
+        };
+        [1e4, 4e4, 1.6e5, 6.4e5, 1e6].map(point).into()
     }
 
-    fn borrowed(points: &[(f64, Vec<f64>)]) -> Vec<(f64, &[f64])> {
-        points.iter().map(|(x, samples)| (*x, samples.as_slice())).collect()
+    fn fit(points: &[(f64, Vec<f64>)]) -> Slope {
+        let points = points.iter().map(|(x, samples)| (*x, samples.as_slice())).collect_vec();
+        log_log_slope(&points).expect("points enough")
     }
 
     #[test]
     fn slope_of_a_power_law_is_its_exponent() {
         let mut random = Pcg64::seed_from_u64(7);
         for exponent in [0.0, 0.5, 1.0, 2.0] {
-            let points = power_law(exponent, &mut random);
-            let fit = log_log_slope(&borrowed(&points)).expect("five points");
+            let fit = fit(&power_law(exponent, &mut random));
             assert!((fit.slope - exponent).abs() < 0.06, "{exponent}: {fit:?}");
             assert!(fit.low <= fit.slope && fit.slope <= fit.high, "{exponent}: {fit:?}");
             assert_eq!(fit.n, 5);
@@ -449,13 +427,8 @@ mod tests {
     fn slope_interval_covers_the_exponent() {
         let mut random = Pcg64::seed_from_u64(8);
         let trials = 100;
-        let covered = (0..trials)
-            .filter(|_| {
-                let points = power_law(1.0, &mut random);
-                let fit = log_log_slope(&borrowed(&points)).expect("five points");
-                fit.low <= 1.0 && 1.0 <= fit.high
-            })
-            .count();
+        let holds = |fit: Slope| fit.low <= 1.0 && 1.0 <= fit.high;
+        let covered = (0..trials).filter(|_| holds(fit(&power_law(1.0, &mut random)))).count();
         assert!(covered >= 90, "covered {covered} times in {trials}");
     }
 
@@ -464,7 +437,7 @@ mod tests {
         let points: Vec<(f64, Vec<f64>)> = (1..=9)
             .map(|i| (f64::from(i), vec![f64::from(i) * if i == 8 { 20.0 } else { 1.0 }]))
             .collect();
-        let fit = log_log_slope(&borrowed(&points)).expect("nine points");
+        let fit = fit(&points);
         assert!((fit.slope - 1.0).abs() < 1e-9, "{fit:?}");
         assert!(fit.intercept.abs() < 1e-9);
     }

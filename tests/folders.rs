@@ -76,7 +76,7 @@ fn kept(out: &Path) -> Vec<SampleLine> {
     match record::read_lines(&out.join("samples.jsonl")) {
         Ok(read) => {
             assert_eq!(read.damaged, [], "no line is torn");
-            read.lines
+            read.records
         }
         Err(_) => Vec::new(),
     }

@@ -162,13 +162,13 @@ pub struct Exact {
     pub stages: Vec<ExactStage>,
     pub allocated_bytes: u64,
     /// Errors against the reference: more is worse.
-    #[serde(with = "nan::map")]
+    #[serde(deserialize_with = "nan::map")]
     pub errors: BTreeMap<String, f64>,
     /// The same with the stage that each judges; absent from workers that do not know.
     #[serde(default)]
     pub judged: Vec<ErrorFigure>,
     /// Figures read back from the frame that are no errors.
-    #[serde(with = "nan::map")]
+    #[serde(deserialize_with = "nan::map")]
     pub quantities: BTreeMap<String, f64>,
     /// What could not be computed, and why.
     pub notes: Vec<String>,
@@ -188,9 +188,9 @@ pub struct CheckReading {
     pub stage: String,
     pub what: String,
     pub unit: String,
-    #[serde(with = "nan::number")]
+    #[serde(deserialize_with = "nan::number")]
     pub measured: f64,
-    #[serde(with = "nan::number")]
+    #[serde(deserialize_with = "nan::number")]
     pub tolerance: f64,
     /// It passed and its control failed.
     pub sound: bool,

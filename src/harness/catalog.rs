@@ -45,7 +45,6 @@ impl Default for Catalog {
 }
 
 impl Catalog {
-    /// What fathom brings.
     pub fn builtin() -> Self {
         Self {
             program: CargoTarget::FATHOM,
@@ -108,10 +107,7 @@ impl Catalog {
         Self { gates: (name, text), ..self }
     }
 
-    /// The kind of pipeline of a name.
-    ///
-    /// # Errors
-    /// There is none, with the name that is most like it.
+    /// The kind of pipeline of a name; an error names the name that is most like it.
     pub fn kind(&self, name: &str) -> Result<Kind, SubjectError> {
         let found = self.kinds.iter().find(|kind| kind.name == name);
         found.copied().ok_or_else(|| SubjectError::UnknownPipeline {
@@ -121,10 +117,7 @@ impl Catalog {
     }
 
     /// The stages that a pipeline's frame holds by some of its parameters, in frame order: found by planning it with each of the
-    /// choices that a parameter has, one parameter at a time.
-    ///
-    /// # Errors
-    /// An unknown pipeline, and one that no scene suits.
+    /// choices that a parameter has, one parameter at a time. A pipeline that no scene suits is an error.
     pub fn stages_of(&self, pipeline: &str) -> Result<Vec<&'static StageInfo>, SubjectError> {
         let kind = self.kind(pipeline)?;
         let suitable = LISTED.into_iter().map(str::to_owned);
@@ -200,6 +193,8 @@ fn merge(all: &mut Vec<&'static StageInfo>, frame: Vec<&'static StageInfo>) {
 
 #[cfg(test)]
 mod tests {
+    use itertools::Itertools;
+
     use super::*;
 
     #[test]
@@ -208,29 +203,15 @@ mod tests {
         let names = |pipeline: &str| -> Vec<&str> {
             catalog.stages_of(pipeline).unwrap().into_iter().map(|stage| stage.name).collect()
         };
-        let hsao = [
-            "frame",
-            "shadow/depth",
-            "scene/gbuffer",
-            "hsao/march",
-            "hsao/filter",
-            "ao/compose",
-            "post/luminance",
-        ];
-        assert_eq!(names("hsao"), hsao);
+        let hsao =
+            "frame shadow/depth scene/gbuffer hsao/march hsao/filter ao/compose post/luminance";
+        assert_eq!(names("hsao").join(" "), hsao);
         let volume_ao = names("volume_ao");
         let place = |name: &str| volume_ao.iter().position(|stage| *stage == name).unwrap();
-        for pair in [
-            "scene/deform",
-            "voxel/clear",
-            "voxel/slicemap-x",
-            "voxel/unpack",
-            "voxel/mips",
-            "ao/march",
-        ]
-        .windows(2)
-        {
-            assert!(place(pair[0]) < place(pair[1]), "{volume_ao:?}");
+        let order =
+            "scene/deform voxel/clear voxel/slicemap-x voxel/unpack voxel/mips ao/march".split(' ');
+        for (before, after) in order.tuple_windows() {
+            assert!(place(before) < place(after), "{before}, {after}: {volume_ao:?}");
         }
     }
 }

@@ -1,13 +1,12 @@
 //! The scheduler's hands on a real device: builds cells, runs their frames, and writes their records.
 
-use std::collections::BTreeMap;
 use std::fmt::Display;
 use std::path::Path;
 use std::time::Instant;
 
 use super::difference::References;
 use super::journal::{CellName, Journal};
-use super::outcome::{Facts, measured};
+use super::outcome::{Facts, Findings, measured};
 use super::output::picture_path;
 use super::plan::PlannedCell;
 use super::progress::Progress;
@@ -15,10 +14,10 @@ use super::sample::{CellResult, Executor, Failure, Samples};
 use super::{MAX_PASSES, picture, views};
 use crate::experiments::schema::{Experiment, Pictures};
 use crate::gpu::{self, ClockPlan, FrameSample, FrameTimer, Gpu, GpuError, Stage, StageCounters};
-use crate::pipelines::{AnyPipeline, Judge, JudgeError, Judged, Known};
+use crate::pipelines::{AnyPipeline, Judge, Known};
 use crate::record::{
-    Addition, ErrorFigure, Note, NoteKind, Outcome, Picture, PictureKind, Record, RecordError, Run,
-    SampleLine, Writer,
+    Addition, Note, NoteKind, Outcome, Picture, PictureKind, Record, RecordError, Run, SampleLine,
+    Writer,
 };
 
 /// What a software driver keeps of a pipeline's compiled shaders in the process: of 15 cells of `vao-samples`, 300 MiB more
@@ -65,9 +64,9 @@ impl Session {
         if std::mem::replace(&mut self.reopened, true) {
             return Err("it was lost before".to_owned());
         }
-        self.gpu = Gpu::open(&self.options).map_err(|error| error.to_string())?;
-        self.timer =
-            FrameTimer::new(&self.gpu, self.plan, MAX_PASSES).map_err(|error| error.to_string())?;
+        let text = |error: GpuError| error.to_string();
+        self.gpu = Gpu::open(&self.options).map_err(text)?;
+        self.timer = FrameTimer::new(&self.gpu, self.plan, MAX_PASSES).map_err(text)?;
         Ok(())
     }
 }
@@ -91,7 +90,6 @@ pub struct CellExecutor<'a> {
 pub struct Output<'a> {
     pub writer: &'a mut Writer,
     pub journal: &'a mut Journal,
-    /// The header of this run.
     pub header: &'a Run,
     pub progress: &'a mut Progress,
     /// The folder of the records, in which pictures are.
@@ -103,15 +101,6 @@ struct Built {
     counters: Vec<StageCounters>,
 }
 
-/// What is found out about a cell after its last frame, and what could not be.
-#[derive(Default)]
-struct Findings {
-    quantities: BTreeMap<String, f64>,
-    errors: Vec<ErrorFigure>,
-    notes: Vec<Note>,
-    pictures: Vec<Picture>,
-}
-
 impl Findings {
     fn add<E: Display>(
         &mut self,
@@ -121,16 +110,6 @@ impl Findings {
         match found {
             Ok(found) => self.quantities.extend(found),
             Err(error) => self.note(NoteKind::NotComputed, failure, error),
-        }
-    }
-
-    fn judged(&mut self, judged: Result<Judged, JudgeError>) {
-        match judged {
-            Ok(judged) => {
-                self.quantities.extend(judged.quantities);
-                self.errors.extend(judged.errors);
-            }
-            Err(error) => self.note(NoteKind::NotComputed, "errors not computed", error),
         }
     }
 
@@ -183,21 +162,16 @@ impl<'a> CellExecutor<'a> {
         let start = Instant::now();
         let pipeline = built.pipeline.as_ref();
         let mut findings = Findings::default();
-        let quantities = pipeline.quantities(&self.session.gpu);
-        findings.add("quantities not read", quantities);
-        findings.judged(pipeline.judge(&mut self.judge(cell)));
+        findings.add("quantities not read", pipeline.quantities(&self.session.gpu));
+        let judged = pipeline.judge(&mut self.judge(cell)).map(|judged| {
+            findings.errors = judged.errors;
+            judged.quantities
+        });
+        findings.add("errors not computed", judged);
         self.compared(cell, pipeline, &mut findings);
         self.pictures(cell, pipeline, &mut findings);
         self.session.spent.set_up_s += start.elapsed().as_secs_f64();
-        Facts {
-            pipeline,
-            counters: built.counters.as_slice(),
-            quantities: findings.quantities,
-            errors: findings.errors,
-            notes: findings.notes,
-            pictures: findings.pictures,
-            precision: self.precision,
-        }
+        Facts { pipeline, counters: &built.counters, found: findings, precision: self.precision }
     }
 
     fn judge(&mut self, cell: usize) -> Judge<'_> {
@@ -212,10 +186,8 @@ impl<'a> CellExecutor<'a> {
         if let Some(reference) = reference {
             let name = &reference.plan.quantity;
             let difference = references.difference(gpu, timer, pipeline, reference);
-            findings.add(
-                &format!("{name} not computed"),
-                difference.map(|value| [(name.clone(), value)]),
-            );
+            let figures = difference.map(|value| [(name.clone(), value)]);
+            findings.add(&format!("{name} not computed"), figures);
         }
         if let Some(asked) = &self.experiment.views {
             let name = &asked.quantity;

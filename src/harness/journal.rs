@@ -61,7 +61,7 @@ impl Journal {
     pub fn open(path: &Path) -> Result<(Self, Vec<String>), RecordError> {
         let opened = LineWriter::open(path, |_| Ok::<(), RecordError>(()))?;
         let notices = opened.notices();
-        let earlier = by_cell(opened.lines.lines);
+        let earlier = by_cell(opened.read.records);
         let now = Instant::now();
         let journal = Self {
             path: path.to_owned(),
@@ -191,7 +191,7 @@ pub fn unfinished(path: &Path, records: &[Record]) -> Result<Vec<(CellName, usiz
     if !path.exists() {
         return Ok(Vec::new());
     }
-    let lines = read_lines::<SampleLine>(path)?.lines;
+    let lines = read_lines::<SampleLine>(path)?.records;
     let name = |line: &SampleLine| {
         let name = CellName {
             id: line.id.clone(),
@@ -235,15 +235,18 @@ mod tests {
     }
 
     fn pair(ns: f64) -> Addition {
+        let stages = Vec::new();
         Addition {
-            pair: Some(FramePair {
-                stages: Vec::new(),
-                envelope_ns: ns,
-                gaps_ns: 0.0,
-                untimed_ns: ns,
-            }),
+            pair: Some(FramePair { stages, envelope_ns: ns, gaps_ns: 0.0, untimed_ns: ns }),
             ..Addition::default()
         }
+    }
+
+    fn keep<const N: usize>(journal: &mut Journal, added: [(&str, Addition); N]) {
+        for (id, added) in added {
+            journal.keep(&cell(id), added).unwrap();
+        }
+        journal.write().unwrap();
     }
 
     fn journal(folder: &tempfile::TempDir) -> Journal {
@@ -263,10 +266,7 @@ mod tests {
             rejected: Some(FaultKind::Zero.into()),
             ..Addition::default()
         };
-        first.keep(&cell("a"), warm_up.clone()).unwrap();
-        first.keep(&cell("b"), pair(3.0)).unwrap();
-        first.keep(&cell("a"), pair(1.0)).unwrap();
-        first.write().unwrap();
+        keep(&mut first, [("a", warm_up.clone()), ("b", pair(3.0)), ("a", pair(1.0))]);
         first.keep(&cell("a"), pair(2.0)).unwrap();
         // It is killed: what was not handed over is gone.
         drop(first);
@@ -286,9 +286,7 @@ mod tests {
         let (stamped, fenced) = (by(Clock::Timestamp), by(Clock::FencedHost));
         let mut first = journal(&folder);
         assert_eq!(*first.choose_clocks(&ids, stamped.clone()), stamped);
-        first.keep(&cell("a"), pair(1.0)).unwrap();
-        first.keep(&cell("b"), pair(1.0)).unwrap();
-        first.write().unwrap();
+        keep(&mut first, [("a", pair(1.0)), ("b", pair(1.0))]);
         drop(first);
         let mut second = journal(&folder);
         assert_eq!(*second.choose_clocks(&ids, fenced.clone()), stamped);
@@ -336,9 +334,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("samples.jsonl");
         let mut first = journal(&folder);
-        first.keep(&cell("a"), pair(1.0)).unwrap();
-        first.keep(&cell("b"), pair(2.0)).unwrap();
-        first.write().unwrap();
+        keep(&mut first, [("a", pair(1.0)), ("b", pair(2.0))]);
         let bytes = std::fs::read(&path).unwrap();
         std::fs::write(&path, &bytes[..bytes.len() - 9]).unwrap();
         let (mut second, notices) = Journal::open(&path).unwrap();

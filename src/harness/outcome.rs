@@ -14,14 +14,20 @@ use crate::statistics;
 /// Share of outliers among the frame times from which on the record says so: one in twenty.
 const NOTED_OUTLIER_SHARE: f64 = 0.05;
 
-/// What is known of a cell besides its samples.
-pub struct Facts<'a> {
-    pub pipeline: &'a dyn AnyPipeline,
-    pub counters: &'a [StageCounters],
+/// What is found out about a cell after its last frame, and what could not be.
+#[derive(Default)]
+pub struct Findings {
     pub quantities: BTreeMap<String, f64>,
     pub errors: Vec<ErrorFigure>,
     pub notes: Vec<Note>,
     pub pictures: Vec<Picture>,
+}
+
+/// What is known of a cell besides its samples.
+pub struct Facts<'a> {
+    pub pipeline: &'a dyn AnyPipeline,
+    pub counters: &'a [StageCounters],
+    pub found: Findings,
     /// The precision asked for.
     pub precision: f64,
 }
@@ -29,18 +35,17 @@ pub struct Facts<'a> {
 /// The record of a measured cell. Quantities that are not finite are left out and noted.
 pub fn measured(samples: Samples, facts: Facts<'_>) -> Measured {
     let frame = frame_record(&samples);
-    let mut notes = facts.notes;
+    let Findings { quantities, errors, mut notes, pictures } = facts.found;
     notes.extend(sampling_notes(&samples, &frame.untimed, facts.precision));
     let (quantities, unusable): (BTreeMap<_, _>, BTreeMap<_, _>) =
-        facts.quantities.into_iter().partition(|(_, value)| value.is_finite());
+        quantities.into_iter().partition(|(_, value)| value.is_finite());
     let (errors, unusable_errors): (Vec<_>, Vec<_>) =
-        facts.errors.into_iter().partition(|error| error.value.is_finite());
+        errors.into_iter().partition(|error| error.value.is_finite());
     let unusable = unusable.into_keys().chain(unusable_errors.into_iter().map(|error| error.name));
     notes.extend(unusable.map(|name| {
         Note::new(NoteKind::NotFinite, format!("{name} left out: it is not a finite number"))
     }));
-    let rejected = samples.rejected.iter();
-    let rejected = rejected.map(|(rejection, frames)| RejectedFrames {
+    let rejected = samples.rejected.iter().map(|(rejection, frames)| RejectedFrames {
         rejection: rejection.clone(),
         frames: *frames,
     });
@@ -53,7 +58,7 @@ pub fn measured(samples: Samples, facts: Facts<'_>) -> Measured {
         warm_up_frames: samples.warm_up_frames,
         rejected: rejected.collect(),
         notes,
-        pictures: facts.pictures,
+        pictures,
     }
 }
 
@@ -61,7 +66,7 @@ fn frame_record(samples: &Samples) -> FrameRecord {
     FrameRecord {
         accounting_error: accounting_error(samples),
         untimed: statistics::estimate(&samples.untimed_ns),
-        timing_cost: timing_cost(&samples.envelope_ns, &samples.untimed_ns),
+        timing_cost: timing_cost(samples),
         envelope_samples_ns: samples.envelope_ns.clone(),
         gap_samples_ns: samples.gaps_ns.clone(),
         untimed_samples_ns: samples.untimed_ns.clone(),
@@ -69,8 +74,8 @@ fn frame_record(samples: &Samples) -> FrameRecord {
 }
 
 /// Timed over untimed frames, pair by pair.
-fn timing_cost(timed_ns: &[f64], untimed_ns: &[f64]) -> Estimate {
-    let pairs = timed_ns.iter().copied().zip(untimed_ns.iter().copied());
+fn timing_cost(samples: &Samples) -> Estimate {
+    let pairs = samples.envelope_ns.iter().copied().zip(samples.untimed_ns.iter().copied());
     statistics::ratio_estimate(&pairs.collect::<Vec<_>>())
 }
 
@@ -93,21 +98,16 @@ fn stage_records(
 ) -> Vec<StageRecord> {
     let stages = pipeline.stages();
     let work = |name: &str| {
-        stages
-            .iter()
-            .find(|stage| stage.name() == name)
-            .map(|stage| stage.work())
-            .unwrap_or_default()
+        let found = stages.iter().find(|stage| stage.name() == name);
+        found.map(|stage| stage.work()).unwrap_or_default()
     };
     let counted = |name: &str| {
         let found = counters.iter().find(|stage| stage.name == name);
         found.map(|stage| stage.counters.clone()).unwrap_or_default()
     };
-    samples
-        .stages
-        .iter()
-        .map(|stage| stage_record(stage, work(&stage.name), counted(&stage.name)))
-        .collect()
+    let record =
+        |stage: &StageSamples| stage_record(stage, work(&stage.name), counted(&stage.name));
+    samples.stages.iter().map(record).collect()
 }
 
 pub(super) fn stage_record(
@@ -153,10 +153,8 @@ fn sampling_notes(samples: &Samples, frame: &Estimate, precision: f64) -> Vec<No
     }
     if samples.unsteady {
         let frames = samples.warm_up_frames;
-        note(
-            NoteKind::Unsteady,
-            format!("the frame time still fell after {frames} warm-up frames"),
-        );
+        let text = format!("the frame time still fell after {frames} warm-up frames");
+        note(NoteKind::Unsteady, text);
     }
     let stopped = match samples.stopped {
         Stopped::Precise => None,
@@ -167,10 +165,8 @@ fn sampling_notes(samples: &Samples, frame: &Estimate, precision: f64) -> Vec<No
     if let Some(stopped) = stopped {
         let reached = 100.0 * (frame.high - frame.low) / 2.0 / frame.median;
         let asked = 100.0 * precision;
-        note(
-            NoteKind::Imprecise,
-            format!("{stopped} at ±{reached:.1} % where ±{asked:.1} % was asked"),
-        );
+        let text = format!("{stopped} at ±{reached:.1} % where ±{asked:.1} % was asked");
+        note(NoteKind::Imprecise, text);
     }
     let outliers = statistics::outliers(&samples.untimed_ns);
     if outliers.share() > NOTED_OUTLIER_SHARE {

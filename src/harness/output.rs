@@ -2,12 +2,13 @@
 
 use std::path::{Path, PathBuf};
 
+use itertools::Itertools;
 use jiff::Timestamp;
 use thiserror::Error;
 
 use super::calendar;
 use crate::record::{
-    self, Compared, FolderLock, Lines, LockError, PictureKind, Profile, Record, RecordError,
+    self, Compared, FolderLock, LockError, PictureKind, Profile, Reading, Record, RecordError,
     Writer, read_lines,
 };
 use crate::text;
@@ -36,29 +37,23 @@ pub enum OutputError {
         path.display()
     )]
     Occupied { path: PathBuf },
-    #[error("no {} to resume in {}: name its folder with --out", kind.name(), path.display())]
+    #[error("no {kind} to resume in {}: name its folder with --out", path.display())]
     NothingToResume { kind: Kind, path: PathBuf },
-    #[error("{} holds no {} but other records: choose another folder with --out", path.display(), kind.name())]
+    #[error("{} holds no {kind} but other records: choose another folder with --out", path.display())]
     OtherKind { kind: Kind, path: PathBuf },
     #[error("{} has no sound header, so its other records mean nothing", path.display())]
     NoHeader { path: PathBuf },
 }
 
 /// What was measured into a folder.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, strum::Display)]
+#[strum(serialize_all = "lowercase")]
 pub enum Kind {
     Run,
     Comparison,
 }
 
 impl Kind {
-    fn name(self) -> &'static str {
-        match self {
-            Self::Run => "run",
-            Self::Comparison => "comparison",
-        }
-    }
-
     fn of(record: &Record) -> Self {
         match record {
             Record::Comparison(_) => Self::Comparison,
@@ -67,14 +62,15 @@ impl Kind {
     }
 
     /// Refuses records that this cannot be continued with.
-    fn check(self, path: &Path, read: &Lines<Record>) -> Result<(), OutputError> {
+    fn check(self, path: &Path, read: &Reading) -> Result<(), OutputError> {
         record::empty_or_sound(path, read)?;
         let path = path.to_owned();
-        if read.lines.iter().any(|record| Self::of(record) != self) {
+        if read.records.iter().any(|record| Self::of(record) != self) {
             return Err(OutputError::OtherKind { kind: self, path });
         }
         let header = |record: &Record| matches!(record, Record::Comparison(Compared::Header(_)));
-        if self == Self::Comparison && !read.lines.is_empty() && !read.lines.iter().any(header) {
+        if self == Self::Comparison && !read.records.is_empty() && !read.records.iter().any(header)
+        {
             return Err(OutputError::NoHeader { path });
         }
         Ok(())
@@ -146,7 +142,7 @@ impl Taken {
             output: self.output,
             notices: opened.notices(),
             writer: opened.writer,
-            before: opened.lines.lines,
+            before: opened.read.records,
             _lock: self.lock,
         })
     }
@@ -262,17 +258,15 @@ fn latest(parent: &Path) -> Option<PathBuf> {
     let changed = |folder: &PathBuf| {
         std::fs::metadata(folder.join(RECORDS)).and_then(|records| records.modified()).ok()
     };
-    let mut folders: Vec<_> =
-        folders.filter_map(|folder| Some((changed(&folder)?, folder))).collect();
-    folders.sort();
-    let folders = folders.into_iter().rev().map(|(_, folder)| folder);
-    folders.into_iter().find(|folder| !is_comparison(&folder.join(RECORDS)))
+    let dated = folders.filter_map(|folder| Some((changed(&folder)?, folder)));
+    let mut folders = dated.sorted().rev().map(|(_, folder)| folder);
+    folders.find(|folder| !is_comparison(&folder.join(RECORDS)))
 }
 
 /// Records that can be read are those of a comparison.
 fn is_comparison(path: &Path) -> bool {
-    let first = read_lines::<Record>(path).ok().and_then(|read| read.lines.into_iter().next());
-    first.is_some_and(|first| Kind::of(&first) == Kind::Comparison)
+    let first = |read: Reading| read.records.first().map(Kind::of);
+    read_lines(path).ok().and_then(first) == Some(Kind::Comparison)
 }
 
 #[cfg(test)]
@@ -288,10 +282,7 @@ mod tests {
 
     fn files(folder: &Path) -> Vec<String> {
         let entries = std::fs::read_dir(folder).unwrap().flatten();
-        let mut names: Vec<String> =
-            entries.map(|entry| entry.file_name().to_string_lossy().into_owned()).collect();
-        names.sort();
-        names
+        entries.map(|entry| entry.file_name().to_string_lossy().into_owned()).sorted().collect()
     }
 
     #[test]
@@ -397,20 +388,21 @@ mod tests {
     fn the_latest_run_is_the_one_to_resume() {
         let parent = tempfile::tempdir().unwrap();
         assert_eq!(latest(parent.path()), None);
+        let folder = |name: &str| parent.path().join(name);
         for name in ["b", "a", "empty"] {
-            std::fs::create_dir(parent.path().join(name)).unwrap();
+            std::fs::create_dir(folder(name)).unwrap();
         }
-        std::fs::write(parent.path().join("b").join(RECORDS), "").unwrap();
-        std::thread::sleep(std::time::Duration::from_millis(20));
-        std::fs::write(parent.path().join("a").join(RECORDS), "").unwrap();
-        std::thread::sleep(std::time::Duration::from_millis(20));
-        std::fs::create_dir(parent.path().join("compared")).unwrap();
-        let compared = Taken::free(&parent.path().join("compared")).unwrap();
+        for name in ["b", "a"] {
+            std::fs::write(folder(name).join(RECORDS), "").unwrap();
+            std::thread::sleep(std::time::Duration::from_millis(20));
+        }
+        std::fs::create_dir(folder("compared")).unwrap();
+        let compared = Taken::free(&folder("compared")).unwrap();
         let mut held = compared.open(Kind::Comparison).unwrap();
         held.writer.write(&Record::Comparison(Compared::Header(Default::default()))).unwrap();
         drop(held);
-        assert_eq!(latest(parent.path()), Some(parent.path().join("a")));
-        let error = Held::resume(Some(&parent.path().join("compared"))).unwrap_err().to_string();
+        assert_eq!(latest(parent.path()), Some(folder("a")));
+        let error = Held::resume(Some(&folder("compared"))).unwrap_err().to_string();
         assert!(error.contains("holds no run but other records"), "{error}");
     }
 

@@ -35,7 +35,6 @@ pub struct Request {
 }
 
 impl Request {
-    /// Reads the experiments' files.
     pub fn load(&self, catalog: &Catalog) -> Result<Vec<Experiment>, ExperimentError> {
         let names = if self.experiments.is_empty() {
             Experiment::ids(&catalog.experiments)
@@ -56,7 +55,6 @@ impl Request {
     }
 }
 
-/// An experiment and its cells.
 pub struct PlannedExperiment {
     pub experiment: Experiment,
     pub cells: Vec<PlannedCell>,
@@ -80,25 +78,17 @@ pub struct PlannedReference {
 }
 
 impl PlannedCell {
-    /// See [`resume_key`].
     pub fn resume_key(&self) -> String {
         let CellPlan { experiment, cell, pipeline, scene, .. } = &self.plan;
         let Subject { scene: built, params, .. } = &self.subject;
         resume_key(experiment, cell, pipeline, scene, &built.stand_ins, params)
     }
 
-    /// The record of this cell.
     pub fn record(&self, outcome: Outcome) -> record::Cell {
-        record::Cell {
-            experiment: self.plan.experiment.clone(),
-            cell: self.plan.cell.clone(),
-            axes: self.plan.axes.clone(),
-            pipeline: self.plan.pipeline.clone(),
-            scene: self.plan.scene.clone(),
-            stand_ins: self.subject.scene.stand_ins.clone(),
-            params: self.subject.params.clone(),
-            outcome,
-        }
+        let CellPlan { experiment, cell, axes, pipeline, scene, .. } = self.plan.clone();
+        let stand_ins = self.subject.scene.stand_ins.clone();
+        let params = self.subject.params.clone();
+        record::Cell { experiment, cell, axes, pipeline, scene, stand_ins, params, outcome }
     }
 }
 
@@ -140,19 +130,15 @@ fn planned_cell(
         source,
     };
     let mut subject =
-        |overrides| subjects.subject(&plan.pipeline, &plan.scene, overrides).map_err(error);
+        |overrides: &_| subjects.subject(&plan.pipeline, &plan.scene, overrides).map_err(error);
     let of_cell = subject(&plan.overrides)?;
-    let reference = match &plan.reference {
-        Some(reference) => Some(PlannedReference {
-            subject: subject(&reference.overrides)?,
-            plan: reference.clone(),
-        }),
+    let reference = match plan.reference.clone() {
+        Some(plan) => Some(PlannedReference { subject: subject(&plan.overrides)?, plan }),
         None => None,
     };
-    let views = turns_deg
-        .iter()
-        .map(|turn| of_cell.seen_from(views::turned(&of_cell.configuration.camera(), *turn)))
-        .collect();
+    let camera = of_cell.configuration.camera();
+    let seen = |turn_deg: &f64| of_cell.seen_from(views::turned(&camera, *turn_deg));
+    let views = turns_deg.iter().map(seen).collect();
     let skip = of_cell.beyond(capacity).map_err(error)?;
     Ok(PlannedCell { subject: of_cell, skip, reference, views, plan })
 }

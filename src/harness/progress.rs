@@ -60,20 +60,10 @@ impl Progress {
                 bar.println(text::line(&format!("{name}: {result}")));
                 bar.set_position(self.done as u64);
             }
-            None => self.line(&format!(
-                "[{}/{}] {name}: {result}  ({})",
-                self.done,
-                self.total,
-                self.time_left()
-            )),
-        }
-    }
-
-    /// Something to know about the run.
-    pub fn say(&self, message: &str) {
-        match &self.bar {
-            Some(bar) => bar.println(text::line(message)),
-            None => self.line(message),
+            None => {
+                let (done, total, left) = (self.done, self.total, self.time_left());
+                say(&format!("[{done}/{total}] {name}: {result}  ({left})"), self.quiet);
+            }
         }
     }
 
@@ -82,10 +72,6 @@ impl Progress {
         if let Some(bar) = &self.bar {
             bar.finish_and_clear();
         }
-    }
-
-    fn line(&self, message: &str) {
-        say(message, self.quiet);
     }
 
     fn time_left(&self) -> String {

@@ -61,10 +61,8 @@ pub struct Row {
     pub normal: DVec3,
 }
 
-/// The points of a CSV file with the columns x, y, z (metres) and nx, ny, nz; others are left aside.
-///
-/// # Errors
-/// The first fault, with its line and column.
+/// The points of a CSV file with the columns x, y, z (metres) and nx, ny, nz; others are left aside. An error names the first
+/// fault, its line and column.
 pub fn read(path: &Path) -> Result<Vec<Row>, QueryError> {
     read_with(path, parse)
 }
@@ -98,18 +96,14 @@ fn row((line, numbers): table::Row) -> Result<Row, PointFault> {
 }
 
 /// Ambient occlusion at each point by the volumes and rays of a subject of the pipeline `volume_ao`: 0 open … 1 closed.
-///
-/// # Errors
-/// Limits of the adapter, named before anything is allocated, and what the GPU reports.
+/// What is beyond the adapter's limits is an error before anything is allocated.
 pub fn occlusion(gpu: &Gpu, subject: &Subject, rows: &[Row]) -> Result<Vec<f32>, QueryError> {
     let params = subject.parameters::<VolumeAo>()?;
-    let points: Vec<SurfacePoint> = rows
-        .iter()
-        .map(|row| SurfacePoint {
-            position_m: row.position_m.as_vec3(),
-            normal: row.normal.normalize().as_vec3(),
-        })
-        .collect();
+    let point = |row: &Row| SurfacePoint {
+        position_m: row.position_m.as_vec3(),
+        normal: row.normal.normalize().as_vec3(),
+    };
+    let points: Vec<SurfacePoint> = rows.iter().map(point).collect();
     let plan = |resources: &Resources<'_>| {
         PointQuery::new(resources, &subject.scene, params, &points).map(drop)
     };
@@ -128,10 +122,8 @@ fn check(
     gpu.check(&resources.into_parts().demand).map_err(QueryError::Invalid)
 }
 
-/// The same by casting `rays` rays from each point at the scene's triangles, all of them opaque.
-///
-/// # Errors
-/// Geometry that moves, and transparent objects where rays pass through them: the reference knows neither.
+/// The same by casting `rays` rays from each point at the scene's triangles, all of them opaque and at rest. It is an error where
+/// geometry moves, or where rays pass through transparent objects.
 pub fn reference(subject: &Subject, rows: &[Row], rays: u32) -> Result<Vec<f64>, QueryError> {
     let params = subject.parameters::<VolumeAo>()?;
     let invalid = |what: &str| Err(QueryError::Invalid(what.to_owned()));
@@ -168,8 +160,7 @@ pub fn write(
     occlusion: &[f32],
     reference: Option<&[f64]>,
 ) -> Result<(), QueryError> {
-    let mut csv = csv::Writer::from_writer(writer);
-    let written = (|| {
+    written(target, writer, |csv| {
         let more = REFERENCE.iter().filter(|_| reference.is_some());
         csv.write_record(COLUMNS.iter().chain([&ANSWER]).chain(more))?;
         for (i, (row, occlusion)) in rows.iter().zip(occlusion).enumerate() {
@@ -180,8 +171,18 @@ pub fn write(
             let answers = [f64::from(*occlusion)].into_iter().chain(exact.into_iter().flatten());
             csv.write_record(fields.chain(answers.map(|answer| format!("{answer:.6}"))))?;
         }
-        csv.flush().map_err(csv::Error::from)
-    })();
+        Ok(())
+    })
+}
+
+/// Writes the rows that `write` gives; `target` names the writer in errors.
+fn written<W: Write>(
+    target: &str,
+    writer: W,
+    write: impl FnOnce(&mut csv::Writer<W>) -> csv::Result<()>,
+) -> Result<(), QueryError> {
+    let mut csv = csv::Writer::from_writer(writer);
+    let written = write(&mut csv).and_then(|()| csv.flush().map_err(csv::Error::from));
     written.map_err(|source| QueryError::Write { target: target.to_owned(), source })
 }
 
@@ -195,15 +196,14 @@ mod tests {
         let row = Row { position_m: DVec3::new(1.0, 2.0, 3.0), normal: DVec3::new(0.0, 2.0, 0.0) };
         let rows = parse(text.as_bytes()).unwrap();
         assert_eq!(rows, [row]);
-        let mut out = Vec::new();
-        write("memory", &mut out, &rows, &[0.25], None).unwrap();
-        let expected = "x,y,z,nx,ny,nz,occlusion\n1,2,3,0,2,0,0.250000\n";
-        assert_eq!(String::from_utf8(out).unwrap(), expected);
-        let mut out = Vec::new();
-        write("memory", &mut out, &rows, &[0.25], Some(&[0.5])).unwrap();
-        let expected =
+        let plain = "x,y,z,nx,ny,nz,occlusion\n1,2,3,0,2,0,0.250000\n";
+        let referred =
             "x,y,z,nx,ny,nz,occlusion,reference,error\n1,2,3,0,2,0,0.250000,0.500000,-0.250000\n";
-        assert_eq!(String::from_utf8(out).unwrap(), expected);
+        for (reference, expected) in [(None, plain), (Some(&[0.5][..]), referred)] {
+            let mut out = Vec::new();
+            write("memory", &mut out, &rows, &[0.25], reference).unwrap();
+            assert_eq!(String::from_utf8(out).unwrap(), expected);
+        }
     }
 
     #[test]

@@ -101,15 +101,6 @@ const QUICK: Defaults = Defaults { precision: 0.02, budget_per_cell_s: 6.0, most
 const PAPER: Defaults =
     Defaults { precision: 0.01, budget_per_cell_s: 20.0, most_budget_s: 1_800.0 };
 
-impl Defaults {
-    fn of(profile: Profile) -> Self {
-        match profile {
-            Profile::Quick => QUICK,
-            Profile::Paper => PAPER,
-        }
-    }
-}
-
 /// Measures what `options` ask for and writes records. When `interrupted` is set, what has been
 /// measured so far is written and the run ends.
 pub fn run(options: &Options, interrupted: &AtomicBool) -> Result<Summary, RunError> {
@@ -216,7 +207,10 @@ fn settings(
     seed: u64,
     software: bool,
 ) -> Settings {
-    let defaults = Defaults::of(profile);
+    let defaults = match profile {
+        Profile::Quick => QUICK,
+        Profile::Paper => PAPER,
+    };
     let cells: f64 = planned.iter().map(weight).sum();
     let default_budget_s = (cells * defaults.budget_per_cell_s).min(defaults.most_budget_s);
     Settings {
@@ -332,7 +326,6 @@ impl Measurement<'_> {
         sample::sample(&mut executor, &due, settings, self.interrupted)
     }
 
-    /// Records the end.
     fn end(mut self, start: Instant, set_up_s: f64, kept: usize) -> Result<Summary, RunError> {
         let set_up_s = set_up_s + self.session.spent.set_up_s;
         let end = End {

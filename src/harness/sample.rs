@@ -14,6 +14,7 @@
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicBool, Ordering};
 
+use itertools::Itertools;
 use rand::seq::SliceRandom;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
@@ -88,9 +89,10 @@ pub struct Settings {
 }
 
 /// Why a cell's sampling ended.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Stopped {
     Precise,
+    #[default]
     OutOfTime,
     EnoughPairs,
     Interrupted,
@@ -107,7 +109,7 @@ pub struct StageSamples {
 }
 
 /// Everything sampled of one cell. Durations in nanoseconds.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Samples {
     pub stages: Vec<StageSamples>,
     pub envelope_ns: Vec<f64>,
@@ -126,30 +128,16 @@ pub struct Samples {
 impl Samples {
     /// What an earlier run kept. Where stages or clocks changed, what came before does not count.
     fn of(additions: &[Addition]) -> Self {
-        let mut samples = Self::new();
+        let mut samples = Self::default();
         for added in additions {
             let other_stages = |pair: &FramePair| !samples.has_stages(&pair.stages);
             if added.pair.as_ref().is_some_and(other_stages) {
-                samples = Self::new();
+                samples = Self::default();
             }
             samples.add(added);
         }
         samples.earlier_pairs = samples.pairs();
         samples
-    }
-
-    fn new() -> Self {
-        Self {
-            stages: Vec::new(),
-            envelope_ns: Vec::new(),
-            gaps_ns: Vec::new(),
-            untimed_ns: Vec::new(),
-            warm_up_frames: 0,
-            unsteady: false,
-            rejected: BTreeMap::new(),
-            earlier_pairs: 0,
-            stopped: Stopped::OutOfTime,
-        }
     }
 
     /// Timed frames, each with an untimed one beside it.
@@ -159,7 +147,7 @@ impl Samples {
 
     fn add(&mut self, added: &Addition) {
         if added.afresh {
-            *self = Self::new();
+            *self = Self::default();
         }
         self.warm_up_frames += added.warm_up_frames;
         self.unsteady |= added.unsteady;
@@ -207,11 +195,8 @@ impl Samples {
         let judged = rejected + self.pairs();
         let too_many = rejected as f64 > MAX_REJECTED_SHARE * judged as f64;
         (judged >= MIN_JUDGED_FRAMES && too_many).then(|| {
-            let reasons: Vec<String> = self
-                .rejected
-                .iter()
-                .map(|(reason, count)| format!("{reason} ({count} times)"))
-                .collect();
+            let mut reasons =
+                self.rejected.iter().map(|(reason, count)| format!("{reason} ({count} times)"));
             format!("{rejected} of {judged} timed frames rejected: {}", reasons.join(", "))
         })
     }
@@ -222,14 +207,12 @@ impl Samples {
     }
 }
 
-/// How a cell ended.
 #[derive(Clone, Debug, PartialEq)]
 pub enum CellResult {
     Sampled(Samples),
     Failed(String),
 }
 
-/// A prepared cell.
 struct Live {
     cell: usize,
     samples: Samples,
@@ -254,19 +237,17 @@ impl Live {
         }
     }
 
-    fn pairs(&self) -> usize {
-        self.samples.pairs()
-    }
-
     /// Another pair is due: the cell has rendered nothing yet that its figures could be read from, or has too few pairs, or
     /// its share of the time is closer with it than without.
     fn wants(&self, share_s: f64) -> bool {
-        !self.warm || self.pairs() < MIN_PAIRS || self.spent_s + self.last_pair_s / 2.0 < share_s
+        !self.warm
+            || self.samples.pairs() < MIN_PAIRS
+            || self.spent_s + self.last_pair_s / 2.0 < share_s
     }
 
     /// There is enough of it for a record.
     fn suffices(&self) -> bool {
-        self.warm && self.pairs() >= MIN_PAIRS
+        self.warm && self.samples.pairs() >= MIN_PAIRS
     }
 }
 
@@ -380,11 +361,11 @@ impl<X: Executor> Sampler<'_, X> {
         if let Some(reason) = live.samples.verdict_on_rejections() {
             return self.close(at, CellResult::Failed(reason));
         }
-        let precise = live.pairs() >= MIN_PRECISE_PAIRS
+        let precise = live.samples.pairs() >= MIN_PRECISE_PAIRS
             && live.samples.relative_half_width() <= self.settings.precision;
         if precise {
             self.close_sampled(at, Stopped::Precise)
-        } else if live.pairs() >= MAX_PAIRS {
+        } else if live.samples.pairs() >= MAX_PAIRS {
             self.close_sampled(at, Stopped::EnoughPairs)
         } else {
             Ok(())
@@ -434,7 +415,7 @@ impl<X: Executor> Sampler<'_, X> {
         let pair = frame_pair(&frame, untimed_ns);
         let live = &mut self.live[at];
         if std::mem::take(&mut live.unconfirmed) && !live.samples.has_stages(&pair.stages) {
-            live.samples = Samples::new();
+            live.samples = Samples::default();
             added.afresh = true;
         }
         added.rejected = fault(&frame, untimed_ns, &live.samples.stages);
@@ -494,9 +475,8 @@ impl<X: Executor> Sampler<'_, X> {
     }
 
     fn close_sampled(&mut self, at: usize, stopped: Stopped) -> Result<(), X::Fatal> {
-        let samples =
-            Samples { stopped, ..std::mem::replace(&mut self.live[at].samples, Samples::new()) };
-        self.close(at, CellResult::Sampled(samples))
+        let samples = std::mem::take(&mut self.live[at].samples);
+        self.close(at, CellResult::Sampled(Samples { stopped, ..samples }))
     }
 
     fn close(&mut self, at: usize, result: CellResult) -> Result<(), X::Fatal> {
@@ -542,10 +522,8 @@ fn frame_pair(frame: &FrameSample, untimed_ns: f64) -> FramePair {
 /// Why a pair of frames cannot be used: the timer's own reason first, then what no duration may be. A frame with several faults
 /// is one rejected frame.
 fn fault(frame: &FrameSample, untimed_ns: f64, before: &[StageSamples]) -> Option<Rejection> {
-    let of_timer =
-        |fault: &Fault| Rejection { stage: Some(fault.stage.to_owned()), fault: fault.kind };
-    if let Some(fault) = frame.faults.first() {
-        return Some(of_timer(fault));
+    if let Some(Fault { stage, kind, .. }) = frame.faults.first() {
+        return Some(Rejection { stage: Some((*stage).to_owned()), fault: *kind });
     }
     let positive = |ns: f64| ns.is_finite() && ns > 0.0;
     // Less than nothing is left only where a cost was taken off, which scatters. What was read is more than nothing.

@@ -67,10 +67,7 @@ impl Subject {
         gpu.scoped(|| self.configuration.build(gpu, &self.scene))
     }
 
-    /// The parameters of a kind that the caller knows.
-    ///
-    /// # Errors
-    /// It is of another kind.
+    /// The parameters of a kind that the caller knows; an error if it is of another.
     pub fn parameters<P: Pipeline>(&self) -> Result<&P::Params, SubjectError> {
         let found = self.configuration.as_any().downcast_ref();
         found.ok_or_else(|| {

@@ -8,6 +8,7 @@ use crate::gpu::{FrameTimer, Gpu, GpuError, Pixels, read_texture};
 use crate::pipelines::AnyPipeline;
 use crate::reference::rays::PixelRays;
 use crate::scene::Camera;
+use crate::statistics::mean;
 
 /// Points of the cell's own view that are looked up in the others at most.
 const MOST_POINTS: usize = 4_000;
@@ -92,27 +93,20 @@ impl Seen {
     }
 
     fn spread(&self) -> Result<Spread, ViewsError> {
-        let values = self.0.iter().map(|(_, values)| values.as_slice());
-        let variances: Vec<f64> = values.filter_map(variance).collect();
-        joined(&variances)
-    }
-}
-
-fn joined(variances: &[f64]) -> Result<Spread, ViewsError> {
-    match variances.len() {
-        0 => Err(ViewsError::Nothing),
-        points => {
-            Ok(Spread { std: (variances.iter().sum::<f64>() / points as f64).sqrt(), points })
+        let variances: Vec<f64> =
+            self.0.iter().filter_map(|(_, values)| variance(values)).collect();
+        match variances.len() {
+            0 => Err(ViewsError::Nothing),
+            points => Ok(Spread { std: mean(variances).sqrt(), points }),
         }
     }
 }
 
 /// Unbiased; none for less than two values.
 fn variance(values: &[f64]) -> Option<f64> {
-    let count = values.len() as f64;
-    let mean = values.iter().sum::<f64>() / count;
-    let square: f64 = values.iter().map(|value| (value - mean).powi(2)).sum();
-    (values.len() > 1).then(|| square / (count - 1.0))
+    let middle = mean(values.iter().copied());
+    let square: f64 = values.iter().map(|value| (value - middle).powi(2)).sum();
+    (values.len() > 1).then(|| square / (values.len() - 1) as f64)
 }
 
 #[derive(Clone, Copy)]
@@ -153,15 +147,13 @@ impl Shot {
         let normal = DVec3::new(normal[0].into(), normal[1].into(), normal[2].into());
         let (u, v) = (f64::from(x) + 0.5, f64::from(y) + 0.5);
         let scaled = |at: u32, from: u32, to: u32| u64::from(at) * u64::from(to) / u64::from(from);
-        let (width, height) = (self.visibility.width, self.visibility.height);
-        let texel = (
-            scaled(x, self.depth.width, width) as u32,
-            scaled(y, self.depth.height, height) as u32,
-        );
+        let Pixels { width, height, .. } = self.visibility;
+        let column = scaled(x, self.depth.width, width) as u32;
+        let row = scaled(y, self.depth.height, height) as u32;
         (depth < 1.0).then(|| SeenPoint {
             position: self.rays.unproject(u, v, depth),
             normal: normal.normalize_or_zero(),
-            occlusion: 1.0 - f64::from(self.visibility.texel(texel.0, texel.1)[0]),
+            occlusion: 1.0 - f64::from(self.visibility.texel(column, row)[0]),
         })
     }
 
@@ -196,6 +188,7 @@ impl Shot {
 mod tests {
     use super::*;
     use crate::pipelines::occlusion::tests::{camera, corner, gbuffer};
+    use crate::reference::image::pixels;
     use crate::reference::rays::Tracer;
 
     /// A view of a corner whose occlusion is a function of the place and of the view.
@@ -204,20 +197,14 @@ mod tests {
         let size = [96, 80];
         let [depth, normal] = gbuffer(tracer, &camera, size);
         let rays = PixelRays::new(&camera, size[0], size[1]);
-        let pixels = (0..size[1]).flat_map(|y| (0..size[0]).map(move |x| (x, y)));
-        let visibility = pixels.map(|(x, y)| {
+        let visibility = pixels(size).map(|(x, y)| {
             let depth = f64::from(depth.texel(x, y)[0]);
             let at = rays.unproject(f64::from(x) + 0.5, f64::from(y) + 0.5, depth);
             (1.0 - occlusion(at)) as f32
         });
         Shot {
             footprint: 2.0 * (camera.fov_y_deg.to_radians() / 2.0).tan() / f64::from(size[1]),
-            visibility: Pixels {
-                width: size[0],
-                height: size[1],
-                channels: 1,
-                data: visibility.collect(),
-            },
+            visibility: Pixels { data: visibility.collect(), channels: 1, ..depth },
             rays,
             depth,
             normal,

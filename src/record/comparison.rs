@@ -239,13 +239,13 @@ pub struct ConfigurationFigures {
     pub configuration: String,
     pub allocated_bytes: u64,
     /// Errors against the reference, the larger the worse.
-    #[serde(with = "nan::map")]
+    #[serde(deserialize_with = "nan::map")]
     pub errors: BTreeMap<String, f64>,
     /// The same with the stage that each judges.
     #[serde(default)]
     pub judged: Vec<ErrorFigure>,
     /// Figures read back that are no errors: a change of one is reported, but not judged.
-    #[serde(default, with = "nan::map")]
+    #[serde(default, deserialize_with = "nan::map")]
     pub quantities: BTreeMap<String, f64>,
     /// What could not be computed, and why.
     #[serde(default)]
@@ -270,7 +270,7 @@ pub struct CheckFigure {
     pub stage: String,
     pub what: String,
     pub unit: String,
-    #[serde(with = "nan::number")]
+    #[serde(deserialize_with = "nan::number")]
     pub measured: f64,
     pub tolerance: f64,
     /// It passed and its control failed.

@@ -8,7 +8,7 @@ use super::nan;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ErrorFigure {
     pub name: String,
-    #[serde(with = "nan::number")]
+    #[serde(deserialize_with = "nan::number")]
     pub value: f64,
     pub unit: String,
     /// The stage whose output it judges.

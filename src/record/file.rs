@@ -5,7 +5,7 @@ use std::path::Path;
 
 use serde_json::Value;
 
-use super::lines::{Damage, Line, LineWriter, Lines, RecordError, read_lines};
+use super::lines::{Line, LineWriter, Reading, RecordError, read_lines};
 use super::{Cell, Outcome, Record, Run, SCHEMA};
 use crate::text;
 
@@ -51,29 +51,21 @@ const OTHER_RECORDS: [&str; 4] = [
 
 pub type Writer = LineWriter<Record>;
 
-/// What a file of records held.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Reading {
-    pub records: Vec<Record>,
-    pub damaged: Vec<Damage>,
-}
-
 /// See [`read_lines`].
 pub fn read(path: &Path) -> Result<Reading, RecordError> {
-    let read = read_lines(path)?;
-    Ok(Reading { records: read.lines, damaged: read.damaged })
+    read_lines(path)
 }
 
 /// As [`read`]; a file without any sound record is an error that names its damage.
 pub fn read_some(path: &Path) -> Result<Reading, RecordError> {
     let read = read_lines(path)?;
     some_sound(path, &read)?;
-    Ok(Reading { records: read.lines, damaged: read.damaged })
+    Ok(read)
 }
 
 /// An error where lines were read and none is sound, or none was read.
-fn some_sound<T: Line>(path: &Path, read: &Lines<T>) -> Result<(), RecordError> {
-    if !read.lines.is_empty() {
+fn some_sound<T: Line>(path: &Path, read: &Reading<T>) -> Result<(), RecordError> {
+    if !read.records.is_empty() {
         return Ok(());
     }
     let first = read.damaged.first().map(ToString::to_string);
@@ -85,7 +77,7 @@ fn some_sound<T: Line>(path: &Path, read: &Lines<T>) -> Result<(), RecordError> 
 }
 
 /// Refuses a file of which lines were read and none is sound. An empty file passes: a process that was killed early leaves one.
-pub fn empty_or_sound<T: Line>(path: &Path, read: &Lines<T>) -> Result<(), RecordError> {
+pub fn empty_or_sound<T: Line>(path: &Path, read: &Reading<T>) -> Result<(), RecordError> {
     if read.damaged.is_empty() {
         return Ok(());
     }
@@ -120,14 +112,8 @@ fn sort_keys(value: &Value) -> Value {
 impl Cell {
     /// See [`resume_key`].
     pub fn resume_key(&self) -> String {
-        resume_key(
-            &self.experiment,
-            &self.cell,
-            &self.pipeline,
-            &self.scene,
-            &self.stand_ins,
-            &self.params,
-        )
+        let Self { experiment, cell, pipeline, scene, stand_ins, params, .. } = self;
+        resume_key(experiment, cell, pipeline, scene, stand_ins, params)
     }
 }
 

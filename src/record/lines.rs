@@ -11,6 +11,7 @@ use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
+use super::Record;
 use super::lock::is_file;
 use crate::{input, text};
 
@@ -84,7 +85,7 @@ pub struct LineWriter<T> {
 pub struct Opened<T> {
     pub writer: LineWriter<T>,
     /// What it held.
-    pub lines: Lines<T>,
+    pub read: Reading<T>,
     /// Where the file is kept as it was, if it was damaged. The file itself has its sound lines only.
     pub aside: Option<PathBuf>,
 }
@@ -93,19 +94,16 @@ impl<T: Line> Opened<T> {
     /// What there is to say of the damage, a line each.
     pub fn notices(&self) -> Vec<String> {
         let path = self.writer.path.display();
-        let damaged = &self.lines.damaged;
-        let mut notices: Vec<String> = damaged
-            .iter()
-            .take(MOST_TOLD)
-            .map(|damage| format!("{path}, {damage}: left out"))
-            .collect();
+        let damaged = &self.read.damaged;
+        let told = damaged.iter().take(MOST_TOLD);
+        let mut notices: Vec<String> =
+            told.map(|damage| format!("{path}, {damage}: left out")).collect();
         if damaged.len() > MOST_TOLD {
             let more = damaged.len() - MOST_TOLD;
             notices.push(format!("{path}: {more} more lines left out"));
         }
-        let aside = self.aside.as_ref();
-        notices
-            .extend(aside.map(|aside| format!("{path} is kept as it was in {}", aside.display())));
+        let aside = self.aside.iter().map(|aside| aside.display());
+        notices.extend(aside.map(|aside| format!("{path} is kept as it was in {aside}")));
         notices
     }
 }
@@ -121,15 +119,15 @@ impl<T: Line> LineWriter<T> {
     /// sound lines, unless `check` refuses what was read: then nothing is changed.
     pub fn open<E: From<RecordError>>(
         path: &Path,
-        check: impl FnOnce(&Lines<T>) -> Result<(), E>,
+        check: impl FnOnce(&Reading<T>) -> Result<(), E>,
     ) -> Result<Opened<T>, E> {
         let bytes = match input::bytes(path, MAX_FILE) {
             Err(error) if error.kind() == ErrorKind::NotFound => Vec::new(),
             read => read.map_err(io("read", path))?,
         };
         let sorted = sort::<T>(path, &bytes)?;
-        check(&sorted.lines)?;
-        let aside = if sorted.lines.damaged.is_empty() {
+        check(&sorted.read)?;
+        let aside = if sorted.read.damaged.is_empty() {
             None
         } else {
             let aside = keep_beside(path, "damaged", &bytes)?;
@@ -141,16 +139,12 @@ impl<T: Line> LineWriter<T> {
         if unterminated {
             writer.put(b"\n")?;
         }
-        Ok(Opened { writer, lines: sorted.lines, aside })
+        Ok(Opened { writer, read: sorted.read, aside })
     }
 
     fn append(path: &Path) -> Result<Self, RecordError> {
-        let file = OpenOptions::new()
-            .read(true)
-            .append(true)
-            .create(true)
-            .open(path)
-            .map_err(io("open", path))?;
+        let file = OpenOptions::new().read(true).append(true).create(true).open(path);
+        let file = file.map_err(io("open", path))?;
         Ok(Self { path: path.to_owned(), file, line: PhantomData })
     }
 
@@ -169,11 +163,10 @@ impl<T: Line> LineWriter<T> {
     /// Appends lines, all or none, and leaves it to the system when they go to the disk: they outlive this process, but not a
     /// loss of power.
     pub fn hand_over(&mut self, lines: &[T]) -> Result<(), RecordError> {
+        let unreadable = |source| RecordError::Unreadable { name: T::NAME, source };
         let mut bytes = Vec::new();
         for line in lines {
-            bytes.extend(
-                encode(line).map_err(|source| RecordError::Unreadable { name: T::NAME, source })?,
-            );
+            bytes.extend(encode(line).map_err(unreadable)?);
         }
         self.put(&bytes)
     }
@@ -276,29 +269,23 @@ pub struct Damage {
     pub reason: String,
 }
 
-/// What a file held.
+/// What a file held: its sound lines, and which of the others were damaged.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Lines<T> {
-    pub lines: Vec<T>,
+pub struct Reading<T = Record> {
+    pub records: Vec<T>,
     pub damaged: Vec<Damage>,
-}
-
-impl<T> Default for Lines<T> {
-    fn default() -> Self {
-        Self { lines: Vec::new(), damaged: Vec::new() }
-    }
 }
 
 /// Reads every sound line of a file. Damaged lines, the torn last one of a crash among them, are listed
 /// and left out; a line in another format is an error.
-pub fn read_lines<T: Line>(path: &Path) -> Result<Lines<T>, RecordError> {
+pub fn read_lines<T: Line>(path: &Path) -> Result<Reading<T>, RecordError> {
     let bytes = input::bytes(path, MAX_FILE).map_err(io("read", path))?;
-    Ok(sort(path, &bytes)?.lines)
+    Ok(sort(path, &bytes)?.read)
 }
 
 /// A file's lines, and where the sound ones lie in it, without their ends.
 struct Sorted<T> {
-    lines: Lines<T>,
+    read: Reading<T>,
     sound: Vec<Range<usize>>,
 }
 
@@ -311,7 +298,8 @@ impl<T> Sorted<T> {
 }
 
 fn sort<T: Line>(path: &Path, bytes: &[u8]) -> Result<Sorted<T>, RecordError> {
-    let mut sorted = Sorted { lines: Lines::default(), sound: Vec::new() };
+    let read = Reading { records: Vec::new(), damaged: Vec::new() };
+    let mut sorted = Sorted { read, sound: Vec::new() };
     let mut headers = Headers::default();
     let mut next = 0;
     for (index, line) in bytes.split_inclusive(|byte| *byte == b'\n').enumerate() {
@@ -320,10 +308,13 @@ fn sort<T: Line>(path: &Path, bytes: &[u8]) -> Result<Sorted<T>, RecordError> {
         if line.iter().all(u8::is_ascii_whitespace) {
             continue;
         }
-        let reason = match parse::<T>(line) {
-            Parsed::Line(parsed) => match headers.orphaned(&parsed) {
+        let (name, reads) = (T::NAME, T::SCHEMA);
+        let other_format =
+            |found| RecordError::Schema { path: path.to_owned(), line: number, name, found, reads };
+        let reason = match parse::<T>(line).map_err(other_format)? {
+            Ok(parsed) => match headers.orphaned(&parsed) {
                 None => {
-                    sorted.lines.lines.push(parsed);
+                    sorted.read.records.push(parsed);
                     let length = line.strip_suffix(b"\n").unwrap_or(line).len();
                     sorted.sound.push(start..start + length);
                     continue;
@@ -332,16 +323,7 @@ fn sort<T: Line>(path: &Path, bytes: &[u8]) -> Result<Sorted<T>, RecordError> {
                     format!("it belongs to a run whose header, line {lost}, may be damaged")
                 }
             },
-            Parsed::OtherSchema(found) => {
-                return Err(RecordError::Schema {
-                    path: path.to_owned(),
-                    line: number,
-                    name: T::NAME,
-                    found,
-                    reads: T::SCHEMA,
-                });
-            }
-            Parsed::Damaged(reason) => {
+            Err(reason) => {
                 headers.damaged::<T>(number, line);
                 if line.ends_with(b"\n") {
                     reason
@@ -350,7 +332,7 @@ fn sort<T: Line>(path: &Path, bytes: &[u8]) -> Result<Sorted<T>, RecordError> {
                 }
             }
         };
-        sorted.lines.damaged.push(Damage { line: number, reason });
+        sorted.read.damaged.push(Damage { line: number, reason });
     }
     Ok(sorted)
 }
@@ -381,29 +363,21 @@ impl Headers {
     }
 }
 
-enum Parsed<T> {
-    Line(T),
-    OtherSchema(u64),
-    Damaged(String),
-}
-
-fn parse<T: Line>(line: &[u8]) -> Parsed<T> {
+/// A line, or why it is damaged; the error is the format that it says it has where that is another.
+fn parse<T: Line>(line: &[u8]) -> Result<Result<T, String>, u64> {
     if line.len() > MAX_LINE {
-        return Parsed::Damaged(format!("longer than {} MiB", MAX_LINE >> 20));
+        return Ok(Err(format!("longer than {} MiB", MAX_LINE >> 20)));
     }
     let stated = serde_json::from_slice::<Stated>(line).ok();
     let found = stated.and_then(|stated| stated.schema?.as_u64());
     if let Some(found) = found.filter(|found| *found != u64::from(T::SCHEMA)) {
-        return Parsed::OtherSchema(found);
+        return Err(found);
     }
-    match serde_json::from_slice::<T>(line) {
-        Ok(line) => match line.check() {
-            Ok(()) => Parsed::Line(line),
-            Err(fault) => Parsed::Damaged(fault),
-        },
-        Err(error) if error.is_data() => Parsed::Damaged(format!("not a {}: {error}", T::NAME)),
-        Err(error) => Parsed::Damaged(format!("not JSON: {error}")),
-    }
+    Ok(match serde_json::from_slice::<T>(line) {
+        Ok(line) => line.check().map(|()| line),
+        Err(error) if error.is_data() => Err(format!("not a {}: {error}", T::NAME)),
+        Err(error) => Err(format!("not JSON: {error}")),
+    })
 }
 
 /// The format that a line says it has, if it says so.

@@ -1,38 +1,19 @@
 //! Figures that may be no number. JSON has no NaN and no infinity, and writes both as `null`; here `null` reads back as NaN.
 
-/// For fields of the kind `BTreeMap<String, f64>`: `#[serde(with = "nan::map")]`.
-pub mod map {
-    use std::collections::BTreeMap;
+use std::collections::BTreeMap;
 
-    use serde::{Deserialize, Deserializer, Serialize, Serializer};
+use serde::{Deserialize, Deserializer};
 
-    pub fn serialize<S: Serializer>(
-        figures: &BTreeMap<String, f64>,
-        serializer: S,
-    ) -> Result<S::Ok, S::Error> {
-        figures.serialize(serializer)
-    }
-
-    pub fn deserialize<'de, D: Deserializer<'de>>(
-        deserializer: D,
-    ) -> Result<BTreeMap<String, f64>, D::Error> {
-        let figures = BTreeMap::<String, Option<f64>>::deserialize(deserializer)?;
-        let number = |(name, figure): (String, Option<f64>)| (name, figure.unwrap_or(f64::NAN));
-        Ok(figures.into_iter().map(number).collect())
-    }
+/// For fields of the kind `BTreeMap<String, f64>`: `#[serde(deserialize_with = "nan::map")]`.
+pub fn map<'de, D: Deserializer<'de>>(deserializer: D) -> Result<BTreeMap<String, f64>, D::Error> {
+    let figures = BTreeMap::<String, Option<f64>>::deserialize(deserializer)?;
+    let number = |(name, figure): (String, Option<f64>)| (name, figure.unwrap_or(f64::NAN));
+    Ok(figures.into_iter().map(number).collect())
 }
 
-/// For fields of the kind `f64`: `#[serde(with = "nan::number")]`.
-pub mod number {
-    use serde::{Deserialize, Deserializer, Serializer};
-
-    pub fn serialize<S: Serializer>(figure: &f64, serializer: S) -> Result<S::Ok, S::Error> {
-        serializer.serialize_f64(*figure)
-    }
-
-    pub fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f64, D::Error> {
-        Ok(Option::<f64>::deserialize(deserializer)?.unwrap_or(f64::NAN))
-    }
+/// For fields of the kind `f64`: `#[serde(deserialize_with = "nan::number")]`.
+pub fn number<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f64, D::Error> {
+    Ok(Option::<f64>::deserialize(deserializer)?.unwrap_or(f64::NAN))
 }
 
 #[cfg(test)]
@@ -43,9 +24,9 @@ mod tests {
 
     #[derive(Serialize, Deserialize)]
     struct Figures {
-        #[serde(default, with = "super::map")]
+        #[serde(default, deserialize_with = "super::map")]
         errors: BTreeMap<String, f64>,
-        #[serde(with = "super::number")]
+        #[serde(deserialize_with = "super::number")]
         measured: f64,
     }
 

@@ -5,7 +5,6 @@
 //! lost takes no other with it.
 
 use std::collections::BTreeMap;
-use std::fmt::Write;
 
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
@@ -42,19 +41,11 @@ impl SampleLine {
     /// Name of a cell under a run's conditions: the same build, adapter, profile and shader checks, and the same
     /// [resume key](super::resume_key).
     pub fn id(run: &Run, resume_key: &str) -> String {
-        let conditions = serde_json::json!([
-            run.fathom_version,
-            run.adapter,
-            run.profile,
-            run.shader_checks,
-            resume_key
-        ]);
+        let Run { fathom_version, adapter, profile, shader_checks, .. } = run;
+        let conditions =
+            serde_json::json!([fathom_version, adapter, profile, shader_checks, resume_key]);
         let digest = Sha256::digest(conditions.to_string());
-        digest[..ID_BYTES].iter().fold(String::new(), |mut id, byte| {
-            // Writing to a string does not fail.
-            let _ = write!(id, "{byte:02x}");
-            id
-        })
+        digest[..ID_BYTES].iter().map(|byte| format!("{byte:02x}")).collect()
     }
 }
 
@@ -63,12 +54,12 @@ impl SampleLine {
 #[serde(default)]
 pub struct Addition {
     /// All that came before of this cell does not count: it went into a record, or was measured in another way.
-    #[serde(skip_serializing_if = "is_false")]
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub afresh: bool,
-    #[serde(skip_serializing_if = "is_zero")]
+    #[serde(skip_serializing_if = "super::is_zero")]
     pub warm_up_frames: u32,
     /// The frame time still fell when warm-up was given up.
-    #[serde(skip_serializing_if = "is_false")]
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub unsteady: bool,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub pair: Option<FramePair>,
@@ -96,12 +87,4 @@ pub struct StageTime {
     pub submit_cost_ns: f64,
     #[serde(default)]
     pub resolution_ns: f64,
-}
-
-fn is_false(value: &bool) -> bool {
-    !value
-}
-
-fn is_zero(value: &u32) -> bool {
-    *value == 0
 }

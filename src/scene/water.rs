@@ -12,7 +12,7 @@ use super::check::within_ranges;
 use super::height_map::{HeightMap, Tile};
 use super::noise::tile_noise;
 use super::waves::{self, Wave};
-use crate::parameter::{Beside, Field, ParamError, Setting, describe_free};
+use crate::parameter::{Allowed, Beside, Field, ParamError, Setting, list};
 use crate::{choices, settings};
 
 /// Drift of the noise along x, tiles per wave period. Chosen: slow against the waves.
@@ -82,16 +82,12 @@ impl Setting for Vec<Wave> {
     }
 
     fn describe(beside: Beside<'_>, fields: &mut Vec<Field>) {
-        describe_free(beside, fields);
+        list(beside, Allowed::Free, fields);
     }
 }
 
 /// What is read from a file is no parameter.
 impl Setting for Option<Arc<Tile>> {
-    fn check(&self, _: Beside<'_>) -> Result<(), ParamError> {
-        Ok(())
-    }
-
     fn describe(_: Beside<'_>, _: &mut Vec<Field>) {}
 }
 

@@ -4,16 +4,18 @@ use std::io::{Read, Write};
 use std::path::Path;
 
 use glam::{DVec3, Vec3};
+use itertools::Itertools;
 use rayon::prelude::*;
 
 use super::table::{self, PointFault, SHORT};
-use super::{QueryError, check, read_with};
+use super::{QueryError, check, read_with, written};
 use crate::gpu::Gpu;
 use crate::harness::subject::Subject;
 use crate::pipelines::underwater::{self, Intensity, Params, PhotonQuery, Underwater, photons_at};
 use crate::reference::photons::{Landing, entering, land_ray};
 use crate::reference::rays::Tracer;
 use crate::scene::{LightFrame, LightKind};
+use crate::stages::frame::View;
 use crate::stages::kit::Resources;
 use crate::stages::photon::{MISSED, OUTSIDE};
 use crate::stages::photons::query::{self, Answer};
@@ -52,10 +54,8 @@ pub struct Start {
     pub direction: Option<DVec3>,
 }
 
-/// The starts of a CSV file with the columns x, y, z (metres) and, all or none, dx, dy, dz; others are left aside.
-///
-/// # Errors
-/// The first fault, with its line and column.
+/// The starts of a CSV file with the columns x, y, z (metres) and, all or none, dx, dy, dz; others are left aside. An error names
+/// the first fault, its line and column.
 pub fn read(path: &Path) -> Result<Vec<Start>, QueryError> {
     read_with(path, parse)
 }
@@ -91,7 +91,7 @@ fn start((line, numbers): table::Row, aimed: bool) -> Result<Start, PointFault> 
 pub struct Query {
     starts: Vec<Start>,
     params: Params,
-    view: crate::stages::frame::View,
+    view: View,
     light: LightFrame,
 }
 
@@ -118,10 +118,7 @@ impl Query {
         })
     }
 
-    /// The answers of the GPU's tracing.
-    ///
-    /// # Errors
-    /// Limits of the adapter, named before anything is allocated, and what the GPU reports.
+    /// The answers of the GPU's tracing. What is beyond the adapter's limits is an error before anything is allocated.
     pub fn answers(&self, gpu: &Gpu, subject: &Subject) -> Result<Vec<Answer>, QueryError> {
         let starts: Vec<query::Start> = self.starts.iter().map(stored).collect();
         let plan = |resources: &Resources<'_>| {
@@ -168,8 +165,7 @@ impl Query {
         answers: &[Answer],
         reference: Option<&[Landing]>,
     ) -> Result<(), QueryError> {
-        let mut csv = csv::Writer::from_writer(writer);
-        let written = (|| {
+        written(target, writer, |csv| {
             csv.write_record(header(reference.is_some()))?;
             for (i, (start, answer)) in self.starts.iter().zip(answers).enumerate() {
                 let numbers =
@@ -182,20 +178,18 @@ impl Query {
                 }
                 csv.write_record(fields)?;
             }
-            csv.flush().map_err(csv::Error::from)
-        })();
-        written.map_err(|source| QueryError::Write { target: target.to_owned(), source })
+            Ok(())
+        })
     }
 
     fn answer(&self, answer: &Answer) -> Vec<String> {
         let photon = &answer.photon;
-        let outcome = outcome(photon.residual_m);
-        let mut fields = vec![outcome.to_owned()];
+        let mut fields = vec![outcome(photon.residual_m).to_owned()];
         let entered = photon.residual_m != MISSED;
         let landed = photon.residual_m >= 0.0;
-        fields.extend(vector(entered.then_some(photon.entry_m)));
-        fields.extend(vector(entered.then_some(answer.direction)));
-        fields.extend(vector(landed.then_some(photon.hit_m)));
+        fields.extend(components(entered.then(|| photon.entry_m.to_array())));
+        fields.extend(components(entered.then(|| answer.direction.to_array())));
+        fields.extend(components(landed.then(|| photon.hit_m.to_array())));
         fields.push(number(landed.then_some(photon.distance_m)));
         fields.push(answer.weight.to_string());
         fields.push(number(landed.then_some(photon.residual_m)));
@@ -213,10 +207,9 @@ impl Query {
         };
         let landed = landing.landed();
         let mut fields = vec![outcome.to_owned()];
-        for place in [entry.map(|entry| entry.position), direction, landed.map(|l| l.hit.position)]
-        {
-            let components = place.map(|p| p.to_array());
-            fields.extend((0..3).map(|i| number(components.map(|c| c[i]))));
+        let hit = landed.map(|landed| landed.hit.position);
+        for place in [entry.map(|entry| entry.position), direction, hit] {
+            fields.extend(components(place.map(|p| p.to_array())));
         }
         fields.push(number(landed.map(|landed| landed.hit.distance_m)));
         fields.push(self.exact_weight(start, landing).to_string());
@@ -234,8 +227,8 @@ fn stored(start: &Start) -> query::Start {
 }
 
 fn header(reference: bool) -> Vec<String> {
-    let mut names: Vec<String> =
-        [&PLACE[..], &DIRECTION, &ANSWER].concat().iter().map(|n| (*n).to_owned()).collect();
+    let mut names =
+        [&PLACE[..], &DIRECTION, &ANSWER].concat().iter().map(ToString::to_string).collect_vec();
     if reference {
         names.extend(ANSWER[..REFERENCE_COLUMNS].iter().map(|name| format!("reference_{name}")));
         names.push(ERROR.to_owned());
@@ -258,9 +251,8 @@ fn number<T: ToString>(value: Option<T>) -> String {
     value.map_or_else(String::new, |value| value.to_string())
 }
 
-fn vector(value: Option<Vec3>) -> [String; 3] {
-    let components = value.map(|v| v.to_array());
-    std::array::from_fn(|i| number(components.map(|c| c[i])))
+fn components<T: ToString>(vector: Option<[T; 3]>) -> [String; 3] {
+    vector.map_or_else(Default::default, |vector| vector.map(|component| component.to_string()))
 }
 
 /// Distance between the two hits, where both landed.
@@ -283,10 +275,8 @@ mod tests {
         let fault = |text: &str| parse(text.as_bytes()).unwrap_err().to_string();
         assert!(fault("x,y,z,dx,dy\n").contains("no column `dz`: x, y, z, dx, dy and dz"));
         assert!(fault("x,y\n").contains("no column `z`: x, y and z are needed"));
-        assert!(
-            fault("x,y,z\n1,-2,3\n")
-                .starts_with("line 2, columns `x`, `y`, `z`: a start at y = -2")
-        );
+        let below = fault("x,y,z\n1,-2,3\n");
+        assert!(below.starts_with("line 2, columns `x`, `y`, `z`: a start at y = -2"), "{below}");
         for direction in ["0,1,0", "1,0,0", "0,0,0"] {
             let fault = fault(&format!("x,y,z,dx,dy,dz\n1,2,3,{direction}\n"));
             assert!(fault.contains("must point downwards"), "{fault}");

@@ -1,6 +1,7 @@
 //! The scheduler over a mock executor whose clock moves only when a frame is rendered.
 
 use std::collections::BTreeSet;
+use std::sync::Arc;
 
 use super::*;
 use crate::gpu::StageSample;
@@ -16,18 +17,19 @@ struct MockCell {
     refuses: bool,
     /// The device is lost at this frame.
     loses_device_at: Option<usize>,
+    /// Rendered so far.
+    frames: usize,
 }
 
 impl Default for MockCell {
     fn default() -> Self {
-        Self {
-            time: |_, _| 1e7,
-            bytes: 1,
-            faulty: |_| false,
-            refuses: false,
-            loses_device_at: None,
-        }
+        let (time, faulty): (FrameTime, _) = (|_, _| 1e7, |_| false);
+        Self { time, bytes: 1, faulty, refuses: false, loses_device_at: None, frames: 0 }
     }
+}
+
+fn cell(time: FrameTime) -> MockCell {
+    MockCell { time, ..MockCell::default() }
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -39,9 +41,11 @@ enum Call {
     Release(usize),
 }
 
-struct Mock<'a> {
+#[derive(Default)]
+struct Mock {
     cells: Vec<MockCell>,
-    frames: Vec<usize>,
+    /// Renders in place of the cells.
+    busy: Option<busy::BusyMachine>,
     calls: Vec<Call>,
     results: BTreeMap<usize, CellResult>,
     /// What an earlier run has left, by cell.
@@ -53,38 +57,40 @@ struct Mock<'a> {
     /// Most visits that were ever not safe.
     most_unsafe: usize,
     now_s: f64,
-    recoveries_left: usize,
-    interrupt_at_s: f64,
-    interrupted: &'a AtomicBool,
+    /// The device was opened anew, which works once.
+    recovered: bool,
+    disk_full: bool,
+    interrupt_at_s: Option<f64>,
+    interrupted: Arc<AtomicBool>,
 }
 
-impl<'a> Mock<'a> {
-    fn new(cells: Vec<MockCell>, interrupted: &'a AtomicBool) -> Self {
-        Self {
-            frames: vec![0; cells.len()],
-            cells,
-            calls: Vec::new(),
-            results: BTreeMap::new(),
-            earlier: BTreeMap::new(),
-            kept: Vec::new(),
-            safe: 0,
-            most_unsafe: 0,
-            now_s: 0.0,
-            recoveries_left: 1,
-            interrupt_at_s: f64::INFINITY,
-            interrupted,
-        }
+impl Mock {
+    fn of(cells: Vec<MockCell>) -> Self {
+        Self { cells, ..Self::default() }
+    }
+
+    /// Samples all cells.
+    fn run(mut self, settings: &Settings) -> Self {
+        self.try_run(settings).expect("the mock never ends a run");
+        self
+    }
+
+    fn try_run(&mut self, settings: &Settings) -> Result<(), String> {
+        let cells: Vec<usize> = (0..self.cells.len()).collect();
+        let interrupted = Arc::clone(&self.interrupted);
+        sample(self, &cells, settings, &interrupted)
     }
 
     fn frame(&mut self, cell: usize) -> Result<(f64, usize), Failure> {
-        let frame = self.frames[cell];
-        self.frames[cell] += 1;
-        if self.cells[cell].loses_device_at == Some(frame) {
+        let cell = &mut self.cells[cell];
+        let frame = cell.frames;
+        cell.frames += 1;
+        if cell.loses_device_at == Some(frame) {
             return Err(Failure::DeviceLost("gone".into()));
         }
-        let ns = (self.cells[cell].time)(frame, self.now_s);
+        let ns = (cell.time)(frame, self.now_s);
         self.now_s += ns * 1e-9;
-        if self.now_s >= self.interrupt_at_s {
+        if self.interrupt_at_s.is_some_and(|at_s| self.now_s >= at_s) {
             self.interrupted.store(true, Ordering::Relaxed);
         }
         Ok((ns, frame))
@@ -103,9 +109,13 @@ impl<'a> Mock<'a> {
             CellResult::Sampled(_) => panic!("cell {cell} did not fail"),
         }
     }
+
+    fn count(&self, wanted: fn(&Call) -> bool) -> usize {
+        self.calls.iter().filter(|call| wanted(call)).count()
+    }
 }
 
-impl Executor for Mock<'_> {
+impl Executor for Mock {
     type Fatal = String;
 
     fn prepare(&mut self, cell: usize) -> Result<u64, Failure> {
@@ -119,36 +129,35 @@ impl Executor for Mock<'_> {
 
     fn timed(&mut self, cell: usize) -> Result<FrameSample, Failure> {
         self.calls.push(Call::Timed(cell));
+        if let Some(busy) = &mut self.busy {
+            self.now_s += 0.01;
+            return Ok(busy.timed());
+        }
         let (ns, frame) = self.frame(cell)?;
-        let mut sample = FrameSample {
+        let stage = |name, clock, ns| StageSample {
+            name,
+            clock,
+            ns,
+            submit_cost_ns: 0.0,
+            resolution_ns: 0.0,
+        };
+        Ok(FrameSample {
             stages: vec![
-                StageSample {
-                    name: "a",
-                    clock: Clock::Timestamp,
-                    ns: 0.3 * ns,
-                    submit_cost_ns: 0.0,
-                    resolution_ns: 0.0,
-                },
-                StageSample {
-                    name: "b",
-                    clock: Clock::FencedHost,
-                    ns: 0.6 * ns,
-                    submit_cost_ns: 0.0,
-                    resolution_ns: 0.0,
-                },
+                stage("a", Clock::Timestamp, 0.3 * ns),
+                stage("b", Clock::FencedHost, 0.6 * ns),
             ],
             gaps_ns: 0.1 * ns,
-            envelope_ns: ns,
+            envelope_ns: if (self.cells[cell].faulty)(frame) { 0.0 } else { ns },
             faults: Vec::new(),
-        };
-        if (self.cells[cell].faulty)(frame) {
-            sample.envelope_ns = 0.0;
-        }
-        Ok(sample)
+        })
     }
 
     fn untimed(&mut self, cell: usize) -> Result<f64, Failure> {
         self.calls.push(Call::Untimed(cell));
+        if let Some(busy) = &mut self.busy {
+            self.now_s += 0.01;
+            return Ok(busy.untimed_ns());
+        }
         self.frame(cell).map(|(ns, _)| ns)
     }
 
@@ -168,6 +177,9 @@ impl Executor for Mock<'_> {
     }
 
     fn finish(&mut self, cell: usize, result: CellResult) -> Result<(), String> {
+        if self.disk_full {
+            return Err("disk full".to_owned());
+        }
         self.calls.push(Call::Finish(cell));
         assert!(self.results.insert(cell, result).is_none(), "cell {cell} finished twice");
         Ok(())
@@ -178,7 +190,9 @@ impl Executor for Mock<'_> {
     }
 
     fn recover(&mut self) -> Result<(), String> {
-        self.recoveries_left = self.recoveries_left.checked_sub(1).ok_or("once is enough")?;
+        if std::mem::replace(&mut self.recovered, true) {
+            return Err("once is enough".to_owned());
+        }
         for cell in &mut self.cells {
             cell.loses_device_at = None;
         }
@@ -199,19 +213,11 @@ fn noise(frame: usize, share: f64) -> f64 {
     1.0 + share * (2.0 * phase - 1.0)
 }
 
-fn run(mock: &mut Mock<'_>, settings: &Settings) {
-    let cells: Vec<usize> = (0..mock.cells.len()).collect();
-    let interrupted = mock.interrupted;
-    sample(mock, &cells, settings, interrupted).expect("the mock never ends a run");
-}
-
 #[test]
 fn a_steady_cell_stops_as_precise_and_a_noisy_one_at_its_budget() {
-    let flag = AtomicBool::new(false);
-    let steady = MockCell { time: |f, _| 1e7 * noise(f, 0.01), ..MockCell::default() };
-    let noisy = MockCell { time: |f, _| 3e7 * noise(f, 0.9), ..MockCell::default() };
-    let mut mock = Mock::new(vec![steady, noisy], &flag);
-    run(&mut mock, &SETTINGS);
+    let steady = cell(|f, _| 1e7 * noise(f, 0.01));
+    let noisy = cell(|f, _| 3e7 * noise(f, 0.9));
+    let mock = Mock::of(vec![steady, noisy]).run(&SETTINGS);
     assert_eq!(mock.samples(0).stopped, Stopped::Precise);
     assert_eq!(mock.samples(0).pairs(), MIN_PRECISE_PAIRS);
     assert_eq!(mock.samples(1).stopped, Stopped::OutOfTime);
@@ -224,9 +230,7 @@ fn a_steady_cell_stops_as_precise_and_a_noisy_one_at_its_budget() {
 
 #[test]
 fn samples_keep_stages_gaps_and_pairs_in_step() {
-    let flag = AtomicBool::new(false);
-    let mut mock = Mock::new(vec![MockCell::default()], &flag);
-    run(&mut mock, &SETTINGS);
+    let mock = Mock::of(vec![MockCell::default()]).run(&SETTINGS);
     let samples = mock.samples(0);
     let n = samples.pairs();
     assert_eq!(samples.stages.len(), 2);
@@ -240,35 +244,26 @@ fn samples_keep_stages_gaps_and_pairs_in_step() {
 
 #[test]
 fn slow_cells_get_their_least_pairs_beyond_the_budget() {
-    let flag = AtomicBool::new(false);
-    let slow = MockCell { time: |_, _| 8e9, ..MockCell::default() };
-    let quick = MockCell { time: |f, _| 1e7 * noise(f, 0.9), ..MockCell::default() };
-    let mut mock = Mock::new(vec![slow, quick], &flag);
-    run(&mut mock, &SETTINGS);
+    let slow = cell(|_, _| 8e9);
+    let quick = cell(|f, _| 1e7 * noise(f, 0.9));
+    let mock = Mock::of(vec![slow, quick]).run(&SETTINGS);
     assert_eq!(mock.samples(0).pairs(), MIN_PAIRS);
     assert!(mock.samples(1).pairs() > 100, "a slow neighbour takes nothing of a cell's share");
 }
 
 #[test]
 fn a_cell_stops_at_the_greatest_number_of_pairs() {
-    let flag = AtomicBool::new(false);
-    let noisy = MockCell { time: |f, _| 1e4 * noise(f, 0.9), ..MockCell::default() };
-    let mut mock = Mock::new(vec![noisy], &flag);
-    run(&mut mock, &SETTINGS);
+    let noisy = cell(|f, _| 1e4 * noise(f, 0.9));
+    let mock = Mock::of(vec![noisy]).run(&SETTINGS);
     assert_eq!(mock.samples(0).stopped, Stopped::EnoughPairs);
     assert_eq!(mock.samples(0).pairs(), MAX_PAIRS);
 }
 
 #[test]
 fn warm_up_ends_when_frames_no_longer_get_faster() {
-    let flag = AtomicBool::new(false);
-    let compiles = MockCell {
-        time: |f, _| [9e7, 5e7, 2e7].get(f).copied().unwrap_or(1e7),
-        ..MockCell::default()
-    };
-    let never_steady = MockCell { time: |f, _| 1e9 * 0.8f64.powi(f as i32), ..MockCell::default() };
-    let mut mock = Mock::new(vec![MockCell::default(), compiles, never_steady], &flag);
-    run(&mut mock, &SETTINGS);
+    let compiles = cell(|f, _| [9e7, 5e7, 2e7].get(f).copied().unwrap_or(1e7));
+    let never_steady = cell(|f, _| 1e9 * 0.8f64.powi(f as i32));
+    let mock = Mock::of(vec![MockCell::default(), compiles, never_steady]).run(&SETTINGS);
     assert_eq!(mock.samples(0).warm_up_frames, 2);
     assert_eq!(mock.samples(1).warm_up_frames, 5);
     assert!(
@@ -282,12 +277,10 @@ fn warm_up_ends_when_frames_no_longer_get_faster() {
 
 #[test]
 fn drift_falls_on_all_cells_alike() {
-    let flag = AtomicBool::new(false);
     // The machine slows down by half over the run; the second cell does twice the first one's work.
-    let one = MockCell { time: |_, now| 1e7 * (1.0 + now / 20.0), ..MockCell::default() };
-    let two = MockCell { time: |_, now| 2e7 * (1.0 + now / 20.0), ..MockCell::default() };
-    let mut mock = Mock::new(vec![one, two], &flag);
-    run(&mut mock, &Settings { precision: 0.0, ..SETTINGS });
+    let one = cell(|_, now| 1e7 * (1.0 + now / 20.0));
+    let two = cell(|_, now| 2e7 * (1.0 + now / 20.0));
+    let mock = Mock::of(vec![one, two]).run(&Settings { precision: 0.0, ..SETTINGS });
     let n = mock.samples(0).pairs().min(mock.samples(1).pairs());
     let median = |cell: usize| statistics::median(&mock.samples(cell).envelope_ns[..n]);
     let ratio = median(1) / median(0);
@@ -296,10 +289,8 @@ fn drift_falls_on_all_cells_alike() {
 
 #[test]
 fn timed_and_untimed_frames_alternate_in_random_order() {
-    let flag = AtomicBool::new(false);
-    let noisy = || MockCell { time: |f, _| 2e7 * noise(f, 0.9), ..MockCell::default() };
-    let mut mock = Mock::new(vec![noisy(), noisy(), noisy()], &flag);
-    run(&mut mock, &SETTINGS);
+    let noisy = || cell(|f, _| 2e7 * noise(f, 0.9));
+    let mock = Mock::of(vec![noisy(), noisy(), noisy()]).run(&SETTINGS);
     let frames: Vec<Call> = (mock.calls.iter().copied())
         .filter(|call| matches!(call, Call::Timed(_) | Call::Untimed(_)))
         .skip(12)
@@ -332,12 +323,8 @@ fn cell_of(call: Call) -> usize {
 #[test]
 fn the_seed_decides_the_order() {
     let calls = |seed| {
-        let flag = AtomicBool::new(false);
-        let cells =
-            (0..4).map(|_| MockCell { time: |f, _| 5e7 * noise(f, 0.5), ..MockCell::default() });
-        let mut mock = Mock::new(cells.collect(), &flag);
-        run(&mut mock, &Settings { seed, ..SETTINGS });
-        mock.calls
+        let cells = (0..4).map(|_| cell(|f, _| 5e7 * noise(f, 0.5)));
+        Mock::of(cells.collect()).run(&Settings { seed, ..SETTINGS }).calls
     };
     assert_eq!(calls(1), calls(1));
     assert_ne!(calls(1), calls(2));
@@ -345,10 +332,8 @@ fn the_seed_decides_the_order() {
 
 #[test]
 fn faulty_frames_are_counted_and_never_used() {
-    let flag = AtomicBool::new(false);
     let sometimes = MockCell { faulty: |f| f % 8 == 5, ..MockCell::default() };
-    let mut mock = Mock::new(vec![sometimes], &flag);
-    run(&mut mock, &SETTINGS);
+    let mock = Mock::of(vec![sometimes]).run(&SETTINGS);
     let samples = mock.samples(0);
     assert_eq!(samples.rejected.keys().collect::<Vec<_>>(), [&FaultKind::FrameNotPositive.into()]);
     assert!(samples.envelope_ns.iter().all(|ns| *ns > 0.0));
@@ -356,20 +341,16 @@ fn faulty_frames_are_counted_and_never_used() {
 
 #[test]
 fn a_cell_with_too_many_faults_fails_with_the_reason() {
-    let flag = AtomicBool::new(false);
     let always = MockCell { faulty: |_| true, ..MockCell::default() };
-    let mut mock = Mock::new(vec![always, MockCell::default()], &flag);
-    run(&mut mock, &SETTINGS);
+    let mock = Mock::of(vec![always, MockCell::default()]).run(&SETTINGS);
     assert_eq!(mock.reason(0), "6 of 6 timed frames rejected: frame time not positive (6 times)");
     assert_eq!(mock.samples(1).stopped, Stopped::Precise);
 }
 
 #[test]
 fn a_cell_that_cannot_be_prepared_leaves_the_others_alone() {
-    let flag = AtomicBool::new(false);
     let refuses = MockCell { refuses: true, ..MockCell::default() };
-    let mut mock = Mock::new(vec![MockCell::default(), refuses, MockCell::default()], &flag);
-    run(&mut mock, &SETTINGS);
+    let mock = Mock::of(vec![MockCell::default(), refuses, MockCell::default()]).run(&SETTINGS);
     assert_eq!(mock.reason(1), "out of GPU memory");
     assert!(mock.calls.contains(&Call::Release(1)));
     assert_eq!(mock.results.len(), 3);
@@ -378,10 +359,8 @@ fn a_cell_that_cannot_be_prepared_leaves_the_others_alone() {
 
 #[test]
 fn groups_fit_into_memory_and_are_released() {
-    let flag = AtomicBool::new(false);
     let sized = |bytes| MockCell { bytes, ..MockCell::default() };
-    let mut mock = Mock::new([400, 400, 300, 5_000, 100].map(sized).into(), &flag);
-    run(&mut mock, &SETTINGS);
+    let mock = Mock::of([400, 400, 300, 5_000, 100].map(sized).into()).run(&SETTINGS);
     let (mut alive, mut most) = (BTreeSet::new(), 0);
     let mut groups: Vec<usize> = Vec::new();
     for call in &mock.calls {
@@ -407,24 +386,20 @@ fn groups_fit_into_memory_and_are_released() {
 
 #[test]
 fn a_lost_device_is_opened_once_more_and_samples_survive() {
-    let flag = AtomicBool::new(false);
     let loses = MockCell { loses_device_at: Some(7), ..MockCell::default() };
-    let noisy = MockCell { time: |f, _| 1e7 * noise(f, 0.5), ..MockCell::default() };
-    let mut mock = Mock::new(vec![loses, noisy], &flag);
-    run(&mut mock, &SETTINGS);
+    let noisy = cell(|f, _| 1e7 * noise(f, 0.5));
+    let mock = Mock::of(vec![loses, noisy]).run(&SETTINGS);
     assert_eq!(mock.reason(0), "device lost: gone");
     let samples = mock.samples(1);
-    assert_eq!(mock.calls.iter().filter(|call| **call == Call::Prepare(1)).count(), 2);
+    assert_eq!(mock.count(|call| *call == Call::Prepare(1)), 2);
     assert!(samples.warm_up_frames >= 4, "warmed up on both devices");
 }
 
 #[test]
 fn a_device_lost_for_good_fails_the_rest_with_the_reason() {
-    let flag = AtomicBool::new(false);
     let loses = MockCell { loses_device_at: Some(0), bytes: 600, ..MockCell::default() };
-    let mut mock = Mock::new(vec![loses, MockCell::default(), MockCell::default()], &flag);
-    mock.recoveries_left = 0;
-    run(&mut mock, &SETTINGS);
+    let cells = vec![loses, MockCell::default(), MockCell::default()];
+    let mock = Mock { recovered: true, ..Mock::of(cells) }.run(&SETTINGS);
     let reason = "device lost before (gone) and not recovered: once is enough";
     assert_eq!(mock.reason(0), "device lost: gone");
     assert_eq!([mock.reason(1), mock.reason(2)], [reason; 2]);
@@ -432,70 +407,28 @@ fn a_device_lost_for_good_fails_the_rest_with_the_reason() {
 
 #[test]
 fn an_interruption_keeps_what_is_done_and_drops_what_has_hardly_begun() {
-    let flag = AtomicBool::new(false);
     let alone = |time| MockCell { time, bytes: 900, ..MockCell::default() };
     let cells = vec![alone(|_, _| 1e7), alone(|_, _| 1e9), alone(|_, _| 1e7)];
-    let mut mock = Mock::new(cells, &flag);
     // The slow cell warms up for two seconds, and a pair takes two more.
-    mock.interrupt_at_s = 3.0;
-    run(&mut mock, &SETTINGS);
+    let mock = Mock { interrupt_at_s: Some(3.0), ..Mock::of(cells) }.run(&SETTINGS);
     assert_eq!(mock.results.keys().copied().collect::<Vec<_>>(), [0]);
     assert!(mock.now_s < 5.0, "it ends after the pair that is under way: {}", mock.now_s);
-    let count = |wanted: fn(&Call) -> bool| mock.calls.iter().filter(|call| wanted(call)).count();
-    assert_eq!(count(|call| matches!(call, Call::Prepare(_))), 2);
-    assert_eq!(count(|call| matches!(call, Call::Release(_))), 2);
+    assert_eq!(mock.count(|call| matches!(call, Call::Prepare(_))), 2);
+    assert_eq!(mock.count(|call| matches!(call, Call::Release(_))), 2);
 }
 
 #[test]
 fn an_interrupted_cell_with_enough_pairs_says_so() {
-    let flag = AtomicBool::new(false);
-    let noisy = MockCell { time: |f, _| 1e7 * noise(f, 0.9), ..MockCell::default() };
-    let mut mock = Mock::new(vec![noisy], &flag);
-    mock.interrupt_at_s = 1.0;
-    run(&mut mock, &SETTINGS);
+    let noisy = cell(|f, _| 1e7 * noise(f, 0.9));
+    let mock = Mock { interrupt_at_s: Some(1.0), ..Mock::of(vec![noisy]) }.run(&SETTINGS);
     assert_eq!(mock.samples(0).stopped, Stopped::Interrupted);
     assert!(mock.samples(0).pairs() >= MIN_PAIRS);
 }
 
 #[test]
 fn an_error_of_the_caller_ends_the_run() {
-    struct FullDisk<'a>(Mock<'a>);
-    impl Executor for FullDisk<'_> {
-        type Fatal = &'static str;
-        fn prepare(&mut self, cell: usize) -> Result<u64, Failure> {
-            self.0.prepare(cell)
-        }
-        fn timed(&mut self, cell: usize) -> Result<FrameSample, Failure> {
-            self.0.timed(cell)
-        }
-        fn untimed(&mut self, cell: usize) -> Result<f64, Failure> {
-            self.0.untimed(cell)
-        }
-        fn earlier(&mut self, cell: usize) -> Vec<Addition> {
-            self.0.earlier(cell)
-        }
-        fn keep(&mut self, _: usize, _: Addition) -> Result<(), &'static str> {
-            Ok(())
-        }
-        fn end_round(&mut self) -> Result<(), &'static str> {
-            Ok(())
-        }
-        fn finish(&mut self, _: usize, _: CellResult) -> Result<(), &'static str> {
-            Err("disk full")
-        }
-        fn release(&mut self, cell: usize) {
-            self.0.release(cell);
-        }
-        fn recover(&mut self) -> Result<(), String> {
-            self.0.recover()
-        }
-        fn now_s(&self) -> f64 {
-            self.0.now_s()
-        }
-    }
-    let flag = AtomicBool::new(false);
-    let mut disk = FullDisk(Mock::new(vec![MockCell::default()], &flag));
-    assert_eq!(sample(&mut disk, &[0], &SETTINGS, &flag), Err("disk full"));
+    let mut mock = Mock { disk_full: true, ..Mock::of(vec![MockCell::default()]) };
+    assert_eq!(mock.try_run(&SETTINGS), Err("disk full".to_owned()));
 }
 
 mod busy;

@@ -2,8 +2,7 @@
 
 use glam::{DVec3, Vec2};
 
-use super::rig::{self, Rig, largest};
-use super::{Case, Check, Checks, Result};
+use super::{Case, Check, Checks, Result, Rig, largest, rig};
 use crate::reference::image::{Image, pixels};
 use crate::reference::rays::{PixelRays, Tracer};
 use crate::scene::Scene;
@@ -58,8 +57,7 @@ fn known_inputs(rig: &Rig<'_>) -> Checks {
     let mut checks = Vec::new();
     for (name, known) in cases {
         let (shown, view, depth) = composed(rig, &known, false)?;
-        let error =
-            |known: &Known| relative_error(&radiance(&shown, known.exposure), &view, depth, known);
+        let error = |known: &Known| relative_error(&shown, &view, depth, known);
         let brighter =
             Known { albedo: known.albedo * 1.05, specular: known.specular * 1.05, ..known };
         checks.push(
@@ -115,22 +113,15 @@ fn composed(rig: &Rig<'_>, known: &Known, shows_occlusion: bool) -> Result<(Imag
     Ok((rig.channel(stage.texture(), 0)?, view, depth))
 }
 
-/// Radiance of displayed values.
-fn radiance(shown: &Image, exposure: f64) -> Vec<f64> {
-    let undo = |v: &f64| -(1.0 - v.powf(DISPLAY_GAMMA)).ln() / exposure;
-    shown.data().iter().map(undo).collect()
-}
-
-/// Largest difference from the closed form, relative to it: Lambert's law, Blinn and Phong's lobe of exponent 32, and
+/// Largest difference of the radiance from the closed form, relative to it: Lambert's law, Blinn and Phong's lobe of exponent 32, and
 /// ambient light times visibility.
-fn relative_error(measured: &[f64], view: &View, depth: f64, known: &Known) -> f64 {
+fn relative_error(shown: &Image, view: &View, depth: f64, known: &Known) -> f64 {
     use std::f64::consts::PI;
     let rays = PixelRays::new(&view.camera, SIZE[0], SIZE[1]);
     let to_light = -view.light_frame().forward;
     let lit = if known.shadow > 0.0 { 1.0 } else { 0.0 };
     let mut largest = 0.0f64;
-    for (i, measured) in measured.iter().enumerate() {
-        let (x, y) = (i as u32 % SIZE[0], i as u32 / SIZE[0]);
+    for ((x, y), shown) in pixels(SIZE).zip(shown.data()) {
         let p = rays.unproject(f64::from(x) + 0.5, f64::from(y) + 0.5, depth);
         let to_viewer = (view.camera.position() - p).normalize();
         let half_way = (to_light + to_viewer).normalize();
@@ -138,6 +129,7 @@ fn relative_error(measured: &[f64], view: &View, depth: f64, known: &Known) -> f
         let direct = (known.albedo / PI + known.specular * lobe) * known.normal.dot(to_light);
         let ambient = known.albedo / PI * AMBIENT * known.visibility;
         let exact = view.irradiance() * (lit * direct.max(0.0) + ambient);
+        let measured = -(1.0 - shown.powf(DISPLAY_GAMMA)).ln() / known.exposure;
         largest = largest.max((measured / exact - 1.0).abs());
     }
     largest
@@ -175,9 +167,8 @@ fn shadows(rig: &Rig<'_>) -> Result<Check> {
 fn unlike(shown: &Image, view: &View, tracer: &Tracer, toward: DVec3) -> (f64, f64) {
     const START_M: f64 = 1e-3;
     let rays = PixelRays::new(&view.camera, SIZE[0], SIZE[1]);
-    let pixels = pixels(SIZE);
     let (mut judged, mut differing, mut shadowed) = (0u32, 0u32, 0u32);
-    for (x, y) in pixels {
+    for (x, y) in pixels(SIZE) {
         let Some((hit, _)) = rays.cast(tracer, x, y) else {
             continue;
         };

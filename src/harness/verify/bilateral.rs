@@ -1,7 +1,6 @@
 //! `ao/bilateral` and `hsao/filter` against the f64 twin, guided by the depth of a rendered scene.
 
-use super::rig::{self, Rig, largest, noise};
-use super::{Case, Check, Checks, Result};
+use super::{Case, Check, Checks, Result, Rig, largest, noise, rig};
 use crate::gpu::StageInfo;
 use crate::pipelines::settings;
 use crate::reference::bilateral::Bilateral;
@@ -35,48 +34,36 @@ fn check(info: &'static StageInfo, rig: &Rig<'_>) -> Checks {
     let textures = rig.gbuffer(&stand)?;
     let rig::Stand { view, shared, .. } = stand;
     let depth = rig.channel(&textures.depth, 0)?;
-    let twin = twin(&settings::Filter::default());
+    let twin = twin();
     let blunt = Bilateral { depth_sigma: twin.depth_sigma * 1.2, ..twin.clone() };
 
     let mut checks = Vec::new();
     for source in SOURCES {
         let input = noise(source, 11);
-        let run = |settings: &settings::Filter| {
-            filtered(
-                rig,
-                info,
-                &shared,
-                (&input, &textures.depth),
-                &settings.uniforms(&view, source),
-            )
-        };
-        let result = run(&settings::Filter::default())?;
+        let settings = settings::Filter::default().uniforms(&view, source);
+        let result = filtered(rig, info, &shared, (&input, &textures.depth), &settings)?;
         let against = |twin: &Bilateral| differences(&result, &input, &depth, &view.camera, twin);
         let (mut measured, left_out) = against(&twin);
         let (mut control, _) = against(&blunt);
         let [w, h] = source;
+        let what = format!("{w}×{h} to the viewport: 99.9th percentile of |GPU − f64 twin|");
         checks.push(
-            Check::of(
-                info.name,
-                format!("{w}×{h} to the viewport: 99.9th percentile of |GPU − f64 twin|"),
-            )
-            .within((TOLERANCE, "1"), quantile(&mut measured, 0.999))
-            .control("depth_sigma 1.2 times", quantile(&mut control, 0.999))
-            .with("largest", measured.last().copied().unwrap_or(f64::NAN))
-            .with("pixels_left_out_share", left_out),
+            Check::of(info.name, what)
+                .within((TOLERANCE, "1"), quantile(&mut measured, 0.999))
+                .control("depth_sigma 1.2 times", quantile(&mut control, 0.999))
+                .with("largest", measured.last().copied().unwrap_or(f64::NAN))
+                .with("pixels_left_out_share", left_out),
         );
     }
     checks.push(background(info, rig, &shared, (&view, &depth, &textures.depth))?);
     Ok(checks)
 }
 
-fn twin(settings: &settings::Filter) -> Bilateral {
-    Bilateral {
-        taps: settings.taps,
-        radius_px: settings.radius_px,
-        sigma_px: settings.sigma_px,
-        depth_sigma: settings.depth_sigma,
-    }
+/// Of the default settings.
+fn twin() -> Bilateral {
+    let settings::Filter { taps, radius_px, sigma_px, depth_sigma, .. } =
+        settings::Filter::default();
+    Bilateral { taps, radius_px, sigma_px, depth_sigma }
 }
 
 fn filtered(
@@ -122,8 +109,7 @@ fn differences(
     twin: &Bilateral,
 ) -> (Vec<f64>, f64) {
     let guided = twin.over(input, depth, camera);
-    let pixels = pixels(gpu.size());
-    let off: Vec<f64> = pixels
+    let off: Vec<f64> = pixels(gpu.size())
         .filter(|(x, y)| guided.edge_distance(*x, *y) >= AMBIGUOUS_PX)
         .map(|(x, y)| (gpu.clamped(x.into(), y.into()) - guided.at(x, y)).abs())
         .collect();

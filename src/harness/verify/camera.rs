@@ -1,9 +1,11 @@
 //! `scene/gbuffer`, `water/reflection` and `water/refraction` against rays from the camera.
 
+use std::iter::successors;
+
 use glam::DVec3;
 
-use super::rig::{self, Rig};
-use super::{Case, Check, Checks, Result};
+use super::{Case, Check, Checks, Result, Rig, rig};
+use crate::gpu::StageInfo;
 use crate::reference::image::{Image, pixels};
 use crate::reference::quantities::quantile;
 use crate::reference::rays::{Hit, PixelRays, Tracer};
@@ -144,16 +146,13 @@ impl ExactHits {
 
 fn reflection(rig: &Rig<'_>) -> Result<Check> {
     let scene = above_water()?;
-    let rig::Stand { shared, geometry, .. } = rig.stand(&scene, SIZE);
-    let stage = LitScene::new(&rig.resources, &water::reflection::INFO, &shared, &geometry, SIZE)?;
-    rig.run(&[&stage])?;
-    let covered = rig.channel(stage.texture(), 3)?;
+    let covered = covered(rig, &scene, &water::reflection::INFO)?;
     let tracer = Tracer::new(&scene.objects)?;
+    let rays = PixelRays::new(&scene.camera, SIZE[0], SIZE[1]);
     // The picture of the world mirrored about `level`, kept on the camera's own side.
     let unlike = |level: f64| {
         let ray = |x, y| {
-            let (origin, direction, length) =
-                PixelRays::new(&scene.camera, SIZE[0], SIZE[1]).ray(x, y);
+            let (origin, direction, length) = rays.ray(x, y);
             let mirror = |v: DVec3, level: f64| DVec3::new(v.x, 2.0 * level - v.y, v.z);
             (mirror(origin, level), mirror(direction, 0.0), length)
         };
@@ -167,10 +166,7 @@ fn reflection(rig: &Rig<'_>) -> Result<Check> {
 
 fn refraction(rig: &Rig<'_>) -> Result<Check> {
     let scene = above_water()?;
-    let rig::Stand { shared, geometry, .. } = rig.stand(&scene, SIZE);
-    let stage = LitScene::new(&rig.resources, &water::refraction::INFO, &shared, &geometry, SIZE)?;
-    rig.run(&[&stage])?;
-    let covered = rig.channel(stage.texture(), 3)?;
+    let covered = covered(rig, &scene, &water::refraction::INFO)?;
     let tracer = Tracer::new(&scene.objects)?;
     let rays = PixelRays::new(&scene.camera, SIZE[0], SIZE[1]);
     let unlike = |level: f64| {
@@ -191,6 +187,14 @@ fn above_water() -> Result<Scene> {
     Ok(scene)
 }
 
+/// 1 where a stage draws the scene.
+fn covered(rig: &Rig<'_>, scene: &Scene, info: &'static StageInfo) -> Result<Image> {
+    let rig::Stand { shared, geometry, .. } = rig.stand(scene, SIZE);
+    let stage = LitScene::new(&rig.resources, info, &shared, &geometry, SIZE)?;
+    rig.run(&[&stage])?;
+    rig.channel(stage.texture(), 3)
+}
+
 /// Share of pixels whose coverage differs from that of exact rays which pass through geometry at
 /// heights that are not `kept`.
 fn coverage_disagreement(
@@ -202,15 +206,9 @@ fn coverage_disagreement(
     let mut unlike = 0u32;
     for (x, y) in pixels(covered.size()) {
         let (origin, direction, length) = ray(x, y);
-        let mut from = 0.0;
-        let mut seen = false;
-        while let Some(hit) = tracer.cast(origin, direction, from, length) {
-            if kept(hit.position.y) {
-                seen = true;
-                break;
-            }
-            from = hit.distance_m * (1.0 + 1e-12);
-        }
+        let next = |from: f64| tracer.cast(origin, direction, from, length);
+        let mut hits = successors(next(0.0), |hit| next(hit.distance_m * (1.0 + 1e-12)));
+        let seen = hits.any(|hit| kept(hit.position.y));
         unlike += u32::from(seen != (covered.clamped(x.into(), y.into()) > 0.5));
     }
     f64::from(unlike) / covered.data().len() as f64

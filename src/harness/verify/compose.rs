@@ -2,8 +2,7 @@
 
 use glam::{DVec3, Vec2};
 
-use super::rig::{self, Rig};
-use super::{Case, Check, Checks, Result};
+use super::{Case, Check, Checks, Result, Rig, rig};
 use crate::reference::image::{Image, pixels};
 use crate::reference::optics::{fresnel_reflectance, transmittance};
 use crate::reference::rays::PixelRays;
@@ -45,6 +44,7 @@ fn known_inputs(rig: &Rig<'_>) -> Checks {
     let (rays, both) = (water[1][0] - low, water[1][2] - low);
     let through = (high - low) / (clear[0][2] - clear[0][0]);
     let off = |measured: f64, expected: f64| (measured / expected - 1.0).abs();
+    let murky = transmittance(GAMMA_PER_M * 1.05, WALL_M);
     let twice = (high - low) / (middle - low);
     Ok(vec![
         Check::of(STAGE, "twice the caustics, twice the light: relative error")
@@ -55,10 +55,7 @@ fn known_inputs(rig: &Rig<'_>) -> Checks {
             .control("godrays counted 1.1 times", off(both, high - low + 1.1 * rays)),
         Check::of(STAGE, "caustics seen through 4 m of water: relative error")
             .within((5e-3, "1"), off(through, transmittance(GAMMA_PER_M, WALL_M)))
-            .control(
-                "attenuation 5 % higher",
-                off(through, transmittance(GAMMA_PER_M * 1.05, WALL_M)),
-            ),
+            .control("attenuation 5 % higher", off(through, murky)),
     ])
 }
 
@@ -131,43 +128,37 @@ fn wall(rig: &Rig<'_>, gamma_per_m: f64) -> Result<Bands> {
     let mean = |column: u32, row: u32| {
         let inside = |band: u32, side: u32| band * side + BORDER_PX..(band + 1) * side - BORDER_PX;
         let pixels = inside(row, rows).flat_map(|y| inside(column, columns).map(move |x| (x, y)));
-        let values: Vec<f64> = pixels.map(|(x, y)| image.clamped(x.into(), y.into())).collect();
-        values.iter().sum::<f64>() / values.len() as f64
+        rig::mean(pixels.map(|(x, y)| image.clamped(x.into(), y.into())))
     };
     Ok([0, 1].map(|row| [0, 1, 2].map(|column| mean(column, row))))
 }
 
 /// Flat water between a white reflection and a black refraction shows its reflectance.
 fn fresnel(rig: &Rig<'_>) -> Checks {
-    let mut checks = Vec::new();
-    // From below the view crosses the critical angle, 48.8° from the vertical.
-    for (side, name, target_z) in [(1.0, "above", -1.5), (-1.0, "below", 0.8)] {
+    let nothing = &Image::constant(SIZE[0], SIZE[1], 0.0);
+    let known = Known {
+        albedo: 0.0,
+        depth: 1.0,
+        caustics: nothing,
+        godrays: nothing,
+        reflection: 1.0,
+        exposure: 1.5,
+    };
+    let check = |(side, name, target_z)| {
         let mut view = rig::synthetic_view(SIZE, 0.0)?;
         view.camera.position_m = [0.0, 1.5 * side, 2.0];
         view.camera.target_m = [0.0, 0.0, target_z];
         view.camera.fov_y_deg = 30.0;
-        let nothing = Image::constant(SIZE[0], SIZE[1], 0.0);
-        let known = Known {
-            albedo: 0.0,
-            depth: 1.0,
-            caustics: &nothing,
-            godrays: &nothing,
-            reflection: 1.0,
-            exposure: 1.5,
-        };
         let image = radiance(rig, &view, &known)?;
         let rays = PixelRays::new(&view.camera, SIZE[0], SIZE[1]);
         let error = |index: f64| reflectance_error(&image, &rays, side, index);
-        checks.push(
-            Check::of(
-                STAGE,
-                format!("flat water from {name}: mean |reflectance − Fresnel|, of the mean"),
-            )
+        let what = format!("flat water from {name}: mean |reflectance − Fresnel|, of the mean");
+        Ok(Check::of(STAGE, what)
             .within((0.02, "1"), error(view.water.refractive_index))
-            .control("refractive index 1.40", error(1.40)),
-        );
-    }
-    Ok(checks)
+            .control("refractive index 1.40", error(1.40)))
+    };
+    // From below the view crosses the critical angle, 48.8° from the vertical.
+    [(1.0, "above", -1.5), (-1.0, "below", 0.8)].into_iter().map(check).collect()
 }
 
 /// Mean absolute difference from the exact reflectance over the pixels that see the water, relative

@@ -2,9 +2,7 @@
 
 use glam::DVec3;
 
-use super::rig::{Rig, largest};
-use super::{Case, Check, Checks};
-use crate::gpu::read_buffer;
+use super::{Case, Check, Checks, Rig, largest};
 use crate::reference::deform::{Moment, Motion};
 use crate::scene::{Object, Scene};
 use crate::stages::geometry::Geometry;
@@ -42,16 +40,16 @@ fn check(rig: &Rig<'_>, motion: Motion, of_stage: deform::Motion, name: &str) ->
     let amount = (CYCLES, AMPLITUDE);
     let stage = deform::Deform::new(&rig.resources, &geometry, &scene, of_stage, amount)?;
     rig.run(&[&stage])?;
-    let words: Vec<f32> = bytemuck::pod_collect_to_vec(&read_buffer(rig.gpu, &geometry.vertices)?);
+    let words: Vec<f32> = rig.read(&geometry.vertices)?;
     let vector = |v: &[f32]| DVec3::new(v[0].into(), v[1].into(), v[2].into());
     let found: Vec<Vertex> =
         words.chunks_exact(7).map(|v| [vector(&v[..3]), vector(&v[3..6])]).collect();
 
-    let twin = |cycles: f64| -> Vec<Vertex> {
-        scene.objects.iter().flat_map(|o| moved(o, motion, cycles)).collect()
+    let off = |cycles: f64| {
+        let twin = scene.objects.iter().flat_map(|object| moved(object, motion, cycles));
+        largest_of(&found, &twin.collect::<Vec<_>>())
     };
-    let (measured, control) =
-        (largest_of(&found, &twin(CYCLES)), largest_of(&found, &twin(CYCLES + 0.02)));
+    let (measured, control) = (off(CYCLES), off(CYCLES + 0.02));
     let perturbed = "time moved by 0.02 cycles";
     Ok(vec![
         Check::of(STAGE, format!("{name}: largest distance from the f64 twin"))
@@ -65,13 +63,8 @@ fn check(rig: &Rig<'_>, motion: Motion, of_stage: deform::Motion, name: &str) ->
 
 fn moved(object: &Object, motion: Motion, cycles: f64) -> Vec<Vertex> {
     let bounds = object.mesh.bounds();
-    let moment = Moment {
-        motion,
-        foot_m: bounds.center().with_y(bounds.min.y),
-        height_m: bounds.size().y,
-        cycles,
-        amplitude: AMPLITUDE,
-    };
+    let (foot_m, height_m) = (bounds.center().with_y(bounds.min.y), bounds.size().y);
+    let moment = Moment { motion, foot_m, height_m, cycles, amplitude: AMPLITUDE };
     let wide = |v: &[f32; 3]| glam::Vec3::from(*v).as_dvec3();
     let mesh = &object.mesh;
     let vertex = |(position, normal)| {

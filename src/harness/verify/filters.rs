@@ -1,7 +1,6 @@
 //! `caustics/filter` and `godrays/filter` against the f64 twin.
 
-use super::rig::{Rig, noise};
-use super::{Case, Check, Result};
+use super::{Case, Check, Result, Rig, noise};
 use crate::gpu::{Column, StageInfo};
 use crate::reference::filter::Disc;
 use crate::reference::image::{Image, pixels};

@@ -5,9 +5,8 @@ use std::f64::consts::TAU;
 use glam::DVec3;
 
 use super::photons::run_until;
-use super::rig::{self, Random, Rig, largest};
 use super::splats::{RULES, draw_free, energy_params, photon_at, splat_image};
-use super::{Case, Check, Result, lines};
+use super::{Case, Check, Random, Result, Rig, largest, lines, rig};
 use crate::pipelines::Built;
 use crate::pipelines::underwater::Underwater;
 use crate::reference::image::Image;
@@ -70,8 +69,7 @@ fn cell_sums(image: &Image) -> Vec<f64> {
     let side = i64::from(image.width() / CELLS);
     let sum = |cell: u32| {
         let (x, y) = (i64::from(cell % CELLS) * side, i64::from(cell / CELLS) * side);
-        let pixels = (0..side * side).map(|i| image.clamped(x + i % side, y + i / side));
-        pixels.sum()
+        (0..side * side).map(|i| image.clamped(x + i % side, y + i / side)).sum()
     };
     (0..CELLS * CELLS).map(sum).collect()
 }

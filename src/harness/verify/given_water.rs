@@ -5,8 +5,7 @@ use std::sync::Arc;
 use glam::DVec3;
 
 use super::photons::{Family, exact, settings, trace, with_rates};
-use super::rig::{self, Random, Rig};
-use super::{Case, Check, Checks, Result, VerifyError};
+use super::{Case, Check, Checks, Random, Result, Rig, VerifyError, rig};
 use crate::reference::photons::Landing;
 use crate::reference::quantities::{StoredPhoton, photon_errors, quantile};
 use crate::reference::rays::Tracer;
@@ -72,9 +71,7 @@ fn tile(origin_m: [f64; 2]) -> Result<Tile> {
 fn waves(rig: &Rig<'_>) -> Checks {
     let water = |factor: f64| {
         let mut waves = wave_list();
-        for wave in &mut waves {
-            wave.amplitude_m *= factor;
-        }
+        waves.iter_mut().for_each(|wave| wave.amplitude_m *= factor);
         move |water: &Water| Water {
             model: WaterModel::Waves,
             waves: waves.clone(),

@@ -3,8 +3,7 @@
 
 use glam::{DVec3, Vec2};
 
-use super::rig::{Rig, largest, mean};
-use super::{Case, Check, Checks, Result};
+use super::{Case, Check, Checks, Result, Rig, largest, mean};
 use crate::reference::horizon::{HorizonSplit, SeenDepth, beside_wall};
 use crate::reference::image::{Image, pixels};
 use crate::reference::occlusion::{Attenuation, occlusion};
@@ -69,30 +68,26 @@ fn shade(
 }
 
 fn method(attenuation: Attenuation) -> HorizonSplit {
+    let (r_max_m, layer_m) = (1.0, 0.5);
     HorizonSplit {
         directions: 16,
         steps: 16,
         rays: 18,
         ray_steps: 8,
-        r_max_m: 1.0,
-        layer_m: 0.5,
+        r_max_m,
+        layer_m,
         attenuation,
     }
 }
 
 fn twin(rig: &Rig<'_>) -> Checks {
     let scene = Scene::load(SCENE)?;
-    let mut checks = Vec::new();
-    for (name, attenuation, buffer_px) in [
-        ("linear", Attenuation::Linear, SIZE),
-        ("hard, at half the size", Attenuation::Hard, SIZE.map(|side| side / 2)),
-    ] {
+    let check = |(name, attenuation, buffer_px): (&str, Attenuation, [u32; 2])| {
         let method = method(attenuation);
         let shaded = shade(rig, &scene, &method, buffer_px)?;
         let seen = SeenDepth::new(&scene.camera, &shaded.depth, &shaded.normals);
         let differences = |twin: &HorizonSplit| -> Vec<f64> {
-            let pixels = pixels(buffer_px);
-            let off = pixels.step_by(3).filter_map(|(x, y)| {
+            let off = pixels(buffer_px).step_by(3).filter_map(|(x, y)| {
                 let expected = twin.at(&seen, buffer_px, x, y)?;
                 Some((shaded.occlusion.clamped(x.into(), y.into()) - expected).abs())
             });
@@ -100,16 +95,18 @@ fn twin(rig: &Rig<'_>) -> Checks {
         };
         let mut off = differences(&method);
         let farther = HorizonSplit { r_max_m: method.r_max_m * 1.02, ..method };
-        checks.push(
-            Check::of(STAGE, format!("{name}: 95th percentile of |GPU − f64 twin|"))
-                .within((TWIN_P95, "1"), quantile(&mut off, 0.95))
-                .control("r_max 2 % greater", quantile(&mut differences(&farther), 0.95))
-                .with("median", quantile(&mut off, 0.5))
-                .with("largest", quantile(&mut off, 1.0))
-                .with("mean_occlusion", shaded.occlusion.mean()),
-        );
-    }
-    Ok(checks)
+        Ok(Check::of(STAGE, format!("{name}: 95th percentile of |GPU − f64 twin|"))
+            .within((TWIN_P95, "1"), quantile(&mut off, 0.95))
+            .control("r_max 2 % greater", quantile(&mut differences(&farther), 0.95))
+            .with("median", quantile(&mut off, 0.5))
+            .with("largest", quantile(&mut off, 1.0))
+            .with("mean_occlusion", shaded.occlusion.mean()))
+    };
+    let half = SIZE.map(|side| side / 2);
+    [("linear", Attenuation::Linear, SIZE), ("hard, at half the size", Attenuation::Hard, half)]
+        .into_iter()
+        .map(check)
+        .collect()
 }
 
 /// More directions and samples than anyone would take, so that the closed form is what is left.

@@ -2,8 +2,7 @@
 
 use glam::DVec3;
 
-use super::rig::{self, Rig};
-use super::{Case, Check, Checks, Result};
+use super::{Case, Check, Checks, Result, Rig, rig};
 use crate::reference::image::{Image, pixels};
 use crate::reference::quantities::quantile;
 use crate::reference::rays::{PixelRays, Tracer};
@@ -33,14 +32,13 @@ pub fn cases() -> Vec<Case> {
 /// `l = p_mid − p_light` with p_mid in the middle of the camera frustum (UW §3.1).
 fn look_at(_: &Rig<'_>) -> Checks {
     let mut scene = Scene::load(SCENE)?;
-    let mut checks = Vec::new();
-    for (kind, name) in [(LightKind::Directional, "directional"), (LightKind::Point, "point")] {
+    let check = |(kind, name)| {
         scene.light.kind = kind;
         scene.light.position_m = [1.0, 6.0, 0.5];
         let view = rig::view(&scene, [256, 256]);
         let uniforms = view.uniforms();
         let camera = &scene.camera;
-        let eye = DVec3::from(camera.position_m);
+        let eye = camera.position();
         let looking = (DVec3::from(camera.target_m) - eye).normalize();
         // Radians between the direction in the uniforms and that from the light to `share` of the frustum.
         let off = |share: f64| {
@@ -48,13 +46,12 @@ fn look_at(_: &Rig<'_>) -> Checks {
             let expected = (middle - uniforms.light_position_m.as_dvec3()).normalize();
             expected.cross(uniforms.light_forward.as_dvec3()).length()
         };
-        checks.push(
-            Check::of("frame", format!("{name} light: angle to the middle of the view"))
-                .within((1e-5, "rad"), off(0.5))
-                .control("middle taken at 0.55 of the frustum", off(0.55)),
-        );
-    }
-    Ok(checks)
+        Check::of("frame", format!("{name} light: angle to the middle of the view"))
+            .within((1e-5, "rad"), off(0.5))
+            .control("middle taken at 0.55 of the frustum", off(0.55))
+    };
+    let kinds = [(LightKind::Directional, "directional"), (LightKind::Point, "point")];
+    Ok(kinds.map(check).into())
 }
 
 fn shadow_depth(rig: &Rig<'_>) -> Result<Check> {

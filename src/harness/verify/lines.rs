@@ -4,8 +4,7 @@ use std::f64::consts::TAU;
 
 use glam::{DVec2, DVec3, Vec2};
 
-use super::rig::{self, Random, Rig};
-use super::{Case, Check, Checks, Result};
+use super::{Case, Check, Checks, Random, Result, Rig, rig};
 use crate::reference::godray::{Godray, Medium};
 use crate::reference::image::{Image, pixels};
 use crate::reference::rays::PixelRays;

@@ -1,8 +1,6 @@
 //! `post/luminance` against sums in f64.
 
-use super::rig::{Rig, noise};
-use super::{Case, Check, Result};
-use crate::gpu::read_buffer;
+use super::{Case, Check, Result, Rig, noise};
 use crate::reference::image::Image;
 use crate::stages::post::luminance::{INFO, Luminance};
 
@@ -25,8 +23,7 @@ fn check(rig: &Rig<'_>, size: [u32; 2]) -> Result<Check> {
     let picture = noise(size, 5);
     let stage = Luminance::new(&rig.resources, &rig.grey(&picture))?;
     rig.run(&[&stage])?;
-    let bytes = read_buffer(rig.gpu, &stage.average)?;
-    let average = f64::from(bytemuck::pod_read_unaligned::<f32>(&bytes));
+    let average = f64::from(rig.read::<f32>(&stage.average)?[0]);
     let error = |least: f64| (average / log_average(&picture, least) - 1.0).abs();
     let [width, height] = size;
     Ok(Check::of(INFO.name, format!("{width}×{height}: relative error of the average"))

@@ -7,9 +7,8 @@ mod points;
 
 use glam::DVec3;
 
-use super::rig::{Random, largest, mean};
-use super::{Case, Result};
-use crate::gpu::{GpuError, read_buffer};
+use super::{Case, Random, Result, largest, mean};
+use crate::gpu::GpuError;
 use crate::harness::verify::rig::Rig;
 use crate::reference::march::{Guard as TwinGuard, HostVolume, March};
 use crate::reference::occlusion as reference;
@@ -123,21 +122,17 @@ fn twin(marching: &Marching, grid: &Grid) -> March {
 /// A of points on the GPU, by `ao/query`.
 fn query(
     rig: &Rig<'_>,
-    volumes: &[Voxels],
+    volume: &Voxels,
     points: &[(DVec3, DVec3)],
     marching: &Marching,
 ) -> Result<Vec<f64>> {
     let points: Vec<SurfacePoint> = points
         .iter()
-        .map(|(position, normal)| SurfacePoint {
-            position_m: position.as_vec3(),
-            normal: normal.as_vec3(),
-        })
+        .map(|(p, n)| SurfacePoint { position_m: p.as_vec3(), normal: n.as_vec3() })
         .collect();
-    let stage = Query::new(&rig.resources, volumes, &points, marching)?;
+    let stage = Query::new(&rig.resources, std::slice::from_ref(volume), &points, marching)?;
     rig.run(&[&stage])?;
-    let visibility: Vec<f32> =
-        bytemuck::pod_collect_to_vec(&read_buffer(rig.gpu, &stage.visibility)?);
+    let visibility: Vec<f32> = rig.read(&stage.visibility)?;
     Ok(visibility.iter().map(|v| 1.0 - f64::from(*v)).collect())
 }
 

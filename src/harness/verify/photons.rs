@@ -2,9 +2,8 @@
 
 use glam::Vec2;
 
-use super::rig::{self, Rig, largest};
-use super::{Case, Check, Checks, Result};
-use crate::gpu::GpuError;
+use super::{Case, Check, Checks, Result, Rig, largest, rig};
+use crate::gpu::{GpuError, StageInfo};
 use crate::pipelines::underwater::{Params, Underwater};
 use crate::pipelines::{AnyPipeline, Built};
 use crate::reference::estimator::{estimate, exact_depth};
@@ -34,7 +33,9 @@ pub fn cases() -> Vec<Case> {
         {
             let what = format!("flat water over a plane, {light} light");
             let title = what.clone();
-            cases.push(Case::new(family.stage(), what, move |rig| flat(rig, family, kind, &title)));
+            cases.push(Case::new(family.info().name, what, move |rig| {
+                flat(rig, family, kind, &title)
+            }));
         }
     }
     cases.push(Case::new("caustics/trace", "photons that meet nothing", beside_the_floor));
@@ -59,10 +60,10 @@ pub(super) enum Family {
 }
 
 impl Family {
-    fn stage(self) -> &'static str {
+    fn info(self) -> &'static StageInfo {
         match self {
-            Family::Caustics => caustics::trace::INFO.name,
-            Family::Godrays => godrays::trace::INFO.name,
+            Family::Caustics => &caustics::trace::INFO,
+            Family::Godrays => &godrays::trace::INFO,
         }
     }
 }
@@ -79,10 +80,7 @@ pub(super) fn trace(
     let depth = shadow::depth::Depth::new(&rig.resources, &shared, &geometry, SHADOW_TEXELS)?;
     let mask = shadow::mask::Mask::new(&rig.resources, &shared, depth.texture(), 64)?;
     let light = (depth.texture(), mask.texture());
-    let info = match family {
-        Family::Caustics => &caustics::trace::INFO,
-        Family::Godrays => &godrays::trace::INFO,
-    };
+    let info = family.info();
     let stage = Tracing::new(&rig.resources, info, &shared, light, settings, (dynamic, false))?;
     rig.run(&[&depth, &mask, &stage])?;
     Ok((rig.read_photons(&stage.photons)?, view.light_frame()))
@@ -122,7 +120,7 @@ fn flat(rig: &Rig<'_>, family: Family, kind: LightKind, what: &str) -> Result<Ch
     let landings = exact(&frame, &scene.water, &tracer, grid)?;
     let perturbed = exact(&frame, &with_index(&scene.water, 1.34), &tracer, grid)?;
     let errors = photon_errors(&photons, &landings);
-    let check = Check::of(family.stage(), format!("{what}: largest |hit − exact| / path"))
+    let check = Check::of(family.info().name, format!("{what}: largest |hit − exact| / path"))
         .within((FLAT_RELATIVE, "1"), largest_relative(&photons, &landings))
         .control("refractive index 1.34", largest_relative(&photons, &perturbed));
     Ok(with_rates(check, &errors))
@@ -179,12 +177,10 @@ fn waves(rig: &Rig<'_>, model: WaterModel, name: &str) -> Result<Check> {
     let errors = photon_errors(&photons, &exact(&frame, &scene.water, &tracer, grid)?);
     let higher = Water { amplitude_m: scene.water.amplitude_m * 1.05, ..scene.water.clone() };
     let perturbed = photon_errors(&photons, &exact(&frame, &higher, &tracer, grid)?);
-    let check = Check::of(
-        "caustics/trace",
-        format!("{name} waves of 0.12 m: 99th percentile of |entry − exact|"),
-    )
-    .within((ENTRY_P99_M, "m"), errors.entry_p99_m)
-    .control("amplitude 5 % higher", perturbed.entry_p99_m);
+    let what = format!("{name} waves of 0.12 m: 99th percentile of |entry − exact|");
+    let check = Check::of("caustics/trace", what)
+        .within((ENTRY_P99_M, "m"), errors.entry_p99_m)
+        .control("amplitude 5 % higher", perturbed.entry_p99_m);
     Ok(with_rates(check, &errors))
 }
 
@@ -213,9 +209,10 @@ fn real(rig: &Rig<'_>, name: &str) -> Checks {
                 Family::Godrays => &pipeline.godrays.trace.photons,
             })?;
             let errors = photon_errors(&photons, &landings);
-            let check = Check::of(family.stage(), format!("scene {name}: median |hit − exact|"))
-                .within((REAL_MEDIAN_M, "m"), errors.median_m)
-                .control("refractive index 1.40", photon_errors(&photons, &perturbed).median_m);
+            let check =
+                Check::of(family.info().name, format!("scene {name}: median |hit − exact|"))
+                    .within((REAL_MEDIAN_M, "m"), errors.median_m)
+                    .control("refractive index 1.40", photon_errors(&photons, &perturbed).median_m);
             Ok(with_rates(check, &errors).with("unconverged_rate_over_exact_depth", unlimited))
         })
         .collect()
@@ -223,10 +220,8 @@ fn real(rig: &Rig<'_>, name: &str) -> Checks {
 
 fn real_params(file: &SceneFile) -> Params {
     let mut params = Params::from(file);
-    params.caustics.grid = REAL_GRID;
-    params.caustics.subdivision = 4;
-    params.godrays.grid = REAL_GRID;
-    params.godrays.subdivision = 4;
+    (params.caustics.grid, params.caustics.subdivision) = (REAL_GRID, 4);
+    (params.godrays.grid, params.godrays.subdivision) = (REAL_GRID, 4);
     params
 }
 

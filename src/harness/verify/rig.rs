@@ -4,7 +4,8 @@ use glam::{DVec3, UVec2};
 
 use super::Result;
 use crate::gpu::{
-    DepthTarget, Gpu, GpuError, Stage, StageInfo, StageScope, Targets, read_buffer, read_texture,
+    ColorTarget, DepthTarget, Gpu, GpuError, Stage, StageInfo, StageScope, Targets, read_buffer,
+    read_texture,
 };
 use crate::reference::image::Image;
 use crate::reference::quantities::{StoredPhoton, stored_photons};
@@ -75,6 +76,18 @@ impl<'g> Rig<'g> {
         Ok(stored_photons(&read_buffer(self.gpu, &photons.buffer)?))
     }
 
+    /// What a buffer holds.
+    pub fn read<T: bytemuck::Pod>(&self, buffer: &wgpu::Buffer) -> Result<Vec<T>, GpuError> {
+        Ok(bytemuck::pod_collect_to_vec(&read_buffer(self.gpu, buffer)?))
+    }
+
+    /// A buffer of these words.
+    pub fn words(&self, words: &[u32]) -> kit::Buffer {
+        let buffer = self.resources.storage("verify words", 4 * words.len() as u64);
+        self.gpu.queue.write_buffer(&buffer, 0, bytemuck::cast_slice(words));
+        buffer
+    }
+
     /// A photon buffer with this content.
     pub fn photons(&self, photons: &[Photon]) -> Photons {
         let buffer = Photons::new(&self.resources, "verify photons", photons.len() as u32);
@@ -85,11 +98,8 @@ impl<'g> Rig<'g> {
     /// A texture with one 32-bit float per texel, from an image.
     pub fn grey(&self, image: &Image) -> wgpu::Texture {
         let data: Vec<f32> = image.data().iter().map(|v| *v as f32).collect();
-        self.texture(
-            [image.width(), image.height()],
-            wgpu::TextureFormat::R32Float,
-            bytemuck::cast_slice(&data),
-        )
+        let bytes = bytemuck::cast_slice(&data);
+        self.texture(image.size(), wgpu::TextureFormat::R32Float, bytes)
     }
 
     /// A texture of one colour throughout, in 16-bit floats so that it can be filtered everywhere.
@@ -147,21 +157,12 @@ impl Stage for Clear {
     }
 
     fn encode(&self, scope: &mut StageScope<'_>) {
-        use crate::gpu::ColorTarget;
         let view = &self.view;
+        let color = |to| [ColorTarget { view, clear: Some(to), slice: None }];
+        let depth = |to| DepthTarget { view, clear: Some(to), read_only: false };
         match self.to {
-            To::Color(color) => {
-                let color = [ColorTarget { view, clear: Some(color), slice: None }];
-                let targets = Targets { color: &color, depth: None };
-                scope.render(&targets, |_| ());
-            }
-            To::Depth(depth) => {
-                let targets = Targets {
-                    color: &[],
-                    depth: Some(DepthTarget { view, clear: Some(depth), read_only: false }),
-                };
-                scope.render(&targets, |_| ());
-            }
+            To::Color(to) => scope.render(&Targets { color: &color(to), depth: None }, |_| ()),
+            To::Depth(to) => scope.render(&Targets { color: &[], depth: Some(depth(to)) }, |_| ()),
         }
     }
 }

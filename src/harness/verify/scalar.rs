@@ -5,8 +5,7 @@ mod media;
 
 use glam::DVec3;
 
-use super::rig::{self, Rig};
-use super::{Case, Result};
+use super::{Case, Result, Rig, rig};
 use crate::pipelines::scalar_ao::{Law, Mode, Scalar, Stop};
 use crate::pipelines::settings::Attenuation;
 use crate::reference::image::Image;
@@ -73,18 +72,15 @@ impl Setup {
 impl ScalarPicture {
     fn read(rig: &Rig<'_>, pass: &RayCast) -> Result<ScalarPicture> {
         let channel = |i| rig.channel(pass.result(), i);
-        let normal = match pass.normal() {
-            Some(normal) => {
-                Some([rig.channel(normal, 0)?, rig.channel(normal, 1)?, rig.channel(normal, 2)?])
-            }
-            None => None,
+        let axes = |normal| -> Result<[Image; 3]> {
+            Ok([rig.channel(normal, 0)?, rig.channel(normal, 1)?, rig.channel(normal, 2)?])
         };
         Ok(ScalarPicture {
             visibility: channel(0)?,
             opacity: channel(1)?,
             distance_m: channel(2)?,
             shown: rig.channel(pass.image(), 0)?,
-            normal,
+            normal: pass.normal().map(axes).transpose()?,
         })
     }
 }
@@ -101,13 +97,8 @@ fn field(cells: [u32; 3], spacing_m: DVec3, f: impl Fn(DVec3) -> f64) -> Volume 
     let cells_in_order = (0..nx * ny * nz).map(|i| [i % nx, i / nx % ny, i / (nx * ny)]);
     let centre = |cell: [u32; 3]| origin_m + spacing_m * (DVec3::from(cell.map(f64::from)) + 0.5);
     let value = |cell| (f(centre(cell)).clamp(0.0, 1.0) * 255.0).round() as f32 / 255.0;
-    Volume {
-        name: "verify".into(),
-        cells,
-        origin_m,
-        spacing_m,
-        data: cells_in_order.map(value).collect(),
-    }
+    let data = cells_in_order.map(value).collect();
+    Volume { name: "verify".into(), cells, origin_m, spacing_m, data }
 }
 
 fn cubes(cells: u32, f: impl Fn(DVec3) -> f64) -> Volume {

@@ -3,8 +3,7 @@
 use glam::{DVec3, Vec2};
 
 use super::photons::run_until;
-use super::rig::{self, Random, Rig, largest};
-use super::{Case, Check, Checks, Result};
+use super::{Case, Check, Checks, Random, Result, Rig, largest, rig};
 use crate::pipelines::Built;
 use crate::pipelines::underwater::{Intensity as Rule, Params, Underwater};
 use crate::reference::image::Image;
@@ -84,17 +83,12 @@ impl Rules {
             let distance_m = hit.distance(eye);
             let biased = *hit + (eye - *hit) * (self.bias_m / distance_m);
             let size_px = size.at(distance_m);
+            let Self { intensity, photon_w, gamma_per_m, .. } = *self;
             Some(Splat {
                 center_px: [center.x_px, center.y_px],
                 depth: rays.project(biased).map_or(0.0, |p| p.depth.max(0.0)),
                 size_px,
-                value: splat_value(
-                    self.intensity,
-                    self.photon_w,
-                    self.gamma_per_m,
-                    *path_m,
-                    size_px,
-                ),
+                value: splat_value(intensity, photon_w, gamma_per_m, *path_m, size_px),
             })
         };
         Ok(photons.iter().filter_map(splat).collect())
@@ -303,7 +297,9 @@ fn scene_energy(rig: &Rig<'_>, name: &str) -> Result<Check> {
         ..RULES
     };
     let view_px = [params.view.width, params.view.height];
-    let sum = draw_in_scene(rig, &scene, &pipeline.view, &photons, &rules)?.sum();
+    // Over the depth of the scene as `scene/gbuffer` draws it.
+    let drawn = rig.gbuffer(&rig.stand(&scene, view_px))?;
+    let sum = draw(rig, &pipeline.view, &photons, &drawn.depth, &rules)?.sum();
     let depth = exact_depth(&scene.camera, &tracer, view_px);
     let expected = |rules: Rules| -> Result<f64> {
         let mut twin = Image::constant(SIZE[0], SIZE[1], 0.0);
@@ -312,13 +308,10 @@ fn scene_energy(rig: &Rig<'_>, name: &str) -> Result<Check> {
     };
     let murky = Rules { gamma_per_m: rules.gamma_per_m * 1.05, ..rules };
     let energy = expected(rules)?;
-    let check = Check::of(
-        STAGE,
-        format!("scene {name}: conserved energy of exact photons, relative error"),
-    )
-    .within((0.01, "1"), (sum / energy - 1.0).abs())
-    .control("attenuation 5 % higher", (sum / expected(murky)? - 1.0).abs());
-    Ok(check
+    let what = format!("scene {name}: conserved energy of exact photons, relative error");
+    Ok(Check::of(STAGE, what)
+        .within((0.01, "1"), (sum / energy - 1.0).abs())
+        .control("attenuation 5 % higher", (sum / expected(murky)? - 1.0).abs())
         .with("emitted_w", frame.emitted_w)
         .with("seen_w", sum)
         .with("error_with_estimated_photons", estimated / energy - 1.0))
@@ -361,18 +354,6 @@ fn point_flux(rig: &Rig<'_>) -> Result<Check> {
 fn stored(landed: &Landed) -> (Photon, (DVec3, f64)) {
     let photon = rig::photon(landed.entry.position, landed.hit.position, landed.hit.distance_m);
     (photon, (photon.hit_m.as_dvec3(), f64::from(photon.distance_m)))
-}
-
-/// Splats over the depth of the scene as `scene/gbuffer` draws it.
-fn draw_in_scene(
-    rig: &Rig<'_>,
-    scene: &Scene,
-    view: &View,
-    photons: &[Photon],
-    rules: &Rules,
-) -> Result<Image> {
-    let textures = rig.gbuffer(&rig.stand(scene, view.size_px.to_array()))?;
-    draw(rig, view, photons, &textures.depth, rules)
 }
 
 pub(super) fn energy_params(file: &SceneFile) -> Params {

@@ -2,8 +2,7 @@
 
 use glam::{DVec3, Vec3};
 
-use super::rig::{self, Random, Rig, largest};
-use super::{Case, Check, Checks, Result};
+use super::{Case, Check, Checks, Random, Result, Rig, largest, rig};
 use crate::pipelines::underwater::{Params, photons_at, view};
 use crate::reference::optics::{fresnel_reflectance, refract};
 use crate::reference::photons::{Landing, land_ray};

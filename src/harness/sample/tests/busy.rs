@@ -7,11 +7,9 @@ use crate::record::PassKind;
 
 /// A frame with a stage of no length and one of 2 ms, both fenced, timed by a meter whose submissions cost 60 µs, and every
 /// third time up to 4 ms more.
-struct BusyMachine {
+pub struct BusyMachine {
     meter: CostMeter,
     random: Pcg64,
-    results: Vec<CellResult>,
-    now_s: f64,
 }
 
 impl BusyMachine {
@@ -33,70 +31,25 @@ impl BusyMachine {
             resolution_ns: self.meter.resolution_ns(&[(PassKind::Compute, 1)].into()),
         }
     }
-}
 
-impl Executor for BusyMachine {
-    type Fatal = String;
-
-    fn prepare(&mut self, _: usize) -> Result<u64, Failure> {
-        Ok(1)
-    }
-
-    fn timed(&mut self, _: usize) -> Result<FrameSample, Failure> {
+    pub fn timed(&mut self) -> FrameSample {
         let stages = vec![self.stage("none", 0.0), self.stage("long", 2e6)];
         let cost_ns: f64 = stages.iter().map(|stage| stage.submit_cost_ns).sum();
         let ns: f64 = stages.iter().map(|stage| stage.ns).sum();
-        self.now_s += 0.01;
-        Ok(FrameSample { stages, gaps_ns: cost_ns, envelope_ns: ns + cost_ns, faults: Vec::new() })
+        FrameSample { stages, gaps_ns: cost_ns, envelope_ns: ns + cost_ns, faults: Vec::new() }
     }
 
-    fn untimed(&mut self, _: usize) -> Result<f64, Failure> {
-        self.now_s += 0.01;
-        Ok(2e6 + self.submission_ns())
-    }
-
-    fn earlier(&mut self, _: usize) -> Vec<Addition> {
-        Vec::new()
-    }
-
-    fn keep(&mut self, _: usize, _: Addition) -> Result<(), String> {
-        Ok(())
-    }
-
-    fn end_round(&mut self) -> Result<(), String> {
-        Ok(())
-    }
-
-    fn finish(&mut self, _: usize, result: CellResult) -> Result<(), String> {
-        self.results.push(result);
-        Ok(())
-    }
-
-    fn release(&mut self, _: usize) {}
-
-    fn recover(&mut self) -> Result<(), String> {
-        Ok(())
-    }
-
-    fn now_s(&self) -> f64 {
-        self.now_s
+    pub fn untimed_ns(&mut self) -> f64 {
+        2e6 + self.submission_ns()
     }
 }
 
 #[test]
 fn costs_that_scatter_fail_no_cell_and_leave_no_time_of_zero_or_less() {
-    let mut machine = BusyMachine {
-        meter: CostMeter::default(),
-        random: Pcg64::seed_from_u64(11),
-        results: Vec::new(),
-        now_s: 0.0,
-    };
-    let flag = AtomicBool::new(false);
-    let settings = Settings { budget_s: 4.0, ..SETTINGS };
-    sample(&mut machine, &[0], &settings, &flag).expect("it never ends a run");
-    let [CellResult::Sampled(samples)] = machine.results.as_slice() else {
-        panic!("{:?}", machine.results);
-    };
+    let busy = BusyMachine { meter: CostMeter::default(), random: Pcg64::seed_from_u64(11) };
+    let mock = Mock { busy: Some(busy), ..Mock::of(vec![MockCell::default()]) };
+    let mock = mock.run(&Settings { budget_s: 4.0, ..SETTINGS });
+    let samples = mock.samples(0);
     assert!(samples.rejected.is_empty(), "{:?}", samples.rejected);
     assert!(samples.stages[0].ns.iter().any(|ns| *ns < 0.0), "the noise is none");
     let [none, long] =

@@ -4,18 +4,9 @@ use super::*;
 
 /// A noisy cell with rejected frames, one that compiles at first, and a slow one.
 fn cells() -> Vec<MockCell> {
-    vec![
-        MockCell {
-            time: |f, _| 1e7 * noise(f, 0.9),
-            faulty: |f| f % 8 == 5,
-            ..MockCell::default()
-        },
-        MockCell {
-            time: |f, _| [9e7, 5e7, 2e7].get(f).copied().unwrap_or(1.5e7) * noise(f, 0.5),
-            ..MockCell::default()
-        },
-        MockCell { time: |f, _| 2e8 * noise(f, 0.3), ..MockCell::default() },
-    ]
+    let noisy = MockCell { faulty: |f| f % 8 == 5, ..cell(|f, _| 1e7 * noise(f, 0.9)) };
+    let compiles = cell(|f, _| [9e7, 5e7, 2e7].get(f).copied().unwrap_or(1.5e7) * noise(f, 0.5));
+    vec![noisy, compiles, cell(|f, _| 2e8 * noise(f, 0.3))]
 }
 
 const SHORT: Settings = Settings { budget_s: 4.0, ..SETTINGS };
@@ -28,18 +19,19 @@ fn by_cell(kept: &[(usize, Addition)]) -> BTreeMap<usize, Vec<Addition>> {
     cells
 }
 
+/// What a whole run leaves behind.
+fn whole() -> Mock {
+    Mock::of(cells()).run(&SHORT)
+}
+
 /// A run that has this from before.
-fn resumed<'a>(earlier: &[(usize, Addition)], flag: &'a AtomicBool) -> Mock<'a> {
-    let mut mock = Mock::new(cells(), flag);
-    mock.earlier = by_cell(earlier);
-    mock
+fn resumed(earlier: &[(usize, Addition)]) -> Mock {
+    Mock { earlier: by_cell(earlier), ..Mock::of(cells()) }
 }
 
 #[test]
 fn what_is_kept_makes_up_all_samples_and_no_more_than_a_round_is_at_risk() {
-    let flag = AtomicBool::new(false);
-    let mut mock = Mock::new(cells(), &flag);
-    run(&mut mock, &SHORT);
+    let mock = whole();
     assert_eq!(mock.safe, mock.kept.len());
     assert_eq!(mock.most_unsafe, 3, "each cell once");
     for (cell, additions) in by_cell(&mock.kept) {
@@ -54,13 +46,10 @@ fn what_is_kept_makes_up_all_samples_and_no_more_than_a_round_is_at_risk() {
 
 #[test]
 fn a_run_that_was_killed_after_any_visit_goes_on_with_all_that_was_kept() {
-    let flag = AtomicBool::new(false);
-    let mut whole = Mock::new(cells(), &flag);
-    run(&mut whole, &SHORT);
+    let whole = whole();
     for killed_after in 0..whole.kept.len() {
         let earlier = &whole.kept[..killed_after];
-        let mut mock = resumed(earlier, &flag);
-        run(&mut mock, &SHORT);
+        let mock = resumed(earlier).run(&SHORT);
         assert_eq!(mock.results.len(), 3);
         for cell in 0..3 {
             let before = by_cell(earlier).remove(&cell).unwrap_or_default();
@@ -86,12 +75,8 @@ fn a_run_that_was_killed_after_any_visit_goes_on_with_all_that_was_kept() {
 
 #[test]
 fn without_time_a_resumed_cell_still_renders_before_it_is_finished() {
-    let flag = AtomicBool::new(false);
-    let mut whole = Mock::new(cells(), &flag);
-    run(&mut whole, &SHORT);
-    let mut mock = resumed(&whole.kept, &flag);
-    let no_time = Settings { budget_s: 0.0, ..SHORT };
-    run(&mut mock, &no_time);
+    let whole = whole();
+    let mock = resumed(&whole.kept).run(&Settings { budget_s: 0.0, ..SHORT });
     for cell in 0..3 {
         assert!(mock.calls.contains(&Call::Timed(cell)));
         let before = whole.samples(cell).pairs();
@@ -102,27 +87,19 @@ fn without_time_a_resumed_cell_still_renders_before_it_is_finished() {
 
 #[test]
 fn an_interruption_before_the_first_frame_leaves_a_resumed_cell_for_later() {
-    let flag = AtomicBool::new(false);
-    let mut whole = Mock::new(cells(), &flag);
-    run(&mut whole, &SHORT);
-    let mut mock = resumed(&whole.kept, &flag);
     // In the warm-up of the first cell that is visited.
-    mock.interrupt_at_s = 0.001;
-    run(&mut mock, &SHORT);
+    let mock = Mock { interrupt_at_s: Some(0.001), ..resumed(&whole().kept) }.run(&SHORT);
     assert_eq!(mock.results.len(), 1, "what rendered nothing is not finished");
     assert_eq!(mock.safe, mock.kept.len());
 }
 
 #[test]
 fn what_was_timed_by_another_clock_does_not_count() {
-    let flag = AtomicBool::new(false);
-    let mut whole = Mock::new(cells(), &flag);
-    run(&mut whole, &SHORT);
+    let whole = whole();
     let mut other = whole.kept.clone();
     let pairs = other.iter_mut().filter_map(|(_, added)| added.pair.as_mut());
     pairs.for_each(|pair| pair.stages[1].clock = Clock::Timestamp);
-    let mut mock = resumed(&other, &flag);
-    run(&mut mock, &SHORT);
+    let mock = resumed(&other).run(&SHORT);
     for cell in 0..3 {
         let samples = mock.samples(cell);
         assert_eq!(samples.stages[1].clock, Clock::FencedHost);

@@ -3,8 +3,7 @@
 use glam::DVec3;
 
 use super::{Case, MarchedVolume, VOXEL_M, largest, marching, mean, query};
-use crate::harness::verify::rig::Rig;
-use crate::harness::verify::{Check, Checks, Result};
+use crate::harness::verify::{Check, Checks, Result, Rig};
 use crate::stages::ao::query::INFO;
 use crate::stages::marching::{Attenuation, Guard, Hit, Marching};
 
@@ -40,24 +39,16 @@ fn is_floor(p: DVec3) -> bool {
 
 /// Points of the floor at a distance from the plane x = 0, in voxels.
 fn floor_points(x_voxels: f64) -> Vec<(DVec3, DVec3)> {
-    (0..16)
-        .map(|i| {
-            let z = 0.37 * f64::from(i) - 3.0;
-            let p = DVec3::new(x_voxels, 0.03, z) * VOXEL_M;
-            (p, DVec3::Y)
-        })
-        .collect()
+    let point = |i| DVec3::new(x_voxels, 0.03, 0.37 * f64::from(i) - 3.0) * VOXEL_M;
+    (0..16).map(|i| (point(i), DVec3::Y)).collect()
 }
 
 /// The largest A of a plane is 0 with the variable guard. VAO Fig. 3: with a constant one it is not.
 fn plane(rig: &Rig<'_>) -> Result<Check> {
     let subject = MarchedVolume::new(rig, SIDE, OPAQUE, is_floor)?;
     let run = |guard| {
-        let settings = marching(|m| {
-            settings(m);
-            m.guard = guard;
-        });
-        query(rig, std::slice::from_ref(&subject.voxels), &floor_points(0.0), &settings)
+        let settings = Marching { guard, ..marching(settings) };
+        query(rig, &subject.voxels, &floor_points(0.0), &settings)
     };
     let voxel = largest(run(Guard::Voxel)?);
     let check = Check::of(INFO.name, "largest A of a plane")
@@ -78,24 +69,18 @@ fn beside_wall(c: f64) -> f64 {
 fn corner(rig: &Rig<'_>) -> Checks {
     let is_wall = |p: DVec3| (p.x - 0.03 * VOXEL_M).abs() < 0.5 * VOXEL_M;
     let subject = MarchedVolume::new(rig, SIDE, OPAQUE, |p| is_floor(p) || is_wall(p))?;
-    let run = |x_voxels: f64| {
-        let points = floor_points(x_voxels);
-        query(rig, std::slice::from_ref(&subject.voxels), &points, &marching(settings))
-    };
-    let mut checks = Vec::new();
-    // Near the wall the guard passes it at grazing angles: the error shrinks with the distance. VAO §6.1.
-    for (x_voxels, tolerance) in [(1.0, 0.05), (2.0, 0.04), (4.0, 0.03)] {
+    let check = |(x_voxels, tolerance): (f64, f64)| {
         let expected = beside_wall((x_voxels - 0.03) / R_MAX);
         let other = beside_wall((x_voxels + 6.0) / R_MAX);
-        let measured = mean(run(x_voxels)?);
-        checks.push(
-            Check::of(INFO.name, format!("A in a corner, {x_voxels} voxels from the wall"))
-                .within((tolerance, "1"), (measured - expected).abs())
-                .control("the wall six voxels away", (measured - other).abs())
-                .with("expected", expected),
-        );
-    }
-    Ok(checks)
+        let points = floor_points(x_voxels);
+        let measured = mean(query(rig, &subject.voxels, &points, &marching(settings))?);
+        Ok(Check::of(INFO.name, format!("A in a corner, {x_voxels} voxels from the wall"))
+            .within((tolerance, "1"), (measured - expected).abs())
+            .control("the wall six voxels away", (measured - other).abs())
+            .with("expected", expected))
+    };
+    // Near the wall the guard passes it at grazing angles: the error shrinks with the distance. VAO §6.1.
+    [(1.0, 0.05), (2.0, 0.04), (4.0, 0.03)].into_iter().map(check).collect()
 }
 
 /// A ball over a floor, as seen from the point below it, fills a cone of half-angle α with sin α = R / h: A = sin² α.
@@ -105,7 +90,7 @@ fn ball(rig: &Rig<'_>) -> Result<Check> {
     let is_ball = |p: DVec3| (p.distance(center) - radius).abs() < 0.5 * VOXEL_M;
     let subject = MarchedVolume::new(rig, SIDE, OPAQUE, |p| is_floor(p) || is_ball(p))?;
     let points = [(DVec3::new(0.0, 0.03 * VOXEL_M, 0.0), DVec3::Y)];
-    let a = query(rig, std::slice::from_ref(&subject.voxels), &points, &marching(settings))?;
+    let a = query(rig, &subject.voxels, &points, &marching(settings))?;
     let law = |radius: f64| (radius / center.y).powi(2);
     // The shell's voxels have centres up to half a voxel outside the ball, and V falls to the threshold within another half.
     let tolerance = law(radius + VOXEL_M) - law(radius);

@@ -6,8 +6,7 @@ use std::f64::consts::{PI, TAU};
 use glam::{DMat3, DQuat, DVec3, EulerRot};
 
 use super::{Case, Random, Result, largest, mean};
-use crate::harness::verify::Check;
-use crate::harness::verify::rig::Rig;
+use crate::harness::verify::{Check, Rig};
 use crate::pipelines::settings::{Method, R_MAX_SHARE};
 use crate::pipelines::volume_ao::{Params, occlusion_at};
 use crate::reference::occlusion::{Attenuation, occlusion};
@@ -226,8 +225,7 @@ fn ceiling(random: &mut Random) -> Body {
         quad(&mut mesh, DVec3::Y * y, DVec3::X, DVec3::Z);
     }
     let point = || (DVec3::new(random.within(-0.6, 0.6), 0.0, random.within(-0.6, 0.6)), DVec3::Y);
-    let points = many(point);
-    Body { mesh, points }
+    Body { points: many(point), mesh }
 }
 
 /// Two half planes that meet at an angle, seen from one of them.
@@ -241,8 +239,7 @@ fn wedge(random: &mut Random, angle_deg: f64) -> Body {
         let x = random.within(NEAREST * VOXEL_M, 0.9);
         (DVec3::new(x, 0.0, random.within(-0.6, 0.6)), DVec3::Y)
     };
-    let points = many(point);
-    Body { mesh, points }
+    Body { points: many(point), mesh }
 }
 
 /// A ball above a floor, seen from both.
@@ -257,8 +254,7 @@ fn ball(random: &mut Random) -> Body {
         }
         facet(random, center, radius)
     };
-    let points = many(point);
-    Body { mesh, points }
+    Body { points: many(point), mesh }
 }
 
 /// A ball seen from outside and from within.
@@ -270,8 +266,7 @@ fn hollow_ball(random: &mut Random) -> Body {
         let side = if random.number() < 0.5 { 1.0 } else { -1.0 };
         (point, side * normal)
     };
-    let points = many(point);
-    Body { mesh, points }
+    Body { points: many(point), mesh }
 }
 
 /// A box without its lid, seen from within.
@@ -294,8 +289,7 @@ fn open_box(random: &mut Random) -> Body {
         let [a, b] = [(); 2].map(|()| random.within(-reach, reach));
         (half * out + a * along + b * out.cross(along), -out)
     };
-    let points = many(point);
-    Body { mesh, points }
+    Body { points: many(point), mesh }
 }
 
 #[cfg(test)]

@@ -4,8 +4,7 @@ use glam::{DMat4, DVec3};
 
 use super::{Case, MarchedVolume, Marching, beyond, density_error, largest, marching, twin};
 use crate::gpu::GpuError;
-use crate::harness::verify::rig::Rig;
-use crate::harness::verify::{Check, Checks, Result};
+use crate::harness::verify::{Check, Checks, Result, Rig};
 use crate::reference::image::{Image, pixels};
 use crate::reference::march::{HostVolume, March};
 use crate::reference::rays::PixelRays;
@@ -98,9 +97,8 @@ fn volumes(rig: &Rig<'_>, scene: &Scene, per_object: bool) -> Result<Vec<Marched
 
 /// The pipeline's defaults with r_max of ten voxels of the largest grid.
 fn settings(volumes: &[MarchedVolume]) -> Marching {
-    marching(|m| {
-        m.r_max_m = largest(volumes.iter().map(|v| 10.0 * v.host.grid.voxel_m));
-    })
+    let r_max_m = largest(volumes.iter().map(|v| 10.0 * v.host.grid.voxel_m));
+    Marching { r_max_m, ..marching(|_| ()) }
 }
 
 fn compare(rig: &Rig<'_>, per_object: bool) -> Checks {
@@ -112,21 +110,14 @@ fn compare(rig: &Rig<'_>, per_object: bool) -> Checks {
     let error = density_error(settings.storage);
     let twins: Vec<(&HostVolume, March)> =
         subjects.iter().map(|s| (&s.host, twin(&settings, &s.host.grid))).collect();
-    let mut checks = Vec::new();
-    for size_px in [SIZE, [24, 18], [31, 23]] {
-        let stage = march::March::new(
-            &rig.resources,
-            &seen.shared,
-            &voxels,
-            (&seen.gbuffer, seen.view_projection),
-            &settings,
-            size_px,
-        )?;
+    let check = |size_px: [u32; 2]| {
+        let surface = (&seen.gbuffer, seen.view_projection);
+        let stage =
+            march::March::new(&rig.resources, &seen.shared, &voxels, surface, &settings, size_px)?;
         rig.run(&[&stage])?;
         let image = rig.channel(stage.texture(), 0)?;
-        let places = || pixels(size_px);
         let measure = |seed: u32| {
-            largest(places().map(|(x, y)| {
+            largest(pixels(size_px).map(|(x, y)| {
                 let value = 1.0 - image.clamped(x.into(), y.into());
                 let Some((p, n)) = seen.surface(x, y, size_px) else {
                     return value.abs();
@@ -141,17 +132,13 @@ fn compare(rig: &Rig<'_>, per_object: bool) -> Checks {
                 })
             }))
         };
-        let [w, h] = size_px;
-        checks.push(
-            Check::of(
-                INFO.name,
-                format!("largest |GPU − f64 twin| of A, {} volumes, {w}×{h}", voxels.len()),
-            )
+        let ([w, h], count) = (size_px, voxels.len());
+        let what = format!("largest |GPU − f64 twin| of A, {count} volumes, {w}×{h}");
+        Ok(Check::of(INFO.name, what)
             .within((TOLERANCE, "1"), measure(0))
-            .control("directions of the neighbouring pixel", measure(1)),
-        );
-    }
-    Ok(checks)
+            .control("directions of the neighbouring pixel", measure(1)))
+    };
+    [SIZE, [24, 18], [31, 23]].into_iter().map(check).collect()
 }
 
 fn counts(rig: &Rig<'_>) -> Result<Check> {
@@ -159,32 +146,23 @@ fn counts(rig: &Rig<'_>) -> Result<Check> {
     let seen = DrawnSurface::new(rig, &scene)?;
     let subjects = volumes(rig, &scene, false)?;
     let settings = settings(&subjects);
-    let counted = march::count(
-        rig.gpu,
-        &seen.shared,
-        &[subjects[0].voxels.clone()],
-        (&seen.gbuffer, seen.view_projection),
-        &settings,
-        SIZE,
-    )?;
+    let (surface, voxels) = ((&seen.gbuffer, seen.view_projection), [subjects[0].voxels.clone()]);
+    let counted = march::count(rig.gpu, &seen.shared, &voxels, surface, &settings, SIZE)?;
     let expected = |r_max_scale: f64| {
         let host = &subjects[0].host;
         let mut march = twin(&settings, &host.grid);
         march.r_max *= r_max_scale;
-        let places = pixels(SIZE);
-        let samples = places.filter_map(|(x, y)| {
+        let samples = pixels(SIZE).filter_map(|(x, y)| {
             let (p, n) = seen.surface(x, y, SIZE)?;
             Some(march.from(host, p, n, x + 65536 * y).samples)
         });
         samples.sum::<u64>() as f64
     };
     let off = |expected: f64| (counted.samples as f64 / expected - 1.0).abs();
+    // Rays that rounding of V ends a sample earlier or later.
+    let tolerance = (2e-3, "1");
     let check = Check::of(INFO.name, "samples counted over those of the f64 twin, less 1")
-        .within(
-            // Rays that rounding of V ends a sample earlier or later.
-            (2e-3, "1"),
-            off(expected(1.0)),
-        )
+        .within(tolerance, off(expected(1.0)))
         .control("r_max 1.1 times", off(expected(1.1)));
     let per_fragment = counted.samples as f64 / counted.fragments.max(1) as f64;
     Ok(check.with("samples_per_fragment", per_fragment))

@@ -1,11 +1,8 @@
 //! `ao/query`: point by point against the f64 twin, and variants that must agree.
 
-use super::{
-    Case, MarchedVolume, Marching, beyond, density_error, furnished, furnished_points, largest,
-};
-use super::{marching, mean, query, twin};
-use crate::harness::verify::rig::Rig;
-use crate::harness::verify::{Check, Checks, Result};
+use super::{Case, HostVolume, MarchedVolume, Marching, beyond, density_error, furnished};
+use super::{furnished_points, largest, marching, mean, query, twin};
+use crate::harness::verify::{Check, Checks, Result, Rig};
 use crate::stages::ao::query::INFO;
 use crate::stages::marching::{
     Attenuation, Estimator, Guard, Hit, Occluder, Sampling, Step, Storage,
@@ -61,7 +58,7 @@ fn against_twin(rig: &Rig<'_>, name: &str, change: Change) -> Result<Check> {
     let subject = MarchedVolume::new(rig, SIDE, OPAQUE, furnished)?;
     let points = furnished_points();
     let settings = marching(change);
-    let occlusion = query(rig, std::slice::from_ref(&subject.voxels), &points, &settings)?;
+    let occlusion = query(rig, &subject.voxels, &points, &settings)?;
     let march = twin(&settings, &subject.host.grid);
     let error = density_error(settings.storage);
     let measure = |values: &[f64], nudge: f64| {
@@ -81,16 +78,12 @@ fn against_twin(rig: &Rig<'_>, name: &str, change: Change) -> Result<Check> {
 fn opacities(rig: &Rig<'_>) -> Result<Check> {
     let subject = MarchedVolume::new(rig, SIDE, GLASS, furnished)?;
     let points = furnished_points();
-    let settings = marching(|m| {
-        m.occluder = Occluder::Opacity;
-        m.threshold = 1.0;
-    });
-    let occlusion = query(rig, std::slice::from_ref(&subject.voxels), &points, &settings)?;
+    let settings = Marching { occluder: Occluder::Opacity, threshold: 1.0, ..marching(|_| ()) };
+    let occlusion = query(rig, &subject.voxels, &points, &settings)?;
     let march = twin(&settings, &subject.host.grid);
     let rms = |alpha_scale: f64| {
-        let mut host =
-            super::HostVolume { grid: subject.host.grid, values: subject.host.values.clone() };
-        host.values.iter_mut().for_each(|v| *v *= alpha_scale);
+        let values = subject.host.values.iter().map(|v| v * alpha_scale).collect();
+        let host = HostVolume { grid: subject.host.grid, values };
         let squares = (0..)
             .zip(&points)
             .zip(&occlusion)
@@ -99,27 +92,18 @@ fn opacities(rig: &Rig<'_>) -> Result<Check> {
     };
     // A sample of falling opacity that rounding makes a rising one changes a ray by up to its opacity, 0.35: the share of
     // such samples is that of V's error, 1 / 64, of which 32 rays take the mean.
-    let check = Check::of(INFO.name, "RMS of GPU − f64 twin of A, opacities")
+    Ok(Check::of(INFO.name, "RMS of GPU − f64 twin of A, opacities")
         .within((5e-3, "1"), rms(1.0))
-        .control("the twin's opacities 1.1 times", rms(1.1));
-    Ok(check)
+        .control("the twin's opacities 1.1 times", rms(1.1)))
 }
 
 /// The share of points whose values differ by more than rounding of V explains.
 fn storages(rig: &Rig<'_>) -> Result<Check> {
     let subject = MarchedVolume::new(rig, SIDE, OPAQUE, furnished)?;
-    let volumes = [subject.voxels.clone()];
     let points = furnished_points();
     let run = |storage, threshold| {
-        query(
-            rig,
-            &volumes,
-            &points,
-            &marching(|m| {
-                m.storage = storage;
-                m.threshold = threshold;
-            }),
-        )
+        let settings = Marching { storage, threshold, ..marching(|_| ()) };
+        query(rig, &subject.voxels, &points, &settings)
     };
     let texture = run(Storage::Texture, 0.6)?;
     let error = density_error(Storage::Texture);
@@ -140,34 +124,29 @@ fn storages(rig: &Rig<'_>) -> Result<Check> {
 
 fn skipping(rig: &Rig<'_>) -> Checks {
     let subject = MarchedVolume::new(rig, SIDE, OPAQUE, furnished)?;
-    let volumes = [subject.voxels.clone()];
     let points = furnished_points();
-    let run = |change: &dyn Fn(&mut Marching)| query(rig, &volumes, &points, &marching(change));
+    let run = |change: Change, skipping| {
+        let settings = Marching { skipping, ..marching(change) };
+        query(rig, &subject.voxels, &points, &settings)
+    };
     // The pyramid is not filled yet and says that all is empty.
-    let blind = run(&|m| m.skipping = true)?;
-    let mips = Mips::new(&rig.resources, &volumes)?;
+    let blind = run(|_| (), true)?;
+    let mips = Mips::new(&rig.resources, std::slice::from_ref(&subject.voxels))?;
     rig.run(&[&mips])?;
     let variants: [(&str, Change); 3] = [
         ("defaults", |_| ()),
         ("bits", |m| m.storage = Storage::Bits),
         ("opacities", |m| m.occluder = Occluder::Opacity),
     ];
-    let mut checks = Vec::new();
-    for (name, change) in variants {
-        let plain = run(&change)?;
-        let skipping = run(&|m| {
-            change(m);
-            m.skipping = true;
-        })?;
+    let check = |(name, change): (&str, Change)| {
+        let (plain, skipping) = (run(change, false)?, run(change, true)?);
         let differ = |values: &[f64]| {
             let pairs = plain.iter().zip(values);
             pairs.filter(|(a, b)| a.to_bits() != b.to_bits()).count() as f64
         };
-        checks.push(
-            Check::of(INFO.name, format!("points whose A skipping changes, {name}"))
-                .within((0.0, "1"), differ(&skipping))
-                .control("the pyramid empty", differ(&blind)),
-        );
-    }
-    Ok(checks)
+        Ok(Check::of(INFO.name, format!("points whose A skipping changes, {name}"))
+            .within((0.0, "1"), differ(&skipping))
+            .control("the pyramid empty", differ(&blind)))
+    };
+    variants.into_iter().map(check).collect()
 }

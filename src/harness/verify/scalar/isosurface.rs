@@ -3,8 +3,7 @@
 use glam::DVec3;
 
 use super::{ScalarPicture, Setup, VOXEL_M, cubes, looking, settings};
-use crate::harness::verify::rig::{Rig, largest, mean};
-use crate::harness::verify::{Case, Check, Checks, Result, VerifyError};
+use crate::harness::verify::{Case, Check, Checks, Result, Rig, VerifyError, largest, mean};
 use crate::pipelines::scalar_ao::{Mode, Scalar, Stop};
 use crate::reference::isosurface::{Solid, first, occlusion};
 use crate::reference::occlusion::Attenuation;
@@ -75,12 +74,8 @@ fn hits(setup: &Setup, solids: &[Solid]) -> Vec<Hit> {
         let margin = DVec3::new(2.0, 2.0, 2.0) * VOXEL_M;
         let inside =
             position.cmpge(bounds.min + margin).all() && position.cmple(bounds.max - margin).all();
-        (inside && -normal.dot(direction) > GRAZING).then_some(Hit {
-            pixel,
-            direction,
-            position,
-            normal,
-        })
+        let judged = inside && -normal.dot(direction) > GRAZING;
+        judged.then_some(Hit { pixel, direction, position, normal })
     };
     (0..(SIZE[0] * SIZE[1]) as usize).filter_map(hit).collect()
 }
@@ -136,18 +131,10 @@ fn percentile(values: impl Iterator<Item = f64>) -> f64 {
 
 fn ball_over_slab(rig: &Rig<'_>) -> Checks {
     let solids = [BALL, SLAB];
-    let mut checks = Vec::new();
-    for (stop, what) in
-        [(Stop::Threshold, "V ≥ V_thres"), (Stop::Isosurface, "|V − iso| < tolerance")]
-    {
-        let scalar = Scalar {
-            stop,
-            threshold: 0.5,
-            tolerance: 0.15,
-            rays: 64,
-            samples: 24,
-            ..settings(Mode::Isosurface)
-        };
+    let check = |(stop, what)| {
+        let (threshold, tolerance) = (0.5, 0.15);
+        let all = settings(Mode::Isosurface);
+        let scalar = Scalar { stop, threshold, tolerance, rays: 64, samples: 24, ..all };
         let setup = setup(&solids, scalar);
         let visibility = setup.run(rig)?.visibility;
         let judged: Vec<Hit> = hits(&setup, &solids).into_iter().step_by(STRIDE).collect();
@@ -161,17 +148,18 @@ fn ball_over_slab(rig: &Rig<'_>) -> Checks {
         let error = |exact: &[f64]| mean(measured.iter().zip(exact).map(|(a, b)| (a - b).abs()));
         let truth = exact(R_MAX_M);
         let open = vec![0.0; truth.len()];
-        checks.push(
-            Check::of(STAGE, format!("rays end at {what}: mean error of A"))
-                .within((0.02, "1"), error(&truth))
-                .control("nothing occluded", error(&open))
-                .with("mean_signed_error", mean(measured.iter().zip(&truth).map(|(a, b)| a - b)))
-                .with("mean_occlusion", mean(truth.iter().copied()))
-                .with("error_at_half_r_max", error(&exact(R_MAX_M / 2.0)))
-                .with("pixels", judged.len() as f64),
-        );
-    }
-    Ok(checks)
+        Ok(Check::of(STAGE, format!("rays end at {what}: mean error of A"))
+            .within((0.02, "1"), error(&truth))
+            .control("nothing occluded", error(&open))
+            .with("mean_signed_error", mean(measured.iter().zip(&truth).map(|(a, b)| a - b)))
+            .with("mean_occlusion", mean(truth.iter().copied()))
+            .with("error_at_half_r_max", error(&exact(R_MAX_M / 2.0)))
+            .with("pixels", judged.len() as f64))
+    };
+    [(Stop::Threshold, "V ≥ V_thres"), (Stop::Isosurface, "|V − iso| < tolerance")]
+        .into_iter()
+        .map(check)
+        .collect()
 }
 
 /// The picture against what visibility and normals make of the light: albedo × visibility × light.
@@ -197,11 +185,9 @@ fn shading(rig: &Rig<'_>) -> Result<Check> {
         largest(hits(&setup, &solids).iter().map(off))
     };
     let ambient = setup.scalar.ambient;
+    // A step of 8 bits, and normals of 16 bits.
+    let tolerance = (1.5 / 255.0, "1");
     Ok(Check::of(STAGE, "albedo × visibility × light: largest error of the picture")
-        .within(
-            // A step of 8 bits, and normals of 16 bits.
-            (1.5 / 255.0, "1"),
-            error(ambient),
-        )
+        .within(tolerance, error(ambient))
         .control("a tenth more ambient light", error(ambient * 1.1)))
 }

@@ -3,8 +3,7 @@
 use glam::DVec3;
 
 use super::{Setup, VOXEL_M, cubes, field, looking, opacity_voxel_m, probe, settings};
-use crate::harness::verify::rig::{Random, Rig, largest};
-use crate::harness::verify::{Case, Check, Checks, Result, VerifyError};
+use crate::harness::verify::{Case, Check, Checks, Random, Result, Rig, VerifyError, largest};
 use crate::pipelines::scalar_ao::{Law, Mode, Scalar};
 use crate::reference::image::pixels;
 use crate::reference::media::{self, Marching, halved, in_ball, on_ramp, under_face};
@@ -48,12 +47,8 @@ fn reference_law(scalar: &Scalar, volume: &Volume) -> media::Law {
 
 /// Mean A that the stage finds at a point.
 fn measured(rig: &Rig<'_>, volume: &Volume, scalar: &Scalar, point: DVec3) -> Result<f64> {
-    let setup = Setup {
-        volume: volume.clone(),
-        scalar: scalar.clone(),
-        camera: probe(point),
-        size_px: PROBE_PX,
-    };
+    let (volume, scalar) = (volume.clone(), scalar.clone());
+    let setup = Setup { volume, scalar, camera: probe(point), size_px: PROBE_PX };
     Ok(1.0 - setup.run(rig)?.visibility.mean())
 }
 
@@ -77,22 +72,19 @@ fn block(rig: &Rig<'_>) -> Checks {
             let law = reference_law(&setup.scalar, &setup.volume);
             let error = |value: f64| {
                 let rays = PixelRays::new(&setup.camera, 48, 48);
-                let pixels = pixels([48, 48]);
                 let difference = |(x, y): (u32, u32)| {
                     let (origin, direction, _) = rays.ray(x, y);
                     let exact =
                         law.opacity(value, chord_m(&setup.volume.bounds(), origin, direction));
                     (opacity.clamped(x.into(), y.into()) - exact).abs()
                 };
-                largest(pixels.map(difference))
+                largest(pixels([48, 48]).map(difference))
             };
-            Ok(Check::of(
-                DIRECT,
-                format!("{}: largest error of opacity along the view", name(setup.scalar.law)),
-            )
-            .within((1e-3, "1"), error(BLOCK))
-            .control("values 2 % higher", error(BLOCK * 1.02))
-            .with("opacity_most", largest(opacity.data().iter().copied())))
+            let name = name(setup.scalar.law);
+            Ok(Check::of(DIRECT, format!("{name}: largest error of opacity along the view"))
+                .within((1e-3, "1"), error(BLOCK))
+                .control("values 2 % higher", error(BLOCK * 1.02))
+                .with("opacity_most", largest(opacity.data().iter().copied())))
         })
         .into_iter()
         .collect()
@@ -123,19 +115,14 @@ fn ramp(rig: &Rig<'_>) -> Result<Check> {
 fn rough() -> Volume {
     let mut random = Random::new(11);
     let mut volume = field([16, 16, 12], DVec3::new(0.1, 0.1, 0.2), |_| 0.0);
-    volume.data.iter_mut().for_each(|value| *value = random.within(0.0, 0.5) as f32);
+    volume.data.fill_with(|| random.within(0.0, 0.5) as f32);
     volume
 }
 
 fn twin(scalar: &Scalar, volume: &Volume) -> Marching {
     let law = reference_law(scalar, volume);
-    Marching {
-        law,
-        r_max_m: scalar.r_max_m,
-        samples: scalar.samples,
-        rejection: scalar.rejection,
-        threshold: f64::INFINITY,
-    }
+    let &Scalar { r_max_m, samples, rejection, .. } = scalar;
+    Marching { law, r_max_m, samples, rejection, threshold: f64::INFINITY }
 }
 
 const ROUGH_POINT: DVec3 = DVec3::new(0.13, -0.07, 0.11);
@@ -180,13 +167,12 @@ fn rough_checks(
             marching.threshold = ends_at;
             let error = |marching: &Marching| (a - exact(marching, TWIN_RAYS)).abs();
             let all = Marching { rejection: false, ..marching.clone() };
-            Ok(Check::of(
-                stage,
-                format!("{}: A with rejection and V_thres against f64 marching", name(law)),
-            )
-            .within((TOLERANCE, "1"), error(&marching))
-            .control("no sample rejected", error(&all))
-            .with("occlusion", a))
+            let name = name(law);
+            let what = format!("{name}: A with rejection and V_thres against f64 marching");
+            Ok(Check::of(stage, what)
+                .within((TOLERANCE, "1"), error(&marching))
+                .control("no sample rejected", error(&all))
+                .with("occlusion", a))
         })
         .into_iter()
         .collect()
@@ -222,13 +208,11 @@ fn interior(rig: &Rig<'_>) -> Checks {
                 .with("occlusion", far),
         );
         let product = |near: f64| ((1.0 - far) / (1.0 - near).powi(2) - 1.0).abs();
+        let what = format!("{}: transmittance of twice the length is the square", name(law));
         checks.push(
-            Check::of(
-                POSITIONAL,
-                format!("{}: transmittance of twice the length is the square", name(law)),
-            )
-            .within((1e-4, "1"), product(near))
-            .control("occlusion 1 % higher", product(near * 1.01)),
+            Check::of(POSITIONAL, what)
+                .within((1e-4, "1"), product(near))
+                .control("occlusion 1 % higher", product(near * 1.01)),
         );
     }
     Ok(checks)
@@ -271,9 +255,7 @@ fn ball_and_face(rig: &Rig<'_>) -> Checks {
 fn pyramid(rig: &Rig<'_>) -> Result<Check> {
     let mut random = Random::new(5);
     let mut volume = cubes(24, |_| 0.0);
-    for value in volume.data.iter_mut() {
-        *value = if random.number() < 0.1 { 0.81 } else { 0.0 };
-    }
+    volume.data.fill_with(|| if random.number() < 0.1 { 0.81 } else { 0.0 });
     let mut scalar = marched(Mode::Positional, Law::Opacity, 0.6, 3);
     scalar.pyramid = true;
     let a = measured(rig, &volume, &scalar, ROUGH_POINT)?;

@@ -1,8 +1,7 @@
 //! `voxel/overlap` and `voxel/alpha` against separating axes in f64.
 
-use super::subjects::{VoxelScene, voxels_of, words};
-use crate::harness::verify::rig::Rig;
-use crate::harness::verify::{Case, Check, Checks, Result, VerifyError};
+use super::subjects::{VoxelScene, voxels_of};
+use crate::harness::verify::{Case, Check, Checks, Result, Rig, VerifyError};
 use crate::reference::voxel::{BORDERLINE_VOXELS, Contact, VoxelErrors, errors, gaps, triangles};
 use crate::scene::{Grid, Object, Scene};
 use crate::stages::voxel::{alpha, overlap};
@@ -35,7 +34,9 @@ fn overlap(rig: &Rig<'_>, thin: bool) -> Checks {
     for (name, subjects) in groups {
         let [mut exact, mut perturbed] = [VoxelErrors::default(); 2];
         for subject in &subjects {
-            let found = overlapped(rig, subject, thin)?;
+            let found = subject.voxelized(rig, |geometry, parts| {
+                overlap::new(&rig.resources, geometry, parts, thin)
+            })?;
             let triangles = subject.triangles();
             let against = |grid: &Grid| errors(&found, &gaps(&triangles, grid, contact));
             exact += against(&subject.grid);
@@ -44,13 +45,6 @@ fn overlap(rig: &Rig<'_>, thin: bool) -> Checks {
         checks.extend(no_errors(&format!("{variant}, {name}"), exact, perturbed));
     }
     Ok(checks)
-}
-
-fn overlapped(rig: &Rig<'_>, subject: &VoxelScene, thin: bool) -> Result<Vec<bool>> {
-    let (geometry, part) = subject.upload(&rig.resources);
-    let bits = part.voxels.bits.clone();
-    rig.run(&[&overlap::new(&rig.resources, &geometry, &[part], thin)?])?;
-    Ok(voxels_of(&words(rig, &bits)?, &subject.grid))
 }
 
 /// No false negatives and no false positives outside the borderline band.
@@ -78,7 +72,7 @@ fn alpha(rig: &Rig<'_>) -> Result<Check> {
     let Some(alphas) = stage.alphas().next() else {
         return Err(VerifyError::Empty { stage: ALPHA, what: "volumes".into() });
     };
-    let (alphas, bits) = (words(rig, alphas)?, voxels_of(&words(rig, &bits)?, &subject.grid));
+    let (alphas, bits) = (rig.read::<u32>(alphas)?, voxels_of(&rig.read(&bits)?, &subject.grid));
     let [exact, perturbed] = [ALPHAS, [0.0, 0.3, 0.8]].map(|of| largest_alphas(&subject, of));
     let wrong = |twin: &[Option<u32>]| {
         let known = twin.iter().enumerate().filter_map(|(i, alpha)| Some((i, (*alpha)?)));

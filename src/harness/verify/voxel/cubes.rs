@@ -3,8 +3,7 @@
 use glam::DVec3;
 
 use super::subjects::{cells, random_voxels};
-use crate::harness::verify::rig::{self, Random, Rig};
-use crate::harness::verify::{Case, Check, Result};
+use crate::harness::verify::{Case, Check, Random, Result, Rig, rig};
 use crate::reference::image::pixels;
 use crate::reference::rays::PixelRays;
 use crate::scene::{Grid, LightKind};
@@ -38,12 +37,8 @@ fn check(rig: &Rig<'_>) -> Result<Check> {
 
     let rays = PixelRays::new(&scene.camera, SIZE[0], SIZE[1]);
     let wrong = |grid: &Grid| {
-        let cubes: Vec<DVec3> = cells(grid)
-            .zip(&voxels)
-            .filter(|(_, full)| **full)
-            .map(|(cell, _)| grid.center(cell))
-            .collect();
-        let pixels = pixels(SIZE);
+        let full = cells(grid).zip(&voxels).filter(|(_, full)| **full);
+        let cubes: Vec<DVec3> = full.map(|(cell, _)| grid.center(cell)).collect();
         let differs = |&(x, y): &(u32, u32)| {
             let (origin, direction, length_m) = rays.ray(x, y);
             let expected = nearest(origin, direction, &cubes, grid.voxel_m / 2.0);
@@ -56,7 +51,7 @@ fn check(rig: &Rig<'_>) -> Result<Check> {
                 }
             }
         };
-        pixels.filter(differs).count() as f64 / f64::from(SIZE[0] * SIZE[1])
+        pixels(SIZE).filter(differs).count() as f64 / f64::from(SIZE[0] * SIZE[1])
     };
     let moved = Grid { origin_m: grid.origin_m + DVec3::new(0.01, 0.0, 0.0), ..grid };
     Ok(Check::of(STAGE, "share of pixels that see another place")

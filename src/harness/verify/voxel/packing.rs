@@ -1,9 +1,8 @@
 //! `voxel/clear`, `voxel/combine` and `voxel/unpack` bit by bit, on random bits and on sizes that are no powers of two.
 
-use super::subjects::{cells, differing, plain, random_voxels, voxels_of, words};
+use super::subjects::{cells, differing, plain, random_voxels, voxels_of};
 use crate::gpu::read_volume;
-use crate::harness::verify::rig::{Random, Rig};
-use crate::harness::verify::{Case, Check, Checks, Result};
+use crate::harness::verify::{Case, Check, Checks, Random, Result, Rig};
 use crate::scene::Grid;
 use crate::stages::kit::Buffer;
 use crate::stages::voxel::clear::{Clear, Cleared};
@@ -25,18 +24,13 @@ pub fn cases() -> Vec<Case> {
 
 fn clear(rig: &Rig<'_>) -> Result<Check> {
     let full = vec![u32::MAX; 1000];
-    let [all, head, kept] = [0, 1, 2].map(|_| {
-        let buffer = rig.resources.storage("verify clear", 4000);
-        rig.gpu.queue.write_buffer(&buffer, 0, bytemuck::cast_slice(&full));
-        buffer
-    });
+    let [all, head, kept] = [0, 1, 2].map(|_| rig.words(&full));
     let part = Cleared { buffer: head.clone(), bytes: 4 };
     rig.run(&[&Clear::new(vec![Cleared::from(&all), part])])?;
-    let mut expected = [vec![0u32; 1000], full.clone()];
-    expected[1][0] = 0;
-    let wrong =
-        differing(&words(rig, &all)?, &expected[0]) + differing(&words(rig, &head)?, &expected[1]);
-    let control = differing(&words(rig, &kept)?, &expected[0]);
+    let cleared = vec![0u32; 1000];
+    let expected = [&[0], &full[1..]].concat();
+    let wrong = differing(&rig.read(&all)?, &cleared) + differing(&rig.read(&head)?, &expected);
+    let control = differing(&rig.read(&kept)?, &cleared);
     Ok(Check::of("voxel/clear", "words that are not as they should be")
         .within((0.0, "1"), wrong)
         .control("a buffer that is not cleared", control))
@@ -61,20 +55,14 @@ fn combine(rig: &Rig<'_>) -> Result<Check> {
     for size in SIZES {
         let grid = plain(size);
         let maps = Axis::ALL.map(|_| random_voxels(&mut random, &grid, 0.2));
-        let buffers = [0, 1, 2].map(|k| {
-            let words = slicemap(&maps[k], &grid, Axis::ALL[k]);
-            let buffer = rig.resources.storage("verify slicemap", words.len() as u64 * 4);
-            let bytes = bytemuck::cast_slice(&words);
-            rig.gpu.queue.write_buffer(&buffer, 0, bytes);
-            buffer
-        });
+        let buffers = [0, 1, 2].map(|k| rig.words(&slicemap(&maps[k], &grid, Axis::ALL[k])));
         let voxels = Voxels::new(&rig.resources, "verify voxels", &grid, false);
         volumes.push((voxels, buffers));
         expected.push(maps);
     }
     rig.run(&[&Combine::new(&rig.resources, &volumes)?])?;
     for ((voxels, _), [x, y, z]) in volumes.iter().zip(&expected) {
-        let found = voxels_of(&words(rig, &voxels.bits)?, &voxels.grid);
+        let found = voxels_of(&rig.read(&voxels.bits)?, &voxels.grid);
         let or = |maps: [&[bool]; 3]| -> Vec<bool> {
             (0..found.len()).map(|i| maps.iter().any(|map| map[i])).collect()
         };
@@ -130,18 +118,13 @@ fn unpack(rig: &Rig<'_>) -> Checks {
 
 /// Puts values into a volume's bits, or into a buffer of a word each, which is returned.
 fn load(rig: &Rig<'_>, voxels: &Voxels, values: &[u8], alpha: bool) -> Buffer {
-    let (buffer, words) = if alpha {
-        let words: Vec<u32> = values.iter().map(|v| u32::from(*v)).collect();
-        let bytes = words.len() as u64 * 4;
-        (rig.resources.storage("verify alphas", bytes), words)
-    } else {
-        let mut words = vec![0u32; voxels.grid.words() as usize];
-        for (index, _) in values.iter().enumerate().filter(|(_, value)| **value > 0) {
-            words[index / 32] |= 1 << (index % 32);
-        }
-        (voxels.bits.clone(), words)
-    };
-    let bytes = bytemuck::cast_slice(&words);
-    rig.gpu.queue.write_buffer(&buffer, 0, bytes);
-    buffer
+    if alpha {
+        return rig.words(&values.iter().map(|value| u32::from(*value)).collect::<Vec<_>>());
+    }
+    let mut words = vec![0u32; voxels.grid.words() as usize];
+    for (index, _) in values.iter().enumerate().filter(|(_, value)| **value > 0) {
+        words[index / 32] |= 1 << (index % 32);
+    }
+    rig.gpu.queue.write_buffer(&voxels.bits, 0, bytemuck::cast_slice(&words));
+    voxels.bits.clone()
 }

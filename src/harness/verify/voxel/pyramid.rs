@@ -2,8 +2,7 @@
 
 use super::subjects::{cells, differing, plain, random_voxels};
 use crate::gpu::{GpuError, read_volume};
-use crate::harness::verify::rig::{Random, Rig};
-use crate::harness::verify::{Case, Check, Checks, Result};
+use crate::harness::verify::{Case, Check, Checks, Random, Result, Rig};
 use crate::scene::Grid;
 use crate::stages::voxel::mips::{Mips, level_cells};
 use crate::stages::voxels::Voxels;
@@ -28,6 +27,7 @@ fn check(rig: &Rig<'_>) -> Checks {
     let pyramids = pyramids(rig)?;
     let sum = |of: &dyn Fn(&Pyramid) -> f64| pyramids.iter().map(of).sum::<f64>();
     let all = |border: i64| sum(&|p| against_twin(p, border));
+    let empty = |p: &Pyramid| p.levels.iter().flatten().filter(|full| !**full).count() as f64;
     let law = |reach: f64| sum(&|p| broken_promises(p, reach));
     Ok(vec![
         Check::of(STAGE, "cells that differ from the twin")
@@ -36,10 +36,7 @@ fn check(rig: &Rig<'_>) -> Checks {
         Check::of(STAGE, "samples above 0 within an empty cell")
             .within((0.0, "1"), law(1.0))
             .control("samples up to two voxels outside the cell", law(3.0))
-            .with(
-                "empty_cells",
-                sum(&|p| p.levels.iter().flatten().filter(|full| !**full).count() as f64),
-            ),
+            .with("empty_cells", sum(&empty)),
     ])
 }
 
@@ -66,11 +63,8 @@ fn pyramids(rig: &Rig<'_>) -> Result<Vec<Pyramid>, GpuError> {
             let texels = read_volume(rig.gpu, &volume.texture, level)?.data;
             Ok(texels.into_iter().map(|v| v > 0.5).collect())
         };
-        Ok(Pyramid {
-            grid: volume.grid,
-            voxels,
-            levels: (1..count).map(level).collect::<Result<_, GpuError>>()?,
-        })
+        let levels = (1..count).map(level).collect::<Result<_, GpuError>>()?;
+        Ok(Pyramid { grid: volume.grid, voxels, levels })
     };
     made.into_iter().map(pyramid).collect()
 }

@@ -1,10 +1,8 @@
 //! `voxel/slicemap-x`, `-y`, `-z`, what they make together, and `voxel/slice`, against samples in f64; and the law that a fragment's voxel is one
 //! that the surface touches.
 
-use super::subjects::{VoxelScene, voxels_of, words};
-use crate::gpu::GpuError;
-use crate::harness::verify::rig::Rig;
-use crate::harness::verify::{Case, Check, Checks, Result, VerifyError};
+use super::subjects::{VoxelScene, cells, voxels_of};
+use crate::harness::verify::{Case, Check, Checks, Result, Rig, VerifyError};
 use crate::record::Adapter;
 use crate::reference::voxel::{Contact, FEWEST_SUBPIXELS, disagreements, errors, gaps, sampled};
 use crate::scene::Grid;
@@ -26,15 +24,13 @@ pub fn cases() -> Vec<Case> {
         for subject in [VoxelScene::soup()?, VoxelScene::bunny(32)?, VoxelScene::bunny(64)?] {
             checks.extend(against_surface(COMBINE, rig, &subject, &three_way(rig, &subject)?));
         }
-        let slanted = slanted_quads(rig, COMBINE, &[0, 1, 2], |s| three_way(rig, s))?;
-        checks.push(slanted);
+        checks.push(slanted_quads(rig, COMBINE, &[0, 1, 2], |s| three_way(rig, s))?);
         Ok(checks)
     });
     let slices = Case::new(SLICE, "the slices' voxels", |rig| {
         let mut checks = Vec::new();
         for subject in [VoxelScene::soup()?, VoxelScene::bunny(32)?] {
-            let found = sliced(rig, &subject)?;
-            checks.extend(against_surface(SLICE, rig, &subject, &found));
+            checks.extend(against_surface(SLICE, rig, &subject, &sliced(rig, &subject)?));
         }
         checks.push(slanted_quads(rig, SLICE, &[0, 1, 2], |s| sliced(rig, s))?);
         Ok(checks)
@@ -50,7 +46,7 @@ fn slices_of(words: &[u32], grid: &Grid, axis: Axis) -> Vec<bool> {
         let word = column + columns * (row + rows * (slice / 32));
         words[word as usize] >> (slice % 32) & 1 == 1
     };
-    super::subjects::cells(grid).map(bit).collect()
+    cells(grid).map(bit).collect()
 }
 
 fn slicemap_against_samples(rig: &Rig<'_>, axis: Axis) -> Checks {
@@ -78,21 +74,21 @@ fn one_way(rig: &Rig<'_>, subject: &VoxelScene, axis: Axis) -> Result<Vec<bool>>
     let stage = Slicemap::new(&rig.resources, &geometry, &[part], axis)?;
     rig.run(&[&stage])?;
     let Some(slices) = stage.slicemaps().next() else {
-        return Err(empty(axis.info().name));
+        return Err(VerifyError::Empty { stage: axis.info().name, what: "volumes".into() });
     };
-    Ok(slices_of(&words(rig, slices)?, &subject.grid, axis))
+    Ok(slices_of(&rig.read(slices)?, &subject.grid, axis))
 }
 
 /// Triangles that the grid's border clips at a slant, all in one check.
-fn slanted_quads<E: Into<VerifyError>>(
+fn slanted_quads(
     rig: &Rig<'_>,
     stage: &'static str,
     axes: &[usize],
-    voxelized: impl Fn(&VoxelScene) -> Result<Vec<bool>, E>,
+    voxelized: impl Fn(&VoxelScene) -> Result<Vec<bool>>,
 ) -> Result<Check> {
     let (mut exact, mut moved, mut set) = (0.0, 0.0, 0);
     for subject in VoxelScene::slanted()? {
-        let found = voxelized(&subject).map_err(Into::into)?;
+        let found = voxelized(&subject)?;
         set += found.iter().filter(|found| **found).count();
         exact += differing(rig, &found, &subject, &subject.grid, axes);
         moved += differing(rig, &found, &subject, &subject.moved(1.0 / 3.0), axes);
@@ -124,34 +120,25 @@ fn differing(
     disagreements(found, &twin) as f64
 }
 
-fn empty(stage: &'static str) -> VerifyError {
-    VerifyError::Empty { stage, what: "volumes".into() }
-}
-
 /// The voxels of three slicemaps and their OR.
-fn three_way(rig: &Rig<'_>, subject: &VoxelScene) -> Result<Vec<bool>, GpuError> {
+fn three_way(rig: &Rig<'_>, subject: &VoxelScene) -> Result<Vec<bool>> {
     let (geometry, part) = subject.upload(&rig.resources);
     let parts = [part];
-    let passes = Axis::ALL.map(|axis| Slicemap::new(&rig.resources, &geometry, &parts, axis));
-    let [x, y, z] = passes;
-    let (x, y, z) = (x?, y?, z?);
+    let pass = |axis| Slicemap::new(&rig.resources, &geometry, &parts, axis);
+    let (x, y, z) = (pass(Axis::X)?, pass(Axis::Y)?, pass(Axis::Z)?);
     let maps = [&x, &y, &z].map(|pass| pass.slicemaps().next().cloned());
     let [Some(a), Some(b), Some(c)] = maps else {
         return Ok(Vec::new());
     };
-    let voxels = parts[0].voxels.clone();
-    let bits = voxels.bits.clone();
-    let combine = Combine::new(&rig.resources, &[(voxels, [a, b, c])])?;
+    let voxels = &parts[0].voxels;
+    let combine = Combine::new(&rig.resources, &[(voxels.clone(), [a, b, c])])?;
     rig.run(&[&x, &y, &z, &combine])?;
-    Ok(voxels_of(&words(rig, &bits)?, &subject.grid))
+    Ok(voxels_of(&rig.read(&voxels.bits)?, &subject.grid))
 }
 
 /// The voxels of passes of a slice each.
-fn sliced(rig: &Rig<'_>, subject: &VoxelScene) -> Result<Vec<bool>, GpuError> {
-    let (geometry, part) = subject.upload(&rig.resources);
-    let bits = part.voxels.bits.clone();
-    rig.run(&[&Slice::new(&rig.resources, &geometry, &[part])?])?;
-    Ok(voxels_of(&words(rig, &bits)?, &subject.grid))
+fn sliced(rig: &Rig<'_>, subject: &VoxelScene) -> Result<Vec<bool>> {
+    subject.voxelized(rig, |geometry, parts| Slice::new(&rig.resources, geometry, parts))
 }
 
 /// A three-way rasterization against samples, against the cubes that the surface touches, and, as figures alone, the voxels it

@@ -2,9 +2,8 @@
 
 use glam::DVec3;
 
-use crate::gpu::{GpuError, read_buffer};
-use crate::harness::verify::Result;
-use crate::harness::verify::rig::{Random, Rig};
+use crate::gpu::{GpuError, Stage};
+use crate::harness::verify::{Random, Result, Rig};
 use crate::reference::voxel::{Corners, triangles};
 use crate::scene::{Grid, Mesh, Object, Scene};
 use crate::stages::geometry::Geometry;
@@ -48,11 +47,8 @@ impl VoxelScene {
         let mut random = Random::new(29);
         let quads = 12;
         let subject = |number| {
-            let grid = Grid {
-                cells: [40, 33, 48],
-                origin_m: DVec3::new(-2.5, -1.75, 0.25),
-                voxel_m: 0.125,
-            };
+            let origin_m = DVec3::new(-2.5, -1.75, 0.25);
+            let grid = Grid { cells: [40, 33, 48], origin_m, voxel_m: 0.125 };
             let edges = 16f64.powf(f64::from(number) / f64::from(quads - 1));
             let half = edges * grid.size_m().max_element() / 2.0;
             let across = corner(&mut random, -1.0, 1.0).normalize();
@@ -90,12 +86,22 @@ impl VoxelScene {
         (geometry, part)
     }
 
+    /// The voxels that a stage sets over the scene.
+    pub fn voxelized<S: Stage>(
+        &self,
+        rig: &Rig<'_>,
+        stage: impl FnOnce(&Geometry, &[Part]) -> Result<S, GpuError>,
+    ) -> Result<Vec<bool>> {
+        let (geometry, part) = self.upload(&rig.resources);
+        let bits = part.voxels.bits.clone();
+        rig.run(&[&stage(&geometry, &[part])?])?;
+        Ok(voxels_of(&rig.read(&bits)?, &self.grid))
+    }
+
     /// The grid moved by a share of a voxel: what controls are perturbed by.
     pub fn moved(&self, voxels: f64) -> Grid {
-        Grid {
-            origin_m: self.grid.origin_m + voxels * self.grid.voxel_m * DVec3::new(1.0, 0.7, 0.4),
-            ..self.grid
-        }
+        let way = voxels * self.grid.voxel_m * DVec3::new(1.0, 0.7, 0.4);
+        Grid { origin_m: self.grid.origin_m + way, ..self.grid }
     }
 }
 
@@ -105,16 +111,8 @@ fn corner(random: &mut Random, low: f64, high: f64) -> DVec3 {
 
 /// The grid as the GPU has it.
 fn rounded(grid: &Grid) -> Grid {
-    Grid {
-        cells: grid.cells,
-        origin_m: grid.origin_m.as_vec3().as_dvec3(),
-        voxel_m: f64::from(grid.voxel_m as f32),
-    }
-}
-
-/// The words of a buffer.
-pub fn words(rig: &Rig<'_>, buffer: &wgpu::Buffer) -> Result<Vec<u32>, GpuError> {
-    Ok(bytemuck::pod_collect_to_vec(&read_buffer(rig.gpu, buffer)?))
+    let origin_m = grid.origin_m.as_vec3().as_dvec3();
+    Grid { origin_m, voxel_m: f64::from(grid.voxel_m as f32), ..*grid }
 }
 
 /// A bit volume's voxels, in the order of [`Grid::index`].
