@@ -1,8 +1,11 @@
 //! One set of hostile names through everything that is written of records: Markdown, SVG, CSV, terminal, JUnit, JSON.
 
-use std::path::Path;
-use std::process::{Command, Output};
+mod common;
 
+use std::path::Path;
+use std::process::Output;
+
+use common::fathom;
 use serde_json::{Value, json};
 
 /// Names that mean something to a terminal, a browser, a spreadsheet, an XML or Markdown reader, or a file system.
@@ -128,10 +131,6 @@ fn records() -> String {
         lines.push(bad);
     }
     lines.iter().map(|line| format!("{line}\n")).collect()
-}
-
-fn fathom() -> Command {
-    Command::new(env!("CARGO_BIN_EXE_fathom"))
 }
 
 #[track_caller]
