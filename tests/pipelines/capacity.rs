@@ -1,12 +1,13 @@
 //! Memory and time of a pipeline, foreseen before anything is allocated.
 
-use assert_cmd::Command;
 use fathom::Catalog;
 use fathom::gpu::Capacity;
 use fathom::harness::plan::{Request, plan};
 use fathom::harness::subject::{Subject, Subjects};
+use fathom::record::Profile;
 use serde_json::json;
 
+use super::common::{fathom, refused};
 use super::{Set, gpu};
 
 const GIB: u64 = 1 << 30;
@@ -71,12 +72,8 @@ fn demands_foresee_what_pipelines_allocate() {
 fn a_view_beyond_the_memory_is_refused_with_the_numbers() {
     let capacity = small_machine();
     let mut subjects = Subjects::default().within(&capacity);
-    for (pipeline, scene) in [
-        ("underwater", "plane"),
-        ("hsao", "corner"),
-        ("voxelize", "corner"),
-        ("volume_ao", "corner"),
-    ] {
+    let corner = ["hsao", "voxelize", "volume_ao"].map(|pipeline| (pipeline, "corner"));
+    for (pipeline, scene) in [("underwater", "plane")].into_iter().chain(corner) {
         let large = [("view.width", json!(16_384)), ("view.height", json!(16_384))];
         let reason = subject(&mut subjects, pipeline, scene, &large).beyond(&capacity).unwrap();
         let reason = reason.unwrap_or_else(|| panic!("{pipeline}"));
@@ -116,24 +113,16 @@ fn a_volume_beyond_the_limits_is_refused_before_its_scene_is_made() {
     let subject = subject(&mut subjects, "scalar_ao", "smoke", &cells);
     assert!(subject.scene.volume.as_ref().unwrap().data.len() < 1_000);
     let reason = subject.beyond(&capacity).unwrap().expect("it is beyond the limits");
-    assert!(
-        reason.starts_with("volume.cells: asks 134217728 of max_texture_dimension_3d"),
-        "{reason}"
-    );
+    let asked = "volume.cells: asks 134217728 of max_texture_dimension_3d";
+    assert!(reason.starts_with(asked), "{reason}");
 }
 
 #[test]
 fn the_default_suite_fits_a_machine_of_two_cores_and_4_gib() {
     let request = Request::default();
     let experiments = request.load(&Catalog::builtin()).unwrap();
-    let planned = plan(
-        experiments,
-        &request,
-        fathom::record::Profile::Quick,
-        &small_machine(),
-        &Catalog::builtin(),
-    )
-    .unwrap();
+    let (capacity, catalog) = (small_machine(), Catalog::builtin());
+    let planned = plan(experiments, &request, Profile::Quick, &capacity, &catalog).unwrap();
     let cells = planned.iter().flat_map(|experiment| &experiment.cells);
     let skipped: Vec<_> = cells
         .filter_map(|cell| Some((&cell.plan.experiment, &cell.plan.cell, cell.skip.as_ref()?)))
@@ -143,28 +132,23 @@ fn the_default_suite_fits_a_machine_of_two_cores_and_4_gib() {
 
 #[test]
 fn commands_refuse_in_one_line_and_runs_skip() {
-    let refusal = |arguments: &[&str]| {
-        let out = Command::new(env!("CARGO_BIN_EXE_fathom")).args(arguments).output().unwrap();
-        let message = String::from_utf8(out.stderr).unwrap();
-        assert_eq!(out.status.code(), Some(2), "{arguments:?}: {message}");
-        assert_eq!(message.lines().count(), 1, "{message}");
-        message
+    let refused_alone = |arguments: &[&str]| {
+        let out = fathom().args(arguments).output().unwrap();
+        refused(&out, "volume.cells");
+        assert_eq!(String::from_utf8(out.stderr).unwrap().lines().count(), 1, "{arguments:?}");
     };
     let folder = tempfile::tempdir().unwrap();
     let target = folder.path().to_str().unwrap();
     let volume = ["--pipeline", "scalar_ao", "--set", "volume.cells=[134217728,1,1]"];
     let image = format!("{target}/a.png");
-    let message = refusal(&[&["render", "smoke", "-o", &image][..], &volume].concat());
-    assert!(message.contains("volume.cells"), "{message}");
+    refused_alone(&[&["render", "smoke", "-o", &image][..], &volume].concat());
     let dump = ["dump", "scalar/direct", "--scene", "smoke", "-o", target];
-    assert!(refusal(&[&dump[..], &volume].concat()).contains("volume.cells"));
+    refused_alone(&[&dump[..], &volume].concat());
     let experiment = folder.path().join("large.toml");
     std::fs::write(&experiment, LARGE).unwrap();
     let run = ["run", experiment.to_str().unwrap(), "--out", target];
-    let out = Command::new(env!("CARGO_BIN_EXE_fathom")).args(run).output().unwrap();
-    let message = String::from_utf8(out.stderr).unwrap();
-    assert_eq!(out.status.code(), Some(2), "{message}");
-    assert!(message.contains("every cell was skipped; volume.cells: asks 134217728"), "{message}");
+    let out = fathom().args(run).output().unwrap();
+    refused(&out, "every cell was skipped; volume.cells: asks 134217728");
 }
 
 const LARGE: &str = r#"

@@ -1,6 +1,8 @@
 //! Whole pipelines on the adapter at hand: what they draw, what they tell, what they ask for, and the checks of their stages.
 
 mod capacity;
+#[path = "../common/mod.rs"]
+mod common;
 mod hsao;
 mod verify;
 mod volume_ao;
