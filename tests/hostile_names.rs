@@ -218,7 +218,6 @@ fn xml_is_sound(name: &str, text: &str) {
     assert!(!text.contains("<script"), "{name}");
 }
 
-/// Names of all files of a folder, whatever lies beside it.
 fn names(folder: &Path) -> Vec<String> {
     let entries = std::fs::read_dir(folder).unwrap();
     let names = entries.map(|entry| entry.unwrap().file_name().into_string().unwrap());
@@ -306,7 +305,6 @@ fn tables_of_a_comparison_show_hostile_names_as_text() {
     }
 }
 
-/// Cells whose names differ in what file names do not bear have pictures of their own.
 #[test]
 fn pictures_of_different_cells_have_different_names() {
     use fathom::harness::output::picture_path;

@@ -9,7 +9,6 @@ use common::{fathom, refused};
 use ndarray::Array2;
 use ndarray_npy::write_npy;
 
-/// Answers by column name.
 struct Table {
     header: Vec<String>,
     rows: Vec<Vec<String>>,
@@ -124,7 +123,6 @@ fn given_water_is_the_water_that_was_given() {
     }
 }
 
-/// A scene file finds its map beside itself.
 #[test]
 fn a_scene_names_its_height_map_relative_to_itself() {
     let folder = tempfile::tempdir().unwrap();

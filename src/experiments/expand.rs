@@ -16,7 +16,6 @@ pub const MAX_PLAN_BYTES: u64 = 64 << 20;
 /// What a name and its value take in memory beside their text, bytes.
 const ENTRY_BYTES: u64 = 100;
 
-/// One cell to measure.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CellPlan {
     pub experiment: String,
@@ -320,7 +319,6 @@ impl Experiment {
         })
     }
 
-    /// The sweep's axes with the values chosen for them.
     fn axis_values<'a>(
         &self,
         sweep: &'a Sweep,

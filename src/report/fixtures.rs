@@ -54,7 +54,6 @@ pub fn profile(profile: Profile) -> Vec<Record> {
     records
 }
 
-/// The page that is made of records.
 pub fn summary(records: &[Record]) -> String {
     let view = super::View::new(records, None);
     let page = (super::summary::EXPORTER.export)(&view).unwrap().remove(0);

@@ -66,7 +66,6 @@ pub fn mebibytes(bytes: u64) -> String {
     format!("{} MiB", three(bytes as f64 / (1 << 20) as f64))
 }
 
-/// A share as a percentage.
 pub fn percent(share: f64) -> String {
     format!("{} %", three(share * 100.0))
 }

@@ -184,7 +184,6 @@ fn notes(view: &View<'_>, text: &mut String) {
     *text += "\n";
 }
 
-/// One line per experiment.
 fn overview(view: &View<'_>, text: &mut String) {
     let head = "experiment|measured|skipped|failed|claims supported|contradicted|untestable here";
     let mut table = Table::new(head.split('|'));
@@ -211,7 +210,6 @@ fn overview(view: &View<'_>, text: &mut String) {
     table.add_to(text, "## Experiments\n\n");
 }
 
-/// A picture in Markdown.
 fn image(name: &str, path: &str) -> String {
     format!("![{}]({})", text::markdown(name), text::link(path))
 }

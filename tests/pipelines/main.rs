@@ -36,7 +36,6 @@ fn prepared<P: Pipeline>(gpu: &Gpu, scene: &str, set: &Set<'_>) -> (Scene, P::Pa
     (scene, params)
 }
 
-/// The pipeline after one frame.
 fn built<P: Pipeline>(gpu: &Gpu, scene: &Scene, params: &P::Params) -> Built<P> {
     let pipeline = gpu.scoped(|| Built::<P>::new(gpu, scene, params)).unwrap();
     gpu.run(&pipeline.stages()).unwrap();

@@ -14,7 +14,6 @@ use serde_json::{Value, json};
 
 use super::{Set, built, gpu, mean, prepared};
 
-/// A built pipeline after one frame.
 struct Drawn {
     scene: Scene,
     params: Params,
@@ -41,7 +40,6 @@ impl Drawn {
     }
 }
 
-/// Small pictures and volumes.
 fn small(more: &[(&'static str, Value)]) -> Vec<(&'static str, Value)> {
     let mut set = vec![
         ("view.width", json!(48)),

@@ -1,9 +1,8 @@
 //! Turns good input into bad input: bytes changed, cut, doubled, moved, numbers made extreme, and what no reader expects put in.
 
-use std::io::Write;
-
-use flate2::{Compression, write::GzEncoder};
 use proptest::prelude::*;
+
+use super::files::gzip;
 
 /// Numbers at and beyond the ends of what types hold.
 const NUMBERS: &str = "0 -0 -1 1 0.5 255 256 65536 16777217 99999999 2147483647 -2147483648 4294967295 4294967296 \
@@ -140,7 +139,6 @@ fn numbers() -> impl Iterator<Item = &'static str> {
     NUMBERS.split(' ')
 }
 
-/// Replaces one of the numbers of a text.
 fn number(bytes: &mut Vec<u8>, which: usize, by: usize) {
     let part = |byte: u8| byte.is_ascii_digit() || b"+-.".contains(&byte);
     let starts = |i: usize| bytes[i].is_ascii_digit() && (i == 0 || !part(bytes[i - 1]));
@@ -189,17 +187,10 @@ pub fn mutated_or_packed(seeds: Vec<Vec<u8>>) -> impl Strategy<Value = (Input, b
     })
 }
 
-pub fn gzip(bytes: &[u8]) -> Vec<u8> {
-    let mut encoder = GzEncoder::new(Vec::new(), Compression::fast());
-    encoder.write_all(bytes).unwrap();
-    encoder.finish().unwrap()
-}
-
 /// What lines of OBJ and PLY files are made of.
 const MESH_WORDS: &str = "v|vn|vt|f|o|l|p|usemtl|mtllib|1|-1|0|2//3|1/1/1|-99999999999999999999|1e38|inf|nan|/|//|\n|\n|\n|\\\n|#|\
     ply|format ascii 1.0|element vertex 3|element face 2|property float x|property list uchar int vertex_indices|end_header";
 
-/// Words of OBJ and PLY files in any order.
 pub fn mesh_words() -> impl Strategy<Value = Input> {
     let words = prop::sample::select(MESH_WORDS.split('|').collect::<Vec<&str>>());
     let words = prop::collection::vec(words, 0..60);

@@ -74,7 +74,6 @@ impl Bars {
         Some(Bars { chart, series, clusters, published })
     }
 
-    /// The values and how many bars each has.
     #[cfg(test)]
     pub fn shape(&self) -> Vec<(&str, usize)> {
         let clusters = self.clusters.iter();

@@ -35,7 +35,6 @@ struct Series {
     remark: String,
 }
 
-/// A published frame time.
 struct Mark {
     x: f64,
     span_ms: (f64, f64),

@@ -36,7 +36,6 @@ type Drawn = Result<(), Fault>;
 /// Cells of a plot beyond which it is not drawn: nobody can read it.
 const MOST_CELLS: usize = 2_000;
 
-/// A panel ready to be drawn.
 trait Panel {
     fn height_px(&self) -> u32;
 
@@ -57,7 +56,6 @@ pub struct Figure {
 }
 
 impl Figure {
-    /// The panels of an experiment's plots.
     pub fn new(experiment: &Experiment, cells: &[&Cell]) -> Figure {
         let mut figure = Figure::default();
         for plot in &experiment.plot {
@@ -69,7 +67,6 @@ impl Figure {
         figure
     }
 
-    /// Whether there is anything to draw.
     pub fn is_drawn(&self) -> bool {
         !self.panels.is_empty()
     }
@@ -79,13 +76,12 @@ impl Figure {
         &self.missing
     }
 
-    /// The numbers of its maps: a title and a table for each of their panels.
+    /// The numbers of its maps.
     pub fn map_tables(&self) -> Vec<(String, Table)> {
         self.panels.iter().flat_map(|panel| panel.tables()).collect()
     }
 }
 
-/// Name of an experiment's figure within the output folder.
 pub fn file_name(section: &Section<'_>) -> String {
     format!("{}.svg", text::file_stem(section.id))
 }
