@@ -4,7 +4,9 @@
 use std::path::Path;
 use std::process::{Command, Output};
 
+use fathom::experiments::parse_set;
 use fathom::record::{self, Cell, Measured, Record};
+use serde_json::Value;
 
 /// The program, for which no job has a page.
 pub fn fathom() -> Command {
@@ -26,6 +28,11 @@ pub fn small() -> impl Iterator<Item = &'static str> {
         "godrays.buffer=[16,16]",
     ];
     sets.into_iter().flat_map(|set| ["--set", set])
+}
+
+/// Parameters as the command line takes them, with spaces between.
+pub fn sets(text: &str) -> Vec<(String, Value)> {
+    text.split_whitespace().map(|set| parse_set(set).unwrap()).collect()
 }
 
 /// The records of a run's folder, of which none is damaged.

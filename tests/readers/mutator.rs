@@ -40,7 +40,8 @@ const WORDS: &[&[u8]] = &[
 /// A unit that is repeated until it is long.
 const UNITS: &[&[u8]] = &[b"[", b"{\"a\":", b"a.", b" ", b"9", b"x", b"f 1\n", b"\n", b",", b"[["];
 
-/// One change; the place is taken modulo the length.
+/// One change; the place is taken modulo the length. A splice is a piece of another seed. The place of a number is its number
+/// among those of the text.
 #[derive(Clone, Debug)]
 struct Change {
     place: usize,
@@ -53,23 +54,11 @@ enum Edit {
     Bit(u8),
     CutOff,
     Remove(usize),
-    Repeat {
-        length: usize,
-        times: usize,
-    },
-    /// A piece of another seed.
-    Splice {
-        seed: usize,
-        from: usize,
-        length: usize,
-    },
-    /// An extreme number in place of the one with the number of the place.
+    Repeat { length: usize, times: usize },
+    Splice { seed: usize, from: usize, length: usize },
     Number(usize),
     Word(usize),
-    Long {
-        unit: usize,
-        times: usize,
-    },
+    Long { unit: usize, times: usize },
 }
 
 fn change() -> impl Strategy<Value = Change> {

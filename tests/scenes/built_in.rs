@@ -79,10 +79,8 @@ fn dry_scenes_load_at_their_size_and_are_seen() {
         let size = solid.size().max_element();
         assert!(solid.max.y < 0.0, "{name} reaches the water: {solid:?}");
         let floor = -scene.floor_depth_m;
-        assert!(
-            solid.min.y <= floor + 1e-3 && solid.min.y >= floor - 0.03 * size,
-            "{name}: {solid:?}"
-        );
+        let above = solid.min.y - floor;
+        assert!((-0.03 * size..=1e-3).contains(&above), "{name}: {solid:?}");
         let seen = scene.camera.view_projection(1.0).project_point3(solid.center());
         assert!(seen.abs().truncate().max_element() < 1.0, "{name}: {seen}");
         assert!((0.0..1.0).contains(&seen.z), "{name}: {seen}");
