@@ -51,8 +51,8 @@ trait Panel {
 #[derive(Default)]
 pub struct Figure {
     panels: Vec<Box<dyn Panel>>,
-    /// Titles, and why there is no panel.
-    missing: Vec<(String, &'static str)>,
+    /// Titles of the plots that have no panel, and why.
+    pub missing: Vec<(String, &'static str)>,
 }
 
 impl Figure {
@@ -69,11 +69,6 @@ impl Figure {
 
     pub fn is_drawn(&self) -> bool {
         !self.panels.is_empty()
-    }
-
-    /// Titles of the plots that have no panel, and why.
-    pub fn missing(&self) -> &[(String, &'static str)] {
-        &self.missing
     }
 
     /// The numbers of its maps.

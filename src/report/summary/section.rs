@@ -42,7 +42,7 @@ pub fn write(section: &Section<'_>, text: &mut String) {
         let file = plots::file_name(section);
         let _ = writeln!(text, "{}\n", image(section.title(), &file));
     }
-    for (title, reason) in figure.missing() {
+    for (title, reason) in &figure.missing {
         let title = text::markdown(title);
         let _ = writeln!(text, "The plot *{title}* is left out: {reason}.\n");
     }
