@@ -13,7 +13,6 @@ use serde::{Deserialize, Serialize};
 
 /// Two audits at once would disturb each other.
 static ONE_AT_A_TIME: Mutex<()> = Mutex::new(());
-/// Marks the child's result in its output.
 const RESULT: &str = "audit result: ";
 
 #[derive(Serialize, Deserialize)]
@@ -35,7 +34,6 @@ fn child() {
     println!("{RESULT}{}", serde_json::to_string(&found).expect("it is plain data"));
 }
 
-/// Runs the audit on the driver of this manifest.
 fn audit_on(manifest: &Path) -> Found {
     let _alone = ONE_AT_A_TIME.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
     let output = Command::new(std::env::current_exe().expect("a test knows its path"))
@@ -73,9 +71,7 @@ fn row(found: &Found, pass: PassKind, context: Surrounding) -> &AuditRow {
 
 #[test]
 fn lavapipe_compute_beside_render_passes_is_unusable() {
-    let Some(manifest) = manifest("/usr/share/vulkan/icd.d", "lvp_icd") else {
-        return;
-    };
+    let Some(manifest) = manifest("/usr/share/vulkan/icd.d", "lvp_icd") else { return };
     let found = audit_on(&manifest);
     assert_eq!(found.rows.len(), 6);
     if !found.adapter.driver_info.contains("Mesa 22.3") {
@@ -94,9 +90,7 @@ fn lavapipe_compute_beside_render_passes_is_unusable() {
 /// clock; so the verdict may come with the second or third try.
 #[test]
 fn swiftshader_timestamps_are_sound() {
-    let Some(manifest) = manifest("/usr/lib/chromium", "vk_swiftshader_icd") else {
-        return;
-    };
+    let Some(manifest) = manifest("/usr/lib/chromium", "vk_swiftshader_icd") else { return };
     let tries = std::iter::repeat_with(|| audit_on(&manifest)).take(3);
     let believed = |found: &Found| {
         found.clocks[..2] == [Clock::Timestamp; 2]

@@ -1,9 +1,11 @@
 //! A run beside processes that keep every core busy: the clock's scatter fails no cell and leaves no time of zero or less.
 
+mod common;
+
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use assert_cmd::Command;
-use fathom::record::{self, Clock, Outcome, Record};
+use common::{cells, fathom, measured, stderr};
+use fathom::record::Clock;
 
 /// Stages from some µs to a few ms, most on the fenced host clock of lavapipe.
 const SHORT_STAGES: &str = r#"
@@ -49,26 +51,14 @@ fn a_busy_machine_fails_no_cell_and_leaves_no_time_of_zero_or_less() {
     std::fs::write(&experiment, SHORT_STAGES).unwrap();
     let out = folder.path().join("out");
     let ran = beside_load(|| {
-        let mut fathom = Command::new(env!("CARGO_BIN_EXE_fathom"));
+        let mut fathom = fathom();
         fathom.arg("run").arg(&experiment).arg("--out").arg(&out);
         fathom.args(["--budget", "2", "--precision", "0.0001"]).output().unwrap()
     });
-    let message = String::from_utf8_lossy(&ran.stderr);
-    assert_eq!(ran.status.code(), Some(0), "{message}");
-    let reading = record::read(&out.join("records.jsonl")).unwrap();
-    let cells: Vec<_> = reading
-        .records
-        .iter()
-        .filter_map(|record| match record {
-            Record::Cell(cell) => Some(cell),
-            _ => None,
-        })
-        .collect();
+    stderr(&ran, 0);
+    let cells = cells(&out);
     assert_eq!(cells.len(), 2);
-    for cell in cells {
-        let Outcome::Measured(measured) = &cell.outcome else {
-            panic!("{:?}", cell.outcome);
-        };
+    for measured in cells.iter().map(measured) {
         assert!(measured.rejected.is_empty(), "{:?}", measured.rejected);
         assert!(measured.frame.accounting_error < 0.05, "{:?}", measured.frame);
         for stage in &measured.stages {

@@ -1,65 +1,59 @@
 //! The command line as a user meets it. What measures runs on the default adapter, a software one at least.
 
-use std::path::Path;
+mod common;
 
-use assert_cmd::Command;
-use fathom::record::{self, NoteKind, Outcome, Record};
+use std::path::Path;
+use std::process::Command;
+
+use assert_cmd::prelude::*;
+use common::{cells, fathom, measured, records, small};
+use fathom::record::{NoteKind, Outcome, Record};
 use predicates::prelude::*;
 use predicates::str::contains;
 
-fn fathom() -> Command {
-    Command::new(env!("CARGO_BIN_EXE_fathom"))
-}
-
-/// Runs that end with status 2 and one line on stderr that begins with `error: `, apart from what graphics
-/// drivers print.
+/// Runs that print nothing but one error.
 #[track_caller]
 fn refused(arguments: &[&str], reason: &str) {
     let output = fathom().args(arguments).output().unwrap();
-    let stderr = String::from_utf8(output.stderr).unwrap();
-    assert_eq!(output.status.code(), Some(2), "{arguments:?}: {stderr}");
+    common::refused(&output, reason);
     assert!(output.stdout.is_empty(), "{arguments:?}");
-    let ours: Vec<&str> = stderr.lines().filter(|line| line.contains(reason)).collect();
-    assert_eq!(ours.len(), 1, "{arguments:?}: {stderr}");
-    assert!(ours[0].starts_with("error: "), "{arguments:?}: {stderr}");
 }
 
+/// The second half is found by planning, before measuring.
 #[test]
 fn bad_input_is_one_clear_line_and_status_2() {
-    refused(&["run", "uw-defalt"], "unknown experiment `uw-defalt`; did you mean `uw-default`?");
-    refused(&["run", "--set", "nothing"], "not of the form PATH=VALUE");
-    refused(&["run", "--profile", "qick"], "'quick'");
-    refused(&["run", "--budget", "0"], "--budget must be a positive number");
-    refused(&["rum"], "'run'");
-    refused(&["render", "tnk"], "did you mean `tank`");
-    refused(&["render", "tank", "--pipeline", "underwatr"], "did you mean `underwater`");
-    refused(&["list", "parameters", "--set", "caustics.gird=3"], "did you mean `caustics.grid`");
-    refused(&["report", "no/such/folder"], "no/such/folder/records.jsonl");
-}
-
-#[test]
-fn bad_input_that_only_a_plan_shows_is_found_before_measuring() {
-    refused(&["run", "uw-default", "--set", "caustics.gird=3"], "did you mean `caustics.grid`");
-    refused(&["run", "uw-default", "--set", "caustics.grid=few"], "takes a whole number");
-    refused(&["run", "uw-waves", "--axis", "watr=circular"], "did you mean `water`");
-    refused(&["run", "uw-default", "--adapter", "no such adapter"], "no adapter matches");
-    refused(
-        &["dump", "caustics/trce", "--set", "caustics.grid=8"],
-        "did you mean `caustics/trace`",
-    );
+    for (arguments, reason) in [
+        ("run uw-defalt", "unknown experiment `uw-defalt`; did you mean `uw-default`?"),
+        ("run --set nothing", "not of the form PATH=VALUE"),
+        ("run --profile qick", "'quick'"),
+        ("run --budget 0", "--budget must be a positive number"),
+        ("rum", "'run'"),
+        ("render tnk", "did you mean `tank`"),
+        ("render tank --pipeline underwatr", "did you mean `underwater`"),
+        ("list parameters --set caustics.gird=3", "did you mean `caustics.grid`"),
+        ("report no/such/folder", "no/such/folder/records.jsonl"),
+        ("list stages --pipeline hsoa", "unknown pipeline `hsoa`; did you mean `hsao`?"),
+        (
+            "list stages --scene tank",
+            "--scene does not apply to `list stages`, only to `list parameters`",
+        ),
+        ("list scenes --pipeline hsao", "does not apply"),
+        ("list --set caustics.grid=3", "does not apply to `list`"),
+        ("run uw-default --set caustics.gird=3", "did you mean `caustics.grid`"),
+        ("run uw-default --set caustics.grid=few", "takes a whole number"),
+        ("run uw-waves --axis watr=circular", "did you mean `water`"),
+        ("run uw-default --adapter none-such", "no adapter matches"),
+        ("dump caustics/trce --set caustics.grid=8", "did you mean `caustics/trace`"),
+    ] {
+        refused(&arguments.split(' ').collect::<Vec<_>>(), reason);
+    }
 }
 
 #[test]
 fn a_light_and_a_grid_that_give_nothing_are_errors_in_every_command() {
     let none = ["--set", "light.direction=[0,0,0]"];
-    let beside = [
-        "--set",
-        "voxel.cells=[8,8,8]",
-        "--set",
-        "voxel.voxel_m=0.1",
-        "--set",
-        "voxel.origin_m=[500,500,500]",
-    ];
+    let beside = ["voxel.cells=[8,8,8]", "voxel.voxel_m=0.1", "voxel.origin_m=[500,500,500]"];
+    let beside = beside.map(|set| ["--set", set]).concat();
     let folder = tempfile::tempdir().unwrap();
     let points = folder.path().join("points.csv");
     std::fs::write(&points, "x,y,z,nx,ny,nz\n0,-4,0,0,1,0\n").unwrap();
@@ -146,57 +140,13 @@ fn a_listing_takes_the_options_that_apply_to_it() {
     let hsao = "frame shadow/depth scene/gbuffer hsao/march hsao/filter ao/compose post/luminance";
     assert_eq!(stages("hsao").join(" "), hsao);
     assert!(stages("voxelize").contains(&"voxel/overlap".to_owned()));
-    refused(
-        &["list", "stages", "--pipeline", "hsoa"],
-        "unknown pipeline `hsoa`; did you mean `hsao`?",
-    );
-    refused(
-        &["list", "stages", "--scene", "tank"],
-        "--scene does not apply to `list stages`, only to `list parameters`",
-    );
-    refused(&["list", "scenes", "--pipeline", "hsao"], "does not apply");
-    refused(&["list", "--set", "caustics.grid=3"], "does not apply to `list`");
 }
-
-/// Small enough for a second per run on a software driver.
-const SMALL: [&str; 16] = [
-    "--set",
-    "view.width=64",
-    "--set",
-    "view.height=64",
-    "--set",
-    "shadow.size=64",
-    "--set",
-    "surface.cells=16",
-    "--set",
-    "caustics.grid=16",
-    "--set",
-    "godrays.grid=8",
-    "--set",
-    "caustics.buffer=[32,32]",
-    "--set",
-    "godrays.buffer=[16,16]",
-];
 
 fn run(out: &Path, arguments: &[&str]) -> Command {
     let mut command = fathom();
     command.args(["run", "uw-default", "--budget", "1", "--seed", "1", "--out"]).arg(out);
-    command.args(SMALL).args(arguments);
+    command.args(small()).args(arguments);
     command
-}
-
-fn records(out: &Path) -> Vec<Record> {
-    let reading = record::read(&out.join("records.jsonl")).unwrap();
-    assert!(reading.damaged.is_empty());
-    reading.records
-}
-
-fn cells(records: &[Record]) -> Vec<&record::Cell> {
-    let cells = records.iter().filter_map(|record| match record {
-        Record::Cell(cell) => Some(cell.as_ref()),
-        _ => None,
-    });
-    cells.collect()
 }
 
 #[test]
@@ -204,26 +154,19 @@ fn a_run_leaves_records_reports_and_pictures_and_resumes() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path();
     run(out, &[]).assert().success().stdout(contains("1 cells measured"));
-    let first = records(out);
-    assert!(matches!(first[0], Record::Run(_)));
-    assert!(matches!(first[1], Record::Experiment(_)));
-    let Some(Record::End(end)) = first.last() else {
-        panic!("no end");
+    let first = cells(out);
+    let all = records(out);
+    let [Record::Run(_), Record::Experiment(_), .., Record::End(end)] = &all[..] else {
+        panic!("{all:?}");
     };
-    assert!(
-        !end.interrupted && end.measured_gpu_s > 0.0 && end.measuring_wall_s >= end.measured_gpu_s
-    );
-    let Outcome::Measured(measured) = &cells(&first)[0].outcome else {
-        panic!("not measured");
-    };
+    assert!(!end.interrupted);
+    assert!(end.measured_gpu_s > 0.0 && end.measuring_wall_s >= end.measured_gpu_s);
+    let measured = measured(&first[0]);
     let frame = &measured.frame;
     assert!(frame.untimed.n >= 3 && frame.untimed.low <= frame.untimed.median);
-    assert!(
-        measured
-            .stages
-            .iter()
-            .all(|stage| stage.samples_ns.len() == frame.envelope_samples_ns.len())
-    );
+    for stage in &measured.stages {
+        assert_eq!(stage.samples_ns.len(), frame.envelope_samples_ns.len(), "{}", stage.stage);
+    }
     assert!(measured.allocated_bytes > 0 && measured.warm_up_frames >= 2);
     for name in ["summary.md", "cells.csv", "renders/uw-default_base.png"] {
         assert!(out.join(name).metadata().unwrap().len() > 0, "{name}");
@@ -233,7 +176,7 @@ fn a_run_leaves_records_reports_and_pictures_and_resumes() {
     occupied.stderr(contains("--resume"));
     let resumed = run(out, &["--resume"]).assert().success();
     resumed.stdout(contains("0 cells measured, 0 skipped, 0 failed, 1 kept"));
-    assert_eq!(cells(&records(out)), cells(&first));
+    assert_eq!(cells(out), first);
 
     let before = std::fs::read(out.join("cells.csv")).unwrap();
     std::fs::remove_file(out.join("cells.csv")).unwrap();
@@ -246,29 +189,25 @@ fn a_cell_beyond_the_limits_is_skipped_and_recorded() {
     let folder = tempfile::tempdir().unwrap();
     let refused = run(folder.path(), &["--set", "view.width=900000"]).assert().code(2);
     refused.stderr(contains("every cell was skipped").and(contains("900000")));
-    let records = records(folder.path());
-    assert!(
-        matches!(&cells(&records)[0].outcome, Outcome::Skipped { reason } if reason.contains("900000"))
-    );
+    let cell = cells(folder.path()).remove(0);
+    let Outcome::Skipped { reason } = cell.outcome else { panic!("{:?}", cell.outcome) };
+    assert!(reason.contains("900000"), "{reason}");
 }
 
 #[test]
 fn a_rendered_file_is_a_picture_of_the_asked_size() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("plane.png");
-    fathom().args(["render", "plane", "-o"]).arg(&path).args(SMALL).assert().success();
+    fathom().args(["render", "plane", "-o"]).arg(&path).args(small()).assert().success();
     assert_eq!(image::image_dimensions(&path).unwrap(), (64, 64));
 }
 
 #[test]
 fn a_dump_says_what_its_columns_are() {
     let folder = tempfile::tempdir().unwrap();
-    fathom()
-        .args(["dump", "caustics/trace", "-o"])
-        .arg(folder.path())
-        .args(SMALL)
-        .assert()
-        .success();
+    let mut dump = fathom();
+    dump.args(["dump", "caustics/trace", "-o"]).arg(folder.path()).args(small());
+    dump.assert().success();
     let array: ndarray::Array2<f32> =
         ndarray_npy::read_npy(folder.path().join("caustics-trace-photons.npy")).unwrap();
     let about = std::fs::read(folder.path().join("caustics-trace-photons.json")).unwrap();
@@ -323,12 +262,9 @@ fn a_cell_of_volume_occlusion_has_its_error_and_pictures() {
         .args(["--set", "voxel.resolution=32", "--set", "shadow.size=64"])
         .assert()
         .success();
-    let records = records(out.path());
-    let cells = cells(&records);
+    let cells = cells(out.path());
     assert_eq!(cells.len(), 1);
-    let Outcome::Measured(measured) = &cells[0].outcome else {
-        panic!("{:?}", cells[0].outcome);
-    };
+    let measured = measured(&cells[0]);
     assert_eq!(measured.notes.iter().find(|note| note.kind == NoteKind::NotComputed), None);
     let error = measured.figures()["ao_rmse"];
     assert!(error > 0.0 && error < 0.2, "{error}");
@@ -345,15 +281,15 @@ fn a_cell_of_volume_occlusion_has_its_error_and_pictures() {
 #[cfg(unix)]
 #[test]
 fn an_interrupted_run_ends_cleanly_and_resumes() {
-    use std::process::{Command as Process, Stdio};
+    use std::process::Stdio;
     use std::time::{Duration, Instant};
 
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path();
     let measure = |budget: &str, resume: &[&str]| {
-        let mut process = Process::new(env!("CARGO_BIN_EXE_fathom"));
+        let mut process = fathom();
         process.args(["run", "uw-waves", "--budget", budget, "--precision", "1e-9", "--out"]);
-        process.arg(out).args(SMALL).args(resume).stdout(Stdio::piped()).stderr(Stdio::null());
+        process.arg(out).args(small()).args(resume).stdout(Stdio::piped()).stderr(Stdio::null());
         process
     };
     let mut child = measure("600", &[]).spawn().unwrap();
@@ -366,23 +302,22 @@ fn an_interrupted_run_ends_cleanly_and_resumes() {
         std::thread::sleep(Duration::from_millis(100));
     }
     std::thread::sleep(Duration::from_secs(3));
-    let interrupted =
-        Process::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap();
-    assert!(interrupted.success());
+    let interrupt = Command::new("kill").args(["-INT", &child.id().to_string()]).status();
+    assert!(interrupt.unwrap().success());
     assert_eq!(child.wait().unwrap().code(), Some(130));
-    let first = records(out);
-    assert!(matches!(first.last(), Some(Record::End(end)) if end.interrupted));
+    assert!(matches!(records(out).last(), Some(Record::End(end)) if end.interrupted));
+    let first = cells(out);
 
     let resumed = measure("1", &["--resume"]).output().unwrap();
     assert!(resumed.status.success());
-    let all = records(out);
-    let mut names: Vec<&str> = cells(&all).iter().map(|cell| cell.cell.as_str()).collect();
+    let all = cells(out);
+    let mut names: Vec<&str> = all.iter().map(|cell| cell.cell.as_str()).collect();
     let total = names.len();
     names.sort_unstable();
     names.dedup();
     assert_eq!(names.len(), total, "no cell is measured twice");
     assert_eq!(total, 8, "{names:?}");
-    assert_eq!(cells(&all)[..cells(&first).len()], cells(&first), "what was measured stays");
+    assert_eq!(all[..first.len()], first, "what was measured stays");
 }
 
 #[test]
@@ -392,12 +327,8 @@ fn a_query_answers_at_points_in_their_order() {
     let query = |text: &str| {
         std::fs::write(&points, text).unwrap();
         let mut query = fathom();
-        query.args(["query", "ao", "--scene", "ball", "--points"]).arg(&points).args([
-            "--set",
-            "voxel.resolution=48",
-            "--set",
-            "ao.rays=32",
-        ]);
+        query.args(["query", "ao", "--scene", "ball", "--points"]).arg(&points);
+        query.args(["--set", "voxel.resolution=48", "--set", "ao.rays=32"]);
         query
     };
     // On the floor far from the ball, beside its foot, and on its top.

@@ -1,6 +1,8 @@
 //! Dumps hold what is needed to use them: the caustics buffer's sum is computed again from the photons, the camera's depth
 //! and the descriptions alone.
 
+mod common;
+
 use std::path::Path;
 
 use fathom::gpu::{Gpu, Options};
@@ -8,7 +10,7 @@ use fathom::harness::dump::dump;
 use fathom::harness::subject::Subjects;
 use glam::{DMat4, DVec3};
 use ndarray::ArrayD;
-use serde_json::{Value, json};
+use serde_json::Value;
 
 /// Relative error of the sum against splats that cover pixels in f64: drivers place edges within 1/256 px.
 const SUM: f64 = 0.005;
@@ -68,16 +70,10 @@ struct Dumps {
     depth: Dump,
 }
 
-fn dumps(gpu: &Gpu, sets: &[(&str, Value)]) -> Dumps {
-    let small = [
-        ("view.width", json!(200)),
-        ("view.height", json!(200)),
-        ("caustics.grid", json!(64)),
-        ("caustics.buffer", json!([128, 128])),
-        ("godrays.grid", json!(8)),
-    ];
-    let sets: Vec<(String, Value)> =
-        small.iter().chain(sets).map(|(path, value)| ((*path).to_owned(), value.clone())).collect();
+fn dumps(gpu: &Gpu, set: &str) -> Dumps {
+    let small =
+        "view.width=200 view.height=200 caustics.grid=64 caustics.buffer=[128,128] godrays.grid=8";
+    let sets = common::sets(&format!("{small} {set}"));
     let subject = Subjects::default().subject("underwater", "plane", &sets).unwrap();
     let folder = tempfile::tempdir().unwrap();
     for stage in ["caustics/trace", "caustics/splat", "caustics/filter", "scene/gbuffer"] {
@@ -146,29 +142,11 @@ fn off(measured: f64, expected: f64) -> f64 {
 }
 
 /// Straight down, so that the floor hides nothing.
-fn from_above() -> Vec<(&'static str, Value)> {
-    vec![
-        ("camera.position_m", json!([0.0, 6.0, 0.0])),
-        ("camera.target_m", json!([0.0, 0.0, 0.0])),
-        ("camera.up", json!([0.0, 0.0, -1.0])),
-        ("camera.z_near_m", json!(0.5)),
-        ("camera.z_far_m", json!(15.0)),
-    ]
-}
+const FROM_ABOVE: &str = "camera.position_m=[0.0,6.0,0.0] camera.target_m=[0.0,0.0,0.0] \
+    camera.up=[0.0,0.0,-1.0] camera.z_near_m=0.5 camera.z_far_m=15.0";
 
 /// A point light, with losses at the surface.
-fn point_light() -> Vec<(&'static str, Value)> {
-    vec![
-        ("light.kind", json!("point")),
-        ("light.position_m", json!([1.5, 4.0, -1.0])),
-        ("water.fresnel", json!(true)),
-    ]
-}
-
-fn cell(gpu: &Gpu, rule: &str, sets: &[Vec<(&'static str, Value)>]) -> Dumps {
-    let rule = vec![("caustics.intensity", json!(rule))];
-    dumps(gpu, &[&[rule], sets].concat().concat())
-}
+const POINT_LIGHT: &str = "light.kind=point light.position_m=[1.5,4.0,-1.0] water.fresnel=true";
 
 fn unit(dump: &Dump) -> &str {
     dump.about["columns"][0]["unit"].as_str().unwrap()
@@ -179,7 +157,7 @@ fn unit(dump: &Dump) -> &str {
 fn the_caustics_buffer_follows_from_its_dumps() {
     let gpu = Gpu::open(&Options::default()).expect("an adapter is there");
     for rule in ["paper", "conserving"] {
-        let dumps = cell(&gpu, rule, &[point_light()]);
+        let dumps = dumps(&gpu, &format!("caustics.intensity={rule} {POINT_LIGHT}"));
         let ((sum, _), measured) = (expected(&dumps), dumps.splat.sum());
         assert!(off(measured, sum) < SUM, "{rule}: {measured} against {sum}");
         assert_eq!(unit(&dumps.splat), unit(&dumps.filtered));
@@ -191,14 +169,14 @@ fn the_caustics_buffer_follows_from_its_dumps() {
 #[test]
 fn the_buffers_units_are_what_they_say() {
     let gpu = Gpu::open(&Options::default()).expect("an adapter is there");
-    for light in [Vec::new(), point_light()] {
-        let dumps = cell(&gpu, "conserving", &[from_above(), light]);
+    for light in ["", POINT_LIGHT] {
+        let dumps = dumps(&gpu, &format!("caustics.intensity=conserving {FROM_ABOVE} {light}"));
         let ((sum, energy), measured) = (expected(&dumps), dumps.splat.sum());
         assert_eq!(unit(&dumps.splat), "W/px");
         assert!(off(measured, sum) < SUM, "{measured} against {sum}");
         assert!(off(measured, energy) < ENERGY, "{measured} W, {energy} W land in view");
     }
-    let dumps = cell(&gpu, "paper", &[from_above()]);
+    let dumps = dumps(&gpu, &format!("caustics.intensity=paper {FROM_ABOVE}"));
     let ((sum, energy), measured) = (expected(&dumps), dumps.splat.sum());
     assert!(unit(&dumps.splat).contains("not divided"), "{}", unit(&dumps.splat));
     assert!(off(measured, sum) < SUM, "{measured} against {sum}");
@@ -209,7 +187,7 @@ fn the_buffers_units_are_what_they_say() {
 #[test]
 fn the_light_frustum_and_the_photons_belong_together() {
     let gpu = Gpu::open(&Options::default()).expect("an adapter is there");
-    let dumps = dumps(&gpu, &[("water.amplitude_m", json!(0.0))]);
+    let dumps = dumps(&gpu, "water.amplitude_m=0.0");
     let photons = &dumps.photons;
     let project = photons.matrix("/light_frustum/view_projection");
     let inverse = photons.matrix("/light_frustum/inverse");
@@ -235,10 +213,8 @@ fn the_light_frustum_and_the_photons_belong_together() {
             assert!((along - ((place as f64 + 0.5) / 64.0 - 1.0)).abs() < 1e-4, "photon {i}");
         }
         if row[weight] > 0.0 && row[photons.column("residual_m")] >= 0.0 {
-            assert!(
-                (forward - eta * vector(direction)).cross(DVec3::Y).length() < 1e-4,
-                "photon {i}"
-            );
+            let along = (forward - eta * vector(direction)).cross(DVec3::Y).length();
+            assert!(along < 1e-4, "photon {i}: {along}");
             judged += 1;
         }
     }

@@ -1,13 +1,16 @@
 //! Folders of measured data under two processes, kills and damage: nothing that was measured is lost or given to another run.
 #![cfg(unix)]
 
+mod common;
+
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::Path;
 use std::process::{Child, Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
-use fathom::record::{self, Addition, Cell, FramePair, Outcome, Record, SampleLine, StageTime};
+use common::{cells, measured, refused, small, stderr};
+use fathom::record::{self, Addition, Cell, FramePair, Record, SampleLine, StageTime};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 
@@ -23,33 +26,16 @@ fn repetitions() -> u64 {
 
 /// A run of two small cells that never reach their precision.
 fn run(out: &Path, arguments: &[&str]) -> Command {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_fathom"));
+    let mut command = common::fathom();
     command
         .args(["run", "uw-waves", "--precision", "1e-9"])
-        .args(["--axis", "water=circular"])
-        .args(["--axis", "water.amplitude_m=0.0,0.1"]);
-    for small in [
-        "view.width=48",
-        "view.height=48",
-        "shadow.size=64",
-        "surface.cells=8",
-        "caustics.grid=8",
-        "godrays.grid=8",
-        "caustics.buffer=[32,32]",
-        "godrays.buffer=[16,16]",
-    ] {
-        command.args(["--set", small]);
-    }
-    command.arg("--out").arg(out).args(arguments);
-    command.stdout(Stdio::piped()).stderr(Stdio::piped());
+        .args(["--axis", "water=circular", "--axis", "water.amplitude_m=0.0,0.1", "--out"])
+        .arg(out)
+        .args(small())
+        .args(arguments)
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped());
     command
-}
-
-#[track_caller]
-fn stderr(output: &Output, status: i32) -> String {
-    let text = String::from_utf8_lossy(&output.stderr).into_owned();
-    assert_eq!(output.status.code(), Some(status), "{text}");
-    text
 }
 
 #[track_caller]
@@ -60,16 +46,6 @@ fn wait_until(what: &str, child: &mut Child, mut holds: impl FnMut() -> bool) {
         assert!(child.try_wait().unwrap().is_none(), "it ended before {what}");
         std::thread::sleep(Duration::from_millis(5));
     }
-}
-
-fn cells(out: &Path) -> Vec<Cell> {
-    let reading = record::read(&out.join("records.jsonl")).unwrap();
-    assert_eq!(reading.damaged, []);
-    let cell = |record| match record {
-        Record::Cell(cell) => Some(*cell),
-        _ => None,
-    };
-    reading.records.into_iter().filter_map(cell).collect()
 }
 
 fn kept(out: &Path) -> Vec<SampleLine> {
@@ -88,13 +64,10 @@ fn one_of_two(mut commands: [Command; 2]) -> Output {
     let children = [commands[0].spawn().unwrap(), commands[1].spawn().unwrap()];
     let ids = children.each_ref().map(Child::id);
     let [a, b] = children.map(|child| child.wait_with_output().unwrap());
-    let (measured, refused, id) = if a.status.success() { (a, b, ids[0]) } else { (b, a, ids[1]) };
+    let (measured, other, id) = if a.status.success() { (a, b, ids[0]) } else { (b, a, ids[1]) };
     stderr(&measured, 0);
-    let told = stderr(&refused, 2);
-    let in_use = format!("is in use by process {id} (`");
-    let errors: Vec<&str> = told.lines().filter(|line| line.starts_with("error: ")).collect();
-    assert_eq!(errors.len(), 1, "{told}");
-    assert!(errors[0].contains(&in_use) && errors[0].contains(", since 20"), "{told}");
+    let error = refused(&other, &format!("is in use by process {id} (`"));
+    assert!(error.contains(", since 20"), "{error}");
     measured
 }
 
@@ -150,9 +123,7 @@ fn goes_on(before: &[SampleLine], cells: &[Cell]) {
         additions.entry(&line.cell).or_default().push(&line.added);
     }
     for cell in cells {
-        let Outcome::Measured(measured) = &cell.outcome else {
-            panic!("{:?}", cell.outcome);
-        };
+        let measured = measured(cell);
         let added = additions.remove(cell.cell.as_str()).unwrap_or_default();
         let pairs: Vec<&FramePair> = added.iter().filter_map(|added| added.pair.as_ref()).collect();
         let (n, frame) = (pairs.len(), &measured.frame);
@@ -202,8 +173,7 @@ fn records_that_vanish_in_mid_run_are_rescued_and_the_run_says_so() {
 }
 
 fn fathom(arguments: &[&str]) -> Output {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_fathom"));
-    command.args(arguments).output().unwrap()
+    common::fathom().args(arguments).output().unwrap()
 }
 
 #[test]

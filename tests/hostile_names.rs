@@ -1,8 +1,11 @@
 //! One set of hostile names through everything that is written of records: Markdown, SVG, CSV, terminal, JUnit, JSON.
 
-use std::path::Path;
-use std::process::{Command, Output};
+mod common;
 
+use std::path::Path;
+use std::process::Output;
+
+use common::fathom;
 use serde_json::{Value, json};
 
 /// Names that mean something to a terminal, a browser, a spreadsheet, an XML or Markdown reader, or a file system.
@@ -130,10 +133,6 @@ fn records() -> String {
     lines.iter().map(|line| format!("{line}\n")).collect()
 }
 
-fn fathom() -> Command {
-    Command::new(env!("CARGO_BIN_EXE_fathom"))
-}
-
 #[track_caller]
 fn plain(name: &str, text: &str) {
     let hidden = text.chars().find(|c| {
@@ -219,7 +218,6 @@ fn xml_is_sound(name: &str, text: &str) {
     assert!(!text.contains("<script"), "{name}");
 }
 
-/// Names of all files of a folder, whatever lies beside it.
 fn names(folder: &Path) -> Vec<String> {
     let entries = std::fs::read_dir(folder).unwrap();
     let names = entries.map(|entry| entry.unwrap().file_name().into_string().unwrap());
@@ -307,7 +305,6 @@ fn tables_of_a_comparison_show_hostile_names_as_text() {
     }
 }
 
-/// Cells whose names differ in what file names do not bear have pictures of their own.
 #[test]
 fn pictures_of_different_cells_have_different_names() {
     use fathom::harness::output::picture_path;

@@ -1,35 +1,16 @@
 //! Standard streams that cannot be written to: nothing is lost but what was printed, and nothing panics.
 #![cfg(unix)]
 
+mod common;
+
 use std::fs::OpenOptions;
 use std::io::Read;
-use std::path::Path;
 use std::process::{Command, Output, Stdio};
 
-use fathom::record::{self, Record};
-
-/// Small enough for a second per run on a software driver.
-const SMALL: [&str; 16] = [
-    "--set",
-    "view.width=32",
-    "--set",
-    "view.height=32",
-    "--set",
-    "shadow.size=32",
-    "--set",
-    "surface.cells=8",
-    "--set",
-    "caustics.grid=8",
-    "--set",
-    "godrays.grid=8",
-    "--set",
-    "caustics.buffer=[16,16]",
-    "--set",
-    "godrays.buffer=[16,16]",
-];
+use common::{cells, refused, small};
 
 fn fathom(arguments: &[&str]) -> Command {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_fathom"));
+    let mut command = common::fathom();
     command.args(arguments);
     command
 }
@@ -57,13 +38,6 @@ fn ended(output: &Output, status: i32) {
     assert_eq!(output.status.code(), Some(status), "{told}");
 }
 
-fn cells(out: &Path) -> usize {
-    let reading = record::read(&out.join("records.jsonl")).unwrap();
-    assert!(reading.damaged.is_empty());
-    let cells = reading.records.iter();
-    cells.filter(|record| matches!(record, Record::Cell(_))).count()
-}
-
 /// A folder with the records of two cells that were skipped, so that no adapter is needed.
 fn recorded() -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
@@ -83,11 +57,8 @@ fn an_answer_on_a_full_disk_is_an_error() {
     for arguments in [&["list", "stages"][..], &["list"], &["--help"], &["list", "--help"]] {
         let output = fathom(arguments).stdout(full()).output().unwrap();
         ended(&output, 2);
-        let told = String::from_utf8(output.stderr).unwrap();
-        let ours = told.lines().filter(|line| line.starts_with("error: "));
-        let ours: Vec<&str> = ours.collect();
-        assert_eq!(ours.len(), 1, "{told}");
-        assert!(ours[0].starts_with("error: cannot write to standard output: "), "{told}");
+        let told = refused(&output, "cannot write to standard output: ");
+        assert!(told.starts_with("error: cannot write to standard output: "), "{told}");
         // And where that cannot be told either.
         let output = fathom(arguments).stdout(full()).stderr(full()).output();
         ended(&output.unwrap(), 2);
@@ -162,11 +133,11 @@ fn pictures_and_dumps_are_written_whatever_can_be_printed() {
     let folder = tempfile::tempdir().unwrap();
     let picture = folder.path().join("plane.png");
     let mut command = fathom(&["render", "plane", "-o"]);
-    command.arg(&picture).args(SMALL);
+    command.arg(&picture).args(small());
     ended(&command.stdout(full()).stderr(full()).output().unwrap(), 0);
     assert!(picture.exists());
     let mut command = fathom(&["dump", "caustics/trace", "--scene", "plane", "-o"]);
-    command.arg(folder.path()).args(SMALL);
+    command.arg(folder.path()).args(small());
     ended(&command.stdout(full()).stderr(full()).output().unwrap(), 0);
     assert!(folder.path().join("caustics-trace-photons.npy").exists());
 }
@@ -196,10 +167,10 @@ fn runs_and_comparisons_keep_everything_whatever_can_be_printed() {
     let mut command = fathom(&["run", "uw-waves", "--profile", "quick", "--budget", "0.2"]);
     command.args(["--axis", "water=circular", "--axis"]);
     command.args(["water.amplitude_m=0.0,0.1", "--out"]);
-    command.arg(&out).args(SMALL);
+    command.arg(&out).args(small());
     let output = command.stdout(full()).stderr(unread()).output().unwrap();
     ended(&output, 0);
-    assert_eq!(cells(&out), 2);
+    assert_eq!(cells(&out).len(), 2);
     assert!(out.join("summary.md").exists());
 
     let records = out.join("records.jsonl");

@@ -1,16 +1,14 @@
 //! `fathom query photons` and given water, as a user meets them.
 
+mod common;
+
 use std::path::{Path, PathBuf};
 
-use assert_cmd::Command;
+use assert_cmd::prelude::*;
+use common::{fathom, refused};
 use ndarray::Array2;
 use ndarray_npy::write_npy;
 
-fn fathom() -> Command {
-    Command::new(env!("CARGO_BIN_EXE_fathom"))
-}
-
-/// Answers by column name.
 struct Table {
     header: Vec<String>,
     rows: Vec<Vec<String>>,
@@ -111,28 +109,20 @@ fn given_water_is_the_water_that_was_given() {
     for row in 0..5 {
         let [x, y, z] = waves.vector(row, "entry");
         assert!((y - height(x, z)).abs() < 1e-4, "row {row}: {y}");
-        for table in [&waves, &mapped] {
-            assert!(near(table.vector(row, "entry"), table.vector(row, "reference_entry"), 1e-4));
-            assert!(near(
-                table.vector(row, "direction"),
-                table.vector(row, "reference_direction"),
-                1e-3
-            ));
+        for (table, name, other, of_other, tolerance) in [
+            (&waves, "entry", &waves, "reference_entry", 1e-4),
+            (&waves, "direction", &waves, "reference_direction", 1e-3),
+            (&mapped, "entry", &mapped, "reference_entry", 1e-4),
+            (&mapped, "direction", &mapped, "reference_direction", 1e-3),
+            (&mapped, "reference_entry", &waves, "reference_entry", 1e-4),
+            (&mapped, "reference_direction", &waves, "reference_direction", 2e-3),
+        ] {
+            let [a, b] = [table.vector(row, name), other.vector(row, of_other)];
+            assert!(near(a, b, tolerance), "row {row}, {name} and {of_other}: {a:?} and {b:?}");
         }
-        assert!(near(
-            mapped.vector(row, "reference_entry"),
-            waves.vector(row, "reference_entry"),
-            1e-4
-        ));
-        assert!(near(
-            mapped.vector(row, "reference_direction"),
-            waves.vector(row, "reference_direction"),
-            2e-3
-        ));
     }
 }
 
-/// A scene file finds its map beside itself.
 #[test]
 fn a_scene_names_its_height_map_relative_to_itself() {
     let folder = tempfile::tempdir().unwrap();
@@ -142,21 +132,6 @@ fn a_scene_names_its_height_map_relative_to_itself() {
     std::fs::write(&scene, text).unwrap();
     let scene = fathom::scene::Scene::load(&scene.to_string_lossy()).unwrap();
     assert!((scene.water.height(0.25, 1.75) - height(0.25, 1.75)).abs() < 1e-12);
-}
-
-/// The one line that ends the command.
-fn refusal(sets: &[String]) -> String {
-    let mut list = fathom();
-    list.args(["dump", "caustics/trace", "--scene", "plane"]);
-    for set in sets {
-        list.args(["--set", set]);
-    }
-    let output = list.output().unwrap();
-    let stderr = String::from_utf8(output.stderr).unwrap();
-    assert_eq!(output.status.code(), Some(2), "{sets:?}: {stderr}");
-    let ours: Vec<&str> = stderr.lines().filter(|line| line.starts_with("error: ")).collect();
-    assert_eq!(ours.len(), 1, "{stderr}");
-    ours[0].to_owned()
 }
 
 #[test]
@@ -170,54 +145,50 @@ fn water_that_cannot_be_used_is_refused_in_one_line() {
     write_npy(path("whole.npy"), &Array2::<i32>::zeros((4, 4))).unwrap();
     write_npy(path("good.npy"), &Array2::<f32>::zeros((4, 4))).unwrap();
     std::fs::write(path("text.npy"), "no array").unwrap();
-    let map = |name: &str, tile: &str| {
-        let file = path(name);
-        refusal(&[
-            "water.model=height_map".into(),
-            format!("water.height_map.file={}", file.display()),
-            format!("water.height_map.tile_m={tile}"),
-        ])
+    let refused = |sets: &[&str], reason: &str| {
+        let mut dump = fathom();
+        dump.args(["dump", "caustics/trace", "--scene", "plane"]);
+        dump.args(sets.iter().flat_map(|set| ["--set", set]));
+        refused(&dump.output().unwrap(), reason);
     };
-    for (name, reason) in [
-        ("none.npy", "none.npy: "),
-        ("nan.npy", "row 0, column 0: a height of NaN m"),
-        ("high.npy", "within ±100 m"),
-        ("wide.npy", "1 × 5000 heights; each side has 1 to 4096"),
-        ("flat.npy", "flat.npy: "),
-        ("whole.npy", "little-endian f32 or f64"),
-        ("text.npy", "text.npy: "),
+    for (name, tile, reason) in [
+        ("none.npy", "[1,1]", "none.npy: "),
+        ("nan.npy", "[1,1]", "row 0, column 0: a height of NaN m"),
+        ("high.npy", "[1,1]", "within ±100 m"),
+        ("wide.npy", "[1,1]", "1 × 5000 heights; each side has 1 to 4096"),
+        ("flat.npy", "[1,1]", "flat.npy: "),
+        ("whole.npy", "[1,1]", "little-endian f32 or f64"),
+        ("text.npy", "[1,1]", "text.npy: "),
+        ("good.npy", "[0,1]", "water.height_map.tile_m[0] is 0"),
     ] {
-        let refusal = map(name, "[1,1]");
-        assert!(refusal.contains(reason), "{refusal}");
+        let file = format!("water.height_map.file={}", path(name).display());
+        let tile = format!("water.height_map.tile_m={tile}");
+        refused(&["water.model=height_map", &file, &tile], reason);
     }
-    let tile = map("good.npy", "[0,1]");
-    assert!(tile.contains("water.height_map.tile_m[0] is 0"), "{tile}");
-    let waves = |sets: &[&str]| refusal(&sets.iter().map(|s| (*s).to_owned()).collect::<Vec<_>>());
-    assert!(waves(&[WAVES]).contains("set water.model to waves"));
-    assert!(waves(&["water.model=waves"]).contains("lists none"));
+    refused(&[WAVES], "set water.model to waves");
+    refused(&["water.model=waves"], "lists none");
     let endless = r#"water.waves=[{"vector_rad_m":[0,0],"amplitude_m":0.1}]"#;
-    assert!(waves(&["water.model=waves", endless]).contains("water.waves[0].vector_rad_m"));
-    assert!(waves(&["water.waves=[1]"]).contains("a list of tables"));
+    refused(&["water.model=waves", endless], "water.waves[0].vector_rad_m");
+    refused(&["water.waves=[1]"], "a list of tables");
 }
 
 #[test]
 fn starts_that_cannot_be_used_are_refused_in_one_line() {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("starts.csv");
-    let refusal = |text: &str, more: &[&str]| {
+    let above = "--set light.kind=point --set light.position_m=[0,2,0]";
+    for (text, more, reason) in [
+        ("x,y\n", "", "line 1: there is no column `z`"),
+        ("x,y,z\n1,-1,1\n", "", "not above the water"),
+        ("x,y,z,dx,dy,dz\n1,1,1,0,1,0\n", "", "must point downwards"),
+        ("x,y,z\n1,1,1\n", "--reference 9", "leave the number out"),
+        ("x,y,z\n0,1,0\n0,3,0\n", above, "start 2: the light's ray"),
+    ] {
         std::fs::write(&file, text).unwrap();
         let mut query = fathom();
-        query.args(["query", "photons", "--scene", "plane", "--points"]).arg(&file).args(more);
-        let output = query.output().unwrap();
-        assert_eq!(output.status.code(), Some(2));
-        String::from_utf8(output.stderr).unwrap()
-    };
-    assert!(refusal("x,y\n", &[]).contains("line 1: there is no column `z`"));
-    assert!(refusal("x,y,z\n1,-1,1\n", &[]).contains("not above the water"));
-    assert!(refusal("x,y,z,dx,dy,dz\n1,1,1,0,1,0\n", &[]).contains("must point downwards"));
-    assert!(refusal("x,y,z\n1,1,1\n", &["--reference", "9"]).contains("leave the number out"));
-    let above = ["--set", "light.kind=point", "--set", "light.position_m=[0,2,0]"];
-    assert!(refusal("x,y,z\n0,1,0\n0,3,0\n", &above).contains("start 2: the light's ray"));
+        query.args(["query", "photons", "--scene", "plane", "--points"]).arg(&file);
+        refused(&query.args(more.split_whitespace()).output().unwrap(), reason);
+    }
 }
 
 /// Ray casting beside fathom's own answer, on the floor beside a ball and far from it.

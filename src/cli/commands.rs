@@ -25,8 +25,7 @@ use clap::ValueEnum;
 use criterion::Criterion;
 
 use super::{
-    AdapterArgs, BenchArgs, DumpArgs, FetchArgs, ListArgs, Listing, QueryArgs, Question,
-    RenderArgs, ReportArgs, RunArgs, SubjectArgs, VerifyArgs,
+    AdapterArgs, DumpArgs, ListArgs, Listing, QueryArgs, Question, RenderArgs, RunArgs, SubjectArgs,
 };
 
 /// A cell or a check failed.
@@ -177,7 +176,6 @@ fn scene_rows(catalog: &Catalog) -> anyhow::Result<Rows> {
     catalog.scenes.texts(".toml").into_iter().map(|(name, _)| name).map(row).collect()
 }
 
-/// Every stage, or those of a pipeline.
 fn stage_rows(catalog: &Catalog, pipeline: Option<&str>) -> anyhow::Result<Rows> {
     let stages: Vec<&stages::StageInfo> = match pipeline {
         Some(name) => catalog.stages_of(name)?,
@@ -235,17 +233,17 @@ pub fn audit(catalog: &Catalog, args: AdapterArgs) -> Outcome {
     Ok(ExitCode::SUCCESS)
 }
 
-pub fn verify(catalog: &Catalog, args: VerifyArgs) -> Outcome {
-    let gpu = Gpu::open(&gpu_options(catalog, &args.adapter))?;
-    let checks = verifying::verify(&gpu, &catalog.cases(), args.filter.as_deref())?;
+pub fn verify(catalog: &Catalog, filter: Option<String>, adapter: &AdapterArgs) -> Outcome {
+    let gpu = Gpu::open(&gpu_options(catalog, adapter))?;
+    let checks = verifying::verify(&gpu, &catalog.cases(), filter.as_deref())?;
     tell::answer(verifying::Table(&checks));
     let sound = checks.iter().all(verifying::Check::is_sound);
     Ok(if sound { ExitCode::SUCCESS } else { ExitCode::from(SOMETHING_FAILED) })
 }
 
-pub fn fetch(args: FetchArgs) -> Outcome {
+pub fn fetch(names: &[String]) -> Outcome {
     let mut failed = false;
-    for result in assets::fetch(&args.assets) {
+    for result in assets::fetch(names) {
         match result {
             Ok(asset) => {
                 tell::done(format!("{}: {} ({})", asset.name, asset.origin, asset.about));
@@ -342,8 +340,8 @@ fn query_target(args: &QueryArgs) -> anyhow::Result<(String, Box<dyn std::io::Wr
     Ok((name, Box::new(file)))
 }
 
-pub fn report(args: ReportArgs) -> Outcome {
-    let output = Output { folder: args.folder };
+pub fn report(folder: PathBuf) -> Outcome {
+    let output = Output { folder };
     let reading = record::read_some(&output.records())
         .with_context(|| format!("a run's folder holds its records in {RECORDS}"))?;
     for damage in &reading.damaged {
@@ -364,12 +362,12 @@ pub fn report(args: ReportArgs) -> Outcome {
     Ok(ExitCode::SUCCESS)
 }
 
-pub fn bench(catalog: &Catalog, args: &BenchArgs) -> Outcome {
-    let gpu = Gpu::open(&gpu_options(catalog, &args.adapter))?;
+pub fn bench(catalog: &Catalog, filter: Option<String>, adapter: &AdapterArgs) -> Outcome {
+    let gpu = Gpu::open(&gpu_options(catalog, adapter))?;
     let clock = gpu::audit(&gpu)?;
-    let filter = args.filter.as_deref().unwrap_or_default();
+    let filter = filter.unwrap_or_default();
     let mut stages = StageBench::new(gpu, clock.plan, Criterion::default())?;
-    bench::gate_cells(catalog, &mut stages, |stage| stage.contains(filter))?;
+    bench::gate_cells(catalog, &mut stages, |stage| stage.contains(&filter))?;
     stages.finish();
     Ok(ExitCode::SUCCESS)
 }

@@ -58,7 +58,6 @@ fn settings(args: &CompareArgs) -> GateSettings {
     }
 }
 
-/// Measures two builds.
 fn builds(catalog: &Catalog, args: &CompareArgs) -> anyhow::Result<PathBuf> {
     watch_interrupts()?;
     check_selection(catalog, args)?;
@@ -104,7 +103,6 @@ fn check_selection(catalog: &Catalog, args: &CompareArgs) -> anyhow::Result<()> 
     Ok(())
 }
 
-/// The program of a revision.
 fn built(catalog: &Catalog, revision: &str) -> anyhow::Result<PathBuf> {
     tell::note(format!("building {revision}"));
     let folder = std::env::current_dir().context("there is no current folder")?;
@@ -112,7 +110,6 @@ fn built(catalog: &Catalog, revision: &str) -> anyhow::Result<PathBuf> {
     Ok(build::revision(&folder, catalog.program, revision, &INTERRUPT, &mut progress)?)
 }
 
-/// Makes a comparison of two files of records.
 fn records(args: &CompareArgs, base: &Path, head: &Path) -> anyhow::Result<PathBuf> {
     let lines = files::lines(base, head, &settings(args))?;
     let folder = match &args.out {

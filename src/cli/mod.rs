@@ -35,14 +35,14 @@ pub fn main(catalog: &Catalog) -> ExitCode {
         Command::Run(args) => commands::run(catalog, args),
         Command::List(args) => commands::list(catalog, args),
         Command::Audit(args) => commands::audit(catalog, args),
-        Command::Verify(args) => commands::verify(catalog, args),
-        Command::Fetch(args) => commands::fetch(args),
+        Command::Verify { filter, adapter } => commands::verify(catalog, filter, &adapter),
+        Command::Fetch { assets } => commands::fetch(&assets),
         Command::Render(args) => commands::render(catalog, args),
         Command::Dump(args) => commands::dump(catalog, args),
         Command::Query(args) => commands::query(catalog, args),
-        Command::Report(args) => commands::report(args),
+        Command::Report { folder } => commands::report(folder),
         Command::Compare(args) => compare::compare(catalog, *args),
-        Command::Bench(args) => commands::bench(catalog, &args),
+        Command::Bench { filter, adapter } => commands::bench(catalog, filter, &adapter),
         Command::Worker(args) => commands::worker(catalog, args),
     };
     exit_status(result)
@@ -76,9 +76,17 @@ pub enum Command {
     /// Hold the adapter's timestamps against the host clock
     Audit(AdapterArgs),
     /// Check stages against their references
-    Verify(VerifyArgs),
+    Verify {
+        /// Only the checks of stages whose name holds this
+        filter: Option<String>,
+        #[command(flatten)]
+        adapter: AdapterArgs,
+    },
     /// Get the meshes and volumes that are not part of the project, with the ordinary package clients
-    Fetch(FetchArgs),
+    Fetch {
+        /// Names of assets [default: all]
+        assets: Vec<String>,
+    },
     /// Render one frame of a scene as a PNG file
     Render(RenderArgs),
     /// Write a stage's outputs as .npy files with descriptions
@@ -86,7 +94,10 @@ pub enum Command {
     /// Answer at given points
     Query(QueryArgs),
     /// Write the reports of a run again, from its records alone
-    Report(ReportArgs),
+    Report {
+        /// Folder of a run
+        folder: PathBuf,
+    },
     /// Hold two builds against each other: has a stage become slower, costlier or less accurate?
     #[command(
         after_help = "Exit status: 0 no regression; 1 regression; 2 could not measure; 3 inconclusive; \
@@ -94,7 +105,12 @@ pub enum Command {
     )]
     Compare(Box<CompareArgs>),
     /// Time the gate cells with criterion, on the audited clock; reports go to target/criterion
-    Bench(BenchArgs),
+    Bench {
+        /// Only stages whose names hold this
+        filter: Option<String>,
+        #[command(flatten)]
+        adapter: AdapterArgs,
+    },
     /// Answer a comparing process on standard input and output, one JSON object a line
     #[command(hide = true)]
     Worker(AdapterArgs),
@@ -184,20 +200,6 @@ pub struct SubjectArgs {
 }
 
 #[derive(Args)]
-pub struct VerifyArgs {
-    /// Only the checks of stages whose name holds this
-    pub filter: Option<String>,
-    #[command(flatten)]
-    pub adapter: AdapterArgs,
-}
-
-#[derive(Args)]
-pub struct FetchArgs {
-    /// Names of assets [default: all]
-    pub assets: Vec<String>,
-}
-
-#[derive(Args)]
 pub struct RenderArgs {
     /// Name of a scene, or path of a scene file
     pub scene: String,
@@ -259,20 +261,6 @@ pub struct QueryArgs {
     pub allow_stand_ins: bool,
     #[command(flatten)]
     pub adapter: AdapterArgs,
-}
-
-#[derive(Args)]
-pub struct BenchArgs {
-    /// Only stages whose names hold this
-    pub filter: Option<String>,
-    #[command(flatten)]
-    pub adapter: AdapterArgs,
-}
-
-#[derive(Args)]
-pub struct ReportArgs {
-    /// Folder of a run
-    pub folder: PathBuf,
 }
 
 #[derive(Args)]

@@ -6,9 +6,8 @@
 mod comparisons;
 mod fits;
 
-use std::fmt;
-
 use indexmap::IndexMap;
+use strum::Display;
 
 use super::expand::label_text;
 use super::measure::{self, Measure};
@@ -17,21 +16,13 @@ use crate::record::{Cell, Estimate};
 
 pub use fits::{Scaling, scaling};
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Display)]
+#[strum(serialize_all = "lowercase")]
 pub enum Verdict {
     Supported,
     Contradicted,
+    #[strum(to_string = "untestable here")]
     Untestable,
-}
-
-impl fmt::Display for Verdict {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Verdict::Supported => "supported",
-            Verdict::Contradicted => "contradicted",
-            Verdict::Untestable => "untestable here",
-        })
-    }
 }
 
 /// A claim's verdict with the figure it rests on.
@@ -69,22 +60,15 @@ impl Experiment {
 fn rule(claim: &Claim, cells: &[&Cell], software: bool) -> Finding {
     let fitting = |cell: &&Cell| measure::fits(cell, &claim.filter);
     let cells: Vec<&Cell> = cells.iter().copied().filter(fitting).collect();
-    match &claim.test {
-        Test::AtLeast { y, value } => comparisons::at_least(y, *value, &cells, software),
-        Test::Within { y, low, high } => comparisons::inside(y, [*low, *high], &cells, software),
-        Test::NoWorse { y, of, than, margin } => {
-            comparisons::no_worse(y, [of, than], *margin, &cells)
-        }
-        test => by_group(test, &cells),
+    match claim.test.over() {
+        Some(over) => by_group(&claim.test, over, &cells, software),
+        None => rule_group(&claim.test, &cells, software),
     }
 }
 
 /// Rules on each group of cells that differ in the claim's axis only, and joins the findings: one contradiction contradicts,
 /// one undecided group leaves the whole undecided.
-fn by_group(test: &Test, cells: &[&Cell]) -> Finding {
-    let Some(over) = test.over() else {
-        return untestable("the claim names no axis");
-    };
+fn by_group(test: &Test, over: &str, cells: &[&Cell], software: bool) -> Finding {
     let groups = groups(cells, over);
     if groups.is_empty() {
         return untestable(format!("no cell along `{over}`"));
@@ -99,7 +83,7 @@ fn by_group(test: &Test, cells: &[&Cell]) -> Finding {
     let findings: Vec<Finding> = groups
         .iter()
         .map(|(name, group)| {
-            let (verdict, reason) = rule_group(test, over, group);
+            let (verdict, reason) = rule_group(test, group, software);
             let prefix = if several { format!("{name}: ") } else { String::new() };
             (verdict, prefix + &reason)
         })
@@ -128,8 +112,13 @@ pub fn groups<'a>(cells: &[&'a Cell], over: &str) -> Vec<(String, Vec<&'a Cell>)
     groups.into_iter().collect()
 }
 
-fn rule_group(test: &Test, over: &str, cells: &[&Cell]) -> Finding {
+fn rule_group(test: &Test, cells: &[&Cell], software: bool) -> Finding {
     match test {
+        Test::AtLeast { y, value } => comparisons::at_least(y, *value, cells, software),
+        Test::Within { y, low, high } => comparisons::inside(y, [*low, *high], cells, software),
+        Test::NoWorse { y, of, than, margin } => {
+            comparisons::no_worse(y, [of, than], *margin, cells)
+        }
         Test::Slope { y, x, expected, tolerance, max_fixed_share, min_decades, .. } => {
             match scaling(y, x, cells, *max_fixed_share) {
                 Ok(fit) => fits::slope(&fit, *expected, *tolerance, *min_decades),
@@ -139,22 +128,19 @@ fn rule_group(test: &Test, over: &str, cells: &[&Cell]) -> Finding {
         Test::Affine { y, x, tolerance, min_rising_share, .. } => {
             fits::affine(y, x, *tolerance, *min_rising_share, cells)
         }
-        Test::Independent { y, tolerance, .. } => {
+        Test::Independent { y, over, tolerance } => {
             comparisons::independent(y, over, *tolerance, cells)
         }
-        Test::Ratio { y, numerator, denominator, low, high, .. } => {
+        Test::Ratio { y, over, numerator, denominator, low, high } => {
             comparisons::ratio(y, over, [numerator, denominator], [*low, *high], cells)
         }
         Test::Monotone { y, x, direction, tolerance, .. } => {
             comparisons::monotone(y, x, *direction, *tolerance, cells)
         }
-        Test::Lowest { y, value, margin, .. } => {
+        Test::Lowest { y, over, value, margin } => {
             comparisons::lowest(y, over, value, *margin, cells)
         }
         Test::Minimum { y, x, low, high, .. } => comparisons::minimum(y, x, [*low, *high], cells),
-        Test::AtLeast { .. } | Test::Within { .. } | Test::NoWorse { .. } => {
-            untestable("the claim names no axis")
-        }
     }
 }
 
@@ -207,8 +193,9 @@ fn in_ms(ns: f64) -> String {
     format!("{:.3} ms", ns * 1e-6)
 }
 
-fn plural(count: usize, noun: &str) -> String {
-    if count == 1 { noun.to_owned() } else { format!("{noun}s") }
+fn too_few(count: usize, needed: &str) -> String {
+    let cells = if count == 1 { "cell" } else { "cells" };
+    format!("{count} measured {cells}, and {needed}")
 }
 
 #[cfg(test)]

@@ -1,6 +1,7 @@
 //! From an experiment to the cells that are to be measured.
 
 use indexmap::{IndexMap, IndexSet};
+use itertools::Itertools;
 use serde_json::{Map, Value};
 
 use super::schema::{Axis, Profiles, Sweep};
@@ -15,7 +16,6 @@ pub const MAX_PLAN_BYTES: u64 = 64 << 20;
 /// What a name and its value take in memory beside their text, bytes.
 const ENTRY_BYTES: u64 = 100;
 
-/// One cell to measure.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CellPlan {
     pub experiment: String,
@@ -44,10 +44,7 @@ pub struct ReferencePlan {
 
 /// `name=v1,v2,v3` as a name and its values; commas inside brackets do not divide.
 pub fn parse_axis(text: &str) -> Result<(String, Vec<String>), ExperimentError> {
-    let error = || ExperimentError::Assignment {
-        text: text.escape_debug().to_string(),
-        form: "NAME=VALUE,VALUE,…",
-    };
+    let error = || unassigned(text, "NAME=VALUE,VALUE,…");
     let (name, list) = on_one_line(text).ok_or_else(error)?;
     let mut values = vec![String::new()];
     let mut depth = 0_i32;
@@ -75,11 +72,12 @@ pub fn parse_set(text: &str) -> Result<(String, Value), ExperimentError> {
         Some((path, value)) if !path.trim().is_empty() && !value.trim().is_empty() => {
             Ok((path.trim().to_owned(), parse_value(value.trim())))
         }
-        _ => Err(ExperimentError::Assignment {
-            text: text.escape_debug().to_string(),
-            form: "PATH=VALUE",
-        }),
+        _ => Err(unassigned(text, "PATH=VALUE")),
     }
+}
+
+fn unassigned(text: &str, form: &'static str) -> ExperimentError {
+    ExperimentError::Assignment { text: text.escape_debug().to_string(), form }
 }
 
 /// What stands before and after the first `=` of an argument. No name and no value holds a control character.
@@ -142,10 +140,7 @@ fn entry_bytes(entries: &[(String, Value)]) -> u64 {
 pub fn label_text(value: &Value) -> String {
     match value {
         Value::String(text) => text.clone(),
-        Value::Array(items) => {
-            let items: Vec<String> = items.iter().map(label_text).collect();
-            items.join("x")
-        }
+        Value::Array(items) => items.iter().map(label_text).join("x"),
         other => other.to_string(),
     }
 }
@@ -165,11 +160,13 @@ pub fn flatten(map: &Map<String, Value>) -> Vec<(String, Value)> {
 }
 
 impl Profiles {
-    fn of(&self, profile: Profile) -> &Map<String, Value> {
-        match profile {
+    /// These parameters, then those of the profile.
+    fn after(&self, params: &Map<String, Value>, profile: Profile) -> Vec<(String, Value)> {
+        let own = match profile {
             Profile::Quick => &self.quick.params,
             Profile::Paper => &self.paper.params,
-        }
+        };
+        [flatten(params), flatten(own)].concat()
     }
 }
 
@@ -188,9 +185,9 @@ impl Axis {
 
     /// One value of the command line: the label of a table, or a value of the same type as those in the file.
     fn choose(&self, text: &str) -> Result<AxisValue, String> {
-        let invalid = |value: &Value| AxisValue::parse(&self.name, value);
+        let parse = |value: &Value| AxisValue::parse(&self.name, value);
         for value in self.every().filter(|value| value.is_object()) {
-            let known = invalid(value)?;
+            let known = parse(value)?;
             if known.text() == text {
                 return Ok(known);
             }
@@ -199,11 +196,8 @@ impl Axis {
         let plain = self.every().find(|value| !value.is_object());
         let Some(example) = plain else {
             let near = nearest(text, labels.iter().map(String::as_str));
-            return Err(format!(
-                "no value `{text}`{}; its values: {}",
-                did_you_mean(&near),
-                labels.into_iter().collect::<Vec<_>>().join(", ")
-            ));
+            let values = labels.iter().join(", ");
+            return Err(format!("no value `{text}`{}; its values: {values}", did_you_mean(&near)));
         };
         let value = match example {
             Value::String(_) => Value::from(text),
@@ -216,7 +210,7 @@ impl Axis {
                 value_text(example)
             ));
         }
-        invalid(&value)
+        parse(&value)
     }
 }
 
@@ -240,24 +234,6 @@ type ChosenAxis<'a> = (&'a Axis, Vec<AxisValue>);
 /// A sweep's parameters and axes.
 type ChosenSweep<'a> = (&'a Sweep, Vec<(String, Value)>, Vec<ChosenAxis<'a>>);
 
-/// Every combination of the axes' values; the last axis moves fastest.
-fn product<'v>(axes: &'v [ChosenAxis<'_>]) -> Vec<Vec<(&'v Axis, &'v AxisValue)>> {
-    let mut points = vec![Vec::new()];
-    for (axis, values) in axes {
-        points = points
-            .into_iter()
-            .flat_map(|point: Vec<(&Axis, &AxisValue)>| {
-                values.iter().map(move |value| {
-                    let mut longer = point.clone();
-                    longer.push((*axis, value));
-                    longer
-                })
-            })
-            .collect();
-    }
-    points
-}
-
 impl Experiment {
     /// The cells in the order of the file; sweeps that share a cell measure it once.
     ///
@@ -270,22 +246,22 @@ impl Experiment {
     ) -> Result<Vec<CellPlan>, ExperimentError> {
         self.check_axes(axis_overrides)?;
         self.check_sets(profile, sets)?;
-        let mut base = flatten(&self.params);
-        base.extend(flatten(self.profile.of(profile)));
+        let base = self.profile.after(&self.params, profile);
         if self.sweep.is_empty() {
             return Ok(vec![self.cell(profile, None, base, sets, &[])]);
         }
         let mut sweeps = Vec::new();
         for sweep in &self.sweep {
-            let mut params = base.clone();
-            params.extend(flatten(&sweep.params));
-            params.extend(flatten(sweep.profile.of(profile)));
+            let params = [base.clone(), sweep.profile.after(&sweep.params, profile)].concat();
             sweeps.push((sweep, params, self.axis_values(sweep, profile, axis_overrides)?));
         }
         self.check_size(profile, sets, &sweeps)?;
         let mut cells = IndexMap::new();
         for (sweep, params, axes) in &sweeps {
-            for point in product(axes) {
+            // Every combination of the axes' values; the last axis moves fastest.
+            let values =
+                axes.iter().map(|(axis, values)| values.iter().map(|value| (*axis, value)));
+            for point in values.multi_cartesian_product() {
                 let cell = self.cell(profile, Some(sweep), params.clone(), sets, &point);
                 cells.entry(cell.cell.clone()).or_insert(cell);
             }
@@ -320,7 +296,7 @@ impl Experiment {
     ) -> Result<(), ExperimentError> {
         for axis in self.axes() {
             for value in axis.of(profile) {
-                let parsed = self.axis_value(axis, AxisValue::parse(&axis.name, value))?;
+                let parsed = self.of_axis(axis, AxisValue::parse(&axis.name, value))?;
                 for (path, _) in parsed.set {
                     if sets.iter().any(|(set, _)| *set == path) {
                         return Err(ExperimentError::SetOnAxis {
@@ -335,11 +311,7 @@ impl Experiment {
         Ok(())
     }
 
-    fn axis_value(
-        &self,
-        axis: &Axis,
-        value: Result<AxisValue, String>,
-    ) -> Result<AxisValue, ExperimentError> {
+    fn of_axis<T>(&self, axis: &Axis, value: Result<T, String>) -> Result<T, ExperimentError> {
         value.map_err(|message| ExperimentError::AxisValue {
             experiment: self.id.clone(),
             axis: axis.name.clone(),
@@ -347,7 +319,6 @@ impl Experiment {
         })
     }
 
-    /// The sweep's axes with the values chosen for them.
     fn axis_values<'a>(
         &self,
         sweep: &'a Sweep,
@@ -357,17 +328,14 @@ impl Experiment {
         let mut axes = Vec::new();
         for axis in &sweep.axis {
             let chosen = axis_overrides.iter().find(|(name, _)| *name == axis.name);
-            let values: Result<Vec<AxisValue>, ExperimentError> = match chosen {
-                Some((_, texts)) => {
-                    texts.iter().map(|text| self.axis_value(axis, axis.choose(text))).collect()
+            let values: Result<Vec<AxisValue>, String> = match chosen {
+                Some((_, texts)) => texts.iter().map(|text| axis.choose(text)).collect(),
+                None => {
+                    let values = axis.of(profile).iter();
+                    values.map(|value| AxisValue::parse(&axis.name, value)).collect()
                 }
-                None => axis
-                    .of(profile)
-                    .iter()
-                    .map(|value| self.axis_value(axis, AxisValue::parse(&axis.name, value)))
-                    .collect(),
             };
-            axes.push((axis, values?));
+            axes.push((axis, self.of_axis(axis, values)?));
         }
         Ok(axes)
     }
@@ -382,10 +350,8 @@ impl Experiment {
         let views = self.views.as_ref().map_or(0, |views| views.turns_deg.len());
         let each = 1 + u64::from(self.reference.is_some()) + views as u64;
         let reference = self.reference.as_ref();
-        let of_reference = reference.map_or(0, |reference| {
-            entry_bytes(&flatten(&reference.params))
-                + entry_bytes(&flatten(reference.profile.of(profile)))
-        });
+        let of_reference =
+            reference.map_or(0, |own| entry_bytes(&own.profile.after(&own.params, profile)));
         let (mut cells, mut bytes) = (0u64, 0u64);
         for (_, params, axes) in sweeps {
             let points = axes.iter().map(|(_, values)| values.len() as u64);
@@ -443,13 +409,11 @@ impl Experiment {
 
     fn reference_plan(&self, profile: Profile, cell: &[(String, Value)]) -> Option<ReferencePlan> {
         let reference = self.reference.as_ref()?;
-        let mut overrides = cell.to_vec();
-        overrides.extend(flatten(&reference.params));
-        overrides.extend(flatten(reference.profile.of(profile)));
+        let own = reference.profile.after(&reference.params, profile);
         Some(ReferencePlan {
             quantity: reference.quantity.clone(),
             stages: reference.stages.clone(),
-            overrides: last_of_each(overrides),
+            overrides: last_of_each([cell, &own].concat()),
         })
     }
 }

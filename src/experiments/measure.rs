@@ -178,7 +178,6 @@ impl Measure {
         self.terms.iter().chain(&self.per)
     }
 
-    /// The only term, where there is no other.
     fn only(&self) -> Option<&Term> {
         match (self.terms.as_slice(), self.per.as_slice()) {
             ([term], []) => Some(term),
@@ -186,7 +185,6 @@ impl Measure {
         }
     }
 
-    /// The stages that the measure speaks of.
     pub fn stages(&self) -> impl Iterator<Item = &StageName> {
         self.all().flat_map(|term| match term {
             Term::Stages(names) => names.as_slice(),
@@ -203,7 +201,6 @@ impl Measure {
         })
     }
 
-    /// Names of the quantities that the measure speaks of.
     pub fn quantities(&self) -> impl Iterator<Item = &str> {
         self.all().filter_map(|term| match term {
             Term::Quantity(name) => Some(name.as_str()),

@@ -58,7 +58,6 @@ impl Experiment {
         Experiment::ids(&Folders::of(EXPERIMENTS))
     }
 
-    /// Text of a built-in experiment's file.
     pub fn builtin_text(id: &str) -> Option<String> {
         EXPERIMENTS.text(&format!("{id}.toml"))
     }
@@ -90,7 +89,6 @@ impl Experiment {
         Experiment::read(path)
     }
 
-    /// Loads a file.
     pub fn read(path: &Path) -> Result<Experiment, ExperimentError> {
         let text = input::text(path, input::MAX_TEXT)
             .map_err(|source| ExperimentError::Read { path: path.to_owned(), source })?;

@@ -201,13 +201,10 @@ impl Published {
 impl Experiment {
     /// Parses and checks an experiment's text; `name` stands in errors.
     pub fn parse(name: &str, text: &str) -> Result<Experiment, ExperimentError> {
-        let mut experiment: Experiment = toml::from_str(text).map_err(|error| {
-            ExperimentError::Invalid { name: name.to_owned(), message: one_line(&error, text) }
-        })?;
-        experiment.text = text.to_owned();
-        experiment
-            .check()
-            .map_err(|message| ExperimentError::Invalid { name: name.to_owned(), message })?;
+        let invalid = |message| ExperimentError::Invalid { name: name.to_owned(), message };
+        let parsed = toml::from_str(text).map_err(|error| invalid(one_line(&error, text)));
+        let experiment = Experiment { text: text.to_owned(), ..parsed? };
+        experiment.check().map_err(invalid)?;
         Ok(experiment)
     }
 
@@ -230,15 +227,14 @@ impl Experiment {
         if !(self.weight > 0.0 && self.weight <= 10.0) {
             return Err(format!("weight {} must lie within 0 … 10", self.weight));
         }
-        if let Some(views) = &self.views {
-            let turns = views.turns_deg.iter();
-            if views.turns_deg.len() > MAX_TURNS {
-                let count = views.turns_deg.len();
+        if let Some(Views { turns_deg, .. }) = &self.views {
+            let count = turns_deg.len();
+            if count > MAX_TURNS {
                 return Err(format!(
                     "views.turns_deg has {count} turns; at most {MAX_TURNS} are taken"
                 ));
             }
-            if views.turns_deg.is_empty() || !turns.clone().all(|turn| turn.abs() <= 180.0) {
+            if count == 0 || !turns_deg.iter().all(|turn| turn.abs() <= 180.0) {
                 return Err("views.turns_deg needs turns of at most 180 degrees".to_owned());
             }
         }
@@ -305,23 +301,16 @@ impl Experiment {
 
 impl Axis {
     fn check(&self) -> Result<(), String> {
-        let lists = [&self.values, &self.quick, &self.paper];
-        let complete = matches!(
-            (&self.values, &self.quick, &self.paper),
-            (Some(_), None, None) | (None, Some(_), Some(_))
-        );
-        if !complete {
-            return Err(format!(
-                "axis `{}` needs either `values`, or `quick` and `paper`",
-                self.name
-            ));
+        let (name, lists) = (&self.name, [&self.values, &self.quick, &self.paper]);
+        if !matches!(lists, [Some(_), None, None] | [None, Some(_), Some(_)]) {
+            return Err(format!("axis `{name}` needs either `values`, or `quick` and `paper`"));
         }
         for list in lists.into_iter().flatten() {
             if list.is_empty() {
-                return Err(format!("axis `{}` has an empty list of values", self.name));
+                return Err(format!("axis `{name}` has an empty list of values"));
             }
             for value in list {
-                super::expand::AxisValue::parse(&self.name, value)?;
+                super::expand::AxisValue::parse(name, value)?;
             }
         }
         Ok(())

@@ -9,48 +9,22 @@ use crate::text;
 pub const EXPORTER: Exporter =
     Exporter { name: "cells.csv", about: "one row per cell and stage", export };
 
-const OF_CELL: [&str; 10] = [
-    "experiment",
-    "cell",
-    "pipeline",
-    "scene",
-    "stand_ins",
-    "adapter",
-    "software",
-    "profile",
-    "status",
-    "reason",
-];
-const OF_STAGE: [&str; 8] = [
-    "stage",
-    "clock",
-    "median_ns",
-    "low_ns",
-    "high_ns",
-    "samples",
-    "submit_cost_median_ns",
-    "resolution_ns",
-];
-const OF_FRAME: [&str; 10] = [
-    "frame_untimed_median_ns",
-    "frame_untimed_low_ns",
-    "frame_untimed_high_ns",
-    "frame_untimed_samples",
-    "accounting_error",
-    "timing_cost",
-    "allocated_bytes",
-    "warm_up_frames",
-    "rejected_frames",
-    "quantities",
-];
+const OF_CELL: &str =
+    "experiment cell pipeline scene stand_ins adapter software profile status reason";
+const OF_STAGE: &str =
+    "stage clock median_ns low_ns high_ns samples submit_cost_median_ns resolution_ns";
+const OF_FRAME: &str = "frame_untimed_median_ns frame_untimed_low_ns frame_untimed_high_ns frame_untimed_samples \
+    accounting_error timing_cost allocated_bytes warm_up_frames rejected_frames quantities";
 
 fn export(view: &View<'_>) -> Result<Vec<Artifact>, ReportError> {
-    let header = [&OF_CELL[..], &OF_STAGE, Work::NAMES, &OF_FRAME].concat();
+    let names = |names: &str| names.split(' ').map(str::to_owned).collect::<Vec<String>>();
+    let work = Work::NAMES.iter().map(ToString::to_string).collect();
+    let header = [names(OF_CELL), names(OF_STAGE), work, names(OF_FRAME)].concat();
     let mut writer =
         csv::WriterBuilder::new().terminator(csv::Terminator::CRLF).from_writer(Vec::new());
     let entries = view.sections.iter().flat_map(|section| &section.entries);
-    let rows = entries.flat_map(|entry| rows(entry, header.len()));
-    let header = header.iter().map(ToString::to_string).collect();
+    let columns = header.len();
+    let rows = entries.flat_map(|entry| rows(entry, columns));
     for row in std::iter::once(header).chain(rows) {
         // Writing to memory does not fail, and all rows are of one length.
         let _ = writer.write_record(row.iter().map(|field: &String| text::spreadsheet(field)));

@@ -5,9 +5,9 @@ use std::sync::OnceLock;
 
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
-use serde_json::{Map, Value, json};
+use serde_json::{Value, json};
 
-use crate::experiments::{CellPlan, Experiment, StageName, lookup};
+use crate::experiments::{CellPlan, Experiment, StageName, lookup, parse_axis};
 use crate::record::{
     Adapter, AuditRow, Cell, Clock, Definition, End, FrameRecord, Measured, Note, NoteKind,
     Outcome, PassKind, Profile, Record, Run, SCHEMA, ShaderChecks, StageRecord, Surrounding, Work,
@@ -28,32 +28,32 @@ pub fn profile(profile: Profile) -> Vec<Record> {
     let mut random = Pcg64::seed_from_u64(7);
     for id in Experiment::builtin_ids() {
         let experiment = Experiment::load(&id).unwrap();
-        records.push(definition(&experiment));
+        let (id, toml) = (experiment.id.clone(), experiment.text.clone());
+        records.push(Record::Experiment(Definition { id, toml }));
         for plan in experiment.cells(profile, &[], &[]).unwrap() {
             let outcome = Outcome::Measured(Box::new(measure(&experiment, &plan, &mut random)));
             records.push(cell(&plan, outcome));
         }
     }
-    let mut unmeasured = vec![
-        Outcome::Skipped {
-            reason: "grid 5000×5000 needs 3,200,000,000 bytes, the adapter binds 134,217,728"
-                .to_owned(),
-        },
+    let large = "grid 5000×5000 needs 3,200,000,000 bytes, the adapter binds 134,217,728";
+    let unmeasured = [
+        Outcome::Skipped { reason: large.to_owned() },
         Outcome::Failed { reason: "device lost".to_owned() },
     ];
     let buffers = Experiment::load("uw-buffers").unwrap();
-    let axis =
-        [("caustics.buffer".to_owned(), vec!["[4096,4096]".to_owned(), "[64,64]".to_owned()])];
+    let axis = [parse_axis("caustics.buffer=[4096,4096],[64,64]").unwrap()];
     let plans = buffers.cells(profile, &axis, &[]).unwrap();
-    for plan in plans.iter().take(2) {
-        let outcome = unmeasured.remove(0);
-        records.push(cell(plan, outcome));
-    }
-    records.push(end());
+    records.extend(plans.iter().zip(unmeasured).map(|(plan, outcome)| cell(plan, outcome)));
+    records.push(Record::End(End {
+        measuring_wall_s: 212.0,
+        measured_gpu_s: 184.0,
+        set_up_s: 21.0,
+        peak_memory_bytes: Some(912 << 20),
+        interrupted: false,
+    }));
     records
 }
 
-/// The page that is made of records.
 pub fn summary(records: &[Record]) -> String {
     let view = super::View::new(records, None);
     let page = (super::summary::EXPORTER.export)(&view).unwrap().remove(0);
@@ -73,6 +73,8 @@ pub fn all_skipped() -> Vec<Record> {
 }
 
 pub fn header(profile: Profile) -> Run {
+    let (agrees, late) =
+        ("agrees with the fenced host clock", "begins late: reads a fraction of the host time");
     let row = |pass, context, ratio: f64, sound| AuditRow {
         pass,
         context,
@@ -81,12 +83,7 @@ pub fn header(profile: Profile) -> Run {
         ratio,
         doubling: if sound { 2.01 } else { 1.0 },
         sound,
-        reason: if sound {
-            "agrees with the fenced host clock"
-        } else {
-            "begins late: reads a fraction of the host time"
-        }
-        .to_owned(),
+        reason: if sound { agrees } else { late }.to_owned(),
     };
     Run {
         schema: SCHEMA,
@@ -116,20 +113,6 @@ pub fn header(profile: Profile) -> Run {
     }
 }
 
-fn definition(experiment: &Experiment) -> Record {
-    Record::Experiment(Definition { id: experiment.id.clone(), toml: experiment.text.clone() })
-}
-
-fn end() -> Record {
-    Record::End(End {
-        measuring_wall_s: 212.0,
-        measured_gpu_s: 184.0,
-        set_up_s: 21.0,
-        peak_memory_bytes: Some(912 << 20),
-        interrupted: false,
-    })
-}
-
 /// A record of a plan, its parameters those of the plan and a few defaults.
 pub fn cell(plan: &CellPlan, outcome: Outcome) -> Record {
     Record::Cell(Box::new(Cell {
@@ -155,11 +138,7 @@ fn tree(plan: &CellPlan) -> Value {
         let (head, leaf) = path.rsplit_once('.').unwrap_or(("", path));
         let mut node = &mut tree;
         for key in head.split('.') {
-            node = node
-                .as_object_mut()
-                .unwrap()
-                .entry(key)
-                .or_insert_with(|| Value::Object(Map::new()));
+            node = node.as_object_mut().unwrap().entry(key).or_insert_with(|| json!({}));
         }
         node[leaf] = value.clone();
     }
@@ -206,16 +185,7 @@ fn underwater(params: &Value, random: &mut Pcg64) -> Vec<StageRecord> {
     let line_px = area("godrays.buffer").sqrt() * 0.3 * number("godrays.line_width_px");
     let mut stages = Vec::new();
     let mut stage = |name: &str, clock, ms: f64, work| {
-        let samples_ns: Vec<f64> = (0..SAMPLES).map(|_| ms * 1e6 * noise(random)).collect();
-        stages.push(StageRecord {
-            stage: name.to_owned(),
-            clock,
-            time: statistics::estimate(&samples_ns),
-            samples_ns,
-            fenced: None,
-            work,
-            counters: BTreeMap::new(),
-        });
+        stages.push(timed(name, clock, noisy(ms * 1e6, SAMPLES, random), work));
     };
     let work = |photons: f64, fragments: f64| Work {
         photons: photons as u64,
@@ -256,18 +226,19 @@ fn named(experiment: &Experiment, known: &[StageRecord]) -> Vec<String> {
 }
 
 fn invented(name: &str, ms: f64, random: &mut Pcg64) -> StageRecord {
-    let samples_ns: Vec<f64> = (0..SAMPLES).map(|_| ms * 1e6 * noise(random)).collect();
+    let (triangles, fragments) = ((1e4 * ms) as u64, (1e5 * ms) as u64);
+    let work = Work { triangles, fragments, ..Work::default() };
+    timed(name, Clock::Timestamp, noisy(ms * 1e6, SAMPLES, random), work)
+}
+
+pub fn timed(stage: &str, clock: Clock, samples_ns: Vec<f64>, work: Work) -> StageRecord {
     StageRecord {
-        stage: name.to_owned(),
-        clock: Clock::Timestamp,
+        stage: stage.to_owned(),
+        clock,
         time: statistics::estimate(&samples_ns),
         samples_ns,
         fenced: None,
-        work: Work {
-            triangles: (1e4 * ms) as u64,
-            fragments: (1e5 * ms) as u64,
-            ..Work::default()
-        },
+        work,
         counters: BTreeMap::new(),
     }
 }
@@ -279,8 +250,7 @@ fn size(plan: &CellPlan) -> f64 {
 }
 
 fn frame(total_ns: f64, random: &mut Pcg64) -> FrameRecord {
-    let mut samples =
-        |median: f64| -> Vec<f64> { (0..SAMPLES).map(|_| median * noise(random)).collect() };
+    let mut samples = |median: f64| noisy(median, SAMPLES, random);
     let untimed_samples_ns = samples(total_ns * 1.01);
     FrameRecord {
         envelope_samples_ns: samples(total_ns * 1.012),
@@ -314,8 +284,8 @@ fn quantities(
     all
 }
 
-/// About 3 %, log-normal.
-fn noise(random: &mut Pcg64) -> f64 {
-    let normal: f64 = (0..12).map(|_| random.random::<f64>()).sum::<f64>() - 6.0;
-    (0.03 * normal).exp()
+/// Samples with log-normal noise of about 3 %.
+pub fn noisy(median: f64, samples: usize, random: &mut Pcg64) -> Vec<f64> {
+    let mut noise = || (0..12).map(|_| random.random::<f64>()).sum::<f64>() - 6.0;
+    (0..samples).map(|_| median * (0.03 * noise()).exp()).collect()
 }

@@ -24,12 +24,8 @@ pub fn three(value: f64) -> String {
 
 /// `12.3 (12.1 – 12.6)`: a median and its interval, times `scale`.
 pub fn interval(estimate: &Estimate, scale: f64) -> String {
-    format!(
-        "{} ({} – {})",
-        three(estimate.median * scale),
-        three(estimate.low * scale),
-        three(estimate.high * scale)
-    )
+    let Estimate { median, low, high, .. } = estimate.scaled(scale);
+    format!("{} ({} – {})", three(median), three(low), three(high))
 }
 
 /// A duration in nanoseconds as milliseconds with its interval.
@@ -70,7 +66,6 @@ pub fn mebibytes(bytes: u64) -> String {
     format!("{} MiB", three(bytes as f64 / (1 << 20) as f64))
 }
 
-/// A share as a percentage.
 pub fn percent(share: f64) -> String {
     format!("{} %", three(share * 100.0))
 }
@@ -102,8 +97,12 @@ impl Table {
         self.rows.push(cells.into_iter().collect());
     }
 
-    pub fn is_empty(&self) -> bool {
-        self.rows.is_empty()
+    /// Adds the table below these words to a page, if it has any rows.
+    pub fn add_to(&self, text: &mut String, above: &str) {
+        if !self.rows.is_empty() {
+            *text += above;
+            *text += &self.markdown();
+        }
     }
 
     /// The table, with an empty line after it.

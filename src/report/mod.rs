@@ -9,7 +9,7 @@ mod summary;
 mod view;
 
 #[cfg(test)]
-mod fixtures;
+pub mod fixtures;
 
 pub use cells_csv::EXPORTER as CELLS_CSV;
 pub use plots::EXPORTER as PLOTS;

@@ -66,13 +66,9 @@ fn timing_cost<'r>(frames: impl Iterator<Item = &'r FrameRecord>) -> String {
         })
         .collect();
     let cost = crate::statistics::ratio_estimate(&pairs);
-    format!(
-        "{} ({} – {}) over {} pairs of frames taken in alternation",
-        format::percent(cost.median - 1.0),
-        format::percent(cost.low - 1.0),
-        format::percent(cost.high - 1.0),
-        cost.n
-    )
+    let [median, low, high] =
+        [cost.median, cost.low, cost.high].map(|ratio| format::percent(ratio - 1.0));
+    format!("{median} ({low} – {high}) over {} pairs of frames taken in alternation", cost.n)
 }
 
 /// How far the figures can be trusted: accounting, the cost of timing, efficiency, memory.
@@ -136,8 +132,7 @@ fn ended(view: &View<'_>, table: &mut Table) {
     if let Some(bytes) = view.ends.iter().filter_map(|end| end.peak_memory_bytes).max() {
         table.row(["peak memory of the process".to_owned(), format::mebibytes(bytes)]);
     }
-    let interrupted = view.ends.last().is_none_or(|end| end.interrupted);
-    if interrupted {
+    if view.ends.last().is_none_or(|end| end.interrupted) {
         table.row(["ended", "early: what was measured until then stands below"]);
     }
     if view.runs.len() > 1 {
@@ -147,20 +142,8 @@ fn ended(view: &View<'_>, table: &mut Table) {
 }
 
 fn audit(run: &Run, text: &mut String) {
-    if run.audit.is_empty() {
-        return;
-    }
-    *text += "## Clock audit\n\nTimestamps against a fenced host clock, for a kernel of N and of 2 N work.\n\n";
-    let mut table = Table::new([
-        "pass",
-        "context",
-        "timestamp (ms)",
-        "host (ms)",
-        "ratio",
-        "2 N / N",
-        "verdict",
-        "why",
-    ]);
+    let head = "pass|context|timestamp (ms)|host (ms)|ratio|2 N / N|verdict|why";
+    let mut table = Table::new(head.split('|'));
     for row in &run.audit {
         let verdict = if row.sound { "sound" } else { "unusable" };
         table.row([
@@ -174,7 +157,8 @@ fn audit(run: &Run, text: &mut String) {
             row.reason.clone(),
         ]);
     }
-    *text += &table.markdown();
+    let about = "Timestamps against a fenced host clock, for a kernel of N and of 2 N work.";
+    table.add_to(text, &format!("## Clock audit\n\n{about}\n\n"));
 }
 
 /// Notes on the run, and the stand-ins that cells ran on.
@@ -200,17 +184,9 @@ fn notes(view: &View<'_>, text: &mut String) {
     *text += "\n";
 }
 
-/// One line per experiment.
 fn overview(view: &View<'_>, text: &mut String) {
-    let mut table = Table::new([
-        "experiment",
-        "measured",
-        "skipped",
-        "failed",
-        "claims supported",
-        "contradicted",
-        "untestable here",
-    ]);
+    let head = "experiment|measured|skipped|failed|claims supported|contradicted|untestable here";
+    let mut table = Table::new(head.split('|'));
     for section in &view.sections {
         let count = |wanted: fn(&Outcome) -> bool| {
             let entries = section.entries.iter();
@@ -231,13 +207,9 @@ fn overview(view: &View<'_>, text: &mut String) {
             ruled(Verdict::Untestable),
         ]);
     }
-    if !table.is_empty() {
-        *text += "## Experiments\n\n";
-        *text += &table.markdown();
-    }
+    table.add_to(text, "## Experiments\n\n");
 }
 
-/// A picture in Markdown.
 fn image(name: &str, path: &str) -> String {
     format!("![{}]({})", text::markdown(name), text::link(path))
 }

@@ -12,6 +12,7 @@ use super::plots::Figure;
 use crate::experiments::{self, Experiment, Ruling, label_text};
 use crate::record::{Cell, End, Measured, Picture, Profile, Record, Run};
 
+#[derive(Default)]
 pub struct View<'a> {
     pub runs: Vec<&'a Run>,
     pub ends: Vec<&'a End>,
@@ -26,6 +27,7 @@ pub struct Entry<'a> {
 }
 
 /// An experiment and its cells in the order of its plan; of a cell that was measured again, the latest.
+#[derive(Default)]
 pub struct Section<'a> {
     pub id: &'a str,
     /// As defined in the records, else the built-in one.
@@ -42,7 +44,7 @@ pub struct Section<'a> {
 impl<'a> View<'a> {
     /// With the pictures that lie in `folder`; without one, all that the records name.
     pub fn new(records: &'a [Record], folder: Option<&Path>) -> View<'a> {
-        let mut view = View { runs: Vec::new(), ends: Vec::new(), sections: Vec::new() };
+        let mut view = View::default();
         let mut places = Places::default();
         for record in records {
             match record {
@@ -67,12 +69,10 @@ impl<'a> View<'a> {
         view
     }
 
-    /// The latest run.
     pub fn run(&self) -> Option<&'a Run> {
         self.runs.last().copied()
     }
 
-    /// Every measured cell.
     pub fn measured(&self) -> impl Iterator<Item = (&'a Cell, &'a Measured)> {
         self.sections.iter().flat_map(Section::measured)
     }
@@ -88,7 +88,7 @@ struct Places<'a> {
 impl<'a> Places<'a> {
     fn section(&mut self, id: &'a str, sections: &mut Vec<Section<'a>>) -> usize {
         *self.sections.entry(id).or_insert_with(|| {
-            sections.push(Section::new(id));
+            sections.push(Section { id, ..Section::default() });
             sections.len() - 1
         })
     }
@@ -107,18 +107,6 @@ impl<'a> Places<'a> {
 }
 
 impl<'a> Section<'a> {
-    fn new(id: &'a str) -> Self {
-        Self {
-            id,
-            experiment: None,
-            problem: None,
-            entries: Vec::new(),
-            pictures: Vec::new(),
-            rulings: OnceCell::new(),
-            figure: OnceCell::new(),
-        }
-    }
-
     fn define(&mut self, parsed: Result<Experiment, experiments::ExperimentError>) {
         match parsed {
             Ok(experiment) => {

@@ -11,6 +11,7 @@ use fathom::compare::verdict::{CellVerdict, Status, Verdicts};
 use fathom::record::comparison::Gate;
 use fathom::record::{self, Measured, Outcome, Record};
 
+use super::common::{fathom, refused, small, stderr};
 use super::script::{Script, hello, refusal};
 
 const CELLS: &str = r#"
@@ -48,9 +49,8 @@ impl Builds {
     }
 
     pub fn command(&self, base: &Path, head: &Path) -> Command {
-        let mut command = Command::new(env!("CARGO_BIN_EXE_fathom"));
+        let mut command = fathom();
         command
-            .env_remove("GITHUB_STEP_SUMMARY")
             .args(["compare", "--gates", "exact,time", "--launches", "10"])
             .args(["--pairs", "2", "--cells-file"])
             .arg(self.path("cells.toml"))
@@ -76,12 +76,8 @@ impl Builds {
     fn refused(&self, base: &Script<'_>, reason: &str) {
         let base = self.build("base", base);
         let head = self.build("head", &Script::default());
-        let output = self.command(&base, &head).output().unwrap();
-        let told = String::from_utf8(output.stderr).unwrap();
-        assert_eq!(output.status.code(), Some(2), "{told}");
-        let lines: Vec<&str> = told.lines().filter(|line| line.contains(reason)).collect();
-        assert_eq!(lines.len(), 1, "{reason}: {told}");
-        assert!(lines[0].starts_with("error: the base build: "), "{told}");
+        let error = refused(&self.command(&base, &head).output().unwrap(), reason);
+        assert!(error.starts_with("error: the base build: "), "{error}");
     }
 }
 
@@ -232,14 +228,10 @@ fn a_killed_comparison_goes_on_where_it_ended() {
     let stored = StoredComparison::read(&builds.path("out")).unwrap();
     let before = stored.launches.len();
     assert!((3..10).contains(&before) && stored.end.is_none(), "{before}");
-    let occupied = builds.command(&base, &head).output().unwrap();
-    assert_eq!(occupied.status.code(), Some(2));
-    assert!(String::from_utf8(occupied.stderr).unwrap().contains("--resume"));
+    refused(&builds.command(&base, &head).output().unwrap(), "--resume");
     let other = builds.build("other", &Script { bytes: 7, ..Script::default() });
     let another = builds.command(&base, &other).arg("--resume").output().unwrap();
-    assert_eq!(another.status.code(), Some(2));
-    let told = String::from_utf8(another.stderr).unwrap();
-    assert!(told.contains("was begun with another head"), "{told}");
+    refused(&another, "was begun with another head");
 
     let resumed = builds.command(&base, &head).arg("--resume").output().unwrap();
     assert_eq!(resumed.status.code(), Some(0), "{resumed:?}");
@@ -254,28 +246,9 @@ fn a_killed_comparison_goes_on_where_it_ended() {
 fn files_of_records_are_judged_by_what_is_exact() {
     let folder = tempfile::tempdir().unwrap();
     let run = folder.path().join("run");
-    let fathom = |arguments: &[&Path]| {
-        let mut command = Command::new(env!("CARGO_BIN_EXE_fathom"));
-        command.env_remove("GITHUB_STEP_SUMMARY").args(arguments);
-        command.output().unwrap()
-    };
-    let small = [
-        "view.width=48",
-        "view.height=48",
-        "shadow.size=64",
-        "surface.cells=8",
-        "caustics.grid=8",
-        "godrays.grid=8",
-        "caustics.buffer=[32,32]",
-        "godrays.buffer=[32,32]",
-    ];
-    let mut arguments: Vec<&Path> =
-        ["run", "uw-default", "--budget", "1", "--out"].iter().map(Path::new).collect();
-    arguments.push(&run);
-    for set in &small {
-        arguments.extend([Path::new("--set"), Path::new(set)]);
-    }
-    assert!(fathom(&arguments).status.success());
+    let mut measure = fathom();
+    measure.args(["run", "uw-default", "--budget", "1", "--out"]).arg(&run).args(small());
+    stderr(&measure.output().unwrap(), 0);
     let base = run.join("records.jsonl");
     let changed = |name: &str, change: &dyn Fn(&mut Record)| {
         let path = folder.path().join(name);
@@ -286,15 +259,17 @@ fn files_of_records_are_judged_by_what_is_exact() {
         }
         path
     };
-    let compare = |head: &Path, out: &str| {
-        let out = folder.path().join(out);
-        fathom(&[Path::new("compare"), &base, head, Path::new("--out"), &out])
+    let compare = |head: &Path, status: i32| {
+        let out = head.with_extension("out");
+        let output = fathom().arg("compare").args([&base, head]).arg("--out").arg(out).output();
+        let output = output.unwrap();
+        assert_eq!(output.status.code(), Some(status), "{output:?}");
+        [output.stdout, output.stderr].map(|text| String::from_utf8(text).unwrap())
     };
-    let same = compare(&base, "same");
-    let told = String::from_utf8(same.stdout).unwrap();
-    assert_eq!(same.status.code(), Some(0), "{told}");
+    let [told, _] = compare(&base, 0);
     assert!(told.contains("times are unpaired") && told.contains("+0.0 %, unpaired"), "{told}");
-    let again = fathom(&[Path::new("compare"), Path::new("--replay"), &folder.path().join("same")]);
+    let same = base.with_extension("out");
+    let again = fathom().args(["compare", "--replay"]).arg(same).output().unwrap();
     assert_eq!(String::from_utf8(again.stdout).unwrap(), told);
 
     let remeasured = |name: &str, change: &dyn Fn(&mut Measured)| {
@@ -310,21 +285,18 @@ fn files_of_records_are_judged_by_what_is_exact() {
         let stages = measured.stages.iter_mut();
         stages.flat_map(|stage| &mut stage.samples_ns).for_each(|ns| *ns *= 1.5);
     });
-    let told = compare(&slower, "slower");
-    assert_eq!(told.status.code(), Some(0), "unpaired times raise no alarm");
-    assert!(String::from_utf8(told.stdout).unwrap().contains("+50.0 %, unpaired"));
+    // Unpaired times raise no alarm.
+    let [told, _] = compare(&slower, 0);
+    assert!(told.contains("+50.0 %, unpaired"), "{told}");
 
-    let costlier = remeasured("costlier.jsonl", &|measured| measured.allocated_bytes += 1);
-    assert_eq!(compare(&costlier, "costlier").status.code(), Some(1));
+    compare(&remeasured("costlier.jsonl", &|measured| measured.allocated_bytes += 1), 1);
 
     let elsewhere = changed("elsewhere.jsonl", &|record| {
         if let Record::Run(run) = record {
             run.adapter.driver_info = "another driver".to_owned();
         }
     });
-    let told = compare(&elsewhere, "elsewhere");
-    assert_eq!(told.status.code(), Some(0));
-    let told = String::from_utf8(told.stdout).unwrap();
+    let [told, _] = compare(&elsewhere, 0);
     assert!(told.contains("time gate skipped: times of different adapters or drivers"), "{told}");
 
     let other = changed("other.jsonl", &|record| {
@@ -332,8 +304,6 @@ fn files_of_records_are_judged_by_what_is_exact() {
             cell.scene = "port".to_owned();
         }
     });
-    let told = compare(&other, "other");
-    assert_eq!(told.status.code(), Some(2));
-    let told = String::from_utf8(told.stderr).unwrap();
+    let [_, told] = compare(&other, 2);
     assert!(told.contains("no measured cell in common"), "{told}");
 }

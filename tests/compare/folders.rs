@@ -9,6 +9,7 @@ use std::time::{Duration, Instant};
 use fathom::compare::store::StoredComparison;
 
 use super::builds::{Builds, SLOWLY};
+use super::common::{fathom, refused, stderr};
 use super::script::Script;
 
 /// A head that is slow enough for two processes to meet.
@@ -35,13 +36,7 @@ fn one_of_two(mut command: impl FnMut() -> Command) {
     let outputs = children.map(|child| child.wait_with_output().unwrap());
     let measured = outputs.iter().position(|output| output.status.success());
     let measured = measured.unwrap_or_else(|| panic!("{outputs:?}"));
-    let refused = &outputs[1 - measured];
-    let told = String::from_utf8_lossy(&refused.stderr);
-    assert_eq!(refused.status.code(), Some(2), "{told}");
-    let in_use = format!("is in use by process {} (`", ids[measured]);
-    let errors: Vec<&str> = told.lines().filter(|line| line.contains(&in_use)).collect();
-    assert_eq!(errors.len(), 1, "{told}");
-    assert!(errors[0].starts_with("error: "), "{told}");
+    refused(&outputs[1 - measured], &format!("is in use by process {} (`", ids[measured]));
 }
 
 #[track_caller]
@@ -82,9 +77,7 @@ fn damage_in_a_comparison_is_named_and_kept_aside_and_no_comparison_is_not_resum
     let [base, head] = ["base", "head"].map(|name| builds.build(name, &Script::default()));
     let resume = |status: i32| {
         let output = builds.command(&base, &head).arg("--resume").output().unwrap();
-        let told = String::from_utf8(output.stderr).unwrap();
-        assert_eq!(output.status.code(), Some(status), "{told}");
-        (told, String::from_utf8(output.stdout).unwrap())
+        (stderr(&output, status), String::from_utf8(output.stdout).unwrap())
     };
     assert!(resume(2).0.contains("no comparison to resume in "));
     assert!(!builds.path("out").exists());
@@ -132,11 +125,10 @@ fn a_worker_that_is_stopped_is_told_of_and_an_interrupt_ends_the_wait() {
 
 /// A crate whose build begins and then takes a minute.
 fn slow_repository(folder: &Path) {
+    let manifest =
+        "[package]\nname = \"fathom\"\nversion = \"0.1.0\"\nedition = \"2024\"\n\n[workspace]\n";
     let files = [
-        (
-            "Cargo.toml",
-            "[package]\nname = \"fathom\"\nversion = \"0.1.0\"\nedition = \"2024\"\n\n[workspace]\n",
-        ),
+        ("Cargo.toml", manifest),
         ("Cargo.lock", "version = 4\n\n[[package]]\nname = \"fathom\"\nversion = \"0.1.0\"\n"),
         (".gitignore", "/target\n"),
         ("src/main.rs", "fn main() {}\n"),
@@ -159,7 +151,7 @@ fn slow_repository(folder: &Path) {
 fn a_termination_during_the_build_ends_it_and_leaves_no_worktree() {
     let repository = tempfile::tempdir().unwrap();
     slow_repository(repository.path());
-    let mut child = Command::new(env!("CARGO_BIN_EXE_fathom"))
+    let mut child = fathom()
         .current_dir(repository.path())
         .args(["compare", "--base", "HEAD", "--out", "out"])
         .stderr(Stdio::piped())

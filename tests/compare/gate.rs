@@ -222,10 +222,8 @@ fn a_hung_worker_is_killed_for_certain() {
     assert!(asked.elapsed() < Duration::from_secs(10));
     let pid = fs::read_to_string(pid).unwrap();
     assert!(!PathBuf::from(format!("/proc/{}", pid.trim())).exists());
-    assert!(
-        !worker.ask(&request, &Waiting::PLAINLY).unwrap_err().goes_on(),
-        "a dead worker stays dead"
-    );
+    let dead = worker.ask(&request, &Waiting::PLAINLY).unwrap_err();
+    assert!(!dead.goes_on(), "a dead worker stays dead");
 }
 
 fn refused(base: WorkerStart) -> RoleFault {

@@ -17,7 +17,6 @@ pub fn hello(protocol: u32, parts: &str) -> String {
     )
 }
 
-/// A worker's refusal of a request.
 pub fn refusal(reason: &str, absent: bool) -> String {
     format!(r#"echo '{{"message":"fault","reason":"{reason}","fatal":false,"absent":{absent}}}'"#)
 }

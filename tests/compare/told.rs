@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
 
+use assert_cmd::prelude::*;
 use fathom::compare::store::{self, StoredComparison};
 use fathom::harness::output::{Kind, Taken};
 use fathom::record::ErrorFigure;
@@ -17,7 +18,7 @@ use fathom::record::{Adapter, Work};
 use itertools::Itertools;
 use predicates::str::contains;
 
-use super::fathom;
+use super::common::{fathom, refused};
 
 const LAUNCHES: u32 = 10;
 const PAIRS: u32 = 2;
@@ -84,7 +85,6 @@ impl Stored {
             .times(cells[0], true, 1.0, 0.004)
     }
 
-    /// A line of each side.
     fn both<T>(mut self, base: T, head: T, line: impl Fn(Side, T) -> Compared) -> Self {
         self.lines.extend([line(Side::Base, base), line(Side::Head, head)]);
         self
@@ -175,7 +175,6 @@ impl Stored {
         self.work(name, 100, 100).counts(name, 1.0)
     }
 
-    /// A cell in which nothing changed.
     fn same(self, name: &str) -> Self {
         self.counted(name).times(name, false, 1.001, 0.004)
     }
@@ -189,7 +188,6 @@ impl Stored {
         self
     }
 
-    /// A fault of the time gate in this launch.
     fn time_fault(mut self, name: Option<&str>, launch: u32) -> Self {
         self = self.fault(Gate::Time, Side::Base, name, false);
         if let Some(Compared::Fault(fault)) = self.lines.last_mut() {
@@ -250,12 +248,10 @@ fn quiet() -> Stored {
 }
 
 #[track_caller]
-fn replayed(folder: &Path, status: i32) -> String {
+fn replayed(name: &str, folder: &Path, status: i32) -> String {
     let output = fathom().args(["compare", "--replay"]).arg(folder).output().unwrap();
-    let text = String::from_utf8(output.stdout).unwrap();
-    let told = String::from_utf8(output.stderr).unwrap();
-    assert_eq!(output.status.code(), Some(status), "{text}{told}");
-    text
+    assert_eq!(output.status.code(), Some(status), "{name}: {output:?}");
+    String::from_utf8(output.stdout).unwrap()
 }
 
 /// Replays each comparison, which must end with this status and print this.
@@ -264,9 +260,7 @@ fn replay_all<const N: usize>(cases: [(&str, Stored, i32, &str); N]) {
     for (name, stored, status, expected) in cases {
         let folder = tempfile::tempdir().unwrap();
         stored.write(folder.path());
-        let replayed = fathom().args(["compare", "--replay"]).arg(folder.path()).output().unwrap();
-        assert_eq!(replayed.status.code(), Some(status), "{name}: {replayed:?}");
-        let text = String::from_utf8(replayed.stdout).unwrap();
+        let text = replayed(name, folder.path(), status);
         assert!(text.contains(expected), "{name}: {text}");
     }
 }
@@ -279,7 +273,7 @@ fn the_reports_of_a_stored_comparison_are_as_they_were() {
     let torn =
         fs::read_to_string(&lines).unwrap() + "{\"record\":\"comparison\",\"kind\":\"pair\",\"laun";
     fs::write(&lines, torn).unwrap();
-    let text = replayed(folder.path(), 1);
+    let text = replayed("", folder.path(), 1);
     fs::write(folder.path().join("terminal.txt"), text).unwrap();
     let golden = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/golden/compare");
     for name in ["terminal.txt", "summary.md", "junit.xml", "bencher.json", "benchmark.json"] {
@@ -298,14 +292,14 @@ fn the_reports_of_a_stored_comparison_are_as_they_were() {
 fn the_same_records_give_the_same_bytes_each_time() {
     let folder = tempfile::tempdir().unwrap();
     mixed().write(folder.path());
-    let first = replayed(folder.path(), 1);
+    let first = replayed("", folder.path(), 1);
     let files = || -> BTreeMap<PathBuf, Vec<u8>> {
         let entries = fs::read_dir(folder.path()).unwrap().map(|entry| entry.unwrap().path());
         entries.map(|path| (path.clone(), fs::read(path).unwrap())).collect()
     };
     let before = files();
     assert_eq!(before.len(), 5);
-    assert_eq!(replayed(folder.path(), 1), first);
+    assert_eq!(replayed("", folder.path(), 1), first);
     assert_eq!(files(), before);
 
     let formats = [
@@ -385,30 +379,18 @@ fn a_gate_without_usable_figures_is_void() {
     let reason = "valgrind is not installed".to_owned();
     skipped.header.skipped.push(Skip { gate: Gate::Instructions, reason });
     let skipped = skipped.without(|line| matches!(line, Compared::Instructions(_)));
+    let lost = quiet().time_fault(Some(TRACE), LAUNCHES);
+    let unmeasured = quiet().without(is_control);
     let no_time = quiet().fault(Gate::Time, Side::Base, None, false).without(is_time);
     replay_all([
         ("control moved", moved(one().counted(TRACE)), 2, "time gate void: the control"),
         ("other gates hold", moved(one().counted(TRACE)), 2, "1 cell: 1 same"),
         ("no other gate", moved(one().gates(&[Gate::Time])), 2, "1 cell: 1 not measured"),
-        (
-            "control lost",
-            quiet().time_fault(Some(TRACE), LAUNCHES),
-            2,
-            "time gate void: the control was lost: it ended with signal",
-        ),
-        (
-            "no control",
-            quiet().without(is_control),
-            2,
-            "time gate void: the control was not measured",
-        ),
+        ("control lost", lost, 2, "time gate void: the control was lost: it ended with signal"),
+        ("no control", unmeasured, 2, "time gate void: the control was not measured"),
         ("nothing timed", no_time, 2, "time gate void: it ended with signal"),
-        (
-            "not possible here, which is no failure",
-            skipped,
-            0,
-            "instructions gate skipped: valgrind is not installed",
-        ),
+        // What is not possible here is no failure.
+        ("not possible", skipped, 0, "instructions gate skipped: valgrind is not installed"),
     ]);
 }
 
@@ -440,7 +422,7 @@ fn figures_that_vanish_are_faults_and_notes_are_printed_once() {
         }
     }
     stored.write(folder.path());
-    let text = replayed(folder.path(), 2);
+    let text = replayed("", folder.path(), 2);
     for part in [
         "the head does not give caustics_photon_error_median_m of tank",
         "head: tank: errors not computed: no reference",
@@ -462,7 +444,7 @@ fn faults_that_were_overcome_do_not_count() {
         .fault(Gate::Exact, Side::Head, None, false)
         .check(("compose", "energy"), 0.01, 0.01)
         .write(folder.path());
-    assert!(!replayed(folder.path(), 0).contains("SIGSEGV"));
+    assert!(!replayed("", folder.path(), 0).contains("SIGSEGV"));
 }
 
 #[test]
@@ -480,7 +462,7 @@ fn damaged_and_foreign_files_are_named() {
     let whole = fs::read_to_string(&lines).unwrap();
     let damaged = whole.replacen("\"kind\":\"exact\"", "\"kind\":\"exotic\"", 1);
     fs::write(&lines, &damaged).unwrap();
-    let text = replayed(folder.path(), 2);
+    let text = replayed("", folder.path(), 2);
     assert!(text.contains("left out: line "), "{text}");
     assert!(text.contains("1 not measured, 1 same"), "{text}");
 
@@ -495,12 +477,9 @@ fn damaged_and_foreign_files_are_named() {
             Some(text) => fs::write(&lines, text).unwrap(),
             None => fs::remove_file(&lines).unwrap(),
         }
-        let mut command = fathom();
-        let output = command.args(["compare", "--replay"]).arg(folder.path()).output().unwrap();
-        let told = String::from_utf8(output.stderr).unwrap();
-        assert_eq!(output.status.code(), Some(2), "{told}");
-        assert!(told.starts_with("error: ") && told.contains(reason), "{told}");
-        assert_eq!(told.lines().count(), 1, "{told}");
+        let output = fathom().args(["compare", "--replay"]).arg(folder.path()).output().unwrap();
+        refused(&output, reason);
+        assert_eq!(String::from_utf8(output.stderr).unwrap().lines().count(), 1);
     }
 }
 
@@ -531,11 +510,7 @@ fn bad_input_is_one_clear_line_and_status_2() {
         ("one.jsonl two.jsonl", "one.jsonl"),
     ] {
         let output = fathom().arg("compare").args(arguments.split_whitespace()).output().unwrap();
-        let told = String::from_utf8(output.stderr).unwrap();
-        assert_eq!(output.status.code(), Some(2), "{arguments}: {told}");
-        let lines: Vec<&str> = told.lines().filter(|line| line.contains(reason)).collect();
-        assert_eq!(lines.len(), 1, "{arguments}: {told}");
-        assert!(lines[0].starts_with("error: "), "{arguments}: {told}");
+        refused(&output, reason);
     }
 }
 

@@ -1,23 +1,21 @@
 //! Memory and time of a pipeline, foreseen before anything is allocated.
 
-use assert_cmd::Command;
 use fathom::Catalog;
 use fathom::gpu::Capacity;
 use fathom::harness::plan::{Request, plan};
 use fathom::harness::subject::{Subject, Subjects};
-use serde_json::json;
+use fathom::record::Profile;
 
-use super::{Set, gpu};
+use super::common::{fathom, refused, sets};
+use super::gpu;
 
 const GIB: u64 = 1 << 30;
 
 /// A pipeline, a scene, and what is set.
-type Case<'a> = (&'a str, &'a str, &'a Set<'a>);
+type Case = (&'static str, &'static str, &'static str);
 
-fn subject(subjects: &mut Subjects, pipeline: &str, scene: &str, set: &Set<'_>) -> Subject {
-    let set = set.iter().map(|(path, value)| ((*path).to_owned(), value.clone()));
-    let set: Vec<_> = set.collect();
-    subjects.subject(pipeline, scene, &set).unwrap()
+fn subject(subjects: &mut Subjects, (pipeline, scene, set): Case) -> Subject {
+    subjects.subject(pipeline, scene, &sets(set)).unwrap()
 }
 
 /// A software adapter with every limit, 4 GiB and two cores.
@@ -39,31 +37,26 @@ fn small_machine() -> Capacity {
 fn demands_foresee_what_pipelines_allocate() {
     let gpu = gpu();
     let mut subjects = Subjects::default().within(&gpu.capacity);
-    let grid = |resolution: u32| ("voxel.resolution", json!(resolution));
-    let method = |name: &'static str| ("voxel.method", json!(name));
-    let mode = |name: &'static str| ("scalar.mode", json!(name));
-    let on = |path: &'static str| (path, json!(true));
-    let filters = [on("caustics.filter"), on("godrays.filter"), ("caustics.grid", json!(512))];
-    let half = [("ao.filter", json!(false)), ("ao.scale", json!(0.5))];
-    let cells = ("volume.cells", json!([48, 48, 48]));
-    let cases: &[Case] = &[
-        ("underwater", "plane", &[]),
-        ("underwater", "plane", &filters),
-        ("hsao", "corner", &[("hsao.scale", json!(0.5))]),
-        ("volume_ao", "corner", &[on("ao.skipping"), grid(192)]),
-        ("volume_ao", "corner", &half),
-        ("voxelize", "corner", &[method("slicemap"), grid(256)]),
-        ("voxelize", "corner", &[method("slice"), grid(128)]),
-        ("voxelize", "corner", &[method("overlap"), grid(128)]),
-        ("voxelize", "corner", &[method("max_alpha"), on("pyramid"), grid(128)]),
-        ("scalar_ao", "engine", &[mode("isosurface")]),
-        ("scalar_ao", "smoke", &[mode("direct"), on("scalar.pyramid"), cells]),
+    let filters = "caustics.filter=true godrays.filter=true caustics.grid=512";
+    let direct = "scalar.mode=direct scalar.pyramid=true volume.cells=[48,48,48]";
+    let cases = [
+        ("underwater", "plane", ""),
+        ("underwater", "plane", filters),
+        ("hsao", "corner", "hsao.scale=0.5"),
+        ("volume_ao", "corner", "ao.skipping=true voxel.resolution=192"),
+        ("volume_ao", "corner", "ao.filter=false ao.scale=0.5"),
+        ("voxelize", "corner", "voxel.method=slicemap voxel.resolution=256"),
+        ("voxelize", "corner", "voxel.method=slice voxel.resolution=128"),
+        ("voxelize", "corner", "voxel.method=overlap voxel.resolution=128"),
+        ("voxelize", "corner", "voxel.method=max_alpha pyramid=true voxel.resolution=128"),
+        ("scalar_ao", "engine", "scalar.mode=isosurface"),
+        ("scalar_ao", "smoke", direct),
     ];
-    for (pipeline, scene, set) in cases {
-        let subject = subject(&mut subjects, pipeline, scene, set);
+    for case in cases {
+        let subject = subject(&mut subjects, case);
         let foreseen = subject.plan().unwrap().demand.held_bytes();
         let allocated = subject.build(&gpu).unwrap().allocated_bytes();
-        assert_eq!(foreseen, allocated, "{pipeline} on {scene}, {set:?}");
+        assert_eq!(foreseen, allocated, "{case:?}");
     }
 }
 
@@ -71,18 +64,14 @@ fn demands_foresee_what_pipelines_allocate() {
 fn a_view_beyond_the_memory_is_refused_with_the_numbers() {
     let capacity = small_machine();
     let mut subjects = Subjects::default().within(&capacity);
-    for (pipeline, scene) in [
-        ("underwater", "plane"),
-        ("hsao", "corner"),
-        ("voxelize", "corner"),
-        ("volume_ao", "corner"),
-    ] {
-        let large = [("view.width", json!(16_384)), ("view.height", json!(16_384))];
-        let reason = subject(&mut subjects, pipeline, scene, &large).beyond(&capacity).unwrap();
+    let corner = ["hsao", "voxelize", "volume_ao"].map(|pipeline| (pipeline, "corner"));
+    for (pipeline, scene) in [("underwater", "plane")].into_iter().chain(corner) {
+        let large = (pipeline, scene, "view.width=16384 view.height=16384");
+        let reason = subject(&mut subjects, large).beyond(&capacity).unwrap();
         let reason = reason.unwrap_or_else(|| panic!("{pipeline}"));
         assert!(reason.starts_with("view.width × view.height: asks"), "{reason}");
         assert!(reason.ends_with("or give --allow-large") && !reason.contains('\n'), "{reason}");
-        let plain = subject(&mut subjects, pipeline, scene, &[]);
+        let plain = subject(&mut subjects, (pipeline, scene, ""));
         assert_eq!(plain.beyond(&capacity).unwrap(), None);
     }
 }
@@ -91,16 +80,13 @@ fn a_view_beyond_the_memory_is_refused_with_the_numbers() {
 fn a_frame_of_minutes_is_refused_and_allowed_where_nothing_bounds_it() {
     let capacity = small_machine();
     let mut subjects = Subjects::default().within(&capacity);
-    let large = [("view.width", json!(4_096)), ("view.height", json!(4_096))];
-    let direct = [&large[..], &[("scalar.mode", json!("direct"))]].concat();
-    let slow: [Case; 3] = [
-        ("volume_ao", "corner", &[("ao.rays", json!(5_000))]),
-        ("hsao", "corner", &large),
-        ("scalar_ao", "smoke", &direct),
-    ];
-    for (pipeline, scene, set) in slow {
-        let subject = subject(&mut subjects, pipeline, scene, set);
-        let reason = subject.beyond(&capacity).unwrap().unwrap_or_else(|| panic!("{pipeline}"));
+    for case in [
+        ("volume_ao", "corner", "ao.rays=5000"),
+        ("hsao", "corner", "view.width=4096 view.height=4096"),
+        ("scalar_ao", "smoke", "view.width=4096 view.height=4096 scalar.mode=direct"),
+    ] {
+        let subject = subject(&mut subjects, case);
+        let reason = subject.beyond(&capacity).unwrap().unwrap_or_else(|| panic!("{case:?}"));
         assert!(reason.contains("a frame would take about"), "{reason}");
         let limits_alone = Capacity::from(capacity.limits.clone());
         assert_eq!(subject.beyond(&limits_alone).unwrap(), None);
@@ -112,28 +98,20 @@ fn a_frame_of_minutes_is_refused_and_allowed_where_nothing_bounds_it() {
 fn a_volume_beyond_the_limits_is_refused_before_its_scene_is_made() {
     let capacity = small_machine();
     let mut subjects = Subjects::default().within(&capacity);
-    let cells = [("volume.cells", json!([134_217_728, 1, 1]))];
-    let subject = subject(&mut subjects, "scalar_ao", "smoke", &cells);
+    let case = ("scalar_ao", "smoke", "volume.cells=[134217728,1,1]");
+    let subject = subject(&mut subjects, case);
     assert!(subject.scene.volume.as_ref().unwrap().data.len() < 1_000);
     let reason = subject.beyond(&capacity).unwrap().expect("it is beyond the limits");
-    assert!(
-        reason.starts_with("volume.cells: asks 134217728 of max_texture_dimension_3d"),
-        "{reason}"
-    );
+    let asked = "volume.cells: asks 134217728 of max_texture_dimension_3d";
+    assert!(reason.starts_with(asked), "{reason}");
 }
 
 #[test]
 fn the_default_suite_fits_a_machine_of_two_cores_and_4_gib() {
     let request = Request::default();
     let experiments = request.load(&Catalog::builtin()).unwrap();
-    let planned = plan(
-        experiments,
-        &request,
-        fathom::record::Profile::Quick,
-        &small_machine(),
-        &Catalog::builtin(),
-    )
-    .unwrap();
+    let (capacity, catalog) = (small_machine(), Catalog::builtin());
+    let planned = plan(experiments, &request, Profile::Quick, &capacity, &catalog).unwrap();
     let cells = planned.iter().flat_map(|experiment| &experiment.cells);
     let skipped: Vec<_> = cells
         .filter_map(|cell| Some((&cell.plan.experiment, &cell.plan.cell, cell.skip.as_ref()?)))
@@ -143,28 +121,23 @@ fn the_default_suite_fits_a_machine_of_two_cores_and_4_gib() {
 
 #[test]
 fn commands_refuse_in_one_line_and_runs_skip() {
-    let refusal = |arguments: &[&str]| {
-        let out = Command::new(env!("CARGO_BIN_EXE_fathom")).args(arguments).output().unwrap();
-        let message = String::from_utf8(out.stderr).unwrap();
-        assert_eq!(out.status.code(), Some(2), "{arguments:?}: {message}");
-        assert_eq!(message.lines().count(), 1, "{message}");
-        message
+    let refused_alone = |arguments: &[&str]| {
+        let out = fathom().args(arguments).output().unwrap();
+        refused(&out, "volume.cells");
+        assert_eq!(String::from_utf8(out.stderr).unwrap().lines().count(), 1, "{arguments:?}");
     };
     let folder = tempfile::tempdir().unwrap();
     let target = folder.path().to_str().unwrap();
     let volume = ["--pipeline", "scalar_ao", "--set", "volume.cells=[134217728,1,1]"];
     let image = format!("{target}/a.png");
-    let message = refusal(&[&["render", "smoke", "-o", &image][..], &volume].concat());
-    assert!(message.contains("volume.cells"), "{message}");
+    refused_alone(&[&["render", "smoke", "-o", &image][..], &volume].concat());
     let dump = ["dump", "scalar/direct", "--scene", "smoke", "-o", target];
-    assert!(refusal(&[&dump[..], &volume].concat()).contains("volume.cells"));
+    refused_alone(&[&dump[..], &volume].concat());
     let experiment = folder.path().join("large.toml");
     std::fs::write(&experiment, LARGE).unwrap();
     let run = ["run", experiment.to_str().unwrap(), "--out", target];
-    let out = Command::new(env!("CARGO_BIN_EXE_fathom")).args(run).output().unwrap();
-    let message = String::from_utf8(out.stderr).unwrap();
-    assert_eq!(out.status.code(), Some(2), "{message}");
-    assert!(message.contains("every cell was skipped; volume.cells: asks 134217728"), "{message}");
+    let out = fathom().args(run).output().unwrap();
+    refused(&out, "every cell was skipped; volume.cells: asks 134217728");
 }
 
 const LARGE: &str = r#"

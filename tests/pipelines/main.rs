@@ -1,6 +1,8 @@
 //! Whole pipelines on the adapter at hand: what they draw, what they tell, what they ask for, and the checks of their stages.
 
 mod capacity;
+#[path = "../common/mod.rs"]
+mod common;
 mod hsao;
 mod verify;
 mod volume_ao;
@@ -10,10 +12,6 @@ use fathom::gpu::{Gpu, Options, Pixels};
 use fathom::parameter;
 use fathom::pipelines::{AnyPipeline, Built, Kind, Parameters, Pipeline};
 use fathom::scene::{Scene, SceneFile};
-use serde_json::Value;
-
-/// Paths of parameters with their values.
-type Set<'a> = [(&'a str, Value)];
 
 fn gpu() -> Gpu {
     Gpu::open(&Options::default())
@@ -21,11 +19,11 @@ fn gpu() -> Gpu {
 }
 
 /// The scene, and the pipeline's parameters with some of them set, which the adapter can take.
-fn prepared<P: Pipeline>(gpu: &Gpu, scene: &str, set: &Set<'_>) -> (Scene, P::Params) {
+fn prepared<P: Pipeline>(gpu: &Gpu, scene: &str, set: &str) -> (Scene, P::Params) {
     let file = SceneFile::load(scene).unwrap();
     let mut tree = parameter::tree(&P::Params::from(&file));
-    for (path, value) in set {
-        parameter::set(&mut tree, path, value.clone()).unwrap();
+    for (path, value) in common::sets(set) {
+        parameter::set(&mut tree, &path, value).unwrap();
     }
     let params: P::Params = fathom::pipelines::read(&tree).unwrap();
     let scene = Scene::build(&params.staged(&file).unwrap()).unwrap();
@@ -34,7 +32,6 @@ fn prepared<P: Pipeline>(gpu: &Gpu, scene: &str, set: &Set<'_>) -> (Scene, P::Pa
     (scene, params)
 }
 
-/// The pipeline after one frame.
 fn built<P: Pipeline>(gpu: &Gpu, scene: &Scene, params: &P::Params) -> Built<P> {
     let pipeline = gpu.scoped(|| Built::<P>::new(gpu, scene, params)).unwrap();
     gpu.run(&pipeline.stages()).unwrap();

@@ -9,7 +9,6 @@ use fathom::pipelines::scalar_ao::ScalarAo;
 use fathom::pipelines::underwater::{Params, Underwater};
 use fathom::scene::{Scene, SceneFile};
 use glam::DVec3;
-use serde_json::json;
 
 use super::{built, gpu, prepared};
 
@@ -58,14 +57,8 @@ fn photons_of_a_built_pipeline_have_their_errors() {
 fn scalar_fields_give_their_figures() {
     let gpu = gpu();
     for (mode, covered_least) in [("isosurface", 0.02), ("direct", 0.05), ("positional", 0.05)] {
-        let set = [
-            ("view.width", json!(32)),
-            ("view.height", json!(24)),
-            ("volume.reduce", json!(8)),
-            ("scalar.mode", json!(mode)),
-            ("scalar.rays", json!(3)),
-            ("scalar.samples", json!(4)),
-        ];
+        let small = "view.width=32 view.height=24 volume.reduce=8";
+        let set = format!("{small} scalar.mode={mode} scalar.rays=3 scalar.samples=4");
         let (scene, params) = prepared::<ScalarAo>(&gpu, "smoke", &set);
         let pipeline = built::<ScalarAo>(&gpu, &scene, &params);
         let figures = pipeline.quantities(&gpu).unwrap();

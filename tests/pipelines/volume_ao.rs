@@ -10,18 +10,16 @@ use fathom::reference::rays::{PixelRays, Tracer};
 use fathom::scene::Scene;
 use glam::DVec3;
 use rayon::prelude::*;
-use serde_json::{Value, json};
 
-use super::{Set, built, gpu, mean, prepared};
+use super::{built, gpu, mean, prepared};
 
-/// A built pipeline after one frame.
 struct Drawn {
     scene: Scene,
     params: Params,
     pipeline: Built<VolumeAo>,
 }
 
-fn draw(gpu: &Gpu, scene: &str, set: &Set<'_>) -> Drawn {
+fn draw(gpu: &Gpu, scene: &str, set: &str) -> Drawn {
     let (scene, params) = prepared::<VolumeAo>(gpu, scene, set);
     let pipeline = built::<VolumeAo>(gpu, &scene, &params);
     Drawn { scene, params, pipeline }
@@ -41,47 +39,40 @@ impl Drawn {
     }
 }
 
-/// Small pictures and volumes.
-fn small(more: &[(&'static str, Value)]) -> Vec<(&'static str, Value)> {
-    let mut set = vec![
-        ("view.width", json!(48)),
-        ("view.height", json!(40)),
-        ("voxel.resolution", json!(32)),
-        ("shadow.size", json!(64)),
-        ("ao.rays", json!(16)),
-    ];
-    set.extend_from_slice(more);
-    set
+/// With a small picture and a small volume.
+fn draw_small(gpu: &Gpu, scene: &str, set: &str) -> Drawn {
+    let small = "view.width=48 view.height=40 voxel.resolution=32 shadow.size=64 ao.rays=16";
+    draw(gpu, scene, &format!("{small} {set}"))
 }
 
 #[test]
 fn variants_agree_where_they_must() {
     let gpu = gpu();
-    let run = |more: &[(&'static str, Value)]| draw(&gpu, "ball", &small(more));
-    let plain = run(&[]);
+    let run = |set: &str| draw_small(&gpu, "ball", set);
+    let plain = run("");
     let visibility = plain.visibility(&gpu);
     assert!((0.5..0.99).contains(&mean(&visibility)));
     let image = read_texture(&gpu, plain.pipeline.image()).unwrap();
     assert_eq!([image.width, image.height], [48, 40]);
 
-    let once = run(&[("voxel.update", json!("once"))]);
+    let once = run("voxel.update=once");
     assert_eq!(once.visibility(&gpu).data, visibility.data);
     assert!(plain.stages().contains(&"voxel/unpack") && !once.stages().contains(&"voxel/unpack"));
 
-    let skipping = run(&[("ao.skipping", json!(true))]);
+    let skipping = run("ao.skipping=true");
     assert_eq!(skipping.visibility(&gpu).data, visibility.data);
     let [taken, all] = [&skipping, &plain].map(|d| d.figures(&gpu)["samples_per_pixel_mean"]);
     assert!(taken < 0.7 * all, "{taken} of {all}");
     assert!(skipping.figures(&gpu)["lookups_per_pixel_mean"] > 0.0);
 
-    let bits = run(&[("ao.storage", json!("bits"))]);
+    let bits = run("ao.storage=bits");
     assert!((mean(&bits.visibility(&gpu)) - mean(&visibility)).abs() < 2e-3);
 
-    let half = run(&[("ao.scale", json!(0.5)), ("ao.filter", json!(false))]).visibility(&gpu);
+    let half = run("ao.scale=0.5 ao.filter=false").visibility(&gpu);
     assert_eq!([half.width, half.height], [24, 20]);
     assert!((mean(&half) - mean(&visibility)).abs() < 0.02);
 
-    let paper = run(&[("ao.estimator", json!("paper"))]);
+    let paper = run("ao.estimator=paper");
     let [halved, whole] = [mean(&paper.visibility(&gpu)), mean(&visibility)].map(|v| 1.0 - v);
     assert!((halved / whole - 0.5).abs() < 0.1, "{halved} of {whole}");
 }
@@ -89,8 +80,8 @@ fn variants_agree_where_they_must() {
 #[test]
 fn figures_say_what_is_marched() {
     let gpu = gpu();
-    let set = [("ao.step", json!("paper")), ("ao.samples", json!(8)), ("ao.r_max_m", json!(1.5))];
-    let figures = draw(&gpu, "ball", &small(&set)).figures(&gpu);
+    let set = "ao.step=paper ao.samples=8 ao.r_max_m=1.5";
+    let figures = draw_small(&gpu, "ball", set).figures(&gpu);
     assert_eq!(figures["r_max_m"], 1.5);
     assert!((figures["r_max_voxels"] / figures["step_voxels"] - 8.0).abs() < 1e-9);
     let samples = figures["samples_per_pixel_mean"];
@@ -102,24 +93,17 @@ fn figures_say_what_is_marched() {
 fn volumes_of_objects_multiply_and_glass_lets_light_through() {
     let gpu = gpu();
     // The volume of all crates has few voxels: near contacts the default's high threshold would miss most of what there is.
-    let crates = [
-        ("voxel.per_object", json!(true)),
-        ("voxel.method", json!("slicemap")),
-        ("ao.threshold", json!(0.55)),
-        ("ao.offset_voxels", json!(0.25)),
-        ("ao.hit", json!("between")),
-        ("ao.r_max_m", json!(0.5)),
-        ("objects", json!(4)),
-    ];
-    let each = draw(&gpu, "crates", &small(&crates));
+    let crates = "voxel.method=slicemap ao.threshold=0.55 ao.offset_voxels=0.25 \
+        ao.hit=between ao.r_max_m=0.5 objects=4";
+    let each = draw_small(&gpu, "crates", &format!("voxel.per_object=true {crates}"));
     assert_eq!(each.pipeline.volumes().len(), 4);
-    let all = draw(&gpu, "crates", &small(&crates[1..]));
+    let all = draw_small(&gpu, "crates", crates);
     let [each, all] = [&each, &all].map(|d| 1.0 - mean(&d.visibility(&gpu)));
     assert!(each > 0.0 && all > 0.0 && (each / all - 1.0).abs() < 1.0, "{each} {all}");
 
     let glass = |occluder: &str, method: &str| {
-        let set = [("ao.occluder", json!(occluder)), ("voxel.method", json!(method))];
-        1.0 - mean(&draw(&gpu, "glass", &small(&set)).visibility(&gpu))
+        let set = format!("ao.occluder={occluder} voxel.method={method}");
+        1.0 - mean(&draw_small(&gpu, "glass", &set).visibility(&gpu))
     };
     let [clear, opaque] = [glass("opacity", "max_alpha"), glass("opacity", "overlap")];
     assert!(clear > 0.0 && clear < opaque, "{clear} {opaque}");
@@ -129,12 +113,8 @@ fn volumes_of_objects_multiply_and_glass_lets_light_through() {
 fn geometry_moves_and_its_volume_with_it() {
     let gpu = gpu();
     let at = |time_s: f64| {
-        let set = [
-            ("animation.deform", json!("spin")),
-            ("animation.time_s", json!(time_s)),
-            ("ao.r_max_m", json!(1.0)),
-        ];
-        draw(&gpu, "crates", &small(&set))
+        let set = format!("animation.deform=spin animation.time_s={time_s} ao.r_max_m=1.0");
+        draw_small(&gpu, "crates", &set)
     };
     let [start, later] = [at(0.0), at(0.5)];
     assert_eq!(start.stages()[..2], ["frame", "scene/deform"]);
@@ -170,19 +150,10 @@ fn error(gpu: &Gpu, drawn: &Drawn) -> [f64; 2] {
 #[test]
 fn occlusion_is_close_to_ray_casting() {
     let gpu = gpu();
-    let set = |width: u32, height: u32| {
-        [
-            ("view.width", json!(width)),
-            ("view.height", json!(height)),
-            ("voxel.resolution", json!(128)),
-            ("voxel.update", json!("once")),
-            ("shadow.size", json!(64)),
-            ("ao.rays", json!(64)),
-            ("ao.filter", json!(false)),
-        ]
-    };
+    let set = "view.width=64 view.height=64 voxel.resolution=128 voxel.update=once \
+        shadow.size=64 ao.rays=64 ao.filter=false";
     for (scene, limit) in [("bunny_dry", 0.05), ("sponza", 0.05), ("dragon_dry", 0.09)] {
-        let drawn = draw(&gpu, scene, &set(64, 64));
+        let drawn = draw(&gpu, scene, set);
         let [rms, bias] = error(&gpu, &drawn);
         println!("{scene}: RMS error {rms:.4}, bias {bias:+.4}");
         // The limits are for the scene itself.
@@ -190,7 +161,6 @@ fn occlusion_is_close_to_ray_casting() {
         assert!(rms <= limit, "{scene}: {rms} (bias {bias})");
     }
     // A shell of voxels without a guard occludes itself: the comparison can fail.
-    let mut blind = set(64, 64).to_vec();
-    blind.push(("ao.guard", json!("none")));
-    assert!(error(&gpu, &draw(&gpu, "bunny_dry", &blind))[0] > 0.3);
+    let blind = draw(&gpu, "bunny_dry", &format!("{set} ao.guard=none"));
+    assert!(error(&gpu, &blind)[0] > 0.3);
 }

@@ -74,7 +74,6 @@ impl Fixture {
     }
 }
 
-/// A grid set by hand.
 fn by_hand(params: &mut Params, cells: [u32; 3], origin_m: [f64; 3], voxel_m: f64) {
     params.voxel.cells = cells;
     params.voxel.origin_m = origin_m;

@@ -10,8 +10,8 @@ use fathom::harness::query;
 use fathom::record;
 use fathom::scene::{Mesh, Scene};
 
+use super::files::gzip;
 use super::memory::peak_of;
-use super::mutator::gzip;
 use super::{Answer, MOST_MEMORY, seeds, told, volume};
 
 /// The error of a reader that must refuse what it is given, in one line and little memory.

@@ -1,6 +1,8 @@
 //! Every reader against damaged input: no panic, an error of one line, and memory below 1 GiB. A thousand inputs of each with a
 //! fixed seed; `FATHOM_FUZZ_CASES=10000 cargo test --test readers -- --nocapture` tries so many others and tells what they took.
 
+#[path = "../common/files.rs"]
+mod files;
 mod hostile;
 mod memory;
 mod mutator;
@@ -33,7 +35,6 @@ const HANGS: Duration = Duration::from_secs(120);
 /// How many inputs of each reader, where the usual thousand are not enough.
 const CASES: &str = "FATHOM_FUZZ_CASES";
 
-/// What a reader says of an input.
 type Answer = Result<(), String>;
 
 /// Runs a reader on inputs that `strategy` makes. A fixed seed, unless more cases are asked for.
@@ -88,7 +89,6 @@ fn told<T, E: std::fmt::Display>(result: Result<T, E>) -> Result<T, String> {
     result.map_err(|error| error.to_string())
 }
 
-/// Reads inputs from a file of that name.
 fn fuzz_file(name: &str, seeds: Vec<Vec<u8>>, reader: impl Fn(&Path) -> Answer) {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join(name);

@@ -11,6 +11,8 @@ use fathom::record::comparison::{
 };
 use fathom::record::{Record, Work};
 
+use super::files::nifti;
+
 type Seeds = Vec<Vec<u8>>;
 
 fn all<const N: usize>(texts: [&str; N]) -> Seeds {
@@ -143,6 +145,7 @@ fn header() -> Compared {
 
 fn figures(side: Side) -> Vec<Compared> {
     let cell = cell("caustics/trace");
+    let (counts, ns) = (vec![100, 101, 100], vec![1e6, 1.1e6, 1.2e6]);
     vec![
         Compared::Configuration(ConfigurationFigures {
             side,
@@ -168,17 +171,8 @@ fn figures(side: Side) -> Vec<Compared> {
             tolerance: 0.2,
             sound: true,
         }),
-        Compared::Instructions(InstructionCounts {
-            side,
-            cell: cell.clone(),
-            counts: vec![100, 101, 100],
-        }),
-        Compared::Samples(UnpairedSamples {
-            side,
-            cell,
-            ns: vec![1e6, 1.1e6, 1.2e6],
-            resolution_ns: 5e4,
-        }),
+        Compared::Instructions(InstructionCounts { side, cell: cell.clone(), counts }),
+        Compared::Samples(UnpairedSamples { side, cell, ns, resolution_ns: 5e4 }),
     ]
 }
 
@@ -186,9 +180,9 @@ fn launch(launch: u32) -> Vec<Compared> {
     let mut lines = vec![Compared::Launch(Launch {
         launch,
         wall_s: 3.5,
-        second: false,
         core: Some(0),
         notes: vec!["addresses are randomized".into()],
+        ..Launch::default()
     })];
     for control in [false, true] {
         for (round, first) in (0..).zip(Side::BOTH) {
@@ -214,15 +208,9 @@ fn text(lines: &[Compared]) -> Vec<u8> {
 }
 
 pub fn comparisons() -> Seeds {
-    let fault = Compared::Fault(Fault {
-        gate: Gate::Time,
-        side: Some(Side::Head),
-        cell: Some(cell("godrays/trace")),
-        launch: Some(2),
-        control: false,
-        absent: false,
-        reason: "it died".into(),
-    });
+    let cell = Some(cell("godrays/trace"));
+    let fault = Fault::new(Gate::Time, Some(Side::Head), cell, "it died");
+    let fault = Compared::Fault(Fault { launch: Some(2), ..fault });
     let end = Compared::End(ComparisonEnd { wall_s: 10.0, interrupted: false });
     let mut lines = vec![header()];
     lines.extend(Side::BOTH.into_iter().flat_map(figures));
@@ -253,26 +241,11 @@ pub fn plys() -> Seeds {
 }
 
 pub fn niftis() -> Seeds {
-    let file = |datatype: i16, bytes: usize| {
-        let mut file = vec![0; 352];
-        let mut put = |at: usize, bytes: &[u8]| file[at..at + bytes.len()].copy_from_slice(bytes);
-        put(0, &348i32.to_le_bytes());
-        for (i, n) in [3i16, 2, 3, 2, 1, 1, 1, 1].into_iter().enumerate() {
-            put(40 + 2 * i, &n.to_le_bytes());
-        }
-        put(70, &datatype.to_le_bytes());
-        put(72, &(8 * bytes as i16).to_le_bytes());
-        for (i, edge) in [1.0f32, 1.0, 2.0, 3.0].into_iter().enumerate() {
-            put(76 + 4 * i, &edge.to_le_bytes());
-        }
-        put(108, &352f32.to_le_bytes());
-        put(112, &1f32.to_le_bytes());
-        put(123, &[2]);
-        put(344, b"n+1\0");
-        file.extend((0..12 * bytes).map(|i| i as u8));
-        file
-    };
-    vec![file(2, 1), file(4, 2), file(64, 8)]
+    fn counted<const N: usize>() -> [[u8; N]; 12] {
+        std::array::from_fn(|value| std::array::from_fn(|byte| (N * value + byte) as u8))
+    }
+    let (bytes, words, doubles) = (counted::<1>(), counted::<2>(), counted::<8>());
+    vec![nifti(true, 2, &bytes), nifti(true, 4, &words), nifti(true, 64, &doubles)]
 }
 
 pub fn raws() -> Seeds {

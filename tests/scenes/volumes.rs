@@ -5,7 +5,7 @@ use std::path::Path;
 use fathom::scene::{Scene, SceneFile, Volume};
 use glam::DVec3;
 
-use super::gzip;
+use super::files::{gzip, nifti};
 
 /// A scene that is a volume file, with these further keys of `[volume]`.
 fn scene(folder: &Path, name: &str, keys: &str) -> Result<Scene, String> {
@@ -19,7 +19,6 @@ fn scene(folder: &Path, name: &str, keys: &str) -> Result<Scene, String> {
     Scene::build(&file).map_err(|e| e.to_string())
 }
 
-/// Reads `bytes` as a file of that name.
 fn read(name: &str, bytes: &[u8], keys: &str) -> Result<Volume, String> {
     let folder = tempfile::tempdir().unwrap();
     std::fs::write(folder.path().join(name), bytes).unwrap();
@@ -40,55 +39,11 @@ fn fault(name: &str, bytes: &[u8], keys: &str) -> String {
     error
 }
 
-/// Puts numbers into a header in either byte order.
-struct Writer {
-    little: bool,
-    bytes: Vec<u8>,
-}
-
-impl Writer {
-    fn put<const N: usize>(&mut self, at: usize, little: [u8; N]) {
-        let mut bytes = little;
-        if !self.little {
-            bytes.reverse();
-        }
-        self.bytes[at..at + N].copy_from_slice(&bytes);
-    }
-}
-
-/// A NIfTI-1 file of 2 × 3 × 2 cells of 1 × 2 × 3 mm with the values of `data`, given low byte first.
-fn nifti<const N: usize>(little: bool, datatype: i16, data: &[[u8; N]]) -> Vec<u8> {
-    let mut file = Writer { little, bytes: vec![0; 352] };
-    file.put(0, 348i32.to_le_bytes());
-    for (i, n) in [3i16, 2, 3, 2, 1, 1, 1, 1].into_iter().enumerate() {
-        file.put(40 + 2 * i, n.to_le_bytes());
-    }
-    file.put(70, datatype.to_le_bytes());
-    file.put(72, (8 * N as i16).to_le_bytes());
-    for (i, edge) in [1.0f32, 1.0, 2.0, 3.0].into_iter().enumerate() {
-        file.put(76 + 4 * i, edge.to_le_bytes());
-    }
-    file.put(108, 352f32.to_le_bytes());
-    file.put(112, 1f32.to_le_bytes());
-    file.bytes[123] = 2;
-    file.bytes[344..348].copy_from_slice(b"n+1\0");
-    for value in data {
-        let mut value = *value;
-        if !little {
-            value.reverse();
-        }
-        file.bytes.extend(value);
-    }
-    file.bytes
-}
-
-/// Twelve bytes: 0, 1, … 11.
 fn bytes_0_to_11() -> Vec<u8> {
     let values: Vec<[u8; 1]> = (0..12).map(|i| [i]).collect();
     nifti(true, 2, &values)
 }
 
-/// The file with some bytes replaced.
 fn with(at: usize, bytes: &[u8]) -> Vec<u8> {
     let mut file = bytes_0_to_11();
     file[at..at + bytes.len()].copy_from_slice(bytes);
@@ -199,10 +154,8 @@ fn values_that_are_not_finite_are_counted_and_the_first_named() {
     values[7] = f32::NAN.to_le_bytes();
     values[9] = f32::NAN.to_le_bytes();
     let told = fault("a.nii", &nifti(true, 16, &values), "");
-    assert!(
-        told.contains("2 of 12 values are not finite: the first, NaN, lies in cell (1, 0, 1)"),
-        "{told}"
-    );
+    let counted = "2 of 12 values are not finite: the first, NaN, lies in cell (1, 0, 1)";
+    assert!(told.contains(counted), "{told}");
     let raw: Vec<u8> = values.into_iter().flatten().collect();
     let told = fault("a.raw", &raw, "cells = [2, 3, 2]\nformat = \"f32\"");
     assert!(told.contains("cell (1, 0, 1)"), "{told}");

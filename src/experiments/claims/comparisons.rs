@@ -1,9 +1,10 @@
 //! Cells held against each other and against bounds.
 
+use itertools::{Itertools, MinMaxResult};
 use serde_json::{Map, Value};
 
 use super::{
-    Finding, Interval, Verdict, plural, quotient, read_positive, untestable, with_interval, within,
+    Finding, Interval, Verdict, quotient, read_positive, too_few, untestable, with_interval, within,
 };
 use crate::experiments::expand::label_text;
 use crate::experiments::measure::{self, Measure};
@@ -12,16 +13,9 @@ use crate::record::{Cell, Estimate};
 
 pub(super) fn independent(y: &Measure, over: &str, tolerance: f64, cells: &[&Cell]) -> Finding {
     let readings = labelled(y, over, cells);
-    let by_median =
-        |a: &&(Value, Estimate), b: &&(Value, Estimate)| a.1.median.total_cmp(&b.1.median);
-    let largest = readings.iter().max_by(by_median);
-    let smallest = readings.iter().min_by(by_median);
-    let (Some(largest), Some(smallest), true) = (largest, smallest, readings.len() > 1) else {
-        return untestable(format!(
-            "{} measured {}, and 2 are needed",
-            readings.len(),
-            plural(readings.len(), "cell")
-        ));
+    let by_median = readings.iter().minmax_by(|a, b| a.1.median.total_cmp(&b.1.median));
+    let MinMaxResult::MinMax(smallest, largest) = by_median else {
+        return untestable(too_few(readings.len(), "2 are needed"));
     };
     let (ratio, interval) = quotient(&largest.1, &smallest.1);
     let figure = format!(
@@ -124,23 +118,13 @@ pub(super) fn monotone(
     tolerance: f64,
     cells: &[&Cell],
 ) -> Finding {
-    let mut points: Vec<(f64, Estimate)> = cells
-        .iter()
-        .filter_map(|cell| {
-            let x = x.read(cell, cell.measured()?)?.estimate.median;
-            Some((x, read_positive(y, cell)?))
-        })
-        .collect();
+    let mut points = points(y, x, cells);
     points.sort_by(|a, b| a.0.total_cmp(&b.0));
     if direction == Direction::Falling {
         points.reverse();
     }
     let (Some(first), Some(last), true) = (points.first(), points.last(), points.len() > 2) else {
-        return untestable(format!(
-            "{} measured {}, and 3 are needed",
-            points.len(),
-            plural(points.len(), "cell")
-        ));
+        return untestable(too_few(points.len(), "3 are needed"));
     };
     let (whole, whole_interval) = quotient(&last.1, &first.1);
     let floor = 1.0 / (1.0 + tolerance);
@@ -161,6 +145,15 @@ pub(super) fn monotone(
     }
 }
 
+/// x and y of the cells with a positive y.
+fn points(y: &Measure, x: &Measure, cells: &[&Cell]) -> Vec<(f64, Estimate)> {
+    let read = |cell: &&Cell| {
+        let x = x.read(cell, cell.measured()?)?.estimate.median;
+        Some((x, read_positive(y, cell)?))
+    };
+    cells.iter().filter_map(read).collect()
+}
+
 /// The cells with a positive y, each under its label on the axis.
 fn labelled(y: &Measure, over: &str, cells: &[&Cell]) -> Vec<(Value, Estimate)> {
     let read = |cell: &&Cell| Some((cell.axes.get(over)?.clone(), read_positive(y, cell)?));
@@ -176,10 +169,8 @@ pub(super) fn lowest(
 ) -> Finding {
     let (own, others): (Vec<_>, Vec<_>) =
         labelled(y, over, cells).into_iter().partition(|(label, _)| measure::same(label, value));
-    let by_median =
-        |a: &&(Value, Estimate), b: &&(Value, Estimate)| a.1.median.total_cmp(&b.1.median);
-    let (Some((_, own)), Some((rival, best))) = (own.first(), others.iter().min_by(by_median))
-    else {
+    let lowest = others.iter().min_by(|a, b| a.1.median.total_cmp(&b.1.median));
+    let (Some((_, own)), Some((rival, best))) = (own.first(), lowest) else {
         return untestable(format!(
             "`{}` and another value were not both measured",
             label_text(value)
@@ -198,11 +189,7 @@ pub(super) fn lowest(
 
 /// Every cell whose interval reaches below the upper end of the lowest cell's may hold the minimum.
 pub(super) fn minimum(y: &Measure, x: &Measure, band: [f64; 2], cells: &[&Cell]) -> Finding {
-    let read = |cell: &&Cell| {
-        let x = x.read(cell, cell.measured()?)?.estimate.median;
-        Some((x, read_positive(y, cell)?))
-    };
-    let points: Vec<(f64, Estimate)> = cells.iter().filter_map(read).collect();
+    let points = points(y, x, cells);
     let inside = |x: f64| (band[0]..=band[1]).contains(&x);
     let below = points.iter().any(|(x, _)| *x < band[0]);
     let above = points.iter().any(|(x, _)| *x > band[1]);

@@ -1,6 +1,8 @@
 //! Lines through cells: power laws and affine ones.
 
-use super::{Finding, Interval, Verdict, in_ms, plural, untestable, with_interval, within};
+use std::collections::HashSet;
+
+use super::{Finding, Interval, Verdict, in_ms, too_few, untestable, with_interval, within};
 use crate::experiments::measure::{Measure, Reading};
 use crate::record::{Cell, Estimate};
 use crate::statistics::{Slope, log_log_slope};
@@ -31,11 +33,7 @@ pub fn scaling(
 ) -> Result<Scaling, String> {
     let points = thinned(readings(y, x, cells));
     if points.len() < 3 {
-        return Err(format!(
-            "{} measured {}, and a slope needs 3",
-            points.len(),
-            plural(points.len(), "cell")
-        ));
+        return Err(too_few(points.len(), "a slope needs 3"));
     }
     let medians: Vec<(f64, f64)> = points.iter().map(|(x, y)| (*x, y.estimate.median)).collect();
     let fixed = Line::fit(&medians).map_or(0.0, |line| line.fixed_cost());
@@ -91,18 +89,10 @@ fn thinned<T>(mut points: Vec<(f64, T)>) -> Vec<(f64, T)> {
         return points;
     }
     points.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let mut chosen = (0..MOST_POINTS).map(|index| index * (n - 1) / (MOST_POINTS - 1));
-    let mut next = chosen.next();
-    let mut place = 0;
-    points.retain(|_| {
-        let keep = next == Some(place);
-        if keep {
-            next = chosen.next();
-        }
-        place += 1;
-        keep
-    });
-    points
+    let chosen: HashSet<usize> =
+        (0..MOST_POINTS).map(|index| index * (n - 1) / (MOST_POINTS - 1)).collect();
+    let points = points.into_iter().enumerate().filter(|(place, _)| chosen.contains(place));
+    points.map(|(_, point)| point).collect()
 }
 
 /// x and y of the measured cells in which both are positive.
@@ -162,11 +152,7 @@ pub(super) fn affine(
         readings(y, x, cells).into_iter().map(|(x, y)| (x, y.estimate)).collect();
     let medians: Vec<(f64, f64)> = points.iter().map(|(x, y)| (*x, y.median)).collect();
     let (Some(line), true) = (Line::fit(&medians), points.len() > 3) else {
-        let count = points.len();
-        return untestable(format!(
-            "{count} measured {}, and a straight line needs 4",
-            plural(count, "cell")
-        ));
+        return untestable(too_few(points.len(), "a straight line needs 4"));
     };
     let off = |x: f64, y: f64| y / line.at(x) - 1.0;
     let worst = points

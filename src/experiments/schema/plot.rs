@@ -55,6 +55,11 @@ impl Plot {
         single.chain(&self.panels).map(String::as_str)
     }
 
+    /// Label of the ordinate.
+    pub fn y_title(&self) -> &str {
+        self.y_title.as_deref().unwrap_or("time (ms)")
+    }
+
     pub(super) fn check(&self) -> Result<(), &'static str> {
         match self.kind {
             PlotKind::Scaling | PlotKind::Lines if self.x.is_none() || self.y.is_empty() => {

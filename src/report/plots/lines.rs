@@ -2,19 +2,21 @@
 
 use plotters::prelude::*;
 
+use super::chart::{Legend, mesh, split};
 use super::scale::{Kind, Scale};
-use super::{Area, Drawn, fault, style, unit};
+use super::{Area, Drawn, Panel, style, unit};
 use crate::experiments::schema::{Experiment, FIXED_SHARE, Plot, PlotKind, Published};
 use crate::experiments::{Measure, Scaling, groups, scaling};
-use crate::record::Cell;
+use crate::record::{Cell, Estimate};
 
-const HEIGHT_PX: u32 = 430;
 const LEGEND_PX: u32 = 300;
 /// Characters of 12-px type that fit into the legend's column.
 const LEGEND_CHARACTERS: usize = 44;
 
-pub struct Panel {
-    plot: Plot,
+pub struct Lines {
+    title: String,
+    x_title: String,
+    y_title: String,
     x: Scale,
     y: Scale,
     series: Vec<Series>,
@@ -25,30 +27,22 @@ pub struct Panel {
 struct Series {
     name: String,
     group: String,
-    points: Vec<Point>,
+    /// Places and values in the plot's units.
+    points: Vec<(f64, Estimate)>,
     /// Ends of the fitted line, in the plot's units.
     fit: Option<[(f64, f64); 2]>,
     /// The legend's word on the fit.
     remark: String,
 }
 
-/// A median and its interval in the plot's units.
-struct Point {
-    x: f64,
-    y: f64,
-    low: f64,
-    high: f64,
-}
-
-/// A published frame time.
 struct Mark {
     x: f64,
     span_ms: (f64, f64),
 }
 
-impl Panel {
+impl Lines {
     /// None where no series has a point.
-    pub fn new(plot: &Plot, experiment: &Experiment, cells: &[&Cell]) -> Option<Panel> {
+    pub fn new(plot: &Plot, experiment: &Experiment, cells: &[&Cell]) -> Option<Lines> {
         let x_measure = plot.x.as_ref()?;
         let groups = match &plot.over {
             Some(over) => groups(cells, over),
@@ -73,12 +67,14 @@ impl Panel {
             _ => Kind::Linear,
         };
         let points = || series.iter().flat_map(|series| &series.points);
-        let x = Scale::fit(kind, points().map(|point| point.x))?;
-        let ends = points().flat_map(|point| [point.low, point.y, point.high]);
+        let x = Scale::fit(kind, points().map(|(x, _)| *x))?;
+        let ends = points().flat_map(|(_, y)| [y.low, y.median, y.high]);
         let marked = published.iter().flat_map(|mark| [mark.span_ms.0, mark.span_ms.1]);
         let y = Scale::fit(kind, ends.chain(marked))?;
-        Some(Panel {
-            plot: plot.clone(),
+        Some(Lines {
+            title: plot.title.clone(),
+            x_title: plot.x_title.clone().unwrap_or_else(|| x_measure.to_string()),
+            y_title: plot.y_title().to_owned(),
             x,
             y,
             series,
@@ -87,13 +83,27 @@ impl Panel {
         })
     }
 
-    pub fn height_px(&self) -> u32 {
-        HEIGHT_PX
+    fn legend(&self, area: &Area<'_>) -> Drawn {
+        let mut legend = Legend { area, y: 44, row_px: 16 };
+        for (index, series) in self.series.iter().enumerate() {
+            legend.polygon(&style::marker(index), style::color(index))?;
+            entry(&mut legend, &series.name, [&series.group, &series.remark])?;
+        }
+        if let Some((figures, hardware)) = self.published_lines.split_first() {
+            STAR.iter().try_for_each(|ray| legend.line(ray, 2))?;
+            entry(&mut legend, figures, hardware)?;
+        }
+        Ok(())
+    }
+}
+
+impl Panel for Lines {
+    fn height_px(&self) -> u32 {
+        430
     }
 
-    pub fn draw(&self, area: &Area<'_>) -> Drawn {
-        let (left, legend) = area.split_horizontally(super::WIDTH_PX - LEGEND_PX);
-        left.draw_text(&self.plot.title, &style::heading(), (16, 8)).map_err(fault)?;
+    fn draw(&self, area: &Area<'_>) -> Drawn {
+        let (left, legend) = split(area, &self.title, LEGEND_PX)?;
         let mut chart = ChartBuilder::on(&left)
             .margin_top(34)
             .margin_right(16)
@@ -101,25 +111,14 @@ impl Panel {
             .margin_bottom(8)
             .x_label_area_size(46)
             .y_label_area_size(74)
-            .build_cartesian_2d(self.x.clone(), self.y.clone())
-            .map_err(fault)?;
-        let x_title = self.plot.x_title.clone();
-        let y_title = self.plot.y_title.as_deref().unwrap_or("time (ms)");
-        chart
-            .configure_mesh()
-            .bold_line_style(style::GRID)
-            .light_line_style(TRANSPARENT)
-            .axis_style(style::FAINT)
-            .label_style(style::label())
-            .axis_desc_style(style::label())
-            .x_labels(20)
+            .build_cartesian_2d(self.x.clone(), self.y.clone())?;
+        mesh(&mut chart)
             .y_labels(20)
             .x_label_formatter(&|at| self.x.tick_label(*at))
             .y_label_formatter(&|at| self.y.tick_label(*at))
-            .x_desc(x_title.unwrap_or_else(|| self.plot.x_name()))
-            .y_desc(y_title)
-            .draw()
-            .map_err(fault)?;
+            .x_desc(&self.x_title)
+            .y_desc(&self.y_title)
+            .draw()?;
         let canvas = Canvas { area: chart.plotting_area(), panel: self };
         for (index, series) in self.series.iter().enumerate() {
             canvas.series(index, series)?;
@@ -129,49 +128,23 @@ impl Panel {
         }
         self.legend(&legend)
     }
-
-    fn legend(&self, area: &Area<'_>) -> Drawn {
-        let mut y = 44;
-        for (index, series) in self.series.iter().enumerate() {
-            let color = style::color(index);
-            let outline = shifted(&style::marker(index), (12, y));
-            area.draw(&Polygon::new(outline, color.filled())).map_err(fault)?;
-            let lines = [(&series.name, true), (&series.group, false), (&series.remark, false)];
-            y = entry(area, y, &lines)?;
-        }
-        if let Some((figures, hardware)) = self.published_lines.split_first() {
-            for ray in STAR {
-                let ray = shifted(&ray, (12, y));
-                area.draw(&PathElement::new(ray, style::INK.stroke_width(2))).map_err(fault)?;
-            }
-            let rest = hardware.iter().map(|line| (line, false));
-            let lines: Vec<(&String, bool)> = [(figures, true)].into_iter().chain(rest).collect();
-            entry(area, y, &lines)?;
-        }
-        Ok(())
-    }
 }
 
-impl Plot {
-    fn x_name(&self) -> String {
-        self.x.as_ref().map(Measure::to_string).unwrap_or_default()
-    }
-}
-
-/// Draws lines of text, wrapped, and gives the place of the next entry.
-fn entry(area: &Area<'_>, mut y: i32, lines: &[(&String, bool)]) -> Result<i32, String> {
-    for (line, strong) in lines.iter().filter(|(line, _)| !line.is_empty()) {
+/// A name and remarks on it, wrapped.
+fn entry<'s>(
+    legend: &mut Legend<'_, '_>,
+    name: &str,
+    remarks: impl IntoIterator<Item = &'s String>,
+) -> Drawn {
+    let remarks = remarks.into_iter().map(|remark| (remark.as_str(), style::small()));
+    let lines = std::iter::once((name, style::label())).chain(remarks);
+    for (line, style) in lines.filter(|(line, _)| !line.is_empty()) {
         for piece in style::wrap(line, LEGEND_CHARACTERS) {
-            let style = if *strong { style::label() } else { style::small() };
-            area.draw_text(&piece, &style::starting(style), (26, y)).map_err(fault)?;
-            y += 16;
+            legend.write(&piece, style.clone())?;
         }
     }
-    Ok(y + 8)
-}
-
-fn shifted(outline: &[(i32, i32)], (x, y): (i32, i32)) -> Vec<(i32, i32)> {
-    outline.iter().map(|(dx, dy)| (x + dx, y + dy)).collect()
+    legend.y += 8;
+    Ok(())
 }
 
 /// The mark of published figures.
@@ -180,21 +153,13 @@ const STAR: [[(i32, i32); 2]; 4] =
 
 impl Series {
     fn new(plot: &Plot, x: &Measure, y: &Measure, group: &str, cells: &[&Cell]) -> Series {
-        let mut points: Vec<Point> = cells
-            .iter()
-            .filter_map(|cell| {
-                let figures = cell.measured()?;
-                let x_value = x.read(cell, figures)?.estimate.median * unit(x);
-                let estimate = y.read(cell, figures)?.estimate;
-                Some(Point {
-                    x: x_value,
-                    y: estimate.median * unit(y),
-                    low: estimate.low * unit(y),
-                    high: estimate.high * unit(y),
-                })
-            })
-            .collect();
-        points.sort_by(|a, b| a.x.total_cmp(&b.x));
+        let read = |cell: &&Cell| {
+            let figures = cell.measured()?;
+            let at = x.read(cell, figures)?.estimate.median * unit(x);
+            Some((at, y.read(cell, figures)?.estimate.scaled(unit(y))))
+        };
+        let mut points: Vec<(f64, Estimate)> = cells.iter().filter_map(read).collect();
+        points.sort_by(|a, b| a.0.total_cmp(&b.0));
         let fit = match plot.kind {
             PlotKind::Scaling => scaling(y, x, cells, FIXED_SHARE).ok(),
             _ => None,
@@ -237,7 +202,7 @@ fn marks(experiment: &Experiment, x: &Measure, cells: &[&Cell]) -> Vec<Mark> {
 
 struct Canvas<'a, 'b> {
     area: &'a DrawingArea<SVGBackend<'b>, Cartesian2d<Scale, Scale>>,
-    panel: &'a Panel,
+    panel: &'a Lines,
 }
 
 impl Canvas<'_, '_> {
@@ -249,30 +214,30 @@ impl Canvas<'_, '_> {
         let [Some(a), Some(b)] = ends else {
             return Ok(());
         };
-        self.area.draw(&PathElement::new(vec![a, b], style)).map_err(fault)
+        self.area.draw(&PathElement::new(vec![a, b], style))
     }
 
     fn series(&self, index: usize, series: &Series) -> Drawn {
         let color = style::color(index);
         for pair in series.points.windows(2) {
-            let ends = [&pair[0], &pair[1]].map(|point| self.at(point.x, point.y));
+            let ends = [pair[0], pair[1]].map(|(x, y)| self.at(x, y.median));
             self.line(ends, color.mix(0.45).stroke_width(1))?;
         }
         if let Some(ends) = &series.fit {
             self.fit(ends, color)?;
         }
-        for point in &series.points {
-            let ends = [self.at(point.x, point.low), self.at(point.x, point.high)];
+        for (x, y) in &series.points {
+            let ends = [y.low, y.high].map(|y| self.at(*x, y));
             self.line(ends, color.stroke_width(2))?;
             for at in ends.into_iter().flatten() {
                 let cap = EmptyElement::at(at)
                     + PathElement::new(vec![(-4, 0), (4, 0)], color.stroke_width(2));
-                self.area.draw(&cap).map_err(fault)?;
+                self.area.draw(&cap)?;
             }
-            if let Some(at) = self.at(point.x, point.y) {
+            if let Some(at) = self.at(*x, y.median) {
                 let shape =
                     EmptyElement::at(at) + Polygon::new(style::marker(index), color.filled());
-                self.area.draw(&shape).map_err(fault)?;
+                self.area.draw(&shape)?;
             }
         }
         Ok(())
@@ -305,7 +270,7 @@ impl Canvas<'_, '_> {
             for ray in STAR {
                 let shape = EmptyElement::at(at)
                     + PathElement::new(ray.to_vec(), style::INK.stroke_width(2));
-                self.area.draw(&shape).map_err(fault)?;
+                self.area.draw(&shape)?;
             }
         }
         Ok(())

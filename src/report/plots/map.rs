@@ -6,7 +6,7 @@ use indexmap::IndexSet;
 use plotters::prelude::*;
 use serde_json::Value;
 
-use super::{Area, Drawn, fault, style, unit};
+use super::{Area, Drawn, Panel, style, unit};
 use crate::experiments::label_text;
 use crate::experiments::schema::{Experiment, Plot};
 use crate::record::Cell;
@@ -24,7 +24,7 @@ const MOST_FIELDS: usize = 10_000;
 /// The colour scale at the right.
 const LEGEND_PX: i32 = 110;
 
-pub struct Panel {
+pub struct Map {
     plot: Plot,
     columns: Side,
     rows: Side,
@@ -45,7 +45,7 @@ struct Grid {
     fields: Vec<Vec<Option<f64>>>,
 }
 
-impl Panel {
+impl Map {
     /// None where no cell has a value.
     ///
     /// # Errors
@@ -54,34 +54,28 @@ impl Panel {
         plot: &Plot,
         experiment: &Experiment,
         cells: &[&Cell],
-    ) -> Result<Option<Panel>, &'static str> {
-        let (Some(y), Some(columns), Some(rows)) = (plot.y.first(), &plot.columns, &plot.rows)
+    ) -> Result<Option<Map>, &'static str> {
+        let (Some(y), Some(across), Some(down)) = (plot.y.first(), &plot.columns, &plot.rows)
         else {
             return Ok(None);
         };
-        let columns = Side::new(columns, experiment, cells);
-        let rows = Side::new(rows, experiment, cells);
-        let value = |cell: &Cell| {
-            let value = y.read(cell, cell.measured()?)?.estimate.median * unit(y);
-            value.is_finite().then_some(value)
-        };
+        let columns = Side::new(across, experiment, cells);
+        let rows = Side::new(down, experiment, cells);
         let place = |cell: &Cell| -> Option<Vec<Value>> {
-            let values = plot.panels.iter().map(|name| cell.axes.get(name).cloned());
-            values.collect()
+            plot.panels.iter().map(|name| cell.axes.get(name).cloned()).collect()
         };
         let panels: IndexSet<Vec<Value>> = cells.iter().filter_map(|cell| place(cell)).collect();
         if panels.len() * rows.labels.len() * columns.labels.len() > MOST_FIELDS {
             return Err("its maps have more than 10,000 fields, which cells.csv lists");
         }
+        let read = |cell: &&Cell| {
+            let value = y.read(cell, cell.measured()?)?.estimate.median * unit(y);
+            let key = (place(cell)?, cell.axes.get(down)?.clone(), cell.axes.get(across)?.clone());
+            value.is_finite().then_some((key, value))
+        };
         let mut values: HashMap<(Vec<Value>, Value, Value), f64> = HashMap::new();
-        for cell in cells {
-            let of = |name: &Option<String>| cell.axes.get(name.as_ref()?).cloned();
-            let (row, column) = (of(&plot.rows), of(&plot.columns));
-            if let (Some(panel), Some(row), Some(column), Some(value)) =
-                (place(cell), row, column, value(cell))
-            {
-                values.entry((panel, row, column)).or_insert(value);
-            }
+        for (key, value) in cells.iter().filter_map(read) {
+            values.entry(key).or_insert(value);
         }
         let field = |panel: &Vec<Value>, row: &Value, column: &Value| {
             let key = (panel.clone(), row.clone(), column.clone());
@@ -102,24 +96,7 @@ impl Panel {
         let [Some(low), Some(high)] = ends else {
             return Ok(None);
         };
-        Ok(Some(Panel { plot: plot.clone(), columns, rows, maps, range: (low, high) }))
-    }
-
-    /// The numbers, a table for each map.
-    pub fn tables(&self) -> Vec<(String, Table)> {
-        let table = |map: &Grid| {
-            let corner = format!("{} \\ {}", self.rows.title, self.columns.title);
-            let head = self.columns.labels.iter().map(label_text);
-            let mut table = Table::new([corner].into_iter().chain(head));
-            for (row, fields) in self.rows.labels.iter().zip(&map.fields) {
-                let fields = fields.iter().map(|field| field.map_or_else(|| "–".to_owned(), three));
-                table.row([label_text(row)].into_iter().chain(fields));
-            }
-            let title = [self.plot.title.as_str(), &map.title];
-            let title: Vec<&str> = title.into_iter().filter(|part| !part.is_empty()).collect();
-            (title.join(", "), table)
-        };
-        self.maps.iter().map(table).collect()
+        Ok(Some(Map { plot: plot.clone(), columns, rows, maps, range: (low, high) }))
     }
 
     fn map_px(&self) -> (i32, i32) {
@@ -136,27 +113,9 @@ impl Panel {
         (room / self.map_px().0).clamp(1, self.maps.len().max(1) as i32)
     }
 
-    pub fn height_px(&self) -> u32 {
-        let lines = (self.maps.len() as i32 + self.across() - 1) / self.across();
-        (TITLE_PX + lines * self.map_px().1 + 8) as u32
-    }
-
-    pub fn draw(&self, area: &Area<'_>) -> Drawn {
-        area.draw_text(&self.plot.title, &style::heading(), (16, 8)).map_err(fault)?;
-        let (width, height) = self.map_px();
-        for (index, map) in self.maps.iter().enumerate() {
-            let index = index as i32;
-            let at =
-                (16 + index % self.across() * width, TITLE_PX + index / self.across() * height);
-            self.map(area, map, at)?;
-        }
-        self.legend(area)
-    }
-
     fn map(&self, area: &Area<'_>, map: &Grid, (x, y): (i32, i32)) -> Drawn {
         let (left, top) = (x + LABELS_PX, y + HEAD_PX);
-        let write =
-            |line: &str, style: &TextStyle<'_>, at| area.draw_text(line, style, at).map_err(fault);
+        let write = |line: &str, style: &TextStyle<'_>, at| area.draw_text(line, style, at);
         write(&map.title, &style::label(), (left, y + 2))?;
         write(&self.columns.title, &style::small(), (left, y + 20))?;
         write(&self.rows.title, &style::small(), (x, y + 38))?;
@@ -178,11 +137,11 @@ impl Panel {
     fn field(&self, area: &Area<'_>, value: Option<f64>, (x, y): (i32, i32)) -> Drawn {
         let color = value.map_or(style::GRID, |value| style::shade(self.share(value)));
         let corners = [(x + 1, y + 1), (x + FIELD_PX.0 - 1, y + FIELD_PX.1 - 1)];
-        area.draw(&Rectangle::new(corners, color.filled())).map_err(fault)?;
+        area.draw(&Rectangle::new(corners, color.filled()))?;
         let number = value.map_or_else(|| "–".to_owned(), three);
         let ink = style::on(color, style::label());
         let middle = (x + FIELD_PX.0 / 2, y + FIELD_PX.1 / 2);
-        area.draw_text(&number, &style::centered(ink), middle).map_err(fault)
+        area.draw_text(&number, &style::centered(ink), middle)
     }
 
     /// Place of a value on the colour scale, 0 … 1.
@@ -200,22 +159,57 @@ impl Panel {
             let edge = |step: i32| top + height * step / STEPS;
             let share = 1.0 - (f64::from(step) + 0.5) / f64::from(STEPS);
             let corners = [(left, edge(step)), (left + 16, edge(step + 1))];
-            area.draw(&Rectangle::new(corners, style::shade(share).filled())).map_err(fault)?;
+            area.draw(&Rectangle::new(corners, style::shade(share).filled()))?;
         }
         let (low, high) = self.range;
         for share in [0.0, 0.5, 1.0] {
             let label = three(low + share * (high - low));
             let at = (left + 22, top + height - (share * f64::from(height)) as i32);
-            area.draw_text(&label, &style::starting(style::label()), at).map_err(fault)?;
+            area.draw_text(&label, &style::starting(style::label()), at)?;
         }
         let title = self.plot.y_title.clone();
         let title = title.unwrap_or_else(|| self.plot.y[0].to_string());
         let title = style::wrap(&title, 18);
         let start = top - 8 - 15 * title.len() as i32;
         for (line, piece) in (0..).zip(&title) {
-            area.draw_text(piece, &style::small(), (left, start + 15 * line)).map_err(fault)?;
+            area.draw_text(piece, &style::small(), (left, start + 15 * line))?;
         }
         Ok(())
+    }
+}
+
+impl Panel for Map {
+    fn height_px(&self) -> u32 {
+        let lines = (self.maps.len() as i32 + self.across() - 1) / self.across();
+        (TITLE_PX + lines * self.map_px().1 + 8) as u32
+    }
+
+    fn draw(&self, area: &Area<'_>) -> Drawn {
+        area.draw_text(&self.plot.title, &style::heading(), (16, 8))?;
+        let (width, height) = self.map_px();
+        for (index, map) in self.maps.iter().enumerate() {
+            let index = index as i32;
+            let at =
+                (16 + index % self.across() * width, TITLE_PX + index / self.across() * height);
+            self.map(area, map, at)?;
+        }
+        self.legend(area)
+    }
+
+    fn tables(&self) -> Vec<(String, Table)> {
+        let table = |map: &Grid| {
+            let corner = format!("{} \\ {}", self.rows.title, self.columns.title);
+            let head = self.columns.labels.iter().map(label_text);
+            let mut table = Table::new([corner].into_iter().chain(head));
+            for (row, fields) in self.rows.labels.iter().zip(&map.fields) {
+                let fields = fields.iter().map(|field| field.map_or_else(|| "–".to_owned(), three));
+                table.row([label_text(row)].into_iter().chain(fields));
+            }
+            let title = [self.plot.title.as_str(), &map.title];
+            let title: Vec<&str> = title.into_iter().filter(|part| !part.is_empty()).collect();
+            (title.join(", "), table)
+        };
+        self.maps.iter().map(table).collect()
     }
 }
 

@@ -3,6 +3,7 @@
 //! The legend has a column of its own at the right and covers no data.
 
 mod bars;
+mod chart;
 mod lines;
 mod map;
 mod scale;
@@ -10,8 +11,10 @@ mod stacked;
 mod style;
 
 use indexmap::IndexSet;
+use plotters::drawing::DrawingAreaErrorKind;
 use plotters::prelude::*;
 
+use self::{bars::Bars, lines::Lines, map::Map, stacked::Stacked};
 use super::format::{NS_PER_MS, Table};
 use super::{Artifact, Exporter, ReportError, Section, View};
 use crate::experiments::schema::{Experiment, Plot, PlotKind, Published};
@@ -26,50 +29,33 @@ const WIDTH_PX: u32 = 980;
 const TITLE_PX: u32 = 56;
 
 type Area<'a> = DrawingArea<SVGBackend<'a>, plotters::coord::Shift>;
-/// Drawing on a string cannot fail but by a bug in the drawing; the message is all that is of use.
-type Drawn = Result<(), String>;
+/// Drawing on a string cannot fail but by a bug in the drawing.
+type Fault = DrawingAreaErrorKind<std::io::Error>;
+type Drawn = Result<(), Fault>;
 
 /// Cells of a plot beyond which it is not drawn: nobody can read it.
 const MOST_CELLS: usize = 2_000;
 
-/// A panel ready to be drawn.
-enum Panel {
-    Lines(lines::Panel),
-    Stacked(stacked::Panel),
-    Bars(bars::Panel),
-    Map(map::Panel),
-}
+trait Panel {
+    fn height_px(&self) -> u32;
 
-impl Panel {
-    fn height_px(&self) -> u32 {
-        match self {
-            Panel::Lines(panel) => panel.height_px(),
-            Panel::Stacked(panel) => panel.height_px(),
-            Panel::Bars(panel) => panel.height_px(),
-            Panel::Map(panel) => panel.height_px(),
-        }
-    }
+    fn draw(&self, area: &Area<'_>) -> Drawn;
 
-    fn draw(&self, area: &Area<'_>) -> Drawn {
-        match self {
-            Panel::Lines(panel) => panel.draw(area),
-            Panel::Stacked(panel) => panel.draw(area),
-            Panel::Bars(panel) => panel.draw(area),
-            Panel::Map(panel) => panel.draw(area),
-        }
+    /// Its numbers where the summary has them too: tables with their titles.
+    fn tables(&self) -> Vec<(String, Table)> {
+        Vec::new()
     }
 }
 
 /// An experiment's panels, and its plots that have none.
 #[derive(Default)]
 pub struct Figure {
-    panels: Vec<Panel>,
-    /// Titles, and why there is no panel.
-    missing: Vec<(String, &'static str)>,
+    panels: Vec<Box<dyn Panel>>,
+    /// Titles of the plots that have no panel, and why.
+    pub missing: Vec<(String, &'static str)>,
 }
 
 impl Figure {
-    /// The panels of an experiment's plots.
     pub fn new(experiment: &Experiment, cells: &[&Cell]) -> Figure {
         let mut figure = Figure::default();
         for plot in &experiment.plot {
@@ -81,27 +67,16 @@ impl Figure {
         figure
     }
 
-    /// Whether there is anything to draw.
     pub fn is_drawn(&self) -> bool {
         !self.panels.is_empty()
     }
 
-    /// Titles of the plots that have no panel, and why.
-    pub fn missing(&self) -> &[(String, &'static str)] {
-        &self.missing
-    }
-
-    /// The numbers of its maps: a title and a table for each of their panels.
+    /// The numbers of its maps.
     pub fn map_tables(&self) -> Vec<(String, Table)> {
-        let tables = self.panels.iter().filter_map(|panel| match panel {
-            Panel::Map(map) => Some(map.tables()),
-            _ => None,
-        });
-        tables.flatten().collect()
+        self.panels.iter().flat_map(|panel| panel.tables()).collect()
     }
 }
 
-/// Name of an experiment's figure within the output folder.
 pub fn file_name(section: &Section<'_>) -> String {
     format!("{}.svg", text::file_stem(section.id))
 }
@@ -114,25 +89,32 @@ fn export(view: &View<'_>) -> Result<Vec<Artifact>, ReportError> {
             continue;
         }
         let adapter = view.run().map_or("", |run| run.adapter.name.as_str());
-        let svg = figure(section, adapter, panels)
-            .map_err(|message| ReportError::Plot { experiment: section.id.to_owned(), message })?;
+        let svg = figure(section, adapter, panels).map_err(|fault| ReportError::Plot {
+            experiment: section.id.to_owned(),
+            message: fault.to_string(),
+        })?;
         files.push(Artifact { name: file_name(section), bytes: svg.into_bytes() });
     }
     Ok(files)
 }
 
-fn panel(plot: &Plot, experiment: &Experiment, cells: &[&Cell]) -> Result<Panel, &'static str> {
+fn panel(
+    plot: &Plot,
+    experiment: &Experiment,
+    cells: &[&Cell],
+) -> Result<Box<dyn Panel>, &'static str> {
     let cells: Vec<&Cell> = cells.iter().copied().filter(|cell| belongs(plot, cell)).collect();
     if cells.len() > MOST_CELLS {
         return Err("it has more than 2,000 cells, which cells.csv lists");
     }
+    fn boxed<P: Panel + 'static>(panel: P) -> Box<dyn Panel> {
+        Box::new(panel)
+    }
     let panel = match plot.kind {
-        PlotKind::Scaling | PlotKind::Lines => {
-            lines::Panel::new(plot, experiment, &cells).map(Panel::Lines)
-        }
-        PlotKind::Stacked => stacked::Panel::new(plot, experiment, &cells).map(Panel::Stacked),
-        PlotKind::Bars => bars::Panel::new(plot, experiment, &cells).map(Panel::Bars),
-        PlotKind::Map => map::Panel::new(plot, experiment, &cells)?.map(Panel::Map),
+        PlotKind::Scaling | PlotKind::Lines => Lines::new(plot, experiment, &cells).map(boxed),
+        PlotKind::Stacked => Stacked::new(plot, experiment, &cells).map(boxed),
+        PlotKind::Bars => Bars::new(plot, experiment, &cells).map(boxed),
+        PlotKind::Map => Map::new(plot, experiment, &cells)?.map(boxed),
     };
     panel.ok_or("no records hold its data")
 }
@@ -147,26 +129,30 @@ fn belongs(plot: &Plot, cell: &Cell) -> bool {
     on_axis && experiments::fits(cell, &plot.filter)
 }
 
-fn figure(section: &Section<'_>, adapter: &str, panels: &[Panel]) -> Result<String, String> {
-    let heights: Vec<u32> = panels.iter().map(Panel::height_px).collect();
+fn figure(
+    section: &Section<'_>,
+    adapter: &str,
+    panels: &[Box<dyn Panel>],
+) -> Result<String, Fault> {
+    let heights: Vec<u32> = panels.iter().map(|panel| panel.height_px()).collect();
     let height = TITLE_PX + heights.iter().sum::<u32>();
     let mut svg = String::new();
     {
         let root = SVGBackend::with_string(&mut svg, (WIDTH_PX, height)).into_drawing_area();
-        root.fill(&WHITE).map_err(fault)?;
+        root.fill(&WHITE)?;
         let source =
             section.experiment.as_ref().map_or("", |experiment| experiment.source.as_str());
         let title = format!("{}: {}", section.id, section.title());
-        root.draw_text(&title, &style::title(), (16, 12)).map_err(fault)?;
+        root.draw_text(&title, &style::title(), (16, 12))?;
         let below = [adapter, source].join(" · ");
-        root.draw_text(&below, &style::small(), (16, 36)).map_err(fault)?;
+        root.draw_text(&below, &style::small(), (16, 36))?;
         let (_, mut rest) = root.split_vertically(TITLE_PX);
         for (panel, height) in panels.iter().zip(heights) {
             let (area, below) = rest.split_vertically(height);
             panel.draw(&area)?;
             rest = below;
         }
-        root.present().map_err(fault)?;
+        root.present()?;
     }
     // The backend escapes marks of XML; what XML cannot hold at all is left to do.
     Ok(text::block(&svg))
@@ -182,10 +168,6 @@ fn published_lines(published: &[&Published]) -> Vec<String> {
     let first = format!("published: {} fps", figures.into_iter().collect::<Vec<_>>().join(", "));
     let parts = hardware.iter().flat_map(|text| text.split(", "));
     [first].into_iter().chain(parts.map(str::to_owned)).collect()
-}
-
-fn fault<E: std::fmt::Display>(error: E) -> String {
-    error.to_string()
 }
 
 #[cfg(test)]
@@ -253,11 +235,7 @@ mod tests {
     /// Records of [`MAPPED`] whose error is the number of the cell; one cell was not measured.
     fn mapped() -> Vec<crate::record::Record> {
         use crate::record::{Definition, Outcome, Profile, Record};
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("own.toml");
-        std::fs::write(&path, MAPPED).unwrap();
-        let path = path.to_str().unwrap();
-        let experiment = Experiment::load(path).unwrap();
+        let experiment = Experiment::parse("own", MAPPED).unwrap();
         let mut random = rand::SeedableRng::seed_from_u64(1);
         let mut records = vec![
             Record::Run(Box::new(fixtures::header(Profile::Quick))),
@@ -300,9 +278,11 @@ mod tests {
     fn bars_stand_by_value_and_are_told_apart_by_the_other_axes() {
         let records = mapped();
         let view = View::new(&records, None);
-        let Panel::Bars(bars) = &view.sections[0].figure().panels[1] else {
-            panic!("the second plot has bars");
-        };
+        let (cells, experiment) = (view.sections[0].cells(), Experiment::parse("own", MAPPED));
+        let experiment = experiment.unwrap();
+        let plot = &experiment.plot[1];
+        let cells: Vec<&Cell> = cells.into_iter().filter(|cell| belongs(plot, cell)).collect();
+        let bars = Bars::new(plot, &experiment, &cells).unwrap();
         assert_eq!(bars.shape(), [("tank", 3), ("port", 2)]);
     }
 

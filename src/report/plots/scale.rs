@@ -99,11 +99,6 @@ impl Scale {
         Scale { kind: Kind::Log, low, high, ticks }
     }
 
-    /// The same from zero on, for bars.
-    pub fn reaching_zero(self) -> Scale {
-        Scale { low: 0.0, ..self }
-    }
-
     /// The coordinate of a value; none for what a logarithm cannot show.
     pub fn at(&self, value: f64) -> Option<f64> {
         let coordinate = match self.kind {

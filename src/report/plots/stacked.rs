@@ -2,8 +2,8 @@
 
 use plotters::prelude::*;
 
-use super::scale::{Kind, Scale};
-use super::{Area, Drawn, fault, style};
+use super::chart::{BarChart, Canvas, FRAME_PX, LEGEND_ROW_PX};
+use super::{Area, Drawn, Panel, style};
 use crate::experiments::label_text;
 use crate::experiments::schema::{Experiment, Plot, Published};
 use crate::record::{Cell, Estimate, Measured};
@@ -11,19 +11,13 @@ use crate::report::format::NS_PER_MS;
 
 /// Least and greatest height of a bar's row; few bars grow to fill the legend's height.
 const BAR_PX: (u32, u32) = (34, 64);
-const LEGEND_PX: u32 = 230;
-const LABELS_PX: u32 = 220;
-/// Title above and axis below the bars.
-const FRAME_PX: u32 = 34 + 54;
-const LEGEND_ROW_PX: u32 = 18;
 
-pub struct Panel {
-    plot: Plot,
+pub struct Stacked {
+    chart: BarChart,
     /// Stages with a colour of their own, in frame order.
     stages: Vec<String>,
     has_rest: bool,
     bars: Vec<Bar>,
-    scale: Scale,
     /// The legend's words on published figures.
     published: Vec<String>,
 }
@@ -39,9 +33,9 @@ struct Bar {
     published: Option<(f64, f64)>,
 }
 
-impl Panel {
+impl Stacked {
     /// None where no cell was measured.
-    pub fn new(plot: &Plot, experiment: &Experiment, cells: &[&Cell]) -> Option<Panel> {
+    pub fn new(plot: &Plot, experiment: &Experiment, cells: &[&Cell]) -> Option<Stacked> {
         let figures: Vec<(&Cell, &Measured)> =
             cells.iter().filter_map(|cell| Some((*cell, cell.measured()?))).collect();
         let stages = coloured(&figures);
@@ -53,135 +47,77 @@ impl Panel {
             let timed: f64 = bar.parts.iter().sum::<f64>() + bar.gaps;
             [timed, bar.frame.high, bar.published.map_or(0.0, |span| span.1)]
         });
-        let scale = Scale::fit(Kind::Linear, ends)?.reaching_zero();
+        let scale = BarChart::scale(ends)?;
         let published: Vec<&Published> =
             figures.iter().filter_map(|(cell, _)| experiment.published_for(cell)).collect();
-        Some(Panel {
-            plot: plot.clone(),
-            has_rest: bars.iter().any(|bar| bar.parts.last().is_some_and(|rest| *rest > 0.0)),
-            stages,
-            bars,
+        let published = super::published_lines(&published);
+        let has_rest = bars.iter().any(|bar| bar.parts.last().is_some_and(|rest| *rest > 0.0));
+        let rows = stages.len() + usize::from(has_rest) + 2 + published.len();
+        let legend_px = (rows as u32 * LEGEND_ROW_PX as u32).saturating_sub(FRAME_PX - 42);
+        let count = bars.len() as u32;
+        let chart = BarChart {
+            title: plot.title.clone(),
+            x_title: "time (ms)".to_owned(),
             scale,
-            published: super::published_lines(&published),
-        })
+            rows_px: count * (legend_px / count).clamp(BAR_PX.0, BAR_PX.1),
+            legend_px,
+            labels_px: 220,
+            right_px: 16,
+        };
+        Some(Stacked { chart, stages, has_rest, bars, published })
     }
 
-    pub fn height_px(&self) -> u32 {
-        FRAME_PX + 22 + self.bars_px().max(self.legend_px())
-    }
-
-    fn legend_px(&self) -> u32 {
-        let rows = self.stages.len() + usize::from(self.has_rest) + 2 + self.published.len();
-        (rows as u32 * LEGEND_ROW_PX).saturating_sub(FRAME_PX - 42)
-    }
-
-    fn bars_px(&self) -> u32 {
-        let bars = self.bars.len() as u32;
-        bars * (self.legend_px() / bars).clamp(BAR_PX.0, BAR_PX.1)
-    }
-
-    pub fn draw(&self, area: &Area<'_>) -> Drawn {
-        let (left, legend) = area.split_horizontally(super::WIDTH_PX - LEGEND_PX);
-        left.draw_text(&self.plot.title, &style::heading(), (16, 8)).map_err(fault)?;
-        let rows = self.bars.len() as f64;
-        let free = self.height_px() - FRAME_PX - self.bars_px();
-        let mut chart = ChartBuilder::on(&left)
-            .margin_top(34)
-            .margin_right(16)
-            .margin_bottom(8 + free)
-            .x_label_area_size(46)
-            .y_label_area_size(LABELS_PX)
-            .build_cartesian_2d(self.scale.clone(), 0.0..rows)
-            .map_err(fault)?;
-        chart
-            .configure_mesh()
-            .disable_y_mesh()
-            .bold_line_style(style::GRID)
-            .light_line_style(TRANSPARENT)
-            .axis_style(style::FAINT)
-            .label_style(style::label())
-            .axis_desc_style(style::label())
-            .x_labels(20)
-            .y_labels(0)
-            .x_label_formatter(&|at| self.scale.tick_label(*at))
-            .x_desc("time (ms)")
-            .draw()
-            .map_err(fault)?;
-        for (index, bar) in self.bars.iter().enumerate() {
-            let row = rows - 1.0 - index as f64;
-            chart.draw_series(self.rectangles(bar, row)).map_err(fault)?;
-            for (line, width) in lines(bar, row) {
-                let line = PathElement::new(line, style::INK.stroke_width(width));
-                chart.plotting_area().draw(&line).map_err(fault)?;
-            }
-            let marker = EmptyElement::at((bar.frame.median, row + 0.5))
-                + Polygon::new(diamond((0, 0)), style::INK.filled());
-            chart.plotting_area().draw(&marker).map_err(fault)?;
-            let (x, y) = chart.backend_coord(&(0.0, row + 0.5));
-            let (x0, y0) = left.get_base_pixel();
-            left.draw_text(
-                &shorten(&bar.label),
-                &style::ending(style::label()),
-                (x - x0 - 8, y - y0),
-            )
-            .map_err(fault)?;
-        }
-        self.legend(&legend)
-    }
-
-    fn rectangles(&self, bar: &Bar, row: f64) -> Vec<Rectangle<(f64, f64)>> {
+    fn bar(&self, canvas: &Canvas<'_>, bar: &Bar, row: f64) -> Drawn {
         let mut start = 0.0;
-        let mut shapes = Vec::new();
-        let colours = (0..self.stages.len()).map(style::color).chain([style::REST]);
-        let parts = bar.parts.iter().copied().zip(colours);
+        let colors = (0..self.stages.len()).map(style::color).chain([style::REST]);
+        let parts = bar.parts.iter().copied().zip(colors);
         for (length, color) in parts.chain([(bar.gaps, style::GRID)]) {
             let corners = [(start, row + 0.18), (start + length, row + 0.82)];
             if length > 0.0 {
-                shapes.push(Rectangle::new(corners, color.filled()));
+                canvas.area.draw(&Rectangle::new(corners, color.filled()))?;
             }
             start += length;
         }
-        shapes
+        for (line, width_px) in lines(bar, row) {
+            canvas.line(line, width_px)?;
+        }
+        let marker = EmptyElement::at((bar.frame.median, row + 0.5))
+            + Polygon::new(DIAMOND, style::INK.filled());
+        canvas.area.draw(&marker)?;
+        canvas.label(&shorten(&bar.label), row + 0.5)
     }
 
-    fn legend(&self, area: &Area<'_>) -> Drawn {
-        let mut rows: Vec<(RGBColor, &str)> = self
-            .stages
-            .iter()
-            .enumerate()
-            .map(|(index, stage)| (style::color(index), stage.as_str()))
-            .collect();
-        if self.has_rest {
-            rows.push((style::REST, "all other stages"));
+    fn legend(&self, canvas: &Canvas<'_>) -> Drawn {
+        let stages = self.stages.iter().enumerate();
+        let stages = stages.map(|(index, stage)| (style::color(index), stage.as_str()));
+        let rest = self.has_rest.then_some((style::REST, "all other stages"));
+        let mut legend = canvas.legend();
+        for (color, name) in stages.chain(rest).chain([(style::GRID, "gaps between passes")]) {
+            legend.square(color)?;
+            legend.write(name, style::label())?;
         }
-        rows.push((style::GRID, "gaps between passes"));
-        let mut y = 42;
-        for (color, name) in rows {
-            area.draw(&Rectangle::new([(6, y - 6), (18, y + 6)], color.filled())).map_err(fault)?;
-            y = write(area, name, y)?;
-        }
-        let diamond = diamond((12, y));
-        area.draw(&Polygon::new(diamond, style::INK.filled())).map_err(fault)?;
-        y = write(area, "frame without stage timing", y)?;
-        if !self.published.is_empty() {
-            let line = vec![(12, y - 8), (12, y + 8)];
-            area.draw(&PathElement::new(line, style::INK.stroke_width(4))).map_err(fault)?;
-        }
-        for line in &self.published {
-            y = write(area, line, y)?;
-        }
-        Ok(())
+        legend.polygon(&DIAMOND, style::INK)?;
+        legend.write("frame without stage timing", style::label())?;
+        legend.published(&self.published)
     }
 }
 
-fn write(area: &Area<'_>, line: &str, y: i32) -> Result<i32, String> {
-    area.draw_text(line, &style::starting(style::label()), (26, y)).map_err(fault)?;
-    Ok(y + LEGEND_ROW_PX as i32)
+impl Panel for Stacked {
+    fn height_px(&self) -> u32 {
+        self.chart.height_px()
+    }
+
+    fn draw(&self, area: &Area<'_>) -> Drawn {
+        let canvas = self.chart.draw(area, self.bars.len() as f64)?;
+        for (row, bar) in self.bars.iter().rev().enumerate().rev() {
+            self.bar(&canvas, bar, row as f64)?;
+        }
+        self.legend(&canvas)
+    }
 }
 
-fn diamond((x, y): (i32, i32)) -> Vec<(i32, i32)> {
-    vec![(x, y - 6), (x + 6, y), (x, y + 6), (x - 6, y)]
-}
+/// The mark of the untimed frame.
+const DIAMOND: [(i32, i32); 4] = [(0, -6), (6, 0), (0, 6), (-6, 0)];
 
 /// The stages with the greatest share of some cell, in frame order, as many as there are colours.
 fn coloured(figures: &[(&Cell, &Measured)]) -> Vec<String> {
@@ -218,12 +154,7 @@ impl Bar {
             label: label(cell),
             parts,
             gaps: if gaps.is_finite() { gaps.max(0.0) } else { 0.0 },
-            frame: Estimate {
-                median: frame.untimed.median / NS_PER_MS,
-                low: frame.untimed.low / NS_PER_MS,
-                high: frame.untimed.high / NS_PER_MS,
-                n: frame.untimed.n,
-            },
+            frame: frame.untimed.scaled(1.0 / NS_PER_MS),
             published: experiment.published_for(cell).map(Published::span_ms),
         }
     }
@@ -255,15 +186,15 @@ fn shorten(label: &str) -> String {
 }
 
 /// The untimed frame's interval and the published times, with their widths in pixels.
-fn lines(bar: &Bar, row: f64) -> Vec<(Vec<(f64, f64)>, u32)> {
+fn lines(bar: &Bar, row: f64) -> Vec<([(f64, f64); 2], u32)> {
     let middle = row + 0.5;
-    let mut lines = vec![(vec![(bar.frame.low, middle), (bar.frame.high, middle)], 2)];
+    let mut lines = vec![([(bar.frame.low, middle), (bar.frame.high, middle)], 2)];
     if let Some((low, high)) = bar.published {
         for at in [low, high] {
-            lines.push((vec![(at, row + 0.04), (at, row + 0.96)], 4));
+            lines.push(([(at, row + 0.04), (at, row + 0.96)], 4));
         }
         for edge in [0.04, 0.96] {
-            lines.push((vec![(low, row + edge), (high, row + edge)], 2));
+            lines.push(([(low, row + edge), (high, row + edge)], 2));
         }
     }
     lines

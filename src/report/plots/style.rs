@@ -1,5 +1,6 @@
 //! Colours, markers and type.
 
+use itertools::Itertools;
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 
@@ -88,21 +89,15 @@ pub fn on(color: RGBColor, style: TextStyle<'static>) -> TextStyle<'static> {
 
 /// A line of text in pieces of at most `limit` characters, broken at spaces.
 pub fn wrap(line: &str, limit: usize) -> Vec<String> {
-    let mut pieces: Vec<String> = vec![String::new()];
-    for word in line.split(' ') {
-        let last = pieces.last().map_or(0, |piece| piece.chars().count());
-        let fits = last == 0 || last + 1 + word.chars().count() <= limit;
-        match pieces.last_mut() {
-            Some(piece) if fits => {
-                if last > 0 {
-                    piece.push(' ');
-                }
-                piece.push_str(word);
-            }
-            _ => pieces.push(word.to_owned()),
+    let join = |piece: String, word: String| {
+        let joined = format!("{piece} {word}");
+        match joined.chars().count() {
+            _ if piece.is_empty() => Ok(word),
+            length if length <= limit => Ok(joined),
+            _ => Err((piece, word)),
         }
-    }
-    pieces
+    };
+    line.split(' ').map(str::to_owned).coalesce(join).collect()
 }
 
 /// Outline of the marker of a series, as offsets in pixels from the point: shapes tell series apart without colour.

@@ -42,7 +42,7 @@ pub fn write(section: &Section<'_>, text: &mut String) {
         let file = plots::file_name(section);
         let _ = writeln!(text, "{}\n", image(section.title(), &file));
     }
-    for (title, reason) in figure.missing() {
+    for (title, reason) in &figure.missing {
         let title = text::markdown(title);
         let _ = writeln!(text, "The plot *{title}* is left out: {reason}.\n");
     }
@@ -84,22 +84,14 @@ fn claims(section: &Section<'_>, text: &mut String) {
         let verdict = ruling.verdict.to_string();
         table.row([&ruling.text, &verdict, &ruling.reason]);
     }
-    if !table.is_empty() {
-        *text += &table.markdown();
-    }
+    table.add_to(text, "");
 }
 
 /// Whole frames without stage timing, held against what was published for the same size.
 fn frames(section: &Section<'_>, text: &mut String) {
-    let mut table = Table::new([
-        "cell",
-        "scene",
-        "frame (ms, 95 %)",
-        "fps",
-        "published fps",
-        "measured / published",
-        "allocated",
-    ]);
+    let head =
+        "cell|scene|frame (ms, 95 %)|fps|published fps|measured / published|allocated".split('|');
+    let mut table = Table::new(head);
     for (cell, measured) in section.measured() {
         let rate = fps(&measured.frame.untimed);
         let published =
@@ -114,10 +106,7 @@ fn frames(section: &Section<'_>, text: &mut String) {
             format::mebibytes(measured.allocated_bytes),
         ]);
     }
-    if !table.is_empty() {
-        *text += "Whole frames, not timed by stage:\n\n";
-        *text += &table.markdown();
-    }
+    table.add_to(text, "Whole frames, not timed by stage:\n\n");
 }
 
 fn name(cell: &Cell) -> String {
@@ -134,9 +123,7 @@ fn ratio(rate: &Estimate, published: &Published) -> String {
 
 /// Which hardware the published figures come from, and which of them no cell is held against.
 fn published(section: &Section<'_>, text: &mut String) {
-    let Some(experiment) = &section.experiment else {
-        return;
-    };
+    let Some(experiment) = &section.experiment else { return };
     let cells = section.cells();
     for published in &experiment.published {
         let met = cells.iter().any(|cell| fits(cell, &published.filter));
@@ -170,9 +157,7 @@ fn unmeasured(section: &Section<'_>, text: &mut String) {
             Outcome::Failed { reason } => table.row([&name(cell), "failed", reason]),
         }
     }
-    if !table.is_empty() {
-        *text += &table.markdown();
-    }
+    table.add_to(text, "");
 }
 
 /// Stage medians with intervals: stages down, cells across.
@@ -226,9 +211,7 @@ fn throughput(section: &Section<'_>, text: &mut String) {
     let longest = section
         .measured()
         .max_by(|a, b| a.1.frame.untimed.median.total_cmp(&b.1.frame.untimed.median));
-    let Some((cell, measured)) = longest else {
-        return;
-    };
+    let Some((cell, measured)) = longest else { return };
     let total_ns: f64 = measured.stages.iter().map(|stage| stage.time.median).sum();
     let mut table = Table::new(["stage", "share of the stages", "photons/s", "fragments/s"]);
     for stage in &measured.stages {
@@ -246,11 +229,8 @@ fn throughput(section: &Section<'_>, text: &mut String) {
             ]);
         }
     }
-    if !table.is_empty() {
-        let cell = text::code(&cell.cell);
-        let _ = writeln!(text, "Throughput by declared work in {cell}:\n");
-        *text += &table.markdown();
-    }
+    let cell = text::code(&cell.cell);
+    table.add_to(text, &format!("Throughput by declared work in {cell}:\n\n"));
 }
 
 fn share(stage: &StageRecord, total_ns: f64) -> String {

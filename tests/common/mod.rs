@@ -1,0 +1,80 @@
+//! What tests of the program share: the command, a small run, its records, its errors.
+#![allow(dead_code, reason = "no test uses all of it")]
+
+use std::path::Path;
+use std::process::{Command, Output};
+
+use fathom::experiments::parse_set;
+use fathom::record::{self, Cell, Measured, Record};
+use serde_json::Value;
+
+/// The program, for which no job has a page.
+pub fn fathom() -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_fathom"));
+    command.env_remove("GITHUB_STEP_SUMMARY");
+    command
+}
+
+/// Small enough for a second per run on a software driver.
+pub fn small() -> impl Iterator<Item = &'static str> {
+    let sets = [
+        "view.width=64",
+        "view.height=64",
+        "shadow.size=64",
+        "surface.cells=16",
+        "caustics.grid=16",
+        "godrays.grid=8",
+        "caustics.buffer=[32,32]",
+        "godrays.buffer=[16,16]",
+    ];
+    sets.into_iter().flat_map(|set| ["--set", set])
+}
+
+/// Parameters as the command line takes them, with spaces between.
+pub fn sets(text: &str) -> Vec<(String, Value)> {
+    text.split_whitespace().map(|set| parse_set(set).unwrap()).collect()
+}
+
+/// The records of a run's folder, of which none is damaged.
+#[track_caller]
+pub fn records(out: &Path) -> Vec<Record> {
+    let reading = record::read(&out.join("records.jsonl")).unwrap();
+    assert_eq!(reading.damaged, []);
+    reading.records
+}
+
+#[track_caller]
+pub fn cells(out: &Path) -> Vec<Cell> {
+    let cell = |record| match record {
+        Record::Cell(cell) => Some(*cell),
+        _ => None,
+    };
+    records(out).into_iter().filter_map(cell).collect()
+}
+
+#[track_caller]
+pub fn measured(cell: &Cell) -> &Measured {
+    cell.measured().unwrap_or_else(|| panic!("{:?}", cell.outcome))
+}
+
+/// What a command says on standard error, which must end with this status.
+#[track_caller]
+pub fn stderr(output: &Output, status: i32) -> String {
+    let text = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(output.status.code(), Some(status), "{text}");
+    text
+}
+
+/// The error of a command that must end with status 2: the only line that begins with `error: `, but for what Mesa's
+/// device-select layer prints without a Wayland display, and the only one that holds `reason`.
+#[track_caller]
+pub fn refused(output: &Output, reason: &str) -> String {
+    let told = stderr(output, 2);
+    let of_driver = |line: &str| line.starts_with("error: XDG_RUNTIME_DIR");
+    let is_error = |line: &str| line.starts_with("error: ") && !of_driver(line);
+    let lines: Vec<&str> =
+        told.lines().filter(|line| is_error(line) || line.contains(reason)).collect();
+    assert_eq!(lines.len(), 1, "{reason}: {told}");
+    assert!(lines[0].starts_with("error: ") && lines[0].contains(reason), "{reason}: {told}");
+    lines[0].to_owned()
+}
