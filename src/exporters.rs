@@ -11,7 +11,7 @@ use crate::compare::tables::{self, Format};
 use crate::compare::verdict::Verdicts;
 use crate::harness::output::RECORDS;
 use crate::record::{Reading, Record};
-use crate::report::{self, Artifact, ReportError, View};
+use crate::report::{self, Artifact, ReportError, ReportView};
 
 /// Exporters of runs, in the order in which their files are written.
 const OF_RUNS: [report::Exporter; 3] = [report::PLOTS, report::CELLS_CSV, report::SUMMARY];
@@ -32,7 +32,7 @@ pub enum ExportError {
 
 /// The files of a run's report. Pictures are linked that lie in `folder`; without one, all that the records name.
 pub fn of_run(records: &[Record], folder: Option<&Path>) -> Result<Vec<Artifact>, ReportError> {
-    let view = View::new(records, folder);
+    let view = ReportView::new(records, folder);
     let files = OF_RUNS.iter().map(|exporter| (exporter.export)(&view));
     files.flatten_ok().collect()
 }

@@ -10,7 +10,7 @@ use crate::compare::worker;
 use crate::experiments::Experiment;
 use crate::gpu::{self, Gpu};
 use crate::harness::catalog::Catalog;
-use crate::harness::output::{Output, RECORDS};
+use crate::harness::output::{OutputFolder, RECORDS};
 use crate::harness::plan::Request;
 use crate::harness::run::{self, Options, Summary};
 use crate::harness::subject::{Subject, Subjects};
@@ -53,7 +53,7 @@ pub fn run(catalog: &Catalog, args: RunArgs) -> Outcome {
         quiet: false,
     };
     let summary = run::run(&options, &INTERRUPT)?;
-    let output = Output { folder: summary.out.clone() };
+    let output = OutputFolder { folder: summary.out.clone() };
     exporters::write(&output.folder, record::read(&output.records())?)?;
     print_summary(&summary);
     let nothing = summary.measured + summary.failed + summary.kept == 0;
@@ -341,7 +341,7 @@ fn query_target(args: &QueryArgs) -> anyhow::Result<(String, Box<dyn std::io::Wr
 }
 
 pub fn report(folder: PathBuf) -> Outcome {
-    let output = Output { folder };
+    let output = OutputFolder { folder };
     let reading = record::read_some(&output.records())
         .with_context(|| format!("a run's folder holds its records in {RECORDS}"))?;
     for damage in &reading.damaged {

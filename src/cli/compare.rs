@@ -12,7 +12,7 @@ use crate::compare::store::{self, StoredComparison};
 use crate::compare::verdict::Verdicts;
 use crate::compare::{files, tables};
 use crate::harness::catalog::Catalog;
-use crate::harness::output::{Kind, Taken};
+use crate::harness::output::{FolderKind, Taken};
 use crate::record::comparison::GateSettings;
 use crate::{exporters, tell};
 use anyhow::Context;
@@ -116,7 +116,7 @@ fn records(args: &CompareArgs, base: &Path, head: &Path) -> anyhow::Result<PathB
         Some(folder) => folder.clone(),
         None => flow::fresh()?,
     };
-    let mut held = Taken::free(&folder)?.open(Kind::Comparison)?;
+    let mut held = Taken::free(&folder)?.open(FolderKind::Comparison)?;
     store::write(&mut held, lines)?;
     Ok(folder)
 }

@@ -20,7 +20,7 @@ use super::time;
 use crate::gpu;
 use crate::harness::calendar;
 use crate::harness::catalog::Catalog;
-use crate::harness::output::{DEFAULT_FOLDER, Held, Kind, OutputError, Taken, unused};
+use crate::harness::output::{DEFAULT_FOLDER, FolderKind, Held, OutputError, Taken, unused};
 use crate::record::RecordError;
 use crate::record::comparison::{
     CellId, Compared, ComparedBuild, ComparisonEnd, ComparisonHeader, Fault, Gate, GateSettings,
@@ -93,7 +93,7 @@ pub fn measure(
     let [base, head] = Side::BOTH.map(|side| start_build(options, side, waiting));
     let mut builds = [base?, head?];
     let header = header(options, &gates, &greeted(&mut builds)?)?;
-    let mut held = taken.open(Kind::Comparison)?;
+    let mut held = taken.open(FolderKind::Comparison)?;
     let before = if options.resume {
         resumed(&mut held, &header, tell)?
     } else {
@@ -115,7 +115,7 @@ pub fn measure(
 
 /// The folder to write to, if it is free, or to resume from.
 fn taken(folder: &Path, resume: bool) -> Result<Taken, OutputError> {
-    if resume { Taken::measured(folder, Kind::Comparison) } else { Taken::free(folder) }
+    if resume { Taken::measured(folder, FolderKind::Comparison) } else { Taken::free(folder) }
 }
 
 /// Finds out whether a folder can be written to, or resumed from, before minutes are spent on building.

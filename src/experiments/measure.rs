@@ -75,7 +75,7 @@ impl fmt::Display for StageName {
 
 /// The value of a measure in a cell. Samples are there where the measure is a time.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Reading<'a> {
+pub struct MeasuredValue<'a> {
     pub estimate: Estimate,
     pub samples: Option<Cow<'a, [f64]>>,
 }
@@ -234,7 +234,7 @@ impl Measure {
     }
 
     /// The value in a measured cell; none where the cell lacks it.
-    pub fn read<'a>(&self, cell: &Cell, measured: &'a Measured) -> Option<Reading<'a>> {
+    pub fn read<'a>(&self, cell: &Cell, measured: &'a Measured) -> Option<MeasuredValue<'a>> {
         if let Some(term) = self.only() {
             return term.read(cell, measured);
         }
@@ -250,7 +250,7 @@ impl Measure {
             high: over.high / under.low,
             n: over.n.max(under.n),
         };
-        Some(Reading { estimate, samples: None })
+        Some(MeasuredValue { estimate, samples: None })
     }
 }
 
@@ -269,14 +269,16 @@ fn multiplied(a: Estimate, b: Estimate) -> Estimate {
 }
 
 impl Term {
-    fn read<'a>(&self, cell: &Cell, measured: &'a Measured) -> Option<Reading<'a>> {
+    fn read<'a>(&self, cell: &Cell, measured: &'a Measured) -> Option<MeasuredValue<'a>> {
         match self {
             Term::Stages(names) => stage_time(names, measured),
-            Term::Frame => Some(Reading {
+            Term::Frame => Some(MeasuredValue {
                 estimate: measured.frame.untimed,
                 samples: Some(Cow::Borrowed(&measured.frame.untimed_samples_ns)),
             }),
-            Term::Fps => Some(Reading { estimate: fps(&measured.frame.untimed), samples: None }),
+            Term::Fps => {
+                Some(MeasuredValue { estimate: fps(&measured.frame.untimed), samples: None })
+            }
             Term::Work(name, count) => {
                 let stage = measured.stages.iter().find(|stage| name.covers(&stage.stage))?;
                 let (_, count) =
@@ -293,11 +295,11 @@ impl Term {
 
 /// Time of the named stages, summed frame by frame; none where none of them ran, and where it is below the clock's
 /// resolution.
-fn stage_time<'a>(names: &[StageName], measured: &'a Measured) -> Option<Reading<'a>> {
+fn stage_time<'a>(names: &[StageName], measured: &'a Measured) -> Option<MeasuredValue<'a>> {
     let wanted = |stage: &&StageRecord| names.iter().any(|name| name.covers(&stage.stage));
     let stages: Vec<&StageRecord> = measured.stages.iter().filter(wanted).collect();
     if let [stage] = stages.as_slice() {
-        return stage.is_resolved().then(|| Reading {
+        return stage.is_resolved().then(|| MeasuredValue {
             estimate: stage.time,
             samples: Some(Cow::Borrowed(&stage.samples_ns)),
         });
@@ -310,7 +312,7 @@ fn stage_time<'a>(names: &[StageName], measured: &'a Measured) -> Option<Reading
     let samples: Vec<f64> = (0..frames).map(|f| sum(f).max(resolution_ns)).collect();
     let estimate = statistics::estimate(&samples);
     (estimate.median > resolution_ns)
-        .then_some(Reading { estimate, samples: Some(Cow::Owned(samples)) })
+        .then_some(MeasuredValue { estimate, samples: Some(Cow::Owned(samples)) })
 }
 
 /// Frames per second of a frame time in nanoseconds.
@@ -323,8 +325,11 @@ pub fn fps(frame_ns: &Estimate) -> Estimate {
     }
 }
 
-fn exact<'a>(value: f64) -> Reading<'a> {
-    Reading { estimate: Estimate { median: value, low: value, high: value, n: 1 }, samples: None }
+fn exact<'a>(value: f64) -> MeasuredValue<'a> {
+    MeasuredValue {
+        estimate: Estimate { median: value, low: value, high: value, n: 1 },
+        samples: None,
+    }
 }
 
 fn number(value: &Value) -> Option<f64> {

@@ -19,7 +19,7 @@ pub use claims::{Ruling, Scaling, Verdict, groups, scaling};
 pub use expand::{
     CellPlan, MAX_CELLS, MAX_PLAN_BYTES, ReferencePlan, flatten, label_text, parse_axis, parse_set,
 };
-pub use measure::{Measure, Reading, StageName, fits, fps, lookup, same};
+pub use measure::{Measure, MeasuredValue, StageName, fits, fps, lookup, same};
 pub use schema::Experiment;
 
 #[derive(Debug, thiserror::Error)]

@@ -31,4 +31,4 @@ pub use layout::{BoundStruct, Member, StructLayout};
 pub use limits::Demand;
 pub use readback::{Pixels, Texels, read_buffer, read_texture, read_volume, texture_bytes};
 pub use shader::{Shader, compilation_options, default_defs, link, shader_paths};
-pub use stage::{Column, Output, OutputData, Row, Stage, StageInfo};
+pub use stage::{Column, Output, OutputData, ReadRow, Stage, StageInfo};

@@ -47,7 +47,7 @@ pub enum OutputData {
         buffer: wgpu::Buffer,
         stride_floats: u32,
         count: u32,
-        row: Row,
+        row: ReadRow,
     },
     Texture(wgpu::Texture),
     /// One level of a 3-D texture, whose cell (i, j, k) has its centre at
@@ -63,7 +63,7 @@ pub enum OutputData {
 }
 
 /// Makes the columns of an output from the floats of one element.
-pub type Row = Box<dyn Fn(&[f32]) -> Vec<f32>>;
+pub type ReadRow = Box<dyn Fn(&[f32]) -> Vec<f32>>;
 
 /// What `fathom list stages` says of a stage.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -8,7 +8,7 @@ use super::verify::{self, Case};
 use crate::embedded::{EXPERIMENTS, Folder, Folders, SCENES, SHADERS};
 use crate::gpu::StageInfo;
 use crate::parameter::{self, Allowed, Field};
-use crate::pipelines::{self, KINDS, Kind, Pipeline};
+use crate::pipelines::{self, KINDS, Pipeline, PipelineKind};
 use crate::scene::{Scene, SceneFile};
 use crate::stages;
 use crate::text::nearest;
@@ -29,7 +29,7 @@ impl CargoTarget {
 pub struct Catalog {
     /// The program itself: `compare --base REV` builds it of that revision.
     pub program: CargoTarget,
-    pub kinds: Vec<Kind>,
+    pub kinds: Vec<PipelineKind>,
     pub shaders: Folders,
     pub scenes: Folders,
     pub experiments: Folders,
@@ -66,7 +66,7 @@ impl Catalog {
     /// Adds a pipeline.
     #[must_use]
     pub fn pipeline<P: Pipeline>(mut self) -> Self {
-        self.kinds.push(Kind::of::<P>());
+        self.kinds.push(PipelineKind::of::<P>());
         self
     }
 
@@ -108,7 +108,7 @@ impl Catalog {
     }
 
     /// The kind of pipeline of a name; an error names the name that is most like it.
-    pub fn kind(&self, name: &str) -> Result<Kind, SubjectError> {
+    pub fn kind(&self, name: &str) -> Result<PipelineKind, SubjectError> {
         let found = self.kinds.iter().find(|kind| kind.name == name);
         found.copied().ok_or_else(|| SubjectError::UnknownPipeline {
             name: name.to_owned(),
@@ -171,7 +171,11 @@ fn choices(field: &Field) -> Vec<(String, Value)> {
 }
 
 /// The stages of a frame by these parameters; none where they or the scene do not suit.
-fn planned_stages(kind: Kind, file: &SceneFile, tree: &Value) -> Option<Vec<&'static StageInfo>> {
+fn planned_stages(
+    kind: PipelineKind,
+    file: &SceneFile,
+    tree: &Value,
+) -> Option<Vec<&'static StageInfo>> {
     let configuration = (kind.configure)(tree).ok()?;
     let scene = Scene::build(&configuration.staged(file).ok()?).ok()?;
     Some(configuration.plan(&scene).ok()?.stages)

@@ -79,7 +79,7 @@ pub struct CellExecutor<'a> {
     /// Of the cells, as the journal calls them.
     names: Vec<CellName>,
     built: Vec<Option<Built>>,
-    output: Output<'a>,
+    output: CellOutput<'a>,
     precision: f64,
     start: Instant,
     /// A picture has been tried.
@@ -87,7 +87,7 @@ pub struct CellExecutor<'a> {
 }
 
 /// Where records, samples, pictures and progress go.
-pub struct Output<'a> {
+pub struct CellOutput<'a> {
     pub writer: &'a mut Writer,
     pub journal: &'a mut Journal,
     pub header: &'a Run,
@@ -130,7 +130,7 @@ impl<'a> CellExecutor<'a> {
         session: &'a mut Session,
         (experiment, cells): (&'a Experiment, &'a [PlannedCell]),
         precision: f64,
-        output: Output<'a>,
+        output: CellOutput<'a>,
     ) -> Self {
         Self {
             session,

@@ -38,9 +38,9 @@ pub enum OutputError {
     )]
     Occupied { path: PathBuf },
     #[error("no {kind} to resume in {}: name its folder with --out", path.display())]
-    NothingToResume { kind: Kind, path: PathBuf },
+    NothingToResume { kind: FolderKind, path: PathBuf },
     #[error("{} holds no {kind} but other records: choose another folder with --out", path.display())]
-    OtherKind { kind: Kind, path: PathBuf },
+    OtherKind { kind: FolderKind, path: PathBuf },
     #[error("{} has no sound header, so its other records mean nothing", path.display())]
     NoHeader { path: PathBuf },
 }
@@ -48,12 +48,12 @@ pub enum OutputError {
 /// What was measured into a folder.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, strum::Display)]
 #[strum(serialize_all = "lowercase")]
-pub enum Kind {
+pub enum FolderKind {
     Run,
     Comparison,
 }
 
-impl Kind {
+impl FolderKind {
     fn of(record: &Record) -> Self {
         match record {
             Record::Comparison(_) => Self::Comparison,
@@ -79,11 +79,11 @@ impl Kind {
 
 /// The folder of a run or a comparison, and its files.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Output {
+pub struct OutputFolder {
     pub folder: PathBuf,
 }
 
-impl Output {
+impl OutputFolder {
     pub fn records(&self) -> PathBuf {
         self.folder.join(RECORDS)
     }
@@ -106,7 +106,7 @@ impl Output {
 /// A folder that no other process writes to while this is held. Nothing is written yet.
 #[derive(Debug)]
 pub struct Taken {
-    output: Output,
+    output: OutputFolder,
     lock: FolderLock,
 }
 
@@ -121,8 +121,8 @@ impl Taken {
     }
 
     /// Takes a folder whose measurement is to be continued.
-    pub fn measured(folder: &Path, kind: Kind) -> Result<Self, OutputError> {
-        let output = Output { folder: folder.to_owned() };
+    pub fn measured(folder: &Path, kind: FolderKind) -> Result<Self, OutputError> {
+        let output = OutputFolder { folder: folder.to_owned() };
         if !output.records().exists() && !output.is_occupied() {
             return Err(OutputError::NothingToResume { kind, path: output.folder });
         }
@@ -130,12 +130,12 @@ impl Taken {
     }
 
     fn take(folder: &Path) -> Result<Self, OutputError> {
-        let output = Output { folder: folder.to_owned() };
+        let output = OutputFolder { folder: folder.to_owned() };
         Ok(Self { lock: FolderLock::take(folder, &holder())?, output })
     }
 
     /// Opens the records. Damaged ones are kept aside.
-    pub fn open(self, kind: Kind) -> Result<Held, OutputError> {
+    pub fn open(self, kind: FolderKind) -> Result<Held, OutputError> {
         let path = self.output.records();
         let opened = Writer::open(&path, |read| kind.check(&path, read))?;
         Ok(Held {
@@ -151,7 +151,7 @@ impl Taken {
 /// The folder of a run or a comparison, with its records open to be continued.
 #[derive(Debug)]
 pub struct Held {
-    pub output: Output,
+    pub output: OutputFolder,
     pub writer: Writer,
     /// Records that were there.
     pub before: Vec<Record>,
@@ -180,15 +180,16 @@ impl Held {
     pub fn resume(asked: Option<&Path>) -> Result<Self, OutputError> {
         let default = Path::new(DEFAULT_FOLDER);
         let folder = asked.map(Path::to_owned).or_else(|| latest(default));
-        let nothing = || OutputError::NothingToResume { kind: Kind::Run, path: default.to_owned() };
+        let nothing =
+            || OutputError::NothingToResume { kind: FolderKind::Run, path: default.to_owned() };
         let folder = folder.ok_or_else(nothing)?;
-        Self::of_run(Taken::measured(&folder, Kind::Run)?)
+        Self::of_run(Taken::measured(&folder, FolderKind::Run)?)
     }
 
     fn of_run(taken: Taken) -> Result<Self, OutputError> {
         let path = taken.output.folder.clone();
         probe(&taken.output).map_err(|source| OutputError::Unwritable { path, source })?;
-        taken.open(Kind::Run)
+        taken.open(FolderKind::Run)
     }
 }
 
@@ -215,7 +216,7 @@ pub fn holder() -> String {
 }
 
 /// Writes a file the size of several records, of a name that nothing has, and removes it again.
-fn probe(output: &Output) -> std::io::Result<()> {
+fn probe(output: &OutputFolder) -> std::io::Result<()> {
     std::fs::create_dir_all(output.pictures())?;
     let mut file = tempfile::Builder::new().prefix(".probe-").tempfile_in(&output.folder)?;
     std::io::Write::write_all(&mut file, &vec![0; PROBE_BYTES])?;
@@ -265,8 +266,8 @@ fn latest(parent: &Path) -> Option<PathBuf> {
 
 /// Records that can be read are those of a comparison.
 fn is_comparison(path: &Path) -> bool {
-    let first = |read: Reading| read.records.first().map(Kind::of);
-    read_lines(path).ok().and_then(first) == Some(Kind::Comparison)
+    let first = |read: Reading| read.records.first().map(FolderKind::of);
+    read_lines(path).ok().and_then(first) == Some(FolderKind::Comparison)
 }
 
 #[cfg(test)]
@@ -398,7 +399,7 @@ mod tests {
         }
         std::fs::create_dir(folder("compared")).unwrap();
         let compared = Taken::free(&folder("compared")).unwrap();
-        let mut held = compared.open(Kind::Comparison).unwrap();
+        let mut held = compared.open(FolderKind::Comparison).unwrap();
         held.writer.write(&Record::Comparison(Compared::Header(Default::default()))).unwrap();
         drop(held);
         assert_eq!(latest(parent.path()), Some(folder("a")));

@@ -55,7 +55,7 @@ pub enum QueryError {
 
 /// A surface point as its file has it.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Row {
+pub struct SurfaceRow {
     pub position_m: DVec3,
     /// Of any length.
     pub normal: DVec3,
@@ -63,7 +63,7 @@ pub struct Row {
 
 /// The points of a CSV file with the columns x, y, z (metres) and nx, ny, nz; others are left aside. An error names the first
 /// fault, its line and column.
-pub fn read(path: &Path) -> Result<Vec<Row>, QueryError> {
+pub fn read(path: &Path) -> Result<Vec<SurfaceRow>, QueryError> {
     read_with(path, parse)
 }
 
@@ -77,12 +77,12 @@ fn read_with<T>(
     parse(file).map_err(|fault| QueryError::Points { path: path.to_owned(), fault })
 }
 
-fn parse(text: impl Read) -> Result<Vec<Row>, PointFault> {
+fn parse(text: impl Read) -> Result<Vec<SurfaceRow>, PointFault> {
     let (rows, _) = table::read(text, &COLUMNS, &[])?;
     rows.into_iter().map(row).collect()
 }
 
-fn row((line, numbers): table::Row) -> Result<Row, PointFault> {
+fn row((line, numbers): table::TableRow) -> Result<SurfaceRow, PointFault> {
     let vector = |at: usize| DVec3::from_slice(&numbers[at..]);
     let normal = vector(3);
     if normal.length() < SHORT {
@@ -92,14 +92,18 @@ fn row((line, numbers): table::Row) -> Result<Row, PointFault> {
             what: format!("a normal of length {} has no direction", normal.length()),
         });
     }
-    Ok(Row { position_m: vector(0), normal })
+    Ok(SurfaceRow { position_m: vector(0), normal })
 }
 
 /// Ambient occlusion at each point by the volumes and rays of a subject of the pipeline `volume_ao`: 0 open … 1 closed.
 /// What is beyond the adapter's limits is an error before anything is allocated.
-pub fn occlusion(gpu: &Gpu, subject: &Subject, rows: &[Row]) -> Result<Vec<f32>, QueryError> {
+pub fn occlusion(
+    gpu: &Gpu,
+    subject: &Subject,
+    rows: &[SurfaceRow],
+) -> Result<Vec<f32>, QueryError> {
     let params = subject.parameters::<VolumeAo>()?;
-    let point = |row: &Row| SurfacePoint {
+    let point = |row: &SurfaceRow| SurfacePoint {
         position_m: row.position_m.as_vec3(),
         normal: row.normal.normalize().as_vec3(),
     };
@@ -124,7 +128,11 @@ fn check(
 
 /// The same by casting `rays` rays from each point at the scene's triangles, all of them opaque and at rest. It is an error where
 /// geometry moves, or where rays pass through transparent objects.
-pub fn reference(subject: &Subject, rows: &[Row], rays: u32) -> Result<Vec<f64>, QueryError> {
+pub fn reference(
+    subject: &Subject,
+    rows: &[SurfaceRow],
+    rays: u32,
+) -> Result<Vec<f64>, QueryError> {
     let params = subject.parameters::<VolumeAo>()?;
     let invalid = |what: &str| Err(QueryError::Invalid(what.to_owned()));
     if params.animation.motion().is_some() {
@@ -144,7 +152,7 @@ pub fn reference(subject: &Subject, rows: &[Row], rays: u32) -> Result<Vec<f64>,
         marching::Attenuation::Hard => Attenuation::Hard,
     };
     let tracer = Tracer::new(&subject.scene.objects)?;
-    let answer = |row: &Row| {
+    let answer = |row: &SurfaceRow| {
         let normal = row.normal.normalize();
         exact::occlusion(&tracer, row.position_m, normal, marching.r_max_m, attenuation, rays)
     };
@@ -156,7 +164,7 @@ pub fn reference(subject: &Subject, rows: &[Row], rays: u32) -> Result<Vec<f64>,
 pub fn write(
     target: &str,
     writer: impl Write,
-    rows: &[Row],
+    rows: &[SurfaceRow],
     occlusion: &[f32],
     reference: Option<&[f64]>,
 ) -> Result<(), QueryError> {
@@ -193,7 +201,8 @@ mod tests {
     #[test]
     fn columns_are_found_by_name_and_others_left_aside() {
         let text = "name,nz, ny,nx,z,y,x\n\"a, b\",0,2,0,3, 2,1\n";
-        let row = Row { position_m: DVec3::new(1.0, 2.0, 3.0), normal: DVec3::new(0.0, 2.0, 0.0) };
+        let row =
+            SurfaceRow { position_m: DVec3::new(1.0, 2.0, 3.0), normal: DVec3::new(0.0, 2.0, 0.0) };
         let rows = parse(text.as_bytes()).unwrap();
         assert_eq!(rows, [row]);
         let plain = "x,y,z,nx,ny,nz,occlusion\n1,2,3,0,2,0,0.250000\n";

@@ -312,7 +312,7 @@ impl Measurement<'_> {
         progress: &mut Progress,
     ) -> Result<(), RecordError> {
         let folder = self.held.output.folder.clone();
-        let output = executor::Output {
+        let output = executor::CellOutput {
             writer: &mut self.held.writer,
             journal: &mut self.journal,
             header: &self.header,

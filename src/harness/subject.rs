@@ -9,7 +9,7 @@ use thiserror::Error;
 use super::catalog::Catalog;
 use crate::gpu::{Capacity, Gpu, GpuError};
 use crate::parameter::{self, ParamError};
-use crate::pipelines::{self, AnyPipeline, Configuration, Kind, Pipeline, Plan};
+use crate::pipelines::{self, AnyPipeline, Configuration, Pipeline, PipelineKind, Plan};
 use crate::scene::{Camera, Scene, SceneError, SceneFile};
 use crate::tell;
 use crate::text::did_you_mean;
@@ -30,7 +30,7 @@ pub enum SubjectError {
 /// A pipeline with its parameters, and a scene with its geometry.
 #[derive(Clone)]
 pub struct Subject {
-    pub kind: Kind,
+    pub kind: PipelineKind,
     /// As it was asked for: a built-in name or a path.
     pub scene_name: String,
     pub scene: Rc<Scene>,

@@ -114,23 +114,28 @@ pub struct Comparison {
 
 impl Comparison {
     /// What was measured, and the tolerance up to which it passes, with its unit.
-    pub fn within(self, (tolerance, unit): (f64, &'static str), measured: f64) -> Judged {
-        Judged { comparison: self, tolerance, unit, measured }
+    pub fn within(
+        self,
+        (tolerance, unit): (f64, &'static str),
+        measured: f64,
+    ) -> CheckedComparison {
+        CheckedComparison { comparison: self, tolerance, unit, measured }
     }
 }
 
 /// A comparison that still needs its control.
-pub struct Judged {
+pub struct CheckedComparison {
     comparison: Comparison,
     tolerance: f64,
     unit: &'static str,
     measured: f64,
 }
 
-impl Judged {
+impl CheckedComparison {
     /// The same measured with one value perturbed: it must exceed the tolerance. What is not a number neither passes nor exceeds.
     pub fn control(self, perturbed: impl Into<String>, measured: f64) -> Check {
-        let Judged { comparison: Comparison { stage, what }, tolerance, unit, .. } = self;
+        let CheckedComparison { comparison: Comparison { stage, what }, tolerance, unit, .. } =
+            self;
         let control = Control {
             perturbed: perturbed.into(),
             measured,

@@ -323,7 +323,7 @@ impl<P: Pipeline> Configuration for Configured<P> {
 
 /// A kind of pipeline, by name.
 #[derive(Clone, Copy, Debug)]
-pub struct Kind {
+pub struct PipelineKind {
     pub name: &'static str,
     pub about: &'static str,
     /// The whole tree of parameters with the values that the scene file gives.
@@ -334,7 +334,7 @@ pub struct Kind {
     pub configure: fn(&Value) -> Result<Rc<dyn Configuration>, ParamError>,
 }
 
-impl Kind {
+impl PipelineKind {
     pub const fn of<P: Pipeline>() -> Self {
         Self {
             name: P::NAME,
@@ -357,12 +357,12 @@ pub fn read<T: Parameters>(tree: &Value) -> Result<T, ParamError> {
 }
 
 /// fathom's own pipelines. Adding one adds a line.
-pub const KINDS: &[Kind] = &[
-    Kind::of::<underwater::Underwater>(),
-    Kind::of::<voxelize::Voxelize>(),
-    Kind::of::<volume_ao::VolumeAo>(),
-    Kind::of::<hsao::Hsao>(),
-    Kind::of::<scalar_ao::ScalarAo>(),
+pub const KINDS: &[PipelineKind] = &[
+    PipelineKind::of::<underwater::Underwater>(),
+    PipelineKind::of::<voxelize::Voxelize>(),
+    PipelineKind::of::<volume_ao::VolumeAo>(),
+    PipelineKind::of::<hsao::Hsao>(),
+    PipelineKind::of::<scalar_ao::ScalarAo>(),
 ];
 
 /// Cells of the volume that replaces one that is too large.

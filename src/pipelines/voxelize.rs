@@ -144,7 +144,7 @@ mod tests {
         let beyond = |change: &dyn Fn(&mut Params)| -> String {
             let mut params = Params::from(&file);
             change(&mut params);
-            let kind = crate::pipelines::Kind::of::<Voxelize>();
+            let kind = crate::pipelines::PipelineKind::of::<Voxelize>();
             let configured = (kind.configure)(&crate::parameter::tree(&params)).unwrap();
             configured.plan(&scene).unwrap().demand.check(&limits).unwrap_err()
         };

@@ -1,7 +1,7 @@
 //! `cells.csv`: one row per cell and stage, as RFC 4180 has it. A cell without figures has one row with an empty stage.
 //! A name that a spreadsheet would take for a formula has an apostrophe in front; see [`text::spreadsheet`].
 
-use super::{Artifact, Entry, Exporter, ReportError, View};
+use super::{Artifact, Entry, Exporter, ReportError, ReportView};
 use crate::record::{Estimate, Fenced, Measured, Outcome, StageRecord, Work};
 use crate::statistics::median;
 use crate::text;
@@ -16,7 +16,7 @@ const OF_STAGE: &str =
 const OF_FRAME: &str = "frame_untimed_median_ns frame_untimed_low_ns frame_untimed_high_ns frame_untimed_samples \
     accounting_error timing_cost allocated_bytes warm_up_frames rejected_frames quantities";
 
-fn export(view: &View<'_>) -> Result<Vec<Artifact>, ReportError> {
+fn export(view: &ReportView<'_>) -> Result<Vec<Artifact>, ReportError> {
     let names = |names: &str| names.split(' ').map(str::to_owned).collect::<Vec<String>>();
     let work = Work::NAMES.iter().map(ToString::to_string).collect();
     let header = [names(OF_CELL), names(OF_STAGE), work, names(OF_FRAME)].concat();
@@ -119,7 +119,7 @@ mod tests {
     #[test]
     fn every_row_has_every_column() {
         let records = fixtures::run();
-        let files = export(&View::new(&records, None)).unwrap();
+        let files = export(&ReportView::new(&records, None)).unwrap();
         let mut reader = csv::Reader::from_reader(files[0].bytes.as_slice());
         assert_eq!(reader.headers().unwrap().len(), 35);
         let rows: Vec<csv::StringRecord> = reader.records().map(Result::unwrap).collect();

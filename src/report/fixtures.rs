@@ -55,7 +55,7 @@ pub fn profile(profile: Profile) -> Vec<Record> {
 }
 
 pub fn summary(records: &[Record]) -> String {
-    let view = super::View::new(records, None);
+    let view = super::ReportView::new(records, None);
     let page = (super::summary::EXPORTER.export)(&view).unwrap().remove(0);
     String::from_utf8(page.bytes).unwrap()
 }

@@ -1,6 +1,6 @@
 //! Reports: pure functions from records to bytes. The same records give the same bytes.
 //!
-//! An [`Exporter`] turns a [`View`] of a run's records into named files.
+//! An [`Exporter`] turns a [`ReportView`] of a run's records into named files.
 
 mod cells_csv;
 pub mod format;
@@ -14,7 +14,7 @@ pub mod fixtures;
 pub use cells_csv::EXPORTER as CELLS_CSV;
 pub use plots::EXPORTER as PLOTS;
 pub use summary::EXPORTER as SUMMARY;
-pub use view::{Entry, Section, View};
+pub use view::{Entry, ReportView, Section};
 
 #[derive(Debug, thiserror::Error)]
 pub enum ReportError {
@@ -32,7 +32,7 @@ pub struct Artifact {
 pub struct Exporter {
     pub name: &'static str,
     pub about: &'static str,
-    pub export: fn(&View<'_>) -> Result<Vec<Artifact>, ReportError>,
+    pub export: fn(&ReportView<'_>) -> Result<Vec<Artifact>, ReportError>,
 }
 
 #[cfg(all(test, target_os = "linux"))]

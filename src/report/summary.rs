@@ -7,7 +7,7 @@ use std::fmt::Write as _;
 use indexmap::IndexSet;
 
 use super::format::{self, Table};
-use super::{Artifact, Exporter, ReportError, View};
+use super::{Artifact, Exporter, ReportError, ReportView};
 use crate::experiments::Verdict;
 use crate::record::{FrameRecord, Outcome, Run};
 use crate::text;
@@ -18,7 +18,7 @@ pub const EXPORTER: Exporter = Exporter {
     export,
 };
 
-fn export(view: &View<'_>) -> Result<Vec<Artifact>, ReportError> {
+fn export(view: &ReportView<'_>) -> Result<Vec<Artifact>, ReportError> {
     let mut text = String::new();
     match view.run() {
         Some(run) => header(view, run, &mut text),
@@ -31,7 +31,7 @@ fn export(view: &View<'_>) -> Result<Vec<Artifact>, ReportError> {
     Ok(vec![Artifact { name: EXPORTER.name.to_owned(), bytes: text.into_bytes() }])
 }
 
-fn header(view: &View<'_>, run: &Run, text: &mut String) {
+fn header(view: &ReportView<'_>, run: &Run, text: &mut String) {
     let adapter = &run.adapter;
     *text += &format!("# fathom on {}\n\n", text::markdown(&adapter.name));
     if adapter.software {
@@ -72,7 +72,7 @@ fn timing_cost<'r>(frames: impl Iterator<Item = &'r FrameRecord>) -> String {
 }
 
 /// How far the figures can be trusted: accounting, the cost of timing, efficiency, memory.
-fn trust(view: &View<'_>, run: &Run, table: &mut Table) {
+fn trust(view: &ReportView<'_>, run: &Run, table: &mut Table) {
     let frames = || view.measured().map(|(cell, measured)| (cell, &measured.frame));
     let worst = |share: &dyn Fn(&FrameRecord) -> f64| {
         let worst = frames()
@@ -113,7 +113,7 @@ fn trust(view: &View<'_>, run: &Run, table: &mut Table) {
     ended(view, table);
 }
 
-fn ended(view: &View<'_>, table: &mut Table) {
+fn ended(view: &ReportView<'_>, table: &mut Table) {
     let wall_s: f64 = view.ends.iter().map(|end| end.measuring_wall_s).sum();
     let gpu_s: f64 = view.ends.iter().map(|end| end.measured_gpu_s).sum();
     let set_up_s: f64 = view.ends.iter().map(|end| end.set_up_s).sum();
@@ -162,7 +162,7 @@ fn audit(run: &Run, text: &mut String) {
 }
 
 /// Notes on the run, and the stand-ins that cells ran on.
-fn notes(view: &View<'_>, text: &mut String) {
+fn notes(view: &ReportView<'_>, text: &mut String) {
     let of_runs = view.runs.iter().flat_map(|run| &run.notes).map(|note| &note.text);
     let stand_ins = view
         .sections
@@ -184,7 +184,7 @@ fn notes(view: &View<'_>, text: &mut String) {
     *text += "\n";
 }
 
-fn overview(view: &View<'_>, text: &mut String) {
+fn overview(view: &ReportView<'_>, text: &mut String) {
     let head = "experiment|measured|skipped|failed|claims supported|contradicted|untestable here";
     let mut table = Table::new(head.split('|'));
     for section in &view.sections {

@@ -13,7 +13,7 @@ use crate::experiments::{self, Experiment, Ruling, label_text};
 use crate::record::{Cell, End, Measured, Picture, Profile, Record, Run};
 
 #[derive(Default)]
-pub struct View<'a> {
+pub struct ReportView<'a> {
     pub runs: Vec<&'a Run>,
     pub ends: Vec<&'a End>,
     pub sections: Vec<Section<'a>>,
@@ -41,10 +41,10 @@ pub struct Section<'a> {
     figure: OnceCell<Figure>,
 }
 
-impl<'a> View<'a> {
+impl<'a> ReportView<'a> {
     /// With the pictures that lie in `folder`; without one, all that the records name.
-    pub fn new(records: &'a [Record], folder: Option<&Path>) -> View<'a> {
-        let mut view = View::default();
+    pub fn new(records: &'a [Record], folder: Option<&Path>) -> ReportView<'a> {
+        let mut view = ReportView::default();
         let mut places = Places::default();
         for record in records {
             match record {

@@ -13,14 +13,14 @@ use crate::parameter::names_of;
 const DOCS: &str = include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/docs/scenes.md"));
 
 /// A row of a table of keys.
-struct Row {
+struct DocumentedRow {
     key: &'static str,
     range: &'static str,
     default: &'static str,
 }
 
 /// The rows of the section under a heading.
-fn rows(heading: &str) -> Vec<Row> {
+fn rows(heading: &str) -> Vec<DocumentedRow> {
     let (_, section) = DOCS
         .split_once(&format!("\n## {heading}\n"))
         .unwrap_or_else(|| panic!("no section {heading}"));
@@ -33,7 +33,7 @@ fn rows(heading: &str) -> Vec<Row> {
             let meaning = cells.last().expect("a cell").trim_end_matches(" |");
             assert!(!meaning.is_empty(), "{line}");
             let offset = usize::from(cells.len() == 4);
-            Row {
+            DocumentedRow {
                 key: cells[0].trim_end_matches('`'),
                 range: cells[2 - offset].trim_matches(['|', ' ']),
                 default: cells[3 - offset].trim_matches(['|', ' ']),

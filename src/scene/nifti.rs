@@ -6,7 +6,7 @@ use std::io::{self, Read};
 
 use glam::DVec3;
 
-use super::samples::{Samples, cell_count, up_to, values};
+use super::samples::{VolumeSamples, cell_count, up_to, values};
 
 /// Bytes of the header; the first of its fields says so.
 const HEADER: usize = 348;
@@ -19,7 +19,7 @@ const HEADER_2: i32 = 540;
 
 /// Reads header and cells. Values have the header's slope and intercept applied. They stand for 0 … 1 between `cal_min` and
 /// `cal_max`, or between the least and the largest value where the header does not give those.
-pub fn parse(source: &mut dyn Read) -> Result<Samples, String> {
+pub fn parse(source: &mut dyn Read) -> Result<VolumeSamples, String> {
     let bytes = up_to(source, HEADER)?;
     let header = Header::new(&bytes)?;
     let cells = header.cells()?;
@@ -39,7 +39,7 @@ pub fn parse(source: &mut dyn Read) -> Result<Samples, String> {
             "{held} bytes of data from byte {offset} on, but {x} × {y} × {z} cells of {each} bytes take {taken}"
         ));
     }
-    Ok(Samples { cells, spacing_m: header.spacing_m()?, window: header.window(&data), data })
+    Ok(VolumeSamples { cells, spacing_m: header.spacing_m()?, window: header.window(&data), data })
 }
 
 struct Stored {

@@ -5,7 +5,7 @@ use std::io::{self, Read};
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
-use super::samples::{Samples, cell_count, values};
+use super::samples::{VolumeSamples, cell_count, values};
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -54,7 +54,7 @@ impl VolumeFormat {
 }
 
 /// Cubic cells; the longest edge of the box is 1 m.
-pub fn parse(source: &mut dyn Read, raw: &Raw) -> Result<Samples, String> {
+pub fn parse(source: &mut dyn Read, raw: &Raw) -> Result<VolumeSamples, String> {
     let count = cell_count(raw.cells)?;
     let each = raw.format.bytes();
     let (data, read) = values(source, count, each, |b| raw.format.value(b))?;
@@ -67,7 +67,7 @@ pub fn parse(source: &mut dyn Read, raw: &Raw) -> Result<Samples, String> {
         ));
     }
     let longest = raw.cells.into_iter().max().unwrap_or(1);
-    Ok(Samples {
+    Ok(VolumeSamples {
         cells: raw.cells,
         spacing_m: DVec3::splat(1.0 / f64::from(longest)),
         data,

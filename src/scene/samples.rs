@@ -31,7 +31,7 @@ pub enum Up {
 
 /// Values on a grid, x fastest, then y, then z.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Samples {
+pub struct VolumeSamples {
     pub cells: [u32; 3],
     /// Edges of a cell, metres.
     pub spacing_m: DVec3,
@@ -41,7 +41,7 @@ pub struct Samples {
 }
 
 /// Reads `.nii` and `.nii.gz` by their header; everything else, plain or compressed by gzip, is the cells that `raw` tells.
-pub fn read(path: &Path, raw: Option<&Raw>) -> Result<Samples, String> {
+pub fn read(path: &Path, raw: Option<&Raw>) -> Result<VolumeSamples, String> {
     let malformed = |what| format!("volume {}: {what}", path.display());
     let mut source =
         read::open(path).map_err(|e| format!("cannot read the volume {}: {e}", path.display()))?;
@@ -102,7 +102,7 @@ pub fn cell_count(cells: [u32; 3]) -> Result<usize, String> {
     }
 }
 
-impl Samples {
+impl VolumeSamples {
     fn at(&self, [x, y, z]: [u32; 3]) -> f32 {
         let [nx, ny, _] = self.cells.map(|n| n as usize);
         self.data[x as usize + nx * (y as usize + ny * z as usize)]
@@ -124,7 +124,7 @@ impl Samples {
 
     /// Means over boxes of `factor` cells along each axis. Where the cells do not divide, the last box takes those there are.
     #[must_use]
-    pub fn reduced(self, factor: u32) -> Samples {
+    pub fn reduced(self, factor: u32) -> VolumeSamples {
         if factor <= 1 {
             return self;
         }
@@ -139,12 +139,17 @@ impl Samples {
             (sum / f64::from(count)) as f32
         };
         let data = iproduct!(0..cells[2], 0..cells[1], 0..cells[0]).map(mean).collect();
-        Samples { cells, spacing_m: self.spacing_m * f64::from(factor), data, window: self.window }
+        VolumeSamples {
+            cells,
+            spacing_m: self.spacing_m * f64::from(factor),
+            data,
+            window: self.window,
+        }
     }
 
     /// Turned so that `up` is y.
     #[must_use]
-    pub fn upright(self, up: Up) -> Samples {
+    pub fn upright(self, up: Up) -> VolumeSamples {
         let [nx, ny, nz] = self.cells;
         let s = self.spacing_m;
         let (cells, spacing_m) = match up {
@@ -159,7 +164,7 @@ impl Samples {
                 _ => self.at([x, ny - 1 - z, y]),
             }));
         }
-        Samples { cells, spacing_m, data, window: self.window }
+        VolumeSamples { cells, spacing_m, data, window: self.window }
     }
 
     /// The values brought to 0 … 1, linear within `window` (low, high) and clamped outside of it.
@@ -176,10 +181,10 @@ mod tests {
     use super::*;
 
     /// Each value tells its cell: x + 10 y + 100 z.
-    fn numbered(cells: [u32; 3]) -> Samples {
+    fn numbered(cells: [u32; 3]) -> VolumeSamples {
         let [nx, ny, nz] = cells;
         let value = |(z, y, x)| (x + 10 * y + 100 * z) as f32;
-        Samples {
+        VolumeSamples {
             cells,
             spacing_m: DVec3::new(1.0, 2.0, 3.0),
             data: iproduct!(0..nz, 0..ny, 0..nx).map(value).collect(),

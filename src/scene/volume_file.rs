@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 use super::assets::{self, Content};
 use super::generators::fields::{self, FieldGenerator};
 use super::raw::{Raw, VolumeFormat};
-use super::samples::{self, Samples, Up};
+use super::samples::{self, Up, VolumeSamples};
 use super::{SceneFile, Stand, Volume, check};
 
 /// Largest factor by which a volume is reduced.
@@ -149,7 +149,7 @@ impl VolumeFile {
         &self,
         file: &SceneFile,
         stand_ins: &mut Vec<String>,
-    ) -> Result<(String, Samples), String> {
+    ) -> Result<(String, VolumeSamples), String> {
         if let Some(name) = &self.generator {
             return Ok((name.clone(), self.sampled(fields::find(name)?, &self.params)?));
         }
@@ -165,7 +165,7 @@ impl VolumeFile {
         Ok((name.to_owned(), self.asset(name, stand_ins)?))
     }
 
-    fn asset(&self, name: &str, stand_ins: &mut Vec<String>) -> Result<Samples, String> {
+    fn asset(&self, name: &str, stand_ins: &mut Vec<String>) -> Result<VolumeSamples, String> {
         let asset = assets::named(name).map_err(|e| e.to_string())?;
         let Content::Volume { raw, up } = &asset.content else {
             return Err(format!("asset `{name}` is a mesh: it belongs to an [[object]]"));
@@ -185,13 +185,13 @@ impl VolumeFile {
         &self,
         generator: &FieldGenerator,
         params: &BTreeMap<String, f64>,
-    ) -> Result<Samples, String> {
+    ) -> Result<VolumeSamples, String> {
         let cells = match self.cells {
             [0, 0, 0] => generator.cells,
             cells => cells,
         };
         let cells = cells.map(|n| n.div_ceil(self.reduce));
-        Ok(Samples {
+        Ok(VolumeSamples {
             cells,
             spacing_m: generator.extent() / DVec3::from(cells.map(f64::from)),
             data: generator.sample(params, cells)?,

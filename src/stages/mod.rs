@@ -30,7 +30,7 @@ pub mod voxel;
 pub mod voxels;
 pub mod water;
 
-pub use crate::gpu::{Column, Output, OutputData, Row, Stage, StageInfo};
+pub use crate::gpu::{Column, Output, OutputData, ReadRow, Stage, StageInfo};
 
 /// Every stage, in frame order. Adding a stage adds one line.
 pub const REGISTRY: &[StageInfo] = &[

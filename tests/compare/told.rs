@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 
 use assert_cmd::prelude::*;
 use fathom::compare::store::{self, StoredComparison};
-use fathom::harness::output::{Kind, Taken};
+use fathom::harness::output::{FolderKind, Taken};
 use fathom::record::ErrorFigure;
 use fathom::record::comparison::{
     CellId, CheckFigure, Compared, ComparedBuild, ComparisonEnd, ComparisonHeader,
@@ -208,7 +208,7 @@ impl Stored {
     }
 
     fn write(self, folder: &Path) -> PathBuf {
-        let mut held = Taken::free(folder).unwrap().open(Kind::Comparison).unwrap();
+        let mut held = Taken::free(folder).unwrap().open(FolderKind::Comparison).unwrap();
         store::write(&mut held, self.lines()).unwrap();
         held.output.records()
     }

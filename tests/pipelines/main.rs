@@ -10,7 +10,7 @@ mod voxelize;
 
 use fathom::gpu::{Gpu, Options, Pixels};
 use fathom::parameter;
-use fathom::pipelines::{AnyPipeline, Built, Kind, Parameters, Pipeline};
+use fathom::pipelines::{AnyPipeline, Built, Parameters, Pipeline, PipelineKind};
 use fathom::scene::{Scene, SceneFile};
 
 fn gpu() -> Gpu {
@@ -27,7 +27,7 @@ fn prepared<P: Pipeline>(gpu: &Gpu, scene: &str, set: &str) -> (Scene, P::Params
     }
     let params: P::Params = fathom::pipelines::read(&tree).unwrap();
     let scene = Scene::build(&params.staged(&file).unwrap()).unwrap();
-    let configured = (Kind::of::<P>().configure)(&tree).unwrap();
+    let configured = (PipelineKind::of::<P>().configure)(&tree).unwrap();
     gpu.check(&configured.plan(&scene).unwrap().demand).unwrap();
     (scene, params)
 }

@@ -275,7 +275,7 @@ impl<'a> TrialBuilds<'a> {
 mod tests {
 
     use fathom::compare::store;
-    use fathom::harness::output::{Kind, Taken};
+    use fathom::harness::output::{FolderKind, Taken};
     use fathom::record::comparison::{Compared, ComparisonEnd, ComparisonHeader, Gate};
 
     use super::*;
@@ -303,7 +303,7 @@ mod tests {
         let settings = GateSettings { gates: vec![Gate::Exact], ..test.settings_of(&trial) };
         let header = ComparisonHeader { settings, ..ComparisonHeader::default() };
         let taken = Taken::free(&folder.path().join(&trial.id)).unwrap();
-        let mut held = taken.open(Kind::Comparison).unwrap();
+        let mut held = taken.open(FolderKind::Comparison).unwrap();
         store::write(&mut held, vec![Compared::Header(Box::new(header))]).unwrap();
         assert!(!is_made(&test, &trial).unwrap());
         let end = ComparisonEnd { wall_s: 1.0, interrupted: false };

@@ -3,7 +3,7 @@
 use std::collections::HashSet;
 
 use super::{Finding, Interval, Verdict, in_ms, too_few, untestable, with_interval, within};
-use crate::experiments::measure::{Measure, Reading};
+use crate::experiments::measure::{Measure, MeasuredValue};
 use crate::record::{Cell, Estimate};
 use crate::statistics::{Slope, log_log_slope};
 
@@ -96,7 +96,7 @@ fn thinned<T>(mut points: Vec<(f64, T)>) -> Vec<(f64, T)> {
 }
 
 /// x and y of the measured cells in which both are positive.
-fn readings<'a>(y: &Measure, x: &Measure, cells: &[&'a Cell]) -> Vec<(f64, Reading<'a>)> {
+fn readings<'a>(y: &Measure, x: &Measure, cells: &[&'a Cell]) -> Vec<(f64, MeasuredValue<'a>)> {
     let both = |cell: &&'a Cell| {
         let measured = cell.measured()?;
         let x = x.read(cell, measured)?.estimate.median;

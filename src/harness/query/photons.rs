@@ -65,7 +65,7 @@ fn parse(text: impl Read) -> Result<Vec<Start>, PointFault> {
     rows.into_iter().map(|row| start(row, aimed)).collect()
 }
 
-fn start((line, numbers): table::Row, aimed: bool) -> Result<Start, PointFault> {
+fn start((line, numbers): table::TableRow, aimed: bool) -> Result<Start, PointFault> {
     let fault = |columns, what| PointFault::Direction { line, columns, what };
     let position_m = DVec3::from_slice(&numbers);
     if position_m.y <= 0.0 {

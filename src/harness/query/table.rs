@@ -29,7 +29,7 @@ pub enum PointFault {
 }
 
 /// A row's line and its numbers, in the order of the columns asked for.
-pub type Row = (u64, Vec<f64>);
+pub type TableRow = (u64, Vec<f64>);
 
 /// Columns in any order and among others, which are left aside. Those of `optional` come all or not at all; the second part
 /// of the answer says whether they are there.
@@ -37,7 +37,7 @@ pub fn read(
     text: impl Read,
     needed: &[&'static str],
     optional: &[&'static str],
-) -> Result<(Vec<Row>, bool), PointFault> {
+) -> Result<(Vec<TableRow>, bool), PointFault> {
     let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).from_reader(text);
     let header = reader.headers().map_err(fault)?.clone();
     let has = |column: &&&'static str| header.iter().any(|name| name == **column);
@@ -51,7 +51,7 @@ pub fn read(
     });
     let places = places.collect::<Result<Vec<_>, PointFault>>()?;
     let rows = reader.records().map(|record| row(&record.map_err(fault)?, &places));
-    let rows = rows.collect::<Result<Vec<Row>, _>>()?;
+    let rows = rows.collect::<Result<Vec<TableRow>, _>>()?;
     if rows.is_empty() {
         return Err(PointFault::Empty);
     }
@@ -66,7 +66,10 @@ fn list(columns: &[&str]) -> String {
     }
 }
 
-fn row(record: &csv::StringRecord, places: &[(&'static str, usize)]) -> Result<Row, PointFault> {
+fn row(
+    record: &csv::StringRecord,
+    places: &[(&'static str, usize)],
+) -> Result<TableRow, PointFault> {
     let line = record.position().map_or(0, csv::Position::line);
     let number = |(column, place): &(&'static str, usize)| {
         let text = record.get(*place).unwrap_or_default();

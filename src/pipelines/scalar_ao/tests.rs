@@ -6,7 +6,7 @@ use serde_json::{Value, json};
 use super::{Params, ScalarAo};
 use crate::gpu::{Demand, GpuError};
 use crate::parameter::{self, ParamError, Setting};
-use crate::pipelines::{self, Kind, Parameters};
+use crate::pipelines::{self, Parameters, PipelineKind};
 use crate::scene::{Scene, SceneFile, Volume};
 
 const VOXEL_M: f64 = 0.1;
@@ -31,7 +31,7 @@ fn tree(path: &str, value: Value) -> Value {
 }
 
 fn demand(tree: &Value, scene: &Scene) -> Result<Demand, GpuError> {
-    Ok((Kind::of::<ScalarAo>().configure)(tree)?.plan(scene)?.demand)
+    Ok((PipelineKind::of::<ScalarAo>().configure)(tree)?.plan(scene)?.demand)
 }
 
 fn read(tree: &Value) -> Result<Params, ParamError> {

@@ -5,7 +5,7 @@ use plotters::coord::ranged1d::{Ranged, ValueFormatter};
 use plotters::coord::types::RangedCoordf64;
 use plotters::prelude::*;
 
-use super::scale::{Kind, Scale};
+use super::scale::{Scale, ScaleKind};
 use super::{Area, Drawn, Fault, WIDTH_PX, style};
 
 /// Title above and axis below the bars.
@@ -56,7 +56,7 @@ pub struct BarChart {
 impl BarChart {
     /// The axis of bars with these ends; none where no value can be shown.
     pub fn scale(ends: impl Iterator<Item = f64>) -> Option<Scale> {
-        let mut scale = Scale::fit(Kind::Linear, ends)?;
+        let mut scale = Scale::fit(ScaleKind::Linear, ends)?;
         scale.low = 0.0;
         Some(scale)
     }

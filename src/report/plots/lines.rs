@@ -3,7 +3,7 @@
 use plotters::prelude::*;
 
 use super::chart::{Legend, mesh, split};
-use super::scale::{Kind, Scale};
+use super::scale::{Scale, ScaleKind};
 use super::{Area, Drawn, Panel, style, unit};
 use crate::experiments::schema::{Experiment, FIXED_SHARE, Plot, PlotKind, Published};
 use crate::experiments::{Measure, Scaling, groups, scaling};
@@ -63,8 +63,8 @@ impl Lines {
             .filter_map(|cell| cell.measured().and(experiment.published_for(cell)))
             .collect();
         let kind = match plot.kind {
-            PlotKind::Scaling => Kind::Log,
-            _ => Kind::Linear,
+            PlotKind::Scaling => ScaleKind::Log,
+            _ => ScaleKind::Linear,
         };
         let points = || series.iter().flat_map(|series| &series.points);
         let x = Scale::fit(kind, points().map(|(x, _)| *x))?;

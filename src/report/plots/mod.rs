@@ -16,7 +16,7 @@ use plotters::prelude::*;
 
 use self::{bars::Bars, lines::Lines, map::Map, stacked::Stacked};
 use super::format::{NS_PER_MS, Table};
-use super::{Artifact, Exporter, ReportError, Section, View};
+use super::{Artifact, Exporter, ReportError, ReportView, Section};
 use crate::experiments::schema::{Experiment, Plot, PlotKind, Published};
 use crate::experiments::{self, Measure};
 use crate::record::Cell;
@@ -81,7 +81,7 @@ pub fn file_name(section: &Section<'_>) -> String {
     format!("{}.svg", text::file_stem(section.id))
 }
 
-fn export(view: &View<'_>) -> Result<Vec<Artifact>, ReportError> {
+fn export(view: &ReportView<'_>) -> Result<Vec<Artifact>, ReportError> {
     let mut files = Vec::new();
     for section in &view.sections {
         let panels = &section.figure().panels;
@@ -178,7 +178,7 @@ mod tests {
     #[test]
     fn every_builtin_figure_has_data_in_a_full_run() {
         let records = fixtures::run();
-        let view = View::new(&records, None);
+        let view = ReportView::new(&records, None);
         let files = export(&view).unwrap();
         let names: Vec<&str> = files.iter().map(|file| file.name.as_str()).collect();
         for id in crate::experiments::Experiment::builtin_ids() {
@@ -189,7 +189,7 @@ mod tests {
     #[test]
     fn scaling_figures_show_the_fitted_slope_and_the_published_figure() {
         let records = fixtures::run();
-        let files = export(&View::new(&records, None)).unwrap();
+        let files = export(&ReportView::new(&records, None)).unwrap();
         let svg = |name: &str| {
             let file = files.iter().find(|file| file.name == name).unwrap();
             String::from_utf8(file.bytes.clone()).unwrap()
@@ -257,7 +257,7 @@ mod tests {
     #[test]
     fn maps_have_a_panel_for_each_value_and_a_number_in_each_field() {
         let records = mapped();
-        let view = View::new(&records, None);
+        let view = ReportView::new(&records, None);
         let tables = view.sections[0].figure().map_tables();
         let titles: Vec<&str> = tables.iter().map(|(title, _)| title.as_str()).collect();
         assert_eq!(titles, ["Error, tank", "Error, port"]);
@@ -277,7 +277,7 @@ mod tests {
     #[test]
     fn bars_stand_by_value_and_are_told_apart_by_the_other_axes() {
         let records = mapped();
-        let view = View::new(&records, None);
+        let view = ReportView::new(&records, None);
         let (cells, experiment) = (view.sections[0].cells(), Experiment::parse("own", MAPPED));
         let experiment = experiment.unwrap();
         let plot = &experiment.plot[1];
@@ -289,6 +289,6 @@ mod tests {
     #[test]
     fn a_section_without_figures_draws_nothing() {
         let records = fixtures::all_skipped();
-        assert!(export(&View::new(&records, None)).unwrap().is_empty());
+        assert!(export(&ReportView::new(&records, None)).unwrap().is_empty());
     }
 }

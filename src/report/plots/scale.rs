@@ -7,7 +7,7 @@ use plotters::coord::ranged1d::{KeyPointHint, NoDefaultFormatting, Ranged, Value
 use crate::report::format;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Kind {
+pub enum ScaleKind {
     Linear,
     Log,
 }
@@ -15,7 +15,7 @@ pub enum Kind {
 /// An axis. Data are mapped to its own coordinate: the value, or its decimal logarithm.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Scale {
-    kind: Kind,
+    kind: ScaleKind,
     pub low: f64,
     pub high: f64,
     ticks: Vec<f64>,
@@ -48,14 +48,14 @@ impl ValueFormatter<f64> for Scale {
 
 impl Scale {
     /// A scale that holds all values with room around them; none where no value can be shown.
-    pub fn fit(kind: Kind, values: impl Iterator<Item = f64>) -> Option<Scale> {
-        let shown = |value: &f64| value.is_finite() && (kind == Kind::Linear || *value > 0.0);
+    pub fn fit(kind: ScaleKind, values: impl Iterator<Item = f64>) -> Option<Scale> {
+        let shown = |value: &f64| value.is_finite() && (kind == ScaleKind::Linear || *value > 0.0);
         let values: Vec<f64> = values.filter(shown).collect();
         let low = values.iter().copied().reduce(f64::min)?;
         let high = values.iter().copied().reduce(f64::max)?;
         Some(match kind {
-            Kind::Linear => Scale::linear(low, high),
-            Kind::Log => Scale::log(low, high),
+            ScaleKind::Linear => Scale::linear(low, high),
+            ScaleKind::Log => Scale::log(low, high),
         })
     }
 
@@ -68,7 +68,7 @@ impl Scale {
         let last = (high / step).ceil() as i64;
         let margin = 0.03 * (high - low);
         Scale {
-            kind: Kind::Linear,
+            kind: ScaleKind::Linear,
             low: low - margin,
             high: high + margin,
             ticks: (first..=last)
@@ -96,23 +96,23 @@ impl Scale {
             .map(|multiples| within(multiples))
             .find(|ticks| ticks.len() >= 3)
             .unwrap_or_else(|| within(choices[3]));
-        Scale { kind: Kind::Log, low, high, ticks }
+        Scale { kind: ScaleKind::Log, low, high, ticks }
     }
 
     /// The coordinate of a value; none for what a logarithm cannot show.
     pub fn at(&self, value: f64) -> Option<f64> {
         let coordinate = match self.kind {
-            Kind::Linear => value,
-            Kind::Log => value.log10(),
+            ScaleKind::Linear => value,
+            ScaleKind::Log => value.log10(),
         };
         coordinate.is_finite().then_some(coordinate)
     }
 
     pub fn tick_label(&self, coordinate: f64) -> String {
         let value = match self.kind {
-            Kind::Linear if coordinate.abs() < 1e-12 => 0.0,
-            Kind::Linear => coordinate,
-            Kind::Log => 10_f64.powf(coordinate),
+            ScaleKind::Linear if coordinate.abs() < 1e-12 => 0.0,
+            ScaleKind::Linear => coordinate,
+            ScaleKind::Log => 10_f64.powf(coordinate),
         };
         if (1e3..1e4).contains(&value.abs().round()) {
             return format!("{value:.0}");
@@ -140,22 +140,22 @@ mod tests {
 
     #[test]
     fn ticks_are_round_and_enough() {
-        let decades = Scale::fit(Kind::Log, [100.0, 1e6].into_iter()).unwrap();
+        let decades = Scale::fit(ScaleKind::Log, [100.0, 1e6].into_iter()).unwrap();
         assert_eq!(labels(&decades), ["100", "1000", "10 k", "100 k", "1 M"]);
-        let narrow = Scale::fit(Kind::Log, [2.0, 4.0].into_iter()).unwrap();
+        let narrow = Scale::fit(ScaleKind::Log, [2.0, 4.0].into_iter()).unwrap();
         assert_eq!(labels(&narrow), ["2", "3", "4"]);
-        let linear = Scale::fit(Kind::Linear, [0.05, 0.21].into_iter()).unwrap();
+        let linear = Scale::fit(ScaleKind::Linear, [0.05, 0.21].into_iter()).unwrap();
         assert_eq!(labels(&linear), ["0", "0.05", "0.1", "0.15", "0.2"]);
     }
 
     #[test]
     fn degenerate_ranges_have_ticks() {
-        for kind in [Kind::Linear, Kind::Log] {
+        for kind in [ScaleKind::Linear, ScaleKind::Log] {
             let scale = Scale::fit(kind, [3.0].into_iter()).unwrap();
             assert!(scale.high > scale.low);
             assert!(!scale.ticks.is_empty(), "{kind:?}");
         }
-        assert_eq!(Scale::fit(Kind::Log, [0.0, -1.0].into_iter()), None);
-        assert_eq!(Scale::fit(Kind::Linear, [f64::NAN].into_iter()), None);
+        assert_eq!(Scale::fit(ScaleKind::Log, [0.0, -1.0].into_iter()), None);
+        assert_eq!(Scale::fit(ScaleKind::Linear, [f64::NAN].into_iter()), None);
     }
 }
