@@ -4,7 +4,7 @@ use std::fs;
 use std::io::{BufRead, BufReader};
 use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Stdio};
+use std::process::{Command, Output, Stdio};
 
 use fathom::compare::store::StoredComparison;
 use fathom::compare::verdict::{CellVerdict, Status, Verdicts};
@@ -228,7 +228,11 @@ fn a_killed_comparison_goes_on_where_it_ended() {
     let stored = StoredComparison::read(&builds.path("out")).unwrap();
     let before = stored.launches.len();
     assert!((3..10).contains(&before) && stored.end.is_none(), "{before}");
-    refused(&builds.command(&base, &head).output().unwrap(), "--resume");
+    // A worker that the kill met at its start holds the folder until it sees that nobody is there.
+    let again = || builds.command(&base, &head).output().unwrap();
+    let mut tries = (0..100).map(|_| again());
+    let held = |output: &Output| String::from_utf8_lossy(&output.stderr).contains("is in use by");
+    refused(&tries.find(|output| !held(output)).unwrap(), "--resume");
     let other = builds.build("other", &Script { bytes: 7, ..Script::default() });
     let another = builds.command(&base, &other).arg("--resume").output().unwrap();
     refused(&another, "was begun with another head");
