@@ -90,16 +90,7 @@ impl Pipeline for Underwater {
         let refraction = of_surface.push(lit(&water::refraction::INFO)?);
 
         let seen = &gbuffer.textures.depth;
-        let path = params.caustics.path();
-        let caustics = photon_stages(resources, shared, light, path, |of, photons, conserving| {
-            let (settings, side_px) = (&plan.splat, plan.splat_px);
-            caustics::splat::new(of, shared, (photons, seen), settings, conserving, side_px)
-        })?;
-        let path = params.godrays.path();
-        let godrays = photon_stages(resources, shared, light, path, |of, photons, conserving| {
-            let (settings, length_px) = (&plan.lines, plan.line_px);
-            godrays::lines::new(of, shared, (photons, seen), settings, conserving, length_px)
-        })?;
+        let [caustics, godrays] = photon_grids(resources, shared, light, seen, params, &plan)?;
         let composed = Composed {
             gbuffer: &gbuffer.textures,
             caustics: caustics.texture(),
@@ -130,7 +121,29 @@ impl Pipeline for Underwater {
     }
 }
 
-/// `light` is the light's depth and mask. `draw` makes the stage that draws the photons.
+/// Caustics and godrays. `light` is the light's depth and mask, `seen` the camera's depth.
+fn photon_grids(
+    resources: &Resources<'_>,
+    shared: &Shared,
+    light: (&wgpu::Texture, &wgpu::Texture),
+    seen: &wgpu::Texture,
+    params: &Params,
+    plan: &Plan,
+) -> Result<[PhotonStages; 2], GpuError> {
+    let path = params.caustics.path();
+    let caustics = photon_stages(resources, shared, light, path, |of, photons, conserving| {
+        let (settings, side_px) = (&plan.splat, plan.splat_px);
+        caustics::splat::new(of, shared, (photons, seen), settings, conserving, side_px)
+    })?;
+    let path = params.godrays.path();
+    let godrays = photon_stages(resources, shared, light, path, |of, photons, conserving| {
+        let (settings, length_px) = (&plan.lines, plan.line_px);
+        godrays::lines::new(of, shared, (photons, seen), settings, conserving, length_px)
+    })?;
+    Ok([caustics, godrays])
+}
+
+/// `draw` makes the stage that draws the photons.
 fn photon_stages(
     resources: &Resources<'_>,
     shared: &Shared,
