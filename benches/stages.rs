@@ -11,6 +11,7 @@
 use criterion::Criterion;
 use fathom::Catalog;
 use fathom::bench::{self, StageBench};
+use fathom::compare::cells::Gates;
 use fathom::gpu::{Gpu, GpuError, Options, audit, audit_table};
 use fathom::harness::subject::{Subject, Subjects};
 use fathom::parameter;
@@ -108,7 +109,12 @@ fn run() -> anyhow::Result<()> {
         suite.group(&group)?;
     }
     let Suite { mut bench, measured, .. } = suite;
-    bench::gate_cells(&Catalog::builtin(), &mut bench, |stage| !measured.contains(&stage))?;
+    let catalog = Catalog::builtin();
+    let mut gates = Gates::load(None, catalog.gates)?;
+    for cell in &mut gates.configurations {
+        cell.stages.retain(|stage| !measured.contains(&stage.as_str()));
+    }
+    bench::gate_cells(&catalog, &mut bench, gates)?;
     bench.finish();
     Ok(())
 }

@@ -6,7 +6,7 @@ use std::time::Duration;
 use criterion::{Criterion, Throughput};
 use thiserror::Error;
 
-use crate::compare::cells::{CellsError, Gates};
+use crate::compare::cells::Gates;
 use crate::gpu::{ClockPlan, FrameTimer, Gpu, GpuError, Stage};
 use crate::harness::MAX_PASSES;
 use crate::harness::catalog::Catalog;
@@ -24,8 +24,6 @@ const ATTEMPTS: u32 = 20;
 pub enum BenchError {
     #[error(transparent)]
     Gpu(#[from] GpuError),
-    #[error(transparent)]
-    Cells(#[from] CellsError),
     #[error(transparent)]
     Subject(#[from] SubjectError),
     #[error("{0} runs no stage `{1}`")]
@@ -93,18 +91,17 @@ impl StageBench {
     }
 }
 
-/// Criterion over those gate cells of a catalogue whose stage is `wanted`.
+/// Criterion over gate cells of a catalogue.
 ///
 /// # Errors
-/// Cells that cannot be read or built, and what the GPU reports.
+/// Cells that cannot be built, and what the GPU reports.
 pub fn gate_cells(
     catalog: &Catalog,
     bench: &mut StageBench,
-    wanted: impl Fn(&str) -> bool,
+    gates: Gates,
 ) -> Result<(), BenchError> {
     let mut subjects = Subjects::of(catalog).within(&bench.gpu.capacity);
-    for mut cell in Gates::load(None, catalog.gates)?.configurations {
-        cell.stages.retain(|stage| wanted(stage));
+    for cell in gates.configurations {
         if cell.stages.is_empty() {
             continue;
         }

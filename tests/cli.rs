@@ -43,6 +43,7 @@ fn bad_input_is_one_clear_line_and_status_2() {
         ("run uw-default --set caustics.grid=few", "takes a whole number"),
         ("run uw-waves --axis watr=circular", "did you mean `water`"),
         ("run uw-default --adapter none-such", "no adapter matches"),
+        ("bench caustics/trce", "no gate cell matches `caustics/trce`"),
         ("dump caustics/trce --set caustics.grid=8", "did you mean `caustics/trace`"),
     ] {
         refused(&arguments.split(' ').collect::<Vec<_>>(), reason);

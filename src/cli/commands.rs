@@ -6,6 +6,7 @@ use std::process::ExitCode;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use crate::bench::{self, StageBench};
+use crate::compare::cells::Gates;
 use crate::compare::worker;
 use crate::experiments::Experiment;
 use crate::gpu::{self, Gpu};
@@ -363,11 +364,11 @@ pub fn report(folder: PathBuf) -> Outcome {
 }
 
 pub fn bench(catalog: &Catalog, filter: Option<String>, adapter: &AdapterArgs) -> Outcome {
+    let gates = Gates::load(None, catalog.gates)?.filtered(&filter.unwrap_or_default())?;
     let gpu = Gpu::open(&gpu_options(catalog, adapter))?;
     let clock = gpu::audit(&gpu)?;
-    let filter = filter.unwrap_or_default();
     let mut stages = StageBench::new(gpu, clock.plan, Criterion::default())?;
-    bench::gate_cells(catalog, &mut stages, |stage| stage.contains(&filter))?;
+    bench::gate_cells(catalog, &mut stages, gates)?;
     stages.finish();
     Ok(ExitCode::SUCCESS)
 }

@@ -106,7 +106,7 @@ pub enum Command {
     Compare(Box<CompareArgs>),
     /// Time the gate cells with criterion, on the audited clock; reports go to target/criterion
     Bench {
-        /// Only stages whose names hold this
+        /// Only cells whose names hold this: `pool caustics/trace`, `caustics`
         filter: Option<String>,
         #[command(flatten)]
         adapter: AdapterArgs,
