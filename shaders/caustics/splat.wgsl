@@ -1,27 +1,80 @@
-// defs: CONSERVING=0, FRESNEL=0, WATER=0
-// A square of regulated size for each photon, added up: UW §3.3.
-#import fathom::frame::{frame}
-#import fathom::photon::{Photon, angular_weight, entered}
+// defs: CONSERVING=0, FRESNEL=0, WATER=0, STEP=0
+// A square of regulated size for each photon, added up: UW §3.3. Either by compute shaders in the three steps of `main`, or by the
+// rasterizer as in the paper: `depth_vertex` and `depth_fragment` bring the depth, `vertex` and `fragment` draw.
+#import fathom::dispatch
+#import fathom::photon::{Photon}
 #import fathom::screen
-
-struct Splat {
-    // Pixels of the caustics buffer.
-    size_px: vec2<f32>,
-    // s = size_a_px + size_b_px_m / distance to the viewer (UW §3.3).
-    size_a_px: f32,
-    size_b_px_m: f32,
-    // I_photon: flux of a photon, W.
-    photon_w: f32,
-    // Splats are tested this much nearer to the camera than their photon, so that the surface they lie on does not hide them.
-    depth_bias_m: f32,
-    // Photons that one instance of the index pattern draws.
-    photons_per_instance: u32,
-    photons: u32,
-}
+#import fathom::splat::{Splat, square}
 
 @group(1) @binding(0) var<uniform> settings: Splat;
 @group(1) @binding(1) var<storage, read> photons: array<Photon>;
 @group(1) @binding(2) var scene_depth: texture_depth_2d;
+// The lower 32 bits of each pixel's sum, then the upper ones of each.
+@group(1) @binding(3) var<storage, read_write> sums: array<atomic<u32>>;
+// The camera's depth at each pixel.
+@group(1) @binding(4) var<storage, read_write> depths: array<f32>;
+@group(1) @binding(5) var image: texture_storage_2d<r32float, write>;
+
+// Rows of pixels of an invocation. Host twin: `ROWS` in src/stages/caustics/splat.rs.
+const ROWS: u32 = 8u;
+const UPPER: f32 = 4294967296.0;
+// The largest f32 below 2³².
+const MOST_STEPS: f32 = 4294967040.0;
+
+#if STEP == 1
+fn add(pixel: u32, pixels: u32, steps: u32) {
+    let before = atomicAdd(&sums[pixel], steps);
+    if before > 0xffffffffu - steps {
+        atomicAdd(&sums[pixels + pixel], 1u);
+    }
+}
+
+// Adds a photon to the pixels whose middles lie in its square, upper and left edge included, and which nothing hides.
+@compute @workgroup_size(64)
+fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>) {
+    let index = dispatch::place(id, groups);
+    if index >= settings.photons {
+        return;
+    }
+    let splat = square(settings, photons[index]);
+    let size = vec2<u32>(settings.size_px);
+    let center_px = (splat.center * vec2(0.5, -0.5) + 0.5) * settings.size_px - 0.5;
+    let half_px = 0.5 * splat.side_px;
+    let first = vec2<u32>(clamp(ceil(center_px - half_px), vec2(0.0), settings.size_px));
+    let end = vec2<u32>(clamp(ceil(center_px + half_px), vec2(0.0), settings.size_px));
+    let steps = u32(min(round(splat.intensity * settings.steps), MOST_STEPS));
+    for (var y = first.y; y < end.y; y++) {
+        let row = y * size.x;
+        for (var pixel = row + first.x; pixel < row + end.x; pixel++) {
+            if splat.depth <= depths[pixel] {
+                add(pixel, size.x * size.y, steps);
+            }
+        }
+    }
+}
+#else
+// Step 0 clears the sums and brings the camera's depth to the size of this buffer. Step 2 turns the sums into the picture.
+@compute @workgroup_size(64)
+fn main(@builtin(global_invocation_id) id: vec3<u32>) {
+    let size = vec2<u32>(settings.size_px);
+    if id.x >= size.x {
+        return;
+    }
+    let end = min((id.y + 1u) * ROWS, size.y);
+    for (var y = id.y * ROWS; y < end; y++) {
+        let lower = y * size.x + id.x;
+        let upper = size.x * size.y + lower;
+#if STEP == 0
+        atomicStore(&sums[lower], 0u);
+        atomicStore(&sums[upper], 0u);
+        depths[lower] = screen::depth_at(scene_depth, vec2(f32(id.x), f32(y)) + 0.5, settings.size_px);
+#else
+        let steps = f32(atomicLoad(&sums[upper])) * UPPER + f32(atomicLoad(&sums[lower]));
+        textureStore(image, vec2(id.x, y), vec4(steps / settings.steps));
+#endif
+    }
+}
+#endif
 
 struct Varying {
     @builtin(position) clip: vec4<f32>,
@@ -29,37 +82,21 @@ struct Varying {
 }
 
 // Outside the clip volume: drawn by no rasterizer.
-const NOWHERE: vec4<f32> = vec4<f32>(2.0, 2.0, 2.0, 1.0);
+const NOWHERE: Varying = Varying(vec4<f32>(2.0, 2.0, 2.0, 1.0), 0.0);
 
 @vertex
 fn vertex(@builtin(vertex_index) vertex: u32, @builtin(instance_index) instance: u32) -> Varying {
     let index = instance * settings.photons_per_instance + vertex / 4u;
     if index >= settings.photons {
-        return Varying(NOWHERE, 0.0);
+        return NOWHERE;
     }
-    let photon = photons[index];
-    let clip = frame.camera_view_projection * vec4(photon.hit_m, 1.0);
-    if photon.residual_m < 0.0 || clip.w < frame.z_near_m {
-        return Varying(NOWHERE, 0.0);
+    let splat = square(settings, photons[index]);
+    if splat.side_px == 0.0 {
+        return NOWHERE;
     }
-    let to_viewer = frame.camera_position_m - photon.hit_m;
-    let viewer_distance = length(to_viewer);
-    let side_px = settings.size_a_px + settings.size_b_px_m / viewer_distance;
     let corner = vec2(f32(vertex & 1u), f32((vertex >> 1u) & 1u)) - 0.5;
-    let center = clip.xy / clip.w + corner * side_px * 2.0 / settings.size_px;
-
-    let nearer = photon.hit_m + to_viewer * (settings.depth_bias_m / viewer_distance);
-    let biased = frame.camera_view_projection * vec4(nearer, 1.0);
-    let depth = max(biased.z / max(biased.w, frame.z_near_m), 0.0);
-
-    var intensity = settings.photon_w * exp(-frame.attenuation_per_m * photon.distance_m);
-#if FRESNEL == 1
-    intensity *= entered(photon);
-#endif
-#if CONSERVING == 1
-    intensity *= angular_weight(photon.entry_m) / (side_px * side_px);
-#endif
-    return Varying(vec4(center, depth, 1.0), intensity);
+    let place = splat.center + corner * splat.side_px * 2.0 / settings.size_px;
+    return Varying(vec4(place, splat.depth, 1.0), splat.intensity);
 }
 
 @fragment
