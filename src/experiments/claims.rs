@@ -90,10 +90,15 @@ impl Experiment {
 
 /// The cells that a claim speaks of.
 fn concerned<'a>(claim: &Claim, cells: &[&'a Cell]) -> Vec<&'a Cell> {
-    let over = claim.test.over();
-    let concerned = |cell: &&&Cell| {
-        measure::fits(cell, &claim.filter) && over.is_none_or(|over| cell.axes.contains_key(over))
+    let of_test = |cell: &Cell| match &claim.test {
+        Test::Ratio { over, numerator, denominator, .. } => {
+            let label = cell.axes.get(over);
+            label.is_some_and(|l| measure::same(l, numerator) || measure::same(l, denominator))
+        }
+        Test::NoWorse { of, than, .. } => measure::fits(cell, of) || measure::fits(cell, than),
+        test => test.over().is_none_or(|over| cell.axes.contains_key(over)),
     };
+    let concerned = |cell: &&&Cell| measure::fits(cell, &claim.filter) && of_test(cell);
     cells.iter().filter(concerned).copied().collect()
 }
 
