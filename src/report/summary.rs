@@ -2,14 +2,16 @@
 
 mod section;
 
+use std::collections::BTreeMap;
 use std::fmt::Write as _;
 
 use indexmap::IndexSet;
+use itertools::Itertools;
 
 use super::format::{self, Table};
 use super::{Artifact, Exporter, ReportError, ReportView};
 use crate::experiments::Verdict;
-use crate::record::{FrameRecord, Outcome, Run};
+use crate::record::{FrameRecord, Outcome, Run, SetUp};
 use crate::text;
 
 pub const EXPORTER: Exporter = Exporter {
@@ -128,6 +130,16 @@ fn ended(view: &ReportView<'_>, table: &mut Table) {
                 format::three(set_up_s)
             ),
         ]);
+    }
+    let mut parts = BTreeMap::<SetUp, f64>::new();
+    for (part, s) in view.ends.iter().flat_map(|end| &end.set_up_parts_s) {
+        *parts.entry(*part).or_default() += s;
+    }
+    let parts = parts.into_iter().sorted_by(|a, b| b.1.total_cmp(&a.1));
+    let parts: Vec<String> =
+        parts.map(|(part, s)| format!("{} {} s", part.name(), format::three(s))).collect();
+    if !parts.is_empty() {
+        table.row(["parts of the set-up".to_owned(), parts.join(", ")]);
     }
     if let Some(bytes) = view.ends.iter().filter_map(|end| end.peak_memory_bytes).max() {
         table.row(["peak memory of the process".to_owned(), format::mebibytes(bytes)]);
