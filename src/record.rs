@@ -61,6 +61,8 @@ pub struct Run {
     pub shader_checks: ShaderChecks,
     /// Of the process that measured.
     pub conditions: Conditions,
+    /// The clock of each kind of pass.
+    pub clocks: Clocks,
     pub audit: Vec<AuditRow>,
     /// Host time of a submission with the least pass of a kind, as the audit measured it. What was taken off fenced host
     /// durations was measured beside them: see [`Fenced`].

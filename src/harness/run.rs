@@ -133,6 +133,7 @@ pub fn run(options: &Options, interrupted: &AtomicBool) -> Result<Summary, RunEr
     let ids = ids(&planned, &header);
     let plan = clock_plan(audit.plan, &mut journal, &ids);
     header.notes.extend(other_clocks(&audit.plan, &plan));
+    header.clocks = AUDITED.map(|kind| (kind, plan.clock(kind))).into();
     let mut measurement = Measurement {
         settings: settings(options, profile, &planned, seed, gpu.adapter.software),
         session: Session::new(gpu, options.gpu.clone(), plan, spent)?,
@@ -222,6 +223,7 @@ fn header(options: &Options, gpu: &Gpu, audit: &Audit, profile: Profile, seed: u
             ..gpu.adapter.clone()
         },
         conditions: Conditions::here(),
+        clocks: record::Clocks::new(),
         shader_checks: if gpu.unchecked { ShaderChecks::Unchecked } else { ShaderChecks::Checked },
         audit: audit.rows.clone(),
         submit_cost_ns: AUDITED.map(|kind| (kind, audit.plan.submit_cost.of(kind))).into(),

@@ -106,6 +106,8 @@ pub fn header(profile: Profile) -> Run {
             ..Adapter::default()
         },
         shader_checks: ShaderChecks::Checked,
+        clocks: [(PassKind::Compute, Clock::FencedHost), (PassKind::Render, Clock::Timestamp)]
+            .into(),
         conditions: Conditions { cores: vec![1], ..Conditions::default() },
         audit: vec![
             row(PassKind::Compute, Surrounding::Alone, 1.002, true),
