@@ -333,7 +333,9 @@ fn slow_cells_get_their_least_pairs_beyond_the_budget() {
     let quick = cell(|f, _| 1e7 * noise(f, 0.9));
     let mock = Mock::of(vec![slow, quick]).run(&SETTINGS);
     assert_eq!(mock.samples(0).pairs(), MIN_PAIRS);
-    assert_eq!(mock.samples(1).pairs(), MIN_PAIRS, "the time is over");
+    let cheap = mock.samples(1);
+    let spent_s = 1e-9 * (cheap.envelope_ns.iter().chain(&cheap.untimed_ns)).sum::<f64>();
+    assert!((FREE_S * 0.7..FREE_S * 1.2).contains(&spent_s), "the time is over: {spent_s}");
 }
 
 #[test]
