@@ -12,6 +12,7 @@ mod error;
 mod frame;
 mod layout;
 mod limits;
+mod pipelines;
 mod readback;
 mod shader;
 mod stage;
@@ -24,11 +25,12 @@ pub use error::GpuError;
 #[cfg(test)]
 pub(crate) use frame::CostMeter;
 pub use frame::{
-    ClockPlan, ColorTarget, DepthTarget, Fault, FrameSample, FrameTimer, HostTime, StageSample,
-    StageScope, SubmitCost, Targets,
+    ClockPlan, ColorTarget, DepthTarget, Fault, FrameSample, FrameTimer, HostClock, HostTime,
+    StageSample, StageScope, SubmitCost, Targets,
 };
 pub use layout::{BoundStruct, Member, StructLayout};
 pub use limits::Demand;
+pub use pipelines::{CodeKey, GroupKey, KernelKey, RasterKey};
 pub use readback::{Pixels, Texels, read_buffer, read_texture, read_volume, texture_bytes};
 pub use shader::{Shader, compilation_options, default_defs, link, shader_paths};
 pub use stage::{Column, Output, OutputData, ReadRow, Stage, StageInfo};
