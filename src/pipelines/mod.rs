@@ -47,6 +47,11 @@ pub trait Parameters:
     }
     /// What the frame is seen from.
     fn camera_mut(&mut self) -> &mut Camera;
+    /// For a picture with `factor` times as many columns and rows, which is then scaled down. Buffers that hold an effect keep their
+    /// size, so that only edges and textures change. None where a pipeline has no such picture.
+    fn enlarged(&self, _factor: u32) -> Option<Self> {
+        None
+    }
 }
 
 /// A pipeline: its parameters, its stages and its figures.
@@ -267,6 +272,8 @@ pub trait Configuration {
     fn camera(&self) -> Camera;
     /// The same seen from elsewhere.
     fn seen_from(&self, camera: Camera) -> Rc<dyn Configuration>;
+    /// See [`Parameters::enlarged`].
+    fn enlarged(&self, factor: u32) -> Option<Rc<dyn Configuration>>;
     /// The parameters as a tree.
     fn tree(&self) -> Value;
     /// For a caller that knows the kind.
@@ -310,6 +317,10 @@ impl<P: Pipeline> Configuration for Configured<P> {
         let mut params = self.0.clone();
         *params.camera_mut() = camera;
         Rc::new(Self(params))
+    }
+
+    fn enlarged(&self, factor: u32) -> Option<Rc<dyn Configuration>> {
+        Some(Rc::new(Self(self.0.enlarged(factor)?)))
     }
 
     fn tree(&self) -> Value {

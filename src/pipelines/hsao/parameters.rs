@@ -84,6 +84,12 @@ impl Parameters for Params {
     fn camera_mut(&mut self) -> &mut Camera {
         &mut self.camera
     }
+
+    fn enlarged(&self, factor: u32) -> Option<Self> {
+        let mut larger = Self { view: self.view.enlarged(factor), ..self.clone() };
+        larger.hsao.scale /= f64::from(factor);
+        Some(larger)
+    }
 }
 
 impl Params {

@@ -337,6 +337,15 @@ impl Parameters for Params {
     fn camera_mut(&mut self) -> &mut Camera {
         &mut self.camera
     }
+
+    fn enlarged(&self, factor: u32) -> Option<Self> {
+        let mut larger = self.clone();
+        larger.caustics.buffer = self.caustics_buffer();
+        larger.godrays.buffer = self.godrays_buffer();
+        (larger.view.width, larger.view.height) =
+            (self.view.width * factor, self.view.height * factor);
+        Some(larger)
+    }
 }
 
 impl Params {
