@@ -89,8 +89,14 @@ pub struct Rendered {
 }
 
 impl Figure {
+    /// Ids of the figures in these folders, by paper and number.
     pub fn ids(folders: &Folders) -> Vec<String> {
-        folders.texts(".toml").into_iter().map(|(id, _)| id).collect()
+        let mut ids: Vec<String> = folders.texts(".toml").into_iter().map(|(id, _)| id).collect();
+        ids.sort_by_key(|id| match id.rsplit_once('-').map(|(of, n)| (of, n.parse::<u32>())) {
+            Some((of, Ok(number))) => (of.to_owned(), number),
+            _ => (id.clone(), 0),
+        });
+        ids
     }
 
     /// The figure of this id.
@@ -199,7 +205,7 @@ impl Figure {
 
 /// A panel's caption, which tells where a stand-in takes a mesh's place.
 fn caption(panel: &Panel, subject: &Subject) -> String {
-    let stand_in = if subject.scene.stand_ins.is_empty() { "" } else { " [stand-in mesh]" };
+    let stand_in = if subject.scene.stand_ins.is_empty() { "" } else { " [stand-in]" };
     format!("{}{stand_in}", panel.caption)
 }
 
@@ -250,6 +256,13 @@ mod tests {
                 assert_eq!(panel.occlusion, shows == Some("occlusion"), "{place}: bar or not");
             }
         }
+    }
+
+    #[test]
+    fn figures_are_listed_by_number() {
+        let ids = Figure::ids(&Folders::of(FIGURES));
+        let place = |id: &str| ids.iter().position(|known| known == id).unwrap();
+        assert!(place("uw-9") < place("uw-10") && place("uw-10") < place("vao-1"), "{ids:?}");
     }
 
     fn parse(panel: &str) -> Result<Figure, FigureError> {

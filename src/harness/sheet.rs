@@ -23,6 +23,9 @@ const WIDTH: u32 = 720;
 const SMALL: u32 = 320;
 const SMALL_COLUMNS: u32 = 4;
 
+/// Least width of a figure's part: its title and text need room.
+const NARROWEST: u32 = 400;
+
 const HEADING: MonoFont<'static> = FONT_9X18_BOLD;
 const PLAIN: MonoFont<'static> = FONT_9X15;
 
@@ -160,7 +163,7 @@ fn block(figure: &Figure, panels: &[Rendered], columns: u32, width: u32) -> RgbI
     let bars = panels.iter().any(|panel| panel.occlusion);
     let stride = width + MARGIN + if bars { BAR_ROOM } else { 0 };
     let whole = MARGIN + columns * stride;
-    let text = whole.max(SMALL * 2) - 2 * MARGIN;
+    let text = whole.max(NARROWEST) - 2 * MARGIN;
     let title = wrapped(&format!("{}: {}", figure.source, figure.title), &HEADING, text);
     let about = wrapped(&figure.about, &PLAIN, text);
     let cells: Vec<Cell> = panels.iter().map(|panel| Cell::new(panel, width)).collect();
@@ -194,24 +197,27 @@ pub fn of_figure(figure: &Figure, panels: &[Rendered]) -> RgbImage {
 
 /// A figure's part of the sheet of many.
 pub fn small(figure: &Figure, panels: &[Rendered]) -> RgbImage {
-    block(figure, panels, SMALL_COLUMNS, SMALL)
+    block(figure, panels, figure.columns.min(SMALL_COLUMNS), SMALL)
 }
 
-/// Parts in two columns, each below those before it in the column that is shorter so far.
+/// Parts side by side in rows as wide as the widest of them, in their order.
 pub fn of_all(parts: &[RgbImage]) -> RgbImage {
-    let width = parts.iter().map(RgbImage::width).max().unwrap_or(1);
-    let mut ends = [0; 2];
+    let width = (SMALL_COLUMNS * (SMALL + MARGIN + BAR_ROOM) + MARGIN)
+        .max(parts.iter().map(RgbImage::width).max().unwrap_or(1));
+    let (mut x, mut y, mut row) = (0, 0, 0);
     let places: Vec<(u32, u32)> = parts
         .iter()
         .map(|part| {
-            let column = usize::from(ends[1] < ends[0]);
-            let y = ends[column];
-            ends[column] += part.height();
-            (column as u32 * width, y)
+            if x + part.width() > width {
+                (x, y, row) = (0, y + row, 0);
+            }
+            let place = (x, y);
+            x += part.width();
+            row = row.max(part.height());
+            place
         })
         .collect();
-    let columns = if parts.len() > 1 { 2 } else { 1 };
-    let mut canvas = Canvas::new(width * columns, ends[0].max(ends[1]).max(1));
+    let mut canvas = Canvas::new(width, (y + row).max(1));
     for (part, (x, y)) in parts.iter().zip(places) {
         canvas.put(part, x, y);
     }
@@ -261,5 +267,18 @@ mod tests {
         };
         let sheet = of_figure(&figure(), &[tall]);
         assert!((1..255).all(|grey| count(&sheet, [grey; 3]) > 0));
+    }
+
+    #[test]
+    fn parts_of_a_sheet_do_not_overlap() {
+        let sizes = [(400, 90), (1300, 50), (700, 200), (400, 10)];
+        let color = |i: usize| [i as u8 + 1, 0, 0];
+        let part = |(i, &(w, h))| RgbImage::from_pixel(w, h, image::Rgb(color(i)));
+        let parts: Vec<_> = sizes.iter().enumerate().map(part).collect();
+        let sheet = of_all(&parts);
+        for (i, (w, h)) in sizes.into_iter().enumerate() {
+            assert_eq!(count(&sheet, color(i)), (w * h) as usize);
+        }
+        assert_eq!(sheet.height(), 90 + 200);
     }
 }
