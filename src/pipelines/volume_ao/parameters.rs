@@ -2,6 +2,7 @@
 
 use crate::parameter::ParamError;
 use crate::pipelines::Parameters;
+use crate::pipelines::occlusion::Model;
 use crate::pipelines::settings::{
     self, Animation, Attenuation, Compose, Filter, Method, R_MAX_SHARE, Shadow, View, Voxel,
 };
@@ -48,7 +49,8 @@ settings! {
         /// V_thres. VAO §6.5: 0.2 to 0.8, for volumes from slicemaps. The default is for the thicker shells of `voxel.method`
         /// overlap, which leave no gap at any slant. It was chosen with the offset and `hit` by the worst orientation:
         /// docs/volume-ao.md.
-        threshold: f64 = 0.9 => 0.01 ..= 1.0, "1";
+        /// Above 1 no sample ends a ray: each takes all its samples, as memory is measured by.
+        threshold: f64 = 0.9 => 0.01 ..= 2.0, "1";
         /// Where the first sample of a ray lies.
         guard: Guard = Guard::Variable;
         /// Whether each ray's samples are moved along it by a random share of a step, which turns bands into noise. VAO §5.2.3.
@@ -64,6 +66,8 @@ settings! {
         hit: Hit = Hit::Peak;
         /// How directions are drawn.
         sampling: Sampling = Sampling::Stratified;
+        /// Draws other directions at every pixel.
+        seed: u32 = 0 => 0 ..= 4_294_967_295u32, "1";
         /// What samples read.
         storage: Storage = Storage::Texture;
         /// Whether rays leave empty cells of an occupancy pyramid in one go. VAO §6.3.
@@ -96,6 +100,7 @@ impl Ao {
             step_voxels: self.step_voxels,
             r_max_m,
             threshold: self.threshold,
+            seed: self.seed,
             offset_voxels: self.offset_voxels,
             attenuation: self.attenuation,
             estimator: self.estimator,
@@ -129,6 +134,10 @@ impl Parameters for Params {
 
     fn camera_mut(&mut self) -> &mut Camera {
         &mut self.camera
+    }
+
+    fn seed_mut(&mut self) -> Option<&mut u32> {
+        Some(&mut self.ao.seed)
     }
 }
 
@@ -167,6 +176,15 @@ impl Params {
         Ok(())
     }
 
+    /// What rays make of surfaces.
+    pub(super) fn model(&self) -> Model {
+        match (self.ao.occluder, self.voxel.method) {
+            (Occluder::Binary, _) => Model::First(self.ao.attenuation),
+            (Occluder::Opacity, Method::MaxAlpha) => Model::Through,
+            (Occluder::Opacity, _) => Model::ThroughOpaque,
+        }
+    }
+
     /// Pixels of the occlusion buffer.
     pub fn buffer_px(&self) -> [u32; 2] {
         settings::scaled([self.view.width, self.view.height], self.ao.scale)
@@ -195,7 +213,7 @@ mod tests {
             ("ao.rays", json!(0)),
             ("ao.samples", json!(0)),
             ("ao.threshold", json!(0.0)),
-            ("ao.threshold", json!(1.5)),
+            ("ao.threshold", json!(2.5)),
             ("ao.step_voxels", json!(0.0)),
             ("ao.offset_voxels", json!(-1.0)),
             ("ao.r_max_share", json!(0.0)),
