@@ -63,12 +63,33 @@ pub struct OtherViews {
 
 struct Turned {
     turn_deg: f64,
-    /// With the cell's own seed and with another.
+    /// As the cell is drawn, and drawn anew.
     subjects: [Subject; 2],
 }
 
 /// Added to a cell's seed where a view is drawn anew.
 const OTHER_SEED: u32 = 1;
+/// How far the picture is moved where a view is drawn anew, pixels along both axes: what looking values up between pixels adds is
+/// then among what the two draws differ by.
+const PAN_PX: f64 = 0.5;
+
+/// The subject drawn anew: other random numbers, and its pixels moved over the scene by half of their size.
+fn drawn_anew(subject: &Subject) -> Option<Subject> {
+    let height_px = subject.params.pointer("/view/height")?.as_f64()?;
+    let moved = panned(&subject.configuration.camera(), PAN_PX / height_px);
+    subject.seen_from(moved).reseeded(OTHER_SEED)
+}
+
+/// The camera turned on its place so that the picture moves by a share of its height, to the side and down.
+fn panned(camera: &Camera, share: f64) -> Camera {
+    let target = DVec3::from(camera.target_m);
+    let forward = target - camera.position();
+    let side = forward.cross(DVec3::from(camera.up)).normalize();
+    let up = side.cross(forward).normalize();
+    let height_m = 2.0 * (camera.fov_y_deg.to_radians() / 2.0).tan() * forward.length();
+    let moved = target + share * height_m * (side + up);
+    Camera { target_m: moved.to_array(), ..camera.clone() }
+}
 
 impl OtherViews {
     /// The camera turned about its target by these angles; none for pipelines without random numbers.
@@ -76,9 +97,10 @@ impl OtherViews {
         let camera = cell.configuration.camera();
         let turned = turns_deg.iter().map(|&turn_deg| {
             let seen = cell.seen_from(turned(&camera, turn_deg));
-            Some(Turned { turn_deg, subjects: [seen.clone(), seen.reseeded(OTHER_SEED)?] })
+            let again = drawn_anew(&seen)?;
+            Some(Turned { turn_deg, subjects: [seen, again] })
         });
-        Some(Self { again: cell.reseeded(OTHER_SEED)?, turned: turned.collect::<Option<_>>()? })
+        Some(Self { again: drawn_anew(cell)?, turned: turned.collect::<Option<_>>()? })
     }
 
     /// Cameras of the turned views.
@@ -93,7 +115,8 @@ impl OtherViews {
 pub struct Spread {
     /// Mean over the points of the variance over the views.
     pub variance: f64,
-    /// Mean over the points and views of the variance between draws of one view: what random numbers alone add to `variance`.
+    /// Mean over the points and views of the variance between two draws of one view: what random numbers and pixels add to
+    /// `variance`.
     pub noise: f64,
     /// Points that at least two views see.
     pub points: usize,
@@ -176,7 +199,7 @@ impl Seen {
     fn by([own, again]: [&Shot; 2]) -> Self {
         let points = own.points().into_iter();
         let drawn = |point: SeenPoint| {
-            let second = again.at(point.pixel[0], point.pixel[1])?.occlusion;
+            let second = again.find(&point)?;
             Some((point, vec![[point.occlusion, second]]))
         };
         Self(points.filter_map(drawn).collect())
@@ -216,7 +239,6 @@ fn variance(values: &[f64]) -> f64 {
 
 #[derive(Clone, Copy)]
 struct SeenPoint {
-    pixel: [u32; 2],
     position: DVec3,
     normal: DVec3,
     occlusion: f64,
@@ -257,7 +279,6 @@ impl Shot {
         let column = scaled(x, self.depth.width, width) as u32;
         let row = scaled(y, self.depth.height, height) as u32;
         (depth < 1.0).then(|| SeenPoint {
-            pixel: [x, y],
             position: self.rays.unproject(u, v, depth),
             normal: normal.normalize_or_zero(),
             occlusion: 1.0 - f64::from(self.visibility.texel(column, row)[0]),
@@ -358,6 +379,16 @@ mod tests {
         assert!(quiet.of_view().abs() < 0.1 * quiet.noise, "{quiet:?}");
         let loud = spread_of(0.2, 0.3);
         assert!((loud.of_view() - 0.02).abs() < 2e-3, "{loud:?}");
+    }
+
+    #[test]
+    fn a_panned_picture_moves_by_its_share() {
+        let before = camera([4.0, 3.0, 2.0]);
+        let after = panned(&before, 0.5 / 80.0);
+        let at = |camera: &Camera| PixelRays::new(camera, 96, 80).project(before.target_m.into());
+        let (before, after) = (at(&before).unwrap(), at(&after).unwrap());
+        let moved = [before.x_px - after.x_px, after.y_px - before.y_px];
+        assert!(moved.iter().all(|px| (px - 0.5).abs() < 1e-3), "{moved:?}");
     }
 
     #[test]
