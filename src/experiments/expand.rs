@@ -29,6 +29,8 @@ pub struct CellPlan {
     pub reference: Option<ReferencePlan>,
     /// Those that `fathom compare` compares.
     pub stages: Vec<String>,
+    /// Its times are not asked for.
+    pub errors_only: bool,
 }
 
 /// The run that a cell's result is held against: the cell's overrides and then these.
@@ -403,6 +405,7 @@ impl Experiment {
             scene,
             reference: self.reference_plan(profile, &overrides),
             stages: stages.unwrap_or(&self.stages).clone(),
+            errors_only: sweep.is_some_and(|sweep| sweep.errors_only),
             overrides,
         }
     }

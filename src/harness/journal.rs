@@ -91,6 +91,12 @@ impl Journal {
         pairs.fold((0, 0), |(pairs, cells), more| (pairs + more, cells + 1))
     }
 
+    /// The largest number of a round among the samples of earlier runs.
+    pub fn last_round(&self) -> Option<u32> {
+        let additions = self.earlier.values().flat_map(|earlier| &earlier.additions);
+        additions.filter_map(|added| Some(added.pair.as_ref()?.round)).max()
+    }
+
     /// The clocks to take samples by: those that an earlier run took most pairs of these cells by, else those that were found
     /// now. Samples by different clocks do not go together, and what one audit found sound, the next may not on a busy machine.
     pub fn choose_clocks(&mut self, ids: &[String], found: Clocks) -> &Clocks {

@@ -78,7 +78,8 @@ pub fn header(profile: Profile) -> Run {
     let row = |pass, context, ratio: f64, sound| AuditRow {
         pass,
         context,
-        timestamp_ns: 18.5e6 * ratio,
+        clock: Clock::Timestamp,
+        clock_ns: 18.5e6 * ratio,
         host_ns: 18.5e6,
         ratio,
         doubling: if sound { 2.01 } else { 1.0 },
