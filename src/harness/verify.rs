@@ -14,6 +14,7 @@ mod deform;
 mod filters;
 mod fresnel;
 mod given_water;
+mod glass;
 mod hsao;
 mod light;
 mod lines;

@@ -73,7 +73,7 @@ impl Pipeline for VolumeAo {
         )?;
         let march = of_buffer.push(march);
         let filter = params.ao.filter.then_some((&ao::bilateral::INFO, &params.filter));
-        let composed = Composed::new(resources, &seen, march.texture(), filter, &params.compose)?;
+        let composed = Composed::new(resources, &seen, (scene, &geometry), march.texture(), filter, &params.compose)?;
         let buffers = OcclusionBuffers {
             gbuffer: textures.clone(),
             raw: (ao::march::INFO.name, march.texture().clone()),

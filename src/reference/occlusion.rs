@@ -87,7 +87,7 @@ pub fn occlusion_through(
 const SAME_SURFACE: f64 = 1e-7;
 
 /// Point i of a Hammersley set of `count`, in [0, 1)²; the first coordinate lies in the middle of its stratum.
-fn hammersley(i: u32, count: u32) -> [f64; 2] {
+pub(super) fn hammersley(i: u32, count: u32) -> [f64; 2] {
     [(f64::from(i) + 0.5) / f64::from(count), f64::from(i.reverse_bits()) / 4_294_967_296.0]
 }
 
