@@ -81,7 +81,7 @@ fn planted_sentences_get_their_verdicts_and_no_verdict_rests_on_few_samples() {
             assert!(ruling.n.is_some_and(|n| n >= 8), "{ruling:?}");
         }
         let rounds: Vec<_> =
-            cells.iter().map(|cell| &cell.measured().unwrap().frame.rounds[..8]).collect();
+            cells.iter().map(|cell| &cell.measured().unwrap().frame.rounds[..12]).collect();
         assert!(rounds.windows(2).all(|pair| pair[0] == pair[1]), "sampled together: {rounds:?}");
     }
 }
