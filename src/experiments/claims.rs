@@ -30,8 +30,8 @@ use crate::statistics;
 
 pub use fits::{Scaling, scaling};
 
-/// Most looks at the samples of a cell: five sizes, each twice the one before, and the end of the time.
-pub const LOOKS: usize = 6;
+/// Most looks at the samples of a cell: four sizes, each twice the one before, and the end of the time.
+pub const LOOKS: usize = 5;
 /// Chance that the interval of one comparison misses at one look.
 const ALPHA: f64 = statistics::ALPHA / LOOKS as f64;
 /// Chance with which a claim is supported whose figure lies exactly at a bound: one side of the intervals of all looks.
@@ -90,10 +90,15 @@ impl Experiment {
 
 /// The cells that a claim speaks of.
 fn concerned<'a>(claim: &Claim, cells: &[&'a Cell]) -> Vec<&'a Cell> {
-    let over = claim.test.over();
-    let concerned = |cell: &&&Cell| {
-        measure::fits(cell, &claim.filter) && over.is_none_or(|over| cell.axes.contains_key(over))
+    let of_test = |cell: &Cell| match &claim.test {
+        Test::Ratio { over, numerator, denominator, .. } => {
+            let label = cell.axes.get(over);
+            label.is_some_and(|l| measure::same(l, numerator) || measure::same(l, denominator))
+        }
+        Test::NoWorse { of, than, .. } => measure::fits(cell, of) || measure::fits(cell, than),
+        test => test.over().is_none_or(|over| cell.axes.contains_key(over)),
     };
+    let concerned = |cell: &&&Cell| measure::fits(cell, &claim.filter) && of_test(cell);
     cells.iter().filter(concerned).copied().collect()
 }
 

@@ -243,7 +243,14 @@ mod tests {
     fn pair(ns: f64) -> Addition {
         let stages = Vec::new();
         Addition {
-            pair: Some(FramePair { stages, envelope_ns: ns, gaps_ns: 0.0, untimed_ns: ns }),
+            pair: Some(FramePair {
+                round: ns as u32,
+                sampled_at_s: 1.5e9,
+                stages,
+                envelope_ns: ns,
+                gaps_ns: 0.0,
+                untimed_ns: ns,
+            }),
             ..Addition::default()
         }
     }
@@ -278,6 +285,7 @@ mod tests {
         drop(first);
         let mut second = journal(&folder);
         let ids = ["a", "b", "c"].map(str::to_owned);
+        assert_eq!(second.last_round(), Some(3));
         assert_eq!(second.earlier_pairs(&ids), (2, 2));
         assert_eq!(second.take_earlier(&cell("a")), [warm_up, pair(1.0)]);
         assert_eq!(second.take_earlier(&cell("a")), []);

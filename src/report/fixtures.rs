@@ -9,8 +9,9 @@ use serde_json::{Value, json};
 
 use crate::experiments::{CellPlan, Experiment, StageName, lookup, parse_axis};
 use crate::record::{
-    Adapter, AuditRow, Cell, Clock, Definition, End, FrameRecord, Measured, Note, NoteKind,
-    Outcome, PassKind, Profile, Record, Run, SCHEMA, ShaderChecks, StageRecord, Surrounding, Work,
+    Adapter, AuditRow, Cell, Clock, Conditions, Definition, End, FrameRecord, Measured, Note,
+    NoteKind, Outcome, PassKind, Profile, Record, Run, SCHEMA, SetUp, ShaderChecks, StageRecord,
+    Surrounding, Work,
 };
 use crate::statistics;
 
@@ -48,6 +49,7 @@ pub fn profile(profile: Profile) -> Vec<Record> {
         measuring_wall_s: 212.0,
         measured_gpu_s: 184.0,
         set_up_s: 21.0,
+        set_up_parts_s: [(SetUp::Pipelines, 20.0), (SetUp::Audit, 1.0)].into(),
         peak_memory_bytes: Some(912 << 20),
         interrupted: false,
     }));
@@ -104,6 +106,9 @@ pub fn header(profile: Profile) -> Run {
             ..Adapter::default()
         },
         shader_checks: ShaderChecks::Checked,
+        clocks: [(PassKind::Compute, Clock::FencedHost), (PassKind::Render, Clock::Timestamp)]
+            .into(),
+        conditions: Conditions { cores: vec![1], ..Conditions::default() },
         audit: vec![
             row(PassKind::Compute, Surrounding::Alone, 1.002, true),
             row(PassKind::Compute, Surrounding::Mixed, 0.003, false),
@@ -254,6 +259,8 @@ fn frame(total_ns: f64, random: &mut Pcg64) -> FrameRecord {
     let mut samples = |median: f64| noisy(median, SAMPLES, random);
     let untimed_samples_ns = samples(total_ns * 1.01);
     FrameRecord {
+        rounds: (0..SAMPLES as u32).collect(),
+        sampled_at_s: (0..SAMPLES).map(|round| 1.7e9 + round as f64).collect(),
         envelope_samples_ns: samples(total_ns * 1.012),
         gap_samples_ns: samples(total_ns * 0.012),
         accounting_error: 0.003,

@@ -101,12 +101,10 @@ impl Comparison {
         }
     }
 
-    /// How far the figure lies inside its band, in half widths of its interval; negative outside.
-    fn margin(&self) -> f64 {
+    /// How far the figure lies inside its band; negative outside.
+    fn inside(&self) -> f64 {
         let value = self.figure.value();
-        let inside = (value - self.band.low).min(self.band.high - value);
-        let half_width = self.figure.interval(ALPHA).map_or(0.0, |interval| interval.half_width());
-        if half_width > 0.0 { inside / half_width } else { inside * f64::INFINITY }
+        (value - self.band.low).min(self.band.high - value)
     }
 
     /// What would settle it.
@@ -118,7 +116,8 @@ impl Comparison {
             return format!("{} samples are needed", least_samples());
         }
         // The interval shrinks with the root of n.
-        let needed = n as f64 / self.margin().powi(2);
+        let half_width = self.figure.interval(ALPHA).map_or(f64::NAN, |i| i.half_width());
+        let needed = n as f64 * (half_width / self.inside()).powi(2);
         if needed.is_finite() && needed <= MOST_SAMPLES {
             format!("the interval straddles the bound; about {needed:.0} samples would settle it")
         } else {
@@ -133,7 +132,7 @@ pub(super) fn judge(comparisons: &[Comparison]) -> Option<(Verdict, String)> {
     let verdict = verdicts.clone().min()?;
     let mut deciding: Vec<&Comparison> =
         comparisons.iter().zip(verdicts).filter(|(_, v)| *v == verdict).map(|(c, _)| c).collect();
-    deciding.sort_by(|a, b| a.margin().total_cmp(&b.margin()));
+    deciding.sort_by(|a, b| a.inside().total_cmp(&b.inside()));
     let named = if verdict == Verdict::Contradicted { MOST_NAMED } else { 1 };
     let told = deciding.iter().take(named).map(|comparison| {
         let told = format!("{} against {}", comparison.text(), comparison.asked());
