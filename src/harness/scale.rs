@@ -35,8 +35,7 @@ fn glyph(letter: char) -> [u8; 5] {
 pub fn below(picture: &RgbImage, scale: &Scale) -> RgbImage {
     let (width, height) = picture.dimensions();
     let text = GLYPH[1] * SIZE_PX;
-    let mut out =
-        RgbImage::from_pixel(width, height + MARGIN_PX * 3 + BAR_PX + text, PAPER);
+    let mut out = RgbImage::from_pixel(width, height + MARGIN_PX * 3 + BAR_PX + text, PAPER);
     image::imageops::replace(&mut out, picture, 0, 0);
     let top = height + MARGIN_PX;
     for x in 0..width {
@@ -88,7 +87,10 @@ mod tests {
             (from..to).any(inked)
         };
         // Beginning, middle and end, and paper between them.
-        assert_eq!([(0, 8), (8, 20), (20, 44), (44, 56), (56, 64)].map(|(a, b)| dark(a, b)), [true, false, true, false, true]);
+        assert_eq!(
+            [(0, 8), (8, 20), (20, 44), (44, 56), (56, 64)].map(|(a, b)| dark(a, b)),
+            [true, false, true, false, true]
+        );
     }
 
     #[test]

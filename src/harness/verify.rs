@@ -184,6 +184,7 @@ pub fn cases() -> Vec<Case> {
         hsao::cases(),
         photons::cases(),
         given_water::cases(),
+        glass::cases(),
         starts::cases(),
         splats::cases(),
         lines::cases(),

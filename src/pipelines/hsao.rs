@@ -50,7 +50,14 @@ impl Pipeline for Hsao {
         let march = march::March::new(&of_buffer, &seen.shared, textures, &uniforms, hard)?;
         let march = of_buffer.push(march);
         let filter = params.hsao.filter.then_some((&hsao::filter::INFO, &params.filter));
-        let composed = Composed::new(resources, &seen, (scene, &geometry), march.texture(), filter, &params.compose)?;
+        let composed = Composed::new(
+            resources,
+            &seen,
+            (scene, &geometry),
+            march.texture(),
+            filter,
+            &params.compose,
+        )?;
         let buffers = OcclusionBuffers {
             gbuffer: textures.clone(),
             raw: (march::INFO.name, march.texture().clone()),

@@ -15,11 +15,11 @@ use super::voxelization::{self, Voxelization};
 use super::{Judge, JudgeError, Judged, Pipeline};
 use crate::gpu::{Gpu, GpuError};
 use crate::scene::Scene;
+use crate::stages::ao;
 use crate::stages::geometry::Geometry;
 use crate::stages::kit::Resources;
 use crate::stages::marching::Marching;
 use crate::stages::voxels::Voxels;
-use crate::stages::ao;
 
 pub use measure::{PointQuery, occlusion_at};
 pub use parameters::{Ao, Params};
@@ -73,7 +73,14 @@ impl Pipeline for VolumeAo {
         )?;
         let march = of_buffer.push(march);
         let filter = params.ao.filter.then_some((&ao::bilateral::INFO, &params.filter));
-        let composed = Composed::new(resources, &seen, (scene, &geometry), march.texture(), filter, &params.compose)?;
+        let composed = Composed::new(
+            resources,
+            &seen,
+            (scene, &geometry),
+            march.texture(),
+            filter,
+            &params.compose,
+        )?;
         let buffers = OcclusionBuffers {
             gbuffer: textures.clone(),
             raw: (ao::march::INFO.name, march.texture().clone()),

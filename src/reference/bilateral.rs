@@ -102,8 +102,7 @@ impl Guided<'_> {
             let across = (texel[0] + 0.5 - middle[0]).hypot(texel[1] + 0.5 - middle[1])
                 / self.filter.sigma_px;
             let along = off_m / (self.filter.depth_sigma * plane.view_m);
-            let turned =
-                self.normal(seen[0], seen[1]).distance(normal) / self.filter.normal_sigma;
+            let turned = self.normal(seen[0], seen[1]).distance(normal) / self.filter.normal_sigma;
             let weight = (-0.5 * (across * across + along * along + turned * turned)).exp();
             sum += weight * value;
             weights += weight;
@@ -262,7 +261,8 @@ mod tests {
         let most_off = |normal_sigma: f64| {
             let filter = Bilateral { normal_sigma, ..filter() };
             let filtered = filter.over(&input, (&depth, &normals), &camera()).apply();
-            let off = |x: u32| (filtered.clamped(x.into(), 9) - f64::from(u32::from(x >= 20))).abs();
+            let off =
+                |x: u32| (filtered.clamped(x.into(), 9) - f64::from(u32::from(x >= 20))).abs();
             (0..SIZE[0]).map(off).fold(0.0, f64::max)
         };
         assert!(most_off(0.3) < 1e-3, "{}", most_off(0.3));
@@ -295,7 +295,8 @@ mod tests {
         let input = noise();
         let before = mean_and_deviation(&input);
         for (plane, at_most) in [(depth(|_| Some((DVec3::Z, -2.0))), 0.35), (depth(slanted), 0.6)] {
-            let after = mean_and_deviation(&filter().over(&input, (&plane, &facing()), &camera()).apply());
+            let after =
+                mean_and_deviation(&filter().over(&input, (&plane, &facing()), &camera()).apply());
             assert!((after.0 / before.0 - 1.0).abs() < 0.02);
             assert!(after.1 < at_most * before.1, "{} of {}", after.1, before.1);
         }

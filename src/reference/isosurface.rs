@@ -57,7 +57,8 @@ impl FieldSurface<'_> {
     pub fn normal(&self, p: DVec3) -> Option<DVec3> {
         let slope = |axis: DVec3| {
             let step = axis.dot(self.field.spacing_m);
-            let [ahead, behind] = [1.0, -1.0].map(|s| interpolated(self.field, p + axis * step * s));
+            let [ahead, behind] =
+                [1.0, -1.0].map(|s| interpolated(self.field, p + axis * step * s));
             (ahead - behind) / (2.0 * step)
         };
         (-DVec3::new(slope(DVec3::X), slope(DVec3::Y), slope(DVec3::Z))).try_normalize()

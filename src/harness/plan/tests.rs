@@ -139,7 +139,9 @@ fn every_view_is_seen_from_within_its_scene() {
     for profile in [crate::record::Profile::Quick, crate::record::Profile::Paper] {
         let request = Request::default();
         let planned = plan(with_views.clone(), &request, profile, &limits, &catalog).unwrap();
-        for (experiment, cell) in planned.iter().flat_map(|e| e.cells.iter().map(|c| (&e.experiment, c))) {
+        for (experiment, cell) in
+            planned.iter().flat_map(|e| e.cells.iter().map(|c| (&e.experiment, c)))
+        {
             let turns_deg = &experiment.views.as_ref().unwrap().turns_deg;
             let own = cell.subject.configuration.camera();
             let tracer = Tracer::new(&cell.subject.scene.objects).unwrap();

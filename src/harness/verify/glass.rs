@@ -53,7 +53,8 @@ fn panes(rig: &Rig<'_>) -> Checks {
     let objects = objects(&view);
     let check = |(name, wall_m): (&str, f64)| {
         let shown = drawn(rig, &view, &objects, wall_m)?;
-        let off = |order: &dyn Fn(&mut Vec<f64>)| difference(&shown, &view, &objects, wall_m, order);
+        let off =
+            |order: &dyn Fn(&mut Vec<f64>)| difference(&shown, &view, &objects, wall_m, order);
         Ok(Check::of(STAGE, format!("{name}: largest error of the picture"))
             .within((TOLERANCE, "1"), off(&|_| ())?)
             .control("the nearest pane drawn first", off(&|found| found.reverse())?))
@@ -71,8 +72,7 @@ fn drawn(rig: &Rig<'_>, view: &View, objects: &[Object], wall_m: f64) -> Result<
     let rays = PixelRays::new(&view.camera, SIZE[0], SIZE[1]);
     let wall = view.camera.position() + view.camera.direction() * wall_m;
     let depth = rig.depth(SIZE, rays.project(wall).map_or(1.0, |p| p.depth))?;
-    let picture =
-        rig.resources.target("verify picture", SIZE, wgpu::TextureFormat::Rgba8Unorm);
+    let picture = rig.resources.target("verify picture", SIZE, wgpu::TextureFormat::Rgba8Unorm);
     rig.fill(&picture, BEHIND)?;
     let settings = GlassUniforms { exposure: EXPOSURE as f32, ambient: AMBIENT as f32 };
     let targets = (&picture, &depth);
@@ -106,8 +106,7 @@ fn difference(
             let depth_m = (hit.position - view.camera.position()).dot(ahead);
             if depth_m < wall_m {
                 let lit = AMBIENT + hit.normal.dot(to_light).max(0.0);
-                let radiance =
-                    f64::from(object.material.albedo[0]) / PI * lit * view.irradiance();
+                let radiance = f64::from(object.material.albedo[0]) / PI * lit * view.irradiance();
                 let grey = (1.0 - (-radiance * EXPOSURE).exp()).powf(1.0 / DISPLAY_GAMMA);
                 met.push((depth_m, f64::from(object.material.alpha), grey));
             }

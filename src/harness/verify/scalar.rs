@@ -55,9 +55,7 @@ impl Setup {
         let (beer, rejection) = (settings.law == Law::Beer, settings.rejection);
         let through = (shared, field);
         let pass = match settings.mode {
-            Mode::Isosurface => {
-                surface::new(resources, through, march, settings.surface_rays())?
-            }
+            Mode::Isosurface => surface::new(resources, through, march, settings.surface_rays())?,
             Mode::Direct => direct::new(resources, through, march, beer, rejection)?,
             Mode::Positional => positional::new(resources, through, march, beer, rejection)?,
         };

@@ -4,12 +4,12 @@ use std::ops::Range;
 
 use crate::gpu::{ColorTarget, DepthTarget, GpuError, StageScope, Targets};
 use crate::record::Work;
+use crate::scene::Scene;
 use crate::shader_struct;
 use crate::stages::frame::{Shared, View};
 use crate::stages::geometry::Geometry;
 use crate::stages::kit::{self, Bind, Group, Raster, RenderSpec, Resources};
 use crate::stages::{Column, Output, Stage, StageInfo};
-use crate::scene::Scene;
 
 pub const INFO: StageInfo = StageInfo {
     name: "ao/glass",

@@ -115,10 +115,13 @@ fn opacity_steps(rig: &Rig<'_>) -> Checks {
             });
             mean(squares).sqrt()
         };
-        Ok(Check::of(INFO.name, format!("RMS of GPU − f64 twin of A, opacities, steps of {step_voxels}"))
-            .within((5e-3, "1"), rms(step_voxels))
-            .control("the twin's exponent 1", rms(1.0))
-            .with("mean", mean(occlusion)))
+        Ok(Check::of(
+            INFO.name,
+            format!("RMS of GPU − f64 twin of A, opacities, steps of {step_voxels}"),
+        )
+        .within((5e-3, "1"), rms(step_voxels))
+        .control("the twin's exponent 1", rms(1.0))
+        .with("mean", mean(occlusion)))
     };
     [0.5, 2.0].into_iter().map(check).collect()
 }

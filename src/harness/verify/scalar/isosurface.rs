@@ -160,10 +160,13 @@ fn rejection(rig: &Rig<'_>) -> Checks {
             mean(judged.iter().map(off))
         };
         let mean_occlusion = mean(judged.iter().map(|h| 1.0 - visibility.data()[h.pixel]));
-        Ok(Check::of(STAGE, format!("rejection, strata of {step}: mean error of A against f64 marching"))
-            .within((0.02, "1"), error(&twin(samples, true)))
-            .control("no sample rejected", error(&twin(samples, false)))
-            .with("mean_occlusion", mean_occlusion))
+        Ok(Check::of(
+            STAGE,
+            format!("rejection, strata of {step}: mean error of A against f64 marching"),
+        )
+        .within((0.02, "1"), error(&twin(samples, true)))
+        .control("no sample rejected", error(&twin(samples, false)))
+        .with("mean_occlusion", mean_occlusion))
     };
     // R_MAX_M is 16 voxels.
     [(32, "half a voxel"), (8, "two voxels")].into_iter().map(check).collect()
