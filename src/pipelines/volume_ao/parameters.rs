@@ -47,7 +47,7 @@ settings! {
         /// What the rays' mean estimates.
         estimator: Estimator = Estimator::Unbiased;
         /// V_thres. VAO §6.5: 0.2 to 0.8, for volumes from slicemaps. The default is for the thicker shells of `voxel.method`
-        /// overlap, which leave no gap at any slant. It was chosen with the offset and `hit` by the worst orientation:
+        /// overlap, which leave no gap at any slant. It was chosen from the map of errors, by the worst orientation and scene:
         /// docs/volume-ao.md.
         /// Above 1 no sample ends a ray: each takes all its samples, as memory is measured by.
         threshold: f64 = 0.9 => 0.01 ..= 2.0, "1";
@@ -57,12 +57,15 @@ settings! {
         jitter: bool = false;
         /// What the step follows.
         step: Step = Step::Voxel;
-        /// Step where `step` is `voxel`. At more than one, rays pass through walls of one voxel.
+        /// Step where `step` is `voxel`. At more than one, rays pass through walls of one voxel. The default was chosen from the map of
+        /// errors, by the worst orientation and scene: docs/volume-ao.md.
         step_voxels: f64 = 1.0 => 0.01 ..= 100.0, "voxels";
         /// How far along its normal a surface's rays begin: VAO §6.1's small offset. It keeps coarse or curved surfaces from
-        /// occluding themselves at low thresholds. VAO §5.1 has none: 0.
+        /// occluding themselves at low thresholds. VAO §5.1 has none: 0. The default was chosen from the map of errors, by the worst
+        /// orientation and scene: docs/volume-ao.md.
         offset_voxels: f64 = 0.1 => 0.0 ..= 100.0, "voxels";
-        /// Where a hit is taken to lie.
+        /// Where a hit is taken to lie. The default was chosen from the map of errors, by the worst orientation and scene:
+        /// docs/volume-ao.md.
         hit: Hit = Hit::Peak;
         /// How directions are drawn.
         sampling: Sampling = Sampling::Stratified;
