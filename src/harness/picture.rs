@@ -17,22 +17,28 @@ pub enum PictureError {
     Write { path: PathBuf, source: image::ImageError },
 }
 
-/// The image of the last frame, opaque, row 0 at the top, drawn first where the frame does not; visibility gets a scale below.
+/// The image of the last frame; visibility gets a scale below.
 pub fn of(gpu: &Gpu, pipeline: &dyn AnyPipeline) -> Result<RgbImage, PictureError> {
+    Ok(explained(bare(gpu, pipeline)?, pipeline))
+}
+
+/// With a scale below where it shows visibility.
+pub fn explained(image: RgbImage, pipeline: &dyn AnyPipeline) -> RgbImage {
+    if pipeline.shows_visibility() { scale::below(&image, &scale::VISIBILITY) } else { image }
+}
+
+/// The image of the last frame, opaque, row 0 at the top, drawn first where the frame does not.
+pub fn bare(gpu: &Gpu, pipeline: &dyn AnyPipeline) -> Result<RgbImage, PictureError> {
     let presenting = pipeline.presenting();
     if !presenting.is_empty() {
         gpu.run(&presenting)?;
     }
     let pixels = read_texture(gpu, pipeline.image())?;
     let byte = |value: f32| (value.clamp(0.0, 1.0) * 255.0).round() as u8;
-    let image = RgbImage::from_fn(pixels.width, pixels.height, |x, y| {
+    Ok(RgbImage::from_fn(pixels.width, pixels.height, |x, y| {
         let texel = pixels.texel(x, y);
         image::Rgb([0, 1, 2].map(|k| byte(texel[k])))
-    });
-    if pipeline.shows_visibility() {
-        return Ok(scale::below(&image, &scale::VISIBILITY));
-    }
-    Ok(image)
+    }))
 }
 
 pub fn write(image: &RgbImage, path: &Path) -> Result<(), PictureError> {

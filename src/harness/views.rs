@@ -118,15 +118,17 @@ pub struct Spread {
     /// Mean over the points and views of the variance between two draws of one view: what random numbers and pixels add to
     /// `variance`.
     pub noise: f64,
+    /// Standard error of their difference, from its scatter over the points.
+    pub error: f64,
     /// Points that at least two views see.
     pub points: usize,
 }
 
 impl Spread {
-    /// The variance that the view alone causes: that of a random effect (E s² = σ² of the view + σ² of the noise). Where there is
-    /// none, it may come out negative.
+    /// The variance that the view alone causes: that of a random effect (E s² = σ² of the view + σ² of the noise). What is less than
+    /// its standard error is raised to it: no more can be told.
     pub fn of_view(&self) -> f64 {
-        self.variance - self.noise
+        (self.variance - self.noise).max(self.error)
     }
 
     /// For a record: the variance that the view causes as `name`, and what it was made of.
@@ -135,6 +137,7 @@ impl Spread {
             (String::new(), self.of_view()),
             ("_with_noise".to_owned(), self.variance),
             ("_of_noise".to_owned(), self.noise),
+            ("_standard_error".to_owned(), self.error),
             ("_points".to_owned(), self.points as f64),
         ];
         figures.map(|(end, value)| (format!("{name}{end}"), value)).into()
@@ -170,11 +173,11 @@ pub fn strip(
     cell: &dyn AnyPipeline,
     others: &OtherViews,
 ) -> Result<image::RgbImage, PictureError> {
-    let mut views = vec![(0.0, picture::of(gpu, cell)?)];
+    let mut views = vec![(0.0, picture::bare(gpu, cell)?)];
     for view in &others.turned {
         let pipeline = view.subjects[0].build(gpu)?;
         timer.untimed(gpu, &pipeline.stages())?;
-        views.push((view.turn_deg, picture::of(gpu, pipeline.as_ref())?));
+        views.push((view.turn_deg, picture::bare(gpu, pipeline.as_ref())?));
     }
     views.sort_by(|a, b| a.0.total_cmp(&b.0));
     let width = views.iter().map(|(_, view)| view.width() + GAP_PX).sum::<u32>() - GAP_PX;
@@ -185,7 +188,7 @@ pub fn strip(
         image::imageops::replace(&mut strip, view, left, 0);
         left += i64::from(view.width() + GAP_PX);
     }
-    Ok(strip)
+    Ok(picture::explained(strip, cell))
 }
 
 /// Between the pictures of a strip.
@@ -212,20 +215,23 @@ impl Seen {
     }
 
     fn spread(&self) -> Result<Spread, ViewsError> {
-        let seen_twice = || self.0.iter().map(|(_, draws)| draws).filter(|d| d.len() > 1);
-        let points = seen_twice().count();
-        if points == 0 {
-            return Err(ViewsError::Nothing);
-        }
         // Each draw by itself: their mean has half of the noise.
-        let over_views = |draws: &Vec<[f64; 2]>| {
+        let over_views = |draws: &[[f64; 2]]| {
             mean([0, 1].map(|k| variance(&draws.iter().map(|d| d[k]).collect::<Vec<_>>())))
         };
-        let between_draws = |draws: &Vec<[f64; 2]>| mean(draws.iter().map(|d| variance(d)));
+        let between_draws = |draws: &[[f64; 2]]| mean(draws.iter().map(|d| variance(d)));
+        let seen_twice = self.0.iter().map(|(_, draws)| draws).filter(|d| d.len() > 1);
+        let (variances, noises): (Vec<f64>, Vec<f64>) =
+            seen_twice.map(|draws| (over_views(draws), between_draws(draws))).unzip();
+        if variances.len() < 2 {
+            return Err(ViewsError::Nothing);
+        }
+        let differences: Vec<f64> = variances.iter().zip(&noises).map(|(a, b)| a - b).collect();
         Ok(Spread {
-            variance: mean(seen_twice().map(over_views)),
-            noise: mean(seen_twice().map(between_draws)),
-            points,
+            points: differences.len(),
+            error: (variance(&differences) / differences.len() as f64).sqrt(),
+            variance: mean(variances),
+            noise: mean(noises),
         })
     }
 }
@@ -376,7 +382,7 @@ mod tests {
         let quiet = spread_of(0.0, 0.3);
         // That of the own view is 0.3² / 12; in the other, four pixels are averaged.
         assert!(quiet.noise > 0.4 * 0.0075 && quiet.noise < 0.0075, "{quiet:?}");
-        assert!(quiet.of_view().abs() < 0.1 * quiet.noise, "{quiet:?}");
+        assert!(quiet.of_view() < 0.1 * quiet.noise && quiet.of_view() > 0.0, "{quiet:?}");
         let loud = spread_of(0.2, 0.3);
         assert!((loud.of_view() - 0.02).abs() < 2e-3, "{loud:?}");
     }
