@@ -9,7 +9,7 @@ use common::{cells, fathom, records};
 use fathom::experiments::{Experiment, Verdict};
 use fathom::record::{Clock, Record};
 
-/// Four times the photons from cell to cell. The second axis changes nothing.
+/// Four times the photons from cell to cell.
 const PLANTED: &str = r#"
 id = "planted"
 title = "Sentences with a known answer"
