@@ -18,7 +18,7 @@ pipeline = "underwater"
 scene = "tank"
 [params]
 view = { width = 64, height = 64 }
-shadow.size = 64
+shadow.size = 512
 surface.cells = 8
 caustics.buffer = [64, 64]
 caustics.filter = false
