@@ -12,6 +12,7 @@ use super::output::picture_path;
 use super::plan::PlannedCell;
 use super::progress::Progress;
 use super::sample::{CellResult, Executor, Failure, Samples};
+use super::views::ViewsError;
 use super::{MAX_PASSES, picture, views};
 use crate::experiments::schema::{Experiment, Pictures};
 use crate::gpu::{self, ClockPlan, FrameSample, FrameTimer, Gpu, GpuError, Stage, StageCounters};
@@ -236,10 +237,9 @@ impl<'a> CellExecutor<'a> {
         }
         if let Some(asked) = &self.experiment.views {
             let name = &asked.quantity;
-            let spread = views::spread(gpu, timer, pipeline, views);
-            let figures = spread.map(|spread| {
-                [(name.clone(), spread.std), (format!("{name}_points"), spread.points as f64)]
-            });
+            let views = views.as_ref().ok_or(ViewsError::NoSeed);
+            let spread = views.and_then(|views| views::spread(gpu, timer, pipeline, views));
+            let figures = spread.map(|spread| spread.figures(name));
             findings.add(&format!("{name} not computed"), figures);
         }
     }
@@ -255,7 +255,12 @@ impl<'a> CellExecutor<'a> {
             shows,
         });
         let folder = self.output.folder;
-        let saved = picture::save(&self.session.gpu, pipeline, &folder.join(&image.path));
+        let Session { gpu, timer, .. } = &mut *self.session;
+        let saved = match &self.cells[cell].views {
+            Some(views) => views::strip(gpu, timer, pipeline, views),
+            None => picture::of(gpu, pipeline),
+        };
+        let saved = saved.and_then(|picture| picture::write(&picture, &folder.join(&image.path)));
         findings.add_picture(image, "no picture", saved);
         if self.experiment.error_picture {
             let path = folder.join(&of_error.path);

@@ -20,6 +20,7 @@ pub mod readout;
 pub mod render;
 pub mod run;
 pub mod sample;
+mod scale;
 pub mod subject;
 pub mod verify;
 pub mod views;
