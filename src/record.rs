@@ -203,6 +203,9 @@ pub struct Measured {
     pub allocated_bytes: u64,
     /// Rates of missed photons, means and the like: `name → value`, the unit in the name.
     pub quantities: BTreeMap<String, f64>,
+    /// Figures that were measured several times: `name → a value for each repetition`, the unit in the name.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub repeated: BTreeMap<String, Vec<f64>>,
     /// Errors against references.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub errors: Vec<ErrorFigure>,

@@ -10,7 +10,7 @@
 //! | `work:caustics/trace.photons` | declared work of a stage | count |
 //! | `param:caustics.grid` | a parameter; an array counts as the product of its elements | as the parameter |
 //! | `axis:caustics.grid` | a number among the cell's axis values | as the axis |
-//! | `quantity:caustics_error` | a recorded quantity | as its name says |
+//! | `quantity:caustics_error` | a recorded quantity; the median of one that was measured several times | as its name says |
 //! | `allocated_bytes` | memory allocated by the pipeline | bytes |
 //!
 //! A stage's time that is below the clock's resolution has no value: nothing can be fitted to it or divided by it.
@@ -287,7 +287,13 @@ impl Term {
             }
             Term::Param(path) => number(lookup(&cell.params, path)?).map(exact),
             Term::Axis(name) => number(cell.axes.get(name)?).map(exact),
-            Term::Quantity(name) => measured.figures().get(name.as_str()).copied().map(exact),
+            Term::Quantity(name) => match measured.repeated.get(name) {
+                Some(repeated) => Some(MeasuredValue {
+                    estimate: statistics::estimate(repeated),
+                    samples: Some(Cow::Borrowed(repeated)),
+                }),
+                None => measured.figures().get(name.as_str()).copied().map(exact),
+            },
             Term::AllocatedBytes => Some(exact(measured.allocated_bytes as f64)),
         }
     }

@@ -11,8 +11,9 @@ use super::output::picture_path;
 use super::plan::PlannedCell;
 use super::progress::Progress;
 use super::sample::{CellResult, Executor, Failure, Samples};
+use super::repetitions::{self, NoiseAndBias};
 use super::{MAX_PASSES, picture, views};
-use crate::experiments::schema::{Experiment, Pictures};
+use crate::experiments::schema::{Experiment, Pictures, RepeatedOutput};
 use crate::gpu::{self, ClockPlan, FrameSample, FrameTimer, Gpu, GpuError, Stage, StageCounters};
 use crate::pipelines::{AnyPipeline, Judge, Known};
 use crate::record::{
@@ -113,6 +114,22 @@ impl Findings {
         }
     }
 
+    fn add_repeated<E: Display>(
+        &mut self,
+        outputs: &[RepeatedOutput],
+        found: Result<Vec<NoiseAndBias>, E>,
+    ) {
+        match found {
+            Ok(found) => {
+                for (output, NoiseAndBias { noise, bias }) in outputs.iter().zip(found) {
+                    self.repeated.insert(output.noise.clone(), noise);
+                    self.quantities.insert(output.bias.clone(), bias);
+                }
+            }
+            Err(error) => self.note(NoteKind::NotComputed, "noise and bias not computed", error),
+        }
+    }
+
     fn add_picture<E: Display>(&mut self, picture: Picture, failure: &str, saved: Result<(), E>) {
         match saved {
             Ok(()) => self.pictures.push(picture),
@@ -182,7 +199,7 @@ impl<'a> CellExecutor<'a> {
     /// Differences from the cell's reference run and between views.
     fn compared(&mut self, cell: usize, pipeline: &dyn AnyPipeline, findings: &mut Findings) {
         let Session { gpu, timer, references, .. } = &mut *self.session;
-        let PlannedCell { reference, views, .. } = &self.cells[cell];
+        let PlannedCell { reference, views, repetitions, .. } = &self.cells[cell];
         if let Some(reference) = reference {
             let name = &reference.plan.quantity;
             let difference = references.difference(gpu, timer, pipeline, reference);
@@ -196,6 +213,10 @@ impl<'a> CellExecutor<'a> {
                 [(name.clone(), spread.std), (format!("{name}_points"), spread.points as f64)]
             });
             findings.add(&format!("{name} not computed"), figures);
+        }
+        if let (Some(asked), Some(planned)) = (&self.experiment.repetitions, repetitions) {
+            let found = repetitions::noise_and_bias(gpu, timer, references, planned, &asked.output);
+            findings.add_repeated(&asked.output, found);
         }
     }
 

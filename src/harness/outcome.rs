@@ -18,6 +18,8 @@ const NOTED_OUTLIER_SHARE: f64 = 0.05;
 #[derive(Default)]
 pub struct Findings {
     pub quantities: BTreeMap<String, f64>,
+    /// A value for each repetition.
+    pub repeated: BTreeMap<String, Vec<f64>>,
     pub errors: Vec<ErrorFigure>,
     pub notes: Vec<Note>,
     pub pictures: Vec<Picture>,
@@ -35,7 +37,7 @@ pub struct Facts<'a> {
 /// The record of a measured cell. Quantities that are not finite are left out and noted.
 pub fn measured(samples: Samples, facts: Facts<'_>) -> Measured {
     let frame = frame_record(&samples);
-    let Findings { quantities, errors, mut notes, pictures } = facts.found;
+    let Findings { quantities, repeated, errors, mut notes, pictures } = facts.found;
     notes.extend(sampling_notes(&samples, &frame.untimed, facts.precision));
     let (quantities, unusable): (BTreeMap<_, _>, BTreeMap<_, _>) =
         quantities.into_iter().partition(|(_, value)| value.is_finite());
@@ -54,6 +56,7 @@ pub fn measured(samples: Samples, facts: Facts<'_>) -> Measured {
         frame,
         allocated_bytes: facts.pipeline.allocated_bytes(),
         quantities,
+        repeated,
         errors,
         warm_up_frames: samples.warm_up_frames,
         rejected: rejected.collect(),

@@ -9,6 +9,7 @@ use serde_json::Value;
 use thiserror::Error;
 
 use super::catalog::Catalog;
+use super::repetitions::PlannedRepetitions;
 use super::subject::{Subject, SubjectError, Subjects};
 use super::views;
 use crate::experiments::{CellPlan, Experiment, ExperimentError, ReferencePlan};
@@ -69,6 +70,7 @@ pub struct PlannedCell {
     pub reference: Option<PlannedReference>,
     /// The same seen from elsewhere.
     pub views: Vec<Subject>,
+    pub repetitions: Option<PlannedRepetitions>,
 }
 
 /// What a cell's result is held against.
@@ -136,11 +138,18 @@ fn planned_cell(
         Some(plan) => Some(PlannedReference { subject: subject(&plan.overrides)?, plan }),
         None => None,
     };
+    let repetitions = match &plan.repetitions {
+        Some(runs) => Some(PlannedRepetitions {
+            repeated: runs.repeated.iter().map(|run| subject(run)).collect::<Result<_, _>>()?,
+            limit: subject(&runs.limit)?,
+        }),
+        None => None,
+    };
     let camera = of_cell.configuration.camera();
     let seen = |turn_deg: &f64| of_cell.seen_from(views::turned(&camera, *turn_deg));
     let views = turns_deg.iter().map(seen).collect();
     let skip = of_cell.beyond(capacity).map_err(error)?;
-    Ok(PlannedCell { subject: of_cell, skip, reference, views, plan })
+    Ok(PlannedCell { subject: of_cell, skip, reference, views, repetitions, plan })
 }
 
 /// Drops the cells that `finished` (resume keys) holds; how many they were.
