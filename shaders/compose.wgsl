@@ -1,6 +1,6 @@
 // defs: CONSERVING=0, WATER=0
 // The final image: scene lit by caustics, water colour, godrays, and the water surface drawn over it. UW §3.5.
-#import fathom::frame::{frame, world_at}
+#import fathom::frame::{frame, view_depth_m, world_at}
 #import fathom::screen
 #import fathom::shading
 #import fathom::water
@@ -18,6 +18,8 @@ struct Compose {
     occlusion_radius_m: f32,
     // Cells per side of the water grid.
     water_cells: u32,
+    // Share of a pixel's view depth within which a texel of the caustics lies on the pixel's surface.
+    depth_share: f32,
 }
 
 @group(1) @binding(0) var<uniform> settings: Compose;
@@ -32,6 +34,8 @@ struct Compose {
 
 // Screen shift of reflection and refraction for a unit of surface slope; tuned on scene port.
 const DISTORTION: f32 = 0.08;
+// Weight below which the texels on a pixel's surface say nothing.
+const LEAST_WEIGHT: f32 = 1e-3;
 const GOLDEN_ANGLE: f32 = 2.39996322972865332;
 
 // Bilinear by hand: 32-bit float textures cannot be filtered everywhere.
@@ -49,9 +53,35 @@ fn bilinear(source: texture_2d<f32>, uv: vec2<f32>) -> f32 {
     return mix(mix(a, b, f.x), mix(c, d, f.x), f.y);
 }
 
+// The caustics at uv from those of the four nearest texels that lie on the surface seen there; from all where none does. Light of
+// what is in front then does not spread over what is behind, and the other way.
+fn caustic_flux(uv: vec2<f32>) -> f32 {
+    let size = vec2<f32>(textureDimensions(caustics));
+    let place = uv * size - 0.5;
+    let base = floor(place);
+    let f = place - base;
+    let view_m = view_depth_m(screen::depth_at(depth, uv * settings.size_px, settings.size_px));
+    var sum = 0.0;
+    var weights = 0.0;
+    for (var k = 0; k < 4; k++) {
+        let corner = vec2(f32(k & 1), f32(k >> 1u));
+        let texel = clamp(base + corner, vec2(0.0), size - 1.0);
+        let seen_m = view_depth_m(screen::depth_at(depth, texel + 0.5, size));
+        if abs(seen_m - view_m) <= settings.depth_share * view_m {
+            let near = 1.0 - abs(place - base - corner);
+            sum += near.x * near.y * textureLoad(caustics, vec2<i32>(texel), 0).x;
+            weights += near.x * near.y;
+        }
+    }
+    if weights < LEAST_WEIGHT {
+        return bilinear(caustics, uv);
+    }
+    return sum / weights;
+}
+
 // Irradiance that the photons bring to a surface point seen at uv, W/m².
 fn caustic_irradiance(uv: vec2<f32>, position_m: vec3<f32>, normal: vec3<f32>) -> f32 {
-    let flux = bilinear(caustics, uv);
+    let flux = caustic_flux(uv);
 #if CONSERVING == 1
     // Flux of a pixel over the surface area behind it.
     let to_viewer = frame.camera_position_m - position_m;

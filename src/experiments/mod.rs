@@ -17,7 +17,8 @@ use crate::text::{did_you_mean, line, nearest};
 
 pub use claims::{Ruling, Scaling, Verdict, groups, scaling};
 pub use expand::{
-    CellPlan, MAX_CELLS, MAX_PLAN_BYTES, ReferencePlan, RepetitionPlan, flatten, label_text, parse_axis, parse_set,
+    CellPlan, MAX_CELLS, MAX_PLAN_BYTES, ReferencePlan, RepetitionPlan, flatten, label_text,
+    parse_axis, parse_set,
 };
 pub use measure::{Measure, MeasuredValue, StageName, fits, fps, lookup, same};
 pub use schema::Experiment;

@@ -174,7 +174,7 @@ fn too_few_repetitions_are_refused() {
     let text = Experiment::builtin_text("uw-filter").unwrap();
     let few = text.replace("count = 8", "count = 7");
     assert!(message(Experiment::parse("few", &few)).contains("8 to 100"));
-    let twice = text.replace(""caustics_bias"", ""caustics_noise"");
+    let twice = text.replace("caustics_bias", "caustics_noise");
     assert!(message(Experiment::parse("twice", &twice)).contains("twice"));
 }
 

@@ -51,7 +51,8 @@ impl References {
         subject: &Subject,
         outputs: &[&[String]],
     ) -> Result<Vec<&Pixels>, DifferenceError> {
-        let key = |stages: &[String]| format!("{stages:?} {} {}", subject.scene_name, subject.params);
+        let key =
+            |stages: &[String]| format!("{stages:?} {} {}", subject.scene_name, subject.params);
         let keys: Vec<String> = outputs.iter().map(|stages| key(stages)).collect();
         if !keys.iter().all(|key| self.images.contains_key(key)) {
             let pipeline = subject.build(gpu)?;

@@ -76,7 +76,8 @@ impl NoiseAndBias {
         if level <= 0.0 {
             return Err(RepetitionsError::Black);
         }
-        let from_whole = |image: &Pixels| mean_square(image.data.iter().map(|v| f64::from(*v)), &whole);
+        let from_whole =
+            |image: &Pixels| mean_square(image.data.iter().map(|v| f64::from(*v)), &whole);
         // A repetition is part of the mean that it is held against, so that its difference from it is too small by this factor.
         // Places that are spread evenly make it up to √(n / (n − 1)) too large, in every cell alike.
         let own = count / (count - 1.0);
@@ -127,8 +128,7 @@ mod tests {
         let mut random = Pcg64::seed_from_u64(3);
         // A uniform number of standard deviation 1.
         let mut unit = || (random.random::<f64>() - 0.5) * 12f64.sqrt();
-        let images: Vec<Pixels> =
-            (0..8).map(|_| picture(|| 2.0 + 2.0 * noise * unit())).collect();
+        let images: Vec<Pixels> = (0..8).map(|_| picture(|| 2.0 + 2.0 * noise * unit())).collect();
         NoiseAndBias::of(&images, &picture(|| 2.0 + 2.0 * bias)).unwrap()
     }
 

@@ -93,6 +93,7 @@ fn radiance(rig: &Rig<'_>, view: &View, known: &Known<'_>) -> Result<Image> {
         occlusion_taps: 0,
         occlusion_radius_m: 0.5,
         water_cells: 8,
+        depth_share: 0.05,
     };
     let stage = Compose::new(&rig.resources, &shared, &inputs, settings, false)?;
     rig.run(&[&stage])?;

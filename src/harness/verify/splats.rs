@@ -11,7 +11,7 @@ use crate::reference::photons::{Landed, PhotonGrid, land_all};
 use crate::reference::rays::{PixelRays, Tracer};
 use crate::reference::splat::{Intensity, PointSize, Splat, rasterize, splat_value};
 use crate::scene::{Camera, LightKind, Scene, SceneFile};
-use crate::stages::caustics::splat::{self, SplatUniforms};
+use crate::stages::caustics::splat::{self, SplatCoverage, SplatUniforms};
 use crate::stages::frame::{Shared, View};
 use crate::stages::photon::Photon;
 use crate::stages::splatting::PHOTONS_PER_INSTANCE;
@@ -53,6 +53,7 @@ pub fn cases() -> Vec<Case> {
 #[derive(Clone, Copy)]
 pub(super) struct Rules {
     intensity: Intensity,
+    coverage: SplatCoverage,
     photon_w: f64,
     max_px: f64,
     gamma_per_m: f64,
@@ -61,6 +62,7 @@ pub(super) struct Rules {
 
 pub(super) const RULES: Rules = Rules {
     intensity: Intensity::Paper,
+    coverage: SplatCoverage::Square,
     photon_w: PHOTON_W,
     max_px: MAX_PX,
     gamma_per_m: GAMMA_PER_M,
@@ -128,7 +130,8 @@ fn draw(
     };
     let buffer = rig.photons(photons);
     let conserving = rules.intensity == Intensity::Conserving;
-    let stage = splat::new(&rig.resources, &shared, (&buffer, depth), &settings, conserving, 10.0)?;
+    let rules = (conserving, rules.coverage);
+    let stage = splat::new(&rig.resources, &shared, (&buffer, depth), &settings, rules, 10.0)?;
     rig.run(&[&stage])?;
     rig.channel(stage.texture(), 0)
 }
