@@ -26,7 +26,7 @@
 //!
 //! Dependency rule (kept by `tests/dependency_rule.rs`):
 //! `main → cli → exporters → compare → report, harness → experiments → pipelines → stages → scene, gpu`;
-//! `embedded`, `text`, `input` and `statistics` import nothing, `tell` and `parameter` only `text`, `record` only these leaves,
+//! `embedded`, `text`, `input`, `quiet` and `statistics` import nothing, `tell` and `parameter` only `text`, `record` only these leaves,
 //! `reference` only `scene`; neither `report` nor `harness` imports the other, and `report` never imports `gpu`; a stage never imports
 //! a sibling stage.
 //!
@@ -45,6 +45,7 @@ pub mod harness;
 pub mod input;
 pub mod parameter;
 pub mod pipelines;
+pub mod quiet;
 pub mod record;
 pub mod reference;
 pub mod report;

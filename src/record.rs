@@ -21,7 +21,8 @@ pub(crate) mod nan;
 mod samples;
 #[cfg(test)]
 mod tests;
-pub use crate::statistics::Estimate;
+pub use crate::quiet::Conditions;
+pub use crate::statistics::{Estimate, Interval};
 pub use comparison::Compared;
 pub use error_figure::ErrorFigure;
 pub use file::{Writer, empty_or_sound, finished, read, read_some, resume_key};
@@ -34,7 +35,7 @@ pub use lock::{FolderLock, LOCK, LockError};
 pub use samples::{Addition, Clocks, FramePair, SAMPLES_SCHEMA, SampleLine, StageTime};
 
 /// Version of the record format; raised when a field changes its meaning or goes away.
-pub const SCHEMA: u32 = 2;
+pub const SCHEMA: u32 = 3;
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "record", rename_all = "snake_case")]
@@ -58,6 +59,8 @@ pub struct Run {
     pub command: Vec<String>,
     pub adapter: Adapter,
     pub shader_checks: ShaderChecks,
+    /// Of the process that measured.
+    pub conditions: Conditions,
     pub audit: Vec<AuditRow>,
     /// Host time of a submission with the least pass of a kind, as the audit measured it. What was taken off fenced host
     /// durations was measured beside them: see [`Fenced`].
@@ -126,6 +129,8 @@ pub enum Clock {
     Timestamp,
     /// The pass alone in a submission, between host clock readings around submit and fence, less the cost of a submission.
     FencedHost,
+    /// The same by the CPU time of the process, where a software driver does the GPU's work in it.
+    ProcessCpu,
     /// Host clock around CPU work.
     Host,
 }
@@ -136,22 +141,26 @@ impl Clock {
         match self {
             Self::Timestamp => "timestamp",
             Self::FencedHost => "fenced host",
+            Self::ProcessCpu => "process CPU",
             Self::Host => "host",
         }
     }
 }
 
-/// One row of the clock's audit: one kind of pass in one surrounding.
+/// One row of the clock's audit: one clock for one kind of pass in one surrounding.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct AuditRow {
+    /// The audited clock.
+    pub clock: Clock,
     pub pass: PassKind,
     pub context: Surrounding,
     /// Medians for the kernel at N work.
-    pub timestamp_ns: f64,
+    pub clock_ns: f64,
+    /// By the fenced host clock.
     pub host_ns: f64,
-    /// `timestamp_ns / host_ns`.
+    /// `clock_ns / host_ns`.
     pub ratio: f64,
-    /// Timestamp duration at 2 N work over that at N.
+    /// The clock's duration at 2 N work over that at N.
     pub doubling: f64,
     pub sound: bool,
     /// Why it is sound or not, in one sentence.
@@ -203,7 +212,7 @@ pub struct Measured {
     pub allocated_bytes: u64,
     /// Rates of missed photons, means and the like: `name → value`, the unit in the name.
     pub quantities: BTreeMap<String, f64>,
-    /// Figures that were measured several times: `name → a value for each repetition`, the unit in the name.
+    /// Quantities that were measured once for each repetition of the cell with another seed or offset: `name → values`.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub repeated: BTreeMap<String, Vec<f64>>,
     /// Errors against references.
@@ -220,6 +229,11 @@ pub struct Measured {
 impl Measured {
     pub fn rejected_frames(&self) -> u32 {
         self.rejected.iter().map(|rejected| rejected.frames).sum()
+    }
+
+    /// Its frames were timed.
+    pub fn is_timed(&self) -> bool {
+        !self.frame.untimed_samples_ns.is_empty()
     }
 
     /// Quantities and errors by their names.
@@ -295,6 +309,11 @@ impl Fenced {
 /// Whole frames: with per-stage timing (envelope, gaps) and without (wall time of one submission).
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct FrameRecord {
+    /// The round of sampling that each sample is of, those of the stages too: samples of one round were taken next to each
+    /// other. No two groups of cells have a round in common.
+    pub rounds: Vec<u32>,
+    /// When each sample was taken, seconds of Unix time.
+    pub sampled_at_s: Vec<f64>,
     pub envelope_samples_ns: Vec<f64>,
     pub gap_samples_ns: Vec<f64>,
     /// Median of |stages + gaps − envelope| / envelope.

@@ -1,44 +1,62 @@
-//! Robust statistics of timing samples: medians with bootstrap intervals, outlier reports, slopes.
+//! Robust statistics of timing samples: medians with intervals by order statistics, outlier reports, slopes.
 //!
 //! Everything is f64, deterministic, and in the unit of the samples it is given. No function drops a
 //! sample: outliers are reported, and the median does not mind them.
+//!
+//! An interval exists only where there are enough samples for its level. No distribution is assumed: an interval of the median
+//! is bounded by two of the samples, and its coverage follows from the binomial distribution alone.
 
 use itertools::Itertools;
-use rand::{RngExt, SeedableRng};
-use rand_pcg::Pcg64;
 use serde::{Deserialize, Serialize};
 
-/// A median with its bootstrap 95 % interval. The unit is that of the samples.
+/// The bounds of an interval, in the unit of the figure.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Interval {
+    pub low: f64,
+    pub high: f64,
+}
+
+impl Interval {
+    pub fn half_width(&self) -> f64 {
+        (self.high - self.low) / 2.0
+    }
+}
+
+/// A median with its 95 % interval. The unit is that of the samples.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Estimate {
     pub median: f64,
-    pub low: f64,
-    pub high: f64,
+    /// None below six samples.
+    #[serde(flatten)]
+    pub interval: Option<Interval>,
     pub n: usize,
 }
 
 impl Estimate {
-    /// The same in another unit.
+    /// The same in another unit. The factor is positive.
     pub fn scaled(&self, by: f64) -> Estimate {
-        Estimate { median: self.median * by, low: self.low * by, high: self.high * by, n: self.n }
+        let scaled = |Interval { low, high }| Interval { low: low * by, high: high * by };
+        Estimate { median: self.median * by, interval: self.interval.map(scaled), n: self.n }
+    }
+
+    /// The ends of the interval; the median twice where there is none.
+    pub fn ends(&self) -> [f64; 2] {
+        self.interval.map_or([self.median; 2], |Interval { low, high }| [low, high])
+    }
+
+    /// Half the width of the interval over the median; infinite where there is no interval.
+    pub fn relative_half_width(&self) -> f64 {
+        let relative = |interval: Interval| interval.half_width() / self.median.abs();
+        self.interval.map_or(f64::INFINITY, relative)
     }
 }
 
-/// Resamples of a bootstrap. Efron & Tibshirani, *An Introduction to the Bootstrap* (1993), section 13.3:
-/// about 1,000 for a percentile interval.
-pub const RESAMPLES: usize = 1_000;
-/// Samples beyond which the median's interval comes from ranks: resampling takes a thousand times their number.
-const MOST_RESAMPLED: usize = 20_000;
+/// Chance that an interval of 95 % does not hold the true median.
+pub const ALPHA: f64 = 0.05;
 
 /// Modified z-score beyond which a sample is reported. Iglewicz & Hoaglin, *How to Detect and Handle
 /// Outliers* (1993): 3.5.
 pub const OUTLIER_Z: f64 = 3.5;
-
-/// The interval's two tails, 2.5 % each.
-const TAILS: (f64, f64) = (0.025, 0.975);
-
-/// Seed of every bootstrap, so that the figures of a record can be recomputed from its samples.
-const SEED: u64 = 0x00fa_7403;
 
 /// Scales a median absolute deviation to the standard deviation of a normal distribution, `1 / Φ⁻¹(3/4)`.
 pub const MAD_TO_SIGMA: f64 = 1.482_602_218_505_602;
@@ -59,23 +77,17 @@ pub fn median(samples: &[f64]) -> f64 {
     median_of_sorted(&sorted(samples))
 }
 
-/// The median with its percentile-bootstrap 95 % interval; of more than 20,000 samples with the interval of
-/// order statistics, which is then the same for all that can be seen. All NaN-free for finite samples; `n = 0` and zeros for none.
+/// The median with its 95 % interval. A median of 0 and no interval for no samples.
 pub fn estimate(samples: &[f64]) -> Estimate {
     if samples.is_empty() {
         return Estimate::default();
     }
     let sorted = sorted(samples);
-    let (low, high) = if sorted.len() > MOST_RESAMPLED {
-        let (low, high) = ranks(sorted.len());
-        (sorted[low - 1], sorted[high - 1])
-    } else {
-        let mut bootstrap = MedianBootstrap::new();
-        let medians = (0..RESAMPLES).map(|_| bootstrap.draw(&sorted));
-        let medians = medians.sorted_by(f64::total_cmp).collect_vec();
-        (quantile_of_sorted(&medians, TAILS.0), quantile_of_sorted(&medians, TAILS.1))
-    };
-    Estimate { median: median_of_sorted(&sorted), low, high, n: samples.len() }
+    Estimate {
+        median: median_of_sorted(&sorted),
+        interval: interval_of_sorted(&sorted, ALPHA),
+        n: samples.len(),
+    }
 }
 
 /// The median ratio of paired samples, `a / b`, with its interval.
@@ -83,25 +95,37 @@ pub fn ratio_estimate(pairs: &[(f64, f64)]) -> Estimate {
     estimate(&pairs.iter().map(|(a, b)| a / b).collect_vec())
 }
 
-/// Half the width of the median's 95 % interval over the median, from order statistics: cheap enough to
-/// ask after every sample. Infinite below six samples, where no such interval reaches 95 %.
-pub fn relative_half_width(samples: &[f64]) -> f64 {
-    if samples.len() < 6 {
-        return f64::INFINITY;
-    }
-    let sorted = sorted(samples);
-    let (low, high) = ranks(sorted.len());
-    (sorted[high - 1] - sorted[low - 1]) / 2.0 / median_of_sorted(&sorted).abs()
+/// The interval that misses the samples' true median with a chance of at most `alpha`; none where so few samples have none.
+pub fn median_interval(samples: &[f64], alpha: f64) -> Option<Interval> {
+    interval_of_sorted(&sorted(samples), alpha)
 }
 
-/// Ranks, from 1, of the samples that bound the median's 95 % interval: `(n − 1.96 √n) / 2` and `1 + (n + 1.96 √n) / 2`
-/// (Conover, *Practical Nonparametric Statistics* (1999), section 3.2).
-fn ranks(n: usize) -> (usize, usize) {
-    let n = n as f64;
-    let reach = 1.96 * n.sqrt();
-    let low = ((n - reach) / 2.0).floor().max(1.0) as usize;
-    let high = (1.0 + (n + reach) / 2.0).ceil().min(n) as usize;
-    (low, high)
+fn interval_of_sorted(sorted: &[f64], alpha: f64) -> Option<Interval> {
+    let rank = lower_rank(sorted.len(), alpha)?;
+    Some(Interval { low: sorted[rank - 1], high: sorted[sorted.len() - rank] })
+}
+
+/// The largest rank, from 1, such that the samples of this rank from below and from above hold the median between them but for
+/// a chance of `alpha`. The number of samples below the median is binomial with odds of one half (Conover, *Practical
+/// Nonparametric Statistics* (1999), section 3.2).
+fn lower_rank(n: usize, alpha: f64) -> Option<usize> {
+    let count = n as f64;
+    let mut log_probability = -count * std::f64::consts::LN_2;
+    let mut below = log_probability.exp();
+    let mut rank = 0;
+    while below <= alpha / 2.0 && rank < n {
+        rank += 1;
+        let drawn = rank as f64;
+        log_probability += ((count - drawn + 1.0) / drawn).ln();
+        below += log_probability.exp();
+    }
+    (rank > 0).then_some(rank)
+}
+
+/// The least number of samples whose median has an interval at this level.
+pub fn least_samples(alpha: f64) -> usize {
+    // One sample on either side: 2 · 2⁻ⁿ ≤ alpha.
+    (2.0 / alpha).log2().ceil().max(1.0) as usize
 }
 
 /// How many samples lie far from the median, by the modified z-score of their distance.
@@ -136,51 +160,25 @@ pub fn outliers(samples: &[f64]) -> Outliers {
     found
 }
 
-/// A fitted exponent `b` of `y = a · x^b` with its 95 % interval.
+/// A fitted exponent `b` of `y = a · x^b`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Slope {
     pub slope: f64,
-    pub low: f64,
-    pub high: f64,
     /// `ln a`.
     pub intercept: f64,
     /// Points fitted.
     pub n: usize,
 }
 
-/// The log-log slope of medians over `x` by Theil–Sen, with a bootstrap interval: each point's samples are
-/// resampled and the slope fitted anew, so the interval holds the noise of the measurement.
-///
-/// A point counts when `x` and the median of its samples are positive and finite. `None` unless two
-/// distinct `x` are left.
-pub fn log_log_slope(points: &[(f64, &[f64])]) -> Option<Slope> {
-    let usable = |y: f64| y.is_finite() && y > 0.0;
-    let points: Vec<(f64, Vec<f64>)> = points
-        .iter()
-        .filter(|(x, samples)| usable(*x) && usable(median(samples)))
-        .map(|(x, samples)| (x.ln(), sorted(samples)))
-        .collect();
-    let medians: Vec<(f64, f64)> =
-        points.iter().map(|(x, y)| (*x, median_of_sorted(y).ln())).collect();
-    let slope = theil_sen(&medians)?;
-
-    // A resample of a single sample is that sample.
-    let noiseless = points.iter().all(|(_, samples)| samples.len() == 1);
-    let resamples = if noiseless { 1 } else { RESAMPLES };
-    let mut bootstrap = MedianBootstrap::new();
-    let slopes = (0..resamples).filter_map(|_| {
-        let draws = points.iter().map(|(x, samples)| (*x, bootstrap.draw(samples).ln()));
-        theil_sen(&draws.filter(|(_, y)| y.is_finite()).collect_vec())
-    });
-    let slopes = slopes.sorted_by(f64::total_cmp).collect_vec();
-    let intercepts: Vec<f64> = medians.iter().map(|(x, y)| y - slope * x).collect();
-    Some(Slope {
-        slope,
-        low: quantile_of_sorted(&slopes, TAILS.0),
-        high: quantile_of_sorted(&slopes, TAILS.1),
-        intercept: median(&intercepts),
-        n: medians.len(),
-    })
+/// The log-log slope of y over x by Theil–Sen. A point counts when both are positive and finite. `None` unless two distinct
+/// `x` are left.
+pub fn log_log_slope(points: &[(f64, f64)]) -> Option<Slope> {
+    let usable = |v: f64| v.is_finite() && v > 0.0;
+    let points = points.iter().filter(|(x, y)| usable(*x) && usable(*y));
+    let points = points.map(|(x, y)| (x.ln(), y.ln())).collect_vec();
+    let slope = theil_sen(&points)?;
+    let intercepts = points.iter().map(|(x, y)| y - slope * x).collect_vec();
+    Some(Slope { slope, intercept: median(&intercepts), n: points.len() })
 }
 
 /// The median slope over all pairs of points with distinct `x`. Sen, *J. Am. Stat. Assoc.* 63 (1968).
@@ -198,42 +196,6 @@ fn median_in_place(samples: &mut [f64]) -> f64 {
     match lower {
         Some(lower) if n.is_multiple_of(2) => (lower + *upper) / 2.0,
         _ => *upper,
-    }
-}
-
-/// Draws medians of resamples with replacement. As the samples are sorted, a resample's median follows
-/// from how often each rank was drawn, without sorting.
-struct MedianBootstrap {
-    random: Pcg64,
-    counts: Vec<u32>,
-}
-
-impl MedianBootstrap {
-    fn new() -> Self {
-        Self { random: Pcg64::seed_from_u64(SEED), counts: Vec::new() }
-    }
-
-    fn draw(&mut self, sorted: &[f64]) -> f64 {
-        let n = sorted.len();
-        self.counts.clear();
-        self.counts.resize(n, 0);
-        for _ in 0..n {
-            self.counts[self.random.random_range(0..n)] += 1;
-        }
-        let (lower, upper) = ((n - 1) / 2, n / 2);
-        (self.rank(sorted, lower) + self.rank(sorted, upper)) / 2.0
-    }
-
-    /// The drawn value of a zero-based rank.
-    fn rank(&self, sorted: &[f64], rank: usize) -> f64 {
-        let mut below = 0;
-        for (count, value) in self.counts.iter().zip(sorted) {
-            below += *count as usize;
-            if below > rank {
-                return *value;
-            }
-        }
-        sorted[sorted.len() - 1]
     }
 }
 
@@ -262,20 +224,51 @@ fn quantile_of_sorted(sorted: &[f64], share: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use proptest::prelude::*;
+    use rand::{RngExt, SeedableRng};
+    use rand_pcg::Pcg64;
 
     use super::*;
 
+    /// The chance that two ranks of `n` samples do not hold the median between them, by adding up the binomial distribution.
+    fn missed(n: usize, rank: usize) -> f64 {
+        let choose = |k: usize| (0..k).fold(1.0, |all, i| all * (n - i) as f64 / (i + 1) as f64);
+        2.0 * (0..rank).map(choose).sum::<f64>() / 2f64.powi(n as i32)
+    }
+
     #[test]
-    fn intervals_of_many_samples_are_those_of_the_bootstrap() {
-        let mut random = Pcg64::seed_from_u64(3);
-        let samples = heavy_tailed(&mut random, MOST_RESAMPLED + 1);
-        let [by_ranks, resampled] = [&samples[..], &samples[1..]].map(estimate);
-        assert_eq!([by_ranks.n, resampled.n], [MOST_RESAMPLED + 1, MOST_RESAMPLED]);
-        let width = |estimate: &Estimate| estimate.high - estimate.low;
-        let off = |a: f64, b: f64| (a - b).abs() / width(&resampled);
-        assert!(off(by_ranks.low, resampled.low) < 0.15, "{by_ranks:?} {resampled:?}");
-        assert!(off(by_ranks.high, resampled.high) < 0.15, "{by_ranks:?} {resampled:?}");
-        assert!(by_ranks.low < by_ranks.median && by_ranks.median < by_ranks.high);
+    fn ranks_are_the_innermost_that_keep_the_level() {
+        for alpha in [0.05, 0.01, 0.003] {
+            for n in 1..200 {
+                match lower_rank(n, alpha) {
+                    None => assert!(missed(n, 1) > alpha, "n = {n}"),
+                    Some(rank) => {
+                        assert!(missed(n, rank) <= alpha + 1e-12, "n = {n}, rank {rank}");
+                        let inner = rank + 1;
+                        assert!(2 * inner > n || missed(n, inner) > alpha, "n = {n}");
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn no_interval_of_95_percent_below_six_samples() {
+        assert_eq!(estimate(&[1.0; 5]).interval, None);
+        assert_eq!(estimate(&[1.0; 5]).relative_half_width(), f64::INFINITY);
+        let six = estimate(&[3.0, 1.0, 2.0, 5.0, 4.0, 6.0]);
+        assert_eq!(six.interval, Some(Interval { low: 1.0, high: 6.0 }));
+        for alpha in [0.05, 0.01, 0.005, 0.0003] {
+            let least = least_samples(alpha);
+            assert_eq!((lower_rank(least - 1, alpha), lower_rank(least, alpha)), (None, Some(1)));
+        }
+        assert_eq!([0.05, 0.01].map(least_samples), [6, 8]);
+    }
+
+    #[test]
+    fn ranks_of_many_samples_are_near_those_of_the_normal_distribution() {
+        let n = 1e6_f64;
+        let rank = lower_rank(n as usize, 0.05).unwrap() as f64;
+        assert!((rank - (n - 1.96 * n.sqrt()) / 2.0).abs() < 3.0, "{rank}");
     }
 
     #[test]
@@ -315,18 +308,18 @@ mod tests {
 
     /// In how many of `trials` the interval from `n` samples holds a value.
     fn covered(random: &mut Pcg64, trials: u32, n: usize, value: f64) -> usize {
-        let holds = |e: Estimate| e.low <= value && value <= e.high;
+        let holds = |e: Estimate| e.interval.is_some_and(|i| i.low <= value && value <= i.high);
         (0..trials).filter(|_| holds(estimate(&heavy_tailed(random, n)))).count()
     }
 
     #[test]
-    fn bootstrap_interval_covers_the_true_median_of_heavy_tails() {
+    fn the_interval_covers_the_true_median_of_heavy_tails() {
         let mut random = Pcg64::seed_from_u64(1);
         let truth = median(&heavy_tailed(&mut random, 400_001));
-        for n in [20, 50] {
+        for n in [6, 9, 20, 50] {
             let coverage = covered(&mut random, 400, n, truth) as f64 / 400.0;
-            // Binomial deviation at 95 % over 400 trials is 1.1 %; the percentile bootstrap falls short a little.
-            assert!((0.91..=0.99).contains(&coverage), "n = {n}: coverage {coverage}");
+            // At least 95 %, and more where ranks are few; two standard deviations over 400 trials are 2.2 %.
+            assert!((0.928..=0.995).contains(&coverage), "n = {n}: coverage {coverage}");
         }
     }
 
@@ -343,26 +336,10 @@ mod tests {
         let mut random = Pcg64::seed_from_u64(3);
         let mut width = |n| {
             let estimates = (0..40).map(|_| estimate(&heavy_tailed(&mut random, n)));
-            median(&estimates.map(|e| e.high - e.low).collect_vec())
+            median(&estimates.filter_map(|e| Some(e.interval?.half_width())).collect_vec())
         };
         let ratio = width(25) / width(400);
         assert!((3.0..=5.5).contains(&ratio), "expected about 4, got {ratio}");
-    }
-
-    #[test]
-    fn half_width_agrees_with_the_bootstrap() {
-        let mut random = Pcg64::seed_from_u64(4);
-        let ratios: Vec<f64> = (0..60)
-            .map(|_| {
-                let samples = heavy_tailed(&mut random, 60);
-                let e = estimate(&samples);
-                relative_half_width(&samples) / ((e.high - e.low) / 2.0 / e.median)
-            })
-            .collect();
-        let typical = median(&ratios);
-        assert!((0.9..=1.4).contains(&typical), "{typical}");
-        assert_eq!(relative_half_width(&[1.0; 5]), f64::INFINITY);
-        assert_eq!(relative_half_width(&[1.0; 6]), 0.0);
     }
 
     #[test]
@@ -377,7 +354,7 @@ mod tests {
             .collect();
         let ratio = ratio_estimate(&pairs);
         assert!((ratio.median - 1.01).abs() < 0.004, "{ratio:?}");
-        assert!(ratio.high - ratio.low < 0.01, "{ratio:?}");
+        assert!(ratio.relative_half_width() < 0.005, "{ratio:?}");
     }
 
     #[test]
@@ -399,45 +376,22 @@ mod tests {
         assert!((outliers(&samples).sigma - 1.0).abs() < 0.03);
     }
 
-    fn power_law(exponent: f64, random: &mut Pcg64) -> Vec<(f64, Vec<f64>)> {
-        let point = |x: f64| {
-            let scale = 3.0 * x.powf(exponent);
-            (x, heavy_tailed(random, 30).iter().map(|t| t / 20.0 * scale).collect())
-        };
-        [1e4, 4e4, 1.6e5, 6.4e5, 1e6].map(point).into()
-    }
-
-    fn fit(points: &[(f64, Vec<f64>)]) -> Slope {
-        let points = points.iter().map(|(x, samples)| (*x, samples.as_slice())).collect_vec();
-        log_log_slope(&points).expect("points enough")
-    }
-
     #[test]
     fn slope_of_a_power_law_is_its_exponent() {
-        let mut random = Pcg64::seed_from_u64(7);
-        for exponent in [0.0, 0.5, 1.0, 2.0] {
-            let fit = fit(&power_law(exponent, &mut random));
-            assert!((fit.slope - exponent).abs() < 0.06, "{exponent}: {fit:?}");
-            assert!(fit.low <= fit.slope && fit.slope <= fit.high, "{exponent}: {fit:?}");
+        for exponent in [0.0, 0.5, 1.0, 2.0_f64] {
+            let points = [1e4, 4e4, 1.6e5, 6.4e5, 1e6].map(|x: f64| (x, 3.0 * x.powf(exponent)));
+            let fit = log_log_slope(&points).expect("points enough");
+            assert!((fit.slope - exponent).abs() < 1e-9, "{exponent}: {fit:?}");
+            assert!((fit.intercept - 3f64.ln()).abs() < 1e-9, "{exponent}: {fit:?}");
             assert_eq!(fit.n, 5);
         }
     }
 
     #[test]
-    fn slope_interval_covers_the_exponent() {
-        let mut random = Pcg64::seed_from_u64(8);
-        let trials = 100;
-        let holds = |fit: Slope| fit.low <= 1.0 && 1.0 <= fit.high;
-        let covered = (0..trials).filter(|_| holds(fit(&power_law(1.0, &mut random)))).count();
-        assert!(covered >= 90, "covered {covered} times in {trials}");
-    }
-
-    #[test]
     fn one_wild_point_does_not_turn_the_slope() {
-        let points: Vec<(f64, Vec<f64>)> = (1..=9)
-            .map(|i| (f64::from(i), vec![f64::from(i) * if i == 8 { 20.0 } else { 1.0 }]))
-            .collect();
-        let fit = fit(&points);
+        let points =
+            (1..=9).map(|i| (f64::from(i), f64::from(i) * if i == 8 { 20.0 } else { 1.0 }));
+        let fit = log_log_slope(&points.collect_vec()).expect("points enough");
         assert!((fit.slope - 1.0).abs() < 1e-9, "{fit:?}");
         assert!(fit.intercept.abs() < 1e-9);
     }
@@ -445,10 +399,10 @@ mod tests {
     #[test]
     fn no_slope_without_two_distinct_positive_points() {
         assert!(log_log_slope(&[]).is_none());
-        assert!(log_log_slope(&[(1.0, &[1.0])]).is_none());
-        assert!(log_log_slope(&[(2.0, &[1.0]), (2.0, &[3.0])]).is_none());
-        assert!(log_log_slope(&[(0.0, &[1.0]), (2.0, &[3.0])]).is_none());
-        assert!(log_log_slope(&[(1.0, &[0.0]), (2.0, &[3.0])]).is_none());
+        assert!(log_log_slope(&[(1.0, 1.0)]).is_none());
+        assert!(log_log_slope(&[(2.0, 1.0), (2.0, 3.0)]).is_none());
+        assert!(log_log_slope(&[(0.0, 1.0), (2.0, 3.0)]).is_none());
+        assert!(log_log_slope(&[(1.0, 0.0), (2.0, 3.0)]).is_none());
     }
 
     proptest! {
@@ -462,8 +416,11 @@ mod tests {
             let scaled = estimate(&scaled);
             let close = |a: f64, b: f64| (a - b * scale).abs() <= 1e-9 * a.abs();
             prop_assert!(close(scaled.median, plain.median));
-            prop_assert!(close(scaled.low, plain.low));
-            prop_assert!(close(scaled.high, plain.high));
+            prop_assert_eq!(scaled.interval.is_some(), plain.interval.is_some());
+            if let (Some(scaled), Some(plain)) = (scaled.interval, plain.interval) {
+                prop_assert!(close(scaled.low, plain.low));
+                prop_assert!(close(scaled.high, plain.high));
+            }
         }
 
         #[test]
@@ -473,7 +430,9 @@ mod tests {
             let e = estimate(&samples);
             let (min, max) = samples.iter().fold((f64::INFINITY, f64::NEG_INFINITY),
                 |(low, high), x| (low.min(*x), high.max(*x)));
-            prop_assert!(min <= e.low && e.low <= e.median && e.median <= e.high && e.high <= max);
+            let Interval { low, high } = e.interval.unwrap_or(Interval { low: e.median, high: e.median });
+            prop_assert!(min <= low && low <= e.median && e.median <= high && high <= max);
+            prop_assert_eq!(e.interval.is_some(), samples.len() >= 6);
             prop_assert_eq!(e, estimate(&samples));
         }
     }

@@ -164,7 +164,7 @@ fn a_run_leaves_records_reports_and_pictures_and_resumes() {
     assert!(end.measured_gpu_s > 0.0 && end.measuring_wall_s >= end.measured_gpu_s);
     let measured = measured(&first[0]);
     let frame = &measured.frame;
-    assert!(frame.untimed.n >= 3 && frame.untimed.low <= frame.untimed.median);
+    assert!(frame.untimed.n >= 8 && frame.untimed.ends()[0] <= frame.untimed.median);
     for stage in &measured.stages {
         assert_eq!(stage.samples_ns.len(), frame.envelope_samples_ns.len(), "{}", stage.stage);
     }

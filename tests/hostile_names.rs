@@ -110,7 +110,7 @@ fn records() -> String {
             },
             "shader_checks": "checked",
             "audit": [{
-                "pass": "compute", "context": "mixed", "timestamp_ns": 1.0, "host_ns": 1.0, "ratio": 1.0, "doubling": 2.0,
+                "pass": "compute", "context": "mixed", "clock": "timestamp", "clock_ns": 1.0, "host_ns": 1.0, "ratio": 1.0, "doubling": 2.0,
                 "sound": true, "reason": all,
             }],
             "submit_cost_ns": { "compute": 1.0 },

@@ -20,7 +20,7 @@ use crate::harness::{
 };
 use crate::parameter::{self, Allowed};
 use crate::scene::{SceneFile, assets};
-use crate::{exporters, record, stages, tell, text};
+use crate::{exporters, quiet, record, stages, tell, text};
 use anyhow::Context;
 use clap::ValueEnum;
 use criterion::Criterion;
@@ -39,6 +39,9 @@ pub static INTERRUPT: AtomicBool = AtomicBool::new(false);
 pub type Outcome = anyhow::Result<ExitCode>;
 
 pub fn run(catalog: &Catalog, args: RunArgs) -> Outcome {
+    if Gpu::chosen(&gpu_options(catalog, &args.adapter))?.software {
+        quiet::begin_again();
+    }
     watch_interrupts()?;
     let options = Options {
         catalog: catalog.clone(),

@@ -7,9 +7,9 @@ use rand::RngExt;
 
 use super::launch::{Quiet, Waiting, WorkerFault, WorkerProcess, WorkerStart, allowed_cores};
 use super::protocol::{GateConfiguration, Greeting, Reply, WorkerRequest, with_driver};
-use super::quiet::PADDING_BYTES;
 use super::rounds::{BrokenLaunch, LaunchWorkers, OpenedLaunch, RoleFault, WorkerRole, random};
 use crate::gpu::ClockPlan;
+use crate::quiet::PADDING_BYTES;
 use crate::record::Adapter;
 use crate::record::comparison::CellId;
 

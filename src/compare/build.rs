@@ -16,8 +16,8 @@ use sha2::{Digest, Sha256};
 use tempfile::TempDir;
 use thiserror::Error;
 
-use super::quiet;
 use crate::harness::catalog::CargoTarget;
+use crate::quiet;
 
 /// Lines of the compiler that an error shows.
 const LAST_LINES: usize = 20;

@@ -16,9 +16,9 @@ use serde_json::Value;
 use thiserror::Error;
 
 use super::protocol::{Greeting, PROTOCOL, Reply, RequestKind, WorkerRequest};
-use super::quiet;
-pub use super::quiet::{Quiet, allowed_cores};
 use crate::gpu::{self, ClockPlan};
+use crate::quiet;
+pub use crate::quiet::{Quiet, allowed_cores};
 
 /// Lines of a worker's standard error that are kept.
 const STDERR_LINES: usize = 12;

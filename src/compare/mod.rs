@@ -15,7 +15,7 @@ pub mod flow;
 pub mod instructions;
 pub mod launch;
 pub mod protocol;
-mod quiet;
+
 pub mod rank;
 pub mod rounds;
 pub mod store;

@@ -10,7 +10,7 @@ use crate::record::Estimate;
 use crate::record::comparison::{CellId, Side, UnpairedSamples};
 use crate::statistics;
 
-/// A cell's time on both sides: medians with bootstrap intervals that know nothing of what lay between the runs.
+/// A cell's time on both sides: medians with intervals that know nothing of what lay between the runs.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Unpaired {
     pub base: RunTime,

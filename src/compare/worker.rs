@@ -15,7 +15,7 @@ use super::protocol::{
     CheckReading, Exact, ExactStage, GateConfiguration, Greeting, PROTOCOL, Reply, StageKind,
     WorkerRequest, parse_request,
 };
-use super::{quiet, valgrind};
+use super::valgrind;
 use crate::gpu::{self, ClockPlan, FrameTimer, Gpu, GpuError, Stage, StageSample, SubmitCost};
 use crate::harness::MAX_PASSES;
 use crate::harness::catalog::Catalog;
@@ -23,6 +23,7 @@ use crate::harness::subject::{Subject, SubjectError, Subjects};
 use crate::harness::verify::{Case, Check, VerifyError, verify_stages};
 use crate::parameter::ParamError;
 use crate::pipelines::{AnyPipeline, Judge, Known};
+use crate::quiet;
 use crate::scene::SceneError;
 
 /// Readings of a frame before its clock is given up.

@@ -1,100 +1,149 @@
-//! Claims against records: *supported*, *contradicted*, or *untestable here* with the reason.
+//! Claims against records: *supported*, *contradicted*, *inconclusive* or *not run*.
 //!
-//! A verdict rests on intervals. A figure whose whole 95 % interval lies inside the claimed band supports the claim, one
-//! whose interval lies outside contradicts it, and one that straddles the edge decides nothing.
+//! There is one rule of evidence. A test breaks a claim down into comparisons: figures, each with the band that it must lie in.
+//! Figures of two cells are compared round by round. An exact figure (a count, an error over all pixels) lies in its band or
+//! does not. A sampled figure has an interval.
+//!
+//! - *Supported*: the interval of every comparison lies inside its band.
+//! - *Contradicted*: the interval of some comparison lies outside its band. This interval is widened for the number of
+//!   comparisons (Bonferroni), because one of many misses more often than one alone.
+//! - *Inconclusive*: neither. The reason names the number of samples that would settle it.
+//! - *Not run*: a figure is missing, or the sizes or the adapter do not allow the test.
+//!
+//! A run looks at its samples up to [`LOOKS`] times before it stops to sample (`harness::sample`), and each look may end the
+//! sampling. So each interval is taken at the level `ALPHA / LOOKS`: all looks together then miss as rarely as one look at
+//! 95 %. A claim whose figure lies exactly at a bound is thus supported with a chance of at most [`CHANCE`].
 
+mod comparison;
 mod comparisons;
 mod fits;
 
 use indexmap::IndexMap;
 use strum::Display;
 
+use self::comparison::Comparison;
 use super::expand::label_text;
-use super::measure::{self, Measure};
+use super::measure::{self, Measure, Reading};
 use super::schema::{Claim, Experiment, Test};
-use crate::record::{Cell, Estimate};
+use crate::record::Cell;
+use crate::statistics;
 
 pub use fits::{Scaling, scaling};
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Display)]
-#[strum(serialize_all = "lowercase")]
-pub enum Verdict {
-    Supported,
-    Contradicted,
-    #[strum(to_string = "untestable here")]
-    Untestable,
+/// Most looks at the samples of a cell: five sizes, each twice the one before, and the end of the time.
+pub const LOOKS: usize = 6;
+/// Chance that the interval of one comparison misses at one look.
+const ALPHA: f64 = statistics::ALPHA / LOOKS as f64;
+/// Chance with which a claim is supported whose figure lies exactly at a bound: one side of the intervals of all looks.
+pub const CHANCE: f64 = statistics::ALPHA / 2.0;
+
+/// Samples that a verdict needs at least.
+pub fn least_samples() -> usize {
+    statistics::least_samples(ALPHA)
 }
 
-/// A claim's verdict with the figure it rests on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Display)]
+#[strum(serialize_all = "lowercase")]
+pub enum Verdict {
+    Contradicted,
+    Inconclusive,
+    #[strum(to_string = "not run")]
+    NotRun,
+    Supported,
+}
+
+/// A claim's verdict with the figures it rests on.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Ruling {
     pub id: String,
     pub text: String,
     pub verdict: Verdict,
-    /// One sentence with the figure and, where untestable, why.
+    /// The figures that decided, with their intervals; why it was not run; or what would settle it.
     pub reason: String,
+    /// The fewest samples of a figure. None where all are exact or there is none.
+    pub n: Option<usize>,
 }
 
-type Finding = (Verdict, String);
+/// Comparisons that a test asks for, or why it cannot be run.
+type Tested = Result<Vec<Comparison>, String>;
 
 /// Groups of cells that a claim is tested on; nobody reads the findings of more.
 const MOST_GROUPS: usize = 200;
 
-fn untestable(reason: impl Into<String>) -> Finding {
-    (Verdict::Untestable, reason.into())
-}
-
 impl Experiment {
     /// Rules on every claim. `software`: the cells were measured on a software driver, so that absolute times do not count.
     pub fn rulings(&self, cells: &[&Cell], software: bool) -> Vec<Ruling> {
-        self.claim
-            .iter()
-            .map(|claim| {
-                let (verdict, reason) = rule(claim, cells, software);
-                Ruling { id: claim.id.clone(), text: claim.text.clone(), verdict, reason }
-            })
-            .collect()
+        self.claim.iter().map(|claim| rule(claim, &concerned(claim, cells), software)).collect()
+    }
+
+    /// Names of the cells whose further samples could settle a claim that is open.
+    pub fn unsettled<'a>(&self, cells: &[&'a Cell], software: bool) -> Vec<&'a str> {
+        let open = self.claim.iter().filter_map(|claim| {
+            let cells = concerned(claim, cells);
+            let ruling = rule(claim, &cells, software);
+            let open = ruling.verdict == Verdict::Inconclusive && ruling.n.is_some();
+            open.then_some(cells)
+        });
+        open.flatten().map(|cell| cell.cell.as_str()).collect()
     }
 }
 
-fn rule(claim: &Claim, cells: &[&Cell], software: bool) -> Finding {
-    let fitting = |cell: &&Cell| measure::fits(cell, &claim.filter);
-    let cells: Vec<&Cell> = cells.iter().copied().filter(fitting).collect();
-    match claim.test.over() {
-        Some(over) => by_group(&claim.test, over, &cells, software),
-        None => rule_group(&claim.test, &cells, software),
-    }
+/// The cells that a claim speaks of.
+fn concerned<'a>(claim: &Claim, cells: &[&'a Cell]) -> Vec<&'a Cell> {
+    let of_test = |cell: &Cell| match &claim.test {
+        Test::Ratio { over, numerator, denominator, .. } => {
+            let label = cell.axes.get(over);
+            label.is_some_and(|l| measure::same(l, numerator) || measure::same(l, denominator))
+        }
+        Test::NoWorse { of, than, .. } => measure::fits(cell, of) || measure::fits(cell, than),
+        test => test.over().is_none_or(|over| cell.axes.contains_key(over)),
+    };
+    let concerned = |cell: &&&Cell| measure::fits(cell, &claim.filter) && of_test(cell);
+    cells.iter().filter(concerned).copied().collect()
 }
 
-/// Rules on each group of cells that differ in the claim's axis only, and joins the findings: one contradiction contradicts,
-/// one undecided group leaves the whole undecided.
-fn by_group(test: &Test, over: &str, cells: &[&Cell], software: bool) -> Finding {
+fn rule(claim: &Claim, cells: &[&Cell], software: bool) -> Ruling {
+    let tests = match claim.test.over() {
+        Some(over) => by_group(&claim.test, over, cells, software),
+        None => vec![test_group(&claim.test, cells, software)],
+    };
+    let (mut comparisons, mut not_run) = (Vec::new(), Vec::new());
+    for tested in tests {
+        match tested {
+            Ok(more) => comparisons.extend(more),
+            Err(reason) => not_run.push(reason),
+        }
+    }
+    let n = comparisons.iter().filter_map(Comparison::n).min();
+    let judged = comparison::judge(&comparisons);
+    let (verdict, reason) = match judged {
+        Some(found) if not_run.is_empty() || found.0 < Verdict::NotRun => found,
+        _ => (Verdict::NotRun, not_run.join("; ")),
+    };
+    Ruling { id: claim.id.clone(), text: claim.text.clone(), verdict, reason, n }
+}
+
+/// The comparisons of each group of cells that differ in the claim's axis only.
+fn by_group(test: &Test, over: &str, cells: &[&Cell], software: bool) -> Vec<Tested> {
     let groups = groups(cells, over);
     if groups.is_empty() {
-        return untestable(format!("no cell along `{over}`"));
+        return vec![Err(format!("no cell along `{over}`"))];
     }
     if groups.len() > MOST_GROUPS {
-        return untestable(format!(
+        return vec![Err(format!(
             "{} groups of cells along `{over}` are more than the {MOST_GROUPS} that are tested: use `where`",
             groups.len()
-        ));
+        ))];
     }
     let several = groups.len() > 1;
-    let findings: Vec<Finding> = groups
-        .iter()
-        .map(|(name, group)| {
-            let (verdict, reason) = rule_group(test, group, software);
-            let prefix = if several { format!("{name}: ") } else { String::new() };
-            (verdict, prefix + &reason)
-        })
-        .collect();
-    let has = |wanted: Verdict| findings.iter().any(|(verdict, _)| *verdict == wanted);
-    let verdict = [Verdict::Contradicted, Verdict::Untestable]
-        .into_iter()
-        .find(|verdict| has(*verdict))
-        .unwrap_or(Verdict::Supported);
-    let reasons: Vec<String> = findings.into_iter().map(|(_, reason)| reason).collect();
-    (verdict, reasons.join("; "))
+    let tested = groups.into_iter().map(|(name, group)| {
+        let prefix = if several { format!("{name}: ") } else { String::new() };
+        match test_group(test, &group, software) {
+            Ok(comparisons) => Ok(comparisons.into_iter().map(|c| c.prefixed(&prefix)).collect()),
+            Err(reason) => Err(prefix + &reason),
+        }
+    });
+    tested.collect()
 }
 
 /// Cells that have the axis, grouped by the values of all their other axes.
@@ -112,18 +161,18 @@ pub fn groups<'a>(cells: &[&'a Cell], over: &str) -> Vec<(String, Vec<&'a Cell>)
     groups.into_iter().collect()
 }
 
-fn rule_group(test: &Test, cells: &[&Cell], software: bool) -> Finding {
+fn test_group(test: &Test, cells: &[&Cell], software: bool) -> Tested {
     match test {
-        Test::AtLeast { y, value } => comparisons::at_least(y, *value, cells, software),
-        Test::Within { y, low, high } => comparisons::inside(y, [*low, *high], cells, software),
+        Test::AtLeast { y, value } => {
+            comparisons::each(y, [*value, f64::INFINITY], cells, software)
+        }
+        Test::Within { y, low, high } => comparisons::each(y, [*low, *high], cells, software),
         Test::NoWorse { y, of, than, margin } => {
             comparisons::no_worse(y, [of, than], *margin, cells)
         }
         Test::Slope { y, x, expected, tolerance, max_fixed_share, min_decades, .. } => {
-            match scaling(y, x, cells, *max_fixed_share) {
-                Ok(fit) => fits::slope(&fit, *expected, *tolerance, *min_decades),
-                Err(reason) => untestable(reason),
-            }
+            let fit = scaling(y, x, cells, *max_fixed_share)?;
+            fits::slope(&fit, *expected, *tolerance, *min_decades)
         }
         Test::Affine { y, x, tolerance, min_rising_share, .. } => {
             fits::affine(y, x, *tolerance, *min_rising_share, cells)
@@ -134,59 +183,19 @@ fn rule_group(test: &Test, cells: &[&Cell], software: bool) -> Finding {
         Test::Ratio { y, over, numerator, denominator, low, high } => {
             comparisons::ratio(y, over, [numerator, denominator], [*low, *high], cells)
         }
-        Test::Monotone { y, x, direction, tolerance, .. } => {
-            comparisons::monotone(y, x, *direction, *tolerance, cells)
-        }
+        Test::Monotone { y, x, direction, .. } => comparisons::monotone(y, x, *direction, cells),
         Test::Lowest { y, over, value, margin } => {
             comparisons::lowest(y, over, value, *margin, cells)
         }
-        Test::Minimum { y, x, low, high, .. } => comparisons::minimum(y, x, [*low, *high], cells),
+        Test::Band { y, x, low, high, .. } => comparisons::band(y, x, [*low, *high], cells),
     }
 }
 
-/// A 95 % interval.
-#[derive(Clone, Copy, Debug, PartialEq)]
-struct Interval {
-    low: f64,
-    high: f64,
-}
-
-fn within(interval: &Interval, (low, high): (f64, f64), figure: String) -> Finding {
-    if interval.low >= low && interval.high <= high {
-        (Verdict::Supported, figure)
-    } else if interval.high < low || interval.low > high {
-        (Verdict::Contradicted, figure)
-    } else {
-        let band = match (low == f64::NEG_INFINITY, high == f64::INFINITY) {
-            (true, _) => format!("{high:.3}"),
-            (_, true) => format!("{low:.3}"),
-            _ => format!("the edge of {low:.3} – {high:.3}"),
-        };
-        untestable(format!("{figure}: the interval straddles {band}"))
-    }
-}
-
-/// Ratio of two independent medians with its interval, by the method of variance estimates recovery on logarithms
-/// (Zou & Donner, *Stat. Med.* 27 (2008)).
-fn quotient(a: &Estimate, b: &Estimate) -> (f64, Interval) {
-    let ratio = a.median / b.median;
-    let reach = |near: f64, far: f64| (near / far).ln().abs();
-    let down = reach(a.median, a.low).hypot(reach(b.median, b.high));
-    let up = reach(a.median, a.high).hypot(reach(b.median, b.low));
-    let interval = Interval { low: ratio * (-down).exp(), high: ratio * up.exp() };
-    (ratio, interval)
-}
-
-fn read_positive(y: &Measure, cell: &Cell) -> Option<Estimate> {
-    let estimate = y.read(cell, cell.measured()?)?.estimate;
-    (estimate.low > 0.0 && estimate.high.is_finite()).then_some(estimate)
-}
-
-fn with_interval(value: f64, interval: &Interval) -> String {
-    if interval.low == interval.high {
-        return format!("{value:.3}");
-    }
-    format!("{value:.3} ({:.3} – {:.3})", interval.low, interval.high)
+/// The value in a cell, where it was measured and is positive.
+fn read_positive(y: &Measure, cell: &Cell) -> Option<Reading> {
+    let reading = y.read(cell, cell.measured()?)?;
+    let median = reading.median();
+    (median > 0.0 && median.is_finite()).then_some(reading)
 }
 
 fn in_ms(ns: f64) -> String {

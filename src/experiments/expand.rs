@@ -30,6 +30,8 @@ pub struct CellPlan {
     pub repetitions: Option<RepetitionPlan>,
     /// Those that `fathom compare` compares.
     pub stages: Vec<String>,
+    /// Its times are not asked for.
+    pub errors_only: bool,
 }
 
 /// The run that a cell's result is held against: the cell's overrides and then these.
@@ -416,6 +418,7 @@ impl Experiment {
             reference: self.reference_plan(profile, &overrides),
             repetitions: self.repetition_plan(profile, &overrides),
             stages: stages.unwrap_or(&self.stages).clone(),
+            errors_only: sweep.is_some_and(|sweep| sweep.errors_only),
             overrides,
         }
     }

@@ -8,9 +8,10 @@
 //! | `frame` | median frame time without per-stage timing | ns |
 //! | `fps` | its reciprocal | frames per second |
 //! | `work:caustics/trace.photons` | declared work of a stage | count |
+//! | `counter:ao/march.fragment_shader_invocations` | what the adapter counted of a stage | count |
 //! | `param:caustics.grid` | a parameter; an array counts as the product of its elements | as the parameter |
 //! | `axis:caustics.grid` | a number among the cell's axis values | as the axis |
-//! | `quantity:caustics_error` | a recorded quantity; the median of one that was measured several times | as its name says |
+//! | `quantity:caustics_error` | a recorded quantity or error; a repeated quantity has a value for each repetition | as its name says |
 //! | `allocated_bytes` | memory allocated by the pipeline | bytes |
 //!
 //! A stage's time that is below the clock's resolution has no value: nothing can be fitted to it or divided by it.
@@ -18,14 +19,14 @@
 //! A product is written with `*`, a quotient with ` per `: `param:view.width*param:view.height`,
 //! `allocated_bytes per quantity:occupied_voxels`.
 
-use std::borrow::Cow;
+use std::collections::HashMap;
 use std::fmt;
 use std::str::FromStr;
 
 use serde::{Deserialize, Deserializer};
 use serde_json::Value;
 
-use crate::record::{Cell, Estimate, Measured, StageRecord, Work};
+use crate::record::{Cell, Estimate, Interval, Measured, StageRecord, Work};
 use crate::statistics;
 
 /// A product of terms over another.
@@ -43,6 +44,8 @@ enum Term {
     Fps,
     /// A field of the stage's declared work.
     Work(StageName, &'static str),
+    /// What the adapter counted of the stage.
+    Counter(StageName, String),
     Param(String),
     Axis(String),
     Quantity(String),
@@ -73,11 +76,87 @@ impl fmt::Display for StageName {
     }
 }
 
-/// The value of a measure in a cell. Samples are there where the measure is a time.
+/// The value of a measure in a cell.
 #[derive(Clone, Debug, PartialEq)]
-pub struct MeasuredValue<'a> {
-    pub estimate: Estimate,
-    pub samples: Option<Cow<'a, [f64]>>,
+pub enum Reading {
+    /// Set, counted, or computed over everything there is: it has no samples.
+    Exact(f64),
+    /// A value for each round of sampling or for each repetition.
+    Sampled(Vec<Sample>),
+}
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Sample {
+    /// Samples of two cells with the same number were taken next to each other.
+    pub round: u32,
+    pub value: f64,
+}
+
+impl Reading {
+    fn of(rounds: &[u32], values: impl IntoIterator<Item = f64>) -> Reading {
+        let samples = rounds.iter().zip(values);
+        Reading::Sampled(samples.map(|(round, value)| Sample { round: *round, value }).collect())
+    }
+
+    pub fn median(&self) -> f64 {
+        match self {
+            Reading::Exact(value) => *value,
+            Reading::Sampled(_) => statistics::median(&self.values()),
+        }
+    }
+
+    /// An exact figure is an estimate of one sample without an interval.
+    pub fn estimate(&self) -> Estimate {
+        statistics::estimate(&self.values())
+    }
+
+    pub fn values(&self) -> Vec<f64> {
+        match self {
+            Reading::Exact(value) => vec![*value],
+            Reading::Sampled(samples) => samples.iter().map(|sample| sample.value).collect(),
+        }
+    }
+
+    /// Samples; none where the figure is exact.
+    pub fn n(&self) -> Option<usize> {
+        match self {
+            Reading::Exact(_) => None,
+            Reading::Sampled(samples) => Some(samples.len()),
+        }
+    }
+
+    /// Of the same round in both, where both are sampled.
+    pub fn with(&self, other: &Reading, join: impl Fn(f64, f64) -> f64) -> Reading {
+        match (self, other) {
+            (Reading::Exact(a), Reading::Exact(b)) => Reading::Exact(join(*a, *b)),
+            (Reading::Exact(a), b) => b.map(|b| join(*a, b)),
+            (a, Reading::Exact(b)) => a.map(|a| join(a, *b)),
+            (Reading::Sampled(a), Reading::Sampled(b)) => {
+                let of_round: HashMap<u32, f64> = b.iter().map(|s| (s.round, s.value)).collect();
+                let joined = a.iter().filter_map(|Sample { round, value }| {
+                    let value = join(*value, *of_round.get(round)?);
+                    Some(Sample { round: *round, value })
+                });
+                Reading::Sampled(joined.collect())
+            }
+        }
+    }
+
+    pub fn map(&self, change: impl Fn(f64) -> f64) -> Reading {
+        match self {
+            Reading::Exact(value) => Reading::Exact(change(*value)),
+            Reading::Sampled(samples) => {
+                let changed = samples.iter();
+                let changed = changed.map(|s| Sample { round: s.round, value: change(s.value) });
+                Reading::Sampled(changed.collect())
+            }
+        }
+    }
+
+    /// Paired by round.
+    pub fn over(&self, other: &Reading) -> Reading {
+        self.with(other, |a, b| a / b)
+    }
 }
 
 impl FromStr for Measure {
@@ -122,8 +201,14 @@ fn parse_term(text: &str) -> Result<Term, String> {
                 format!("`{text}` must be work:STAGE.COUNT with COUNT one of {counts}")
             })
         }
+        ("counter", _) => {
+            let named = rest.rsplit_once('.');
+            let counter =
+                named.map(|(stage, name)| Term::Counter(stage_name(stage), name.to_owned()));
+            counter.ok_or_else(|| format!("`{text}` must be counter:STAGE.NAME"))
+        }
         _ => Err(format!(
-            "unknown measure `{text}`; known: stage:, frame, fps, work:, param:, axis:, quantity:, allocated_bytes"
+            "unknown measure `{text}`; known: stage:, frame, fps, work:, counter:, param:, axis:, quantity:, allocated_bytes"
         )),
     }
 }
@@ -153,6 +238,7 @@ impl fmt::Display for Measure {
                 Term::Frame => f.write_str("frame time")?,
                 Term::Fps => f.write_str("frames per second")?,
                 Term::Work(stage, count) => write!(f, "{} of {stage}", count.replace('_', " "))?,
+                Term::Counter(stage, count) => write!(f, "{} of {stage}", count.replace('_', " "))?,
                 Term::Param(name) | Term::Axis(name) | Term::Quantity(name) => f.write_str(name)?,
                 Term::AllocatedBytes => f.write_str("allocated bytes")?,
             }
@@ -188,7 +274,7 @@ impl Measure {
     pub fn stages(&self) -> impl Iterator<Item = &StageName> {
         self.all().flat_map(|term| match term {
             Term::Stages(names) => names.as_slice(),
-            Term::Work(name, _) => std::slice::from_ref(name),
+            Term::Work(name, _) | Term::Counter(name, _) => std::slice::from_ref(name),
             _ => &[],
         })
     }
@@ -227,30 +313,29 @@ impl Measure {
         timed(&self.terms) == 1 && timed(&self.per) == 0
     }
 
-    /// It counts only on hardware: software drivers say nothing of absolute times.
+    /// It counts only on hardware: software drivers say nothing of absolute times. A ratio of times is not absolute.
     pub fn is_absolute(&self) -> bool {
-        let absolute = |term: &Term| matches!(term, Term::Stages(_) | Term::Frame | Term::Fps);
-        self.all().any(absolute)
+        let dimension = |terms: &[Term]| -> i32 {
+            let of = |term: &Term| match term {
+                Term::Stages(_) | Term::Frame => 1,
+                Term::Fps => -1,
+                _ => 0,
+            };
+            terms.iter().map(of).sum()
+        };
+        dimension(&self.terms) != dimension(&self.per)
     }
 
     /// The value in a measured cell; none where the cell lacks it.
-    pub fn read<'a>(&self, cell: &Cell, measured: &'a Measured) -> Option<MeasuredValue<'a>> {
-        if let Some(term) = self.only() {
-            return term.read(cell, measured);
-        }
+    pub fn read(&self, cell: &Cell, measured: &Measured) -> Option<Reading> {
         let product = |terms: &[Term]| {
-            let mut factors = terms.iter().map(|term| Some(term.read(cell, measured)?.estimate));
-            let one = Estimate { median: 1.0, low: 1.0, high: 1.0, n: 1 };
-            factors.try_fold(one, |product, factor: Option<_>| Some(multiplied(product, factor?)))
+            let mut factors = terms.iter().map(|term| term.read(cell, measured));
+            let join = |product: Reading, factor: Option<Reading>| {
+                Some(product.with(&factor?, |a, b| a * b))
+            };
+            factors.try_fold(Reading::Exact(1.0), join)
         };
-        let (over, under) = (product(&self.terms)?, product(&self.per)?);
-        let estimate = Estimate {
-            median: over.median / under.median,
-            low: over.low / under.high,
-            high: over.high / under.low,
-            n: over.n.max(under.n),
-        };
-        Some(MeasuredValue { estimate, samples: None })
+        Some(product(&self.terms)?.over(&product(&self.per)?))
     }
 }
 
@@ -258,83 +343,71 @@ fn joined(names: &[StageName], by: &str) -> String {
     names.iter().map(ToString::to_string).collect::<Vec<_>>().join(by)
 }
 
-/// The product of two positive figures, its interval as wide as theirs together.
-fn multiplied(a: Estimate, b: Estimate) -> Estimate {
-    Estimate {
-        median: a.median * b.median,
-        low: a.low * b.low,
-        high: a.high * b.high,
-        n: a.n.max(b.n),
-    }
-}
-
 impl Term {
-    fn read<'a>(&self, cell: &Cell, measured: &'a Measured) -> Option<MeasuredValue<'a>> {
+    fn read(&self, cell: &Cell, measured: &Measured) -> Option<Reading> {
+        let frame = &measured.frame;
         match self {
             Term::Stages(names) => stage_time(names, measured),
-            Term::Frame => Some(MeasuredValue {
-                estimate: measured.frame.untimed,
-                samples: Some(Cow::Borrowed(&measured.frame.untimed_samples_ns)),
-            }),
-            Term::Fps => {
-                Some(MeasuredValue { estimate: fps(&measured.frame.untimed), samples: None })
+            Term::Frame if frame.untimed_samples_ns.is_empty() => None,
+            Term::Frame => {
+                Some(Reading::of(&frame.rounds, frame.untimed_samples_ns.iter().copied()))
             }
+            Term::Fps => Some(Term::Frame.read(cell, measured)?.map(|ns| 1e9 / ns)),
             Term::Work(name, count) => {
                 let stage = measured.stages.iter().find(|stage| name.covers(&stage.stage))?;
                 let (_, count) =
                     stage.work.fields().into_iter().find(|(known, _)| known == count)?;
-                (count > 0).then(|| exact(count as f64))
+                (count > 0).then(|| Reading::Exact(count as f64))
             }
-            Term::Param(path) => number(lookup(&cell.params, path)?).map(exact),
-            Term::Axis(name) => number(cell.axes.get(name)?).map(exact),
-            Term::Quantity(name) => match measured.repeated.get(name) {
-                Some(repeated) => Some(MeasuredValue {
-                    estimate: statistics::estimate(repeated),
-                    samples: Some(Cow::Borrowed(repeated)),
-                }),
-                None => measured.figures().get(name.as_str()).copied().map(exact),
-            },
-            Term::AllocatedBytes => Some(exact(measured.allocated_bytes as f64)),
+            Term::Counter(name, counter) => {
+                let stage = measured.stages.iter().find(|stage| name.covers(&stage.stage))?;
+                stage.counters.get(counter).map(|count| Reading::Exact(*count as f64))
+            }
+            Term::Param(path) => number(lookup(&cell.params, path)?).map(Reading::Exact),
+            Term::Axis(name) => number(cell.axes.get(name)?).map(Reading::Exact),
+            Term::Quantity(name) => quantity(name, measured),
+            Term::AllocatedBytes => Some(Reading::Exact(measured.allocated_bytes as f64)),
         }
+    }
+}
+
+/// A repeated quantity has a value for each repetition; any other is exact.
+fn quantity(name: &str, measured: &Measured) -> Option<Reading> {
+    match measured.repeated.get(name) {
+        Some(values) => {
+            let repetitions: Vec<u32> = (0..values.len() as u32).collect();
+            Some(Reading::of(&repetitions, values.iter().copied()))
+        }
+        None => measured.figures().get(name).copied().map(Reading::Exact),
     }
 }
 
 /// Time of the named stages, summed frame by frame; none where none of them ran, and where it is below the clock's
 /// resolution.
-fn stage_time<'a>(names: &[StageName], measured: &'a Measured) -> Option<MeasuredValue<'a>> {
+fn stage_time(names: &[StageName], measured: &Measured) -> Option<Reading> {
     let wanted = |stage: &&StageRecord| names.iter().any(|name| name.covers(&stage.stage));
     let stages: Vec<&StageRecord> = measured.stages.iter().filter(wanted).collect();
+    let rounds = &measured.frame.rounds;
     if let [stage] = stages.as_slice() {
-        return stage.is_resolved().then(|| MeasuredValue {
-            estimate: stage.time,
-            samples: Some(Cow::Borrowed(&stage.samples_ns)),
-        });
+        let resolved = !stage.samples_ns.is_empty() && stage.is_resolved();
+        return resolved.then(|| Reading::of(rounds, stage.samples_ns.iter().copied()));
     }
     let differences: Vec<Vec<f64>> = stages.iter().map(|s| s.differences_ns()).collect();
-    let frames = differences.iter().map(Vec::len).min()?;
-    let resolution_ns = stages.iter().map(|s| s.resolution_ns().powi(2)).sum::<f64>();
-    let resolution_ns = resolution_ns.sqrt();
+    let frames = differences.iter().map(Vec::len).min().filter(|frames| *frames > 0)?;
+    let resolution_ns = stages.iter().map(|s| s.resolution_ns().powi(2)).sum::<f64>().sqrt();
     let sum = |frame: usize| differences.iter().map(|ns| ns[frame]).sum::<f64>();
-    let samples: Vec<f64> = (0..frames).map(|f| sum(f).max(resolution_ns)).collect();
-    let estimate = statistics::estimate(&samples);
-    (estimate.median > resolution_ns)
-        .then_some(MeasuredValue { estimate, samples: Some(Cow::Owned(samples)) })
+    let reading = Reading::of(rounds, (0..frames).map(|f| sum(f).max(resolution_ns)));
+    (reading.median() > resolution_ns).then_some(reading)
 }
 
 /// Frames per second of a frame time in nanoseconds.
 pub fn fps(frame_ns: &Estimate) -> Estimate {
+    let rate = |ns: f64| 1e9 / ns;
+    let swapped = |Interval { low, high }| Interval { low: rate(high), high: rate(low) };
     Estimate {
-        median: 1e9 / frame_ns.median,
-        low: 1e9 / frame_ns.high,
-        high: 1e9 / frame_ns.low,
+        median: rate(frame_ns.median),
+        interval: frame_ns.interval.map(swapped),
         n: frame_ns.n,
-    }
-}
-
-fn exact<'a>(value: f64) -> MeasuredValue<'a> {
-    MeasuredValue {
-        estimate: Estimate { median: value, low: value, high: value, n: 1 },
-        samples: None,
     }
 }
 

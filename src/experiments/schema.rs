@@ -100,6 +100,9 @@ pub struct Sweep {
     pub params: Map<String, Value>,
     #[serde(default)]
     pub profile: Profiles,
+    /// Its cells are there for their errors and counts: they render one frame, and nothing is timed.
+    #[serde(default)]
+    pub errors_only: bool,
     /// May be left out where the sweep has an id.
     #[serde(default)]
     pub axis: Vec<Axis>,

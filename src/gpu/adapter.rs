@@ -232,6 +232,11 @@ impl Gpu {
         with_gl(without_gl()).iter().map(|(adapter, _)| describe(adapter)).collect()
     }
 
+    /// What the chosen adapter is; it is not opened.
+    pub fn chosen(options: &Options) -> Result<record::Adapter, GpuError> {
+        Ok(describe(&choose(options.adapter.as_deref())?.0))
+    }
+
     /// Opens the chosen adapter.
     pub fn open(options: &Options) -> Result<Gpu, GpuError> {
         let (chosen, flags) = choose(options.adapter.as_deref())?;

@@ -24,8 +24,8 @@ pub use error::GpuError;
 #[cfg(test)]
 pub(crate) use frame::CostMeter;
 pub use frame::{
-    ClockPlan, ColorTarget, DepthTarget, Fault, FrameSample, FrameTimer, HostTime, StageSample,
-    StageScope, SubmitCost, Targets,
+    ClockPlan, ColorTarget, DepthTarget, Fault, FrameSample, FrameTimer, HostClock, HostTime,
+    StageSample, StageScope, SubmitCost, Targets,
 };
 pub use layout::{BoundStruct, Member, StructLayout};
 pub use limits::Demand;

@@ -1,8 +1,9 @@
 //! The scheduler's hands on a real device: builds cells, runs their frames, and writes their records.
 
+use std::collections::BTreeSet;
 use std::fmt::Display;
 use std::path::Path;
-use std::time::Instant;
+use std::time::{Instant, SystemTime};
 
 use super::difference::References;
 use super::journal::{CellName, Journal};
@@ -17,8 +18,8 @@ use crate::experiments::schema::{Experiment, Pictures, RepeatedOutput};
 use crate::gpu::{self, ClockPlan, FrameSample, FrameTimer, Gpu, GpuError, Stage, StageCounters};
 use crate::pipelines::{AnyPipeline, Judge, Known};
 use crate::record::{
-    Addition, Note, NoteKind, Outcome, Picture, PictureKind, Record, RecordError, Run, SampleLine,
-    Writer,
+    Addition, Cell, Note, NoteKind, Outcome, Picture, PictureKind, Record, RecordError, Run,
+    SampleLine, Writer,
 };
 
 /// What a software driver keeps of a pipeline's compiled shaders in the process: of 15 cells of `vao-samples`, 300 MiB more
@@ -85,6 +86,8 @@ pub struct CellExecutor<'a> {
     start: Instant,
     /// A picture has been tried.
     pictured: bool,
+    /// Records of the cells that are finished.
+    finished: Vec<Cell>,
 }
 
 /// Where records, samples, pictures and progress go.
@@ -100,6 +103,8 @@ pub struct CellOutput<'a> {
 struct Built {
     pipeline: Box<dyn AnyPipeline>,
     counters: Vec<StageCounters>,
+    /// Once they have been asked for.
+    found: Option<Findings>,
 }
 
 impl Findings {
@@ -159,6 +164,7 @@ impl<'a> CellExecutor<'a> {
             precision,
             start: Instant::now(),
             pictured: false,
+            finished: Vec::new(),
         }
     }
 
@@ -166,18 +172,21 @@ impl<'a> CellExecutor<'a> {
         let gpu = &self.session.gpu;
         let pipeline = self.cells[cell].subject.build(gpu)?;
         let stages = pipeline.stages();
-        let counters = gpu::count(gpu, &stages, MAX_PASSES)?.unwrap_or_default();
+        let counters = if self.cells[cell].plan.errors_only {
+            Vec::new()
+        } else {
+            gpu::count(gpu, &stages, MAX_PASSES)?.unwrap_or_default()
+        };
         let code = if gpu.adapter.software { SOFTWARE_CODE_BYTES } else { 0 };
         let bytes = pipeline.allocated_bytes() + code;
-        self.built[cell] = Some(Built { pipeline, counters });
+        self.built[cell] = Some(Built { pipeline, counters, found: None });
         Ok(bytes)
     }
 
     /// Figures that need a read-back, errors against references, and a picture: what can fail here is
     /// noted and costs no measurement.
-    fn facts<'b>(&mut self, cell: usize, built: &'b Built) -> Facts<'b> {
+    fn find(&mut self, cell: usize, pipeline: &dyn AnyPipeline) -> Findings {
         let start = Instant::now();
-        let pipeline = built.pipeline.as_ref();
         let mut findings = Findings::default();
         findings.add("quantities not read", pipeline.quantities(&self.session.gpu));
         let judged = pipeline.judge(&mut self.judge(cell)).map(|judged| {
@@ -188,7 +197,22 @@ impl<'a> CellExecutor<'a> {
         self.compared(cell, pipeline, &mut findings);
         self.pictures(cell, pipeline, &mut findings);
         self.session.spent.set_up_s += start.elapsed().as_secs_f64();
-        Facts { pipeline, counters: &built.counters, found: findings, precision: self.precision }
+        findings
+    }
+
+    /// The record of a cell from what was sampled of it up to now. None where its pipeline is gone.
+    fn record(&mut self, cell: usize, samples: Samples) -> Option<Cell> {
+        let mut built = self.built[cell].take()?;
+        let found = match built.found.take() {
+            Some(found) => found,
+            None => self.find(cell, built.pipeline.as_ref()),
+        };
+        built.found = Some(found.clone());
+        let pipeline = built.pipeline.as_ref();
+        let facts = Facts { pipeline, counters: &built.counters, found, precision: self.precision };
+        let outcome = Outcome::Measured(Box::new(measured(samples, facts)));
+        self.built[cell] = Some(built);
+        Some(self.cells[cell].record(outcome))
     }
 
     fn judge(&mut self, cell: usize) -> Judge<'_> {
@@ -240,14 +264,8 @@ impl<'a> CellExecutor<'a> {
         }
     }
 
-    fn sampled(&mut self, cell: usize, samples: Samples) -> Outcome {
-        match self.built[cell].take() {
-            Some(built) => {
-                let facts = self.facts(cell, &built);
-                Outcome::Measured(Box::new(measured(samples, facts)))
-            }
-            None => Outcome::Failed { reason: "its pipeline is gone".to_owned() },
-        }
+    fn failed(&self, cell: usize, reason: String) -> Cell {
+        self.cells[cell].record(Outcome::Failed { reason })
     }
 
     fn frame<T>(
@@ -319,11 +337,13 @@ impl Executor for CellExecutor<'_> {
     fn finish(&mut self, cell: usize, result: CellResult) -> Result<(), RecordError> {
         // What is found out about a cell may take long.
         self.output.journal.write()?;
-        let outcome = match result {
-            CellResult::Sampled(samples) => self.sampled(cell, samples),
-            CellResult::Failed(reason) => Outcome::Failed { reason },
+        let record = match result {
+            CellResult::Sampled(samples) => self.record(cell, samples),
+            CellResult::Failed(reason) => Some(self.failed(cell, reason)),
         };
-        let record = Box::new(self.cells[cell].record(outcome));
+        let record = record.unwrap_or_else(|| self.failed(cell, "its pipeline is gone".to_owned()));
+        self.finished.push(record.clone());
+        let record = Box::new(record);
         self.output.writer.write(&Record::Cell(record.clone()))?;
         self.output.journal.close(&self.names[cell], &record.outcome)?;
         self.output.progress.finished(&record);
@@ -340,7 +360,33 @@ impl Executor for CellExecutor<'_> {
         self.session.reopen()
     }
 
+    fn untimed_only(&self, cell: usize) -> bool {
+        self.cells[cell].plan.errors_only
+    }
+
+    fn unsettled(&mut self, cells: &[(usize, &Samples)]) -> BTreeSet<usize> {
+        if self.experiment.claim.is_empty() {
+            return BTreeSet::new();
+        }
+        let live = cells
+            .iter()
+            .filter_map(|(cell, samples)| Some((*cell, self.record(*cell, (*samples).clone())?)));
+        let live: Vec<(usize, Cell)> = live.collect();
+        let all: Vec<&Cell> =
+            self.finished.iter().chain(live.iter().map(|(_, cell)| cell)).collect();
+        let software = self.session.gpu.adapter.software;
+        let open = self.experiment.unsettled(&all, software);
+        let is_open = |(_, cell): &&(usize, Cell)| open.contains(&cell.cell.as_str());
+        live.iter().filter(is_open).map(|(cell, _)| *cell).collect()
+    }
+
     fn now_s(&self) -> f64 {
         self.start.elapsed().as_secs_f64()
+    }
+
+    fn unix_s(&self) -> f64 {
+        let since = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH);
+        // Milliseconds say enough of a moment, and are short in a record.
+        since.map_or(0.0, |since| since.as_millis() as f64 * 1e-3)
     }
 }

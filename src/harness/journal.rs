@@ -91,6 +91,12 @@ impl Journal {
         pairs.fold((0, 0), |(pairs, cells), more| (pairs + more, cells + 1))
     }
 
+    /// The largest number of a round among the samples of earlier runs.
+    pub fn last_round(&self) -> Option<u32> {
+        let additions = self.earlier.values().flat_map(|earlier| &earlier.additions);
+        additions.filter_map(|added| Some(added.pair.as_ref()?.round)).max()
+    }
+
     /// The clocks to take samples by: those that an earlier run took most pairs of these cells by, else those that were found
     /// now. Samples by different clocks do not go together, and what one audit found sound, the next may not on a busy machine.
     pub fn choose_clocks(&mut self, ids: &[String], found: Clocks) -> &Clocks {
@@ -237,7 +243,14 @@ mod tests {
     fn pair(ns: f64) -> Addition {
         let stages = Vec::new();
         Addition {
-            pair: Some(FramePair { stages, envelope_ns: ns, gaps_ns: 0.0, untimed_ns: ns }),
+            pair: Some(FramePair {
+                round: ns as u32,
+                sampled_at_s: 1.5e9,
+                stages,
+                envelope_ns: ns,
+                gaps_ns: 0.0,
+                untimed_ns: ns,
+            }),
             ..Addition::default()
         }
     }
@@ -272,6 +285,7 @@ mod tests {
         drop(first);
         let mut second = journal(&folder);
         let ids = ["a", "b", "c"].map(str::to_owned);
+        assert_eq!(second.last_round(), Some(3));
         assert_eq!(second.earlier_pairs(&ids), (2, 2));
         assert_eq!(second.take_earlier(&cell("a")), [warm_up, pair(1.0)]);
         assert_eq!(second.take_earlier(&cell("a")), []);

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use super::sample::{Samples, StageSamples, Stopped};
-use crate::gpu::StageCounters;
+use crate::gpu::{Stage, StageCounters};
 use crate::pipelines::AnyPipeline;
 use crate::record::{
     ErrorFigure, Estimate, Fenced, FrameRecord, Measured, Note, NoteKind, Picture, RejectedFrames,
@@ -15,10 +15,10 @@ use crate::statistics;
 const NOTED_OUTLIER_SHARE: f64 = 0.05;
 
 /// What is found out about a cell after its last frame, and what could not be.
-#[derive(Default)]
+#[derive(Clone, Default)]
 pub struct Findings {
     pub quantities: BTreeMap<String, f64>,
-    /// A value for each repetition.
+    /// See [`Measured::repeated`].
     pub repeated: BTreeMap<String, Vec<f64>>,
     pub errors: Vec<ErrorFigure>,
     pub notes: Vec<Note>,
@@ -67,6 +67,8 @@ pub fn measured(samples: Samples, facts: Facts<'_>) -> Measured {
 
 fn frame_record(samples: &Samples) -> FrameRecord {
     FrameRecord {
+        rounds: samples.rounds.clone(),
+        sampled_at_s: samples.sampled_at_s.clone(),
         accounting_error: accounting_error(samples),
         untimed: statistics::estimate(&samples.untimed_ns),
         timing_cost: timing_cost(samples),
@@ -110,6 +112,12 @@ fn stage_records(
     };
     let record =
         |stage: &StageSamples| stage_record(stage, work(&stage.name), counted(&stage.name));
+    if samples.stages.is_empty() {
+        // Nothing was timed: what is known of its stages is their work.
+        let untimed = |stage: &&dyn Stage| StageSamples::none(stage.name());
+        let untimed: Vec<StageSamples> = stages.iter().map(untimed).collect();
+        return untimed.iter().map(record).collect();
+    }
     samples.stages.iter().map(record).collect()
 }
 
@@ -160,13 +168,13 @@ fn sampling_notes(samples: &Samples, frame: &Estimate, precision: f64) -> Vec<No
         note(NoteKind::Unsteady, text);
     }
     let stopped = match samples.stopped {
-        Stopped::Precise => None,
+        Stopped::Precise | Stopped::UntimedOnly => None,
         Stopped::OutOfTime => Some("stopped by the time budget"),
         Stopped::EnoughPairs => Some("stopped at the most frames"),
         Stopped::Interrupted => Some("interrupted"),
     };
-    if let Some(stopped) = stopped {
-        let reached = 100.0 * (frame.high - frame.low) / 2.0 / frame.median;
+    if let Some(stopped) = stopped.filter(|_| frame.relative_half_width() > precision) {
+        let reached = 100.0 * frame.relative_half_width();
         let asked = 100.0 * precision;
         let text = format!("{stopped} at ±{reached:.1} % where ±{asked:.1} % was asked");
         note(NoteKind::Imprecise, text);

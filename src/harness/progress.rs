@@ -94,11 +94,11 @@ fn describe(outcome: &Outcome) -> String {
     match outcome {
         Outcome::Measured(measured) => {
             let frame = &measured.frame.untimed;
-            let half_width = (frame.high - frame.low) / 2.0 / frame.median;
+            let half_width = 100.0 * frame.relative_half_width();
             format!(
                 "{:.3} ms ±{:.1} % from {} pairs of frames",
                 frame.median * 1e-6,
-                100.0 * half_width,
+                half_width,
                 frame.n
             )
         }

@@ -17,9 +17,10 @@ use super::sample::{self, Settings};
 use super::{calendar, memory};
 use crate::experiments::{Experiment, ExperimentError};
 use crate::gpu::{self, Audit, ClockPlan, Gpu, GpuError};
+use crate::quiet;
 use crate::record::{
-    self, Definition, End, Note, NoteKind, Outcome, PassKind, Profile, Record, RecordError, Run,
-    SCHEMA, SampleLine, ShaderChecks,
+    self, Conditions, Definition, End, Note, NoteKind, Outcome, PassKind, Profile, Record,
+    RecordError, Run, SCHEMA, SampleLine, ShaderChecks,
 };
 
 /// Memory of the cells that are prepared at the same time. On a software driver it is the process's own,
@@ -106,6 +107,7 @@ const PAPER: Defaults =
 pub fn run(options: &Options, interrupted: &AtomicBool) -> Result<Summary, RunError> {
     let start = Instant::now();
     check(options)?;
+    spread_references();
     let experiments = options.request.load(&options.catalog)?;
     let resumed = options.resume.then(|| Held::resume(options.out.as_deref())).transpose()?;
     let gpu = Gpu::open(&options.gpu)?;
@@ -129,6 +131,7 @@ pub fn run(options: &Options, interrupted: &AtomicBool) -> Result<Summary, RunEr
     let mut measurement = Measurement {
         settings: settings(options, profile, &planned, seed, gpu.adapter.software),
         session: Session::new(gpu, options.gpu.clone(), plan)?,
+        round: next_round(&held.before, &journal),
         held,
         header,
         journal,
@@ -139,6 +142,24 @@ pub fn run(options: &Options, interrupted: &AtomicBool) -> Result<Summary, RunEr
     let set_up_s = start.elapsed().as_secs_f64();
     measurement.measure(&planned)?;
     measurement.end(start, set_up_s, kept)
+}
+
+/// A round that no sample of these records or samples has.
+fn next_round(before: &[Record], journal: &Journal) -> u32 {
+    let of_record = |record: &Record| match record {
+        Record::Cell(cell) => cell.measured()?.frame.rounds.iter().copied().max(),
+        _ => None,
+    };
+    let last = before.iter().filter_map(of_record).max().max(journal.last_round());
+    last.map_or(0, |last| last + 1)
+}
+
+/// References are computed by all cores, though the driver has one.
+fn spread_references() {
+    let threads = quiet::cores_before().len();
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads);
+    // A pool that is there already stays.
+    let _ = pool.start_handler(|_| quiet::spread()).build_global();
 }
 
 /// What the journal calls the cells that are due.
@@ -192,7 +213,11 @@ fn header(options: &Options, gpu: &Gpu, audit: &Audit, profile: Profile, seed: u
         started_at: calendar::rfc3339(Timestamp::now()),
         profile,
         command: options.command.clone(),
-        adapter: gpu.adapter.clone(),
+        adapter: record::Adapter {
+            host_threads: quiet::cores_before().len().max(1),
+            ..gpu.adapter.clone()
+        },
+        conditions: Conditions::here(),
         shader_checks: if gpu.unchecked { ShaderChecks::Unchecked } else { ShaderChecks::Checked },
         audit: audit.rows.clone(),
         submit_cost_ns: AUDITED.map(|kind| (kind, audit.plan.submit_cost.of(kind))).into(),
@@ -216,16 +241,17 @@ fn settings(
     Settings {
         precision: options.precision.unwrap_or(defaults.precision),
         budget_s: options.budget_s.unwrap_or(default_budget_s),
+        first_round: 0,
         group_bytes: if software { SOFTWARE_GROUP_BYTES } else { GPU_GROUP_BYTES },
         seed,
     }
 }
 
-/// Cells that can be measured, each as many times as its experiment's weight.
+/// Cells that are timed, each as many times as its experiment's weight.
 fn weight(planned: &PlannedExperiment) -> f64 {
     let cells = planned.cells.iter();
-    let measurable = cells.filter(|cell| cell.skip.is_none()).count();
-    planned.experiment.weight * measurable as f64
+    let timed = cells.filter(|cell| cell.skip.is_none() && !cell.plan.errors_only).count();
+    planned.experiment.weight * timed as f64
 }
 
 struct Measurement<'a> {
@@ -234,6 +260,8 @@ struct Measurement<'a> {
     header: Run,
     journal: Journal,
     settings: Settings,
+    /// Number of the next round of samples.
+    round: u32,
     interrupted: &'a AtomicBool,
     quiet: bool,
 }
@@ -273,6 +301,7 @@ impl Measurement<'_> {
             let settings = Settings {
                 budget_s: (left_s * weight(planned) / weight_left.max(1e-9)).max(0.0),
                 seed: self.settings.seed.wrapping_add(index as u64),
+                first_round: self.round,
                 ..self.settings
             };
             self.sample((experiment, cells), &settings, &mut progress)?;
@@ -323,7 +352,8 @@ impl Measurement<'_> {
         let mut executor = CellExecutor::new(&mut self.session, asked, settings.precision, output);
         let due: Vec<usize> =
             (0..cells.len()).filter(|index| cells[*index].skip.is_none()).collect();
-        sample::sample(&mut executor, &due, settings, self.interrupted)
+        self.round = sample::sample(&mut executor, &due, settings, self.interrupted)?;
+        Ok(())
     }
 
     fn end(mut self, start: Instant, set_up_s: f64, kept: usize) -> Result<Summary, RunError> {

@@ -1,17 +1,21 @@
 //! The scheduler: which cell renders which frame next, and when a cell has seen enough.
 //!
 //! The cells of an experiment are prepared in groups that fit into memory together. Within a group they
-//! are sampled round-robin, in an order drawn anew each round, so that the machine's drift falls on all
+//! are sampled round-robin, in an order drawn anew each round, so that the machine's drift affects all
 //! of them alike. A visit renders one frame with per-stage timing and one without, in random order: the
-//! ratio of such pairs is the cost of timing. A cell is done at its precision or when its share of the
-//! time is used up; time that precise cells leave over goes to the others.
+//! ratio of such pairs is the cost of timing.
+//!
+//! Every cell gets the pairs that a verdict needs at least. Then the scheduler looks at the samples. As long as claims are open,
+//! only the cells of these claims are sampled on, up to the next look; after that the cells whose frame time is not precise yet.
+//! A look comes at [`LOOK_PAIRS`] pairs only, however the samples turn out, and the claims' intervals allow for that many looks.
+//! Cells whose times nobody asks for render one frame.
 //!
 //! What each visit added is handed to [`Executor::keep`], so that a run that ends at any moment can be gone on with:
 //! a cell begins with what [`Executor::earlier`] has of it.
 //!
 //! The scheduler reads no clock and touches no device: both are behind [`Executor`].
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use itertools::Itertools;
@@ -19,16 +23,18 @@ use rand::seq::SliceRandom;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 
+use crate::experiments::LOOKS;
 use crate::gpu::{Fault, FrameSample, StageSample};
 use crate::record::{Addition, Clock, FaultKind, FramePair, Rejection, StageTime};
 use crate::statistics;
 
-/// Pairs that each cell gets however slow it is: a median and a range need three.
-pub const MIN_PAIRS: usize = 3;
-/// Pairs before a cell may stop as precise: fewer agree by chance. hyperfine's least number of runs.
-pub const MIN_PRECISE_PAIRS: usize = 10;
-/// Pairs after which a cell stops in any case, so that records stay readable.
-pub const MAX_PAIRS: usize = 500;
+/// Pairs of a cell at which its samples are looked at. The first is what a verdict needs at least, each other one twice the one
+/// before. The end of the time is one more look.
+pub const LOOK_PAIRS: [usize; LOOKS - 1] = [8, 16, 32, 64, 128];
+/// Pairs that each cell gets however slow it is.
+pub const MIN_PAIRS: usize = LOOK_PAIRS[0];
+/// Pairs after which a cell stops in any case.
+pub const MAX_PAIRS: usize = LOOK_PAIRS[LOOKS - 2];
 /// Warm-up is over once a frame is not faster than the one before it by more than this share.
 pub const WARM_UP_TOLERANCE: f64 = 0.1;
 /// Frames after which warm-up is given up, and said so.
@@ -64,6 +70,10 @@ pub trait Executor {
     fn keep(&mut self, cell: usize, added: Addition) -> Result<(), Self::Fatal>;
     /// All cells were visited: what was kept must outlive this process from now on.
     fn end_round(&mut self) -> Result<(), Self::Fatal>;
+    /// Its times are not asked for: one frame is rendered, untimed.
+    fn untimed_only(&self, cell: usize) -> bool;
+    /// Of these cells, whose samples are given, those that could settle a claim that is open.
+    fn unsettled(&mut self, cells: &[(usize, &Samples)]) -> BTreeSet<usize>;
     /// Takes a cell's result, before [`release`](Self::release).
     fn finish(&mut self, cell: usize, result: CellResult) -> Result<(), Self::Fatal>;
     /// Frees what [`prepare`](Self::prepare) made; also called for cells that failed.
@@ -72,6 +82,8 @@ pub trait Executor {
     fn recover(&mut self) -> Result<(), String>;
     /// Seconds since any fixed moment.
     fn now_s(&self) -> f64;
+    /// Seconds of Unix time.
+    fn unix_s(&self) -> f64;
 }
 
 /// When to stop.
@@ -86,12 +98,16 @@ pub struct Settings {
     pub group_bytes: u64,
     /// Seed of the order of cells and frames.
     pub seed: u64,
+    /// Number of the first round.
+    pub first_round: u32,
 }
 
 /// Why a cell's sampling ended.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Stopped {
     Precise,
+    /// Its times are not asked for.
+    UntimedOnly,
     #[default]
     OutOfTime,
     EnoughPairs,
@@ -108,10 +124,26 @@ pub struct StageSamples {
     pub resolution_ns: Vec<f64>,
 }
 
+impl StageSamples {
+    /// Of a stage that was not timed.
+    pub fn none(name: &str) -> Self {
+        Self {
+            name: name.to_owned(),
+            clock: Clock::Host,
+            ns: Vec::new(),
+            submit_cost_ns: Vec::new(),
+            resolution_ns: Vec::new(),
+        }
+    }
+}
+
 /// Everything sampled of one cell. Durations in nanoseconds.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Samples {
     pub stages: Vec<StageSamples>,
+    /// Of each pair; see [`FrameRecord::rounds`](crate::record::FrameRecord::rounds).
+    pub rounds: Vec<u32>,
+    pub sampled_at_s: Vec<f64>,
     pub envelope_ns: Vec<f64>,
     pub gaps_ns: Vec<f64>,
     pub untimed_ns: Vec<f64>,
@@ -162,11 +194,8 @@ impl Samples {
     fn add_pair(&mut self, pair: &FramePair) {
         if self.stages.is_empty() {
             let empty = |stage: &StageTime| StageSamples {
-                name: stage.stage.clone(),
                 clock: stage.clock,
-                ns: Vec::new(),
-                submit_cost_ns: Vec::new(),
-                resolution_ns: Vec::new(),
+                ..StageSamples::none(&stage.stage)
             };
             self.stages = pair.stages.iter().map(empty).collect();
         }
@@ -175,6 +204,8 @@ impl Samples {
             samples.submit_cost_ns.push(stage.submit_cost_ns);
             samples.resolution_ns.push(stage.resolution_ns);
         }
+        self.rounds.push(pair.round);
+        self.sampled_at_s.push(pair.sampled_at_s);
         self.envelope_ns.push(pair.envelope_ns);
         self.gaps_ns.push(pair.gaps_ns);
         self.untimed_ns.push(pair.untimed_ns);
@@ -202,8 +233,8 @@ impl Samples {
     }
 
     fn relative_half_width(&self) -> f64 {
-        statistics::relative_half_width(&self.envelope_ns)
-            .max(statistics::relative_half_width(&self.untimed_ns))
+        let of = |samples: &[f64]| statistics::estimate(samples).relative_half_width();
+        of(&self.envelope_ns).max(of(&self.untimed_ns))
     }
 }
 
@@ -216,8 +247,8 @@ pub enum CellResult {
 struct Live {
     cell: usize,
     samples: Samples,
-    spent_s: f64,
-    last_pair_s: f64,
+    /// Pairs until the next look.
+    target: usize,
     /// It has rendered frames on this device.
     warm: bool,
     /// Its samples are an earlier run's, and no frame of this run was held against them.
@@ -230,19 +261,17 @@ impl Live {
         Self {
             cell,
             unconfirmed: !samples.stages.is_empty(),
+            target: look_after(samples.pairs().saturating_sub(1)).unwrap_or(MAX_PAIRS),
             samples,
-            spent_s: 0.0,
-            last_pair_s: 0.0,
             warm: false,
         }
     }
 
     /// Another pair is due: the cell has rendered nothing yet that its figures could be read from, or has too few pairs, or
-    /// its share of the time is closer with it than without.
-    fn wants(&self, share_s: f64) -> bool {
-        !self.warm
-            || self.samples.pairs() < MIN_PAIRS
-            || self.spent_s + self.last_pair_s / 2.0 < share_s
+    /// is on its way to the next look and there is time.
+    fn wants(&self, time_is_left: bool) -> bool {
+        let pairs = self.samples.pairs();
+        !self.warm || pairs < MIN_PAIRS || time_is_left && pairs < self.target
     }
 
     /// There is enough of it for a record.
@@ -251,14 +280,20 @@ impl Live {
     }
 }
 
-/// Samples `cells` until each is precise or the budget is used up, or `interrupted` is set. Every cell is
-/// handed to [`Executor::finish`], except those that an interruption left with too little: what there is of them was kept.
+/// The first look at more pairs than these.
+fn look_after(pairs: usize) -> Option<usize> {
+    LOOK_PAIRS.into_iter().find(|look| *look > pairs)
+}
+
+/// Samples `cells` until all claims are settled and all cells precise, or the budget is used up, or `interrupted` is set. Every
+/// cell is handed to [`Executor::finish`], except those that an interruption left with too little: what there is of them was
+/// kept. Returns the number of the next round.
 pub fn sample<X: Executor>(
     executor: &mut X,
     cells: &[usize],
     settings: &Settings,
     interrupted: &AtomicBool,
-) -> Result<(), X::Fatal> {
+) -> Result<u32, X::Fatal> {
     let end_s = executor.now_s() + settings.budget_s;
     let mut sampler = Sampler {
         executor,
@@ -266,18 +301,20 @@ pub fn sample<X: Executor>(
         settings,
         random: Pcg64::seed_from_u64(settings.seed),
         live: Vec::new(),
-        left_over_s: 0.0,
+        round: settings.first_round,
+        end_s,
         hopeless: None,
     };
     let mut waiting = cells;
     while !waiting.is_empty() && !sampler.interrupted() {
         let prepared = sampler.prepare_group(waiting)?;
         let share = prepared as f64 / waiting.len() as f64;
-        sampler.left_over_s = (end_s - sampler.executor.now_s()).max(0.0) * share;
+        let now_s = sampler.executor.now_s();
+        sampler.end_s = now_s + (end_s - now_s).max(0.0) * share;
         sampler.sample_group()?;
         waiting = &waiting[prepared..];
     }
-    Ok(())
+    Ok(sampler.round)
 }
 
 struct Sampler<'a, X: Executor> {
@@ -286,8 +323,9 @@ struct Sampler<'a, X: Executor> {
     settings: &'a Settings,
     random: Pcg64,
     live: Vec<Live>,
-    /// The group's time that its finished cells have not used.
-    left_over_s: f64,
+    round: u32,
+    /// When the group's time is over.
+    end_s: f64,
     /// Why nothing can be measured any more.
     hopeless: Option<String>,
 }
@@ -297,7 +335,8 @@ impl<X: Executor> Sampler<'_, X> {
         self.interrupted.load(Ordering::Relaxed)
     }
 
-    /// Prepares the first of the waiting cells, as many as fit into memory together, at least one; how many.
+    /// Prepares the first of the waiting cells, as many as fit into memory together, at least one; how many. Cells whose times
+    /// are not asked for are done then.
     fn prepare_group(&mut self, waiting: &[usize]) -> Result<usize, X::Fatal> {
         let (mut used, mut largest) = (0u64, 0u64);
         for (done, &cell) in waiting.iter().enumerate() {
@@ -307,68 +346,98 @@ impl<X: Executor> Sampler<'_, X> {
             }
             let earlier = self.executor.earlier(cell);
             self.live.push(Live::new(cell, &earlier));
+            let mut bytes = 0;
             self.attempt(cell, |sampler| {
-                let bytes = sampler.executor.prepare(cell)?;
-                used = used.saturating_add(bytes);
-                largest = largest.max(bytes);
+                bytes = sampler.executor.prepare(cell)?;
                 Ok(())
             })?;
+            if self.executor.untimed_only(cell) {
+                self.run_once(cell)?;
+            } else {
+                used = used.saturating_add(bytes);
+                largest = largest.max(bytes);
+            }
         }
         Ok(waiting.len())
     }
 
+    fn run_once(&mut self, cell: usize) -> Result<(), X::Fatal> {
+        self.attempt(cell, |sampler| sampler.executor.untimed(cell).map(drop))?;
+        match self.position(cell) {
+            Some(at) => self.close_sampled(at, Stopped::UntimedOnly),
+            None => Ok(()),
+        }
+    }
+
     fn sample_group(&mut self) -> Result<(), X::Fatal> {
-        loop {
-            let share_s = self.left_over_s / self.live.len().max(1) as f64;
-            let mut round: Vec<usize> =
-                self.live.iter().filter(|live| live.wants(share_s)).map(|live| live.cell).collect();
-            if round.is_empty() || self.interrupted() {
+        while !self.interrupted() {
+            let time_is_left = self.executor.now_s() < self.end_s;
+            let wanting = self.live.iter().filter(|live| live.wants(time_is_left));
+            let mut round: Vec<usize> = wanting.map(|live| live.cell).collect();
+            if round.is_empty() {
+                if time_is_left && self.look()? {
+                    continue;
+                }
                 break;
             }
             round.shuffle(&mut self.random);
             for cell in round {
                 self.visit(cell)?;
             }
+            self.round += 1;
             self.executor.end_round()?;
         }
         self.finish_rest()
     }
 
-    /// One pair of frames, after warm-up if that is due; then the cell may be done.
+    /// Decides which cells are sampled on, and closes those that need no more while others go on; whether any does.
+    fn look(&mut self) -> Result<bool, X::Fatal> {
+        let samples: Vec<(usize, &Samples)> =
+            self.live.iter().map(|live| (live.cell, &live.samples)).collect();
+        let open = self.executor.unsettled(&samples);
+        let goes_on = |live: &Live| look_after(live.samples.pairs()).is_some();
+        let is_open = |live: &Live| open.contains(&live.cell) && goes_on(live);
+        let is_vague = |live: &Live| {
+            live.samples.relative_half_width() > self.settings.precision && goes_on(live)
+        };
+        let any_open = self.live.iter().any(is_open);
+        let (mut done, mut any) = (Vec::new(), false);
+        for live in &mut self.live {
+            let vague = is_vague(live);
+            if if any_open { is_open(live) } else { vague } {
+                live.target = look_after(live.samples.pairs()).unwrap_or(MAX_PAIRS);
+                any = true;
+            } else if !vague {
+                done.push(live.cell);
+            }
+        }
+        for cell in done {
+            if let Some(at) = self.position(cell) {
+                let samples = &self.live[at].samples;
+                let vague = samples.relative_half_width() > self.settings.precision;
+                let stopped = if vague { Stopped::EnoughPairs } else { Stopped::Precise };
+                self.close_sampled(at, stopped)?;
+            }
+        }
+        Ok(any)
+    }
+
+    /// One pair of frames, after warm-up if that is due; then the cell may have failed.
     fn visit(&mut self, cell: usize) -> Result<(), X::Fatal> {
         if self.interrupted() || self.position(cell).is_none() {
             return Ok(());
         }
-        let start_s = self.executor.now_s();
         let mut added = Addition::default();
         self.attempt(cell, |sampler| sampler.warm_up(cell, &mut added))?;
-        let warm_s = self.executor.now_s();
         self.attempt(cell, |sampler| sampler.pair(cell, &mut added))?;
-        let end_s = self.executor.now_s();
         let Some(at) = self.position(cell) else {
-            self.left_over_s -= end_s - start_s;
             return Ok(());
         };
-        self.live[at].spent_s += end_s - start_s;
-        self.live[at].last_pair_s = end_s - warm_s;
         self.live[at].samples.add(&added);
         self.executor.keep(cell, added)?;
-        self.judge(at)
-    }
-
-    fn judge(&mut self, at: usize) -> Result<(), X::Fatal> {
-        let live = &self.live[at];
-        if let Some(reason) = live.samples.verdict_on_rejections() {
-            return self.close(at, CellResult::Failed(reason));
-        }
-        let precise = live.samples.pairs() >= MIN_PRECISE_PAIRS
-            && live.samples.relative_half_width() <= self.settings.precision;
-        if precise {
-            self.close_sampled(at, Stopped::Precise)
-        } else if live.samples.pairs() >= MAX_PAIRS {
-            self.close_sampled(at, Stopped::EnoughPairs)
-        } else {
-            Ok(())
+        match self.live[at].samples.verdict_on_rejections() {
+            Some(reason) => self.close(at, CellResult::Failed(reason)),
+            None => Ok(()),
         }
     }
 
@@ -412,7 +481,8 @@ impl<X: Executor> Sampler<'_, X> {
             let untimed_ns = self.executor.untimed(cell)?;
             (self.executor.timed(cell)?, untimed_ns)
         };
-        let pair = frame_pair(&frame, untimed_ns);
+        let taken = (self.round, self.executor.unix_s());
+        let pair = frame_pair(&frame, untimed_ns, taken);
         let live = &mut self.live[at];
         if std::mem::take(&mut live.unconfirmed) && !live.samples.has_stages(&pair.stages) {
             live.samples = Samples::default();
@@ -481,7 +551,6 @@ impl<X: Executor> Sampler<'_, X> {
 
     fn close(&mut self, at: usize, result: CellResult) -> Result<(), X::Fatal> {
         let live = self.live.remove(at);
-        self.left_over_s -= live.spent_s;
         let finished = self.executor.finish(live.cell, result);
         self.executor.release(live.cell);
         finished
@@ -503,7 +572,11 @@ impl<X: Executor> Sampler<'_, X> {
     }
 }
 
-fn frame_pair(frame: &FrameSample, untimed_ns: f64) -> FramePair {
+fn frame_pair(
+    frame: &FrameSample,
+    untimed_ns: f64,
+    (round, sampled_at_s): (u32, f64),
+) -> FramePair {
     let stages = frame.stages.iter().map(|stage| StageTime {
         stage: stage.name.to_owned(),
         clock: stage.clock,
@@ -512,6 +585,8 @@ fn frame_pair(frame: &FrameSample, untimed_ns: f64) -> FramePair {
         resolution_ns: stage.resolution_ns,
     });
     FramePair {
+        round,
+        sampled_at_s,
         stages: stages.collect(),
         envelope_ns: frame.envelope_ns,
         gaps_ns: frame.gaps_ns,

@@ -12,7 +12,7 @@ use sha2::{Digest, Sha256};
 use super::{Clock, Line, PassKind, Rejection, Run};
 
 /// Version of the lines; raised when a field changes its meaning or goes away.
-pub const SAMPLES_SCHEMA: u32 = 2;
+pub const SAMPLES_SCHEMA: u32 = 3;
 /// Bytes of the digest that names a cell.
 const ID_BYTES: usize = 12;
 
@@ -71,6 +71,10 @@ pub struct Addition {
 /// A timed frame and an untimed one, nanoseconds.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct FramePair {
+    /// See [`FrameRecord::rounds`](super::FrameRecord::rounds).
+    pub round: u32,
+    /// Seconds of Unix time.
+    pub sampled_at_s: f64,
     pub stages: Vec<StageTime>,
     pub envelope_ns: f64,
     pub gaps_ns: f64,

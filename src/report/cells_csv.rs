@@ -2,7 +2,7 @@
 //! A name that a spreadsheet would take for a formula has an apostrophe in front; see [`text::spreadsheet`].
 
 use super::{Artifact, Entry, Exporter, ReportError, ReportView};
-use crate::record::{Estimate, Fenced, Measured, Outcome, StageRecord, Work};
+use crate::record::{Estimate, Fenced, Interval, Measured, Outcome, StageRecord, Work};
 use crate::statistics::median;
 use crate::text;
 
@@ -106,8 +106,12 @@ fn frame_fields(measured: &Measured) -> Vec<String> {
 }
 
 fn estimate_fields(estimate: &Estimate) -> [String; 4] {
-    let Estimate { median, low, high, n } = estimate;
-    [median.to_string(), low.to_string(), high.to_string(), n.to_string()]
+    let Estimate { median, interval, n } = estimate;
+    let end = |end: fn(&Interval) -> f64| {
+        interval.as_ref().map(end).map_or_else(String::new, |end| end.to_string())
+    };
+    let median = if *n > 0 { median.to_string() } else { String::new() };
+    [median, end(|interval| interval.low), end(|interval| interval.high), n.to_string()]
 }
 
 #[cfg(test)]
@@ -135,7 +139,8 @@ mod tests {
             _ => None,
         });
         let stage = &mut measured.unwrap().stages[0];
-        stage.time = Estimate { median: 5e4, low: 5e4, high: 6e4, n: 7 };
+        stage.time =
+            Estimate { median: 5e4, interval: Some(Interval { low: 5e4, high: 6e4 }), n: 7 };
         stage.fenced = Some(Fenced {
             wall_samples_ns: vec![6e4; 7],
             submit_cost_samples_ns: vec![6e4; 7],

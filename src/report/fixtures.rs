@@ -9,8 +9,9 @@ use serde_json::{Value, json};
 
 use crate::experiments::{CellPlan, Experiment, StageName, lookup, parse_axis};
 use crate::record::{
-    Adapter, AuditRow, Cell, Clock, Definition, End, FrameRecord, Measured, Note, NoteKind,
-    Outcome, PassKind, Profile, Record, Run, SCHEMA, ShaderChecks, StageRecord, Surrounding, Work,
+    Adapter, AuditRow, Cell, Clock, Conditions, Definition, End, FrameRecord, Measured, Note,
+    NoteKind, Outcome, PassKind, Profile, Record, Run, SCHEMA, ShaderChecks, StageRecord,
+    Surrounding, Work,
 };
 use crate::statistics;
 
@@ -78,7 +79,8 @@ pub fn header(profile: Profile) -> Run {
     let row = |pass, context, ratio: f64, sound| AuditRow {
         pass,
         context,
-        timestamp_ns: 18.5e6 * ratio,
+        clock: Clock::Timestamp,
+        clock_ns: 18.5e6 * ratio,
         host_ns: 18.5e6,
         ratio,
         doubling: if sound { 2.01 } else { 1.0 },
@@ -103,6 +105,7 @@ pub fn header(profile: Profile) -> Run {
             ..Adapter::default()
         },
         shader_checks: ShaderChecks::Checked,
+        conditions: Conditions { cores: vec![1], ..Conditions::default() },
         audit: vec![
             row(PassKind::Compute, Surrounding::Alone, 1.002, true),
             row(PassKind::Compute, Surrounding::Mixed, 0.003, false),
@@ -253,6 +256,8 @@ fn frame(total_ns: f64, random: &mut Pcg64) -> FrameRecord {
     let mut samples = |median: f64| noisy(median, SAMPLES, random);
     let untimed_samples_ns = samples(total_ns * 1.01);
     FrameRecord {
+        rounds: (0..SAMPLES as u32).collect(),
+        sampled_at_s: (0..SAMPLES).map(|round| 1.7e9 + round as f64).collect(),
         envelope_samples_ns: samples(total_ns * 1.012),
         gap_samples_ns: samples(total_ns * 0.012),
         accounting_error: 0.003,

@@ -1,6 +1,6 @@
 //! Numbers and tables as text.
 
-use crate::record::{Estimate, StageRecord};
+use crate::record::{Estimate, Interval, StageRecord};
 use crate::text;
 
 pub const NS_PER_MS: f64 = 1e6;
@@ -22,21 +22,25 @@ pub fn three(value: f64) -> String {
     }
 }
 
-/// `12.3 (12.1 – 12.6)`: a median and its interval, times `scale`.
-pub fn interval(estimate: &Estimate, scale: f64) -> String {
-    let Estimate { median, low, high, .. } = estimate.scaled(scale);
-    format!("{} ({} – {})", three(median), three(low), three(high))
-}
-
-/// A duration in nanoseconds as milliseconds with its interval.
-pub fn ms(ns: &Estimate) -> String {
-    interval(ns, 1.0 / NS_PER_MS)
+/// A duration in milliseconds with its interval, `12.3 (12.1 – 12.6)`; where there is none, the samples: `12.1; 12.3; 12.6`.
+pub fn ms(ns: &Estimate, samples_ns: &[f64]) -> String {
+    let Estimate { median, interval, .. } = ns.scaled(1.0 / NS_PER_MS);
+    match interval {
+        Some(Interval { low, high }) => {
+            format!("{} ({} – {})", three(median), three(low), three(high))
+        }
+        None if samples_ns.is_empty() => "–".to_owned(),
+        None => {
+            let samples: Vec<String> = samples_ns.iter().map(|ns| three(ns / NS_PER_MS)).collect();
+            samples.join("; ")
+        }
+    }
 }
 
 /// A stage's time in milliseconds with its interval; `< 0.0500` where it is below what the clock can tell from none.
 pub fn stage_ms(stage: &StageRecord) -> String {
     if stage.is_resolved() {
-        ms(&stage.time)
+        ms(&stage.time, &stage.samples_ns)
     } else {
         format!("< {}", three(stage.resolution_ns() / NS_PER_MS))
     }

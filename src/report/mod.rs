@@ -67,7 +67,7 @@ mod tests {
         [[claim]]
         id = "rising"
         text = "It rises"
-        test.monotone = { y = "frame", x = "axis:caustics.grid", over = "caustics.grid", direction = "rising", tolerance = 0.1 }
+        test.monotone = { y = "frame", x = "axis:caustics.grid", over = "caustics.grid", direction = "rising" }
     "#;
 
     fn cell(experiment: &str, number: usize) -> Record {

@@ -66,14 +66,14 @@ fn timing_cost<'r>(frames: impl Iterator<Item = &'r FrameRecord>) -> String {
         })
         .collect();
     let cost = crate::statistics::ratio_estimate(&pairs);
-    let [median, low, high] =
-        [cost.median, cost.low, cost.high].map(|ratio| format::percent(ratio - 1.0));
+    let [low, high] = cost.ends();
+    let [median, low, high] = [cost.median, low, high].map(|ratio| format::percent(ratio - 1.0));
     format!("{median} ({low} – {high}) over {} pairs of frames taken in alternation", cost.n)
 }
 
 /// How far the figures can be trusted: accounting, the cost of timing, efficiency, memory.
 fn trust(view: &ReportView<'_>, run: &Run, table: &mut Table) {
-    let frames = || view.measured().map(|(cell, measured)| (cell, &measured.frame));
+    let frames = || view.timed().map(|(cell, measured)| (cell, &measured.frame));
     let worst = |share: &dyn Fn(&FrameRecord) -> f64| {
         let worst = frames()
             .map(|(cell, frame)| (share(frame), cell))
@@ -142,14 +142,15 @@ fn ended(view: &ReportView<'_>, table: &mut Table) {
 }
 
 fn audit(run: &Run, text: &mut String) {
-    let head = "pass|context|timestamp (ms)|host (ms)|ratio|2 N / N|verdict|why";
+    let head = "clock|pass|context|clock (ms)|host (ms)|ratio|2 N / N|verdict|why";
     let mut table = Table::new(head.split('|'));
     for row in &run.audit {
         let verdict = if row.sound { "sound" } else { "unusable" };
         table.row([
+            row.clock.name().to_owned(),
             row.pass.name().to_owned(),
             row.context.name().to_owned(),
-            format::three(row.timestamp_ns / format::NS_PER_MS),
+            format::three(row.clock_ns / format::NS_PER_MS),
             format::three(row.host_ns / format::NS_PER_MS),
             format!("{:.3}", row.ratio),
             format!("{:.2}", row.doubling),
@@ -157,7 +158,7 @@ fn audit(run: &Run, text: &mut String) {
             row.reason.clone(),
         ]);
     }
-    let about = "Timestamps against a fenced host clock, for a kernel of N and of 2 N work.";
+    let about = "Each clock against the fenced host clock, for a kernel of N and of 2 N work.";
     table.add_to(text, &format!("## Clock audit\n\n{about}\n\n"));
 }
 
@@ -185,7 +186,8 @@ fn notes(view: &ReportView<'_>, text: &mut String) {
 }
 
 fn overview(view: &ReportView<'_>, text: &mut String) {
-    let head = "experiment|measured|skipped|failed|claims supported|contradicted|untestable here";
+    let head =
+        "experiment|measured|skipped|failed|claims supported|contradicted|inconclusive|not run";
     let mut table = Table::new(head.split('|'));
     for section in &view.sections {
         let count = |wanted: fn(&Outcome) -> bool| {
@@ -204,7 +206,8 @@ fn overview(view: &ReportView<'_>, text: &mut String) {
             count(|outcome| matches!(outcome, Outcome::Failed { .. })),
             ruled(Verdict::Supported),
             ruled(Verdict::Contradicted),
-            ruled(Verdict::Untestable),
+            ruled(Verdict::Inconclusive),
+            ruled(Verdict::NotRun),
         ]);
     }
     table.add_to(text, "## Experiments\n\n");

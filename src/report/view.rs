@@ -76,6 +76,10 @@ impl<'a> ReportView<'a> {
     pub fn measured(&self) -> impl Iterator<Item = (&'a Cell, &'a Measured)> {
         self.sections.iter().flat_map(Section::measured)
     }
+
+    pub fn timed(&self) -> impl Iterator<Item = (&'a Cell, &'a Measured)> {
+        self.sections.iter().flat_map(Section::timed)
+    }
 }
 
 /// Where sections and their cells are in a view that is being filled.
@@ -157,6 +161,11 @@ impl<'a> Section<'a> {
 
     pub fn measured(&self) -> impl Iterator<Item = (&'a Cell, &'a Measured)> + use<'a, '_> {
         self.entries.iter().filter_map(|entry| Some((entry.cell, entry.cell.measured()?)))
+    }
+
+    /// Those of its measured cells whose frames were timed.
+    pub fn timed(&self) -> impl Iterator<Item = (&'a Cell, &'a Measured)> + use<'a, '_> {
+        self.measured().filter(|(_, measured)| measured.is_timed())
     }
 
     /// Some of its cells were measured on a software driver.

@@ -1,6 +1,7 @@
 //! Bencher Metric Format: the head's figures by cell, and its time over the base's with the interval.
 //! <https://bencher.dev/docs/reference/bencher-metric-format/>
 
+use crate::record::Interval;
 use serde_json::{Map, Value, json};
 
 use super::Format;
@@ -42,8 +43,11 @@ fn measures(cell: &JudgedCell) -> Map<String, Value> {
     }
     if let Some(unpaired) = cell.unpaired.filter(|times| times.head.is_resolved()) {
         let time = &unpaired.head.ns;
-        let metric =
-            json!({ "value": time.median, "lower_value": time.low, "upper_value": time.high });
+        let mut metric = json!({ "value": time.median });
+        if let Some(Interval { low, high }) = time.interval {
+            metric["lower_value"] = json!(low);
+            metric["upper_value"] = json!(high);
+        }
         measures.insert("latency".to_owned(), metric);
     }
     if let Some(counted) = &cell.instructions {

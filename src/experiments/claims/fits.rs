@@ -1,19 +1,27 @@
 //! Lines through cells: power laws and affine ones.
+//!
+//! Cells that share rounds are fitted round by round: the fits of all rounds are the samples of the fitted figure.
 
 use std::collections::HashSet;
 
-use super::{Finding, Interval, Verdict, in_ms, too_few, untestable, with_interval, within};
-use crate::experiments::measure::{Measure, MeasuredValue};
-use crate::record::{Cell, Estimate};
-use crate::statistics::{Slope, log_log_slope};
+use super::comparison::{Comparison, Figure};
+use super::{Tested, in_ms, too_few};
+use crate::experiments::measure::{Measure, Reading, Sample};
+use crate::record::Cell;
+use crate::statistics::{Interval, Slope, log_log_slope};
 
-/// Points that a slope is fitted to; of more, as many are taken. Each resample of the bootstrap looks at every pair of them.
+/// Points that a slope is fitted to; of more, as many are taken. Each fit looks at every pair of them.
 const MOST_POINTS: usize = 64;
 
 /// A power law fitted where the fixed cost no longer matters.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Scaling {
+    /// Of the medians.
     pub slope: Slope,
+    /// The slope of each round; one where nothing was sampled more than once.
+    pub of_rounds: Reading,
+    /// Smallest and largest slope with one cell left out.
+    pub without_one: Interval,
     /// Smallest and largest x of the cells fitted.
     pub range: (f64, f64),
     pub decades: f64,
@@ -21,6 +29,16 @@ pub struct Scaling {
     pub fixed: f64,
     /// Cells left out because the fixed cost was too great a share of them.
     pub left_out: usize,
+}
+
+impl Scaling {
+    /// The interval of the slope: over the rounds, or over the cells where nothing was sampled more than once.
+    pub fn interval(&self) -> Option<Interval> {
+        match &self.of_rounds {
+            Reading::Exact(_) => Some(self.without_one),
+            sampled => sampled.estimate().interval,
+        }
+    }
 }
 
 /// Fits `y ∝ x^b` over cells whose fixed cost is at most `max_fixed_share` of y. The fixed cost is that of an affine fit with
@@ -35,51 +53,68 @@ pub fn scaling(
     if points.len() < 3 {
         return Err(too_few(points.len(), "a slope needs 3"));
     }
-    let medians: Vec<(f64, f64)> = points.iter().map(|(x, y)| (*x, y.estimate.median)).collect();
-    let fixed = Line::fit(&medians).map_or(0.0, |line| line.fixed_cost());
-    let kept: Vec<(f64, &[f64])> = points
-        .iter()
-        .filter(|(_, y)| fixed <= max_fixed_share * y.estimate.median)
-        .map(|(x, y)| {
-            let median = std::slice::from_ref(&y.estimate.median);
-            (*x, y.samples.as_deref().filter(|all| !all.is_empty()).unwrap_or(median))
-        })
-        .collect();
-    let left_out = points.len() - kept.len();
+    let fixed = Line::fit(&medians(&points)).map_or(0.0, |line| line.fixed_cost());
+    let count = points.len();
+    let kept: Vec<(f64, Reading)> =
+        points.into_iter().filter(|(_, y)| fixed <= max_fixed_share * y.median()).collect();
+    let left_out = count - kept.len();
     if kept.len() < 3 {
         return Err(format!(
-            "a fixed cost of {} is more than {:.0} % of the time in {left_out} of {} cells",
+            "a fixed cost of {} is more than {:.0} % of the time in {left_out} of {count} cells",
             in_ms(fixed),
             100.0 * max_fixed_share,
-            points.len()
         ));
     }
     let low = kept.iter().map(|(x, _)| *x).fold(f64::INFINITY, f64::min);
     let high = kept.iter().map(|(x, _)| *x).fold(0.0, f64::max);
-    let slope = interval_slope(&kept).ok_or_else(|| {
-        format!("a fixed cost of {} outweighs the work in {left_out} cells", in_ms(fixed))
-    })?;
-    Ok(Scaling { slope, range: (low, high), decades: (high / low).log10(), fixed, left_out })
+    let slope = log_log_slope(&medians(&kept)).ok_or("all cells have the same x")?;
+    let of_rounds = by_round(&kept, |points| Some(log_log_slope(points)?.slope));
+    Ok(Scaling {
+        slope,
+        of_rounds,
+        without_one: without_one(&medians(&kept), slope.slope),
+        range: (low, high),
+        decades: (high / low).log10(),
+        fixed,
+        left_out,
+    })
 }
 
-/// The slope with its interval. Where nothing was sampled more than once there is no noise to resample: the interval then
-/// runs over the slopes that leave one cell out.
-fn interval_slope(points: &[(f64, &[f64])]) -> Option<Slope> {
-    let slope = log_log_slope(points)?;
-    if points.iter().any(|(_, samples)| samples.len() > 1) {
-        return Some(slope);
-    }
+/// Smallest and largest slope of all points and of all but one.
+fn without_one(points: &[(f64, f64)], slope: f64) -> Interval {
     let without = (0..points.len()).filter_map(|left_out| {
         let mut rest = points.to_vec();
         rest.remove(left_out);
         Some(log_log_slope(&rest)?.slope)
     });
-    let all: Vec<f64> = without.chain([slope.slope]).collect();
-    Some(Slope {
-        low: all.iter().copied().fold(f64::INFINITY, f64::min),
-        high: all.iter().copied().fold(f64::NEG_INFINITY, f64::max),
-        ..slope
-    })
+    let all = without.chain([slope]);
+    all.fold(
+        Interval { low: f64::INFINITY, high: f64::NEG_INFINITY },
+        |Interval { low, high }, s| Interval { low: low.min(s), high: high.max(s) },
+    )
+}
+
+/// A figure of the points of each round that all of them have; of the exact points where none is sampled.
+fn by_round(points: &[(f64, Reading)], figure: impl Fn(&[(f64, f64)]) -> Option<f64>) -> Reading {
+    let sampled = points.iter().find_map(|(_, y)| match y {
+        Reading::Sampled(samples) => Some(samples),
+        Reading::Exact(_) => None,
+    });
+    let Some(rounds) = sampled else {
+        return Reading::Exact(figure(&medians(points)).unwrap_or(f64::NAN));
+    };
+    let value_at = |reading: &Reading, round: u32| match reading {
+        Reading::Exact(value) => Some(*value),
+        Reading::Sampled(samples) => {
+            samples.iter().find(|sample| sample.round == round).map(|sample| sample.value)
+        }
+    };
+    let samples = rounds.iter().filter_map(|Sample { round, .. }| {
+        let of_round = points.iter().map(|(x, y)| Some((*x, value_at(y, *round)?)));
+        let value = figure(&of_round.collect::<Option<Vec<_>>>()?)?;
+        value.is_finite().then_some(Sample { round: *round, value })
+    });
+    Reading::Sampled(samples.collect())
 }
 
 /// At most [`MOST_POINTS`], spread over the points in the order of their x.
@@ -96,14 +131,18 @@ fn thinned<T>(mut points: Vec<(f64, T)>) -> Vec<(f64, T)> {
 }
 
 /// x and y of the measured cells in which both are positive.
-fn readings<'a>(y: &Measure, x: &Measure, cells: &[&'a Cell]) -> Vec<(f64, MeasuredValue<'a>)> {
-    let both = |cell: &&'a Cell| {
+fn readings(y: &Measure, x: &Measure, cells: &[&Cell]) -> Vec<(f64, Reading)> {
+    let both = |cell: &&Cell| {
         let measured = cell.measured()?;
-        let x = x.read(cell, measured)?.estimate.median;
+        let x = x.read(cell, measured)?.median();
         let y = y.read(cell, measured)?;
-        (x > 0.0 && y.estimate.median > 0.0).then_some((x, y))
+        (x > 0.0 && y.median() > 0.0).then_some((x, y))
     };
     cells.iter().filter_map(both).collect()
+}
+
+fn medians(points: &[(f64, Reading)]) -> Vec<(f64, f64)> {
+    points.iter().map(|(x, y)| (*x, y.median())).collect()
 }
 
 /// `y = fixed + rate · x`.
@@ -139,68 +178,72 @@ impl Line {
     fn at(&self, x: f64) -> f64 {
         self.fixed + self.rate * x
     }
+
+    /// Share of y at this x that rises with x.
+    fn rising_share(&self, x: f64) -> f64 {
+        self.rate * x / self.at(x)
+    }
 }
 
+/// Each cell's distance from the line through all of them, relative to the line.
 pub(super) fn affine(
     y: &Measure,
     x: &Measure,
     tolerance: f64,
     min_rising_share: f64,
     cells: &[&Cell],
-) -> Finding {
-    let points: Vec<(f64, Estimate)> =
-        readings(y, x, cells).into_iter().map(|(x, y)| (x, y.estimate)).collect();
-    let medians: Vec<(f64, f64)> = points.iter().map(|(x, y)| (*x, y.median)).collect();
-    let (Some(line), true) = (Line::fit(&medians), points.len() > 3) else {
-        return untestable(too_few(points.len(), "a straight line needs 4"));
+) -> Tested {
+    let points = thinned(readings(y, x, cells));
+    let (Some(line), true) = (Line::fit(&medians(&points)), points.len() > 3) else {
+        return Err(too_few(points.len(), "a straight line needs 4"));
     };
-    let off = |x: f64, y: f64| y / line.at(x) - 1.0;
-    let worst = points
-        .iter()
-        .map(|(x, y)| {
-            let [low, high] = [y.low, y.high].map(|y| off(*x, y));
-            let across = low < 0.0 && high > 0.0;
-            let interval = Interval {
-                low: if across { 0.0 } else { low.abs().min(high.abs()) },
-                high: low.abs().max(high.abs()),
-            };
-            (off(*x, y.median).abs(), interval)
-        })
-        .max_by(|a, b| a.0.total_cmp(&b.0));
-    let Some((value, worst)) = worst else {
-        return untestable("no cell");
-    };
-    let most = medians.iter().map(|(x, _)| *x).fold(0.0, f64::max);
-    let rising = line.rate * most / line.at(most);
-    let figure = format!(
-        "at most {} off a straight line, {:.0} % of the largest cell rising with x, {} cells",
-        with_interval(value, &worst),
-        100.0 * rising,
-        points.len()
+    let most = points.iter().map(|(x, _)| *x).fold(0.0, f64::max);
+    let share = line.rising_share(most);
+    if (0.0..min_rising_share).contains(&share) {
+        return Err(format!(
+            "only {:.0} % of the largest cell rises with x: {:.0} % are needed",
+            100.0 * share,
+            100.0 * min_rising_share
+        ));
+    }
+    let rising = by_round(&points, |points| Some(Line::fit(points)?.rising_share(most)));
+    let rising = Comparison::new(
+        "share of the largest cell that rises with x",
+        rising,
+        [0.0, f64::INFINITY],
     );
-    if line.rate <= 0.0 {
-        return (Verdict::Contradicted, format!("{figure}: the line falls"));
-    }
-    if rising < min_rising_share {
-        return untestable(format!("{figure}: {:.0} % are needed", 100.0 * min_rising_share));
-    }
-    within(&worst, (f64::NEG_INFINITY, tolerance), figure)
+    let off = points.iter().enumerate().map(|(place, (x, _))| {
+        let off = by_round(&points, |points| {
+            let (x, y) = points[place];
+            Some(y / Line::fit(points)?.at(x) - 1.0)
+        });
+        Comparison::new(
+            format!("distance from a straight line at {x}"),
+            off,
+            [-tolerance, tolerance],
+        )
+    });
+    Ok([rising].into_iter().chain(off).collect())
 }
 
-pub(super) fn slope(fit: &Scaling, expected: f64, tolerance: f64, min_decades: f64) -> Finding {
-    let Slope { slope, low, high, n, .. } = fit.slope;
-    let mut figure = format!(
-        "slope {slope:.3} ({low:.3} – {high:.3}) over {:.2} decades, {n} cells",
-        fit.decades
-    );
+pub(super) fn slope(fit: &Scaling, expected: f64, tolerance: f64, min_decades: f64) -> Tested {
+    let mut name = String::new();
     if fit.left_out > 0 {
-        figure +=
-            &format!(", {} left out below a fixed cost of {}", fit.left_out, in_ms(fit.fixed));
+        name += &format!(
+            "{} cells left out below a fixed cost of {}, ",
+            fit.left_out,
+            in_ms(fit.fixed)
+        );
     }
+    name += &format!("slope over {:.2} decades, {} cells,", fit.decades, fit.slope.n);
     // Sweeps end at round numbers: a hair below a decade is a decade.
     if fit.decades < min_decades - 1e-6 {
-        return untestable(format!("{figure}; {min_decades} decades are needed"));
+        return Err(format!("{name} {:.3}: {min_decades} decades are needed", fit.slope.slope));
     }
-    let band = (expected - tolerance, expected + tolerance);
-    within(&Interval { low, high }, band, figure)
+    let figure = match &fit.of_rounds {
+        Reading::Exact(value) => Figure::Fitted { value: *value, interval: fit.without_one },
+        sampled => Figure::Reading(sampled.clone()),
+    };
+    let band = Interval { low: expected - tolerance, high: expected + tolerance };
+    Ok(vec![Comparison { name, figure, band }])
 }

@@ -17,7 +17,7 @@ pub struct Claim {
 }
 
 /// How a claim is tested. `over` names the axis along which cells are compared; cells that differ in another axis
-/// are tested apart, and the claim is only as good as its worst group.
+/// are tested apart, and every group must pass.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum Test {
@@ -61,8 +61,8 @@ pub enum Test {
         #[serde(default)]
         margin: f64,
     },
-    /// Rises (or falls) along the axis in order of `x`; steps against it of up to `tolerance` are noise.
-    Monotone { y: Measure, x: Measure, over: String, direction: Direction, tolerance: f64 },
+    /// Rises (or falls) along the axis in order of `x`, at every step.
+    Monotone { y: Measure, x: Measure, over: String, direction: Direction },
     /// `y` at `value` is at most `1 + margin` times that at every other value of the axis.
     Lowest {
         y: Measure,
@@ -71,8 +71,8 @@ pub enum Test {
         #[serde(default)]
         margin: f64,
     },
-    /// The x at which `y` is smallest lies within `low … high`; cells must lie on both sides of the band.
-    Minimum { y: Measure, x: Measure, over: String, low: f64, high: f64 },
+    /// `y` at every x within `low … high` is less than at every x outside; cells must lie on both sides of the band.
+    Band { y: Measure, x: Measure, over: String, low: f64, high: f64 },
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
@@ -108,7 +108,7 @@ impl Test {
             | Test::Ratio { over, .. }
             | Test::Monotone { over, .. }
             | Test::Lowest { over, .. }
-            | Test::Minimum { over, .. } => Some(over),
+            | Test::Band { over, .. } => Some(over),
             Test::AtLeast { .. } | Test::Within { .. } | Test::NoWorse { .. } => None,
         }
     }
@@ -118,7 +118,7 @@ impl Test {
             Test::Slope { y, x, .. }
             | Test::Affine { y, x, .. }
             | Test::Monotone { y, x, .. }
-            | Test::Minimum { y, x, .. } => vec![y, x],
+            | Test::Band { y, x, .. } => vec![y, x],
             Test::Independent { y, .. }
             | Test::Ratio { y, .. }
             | Test::AtLeast { y, .. }

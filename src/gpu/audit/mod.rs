@@ -13,6 +13,11 @@
 //! Frames alternate and ratios are taken between neighbours, so that a machine that drifts drifts through
 //! both sides. Where a verdict is close, more rounds are run before it is given.
 //!
+//! On a software adapter the CPU time of the process is audited first, against the same host clock: it is as long where the
+//! driver works in one thread, and then it is used for every kind of pass. It does not count what other processes take from
+//! the core, so it scatters far less than any wall clock. Where the driver has several threads their times add up, the ratio
+//! shows it, and timestamps are audited instead.
+//!
 //! A kind of pass whose timestamps are unsound in either surrounding is timed by the fenced host clock, in
 //! command buffers of its own. It may have spoilt its neighbours' timestamps, too: the worst kind is set apart
 //! first, and the others are then audited without it, which is how frames are measured.
@@ -24,9 +29,9 @@ use std::fmt::Write as _;
 use std::time::{Duration, Instant};
 
 use self::kernels::{Kernel, Kernels};
-use self::verdict::{Series, factor, judge, median};
+use self::verdict::{Audited, Series, factor, judge, median};
 use super::Stage;
-use super::frame::{ClockPlan, FrameSample, FrameTimer, Probe, StageSample, SubmitCost};
+use super::frame::{ClockPlan, FrameSample, FrameTimer, HostClock, Probe, StageSample, SubmitCost};
 use super::{Gpu, GpuError};
 use crate::record::{AuditRow, Clock, PassKind, Surrounding};
 use crate::statistics;
@@ -66,10 +71,20 @@ pub struct Audit {
 /// Audits this adapter's timestamps. Takes some seconds on a software adapter.
 pub fn audit(gpu: &Gpu) -> Result<Audit, GpuError> {
     let kernels = Kernels::new(gpu)?;
-    let mut submissions = Submissions::new(gpu)?;
+    let mut submissions = Submissions::new(gpu, HostClock::Wall)?;
     submissions.time(gpu, SUBMISSIONS)?;
     let fenced = ClockPlan::fenced(submissions.cost());
     let work = calibrate(gpu, &kernels, fenced)?;
+    let by_cpu = if gpu.adapter.software && HostClock::ProcessCpu.is_there() {
+        process_cpu(gpu, &kernels, work, fenced)?
+    } else {
+        Vec::new()
+    };
+    if !by_cpu.is_empty() && by_cpu.iter().all(|row| row.sound) {
+        let mut submissions = Submissions::new(gpu, HostClock::ProcessCpu)?;
+        submissions.time(gpu, SUBMISSIONS)?;
+        return Ok(Audit { rows: by_cpu, plan: ClockPlan::process_cpu(submissions.cost()) });
+    }
     let mut bench = TimedKernels::new(gpu, &kernels, work, fenced, submissions)?;
     let alone = bench.measure(gpu, Surrounding::Alone, &KINDS)?;
     let alone: Vec<AuditRow> = alone.into_iter().map(|row| admit(gpu, row)).collect();
@@ -80,7 +95,39 @@ pub fn audit(gpu: &Gpu) -> Result<Audit, GpuError> {
     let plan = ClockPlan::fenced(bench.submissions.cost());
     let sound_kinds = KINDS.into_iter().filter(sound);
     let plan = sound_kinds.fold(plan, |plan, kind| plan.with(kind, Clock::Timestamp));
+    rows.extend(by_cpu);
     Ok(Audit { rows, plan })
+}
+
+/// A row for each kind of pass on a software adapter: the CPU time of the process against the wall clock, in alternation.
+fn process_cpu(
+    gpu: &Gpu,
+    kernels: &Kernels,
+    work: [u32; 3],
+    fenced: ClockPlan,
+) -> Result<Vec<AuditRow>, GpuError> {
+    let mut by_cpu = FrameTimer::new(gpu, ClockPlan::process_cpu(SubmitCost::default()), 0)?;
+    let mut by_wall = FrameTimer::new(gpu, fenced, 0)?;
+    let mut row = |index: usize| {
+        let mut series = Series::of(Audited::ProcessCpu);
+        let start = Instant::now();
+        for round in 1.. {
+            for level in 0..LEVELS {
+                let calls = CALLS << level;
+                let kernel = kernels.kernel(gpu, KINDS[index], work[index], calls);
+                let cpu = by_cpu.timed(gpu, &[&kernel])?;
+                let wall = by_wall.timed(gpu, &[&kernel])?;
+                series.push(level, cpu.stages[0].ns, wall.stages[0].ns, cpu.faults.len());
+            }
+            let (row, close) = judge(KINDS[index], None, &series);
+            let tired = round >= MAX_ROUNDS || start.elapsed() > PATIENCE;
+            if round >= ROUNDS && (tired || !close) {
+                return Ok(row);
+            }
+        }
+        unreachable!("the rounds end")
+    };
+    (0..KINDS.len()).map(&mut row).collect()
 }
 
 /// A row for each kind mixed with the others. Kinds that read wrong alone are set apart after the first measurement: they
@@ -124,21 +171,22 @@ fn set_apart(rows: &[AuditRow], alone: &[AuditRow]) -> Vec<PassKind> {
     worst.map(|row| row.pass).into_iter().collect()
 }
 
-/// Host times in ns of submissions that hold the least pass of each kind, in the order of [`KINDS`].
+/// Times in ns of submissions that hold the least pass of each kind, in the order of [`KINDS`].
 struct Submissions {
+    clock: HostClock,
     probe: Probe,
     costs: [Vec<f64>; 3],
 }
 
 impl Submissions {
-    fn new(gpu: &Gpu) -> Result<Self, GpuError> {
-        Ok(Self { probe: Probe::new(gpu)?, costs: Default::default() })
+    fn new(gpu: &Gpu, clock: HostClock) -> Result<Self, GpuError> {
+        Ok(Self { clock, probe: Probe::new(gpu)?, costs: Default::default() })
     }
 
     fn time(&mut self, gpu: &Gpu, count: usize) -> Result<(), GpuError> {
         for (kind, costs) in KINDS.into_iter().zip(&mut self.costs) {
             for _ in 0..count {
-                costs.push(gpu.scoped(|| self.probe.time(gpu, kind))?);
+                costs.push(gpu.scoped(|| self.probe.time(gpu, kind, self.clock))?);
             }
         }
         Ok(())
@@ -171,7 +219,7 @@ fn admit(gpu: &Gpu, row: AuditRow) -> AuditRow {
         return row;
     }
     AuditRow {
-        timestamp_ns: 0.0,
+        clock_ns: 0.0,
         ratio: 0.0,
         doubling: 0.0,
         sound: false,
@@ -340,17 +388,19 @@ fn stage_ns(sample: &FrameSample, first: usize, stride: usize) -> f64 {
 
 /// The audit as a table for the terminal, and the clocks that follow from it.
 pub fn audit_table(audit: &Audit) -> String {
-    let mut table =
-        String::from("pass     context  timestamp ms    host ms   ratio  doubling  verdict\n");
+    let mut table = String::from(
+        "clock        pass     context     clock ms    host ms   ratio  doubling  verdict\n",
+    );
     for row in &audit.rows {
         let verdict = if row.sound { "sound" } else { "unsound" };
         // Writing to a String does not fail.
         let _ = writeln!(
             table,
-            "{:<8} {:<8} {:>12.3} {:>10.3} {:>7.3} {:>9.2}  {verdict}: {}",
+            "{:<12} {:<8} {:<8} {:>11.3} {:>10.3} {:>7.3} {:>9.2}  {verdict}: {}",
+            row.clock.name(),
             row.pass.name(),
             row.context.name(),
-            row.timestamp_ns * 1e-6,
+            row.clock_ns * 1e-6,
             row.host_ns * 1e-6,
             row.ratio,
             row.doubling,
@@ -360,6 +410,7 @@ pub fn audit_table(audit: &Audit) -> String {
     for kind in KINDS {
         let clock = match audit.plan.clock(kind) {
             Clock::Timestamp => "timestamps",
+            Clock::ProcessCpu => "the process's CPU time",
             Clock::FencedHost | Clock::Host => "fenced host clock",
         };
         let _ = writeln!(table, "{} passes are timed by {clock}", kind.name());
@@ -383,7 +434,8 @@ mod tests {
         AuditRow {
             pass,
             context: Surrounding::Alone,
-            timestamp_ns: 1e6 * ratio,
+            clock: Clock::Timestamp,
+            clock_ns: 1e6 * ratio,
             host_ns: 1e6,
             ratio,
             doubling: 2.0,

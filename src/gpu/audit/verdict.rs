@@ -1,7 +1,7 @@
 //! What the audit makes of its measurements.
 
 use super::LEVELS;
-use crate::record::{AuditRow, PassKind, Surrounding};
+use crate::record::{AuditRow, Clock, PassKind, Surrounding};
 use crate::statistics;
 
 /// Timestamp over host time at which a clock is sound: within this factor of 1 either way. The lies known
@@ -25,22 +25,53 @@ const FAULTY_SHARE: f64 = 0.1;
 /// Times of one kind of pass in one surrounding, round by round, at N and at 2 N.
 #[derive(Default)]
 pub(super) struct Series {
-    timestamp_ns: [Vec<f64>; LEVELS],
+    /// The audited clock.
+    clock: Audited,
+    clock_ns: [Vec<f64>; LEVELS],
     host_ns: [Vec<f64>; LEVELS],
     faults: usize,
 }
 
+/// The clock that is held against the fenced host clock.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) enum Audited {
+    #[default]
+    Timestamps,
+    ProcessCpu,
+}
+
+impl Audited {
+    fn clock(self) -> Clock {
+        match self {
+            Self::Timestamps => Clock::Timestamp,
+            Self::ProcessCpu => Clock::ProcessCpu,
+        }
+    }
+
+    /// As the subject of a sentence.
+    fn subject(self) -> &'static str {
+        match self {
+            Self::Timestamps => "timestamps read",
+            Self::ProcessCpu => "the process's CPU time is",
+        }
+    }
+}
+
 impl Series {
-    pub(super) fn push(&mut self, level: usize, timestamp_ns: f64, host_ns: f64, faults: usize) {
-        self.timestamp_ns[level].push(timestamp_ns);
+    pub(super) fn of(clock: Audited) -> Self {
+        Self { clock, ..Self::default() }
+    }
+
+    pub(super) fn push(&mut self, level: usize, clock_ns: f64, host_ns: f64, faults: usize) {
+        self.clock_ns[level].push(clock_ns);
         self.host_ns[level].push(host_ns);
         self.faults += faults;
     }
 
     /// Timestamp over host time at N (level 0) or 2 N (level 1), this quantile of the rounds'.
     fn ratio(&self, level: usize, at: f64) -> f64 {
-        let pairs = self.timestamp_ns[level].iter().zip(&self.host_ns[level]);
-        let ratios: Vec<f64> = pairs.map(|(timestamp, host)| timestamp / host).collect();
+        let pairs = self.clock_ns[level].iter().zip(&self.host_ns[level]);
+        let ratios: Vec<f64> = pairs.map(|(clock, host)| clock / host).collect();
         quantile(&ratios, at)
     }
 }
@@ -67,12 +98,13 @@ pub(super) fn judge(kind: PassKind, apart: Option<&str>, series: &Series) -> (Au
     let mixed = apart.is_some();
     let at = if mixed { 0.5 } else { ALONE_QUANTILE };
     let mut row = AuditRow {
+        clock: series.clock.clock(),
         pass: kind,
         context: if mixed { Surrounding::Mixed } else { Surrounding::Alone },
-        timestamp_ns: median(&series.timestamp_ns[0]),
+        clock_ns: median(&series.clock_ns[0]),
         host_ns: median(&series.host_ns[0]),
         ratio: series.ratio(0, at),
-        doubling: doubling(&series.timestamp_ns),
+        doubling: doubling(&series.clock_ns),
         sound: false,
         reason: String::new(),
     };
@@ -84,7 +116,7 @@ pub(super) fn judge(kind: PassKind, apart: Option<&str>, series: &Series) -> (Au
 
 /// Why the clock is sound or why not, by its ratios at N and 2 N, and whether more rounds may change that.
 fn verdict(series: &Series, mixed: bool, ratios: [f64; LEVELS]) -> (Result<String, String>, bool) {
-    let durations = series.timestamp_ns.iter().flatten().count();
+    let durations = series.clock_ns.iter().flatten().count();
     if series.faults as f64 > FAULTY_SHARE * durations as f64 {
         let reason = format!("{} of {durations} durations cannot be true", series.faults);
         return (Err(reason), false);
@@ -95,9 +127,9 @@ fn verdict(series: &Series, mixed: bool, ratios: [f64; LEVELS]) -> (Result<Strin
     let disturbed = !mixed && factor(host_doubling / 2.0) > HOST_DOUBLING_TOLERANCE;
     let close = disturbed || is_close(single, tolerance) || is_close(double, tolerance);
     let verdict = if single > tolerance {
-        Err(format!("timestamps read {:.2} of the host time", ratios[0]))
+        Err(format!("{} {:.2} of the host time", series.clock.subject(), ratios[0]))
     } else if double > tolerance {
-        Err(format!("timestamps read {:.2} of the host time of double work", ratios[1]))
+        Err(format!("{} {:.2} of the host time of double work", series.clock.subject(), ratios[1]))
     } else if disturbed {
         Err(format!("double work took {host_doubling:.2} times as long: nothing to judge by"))
     } else {
@@ -151,7 +183,7 @@ mod tests {
     #[test]
     fn a_fixed_reading_does_not_double() {
         let mut fixed = series(5e6, 5e6);
-        fixed.timestamp_ns[1] = fixed.timestamp_ns[0].clone();
+        fixed.clock_ns[1] = fixed.clock_ns[0].clone();
         assert!(!verdict(&fixed).0);
     }
 
@@ -172,7 +204,7 @@ mod tests {
     fn a_disturbed_host_clock_decides_nothing() {
         let mut disturbed = series(5e6, 5e6);
         disturbed.host_ns[1].iter_mut().for_each(|ns| *ns *= 1.4);
-        disturbed.timestamp_ns[1].iter_mut().for_each(|ns| *ns *= 1.4);
+        disturbed.clock_ns[1].iter_mut().for_each(|ns| *ns *= 1.4);
         assert_eq!(verdict(&disturbed), (false, true));
     }
 }

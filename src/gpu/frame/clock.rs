@@ -2,6 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::host_clock::HostClock;
 use crate::record::{Clock, PassKind};
 
 /// The clock for each kind of pass, as the audit found it.
@@ -47,6 +48,18 @@ impl ClockPlan {
             PassKind::Copy => self.copy,
             PassKind::Host => Clock::Host,
         }
+    }
+
+    /// Every pass fenced, by the CPU time of the process.
+    pub fn process_cpu(submit_cost: SubmitCost) -> Self {
+        let clock = Clock::ProcessCpu;
+        Self { compute: clock, render: clock, copy: clock, submit_cost }
+    }
+
+    /// The clock that the host reads around submissions and host stages.
+    pub fn host(&self) -> HostClock {
+        let kinds = [self.compute, self.render, self.copy];
+        if kinds.contains(&Clock::ProcessCpu) { HostClock::ProcessCpu } else { HostClock::Wall }
     }
 
     /// The same plan with another clock for one kind of pass.

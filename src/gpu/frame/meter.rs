@@ -11,6 +11,7 @@
 
 use std::collections::{BTreeMap, VecDeque};
 
+use super::host_clock::HostClock;
 use super::probe::Probe;
 use crate::gpu::{Gpu, GpuError};
 use crate::record::PassKind;
@@ -85,6 +86,7 @@ impl CostMeter {
 /// Measures the cost of submissions between the segments of a frame.
 #[derive(Default)]
 pub(super) struct Metering {
+    clock: HostClock,
     pub(super) meter: CostMeter,
     probe: Option<Probe>,
     frame: usize,
@@ -93,6 +95,11 @@ pub(super) struct Metering {
 }
 
 impl Metering {
+    /// Costs are measured by this clock.
+    pub(super) fn by(clock: HostClock) -> Self {
+        Self { clock, ..Self::default() }
+    }
+
     /// A frame begins whose segments begin with passes of these kinds. A frame without a fenced segment needs no costs.
     pub(super) fn begin(&mut self, kinds: &[PassKind], fenced: bool) {
         self.frame = self.frame.wrapping_add(1);
@@ -131,7 +138,7 @@ impl Metering {
         if self.probe.is_none() {
             self.probe = Some(Probe::new(gpu)?);
         }
-        self.probe.as_ref().map_or(Ok(0.0), |probe| probe.time(gpu, kind))
+        self.probe.as_ref().map_or(Ok(0.0), |probe| probe.time(gpu, kind, self.clock))
     }
 }
 

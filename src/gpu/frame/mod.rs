@@ -13,12 +13,14 @@
 //! segment. Stages + gaps = envelope then holds only if timestamps and host clock agree.
 
 mod clock;
+mod host_clock;
 mod meter;
 mod probe;
 mod scope;
 mod timer;
 
 pub use clock::{ClockPlan, SubmitCost};
+pub use host_clock::HostClock;
 #[cfg(test)]
 pub(crate) use meter::CostMeter;
 pub(super) use probe::Probe;

@@ -1,8 +1,6 @@
 //! The smallest pass of each kind. The host time of a submission that holds nothing else is the cost of a submission.
 
-use std::time::Instant;
-
-use super::scope::ns_between;
+use super::host_clock::HostClock;
 use crate::gpu::shader::compilation_options;
 use crate::gpu::{Gpu, GpuError};
 use crate::record::PassKind;
@@ -42,13 +40,18 @@ impl Probe {
         })
     }
 
-    /// Host time in ns from the submission to the fence of the smallest pass of this kind.
-    pub(in crate::gpu) fn time(&self, gpu: &Gpu, kind: PassKind) -> Result<f64, GpuError> {
+    /// Time in ns, by this clock, from the submission to the fence of the smallest pass of this kind.
+    pub(in crate::gpu) fn time(
+        &self,
+        gpu: &Gpu,
+        kind: PassKind,
+        clock: HostClock,
+    ) -> Result<f64, GpuError> {
         let commands = self.encode(gpu, kind);
-        let submit = Instant::now();
+        let submit_ns = clock.now_ns();
         let index = gpu.queue.submit([commands]);
         gpu.wait_for(Some(index))?;
-        Ok(ns_between(submit, Instant::now()))
+        Ok(clock.now_ns() - submit_ns)
     }
 
     fn encode(&self, gpu: &Gpu, kind: PassKind) -> wgpu::CommandBuffer {

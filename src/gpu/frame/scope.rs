@@ -1,12 +1,11 @@
 //! Encodes a frame: the scope through which stages open their passes, and the resulting command buffers.
 
-use std::ops::Range;
-use std::time::Instant;
-
 use super::clock::ClockPlan;
+use super::host_clock::{HostClock, process_ns};
 use super::meter::Metering;
 use crate::gpu::{Gpu, GpuError, Stage};
 use crate::record::{Clock, PassKind};
+use std::ops::Range;
 
 /// WebGPU's largest query set.
 pub(super) const QUERIES_PER_SET: u32 = 4096;
@@ -85,6 +84,7 @@ pub(super) struct HostWork {
 /// A frame as it is being encoded. Kept from frame to frame for its allocations.
 #[derive(Default)]
 pub(in crate::gpu) struct Recorder {
+    clock: HostClock,
     encoder: Option<wgpu::CommandEncoder>,
     segments: Vec<Segment>,
     pub(in crate::gpu) passes: Vec<Pass>,
@@ -97,6 +97,11 @@ pub(in crate::gpu) struct Recorder {
 }
 
 impl Recorder {
+    /// Host stages and segments are timed by this clock.
+    pub(super) fn by(clock: HostClock) -> Self {
+        Self { clock, ..Self::default() }
+    }
+
     /// Encodes a whole frame.
     pub(in crate::gpu) fn record(
         &mut self,
@@ -153,15 +158,15 @@ impl Recorder {
     /// Submits all segments at once and waits for them.
     pub(in crate::gpu) fn run(&mut self, gpu: &Gpu) -> Result<HostTime, GpuError> {
         self.flush_host_writes(gpu)?;
-        let process_ns = process_clock_ns();
-        let start = Instant::now();
+        let before_ns = process_ns();
+        let start_ns = HostClock::Wall.now_ns();
         let index = gpu.queue.submit(self.segments.drain(..).map(|segment| segment.commands));
         gpu.wait_for(Some(index))?;
-        let wall_ns = ns_between(start, Instant::now()) + self.host_ns();
-        let spent_ns = |before| process_clock_ns().map(|after| after - before);
+        let wall_ns = HostClock::Wall.now_ns() - start_ns + self.host_ns();
+        let spent_ns = |before| process_ns().map(|after| after - before);
         Ok(HostTime {
             wall_ns,
-            process_ns: process_ns.and_then(spent_ns).map(|ns| ns + self.host_ns()),
+            process_ns: before_ns.and_then(spent_ns).map(|ns| ns + self.host_ns()),
         })
     }
 
@@ -178,12 +183,13 @@ impl Recorder {
         metering.begin(&kinds, self.segments.iter().any(|segment| segment.fenced));
         for (segment, kind) in self.segments.drain(..).zip(kinds) {
             let Segment { commands, passes, fenced } = segment;
-            let metered = Instant::now();
+            let metered_ns = self.clock.now_ns();
             metering.before(gpu, kind)?;
-            let submit = Instant::now();
+            let submit_ns = self.clock.now_ns();
             let index = gpu.queue.submit([commands]);
             gpu.wait_for(Some(index))?;
-            spans.push(Span { metered, submit, fence: Instant::now(), passes, fenced });
+            let fence_ns = self.clock.now_ns();
+            spans.push(Span { metered_ns, submit_ns, fence_ns, passes, fenced });
         }
         Ok(())
     }
@@ -204,41 +210,24 @@ pub struct HostTime {
     pub process_ns: Option<f64>,
 }
 
-/// CPU time of this process so far.
-#[cfg(target_os = "linux")]
-fn process_clock_ns() -> Option<f64> {
-    use nix::time::{ClockId, clock_gettime};
-    let time = clock_gettime(ClockId::CLOCK_PROCESS_CPUTIME_ID).ok()?;
-    Some(time.tv_sec() as f64 * 1e9 + time.tv_nsec() as f64)
-}
-
-#[cfg(not(target_os = "linux"))]
-fn process_clock_ns() -> Option<f64> {
-    None
-}
-
 /// When a segment ran, by the host clock.
 pub(super) struct Span {
-    /// From here to `submit` the cost of a submission was measured. That time is not part of the frame.
-    pub(super) metered: Instant,
-    pub(super) submit: Instant,
-    pub(super) fence: Instant,
+    /// From here to `submit_ns` the cost of a submission was measured. That time is not part of the frame.
+    pub(super) metered_ns: f64,
+    pub(super) submit_ns: f64,
+    pub(super) fence_ns: f64,
     pub(super) passes: Range<usize>,
     pub(super) fenced: bool,
 }
 
 impl Span {
     pub(super) fn wall_ns(&self) -> f64 {
-        ns_between(self.submit, self.fence)
+        self.fence_ns - self.submit_ns
     }
 
     pub(super) fn metering_ns(&self) -> f64 {
-        ns_between(self.metered, self.submit)
+        self.submit_ns - self.metered_ns
     }
-}
-
-pub(super) fn ns_between(start: Instant, end: Instant) -> f64 {
-    end.saturating_duration_since(start).as_secs_f64() * 1e9
 }
 
 /// The query that times or counts a pass.
@@ -349,9 +338,10 @@ impl<'a> StageScope<'a> {
     /// Work of the CPU, such as writing uniforms, timed by the host clock. As always with wgpu, buffers are written before the
     /// frame's first pass, whatever the order of the stages.
     pub fn host(&mut self, f: impl FnOnce(&wgpu::Queue)) {
-        let start = Instant::now();
+        let clock = self.recorder.clock;
+        let start_ns = clock.now_ns();
         f(&self.gpu.queue);
-        let ns = ns_between(start, Instant::now());
+        let ns = clock.now_ns() - start_ns;
         self.recorder.host.push(HostWork { stage: self.stage, ns });
     }
 

@@ -4,8 +4,9 @@ use std::fmt;
 
 use super::SubmitCost;
 use super::clock::ClockPlan;
+use super::host_clock::HostClock;
 use super::meter::{CostMeter, Metering, Submissions};
-use super::scope::{HostTime, Mode, QUERIES_PER_PASS, QUERIES_PER_SET, Recorder, Span, ns_between};
+use super::scope::{HostTime, Mode, QUERIES_PER_PASS, QUERIES_PER_SET, Recorder, Span};
 use crate::gpu::readback::map;
 use crate::gpu::{Gpu, GpuError, Stage};
 use crate::record::{Clock, FaultKind, PassKind};
@@ -20,7 +21,7 @@ pub struct FrameSample {
     /// In frame order.
     pub stages: Vec<StageSample>,
     pub gaps_ns: f64,
-    /// Host time from the first submission to the last fence, plus the host stages, minus the time spent on measuring the cost of
+    /// Time by the plan's host clock from the first submission to the last fence, plus the host stages, minus the time spent on measuring the cost of
     /// submissions.
     pub envelope_ns: f64,
     /// Impossible durations. Discard a frame that has any.
@@ -39,7 +40,7 @@ impl FrameSample {
 #[derive(Clone, Debug, PartialEq)]
 pub struct StageSample {
     pub name: &'static str,
-    /// The clock of its passes; the fenced host clock where they differ.
+    /// The clock of its passes; the fenced one where they differ.
     pub clock: Clock,
     /// NaN when one of its passes has a fault. It can be zero or negative where the cost of submissions was subtracted: see
     /// [`Self::resolution_ns`].
@@ -114,8 +115,8 @@ impl FrameTimer {
             period_ns: f64::from(gpu.queue.get_timestamp_period()),
             max_passes,
             queries,
-            recorder: Recorder::default(),
-            metering: Metering::default(),
+            recorder: Recorder::by(plan.host()),
+            metering: Metering::by(plan.host()),
             spans: Vec::new(),
             ticks: Vec::new(),
             previous: Vec::new(),
@@ -138,10 +139,14 @@ impl FrameTimer {
         Ok(self.evaluate(stages))
     }
 
-    /// Runs one frame in one submission with nothing timed within. Returns the wall time from the
-    /// submission to the fence and the host stages, in ns.
+    /// Runs one frame in one submission with nothing timed within. Returns the time from the submission to the fence and the
+    /// host stages, in ns by the plan's host clock.
     pub fn untimed(&mut self, gpu: &Gpu, stages: &[&dyn Stage]) -> Result<f64, GpuError> {
-        Ok(self.on_host(gpu, stages)?.wall_ns)
+        let time = self.on_host(gpu, stages)?;
+        Ok(match self.plan.host() {
+            HostClock::Wall => time.wall_ns,
+            HostClock::ProcessCpu => time.process_ns.unwrap_or(time.wall_ns),
+        })
     }
 
     /// Runs one frame as [`Self::untimed`] does and also reads the process's CPU time.
@@ -184,7 +189,7 @@ impl FrameTimer {
         let mut metering_ns = 0.0;
         for (index, span) in self.spans.iter().enumerate() {
             if let Some(before) = index.checked_sub(1).map(|before| &self.spans[before]) {
-                account.gaps_ns += ns_between(before.fence, span.metered);
+                account.gaps_ns += span.metered_ns - before.fence_ns;
                 metering_ns += span.metering_ns();
             }
             account.gaps_ns += self.submit_cost_ns(span);
@@ -195,7 +200,7 @@ impl FrameTimer {
             }
         }
         let gpu_ns = match (self.spans.first(), self.spans.last()) {
-            (Some(first), Some(last)) => ns_between(first.submit, last.fence) - metering_ns,
+            (Some(first), Some(last)) => last.fence_ns - first.submit_ns - metering_ns,
             _ => 0.0,
         };
         let envelope_ns = gpu_ns + self.recorder.host_ns();
@@ -216,7 +221,7 @@ impl FrameTimer {
         let cost_ns = self.submit_cost_ns(span);
         let ns = positive(span.wall_ns()).map(|wall_ns| wall_ns - cost_ns);
         for pass in &self.recorder.passes[span.passes.clone()] {
-            account.add(pass.stage, Clock::FencedHost, ns);
+            account.add(pass.stage, self.plan.clock(pass.kind), ns);
             account.take_off(pass.stage, pass.kind, cost_ns);
         }
     }
@@ -303,7 +308,7 @@ impl Account {
         sample.clock = match (self.passes[stage], sample.clock, clock) {
             (0, _, clock) => clock,
             (_, Clock::Host, clock) | (_, clock, Clock::Host) => clock,
-            (_, Clock::Timestamp, Clock::Timestamp) => Clock::Timestamp,
+            (_, before, clock) if before == clock => clock,
             _ => Clock::FencedHost,
         };
         self.passes[stage] += 1;

@@ -15,6 +15,9 @@ struct MockCell {
     /// Timed frames of these numbers carry a fault.
     faulty: fn(frame: usize) -> bool,
     refuses: bool,
+    untimed_only: bool,
+    /// A claim on it is open until it has so many pairs.
+    open_until: usize,
     /// The device is lost at this frame.
     loses_device_at: Option<usize>,
     /// Rendered so far.
@@ -24,7 +27,16 @@ struct MockCell {
 impl Default for MockCell {
     fn default() -> Self {
         let (time, faulty): (FrameTime, _) = (|_, _| 1e7, |_| false);
-        Self { time, bytes: 1, faulty, refuses: false, loses_device_at: None, frames: 0 }
+        Self {
+            time,
+            bytes: 1,
+            faulty,
+            refuses: false,
+            untimed_only: false,
+            open_until: 0,
+            loses_device_at: None,
+            frames: 0,
+        }
     }
 }
 
@@ -47,6 +59,8 @@ struct Mock {
     /// Renders in place of the cells.
     busy: Option<busy::BusyMachine>,
     calls: Vec<Call>,
+    /// Pairs of each cell at each look.
+    looks: Vec<BTreeMap<usize, usize>>,
     results: BTreeMap<usize, CellResult>,
     /// What an earlier run has left, by cell.
     earlier: BTreeMap<usize, Vec<Addition>>,
@@ -78,7 +92,7 @@ impl Mock {
     fn try_run(&mut self, settings: &Settings) -> Result<(), String> {
         let cells: Vec<usize> = (0..self.cells.len()).collect();
         let interrupted = Arc::clone(&self.interrupted);
-        sample(self, &cells, settings, &interrupted)
+        sample(self, &cells, settings, &interrupted).map(drop)
     }
 
     fn frame(&mut self, cell: usize) -> Result<(f64, usize), Failure> {
@@ -176,6 +190,16 @@ impl Executor for Mock {
         Ok(())
     }
 
+    fn untimed_only(&self, cell: usize) -> bool {
+        self.cells[cell].untimed_only
+    }
+
+    fn unsettled(&mut self, cells: &[(usize, &Samples)]) -> BTreeSet<usize> {
+        self.looks.push(cells.iter().map(|(cell, samples)| (*cell, samples.pairs())).collect());
+        let open = cells.iter().filter(|(cell, s)| s.pairs() < self.cells[*cell].open_until);
+        open.map(|(cell, _)| *cell).collect()
+    }
+
     fn finish(&mut self, cell: usize, result: CellResult) -> Result<(), String> {
         if self.disk_full {
             return Err("disk full".to_owned());
@@ -202,10 +226,14 @@ impl Executor for Mock {
     fn now_s(&self) -> f64 {
         self.now_s
     }
+
+    fn unix_s(&self) -> f64 {
+        1.7e9 + self.now_s
+    }
 }
 
 const SETTINGS: Settings =
-    Settings { precision: 0.02, budget_s: 10.0, group_bytes: 1_000, seed: 7 };
+    Settings { precision: 0.02, budget_s: 10.0, group_bytes: 1_000, seed: 7, first_round: 0 };
 
 /// Deterministic noise of ±`share`, different for each frame.
 fn noise(frame: usize, share: f64) -> f64 {
@@ -216,16 +244,73 @@ fn noise(frame: usize, share: f64) -> f64 {
 #[test]
 fn a_steady_cell_stops_as_precise_and_a_noisy_one_at_its_budget() {
     let steady = cell(|f, _| 1e7 * noise(f, 0.01));
-    let noisy = cell(|f, _| 3e7 * noise(f, 0.9));
+    let noisy = cell(|f, _| 9e7 * noise(f, 0.9));
     let mock = Mock::of(vec![steady, noisy]).run(&SETTINGS);
     assert_eq!(mock.samples(0).stopped, Stopped::Precise);
-    assert_eq!(mock.samples(0).pairs(), MIN_PRECISE_PAIRS);
+    assert_eq!(mock.samples(0).pairs(), MIN_PAIRS);
     assert_eq!(mock.samples(1).stopped, Stopped::OutOfTime);
     assert!(
-        (9.8..=10.2).contains(&mock.now_s),
+        (9.8..=10.4).contains(&mock.now_s),
         "the noisy cell takes what is left: {} s",
         mock.now_s
     );
+}
+
+#[test]
+fn cells_of_open_claims_come_first_and_are_looked_at_when_their_pairs_have_doubled() {
+    let noisy = || cell(|f, _| 1e7 * noise(f, 0.5));
+    let open = MockCell { open_until: 60, ..noisy() };
+    let mock = Mock::of(vec![open, noisy(), cell(|f, _| 1e7 * noise(f, 0.01))]);
+    let mock = mock.run(&Settings { budget_s: 30.0, ..SETTINGS });
+    let pairs = |look: usize, cell: usize| mock.looks[look].get(&cell).copied();
+    let of_open: Vec<_> = (0..4).map(|look| pairs(look, 0)).collect();
+    assert_eq!(of_open, [8, 16, 32, 64].map(Some));
+    let of_vague: Vec<_> = (0..4).map(|look| pairs(look, 1)).collect();
+    assert_eq!(of_vague, [Some(8); 4], "it waits while a claim is open");
+    assert!(mock.samples(1).pairs() > 8, "then it is sampled to its precision");
+    assert_eq!((mock.samples(2).pairs(), pairs(1, 2)), (8, None), "a precise one is done");
+    assert!(mock.looks.iter().flatten().all(|(_, pairs)| LOOK_PAIRS.contains(pairs)));
+}
+
+#[test]
+fn what_the_samples_say_does_not_change_when_they_are_looked_at() {
+    // The frame times differ, the looks are the same.
+    let looks = |time: FrameTime| {
+        let open = MockCell { open_until: 1_000, ..cell(time) };
+        Mock::of(vec![open]).run(&Settings { budget_s: 100.0, ..SETTINGS }).looks
+    };
+    let expected: Vec<_> = LOOK_PAIRS.iter().map(|pairs| BTreeMap::from([(0, *pairs)])).collect();
+    assert_eq!(looks(|_, _| 1e7), expected);
+    assert_eq!(looks(|f, _| 1e7 * noise(f, 0.9)), expected);
+}
+
+#[test]
+fn cells_whose_times_nobody_asks_for_render_one_frame() {
+    let errors = || MockCell { untimed_only: true, bytes: 900, ..MockCell::default() };
+    let mock = Mock::of(vec![errors(), MockCell::default(), errors()]).run(&SETTINGS);
+    for cell in [0, 2] {
+        let frames = mock
+            .calls
+            .iter()
+            .filter(|call| matches!(call, Call::Timed(of) | Call::Untimed(of) if *of == cell));
+        assert_eq!(frames.collect::<Vec<_>>(), [&Call::Untimed(cell)]);
+        assert_eq!(mock.samples(cell).pairs(), 0);
+        assert_eq!(mock.samples(cell).stopped, Stopped::UntimedOnly);
+    }
+    assert_eq!(mock.samples(1).pairs(), MIN_PAIRS);
+}
+
+#[test]
+fn samples_name_their_round_and_their_time_and_groups_share_no_round() {
+    let sized = || MockCell { bytes: 600, ..MockCell::default() };
+    let mock = Mock::of(vec![MockCell::default(), MockCell::default(), sized(), sized()]);
+    let mock = mock.run(&Settings { first_round: 40, ..SETTINGS });
+    let rounds = |cell: usize| mock.samples(cell).rounds.clone();
+    assert_eq!(rounds(0), (40..48).collect::<Vec<_>>());
+    assert_eq!(rounds(0), rounds(1));
+    assert!(rounds(3).iter().all(|round| !rounds(0).contains(round)));
+    let times = &mock.samples(0).sampled_at_s;
+    assert!(times.is_sorted() && times[0] > 1.7e9 && times.len() == 8);
 }
 
 #[test]
@@ -248,7 +333,7 @@ fn slow_cells_get_their_least_pairs_beyond_the_budget() {
     let quick = cell(|f, _| 1e7 * noise(f, 0.9));
     let mock = Mock::of(vec![slow, quick]).run(&SETTINGS);
     assert_eq!(mock.samples(0).pairs(), MIN_PAIRS);
-    assert!(mock.samples(1).pairs() > 100, "a slow neighbour takes nothing of a cell's share");
+    assert_eq!(mock.samples(1).pairs(), MIN_PAIRS, "the time is over");
 }
 
 #[test]
@@ -276,7 +361,7 @@ fn warm_up_ends_when_frames_no_longer_get_faster() {
 }
 
 #[test]
-fn drift_falls_on_all_cells_alike() {
+fn drift_affects_all_cells_alike() {
     // The machine slows down by half over the run; the second cell does twice the first one's work.
     let one = cell(|_, now| 1e7 * (1.0 + now / 20.0));
     let two = cell(|_, now| 2e7 * (1.0 + now / 20.0));

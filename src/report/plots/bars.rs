@@ -26,6 +26,8 @@ struct Bar {
     series: usize,
     /// In the plot's unit.
     value: Estimate,
+    /// None of an exact figure.
+    n: Option<usize>,
     /// From the shortest to the longest published frame time.
     published: Option<(f64, f64)>,
 }
@@ -50,7 +52,8 @@ impl Bars {
                 }
                 let bar = Bar {
                     series: series.len() - 1,
-                    value: value.estimate.scaled(unit(y)),
+                    value: value.estimate().scaled(unit(y)),
+                    n: value.n(),
                     published: published.map(Published::span_ms),
                 };
                 let label = cell.axes.get(over).map(label_text).unwrap_or_default();
@@ -59,7 +62,8 @@ impl Bars {
         }
         let published = super::published_lines(&figures);
         let ends = clusters.values().flatten();
-        let ends = ends.flat_map(|bar| [bar.value.high, bar.published.map_or(0.0, |span| span.1)]);
+        let ends =
+            ends.flat_map(|bar| [bar.value.ends()[1], bar.published.map_or(0.0, |span| span.1)]);
         let rows_px = clusters.values().map(|bars| bars.len() as u32 * BAR_PX + SPACE_PX).sum();
         let legend_px = (series.len() + published.len()) as u32 * LEGEND_ROW_PX as u32;
         let chart = BarChart {
@@ -69,7 +73,7 @@ impl Bars {
             rows_px,
             legend_px: legend_px.saturating_sub(40),
             labels_px: 180,
-            right_px: 56,
+            right_px: 96,
         };
         Some(Bars { chart, series, clusters, published })
     }
@@ -123,13 +127,15 @@ impl Bar {
         let (top, middle) = (row + f64::from(BAR_PX), row + f64::from(BAR_PX) / 2.0);
         let corners = [(0.0, row + 2.0), (self.value.median, top - 2.0)];
         canvas.area.draw(&Rectangle::new(corners, color(self.series).filled()))?;
-        canvas.line([(self.value.low, middle), (self.value.high, middle)], 2)?;
+        let [low, high] = self.value.ends();
+        canvas.line([(low, middle), (high, middle)], 2)?;
         if let Some((short, long)) = self.published {
             for at in [short, long] {
                 canvas.line([(at, row), (at, top)], 4)?;
             }
         }
-        let end = (self.value.high, middle);
-        canvas.write(&three(self.value.median), style::starting(style::small()), end, 6)
+        let n = self.n.map_or_else(String::new, |n| format!(", n = {n}"));
+        let text = three(self.value.median) + &n;
+        canvas.write(&text, style::starting(style::small()), (high, middle), 6)
     }
 }

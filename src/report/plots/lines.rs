@@ -1,13 +1,14 @@
 //! Panels of series over a number: scaling plots (logarithmic, fitted slopes in the legend) and linear ones.
 
+use itertools::{Itertools, MinMaxResult};
 use plotters::prelude::*;
 
 use super::chart::{Legend, mesh, split};
 use super::scale::{Scale, ScaleKind};
 use super::{Area, Drawn, Panel, style, unit};
 use crate::experiments::schema::{Experiment, FIXED_SHARE, Plot, PlotKind, Published};
-use crate::experiments::{Measure, Scaling, groups, scaling};
-use crate::record::{Cell, Estimate};
+use crate::experiments::{Measure, Reading, Scaling, groups, scaling};
+use crate::record::{Cell, Estimate, Interval};
 
 const LEGEND_PX: u32 = 300;
 /// Characters of 12-px type that fit into the legend's column.
@@ -31,7 +32,7 @@ struct Series {
     points: Vec<(f64, Estimate)>,
     /// Ends of the fitted line, in the plot's units.
     fit: Option<[(f64, f64); 2]>,
-    /// The legend's word on the fit.
+    /// The legend's words on the fit and on the number of samples.
     remark: String,
 }
 
@@ -68,7 +69,7 @@ impl Lines {
         };
         let points = || series.iter().flat_map(|series| &series.points);
         let x = Scale::fit(kind, points().map(|(x, _)| *x))?;
-        let ends = points().flat_map(|(_, y)| [y.low, y.median, y.high]);
+        let ends = points().flat_map(|(_, y)| [y.ends()[0], y.median, y.ends()[1]]);
         let marked = published.iter().flat_map(|mark| [mark.span_ms.0, mark.span_ms.1]);
         let y = Scale::fit(kind, ends.chain(marked))?;
         Some(Lines {
@@ -155,16 +156,20 @@ impl Series {
     fn new(plot: &Plot, x: &Measure, y: &Measure, group: &str, cells: &[&Cell]) -> Series {
         let read = |cell: &&Cell| {
             let figures = cell.measured()?;
-            let at = x.read(cell, figures)?.estimate.median * unit(x);
-            Some((at, y.read(cell, figures)?.estimate.scaled(unit(y))))
+            let at = x.read(cell, figures)?.median() * unit(x);
+            Some((at, y.read(cell, figures)?))
         };
-        let mut points: Vec<(f64, Estimate)> = cells.iter().filter_map(read).collect();
+        let readings: Vec<(f64, Reading)> = cells.iter().filter_map(read).collect();
+        let counts = counts(readings.iter().filter_map(|(_, reading)| reading.n()));
+        let points = readings.iter().map(|(x, reading)| (*x, reading.estimate().scaled(unit(y))));
+        let mut points: Vec<(f64, Estimate)> = points.collect();
         points.sort_by(|a, b| a.0.total_cmp(&b.0));
         let fit = match plot.kind {
             PlotKind::Scaling => scaling(y, x, cells, FIXED_SHARE).ok(),
             _ => None,
         };
-        let remark = fit.as_ref().map(remark).unwrap_or_default();
+        let remarks = [fit.as_ref().map(remark), counts];
+        let remark = remarks.into_iter().flatten().collect::<Vec<_>>().join(", ");
         Series {
             name: y.stage_name().unwrap_or_else(|| y.to_string()),
             group: group.to_owned(),
@@ -182,9 +187,22 @@ fn ends(fit: &Scaling, x_unit: f64, y_unit: f64) -> [(f64, f64); 2] {
     })
 }
 
+/// The fewest and the most samples of a point; none where all points are exact.
+fn counts(counts: impl Iterator<Item = usize>) -> Option<String> {
+    match counts.minmax() {
+        MinMaxResult::NoElements => None,
+        MinMaxResult::OneElement(n) => Some(format!("n = {n}")),
+        MinMaxResult::MinMax(least, most) if least == most => Some(format!("n = {least}")),
+        MinMaxResult::MinMax(least, most) => Some(format!("n = {least} – {most}")),
+    }
+}
+
 fn remark(fit: &Scaling) -> String {
     let slope = &fit.slope;
-    let mut remark = format!("slope {:.2} ({:.2} – {:.2})", slope.slope, slope.low, slope.high);
+    let mut remark = format!("slope {:.2}", slope.slope);
+    if let Some(Interval { low, high }) = fit.interval() {
+        remark += &format!(" ({low:.2} – {high:.2})");
+    }
     if fit.left_out > 0 {
         remark += &format!(", {} left out", fit.left_out);
     }
@@ -194,7 +212,7 @@ fn remark(fit: &Scaling) -> String {
 /// Published frame times of the cells that are at the published size.
 fn marks(experiment: &Experiment, x: &Measure, cells: &[&Cell]) -> Vec<Mark> {
     let mark = |cell: &&Cell| {
-        let at = x.read(cell, cell.measured()?)?.estimate.median;
+        let at = x.read(cell, cell.measured()?)?.median();
         Some(Mark { x: at * unit(x), span_ms: experiment.published_for(cell)?.span_ms() })
     };
     cells.iter().filter_map(mark).collect()
@@ -227,7 +245,7 @@ impl Canvas<'_, '_> {
             self.fit(ends, color)?;
         }
         for (x, y) in &series.points {
-            let ends = [y.low, y.high].map(|y| self.at(*x, y));
+            let ends = y.interval.map_or([None; 2], |_| y.ends().map(|y| self.at(*x, y)));
             self.line(ends, color.stroke_width(2))?;
             for at in ends.into_iter().flatten() {
                 let cap = EmptyElement::at(at)

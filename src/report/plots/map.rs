@@ -69,7 +69,7 @@ impl Map {
             return Err("its maps have more than 10,000 fields, which cells.csv lists");
         }
         let read = |cell: &&Cell| {
-            let value = y.read(cell, cell.measured()?)?.estimate.median * unit(y);
+            let value = y.read(cell, cell.measured()?)?.median() * unit(y);
             let key = (place(cell)?, cell.axes.get(down)?.clone(), cell.axes.get(across)?.clone());
             value.is_finite().then_some((key, value))
         };

@@ -36,8 +36,10 @@ struct Bar {
 impl Stacked {
     /// None where no cell was measured.
     pub fn new(plot: &Plot, experiment: &Experiment, cells: &[&Cell]) -> Option<Stacked> {
-        let figures: Vec<(&Cell, &Measured)> =
-            cells.iter().filter_map(|cell| Some((*cell, cell.measured()?))).collect();
+        let figures: Vec<(&Cell, &Measured)> = cells
+            .iter()
+            .filter_map(|cell| Some((*cell, cell.measured().filter(|cell| cell.is_timed())?)))
+            .collect();
         let stages = coloured(&figures);
         let bars: Vec<Bar> = figures
             .iter()
@@ -45,7 +47,7 @@ impl Stacked {
             .collect();
         let ends = bars.iter().flat_map(|bar| {
             let timed: f64 = bar.parts.iter().sum::<f64>() + bar.gaps;
-            [timed, bar.frame.high, bar.published.map_or(0.0, |span| span.1)]
+            [timed, bar.frame.ends()[1], bar.published.map_or(0.0, |span| span.1)]
         });
         let scale = BarChart::scale(ends)?;
         let published: Vec<&Published> =
@@ -151,7 +153,7 @@ impl Bar {
         let frame = &measured.frame;
         let gaps = crate::statistics::median(&frame.gap_samples_ns) / NS_PER_MS;
         Bar {
-            label: label(cell),
+            label: format!("{}, n = {}", label(cell), frame.untimed.n),
             parts,
             gaps: if gaps.is_finite() { gaps.max(0.0) } else { 0.0 },
             frame: frame.untimed.scaled(1.0 / NS_PER_MS),
@@ -188,7 +190,7 @@ fn shorten(label: &str) -> String {
 /// The untimed frame's interval and the published times, with their widths in pixels.
 fn lines(bar: &Bar, row: f64) -> Vec<([(f64, f64); 2], u32)> {
     let middle = row + 0.5;
-    let mut lines = vec![([(bar.frame.low, middle), (bar.frame.high, middle)], 2)];
+    let mut lines = vec![(bar.frame.ends().map(|end| (end, middle)), 2)];
     if let Some((low, high)) = bar.published {
         for at in [low, high] {
             lines.push(([(at, row + 0.04), (at, row + 0.96)], 4));

@@ -10,7 +10,7 @@ use super::super::plots;
 use super::super::{Section, view::Entry};
 use super::image;
 use crate::experiments::schema::Published;
-use crate::experiments::{fits, fps};
+use crate::experiments::{Verdict, fits, fps};
 use crate::record::{Cell, Estimate, Measured, Outcome, Picture, PictureKind, StageRecord};
 use crate::text;
 
@@ -79,10 +79,15 @@ fn gallery(pictures: &[(&Cell, &Picture)], text: &mut String) {
 }
 
 fn claims(section: &Section<'_>, text: &mut String) {
-    let mut table = Table::new(["claim", "verdict", "figure"]);
+    let mut table = Table::new(["claim", "verdict", "n", "figure"]);
     for ruling in section.rulings() {
         let verdict = ruling.verdict.to_string();
-        table.row([&ruling.text, &verdict, &ruling.reason]);
+        let n = match (ruling.verdict, ruling.n) {
+            (Verdict::NotRun, _) => "–".to_owned(),
+            (_, Some(n)) => n.to_string(),
+            (_, None) => "exact".to_owned(),
+        };
+        table.row([&ruling.text, &verdict, &n, &ruling.reason]);
     }
     table.add_to(text, "");
 }
@@ -90,16 +95,19 @@ fn claims(section: &Section<'_>, text: &mut String) {
 /// Whole frames without stage timing, held against what was published for the same size.
 fn frames(section: &Section<'_>, text: &mut String) {
     let head =
-        "cell|scene|frame (ms, 95 %)|fps|published fps|measured / published|allocated".split('|');
+        "cell|scene|frame (ms, 95 %)|n|cost of timing|fps|published fps|measured / published|allocated"
+            .split('|');
     let mut table = Table::new(head);
-    for (cell, measured) in section.measured() {
+    for (cell, measured) in section.timed() {
         let rate = fps(&measured.frame.untimed);
         let published =
             section.experiment.as_ref().and_then(|experiment| experiment.published_for(cell));
         table.row([
             name(cell),
             cell.scene.clone(),
-            format::ms(&measured.frame.untimed),
+            format::ms(&measured.frame.untimed, &measured.frame.untimed_samples_ns),
+            measured.frame.untimed.n.to_string(),
+            timing_cost(measured),
             format::three(rate.median),
             published.map_or_else(|| "–".to_owned(), Published::figure),
             published.map_or_else(|| "–".to_owned(), |published| ratio(&rate, published)),
@@ -107,6 +115,21 @@ fn frames(section: &Section<'_>, text: &mut String) {
         ]);
     }
     table.add_to(text, "Whole frames, not timed by stage:\n\n");
+}
+
+/// Above this share the cost of timing is marked: stages of such a cell hold it, too.
+const MARKED_COST: f64 = 0.1;
+
+/// The cost of timing as a share of the untimed frame.
+fn timing_cost(measured: &Measured) -> String {
+    let share = measured.frame.timing_cost.median - 1.0;
+    let mark = if share > MARKED_COST { " **!**" } else { "" };
+    format!("{:+.1} %{mark}", 100.0 * share)
+}
+
+/// A cell's name and its number of samples.
+fn counted((cell, measured): &(&Cell, &Measured)) -> String {
+    format!("{}, n = {}", name(cell), measured.frame.untimed.n)
 }
 
 fn name(cell: &Cell) -> String {
@@ -162,15 +185,14 @@ fn unmeasured(section: &Section<'_>, text: &mut String) {
 
 /// Stage medians with intervals: stages down, cells across.
 fn stages(section: &Section<'_>, text: &mut String) {
-    let all: Vec<(&Cell, &Measured)> = section.measured().collect();
+    let all: Vec<(&Cell, &Measured)> = section.timed().collect();
     if all.is_empty() {
         return;
     }
-    *text += "Stages, median ms (95 %):\n\n";
+    *text += "Stages, median ms (95 %), n samples each:\n\n";
     for cells in all.chunks(COLUMNS) {
         let head = ["stage".to_owned(), "clock".to_owned()];
-        let mut table =
-            Table::new(head.into_iter().chain(cells.iter().map(|(cell, _)| name(cell))));
+        let mut table = Table::new(head.into_iter().chain(cells.iter().map(counted)));
         for stage in stage_names(cells) {
             let mut clocks = IndexSet::new();
             let mut times = Vec::new();
@@ -209,7 +231,7 @@ fn stage_names<'a>(cells: &[(&Cell, &'a Measured)]) -> IndexSet<&'a str> {
 /// Declared work over time in the cell with the longest frame, where fixed costs matter least.
 fn throughput(section: &Section<'_>, text: &mut String) {
     let longest = section
-        .measured()
+        .timed()
         .max_by(|a, b| a.1.frame.untimed.median.total_cmp(&b.1.frame.untimed.median));
     let Some((cell, measured)) = longest else { return };
     let total_ns: f64 = measured.stages.iter().map(|stage| stage.time.median).sum();

@@ -2,12 +2,18 @@
 
 use std::process::{Child, Command};
 
-pub(super) use system::{cores, is_stopped, pin, randomized};
+use serde::{Deserialize, Serialize};
+
+pub use system::{cores, is_stopped, pin, randomized};
 
 /// Variable that pads a worker's environment, and with it moves its stack.
 pub const PADDING: &str = "FATHOM_PADDING";
 /// A page, over which the stack's place repeats itself for the caches.
 pub const PADDING_BYTES: usize = 4096;
+/// Variable in which a process that has begun again finds the cores that it could run on before.
+const CORES: &str = "FATHOM_CORES";
+/// Variable with the threads of Mesa's rasterizer. With none it works in the thread that submits. Other drivers ignore it.
+const RASTERIZER_THREADS: &str = "LP_NUM_THREADS";
 /// Bytes of a large page of most systems.
 const LARGE_PAGE: usize = 2 << 20;
 /// By how much each byte of padding moves the heap: all together by a large page, by lines of the caches and by parts of them.
@@ -35,10 +41,9 @@ pub struct Quiet {
 ///
 /// On Linux the child goes when the calling thread does, however that ends. It lies outside the terminal's foreground group:
 /// Ctrl-C reaches this process alone, which decides what becomes of its children.
-pub(super) fn apply(command: &mut Command, quiet: Option<&Quiet>) {
+pub fn apply(command: &mut Command, quiet: Option<&Quiet>) {
     if let Some(quiet) = quiet {
-        // Mesa's rasterizer then works in the thread that submits. Drivers without it ignore this.
-        command.env("LP_NUM_THREADS", "0");
+        command.env(RASTERIZER_THREADS, "0");
         if quiet.keep_memory {
             command.env("GLIBC_TUNABLES", MEMORY);
         }
@@ -49,10 +54,68 @@ pub(super) fn apply(command: &mut Command, quiet: Option<&Quiet>) {
     std::os::unix::process::CommandExt::process_group(command, 0);
 }
 
+/// Conditions under which a process measures.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Conditions {
+    /// Cores that the driver may run on; empty where that is not known.
+    pub cores: Vec<usize>,
+    /// Threads that Mesa's rasterizer has beside the one that submits, if that was set.
+    pub rasterizer_threads: Option<String>,
+    /// Whether addresses are randomized, if that is known.
+    pub randomized: Option<bool>,
+}
+
+impl Conditions {
+    /// Of this process.
+    pub fn here() -> Self {
+        Self {
+            cores: allowed_cores(),
+            rasterizer_threads: std::env::var(RASTERIZER_THREADS).ok(),
+            randomized: randomized(),
+        }
+    }
+}
+
+/// Starts this program again, in this process and with the same arguments: pinned to one core, with a rasterizer in the thread
+/// that submits, freed memory kept and addresses not randomized. A variable that the user has set stays as it is. Returns where
+/// the system cannot do that, and in the program that was started so.
+pub fn begin_again() {
+    if std::env::var_os(CORES).is_some() {
+        return;
+    }
+    let cores = allowed_cores();
+    // Programs that are started at the same time spread over the cores.
+    let place = std::process::id() as usize % cores.len().max(1);
+    let (Some(core), Ok(program)) = (cores.get(place), std::env::current_exe()) else {
+        return;
+    };
+    let mut command = Command::new(program);
+    command.args(std::env::args_os().skip(1));
+    for (name, value) in [(RASTERIZER_THREADS, "0"), ("GLIBC_TUNABLES", MEMORY)] {
+        if std::env::var_os(name).is_none() {
+            command.env(name, value);
+        }
+    }
+    let list: Vec<String> = cores.iter().map(ToString::to_string).collect();
+    command.env(CORES, list.join(","));
+    system::replace(command, *core);
+}
+
+/// The cores that this program could run on before it began again, else now.
+pub fn cores_before() -> Vec<usize> {
+    let Ok(list) = std::env::var(CORES) else { return allowed_cores() };
+    list.split(',').filter_map(|core| core.parse().ok()).collect()
+}
+
+/// Lets the calling thread run on all cores that the program could run on before it began again.
+pub fn spread() {
+    system::allow(&cores_before());
+}
+
 /// In a worker, before it does anything: what it will allocate begins so far behind the boundary of a large page, wherever the
 /// program's own data end. When only the stack was moved, a build with an unrelated function was 1.9 % faster than its base in one
 /// stage and 1.2 % in another, gate after gate.
-pub(super) fn pad_heap() {
+pub fn pad_heap() {
     let Some(padding) = std::env::var_os(PADDING) else {
         return;
     };
@@ -64,7 +127,7 @@ pub(super) fn pad_heap() {
 }
 
 /// Kills a child that [`apply`] has prepared, and all that it has started.
-pub(super) fn kill_all(child: &mut Child) {
+pub fn kill_all(child: &mut Child) {
     system::kill_group(child.id());
     // It may have ended by itself.
     let _ = child.kill();
@@ -105,6 +168,35 @@ mod system {
         // SAFETY: between fork and exec only system calls are made; nothing is allocated and no lock is taken.
         unsafe {
             command.pre_exec(prepare);
+        }
+    }
+
+    /// Becomes this program; returns only where that fails.
+    pub fn replace(mut command: Command, core: usize) {
+        let core = one(core);
+        let prepare = move || {
+            if let Ok(persona) = personality::get() {
+                let _ = personality::set(persona | Persona::ADDR_NO_RANDOMIZE);
+            }
+            if let Some(core) = &core {
+                let _ = sched_setaffinity(Pid::from_raw(0), core);
+            }
+            Ok(())
+        };
+        // SAFETY: only system calls are made; nothing is allocated and no lock is taken.
+        unsafe {
+            command.pre_exec(prepare);
+        }
+        // Whatever the reason is, the program goes on without it, and its records say so.
+        let _ = command.exec();
+    }
+
+    /// Lets the calling thread run on these cores.
+    pub fn allow(cores: &[usize]) {
+        let mut set = CpuSet::new();
+        let known = cores.iter().filter(|core| set.set(**core).is_ok()).count();
+        if known > 0 {
+            let _ = sched_setaffinity(Pid::from_raw(0), &set);
         }
     }
 
@@ -160,6 +252,10 @@ mod system {
     use super::Quiet;
 
     pub fn apply(_: &mut Command, _: Option<&Quiet>) {}
+
+    pub fn replace(_: Command, _: usize) {}
+
+    pub fn allow(_: &[usize]) {}
 
     pub fn pin(_: u32, _: usize) {}
 

@@ -1,0 +1,160 @@
+//! The rule of evidence: figures against the bands that they must lie in.
+
+use super::{ALPHA, Verdict, least_samples};
+use crate::experiments::measure::Reading;
+use crate::statistics::{self, Interval};
+
+/// Figures that a reason names one by one.
+const MOST_NAMED: usize = 3;
+/// Samples beyond which none is asked for: the figure lies at the bound.
+const MOST_SAMPLES: f64 = 1e4;
+
+/// A figure and the band that it must lie in.
+#[derive(Clone, Debug)]
+pub(super) struct Comparison {
+    pub name: String,
+    pub figure: Figure,
+    pub band: Interval,
+}
+
+#[derive(Clone, Debug)]
+pub(super) enum Figure {
+    Reading(Reading),
+    /// Fitted to exact figures: the interval holds how far they are off the fit.
+    Fitted {
+        value: f64,
+        interval: Interval,
+    },
+}
+
+impl Figure {
+    fn value(&self) -> f64 {
+        match self {
+            Figure::Reading(reading) => reading.median(),
+            Figure::Fitted { value, .. } => *value,
+        }
+    }
+
+    /// None where there are too few samples.
+    fn interval(&self, alpha: f64) -> Option<Interval> {
+        match self {
+            Figure::Reading(Reading::Exact(value)) => Some(Interval { low: *value, high: *value }),
+            Figure::Reading(sampled) => statistics::median_interval(&sampled.values(), alpha),
+            Figure::Fitted { interval, .. } => Some(*interval),
+        }
+    }
+}
+
+impl Comparison {
+    pub fn new(name: impl Into<String>, reading: Reading, [low, high]: [f64; 2]) -> Self {
+        let figure = Figure::Reading(reading);
+        Self { name: name.into(), figure, band: Interval { low, high } }
+    }
+
+    #[must_use]
+    pub fn prefixed(self, prefix: &str) -> Self {
+        Self { name: format!("{prefix}{}", self.name), ..self }
+    }
+
+    /// Samples; none where the figure is exact.
+    pub fn n(&self) -> Option<usize> {
+        match &self.figure {
+            Figure::Reading(reading) => reading.n(),
+            Figure::Fitted { .. } => None,
+        }
+    }
+
+    /// As one of so many comparisons.
+    fn verdict(&self, of: usize) -> Verdict {
+        let inside = |i: Interval| i.low >= self.band.low && i.high <= self.band.high;
+        let outside = |i: Interval| i.high < self.band.low || i.low > self.band.high;
+        if self.figure.interval(ALPHA / of as f64).is_some_and(outside) {
+            Verdict::Contradicted
+        } else if self.figure.interval(ALPHA).is_some_and(inside) {
+            Verdict::Supported
+        } else {
+            Verdict::Inconclusive
+        }
+    }
+
+    /// `slope 1.020 (0.990 – 1.050), n = 16`
+    fn text(&self) -> String {
+        let value = number(self.figure.value());
+        let exact = self.n().is_none();
+        let interval = match self.figure.interval(ALPHA) {
+            Some(Interval { low, high }) if low == high && exact => String::new(),
+            Some(Interval { low, high }) => format!(" ({} – {})", number(low), number(high)),
+            None => String::new(),
+        };
+        let n = self.n().map_or_else(String::new, |n| format!(", n = {n}"));
+        format!("{} {value}{interval}{n}", self.name)
+    }
+
+    /// What is asked of it.
+    fn asked(&self) -> String {
+        let Interval { low, high } = self.band;
+        match (low.is_finite(), high.is_finite()) {
+            (true, true) => format!("{} – {}", number(low), number(high)),
+            (true, false) => format!("at least {}", number(low)),
+            (false, true) => format!("at most {}", number(high)),
+            (false, false) => "anything".to_owned(),
+        }
+    }
+
+    /// How far the figure lies inside its band; negative outside.
+    fn inside(&self) -> f64 {
+        let value = self.figure.value();
+        (value - self.band.low).min(self.band.high - value)
+    }
+
+    /// What would settle it.
+    fn settled_by(&self) -> String {
+        let Some(n) = self.n() else {
+            return "its spread over the cells straddles the bound".to_owned();
+        };
+        if n < least_samples() {
+            return format!("{} samples are needed", least_samples());
+        }
+        // The interval shrinks with the root of n.
+        let half_width = self.figure.interval(ALPHA).map_or(f64::NAN, |i| i.half_width());
+        let needed = n as f64 * (half_width / self.inside()).powi(2);
+        if needed.is_finite() && needed <= MOST_SAMPLES {
+            format!("the interval straddles the bound; about {needed:.0} samples would settle it")
+        } else {
+            "the figure lies at the bound".to_owned()
+        }
+    }
+}
+
+/// The verdict on all comparisons of a claim, and the figures that decided; none where there is nothing to compare.
+pub(super) fn judge(comparisons: &[Comparison]) -> Option<(Verdict, String)> {
+    let verdicts = comparisons.iter().map(|comparison| comparison.verdict(comparisons.len()));
+    let verdict = verdicts.clone().min()?;
+    let mut deciding: Vec<&Comparison> =
+        comparisons.iter().zip(verdicts).filter(|(_, v)| *v == verdict).map(|(c, _)| c).collect();
+    deciding.sort_by(|a, b| a.inside().total_cmp(&b.inside()));
+    let named = if verdict == Verdict::Contradicted { MOST_NAMED } else { 1 };
+    let told = deciding.iter().take(named).map(|comparison| {
+        let told = format!("{} against {}", comparison.text(), comparison.asked());
+        match verdict {
+            Verdict::Inconclusive => format!("{told}: {}", comparison.settled_by()),
+            _ => told,
+        }
+    });
+    let told = told.collect::<Vec<_>>().join("; ");
+    let count = match (comparisons.len(), deciding.len(), verdict) {
+        (1, ..) => String::new(),
+        (all, _, Verdict::Supported) => format!(" (the nearest to its bound of {all})"),
+        (all, some, _) => format!(" ({some} of {all} comparisons)"),
+    };
+    Some((verdict, told + &count))
+}
+
+/// Three decimals, or three digits of what is small.
+fn number(value: f64) -> String {
+    match value.abs() {
+        size if size >= 100.0 => format!("{value:.1}"),
+        size if size >= 0.1 || size == 0.0 => format!("{value:.3}"),
+        _ => format!("{value:.3e}"),
+    }
+}

@@ -1,0 +1,70 @@
+//! The clock that the host reads around submissions.
+
+use std::sync::OnceLock;
+use std::time::Instant;
+
+use serde::{Deserialize, Serialize};
+
+/// What time means to the host.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum HostClock {
+    #[default]
+    Wall,
+    /// CPU time of this process, all threads together. On a software driver the process is the GPU, and what other processes
+    /// take from its core does not count.
+    ProcessCpu,
+}
+
+impl HostClock {
+    /// Nanoseconds since a fixed moment.
+    pub fn now_ns(self) -> f64 {
+        match self {
+            Self::Wall => wall_ns(),
+            Self::ProcessCpu => process_ns().unwrap_or_else(wall_ns),
+        }
+    }
+
+    /// Whether this system has the clock.
+    pub fn is_there(self) -> bool {
+        self == Self::Wall || process_ns().is_some()
+    }
+}
+
+fn wall_ns() -> f64 {
+    static START: OnceLock<Instant> = OnceLock::new();
+    START.get_or_init(Instant::now).elapsed().as_secs_f64() * 1e9
+}
+
+/// CPU time of this process so far; unknown outside Linux.
+#[cfg(target_os = "linux")]
+pub(super) fn process_ns() -> Option<f64> {
+    use nix::time::{ClockId, clock_gettime};
+    let time = clock_gettime(ClockId::CLOCK_PROCESS_CPUTIME_ID).ok()?;
+    Some(time.tv_sec() as f64 * 1e9 + time.tv_nsec() as f64)
+}
+
+#[cfg(not(target_os = "linux"))]
+pub(super) fn process_ns() -> Option<f64> {
+    None
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn waiting_takes_wall_time_and_no_cpu_time() {
+        if !HostClock::ProcessCpu.is_there() {
+            return;
+        }
+        // Other tests run in this process: their CPU time counts, but not more than all cores give.
+        let (wall, cpu) = (HostClock::Wall.now_ns(), HostClock::ProcessCpu.now_ns());
+        std::thread::sleep(std::time::Duration::from_millis(20));
+        let waited_ns = HostClock::Wall.now_ns() - wall;
+        assert!(waited_ns >= 20e6, "{waited_ns}");
+        let cores = std::thread::available_parallelism().map_or(1.0, |n| n.get() as f64);
+        let spent_ns = HostClock::ProcessCpu.now_ns() - cpu;
+        assert!(spent_ns >= 0.0 && spent_ns <= 1.1 * cores * waited_ns, "{spent_ns}");
+    }
+}
