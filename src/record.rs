@@ -27,7 +27,7 @@ pub use comparison::Compared;
 pub use error_figure::ErrorFigure;
 pub use file::{Writer, empty_or_sound, finished, read, read_some, resume_key};
 pub use kinds::{
-    FaultKind, Note, NoteKind, Picture, PictureKind, Profile, RejectedFrames, Rejection,
+    FaultKind, Note, NoteKind, Picture, PictureKind, Profile, RejectedFrames, Rejection, SetUp,
     ShaderChecks, Surrounding,
 };
 pub use lines::{Damage, Line, LineWriter, Opened, Reading, RecordError, kept_aside, read_lines};
@@ -61,6 +61,8 @@ pub struct Run {
     pub shader_checks: ShaderChecks,
     /// Of the process that measured.
     pub conditions: Conditions,
+    /// The clock of each kind of pass.
+    pub clocks: Clocks,
     pub audit: Vec<AuditRow>,
     /// Host time of a submission with the least pass of a kind, as the audit measured it. What was taken off fenced host
     /// durations was measured beside them: see [`Fenced`].
@@ -368,6 +370,9 @@ pub struct End {
     /// Sum of all measured GPU time, warm-up included.
     pub measured_gpu_s: f64,
     pub set_up_s: f64,
+    /// Its parts.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub set_up_parts_s: BTreeMap<SetUp, f64>,
     pub peak_memory_bytes: Option<u64>,
     pub interrupted: bool,
 }

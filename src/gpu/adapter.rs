@@ -4,6 +4,7 @@ use std::cell::Cell;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
+use super::pipelines::Pipelines;
 use super::shader::Shaders;
 use super::{Capacity, GpuError};
 use crate::embedded::{Folders, SHADERS};
@@ -63,6 +64,7 @@ pub struct Gpu {
     pub unchecked: bool,
     /// Results of [`Gpu::shader`].
     pub(super) shaders: Shaders,
+    pub(super) pipelines: Pipelines,
     /// It allocates nothing: see [`Gpu::planner`].
     planner: bool,
     pub(super) folders: Folders,
@@ -298,6 +300,7 @@ impl Gpu {
             notes,
             unchecked,
             shaders: Shaders::default(),
+            pipelines: Pipelines::default(),
             planner: false,
             folders: options.shaders.clone().unwrap_or_else(|| Folders::of(SHADERS)),
             raw_adapter: chosen,
@@ -340,7 +343,10 @@ impl Gpu {
         let captured = [internal, memory, validation].map(|scope| pollster::block_on(scope.pop()));
         self.pending_fault()?;
         match captured.into_iter().flatten().next() {
-            Some(error) => Err(error.into()),
+            Some(error) => {
+                self.pipelines.clear();
+                Err(error.into())
+            }
             None => result,
         }
     }

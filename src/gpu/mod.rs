@@ -12,6 +12,7 @@ mod error;
 mod frame;
 mod layout;
 mod limits;
+mod pipelines;
 mod readback;
 mod shader;
 mod stage;
@@ -29,6 +30,7 @@ pub use frame::{
 };
 pub use layout::{BoundStruct, Member, StructLayout};
 pub use limits::Demand;
+pub use pipelines::{CodeKey, GroupKey, KernelKey, RasterKey};
 pub use readback::{Pixels, Texels, read_buffer, read_texture, read_volume, texture_bytes};
 pub use shader::{Shader, compilation_options, default_defs, link, shader_paths};
 pub use stage::{Column, Output, OutputData, ReadRow, Stage, StageInfo};

@@ -1,6 +1,6 @@
 //! The scheduler's hands on a real device: builds cells, runs their frames, and writes their records.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Display;
 use std::path::Path;
 use std::time::{Instant, SystemTime};
@@ -19,7 +19,7 @@ use crate::gpu::{self, ClockPlan, FrameSample, FrameTimer, Gpu, GpuError, Stage,
 use crate::pipelines::{AnyPipeline, Judge, Known};
 use crate::record::{
     Addition, Cell, Note, NoteKind, Outcome, Picture, PictureKind, Record, RecordError, Run,
-    SampleLine, Writer,
+    SampleLine, SetUp, Writer,
 };
 
 /// What a software driver keeps of a pipeline's compiled shaders in the process: of 15 cells of `vao-samples`, 300 MiB more
@@ -39,16 +39,31 @@ pub struct Session {
 }
 
 /// Where the time of a run went.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Debug, Default)]
 pub struct Spent {
-    /// Building pipelines, counting shader invocations, running references; seconds.
-    pub set_up_s: f64,
+    /// What is not measuring; seconds.
+    pub set_up_s: BTreeMap<SetUp, f64>,
     /// All frames, timed and untimed, warm-up included; nanoseconds.
     pub frames_ns: f64,
 }
 
+impl Spent {
+    /// Adds the time since `start`, and gives this moment.
+    pub fn since(&mut self, start: Instant, on: SetUp) -> Instant {
+        let now = Instant::now();
+        *self.set_up_s.entry(on).or_default() += (now - start).as_secs_f64();
+        now
+    }
+}
+
 impl Session {
-    pub fn new(gpu: Gpu, options: gpu::Options, plan: ClockPlan) -> Result<Self, GpuError> {
+    /// With what was spent up to now.
+    pub fn new(
+        gpu: Gpu,
+        options: gpu::Options,
+        plan: ClockPlan,
+        spent: Spent,
+    ) -> Result<Self, GpuError> {
         let timer = FrameTimer::new(&gpu, plan, MAX_PASSES)?;
         Ok(Self {
             gpu,
@@ -58,7 +73,7 @@ impl Session {
             references: References::default(),
             known: Known::default(),
             reopened: false,
-            spent: Spent::default(),
+            spent,
         })
     }
 
@@ -169,14 +184,17 @@ impl<'a> CellExecutor<'a> {
     }
 
     fn build(&mut self, cell: usize) -> Result<u64, GpuError> {
-        let gpu = &self.session.gpu;
+        let Session { gpu, spent, .. } = &mut *self.session;
+        let start = Instant::now();
         let pipeline = self.cells[cell].subject.build(gpu)?;
+        let start = spent.since(start, SetUp::Pipelines);
         let stages = pipeline.stages();
         let counters = if self.cells[cell].plan.errors_only {
             Vec::new()
         } else {
             gpu::count(gpu, &stages, MAX_PASSES)?.unwrap_or_default()
         };
+        spent.since(start, SetUp::Counting);
         let code = if gpu.adapter.software { SOFTWARE_CODE_BYTES } else { 0 };
         let bytes = pipeline.allocated_bytes() + code;
         self.built[cell] = Some(Built { pipeline, counters, found: None });
@@ -189,14 +207,17 @@ impl<'a> CellExecutor<'a> {
         let start = Instant::now();
         let mut findings = Findings::default();
         findings.add("quantities not read", pipeline.quantities(&self.session.gpu));
+        let start = self.session.spent.since(start, SetUp::Quantities);
         let judged = pipeline.judge(&mut self.judge(cell)).map(|judged| {
             findings.errors = judged.errors;
             judged.quantities
         });
         findings.add("errors not computed", judged);
+        let start = self.session.spent.since(start, SetUp::Errors);
         self.compared(cell, pipeline, &mut findings);
+        let start = self.session.spent.since(start, SetUp::Comparisons);
         self.pictures(cell, pipeline, &mut findings);
-        self.session.spent.set_up_s += start.elapsed().as_secs_f64();
+        self.session.spent.since(start, SetUp::Pictures);
         findings
     }
 
@@ -307,10 +328,7 @@ impl Executor for CellExecutor<'_> {
 
     fn prepare(&mut self, cell: usize) -> Result<u64, Failure> {
         self.output.progress.preparing(&self.cells[cell].plan);
-        let start = Instant::now();
-        let bytes = self.build(cell);
-        self.session.spent.set_up_s += start.elapsed().as_secs_f64();
-        bytes.map_err(failure)
+        self.build(cell).map_err(failure)
     }
 
     fn timed(&mut self, cell: usize) -> Result<FrameSample, Failure> {

@@ -8,7 +8,7 @@ use jiff::Timestamp;
 use thiserror::Error;
 
 use super::catalog::Catalog;
-use super::executor::{self, CellExecutor, Session};
+use super::executor::{self, CellExecutor, Session, Spent};
 use super::journal::Journal;
 use super::output::{Held, OutputError};
 use super::plan::{self, PlanError, PlannedCell, PlannedExperiment, Request};
@@ -20,7 +20,7 @@ use crate::gpu::{self, Audit, ClockPlan, Gpu, GpuError};
 use crate::quiet;
 use crate::record::{
     self, Conditions, Definition, End, Note, NoteKind, Outcome, PassKind, Profile, Record,
-    RecordError, Run, SCHEMA, SampleLine, ShaderChecks,
+    RecordError, Run, SCHEMA, SampleLine, SetUp, ShaderChecks,
 };
 
 /// Memory of the cells that are prepared at the same time. On a software driver it is the process's own,
@@ -110,7 +110,10 @@ pub fn run(options: &Options, interrupted: &AtomicBool) -> Result<Summary, RunEr
     spread_references();
     let experiments = options.request.load(&options.catalog)?;
     let resumed = options.resume.then(|| Held::resume(options.out.as_deref())).transpose()?;
+    let mut spent = Spent::default();
+    let now = spent.since(start, SetUp::Scenes);
     let gpu = Gpu::open(&options.gpu)?;
+    let now = spent.since(now, SetUp::Device);
     let profile = profile(options, resumed.as_ref(), &gpu);
     let mut planned =
         plan::plan(experiments, &options.request, profile, &gpu.capacity, &options.catalog)?;
@@ -118,7 +121,9 @@ pub fn run(options: &Options, interrupted: &AtomicBool) -> Result<Summary, RunEr
         Some(held) => held,
         None => Held::create(options.out.as_deref(), &gpu.adapter.name, profile)?,
     };
+    let now = spent.since(now, SetUp::Scenes);
     let audit = gpu::audit(&gpu)?;
+    spent.since(now, SetUp::Audit);
     let seed = options.seed.unwrap_or_else(|| u64::from(rand::random::<u32>()));
     let mut header = header(options, &gpu, &audit, profile, seed);
     let finished = record::finished(&held.before, &header);
@@ -128,9 +133,10 @@ pub fn run(options: &Options, interrupted: &AtomicBool) -> Result<Summary, RunEr
     let ids = ids(&planned, &header);
     let plan = clock_plan(audit.plan, &mut journal, &ids);
     header.notes.extend(other_clocks(&audit.plan, &plan));
+    header.clocks = AUDITED.map(|kind| (kind, plan.clock(kind))).into();
     let mut measurement = Measurement {
         settings: settings(options, profile, &planned, seed, gpu.adapter.software),
-        session: Session::new(gpu, options.gpu.clone(), plan)?,
+        session: Session::new(gpu, options.gpu.clone(), plan, spent)?,
         round: next_round(&held.before, &journal),
         held,
         header,
@@ -139,9 +145,8 @@ pub fn run(options: &Options, interrupted: &AtomicBool) -> Result<Summary, RunEr
         quiet: options.quiet,
     };
     measurement.begin(&damage, &ids)?;
-    let set_up_s = start.elapsed().as_secs_f64();
     measurement.measure(&planned)?;
-    measurement.end(start, set_up_s, kept)
+    measurement.end(start, kept)
 }
 
 /// A round that no sample of these records or samples has.
@@ -218,6 +223,7 @@ fn header(options: &Options, gpu: &Gpu, audit: &Audit, profile: Profile, seed: u
             ..gpu.adapter.clone()
         },
         conditions: Conditions::here(),
+        clocks: record::Clocks::new(),
         shader_checks: if gpu.unchecked { ShaderChecks::Unchecked } else { ShaderChecks::Checked },
         audit: audit.rows.clone(),
         submit_cost_ns: AUDITED.map(|kind| (kind, audit.plan.submit_cost.of(kind))).into(),
@@ -356,12 +362,14 @@ impl Measurement<'_> {
         Ok(())
     }
 
-    fn end(mut self, start: Instant, set_up_s: f64, kept: usize) -> Result<Summary, RunError> {
-        let set_up_s = set_up_s + self.session.spent.set_up_s;
+    fn end(mut self, start: Instant, kept: usize) -> Result<Summary, RunError> {
+        let parts_s = self.session.spent.set_up_s.clone();
+        let set_up_s = parts_s.values().sum();
         let end = End {
             measuring_wall_s: start.elapsed().as_secs_f64() - set_up_s,
             measured_gpu_s: self.session.spent.frames_ns * 1e-9,
             set_up_s,
+            set_up_parts_s: parts_s,
             peak_memory_bytes: memory::peak_bytes(),
             interrupted: self.interrupted.load(Ordering::Relaxed),
         };

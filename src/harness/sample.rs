@@ -5,7 +5,7 @@
 //! of them alike. A visit renders one frame with per-stage timing and one without, in random order: the
 //! ratio of such pairs is the cost of timing.
 //!
-//! Every cell gets the pairs that a verdict needs at least. Then the scheduler looks at the samples. As long as claims are open,
+//! Every cell gets the pairs of the first look. Then the scheduler looks at the samples. As long as claims are open,
 //! only the cells of these claims are sampled on, up to the next look; after that the cells whose frame time is not precise yet.
 //! A look comes at [`LOOK_PAIRS`] pairs only, however the samples turn out, and the claims' intervals allow for that many looks.
 //! Cells whose times nobody asks for render one frame.
@@ -28,13 +28,16 @@ use crate::gpu::{Fault, FrameSample, StageSample};
 use crate::record::{Addition, Clock, FaultKind, FramePair, Rejection, StageTime};
 use crate::statistics;
 
-/// Pairs of a cell at which its samples are looked at. The first is what a verdict needs at least, each other one twice the one
-/// before. The end of the time is one more look.
-pub const LOOK_PAIRS: [usize; LOOKS - 1] = [8, 16, 32, 64, 128];
+/// Pairs of a cell at which its samples are looked at; each other one is twice the one before. A verdict needs 8 at least, and from
+/// 12 on no interval ends at a single outlier. The end of the time is one more look.
+pub const LOOK_PAIRS: [usize; LOOKS - 1] = [12, 24, 48, 96];
 /// Pairs that each cell gets however slow it is.
 pub const MIN_PAIRS: usize = LOOK_PAIRS[0];
 /// Pairs after which a cell stops in any case.
 pub const MAX_PAIRS: usize = LOOK_PAIRS[LOOKS - 2];
+/// Time that a cell may take to settle its claims and to become precise even when the budget is used up: short frames cost
+/// hardly anything.
+const FREE_S: f64 = 0.25;
 /// Warm-up is over once a frame is not faster than the one before it by more than this share.
 pub const WARM_UP_TOLERANCE: f64 = 0.1;
 /// Frames after which warm-up is given up, and said so.
@@ -249,6 +252,7 @@ struct Live {
     samples: Samples,
     /// Pairs until the next look.
     target: usize,
+    spent_s: f64,
     /// It has rendered frames on this device.
     warm: bool,
     /// Its samples are an earlier run's, and no frame of this run was held against them.
@@ -262,6 +266,7 @@ impl Live {
             cell,
             unconfirmed: !samples.stages.is_empty(),
             target: look_after(samples.pairs().saturating_sub(1)).unwrap_or(MAX_PAIRS),
+            spent_s: 0.0,
             samples,
             warm: false,
         }
@@ -271,7 +276,11 @@ impl Live {
     /// is on its way to the next look and there is time.
     fn wants(&self, time_is_left: bool) -> bool {
         let pairs = self.samples.pairs();
-        !self.warm || pairs < MIN_PAIRS || time_is_left && pairs < self.target
+        !self.warm || pairs < MIN_PAIRS || self.may_go_on(time_is_left) && pairs < self.target
+    }
+
+    fn may_go_on(&self, time_is_left: bool) -> bool {
+        time_is_left || self.spent_s < FREE_S
     }
 
     /// There is enough of it for a record.
@@ -375,7 +384,7 @@ impl<X: Executor> Sampler<'_, X> {
             let wanting = self.live.iter().filter(|live| live.wants(time_is_left));
             let mut round: Vec<usize> = wanting.map(|live| live.cell).collect();
             if round.is_empty() {
-                if time_is_left && self.look()? {
+                if self.look(time_is_left)? {
                     continue;
                 }
                 break;
@@ -391,11 +400,13 @@ impl<X: Executor> Sampler<'_, X> {
     }
 
     /// Decides which cells are sampled on, and closes those that need no more while others go on; whether any does.
-    fn look(&mut self) -> Result<bool, X::Fatal> {
+    fn look(&mut self, time_is_left: bool) -> Result<bool, X::Fatal> {
         let samples: Vec<(usize, &Samples)> =
             self.live.iter().map(|live| (live.cell, &live.samples)).collect();
         let open = self.executor.unsettled(&samples);
-        let goes_on = |live: &Live| look_after(live.samples.pairs()).is_some();
+        let goes_on = |live: &Live| {
+            live.may_go_on(time_is_left) && look_after(live.samples.pairs()).is_some()
+        };
         let is_open = |live: &Live| open.contains(&live.cell) && goes_on(live);
         let is_vague = |live: &Live| {
             live.samples.relative_half_width() > self.settings.precision && goes_on(live)
@@ -415,7 +426,13 @@ impl<X: Executor> Sampler<'_, X> {
             if let Some(at) = self.position(cell) {
                 let samples = &self.live[at].samples;
                 let vague = samples.relative_half_width() > self.settings.precision;
-                let stopped = if vague { Stopped::EnoughPairs } else { Stopped::Precise };
+                let stopped = if !vague {
+                    Stopped::Precise
+                } else if time_is_left {
+                    Stopped::EnoughPairs
+                } else {
+                    Stopped::OutOfTime
+                };
                 self.close_sampled(at, stopped)?;
             }
         }
@@ -427,12 +444,14 @@ impl<X: Executor> Sampler<'_, X> {
         if self.interrupted() || self.position(cell).is_none() {
             return Ok(());
         }
+        let start_s = self.executor.now_s();
         let mut added = Addition::default();
         self.attempt(cell, |sampler| sampler.warm_up(cell, &mut added))?;
         self.attempt(cell, |sampler| sampler.pair(cell, &mut added))?;
         let Some(at) = self.position(cell) else {
             return Ok(());
         };
+        self.live[at].spent_s += self.executor.now_s() - start_s;
         self.live[at].samples.add(&added);
         self.executor.keep(cell, added)?;
         match self.live[at].samples.verdict_on_rejections() {

@@ -62,6 +62,39 @@ impl Surrounding {
     }
 }
 
+/// What a run does besides rendering the frames that it measures.
+#[derive(
+    Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, strum::IntoStaticStr,
+)]
+#[serde(rename_all = "snake_case")]
+#[strum(serialize_all = "lowercase")]
+pub enum SetUp {
+    /// Opening the adapter.
+    Device,
+    /// Making scenes and resolving parameters.
+    Scenes,
+    /// The clock's audit.
+    Audit,
+    /// Building pipelines and their resources.
+    Pipelines,
+    /// Counting shader invocations.
+    Counting,
+    /// Reading figures back.
+    Quantities,
+    /// Errors against references.
+    Errors,
+    /// Runs that results are compared with: denser ones, and the same seen from elsewhere.
+    Comparisons,
+    Pictures,
+}
+
+impl SetUp {
+    /// For people.
+    pub fn name(self) -> &'static str {
+        self.into()
+    }
+}
+
 /// Something to know about a run or a cell.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Note {

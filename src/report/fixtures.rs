@@ -10,7 +10,7 @@ use serde_json::{Value, json};
 use crate::experiments::{CellPlan, Experiment, StageName, lookup, parse_axis};
 use crate::record::{
     Adapter, AuditRow, Cell, Clock, Conditions, Definition, End, FrameRecord, Measured, Note,
-    NoteKind, Outcome, PassKind, Profile, Record, Run, SCHEMA, ShaderChecks, StageRecord,
+    NoteKind, Outcome, PassKind, Profile, Record, Run, SCHEMA, SetUp, ShaderChecks, StageRecord,
     Surrounding, Work,
 };
 use crate::statistics;
@@ -49,6 +49,7 @@ pub fn profile(profile: Profile) -> Vec<Record> {
         measuring_wall_s: 212.0,
         measured_gpu_s: 184.0,
         set_up_s: 21.0,
+        set_up_parts_s: [(SetUp::Pipelines, 20.0), (SetUp::Audit, 1.0)].into(),
         peak_memory_bytes: Some(912 << 20),
         interrupted: false,
     }));
@@ -105,6 +106,8 @@ pub fn header(profile: Profile) -> Run {
             ..Adapter::default()
         },
         shader_checks: ShaderChecks::Checked,
+        clocks: [(PassKind::Compute, Clock::FencedHost), (PassKind::Render, Clock::Timestamp)]
+            .into(),
         conditions: Conditions { cores: vec![1], ..Conditions::default() },
         audit: vec![
             row(PassKind::Compute, Surrounding::Alone, 1.002, true),

@@ -1,6 +1,7 @@
 //! `summary.md`: what was measured, on what, how far to trust it, and what it says of the claims.
 
 mod section;
+mod trust;
 
 use std::fmt::Write as _;
 
@@ -9,7 +10,7 @@ use indexmap::IndexSet;
 use super::format::{self, Table};
 use super::{Artifact, Exporter, ReportError, ReportView};
 use crate::experiments::Verdict;
-use crate::record::{FrameRecord, Outcome, Run};
+use crate::record::{Outcome, Run};
 use crate::text;
 
 pub const EXPORTER: Exporter = Exporter {
@@ -51,94 +52,10 @@ fn header(view: &ReportView<'_>, run: &Run, text: &mut String) {
     table.row(["fathom", &run.fathom_version]);
     let command = text::code(&run.command.join(" "));
     table.row_of_markdown(["command".to_owned(), command.replace('|', "\\|")]);
-    trust(view, run, &mut table);
+    trust::write(view, run, &mut table);
     *text += &table.markdown();
     audit(run, text);
     notes(view, text);
-}
-
-/// The cost of timing over the pairs of all cells: one cell's few pairs tell the machine's noise rather.
-fn timing_cost<'r>(frames: impl Iterator<Item = &'r FrameRecord>) -> String {
-    let pairs: Vec<(f64, f64)> = frames
-        .flat_map(|frame| {
-            let timed = frame.envelope_samples_ns.iter().copied();
-            timed.zip(frame.untimed_samples_ns.iter().copied())
-        })
-        .collect();
-    let cost = crate::statistics::ratio_estimate(&pairs);
-    let [low, high] = cost.ends();
-    let [median, low, high] = [cost.median, low, high].map(|ratio| format::percent(ratio - 1.0));
-    format!("{median} ({low} – {high}) over {} pairs of frames taken in alternation", cost.n)
-}
-
-/// How far the figures can be trusted: accounting, the cost of timing, efficiency, memory.
-fn trust(view: &ReportView<'_>, run: &Run, table: &mut Table) {
-    let frames = || view.timed().map(|(cell, measured)| (cell, &measured.frame));
-    let worst = |share: &dyn Fn(&FrameRecord) -> f64| {
-        let worst = frames()
-            .map(|(cell, frame)| (share(frame), cell))
-            .filter(|(share, _)| share.is_finite())
-            .max_by(|a, b| a.0.total_cmp(&b.0));
-        worst.map(|(share, cell)| {
-            format!("at worst {} ({} {})", format::percent(share), cell.experiment, cell.cell)
-        })
-    };
-    let typical = |share: &dyn Fn(&FrameRecord) -> f64| {
-        let shares: Vec<f64> = frames().map(|(_, frame)| share(frame)).collect();
-        format::percent(crate::statistics::median(&shares))
-    };
-    let accounting = |frame: &FrameRecord| frame.accounting_error;
-    if let Some(worst_accounting) = worst(&accounting) {
-        table.row([
-            "frame accounting, stages + gaps against envelope".to_owned(),
-            format!("{} in the median cell, {worst_accounting}", typical(&accounting)),
-        ]);
-        table.row([
-            "cost of timing, timed over untimed frame".to_owned(),
-            timing_cost(frames().map(|(_, frame)| frame)),
-        ]);
-    }
-    table.row([
-        "cost of a submission as the audit measured it".to_owned(),
-        run.submit_cost_ns
-            .iter()
-            .map(|(kind, ns)| {
-                format!("{} {} ms", kind.name(), format::three(ns / format::NS_PER_MS))
-            })
-            .collect::<Vec<_>>()
-            .join(", "),
-    ]);
-    let rejected: u32 = view.measured().map(|(_, measured)| measured.rejected_frames()).sum();
-    table.row(["frames rejected".to_owned(), rejected.to_string()]);
-    ended(view, table);
-}
-
-fn ended(view: &ReportView<'_>, table: &mut Table) {
-    let wall_s: f64 = view.ends.iter().map(|end| end.measuring_wall_s).sum();
-    let gpu_s: f64 = view.ends.iter().map(|end| end.measured_gpu_s).sum();
-    let set_up_s: f64 = view.ends.iter().map(|end| end.set_up_s).sum();
-    if gpu_s > 0.0 {
-        table.row([
-            "harness efficiency, wall over GPU time".to_owned(),
-            format!(
-                "{:.2} ({} s wall, {} s GPU; set-up {} s apart)",
-                wall_s / gpu_s,
-                format::three(wall_s),
-                format::three(gpu_s),
-                format::three(set_up_s)
-            ),
-        ]);
-    }
-    if let Some(bytes) = view.ends.iter().filter_map(|end| end.peak_memory_bytes).max() {
-        table.row(["peak memory of the process".to_owned(), format::mebibytes(bytes)]);
-    }
-    if view.ends.last().is_none_or(|end| end.interrupted) {
-        table.row(["ended", "early: what was measured until then stands below"]);
-    }
-    if view.runs.len() > 1 {
-        let runs = format!("{}, the latest described here", view.runs.len());
-        table.row(["runs in these records".to_owned(), runs]);
-    }
 }
 
 fn audit(run: &Run, text: &mut String) {

@@ -3,7 +3,7 @@
 use std::rc::Rc;
 
 use super::{Buffer, view};
-use crate::gpu::{Gpu, StructLayout};
+use crate::gpu::{Gpu, GroupKey, StructLayout};
 
 /// One entry of a bind group; its binding number is its place in the list.
 pub enum Bind<'a> {
@@ -28,13 +28,15 @@ pub enum Bind<'a> {
 pub struct Group {
     pub layout: wgpu::BindGroupLayout,
     pub group: wgpu::BindGroup,
+    /// What the layout was made from.
+    pub(super) key: GroupKey,
     /// Structs of the host in it, by binding.
     pub(super) structs: Vec<(u32, Rc<StructLayout>)>,
 }
 
 impl Group {
     pub fn new(gpu: &Gpu, label: &str, binds: &[Bind<'_>]) -> Self {
-        let layout_entries: Vec<_> = (0..).zip(binds).map(|(i, b)| b.layout_entry(i)).collect();
+        let layout_entries: GroupKey = (0..).zip(binds).map(|(i, b)| b.layout_entry(i)).collect();
         let layout = gpu.device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
             label: Some(label),
             entries: &layout_entries,
@@ -55,7 +57,7 @@ impl Group {
             entries: &entries,
         });
         let structs = (0..).zip(binds).filter_map(|(i, bind)| Some((i, bind.layout()?))).collect();
-        Self { layout, group, structs }
+        Self { layout, group, key: layout_entries, structs }
     }
 }
 

@@ -3,8 +3,8 @@
 use super::layout::check;
 use super::{Group, Resources, view};
 use crate::gpu::{
-    ColorTarget, DepthTarget, GpuError, Shader, StageScope, StructLayout, Targets,
-    compilation_options,
+    CodeKey, ColorTarget, DepthTarget, GpuError, GroupKey, KernelKey, RasterKey, Shader,
+    StageScope, StructLayout, Targets, compilation_options,
 };
 use crate::stages::geometry::Geometry;
 
@@ -13,6 +13,13 @@ use crate::stages::geometry::Geometry;
 pub struct Code<'a> {
     pub path: &'a str,
     pub defs: &'a [(&'a str, i32)],
+}
+
+impl Code<'_> {
+    fn key(&self) -> CodeKey {
+        let defs = self.defs.iter().map(|(name, value)| ((*name).to_owned(), *value));
+        CodeKey { path: self.path.to_owned(), defs: defs.collect() }
+    }
 }
 
 impl<'a> From<&'a str> for Code<'a> {
@@ -27,22 +34,23 @@ impl<'a> From<(&'a str, &'a [(&'a str, i32)])> for Code<'a> {
     }
 }
 
-/// The linked shader, its structs compared with those of the groups; none on a planner.
+/// The linked shader, its structs compared with those of the groups.
 fn shader(
     resources: &Resources<'_>,
     code: Code<'_>,
     groups: &[&Group],
-) -> Result<Option<Shader>, GpuError> {
-    if resources.gpu.is_planner() {
-        return Ok(None);
-    }
+) -> Result<Shader, GpuError> {
     let shader = resources.gpu.shader(code.path, code.defs)?;
     let hosts: Vec<(u32, u32, &StructLayout)> = (0..)
         .zip(groups)
         .flat_map(|(number, group)| group.structs.iter().map(move |(i, s)| (number, *i, &**s)))
         .collect();
     check(&shader, &hosts)?;
-    Ok(Some(shader))
+    Ok(shader)
+}
+
+fn group_keys(groups: &[&Group]) -> Vec<GroupKey> {
+    groups.iter().map(|group| group.key.clone()).collect()
 }
 
 fn pipeline_layout(
@@ -73,7 +81,11 @@ impl Kernel {
         code: impl Into<Code<'a>>,
         groups: &[&Group],
     ) -> Result<Self, GpuError> {
-        let shader = shader(resources, code.into(), groups)?;
+        let gpu = resources.gpu;
+        if gpu.is_planner() {
+            return Ok(Self { pipeline: None });
+        }
+        let code = code.into();
         let make = |shader: Shader| {
             let descriptor = wgpu::ComputePipelineDescriptor {
                 label: Some(label),
@@ -83,9 +95,11 @@ impl Kernel {
                 compilation_options: compilation_options(),
                 cache: None,
             };
-            resources.gpu.device.create_compute_pipeline(&descriptor)
+            gpu.device.create_compute_pipeline(&descriptor)
         };
-        Ok(Self { pipeline: shader.map(make) })
+        let shader = shader(resources, code, groups)?;
+        let key = KernelKey { code: code.key(), groups: group_keys(groups) };
+        Ok(Self { pipeline: Some(gpu.kernel(key, || make(shader))) })
     }
 
     pub fn bind(&self, pass: &mut wgpu::ComputePass<'_>) {
@@ -171,6 +185,23 @@ impl<'a> RenderSpec<'a> {
     }
 }
 
+impl RenderSpec<'_> {
+    fn key(&self) -> RasterKey {
+        let buffers = self.buffers.iter();
+        RasterKey {
+            code: self.code.key(),
+            groups: group_keys(self.groups),
+            vertex: self.vertex.to_owned(),
+            fragment: self.fragment.map(str::to_owned),
+            buffers: buffers
+                .map(|b| (b.array_stride, b.step_mode, b.attributes.to_vec()))
+                .collect(),
+            targets: self.targets.to_vec(),
+            depth: self.depth.clone(),
+        }
+    }
+}
+
 /// A render pipeline.
 pub struct Raster {
     pipeline: Option<wgpu::RenderPipeline>,
@@ -180,8 +211,12 @@ impl Raster {
     pub fn new(resources: &Resources<'_>, spec: &RenderSpec<'_>) -> Result<Self, GpuError> {
         let formats: Vec<_> = spec.targets.iter().map(|target| target.format).collect();
         resources.color_targets(spec.label, &formats);
+        if resources.gpu.is_planner() {
+            return Ok(Self { pipeline: None });
+        }
         let shader = shader(resources, spec.code, spec.groups)?;
-        Ok(Self { pipeline: shader.map(|shader| Self::make(resources, spec, &shader.module)) })
+        let make = || Self::make(resources, spec, &shader.module);
+        Ok(Self { pipeline: Some(resources.gpu.raster(spec.key(), make)) })
     }
 
     fn make(

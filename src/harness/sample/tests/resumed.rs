@@ -81,7 +81,9 @@ fn without_time_a_resumed_cell_still_renders_before_it_is_finished() {
         assert!(mock.calls.contains(&Call::Timed(cell)));
         let before = whole.samples(cell).pairs();
         let after = mock.samples(cell).pairs();
-        assert!((before..=before + 2).contains(&after), "{before} {after}");
+        // A quarter of a second is free, and the slow cell needs more for a pair.
+        let most = if cell == 2 { before + 2 } else { before + 20 };
+        assert!((before..=most).contains(&after), "{before} {after}");
     }
 }
 

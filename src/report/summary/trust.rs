@@ -1,0 +1,168 @@
+//! How far the figures of a run can be trusted.
+
+use std::collections::BTreeMap;
+
+use itertools::Itertools;
+
+use super::super::ReportView;
+use super::super::format::{self, Table};
+use crate::experiments::{CHANCE, Verdict};
+use crate::record::{Clock, Conditions, FrameRecord, PassKind, Run, SetUp};
+use crate::statistics;
+
+/// Which clock timed what, and under which conditions.
+fn clock(run: &Run) -> String {
+    let kinds = run.clocks.iter().filter(|(kind, _)| **kind != PassKind::Host);
+    let clocks: Vec<Clock> = kinds.clone().map(|(_, clock)| *clock).dedup().collect();
+    let clocks = match clocks.as_slice() {
+        [clock] => format!("{} of every pass", clock.name()),
+        _ => kinds.map(|(kind, clock)| format!("{}: {}", kind.name(), clock.name())).join(", "),
+    };
+    let Conditions { cores, rasterizer_threads, randomized } = &run.conditions;
+    let mut conditions = Vec::new();
+    if let [core] = cores.as_slice() {
+        conditions.push(format!("driver on core {core} alone"));
+    }
+    if let Some(threads) = rasterizer_threads {
+        conditions.push(format!("LP_NUM_THREADS={threads}"));
+    }
+    if *randomized == Some(false) {
+        conditions.push("addresses not randomized".to_owned());
+    }
+    if conditions.is_empty() { clocks } else { format!("{clocks}; {}", conditions.join(", ")) }
+}
+
+/// How many verdicts chance alone would bring about.
+fn claims(view: &ReportView<'_>, table: &mut Table) {
+    let rulings = || view.sections.iter().flat_map(|section| section.rulings());
+    let tested = rulings().filter(|ruling| ruling.verdict != Verdict::NotRun);
+    let sampled = tested.filter(|ruling| ruling.n.is_some()).count();
+    if sampled > 0 {
+        let expected = CHANCE * sampled as f64;
+        table.row([
+            "verdicts by chance".to_owned(),
+            format!(
+                "{sampled} claims rest on samples: at most {expected:.1} of them would be supported by chance, \
+                 and as many contradicted, if the figures of all lay exactly at their bounds"
+            ),
+        ]);
+    }
+}
+
+fn precision(view: &ReportView<'_>, table: &mut Table) {
+    let widths = view.timed().map(|(cell, measured)| {
+        let frame = &measured.frame.untimed;
+        (frame.relative_half_width(), frame.n, cell)
+    });
+    let widths: Vec<_> = widths.collect();
+    let Some((worst, _, cell)) = widths.iter().max_by(|a, b| a.0.total_cmp(&b.0)) else { return };
+    let all: Vec<f64> = widths.iter().map(|(width, ..)| *width).collect();
+    let fewest = widths.iter().map(|(_, n, _)| *n).min().unwrap_or_default();
+    table.row([
+        "half width of the frame times' 95 % intervals".to_owned(),
+        format!(
+            "{} in the median cell, at worst {} ({} {}); n ≥ {fewest}",
+            format::percent(statistics::median(&all)),
+            format::percent(*worst),
+            cell.experiment,
+            cell.cell
+        ),
+    ]);
+}
+
+/// The cost of timing over the pairs of all cells: one cell's few pairs tell the machine's noise rather.
+fn timing_cost<'r>(frames: impl Iterator<Item = &'r FrameRecord>) -> String {
+    let pairs: Vec<(f64, f64)> = frames
+        .flat_map(|frame| {
+            let timed = frame.envelope_samples_ns.iter().copied();
+            timed.zip(frame.untimed_samples_ns.iter().copied())
+        })
+        .collect();
+    let cost = statistics::ratio_estimate(&pairs);
+    let [low, high] = cost.ends();
+    let [median, low, high] = [cost.median, low, high].map(|ratio| format::percent(ratio - 1.0));
+    format!("{median} ({low} – {high}) over {} pairs of frames taken in alternation", cost.n)
+}
+
+/// How far the figures can be trusted: clock, precision, accounting, the cost of timing, efficiency, memory.
+pub fn write(view: &ReportView<'_>, run: &Run, table: &mut Table) {
+    table.row(["clock".to_owned(), clock(run)]);
+    claims(view, table);
+    precision(view, table);
+    let frames = || view.timed().map(|(cell, measured)| (cell, &measured.frame));
+    let worst = |share: &dyn Fn(&FrameRecord) -> f64| {
+        let worst = frames()
+            .map(|(cell, frame)| (share(frame), cell))
+            .filter(|(share, _)| share.is_finite())
+            .max_by(|a, b| a.0.total_cmp(&b.0));
+        worst.map(|(share, cell)| {
+            format!("at worst {} ({} {})", format::percent(share), cell.experiment, cell.cell)
+        })
+    };
+    let typical = |share: &dyn Fn(&FrameRecord) -> f64| {
+        let shares: Vec<f64> = frames().map(|(_, frame)| share(frame)).collect();
+        format::percent(statistics::median(&shares))
+    };
+    let accounting = |frame: &FrameRecord| frame.accounting_error;
+    if let Some(worst_accounting) = worst(&accounting) {
+        table.row([
+            "frame accounting, stages + gaps against envelope".to_owned(),
+            format!("{} in the median cell, {worst_accounting}", typical(&accounting)),
+        ]);
+        table.row([
+            "cost of timing, timed over untimed frame".to_owned(),
+            timing_cost(frames().map(|(_, frame)| frame)),
+        ]);
+    }
+    table.row([
+        "cost of a submission as the audit measured it".to_owned(),
+        run.submit_cost_ns
+            .iter()
+            .map(|(kind, ns)| {
+                format!("{} {} ms", kind.name(), format::three(ns / format::NS_PER_MS))
+            })
+            .collect::<Vec<_>>()
+            .join(", "),
+    ]);
+    let rejected: u32 = view.measured().map(|(_, measured)| measured.rejected_frames()).sum();
+    table.row(["frames rejected".to_owned(), rejected.to_string()]);
+    ended(view, table);
+}
+
+fn ended(view: &ReportView<'_>, table: &mut Table) {
+    let wall_s: f64 = view.ends.iter().map(|end| end.measuring_wall_s).sum();
+    let gpu_s: f64 = view.ends.iter().map(|end| end.measured_gpu_s).sum();
+    let set_up_s: f64 = view.ends.iter().map(|end| end.set_up_s).sum();
+    if gpu_s > 0.0 {
+        table.row([
+            "harness efficiency, wall over GPU time".to_owned(),
+            format!(
+                "{:.2} ({} s wall, {} s GPU; set-up {} s apart)",
+                wall_s / gpu_s,
+                format::three(wall_s),
+                format::three(gpu_s),
+                format::three(set_up_s)
+            ),
+        ]);
+    }
+    let mut parts = BTreeMap::<SetUp, f64>::new();
+    for (part, s) in view.ends.iter().flat_map(|end| &end.set_up_parts_s) {
+        *parts.entry(*part).or_default() += s;
+    }
+    let parts = parts.into_iter().sorted_by(|a, b| b.1.total_cmp(&a.1));
+    let parts: Vec<String> =
+        parts.map(|(part, s)| format!("{} {} s", part.name(), format::three(s))).collect();
+    if !parts.is_empty() {
+        table.row(["parts of the set-up".to_owned(), parts.join(", ")]);
+    }
+    if let Some(bytes) = view.ends.iter().filter_map(|end| end.peak_memory_bytes).max() {
+        table.row(["peak memory of the process".to_owned(), format::mebibytes(bytes)]);
+    }
+    if view.ends.last().is_none_or(|end| end.interrupted) {
+        table.row(["ended", "early: what was measured until then stands below"]);
+    }
+    if view.runs.len() > 1 {
+        let runs = format!("{}, the latest described here", view.runs.len());
+        table.row(["runs in these records".to_owned(), runs]);
+    }
+}

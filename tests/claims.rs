@@ -1,0 +1,111 @@
+//! Sentences with a known answer, tested by whole runs: false ones are contradicted and true ones supported, every time.
+//! `FATHOM_PLANTED_RUNS=20 cargo test --test claims` runs more often.
+
+mod common;
+
+use std::path::Path;
+
+use common::{cells, fathom, records};
+use fathom::experiments::{Experiment, Verdict};
+use fathom::record::{Clock, Record};
+
+/// Four times the photons from cell to cell. The second axis changes nothing.
+const PLANTED: &str = r#"
+id = "planted"
+title = "Sentences with a known answer"
+source = "none"
+pipeline = "underwater"
+scene = "tank"
+[params]
+view = { width = 64, height = 64 }
+shadow.size = 64
+surface.cells = 8
+caustics.buffer = [64, 64]
+caustics.filter = false
+godrays = { grid = 8, filter = false, buffer = [16, 16] }
+[[sweep]]
+[[sweep.axis]]
+name = "caustics.grid"
+values = [40, 80, 160]
+
+[[claim]]
+id = "true: rises"
+text = "Tracing takes longer with more photons"
+test.monotone = { y = "stage:caustics/trace", x = "work:caustics/trace.photons", over = "caustics.grid", direction = "rising" }
+
+[[claim]]
+id = "true: in proportion"
+text = "Sixteen times the photons take eight to twenty times as long"
+test.ratio = { y = "stage:caustics/trace", over = "caustics.grid", numerator = 160, denominator = 40, low = 8.0, high = 20.0 }
+
+[[claim]]
+id = "true: independent"
+text = "The depth pass does not depend on the photons"
+test.independent = { y = "stage:shadow/depth", over = "caustics.grid", tolerance = 0.3 }
+
+[[claim]]
+id = "false: falls"
+text = "Splatting takes less time with more photons"
+test.monotone = { y = "stage:caustics/splat", x = "work:caustics/trace.photons", over = "caustics.grid", direction = "falling" }
+
+[[claim]]
+id = "false: constant"
+text = "Tracing does not depend on the photons"
+test.independent = { y = "stage:caustics/trace", over = "caustics.grid", tolerance = 0.3 }
+"#;
+
+/// The command with a run into this folder.
+fn run(experiment: &Path, out: &Path) {
+    let mut command = fathom();
+    command.arg("run").arg(experiment).args(["--budget", "8", "--out"]).arg(out);
+    let output = command.output().unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+}
+
+#[test]
+fn planted_sentences_get_their_verdicts_and_no_verdict_rests_on_few_samples() {
+    let runs = std::env::var("FATHOM_PLANTED_RUNS").map_or(1, |runs| runs.parse().unwrap());
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("planted.toml");
+    std::fs::write(&file, PLANTED).unwrap();
+    let experiment = Experiment::parse("planted", PLANTED).unwrap();
+    for number in 0..runs {
+        let out = folder.path().join(number.to_string());
+        run(&file, &out);
+        let cells = cells(&out);
+        for ruling in experiment.rulings(&cells.iter().collect::<Vec<_>>(), true) {
+            let (expected, _) = ruling.id.split_once(':').unwrap();
+            let verdict =
+                if expected == "true" { Verdict::Supported } else { Verdict::Contradicted };
+            assert_eq!(ruling.verdict, verdict, "run {number}, {}: {}", ruling.id, ruling.reason);
+            assert!(ruling.n.is_some_and(|n| n >= 8), "{ruling:?}");
+        }
+        let rounds: Vec<_> =
+            cells.iter().map(|cell| &cell.measured().unwrap().frame.rounds[..12]).collect();
+        assert!(rounds.windows(2).all(|pair| pair[0] == pair[1]), "sampled together: {rounds:?}");
+    }
+}
+
+#[test]
+fn a_software_driver_is_timed_by_the_cpu_time_of_a_quiet_process() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("planted.toml");
+    std::fs::write(&file, PLANTED).unwrap();
+    let out = folder.path().join("out");
+    run(&file, &out);
+    let records = records(&out);
+    let Record::Run(header) = &records[0] else { panic!("{records:?}") };
+    if !header.adapter.software || cfg!(not(target_os = "linux")) {
+        return;
+    }
+    assert_eq!(header.conditions.cores.len(), 1, "{:?}", header.conditions);
+    assert_eq!(header.conditions.randomized, Some(false));
+    assert!(header.clocks.values().all(|clock| *clock == Clock::ProcessCpu), "{header:?}");
+    assert!(header.audit.iter().all(|row| row.sound && row.clock == Clock::ProcessCpu));
+    for cell in cells(&out) {
+        let measured = cell.measured().unwrap();
+        assert!(measured.frame.accounting_error < 0.01, "{}", measured.frame.accounting_error);
+        let sampled = &measured.frame.sampled_at_s;
+        assert!(sampled.is_sorted() && sampled.len() == measured.frame.rounds.len());
+    }
+}
