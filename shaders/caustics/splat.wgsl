@@ -34,7 +34,7 @@ struct Varying {
     @location(0) @interpolate(flat) intensity: f32,
 #if SURFACE == 1
     // Device depth of the photon's plane.
-    @location(1) @interpolate(linear) plane_z: f32,
+    @location(1) plane_z: f32,
 #endif
 }
 
@@ -95,11 +95,13 @@ fn vertex(@builtin(vertex_index) vertex: u32, @builtin(instance_index) instance:
 #if CONSERVING == 1
     intensity *= angular_weight(photon.entry_m) / (side_px * side_px);
 #endif
+    var drawn: Varying;
+    drawn.clip = vec4(center, depth, 1.0);
+    drawn.intensity = intensity;
 #if SURFACE == 1
-    return Varying(vec4(center, depth, 1.0), intensity, plane_z);
-#else
-    return Varying(vec4(center, depth, 1.0), intensity);
+    drawn.plane_z = plane_z;
 #endif
+    return drawn;
 }
 
 @fragment
