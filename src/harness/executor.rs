@@ -11,10 +11,11 @@ use super::outcome::{Facts, Findings, measured};
 use super::output::picture_path;
 use super::plan::PlannedCell;
 use super::progress::Progress;
+use super::repetitions::{self, NoiseAndBias};
 use super::sample::{CellResult, Executor, Failure, Samples};
 use super::views::ViewsError;
 use super::{MAX_PASSES, picture, views};
-use crate::experiments::schema::{Experiment, Pictures};
+use crate::experiments::schema::{Experiment, Pictures, RepeatedOutput};
 use crate::gpu::{self, ClockPlan, FrameSample, FrameTimer, Gpu, GpuError, Stage, StageCounters};
 use crate::pipelines::{AnyPipeline, Judge, Known};
 use crate::record::{
@@ -134,6 +135,22 @@ impl Findings {
         }
     }
 
+    fn add_repeated<E: Display>(
+        &mut self,
+        outputs: &[RepeatedOutput],
+        found: Result<Vec<NoiseAndBias>, E>,
+    ) {
+        match found {
+            Ok(found) => {
+                for (output, NoiseAndBias { noise, bias }) in outputs.iter().zip(found) {
+                    self.repeated.insert(output.noise.clone(), noise);
+                    self.quantities.insert(output.bias.clone(), bias);
+                }
+            }
+            Err(error) => self.note(NoteKind::NotComputed, "noise and bias not computed", error),
+        }
+    }
+
     fn add_picture<E: Display>(&mut self, picture: Picture, failure: &str, saved: Result<(), E>) {
         match saved {
             Ok(()) => self.pictures.push(picture),
@@ -228,7 +245,7 @@ impl<'a> CellExecutor<'a> {
     /// Differences from the cell's reference run and between views.
     fn compared(&mut self, cell: usize, pipeline: &dyn AnyPipeline, findings: &mut Findings) {
         let Session { gpu, timer, references, .. } = &mut *self.session;
-        let PlannedCell { reference, views, .. } = &self.cells[cell];
+        let PlannedCell { reference, views, repetitions, .. } = &self.cells[cell];
         if let Some(reference) = reference {
             let name = &reference.plan.quantity;
             let difference = references.difference(gpu, timer, pipeline, reference);
@@ -241,6 +258,10 @@ impl<'a> CellExecutor<'a> {
             let spread = views.and_then(|views| views::spread(gpu, timer, pipeline, views));
             let figures = spread.map(|spread| spread.figures(name));
             findings.add(&format!("{name} not computed"), figures);
+        }
+        if let (Some(asked), Some(planned)) = (&self.experiment.repetitions, repetitions) {
+            let found = repetitions::noise_and_bias(gpu, timer, references, planned, &asked.output);
+            findings.add_repeated(&asked.output, found);
         }
     }
 
