@@ -22,6 +22,8 @@ use crate::record::{
     Addition, Cell, Note, NoteKind, Outcome, Picture, PictureKind, Record, RecordError, Run,
     SampleLine, SetUp, Writer,
 };
+use crate::reference::kept::KeptAnswers;
+use crate::scene::assets;
 
 /// What a software driver keeps of a pipeline's compiled shaders in the process: of 15 cells of `vao-samples`, 300 MiB more
 /// on lavapipe than of one.
@@ -72,7 +74,7 @@ impl Session {
             plan,
             timer,
             references: References::default(),
-            known: Known::default(),
+            known: Known { kept: kept_answers(), ..Known::default() },
             reopened: false,
             spent,
         })
@@ -87,6 +89,11 @@ impl Session {
         self.timer = FrameTimer::new(&self.gpu, self.plan, MAX_PASSES).map_err(text)?;
         Ok(())
     }
+}
+
+/// Answers of references, beside the assets that were fetched.
+fn kept_answers() -> KeptAnswers {
+    KeptAnswers::in_folder(assets::cache().map(|cache| cache.join("references")))
 }
 
 /// Executes the cells of one experiment.
