@@ -18,6 +18,7 @@ pub mod progress;
 pub mod query;
 pub mod readout;
 pub mod render;
+pub mod repetitions;
 pub mod run;
 pub mod sample;
 mod scale;

@@ -9,6 +9,7 @@ use serde_json::Value;
 use thiserror::Error;
 
 use super::catalog::Catalog;
+use super::repetitions::PlannedRepetitions;
 use super::subject::{Subject, SubjectError, Subjects};
 use super::views::OtherViews;
 use crate::experiments::{CellPlan, Experiment, ExperimentError, ReferencePlan};
@@ -69,6 +70,7 @@ pub struct PlannedCell {
     pub reference: Option<PlannedReference>,
     /// The same seen from elsewhere, where the experiment asks for views.
     pub views: Option<OtherViews>,
+    pub repetitions: Option<PlannedRepetitions>,
 }
 
 /// What a cell's result is held against.
@@ -137,8 +139,15 @@ fn planned_cell(
         None => None,
     };
     let views = turns_deg.and_then(|turns_deg| OtherViews::of(&of_cell, turns_deg));
+    let repetitions = match &plan.repetitions {
+        Some(runs) => Some(PlannedRepetitions {
+            repeated: runs.repeated.iter().map(|run| subject(run)).collect::<Result<_, _>>()?,
+            limit: subject(&runs.limit)?,
+        }),
+        None => None,
+    };
     let skip = of_cell.beyond(capacity).map_err(error)?;
-    Ok(PlannedCell { subject: of_cell, skip, reference, views, plan })
+    Ok(PlannedCell { subject: of_cell, skip, reference, views, repetitions, plan })
 }
 
 /// Drops the cells that `finished` (resume keys) holds; how many they were.

@@ -25,6 +25,7 @@ use crate::gpu::{Demand, Gpu, GpuError, Stage, StageInfo};
 use crate::parameter::{self, Field, ParamError, Setting};
 use crate::record::{ErrorFigure, Work};
 use crate::reference::ReferenceError;
+use crate::reference::kept::KeptAnswers;
 use crate::scene::{Camera, Scene, SceneFile, VolumeFile};
 use crate::stages::kit::{Parts, Resources};
 use occlusion::OcclusionBuffers;
@@ -136,6 +137,8 @@ pub struct Judged {
 /// Answers of the references that several cells share.
 #[derive(Default)]
 pub struct Known {
+    /// Those of earlier runs.
+    pub kept: KeptAnswers,
     pub occlusion: occlusion::KnownPoints,
 }
 

@@ -6,6 +6,7 @@ use std::rc::Rc;
 
 use glam::DVec3;
 use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
 
 use super::settings::{Animation, Attenuation, Deform};
 use super::{Judge, JudgeError, Judged};
@@ -13,6 +14,7 @@ use crate::gpu::{Pixels, StageInfo, read_texture};
 use crate::record::ErrorFigure;
 use crate::reference::ReferenceError;
 use crate::reference::deform::{Moment, Motion};
+use crate::reference::kept::Content;
 use crate::reference::occlusion::{self as reference, occlusion, occlusion_through};
 use crate::reference::rays::{Hit, PixelRays, Tracer};
 use crate::scene::{Camera, Object, Scene};
@@ -67,7 +69,7 @@ pub(super) fn filtered(
 }
 
 /// A seen point, the pixel of the viewport that sees it, and the occlusion there by ray casting.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 struct JudgedPoint {
     pixel: [u32; 2],
     occlusion: f64,
@@ -82,10 +84,12 @@ pub struct KnownPoints {
     points: HashMap<String, (Rc<Scene>, Answered)>,
     /// Of the last scene at a moment.
     tracer: Option<(Rc<Scene>, Animation, Rc<Tracer>)>,
+    /// Of the last scene's geometry.
+    digest: Option<(Rc<Scene>, String)>,
 }
 
 /// What of a cell the reference depends on.
-#[derive(Clone)]
+#[derive(Clone, Debug)]
 struct Question {
     /// Objects whose surfaces are judged: those that one cannot see through.
     opaque: Vec<bool>,
@@ -155,7 +159,10 @@ impl OcclusionBuffers {
         let depth = read_texture(judge.gpu, &self.gbuffer.depth)?;
         let normal = read_texture(judge.gpu, &self.gbuffer.normal)?;
         let tracer = known.tracer(judge.scene, &self.animation)?;
-        let points = Rc::new(cast(&question, &tracer, (&depth, &normal), most, rays));
+        let content = question.content(known.digest(judge.scene), [&depth, &normal], most, rays);
+        let cast = || cast(&question, &tracer, (&depth, &normal), most, rays);
+        let points = Rc::new(judge.known.kept.answer(content, cast));
+        let known = &mut judge.known.occlusion;
         if points.is_empty() {
             return Err(JudgeError::Nothing);
         }
@@ -188,6 +195,17 @@ impl Model {
 }
 
 impl KnownPoints {
+    fn digest(&mut self, scene: &Rc<Scene>) -> String {
+        if let Some((known, digest)) = &self.digest
+            && Rc::ptr_eq(known, scene)
+        {
+            return digest.clone();
+        }
+        let digest = digest(scene);
+        self.digest = Some((Rc::clone(scene), digest.clone()));
+        digest
+    }
+
     fn tracer(
         &mut self,
         scene: &Rc<Scene>,
@@ -209,6 +227,18 @@ impl KnownPoints {
         self.tracer = Some((Rc::clone(scene), animation.clone(), Rc::clone(&tracer)));
         Ok(tracer)
     }
+}
+
+/// Of every triangle of a scene.
+fn digest(scene: &Scene) -> String {
+    let of_object = |content: Content, object: &Object| {
+        let mesh = &object.mesh;
+        content
+            .with(bytemuck::cast_slice(&mesh.positions))
+            .with(bytemuck::cast_slice(&mesh.normals))
+            .with(bytemuck::cast_slice(&mesh.indices))
+    };
+    scene.objects.iter().fold(Content::of("scene"), of_object).digest()
 }
 
 fn motion_of(animation: &Animation) -> Option<Motion> {
@@ -252,6 +282,13 @@ impl Question {
             self.r_max_m,
             self.model,
         )
+    }
+
+    /// All that the answer follows from: the question, the geometry, and what the G-buffer holds.
+    fn content(&self, scene: String, gbuffer: [&Pixels; 2], most: usize, rays: u32) -> Content {
+        let asked = format!("{self:?} {most} {rays}");
+        let content = Content::of("occlusion").with(scene.as_bytes()).with(asked.as_bytes());
+        gbuffer.iter().fold(content, |all, one| all.with(bytemuck::cast_slice(&one.data)))
     }
 
     /// A by casting.

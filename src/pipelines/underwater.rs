@@ -13,7 +13,7 @@ use serde_json::Value;
 
 use super::settings::{VIEWPORT, scaled};
 use super::{Judge, JudgeError, Judged, Pipeline};
-use crate::gpu::{Gpu, GpuError, StageInfo};
+use crate::gpu::{Gpu, GpuError};
 use crate::scene::{LightKind, Scene};
 use crate::stages::caustics::splat::{PointSize, SplatUniforms};
 use crate::stages::compose::{Compose, ComposeUniforms, Composed};
@@ -22,7 +22,7 @@ use crate::stages::geometry::Geometry;
 use crate::stages::godrays::lines::LinesUniforms;
 use crate::stages::kit::Resources;
 use crate::stages::lit_scene::LitScene;
-use crate::stages::low_pass::{FilterUniforms, LowPass};
+use crate::stages::low_pass::{FilterUniforms, GuidedUniforms, LowPass};
 use crate::stages::photon::{Photons, Tracing};
 use crate::stages::splatting::{Additive, PHOTONS_PER_INSTANCE};
 use crate::stages::{caustics, godrays, scene, shadow, water};
@@ -131,24 +131,45 @@ fn photon_grids(
     plan: &Plan,
 ) -> Result<[PhotonStages; 2], GpuError> {
     let path = params.caustics.path();
-    let caustics = photon_stages(resources, shared, light, path, |of, photons, conserving| {
-        let (settings, side_px) = (&plan.splat, plan.splat_px);
-        caustics::splat::new(of, shared, (photons, seen), settings, conserving, side_px)
-    })?;
+    let guide = GuidedUniforms {
+        taps: params.caustics.filter_taps,
+        radius_px: params.caustics.filter_radius_px as f32,
+        depth_share: params.caustics.filter_depth_share as f32,
+    };
+    let filter = |of: &Resources<'_>, drawn: &Additive| {
+        LowPass::guided(of, &caustics::filter::INFO, drawn.source(), (shared, seen), &guide)
+    };
+    let caustics =
+        photon_stages(resources, shared, light, (path, &filter), |of, photons, conserving| {
+            let (settings, side_px) = (&plan.splat, plan.splat_px);
+            let rules = (conserving, params.caustics.coverage);
+            caustics::splat::new(of, shared, (photons, seen), settings, rules, side_px)
+        })?;
     let path = params.godrays.path();
-    let godrays = photon_stages(resources, shared, light, path, |of, photons, conserving| {
-        let (settings, length_px) = (&plan.lines, plan.line_px);
-        godrays::lines::new(of, shared, (photons, seen), settings, conserving, length_px)
-    })?;
+    let settings = FilterUniforms {
+        taps: params.godrays.filter_taps,
+        radius_px: params.godrays.filter_radius_px as f32,
+    };
+    let filter = |of: &Resources<'_>, drawn: &Additive| {
+        LowPass::new(of, &godrays::filter::INFO, drawn.source(), &settings)
+    };
+    let godrays =
+        photon_stages(resources, shared, light, (path, &filter), |of, photons, conserving| {
+            let (settings, length_px) = (&plan.lines, plan.line_px);
+            godrays::lines::new(of, shared, (photons, seen), settings, conserving, length_px)
+        })?;
     Ok([caustics, godrays])
 }
 
-/// `draw` makes the stage that draws the photons.
+/// Makes the stage that smooths what another has drawn.
+type Smoothing<'a> = dyn Fn(&Resources<'_>, &Additive) -> Result<LowPass, GpuError> + 'a;
+
+/// `filter` makes the stage that smooths what `draw` makes the stage for.
 fn photon_stages(
     resources: &Resources<'_>,
     shared: &Shared,
     light: (&wgpu::Texture, &wgpu::Texture),
-    path: PhotonPath,
+    (path, filter): (PhotonPath, &Smoothing<'_>),
     draw: impl FnOnce(&Resources<'_>, &Photons, bool) -> Result<Additive, GpuError>,
 ) -> Result<PhotonStages, GpuError> {
     let PhotonPath { grid, conserving, .. } = path;
@@ -158,10 +179,8 @@ fn photon_stages(
     let trace = of_grid.push(trace);
     let of_buffer = &resources.sized_by(path.buffer_sized_by);
     let drawn = of_buffer.push(draw(of_buffer, &trace.photons, conserving)?);
-    let low_pass = |(info, settings): (&'static StageInfo, FilterUniforms)| {
-        LowPass::new(of_buffer, info, drawn.source(), &settings).map(|made| of_buffer.push(made))
-    };
-    let filter = path.filter.map(low_pass).transpose()?;
+    let filter = path.filter.then(|| filter(of_buffer, &drawn)).transpose()?;
+    let filter = filter.map(|filter| of_buffer.push(filter));
     Ok(PhotonStages { trace, drawn, filter })
 }
 
@@ -245,6 +264,7 @@ impl Plan {
                 occlusion_taps: params.compose.occlusion_taps,
                 occlusion_radius_m: params.compose.occlusion_radius_m as f32,
                 water_cells: params.surface.cells,
+                depth_share: params.caustics.filter_depth_share as f32,
             },
         }
     }

@@ -15,6 +15,8 @@ pub const PHOTONS_PER_INSTANCE: u32 = 4096;
 pub struct Drawing<'a> {
     pub uniforms: &'a Buffer,
     pub size_px: [u32; 2],
+    /// What else the shader is compiled with.
+    pub def: Option<(&'a str, i32)>,
     /// Energy is divided by the area drawn; else each pixel gets all of it.
     pub conserving: bool,
     /// Fragments of a frame, for the declared work.
@@ -46,7 +48,7 @@ impl Additive {
         (photons, scene_depth): (&Photons, &wgpu::Texture),
         drawing: Drawing<'_>,
     ) -> Result<Self, GpuError> {
-        let Drawing { uniforms, size_px, conserving, fragments, column } = drawing;
+        let Drawing { uniforms, size_px, def, conserving, fragments, column } = drawing;
         let gpu = resources.gpu;
         let binds =
             [Bind::Uniform(uniforms), Bind::Read(&photons.buffer), Bind::Depth(scene_depth)];
@@ -54,7 +56,8 @@ impl Additive {
         let format = kit::accumulation_format(gpu);
         let target = resources.target(info.name, size_px, format);
         let depth = resources.target(info.name, size_px, kit::DEPTH_FORMAT);
-        let defs = [("CONSERVING", i32::from(conserving)), shared.fresnel_def()];
+        let mut defs = vec![("CONSERVING", i32::from(conserving)), shared.fresnel_def()];
+        defs.extend(def);
         let (groups, targets) = ([&shared.group, &group], [kit::additive(format)]);
         let spec = RenderSpec {
             depth: Some(kit::depth_state(wgpu::CompareFunction::LessEqual, false)),

@@ -8,10 +8,13 @@ use crate::pipelines::Built;
 use crate::pipelines::underwater::{Intensity as Rule, Params, Underwater};
 use crate::reference::image::Image;
 use crate::reference::photons::{Landed, PhotonGrid, land_all};
+use crate::reference::plane::CameraDepth;
 use crate::reference::rays::{PixelRays, Tracer};
-use crate::reference::splat::{Intensity, PointSize, Splat, rasterize, splat_value};
+use crate::reference::splat::{
+    Intensity, PointSize, Splat, SurfaceSplat, rasterize, rasterize_within_surfaces, splat_value,
+};
 use crate::scene::{Camera, LightKind, Scene, SceneFile};
-use crate::stages::caustics::splat::{self, SplatUniforms};
+use crate::stages::caustics::splat::{self, SplatCoverage, SplatUniforms};
 use crate::stages::frame::{Shared, View};
 use crate::stages::photon::Photon;
 use crate::stages::splatting::PHOTONS_PER_INSTANCE;
@@ -38,6 +41,7 @@ pub fn cases() -> Vec<Case> {
         Case::new(STAGE, "isolated splats: size and intensity", isolated),
         Case::new(STAGE, "conserved energy of synthetic photons", conserved),
         Case::new(STAGE, "depth test", depth_test),
+        Case::new(STAGE, "splats within one surface", within_surface),
         Case::new(STAGE, "sum of many small contributions", accumulation),
         Case::new(STAGE, "flux of a point light", point_flux),
     ];
@@ -53,6 +57,7 @@ pub fn cases() -> Vec<Case> {
 #[derive(Clone, Copy)]
 pub(super) struct Rules {
     intensity: Intensity,
+    coverage: SplatCoverage,
     photon_w: f64,
     max_px: f64,
     gamma_per_m: f64,
@@ -61,6 +66,7 @@ pub(super) struct Rules {
 
 pub(super) const RULES: Rules = Rules {
     intensity: Intensity::Paper,
+    coverage: SplatCoverage::Square,
     photon_w: PHOTON_W,
     max_px: MAX_PX,
     gamma_per_m: GAMMA_PER_M,
@@ -92,6 +98,33 @@ impl Rules {
             })
         };
         Ok(photons.iter().filter_map(splat).collect())
+    }
+}
+
+impl Rules {
+    /// The splats of these photons in the planes of what a camera sees at their places.
+    fn on_surfaces(
+        &self,
+        seen: &CameraDepth<'_>,
+        photons: &[(DVec3, f64)],
+        splats: &[Splat],
+    ) -> Vec<SurfaceSplat> {
+        let size = SIZE.map(f64::from);
+        let rays = PixelRays::new(seen.camera, SIZE[0], SIZE[1]);
+        let projected = photons.iter().filter_map(|(hit, _)| rays.project(*hit));
+        let placed = projected.zip(splats).map(|(photon, splat)| {
+            let texels = seen.depth.size();
+            let texel = [0, 1].map(|k| {
+                let at = splat.center_px[k] * f64::from(texels[k]) / size[k] + 1e-3;
+                (at as i64).clamp(0, i64::from(texels[k]) - 1)
+            });
+            let plane = seen.plane(texel);
+            let own = (seen.view_m(plane.z) - photon.w).abs() <= self.bias_m;
+            let per_pixel = |k: usize| plane.slope[k] * f64::from(texels[k]) / size[k];
+            let slope = if own { [per_pixel(0), per_pixel(1)] } else { [0.0; 2] };
+            SurfaceSplat { splat: *splat, photon_depth: photon.depth, slope }
+        });
+        placed.collect()
     }
 }
 
@@ -128,7 +161,8 @@ fn draw(
     };
     let buffer = rig.photons(photons);
     let conserving = rules.intensity == Intensity::Conserving;
-    let stage = splat::new(&rig.resources, &shared, (&buffer, depth), &settings, conserving, 10.0)?;
+    let rules = (conserving, rules.coverage);
+    let stage = splat::new(&rig.resources, &shared, (&buffer, depth), &settings, rules, 10.0)?;
     rig.run(&[&stage])?;
     rig.channel(stage.texture(), 0)
 }
@@ -246,6 +280,45 @@ fn depth_test(rig: &Rig<'_>) -> Result<Check> {
     Ok(Check::of(STAGE, "splats before a wall: sum, relative error")
         .within((0.01, "1"), error(rules)?)
         .control("bias 1 m instead of 0.3 m", error(Rules { bias_m: 1.0, ..rules })?))
+}
+
+/// Exact photons of a scene with many edges, drawn where their own surface is seen: against the twin, pixel by pixel.
+fn within_surface(rig: &Rig<'_>) -> Result<Check> {
+    const VIEW: [u32; 2] = [400, 400];
+    const GRID: u32 = 48;
+    const BIAS_M: f64 = 0.3;
+    let scene = Scene::load("tank")?;
+    let stand = rig.stand(&scene, VIEW);
+    let drawn = rig.gbuffer(&stand)?;
+    let depth = rig.channel(&drawn.depth, 0)?;
+    let tracer = Tracer::new(&scene.objects)?;
+    let landings = land_all(
+        &stand.view.light_frame(),
+        &scene.water,
+        &tracer,
+        PhotonGrid::new(GRID, 4)?.with_jitter(1.0),
+        1,
+    );
+    let landed = landings.iter().filter_map(|landing| landing.landed());
+    let (photons, twins): (Vec<_>, Vec<_>) = landed.map(stored).unzip();
+    let rules = Rules { coverage: SplatCoverage::Surface, bias_m: BIAS_M, ..RULES };
+    let image = draw(rig, &stand.view, &photons, &drawn.depth, &rules)?;
+
+    let seen = CameraDepth { depth: &depth, camera: &scene.camera };
+    let splats = rules.splats(&scene.camera, SIZE, &twins)?;
+    let placed = rules.on_surfaces(&seen, &twins, &splats);
+    let mut twin = Image::constant(SIZE[0], SIZE[1], 0.0);
+    rasterize_within_surfaces(&mut twin, &placed, &seen, BIAS_M);
+    let mut squares = Image::constant(SIZE[0], SIZE[1], 0.0);
+    rasterize(&mut squares, &splats, &depth, 0.0);
+    let unlike = |other: &Image| {
+        let pairs = image.data().iter().zip(other.data());
+        pairs.map(|(a, b)| (a - b).abs()).sum::<f64>() / other.sum()
+    };
+    Ok(Check::of(STAGE, "splats within one surface: sum of |difference from the twin|, of the sum")
+        .within((COVERAGE, "1"), unlike(&twin))
+        .control("squares over silhouettes", unlike(&squares))
+        .with("sum_over_that_of_squares", twin.sum() / squares.sum()))
 }
 
 /// Thousands of contributions of 0.001 on one place: a 16-bit float sticks at 2 (PAPERS, UW "silent or wrong").

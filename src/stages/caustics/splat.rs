@@ -1,6 +1,7 @@
 //! `caustics/splat`: a square of regulated size for each photon, added up. UW §3.3.
 
 use glam::Vec2;
+use serde::{Deserialize, Serialize};
 
 use crate::gpu::GpuError;
 use crate::shader_struct;
@@ -27,6 +28,16 @@ shader_struct! {
         pub photons_per_instance: u32,
         pub photons: u32,
     }
+}
+
+/// Where a splat is drawn.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum SplatCoverage {
+    /// UW §3.3: a square that faces the camera, in front of all that is farther than its photon.
+    Square,
+    /// The part of the square behind which the photon's own surface is seen.
+    Surface,
 }
 
 /// The point size rule s = a + b / distance. UW §3.3.
@@ -70,12 +81,13 @@ pub fn new(
     shared: &Shared,
     inputs: (&Photons, &wgpu::Texture),
     settings: &SplatUniforms,
-    conserving: bool,
+    (conserving, coverage): (bool, SplatCoverage),
     typical_px: f64,
 ) -> Result<Additive, GpuError> {
     let drawing = Drawing {
         uniforms: &resources.uniform(INFO.name, settings),
         size_px: settings.size_px.as_uvec2().to_array(),
+        def: Some(("SURFACE", i32::from(coverage == SplatCoverage::Surface))),
         conserving,
         fragments: (f64::from(inputs.0.count) * typical_px * typical_px) as u64,
         column: column(conserving),
