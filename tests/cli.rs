@@ -138,7 +138,7 @@ fn a_listing_takes_the_options_that_apply_to_it() {
         let names = text.lines().filter_map(|line| line.split_whitespace().next());
         names.map(str::to_owned).collect::<Vec<String>>()
     };
-    let hsao = "frame scene/deform shadow/depth scene/gbuffer hsao/march hsao/filter ao/compose post/luminance";
+    let hsao = "frame scene/deform shadow/depth scene/gbuffer hsao/march hsao/filter ao/compose ao/glass post/luminance";
     assert_eq!(stages("hsao").join(" "), hsao);
     assert!(stages("voxelize").contains(&"voxel/overlap".to_owned()));
 }
