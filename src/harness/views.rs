@@ -367,7 +367,7 @@ mod tests {
         let spread = spread_of(0.0, 0.0);
         assert!(spread.points > 1_000, "{spread:?}");
         // What is left is interpolation over the pixels of a slanted surface.
-        assert!(spread.variance < 1e-5 && spread.noise == 0.0, "{spread:?}");
+        assert!(spread.variance < 1e-5 && spread.noise < 1e-20, "{spread:?}");
     }
 
     #[test]
@@ -394,7 +394,7 @@ mod tests {
         let at = |camera: &Camera| PixelRays::new(camera, 96, 80).project(before.target_m.into());
         let (before, after) = (at(&before).unwrap(), at(&after).unwrap());
         let moved = [before.x_px - after.x_px, after.y_px - before.y_px];
-        assert!(moved.iter().all(|px| (px - 0.5).abs() < 1e-3), "{moved:?}");
+        assert!(moved.iter().all(|px| (px - 0.5).abs() < 0.01), "{moved:?}");
     }
 
     #[test]

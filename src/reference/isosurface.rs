@@ -212,8 +212,8 @@ mod tests {
             (Attenuation::Hard, DVec3::new(0.4, 0.0, 0.3)),
             (Attenuation::Linear, DVec3::new(-0.9, 0.0, 0.2)),
         ] {
-            let found = surface.occlusion(point, 1.5, attenuation, 1024).unwrap();
-            let exact = occlusion(&[BALL, SLAB], point, DVec3::Y, 1.5, attenuation, 64);
+            let found = surface.occlusion(point, 2.5, attenuation, 1024).unwrap();
+            let exact = occlusion(&[BALL, SLAB], point, DVec3::Y, 2.5, attenuation, 64);
             assert!((found - exact).abs() < 0.02, "{found} {exact}");
             assert!(exact > 0.05);
         }

@@ -144,7 +144,7 @@ mod tests {
             occlusion_through(&tracer, DVec3::ZERO, DVec3::Y, r_max_m, alphas, RAYS)
         };
         // All rays of a long reach cross both sheets.
-        let both = at(&[1.0, 0.3, 0.5], 1e4);
+        let both = at(&[1.0, 0.3, 0.5], 200.0);
         assert!((both - (1.0 - 0.7 * 0.5)).abs() < 1e-3, "{both}");
         // Within 1.5 m rays meet the first alone where cos θ > 1 / 1.5: cos² θ is uniform.
         let near = at(&[1.0, 0.3, 0.5], 1.5);
