@@ -9,7 +9,7 @@ use common::{cells, fathom, records};
 use fathom::experiments::{Experiment, Verdict};
 use fathom::record::{Clock, Record};
 
-/// Four times the photons from cell to cell. The second axis changes nothing.
+/// Four times the photons from cell to cell.
 const PLANTED: &str = r#"
 id = "planted"
 title = "Sentences with a known answer"
@@ -18,7 +18,7 @@ pipeline = "underwater"
 scene = "tank"
 [params]
 view = { width = 64, height = 64 }
-shadow.size = 64
+shadow.size = 512
 surface.cells = 8
 caustics.buffer = [64, 64]
 caustics.filter = false
@@ -26,7 +26,7 @@ godrays = { grid = 8, filter = false, buffer = [16, 16] }
 [[sweep]]
 [[sweep.axis]]
 name = "caustics.grid"
-values = [40, 80, 160]
+values = [60, 120, 240]
 
 [[claim]]
 id = "true: rises"
@@ -35,8 +35,8 @@ test.monotone = { y = "stage:caustics/trace", x = "work:caustics/trace.photons",
 
 [[claim]]
 id = "true: in proportion"
-text = "Sixteen times the photons take eight to twenty times as long"
-test.ratio = { y = "stage:caustics/trace", over = "caustics.grid", numerator = 160, denominator = 40, low = 8.0, high = 20.0 }
+text = "Sixteen times the photons take 6 to 24 times as long"
+test.ratio = { y = "stage:caustics/trace", over = "caustics.grid", numerator = 240, denominator = 60, low = 6.0, high = 24.0 }
 
 [[claim]]
 id = "true: independent"
@@ -57,7 +57,7 @@ test.independent = { y = "stage:caustics/trace", over = "caustics.grid", toleran
 /// The command with a run into this folder.
 fn run(experiment: &Path, out: &Path) {
     let mut command = fathom();
-    command.arg("run").arg(experiment).args(["--budget", "8", "--out"]).arg(out);
+    command.arg("run").arg(experiment).args(["--budget", "12", "--out"]).arg(out);
     let output = command.output().unwrap();
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
 }

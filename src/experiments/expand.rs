@@ -359,7 +359,7 @@ impl Experiment {
         sets: &[(String, Value)],
         sweeps: &[ChosenSweep<'_>],
     ) -> Result<(), ExperimentError> {
-        let views = self.views.as_ref().map_or(0, |views| views.turns_deg.len());
+        let views = self.views.as_ref().map_or(0, |views| 1 + 2 * views.turns_deg.len());
         let repeated = self.repetitions.as_ref().map_or(0, |own| 1 + u64::from(own.count));
         let each = 1 + u64::from(self.reference.is_some()) + views as u64 + repeated;
         let reference = self.reference.as_ref();

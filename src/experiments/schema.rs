@@ -205,8 +205,8 @@ const MAX_TURNS: usize = 72;
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Views {
-    /// Name under which the spread goes into the record's quantities: RMS over the points of the standard deviation over the
-    /// views that see a point.
+    /// Name under which the spread goes into the record's quantities: mean over the points of the variance over the views that see
+    /// a point, less the variance between two draws of one view. With `_with_noise` and `_of_noise` behind the name: the two apart.
     pub quantity: String,
     /// Turns of the camera about the vertical through its target, degrees; the cell's own view is not named.
     pub turns_deg: Vec<f64>,

@@ -13,6 +13,7 @@ use super::plan::PlannedCell;
 use super::progress::Progress;
 use super::repetitions::{self, NoiseAndBias};
 use super::sample::{CellResult, Executor, Failure, Samples};
+use super::views::ViewsError;
 use super::{MAX_PASSES, picture, views};
 use crate::experiments::schema::{Experiment, Pictures, RepeatedOutput};
 use crate::gpu::{self, ClockPlan, FrameSample, FrameTimer, Gpu, GpuError, Stage, StageCounters};
@@ -21,6 +22,8 @@ use crate::record::{
     Addition, Cell, Note, NoteKind, Outcome, Picture, PictureKind, Record, RecordError, Run,
     SampleLine, SetUp, Writer,
 };
+use crate::reference::kept::KeptAnswers;
+use crate::scene::assets;
 
 /// What a software driver keeps of a pipeline's compiled shaders in the process: of 15 cells of `vao-samples`, 300 MiB more
 /// on lavapipe than of one.
@@ -71,7 +74,7 @@ impl Session {
             plan,
             timer,
             references: References::default(),
-            known: Known::default(),
+            known: Known { kept: kept_answers(), ..Known::default() },
             reopened: false,
             spent,
         })
@@ -86,6 +89,11 @@ impl Session {
         self.timer = FrameTimer::new(&self.gpu, self.plan, MAX_PASSES).map_err(text)?;
         Ok(())
     }
+}
+
+/// Answers of references, beside the assets that were fetched.
+fn kept_answers() -> KeptAnswers {
+    KeptAnswers::in_folder(assets::cache().map(|cache| cache.join("references")))
 }
 
 /// Executes the cells of one experiment.
@@ -253,10 +261,9 @@ impl<'a> CellExecutor<'a> {
         }
         if let Some(asked) = &self.experiment.views {
             let name = &asked.quantity;
-            let spread = views::spread(gpu, timer, pipeline, views);
-            let figures = spread.map(|spread| {
-                [(name.clone(), spread.std), (format!("{name}_points"), spread.points as f64)]
-            });
+            let views = views.as_ref().ok_or(ViewsError::NoSeed);
+            let spread = views.and_then(|views| views::spread(gpu, timer, pipeline, views));
+            let figures = spread.map(|spread| spread.figures(name));
             findings.add(&format!("{name} not computed"), figures);
         }
         if let (Some(asked), Some(planned)) = (&self.experiment.repetitions, repetitions) {
@@ -276,7 +283,12 @@ impl<'a> CellExecutor<'a> {
             shows,
         });
         let folder = self.output.folder;
-        let saved = picture::save(&self.session.gpu, pipeline, &folder.join(&image.path));
+        let Session { gpu, timer, .. } = &mut *self.session;
+        let saved = match &self.cells[cell].views {
+            Some(views) => views::strip(gpu, timer, pipeline, views),
+            None => picture::of(gpu, pipeline),
+        };
+        let saved = saved.and_then(|picture| picture::write(&picture, &folder.join(&image.path)));
         findings.add_picture(image, "no picture", saved);
         if self.experiment.error_picture {
             let path = folder.join(&of_error.path);

@@ -21,6 +21,7 @@ pub mod render;
 pub mod repetitions;
 pub mod run;
 pub mod sample;
+mod scale;
 pub mod subject;
 pub mod verify;
 pub mod views;

@@ -2,8 +2,10 @@
 
 use std::path::{Path, PathBuf};
 
+use image::RgbImage;
 use thiserror::Error;
 
+use super::scale;
 use crate::gpu::{Gpu, GpuError, read_texture};
 use crate::pipelines::AnyPipeline;
 
@@ -15,17 +17,29 @@ pub enum PictureError {
     Write { path: PathBuf, source: image::ImageError },
 }
 
-/// Reads the image of the last frame, drawing it first where the frame does not, and writes it, opaque, row 0 at the top.
-pub fn save(gpu: &Gpu, pipeline: &dyn AnyPipeline, path: &Path) -> Result<(), PictureError> {
+/// The image of the last frame, opaque, row 0 at the top, drawn first where the frame does not; visibility gets a scale below.
+pub fn of(gpu: &Gpu, pipeline: &dyn AnyPipeline) -> Result<RgbImage, PictureError> {
     let presenting = pipeline.presenting();
     if !presenting.is_empty() {
         gpu.run(&presenting)?;
     }
     let pixels = read_texture(gpu, pipeline.image())?;
-    let byte = |value: &f32| (value.clamp(0.0, 1.0) * 255.0).round() as u8;
-    let rgb = pixels.data.chunks_exact(pixels.channels as usize);
-    let rgb: Vec<u8> = rgb.flat_map(|texel| texel[..3].iter().map(byte)).collect();
-    let format = image::ExtendedColorType::Rgb8;
-    image::save_buffer(path, &rgb, pixels.width, pixels.height, format)
-        .map_err(|source| PictureError::Write { path: path.to_owned(), source })
+    let byte = |value: f32| (value.clamp(0.0, 1.0) * 255.0).round() as u8;
+    let image = RgbImage::from_fn(pixels.width, pixels.height, |x, y| {
+        let texel = pixels.texel(x, y);
+        image::Rgb([0, 1, 2].map(|k| byte(texel[k])))
+    });
+    if pipeline.shows_visibility() {
+        return Ok(scale::below(&image, &scale::VISIBILITY));
+    }
+    Ok(image)
+}
+
+pub fn write(image: &RgbImage, path: &Path) -> Result<(), PictureError> {
+    image.save(path).map_err(|source| PictureError::Write { path: path.to_owned(), source })
+}
+
+/// Reads the image of the last frame and writes it: see [`of`].
+pub fn save(gpu: &Gpu, pipeline: &dyn AnyPipeline, path: &Path) -> Result<(), PictureError> {
+    write(&of(gpu, pipeline)?, path)
 }

@@ -25,6 +25,7 @@ use crate::gpu::{Demand, Gpu, GpuError, Stage, StageInfo};
 use crate::parameter::{self, Field, ParamError, Setting};
 use crate::record::{ErrorFigure, Work};
 use crate::reference::ReferenceError;
+use crate::reference::kept::KeptAnswers;
 use crate::scene::{Camera, Scene, SceneFile, VolumeFile};
 use crate::stages::kit::{Parts, Resources};
 use occlusion::OcclusionBuffers;
@@ -47,6 +48,10 @@ pub trait Parameters:
     }
     /// What the frame is seen from.
     fn camera_mut(&mut self) -> &mut Camera;
+    /// What its random numbers are drawn by, where there is such a setting.
+    fn seed_mut(&mut self) -> Option<&mut u32> {
+        None
+    }
 }
 
 /// A pipeline: its parameters, its stages and its figures.
@@ -71,6 +76,11 @@ pub trait Pipeline: Sized + 'static {
     /// Stages that draw the image where the frame itself does not: run for pictures only, never timed.
     fn presenting(&self) -> Vec<&dyn Stage> {
         Vec::new()
+    }
+
+    /// The image is visibility as grey, which a scale explains.
+    fn shows_visibility(&self) -> bool {
+        false
     }
 
     /// Figures that need a read-back of the last frame, `name → value`, the unit in the name.
@@ -127,6 +137,8 @@ pub struct Judged {
 /// Answers of the references that several cells share.
 #[derive(Default)]
 pub struct Known {
+    /// Those of earlier runs.
+    pub kept: KeptAnswers,
     pub occlusion: occlusion::KnownPoints,
 }
 
@@ -137,8 +149,6 @@ pub enum JudgeError {
     Gpu(#[from] GpuError),
     #[error(transparent)]
     Reference(#[from] ReferenceError),
-    #[error("the geometry moves, and the reference knows it at rest only")]
-    Moving,
     #[error("no surface is seen")]
     Nothing,
     #[error("pipeline {0} has no picture of its error")]
@@ -191,6 +201,8 @@ pub trait AnyPipeline {
     fn image(&self) -> &wgpu::Texture;
     /// See [`Pipeline::presenting`].
     fn presenting(&self) -> Vec<&dyn Stage>;
+    /// See [`Pipeline::shows_visibility`].
+    fn shows_visibility(&self) -> bool;
     /// See [`Pipeline::quantities`].
     fn quantities(&self, gpu: &Gpu) -> Result<BTreeMap<String, f64>, GpuError>;
     /// See [`Pipeline::context`].
@@ -220,6 +232,10 @@ impl<P: Pipeline> AnyPipeline for Built<P> {
 
     fn presenting(&self) -> Vec<&dyn Stage> {
         self.pipeline.presenting()
+    }
+
+    fn shows_visibility(&self) -> bool {
+        self.pipeline.shows_visibility()
     }
 
     fn quantities(&self, gpu: &Gpu) -> Result<BTreeMap<String, f64>, GpuError> {
@@ -267,6 +283,8 @@ pub trait Configuration {
     fn camera(&self) -> Camera;
     /// The same seen from elsewhere.
     fn seen_from(&self, camera: Camera) -> Rc<dyn Configuration>;
+    /// The same with its seed raised by `added`; none where there is no seed.
+    fn reseeded(&self, added: u32) -> Option<Rc<dyn Configuration>>;
     /// The parameters as a tree.
     fn tree(&self) -> Value;
     /// For a caller that knows the kind.
@@ -310,6 +328,13 @@ impl<P: Pipeline> Configuration for Configured<P> {
         let mut params = self.0.clone();
         *params.camera_mut() = camera;
         Rc::new(Self(params))
+    }
+
+    fn reseeded(&self, added: u32) -> Option<Rc<dyn Configuration>> {
+        let mut params = self.0.clone();
+        let seed = params.seed_mut()?;
+        *seed = seed.wrapping_add(added);
+        Some(Rc::new(Self(params)))
     }
 
     fn tree(&self) -> Value {

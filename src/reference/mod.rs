@@ -25,6 +25,7 @@
 //! | [`deform`] | vertices and normals of moving geometry |
 //! | [`voxel`] | which voxels a surface occupies: by separating axes, and by sampling |
 //! | [`quantities`] | error statistics of photons read back from the GPU |
+//! | [`kept`] | none itself: keeps answers on disk by their content |
 
 pub mod bilateral;
 pub mod deform;
@@ -34,6 +35,7 @@ pub mod godray;
 pub mod horizon;
 pub mod image;
 pub mod isosurface;
+pub mod kept;
 pub mod march;
 pub mod media;
 pub mod occlusion;

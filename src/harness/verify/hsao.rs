@@ -55,6 +55,7 @@ fn shade(
         steps: method.steps,
         rays: method.rays,
         ray_steps: method.ray_steps,
+        seed: 0,
     };
     let hard = method.attenuation == Attenuation::Hard;
     let stage = March::new(&rig.resources, &stand.shared, &gbuffer, &settings, hard)?;
