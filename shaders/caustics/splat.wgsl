@@ -5,7 +5,7 @@
 #import fathom::photon::{Photon, angular_weight, entered}
 #import fathom::screen
 #if SURFACE == 1
-#import fathom::frame::{view_depth_m}
+#import fathom::frame::{device_depth_at, view_depth_m}
 #import fathom::surface_plane::{depth_texel, plane_at}
 #endif
 
@@ -33,8 +33,8 @@ struct Varying {
     @builtin(position) clip: vec4<f32>,
     @location(0) @interpolate(flat) intensity: f32,
 #if SURFACE == 1
-    // Device depth of the photon's plane.
-    @location(1) plane_z: f32,
+    // Device depth beyond which what is seen is not the photon's surface.
+    @location(1) last_z: f32,
 #endif
 }
 
@@ -85,7 +85,8 @@ fn vertex(@builtin(vertex_index) vertex: u32, @builtin(instance_index) instance:
     let place_px = (clip.xy / clip.w * vec2(0.5, -0.5) + 0.5) * settings.size_px;
     let rise = dot(surface_slope(place_px, clip.w), corner * vec2(1.0, -1.0) * side_px);
     depth = clamp(depth + rise, 0.0, 1.0);
-    let plane_z = clamp(clip.z / clip.w + rise, 0.0, 1.0);
+    let plane_m = view_depth_m(clamp(clip.z / clip.w + rise, 0.0, 1.0));
+    let last_z = device_depth_at(plane_m + settings.depth_bias_m);
 #endif
 
     var intensity = settings.photon_w * exp(-frame.attenuation_per_m * photon.distance_m);
@@ -99,7 +100,7 @@ fn vertex(@builtin(vertex_index) vertex: u32, @builtin(instance_index) instance:
     drawn.clip = vec4(center, depth, 1.0);
     drawn.intensity = intensity;
 #if SURFACE == 1
-    drawn.plane_z = plane_z;
+    drawn.last_z = last_z;
 #endif
     return drawn;
 }
@@ -108,11 +109,10 @@ fn vertex(@builtin(vertex_index) vertex: u32, @builtin(instance_index) instance:
 fn fragment(in: Varying) -> @location(0) vec4<f32> {
 #if SURFACE == 1
     let seen = screen::depth_at(scene_depth, in.clip.xy, settings.size_px);
-    if view_depth_m(seen) - view_depth_m(in.plane_z) > settings.depth_bias_m {
-        return vec4(0.0);
-    }
-#endif
+    return vec4(select(in.intensity, 0.0, seen > in.last_z));
+#else
     return vec4(in.intensity);
+#endif
 }
 
 // The camera's depth brought to the size of this buffer, for the rasterizer's own depth test.

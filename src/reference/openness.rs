@@ -96,6 +96,6 @@ mod tests {
             METHOD.at(&camera, &corner, DVec3::Y, at.x_px as u32, at.y_px as u32)
         };
         assert!(on_floor(0.05) < on_floor(0.3) && on_floor(0.3) < on_floor(0.9));
-        assert!(on_floor(0.05) < 0.9 && on_floor(0.9) > 0.999);
+        assert!(on_floor(0.05) < 0.95 && on_floor(0.9) > 0.999);
     }
 }

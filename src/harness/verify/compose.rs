@@ -227,7 +227,7 @@ fn upscaled(rig: &Rig<'_>) -> Result<Check> {
         STAGE,
         "caustics within surfaces: 95th percentile of |difference from the twin|, of the mean",
     )
-    .within((0.02, "1"), errors(DEPTH_SHARE))
+    .within((0.03, "1"), errors(DEPTH_SHARE))
     .control("texels of all surfaces", errors(f64::INFINITY)))
 }
 
@@ -260,7 +260,7 @@ fn occlusion(rig: &Rig<'_>) -> Result<Check> {
         rig::mean(off)
     };
     Ok(Check::of(STAGE, "screen-space ambient occlusion: mean |openness − twin|")
-        .within((0.01, "1"), error(METHOD))
+        .within((0.006, "1"), error(METHOD))
         .control("radius of 1 m instead of 0.5 m", error(Openness { radius_m: 1.0, ..METHOD })))
 }
 

@@ -53,7 +53,8 @@ impl Underwater {
                 [("missed_water_rate", share(MISSED)), ("left_frustum_rate", share(OUTSIDE))];
             quantities.extend(figures.map(|(figure, value)| (format!("{name}_{figure}"), value)));
             if name == "godrays" {
-                quantities.insert("godrays_covered_px".to_owned(), self.covered_px(&photons));
+                quantities
+                    .insert("godrays_covered_px".to_owned(), self.covered_px(&photons).round());
             }
         }
         Ok(quantities)

@@ -122,8 +122,8 @@ settings! {
         filter: bool = true;
         /// UW §3.5 gives neither taps nor radius.
         filter_taps: u32 = 16 => 1 ..= 1024, "1";
-        /// Radius of the disc.
-        filter_radius_px: f64 = 3.0 => 0.0 ..= 256.0, "px";
+        /// Radius of the disc. Tuned on scene tank: 3 px blur the lines of light.
+        filter_radius_px: f64 = 2.0 => 0.0 ..= 256.0, "px";
         /// Taps, and texels of the buffer when the picture is composed, count up to this distance from the pixel's surface along the
         /// view, as a share of its view depth. UW has no such limit. Tuned on scene tank.
         filter_depth_share: f64 = 0.05 => 0.0 ..= 1e6, "1";
