@@ -109,3 +109,37 @@ fn a_software_driver_is_timed_by_the_cpu_time_of_a_quiet_process() {
         assert!(sampled.is_sorted() && sampled.len() == measured.frame.rounds.len());
     }
 }
+
+#[test]
+fn a_cell_that_is_there_for_its_errors_renders_one_frame_and_has_no_times() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("errors.toml");
+    let text = PLANTED.split("[[claim]]").next().unwrap();
+    let text = text.replace("[[sweep]]\n", "[[sweep]]\nerrors_only = true\n");
+    let claim = r#"
+[[claim]]
+id = "exact"
+text = "Errors have no samples"
+test.within = { y = "quantity:caustics_photon_error_median_m", low = 0.0, high = 1.0 }
+[[claim]]
+id = "timed"
+text = "No times are there"
+test.independent = { y = "stage:caustics/trace", over = "caustics.grid", tolerance = 0.3 }
+"#;
+    std::fs::write(&file, text + claim).unwrap();
+    let out = folder.path().join("out");
+    run(&file, &out);
+    let cells = cells(&out);
+    for cell in &cells {
+        let measured = cell.measured().unwrap();
+        assert!(!measured.is_timed() && !measured.errors.is_empty());
+        assert!(measured.stages.iter().all(|stage| stage.samples_ns.is_empty()));
+        assert!(measured.stages.iter().any(|stage| stage.work.photons > 0));
+    }
+    let experiment = Experiment::parse("planted", &std::fs::read_to_string(&file).unwrap());
+    let rulings = experiment.unwrap().rulings(&cells.iter().collect::<Vec<_>>(), true);
+    assert_eq!(rulings[0].verdict, Verdict::Supported, "{rulings:?}");
+    assert_eq!((rulings[0].n, rulings[1].verdict), (None, Verdict::NotRun));
+    let summary = std::fs::read_to_string(out.join("summary.md")).unwrap();
+    assert!(summary.contains("| exact |") && !summary.contains("NaN"), "{summary}");
+}
