@@ -1,5 +1,14 @@
 //! Rebuilds a release when a file is added to an embedded folder: the compiler knows only of those that are there.
 //! A development build reads the folders from disk (`src/embedded.rs`) and needs no build.
+//!
+//! Names the code of the references by its digest, for answers that are kept on disk (`src/reference/kept.rs`).
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use sha2::{Digest, Sha256};
+
+const REFERENCES: &str = "src/reference";
 
 fn main() {
     if std::env::var("PROFILE").is_ok_and(|profile| profile == "release") {
@@ -8,4 +17,23 @@ fn main() {
         }
     }
     println!("cargo::rerun-if-changed=build.rs");
+    println!("cargo::rerun-if-changed={REFERENCES}");
+    println!("cargo::rustc-env=FATHOM_REFERENCES={}", digest(Path::new(REFERENCES)));
+}
+
+fn digest(folder: &Path) -> String {
+    let mut files = files(folder);
+    files.sort();
+    let mut digest = Sha256::new();
+    for file in files {
+        digest.update(file.to_string_lossy().as_bytes());
+        digest.update(fs::read(&file).expect("a source file can be read"));
+    }
+    digest.finalize().iter().map(|byte| format!("{byte:02x}")).collect()
+}
+
+fn files(folder: &Path) -> Vec<PathBuf> {
+    let entries = fs::read_dir(folder).expect("the sources can be listed");
+    let paths = entries.map(|entry| entry.expect("an entry can be read").path());
+    paths.flat_map(|path| if path.is_dir() { files(&path) } else { vec![path] }).collect()
 }

@@ -1,6 +1,6 @@
 // defs: CONSERVING=0, WATER=0
 // The final image: scene lit by caustics, water colour, godrays, and the water surface drawn over it. UW §3.5.
-#import fathom::frame::{frame, world_at}
+#import fathom::frame::{frame, view_depth_m, world_at}
 #import fathom::screen
 #import fathom::shading
 #import fathom::water
@@ -18,6 +18,8 @@ struct Compose {
     occlusion_radius_m: f32,
     // Cells per side of the water grid.
     water_cells: u32,
+    // Share of a pixel's view depth within which a texel of the caustics lies on the pixel's surface.
+    depth_share: f32,
 }
 
 @group(1) @binding(0) var<uniform> settings: Compose;
@@ -32,6 +34,11 @@ struct Compose {
 
 // Screen shift of reflection and refraction for a unit of surface slope; tuned on scene port.
 const DISTORTION: f32 = 0.08;
+// Weight below which the texels on a pixel's surface say nothing.
+const LEAST_WEIGHT: f32 = 1e-3;
+// Cosine to the normal below which a tap does not block: depth in texels makes a slanted plane uneven.
+const LEAST_COSINE: f32 = 0.1;
+const TAU: f32 = 6.28318530717958648;
 const GOLDEN_ANGLE: f32 = 2.39996322972865332;
 
 // Bilinear by hand: 32-bit float textures cannot be filtered everywhere.
@@ -49,9 +56,35 @@ fn bilinear(source: texture_2d<f32>, uv: vec2<f32>) -> f32 {
     return mix(mix(a, b, f.x), mix(c, d, f.x), f.y);
 }
 
+// The caustics at uv from those of the four nearest texels that lie on the surface seen there; from all where none does. Light of
+// what is in front then does not spread over what is behind, and the other way.
+fn caustic_flux(uv: vec2<f32>) -> f32 {
+    let size = vec2<f32>(textureDimensions(caustics));
+    let place = uv * size - 0.5;
+    let base = floor(place);
+    let f = place - base;
+    let view_m = view_depth_m(screen::depth_at(depth, uv * settings.size_px, settings.size_px));
+    var sum = 0.0;
+    var weights = 0.0;
+    for (var k = 0; k < 4; k++) {
+        let corner = vec2(f32(k & 1), f32(k >> 1u));
+        let texel = clamp(base + corner, vec2(0.0), size - 1.0);
+        let seen_m = view_depth_m(screen::depth_at(depth, texel + 0.5, size));
+        if abs(seen_m - view_m) <= settings.depth_share * view_m {
+            let near = 1.0 - abs(place - base - corner);
+            sum += near.x * near.y * textureLoad(caustics, vec2<i32>(texel), 0).x;
+            weights += near.x * near.y;
+        }
+    }
+    if weights < LEAST_WEIGHT {
+        return bilinear(caustics, uv);
+    }
+    return sum / weights;
+}
+
 // Irradiance that the photons bring to a surface point seen at uv, W/m².
 fn caustic_irradiance(uv: vec2<f32>, position_m: vec3<f32>, normal: vec3<f32>) -> f32 {
-    let flux = bilinear(caustics, uv);
+    let flux = caustic_flux(uv);
 #if CONSERVING == 1
     // Flux of a pixel over the surface area behind it.
     let to_viewer = frame.camera_position_m - position_m;
@@ -64,24 +97,35 @@ fn caustic_irradiance(uv: vec2<f32>, position_m: vec3<f32>, normal: vec3<f32>) -
 #endif
 }
 
-// Share of the sky that nearby geometry leaves open, from screen-space depth (UW §3 step 7b).
+// Share of the sky that nearby geometry leaves open, from screen-space depth (UW §3 step 7b, Fig. 10; UW gives no method): what lies
+// over the tangent plane within the radius blocks, the less the farther it is. The taps' disc is turned in every pixel by interleaved
+// gradient noise (Jimenez, Next Generation Post Processing in Call of Duty: Advanced Warfare, 2014).
 fn openness(uv: vec2<f32>, position_m: vec3<f32>, normal: vec3<f32>) -> f32 {
     if settings.occlusion_taps == 0u {
         return 1.0;
     }
     let last = vec2<i32>(settings.size_px) - 1;
-    let view_m = distance(position_m, frame.camera_position_m);
-    let radius = settings.occlusion_radius_m / view_m;
+    // Rows of the camera's matrix have the lengths of its focal distances, in halves of the picture.
+    let rows = transpose(frame.camera_view_projection);
+    let focal = vec2(length(rows[0].xyz), length(rows[1].xyz));
+    let view_m = dot(rows[3], vec4(position_m, 1.0));
+    let radius = 0.5 * focal * settings.occlusion_radius_m / view_m;
+    let turn = TAU * fract(52.9829189 * fract(dot(floor(uv * settings.size_px), vec2(0.06711056, 0.00583715))));
     var blocked = 0.0;
     for (var i = 0u; i < settings.occlusion_taps; i++) {
-        let angle = f32(i) * GOLDEN_ANGLE + 6.2831853 * fract(52.9829189 * fract(dot(uv * settings.size_px, vec2(0.06711056, 0.00583715))));
-        let r = radius * sqrt((f32(i) + 0.5) / f32(settings.occlusion_taps));
-        let tap_uv = uv + r * vec2(cos(angle), sin(angle));
-        let texel = clamp(vec2<i32>(tap_uv * settings.size_px), vec2(0), last);
-        let tap = world_at(tap_uv, textureLoad(depth, texel, 0)) - position_m;
+        let angle = f32(i) * GOLDEN_ANGLE + turn;
+        let r = sqrt((f32(i) + 0.5) / f32(settings.occlusion_taps));
+        let tap_uv = uv + r * radius * vec2(cos(angle), sin(angle));
+        let texel = vec2<i32>(floor(tap_uv * settings.size_px));
+        if any(texel < vec2(0)) || any(texel > last) {
+            continue;
+        }
+        // The middle of the texel, where its depth was taken.
+        let middle = (vec2<f32>(texel) + 0.5) / settings.size_px;
+        let tap = world_at(middle, textureLoad(depth, texel, 0)) - position_m;
         let d = length(tap);
         let range = saturate(1.0 - d / settings.occlusion_radius_m);
-        blocked += range * saturate(dot(tap / max(d, 1e-4), normal) - 0.1);
+        blocked += range * saturate(dot(tap / max(d, 1e-4), normal) - LEAST_COSINE);
     }
     return 1.0 - blocked / f32(settings.occlusion_taps);
 }

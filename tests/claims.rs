@@ -9,7 +9,7 @@ use common::{cells, fathom, records};
 use fathom::experiments::{Experiment, Verdict};
 use fathom::record::{Clock, Record};
 
-/// Four times the photons from cell to cell. The second axis changes nothing.
+/// Four times the photons from cell to cell.
 const PLANTED: &str = r#"
 id = "planted"
 title = "Sentences with a known answer"
@@ -18,7 +18,7 @@ pipeline = "underwater"
 scene = "tank"
 [params]
 view = { width = 64, height = 64 }
-shadow.size = 64
+shadow.size = 512
 surface.cells = 8
 caustics.buffer = [64, 64]
 caustics.filter = false
@@ -26,7 +26,7 @@ godrays = { grid = 8, filter = false, buffer = [16, 16] }
 [[sweep]]
 [[sweep.axis]]
 name = "caustics.grid"
-values = [40, 80, 160]
+values = [60, 120, 240]
 
 [[claim]]
 id = "true: rises"
@@ -35,8 +35,8 @@ test.monotone = { y = "stage:caustics/trace", x = "work:caustics/trace.photons",
 
 [[claim]]
 id = "true: in proportion"
-text = "Sixteen times the photons take eight to twenty times as long"
-test.ratio = { y = "stage:caustics/trace", over = "caustics.grid", numerator = 160, denominator = 40, low = 8.0, high = 20.0 }
+text = "Sixteen times the photons take 6 to 24 times as long"
+test.ratio = { y = "stage:caustics/trace", over = "caustics.grid", numerator = 240, denominator = 60, low = 6.0, high = 24.0 }
 
 [[claim]]
 id = "true: independent"
@@ -57,7 +57,7 @@ test.independent = { y = "stage:caustics/trace", over = "caustics.grid", toleran
 /// The command with a run into this folder.
 fn run(experiment: &Path, out: &Path) {
     let mut command = fathom();
-    command.arg("run").arg(experiment).args(["--budget", "8", "--out"]).arg(out);
+    command.arg("run").arg(experiment).args(["--budget", "12", "--out"]).arg(out);
     let output = command.output().unwrap();
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
 }
@@ -81,7 +81,7 @@ fn planted_sentences_get_their_verdicts_and_no_verdict_rests_on_few_samples() {
             assert!(ruling.n.is_some_and(|n| n >= 8), "{ruling:?}");
         }
         let rounds: Vec<_> =
-            cells.iter().map(|cell| &cell.measured().unwrap().frame.rounds[..8]).collect();
+            cells.iter().map(|cell| &cell.measured().unwrap().frame.rounds[..12]).collect();
         assert!(rounds.windows(2).all(|pair| pair[0] == pair[1]), "sampled together: {rounds:?}");
     }
 }
@@ -108,4 +108,38 @@ fn a_software_driver_is_timed_by_the_cpu_time_of_a_quiet_process() {
         let sampled = &measured.frame.sampled_at_s;
         assert!(sampled.is_sorted() && sampled.len() == measured.frame.rounds.len());
     }
+}
+
+#[test]
+fn a_cell_that_is_there_for_its_errors_renders_one_frame_and_has_no_times() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("errors.toml");
+    let text = PLANTED.split("[[claim]]").next().unwrap();
+    let text = text.replace("[[sweep]]\n", "[[sweep]]\nerrors_only = true\n");
+    let claim = r#"
+[[claim]]
+id = "exact"
+text = "Errors have no samples"
+test.within = { y = "quantity:caustics_photon_error_median_m", low = 0.0, high = 1.0 }
+[[claim]]
+id = "timed"
+text = "No times are there"
+test.independent = { y = "stage:caustics/trace", over = "caustics.grid", tolerance = 0.3 }
+"#;
+    std::fs::write(&file, text + claim).unwrap();
+    let out = folder.path().join("out");
+    run(&file, &out);
+    let cells = cells(&out);
+    for cell in &cells {
+        let measured = cell.measured().unwrap();
+        assert!(!measured.is_timed() && !measured.errors.is_empty());
+        assert!(measured.stages.iter().all(|stage| stage.samples_ns.is_empty()));
+        assert!(measured.stages.iter().any(|stage| stage.work.photons > 0));
+    }
+    let experiment = Experiment::parse("planted", &std::fs::read_to_string(&file).unwrap());
+    let rulings = experiment.unwrap().rulings(&cells.iter().collect::<Vec<_>>(), true);
+    assert_eq!(rulings[0].verdict, Verdict::Supported, "{rulings:?}");
+    assert_eq!((rulings[0].n, rulings[1].verdict), (None, Verdict::NotRun));
+    let summary = std::fs::read_to_string(out.join("summary.md")).unwrap();
+    assert!(summary.contains("| exact |") && !summary.contains("NaN"), "{summary}");
 }

@@ -2,7 +2,6 @@
 // defs: UNIFORM=0, RANDOM=0, HARD=0, GUARD=1, BITS=0, SKIPPING=0, OPACITY=0, BETWEEN=0, PEAK=0, JITTER=0, COUNT=0
 #import fathom::frame::{world_at}
 #import fathom::marching
-#import fathom::random::{pcg}
 #import fathom::screen
 
 struct Target {
@@ -40,7 +39,7 @@ fn fragment(@builtin(position) pixel: vec4<f32>) -> @location(0) vec4<f32> {
     let uv = (vec2<f32>(texel) + 0.5) / view_px;
     let normal = normalize(textureLoad(normals, texel, 0).xyz);
     let place = vec2<u32>(pixel.xy);
-    let occluded = marching::occlusion(world_at(uv, z), normal, pcg(place.x + 65536u * place.y));
+    let occluded = marching::occlusion(world_at(uv, z), normal, marching::seed_of(place));
 #if COUNT == 1
     let slot = place.x & 63u;
     atomicAdd(&counters.samples[slot], marching::taken);

@@ -23,6 +23,8 @@ struct March {
     // Above the horizon, shared among the directions.
     rays: u32,
     ray_steps: u32,
+    // Draws other numbers at every pixel; 0 leaves them as they are.
+    seed: u32,
 }
 
 @group(1) @binding(0) var<storage, read> settings: March;
@@ -39,6 +41,8 @@ var<private> taken: u32 = 0u;
 #endif
 
 const TAU: f32 = 6.28318530717958648;
+// 2³² / golden ratio: seeds of neighbouring runs lie far apart.
+const SEED_STEP: u32 = 0x9E3779B9u;
 // Fractions of the golden ratio and of the plastic number: sequences of low discrepancy (Roberts 2018).
 const GOLDEN: f32 = 0.61803398875;
 const PLASTIC: vec2<f32> = vec2<f32>(0.75487766625, 0.56984029100);
@@ -270,7 +274,7 @@ fn fragment(@builtin(position) pixel: vec4<f32>) -> @location(0) vec4<f32> {
         return vec4(1.0);
     }
     let place = vec2<u32>(pixel.xy);
-    let occluded = occlusion(shaded_point(texel, z), pcg(place.x + 65536u * place.y));
+    let occluded = occlusion(shaded_point(texel, z), pcg(place.x + 65536u * place.y + settings.seed * SEED_STEP));
 #if COUNT == 1
     let slot = place.x & 63u;
     atomicAdd(&counters.samples[slot], taken);

@@ -1,8 +1,9 @@
-// defs: AT_ISOSURFACE=1, LINEAR=1
+// defs: AT_ISOSURFACE=1, LINEAR=1, REJECTION=0
 // First isosurface on the view ray with ambient occlusion. VAO §5.2.1; marching as in §5.1.
 //
 // AT_ISOSURFACE 1: rays stop at values near the isosurface's; 0: at values from V_thres. LINEAR 1: ρ = 1 − d / r_max; 0: 1.
-#import fathom::ray_cast::{march, Ray, windowed, view_ray, along, seed_of, lit, background, display}
+// REJECTION 1: rays begin at the surface and gather opacity up to their stop (Eq. 7), samples of falling value rejected (Eq. 4).
+#import fathom::ray_cast::{march, Ray, windowed, view_ray, along, seed_of, lit, background, display, OPAQUE}
 #import fathom::scalar_field::{field, value, outward, through_box, look_ups}
 #import fathom::screen
 #import fathom::sphere::{shift_of, shifted_point, cosine_direction, tangent_frame}
@@ -62,8 +63,36 @@ fn occluder(v: f32) -> bool {
 #endif
 }
 
+#if REJECTION == 1
+// γ: obscurance along a ray up to its stop. VAO Eq. 7, with strata of equal length, jittered alike (§5.2.3).
+fn obscurity(position_m: vec3<f32>, normal: vec3<f32>, direction: vec3<f32>, jitter: f32) -> f32 {
+    let reach = min(march.r_max_m, through_box(position_m, direction).y);
+    let stratum = march.stratum_m / field.voxel_m;
+    let least = pow(OPAQUE, 1.0 / stratum);
+    var before = windowed(value(position_m, 0.0));
+    var clear = 1.0;
+    for (var k = 0u; k < march.samples; k++) {
+        let d = (f32(k) + jitter) * march.stratum_m;
+        if d >= reach {
+            break;
+        }
+        let raw = value(position_m + d * direction, 0.0);
+        let v = windowed(raw);
+        let falling = v < before;
+        before = v;
+        if falling {
+            continue;
+        }
+        clear *= 1.0 - march.opacity * v;
+        if occluder(raw) || clear < least {
+            break;
+        }
+    }
+    return 1.0 - pow(max(clear, 1e-30), stratum);
+}
+#else
 // ρ of the nearest occluder along a ray; 0 where there is none, and for rays that do not leave the guard (VAO §5.1).
-fn obscurity(position_m: vec3<f32>, normal: vec3<f32>, direction: vec3<f32>) -> f32 {
+fn obscurity(position_m: vec3<f32>, normal: vec3<f32>, direction: vec3<f32>, jitter: f32) -> f32 {
     let reach = min(march.r_max_m, through_box(position_m, direction).y);
     // VAO Eq. 2 with h of half a cell's diagonal.
     let start = field.guard_m / max(dot(direction, normal), 1e-6);
@@ -78,6 +107,7 @@ fn obscurity(position_m: vec3<f32>, normal: vec3<f32>, direction: vec3<f32>) -> 
     }
     return 0.0;
 }
+#endif
 
 // A of VAO Eq. 1 by cosine-distributed rays.
 fn occlusion(position_m: vec3<f32>, normal: vec3<f32>, seed: u32) -> f32 {
@@ -85,8 +115,8 @@ fn occlusion(position_m: vec3<f32>, normal: vec3<f32>, seed: u32) -> f32 {
     let turn = tangent_frame(normal);
     var sum = 0.0;
     for (var j = 0u; j < march.rays; j++) {
-        let direction = turn * cosine_direction(shifted_point(j, march.rays, shift).xy);
-        sum += obscurity(position_m, normal, direction);
+        let point = shifted_point(j, march.rays, shift);
+        sum += obscurity(position_m, normal, turn * cosine_direction(point.xy), point.z);
     }
     return sum / f32(march.rays);
 }

@@ -19,6 +19,8 @@ struct Filter {
     sigma_px: f32,
     // Standard deviation of a tap's distance from the pixel's tangent plane along the view, over the pixel's view depth.
     depth_sigma: f32,
+    // Standard deviation of the distance between the unit normals of a tap and of the pixel.
+    normal_sigma: f32,
 }
 
 // Weight below which the taps say nothing: the one nearest in depth is taken.
@@ -52,7 +54,11 @@ fn disc_tap(i: u32, taps: u32) -> vec2<f32> {
 
 // Visibility at a pixel of the viewport; 1 where nothing was drawn.
 fn filtered(
-    source: texture_2d<f32>, depth: texture_depth_2d, settings: Filter, pixel: vec2<f32>
+    source: texture_2d<f32>,
+    depth: texture_depth_2d,
+    normals: texture_2d<f32>,
+    settings: Filter,
+    pixel: vec2<f32>,
 ) -> f32 {
     let here = vec2<i32>(pixel);
     let z = textureLoad(depth, here, 0);
@@ -71,6 +77,7 @@ fn filtered(
     let uphill = tilt / max(steepness, 1e-6);
     let shrink = 1.0 - inverseSqrt(1.0 + steepness * steepness);
 
+    let normal = normalize(textureLoad(normals, here, 0).xyz);
     let last = vec2<i32>(settings.source_px) - 1;
     let middle = pixel * (settings.source_px / settings.size_px);
     var sum = 0.0;
@@ -96,7 +103,8 @@ fn filtered(
         }
         let across = (center - middle) / settings.sigma_px;
         let along = off_m / (settings.depth_sigma * view_m);
-        let weight = exp(-0.5 * (dot(across, across) + along * along));
+        let turned = (normalize(textureLoad(normals, seen, 0).xyz) - normal) / settings.normal_sigma;
+        let weight = exp(-0.5 * (dot(across, across) + along * along + dot(turned, turned)));
         sum += weight * value;
         weights += weight;
     }

@@ -11,14 +11,19 @@ fn rotation(pixel: vec2<u32>) -> f32 {
     return TAU * f32(pcg(pixel.x + 65536u * pixel.y)) / 4294967296.0;
 }
 
+// Where tap i about a place lies, pixels; `turn` is the pixel's own angle.
+fn turned_tap(position: vec2<f32>, turn: f32, i: u32, taps: u32, radius_px: f32) -> vec2<f32> {
+    let angle = f32(i) * GOLDEN_ANGLE + turn;
+    let r = radius_px * sqrt((f32(i) + 0.5) / f32(taps));
+    return position + r * vec2(cos(angle), sin(angle));
+}
+
 fn low_pass(source: texture_2d<f32>, position: vec2<f32>, taps: u32, radius_px: f32) -> vec4<f32> {
     let last = vec2<i32>(textureDimensions(source)) - 1;
     let turn = rotation(vec2<u32>(position));
     var sum = vec4(0.0);
     for (var i = 0u; i < taps; i++) {
-        let angle = f32(i) * GOLDEN_ANGLE + turn;
-        let r = radius_px * sqrt((f32(i) + 0.5) / f32(taps));
-        let texel = vec2<i32>(floor(position + r * vec2(cos(angle), sin(angle))));
+        let texel = vec2<i32>(floor(turned_tap(position, turn, i, taps, radius_px)));
         sum += textureLoad(source, clamp(texel, vec2(0), last), 0);
     }
     return sum / f32(taps);

@@ -25,8 +25,10 @@ struct March {
     guard: f32,
     // From the surface along its normal to where rays begin.
     offset: f32,
+    // Above 1 no sample ends a ray.
     threshold: f32,
     rays: u32,
+    seed: u32,
 }
 
 @group(1) @binding(0) var<uniform> march: March;
@@ -50,6 +52,11 @@ const LEAST: f32 = 1e-7;
 var<private> taken: u32 = 0u;
 var<private> looked_up: u32 = 0u;
 #endif
+
+// A pixel's seed. The run's own number moves it; 0 leaves it where it is.
+fn seed_of(pixel: vec2<u32>) -> u32 {
+    return pcg(pixel.x + 65536u * pixel.y + march.seed * GOLDEN);
+}
 
 // Point of [0, 1)² for a ray.
 fn point(ray: u32, seed: u32) -> vec2<f32> {

@@ -3,6 +3,7 @@
 #define_import_path fathom::photon
 
 #import fathom::frame::{frame}
+#import fathom::random::{pcg}
 #import fathom::water
 
 struct Photon {
@@ -28,6 +29,8 @@ struct Trace {
     start_m: f32,
     // Residual up to which a photon counts as converged; only the host asks.
     tolerance_m: f32,
+    // Share of its part of the cell in which a photon is strewn; 0: the grid is regular.
+    jitter: f32,
 }
 
 const MISSED: f32 = -1.0;
@@ -179,8 +182,20 @@ fn follow(
     return Photon(entry, residual, entry + d * refracted, d);
 }
 
+// Two repeatable numbers in [0, 1) for a photon of the grid, of 16 bits each.
+fn strewn(photon: vec2<u32>) -> vec2<f32> {
+    let bits = pcg(pcg(photon.x) + photon.y);
+    return vec2(f32(bits >> 16u), f32(bits & 0xffffu)) / 65536.0;
+}
+
 // Canonical place of sub-photon `sub` of cell `cell`.
 fn place(settings: Trace, cell: vec2<u32>, sub: vec2<u32>, side: u32) -> vec2<f32> {
-    let index = vec2<f32>(cell * side + sub) + settings.offset;
+    let photon = cell * side + sub;
+    var share = settings.offset;
+    if settings.jitter > 0.0 {
+        // What leaves the share on one side comes in on the other.
+        share = fract(share + settings.jitter * (strewn(photon) - 0.5));
+    }
+    let index = vec2<f32>(photon) + share;
     return index / f32(settings.grid * side) * 2.0 - 1.0;
 }

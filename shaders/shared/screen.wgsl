@@ -8,8 +8,7 @@ fn corner(index: u32) -> vec4<f32> {
 
 // The camera's depth at a pixel of a buffer of another size, nearest texel.
 fn depth_at(depth: texture_depth_2d, pixel: vec2<f32>, size_px: vec2<f32>) -> f32 {
-    let place = pixel / size_px * vec2<f32>(textureDimensions(depth));
-    return textureLoad(depth, vec2<i32>(place), 0);
+    return textureLoad(depth, texel_behind(pixel, size_px, vec2<f32>(textureDimensions(depth))), 0);
 }
 
 // Texel of a buffer of `size_px` pixels behind a pixel of one of `own_px` pixels. Middles of pixels often fall on borders

@@ -11,11 +11,11 @@ use crate::compare::worker;
 use crate::experiments::Experiment;
 use crate::gpu::{self, Gpu};
 use crate::harness::catalog::Catalog;
+use crate::harness::figures::{self, Figure, FigureError, Rendered};
 use crate::harness::output::{OutputFolder, RECORDS};
 use crate::harness::plan::Request;
 use crate::harness::run::{self, Options, Summary};
 use crate::harness::subject::{Subject, Subjects};
-use crate::harness::figures::{self, Figure, FigureError, Rendered};
 use crate::harness::{
     dump as dumping, journal, picture, progress, query as querying, render as rendering, sheet,
     verify as verifying,
@@ -327,7 +327,7 @@ fn write_figure(
     panels: &[Rendered],
 ) -> anyhow::Result<image::RgbImage> {
     for (panel, number) in panels.iter().zip(0..) {
-        picture::write(&panel.picture, &figures::panel_file(folder, figure, number))?;
+        picture::write(&panel.picture.explained(), &figures::panel_file(folder, figure, number))?;
     }
     let path = folder.join(format!("{}.png", figure.id));
     picture::write(&sheet::of_figure(figure, panels), &path)?;

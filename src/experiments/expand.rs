@@ -2,7 +2,7 @@
 
 use indexmap::{IndexMap, IndexSet};
 use itertools::Itertools;
-use serde_json::{Map, Value};
+use serde_json::{Map, Value, json};
 
 use super::schema::{Axis, Profiles, Sweep};
 use super::{Experiment, ExperimentError};
@@ -27,6 +27,7 @@ pub struct CellPlan {
     /// Dotted path → value, to be set in this order on the pipeline's defaults.
     pub overrides: Vec<(String, Value)>,
     pub reference: Option<ReferencePlan>,
+    pub repetitions: Option<RepetitionPlan>,
     /// Those that `fathom compare` compares.
     pub stages: Vec<String>,
     /// Its times are not asked for.
@@ -42,6 +43,15 @@ pub struct ReferencePlan {
     pub stages: Vec<String>,
     /// The cell's overrides, then those of the reference.
     pub overrides: Vec<(String, Value)>,
+}
+
+/// The runs that tell a cell's noise from its bias: see [`Repetitions`](super::schema::Repetitions).
+#[derive(Clone, Debug, PartialEq)]
+pub struct RepetitionPlan {
+    /// The cell's overrides, then the place of its photon grids: of each repetition.
+    pub repeated: Vec<Vec<(String, Value)>>,
+    /// The cell's overrides, then those of the dense run.
+    pub limit: Vec<(String, Value)>,
 }
 
 /// `name=v1,v2,v3` as a name and its values; commas inside brackets do not divide.
@@ -349,8 +359,9 @@ impl Experiment {
         sets: &[(String, Value)],
         sweeps: &[ChosenSweep<'_>],
     ) -> Result<(), ExperimentError> {
-        let views = self.views.as_ref().map_or(0, |views| views.turns_deg.len());
-        let each = 1 + u64::from(self.reference.is_some()) + views as u64;
+        let views = self.views.as_ref().map_or(0, |views| 1 + 2 * views.turns_deg.len());
+        let repeated = self.repetitions.as_ref().map_or(0, |own| 1 + u64::from(own.count));
+        let each = 1 + u64::from(self.reference.is_some()) + views as u64 + repeated;
         let reference = self.reference.as_ref();
         let of_reference =
             reference.map_or(0, |own| entry_bytes(&own.profile.after(&own.params, profile)));
@@ -364,6 +375,7 @@ impl Experiment {
             });
             let own = 2 * (entry_bytes(params) + entry_bytes(sets)) + longest.sum::<u64>();
             cells = cells.saturating_add(points.saturating_mul(each));
+            let own = own.saturating_mul(1 + repeated);
             bytes = bytes.saturating_add(points.saturating_mul(own + of_reference));
         }
         let experiment = self.id.clone();
@@ -404,10 +416,27 @@ impl Experiment {
             pipeline,
             scene,
             reference: self.reference_plan(profile, &overrides),
+            repetitions: self.repetition_plan(profile, &overrides),
             stages: stages.unwrap_or(&self.stages).clone(),
             errors_only: sweep.is_some_and(|sweep| sweep.errors_only),
             overrides,
         }
+    }
+
+    fn repetition_plan(
+        &self,
+        profile: Profile,
+        cell: &[(String, Value)],
+    ) -> Option<RepetitionPlan> {
+        let own = self.repetitions.as_ref()?;
+        let with = |more: Vec<(String, Value)>| last_of_each([cell, &more].concat());
+        let at = |place: [f64; 2]| {
+            with(own.vary.iter().map(|path| (path.clone(), json!(place))).collect())
+        };
+        Some(RepetitionPlan {
+            repeated: places(own.count).into_iter().map(at).collect(),
+            limit: with(own.limit.profile.after(&own.limit.params, profile)),
+        })
     }
 
     fn reference_plan(&self, profile: Profile, cell: &[(String, Value)]) -> Option<ReferencePlan> {
@@ -419,6 +448,17 @@ impl Experiment {
             overrides: last_of_each([cell, &own].concat()),
         })
     }
+}
+
+/// 1 / ρ and 1 / ρ² of the plastic number ρ, the real root of ρ³ = ρ + 1: steps of the sequence R2, whose points fill the unit
+/// square evenly (Roberts, *The Unreasonable Effectiveness of Quasirandom Sequences*, 2018).
+const R2_STEPS: [f64; 2] = [0.754_877_666_246_693, 0.569_840_290_998_053];
+
+/// Places in the unit square from its middle on, the default place of a photon grid. The same in every cell, so that cells
+/// do not differ by where their grids lay.
+fn places(count: u32) -> Vec<[f64; 2]> {
+    let place = |i: u32| R2_STEPS.map(|step| (0.5 + f64::from(i) * step).fract());
+    (0..count).map(place).collect()
 }
 
 /// Removes every entry of that name and gives the last one's text.

@@ -357,7 +357,7 @@ impl Term {
                 let stage = measured.stages.iter().find(|stage| name.covers(&stage.stage))?;
                 let (_, count) =
                     stage.work.fields().into_iter().find(|(known, _)| known == count)?;
-                (count > 0).then(|| Reading::Exact(count as f64))
+                (count > 0).then_some(Reading::Exact(count as f64))
             }
             Term::Counter(name, counter) => {
                 let stage = measured.stages.iter().find(|stage| name.covers(&stage.stage))?;

@@ -17,7 +17,8 @@ use crate::text::{did_you_mean, line, nearest};
 
 pub use claims::{CHANCE, LOOKS, Ruling, Scaling, Verdict, groups, least_samples, scaling};
 pub use expand::{
-    CellPlan, MAX_CELLS, MAX_PLAN_BYTES, ReferencePlan, flatten, label_text, parse_axis, parse_set,
+    CellPlan, MAX_CELLS, MAX_PLAN_BYTES, ReferencePlan, RepetitionPlan, flatten, label_text,
+    parse_axis, parse_set,
 };
 pub use measure::{Measure, Reading, Sample, StageName, fits, fps, lookup, same};
 pub use schema::Experiment;

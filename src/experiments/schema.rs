@@ -49,6 +49,8 @@ pub struct Experiment {
     pub reference: Option<Reference>,
     /// The same surface points seen from other places.
     pub views: Option<Views>,
+    /// The same frame with its photon grids moved: noise and bias apart.
+    pub repetitions: Option<Repetitions>,
     /// Time that a cell of this experiment gets, as a multiple of the usual: less than 1 where errors count and times do not.
     #[serde(default = "one")]
     pub weight: f64,
@@ -135,6 +137,66 @@ pub struct Reference {
     pub profile: Profiles,
 }
 
+/// Fewest repetitions: an interval of 95 % for a median needs six, and what a claim rests on needs eight.
+const MIN_REPETITIONS: u32 = 8;
+const MAX_REPETITIONS: u32 = 100;
+
+/// Tells the noise of a result from its bias. The cell's frame is drawn several times with the photon grid at another place
+/// each time: how far the results are from their mean is noise. How far their mean is from a dense run of the same cell is bias.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Repetitions {
+    pub count: u32,
+    /// Parameters that are a place in the unit square, `[x, y]`. Each repetition takes another place, the same for all of them.
+    pub vary: Vec<String>,
+    /// What makes the cell dense: its own settings are kept, so that a filtered cell has a filtered limit.
+    pub limit: Limit,
+    /// What is compared.
+    pub output: Vec<RepeatedOutput>,
+}
+
+/// Parameters of the dense run.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Limit {
+    #[serde(default)]
+    pub params: Map<String, Value>,
+    #[serde(default)]
+    pub profile: Profiles,
+}
+
+/// An output whose noise and bias go into the record, both relative to its mean level.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RepeatedOutput {
+    /// The first of these stages that runs in the cell gives the output.
+    pub stages: Vec<String>,
+    /// Name of the RMS difference of a repetition from the mean over the repetitions: a figure for each repetition.
+    pub noise: String,
+    /// Name of the RMS difference of the mean over the repetitions from the dense run, without the noise of the mean.
+    pub bias: String,
+}
+
+impl Repetitions {
+    fn check(&self) -> Result<(), String> {
+        if !(MIN_REPETITIONS..=MAX_REPETITIONS).contains(&self.count) {
+            return Err(format!(
+                "repetitions.count is {}: {MIN_REPETITIONS} to {MAX_REPETITIONS} are taken",
+                self.count
+            ));
+        }
+        if self.vary.is_empty() || self.output.is_empty() {
+            return Err("repetitions needs parameters to `vary` and an `output`".to_owned());
+        }
+        let names = self.output.iter().flat_map(|output| [&output.noise, &output.bias]);
+        let mut seen = HashSet::new();
+        match names.into_iter().find(|name| !seen.insert(name.as_str())) {
+            Some(name) => Err(format!("repetitions names `{name}` twice")),
+            None => Ok(()),
+        }
+    }
+}
+
 /// Most turns of a camera: one every 5 degrees.
 const MAX_TURNS: usize = 72;
 
@@ -143,8 +205,9 @@ const MAX_TURNS: usize = 72;
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Views {
-    /// Name under which the spread goes into the record's quantities: RMS over the points of the standard deviation over the
-    /// views that see a point.
+    /// Name under which the spread goes into the record's quantities: mean over the points of the variance over the views that see
+    /// a point, less the variance between two draws of one view, or the standard error of that if it is more. With `_with_noise` and
+    /// `_of_noise` behind the name: the two apart.
     pub quantity: String,
     /// Turns of the camera about the vertical through its target, degrees; the cell's own view is not named.
     pub turns_deg: Vec<f64>,
@@ -240,6 +303,9 @@ impl Experiment {
             if count == 0 || !turns_deg.iter().all(|turn| turn.abs() <= 180.0) {
                 return Err("views.turns_deg needs turns of at most 180 degrees".to_owned());
             }
+        }
+        if let Some(repetitions) = &self.repetitions {
+            repetitions.check()?;
         }
         for published in &self.published {
             if published.comparison == Comparison::Range && published.fps_high.is_none() {

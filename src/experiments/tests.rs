@@ -130,9 +130,52 @@ fn sets_reach_every_cell_and_the_reference() {
         let reference = cell.reference.unwrap();
         assert!(cell.overrides.contains(&sets[0]));
         assert!(reference.overrides.contains(&sets[0]));
-        let grid = ("caustics.grid".to_owned(), json!(800));
+        let grid = ("caustics.grid".to_owned(), json!(400));
         assert!(reference.overrides.contains(&grid));
     }
+}
+
+#[test]
+fn repetitions_keep_the_cell_but_for_the_place_of_its_grids() {
+    let experiment = Experiment::load("uw-filter").unwrap();
+    let own = experiment.repetitions.clone().unwrap();
+    let cells = experiment.cells(Profile::Quick, &[], &[]).unwrap();
+    let without = |overrides: &[(String, Value)], names: &[String]| {
+        let kept = overrides.iter().filter(|(path, _)| !names.contains(path));
+        kept.cloned().collect::<Vec<_>>()
+    };
+    let places = |cell: &CellPlan| {
+        let runs = cell.repetitions.clone().unwrap();
+        assert_eq!(runs.repeated.len(), own.count as usize);
+        let place = |overrides: &Vec<(String, Value)>| {
+            assert_eq!(without(overrides, &own.vary), without(&cell.overrides, &own.vary));
+            let of = |name: &String| overrides.iter().find(|(path, _)| path == name).unwrap();
+            let [first, rest @ ..] = own.vary.as_slice() else { panic!("nothing varies") };
+            assert!(rest.iter().all(|name| of(name).1 == of(first).1));
+            of(first).1.clone()
+        };
+        runs.repeated.iter().map(place).collect::<Vec<_>>()
+    };
+    let first = places(&cells[0]);
+    assert!(first.iter().enumerate().all(|(i, place)| !first[..i].contains(place)));
+    assert!(cells.iter().all(|cell| places(cell) == first));
+    for cell in &cells {
+        let filtered = |overrides: &[(String, Value)]| {
+            let all = overrides.iter().filter(|(path, _)| path.ends_with(".filter"));
+            all.cloned().collect::<Vec<_>>()
+        };
+        let limit = cell.repetitions.clone().unwrap().limit;
+        assert_eq!(filtered(&limit), filtered(&cell.overrides), "its own limit");
+    }
+}
+
+#[test]
+fn too_few_repetitions_are_refused() {
+    let text = Experiment::builtin_text("uw-filter").unwrap();
+    let few = text.replace("count = 8", "count = 7");
+    assert!(message(Experiment::parse("few", &few)).contains("8 to 100"));
+    let twice = text.replace("caustics_bias", "caustics_noise");
+    assert!(message(Experiment::parse("twice", &twice)).contains("twice"));
 }
 
 #[test]
@@ -235,8 +278,10 @@ fn every_builtin_names_parameters_stages_and_scenes_that_exist() {
                 let file = SceneFile::load(&cell.scene).unwrap();
                 let mut tree = (kind.defaults)(&file);
                 let reference = cell.reference.map(|reference| reference.overrides);
-                for (path, value) in cell.overrides.into_iter().chain(reference.unwrap_or_default())
-                {
+                let repetitions = cell.repetitions.into_iter();
+                let repetitions = repetitions.flat_map(|runs| [runs.repeated, vec![runs.limit]]);
+                let others = reference.into_iter().chain(repetitions.flatten()).flatten();
+                for (path, value) in cell.overrides.into_iter().chain(others) {
                     crate::parameter::set(&mut tree, &path, value).unwrap();
                 }
                 for path in measured.iter().flat_map(|measure| measure.params()) {

@@ -39,7 +39,10 @@ pub struct MachineState {
 pub struct MachineReader(Source);
 
 enum Source {
-    Nvml { library: Nvml, index: u32 },
+    Nvml {
+        library: Nvml,
+        index: u32,
+    },
     /// The folder `device` of a card.
     Amdgpu(PathBuf),
 }
@@ -222,8 +225,12 @@ mod tests {
 
     #[test]
     fn an_nvidia_device_is_matched_by_id_and_else_by_name() {
-        let devices =
-            || vec![(0, 0x1eb8_10de, "Tesla T4".to_owned()), (1, 0x2330_10de, "NVIDIA H100".to_owned())];
+        let devices = || {
+            vec![
+                (0, 0x1eb8_10de, "Tesla T4".to_owned()),
+                (1, 0x2330_10de, "NVIDIA H100".to_owned()),
+            ]
+        };
         assert_eq!(matching(&adapter("anything", NVIDIA, 0x2330), devices()), Some(1));
         assert_eq!(matching(&adapter("Tesla T4/PCIe", NVIDIA, 0), devices()), Some(0));
         assert_eq!(matching(&adapter("GeForce", NVIDIA, 7), devices()), None);

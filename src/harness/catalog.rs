@@ -145,6 +145,9 @@ impl Catalog {
             let frame = set.and_then(|()| planned_stages(kind, &file, &tree));
             merge(&mut found, frame.unwrap_or_default());
         }
+        if let Some((frame, ..)) = planned(TRANSPARENT.to_owned()) {
+            merge(&mut found, frame);
+        }
         Ok(found)
     }
 
@@ -167,6 +170,8 @@ impl Catalog {
 
 /// Scenes that pipelines are listed with, where they suit: one of objects and one of a volume, both quickly made.
 const LISTED: [&str; 2] = ["plane", "smoke"];
+/// A scene that more stages are made for than for those.
+const TRANSPARENT: &str = "glass";
 
 /// What a parameter may be, where that is a few names.
 fn choices(field: &Field) -> Vec<(String, Value)> {
@@ -215,8 +220,7 @@ mod tests {
         let names = |pipeline: &str| -> Vec<&str> {
             catalog.stages_of(pipeline).unwrap().into_iter().map(|stage| stage.name).collect()
         };
-        let hsao =
-            "frame shadow/depth scene/gbuffer hsao/march hsao/filter ao/compose post/luminance";
+        let hsao = "frame scene/deform shadow/depth scene/gbuffer hsao/march hsao/filter ao/compose ao/glass post/luminance";
         assert_eq!(names("hsao").join(" "), hsao);
         let volume_ao = names("volume_ao");
         let place = |name: &str| volume_ao.iter().position(|stage| *stage == name).unwrap();

@@ -39,28 +39,31 @@ impl References {
         reference: &PlannedReference,
     ) -> Result<f64, DifferenceError> {
         let stages = &reference.plan.stages;
-        let key =
-            format!("{stages:?} {} {}", reference.subject.scene_name, reference.subject.params);
-        let known = match self.images.get(&key) {
-            Some(image) => image,
-            None => {
-                let image = run(gpu, timer, &reference.subject, stages)?;
-                self.images.entry(key).or_insert(image)
-            }
-        };
-        relative_rms(&readout::image(gpu, cell, stages, None)?, known)
+        let known = self.images(gpu, timer, &reference.subject, &[stages])?;
+        relative_rms(&readout::image(gpu, cell, stages, None)?, known[0])
     }
-}
 
-fn run(
-    gpu: &Gpu,
-    timer: &mut FrameTimer,
-    subject: &Subject,
-    stages: &[String],
-) -> Result<Pixels, DifferenceError> {
-    let pipeline = subject.build(gpu)?;
-    timer.untimed(gpu, &pipeline.stages())?;
-    Ok(readout::image(gpu, pipeline.as_ref(), stages, None)?)
+    /// What the first present of each list's stages leaves, in a run of the subject that is made unless all of it is known.
+    pub fn images(
+        &mut self,
+        gpu: &Gpu,
+        timer: &mut FrameTimer,
+        subject: &Subject,
+        outputs: &[&[String]],
+    ) -> Result<Vec<&Pixels>, DifferenceError> {
+        let key =
+            |stages: &[String]| format!("{stages:?} {} {}", subject.scene_name, subject.params);
+        let keys: Vec<String> = outputs.iter().map(|stages| key(stages)).collect();
+        if !keys.iter().all(|key| self.images.contains_key(key)) {
+            let pipeline = subject.build(gpu)?;
+            timer.untimed(gpu, &pipeline.stages())?;
+            for (key, stages) in keys.iter().zip(outputs) {
+                let image = readout::image(gpu, pipeline.as_ref(), stages, None)?;
+                self.images.insert(key.clone(), image);
+            }
+        }
+        Ok(keys.iter().map(|key| &self.images[key]).collect())
+    }
 }
 
 fn relative_rms(image: &Pixels, reference: &Pixels) -> Result<f64, DifferenceError> {

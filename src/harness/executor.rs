@@ -11,15 +11,19 @@ use super::outcome::{Facts, Findings, measured};
 use super::output::picture_path;
 use super::plan::PlannedCell;
 use super::progress::Progress;
+use super::repetitions::{self, NoiseAndBias};
 use super::sample::{CellResult, Executor, Failure, Samples};
+use super::views::ViewsError;
 use super::{MAX_PASSES, picture, views};
-use crate::experiments::schema::{Experiment, Pictures};
+use crate::experiments::schema::{Experiment, Pictures, RepeatedOutput};
 use crate::gpu::{self, ClockPlan, FrameSample, FrameTimer, Gpu, GpuError, Stage, StageCounters};
 use crate::pipelines::{AnyPipeline, Judge, Known};
 use crate::record::{
     Addition, Cell, Note, NoteKind, Outcome, Picture, PictureKind, Record, RecordError, Run,
     SampleLine, SetUp, Writer,
 };
+use crate::reference::kept::KeptAnswers;
+use crate::scene::assets;
 
 /// What a software driver keeps of a pipeline's compiled shaders in the process: of 15 cells of `vao-samples`, 300 MiB more
 /// on lavapipe than of one.
@@ -70,7 +74,7 @@ impl Session {
             plan,
             timer,
             references: References::default(),
-            known: Known::default(),
+            known: Known { kept: kept_answers(), ..Known::default() },
             reopened: false,
             spent,
         })
@@ -85,6 +89,11 @@ impl Session {
         self.timer = FrameTimer::new(&self.gpu, self.plan, MAX_PASSES).map_err(text)?;
         Ok(())
     }
+}
+
+/// Answers of references, beside the assets that were fetched.
+fn kept_answers() -> KeptAnswers {
+    KeptAnswers::in_folder(assets::cache().map(|cache| cache.join("references")))
 }
 
 /// Executes the cells of one experiment.
@@ -130,6 +139,22 @@ impl Findings {
         match found {
             Ok(found) => self.quantities.extend(found),
             Err(error) => self.note(NoteKind::NotComputed, failure, error),
+        }
+    }
+
+    fn add_repeated<E: Display>(
+        &mut self,
+        outputs: &[RepeatedOutput],
+        found: Result<Vec<NoiseAndBias>, E>,
+    ) {
+        match found {
+            Ok(found) => {
+                for (output, NoiseAndBias { noise, bias }) in outputs.iter().zip(found) {
+                    self.repeated.insert(output.noise.clone(), noise);
+                    self.quantities.insert(output.bias.clone(), bias);
+                }
+            }
+            Err(error) => self.note(NoteKind::NotComputed, "noise and bias not computed", error),
         }
     }
 
@@ -227,7 +252,7 @@ impl<'a> CellExecutor<'a> {
     /// Differences from the cell's reference run and between views.
     fn compared(&mut self, cell: usize, pipeline: &dyn AnyPipeline, findings: &mut Findings) {
         let Session { gpu, timer, references, .. } = &mut *self.session;
-        let PlannedCell { reference, views, .. } = &self.cells[cell];
+        let PlannedCell { reference, views, repetitions, .. } = &self.cells[cell];
         if let Some(reference) = reference {
             let name = &reference.plan.quantity;
             let difference = references.difference(gpu, timer, pipeline, reference);
@@ -236,11 +261,14 @@ impl<'a> CellExecutor<'a> {
         }
         if let Some(asked) = &self.experiment.views {
             let name = &asked.quantity;
-            let spread = views::spread(gpu, timer, pipeline, views);
-            let figures = spread.map(|spread| {
-                [(name.clone(), spread.std), (format!("{name}_points"), spread.points as f64)]
-            });
+            let views = views.as_ref().ok_or(ViewsError::NoSeed);
+            let spread = views.and_then(|views| views::spread(gpu, timer, pipeline, views));
+            let figures = spread.map(|spread| spread.figures(name));
             findings.add(&format!("{name} not computed"), figures);
+        }
+        if let (Some(asked), Some(planned)) = (&self.experiment.repetitions, repetitions) {
+            let found = repetitions::noise_and_bias(gpu, timer, references, planned, &asked.output);
+            findings.add_repeated(&asked.output, found);
         }
     }
 
@@ -255,7 +283,12 @@ impl<'a> CellExecutor<'a> {
             shows,
         });
         let folder = self.output.folder;
-        let saved = picture::save(&self.session.gpu, pipeline, &folder.join(&image.path));
+        let Session { gpu, timer, .. } = &mut *self.session;
+        let saved = match &self.cells[cell].views {
+            Some(views) => views::strip(gpu, timer, pipeline, views),
+            None => picture::of(gpu, pipeline),
+        };
+        let saved = saved.and_then(|picture| picture::write(&picture, &folder.join(&image.path)));
         findings.add_picture(image, "no picture", saved);
         if self.experiment.error_picture {
             let path = folder.join(&of_error.path);

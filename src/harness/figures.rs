@@ -9,7 +9,7 @@ use serde_json::{Map, Value};
 use thiserror::Error;
 
 use super::picture::PictureError;
-use super::render;
+use super::render::{self, Bare};
 use super::subject::{Subject, SubjectError, Subjects};
 use crate::embedded::Folders;
 use crate::experiments::flatten;
@@ -72,9 +72,6 @@ pub struct Panel {
     pub samples: Option<u32>,
     /// The part that is shown, shares of width and height: left, top, right, bottom.
     pub crop: Option<[f64; 4]>,
-    /// A bar beside it relates its greys to occlusion.
-    #[serde(default)]
-    pub occlusion: bool,
 }
 
 fn two() -> u32 {
@@ -83,9 +80,8 @@ fn two() -> u32 {
 
 /// A panel as it was rendered.
 pub struct Rendered {
-    pub picture: RgbImage,
+    pub picture: Bare,
     pub caption: String,
-    pub occlusion: bool,
 }
 
 impl Figure {
@@ -189,15 +185,15 @@ impl Figure {
                 FigureError::Subject { figure, panel, source }
             })?;
             let samples = samples.or(panel.samples).unwrap_or(SAMPLES);
-            let picture = render::picture(gpu, &subject, samples).map_err(|source| {
+            let picture = render::bare(gpu, &subject, samples).map_err(|source| {
                 let (figure, panel) = (self.id.clone(), panel.caption.clone());
                 FigureError::Picture { figure, panel, source }
             })?;
-            Ok(Rendered {
-                picture: panel.crop.map_or(picture.clone(), |crop| cropped(&picture, crop)),
-                caption: caption(panel, &subject),
-                occlusion: panel.occlusion,
-            })
+            let picture = match panel.crop {
+                Some(crop) => Bare { image: cropped(&picture.image, crop), ..picture },
+                None => picture,
+            };
+            Ok(Rendered { picture, caption: caption(panel, &subject) })
         };
         self.panel.iter().map(rendered).collect()
     }
@@ -252,8 +248,6 @@ mod tests {
                 }
                 let read = (kind.configure)(&tree);
                 read.unwrap_or_else(|error| panic!("{place}: {error}"));
-                let shows = parameter::get(&tree, "compose.show").and_then(Value::as_str);
-                assert_eq!(panel.occlusion, shows == Some("occlusion"), "{place}: bar or not");
             }
         }
     }

@@ -66,6 +66,9 @@ pub fn measured(samples: Samples, facts: Facts<'_>) -> Measured {
 }
 
 fn frame_record(samples: &Samples) -> FrameRecord {
+    if samples.pairs() == 0 {
+        return FrameRecord::default();
+    }
     FrameRecord {
         rounds: samples.rounds.clone(),
         sampled_at_s: samples.sampled_at_s.clone(),

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use image::RgbImage;
 use thiserror::Error;
 
+use super::scale;
 use crate::gpu::{Gpu, GpuError, read_texture};
 use crate::pipelines::AnyPipeline;
 
@@ -19,40 +20,54 @@ pub enum PictureError {
     Write { path: PathBuf, source: image::ImageError },
 }
 
-/// Reads the image of the last frame, drawing it first where the frame does not, and writes it, opaque, row 0 at the top.
-pub fn save(gpu: &Gpu, pipeline: &dyn AnyPipeline, path: &Path) -> Result<(), PictureError> {
-    write(&read(gpu, pipeline, 1)?, path)
+/// The image of the last frame; visibility gets a scale below.
+pub fn of(gpu: &Gpu, pipeline: &dyn AnyPipeline) -> Result<RgbImage, PictureError> {
+    Ok(explained(bare(gpu, pipeline)?, pipeline.shows_visibility()))
 }
 
-/// The image of the last frame, `factor` times smaller: each pixel is the mean of a square of them, in linear light.
-pub fn read(gpu: &Gpu, pipeline: &dyn AnyPipeline, factor: u32) -> Result<RgbImage, PictureError> {
+/// With a scale below where it shows visibility.
+pub fn explained(image: RgbImage, shows_visibility: bool) -> RgbImage {
+    if shows_visibility { scale::below(&image, &scale::VISIBILITY) } else { image }
+}
+
+/// The image of the last frame, opaque, row 0 at the top, drawn first where the frame does not.
+pub fn bare(gpu: &Gpu, pipeline: &dyn AnyPipeline) -> Result<RgbImage, PictureError> {
+    reduced(gpu, pipeline, 1)
+}
+
+/// The same, `factor` times smaller: each pixel is the mean of a square of them. Light is averaged as light, visibility as it is.
+pub fn reduced(
+    gpu: &Gpu,
+    pipeline: &dyn AnyPipeline,
+    factor: u32,
+) -> Result<RgbImage, PictureError> {
     let presenting = pipeline.presenting();
     if !presenting.is_empty() {
         gpu.run(&presenting)?;
     }
     let pixels = read_texture(gpu, pipeline.image())?;
-    let reduced = |x: u32, y: u32| {
+    let gamma = if pipeline.shows_visibility() { 1.0 } else { GAMMA };
+    let pixel = |x: u32, y: u32| {
         let square = (0..factor).flat_map(|j| (0..factor).map(move |i| (i, j)));
         let texels = square.map(|(i, j)| pixels.texel(x * factor + i, y * factor + j));
-        mean(texels)
+        image::Rgb(mean(texels, gamma))
     };
-    let (width, height) = (pixels.width / factor, pixels.height / factor);
-    Ok(RgbImage::from_fn(width, height, |x, y| image::Rgb(reduced(x, y))))
+    Ok(RgbImage::from_fn(pixels.width / factor, pixels.height / factor, pixel))
 }
 
-/// The mean of display values in linear light, as bytes. A single value is not changed.
-fn mean<'t>(texels: impl Iterator<Item = &'t [f32]>) -> [u8; 3] {
+/// The mean of display values of this gamma, as bytes. A single value is not changed.
+fn mean<'t>(texels: impl Iterator<Item = &'t [f32]>, gamma: f32) -> [u8; 3] {
     let texels: Vec<_> = texels.collect();
     let byte = |channel: usize| {
         let values = texels.iter().map(|texel| texel[channel].clamp(0.0, 1.0));
-        let sum: f32 = values.map(|value| value.powf(GAMMA)).sum();
-        ((sum / texels.len() as f32).powf(1.0 / GAMMA) * 255.0).round() as u8
+        let sum: f32 = values.map(|value| value.powf(gamma)).sum();
+        ((sum / texels.len() as f32).powf(1.0 / gamma) * 255.0).round() as u8
     };
     std::array::from_fn(byte)
 }
 
-pub fn write(picture: &RgbImage, path: &Path) -> Result<(), PictureError> {
-    picture.save(path).map_err(|source| PictureError::Write { path: path.to_owned(), source })
+pub fn write(image: &RgbImage, path: &Path) -> Result<(), PictureError> {
+    image.save(path).map_err(|source| PictureError::Write { path: path.to_owned(), source })
 }
 
 #[cfg(test)]
@@ -60,13 +75,15 @@ mod tests {
     use super::*;
 
     #[test]
-    fn means_are_taken_in_linear_light() {
+    fn light_is_averaged_as_light_and_visibility_as_it_is() {
         let (black, white) = ([0.0; 4], [1.0; 4]);
+        let half = |gamma| mean([&black[..], &white[..]].into_iter(), gamma);
         // Half the light of white: 255 · 0.5^(1/2.2).
-        assert_eq!(mean([&black[..], &white[..]].into_iter()), [186; 3]);
+        assert_eq!(half(GAMMA), [186; 3]);
+        assert_eq!(half(1.0), [128; 3]);
         for value in 0..=255u8 {
             let texel = [f32::from(value) / 255.0; 4];
-            assert_eq!(mean([&texel[..]].into_iter()), [value; 3]);
+            assert_eq!(mean([&texel[..]].into_iter(), GAMMA), [value; 3]);
         }
     }
 }

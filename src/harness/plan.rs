@@ -9,8 +9,9 @@ use serde_json::Value;
 use thiserror::Error;
 
 use super::catalog::Catalog;
+use super::repetitions::PlannedRepetitions;
 use super::subject::{Subject, SubjectError, Subjects};
-use super::views;
+use super::views::OtherViews;
 use crate::experiments::{CellPlan, Experiment, ExperimentError, ReferencePlan};
 use crate::gpu::Capacity;
 use crate::record::{self, Outcome, Profile, resume_key};
@@ -67,8 +68,9 @@ pub struct PlannedCell {
     /// Beyond what the adapter can take, with the numbers.
     pub skip: Option<String>,
     pub reference: Option<PlannedReference>,
-    /// The same seen from elsewhere.
-    pub views: Vec<Subject>,
+    /// The same seen from elsewhere, where the experiment asks for views.
+    pub views: Option<OtherViews>,
+    pub repetitions: Option<PlannedRepetitions>,
 }
 
 /// What a cell's result is held against.
@@ -110,7 +112,7 @@ pub fn plan(
         let turns_deg = experiment.views.as_ref().map(|views| views.turns_deg.as_slice());
         plans
             .into_iter()
-            .map(|plan| planned_cell(&mut subjects, plan, turns_deg.unwrap_or_default(), capacity))
+            .map(|plan| planned_cell(&mut subjects, plan, turns_deg, capacity))
             .collect()
     });
     let cells: Vec<Vec<PlannedCell>> = cells.collect::<Result<_, _>>()?;
@@ -121,7 +123,7 @@ pub fn plan(
 fn planned_cell(
     subjects: &mut Subjects,
     plan: CellPlan,
-    turns_deg: &[f64],
+    turns_deg: Option<&[f64]>,
     capacity: &Capacity,
 ) -> Result<PlannedCell, PlanError> {
     let error = |source| PlanError::Cell {
@@ -136,11 +138,16 @@ fn planned_cell(
         Some(plan) => Some(PlannedReference { subject: subject(&plan.overrides)?, plan }),
         None => None,
     };
-    let camera = of_cell.configuration.camera();
-    let seen = |turn_deg: &f64| of_cell.seen_from(views::turned(&camera, *turn_deg));
-    let views = turns_deg.iter().map(seen).collect();
+    let views = turns_deg.and_then(|turns_deg| OtherViews::of(&of_cell, turns_deg));
+    let repetitions = match &plan.repetitions {
+        Some(runs) => Some(PlannedRepetitions {
+            repeated: runs.repeated.iter().map(|run| subject(run)).collect::<Result<_, _>>()?,
+            limit: subject(&runs.limit)?,
+        }),
+        None => None,
+    };
     let skip = of_cell.beyond(capacity).map_err(error)?;
-    Ok(PlannedCell { subject: of_cell, skip, reference, views, plan })
+    Ok(PlannedCell { subject: of_cell, skip, reference, views, repetitions, plan })
 }
 
 /// Drops the cells that `finished` (resume keys) holds; how many they were.

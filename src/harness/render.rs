@@ -9,6 +9,19 @@ use super::subject::Subject;
 use crate::gpu::{Gpu, GpuError};
 use crate::pipelines::AnyPipeline;
 
+/// A picture without what explains it.
+pub struct Bare {
+    pub image: RgbImage,
+    pub shows_visibility: bool,
+}
+
+impl Bare {
+    /// With a scale below where it shows visibility.
+    pub fn explained(&self) -> RgbImage {
+        picture::explained(self.image.clone(), self.shows_visibility)
+    }
+}
+
 /// Builds the subject's pipeline and runs one frame, untimed.
 pub fn frame(gpu: &Gpu, subject: &Subject) -> Result<Box<dyn AnyPipeline>, GpuError> {
     let pipeline = subject.build(gpu)?;
@@ -17,20 +30,16 @@ pub fn frame(gpu: &Gpu, subject: &Subject) -> Result<Box<dyn AnyPipeline>, GpuEr
 }
 
 /// Renders the subject, each pixel as the mean of `samples`, a square number. A pipeline that has no larger picture gets one sample.
-pub fn picture(gpu: &Gpu, subject: &Subject, samples: u32) -> Result<RgbImage, PictureError> {
+pub fn bare(gpu: &Gpu, subject: &Subject, samples: u32) -> Result<Bare, PictureError> {
     let factor = samples.isqrt();
-    match subject.enlarged(factor).filter(|_| factor > 1) {
-        Some(larger) => picture::read(gpu, frame(gpu, &larger)?.as_ref(), factor),
-        None => picture::read(gpu, frame(gpu, subject)?.as_ref(), 1),
-    }
+    let larger = subject.enlarged(factor).filter(|_| factor > 1);
+    let factor = if larger.is_some() { factor } else { 1 };
+    let pipeline = frame(gpu, larger.as_ref().unwrap_or(subject))?;
+    let image = picture::reduced(gpu, pipeline.as_ref(), factor)?;
+    Ok(Bare { image, shows_visibility: pipeline.shows_visibility() })
 }
 
 /// Renders the subject and writes its final image to `path`.
-pub fn render(
-    gpu: &Gpu,
-    subject: &Subject,
-    samples: u32,
-    path: &Path,
-) -> Result<(), PictureError> {
-    picture::write(&picture(gpu, subject, samples)?, path)
+pub fn render(gpu: &Gpu, subject: &Subject, samples: u32, path: &Path) -> Result<(), PictureError> {
+    picture::write(&bare(gpu, subject, samples)?.explained(), path)
 }

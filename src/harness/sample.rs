@@ -5,7 +5,7 @@
 //! of them alike. A visit renders one frame with per-stage timing and one without, in random order: the
 //! ratio of such pairs is the cost of timing.
 //!
-//! Every cell gets the pairs that a verdict needs at least. Then the scheduler looks at the samples. As long as claims are open,
+//! Every cell gets the pairs of the first look. Then the scheduler looks at the samples. As long as claims are open,
 //! only the cells of these claims are sampled on, up to the next look; after that the cells whose frame time is not precise yet.
 //! A look comes at [`LOOK_PAIRS`] pairs only, however the samples turn out, and the claims' intervals allow for that many looks.
 //! Cells whose times nobody asks for render one frame.
@@ -28,9 +28,9 @@ use crate::gpu::{Fault, FrameSample, StageSample};
 use crate::record::{Addition, Clock, FaultKind, FramePair, Rejection, StageTime};
 use crate::statistics;
 
-/// Pairs of a cell at which its samples are looked at. The first is what a verdict needs at least, each other one twice the one
-/// before. The end of the time is one more look.
-pub const LOOK_PAIRS: [usize; LOOKS - 1] = [8, 16, 32, 64, 128];
+/// Pairs of a cell at which its samples are looked at; each other one is twice the one before. A verdict needs 8 at least, and from
+/// 12 on no interval ends at a single outlier. The end of the time is one more look.
+pub const LOOK_PAIRS: [usize; LOOKS - 1] = [12, 24, 48, 96];
 /// Pairs that each cell gets however slow it is.
 pub const MIN_PAIRS: usize = LOOK_PAIRS[0];
 /// Pairs after which a cell stops in any case.

@@ -111,13 +111,13 @@ fn wrapped(text: &str, font: &MonoFont<'_>, width: u32) -> Vec<String> {
 /// A picture, its bar, and its caption below.
 struct Cell {
     picture: RgbImage,
-    occlusion: bool,
+    shows_visibility: bool,
     caption: Vec<String>,
 }
 
 impl Cell {
     fn new(rendered: &Rendered, width: u32) -> Self {
-        let picture = &rendered.picture;
+        let picture = &rendered.picture.image;
         let height = u64::from(picture.height()) * u64::from(width) / u64::from(picture.width());
         let picture = if picture.width() == width {
             picture.clone()
@@ -125,7 +125,7 @@ impl Cell {
             imageops::resize(picture, width, (height as u32).max(1), FilterType::Lanczos3)
         };
         let caption = wrapped(&rendered.caption, &PLAIN, width);
-        Self { picture, occlusion: rendered.occlusion, caption }
+        Self { picture, shows_visibility: rendered.picture.shows_visibility, caption }
     }
 
     fn height(&self) -> u32 {
@@ -135,7 +135,7 @@ impl Cell {
     fn draw(&self, canvas: &mut Canvas, x: u32, y: u32) {
         canvas.put(&self.picture, x, y);
         canvas.write(&self.caption, &PLAIN, x, y + self.picture.height() + MARGIN / 2);
-        if self.occlusion {
+        if self.shows_visibility {
             self.bar(canvas, x + self.picture.width() + MARGIN / 2, y);
         }
     }
@@ -160,7 +160,7 @@ impl Cell {
 /// The panels of a figure in a grid of so many columns, pictures so many pixels wide, below its title.
 fn block(figure: &Figure, panels: &[Rendered], columns: u32, width: u32) -> RgbImage {
     let columns = columns.min(panels.len() as u32).max(1);
-    let bars = panels.iter().any(|panel| panel.occlusion);
+    let bars = panels.iter().any(|panel| panel.picture.shows_visibility);
     let stride = width + MARGIN + if bars { BAR_ROOM } else { 0 };
     let whole = MARGIN + columns * stride;
     let text = whole.max(NARROWEST) - 2 * MARGIN;
@@ -168,8 +168,7 @@ fn block(figure: &Figure, panels: &[Rendered], columns: u32, width: u32) -> RgbI
     let about = wrapped(&figure.about, &PLAIN, text);
     let cells: Vec<Cell> = panels.iter().map(|panel| Cell::new(panel, width)).collect();
     let rows: Vec<&[Cell]> = cells.chunks(columns as usize).collect();
-    let row_height =
-        |row: &[Cell]| row.iter().map(Cell::height).max().unwrap_or(0) + MARGIN;
+    let row_height = |row: &[Cell]| row.iter().map(Cell::height).max().unwrap_or(0) + MARGIN;
     let head = MARGIN
         + title.len() as u32 * line_height(&HEADING)
         + about.len() as u32 * line_height(&PLAIN)
@@ -191,7 +190,7 @@ fn block(figure: &Figure, panels: &[Rendered], columns: u32, width: u32) -> RgbI
 
 /// The sheet of one figure.
 pub fn of_figure(figure: &Figure, panels: &[Rendered]) -> RgbImage {
-    let widest = panels.iter().map(|panel| panel.picture.width()).max().unwrap_or(1);
+    let widest = panels.iter().map(|panel| panel.picture.image.width()).max().unwrap_or(1);
     block(figure, panels, figure.columns, widest.min(WIDTH))
 }
 
@@ -227,6 +226,7 @@ pub fn of_all(parts: &[RgbImage]) -> RgbImage {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::harness::render::Bare;
 
     #[test]
     fn lines_break_between_words() {
@@ -235,13 +235,14 @@ mod tests {
         assert_eq!(latin("8 × 8 …, γ"), "8 × 8 ..., ?");
     }
 
-    fn panel(occlusion: bool) -> Rendered {
-        let picture = RgbImage::from_pixel(40, 20, image::Rgb([9, 99, 199]));
-        Rendered { picture, caption: "caption".into(), occlusion }
+    fn panel(height: u32, shows_visibility: bool) -> Rendered {
+        let image = RgbImage::from_pixel(40, height, image::Rgb([9, 99, 199]));
+        Rendered { picture: Bare { image, shows_visibility }, caption: "caption".into() }
     }
 
     fn figure() -> Figure {
-        let text = "id = \"f\"\ntitle = \"t\"\nsource = \"s\"\nabout = \"a\"\n[[panel]]\ncaption = \"c\"";
+        let text =
+            "id = \"f\"\ntitle = \"t\"\nsource = \"s\"\nabout = \"a\"\n[[panel]]\ncaption = \"c\"";
         toml::from_str(text).unwrap()
     }
 
@@ -251,21 +252,17 @@ mod tests {
 
     #[test]
     fn a_sheet_holds_every_picture_and_its_caption() {
-        let panels: Vec<_> = (0..3).map(|_| panel(false)).collect();
+        let panels: Vec<_> = (0..3).map(|_| panel(20, false)).collect();
         let sheet = of_figure(&figure(), &panels);
         assert_eq!(count(&sheet, [9, 99, 199]), 3 * 40 * 20);
-        let without = Rendered { caption: String::new(), ..panel(false) };
+        let without = Rendered { caption: String::new(), ..panel(20, false) };
         let bare = of_figure(&figure(), &[without]);
-        assert!(count(&of_figure(&figure(), &[panel(false)]), [0; 3]) > count(&bare, [0; 3]));
+        assert!(count(&of_figure(&figure(), &[panel(20, false)]), [0; 3]) > count(&bare, [0; 3]));
     }
 
     #[test]
     fn a_bar_shows_all_greys_between_white_and_black() {
-        let tall = Rendered {
-            picture: RgbImage::from_pixel(40, 512, image::Rgb([9, 99, 199])),
-            ..panel(true)
-        };
-        let sheet = of_figure(&figure(), &[tall]);
+        let sheet = of_figure(&figure(), &[panel(512, true)]);
         assert!((1..255).all(|grey| count(&sheet, [grey; 3]) > 0));
     }
 

@@ -87,6 +87,13 @@ impl Subject {
         let configuration = self.configuration.seen_from(camera);
         Self { params: configuration.tree(), configuration, ..self.clone() }
     }
+
+    /// The same with other random numbers; none where the pipeline has no seed.
+    #[must_use]
+    pub fn reseeded(&self, added: u32) -> Option<Self> {
+        let configuration = self.configuration.reseeded(added)?;
+        Some(Self { params: configuration.tree(), configuration, ..self.clone() })
+    }
 }
 
 /// Makes subjects, each scene only once. Every stand-in for an asset is told on standard error, once.

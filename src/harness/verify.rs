@@ -14,6 +14,7 @@ mod deform;
 mod filters;
 mod fresnel;
 mod given_water;
+mod glass;
 mod hsao;
 mod light;
 mod lines;
@@ -183,6 +184,7 @@ pub fn cases() -> Vec<Case> {
         hsao::cases(),
         photons::cases(),
         given_water::cases(),
+        glass::cases(),
         starts::cases(),
         splats::cases(),
         lines::cases(),

@@ -1,8 +1,10 @@
-//! How much ambient occlusion at one surface point changes with the viewer. VAO §6.1, Fig. 9.
+//! How much ambient occlusion at one surface point changes with the viewer: the variance over views, less that of the random
+//! numbers. VAO §6.1, Fig. 9.
 
 use glam::{DQuat, DVec3};
 use thiserror::Error;
 
+use super::picture::{self, PictureError};
 use super::subject::Subject;
 use crate::gpu::{FrameTimer, Gpu, GpuError, Pixels, read_texture};
 use crate::pipelines::AnyPipeline;
@@ -27,6 +29,8 @@ pub enum ViewsError {
     Gpu(#[from] GpuError),
     #[error("the pipeline computes no occlusion")]
     NoOcclusion,
+    #[error("the pipeline has no seed: what is noise cannot be told from the view")]
+    NoSeed,
     #[error("no point is seen in two views")]
     Nothing,
 }
@@ -50,13 +54,94 @@ struct Shot {
     visibility: Pixels,
 }
 
+/// The cell's subject seen from elsewhere, and every view once more with other random numbers.
+pub struct OtherViews {
+    /// The cell's own view, drawn anew.
+    again: Subject,
+    turned: Vec<Turned>,
+}
+
+struct Turned {
+    turn_deg: f64,
+    /// As the cell is drawn, and drawn anew.
+    subjects: [Subject; 2],
+}
+
+/// Added to a cell's seed where a view is drawn anew.
+const OTHER_SEED: u32 = 1;
+/// How far the picture is moved where a view is drawn anew, pixels along both axes: what looking values up between pixels adds is
+/// then among what the two draws differ by.
+const PAN_PX: f64 = 0.5;
+
+/// The subject drawn anew: other random numbers, and its pixels moved over the scene by half of their size.
+fn drawn_anew(subject: &Subject) -> Option<Subject> {
+    let height_px = subject.params.pointer("/view/height")?.as_f64()?;
+    let moved = panned(&subject.configuration.camera(), PAN_PX / height_px);
+    subject.seen_from(moved).reseeded(OTHER_SEED)
+}
+
+/// The camera turned on its place so that the picture moves by a share of its height, to the side and down.
+fn panned(camera: &Camera, share: f64) -> Camera {
+    let target = DVec3::from(camera.target_m);
+    let forward = target - camera.position();
+    let side = forward.cross(DVec3::from(camera.up)).normalize();
+    let up = side.cross(forward).normalize();
+    let height_m = 2.0 * (camera.fov_y_deg.to_radians() / 2.0).tan() * forward.length();
+    let moved = target + share * height_m * (side + up);
+    Camera { target_m: moved.to_array(), ..camera.clone() }
+}
+
+impl OtherViews {
+    /// The camera turned about its target by these angles; none for pipelines without random numbers.
+    pub fn of(cell: &Subject, turns_deg: &[f64]) -> Option<Self> {
+        let camera = cell.configuration.camera();
+        let turned = turns_deg.iter().map(|&turn_deg| {
+            let seen = cell.seen_from(turned(&camera, turn_deg));
+            let again = drawn_anew(&seen)?;
+            Some(Turned { turn_deg, subjects: [seen, again] })
+        });
+        Some(Self { again: drawn_anew(cell)?, turned: turned.collect::<Option<_>>()? })
+    }
+
+    /// Cameras of the turned views.
+    #[cfg(test)]
+    pub(super) fn cameras(&self) -> Vec<Camera> {
+        self.turned.iter().map(|view| view.subjects[0].configuration.camera()).collect()
+    }
+}
+
 /// How values at the same points differ between views.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Spread {
-    /// RMS over the points of the standard deviation over the views.
-    pub std: f64,
+    /// Mean over the points of the variance over the views.
+    pub variance: f64,
+    /// Mean over the points and views of the variance between two draws of one view: what random numbers and pixels add to
+    /// `variance`.
+    pub noise: f64,
+    /// Standard error of their difference, from its scatter over the points.
+    pub error: f64,
     /// Points that at least two views see.
     pub points: usize,
+}
+
+impl Spread {
+    /// The variance that the view alone causes: that of a random effect (E s² = σ² of the view + σ² of the noise). What is less than
+    /// its standard error is raised to it: no more can be told.
+    pub fn of_view(&self) -> f64 {
+        (self.variance - self.noise).max(self.error)
+    }
+
+    /// For a record: the variance that the view causes as `name`, and what it was made of.
+    pub fn figures(&self, name: &str) -> Vec<(String, f64)> {
+        let figures = [
+            (String::new(), self.of_view()),
+            ("_with_noise".to_owned(), self.variance),
+            ("_of_noise".to_owned(), self.noise),
+            ("_standard_error".to_owned(), self.error),
+            ("_points".to_owned(), self.points as f64),
+        ];
+        figures.map(|(end, value)| (format!("{name}{end}"), value)).into()
+    }
 }
 
 /// Spread of the last frame's occlusion, as the image is composed with it, over the cell's own view and the `others`.
@@ -64,49 +149,98 @@ pub fn spread(
     gpu: &Gpu,
     timer: &mut FrameTimer,
     cell: &dyn AnyPipeline,
-    others: &[Subject],
+    others: &OtherViews,
 ) -> Result<Spread, ViewsError> {
     let own = Shot::new(gpu, cell)?;
-    let mut seen = Seen::by(&own);
     // One at a time, as the pictures of a view are large.
-    for other in others {
-        let pipeline = other.build(gpu)?;
+    let mut draw = |subject: &Subject| -> Result<Shot, ViewsError> {
+        let pipeline = subject.build(gpu)?;
         timer.untimed(gpu, &pipeline.stages())?;
-        seen.also_by(&Shot::new(gpu, pipeline.as_ref())?);
+        Shot::new(gpu, pipeline.as_ref())
+    };
+    let mut seen = Seen::by([&own, &draw(&others.again)?]);
+    for view in &others.turned {
+        let [first, second] = &view.subjects;
+        seen.also_by([&draw(first)?, &draw(second)?]);
     }
     seen.spread()
 }
 
-/// Points of the cell's own view, and their occlusion in each view that sees them.
-struct Seen(Vec<(SeenPoint, Vec<f64>)>);
+/// The views side by side in order of their angles, the cell's own at 0.
+pub fn strip(
+    gpu: &Gpu,
+    timer: &mut FrameTimer,
+    cell: &dyn AnyPipeline,
+    others: &OtherViews,
+) -> Result<image::RgbImage, PictureError> {
+    let mut views = vec![(0.0, picture::bare(gpu, cell)?)];
+    for view in &others.turned {
+        let pipeline = view.subjects[0].build(gpu)?;
+        timer.untimed(gpu, &pipeline.stages())?;
+        views.push((view.turn_deg, picture::bare(gpu, pipeline.as_ref())?));
+    }
+    views.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let width = views.iter().map(|(_, view)| view.width() + GAP_PX).sum::<u32>() - GAP_PX;
+    let height = views.iter().map(|(_, view)| view.height()).max().unwrap_or(1);
+    let mut strip = image::RgbImage::from_pixel(width, height, image::Rgb([255; 3]));
+    let mut left = 0;
+    for (_, view) in &views {
+        image::imageops::replace(&mut strip, view, left, 0);
+        left += i64::from(view.width() + GAP_PX);
+    }
+    Ok(picture::explained(strip, cell.shows_visibility()))
+}
+
+/// Between the pictures of a strip.
+const GAP_PX: u32 = 4;
+
+/// Points of the cell's own view, and their occlusion in two draws of each view that sees them.
+struct Seen(Vec<(SeenPoint, Vec<[f64; 2]>)>);
 
 impl Seen {
-    fn by(own: &Shot) -> Self {
+    /// Both draws of the cell's own view.
+    fn by([own, again]: [&Shot; 2]) -> Self {
         let points = own.points().into_iter();
-        Self(points.map(|point| (point, vec![point.occlusion])).collect())
+        let drawn = |point: SeenPoint| {
+            let second = again.find(&point)?;
+            Some((point, vec![[point.occlusion, second]]))
+        };
+        Self(points.filter_map(drawn).collect())
     }
 
-    fn also_by(&mut self, other: &Shot) {
+    fn also_by(&mut self, [first, second]: [&Shot; 2]) {
         for (point, values) in &mut self.0 {
-            values.extend(other.find(point));
+            values.extend(first.find(point).zip(second.find(point)).map(|(a, b)| [a, b]));
         }
     }
 
     fn spread(&self) -> Result<Spread, ViewsError> {
-        let variances: Vec<f64> =
-            self.0.iter().filter_map(|(_, values)| variance(values)).collect();
-        match variances.len() {
-            0 => Err(ViewsError::Nothing),
-            points => Ok(Spread { std: mean(variances).sqrt(), points }),
+        // Each draw by itself: their mean has half of the noise.
+        let over_views = |draws: &[[f64; 2]]| {
+            mean([0, 1].map(|k| variance(&draws.iter().map(|d| d[k]).collect::<Vec<_>>())))
+        };
+        let between_draws = |draws: &[[f64; 2]]| mean(draws.iter().map(|d| variance(d)));
+        let seen_twice = self.0.iter().map(|(_, draws)| draws).filter(|d| d.len() > 1);
+        let (variances, noises): (Vec<f64>, Vec<f64>) =
+            seen_twice.map(|draws| (over_views(draws), between_draws(draws))).unzip();
+        if variances.len() < 2 {
+            return Err(ViewsError::Nothing);
         }
+        let differences: Vec<f64> = variances.iter().zip(&noises).map(|(a, b)| a - b).collect();
+        Ok(Spread {
+            points: differences.len(),
+            error: (variance(&differences) / differences.len() as f64).sqrt(),
+            variance: mean(variances),
+            noise: mean(noises),
+        })
     }
 }
 
-/// Unbiased; none for less than two values.
-fn variance(values: &[f64]) -> Option<f64> {
+/// Unbiased, of two values or more.
+fn variance(values: &[f64]) -> f64 {
     let middle = mean(values.iter().copied());
     let square: f64 = values.iter().map(|value| (value - middle).powi(2)).sum();
-    (values.len() > 1).then(|| square / (values.len() - 1) as f64)
+    square / (values.len() - 1) as f64
 }
 
 #[derive(Clone, Copy)]
@@ -188,6 +322,7 @@ impl Shot {
 mod tests {
     use super::*;
     use crate::pipelines::occlusion::tests::{camera, corner, gbuffer};
+    use crate::reference::filter::{pcg, unit};
     use crate::reference::image::pixels;
     use crate::reference::rays::Tracer;
 
@@ -211,30 +346,55 @@ mod tests {
         }
     }
 
-    /// RMS standard deviation over two views whose occlusion differs by `offset`.
-    fn spread_of(offset: f64) -> Spread {
+    /// Of two views whose occlusion differs by `offset`; the draws of each lie `noise` apart from one point to the next.
+    fn spread_of(offset: f64, noise: f64) -> Spread {
         let tracer = Tracer::new(&corner()).unwrap();
-        let of_place = |at: DVec3| 0.5 + 0.1 * (at.x + at.z).sin();
-        let own = shot(&tracer, [4.0, 3.0, 2.0], of_place);
-        let other = shot(&tracer, [4.5, 3.0, 0.5], |at| of_place(at) + offset);
-        let mut seen = Seen::by(&own);
-        seen.also_by(&other);
+        let draw = |position: [f64; 3], offset: f64, seed: u32| {
+            shot(&tracer, position, |at| {
+                let place = (at * 1e4).floor();
+                let mixed = pcg(place.x as i32 as u32 ^ pcg(place.z as i32 as u32 ^ pcg(seed)));
+                0.5 + 0.1 * (at.x + at.z).sin() + offset + noise * (unit(mixed) - 0.5)
+            })
+        };
+        let [own, other] = [[4.0, 3.0, 2.0], [4.5, 3.0, 0.5]];
+        let mut seen = Seen::by([&draw(own, 0.0, 1), &draw(own, 0.0, 2)]);
+        seen.also_by([&draw(other, offset, 3), &draw(other, offset, 4)]);
         seen.spread().unwrap()
     }
 
     #[test]
     fn what_depends_on_the_place_alone_hardly_spreads() {
-        let spread = spread_of(0.0);
+        let spread = spread_of(0.0, 0.0);
         assert!(spread.points > 1_000, "{spread:?}");
         // What is left is interpolation over the pixels of a slanted surface.
-        assert!(spread.std < 0.003, "{spread:?}");
+        assert!(spread.variance < 1e-5 && spread.noise < 1e-20, "{spread:?}");
     }
 
     #[test]
     fn what_depends_on_the_view_spreads_by_as_much() {
-        let spread = spread_of(0.2);
-        // Two values 0.2 apart deviate by 0.2 / √2.
-        assert!((spread.std - 0.2 / 2f64.sqrt()).abs() < 0.005, "{spread:?}");
+        let spread = spread_of(0.2, 0.0);
+        // Two values 0.2 apart have a variance of 0.2² / 2.
+        assert!((spread.of_view() - 0.02).abs() < 1e-3, "{spread:?}");
+    }
+
+    #[test]
+    fn noise_is_taken_off() {
+        let quiet = spread_of(0.0, 0.3);
+        // That of the own view is 0.3² / 12; in the other, four pixels are averaged.
+        assert!(quiet.noise > 0.4 * 0.0075 && quiet.noise < 0.0075, "{quiet:?}");
+        assert!(quiet.of_view() < 0.1 * quiet.noise && quiet.of_view() > 0.0, "{quiet:?}");
+        let loud = spread_of(0.2, 0.3);
+        assert!((loud.of_view() - 0.02).abs() < 2e-3, "{loud:?}");
+    }
+
+    #[test]
+    fn a_panned_picture_moves_by_its_share() {
+        let before = camera([4.0, 3.0, 2.0]);
+        let after = panned(&before, 0.5 / 80.0);
+        let at = |camera: &Camera| PixelRays::new(camera, 96, 80).project(before.target_m.into());
+        let (before, after) = (at(&before).unwrap(), at(&after).unwrap());
+        let moved = [before.x_px - after.x_px, after.y_px - before.y_px];
+        assert!(moved.iter().all(|px| (px - 0.5).abs() < 0.01), "{moved:?}");
     }
 
     #[test]

@@ -7,7 +7,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use super::lighting::{Composed, Seen};
-use super::occlusion::{self, OcclusionBuffers};
+use super::occlusion::{self, Model, OcclusionBuffers};
 use super::{Judge, JudgeError, Judged, Pipeline, settings};
 use crate::gpu::{Gpu, GpuError};
 use crate::scene::Scene;
@@ -38,6 +38,9 @@ impl Pipeline for Hsao {
         let view = settings::view(&params.view, &params.camera, &params.light, scene);
         let shared = Seen::frame(resources, &view);
         let geometry = Geometry::new(resources, scene);
+        if let Some(deform) = settings::deform(resources, &geometry, scene, &params.animation)? {
+            resources.push(deform);
+        }
         let seen = Seen::draw(resources, (view, shared), &geometry, &params.shadow)?;
         let r_max_m = settings::r_max_m(scene, params.hsao.r_max_m, params.hsao.r_max_share);
         let uniforms = params.hsao.uniforms(params.buffer_px(), r_max_m);
@@ -47,22 +50,32 @@ impl Pipeline for Hsao {
         let march = march::March::new(&of_buffer, &seen.shared, textures, &uniforms, hard)?;
         let march = of_buffer.push(march);
         let filter = params.hsao.filter.then_some((&hsao::filter::INFO, &params.filter));
-        let composed = Composed::new(resources, &seen, march.texture(), filter, &params.compose)?;
+        let composed = Composed::new(
+            resources,
+            &seen,
+            (scene, &geometry),
+            march.texture(),
+            filter,
+            &params.compose,
+        )?;
         let buffers = OcclusionBuffers {
             gbuffer: textures.clone(),
             raw: (march::INFO.name, march.texture().clone()),
             filtered: occlusion::filtered(&hsao::filter::INFO, composed.filter.as_deref()),
             camera: params.camera.clone(),
             r_max_m,
-            attenuation: params.hsao.attenuation,
-            through: false,
-            moving: false,
+            model: Model::First(params.hsao.attenuation),
+            animation: params.animation.clone(),
         };
         Ok(Self { seen, composed, uniforms, hard, buffers })
     }
 
     fn image(&self) -> &wgpu::Texture {
         self.composed.compose.texture()
+    }
+
+    fn shows_visibility(&self) -> bool {
+        self.composed.compose.shows_occlusion()
     }
 
     /// `samples_per_pixel_most`, and `samples_per_pixel` as taken by the pixels of the occlusion buffer where something was

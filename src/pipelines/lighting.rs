@@ -5,6 +5,7 @@ use std::rc::Rc;
 
 use super::settings::{Compose, Filter, Shadow, VIEWPORT};
 use crate::gpu::{GpuError, StageInfo};
+use crate::scene::Scene;
 use crate::stages::bilateral::Bilateral;
 use crate::stages::frame::{Frame, Shared, View};
 use crate::stages::geometry::Geometry;
@@ -61,6 +62,7 @@ impl Composed {
     pub fn new(
         resources: &Resources<'_>,
         seen: &Seen,
+        (scene, geometry): (&Scene, &Geometry),
         visibility: &wgpu::Texture,
         filter: Option<(&'static StageInfo, &Filter)>,
         compose: &Compose,
@@ -70,7 +72,7 @@ impl Composed {
         let filtered = |(info, settings): (&'static StageInfo, &Filter)| {
             let source_px = [visibility.width(), visibility.height()];
             let settings = settings.uniforms(&seen.view, source_px);
-            let textures = (visibility, &gbuffer.depth);
+            let textures = (visibility, &gbuffer.depth, &gbuffer.normal);
             let made = Bilateral::new(resources, info, &seen.shared, textures, &settings)?;
             Ok::<_, GpuError>(resources.push(made))
         };
@@ -85,6 +87,16 @@ impl Composed {
         let made =
             ao::compose::Compose::new(resources, &seen.shared, &lit, &settings, shows_occlusion)?;
         let lighted = resources.push(made);
+        // Visibility is shown without what one sees through: VAO Fig. 6.
+        if !shows_occlusion {
+            let drawn = (lighted.texture(), &gbuffer.depth);
+            let (of_frame, of_scene) = ((&seen.shared, &seen.view), (scene, geometry));
+            let settings = compose.glass();
+            let glass = ao::glass::Glass::new(resources, of_frame, of_scene, drawn, &settings)?;
+            if let Some(glass) = glass {
+                resources.push(glass);
+            }
+        }
         if compose.meter {
             resources.push(post::luminance::Luminance::new(resources, lighted.texture())?);
         }

@@ -25,6 +25,7 @@ use crate::gpu::{Demand, Gpu, GpuError, Stage, StageInfo};
 use crate::parameter::{self, Field, ParamError, Setting};
 use crate::record::{ErrorFigure, Work};
 use crate::reference::ReferenceError;
+use crate::reference::kept::KeptAnswers;
 use crate::scene::{Camera, Scene, SceneFile, VolumeFile};
 use crate::stages::kit::{Parts, Resources};
 use occlusion::OcclusionBuffers;
@@ -52,6 +53,10 @@ pub trait Parameters:
     fn enlarged(&self, _factor: u32) -> Option<Self> {
         None
     }
+    /// What its random numbers are drawn by, where there is such a setting.
+    fn seed_mut(&mut self) -> Option<&mut u32> {
+        None
+    }
 }
 
 /// A pipeline: its parameters, its stages and its figures.
@@ -76,6 +81,11 @@ pub trait Pipeline: Sized + 'static {
     /// Stages that draw the image where the frame itself does not: run for pictures only, never timed.
     fn presenting(&self) -> Vec<&dyn Stage> {
         Vec::new()
+    }
+
+    /// The image is visibility as grey, which a scale explains.
+    fn shows_visibility(&self) -> bool {
+        false
     }
 
     /// Figures that need a read-back of the last frame, `name → value`, the unit in the name.
@@ -132,6 +142,8 @@ pub struct Judged {
 /// Answers of the references that several cells share.
 #[derive(Default)]
 pub struct Known {
+    /// Those of earlier runs.
+    pub kept: KeptAnswers,
     pub occlusion: occlusion::KnownPoints,
 }
 
@@ -142,8 +154,6 @@ pub enum JudgeError {
     Gpu(#[from] GpuError),
     #[error(transparent)]
     Reference(#[from] ReferenceError),
-    #[error("the geometry moves, and the reference knows it at rest only")]
-    Moving,
     #[error("no surface is seen")]
     Nothing,
     #[error("pipeline {0} has no picture of its error")]
@@ -196,6 +206,8 @@ pub trait AnyPipeline {
     fn image(&self) -> &wgpu::Texture;
     /// See [`Pipeline::presenting`].
     fn presenting(&self) -> Vec<&dyn Stage>;
+    /// See [`Pipeline::shows_visibility`].
+    fn shows_visibility(&self) -> bool;
     /// See [`Pipeline::quantities`].
     fn quantities(&self, gpu: &Gpu) -> Result<BTreeMap<String, f64>, GpuError>;
     /// See [`Pipeline::context`].
@@ -225,6 +237,10 @@ impl<P: Pipeline> AnyPipeline for Built<P> {
 
     fn presenting(&self) -> Vec<&dyn Stage> {
         self.pipeline.presenting()
+    }
+
+    fn shows_visibility(&self) -> bool {
+        self.pipeline.shows_visibility()
     }
 
     fn quantities(&self, gpu: &Gpu) -> Result<BTreeMap<String, f64>, GpuError> {
@@ -274,6 +290,8 @@ pub trait Configuration {
     fn seen_from(&self, camera: Camera) -> Rc<dyn Configuration>;
     /// See [`Parameters::enlarged`].
     fn enlarged(&self, factor: u32) -> Option<Rc<dyn Configuration>>;
+    /// The same with its seed raised by `added`; none where there is no seed.
+    fn reseeded(&self, added: u32) -> Option<Rc<dyn Configuration>>;
     /// The parameters as a tree.
     fn tree(&self) -> Value;
     /// For a caller that knows the kind.
@@ -321,6 +339,13 @@ impl<P: Pipeline> Configuration for Configured<P> {
 
     fn enlarged(&self, factor: u32) -> Option<Rc<dyn Configuration>> {
         Some(Rc::new(Self(self.0.enlarged(factor)?)))
+    }
+
+    fn reseeded(&self, added: u32) -> Option<Rc<dyn Configuration>> {
+        let mut params = self.0.clone();
+        let seed = params.seed_mut()?;
+        *seed = seed.wrapping_add(added);
+        Some(Rc::new(Self(params)))
     }
 
     fn tree(&self) -> Value {

@@ -6,15 +6,18 @@ use std::rc::Rc;
 
 use glam::DVec3;
 use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
 
-use super::settings::Attenuation;
+use super::settings::{Animation, Attenuation, Deform};
 use super::{Judge, JudgeError, Judged};
 use crate::gpu::{Pixels, StageInfo, read_texture};
 use crate::record::ErrorFigure;
 use crate::reference::ReferenceError;
-use crate::reference::occlusion::{self as reference, occlusion};
-use crate::reference::rays::{PixelRays, Tracer};
-use crate::scene::{Camera, Scene};
+use crate::reference::deform::{Moment, Motion};
+use crate::reference::kept::Content;
+use crate::reference::occlusion::{self as reference, occlusion, occlusion_through};
+use crate::reference::rays::{Hit, PixelRays, Tracer};
+use crate::scene::{Camera, Object, Scene};
 use crate::stages::bilateral::Bilateral;
 use crate::stages::gbuffer::GbufferTextures;
 
@@ -41,11 +44,20 @@ pub struct OcclusionBuffers {
     pub camera: Camera,
     /// Distance up to which geometry occludes, metres.
     pub r_max_m: f64,
-    pub attenuation: Attenuation,
-    /// Rays pass through transparent surfaces, unlike those of the reference.
-    pub through: bool,
-    /// The geometry moves.
-    pub moving: bool,
+    pub model: Model,
+    /// Which moment of the geometry's motion is seen.
+    pub animation: Animation,
+}
+
+/// What rays make of the surfaces they meet: the reference casts them by the same model.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Model {
+    /// The first surface counts, by its distance. VAO Eq. 1.
+    First(Attenuation),
+    /// All surfaces within r_max count by their opacities, at any distance. VAO Eq. 3.
+    Through,
+    /// The same with all surfaces taken for opaque.
+    ThroughOpaque,
 }
 
 /// The buffer of a filter's stage.
@@ -57,7 +69,7 @@ pub(super) fn filtered(
 }
 
 /// A seen point, the pixel of the viewport that sees it, and the occlusion there by ray casting.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 struct JudgedPoint {
     pixel: [u32; 2],
     occlusion: f64,
@@ -70,17 +82,24 @@ type Answered = Rc<Vec<JudgedPoint>>;
 #[derive(Default)]
 pub struct KnownPoints {
     points: HashMap<String, (Rc<Scene>, Answered)>,
-    tracer: Option<(Rc<Scene>, Rc<Tracer>)>,
+    /// Of the last scene at a moment.
+    tracer: Option<(Rc<Scene>, Animation, Rc<Tracer>)>,
+    /// Of the last scene's geometry.
+    digest: Option<(Rc<Scene>, String)>,
 }
 
 /// What of a cell the reference depends on.
+#[derive(Clone, Debug)]
 struct Question {
     /// Objects whose surfaces are judged: those that one cannot see through.
     opaque: Vec<bool>,
+    /// What the reference's rays take each object's opacity for.
+    alphas: Vec<f64>,
     camera: Camera,
     size_px: [u32; 2],
     r_max_m: f64,
-    attenuation: reference::Attenuation,
+    model: Model,
+    animation: Animation,
     /// The occlusion buffer's size; its texels are where occlusion is computed.
     buffer_px: [u32; 2],
 }
@@ -93,7 +112,7 @@ impl OcclusionBuffers {
 
     /// Errors `ao_rmse` and `ao_bias` of the buffer as computed, `ao_filtered_rmse` and `ao_filtered_bias` after the filter
     /// where there is one, and the means `ao_mean` and `ao_reference_mean`. All in units of A, 0 open to 1 closed, over points
-    /// of opaque surfaces; `ao_mean` alone where rays pass through transparent ones.
+    /// of opaque surfaces, against rays that are cast by the same model.
     pub(super) fn judge(&self, judge: &mut Judge<'_>) -> Result<Judged, JudgeError> {
         let (question, points) = self.points(judge, MOST_POINTS, RAYS)?;
         let errors_of = |texture: &wgpu::Texture| -> Result<Vec<f64>, JudgeError> {
@@ -103,9 +122,6 @@ impl OcclusionBuffers {
         let mean = points.iter().map(|point| point.occlusion).sum::<f64>() / points.len() as f64;
         let mut judged = Judged::default();
         judged.quantities.insert("ao_mean".to_owned(), mean + raw[1].value);
-        if self.through && question.opaque.contains(&false) {
-            return Ok(judged);
-        }
         judged.quantities.insert("ao_reference_mean".to_owned(), mean);
         if let Some((stage, texture)) = &self.filtered {
             let filtered = figures("ao_filtered", stage, &errors_of(texture)?).into_iter();
@@ -134,9 +150,6 @@ impl OcclusionBuffers {
         most: usize,
         rays: u32,
     ) -> Result<(Question, Answered), JudgeError> {
-        if self.moving {
-            return Err(JudgeError::Moving);
-        }
         let question = self.question(judge.scene);
         let key = question.key(judge.scene, most, rays);
         let known = &mut judge.known.occlusion;
@@ -145,8 +158,11 @@ impl OcclusionBuffers {
         }
         let depth = read_texture(judge.gpu, &self.gbuffer.depth)?;
         let normal = read_texture(judge.gpu, &self.gbuffer.normal)?;
-        let tracer = known.tracer(judge.scene)?;
-        let points = Rc::new(cast(&question, &tracer, (&depth, &normal), most, rays));
+        let tracer = known.tracer(judge.scene, &self.animation)?;
+        let content = question.content(known.digest(judge.scene), [&depth, &normal], most, rays);
+        let cast = || cast(&question, &tracer, (&depth, &normal), most, rays);
+        let points = Rc::new(judge.known.kept.answer(content, cast));
+        let known = &mut judge.known.occlusion;
         if points.is_empty() {
             return Err(JudgeError::Nothing);
         }
@@ -157,44 +173,148 @@ impl OcclusionBuffers {
     fn question(&self, scene: &Scene) -> Question {
         let (raw, depth) = (&self.raw.1, &self.gbuffer.depth);
         Question {
-            opaque: scene.objects.iter().map(|object| object.material.alpha >= 1.0).collect(),
+            opaque: scene.objects.iter().map(|object| object.material.is_opaque()).collect(),
+            alphas: scene.objects.iter().map(|object| self.model.alpha(object)).collect(),
             camera: self.camera.clone(),
             size_px: [depth.width(), depth.height()],
             r_max_m: self.r_max_m,
-            attenuation: match self.attenuation {
-                Attenuation::Hard => reference::Attenuation::Hard,
-                Attenuation::Linear => reference::Attenuation::Linear,
-            },
+            model: self.model,
+            animation: self.animation.clone(),
             buffer_px: [raw.width(), raw.height()],
         }
     }
 }
 
+impl Model {
+    fn alpha(self, object: &Object) -> f64 {
+        match self {
+            Model::Through => f64::from(object.material.alpha),
+            Model::First(_) | Model::ThroughOpaque => 1.0,
+        }
+    }
+}
+
 impl KnownPoints {
-    fn tracer(&mut self, scene: &Rc<Scene>) -> Result<Rc<Tracer>, ReferenceError> {
-        if let Some((known, tracer)) = &self.tracer
+    fn digest(&mut self, scene: &Rc<Scene>) -> String {
+        if let Some((known, digest)) = &self.digest
             && Rc::ptr_eq(known, scene)
+        {
+            return digest.clone();
+        }
+        let digest = digest(scene);
+        self.digest = Some((Rc::clone(scene), digest.clone()));
+        digest
+    }
+
+    fn tracer(
+        &mut self,
+        scene: &Rc<Scene>,
+        animation: &Animation,
+    ) -> Result<Rc<Tracer>, ReferenceError> {
+        if let Some((known, moment, tracer)) = &self.tracer
+            && Rc::ptr_eq(known, scene)
+            && moment == animation
         {
             return Ok(Rc::clone(tracer));
         }
-        let tracer = Rc::new(Tracer::new(&scene.objects)?);
-        self.tracer = Some((Rc::clone(scene), Rc::clone(&tracer)));
+        let tracer = Rc::new(match motion_of(animation) {
+            Some(motion) => {
+                let moved = |object| moved(object, motion, animation);
+                Tracer::new(&scene.objects.iter().map(moved).collect::<Vec<_>>())?
+            }
+            None => Tracer::new(&scene.objects)?,
+        });
+        self.tracer = Some((Rc::clone(scene), animation.clone(), Rc::clone(&tracer)));
         Ok(tracer)
     }
+}
+
+/// Of every triangle of a scene.
+fn digest(scene: &Scene) -> String {
+    let of_object = |content: Content, object: &Object| {
+        let mesh = &object.mesh;
+        content
+            .with(bytemuck::cast_slice(&mesh.positions))
+            .with(bytemuck::cast_slice(&mesh.normals))
+            .with(bytemuck::cast_slice(&mesh.indices))
+    };
+    scene.objects.iter().fold(Content::of("scene"), of_object).digest()
+}
+
+fn motion_of(animation: &Animation) -> Option<Motion> {
+    match animation.deform {
+        Deform::None => None,
+        Deform::Spin => Some(Motion::Spin),
+        Deform::Twist => Some(Motion::Twist),
+        Deform::Wave => Some(Motion::Wave),
+    }
+}
+
+/// The object at a moment, by the f64 twin of `scene/deform`. Its normals stay as they were: rays need none.
+fn moved(object: &Object, motion: Motion, animation: &Animation) -> Object {
+    let bounds = object.mesh.bounds();
+    let moment = Moment {
+        motion,
+        foot_m: bounds.center().with_y(bounds.min.y),
+        height_m: bounds.size().y,
+        cycles: animation.cycles(),
+        amplitude: animation.amplitude,
+    };
+    let mut moved = object.clone();
+    let wide = |v: [f32; 3]| DVec3::from(v.map(f64::from));
+    for (position, normal) in moved.mesh.positions.iter_mut().zip(&object.mesh.normals) {
+        let normal = wide(*normal).normalize_or_zero();
+        *position = moment.position(wide(*position), normal).as_vec3().to_array();
+    }
+    moved
 }
 
 impl Question {
     /// What tells questions apart. A scene is told apart by where it lies in memory, and is kept there while its key is.
     fn key(&self, scene: &Rc<Scene>, most: usize, rays: u32) -> String {
         format!(
-            "{:p} {:?} {:?} {:?} {} {:?} {most} {rays}",
+            "{:p} {:?} {:?} {:?} {:?} {} {:?} {most} {rays}",
             Rc::as_ptr(scene),
+            self.animation,
             self.camera,
             self.size_px,
             self.buffer_px,
             self.r_max_m,
-            self.attenuation,
+            self.model,
         )
+    }
+
+    /// All that the answer follows from: the question, the geometry, and what the G-buffer holds.
+    fn content(&self, scene: String, gbuffer: [&Pixels; 2], most: usize, rays: u32) -> Content {
+        let asked = format!("{self:?} {most} {rays}");
+        let content = Content::of("occlusion").with(scene.as_bytes()).with(asked.as_bytes());
+        gbuffer.iter().fold(content, |all, one| all.with(bytemuck::cast_slice(&one.data)))
+    }
+
+    /// A by casting.
+    fn occlusion(&self, tracer: &Tracer, position: DVec3, normal: DVec3, rays: u32) -> f64 {
+        let attenuation = match self.model {
+            Model::First(Attenuation::Hard) => reference::Attenuation::Hard,
+            Model::First(Attenuation::Linear) => reference::Attenuation::Linear,
+            Model::Through | Model::ThroughOpaque => {
+                let alphas = &self.alphas;
+                return occlusion_through(tracer, position, normal, self.r_max_m, alphas, rays);
+            }
+        };
+        occlusion(tracer, position, normal, self.r_max_m, attenuation, rays)
+    }
+
+    /// What a pixel shows: the first opaque surface, as the G-buffer has it.
+    fn seen(&self, camera_rays: &PixelRays, tracer: &Tracer, x: u32, y: u32) -> Option<Hit> {
+        let (origin, direction, length_m) = camera_rays.ray(x, y);
+        let mut from_m = 0.0;
+        loop {
+            let hit = tracer.cast(origin, direction, from_m, length_m)?;
+            if self.opaque[hit.object] {
+                return Some(hit);
+            }
+            from_m = hit.distance_m;
+        }
     }
 
     /// Pixel of the viewport whose depth and normal a texel of the occlusion buffer is computed from.
@@ -235,26 +355,16 @@ fn cast(
     let point = |texel: [u32; 2]| {
         let pixel = question.pixel(texel);
         let [x, y] = pixel;
-        let (hit, _) = camera_rays.cast(tracer, x, y)?;
+        let hit = question.seen(&camera_rays, tracer, x, y)?;
         let (x_px, y_px) = (f64::from(x) + 0.5, f64::from(y) + 0.5);
         let drawn = camera_rays.unproject(x_px, y_px, f64::from(depth.texel(x, y)[0]));
         let distance = hit.position.distance(question.camera.position());
-        if !question.opaque[hit.object] {
-            return None;
-        }
         let same = hit.position.distance(drawn) <= DEPTH_TOLERANCE * distance;
         let n = normal.texel(x, y);
         let n = DVec3::new(n[0].into(), n[1].into(), n[2].into()).try_normalize()?;
         same.then(|| JudgedPoint {
             pixel,
-            occlusion: occlusion(
-                tracer,
-                hit.position,
-                n,
-                question.r_max_m,
-                question.attenuation,
-                rays,
-            ),
+            occlusion: question.occlusion(tracer, hit.position, n, rays),
         })
     };
     texels.into_par_iter().filter_map(point).collect()

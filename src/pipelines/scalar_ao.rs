@@ -1,6 +1,7 @@
 //! Ambient occlusion in scalar fields and participating media: Papaioannou, Menexi and Papadopoulos, *Real-time Volume-based
 //! Ambient Occlusion* (VAO), §5.2.
 
+mod judge;
 mod parameters;
 #[cfg(test)]
 mod tests;
@@ -8,18 +9,18 @@ mod tests;
 use std::collections::BTreeMap;
 use std::rc::Rc;
 
-use super::Pipeline;
-use super::settings::{self, Attenuation, VIEWPORT};
+use super::settings::{self, VIEWPORT};
+use super::{Judge, JudgeError, Judged, Pipeline};
 use crate::gpu::{Gpu, GpuError, read_texture};
 use crate::record::Work;
-use crate::scene::{Scene, Volume};
+use crate::scene::{Camera, Scene, Volume};
 use crate::stages::frame::{Frame, Shared, View};
 use crate::stages::kit::{self, Resources};
 use crate::stages::ray_cast::RayCast;
 use crate::stages::scalar;
 use crate::stages::scalar_field::ScalarField;
 
-pub use parameters::{Law, Mode, Params, Scalar, Stop};
+pub use parameters::{Gather, Law, Mode, Params, Scalar, Stop};
 
 fn volume_of(scene: &Scene) -> Result<&Volume, GpuError> {
     scene.volume.as_ref().ok_or_else(|| {
@@ -37,6 +38,7 @@ fn longest_m(scene: &Scene) -> f64 {
 /// Rays cast through a scalar field.
 pub struct ScalarAo {
     settings: Scalar,
+    camera: Camera,
     cast: Rc<RayCast>,
     field: ScalarField,
     r_max_m: f64,
@@ -69,7 +71,8 @@ impl Pipeline for ScalarAo {
         let texel_fetches =
             kit::pixels(cast.image()).saturating_mul(params.scalar.typical_fetches(volume));
         of_view.expects("look-ups", Work { texel_fetches, ..Work::default() });
-        Ok(Self { settings: params.scalar.clone(), cast, field, r_max_m })
+        let (settings, camera) = (params.scalar.clone(), params.camera.clone());
+        Ok(Self { settings, camera, cast, field, r_max_m })
     }
 
     fn image(&self) -> &wgpu::Texture {
@@ -106,6 +109,10 @@ impl Pipeline for ScalarAo {
         }
         Ok(figures.into_iter().map(|(name, value)| (name.to_owned(), value)).collect())
     }
+
+    fn judge(&self, judge: &mut Judge<'_>) -> Result<Judged, JudgeError> {
+        self.judged(judge)
+    }
 }
 
 /// The stage that `scalar.mode` names.
@@ -121,9 +128,7 @@ fn cast(
     let (beer, rejection) = (settings.law == Law::Beer, settings.rejection);
     match settings.mode {
         Mode::Isosurface => {
-            let at_isosurface = settings.stop == Stop::Isosurface;
-            let linear = settings.attenuation == Attenuation::Linear;
-            scalar::isosurface::new(resources, through, march, at_isosurface, linear)
+            scalar::isosurface::new(resources, through, march, settings.surface_rays())
         }
         Mode::Direct => scalar::direct::new(resources, through, march, beer, rejection),
         Mode::Positional => scalar::positional::new(resources, through, march, beer, rejection),

@@ -7,6 +7,7 @@ use crate::gpu::GpuError;
 use crate::parameter::{ParamError, within};
 use crate::scene::{Bounds, Camera, Grid, Light, Scene, SceneFile};
 use crate::stages::ao::compose::LightingUniforms;
+use crate::stages::ao::glass::GlassUniforms;
 use crate::stages::bilateral::BilateralUniforms;
 use crate::stages::frame;
 use crate::stages::geometry::Geometry;
@@ -306,6 +307,10 @@ settings! {
         /// Tuned on scenes bunny_dry, dragon_dry, room, sponza and corner: from 0.001 to 0.005 errors against ray casting
         /// change by less than 5 %, in scene corner by 12 %, and they grow beyond.
         depth_sigma: f64 = 0.0025 => 1e-6 ..= 1e3, "1";
+        /// Standard deviation of the distance between the unit normals of a tap and of the pixel; 1000: normals do not count. VAO §6
+        /// guides by depth alone, which blurs around edges: with 0.3 errors against ray casting fall by up to 10 % on scenes sponza,
+        /// robot_room and level from 150 to 600 pixels a side, in 7 of 9 cells, and rise by 3 % at most.
+        normal_sigma: f64 = 0.3 => 1e-3 ..= 1e3, "1";
     }
 }
 
@@ -320,6 +325,7 @@ impl Filter {
             radius_px: self.radius_px as f32,
             sigma_px: self.sigma_px as f32,
             depth_sigma: self.depth_sigma as f32,
+            normal_sigma: self.normal_sigma as f32,
         }
     }
 }
@@ -355,6 +361,10 @@ impl Compose {
             exposure: self.exposure as f32,
             ambient: self.ambient as f32,
         }
+    }
+
+    pub fn glass(&self) -> GlassUniforms {
+        GlassUniforms { exposure: self.exposure as f32, ambient: self.ambient as f32 }
     }
 
     pub fn shows_occlusion(&self) -> bool {

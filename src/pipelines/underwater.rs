@@ -13,19 +13,19 @@ use serde_json::Value;
 
 use super::settings::{VIEWPORT, scaled};
 use super::{Judge, JudgeError, Judged, Pipeline};
-use crate::gpu::{Gpu, GpuError, StageInfo};
+use crate::gpu::{Gpu, GpuError};
 use crate::scene::{LightKind, Scene};
 use crate::stages::caustics::splat::{self, PointSize, SplatUniforms};
 use crate::stages::compose::{Compose, ComposeUniforms, Composed};
 use crate::stages::frame::{Frame, Shared, View};
 use crate::stages::geometry::Geometry;
-use crate::stages::godrays::lines::{self, LinesUniforms};
+use crate::stages::godrays::lines::LinesUniforms;
 use crate::stages::kit::Resources;
 use crate::stages::lit_scene::LitScene;
-use crate::stages::low_pass::{FilterUniforms, LowPass};
+use crate::stages::low_pass::{FilterUniforms, GuidedUniforms, LowPass};
 use crate::stages::photon::{Photons, Tracing};
-use crate::stages::splatting::{Drawn, PHOTONS_PER_INSTANCE};
-use crate::stages::{scene, shadow, water};
+use crate::stages::splatting::{Accumulated, PHOTONS_PER_INSTANCE};
+use crate::stages::{caustics, godrays, scene, shadow, water};
 
 pub use measure::{PhotonQuery, blended_fragments, photons_at, read_photons};
 use parameters::PhotonPath;
@@ -44,7 +44,7 @@ pub struct Underwater {
 /// The stages of a photon grid: traced, drawn, filtered.
 pub struct PhotonStages {
     pub trace: Rc<Tracing>,
-    pub drawn: Rc<dyn Drawn>,
+    pub drawn: Rc<dyn Accumulated>,
     filter: Option<Rc<LowPass>>,
 }
 
@@ -131,35 +131,56 @@ fn photon_grids(
     plan: &Plan,
 ) -> Result<[PhotonStages; 2], GpuError> {
     let path = params.caustics.path();
-    let caustics = photon_stages(resources, shared, light, path, |of, photons, conserving| {
-        let (inputs, settings, side_px) = ((photons, seen), &plan.splat, plan.splat_px);
-        let drawn: Rc<dyn Drawn> = match params.caustics.splatting {
-            Splatting::Compute => {
-                of.push(splat::Scatter::new(of, shared, inputs, settings, conserving, side_px)?)
-            }
-            Splatting::Raster => {
-                of.push(splat::raster(of, shared, inputs, settings, conserving, side_px)?)
-            }
-        };
-        Ok(drawn)
-    })?;
+    let guide = GuidedUniforms {
+        taps: params.caustics.filter_taps,
+        radius_px: params.caustics.filter_radius_px as f32,
+        depth_share: params.caustics.filter_depth_share as f32,
+    };
+    let filter = |of: &Resources<'_>, drawn: &dyn Accumulated| {
+        LowPass::guided(of, &caustics::filter::INFO, drawn.source(), (shared, seen), &guide)
+    };
+    let caustics =
+        photon_stages(resources, shared, light, (path, &filter), |of, photons, conserving| {
+            let (inputs, settings, side_px) = ((photons, seen), &plan.splat, plan.splat_px);
+            let rules = (conserving, params.caustics.coverage);
+            let drawn: Rc<dyn Accumulated> = match params.caustics.splatting {
+                Splatting::Compute => {
+                    of.push(splat::Scatter::new(of, shared, inputs, settings, rules, side_px)?)
+                }
+                Splatting::Raster => {
+                    of.push(splat::raster(of, shared, inputs, settings, rules, side_px)?)
+                }
+            };
+            Ok(drawn)
+        })?;
     let path = params.godrays.path();
-    let godrays = photon_stages(resources, shared, light, path, |of, photons, conserving| {
-        let (inputs, settings, length_px) = ((photons, seen), &plan.lines, plan.line_px);
-        let drawn: Rc<dyn Drawn> =
-            of.push(lines::new(of, shared, inputs, settings, conserving, length_px)?);
-        Ok(drawn)
-    })?;
+    let settings = FilterUniforms {
+        taps: params.godrays.filter_taps,
+        radius_px: params.godrays.filter_radius_px as f32,
+    };
+    let filter = |of: &Resources<'_>, drawn: &dyn Accumulated| {
+        LowPass::new(of, &godrays::filter::INFO, drawn.source(), &settings)
+    };
+    let godrays =
+        photon_stages(resources, shared, light, (path, &filter), |of, photons, conserving| {
+            let (inputs, settings, length_px) = ((photons, seen), &plan.lines, plan.line_px);
+            let drawn: Rc<dyn Accumulated> =
+                of.push(godrays::lines::new(of, shared, inputs, settings, conserving, length_px)?);
+            Ok(drawn)
+        })?;
     Ok([caustics, godrays])
 }
 
-/// `draw` pushes the stage that draws the photons.
+/// Makes the stage that smooths what another has drawn.
+type Smoothing<'a> = dyn Fn(&Resources<'_>, &dyn Accumulated) -> Result<LowPass, GpuError> + 'a;
+
+/// `draw` pushes the stage that draws the photons, and `filter` makes the one that smooths the result.
 fn photon_stages(
     resources: &Resources<'_>,
     shared: &Shared,
     light: (&wgpu::Texture, &wgpu::Texture),
-    path: PhotonPath,
-    draw: impl FnOnce(&Resources<'_>, &Photons, bool) -> Result<Rc<dyn Drawn>, GpuError>,
+    (path, filter): (PhotonPath, &Smoothing<'_>),
+    draw: impl FnOnce(&Resources<'_>, &Photons, bool) -> Result<Rc<dyn Accumulated>, GpuError>,
 ) -> Result<PhotonStages, GpuError> {
     let PhotonPath { grid, conserving, .. } = path;
     let of_grid = &resources.sized_by(path.grid_sized_by);
@@ -168,11 +189,8 @@ fn photon_stages(
     let trace = of_grid.push(trace);
     let of_buffer = &resources.sized_by(path.buffer_sized_by);
     let drawn = draw(of_buffer, &trace.photons, conserving)?;
-    let low_pass = |(info, settings): (&'static StageInfo, FilterUniforms)| {
-        let source = (drawn.texture(), drawn.column());
-        LowPass::new(of_buffer, info, source, &settings).map(|made| of_buffer.push(made))
-    };
-    let filter = path.filter.map(low_pass).transpose()?;
+    let filter = path.filter.then(|| filter(of_buffer, &*drawn)).transpose()?;
+    let filter = filter.map(|filter| of_buffer.push(filter));
     Ok(PhotonStages { trace, drawn, filter })
 }
 
@@ -262,6 +280,7 @@ impl Plan {
                 occlusion_taps: params.compose.occlusion_taps,
                 occlusion_radius_m: params.compose.occlusion_radius_m as f32,
                 water_cells: params.surface.cells,
+                depth_share: params.caustics.filter_depth_share as f32,
             },
         }
     }

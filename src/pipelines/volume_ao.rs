@@ -10,16 +10,16 @@ use glam::DMat4;
 
 use super::lighting::{Composed, Seen};
 use super::occlusion::{self, OcclusionBuffers};
-use super::settings::{self, Deform, Update};
+use super::settings::{self, Update};
 use super::voxelization::{self, Voxelization};
 use super::{Judge, JudgeError, Judged, Pipeline};
 use crate::gpu::{Gpu, GpuError};
 use crate::scene::Scene;
+use crate::stages::ao;
 use crate::stages::geometry::Geometry;
 use crate::stages::kit::Resources;
 use crate::stages::marching::Marching;
 use crate::stages::voxels::Voxels;
-use crate::stages::{self, ao};
 
 pub use measure::{PointQuery, occlusion_at};
 pub use parameters::{Ao, Params};
@@ -73,22 +73,32 @@ impl Pipeline for VolumeAo {
         )?;
         let march = of_buffer.push(march);
         let filter = params.ao.filter.then_some((&ao::bilateral::INFO, &params.filter));
-        let composed = Composed::new(resources, &seen, march.texture(), filter, &params.compose)?;
+        let composed = Composed::new(
+            resources,
+            &seen,
+            (scene, &geometry),
+            march.texture(),
+            filter,
+            &params.compose,
+        )?;
         let buffers = OcclusionBuffers {
             gbuffer: textures.clone(),
             raw: (ao::march::INFO.name, march.texture().clone()),
             filtered: occlusion::filtered(&ao::bilateral::INFO, composed.filter.as_deref()),
             camera: params.camera.clone(),
             r_max_m: marching.r_max_m,
-            attenuation: params.ao.attenuation,
-            through: params.ao.occluder == stages::marching::Occluder::Opacity,
-            moving: params.animation.deform != Deform::None,
+            model: params.model(),
+            animation: params.animation.clone(),
         };
         Ok(Self { marching, seen, view_projection, volumes, composed, buffers })
     }
 
     fn image(&self) -> &wgpu::Texture {
         self.composed.compose.texture()
+    }
+
+    fn shows_visibility(&self) -> bool {
+        self.composed.compose.shows_occlusion()
     }
 
     fn quantities(&self, gpu: &Gpu) -> Result<BTreeMap<String, f64>, GpuError> {

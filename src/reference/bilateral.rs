@@ -1,6 +1,8 @@
 //! Joint bilateral filter and up-scaling of an ambient-occlusion buffer (VAO §6; Kopf et al., Joint Bilateral Upsampling,
 //! 2007), twin of the GPU's.
 
+use glam::DVec3;
+
 use super::filter::{GOLDEN_ANGLE, from_edges};
 use super::image::{Image, behind};
 use crate::scene::Camera;
@@ -14,6 +16,8 @@ pub struct Bilateral {
     pub sigma_px: f64,
     /// Standard deviation of a tap's distance from the pixel's tangent plane along the view, over the pixel's view depth.
     pub depth_sigma: f64,
+    /// Standard deviation of the distance between the unit normals of a tap and of the pixel.
+    pub normal_sigma: f64,
 }
 
 /// The filter over one pair of buffers.
@@ -23,6 +27,8 @@ pub struct Guided<'a> {
     visibility: &'a Image,
     /// Device depth, at the size of the viewport.
     depth: &'a Image,
+    /// Of any length, in rows at the size of the viewport.
+    normals: &'a [DVec3],
     camera: &'a Camera,
     /// Metres that a pixel of the viewport spans at 1 m.
     pixel_tangent: f64,
@@ -44,12 +50,12 @@ impl Bilateral {
     pub fn over<'a>(
         &'a self,
         visibility: &'a Image,
-        depth: &'a Image,
+        (depth, normals): (&'a Image, &'a [DVec3]),
         camera: &'a Camera,
     ) -> Guided<'a> {
         let half = (camera.fov_y_deg.to_radians() / 2.0).tan();
         let pixel_tangent = 2.0 * half / f64::from(depth.height());
-        Guided { filter: self, visibility, depth, camera, pixel_tangent }
+        Guided { filter: self, visibility, depth, normals, camera, pixel_tangent }
     }
 
     /// Tap i before it is laid on the surface, texels: a Vogel spiral from the middle to the rim.
@@ -73,6 +79,7 @@ impl Guided<'_> {
             return 1.0;
         };
         let middle = self.middle(x, y);
+        let normal = self.normal(i64::from(x), i64::from(y));
         let (mut sum, mut weights) = (0.0, 0.0);
         let (mut nearest, mut nearest_m) = (1.0, f64::INFINITY);
         for place in self.places(x, y, &plane) {
@@ -95,11 +102,16 @@ impl Guided<'_> {
             let across = (texel[0] + 0.5 - middle[0]).hypot(texel[1] + 0.5 - middle[1])
                 / self.filter.sigma_px;
             let along = off_m / (self.filter.depth_sigma * plane.view_m);
-            let weight = (-0.5 * (across * across + along * along)).exp();
+            let turned = self.normal(seen[0], seen[1]).distance(normal) / self.filter.normal_sigma;
+            let weight = (-0.5 * (across * across + along * along + turned * turned)).exp();
             sum += weight * value;
             weights += weight;
         }
         if weights < 1e-4 { nearest } else { sum / weights }
+    }
+
+    fn normal(&self, x: i64, y: i64) -> DVec3 {
+        self.normals[(y * i64::from(self.depth.width()) + x) as usize].normalize()
     }
 
     /// Smallest distance of a tap of a pixel from a texel's edge, texels: where it is tiny, single precision may read the
@@ -177,7 +189,7 @@ mod tests {
     }
 
     fn filter() -> Bilateral {
-        Bilateral { taps: 17, radius_px: 4.0, sigma_px: 2.0, depth_sigma: 0.005 }
+        Bilateral { taps: 17, radius_px: 4.0, sigma_px: 2.0, depth_sigma: 0.005, normal_sigma: 0.3 }
     }
 
     /// Device depth of planes `normal · p = offset`, chosen by column.
@@ -190,6 +202,11 @@ mod tests {
             })
         };
         Image::of(SIZE, at)
+    }
+
+    /// Normals that are the same everywhere.
+    fn facing() -> Vec<DVec3> {
+        vec![DVec3::Z; (SIZE[0] * SIZE[1]) as usize]
     }
 
     fn noise() -> Image {
@@ -214,7 +231,7 @@ mod tests {
         let depth = depth(slanted);
         for (width, height) in [(48, 32), (24, 16), (13, 7)] {
             let grey = Image::constant(width, height, 0.37);
-            let filtered = filter().over(&grey, &depth, &camera()).apply();
+            let filtered = filter().over(&grey, (&depth, &facing()), &camera()).apply();
             assert!(filtered.data().iter().all(|v| (v - 0.37).abs() < 1e-12));
         }
     }
@@ -226,7 +243,7 @@ mod tests {
         for scale in [1, 2] {
             let size = SIZE.map(|side| side / scale);
             let input = Image::of(size, |x, _| f64::from(u32::from(x * scale >= 20)));
-            let filtered = filter().over(&input, &depth, &camera()).apply();
+            let filtered = filter().over(&input, (&depth, &facing()), &camera()).apply();
             for x in 0..SIZE[0] {
                 let expected = f64::from(u32::from(x >= 20));
                 assert!((filtered.clamped(x.into(), 9) - expected).abs() < 1e-6, "{x}");
@@ -235,11 +252,29 @@ mod tests {
     }
 
     #[test]
+    fn nothing_bleeds_around_an_edge_without_a_step() {
+        // One depth, two normals: as where a wall meets a floor in the picture.
+        let depth = depth(|_| Some((DVec3::Z, -2.0)));
+        let input = Image::of(SIZE, |x, _| f64::from(u32::from(x >= 20)));
+        let side = |i: u32| if i % SIZE[0] < 20 { DVec3::X } else { DVec3::Y };
+        let normals: Vec<DVec3> = (0..SIZE[0] * SIZE[1]).map(side).collect();
+        let most_off = |normal_sigma: f64| {
+            let filter = Bilateral { normal_sigma, ..filter() };
+            let filtered = filter.over(&input, (&depth, &normals), &camera()).apply();
+            let off =
+                |x: u32| (filtered.clamped(x.into(), 9) - f64::from(u32::from(x >= 20))).abs();
+            (0..SIZE[0]).map(off).fold(0.0, f64::max)
+        };
+        assert!(most_off(0.3) < 1e-3, "{}", most_off(0.3));
+        assert!(most_off(1e3) > 0.3, "{}", most_off(1e3));
+    }
+
+    #[test]
     fn a_disc_of_no_radius_changes_nothing() {
         let input = noise();
         let none = Bilateral { radius_px: 0.0, ..filter() };
         let depth = depth(slanted);
-        let filtered = none.over(&input, &depth, &camera()).apply();
+        let filtered = none.over(&input, (&depth, &facing()), &camera()).apply();
         let mut pairs = filtered.data().iter().zip(input.data());
         assert!(pairs.all(|(a, b)| (a - b).abs() < 1e-12));
     }
@@ -248,7 +283,7 @@ mod tests {
     fn background_stays_open_and_gives_nothing() {
         let depth = depth(|x| (x < 20).then_some((DVec3::Z, -2.0)));
         let grey = Image::constant(SIZE[0], SIZE[1], 0.25);
-        let filtered = filter().over(&grey, &depth, &camera()).apply();
+        let filtered = filter().over(&grey, (&depth, &facing()), &camera()).apply();
         for x in 0..SIZE[0] {
             let expected = if x < 20 { 0.25 } else { 1.0 };
             assert!((filtered.clamped(x.into(), 9) - expected).abs() < 1e-12);
@@ -260,7 +295,8 @@ mod tests {
         let input = noise();
         let before = mean_and_deviation(&input);
         for (plane, at_most) in [(depth(|_| Some((DVec3::Z, -2.0))), 0.35), (depth(slanted), 0.6)] {
-            let after = mean_and_deviation(&filter().over(&input, &plane, &camera()).apply());
+            let after =
+                mean_and_deviation(&filter().over(&input, (&plane, &facing()), &camera()).apply());
             assert!((after.0 / before.0 - 1.0).abs() < 0.02);
             assert!(after.1 < at_most * before.1, "{} of {}", after.1, before.1);
         }

@@ -3,6 +3,7 @@
 use std::f64::consts::TAU;
 
 use super::image::Image;
+use super::plane::CameraDepth;
 
 /// Golden angle, radians: π (3 − √5). Successive taps of a Vogel disc differ by it
 /// (Vogel, Mathematical Biosciences 44, 1979).
@@ -32,6 +33,51 @@ impl Disc {
     pub fn at(&self, image: &Image, x: u32, y: u32) -> f64 {
         let texels = self.places(x, y).map(|place| place.map(|t| t.floor() as i64));
         texels.map(|[x, y]| image.clamped(x, y)).sum::<f64>() / self.taps.len() as f64
+    }
+
+    /// The same over the taps whose surface lies within `share` of the pixel's view depth from the pixel's plane; the pixel itself
+    /// where none does.
+    pub fn within_surface(
+        &self,
+        image: &Image,
+        (seen, share): (&CameraDepth<'_>, f64),
+        x: u32,
+        y: u32,
+    ) -> f64 {
+        let counted = self.offs(image, seen, x, y).filter(|(_, off)| *off <= share);
+        let (sum, count) =
+            counted.fold((0.0, 0.0), |(sum, n), ([x, y], _)| (sum + image.clamped(x, y), n + 1.0));
+        if count > 0.0 { sum / count } else { image.clamped(x.into(), y.into()) }
+    }
+
+    /// Smallest difference between a tap's distance from the pixel's plane and `share`, both over the pixel's view depth: where
+    /// it is tiny, single precision may decide otherwise.
+    pub fn decision_distance(
+        &self,
+        image: &Image,
+        (seen, share): (&CameraDepth<'_>, f64),
+        x: u32,
+        y: u32,
+    ) -> f64 {
+        let distances = self.offs(image, seen, x, y).map(|(_, off)| (off - share).abs());
+        distances.fold(f64::INFINITY, f64::min)
+    }
+
+    /// The texels of the taps about a pixel, and how far the surface at each is from the pixel's plane, over its view depth.
+    fn offs(
+        &self,
+        image: &Image,
+        seen: &CameraDepth<'_>,
+        x: u32,
+        y: u32,
+    ) -> impl Iterator<Item = ([i64; 2], f64)> {
+        let plane = seen.plane(seen.texel([x.into(), y.into()], image.size()));
+        let view_m = seen.view_m(plane.z);
+        let last = image.size().map(|side| i64::from(side) - 1);
+        self.places(x, y).map(move |place| {
+            let texel = [0, 1].map(|k| (place[k].floor() as i64).clamp(0, last[k]));
+            (texel, seen.beyond_m(&plane, seen.texel(texel, image.size())).abs() / view_m)
+        })
     }
 
     /// Smallest distance of a rotated tap of pixel (x, y) from a texel's edge, pixels: where it is

@@ -1,6 +1,6 @@
 //! Intensity along a godray from the water's surface to the hit (UW §3.4).
 
-use glam::DVec3;
+use glam::{DVec2, DVec3};
 
 use super::optics::{phase_schlick, transmittance};
 
@@ -44,11 +44,66 @@ impl Godray {
     }
 }
 
+/// Area in pixels of a line of this width within an image, in pixels: what it covers, hidden or not.
+pub fn covered_px([from, to]: [DVec2; 2], width_px: f64, size: [u32; 2]) -> f64 {
+    let Some(along) = (to - from).try_normalize() else {
+        return 0.0;
+    };
+    let across = along.perp() * (0.5 * width_px);
+    let mut corners = vec![from + across, to + across, to - across, from - across];
+    // Sutherland and Hodgman, Reentrant Polygon Clipping, 1974: at the four borders of the image.
+    let size = DVec2::new(size[0].into(), size[1].into());
+    for (normal, place) in
+        [(DVec2::X, 0.0), (DVec2::NEG_X, -size.x), (DVec2::Y, 0.0), (DVec2::NEG_Y, -size.y)]
+    {
+        let inside = |p: DVec2| p.dot(normal) - place;
+        let next = corners.iter().cycle().skip(1);
+        let pairs = corners.iter().zip(next).flat_map(|(&a, &b)| {
+            let (da, db) = (inside(a), inside(b));
+            let crossing = ((da < 0.0) != (db < 0.0)).then(|| a.lerp(b, da / (da - db)));
+            (da >= 0.0).then_some(a).into_iter().chain(crossing)
+        });
+        corners = pairs.collect();
+    }
+    let next = corners.iter().cycle().skip(1);
+    0.5 * corners.iter().zip(next).map(|(a, b)| a.perp_dot(*b)).sum::<f64>().abs()
+}
+
 #[cfg(test)]
 mod tests {
     use std::f64::consts::PI;
 
     use super::*;
+
+    /// Middles of pixels within a line, counted one by one.
+    fn counted([from, to]: [DVec2; 2], width_px: f64, size: [u32; 2]) -> f64 {
+        let (length, along) = (from.distance(to), (to - from).normalize());
+        let covers = |(x, y): &(u32, u32)| {
+            let offset = DVec2::new(f64::from(*x) + 0.5, f64::from(*y) + 0.5) - from;
+            let start = offset.dot(along);
+            (0.0..length).contains(&start) && offset.perp_dot(along).abs() < 0.5 * width_px
+        };
+        crate::reference::image::pixels(size).filter(covers).count() as f64
+    }
+
+    #[test]
+    fn covered_pixels_are_those_within_the_image() {
+        let size = [120, 90];
+        let cases = [
+            ([[10.3, 20.1], [70.8, 60.2]], 7.0),
+            ([[-30.0, 40.0], [60.0, 45.0]], 20.0),
+            ([[-50.0, -40.0], [200.0, 160.0]], 12.0),
+            ([[100.0, 5.0], [140.0, 120.0]], 9.0),
+        ];
+        for ([from, to], width_px) in cases {
+            let line = [DVec2::from(from), DVec2::from(to)];
+            let (area, count) = (covered_px(line, width_px, size), counted(line, width_px, size));
+            assert!((area / count - 1.0).abs() < 0.02, "{line:?}: {area} against {count}");
+        }
+        let outside = [DVec2::new(-40.0, -40.0), DVec2::new(-10.0, 200.0)];
+        assert_eq!(covered_px(outside, 5.0, size), 0.0);
+        assert_eq!(covered_px([DVec2::ONE; 2], 5.0, size), 0.0);
+    }
 
     const RAY: Godray = Godray { entry: DVec3::ZERO, hit: DVec3::new(0.0, -4.0, 0.0), photon: 9.2 };
 

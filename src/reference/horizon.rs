@@ -24,6 +24,8 @@ pub struct HorizonSplit {
     /// Difference of depth beyond which samples belong to another layer of surfaces.
     pub layer_m: f64,
     pub attenuation: Attenuation,
+    /// Draws other numbers at every pixel.
+    pub seed: u32,
 }
 
 /// What the camera sees.
@@ -102,12 +104,16 @@ const LEAST_ALONG: f64 = 0.1;
 /// Ends of searches stay this far from the camera's plane, share of the point's view depth.
 const LEAST_W: f64 = 0.1;
 
+/// 2³² / golden ratio.
+const SEED_STEP: u32 = 0x9E37_79B9;
+
 impl HorizonSplit {
     /// Occlusion A, 0 open … 1 closed, at a pixel of a buffer of `buffer_px` pixels; none where nothing was drawn.
     pub fn at(&self, seen: &SeenDepth<'_>, buffer_px: [u32; 2], x: u32, y: u32) -> Option<f64> {
         let texel = behind([x, y].map(f64::from), buffer_px, seen.depth.size());
         let point = ShadedPoint::new(seen, texel)?;
-        let seed = pcg(x.wrapping_add(y.wrapping_mul(65_536)));
+        let own = self.seed.wrapping_mul(SEED_STEP);
+        let seed = pcg(x.wrapping_add(y.wrapping_mul(65_536)).wrapping_add(own));
         let [first, second, third] = [pcg(seed), pcg(pcg(seed)), pcg(pcg(pcg(seed)))].map(unit);
         let turn = unit(seed);
         let basis = tangent_frame(point.to_eye);

@@ -1,8 +1,93 @@
-//! Isosurfaces of fields whose shape is known: a ball and a slab, exactly.
+//! Isosurfaces: of any field by marching it finely, and of fields whose shape is known, a ball and a slab, exactly.
 
 use glam::DVec3;
 
-use super::occlusion::{Attenuation, cosine_direction, tangent_frame};
+use super::media::interpolated;
+use super::occlusion::{Attenuation, cosine_direction, hammersley, tangent_frame};
+use crate::scene::Volume;
+
+/// Where the values of a field, interpolated trilinearly, reach one from outside.
+pub struct FieldSurface<'a> {
+    pub field: &'a Volume,
+    pub iso: f64,
+}
+
+/// Steps of a march along a cell's shortest edge.
+const STEPS_PER_CELL: f64 = 2.0;
+/// Halvings of the step that holds a crossing.
+const HALVINGS: u32 = 24;
+/// How far along the normal rays begin, share of a cell's shortest edge: rounding and the bumps of interpolated values.
+const CLEAR: f64 = 0.1;
+
+impl FieldSurface<'_> {
+    fn inside(&self, p: DVec3) -> bool {
+        interpolated(self.field, p) >= self.iso
+    }
+
+    fn edge_m(&self) -> f64 {
+        self.field.spacing_m.min_element()
+    }
+
+    /// Distance at which a ray first comes to the value; 0 where it begins within.
+    fn entry(&self, origin: DVec3, direction: DVec3, most_m: f64) -> Option<f64> {
+        let step_m = self.edge_m() / STEPS_PER_CELL;
+        let at = |d: f64| origin + direction * d;
+        let steps = (most_m / step_m).ceil() as u32;
+        let k = (0..=steps).find(|&k| self.inside(at((f64::from(k) * step_m).min(most_m))))?;
+        let mut high = (f64::from(k) * step_m).min(most_m);
+        let mut low = (high - step_m).max(0.0);
+        for _ in 0..HALVINGS {
+            let middle = 0.5 * (low + high);
+            if self.inside(at(middle)) {
+                high = middle;
+            } else {
+                low = middle;
+            }
+        }
+        Some(high)
+    }
+
+    /// The first point of the surface on a ray from outside.
+    pub fn seen(&self, origin: DVec3, direction: DVec3, most_m: f64) -> Option<DVec3> {
+        let distance_m = self.entry(origin, direction, most_m)?;
+        (distance_m > 0.0).then(|| origin + direction * distance_m)
+    }
+
+    /// Unit vector down the gradient, by central differences over two cells; none where the field is flat.
+    pub fn normal(&self, p: DVec3) -> Option<DVec3> {
+        let slope = |axis: DVec3| {
+            let step = axis.dot(self.field.spacing_m);
+            let [ahead, behind] =
+                [1.0, -1.0].map(|s| interpolated(self.field, p + axis * step * s));
+            (ahead - behind) / (2.0 * step)
+        };
+        (-DVec3::new(slope(DVec3::X), slope(DVec3::Y), slope(DVec3::Z))).try_normalize()
+    }
+
+    /// A of VAO Eq. 1 at a point of the surface by `rays` cosine-distributed low-discrepancy rays; none where the gradient does
+    /// not lead outside.
+    pub fn occlusion(
+        &self,
+        p: DVec3,
+        r_max_m: f64,
+        attenuation: Attenuation,
+        rays: u32,
+    ) -> Option<f64> {
+        let normal = self.normal(p)?;
+        let origin = p + normal * (CLEAR * self.edge_m());
+        if self.inside(origin) {
+            return None;
+        }
+        let frame = tangent_frame(normal);
+        let sum: f64 = (0..rays)
+            .filter_map(|i| {
+                self.entry(origin, frame * cosine_direction(hammersley(i, rays)), r_max_m)
+            })
+            .map(|distance_m| attenuation.at(distance_m / r_max_m))
+            .sum();
+        Some(sum / f64::from(rays.max(1)))
+    }
+}
 
 /// A solid with an exact boundary.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -86,6 +171,54 @@ pub fn occlusion(
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// A ball and a slab whose values fall from 1 to 0 over four cells of 0.1 m.
+    fn blurred() -> Volume {
+        let cells = 60u32;
+        let centre = |i: u32| (f64::from(i) + 0.5) * 0.1 - 3.0;
+        let places = itertools::iproduct!(0..cells, 0..cells, 0..cells);
+        let value = |(z, y, x)| {
+            let p = DVec3::new(centre(x), centre(y), centre(z));
+            (0.5 - BALL.distance(p).min(SLAB.distance(p)) / 0.4).clamp(0.0, 1.0) as f32
+        };
+        Volume {
+            name: "test".into(),
+            cells: [cells; 3],
+            origin_m: DVec3::splat(-3.0),
+            spacing_m: DVec3::splat(0.1),
+            data: places.map(value).collect(),
+        }
+    }
+
+    #[test]
+    fn a_field_is_met_where_its_solids_are() {
+        let field = blurred();
+        let surface = FieldSurface { field: &field, iso: 0.5 };
+        let (origin, direction) = (DVec3::new(2.5, 2.5, 2.0), DVec3::new(-0.6, -0.2, -0.5));
+        let direction = direction.normalize();
+        let point = surface.seen(origin, direction, 10.0).unwrap();
+        let (solid, _) = first(&[BALL, SLAB], origin, direction).unwrap();
+        assert!(solid.distance(point).abs() < 0.01, "{point}");
+        assert!(surface.normal(point).unwrap().dot(solid.normal(point)) > 0.999);
+        assert!(surface.seen(origin, DVec3::Y, 10.0).is_none());
+        assert!(surface.seen(DVec3::Y * 2.0, DVec3::Y, 1.0).is_none(), "it begins within");
+    }
+
+    #[test]
+    fn occlusion_of_a_field_is_that_of_its_solids() {
+        let field = blurred();
+        let surface = FieldSurface { field: &field, iso: 0.5 };
+        for (attenuation, point) in [
+            (Attenuation::Hard, DVec3::new(0.4, 0.0, 0.3)),
+            (Attenuation::Linear, DVec3::new(-0.9, 0.0, 0.2)),
+        ] {
+            let found = surface.occlusion(point, 2.5, attenuation, 1024).unwrap();
+            let exact = occlusion(&[BALL, SLAB], point, DVec3::Y, 2.5, attenuation, 64);
+            assert!((found - exact).abs() < 0.02, "{found} {exact}");
+            assert!(exact > 0.05);
+        }
+        assert_eq!(surface.occlusion(DVec3::new(2.0, 1.5, 2.0), 1.0, Attenuation::Hard, 16), None);
+    }
 
     const BALL: Solid = Solid::Ball { centre: DVec3::new(0.0, 2.0, 0.0), radius_m: 1.0 };
     const SLAB: Solid = Solid::Slab { top_m: 0.0 };

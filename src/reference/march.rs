@@ -73,6 +73,8 @@ pub struct March {
     pub random: bool,
     /// Samples are opacities: VAO Eq. 7.
     pub opacity: bool,
+    /// Of Eq. 7: r_max / (v_s N_samples), the step in voxels.
+    pub exponent: f64,
     /// A hit lies between samples.
     pub between: bool,
     /// Peaks above the threshold are looked for between samples that lie below it.
@@ -181,7 +183,7 @@ impl March {
             }
             previous = v;
         }
-        1.0 - f64::powf(open, self.step)
+        1.0 - f64::powf(open, self.exponent)
     }
 
     /// ρ of the first sample above the threshold, or of a crossing before it.
@@ -247,6 +249,7 @@ mod tests {
             paper_estimator: false,
             random: false,
             opacity: false,
+            exponent: 0.5,
             between: false,
             peak: false,
             jitter: false,

@@ -11,18 +11,21 @@
 //! | [`rays`] | nearest triangle along a ray, camera and light rays |
 //! | [`photons`] | the photon grid and where each photon lands |
 //! | [`estimator`] | the image-space iteration over an exact depth, to study its convergence |
-//! | [`splat`] | point sizes, intensities, and a rasterizer of square splats |
+//! | [`splat`] | point sizes, intensities, and a rasterizer of splats, as squares and within one surface |
 //! | [`godray`] | intensity at a point of a godray |
-//! | [`filter`] | the rotated disc low-pass |
+//! | [`filter`] | the rotated disc low-pass, plain and within one surface |
+//! | [`plane`] | surfaces told apart by the camera's depth |
 //! | [`march`] | ray marching through a volume |
 //! | [`horizon`] | horizon-split ambient occlusion over a depth buffer, occlusion beside a wall |
 //! | [`bilateral`] | the joint bilateral filter and up-scaling of ambient-occlusion buffers |
 //! | [`occlusion`] | ambient occlusion by ray casting |
+//! | [`openness`] | screen-space ambient occlusion of the composed underwater picture |
 //! | [`media`] | transmittance and ambient occlusion in participating media |
 //! | [`isosurface`] | hits, normals and ambient occlusion of a ball and a slab |
 //! | [`deform`] | vertices and normals of moving geometry |
 //! | [`voxel`] | which voxels a surface occupies: by separating axes, and by sampling |
 //! | [`quantities`] | error statistics of photons read back from the GPU |
+//! | [`kept`] | none itself: keeps answers on disk by their content |
 
 pub mod bilateral;
 pub mod deform;
@@ -32,11 +35,14 @@ pub mod godray;
 pub mod horizon;
 pub mod image;
 pub mod isosurface;
+pub mod kept;
 pub mod march;
 pub mod media;
 pub mod occlusion;
+pub mod openness;
 pub mod optics;
 pub mod photons;
+pub mod plane;
 pub mod quantities;
 pub mod rays;
 pub mod splat;

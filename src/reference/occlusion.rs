@@ -54,8 +54,40 @@ pub fn occlusion(
     sum / f64::from(rays.max(1))
 }
 
+/// A(p) of VAO Eq. 3 where surfaces let light through: γ of a ray is 1 − Π (1 − α) over the surfaces that it crosses within r_max,
+/// without attenuation by distance. `alphas` are the objects' opacities. Rays as in [`occlusion`].
+pub fn occlusion_through(
+    tracer: &Tracer,
+    position: DVec3,
+    normal: DVec3,
+    r_max_m: f64,
+    alphas: &[f64],
+    rays: u32,
+) -> f64 {
+    let origin = position + normal * (ORIGIN_OFFSET * r_max_m);
+    let frame = tangent_frame(normal);
+    let sum: f64 = (0..rays)
+        .map(|i| {
+            let direction = frame * cosine_direction(hammersley(i, rays));
+            let (mut open, mut from_m) = (1.0, 0.0);
+            while open > 0.0
+                && let Some(hit) = tracer.cast(origin, direction, from_m, r_max_m)
+            {
+                open *= 1.0 - alphas[hit.object];
+                // Past the edge that two triangles of a surface share.
+                from_m = hit.distance_m + SAME_SURFACE * r_max_m;
+            }
+            1.0 - open
+        })
+        .sum();
+    sum / f64::from(rays.max(1))
+}
+
+/// Hits nearer to one another than this share of r_max are one crossing.
+const SAME_SURFACE: f64 = 1e-7;
+
 /// Point i of a Hammersley set of `count`, in [0, 1)²; the first coordinate lies in the middle of its stratum.
-fn hammersley(i: u32, count: u32) -> [f64; 2] {
+pub(super) fn hammersley(i: u32, count: u32) -> [f64; 2] {
     [(f64::from(i) + 0.5) / f64::from(count), f64::from(i.reverse_bits()) / 4_294_967_296.0]
 }
 
@@ -102,6 +134,24 @@ mod tests {
     /// A floor at a height, far wider than any r_max here.
     fn floor(y: f64) -> Object {
         quad([0.0, y, 0.0], [100.0, 0.0, 0.0], [0.0, 0.0, 100.0])
+    }
+
+    #[test]
+    fn sheets_of_glass_let_their_shares_through() {
+        let sheets = [floor(0.0), floor(1.0), floor(2.0)];
+        let tracer = Tracer::new(&sheets).unwrap();
+        let at = |alphas: &[f64], r_max_m| {
+            occlusion_through(&tracer, DVec3::ZERO, DVec3::Y, r_max_m, alphas, RAYS)
+        };
+        // All rays of a long reach cross both sheets.
+        let both = at(&[1.0, 0.3, 0.5], 200.0);
+        assert!((both - (1.0 - 0.7 * 0.5)).abs() < 1e-3, "{both}");
+        // Within 1.5 m rays meet the first alone where cos θ > 1 / 1.5: cos² θ is uniform.
+        let near = at(&[1.0, 0.3, 0.5], 1.5);
+        assert!((near - 0.3 * (1.0 - 1.0 / 2.25)).abs() < 1e-3, "{near}");
+        let opaque = at(&[1.0, 1.0, 1.0], 1.5);
+        let hard = occlusion(&tracer, DVec3::ZERO, DVec3::Y, 1.5, Attenuation::Hard, RAYS);
+        assert_eq!(opaque, hard);
     }
 
     /// A sphere of latitudes and longitudes; 64 and 128 of them are within 0.1 % of its silhouette.

@@ -4,6 +4,7 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::ReferenceError;
+use super::filter::pcg;
 use super::optics::{fresnel_transmittance, refract};
 use super::rays::{Hit, Tracer};
 use super::surface::{Entry, enter};
@@ -15,13 +16,14 @@ const SELF_HIT_M: f64 = 1e-9;
 /// A square grid of photons over the light's normalised device coordinates.
 ///
 /// `cells`² cells, each subdivided into `side`² photons that sit at the cell centres of the finer
-/// grid, unless moved by [`PhotonGrid::with_offset`]. Photon `((j·cells + i)·side + sj)·side + si` is
+/// grid, unless moved by [`PhotonGrid::with_offset`] and [`PhotonGrid::with_jitter`]. Photon `((j·cells + i)·side + sj)·side + si` is
 /// sub-point (si, sj) of cell (i, j).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PhotonGrid {
     cells: u32,
     side: u32,
     offset: [f64; 2],
+    jitter: f64,
 }
 
 impl PhotonGrid {
@@ -31,12 +33,18 @@ impl PhotonGrid {
         if side == 0 || side * side != subdivision {
             return Err(ReferenceError::Subdivision(subdivision));
         }
-        Ok(PhotonGrid { cells, side, offset: [0.5, 0.5] })
+        Ok(PhotonGrid { cells, side, offset: [0.5, 0.5], jitter: 0.0 })
     }
 
     /// The same grid with its photons elsewhere in their finer cells: 0…1, the centre is 0.5.
     pub fn with_offset(self, offset: [f64; 2]) -> PhotonGrid {
         PhotonGrid { offset, ..self }
+    }
+
+    /// The same grid with each photon strewn over this share of its finer cell, about the place that the offset gives; what
+    /// leaves the finer cell on one side comes in on the other.
+    pub fn with_jitter(self, jitter: f64) -> PhotonGrid {
+        PhotonGrid { jitter, ..self }
     }
 
     pub fn count(&self) -> u64 {
@@ -47,12 +55,23 @@ impl PhotonGrid {
     pub fn ndc(&self, index: u64) -> [f64; 2] {
         let (cells, side) = (u64::from(self.cells), u64::from(self.side));
         let (cell, sub) = (index / (side * side), index % (side * side));
-        let fine = [
-            ((cell % cells) * side + sub % side) as f64 + self.offset[0],
-            ((cell / cells) * side + sub / side) as f64 + self.offset[1],
-        ];
-        fine.map(|place| 2.0 * place / (cells * side) as f64 - 1.0)
+        let fine = [(cell % cells) * side + sub % side, (cell / cells) * side + sub / side];
+        let strewn = strewn(fine.map(|k| k as u32));
+        [0, 1].map(|axis| {
+            let mut share = self.offset[axis];
+            if self.jitter > 0.0 {
+                share = (share + self.jitter * (strewn[axis] - 0.5)).rem_euclid(1.0);
+            }
+            let place = fine[axis] as f64 + share;
+            2.0 * place / (cells * side) as f64 - 1.0
+        })
     }
+}
+
+/// Two repeatable numbers in [0, 1) for a finer cell: the halves of 32 well mixed bits.
+fn strewn([x, y]: [u32; 2]) -> [f64; 2] {
+    let bits = pcg(pcg(x).wrapping_add(y));
+    [bits >> 16, bits & 0xffff].map(|half| f64::from(half) / 65_536.0)
 }
 
 /// A photon that entered the water and met a surface.
@@ -177,6 +196,34 @@ mod tests {
         assert_eq!(corner.ndc(0), [-1.0, at(0.5)]);
         assert_eq!(PhotonGrid::new(3, 2), Err(ReferenceError::Subdivision(2)));
         assert!(PhotonGrid::new(3, 0).is_err());
+    }
+
+    #[test]
+    fn strewn_photons_fill_their_shares_evenly_and_never_leave_them() {
+        let (grid, cells) = (PhotonGrid::new(40, 4).unwrap(), 40.0 * 2.0);
+        let whole = grid.with_jitter(1.0);
+        let share = |ndc: [f64; 2]| ndc.map(|at| ((at + 1.0) / 2.0 * cells).fract());
+        let mut bins = [[0u32; 4]; 2];
+        for index in 0..grid.count() {
+            let (regular, strewn) = (grid.ndc(index), whole.ndc(index));
+            for axis in [0, 1] {
+                assert!((regular[axis] - strewn[axis]).abs() <= 1.0 / cells + 1e-12);
+                bins[axis][(share(strewn)[axis] * 4.0) as usize] += 1;
+            }
+        }
+        let expected = grid.count() as f64 / 4.0;
+        assert!(
+            bins.iter().flatten().all(|n| (f64::from(*n) / expected - 1.0).abs() < 0.1),
+            "{bins:?}"
+        );
+        let moved = whole.with_offset([0.9, 0.2]);
+        let turned = |a: f64, b: f64| (a - b).rem_euclid(1.0);
+        for index in 0..20 {
+            let (a, b) = (share(moved.ndc(index)), share(whole.ndc(index)));
+            assert!((turned(a[0], b[0]) - 0.4).abs() < 1e-9, "all are moved by as much");
+            assert!((turned(a[1], b[1]) - 0.7).abs() < 1e-9);
+        }
+        assert_eq!(grid.with_jitter(0.0), grid);
     }
 
     #[test]

@@ -5,6 +5,7 @@ use itertools::iproduct;
 use super::ReferenceError;
 use super::image::Image;
 use super::optics::transmittance;
+use super::plane::CameraDepth;
 
 /// Point size in pixels as a function of the distance from the viewer, `s = a + b / d` (UW §3.3):
 /// `s_max` at the near plane and `s_min` at the far plane.
@@ -82,6 +83,43 @@ pub fn rasterize(target: &mut Image, splats: &[Splat], depth: &Image, bias: f64)
             let u = (x as f64 + 0.5) / f64::from(width);
             let v = (y as f64 + 0.5) / f64::from(height);
             if splat.depth <= depth.nearest(u, v) + bias {
+                target.add(x, y, splat.value);
+            }
+        }
+    }
+}
+
+/// A splat in the plane of its photon's surface.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SurfaceSplat {
+    /// Its depth is nearer than the photon's by the bias.
+    pub splat: Splat,
+    /// Device depth of the photon.
+    pub photon_depth: f64,
+    /// Change of device depth of its surface per pixel of the image, to the right and downwards.
+    pub slope: [f64; 2],
+}
+
+/// Adds splats to an image where their own surface is seen: a pixel is drawn if the biased splat is not behind it, and if it is
+/// no more than `reach_m` behind the splat's plane along the view.
+pub fn rasterize_within_surfaces(
+    target: &mut Image,
+    splats: &[SurfaceSplat],
+    seen: &CameraDepth<'_>,
+    reach_m: f64,
+) {
+    let (width, height) = (target.width(), target.height());
+    for SurfaceSplat { splat, photon_depth, slope } in splats {
+        let columns = covered(splat.center_px[0], splat.size_px, width);
+        let rows = covered(splat.center_px[1], splat.size_px, height);
+        for (y, x) in iproduct!(rows, columns) {
+            let from_center = [x as f64, y as f64];
+            let rise = [0, 1].map(|k| slope[k] * (from_center[k] + 0.5 - splat.center_px[k]));
+            let rise = rise[0] + rise[1];
+            let [column, row] = seen.texel([x, y], [width, height]);
+            let z = seen.depth.clamped(column, row);
+            let behind_m = seen.view_m(z) - seen.view_m(photon_depth + rise);
+            if splat.depth + rise <= z && behind_m <= reach_m {
                 target.add(x, y, splat.value);
             }
         }

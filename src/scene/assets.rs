@@ -65,6 +65,11 @@ struct Places {
     root: PathBuf,
 }
 
+/// The folder in which fathom keeps what it has fetched; none where there is no home folder and `FATHOM_CACHE` is not set.
+pub fn cache() -> Option<PathBuf> {
+    Places::of_this_machine().cache
+}
+
 impl Places {
     fn of_this_machine() -> Places {
         let variable = |name: &str| std::env::var_os(name).filter(|v| !v.is_empty());

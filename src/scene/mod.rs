@@ -89,6 +89,11 @@ settings! {
 }
 
 impl Material {
+    /// One cannot see through it.
+    pub fn is_opaque(&self) -> bool {
+        self.alpha >= 1.0
+    }
+
     fn validate(&self) -> Result<(), String> {
         for (name, colour) in [("albedo", self.albedo), ("accent", self.accent)] {
             for c in colour {

@@ -22,6 +22,7 @@ shader_struct! {
         pub radius_px: f32,
         pub sigma_px: f32,
         pub depth_sigma: f32,
+        pub normal_sigma: f32,
     }
 }
 
@@ -33,16 +34,21 @@ pub struct Bilateral {
 
 impl Bilateral {
     /// The stage `info`. `visibility` has any size up to the viewport's; each of its texels belongs to the depth texel behind
-    /// its middle (`texel_behind` in `shaders/shared/screen.wgsl`). The result has the size of `depth`, the camera's.
+    /// its middle (`texel_behind` in `shaders/shared/screen.wgsl`). The result has the size of the camera's depth and normals.
     pub fn new(
         resources: &Resources<'_>,
         info: &'static StageInfo,
         shared: &Shared,
-        (visibility, depth): (&wgpu::Texture, &wgpu::Texture),
+        (visibility, depth, normal): (&wgpu::Texture, &wgpu::Texture, &wgpu::Texture),
         settings: &BilateralUniforms,
     ) -> Result<Self, GpuError> {
         let settings_buffer = resources.loop_settings(info.name, settings);
-        let binds = [Bind::Read(&settings_buffer), Bind::Texels(visibility), Bind::Depth(depth)];
+        let binds = [
+            Bind::Read(&settings_buffer),
+            Bind::Texels(visibility),
+            Bind::Depth(depth),
+            Bind::Texels(normal),
+        ];
         let group = Group::new(resources.gpu, info.name, &binds);
         let (groups, targets) = ([&shared.group, &group], [kit::opaque(VISIBILITY_FORMAT)]);
         let spec = RenderSpec::new(info.name, info.name, &groups, &targets);
@@ -69,8 +75,8 @@ impl Stage for Bilateral {
         let pixels = self.pass.pixels();
         Work {
             fragments: pixels,
-            // The pixel's depth and its four neighbours'; depth and visibility at each tap.
-            texel_fetches: pixels * (5 + 2 * u64::from(self.taps)),
+            // The pixel's normal, its depth and its four neighbours'; depth, normal and visibility at each tap.
+            texel_fetches: pixels * (6 + 3 * u64::from(self.taps)),
             bytes_written: pixels * 2,
             ..Work::default()
         }

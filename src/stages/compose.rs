@@ -26,6 +26,7 @@ shader_struct! {
         pub occlusion_taps: u32,
         pub occlusion_radius_m: f32,
         pub water_cells: u32,
+        pub depth_share: f32,
     }
 }
 
@@ -126,8 +127,8 @@ impl Stage for Compose {
 
     fn work(&self) -> Work {
         let pixels = kit::pixels(&self.image);
-        // Three G-buffer texels and two bilinear look-ups of four.
-        let fetches = 3 + 2 * 4 + u64::from(self.settings.occlusion_taps);
+        // Three G-buffer texels, four texels of godrays, and four of caustics with the depth behind each.
+        let fetches = 3 + 4 + 2 * 4 + u64::from(self.settings.occlusion_taps);
         Work {
             triangles: u64::from(self.water_quads()) * 2,
             fragments: pixels,

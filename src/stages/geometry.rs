@@ -41,7 +41,21 @@ pub struct Geometry {
     pub indices: Buffer,
     /// Each object's part of the indices, in the scene's order.
     pub objects: Vec<Range<u32>>,
+    /// Those of the objects that one cannot see through, neighbours joined: what depth and G-buffer show.
+    opaque: Vec<Range<u32>>,
     pub materials: Buffer,
+}
+
+/// The parts of the objects for which `wanted` holds, neighbours joined.
+fn joined(parts: &[Range<u32>], wanted: impl Fn(usize) -> bool) -> Vec<Range<u32>> {
+    let mut joined: Vec<Range<u32>> = Vec::new();
+    for (_, part) in parts.iter().enumerate().filter(|(number, _)| wanted(*number)) {
+        match joined.last_mut() {
+            Some(last) if last.end == part.start => last.end = part.end,
+            _ => joined.push(part.clone()),
+        }
+    }
+    joined
 }
 
 /// All objects' vertices, one object after the other.
@@ -95,7 +109,8 @@ impl Geometry {
         });
         let materials: Vec<_> = scene.objects.iter().map(material).collect();
         let materials = resources.structs("materials", &materials, Usage::STORAGE);
-        Self { vertices, indices, objects, materials }
+        let opaque = joined(&objects, |number| scene.objects[number].material.is_opaque());
+        Self { vertices, indices, objects, opaque, materials }
     }
 
     /// The content of the vertex buffer as it is made.
@@ -112,8 +127,11 @@ impl Geometry {
         }
     }
 
-    pub fn draw(&self, pass: &mut wgpu::RenderPass<'_>) {
-        self.draw_part(pass, 0..self.index_count());
+    /// Draws what one cannot see through.
+    pub fn draw_opaque(&self, pass: &mut wgpu::RenderPass<'_>) {
+        for part in &self.opaque {
+            self.draw_part(pass, part.clone());
+        }
     }
 
     /// Draws a part of the indices, such as one of [`Geometry::objects`].
@@ -145,6 +163,11 @@ impl Geometry {
         u64::from(self.index_count()) / 3
     }
 
+    /// Those that [`Self::draw_opaque`] draws.
+    pub fn opaque_triangles(&self) -> u64 {
+        self.opaque.iter().map(|part| part.len() as u64).sum::<u64>() / 3
+    }
+
     /// Of vertices and indices.
     pub fn bytes(&self) -> u64 {
         self.vertices.size() + self.indices.size()
@@ -155,4 +178,17 @@ impl Geometry {
 fn vertex_bytes(scene: &Scene) -> u64 {
     let count: usize = scene.objects.iter().map(|o| o.mesh.positions.len()).sum();
     count as u64 * size_of::<Vertex>() as u64
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn neighbours_are_drawn_together_and_the_rest_is_left_out() {
+        let parts = [0..3, 3..9, 9..12, 12..15];
+        assert_eq!(joined(&parts, |_| true), [0..15]);
+        assert_eq!(joined(&parts, |number| number != 2), [0..9, 12..15]);
+        assert!(joined(&parts, |_| false).is_empty());
+    }
 }

@@ -1,5 +1,6 @@
 //! What `caustics/filter` and `godrays/filter` are: a multi-tap low-pass with a kernel rotated per pixel. UW §3.5.
 
+use super::frame::Shared;
 use super::kit::{self, Bind, Group, RenderSpec, Resources, ScreenPass};
 use super::{Column, Output, Stage, StageInfo};
 use crate::gpu::{GpuError, StageScope};
@@ -7,17 +8,27 @@ use crate::record::Work;
 use crate::shader_struct;
 
 shader_struct! {
-    /// `Filter` in the filter shaders.
+    /// `Filter` in `shaders/godrays/filter.wgsl`.
     pub struct FilterUniforms {
         pub taps: u32,
         pub radius_px: f32,
     }
 }
 
+shader_struct! {
+    /// `Filter` in `shaders/caustics/filter.wgsl`.
+    pub struct GuidedUniforms {
+        pub taps: u32,
+        pub radius_px: f32,
+        pub depth_share: f32,
+    }
+}
+
 pub struct LowPass {
     info: &'static StageInfo,
     pass: ScreenPass,
-    taps: u32,
+    /// Texels that a pixel reads.
+    fetches: u64,
     column: Column,
 }
 
@@ -32,16 +43,42 @@ impl LowPass {
         let settings_buffer = resources.loop_settings(info.name, settings);
         let binds = [Bind::Read(&settings_buffer), Bind::Texels(source)];
         let group = Group::new(resources.gpu, info.name, &binds);
-        let (groups, targets) = ([&group], [kit::opaque(source.format())]);
-        let spec = RenderSpec::new(info.name, info.name, &groups, &targets);
-        let size_px = [source.width(), source.height()];
-        let pass = ScreenPass::new(resources, &spec, size_px, wgpu::Color::BLACK)?;
-        Ok(Self { info, pass, taps: settings.taps, column })
+        let pass = screen_pass(resources, info, &[&group], source)?;
+        Ok(Self { info, pass, fetches: u64::from(settings.taps), column })
+    }
+
+    /// The same, guided by the camera's depth: taps on another surface than the pixel's do not count.
+    pub fn guided(
+        resources: &Resources<'_>,
+        info: &'static StageInfo,
+        (source, column): (&wgpu::Texture, Column),
+        (shared, depth): (&Shared, &wgpu::Texture),
+        settings: &GuidedUniforms,
+    ) -> Result<Self, GpuError> {
+        let settings_buffer = resources.loop_settings(info.name, settings);
+        let binds = [Bind::Read(&settings_buffer), Bind::Texels(source), Bind::Depth(depth)];
+        let group = Group::new(resources.gpu, info.name, &binds);
+        let pass = screen_pass(resources, info, &[&shared.group, &group], source)?;
+        // The pixel's depth and its four neighbours'; depth and light at each tap.
+        Ok(Self { info, pass, fetches: 5 + 2 * u64::from(settings.taps), column })
     }
 
     pub fn texture(&self) -> &wgpu::Texture {
         self.pass.texture()
     }
+}
+
+/// A pass over a target of the source's size and format.
+fn screen_pass(
+    resources: &Resources<'_>,
+    info: &'static StageInfo,
+    groups: &[&Group],
+    source: &wgpu::Texture,
+) -> Result<ScreenPass, GpuError> {
+    let targets = [kit::opaque(source.format())];
+    let spec = RenderSpec::new(info.name, info.name, groups, &targets);
+    let size_px = [source.width(), source.height()];
+    ScreenPass::new(resources, &spec, size_px, wgpu::Color::BLACK)
 }
 
 impl Stage for LowPass {
@@ -57,7 +94,7 @@ impl Stage for LowPass {
         let pixels = self.pass.pixels();
         Work {
             fragments: pixels,
-            texel_fetches: pixels * u64::from(self.taps),
+            texel_fetches: pixels * self.fetches,
             bytes_written: pixels * 4,
             ..Work::default()
         }

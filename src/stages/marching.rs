@@ -101,8 +101,10 @@ pub struct Marching {
     /// Step of [`Step::Voxel`], voxels.
     pub step_voxels: f64,
     pub r_max_m: f64,
-    /// V_thres.
+    /// V_thres. Above 1 no sample ends a ray.
     pub threshold: f64,
+    /// Draws other directions at every pixel; 0 and up.
+    pub seed: u32,
     /// From the surface along its normal to where rays begin, voxels.
     pub offset_voxels: f64,
     pub attenuation: Attenuation,
@@ -127,6 +129,7 @@ shader_struct! {
         pub offset: f32,
         pub threshold: f32,
         pub rays: u32,
+        pub seed: u32,
     }
 }
 
@@ -169,6 +172,7 @@ impl Marching {
             offset: self.offset_voxels as f32,
             threshold: self.threshold as f32,
             rays: self.rays,
+            seed: self.seed,
         }
     }
 
@@ -231,6 +235,7 @@ mod tests {
             step_voxels: 0.5,
             r_max_m: 1.0,
             threshold: 0.5,
+            seed: 0,
             offset_voxels: 0.0,
             attenuation: Attenuation::Linear,
             estimator: Estimator::Unbiased,

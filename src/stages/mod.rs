@@ -54,6 +54,7 @@ pub const REGISTRY: &[StageInfo] = &[
     ao::query::INFO,
     ao::bilateral::INFO,
     ao::compose::INFO,
+    ao::glass::INFO,
     hsao::march::INFO,
     hsao::filter::INFO,
     water::reflection::INFO,

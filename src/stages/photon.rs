@@ -131,6 +131,8 @@ shader_struct! {
         pub start_m: f32,
         /// Residual up to which a photon counts as converged.
         pub tolerance_m: f32,
+        /// Share of its part of the cell in which a photon is strewn.
+        pub jitter: f32,
     }
 }
 

@@ -16,6 +16,8 @@ pub const PHOTONS_PER_INSTANCE: u32 = 4096;
 pub struct Drawing<'a> {
     pub uniforms: &'a Buffer,
     pub size_px: [u32; 2],
+    /// What else the shader is compiled with.
+    pub def: Option<(&'a str, i32)>,
     /// Energy is divided by the area drawn; else each pixel gets all of it.
     pub conserving: bool,
     /// Fragments of a frame, for the declared work.
@@ -47,7 +49,7 @@ impl Additive {
         (photons, scene_depth): (&Photons, &wgpu::Texture),
         drawing: Drawing<'_>,
     ) -> Result<Self, GpuError> {
-        let Drawing { uniforms, size_px, conserving, fragments, column } = drawing;
+        let Drawing { uniforms, size_px, def, conserving, fragments, column } = drawing;
         let gpu = resources.gpu;
         let binds =
             [Bind::Uniform(uniforms), Bind::Read(&photons.buffer), Bind::Depth(scene_depth)];
@@ -55,7 +57,8 @@ impl Additive {
         let format = kit::accumulation_format(gpu);
         let target = resources.target(info.name, size_px, format);
         let depth = resources.target(info.name, size_px, kit::DEPTH_FORMAT);
-        let defs = [("CONSERVING", i32::from(conserving)), shared.fresnel_def()];
+        let mut defs = vec![("CONSERVING", i32::from(conserving)), shared.fresnel_def()];
+        defs.extend(def);
         let (groups, targets) = ([&shared.group, &group], [kit::additive(format)]);
         let spec = RenderSpec {
             depth: Some(kit::depth_state(wgpu::CompareFunction::LessEqual, false)),
@@ -84,24 +87,27 @@ impl Additive {
             target,
         })
     }
-
 }
 
 /// A stage that adds up what it draws of each photon.
-pub trait Drawn: Stage {
+pub trait Accumulated: Stage {
     /// The sums.
     fn texture(&self) -> &wgpu::Texture;
     /// What the texels hold.
     fn column(&self) -> Column;
+    /// Both.
+    fn source(&self) -> (&wgpu::Texture, Column) {
+        (self.texture(), self.column())
+    }
 }
 
 /// The sums, for dumps.
-pub(super) fn output(drawn: &impl Drawn) -> Output {
+pub(super) fn output(drawn: &impl Accumulated) -> Output {
     let meaning = "what the photons add up to, before the low-pass";
     Output::texture("intensity", meaning, vec![drawn.column()], drawn.texture())
 }
 
-impl Drawn for Additive {
+impl Accumulated for Additive {
     fn texture(&self) -> &wgpu::Texture {
         &self.target
     }

@@ -13,7 +13,7 @@ fn load(name: &str) -> Scene {
 }
 
 /// Scenes without water to draw, each with the fewest and the most triangles it should have, assets or stand-ins alike.
-const DRY: [(&str, usize, usize); 13] = [
+const DRY: [(&str, usize, usize); 14] = [
     ("ball", 10_000, 20_000),
     ("bricks", 50_000, 100_000),
     ("buddha", 90_000, 110_000),
@@ -27,6 +27,7 @@ const DRY: [(&str, usize, usize); 13] = [
     ("room", 5_000, 20_000),
     ("slab", 12, 12),
     ("sponza", 60_000, 80_000),
+    ("thicket", 5_000, 20_000),
 ];
 
 /// Scenes of a volume, with the cells of the paper or of the scan.
@@ -156,7 +157,7 @@ fn loading_twice_gives_the_same_scene() {
 /// bent.
 #[test]
 fn normals_and_winding_agree_in_procedural_scenes() {
-    let names = "plane tank port storage bricks crates glass level robot_room room";
+    let names = "plane tank port storage bricks crates glass level robot_room room thicket";
     for name in names.split(' ') {
         let scene = Scene::load(name).unwrap();
         for object in &scene.objects {

@@ -2,6 +2,9 @@ use serde_json::json;
 
 use super::*;
 use crate::harness::catalog::Catalog;
+use crate::harness::views;
+use crate::reference::rays::Tracer;
+use crate::scene::Camera;
 
 const SWEEP: &str = r#"
 id = "sweep"
@@ -119,4 +122,57 @@ fn finished_cells_are_dropped_by_their_key() {
     assert_eq!(record.resume_key(), all[0].cells[0].resume_key());
     let mut other = planned(&request(&[("shadow.size", json!(512))])).unwrap();
     assert_eq!(drop_finished(&mut other, &done), 0, "another parameter is another cell");
+}
+
+/// Degrees between the places at which a turned camera's path is tried.
+const PATH_STEP_DEG: f64 = 2.0;
+
+/// A camera that is turned about its target meets no surface on its way: one that starts inside a room stays inside.
+#[test]
+fn every_view_is_seen_from_within_its_scene() {
+    let catalog = Catalog::builtin();
+    let ids = Experiment::ids(&catalog.experiments);
+    let all = ids.iter().map(|id| Experiment::load_from(&catalog.experiments, id).unwrap());
+    let with_views: Vec<Experiment> = all.filter(|e| e.views.is_some()).collect();
+    assert!(!with_views.is_empty());
+    let limits = wgpu::Limits::default().into();
+    for profile in [crate::record::Profile::Quick, crate::record::Profile::Paper] {
+        let request = Request::default();
+        let planned = plan(with_views.clone(), &request, profile, &limits, &catalog).unwrap();
+        for (experiment, cell) in
+            planned.iter().flat_map(|e| e.cells.iter().map(|c| (&e.experiment, c)))
+        {
+            let turns_deg = &experiment.views.as_ref().unwrap().turns_deg;
+            let own = cell.subject.configuration.camera();
+            let tracer = Tracer::new(&cell.subject.scene.objects).unwrap();
+            for turn_deg in turns_deg {
+                let met = met_on_path(&tracer, &own, *turn_deg);
+                assert_eq!(met, None, "{} turned by {turn_deg}", cell.plan.cell);
+            }
+            let cameras = cell.views.as_ref().unwrap().cameras();
+            let last = views::turned(&own, *turns_deg.last().unwrap());
+            assert_eq!(cameras.last(), Some(&last));
+        }
+    }
+}
+
+/// Angle at which a camera that is turned about its target meets a surface.
+fn met_on_path(tracer: &Tracer, camera: &Camera, turn_deg: f64) -> Option<f64> {
+    let steps = (turn_deg.abs() / PATH_STEP_DEG).ceil();
+    let at = |step: f64| views::turned(camera, turn_deg * step / steps).position();
+    let mut path = (0..steps as u32).map(f64::from);
+    let met = path.find(|&step| {
+        let way = at(step + 1.0) - at(step);
+        tracer.cast(at(step), way.normalize(), 0.0, way.length()).is_some()
+    });
+    met.map(|step| turn_deg * step / steps)
+}
+
+#[test]
+fn a_camera_that_leaves_its_room_is_found() {
+    let scene = crate::scene::Scene::load("robot_room").unwrap();
+    let tracer = Tracer::new(&scene.objects).unwrap();
+    // As the scene has it, the camera stands in a corner.
+    assert!(met_on_path(&tracer, &scene.camera, 20.0).is_some());
+    assert_eq!(met_on_path(&tracer, &scene.camera, 1.0), None);
 }

@@ -259,16 +259,16 @@ fn a_steady_cell_stops_as_precise_and_a_noisy_one_at_its_budget() {
 #[test]
 fn cells_of_open_claims_come_first_and_are_looked_at_when_their_pairs_have_doubled() {
     let noisy = || cell(|f, _| 1e7 * noise(f, 0.5));
-    let open = MockCell { open_until: 60, ..noisy() };
+    let open = MockCell { open_until: 90, ..noisy() };
     let mock = Mock::of(vec![open, noisy(), cell(|f, _| 1e7 * noise(f, 0.01))]);
     let mock = mock.run(&Settings { budget_s: 30.0, ..SETTINGS });
     let pairs = |look: usize, cell: usize| mock.looks[look].get(&cell).copied();
     let of_open: Vec<_> = (0..4).map(|look| pairs(look, 0)).collect();
-    assert_eq!(of_open, [8, 16, 32, 64].map(Some));
+    assert_eq!(of_open, LOOK_PAIRS.map(Some));
     let of_vague: Vec<_> = (0..4).map(|look| pairs(look, 1)).collect();
-    assert_eq!(of_vague, [Some(8); 4], "it waits while a claim is open");
-    assert!(mock.samples(1).pairs() > 8, "then it is sampled to its precision");
-    assert_eq!((mock.samples(2).pairs(), pairs(1, 2)), (8, None), "a precise one is done");
+    assert_eq!(of_vague, [Some(MIN_PAIRS); 4], "it waits while a claim is open");
+    assert!(mock.samples(1).pairs() > MIN_PAIRS, "then it is sampled to its precision");
+    assert_eq!((mock.samples(2).pairs(), pairs(1, 2)), (MIN_PAIRS, None), "a precise one is done");
     assert!(mock.looks.iter().flatten().all(|(_, pairs)| LOOK_PAIRS.contains(pairs)));
 }
 
@@ -306,11 +306,11 @@ fn samples_name_their_round_and_their_time_and_groups_share_no_round() {
     let mock = Mock::of(vec![MockCell::default(), MockCell::default(), sized(), sized()]);
     let mock = mock.run(&Settings { first_round: 40, ..SETTINGS });
     let rounds = |cell: usize| mock.samples(cell).rounds.clone();
-    assert_eq!(rounds(0), (40..48).collect::<Vec<_>>());
+    assert_eq!(rounds(0), (40..40 + MIN_PAIRS as u32).collect::<Vec<_>>());
     assert_eq!(rounds(0), rounds(1));
     assert!(rounds(3).iter().all(|round| !rounds(0).contains(round)));
     let times = &mock.samples(0).sampled_at_s;
-    assert!(times.is_sorted() && times[0] > 1.7e9 && times.len() == 8);
+    assert!(times.is_sorted() && times[0] > 1.7e9 && times.len() == MIN_PAIRS);
 }
 
 #[test]

@@ -1,5 +1,7 @@
 //! `ao/bilateral` and `hsao/filter` against the f64 twin, guided by the depth of a rendered scene.
 
+use glam::DVec3;
+
 use super::{Case, Check, Checks, Result, Rig, largest, noise, rig};
 use crate::gpu::StageInfo;
 use crate::pipelines::settings;
@@ -9,6 +11,7 @@ use crate::reference::quantities::quantile;
 use crate::scene::{Camera, Scene};
 use crate::stages::bilateral::{Bilateral as BilateralStage, BilateralUniforms};
 use crate::stages::frame::{Shared, View};
+use crate::stages::gbuffer::GbufferTextures;
 use crate::stages::{ao, hsao};
 
 /// Columns, curved objects, walls at a slant, and background between them.
@@ -18,6 +21,8 @@ const SIZE: [u32; 2] = [96, 64];
 const SOURCES: [[u32; 2]; 3] = [SIZE, [48, 32], [37, 29]];
 /// Pixels with a tap this near to a texel's edge are left out: in f32 it may fall on the other side.
 const AMBIGUOUS_PX: f64 = 2e-3;
+/// Counts normals: scenes have corners and curved surfaces.
+const NORMAL_SIGMA: f64 = 0.3;
 /// The result is stored in 16 bits, a step of which is 4.9e-4 below 1; view depth in f32 adds as much again.
 const TOLERANCE: f64 = 1e-3;
 
@@ -34,46 +39,58 @@ fn check(info: &'static StageInfo, rig: &Rig<'_>) -> Checks {
     let textures = rig.gbuffer(&stand)?;
     let rig::Stand { view, shared, .. } = stand;
     let depth = rig.channel(&textures.depth, 0)?;
-    let twin = twin();
+    let normals = rig.vectors(&textures.normal)?;
+    let settings = settings::Filter { normal_sigma: NORMAL_SIGMA, ..settings::Filter::default() };
+    let twin = twin(&settings);
     let blunt = Bilateral { depth_sigma: twin.depth_sigma * 1.2, ..twin.clone() };
+    let round = Bilateral { normal_sigma: twin.normal_sigma * 1.5, ..twin.clone() };
 
     let mut checks = Vec::new();
     for source in SOURCES {
         let input = noise(source, 11);
-        let settings = settings::Filter::default().uniforms(&view, source);
-        let result = filtered(rig, info, &shared, (&input, &textures.depth), &settings)?;
-        let against = |twin: &Bilateral| differences(&result, &input, &depth, &view.camera, twin);
+        let uniforms = settings.uniforms(&view, source);
+        let result = filtered(rig, info, &shared, (&input, &textures), &uniforms)?;
+        let guide = (&depth, &normals[..]);
+        let against = |twin: &Bilateral| differences(&result, &input, guide, &view.camera, twin);
         let (mut measured, left_out) = against(&twin);
         let (mut control, _) = against(&blunt);
-        let [w, h] = source;
-        let what = format!("{w}×{h} to the viewport: 99.9th percentile of |GPU − f64 twin|");
+        let (mut turned, _) = against(&round);
+        let what = |of: &str| {
+            let [w, h] = source;
+            format!("{w}×{h} to the viewport{of}: 99.9th percentile of |GPU − f64 twin|")
+        };
+        let error = quantile(&mut measured, 0.999);
         checks.push(
-            Check::of(info.name, what)
-                .within((TOLERANCE, "1"), quantile(&mut measured, 0.999))
+            Check::of(info.name, what(", normals"))
+                .within((TOLERANCE, "1"), error)
+                .control("normal_sigma 1.5 times", quantile(&mut turned, 0.999)),
+        );
+        checks.push(
+            Check::of(info.name, what(""))
+                .within((TOLERANCE, "1"), error)
                 .control("depth_sigma 1.2 times", quantile(&mut control, 0.999))
                 .with("largest", measured.last().copied().unwrap_or(f64::NAN))
                 .with("pixels_left_out_share", left_out),
         );
     }
-    checks.push(background(info, rig, &shared, (&view, &depth, &textures.depth))?);
+    checks.push(background(info, rig, &shared, (&view, &depth, &textures))?);
     Ok(checks)
 }
 
-/// Of the default settings.
-fn twin() -> Bilateral {
-    let settings::Filter { taps, radius_px, sigma_px, depth_sigma, .. } =
-        settings::Filter::default();
-    Bilateral { taps, radius_px, sigma_px, depth_sigma }
+/// Of these settings.
+fn twin(settings: &settings::Filter) -> Bilateral {
+    let settings::Filter { taps, radius_px, sigma_px, depth_sigma, normal_sigma, .. } = *settings;
+    Bilateral { taps, radius_px, sigma_px, depth_sigma, normal_sigma }
 }
 
 fn filtered(
     rig: &Rig<'_>,
     info: &'static StageInfo,
     shared: &Shared,
-    (visibility, depth): (&Image, &wgpu::Texture),
+    (visibility, gbuffer): (&Image, &GbufferTextures),
     settings: &BilateralUniforms,
 ) -> Result<Image> {
-    let textures = (&rig.grey(visibility), depth);
+    let textures = (&rig.grey(visibility), &gbuffer.depth, &gbuffer.normal);
     let stage = BilateralStage::new(&rig.resources, info, shared, textures, settings)?;
     rig.run(&[&stage])?;
     rig.channel(stage.texture(), 0)
@@ -84,12 +101,12 @@ fn background(
     info: &'static StageInfo,
     rig: &Rig<'_>,
     shared: &Shared,
-    (view, depth, texture): (&View, &Image, &wgpu::Texture),
+    (view, depth, gbuffer): (&View, &Image, &GbufferTextures),
 ) -> Result<Check> {
     let input = depth.map(|z| f64::from(u32::from(z >= 1.0)));
     let settings = settings::Filter::default().uniforms(view, SIZE);
     let largest = |shifted: i64| -> Result<f64> {
-        let result = filtered(rig, info, shared, (&input, texture), &settings)?;
+        let result = filtered(rig, info, shared, (&input, gbuffer), &settings)?;
         let beside = |x: u32, y: u32| input.clamped(i64::from(x) + shifted, y.into());
         let off = |x: u32, y: u32| (result.clamped(x.into(), y.into()) - beside(x, y)).abs();
         Ok(largest(pixels(SIZE).map(|(x, y)| off(x, y))))
@@ -104,11 +121,11 @@ fn background(
 fn differences(
     gpu: &Image,
     input: &Image,
-    depth: &Image,
+    guide: (&Image, &[DVec3]),
     camera: &Camera,
     twin: &Bilateral,
 ) -> (Vec<f64>, f64) {
-    let guided = twin.over(input, depth, camera);
+    let guided = twin.over(input, guide, camera);
     let off: Vec<f64> = pixels(gpu.size())
         .filter(|(x, y)| guided.edge_distance(*x, *y) >= AMBIGUOUS_PX)
         .map(|(x, y)| (gpu.clamped(x.into(), y.into()) - guided.at(x, y)).abs())

@@ -4,8 +4,12 @@ use glam::{DVec3, Vec2};
 
 use super::{Case, Check, Checks, Result, Rig, rig};
 use crate::reference::image::{Image, pixels};
+use crate::reference::openness::Openness;
 use crate::reference::optics::{fresnel_reflectance, transmittance};
+use crate::reference::plane::CameraDepth;
+use crate::reference::quantities::quantile;
 use crate::reference::rays::PixelRays;
+use crate::scene::Scene;
 use crate::stages::compose::{Compose, ComposeUniforms, Composed};
 use crate::stages::frame::{Shared, View};
 use crate::stages::gbuffer::GbufferTextures;
@@ -27,10 +31,17 @@ const RAMP: f64 = 1.0;
 /// Pixels next to another band are mixed with it.
 const BORDER_PX: u32 = 4;
 
+/// Default of `caustics.filter_depth_share`.
+const DEPTH_SHARE: f64 = 0.05;
+const FACING: [f32; 3] = [0.0, 0.0, 1.0];
+const NO_OCCLUSION: Openness = Openness { taps: 0, radius_m: 0.5 };
+
 pub fn cases() -> Vec<Case> {
     vec![
         Case::new(STAGE, "addition and attenuation of known inputs", known_inputs),
         Case::new(STAGE, "Fresnel reflection of the water from above and below", fresnel),
+        Case::new(STAGE, "caustics brought to the picture's size within surfaces", upscaled),
+        Case::new(STAGE, "screen-space ambient occlusion", occlusion),
     ]
 }
 
@@ -60,9 +71,13 @@ fn known_inputs(rig: &Rig<'_>) -> Checks {
 }
 
 /// What is composed, one value for the whole view unless an image.
+#[derive(Clone, Copy)]
 struct Known<'a> {
     albedo: f32,
-    depth: f64,
+    /// What is seen: one normal for all of it.
+    depth: &'a wgpu::Texture,
+    normal: [f32; 3],
+    occlusion: Openness,
     caustics: &'a Image,
     godrays: &'a Image,
     reflection: f32,
@@ -73,10 +88,11 @@ struct Known<'a> {
 fn radiance(rig: &Rig<'_>, view: &View, known: &Known<'_>) -> Result<Image> {
     let shared = Shared::new(&rig.resources, view);
     let grey = |value: f32, alpha: f32| rig.constant(SIZE, [value, value, value, alpha]);
+    let [x, y, z] = known.normal;
     let gbuffer = GbufferTextures {
         albedo: grey(known.albedo, 1.0)?,
-        normal: rig.constant(SIZE, [0.0, 0.0, 1.0, 1.0])?,
-        depth: rig.depth(SIZE, known.depth)?,
+        normal: rig.constant(SIZE, [x, y, z, 1.0])?,
+        depth: known.depth.clone(),
     };
     let inputs = Composed {
         gbuffer: &gbuffer,
@@ -90,9 +106,10 @@ fn radiance(rig: &Rig<'_>, view: &View, known: &Known<'_>) -> Result<Image> {
         caustics_scale: 1.0,
         godrays_scale: 1.0,
         exposure: known.exposure as f32,
-        occlusion_taps: 0,
-        occlusion_radius_m: 0.5,
+        occlusion_taps: known.occlusion.taps,
+        occlusion_radius_m: known.occlusion.radius_m as f32,
         water_cells: 8,
+        depth_share: DEPTH_SHARE as f32,
     };
     let stage = Compose::new(&rig.resources, &shared, &inputs, settings, false)?;
     rig.run(&[&stage])?;
@@ -118,7 +135,9 @@ fn wall(rig: &Rig<'_>, gamma_per_m: f64) -> Result<Bands> {
     };
     let known = Known {
         albedo: 1.0,
-        depth: wall.map_or(1.0, |wall| wall.depth),
+        depth: &rig.depth(SIZE, wall.map_or(1.0, |wall| wall.depth))?,
+        normal: FACING,
+        occlusion: NO_OCCLUSION,
         caustics: &Image::of(SIZE, caustics),
         godrays: &Image::of(SIZE, |_, y| GODRAYS[(y / rows) as usize]),
         reflection: 0.0,
@@ -133,12 +152,126 @@ fn wall(rig: &Rig<'_>, gamma_per_m: f64) -> Result<Bands> {
     Ok([0, 1].map(|row| [0, 1, 2].map(|column| mean(column, row))))
 }
 
+/// The scene with many edges, in clear and dry water, and what is seen of it.
+fn edged(rig: &Rig<'_>) -> Result<(View, wgpu::Texture)> {
+    let mut scene = Scene::load("tank")?;
+    scene.water.attenuation_per_m = 0.0;
+    // Nothing of the surface is drawn.
+    scene.water.half_size_m = [1e-3; 2];
+    let stand = rig.stand(&scene, SIZE);
+    let drawn = rig.gbuffer(&stand)?;
+    Ok((stand.view, drawn.depth))
+}
+
+/// What a change of the inputs adds to the radiance of each pixel.
+fn added(rig: &Rig<'_>, view: &View, with: &Known<'_>, without: &Known<'_>) -> Result<Image> {
+    let (with, without) = (radiance(rig, view, with)?, radiance(rig, view, without)?);
+    let at = |x: u32, y: u32| {
+        let [with, without] = [&with, &without].map(|image| image.clamped(x.into(), y.into()));
+        with - without
+    };
+    Ok(Image::of(SIZE, at))
+}
+
+/// Caustics in a smaller buffer, each half of them of its own brightness: a texel counts for the pixels whose surface it is on.
+fn upscaled(rig: &Rig<'_>) -> Result<Check> {
+    const BUFFER: [u32; 2] = [61, 41];
+    const LEAST_WEIGHT: f64 = 1e-3;
+    let (view, drawn) = edged(rig)?;
+    let depth = rig.channel(&drawn, 0)?;
+    let seen = CameraDepth { depth: &depth, camera: &view.camera };
+    let caustics = rig::noise(BUFFER, 5).map(|value| 1.0 + 3.0 * value);
+    let nothing = &Image::constant(SIZE[0], SIZE[1], 0.0);
+    let lit = Known {
+        albedo: 1.0,
+        depth: &drawn,
+        normal: FACING,
+        occlusion: NO_OCCLUSION,
+        caustics: &caustics,
+        godrays: nothing,
+        reflection: 0.0,
+        exposure: 0.8,
+    };
+    let light = added(rig, &view, &lit, &Known { caustics: nothing, ..lit })?;
+    let twin = |x: u32, y: u32, share: f64| {
+        let place = [0, 1].map(|k| {
+            (f64::from([x, y][k]) + 0.5) * f64::from(BUFFER[k]) / f64::from(SIZE[k]) - 0.5
+        });
+        let view_m = seen.view_m(depth.clamped(x.into(), y.into()));
+        let (mut sum, mut weights, mut all) = (0.0, 0.0, 0.0);
+        for corner in 0..4 {
+            let base = [0, 1].map(|k| place[k].floor() + f64::from(corner >> k & 1));
+            let weight = (1.0 - (place[0] - base[0]).abs()) * (1.0 - (place[1] - base[1]).abs());
+            let texel = [0, 1].map(|k| base[k].clamp(0.0, f64::from(BUFFER[k]) - 1.0) as i64);
+            let [column, row] = seen.texel(texel, BUFFER);
+            let off = (seen.view_m(depth.clamped(column, row)) - view_m).abs() / view_m;
+            let value = caustics.clamped(texel[0], texel[1]);
+            all += weight * value;
+            if off <= share {
+                sum += weight * value;
+                weights += weight;
+            }
+        }
+        if weights < LEAST_WEIGHT { all } else { sum / weights }
+    };
+    let seen_pixels = pixels(SIZE).filter(|(x, y)| depth.clamped((*x).into(), (*y).into()) < 1.0);
+    let errors = |share: f64| {
+        let error = |(x, y): (u32, u32)| {
+            let expected = twin(x, y, share) / std::f64::consts::PI;
+            (light.clamped(x.into(), y.into()) - expected).abs()
+        };
+        quantile(&mut seen_pixels.clone().map(error).collect::<Vec<_>>(), 0.95) / light.mean()
+    };
+    // Steps of an 8-bit display; a few pixels may decide otherwise in f32.
+    Ok(Check::of(
+        STAGE,
+        "caustics within surfaces: 95th percentile of |difference from the twin|, of the mean",
+    )
+    .within((0.03, "1"), errors(DEPTH_SHARE))
+    .control("texels of all surfaces", errors(f64::INFINITY)))
+}
+
+/// Ambient light with occlusion over that without, against the twin over the same depth.
+fn occlusion(rig: &Rig<'_>) -> Result<Check> {
+    const METHOD: Openness = Openness { taps: 16, radius_m: 0.5 };
+    let (view, drawn) = edged(rig)?;
+    let depth = rig.channel(&drawn, 0)?;
+    let nothing = &Image::constant(SIZE[0], SIZE[1], 0.0);
+    let open = Known {
+        albedo: 1.0,
+        depth: &drawn,
+        normal: [0.0, 1.0, 0.0],
+        occlusion: NO_OCCLUSION,
+        caustics: nothing,
+        godrays: nothing,
+        reflection: 0.0,
+        exposure: 2.0,
+    };
+    let (open, occluded) =
+        (radiance(rig, &view, &open)?, radiance(rig, &view, &Known { occlusion: METHOD, ..open })?);
+    // The lower half of the picture is all under water, where no direct light saturates the display.
+    let seen_pixels = pixels(SIZE).filter(|(_, y)| *y >= SIZE[1] / 2);
+    let error = |method: Openness| {
+        let off = seen_pixels.clone().map(|(x, y)| {
+            let at = |image: &Image| image.clamped(x.into(), y.into());
+            let exact = method.at(&view.camera, &depth, DVec3::Y, x, y);
+            (at(&occluded) / at(&open) - exact).abs()
+        });
+        rig::mean(off)
+    };
+    Ok(Check::of(STAGE, "screen-space ambient occlusion: mean |openness − twin|")
+        .within((0.006, "1"), error(METHOD))
+        .control("radius of 1 m instead of 0.5 m", error(Openness { radius_m: 1.0, ..METHOD })))
+}
+
 /// Flat water between a white reflection and a black refraction shows its reflectance.
 fn fresnel(rig: &Rig<'_>) -> Checks {
     let nothing = &Image::constant(SIZE[0], SIZE[1], 0.0);
     let known = Known {
         albedo: 0.0,
-        depth: 1.0,
+        depth: &rig.depth(SIZE, 1.0)?,
+        normal: FACING,
+        occlusion: NO_OCCLUSION,
         caustics: nothing,
         godrays: nothing,
         reflection: 1.0,

@@ -1,14 +1,24 @@
 //! `caustics/filter` and `godrays/filter` against the f64 twin.
 
-use super::{Case, Check, Result, Rig, noise};
+use super::{Case, Check, Result, Rig, largest, noise, rig};
 use crate::gpu::{Column, StageInfo};
 use crate::reference::filter::Disc;
 use crate::reference::image::{Image, pixels};
-use crate::stages::low_pass::{FilterUniforms, LowPass};
+use crate::reference::plane::CameraDepth;
+use crate::scene::Scene;
+use crate::stages::frame::{Shared, View};
+use crate::stages::low_pass::{FilterUniforms, GuidedUniforms, LowPass};
 use crate::stages::{caustics, godrays};
 
 const SIZE: [u32; 2] = [96, 64];
+/// Of the camera's depth: the buffer's pixels lie at no whole multiple of its texels.
+const VIEW: [u32; 2] = [150, 100];
+const SEED: u32 = 7;
 const TAPS: u32 = 16;
+/// Default of `caustics.filter_depth_share`.
+const DEPTH_SHARE: f64 = 0.05;
+/// Pixels with a tap this near to the bound are left out: a view depth of 10 m in f32 is known to a few parts in 10⁵.
+const AMBIGUOUS_SHARE: f64 = 2e-4;
 const RADIUS_PX: f64 = 3.0;
 /// Pixels with a tap this near to a texel's edge are left out: in f32 it may fall on the other side.
 /// WGSL bounds the error of sine and cosine by 2⁻¹¹; at this radius that is 0.0015 px.
@@ -17,18 +27,72 @@ const AMBIGUOUS_PX: f64 = 2e-3;
 const TOLERANCE: f64 = 1e-5;
 
 pub fn cases() -> Vec<Case> {
-    let case = |info: &'static StageInfo| {
-        Case::new(info.name, "noise through the low-pass", move |rig| check(info, rig))
-    };
-    [&caustics::filter::INFO, &godrays::filter::INFO].map(case).into()
+    vec![
+        Case::new(caustics::filter::INFO.name, "noise through the low-pass", |rig| {
+            // One surface only: all taps count.
+            let depth = rig.depth(SIZE, 0.9)?;
+            let view = rig::synthetic_view(SIZE, 0.0)?;
+            plain(&caustics::filter::INFO, rig, &caustics_filter(rig, &view, &depth)?)
+        }),
+        Case::new(caustics::filter::INFO.name, "edges of surfaces", edges),
+        Case::new(godrays::filter::INFO.name, "noise through the low-pass", |rig| {
+            let settings = FilterUniforms { taps: TAPS, radius_px: RADIUS_PX as f32 };
+            let info = &godrays::filter::INFO;
+            let image = rig.grey(&noise(SIZE, SEED));
+            let source = (&image, Column::new("noise", "1", "noise"));
+            let filter = LowPass::new(&rig.resources, info, source, &settings)?;
+            plain(info, rig, &filter)
+        }),
+    ]
 }
 
-fn check(info: &'static StageInfo, rig: &Rig<'_>) -> Result<Check> {
-    let image = noise(SIZE, 7);
-    let settings = FilterUniforms { taps: TAPS, radius_px: RADIUS_PX as f32 };
-    let source = (&rig.grey(&image), Column::new("noise", "1", "noise"));
-    let filter = LowPass::new(&rig.resources, info, source, &settings)?;
+/// `caustics/filter` over noise, guided by a depth.
+fn caustics_filter(rig: &Rig<'_>, view: &View, depth: &wgpu::Texture) -> Result<LowPass> {
+    let shared = Shared::new(&rig.resources, view);
+    let settings =
+        GuidedUniforms { taps: TAPS, radius_px: RADIUS_PX as f32, depth_share: DEPTH_SHARE as f32 };
+    let image = rig.grey(&noise(SIZE, SEED));
+    let source = (&image, Column::new("noise", "1", "noise"));
+    let info = &caustics::filter::INFO;
+    Ok(LowPass::guided(&rig.resources, info, source, (&shared, depth), &settings)?)
+}
+
+/// Noise over a scene with many edges: taps beyond them do not count.
+fn edges(rig: &Rig<'_>) -> Result<Check> {
+    let stage = caustics::filter::INFO.name;
+    let scene = Scene::load("tank")?;
+    let stand = rig.stand(&scene, VIEW);
+    let drawn = rig.gbuffer(&stand)?;
+    let filter = caustics_filter(rig, &stand.view, &drawn.depth)?;
     rig.run(&[&filter])?;
+    let (filtered, image) = (rig.channel(filter.texture(), 0)?, noise(SIZE, SEED));
+    let depth = rig.channel(&drawn.depth, 0)?;
+    let seen = CameraDepth { depth: &depth, camera: &stand.view.camera };
+
+    let disc = Disc::vogel(TAPS, RADIUS_PX);
+    let guide = (&seen, DEPTH_SHARE);
+    let plain = |x, y| {
+        disc.edge_distance(x, y) >= AMBIGUOUS_PX
+            && disc.decision_distance(&image, guide, x, y) >= AMBIGUOUS_SHARE
+    };
+    let judged: Vec<(u32, u32)> = pixels(SIZE).filter(|(x, y)| plain(*x, *y)).collect();
+    let error = |share: f64| {
+        let off = |(x, y): &(u32, u32)| {
+            let twin = disc.within_surface(&image, (&seen, share), *x, *y);
+            (filtered.clamped((*x).into(), (*y).into()) - twin).abs() / image.mean()
+        };
+        largest(judged.iter().map(off))
+    };
+    let left_out = 1.0 - judged.len() as f64 / image.data().len() as f64;
+    Ok(Check::of(stage, "edges of scene tank: largest difference from the f64 twin, of the mean")
+        .within((TOLERANCE, "1"), error(DEPTH_SHARE))
+        .control("taps beyond edges count", error(f64::INFINITY))
+        .with("pixels_left_out_share", left_out))
+}
+
+fn plain(info: &'static StageInfo, rig: &Rig<'_>, filter: &LowPass) -> Result<Check> {
+    let image = noise(SIZE, SEED);
+    rig.run(&[filter])?;
     let filtered = rig.channel(filter.texture(), 0)?;
 
     let disc = Disc::vogel(TAPS, RADIUS_PX);

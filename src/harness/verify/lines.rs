@@ -4,14 +4,14 @@ use std::f64::consts::TAU;
 
 use glam::{DVec2, DVec3, Vec2};
 
-use super::{Case, Check, Checks, Random, Result, Rig, rig};
+use super::{Case, Check, Checks, Random, Result, Rig, largest, rig};
 use crate::reference::godray::{Godray, Medium};
 use crate::reference::image::{Image, pixels};
 use crate::reference::rays::PixelRays;
 use crate::stages::frame::{Shared, View};
 use crate::stages::godrays::lines::{self, LinesUniforms};
 use crate::stages::photon::Photon;
-use crate::stages::splatting::{Drawn, PHOTONS_PER_INSTANCE};
+use crate::stages::splatting::{Accumulated, PHOTONS_PER_INSTANCE};
 
 const STAGE: &str = "godrays/lines";
 const SIZE: [u32; 2] = [384, 384];
@@ -27,24 +27,39 @@ const EDGE_PX: f64 = 0.6;
 pub fn cases() -> Vec<Case> {
     vec![
         Case::new(STAGE, "intensity and width along isolated lines", isolated),
+        Case::new(STAGE, "conserved energy of lines", conserved),
         Case::new(STAGE, "integral of the phase function", phase_integral),
     ]
 }
 
+/// How lines are drawn.
+#[derive(Clone, Copy)]
+struct Drawn {
+    side_px: u32,
+    width_px: f64,
+    conserving: bool,
+}
+
 /// Draws photons' lines without occlusion.
 pub(super) fn draw(rig: &Rig<'_>, view: &View, photons: &[Photon]) -> Result<Image> {
+    draw_as(rig, view, photons, Drawn { side_px: SIZE[0], width_px: WIDTH_PX, conserving: false })
+}
+
+fn draw_as(rig: &Rig<'_>, view: &View, photons: &[Photon], drawn: Drawn) -> Result<Image> {
     let shared = Shared::new(&rig.resources, view);
+    let size = [drawn.side_px; 2];
     let settings = LinesUniforms {
-        size_px: Vec2::new(SIZE[0] as f32, SIZE[1] as f32),
-        width_px: WIDTH_PX as f32,
+        size_px: Vec2::splat(drawn.side_px as f32),
+        width_px: drawn.width_px as f32,
         phase_k: PHASE_K as f32,
         photon_w: PHOTON_W as f32,
         photons_per_instance: PHOTONS_PER_INSTANCE,
         photons: photons.len() as u32,
     };
     let buffer = rig.photons(photons);
-    let depth = rig.depth(SIZE, 1.0)?;
-    let stage = lines::new(&rig.resources, &shared, (&buffer, &depth), &settings, false, 10.0)?;
+    let depth = rig.depth(size, 1.0)?;
+    let (inputs, conserving) = ((&buffer, &depth), drawn.conserving);
+    let stage = lines::new(&rig.resources, &shared, inputs, &settings, conserving, 10.0)?;
     rig.run(&[&stage])?;
     rig.channel(stage.texture(), 0)
 }
@@ -59,23 +74,7 @@ fn isolated(rig: &Rig<'_>) -> Checks {
     let view = rig::synthetic_view(SIZE, GAMMA_PER_M)?;
     let eye = DVec3::from(view.camera.position_m);
     let rays = PixelRays::new(&view.camera, SIZE[0], SIZE[1]);
-    let mut random = Random::new(5);
-    let photons: Vec<Photon> = (0..CELLS * CELLS)
-        .map(|i| {
-            let cell_px = f64::from(SIZE[0] / CELLS);
-            let middle = [i % CELLS, i / CELLS].map(|c| (f64::from(c) + 0.5) * cell_px);
-            let (sin, cos) = (random.within(0.0, TAU)).sin_cos();
-            let end = |sign: f64, distance_m: f64| {
-                let reach = sign * 0.3 * cell_px;
-                let (_, direction, _) =
-                    rays.ray_at(middle[0] + cos * reach, middle[1] + sin * reach);
-                eye + direction * distance_m
-            };
-            let (entry, hit) =
-                (end(-1.0, random.within(1.0, 6.0)), end(1.0, random.within(1.0, 6.0)));
-            rig::photon(entry, hit, entry.distance(hit))
-        })
-        .collect();
+    let photons = at_all_angles(&rays, eye);
     let image = draw(rig, &view, &photons)?;
     let medium = Medium { gamma_per_m: GAMMA_PER_M, phase_k: PHASE_K };
     let errors =
@@ -94,6 +93,61 @@ fn isolated(rig: &Rig<'_>) -> Checks {
             .within((1e-3, "1"), exact.coverage)
             .control("lines 2 px wider", broad.coverage),
     ])
+}
+
+/// Lines at all angles, each in its own cell of the buffer, some of them running away from the viewer.
+fn at_all_angles(rays: &PixelRays, eye: DVec3) -> Vec<Photon> {
+    let mut random = Random::new(5);
+    let cell_px = f64::from(SIZE[0] / CELLS);
+    let line = |i: u32| {
+        let middle = [i % CELLS, i / CELLS].map(|c| (f64::from(c) + 0.5) * cell_px);
+        let (sin, cos) = (random.within(0.0, TAU)).sin_cos();
+        let end = |sign: f64, distance_m: f64| {
+            let reach = sign * 0.3 * cell_px;
+            let (_, direction, _) = rays.ray_at(middle[0] + cos * reach, middle[1] + sin * reach);
+            eye + direction * distance_m
+        };
+        let (entry, hit) = (end(-1.0, random.within(1.0, 6.0)), end(1.0, random.within(1.0, 6.0)));
+        rig::photon(entry, hit, entry.distance(hit))
+    };
+    (0..CELLS * CELLS).map(line).collect()
+}
+
+/// What all lines bring to a conserving buffer does not depend on their width, and grows with the buffer's side as their
+/// length in pixels does: it is the integral of the intensity along them.
+fn conserved(rig: &Rig<'_>) -> Result<Check> {
+    const STEPS: u32 = 400;
+    let view = rig::synthetic_view(SIZE, GAMMA_PER_M)?;
+    let eye = DVec3::from(view.camera.position_m);
+    let rays = PixelRays::new(&view.camera, SIZE[0], SIZE[1]);
+    let photons = at_all_angles(&rays, eye);
+    let medium = Medium { gamma_per_m: GAMMA_PER_M, phase_k: PHASE_K };
+    let integral = |photon: &Photon| {
+        let ray = godray(photon);
+        let segment = Segment::new(&ray, &rays)?;
+        let length = segment.from.distance(segment.to);
+        let step = length / f64::from(STEPS);
+        let at = |i: u32| {
+            ray.intensity(ray.point(segment.share((f64::from(i) + 0.5) * step)), eye, medium)
+        };
+        Some((0..STEPS).map(at).sum::<f64>() * step)
+    };
+    let exact: f64 = photons.iter().filter_map(integral).sum::<f64>() / f64::from(SIZE[0]);
+    let worst = |conserving: bool| -> Result<f64> {
+        let ways = [(SIZE[0], 1.5), (SIZE[0], 12.0), (SIZE[0] / 2, 3.0), (SIZE[0] * 2, 6.0)];
+        let errors = ways.into_iter().map(|(side_px, width_px)| {
+            let drawn = Drawn { side_px, width_px, conserving };
+            let sum = draw_as(rig, &view, &photons, drawn)?.sum();
+            Ok((sum / f64::from(side_px) / exact - 1.0).abs())
+        });
+        Ok(largest(errors.collect::<Result<Vec<_>>>()?))
+    };
+    Ok(Check::of(
+        STAGE,
+        "energy of lines of 1.5 to 12 px in buffers of 192 to 768 px: largest relative error",
+    )
+    .within((0.02, "1"), worst(true)?)
+    .control("the paper's rule", worst(false)?))
 }
 
 struct LineErrors {

@@ -113,6 +113,7 @@ fn twin(marching: &Marching, grid: &Grid) -> March {
         paper_estimator: marching.estimator == Estimator::Paper,
         random: marching.sampling == Sampling::Random,
         opacity: marching.occluder == Occluder::Opacity,
+        exponent: marching.step_in(grid),
         between: marching.hit != Hit::Sample,
         peak: marching.hit == Hit::Peak,
         jitter: marching.jitter,

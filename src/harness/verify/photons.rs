@@ -40,6 +40,7 @@ pub fn cases() -> Vec<Case> {
     }
     cases.push(Case::new("caustics/trace", "photons that meet nothing", beside_the_floor));
     cases.push(Case::new("caustics/trace", "run-time subdivision", dynamic_subdivision));
+    cases.push(Case::new("caustics/trace", "strewn photons", strewn));
     for (model, name) in
         [(WaterModel::Circular, "circular"), (WaterModel::Directional, "directional")]
     {
@@ -95,6 +96,7 @@ pub(super) fn settings(grid: u32, side: u32) -> TraceUniforms {
         offset: Vec2::splat(0.5),
         start_m: 1.0,
         tolerance_m: 0.01,
+        jitter: 0.0,
     }
 }
 
@@ -165,6 +167,25 @@ fn dynamic_subdivision(rig: &Rig<'_>) -> Result<Check> {
         .control("photons moved by 1 % of their share", apart(&traced(0.51, true)?)))
 }
 
+/// Photons that are strewn over their shares of a grid that is moved.
+fn strewn(rig: &Rig<'_>) -> Result<Check> {
+    const OFFSET: [f64; 2] = [0.3, 0.9];
+    let scene = rig::flat_plane(LightKind::Directional)?;
+    let offset = Vec2::new(OFFSET[0] as f32, OFFSET[1] as f32);
+    let settings = TraceUniforms { offset, jitter: 1.0, ..settings(FLAT_GRID, 2) };
+    let (photons, frame) = trace(rig, &scene, Family::Caustics, settings, false)?;
+    let tracer = Tracer::new(&scene.objects)?;
+    let off = |jitter: f64| -> Result<f64> {
+        let grid = PhotonGrid::new(FLAT_GRID, 4)?.with_offset(OFFSET).with_jitter(jitter);
+        let landings = land_all(&frame, &scene.water, &tracer, grid, 1);
+        let found = photon_errors(&photons, &landings);
+        Ok(found.max_m / scene.floor_depth_m)
+    };
+    Ok(Check::of("caustics/trace", "strewn photons: largest |hit − exact| / depth")
+        .within((FLAT_RELATIVE, "1"), off(1.0)?)
+        .control("a regular grid", off(0.0)?))
+}
+
 /// Where photons enter steep waves. UW §4.1 has two models; noise takes half of each here.
 fn waves(rig: &Rig<'_>, model: WaterModel, name: &str) -> Result<Check> {
     let mut scene = rig::flat_plane(LightKind::Directional)?;
@@ -197,9 +218,9 @@ fn real(rig: &Rig<'_>, name: &str) -> Checks {
     run_until(rig, &pipeline, godrays::trace::INFO.name)?;
     let tracer = Tracer::new(&scene.objects)?;
     let frame = pipeline.view.light_frame();
-    let grid = [REAL_GRID, 4];
-    let landings = exact(&frame, &scene.water, &tracer, grid)?;
-    let perturbed = exact(&frame, &with_index(&scene.water, 1.40), &tracer, grid)?;
+    let grid = PhotonGrid::new(REAL_GRID, 4)?.with_jitter(pipeline.params.caustics.jitter);
+    let landings = land_all(&frame, &scene.water, &tracer, grid, 1);
+    let perturbed = land_all(&frame, &with_index(&scene.water, 1.40), &tracer, grid, 1);
     let unlimited = unconverged_over_exact_depth(&pipeline.params, &frame, &tracer, &landings);
     [Family::Caustics, Family::Godrays]
         .into_iter()

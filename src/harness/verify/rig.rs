@@ -112,6 +112,12 @@ impl<'g> Rig<'g> {
         Ok(texture)
     }
 
+    /// Makes a texture grey throughout.
+    pub fn fill(&self, texture: &wgpu::Texture, grey: f64) -> Result<(), GpuError> {
+        let to = To::Color(wgpu::Color { r: grey, g: grey, b: grey, a: 1.0 });
+        self.run(&[&Clear { view: kit::view(texture), to }])
+    }
+
     /// A depth texture of one value throughout.
     pub fn depth(&self, size: [u32; 2], depth: f64) -> Result<wgpu::Texture, GpuError> {
         let texture = self.resources.target("verify depth", size, kit::DEPTH_FORMAT);

@@ -6,8 +6,7 @@ mod media;
 use glam::DVec3;
 
 use super::{Case, Result, Rig, rig};
-use crate::pipelines::scalar_ao::{Law, Mode, Scalar, Stop};
-use crate::pipelines::settings::Attenuation;
+use crate::pipelines::scalar_ao::{Law, Mode, Scalar};
 use crate::reference::image::Image;
 use crate::scene::{Camera, Volume};
 use crate::stages::frame::{Shared, View};
@@ -56,11 +55,7 @@ impl Setup {
         let (beer, rejection) = (settings.law == Law::Beer, settings.rejection);
         let through = (shared, field);
         let pass = match settings.mode {
-            Mode::Isosurface => {
-                let near = settings.stop == Stop::Isosurface;
-                let linear = settings.attenuation == Attenuation::Linear;
-                surface::new(resources, through, march, near, linear)?
-            }
+            Mode::Isosurface => surface::new(resources, through, march, settings.surface_rays())?,
             Mode::Direct => direct::new(resources, through, march, beer, rejection)?,
             Mode::Positional => positional::new(resources, through, march, beer, rejection)?,
         };

@@ -8,13 +8,16 @@ use crate::pipelines::Built;
 use crate::pipelines::underwater::{Intensity as Rule, Params, Splatting, Underwater};
 use crate::reference::image::Image;
 use crate::reference::photons::{Landed, PhotonGrid, land_all};
+use crate::reference::plane::CameraDepth;
 use crate::reference::rays::{PixelRays, Tracer};
-use crate::reference::splat::{Intensity, PointSize, Splat, rasterize, splat_value};
+use crate::reference::splat::{
+    Intensity, PointSize, Splat, SurfaceSplat, rasterize, rasterize_within_surfaces, splat_value,
+};
 use crate::scene::{Camera, LightKind, Scene, SceneFile};
-use crate::stages::caustics::splat::{self, Scatter, SplatUniforms};
+use crate::stages::caustics::splat::{self, Scatter, SplatCoverage, SplatUniforms};
 use crate::stages::frame::{Shared, View};
 use crate::stages::photon::Photon;
-use crate::stages::splatting::{Drawn, PHOTONS_PER_INSTANCE};
+use crate::stages::splatting::{Accumulated, PHOTONS_PER_INSTANCE};
 
 const STAGE: &str = "caustics/splat";
 const SIZE: [u32; 2] = [512, 512];
@@ -54,6 +57,7 @@ pub fn cases() -> Vec<Case> {
         case("isolated splats: size and intensity", isolated);
         case("conserved energy of synthetic photons", conserved);
         case("depth test", depth_test);
+        case("splats within one surface", within_surface);
         case("sum of many small contributions", accumulation);
         case("splats that the border cuts", cut);
     }
@@ -69,6 +73,7 @@ pub fn cases() -> Vec<Case> {
 #[derive(Clone, Copy)]
 pub(super) struct Rules {
     intensity: Intensity,
+    coverage: SplatCoverage,
     photon_w: f64,
     /// At the far and at the near plane.
     sizes_px: [f64; 2],
@@ -80,6 +85,7 @@ pub(super) struct Rules {
 
 pub(super) const RULES: Rules = Rules {
     intensity: Intensity::Paper,
+    coverage: SplatCoverage::Square,
     photon_w: PHOTON_W,
     sizes_px: [MIN_PX, MAX_PX],
     gamma_per_m: GAMMA_PER_M,
@@ -123,6 +129,33 @@ impl Rules {
     }
 }
 
+impl Rules {
+    /// The splats of these photons in the planes of what a camera sees at their places.
+    fn on_surfaces(
+        &self,
+        seen: &CameraDepth<'_>,
+        photons: &[(DVec3, f64)],
+        splats: &[Splat],
+    ) -> Vec<SurfaceSplat> {
+        let size = SIZE.map(f64::from);
+        let rays = PixelRays::new(seen.camera, SIZE[0], SIZE[1]);
+        let projected = photons.iter().filter_map(|(hit, _)| rays.project(*hit));
+        let placed = projected.zip(splats).map(|(photon, splat)| {
+            let texels = seen.depth.size();
+            let texel = [0, 1].map(|k| {
+                let at = splat.center_px[k] * f64::from(texels[k]) / size[k] + 1e-3;
+                (at as i64).clamp(0, i64::from(texels[k]) - 1)
+            });
+            let plane = seen.plane(texel);
+            let own = (seen.view_m(plane.z) - photon.w).abs() <= self.bias_m;
+            let per_pixel = |k: usize| plane.slope[k] * f64::from(texels[k]) / size[k];
+            let slope = if own { [per_pixel(0), per_pixel(1)] } else { [0.0; 2] };
+            SurfaceSplat { splat: *splat, photon_depth: photon.depth, slope }
+        });
+        placed.collect()
+    }
+}
+
 /// Runs the stage over photons with nothing to hide them.
 pub(super) fn draw_free(
     rig: &Rig<'_>,
@@ -158,13 +191,14 @@ fn draw(
     };
     let buffer = rig.photons(photons);
     let conserving = rules.intensity == Intensity::Conserving;
+    let how = (conserving, rules.coverage);
     let (resources, inputs) = (&rig.resources, (&buffer, depth));
-    let stage: Box<dyn Drawn> = match rules.splatting {
+    let stage: Box<dyn Accumulated> = match rules.splatting {
         Splatting::Compute => {
-            Box::new(Scatter::new(resources, &shared, inputs, &settings, conserving, 10.0)?)
+            Box::new(Scatter::new(resources, &shared, inputs, &settings, how, 10.0)?)
         }
         Splatting::Raster => {
-            Box::new(splat::raster(resources, &shared, inputs, &settings, conserving, 10.0)?)
+            Box::new(splat::raster(resources, &shared, inputs, &settings, how, 10.0)?)
         }
     };
     // Twice: a frame must not add to the one before.
@@ -261,7 +295,8 @@ fn conserved(rig: &Rig<'_>, rules: Rules) -> Checks {
         let photon = |(_, path_m): &(DVec3, f64)| PHOTON_W * (-gamma * path_m).exp();
         twins.iter().map(photon).sum()
     };
-    let what = format!("conserved energy of 4096 photons, {}, relative error", name(rules.splatting));
+    let what =
+        format!("conserved energy of 4096 photons, {}, relative error", name(rules.splatting));
     Ok(vec![
         Check::of(STAGE, what)
             .within((0.01, "1"), (sum / energy(GAMMA_PER_M) - 1.0).abs())
@@ -294,6 +329,46 @@ fn depth_test(rig: &Rig<'_>, rules: Rules) -> Checks {
     ])
 }
 
+/// Exact photons of a scene with many edges, drawn where their own surface is seen: against the twin, pixel by pixel.
+fn within_surface(rig: &Rig<'_>, rules: Rules) -> Checks {
+    const VIEW: [u32; 2] = [400, 400];
+    const GRID: u32 = 48;
+    const BIAS_M: f64 = 0.3;
+    let scene = Scene::load("tank")?;
+    let stand = rig.stand(&scene, VIEW);
+    let drawn = rig.gbuffer(&stand)?;
+    let depth = rig.channel(&drawn.depth, 0)?;
+    let tracer = Tracer::new(&scene.objects)?;
+    let landings = land_all(
+        &stand.view.light_frame(),
+        &scene.water,
+        &tracer,
+        PhotonGrid::new(GRID, 4)?.with_jitter(1.0),
+        1,
+    );
+    let landed = landings.iter().filter_map(|landing| landing.landed());
+    let (photons, twins): (Vec<_>, Vec<_>) = landed.map(stored).unzip();
+    let rules = Rules { coverage: SplatCoverage::Surface, bias_m: BIAS_M, ..rules };
+    let image = draw(rig, &stand.view, &photons, &drawn.depth, &rules)?;
+
+    let seen = CameraDepth { depth: &depth, camera: &scene.camera };
+    let splats = rules.splats(&scene.camera, SIZE, &twins)?;
+    let placed = rules.on_surfaces(&seen, &twins, &splats);
+    let mut twin = Image::constant(SIZE[0], SIZE[1], 0.0);
+    rasterize_within_surfaces(&mut twin, &placed, &seen, BIAS_M);
+    let mut squares = Image::constant(SIZE[0], SIZE[1], 0.0);
+    rasterize(&mut squares, &splats, &depth, 0.0);
+    let what = format!("splats within one surface, {}", name(rules.splatting));
+    // A plane's depth at a pixel is a difference of depths in f32: at 10 m it decides about pixels to within a millimetre.
+    let tolerance = coverage(Splatting::Raster);
+    Ok(vec![
+        Check::of(STAGE, format!("{what}: sum of |difference from the twin|, of the sum"))
+            .within((tolerance, "1"), difference(&image, &twin))
+            .control("squares over silhouettes", difference(&image, &squares))
+            .with("sum_over_that_of_squares", twin.sum() / squares.sum()),
+    ])
+}
+
 /// Thousands of contributions of 0.001 on one place: a 16-bit float sticks at 2 (PAPERS, UW "silent or wrong"), and 32 bits of a
 /// fixed-point sum begin anew at 0.256.
 fn accumulation(rig: &Rig<'_>, rules: Rules) -> Checks {
@@ -306,7 +381,10 @@ fn accumulation(rig: &Rig<'_>, rules: Rules) -> Checks {
     let rules = Rules { photon_w: EACH_W, gamma_per_m: 0.0, ..rules };
     let image = draw_free(rig, &view, &vec![photon; PHOTONS], &rules)?;
     let expected = EACH_W * PHOTONS as f64;
-    let what = format!("8192 contributions of 0.001 at one pixel, {}, relative error", name(rules.splatting));
+    let what = format!(
+        "8192 contributions of 0.001 at one pixel, {}, relative error",
+        name(rules.splatting)
+    );
     // Each f32 addition near 8 rounds by up to 2⁻²¹; a fixed-point sum rounds when it is turned into an f32.
     let tolerance = match rules.splatting {
         Splatting::Raster => 1e-3,
@@ -315,7 +393,10 @@ fn accumulation(rig: &Rig<'_>, rules: Rules) -> Checks {
     Ok(vec![
         Check::of(STAGE, what)
             .within((tolerance, "1"), (image.clamped(256, 256) / expected - 1.0).abs())
-            .control("sum in a 16-bit float", (half_float_sum(EACH_W, PHOTONS) / expected - 1.0).abs()),
+            .control(
+                "sum in a 16-bit float",
+                (half_float_sum(EACH_W, PHOTONS) / expected - 1.0).abs(),
+            ),
     ])
 }
 
@@ -380,7 +461,8 @@ fn alike(rig: &Rig<'_>) -> Result<Check> {
     };
     let bias_m = Params::from(&file).caustics.depth_bias_m;
     let raster = drawn(Splatting::Raster, bias_m)?;
-    let [scattered, unlike] = [bias_m, 2.0 * bias_m].map(|bias_m| drawn(Splatting::Compute, bias_m));
+    let [scattered, unlike] =
+        [bias_m, 2.0 * bias_m].map(|bias_m| drawn(Splatting::Compute, bias_m));
     let scattered = scattered?;
     Ok(Check::of(STAGE, "scene tank, compute against the rasterizer: Σ |difference| / Σ")
         .within((coverage(Splatting::Raster), "1"), difference(&scattered, &raster))

@@ -5,7 +5,7 @@ use glam::Vec2;
 use crate::parameter::ParamError;
 use crate::pipelines::Parameters;
 use crate::pipelines::settings::{
-    Attenuation, Compose, Filter, R_MAX_SHARE, Shadow, View, scaled, staged,
+    Animation, Attenuation, Compose, Filter, R_MAX_SHARE, Shadow, View, scaled, staged,
 };
 use crate::scene::{Camera, Light, SceneFile};
 use crate::settings;
@@ -21,6 +21,7 @@ settings! {
         floor_depth_m: f64 = file.floor_depth_m => 0.01 ..= 1000.0, "m";
         /// Objects of the scene file that stand, from the first on; 0: all.
         objects: u32 = 0 => 0 ..= 1_000_000, "1";
+        animation: Animation = Animation::default();
         shadow: Shadow = Shadow::default();
         hsao: Horizon = Horizon::default();
         filter: Filter = Filter::default();
@@ -45,6 +46,8 @@ settings! {
         r_max_m: f64 = 0.0 => 0.0 ..= 1e4, "m";
         /// The same as a share of the scene's longest side.
         r_max_share: f64 = R_MAX_SHARE => 1e-3 ..= 4.0, "1";
+        /// Draws other directions and offsets at every pixel.
+        seed: u32 = 0 => 0 ..= 4_294_967_295u32, "1";
         /// How occluders weigh by their distance.
         attenuation: Attenuation = Attenuation::Linear;
         /// Difference of depth beyond which samples belong to another layer of surfaces, share of r_max: such samples do not
@@ -67,6 +70,7 @@ impl Horizon {
             steps: self.steps,
             rays: self.rays,
             ray_steps: self.ray_steps,
+            seed: self.seed,
         }
     }
 }
@@ -89,6 +93,10 @@ impl Parameters for Params {
         let mut larger = Self { view: self.view.enlarged(factor), ..self.clone() };
         larger.hsao.scale /= f64::from(factor);
         Some(larger)
+    }
+
+    fn seed_mut(&mut self) -> Option<&mut u32> {
+        Some(&mut self.hsao.seed)
     }
 }
 

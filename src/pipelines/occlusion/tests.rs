@@ -45,10 +45,12 @@ pub fn gbuffer(tracer: &Tracer, camera: &Camera, [width, height]: [u32; 2]) -> [
 fn question(scale: u32) -> Question {
     Question {
         opaque: vec![true; 2],
+        alphas: vec![1.0; 2],
         camera: camera([4.0, 3.0, 2.0]),
         size_px: [48, 40],
         r_max_m: 1.0,
-        attenuation: reference::Attenuation::Linear,
+        model: Model::First(Attenuation::Linear),
+        animation: Animation::default(),
         buffer_px: [48 / scale, 40 / scale],
     }
 }
@@ -116,4 +118,50 @@ fn errors_are_painted_red_where_too_dark() {
     let red = picture.pixels().filter(|pixel| pixel.0 == [255, 0, 0]);
     // The lattice's blocks touch: nearly all that is seen is painted.
     assert!(red.count() > 48 * 40 / 2);
+}
+
+#[test]
+fn points_behind_glass_are_judged_and_glass_is_not() {
+    let mut question = question(1);
+    let plain = points(&question, 400);
+    let objects = {
+        let mut objects = corner();
+        let [a, b] = [DVec3::Y * 2.0, DVec3::Z * 2.0];
+        // Between the camera and the corner.
+        let pane = Mesh::parallelogram(DVec3::new(2.5, 1.5, 1.0), a, b);
+        objects.push(Object::new("pane", pane));
+        objects
+    };
+    question.opaque.push(false);
+    question.alphas.push(0.3);
+    question.model = Model::Through;
+    let tracer = Tracer::new(&objects).unwrap();
+    let bare = Tracer::new(&corner()).unwrap();
+    let [depth, normal] = gbuffer(&bare, &question.camera, question.size_px);
+    let through = cast(&question, &tracer, (&depth, &normal), 400, 64);
+    assert_eq!(through.len(), plain.len());
+    let clear = Question { alphas: vec![1.0, 1.0, 0.0], ..question.clone() };
+    let clear = cast(&clear, &tracer, (&depth, &normal), 400, 64);
+    let opaque = Question { alphas: vec![1.0; 3], ..question };
+    let opaque = cast(&opaque, &tracer, (&depth, &normal), 400, 64);
+    let sum = |points: &[JudgedPoint]| points.iter().map(|p| p.occlusion).sum::<f64>();
+    let [clear, third, opaque] = [sum(&clear), sum(&through), sum(&opaque)];
+    assert!(clear < opaque, "{clear} {opaque}");
+    // Alone between a point and the sky, glass counts by its opacity; before the wall it adds nothing.
+    assert!((third - clear - 0.3 * (opaque - clear)).abs() < 1e-9, "{clear} {third} {opaque}");
+}
+
+#[test]
+fn moving_geometry_is_judged_where_it_is() {
+    let scene = Rc::new(Scene::load("ball").unwrap());
+    let spun = Animation { deform: Deform::Wave, time_s: 1.0, ..Animation::default() };
+    let mut known = KnownPoints::default();
+    let at = |tracer: &Tracer| {
+        let eye = DVec3::from(scene.camera.position_m);
+        let ball = scene.objects[1].mesh.bounds().center();
+        tracer.cast(eye, (ball - eye).normalize(), 0.0, 100.0).unwrap().distance_m
+    };
+    let rest = at(&known.tracer(&scene, &Animation::default()).unwrap());
+    let moved = at(&known.tracer(&scene, &spun).unwrap());
+    assert!((rest - moved).abs() > 0.01, "{rest} {moved}");
 }

@@ -8,6 +8,7 @@ use crate::pipelines::Parameters;
 use crate::pipelines::settings::{Attenuation, View, staged};
 use crate::scene::{Camera, Light, SceneFile, Volume, VolumeFile};
 use crate::stages::ray_cast::CastUniforms;
+use crate::stages::scalar::isosurface::Rays;
 use crate::stages::scalar_field;
 use crate::{choices, settings};
 
@@ -80,6 +81,17 @@ pub enum Stop {
     Threshold,
 }
 
+/// What a ray from an isosurface gathers.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Gather {
+    /// ρ of the place where it ends. VAO §5.2.1, §5.1.
+    End,
+    /// γ of Eq. 7 over the samples up to there, those of falling value rejected (Eq. 4): as the paper shades isosurfaces. It begins
+    /// at the surface, and there is no ρ. VAO §5.2.3, Fig. 7a, b and d.
+    Rejection,
+}
+
 /// What values of the field mean in a medium.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -90,7 +102,7 @@ pub enum Law {
     Beer,
 }
 
-choices!(Mode, Stop, Law);
+choices!(Mode, Stop, Gather, Law);
 
 settings! {
     /// The stage, its marching and its transfer function.
@@ -104,7 +116,9 @@ settings! {
         tolerance: f64 = 0.1 => 1e-4 ..= 1.0, "1";
         /// What ends a ray from an isosurface.
         stop: Stop = Stop::Threshold;
-        /// How occluders weigh by their distance.
+        /// What a ray from an isosurface gathers on its way.
+        gather: Gather = Gather::End;
+        /// How occluders weigh by their distance where rays from an isosurface gather their end.
         attenuation: Attenuation = Attenuation::Linear;
         /// Rays from each shaded point. VAO §5.2.4: 20.
         rays: u32 = 20 => 1 ..= 4096, "1";
@@ -165,6 +179,15 @@ impl Parameters for Params {
 }
 
 impl Scalar {
+    /// Rays from an isosurface.
+    pub fn surface_rays(&self) -> Rays {
+        Rays {
+            at_isosurface: self.stop == Stop::Isosurface,
+            linear: self.attenuation == Attenuation::Linear,
+            rejection: self.gather == Gather::Rejection,
+        }
+    }
+
     /// Length of the rays in a scene whose longest side is `longest_m`, metres.
     pub fn reach_m(&self, longest_m: f64) -> f64 {
         if self.r_max_m > 0.0 { self.r_max_m } else { self.r_max_share * longest_m }

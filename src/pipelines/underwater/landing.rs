@@ -24,8 +24,9 @@ impl Underwater {
         let tracer = Tracer::new(&scene.objects)?;
         let mut errors = Vec::new();
         for (name, stage, settings, photons) in self.grids() {
-            let grid =
-                ExactGrid::new(settings.grid, settings.subdivision)?.with_offset(settings.offset);
+            let grid = ExactGrid::new(settings.grid, settings.subdivision)?
+                .with_offset(settings.offset)
+                .with_jitter(settings.jitter);
             let step = step(grid.count() as usize);
             let photons = stored_photons(&read_buffer(gpu, photons)?);
             let tolerance_m = f64::from(settings.tolerance_m as f32);

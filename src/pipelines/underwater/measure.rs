@@ -3,9 +3,12 @@
 use std::collections::BTreeMap;
 use std::rc::Rc;
 
+use glam::{DVec2, DVec4};
+
 use super::{Intensity, Params, Underwater, view};
 use crate::gpu::{Gpu, GpuError, read_buffer, read_texture};
 use crate::pipelines::{AnyPipeline, Built, Pipeline};
+use crate::reference::godray::covered_px;
 use crate::scene::Scene;
 use crate::stages::frame::Shared;
 use crate::stages::geometry::Geometry;
@@ -15,7 +18,29 @@ use crate::stages::photons::query::{Answer, Query, Start};
 use crate::stages::shadow;
 
 impl Underwater {
-    /// Shares of the photons that never enter the water, and that leave the light's frustum.
+    /// Pixels that the lines of godrays cover in their buffer, each line's counted, hidden or not.
+    fn covered_px(&self, photons: &[Photon]) -> f64 {
+        let size = self.params.godrays_buffer();
+        let (near_m, width_px) = (self.view.camera.z_near_m, self.params.godrays.line_width_px);
+        let matrix = self.view.camera.view_projection(self.view.aspect());
+        let place = |clip: DVec4| {
+            let ndc = clip.truncate() / clip.w;
+            let share = DVec2::new(ndc.x * 0.5 + 0.5, 0.5 - ndc.y * 0.5);
+            share * DVec2::new(size[0].into(), size[1].into())
+        };
+        let drawn = photons.iter().filter(|p| p.residual_m >= 0.0 && p.distance_m > 0.0);
+        let lines = drawn.filter_map(|photon| {
+            let ends = [photon.entry_m, photon.hit_m].map(|p| matrix * p.as_dvec3().extend(1.0));
+            let [start, end] = ends;
+            // The part in front of the near plane.
+            let crossing = || start.lerp(end, (near_m - start.w) / (end.w - start.w));
+            let cut = |end: DVec4| if end.w < near_m { crossing() } else { end };
+            (start.w.max(end.w) > near_m).then(|| ends.map(|end| place(cut(end))))
+        });
+        lines.map(|line| covered_px(line, width_px, size)).sum()
+    }
+
+    /// Shares of the photons that never enter the water, and that leave the light's frustum; pixels that godrays cover.
     pub(super) fn measured_quantities(&self, gpu: &Gpu) -> Result<BTreeMap<String, f64>, GpuError> {
         let mut quantities = BTreeMap::new();
         for (name, _, _, photons) in self.grids() {
@@ -27,6 +52,10 @@ impl Underwater {
             let figures =
                 [("missed_water_rate", share(MISSED)), ("left_frustum_rate", share(OUTSIDE))];
             quantities.extend(figures.map(|(figure, value)| (format!("{name}_{figure}"), value)));
+            if name == "godrays" {
+                quantities
+                    .insert("godrays_covered_px".to_owned(), self.covered_px(&photons).round());
+            }
         }
         Ok(quantities)
     }

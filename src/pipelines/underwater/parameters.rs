@@ -8,7 +8,7 @@ use crate::parameter::{ParamError, within};
 use crate::pipelines::Parameters;
 use crate::pipelines::settings::scaled;
 use crate::scene::{Camera, Light, SceneFile, Water};
-use crate::stages::low_pass::FilterUniforms;
+use crate::stages::caustics::splat::SplatCoverage;
 use crate::stages::photon::TraceUniforms;
 use crate::stages::{caustics, godrays};
 use crate::{choices, settings};
@@ -89,7 +89,7 @@ pub enum Splatting {
     Raster,
 }
 
-choices!(Intensity, SubdivisionMode, Splatting);
+choices!(Intensity, SplatCoverage, Splatting, SubdivisionMode);
 
 settings! {
     /// Caustics: a photon grid, drawn as splats. UW §3.3.
@@ -102,6 +102,9 @@ settings! {
         subdivision_mode: SubdivisionMode = SubdivisionMode::Static;
         /// Place of each photon in its share of the cell; the middle is 0.5.
         offset: [f64; 2] = [0.5, 0.5] => 0.0 ..= 1.0, "1";
+        /// How much of its share of the cell a photon is strewn over at random; with 0 the grid is regular, and shows as a herringbone
+        /// pattern on surfaces that the light grazes. Half breaks the pattern with less noise than the whole. Tuned on scene tank.
+        jitter: f64 = 0.5 => 0.0 ..= 1.0, "1";
         /// Iterations of the estimator. UW gives none: errors shrink by about the square of the sine between ray and light
         /// at each, so that 6 reach below a millimetre on smooth floors.
         iterations: u32 = 6 => 1 ..= 1000, "1";
@@ -117,20 +120,25 @@ settings! {
         point_size_min_px: f64 = 5.0 => 0.1 ..= 1024.0, "px";
         /// Side of a splat at the near plane, not less than at the far one. UW §4.1: 20.
         point_size_max_px: f64 = 20.0 => 0.1 ..= 1024.0, "px";
+        /// Where a splat is drawn. UW's squares lie over silhouettes.
+        coverage: SplatCoverage = SplatCoverage::Surface;
         /// How far splats are drawn towards the camera before the depth test, so that the floor they lie on does not hide
-        /// half of them. Tuned on scene tank.
+        /// half of them; with the coverage `surface` also how far behind a splat its surface may lie. Tuned on scene tank.
         depth_bias_m: f64 = 0.3 => 0.0 ..= 100.0, "m";
         /// How much a photon adds.
         intensity: Intensity = Intensity::Paper;
-        /// What adds photons up. The sums are the same; which is faster depends on the adapter and on the size of splats: on
-        /// lavapipe compute takes half the time at 5 px, and a tenth more at 20 px.
+        /// What adds photons up. The sums are the same; which is faster depends on the adapter and on the size of splats. On
+        /// lavapipe compute takes 0.4 of the time at 5 px and 0.8 at 20 px.
         splatting: Splatting = Splatting::Compute;
         /// Whether the buffer is smoothed.
         filter: bool = true;
         /// UW §3.5 gives neither taps nor radius.
         filter_taps: u32 = 16 => 1 ..= 1024, "1";
-        /// Radius of the disc.
-        filter_radius_px: f64 = 3.0 => 0.0 ..= 256.0, "px";
+        /// Radius of the disc. Tuned on scene tank: 3 px blur the lines of light.
+        filter_radius_px: f64 = 2.0 => 0.0 ..= 256.0, "px";
+        /// Taps, and texels of the buffer when the picture is composed, count up to this distance from the pixel's surface along the
+        /// view, as a share of its view depth. UW has no such limit. Tuned on scene tank.
+        filter_depth_share: f64 = 0.05 => 0.0 ..= 1e6, "1";
     }
 }
 
@@ -145,6 +153,9 @@ settings! {
         subdivision_mode: SubdivisionMode = SubdivisionMode::Static;
         /// Place of each photon in its share of the cell; the middle is 0.5.
         offset: [f64; 2] = [0.5, 0.5] => 0.0 ..= 1.0, "1";
+        /// How much of its share of the cell a photon is strewn over at random; with 0 the grid is regular, and shows as a herringbone
+        /// pattern on surfaces that the light grazes. Half breaks the pattern with less noise than the whole. Tuned on scene tank.
+        jitter: f64 = 0.5 => 0.0 ..= 1.0, "1";
         /// Iterations of the estimator. UW gives none: errors shrink by about the square of the sine between ray and light
         /// at each, so that 6 reach below a millimetre on smooth floors.
         iterations: u32 = 6 => 1 ..= 1000, "1";
@@ -162,7 +173,7 @@ settings! {
         /// Schlick's k of the phase function. UW gives none; 0.5 scatters forward, yet leaves shafts seen from the side.
         phase_k: f64 = 0.5 => -0.99 ..= 0.99, "1";
         /// Scattering coefficient that scales the composed godrays. Tuned on scene tank.
-        scattering_per_m: f64 = 0.2 => 0.0 ..= 1e3, "1/m";
+        scattering_per_m: f64 = 0.5 => 0.0 ..= 1e3, "1/m";
         /// How much a photon adds.
         intensity: Intensity = Intensity::Paper;
         /// Whether the buffer is smoothed.
@@ -177,8 +188,9 @@ settings! {
 settings! {
     /// How the picture is made.
     pub struct Composition {
-        /// Radiance is mapped by 1 − exp(−exposure × radiance).
-        exposure: f64 = 1.0 => 0.0 ..= 1e6, "1";
+        /// Radiance is mapped by 1 − exp(−exposure × radiance). With 0.4, white in full light of 9.2 W/sr (UW §4.1) is shown at
+        /// 85 % and focused light stands above it.
+        exposure: f64 = 0.4 => 0.0 ..= 1e6, "1";
         /// Taps of the optional screen-space ambient occlusion; 0 turns it off.
         occlusion_taps: u32 = 0 => 0 ..= 256, "1";
         /// Radius of the taps' disc at the surface.
@@ -193,6 +205,7 @@ pub struct PhotonGrid {
     pub subdivision: u32,
     pub mode: SubdivisionMode,
     pub offset: [f64; 2],
+    pub jitter: f64,
     pub iterations: u32,
     pub start_m: f64,
     pub tolerance_m: f64,
@@ -222,6 +235,7 @@ impl PhotonGrid {
             offset: Vec2::new(self.offset[0] as f32, self.offset[1] as f32),
             start_m: self.start_m as f32,
             tolerance_m: self.tolerance_m as f32,
+            jitter: self.jitter as f32,
         }
     }
 
@@ -250,7 +264,7 @@ pub(super) struct PhotonPath {
     pub(super) trace: &'static StageInfo,
     pub(super) grid: PhotonGrid,
     pub(super) conserving: bool,
-    pub(super) filter: Option<(&'static StageInfo, FilterUniforms)>,
+    pub(super) filter: bool,
 }
 
 macro_rules! photon_settings {
@@ -262,6 +276,7 @@ macro_rules! photon_settings {
                     subdivision: self.subdivision,
                     mode: self.subdivision_mode,
                     offset: self.offset,
+                    jitter: self.jitter,
                     iterations: self.iterations,
                     start_m: self.start_m,
                     tolerance_m: self.tolerance_m,
@@ -270,8 +285,6 @@ macro_rules! photon_settings {
             }
 
             pub(super) fn path(&self) -> PhotonPath {
-                let (taps, radius_px) = (self.filter_taps, self.filter_radius_px as f32);
-                let filter = (&$name::filter::INFO, FilterUniforms { taps, radius_px });
                 PhotonPath {
                     grid_sized_by: concat!(
                         stringify!($name),
@@ -283,7 +296,7 @@ macro_rules! photon_settings {
                     trace: &$name::trace::INFO,
                     grid: self.grid_settings(),
                     conserving: self.intensity == Intensity::Conserving,
-                    filter: self.filter.then_some(filter),
+                    filter: self.filter,
                 }
             }
 

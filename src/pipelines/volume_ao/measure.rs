@@ -34,6 +34,7 @@ impl VolumeAo {
         let mut figures = vec![
             ("covered_share", covered_share),
             ("samples_per_pixel_mean", per_pixel(counts.samples)),
+            ("reads_per_pixel_mean", per_pixel(counts.samples + counts.lookups)),
             ("r_max_m", self.marching.r_max_m),
         ];
         if self.marching.skipping {

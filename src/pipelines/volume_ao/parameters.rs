@@ -2,6 +2,7 @@
 
 use crate::parameter::ParamError;
 use crate::pipelines::Parameters;
+use crate::pipelines::occlusion::Model;
 use crate::pipelines::settings::{
     self, Animation, Attenuation, Compose, Filter, Method, R_MAX_SHARE, Shadow, View, Voxel,
 };
@@ -46,24 +47,30 @@ settings! {
         /// What the rays' mean estimates.
         estimator: Estimator = Estimator::Unbiased;
         /// V_thres. VAO §6.5: 0.2 to 0.8, for volumes from slicemaps. The default is for the thicker shells of `voxel.method`
-        /// overlap, which leave no gap at any slant. It was chosen with the offset and `hit` by the worst orientation:
+        /// overlap, which leave no gap at any slant. It was chosen from the map of errors, by the worst orientation and scene:
         /// docs/volume-ao.md.
-        threshold: f64 = 0.9 => 0.01 ..= 1.0, "1";
+        /// Above 1 no sample ends a ray: each takes all its samples, as memory is measured by.
+        threshold: f64 = 0.9 => 0.01 ..= 2.0, "1";
         /// Where the first sample of a ray lies.
         guard: Guard = Guard::Variable;
         /// Whether each ray's samples are moved along it by a random share of a step, which turns bands into noise. VAO §5.2.3.
         jitter: bool = false;
         /// What the step follows.
         step: Step = Step::Voxel;
-        /// Step where `step` is `voxel`. At more than one, rays pass through walls of one voxel.
+        /// Step where `step` is `voxel`. At more than one, rays pass through walls of one voxel. The default was chosen from the map of
+        /// errors, by the worst orientation and scene: docs/volume-ao.md.
         step_voxels: f64 = 1.0 => 0.01 ..= 100.0, "voxels";
         /// How far along its normal a surface's rays begin: VAO §6.1's small offset. It keeps coarse or curved surfaces from
-        /// occluding themselves at low thresholds. VAO §5.1 has none: 0.
+        /// occluding themselves at low thresholds. VAO §5.1 has none: 0. The default was chosen from the map of errors, by the worst
+        /// orientation and scene: docs/volume-ao.md.
         offset_voxels: f64 = 0.1 => 0.0 ..= 100.0, "voxels";
-        /// Where a hit is taken to lie.
+        /// Where a hit is taken to lie. The default was chosen from the map of errors, by the worst orientation and scene:
+        /// docs/volume-ao.md.
         hit: Hit = Hit::Peak;
         /// How directions are drawn.
         sampling: Sampling = Sampling::Stratified;
+        /// Draws other directions at every pixel.
+        seed: u32 = 0 => 0 ..= 4_294_967_295u32, "1";
         /// What samples read.
         storage: Storage = Storage::Texture;
         /// Whether rays leave empty cells of an occupancy pyramid in one go. VAO §6.3.
@@ -96,6 +103,7 @@ impl Ao {
             step_voxels: self.step_voxels,
             r_max_m,
             threshold: self.threshold,
+            seed: self.seed,
             offset_voxels: self.offset_voxels,
             attenuation: self.attenuation,
             estimator: self.estimator,
@@ -136,6 +144,10 @@ impl Parameters for Params {
         larger.ao.scale /= f64::from(factor);
         Some(larger)
     }
+
+    fn seed_mut(&mut self) -> Option<&mut u32> {
+        Some(&mut self.ao.seed)
+    }
 }
 
 impl Params {
@@ -173,6 +185,15 @@ impl Params {
         Ok(())
     }
 
+    /// What rays make of surfaces.
+    pub(super) fn model(&self) -> Model {
+        match (self.ao.occluder, self.voxel.method) {
+            (Occluder::Binary, _) => Model::First(self.ao.attenuation),
+            (Occluder::Opacity, Method::MaxAlpha) => Model::Through,
+            (Occluder::Opacity, _) => Model::ThroughOpaque,
+        }
+    }
+
     /// Pixels of the occlusion buffer.
     pub fn buffer_px(&self) -> [u32; 2] {
         settings::scaled([self.view.width, self.view.height], self.ao.scale)
@@ -201,7 +222,7 @@ mod tests {
             ("ao.rays", json!(0)),
             ("ao.samples", json!(0)),
             ("ao.threshold", json!(0.0)),
-            ("ao.threshold", json!(1.5)),
+            ("ao.threshold", json!(2.5)),
             ("ao.step_voxels", json!(0.0)),
             ("ao.offset_voxels", json!(-1.0)),
             ("ao.r_max_share", json!(0.0)),

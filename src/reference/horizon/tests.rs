@@ -10,7 +10,16 @@ fn camera(position_m: [f64; 3], target_m: [f64; 3]) -> Camera {
 
 fn dense(attenuation: Attenuation) -> HorizonSplit {
     let (r_max_m, layer_m) = (1.0, 1.0);
-    HorizonSplit { directions: 32, steps: 48, rays: 0, ray_steps: 0, r_max_m, layer_m, attenuation }
+    HorizonSplit {
+        directions: 32,
+        steps: 48,
+        rays: 0,
+        ray_steps: 0,
+        r_max_m,
+        layer_m,
+        attenuation,
+        seed: 0,
+    }
 }
 
 /// Depth and normals of a height field y = h(x, z) with its normals, by bisection along each pixel's ray.

@@ -115,21 +115,31 @@ fn frames(section: &Section<'_>, text: &mut String) {
         ]);
     }
     table.add_to(text, "Whole frames, not timed by stage:\n\n");
+    if section.timed().any(|(_, measured)| is_marked(measured)) {
+        *text += MARKED;
+    }
 }
 
-/// Above this share the cost of timing is marked: stages of such a cell hold it, too.
+/// Above this share the cost of timing is marked.
 const MARKED_COST: f64 = 0.1;
+const COST_MARK: &str = "!";
+/// Said of tables with such cells.
+const MARKED: &str = "`!`: timing costs more than 10 % of this cell's frame, so its stages take that much less in a frame that is not timed.\n\n";
+
+fn is_marked(measured: &Measured) -> bool {
+    measured.frame.timing_cost.median - 1.0 > MARKED_COST
+}
 
 /// The cost of timing as a share of the untimed frame.
 fn timing_cost(measured: &Measured) -> String {
-    let share = measured.frame.timing_cost.median - 1.0;
-    let mark = if share > MARKED_COST { " **!**" } else { "" };
-    format!("{:+.1} %{mark}", 100.0 * share)
+    let cost = format!("{:+.1} %", 100.0 * (measured.frame.timing_cost.median - 1.0));
+    if is_marked(measured) { format!("{cost} {COST_MARK}") } else { cost }
 }
 
 /// A cell's name and its number of samples.
 fn counted((cell, measured): &(&Cell, &Measured)) -> String {
-    format!("{}, n = {}", name(cell), measured.frame.untimed.n)
+    let mark = if is_marked(measured) { format!(" {COST_MARK}") } else { String::new() };
+    format!("{}, n = {}{mark}", name(cell), measured.frame.untimed.n)
 }
 
 fn name(cell: &Cell) -> String {

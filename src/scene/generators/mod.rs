@@ -15,6 +15,7 @@ mod robot;
 mod room;
 mod storage;
 mod tank;
+mod thicket;
 
 use std::collections::BTreeMap;
 
@@ -52,6 +53,7 @@ pub fn all() -> impl Iterator<Item = &'static Generator> + Clone {
         level::GENERATORS,
         robot::GENERATORS,
         room::GENERATORS,
+        thicket::GENERATORS,
     ]
     .into_iter()
     .flatten()
@@ -185,6 +187,7 @@ mod tests {
             level::GENERATORS,
             robot::GENERATORS,
             room::GENERATORS,
+            thicket::GENERATORS,
         ];
         let basic = basic::GENERATORS.iter().filter(|g| !open.contains(&g.name));
         for generator in themes.into_iter().flatten().chain(basic) {

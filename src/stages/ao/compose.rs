@@ -70,6 +70,10 @@ impl Compose {
     pub fn texture(&self) -> &wgpu::Texture {
         self.pass.texture()
     }
+
+    pub fn shows_occlusion(&self) -> bool {
+        self.shows_occlusion
+    }
 }
 
 impl Stage for Compose {

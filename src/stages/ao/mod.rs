@@ -2,5 +2,6 @@
 
 pub mod bilateral;
 pub mod compose;
+pub mod glass;
 pub mod march;
 pub mod query;

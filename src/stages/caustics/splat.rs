@@ -1,18 +1,24 @@
 //! `caustics/splat`: a square of regulated size for each photon, added up. UW §3.3.
 //!
 //! The rasterizer does it as in the paper ([`raster`]), or a compute shader ([`Scatter`]). What binds each was measured as CPU time on one
-//! core, with lavapipe of Mesa 22.3, 160,000 photons of scene `tank` (half of them in view) and 512 × 512 pixels:
+//! core, with lavapipe of Mesa 22.3, 160,000 photons of scene `tank` (half of them in view), 512 × 512 pixels and the coverage `surface`;
+//! ms:
 //!
 //! | | clearing, depth, result | photons or vertices | triangles | pixels at 5 px | all at 5 px | 10 px | 20 px |
 //! |---|---|---|---|---|---|---|---|
-//! | rasterizer | 1.5 ms | 11.5 ms | 12.9 ms | 9.0 ms | 34.9 ms | 48.3 ms | 104 ms |
-//! | compute | 2.7 ms | 4.0 ms | – | 8.0 ms | 14.7 ms | 36 ms | 113 ms |
+//! | rasterizer | 1.9 | 23.5 | 12.7 | 16.3 | 54.4 | 79.3 | 172 |
+//! | compute | 2.7 | 7.0 | – | 12.2 | 21.9 | 48.7 | 139 |
 //!
-//! So vertices and triangle set-up bind the rasterizer at the paper's size; atomic additions, 4 ns each, bind the compute shader.
+//! Vertices and triangle set-up bind the rasterizer at the paper's size. Atomic additions, about 4 ns each, bind the compute shader. With
+//! the coverage `square` the rasterizer takes 34.9 ms at 5 px and compute 14.7 ms; at 20 px compute takes 9 % more. On a GPU, whose
+//! hardware blends, this has not been measured.
+//!
 //! For the rasterizer these were no faster, and are not kept: a triangle of twice the size in place of two (11 % slower at 5 px, 23 % at
-//! 20 px), leaving the vertex shader early for squares beyond the picture, and another order of indices (both within 1.5 %).
+//! 20 px), leaving the vertex shader early for squares beyond the picture, and another order of indices (both within 1.5 %). In the compute
+//! shader, sums of 32-bit floats by compare-and-exchange took 18 % more at 5 px and 27 % more at 20 px.
 
 use glam::Vec2;
+use serde::{Deserialize, Serialize};
 
 use crate::gpu::{GpuError, StageScope};
 use crate::record::Work;
@@ -20,7 +26,7 @@ use crate::shader_struct;
 use crate::stages::frame::Shared;
 use crate::stages::kit::{self, Bind, Dispatch, Group, Kernel, Resources};
 use crate::stages::photon::Photons;
-use crate::stages::splatting::{self, Additive, Drawing, Drawn};
+use crate::stages::splatting::{self, Accumulated, Additive, Drawing};
 use crate::stages::{Column, Output, Stage, StageInfo};
 
 pub const INFO: StageInfo = StageInfo {
@@ -40,6 +46,22 @@ shader_struct! {
         pub steps: f32,
         pub photons: u32,
         pub photons_per_instance: u32,
+    }
+}
+
+/// Where a splat is drawn.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum SplatCoverage {
+    /// UW §3.3: a square that faces the camera, in front of all that is farther than its photon.
+    Square,
+    /// The part of the square behind which the photon's own surface is seen.
+    Surface,
+}
+
+impl SplatCoverage {
+    fn def(self) -> (&'static str, i32) {
+        ("SURFACE", i32::from(self == Self::Surface))
     }
 }
 
@@ -94,12 +116,13 @@ pub fn raster(
     shared: &Shared,
     inputs: (&Photons, &wgpu::Texture),
     settings: &SplatUniforms,
-    conserving: bool,
+    (conserving, coverage): (bool, SplatCoverage),
     typical_px: f64,
 ) -> Result<Additive, GpuError> {
     let drawing = Drawing {
         uniforms: &resources.uniform(INFO.name, settings),
         size_px: settings.size_px.as_uvec2().to_array(),
+        def: Some(coverage.def()),
         conserving,
         fragments: fragments(inputs.0, typical_px),
         column: column(conserving),
@@ -138,13 +161,12 @@ impl Scatter {
         shared: &Shared,
         (photons, scene_depth): (&Photons, &wgpu::Texture),
         settings: &SplatUniforms,
-        conserving: bool,
+        (conserving, coverage): (bool, SplatCoverage),
         typical_px: f64,
     ) -> Result<Self, GpuError> {
         let [width, height] = settings.size_px.as_uvec2().to_array();
         let pixels = u64::from(width) * u64::from(height);
-        let image =
-            resources.image(INFO.name, [width, height], wgpu::TextureFormat::R32Float);
+        let image = resources.image(INFO.name, [width, height], wgpu::TextureFormat::R32Float);
         let binds = [
             Bind::Uniform(&resources.uniform(INFO.name, settings)),
             Bind::Read(&photons.buffer),
@@ -156,7 +178,7 @@ impl Scatter {
         let groups = [&shared.group, &Group::new(resources.gpu, INFO.name, &binds)];
         let step = |number: i32, workgroups| -> Result<(Kernel, Dispatch), GpuError> {
             let conserving = ("CONSERVING", i32::from(conserving));
-            let defs = [("STEP", number), conserving, shared.fresnel_def()];
+            let defs = [("STEP", number), conserving, coverage.def(), shared.fresnel_def()];
             let kernel = Kernel::new(resources, INFO.name, (INFO.name, &defs[..]), &groups)?;
             Ok((kernel, Dispatch::new(resources, INFO.name, &groups, workgroups)))
         };
@@ -172,7 +194,7 @@ impl Scatter {
     }
 }
 
-impl Drawn for Scatter {
+impl Accumulated for Scatter {
     fn texture(&self) -> &wgpu::Texture {
         &self.image
     }

@@ -56,6 +56,7 @@ pub fn new(
     let drawing = Drawing {
         uniforms: &resources.uniform(INFO.name, settings),
         size_px: settings.size_px.as_uvec2().to_array(),
+        def: None,
         conserving,
         fragments: (f64::from(inputs.0.count) * typical_px * f64::from(settings.width_px)) as u64,
         column: column(conserving),

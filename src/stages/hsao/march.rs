@@ -29,6 +29,7 @@ shader_struct! {
         pub steps: u32,
         pub rays: u32,
         pub ray_steps: u32,
+        pub seed: u32,
     }
 }
 

@@ -116,7 +116,11 @@ impl Bind<'_> {
 
     fn texture_view(&self) -> Option<wgpu::TextureView> {
         match self {
-            Bind::Texels(t) | Bind::Filtered(t) | Bind::Depth(t) | Bind::Store(t) | Bind::Volume(t) => Some(view(t)),
+            Bind::Texels(t)
+            | Bind::Filtered(t)
+            | Bind::Depth(t)
+            | Bind::Store(t)
+            | Bind::Volume(t) => Some(view(t)),
             _ => None,
         }
     }
@@ -126,7 +130,14 @@ impl Bind<'_> {
             (_, Some(view)) => wgpu::BindingResource::TextureView(view),
             (Bind::Uniform(b) | Bind::Read(b) | Bind::Write(b), None) => b.as_entire_binding(),
             (Bind::Sampler(s) | Bind::NearestSampler(s), None) => wgpu::BindingResource::Sampler(s),
-            (Bind::Texels(_) | Bind::Filtered(_) | Bind::Depth(_) | Bind::Store(_) | Bind::Volume(_), None) => {
+            (
+                Bind::Texels(_)
+                | Bind::Filtered(_)
+                | Bind::Depth(_)
+                | Bind::Store(_)
+                | Bind::Volume(_),
+                None,
+            ) => {
                 unreachable!("textures have views")
             }
         }

@@ -329,7 +329,7 @@ impl ScreenPass {
     }
 }
 
-/// A pass that draws the whole geometry with a depth test.
+/// A pass that draws all opaque geometry with a depth test.
 pub struct ScenePass {
     raster: Raster,
     groups: Vec<wgpu::BindGroup>,
@@ -382,14 +382,14 @@ impl ScenePass {
         scope.render(&Targets { color: &color, depth: Some(depth) }, |pass| {
             self.raster.bind(pass);
             bind_groups(pass, &self.groups);
-            self.geometry.draw(pass);
+            self.geometry.draw_opaque(pass);
         });
     }
 
-    /// Every triangle, and `texel_bytes` for each pixel of the targets.
+    /// Every opaque triangle, and `texel_bytes` for each pixel of the targets.
     pub fn work(&self, texel_bytes: u64) -> crate::record::Work {
         crate::record::Work {
-            triangles: self.geometry.triangles(),
+            triangles: self.geometry.opaque_triangles(),
             bytes_read: self.geometry.bytes(),
             bytes_written: pixels(&self.depth) * texel_bytes,
             ..Default::default()

@@ -170,12 +170,7 @@ impl<'g> Resources<'g> {
     }
 
     /// A texture that compute shaders write, shaders read, and the host can read back.
-    pub fn image(
-        &self,
-        label: &str,
-        size: [u32; 2],
-        format: wgpu::TextureFormat,
-    ) -> wgpu::Texture {
+    pub fn image(&self, label: &str, size: [u32; 2], format: wgpu::TextureFormat) -> wgpu::Texture {
         let usage = wgpu::TextureUsages::STORAGE_BINDING
             | wgpu::TextureUsages::TEXTURE_BINDING
             | wgpu::TextureUsages::COPY_SRC;

@@ -10,17 +10,30 @@ use crate::stages::scalar_field::ScalarField;
 pub const INFO: StageInfo = StageInfo {
     name: "scalar/isosurface",
     about: "first isosurface of a scalar field on each view ray, with ambient occlusion by marching the field",
-    source: "VAO §5.2.1",
+    source: "VAO §5.2.1, §5.2.3",
 };
 
-/// `at_isosurface`: rays stop at |V − iso| < tolerance, else at V ≥ threshold. `linear`: ρ = 1 − d / r_max, else 1.
+/// How rays from the surface end and what they gather.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Rays {
+    /// They stop at |V − iso| < tolerance, else at V ≥ threshold.
+    pub at_isosurface: bool,
+    /// ρ = 1 − d / r_max, else 1.
+    pub linear: bool,
+    /// They gather γ of Eq. 7 with rejection, else ρ where they end.
+    pub rejection: bool,
+}
+
 pub fn new(
     resources: &Resources<'_>,
     through: (&Shared, &ScalarField),
     settings: &CastUniforms,
-    at_isosurface: bool,
-    linear: bool,
+    rays: Rays,
 ) -> Result<RayCast, GpuError> {
-    let defs = [("AT_ISOSURFACE", at_isosurface), ("LINEAR", linear)];
+    let defs = [
+        ("AT_ISOSURFACE", rays.at_isosurface),
+        ("LINEAR", rays.linear),
+        ("REJECTION", rays.rejection),
+    ];
     RayCast::new(resources, &INFO, through, &defs, true, settings)
 }

@@ -106,7 +106,8 @@ fn compare(rig: &Rig<'_>, per_object: bool) -> Checks {
     let seen = DrawnSurface::new(rig, &scene)?;
     let subjects = volumes(rig, &scene, per_object)?;
     let voxels: Vec<_> = subjects.iter().map(|s| s.voxels.clone()).collect();
-    let settings = settings(&subjects);
+    // Not 0, which draws nothing else.
+    let settings = Marching { seed: 3, ..settings(&subjects) };
     let error = density_error(settings.storage);
     let twins: Vec<(&HostVolume, March)> =
         subjects.iter().map(|s| (&s.host, twin(&settings, &s.host.grid))).collect();
@@ -116,7 +117,9 @@ fn compare(rig: &Rig<'_>, per_object: bool) -> Checks {
             march::March::new(&rig.resources, &seen.shared, &voxels, surface, &settings, size_px)?;
         rig.run(&[&stage])?;
         let image = rig.channel(stage.texture(), 0)?;
-        let measure = |seed: u32| {
+        // As `seed_of` in shaders/shared/marching.wgsl.
+        let own = settings.seed.wrapping_mul(0x9E37_79B9);
+        let measure = |moved_by: u32| {
             largest(pixels(size_px).map(|(x, y)| {
                 let value = 1.0 - image.clamped(x.into(), y.into());
                 let Some((p, n)) = seen.surface(x, y, size_px) else {
@@ -126,7 +129,8 @@ fn compare(rig: &Rig<'_>, per_object: bool) -> Checks {
                 beyond(value, &twins[0].1, error, |moved| {
                     let open = twins.iter().map(|(host, march)| {
                         let march = March { threshold: moved.threshold, ..march.clone() };
-                        1.0 - march.from(host, p, n, x + 65536 * y + seed).occlusion
+                        let index = (x + 65536 * y + moved_by).wrapping_add(own);
+                        1.0 - march.from(host, p, n, index).occlusion
                     });
                     1.0 - open.product::<f64>()
                 })

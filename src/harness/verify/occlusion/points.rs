@@ -3,6 +3,7 @@
 use super::{Case, HostVolume, MarchedVolume, Marching, beyond, density_error, furnished};
 use super::{furnished_points, largest, marching, mean, query, twin};
 use crate::harness::verify::{Check, Checks, Result, Rig};
+use crate::reference::march::March;
 use crate::stages::ao::query::INFO;
 use crate::stages::marching::{
     Attenuation, Estimator, Guard, Hit, Occluder, Sampling, Step, Storage,
@@ -49,6 +50,7 @@ pub fn cases() -> Vec<Case> {
     });
     let mut cases: Vec<Case> = twins.into();
     cases.push(Case::new(INFO.name, "opacities against the f64 twin", opacities));
+    cases.push(Case::new(INFO.name, "opacities at other steps than a voxel", opacity_steps));
     cases.push(Case::new(INFO.name, "bits and texture", storages));
     cases.push(Case::new(INFO.name, "skipping and not skipping", skipping));
     cases
@@ -95,6 +97,33 @@ fn opacities(rig: &Rig<'_>) -> Result<Check> {
     Ok(Check::of(INFO.name, "RMS of GPU − f64 twin of A, opacities")
         .within((5e-3, "1"), rms(1.0))
         .control("the twin's opacities 1.1 times", rms(1.1)))
+}
+
+/// Eq. 7's exponent is the step over the voxel: steps of other lengths than a voxel show whether it is there.
+fn opacity_steps(rig: &Rig<'_>) -> Checks {
+    let subject = MarchedVolume::new(rig, SIDE, GLASS, furnished)?;
+    let points = furnished_points();
+    let check = |step_voxels: f64| {
+        let occluder = Occluder::Opacity;
+        let settings = Marching { occluder, threshold: 1.0, step_voxels, ..marching(|_| ()) };
+        let occlusion = query(rig, &subject.voxels, &points, &settings)?;
+        let march = twin(&settings, &subject.host.grid);
+        let rms = |exponent: f64| {
+            let march = March { exponent, ..march.clone() };
+            let squares = (0..).zip(&points).zip(&occlusion).map(|((i, (p, n)), value)| {
+                (value - march.from(&subject.host, *p, *n, i).occlusion).powi(2)
+            });
+            mean(squares).sqrt()
+        };
+        Ok(Check::of(
+            INFO.name,
+            format!("RMS of GPU − f64 twin of A, opacities, steps of {step_voxels}"),
+        )
+        .within((5e-3, "1"), rms(step_voxels))
+        .control("the twin's exponent 1", rms(1.0))
+        .with("mean", mean(occlusion)))
+    };
+    [0.5, 2.0].into_iter().map(check).collect()
 }
 
 /// The share of points whose values differ by more than rounding of V explains.

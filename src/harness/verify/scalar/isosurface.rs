@@ -4,8 +4,9 @@ use glam::DVec3;
 
 use super::{ScalarPicture, Setup, VOXEL_M, cubes, looking, settings};
 use crate::harness::verify::{Case, Check, Checks, Result, Rig, VerifyError, largest, mean};
-use crate::pipelines::scalar_ao::{Mode, Scalar, Stop};
+use crate::pipelines::scalar_ao::{Gather, Mode, Scalar, Stop};
 use crate::reference::isosurface::{Solid, first, occlusion};
+use crate::reference::media::{Law, Marching};
 use crate::reference::occlusion::Attenuation;
 use crate::reference::rays::PixelRays;
 use crate::scene::Volume;
@@ -32,6 +33,7 @@ pub fn cases() -> Vec<Case> {
         Case::new(STAGE, "a ball: where rays hit, and the normal there", ball),
         Case::new(STAGE, "a ball over a slab: the light it shows", shading),
         Case::new(STAGE, "a ball over a slab: ambient occlusion", ball_over_slab),
+        Case::new(STAGE, "a ball over a slab: rejection sampling", rejection),
     ]
 }
 
@@ -127,6 +129,47 @@ fn percentile(values: impl Iterator<Item = f64>) -> f64 {
     let mut values: Vec<f64> = values.collect();
     values.sort_by(f64::total_cmp);
     values[(values.len() - 1) * 95 / 100]
+}
+
+/// γ of Eq. 7 with Eq. 4, against f64 marching of the same field from where the rays exactly hit.
+fn rejection(rig: &Rig<'_>) -> Checks {
+    let solids = [BALL, SLAB];
+    let check = |(samples, step): (u32, &str)| {
+        let all = settings(Mode::Isosurface);
+        let gather = Gather::Rejection;
+        // Of full opacity a single sample would end every ray.
+        let scalar = Scalar { gather, samples, threshold: 0.8, opacity: 0.3, rays: 64, ..all };
+        let setup = setup(&solids, scalar);
+        let visibility = setup.run(rig)?.visibility;
+        let judged: Vec<Hit> = hits(&setup, &solids).into_iter().step_by(STRIDE).collect();
+        // The twin's values are opacities.
+        let mut field = setup.volume.clone();
+        field.data.iter_mut().for_each(|v| *v *= 0.3);
+        let twin = |samples: u32, rejection: bool| Marching {
+            law: Law::Opacity { voxel_m: VOXEL_M },
+            r_max_m: R_MAX_M,
+            samples,
+            rejection,
+            threshold: 0.8 * 0.3,
+        };
+        let error = |twin: &Marching| {
+            let off = |h: &Hit| {
+                let exact = twin.hemispherical(&field, h.position, h.normal, 256);
+                (1.0 - visibility.data()[h.pixel] - exact).abs()
+            };
+            mean(judged.iter().map(off))
+        };
+        let mean_occlusion = mean(judged.iter().map(|h| 1.0 - visibility.data()[h.pixel]));
+        Ok(Check::of(
+            STAGE,
+            format!("rejection, strata of {step}: mean error of A against f64 marching"),
+        )
+        .within((0.02, "1"), error(&twin(samples, true)))
+        .control("no sample rejected", error(&twin(samples, false)))
+        .with("mean_occlusion", mean_occlusion))
+    };
+    // R_MAX_M is 16 voxels.
+    [(32, "half a voxel"), (8, "two voxels")].into_iter().map(check).collect()
 }
 
 fn ball_over_slab(rig: &Rig<'_>) -> Checks {

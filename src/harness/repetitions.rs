@@ -1,0 +1,164 @@
+//! Noise and bias of a cell's result apart: its frame is drawn several times with the photon grids at other places, and once
+//! densely. UW §4.2.
+
+use thiserror::Error;
+
+use super::difference::{DifferenceError, References};
+use super::readout::{self, ReadoutError};
+use super::subject::Subject;
+use crate::experiments::schema::RepeatedOutput;
+use crate::gpu::{FrameTimer, Gpu, GpuError, Pixels};
+use crate::statistics::mean;
+
+#[derive(Debug, Error)]
+pub enum RepetitionsError {
+    #[error(transparent)]
+    Gpu(#[from] GpuError),
+    #[error(transparent)]
+    Readout(#[from] ReadoutError),
+    #[error(transparent)]
+    Limit(#[from] DifferenceError),
+    #[error("the repetitions' images differ in size")]
+    Size,
+    #[error("the image is black")]
+    Black,
+}
+
+/// The runs of a cell: the same with its photon grids at other places, and its dense limit.
+pub struct PlannedRepetitions {
+    pub repeated: Vec<Subject>,
+    pub limit: Subject,
+}
+
+/// Noise and bias of an output, relative to its mean level.
+#[derive(Clone, Debug, PartialEq)]
+pub struct NoiseAndBias {
+    /// RMS over the pixels of the difference of each repetition from the mean over the repetitions.
+    pub noise: Vec<f64>,
+    /// RMS of the difference of that mean from the dense limit, less the share that the noise of the mean explains. 0 where
+    /// noise explains all of it.
+    pub bias: f64,
+}
+
+/// Draws every repetition once, and gives what is asked of each output.
+pub fn noise_and_bias(
+    gpu: &Gpu,
+    timer: &mut FrameTimer,
+    references: &mut References,
+    planned: &PlannedRepetitions,
+    outputs: &[RepeatedOutput],
+) -> Result<Vec<NoiseAndBias>, RepetitionsError> {
+    let mut images: Vec<Vec<Pixels>> = outputs.iter().map(|_| Vec::new()).collect();
+    // One pipeline at a time: only the outputs are kept.
+    for subject in &planned.repeated {
+        let pipeline = subject.build(gpu)?;
+        timer.untimed(gpu, &pipeline.stages())?;
+        for (images, output) in images.iter_mut().zip(outputs) {
+            images.push(readout::image(gpu, pipeline.as_ref(), &output.stages, None)?);
+        }
+    }
+    let stages: Vec<&[String]> = outputs.iter().map(|output| output.stages.as_slice()).collect();
+    let limits = references.images(gpu, timer, &planned.limit, &stages)?;
+    images.iter().zip(limits).map(|(images, limit)| NoiseAndBias::of(images, limit)).collect()
+}
+
+impl NoiseAndBias {
+    fn of(images: &[Pixels], limit: &Pixels) -> Result<Self, RepetitionsError> {
+        let alike = |image: &Pixels| image.data.len() == limit.data.len();
+        if !images.iter().all(alike) {
+            return Err(RepetitionsError::Size);
+        }
+        let count = images.len() as f64;
+        // Means over every other repetition, each of which is spread evenly over the unit square.
+        let half = |first: usize| middle(images.iter().skip(first).step_by(2));
+        let (halves, whole) = ([half(0), half(1)], middle(images.iter()));
+        let level = mean(whole.iter().copied());
+        if level <= 0.0 {
+            return Err(RepetitionsError::Black);
+        }
+        let from_whole =
+            |image: &Pixels| mean_square(image.data.iter().map(|v| f64::from(*v)), &whole);
+        // A repetition is part of the mean that it is held against, so that its difference from it is too small by this factor.
+        // Places that are spread evenly make it up to √(n / (n − 1)) too large, in every cell alike.
+        let own = count / (count - 1.0);
+        // Half the difference of the halves errs as their mean does.
+        let of_mean = mean_square(halves[0].iter().copied(), &halves[1]) / 4.0;
+        Ok(Self {
+            noise: images.iter().map(|image| (own * from_whole(image)).sqrt() / level).collect(),
+            bias: (from_whole(limit) - of_mean).max(0.0).sqrt() / level,
+        })
+    }
+}
+
+/// Mean of images, texel by texel.
+fn middle<'a>(images: impl Iterator<Item = &'a Pixels>) -> Vec<f64> {
+    let (mut sums, mut count) = (Vec::new(), 0.0);
+    for image in images {
+        sums.resize(image.data.len(), 0.0);
+        for (sum, value) in sums.iter_mut().zip(&image.data) {
+            *sum += f64::from(*value);
+        }
+        count += 1.0;
+    }
+    sums.iter_mut().for_each(|sum| *sum /= count);
+    sums
+}
+
+fn mean_square(values: impl Iterator<Item = f64>, from: &[f64]) -> f64 {
+    mean(values.zip(from).map(|(value, from)| (value - from).powi(2)))
+}
+
+#[cfg(test)]
+mod tests {
+    use rand::{RngExt, SeedableRng};
+    use rand_pcg::Pcg64;
+
+    use super::*;
+
+    const SIDE: u32 = 96;
+
+    fn picture(value: impl FnMut() -> f64) -> Pixels {
+        let mut value = value;
+        let data = (0..SIDE * SIDE).map(|_| value() as f32).collect();
+        Pixels { width: SIDE, height: SIDE, channels: 1, data }
+    }
+
+    /// Repetitions of level 2 with noise of a standard deviation of `noise`, about a limit that lies `bias` beside their mean.
+    fn found(noise: f64, bias: f64) -> NoiseAndBias {
+        let mut random = Pcg64::seed_from_u64(3);
+        // A uniform number of standard deviation 1.
+        let mut unit = || (random.random::<f64>() - 0.5) * 12f64.sqrt();
+        let images: Vec<Pixels> = (0..8).map(|_| picture(|| 2.0 + 2.0 * noise * unit())).collect();
+        NoiseAndBias::of(&images, &picture(|| 2.0 + 2.0 * bias)).unwrap()
+    }
+
+    #[test]
+    fn noise_is_told_from_bias() {
+        for (noise, bias) in [(0.2, 0.0), (0.2, 0.1), (0.01, 0.1), (0.4, 0.05)] {
+            let found = found(noise, bias);
+            assert_eq!(found.noise.len(), 8);
+            for of_one in &found.noise {
+                assert!((of_one / noise - 1.0).abs() < 0.05, "{noise} {bias}: {found:?}");
+            }
+            // The noise of the mean, 0.35 of that of one, hides bias of less than about a tenth of it.
+            assert!((found.bias - bias).abs() < 0.02 * noise + 0.01, "{noise} {bias}: {found:?}");
+        }
+    }
+
+    #[test]
+    fn equal_repetitions_have_no_noise() {
+        let found = found(0.0, 0.3);
+        assert!(found.noise.iter().all(|noise| *noise == 0.0));
+        assert!((found.bias - 0.3).abs() < 1e-6);
+    }
+
+    #[test]
+    fn images_of_other_sizes_and_black_ones_are_refused() {
+        let of = |value: f64| picture(|| value);
+        let small = Pixels { width: 1, height: 1, channels: 1, data: vec![1.0] };
+        let sizes = NoiseAndBias::of(&[of(1.0), of(1.0)], &small);
+        assert!(matches!(sizes, Err(RepetitionsError::Size)));
+        let black = NoiseAndBias::of(&[of(0.0), of(0.0)], &of(1.0));
+        assert!(matches!(black, Err(RepetitionsError::Black)));
+    }
+}

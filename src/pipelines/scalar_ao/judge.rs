@@ -1,0 +1,66 @@
+//! Occlusion of an isosurface against rays cast through the same field.
+
+use rayon::prelude::*;
+
+use super::{Gather, Mode, ScalarAo};
+use crate::gpu::read_texture;
+use crate::pipelines::settings::Attenuation;
+use crate::pipelines::{Judge, JudgeError, Judged};
+use crate::record::ErrorFigure;
+use crate::reference::isosurface::FieldSurface;
+use crate::reference::occlusion as reference;
+use crate::reference::rays::PixelRays;
+use crate::stages::scalar::isosurface::INFO;
+
+/// Pixels that figures rest on at most, and rays at each of them.
+const MOST_POINTS: f64 = 800.0;
+const RAYS: u32 = 256;
+
+impl ScalarAo {
+    /// Errors `ao_rmse` and `ao_bias` of an isosurface and the means `ao_mean` and `ao_reference_mean`, in units of A; nothing
+    /// of media. Rays that gather opacity know no ρ: their reference has none.
+    pub(super) fn judged(&self, judge: &mut Judge<'_>) -> Result<Judged, JudgeError> {
+        let (Mode::Isosurface, Some(volume)) = (self.settings.mode, &judge.scene.volume) else {
+            return Ok(Judged::default());
+        };
+        let pixels = read_texture(judge.gpu, self.result())?;
+        let (width, height) = (pixels.width, pixels.height);
+        let rays = PixelRays::new(&self.camera, width, height);
+        let surface = FieldSurface { field: volume, iso: self.settings.iso };
+        let attenuation = match (self.settings.gather, self.settings.attenuation) {
+            (Gather::End, Attenuation::Linear) => reference::Attenuation::Linear,
+            _ => reference::Attenuation::Hard,
+        };
+        let r_max_m = self.r_max_m;
+        let step = (f64::from(width) * f64::from(height) / MOST_POINTS).sqrt().max(1.0);
+        let along = |side: u32| {
+            let places = (0..side).map(move |i| ((f64::from(i) + 0.5) * step) as u32);
+            places.take_while(move |place| *place < side)
+        };
+        let lattice: Vec<[u32; 2]> =
+            along(height).flat_map(|y| along(width).map(move |x| [x, y])).collect();
+        let found = lattice.into_par_iter().filter_map(|[x, y]| {
+            let shown = pixels.texel(x, y);
+            let (origin, direction, length_m) = rays.ray(x, y);
+            let point = surface.seen(origin, direction, length_m)?;
+            let exact = surface.occlusion(point, r_max_m, attenuation, RAYS)?;
+            (shown[1] > 0.0).then(|| (1.0 - f64::from(shown[0]), exact))
+        });
+        let found: Vec<(f64, f64)> = found.collect();
+        if found.is_empty() {
+            return Err(JudgeError::Nothing);
+        }
+        let mean = |of: &dyn Fn(&(f64, f64)) -> f64| {
+            found.iter().map(of).sum::<f64>() / found.len() as f64
+        };
+        let figure = |name: &str, value| ErrorFigure::new(name.to_owned(), value, "1", INFO.name);
+        let mut judged = Judged::default();
+        judged.errors = vec![
+            figure("ao_rmse", mean(&|(a, exact)| (a - exact).powi(2)).sqrt()),
+            figure("ao_bias", mean(&|(a, exact)| a - exact)),
+        ];
+        judged.quantities.insert("ao_mean".to_owned(), mean(&|(a, _)| *a));
+        judged.quantities.insert("ao_reference_mean".to_owned(), mean(&|(_, exact)| *exact));
+        Ok(judged)
+    }
+}
