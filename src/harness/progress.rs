@@ -92,6 +92,9 @@ pub fn say(message: &str, quiet: bool) {
 /// A cell's result in a few words.
 fn describe(outcome: &Outcome) -> String {
     match outcome {
+        Outcome::Measured(measured) if !measured.is_timed() => {
+            format!("{} errors, nothing timed", measured.errors.len())
+        }
         Outcome::Measured(measured) => {
             let frame = &measured.frame.untimed;
             let half_width = 100.0 * frame.relative_half_width();
