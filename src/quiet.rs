@@ -18,6 +18,8 @@ const RASTERIZER_THREADS: &str = "LP_NUM_THREADS";
 const LARGE_PAGE: usize = 2 << 20;
 /// By how much each byte of padding moves the heap: all together by a large page, by lines of the caches and by parts of them.
 const HEAP_BYTES: usize = 512 + 16;
+/// Variable with the settings of the C library.
+const TUNABLES: &str = "GLIBC_TUNABLES";
 /// The C library keeps what is freed: a driver that gives memory back after each frame and asks for it in the next waits for
 /// the kernel to clear it, for up to 0.4 of a stage's time in one process and not at all in another. Blocks beyond 32 MiB,
 /// the most that can be set, still come from the kernel.
@@ -45,7 +47,7 @@ pub fn apply(command: &mut Command, quiet: Option<&Quiet>) {
     if let Some(quiet) = quiet {
         command.env(RASTERIZER_THREADS, "0");
         if quiet.keep_memory {
-            command.env("GLIBC_TUNABLES", MEMORY);
+            command.env(TUNABLES, MEMORY);
         }
         command.env(PADDING, "x".repeat(quiet.padding));
     }
@@ -77,10 +79,10 @@ impl Conditions {
 }
 
 /// Starts this program again, in this process and with the same arguments: pinned to one core, with a rasterizer in the thread
-/// that submits, freed memory kept and addresses not randomized. A variable that the user has set stays as it is. Returns where
-/// the system cannot do that, and in the program that was started so.
+/// that submits, freed memory kept and addresses not randomized. Returns where the system cannot do that, in the program that was
+/// started so, and where the user has set the rasterizer's threads: then the conditions are the user's.
 pub fn begin_again() {
-    if std::env::var_os(CORES).is_some() {
+    if [CORES, RASTERIZER_THREADS].iter().any(|name| std::env::var_os(name).is_some()) {
         return;
     }
     let cores = allowed_cores();
@@ -91,10 +93,9 @@ pub fn begin_again() {
     };
     let mut command = Command::new(program);
     command.args(std::env::args_os().skip(1));
-    for (name, value) in [(RASTERIZER_THREADS, "0"), ("GLIBC_TUNABLES", MEMORY)] {
-        if std::env::var_os(name).is_none() {
-            command.env(name, value);
-        }
+    command.env(RASTERIZER_THREADS, "0");
+    if std::env::var_os(TUNABLES).is_none() {
+        command.env(TUNABLES, MEMORY);
     }
     let list: Vec<String> = cores.iter().map(ToString::to_string).collect();
     command.env(CORES, list.join(","));
