@@ -19,9 +19,12 @@ const HOST_DOUBLING_TOLERANCE: f64 = 1.35;
 /// Of the rounds' ratios alone: a thread that is woken late lengthens the host's side of a submission and
 /// never shortens it, so the undisturbed rounds are those of high ratio.
 const ALONE_QUANTILE: f64 = 0.75;
-/// Of the process's CPU time the round of the highest ratio counts: other processes lengthen the wall's side of most rounds where
-/// the machine is busy, and no side is ever shortened. Threads that work at the same time raise every round.
+/// Of the process's CPU time the round of the highest ratio counts: other processes lengthen the wall's side where the machine is
+/// busy, and no side is ever shortened. Threads that work at the same time raise every round.
 const CPU_QUANTILE: f64 = 1.0;
+/// The least such ratio: of a core that others share, all rounds may have to wait. Where the work were done elsewhere, hardly
+/// any CPU time would be left, and it would not double.
+const LEAST_CPU_RATIO: f64 = 0.25;
 /// Share of durations that may be impossible (zero, negative, stale, longer than the wall).
 const FAULTY_SHARE: f64 = 0.1;
 
@@ -129,7 +132,10 @@ fn verdict(series: &Series, mixed: bool, ratios: [f64; LEVELS]) -> (Result<Strin
         return (Err(reason), false);
     }
     let tolerance = if mixed { MIXED_TOLERANCE } else { ALONE_TOLERANCE };
-    let [single, double] = ratios.map(factor);
+    let waited = |ratio: f64| {
+        series.clock == Audited::ProcessCpu && (LEAST_CPU_RATIO..1.0).contains(&ratio)
+    };
+    let [single, double] = ratios.map(|ratio| if waited(ratio) { 1.0 } else { factor(ratio) });
     // A busy machine spoils the wall's doubling, and not that of the CPU time.
     let host_doubling = match series.clock {
         Audited::Timestamps => doubling(&series.host_ns),
@@ -215,7 +221,7 @@ mod tests {
     fn by_cpu(share: f64) -> (bool, bool) {
         let mut series = Series::of(Audited::ProcessCpu);
         for round in 0..8 {
-            let waited = if round % 4 == 0 { 1.0 } else { 1.6 };
+            let waited = if round % 4 == 0 { 1.5 } else { 2.2 };
             for level in 0..LEVELS {
                 let work_ns = 5e6 * (1 << level) as f64;
                 series.push(level, share * work_ns, waited * work_ns, 0);
@@ -228,7 +234,7 @@ mod tests {
     #[test]
     fn cpu_time_is_sound_on_a_busy_machine_and_not_with_several_threads() {
         assert_eq!(by_cpu(1.0), (true, false));
-        assert_eq!(by_cpu(1.9), (false, false), "two threads");
+        assert_eq!(by_cpu(2.9), (false, false), "two threads");
         assert_eq!(by_cpu(0.1).0, false, "the work is done elsewhere");
     }
 
