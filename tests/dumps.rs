@@ -71,8 +71,9 @@ struct Dumps {
 }
 
 fn dumps(gpu: &Gpu, set: &str) -> Dumps {
-    let small =
-        "view.width=200 view.height=200 caustics.grid=64 caustics.buffer=[128,128] godrays.grid=8";
+    // The paper's squares, of photons on a regular grid.
+    let small = "view.width=200 view.height=200 caustics.grid=64 caustics.buffer=[128,128] \
+        caustics.coverage=square caustics.jitter=0 godrays.grid=8";
     let sets = common::sets(&format!("{small} {set}"));
     let subject = Subjects::default().subject("underwater", "plane", &sets).unwrap();
     let folder = tempfile::tempdir().unwrap();

@@ -54,13 +54,14 @@ impl ScalarAo {
             found.iter().map(of).sum::<f64>() / found.len() as f64
         };
         let figure = |name: &str, value| ErrorFigure::new(name.to_owned(), value, "1", INFO.name);
-        let mut judged = Judged::default();
-        judged.errors = vec![
-            figure("ao_rmse", mean(&|(a, exact)| (a - exact).powi(2)).sqrt()),
-            figure("ao_bias", mean(&|(a, exact)| a - exact)),
-        ];
-        judged.quantities.insert("ao_mean".to_owned(), mean(&|(a, _)| *a));
-        judged.quantities.insert("ao_reference_mean".to_owned(), mean(&|(_, exact)| *exact));
-        Ok(judged)
+        let quantities =
+            [("ao_mean", mean(&|(a, _)| *a)), ("ao_reference_mean", mean(&|(_, exact)| *exact))];
+        Ok(Judged {
+            errors: vec![
+                figure("ao_rmse", mean(&|(a, exact)| (a - exact).powi(2)).sqrt()),
+                figure("ao_bias", mean(&|(a, exact)| a - exact)),
+            ],
+            quantities: quantities.map(|(name, value)| (name.to_owned(), value)).into(),
+        })
     }
 }

@@ -5,6 +5,7 @@ use serde_json::{Value, json};
 
 use super::{Intensity, PhotonGrid, Underwater};
 use crate::scene::LightFrame;
+use crate::stages::caustics::splat::SplatCoverage;
 
 impl Underwater {
     /// Camera and light for every stage; for those of caustics and godrays also what their photons carry and how they are
@@ -78,6 +79,18 @@ impl Underwater {
             Intensity::Paper => "the photon's energy",
             Intensity::Conserving => "the photon's energy / side_px²",
         };
+        let coverage = match self.params.caustics.coverage {
+            SplatCoverage::Square => {
+                "a square of side_px about the hit's place in the buffer; pixels whose centres lie in it, \
+                where the hit, moved by depth_bias_m towards the camera, is not behind the camera's depth"
+            }
+            SplatCoverage::Surface => {
+                "a square of side_px about the hit's place in the buffer, in the plane of the surface seen \
+                there where that is within depth_bias_m of the hit along the view, else facing the camera; pixels whose centres \
+                lie in it, where the plane, moved by depth_bias_m towards the camera, is not behind the camera's depth, and \
+                moved by as much away from it not before it"
+            }
+        };
         json!({
             "size_a_px": splat.size_a_px,
             "size_b_px_m": splat.size_b_px_m,
@@ -85,8 +98,7 @@ impl Underwater {
             "value": value,
             "buffer_px": splat.size_px.as_uvec2().to_array(),
             "depth_bias_m": splat.depth_bias_m,
-            "coverage": "a square of side_px about the hit's place in the buffer; pixels whose centres lie in it, where the hit, \
-                moved by depth_bias_m towards the camera, is not behind the camera's depth",
+            "coverage": coverage,
         })
     }
 
