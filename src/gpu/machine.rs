@@ -40,7 +40,7 @@ pub struct MachineReader(Source);
 
 enum Source {
     Nvml {
-        library: Nvml,
+        library: Box<Nvml>,
         index: u32,
     },
     /// The folder `device` of a card.
@@ -65,7 +65,7 @@ impl MachineReader {
             Some((index, device.pci_info().ok()?.pci_device_id, device.name().ok()?))
         });
         let index = matching(adapter, devices.collect::<Vec<_>>())?;
-        Some(Self(Source::Nvml { library, index }))
+        Some(Self(Source::Nvml { library: Box::new(library), index }))
     }
 
     /// None where the driver tells nothing any more.

@@ -29,9 +29,9 @@ pub enum FigureError {
     #[error("figure `{name}`: {message}")]
     Invalid { name: String, message: String },
     #[error("figure `{figure}`, panel `{panel}`: {source}")]
-    Subject { figure: String, panel: String, source: SubjectError },
+    Subject { figure: String, panel: String, source: Box<SubjectError> },
     #[error("figure `{figure}`, panel `{panel}`: {source}")]
-    Picture { figure: String, panel: String, source: PictureError },
+    Picture { figure: String, panel: String, source: Box<PictureError> },
     #[error("cannot write to {}: {source}", path.display())]
     Folder { path: PathBuf, source: std::io::Error },
 }
@@ -182,12 +182,12 @@ impl Figure {
             let (pipeline, scene, params) = self.setting(panel, more);
             let subject = subjects.subject(pipeline, scene, &params).map_err(|source| {
                 let (figure, panel) = (self.id.clone(), panel.caption.clone());
-                FigureError::Subject { figure, panel, source }
+                FigureError::Subject { figure, panel, source: Box::new(source) }
             })?;
             let samples = samples.or(panel.samples).unwrap_or(SAMPLES);
             let picture = render::bare(gpu, &subject, samples).map_err(|source| {
                 let (figure, panel) = (self.id.clone(), panel.caption.clone());
-                FigureError::Picture { figure, panel, source }
+                FigureError::Picture { figure, panel, source: Box::new(source) }
             })?;
             let picture = match panel.crop {
                 Some(crop) => Bare { image: cropped(&picture.image, crop), ..picture },

@@ -22,6 +22,8 @@ const WIDTH: u32 = 720;
 /// Width of a picture, and pictures side by side, in the sheet of many figures.
 const SMALL: u32 = 320;
 const SMALL_COLUMNS: u32 = 4;
+/// Pictures that fit beside one another in the sheet of many figures.
+const PAGE_COLUMNS: u32 = 8;
 
 /// Least width of a figure's part: its title and text need room.
 const NARROWEST: u32 = 400;
@@ -201,7 +203,7 @@ pub fn small(figure: &Figure, panels: &[Rendered]) -> RgbImage {
 
 /// Parts side by side in rows as wide as the widest of them, in their order.
 pub fn of_all(parts: &[RgbImage]) -> RgbImage {
-    let width = (SMALL_COLUMNS * (SMALL + MARGIN + BAR_ROOM) + MARGIN)
+    let width = (PAGE_COLUMNS * (SMALL + MARGIN + BAR_ROOM) + MARGIN)
         .max(parts.iter().map(RgbImage::width).max().unwrap_or(1));
     let (mut x, mut y, mut row) = (0, 0, 0);
     let places: Vec<(u32, u32)> = parts
@@ -268,7 +270,7 @@ mod tests {
 
     #[test]
     fn parts_of_a_sheet_do_not_overlap() {
-        let sizes = [(400, 90), (1300, 50), (700, 200), (400, 10)];
+        let sizes = [(400, 90), (3000, 50), (700, 200), (400, 10)];
         let color = |i: usize| [i as u8 + 1, 0, 0];
         let part = |(i, &(w, h))| RgbImage::from_pixel(w, h, image::Rgb(color(i)));
         let parts: Vec<_> = sizes.iter().enumerate().map(part).collect();
