@@ -311,6 +311,7 @@ impl Measurement<'_> {
                 ..self.settings
             };
             self.sample((experiment, cells), &settings, &mut progress)?;
+            self.session.gpu.forget_pipelines();
             weight_left -= weight(planned);
         }
         progress.end();
