@@ -1,8 +1,8 @@
 //! Criterion over every stage, through the audited clock, so that criterion's reports show GPU time.
 //!
 //! The underwater stages run at the base size of UW §4.1 on scene `tank`. Throughput is in photons for the traces and in blended
-//! fragments, as counted, for splats and lines. Splats of the base size (5 px) are bound by vertices and triangle set-up on a
-//! software rasterizer; the same photons with splats of 20 px, the largest of UW §4.1, are bound by blending.
+//! fragments, as counted, for splats and lines. Splats of the base size (5 px) and of 20 px, the largest of UW §4.1, are added up by compute
+//! and by the rasterizer. What binds each is told in `src/stages/caustics/splat.rs`.
 //!
 //! Voxelization runs on scene `bunny_dry` at 128 voxels by each method, with throughput in triangles; the marching at the
 //! 600 × 600 pixels and 400 samples per pixel of VAO Fig. 8, with throughput in the samples that are really taken; the rest at
@@ -45,17 +45,20 @@ fn groups() -> Vec<Group> {
         let params = size.into_iter().chain(method).collect();
         group(name, "voxelize", "bunny_dry", params, &["voxel/"])
     };
+    let splats = |name, splatting, side_px: f64| {
+        let params = vec![
+            ("caustics.splatting", json!(splatting)),
+            ("caustics.point_size_min_px", json!(side_px)),
+        ];
+        group(name, "underwater", "tank", params, &["caustics/splat"])
+    };
     let small = || vec![("view.width", json!(96)), ("view.height", json!(96))];
     let with = |more: Vec<(&'static str, Value)>| small().into_iter().chain(more).collect();
     vec![
         group("underwater", "underwater", "tank", Vec::new(), &[]),
-        group(
-            "underwater, splats of 20 px",
-            "underwater",
-            "tank",
-            vec![("caustics.point_size_min_px", json!(20.0))],
-            &["caustics/splat"],
-        ),
+        splats("underwater, splats of 20 px", "compute", 20.0),
+        splats("underwater, rasterized splats", "raster", 5.0),
+        splats("underwater, rasterized splats of 20 px", "raster", 20.0),
         voxelize("voxelize, slicemap", "slicemap"),
         voxelize("voxelize, slice", "slice"),
         voxelize("voxelize, overlap", "overlap"),

@@ -22,9 +22,15 @@ struct Shaders;
 #[folder = "scenes"]
 struct Scenes;
 
+pub const FIGURES: Folder = Folder::of::<Figures>("benches/figures");
+
 #[derive(Embed)]
 #[folder = "benches/experiments"]
 struct Experiments;
+
+#[derive(Embed)]
+#[folder = "benches/figures"]
+struct Figures;
 
 #[derive(Clone, Debug)]
 pub struct Folder {
@@ -159,7 +165,7 @@ mod tests {
         #[path = "embedded.rs"]
         mod embedded;
         fn main() {
-            for folder in [embedded::SHADERS, embedded::SCENES, embedded::EXPERIMENTS] {
+            for folder in [embedded::SHADERS, embedded::SCENES, embedded::EXPERIMENTS, embedded::FIGURES] {
                 for path in folder.paths() {
                     let to = std::path::Path::new("written").join(&*folder.name).join(&*path);
                     std::fs::create_dir_all(to.parent().unwrap()).unwrap();
@@ -173,7 +179,7 @@ mod tests {
     fn a_release_holds_every_file() {
         let built = tempfile::tempdir().unwrap();
         let source = Path::new(env!("CARGO_MANIFEST_DIR"));
-        let folders = [SHADERS, SCENES, EXPERIMENTS];
+        let folders = [SHADERS, SCENES, EXPERIMENTS, FIGURES];
         for folder in &folders {
             write_all(folder, &built.path().join(&*folder.name));
         }

@@ -30,6 +30,8 @@ fn bad_input_is_one_clear_line_and_status_2() {
         ("rum", "'run'"),
         ("render tnk", "did you mean `tank`"),
         ("render tank --pipeline underwatr", "did you mean `underwater`"),
+        ("render --figure uw6", "unknown figure `uw6`; did you mean `uw-6`?"),
+        ("render tank --samples 3", "samples of a pixel are 1, 4, 9 or 16"),
         ("list parameters --set caustics.gird=3", "did you mean `caustics.grid`"),
         ("report no/such/folder", "no/such/folder/records.jsonl"),
         ("list stages --pipeline hsoa", "unknown pipeline `hsoa`; did you mean `hsao`?"),
@@ -193,6 +195,42 @@ fn a_cell_beyond_the_limits_is_skipped_and_recorded() {
     let cell = cells(folder.path()).remove(0);
     let Outcome::Skipped { reason } = cell.outcome else { panic!("{:?}", cell.outcome) };
     assert!(reason.contains("900000"), "{reason}");
+}
+
+/// Each panel of a figure, and a sheet that holds them.
+#[test]
+fn a_figure_is_rendered_as_panels_and_a_sheet() {
+    let out = tempfile::tempdir().unwrap();
+    let mut render = fathom();
+    render.args(["render", "--figure", "uw-5", "--set", "shadow.size=128", "-o"]).arg(out.path());
+    render.args(small()).assert().success();
+    let size = |name: &str| image::image_dimensions(out.path().join(name)).unwrap();
+    let (a, b, sheet) = (size("uw-5-a.png"), size("uw-5-b.png"), size("uw-5.png"));
+    assert_eq!(a, b);
+    assert!(sheet.0 > a.0 + b.0 && sheet.1 > a.1, "{sheet:?} holds {a:?} and {b:?}");
+}
+
+/// More samples of a pixel change edges and nothing else: the size of the picture stays, and most of it is the same.
+#[test]
+fn samples_smooth_a_picture() {
+    let out = tempfile::tempdir().unwrap();
+    let picture = |samples: &str| {
+        let path = out.path().join(format!("{samples}.png"));
+        let mut render = fathom();
+        render.args(["render", "crates", "--pipeline", "voxelize", "--samples", samples, "-o"]);
+        let size = ["--set", "view.width=64", "--set", "view.height=48"];
+        let volume = ["--set", "voxel.resolution=16"];
+        render.arg(&path).args(size).args(volume).assert().success();
+        image::open(path).unwrap().into_rgb8()
+    };
+    let (one, four) = (picture("1"), picture("4"));
+    assert_eq!(one.dimensions(), four.dimensions());
+    let changed = one
+        .pixels()
+        .zip(four.pixels())
+        .filter(|(a, b)| a.0.iter().zip(b.0).any(|(a, b)| a.abs_diff(b) > 8));
+    let changed = changed.count();
+    assert!((10..64 * 48 / 2).contains(&changed), "{changed} pixels changed");
 }
 
 #[test]

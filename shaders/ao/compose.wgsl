@@ -78,15 +78,16 @@ fn fragment(@builtin(position) pixel: vec4<f32>) -> @location(0) vec4<f32> {
     let texel = vec2<i32>(pixel.xy);
     let own = vec2<f32>(textureDimensions(visibility));
     let open = textureLoad(visibility, screen::texel_behind(pixel.xy, settings.size_px, own), 0).x;
-#if SHOW_OCCLUSION == 1
-    return vec4(vec3(open), 1.0);
-#else
     let z = textureLoad(depth, texel, 0);
     let p = world_at(pixel.xy / settings.size_px, z);
     let to_viewer = normalize(frame.camera_position_m - p);
+    // Grey, so that white surfaces that nothing occludes stand out.
     if z >= 1.0 {
         return vec4(vec3(mix(BACK_LOW, BACK_HIGH, 0.5 - 0.5 * to_viewer.y)), 1.0);
     }
+#if SHOW_OCCLUSION == 1
+    return vec4(vec3(open), 1.0);
+#else
     let surface = textureLoad(normals, texel, 0);
     let color = textureLoad(albedo, texel, 0).xyz;
     let to_light = shading::to_light(p);

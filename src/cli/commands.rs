@@ -11,12 +11,14 @@ use crate::compare::worker;
 use crate::experiments::Experiment;
 use crate::gpu::{self, Gpu};
 use crate::harness::catalog::Catalog;
+use crate::harness::figures::{self, Figure, FigureError, Rendered};
 use crate::harness::output::{OutputFolder, RECORDS};
 use crate::harness::plan::Request;
 use crate::harness::run::{self, Options, Summary};
 use crate::harness::subject::{Subject, Subjects};
 use crate::harness::{
-    dump as dumping, journal, progress, query as querying, render as rendering, verify as verifying,
+    dump as dumping, journal, picture, progress, query as querying, render as rendering, sheet,
+    verify as verifying,
 };
 use crate::parameter::{self, Allowed};
 use crate::scene::{SceneFile, assets};
@@ -29,7 +31,10 @@ use super::{
     AdapterArgs, DumpArgs, ListArgs, Listing, QueryArgs, Question, RenderArgs, RunArgs, SubjectArgs,
 };
 
-/// A cell or a check failed.
+/// Where figures go that are not told where, and the sheet of all of them there.
+const FIGURES_FOLDER: &str = "figures";
+const ALL_FIGURES: &str = "figures.png";
+/// A cell, a check or a figure failed.
 const SOMETHING_FAILED: u8 = 1;
 /// By convention 128 + SIGINT.
 pub const INTERRUPTED: u8 = 130;
@@ -107,6 +112,7 @@ pub fn list(catalog: &Catalog, args: ListArgs) -> Outcome {
         None => {
             for (heading, what) in [
                 ("Experiments", Experiments),
+                ("Figures", Figures),
                 ("Scenes", Scenes),
                 ("Pipelines", Pipelines),
                 ("Stages", Stages),
@@ -147,6 +153,7 @@ fn check_options(args: &ListArgs) -> anyhow::Result<()> {
 fn print_listing(catalog: &Catalog, what: Listing, args: &ListArgs) -> anyhow::Result<()> {
     let rows = match what {
         Listing::Experiments => experiment_rows(catalog)?,
+        Listing::Figures => figure_rows(catalog)?,
         Listing::Scenes => scene_rows(catalog)?,
         Listing::Stages => stage_rows(catalog, args.pipeline.as_deref())?,
         Listing::Parameters => parameter_rows(catalog, args)?,
@@ -170,6 +177,11 @@ fn experiment_rows(catalog: &Catalog) -> anyhow::Result<Rows> {
         Ok((id, format!("{} ({})", experiment.title, experiment.source)))
     };
     Experiment::ids(&catalog.experiments).into_iter().map(row).collect()
+}
+
+fn figure_rows(catalog: &Catalog) -> anyhow::Result<Rows> {
+    let row = |figure: Figure| (figure.id, format!("{} ({})", figure.title, figure.source));
+    Ok(Figure::named(&catalog.figures, figures::ALL)?.into_iter().map(row).collect())
 }
 
 fn scene_rows(catalog: &Catalog) -> anyhow::Result<Rows> {
@@ -262,16 +274,65 @@ pub fn fetch(names: &[String]) -> Outcome {
 }
 
 pub fn render(catalog: &Catalog, args: RenderArgs) -> Outcome {
+    match (&args.figure, &args.scene) {
+        (Some(name), _) => render_figures(catalog, &args, name),
+        (None, Some(scene)) => render_scene(catalog, &args, scene),
+        (None, None) => anyhow::bail!("give a scene, or --figure NAME"),
+    }
+}
+
+fn render_scene(catalog: &Catalog, args: &RenderArgs, scene: &str) -> Outcome {
     let gpu = Gpu::open(&gpu_options(catalog, &args.adapter))?;
     let mut subjects = Subjects::of(catalog).within(&gpu.capacity);
-    let subject = subjects.subject(&args.pipeline, &args.scene, &args.set)?;
-    let path = args.output.unwrap_or_else(|| {
-        let stem = Path::new(&args.scene).file_stem().unwrap_or_default();
+    let subject = subjects.subject(&args.pipeline, scene, &args.set)?;
+    let path = args.output.clone().unwrap_or_else(|| {
+        let stem = Path::new(scene).file_stem().unwrap_or_default();
         PathBuf::from(stem).with_extension("png")
     });
-    rendering::render(&gpu, &subject, &path)?;
+    rendering::render(&gpu, &subject, args.samples.unwrap_or(1), &path)?;
     tell::done(path.display());
     Ok(ExitCode::SUCCESS)
+}
+
+/// Each panel and the sheet of each figure; for all figures one sheet more. A figure that cannot be rendered does not keep the
+/// others from it.
+fn render_figures(catalog: &Catalog, args: &RenderArgs, name: &str) -> Outcome {
+    let figures = Figure::named(&catalog.figures, name)?;
+    let folder = args.output.clone().unwrap_or_else(|| PathBuf::from(FIGURES_FOLDER));
+    std::fs::create_dir_all(&folder)
+        .map_err(|source| FigureError::Folder { path: folder.clone(), source })?;
+    let gpu = Gpu::open(&gpu_options(catalog, &args.adapter))?;
+    let mut parts = Vec::new();
+    for figure in &figures {
+        let mut subjects = Subjects::of(catalog).within(&gpu.capacity);
+        match figure.render(&gpu, &mut subjects, &args.set, args.samples) {
+            Ok(panels) => parts.push(write_figure(&folder, figure, &panels)?),
+            Err(error) if name == figures::ALL => tell::note(format!("error: {error}")),
+            Err(error) => return Err(error.into()),
+        }
+    }
+    if name == figures::ALL {
+        let path = folder.join(ALL_FIGURES);
+        picture::write(&sheet::of_all(&parts), &path)?;
+        tell::done(path.display());
+    }
+    let whole = parts.len() == figures.len();
+    Ok(if whole { ExitCode::SUCCESS } else { ExitCode::from(SOMETHING_FAILED) })
+}
+
+/// Writes a figure's files. Its part of a sheet of many comes back.
+fn write_figure(
+    folder: &Path,
+    figure: &Figure,
+    panels: &[Rendered],
+) -> anyhow::Result<image::RgbImage> {
+    for (panel, number) in panels.iter().zip(0..) {
+        picture::write(&panel.picture.explained(), &figures::panel_file(folder, figure, number))?;
+    }
+    let path = folder.join(format!("{}.png", figure.id));
+    picture::write(&sheet::of_figure(figure, panels), &path)?;
+    tell::done(path.display());
+    Ok(sheet::small(figure, panels))
 }
 
 pub fn dump(catalog: &Catalog, args: DumpArgs) -> Outcome {

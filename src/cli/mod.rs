@@ -87,7 +87,7 @@ pub enum Command {
         /// Names of assets [default: all]
         assets: Vec<String>,
     },
-    /// Render one frame of a scene as a PNG file
+    /// Render one frame of a scene, or a published figure, as PNG files
     Render(RenderArgs),
     /// Write a stage's outputs as .npy files with descriptions
     Dump(DumpArgs),
@@ -164,6 +164,7 @@ pub struct RunArgs {
 #[derive(Clone, Copy, ValueEnum)]
 pub enum Listing {
     Experiments,
+    Figures,
     Scenes,
     Stages,
     Parameters,
@@ -202,14 +203,21 @@ pub struct SubjectArgs {
 #[derive(Args)]
 pub struct RenderArgs {
     /// Name of a scene, or path of a scene file
-    pub scene: String,
-    #[arg(long, default_value = "underwater")]
+    #[arg(required_unless_present = "figure")]
+    pub scene: Option<String>,
+    /// Render a published figure in place of a scene, or `all` of them: see `fathom list figures`
+    #[arg(long, value_name = "NAME", conflicts_with_all = ["scene", "pipeline"])]
+    pub figure: Option<String>,
+    #[arg(long, default_value = PIPELINE)]
     pub pipeline: String,
-    /// Set a parameter; see `fathom list parameters`
+    /// Set a parameter, of a figure in all its panels; see `fathom list parameters`
     #[arg(long, value_name = "PATH=VALUE", value_parser = parse_set)]
     pub set: Vec<(String, Value)>,
-    /// File to write [default: SCENE.png]
-    #[arg(short, long, value_name = "FILE")]
+    /// Samples of a pixel, which smooth edges: 1, 4, 9 or 16 [default: 1; of a figure 4, or what its file says]
+    #[arg(long, value_parser = parse_samples)]
+    pub samples: Option<u32>,
+    /// File to write [default: SCENE.png]; of a figure the folder [default: figures]
+    #[arg(short, long, value_name = "PATH")]
     pub output: Option<PathBuf>,
     #[command(flatten)]
     pub adapter: AdapterArgs,
@@ -315,6 +323,12 @@ pub struct CompareArgs {
     pub format: String,
     #[command(flatten)]
     pub adapter: AdapterArgs,
+}
+
+fn parse_samples(text: &str) -> Result<u32, String> {
+    let known = [1, 4, 9, 16];
+    let samples = text.parse().ok().filter(|samples| known.contains(samples));
+    samples.ok_or_else(|| "samples of a pixel are 1, 4, 9 or 16".to_owned())
 }
 
 fn parse_gate(name: &str) -> Result<Gate, String> {

@@ -391,7 +391,7 @@ fn one() -> f64 {
 }
 
 /// The parser's message with its line number, without the quoted source.
-fn one_line(error: &toml::de::Error, text: &str) -> String {
+pub(crate) fn one_line(error: &toml::de::Error, text: &str) -> String {
     let line =
         error.span().map(|span| text[..span.start.min(text.len())].matches('\n').count() + 1);
     match line {

@@ -12,6 +12,7 @@ mod error;
 mod frame;
 mod layout;
 mod limits;
+mod machine;
 mod pipelines;
 mod readback;
 mod shader;
@@ -30,6 +31,7 @@ pub use frame::{
 };
 pub use layout::{BoundStruct, Member, StructLayout};
 pub use limits::Demand;
+pub use machine::{MachineReader, MachineState};
 pub use pipelines::{CodeKey, GroupKey, KernelKey, RasterKey};
 pub use readback::{Pixels, Texels, read_buffer, read_texture, read_volume, texture_bytes};
 pub use shader::{Shader, compilation_options, default_defs, link, shader_paths};

@@ -5,7 +5,7 @@ use serde_json::Value;
 
 use super::subject::SubjectError;
 use super::verify::{self, Case};
-use crate::embedded::{EXPERIMENTS, Folder, Folders, SCENES, SHADERS};
+use crate::embedded::{EXPERIMENTS, FIGURES, Folder, Folders, SCENES, SHADERS};
 use crate::gpu::StageInfo;
 use crate::parameter::{self, Allowed, Field};
 use crate::pipelines::{self, KINDS, Pipeline, PipelineKind};
@@ -33,6 +33,7 @@ pub struct Catalog {
     pub shaders: Folders,
     pub scenes: Folders,
     pub experiments: Folders,
+    pub figures: Folders,
     checks: Vec<fn() -> Vec<Case>>,
     /// Name and text of the gates' cells.
     pub gates: (&'static str, &'static str),
@@ -52,6 +53,7 @@ impl Catalog {
             shaders: Folders::of(SHADERS),
             scenes: Folders::of(SCENES),
             experiments: Folders::of(EXPERIMENTS),
+            figures: Folders::of(FIGURES),
             checks: vec![verify::cases],
             gates: ("benches/gates.toml", include_str!("../../benches/gates.toml")),
         }
@@ -86,6 +88,12 @@ impl Catalog {
     #[must_use]
     pub fn experiments(self, folder: Folder) -> Self {
         Self { experiments: self.experiments.and(folder), ..self }
+    }
+
+    /// Adds figures.
+    #[must_use]
+    pub fn figures(self, folder: Folder) -> Self {
+        Self { figures: self.figures.and(folder), ..self }
     }
 
     /// Runs these experiments in place of fathom's own.

@@ -1,4 +1,4 @@
-//! A pipeline's final image as a PNG file.
+//! A pipeline's final image, as a PNG file.
 
 use std::path::{Path, PathBuf};
 
@@ -8,6 +8,9 @@ use thiserror::Error;
 use super::scale;
 use crate::gpu::{Gpu, GpuError, read_texture};
 use crate::pipelines::AnyPipeline;
+
+/// Exponent of display values, as in `shaders/shared/shading.wgsl`.
+const GAMMA: f32 = 2.2;
 
 #[derive(Debug, Error)]
 pub enum PictureError {
@@ -19,33 +22,68 @@ pub enum PictureError {
 
 /// The image of the last frame; visibility gets a scale below.
 pub fn of(gpu: &Gpu, pipeline: &dyn AnyPipeline) -> Result<RgbImage, PictureError> {
-    Ok(explained(bare(gpu, pipeline)?, pipeline))
+    Ok(explained(bare(gpu, pipeline)?, pipeline.shows_visibility()))
 }
 
 /// With a scale below where it shows visibility.
-pub fn explained(image: RgbImage, pipeline: &dyn AnyPipeline) -> RgbImage {
-    if pipeline.shows_visibility() { scale::below(&image, &scale::VISIBILITY) } else { image }
+pub fn explained(image: RgbImage, shows_visibility: bool) -> RgbImage {
+    if shows_visibility { scale::below(&image, &scale::VISIBILITY) } else { image }
 }
 
 /// The image of the last frame, opaque, row 0 at the top, drawn first where the frame does not.
 pub fn bare(gpu: &Gpu, pipeline: &dyn AnyPipeline) -> Result<RgbImage, PictureError> {
+    reduced(gpu, pipeline, 1)
+}
+
+/// The same, `factor` times smaller: each pixel is the mean of a square of them. Light is averaged as light, visibility as it is.
+pub fn reduced(
+    gpu: &Gpu,
+    pipeline: &dyn AnyPipeline,
+    factor: u32,
+) -> Result<RgbImage, PictureError> {
     let presenting = pipeline.presenting();
     if !presenting.is_empty() {
         gpu.run(&presenting)?;
     }
     let pixels = read_texture(gpu, pipeline.image())?;
-    let byte = |value: f32| (value.clamp(0.0, 1.0) * 255.0).round() as u8;
-    Ok(RgbImage::from_fn(pixels.width, pixels.height, |x, y| {
-        let texel = pixels.texel(x, y);
-        image::Rgb([0, 1, 2].map(|k| byte(texel[k])))
-    }))
+    let gamma = if pipeline.shows_visibility() { 1.0 } else { GAMMA };
+    let pixel = |x: u32, y: u32| {
+        let square = (0..factor).flat_map(|j| (0..factor).map(move |i| (i, j)));
+        let texels = square.map(|(i, j)| pixels.texel(x * factor + i, y * factor + j));
+        image::Rgb(mean(texels, gamma))
+    };
+    Ok(RgbImage::from_fn(pixels.width / factor, pixels.height / factor, pixel))
+}
+
+/// The mean of display values of this gamma, as bytes. A single value is not changed.
+fn mean<'t>(texels: impl Iterator<Item = &'t [f32]>, gamma: f32) -> [u8; 3] {
+    let texels: Vec<_> = texels.collect();
+    let byte = |channel: usize| {
+        let values = texels.iter().map(|texel| texel[channel].clamp(0.0, 1.0));
+        let sum: f32 = values.map(|value| value.powf(gamma)).sum();
+        ((sum / texels.len() as f32).powf(1.0 / gamma) * 255.0).round() as u8
+    };
+    std::array::from_fn(byte)
 }
 
 pub fn write(image: &RgbImage, path: &Path) -> Result<(), PictureError> {
     image.save(path).map_err(|source| PictureError::Write { path: path.to_owned(), source })
 }
 
-/// Reads the image of the last frame and writes it: see [`of`].
-pub fn save(gpu: &Gpu, pipeline: &dyn AnyPipeline, path: &Path) -> Result<(), PictureError> {
-    write(&of(gpu, pipeline)?, path)
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn light_is_averaged_as_light_and_visibility_as_it_is() {
+        let (black, white) = ([0.0; 4], [1.0; 4]);
+        let half = |gamma| mean([&black[..], &white[..]].into_iter(), gamma);
+        // Half the light of white: 255 · 0.5^(1/2.2).
+        assert_eq!(half(GAMMA), [186; 3]);
+        assert_eq!(half(1.0), [128; 3]);
+        for value in 0..=255u8 {
+            let texel = [f32::from(value) / 255.0; 4];
+            assert_eq!(mean([&texel[..]].into_iter(), GAMMA), [value; 3]);
+        }
+    }
 }

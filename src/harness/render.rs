@@ -2,10 +2,25 @@
 
 use std::path::Path;
 
+use image::RgbImage;
+
 use super::picture::{self, PictureError};
 use super::subject::Subject;
 use crate::gpu::{Gpu, GpuError};
 use crate::pipelines::AnyPipeline;
+
+/// A picture without what explains it.
+pub struct Bare {
+    pub image: RgbImage,
+    pub shows_visibility: bool,
+}
+
+impl Bare {
+    /// With a scale below where it shows visibility.
+    pub fn explained(&self) -> RgbImage {
+        picture::explained(self.image.clone(), self.shows_visibility)
+    }
+}
 
 /// Builds the subject's pipeline and runs one frame, untimed.
 pub fn frame(gpu: &Gpu, subject: &Subject) -> Result<Box<dyn AnyPipeline>, GpuError> {
@@ -14,8 +29,17 @@ pub fn frame(gpu: &Gpu, subject: &Subject) -> Result<Box<dyn AnyPipeline>, GpuEr
     Ok(pipeline)
 }
 
+/// Renders the subject, each pixel as the mean of `samples`, a square number. A pipeline that has no larger picture gets one sample.
+pub fn bare(gpu: &Gpu, subject: &Subject, samples: u32) -> Result<Bare, PictureError> {
+    let factor = samples.isqrt();
+    let larger = subject.enlarged(factor).filter(|_| factor > 1);
+    let factor = if larger.is_some() { factor } else { 1 };
+    let pipeline = frame(gpu, larger.as_ref().unwrap_or(subject))?;
+    let image = picture::reduced(gpu, pipeline.as_ref(), factor)?;
+    Ok(Bare { image, shows_visibility: pipeline.shows_visibility() })
+}
+
 /// Renders the subject and writes its final image to `path`.
-pub fn render(gpu: &Gpu, subject: &Subject, path: &Path) -> Result<(), PictureError> {
-    let pipeline = frame(gpu, subject)?;
-    picture::save(gpu, pipeline.as_ref(), path)
+pub fn render(gpu: &Gpu, subject: &Subject, samples: u32, path: &Path) -> Result<(), PictureError> {
+    picture::write(&bare(gpu, subject, samples)?.explained(), path)
 }

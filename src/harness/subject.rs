@@ -75,6 +75,12 @@ impl Subject {
         })
     }
 
+    /// For a picture of `factor` times the columns and rows; none where the pipeline has no such picture.
+    pub fn enlarged(&self, factor: u32) -> Option<Self> {
+        let configuration = self.configuration.enlarged(factor)?;
+        Some(Self { params: configuration.tree(), configuration, ..self.clone() })
+    }
+
     /// The same seen from elsewhere. The geometry is shared: pipelines take the camera from the parameters.
     #[must_use]
     pub fn seen_from(&self, camera: Camera) -> Self {

@@ -188,7 +188,7 @@ pub fn strip(
         image::imageops::replace(&mut strip, view, left, 0);
         left += i64::from(view.width() + GAP_PX);
     }
-    Ok(picture::explained(strip, cell))
+    Ok(picture::explained(strip, cell.shows_visibility()))
 }
 
 /// Between the pictures of a strip.

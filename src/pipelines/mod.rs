@@ -48,6 +48,11 @@ pub trait Parameters:
     }
     /// What the frame is seen from.
     fn camera_mut(&mut self) -> &mut Camera;
+    /// For a picture with `factor` times as many columns and rows, which is then scaled down. Buffers that hold an effect keep their
+    /// size, so that only edges and textures change. None where a pipeline has no such picture.
+    fn enlarged(&self, _factor: u32) -> Option<Self> {
+        None
+    }
     /// What its random numbers are drawn by, where there is such a setting.
     fn seed_mut(&mut self) -> Option<&mut u32> {
         None
@@ -283,6 +288,8 @@ pub trait Configuration {
     fn camera(&self) -> Camera;
     /// The same seen from elsewhere.
     fn seen_from(&self, camera: Camera) -> Rc<dyn Configuration>;
+    /// See [`Parameters::enlarged`].
+    fn enlarged(&self, factor: u32) -> Option<Rc<dyn Configuration>>;
     /// The same with its seed raised by `added`; none where there is no seed.
     fn reseeded(&self, added: u32) -> Option<Rc<dyn Configuration>>;
     /// The parameters as a tree.
@@ -328,6 +335,10 @@ impl<P: Pipeline> Configuration for Configured<P> {
         let mut params = self.0.clone();
         *params.camera_mut() = camera;
         Rc::new(Self(params))
+    }
+
+    fn enlarged(&self, factor: u32) -> Option<Rc<dyn Configuration>> {
+        Some(Rc::new(Self(self.0.enlarged(factor)?)))
     }
 
     fn reseeded(&self, added: u32) -> Option<Rc<dyn Configuration>> {

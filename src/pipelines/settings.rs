@@ -26,6 +26,13 @@ settings! {
     }
 }
 
+impl View {
+    #[must_use]
+    pub fn enlarged(&self, factor: u32) -> Self {
+        Self { width: self.width * factor, height: self.height * factor }
+    }
+}
+
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Method {

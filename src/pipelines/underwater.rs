@@ -15,7 +15,7 @@ use super::settings::{VIEWPORT, scaled};
 use super::{Judge, JudgeError, Judged, Pipeline};
 use crate::gpu::{Gpu, GpuError};
 use crate::scene::{LightKind, Scene};
-use crate::stages::caustics::splat::{PointSize, SplatUniforms};
+use crate::stages::caustics::splat::{self, PointSize, SplatUniforms};
 use crate::stages::compose::{Compose, ComposeUniforms, Composed};
 use crate::stages::frame::{Frame, Shared, View};
 use crate::stages::geometry::Geometry;
@@ -24,12 +24,12 @@ use crate::stages::kit::Resources;
 use crate::stages::lit_scene::LitScene;
 use crate::stages::low_pass::{FilterUniforms, GuidedUniforms, LowPass};
 use crate::stages::photon::{Photons, Tracing};
-use crate::stages::splatting::{Additive, PHOTONS_PER_INSTANCE};
+use crate::stages::splatting::{Accumulated, PHOTONS_PER_INSTANCE};
 use crate::stages::{caustics, godrays, scene, shadow, water};
 
 pub use measure::{PhotonQuery, blended_fragments, photons_at, read_photons};
 use parameters::PhotonPath;
-pub use parameters::{Intensity, Params, PhotonGrid, SubdivisionMode};
+pub use parameters::{Intensity, Params, PhotonGrid, Splatting, SubdivisionMode};
 
 /// Photons through the water's surface, splats and light shafts.
 pub struct Underwater {
@@ -44,7 +44,7 @@ pub struct Underwater {
 /// The stages of a photon grid: traced, drawn, filtered.
 pub struct PhotonStages {
     pub trace: Rc<Tracing>,
-    pub drawn: Rc<Additive>,
+    pub drawn: Rc<dyn Accumulated>,
     filter: Option<Rc<LowPass>>,
 }
 
@@ -136,41 +136,51 @@ fn photon_grids(
         radius_px: params.caustics.filter_radius_px as f32,
         depth_share: params.caustics.filter_depth_share as f32,
     };
-    let filter = |of: &Resources<'_>, drawn: &Additive| {
+    let filter = |of: &Resources<'_>, drawn: &dyn Accumulated| {
         LowPass::guided(of, &caustics::filter::INFO, drawn.source(), (shared, seen), &guide)
     };
     let caustics =
         photon_stages(resources, shared, light, (path, &filter), |of, photons, conserving| {
-            let (settings, side_px) = (&plan.splat, plan.splat_px);
+            let (inputs, settings, side_px) = ((photons, seen), &plan.splat, plan.splat_px);
             let rules = (conserving, params.caustics.coverage);
-            caustics::splat::new(of, shared, (photons, seen), settings, rules, side_px)
+            let drawn: Rc<dyn Accumulated> = match params.caustics.splatting {
+                Splatting::Compute => {
+                    of.push(splat::Scatter::new(of, shared, inputs, settings, rules, side_px)?)
+                }
+                Splatting::Raster => {
+                    of.push(splat::raster(of, shared, inputs, settings, rules, side_px)?)
+                }
+            };
+            Ok(drawn)
         })?;
     let path = params.godrays.path();
     let settings = FilterUniforms {
         taps: params.godrays.filter_taps,
         radius_px: params.godrays.filter_radius_px as f32,
     };
-    let filter = |of: &Resources<'_>, drawn: &Additive| {
+    let filter = |of: &Resources<'_>, drawn: &dyn Accumulated| {
         LowPass::new(of, &godrays::filter::INFO, drawn.source(), &settings)
     };
     let godrays =
         photon_stages(resources, shared, light, (path, &filter), |of, photons, conserving| {
-            let (settings, length_px) = (&plan.lines, plan.line_px);
-            godrays::lines::new(of, shared, (photons, seen), settings, conserving, length_px)
+            let (inputs, settings, length_px) = ((photons, seen), &plan.lines, plan.line_px);
+            let drawn: Rc<dyn Accumulated> =
+                of.push(godrays::lines::new(of, shared, inputs, settings, conserving, length_px)?);
+            Ok(drawn)
         })?;
     Ok([caustics, godrays])
 }
 
 /// Makes the stage that smooths what another has drawn.
-type Smoothing<'a> = dyn Fn(&Resources<'_>, &Additive) -> Result<LowPass, GpuError> + 'a;
+type Smoothing<'a> = dyn Fn(&Resources<'_>, &dyn Accumulated) -> Result<LowPass, GpuError> + 'a;
 
-/// `filter` makes the stage that smooths what `draw` makes the stage for.
+/// `draw` pushes the stage that draws the photons, and `filter` makes the one that smooths the result.
 fn photon_stages(
     resources: &Resources<'_>,
     shared: &Shared,
     light: (&wgpu::Texture, &wgpu::Texture),
     (path, filter): (PhotonPath, &Smoothing<'_>),
-    draw: impl FnOnce(&Resources<'_>, &Photons, bool) -> Result<Additive, GpuError>,
+    draw: impl FnOnce(&Resources<'_>, &Photons, bool) -> Result<Rc<dyn Accumulated>, GpuError>,
 ) -> Result<PhotonStages, GpuError> {
     let PhotonPath { grid, conserving, .. } = path;
     let of_grid = &resources.sized_by(path.grid_sized_by);
@@ -178,8 +188,8 @@ fn photon_stages(
     let trace = Tracing::new(of_grid, path.trace, shared, light, grid.uniforms(), rules)?;
     let trace = of_grid.push(trace);
     let of_buffer = &resources.sized_by(path.buffer_sized_by);
-    let drawn = of_buffer.push(draw(of_buffer, &trace.photons, conserving)?);
-    let filter = path.filter.then(|| filter(of_buffer, &drawn)).transpose()?;
+    let drawn = draw(of_buffer, &trace.photons, conserving)?;
+    let filter = path.filter.then(|| filter(of_buffer, &*drawn)).transpose()?;
     let filter = filter.map(|filter| of_buffer.push(filter));
     Ok(PhotonStages { trace, drawn, filter })
 }
@@ -224,14 +234,20 @@ impl Plan {
         let splat_px = size.at(middle_m);
         let photons =
             [params.caustics.grid_settings(), params.godrays.grid_settings()].map(|g| g.photons());
+        let most = flux_w[0] / photons[0] as f64
+            * match params.caustics.intensity {
+                Intensity::Paper => 1.0,
+                Intensity::Conserving => params.caustics.point_size_min_px.powi(-2),
+            };
         let splat = SplatUniforms {
             size_px: as_vec2(caustics),
             size_a_px: size.a_px as f32,
             size_b_px_m: size.b_px_m as f32,
             photon_w: (flux_w[0] / photons[0] as f64) as f32,
             depth_bias_m: params.caustics.depth_bias_m as f32,
-            photons_per_instance: PHOTONS_PER_INSTANCE,
+            steps: splat::steps(most),
             photons: photons[0] as u32,
+            photons_per_instance: PHOTONS_PER_INSTANCE,
         };
         let lines = LinesUniforms {
             size_px: as_vec2(godrays),

@@ -51,6 +51,10 @@ impl Parameters for Params {
     fn camera_mut(&mut self) -> &mut Camera {
         &mut self.camera
     }
+
+    fn enlarged(&self, factor: u32) -> Option<Self> {
+        Some(Self { view: self.view.enlarged(factor), ..self.clone() })
+    }
 }
 
 /// The volumes that a frame fills, and what draws them.

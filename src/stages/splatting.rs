@@ -1,4 +1,5 @@
-//! What `caustics/splat` and `godrays/lines` are: quads pulled from the photon buffer, drawn over the camera's depth and added up.
+//! What `godrays/lines` is, and `caustics/splat` where the rasterizer draws it: quads pulled from the photon buffer, drawn over the
+//! camera's depth and added up.
 
 use super::frame::Shared;
 use super::kit::{self, Bind, Buffer, Group, Raster, RenderSpec, Resources};
@@ -86,14 +87,33 @@ impl Additive {
             target,
         })
     }
+}
 
-    pub fn texture(&self) -> &wgpu::Texture {
+/// A stage that adds up what it draws of each photon.
+pub trait Accumulated: Stage {
+    /// The sums.
+    fn texture(&self) -> &wgpu::Texture;
+    /// What the texels hold.
+    fn column(&self) -> Column;
+    /// Both.
+    fn source(&self) -> (&wgpu::Texture, Column) {
+        (self.texture(), self.column())
+    }
+}
+
+/// The sums, for dumps.
+pub(super) fn output(drawn: &impl Accumulated) -> Output {
+    let meaning = "what the photons add up to, before the low-pass";
+    Output::texture("intensity", meaning, vec![drawn.column()], drawn.texture())
+}
+
+impl Accumulated for Additive {
+    fn texture(&self) -> &wgpu::Texture {
         &self.target
     }
 
-    /// The buffer and what its texels hold.
-    pub fn source(&self) -> (&wgpu::Texture, Column) {
-        (&self.target, self.column.clone())
+    fn column(&self) -> Column {
+        self.column.clone()
     }
 }
 
@@ -132,8 +152,7 @@ impl Stage for Additive {
     }
 
     fn outputs(&self) -> Vec<Output> {
-        let meaning = "what the photons add up to, before the low-pass";
-        vec![Output::texture("intensity", meaning, vec![self.column.clone()], &self.target)]
+        vec![output(self)]
     }
 }
 

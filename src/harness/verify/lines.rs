@@ -11,7 +11,7 @@ use crate::reference::rays::PixelRays;
 use crate::stages::frame::{Shared, View};
 use crate::stages::godrays::lines::{self, LinesUniforms};
 use crate::stages::photon::Photon;
-use crate::stages::splatting::PHOTONS_PER_INSTANCE;
+use crate::stages::splatting::{Accumulated, PHOTONS_PER_INSTANCE};
 
 const STAGE: &str = "godrays/lines";
 const SIZE: [u32; 2] = [384, 384];

@@ -1,11 +1,11 @@
-//! `caustics/splat`: size, intensity, depth test and energy of splats against the f64 twin.
+//! `caustics/splat`: size, intensity, depth test and energy of splats against the f64 twin, by compute and by the rasterizer.
 
 use glam::{DVec3, Vec2};
 
 use super::photons::run_until;
 use super::{Case, Check, Checks, Random, Result, Rig, largest, rig};
 use crate::pipelines::Built;
-use crate::pipelines::underwater::{Intensity as Rule, Params, Underwater};
+use crate::pipelines::underwater::{Intensity as Rule, Params, Splatting, Underwater};
 use crate::reference::image::Image;
 use crate::reference::photons::{Landed, PhotonGrid, land_all};
 use crate::reference::plane::CameraDepth;
@@ -14,10 +14,10 @@ use crate::reference::splat::{
     Intensity, PointSize, Splat, SurfaceSplat, rasterize, rasterize_within_surfaces, splat_value,
 };
 use crate::scene::{Camera, LightKind, Scene, SceneFile};
-use crate::stages::caustics::splat::{self, SplatCoverage, SplatUniforms};
+use crate::stages::caustics::splat::{self, Scatter, SplatCoverage, SplatUniforms};
 use crate::stages::frame::{Shared, View};
 use crate::stages::photon::Photon;
-use crate::stages::splatting::PHOTONS_PER_INSTANCE;
+use crate::stages::splatting::{Accumulated, PHOTONS_PER_INSTANCE};
 
 const STAGE: &str = "caustics/splat";
 const SIZE: [u32; 2] = [512, 512];
@@ -31,20 +31,36 @@ const PHOTON_W: f64 = 0.02;
 const NEAREST_M: f64 = 0.15;
 const FARTHEST_M: f64 = 18.0;
 /// Vulkan lets a rasterizer move edges by 1/32 pixel: a splat of side s then gains or loses up to a row
-/// in 1 of 8 cases, 1/(8 s) of its pixels.
-const COVERAGE: f64 = 0.03;
+/// in 1 of 8 cases, 1/(8 s) of its pixels. A compute shader's places are those of f32, to 1e-4 px.
+const fn coverage(splatting: Splatting) -> f64 {
+    match splatting {
+        Splatting::Raster => 0.03,
+        Splatting::Compute => 1e-3,
+    }
+}
+/// Sides of the splats whose squares the buffer's border cuts.
+const EXTREMES_PX: [f64; 2] = [0.4, 400.0];
 /// Cells per side in which isolated splats lie: 64 px each, more than the largest splat.
 const CELLS: u32 = 8;
 
 pub fn cases() -> Vec<Case> {
     let mut cases = vec![
-        Case::new(STAGE, "isolated splats: size and intensity", isolated),
-        Case::new(STAGE, "conserved energy of synthetic photons", conserved),
-        Case::new(STAGE, "depth test", depth_test),
-        Case::new(STAGE, "splats within one surface", within_surface),
-        Case::new(STAGE, "sum of many small contributions", accumulation),
         Case::new(STAGE, "flux of a point light", point_flux),
+        Case::new(STAGE, "compute against the rasterizer", alike),
     ];
+    for splatting in [Splatting::Compute, Splatting::Raster] {
+        let rules = Rules { splatting, ..RULES };
+        let mut case = |what: &str, check: fn(&Rig<'_>, Rules) -> Checks| {
+            let what = format!("{what}, {}", name(splatting));
+            cases.push(Case::new(STAGE, what, move |rig| check(rig, rules)));
+        };
+        case("isolated splats: size and intensity", isolated);
+        case("conserved energy of synthetic photons", conserved);
+        case("depth test", depth_test);
+        case("splats within one surface", within_surface);
+        case("sum of many small contributions", accumulation);
+        case("splats that the border cuts", cut);
+    }
     for name in ["plane", "tank"] {
         cases.push(Case::new(STAGE, format!("conserved energy of scene {name}"), move |rig| {
             scene_energy(rig, name)
@@ -59,19 +75,30 @@ pub(super) struct Rules {
     intensity: Intensity,
     coverage: SplatCoverage,
     photon_w: f64,
-    max_px: f64,
+    /// At the far and at the near plane.
+    sizes_px: [f64; 2],
     gamma_per_m: f64,
     bias_m: f64,
+    /// What draws: nothing that the reference knows.
+    splatting: Splatting,
 }
 
 pub(super) const RULES: Rules = Rules {
     intensity: Intensity::Paper,
     coverage: SplatCoverage::Square,
     photon_w: PHOTON_W,
-    max_px: MAX_PX,
+    sizes_px: [MIN_PX, MAX_PX],
     gamma_per_m: GAMMA_PER_M,
     bias_m: 0.0,
+    splatting: Splatting::Compute,
 };
+
+fn name(splatting: Splatting) -> &'static str {
+    match splatting {
+        Splatting::Compute => "compute",
+        Splatting::Raster => "raster",
+    }
+}
 
 impl Rules {
     /// Splats of photons seen by a camera, in pixels of a buffer.
@@ -83,7 +110,8 @@ impl Rules {
     ) -> Result<Vec<Splat>> {
         let eye = DVec3::from(camera.position_m);
         let rays = PixelRays::new(camera, size_px[0], size_px[1]);
-        let size = PointSize::new(MIN_PX, self.max_px, camera.z_near_m, camera.z_far_m)?;
+        let [min_px, max_px] = self.sizes_px;
+        let size = PointSize::new(min_px, max_px, camera.z_near_m, camera.z_far_m)?;
         let splat = |(hit, path_m): &(DVec3, f64)| {
             let center = rays.project(*hit)?;
             let distance_m = hit.distance(eye);
@@ -147,7 +175,8 @@ fn draw(
     rules: &Rules,
 ) -> Result<Image> {
     let shared = Shared::new(&rig.resources, view);
-    let size = PointSize::new(MIN_PX, MAX_PX, view.camera.z_near_m, view.camera.z_far_m)?;
+    let [min_px, max_px] = rules.sizes_px;
+    let size = PointSize::new(min_px, max_px, view.camera.z_near_m, view.camera.z_far_m)?;
     // a and b of the size rule from two of its values: s = a + b / d.
     let b = (size.at(1.0) - size.at(2.0)) * 2.0;
     let settings = SplatUniforms {
@@ -156,14 +185,24 @@ fn draw(
         size_b_px_m: b as f32,
         photon_w: rules.photon_w as f32,
         depth_bias_m: rules.bias_m as f32,
-        photons_per_instance: PHOTONS_PER_INSTANCE,
+        steps: splat::steps(splat_value(rules.intensity, rules.photon_w, 0.0, 0.0, min_px)),
         photons: photons.len() as u32,
+        photons_per_instance: PHOTONS_PER_INSTANCE,
     };
     let buffer = rig.photons(photons);
     let conserving = rules.intensity == Intensity::Conserving;
-    let rules = (conserving, rules.coverage);
-    let stage = splat::new(&rig.resources, &shared, (&buffer, depth), &settings, rules, 10.0)?;
-    rig.run(&[&stage])?;
+    let how = (conserving, rules.coverage);
+    let (resources, inputs) = (&rig.resources, (&buffer, depth));
+    let stage: Box<dyn Accumulated> = match rules.splatting {
+        Splatting::Compute => {
+            Box::new(Scatter::new(resources, &shared, inputs, &settings, how, 10.0)?)
+        }
+        Splatting::Raster => {
+            Box::new(splat::raster(resources, &shared, inputs, &settings, how, 10.0)?)
+        }
+    };
+    // Twice: a frame must not add to the one before.
+    rig.run(&[&*stage, &*stage])?;
     rig.channel(stage.texture(), 0)
 }
 
@@ -182,7 +221,7 @@ pub(super) fn photon_at(
 }
 
 /// One splat in the middle of each cell, from near to far.
-fn isolated(rig: &Rig<'_>) -> Checks {
+fn isolated(rig: &Rig<'_>, rules: Rules) -> Checks {
     let view = rig::synthetic_view(SIZE, GAMMA_PER_M)?;
     let eye = DVec3::from(view.camera.position_m);
     let rays = PixelRays::new(&view.camera, SIZE[0], SIZE[1]);
@@ -197,16 +236,17 @@ fn isolated(rig: &Rig<'_>) -> Checks {
             photon_at(&rays, eye, at, distance_m, random.within(0.5, 8.0))
         })
         .unzip();
-    let image = draw_free(rig, &view, &photons, &RULES)?;
+    let image = draw_free(rig, &view, &photons, &rules)?;
     let splats = |rules: Rules| rules.splats(&view.camera, SIZE, &twins);
-    let wide = Rules { max_px: MAX_PX * 1.25, ..RULES };
-    let murky = Rules { gamma_per_m: GAMMA_PER_M * 1.05, ..RULES };
+    let wide = Rules { sizes_px: [MIN_PX, MAX_PX * 1.25], ..rules };
+    let murky = Rules { gamma_per_m: GAMMA_PER_M * 1.05, ..rules };
+    let what = |of| format!("isolated splats, {}: {of}", name(rules.splatting));
     Ok(vec![
-        Check::of(STAGE, "isolated splats: covered pixels unlike the twin's, of all covered")
-            .within((COVERAGE, "1"), coverage_error(&image, &splats(RULES)?))
+        Check::of(STAGE, what("covered pixels unlike the twin's, of all covered"))
+            .within((coverage(rules.splatting), "1"), coverage_error(&image, &splats(rules)?))
             .control("s_max 25 px", coverage_error(&image, &splats(wide)?)),
-        Check::of(STAGE, "isolated splats: largest relative error of intensity")
-            .within((1e-4, "1"), center_error(&image, &splats(RULES)?))
+        Check::of(STAGE, what("largest relative error of intensity"))
+            .within((1e-4, "1"), center_error(&image, &splats(rules)?))
             .control("attenuation 5 % higher", center_error(&image, &splats(murky)?)),
     ])
 }
@@ -246,22 +286,26 @@ fn strewn(view: &View, count: u32, nearest_m: f64) -> (Vec<Photon>, Vec<(DVec3, 
 }
 
 /// Sum over the buffer against `Σ I exp(−γ d)`.
-fn conserved(rig: &Rig<'_>) -> Result<Check> {
+fn conserved(rig: &Rig<'_>, rules: Rules) -> Checks {
     let view = rig::synthetic_view(SIZE, GAMMA_PER_M)?;
     let (photons, twins) = strewn(&view, 4096, NEAREST_M);
-    let rules = Rules { intensity: Intensity::Conserving, ..RULES };
+    let rules = Rules { intensity: Intensity::Conserving, ..rules };
     let sum = draw_free(rig, &view, &photons, &rules)?.sum();
     let energy = |gamma: f64| -> f64 {
         let photon = |(_, path_m): &(DVec3, f64)| PHOTON_W * (-gamma * path_m).exp();
         twins.iter().map(photon).sum()
     };
-    Ok(Check::of(STAGE, "conserved energy of 4096 photons, relative error")
-        .within((0.01, "1"), (sum / energy(GAMMA_PER_M) - 1.0).abs())
-        .control("attenuation 5 % higher", (sum / energy(GAMMA_PER_M * 1.05) - 1.0).abs()))
+    let what =
+        format!("conserved energy of 4096 photons, {}, relative error", name(rules.splatting));
+    Ok(vec![
+        Check::of(STAGE, what)
+            .within((0.01, "1"), (sum / energy(GAMMA_PER_M) - 1.0).abs())
+            .control("attenuation 5 % higher", (sum / energy(GAMMA_PER_M * 1.05) - 1.0).abs()),
+    ])
 }
 
 /// Splats before and behind a wall that faces the camera.
-fn depth_test(rig: &Rig<'_>) -> Result<Check> {
+fn depth_test(rig: &Rig<'_>, rules: Rules) -> Checks {
     const WALL_M: f64 = 5.0;
     let view = rig::synthetic_view(SIZE, GAMMA_PER_M)?;
     let eye = DVec3::from(view.camera.position_m);
@@ -269,7 +313,7 @@ fn depth_test(rig: &Rig<'_>) -> Result<Check> {
     let wall = rays.project(eye + view.camera.direction() * WALL_M);
     let depth = wall.map_or(1.0, |wall| wall.depth);
     let (photons, twins) = strewn(&view, 2000, 3.0);
-    let rules = Rules { bias_m: 0.3, ..RULES };
+    let rules = Rules { bias_m: 0.3, ..rules };
     let image = draw(rig, &view, &photons, &rig.depth(SIZE, depth)?, &rules)?;
     let error = |rules: Rules| -> Result<f64> {
         let mut twin = Image::constant(SIZE[0], SIZE[1], 0.0);
@@ -277,13 +321,16 @@ fn depth_test(rig: &Rig<'_>) -> Result<Check> {
         rasterize(&mut twin, &rules.splats(&view.camera, SIZE, &twins)?, &wall, 0.0);
         Ok((image.sum() / twin.sum() - 1.0).abs())
     };
-    Ok(Check::of(STAGE, "splats before a wall: sum, relative error")
-        .within((0.01, "1"), error(rules)?)
-        .control("bias 1 m instead of 0.3 m", error(Rules { bias_m: 1.0, ..rules })?))
+    let what = format!("splats before a wall, {}: sum, relative error", name(rules.splatting));
+    Ok(vec![
+        Check::of(STAGE, what)
+            .within((0.01, "1"), error(rules)?)
+            .control("bias 1 m instead of 0.3 m", error(Rules { bias_m: 1.0, ..rules })?),
+    ])
 }
 
 /// Exact photons of a scene with many edges, drawn where their own surface is seen: against the twin, pixel by pixel.
-fn within_surface(rig: &Rig<'_>) -> Result<Check> {
+fn within_surface(rig: &Rig<'_>, rules: Rules) -> Checks {
     const VIEW: [u32; 2] = [400, 400];
     const GRID: u32 = 48;
     const BIAS_M: f64 = 0.3;
@@ -301,7 +348,7 @@ fn within_surface(rig: &Rig<'_>) -> Result<Check> {
     );
     let landed = landings.iter().filter_map(|landing| landing.landed());
     let (photons, twins): (Vec<_>, Vec<_>) = landed.map(stored).unzip();
-    let rules = Rules { coverage: SplatCoverage::Surface, bias_m: BIAS_M, ..RULES };
+    let rules = Rules { coverage: SplatCoverage::Surface, bias_m: BIAS_M, ..rules };
     let image = draw(rig, &stand.view, &photons, &drawn.depth, &rules)?;
 
     let seen = CameraDepth { depth: &depth, camera: &scene.camera };
@@ -311,30 +358,116 @@ fn within_surface(rig: &Rig<'_>) -> Result<Check> {
     rasterize_within_surfaces(&mut twin, &placed, &seen, BIAS_M);
     let mut squares = Image::constant(SIZE[0], SIZE[1], 0.0);
     rasterize(&mut squares, &splats, &depth, 0.0);
-    let unlike = |other: &Image| {
-        let pairs = image.data().iter().zip(other.data());
-        pairs.map(|(a, b)| (a - b).abs()).sum::<f64>() / other.sum()
-    };
-    Ok(Check::of(STAGE, "splats within one surface: sum of |difference from the twin|, of the sum")
-        .within((COVERAGE, "1"), unlike(&twin))
-        .control("squares over silhouettes", unlike(&squares))
-        .with("sum_over_that_of_squares", twin.sum() / squares.sum()))
+    let what = format!("splats within one surface, {}", name(rules.splatting));
+    // A plane's depth at a pixel is a difference of depths in f32: at 10 m it decides about pixels to within a millimetre.
+    let tolerance = coverage(Splatting::Raster);
+    Ok(vec![
+        Check::of(STAGE, format!("{what}: sum of |difference from the twin|, of the sum"))
+            .within((tolerance, "1"), difference(&image, &twin))
+            .control("squares over silhouettes", difference(&image, &squares))
+            .with("sum_over_that_of_squares", twin.sum() / squares.sum()),
+    ])
 }
 
-/// Thousands of contributions of 0.001 on one place: a 16-bit float sticks at 2 (PAPERS, UW "silent or wrong").
-fn accumulation(rig: &Rig<'_>) -> Result<Check> {
+/// Thousands of contributions of 0.001 on one place: a 16-bit float sticks at 2 (PAPERS, UW "silent or wrong"), and 32 bits of a
+/// fixed-point sum begin anew at 0.256.
+fn accumulation(rig: &Rig<'_>, rules: Rules) -> Checks {
     const PHOTONS: usize = 8192;
     const EACH_W: f64 = 1e-3;
     let view = rig::synthetic_view(SIZE, 0.0)?;
     let eye = DVec3::from(view.camera.position_m);
     let rays = PixelRays::new(&view.camera, SIZE[0], SIZE[1]);
     let (photon, _) = photon_at(&rays, eye, [256.5, 256.5], 4.0, 1.0);
-    let rules = Rules { photon_w: EACH_W, gamma_per_m: 0.0, ..RULES };
+    let rules = Rules { photon_w: EACH_W, gamma_per_m: 0.0, ..rules };
     let image = draw_free(rig, &view, &vec![photon; PHOTONS], &rules)?;
     let expected = EACH_W * PHOTONS as f64;
-    Ok(Check::of(STAGE, "8192 contributions of 0.001 at one pixel, relative error")
-        .within((1e-3, "1"), (image.clamped(256, 256) / expected - 1.0).abs())
-        .control("sum in a 16-bit float", (half_float_sum(EACH_W, PHOTONS) / expected - 1.0).abs()))
+    let what = format!(
+        "8192 contributions of 0.001 at one pixel, {}, relative error",
+        name(rules.splatting)
+    );
+    // Each f32 addition near 8 rounds by up to 2⁻²¹; a fixed-point sum rounds when it is turned into an f32.
+    let tolerance = match rules.splatting {
+        Splatting::Raster => 1e-3,
+        Splatting::Compute => 1e-6,
+    };
+    Ok(vec![
+        Check::of(STAGE, what)
+            .within((tolerance, "1"), (image.clamped(256, 256) / expected - 1.0).abs())
+            .control(
+                "sum in a 16-bit float",
+                (half_float_sum(EACH_W, PHOTONS) / expected - 1.0).abs(),
+            ),
+    ])
+}
+
+/// Splats of all sizes around the border, cut by it on each side; some lie all beyond it. Others are larger than the buffer's half.
+fn cut(rig: &Rig<'_>, rules: Rules) -> Checks {
+    let view = rig::synthetic_view(SIZE, GAMMA_PER_M)?;
+    let eye = DVec3::from(view.camera.position_m);
+    let rays = PixelRays::new(&view.camera, SIZE[0], SIZE[1]);
+    let mut random = Random::new(31);
+    let side = f64::from(SIZE[0]);
+    let (photons, twins): (Vec<_>, Vec<_>) = (0..400)
+        .map(|i| {
+            let (along, beside) = (random.within(-0.2, 1.2), random.within(-0.05, 0.05));
+            let at = match i % 4 {
+                0 => [along, beside],
+                1 => [along, 1.0 + beside],
+                2 => [beside, along],
+                _ => [1.0 + beside, along],
+            };
+            let share = random.within(0.0, 1.0);
+            let distance_m = NEAREST_M * (FARTHEST_M / NEAREST_M).powf(share);
+            photon_at(&rays, eye, at.map(|a| a * side), distance_m, random.within(0.5, 8.0))
+        })
+        .unzip();
+    let rules = Rules { sizes_px: EXTREMES_PX, ..rules };
+    let image = draw_free(rig, &view, &photons, &rules)?;
+    let twin = |rules: Rules| -> Result<Image> {
+        let mut twin = Image::constant(SIZE[0], SIZE[1], 0.0);
+        let splats = rules.splats(&view.camera, SIZE, &twins)?;
+        rasterize(&mut twin, &splats, &Image::constant(1, 1, 1.0), 0.0);
+        Ok(twin)
+    };
+    let what = format!("splats of 0.4 to 400 px cut by the border, {}", name(rules.splatting));
+    let wide = Rules { sizes_px: [EXTREMES_PX[0], 1.25 * EXTREMES_PX[1]], ..rules };
+    Ok(vec![
+        Check::of(STAGE, format!("{what}: Σ |difference| / Σ"))
+            .within((coverage(rules.splatting), "1"), difference(&image, &twin(rules)?))
+            .control("s_max 500 px", difference(&image, &twin(wide)?)),
+    ])
+}
+
+/// Sum of the absolute differences of two images' pixels, relative to the second's sum.
+fn difference(image: &Image, other: &Image) -> f64 {
+    let pairs = image.data().iter().zip(other.data());
+    pairs.map(|(a, b)| (a - b).abs()).sum::<f64>() / other.sum()
+}
+
+/// Scene `tank` with 36,864 photons: the compute shader's sums against the rasterizer's, pixel by pixel.
+fn alike(rig: &Rig<'_>) -> Result<Check> {
+    let file = SceneFile::load("tank")?;
+    let scene = Scene::build(&file)?;
+    let drawn = |splatting: Splatting, bias_m: f64| -> Result<Image> {
+        let mut params = Params::from(&file);
+        (params.view.width, params.view.height) = (400, 400);
+        params.caustics.grid = 96;
+        params.caustics.buffer = SIZE;
+        params.caustics.splatting = splatting;
+        params.caustics.depth_bias_m = bias_m;
+        let pipeline = Built::<Underwater>::new(rig.gpu, &scene, &params)?;
+        run_until(rig, &pipeline, STAGE)?;
+        splat_image(rig, &pipeline)
+    };
+    let bias_m = Params::from(&file).caustics.depth_bias_m;
+    let raster = drawn(Splatting::Raster, bias_m)?;
+    let [scattered, unlike] =
+        [bias_m, 2.0 * bias_m].map(|bias_m| drawn(Splatting::Compute, bias_m));
+    let scattered = scattered?;
+    Ok(Check::of(STAGE, "scene tank, compute against the rasterizer: Σ |difference| / Σ")
+        .within((coverage(Splatting::Raster), "1"), difference(&scattered, &raster))
+        .control("twice the depth bias", difference(&unlike?, &raster))
+        .with("relative_difference_of_sums", scattered.sum() / raster.sum() - 1.0))
 }
 
 /// What a 16-bit float target holds after adding `each` `count` times, rounding to 11 bits.

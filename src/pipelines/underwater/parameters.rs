@@ -80,7 +80,16 @@ pub enum SubdivisionMode {
     Dynamic,
 }
 
-choices!(Intensity, SplatCoverage, SubdivisionMode);
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Splatting {
+    /// A compute shader adds to fixed-point sums.
+    Compute,
+    /// The rasterizer draws squares and blends them, as in the paper.
+    Raster,
+}
+
+choices!(Intensity, SplatCoverage, Splatting, SubdivisionMode);
 
 settings! {
     /// Caustics: a photon grid, drawn as splats. UW §3.3.
@@ -118,6 +127,9 @@ settings! {
         depth_bias_m: f64 = 0.3 => 0.0 ..= 100.0, "m";
         /// How much a photon adds.
         intensity: Intensity = Intensity::Paper;
+        /// What adds photons up. The sums are the same; which is faster depends on the adapter and on the size of splats. On
+        /// lavapipe compute takes 0.4 of the time at 5 px and 0.8 at 20 px.
+        splatting: Splatting = Splatting::Compute;
         /// Whether the buffer is smoothed.
         filter: bool = true;
         /// UW §3.5 gives neither taps nor radius.
@@ -337,6 +349,15 @@ impl Parameters for Params {
 
     fn camera_mut(&mut self) -> &mut Camera {
         &mut self.camera
+    }
+
+    fn enlarged(&self, factor: u32) -> Option<Self> {
+        let mut larger = self.clone();
+        larger.caustics.buffer = self.caustics_buffer();
+        larger.godrays.buffer = self.godrays_buffer();
+        (larger.view.width, larger.view.height) =
+            (self.view.width * factor, self.view.height * factor);
+        Some(larger)
     }
 }
 

@@ -139,6 +139,12 @@ impl Parameters for Params {
         &mut self.camera
     }
 
+    fn enlarged(&self, factor: u32) -> Option<Self> {
+        let mut larger = Self { view: self.view.enlarged(factor), ..self.clone() };
+        larger.ao.scale /= f64::from(factor);
+        Some(larger)
+    }
+
     fn seed_mut(&mut self) -> Option<&mut u32> {
         Some(&mut self.ao.seed)
     }

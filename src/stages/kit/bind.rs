@@ -17,6 +17,8 @@ pub enum Bind<'a> {
     /// Float texture read through a filtering sampler.
     Filtered(&'a wgpu::Texture),
     Depth(&'a wgpu::Texture),
+    /// Texture that a compute shader writes.
+    Store(&'a wgpu::Texture),
     /// Volume of floats, all its levels, read through a filtering sampler.
     Volume(&'a wgpu::Texture),
     Sampler(&'a wgpu::Sampler),
@@ -94,6 +96,11 @@ impl Bind<'_> {
                 wgpu::TextureViewDimension::D3,
                 wgpu::TextureSampleType::Float { filterable: true },
             ),
+            Bind::Store(texture) => wgpu::BindingType::StorageTexture {
+                access: wgpu::StorageTextureAccess::WriteOnly,
+                format: texture.format(),
+                view_dimension: wgpu::TextureViewDimension::D2,
+            },
             Bind::Sampler(_) => wgpu::BindingType::Sampler(wgpu::SamplerBindingType::Filtering),
             Bind::NearestSampler(_) => {
                 wgpu::BindingType::Sampler(wgpu::SamplerBindingType::NonFiltering)
@@ -101,6 +108,7 @@ impl Bind<'_> {
         };
         let visibility = match self {
             Bind::Write(_) => wgpu::ShaderStages::FRAGMENT | wgpu::ShaderStages::COMPUTE,
+            Bind::Store(_) => wgpu::ShaderStages::COMPUTE,
             _ => wgpu::ShaderStages::VERTEX_FRAGMENT | wgpu::ShaderStages::COMPUTE,
         };
         wgpu::BindGroupLayoutEntry { binding, visibility, ty, count: None }
@@ -108,7 +116,11 @@ impl Bind<'_> {
 
     fn texture_view(&self) -> Option<wgpu::TextureView> {
         match self {
-            Bind::Texels(t) | Bind::Filtered(t) | Bind::Depth(t) | Bind::Volume(t) => Some(view(t)),
+            Bind::Texels(t)
+            | Bind::Filtered(t)
+            | Bind::Depth(t)
+            | Bind::Store(t)
+            | Bind::Volume(t) => Some(view(t)),
             _ => None,
         }
     }
@@ -118,7 +130,14 @@ impl Bind<'_> {
             (_, Some(view)) => wgpu::BindingResource::TextureView(view),
             (Bind::Uniform(b) | Bind::Read(b) | Bind::Write(b), None) => b.as_entire_binding(),
             (Bind::Sampler(s) | Bind::NearestSampler(s), None) => wgpu::BindingResource::Sampler(s),
-            (Bind::Texels(_) | Bind::Filtered(_) | Bind::Depth(_) | Bind::Volume(_), None) => {
+            (
+                Bind::Texels(_)
+                | Bind::Filtered(_)
+                | Bind::Depth(_)
+                | Bind::Store(_)
+                | Bind::Volume(_),
+                None,
+            ) => {
                 unreachable!("textures have views")
             }
         }

@@ -169,6 +169,14 @@ impl<'g> Resources<'g> {
         self.texture(label, (wgpu::TextureDimension::D2, flat(size)), format, usage, 1)
     }
 
+    /// A texture that compute shaders write, shaders read, and the host can read back.
+    pub fn image(&self, label: &str, size: [u32; 2], format: wgpu::TextureFormat) -> wgpu::Texture {
+        let usage = wgpu::TextureUsages::STORAGE_BINDING
+            | wgpu::TextureUsages::TEXTURE_BINDING
+            | wgpu::TextureUsages::COPY_SRC;
+        self.texture(label, (wgpu::TextureDimension::D2, flat(size)), format, usage, 1)
+    }
+
     /// A texture of four 32-bit floats per texel with fixed content.
     pub fn float_texture(
         &self,

@@ -1,0 +1,86 @@
+// The square that a photon covers in the caustics buffer: UW §3.3.
+#define_import_path fathom::splat
+
+#import fathom::frame::{frame}
+#import fathom::photon::{Photon, angular_weight, entered}
+#if SURFACE == 1
+#import fathom::frame::{view_depth_m}
+#import fathom::surface_plane::{depth_texel, plane_at}
+#endif
+
+struct Splat {
+    // Pixels of the caustics buffer.
+    size_px: vec2<f32>,
+    // s = size_a_px + size_b_px_m / distance to the viewer (UW §3.3).
+    size_a_px: f32,
+    size_b_px_m: f32,
+    // I_photon: flux of a photon, W.
+    photon_w: f32,
+    // Splats are tested this much nearer to the camera than their photon, so that the surface they lie on does not hide them.
+    // SURFACE 1: pixels whose surface is this much farther than the splat are left out too.
+    depth_bias_m: f32,
+    // Steps of a fixed-point sum in a unit of intensity.
+    steps: f32,
+    photons: u32,
+    // Photons that one instance of the rasterizer's index pattern draws.
+    photons_per_instance: u32,
+}
+
+struct Square {
+    // In canonical screen space.
+    center: vec2<f32>,
+    // 0 for a photon that adds nothing.
+    side_px: f32,
+    // As the camera's depth buffer has it.
+    depth: f32,
+    // What each pixel gets.
+    intensity: f32,
+    // Device depth of the photon, and its change per pixel, to the right and downwards, on the photon's surface.
+    photon_z: f32,
+    slope: vec2<f32>,
+}
+
+#if SURFACE == 1
+// Change of device depth per pixel of the surface behind a place of the buffer; 0 where something else than the photon's surface is
+// seen there.
+fn surface_slope(settings: Splat, scene_depth: texture_depth_2d, place_px: vec2<f32>, view_m: f32) -> vec2<f32> {
+    let texels = vec2<f32>(textureDimensions(scene_depth));
+    let texel = clamp(depth_texel(scene_depth, place_px, settings.size_px), vec2(0), vec2<i32>(texels) - 1);
+    let plane = plane_at(scene_depth, texel);
+    if abs(view_depth_m(plane.z) - view_m) > settings.depth_bias_m {
+        return vec2(0.0);
+    }
+    return plane.slope * texels / settings.size_px;
+}
+#endif
+
+fn square(settings: Splat, photon: Photon, scene_depth: texture_depth_2d) -> Square {
+    var splat: Square;
+    let clip = frame.camera_view_projection * vec4(photon.hit_m, 1.0);
+    if photon.residual_m < 0.0 || clip.w < frame.z_near_m {
+        return splat;
+    }
+    let to_viewer = frame.camera_position_m - photon.hit_m;
+    let viewer_distance = length(to_viewer);
+    splat.side_px = settings.size_a_px + settings.size_b_px_m / viewer_distance;
+
+    let nearer = photon.hit_m + to_viewer * (settings.depth_bias_m / viewer_distance);
+    let biased = frame.camera_view_projection * vec4(nearer, 1.0);
+    splat.depth = max(biased.z / max(biased.w, frame.z_near_m), 0.0);
+
+    var intensity = settings.photon_w * exp(-frame.attenuation_per_m * photon.distance_m);
+#if FRESNEL == 1
+    intensity *= entered(photon);
+#endif
+#if CONSERVING == 1
+    intensity *= angular_weight(photon.entry_m) / (splat.side_px * splat.side_px);
+#endif
+    splat.intensity = intensity;
+    splat.center = clip.xy / clip.w;
+#if SURFACE == 1
+    let place_px = (splat.center * vec2(0.5, -0.5) + 0.5) * settings.size_px;
+    splat.photon_z = clip.z / clip.w;
+    splat.slope = surface_slope(settings, scene_depth, place_px, clip.w);
+#endif
+    return splat;
+}

@@ -1,0 +1,291 @@
+//! Published figures as data: `benches/figures/*.toml`. Each lists the panels that are rendered for it, which [`sheet`](super::sheet)
+//! puts together with their captions.
+
+use std::path::{Path, PathBuf};
+
+use image::RgbImage;
+use serde::Deserialize;
+use serde_json::{Map, Value};
+use thiserror::Error;
+
+use super::picture::PictureError;
+use super::render::{self, Bare};
+use super::subject::{Subject, SubjectError, Subjects};
+use crate::embedded::Folders;
+use crate::experiments::flatten;
+use crate::experiments::schema::one_line;
+use crate::gpu::Gpu;
+use crate::text::{check_id, did_you_mean, nearest};
+
+/// The name that stands for every figure.
+pub const ALL: &str = "all";
+/// Samples of a pixel where a panel and the command line say nothing.
+const SAMPLES: u32 = 4;
+
+#[derive(Debug, Error)]
+pub enum FigureError {
+    #[error("unknown figure `{name}`{}; `fathom list figures` lists all", did_you_mean(.nearest))]
+    Unknown { name: String, nearest: Option<String> },
+    #[error("figure `{name}`: {message}")]
+    Invalid { name: String, message: String },
+    #[error("figure `{figure}`, panel `{panel}`: {source}")]
+    Subject { figure: String, panel: String, source: Box<SubjectError> },
+    #[error("figure `{figure}`, panel `{panel}`: {source}")]
+    Picture { figure: String, panel: String, source: Box<PictureError> },
+    #[error("cannot write to {}: {source}", path.display())]
+    Folder { path: PathBuf, source: std::io::Error },
+}
+
+/// A published figure.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Figure {
+    /// The file's stem.
+    pub id: String,
+    pub title: String,
+    /// Paper and number.
+    pub source: String,
+    /// What it shows, and where it departs from the publication.
+    pub about: String,
+    /// Panels side by side.
+    #[serde(default = "two")]
+    pub columns: u32,
+    /// Of all panels, where they name none of their own.
+    pub pipeline: Option<String>,
+    pub scene: Option<String>,
+    #[serde(default)]
+    pub params: Map<String, Value>,
+    pub panel: Vec<Panel>,
+}
+
+/// A picture of a figure.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Panel {
+    pub caption: String,
+    pub pipeline: Option<String>,
+    pub scene: Option<String>,
+    /// Over those of the figure.
+    #[serde(default)]
+    pub params: Map<String, Value>,
+    /// Samples of a pixel, a square number.
+    pub samples: Option<u32>,
+    /// The part that is shown, shares of width and height: left, top, right, bottom.
+    pub crop: Option<[f64; 4]>,
+}
+
+fn two() -> u32 {
+    2
+}
+
+/// A panel as it was rendered.
+pub struct Rendered {
+    pub picture: Bare,
+    pub caption: String,
+}
+
+impl Figure {
+    /// Ids of the figures in these folders, by paper and number.
+    pub fn ids(folders: &Folders) -> Vec<String> {
+        let mut ids: Vec<String> = folders.texts(".toml").into_iter().map(|(id, _)| id).collect();
+        ids.sort_by_key(|id| match id.rsplit_once('-').map(|(of, n)| (of, n.parse::<u32>())) {
+            Some((of, Ok(number))) => (of.to_owned(), number),
+            _ => (id.clone(), 0),
+        });
+        ids
+    }
+
+    /// The figure of this id.
+    ///
+    /// # Errors
+    /// An unknown id, with the nearest known one; a file that is no figure.
+    pub fn load(folders: &Folders, id: &str) -> Result<Self, FigureError> {
+        match folders.text(&format!("{id}.toml")) {
+            Some((_, text)) => Self::parse(id, &text),
+            None => Err(FigureError::Unknown {
+                name: id.to_owned(),
+                nearest: nearest(id, Self::ids(folders).iter().map(String::as_str)),
+            }),
+        }
+    }
+
+    /// The figure of this id, or every figure.
+    ///
+    /// # Errors
+    /// As [`Self::load`].
+    pub fn named(folders: &Folders, name: &str) -> Result<Vec<Self>, FigureError> {
+        let ids = if name == ALL { Self::ids(folders) } else { vec![name.to_owned()] };
+        ids.iter().map(|id| Self::load(folders, id)).collect()
+    }
+
+    fn parse(name: &str, text: &str) -> Result<Self, FigureError> {
+        let invalid = |message| FigureError::Invalid { name: name.to_owned(), message };
+        let figure: Self = toml::from_str(text).map_err(|e| invalid(one_line(&e, text)))?;
+        figure.check(name).map_err(invalid)?;
+        Ok(figure)
+    }
+
+    fn check(&self, name: &str) -> Result<(), String> {
+        check_id(&self.id)?;
+        if self.id != name {
+            return Err(format!("its id is `{}`: it must be that of the file", self.id));
+        }
+        if self.panel.is_empty() || self.columns == 0 {
+            return Err("it needs a panel and a column at least".to_owned());
+        }
+        for panel in &self.panel {
+            let fault = |what| Err(format!("panel `{}`: {what}", panel.caption));
+            if panel.samples.is_some_and(|n| n == 0 || n.isqrt().pow(2) != n) {
+                return fault("samples must be a square number");
+            }
+            if let Some([left, top, right, bottom]) = panel.crop {
+                let sound = |low: f64, high: f64| 0.0 <= low && low < high && high <= 1.0;
+                if !sound(left, right) || !sound(top, bottom) {
+                    return fault("crop must be left, top, right, bottom within 0 … 1");
+                }
+            }
+            if panel.pipeline.as_ref().or(self.pipeline.as_ref()).is_none()
+                || panel.scene.as_ref().or(self.scene.as_ref()).is_none()
+            {
+                return fault("neither it nor the figure names pipeline and scene");
+            }
+        }
+        Ok(())
+    }
+
+    /// Pipeline, scene and parameters of a panel, those of `more` last.
+    pub fn setting<'f>(
+        &'f self,
+        panel: &'f Panel,
+        more: &[(String, Value)],
+    ) -> (&'f str, &'f str, Vec<(String, Value)>) {
+        let named = |own: &'f Option<String>, of_all: &'f Option<String>| {
+            own.as_deref().or(of_all.as_deref()).unwrap_or_default()
+        };
+        let params = [flatten(&self.params), flatten(&panel.params), more.to_vec()].concat();
+        let pipeline = named(&panel.pipeline, &self.pipeline);
+        (pipeline, named(&panel.scene, &self.scene), params)
+    }
+
+    /// Renders every panel. `more` parameters hold for all of them.
+    ///
+    /// # Errors
+    /// A panel that cannot be rendered, named.
+    pub fn render(
+        &self,
+        gpu: &Gpu,
+        subjects: &mut Subjects,
+        more: &[(String, Value)],
+        samples: Option<u32>,
+    ) -> Result<Vec<Rendered>, FigureError> {
+        let rendered = |panel: &Panel| {
+            let (pipeline, scene, params) = self.setting(panel, more);
+            let subject = subjects.subject(pipeline, scene, &params).map_err(|source| {
+                let (figure, panel) = (self.id.clone(), panel.caption.clone());
+                FigureError::Subject { figure, panel, source: Box::new(source) }
+            })?;
+            let samples = samples.or(panel.samples).unwrap_or(SAMPLES);
+            let picture = render::bare(gpu, &subject, samples).map_err(|source| {
+                let (figure, panel) = (self.id.clone(), panel.caption.clone());
+                FigureError::Picture { figure, panel, source: Box::new(source) }
+            })?;
+            let picture = match panel.crop {
+                Some(crop) => Bare { image: cropped(&picture.image, crop), ..picture },
+                None => picture,
+            };
+            Ok(Rendered { picture, caption: caption(panel, &subject) })
+        };
+        self.panel.iter().map(rendered).collect()
+    }
+}
+
+/// A panel's caption, which tells where a stand-in takes a mesh's place.
+fn caption(panel: &Panel, subject: &Subject) -> String {
+    let stand_in = if subject.scene.stand_ins.is_empty() { "" } else { " [stand-in]" };
+    format!("{}{stand_in}", panel.caption)
+}
+
+fn cropped(picture: &RgbImage, [left, top, right, bottom]: [f64; 4]) -> RgbImage {
+    let (width, height) = (f64::from(picture.width()), f64::from(picture.height()));
+    let (x, y) = ((left * width) as u32, (top * height) as u32);
+    let size = (((right - left) * width) as u32, ((bottom - top) * height) as u32);
+    image::imageops::crop_imm(picture, x, y, size.0.max(1), size.1.max(1)).to_image()
+}
+
+/// Name of a panel's file: `uw-5-a.png`.
+pub fn panel_file(folder: &Path, figure: &Figure, number: usize) -> PathBuf {
+    let letter = char::from(b'a' + (number % 26) as u8);
+    folder.join(format!("{}-{letter}.png", figure.id))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::embedded::FIGURES;
+    use crate::harness::catalog::Catalog;
+    use crate::parameter;
+    use crate::scene::SceneFile;
+
+    #[test]
+    fn every_figure_parses_and_its_parameters_exist() {
+        let (folders, catalog) = (Folders::of(FIGURES), Catalog::builtin());
+        let ids = Figure::ids(&folders);
+        for id in ["uw-5", "uw-6", "uw-9", "uw-10", "vao-3", "vao-7", "vao-8", "vao-14"] {
+            assert!(ids.iter().any(|known| known == id), "{id} is missing");
+        }
+        for id in ids {
+            let figure = Figure::load(&folders, &id).unwrap_or_else(|error| panic!("{error}"));
+            assert!(figure.panel.len() <= 26, "{id}: panels are named by letters");
+            for panel in &figure.panel {
+                let (pipeline, scene, params) = figure.setting(panel, &[]);
+                let place = format!("{id}, {}", panel.caption);
+                let kind = catalog.kind(pipeline).unwrap();
+                let file = SceneFile::load_from(&catalog.scenes, scene).unwrap();
+                let mut tree = (kind.defaults)(&file);
+                for (path, value) in params {
+                    parameter::set(&mut tree, &path, value)
+                        .unwrap_or_else(|error| panic!("{place}: {error}"));
+                }
+                let read = (kind.configure)(&tree);
+                read.unwrap_or_else(|error| panic!("{place}: {error}"));
+            }
+        }
+    }
+
+    #[test]
+    fn figures_are_listed_by_number() {
+        let ids = Figure::ids(&Folders::of(FIGURES));
+        let place = |id: &str| ids.iter().position(|known| known == id).unwrap();
+        assert!(place("uw-9") < place("uw-10") && place("uw-10") < place("vao-1"), "{ids:?}");
+    }
+
+    fn parse(panel: &str) -> Result<Figure, FigureError> {
+        let head = "id = \"f\"\ntitle = \"\"\nsource = \"\"\nabout = \"\"\n";
+        Figure::parse("f", &format!("{head}{panel}"))
+    }
+
+    #[test]
+    fn faults_of_a_file_are_told() {
+        let sound = "[[panel]]\ncaption = \"c\"\npipeline = \"p\"\nscene = \"s\"\n";
+        assert!(parse(sound).is_ok());
+        for (more, told) in [
+            ("samples = 3", "square number"),
+            ("crop = [0.5, 0.0, 0.5, 1.0]", "crop must be"),
+            ("sample = 4", "unknown field `sample`"),
+        ] {
+            let error = parse(&format!("{sound}{more}")).unwrap_err().to_string();
+            assert!(error.contains(told), "{error}");
+        }
+        let error = parse("[[panel]]\ncaption = \"c\"\n").unwrap_err().to_string();
+        assert!(error.contains("names pipeline and scene"), "{error}");
+        assert!(parse("panel = []\n").is_err());
+    }
+
+    #[test]
+    fn a_part_of_a_picture_is_cut_out() {
+        let picture = RgbImage::from_fn(8, 4, |x, y| image::Rgb([x as u8, y as u8, 0]));
+        let part = cropped(&picture, [0.25, 0.5, 0.75, 1.0]);
+        assert_eq!(part.dimensions(), (4, 2));
+        assert_eq!(part.get_pixel(0, 0).0, [2, 2, 0]);
+    }
+}
