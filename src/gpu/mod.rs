@@ -19,7 +19,7 @@ mod shader;
 mod stage;
 
 pub use adapter::{Gpu, Options};
-pub use audit::{Audit, audit, audit_table};
+pub use audit::{Audit, audit, audit_cpu_time, audit_table};
 pub use capacity::Capacity;
 pub use counters::{StageCounters, count};
 pub use error::GpuError;

@@ -122,7 +122,7 @@ pub fn run(options: &Options, interrupted: &AtomicBool) -> Result<Summary, RunEr
         None => Held::create(options.out.as_deref(), &gpu.adapter.name, profile)?,
     };
     let now = spent.since(now, SetUp::Scenes);
-    let audit = gpu::audit(&gpu)?;
+    let audit = audit(&gpu)?;
     spent.since(now, SetUp::Audit);
     let seed = options.seed.unwrap_or_else(|| u64::from(rand::random::<u32>()));
     let mut header = header(options, &gpu, &audit, profile, seed);
@@ -147,6 +147,18 @@ pub fn run(options: &Options, interrupted: &AtomicBool) -> Result<Summary, RunEr
     measurement.begin(&damage, &ids)?;
     measurement.measure(&planned)?;
     measurement.end(start, kept)
+}
+
+/// The CPU time of the process where the driver has one core and that clock is sound; else timestamps and the host clock.
+fn audit(gpu: &Gpu) -> Result<Audit, GpuError> {
+    let one_core = Conditions::here().cores.len() == 1;
+    let (by_cpu, plan) = if one_core { gpu::audit_cpu_time(gpu)? } else { (Vec::new(), None) };
+    if let Some(plan) = plan {
+        return Ok(Audit { rows: by_cpu, plan });
+    }
+    let mut audit = gpu::audit(gpu)?;
+    audit.rows.extend(by_cpu);
+    Ok(audit)
 }
 
 /// A round that no sample of these records or samples has.
