@@ -1,4 +1,4 @@
-// defs: CONSERVING=0, WATER=0
+// defs: CONSERVING=0, OCCLUSION=0, WATER=0
 // The final image: scene lit by caustics, water colour, godrays, and the water surface drawn over it. UW §3.5.
 #import fathom::frame::{frame, view_depth_m, world_at}
 #import fathom::screen
@@ -22,7 +22,7 @@ struct Compose {
     depth_share: f32,
 }
 
-@group(1) @binding(0) var<uniform> settings: Compose;
+@group(1) @binding(0) var<storage, read> settings: Compose;
 @group(1) @binding(1) var albedo: texture_2d<f32>;
 @group(1) @binding(2) var normals: texture_2d<f32>;
 @group(1) @binding(3) var depth: texture_depth_2d;
@@ -97,13 +97,11 @@ fn caustic_irradiance(uv: vec2<f32>, position_m: vec3<f32>, normal: vec3<f32>) -
 #endif
 }
 
+#if OCCLUSION == 1
 // Share of the sky that nearby geometry leaves open, from screen-space depth (UW §3 step 7b, Fig. 10; UW gives no method): what lies
 // over the tangent plane within the radius blocks, the less the farther it is. The taps' disc is turned in every pixel by interleaved
 // gradient noise (Jimenez, Next Generation Post Processing in Call of Duty: Advanced Warfare, 2014).
 fn openness(uv: vec2<f32>, position_m: vec3<f32>, normal: vec3<f32>) -> f32 {
-    if settings.occlusion_taps == 0u {
-        return 1.0;
-    }
     let last = vec2<i32>(settings.size_px) - 1;
     // Rows of the camera's matrix have the lengths of its focal distances, in halves of the picture.
     let rows = transpose(frame.camera_view_projection);
@@ -129,6 +127,12 @@ fn openness(uv: vec2<f32>, position_m: vec3<f32>, normal: vec3<f32>) -> f32 {
     }
     return 1.0 - blocked / f32(settings.occlusion_taps);
 }
+#else
+// Not asked for. On lavapipe (Mesa 22.3) the mere loop has the shader compiled again for every draw.
+fn openness(uv: vec2<f32>, position_m: vec3<f32>, normal: vec3<f32>) -> f32 {
+    return 1.0;
+}
+#endif
 
 // Radiance of the scene at uv without the water between it and the camera.
 fn scene_radiance(uv: vec2<f32>, texel: vec2<i32>, position_m: vec3<f32>) -> vec3<f32> {

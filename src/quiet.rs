@@ -188,6 +188,8 @@ mod system {
         unsafe {
             command.pre_exec(prepare);
         }
+        // It is called what the user called it.
+        command.arg0(std::env::args_os().next().unwrap_or_default());
         // Whatever the reason is, the program goes on without it, and its records say so.
         let _ = command.exec();
     }

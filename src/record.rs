@@ -27,8 +27,8 @@ pub use comparison::Compared;
 pub use error_figure::ErrorFigure;
 pub use file::{Writer, empty_or_sound, finished, read, read_some, resume_key};
 pub use kinds::{
-    FaultKind, Note, NoteKind, Picture, PictureKind, Profile, RejectedFrames, Rejection, SetUp,
-    ShaderChecks, Surrounding,
+    FaultKind, MachineState, Note, NoteKind, Picture, PictureKind, Profile, RejectedFrames,
+    Rejection, SetUp, ShaderChecks, Surrounding,
 };
 pub use lines::{Damage, Line, LineWriter, Opened, Reading, RecordError, kept_aside, read_lines};
 pub use lock::{FolderLock, LOCK, LockError};
@@ -316,6 +316,9 @@ pub struct FrameRecord {
     pub rounds: Vec<u32>,
     /// When each sample was taken, seconds of Unix time.
     pub sampled_at_s: Vec<f64>,
+    /// Of the adapter at each sample; empty where no driver tells.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub machine: Vec<MachineState>,
     pub envelope_samples_ns: Vec<f64>,
     pub gap_samples_ns: Vec<f64>,
     /// Median of |stages + gaps − envelope| / envelope.

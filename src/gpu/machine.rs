@@ -7,33 +7,14 @@ use std::path::{Path, PathBuf};
 use nvml_wrapper::bitmasks::device::ThrottleReasons;
 use nvml_wrapper::enum_wrappers::device::{Clock, TemperatureSensor};
 use nvml_wrapper::{Device, Nvml};
-use serde::{Deserialize, Serialize};
 
-use crate::record::Adapter;
+use crate::record::{Adapter, MachineState};
 
 /// Vendors' numbers of the PCI-SIG.
 const NVIDIA: u32 = 0x10de;
 const AMD: u32 = 0x1002;
 /// Where Linux lists graphics devices.
 const DRM: &str = "/sys/class/drm";
-
-/// What a GPU's driver says of it at one moment.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-#[serde(default)]
-pub struct MachineState {
-    /// Of the shader cores.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub clock_mhz: Option<f64>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub memory_clock_mhz: Option<f64>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub temperature_c: Option<f64>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub power_w: Option<f64>,
-    /// Why clocks are below their highest, in NVML's words; empty where nothing holds them down or the driver does not tell.
-    #[serde(skip_serializing_if = "Vec::is_empty")]
-    pub throttle: Vec<String>,
-}
 
 /// Reads the state of one adapter, as often as it is asked. Opened once: loading NVML takes milliseconds.
 pub struct MachineReader(Source);
@@ -75,13 +56,6 @@ impl MachineReader {
             Source::Amdgpu(card) => amd_state(card),
         };
         (state != MachineState::default()).then_some(state)
-    }
-}
-
-impl MachineState {
-    /// The state of an adapter now; None for software adapters, and where no driver tells.
-    pub fn read(adapter: &Adapter) -> Option<Self> {
-        MachineReader::open(adapter)?.read()
     }
 }
 
@@ -239,8 +213,8 @@ mod tests {
     #[test]
     fn software_adapters_and_absent_drivers_tell_nothing() {
         let software = Adapter { software: true, ..adapter("llvmpipe", NVIDIA, 1) };
-        assert_eq!(MachineState::read(&software), None);
-        assert_eq!(MachineState::read(&adapter("Intel", 0x8086, 1)), None);
+        assert!(MachineReader::open(&software).is_none());
+        assert!(MachineReader::open(&adapter("Intel", 0x8086, 1)).is_none());
         assert_eq!(amd_card(Path::new("/nonexistent"), &adapter("RX", AMD, 1)), None);
         assert_eq!(amd_state(Path::new("/nonexistent")), MachineState::default());
     }

@@ -19,7 +19,7 @@ mod shader;
 mod stage;
 
 pub use adapter::{Gpu, Options};
-pub use audit::{Audit, audit, audit_table};
+pub use audit::{Audit, audit, audit_cpu_time, audit_table};
 pub use capacity::Capacity;
 pub use counters::{StageCounters, count};
 pub use error::GpuError;
@@ -31,7 +31,7 @@ pub use frame::{
 };
 pub use layout::{BoundStruct, Member, StructLayout};
 pub use limits::Demand;
-pub use machine::{MachineReader, MachineState};
+pub use machine::MachineReader;
 pub use pipelines::{CodeKey, GroupKey, KernelKey, RasterKey};
 pub use readback::{Pixels, Texels, read_buffer, read_texture, read_volume, texture_bytes};
 pub use shader::{Shader, compilation_options, default_defs, link, shader_paths};

@@ -44,7 +44,6 @@ pub(super) struct Pipelines {
 }
 
 impl Pipelines {
-    /// After an error: one of them may be of no use.
     pub(super) fn clear(&self) {
         self.kernels.lock().unwrap_or_else(PoisonError::into_inner).clear();
         self.rasters.lock().unwrap_or_else(PoisonError::into_inner).clear();
@@ -52,6 +51,11 @@ impl Pipelines {
 }
 
 impl Gpu {
+    /// Gives back pipelines that nothing uses any more, and the driver's compiled code with them.
+    pub fn forget_pipelines(&self) {
+        self.pipelines.clear();
+    }
+
     /// The pipeline of this key, made where there is none yet.
     pub fn kernel(
         &self,

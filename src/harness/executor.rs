@@ -16,11 +16,13 @@ use super::sample::{CellResult, Executor, Failure, Samples};
 use super::views::ViewsError;
 use super::{MAX_PASSES, picture, views};
 use crate::experiments::schema::{Experiment, Pictures, RepeatedOutput};
-use crate::gpu::{self, ClockPlan, FrameSample, FrameTimer, Gpu, GpuError, Stage, StageCounters};
+use crate::gpu::{
+    self, ClockPlan, FrameSample, FrameTimer, Gpu, GpuError, MachineReader, Stage, StageCounters,
+};
 use crate::pipelines::{AnyPipeline, Judge, Known};
 use crate::record::{
-    Addition, Cell, Note, NoteKind, Outcome, Picture, PictureKind, Record, RecordError, Run,
-    SampleLine, SetUp, Writer,
+    Addition, Cell, MachineState, Note, NoteKind, Outcome, Picture, PictureKind, Record,
+    RecordError, Run, SampleLine, SetUp, Writer,
 };
 use crate::reference::kept::KeptAnswers;
 use crate::scene::assets;
@@ -35,6 +37,7 @@ pub struct Session {
     options: gpu::Options,
     plan: ClockPlan,
     timer: FrameTimer,
+    machine: Option<MachineReader>,
     references: References,
     known: Known,
     reopened: bool,
@@ -69,6 +72,7 @@ impl Session {
     ) -> Result<Self, GpuError> {
         let timer = FrameTimer::new(&gpu, plan, MAX_PASSES)?;
         Ok(Self {
+            machine: MachineReader::open(&gpu.adapter),
             gpu,
             options,
             plan,
@@ -412,6 +416,10 @@ impl Executor for CellExecutor<'_> {
 
     fn now_s(&self) -> f64 {
         self.start.elapsed().as_secs_f64()
+    }
+
+    fn machine(&self) -> Option<MachineState> {
+        self.session.machine.as_ref()?.read()
     }
 
     fn unix_s(&self) -> f64 {

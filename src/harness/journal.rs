@@ -246,6 +246,7 @@ mod tests {
             pair: Some(FramePair {
                 round: ns as u32,
                 sampled_at_s: 1.5e9,
+                machine: None,
                 stages,
                 envelope_ns: ns,
                 gaps_ns: 0.0,

@@ -72,6 +72,7 @@ fn frame_record(samples: &Samples) -> FrameRecord {
     FrameRecord {
         rounds: samples.rounds.clone(),
         sampled_at_s: samples.sampled_at_s.clone(),
+        machine: samples.machine.clone(),
         accounting_error: accounting_error(samples),
         untimed: statistics::estimate(&samples.untimed_ns),
         timing_cost: timing_cost(samples),

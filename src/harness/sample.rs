@@ -25,7 +25,7 @@ use rand_pcg::Pcg64;
 
 use crate::experiments::LOOKS;
 use crate::gpu::{Fault, FrameSample, StageSample};
-use crate::record::{Addition, Clock, FaultKind, FramePair, Rejection, StageTime};
+use crate::record::{Addition, Clock, FaultKind, FramePair, MachineState, Rejection, StageTime};
 use crate::statistics;
 
 /// Pairs of a cell at which its samples are looked at; each other one is twice the one before. A verdict needs 8 at least, and from
@@ -87,6 +87,10 @@ pub trait Executor {
     fn now_s(&self) -> f64;
     /// Seconds of Unix time.
     fn unix_s(&self) -> f64;
+    /// The adapter's clocks and what holds them down; none where no driver tells.
+    fn machine(&self) -> Option<MachineState> {
+        None
+    }
 }
 
 /// When to stop.
@@ -147,6 +151,7 @@ pub struct Samples {
     /// Of each pair; see [`FrameRecord::rounds`](crate::record::FrameRecord::rounds).
     pub rounds: Vec<u32>,
     pub sampled_at_s: Vec<f64>,
+    pub machine: Vec<MachineState>,
     pub envelope_ns: Vec<f64>,
     pub gaps_ns: Vec<f64>,
     pub untimed_ns: Vec<f64>,
@@ -209,6 +214,7 @@ impl Samples {
         }
         self.rounds.push(pair.round);
         self.sampled_at_s.push(pair.sampled_at_s);
+        self.machine.extend(pair.machine.clone());
         self.envelope_ns.push(pair.envelope_ns);
         self.gaps_ns.push(pair.gaps_ns);
         self.untimed_ns.push(pair.untimed_ns);
@@ -501,7 +507,8 @@ impl<X: Executor> Sampler<'_, X> {
             (self.executor.timed(cell)?, untimed_ns)
         };
         let taken = (self.round, self.executor.unix_s());
-        let pair = frame_pair(&frame, untimed_ns, taken);
+        let machine = self.executor.machine();
+        let pair = FramePair { machine, ..frame_pair(&frame, untimed_ns, taken) };
         let live = &mut self.live[at];
         if std::mem::take(&mut live.unconfirmed) && !live.samples.has_stages(&pair.stages) {
             live.samples = Samples::default();
@@ -606,6 +613,7 @@ fn frame_pair(
     FramePair {
         round,
         sampled_at_s,
+        machine: None,
         stages: stages.collect(),
         envelope_ns: frame.envelope_ns,
         gaps_ns: frame.gaps_ns,

@@ -150,6 +150,24 @@ pub enum PictureKind {
     Error,
 }
 
+/// What a GPU's driver says of it at one moment.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct MachineState {
+    /// Of the shader cores.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub clock_mhz: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub memory_clock_mhz: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub temperature_c: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub power_w: Option<f64>,
+    /// Why clocks are below their highest, in NVML's words; empty where nothing holds them down or the driver does not tell.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub throttle: Vec<String>,
+}
+
 /// Why a timed frame was not used.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 pub struct Rejection {

@@ -9,7 +9,7 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
-use super::{Clock, Line, PassKind, Rejection, Run};
+use super::{Clock, Line, MachineState, PassKind, Rejection, Run};
 
 /// Version of the lines; raised when a field changes its meaning or goes away.
 pub const SAMPLES_SCHEMA: u32 = 3;
@@ -75,6 +75,8 @@ pub struct FramePair {
     pub round: u32,
     /// Seconds of Unix time.
     pub sampled_at_s: f64,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub machine: Option<MachineState>,
     pub stages: Vec<StageTime>,
     pub envelope_ns: f64,
     pub gaps_ns: f64,

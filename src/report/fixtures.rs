@@ -260,6 +260,7 @@ fn frame(total_ns: f64, random: &mut Pcg64) -> FrameRecord {
     let untimed_samples_ns = samples(total_ns * 1.01);
     FrameRecord {
         rounds: (0..SAMPLES as u32).collect(),
+        machine: Vec::new(),
         sampled_at_s: (0..SAMPLES).map(|round| 1.7e9 + round as f64).collect(),
         envelope_samples_ns: samples(total_ns * 1.012),
         gap_samples_ns: samples(total_ns * 0.012),

@@ -57,12 +57,14 @@ impl Compose {
         settings: ComposeUniforms,
         conserving: bool,
     ) -> Result<Self, GpuError> {
-        let defs = [("CONSERVING", i32::from(conserving)), shared.water_def()];
-        let uniforms = resources.uniform(INFO.name, &settings);
+        let occlusion = i32::from(settings.occlusion_taps > 0);
+        let defs =
+            [("CONSERVING", i32::from(conserving)), ("OCCLUSION", occlusion), shared.water_def()];
+        let uniforms = resources.loop_settings(INFO.name, &settings);
         let sampler = resources.linear_sampler(INFO.name);
         let gbuffer = composed.gbuffer;
         let binds = [
-            Bind::Uniform(&uniforms),
+            Bind::Read(&uniforms),
             Bind::Texels(&gbuffer.albedo),
             Bind::Texels(&gbuffer.normal),
             Bind::Depth(&gbuffer.depth),

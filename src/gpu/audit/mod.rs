@@ -13,10 +13,9 @@
 //! Frames alternate and ratios are taken between neighbours, so that a machine that drifts drifts through
 //! both sides. Where a verdict is close, more rounds are run before it is given.
 //!
-//! On a software adapter the CPU time of the process is audited first, against the same host clock: it is as long where the
-//! driver works in one thread, and then it is used for every kind of pass. It does not count what other processes take from
-//! the core, so it scatters far less than any wall clock. Where the driver has several threads their times add up, the ratio
-//! shows it, and timestamps are audited instead.
+//! A software adapter whose driver has one core can be timed by the CPU time of the process ([`audit_cpu_time`]): it is as long as
+//! the host clock's where nothing else runs, and does not count what other processes take from the core, so it scatters far less
+//! than any wall clock. Where the driver has several threads at work their times add up, and the ratio shows it.
 //!
 //! A kind of pass whose timestamps are unsound in either surrounding is timed by the fenced host clock, in
 //! command buffers of its own. It may have spoilt its neighbours' timestamps, too: the worst kind is set apart
@@ -75,16 +74,6 @@ pub fn audit(gpu: &Gpu) -> Result<Audit, GpuError> {
     submissions.time(gpu, SUBMISSIONS)?;
     let fenced = ClockPlan::fenced(submissions.cost());
     let work = calibrate(gpu, &kernels, fenced)?;
-    let by_cpu = if gpu.adapter.software && HostClock::ProcessCpu.is_there() {
-        process_cpu(gpu, &kernels, work, fenced)?
-    } else {
-        Vec::new()
-    };
-    if !by_cpu.is_empty() && by_cpu.iter().all(|row| row.sound) {
-        let mut submissions = Submissions::new(gpu, HostClock::ProcessCpu)?;
-        submissions.time(gpu, SUBMISSIONS)?;
-        return Ok(Audit { rows: by_cpu, plan: ClockPlan::process_cpu(submissions.cost()) });
-    }
     let mut bench = TimedKernels::new(gpu, &kernels, work, fenced, submissions)?;
     let alone = bench.measure(gpu, Surrounding::Alone, &KINDS)?;
     let alone: Vec<AuditRow> = alone.into_iter().map(|row| admit(gpu, row)).collect();
@@ -95,12 +84,26 @@ pub fn audit(gpu: &Gpu) -> Result<Audit, GpuError> {
     let plan = ClockPlan::fenced(bench.submissions.cost());
     let sound_kinds = KINDS.into_iter().filter(sound);
     let plan = sound_kinds.fold(plan, |plan, kind| plan.with(kind, Clock::Timestamp));
-    rows.extend(by_cpu);
     Ok(Audit { rows, plan })
 }
 
-/// A row for each kind of pass on a software adapter: the CPU time of the process against the wall clock, both of the same
-/// submissions.
+/// Audits the CPU time of a process whose driver has one core: a row for each kind of pass, and the plan where all are sound. On a
+/// hardware adapter, and where the system has no such clock, there is nothing to audit.
+pub fn audit_cpu_time(gpu: &Gpu) -> Result<(Vec<AuditRow>, Option<ClockPlan>), GpuError> {
+    if !gpu.adapter.software || !HostClock::ProcessCpu.is_there() {
+        return Ok((Vec::new(), None));
+    }
+    let kernels = Kernels::new(gpu)?;
+    let mut submissions = Submissions::new(gpu, HostClock::ProcessCpu)?;
+    submissions.time(gpu, SUBMISSIONS)?;
+    let fenced = ClockPlan::fenced(submissions.cost());
+    let work = calibrate(gpu, &kernels, fenced)?;
+    let rows = process_cpu(gpu, &kernels, work, fenced)?;
+    let sound = rows.iter().all(|row| row.sound);
+    Ok((rows, sound.then(|| ClockPlan::process_cpu(submissions.cost()))))
+}
+
+/// A row for each kind of pass: the CPU time of the process against the wall clock, both of the same submissions.
 fn process_cpu(
     gpu: &Gpu,
     kernels: &Kernels,

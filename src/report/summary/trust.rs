@@ -1,6 +1,6 @@
 //! How far the figures of a run can be trusted.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use itertools::Itertools;
 
@@ -126,6 +126,7 @@ pub fn write(view: &ReportView<'_>, run: &Run, table: &mut Table) {
     ]);
     let rejected: u32 = view.measured().map(|(_, measured)| measured.rejected_frames()).sum();
     table.row(["frames rejected".to_owned(), rejected.to_string()]);
+    throttled(view, table);
     ended(view, table);
 }
 
@@ -164,5 +165,21 @@ fn ended(view: &ReportView<'_>, table: &mut Table) {
     if view.runs.len() > 1 {
         let runs = format!("{}, the latest described here", view.runs.len());
         table.row(["runs in these records".to_owned(), runs]);
+    }
+}
+
+/// Cells of which a sample was taken while the driver held the clocks down.
+fn throttled(view: &ReportView<'_>, table: &mut Table) {
+    let mut reasons = BTreeSet::new();
+    let mut cells = 0;
+    for (_, measured) in view.timed() {
+        let held = measured.frame.machine.iter().flat_map(|state| &state.throttle);
+        let found: BTreeSet<&str> = held.map(String::as_str).collect();
+        cells += usize::from(!found.is_empty());
+        reasons.extend(found);
+    }
+    if cells > 0 {
+        let reasons = reasons.into_iter().join(", ");
+        table.row(["cells with clocks held down".to_owned(), format!("{cells}: {reasons}")]);
     }
 }
