@@ -45,6 +45,7 @@ fn measured(name: &str, number: usize) -> Value {
         "status": "measured",
         "stages": [stage("caustics/trace"), stage(name)],
         "frame": {
+            "rounds": [1, 2, 3, 4], "sampled_at_s": [1.0, 2.0, 3.0, 4.0],
             "envelope_samples_ns": [ns, ns, ns, ns], "gap_samples_ns": [1.0, 1.0, 1.0, 1.0], "accounting_error": 0.001,
             "untimed_samples_ns": [ns, ns, ns, ns], "untimed": estimate(ns), "timing_cost": estimate(1.0),
         },
@@ -103,12 +104,14 @@ fn records() -> String {
     let axis = "axis <b>|\u{1b}";
     let mut lines = vec![
         json!({
-            "record": "run", "schema": 2, "fathom_version": all, "started_at": all, "profile": "quick", "command": [all],
+            "record": "run", "schema": fathom::record::SCHEMA, "fathom_version": all, "started_at": all, "profile": "quick", "command": [all],
             "adapter": {
                 "name": all, "backend": all, "device_type": all, "driver": all, "driver_info": all, "vendor_id": 0,
                 "device_id": 0, "software": true, "timestamp_period_ns": 1.0, "host_threads": 2,
             },
             "shader_checks": "checked",
+            "conditions": { "cores": [1], "rasterizer_threads": all, "randomized": false },
+            "clocks": { "compute": "process_cpu" },
             "audit": [{
                 "pass": "compute", "context": "mixed", "clock": "timestamp", "clock_ns": 1.0, "host_ns": 1.0, "ratio": 1.0, "doubling": 2.0,
                 "sound": true, "reason": all,

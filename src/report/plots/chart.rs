@@ -99,7 +99,11 @@ impl<'b> Canvas<'b> {
     pub fn write(&self, line: &str, style: TextStyle<'_>, at: (f64, f64), shift: i32) -> Drawn {
         let (x, y) = self.area.map_coordinate(&at);
         let (x0, y0) = self.left.get_base_pixel();
-        self.left.draw_text(line, &style, (x - x0 + shift, y - y0))
+        self.left.draw_text(
+            line,
+            &style,
+            (x.saturating_sub(x0).saturating_add(shift), y.saturating_sub(y0)),
+        )
     }
 
     /// A row's label at the left of the bars.

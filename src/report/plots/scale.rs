@@ -28,7 +28,9 @@ impl Ranged for Scale {
 
     fn map(&self, coordinate: &f64, limit: (i32, i32)) -> i32 {
         let share = (coordinate - self.low) / (self.high - self.low);
-        limit.0 + (share * f64::from(limit.1 - limit.0)).round() as i32
+        let along = (share * f64::from(limit.1 - limit.0)).round() as i32;
+        // What lies far off the axis is off the picture, too.
+        limit.0.saturating_add(along)
     }
 
     fn key_points<Hint: KeyPointHint>(&self, _: Hint) -> Vec<f64> {

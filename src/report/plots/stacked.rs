@@ -47,7 +47,8 @@ impl Stacked {
             .collect();
         let ends = bars.iter().flat_map(|bar| {
             let timed: f64 = bar.parts.iter().sum::<f64>() + bar.gaps;
-            [timed, bar.frame.ends()[1], bar.published.map_or(0.0, |span| span.1)]
+            let [low, high] = bar.frame.ends();
+            [timed, low, bar.frame.median, high, bar.published.map_or(0.0, |span| span.1)]
         });
         let scale = BarChart::scale(ends)?;
         let published: Vec<&Published> =
