@@ -278,7 +278,6 @@ mod tests {
         for (i, (w, h)) in sizes.into_iter().enumerate() {
             assert_eq!(count(&sheet, color(i)), (w * h) as usize);
         }
-        // The second is as wide as the sheet, and has a row of its own.
-        assert_eq!(sheet.height(), 90 + 50 + 200);
+        assert_eq!(sheet.height(), 90 + 200);
     }
 }
