@@ -1,10 +1,12 @@
 //! The scheduler over a mock executor whose clock moves only when a frame is rendered.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
 use super::*;
 use crate::gpu::StageSample;
+use crate::record::Clock;
+use crate::statistics;
 
 /// Nanoseconds of a frame, from the cell's frame count (warm-up included) and the clock in seconds.
 type FrameTime = fn(frame: usize, now_s: f64) -> f64;
