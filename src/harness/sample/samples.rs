@@ -8,7 +8,7 @@ use super::{MAX_REJECTED_SHARE, MIN_JUDGED_FRAMES, Stopped};
 use crate::record::{Addition, Clock, FramePair, MachineState, Rejection, StageTime};
 use crate::statistics;
 
-/// One stage's durations, in the order of the frames; see [`StageSample`].
+/// One stage's durations, in the order of the frames; each entry is a [`StageTime`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct StageSamples {
     pub name: String,
