@@ -30,8 +30,8 @@ use crate::statistics;
 
 pub use fits::{Scaling, scaling};
 
-/// Most looks at the samples of a cell: four sizes, each twice the one before, and the end of the time.
-pub const LOOKS: usize = 5;
+/// Most looks at the samples of a cell: five sizes, each twice the one before, and the end of the time.
+pub const LOOKS: usize = 6;
 /// Chance that the interval of one comparison misses at one look.
 const ALPHA: f64 = statistics::ALPHA / LOOKS as f64;
 /// Chance with which a claim is supported whose figure lies exactly at a bound: one side of the intervals of all looks.

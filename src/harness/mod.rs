@@ -4,6 +4,7 @@
 //! [`Executor`](sample::Executor), [`executor`] is that on a device, [`run`] strings them together.
 
 pub mod calendar;
+mod canvas;
 pub mod catalog;
 pub mod difference;
 pub mod dump;

@@ -27,7 +27,7 @@ pub fn of(gpu: &Gpu, pipeline: &dyn AnyPipeline) -> Result<RgbImage, PictureErro
 
 /// With a scale below where it shows visibility.
 pub fn explained(image: RgbImage, shows_visibility: bool) -> RgbImage {
-    if shows_visibility { scale::below(&image, &scale::VISIBILITY) } else { image }
+    if shows_visibility { scale::below(&image) } else { image }
 }
 
 /// The image of the last frame, opaque, row 0 at the top, drawn first where the frame does not.

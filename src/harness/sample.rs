@@ -6,7 +6,8 @@
 //! ratio of such pairs is the cost of timing.
 //!
 //! Every cell gets the pairs of the first look. Then the scheduler looks at the samples. As long as claims are open,
-//! only the cells of these claims are sampled on, up to the next look; after that the cells whose frame time is not precise yet.
+//! only the cells of these claims are sampled on, up to the next look; after that the cells whose frame time is not precise yet,
+//! those with the widest intervals first.
 //! A look comes at [`LOOK_PAIRS`] pairs only, however the samples turn out, and the claims' intervals allow for that many looks.
 //! Cells whose times nobody asks for render one frame.
 //!
@@ -32,7 +33,9 @@ pub use samples::{Samples, StageSamples};
 
 /// Pairs of a cell at which its samples are looked at; each other one is twice the one before. A verdict needs 8 at least, and from
 /// 12 on no interval ends at a single outlier. The end of the time is one more look.
-pub const LOOK_PAIRS: [usize; LOOKS - 1] = [12, 24, 48, 96];
+pub const LOOK_PAIRS: [usize; LOOKS - 1] = [12, 24, 48, 96, 192];
+/// Cells whose interval is at least so wide, as a share of the widest, are sampled on together.
+const WIDE: f64 = 0.5;
 /// Pairs that each cell gets however slow it is.
 pub const MIN_PAIRS: usize = LOOK_PAIRS[0];
 /// Pairs after which a cell stops in any case.
@@ -286,18 +289,22 @@ impl<X: Executor> Sampler<'_, X> {
         let samples: Vec<(usize, &Samples)> =
             self.live.iter().map(|live| (live.cell, &live.samples)).collect();
         let open = self.executor.unsettled(&samples);
-        let goes_on = |live: &Live| {
+        let goes_on = |live: &&Live| {
             live.may_go_on(time_is_left) && look_after(live.samples.pairs()).is_some()
         };
-        let is_open = |live: &Live| open.contains(&live.cell) && goes_on(live);
-        let is_vague = |live: &Live| {
-            live.samples.relative_half_width() > self.settings.precision && goes_on(live)
-        };
-        let any_open = self.live.iter().any(is_open);
+        let width = |live: &Live| live.samples.relative_half_width();
+        let any_open = self.live.iter().filter(goes_on).any(|live| open.contains(&live.cell));
+        let widest = self.live.iter().filter(goes_on).map(width).fold(0.0, f64::max);
+        let enough = self.settings.precision;
         let (mut done, mut any) = (Vec::new(), false);
         for live in &mut self.live {
-            let vague = is_vague(live);
-            if if any_open { is_open(live) } else { vague } {
+            let vague = width(live) > enough && goes_on(&&*live);
+            let next = if any_open {
+                open.contains(&live.cell) && goes_on(&&*live)
+            } else {
+                vague && width(live) >= widest * WIDE
+            };
+            if next {
                 live.target = look_after(live.samples.pairs()).unwrap_or(MAX_PAIRS);
                 any = true;
             } else if !vague {

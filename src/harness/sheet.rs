@@ -1,22 +1,16 @@
 //! Contact sheets: pictures in a grid with their captions.
 
-use std::convert::Infallible;
-
+use embedded_graphics::mono_font::MonoFont;
 use embedded_graphics::mono_font::iso_8859_1::{FONT_9X15, FONT_9X18_BOLD};
-use embedded_graphics::mono_font::{MonoFont, MonoTextStyle};
-use embedded_graphics::pixelcolor::{Rgb888, RgbColor};
-use embedded_graphics::prelude::{DrawTarget, Drawable, OriginDimensions, Pixel, Point, Size};
-use embedded_graphics::text::{Baseline, Text};
 use image::RgbImage;
 use image::imageops::{self, FilterType};
 
+use super::canvas::{Canvas, line_height};
 use super::figures::{Figure, Rendered};
+use super::picture;
 
 /// White around everything, pixels.
 const MARGIN: u32 = 12;
-/// Width of a bar of greys, and room for it and its labels.
-const BAR: u32 = 14;
-const BAR_ROOM: u32 = 90;
 /// Largest width of a picture in the sheet of one figure.
 const WIDTH: u32 = 720;
 /// Width of a picture, and pictures side by side, in the sheet of many figures.
@@ -30,58 +24,6 @@ const NARROWEST: u32 = 400;
 
 const HEADING: MonoFont<'static> = FONT_9X18_BOLD;
 const PLAIN: MonoFont<'static> = FONT_9X15;
-
-struct Canvas(RgbImage);
-
-impl OriginDimensions for Canvas {
-    fn size(&self) -> Size {
-        Size::new(self.0.width(), self.0.height())
-    }
-}
-
-impl DrawTarget for Canvas {
-    type Color = Rgb888;
-    type Error = Infallible;
-
-    fn draw_iter<I>(&mut self, pixels: I) -> Result<(), Infallible>
-    where
-        I: IntoIterator<Item = Pixel<Rgb888>>,
-    {
-        for Pixel(Point { x, y }, color) in pixels {
-            let place = (u32::try_from(x), u32::try_from(y));
-            if let (Ok(x), Ok(y)) = place
-                && x < self.0.width()
-                && y < self.0.height()
-            {
-                self.0.put_pixel(x, y, image::Rgb([color.r(), color.g(), color.b()]));
-            }
-        }
-        Ok(())
-    }
-}
-
-impl Canvas {
-    fn new(width: u32, height: u32) -> Self {
-        Self(RgbImage::from_pixel(width, height, image::Rgb([255; 3])))
-    }
-
-    fn put(&mut self, picture: &RgbImage, x: u32, y: u32) {
-        imageops::replace(&mut self.0, picture, x.into(), y.into());
-    }
-
-    /// Lines of text, the first one's top at `y`.
-    fn write(&mut self, lines: &[String], font: &MonoFont<'_>, x: u32, y: u32) {
-        let style = MonoTextStyle::new(font, Rgb888::BLACK);
-        for (line, y) in lines.iter().zip((y..).step_by(line_height(font) as usize)) {
-            let place = Point::new(x as i32, y as i32);
-            let Ok(_) = Text::with_baseline(line, place, style, Baseline::Top).draw(self);
-        }
-    }
-}
-
-fn line_height(font: &MonoFont<'_>) -> u32 {
-    font.character_size.height + 3
-}
 
 /// Text of the fonts' characters, ISO 8859-1.
 fn latin(text: &str) -> String {
@@ -110,10 +52,9 @@ fn wrapped(text: &str, font: &MonoFont<'_>, width: u32) -> Vec<String> {
     lines
 }
 
-/// A picture, its bar, and its caption below.
+/// A picture, with what its greys mean, and its caption below.
 struct Cell {
     picture: RgbImage,
-    shows_visibility: bool,
     caption: Vec<String>,
 }
 
@@ -127,7 +68,7 @@ impl Cell {
             imageops::resize(picture, width, (height as u32).max(1), FilterType::Lanczos3)
         };
         let caption = wrapped(&rendered.caption, &PLAIN, width);
-        Self { picture, shows_visibility: rendered.picture.shows_visibility, caption }
+        Self { picture: picture::explained(picture, rendered.picture.shows_visibility), caption }
     }
 
     fn height(&self) -> u32 {
@@ -137,33 +78,13 @@ impl Cell {
     fn draw(&self, canvas: &mut Canvas, x: u32, y: u32) {
         canvas.put(&self.picture, x, y);
         canvas.write(&self.caption, &PLAIN, x, y + self.picture.height() + MARGIN / 2);
-        if self.shows_visibility {
-            self.bar(canvas, x + self.picture.width() + MARGIN / 2, y);
-        }
-    }
-
-    /// Greys from what nothing occludes, above, to what is closed. A picture of occlusion shows 1 − A as it is.
-    fn bar(&self, canvas: &mut Canvas, x: u32, y: u32) {
-        let height = self.picture.height();
-        let grey = |row: u32| 255 - (255 * row / (height - 1).max(1)) as u8;
-        let bar = RgbImage::from_fn(BAR, height, |column, row| {
-            let edge = column == 0 || column == BAR - 1 || row == 0 || row == height - 1;
-            image::Rgb([if edge { 0 } else { grey(row) }; 3])
-        });
-        canvas.put(&bar, x, y);
-        let font = PLAIN.character_size.height;
-        for (share, label) in [(0.0, "A = 0"), (0.5, "0.5"), (1.0, "A = 1")] {
-            let at = (share * f64::from(height.saturating_sub(font))) as u32;
-            canvas.write(&[label.to_owned()], &PLAIN, x + BAR + MARGIN / 2, y + at);
-        }
     }
 }
 
 /// The panels of a figure in a grid of so many columns, pictures so many pixels wide, below its title.
 fn block(figure: &Figure, panels: &[Rendered], columns: u32, width: u32) -> RgbImage {
     let columns = columns.min(panels.len() as u32).max(1);
-    let bars = panels.iter().any(|panel| panel.picture.shows_visibility);
-    let stride = width + MARGIN + if bars { BAR_ROOM } else { 0 };
+    let stride = width + MARGIN;
     let whole = MARGIN + columns * stride;
     let text = whole.max(NARROWEST) - 2 * MARGIN;
     let title = wrapped(&format!("{}: {}", figure.source, figure.title), &HEADING, text);
@@ -203,7 +124,7 @@ pub fn small(figure: &Figure, panels: &[Rendered]) -> RgbImage {
 
 /// Parts side by side in rows as wide as the widest of them, in their order.
 pub fn of_all(parts: &[RgbImage]) -> RgbImage {
-    let width = (PAGE_COLUMNS * (SMALL + MARGIN + BAR_ROOM) + MARGIN)
+    let width = (PAGE_COLUMNS * (SMALL + MARGIN) + MARGIN)
         .max(parts.iter().map(RgbImage::width).max().unwrap_or(1));
     let (mut x, mut y, mut row) = (0, 0, 0);
     let places: Vec<(u32, u32)> = parts
@@ -263,14 +184,19 @@ mod tests {
     }
 
     #[test]
-    fn a_bar_shows_all_greys_between_white_and_black() {
-        let sheet = of_figure(&figure(), &[panel(512, true)]);
-        assert!((1..255).all(|grey| count(&sheet, [grey; 3]) > 0));
+    fn a_picture_of_visibility_gets_a_bar_of_greys() {
+        let greys = |shows: bool| {
+            let sheet = of_figure(&figure(), &[panel(20, shows)]);
+            (1..255).filter(|grey| count(&sheet, [*grey; 3]) > 0).count()
+        };
+        assert_eq!(greys(false), 0);
+        // As many as the picture has columns, less black and white.
+        assert!(greys(true) >= 38);
     }
 
     #[test]
     fn parts_of_a_sheet_do_not_overlap() {
-        let sizes = [(400, 90), (2900, 50), (700, 200), (400, 10)];
+        let sizes = [(400, 90), (2200, 50), (700, 200), (400, 10)];
         let color = |i: usize| [i as u8 + 1, 0, 0];
         let part = |(i, &(w, h))| RgbImage::from_pixel(w, h, image::Rgb(color(i)));
         let parts: Vec<_> = sizes.iter().enumerate().map(part).collect();

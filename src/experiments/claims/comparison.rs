@@ -107,6 +107,17 @@ impl Comparison {
         (value - self.band.low).min(self.band.high - value)
     }
 
+    /// From the figure to the end of its interval beyond the nearest bound.
+    fn reach(&self, interval: Interval) -> f64 {
+        let (value, Interval { low, high }) = (self.figure.value(), self.band);
+        let near_low = value - low < high - value;
+        if near_low == (self.inside() >= 0.0) {
+            value - interval.low
+        } else {
+            interval.high - value
+        }
+    }
+
     /// What would settle it.
     fn settled_by(&self) -> String {
         let Some(n) = self.n() else {
@@ -115,9 +126,9 @@ impl Comparison {
         if n < least_samples() {
             return format!("{} samples are needed", least_samples());
         }
-        // The interval shrinks with the root of n.
-        let half_width = self.figure.interval(ALPHA).map_or(f64::NAN, |i| i.half_width());
-        let needed = n as f64 * (half_width / self.inside()).powi(2);
+        // The interval shrinks with the root of n, until its end reaches the bound.
+        let reach = self.figure.interval(ALPHA).map_or(f64::NAN, |i| self.reach(i));
+        let needed = n as f64 * (reach / self.inside()).powi(2);
         if needed.is_finite() && needed <= MOST_SAMPLES {
             format!("the interval straddles the bound; about {needed:.0} samples would settle it")
         } else {

@@ -455,13 +455,13 @@ fn false_sentences_are_contradicted_and_true_ones_supported_every_time() {
 
 #[test]
 fn noise_supports_a_claim_no_more_often_than_the_stated_rate() {
-    // The figure lies exactly at the bound, and the samples are looked at 4 times, as a run does: whichever look supports or
+    // The figure lies exactly at the bound, and the samples are looked at as a run does: whichever look supports or
     // contradicts ends the sampling.
     let test = r#"ratio = { y = "stage:s", over = "n", numerator = 2, denominator = 1, low = 1.0, high = inf }"#;
     let trials = 400;
     let (mut supported, mut contradicted) = (0, 0);
     for trial in 0..trials {
-        let cells = drifting(&[1.0, 2.0], 96, |_| 5.0, 0.02, 1_000 + trial);
+        let cells = drifting(&[1.0, 2.0], 192, |_| 5.0, 0.02, 1_000 + trial);
         let look = |n: &usize| {
             let mut cells = cells.clone();
             for cell in &mut cells {
@@ -471,7 +471,7 @@ fn noise_supports_a_claim_no_more_often_than_the_stated_rate() {
             }
             ruled(test, &cells, true).0
         };
-        match [12, 24, 48, 96].iter().map(look).find(|verdict| *verdict != Inconclusive) {
+        match [12, 24, 48, 96, 192].iter().map(look).find(|verdict| *verdict != Inconclusive) {
             Some(Supported) => supported += 1,
             Some(_) => contradicted += 1,
             None => {}

@@ -261,17 +261,29 @@ fn a_steady_cell_stops_as_precise_and_a_noisy_one_at_its_budget() {
 #[test]
 fn cells_of_open_claims_come_first_and_are_looked_at_when_their_pairs_have_doubled() {
     let noisy = || cell(|f, _| 1e7 * noise(f, 0.5));
-    let open = MockCell { open_until: 90, ..noisy() };
+    let open = MockCell { open_until: MAX_PAIRS, ..noisy() };
     let mock = Mock::of(vec![open, noisy(), cell(|f, _| 1e7 * noise(f, 0.01))]);
     let mock = mock.run(&Settings { budget_s: 30.0, ..SETTINGS });
     let pairs = |look: usize, cell: usize| mock.looks[look].get(&cell).copied();
-    let of_open: Vec<_> = (0..4).map(|look| pairs(look, 0)).collect();
+    let of_open: Vec<_> = (0..LOOK_PAIRS.len()).map(|look| pairs(look, 0)).collect();
     assert_eq!(of_open, LOOK_PAIRS.map(Some));
-    let of_vague: Vec<_> = (0..4).map(|look| pairs(look, 1)).collect();
-    assert_eq!(of_vague, [Some(MIN_PAIRS); 4], "it waits while a claim is open");
+    let of_vague: Vec<_> = (0..LOOK_PAIRS.len()).map(|look| pairs(look, 1)).collect();
+    assert_eq!(of_vague, [Some(MIN_PAIRS); LOOK_PAIRS.len()], "it waits while a claim is open");
     assert!(mock.samples(1).pairs() > MIN_PAIRS, "then it is sampled to its precision");
     assert_eq!((mock.samples(2).pairs(), pairs(1, 2)), (MIN_PAIRS, None), "a precise one is done");
     assert!(mock.looks.iter().flatten().all(|(_, pairs)| LOOK_PAIRS.contains(pairs)));
+}
+
+#[test]
+fn the_widest_intervals_are_narrowed_first() {
+    let noisy = |f: usize, _| 1e8 * noise(f, 0.5);
+    let calm = |f: usize, _| 1e8 * noise(f, 0.06);
+    let mock =
+        Mock::of(vec![cell(noisy), cell(calm)]).run(&Settings { budget_s: 15.0, ..SETTINGS });
+    let half_width = |cell: usize| mock.samples(cell).relative_half_width();
+    assert!(mock.samples(0).pairs() > 2 * MIN_PAIRS, "{:?}", mock.looks);
+    assert_eq!(mock.samples(1).pairs(), MIN_PAIRS, "it waits: {}", half_width(1));
+    assert!(half_width(1) > SETTINGS.precision && half_width(0) > half_width(1));
 }
 
 #[test]
