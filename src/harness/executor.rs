@@ -5,16 +5,19 @@ use std::fmt::Display;
 use std::path::Path;
 use std::time::{Instant, SystemTime};
 
+use image::RgbImage;
+
 use super::difference::References;
 use super::journal::{CellName, Journal};
 use super::outcome::{Facts, Findings, measured};
 use super::output::picture_path;
+use super::picture::PictureError;
 use super::plan::PlannedCell;
 use super::progress::Progress;
 use super::repetitions::{self, NoiseAndBias};
 use super::sample::{CellResult, Executor, Failure, Samples};
-use super::views::ViewsError;
-use super::{MAX_PASSES, picture, views};
+use super::views::{Views, ViewsError};
+use super::{MAX_PASSES, picture};
 use crate::experiments::schema::{Experiment, Pictures, RepeatedOutput};
 use crate::gpu::{
     self, ClockPlan, FrameSample, FrameTimer, Gpu, GpuError, MachineReader, Stage, StageCounters,
@@ -226,9 +229,10 @@ impl<'a> CellExecutor<'a> {
         });
         findings.add("errors not computed", judged);
         let start = self.session.spent.since(start, SetUp::Errors);
+        let views = self.views(cell, pipeline, &mut findings);
         self.compared(cell, pipeline, &mut findings);
         let start = self.session.spent.since(start, SetUp::Comparisons);
-        self.pictures(cell, pipeline, &mut findings);
+        self.pictures(cell, pipeline, views, &mut findings);
         self.session.spent.since(start, SetUp::Pictures);
         findings
     }
@@ -253,21 +257,34 @@ impl<'a> CellExecutor<'a> {
         Judge { gpu, scene: &self.cells[cell].subject.scene, known }
     }
 
-    /// Differences from the cell's reference run and between views.
+    /// How views of the cell differ, where that is asked; their picture.
+    fn views(
+        &mut self,
+        cell: usize,
+        pipeline: &dyn AnyPipeline,
+        findings: &mut Findings,
+    ) -> Option<Result<RgbImage, PictureError>> {
+        let name = &self.experiment.views.as_ref()?.quantity;
+        let Session { gpu, timer, .. } = &mut *self.session;
+        let others = self.cells[cell].views.as_ref().ok_or(ViewsError::NoSeed);
+        let views = others.and_then(|others| Views::of(gpu, timer, pipeline, others));
+        let (spread, strip) = match views {
+            Ok(Views { spread, strip }) => (spread, Some(strip)),
+            Err(error) => (Err(error), None),
+        };
+        let figures = spread.map(|spread| spread.figures(name));
+        findings.add(&format!("{name} not computed"), figures);
+        strip
+    }
+
+    /// Differences from the cell's reference run, and between its repetitions.
     fn compared(&mut self, cell: usize, pipeline: &dyn AnyPipeline, findings: &mut Findings) {
         let Session { gpu, timer, references, .. } = &mut *self.session;
-        let PlannedCell { reference, views, repetitions, .. } = &self.cells[cell];
+        let PlannedCell { reference, repetitions, .. } = &self.cells[cell];
         if let Some(reference) = reference {
             let name = &reference.plan.quantity;
             let difference = references.difference(gpu, timer, pipeline, reference);
             let figures = difference.map(|value| [(name.clone(), value)]);
-            findings.add(&format!("{name} not computed"), figures);
-        }
-        if let Some(asked) = &self.experiment.views {
-            let name = &asked.quantity;
-            let views = views.as_ref().ok_or(ViewsError::NoSeed);
-            let spread = views.and_then(|views| views::spread(gpu, timer, pipeline, views));
-            let figures = spread.map(|spread| spread.figures(name));
             findings.add(&format!("{name} not computed"), figures);
         }
         if let (Some(asked), Some(planned)) = (&self.experiment.repetitions, repetitions) {
@@ -276,7 +293,14 @@ impl<'a> CellExecutor<'a> {
         }
     }
 
-    fn pictures(&mut self, cell: usize, pipeline: &dyn AnyPipeline, findings: &mut Findings) {
+    /// `views` is the picture of several views, where there is one.
+    fn pictures(
+        &mut self,
+        cell: usize,
+        pipeline: &dyn AnyPipeline,
+        views: Option<Result<RgbImage, PictureError>>,
+        findings: &mut Findings,
+    ) {
         let later = std::mem::replace(&mut self.pictured, true);
         if later && self.experiment.pictures == Pictures::First {
             return;
@@ -287,11 +311,7 @@ impl<'a> CellExecutor<'a> {
             shows,
         });
         let folder = self.output.folder;
-        let Session { gpu, timer, .. } = &mut *self.session;
-        let saved = match &self.cells[cell].views {
-            Some(views) => views::strip(gpu, timer, pipeline, views),
-            None => picture::of(gpu, pipeline),
-        };
+        let saved = views.unwrap_or_else(|| picture::of(&self.session.gpu, pipeline));
         let saved = saved.and_then(|picture| picture::write(&picture, &folder.join(&image.path)));
         findings.add_picture(image, "no picture", saved);
         if self.experiment.error_picture {

@@ -2,9 +2,10 @@
 //! numbers. VAO §6.1, Fig. 9.
 
 use glam::{DQuat, DVec3};
+use image::RgbImage;
 use thiserror::Error;
 
-use super::picture::{self, PictureError};
+use super::picture::{self, PictureError, explained};
 use super::subject::Subject;
 use crate::gpu::{FrameTimer, Gpu, GpuError, Pixels, read_texture};
 use crate::pipelines::AnyPipeline;
@@ -144,51 +145,59 @@ impl Spread {
     }
 }
 
-/// Spread of the last frame's occlusion, as the image is composed with it, over the cell's own view and the `others`.
-pub fn spread(
-    gpu: &Gpu,
-    timer: &mut FrameTimer,
-    cell: &dyn AnyPipeline,
-    others: &OtherViews,
-) -> Result<Spread, ViewsError> {
-    let own = Shot::new(gpu, cell)?;
-    // One at a time, as the pictures of a view are large.
-    let mut draw = |subject: &Subject| -> Result<Shot, ViewsError> {
-        let pipeline = subject.build(gpu)?;
-        timer.untimed(gpu, &pipeline.stages())?;
-        Shot::new(gpu, pipeline.as_ref())
-    };
-    let mut seen = Seen::by([&own, &draw(&others.again)?]);
-    for view in &others.turned {
-        let [first, second] = &view.subjects;
-        seen.also_by([&draw(first)?, &draw(second)?]);
-    }
-    seen.spread()
+/// What several views of a cell show.
+pub struct Views {
+    pub spread: Result<Spread, ViewsError>,
+    /// The views side by side in order of their angles, the cell's own at 0.
+    pub strip: Result<RgbImage, PictureError>,
 }
 
-/// The views side by side in order of their angles, the cell's own at 0.
-pub fn strip(
-    gpu: &Gpu,
-    timer: &mut FrameTimer,
-    cell: &dyn AnyPipeline,
-    others: &OtherViews,
-) -> Result<image::RgbImage, PictureError> {
-    let mut views = vec![(0.0, picture::bare(gpu, cell)?)];
-    for view in &others.turned {
-        let pipeline = view.subjects[0].build(gpu)?;
-        timer.untimed(gpu, &pipeline.stages())?;
-        views.push((view.turn_deg, picture::bare(gpu, pipeline.as_ref())?));
+impl Views {
+    /// Of the last frame's occlusion, as the image is composed with it, and of the `others`, each of which is drawn once.
+    ///
+    /// # Errors
+    /// What the GPU reports, and a pipeline without occlusion.
+    pub fn of(
+        gpu: &Gpu,
+        timer: &mut FrameTimer,
+        cell: &dyn AnyPipeline,
+        others: &OtherViews,
+    ) -> Result<Self, ViewsError> {
+        let own = Shot::new(gpu, cell)?;
+        // One at a time, as the pictures of a view are large.
+        let mut draw = |subject: &Subject| -> Result<Box<dyn AnyPipeline>, ViewsError> {
+            let pipeline = subject.build(gpu)?;
+            timer.untimed(gpu, &pipeline.stages())?;
+            Ok(pipeline)
+        };
+        let mut pictures = vec![(0.0, picture::bare(gpu, cell))];
+        let mut seen = Seen::by([&own, &Shot::new(gpu, draw(&others.again)?.as_ref())?]);
+        for view in &others.turned {
+            let [first, second] = &view.subjects;
+            let first = draw(first)?;
+            pictures.push((view.turn_deg, picture::bare(gpu, first.as_ref())));
+            let first = Shot::new(gpu, first.as_ref())?;
+            seen.also_by([&first, &Shot::new(gpu, draw(second)?.as_ref())?]);
+        }
+        pictures.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let pictures: Result<Vec<RgbImage>, PictureError> =
+            pictures.into_iter().map(|(_, picture)| picture).collect();
+        let side_by_side = |pictures: Vec<_>| explained(strip(&pictures), cell.shows_visibility());
+        Ok(Self { spread: seen.spread(), strip: pictures.map(side_by_side) })
     }
-    views.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let width = views.iter().map(|(_, view)| view.width() + GAP_PX).sum::<u32>() - GAP_PX;
-    let height = views.iter().map(|(_, view)| view.height()).max().unwrap_or(1);
-    let mut strip = image::RgbImage::from_pixel(width, height, image::Rgb([255; 3]));
+}
+
+/// Pictures side by side.
+fn strip(pictures: &[RgbImage]) -> RgbImage {
+    let width = pictures.iter().map(|picture| picture.width() + GAP_PX).sum::<u32>() - GAP_PX;
+    let height = pictures.iter().map(RgbImage::height).max().unwrap_or(1);
+    let mut strip = RgbImage::from_pixel(width, height, image::Rgb([255; 3]));
     let mut left = 0;
-    for (_, view) in &views {
-        image::imageops::replace(&mut strip, view, left, 0);
-        left += i64::from(view.width() + GAP_PX);
+    for picture in pictures {
+        image::imageops::replace(&mut strip, picture, left, 0);
+        left += i64::from(picture.width() + GAP_PX);
     }
-    Ok(picture::explained(strip, cell.shows_visibility()))
+    strip
 }
 
 /// Between the pictures of a strip.
