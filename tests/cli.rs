@@ -309,7 +309,7 @@ fn a_cell_of_volume_occlusion_has_its_error_and_pictures() {
     assert!(error > 0.0 && error < 0.2, "{error}");
     assert!(measured.quantities["ao_reference_mean"] > 0.01);
     // Below the picture of occlusion stands a scale of its greys.
-    for (ending, scale_px) in [("", 29), ("~error", 0)] {
+    for (ending, scale_px) in [("", 26), ("~error", 0)] {
         let name = format!("vao-guard_scene=corner,ao.guard=variable{ending}.png");
         let size = image::image_dimensions(out.path().join("renders").join(name)).unwrap();
         assert_eq!(size, (48, 48 + scale_px));

@@ -24,6 +24,7 @@ pub struct RasterKey {
     pub buffers: Vec<(wgpu::BufferAddress, wgpu::VertexStepMode, Vec<wgpu::VertexAttribute>)>,
     pub targets: Vec<wgpu::ColorTargetState>,
     pub depth: Option<wgpu::DepthStencilState>,
+    pub topology: wgpu::PrimitiveTopology,
 }
 
 /// A shader's path and the values of the host that it is compiled with.

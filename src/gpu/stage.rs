@@ -12,8 +12,13 @@ pub trait Stage {
     fn name(&self) -> &'static str {
         self.info().name
     }
-    /// Opens the stage's passes. Called once per frame.
+    /// Opens the stage's passes. Called once per frame, or once for each of its [`turns`](Self::turns).
     fn encode(&self, scope: &mut StageScope<'_>);
+    /// How often the stage is encoded in a frame. Neighbours with the same number of turns, more than one, take them together: all of
+    /// them the first turn, then all the second, as stages do that share a target too small for the whole.
+    fn turns(&self) -> u32 {
+        1
+    }
     /// Work of one frame, from the algorithm.
     fn work(&self) -> Work {
         Work::default()

@@ -20,6 +20,7 @@ mod light;
 mod lines;
 mod luminance;
 mod occlusion;
+mod photon_tracing;
 mod photons;
 pub mod rig;
 mod scalar;
@@ -191,6 +192,7 @@ pub fn cases() -> Vec<Case> {
         fresnel::cases(),
         filters::cases(),
         compose::cases(),
+        photon_tracing::cases(),
         luminance::cases(),
         scalar::cases(),
     ];

@@ -3,6 +3,7 @@
 pub mod hsao;
 mod lighting;
 pub mod occlusion;
+pub mod photon_tracing;
 pub mod scalar_ao;
 pub mod settings;
 pub mod underwater;
@@ -399,6 +400,7 @@ pub const KINDS: &[PipelineKind] = &[
     PipelineKind::of::<volume_ao::VolumeAo>(),
     PipelineKind::of::<hsao::Hsao>(),
     PipelineKind::of::<scalar_ao::ScalarAo>(),
+    PipelineKind::of::<photon_tracing::PhotonTracing>(),
 ];
 
 /// Cells of the volume that replaces one that is too large.

@@ -14,6 +14,7 @@ pub mod geometry;
 pub mod godrays;
 pub mod hsao;
 pub mod kit;
+pub mod ldi;
 pub mod lit_scene;
 pub mod low_pass;
 pub mod marching;
@@ -21,11 +22,15 @@ pub mod photon;
 pub mod photons;
 pub mod post;
 pub mod ray_cast;
+pub mod rays;
 pub mod scalar;
 pub mod scalar_field;
 pub mod scene;
+pub mod screen_ray;
 pub mod shadow;
 pub mod splatting;
+pub mod sprites;
+pub mod transfer;
 pub mod voxel;
 pub mod voxels;
 pub mod water;
@@ -67,6 +72,14 @@ pub const REGISTRY: &[StageInfo] = &[
     godrays::lines::INFO,
     godrays::filter::INFO,
     compose::INFO,
+    transfer::map::INFO,
+    ldi::peel::INFO,
+    rays::rasterize::INFO,
+    rays::reduce::INFO,
+    rays::march::INFO,
+    rays::group::INFO,
+    sprites::draw::INFO,
+    sprites::compose::INFO,
     post::luminance::INFO,
     scalar::isosurface::INFO,
     scalar::direct::INFO,

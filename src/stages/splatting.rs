@@ -157,7 +157,7 @@ impl Stage for Additive {
 }
 
 /// Two triangles for each of [`PHOTONS_PER_INSTANCE`] quads.
-fn index_pattern(resources: &Resources<'_>) -> Buffer {
+pub(super) fn index_pattern(resources: &Resources<'_>) -> Buffer {
     let indices: Vec<u16> = (0..PHOTONS_PER_INSTANCE as u16)
         .flat_map(|quad| [0, 1, 2, 2, 1, 3].map(|corner| quad * 4 + corner))
         .collect();

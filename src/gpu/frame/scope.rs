@@ -46,6 +46,7 @@ pub struct StageScope<'a> {
     gpu: &'a Gpu,
     mode: Mode<'a>,
     stage: usize,
+    turn: u32,
     name: &'static str,
 }
 
@@ -110,9 +111,10 @@ impl Recorder {
         stages: &[&dyn Stage],
     ) -> Result<(), GpuError> {
         self.reset();
-        for (stage, encode) in stages.iter().enumerate() {
+        for (stage, turn) in order(stages) {
+            let encode = stages[stage];
             let name = encode.name();
-            encode.encode(&mut StageScope { recorder: self, gpu, mode, stage, name });
+            encode.encode(&mut StageScope { recorder: self, gpu, mode, stage, turn, name });
         }
         self.close(false);
         match mode {
@@ -202,6 +204,19 @@ impl Recorder {
     }
 }
 
+/// Stages and their turns in the order in which they are encoded.
+fn order(stages: &[&dyn Stage]) -> Vec<(usize, u32)> {
+    let mut order = Vec::new();
+    let mut first = 0;
+    for group in stages.chunk_by(|a, b| a.turns() == b.turns()) {
+        let turns = group[0].turns();
+        let all = first..first + group.len();
+        order.extend((0..turns).flat_map(|turn| all.clone().map(move |stage| (stage, turn))));
+        first += group.len();
+    }
+    order
+}
+
 /// What an untimed frame took from its submission to its fence, and its host stages.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HostTime {
@@ -249,6 +264,11 @@ impl<'a> Query<'a> {
 }
 
 impl<'a> StageScope<'a> {
+    /// Which of the stage's [`turns`](Stage::turns) this is.
+    pub fn turn(&self) -> u32 {
+        self.turn
+    }
+
     /// A compute pass.
     pub fn compute(&mut self, f: impl FnOnce(&mut wgpu::ComputePass<'_>)) {
         let (label, counted) = (Some(self.name), self.counted());

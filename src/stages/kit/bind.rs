@@ -2,7 +2,7 @@
 
 use std::rc::Rc;
 
-use super::{Buffer, view};
+use super::{Buffer, layer_view, view};
 use crate::gpu::{Gpu, GroupKey, StructLayout};
 
 /// One entry of a bind group; its binding number is its place in the list.
@@ -17,6 +17,10 @@ pub enum Bind<'a> {
     /// Float texture read through a filtering sampler.
     Filtered(&'a wgpu::Texture),
     Depth(&'a wgpu::Texture),
+    /// All layers of a float texture, read texel by texel.
+    Layers(&'a wgpu::Texture),
+    /// One layer of such a texture.
+    Layer(&'a wgpu::Texture, u32),
     /// Texture that a compute shader writes.
     Store(&'a wgpu::Texture),
     /// Volume of floats, all its levels, read through a filtering sampler.
@@ -89,9 +93,15 @@ impl Bind<'_> {
             Bind::Uniform(_) => buffer(wgpu::BufferBindingType::Uniform),
             Bind::Read(_) => buffer(wgpu::BufferBindingType::Storage { read_only: true }),
             Bind::Write(_) => buffer(wgpu::BufferBindingType::Storage { read_only: false }),
-            Bind::Texels(_) => texture(wgpu::TextureSampleType::Float { filterable: false }),
+            Bind::Texels(_) | Bind::Layer(..) => {
+                texture(wgpu::TextureSampleType::Float { filterable: false })
+            }
             Bind::Filtered(_) => texture(wgpu::TextureSampleType::Float { filterable: true }),
             Bind::Depth(_) => texture(wgpu::TextureSampleType::Depth),
+            Bind::Layers(_) => texture_of(
+                wgpu::TextureViewDimension::D2Array,
+                wgpu::TextureSampleType::Float { filterable: false },
+            ),
             Bind::Volume(_) => texture_of(
                 wgpu::TextureViewDimension::D3,
                 wgpu::TextureSampleType::Float { filterable: true },
@@ -121,6 +131,11 @@ impl Bind<'_> {
             | Bind::Depth(t)
             | Bind::Store(t)
             | Bind::Volume(t) => Some(view(t)),
+            Bind::Layers(t) => Some(t.create_view(&wgpu::TextureViewDescriptor {
+                dimension: Some(wgpu::TextureViewDimension::D2Array),
+                ..Default::default()
+            })),
+            Bind::Layer(t, layer) => Some(layer_view(t, *layer)),
             _ => None,
         }
     }
@@ -135,6 +150,8 @@ impl Bind<'_> {
                 | Bind::Filtered(_)
                 | Bind::Depth(_)
                 | Bind::Store(_)
+                | Bind::Layers(_)
+                | Bind::Layer(..)
                 | Bind::Volume(_),
                 None,
             ) => {

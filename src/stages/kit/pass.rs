@@ -151,7 +151,7 @@ pub fn linear_workgroups(invocations: u64) -> [u32; 3] {
     [groups.min(LINEAR_GROUPS_X) as u32, u32::try_from(rows).unwrap_or(u32::MAX), 1]
 }
 
-/// What distinguishes one render pipeline from another. Triangles, no culling.
+/// What distinguishes one render pipeline from another. No culling.
 #[derive(Clone)]
 pub struct RenderSpec<'a> {
     pub label: &'a str,
@@ -162,10 +162,11 @@ pub struct RenderSpec<'a> {
     pub buffers: &'a [wgpu::VertexBufferLayout<'a>],
     pub targets: &'a [wgpu::ColorTargetState],
     pub depth: Option<wgpu::DepthStencilState>,
+    pub topology: wgpu::PrimitiveTopology,
 }
 
 impl<'a> RenderSpec<'a> {
-    /// Entry points `vertex` and `fragment`, no vertex buffers, no depth.
+    /// Triangles, entry points `vertex` and `fragment`, no vertex buffers, no depth.
     pub fn new(
         label: &'a str,
         code: impl Into<Code<'a>>,
@@ -181,6 +182,7 @@ impl<'a> RenderSpec<'a> {
             buffers: &[],
             targets,
             depth: None,
+            topology: wgpu::PrimitiveTopology::TriangleList,
         }
     }
 }
@@ -198,6 +200,7 @@ impl RenderSpec<'_> {
                 .collect(),
             targets: self.targets.to_vec(),
             depth: self.depth.clone(),
+            topology: self.topology,
         }
     }
 }
@@ -235,7 +238,7 @@ impl Raster {
                 compilation_options: compilation_options(),
                 buffers: &buffers,
             },
-            primitive: wgpu::PrimitiveState::default(),
+            primitive: wgpu::PrimitiveState { topology: spec.topology, ..Default::default() },
             depth_stencil: spec.depth.clone(),
             multisample: wgpu::MultisampleState::default(),
             fragment: spec.fragment.map(|entry| wgpu::FragmentState {

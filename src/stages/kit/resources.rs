@@ -169,6 +169,21 @@ impl<'g> Resources<'g> {
         self.texture(label, (wgpu::TextureDimension::D2, flat(size)), format, usage, 1)
     }
 
+    /// A texture of several layers that passes draw into one by one, shaders read, and the host can read back.
+    pub fn layers(
+        &self,
+        label: &str,
+        [width, height]: [u32; 2],
+        format: wgpu::TextureFormat,
+        layers: u32,
+    ) -> wgpu::Texture {
+        let usage = wgpu::TextureUsages::RENDER_ATTACHMENT
+            | wgpu::TextureUsages::TEXTURE_BINDING
+            | wgpu::TextureUsages::COPY_SRC;
+        let size = wgpu::Extent3d { width, height, depth_or_array_layers: layers };
+        self.texture(label, (wgpu::TextureDimension::D2, size), format, usage, 1)
+    }
+
     /// A texture that compute shaders write, shaders read, and the host can read back.
     pub fn image(&self, label: &str, size: [u32; 2], format: wgpu::TextureFormat) -> wgpu::Texture {
         let usage = wgpu::TextureUsages::STORAGE_BINDING

@@ -1,0 +1,27 @@
+// defs: TEST=1, WATER=0
+// The same rays, an invocation each, which leaves at the first hit: the single-shader form of SPT §2.1.
+#import fathom::dispatch::place
+#import fathom::photon::{Photon}
+#import fathom::screen_ray::{Walk, hit, segment}
+#import fathom::transfer::{NO_HIT, Transfer, landed}
+
+@group(1) @binding(0) var<uniform> walk: Walk;
+@group(1) @binding(1) var<storage, read> transfers: array<Transfer>;
+@group(1) @binding(2) var depths: texture_2d_array<f32>;
+@group(1) @binding(3) var normals: texture_2d_array<f32>;
+@group(1) @binding(4) var<storage, read_write> photons: array<Photon>;
+
+@compute @workgroup_size(64)
+fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>) {
+    let photon = place(id, groups);
+    if photon >= walk.photons {
+        return;
+    }
+    let ray = transfers[photon];
+    let seg = segment(walk, ray);
+    var at_m = NO_HIT;
+    for (var number = 0.0; number < seg.steps && at_m >= NO_HIT; number += 1.0) {
+        at_m = hit(walk, depths, normals, ray, seg, number);
+    }
+    photons[photon] = landed(ray, at_m);
+}

@@ -1,0 +1,41 @@
+// defs: LAST=0, WATER=0
+// The first hit of each row: SPT §2.1, a horizontal reduction in steps that each halve the width. LAST 1 makes a photon of what is left.
+#import fathom::photon::{Photon}
+#import fathom::transfer::{NO_HIT, Transfer, landed}
+
+@group(0) @binding(0) var hits: texture_2d<f32>;
+#if LAST == 0
+@group(0) @binding(1) var halved: texture_storage_2d<r32float, write>;
+
+@compute @workgroup_size(8, 8)
+fn main(@builtin(global_invocation_id) id: vec3<u32>) {
+    if any(id.xy >= textureDimensions(halved)) {
+        return;
+    }
+    let left = vec2<i32>(2 * i32(id.x), i32(id.y));
+    var first = textureLoad(hits, left, 0).x;
+    if first >= NO_HIT && left.x + 1 < i32(textureDimensions(hits).x) {
+        first = textureLoad(hits, left + vec2(1, 0), 0).x;
+    }
+    textureStore(halved, vec2<i32>(id.xy), vec4(first));
+}
+#else
+struct Tile {
+    // The photon of row 0.
+    first: u32,
+    photons: u32,
+}
+
+@group(0) @binding(1) var<uniform> tile: Tile;
+@group(0) @binding(2) var<storage, read> transfers: array<Transfer>;
+@group(0) @binding(3) var<storage, read_write> photons: array<Photon>;
+
+@compute @workgroup_size(64)
+fn main(@builtin(global_invocation_id) id: vec3<u32>) {
+    let photon = tile.first + id.x;
+    if id.x >= textureDimensions(hits).y || photon >= tile.photons {
+        return;
+    }
+    photons[photon] = landed(transfers[photon], textureLoad(hits, vec2(0, i32(id.x)), 0).x);
+}
+#endif

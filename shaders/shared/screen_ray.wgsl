@@ -1,0 +1,164 @@
+// Photon rays in the camera's screen space against layered depths: Krüger, Bürger and Westermann (SPT) §2.
+// Host twin: src/stages/screen_ray.rs.
+//
+// A ray is cut to the scene's bounds and to the camera's frustum. What is left is walked in steps of a pixel, as a line would be
+// rasterized. At each step it is held against all layers at its pixel.
+//
+// Defs: TEST 0 takes the paper's tolerance, TEST 1 asks whether the ray passes through a layer's tangent plane.
+#define_import_path fathom::screen_ray
+
+#import fathom::frame::{frame, world_at, view_depth_m}
+#import fathom::transfer::{NO_HIT, Transfer}
+
+struct Walk {
+    // The scene's box, at which rays end.
+    low_m: vec3<f32>,
+    // SPT §5: 0.01.
+    tolerance_m: f32,
+    high_m: vec3<f32>,
+    // Nothing is hit nearer to the start than this.
+    start_m: f32,
+    // Pixels of the layers.
+    size_px: vec2<f32>,
+    layers: u32,
+    photons: u32,
+    // Fewest and most steps of a ray.
+    least: u32,
+    most: u32,
+    // Photons of a tile: rows of the target that lines are drawn into.
+    rows: u32,
+}
+
+// The part of a ray that is walked.
+struct Segment {
+    // Clip coordinates of its ends.
+    near: vec4<f32>,
+    far: vec4<f32>,
+    // Distances of its ends along the ray.
+    from_m: f32,
+    to_m: f32,
+    // 0 where nothing of the ray is in view.
+    steps: f32,
+}
+
+// A tangent plane stands for its surface up to so many footprints of a pixel: at a slope of 83 degrees the surface within a pixel is as
+// long. With fewer, steep surfaces are lost; with more, rays end in the air before silhouettes. Tuned on scenes tank, port and storage.
+const MOST_FOOTPRINTS: f32 = 8.0;
+// How far a step reaches beyond its pixel, in pixels: beside an edge the ray may pass one face while the pixel shows the other. Tuned on
+// the same scenes.
+const OVERLAP: f32 = 0.5;
+const NOTHING: Segment = Segment(vec4<f32>(0.0), vec4<f32>(0.0), 0.0, 0.0, 0.0);
+
+fn place_px(walk: Walk, clip: vec4<f32>) -> vec2<f32> {
+    return (clip.xy / clip.w * vec2(0.5, -0.5) + 0.5) * walk.size_px;
+}
+
+// Distance at which a ray leaves the scene's box; 0 where it is outside and goes on.
+fn leaves_m(walk: Walk, ray: Transfer) -> f32 {
+    let still = abs(ray.direction) < vec3(1e-12);
+    let bound = select(walk.low_m, walk.high_m, ray.direction > vec3(0.0));
+    let exits = select((bound - ray.position_m) / ray.direction, vec3(NO_HIT), still);
+    return max(min(exits.x, min(exits.y, exits.z)), 0.0);
+}
+
+// The part of (first, last), shares of the way from a to b, on which a clip plane's distance is not negative.
+fn cut(part: vec2<f32>, a: f32, b: f32) -> vec2<f32> {
+    if a < 0.0 && b < 0.0 {
+        return vec2(1.0, 0.0);
+    }
+    if a < 0.0 {
+        return vec2(max(part.x, a / (a - b)), part.y);
+    }
+    if b < 0.0 {
+        return vec2(part.x, min(part.y, a / (a - b)));
+    }
+    return part;
+}
+
+fn segment(walk: Walk, ray: Transfer) -> Segment {
+    let end_m = leaves_m(walk, ray);
+    if ray.alive == 0.0 || end_m <= walk.start_m {
+        return NOTHING;
+    }
+    let a = frame.camera_view_projection * vec4(ray.position_m + walk.start_m * ray.direction, 1.0);
+    let b = frame.camera_view_projection * vec4(ray.position_m + end_m * ray.direction, 1.0);
+    var part = vec2(0.0, 1.0);
+    part = cut(part, a.w + a.x, b.w + b.x);
+    part = cut(part, a.w - a.x, b.w - b.x);
+    part = cut(part, a.w + a.y, b.w + b.y);
+    part = cut(part, a.w - a.y, b.w - b.y);
+    part = cut(part, a.z, b.z);
+    part = cut(part, a.w - a.z, b.w - b.z);
+    if part.x >= part.y {
+        return NOTHING;
+    }
+    let near = mix(a, b, part.x);
+    let far = mix(a, b, part.y);
+    let along = abs(place_px(walk, far) - place_px(walk, near));
+    let steps = clamp(ceil(max(along.x, along.y)), f32(walk.least), f32(walk.most));
+    return Segment(near, far, mix(walk.start_m, end_m, part.x), mix(walk.start_m, end_m, part.y), steps);
+}
+
+// How far along a segment in the world a place is that lies this far along it on the screen.
+fn share_at(seg: Segment, on_screen: f32) -> f32 {
+    let s = clamp(on_screen, 0.0, 1.0);
+    let far = s * seg.near.w;
+    return far / (far + (1.0 - s) * seg.far.w);
+}
+
+fn distance_at(seg: Segment, on_screen: f32) -> f32 {
+    return mix(seg.from_m, seg.to_m, share_at(seg, on_screen));
+}
+
+// Distance along the ray at which step `number` hits a surface, or NO_HIT.
+fn hit(
+    walk: Walk, depths: texture_2d_array<f32>, normals: texture_2d_array<f32>, ray: Transfer, seg: Segment, number: f32
+) -> f32 {
+    let middle = (number + 0.5) / seg.steps;
+    let place = mix(place_px(walk, seg.near), place_px(walk, seg.far), middle);
+    let texel = vec2<i32>(clamp(floor(place), vec2(0.0), walk.size_px - 1.0));
+#if TEST == 0
+    let share = share_at(seg, middle);
+    let at_m = mix(seg.from_m, seg.to_m, share);
+    let view_m = mix(seg.near.w, seg.far.w, share);
+    // Metres along the pixel's line of sight for each metre of view depth.
+    let stretch = distance(ray.position_m + at_m * ray.direction, frame.camera_position_m) / view_m;
+    for (var layer = 0u; layer < walk.layers; layer++) {
+        let z = textureLoad(depths, texel, layer, 0).x;
+        if z >= 1.0 {
+            break;
+        }
+        if abs(view_depth_m(z) - view_m) * stretch <= walk.tolerance_m {
+            return at_m;
+        }
+    }
+    return NO_HIT;
+#else
+    let from_m = distance_at(seg, (number - OVERLAP) / seg.steps);
+    let to_m = distance_at(seg, (number + 1.0 + OVERLAP) / seg.steps);
+    let uv = (vec2<f32>(texel) + 0.5) / walk.size_px;
+    var first = NO_HIT;
+    for (var layer = 0u; layer < walk.layers; layer++) {
+        let z = textureLoad(depths, texel, layer, 0).x;
+        if z >= 1.0 {
+            break;
+        }
+        let surface_m = world_at(uv, z);
+        let normal = textureLoad(normals, texel, layer, 0).xyz;
+        let before = dot(ray.position_m + from_m * ray.direction - surface_m, normal);
+        let behind = dot(ray.position_m + to_m * ray.direction - surface_m, normal);
+        if before * behind > 0.0 || before == behind {
+            continue;
+        }
+        let at_m = mix(from_m, to_m, before / (before - behind));
+        // A pixel's height at this depth: the second row of the projection holds cot(fov / 2) times a unit vector.
+        let row = vec3(frame.camera_view_projection[0].y, frame.camera_view_projection[1].y, frame.camera_view_projection[2].y);
+        let footprint_m = 2.0 * view_depth_m(z) / (length(row) * walk.size_px.y);
+        let off_m = distance(ray.position_m + at_m * ray.direction, surface_m);
+        if off_m <= MOST_FOOTPRINTS * footprint_m {
+            first = min(first, at_m);
+        }
+    }
+    return first;
+#endif
+}

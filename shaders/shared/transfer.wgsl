@@ -1,0 +1,30 @@
+// Photons between their last specular surface and their end: a texel of SPT's transfer map, and what is stored of the end.
+// Host twin: src/stages/screen_ray.rs.
+#define_import_path fathom::transfer
+
+#import fathom::photon::{Photon, MISSED, OUTSIDE}
+
+// Where a photon leaves its last specular surface, and in which direction: a texel of SPT's transfer map.
+struct Transfer {
+    position_m: vec3<f32>,
+    // 1; 0 for a photon that never got here.
+    alive: f32,
+    // Unit.
+    direction: vec3<f32>,
+    // Way under water that is behind it.
+    path_m: f32,
+}
+
+// Distance of a ray that hits nothing.
+const NO_HIT: f32 = 1e30;
+
+// What is stored of a photon whose ray ends here.
+fn landed(ray: Transfer, at_m: f32) -> Photon {
+    if ray.alive == 0.0 {
+        return Photon(ray.position_m, MISSED, ray.position_m, 0.0);
+    }
+    if at_m >= NO_HIT {
+        return Photon(ray.position_m, OUTSIDE, ray.position_m, 0.0);
+    }
+    return Photon(ray.position_m, 0.0, ray.position_m + at_m * ray.direction, at_m);
+}

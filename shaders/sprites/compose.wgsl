@@ -1,0 +1,38 @@
+// The picture: what the camera sees, lit by the sprites and by the sky.
+#import fathom::frame::{frame, world_at}
+#import fathom::screen
+#import fathom::shading::{WATER_TINT, ambient, direct, display, fog, lambert, sky, water_path_m}
+
+struct Compose {
+    size_px: vec2<f32>,
+    exposure: f32,
+}
+
+@group(1) @binding(0) var<uniform> settings: Compose;
+@group(1) @binding(1) var albedo_texels: texture_2d<f32>;
+@group(1) @binding(2) var normal_texels: texture_2d<f32>;
+@group(1) @binding(3) var depths: texture_depth_2d;
+// W/m².
+@group(1) @binding(4) var irradiance_texels: texture_2d<f32>;
+
+@vertex
+fn vertex(@builtin(vertex_index) index: u32) -> @builtin(position) vec4<f32> {
+    return screen::corner(index);
+}
+
+@fragment
+fn fragment(@builtin(position) pixel: vec4<f32>) -> @location(0) vec4<f32> {
+    let texel = vec2<i32>(pixel.xy);
+    let z = textureLoad(depths, texel, 0);
+    let place = world_at(pixel.xy / settings.size_px, z);
+    if z >= 1.0 {
+        let under_water = frame.camera_position_m.y < 0.0;
+        let beyond = fog(vec3(0.0), frame.z_far_m);
+        return display(select(sky(normalize(place - frame.camera_position_m)), beyond, under_water), settings.exposure);
+    }
+    let normal = textureLoad(normal_texels, texel, 0).xyz;
+    let photons = textureLoad(irradiance_texels, texel, 0).x;
+    let irradiance = ambient(-place.y, normal) + direct(place, normal) + photons * WATER_TINT;
+    let radiance = lambert(textureLoad(albedo_texels, texel, 0).xyz, irradiance);
+    return display(fog(radiance, water_path_m(place)), settings.exposure);
+}

@@ -1,0 +1,101 @@
+// defs: WATER=0
+// A sprite in the receiver's tangent plane for each photon that has landed: SPT §3.1, Eq. 1.
+#import fathom::frame::{frame, view_depth_m, world_at}
+#import fathom::photon::{Photon}
+
+struct Sprites {
+    size_px: vec2<f32>,
+    // s of Eq. 1.
+    radius_m: f32,
+    // A pixel is lit when what it shows lies this near to the tangent plane, along its line of sight.
+    visible_m: f32,
+    // Irradiance of a photon for each metre of s − r, W/m³.
+    rise_w_m3: f32,
+    photons_per_instance: u32,
+    photons: u32,
+    layers: u32,
+}
+
+@group(1) @binding(0) var<uniform> settings: Sprites;
+@group(1) @binding(1) var<storage, read> photons: array<Photon>;
+@group(1) @binding(2) var depths: texture_2d_array<f32>;
+@group(1) @binding(3) var normals: texture_2d_array<f32>;
+
+struct Varying {
+    @builtin(position) clip: vec4<f32>,
+    @location(0) @interpolate(flat) center_m: vec3<f32>,
+    @location(1) @interpolate(flat) normal: vec3<f32>,
+    @location(2) @interpolate(flat) rise_w_m3: f32,
+}
+
+const NOWHERE: Varying = Varying(vec4<f32>(2.0, 2.0, 2.0, 1.0), vec3<f32>(0.0), vec3<f32>(0.0), 0.0);
+// Sight along a plane meets it nowhere.
+const LEAST_COSINE: f32 = 1e-4;
+
+// Normal of the layer that lies nearest to a place.
+fn receiver_normal(texel: vec2<i32>, view_m: f32) -> vec3<f32> {
+    var nearest = 1e30;
+    var normal = vec3(0.0);
+    for (var layer = 0u; layer < settings.layers; layer++) {
+        let z = textureLoad(depths, texel, layer, 0).x;
+        if z >= 1.0 {
+            break;
+        }
+        let away = abs(view_depth_m(z) - view_m);
+        if away < nearest {
+            nearest = away;
+            normal = textureLoad(normals, texel, layer, 0).xyz;
+        }
+    }
+    return normal;
+}
+
+@vertex
+fn vertex(@builtin(vertex_index) vertex: u32, @builtin(instance_index) instance: u32) -> Varying {
+    let index = instance * settings.photons_per_instance + vertex / 4u;
+    if index >= settings.photons {
+        return NOWHERE;
+    }
+    let photon = photons[index];
+    let clip = frame.camera_view_projection * vec4(photon.hit_m, 1.0);
+    if photon.residual_m < 0.0 || clip.w <= frame.z_near_m {
+        return NOWHERE;
+    }
+    let ndc = clip.xy / clip.w;
+    if any(abs(ndc) > vec2(1.0)) {
+        return NOWHERE;
+    }
+    let texel = vec2<i32>(min((ndc * vec2(0.5, -0.5) + 0.5) * settings.size_px, settings.size_px - 1.0));
+    let normal = receiver_normal(texel, clip.w);
+    // A ball about the hit on the screen. Rows of the projection hold its scales times unit vectors.
+    let projection = frame.camera_view_projection;
+    let x = length(vec3(projection[0].x, projection[1].x, projection[2].x));
+    let y = length(vec3(projection[0].y, projection[1].y, projection[2].y));
+    let aside = distance(photon.hit_m, frame.camera_position_m) / clip.w;
+    let reach = vec2(x, y) * settings.radius_m * aside / max(clip.w - settings.radius_m, frame.z_near_m);
+    let corner = vec2(f32(vertex & 1u), f32((vertex >> 1u) & 1u)) * 2.0 - 1.0;
+    let place = vec4((ndc + corner * reach) * clip.w, clip.zw);
+    return Varying(place, photon.hit_m, normal, settings.rise_w_m3 * exp(-frame.attenuation_per_m * photon.distance_m));
+}
+
+@fragment
+fn fragment(in: Varying) -> @location(0) vec4<f32> {
+    let uv = in.clip.xy / settings.size_px;
+    let z = textureLoad(depths, vec2<i32>(in.clip.xy), 0, 0).x;
+    if z >= 1.0 {
+        discard;
+    }
+    let seen_m = world_at(uv, z);
+    let sight = normalize(seen_m - frame.camera_position_m);
+    let across = dot(sight, in.normal);
+    if abs(across) < LEAST_COSINE {
+        discard;
+    }
+    let far_m = dot(in.center_m - frame.camera_position_m, in.normal) / across;
+    let from_center_m = distance(frame.camera_position_m + far_m * sight, in.center_m);
+    let off_m = abs(far_m - distance(seen_m, frame.camera_position_m));
+    if from_center_m >= settings.radius_m || off_m > settings.visible_m {
+        discard;
+    }
+    return vec4(in.rise_w_m3 * (settings.radius_m - from_center_m));
+}

@@ -1,0 +1,35 @@
+// defs: WATER=0
+// The transfer map: where each photon of the light's grid enters the water, and its refracted direction. SPT §2: "single
+// refractions, for instance at a water surface".
+#import fathom::dispatch::place
+#import fathom::frame::{frame}
+#import fathom::photon::{in_mask, light_ray, meet_water}
+#import fathom::transfer::{Transfer}
+#import fathom::water
+
+struct Map {
+    // Photons along the light's screen, to the right and upwards.
+    grid: vec2<u32>,
+    // 1: photons that geometry above the water stops are dropped.
+    masked: u32,
+}
+
+@group(1) @binding(0) var<uniform> settings: Map;
+@group(1) @binding(1) var shadow_mask: texture_2d<f32>;
+@group(1) @binding(2) var<storage, read_write> transfers: array<Transfer>;
+
+@compute @workgroup_size(64)
+fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>) {
+    let index = place(id, groups);
+    if index >= settings.grid.x * settings.grid.y {
+        return;
+    }
+    let photon = vec2(index % settings.grid.x, index / settings.grid.x);
+    let ndc = (vec2<f32>(photon) + 0.5) / vec2<f32>(settings.grid) * 2.0 - 1.0;
+    let ray = light_ray(ndc);
+    let entry = meet_water(ray);
+    let inside = water::inside(entry.position_m.xz);
+    let alive = inside && (settings.masked == 0u || in_mask(shadow_mask, ndc));
+    let refracted = refract(ray.direction, entry.normal, 1.0 / frame.refractive_index);
+    transfers[index] = Transfer(entry.position_m, select(0.0, 1.0, alive), refracted, 0.0);
+}

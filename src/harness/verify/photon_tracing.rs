@@ -1,0 +1,460 @@
+//! Stages of screen-space photon tracing against exact refraction, sorted depths and ray casting.
+
+use std::iter::successors;
+
+use glam::{DVec3, UVec2};
+
+use super::{Case, Check, Checks, Result, Rig, largest, rig};
+use crate::gpu::read_volume;
+use crate::reference::image::pixels;
+use crate::reference::optics::refract;
+use crate::reference::quantities::{StoredPhoton, quantile};
+use crate::reference::rays::{PixelRays, Tracer};
+use crate::reference::surface::enter;
+use crate::scene::{Camera, Scene};
+use crate::stages::kit::linear_workgroups;
+use crate::stages::ldi::peel::{self, LayeredDepth};
+use crate::stages::photon::Photons;
+use crate::stages::rays::rasterize::Rasterize;
+use crate::stages::rays::reduce::Reduce;
+use crate::stages::rays::{group, march, rasterize, reduce};
+use crate::stages::screen_ray::{
+    HitTest, Layers, Rays, Transfer, Transfers, Walked, Walking, group_each,
+};
+use crate::stages::shadow::{depth::Depth, mask::Mask};
+use crate::stages::sprites::compose::{self, Compose};
+use crate::stages::sprites::draw::{self, Sprite, Sprites};
+use crate::stages::transfer::map::{self, Map, MapUniforms};
+
+/// Scenes with columns and curved objects; with an open shore; with a slanted plane alone.
+const SCENES: [&str; 3] = ["tank", "port", "storage"];
+const SIZE: [u32; 2] = [320, 240];
+const GRID: [u32; 2] = [48, 40];
+const LAYERS: u32 = 8;
+/// SPT §5: the paper's tolerance, world units.
+const TOLERANCE_M: f64 = 0.01;
+/// A photon that ends farther than this from its exact end lies on another surface.
+const WRONG_M: f64 = 0.1;
+/// Rows of the forced small target: three tiles and a rest.
+const FEW_ROWS: u32 = 600;
+/// A ray cast from a stored position starts this far from it, metres.
+const OFF_M: f64 = 1e-6;
+
+pub fn cases() -> Vec<Case> {
+    let mut cases = vec![Case::new(map::INFO.name, "positions and directions", transfers)];
+    for name in SCENES {
+        cases.push(Case::new(peel::INFO.name, format!("scene {name}"), move |rig| {
+            layers(rig, name)
+        }));
+    }
+    for name in SCENES {
+        for (stage, method) in METHODS {
+            let what = format!("scene {name}");
+            cases.push(Case::new(stage, what, move |rig| ends(rig, name, stage, method)));
+        }
+        let what = format!("scene {name}: photon by photon as marched");
+        cases.push(Case::new(reduce::INFO.name, what, move |rig| alike(rig, name)));
+    }
+    cases.push(Case::new(draw::INFO.name, "energy on a slanted plane", energy));
+    cases.push(Case::new(draw::INFO.name, "Eq. 1 pixel by pixel", sprite_shape));
+    cases.push(Case::new(compose::INFO.name, "light of sprites", composed));
+    cases
+}
+
+/// What finds the ends of rays.
+#[derive(Clone, Copy, PartialEq)]
+enum Method {
+    Lines { rows: u32 },
+    March,
+    Group,
+}
+
+const METHODS: [(&str, Method); 3] = [
+    (rasterize::INFO.name, Method::Lines { rows: FEW_ROWS }),
+    (march::INFO.name, Method::March),
+    (group::INFO.name, Method::Group),
+];
+
+/// A scene with its layers and the photons behind its water.
+struct Setup {
+    scene: Scene,
+    stand: rig::Stand,
+    layers: Layers,
+    transfers: Transfers,
+    stored: Vec<Transfer>,
+}
+
+impl Setup {
+    fn new(rig: &Rig<'_>, name: &str, layers: u32) -> Result<Setup> {
+        let scene = Scene::load(name)?;
+        let stand = rig.stand(&scene, SIZE);
+        let rig::Stand { shared, geometry, .. } = &stand;
+        let depth = Depth::new(&rig.resources, shared, geometry, 512)?;
+        let mask = Mask::new(&rig.resources, shared, depth.texture(), 64)?;
+        let settings = MapUniforms { grid: UVec2::from(GRID), masked: 1 };
+        let map = Map::new(&rig.resources, shared, mask.texture(), &settings)?;
+        let peel = LayeredDepth::new(&rig.resources, shared, geometry, SIZE, layers)?;
+        rig.run(&[&depth, &mask, &map, &peel])?;
+        let stored = rig.read(&map.transfers.buffer)?;
+        let (layers, transfers) = (peel.layers.clone(), map.transfers.clone());
+        Ok(Setup { scene, stand, layers, transfers, stored })
+    }
+
+    fn trace(&self, rig: &Rig<'_>, method: Method, test: HitTest) -> Result<Vec<StoredPhoton>> {
+        let rows = if let Method::Lines { rows } = method { rows } else { 1 };
+        let walking = Walking { test, tolerance_m: TOLERANCE_M, start_m: 0.0, least: 8, rows };
+        let rays = Rays {
+            transfers: &self.transfers,
+            layers: &self.layers,
+            bounds: self.scene.solid_bounds(),
+            walking,
+        };
+        let shared = &self.stand.shared;
+        let count = self.transfers.count;
+        let walked = |info, workgroups| {
+            let stage = Walked::new(&rig.resources, info, shared, &rays, workgroups)?;
+            rig.run(&[&stage])?;
+            Ok(rig.read_photons(&stage.photons)?)
+        };
+        match method {
+            Method::Lines { .. } => {
+                let lines = Rasterize::new(&rig.resources, shared, &rays)?;
+                let reduce = Reduce::new(&rig.resources, &lines.hits, &self.transfers)?;
+                rig.run(&[&lines, &reduce])?;
+                Ok(rig.read_photons(&reduce.photons)?)
+            }
+            Method::March => walked(&march::INFO, linear_workgroups(count.into())),
+            Method::Group => walked(&group::INFO, group_each(count)),
+        }
+    }
+
+    /// Where each photon that is alive ends exactly, where that is in view.
+    fn exact(&self, tracer: &Tracer, turned: f64) -> Vec<Option<DVec3>> {
+        let rays = PixelRays::new(&self.stand.view.camera, SIZE[0], SIZE[1]);
+        let end = |transfer: &Transfer| {
+            let (origin, direction) =
+                (transfer.position_m.as_dvec3(), transfer.direction.as_dvec3());
+            let direction = (direction + turned * DVec3::X).normalize();
+            let hit = tracer.cast(origin, direction, OFF_M, f64::MAX)?;
+            let place = rays.project(hit.position)?;
+            let inside = |at: f64, side: u32| (0.0..=f64::from(side)).contains(&at);
+            (inside(place.x_px, SIZE[0]) && inside(place.y_px, SIZE[1])).then_some(hit.position)
+        };
+        self.stored.iter().map(|t| if t.alive > 0.0 { end(t) } else { None }).collect()
+    }
+}
+
+/// The transfer map against the exact entry and Snell's law.
+fn transfers(rig: &Rig<'_>) -> Checks {
+    let setup = Setup::new(rig, "tank", 1)?;
+    let view = &setup.stand.view;
+    let frame = view.light_frame();
+    let ndc = |k: u32, n: u32| 2.0 * (f64::from(k) + 0.5) / f64::from(n) - 1.0;
+    let errors = |index: f64| {
+        let (mut places, mut directions) = (Vec::new(), Vec::new());
+        for (number, stored) in (0..).zip(&setup.stored).filter(|(_, stored)| stored.alive > 0.0) {
+            let (origin, incident) =
+                frame.ray(ndc(number % GRID[0], GRID[0]), ndc(number / GRID[0], GRID[1]));
+            let entry = enter(&view.water, origin, incident, f64::MAX);
+            let refracted = entry.and_then(|e| refract(incident, e.normal, 1.0, index));
+            let off = |a: Option<DVec3>, b: DVec3| a.map_or(f64::NAN, |a| a.distance(b));
+            places.push(off(entry.map(|e| e.position), stored.position_m.as_dvec3()));
+            directions.push(off(refracted, stored.direction.as_dvec3()));
+        }
+        [quantile(&mut places, 0.99), quantile(&mut directions, 0.99)]
+    };
+    let index = view.water.refractive_index;
+    let [places, directions] = errors(index);
+    Ok(vec![
+        // The noise texture is interpolated between texels.
+        Check::of(map::INFO.name, "99th percentile of |entry − exact entry|")
+            .within((1e-3, "m"), places)
+            .control("entries 2 mm aside", places + 2e-3),
+        Check::of(map::INFO.name, "99th percentile of |direction − Snell's|")
+            .within((5e-3, "1"), directions)
+            .control("refractive index 3 % higher", errors(1.03 * index)[1]),
+    ])
+}
+
+/// Where a pixel's ray meets surfaces, the nearest first, one more than there are layers at most.
+fn all_hits(tracer: &Tracer, rays: &PixelRays, [x, y]: [u32; 2]) -> Vec<DVec3> {
+    let (origin, direction, _) = rays.ray(x, y);
+    let next = |from_m: f64| tracer.cast(origin, direction, from_m, f64::MAX);
+    let hits = successors(next(0.0), |hit| next(hit.distance_m + OFF_M));
+    hits.take(LAYERS as usize + 1).map(|hit| hit.position).collect()
+}
+
+/// Peeled depths against all hits along each pixel's ray, sorted.
+fn layers(rig: &Rig<'_>, name: &str) -> Checks {
+    let setup = Setup::new(rig, name, LAYERS)?;
+    let tracer = Tracer::new(&setup.scene.objects)?;
+    let rays = PixelRays::new(&setup.stand.view.camera, SIZE[0], SIZE[1]);
+    let peeled = read_volume(rig.gpu, &setup.layers.depths, 0)?;
+    let texel = |x: u32, y: u32, layer: usize| {
+        let row = y as usize + layer * SIZE[1] as usize;
+        f64::from(peeled.data[x as usize + row * SIZE[0] as usize])
+    };
+    // A pixel in every seventh row and column.
+    let chosen: Vec<(u32, u32)> = pixels(SIZE).filter(|(x, y)| x % 7 == 3 && y % 7 == 3).collect();
+    let depths = |(x, y): &(u32, u32)| -> Vec<f64> {
+        let hits = all_hits(&tracer, &rays, [*x, *y]).into_iter();
+        hits.filter_map(|hit| Some(rays.project(hit)?.depth)).collect()
+    };
+    let sorted: Vec<Vec<f64>> = chosen.iter().map(depths).collect();
+    let (near_m, far_m) = (setup.stand.view.camera.z_near_m, setup.stand.view.camera.z_far_m);
+    let view_m = |z: f64| near_m * far_m / (far_m - z * (far_m - near_m));
+    let errors = |behind: usize| {
+        let mut off = Vec::new();
+        for ((x, y), exact) in chosen.iter().zip(&sorted) {
+            for layer in 0..LAYERS as usize {
+                let z = texel(*x, *y, layer);
+                let exact = exact.get(layer + behind).copied().filter(|z| *z < 1.0);
+                match (z < 1.0, exact) {
+                    (true, Some(exact)) => off.push((view_m(z) / view_m(exact) - 1.0).abs()),
+                    (false, None) => {}
+                    _ => off.push(1.0),
+                }
+            }
+        }
+        quantile(&mut off, 0.9)
+    };
+    // At silhouettes, and where surfaces touch, another one may be next.
+    let what =
+        format!("scene {name}: 90th percentile of the layers' depth errors, of the distance");
+    Ok(vec![
+        Check::of(peel::INFO.name, what)
+            .within((5e-3, "1"), errors(0))
+            .control("each layer held against the next", errors(1)),
+    ])
+}
+
+/// Where a method ends the photons against rays cast from the same places in the same directions, and by the paper's tolerance
+/// against the surfaces behind each pixel.
+fn ends(rig: &Rig<'_>, name: &str, stage: &'static str, method: Method) -> Checks {
+    let setup = Setup::new(rig, name, LAYERS)?;
+    let tracer = Tracer::new(&setup.scene.objects)?;
+    let exact = setup.exact(&tracer, 0.0);
+    let turned = setup.exact(&tracer, 0.02);
+    let crossing = setup.trace(rig, method, HitTest::Crossing)?;
+    let tolerant = setup.trace(rig, method, HitTest::Tolerance)?;
+    let median = |exact: &[Option<DVec3>]| {
+        let landed = crossing.iter().zip(exact).filter(|(found, _)| found.landed());
+        let off = landed.filter_map(|(found, exact)| Some(found.hit.distance((*exact)?)));
+        quantile(&mut off.collect::<Vec<_>>(), 0.5)
+    };
+    let lost = |found: &[StoredPhoton]| {
+        let in_view = || found.iter().zip(&exact).filter(|(_, exact)| exact.is_some());
+        let lost = in_view().filter(|(found, _)| !found.landed()).count();
+        lost as f64 / in_view().count() as f64
+    };
+    let wrong = |found: &[StoredPhoton]| {
+        let landed = found.iter().zip(&exact).filter(|(found, _)| found.landed());
+        let off = landed.filter_map(|(found, exact)| Some(found.hit.distance((*exact)?)));
+        let off: Vec<f64> = off.collect();
+        off.iter().filter(|off_m| **off_m > WRONG_M).count() as f64 / off.len() as f64
+    };
+    let from_surface = |moved_m: f64| {
+        let landed = tolerant.iter().zip(&setup.stored).filter(|(found, _)| found.landed());
+        let off = landed.map(|(found, transfer)| {
+            let place = found.hit + moved_m * transfer.direction.as_dvec3();
+            from_surfaces_m(&tracer, &setup.stand.view.camera, place)
+        });
+        quantile(&mut off.collect::<Vec<_>>(), 0.95)
+    };
+    // Rasterizers move corners by up to 1/32 of a pixel, and with them the layers: some millimetres where surfaces are slanted.
+    Ok(vec![
+        Check::of(stage, format!("scene {name}: median |hit − ray casting|"))
+            .within((TOLERANCE_M, "m"), median(&exact))
+            .control("rays turned by 1.1 degrees", median(&turned)),
+        Check::of(stage, format!("scene {name}: share of photons in view that are lost"))
+            .within((0.05, "1"), lost(&crossing))
+            .control("by the paper's tolerance of 0.01", lost(&tolerant)),
+        Check::of(stage, format!("scene {name}: share of photons in view that end over 0.1 m off"))
+            .within((0.15, "1"), wrong(&crossing))
+            .control("by the paper's tolerance of 0.01", wrong(&tolerant)),
+        Check::of(stage, format!("scene {name}: tolerance 0.01: 95th percentile of |hit − surface| along the line of sight"))
+            .within((1.3 * TOLERANCE_M, "m"), from_surface(0.0))
+            .control("hits 5 cm further", from_surface(0.05)),
+    ])
+}
+
+/// Difference of a place's view depth from that of the nearest surface behind its pixel, as a way along the line of sight.
+fn from_surfaces_m(tracer: &Tracer, camera: &Camera, place: DVec3) -> f64 {
+    let rays = PixelRays::new(camera, SIZE[0], SIZE[1]);
+    let Some(seen) = rays.project(place) else { return f64::NAN };
+    let pixel = [(seen.x_px, SIZE[0]), (seen.y_px, SIZE[1])]
+        .map(|(at, side)| (at.floor() as u32).min(side - 1));
+    let view_m = |place: DVec3| (place - camera.position()).dot(camera.direction());
+    let off =
+        all_hits(tracer, &rays, pixel).into_iter().map(|hit| (view_m(hit) - view_m(place)).abs());
+    off.fold(f64::INFINITY, f64::min) * place.distance(camera.position()) / view_m(place)
+}
+
+/// Rows and reduction, in one tile and in several, and workgroups, against marching.
+fn alike(rig: &Rig<'_>, name: &str) -> Checks {
+    let setup = Setup::new(rig, name, LAYERS)?;
+    let mut checks = Vec::new();
+    for test in [HitTest::Crossing, HitTest::Tolerance] {
+        let marched = setup.trace(rig, Method::March, test)?;
+        let others = [
+            ("rows of one tile", Method::Lines { rows: 8192 }),
+            ("rows of several tiles", Method::Lines { rows: FEW_ROWS }),
+            ("workgroups", Method::Group),
+        ];
+        for (other, method) in others {
+            let found = setup.trace(rig, method, test)?;
+            let differing = |shifted: usize| {
+                let pairs = found.iter().zip(marched.iter().cycle().skip(shifted));
+                let differs = |(a, b): &(&StoredPhoton, &StoredPhoton)| {
+                    a.residual_m != b.residual_m || (a.distance_m - b.distance_m).abs() > 1e-3
+                };
+                pairs.filter(differs).count() as f64 / found.len() as f64
+            };
+            let what =
+                format!("scene {name}, {test:?}: share of photons that {other} end elsewhere");
+            checks.push(
+                Check::of(reduce::INFO.name, what)
+                    .within((0.0, "1"), differing(0))
+                    .control("each photon held against the next", differing(1)),
+            );
+        }
+    }
+    Ok(checks)
+}
+
+/// A slanted view of scene `plane` with photons strewn in the middle of the view.
+struct Lit {
+    stand: rig::Stand,
+    layers: Layers,
+    hits: Vec<DVec3>,
+    photons: Photons,
+}
+
+const SPRITE: Sprite = Sprite { radius_m: 0.4, visible_m: 0.05, photon_w: 0.7, side_px: 40.0 };
+
+fn lit(rig: &Rig<'_>) -> Result<Lit> {
+    let mut scene = rig::flat_plane(crate::scene::LightKind::Directional)?;
+    scene.water.attenuation_per_m = 0.0;
+    scene.camera.up = [0.3, 1.0, 0.1];
+    let stand = rig.stand(&scene, SIZE);
+    let peel = LayeredDepth::new(&rig.resources, &stand.shared, &stand.geometry, SIZE, 2)?;
+    rig.run(&[&peel])?;
+    let tracer = Tracer::new(&scene.objects)?;
+    let rays = PixelRays::new(&scene.camera, SIZE[0], SIZE[1]);
+    let mut random = rig::Random::new(7);
+    let hits: Vec<DVec3> = (0..60)
+        .filter_map(|_| {
+            let shares = [random.within(0.4, 0.6), random.within(0.65, 0.75)];
+            let [x, y] = [0, 1].map(|axis| f64::from(SIZE[axis]) * shares[axis]);
+            let (origin, direction, _) = rays.ray_at(x, y);
+            Some(tracer.cast(origin, direction, 0.0, f64::MAX)?.position)
+        })
+        .collect();
+    let photons: Vec<_> = hits.iter().map(|hit| rig::photon(*hit + DVec3::Y, *hit, 1.0)).collect();
+    let photons = rig.photons(&photons);
+    Ok(Lit { stand, layers: peel.layers.clone(), hits, photons })
+}
+
+/// What the sprites bring to the plane, summed over its area, against the photons' flux.
+fn energy(rig: &Rig<'_>) -> Result<Check> {
+    let lit = lit(rig)?;
+    let stage =
+        Sprites::new(&rig.resources, &lit.stand.shared, &lit.photons, &lit.layers, &SPRITE)?;
+    rig.run(&[&stage])?;
+    let irradiance = rig.channel(&stage.irradiance, 0)?;
+    let rays = PixelRays::new(&lit.stand.view.camera, SIZE[0], SIZE[1]);
+    let floor_y = rig::mean(lit.hits.iter().map(|hit| hit.y));
+    // The part of the floor that a pixel shows.
+    let area = |x: u32, y: u32| {
+        let on_floor = |x_px: f64, y_px: f64| {
+            let (origin, direction, _) = rays.ray_at(x_px, y_px);
+            origin + direction * ((floor_y - origin.y) / direction.y)
+        };
+        let (x, y) = (f64::from(x), f64::from(y));
+        let [a, b, c, d] =
+            [(x, y), (x + 1.0, y), (x + 1.0, y + 1.0), (x, y + 1.0)].map(|(x, y)| on_floor(x, y));
+        0.5 * (c - a).cross(d - b).length()
+    };
+    let shown = pixels(SIZE).filter(|(x, y)| irradiance.clamped((*x).into(), (*y).into()) > 0.0);
+    let brought: f64 =
+        shown.map(|(x, y)| irradiance.clamped(x.into(), y.into()) * area(x, y)).sum();
+    let flux = SPRITE.photon_w * lit.hits.len() as f64;
+    let off = |flux: f64| (brought / flux - 1.0).abs();
+    Ok(Check::of(
+        draw::INFO.name,
+        "sum of irradiance × area over the photons' flux: relative error",
+    )
+    .within((0.01, "1"), off(flux))
+    .control("one photon in twenty more", off(1.05 * flux)))
+}
+
+/// Each pixel against Eq. 1 evaluated in f64.
+fn sprite_shape(rig: &Rig<'_>) -> Result<Check> {
+    let lit = lit(rig)?;
+    let stage =
+        Sprites::new(&rig.resources, &lit.stand.shared, &lit.photons, &lit.layers, &SPRITE)?;
+    rig.run(&[&stage])?;
+    let irradiance = rig.channel(&stage.irradiance, 0)?;
+    let rays = PixelRays::new(&lit.stand.view.camera, SIZE[0], SIZE[1]);
+    let errors = |radius_m: f64| {
+        let error = |(x, y): (u32, u32)| {
+            let (origin, direction, _) = rays.ray(x, y);
+            let exact: f64 = lit
+                .hits
+                .iter()
+                .map(|hit| {
+                    let far_m = (hit.y - origin.y) / direction.y;
+                    let r = (origin + direction * far_m).distance(*hit);
+                    SPRITE.rise_w_m3() * (radius_m - r).max(0.0)
+                })
+                .sum();
+            (irradiance.clamped(x.into(), y.into()) - exact).abs()
+        };
+        largest(pixels(SIZE).map(error)) / irradiance.data().iter().copied().fold(0.0, f64::max)
+    };
+    Ok(Check::of(draw::INFO.name, "largest |irradiance − Eq. 1| over the greatest irradiance")
+        .within((0.01, "1"), errors(SPRITE.radius_m))
+        .control("radius 5 % larger", errors(1.05 * SPRITE.radius_m)))
+}
+
+/// Radiance that known irradiance adds to a grey floor, against Lambert's law and Beer's.
+fn composed(rig: &Rig<'_>) -> Result<Check> {
+    const EXPOSURE: f64 = 0.4;
+    const BLUE: usize = 2;
+    let scene = rig::flat_plane(crate::scene::LightKind::Directional)?;
+    let stand = rig.stand(&scene, SIZE);
+    let gbuffer = rig.gbuffer(&stand)?;
+    let radiance = |irradiance: f64| -> Result<_> {
+        let light =
+            rig.grey(&crate::reference::image::Image::constant(SIZE[0], SIZE[1], irradiance));
+        let stage = Compose::new(&rig.resources, &stand.shared, &gbuffer, &light, EXPOSURE)?;
+        rig.run(&[&stage])?;
+        let shown = rig.channel(stage.texture(), BLUE)?;
+        Ok(shown.map(|value| -(1.0 - value.powf(2.2)).ln() / EXPOSURE))
+    };
+    let (dark, light) = (radiance(0.0)?, radiance(6.0)?);
+    let albedo = rig.channel(&gbuffer.albedo, BLUE)?;
+    let tracer = Tracer::new(&scene.objects)?;
+    let rays = PixelRays::new(&scene.camera, SIZE[0], SIZE[1]);
+    let errors = |irradiance: f64| {
+        let off = pixels(SIZE).filter_map(|(x, y)| {
+            let (hit, _) = rays.cast(&tracer, x, y)?;
+            let at = |image: &crate::reference::image::Image| image.clamped(x.into(), y.into());
+            let through = (-scene.water.attenuation_per_m * path_m(&scene, hit.position)).exp();
+            let exact = at(&albedo) / std::f64::consts::PI * irradiance * through;
+            Some((at(&light) - at(&dark) - exact).abs() / exact)
+        });
+        quantile(&mut off.collect::<Vec<_>>(), 0.9)
+    };
+    // Steps of an 8-bit display.
+    Ok(Check::of(compose::INFO.name, "90th percentile of the added radiance's relative error")
+        .within((0.03, "1"), errors(6.0))
+        .control("6 % more light expected", errors(6.36)))
+}
+
+/// Way through the water from a place below it to the camera.
+fn path_m(scene: &Scene, place: DVec3) -> f64 {
+    let camera = DVec3::from(scene.camera.position_m);
+    let whole = camera.distance(place);
+    if camera.y <= 0.0 { whole } else { whole * -place.y / (camera.y - place.y) }
+}

@@ -1,0 +1,149 @@
+//! Figures read back from a frame: where photons end, and how far that is from exact refraction and ray casting.
+
+use std::collections::BTreeMap;
+
+use glam::DVec3;
+use rayon::prelude::*;
+
+use super::{Method, PhotonTracing};
+use crate::gpu::{Gpu, GpuError, read_buffer};
+use crate::pipelines::{JudgeError, Judged};
+use crate::record::ErrorFigure;
+use crate::reference::photons::land;
+use crate::reference::quantities::{StoredPhoton, quantile, stored_photons};
+use crate::reference::rays::Tracer;
+use crate::scene::Scene;
+use crate::stages::photon::{MISSED, OUTSIDE};
+use crate::stages::rays;
+
+/// At most about this many photons are compared with the reference: enough for a 99th percentile.
+const MOST_PHOTONS: usize = 10_000;
+/// A photon that ends farther than this from its exact end lies on another surface: ten times the tolerance of SPT §5.
+const WRONG_M: f64 = 0.1;
+
+/// Photons held against their exact ends.
+#[derive(Clone, Debug, Default, PartialEq)]
+struct Ends {
+    /// Of photons that end in view, by both: distance from the exact end, metres.
+    errors_m: Vec<f64>,
+    /// End in view, and were not found.
+    lost: usize,
+    /// End outside the camera's frustum: no layer shows the surface that they meet.
+    off_frustum: usize,
+    /// Of these, found to end in view.
+    false_hits: usize,
+}
+
+impl Ends {
+    fn add(&mut self, found: &StoredPhoton, exact: DVec3, in_view: bool) {
+        match (in_view, found.landed()) {
+            (true, true) => self.errors_m.push(found.hit.distance(exact)),
+            (true, false) => self.lost += 1,
+            (false, landed) => {
+                self.off_frustum += 1;
+                self.false_hits += usize::from(landed);
+            }
+        }
+    }
+}
+
+impl PhotonTracing {
+    /// Shares of the photons that never enter the water, and whose rays meet no layer.
+    pub(super) fn measured_quantities(&self, gpu: &Gpu) -> Result<BTreeMap<String, f64>, GpuError> {
+        let photons = self.stored(gpu)?;
+        let share = |residual_m: f32| {
+            let alike = photons.iter().filter(|p| p.residual_m == f64::from(residual_m));
+            alike.count() as f64 / photons.len() as f64
+        };
+        let figures =
+            [("missed_water_rate", share(MISSED)), ("photon_no_hit_rate", share(OUTSIDE))];
+        Ok(figures.map(|(name, value)| (name.to_owned(), value)).into())
+    }
+
+    fn stored(&self, gpu: &Gpu) -> Result<Vec<StoredPhoton>, GpuError> {
+        Ok(stored_photons(&read_buffer(gpu, &self.photons.buffer)?))
+    }
+
+    /// Errors of the last frame's photons: `photon_error_median_m`, `photon_error_p99_m`, `photon_wrong_surface_rate` of those that
+    /// end in view by both, and `photon_miss_rate` of those that end in view. The quantities `photon_off_frustum_rate` and
+    /// `photon_false_hit_rate` are shares of all photons that end anywhere. Of large grids an even selection is compared.
+    pub(super) fn landing_errors(&self, gpu: &Gpu, scene: &Scene) -> Result<Judged, JudgeError> {
+        let found = self.stored(gpu)?;
+        let ends = self.ends(&found, &Tracer::new(&scene.objects)?);
+        let Ends { mut errors_m, lost, off_frustum, false_hits } = ends;
+        let in_view = errors_m.len() + lost;
+        let wrong = errors_m.iter().filter(|error_m| **error_m > WRONG_M).count();
+        let share = |count: usize, of: usize| count as f64 / of.max(1) as f64;
+        let all = in_view + off_frustum;
+        let figures = [
+            ("photon_miss_rate", share(lost, in_view), "1"),
+            ("photon_wrong_surface_rate", share(wrong, errors_m.len()), "1"),
+            ("photon_error_median_m", quantile(&mut errors_m, 0.5), "m"),
+            ("photon_error_p99_m", quantile(&mut errors_m, 0.99), "m"),
+        ];
+        let stage = match self.params.rays.method {
+            Method::Lines => rays::rasterize::INFO.name,
+            Method::March => rays::march::INFO.name,
+            Method::Group => rays::group::INFO.name,
+        };
+        let quantities = [
+            ("photon_off_frustum_rate", share(off_frustum, all)),
+            ("photon_false_hit_rate", share(false_hits, all)),
+        ];
+        Ok(Judged {
+            errors: figures
+                .map(|(name, value, unit)| ErrorFigure::new(name, value, unit, stage))
+                .into(),
+            quantities: quantities.map(|(name, value)| (name.to_owned(), value)).into(),
+        })
+    }
+
+    fn ends(&self, found: &[StoredPhoton], tracer: &Tracer) -> Ends {
+        let (frame, water) = (self.view.light_frame(), &self.view.water);
+        let matrix = self.view.camera.view_projection(self.view.aspect());
+        let [columns, rows] = self.params.transfer.grid.map(|n| n as usize);
+        let ndc = |index: usize, n: usize| 2.0 * (index as f64 + 0.5) / n as f64 - 1.0;
+        let step = found.len().div_ceil(MOST_PHOTONS).max(1) | 1;
+        let exact: Vec<_> = (0..found.len())
+            .into_par_iter()
+            .step_by(step)
+            .map(|index| {
+                let place = [ndc(index % columns, columns), ndc(index / columns, rows)];
+                let landing = land(&frame, water, tracer, place);
+                (index, landing.landed().map(|landed| landed.hit.position))
+            })
+            .collect();
+        let mut ends = Ends::default();
+        for (index, exact) in exact {
+            if let Some(exact) = exact {
+                let clip = matrix * exact.extend(1.0);
+                let in_view = clip.x.abs() <= clip.w
+                    && clip.y.abs() <= clip.w
+                    && (0.0..=clip.w).contains(&clip.z);
+                ends.add(&found[index], exact, in_view);
+            }
+        }
+        ends
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn photons_out_of_view_are_told_apart_from_errors() {
+        let found = |residual_m: f64| StoredPhoton {
+            entry: DVec3::ZERO,
+            residual_m,
+            hit: DVec3::NEG_Y,
+            distance_m: 1.0,
+        };
+        let mut ends = Ends::default();
+        ends.add(&found(0.0), DVec3::new(0.0, -1.5, 0.0), true);
+        ends.add(&found(f64::from(OUTSIDE)), DVec3::NEG_Y, true);
+        ends.add(&found(f64::from(OUTSIDE)), DVec3::NEG_Y, false);
+        ends.add(&found(0.0), DVec3::NEG_Y, false);
+        assert_eq!(ends, Ends { errors_m: vec![0.5], lost: 1, off_frustum: 2, false_hits: 1 });
+    }
+}

@@ -1,0 +1,159 @@
+//! Parameters of screen-space photon tracing, their defaults with sources, and their ranges.
+
+use serde::{Deserialize, Serialize};
+
+use crate::parameter::ParamError;
+use crate::pipelines::Parameters;
+use crate::pipelines::settings::Shadow;
+use crate::scene::{Camera, Light, SceneFile, Water};
+use crate::stages::screen_ray::{HitTest, Walking};
+use crate::{choices, settings};
+
+settings! {
+    /// Everything that can be set. The dotted paths of `--set` are these fields' names.
+    pub struct Params from file: SceneFile {
+        view: Viewport = Viewport::default();
+        camera: Camera = file.camera.clone();
+        light: Light = file.light.clone();
+        water: Water = file.water.clone();
+        /// Depth of the scene's floor under the resting water.
+        floor_depth_m: f64 = file.floor_depth_m => 0.01 ..= 1000.0, "m";
+        shadow: Shadow = Shadow::default();
+        surface: Surface = Surface::default();
+        transfer: Transfer = Transfer::default();
+        ldi: LayeredDepth = LayeredDepth::default();
+        rays: RaySettings = RaySettings::default();
+        sprites: SpriteSettings = SpriteSettings::default();
+        compose: Composition = Composition::default();
+    }
+}
+
+settings! {
+    /// Pixels of the main viewport. SPT §5: 800 × 600.
+    pub struct Viewport {
+        /// Columns.
+        width: u32 = 800 => 1 ..= 1_000_000, "px";
+        /// Rows.
+        height: u32 = 600 => 1 ..= 1_000_000, "px";
+    }
+}
+
+settings! {
+    /// The water's surface as the light sees it.
+    pub struct Surface {
+        /// Quads per side of the grid that draws the water.
+        cells: u32 = 128 => 1 ..= 8192, "1";
+    }
+}
+
+settings! {
+    /// The transfer map: a photon an entry. SPT §2.
+    pub struct Transfer {
+        /// Photons along the light's screen, to the right and upwards. SPT §5: 256 × 256.
+        grid: [u32; 2] = [256, 256] => 1 ..= 16384, "1";
+    }
+}
+
+settings! {
+    /// The layered depth image. SPT §2.2.
+    pub struct LayeredDepth {
+        /// Layers. SPT §2.2: "usually sufficient to only consider up to eight depth layers".
+        layers: u32 = 8 => 1 ..= 64, "1";
+    }
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Method {
+    /// A line for each photon, and a reduction of its row. SPT §2.1.
+    Lines,
+    /// An invocation walks each ray. SPT §2.1: about half as fast in 2006.
+    March,
+    /// A workgroup walks each ray.
+    Group,
+}
+
+choices!(Method, HitTest);
+
+settings! {
+    /// How rays are followed. SPT §2.1.
+    pub struct RaySettings {
+        /// What walks the rays. All find the same hits.
+        method: Method = Method::Lines;
+        /// What counts as a hit. `tolerance` is the paper's, and loses rays whose depth changes by more than twice the tolerance
+        /// from pixel to pixel.
+        test: HitTest = HitTest::Crossing;
+        /// Distance that counts as a hit with the test `tolerance`. SPT §5: 0.01.
+        tolerance_m: f64 = 0.01 => 1e-6 ..= 1e3, "m";
+        /// Nothing is hit nearer to a ray's start than this.
+        start_m: f64 = 0.0 => 0.0 ..= 1e3, "m";
+        /// Fewest pixels of a ray's line. SPT §2.1 enforces a minimum and does not give it.
+        least_px: u32 = 8 => 1 ..= 4096, "px";
+        /// Most rows of the target that lines are drawn into; 0: as many as the adapter has. More photons take several passes.
+        rows: u32 = 0 => 0 ..= 1_000_000, "1";
+    }
+}
+
+/// Most rows by default: 8192 × 801 texels are 25 MiB.
+const ROWS: u32 = 8192;
+
+impl RaySettings {
+    /// On an adapter with textures of so many rows at most.
+    pub fn walking(&self, most_rows: u32) -> Walking {
+        Walking {
+            test: self.test,
+            tolerance_m: self.tolerance_m,
+            start_m: self.start_m,
+            least: self.least_px,
+            rows: if self.rows == 0 { most_rows.min(ROWS) } else { self.rows },
+        }
+    }
+}
+
+settings! {
+    /// Sprites on the receivers. SPT §3.1.
+    pub struct SpriteSettings {
+        /// s of Eq. 1: distance from the hit at which nothing is left. SPT gives none; at the default grid photons lie about 5 cm
+        /// apart in scene tank.
+        radius_m: f64 = 0.1 => 1e-4 ..= 100.0, "m";
+        /// A pixel is lit when what it shows lies this near to the receiver's tangent plane, along its line of sight. SPT says
+        /// "close together".
+        visible_m: f64 = 0.1 => 1e-6 ..= 1e3, "m";
+    }
+}
+
+settings! {
+    /// How the picture is made.
+    pub struct Composition {
+        /// Radiance is mapped by 1 − exp(−exposure × radiance). As in pipeline underwater.
+        exposure: f64 = 0.4 => 0.0 ..= 1e6, "1";
+    }
+}
+
+impl Params {
+    pub fn photons(&self) -> u32 {
+        self.transfer.grid[0] * self.transfer.grid[1]
+    }
+}
+
+impl Parameters for Params {
+    fn staged(&self, file: &SceneFile) -> Result<SceneFile, ParamError> {
+        Ok(SceneFile {
+            floor_depth_m: self.floor_depth_m,
+            camera: self.camera.clone(),
+            light: self.light.clone(),
+            water: self.water.clone(),
+            ..file.clone()
+        })
+    }
+
+    fn consistent(&self) -> Result<(), ParamError> {
+        self.camera.validate()?;
+        self.light.validate()?;
+        Ok(self.water.validate()?)
+    }
+
+    fn camera_mut(&mut self) -> &mut Camera {
+        &mut self.camera
+    }
+}

@@ -1,0 +1,124 @@
+//! `ldi/peel`: layers of depth and normals from the camera, one after the other. SPT §2.2.
+
+use crate::gpu::{ColorTarget, DepthTarget, GpuError, StageScope, Targets};
+use crate::record::Work;
+use crate::stages::frame::Shared;
+use crate::stages::geometry::Geometry;
+use crate::stages::kit::{self, Bind, Group, Raster, RenderSpec, Resources};
+use crate::stages::screen_ray::Layers;
+use crate::stages::{Column, Output, Stage, StageInfo};
+
+pub const INFO: StageInfo = StageInfo {
+    name: "ldi/peel",
+    about: "layered depth image by depth peeling: a pass over all triangles for each layer",
+    source: "SPT §2.2",
+};
+
+/// A pass: the layer that it draws.
+struct Peel {
+    groups: Vec<wgpu::BindGroup>,
+    depth: wgpu::TextureView,
+    normal: wgpu::TextureView,
+}
+
+pub struct LayeredDepth {
+    first: Raster,
+    behind: Option<Raster>,
+    peels: Vec<Peel>,
+    geometry: Geometry,
+    tested: wgpu::TextureView,
+    pub layers: Layers,
+}
+
+impl LayeredDepth {
+    /// `layers` layers, one at least, of what one cannot see through.
+    pub fn new(
+        resources: &Resources<'_>,
+        shared: &Shared,
+        geometry: &Geometry,
+        size_px: [u32; 2],
+        layers: u32,
+    ) -> Result<Self, GpuError> {
+        let formats = [wgpu::TextureFormat::R32Float, wgpu::TextureFormat::Rgba16Float];
+        let [depths, normals] =
+            formats.map(|format| resources.layers(INFO.name, size_px, format, layers.max(1)));
+        let layers = Layers { depths, normals };
+        let before = |layer: u32| {
+            let binds = [Bind::Layer(&layers.depths, layer - 1)];
+            Group::new(resources.gpu, INFO.name, &binds)
+        };
+        let behind: Vec<Group> = (1..layers.count()).map(before).collect();
+        let raster = |first: bool, groups: &[&Group]| {
+            let defs = [("FIRST", i32::from(first))];
+            let targets = formats.map(kit::opaque);
+            let spec = RenderSpec {
+                buffers: &[Geometry::layout(false)],
+                depth: Some(kit::depth_state(wgpu::CompareFunction::Less, true)),
+                ..RenderSpec::new(INFO.name, (INFO.name, &defs[..]), groups, &targets)
+            };
+            Raster::new(resources, &spec)
+        };
+        let second = behind.first().map(|group| raster(false, &[&shared.group, group]));
+        let peel = |layer: u32| {
+            let own = layer.checked_sub(1).map(|before| &behind[before as usize]);
+            let groups: Vec<&Group> = [Some(&shared.group), own].into_iter().flatten().collect();
+            Peel {
+                groups: kit::bare(&groups),
+                depth: kit::layer_view(&layers.depths, layer),
+                normal: kit::layer_view(&layers.normals, layer),
+            }
+        };
+        Ok(Self {
+            first: raster(true, &[&shared.group])?,
+            behind: second.transpose()?,
+            peels: (0..layers.count()).map(peel).collect(),
+            geometry: geometry.clone(),
+            tested: kit::view(&resources.target(INFO.name, size_px, kit::DEPTH_FORMAT)),
+            layers,
+        })
+    }
+}
+
+impl Stage for LayeredDepth {
+    fn info(&self) -> &'static StageInfo {
+        &INFO
+    }
+
+    fn encode(&self, scope: &mut StageScope<'_>) {
+        for (number, peel) in self.peels.iter().enumerate() {
+            let color = [
+                ColorTarget { view: &peel.depth, clear: Some(wgpu::Color::WHITE), slice: None },
+                ColorTarget {
+                    view: &peel.normal,
+                    clear: Some(wgpu::Color::TRANSPARENT),
+                    slice: None,
+                },
+            ];
+            let depth = DepthTarget { view: &self.tested, clear: Some(1.0), read_only: false };
+            let raster = if number == 0 { Some(&self.first) } else { self.behind.as_ref() };
+            scope.render(&Targets { color: &color, depth: Some(depth) }, |pass| {
+                if let Some(raster) = raster {
+                    raster.bind(pass);
+                    kit::bind_groups(pass, &peel.groups);
+                    self.geometry.draw_opaque(pass);
+                }
+            });
+        }
+    }
+
+    fn work(&self) -> Work {
+        let layers = u64::from(self.layers.count());
+        Work {
+            triangles: layers * self.geometry.opaque_triangles(),
+            bytes_read: layers * self.geometry.bytes(),
+            bytes_written: layers * kit::pixels(&self.layers.depths) * (4 + 8 + 4),
+            ..Work::default()
+        }
+    }
+
+    fn outputs(&self) -> Vec<Output> {
+        let column = Column::new("depth", "1", "normalised device depth of the camera");
+        let meaning = "depth of the nearest layer, 0 near plane to 1 far plane";
+        vec![Output::texture("depth", meaning, vec![column], &self.layers.depths)]
+    }
+}

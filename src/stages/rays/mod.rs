@@ -1,0 +1,4 @@
+pub mod group;
+pub mod march;
+pub mod rasterize;
+pub mod reduce;

@@ -1,0 +1,265 @@
+//! Photon rays in the camera's screen space: what the stages `rays/*` share. Krüger, Bürger and Westermann (SPT) §2.
+
+use bytemuck::{Pod, Zeroable};
+use glam::{Vec2, Vec3};
+
+use super::frame::Shared;
+use super::kit::{Bind, Buffer, Dispatch, Group, Kernel, Resources};
+use super::photon::{Photon, Photons};
+use super::{Column, Output, OutputData, Stage, StageInfo};
+use crate::gpu::{GpuError, StageScope};
+use crate::record::Work;
+use crate::scene::Bounds;
+use crate::shader_struct;
+
+shader_struct! {
+    /// A texel of the transfer map: `Transfer` in `shaders/shared/screen_ray.wgsl`, metres.
+    #[repr(C)]
+    #[derive(Copy, Pod, Zeroable)]
+    pub struct Transfer {
+        /// Where the photon leaves its last specular surface.
+        pub position_m: Vec3,
+        /// 1; 0 for a photon that never got here.
+        pub alive: f32,
+        /// Unit vector along which it goes on.
+        pub direction: Vec3,
+        /// Way under water that is behind it.
+        pub path_m: f32,
+    }
+}
+
+/// The transfer map: a photon an entry.
+#[derive(Clone)]
+pub struct Transfers {
+    pub buffer: Buffer,
+    pub count: u32,
+}
+
+impl Transfers {
+    pub fn new(resources: &Resources<'_>, label: &str, count: u32) -> Self {
+        Self { buffer: resources.room_for::<Transfer>(label, count.into()), count }
+    }
+}
+
+/// A layered depth image: the surfaces behind each pixel, the nearest first.
+#[derive(Clone)]
+pub struct Layers {
+    /// Device depth, 1 where there is no surface; a layer each.
+    pub depths: wgpu::Texture,
+    /// Unit normals in the world's axes.
+    pub normals: wgpu::Texture,
+}
+
+impl Layers {
+    pub fn size_px(&self) -> [u32; 2] {
+        [self.depths.width(), self.depths.height()]
+    }
+
+    pub fn count(&self) -> u32 {
+        self.depths.depth_or_array_layers()
+    }
+}
+
+/// What counts as a hit.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum HitTest {
+    /// The ray comes within a distance of a layer, along the pixel's line of sight: SPT §5.
+    Tolerance,
+    /// The ray passes through the tangent plane of a layer's texel.
+    Crossing,
+}
+
+/// How rays are walked.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Walking {
+    pub test: HitTest,
+    pub tolerance_m: f64,
+    pub start_m: f64,
+    /// Fewest steps of a ray: SPT §2.1 enforces a minimum and does not say which.
+    pub least: u32,
+    /// Most rows of the target that lines are drawn into.
+    pub rows: u32,
+}
+
+shader_struct! {
+    /// `Walk` in `shaders/shared/screen_ray.wgsl`.
+    pub struct WalkUniforms {
+        pub low_m: Vec3,
+        pub tolerance_m: f32,
+        pub high_m: Vec3,
+        pub start_m: f32,
+        pub size_px: Vec2,
+        pub layers: u32,
+        pub photons: u32,
+        pub least: u32,
+        pub most: u32,
+        pub rows: u32,
+    }
+}
+
+/// What rays are traced through, and what becomes of them.
+pub struct Rays<'a> {
+    pub transfers: &'a Transfers,
+    pub layers: &'a Layers,
+    pub bounds: Bounds,
+    pub walking: Walking,
+}
+
+/// Share of the scene's size by which its box is larger, so that rays end behind what bounds it.
+const ROOM: f64 = 0.01;
+
+impl Rays<'_> {
+    /// Rows of a tile.
+    pub fn rows(&self) -> u32 {
+        self.walking.rows.min(self.transfers.count).max(1)
+    }
+
+    /// Most pixels that a ray covers along one axis of the screen.
+    pub fn most(&self) -> u32 {
+        let [width, height] = self.layers.size_px();
+        (width.max(height) + 1).max(self.walking.least)
+    }
+
+    pub fn uniforms(&self) -> WalkUniforms {
+        let room = self.bounds.size().max_element() * ROOM;
+        let [width, height] = self.layers.size_px();
+        WalkUniforms {
+            low_m: (self.bounds.min - room).as_vec3(),
+            tolerance_m: self.walking.tolerance_m as f32,
+            high_m: (self.bounds.max + room).as_vec3(),
+            start_m: self.walking.start_m as f32,
+            size_px: Vec2::new(width as f32, height as f32),
+            layers: self.layers.count(),
+            photons: self.transfers.count,
+            least: self.walking.least,
+            most: self.most(),
+            rows: self.rows(),
+        }
+    }
+
+    /// What shaders that walk rays are compiled with.
+    pub fn defs(&self) -> [(&'static str, i32); 1] {
+        [("TEST", i32::from(self.walking.test == HitTest::Crossing))]
+    }
+
+    /// Bind group of a stage that walks rays; `photons` are written by those that find hits.
+    pub fn group(
+        &self,
+        resources: &Resources<'_>,
+        label: &str,
+        photons: Option<&Photons>,
+    ) -> Group {
+        let uniforms = resources.uniform(label, &self.uniforms());
+        let mut binds = vec![
+            Bind::Uniform(&uniforms),
+            Bind::Read(&self.transfers.buffer),
+            Bind::Layers(&self.layers.depths),
+            Bind::Layers(&self.layers.normals),
+        ];
+        binds.extend(photons.map(|photons| Bind::Write(&photons.buffer)));
+        Group::new(resources.gpu, label, &binds)
+    }
+
+    /// Work at most: every ray as long as the picture, every layer read at each step.
+    pub fn work(&self) -> Work {
+        let photons = u64::from(self.transfers.count);
+        let steps = photons * u64::from(self.most());
+        Work {
+            photons,
+            texel_fetches: steps * u64::from(self.layers.count()),
+            bytes_read: photons * size_of::<Transfer>() as u64,
+            bytes_written: Photons::bytes(photons),
+            ..Work::default()
+        }
+    }
+}
+
+/// Groups of a stage that walks rays, in their order.
+pub fn groups<'g>(shared: &'g Shared, own: &'g Group) -> [&'g Group; 2] {
+    [&shared.group, own]
+}
+
+/// Photons where their rays end, for dumps.
+pub fn output(photons: &Photons) -> Output {
+    let m = |name, meaning| Column::new(name, "m", meaning);
+    let columns = vec![
+        m("start_x_m", "where the ray starts"),
+        m("start_y_m", "the same along y"),
+        m("start_z_m", "the same along z"),
+        m("residual_m", "0 for a hit, −1 for a photon without a ray, −2 for a ray without a hit"),
+        m("hit_x_m", "where the ray ends"),
+        m("hit_y_m", "the same along y"),
+        m("hit_z_m", "the same along z"),
+        m("distance_m", "from start to hit"),
+    ];
+    Output {
+        name: "photons".into(),
+        meaning: "photons and the first surface of the layers that each ray meets".into(),
+        columns,
+        data: OutputData::Buffer {
+            buffer: photons.buffer.raw(),
+            stride_floats: (size_of::<Photon>() / 4) as u32,
+            count: photons.count,
+            row: Box::new(<[f32]>::to_vec),
+        },
+    }
+}
+
+/// What `rays/march` and `rays/group` are: a dispatch over all photons.
+pub struct Walked {
+    info: &'static StageInfo,
+    kernel: Kernel,
+    dispatch: Dispatch,
+    pub photons: Photons,
+    work: Work,
+}
+
+impl Walked {
+    /// The stage `info`, whose shader has its path.
+    pub fn new(
+        resources: &Resources<'_>,
+        info: &'static StageInfo,
+        shared: &Shared,
+        rays: &Rays<'_>,
+        workgroups: [u32; 3],
+    ) -> Result<Self, GpuError> {
+        let photons = Photons::new(resources, info.name, rays.transfers.count);
+        let own = rays.group(resources, info.name, Some(&photons));
+        let groups = groups(shared, &own);
+        let defs = rays.defs();
+        Ok(Self {
+            info,
+            kernel: Kernel::new(resources, info.name, (info.name, &defs[..]), &groups)?,
+            dispatch: Dispatch::new(resources, info.name, &groups, workgroups),
+            photons,
+            work: rays.work(),
+        })
+    }
+}
+
+impl Stage for Walked {
+    fn info(&self) -> &'static StageInfo {
+        self.info
+    }
+
+    fn encode(&self, scope: &mut StageScope<'_>) {
+        scope.compute(|pass| self.kernel.run(pass, &self.dispatch));
+    }
+
+    fn work(&self) -> Work {
+        self.work
+    }
+
+    fn outputs(&self) -> Vec<Output> {
+        vec![output(&self.photons)]
+    }
+}
+
+/// Most workgroups along one axis of a dispatch, within every adapter's limit.
+const MOST_GROUPS: u32 = 32_768;
+
+/// A workgroup for each photon, over two dimensions.
+pub fn group_each(photons: u32) -> [u32; 3] {
+    [photons.clamp(1, MOST_GROUPS), photons.div_ceil(MOST_GROUPS).max(1), 1]
+}
