@@ -24,6 +24,7 @@ mod photon_tracing;
 mod photons;
 pub mod rig;
 mod scalar;
+mod shafts;
 mod splats;
 mod starts;
 mod voxel;
@@ -193,6 +194,7 @@ pub fn cases() -> Vec<Case> {
         filters::cases(),
         compose::cases(),
         photon_tracing::cases(),
+        shafts::cases(),
         luminance::cases(),
         scalar::cases(),
     ];

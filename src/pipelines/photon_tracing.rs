@@ -4,25 +4,29 @@ mod measure;
 mod parameters;
 
 use std::collections::BTreeMap;
+use std::f64::consts::PI;
 use std::rc::Rc;
 
-use glam::{DVec3, UVec2};
+use glam::UVec2;
 
 use super::settings::VIEWPORT;
 use super::{Judge, JudgeError, Judged, Pipeline};
 use crate::gpu::{Gpu, GpuError};
 use crate::scene::Scene;
 use crate::stages::frame::{Frame, Shared, View};
+use crate::stages::gbuffer::GbufferTextures;
 use crate::stages::geometry::Geometry;
 use crate::stages::kit::{Resources, linear_workgroups};
 use crate::stages::photon::Photons;
-use crate::stages::screen_ray::{Rays, Transfers, Walked, group_each};
+use crate::stages::screen_ray::{FragmentLists, Layers, Rays, Transfers, Walked, group_each};
+use crate::stages::shafts::blur::Blur;
+use crate::stages::shafts::lines::Lines;
 use crate::stages::sprites::compose::Compose;
 use crate::stages::sprites::draw::{Sprite, Sprites};
 use crate::stages::transfer::map::{Map, MapUniforms};
 use crate::stages::{ldi, rays, scene, shadow};
 
-pub use parameters::{Method, Params};
+pub use parameters::{LayerMethod, LayeredDepth, Method, Params};
 
 /// Photons traced through layered depth, drawn as sprites.
 pub struct PhotonTracing {
@@ -30,6 +34,7 @@ pub struct PhotonTracing {
     pub view: View,
     pub transfers: Transfers,
     pub photons: Photons,
+    lists: Option<FragmentLists>,
     compose: Rc<Compose>,
 }
 
@@ -63,26 +68,30 @@ impl Pipeline for PhotonTracing {
         let gbuffer =
             of_view.push(scene::gbuffer::Gbuffer::new(of_view, shared, geometry, size_px)?);
         let of_layers = &resources.sized_by("view × ldi.layers");
-        let layers =
-            ldi::peel::LayeredDepth::new(of_layers, shared, geometry, size_px, params.ldi.layers)?;
-        let layers = &of_layers.push(layers).layers;
+        let (layers, lists) = layers(of_layers, shared, geometry, size_px, &params.ldi)?;
 
         let traced = Rays {
             transfers: &map.transfers,
-            layers,
+            layers: &layers,
             bounds: scene.solid_bounds(),
             walking: params.rays.walking(resources.gpu.limits.max_texture_dimension_2d),
         };
         let photons = trace(resources, shared, &traced, params.rays.method)?;
         let sprite = sprite(params, &view);
-        let sprites = Sprites::new(of_view, shared, &photons, layers, &sprite)?;
+        let sprites = Sprites::new(of_view, shared, &photons, &layers, &sprite)?;
         let sprites = of_view.push(sprites);
-        let irradiance = &sprites.irradiance;
+        let seen = &gbuffer.textures;
+        let drawn = if params.shafts.draw {
+            Some(shafts(of_view, shared, &photons, seen, params, &view)?)
+        } else {
+            None
+        };
+        let shafts = drawn.as_ref().map(|(blur, scale)| (blur.texture(), *scale));
         let exposure = params.compose.exposure;
-        let compose = Compose::new(of_view, shared, &gbuffer.textures, irradiance, exposure)?;
+        let compose = Compose::new(of_view, shared, seen, &sprites.irradiance, shafts, exposure)?;
         let compose = of_view.push(compose);
         let transfers = map.transfers.clone();
-        Ok(Self { params: params.clone(), view, transfers, photons, compose })
+        Ok(Self { params: params.clone(), view, transfers, photons, lists, compose })
     }
 
     fn image(&self) -> &wgpu::Texture {
@@ -95,6 +104,30 @@ impl Pipeline for PhotonTracing {
 
     fn judge(&self, judge: &mut Judge<'_>) -> Result<Judged, JudgeError> {
         self.landing_errors(judge.gpu, judge.scene)
+    }
+}
+
+/// Pushes the stages that find the layers; the lists, where there are any.
+fn layers(
+    resources: &Resources<'_>,
+    shared: &Shared,
+    geometry: &Geometry,
+    size_px: [u32; 2],
+    settings: &LayeredDepth,
+) -> Result<(Layers, Option<FragmentLists>), GpuError> {
+    let count = settings.layers;
+    match settings.method {
+        LayerMethod::Peel => {
+            let peel = ldi::peel::LayeredDepth::new(resources, shared, geometry, size_px, count)?;
+            Ok((resources.push(peel).layers.clone(), None))
+        }
+        LayerMethod::Lists => {
+            let room = settings.fragments_per_pixel;
+            let lists = ldi::lists::Lists::new(resources, shared, geometry, size_px, room)?;
+            let lists = resources.push(lists).lists.clone();
+            let sort = ldi::sort::Sort::new(resources, &lists, count)?;
+            Ok((resources.push(sort).layers.clone(), Some(lists)))
+        }
     }
 }
 
@@ -124,6 +157,27 @@ fn trace(
     }
 }
 
+/// Pushes the stages that draw shafts; their sum in each pixel, and the radiance for each W of it.
+fn shafts(
+    of_view: &Resources<'_>,
+    shared: &Shared,
+    photons: &Photons,
+    seen: &GbufferTextures,
+    params: &Params,
+    view: &View,
+) -> Result<(Rc<Blur>, f64), GpuError> {
+    let pixel_m = view.pixel_tangent(params.view.height) * params.middle_m();
+    let photon_w = view.light_frame().emitted_w / f64::from(params.photons());
+    let length_px = params.floor_depth_m / pixel_m;
+    let lines = Lines::new(of_view, shared, photons, &seen.depth, (photon_w, length_px))?;
+    let lines = of_view.push(lines);
+    let blur =
+        of_view.push(Blur::new(of_view, (&lines.target, Lines::column()), params.shafts.sigma_px)?);
+    // A photon of the flux Φ along a line scatters σ Φ / 4π for each metre and steradian. Its line is a pixel wide.
+    let scale = params.shafts.scattering_per_m / (4.0 * PI * pixel_m);
+    Ok((blur, scale))
+}
+
 fn view(params: &Params, scene: &Scene) -> View {
     View {
         camera: params.camera.clone(),
@@ -137,13 +191,11 @@ fn view(params: &Params, scene: &Scene) -> View {
 }
 
 fn sprite(params: &Params, view: &View) -> Sprite {
-    let target = DVec3::from(params.camera.target_m);
-    let middle_m = target.distance(DVec3::from(params.camera.position_m));
     let radius_m = params.sprites.radius_m;
     Sprite {
         radius_m,
         visible_m: params.sprites.visible_m,
         photon_w: view.light_frame().emitted_w / f64::from(params.photons()),
-        side_px: 2.0 * radius_m / (view.pixel_tangent(params.view.height) * middle_m),
+        side_px: 2.0 * radius_m / (view.pixel_tangent(params.view.height) * params.middle_m()),
     }
 }

@@ -28,6 +28,7 @@ pub mod scalar_field;
 pub mod scene;
 pub mod screen_ray;
 pub mod shadow;
+pub mod shafts;
 pub mod splatting;
 pub mod sprites;
 pub mod transfer;
@@ -74,11 +75,15 @@ pub const REGISTRY: &[StageInfo] = &[
     compose::INFO,
     transfer::map::INFO,
     ldi::peel::INFO,
+    ldi::lists::INFO,
+    ldi::sort::INFO,
     rays::rasterize::INFO,
     rays::reduce::INFO,
     rays::march::INFO,
     rays::group::INFO,
     sprites::draw::INFO,
+    shafts::lines::INFO,
+    shafts::blur::INFO,
     sprites::compose::INFO,
     post::luminance::INFO,
     scalar::isosurface::INFO,

@@ -51,6 +51,31 @@ pub struct Layers {
 }
 
 impl Layers {
+    /// Formats of depths and normals.
+    pub const FORMATS: [wgpu::TextureFormat; 2] =
+        [wgpu::TextureFormat::R32Float, wgpu::TextureFormat::Rgba16Float];
+
+    /// Drawn into, a layer a pass.
+    pub fn drawn(resources: &Resources<'_>, label: &str, size_px: [u32; 2], layers: u32) -> Self {
+        let [depths, normals] =
+            Self::FORMATS.map(|format| resources.layers(label, size_px, format, layers));
+        Self { depths, normals }
+    }
+
+    /// Written by a compute shader.
+    pub fn stored(resources: &Resources<'_>, label: &str, size_px: [u32; 2], layers: u32) -> Self {
+        let [depths, normals] =
+            Self::FORMATS.map(|format| resources.stored_layers(label, size_px, format, layers));
+        Self { depths, normals }
+    }
+
+    /// The nearest layer, for dumps.
+    pub fn output(&self) -> Output {
+        let column = Column::new("depth", "1", "normalised device depth of the camera");
+        let meaning = "depth of the nearest layer, 0 near plane to 1 far plane";
+        Output::texture("depth", meaning, vec![column], &self.depths)
+    }
+
     pub fn size_px(&self) -> [u32; 2] {
         [self.depths.width(), self.depths.height()]
     }
@@ -58,6 +83,17 @@ impl Layers {
     pub fn count(&self) -> u32 {
         self.depths.depth_or_array_layers()
     }
+}
+
+/// Fragments in the lists of their pixels.
+#[derive(Clone)]
+pub struct FragmentLists {
+    /// How many there are, those without room included; then the number of each pixel's latest, from 1 on.
+    pub heads: Buffer,
+    pub nodes: Buffer,
+    pub size_px: [u32; 2],
+    /// Room for so many.
+    pub capacity: u32,
 }
 
 /// What counts as a hit.

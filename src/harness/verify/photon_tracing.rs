@@ -13,7 +13,9 @@ use crate::reference::rays::{PixelRays, Tracer};
 use crate::reference::surface::enter;
 use crate::scene::{Camera, Scene};
 use crate::stages::kit::linear_workgroups;
+use crate::stages::ldi::lists::{self, Lists};
 use crate::stages::ldi::peel::{self, LayeredDepth};
+use crate::stages::ldi::sort::{self, Sort};
 use crate::stages::photon::Photons;
 use crate::stages::rays::rasterize::Rasterize;
 use crate::stages::rays::reduce::Reduce;
@@ -37,6 +39,8 @@ const TOLERANCE_M: f64 = 0.01;
 const WRONG_M: f64 = 0.1;
 /// Rows of the forced small target: three tiles and a rest.
 const FEW_ROWS: u32 = 600;
+/// Fragments a pixel for which lists have room: more than any of these scenes has.
+const ROOM: u32 = 32;
 /// A ray cast from a stored position starts this far from it, metres.
 const OFF_M: f64 = 1e-6;
 
@@ -46,6 +50,11 @@ pub fn cases() -> Vec<Case> {
         cases.push(Case::new(peel::INFO.name, format!("scene {name}"), move |rig| {
             layers(rig, name)
         }));
+    }
+    for name in SCENES {
+        let what = format!("scene {name}");
+        cases.push(Case::new(lists::INFO.name, what.clone(), move |rig| listed(rig, name)));
+        cases.push(Case::new(sort::INFO.name, what, move |rig| sorted(rig, name)));
     }
     for name in SCENES {
         for (stage, method) in METHODS {
@@ -176,6 +185,11 @@ fn transfers(rig: &Rig<'_>) -> Checks {
     ])
 }
 
+/// A pixel in every seventh row and column.
+fn sparse_pixels() -> impl Iterator<Item = (u32, u32)> {
+    pixels(SIZE).filter(|(x, y)| x % 7 == 3 && y % 7 == 3)
+}
+
 /// Where a pixel's ray meets surfaces, the nearest first, one more than there are layers at most.
 fn all_hits(tracer: &Tracer, rays: &PixelRays, [x, y]: [u32; 2]) -> Vec<DVec3> {
     let (origin, direction, _) = rays.ray(x, y);
@@ -194,8 +208,7 @@ fn layers(rig: &Rig<'_>, name: &str) -> Checks {
         let row = y as usize + layer * SIZE[1] as usize;
         f64::from(peeled.data[x as usize + row * SIZE[0] as usize])
     };
-    // A pixel in every seventh row and column.
-    let chosen: Vec<(u32, u32)> = pixels(SIZE).filter(|(x, y)| x % 7 == 3 && y % 7 == 3).collect();
+    let chosen: Vec<(u32, u32)> = sparse_pixels().collect();
     let depths = |(x, y): &(u32, u32)| -> Vec<f64> {
         let hits = all_hits(&tracer, &rays, [*x, *y]).into_iter();
         hits.filter_map(|hit| Some(rays.project(hit)?.depth)).collect()
@@ -226,6 +239,66 @@ fn layers(rig: &Rig<'_>, name: &str) -> Checks {
             .within((5e-3, "1"), errors(0))
             .control("each layer held against the next", errors(1)),
     ])
+}
+
+/// Lengths of the lists against the surfaces along each pixel's ray.
+fn listed(rig: &Rig<'_>, name: &str) -> Result<Check> {
+    /// 32-bit words of a node, and the place of the next one's number among them.
+    const NODE: [usize; 2] = [8, 1];
+    let setup = Setup::new(rig, name, 1)?;
+    let rig::Stand { shared, geometry, view } = &setup.stand;
+    let stage = Lists::new(&rig.resources, shared, geometry, SIZE, ROOM)?;
+    // Twice, as the second frame finds what the first has left.
+    rig.run(&[&stage])?;
+    rig.run(&[&stage])?;
+    let heads = rig.read::<u32>(&stage.lists.heads)?;
+    let nodes = rig.read::<u32>(&stage.lists.nodes)?;
+    let next = |number: u32| nodes[(number as usize - 1) * NODE[0] + NODE[1]];
+    let length = |x: u32, y: u32| {
+        let first = heads[1 + (x + y * SIZE[0]) as usize];
+        let some = |number: u32| (number > 0).then_some(number);
+        successors(some(first), |number| some(next(*number))).count()
+    };
+    let tracer = Tracer::new(&setup.scene.objects)?;
+    let rays = PixelRays::new(&view.camera, SIZE[0], SIZE[1]);
+    let counts: Vec<[usize; 2]> = sparse_pixels()
+        .map(|(x, y)| {
+            let seen = |place: &DVec3| rays.project(*place).is_some_and(|p| p.depth < 1.0);
+            let exact = all_hits(&tracer, &rays, [x, y]).iter().filter(|hit| seen(hit)).count();
+            [length(x, y).min(LAYERS as usize + 1), exact]
+        })
+        .collect();
+    let unlike = |more: usize| {
+        let unlike = counts.iter().filter(|[listed, exact]| listed + more != *exact).count();
+        unlike as f64 / counts.len() as f64
+    };
+    let fragments: usize = counts.iter().map(|[listed, _]| listed).sum();
+    // At silhouettes, and where surfaces touch, a ray meets one more or fewer.
+    Ok(Check::of(
+        lists::INFO.name,
+        format!("scene {name}: share of lists unlike the surfaces behind the pixel"),
+    )
+    .within((0.1, "1"), unlike(0))
+    .control("each list one longer", unlike(1))
+    .with("fragments_per_pixel", fragments as f64 / counts.len() as f64))
+}
+
+/// Layers from lists against peeled ones.
+fn sorted(rig: &Rig<'_>, name: &str) -> Result<Check> {
+    let setup = Setup::new(rig, name, LAYERS)?;
+    let rig::Stand { shared, geometry, .. } = &setup.stand;
+    let peeled = read_volume(rig.gpu, &setup.layers.depths, 0)?.data;
+    let unlike = |room: u32| -> Result<f64> {
+        let lists = Lists::new(&rig.resources, shared, geometry, SIZE, room)?;
+        let sort = Sort::new(&rig.resources, &lists.lists, LAYERS)?;
+        rig.run(&[&lists, &sort])?;
+        let sorted = read_volume(rig.gpu, &sort.layers.depths, 0)?.data;
+        let unlike = peeled.iter().zip(&sorted).filter(|(a, b)| a != b).count();
+        Ok(unlike as f64 / peeled.len() as f64)
+    };
+    Ok(Check::of(sort::INFO.name, format!("scene {name}: share of texels unlike the peeled ones"))
+        .within((1e-3, "1"), unlike(ROOM)?)
+        .control("room for one fragment a pixel", unlike(1)?))
 }
 
 /// Where a method ends the photons against rays cast from the same places in the same directions, and by the paper's tolerance
@@ -427,7 +500,7 @@ fn composed(rig: &Rig<'_>) -> Result<Check> {
     let radiance = |irradiance: f64| -> Result<_> {
         let light =
             rig.grey(&crate::reference::image::Image::constant(SIZE[0], SIZE[1], irradiance));
-        let stage = Compose::new(&rig.resources, &stand.shared, &gbuffer, &light, EXPOSURE)?;
+        let stage = Compose::new(&rig.resources, &stand.shared, &gbuffer, &light, None, EXPOSURE)?;
         rig.run(&[&stage])?;
         let shown = rig.channel(stage.texture(), BLUE)?;
         Ok(shown.map(|value| -(1.0 - value.powf(2.2)).ln() / EXPOSURE))

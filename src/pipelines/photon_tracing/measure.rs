@@ -48,7 +48,7 @@ impl Ends {
 }
 
 impl PhotonTracing {
-    /// Shares of the photons that never enter the water, and whose rays meet no layer.
+    /// Shares of the photons that never enter the water, and whose rays meet no layer; fragments in lists, and those without room.
     pub(super) fn measured_quantities(&self, gpu: &Gpu) -> Result<BTreeMap<String, f64>, GpuError> {
         let photons = self.stored(gpu)?;
         let share = |residual_m: f32| {
@@ -57,7 +57,16 @@ impl PhotonTracing {
         };
         let figures =
             [("missed_water_rate", share(MISSED)), ("photon_no_hit_rate", share(OUTSIDE))];
-        Ok(figures.map(|(name, value)| (name.to_owned(), value)).into())
+        let mut figures = BTreeMap::from(figures.map(|(name, value)| (name.to_owned(), value)));
+        if let Some(lists) = &self.lists {
+            let heads: Vec<u32> = bytemuck::pod_collect_to_vec(&read_buffer(gpu, &lists.heads)?);
+            let fragments = heads.first().copied().unwrap_or(0);
+            let pixels = (heads.len() - 1).max(1) as f64;
+            figures.insert("ldi_fragments_per_pixel".to_owned(), f64::from(fragments) / pixels);
+            let lost = fragments.saturating_sub(lists.capacity);
+            figures.insert("ldi_lost_fragments".to_owned(), lost.into());
+        }
+        Ok(figures)
     }
 
     fn stored(&self, gpu: &Gpu) -> Result<Vec<StoredPhoton>, GpuError> {

@@ -1,5 +1,6 @@
 //! Parameters of screen-space photon tracing, their defaults with sources, and their ranges.
 
+use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
 use crate::parameter::ParamError;
@@ -24,6 +25,7 @@ settings! {
         ldi: LayeredDepth = LayeredDepth::default();
         rays: RaySettings = RaySettings::default();
         sprites: SpriteSettings = SpriteSettings::default();
+        shafts: ShaftSettings = ShaftSettings::default();
         compose: Composition = Composition::default();
     }
 }
@@ -54,9 +56,22 @@ settings! {
     }
 }
 
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum LayerMethod {
+    /// A pass for each layer. SPT §2.2.
+    Peel,
+    /// One pass into lists, sorted pixel by pixel.
+    Lists,
+}
+
 settings! {
     /// The layered depth image. SPT §2.2.
     pub struct LayeredDepth {
+        /// What finds the layers. Both find the same, as long as the lists have room.
+        method: LayerMethod = LayerMethod::Peel;
+        /// Room of the lists, fragments a pixel on average. What finds none is lost, and told.
+        fragments_per_pixel: u32 = 8 => 1 ..= 256, "1";
         /// Layers. SPT §2.2: "usually sufficient to only consider up to eight depth layers".
         layers: u32 = 8 => 1 ..= 64, "1";
     }
@@ -73,7 +88,7 @@ pub enum Method {
     Group,
 }
 
-choices!(Method, HitTest);
+choices!(Method, HitTest, LayerMethod);
 
 settings! {
     /// How rays are followed. SPT §2.1.
@@ -123,6 +138,18 @@ settings! {
 }
 
 settings! {
+    /// Shafts of light. SPT §3.2.
+    pub struct ShaftSettings {
+        /// Whether they are drawn.
+        draw: bool = true;
+        /// Standard deviation of the blur. SPT gives none.
+        sigma_px: f64 = 2.0 => 0.1 ..= 64.0, "px";
+        /// Scattering coefficient that scales the composed shafts: less than the attenuation of the paper on caustics, 0.13.
+        scattering_per_m: f64 = 0.1 => 0.0 ..= 1e3, "1/m";
+    }
+}
+
+settings! {
     /// How the picture is made.
     pub struct Composition {
         /// Radiance is mapped by 1 − exp(−exposure × radiance). As in pipeline underwater.
@@ -133,6 +160,11 @@ settings! {
 impl Params {
     pub fn photons(&self) -> u32 {
         self.transfer.grid[0] * self.transfer.grid[1]
+    }
+
+    /// Distance of the middle of the view.
+    pub fn middle_m(&self) -> f64 {
+        DVec3::from(self.camera.target_m).distance(DVec3::from(self.camera.position_m))
     }
 }
 

@@ -19,6 +19,8 @@ pub enum Bind<'a> {
     Depth(&'a wgpu::Texture),
     /// All layers of a float texture, read texel by texel.
     Layers(&'a wgpu::Texture),
+    /// All layers of a texture that a compute shader writes.
+    StoreLayers(&'a wgpu::Texture),
     /// One layer of such a texture.
     Layer(&'a wgpu::Texture, u32),
     /// Texture that a compute shader writes.
@@ -111,6 +113,11 @@ impl Bind<'_> {
                 format: texture.format(),
                 view_dimension: wgpu::TextureViewDimension::D2,
             },
+            Bind::StoreLayers(texture) => wgpu::BindingType::StorageTexture {
+                access: wgpu::StorageTextureAccess::WriteOnly,
+                format: texture.format(),
+                view_dimension: wgpu::TextureViewDimension::D2Array,
+            },
             Bind::Sampler(_) => wgpu::BindingType::Sampler(wgpu::SamplerBindingType::Filtering),
             Bind::NearestSampler(_) => {
                 wgpu::BindingType::Sampler(wgpu::SamplerBindingType::NonFiltering)
@@ -118,7 +125,7 @@ impl Bind<'_> {
         };
         let visibility = match self {
             Bind::Write(_) => wgpu::ShaderStages::FRAGMENT | wgpu::ShaderStages::COMPUTE,
-            Bind::Store(_) => wgpu::ShaderStages::COMPUTE,
+            Bind::Store(_) | Bind::StoreLayers(_) => wgpu::ShaderStages::COMPUTE,
             _ => wgpu::ShaderStages::VERTEX_FRAGMENT | wgpu::ShaderStages::COMPUTE,
         };
         wgpu::BindGroupLayoutEntry { binding, visibility, ty, count: None }
@@ -131,10 +138,12 @@ impl Bind<'_> {
             | Bind::Depth(t)
             | Bind::Store(t)
             | Bind::Volume(t) => Some(view(t)),
-            Bind::Layers(t) => Some(t.create_view(&wgpu::TextureViewDescriptor {
-                dimension: Some(wgpu::TextureViewDimension::D2Array),
-                ..Default::default()
-            })),
+            Bind::Layers(t) | Bind::StoreLayers(t) => {
+                Some(t.create_view(&wgpu::TextureViewDescriptor {
+                    dimension: Some(wgpu::TextureViewDimension::D2Array),
+                    ..Default::default()
+                }))
+            }
             Bind::Layer(t, layer) => Some(layer_view(t, *layer)),
             _ => None,
         }
@@ -151,6 +160,7 @@ impl Bind<'_> {
                 | Bind::Depth(_)
                 | Bind::Store(_)
                 | Bind::Layers(_)
+                | Bind::StoreLayers(_)
                 | Bind::Layer(..)
                 | Bind::Volume(_),
                 None,

@@ -28,6 +28,7 @@ field_types! {
     f32 => "f32",
     u32 => "u32",
     glam::UVec2 => "vec2<u32>",
+    glam::IVec2 => "vec2<i32>",
     i32 => "i32",
     glam::Vec2 => "vec2<f32>",
     glam::Vec3 => "vec3<f32>",

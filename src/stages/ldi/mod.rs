@@ -1,1 +1,3 @@
+pub mod lists;
 pub mod peel;
+pub mod sort;

@@ -6,7 +6,7 @@ use crate::stages::frame::Shared;
 use crate::stages::geometry::Geometry;
 use crate::stages::kit::{self, Bind, Group, Raster, RenderSpec, Resources};
 use crate::stages::screen_ray::Layers;
-use crate::stages::{Column, Output, Stage, StageInfo};
+use crate::stages::{Output, Stage, StageInfo};
 
 pub const INFO: StageInfo = StageInfo {
     name: "ldi/peel",
@@ -39,10 +39,7 @@ impl LayeredDepth {
         size_px: [u32; 2],
         layers: u32,
     ) -> Result<Self, GpuError> {
-        let formats = [wgpu::TextureFormat::R32Float, wgpu::TextureFormat::Rgba16Float];
-        let [depths, normals] =
-            formats.map(|format| resources.layers(INFO.name, size_px, format, layers.max(1)));
-        let layers = Layers { depths, normals };
+        let layers = Layers::drawn(resources, INFO.name, size_px, layers.max(1));
         let before = |layer: u32| {
             let binds = [Bind::Layer(&layers.depths, layer - 1)];
             Group::new(resources.gpu, INFO.name, &binds)
@@ -50,7 +47,7 @@ impl LayeredDepth {
         let behind: Vec<Group> = (1..layers.count()).map(before).collect();
         let raster = |first: bool, groups: &[&Group]| {
             let defs = [("FIRST", i32::from(first))];
-            let targets = formats.map(kit::opaque);
+            let targets = Layers::FORMATS.map(kit::opaque);
             let spec = RenderSpec {
                 buffers: &[Geometry::layout(false)],
                 depth: Some(kit::depth_state(wgpu::CompareFunction::Less, true)),
@@ -117,8 +114,6 @@ impl Stage for LayeredDepth {
     }
 
     fn outputs(&self) -> Vec<Output> {
-        let column = Column::new("depth", "1", "normalised device depth of the camera");
-        let meaning = "depth of the nearest layer, 0 near plane to 1 far plane";
-        vec![Output::texture("depth", meaning, vec![column], &self.layers.depths)]
+        vec![self.layers.output()]
     }
 }

@@ -21,36 +21,42 @@ shader_struct! {
     pub struct ComposeUniforms {
         pub size_px: Vec2,
         pub exposure: f32,
+        pub shaft_scale: f32,
     }
 }
 
 pub struct Compose(ScreenPass);
 
 impl Compose {
+    /// `shafts` is what they add up to in each pixel, W, and the radiance for each of these.
     pub fn new(
         resources: &Resources<'_>,
         shared: &Shared,
         gbuffer: &GbufferTextures,
         irradiance: &wgpu::Texture,
+        shafts: Option<(&wgpu::Texture, f64)>,
         exposure: f64,
     ) -> Result<Self, GpuError> {
         let size_px = [irradiance.width(), irradiance.height()];
         let settings = ComposeUniforms {
             size_px: Vec2::from(size_px.map(|side| side as f32)),
             exposure: exposure as f32,
+            shaft_scale: shafts.map_or(0.0, |(_, scale)| scale as f32),
         };
         let settings = resources.uniform(INFO.name, &settings);
-        let binds = [
+        let mut binds = vec![
             Bind::Uniform(&settings),
             Bind::Texels(&gbuffer.albedo),
             Bind::Texels(&gbuffer.normal),
             Bind::Depth(&gbuffer.depth),
             Bind::Texels(irradiance),
         ];
+        binds.extend(shafts.map(|(texture, _)| Bind::Texels(texture)));
         let group = Group::new(resources.gpu, INFO.name, &binds);
         let groups = [&shared.group, &group];
         let targets = [kit::opaque(wgpu::TextureFormat::Rgba8Unorm)];
-        let spec = RenderSpec::new(INFO.name, INFO.name, &groups, &targets);
+        let defs = [("SHAFTS", i32::from(shafts.is_some()))];
+        let spec = RenderSpec::new(INFO.name, (INFO.name, &defs[..]), &groups, &targets);
         ScreenPass::new(resources, &spec, size_px, wgpu::Color::BLACK).map(Self)
     }
 

@@ -1,0 +1,37 @@
+// Every fragment into the list of its pixel, in any order: one pass over the triangles. Yang et al., Real-Time Concurrent Linked List
+// Construction on the GPU, 2010, §3. The alternative to peeling that SPT §6 hopes for.
+#import fathom::frame::{frame}
+#import fathom::fragment_list::{Node}
+#import fathom::surface::{SceneVertex}
+
+struct Lists {
+    width: u32,
+    // Room for so many fragments.
+    capacity: u32,
+}
+
+@group(1) @binding(0) var<uniform> lists: Lists;
+// How many fragments there are; then, for each pixel, the number of its latest, from 1 on.
+@group(1) @binding(1) var<storage, read_write> heads: array<atomic<u32>>;
+@group(1) @binding(2) var<storage, read_write> nodes: array<Node>;
+
+struct Varying {
+    @builtin(position) @invariant clip: vec4<f32>,
+    @location(0) normal: vec3<f32>,
+}
+
+@vertex
+fn vertex(in: SceneVertex) -> Varying {
+    return Varying(frame.camera_view_projection * vec4(in.position_m, 1.0), in.normal);
+}
+
+@fragment
+fn fragment(in: Varying) {
+    let own = atomicAdd(&heads[0], 1u);
+    if own >= lists.capacity {
+        return;
+    }
+    let pixel = vec2<u32>(in.clip.xy);
+    let before = atomicExchange(&heads[1u + pixel.x + pixel.y * lists.width], own + 1u);
+    nodes[own] = Node(in.clip.z, before, normalize(in.normal));
+}

@@ -1,0 +1,38 @@
+// defs: WATER=0
+// A line from start to hit for each photon, fading with the way through the medium, added up: SPT §3.2.
+#import fathom::frame::{frame}
+#import fathom::photon::{Photon}
+
+struct Shafts {
+    // Flux of a photon, W.
+    photon_w: f32,
+    photons: u32,
+}
+
+@group(1) @binding(0) var<uniform> settings: Shafts;
+@group(1) @binding(1) var<storage, read> photons: array<Photon>;
+@group(1) @binding(2) var scene_depth: texture_depth_2d;
+
+struct Varying {
+    @builtin(position) clip: vec4<f32>,
+    // Way from the start, metres.
+    @location(0) way_m: f32,
+}
+
+@vertex
+fn vertex(@builtin(vertex_index) end: u32, @builtin(instance_index) index: u32) -> Varying {
+    let photon = photons[index];
+    if photon.residual_m < 0.0 || photon.distance_m <= 0.0 {
+        return Varying(vec4(2.0, 2.0, 2.0, 1.0), 0.0);
+    }
+    let place = select(photon.entry_m, photon.hit_m, end == 1u);
+    return Varying(frame.camera_view_projection * vec4(place, 1.0), select(0.0, photon.distance_m, end == 1u));
+}
+
+@fragment
+fn fragment(in: Varying) -> @location(0) vec4<f32> {
+    if in.clip.z > textureLoad(scene_depth, vec2<i32>(in.clip.xy), 0) {
+        discard;
+    }
+    return vec4(settings.photon_w * exp(-frame.attenuation_per_m * in.way_m));
+}

@@ -1,0 +1,2 @@
+pub mod blur;
+pub mod lines;
