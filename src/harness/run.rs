@@ -97,7 +97,7 @@ struct Defaults {
     most_budget_s: f64,
 }
 
-/// Quick: both papers' suites within eight minutes, set-up included.
+/// Quick: all experiments within eight minutes, set-up included.
 const QUICK: Defaults = Defaults { precision: 0.02, budget_per_cell_s: 6.0, most_budget_s: 420.0 };
 const PAPER: Defaults =
     Defaults { precision: 0.01, budget_per_cell_s: 20.0, most_budget_s: 1_800.0 };

@@ -1,6 +1,6 @@
 //! The rule of evidence: figures against the bands that they must lie in.
 
-use super::{ALPHA, Verdict, least_samples};
+use super::{ALPHA, Verdict};
 use crate::experiments::measure::Reading;
 use crate::statistics::{self, Interval};
 
@@ -118,19 +118,26 @@ impl Comparison {
         }
     }
 
-    /// What would settle it.
-    fn settled_by(&self) -> String {
+    /// What would settle it, as one of so many comparisons. What lies outside its band is contradicted by the interval that is
+    /// widened for their number.
+    fn settled_by(&self, of: usize) -> String {
         let Some(n) = self.n() else {
             return "its spread over the cells straddles the bound".to_owned();
         };
-        if n < least_samples() {
-            return format!("{} samples are needed", least_samples());
+        let of = if self.inside() < 0.0 { of } else { 1 };
+        let least = statistics::least_samples(ALPHA / of as f64);
+        if n < least {
+            return format!("{least} samples are needed");
         }
         // The interval shrinks with the root of n, until its end reaches the bound.
-        let reach = self.figure.interval(ALPHA).map_or(f64::NAN, |i| self.reach(i));
+        let reach = self.figure.interval(ALPHA / of as f64).map_or(f64::NAN, |i| self.reach(i));
         let needed = n as f64 * (reach / self.inside()).powi(2);
         if needed.is_finite() && needed <= MOST_SAMPLES {
-            format!("the interval straddles the bound; about {needed:.0} samples would settle it")
+            let widened =
+                if of > 1 { format!(", widened for {of} comparisons,") } else { String::new() };
+            format!(
+                "the interval{widened} straddles the bound; about {needed:.0} samples would settle it"
+            )
         } else {
             "the figure lies at the bound".to_owned()
         }
@@ -148,7 +155,9 @@ pub(super) fn judge(comparisons: &[Comparison]) -> Option<(Verdict, String)> {
     let told = deciding.iter().take(named).map(|comparison| {
         let told = format!("{} against {}", comparison.text(), comparison.asked());
         match verdict {
-            Verdict::Inconclusive => format!("{told}: {}", comparison.settled_by()),
+            Verdict::Inconclusive => {
+                format!("{told}: {}", comparison.settled_by(comparisons.len()))
+            }
             _ => told,
         }
     });

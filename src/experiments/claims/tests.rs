@@ -486,6 +486,31 @@ fn noise_supports_a_claim_no_more_often_than_the_stated_rate() {
 }
 
 #[test]
+fn more_samples_than_there_are_settle_what_is_open() {
+    let (least, rounds) = (
+        r#"ratio = { y = "stage:s", over = "n", numerator = 2, denominator = 1, low = 0.99, high = inf }"#,
+        24,
+    );
+    let all_rise =
+        r#"monotone = { y = "stage:s", x = "axis:n", over = "n", direction = "rising" }"#;
+    let mut told = 0;
+    for seed in 0..60 {
+        // Just below the bound, and falling slightly where rising is claimed: one of three steps.
+        let below = drifting(&[1.0, 2.0], rounds, |n| 5.0 - 0.07 * (n - 1.0), 0.02, seed);
+        let falling = drifting(&[1.0, 2.0, 3.0, 4.0], rounds, |n| 5.0 - 0.04 * n, 0.02, seed);
+        for (test, cells) in [(least, below), (all_rise, falling)] {
+            let (verdict, reason) = ruled(test, &cells, true);
+            let number = reason.split_once("; about ").and_then(|(_, rest)| rest.split(' ').next());
+            if let Some(number) = number.filter(|_| verdict == Inconclusive) {
+                assert!(number.parse::<u32>().unwrap() > rounds, "{reason}");
+                told += 1;
+            }
+        }
+    }
+    assert!(told > 20, "{told}");
+}
+
+#[test]
 fn claims_over_noise_that_has_no_order_are_hardly_ever_supported() {
     let cells = |trial| drifting(&[1.0, 2.0, 3.0, 4.0], 32, |_| 5.0, 0.02, 5_000 + trial);
     let counts = verdicts(RISING, 200, cells);
