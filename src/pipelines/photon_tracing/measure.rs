@@ -75,7 +75,9 @@ impl PhotonTracing {
 
     /// Errors of the last frame's photons: `photon_error_median_m`, `photon_error_p99_m`, `photon_wrong_surface_rate` of those that
     /// end in view by both, and `photon_miss_rate` of those that end in view. The quantities `photon_off_frustum_rate` and
-    /// `photon_false_hit_rate` are shares of all photons that end anywhere. Of large grids an even selection is compared.
+    /// `photon_false_hit_rate` are shares of all photons that end anywhere. `caustics_photon_error_median_m` and
+    /// `caustics_photon_miss_rate` are the errors of the pipeline `underwater` by the same names: the second is a share of all photons that
+    /// end anywhere, in view or not. Of large grids an even selection is compared.
     pub(super) fn landing_errors(&self, gpu: &Gpu, scene: &Scene) -> Result<Judged, JudgeError> {
         let found = self.stored(gpu)?;
         let ends = self.ends(&found, &Tracer::new(&scene.objects)?);
@@ -84,11 +86,14 @@ impl PhotonTracing {
         let wrong = errors_m.iter().filter(|error_m| **error_m > WRONG_M).count();
         let share = |count: usize, of: usize| count as f64 / of.max(1) as f64;
         let all = in_view + off_frustum;
+        let (median_m, p99_m) = (quantile(&mut errors_m, 0.5), quantile(&mut errors_m, 0.99));
         let figures = [
             ("photon_miss_rate", share(lost, in_view), "1"),
             ("photon_wrong_surface_rate", share(wrong, errors_m.len()), "1"),
-            ("photon_error_median_m", quantile(&mut errors_m, 0.5), "m"),
-            ("photon_error_p99_m", quantile(&mut errors_m, 0.99), "m"),
+            ("photon_error_median_m", median_m, "m"),
+            ("photon_error_p99_m", p99_m, "m"),
+            ("caustics_photon_error_median_m", median_m, "m"),
+            ("caustics_photon_miss_rate", share(lost + off_frustum, all), "1"),
         ];
         let stage = match self.params.rays.method {
             Method::Lines => rays::rasterize::INFO.name,
