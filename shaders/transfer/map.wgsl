@@ -10,8 +10,6 @@
 struct Map {
     // Photons along the light's screen, to the right and upwards.
     grid: vec2<u32>,
-    // 1: photons that geometry above the water stops are dropped.
-    masked: u32,
 }
 
 @group(1) @binding(0) var<uniform> settings: Map;
@@ -28,8 +26,8 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) g
     let ndc = (vec2<f32>(photon) + 0.5) / vec2<f32>(settings.grid) * 2.0 - 1.0;
     let ray = light_ray(ndc);
     let entry = meet_water(ray);
-    let inside = water::inside(entry.position_m.xz);
-    let alive = inside && (settings.masked == 0u || in_mask(shadow_mask, ndc));
+    // Photons that geometry above the water stops are dropped.
+    let alive = water::inside(entry.position_m.xz) && in_mask(shadow_mask, ndc);
     let refracted = refract(ray.direction, entry.normal, 1.0 / frame.refractive_index);
     transfers[index] = Transfer(entry.position_m, select(0.0, 1.0, alive), refracted, 0.0);
 }

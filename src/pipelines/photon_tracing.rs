@@ -18,7 +18,7 @@ use crate::stages::gbuffer::GbufferTextures;
 use crate::stages::geometry::Geometry;
 use crate::stages::kit::{Resources, linear_workgroups};
 use crate::stages::photon::Photons;
-use crate::stages::screen_ray::{FragmentLists, Layers, Rays, Transfers, Walked, group_each};
+use crate::stages::screen_ray::{FragmentLists, Layers, Rays, Walked, group_each};
 use crate::stages::shafts::blur::Blur;
 use crate::stages::shafts::lines::Lines;
 use crate::stages::sprites::compose::Compose;
@@ -32,7 +32,6 @@ pub use parameters::{LayerMethod, LayeredDepth, Method, Params};
 pub struct PhotonTracing {
     params: Params,
     pub view: View,
-    pub transfers: Transfers,
     pub photons: Photons,
     lists: Option<FragmentLists>,
     compose: Rc<Compose>,
@@ -60,7 +59,7 @@ impl Pipeline for PhotonTracing {
 
         let of_grid = &resources.sized_by("transfer.grid");
         let [x, y] = params.transfer.grid;
-        let settings = MapUniforms { grid: UVec2::new(x, y), masked: 1 };
+        let settings = MapUniforms { grid: UVec2::new(x, y) };
         let map = of_grid.push(Map::new(of_grid, shared, mask.texture(), &settings)?);
 
         let size_px = view.size_px.to_array();
@@ -90,8 +89,7 @@ impl Pipeline for PhotonTracing {
         let exposure = params.compose.exposure;
         let compose = Compose::new(of_view, shared, seen, &sprites.irradiance, shafts, exposure)?;
         let compose = of_view.push(compose);
-        let transfers = map.transfers.clone();
-        Ok(Self { params: params.clone(), view, transfers, photons, lists, compose })
+        Ok(Self { params: params.clone(), view, photons, lists, compose })
     }
 
     fn image(&self) -> &wgpu::Texture {
@@ -167,7 +165,7 @@ fn shafts(
     view: &View,
 ) -> Result<(Rc<Blur>, f64), GpuError> {
     let pixel_m = view.pixel_tangent(params.view.height) * params.middle_m();
-    let photon_w = view.light_frame().emitted_w / f64::from(params.photons());
+    let photon_w = photon_w(params, view);
     let length_px = params.floor_depth_m / pixel_m;
     let lines = Lines::new(of_view, shared, photons, &seen.depth, (photon_w, length_px))?;
     let lines = of_view.push(lines);
@@ -190,12 +188,17 @@ fn view(params: &Params, scene: &Scene) -> View {
     }
 }
 
+/// Flux that each photon has of the light's.
+fn photon_w(params: &Params, view: &View) -> f64 {
+    view.light_frame().emitted_w / f64::from(params.photons())
+}
+
 fn sprite(params: &Params, view: &View) -> Sprite {
     let radius_m = params.sprites.radius_m;
     Sprite {
         radius_m,
         visible_m: params.sprites.visible_m,
-        photon_w: view.light_frame().emitted_w / f64::from(params.photons()),
+        photon_w: photon_w(params, view),
         side_px: 2.0 * radius_m / (view.pixel_tangent(params.view.height) * params.middle_m()),
     }
 }

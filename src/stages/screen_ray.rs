@@ -13,7 +13,7 @@ use crate::scene::Bounds;
 use crate::shader_struct;
 
 shader_struct! {
-    /// A texel of the transfer map: `Transfer` in `shaders/shared/screen_ray.wgsl`, metres.
+    /// A texel of the transfer map: `Transfer` in `shaders/shared/transfer.wgsl`, metres.
     #[repr(C)]
     #[derive(Copy, Pod, Zeroable)]
     pub struct Transfer {
@@ -211,11 +211,6 @@ impl Rays<'_> {
     }
 }
 
-/// Groups of a stage that walks rays, in their order.
-pub fn groups<'g>(shared: &'g Shared, own: &'g Group) -> [&'g Group; 2] {
-    [&shared.group, own]
-}
-
 /// Photons where their rays end, for dumps.
 pub fn output(photons: &Photons) -> Output {
     let m = |name, meaning| Column::new(name, "m", meaning);
@@ -262,7 +257,7 @@ impl Walked {
     ) -> Result<Self, GpuError> {
         let photons = Photons::new(resources, info.name, rays.transfers.count);
         let own = rays.group(resources, info.name, Some(&photons));
-        let groups = groups(shared, &own);
+        let groups = [&shared.group, &own];
         let defs = rays.defs();
         Ok(Self {
             info,

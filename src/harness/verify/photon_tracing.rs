@@ -6,12 +6,12 @@ use glam::{DVec3, UVec2};
 
 use super::{Case, Check, Checks, Result, Rig, largest, rig};
 use crate::gpu::read_volume;
-use crate::reference::image::pixels;
+use crate::reference::image::{Image, pixels};
 use crate::reference::optics::refract;
 use crate::reference::quantities::{StoredPhoton, quantile};
 use crate::reference::rays::{PixelRays, Tracer};
 use crate::reference::surface::enter;
-use crate::scene::{Camera, Scene};
+use crate::scene::{Camera, LightKind, Scene, Water};
 use crate::stages::kit::linear_workgroups;
 use crate::stages::ldi::lists::{self, Lists};
 use crate::stages::ldi::peel::{self, LayeredDepth};
@@ -28,7 +28,7 @@ use crate::stages::sprites::compose::{self, Compose};
 use crate::stages::sprites::draw::{self, Sprite, Sprites};
 use crate::stages::transfer::map::{self, Map, MapUniforms};
 
-/// Scenes with columns and curved objects; with an open shore; with a slanted plane alone.
+/// Scenes with columns and curved objects; with an open shore, seen from above; with many boxes and barrels.
 const SCENES: [&str; 3] = ["tank", "port", "storage"];
 const SIZE: [u32; 2] = [320, 240];
 const GRID: [u32; 2] = [48, 40];
@@ -100,7 +100,7 @@ impl Setup {
         let rig::Stand { shared, geometry, .. } = &stand;
         let depth = Depth::new(&rig.resources, shared, geometry, 512)?;
         let mask = Mask::new(&rig.resources, shared, depth.texture(), 64)?;
-        let settings = MapUniforms { grid: UVec2::from(GRID), masked: 1 };
+        let settings = MapUniforms { grid: UVec2::from(GRID) };
         let map = Map::new(&rig.resources, shared, mask.texture(), &settings)?;
         let peel = LayeredDepth::new(&rig.resources, shared, geometry, SIZE, layers)?;
         rig.run(&[&depth, &mask, &map, &peel])?;
@@ -159,12 +159,12 @@ fn transfers(rig: &Rig<'_>) -> Checks {
     let view = &setup.stand.view;
     let frame = view.light_frame();
     let ndc = |k: u32, n: u32| 2.0 * (f64::from(k) + 0.5) / f64::from(n) - 1.0;
-    let errors = |index: f64| {
+    let errors = |water: &Water, index: f64| {
         let (mut places, mut directions) = (Vec::new(), Vec::new());
         for (number, stored) in (0..).zip(&setup.stored).filter(|(_, stored)| stored.alive > 0.0) {
             let (origin, incident) =
                 frame.ray(ndc(number % GRID[0], GRID[0]), ndc(number / GRID[0], GRID[1]));
-            let entry = enter(&view.water, origin, incident, f64::MAX);
+            let entry = enter(water, origin, incident, f64::MAX);
             let refracted = entry.and_then(|e| refract(incident, e.normal, 1.0, index));
             let off = |a: Option<DVec3>, b: DVec3| a.map_or(f64::NAN, |a| a.distance(b));
             places.push(off(entry.map(|e| e.position), stored.position_m.as_dvec3()));
@@ -173,15 +173,16 @@ fn transfers(rig: &Rig<'_>) -> Checks {
         [quantile(&mut places, 0.99), quantile(&mut directions, 0.99)]
     };
     let index = view.water.refractive_index;
-    let [places, directions] = errors(index);
+    let [places, directions] = errors(&view.water, index);
+    let higher = Water { amplitude_m: 1.1 * view.water.amplitude_m, ..view.water.clone() };
     Ok(vec![
         // The noise texture is interpolated between texels.
         Check::of(map::INFO.name, "99th percentile of |entry − exact entry|")
             .within((1e-3, "m"), places)
-            .control("entries 2 mm aside", places + 2e-3),
+            .control("waves 10 % higher", errors(&higher, index)[0]),
         Check::of(map::INFO.name, "99th percentile of |direction − Snell's|")
             .within((5e-3, "1"), directions)
-            .control("refractive index 3 % higher", errors(1.03 * index)[1]),
+            .control("refractive index 3 % higher", errors(&view.water, 1.03 * index)[1]),
     ])
 }
 
@@ -403,11 +404,13 @@ struct Lit {
     photons: Photons,
 }
 
+/// The photons' way is a metre.
+const GAMMA_PER_M: f64 = 0.13;
 const SPRITE: Sprite = Sprite { radius_m: 0.4, visible_m: 0.05, photon_w: 0.7, side_px: 40.0 };
 
 fn lit(rig: &Rig<'_>) -> Result<Lit> {
-    let mut scene = rig::flat_plane(crate::scene::LightKind::Directional)?;
-    scene.water.attenuation_per_m = 0.0;
+    let mut scene = rig::flat_plane(LightKind::Directional)?;
+    scene.water.attenuation_per_m = GAMMA_PER_M;
     scene.camera.up = [0.3, 1.0, 0.1];
     let stand = rig.stand(&scene, SIZE);
     let peel = LayeredDepth::new(&rig.resources, &stand.shared, &stand.geometry, SIZE, 2)?;
@@ -451,7 +454,7 @@ fn energy(rig: &Rig<'_>) -> Result<Check> {
     let shown = pixels(SIZE).filter(|(x, y)| irradiance.clamped((*x).into(), (*y).into()) > 0.0);
     let brought: f64 =
         shown.map(|(x, y)| irradiance.clamped(x.into(), y.into()) * area(x, y)).sum();
-    let flux = SPRITE.photon_w * lit.hits.len() as f64;
+    let flux = SPRITE.photon_w * (-GAMMA_PER_M).exp() * lit.hits.len() as f64;
     let off = |flux: f64| (brought / flux - 1.0).abs();
     Ok(Check::of(
         draw::INFO.name,
@@ -478,7 +481,7 @@ fn sprite_shape(rig: &Rig<'_>) -> Result<Check> {
                 .map(|hit| {
                     let far_m = (hit.y - origin.y) / direction.y;
                     let r = (origin + direction * far_m).distance(*hit);
-                    SPRITE.rise_w_m3() * (radius_m - r).max(0.0)
+                    SPRITE.rise_w_m3() * (-GAMMA_PER_M).exp() * (radius_m - r).max(0.0)
                 })
                 .sum();
             (irradiance.clamped(x.into(), y.into()) - exact).abs()
@@ -490,39 +493,58 @@ fn sprite_shape(rig: &Rig<'_>) -> Result<Check> {
         .control("radius 5 % larger", errors(1.05 * SPRITE.radius_m)))
 }
 
-/// Radiance that known irradiance adds to a grey floor, against Lambert's law and Beer's.
-fn composed(rig: &Rig<'_>) -> Result<Check> {
+/// Radiance that known irradiance adds to a grey floor, against Lambert's law and Beer's; and that shafts add to what is behind them.
+fn composed(rig: &Rig<'_>) -> Checks {
     const EXPOSURE: f64 = 0.4;
+    const SHAFT_W: f64 = 1.5;
+    const SHAFT_SCALE: f64 = 0.2;
+    /// Where the tint of shafts is 1.
     const BLUE: usize = 2;
-    let scene = rig::flat_plane(crate::scene::LightKind::Directional)?;
+    let scene = rig::flat_plane(LightKind::Directional)?;
     let stand = rig.stand(&scene, SIZE);
     let gbuffer = rig.gbuffer(&stand)?;
-    let radiance = |irradiance: f64| -> Result<_> {
-        let light =
-            rig.grey(&crate::reference::image::Image::constant(SIZE[0], SIZE[1], irradiance));
-        let stage = Compose::new(&rig.resources, &stand.shared, &gbuffer, &light, None, EXPOSURE)?;
+    let constant = |value: f64| rig.grey(&Image::constant(SIZE[0], SIZE[1], value));
+    let shaft = constant(SHAFT_W);
+    let radiance = |irradiance: f64, shafts| -> Result<Image> {
+        let light = constant(irradiance);
+        let stage =
+            Compose::new(&rig.resources, &stand.shared, &gbuffer, &light, shafts, EXPOSURE)?;
         rig.run(&[&stage])?;
         let shown = rig.channel(stage.texture(), BLUE)?;
         Ok(shown.map(|value| -(1.0 - value.powf(2.2)).ln() / EXPOSURE))
     };
-    let (dark, light) = (radiance(0.0)?, radiance(6.0)?);
+    let (dark, light) = (radiance(0.0, None)?, radiance(6.0, None)?);
+    let crossed = radiance(0.0, Some((&shaft, SHAFT_SCALE)))?;
     let albedo = rig.channel(&gbuffer.albedo, BLUE)?;
     let tracer = Tracer::new(&scene.objects)?;
     let rays = PixelRays::new(&scene.camera, SIZE[0], SIZE[1]);
     let errors = |irradiance: f64| {
         let off = pixels(SIZE).filter_map(|(x, y)| {
             let (hit, _) = rays.cast(&tracer, x, y)?;
-            let at = |image: &crate::reference::image::Image| image.clamped(x.into(), y.into());
+            let at = |image: &Image| image.clamped(x.into(), y.into());
             let through = (-scene.water.attenuation_per_m * path_m(&scene, hit.position)).exp();
             let exact = at(&albedo) / std::f64::consts::PI * irradiance * through;
             Some((at(&light) - at(&dark) - exact).abs() / exact)
         });
         quantile(&mut off.collect::<Vec<_>>(), 0.9)
     };
+    let of_shafts = |scale: f64| {
+        let added = crossed.data().iter().zip(dark.data()).map(|(with, without)| with - without);
+        let off = added.map(|added| (added / (SHAFT_W * scale) - 1.0).abs());
+        quantile(&mut off.collect::<Vec<_>>(), 0.9)
+    };
     // Steps of an 8-bit display.
-    Ok(Check::of(compose::INFO.name, "90th percentile of the added radiance's relative error")
-        .within((0.03, "1"), errors(6.0))
-        .control("6 % more light expected", errors(6.36)))
+    Ok(vec![
+        Check::of(compose::INFO.name, "90th percentile of the added radiance's relative error")
+            .within((0.03, "1"), errors(6.0))
+            .control("6 % more light expected", errors(6.36)),
+        Check::of(
+            compose::INFO.name,
+            "90th percentile of the relative error of the shafts' radiance",
+        )
+        .within((0.03, "1"), of_shafts(SHAFT_SCALE))
+        .control("a scale 6 % larger", of_shafts(1.06 * SHAFT_SCALE)),
+    ])
 }
 
 /// Way through the water from a place below it to the camera.

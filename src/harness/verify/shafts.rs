@@ -61,13 +61,22 @@ impl Line {
         (bx - ax).hypot(by - ay)
     }
 
-    /// Its intensity at the middle of a pixel.
-    fn at(&self, pixel: [u32; 2], gamma_per_m: f64) -> f64 {
+    /// How far along the line in the world the middle of a pixel is.
+    fn share_at(&self, pixel: [u32; 2]) -> f64 {
         let (axis, extent) = self.longest();
         let on_screen = (f64::from(pixel[axis]) + 0.5 - self.places[0][axis]) / extent;
         let [near, far] = self.view_m;
-        let share = on_screen * near / (on_screen * near + (1.0 - on_screen) * far);
-        let way_m = share * self.ends_m[0].distance(self.ends_m[1]);
+        on_screen * near / (on_screen * near + (1.0 - on_screen) * far)
+    }
+
+    fn view_m_at(&self, pixel: [u32; 2]) -> f64 {
+        let [near, far] = self.view_m;
+        near + self.share_at(pixel) * (far - near)
+    }
+
+    /// Its intensity at the middle of a pixel.
+    fn at(&self, pixel: [u32; 2], gamma_per_m: f64) -> f64 {
+        let way_m = self.share_at(pixel) * self.ends_m[0].distance(self.ends_m[1]);
         PHOTON_W * (-gamma_per_m * way_m).exp()
     }
 }
@@ -100,6 +109,7 @@ fn single_lines(rig: &Rig<'_>) -> Checks {
     }
     // A driver draws rectangles a pixel wide, or a pixel for each step along the longer axis: Vulkan leaves both. A slanted rectangle holds
     // a few middles of pixels more or fewer than its area says.
+    let hidden = hidden(rig)?;
     let off = |longer_px: f64| {
         let beyond = |(n, steps, length): &(f64, f64, f64)| {
             (steps + longer_px - n).max(n - length - longer_px).max(0.0)
@@ -117,7 +127,44 @@ fn single_lines(rig: &Rig<'_>) -> Checks {
         )
         .within((6.0, "px"), off(0.0))
         .control("lines 30 px longer", off(30.0)),
+        hidden,
     ])
+}
+
+/// Lines behind a wall across the view are hidden, pixel by pixel.
+fn hidden(rig: &Rig<'_>) -> Result<Check> {
+    const WALL_M: f64 = 5.0;
+    let view = rig::synthetic_view(SIZE, GAMMA_PER_M)?;
+    let shared = Shared::new(&rig.resources, &view);
+    let rays = PixelRays::new(&view.camera, SIZE[0], SIZE[1]);
+    let ahead = view.camera.position() + WALL_M * view.camera.direction();
+    let wall = rig.depth(SIZE, rays.project(ahead).map_or(1.0, |place| place.depth))?;
+    let open = rig.depth(SIZE, 1.0)?;
+    let mut random = rig::Random::new(11);
+    // Of each pixel of a line: whether it is drawn before the wall, and its view depth.
+    let mut found: Vec<(bool, f64)> = Vec::new();
+    for _ in 0..LINES {
+        let Some(line) = Line::random(&mut random, &view.camera, &rays) else { continue };
+        let [start, end] = line.ends_m;
+        let photons = rig.photons(&[rig::photon(start, end, start.distance(end))]);
+        let drawn = |depth: &wgpu::Texture| -> Result<Image> {
+            let stage = Lines::new(&rig.resources, &shared, &photons, depth, (PHOTON_W, 1.0))?;
+            rig.run(&[&stage])?;
+            rig.channel(&stage.target, 0)
+        };
+        let (all, shown) = (drawn(&open)?, drawn(&wall)?);
+        let lit = |image: &Image, x: u32, y: u32| image.clamped(x.into(), y.into()) > 0.0;
+        let pixels = pixels(SIZE).filter(|(x, y)| lit(&all, *x, *y));
+        found.extend(pixels.map(|(x, y)| (lit(&shown, x, y), line.view_m_at([x, y]))));
+    }
+    let wrong = |wall_m: f64| {
+        let wrong = found.iter().filter(|(shown, view_m)| *shown != (*view_m <= wall_m)).count();
+        wrong as f64 / found.len() as f64
+    };
+    // Where a line meets the wall, a pixel may fall to either side.
+    Ok(Check::of(lines::INFO.name, "share of pixels shown behind a wall or hidden before it")
+        .within((0.03, "1"), wrong(WALL_M))
+        .control("the wall a metre farther", wrong(WALL_M + 1.0)))
 }
 
 fn gaussian(rig: &Rig<'_>, sigma_px: f64) -> Result<Check> {

@@ -112,6 +112,9 @@ settings! {
 /// Most rows by default: 8192 × 801 texels are 25 MiB.
 const ROWS: u32 = 8192;
 
+/// Most tiles: each is two passes of a frame, of which 2,048 are timed.
+const MOST_TILES: u32 = 1024;
+
 impl RaySettings {
     /// On an adapter with textures of so many rows at most.
     pub fn walking(&self, most_rows: u32) -> Walking {
@@ -128,8 +131,8 @@ impl RaySettings {
 settings! {
     /// Sprites on the receivers. SPT §3.1.
     pub struct SpriteSettings {
-        /// s of Eq. 1: distance from the hit at which nothing is left. SPT gives none; at the default grid photons lie about 5 cm
-        /// apart in scene tank.
+        /// s of Eq. 1: distance from the hit at which nothing is left. SPT gives none. Tuned on scene tank
+        /// at the default grid.
         radius_m: f64 = 0.1 => 1e-4 ..= 100.0, "m";
         /// A pixel is lit when what it shows lies this near to the receiver's tangent plane, along its line of sight. SPT says
         /// "close together".
@@ -182,10 +185,46 @@ impl Parameters for Params {
     fn consistent(&self) -> Result<(), ParamError> {
         self.camera.validate()?;
         self.light.validate()?;
-        Ok(self.water.validate()?)
+        self.water.validate()?;
+        let rows = if self.rays.rows == 0 { ROWS } else { self.rays.rows };
+        let tiles = self.photons().div_ceil(rows);
+        if self.rays.method == Method::Lines && tiles > MOST_TILES {
+            return Err(ParamError::Unfit(format!(
+                "transfer.grid and rays.rows give {tiles} tiles of photons: at most {MOST_TILES} are drawn"
+            )));
+        }
+        Ok(())
     }
 
     fn camera_mut(&mut self) -> &mut Camera {
         &mut self.camera
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use serde_json::{Value, json};
+
+    use super::*;
+    use crate::{parameter, pipelines};
+
+    fn with(settings: &[(&str, Value)]) -> Result<Params, ParamError> {
+        let mut tree = parameter::tree(&Params::from(&SceneFile::load("tank").unwrap()));
+        for (path, value) in settings {
+            parameter::set(&mut tree, path, value.clone()).unwrap();
+        }
+        pipelines::read(&tree)
+    }
+
+    #[test]
+    fn more_tiles_than_are_timed_are_refused_in_one_line() {
+        for settings in
+            [vec![("rays.rows", json!(1))], vec![("transfer.grid", json!([16384, 16384]))]]
+        {
+            let error = with(&settings).unwrap_err().to_string();
+            assert!(error.contains("rays.rows") && !error.contains('\n'), "{error}");
+        }
+        assert!(with(&[("rays.rows", json!(64))]).is_ok());
+        assert!(with(&[("rays.rows", json!(1)), ("rays.method", json!("march"))]).is_ok());
     }
 }

@@ -4,7 +4,7 @@ use crate::gpu::{ColorTarget, GpuError, StageScope, Targets};
 use crate::record::Work;
 use crate::stages::frame::Shared;
 use crate::stages::kit::{self, Raster, RenderSpec, Resources};
-use crate::stages::screen_ray::{Rays, groups};
+use crate::stages::screen_ray::Rays;
 use crate::stages::{Column, Output, Stage, StageInfo};
 
 pub const INFO: StageInfo = StageInfo {
@@ -33,7 +33,7 @@ impl Rasterize {
         rays: &Rays<'_>,
     ) -> Result<Self, GpuError> {
         let own = rays.group(resources, INFO.name, None);
-        let groups = groups(shared, &own);
+        let groups = [&shared.group, &own];
         let defs = rays.defs();
         let format = wgpu::TextureFormat::R32Float;
         let targets = [kit::opaque(format)];

@@ -20,7 +20,6 @@ shader_struct! {
     /// `Map` in `shaders/transfer/map.wgsl`.
     pub struct MapUniforms {
         pub grid: UVec2,
-        pub masked: u32,
     }
 }
 
