@@ -2,27 +2,30 @@
 // One layer of the layered depth image: the nearest surface behind the layer before. Everitt, Interactive Order-Independent
 // Transparency, 2001, as SPT §2.2 uses it.
 #import fathom::frame::{frame}
-#import fathom::surface::{SceneVertex}
+#import fathom::surface::{Material, SceneVertex}
 
+@group(1) @binding(0) var<storage, read> materials: array<Material>;
 #if FIRST == 0
-@group(1) @binding(0) var before: texture_2d<f32>;
+@group(1) @binding(1) var before: texture_2d<f32>;
 #endif
 
 struct Varying {
     @builtin(position) @invariant clip: vec4<f32>,
     @location(0) normal: vec3<f32>,
+    @location(1) @interpolate(flat) material: u32,
 }
 
 struct Layer {
     // Device depth, as the depth test compares it.
     @location(0) depth: vec4<f32>,
+    // What becomes of light there in w.
     @location(1) normal: vec4<f32>,
     @builtin(frag_depth) tested: f32,
 }
 
 @vertex
 fn vertex(in: SceneVertex) -> Varying {
-    return Varying(frame.camera_view_projection * vec4(in.position_m, 1.0), in.normal);
+    return Varying(frame.camera_view_projection * vec4(in.position_m, 1.0), in.normal, in.material);
 }
 
 @fragment
@@ -33,5 +36,5 @@ fn fragment(in: Varying) -> Layer {
         discard;
     }
 #endif
-    return Layer(vec4(z, 0.0, 0.0, 1.0), vec4(normalize(in.normal), 1.0), z);
+    return Layer(vec4(z, 0.0, 0.0, 1.0), vec4(normalize(in.normal), materials[in.material].optics), z);
 }

@@ -44,7 +44,8 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     for (var layer = 0u; layer < #{LAYERS}u; layer++) {
         var normal = vec4(0.0);
         if chosen[layer] != 0u {
-            normal = vec4(nodes[chosen[layer] - 1u].normal, 1.0);
+            let node = nodes[chosen[layer] - 1u];
+            normal = vec4(node.normal, node.optics);
         }
         textureStore(depths, id.xy, layer, vec4(nearest[layer]));
         textureStore(normals, id.xy, layer, normal);

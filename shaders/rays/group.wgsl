@@ -2,7 +2,7 @@
 // The same rays, a workgroup each: its invocations take neighbouring steps, and the nearest hit among them ends the ray.
 #import fathom::photon::{Photon}
 #import fathom::screen_ray::{Walk, hit, segment}
-#import fathom::transfer::{NO_HIT, Transfer, landed}
+#import fathom::transfer::{ENDED, NO_HIT, Transfer, landed}
 
 @group(1) @binding(0) var<uniform> walk: Walk;
 @group(1) @binding(1) var<storage, read> transfers: array<Transfer>;
@@ -27,6 +27,9 @@ fn main(
         return;
     }
     let ray = transfers[photon];
+    if ray.state == ENDED {
+        return;
+    }
     let seg = segment(walk, ray);
     if lane == 0u {
         atomicStore(&nearest, NONE);

@@ -3,7 +3,7 @@
 #import fathom::dispatch::place
 #import fathom::photon::{Photon}
 #import fathom::screen_ray::{Walk, hit, segment}
-#import fathom::transfer::{NO_HIT, Transfer, landed}
+#import fathom::transfer::{ENDED, NO_HIT, Transfer, landed}
 
 @group(1) @binding(0) var<uniform> walk: Walk;
 @group(1) @binding(1) var<storage, read> transfers: array<Transfer>;
@@ -18,6 +18,9 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) g
         return;
     }
     let ray = transfers[photon];
+    if ray.state == ENDED {
+        return;
+    }
     let seg = segment(walk, ray);
     var at_m = NO_HIT;
     for (var number = 0.0; number < seg.steps && at_m >= NO_HIT; number += 1.0) {

@@ -1,7 +1,7 @@
 // defs: LAST=0, WATER=0
 // The first hit of each row: SPT §2.1, a horizontal reduction in steps that each halve the width. LAST 1 makes a photon of what is left.
 #import fathom::photon::{Photon}
-#import fathom::transfer::{NO_HIT, Transfer, landed}
+#import fathom::transfer::{ENDED, NO_HIT, Transfer, landed}
 
 @group(0) @binding(0) var hits: texture_2d<f32>;
 #if LAST == 0
@@ -36,6 +36,9 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     if id.x >= textureDimensions(hits).y || photon >= tile.photons {
         return;
     }
-    photons[photon] = landed(transfers[photon], textureLoad(hits, vec2(0, i32(id.x)), 0).x);
+    let ray = transfers[photon];
+    if ray.state != ENDED {
+        photons[photon] = landed(ray, textureLoad(hits, vec2(0, i32(id.x)), 0).x);
+    }
 }
 #endif

@@ -15,7 +15,7 @@ struct Shafts {
 
 struct Varying {
     @builtin(position) clip: vec4<f32>,
-    // Way from the start, metres.
+    // Way from the water's surface, metres.
     @location(0) way_m: f32,
 }
 
@@ -26,7 +26,9 @@ fn vertex(@builtin(vertex_index) end: u32, @builtin(instance_index) index: u32) 
         return Varying(vec4(2.0, 2.0, 2.0, 1.0), 0.0);
     }
     let place = select(photon.entry_m, photon.hit_m, end == 1u);
-    return Varying(frame.camera_view_projection * vec4(place, 1.0), select(0.0, photon.distance_m, end == 1u));
+    // Behind a mirror or glass some way lies before the start.
+    let before_m = max(photon.distance_m - distance(photon.entry_m, photon.hit_m), 0.0);
+    return Varying(frame.camera_view_projection * vec4(place, 1.0), select(before_m, photon.distance_m, end == 1u));
 }
 
 @fragment

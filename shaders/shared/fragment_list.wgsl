@@ -7,4 +7,6 @@ struct Node {
     // Number of the next fragment, from 1 on; 0: none.
     next: u32,
     normal: vec3<f32>,
+    // As `fathom::optics` reads it.
+    optics: f32,
 }

@@ -8,7 +8,8 @@
 
 struct Photon {
     entry_m: vec3<f32>,
-    // |p_e − p_proj| in the last iteration; −1: never enters the water; −2: left the light frustum or meets nothing.
+    // |p_e − p_proj| in the last iteration; −1: never enters the water; −2: left the light frustum or meets nothing;
+    // −3: still between mirrors or glass after the most bounces.
     residual_m: f32,
     hit_m: vec3<f32>,
     // From entry to hit.
@@ -35,6 +36,7 @@ struct Trace {
 
 const MISSED: f32 = -1.0;
 const OUTSIDE: f32 = -2.0;
+const ON_ITS_WAY: f32 = -3.0;
 // Newton steps for the ray against the height field. Each squares the error, which starts at the wave's amplitude times
 // the ray's slope: the third step is below f32 resolution, so its slope serves for the normal.
 const SURFACE_STEPS: i32 = 3;

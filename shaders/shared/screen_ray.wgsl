@@ -8,7 +8,8 @@
 #define_import_path fathom::screen_ray
 
 #import fathom::frame::{frame, world_at, view_depth_m}
-#import fathom::transfer::{NO_HIT, Transfer}
+#import fathom::optics
+#import fathom::transfer::{AGAIN, FIRST, INSIDE, NO_HIT, Transfer, is_on_its_way}
 
 struct Walk {
     // The scene's box, at which rays end.
@@ -77,7 +78,7 @@ fn cut(part: vec2<f32>, a: f32, b: f32) -> vec2<f32> {
 
 fn segment(walk: Walk, ray: Transfer) -> Segment {
     let end_m = leaves_m(walk, ray);
-    if ray.alive == 0.0 || end_m <= walk.start_m {
+    if !is_on_its_way(ray) || end_m <= walk.start_m {
         return NOTHING;
     }
     let a = frame.camera_view_projection * vec4(ray.position_m + walk.start_m * ray.direction, 1.0);
@@ -110,6 +111,15 @@ fn distance_at(seg: Segment, on_screen: f32) -> f32 {
     return mix(seg.from_m, seg.to_m, share_at(seg, on_screen));
 }
 
+// Whether a ray can hit a surface from the side from which it comes: normals point outwards.
+fn can_hit(ray: Transfer, surface: vec4<f32>) -> bool {
+    if ray.state == FIRST {
+        return true;
+    }
+    let from_outside = dot(ray.direction, surface.xyz) < 0.0;
+    return from_outside != (ray.state == INSIDE && optics::is_glass(surface.w));
+}
+
 // Distance along the ray at which step `number` hits a surface, or NO_HIT.
 fn hit(
     walk: Walk, depths: texture_2d_array<f32>, normals: texture_2d_array<f32>, ray: Transfer, seg: Segment, number: f32
@@ -128,7 +138,8 @@ fn hit(
         if z >= 1.0 {
             break;
         }
-        if abs(view_depth_m(z) - view_m) * stretch <= walk.tolerance_m {
+        let near = abs(view_depth_m(z) - view_m) * stretch <= walk.tolerance_m;
+        if near && can_hit(ray, textureLoad(normals, texel, layer, 0)) {
             return at_m;
         }
     }
@@ -144,10 +155,11 @@ fn hit(
             break;
         }
         let surface_m = world_at(uv, z);
-        let normal = textureLoad(normals, texel, layer, 0).xyz;
+        let surface = textureLoad(normals, texel, layer, 0);
+        let normal = surface.xyz;
         let before = dot(ray.position_m + from_m * ray.direction - surface_m, normal);
         let behind = dot(ray.position_m + to_m * ray.direction - surface_m, normal);
-        if before * behind > 0.0 || before == behind {
+        if before * behind > 0.0 || before == behind || !can_hit(ray, surface) {
             continue;
         }
         let at_m = mix(from_m, to_m, before / (before - behind));

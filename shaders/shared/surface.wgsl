@@ -10,6 +10,8 @@ struct Material {
     alpha: f32,
     // Reflectance of the glossy lobe.
     specular: f32,
+    // As `fathom::optics` reads it.
+    optics: f32,
 }
 
 struct SceneVertex {

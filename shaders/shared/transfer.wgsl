@@ -7,12 +7,27 @@
 // Where a photon leaves its last specular surface, and in which direction: a texel of SPT's transfer map.
 struct Transfer {
     position_m: vec3<f32>,
-    // 1; 0 for a photon that never got here.
-    alive: f32,
+    // One of those below.
+    state: f32,
     // Unit.
     direction: vec3<f32>,
     // Way under water that is behind it.
     path_m: f32,
+}
+
+// It never got here.
+const NEVER: f32 = 0.0;
+// On its first way: surfaces are hit from both sides.
+const FIRST: f32 = 1.0;
+// Inside glass: glass is hit from within.
+const INSIDE: f32 = 2.0;
+// It has left a mirror or glass: surfaces are hit from outside.
+const AGAIN: f32 = 3.0;
+// It has ended, and its end is stored.
+const ENDED: f32 = 4.0;
+
+fn is_on_its_way(ray: Transfer) -> bool {
+    return ray.state != NEVER && ray.state != ENDED;
 }
 
 // Distance of a ray that hits nothing.
@@ -20,11 +35,11 @@ const NO_HIT: f32 = 1e30;
 
 // What is stored of a photon whose ray ends here.
 fn landed(ray: Transfer, at_m: f32) -> Photon {
-    if ray.alive == 0.0 {
+    if ray.state == NEVER {
         return Photon(ray.position_m, MISSED, ray.position_m, 0.0);
     }
     if at_m >= NO_HIT {
         return Photon(ray.position_m, OUTSIDE, ray.position_m, 0.0);
     }
-    return Photon(ray.position_m, 0.0, ray.position_m + at_m * ray.direction, at_m);
+    return Photon(ray.position_m, 0.0, ray.position_m + at_m * ray.direction, ray.path_m + at_m);
 }

@@ -1,6 +1,7 @@
 // defs: WATER=0
 // A sprite in the receiver's tangent plane for each photon that has landed: SPT §3.1, Eq. 1.
-#import fathom::frame::{frame, view_depth_m, world_at}
+#import fathom::frame::{frame, world_at}
+#import fathom::layers::{surface_near, texel_of}
 #import fathom::photon::{Photon}
 
 struct Sprites {
@@ -20,6 +21,8 @@ struct Sprites {
 @group(1) @binding(1) var<storage, read> photons: array<Photon>;
 @group(1) @binding(2) var depths: texture_2d_array<f32>;
 @group(1) @binding(3) var normals: texture_2d_array<f32>;
+// Of what one cannot see through.
+@group(1) @binding(4) var seen: texture_depth_2d;
 
 struct Varying {
     @builtin(position) clip: vec4<f32>,
@@ -31,24 +34,6 @@ struct Varying {
 const NOWHERE: Varying = Varying(vec4<f32>(2.0, 2.0, 2.0, 1.0), vec3<f32>(0.0), vec3<f32>(0.0), 0.0);
 // Sight along a plane meets it nowhere.
 const LEAST_COSINE: f32 = 1e-4;
-
-// Normal of the layer that lies nearest to a place.
-fn receiver_normal(texel: vec2<i32>, view_m: f32) -> vec3<f32> {
-    var nearest = 1e30;
-    var normal = vec3(0.0);
-    for (var layer = 0u; layer < settings.layers; layer++) {
-        let z = textureLoad(depths, texel, layer, 0).x;
-        if z >= 1.0 {
-            break;
-        }
-        let away = abs(view_depth_m(z) - view_m);
-        if away < nearest {
-            nearest = away;
-            normal = textureLoad(normals, texel, layer, 0).xyz;
-        }
-    }
-    return normal;
-}
 
 @vertex
 fn vertex(@builtin(vertex_index) vertex: u32, @builtin(instance_index) instance: u32) -> Varying {
@@ -65,8 +50,8 @@ fn vertex(@builtin(vertex_index) vertex: u32, @builtin(instance_index) instance:
     if any(abs(ndc) > vec2(1.0)) {
         return NOWHERE;
     }
-    let texel = vec2<i32>(min((ndc * vec2(0.5, -0.5) + 0.5) * settings.size_px, settings.size_px - 1.0));
-    let normal = receiver_normal(texel, clip.w);
+    let texel = texel_of(ndc, settings.size_px);
+    let normal = surface_near(depths, normals, settings.layers, texel, clip.w).xyz;
     // A ball about the hit on the screen. Rows of the projection hold its scales times unit vectors.
     let projection = frame.camera_view_projection;
     let x = length(vec3(projection[0].x, projection[1].x, projection[2].x));
@@ -81,7 +66,7 @@ fn vertex(@builtin(vertex_index) vertex: u32, @builtin(instance_index) instance:
 @fragment
 fn fragment(in: Varying) -> @location(0) vec4<f32> {
     let uv = in.clip.xy / settings.size_px;
-    let z = textureLoad(depths, vec2<i32>(in.clip.xy), 0, 0).x;
+    let z = textureLoad(seen, vec2<i32>(in.clip.xy), 0);
     if z >= 1.0 {
         discard;
     }

@@ -4,7 +4,7 @@
 #import fathom::dispatch::place
 #import fathom::frame::{frame}
 #import fathom::photon::{in_mask, light_ray, meet_water}
-#import fathom::transfer::{Transfer}
+#import fathom::transfer::{FIRST, NEVER, Transfer}
 #import fathom::water
 
 struct Map {
@@ -29,5 +29,5 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) g
     // Photons that geometry above the water stops are dropped.
     let alive = water::inside(entry.position_m.xz) && in_mask(shadow_mask, ndc);
     let refracted = refract(ray.direction, entry.normal, 1.0 / frame.refractive_index);
-    transfers[index] = Transfer(entry.position_m, select(0.0, 1.0, alive), refracted, 0.0);
+    transfers[index] = Transfer(entry.position_m, select(NEVER, FIRST, alive), refracted, 0.0);
 }

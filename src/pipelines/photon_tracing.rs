@@ -12,10 +12,10 @@ use glam::UVec2;
 use super::settings::VIEWPORT;
 use super::{Judge, JudgeError, Judged, Pipeline};
 use crate::gpu::{Gpu, GpuError};
-use crate::scene::Scene;
+use crate::scene::{Bounds, Scene};
 use crate::stages::frame::{Frame, Shared, View};
 use crate::stages::gbuffer::GbufferTextures;
-use crate::stages::geometry::Geometry;
+use crate::stages::geometry::{Geometry, Part};
 use crate::stages::kit::{Resources, linear_workgroups};
 use crate::stages::photon::Photons;
 use crate::stages::screen_ray::{FragmentLists, Layers, Rays, Walked, group_each};
@@ -23,6 +23,7 @@ use crate::stages::shafts::blur::Blur;
 use crate::stages::shafts::lines::Lines;
 use crate::stages::sprites::compose::Compose;
 use crate::stages::sprites::draw::{Sprite, Sprites};
+use crate::stages::transfer::bounce::Bounce;
 use crate::stages::transfer::map::{Map, MapUniforms};
 use crate::stages::{ldi, rays, scene, shadow};
 
@@ -72,12 +73,13 @@ impl Pipeline for PhotonTracing {
         let traced = Rays {
             transfers: &map.transfers,
             layers: &layers,
-            bounds: scene.solid_bounds(),
+            bounds: under_water(scene),
             walking: params.rays.walking(resources.gpu.limits.max_texture_dimension_2d),
         };
         let photons = trace(resources, shared, &traced, params.rays.method)?;
         let sprite = sprite(params, &view);
-        let sprites = Sprites::new(of_view, shared, &photons, &layers, &sprite)?;
+        let sprites =
+            Sprites::new(of_view, shared, &photons, &layers, &gbuffer.textures.depth, &sprite)?;
         let sprites = of_view.push(sprites);
         let seen = &gbuffer.textures;
         let drawn = if params.shafts.draw {
@@ -113,20 +115,27 @@ fn layers(
     size_px: [u32; 2],
     settings: &LayeredDepth,
 ) -> Result<(Layers, Option<FragmentLists>), GpuError> {
-    let count = settings.layers;
+    let (count, solid) = (settings.layers, (geometry, Part::Solid));
     match settings.method {
         LayerMethod::Peel => {
-            let peel = ldi::peel::LayeredDepth::new(resources, shared, geometry, size_px, count)?;
+            let peel = ldi::peel::LayeredDepth::new(resources, shared, solid, size_px, count)?;
             Ok((resources.push(peel).layers.clone(), None))
         }
         LayerMethod::Lists => {
             let room = settings.fragments_per_pixel;
-            let lists = ldi::lists::Lists::new(resources, shared, geometry, size_px, room)?;
+            let lists = ldi::lists::Lists::new(resources, shared, solid, size_px, room)?;
             let lists = resources.push(lists).lists.clone();
             let sort = ldi::sort::Sort::new(resources, &lists, count)?;
             Ok((resources.push(sort).layers.clone(), Some(lists)))
         }
     }
+}
+
+/// The box of what photons meet: they stay under water.
+fn under_water(scene: &Scene) -> Bounds {
+    let bounds = scene.solid_bounds();
+    let top = bounds.max.y.min(scene.water.bound_m()).max(bounds.min.y);
+    Bounds { max: bounds.max.with_y(top), ..bounds }
 }
 
 /// Pushes the stages that find where rays end.
@@ -137,22 +146,26 @@ fn trace(
     method: Method,
 ) -> Result<Photons, GpuError> {
     let of_rays = &resources.sized_by("transfer.grid");
-    let photons = traced.transfers.count;
-    let walked = |info, workgroups| {
+    let count = traced.transfers.count;
+    let walked = |info, workgroups| -> Result<Photons, GpuError> {
         let stage = Walked::new(of_rays, info, shared, traced, workgroups)?;
         Ok(of_rays.push(stage).photons.clone())
     };
-    match method {
+    let (photons, tiles) = match method {
         Method::Lines => {
             let of_tile = &resources.sized_by("view × rays.rows");
             let drawn = rays::rasterize::Rasterize::new(of_tile, shared, traced)?;
             let drawn = of_tile.push(drawn);
-            let reduce = rays::reduce::Reduce::new(of_tile, &drawn.hits, traced.transfers)?;
-            Ok(of_tile.push(reduce).photons.clone())
+            let reduce = rays::reduce::Reduce::new(of_tile, &drawn.hits, traced)?;
+            (of_tile.push(reduce).photons.clone(), traced.tiles())
         }
-        Method::March => walked(&rays::march::INFO, linear_workgroups(photons.into())),
-        Method::Group => walked(&rays::group::INFO, group_each(photons)),
+        Method::March => (walked(&rays::march::INFO, linear_workgroups(count.into()))?, 1),
+        Method::Group => (walked(&rays::group::INFO, group_each(count))?, 1),
+    };
+    if traced.walking.ways > 1 {
+        of_rays.push(Bounce::new(of_rays, shared, traced, &photons, tiles)?);
     }
+    Ok(photons)
 }
 
 /// Pushes the stages that draw shafts; their sum in each pixel, and the radiance for each W of it.

@@ -9,6 +9,7 @@
 //! | [`optics`] | refraction, Fresnel reflectance, phase function, transmittance |
 //! | [`surface`] | where a ray enters the water |
 //! | [`rays`] | nearest triangle along a ray, camera and light rays |
+//! | [`specular`] | light behind mirrors and glass |
 //! | [`photons`] | the photon grid and where each photon lands |
 //! | [`estimator`] | the image-space iteration over an exact depth, to study its convergence |
 //! | [`splat`] | point sizes, intensities, and a rasterizer of splats, as squares and within one surface |
@@ -45,6 +46,7 @@ pub mod photons;
 pub mod plane;
 pub mod quantities;
 pub mod rays;
+pub mod specular;
 pub mod splat;
 pub mod surface;
 pub mod voxel;

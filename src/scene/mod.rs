@@ -34,6 +34,7 @@ mod waves;
 use std::path::PathBuf;
 
 use glam::DVec3;
+use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 pub use bounds::Bounds;
@@ -53,8 +54,8 @@ pub use water::{NOISE_DRIFT_TILES, Water, WaterModel};
 pub use waves::{MAX_WAVES, Wave, shortest_m as shortest_wave_m, texels as wave_texels};
 
 use crate::embedded::SCENES;
-use crate::settings;
 use crate::text::line;
+use crate::{choices, settings};
 
 /// Room above the water that the scene's bounds include, so that light starts above the waves.
 const HEADROOM_M: f64 = 1.0;
@@ -72,8 +73,22 @@ pub enum SceneError {
     Invalid { scene: String, message: String },
 }
 
+/// What becomes of photons and of lines of sight at a surface.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Optics {
+    /// They end there.
+    Diffuse,
+    /// They are reflected.
+    Mirror,
+    /// They are refracted; totally reflected ones stay inside.
+    Glass,
+}
+
+choices!(Optics);
+
 settings! {
-    /// How a surface looks in diffuse light.
+    /// How a surface looks.
     pub struct Material {
         /// Diffuse reflectance, linear RGB, 0 … 1.
         albedo: [f32; 3] = [0.7; 3];
@@ -85,6 +100,10 @@ settings! {
         alpha: f32 = 1.0 => 0.0 ..= 1.0, "1";
         /// Reflectance of the glossy lobe. VAO §6.
         specular: f32 = 0.0 => 0.0 ..= 1.0, "1";
+        /// What becomes of photons and of lines of sight that meet it. SPT §2.3.
+        optics: Optics = Optics::Diffuse;
+        /// Of glass, against air.
+        refractive_index: f32 = 1.5 => 1.0 ..= 4.0, "1";
     }
 }
 
@@ -99,6 +118,9 @@ impl Material {
             for c in colour {
                 check::within(&format!("material.{name}"), f64::from(c), 0.0, 1.0)?;
             }
+        }
+        if self.optics == Optics::Glass && self.is_opaque() {
+            return Err("material.optics is glass: material.alpha must be less than 1".to_owned());
         }
         check::within_ranges("material", self)
     }

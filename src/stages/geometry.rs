@@ -6,7 +6,7 @@ use bytemuck::{Pod, Zeroable};
 use glam::Vec3;
 
 use super::kit::{Buffer, Resources};
-use crate::scene::{Object, Scene};
+use crate::scene::{Material, Object, Optics, Scene};
 use crate::shader_struct;
 
 /// Host twin of `SceneVertex` in `shaders/shared/surface.wgsl`.
@@ -29,6 +29,29 @@ shader_struct! {
         pub accent: Vec3,
         pub alpha: f32,
         pub specular: f32,
+        pub optics: f32,
+    }
+}
+
+/// A choice among the scene's objects.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Part {
+    /// What one cannot see through.
+    Opaque,
+    /// What refracts light.
+    Glass,
+    /// What light meets: both.
+    Solid,
+}
+
+impl Part {
+    pub fn holds(self, material: &Material) -> bool {
+        let glass = material.optics == Optics::Glass;
+        match self {
+            Self::Opaque => material.is_opaque(),
+            Self::Glass => glass,
+            Self::Solid => glass || material.is_opaque(),
+        }
     }
 }
 
@@ -43,6 +66,8 @@ pub struct Geometry {
     pub objects: Vec<Range<u32>>,
     /// Those of the objects that one cannot see through, neighbours joined: what depth and G-buffer show.
     opaque: Vec<Range<u32>>,
+    glass: Vec<Range<u32>>,
+    solid: Vec<Range<u32>>,
     pub materials: Buffer,
 }
 
@@ -87,6 +112,16 @@ fn material(object: &Object) -> MaterialUniforms {
         accent: material.accent.into(),
         alpha: material.alpha,
         specular: material.specular,
+        optics: optics(material),
+    }
+}
+
+/// As `shaders/shared/optics.wgsl` reads it.
+fn optics(material: &Material) -> f32 {
+    match material.optics {
+        Optics::Diffuse => 1.0,
+        Optics::Mirror => -1.0,
+        Optics::Glass => 1.0 + material.refractive_index,
     }
 }
 
@@ -109,8 +144,9 @@ impl Geometry {
         });
         let materials: Vec<_> = scene.objects.iter().map(material).collect();
         let materials = resources.structs("materials", &materials, Usage::STORAGE);
-        let opaque = joined(&objects, |number| scene.objects[number].material.is_opaque());
-        Self { vertices, indices, objects, opaque, materials }
+        let [opaque, glass, solid] = [Part::Opaque, Part::Glass, Part::Solid]
+            .map(|part| joined(&objects, |number| part.holds(&scene.objects[number].material)));
+        Self { vertices, indices, objects, opaque, glass, solid, materials }
     }
 
     /// The content of the vertex buffer as it is made.
@@ -127,15 +163,22 @@ impl Geometry {
         }
     }
 
-    /// Draws what one cannot see through.
-    pub fn draw_opaque(&self, pass: &mut wgpu::RenderPass<'_>) {
-        for part in &self.opaque {
-            self.draw_part(pass, part.clone());
+    fn ranges(&self, part: Part) -> &[Range<u32>] {
+        match part {
+            Part::Opaque => &self.opaque,
+            Part::Glass => &self.glass,
+            Part::Solid => &self.solid,
+        }
+    }
+
+    pub fn draw(&self, pass: &mut wgpu::RenderPass<'_>, part: Part) {
+        for range in self.ranges(part) {
+            self.draw_range(pass, range.clone());
         }
     }
 
     /// Draws a part of the indices, such as one of [`Geometry::objects`].
-    pub fn draw_part(&self, pass: &mut wgpu::RenderPass<'_>, part: Range<u32>) {
+    pub fn draw_range(&self, pass: &mut wgpu::RenderPass<'_>, part: Range<u32>) {
         self.draw_instances(pass, part, 0..1);
     }
 
@@ -163,9 +206,9 @@ impl Geometry {
         u64::from(self.index_count()) / 3
     }
 
-    /// Those that [`Self::draw_opaque`] draws.
-    pub fn opaque_triangles(&self) -> u64 {
-        self.opaque.iter().map(|part| part.len() as u64).sum::<u64>() / 3
+    /// Those that [`Self::draw`] draws.
+    pub fn triangles_of(&self, part: Part) -> u64 {
+        self.ranges(part).iter().map(|range| range.len() as u64).sum::<u64>() / 3
     }
 
     /// Of vertices and indices.

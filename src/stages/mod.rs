@@ -81,6 +81,7 @@ pub const REGISTRY: &[StageInfo] = &[
     rays::reduce::INFO,
     rays::march::INFO,
     rays::group::INFO,
+    transfer::bounce::INFO,
     sprites::draw::INFO,
     shafts::lines::INFO,
     shafts::blur::INFO,

@@ -31,6 +31,8 @@ shader_struct! {
 pub const MISSED: f32 = -1.0;
 /// Residual of a photon that left the light's frustum, or looks past everything the light sees.
 pub const OUTSIDE: f32 = -2.0;
+/// Residual of a photon that is still between mirrors or glass after the most bounces.
+pub const ON_ITS_WAY: f32 = -3.0;
 
 /// How much of its share of the light's flux a photon carries under water: host twin of `angular_weight` and `entered`
 /// in `shaders/shared/photon.wgsl`.

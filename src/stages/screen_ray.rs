@@ -19,14 +19,19 @@ shader_struct! {
     pub struct Transfer {
         /// Where the photon leaves its last specular surface.
         pub position_m: Vec3,
-        /// 1; 0 for a photon that never got here.
-        pub alive: f32,
+        /// One of [`NEVER`], [`FIRST`] and those in `shaders/shared/transfer.wgsl`.
+        pub state: f32,
         /// Unit vector along which it goes on.
         pub direction: Vec3,
         /// Way under water that is behind it.
         pub path_m: f32,
     }
 }
+
+/// State of a photon that never got here.
+pub const NEVER: f32 = 0.0;
+/// State of one on its first way.
+pub const FIRST: f32 = 1.0;
 
 /// The transfer map: a photon an entry.
 #[derive(Clone)]
@@ -116,6 +121,8 @@ pub struct Walking {
     pub least: u32,
     /// Most rows of the target that lines are drawn into.
     pub rows: u32,
+    /// Ways of a photon: one, and one behind each mirror or surface of glass. SPT §2.3.
+    pub ways: u32,
 }
 
 shader_struct! {
@@ -149,6 +156,11 @@ impl Rays<'_> {
     /// Rows of a tile.
     pub fn rows(&self) -> u32 {
         self.walking.rows.min(self.transfers.count).max(1)
+    }
+
+    /// Tiles of so many rows.
+    pub fn tiles(&self) -> u32 {
+        self.transfers.count.div_ceil(self.rows()).max(1)
     }
 
     /// Most pixels that a ray covers along one axis of the screen.
@@ -197,9 +209,9 @@ impl Rays<'_> {
         Group::new(resources.gpu, label, &binds)
     }
 
-    /// Work at most: every ray as long as the picture, every layer read at each step.
+    /// Work at most: every ray as long as the picture, every layer read at each step, all photons on all ways.
     pub fn work(&self) -> Work {
-        let photons = u64::from(self.transfers.count);
+        let photons = u64::from(self.transfers.count) * u64::from(self.walking.ways);
         let steps = photons * u64::from(self.most());
         Work {
             photons,
@@ -218,11 +230,14 @@ pub fn output(photons: &Photons) -> Output {
         m("start_x_m", "where the ray starts"),
         m("start_y_m", "the same along y"),
         m("start_z_m", "the same along z"),
-        m("residual_m", "0 for a hit, −1 for a photon without a ray, −2 for a ray without a hit"),
+        m(
+            "residual_m",
+            "0 for a hit, −1 for a photon without a ray, −2 for a ray without a hit, −3 after too many bounces",
+        ),
         m("hit_x_m", "where the ray ends"),
         m("hit_y_m", "the same along y"),
         m("hit_z_m", "the same along z"),
-        m("distance_m", "from start to hit"),
+        m("distance_m", "way under water up to the hit"),
     ];
     Output {
         name: "photons".into(),
@@ -243,6 +258,7 @@ pub struct Walked {
     kernel: Kernel,
     dispatch: Dispatch,
     pub photons: Photons,
+    ways: u32,
     work: Work,
 }
 
@@ -264,6 +280,7 @@ impl Walked {
             kernel: Kernel::new(resources, info.name, (info.name, &defs[..]), &groups)?,
             dispatch: Dispatch::new(resources, info.name, &groups, workgroups),
             photons,
+            ways: rays.walking.ways,
             work: rays.work(),
         })
     }
@@ -276,6 +293,10 @@ impl Stage for Walked {
 
     fn encode(&self, scope: &mut StageScope<'_>) {
         scope.compute(|pass| self.kernel.run(pass, &self.dispatch));
+    }
+
+    fn turns(&self) -> u32 {
+        self.ways
     }
 
     fn work(&self) -> Work {

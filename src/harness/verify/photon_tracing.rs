@@ -12,6 +12,7 @@ use crate::reference::quantities::{StoredPhoton, quantile};
 use crate::reference::rays::{PixelRays, Tracer};
 use crate::reference::surface::enter;
 use crate::scene::{Camera, LightKind, Scene, Water};
+use crate::stages::geometry::Part;
 use crate::stages::kit::linear_workgroups;
 use crate::stages::ldi::lists::{self, Lists};
 use crate::stages::ldi::peel::{self, LayeredDepth};
@@ -21,7 +22,7 @@ use crate::stages::rays::rasterize::Rasterize;
 use crate::stages::rays::reduce::Reduce;
 use crate::stages::rays::{group, march, rasterize, reduce};
 use crate::stages::screen_ray::{
-    HitTest, Layers, Rays, Transfer, Transfers, Walked, Walking, group_each,
+    HitTest, Layers, NEVER, Rays, Transfer, Transfers, Walked, Walking, group_each,
 };
 use crate::stages::shadow::{depth::Depth, mask::Mask};
 use crate::stages::sprites::compose::{self, Compose};
@@ -102,7 +103,8 @@ impl Setup {
         let mask = Mask::new(&rig.resources, shared, depth.texture(), 64)?;
         let settings = MapUniforms { grid: UVec2::from(GRID) };
         let map = Map::new(&rig.resources, shared, mask.texture(), &settings)?;
-        let peel = LayeredDepth::new(&rig.resources, shared, geometry, SIZE, layers)?;
+        let peel =
+            LayeredDepth::new(&rig.resources, shared, (geometry, Part::Solid), SIZE, layers)?;
         rig.run(&[&depth, &mask, &map, &peel])?;
         let stored = rig.read(&map.transfers.buffer)?;
         let (layers, transfers) = (peel.layers.clone(), map.transfers.clone());
@@ -111,7 +113,8 @@ impl Setup {
 
     fn trace(&self, rig: &Rig<'_>, method: Method, test: HitTest) -> Result<Vec<StoredPhoton>> {
         let rows = if let Method::Lines { rows } = method { rows } else { 1 };
-        let walking = Walking { test, tolerance_m: TOLERANCE_M, start_m: 0.0, least: 8, rows };
+        let walking =
+            Walking { test, tolerance_m: TOLERANCE_M, start_m: 0.0, least: 8, rows, ways: 1 };
         let rays = Rays {
             transfers: &self.transfers,
             layers: &self.layers,
@@ -128,7 +131,7 @@ impl Setup {
         match method {
             Method::Lines { .. } => {
                 let lines = Rasterize::new(&rig.resources, shared, &rays)?;
-                let reduce = Reduce::new(&rig.resources, &lines.hits, &self.transfers)?;
+                let reduce = Reduce::new(&rig.resources, &lines.hits, &rays)?;
                 rig.run(&[&lines, &reduce])?;
                 Ok(rig.read_photons(&reduce.photons)?)
             }
@@ -149,7 +152,7 @@ impl Setup {
             let inside = |at: f64, side: u32| (0.0..=f64::from(side)).contains(&at);
             (inside(place.x_px, SIZE[0]) && inside(place.y_px, SIZE[1])).then_some(hit.position)
         };
-        self.stored.iter().map(|t| if t.alive > 0.0 { end(t) } else { None }).collect()
+        self.stored.iter().map(|t| if t.state > NEVER { end(t) } else { None }).collect()
     }
 }
 
@@ -161,7 +164,8 @@ fn transfers(rig: &Rig<'_>) -> Checks {
     let ndc = |k: u32, n: u32| 2.0 * (f64::from(k) + 0.5) / f64::from(n) - 1.0;
     let errors = |water: &Water, index: f64| {
         let (mut places, mut directions) = (Vec::new(), Vec::new());
-        for (number, stored) in (0..).zip(&setup.stored).filter(|(_, stored)| stored.alive > 0.0) {
+        for (number, stored) in (0..).zip(&setup.stored).filter(|(_, stored)| stored.state > NEVER)
+        {
             let (origin, incident) =
                 frame.ray(ndc(number % GRID[0], GRID[0]), ndc(number / GRID[0], GRID[1]));
             let entry = enter(water, origin, incident, f64::MAX);
@@ -248,7 +252,7 @@ fn listed(rig: &Rig<'_>, name: &str) -> Result<Check> {
     const NODE: [usize; 2] = [8, 1];
     let setup = Setup::new(rig, name, 1)?;
     let rig::Stand { shared, geometry, view } = &setup.stand;
-    let stage = Lists::new(&rig.resources, shared, geometry, SIZE, ROOM)?;
+    let stage = Lists::new(&rig.resources, shared, (geometry, Part::Solid), SIZE, ROOM)?;
     // Twice, as the second frame finds what the first has left.
     rig.run(&[&stage])?;
     rig.run(&[&stage])?;
@@ -290,7 +294,7 @@ fn sorted(rig: &Rig<'_>, name: &str) -> Result<Check> {
     let rig::Stand { shared, geometry, .. } = &setup.stand;
     let peeled = read_volume(rig.gpu, &setup.layers.depths, 0)?.data;
     let unlike = |room: u32| -> Result<f64> {
-        let lists = Lists::new(&rig.resources, shared, geometry, SIZE, room)?;
+        let lists = Lists::new(&rig.resources, shared, (geometry, Part::Solid), SIZE, room)?;
         let sort = Sort::new(&rig.resources, &lists.lists, LAYERS)?;
         rig.run(&[&lists, &sort])?;
         let sorted = read_volume(rig.gpu, &sort.layers.depths, 0)?.data;
@@ -400,8 +404,17 @@ fn alike(rig: &Rig<'_>, name: &str) -> Checks {
 struct Lit {
     stand: rig::Stand,
     layers: Layers,
+    /// What the camera sees.
+    seen: wgpu::Texture,
     hits: Vec<DVec3>,
     photons: Photons,
+}
+
+impl Lit {
+    fn sprites(&self, rig: &Rig<'_>) -> Result<Sprites> {
+        let Self { stand, layers, seen, photons, .. } = self;
+        Ok(Sprites::new(&rig.resources, &stand.shared, photons, layers, seen, &SPRITE)?)
+    }
 }
 
 /// The photons' way is a metre.
@@ -413,7 +426,8 @@ fn lit(rig: &Rig<'_>) -> Result<Lit> {
     scene.water.attenuation_per_m = GAMMA_PER_M;
     scene.camera.up = [0.3, 1.0, 0.1];
     let stand = rig.stand(&scene, SIZE);
-    let peel = LayeredDepth::new(&rig.resources, &stand.shared, &stand.geometry, SIZE, 2)?;
+    let peel =
+        LayeredDepth::new(&rig.resources, &stand.shared, (&stand.geometry, Part::Solid), SIZE, 2)?;
     rig.run(&[&peel])?;
     let tracer = Tracer::new(&scene.objects)?;
     let rays = PixelRays::new(&scene.camera, SIZE[0], SIZE[1]);
@@ -428,14 +442,14 @@ fn lit(rig: &Rig<'_>) -> Result<Lit> {
         .collect();
     let photons: Vec<_> = hits.iter().map(|hit| rig::photon(*hit + DVec3::Y, *hit, 1.0)).collect();
     let photons = rig.photons(&photons);
-    Ok(Lit { stand, layers: peel.layers.clone(), hits, photons })
+    let seen = rig.gbuffer(&stand)?.depth;
+    Ok(Lit { stand, layers: peel.layers.clone(), seen, hits, photons })
 }
 
 /// What the sprites bring to the plane, summed over its area, against the photons' flux.
 fn energy(rig: &Rig<'_>) -> Result<Check> {
     let lit = lit(rig)?;
-    let stage =
-        Sprites::new(&rig.resources, &lit.stand.shared, &lit.photons, &lit.layers, &SPRITE)?;
+    let stage = lit.sprites(rig)?;
     rig.run(&[&stage])?;
     let irradiance = rig.channel(&stage.irradiance, 0)?;
     let rays = PixelRays::new(&lit.stand.view.camera, SIZE[0], SIZE[1]);
@@ -467,8 +481,7 @@ fn energy(rig: &Rig<'_>) -> Result<Check> {
 /// Each pixel against Eq. 1 evaluated in f64.
 fn sprite_shape(rig: &Rig<'_>) -> Result<Check> {
     let lit = lit(rig)?;
-    let stage =
-        Sprites::new(&rig.resources, &lit.stand.shared, &lit.photons, &lit.layers, &SPRITE)?;
+    let stage = lit.sprites(rig)?;
     rig.run(&[&stage])?;
     let irradiance = rig.channel(&stage.irradiance, 0)?;
     let rays = PixelRays::new(&lit.stand.view.camera, SIZE[0], SIZE[1]);

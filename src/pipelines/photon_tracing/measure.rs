@@ -5,15 +5,17 @@ use std::collections::BTreeMap;
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::{Method, PhotonTracing};
+use super::{Method, PhotonTracing, under_water};
 use crate::gpu::{Gpu, GpuError, read_buffer};
 use crate::pipelines::{JudgeError, Judged};
 use crate::record::ErrorFigure;
 use crate::reference::photons::land;
 use crate::reference::quantities::{StoredPhoton, quantile, stored_photons};
 use crate::reference::rays::Tracer;
-use crate::scene::Scene;
-use crate::stages::photon::{MISSED, OUTSIDE};
+use crate::reference::specular::{End, Surfaces};
+use crate::scene::{Object, Scene};
+use crate::stages::geometry::Part;
+use crate::stages::photon::{MISSED, ON_ITS_WAY, OUTSIDE};
 use crate::stages::rays;
 
 /// At most about this many photons are compared with the reference: enough for a 99th percentile.
@@ -48,15 +50,18 @@ impl Ends {
 }
 
 impl PhotonTracing {
-    /// Shares of the photons that never enter the water, and whose rays meet no layer; fragments in lists, and those without room.
+    /// Shares of the photons that never enter the water, whose rays meet no layer, and that are still between mirrors and glass; fragments in lists, and those without room.
     pub(super) fn measured_quantities(&self, gpu: &Gpu) -> Result<BTreeMap<String, f64>, GpuError> {
         let photons = self.stored(gpu)?;
         let share = |residual_m: f32| {
             let alike = photons.iter().filter(|p| p.residual_m == f64::from(residual_m));
             alike.count() as f64 / photons.len() as f64
         };
-        let figures =
-            [("missed_water_rate", share(MISSED)), ("photon_no_hit_rate", share(OUTSIDE))];
+        let figures = [
+            ("missed_water_rate", share(MISSED)),
+            ("photon_no_hit_rate", share(OUTSIDE)),
+            ("photon_on_its_way_rate", share(ON_ITS_WAY)),
+        ];
         let mut figures = BTreeMap::from(figures.map(|(name, value)| (name.to_owned(), value)));
         if let Some(lists) = &self.lists {
             let heads: Vec<u32> = bytemuck::pod_collect_to_vec(&read_buffer(gpu, &lists.heads)?);
@@ -80,7 +85,7 @@ impl PhotonTracing {
     /// end anywhere, in view or not. Of large grids an even selection is compared.
     pub(super) fn landing_errors(&self, gpu: &Gpu, scene: &Scene) -> Result<Judged, JudgeError> {
         let found = self.stored(gpu)?;
-        let ends = self.ends(&found, &Tracer::new(&scene.objects)?);
+        let ends = self.ends(&found, scene)?;
         let Ends { mut errors_m, lost, off_frustum, false_hits } = ends;
         let in_view = errors_m.len() + lost;
         let wrong = errors_m.iter().filter(|error_m| **error_m > WRONG_M).count();
@@ -112,8 +117,18 @@ impl PhotonTracing {
         })
     }
 
-    fn ends(&self, found: &[StoredPhoton], tracer: &Tracer) -> Ends {
+    fn ends(&self, found: &[StoredPhoton], scene: &Scene) -> Result<Ends, JudgeError> {
+        let solid = scene.objects.iter().filter(|object| Part::Solid.holds(&object.material));
+        let objects: Vec<Object> = solid.cloned().collect();
+        let tracer = &Tracer::new(&objects)?;
         let (frame, water) = (self.view.light_frame(), &self.view.water);
+        let bounces = self.params.rays.bounces;
+        let surfaces = Surfaces {
+            tracer,
+            objects: &objects,
+            outside: water.refractive_index,
+            top_m: under_water(scene).max.y,
+        };
         let matrix = self.view.camera.view_projection(self.view.aspect());
         let [columns, rows] = self.params.transfer.grid.map(|n| n as usize);
         let ndc = |index: usize, n: usize| 2.0 * (index as f64 + 0.5) / n as f64 - 1.0;
@@ -124,7 +139,15 @@ impl PhotonTracing {
             .map(|index| {
                 let place = [ndc(index % columns, columns), ndc(index / columns, rows)];
                 let landing = land(&frame, water, tracer, place);
-                (index, landing.landed().map(|landed| landed.hit.position))
+                let end = landing.landed().map(|landed| {
+                    let ray = surfaces.ray(landed.entry.position, landed.direction);
+                    surfaces.follow(ray, bounces)
+                });
+                let place = |end| match end {
+                    End::Diffuse(hit) => Some(hit.position),
+                    End::Leaves(_) | End::OnItsWay => None,
+                };
+                (index, end.and_then(place))
             })
             .collect();
         let mut ends = Ends::default();
@@ -137,7 +160,7 @@ impl PhotonTracing {
                 ends.add(&found[index], exact, in_view);
             }
         }
-        ends
+        Ok(ends)
     }
 }
 

@@ -106,6 +106,8 @@ settings! {
         least_px: u32 = 8 => 1 ..= 4096, "px";
         /// Most rows of the target that lines are drawn into; 0: as many as the adapter has. More photons take several passes.
         rows: u32 = 0 => 0 ..= 1_000_000, "1";
+        /// Mirrors and surfaces of glass that a photon can leave behind the water. SPT §2.3.
+        bounces: u32 = 0 => 0 ..= 16, "1";
     }
 }
 
@@ -124,6 +126,7 @@ impl RaySettings {
             start_m: self.start_m,
             least: self.least_px,
             rows: if self.rows == 0 { most_rows.min(ROWS) } else { self.rows },
+            ways: 1 + self.bounces,
         }
     }
 }
@@ -187,10 +190,10 @@ impl Parameters for Params {
         self.light.validate()?;
         self.water.validate()?;
         let rows = if self.rays.rows == 0 { ROWS } else { self.rays.rows };
-        let tiles = self.photons().div_ceil(rows);
+        let tiles = self.photons().div_ceil(rows) * (1 + self.rays.bounces);
         if self.rays.method == Method::Lines && tiles > MOST_TILES {
             return Err(ParamError::Unfit(format!(
-                "transfer.grid and rays.rows give {tiles} tiles of photons: at most {MOST_TILES} are drawn"
+                "transfer.grid, rays.rows and rays.bounces give {tiles} tiles of photons: at most {MOST_TILES} are drawn"
             )));
         }
         Ok(())

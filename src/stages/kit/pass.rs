@@ -6,7 +6,7 @@ use crate::gpu::{
     CodeKey, ColorTarget, DepthTarget, GpuError, GroupKey, KernelKey, RasterKey, Shader,
     StageScope, StructLayout, Targets, compilation_options,
 };
-use crate::stages::geometry::Geometry;
+use crate::stages::geometry::{Geometry, Part};
 
 /// A shader by its path and the values that it is compiled with.
 #[derive(Clone, Copy)]
@@ -385,14 +385,14 @@ impl ScenePass {
         scope.render(&Targets { color: &color, depth: Some(depth) }, |pass| {
             self.raster.bind(pass);
             bind_groups(pass, &self.groups);
-            self.geometry.draw_opaque(pass);
+            self.geometry.draw(pass, Part::Opaque);
         });
     }
 
     /// Every opaque triangle, and `texel_bytes` for each pixel of the targets.
     pub fn work(&self, texel_bytes: u64) -> crate::record::Work {
         crate::record::Work {
-            triangles: self.geometry.opaque_triangles(),
+            triangles: self.geometry.triangles_of(Part::Opaque),
             bytes_read: self.geometry.bytes(),
             bytes_written: pixels(&self.depth) * texel_bytes,
             ..Default::default()

@@ -6,7 +6,7 @@ use crate::gpu::{ColorTarget, GpuError, StageScope, Targets};
 use crate::record::Work;
 use crate::shader_struct;
 use crate::stages::frame::Shared;
-use crate::stages::geometry::Geometry;
+use crate::stages::geometry::{Geometry, Part};
 use crate::stages::kit::{self, Bind, Buffer, Group, Raster, RenderSpec, Resources};
 use crate::stages::screen_ray::FragmentLists;
 use crate::stages::{Stage, StageInfo};
@@ -34,6 +34,7 @@ shader_struct! {
         pub depth: f32,
         pub next: u32,
         pub normal: Vec3,
+        pub optics: f32,
     }
 }
 
@@ -41,6 +42,7 @@ pub struct Lists {
     raster: Raster,
     groups: Vec<wgpu::BindGroup>,
     geometry: Geometry,
+    part: Part,
     dummy: wgpu::TextureView,
     pub lists: FragmentLists,
 }
@@ -50,7 +52,7 @@ impl Lists {
     pub fn new(
         resources: &Resources<'_>,
         shared: &Shared,
-        geometry: &Geometry,
+        (geometry, part): (&Geometry, Part),
         size_px: [u32; 2],
         per_pixel: u32,
     ) -> Result<Self, GpuError> {
@@ -64,7 +66,12 @@ impl Lists {
             capacity: u32::try_from(capacity).unwrap_or(u32::MAX),
         };
         let uniforms = resources.uniform(INFO.name, &settings);
-        let binds = [Bind::Uniform(&uniforms), Bind::Write(&heads), Bind::Write(&nodes)];
+        let binds = [
+            Bind::Uniform(&uniforms),
+            Bind::Write(&heads),
+            Bind::Write(&nodes),
+            Bind::Read(&geometry.materials),
+        ];
         let group = Group::new(resources.gpu, INFO.name, &binds);
         let groups = [&shared.group, &group];
         let write_mask = wgpu::ColorWrites::empty();
@@ -77,6 +84,7 @@ impl Lists {
             raster: Raster::new(resources, &spec)?,
             groups: kit::bare(&groups),
             geometry: geometry.clone(),
+            part,
             dummy: kit::view(&resources.target(INFO.name, size_px, DUMMY)),
             lists: FragmentLists { heads, nodes, size_px, capacity: settings.capacity },
         })
@@ -94,13 +102,13 @@ impl Stage for Lists {
         scope.render(&Targets { color: &color, depth: None }, |pass| {
             self.raster.bind(pass);
             kit::bind_groups(pass, &self.groups);
-            self.geometry.draw_opaque(pass);
+            self.geometry.draw(pass, self.part);
         });
     }
 
     fn work(&self) -> Work {
         Work {
-            triangles: self.geometry.opaque_triangles(),
+            triangles: self.geometry.triangles_of(self.part),
             bytes_read: self.geometry.bytes(),
             bytes_written: self.lists.heads.size() + self.lists.nodes.size(),
             ..Work::default()

@@ -3,7 +3,7 @@
 use crate::gpu::{ColorTarget, DepthTarget, GpuError, StageScope, Targets};
 use crate::record::Work;
 use crate::stages::frame::Shared;
-use crate::stages::geometry::Geometry;
+use crate::stages::geometry::{Geometry, Part};
 use crate::stages::kit::{self, Bind, Group, Raster, RenderSpec, Resources};
 use crate::stages::screen_ray::Layers;
 use crate::stages::{Output, Stage, StageInfo};
@@ -26,25 +26,28 @@ pub struct LayeredDepth {
     behind: Option<Raster>,
     peels: Vec<Peel>,
     geometry: Geometry,
+    part: Part,
     tested: wgpu::TextureView,
     pub layers: Layers,
 }
 
 impl LayeredDepth {
-    /// `layers` layers, one at least, of what one cannot see through.
+    /// `layers` layers, one at least, of a part of the scene.
     pub fn new(
         resources: &Resources<'_>,
         shared: &Shared,
-        geometry: &Geometry,
+        (geometry, part): (&Geometry, Part),
         size_px: [u32; 2],
         layers: u32,
     ) -> Result<Self, GpuError> {
         let layers = Layers::drawn(resources, INFO.name, size_px, layers.max(1));
-        let before = |layer: u32| {
-            let binds = [Bind::Layer(&layers.depths, layer - 1)];
+        let group = |before: Option<u32>| {
+            let mut binds = vec![Bind::Read(&geometry.materials)];
+            binds.extend(before.map(|layer| Bind::Layer(&layers.depths, layer)));
             Group::new(resources.gpu, INFO.name, &binds)
         };
-        let behind: Vec<Group> = (1..layers.count()).map(before).collect();
+        let nearest = group(None);
+        let behind: Vec<Group> = (1..layers.count()).map(|layer| group(Some(layer - 1))).collect();
         let raster = |first: bool, groups: &[&Group]| {
             let defs = [("FIRST", i32::from(first))];
             let targets = Layers::FORMATS.map(kit::opaque);
@@ -57,19 +60,19 @@ impl LayeredDepth {
         };
         let second = behind.first().map(|group| raster(false, &[&shared.group, group]));
         let peel = |layer: u32| {
-            let own = layer.checked_sub(1).map(|before| &behind[before as usize]);
-            let groups: Vec<&Group> = [Some(&shared.group), own].into_iter().flatten().collect();
+            let own = layer.checked_sub(1).map_or(&nearest, |before| &behind[before as usize]);
             Peel {
-                groups: kit::bare(&groups),
+                groups: kit::bare(&[&shared.group, own]),
                 depth: kit::layer_view(&layers.depths, layer),
                 normal: kit::layer_view(&layers.normals, layer),
             }
         };
         Ok(Self {
-            first: raster(true, &[&shared.group])?,
+            first: raster(true, &[&shared.group, &nearest])?,
             behind: second.transpose()?,
             peels: (0..layers.count()).map(peel).collect(),
             geometry: geometry.clone(),
+            part,
             tested: kit::view(&resources.target(INFO.name, size_px, kit::DEPTH_FORMAT)),
             layers,
         })
@@ -97,7 +100,7 @@ impl Stage for LayeredDepth {
                 if let Some(raster) = raster {
                     raster.bind(pass);
                     kit::bind_groups(pass, &peel.groups);
-                    self.geometry.draw_opaque(pass);
+                    self.geometry.draw(pass, self.part);
                 }
             });
         }
@@ -106,7 +109,7 @@ impl Stage for LayeredDepth {
     fn work(&self) -> Work {
         let layers = u64::from(self.layers.count());
         Work {
-            triangles: layers * self.geometry.opaque_triangles(),
+            triangles: layers * self.geometry.triangles_of(self.part),
             bytes_read: layers * self.geometry.bytes(),
             bytes_written: layers * kit::pixels(&self.layers.depths) * (4 + 8 + 4),
             ..Work::default()

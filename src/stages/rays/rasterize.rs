@@ -23,6 +23,8 @@ pub struct Rasterize {
     /// Distance along the ray where a pixel hits, metres: a photon a row, a step a column.
     pub hits: wgpu::Texture,
     photons: u32,
+    tiles: u32,
+    ways: u32,
     work: Work,
 }
 
@@ -49,6 +51,8 @@ impl Rasterize {
             view: kit::view(&hits),
             hits,
             photons: rays.transfers.count,
+            tiles: rays.tiles(),
+            ways: rays.walking.ways,
             work: rays.work(),
         })
     }
@@ -60,7 +64,7 @@ impl Stage for Rasterize {
     }
 
     fn encode(&self, scope: &mut StageScope<'_>) {
-        let first = scope.turn() * self.hits.height();
+        let first = scope.turn() % self.tiles * self.hits.height();
         let last = (first + self.hits.height()).min(self.photons);
         let clear = Some(wgpu::Color { r: f64::from(NO_HIT), ..wgpu::Color::BLACK });
         let color = [ColorTarget { view: &self.view, clear, slice: None }];
@@ -71,9 +75,9 @@ impl Stage for Rasterize {
         });
     }
 
-    /// A turn for each tile of rows.
+    /// A turn for each tile of rows and each way.
     fn turns(&self) -> u32 {
-        self.photons.div_ceil(self.hits.height()).max(1)
+        self.tiles * self.ways
     }
 
     fn work(&self) -> Work {

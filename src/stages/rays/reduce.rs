@@ -5,7 +5,7 @@ use crate::record::Work;
 use crate::shader_struct;
 use crate::stages::kit::{self, Bind, Dispatch, Group, Kernel, Resources};
 use crate::stages::photon::Photons;
-use crate::stages::screen_ray::{self, Transfers};
+use crate::stages::screen_ray::{self, Rays};
 use crate::stages::{Output, Stage, StageInfo};
 
 pub const INFO: StageInfo = StageInfo {
@@ -33,6 +33,7 @@ pub struct Reduce {
     /// For each tile.
     lasts: Vec<Dispatch>,
     pub photons: Photons,
+    ways: u32,
     texels: u64,
 }
 
@@ -41,9 +42,9 @@ impl Reduce {
     pub fn new(
         resources: &Resources<'_>,
         hits: &wgpu::Texture,
-        transfers: &Transfers,
+        rays: &Rays<'_>,
     ) -> Result<Self, GpuError> {
-        let rows = hits.height();
+        let (rows, transfers) = (hits.height(), rays.transfers);
         let mut narrower = vec![hits.clone()];
         let mut groups = Vec::new();
         let mut texels = 0;
@@ -60,7 +61,7 @@ impl Reduce {
             Dispatch::new(resources, INFO.name, &[group], [x, y, 1])
         };
         let photons = Photons::new(resources, INFO.name, transfers.count);
-        let tiles = (0..transfers.count.div_ceil(rows).max(1)).map(|tile| {
+        let tiles = (0..rays.tiles()).map(|tile| {
             let tile = TileUniforms { first: tile * rows, photons: transfers.count };
             let tile = resources.uniform(INFO.name, &tile);
             let column = &narrower[narrower.len() - 1];
@@ -86,6 +87,7 @@ impl Reduce {
             last: kernel(1, &tiles[0])?,
             lasts: tiles.iter().map(dispatch).collect(),
             photons,
+            ways: rays.walking.ways,
             texels,
         })
     }
@@ -97,7 +99,7 @@ impl Stage for Reduce {
     }
 
     fn encode(&self, scope: &mut StageScope<'_>) {
-        let last = &self.lasts[scope.turn() as usize];
+        let last = &self.lasts[scope.turn() as usize % self.lasts.len()];
         scope.compute(|pass| {
             for halving in &self.halvings {
                 self.halve.run(pass, halving);
@@ -107,7 +109,7 @@ impl Stage for Reduce {
     }
 
     fn turns(&self) -> u32 {
-        self.lasts.len() as u32
+        self.lasts.len() as u32 * self.ways
     }
 
     fn work(&self) -> Work {

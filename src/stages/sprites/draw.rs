@@ -62,11 +62,13 @@ pub struct Sprites {
 }
 
 impl Sprites {
+    /// On receivers that `layers` hold, where the camera's depth `seen` shows them.
     pub fn new(
         resources: &Resources<'_>,
         shared: &Shared,
         photons: &Photons,
         layers: &Layers,
+        seen: &wgpu::Texture,
         sprite: &Sprite,
     ) -> Result<Self, GpuError> {
         let size_px = layers.size_px();
@@ -85,6 +87,7 @@ impl Sprites {
             Bind::Read(&photons.buffer),
             Bind::Layers(&layers.depths),
             Bind::Layers(&layers.normals),
+            Bind::Depth(seen),
         ];
         let group = Group::new(resources.gpu, INFO.name, &binds);
         let groups = [&shared.group, &group];

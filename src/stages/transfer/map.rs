@@ -75,7 +75,7 @@ impl Stage for Map {
             column("x_m", "m", place),
             column("y_m", "m", place),
             column("z_m", "m", place),
-            column("alive", "1", "0 for a photon that never gets here"),
+            column("state", "1", "0 for a photon that never gets here, 4 for one that has ended"),
             column("direction_x", "1", direction),
             column("direction_y", "1", direction),
             column("direction_z", "1", direction),

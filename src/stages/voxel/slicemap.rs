@@ -138,7 +138,7 @@ impl Stage for Slicemap {
                 let [columns, rows] = draw.size_px.map(|n| n as f32);
                 pass.set_viewport(0.0, 0.0, columns, rows, 0.0, 1.0);
                 pass.set_bind_group(0, &draw.group.group, &[]);
-                self.geometry.draw_part(pass, draw.part.indices.clone());
+                self.geometry.draw_range(pass, draw.part.indices.clone());
             }
         });
     }

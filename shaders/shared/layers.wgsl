@@ -1,0 +1,29 @@
+// What layered depth holds at a place.
+#define_import_path fathom::layers
+
+#import fathom::frame::{frame, view_depth_m}
+
+// Normal and optics of the layer that lies nearest to a view depth.
+fn surface_near(
+    depths: texture_2d_array<f32>, normals: texture_2d_array<f32>, layers: u32, texel: vec2<i32>, view_m: f32
+) -> vec4<f32> {
+    var nearest = 1e30;
+    var surface = vec4(0.0);
+    for (var layer = 0u; layer < layers; layer++) {
+        let z = textureLoad(depths, texel, layer, 0).x;
+        if z >= 1.0 {
+            break;
+        }
+        let away = abs(view_depth_m(z) - view_m);
+        if away < nearest {
+            nearest = away;
+            surface = textureLoad(normals, texel, layer, 0);
+        }
+    }
+    return surface;
+}
+
+// Texel that shows a place in view.
+fn texel_of(ndc: vec2<f32>, size_px: vec2<f32>) -> vec2<i32> {
+    return vec2<i32>(min((ndc * vec2(0.5, -0.5) + 0.5) * size_px, size_px - 1.0));
+}

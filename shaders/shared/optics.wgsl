@@ -1,0 +1,29 @@
+// What becomes of light at a surface: a number beside each normal of the layers. Host twin: `optics` in src/stages/geometry.rs.
+// 1: it ends there. −1: it is reflected. 2 and more: glass, of the refractive index that is 1 less.
+#define_import_path fathom::optics
+
+fn ends(optics: f32) -> bool {
+    return optics == 1.0;
+}
+
+fn is_mirror(optics: f32) -> bool {
+    return optics < 0.0;
+}
+
+fn is_glass(optics: f32) -> bool {
+    return optics >= 2.0;
+}
+
+fn refractive_index(optics: f32) -> f32 {
+    return optics - 1.0;
+}
+
+// Direction behind a surface, `eta` the index before it over that behind it. Totally reflected light stays before it.
+fn refracted(direction: vec3<f32>, normal: vec3<f32>, eta: f32) -> vec3<f32> {
+    let facing = faceForward(normal, direction, normal);
+    let behind = refract(direction, facing, eta);
+    if dot(behind, behind) == 0.0 {
+        return reflect(direction, facing);
+    }
+    return normalize(behind);
+}

@@ -1,0 +1,158 @@
+//! Light that mirrors and glass pass on: exact ray casting, and Snell's law at the meshes' interpolated normals (SPT §2.3, §4).
+
+use glam::DVec3;
+
+use super::optics::refract;
+use super::rays::{Hit, Tracer};
+use crate::scene::{Object, Optics};
+
+/// A ray that starts on a surface ignores hits nearer than this, metres: meshes hold 32-bit floats.
+const SELF_HIT_M: f64 = 1e-6;
+
+/// Light on its way.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Ray {
+    pub origin: DVec3,
+    /// Unit.
+    pub direction: DVec3,
+    /// Refractive index around it, that of glass inside glass.
+    pub index: f64,
+}
+
+/// Where light ends.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum End {
+    /// On a surface that is neither mirror nor glass.
+    Diffuse(Hit),
+    /// It meets nothing more.
+    Leaves(Ray),
+    /// It has met mirrors and glass as often as it may, and is on one of them.
+    OnItsWay,
+}
+
+/// Surfaces that light meets.
+pub struct Surfaces<'a> {
+    pub tracer: &'a Tracer,
+    /// Those of the tracer.
+    pub objects: &'a [Object],
+    /// Refractive index around the objects.
+    pub outside: f64,
+    /// Light ends at this height, metres: the water's surface for light under water.
+    pub top_m: f64,
+}
+
+impl Surfaces<'_> {
+    pub fn ray(&self, origin: DVec3, direction: DVec3) -> Ray {
+        Ray { origin, direction, index: self.outside }
+    }
+
+    /// What a ray meets first.
+    pub fn meet(&self, ray: &Ray) -> Option<Hit> {
+        let rise = ray.direction.y;
+        let most_m = if rise > 0.0 { (self.top_m - ray.origin.y) / rise } else { f64::MAX };
+        self.tracer.cast(ray.origin, ray.direction, SELF_HIT_M, most_m)
+    }
+
+    /// The ray behind a hit on a mirror or on glass; none on other surfaces. Totally reflected light stays before the surface.
+    pub fn onward(&self, ray: &Ray, hit: &Hit) -> Option<Ray> {
+        let material = &self.objects[hit.object].material;
+        let normal = hit.shading_normal;
+        let mirrored = ray.direction - 2.0 * ray.direction.dot(normal) * normal;
+        let (direction, index) = match material.optics {
+            Optics::Diffuse => return None,
+            Optics::Mirror => (mirrored, ray.index),
+            Optics::Glass => {
+                let inside = ray.index != self.outside;
+                let behind =
+                    if inside { self.outside } else { f64::from(material.refractive_index) };
+                let refracted = refract(ray.direction, normal, ray.index, behind);
+                refracted.map_or((mirrored, ray.index), |direction| (direction, behind))
+            }
+        };
+        Some(Ray { origin: hit.position, direction: direction.normalize(), index })
+    }
+
+    /// Follows a ray past at most so many mirrors and surfaces of glass.
+    pub fn follow(&self, ray: Ray, bounces: u32) -> End {
+        let mut ray = ray;
+        for _ in 0..=bounces {
+            let Some(hit) = self.meet(&ray) else { return End::Leaves(ray) };
+            let Some(behind) = self.onward(&ray, &hit) else { return End::Diffuse(hit) };
+            ray = behind;
+        }
+        End::OnItsWay
+    }
+
+    /// The ray behind its first so many mirrors and surfaces of glass; none where it meets fewer.
+    pub fn behind(&self, ray: Ray, surfaces: u32) -> Option<Ray> {
+        (0..surfaces).try_fold(ray, |ray, _| self.onward(&ray, &self.meet(&ray)?))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::{Material, Mesh};
+
+    const GLASS: f64 = 1.5;
+
+    /// A level square of a material at a height.
+    fn level(y: f64, optics: Optics) -> Object {
+        let mesh = Mesh::parallelogram(DVec3::Y * y, DVec3::Z * 50.0, DVec3::X * 50.0);
+        let refractive_index = GLASS as f32;
+        let material = Material { optics, refractive_index, ..Material::default() };
+        Object { material, ..Object::new("square", mesh) }
+    }
+
+    fn surfaces<'a>(tracer: &'a Tracer, objects: &'a [Object]) -> Surfaces<'a> {
+        Surfaces { tracer, objects, outside: 1.0, top_m: 10.0 }
+    }
+
+    #[test]
+    fn a_slab_shifts_a_ray_by_its_closed_form_and_keeps_its_direction() {
+        let objects = [level(1.0, Optics::Glass), level(0.0, Optics::Glass)];
+        let tracer = Tracer::new(&objects).unwrap();
+        for degrees in [10.0f64, 45.0, 80.0] {
+            let (sin_i, cos_i) = degrees.to_radians().sin_cos();
+            let direction = DVec3::new(sin_i, -cos_i, 0.0);
+            let surfaces = surfaces(&tracer, &objects);
+            let start = surfaces.ray(DVec3::new(0.0, 1.0, 0.0) - direction, direction);
+            let out = surfaces.behind(start, 2).unwrap();
+            let sin_t = sin_i / GLASS;
+            let expected = DVec3::new(sin_t / (1.0 - sin_t * sin_t).sqrt(), 0.0, 0.0);
+            assert!(out.origin.distance(expected) < 1e-9, "{degrees}");
+            assert!(out.direction.distance(direction) < 1e-9 && out.index == 1.0);
+            assert!(matches!(surfaces.follow(start, 2), End::Leaves(ray) if ray == out));
+            assert_eq!(surfaces.follow(start, 1), End::OnItsWay);
+        }
+    }
+
+    #[test]
+    fn mirrors_reflect_and_light_stays_under_the_top() {
+        let objects = [level(0.0, Optics::Mirror), level(4.0, Optics::Diffuse)];
+        let tracer = Tracer::new(&objects).unwrap();
+        let ray = |surfaces: &Surfaces<'_>| {
+            surfaces.ray(DVec3::new(0.0, 3.0, 0.0), DVec3::new(0.6, -0.8, 0.0))
+        };
+        let open = surfaces(&tracer, &objects);
+        let End::Diffuse(hit) = open.follow(ray(&open), 1) else { panic!("it meets the ceiling") };
+        assert!(hit.position.distance(DVec3::new(2.25 + 3.0, 4.0, 0.0)) < 1e-9);
+        let low = Surfaces { top_m: 3.5, ..open };
+        assert!(matches!(low.follow(ray(&low), 1), End::Leaves(_)));
+    }
+
+    #[test]
+    fn light_is_totally_reflected_inside_beyond_the_critical_angle() {
+        let objects = [level(1.0, Optics::Glass), level(0.0, Optics::Glass)];
+        let tracer = Tracer::new(&objects).unwrap();
+        let surfaces = surfaces(&tracer, &objects);
+        for (degrees, leaves) in [(41.0f64, true), (42.5, false)] {
+            let (sin_i, cos_i) = degrees.to_radians().sin_cos();
+            let direction = DVec3::new(sin_i, -cos_i, 0.0);
+            let ray = Ray { index: GLASS, ..surfaces.ray(DVec3::new(0.0, 0.5, 0.0), direction) };
+            let behind = surfaces.behind(ray, 1).unwrap();
+            assert_eq!(behind.index == 1.0, leaves);
+            assert_eq!(behind.direction.y < 0.0, leaves);
+        }
+    }
+}

@@ -1,0 +1,116 @@
+//! `transfer/bounce`: photons that have met a mirror or glass go on from there. SPT §2.3.
+
+use glam::Vec2;
+
+use crate::gpu::{GpuError, StageScope};
+use crate::record::Work;
+use crate::shader_struct;
+use crate::stages::frame::Shared;
+use crate::stages::kit::{Bind, Dispatch, Group, Kernel, Resources, linear_workgroups};
+use crate::stages::photon::Photons;
+use crate::stages::screen_ray::{Rays, Transfer};
+use crate::stages::{Output, Stage, StageInfo};
+
+pub const INFO: StageInfo = StageInfo {
+    name: "transfer/bounce",
+    about: "photons that have met a mirror or glass, reflected or refracted",
+    source: "SPT §2.3",
+};
+
+shader_struct! {
+    /// `Bounce` in `shaders/transfer/bounce.wgsl`.
+    pub struct BounceUniforms {
+        pub size_px: Vec2,
+        pub first: u32,
+        pub rows: u32,
+        pub photons: u32,
+        pub layers: u32,
+        pub last: u32,
+    }
+}
+
+/// Takes turns with the stages `rays/*`: behind each way of a tile of photons.
+pub struct Bounce {
+    kernel: Kernel,
+    /// For each turn.
+    turns: Vec<Dispatch>,
+    outputs: Photons,
+    work: Work,
+}
+
+impl Bounce {
+    /// Of the photons that `tiles` turns trace on each way, `photons` being what they store. A stage that traces all at once has one
+    /// tile.
+    pub fn new(
+        resources: &Resources<'_>,
+        shared: &Shared,
+        rays: &Rays<'_>,
+        photons: &Photons,
+        tiles: u32,
+    ) -> Result<Self, GpuError> {
+        let count = rays.transfers.count;
+        let rows = if tiles == 1 { count } else { rays.rows() };
+        let ways = rays.walking.ways;
+        let group = |turn: u32| {
+            let settings = BounceUniforms {
+                size_px: Vec2::from(rays.layers.size_px().map(|side| side as f32)),
+                first: turn % tiles * rows,
+                rows,
+                photons: count,
+                layers: rays.layers.count(),
+                last: u32::from(turn / tiles + 1 == ways),
+            };
+            let settings = resources.uniform(INFO.name, &settings);
+            let binds = [
+                Bind::Uniform(&settings),
+                Bind::Write(&rays.transfers.buffer),
+                Bind::Write(&photons.buffer),
+                Bind::Layers(&rays.layers.depths),
+                Bind::Layers(&rays.layers.normals),
+            ];
+            Group::new(resources.gpu, INFO.name, &binds)
+        };
+        let own: Vec<Group> = (0..tiles * ways).map(group).collect();
+        let dispatch = |own: &Group| {
+            let workgroups = linear_workgroups(rows.into());
+            Dispatch::new(resources, INFO.name, &[&shared.group, own], workgroups)
+        };
+        let visits = u64::from(count) * u64::from(ways);
+        let bytes = visits * size_of::<Transfer>() as u64 + Photons::bytes(visits);
+        Ok(Self {
+            kernel: Kernel::new(resources, INFO.name, INFO.name, &[&shared.group, &own[0]])?,
+            turns: own.iter().map(dispatch).collect(),
+            outputs: photons.clone(),
+            work: Work {
+                photons: visits,
+                texel_fetches: visits * u64::from(rays.layers.count()),
+                bytes_read: bytes,
+                bytes_written: bytes / 2,
+                ..Work::default()
+            },
+        })
+    }
+}
+
+impl Stage for Bounce {
+    fn info(&self) -> &'static StageInfo {
+        &INFO
+    }
+
+    fn encode(&self, scope: &mut StageScope<'_>) {
+        let dispatch = &self.turns[scope.turn() as usize];
+        scope.compute(|pass| self.kernel.run(pass, dispatch));
+    }
+
+    fn turns(&self) -> u32 {
+        self.turns.len() as u32
+    }
+
+    fn work(&self) -> Work {
+        self.work
+    }
+
+    fn outputs(&self) -> Vec<Output> {
+        vec![crate::stages::screen_ray::output(&self.outputs)]
+    }
+}
