@@ -5,6 +5,7 @@ mod lighting;
 pub mod occlusion;
 pub mod photon_tracing;
 pub mod scalar_ao;
+pub mod screen_tracing;
 pub mod settings;
 pub mod underwater;
 pub mod volume_ao;

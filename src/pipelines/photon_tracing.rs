@@ -9,6 +9,7 @@ use std::rc::Rc;
 
 use glam::UVec2;
 
+use super::screen_tracing;
 use super::settings::VIEWPORT;
 use super::{Judge, JudgeError, Judged, Pipeline};
 use crate::gpu::{Gpu, GpuError};
@@ -16,18 +17,17 @@ use crate::scene::{Bounds, Scene};
 use crate::stages::frame::{Frame, Shared, View};
 use crate::stages::gbuffer::GbufferTextures;
 use crate::stages::geometry::{Geometry, Part};
-use crate::stages::kit::{Resources, linear_workgroups};
+use crate::stages::kit::Resources;
 use crate::stages::photon::Photons;
-use crate::stages::screen_ray::{FragmentLists, Layers, Rays, Walked, group_each};
+use crate::stages::screen_ray::{FragmentLists, Rays};
 use crate::stages::shafts::blur::Blur;
 use crate::stages::shafts::lines::Lines;
 use crate::stages::sprites::compose::Compose;
 use crate::stages::sprites::draw::{Sprite, Sprites};
-use crate::stages::transfer::bounce::Bounce;
 use crate::stages::transfer::map::{Map, MapUniforms};
-use crate::stages::{ldi, rays, scene, shadow};
+use crate::stages::{scene, shadow};
 
-pub use parameters::{LayerMethod, LayeredDepth, Method, Params};
+pub use parameters::Params;
 
 /// Photons traced through layered depth, drawn as sprites.
 pub struct PhotonTracing {
@@ -68,15 +68,19 @@ impl Pipeline for PhotonTracing {
         let gbuffer =
             of_view.push(scene::gbuffer::Gbuffer::new(of_view, shared, geometry, size_px)?);
         let of_layers = &resources.sized_by("view × ldi.layers");
-        let (layers, lists) = layers(of_layers, shared, geometry, size_px, &params.ldi)?;
+        let solid = (geometry, Part::Solid);
+        let (layers, lists) =
+            screen_tracing::layers(of_layers, shared, solid, size_px, &params.ldi)?;
 
         let traced = Rays {
             transfers: &map.transfers,
             layers: &layers,
             bounds: under_water(scene),
-            walking: params.rays.walking(resources.gpu.limits.max_texture_dimension_2d),
+            walking: params
+                .rays
+                .walking(resources.gpu.limits.max_texture_dimension_2d, params.ways()),
         };
-        let photons = trace(resources, shared, &traced, params.rays.method)?;
+        let photons = screen_tracing::trace(of_grid, shared, &traced, params.rays.method)?;
         let sprite = sprite(params, &view);
         let sprites =
             Sprites::new(of_view, shared, &photons, &layers, &gbuffer.textures.depth, &sprite)?;
@@ -107,65 +111,11 @@ impl Pipeline for PhotonTracing {
     }
 }
 
-/// Pushes the stages that find the layers; the lists, where there are any.
-fn layers(
-    resources: &Resources<'_>,
-    shared: &Shared,
-    geometry: &Geometry,
-    size_px: [u32; 2],
-    settings: &LayeredDepth,
-) -> Result<(Layers, Option<FragmentLists>), GpuError> {
-    let (count, solid) = (settings.layers, (geometry, Part::Solid));
-    match settings.method {
-        LayerMethod::Peel => {
-            let peel = ldi::peel::LayeredDepth::new(resources, shared, solid, size_px, count)?;
-            Ok((resources.push(peel).layers.clone(), None))
-        }
-        LayerMethod::Lists => {
-            let room = settings.fragments_per_pixel;
-            let lists = ldi::lists::Lists::new(resources, shared, solid, size_px, room)?;
-            let lists = resources.push(lists).lists.clone();
-            let sort = ldi::sort::Sort::new(resources, &lists, count)?;
-            Ok((resources.push(sort).layers.clone(), Some(lists)))
-        }
-    }
-}
-
 /// The box of what photons meet: they stay under water.
 fn under_water(scene: &Scene) -> Bounds {
     let bounds = scene.solid_bounds();
     let top = bounds.max.y.min(scene.water.bound_m()).max(bounds.min.y);
     Bounds { max: bounds.max.with_y(top), ..bounds }
-}
-
-/// Pushes the stages that find where rays end.
-fn trace(
-    resources: &Resources<'_>,
-    shared: &Shared,
-    traced: &Rays<'_>,
-    method: Method,
-) -> Result<Photons, GpuError> {
-    let of_rays = &resources.sized_by("transfer.grid");
-    let count = traced.transfers.count;
-    let walked = |info, workgroups| -> Result<Photons, GpuError> {
-        let stage = Walked::new(of_rays, info, shared, traced, workgroups)?;
-        Ok(of_rays.push(stage).photons.clone())
-    };
-    let (photons, tiles) = match method {
-        Method::Lines => {
-            let of_tile = &resources.sized_by("view × rays.rows");
-            let drawn = rays::rasterize::Rasterize::new(of_tile, shared, traced)?;
-            let drawn = of_tile.push(drawn);
-            let reduce = rays::reduce::Reduce::new(of_tile, &drawn.hits, traced)?;
-            (of_tile.push(reduce).photons.clone(), traced.tiles())
-        }
-        Method::March => (walked(&rays::march::INFO, linear_workgroups(count.into()))?, 1),
-        Method::Group => (walked(&rays::group::INFO, group_each(count))?, 1),
-    };
-    if traced.walking.ways > 1 {
-        of_rays.push(Bounce::new(of_rays, shared, traced, &photons, tiles)?);
-    }
-    Ok(photons)
 }
 
 /// Pushes the stages that draw shafts; their sum in each pixel, and the radiance for each W of it.

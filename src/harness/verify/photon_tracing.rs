@@ -10,8 +10,10 @@ use crate::reference::image::{Image, pixels};
 use crate::reference::optics::refract;
 use crate::reference::quantities::{StoredPhoton, quantile};
 use crate::reference::rays::{PixelRays, Tracer};
+use crate::reference::specular::{End, Surfaces};
 use crate::reference::surface::enter;
-use crate::scene::{Camera, LightKind, Scene, Water};
+use crate::scene::{Camera, LightKind, Optics, Scene, Water};
+use crate::stages::Stage;
 use crate::stages::geometry::Part;
 use crate::stages::kit::linear_workgroups;
 use crate::stages::ldi::lists::{self, Lists};
@@ -27,6 +29,7 @@ use crate::stages::screen_ray::{
 use crate::stages::shadow::{depth::Depth, mask::Mask};
 use crate::stages::sprites::compose::{self, Compose};
 use crate::stages::sprites::draw::{self, Sprite, Sprites};
+use crate::stages::transfer::bounce::{self, Bounce};
 use crate::stages::transfer::map::{self, Map, MapUniforms};
 
 /// Scenes with columns and curved objects; with an open shore, seen from above; with many boxes and barrels.
@@ -64,6 +67,10 @@ pub fn cases() -> Vec<Case> {
         }
         let what = format!("scene {name}: photon by photon as marched");
         cases.push(Case::new(reduce::INFO.name, what, move |rig| alike(rig, name)));
+    }
+    for (stage, method) in METHODS {
+        let what = format!("behind mirror and glass, by {stage}");
+        cases.push(Case::new(bounce::INFO.name, what, move |rig| bounced(rig, stage, method)));
     }
     cases.push(Case::new(draw::INFO.name, "energy on a slanted plane", energy));
     cases.push(Case::new(draw::INFO.name, "Eq. 1 pixel by pixel", sprite_shape));
@@ -112,9 +119,20 @@ impl Setup {
     }
 
     fn trace(&self, rig: &Rig<'_>, method: Method, test: HitTest) -> Result<Vec<StoredPhoton>> {
+        self.trace_ways(rig, method, test, 1)
+    }
+
+    /// Several ways use the transfer map up.
+    fn trace_ways(
+        &self,
+        rig: &Rig<'_>,
+        method: Method,
+        test: HitTest,
+        ways: u32,
+    ) -> Result<Vec<StoredPhoton>> {
         let rows = if let Method::Lines { rows } = method { rows } else { 1 };
         let walking =
-            Walking { test, tolerance_m: TOLERANCE_M, start_m: 0.0, least: 8, rows, ways: 1 };
+            Walking { test, tolerance_m: TOLERANCE_M, start_m: 0.0, least: 8, rows, ways };
         let rays = Rays {
             transfers: &self.transfers,
             layers: &self.layers,
@@ -123,17 +141,21 @@ impl Setup {
         };
         let shared = &self.stand.shared;
         let count = self.transfers.count;
+        let traced = |stages: &[&dyn Stage], photons: &Photons, tiles: u32| {
+            let bounce = Bounce::new(&rig.resources, shared, &rays, photons, tiles)?;
+            let bounces: &[&dyn Stage] = if ways > 1 { &[&bounce] } else { &[] };
+            rig.run(&[stages, bounces].concat())?;
+            Ok(rig.read_photons(photons)?)
+        };
         let walked = |info, workgroups| {
             let stage = Walked::new(&rig.resources, info, shared, &rays, workgroups)?;
-            rig.run(&[&stage])?;
-            Ok(rig.read_photons(&stage.photons)?)
+            traced(&[&stage], &stage.photons, 1)
         };
         match method {
             Method::Lines { .. } => {
                 let lines = Rasterize::new(&rig.resources, shared, &rays)?;
                 let reduce = Reduce::new(&rig.resources, &lines.hits, &rays)?;
-                rig.run(&[&lines, &reduce])?;
-                Ok(rig.read_photons(&reduce.photons)?)
+                traced(&[&lines, &reduce], &reduce.photons, rays.tiles())
             }
             Method::March => walked(&march::INFO, linear_workgroups(count.into())),
             Method::Group => walked(&group::INFO, group_each(count)),
@@ -366,6 +388,61 @@ fn from_surfaces_m(tracer: &Tracer, camera: &Camera, place: DVec3) -> f64 {
     let off =
         all_hits(tracer, &rays, pixel).into_iter().map(|hit| (view_m(hit) - view_m(place)).abs());
     off.fold(f64::INFINITY, f64::min) * place.distance(camera.position()) / view_m(place)
+}
+
+/// Mirrors and surfaces of glass that a photon may leave.
+const BOUNCES: u32 = 4;
+
+/// Ends of photons that meet a mirror or glass first, against exact ray casting.
+fn bounced(rig: &Rig<'_>, stage: &str, method: Method) -> Checks {
+    let setup = Setup::new(rig, "specular", LAYERS)?;
+    let found = setup.trace_ways(rig, method, HitTest::Crossing, BOUNCES + 1)?;
+    let tracer = Tracer::new(&setup.scene.objects)?;
+    let rays = PixelRays::new(&setup.stand.view.camera, SIZE[0], SIZE[1]);
+    let surfaces = Surfaces {
+        tracer: &tracer,
+        objects: &setup.scene.objects,
+        outside: setup.scene.water.refractive_index,
+        top_m: 0.0,
+    };
+    let seen = |place: DVec3| {
+        let on = rays.project(place)?;
+        let inside = |at: f64, side: u32| (0.0..=f64::from(side)).contains(&at);
+        (inside(on.x_px, SIZE[0]) && inside(on.y_px, SIZE[1])).then_some(place)
+    };
+    // Exact end and first place on the mirror or glass, for photons that end in view.
+    let exact = |optics: Optics| -> Vec<(usize, DVec3, DVec3)> {
+        let ends = setup.stored.iter().enumerate().filter(|(_, t)| t.state > NEVER);
+        ends.filter_map(|(number, transfer)| {
+            let [origin, along] = [transfer.position_m, transfer.direction].map(|v| v.as_dvec3());
+            let ray = surfaces.ray(origin, along.normalize());
+            let first = surfaces.meet(&ray)?;
+            let meets = setup.scene.objects[first.object].material.optics == optics;
+            let End::Diffuse(hit) = surfaces.follow(ray, BOUNCES) else { return None };
+            meets.then_some((number, seen(hit.position)?, first.position))
+        })
+        .collect()
+    };
+    let mut checks = Vec::new();
+    for optics in [Optics::Mirror, Optics::Glass] {
+        let exact = exact(optics);
+        let landed = || exact.iter().filter(|(number, ..)| found[*number].landed());
+        let median = |end: fn(&(usize, DVec3, DVec3)) -> DVec3| {
+            let off = landed().map(|photon| found[photon.0].hit.distance(end(photon)));
+            quantile(&mut off.collect::<Vec<_>>(), 0.5)
+        };
+        let lost = 1.0 - landed().count() as f64 / exact.len() as f64;
+        let what = format!("{optics:?}, by {stage}: median |end − exact end|");
+        // Normals are 16-bit floats, and are those of the pixel, not of the hit.
+        checks.push(
+            Check::of(bounce::INFO.name, what)
+                .within((0.05, "m"), median(|photon| photon.1))
+                .control("photons that end where they meet it", median(|photon| photon.2))
+                .with("photons", exact.len() as f64)
+                .with("lost_share", lost),
+        );
+    }
+    Ok(checks)
 }
 
 /// Rows and reduction, in one tile and in several, and workgroups, against marching.

@@ -5,8 +5,9 @@ use std::collections::BTreeMap;
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::{Method, PhotonTracing, under_water};
+use super::{PhotonTracing, under_water};
 use crate::gpu::{Gpu, GpuError, read_buffer};
+use crate::pipelines::screen_tracing::Method;
 use crate::pipelines::{JudgeError, Judged};
 use crate::record::ErrorFigure;
 use crate::reference::photons::land;
@@ -122,7 +123,7 @@ impl PhotonTracing {
         let objects: Vec<Object> = solid.cloned().collect();
         let tracer = &Tracer::new(&objects)?;
         let (frame, water) = (self.view.light_frame(), &self.view.water);
-        let bounces = self.params.rays.bounces;
+        let bounces = self.params.transfer.bounces;
         let surfaces = Surfaces {
             tracer,
             objects: &objects,

@@ -5,10 +5,10 @@ use serde::{Deserialize, Serialize};
 
 use crate::parameter::ParamError;
 use crate::pipelines::Parameters;
+use crate::pipelines::screen_tracing::{LayeredDepth, RaySettings};
 use crate::pipelines::settings::Shadow;
 use crate::scene::{Camera, Light, SceneFile, Water};
-use crate::stages::screen_ray::{HitTest, Walking};
-use crate::{choices, settings};
+use crate::settings;
 
 settings! {
     /// Everything that can be set. The dotted paths of `--set` are these fields' names.
@@ -53,81 +53,8 @@ settings! {
     pub struct Transfer {
         /// Photons along the light's screen, to the right and upwards. SPT §5: 256 × 256.
         grid: [u32; 2] = [256, 256] => 1 ..= 16384, "1";
-    }
-}
-
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum LayerMethod {
-    /// A pass for each layer. SPT §2.2.
-    Peel,
-    /// One pass into lists, sorted pixel by pixel.
-    Lists,
-}
-
-settings! {
-    /// The layered depth image. SPT §2.2.
-    pub struct LayeredDepth {
-        /// What finds the layers. Both find the same, as long as the lists have room.
-        method: LayerMethod = LayerMethod::Peel;
-        /// Room of the lists, fragments a pixel on average. What finds none is lost, and told.
-        fragments_per_pixel: u32 = 8 => 1 ..= 256, "1";
-        /// Layers. SPT §2.2: "usually sufficient to only consider up to eight depth layers".
-        layers: u32 = 8 => 1 ..= 64, "1";
-    }
-}
-
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Method {
-    /// A line for each photon, and a reduction of its row. SPT §2.1.
-    Lines,
-    /// An invocation walks each ray. SPT §2.1: about half as fast in 2006.
-    March,
-    /// A workgroup walks each ray.
-    Group,
-}
-
-choices!(Method, HitTest, LayerMethod);
-
-settings! {
-    /// How rays are followed. SPT §2.1.
-    pub struct RaySettings {
-        /// What walks the rays. All find the same hits.
-        method: Method = Method::Lines;
-        /// What counts as a hit. `tolerance` is the paper's, and loses rays whose depth changes by more than twice the tolerance
-        /// from pixel to pixel.
-        test: HitTest = HitTest::Crossing;
-        /// Distance that counts as a hit with the test `tolerance`. SPT §5: 0.01.
-        tolerance_m: f64 = 0.01 => 1e-6 ..= 1e3, "m";
-        /// Nothing is hit nearer to a ray's start than this.
-        start_m: f64 = 0.0 => 0.0 ..= 1e3, "m";
-        /// Fewest pixels of a ray's line. SPT §2.1 enforces a minimum and does not give it.
-        least_px: u32 = 8 => 1 ..= 4096, "px";
-        /// Most rows of the target that lines are drawn into; 0: as many as the adapter has. More photons take several passes.
-        rows: u32 = 0 => 0 ..= 1_000_000, "1";
         /// Mirrors and surfaces of glass that a photon can leave behind the water. SPT §2.3.
         bounces: u32 = 0 => 0 ..= 16, "1";
-    }
-}
-
-/// Most rows by default: 8192 × 801 texels are 25 MiB.
-const ROWS: u32 = 8192;
-
-/// Most tiles: each is two passes of a frame, of which 2,048 are timed.
-const MOST_TILES: u32 = 1024;
-
-impl RaySettings {
-    /// On an adapter with textures of so many rows at most.
-    pub fn walking(&self, most_rows: u32) -> Walking {
-        Walking {
-            test: self.test,
-            tolerance_m: self.tolerance_m,
-            start_m: self.start_m,
-            least: self.least_px,
-            rows: if self.rows == 0 { most_rows.min(ROWS) } else { self.rows },
-            ways: 1 + self.bounces,
-        }
     }
 }
 
@@ -168,6 +95,11 @@ impl Params {
         self.transfer.grid[0] * self.transfer.grid[1]
     }
 
+    /// Ways of a photon behind the water.
+    pub fn ways(&self) -> u32 {
+        1 + self.transfer.bounces
+    }
+
     /// Distance of the middle of the view.
     pub fn middle_m(&self) -> f64 {
         DVec3::from(self.camera.target_m).distance(DVec3::from(self.camera.position_m))
@@ -189,14 +121,7 @@ impl Parameters for Params {
         self.camera.validate()?;
         self.light.validate()?;
         self.water.validate()?;
-        let rows = if self.rays.rows == 0 { ROWS } else { self.rays.rows };
-        let tiles = self.photons().div_ceil(rows) * (1 + self.rays.bounces);
-        if self.rays.method == Method::Lines && tiles > MOST_TILES {
-            return Err(ParamError::Unfit(format!(
-                "transfer.grid, rays.rows and rays.bounces give {tiles} tiles of photons: at most {MOST_TILES} are drawn"
-            )));
-        }
-        Ok(())
+        self.rays.fits(self.photons(), self.ways(), "transfer.grid, transfer.bounces")
     }
 
     fn camera_mut(&mut self) -> &mut Camera {

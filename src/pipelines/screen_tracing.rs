@@ -1,0 +1,158 @@
+//! Layers of depth and rays through them: settings and stages that the pipelines of screen-space photon tracing share. Krüger,
+//! Bürger and Westermann (SPT) §2.
+
+use serde::{Deserialize, Serialize};
+
+use crate::gpu::GpuError;
+use crate::parameter::ParamError;
+use crate::stages::frame::Shared;
+use crate::stages::geometry::{Geometry, Part};
+use crate::stages::kit::{Resources, linear_workgroups};
+use crate::stages::photon::Photons;
+use crate::stages::screen_ray::{
+    FragmentLists, HitTest, Layers, Rays, Walked, Walking, group_each,
+};
+use crate::stages::transfer::bounce::Bounce;
+use crate::stages::{ldi, rays};
+use crate::{choices, settings};
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum LayerMethod {
+    /// A pass for each layer. SPT §2.2.
+    Peel,
+    /// One pass into lists, sorted pixel by pixel.
+    Lists,
+}
+
+settings! {
+    /// The layered depth image. SPT §2.2.
+    pub struct LayeredDepth {
+        /// What finds the layers. Both find the same, as long as the lists have room.
+        method: LayerMethod = LayerMethod::Peel;
+        /// Room of the lists, fragments a pixel on average. What finds none is lost, and told.
+        fragments_per_pixel: u32 = 8 => 1 ..= 256, "1";
+        /// Layers. SPT §2.2: "usually sufficient to only consider up to eight depth layers".
+        layers: u32 = 8 => 1 ..= 64, "1";
+    }
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Method {
+    /// A line for each photon, and a reduction of its row. SPT §2.1.
+    Lines,
+    /// An invocation walks each ray. SPT §2.1: about half as fast in 2006.
+    March,
+    /// A workgroup walks each ray.
+    Group,
+}
+
+choices!(Method, HitTest, LayerMethod);
+
+settings! {
+    /// How rays are followed. SPT §2.1.
+    pub struct RaySettings {
+        /// What walks the rays. All find the same hits.
+        method: Method = Method::Lines;
+        /// What counts as a hit. `tolerance` is the paper's, and loses rays whose depth changes by more than twice the tolerance
+        /// from pixel to pixel.
+        test: HitTest = HitTest::Crossing;
+        /// Distance that counts as a hit with the test `tolerance`. SPT §5: 0.01.
+        tolerance_m: f64 = 0.01 => 1e-6 ..= 1e3, "m";
+        /// Nothing is hit nearer to a ray's start than this.
+        start_m: f64 = 0.0 => 0.0 ..= 1e3, "m";
+        /// Fewest pixels of a ray's line. SPT §2.1 enforces a minimum and does not give it.
+        least_px: u32 = 8 => 1 ..= 4096, "px";
+        /// Most rows of the target that lines are drawn into; 0: as many as the adapter has. More photons take several passes.
+        rows: u32 = 0 => 0 ..= 1_000_000, "1";
+    }
+}
+
+/// Most rows by default: 8192 × 801 texels are 25 MiB.
+const ROWS: u32 = 8192;
+
+/// Most tiles: each is two passes of a frame, of which 2,048 are timed.
+const MOST_TILES: u64 = 1024;
+
+impl RaySettings {
+    /// On an adapter with textures of so many rows at most, for photons of so many ways.
+    pub fn walking(&self, most_rows: u32, ways: u32) -> Walking {
+        Walking {
+            test: self.test,
+            tolerance_m: self.tolerance_m,
+            start_m: self.start_m,
+            least: self.least_px,
+            rows: if self.rows == 0 { most_rows.min(ROWS) } else { self.rows },
+            ways,
+        }
+    }
+    /// Refuses more tiles than a frame can time; `sizes` names what gives the number of rays.
+    ///
+    /// # Errors
+    /// One line that names the parameters.
+    pub fn fits(&self, rays: u32, ways: u32, sizes: &str) -> Result<(), ParamError> {
+        let rows = if self.rows == 0 { ROWS } else { self.rows };
+        let tiles = u64::from(rays.div_ceil(rows)) * u64::from(ways);
+        if self.method == Method::Lines && tiles > MOST_TILES {
+            return Err(ParamError::Unfit(format!(
+                "{sizes} and rays.rows give {tiles} tiles of rays: at most {MOST_TILES} are drawn"
+            )));
+        }
+        Ok(())
+    }
+}
+
+/// Pushes the stages that find the layers of a part of the scene; the lists, where there are any.
+pub fn layers(
+    resources: &Resources<'_>,
+    shared: &Shared,
+    (geometry, part): (&Geometry, Part),
+    size_px: [u32; 2],
+    settings: &LayeredDepth,
+) -> Result<(Layers, Option<FragmentLists>), GpuError> {
+    let count = settings.layers;
+    match settings.method {
+        LayerMethod::Peel => {
+            let peel =
+                ldi::peel::LayeredDepth::new(resources, shared, (geometry, part), size_px, count)?;
+            Ok((resources.push(peel).layers.clone(), None))
+        }
+        LayerMethod::Lists => {
+            let room = settings.fragments_per_pixel;
+            let lists = ldi::lists::Lists::new(resources, shared, (geometry, part), size_px, room)?;
+            let lists = resources.push(lists).lists.clone();
+            let sort = ldi::sort::Sort::new(resources, &lists, count)?;
+            Ok((resources.push(sort).layers.clone(), Some(lists)))
+        }
+    }
+}
+
+/// Pushes the stages that find where rays end, and those behind mirrors and glass where rays have several ways.
+pub fn trace(
+    of_rays: &Resources<'_>,
+    shared: &Shared,
+    traced: &Rays<'_>,
+    method: Method,
+) -> Result<Photons, GpuError> {
+    let count = traced.transfers.count;
+    let walked = |info, workgroups| -> Result<Photons, GpuError> {
+        let stage = Walked::new(of_rays, info, shared, traced, workgroups)?;
+        Ok(of_rays.push(stage).photons.clone())
+    };
+    let (photons, tiles) = match method {
+        Method::Lines => {
+            let of_tile = &of_rays.sized_by("view × rays.rows");
+            let drawn = rays::rasterize::Rasterize::new(of_tile, shared, traced)?;
+            let drawn = of_tile.push(drawn);
+            let reduce = rays::reduce::Reduce::new(of_tile, &drawn.hits, traced)?;
+            (of_tile.push(reduce).photons.clone(), traced.tiles())
+        }
+        Method::March => (walked(&rays::march::INFO, linear_workgroups(count.into()))?, 1),
+        Method::Group => (walked(&rays::group::INFO, group_each(count))?, 1),
+    };
+    if traced.walking.ways > 1 {
+        of_rays.push(Bounce::new(of_rays, shared, traced, &photons, tiles)?);
+    }
+    Ok(photons)
+}
