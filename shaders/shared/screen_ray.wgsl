@@ -4,7 +4,8 @@
 // A ray is cut to the scene's bounds and to the camera's frustum. What is left is walked in steps of a pixel, as a line would be
 // rasterized. At each step it is held against all layers at its pixel.
 //
-// Defs: TEST 0 takes the paper's tolerance, TEST 1 asks whether the ray passes through a layer's tangent plane.
+// Defs: TEST 0 takes the paper's tolerance, TEST 1 asks whether the ray passes through a layer's tangent plane, TEST 2 takes the
+// tolerance and asks in addition whether the ray is inside a closed object, between two consecutive layers: SPT §5.
 #define_import_path fathom::screen_ray
 
 #import fathom::frame::{frame, world_at, view_depth_m}
@@ -127,18 +128,26 @@ fn hit(
     let middle = (number + 0.5) / seg.steps;
     let place = mix(place_px(walk, seg.near), place_px(walk, seg.far), middle);
     let texel = vec2<i32>(clamp(floor(place), vec2(0.0), walk.size_px - 1.0));
-#if TEST == 0
+#if TEST != 1
     let share = share_at(seg, middle);
     let at_m = mix(seg.from_m, seg.to_m, share);
     let view_m = mix(seg.near.w, seg.far.w, share);
     // Metres along the pixel's line of sight for each metre of view depth.
     let stretch = distance(ray.position_m + at_m * ray.direction, frame.camera_position_m) / view_m;
+    var before_m = 0.0;
     for (var layer = 0u; layer < walk.layers; layer++) {
         let z = textureLoad(depths, texel, layer, 0).x;
         if z >= 1.0 {
             break;
         }
-        let near = abs(view_depth_m(z) - view_m) * stretch <= walk.tolerance_m;
+        let layer_m = view_depth_m(z);
+#if TEST == 2
+        if (layer & 1u) == 1u && before_m < view_m && view_m < layer_m {
+            return at_m;
+        }
+        before_m = layer_m;
+#endif
+        let near = abs(layer_m - view_m) * stretch <= walk.tolerance_m;
         if near && can_hit(ray, textureLoad(normals, texel, layer, 0)) {
             return at_m;
         }

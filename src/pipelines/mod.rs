@@ -4,9 +4,11 @@ pub mod hsao;
 mod lighting;
 pub mod occlusion;
 pub mod photon_tracing;
+pub mod refraction;
 pub mod scalar_ao;
 pub mod screen_tracing;
 pub mod settings;
+pub mod shadow_rays;
 pub mod underwater;
 pub mod volume_ao;
 pub mod voxelization;
@@ -402,6 +404,8 @@ pub const KINDS: &[PipelineKind] = &[
     PipelineKind::of::<hsao::Hsao>(),
     PipelineKind::of::<scalar_ao::ScalarAo>(),
     PipelineKind::of::<photon_tracing::PhotonTracing>(),
+    PipelineKind::of::<shadow_rays::ShadowRays>(),
+    PipelineKind::of::<refraction::ScreenRefraction>(),
 ];
 
 /// Cells of the volume that replaces one that is too large.

@@ -46,7 +46,8 @@ impl Pipeline for PhotonTracing {
 
     fn new(resources: &Resources<'_>, scene: &Scene, params: &Params) -> Result<Self, GpuError> {
         scene.needs_objects(Self::NAME).map_err(GpuError::Unusable)?;
-        let view = view(params, scene);
+        let water = params.water.with_tile_of(&scene.water);
+        let view = params.view.seen(scene, &params.camera, &params.light, water);
         let shared = &Shared::new(resources, &view);
         resources.push(Frame::new(view.clone(), shared));
         let geometry = &Geometry::new(resources, scene);
@@ -137,18 +138,6 @@ fn shafts(
     // A photon of the flux Φ along a line scatters σ Φ / 4π for each metre and steradian. Its line is a pixel wide.
     let scale = params.shafts.scattering_per_m / (4.0 * PI * pixel_m);
     Ok((blur, scale))
-}
-
-fn view(params: &Params, scene: &Scene) -> View {
-    View {
-        camera: params.camera.clone(),
-        light: params.light.clone(),
-        water: params.water.with_tile_of(&scene.water),
-        bounds: scene.bounds,
-        size_px: UVec2::new(params.view.width, params.view.height),
-        // The light's depth is read for the mask alone.
-        edge_m: 0.1,
-    }
 }
 
 /// Flux that each photon has of the light's.

@@ -1,11 +1,13 @@
 //! Layers of depth and rays through them: settings and stages that the pipelines of screen-space photon tracing share. Krüger,
 //! Bürger and Westermann (SPT) §2.
 
+use glam::UVec2;
 use serde::{Deserialize, Serialize};
 
 use crate::gpu::GpuError;
 use crate::parameter::ParamError;
-use crate::stages::frame::Shared;
+use crate::scene::{Camera, Light, Scene, Water};
+use crate::stages::frame::{Shared, View};
 use crate::stages::geometry::{Geometry, Part};
 use crate::stages::kit::{Resources, linear_workgroups};
 use crate::stages::photon::Photons;
@@ -13,8 +15,47 @@ use crate::stages::screen_ray::{
     FragmentLists, HitTest, Layers, Rays, Walked, Walking, group_each,
 };
 use crate::stages::transfer::bounce::Bounce;
-use crate::stages::{ldi, rays};
+use crate::stages::{StageInfo, ldi, rays};
 use crate::{choices, settings};
+
+settings! {
+    /// Pixels of the main viewport. SPT §5: 800 × 600.
+    pub struct Viewport {
+        /// Columns.
+        width: u32 = 800 => 1 ..= 1_000_000, "px";
+        /// Rows.
+        height: u32 = 600 => 1 ..= 1_000_000, "px";
+    }
+}
+
+impl Viewport {
+    /// Its view of a scene.
+    pub fn seen(&self, scene: &Scene, camera: &Camera, light: &Light, water: Water) -> View {
+        View {
+            camera: camera.clone(),
+            light: light.clone(),
+            water,
+            bounds: scene.bounds,
+            size_px: UVec2::new(self.width, self.height),
+            edge_m: EDGE_M,
+        }
+    }
+
+    pub fn pixels(&self) -> u32 {
+        self.width.saturating_mul(self.height)
+    }
+}
+
+/// No stage here asks for edges of the light's depth: as in pipeline `underwater`.
+const EDGE_M: f64 = 0.1;
+
+settings! {
+    /// How the picture is made.
+    pub struct Composition {
+        /// Radiance is mapped by 1 − exp(−exposure × radiance). As in pipeline underwater.
+        exposure: f64 = 0.4 => 0.0 ..= 1e6, "1";
+    }
+}
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -49,6 +90,17 @@ pub enum Method {
 }
 
 choices!(Method, HitTest, LayerMethod);
+
+impl Method {
+    /// The stage that finds hits.
+    pub fn info(self) -> &'static StageInfo {
+        match self {
+            Self::Lines => &rays::rasterize::INFO,
+            Self::March => &rays::march::INFO,
+            Self::Group => &rays::group::INFO,
+        }
+    }
+}
 
 settings! {
     /// How rays are followed. SPT §2.1.

@@ -23,6 +23,7 @@ pub mod photons;
 pub mod post;
 pub mod ray_cast;
 pub mod rays;
+pub mod refraction;
 pub mod scalar;
 pub mod scalar_field;
 pub mod scene;
@@ -74,6 +75,7 @@ pub const REGISTRY: &[StageInfo] = &[
     godrays::filter::INFO,
     compose::INFO,
     transfer::map::INFO,
+    transfer::shadow::INFO,
     ldi::peel::INFO,
     ldi::lists::INFO,
     ldi::sort::INFO,
@@ -86,6 +88,10 @@ pub const REGISTRY: &[StageInfo] = &[
     shafts::lines::INFO,
     shafts::blur::INFO,
     sprites::compose::INFO,
+    shadow::compose::INFO,
+    refraction::trace::INFO,
+    refraction::two_interface::INFO,
+    refraction::compose::INFO,
     post::luminance::INFO,
     scalar::isosurface::INFO,
     scalar::direct::INFO,

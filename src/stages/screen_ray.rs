@@ -44,6 +44,34 @@ impl Transfers {
     pub fn new(resources: &Resources<'_>, label: &str, count: u32) -> Self {
         Self { buffer: resources.room_for::<Transfer>(label, count.into()), count }
     }
+
+    /// For dumps.
+    pub fn output(&self) -> Output {
+        let column = Column::new;
+        let place = "where the photon leaves the surface";
+        let direction = "unit direction behind the surface";
+        let columns = vec![
+            column("x_m", "m", place),
+            column("y_m", "m", place),
+            column("z_m", "m", place),
+            column("state", "1", "0 for a photon that never gets here, 4 for one that has ended"),
+            column("direction_x", "1", direction),
+            column("direction_y", "1", direction),
+            column("direction_z", "1", direction),
+            column("path_m", "m", "way under water that is behind it"),
+        ];
+        Output {
+            name: "transfers".into(),
+            meaning: "the transfer map: a photon a row, in the order of the light's grid or of the pixels".into(),
+            columns,
+            data: OutputData::Buffer {
+                buffer: self.buffer.raw(),
+                stride_floats: (size_of::<Transfer>() / 4) as u32,
+                count: self.count,
+                row: Box::new(<[f32]>::to_vec),
+            },
+        }
+    }
 }
 
 /// A layered depth image: the surfaces behind each pixel, the nearest first.
@@ -107,6 +135,9 @@ pub struct FragmentLists {
 pub enum HitTest {
     /// The ray comes within a distance of a layer, along the pixel's line of sight: SPT §5.
     Tolerance,
+    /// The same, or the ray is between the first and the second, the third and the fourth layer and so on: the additional in-out test
+    /// of SPT §5, for closed objects.
+    InOut,
     /// The ray passes through the tangent plane of a layer's texel.
     Crossing,
 }
@@ -152,6 +183,29 @@ pub struct Rays<'a> {
 /// Share of the scene's size by which its box is larger, so that rays end behind what bounds it.
 const ROOM: f64 = 0.01;
 
+fn most_steps(layers: &Layers, least: u32) -> u32 {
+    let [width, height] = layers.size_px();
+    (width.max(height) + 1).max(least)
+}
+
+/// Of rays through layers within a box, of so many steps at least.
+pub fn walk_uniforms(layers: &Layers, bounds: Bounds, least: u32) -> WalkUniforms {
+    let room = bounds.size().max_element() * ROOM;
+    let [width, height] = layers.size_px();
+    WalkUniforms {
+        low_m: (bounds.min - room).as_vec3(),
+        tolerance_m: 0.0,
+        high_m: (bounds.max + room).as_vec3(),
+        start_m: 0.0,
+        size_px: Vec2::new(width as f32, height as f32),
+        layers: layers.count(),
+        photons: 0,
+        least,
+        most: most_steps(layers, least),
+        rows: 0,
+    }
+}
+
 impl Rays<'_> {
     /// Rows of a tile.
     pub fn rows(&self) -> u32 {
@@ -165,30 +219,27 @@ impl Rays<'_> {
 
     /// Most pixels that a ray covers along one axis of the screen.
     pub fn most(&self) -> u32 {
-        let [width, height] = self.layers.size_px();
-        (width.max(height) + 1).max(self.walking.least)
+        most_steps(self.layers, self.walking.least)
     }
 
     pub fn uniforms(&self) -> WalkUniforms {
-        let room = self.bounds.size().max_element() * ROOM;
-        let [width, height] = self.layers.size_px();
         WalkUniforms {
-            low_m: (self.bounds.min - room).as_vec3(),
             tolerance_m: self.walking.tolerance_m as f32,
-            high_m: (self.bounds.max + room).as_vec3(),
             start_m: self.walking.start_m as f32,
-            size_px: Vec2::new(width as f32, height as f32),
-            layers: self.layers.count(),
             photons: self.transfers.count,
-            least: self.walking.least,
-            most: self.most(),
             rows: self.rows(),
+            ..walk_uniforms(self.layers, self.bounds, self.walking.least)
         }
     }
 
     /// What shaders that walk rays are compiled with.
     pub fn defs(&self) -> [(&'static str, i32); 1] {
-        [("TEST", i32::from(self.walking.test == HitTest::Crossing))]
+        let test = match self.walking.test {
+            HitTest::Tolerance => 0,
+            HitTest::Crossing => 1,
+            HitTest::InOut => 2,
+        };
+        [("TEST", test)]
     }
 
     /// Bind group of a stage that walks rays; `photons` are written by those that find hits.

@@ -7,7 +7,6 @@ use rayon::prelude::*;
 
 use super::{PhotonTracing, under_water};
 use crate::gpu::{Gpu, GpuError, read_buffer};
-use crate::pipelines::screen_tracing::Method;
 use crate::pipelines::{JudgeError, Judged};
 use crate::record::ErrorFigure;
 use crate::reference::photons::land;
@@ -17,7 +16,6 @@ use crate::reference::specular::{End, Surfaces};
 use crate::scene::{Object, Scene};
 use crate::stages::geometry::Part;
 use crate::stages::photon::{MISSED, ON_ITS_WAY, OUTSIDE};
-use crate::stages::rays;
 
 /// At most about this many photons are compared with the reference: enough for a 99th percentile.
 const MOST_PHOTONS: usize = 10_000;
@@ -101,11 +99,7 @@ impl PhotonTracing {
             ("caustics_photon_error_median_m", median_m, "m"),
             ("caustics_photon_miss_rate", share(lost + off_frustum, all), "1"),
         ];
-        let stage = match self.params.rays.method {
-            Method::Lines => rays::rasterize::INFO.name,
-            Method::March => rays::march::INFO.name,
-            Method::Group => rays::group::INFO.name,
-        };
+        let stage = self.params.rays.method.info().name;
         let quantities = [
             ("photon_off_frustum_rate", share(off_frustum, all)),
             ("photon_false_hit_rate", share(false_hits, all)),

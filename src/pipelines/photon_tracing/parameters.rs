@@ -1,11 +1,10 @@
 //! Parameters of screen-space photon tracing, their defaults with sources, and their ranges.
 
 use glam::DVec3;
-use serde::{Deserialize, Serialize};
 
 use crate::parameter::ParamError;
 use crate::pipelines::Parameters;
-use crate::pipelines::screen_tracing::{LayeredDepth, RaySettings};
+use crate::pipelines::screen_tracing::{Composition, LayeredDepth, RaySettings, Viewport};
 use crate::pipelines::settings::Shadow;
 use crate::scene::{Camera, Light, SceneFile, Water};
 use crate::settings;
@@ -27,16 +26,6 @@ settings! {
         sprites: SpriteSettings = SpriteSettings::default();
         shafts: ShaftSettings = ShaftSettings::default();
         compose: Composition = Composition::default();
-    }
-}
-
-settings! {
-    /// Pixels of the main viewport. SPT §5: 800 × 600.
-    pub struct Viewport {
-        /// Columns.
-        width: u32 = 800 => 1 ..= 1_000_000, "px";
-        /// Rows.
-        height: u32 = 600 => 1 ..= 1_000_000, "px";
     }
 }
 
@@ -79,14 +68,6 @@ settings! {
         sigma_px: f64 = 2.0 => 0.1 ..= 64.0, "px";
         /// Scattering coefficient that scales the composed shafts: less than the attenuation of the paper on caustics, 0.13.
         scattering_per_m: f64 = 0.1 => 0.0 ..= 1e3, "1/m";
-    }
-}
-
-settings! {
-    /// How the picture is made.
-    pub struct Composition {
-        /// Radiance is mapped by 1 − exp(−exposure × radiance). As in pipeline underwater.
-        exposure: f64 = 0.4 => 0.0 ..= 1e6, "1";
     }
 }
 

@@ -8,7 +8,7 @@ use crate::shader_struct;
 use crate::stages::frame::Shared;
 use crate::stages::kit::{Bind, Dispatch, Group, Kernel, Resources, linear_workgroups};
 use crate::stages::screen_ray::{Transfer, Transfers};
-use crate::stages::{Column, Output, OutputData, Stage, StageInfo};
+use crate::stages::{Output, Stage, StageInfo};
 
 pub const INFO: StageInfo = StageInfo {
     name: "transfer/map",
@@ -68,29 +68,6 @@ impl Stage for Map {
     }
 
     fn outputs(&self) -> Vec<Output> {
-        let column = Column::new;
-        let place = "where the photon leaves the surface";
-        let direction = "unit direction behind the surface";
-        let columns = vec![
-            column("x_m", "m", place),
-            column("y_m", "m", place),
-            column("z_m", "m", place),
-            column("state", "1", "0 for a photon that never gets here, 4 for one that has ended"),
-            column("direction_x", "1", direction),
-            column("direction_y", "1", direction),
-            column("direction_z", "1", direction),
-            column("path_m", "m", "way under water that is behind it"),
-        ];
-        vec![Output {
-            name: "transfers".into(),
-            meaning: "the transfer map, a photon a row, row by row of the light's grid".into(),
-            columns,
-            data: OutputData::Buffer {
-                buffer: self.transfers.buffer.raw(),
-                stride_floats: (size_of::<Transfer>() / 4) as u32,
-                count: self.transfers.count,
-                row: Box::new(<[f32]>::to_vec),
-            },
-        }]
+        vec![self.transfers.output()]
     }
 }

@@ -1,2 +1,3 @@
 pub mod bounce;
 pub mod map;
+pub mod shadow;

@@ -1,0 +1,28 @@
+// A ray from each pixel's surface back to the light: SPT §5, "for every pixel being covered by the receiver, a photon is traced
+// backward to the light source". Surfaces that face away from the light have none.
+#import fathom::frame::{frame, world_at}
+#import fathom::shading::{to_light}
+#import fathom::transfer::{FIRST, NEVER, Transfer}
+
+struct Shadow {
+    size_px: vec2<f32>,
+}
+
+@group(1) @binding(0) var<uniform> settings: Shadow;
+@group(1) @binding(1) var depths: texture_depth_2d;
+@group(1) @binding(2) var normal_texels: texture_2d<f32>;
+@group(1) @binding(3) var<storage, read_write> transfers: array<Transfer>;
+
+@compute @workgroup_size(8, 8)
+fn main(@builtin(global_invocation_id) id: vec3<u32>) {
+    let size = vec2<u32>(settings.size_px);
+    if any(id.xy >= size) {
+        return;
+    }
+    let texel = vec2<i32>(id.xy);
+    let z = textureLoad(depths, texel, 0);
+    let place = world_at((vec2<f32>(id.xy) + 0.5) / settings.size_px, z);
+    let direction = to_light(place);
+    let lit = z < 1.0 && dot(textureLoad(normal_texels, texel, 0).xyz, direction) > 0.0;
+    transfers[id.x + id.y * size.x] = Transfer(place, select(NEVER, FIRST, lit), direction, 0.0);
+}

@@ -1,0 +1,228 @@
+//! Shadows by rays traced in screen space: Krüger, Bürger and Westermann (SPT) §5, Fig. 11 and 12.
+
+use std::collections::BTreeMap;
+use std::rc::Rc;
+
+use glam::DVec3;
+use rayon::prelude::*;
+
+use super::screen_tracing::{self, Composition, LayeredDepth, RaySettings, Viewport};
+use super::settings::VIEWPORT;
+use super::{Judge, JudgeError, Judged, Parameters, Pipeline};
+use crate::gpu::{Gpu, GpuError, read_buffer};
+use crate::parameter::ParamError;
+use crate::record::ErrorFigure;
+use crate::reference::quantities::{StoredPhoton, stored_photons};
+use crate::reference::rays::{PixelRays, Tracer};
+use crate::scene::{Camera, Light, LightKind, Object, Scene, SceneFile};
+use crate::settings;
+use crate::stages::frame::{Frame, Shared, View};
+use crate::stages::geometry::{Geometry, Part};
+use crate::stages::kit::Resources;
+use crate::stages::photon::{MISSED, Photons};
+use crate::stages::scene;
+use crate::stages::screen_ray::Rays;
+use crate::stages::shadow::compose::Compose;
+use crate::stages::transfer::shadow::Shadow;
+
+settings! {
+    /// Everything that can be set. The dotted paths of `--set` are these fields' names.
+    pub struct Params from file: SceneFile {
+        view: Viewport = Viewport::default();
+        camera: Camera = file.camera.clone();
+        light: Light = file.light.clone();
+        ldi: LayeredDepth = LayeredDepth::default();
+        rays: RaySettings = RaySettings { start_m: START_M, ..RaySettings::default() };
+        compose: Composition = Composition::default();
+    }
+}
+
+/// Rays start on surfaces. Within this distance surfaces do not hide themselves: three times the paper's tolerance.
+const START_M: f64 = 0.03;
+/// At most about this many pixels are compared with the reference.
+const MOST_PIXELS: usize = 40_000;
+/// A ray cast from a surface starts this far from it, metres.
+const OFF_M: f64 = 1e-4;
+
+impl Parameters for Params {
+    fn staged(&self, file: &SceneFile) -> Result<SceneFile, ParamError> {
+        Ok(SceneFile { camera: self.camera.clone(), light: self.light.clone(), ..file.clone() })
+    }
+
+    fn consistent(&self) -> Result<(), ParamError> {
+        self.camera.validate()?;
+        self.light.validate()?;
+        self.rays.fits(self.view.pixels(), 1, VIEWPORT)
+    }
+
+    fn camera_mut(&mut self) -> &mut Camera {
+        &mut self.camera
+    }
+}
+
+/// Shadows of what the camera sees.
+pub struct ShadowRays {
+    params: Params,
+    view: View,
+    photons: Photons,
+    compose: Rc<Compose>,
+}
+
+impl Pipeline for ShadowRays {
+    const NAME: &'static str = "shadow_rays";
+    const ABOUT: &'static str = "shadows by rays in screen space (SPT §5): each pixel's ray to the light through layered depth";
+    type Params = Params;
+
+    fn new(resources: &Resources<'_>, scene: &Scene, params: &Params) -> Result<Self, GpuError> {
+        scene.needs_objects(Self::NAME).map_err(GpuError::Unusable)?;
+        let view = params.view.seen(scene, &params.camera, &params.light, scene.water.clone());
+        let shared = &Shared::new(resources, &view);
+        resources.push(Frame::new(view.clone(), shared));
+        let geometry = &Geometry::new(resources, scene);
+        let size_px = view.size_px.to_array();
+        let of_view = &resources.sized_by(VIEWPORT);
+        let gbuffer =
+            of_view.push(scene::gbuffer::Gbuffer::new(of_view, shared, geometry, size_px)?);
+        let of_layers = &resources.sized_by("view × ldi.layers");
+        let opaque = (geometry, Part::Opaque);
+        let (layers, _) = screen_tracing::layers(of_layers, shared, opaque, size_px, &params.ldi)?;
+        let shadow = of_view.push(Shadow::new(of_view, shared, &gbuffer.textures)?);
+        let traced = Rays {
+            transfers: &shadow.transfers,
+            layers: &layers,
+            bounds: scene.solid_bounds(),
+            walking: params.rays.walking(resources.gpu.limits.max_texture_dimension_2d, 1),
+        };
+        let photons = screen_tracing::trace(of_view, shared, &traced, params.rays.method)?;
+        let exposure = params.compose.exposure;
+        let compose = Compose::new(of_view, shared, &gbuffer.textures, &photons, exposure)?;
+        let compose = of_view.push(compose);
+        Ok(Self { params: params.clone(), view, photons, compose })
+    }
+
+    fn image(&self) -> &wgpu::Texture {
+        self.compose.texture()
+    }
+
+    /// Share of the pixels that face the light, and of these that are in shadow.
+    fn quantities(&self, gpu: &Gpu) -> Result<BTreeMap<String, f64>, GpuError> {
+        let ends = self.stored(gpu)?;
+        let facing = ends.iter().filter(|end| end.residual_m != f64::from(MISSED)).count();
+        let shadowed = ends.iter().filter(|end| self.shadowed(end)).count();
+        let share = |count: usize, of: usize| count as f64 / of.max(1) as f64;
+        let figures = [
+            ("facing_light_rate", share(facing, ends.len())),
+            ("shadowed_rate", share(shadowed, facing)),
+        ];
+        Ok(figures.map(|(name, value)| (name.to_owned(), value)).into())
+    }
+
+    fn judge(&self, judge: &mut Judge<'_>) -> Result<Judged, JudgeError> {
+        let found = self.stored(judge.gpu)?;
+        let shadows = self.compared(&found, judge.scene)?;
+        let stage = self.params.rays.method.info().name;
+        Ok(Judged {
+            errors: shadows
+                .figures()
+                .map(|(name, value)| ErrorFigure::new(name, value, "1", stage))
+                .into(),
+            quantities: BTreeMap::new(),
+        })
+    }
+}
+
+/// Pixels that face the light, by their shadow.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+struct Shadows {
+    pixels: usize,
+    /// In shadow, and found lit.
+    missed: usize,
+    /// Lit, and found in shadow.
+    false_shadows: usize,
+}
+
+impl Shadows {
+    fn add(mut self, found: bool, exact: bool) -> Self {
+        self.pixels += 1;
+        self.missed += usize::from(exact && !found);
+        self.false_shadows += usize::from(found && !exact);
+        self
+    }
+
+    /// Shares of the pixels that face the light: wrong ones, and their two kinds.
+    fn figures(&self) -> [(&'static str, f64); 3] {
+        let share = |count: usize| count as f64 / self.pixels.max(1) as f64;
+        [
+            ("shadow_wrong_rate", share(self.missed + self.false_shadows)),
+            ("shadow_missed_rate", share(self.missed)),
+            ("shadow_false_rate", share(self.false_shadows)),
+        ]
+    }
+}
+
+impl ShadowRays {
+    fn stored(&self, gpu: &Gpu) -> Result<Vec<StoredPhoton>, GpuError> {
+        Ok(stored_photons(&read_buffer(gpu, &self.photons.buffer)?))
+    }
+
+    fn shadowed(&self, end: &StoredPhoton) -> bool {
+        end.landed() && end.distance_m < light_m(&self.view, end.entry)
+    }
+
+    /// An even selection of pixels against ray casting.
+    fn compared(&self, found: &[StoredPhoton], scene: &Scene) -> Result<Shadows, JudgeError> {
+        let opaque = scene.objects.iter().filter(|object| Part::Opaque.holds(&object.material));
+        let objects: Vec<Object> = opaque.cloned().collect();
+        let tracer = Tracer::new(&objects)?;
+        let view = &self.view;
+        let [width, height] = view.size_px.to_array();
+        let rays = PixelRays::new(&view.camera, width, height);
+        let step = found.len().div_ceil(MOST_PIXELS).max(1) | 1;
+        let exact: Vec<_> = (0..found.len())
+            .into_par_iter()
+            .step_by(step)
+            .filter_map(|pixel| {
+                let [x, y] = [pixel as u32 % width, pixel as u32 / width];
+                let place = rays.cast(&tracer, x, y)?.0.position;
+                let to_light = to_light(view, place);
+                let hit = tracer.cast(place, to_light, OFF_M, light_m(view, place));
+                Some((pixel, hit.is_some()))
+            })
+            .collect();
+        let faces = |pixel: usize| found[pixel].residual_m != f64::from(MISSED);
+        let compared = exact.into_iter().filter(|(pixel, _)| faces(*pixel));
+        Ok(compared.fold(Shadows::default(), |shadows, (pixel, exact)| {
+            shadows.add(self.shadowed(&found[pixel]), exact)
+        }))
+    }
+}
+
+/// Distance of the light from a place.
+fn light_m(view: &View, place: DVec3) -> f64 {
+    match view.light.kind {
+        LightKind::Directional => f64::INFINITY,
+        LightKind::Point => place.distance(DVec3::from(view.light.position_m)),
+    }
+}
+
+fn to_light(view: &View, place: DVec3) -> DVec3 {
+    match view.light.kind {
+        LightKind::Directional => -view.light_frame().forward,
+        LightKind::Point => (DVec3::from(view.light.position_m) - place).normalize(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn both_kinds_of_wrong_pixels_are_told_apart() {
+        let pairs = [(true, true), (true, false), (false, true), (false, true), (false, false)];
+        let shadows =
+            pairs.iter().fold(Shadows::default(), |s, (found, exact)| s.add(*found, *exact));
+        let figures = shadows.figures().map(|(_, value)| value);
+        assert_eq!(figures, [0.6, 0.4, 0.2]);
+        assert_eq!(Shadows::default().figures().map(|(_, value)| value), [0.0; 3]);
+    }
+}
