@@ -1,5 +1,6 @@
-// defs: SHAFTS=0
-// The picture: what the camera sees, lit by the sprites and by the sky, with shafts of light over it.
+// defs: DRY=0, SHAFTS=0
+// The picture: what the camera sees, lit by the sprites and by the sky, with shafts of light over it. DRY 1 gives the radiance of what is
+// seen without the water before it.
 #import fathom::frame::{frame, world_at}
 #import fathom::screen
 #import fathom::shading::{SHAFT_TINT, WATER_TINT, ambient, direct, display, fog, lambert, sky, water_path_m}
@@ -39,6 +40,11 @@ fn vertex(@builtin(vertex_index) index: u32) -> @builtin(position) vec4<f32> {
 fn fragment(@builtin(position) pixel: vec4<f32>) -> @location(0) vec4<f32> {
     let texel = vec2<i32>(pixel.xy);
     let z = textureLoad(depths, texel, 0);
+#if DRY == 1
+    if z >= 1.0 {
+        return vec4(0.0);
+    }
+#endif
     let place = world_at(pixel.xy / settings.size_px, z);
     if z >= 1.0 {
         let under_water = frame.camera_position_m.y < 0.0;
@@ -50,5 +56,9 @@ fn fragment(@builtin(position) pixel: vec4<f32>) -> @location(0) vec4<f32> {
     let photons = textureLoad(irradiance_texels, texel, 0).x;
     let irradiance = ambient(-place.y, normal) + direct(place, normal) + photons * WATER_TINT;
     let radiance = lambert(textureLoad(albedo_texels, texel, 0).xyz, irradiance);
+#if DRY == 1
+    return vec4(radiance, 1.0);
+#else
     return display(fog(radiance, water_path_m(place)) + shafts(texel), settings.exposure);
+#endif
 }

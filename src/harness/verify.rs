@@ -22,8 +22,10 @@ mod luminance;
 mod occlusion;
 mod photon_tracing;
 mod photons;
+mod refraction;
 pub mod rig;
 mod scalar;
+mod shadow_rays;
 mod shafts;
 mod splats;
 mod starts;
@@ -195,6 +197,8 @@ pub fn cases() -> Vec<Case> {
         compose::cases(),
         photon_tracing::cases(),
         shafts::cases(),
+        shadow_rays::cases(),
+        refraction::cases(),
         luminance::cases(),
         scalar::cases(),
     ];

@@ -19,10 +19,11 @@ use crate::stages::gbuffer::GbufferTextures;
 use crate::stages::geometry::{Geometry, Part};
 use crate::stages::kit::Resources;
 use crate::stages::photon::Photons;
-use crate::stages::screen_ray::{FragmentLists, Rays};
+use crate::stages::refraction::surface::{Dry, Surface};
+use crate::stages::screen_ray::{FragmentLists, Layers, Rays, WalkUniforms, walk_uniforms};
 use crate::stages::shafts::blur::Blur;
 use crate::stages::shafts::lines::Lines;
-use crate::stages::sprites::compose::Compose;
+use crate::stages::sprites::compose::{Compose, Composed, Shafts};
 use crate::stages::sprites::draw::{Sprite, Sprites};
 use crate::stages::transfer::map::{Map, MapUniforms};
 use crate::stages::{scene, shadow};
@@ -35,7 +36,7 @@ pub struct PhotonTracing {
     pub view: View,
     pub photons: Photons,
     lists: Option<FragmentLists>,
-    compose: Rc<Compose>,
+    image: wgpu::Texture,
 }
 
 impl Pipeline for PhotonTracing {
@@ -92,15 +93,28 @@ impl Pipeline for PhotonTracing {
         } else {
             None
         };
-        let shafts = drawn.as_ref().map(|(blur, scale)| (blur.texture(), *scale));
+        let shafts =
+            drawn.as_ref().map(|(blur, scale)| Shafts { flux: blur.texture(), scale: *scale });
+        let lit = (seen, &sprites.irradiance);
         let exposure = params.compose.exposure;
-        let compose = Compose::new(of_view, shared, seen, &sprites.irradiance, shafts, exposure)?;
-        let compose = of_view.push(compose);
-        Ok(Self { params: params.clone(), view, photons, lists, compose })
+        let image = if params.surface.draw {
+            let walk = WalkUniforms {
+                start_m: START_M as f32,
+                ..walk_uniforms(&layers, scene.solid_bounds(), params.rays.least_px)
+            };
+            let walk = (&walk, view.water.bound_m());
+            with_surface(of_view, shared, lit, &layers, walk, (shafts, exposure))?
+        } else {
+            let composed = Composed::Picture { shafts, exposure };
+            let (gbuffer, irradiance) = lit;
+            let compose = Compose::new(of_view, shared, gbuffer, irradiance, &composed)?;
+            of_view.push(compose).texture().clone()
+        };
+        Ok(Self { params: params.clone(), view, photons, lists, image })
     }
 
     fn image(&self) -> &wgpu::Texture {
-        self.compose.texture()
+        &self.image
     }
 
     fn quantities(&self, gpu: &Gpu) -> Result<BTreeMap<String, f64>, GpuError> {
@@ -111,6 +125,25 @@ impl Pipeline for PhotonTracing {
         self.landing_errors(judge.gpu, judge.scene)
     }
 }
+
+/// Pushes the stages that compose what is seen without the water, and the water's surface before it.
+fn with_surface(
+    of_view: &Resources<'_>,
+    shared: &Shared,
+    (seen, irradiance): (&GbufferTextures, &wgpu::Texture),
+    layers: &Layers,
+    walk: (&WalkUniforms, f64),
+    light: (Option<Shafts<'_>>, f64),
+) -> Result<wgpu::Texture, GpuError> {
+    let compose = Compose::new(of_view, shared, seen, irradiance, &Composed::Dry)?;
+    let compose = of_view.push(compose);
+    let dry = Dry { layers, depth: &seen.depth, radiance: compose.texture() };
+    let surface = of_view.push(Surface::new(of_view, shared, &dry, walk, light)?);
+    Ok(surface.texture().clone())
+}
+
+/// Lines of sight meet nothing nearer to the water's surface than this.
+const START_M: f64 = 1e-3;
 
 /// The box of what photons meet: they stay under water.
 fn under_water(scene: &Scene) -> Bounds {

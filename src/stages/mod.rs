@@ -89,6 +89,7 @@ pub const REGISTRY: &[StageInfo] = &[
     shafts::blur::INFO,
     sprites::compose::INFO,
     shadow::compose::INFO,
+    refraction::surface::INFO,
     refraction::trace::INFO,
     refraction::two_interface::INFO,
     refraction::compose::INFO,

@@ -27,7 +27,7 @@ use crate::stages::screen_ray::{
     HitTest, Layers, NEVER, Rays, Transfer, Transfers, Walked, Walking, group_each,
 };
 use crate::stages::shadow::{depth::Depth, mask::Mask};
-use crate::stages::sprites::compose::{self, Compose};
+use crate::stages::sprites::compose::{self, Compose, Composed, Shafts};
 use crate::stages::sprites::draw::{self, Sprite, Sprites};
 use crate::stages::transfer::bounce::{self, Bounce};
 use crate::stages::transfer::map::{self, Map, MapUniforms};
@@ -597,14 +597,14 @@ fn composed(rig: &Rig<'_>) -> Checks {
     let shaft = constant(SHAFT_W);
     let radiance = |irradiance: f64, shafts| -> Result<Image> {
         let light = constant(irradiance);
-        let stage =
-            Compose::new(&rig.resources, &stand.shared, &gbuffer, &light, shafts, EXPOSURE)?;
+        let composed = Composed::Picture { shafts, exposure: EXPOSURE };
+        let stage = Compose::new(&rig.resources, &stand.shared, &gbuffer, &light, &composed)?;
         rig.run(&[&stage])?;
         let shown = rig.channel(stage.texture(), BLUE)?;
         Ok(shown.map(|value| -(1.0 - value.powf(2.2)).ln() / EXPOSURE))
     };
     let (dark, light) = (radiance(0.0, None)?, radiance(6.0, None)?);
-    let crossed = radiance(0.0, Some((&shaft, SHAFT_SCALE)))?;
+    let crossed = radiance(0.0, Some(Shafts { flux: &shaft, scale: SHAFT_SCALE }))?;
     let albedo = rig.channel(&gbuffer.albedo, BLUE)?;
     let tracer = Tracer::new(&scene.objects)?;
     let rays = PixelRays::new(&scene.camera, SIZE[0], SIZE[1]);

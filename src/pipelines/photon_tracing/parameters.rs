@@ -30,9 +30,11 @@ settings! {
 }
 
 settings! {
-    /// The water's surface as the light sees it.
+    /// The water's surface.
     pub struct Surface {
-        /// Quads per side of the grid that draws the water.
+        /// Whether the camera sees it: lines of sight are refracted and reflected there. SPT §4.
+        draw: bool = true;
+        /// Quads per side of the grid that draws it as the light sees it.
         cells: u32 = 128 => 1 ..= 8192, "1";
     }
 }

@@ -25,23 +25,44 @@ shader_struct! {
     }
 }
 
+/// Shafts of light over a picture.
+#[derive(Clone, Copy)]
+pub struct Shafts<'a> {
+    /// What they add up to in each pixel, W.
+    pub flux: &'a wgpu::Texture,
+    /// Radiance for each W in a pixel, 1/(m² sr).
+    pub scale: f64,
+}
+
+/// What is made of the light.
+pub enum Composed<'a> {
+    /// A picture, with the water between the camera and what it sees.
+    Picture { shafts: Option<Shafts<'a>>, exposure: f64 },
+    /// The radiance of what the camera sees, without the water, W/(m² sr).
+    Dry,
+}
+
 pub struct Compose(ScreenPass);
 
 impl Compose {
-    /// `shafts` is what they add up to in each pixel, W, and the radiance for each of these.
     pub fn new(
         resources: &Resources<'_>,
         shared: &Shared,
         gbuffer: &GbufferTextures,
         irradiance: &wgpu::Texture,
-        shafts: Option<(&wgpu::Texture, f64)>,
-        exposure: f64,
+        composed: &Composed<'_>,
     ) -> Result<Self, GpuError> {
         let size_px = [irradiance.width(), irradiance.height()];
+        let (shafts, exposure, format) = match composed {
+            Composed::Picture { shafts, exposure } => {
+                (*shafts, *exposure, wgpu::TextureFormat::Rgba8Unorm)
+            }
+            Composed::Dry => (None, 0.0, wgpu::TextureFormat::Rgba16Float),
+        };
         let settings = ComposeUniforms {
             size_px: Vec2::from(size_px.map(|side| side as f32)),
             exposure: exposure as f32,
-            shaft_scale: shafts.map_or(0.0, |(_, scale)| scale as f32),
+            shaft_scale: shafts.map_or(0.0, |shafts| shafts.scale as f32),
         };
         let settings = resources.uniform(INFO.name, &settings);
         let mut binds = vec![
@@ -51,11 +72,12 @@ impl Compose {
             Bind::Depth(&gbuffer.depth),
             Bind::Texels(irradiance),
         ];
-        binds.extend(shafts.map(|(texture, _)| Bind::Texels(texture)));
+        binds.extend(shafts.map(|shafts| Bind::Texels(shafts.flux)));
         let group = Group::new(resources.gpu, INFO.name, &binds);
         let groups = [&shared.group, &group];
-        let targets = [kit::opaque(wgpu::TextureFormat::Rgba8Unorm)];
-        let defs = [("SHAFTS", i32::from(shafts.is_some()))];
+        let targets = [kit::opaque(format)];
+        let dry = i32::from(matches!(composed, Composed::Dry));
+        let defs = [("DRY", dry), ("SHAFTS", i32::from(shafts.is_some()))];
         let spec = RenderSpec::new(INFO.name, (INFO.name, &defs[..]), &groups, &targets);
         ScreenPass::new(resources, &spec, size_px, wgpu::Color::BLACK).map(Self)
     }

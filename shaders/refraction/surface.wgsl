@@ -1,0 +1,146 @@
+// defs: SHAFTS=0, TEST=1, WATER=0
+// The picture with the water's surface: lines of sight are refracted and reflected there, and followed in screen space through what the
+// camera sees without the water: SPT §4, Fig. 10 and 13. "This is an approximation that can only simulate the refraction of light from
+// underwater objects that are visible to the viewer in the absence of the water surface."
+#import fathom::frame::{frame, world_at}
+#import fathom::layers::{texel_of}
+#import fathom::screen
+#import fathom::screen_ray::{Walk, hit, segment}
+#import fathom::shading::{SHAFT_TINT, display, fog, fresnel, sky, water_path_m}
+#import fathom::transfer::{FIRST, NO_HIT, Transfer}
+#import fathom::water
+
+struct Surface {
+    size_px: vec2<f32>,
+    exposure: f32,
+    // Radiance of a shaft for each W in its pixel, 1/(m² sr).
+    shaft_scale: f32,
+    // The water's surface stays within this of y = 0.
+    bound_m: f32,
+}
+
+@group(1) @binding(0) var<uniform> settings: Surface;
+@group(1) @binding(1) var<uniform> walk: Walk;
+@group(1) @binding(2) var depths: texture_2d_array<f32>;
+@group(1) @binding(3) var normals: texture_2d_array<f32>;
+@group(1) @binding(4) var scene_depth: texture_depth_2d;
+// Radiance of what the camera sees, without water before it.
+@group(1) @binding(5) var radiances: texture_2d<f32>;
+#if SHAFTS == 1
+// W.
+@group(1) @binding(6) var shaft_texels: texture_2d<f32>;
+
+fn shafts(texel: vec2<i32>) -> vec3<f32> {
+    return settings.shaft_scale * textureLoad(shaft_texels, texel, 0).x * SHAFT_TINT;
+}
+#else
+fn shafts(texel: vec2<i32>) -> vec3<f32> {
+    return vec3(0.0);
+}
+#endif
+
+// Steps in which a line of sight is searched for the surface, and halvings of the step in which it is found.
+const SEARCHES: u32 = 32u;
+const HALVINGS: u32 = 10u;
+
+// Height above the surface.
+fn above_m(place: vec3<f32>) -> f32 {
+    return place.y - water::surface(place.xz).x;
+}
+
+// Distance at which a line of sight meets the surface within `far_m`, or NO_HIT.
+fn meets_m(sight: vec3<f32>, far_m: f32) -> f32 {
+    let origin = frame.camera_position_m;
+    // The part within the slab that holds the surface.
+    let ends = (vec2(settings.bound_m, -settings.bound_m) - origin.y) / sight.y;
+    var low = clamp(min(ends.x, ends.y), 0.0, far_m);
+    let high = clamp(max(ends.x, ends.y), 0.0, far_m);
+    let step = (high - low) / f32(SEARCHES);
+    let side = above_m(origin + low * sight) > 0.0;
+    for (var i = 0u; i < SEARCHES; i++) {
+        let next = low + step;
+        let place = origin + next * sight;
+        if (above_m(place) > 0.0) != side {
+            var a = low;
+            var b = next;
+            for (var j = 0u; j < HALVINGS; j++) {
+                let middle = 0.5 * (a + b);
+                if (above_m(origin + middle * sight) > 0.0) == side {
+                    a = middle;
+                } else {
+                    b = middle;
+                }
+            }
+            return select(NO_HIT, b, water::inside((origin + b * sight).xz));
+        }
+        low = next;
+    }
+    return NO_HIT;
+}
+
+// Radiance that comes along a ray from the surface.
+fn along(place: vec3<f32>, direction: vec3<f32>) -> vec3<f32> {
+    let ray = Transfer(place, FIRST, direction, 0.0);
+    let seg = segment(walk, ray);
+    var at_m = NO_HIT;
+    for (var number = 0.0; number < seg.steps && at_m >= NO_HIT; number += 1.0) {
+        at_m = hit(walk, depths, normals, ray, seg, number);
+    }
+    let under_water = direction.y < 0.0;
+    if at_m >= NO_HIT {
+        if under_water {
+            return fog(vec3(0.0), frame.z_far_m);
+        }
+        return sky(direction);
+    }
+    let clip = frame.camera_view_projection * vec4(place + at_m * direction, 1.0);
+    let found = textureLoad(radiances, texel_of(clip.xy / clip.w, settings.size_px), 0).xyz;
+    if under_water {
+        return fog(found, at_m);
+    }
+    return found;
+}
+
+// Radiance of the surface where a line of sight meets it.
+fn at_surface(sight: vec3<f32>, at_m: f32) -> vec3<f32> {
+    let place = frame.camera_position_m + at_m * sight;
+    let upwards = water::normal(water::surface(place.xz).yz);
+    let from_below = dot(sight, upwards) > 0.0;
+    let normal = select(upwards, -upwards, from_below);
+    let eta = select(1.0 / frame.refractive_index, frame.refractive_index, from_below);
+    let reflected = fresnel(-dot(sight, normal), eta);
+    var radiance = reflected * along(place, reflect(sight, normal));
+    if reflected < 1.0 {
+        radiance += (1.0 - reflected) * along(place, normalize(refract(sight, normal, eta)));
+    }
+    if from_below {
+        return fog(radiance, at_m);
+    }
+    return radiance;
+}
+
+@vertex
+fn vertex(@builtin(vertex_index) index: u32) -> @builtin(position) vec4<f32> {
+    return screen::corner(index);
+}
+
+@fragment
+fn fragment(@builtin(position) pixel: vec4<f32>) -> @location(0) vec4<f32> {
+    let texel = vec2<i32>(pixel.xy);
+    let z = textureLoad(scene_depth, texel, 0);
+    let place = world_at(pixel.xy / settings.size_px, z);
+    let far_m = distance(place, frame.camera_position_m);
+    let sight = (place - frame.camera_position_m) / far_m;
+    let at_m = meets_m(sight, far_m);
+    var radiance = textureLoad(radiances, texel, 0).xyz;
+    if at_m < NO_HIT {
+        radiance = at_surface(sight, at_m);
+    } else if z < 1.0 {
+        radiance = fog(radiance, water_path_m(place));
+    } else if frame.camera_under_water != 0u {
+        radiance = fog(vec3(0.0), frame.z_far_m);
+    } else {
+        radiance = sky(sight);
+    }
+    return display(radiance + shafts(texel), settings.exposure);
+}
