@@ -17,7 +17,7 @@ struct Compose {
 @group(1) @binding(5) var depths: texture_depth_2d;
 
 // Tiles of a side of the environment's cube.
-const TILES: f32 = 6.0;
+const TILES: f32 = 12.0;
 // Share of a tile's side taken by its joint.
 const JOINT: f32 = 0.05;
 
@@ -31,13 +31,13 @@ fn environment(direction: vec3<f32>) -> vec3<f32> {
         color = select(vec3(0.65, 0.2, 0.16), vec3(0.2, 0.5, 0.25), direction.x > 0.0);
     } else if size.z > size.y {
         uv = direction.xy / size.z;
-        color = select(vec3(0.5, 0.5, 0.55), vec3(0.25, 0.35, 0.6), direction.z > 0.0);
+        color = select(vec3(0.8, 0.6, 0.25), vec3(0.25, 0.35, 0.6), direction.z > 0.0);
     }
     let place = (uv * 0.5 + 0.5) * TILES;
     let tile = floor(place);
     let odd = fract((tile.x + tile.y) * 0.5) > 0.25;
     let inside = abs(place - tile - 0.5);
-    let shade = select(select(0.75, 1.0, odd), 0.35, max(inside.x, inside.y) > 0.5 - 0.5 * JOINT);
+    let shade = select(select(0.35, 1.0, odd), 0.1, max(inside.x, inside.y) > 0.5 - 0.5 * JOINT);
     return lambert(color * shade, vec3(frame.light_irradiance));
 }
 

@@ -1,3 +1,4 @@
+// defs: WATER=0
 // The picture: what the camera sees, lit where its ray to the light meets nothing, and by the sky.
 #import fathom::frame::{frame, world_at}
 #import fathom::photon::{Photon}

@@ -243,7 +243,7 @@ fn two_interfaces(rig: &Rig<'_>) -> Result<Check> {
         .with("from_exact_deg", exact))
 }
 
-/// Radiance of the environment, from its description: a cube's inside with six tiles a side.
+/// Radiance of the environment, from its description: a cube's inside with twelve tiles a side.
 fn environment_radiance(direction: DVec3, irradiance: f64) -> DVec3 {
     let size = direction.abs();
     let axis = size.max_position();
@@ -255,17 +255,17 @@ fn environment_radiance(direction: DVec3, irradiance: f64) -> DVec3 {
         (1, true) => [0.75, 0.8, 0.85],
         (1, false) => [0.55, 0.42, 0.3],
         (_, true) => [0.25, 0.35, 0.6],
-        (_, false) => [0.5, 0.5, 0.55],
+        (_, false) => [0.8, 0.6, 0.25],
     };
-    let place = [u, v].map(|at| (at + 1.0) * 3.0);
+    let place = [u, v].map(|at| (at + 1.0) * 6.0);
     let joint = place.iter().any(|at| (at.fract() - 0.5).abs() > 0.475);
     let odd = (place[0].floor() + place[1].floor()) as i64 % 2 == 1;
     let shade = if joint {
-        0.35
+        0.1
     } else if odd {
         1.0
     } else {
-        0.75
+        0.35
     };
     DVec3::from(color) * shade * irradiance / PI
 }
