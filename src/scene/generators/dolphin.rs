@@ -22,7 +22,7 @@ pub const GENERATORS: &[Generator] = &[generator(
         120.0,
         "angle between snout and tail: leaping where positive, diving where negative",
     ),
-    param("rows", 8.0, 1.0, 24.0, "rings of the body from one of its 18 sections to the next"),
+    param("rows", 8.0, 1.0, 24.0, "rings of the body from each of its sections to the next"),
     param("sides", 32.0, 6.0, 128.0, "quads around the body"),
 ])];
 

@@ -13,9 +13,9 @@ pub const GENERATORS: &[Generator] = &[generator(
 )
 .with(&[
     param("height_m", 4.0, 0.05, 200.0, "height"),
-    param("radius_m", 0.12, 0.001, 10.0, "radius of the trunk"),
+    param("radius_m", 0.09, 0.001, 10.0, "radius of the trunk"),
     param("generations", 11.0, 1.0, 12.0, "rewritings of each bud: 2^generations twigs"),
-    param("angle_deg", 46.0, 5.0, 90.0, "angle of a branch to the one that bears it"),
+    param("angle_deg", 44.0, 5.0, 90.0, "angle of a branch to the one that bears it"),
     param("leaves", 0.0, 0.0, 1.0, "share of twigs with a leaf, four triangles each"),
     param("leaf_m", 0.07, 0.001, 10.0, "length of a leaf"),
     SEED,
@@ -40,17 +40,18 @@ enum Module {
     Pop,
 }
 
+/// The seedling: a bare piece of trunk, and its bud.
+const AXIOM: [Module; 2] = [Module::Segment { length: 1.0 }, Module::Apex { length: 1.0 }];
+
 /// Where leaves stand around a stem: the golden angle.
 const DIVERGENCE_DEG: f64 = 137.508;
 /// Length of a segment against the one before: on the same branch, and on a new one. Tuned by eye.
-const LEADING: f64 = 0.92;
-const SIDE: f64 = 0.72;
+const LEADING: f64 = 0.9;
+const SIDE: f64 = 0.84;
 /// The bearing branch turns away from a new one by this share of the angle.
-const RECOIL: f64 = 0.28;
-/// Segments of the trunk below the first branch.
-const BARE: usize = 2;
+const RECOIL: f64 = 0.45;
 /// How strongly each segment bends towards +y.
-const TROPISM: f64 = 0.09;
+const TROPISM: f64 = 0.14;
 /// Exponent of Leonardo's rule: a branch's radius to this power is the sum over those that it bears. He has 2; measured trees lie
 /// between that and 3.
 const AREA_EXPONENT: f64 = 2.2;
@@ -60,8 +61,7 @@ const FOOT: f64 = 1.5;
 fn tree(a: &Args) -> Mesh {
     let mut dice = a.rng();
     let angle = a.get("angle_deg").to_radians();
-    let mut modules = vec![Module::Segment { length: 1.0 }; BARE];
-    modules.push(Module::Apex { length: 1.0 });
+    let mut modules = AXIOM.to_vec();
     for _ in 0..a.count("generations") {
         modules = rewritten(&modules, angle, &mut dice);
     }
@@ -201,8 +201,7 @@ mod tests {
         let params = BTreeMap::new();
         let args = Args::new("tree", GENERATORS[0].params, &params, 3.0).expect("defaults");
         let mut dice = args.rng();
-        let axiom = vec![Module::Segment { length: 1.0 }, Module::Apex { length: 1.0 }];
-        let modules = (0..generations).fold(axiom, |m, _| rewritten(&m, 0.8, &mut dice));
+        let modules = (0..generations).fold(AXIOM.to_vec(), |m, _| rewritten(&m, 0.8, &mut dice));
         branches(&modules)
     }
 
@@ -211,7 +210,7 @@ mod tests {
         for generations in [0, 1, 5, 8] {
             let branches = grown(generations);
             assert_eq!(branches.len(), 1 << generations);
-            assert_eq!(branches[0].points.len(), generations + 3 - 1);
+            assert_eq!(branches[0].points.len(), generations + 3);
         }
     }
 
