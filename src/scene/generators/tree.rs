@@ -41,7 +41,7 @@ enum Module {
 }
 
 /// The seedling: a bare piece of trunk, and its bud.
-const AXIOM: [Module; 2] = [Module::Segment { length: 1.0 }, Module::Apex { length: 1.0 }];
+const AXIOM: [Module; 2] = [Module::Segment { length: 1.8 }, Module::Apex { length: 1.0 }];
 
 /// Where leaves stand around a stem: the golden angle.
 const DIVERGENCE_DEG: f64 = 137.508;
@@ -55,8 +55,9 @@ const TROPISM: f64 = 0.14;
 /// Exponent of Leonardo's rule: a branch's radius to this power is the sum over those that it bears. He has 2; measured trees lie
 /// between that and 3.
 const AREA_EXPONENT: f64 = 2.2;
-/// The trunk spreads at its foot by this much.
+/// The trunk spreads at its foot by this much, and the tip of a twig has this share of its radius.
 const FOOT: f64 = 1.5;
+const TIP: f64 = 0.4;
 
 fn tree(a: &Args) -> Mesh {
     let mut dice = a.rng();
@@ -118,7 +119,9 @@ impl Branch {
         if self.bearer.is_none() {
             radii[0] *= FOOT;
         }
-        let sides = 3 + (2.0 * (radii[0] / trunk * all.powf(1.0 / AREA_EXPONENT)).log2()) as usize;
+        radii[self.points.len() - 1] *= TIP;
+        // Three for a twig, and one for each doubling of the twigs.
+        let sides = 3 + self.twigs[0].log2() as usize;
         tube(&self.points, &radii, sides, false)
     }
 
@@ -232,9 +235,17 @@ mod tests {
         let mesh = made(&[("height_m", 5.0)]);
         assert!((20_000..60_000).contains(&mesh.triangle_count()), "{}", mesh.triangle_count());
         let bounds = mesh.bounds();
-        assert!(bounds.min.y.abs() < 0.02 && (bounds.max.y - 5.0).abs() < 0.05, "{bounds:?}");
+        assert!(bounds.min.y.abs() < 1e-6 && (bounds.max.y - 5.0).abs() < 0.05, "{bounds:?}");
         let [x, _, z] = bounds.size().to_array();
         assert!((0.5..1.5).contains(&(x / 5.0)) && (0.5..1.5).contains(&(z / 5.0)), "{bounds:?}");
+    }
+
+    #[test]
+    fn no_branch_reaches_the_floor() {
+        for seed in 1..=8 {
+            let low = made(&[("seed", f64::from(seed)), ("generations", 9.0)]).bounds().min.y;
+            assert!(low.abs() < 1e-6, "seed {seed}: {low}");
+        }
     }
 
     #[test]
