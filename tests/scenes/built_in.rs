@@ -1,6 +1,8 @@
 //! The built-in scenes, and scene files that cannot be used.
 
-use fathom::scene::{Bounds, Grid, Scene, SceneFile};
+use std::collections::BTreeMap;
+
+use fathom::scene::{Bounds, Grid, LightKind, Scene, SceneFile};
 use glam::{DVec3, Vec3};
 
 /// The scene with a coarse volume, where it has one: quick to make.
@@ -30,6 +32,10 @@ const DRY: [(&str, usize, usize); 14] = [
     ("thicket", 5_000, 20_000),
 ];
 
+/// Scenes above the water, lit by a point light: an object on level ground. SPT Fig. 11, 12 and Table 1.
+const ABOVE: [(&str, usize, usize); 3] =
+    [("bunny_shadow", 60_000, 75_000), ("teapot", 2_249, 2_269), ("tree_shadow", 20_000, 60_000)];
+
 /// Scenes of a volume, with the cells of the paper or of the scan.
 const VOLUMES: [(&str, [u32; 3]); 4] = [
     ("bonsai", [160, 160, 160]),
@@ -38,8 +44,7 @@ const VOLUMES: [(&str, [u32; 3]); 4] = [
     ("smoke", [200, 128, 200]),
 ];
 
-const WET: &str =
-    "atrium bunny dragon_large dragon_medium dragon_small plane pool port storage tank";
+const WET: &str = "atrium bunny cornell diving_pool dolphin dragon_large dragon_medium dragon_small plane planar_pool pool port storage tank";
 
 #[test]
 fn every_scene_with_water_loads_at_its_size() {
@@ -49,10 +54,12 @@ fn every_scene_with_water_loads_at_its_size() {
         assert!(!scene.description.is_empty());
         let expected = match name {
             "plane" => 2..=2,
+            "planar_pool" => 28..=28,
             "pool" => 5_000..=20_000,
             "dragon_large" => 202_000..=260_000,
-            "bunny" | "dragon_medium" => 60_000..=120_000,
+            "bunny" | "cornell" | "dragon_medium" => 60_000..=120_000,
             "atrium" => 60_000..=80_000,
+            "diving_pool" => 2_000..=20_000,
             _ => 5_000..=60_000,
         };
         let count = scene.triangle_count();
@@ -63,7 +70,7 @@ fn every_scene_with_water_loads_at_its_size() {
 #[test]
 fn the_scenes_are_those_of_the_papers_and_of_the_meshes() {
     let mut expected: Vec<&str> = WET.split(' ').collect();
-    expected.extend(DRY.iter().map(|d| d.0));
+    expected.extend(DRY.iter().chain(&ABOVE).map(|d| d.0));
     expected.extend(VOLUMES.iter().map(|v| v.0));
     expected.sort_unstable();
     assert_eq!(Scene::names(), expected);
@@ -87,6 +94,80 @@ fn dry_scenes_load_at_their_size_and_are_seen() {
         assert!((0.0..1.0).contains(&seen.z), "{name}: {seen}");
         assert!(scene.light.direction[1] < 0.0, "{name}");
     }
+}
+
+/// Their ground hides the water, the light stands above everything, and the camera sees all of the object and of its shadow.
+#[test]
+fn scenes_above_the_water_show_an_object_and_its_whole_shadow() {
+    for (name, fewest, most) in ABOVE {
+        let scene = load(name);
+        let count = scene.triangle_count();
+        assert!((fewest..=most).contains(&count), "{name}: {count}");
+        let [ground, object] = &scene.objects[..] else { panic!("{name}") };
+        let (ground, bounds) = (ground.mesh.bounds(), object.mesh.bounds());
+        assert!(ground.min.y == ground.max.y && ground.max.y > scene.water.bound_m(), "{name}");
+        assert!((bounds.min.y - ground.max.y).abs() < 0.02, "{name}: {bounds:?}");
+        let [half_x, half_z] = scene.water.half_size_m;
+        let hidden = DVec3::new(half_x, ground.max.y, half_z);
+        assert!(ground.contains(hidden) && ground.contains(hidden * DVec3::new(-1.0, 1.0, -1.0)));
+        assert_eq!(scene.light.kind, LightKind::Point);
+        let light = DVec3::from(scene.light.position_m);
+        assert!(light.y > bounds.max.y, "{name}");
+        let view = scene.camera.view_projection(800.0 / 600.0);
+        for position in &object.mesh.positions {
+            let place = Vec3::from(*position).as_dvec3();
+            let along = (ground.max.y - light.y) / (place.y - light.y);
+            for seen in [place, light + along * (place - light)] {
+                let ndc = view.project_point3(seen);
+                assert!(ndc.abs().truncate().max_element() < 1.0, "{name}: {seen} at {ndc}");
+                assert!((0.0..1.0).contains(&ndc.z), "{name}: {seen} at {ndc}");
+            }
+        }
+    }
+}
+
+/// Fig. 2 needs planes: all that the camera sees of the basin's inside lies on x = ±2, z = ±2 or y = −2.
+#[test]
+fn the_planar_pool_is_a_box_of_five_planes() {
+    let scene = load("planar_pool");
+    let [basin] = &scene.objects[..] else { panic!("one object") };
+    let half = DVec3::new(2.0, scene.floor_depth_m, 2.0);
+    let inside = |p: &DVec3| p.x.abs() <= half.x && p.z.abs() <= half.z && p.y >= -half.y;
+    let mut planes = BTreeMap::new();
+    for t in 0..basin.mesh.triangle_count() {
+        let corners = basin.mesh.triangle(t);
+        if corners.iter().all(inside) {
+            let normal = (corners[1] - corners[0]).cross(corners[2] - corners[0]).normalize();
+            let offset = normal.dot(corners[0]);
+            *planes.entry(normal.as_ivec3().to_array()).or_insert(0.0) += offset;
+            assert!(normal.abs().max_element() == 1.0, "{normal}");
+        }
+    }
+    // Two triangles each, the normals towards the middle.
+    let expected = [
+        ([-1, 0, 0], -4.0),
+        ([0, 0, -1], -4.0),
+        ([0, 0, 1], -4.0),
+        ([0, 1, 0], -4.0),
+        ([1, 0, 0], -4.0),
+    ];
+    assert_eq!(planes, BTreeMap::from(expected));
+    assert_eq!(scene.water.half_size_m, [half.x, half.z]);
+}
+
+/// SPT Fig. 10: ears and nothing else of the bunny stand out of the water, and the camera looks down on it from above.
+#[test]
+fn the_bunny_in_the_cornell_box_is_half_under_water() {
+    let scene = load("cornell");
+    let bunny = scene.objects.last().expect("objects");
+    assert_eq!(bunny.name, "bunny");
+    let bounds = bunny.mesh.bounds();
+    let above = bounds.max.y / bounds.size().y;
+    assert!((0.05..0.45).contains(&above), "{bounds:?}");
+    assert!(scene.camera.position().y > scene.water.bound_m() && scene.camera.direction().y < 0.0);
+    let room = scene.solid_bounds();
+    let light = DVec3::from(scene.light.position_m);
+    assert!(room.contains(light) && light.y > 0.9 * room.max.y, "{room:?}");
 }
 
 /// The room fills a volume of 128 × 104 × 107 voxels, as in VAO Fig. 11.
@@ -157,7 +238,8 @@ fn loading_twice_gives_the_same_scene() {
 /// bent.
 #[test]
 fn normals_and_winding_agree_in_procedural_scenes() {
-    let names = "plane tank port storage bricks crates glass level robot_room room thicket";
+    let names = "plane tank port storage bricks crates glass level robot_room room thicket \
+                 dolphin diving_pool teapot tree_shadow";
     for name in names.split(' ') {
         let scene = Scene::load(name).unwrap();
         for object in &scene.objects {
@@ -183,7 +265,7 @@ fn normals_and_winding_agree_in_procedural_scenes() {
 /// and rays start above the water.
 #[test]
 fn cameras_and_lights_are_placed_sensibly() {
-    for name in ["plane", "tank", "port", "storage", "atrium", "bunny"] {
+    for name in WET.split(' ') {
         let scene = Scene::load(name).unwrap();
         assert!(scene.bounds.contains(scene.camera.middle()), "{name}");
         let frame = scene.light.frame(&scene.camera, 1.0, &scene.bounds);

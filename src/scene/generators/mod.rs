@@ -7,6 +7,8 @@
 mod atrium;
 mod basic;
 mod bricks;
+mod diving;
+mod dolphin;
 pub mod fields;
 mod freight;
 mod level;
@@ -15,7 +17,9 @@ mod robot;
 mod room;
 mod storage;
 mod tank;
+mod teapot;
 mod thicket;
+mod tree;
 
 use std::collections::BTreeMap;
 
@@ -54,6 +58,10 @@ pub fn all() -> impl Iterator<Item = &'static Generator> + Clone {
         robot::GENERATORS,
         room::GENERATORS,
         thicket::GENERATORS,
+        teapot::GENERATORS,
+        tree::GENERATORS,
+        dolphin::GENERATORS,
+        diving::GENERATORS,
     ]
     .into_iter()
     .flatten()
@@ -188,6 +196,9 @@ mod tests {
             robot::GENERATORS,
             room::GENERATORS,
             thicket::GENERATORS,
+            tree::GENERATORS,
+            dolphin::GENERATORS,
+            diving::GENERATORS,
         ];
         let basic = basic::GENERATORS.iter().filter(|g| !open.contains(&g.name));
         for generator in themes.into_iter().flatten().chain(basic) {

@@ -1,0 +1,156 @@
+//! A diving platform at the edge of a pool.
+
+use glam::DVec3;
+
+use super::{Args, Generator, generator, param};
+use crate::scene::Mesh;
+use crate::scene::shapes::{bar, cuboid, merged, smooth_path, tube};
+
+pub const GENERATORS: &[Generator] = &[generator(
+    "diving_platform",
+    "a diving platform on a stand with ladder and rails, its board along +x; the edge of the pool is x = 0; SPT Fig. 13",
+    diving_platform,
+)
+.with(&[
+    param("height_m", 3.0, 0.3, 20.0, "height of the platform above its foot"),
+    param("length_m", 2.4, 0.3, 20.0, "extent in x behind the pool's edge"),
+    param("width_m", 1.6, 0.3, 20.0, "extent in z"),
+    param("board_m", 1.8, 0.0, 20.0, "how far the board stands out over the water"),
+    param("rung_m", 0.3, 0.05, 2.0, "distance of the ladder's rungs"),
+])];
+
+/// Radius of rails and rungs, edge of the posts, height of the rails (EN 13451-10 asks for 1 m), metres.
+const RAIL_RADIUS: f64 = 0.03;
+const POST: f64 = 0.16;
+const RAIL_HEIGHT: f64 = 1.0;
+/// Thickness of platform and board.
+const SLAB: f64 = 0.14;
+const BOARD: f64 = 0.07;
+/// Width of a springboard, and of the ladder (FINA facility rules: 0.5 m).
+const BOARD_WIDTH: f64 = 0.5;
+
+/// The platform's size, metres.
+struct Platform {
+    height: f64,
+    length: f64,
+    half_width: f64,
+}
+
+fn diving_platform(a: &Args) -> Mesh {
+    let platform = Platform {
+        height: a.get("height_m"),
+        length: a.get("length_m"),
+        half_width: 0.5 * a.get("width_m"),
+    };
+    let board_end = a.get("board_m");
+    merged([
+        platform.stand(),
+        platform.slab_and_board(board_end),
+        platform.ladder(a.get("rung_m")),
+        platform.rails(),
+    ])
+}
+
+impl Platform {
+    /// Four posts, joined by crossed bars behind and by level ones at half the height.
+    fn stand(&self) -> Mesh {
+        let (low, high) = (0.0, self.height - SLAB);
+        let (front, back) = (-POST, POST - self.length);
+        let side = self.half_width - POST;
+        let foot = |x: f64, z: f64| DVec3::new(x, low, z);
+        let corners = [foot(front, side), foot(front, -side), foot(back, -side), foot(back, side)];
+        let up = DVec3::Y * (high - low);
+        let posts = corners.map(|foot| bar(foot, foot + up, POST));
+        let beams = [0, 1, 2, 3]
+            .map(|i| bar(corners[i] + 0.5 * up, corners[(i + 1) % 4] + 0.5 * up, 0.5 * POST));
+        let braces = [(0, 3), (3, 0), (1, 2), (2, 1)]
+            .map(|(i, j)| bar(corners[i], corners[j] + up, 0.35 * POST));
+        merged(posts.into_iter().chain(beams).chain(braces))
+    }
+
+    fn slab_and_board(&self, board_end: f64) -> Mesh {
+        let (top, half) = (self.height, self.half_width);
+        let slab = cuboid([-self.length, top - SLAB, -half], [0.0, top, half]);
+        let across = 0.5 * BOARD_WIDTH.min(2.0 * half);
+        let board = cuboid([-0.8 * self.length, top, -across], [board_end, top + BOARD, across]);
+        merged([slab, board])
+    }
+
+    /// Two stringers that lean against the back and end as handles above the platform.
+    fn ladder(&self, spacing: f64) -> Mesh {
+        let half = 0.5 * BOARD_WIDTH.min(2.0 * self.half_width);
+        let back = -self.length - 2.0 * RAIL_RADIUS;
+        let foot = DVec3::new(back - 0.2 * self.height, 0.0, 0.0);
+        let head = DVec3::new(back, self.height, 0.0);
+        let count = (self.height / spacing).floor().max(1.0) as usize;
+        let rungs = (1..=count).map(|i| {
+            let middle = foot.lerp(head, (i as f64 * spacing / self.height).min(1.0));
+            let aside = DVec3::Z * half;
+            rail(&[middle - aside, middle + aside], 0.7 * RAIL_RADIUS)
+        });
+        let stringers = [-half, half].map(|z| {
+            let aside = DVec3::Z * z;
+            let handle = DVec3::new(0.25 * self.length, 0.7 * RAIL_HEIGHT, 0.0);
+            let landing = DVec3::new(0.25 * self.length, 0.0, 0.0);
+            let knots = [foot, head, head + 0.8 * handle, head + landing];
+            rail(&smooth_path(&knots.map(|p| p + aside), 6), RAIL_RADIUS)
+        });
+        merged(rungs.chain(stringers))
+    }
+
+    /// A rail and one at half its height on both sides, with three posts each.
+    fn rails(&self) -> Mesh {
+        let (front, back) = (-0.1 * self.length, -0.95 * self.length);
+        let side = self.half_width - 2.0 * RAIL_RADIUS;
+        let place = |t: f64, height: f64, z: f64| {
+            DVec3::new(front + t * (back - front), self.height + height, z)
+        };
+        let parts = [-side, side].into_iter().flat_map(move |z| {
+            let level = [1.0, 0.5].map(|share| {
+                let height = share * RAIL_HEIGHT;
+                rail(&[place(0.0, height, z), place(1.0, height, z)], RAIL_RADIUS)
+            });
+            let posts = [0.0, 0.5, 1.0]
+                .map(|t| rail(&[place(t, 0.0, z), place(t, RAIL_HEIGHT, z)], RAIL_RADIUS));
+            level.into_iter().chain(posts)
+        });
+        merged(parts)
+    }
+}
+
+/// A round bar along a path.
+fn rail(path: &[DVec3], radius: f64) -> Mesh {
+    tube(path, &vec![radius; path.len()], 8, false)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeMap;
+
+    use super::*;
+
+    fn made(params: &[(&str, f64)]) -> Mesh {
+        let params: BTreeMap<String, f64> =
+            params.iter().map(|(name, value)| ((*name).to_owned(), *value)).collect();
+        GENERATORS[0].mesh(&params, 3.0).expect("a mesh")
+    }
+
+    #[test]
+    fn it_stands_on_the_ground_and_only_its_board_is_over_the_water() {
+        let mesh = made(&[("height_m", 5.0), ("board_m", 2.0)]);
+        let bounds = mesh.bounds();
+        assert!(bounds.min.y.abs() < 0.1, "{bounds:?}");
+        assert!((bounds.max.y - 6.0).abs() < 0.1, "{bounds:?}");
+        assert!((bounds.max.x - 2.0).abs() < 1e-6, "{bounds:?}");
+        let over = mesh.positions.iter().filter(|p| p[0] > 0.2);
+        assert!(over.clone().count() > 0);
+        assert!(over.into_iter().all(|p| (4.99..5.1).contains(&p[1])));
+    }
+
+    #[test]
+    fn a_smaller_distance_means_more_rungs() {
+        let [wide, narrow] = [0.5, 0.25].map(|rung| made(&[("rung_m", rung)]).triangle_count());
+        // 6 rungs and 12: each a tube of 8 sides with two ends.
+        assert_eq!(narrow - wide, 6 * 8 * (2 + 2));
+    }
+}

@@ -1,0 +1,268 @@
+//! The Utah teapot, tessellated from its 32 bicubic Bézier patches.
+//!
+//! Control points: M. E. Newell, *The Utilization of Procedure Models in Digital Image Synthesis*, University of Utah, 1975; the four
+//! patches of the bottom were added later. Both are listed in F. Crow, *The Origins of the Teapot*, IEEE Computer Graphics and
+//! Applications 7(1), 1987. Most points follow from others by symmetry; here each stands once, in the units of the data, +z up.
+
+use glam::{DMat4, DVec3};
+use itertools::iproduct;
+
+use super::{Args, Generator, generator, param};
+use crate::scene::Mesh;
+use crate::scene::shapes::{merged, sheet};
+
+pub const GENERATORS: &[Generator] = &[generator(
+    "teapot",
+    "the Utah teapot of Bézier patches, spout towards +x; SPT Table 1 has 2,257 triangles, 6 divisions give 2,256",
+    teapot,
+)
+.with(&[
+    param("height_m", 1.0, 0.01, 100.0, "height with the knob of the lid"),
+    // With 1 the lip of the spout has no area.
+    param("divisions", 6.0, 2.0, 40.0, "quads along each side of a patch"),
+])];
+
+/// Height of the data.
+const HEIGHT: f64 = 3.15;
+
+/// Control points of a quarter turn about the z axis: r, t and z stand for (r, 0, z), (r, t, z), (t, r, z) and (0, r, z).
+type Ring = [f64; 3];
+
+/// The turned parts, four patches each, from the rim or the knob outwards and down.
+const TURNED: [[Ring; 4]; 6] = [
+    // Rim.
+    [[1.4, 0.784, 2.4], [1.3375, 0.749, 2.53125], [1.4375, 0.805, 2.53125], [1.5, 0.84, 2.4]],
+    // Upper and lower body.
+    [[1.5, 0.84, 2.4], [1.75, 0.98, 1.875], [2.0, 1.12, 1.35], [2.0, 1.12, 0.9]],
+    [[2.0, 1.12, 0.9], [2.0, 1.12, 0.45], [1.5, 0.84, 0.225], [1.5, 0.84, 0.15]],
+    // Knob and lid.
+    [[0.0, 0.0, 3.15], [0.8, 0.45, 3.15], [0.0, 0.0, 2.85], [0.2, 0.112, 2.7]],
+    [[0.2, 0.112, 2.7], [0.4, 0.224, 2.55], [1.3, 0.728, 2.55], [1.3, 0.728, 2.4]],
+    // Bottom.
+    [[1.5, 0.84, 0.15], [1.5, 0.84, 0.075], [1.425, 0.798, 0.0], [0.0, 0.0, 0.0]],
+];
+
+/// Control points across a half of handle or spout: (x, z) of the first two, (x, z) of the last two, and the width w: y is 0, −w, −w, 0.
+type Section = [f64; 5];
+
+/// The parts with a mirror image at y > 0, from the body outwards.
+const MIRRORED: [[Section; 4]; 4] = [
+    // Upper and lower handle.
+    [
+        [-1.6, 2.025, -1.5, 2.25, 0.3],
+        [-2.3, 2.025, -2.5, 2.25, 0.3],
+        [-2.7, 2.025, -3.0, 2.25, 0.3],
+        [-2.7, 1.8, -3.0, 1.8, 0.3],
+    ],
+    [
+        [-2.7, 1.8, -3.0, 1.8, 0.3],
+        [-2.7, 1.575, -3.0, 1.35, 0.3],
+        [-2.5, 1.125, -2.65, 0.9375, 0.3],
+        [-2.0, 0.9, -1.9, 0.6, 0.3],
+    ],
+    // Spout and its lip.
+    [
+        [1.7, 1.425, 1.7, 0.6, 0.66],
+        [2.6, 1.425, 3.1, 0.825, 0.66],
+        [2.3, 2.1, 2.4, 2.025, 0.25],
+        [2.7, 2.4, 3.3, 2.4, 0.25],
+    ],
+    [
+        [2.7, 2.4, 3.3, 2.4, 0.25],
+        [2.8, 2.475, 3.525, 2.49375, 0.25],
+        [2.9, 2.475, 3.45, 2.5125, 0.15],
+        [2.8, 2.4, 3.2, 2.4, 0.15],
+    ],
+];
+
+/// A bicubic Bézier patch: rows along v, in each the points along u. ∂u × ∂v points outward.
+struct Patch([[DVec3; 4]; 4]);
+
+fn teapot(a: &Args) -> Mesh {
+    let n = a.count("divisions");
+    let upright = DMat4::from_rotation_x(-std::f64::consts::FRAC_PI_2);
+    let size = DMat4::from_scale(DVec3::splat(a.get("height_m") / HEIGHT));
+    merged(patches().map(|patch| patch.mesh(n))).transformed(&(size * upright))
+}
+
+fn patches() -> impl Iterator<Item = Patch> {
+    let quarters = iproduct!(TURNED, 0..4).map(|(rings, k)| Patch::quarter(&rings, k));
+    let halves = iproduct!(MIRRORED, [false, true]).map(|(part, image)| Patch::half(&part, image));
+    quarters.chain(halves)
+}
+
+impl Patch {
+    /// The `k`-th quarter turn.
+    fn quarter(rings: &[Ring; 4], k: usize) -> Patch {
+        let axes = [DVec3::X, DVec3::Y, DVec3::NEG_X, DVec3::NEG_Y];
+        let (x, y) = (axes[k], axes[(k + 1) % 4]);
+        Patch(rings.map(|[r, t, z]| {
+            [r * y, t * x + r * y, r * x + t * y, r * x].map(|p| p + z * DVec3::Z)
+        }))
+    }
+
+    /// The half at y < 0, or its mirror image.
+    fn half(sections: &[Section; 4], mirrored: bool) -> Patch {
+        Patch(sections.map(|[x0, z0, x1, z1, width]| {
+            let row = [(x0, 0.0, z0), (x0, -width, z0), (x1, -width, z1), (x1, 0.0, z1)];
+            if mirrored {
+                let [a, b, c, d] = row.map(|(x, y, z)| DVec3::new(x, -y, z));
+                [d, c, b, a]
+            } else {
+                row.map(DVec3::from)
+            }
+        }))
+    }
+
+    /// `n` × `n` quads, without the triangles that a pole draws together.
+    fn mesh(&self, n: usize) -> Mesh {
+        let mut mesh = sheet((n, n), |u, v| self.weighted(weights(u), weights(v)));
+        let places =
+            iproduct!(0..=n, 0..=n).map(|(j, i)| (i as f64 / n as f64, j as f64 / n as f64));
+        mesh.normals = places.map(|(u, v)| self.normal(u, v).as_vec3().to_array()).collect();
+        mesh
+    }
+
+    /// The sum of the control points with these weights along u and v.
+    fn weighted(&self, along_u: [f64; 4], along_v: [f64; 4]) -> DVec3 {
+        iproduct!(0..4, 0..4).map(|(j, i)| self.0[j][i] * (along_u[i] * along_v[j])).sum()
+    }
+
+    /// The unit normal. At a pole, v = 0 or 1, ∂u is 0: its direction is the limit, that of ∓∂u∂v.
+    fn normal(&self, u: f64, v: f64) -> DVec3 {
+        let du = self.weighted(slopes(u), weights(v));
+        let along_u = if du.length() < 1e-9 {
+            (1.0 - 2.0 * v) * self.weighted(slopes(u), slopes(v))
+        } else {
+            du
+        };
+        along_u.cross(self.weighted(weights(u), slopes(v))).normalize()
+    }
+}
+
+/// The cubic Bernstein polynomials.
+fn weights(t: f64) -> [f64; 4] {
+    let s = 1.0 - t;
+    [s * s * s, 3.0 * s * s * t, 3.0 * s * t * t, t * t * t]
+}
+
+/// Their derivatives.
+fn slopes(t: f64) -> [f64; 4] {
+    let s = 1.0 - t;
+    [-3.0 * s * s, 3.0 * s * (s - 2.0 * t), 3.0 * t * (2.0 * s - t), 3.0 * t * t]
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeMap;
+
+    use glam::Vec3;
+
+    use super::*;
+
+    fn made(divisions: f64) -> Mesh {
+        let params = BTreeMap::from([("divisions".to_owned(), divisions)]);
+        GENERATORS[0].mesh(&params, 3.0).expect("a mesh")
+    }
+
+    fn default() -> Mesh {
+        GENERATORS[0].mesh(&BTreeMap::new(), 3.0).expect("a mesh")
+    }
+
+    fn position(mesh: &Mesh, i: u32) -> DVec3 {
+        Vec3::from(mesh.positions[i as usize]).as_dvec3()
+    }
+
+    fn normal(mesh: &Mesh, i: u32) -> DVec3 {
+        Vec3::from(mesh.normals[i as usize]).as_dvec3()
+    }
+
+    /// The normal of triangle `t`, its length twice the area.
+    fn face(mesh: &Mesh, t: usize) -> DVec3 {
+        let [a, b, c] = mesh.triangle(t);
+        (b - a).cross(c - a)
+    }
+
+    #[test]
+    fn the_default_has_the_triangles_of_the_paper() {
+        assert!(default().triangle_count().abs_diff(2257) <= 10);
+        assert!(made(5.0).triangle_count().abs_diff(2257) > 10);
+        // The vertices of a patch are shared.
+        assert_eq!(default().positions.len(), 32 * 7 * 7);
+    }
+
+    #[test]
+    fn no_triangle_is_degenerate() {
+        for divisions in [2.0, 6.0, 7.0, 40.0] {
+            let mesh = made(divisions);
+            let n = divisions as usize;
+            // Eight patches end in a pole.
+            assert_eq!(mesh.triangle_count(), 64 * n * n - 8 * n);
+            let least = (0..mesh.triangle_count()).map(|t| face(&mesh, t).length());
+            assert!(least.fold(f64::INFINITY, f64::min) > 1e-8, "{divisions}");
+        }
+    }
+
+    #[test]
+    fn it_has_the_proportions_of_newells() {
+        let size = default().bounds().size();
+        assert!((size.y - 1.0).abs() < 1e-6);
+        // From the handle to the lip of the spout, and the body's diameter.
+        assert!((size.x / size.y - 6.43 / 3.15).abs() < 0.02, "{size}");
+        assert!((size.z / size.y - 4.0 / 3.15).abs() < 0.01, "{size}");
+        let bounds = default().bounds();
+        assert!(bounds.min.y == 0.0 && bounds.max.x > -bounds.min.x);
+    }
+
+    #[test]
+    fn normals_are_unit_and_on_the_side_of_their_triangles() {
+        for divisions in [6.0, 40.0] {
+            let mesh = made(divisions);
+            assert!(mesh.normals.iter().all(|n| (Vec3::from(*n).length() - 1.0).abs() < 1e-5));
+            let against = |t: &usize| {
+                let corners = &mesh.indices[3 * t..3 * t + 3];
+                corners.iter().any(|i| normal(&mesh, *i).dot(face(&mesh, *t)) <= 0.0)
+            };
+            let count = (0..mesh.triangle_count()).filter(against).count();
+            // Triangles at the sharp bends of lip and knob are coarser than their normals.
+            assert!(count as f64 <= 0.02 * mesh.triangle_count() as f64, "{count}");
+        }
+    }
+
+    /// Normals of the patches' derivatives against those of ever smaller triangles around the vertex.
+    #[test]
+    fn normals_are_those_of_the_surface_at_the_poles_too() {
+        let mesh = made(40.0);
+        for (pole, expected) in [(1.0, DVec3::Y), (0.0, DVec3::NEG_Y)] {
+            let at_pole: Vec<u32> = (0..mesh.positions.len() as u32)
+                .filter(|i| position(&mesh, *i).distance(DVec3::Y * pole) < 1e-6)
+                .collect();
+            assert_eq!(at_pole.len(), 4 * 41);
+            for i in at_pole {
+                assert!(normal(&mesh, i).distance(expected) < 1e-5, "{pole} {}", normal(&mesh, i));
+            }
+        }
+        let around = Mesh::smooth(mesh.positions.clone(), mesh.indices.clone());
+        let far = (0..mesh.indices.len())
+            .filter(|k| {
+                normal(&mesh, mesh.indices[*k]).dot(normal(&around, mesh.indices[*k])) < 0.98
+            })
+            .count();
+        assert!(far * 100 < mesh.indices.len(), "{far} of {}", mesh.indices.len());
+    }
+
+    /// The upper and lower body are convex about the axis: their normals point away from its middle.
+    #[test]
+    fn the_body_faces_outward() {
+        let mesh = default();
+        let of_body = (4 * 49)..(12 * 49);
+        let inward = of_body.clone().filter(|i| {
+            let away = position(&mesh, *i) - DVec3::Y * 0.35;
+            away.dot(normal(&mesh, *i)) <= 0.0
+        });
+        assert_eq!(inward.count(), 0);
+        let inverted = mesh.inverted();
+        let outward = of_body.filter(|i| position(&inverted, *i).dot(normal(&inverted, *i)) > 0.0);
+        assert!(outward.count() < 20);
+    }
+}

@@ -1,0 +1,260 @@
+//! A tree grown by a bracketed L-system.
+
+use glam::{DQuat, DVec3};
+
+use super::{Args, Dice, Generator, SEED, generator, param};
+use crate::scene::Mesh;
+use crate::scene::shapes::{merged, quad, scaled, tube};
+
+pub const GENERATORS: &[Generator] = &[generator(
+    "tree",
+    "a tree of tapered branches, grown by an L-system from its seed; SPT Fig. 11, 12",
+    tree,
+)
+.with(&[
+    param("height_m", 4.0, 0.05, 200.0, "height"),
+    param("radius_m", 0.09, 0.001, 10.0, "radius of the trunk"),
+    param("generations", 11.0, 1.0, 12.0, "rewritings of each bud: 2^generations twigs"),
+    param("angle_deg", 44.0, 5.0, 90.0, "angle of a branch to the one that bears it"),
+    param("leaves", 0.0, 0.0, 1.0, "share of twigs with a leaf, four triangles each"),
+    param("leaf_m", 0.07, 0.001, 10.0, "length of a leaf"),
+    SEED,
+])];
+
+/// A module of the L-system. All lengths are relative; the tree is scaled in the end.
+#[derive(Clone, Copy)]
+enum Module {
+    /// What the rule rewrites: a bud that goes on with segments of this length.
+    Apex {
+        length: f64,
+    },
+    Segment {
+        length: f64,
+    },
+    /// Away from the heading, radians.
+    Turn(f64),
+    /// About the heading, radians.
+    Roll(f64),
+    /// Starts a branch, and goes back to where it started.
+    Push,
+    Pop,
+}
+
+/// The seedling: a bare piece of trunk, and its bud.
+const AXIOM: [Module; 2] = [Module::Segment { length: 1.8 }, Module::Apex { length: 1.0 }];
+
+/// Where leaves stand around a stem: the golden angle.
+const DIVERGENCE_DEG: f64 = 137.508;
+/// Length of a segment against the one before: on the same branch, and on a new one. Tuned by eye.
+const LEADING: f64 = 0.9;
+const SIDE: f64 = 0.84;
+/// The bearing branch turns away from a new one by this share of the angle.
+const RECOIL: f64 = 0.45;
+/// How strongly each segment bends towards +y.
+const TROPISM: f64 = 0.14;
+/// Exponent of Leonardo's rule: a branch's radius to this power is the sum over those that it bears. He has 2; measured trees lie
+/// between that and 3.
+const AREA_EXPONENT: f64 = 2.2;
+/// The trunk spreads at its foot by this much, and the tip of a twig has this share of its radius.
+const FOOT: f64 = 1.5;
+const TIP: f64 = 0.4;
+
+fn tree(a: &Args) -> Mesh {
+    let mut dice = a.rng();
+    let angle = a.get("angle_deg").to_radians();
+    let mut modules = AXIOM.to_vec();
+    for _ in 0..a.count("generations") {
+        modules = rewritten(&modules, angle, &mut dice);
+    }
+    let branches = branches(&modules);
+    let height = branches.iter().flat_map(|b| &b.points).map(|p| p.y).fold(0.0, f64::max);
+    let factor = a.get("height_m") / height;
+    let (trunk, leaf) = (a.get("radius_m") / factor, a.get("leaf_m") / factor);
+    let limbs = branches.iter().map(|branch| branch.limb(trunk, branches.len() as f64));
+    let leafy = branches.iter().filter(|_| dice.between(0.0, 1.0) < a.get("leaves"));
+    scaled(merged(limbs.chain(leafy.map(|branch| branch.leaf(leaf)))), factor)
+}
+
+/// The only rule: an apex becomes a segment, a branch with an apex of its own, and an apex that goes on.
+fn rewritten(modules: &[Module], angle: f64, dice: &mut Dice) -> Vec<Module> {
+    let mut after = Vec::with_capacity(2 * modules.len());
+    for module in modules {
+        let Module::Apex { length } = *module else {
+            after.push(*module);
+            continue;
+        };
+        let turn = angle * dice.between(0.75, 1.25);
+        after.extend([
+            Module::Segment { length: length * dice.between(0.8, 1.2) },
+            Module::Push,
+            Module::Turn(turn),
+            Module::Apex { length: length * SIDE },
+            Module::Pop,
+            Module::Turn(-RECOIL * turn),
+            Module::Roll((DIVERGENCE_DEG + dice.between(-25.0, 25.0)).to_radians()),
+            Module::Apex { length: length * LEADING },
+        ]);
+    }
+    after
+}
+
+/// A branch from where it starts to its tip.
+struct Branch {
+    points: Vec<DVec3>,
+    /// Twigs that each point bears.
+    twigs: Vec<f64>,
+    /// The branch and the point of it that this one starts from.
+    bearer: Option<(usize, usize)>,
+}
+
+impl Branch {
+    fn new(start: DVec3, bearer: Option<(usize, usize)>) -> Branch {
+        Branch { points: vec![start], twigs: Vec::new(), bearer }
+    }
+
+    /// A tapered tube; `trunk` is the radius of a branch that bears `all` twigs.
+    fn limb(&self, trunk: f64, all: f64) -> Mesh {
+        let radius = |twigs: &f64| trunk * (twigs / all).powf(1.0 / AREA_EXPONENT);
+        let mut radii: Vec<f64> = self.twigs.iter().map(radius).collect();
+        if self.bearer.is_none() {
+            radii[0] *= FOOT;
+        }
+        radii[self.points.len() - 1] *= TIP;
+        // Three for a twig, and one for each doubling of the twigs.
+        let sides = 3 + self.twigs[0].log2() as usize;
+        tube(&self.points, &radii, sides, false)
+    }
+
+    /// A rhombus at the tip, seen from both sides.
+    fn leaf(&self, length: f64) -> Mesh {
+        let last = self.points.len() - 1;
+        let tip = self.points[last];
+        let along = (tip - self.points[last - 1]).normalize_or(DVec3::Y);
+        let aside = 0.25 * length * along.any_orthonormal_vector();
+        let middle = tip + 0.5 * length * along;
+        let [a, b, c, d] = [tip, middle + aside, tip + length * along, middle - aside];
+        merged([quad([a, b, c, d]), quad([a, d, c, b])])
+    }
+}
+
+/// The branches that a turtle draws, each after the one that bears it.
+fn branches(modules: &[Module]) -> Vec<Branch> {
+    let mut branches = vec![Branch::new(DVec3::ZERO, None)];
+    let (mut place, mut frame, mut current) = (DVec3::ZERO, DQuat::IDENTITY, 0);
+    let mut stack = Vec::new();
+    for module in modules {
+        match *module {
+            Module::Turn(angle) => frame *= DQuat::from_rotation_x(angle),
+            Module::Roll(angle) => frame *= DQuat::from_rotation_y(angle),
+            Module::Segment { length } | Module::Apex { length } => {
+                frame = lifted(frame);
+                place += length * (frame * DVec3::Y);
+                branches[current].points.push(place);
+            }
+            Module::Push => {
+                stack.push((place, frame, current));
+                let bearer = (current, branches[current].points.len() - 1);
+                current = branches.len();
+                branches.push(Branch::new(place, Some(bearer)));
+            }
+            Module::Pop => (place, frame, current) = stack.pop().expect("a branch was started"),
+        }
+    }
+    count_twigs(&mut branches);
+    branches
+}
+
+/// The heading, +y of the frame, turned towards the sky.
+fn lifted(frame: DQuat) -> DQuat {
+    let across = (frame * DVec3::Y).cross(DVec3::Y);
+    DQuat::from_scaled_axis(TROPISM * across) * frame
+}
+
+/// A branch's tip is a twig, and each of its points bears what starts from it and from later ones.
+fn count_twigs(branches: &mut [Branch]) {
+    for branch in branches.iter_mut() {
+        branch.twigs = vec![0.0; branch.points.len()];
+    }
+    for i in (0..branches.len()).rev() {
+        let twigs = &mut branches[i].twigs;
+        let mut sum = 1.0;
+        for count in twigs.iter_mut().rev() {
+            sum += *count;
+            *count = sum;
+        }
+        if let Some((bearer, point)) = branches[i].bearer {
+            branches[bearer].twigs[point] += sum;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeMap;
+
+    use super::*;
+
+    fn made(params: &[(&str, f64)]) -> Mesh {
+        let params: BTreeMap<String, f64> =
+            params.iter().map(|(name, value)| ((*name).to_owned(), *value)).collect();
+        GENERATORS[0].mesh(&params, 3.0).expect("a mesh")
+    }
+
+    fn grown(generations: usize) -> Vec<Branch> {
+        let params = BTreeMap::new();
+        let args = Args::new("tree", GENERATORS[0].params, &params, 3.0).expect("defaults");
+        let mut dice = args.rng();
+        let modules = (0..generations).fold(AXIOM.to_vec(), |m, _| rewritten(&m, 0.8, &mut dice));
+        branches(&modules)
+    }
+
+    #[test]
+    fn each_generation_doubles_the_branches() {
+        for generations in [0, 1, 5, 8] {
+            let branches = grown(generations);
+            assert_eq!(branches.len(), 1 << generations);
+            assert_eq!(branches[0].points.len(), generations + 3);
+        }
+    }
+
+    #[test]
+    fn branches_start_on_their_bearers_and_grow_thinner() {
+        let branches = grown(8);
+        assert_eq!(branches[0].twigs[0], branches.len() as f64);
+        for branch in &branches {
+            assert!(branch.twigs.is_sorted_by(|a, b| a >= b) && branch.twigs.last() == Some(&1.0));
+            if let Some((bearer, point)) = branch.bearer {
+                assert_eq!(branch.points[0], branches[bearer].points[point]);
+                assert!(branch.twigs[0] < branches[bearer].twigs[point]);
+            }
+        }
+    }
+
+    #[test]
+    fn it_stands_on_the_floor_at_its_height_with_tens_of_thousands_of_triangles() {
+        let mesh = made(&[("height_m", 5.0)]);
+        assert!((20_000..60_000).contains(&mesh.triangle_count()), "{}", mesh.triangle_count());
+        let bounds = mesh.bounds();
+        assert!(bounds.min.y.abs() < 1e-6 && (bounds.max.y - 5.0).abs() < 0.05, "{bounds:?}");
+        let [x, _, z] = bounds.size().to_array();
+        assert!((0.5..1.5).contains(&(x / 5.0)) && (0.5..1.5).contains(&(z / 5.0)), "{bounds:?}");
+    }
+
+    #[test]
+    fn no_branch_reaches_the_floor() {
+        for seed in 1..=8 {
+            let low = made(&[("seed", f64::from(seed)), ("generations", 9.0)]).bounds().min.y;
+            assert!(low.abs() < 1e-6, "seed {seed}: {low}");
+        }
+    }
+
+    #[test]
+    fn seeds_make_different_trees_and_leaves_add_four_triangles_each() {
+        let [bare, other] = [1.0, 2.0].map(|seed| made(&[("seed", seed), ("generations", 7.0)]));
+        assert_ne!(bare, other);
+        let leafy = made(&[("leaves", 1.0), ("generations", 7.0)]);
+        assert_eq!(leafy.triangle_count(), bare.triangle_count() + 4 * (1 << 7));
+        let some = made(&[("leaves", 0.5), ("generations", 7.0)]).triangle_count();
+        assert!((bare.triangle_count() + 1..leafy.triangle_count()).contains(&some));
+    }
+}
