@@ -2,7 +2,7 @@
 
 use std::iter::successors;
 
-use glam::{DVec3, UVec2};
+use glam::{DMat4, DVec3, UVec2};
 
 use super::{Case, Check, Checks, Result, Rig, largest, rig};
 use crate::gpu::read_volume;
@@ -12,7 +12,7 @@ use crate::reference::quantities::{StoredPhoton, quantile};
 use crate::reference::rays::{PixelRays, Tracer};
 use crate::reference::specular::{End, Surfaces};
 use crate::reference::surface::enter;
-use crate::scene::{Camera, LightKind, Optics, Scene, Water};
+use crate::scene::{Camera, LightKind, Material, Mesh, Object, Optics, Scene, Water};
 use crate::stages::Stage;
 use crate::stages::geometry::Part;
 use crate::stages::kit::linear_workgroups;
@@ -103,7 +103,10 @@ struct Setup {
 
 impl Setup {
     fn new(rig: &Rig<'_>, name: &str, layers: u32) -> Result<Setup> {
-        let scene = Scene::load(name)?;
+        Setup::of(rig, Scene::load(name)?, layers)
+    }
+
+    fn of(rig: &Rig<'_>, scene: Scene, layers: u32) -> Result<Setup> {
         let stand = rig.stand(&scene, SIZE);
         let rig::Stand { shared, geometry, .. } = &stand;
         let depth = Depth::new(&rig.resources, shared, geometry, 512)?;
@@ -393,9 +396,38 @@ fn from_surfaces_m(tracer: &Tracer, camera: &Camera, place: DVec3) -> f64 {
 /// Mirrors and surfaces of glass that a photon may leave.
 const BOUNCES: u32 = 4;
 
+/// A slanted mirror and a ball of glass over a floor.
+fn mirror_and_glass() -> Result<Scene> {
+    let mut scene = rig::flat_plane(LightKind::Directional)?;
+    let floor_y = scene.objects[0].mesh.bounds().max.y;
+    let slanted = [DVec3::new(0.9, 0.5, 0.2), DVec3::new(0.1, 0.4, -0.8)];
+    let middle = DVec3::new(-1.1, floor_y + 1.0, 0.0);
+    let mut mirror = Object::new("mirror", Mesh::parallelogram(middle, slanted[1], slanted[0]));
+    mirror.material.optics = Optics::Mirror;
+    let ball = Scene::load("ball")?.objects.into_iter().filter(|object| object.name == "ball");
+    let mut ball: Vec<Object> = ball.collect();
+    for ball in &mut ball {
+        let lowest = ball.mesh.bounds().min.y;
+        let lift = DVec3::new(1.1, floor_y + 0.3 - lowest, 0.2);
+        ball.mesh = ball.mesh.clone().transformed(&DMat4::from_translation(lift));
+        ball.material = Material {
+            optics: Optics::Glass,
+            alpha: 0.2,
+            refractive_index: 1.7,
+            ..ball.material.clone()
+        };
+    }
+    scene.objects.push(mirror);
+    scene.objects.extend(ball);
+    scene.camera.position_m = [0.3, floor_y + 3.0, 4.6];
+    scene.camera.target_m = [0.0, floor_y + 0.5, 0.0];
+    scene.light.half_extent_m = 2.5;
+    Ok(scene)
+}
+
 /// Ends of photons that meet a mirror or glass first, against exact ray casting.
 fn bounced(rig: &Rig<'_>, stage: &str, method: Method) -> Checks {
-    let setup = Setup::new(rig, "specular", LAYERS)?;
+    let setup = Setup::of(rig, mirror_and_glass()?, LAYERS)?;
     let found = setup.trace_ways(rig, method, HitTest::Crossing, BOUNCES + 1)?;
     let tracer = Tracer::new(&setup.scene.objects)?;
     let rays = PixelRays::new(&setup.stand.view.camera, SIZE[0], SIZE[1]);
