@@ -78,8 +78,9 @@ fn meets_m(sight: vec3<f32>, far_m: f32) -> f32 {
     return NO_HIT;
 }
 
-// Radiance that comes along a ray from the surface.
-fn along(place: vec3<f32>, direction: vec3<f32>) -> vec3<f32> {
+// Radiance that comes along a ray from the surface. Where a ray under water meets nothing that the camera sees, `straight` takes its
+// place: what lies behind the surface without refraction.
+fn along(place: vec3<f32>, direction: vec3<f32>, straight: vec3<f32>) -> vec3<f32> {
     let ray = Transfer(place, FIRST, direction, 0.0);
     let seg = segment(walk, ray);
     var at_m = NO_HIT;
@@ -89,7 +90,7 @@ fn along(place: vec3<f32>, direction: vec3<f32>) -> vec3<f32> {
     let under_water = direction.y < 0.0;
     if at_m >= NO_HIT {
         if under_water {
-            return fog(vec3(0.0), frame.z_far_m);
+            return straight;
         }
         return sky(direction);
     }
@@ -101,17 +102,18 @@ fn along(place: vec3<f32>, direction: vec3<f32>) -> vec3<f32> {
     return found;
 }
 
-// Radiance of the surface where a line of sight meets it.
-fn at_surface(sight: vec3<f32>, at_m: f32) -> vec3<f32> {
+// Radiance of the surface where a line of sight meets it, `behind_m` before what the picture `dry` shows there.
+fn at_surface(sight: vec3<f32>, at_m: f32, dry: vec4<f32>, behind_m: f32) -> vec3<f32> {
+    let straight = fog(dry.xyz, select(frame.z_far_m, behind_m, dry.w > 0.0));
     let place = frame.camera_position_m + at_m * sight;
     let upwards = water::normal(water::surface(place.xz).yz);
     let from_below = dot(sight, upwards) > 0.0;
     let normal = select(upwards, -upwards, from_below);
     let eta = select(1.0 / frame.refractive_index, frame.refractive_index, from_below);
     let reflected = fresnel(-dot(sight, normal), eta);
-    var radiance = reflected * along(place, reflect(sight, normal));
+    var radiance = reflected * along(place, reflect(sight, normal), straight);
     if reflected < 1.0 {
-        radiance += (1.0 - reflected) * along(place, normalize(refract(sight, normal, eta)));
+        radiance += (1.0 - reflected) * along(place, normalize(refract(sight, normal, eta)), straight);
     }
     if from_below {
         return fog(radiance, at_m);
@@ -132,9 +134,10 @@ fn fragment(@builtin(position) pixel: vec4<f32>) -> @location(0) vec4<f32> {
     let far_m = distance(place, frame.camera_position_m);
     let sight = (place - frame.camera_position_m) / far_m;
     let at_m = meets_m(sight, far_m);
-    var radiance = textureLoad(radiances, texel, 0).xyz;
+    let dry = textureLoad(radiances, texel, 0);
+    var radiance = dry.xyz;
     if at_m < NO_HIT {
-        radiance = at_surface(sight, at_m);
+        radiance = at_surface(sight, at_m, dry, far_m - at_m);
     } else if z < 1.0 {
         radiance = fog(radiance, water_path_m(place));
     } else if frame.camera_under_water != 0u {

@@ -400,7 +400,7 @@ const BOUNCES: u32 = 4;
 fn mirror_and_glass() -> Result<Scene> {
     let mut scene = rig::flat_plane(LightKind::Directional)?;
     let floor_y = scene.objects[0].mesh.bounds().max.y;
-    let slanted = [DVec3::new(0.9, 0.5, 0.2), DVec3::new(0.1, 0.4, -0.8)];
+    let slanted = [DVec3::new(0.56, 0.0, 0.75), DVec3::new(0.26, 0.88, -0.2)];
     let middle = DVec3::new(-1.1, floor_y + 1.0, 0.0);
     let mut mirror = Object::new("mirror", Mesh::parallelogram(middle, slanted[1], slanted[0]));
     mirror.material.optics = Optics::Mirror;
