@@ -396,13 +396,13 @@ fn from_surfaces_m(tracer: &Tracer, camera: &Camera, place: DVec3) -> f64 {
 /// Mirrors and surfaces of glass that a photon may leave.
 const BOUNCES: u32 = 4;
 
-/// A slanted mirror and a ball of glass over a floor.
+/// A slanted mirror, whose outer side the light meets, and a ball of glass over a floor.
 fn mirror_and_glass() -> Result<Scene> {
     let mut scene = rig::flat_plane(LightKind::Directional)?;
     let floor_y = scene.objects[0].mesh.bounds().max.y;
     let slanted = [DVec3::new(0.56, 0.0, 0.75), DVec3::new(0.26, 0.88, -0.2)];
     let middle = DVec3::new(-1.1, floor_y + 1.0, 0.0);
-    let mut mirror = Object::new("mirror", Mesh::parallelogram(middle, slanted[1], slanted[0]));
+    let mut mirror = Object::new("mirror", Mesh::parallelogram(middle, slanted[0], slanted[1]));
     mirror.material.optics = Optics::Mirror;
     let ball = Scene::load("ball")?.objects.into_iter().filter(|object| object.name == "ball");
     let mut ball: Vec<Object> = ball.collect();

@@ -320,7 +320,8 @@ fn water_surface(rig: &Rig<'_>, above: bool) -> Result<Check> {
     const RED: usize = 0;
     let mut scene = Scene::load("plane")?;
     scene.camera.position_m = [0.4, if above { 1.6 } else { -1.4 }, 3.0];
-    scene.camera.target_m = [0.0, if above { -1.6 } else { 0.8 }, -1.0];
+    // From below so steeply that little is totally reflected.
+    scene.camera.target_m = if above { [0.0, -1.6, -1.0] } else { [0.2, 1.6, 1.9] };
     scene.water.amplitude_m = 0.03;
     let stand = rig.stand(&scene, SIZE);
     let gbuffer = rig.gbuffer(&stand)?;

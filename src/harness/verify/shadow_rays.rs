@@ -54,6 +54,7 @@ struct Setup {
 impl Setup {
     fn new(rig: &Rig<'_>, name: &str, kind: LightKind) -> Result<Setup> {
         let mut scene = Scene::load(name)?;
+        scene.objects.retain(|object| object.material.is_opaque());
         scene.camera.up = [0.2, 1.0, 0.1];
         scene.light.kind = kind;
         scene.light.position_m = [2.5, 1.0, 1.5];
