@@ -165,9 +165,21 @@ fn the_bunny_in_the_cornell_box_is_half_under_water() {
     let above = bounds.max.y / bounds.size().y;
     assert!((0.05..0.45).contains(&above), "{bounds:?}");
     assert!(scene.camera.position().y > scene.water.bound_m() && scene.camera.direction().y < 0.0);
-    let room = scene.solid_bounds();
+    // Light comes through the opening in the ceiling to all of the water, and not farther.
     let light = DVec3::from(scene.light.position_m);
-    assert!(room.contains(light) && light.y > 0.9 * room.max.y, "{room:?}");
+    let ceiling = scene.objects.iter().filter(|o| o.name.starts_with("ceiling"));
+    let ceiling: Vec<Bounds> = ceiling.map(|o| o.mesh.bounds()).collect();
+    let is_lit = |place: DVec3| {
+        ceiling.iter().all(|slab| {
+            let y = slab.center().y;
+            !slab.contains(light.lerp(place, (light.y - y) / (light.y - place.y)).with_y(y))
+        })
+    };
+    let [x, z] = scene.water.half_size_m;
+    for (x, z) in [(x, z), (-x, z), (x, -z), (-x, -z)] {
+        let corner = DVec3::new(x, 0.0, z);
+        assert!(is_lit(0.95 * corner) && !is_lit(1.3 * corner), "{corner}");
+    }
 }
 
 /// The room fills a volume of 128 × 104 × 107 voxels, as in VAO Fig. 11.
