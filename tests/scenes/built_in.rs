@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use fathom::scene::assets::ASSETS;
 use fathom::scene::{Bounds, Grid, LightKind, Scene, SceneFile};
 use glam::{DVec3, Vec3};
 
@@ -10,6 +11,19 @@ fn load(name: &str) -> Scene {
     let mut file = SceneFile::load(name).unwrap_or_else(|e| panic!("{e}"));
     if let Some(volume) = &mut file.volume {
         volume.reduce = 8;
+    }
+    Scene::build(&file).unwrap_or_else(|e| panic!("{e}"))
+}
+
+/// The scene as it is where no asset can be had.
+fn with_stand_ins(name: &str) -> Scene {
+    let mut file = SceneFile::load(name).unwrap_or_else(|e| panic!("{e}"));
+    for object in &mut file.objects {
+        if let Some(name) = object.asset.take() {
+            let asset = ASSETS.iter().find(|a| a.name == name).expect("a known asset");
+            object.generator = Some(asset.stand_in.0.to_owned());
+            object.params = asset.stand_in.1.iter().map(|&(n, v)| (n.to_owned(), v)).collect();
+        }
     }
     Scene::build(&file).unwrap_or_else(|e| panic!("{e}"))
 }
@@ -100,29 +114,34 @@ fn dry_scenes_load_at_their_size_and_are_seen() {
 #[test]
 fn scenes_above_the_water_show_an_object_and_its_whole_shadow() {
     for (name, fewest, most) in ABOVE {
-        let scene = load(name);
-        let count = scene.triangle_count();
-        assert!((fewest..=most).contains(&count), "{name}: {count}");
-        let [ground, object] = &scene.objects[..] else { panic!("{name}") };
-        let (ground, bounds) = (ground.mesh.bounds(), object.mesh.bounds());
-        assert!(ground.min.y == ground.max.y && ground.max.y > scene.water.bound_m(), "{name}");
-        assert!((bounds.min.y - ground.max.y).abs() < 0.02, "{name}: {bounds:?}");
-        let [half_x, half_z] = scene.water.half_size_m;
-        let hidden = DVec3::new(half_x, ground.max.y, half_z);
-        assert!(ground.contains(hidden) && ground.contains(hidden * DVec3::new(-1.0, 1.0, -1.0)));
-        assert_eq!(scene.light.kind, LightKind::Point);
-        let light = DVec3::from(scene.light.position_m);
-        assert!(light.y > bounds.max.y, "{name}");
-        let view = scene.camera.view_projection(800.0 / 600.0);
-        for position in &object.mesh.positions {
-            let place = Vec3::from(*position).as_dvec3();
-            let along = (ground.max.y - light.y) / (place.y - light.y);
-            for seen in [place, light + along * (place - light)] {
-                let ndc = view.project_point3(seen);
-                assert!(ndc.abs().truncate().max_element() < 1.0, "{name}: {seen} at {ndc}");
-                assert!((0.0..1.0).contains(&ndc.z), "{name}: {seen} at {ndc}");
+        for scene in [load(name), with_stand_ins(name)] {
+            let count = scene.triangle_count();
+            assert!((fewest..=most).contains(&count), "{name}: {count}");
+            assert_eq!(scene.light.kind, LightKind::Point);
+            let [ground, object] = &scene.objects[..] else { panic!("{name}") };
+            let (ground, bounds) = (ground.mesh.bounds(), object.mesh.bounds());
+            assert!(ground.size().y == 0.0 && ground.min.y > scene.water.bound_m(), "{name}");
+            assert!((bounds.min.y - ground.min.y).abs() < 0.02, "{name}: {bounds:?}");
+            let [half_x, half_z] = scene.water.half_size_m;
+            for corner in [[half_x, half_z], [-half_x, -half_z]] {
+                assert!(ground.contains(DVec3::new(corner[0], ground.min.y, corner[1])), "{name}");
+            }
+            for place in &object.mesh.positions {
+                is_seen_with_its_shadow(&scene, Vec3::from(*place).as_dvec3(), ground.min.y);
             }
         }
+    }
+}
+
+/// Panics if the camera does not see a place below the light, or the place's shadow on level ground.
+fn is_seen_with_its_shadow(scene: &Scene, place: DVec3, ground_m: f64) {
+    let light = DVec3::from(scene.light.position_m);
+    assert!(light.y > place.y, "{}: {place}", scene.name);
+    let shadow = light.lerp(place, (light.y - ground_m) / (light.y - place.y));
+    for seen in [place, shadow] {
+        let ndc = scene.camera.view_projection(800.0 / 600.0).project_point3(seen);
+        assert!(ndc.abs().truncate().max_element() < 1.0, "{}: {seen} at {ndc}", scene.name);
+        assert!((0.0..1.0).contains(&ndc.z), "{}: {seen} at {ndc}", scene.name);
     }
 }
 
@@ -155,19 +174,33 @@ fn the_planar_pool_is_a_box_of_five_planes() {
     assert_eq!(scene.water.half_size_m, [half.x, half.z]);
 }
 
-/// SPT Fig. 10: ears and nothing else of the bunny stand out of the water, and the camera looks down on it from above.
+/// SPT Fig. 10: only the top of the bunny stands out of the water, and the camera looks down on it from above.
 #[test]
 fn the_bunny_in_the_cornell_box_is_half_under_water() {
+    for scene in [load("cornell"), with_stand_ins("cornell")] {
+        let bunny = scene.objects.last().expect("objects");
+        assert_eq!(bunny.name, "bunny");
+        let bounds = bunny.mesh.bounds();
+        let above = bounds.max.y / bounds.size().y;
+        assert!((0.05..0.45).contains(&above), "{bounds:?}");
+    }
     let scene = load("cornell");
-    let bunny = scene.objects.last().expect("objects");
-    assert_eq!(bunny.name, "bunny");
-    let bounds = bunny.mesh.bounds();
-    let above = bounds.max.y / bounds.size().y;
-    assert!((0.05..0.45).contains(&above), "{bounds:?}");
     assert!(scene.camera.position().y > scene.water.bound_m() && scene.camera.direction().y < 0.0);
-    let room = scene.solid_bounds();
+    // Light comes through the opening in the ceiling to all of the water, and not farther.
     let light = DVec3::from(scene.light.position_m);
-    assert!(room.contains(light) && light.y > 0.9 * room.max.y, "{room:?}");
+    let ceiling = scene.objects.iter().filter(|o| o.name.starts_with("ceiling"));
+    let ceiling: Vec<Bounds> = ceiling.map(|o| o.mesh.bounds()).collect();
+    let is_lit = |place: DVec3| {
+        ceiling.iter().all(|slab| {
+            let y = slab.center().y;
+            !slab.contains(light.lerp(place, (light.y - y) / (light.y - place.y)).with_y(y))
+        })
+    };
+    let [x, z] = scene.water.half_size_m;
+    for (x, z) in [(x, z), (-x, z), (x, -z), (-x, -z)] {
+        let corner = DVec3::new(x, 0.0, z);
+        assert!(is_lit(0.95 * corner) && !is_lit(1.3 * corner), "{corner}");
+    }
 }
 
 /// The room fills a volume of 128 × 104 × 107 voxels, as in VAO Fig. 11.

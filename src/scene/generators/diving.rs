@@ -19,15 +19,14 @@ pub const GENERATORS: &[Generator] = &[generator(
     param("rung_m", 0.3, 0.05, 2.0, "distance of the ladder's rungs"),
 ])];
 
-/// Radius of rails and rungs, edge of the posts, height of the rails (EN 13451-10 asks for 1 m), metres.
+/// Height of the rails, and width of a springboard and of the ladder, metres (FINA Facilities Rules, FR 5).
+const RAIL_HEIGHT: f64 = 1.0;
+const BOARD_WIDTH: f64 = 0.5;
+/// Radius of rails, edge of the posts, thickness of platform and board, metres. Tuned by eye.
 const RAIL_RADIUS: f64 = 0.03;
 const POST: f64 = 0.16;
-const RAIL_HEIGHT: f64 = 1.0;
-/// Thickness of platform and board.
 const SLAB: f64 = 0.14;
 const BOARD: f64 = 0.07;
-/// Width of a springboard, and of the ladder (FINA facility rules: 0.5 m).
-const BOARD_WIDTH: f64 = 0.5;
 
 /// The platform's size, metres.
 struct Platform {

@@ -26,7 +26,7 @@ pub const GENERATORS: &[Generator] = &[generator(
     param("sides", 32.0, 6.0, 128.0, "quads around the body"),
 ])];
 
-/// Sections of the body, after photographs of bottlenose dolphins: distance from the snout, upper and lower edge against the straight
+/// Sections of the body of a bottlenose dolphin, tuned by eye: distance from the snout, upper and lower edge against the straight
 /// axis, half the width. Lengths are shares of the dolphin's.
 const SECTIONS: [[f64; 4]; 19] = [
     [0.0, -0.018, -0.026, 0.004],

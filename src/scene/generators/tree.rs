@@ -1,4 +1,4 @@
-//! A tree grown by a bracketed L-system.
+//! A tree grown by a bracketed L-system: Prusinkiewicz and Lindenmayer, *The Algorithmic Beauty of Plants*, chapters 1 and 2.
 
 use glam::{DQuat, DVec3};
 
@@ -50,7 +50,7 @@ const LEADING: f64 = 0.9;
 const SIDE: f64 = 0.84;
 /// The bearing branch turns away from a new one by this share of the angle.
 const RECOIL: f64 = 0.45;
-/// How strongly each segment bends towards +y.
+/// Each segment bends towards +y by this times the sine of its angle to +y: tropism, chapter 2 of the book. Tuned by eye.
 const TROPISM: f64 = 0.14;
 /// Exponent of Leonardo's rule: a branch's radius to this power is the sum over those that it bears. He has 2; measured trees lie
 /// between that and 3.
