@@ -22,6 +22,7 @@ mod luminance;
 mod occlusion;
 mod photon_tracing;
 mod photons;
+mod planar;
 pub mod rig;
 mod scalar;
 mod shafts;
@@ -195,6 +196,7 @@ pub fn cases() -> Vec<Case> {
         compose::cases(),
         photon_tracing::cases(),
         shafts::cases(),
+        planar::cases(),
         luminance::cases(),
         scalar::cases(),
     ];

@@ -4,6 +4,7 @@ pub mod hsao;
 mod lighting;
 pub mod occlusion;
 pub mod photon_tracing;
+pub mod planar;
 pub mod scalar_ao;
 pub mod settings;
 pub mod underwater;
@@ -401,6 +402,7 @@ pub const KINDS: &[PipelineKind] = &[
     PipelineKind::of::<hsao::Hsao>(),
     PipelineKind::of::<scalar_ao::ScalarAo>(),
     PipelineKind::of::<photon_tracing::PhotonTracing>(),
+    PipelineKind::of::<planar::Planar>(),
 ];
 
 /// Cells of the volume that replaces one that is too large.

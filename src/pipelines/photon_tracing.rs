@@ -23,7 +23,7 @@ use crate::stages::shafts::blur::Blur;
 use crate::stages::shafts::lines::Lines;
 use crate::stages::sprites::compose::Compose;
 use crate::stages::sprites::draw::{Sprite, Sprites};
-use crate::stages::transfer::map::{Map, MapUniforms};
+use crate::stages::transfer::map::Map;
 use crate::stages::{ldi, rays, scene, shadow};
 
 pub use parameters::{LayerMethod, LayeredDepth, Method, Params};
@@ -58,8 +58,7 @@ impl Pipeline for PhotonTracing {
             of_light.push(shadow::mask::Mask::new(of_light, shared, depth.texture(), cells)?);
 
         let of_grid = &resources.sized_by("transfer.grid");
-        let [x, y] = params.transfer.grid;
-        let settings = MapUniforms { grid: UVec2::new(x, y) };
+        let settings = params.transfer.uniforms();
         let map = of_grid.push(Map::new(of_grid, shared, mask.texture(), &settings)?);
 
         let size_px = view.size_px.to_array();

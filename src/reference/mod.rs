@@ -10,6 +10,7 @@
 //! | [`surface`] | where a ray enters the water |
 //! | [`rays`] | nearest triangle along a ray, camera and light rays |
 //! | [`photons`] | the photon grid and where each photon lands |
+//! | [`pool`] | the inner faces of a rectangular pool, and photons counted on them texel by texel |
 //! | [`estimator`] | the image-space iteration over an exact depth, to study its convergence |
 //! | [`splat`] | point sizes, intensities, and a rasterizer of splats, as squares and within one surface |
 //! | [`godray`] | intensity at a point of a godray |
@@ -43,6 +44,7 @@ pub mod openness;
 pub mod optics;
 pub mod photons;
 pub mod plane;
+pub mod pool;
 pub mod quantities;
 pub mod rays;
 pub mod splat;

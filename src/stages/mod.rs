@@ -20,6 +20,8 @@ pub mod low_pass;
 pub mod marching;
 pub mod photon;
 pub mod photons;
+pub mod planar;
+pub mod pool;
 pub mod post;
 pub mod ray_cast;
 pub mod rays;
@@ -85,6 +87,8 @@ pub const REGISTRY: &[StageInfo] = &[
     shafts::lines::INFO,
     shafts::blur::INFO,
     sprites::compose::INFO,
+    planar::points::INFO,
+    planar::compose::INFO,
     post::luminance::INFO,
     scalar::isosurface::INFO,
     scalar::direct::INFO,

@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::parameter::ParamError;
 use crate::pipelines::Parameters;
-use crate::pipelines::settings::Shadow;
+use crate::pipelines::settings::{Shadow, Transfer, View, WaterGrid};
 use crate::scene::{Camera, Light, SceneFile, Water};
 use crate::stages::screen_ray::{HitTest, Walking};
 use crate::{choices, settings};
@@ -13,46 +13,21 @@ use crate::{choices, settings};
 settings! {
     /// Everything that can be set. The dotted paths of `--set` are these fields' names.
     pub struct Params from file: SceneFile {
-        view: Viewport = Viewport::default();
+        // SPT §5: 800 × 600.
+        view: View = View { width: 800, height: 600 };
         camera: Camera = file.camera.clone();
         light: Light = file.light.clone();
         water: Water = file.water.clone();
         /// Depth of the scene's floor under the resting water.
         floor_depth_m: f64 = file.floor_depth_m => 0.01 ..= 1000.0, "m";
         shadow: Shadow = Shadow::default();
-        surface: Surface = Surface::default();
+        surface: WaterGrid = WaterGrid::default();
         transfer: Transfer = Transfer::default();
         ldi: LayeredDepth = LayeredDepth::default();
         rays: RaySettings = RaySettings::default();
         sprites: SpriteSettings = SpriteSettings::default();
         shafts: ShaftSettings = ShaftSettings::default();
         compose: Composition = Composition::default();
-    }
-}
-
-settings! {
-    /// Pixels of the main viewport. SPT §5: 800 × 600.
-    pub struct Viewport {
-        /// Columns.
-        width: u32 = 800 => 1 ..= 1_000_000, "px";
-        /// Rows.
-        height: u32 = 600 => 1 ..= 1_000_000, "px";
-    }
-}
-
-settings! {
-    /// The water's surface as the light sees it.
-    pub struct Surface {
-        /// Quads per side of the grid that draws the water.
-        cells: u32 = 128 => 1 ..= 8192, "1";
-    }
-}
-
-settings! {
-    /// The transfer map: a photon an entry. SPT §2.
-    pub struct Transfer {
-        /// Photons along the light's screen, to the right and upwards. SPT §5: 256 × 256.
-        grid: [u32; 2] = [256, 256] => 1 ..= 16384, "1";
     }
 }
 
@@ -162,7 +137,7 @@ settings! {
 
 impl Params {
     pub fn photons(&self) -> u32 {
-        self.transfer.grid[0] * self.transfer.grid[1]
+        self.transfer.photons()
     }
 
     /// Distance of the middle of the view.
