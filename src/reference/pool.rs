@@ -214,8 +214,7 @@ impl Counted {
     ) {
         let Some(met) = basin.meet(origin, direction) else { return };
         let flux_w = flux_w(met.distance_m);
-        let irradiance =
-            |face: Face, flux_w: f64| flux_w / basin.texel_area_m2(face, texels);
+        let irradiance = |face: Face, flux_w: f64| flux_w / basin.texel_area_m2(face, texels);
         let middle = basin.texel(&met, texels);
         let mut others: Vec<(usize, Face)> = shifts(rounding_m)
             .filter_map(|shift| basin.meet(origin + shift, direction))

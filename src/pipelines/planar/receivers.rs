@@ -52,9 +52,10 @@ fn stands_inside(object: &Object, basin: &Basin) -> bool {
 fn is_covered(objects: &[Object], basin: &Basin, face: Face) -> bool {
     let rectangle = basin.rectangle(face);
     let off_m = |corner: DVec3| (corner - rectangle.corner).dot(face.normal()).abs();
-    let on_plane = objects.iter().flat_map(triangles).filter(|corners| {
-        corners.iter().all(|corner| off_m(*corner) < SLACK_M)
-    });
+    let on_plane = objects
+        .iter()
+        .flat_map(triangles)
+        .filter(|corners| corners.iter().all(|corner| off_m(*corner) < SLACK_M));
     let area = |[a, b, c]: [DVec3; 3]| 0.5 * (b - a).cross(c - a).length();
     on_plane.map(area).sum::<f64>() >= COVERED * rectangle.area_m2()
 }
@@ -72,7 +73,9 @@ mod tests {
     #[test]
     fn an_empty_pool_suits_and_others_are_refused_in_one_line() {
         assert_eq!(judged("planar_pool", |_| ()), Ok(()));
-        for (name, told) in [("tank", "object `statue` reaches into it"), ("plane", "no wall at x = -10 m")] {
+        for (name, told) in
+            [("tank", "object `statue` reaches into it"), ("plane", "no wall at x = -10 m")]
+        {
             let fault = judged(name, |_| ()).unwrap_err();
             assert!(fault.contains(told) && !fault.contains('\n'), "{fault}");
         }
@@ -85,7 +88,9 @@ mod tests {
             judged("planar_pool", |scene| scene.water.center_m[0] += 0.01),
             judged("planar_pool", |scene| scene.floor_depth_m += 0.01),
         ];
-        for (fault, told) in faults.into_iter().zip(["no wall at z", "no wall at x", "floor is not at y"]) {
+        for (fault, told) in
+            faults.into_iter().zip(["no wall at z", "no wall at x", "floor is not at y"])
+        {
             let fault = fault.unwrap_err();
             assert!(fault.contains(told) || fault.contains("reaches into it"), "{fault}");
         }

@@ -43,11 +43,8 @@ impl Points {
         let settings = PointUniforms { photon_w: photon_w as f32 };
         let settings = resources.uniform(INFO.name, &settings);
         let pool_uniform = pool.uniform(resources);
-        let binds = [
-            Bind::Uniform(&settings),
-            Bind::Uniform(&pool_uniform),
-            Bind::Read(&transfers.buffer),
-        ];
+        let binds =
+            [Bind::Uniform(&settings), Bind::Uniform(&pool_uniform), Bind::Read(&transfers.buffer)];
         let group = Group::new(resources.gpu, INFO.name, &binds);
         let groups = [&shared.group, &group];
         let format = kit::accumulation_format(resources.gpu);
