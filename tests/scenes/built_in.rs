@@ -39,7 +39,7 @@ const VOLUMES: [(&str, [u32; 3]); 4] = [
 ];
 
 const WET: &str =
-    "atrium bunny dragon_large dragon_medium dragon_small plane pool port storage tank";
+    "atrium bunny dragon_large dragon_medium dragon_small planar_pool plane pool port storage tank";
 
 #[test]
 fn every_scene_with_water_loads_at_its_size() {
@@ -49,6 +49,7 @@ fn every_scene_with_water_loads_at_its_size() {
         assert!(!scene.description.is_empty());
         let expected = match name {
             "plane" => 2..=2,
+            "planar_pool" => 20..=60,
             "pool" => 5_000..=20_000,
             "dragon_large" => 202_000..=260_000,
             "bunny" | "dragon_medium" => 60_000..=120_000,

@@ -66,19 +66,19 @@ impl Planar {
         met.filter(|_| photon.alive > 0.0).map(|met| (met.position, met.face))
     }
 
-    /// Shares of the photons that never enter the water, and that meet no face; the share of the floor's texels that none has reached.
+    /// Shares of the photons that never enter the water, and that meet no face; the share of the floor's texels that none has reached in the
+    /// midst of others.
     pub(super) fn measured_quantities(&self, gpu: &Gpu) -> Result<BTreeMap<String, f64>, GpuError> {
         let photons = self.stored(gpu)?;
         let missed = photons.iter().filter(|photon| photon.alive == 0.0).count();
         let ended = photons.iter().filter(|photon| self.end(photon).is_some()).count();
         let map = self.map(gpu)?;
         let floor = &map[..map.len() / Face::ALL.len()];
-        let empty = floor.iter().filter(|irradiance| **irradiance == 0.0).count();
         let share = |count: usize, of: usize| count as f64 / of as f64;
         let figures = [
             ("missed_water_rate", share(missed, photons.len())),
             ("photon_no_hit_rate", share(photons.len() - missed - ended, photons.len())),
-            ("map_floor_empty_rate", share(empty, floor.len())),
+            ("map_floor_hole_rate", share(holes(floor), floor.len())),
         ];
         Ok(figures.map(|(name, value)| (name.to_owned(), value)).into())
     }
@@ -164,9 +164,37 @@ impl Planar {
     }
 }
 
+/// Dark texels of a face that have lit ones on both sides in their row and in their column: no photon has reached them, yet they lie in no
+/// shadow of a wall.
+fn holes(face: &[f64]) -> usize {
+    let side = face.len().isqrt();
+    let lit = |column: usize, row: usize| face[row * side + column] > 0.0;
+    let is_hole = |texel: &usize| {
+        let (column, row) = (texel % side, texel / side);
+        !lit(column, row)
+            && (0..column).any(|k| lit(k, row))
+            && (column..side).any(|k| lit(k, row))
+            && (0..row).any(|k| lit(column, k))
+            && (row..side).any(|k| lit(column, k))
+    };
+    (0..face.len()).filter(is_hole).count()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn holes_lie_in_the_midst_of_light() {
+        let rows = ["#####", "#.#..", "#####", "#..##", "....."];
+        let face: Vec<f64> = rows
+            .iter()
+            .flat_map(|row| row.chars().map(|c| f64::from(u8::from(c == '#'))))
+            .collect();
+        // Those of the second row to the right and of the last row are open on a side.
+        assert_eq!(holes(&face), 1);
+        assert_eq!(holes(&[0.0; 9]), 0);
+    }
 
     #[test]
     fn ends_on_other_faces_and_lost_photons_are_told_apart() {
