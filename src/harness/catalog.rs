@@ -168,8 +168,8 @@ impl Catalog {
     }
 }
 
-/// Scenes that pipelines are listed with, where they suit: one of objects and one of a volume, both quickly made.
-const LISTED: [&str; 2] = ["plane", "smoke"];
+/// Scenes that pipelines are listed with, where they suit: one of objects, one of a volume, and an empty pool, all quickly made.
+const LISTED: [&str; 3] = ["plane", "smoke", "planar_pool"];
 /// A scene that more stages are made for than for those.
 const TRANSPARENT: &str = "glass";
 

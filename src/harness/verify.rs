@@ -22,6 +22,7 @@ mod luminance;
 mod occlusion;
 mod photon_tracing;
 mod photons;
+mod planar;
 mod refraction;
 pub mod rig;
 mod scalar;
@@ -199,6 +200,7 @@ pub fn cases() -> Vec<Case> {
         shafts::cases(),
         shadow_rays::cases(),
         refraction::cases(),
+        planar::cases(),
         luminance::cases(),
         scalar::cases(),
     ];

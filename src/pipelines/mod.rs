@@ -4,6 +4,7 @@ pub mod hsao;
 mod lighting;
 pub mod occlusion;
 pub mod photon_tracing;
+pub mod planar;
 pub mod refraction;
 pub mod scalar_ao;
 pub mod screen_tracing;
@@ -406,6 +407,7 @@ pub const KINDS: &[PipelineKind] = &[
     PipelineKind::of::<photon_tracing::PhotonTracing>(),
     PipelineKind::of::<shadow_rays::ShadowRays>(),
     PipelineKind::of::<refraction::ScreenRefraction>(),
+    PipelineKind::of::<planar::Planar>(),
 ];
 
 /// Cells of the volume that replaces one that is too large.

@@ -7,10 +7,8 @@ use std::collections::BTreeMap;
 use std::f64::consts::PI;
 use std::rc::Rc;
 
-use glam::UVec2;
-
 use super::screen_tracing;
-use super::settings::VIEWPORT;
+use super::settings::{self, VIEWPORT};
 use super::{Judge, JudgeError, Judged, Pipeline};
 use crate::gpu::{Gpu, GpuError};
 use crate::scene::{Bounds, Scene};
@@ -25,7 +23,7 @@ use crate::stages::shafts::blur::Blur;
 use crate::stages::shafts::lines::Lines;
 use crate::stages::sprites::compose::{Compose, Composed, Shafts};
 use crate::stages::sprites::draw::{Sprite, Sprites};
-use crate::stages::transfer::map::{Map, MapUniforms};
+use crate::stages::transfer::map::Map;
 use crate::stages::{scene, shadow};
 
 pub use parameters::Params;
@@ -47,8 +45,7 @@ impl Pipeline for PhotonTracing {
 
     fn new(resources: &Resources<'_>, scene: &Scene, params: &Params) -> Result<Self, GpuError> {
         scene.needs_objects(Self::NAME).map_err(GpuError::Unusable)?;
-        let water = params.water.with_tile_of(&scene.water);
-        let view = params.view.seen(scene, &params.camera, &params.light, water);
+        let view = settings::view(&params.view, &params.camera, &params.light, scene);
         let shared = &Shared::new(resources, &view);
         resources.push(Frame::new(view.clone(), shared));
         let geometry = &Geometry::new(resources, scene);
@@ -61,8 +58,7 @@ impl Pipeline for PhotonTracing {
             of_light.push(shadow::mask::Mask::new(of_light, shared, depth.texture(), cells)?);
 
         let of_grid = &resources.sized_by("transfer.grid");
-        let [x, y] = params.transfer.grid;
-        let settings = MapUniforms { grid: UVec2::new(x, y) };
+        let settings = params.transfer.uniforms();
         let map = of_grid.push(Map::new(of_grid, shared, mask.texture(), &settings)?);
 
         let size_px = view.size_px.to_array();

@@ -7,8 +7,8 @@ use glam::DVec3;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use super::screen_tracing::{self, Composition, LayeredDepth, Viewport};
-use super::settings::VIEWPORT;
+use super::screen_tracing::{self, Composition, LayeredDepth};
+use super::settings::{self, VIEWPORT};
 use super::{Judge, JudgeError, Judged, Parameters, Pipeline};
 use crate::gpu::{Gpu, GpuError, read_texture};
 use crate::parameter::ParamError;
@@ -42,7 +42,8 @@ choices!(Method, Surface);
 settings! {
     /// Everything that can be set. The dotted paths of `--set` are these fields' names.
     pub struct Params from file: SceneFile {
-        view: Viewport = Viewport::default();
+        // SPT §5: 800 × 600.
+        view: settings::View = settings::View { width: 800, height: 600 };
         camera: Camera = file.camera.clone();
         light: Light = file.light.clone();
         ldi: LayeredDepth = LayeredDepth { layers: 2, ..LayeredDepth::default() };
@@ -113,7 +114,7 @@ impl Pipeline for ScreenRefraction {
             );
             return Err(GpuError::Unusable(without));
         }
-        let view = params.view.seen(scene, &params.camera, &params.light, scene.water.clone());
+        let view = settings::view(&params.view, &params.camera, &params.light, scene);
         let shared = &Shared::new(resources, &view);
         resources.push(Frame::new(view.clone(), shared));
         let geometry = &Geometry::new(resources, scene);

@@ -1,13 +1,11 @@
 //! Layers of depth and rays through them: settings and stages that the pipelines of screen-space photon tracing share. Krüger,
 //! Bürger and Westermann (SPT) §2.
 
-use glam::UVec2;
 use serde::{Deserialize, Serialize};
 
 use crate::gpu::GpuError;
 use crate::parameter::ParamError;
-use crate::scene::{Camera, Light, Scene, Water};
-use crate::stages::frame::{Shared, View};
+use crate::stages::frame::Shared;
 use crate::stages::geometry::{Geometry, Part};
 use crate::stages::kit::{Resources, linear_workgroups};
 use crate::stages::photon::Photons;
@@ -17,37 +15,6 @@ use crate::stages::screen_ray::{
 use crate::stages::transfer::bounce::Bounce;
 use crate::stages::{StageInfo, ldi, rays};
 use crate::{choices, settings};
-
-settings! {
-    /// Pixels of the main viewport. SPT §5: 800 × 600.
-    pub struct Viewport {
-        /// Columns.
-        width: u32 = 800 => 1 ..= 1_000_000, "px";
-        /// Rows.
-        height: u32 = 600 => 1 ..= 1_000_000, "px";
-    }
-}
-
-impl Viewport {
-    /// Its view of a scene.
-    pub fn seen(&self, scene: &Scene, camera: &Camera, light: &Light, water: Water) -> View {
-        View {
-            camera: camera.clone(),
-            light: light.clone(),
-            water,
-            bounds: scene.bounds,
-            size_px: UVec2::new(self.width, self.height),
-            edge_m: EDGE_M,
-        }
-    }
-
-    pub fn pixels(&self) -> u32 {
-        self.width.saturating_mul(self.height)
-    }
-}
-
-/// No stage here asks for edges of the light's depth: as in pipeline `underwater`.
-const EDGE_M: f64 = 0.1;
 
 settings! {
     /// How the picture is made.

@@ -14,10 +14,11 @@ use crate::stages::geometry::Geometry;
 use crate::stages::kit::Resources;
 pub use crate::stages::marching::Attenuation;
 use crate::stages::scene::deform::{self, Motion};
+use crate::stages::transfer::map::MapUniforms;
 use crate::{choices, settings};
 
 settings! {
-    /// Pixels of the main viewport. VAO Fig. 8: 600 × 600.
+    /// Pixels of the main viewport. Where a pipeline gives no other: 600 × 600, as in VAO Fig. 8.
     pub struct View {
         /// Columns.
         width: u32 = 600 => 1 ..= 1_000_000, "px";
@@ -257,7 +258,7 @@ pub fn staged(
     file
 }
 
-/// What a pipeline that traces no photons shows its stages.
+/// What a pipeline shows its stages where none of them looks photons up in the light's depth.
 pub fn view(view: &View, camera: &Camera, light: &Light, scene: &Scene) -> frame::View {
     frame::View {
         camera: camera.clone(),
@@ -274,7 +275,7 @@ pub fn scaled(viewport: [u32; 2], scale: f64) -> [u32; 2] {
     viewport.map(|side| ((f64::from(side) * scale).round() as u32).max(1))
 }
 
-/// Step between neighbouring texels of the light's depth, for pipelines that do not trace photons: their stages do not read it.
+/// Step between neighbouring texels of the light's depth, for pipelines whose stages do not read it.
 const UNUSED_EDGE_M: f64 = 0.1;
 
 settings! {
@@ -282,6 +283,32 @@ settings! {
     pub struct Shadow {
         /// Texels per side.
         size: u32 = 1024 => 1 ..= 1_000_000, "px";
+    }
+}
+
+settings! {
+    /// The water's surface as the light sees it.
+    pub struct WaterGrid {
+        /// Quads per side of the grid that draws the water.
+        cells: u32 = 128 => 1 ..= 8192, "1";
+    }
+}
+
+settings! {
+    /// The transfer map: a photon an entry. SPT §2.
+    pub struct Transfer {
+        /// Photons along the light's screen, to the right and upwards. SPT §5: 256 × 256.
+        grid: [u32; 2] = [256, 256] => 1 ..= 16384, "1";
+    }
+}
+
+impl Transfer {
+    pub fn photons(&self) -> u32 {
+        self.grid[0] * self.grid[1]
+    }
+
+    pub fn uniforms(&self) -> MapUniforms {
+        MapUniforms { grid: UVec2::from(self.grid) }
     }
 }
 

@@ -6,8 +6,8 @@ use std::rc::Rc;
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::screen_tracing::{self, Composition, LayeredDepth, RaySettings, Viewport};
-use super::settings::VIEWPORT;
+use super::screen_tracing::{self, Composition, LayeredDepth, RaySettings};
+use super::settings::{self, VIEWPORT};
 use super::{Judge, JudgeError, Judged, Parameters, Pipeline};
 use crate::gpu::{Gpu, GpuError, read_buffer};
 use crate::parameter::ParamError;
@@ -28,7 +28,8 @@ use crate::stages::transfer::shadow::Shadow;
 settings! {
     /// Everything that can be set. The dotted paths of `--set` are these fields' names.
     pub struct Params from file: SceneFile {
-        view: Viewport = Viewport::default();
+        // SPT §5: 800 × 600.
+        view: settings::View = settings::View { width: 800, height: 600 };
         camera: Camera = file.camera.clone();
         light: Light = file.light.clone();
         ldi: LayeredDepth = LayeredDepth::default();
@@ -52,7 +53,7 @@ impl Parameters for Params {
     fn consistent(&self) -> Result<(), ParamError> {
         self.camera.validate()?;
         self.light.validate()?;
-        self.rays.fits(self.view.pixels(), 1, VIEWPORT)
+        self.rays.fits(self.view.width.saturating_mul(self.view.height), 1, VIEWPORT)
     }
 
     fn camera_mut(&mut self) -> &mut Camera {
@@ -75,7 +76,7 @@ impl Pipeline for ShadowRays {
 
     fn new(resources: &Resources<'_>, scene: &Scene, params: &Params) -> Result<Self, GpuError> {
         scene.needs_objects(Self::NAME).map_err(GpuError::Unusable)?;
-        let view = params.view.seen(scene, &params.camera, &params.light, scene.water.clone());
+        let view = settings::view(&params.view, &params.camera, &params.light, scene);
         let shared = &Shared::new(resources, &view);
         resources.push(Frame::new(view.clone(), shared));
         let geometry = &Geometry::new(resources, scene);

@@ -14,7 +14,7 @@ use serde_json::Value;
 use super::settings::{VIEWPORT, scaled};
 use super::{Judge, JudgeError, Judged, Pipeline};
 use crate::gpu::{Gpu, GpuError};
-use crate::scene::{LightKind, Scene};
+use crate::scene::Scene;
 use crate::stages::caustics::splat::{self, PointSize, SplatUniforms};
 use crate::stages::compose::{Compose, ComposeUniforms, Composed};
 use crate::stages::frame::{Frame, Shared, View};
@@ -220,7 +220,7 @@ struct Plan {
 impl Plan {
     fn new(params: &Params, view: &View) -> Self {
         let flux_w = [params.caustics.intensity, params.godrays.intensity]
-            .map(|intensity| grid_flux_w(params, view, intensity));
+            .map(|intensity| grid_flux_w(view, intensity));
         let target = DVec3::from(params.camera.target_m);
         let middle_m = target.distance(DVec3::from(params.camera.position_m));
         let [caustics, godrays] = [params.caustics_buffer(), params.godrays_buffer()];
@@ -287,16 +287,11 @@ impl Plan {
 }
 
 /// Flux that the photons of a grid share. The paper's rule shares the light's flux evenly; `conserving` weights the photons
-/// of a point light by their solid angle (`angular_weight` in `shaders/shared/photon.wgsl`), which is cos³θ of
-/// intensity × area of the frustum at unit distance.
-fn grid_flux_w(params: &Params, view: &View, intensity: Intensity) -> f64 {
-    let frame = view.light_frame();
-    match (intensity, frame.kind) {
-        (Intensity::Conserving, LightKind::Point) => {
-            let scale = frame.projection.x_axis.x * frame.projection.y_axis.y;
-            params.light.intensity_w_sr * 4.0 / scale.abs()
-        }
-        _ => frame.emitted_w,
+/// of a point light by their solid angle.
+fn grid_flux_w(view: &View, intensity: Intensity) -> f64 {
+    match intensity {
+        Intensity::Paper => view.light_frame().emitted_w,
+        Intensity::Conserving => view.weighted_flux_w(),
     }
 }
 

@@ -11,6 +11,7 @@
 //! | [`rays`] | nearest triangle along a ray, camera and light rays |
 //! | [`specular`] | light behind mirrors and glass |
 //! | [`photons`] | the photon grid and where each photon lands |
+//! | [`pool`] | the inner faces of a rectangular pool, and photons counted on them texel by texel |
 //! | [`estimator`] | the image-space iteration over an exact depth, to study its convergence |
 //! | [`splat`] | point sizes, intensities, and a rasterizer of splats, as squares and within one surface |
 //! | [`godray`] | intensity at a point of a godray |
@@ -44,6 +45,7 @@ pub mod openness;
 pub mod optics;
 pub mod photons;
 pub mod plane;
+pub mod pool;
 pub mod quantities;
 pub mod rays;
 pub mod specular;

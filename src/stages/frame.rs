@@ -92,6 +92,19 @@ impl View {
         }
     }
 
+    /// Flux that the photons of a grid share if each is weighted by its solid angle (`angular_weight` in `shaders/shared/photon.wgsl`), W:
+    /// a point light's intensity times the area of its frustum at unit distance, as the weight is 1 in the middle of the frustum.
+    pub fn weighted_flux_w(&self) -> f64 {
+        let frame = self.light_frame();
+        match frame.kind {
+            LightKind::Directional => frame.emitted_w,
+            LightKind::Point => {
+                let scale = frame.projection.x_axis.x * frame.projection.y_axis.y;
+                self.light.intensity_w_sr * 4.0 / scale.abs()
+            }
+        }
+    }
+
     pub fn uniforms(&self) -> FrameUniforms {
         let light = self.light_frame();
         let camera = self.camera.view_projection(self.aspect());

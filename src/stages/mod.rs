@@ -20,6 +20,8 @@ pub mod low_pass;
 pub mod marching;
 pub mod photon;
 pub mod photons;
+pub mod planar;
+pub mod pool;
 pub mod post;
 pub mod ray_cast;
 pub mod rays;
@@ -93,6 +95,8 @@ pub const REGISTRY: &[StageInfo] = &[
     refraction::trace::INFO,
     refraction::two_interface::INFO,
     refraction::compose::INFO,
+    planar::points::INFO,
+    planar::compose::INFO,
     post::luminance::INFO,
     scalar::isosurface::INFO,
     scalar::direct::INFO,

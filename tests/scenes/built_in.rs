@@ -58,7 +58,7 @@ const VOLUMES: [(&str, [u32; 3]); 4] = [
     ("smoke", [200, 128, 200]),
 ];
 
-const WET: &str = "atrium bunny cornell diving_pool dolphin dragon_large dragon_medium dragon_small plane planar_pool pool port storage tank";
+const WET: &str = "atrium bunny cornell diving_pool dolphin dragon_large dragon_medium dragon_small plane planar_pool pool port specular storage tank";
 
 #[test]
 fn every_scene_with_water_loads_at_its_size() {

@@ -117,7 +117,7 @@ impl PhotonTracing {
         let objects: Vec<Object> = solid.cloned().collect();
         let tracer = &Tracer::new(&objects)?;
         let (frame, water) = (self.view.light_frame(), &self.view.water);
-        let bounces = self.params.transfer.bounces;
+        let bounces = self.params.specular.bounces;
         let surfaces = Surfaces {
             tracer,
             objects: &objects,

@@ -4,15 +4,16 @@ use glam::DVec3;
 
 use crate::parameter::ParamError;
 use crate::pipelines::Parameters;
-use crate::pipelines::screen_tracing::{Composition, LayeredDepth, RaySettings, Viewport};
-use crate::pipelines::settings::Shadow;
+use crate::pipelines::screen_tracing::{Composition, LayeredDepth, RaySettings};
+use crate::pipelines::settings::{Shadow, Transfer, View};
 use crate::scene::{Camera, Light, SceneFile, Water};
 use crate::settings;
 
 settings! {
     /// Everything that can be set. The dotted paths of `--set` are these fields' names.
     pub struct Params from file: SceneFile {
-        view: Viewport = Viewport::default();
+        // SPT §5: 800 × 600.
+        view: View = View { width: 800, height: 600 };
         camera: Camera = file.camera.clone();
         light: Light = file.light.clone();
         water: Water = file.water.clone();
@@ -21,6 +22,7 @@ settings! {
         shadow: Shadow = Shadow::default();
         surface: Surface = Surface::default();
         transfer: Transfer = Transfer::default();
+        specular: Specular = Specular::default();
         ldi: LayeredDepth = LayeredDepth::default();
         rays: RaySettings = RaySettings::default();
         sprites: SpriteSettings = SpriteSettings::default();
@@ -40,11 +42,9 @@ settings! {
 }
 
 settings! {
-    /// The transfer map: a photon an entry. SPT §2.
-    pub struct Transfer {
-        /// Photons along the light's screen, to the right and upwards. SPT §5: 256 × 256.
-        grid: [u32; 2] = [256, 256] => 1 ..= 16384, "1";
-        /// Mirrors and surfaces of glass that a photon can leave behind the water. SPT §2.3.
+    /// Mirrors and glass. SPT §2.3.
+    pub struct Specular {
+        /// How many of their surfaces a photon can leave behind the water.
         bounces: u32 = 0 => 0 ..= 16, "1";
     }
 }
@@ -75,12 +75,12 @@ settings! {
 
 impl Params {
     pub fn photons(&self) -> u32 {
-        self.transfer.grid[0] * self.transfer.grid[1]
+        self.transfer.photons()
     }
 
     /// Ways of a photon behind the water.
     pub fn ways(&self) -> u32 {
-        1 + self.transfer.bounces
+        1 + self.specular.bounces
     }
 
     /// Distance of the middle of the view.
@@ -104,7 +104,7 @@ impl Parameters for Params {
         self.camera.validate()?;
         self.light.validate()?;
         self.water.validate()?;
-        self.rays.fits(self.photons(), self.ways(), "transfer.grid, transfer.bounces")
+        self.rays.fits(self.photons(), self.ways(), "transfer.grid, specular.bounces")
     }
 
     fn camera_mut(&mut self) -> &mut Camera {

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 use crate::gpu::StageInfo;
 use crate::parameter::{ParamError, within};
 use crate::pipelines::Parameters;
-use crate::pipelines::settings::scaled;
+use crate::pipelines::settings::{View, scaled};
 use crate::scene::{Camera, Light, SceneFile, Water};
 use crate::stages::caustics::splat::SplatCoverage;
 use crate::stages::photon::TraceUniforms;
@@ -16,7 +16,8 @@ use crate::{choices, settings};
 settings! {
     /// Everything that can be set. The dotted paths of `--set` are these fields' names.
     pub struct Params from file: SceneFile {
-        view: Viewport = Viewport::default();
+        // UW §4.1: 800 × 800.
+        view: View = View { width: 800, height: 800 };
         camera: Camera = file.camera.clone();
         light: Light = file.light.clone();
         water: Water = file.water.clone();
@@ -27,16 +28,6 @@ settings! {
         caustics: Caustics = Caustics::default();
         godrays: Godrays = Godrays::default();
         compose: Composition = Composition::default();
-    }
-}
-
-settings! {
-    /// Pixels of the main viewport. UW §4.1: 800 × 800.
-    pub struct Viewport {
-        /// Columns.
-        width: u32 = 800 => 1 ..= 1_000_000, "px";
-        /// Rows.
-        height: u32 = 800 => 1 ..= 1_000_000, "px";
     }
 }
 
@@ -301,7 +292,7 @@ macro_rules! photon_settings {
             }
 
             /// Pixels of the buffer: as set, or scaled with the viewport.
-            fn buffer_size(&self, view: &Viewport) -> [u32; 2] {
+            fn buffer_size(&self, view: &View) -> [u32; 2] {
                 match self.buffer {
                     [0, 0] => scaled([view.width, view.height], $scale),
                     size => size,

@@ -1,0 +1,95 @@
+//! Caustics on planar receivers: Krüger, Bürger and Westermann, *Interactive Screen-Space Accurate Photon Tracing on GPUs* (SPT) §1.1, Fig. 2.
+//!
+//! The receivers are the floor and the four walls of a rectangular pool. They follow from parameters that scenes have: the floor lies at
+//! `floor_depth_m`, and the walls at the borders of the water, `water.center_m` and `water.half_size_m`. Scenes whose geometry is
+//! another are refused.
+
+mod measure;
+mod parameters;
+mod receivers;
+
+use std::collections::BTreeMap;
+use std::rc::Rc;
+
+use super::settings::{self, VIEWPORT};
+use super::{Judge, JudgeError, Judged, Pipeline};
+use crate::gpu::{Gpu, GpuError};
+use crate::reference::pool::Basin;
+use crate::scene::Scene;
+use crate::stages::frame::{Frame, Shared, View};
+use crate::stages::geometry::Geometry;
+use crate::stages::kit::Resources;
+use crate::stages::planar::compose::Compose;
+use crate::stages::planar::points::Points;
+use crate::stages::screen_ray::Transfers;
+use crate::stages::transfer::map::Map;
+use crate::stages::{scene, shadow};
+
+pub use parameters::{Params, Show};
+
+/// Photons counted in an illumination map of a pool's floor and walls.
+pub struct Planar {
+    params: Params,
+    pub view: View,
+    basin: Basin,
+    pub transfers: Transfers,
+    pub points: Rc<Points>,
+    compose: Rc<Compose>,
+}
+
+impl Pipeline for Planar {
+    const NAME: &'static str = "planar";
+    const ABOUT: &'static str = "caustics on planar receivers (SPT §1.1): photons as points in an illumination map of a pool's floor and walls";
+    type Params = Params;
+
+    fn new(resources: &Resources<'_>, scene: &Scene, params: &Params) -> Result<Self, GpuError> {
+        scene.needs_objects(Self::NAME).map_err(GpuError::Unusable)?;
+        let basin = Basin::of(&scene.water, params.floor_depth_m);
+        receivers::check(scene, &basin).map_err(GpuError::Unusable)?;
+        let view = settings::view(&params.view, &params.camera, &params.light, scene);
+        let shared = &Shared::new(resources, &view);
+        resources.push(Frame::new(view.clone(), shared));
+        let geometry = &Geometry::new(resources, scene);
+
+        let of_light = &resources.sized_by("shadow.size");
+        let depth = shadow::depth::Depth::new(of_light, shared, geometry, params.shadow.size)?;
+        let depth = of_light.push(depth);
+        let cells = params.surface.cells;
+        let mask =
+            of_light.push(shadow::mask::Mask::new(of_light, shared, depth.texture(), cells)?);
+
+        let of_grid = &resources.sized_by("transfer.grid");
+        let settings = params.transfer.uniforms();
+        let map = of_grid.push(Map::new(of_grid, shared, mask.texture(), &settings)?);
+        let transfers = map.transfers.clone();
+
+        let of_view = &resources.sized_by(VIEWPORT);
+        let size_px = view.size_px.to_array();
+        let gbuffer =
+            of_view.push(scene::gbuffer::Gbuffer::new(of_view, shared, geometry, size_px)?);
+
+        let of_map = &resources.sized_by("planar.texels");
+        let pool = params.pool(&scene.water);
+        let photon_w = view.weighted_flux_w() / f64::from(params.photons());
+        let points = of_map.push(Points::new(of_map, shared, &transfers, &pool, photon_w)?);
+        let (exposure, shown) = (params.compose.exposure, params.compose.shown());
+        let lit = (&points.map, &pool);
+        let compose = Compose::new(of_view, shared, &gbuffer.textures, lit, exposure, shown)?;
+        let compose = of_view.push(compose);
+        Ok(Self { params: params.clone(), view, basin, transfers, points, compose })
+    }
+
+    fn image(&self) -> &wgpu::Texture {
+        self.compose.texture()
+    }
+
+    fn quantities(&self, gpu: &Gpu) -> Result<BTreeMap<String, f64>, GpuError> {
+        self.measured_quantities(gpu)
+    }
+
+    fn judge(&self, judge: &mut Judge<'_>) -> Result<Judged, JudgeError> {
+        let mut judged = self.landing_errors(judge.gpu, judge.scene)?;
+        judged.errors.extend(self.map_errors(judge.gpu)?);
+        Ok(judged)
+    }
+}

@@ -1,0 +1,208 @@
+//! Figures read back from a frame: where photons end against exact refraction and ray casting, and the illumination map against the same
+//! photons counted in f64.
+
+use std::collections::BTreeMap;
+
+use glam::DVec3;
+use rayon::prelude::*;
+
+use super::Planar;
+use crate::gpu::{Gpu, GpuError, read_buffer, read_texture};
+use crate::pipelines::{JudgeError, Judged};
+use crate::record::ErrorFigure;
+use crate::reference::photons::{Landing, land};
+use crate::reference::pool::{Counted, Face, face_by_face, middle_photon_w, share_left};
+use crate::reference::quantities::quantile;
+use crate::reference::rays::Tracer;
+use crate::scene::Scene;
+use crate::stages::planar::points;
+use crate::stages::screen_ray::{NEVER, Transfer};
+use crate::stages::transfer;
+
+/// At most about this many photons are compared with the reference: enough for a 99th percentile.
+const MOST_PHOTONS: usize = 10_000;
+/// Rounding of a photon's place on a face in 32-bit floats: some ten times the step of numbers near 10 m.
+const ROUNDING_M: f64 = 1e-5;
+
+/// Photons held against their exact ends.
+#[derive(Clone, Debug, Default, PartialEq)]
+struct Ends {
+    /// Of photons that end by both: distance from the exact end, metres.
+    errors_m: Vec<f64>,
+    /// Of these, those that end on another face.
+    wrong_face: usize,
+    /// End exactly, and are lost.
+    lost: usize,
+}
+
+impl Ends {
+    /// `found` is where the photon ends and on what; `exact` the exact end, and the normal there.
+    fn add(&mut self, found: Option<(DVec3, Face)>, (exact, normal): (DVec3, DVec3)) {
+        let Some((place, face)) = found else {
+            self.lost += 1;
+            return;
+        };
+        self.errors_m.push(place.distance(exact));
+        self.wrong_face += usize::from(face.normal().dot(normal) < 0.5);
+    }
+}
+
+impl Planar {
+    fn stored(&self, gpu: &Gpu) -> Result<Vec<Transfer>, GpuError> {
+        Ok(bytemuck::pod_collect_to_vec(&read_buffer(gpu, &self.transfers.buffer)?))
+    }
+
+    /// The map face by face, W/m².
+    fn map(&self, gpu: &Gpu) -> Result<Vec<f64>, GpuError> {
+        let atlas = read_texture(gpu, &self.points.map)?;
+        let texels: Vec<f64> = atlas.data.into_iter().map(f64::from).collect();
+        Ok(face_by_face(&texels, self.params.planar.texels))
+    }
+
+    /// Where a photon of the transfer map meets the pool.
+    fn end(&self, photon: &Transfer) -> Option<(DVec3, Face)> {
+        let (origin, direction) = (photon.position_m.as_dvec3(), photon.direction.as_dvec3());
+        let met = self.basin.meet(origin, direction.normalize_or_zero());
+        met.filter(|_| photon.state != NEVER).map(|met| (met.position, met.face))
+    }
+
+    /// Shares of the photons that never enter the water, and that meet no face; the share of the floor's texels that none has reached in the
+    /// midst of others.
+    pub(super) fn measured_quantities(&self, gpu: &Gpu) -> Result<BTreeMap<String, f64>, GpuError> {
+        let photons = self.stored(gpu)?;
+        let missed = photons.iter().filter(|photon| photon.state == NEVER).count();
+        let ended = photons.iter().filter(|photon| self.end(photon).is_some()).count();
+        let map = self.map(gpu)?;
+        let floor = &map[..map.len() / Face::ALL.len()];
+        let share = |count: usize, of: usize| count as f64 / of as f64;
+        let figures = [
+            ("missed_water_rate", share(missed, photons.len())),
+            ("photon_no_hit_rate", share(photons.len() - missed - ended, photons.len())),
+            ("map_floor_hole_rate", share(holes(floor), floor.len())),
+        ];
+        Ok(figures.map(|(name, value)| (name.to_owned(), value)).into())
+    }
+
+    /// Errors of the transfer map's photons on the pool's planes against exact refraction and ray casting: `photon_error_median_m`,
+    /// `photon_error_p99_m`, `photon_wrong_face_rate` of those that end by both, and `photon_miss_rate` of those that end exactly. Of
+    /// large grids an even selection is compared.
+    pub(super) fn landing_errors(&self, gpu: &Gpu, scene: &Scene) -> Result<Judged, JudgeError> {
+        let ends = self.ends(&self.stored(gpu)?, &Tracer::new(&scene.objects)?);
+        let Ends { mut errors_m, wrong_face, lost } = ends;
+        let share = |count: usize, of: usize| count as f64 / of.max(1) as f64;
+        let figures = [
+            ("photon_miss_rate", share(lost, lost + errors_m.len()), "1"),
+            ("photon_wrong_face_rate", share(wrong_face, errors_m.len()), "1"),
+            ("photon_error_median_m", quantile(&mut errors_m, 0.5), "m"),
+            ("photon_error_p99_m", quantile(&mut errors_m, 0.99), "m"),
+        ];
+        let stage = transfer::map::INFO.name;
+        let errors = figures.map(|(name, value, unit)| ErrorFigure::new(name, value, unit, stage));
+        Ok(Judged { errors: errors.into(), ..Judged::default() })
+    }
+
+    fn ends(&self, found: &[Transfer], tracer: &Tracer) -> Ends {
+        let (frame, water) = (self.view.light_frame(), &self.view.water);
+        let [columns, rows] = self.params.transfer.grid.map(|n| n as usize);
+        let ndc = |index: usize, n: usize| 2.0 * (index as f64 + 0.5) / n as f64 - 1.0;
+        let step = found.len().div_ceil(MOST_PHOTONS).max(1) | 1;
+        let exact: Vec<(usize, Landing)> = (0..found.len())
+            .into_par_iter()
+            .step_by(step)
+            .map(|index| {
+                let place = [ndc(index % columns, columns), ndc(index / columns, rows)];
+                (index, land(&frame, water, tracer, place))
+            })
+            .collect();
+        let mut ends = Ends::default();
+        for (index, landing) in exact {
+            if let Some(landed) = landing.landed() {
+                let exact = (landed.hit.position, landed.hit.normal);
+                ends.add(self.end(&found[index]), exact);
+            }
+        }
+        ends
+    }
+
+    /// Errors of the illumination map against the transfer map's photons counted in f64: `map_energy_error`, the difference of the flux over
+    /// all texels, and `map_misplaced_rate`, flux that lies in other texels. Both are shares of the flux of all photons.
+    pub(super) fn map_errors(&self, gpu: &Gpu) -> Result<[ErrorFigure; 2], GpuError> {
+        let texels = self.params.planar.texels;
+        let counted = self.counted(&self.stored(gpu)?);
+        let map = self.map(gpu)?;
+        let (mut flux_w, mut misplaced_w) = (0.0, 0.0);
+        for (texel, irradiance) in map.iter().enumerate() {
+            let face = Face::ALL[texel * Face::ALL.len() / map.len()];
+            let area_m2 = self.basin.texel_area_m2(face, texels);
+            flux_w += irradiance * area_m2;
+            // What is missing in one texel lies in another.
+            misplaced_w += 0.5 * counted.off(texel, *irradiance) * area_m2;
+        }
+        let of_all = |watts: f64| watts / counted.flux_w;
+        let figures = [
+            ("map_energy_error", of_all((flux_w - counted.flux_w).abs())),
+            ("map_misplaced_rate", of_all(misplaced_w)),
+        ];
+        let stage = points::INFO.name;
+        Ok(figures.map(|(name, value)| ErrorFigure::new(name, value, "1", stage)))
+    }
+
+    fn counted(&self, photons: &[Transfer]) -> Counted {
+        let (frame, water) = (self.view.light_frame(), &self.view.water);
+        let photon_w = middle_photon_w(&self.view.light, &frame, self.params.photons());
+        let texels = self.params.planar.texels;
+        let mut counted = Counted::new(texels);
+        for photon in photons.iter().filter(|photon| photon.state != NEVER) {
+            let (origin, direction) = (photon.position_m.as_dvec3(), photon.direction.as_dvec3());
+            let flux_w = |way_m: f64| {
+                photon_w * share_left(&frame, water, origin, f64::from(photon.path_m) + way_m)
+            };
+            let ray = (origin, direction.normalize());
+            counted.add((&self.basin, texels), ray, ROUNDING_M, flux_w);
+        }
+        counted
+    }
+}
+
+/// Dark texels of a face that have lit ones on both sides in their row and in their column: no photon has reached them, yet they lie in no
+/// shadow of a wall.
+fn holes(face: &[f64]) -> usize {
+    let side = face.len().isqrt();
+    let lit = |column: usize, row: usize| face[row * side + column] > 0.0;
+    let is_hole = |texel: &usize| {
+        let (column, row) = (texel % side, texel / side);
+        !lit(column, row)
+            && (0..column).any(|k| lit(k, row))
+            && (column..side).any(|k| lit(k, row))
+            && (0..row).any(|k| lit(column, k))
+            && (row..side).any(|k| lit(column, k))
+    };
+    (0..face.len()).filter(is_hole).count()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn holes_lie_in_the_midst_of_light() {
+        let rows = ["#####", "#.#..", "#####", "#..##", "....."];
+        let face: Vec<f64> = rows
+            .iter()
+            .flat_map(|row| row.chars().map(|c| f64::from(u8::from(c == '#'))))
+            .collect();
+        // Those of the second row to the right and of the last row are open on a side.
+        assert_eq!(holes(&face), 1);
+        assert_eq!(holes(&[0.0; 9]), 0);
+    }
+
+    #[test]
+    fn ends_on_other_faces_and_lost_photons_are_told_apart() {
+        let exact = (DVec3::ZERO, DVec3::Y);
+        let mut ends = Ends::default();
+        ends.add(Some((DVec3::X * 0.5, Face::Floor)), exact);
+        ends.add(Some((DVec3::X, Face::West)), exact);
+        ends.add(None, exact);
+        assert_eq!(ends, Ends { errors_m: vec![0.5, 1.0], wrong_face: 1, lost: 1 });
+    }
+}

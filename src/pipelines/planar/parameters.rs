@@ -1,0 +1,110 @@
+//! Parameters of caustics on planar receivers, their defaults with sources, and their ranges.
+
+use serde::{Deserialize, Serialize};
+
+use crate::parameter::ParamError;
+use crate::pipelines::Parameters;
+use crate::pipelines::settings::{Shadow, Transfer, View, WaterGrid};
+use crate::scene::{Camera, Light, SceneFile, Water};
+use crate::stages::planar::compose::Shown;
+use crate::stages::pool::Pool;
+use crate::{choices, settings};
+
+settings! {
+    /// Everything that can be set. The dotted paths of `--set` are these fields' names.
+    pub struct Params from file: SceneFile {
+        // SPT Fig. 2: 1K × 1K.
+        view: View = View { width: 1024, height: 1024 };
+        camera: Camera = file.camera.clone();
+        light: Light = file.light.clone();
+        water: Water = file.water.clone();
+        /// Depth of the scene's floor under the resting water.
+        floor_depth_m: f64 = file.floor_depth_m => 0.01 ..= 1000.0, "m";
+        shadow: Shadow = Shadow::default();
+        surface: WaterGrid = WaterGrid::default();
+        transfer: Transfer = Transfer::default();
+        planar: Receivers = Receivers::default();
+        compose: Composition = Composition::default();
+    }
+}
+
+settings! {
+    /// The illumination map of the pool's floor and walls. SPT §1.1.
+    pub struct Receivers {
+        /// Texels per side of each of the five faces. SPT Fig. 2: 128.
+        texels: u32 = 128 => 1 ..= 16384, "1";
+    }
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Show {
+    /// The lit scene.
+    Image,
+    /// The illumination map of the floor, on white. SPT Fig. 2, right.
+    FloorMap,
+}
+
+choices!(Show);
+
+settings! {
+    /// How the picture is made.
+    pub struct Composition {
+        /// Radiance is mapped by 1 − exp(−exposure × radiance). As in pipeline underwater.
+        exposure: f64 = 0.4 => 0.0 ..= 1e6, "1";
+        /// What the picture shows.
+        show: Show = Show::Image;
+    }
+}
+
+impl Composition {
+    pub fn shown(&self) -> Shown {
+        match self.show {
+            Show::Image => Shown::Scene,
+            Show::FloorMap => Shown::FloorMap,
+        }
+    }
+}
+
+impl Params {
+    pub fn photons(&self) -> u32 {
+        self.transfer.photons()
+    }
+
+    /// The pool below `water`, whose height map is read; its walls reach up to the highest wave.
+    pub fn pool(&self, water: &Water) -> Pool {
+        Pool {
+            floor_depth_m: self.floor_depth_m,
+            top_m: water.bound_m(),
+            texels: self.planar.texels,
+        }
+    }
+}
+
+impl Parameters for Params {
+    fn staged(&self, file: &SceneFile) -> Result<SceneFile, ParamError> {
+        Ok(SceneFile {
+            floor_depth_m: self.floor_depth_m,
+            camera: self.camera.clone(),
+            light: self.light.clone(),
+            water: self.water.clone(),
+            ..file.clone()
+        })
+    }
+
+    fn consistent(&self) -> Result<(), ParamError> {
+        self.camera.validate()?;
+        self.light.validate()?;
+        self.water.validate()?;
+        Ok(())
+    }
+
+    fn camera_mut(&mut self) -> &mut Camera {
+        &mut self.camera
+    }
+
+    /// The illumination map keeps its size.
+    fn enlarged(&self, factor: u32) -> Option<Self> {
+        Some(Self { view: self.view.enlarged(factor), ..self.clone() })
+    }
+}

@@ -1,0 +1,313 @@
+//! The five inner faces of a rectangular pool, and light that is counted on them texel by texel (SPT §1.1).
+//!
+//! Where the GPU takes the nearer of the slabs' far sides, here each rectangle is met by itself.
+
+use glam::DVec3;
+use itertools::iproduct;
+
+use super::optics::{fresnel_transmittance, transmittance};
+use crate::scene::{Light, LightFrame, LightKind, Water};
+
+/// Rounding at the border of a rectangle, as a share of its side.
+const BORDER: f64 = 1e-9;
+
+/// A face, in the order of the illumination map.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Face {
+    Floor,
+    /// The wall at −x.
+    West,
+    East,
+    /// The wall at −z.
+    North,
+    South,
+}
+
+impl Face {
+    pub const ALL: [Face; 5] = [Face::Floor, Face::West, Face::East, Face::North, Face::South];
+
+    pub fn number(self) -> usize {
+        self as usize
+    }
+
+    /// Unit normal, into the pool.
+    pub fn normal(self) -> DVec3 {
+        match self {
+            Face::Floor => DVec3::Y,
+            Face::West => DVec3::X,
+            Face::East => DVec3::NEG_X,
+            Face::North => DVec3::Z,
+            Face::South => DVec3::NEG_Z,
+        }
+    }
+}
+
+/// A rectangle: its corner of the map's first texel, and its sides to the right and downwards.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Rectangle {
+    pub corner: DVec3,
+    pub right: DVec3,
+    pub down: DVec3,
+}
+
+impl Rectangle {
+    pub fn area_m2(&self) -> f64 {
+        self.right.cross(self.down).length()
+    }
+
+    /// Place of a point, 0…1 along both sides.
+    pub fn place(&self, point: DVec3) -> [f64; 2] {
+        [self.right, self.down].map(|side| (point - self.corner).dot(side) / side.length_squared())
+    }
+
+    pub fn at(&self, [u, v]: [f64; 2]) -> DVec3 {
+        self.corner + u * self.right + v * self.down
+    }
+}
+
+/// Where a ray meets a face.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Met {
+    pub face: Face,
+    pub position: DVec3,
+    pub distance_m: f64,
+}
+
+/// A rectangular pool.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Basin {
+    /// Middle, x and z.
+    pub center_m: [f64; 2],
+    /// Half of the inner extent along x and z.
+    pub half_size_m: [f64; 2],
+    /// Depth of the floor below y = 0.
+    pub floor_depth_m: f64,
+    /// Height of the walls above y = 0.
+    pub top_m: f64,
+}
+
+impl Basin {
+    /// The pool below the water's rectangle; its walls reach up to the highest wave.
+    pub fn of(water: &Water, floor_depth_m: f64) -> Basin {
+        Basin {
+            center_m: water.center_m,
+            half_size_m: water.half_size_m,
+            floor_depth_m,
+            top_m: water.bound_m(),
+        }
+    }
+
+    pub fn rectangle(&self, face: Face) -> Rectangle {
+        let [x, z] = [0, 1].map(|axis| {
+            let (center, half) = (self.center_m[axis], self.half_size_m[axis]);
+            [center - half, center + half]
+        });
+        let (along_x, along_z) = (DVec3::X * (x[1] - x[0]), DVec3::Z * (z[1] - z[0]));
+        let wall = |x: f64, z: f64, right: DVec3| Rectangle {
+            corner: DVec3::new(x, self.top_m, z),
+            right,
+            down: DVec3::NEG_Y * (self.top_m + self.floor_depth_m),
+        };
+        match face {
+            Face::Floor => Rectangle {
+                corner: DVec3::new(x[0], -self.floor_depth_m, z[0]),
+                right: along_x,
+                down: along_z,
+            },
+            Face::West => wall(x[0], z[0], along_z),
+            Face::East => wall(x[1], z[0], along_z),
+            Face::North => wall(x[0], z[0], along_x),
+            Face::South => wall(x[0], z[1], along_x),
+        }
+    }
+
+    /// The first face that a ray from within meets.
+    pub fn meet(&self, origin: DVec3, direction: DVec3) -> Option<Met> {
+        let met = Face::ALL.into_iter().filter_map(|face| self.meet_face(face, origin, direction));
+        met.min_by(|a, b| a.distance_m.total_cmp(&b.distance_m))
+    }
+
+    fn meet_face(&self, face: Face, origin: DVec3, direction: DVec3) -> Option<Met> {
+        let rectangle = self.rectangle(face);
+        let towards = -direction.dot(face.normal());
+        let distance_m = (origin - rectangle.corner).dot(face.normal()) / towards;
+        let position = origin + distance_m * direction;
+        let inside = |share: f64| (-BORDER..=1.0 + BORDER).contains(&share);
+        let hit = towards > 0.0
+            && distance_m >= -BORDER
+            && rectangle.place(position).into_iter().all(inside);
+        hit.then_some(Met { face, position, distance_m })
+    }
+
+    /// Number of the texel of the map that a point of a face lies in, face by face, row by row.
+    pub fn texel(&self, met: &Met, texels: u32) -> usize {
+        let last = f64::from(texels - 1);
+        let [column, row] = self
+            .rectangle(met.face)
+            .place(met.position)
+            .map(|share| (share * f64::from(texels)).floor().clamp(0.0, last) as usize);
+        let side = texels as usize;
+        (met.face.number() * side + row) * side + column
+    }
+
+    pub fn texel_area_m2(&self, face: Face, texels: u32) -> f64 {
+        self.rectangle(face).area_m2() / f64::from(texels).powi(2)
+    }
+}
+
+/// Flux of a photon in the middle of the light's frustum, W, of so many that are even on the light's screen: a point light's intensity times
+/// the solid angle of the photon's share of the screen.
+pub fn middle_photon_w(light: &Light, frame: &LightFrame, photons: u32) -> f64 {
+    let whole_w = match frame.kind {
+        LightKind::Directional => frame.emitted_w,
+        LightKind::Point => {
+            let scale = frame.projection.x_axis.x * frame.projection.y_axis.y;
+            light.intensity_w_sr * 4.0 / scale.abs()
+        }
+    };
+    whole_w / f64::from(photons)
+}
+
+/// What a photon that enters the water at `entry` has of that, after `path_m` of water.
+pub fn share_left(frame: &LightFrame, water: &Water, entry: DVec3, path_m: f64) -> f64 {
+    let (incident, spread) = match frame.kind {
+        LightKind::Directional => (frame.forward, 1.0),
+        LightKind::Point => {
+            let incident = (entry - frame.position).normalize();
+            (incident, incident.dot(frame.forward).powi(3))
+        }
+    };
+    let entering = if water.fresnel {
+        let cosine = incident.dot(water.normal(entry.x, entry.z)).abs();
+        fresnel_transmittance(cosine, 1.0, water.refractive_index)
+    } else {
+        1.0
+    };
+    spread * entering * transmittance(water.attenuation_per_m, path_m)
+}
+
+/// Irradiance counted texel by texel, W/m². Photons that rounding may send to one of several texels are kept apart.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Counted {
+    pub sure: Vec<f64>,
+    /// All of these that may lie in the texel.
+    pub unsure: Vec<f64>,
+    /// Flux of all, W.
+    pub flux_w: f64,
+    /// Flux of the photons that are not sure, W.
+    pub unsure_w: f64,
+}
+
+impl Counted {
+    pub fn new(texels: u32) -> Counted {
+        let none = vec![0.0; Face::ALL.len() * (texels as usize).pow(2)];
+        Counted { sure: none.clone(), unsure: none, flux_w: 0.0, unsure_w: 0.0 }
+    }
+
+    /// Adds a photon by its ray. `flux_w` gives its flux after a way in metres. Its start is known up to `rounding_m`.
+    pub fn add(
+        &mut self,
+        (basin, texels): (&Basin, u32),
+        (origin, direction): (DVec3, DVec3),
+        rounding_m: f64,
+        flux_w: impl Fn(f64) -> f64,
+    ) {
+        let Some(met) = basin.meet(origin, direction) else { return };
+        let flux_w = flux_w(met.distance_m);
+        let irradiance = |face: Face, flux_w: f64| flux_w / basin.texel_area_m2(face, texels);
+        let middle = basin.texel(&met, texels);
+        let mut others: Vec<(usize, Face)> = shifts(rounding_m)
+            .filter_map(|shift| basin.meet(origin + shift, direction))
+            .map(|met| (basin.texel(&met, texels), met.face))
+            .filter(|(texel, _)| *texel != middle)
+            .collect();
+        others.sort_unstable_by_key(|(texel, _)| *texel);
+        others.dedup();
+        self.flux_w += flux_w;
+        if others.is_empty() {
+            self.sure[middle] += irradiance(met.face, flux_w);
+            return;
+        }
+        self.unsure_w += flux_w;
+        for (texel, face) in others.into_iter().chain([(middle, met.face)]) {
+            self.unsure[texel] += irradiance(face, flux_w);
+        }
+    }
+
+    /// How far a texel's value lies outside of what the photons allow.
+    pub fn off(&self, texel: usize, value: f64) -> f64 {
+        let (low, high) = (self.sure[texel], self.sure[texel] + self.unsure[texel]);
+        (low - value).max(value - high).max(0.0)
+    }
+}
+
+/// The texels of an atlas of the faces side by side, face by face, row by row.
+pub fn face_by_face(atlas: &[f64], texels: u32) -> Vec<f64> {
+    let (faces, side) = (Face::ALL.len(), texels as usize);
+    let at = |(face, row, column)| atlas[(row * faces + face) * side + column];
+    iproduct!(0..faces, 0..side, 0..side).map(at).collect()
+}
+
+/// The corners of a cube.
+fn shifts(half_m: f64) -> impl Iterator<Item = DVec3> {
+    let ends = [-half_m, half_m];
+    iproduct!(ends, ends, ends).map(|(x, y, z)| DVec3::new(x, y, z))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const BASIN: Basin =
+        Basin { center_m: [1.0, -2.0], half_size_m: [3.0, 4.0], floor_depth_m: 2.0, top_m: 0.5 };
+
+    #[test]
+    fn rays_meet_the_face_that_they_run_towards() {
+        let from = DVec3::new(1.0, 0.0, -2.0);
+        for (direction, face, distance_m) in [
+            (DVec3::NEG_Y, Face::Floor, 2.0),
+            (DVec3::NEG_X, Face::West, 3.0),
+            (DVec3::X, Face::East, 3.0),
+            (DVec3::NEG_Z, Face::North, 4.0),
+            (DVec3::Z, Face::South, 4.0),
+        ] {
+            let met = BASIN.meet(from, direction).unwrap();
+            assert_eq!((met.face, met.distance_m), (face, distance_m));
+            assert_eq!(BASIN.rectangle(face).place(met.position)[0], 0.5);
+            assert_eq!(face.normal().dot(direction), -1.0);
+        }
+        assert_eq!(BASIN.meet(from, DVec3::Y), None);
+        assert_eq!(BASIN.meet(from, DVec3::new(0.6, 0.8, 0.0)), None, "over the wall");
+    }
+
+    #[test]
+    fn the_atlas_is_taken_apart_by_faces() {
+        let atlas: Vec<f64> = (0..20).map(f64::from).collect();
+        assert_eq!(face_by_face(&atlas, 2)[..6], [0.0, 1.0, 10.0, 11.0, 2.0, 3.0]);
+    }
+
+    #[test]
+    fn no_ray_leaves_between_two_faces() {
+        let corner = DVec3::new(-2.0, -2.0, -6.0);
+        for from in [DVec3::new(1.0, 0.1, -2.0), DVec3::new(3.3, -0.7, 1.9)] {
+            let met = BASIN.meet(from, (corner - from).normalize()).unwrap();
+            assert!((met.position - corner).length() < 1e-8);
+        }
+    }
+
+    #[test]
+    fn photons_at_a_border_may_lie_on_either_side() {
+        let mut counted = Counted::new(4);
+        let down = |x: f64| (DVec3::new(x, 0.0, -1.9), DVec3::NEG_Y);
+        let area_m2 = 6.0 * 8.0 / 16.0;
+        counted.add((&BASIN, 4), down(-0.4), 1e-5, |_| 1.0);
+        counted.add((&BASIN, 4), down(-0.5 + 1e-6), 1e-5, |way_m| way_m);
+        let row = 2 * 4;
+        assert_eq!(counted.sure[row + 1], 1.0 / area_m2);
+        assert_eq!(counted.unsure[row..row + 2], [2.0 / area_m2; 2]);
+        assert_eq!((counted.flux_w, counted.unsure_w), (3.0, 2.0));
+        assert_eq!(counted.off(row + 1, 3.0 / area_m2), 0.0);
+        assert!((counted.off(row, 2.5 / area_m2) - 0.5 / area_m2).abs() < 1e-12);
+        assert_eq!(counted.off(row + 1, 0.0), 1.0 / area_m2);
+    }
+}
