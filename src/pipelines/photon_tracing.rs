@@ -5,10 +5,12 @@ mod parameters;
 
 use std::collections::BTreeMap;
 use std::f64::consts::PI;
+use std::path::Path;
 use std::rc::Rc;
 
 use glam::UVec2;
 
+use super::caustics_image::{Compared, IMAGE_ERROR};
 use super::settings::VIEWPORT;
 use super::{Judge, JudgeError, Judged, Pipeline};
 use crate::gpu::{Gpu, GpuError};
@@ -34,6 +36,8 @@ pub struct PhotonTracing {
     pub view: View,
     pub photons: Photons,
     lists: Option<FragmentLists>,
+    /// W/m² on what each pixel shows.
+    irradiance: wgpu::Texture,
     compose: Rc<Compose>,
 }
 
@@ -89,7 +93,8 @@ impl Pipeline for PhotonTracing {
         let exposure = params.compose.exposure;
         let compose = Compose::new(of_view, shared, seen, &sprites.irradiance, shafts, exposure)?;
         let compose = of_view.push(compose);
-        Ok(Self { params: params.clone(), view, photons, lists, compose })
+        let irradiance = sprites.irradiance.clone();
+        Ok(Self { params: params.clone(), view, photons, lists, irradiance, compose })
     }
 
     fn image(&self) -> &wgpu::Texture {
@@ -101,7 +106,20 @@ impl Pipeline for PhotonTracing {
     }
 
     fn judge(&self, judge: &mut Judge<'_>) -> Result<Judged, JudgeError> {
-        self.landing_errors(judge.gpu, judge.scene)
+        let mut judged = self.landing_errors(judge.gpu, judge.scene)?;
+        if judge.asks_for(IMAGE_ERROR) {
+            judged.add(self.caustics(judge)?.judged());
+        }
+        Ok(judged)
+    }
+
+    fn caustics(&self, judge: &mut Judge<'_>) -> Result<Compared, JudgeError> {
+        let found = self.found_caustics(judge.gpu)?;
+        Compared::new(judge, &self.view, &found)
+    }
+
+    fn error_picture(&self, judge: &mut Judge<'_>, path: &Path) -> Result<(), JudgeError> {
+        self.caustics(judge)?.error_picture(path)
     }
 }
 

@@ -10,8 +10,10 @@
 //! | [`surface`] | where a ray enters the water |
 //! | [`rays`] | nearest triangle along a ray, camera and light rays |
 //! | [`photons`] | the photon grid and where each photon lands |
+//! | [`photon_map`] | irradiance of what each pixel shows, by many photons |
 //! | [`estimator`] | the image-space iteration over an exact depth, to study its convergence |
 //! | [`splat`] | point sizes, intensities, and a rasterizer of splats, as squares and within one surface |
+//! | [`caustic_mesh`] | irradiance by refracted triangles, drawn exactly |
 //! | [`godray`] | intensity at a point of a godray |
 //! | [`filter`] | the rotated disc low-pass, plain and within one surface |
 //! | [`plane`] | surfaces told apart by the camera's depth |
@@ -28,6 +30,7 @@
 //! | [`kept`] | none itself: keeps answers on disk by their content |
 
 pub mod bilateral;
+pub mod caustic_mesh;
 pub mod deform;
 pub mod estimator;
 pub mod filter;
@@ -41,6 +44,7 @@ pub mod media;
 pub mod occlusion;
 pub mod openness;
 pub mod optics;
+pub mod photon_map;
 pub mod photons;
 pub mod plane;
 pub mod quantities;
