@@ -1,4 +1,4 @@
-// defs: FRESNEL=0, WATER=0
+// defs: FRESNEL=0, SIDE=2, WATER=0
 // The light's grid as triangles whose corners are photons: a caustic mesh. The light that enters through a triangle of the water's surface
 // lands in the triangle of its refracted corners, so that irradiance is flux over area (Nishita and Nakamae 1994, "Method of Displaying
 // Optical Effects within Water using Accumulation Buffer"; Wallace 2010, "WebGL Water").
@@ -12,9 +12,8 @@
 struct Mesh {
     // Pixels of the caustics buffer.
     size_px: vec2<f32>,
-    // Photons per side of the light's grid, and of one of its cells.
-    columns: u32,
-    side: u32,
+    // Cells per side of the light's grid, of SIDE² photons each.
+    grid: u32,
     // Irradiance at normal incidence of a directional light, W/m²; radiant intensity of a point light, W/sr.
     strength: f32,
     // A pixel is lit when what it shows lies this near to the triangle, along the view.
@@ -40,13 +39,14 @@ struct Varying {
 // Outside the clip volume: drawn by no rasterizer.
 const NOWHERE: Varying = Varying(vec4<f32>(2.0, 2.0, 2.0, 1.0), 0.0, 0.0, 0.0);
 const VERTICES: u32 = 6u;
+// A constant: integer divisions by what is known only at run time took most of this shader on lavapipe.
+const SIDE: u32 = #{SIDE}u;
 
 // The photon at a place of the light's grid, where photons are stored cell by cell.
 fn photon_at(place: vec2<u32>) -> Photon {
-    let cell = place / settings.side;
-    let sub = place % settings.side;
-    let index = (cell.y * (settings.columns / settings.side) + cell.x) * settings.side + sub.y;
-    return photons[index * settings.side + sub.x];
+    let cell = place / SIDE;
+    let sub = place % SIDE;
+    return photons[((cell.y * settings.grid + cell.x) * SIDE + sub.y) * SIDE + sub.x];
 }
 
 // Places in a square of four photons of the corners of its two triangles.
@@ -75,10 +75,9 @@ fn longest(a: vec3<f32>, b: vec3<f32>, c: vec3<f32>) -> f32 {
 }
 
 @vertex
-fn vertex(@builtin(vertex_index) vertex: u32) -> Varying {
-    let square = vertex / VERTICES;
+fn vertex(@builtin(vertex_index) vertex: u32, @builtin(instance_index) row: u32) -> Varying {
     let k = vertex % VERTICES;
-    let first = vec2(square % (settings.columns - 1u), square / (settings.columns - 1u));
+    let first = vec2(vertex / VERTICES, row);
     let start = k / 3u * 3u;
     let a = photon_at(first + corner(start));
     let b = photon_at(first + corner(start + 1u));

@@ -66,7 +66,7 @@ pub enum Shown {
     /// Its picture.
     #[default]
     Image,
-    /// Irradiance that the caustics bring to what each pixel shows, by its share of the photon map's mean.
+    /// Irradiance that the caustics bring to what each pixel shows, in greys.
     Caustics,
     /// That of the photon map.
     CausticsReference,

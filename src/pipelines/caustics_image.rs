@@ -18,15 +18,15 @@ pub const IMAGE_ERROR: &str = "caustics_image_error";
 
 /// Blocks of pixels that are compared at most: more pixels are compared in larger blocks, so that the map costs the same.
 const MOST_BLOCKS: u64 = 32_768;
-/// Photons of each half of the map for each block: in scene port the map's own error is then NOISE % of its mean.
-const PHOTONS_PER_BLOCK: f64 = 60.0;
+/// Photons of each half of the map for each block: in scene port the map's own error is then 6 % of its mean.
+const PHOTONS_PER_BLOCK: f64 = 40.0;
 /// Error in units of the mean irradiance that a picture shows in full colour.
 const PICTURE_FULL: f64 = 1.0;
 
 /// Least width of a picture of irradiance: each value is a square of pixels.
 const PICTURE_WIDTH: u32 = 600;
-/// Of the display that pictures are made for, as in `shaders/shared/shading.wgsl`.
-const DISPLAY_GAMMA: f64 = 2.2;
+/// Irradiance that is shown at 63 %, over the mean: a third to a half of a picture of water is dark.
+const PICTURE_BRIGHT: f64 = 3.0;
 
 /// Maps that several cells share.
 #[derive(Default)]
@@ -94,16 +94,16 @@ impl Compared {
         }
     }
 
-    /// The irradiance that was found, or the exact one, in greys: 1 − exp(−E / mean of the exact one), so that pictures of one view are
-    /// toned alike.
+    /// The irradiance that was found, or the exact one, in greys: 1 − exp(−E / 3 M), M the mean of the exact one, so that pictures of one
+    /// view are toned alike. Not made for a display's gamma: lines of light keep their contrast.
     pub fn picture(&self, exact: bool) -> image::RgbImage {
         let shown = if exact { &self.exact } else { &self.found };
-        let mean = self.exact.mean();
+        let bright = PICTURE_BRIGHT * self.exact.mean();
         let side = PICTURE_WIDTH.div_ceil(shown.width());
         let [width, height] = shown.size().map(|pixels| pixels * side);
         image::RgbImage::from_fn(width, height, |x, y| {
             let irradiance = shown.clamped((x / side).into(), (y / side).into());
-            let value = (1.0 - (-irradiance / mean).exp()).powf(1.0 / DISPLAY_GAMMA);
+            let value = 1.0 - (-irradiance / bright).exp();
             image::Rgb([(255.0 * value).round() as u8; 3])
         })
     }

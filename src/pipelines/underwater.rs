@@ -167,7 +167,10 @@ fn photon_grids(
             let rules = (conserving, params.caustics.coverage);
             let drawn: Rc<dyn Accumulated> =
                 match (params.caustics.method, params.caustics.splatting) {
-                    (CausticMethod::Mesh, _) => of.push(Mesh::new(of, shared, inputs, &plan.mesh)?),
+                    (CausticMethod::Mesh, _) => {
+                        let side = params.caustics.grid_settings().side();
+                        of.push(Mesh::new(of, shared, inputs, &plan.mesh, side)?)
+                    }
                     (CausticMethod::Splats, Splatting::Compute) => {
                         of.push(splat::Scatter::new(of, shared, inputs, settings, rules, side_px)?)
                     }
@@ -288,11 +291,9 @@ impl Plan {
             CausticsUnit::Flux => view.pixel_tangent(caustics[1]),
             CausticsUnit::Irradiance => 1.0,
         };
-        let grid = params.caustics.grid_settings();
         let mesh = MeshUniforms {
             size_px: as_vec2(caustics),
-            columns: grid.grid * grid.side(),
-            side: grid.side(),
+            grid: params.caustics.grid,
             strength: params.light.intensity_w_sr as f32,
             depth_bias_m: params.caustics.depth_bias_m as f32,
             most_stretch: params.caustics.mesh_stretch as f32,

@@ -109,7 +109,7 @@ impl Underwater {
     fn mesh(&self) -> Value {
         let mesh = &self.plan.mesh;
         json!({
-            "columns": mesh.columns,
+            "columns": mesh.grid * self.params.caustics.grid_settings().side(),
             "strength": mesh.strength,
             "depth_bias_m": mesh.depth_bias_m,
             "most_stretch": mesh.most_stretch,

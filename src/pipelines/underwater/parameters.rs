@@ -128,7 +128,7 @@ settings! {
         /// What the photons are drawn as. Settings of points, coverage, intensity and splatting are those of splats.
         method: CausticMethod = CausticMethod::Splats;
         /// Longest edge of a drawn triangle of the mesh over its longest edge on the water's surface: a longer one joins different
-        /// surfaces. MESHTUNE
+        /// surfaces. In scene port the image error changes by 1 % from 2 to no limit.
         mesh_stretch: f64 = 8.0 => 1.0 ..= 1e6, "1";
         /// Side of a splat at the far plane. UW §4.1: 5.
         point_size_min_px: f64 = 5.0 => 0.1 ..= 1024.0, "px";
@@ -145,7 +145,8 @@ settings! {
         /// What adds photons up. The sums are the same; which is faster depends on the adapter and on the size of splats. On
         /// lavapipe compute takes 0.4 of the time at 5 px and 0.8 at 20 px.
         splatting: Splatting = Splatting::Compute;
-        /// Whether the buffer is smoothed.
+        /// Whether the buffer is smoothed. A mesh has no gaps between photons: the low-pass only softens triangles smaller than a pixel, and
+        /// in scene port at 200 × 150 raises the image error of 65,536 photons from 0.24 to 0.33.
         filter: bool = true;
         /// UW §3.5 gives neither taps nor radius.
         filter_taps: u32 = 16 => 1 ..= 1024, "1";

@@ -32,10 +32,8 @@ shader_struct! {
     /// `Mesh` in `shaders/caustics/mesh.wgsl`.
     pub struct MeshUniforms {
         pub size_px: Vec2,
-        /// Photons per side of the light's grid.
-        pub columns: u32,
-        /// Photons per side of one of its cells.
-        pub side: u32,
+        /// Cells per side of the light's grid.
+        pub grid: u32,
         pub strength: f32,
         pub depth_bias_m: f32,
         pub most_stretch: f32,
@@ -45,23 +43,17 @@ shader_struct! {
 /// Vertices of four neighbours.
 const VERTICES: u32 = 6;
 
-impl MeshUniforms {
-    /// Squares of four neighbours.
-    fn squares(&self) -> u32 {
-        self.columns.saturating_sub(1).pow(2)
-    }
-}
-
 pub struct Mesh {
     raster: Raster,
     groups: Vec<wgpu::BindGroup>,
+    /// Squares of four neighbours in a row, and rows of them.
     squares: u32,
     target: wgpu::Texture,
     view: wgpu::TextureView,
 }
 
 impl Mesh {
-    /// `scene_depth` is the camera's.
+    /// Of cells with `side`² photons each. `scene_depth` is the camera's.
     ///
     /// # Errors
     /// What the GPU reports.
@@ -70,6 +62,7 @@ impl Mesh {
         shared: &Shared,
         (photons, scene_depth): (&Photons, &wgpu::Texture),
         settings: &MeshUniforms,
+        side: u32,
     ) -> Result<Self, GpuError> {
         let uniforms = resources.uniform(INFO.name, settings);
         let binds =
@@ -77,12 +70,13 @@ impl Mesh {
         let groups = [&shared.group, &Group::new(resources.gpu, INFO.name, &binds)];
         let format = kit::accumulation_format(resources.gpu);
         let target = resources.target(INFO.name, settings.size_px.as_uvec2().to_array(), format);
-        let (defs, targets) = ([shared.fresnel_def()], [kit::additive(format)]);
+        let defs = [("SIDE", side as i32), shared.fresnel_def()];
+        let targets = [kit::additive(format)];
         let spec = RenderSpec::new(INFO.name, (INFO.name, &defs[..]), &groups, &targets);
         Ok(Self {
             raster: Raster::new(resources, &spec)?,
             groups: kit::bare(&groups),
-            squares: settings.squares(),
+            squares: (settings.grid * side).saturating_sub(1),
             view: kit::view(&target),
             target,
         })
@@ -114,12 +108,12 @@ impl Stage for Mesh {
         scope.render(&Targets { color: &color, depth: None }, |pass| {
             self.raster.bind(pass);
             kit::bind_groups(pass, &self.groups);
-            pass.draw(0..self.squares * VERTICES, 0..1);
+            pass.draw(0..self.squares * VERTICES, 0..self.squares);
         });
     }
 
     fn work(&self) -> Work {
-        let squares = u64::from(self.squares);
+        let squares = u64::from(self.squares).pow(2);
         // A mesh without folds that fills the view draws each pixel once.
         let fragments = kit::pixels(&self.target);
         Work {
