@@ -152,10 +152,8 @@ impl Lighting<'_> {
                 self.intensity_w_sr * self.plane_area() * self.cosine(incident).powi(3)
             }
         };
-        let passed = match self.water.fresnel {
-            true => entering(self.water, &landed.entry, incident),
-            false => 1.0,
-        };
+        let passed =
+            if self.water.fresnel { entering(self.water, &landed.entry, incident) } else { 1.0 };
         emitted * passed * transmittance(self.water.attenuation_per_m, landed.hit.distance_m)
     }
 
@@ -202,13 +200,14 @@ mod tests {
         objects: Vec<Object>,
     }
 
-    /// Flat water over a level floor, all of it lit, seen at a slant by a turned camera.
+    /// Flat water over a level floor, seen at a slant by a turned camera. The light's middle is that of the view, on the floor: all that is
+    /// seen is lit.
     fn stand() -> Stand {
         let floor = Mesh::parallelogram(DVec3::Y * -DEPTH_M, DVec3::Z * 40.0, DVec3::X * 40.0);
-        let mut camera = Camera::new([0.5, 3.0, 4.0], [0.2, -DEPTH_M, 0.3], 40.0, [0.1, 30.0]);
+        let mut camera = Camera::new([0.5, 3.0, 4.0], [0.2, -DEPTH_M, 0.3], 40.0, [0.1, 14.0]);
         camera.up = [0.2, 1.0, 0.1];
         Stand {
-            light: Light { direction: [0.4, -1.0, 0.25], half_extent_m: 8.0, ..Light::default() },
+            light: Light { direction: [0.4, -1.0, 0.25], half_extent_m: 6.0, ..Light::default() },
             water: Water { amplitude_m: 0.0, half_size_m: [40.0; 2], ..Water::default() },
             camera,
             objects: vec![Object::new("floor", floor)],
@@ -253,14 +252,10 @@ mod tests {
         for fresnel in [false, true] {
             let mut stand = stand();
             stand.water.fresnel = fresnel;
-            let map = stand.map(SIZE, 1200);
-            assert!(
-                furthest(&map, stand.closed_form()) < 0.03,
-                "{}",
-                furthest(&map, stand.closed_form())
-            );
-            // 4 % more attenuation is told apart.
-            assert!(furthest(&map, 0.96 * stand.closed_form()) > 0.03);
+            let map = stand.map(SIZE, 700);
+            let off = furthest(&map, stand.closed_form());
+            assert!(off < 0.05, "{off}");
+            assert!(furthest(&map, 0.92 * stand.closed_form()) > 0.05);
         }
     }
 
@@ -270,7 +265,7 @@ mod tests {
         stand.light.kind = LightKind::Point;
         stand.light.position_m = [1.0, 5.0, -0.5];
         (stand.water.refractive_index, stand.water.attenuation_per_m) = (1.0, 0.0);
-        let irradiance = stand.map(SIZE, 1200).irradiance();
+        let irradiance = stand.map(SIZE, 700).irradiance();
         let rays = PixelRays::new(&stand.camera, SIZE[0], SIZE[1]);
         let light = DVec3::from(stand.light.position_m);
         for (x, y) in pixels(SIZE) {
@@ -279,7 +274,7 @@ mod tests {
             let way = light - point;
             let exact = stand.light.intensity_w_sr * way.y / way.length().powi(3);
             let found = irradiance.clamped(x.into(), y.into());
-            assert!((found / exact - 1.0).abs() < 0.05, "{x} {y}: {found} {exact}");
+            assert!((found / exact - 1.0).abs() < 0.08, "{x} {y}: {found} {exact}");
         }
     }
 
@@ -287,8 +282,8 @@ mod tests {
     fn halves_tell_the_noise_and_it_falls_with_photons() {
         let mut stand = stand();
         stand.water = Water { half_size_m: [40.0; 2], ..Water::default() };
-        let dense = stand.map(SIZE, 1600).irradiance();
-        let [few, more] = [100, 400].map(|columns| {
+        let dense = stand.map(SIZE, 900).irradiance();
+        let [few, more] = [60, 240].map(|columns| {
             let map = stand.map(SIZE, columns);
             let pairs = map
                 .irradiance()
@@ -308,7 +303,7 @@ mod tests {
     #[test]
     fn the_flux_in_view_is_irradiance_times_area() {
         let stand = stand();
-        let map = stand.map(SIZE, 800);
+        let map = stand.map(SIZE, 400);
         let rays = PixelRays::new(&stand.camera, SIZE[0], SIZE[1]);
         let on_floor = |x_px: u32, y_px: u32| {
             let (origin, direction, _) = rays.ray_at(f64::from(x_px), f64::from(y_px));
@@ -333,7 +328,7 @@ mod tests {
     fn what_is_hidden_or_lit_from_behind_gets_nothing() {
         let mut stand = stand();
         // Seen from below: the floor's lit side is turned away.
-        stand.camera = Camera::new([0.5, -6.0, 1.0], [0.2, -DEPTH_M, 0.3], 40.0, [0.1, 30.0]);
+        stand.camera = Camera::new([0.5, -6.0, 1.0], [0.2, -DEPTH_M, 0.3], 40.0, [0.1, 14.0]);
         assert_eq!(stand.map(SIZE, 200).irradiance().sum(), 0.0);
         let mut hidden = self::stand();
         let eye = hidden.camera.position() + hidden.camera.direction();
