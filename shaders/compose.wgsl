@@ -86,12 +86,14 @@ fn caustic_flux(uv: vec2<f32>) -> f32 {
 fn caustic_irradiance(uv: vec2<f32>, position_m: vec3<f32>, normal: vec3<f32>) -> f32 {
     let flux = caustic_flux(uv);
 #if CONSERVING == 1
-    // Flux of a pixel over the surface area behind it.
+    // Flux of a pixel over the area of the surface behind it: that of its side² at the depth z across the view, times the cosine between
+    // line of sight and view, z / d, over that between line of sight and normal.
     let to_viewer = frame.camera_position_m - position_m;
     let d = length(to_viewer);
-    let side = settings.caustics_scale * d;
+    let z = (frame.camera_view_projection * vec4(position_m, 1.0)).w;
+    let side = settings.caustics_scale * z;
     let facing = max(abs(dot(normal, to_viewer)) / d, 0.1);
-    return flux * facing / (side * side);
+    return flux * facing * d / (z * side * side);
 #else
     return flux * settings.caustics_scale;
 #endif

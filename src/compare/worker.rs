@@ -253,7 +253,7 @@ impl Device {
         };
         let mut known = Known::default();
         let scene = &prepared.subject.scene;
-        match pipeline.judge(&mut Judge { gpu: &self.gpu, scene, known: &mut known }) {
+        match pipeline.judge(&mut Judge { gpu: &self.gpu, scene, known: &mut known, asked: &[] }) {
             Ok(judged) => {
                 exact.quantities.extend(judged.quantities);
                 exact.errors = judged.errors.iter().map(|e| (e.name.clone(), e.value)).collect();

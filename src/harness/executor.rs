@@ -27,8 +27,6 @@ use crate::record::{
     Addition, Cell, MachineState, Note, NoteKind, Outcome, Picture, PictureKind, Record,
     RecordError, Run, SampleLine, SetUp, Writer,
 };
-use crate::reference::kept::KeptAnswers;
-use crate::scene::assets;
 
 /// What a software driver keeps of a pipeline's compiled shaders in the process: of 15 cells of `vao-samples`, 300 MiB more
 /// on lavapipe than of one.
@@ -81,7 +79,7 @@ impl Session {
             plan,
             timer,
             references: References::default(),
-            known: Known { kept: kept_answers(), ..Known::default() },
+            known: Known::of_earlier_runs(),
             reopened: false,
             spent,
         })
@@ -98,15 +96,12 @@ impl Session {
     }
 }
 
-/// Answers of references, beside the assets that were fetched.
-fn kept_answers() -> KeptAnswers {
-    KeptAnswers::in_folder(assets::cache().map(|cache| cache.join("references")))
-}
-
 /// Executes the cells of one experiment.
 pub struct CellExecutor<'a> {
     session: &'a mut Session,
     experiment: &'a Experiment,
+    /// Quantities and errors that its claims and plots read.
+    asked: Vec<String>,
     cells: &'a [PlannedCell],
     /// Of the cells, as the journal calls them.
     names: Vec<CellName>,
@@ -177,6 +172,12 @@ impl Findings {
     }
 }
 
+/// Names of the quantities and errors that an experiment's claims and plots read.
+fn asked(experiment: &Experiment) -> Vec<String> {
+    let names = experiment.measures().into_iter().flat_map(|measure| measure.quantities());
+    names.map(str::to_owned).collect()
+}
+
 impl<'a> CellExecutor<'a> {
     pub fn new(
         session: &'a mut Session,
@@ -187,6 +188,7 @@ impl<'a> CellExecutor<'a> {
         Self {
             session,
             experiment,
+            asked: asked(experiment),
             cells,
             names: cells.iter().map(|cell| name(output.header, cell)).collect(),
             built: cells.iter().map(|_| None).collect(),
@@ -254,7 +256,8 @@ impl<'a> CellExecutor<'a> {
 
     fn judge(&mut self, cell: usize) -> Judge<'_> {
         let Session { gpu, known, .. } = &mut *self.session;
-        Judge { gpu, scene: &self.cells[cell].subject.scene, known }
+        let asked = &self.asked;
+        Judge { gpu, scene: &self.cells[cell].subject.scene, known, asked }
     }
 
     /// How views of the cell differ, where that is asked; their picture.

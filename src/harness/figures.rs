@@ -15,6 +15,7 @@ use crate::embedded::Folders;
 use crate::experiments::flatten;
 use crate::experiments::schema::one_line;
 use crate::gpu::Gpu;
+use crate::pipelines::Known;
 use crate::text::{check_id, did_you_mean, nearest};
 
 /// The name that stands for every figure.
@@ -58,6 +59,19 @@ pub struct Figure {
     pub panel: Vec<Panel>,
 }
 
+/// What is shown of a rendered frame.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Shown {
+    /// Its picture.
+    #[default]
+    Image,
+    /// Irradiance that the caustics bring to what each pixel shows, in greys.
+    Caustics,
+    /// That of the photon map.
+    CausticsReference,
+}
+
 /// A picture of a figure.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -70,6 +84,8 @@ pub struct Panel {
     pub params: Map<String, Value>,
     /// Samples of a pixel, a square number.
     pub samples: Option<u32>,
+    #[serde(default)]
+    pub shows: Shown,
     /// The part that is shown, shares of width and height: left, top, right, bottom.
     pub crop: Option<[f64; 4]>,
 }
@@ -178,6 +194,7 @@ impl Figure {
         more: &[(String, Value)],
         samples: Option<u32>,
     ) -> Result<Vec<Rendered>, FigureError> {
+        let mut known = Known::of_earlier_runs();
         let rendered = |panel: &Panel| {
             let (pipeline, scene, params) = self.setting(panel, more);
             let subject = subjects.subject(pipeline, scene, &params).map_err(|source| {
@@ -185,7 +202,14 @@ impl Figure {
                 FigureError::Subject { figure, panel, source: Box::new(source) }
             })?;
             let samples = samples.or(panel.samples).unwrap_or(SAMPLES);
-            let picture = render::bare(gpu, &subject, samples).map_err(|source| {
+            let picture = match panel.shows {
+                Shown::Image => render::bare(gpu, &subject, samples),
+                Shown::Caustics | Shown::CausticsReference => {
+                    let exact = panel.shows == Shown::CausticsReference;
+                    render::caustics(gpu, &subject, &mut known, exact)
+                }
+            };
+            let picture = picture.map_err(|source| {
                 let (figure, panel) = (self.id.clone(), panel.caption.clone());
                 FigureError::Picture { figure, panel, source: Box::new(source) }
             })?;

@@ -7,7 +7,7 @@ use thiserror::Error;
 
 use super::scale;
 use crate::gpu::{Gpu, GpuError, read_texture};
-use crate::pipelines::AnyPipeline;
+use crate::pipelines::{AnyPipeline, JudgeError};
 
 /// Exponent of display values, as in `shaders/shared/shading.wgsl`.
 const GAMMA: f32 = 2.2;
@@ -16,6 +16,8 @@ const GAMMA: f32 = 2.2;
 pub enum PictureError {
     #[error(transparent)]
     Gpu(#[from] GpuError),
+    #[error(transparent)]
+    Judge(#[from] JudgeError),
     #[error("cannot write {}: {source}", path.display())]
     Write { path: PathBuf, source: image::ImageError },
 }

@@ -7,7 +7,8 @@ use image::RgbImage;
 use super::picture::{self, PictureError};
 use super::subject::Subject;
 use crate::gpu::{Gpu, GpuError};
-use crate::pipelines::AnyPipeline;
+use crate::pipelines::caustics_image::Compared;
+use crate::pipelines::{AnyPipeline, Judge, Known};
 
 /// A picture without what explains it.
 pub struct Bare {
@@ -37,6 +38,19 @@ pub fn bare(gpu: &Gpu, subject: &Subject, samples: u32) -> Result<Bare, PictureE
     let pipeline = frame(gpu, larger.as_ref().unwrap_or(subject))?;
     let image = picture::reduced(gpu, pipeline.as_ref(), factor)?;
     Ok(Bare { image, shows_visibility: pipeline.shows_visibility() })
+}
+
+/// The subject's caustics, or those of the photon map in their place; see [`Compared::picture`].
+pub fn caustics(
+    gpu: &Gpu,
+    subject: &Subject,
+    known: &mut Known,
+    exact: bool,
+) -> Result<Bare, PictureError> {
+    let pipeline = frame(gpu, subject)?;
+    let mut judge = Judge { gpu, scene: &subject.scene, known, asked: &[] };
+    let compared: Compared = pipeline.caustics(&mut judge)?;
+    Ok(Bare { image: compared.picture(exact), shows_visibility: false })
 }
 
 /// Renders the subject and writes its final image to `path`.

@@ -19,6 +19,7 @@ mod hsao;
 mod light;
 mod lines;
 mod luminance;
+mod mesh;
 mod occlusion;
 mod photon_tracing;
 mod photons;
@@ -192,6 +193,7 @@ pub fn cases() -> Vec<Case> {
         glass::cases(),
         starts::cases(),
         splats::cases(),
+        mesh::cases(),
         lines::cases(),
         fresnel::cases(),
         filters::cases(),

@@ -1,5 +1,6 @@
 //! Pipelines: stages in frame order over typed resources, for one scene and one set of parameters.
 
+pub mod caustics_image;
 pub mod hsao;
 mod lighting;
 pub mod occlusion;
@@ -31,8 +32,9 @@ use crate::parameter::{self, Field, ParamError, Setting};
 use crate::record::{ErrorFigure, Work};
 use crate::reference::ReferenceError;
 use crate::reference::kept::KeptAnswers;
-use crate::scene::{Camera, Scene, SceneFile, VolumeFile};
+use crate::scene::{Camera, Scene, SceneFile, VolumeFile, assets};
 use crate::stages::kit::{Parts, Resources};
+use caustics_image::Compared;
 use occlusion::OcclusionBuffers;
 
 /// A pipeline's parameters.
@@ -119,6 +121,15 @@ pub trait Pipeline: Sized + 'static {
         Ok(Judged::default())
     }
 
+    /// Caustics of the last frame beside those of a photon map.
+    ///
+    /// # Errors
+    /// As [`Self::judge`], and pipelines without caustics.
+    fn caustics(&self, judge: &mut Judge<'_>) -> Result<Compared, JudgeError> {
+        let _ = judge;
+        Err(JudgeError::NoCaustics(Self::NAME))
+    }
+
     /// Writes a picture of the error, point by point.
     ///
     /// # Errors
@@ -134,6 +145,14 @@ pub struct Judge<'a> {
     pub gpu: &'a Gpu,
     pub scene: &'a Rc<Scene>,
     pub known: &'a mut Known,
+    /// Errors that take seconds are computed where they are asked for by name.
+    pub asked: &'a [String],
+}
+
+impl Judge<'_> {
+    pub fn asks_for(&self, error: &str) -> bool {
+        self.asked.iter().any(|asked| asked == error)
+    }
 }
 
 /// What judging a frame found.
@@ -144,12 +163,29 @@ pub struct Judged {
     pub quantities: BTreeMap<String, f64>,
 }
 
+impl Judged {
+    /// Adds what else was found.
+    pub fn add(&mut self, other: Judged) {
+        self.errors.extend(other.errors);
+        self.quantities.extend(other.quantities);
+    }
+}
+
 /// Answers of the references that several cells share.
 #[derive(Default)]
 pub struct Known {
     /// Those of earlier runs.
     pub kept: KeptAnswers,
     pub occlusion: occlusion::KnownPoints,
+    pub maps: caustics_image::KnownMaps,
+}
+
+impl Known {
+    /// With the folder of answers that lies beside the assets that were fetched.
+    pub fn of_earlier_runs() -> Self {
+        let folder = assets::cache().map(|cache| cache.join("references"));
+        Self { kept: KeptAnswers::in_folder(folder), ..Self::default() }
+    }
 }
 
 /// Why a frame could not be judged.
@@ -161,6 +197,8 @@ pub enum JudgeError {
     Reference(#[from] ReferenceError),
     #[error("no surface is seen")]
     Nothing,
+    #[error("pipeline {0} has no caustics")]
+    NoCaustics(&'static str),
     #[error("pipeline {0} has no picture of its error")]
     NoPicture(&'static str),
     #[error("cannot write {path}: {reason}")]
@@ -221,6 +259,8 @@ pub trait AnyPipeline {
     fn occlusion(&self) -> Option<&OcclusionBuffers>;
     /// See [`Pipeline::judge`].
     fn judge(&self, judge: &mut Judge<'_>) -> Result<Judged, JudgeError>;
+    /// See [`Pipeline::caustics`].
+    fn caustics(&self, judge: &mut Judge<'_>) -> Result<Compared, JudgeError>;
     /// See [`Pipeline::error_picture`].
     fn error_picture(&self, judge: &mut Judge<'_>, path: &Path) -> Result<(), JudgeError>;
     /// For a caller that knows the kind.
@@ -262,6 +302,10 @@ impl<P: Pipeline> AnyPipeline for Built<P> {
 
     fn judge(&self, judge: &mut Judge<'_>) -> Result<Judged, JudgeError> {
         self.pipeline.judge(judge)
+    }
+
+    fn caustics(&self, judge: &mut Judge<'_>) -> Result<Compared, JudgeError> {
+        self.pipeline.caustics(judge)
     }
 
     fn error_picture(&self, judge: &mut Judge<'_>, path: &Path) -> Result<(), JudgeError> {

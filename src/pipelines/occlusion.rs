@@ -195,7 +195,7 @@ impl Model {
 }
 
 impl KnownPoints {
-    fn digest(&mut self, scene: &Rc<Scene>) -> String {
+    pub(super) fn digest(&mut self, scene: &Rc<Scene>) -> String {
         if let Some((known, digest)) = &self.digest
             && Rc::ptr_eq(known, scene)
         {
@@ -206,7 +206,7 @@ impl KnownPoints {
         digest
     }
 
-    fn tracer(
+    pub(super) fn tracer(
         &mut self,
         scene: &Rc<Scene>,
         animation: &Animation,
@@ -394,7 +394,12 @@ fn figures(name: &str, stage: &'static str, errors: &[f64]) -> [ErrorFigure; 2] 
 
 /// Blue over white to red for −0.25 … 0.25.
 fn color(error: f64) -> [u8; 3] {
-    let share = (error / PICTURE_FULL).clamp(-1.0, 1.0);
+    signed_color(error / PICTURE_FULL)
+}
+
+/// Blue over white to red for −1 … 1.
+pub(super) fn signed_color(share: f64) -> [u8; 3] {
+    let share = share.clamp(-1.0, 1.0);
     let faded = (255.0 * (1.0 - share.abs())).round() as u8;
     if share > 0.0 { [255, faded, faded] } else { [faded, faded, 255] }
 }

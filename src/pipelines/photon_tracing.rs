@@ -5,8 +5,10 @@ mod parameters;
 
 use std::collections::BTreeMap;
 use std::f64::consts::PI;
+use std::path::Path;
 use std::rc::Rc;
 
+use super::caustics_image::{Compared, IMAGE_ERROR};
 use super::screen_tracing;
 use super::settings::{self, VIEWPORT};
 use super::{Judge, JudgeError, Judged, Pipeline};
@@ -34,6 +36,8 @@ pub struct PhotonTracing {
     pub view: View,
     pub photons: Photons,
     lists: Option<FragmentLists>,
+    /// W/m² on what each pixel shows.
+    irradiance: wgpu::Texture,
     image: wgpu::Texture,
 }
 
@@ -106,7 +110,8 @@ impl Pipeline for PhotonTracing {
             let compose = Compose::new(of_view, shared, gbuffer, irradiance, &composed)?;
             of_view.push(compose).texture().clone()
         };
-        Ok(Self { params: params.clone(), view, photons, lists, image })
+        let irradiance = sprites.irradiance.clone();
+        Ok(Self { params: params.clone(), view, photons, lists, irradiance, image })
     }
 
     fn image(&self) -> &wgpu::Texture {
@@ -118,7 +123,20 @@ impl Pipeline for PhotonTracing {
     }
 
     fn judge(&self, judge: &mut Judge<'_>) -> Result<Judged, JudgeError> {
-        self.landing_errors(judge.gpu, judge.scene)
+        let mut judged = self.landing_errors(judge.gpu, judge.scene)?;
+        if judge.asks_for(IMAGE_ERROR) {
+            judged.add(self.caustics(judge)?.judged());
+        }
+        Ok(judged)
+    }
+
+    fn caustics(&self, judge: &mut Judge<'_>) -> Result<Compared, JudgeError> {
+        let found = self.found_caustics(judge.gpu)?;
+        Compared::new(judge, &self.view, &found)
+    }
+
+    fn error_picture(&self, judge: &mut Judge<'_>, path: &Path) -> Result<(), JudgeError> {
+        self.caustics(judge)?.error_picture(path)
     }
 }
 

@@ -1,20 +1,24 @@
 //! Underwater caustics and godrays: Papadopoulos and Papaioannou, *Realistic Real-time Underwater Caustics and Godrays* (UW).
 
 mod explain;
+mod found;
 mod landing;
 mod measure;
 mod parameters;
 
 use std::collections::BTreeMap;
+use std::path::Path;
 use std::rc::Rc;
 
 use glam::{DVec3, UVec2, Vec2};
 use serde_json::Value;
 
+use super::caustics_image::{Compared, IMAGE_ERROR};
 use super::settings::{VIEWPORT, scaled};
 use super::{Judge, JudgeError, Judged, Pipeline};
 use crate::gpu::{Gpu, GpuError};
 use crate::scene::Scene;
+use crate::stages::caustics::mesh::{Mesh, MeshUniforms};
 use crate::stages::caustics::splat::{self, PointSize, SplatUniforms};
 use crate::stages::compose::{Compose, ComposeUniforms, Composed};
 use crate::stages::frame::{Frame, Shared, View};
@@ -25,11 +29,11 @@ use crate::stages::lit_scene::LitScene;
 use crate::stages::low_pass::{FilterUniforms, GuidedUniforms, LowPass};
 use crate::stages::photon::{Photons, Tracing};
 use crate::stages::splatting::{Accumulated, PHOTONS_PER_INSTANCE};
-use crate::stages::{caustics, godrays, scene, shadow, water};
+use crate::stages::{Stage, StageInfo, caustics, godrays, scene, shadow, water};
 
 pub use measure::{PhotonQuery, blended_fragments, photons_at, read_photons};
-use parameters::PhotonPath;
-pub use parameters::{Intensity, Params, PhotonGrid, Splatting, SubdivisionMode};
+pub use parameters::{CausticMethod, Intensity, Params, PhotonGrid, Splatting, SubdivisionMode};
+use parameters::{CausticsUnit, PhotonPath};
 
 /// Photons through the water's surface, splats and light shafts.
 pub struct Underwater {
@@ -49,6 +53,11 @@ pub struct PhotonStages {
 }
 
 impl PhotonStages {
+    /// The stage that leaves what the picture is composed of.
+    pub fn last(&self) -> &'static StageInfo {
+        self.filter.as_ref().map_or(self.drawn.info(), |filter| filter.info())
+    }
+
     /// What the picture is composed of.
     pub fn texture(&self) -> &wgpu::Texture {
         self.filter.as_ref().map_or(self.drawn.texture(), |filter| filter.texture())
@@ -98,8 +107,8 @@ impl Pipeline for Underwater {
             reflection: reflection.texture(),
             refraction: refraction.texture(),
         };
-        let conserving = params.caustics.intensity == Intensity::Conserving;
-        let compose = Compose::new(of_view, shared, &composed, plan.compose.clone(), conserving)?;
+        let flux = params.caustics.buffer_holds() == CausticsUnit::Flux;
+        let compose = Compose::new(of_view, shared, &composed, plan.compose.clone(), flux)?;
         let compose = of_view.push(compose);
         Ok(Self { params: params.clone(), view, caustics, godrays, compose, plan })
     }
@@ -117,7 +126,20 @@ impl Pipeline for Underwater {
     }
 
     fn judge(&self, judge: &mut Judge<'_>) -> Result<Judged, JudgeError> {
-        self.landing_errors(judge.gpu, judge.scene)
+        let mut judged = self.landing_errors(judge.gpu, judge.scene)?;
+        if judge.asks_for(IMAGE_ERROR) {
+            judged.add(self.caustics(judge)?.judged());
+        }
+        Ok(judged)
+    }
+
+    fn caustics(&self, judge: &mut Judge<'_>) -> Result<Compared, JudgeError> {
+        let found = self.found_caustics(judge)?;
+        Compared::new(judge, &self.view, &found)
+    }
+
+    fn error_picture(&self, judge: &mut Judge<'_>, path: &Path) -> Result<(), JudgeError> {
+        self.caustics(judge)?.error_picture(path)
     }
 }
 
@@ -143,14 +165,19 @@ fn photon_grids(
         photon_stages(resources, shared, light, (path, &filter), |of, photons, conserving| {
             let (inputs, settings, side_px) = ((photons, seen), &plan.splat, plan.splat_px);
             let rules = (conserving, params.caustics.coverage);
-            let drawn: Rc<dyn Accumulated> = match params.caustics.splatting {
-                Splatting::Compute => {
-                    of.push(splat::Scatter::new(of, shared, inputs, settings, rules, side_px)?)
-                }
-                Splatting::Raster => {
-                    of.push(splat::raster(of, shared, inputs, settings, rules, side_px)?)
-                }
-            };
+            let drawn: Rc<dyn Accumulated> =
+                match (params.caustics.method, params.caustics.splatting) {
+                    (CausticMethod::Mesh, _) => {
+                        let side = params.caustics.grid_settings().side();
+                        of.push(Mesh::new(of, shared, inputs, &plan.mesh, side)?)
+                    }
+                    (CausticMethod::Splats, Splatting::Compute) => {
+                        of.push(splat::Scatter::new(of, shared, inputs, settings, rules, side_px)?)
+                    }
+                    (CausticMethod::Splats, Splatting::Raster) => {
+                        of.push(splat::raster(of, shared, inputs, settings, rules, side_px)?)
+                    }
+                };
             Ok(drawn)
         })?;
     let path = params.godrays.path();
@@ -211,6 +238,7 @@ struct Plan {
     splat: SplatUniforms,
     /// Side of a splat in the middle of the scene.
     splat_px: f64,
+    mesh: MeshUniforms,
     lines: LinesUniforms,
     /// Length of a vertical line through all of the water, seen across.
     line_px: f64,
@@ -219,7 +247,7 @@ struct Plan {
 
 impl Plan {
     fn new(params: &Params, view: &View) -> Self {
-        let flux_w = [params.caustics.intensity, params.godrays.intensity]
+        let flux_w = [params.caustics.photon_intensity(), params.godrays.photon_intensity()]
             .map(|intensity| grid_flux_w(view, intensity));
         let target = DVec3::from(params.camera.target_m);
         let middle_m = target.distance(DVec3::from(params.camera.position_m));
@@ -257,10 +285,18 @@ impl Plan {
             photons_per_instance: PHOTONS_PER_INSTANCE,
             photons: photons[1] as u32,
         };
-        // A splat of side s in the middle of the view covers this area, which turns flux into irradiance there.
-        let caustics_scale = match params.caustics.intensity {
-            Intensity::Paper => 1.0 / (splat_px * pixel(caustics)).powi(2),
-            Intensity::Conserving => view.pixel_tangent(caustics[1]),
+        let caustics_scale = match params.caustics.buffer_holds() {
+            // A splat of side s in the middle of the view covers this area, which turns flux into irradiance there.
+            CausticsUnit::PhotonFlux => 1.0 / (splat_px * pixel(caustics)).powi(2),
+            CausticsUnit::Flux => view.pixel_tangent(caustics[1]),
+            CausticsUnit::Irradiance => 1.0,
+        };
+        let mesh = MeshUniforms {
+            size_px: as_vec2(caustics),
+            grid: params.caustics.grid,
+            strength: params.light.intensity_w_sr as f32,
+            depth_bias_m: params.caustics.depth_bias_m as f32,
+            most_stretch: params.caustics.mesh_stretch as f32,
         };
         let width_m = pixel(godrays)
             * match params.godrays.intensity {
@@ -270,6 +306,7 @@ impl Plan {
         Self {
             splat,
             splat_px,
+            mesh,
             lines,
             line_px: params.floor_depth_m / pixel(godrays),
             compose: ComposeUniforms {

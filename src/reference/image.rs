@@ -80,6 +80,19 @@ impl Image {
         }
     }
 
+    /// Means over square blocks of `side` pixels; those at the right and at the bottom are smaller where the image ends.
+    #[must_use]
+    pub fn in_blocks(&self, side: u32) -> Image {
+        let size = self.size().map(|pixels| pixels.div_ceil(side));
+        let within = |block: u32, end: u32| block * side..((block + 1) * side).min(end);
+        Image::of(size, |x, y| {
+            let (columns, rows) = (within(x, self.width), within(y, self.height));
+            let count = columns.len() * rows.len();
+            let values = iproduct!(rows, columns).map(|(y, x)| self.clamped(x.into(), y.into()));
+            values.sum::<f64>() / count as f64
+        })
+    }
+
     pub fn sum(&self) -> f64 {
         self.data.iter().sum()
     }
@@ -115,6 +128,13 @@ mod tests {
         image.add(2, 0, 10.0);
         image.add(1, 0, 0.5);
         assert_eq!(image.sum(), 3.5);
+    }
+
+    #[test]
+    fn blocks_hold_means_also_at_the_border() {
+        let image = Image::of([3, 2], |x, y| f64::from(x + 3 * y));
+        assert_eq!(image.in_blocks(2), Image::from_data(2, 1, vec![2.0, 3.5]).unwrap());
+        assert_eq!(image.in_blocks(1), image);
     }
 
     #[test]

@@ -12,8 +12,10 @@
 //! | [`specular`] | light behind mirrors and glass |
 //! | [`photons`] | the photon grid and where each photon lands |
 //! | [`pool`] | the inner faces of a rectangular pool, and photons counted on them texel by texel |
+//! | [`photon_map`] | irradiance of what each pixel shows, by many photons |
 //! | [`estimator`] | the image-space iteration over an exact depth, to study its convergence |
 //! | [`splat`] | point sizes, intensities, and a rasterizer of splats, as squares and within one surface |
+//! | [`caustic_mesh`] | irradiance by refracted triangles, drawn exactly |
 //! | [`godray`] | intensity at a point of a godray |
 //! | [`filter`] | the rotated disc low-pass, plain and within one surface |
 //! | [`plane`] | surfaces told apart by the camera's depth |
@@ -30,6 +32,7 @@
 //! | [`kept`] | none itself: keeps answers on disk by their content |
 
 pub mod bilateral;
+pub mod caustic_mesh;
 pub mod deform;
 pub mod estimator;
 pub mod filter;
@@ -43,6 +46,7 @@ pub mod media;
 pub mod occlusion;
 pub mod openness;
 pub mod optics;
+pub mod photon_map;
 pub mod photons;
 pub mod plane;
 pub mod pool;

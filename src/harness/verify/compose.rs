@@ -8,8 +8,8 @@ use crate::reference::openness::Openness;
 use crate::reference::optics::{fresnel_reflectance, transmittance};
 use crate::reference::plane::CameraDepth;
 use crate::reference::quantities::quantile;
-use crate::reference::rays::PixelRays;
-use crate::scene::Scene;
+use crate::reference::rays::{PixelRays, Tracer};
+use crate::scene::{Camera, LightKind, Scene};
 use crate::stages::compose::{Compose, ComposeUniforms, Composed};
 use crate::stages::frame::{Shared, View};
 use crate::stages::gbuffer::GbufferTextures;
@@ -41,6 +41,7 @@ pub fn cases() -> Vec<Case> {
         Case::new(STAGE, "addition and attenuation of known inputs", known_inputs),
         Case::new(STAGE, "Fresnel reflection of the water from above and below", fresnel),
         Case::new(STAGE, "caustics brought to the picture's size within surfaces", upscaled),
+        Case::new(STAGE, "flux of pixels over the area behind them", conserved),
         Case::new(STAGE, "screen-space ambient occlusion", occlusion),
     ]
 }
@@ -79,6 +80,8 @@ struct Known<'a> {
     normal: [f32; 3],
     occlusion: Openness,
     caustics: &'a Image,
+    /// A pixel's extent at 1 m, where caustics are flux and not irradiance.
+    pixel_tangent: Option<f64>,
     godrays: &'a Image,
     reflection: f32,
     exposure: f64,
@@ -103,7 +106,7 @@ fn radiance(rig: &Rig<'_>, view: &View, known: &Known<'_>) -> Result<Image> {
     };
     let settings = ComposeUniforms {
         size_px: Vec2::new(SIZE[0] as f32, SIZE[1] as f32),
-        caustics_scale: 1.0,
+        caustics_scale: known.pixel_tangent.unwrap_or(1.0) as f32,
         godrays_scale: 1.0,
         exposure: known.exposure as f32,
         occlusion_taps: known.occlusion.taps,
@@ -111,7 +114,8 @@ fn radiance(rig: &Rig<'_>, view: &View, known: &Known<'_>) -> Result<Image> {
         water_cells: 8,
         depth_share: DEPTH_SHARE as f32,
     };
-    let stage = Compose::new(&rig.resources, &shared, &inputs, settings, false)?;
+    let flux = known.pixel_tangent.is_some();
+    let stage = Compose::new(&rig.resources, &shared, &inputs, settings, flux)?;
     rig.run(&[&stage])?;
     let shown = rig.channel(stage.texture(), BLUE)?;
     Ok(shown.map(|value| -(1.0 - value.powf(DISPLAY_GAMMA)).ln() / known.exposure))
@@ -139,6 +143,7 @@ fn wall(rig: &Rig<'_>, gamma_per_m: f64) -> Result<Bands> {
         normal: FACING,
         occlusion: NO_OCCLUSION,
         caustics: &Image::of(SIZE, caustics),
+        pixel_tangent: None,
         godrays: &Image::of(SIZE, |_, y| GODRAYS[(y / rows) as usize]),
         reflection: 0.0,
         exposure: 0.4,
@@ -188,6 +193,7 @@ fn upscaled(rig: &Rig<'_>) -> Result<Check> {
         normal: FACING,
         occlusion: NO_OCCLUSION,
         caustics: &caustics,
+        pixel_tangent: None,
         godrays: nothing,
         reflection: 0.0,
         exposure: 0.8,
@@ -231,6 +237,55 @@ fn upscaled(rig: &Rig<'_>) -> Result<Check> {
     .control("texels of all surfaces", errors(f64::INFINITY)))
 }
 
+/// The same flux in every pixel of a level floor under a wide view: irradiance is flux over the area that the pixel shows.
+fn conserved(rig: &Rig<'_>) -> Result<Check> {
+    const FLUX_W: f64 = 0.01;
+    /// Less is lost in the steps of an 8-bit display.
+    const LEAST_W_M2: f64 = 0.2;
+    let mut scene = rig::flat_plane(LightKind::Directional)?;
+    scene.water.attenuation_per_m = 0.0;
+    // Nothing of the surface is drawn.
+    scene.water.half_size_m = [1e-3; 2];
+    scene.camera = Camera::new([0.0, -0.5, 1.0], [0.3, -3.0, -0.5], 90.0, [0.1, 20.0]);
+    let stand = rig.stand(&scene, SIZE);
+    let drawn = rig.gbuffer(&stand)?;
+    let nothing = &Image::constant(SIZE[0], SIZE[1], 0.0);
+    let lit = Known {
+        albedo: 1.0,
+        depth: &drawn.depth,
+        normal: [0.0, 1.0, 0.0],
+        occlusion: NO_OCCLUSION,
+        caustics: &Image::constant(SIZE[0], SIZE[1], FLUX_W),
+        pixel_tangent: Some(stand.view.pixel_tangent(SIZE[1])),
+        godrays: nothing,
+        reflection: 0.0,
+        exposure: 0.8,
+    };
+    let light = added(rig, &stand.view, &lit, &Known { caustics: nothing, ..lit })?;
+    let tracer = Tracer::new(&scene.objects)?;
+    let rays = PixelRays::new(&scene.camera, SIZE[0], SIZE[1]);
+    let floor_y = -scene.floor_depth_m;
+    let on_floor = |x: u32, y: u32| {
+        let (origin, direction, _) = rays.ray_at(x.into(), y.into());
+        origin + direction * ((floor_y - origin.y) / direction.y)
+    };
+    let errors = |power: i32| {
+        let error = |(x, y): (u32, u32)| {
+            let (hit, _) = rays.cast(&tracer, x, y)?;
+            let diagonal = on_floor(x + 1, y + 1) - on_floor(x, y);
+            let area = 0.5 * diagonal.cross(on_floor(x, y + 1) - on_floor(x + 1, y)).length();
+            let sight = (hit.position - scene.camera.position()).normalize();
+            let exact = FLUX_W / area * sight.dot(scene.camera.direction()).powi(power);
+            let found = light.clamped(x.into(), y.into()) * std::f64::consts::PI;
+            (exact > LEAST_W_M2).then(|| (found / exact - 1.0).abs())
+        };
+        quantile(&mut pixels(SIZE).filter_map(error).collect::<Vec<_>>(), 0.9)
+    };
+    Ok(Check::of(STAGE, "flux over area: 90th percentile of the irradiance's relative error")
+        .within((0.03, "1"), errors(0))
+        .control("pixels as large at the rim as in the middle", errors(3)))
+}
+
 /// Ambient light with occlusion over that without, against the twin over the same depth.
 fn occlusion(rig: &Rig<'_>) -> Result<Check> {
     const METHOD: Openness = Openness { taps: 16, radius_m: 0.5 };
@@ -243,6 +298,7 @@ fn occlusion(rig: &Rig<'_>) -> Result<Check> {
         normal: [0.0, 1.0, 0.0],
         occlusion: NO_OCCLUSION,
         caustics: nothing,
+        pixel_tangent: None,
         godrays: nothing,
         reflection: 0.0,
         exposure: 2.0,
@@ -273,6 +329,7 @@ fn fresnel(rig: &Rig<'_>) -> Checks {
         normal: FACING,
         occlusion: NO_OCCLUSION,
         caustics: nothing,
+        pixel_tangent: None,
         godrays: nothing,
         reflection: 1.0,
         exposure: 1.5,

@@ -6,9 +6,11 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::{PhotonTracing, under_water};
-use crate::gpu::{Gpu, GpuError, read_buffer};
+use crate::gpu::{Gpu, GpuError, read_buffer, read_texture};
+use crate::pipelines::caustics_image::FoundCaustics;
 use crate::pipelines::{JudgeError, Judged};
 use crate::record::ErrorFigure;
+use crate::reference::image::Image;
 use crate::reference::photons::land;
 use crate::reference::quantities::{StoredPhoton, quantile, stored_photons};
 use crate::reference::rays::Tracer;
@@ -16,6 +18,7 @@ use crate::reference::specular::{End, Surfaces};
 use crate::scene::{Object, Scene};
 use crate::stages::geometry::Part;
 use crate::stages::photon::{MISSED, ON_ITS_WAY, OUTSIDE};
+use crate::stages::sprites;
 
 /// At most about this many photons are compared with the reference: enough for a 99th percentile.
 const MOST_PHOTONS: usize = 10_000;
@@ -71,6 +74,15 @@ impl PhotonTracing {
             figures.insert("ldi_lost_fragments".to_owned(), lost.into());
         }
         Ok(figures)
+    }
+
+    /// What the sprites have added up.
+    pub(super) fn found_caustics(&self, gpu: &Gpu) -> Result<FoundCaustics, JudgeError> {
+        let pixels = read_texture(gpu, &self.irradiance)?;
+        let values = pixels.data.iter().step_by(pixels.channels as usize);
+        let values = values.map(|value| f64::from(*value)).collect();
+        let irradiance = Image::from_data(pixels.width, pixels.height, values)?;
+        Ok(FoundCaustics { irradiance, stage: sprites::draw::INFO.name })
     }
 
     fn stored(&self, gpu: &Gpu) -> Result<Vec<StoredPhoton>, GpuError> {

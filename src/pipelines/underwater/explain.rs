@@ -3,7 +3,8 @@
 use glam::{DMat4, DVec3};
 use serde_json::{Value, json};
 
-use super::{Intensity, PhotonGrid, Underwater};
+use super::parameters::CausticsUnit;
+use super::{CausticMethod, Intensity, PhotonGrid, Underwater};
 use crate::scene::LightFrame;
 use crate::stages::caustics::splat::SplatCoverage;
 
@@ -18,7 +19,10 @@ impl Underwater {
         match stage.split('/').next() {
             Some("caustics") => {
                 about["photons"] = self.caustic_photons();
-                about["splat"] = self.splat();
+                match self.params.caustics.method {
+                    CausticMethod::Splats => about["splat"] = self.splat(),
+                    CausticMethod::Mesh => about["mesh"] = self.mesh(),
+                }
                 about["irradiance"] = self.irradiance();
             }
             Some("godrays") => {
@@ -51,7 +55,7 @@ impl Underwater {
     fn caustic_photons(&self) -> Value {
         let settings = &self.params.caustics;
         let grid = settings.grid_settings();
-        self.photons(&grid, settings.intensity, self.plan.splat.photon_w)
+        self.photons(&grid, settings.photon_intensity(), self.plan.splat.photon_w)
     }
 
     fn godray_photons(&self) -> Value {
@@ -102,6 +106,23 @@ impl Underwater {
         })
     }
 
+    fn mesh(&self) -> Value {
+        let mesh = &self.plan.mesh;
+        json!({
+            "columns": mesh.grid * self.params.caustics.grid_settings().side(),
+            "strength": mesh.strength,
+            "depth_bias_m": mesh.depth_bias_m,
+            "most_stretch": mesh.most_stretch,
+            "buffer_px": mesh.size_px.as_uvec2().to_array(),
+            "triangles": "each square of neighbours (x, y), (x + 1, y), (x, y + 1), (x + 1, y + 1) of the light's grid, cut between its \
+                second and third; none with a negative residual, none whose longest edge is over most_stretch times its longest edge \
+                between the entries",
+            "value": "strength * cross-section of the entries' triangle along the light (a point light: its solid angle) / area of the \
+                hits' triangle * weight and attenuation, interpolated from the corners; on pixels whose depth along the view is within \
+                depth_bias_m of the triangle's",
+        })
+    }
+
     fn line(&self) -> Value {
         let lines = &self.plan.lines;
         let divided = match self.params.godrays.intensity {
@@ -120,18 +141,23 @@ impl Underwater {
 
     fn irradiance(&self) -> Value {
         let scale = self.plan.compose.caustics_scale;
-        match self.params.caustics.intensity {
-            Intensity::Paper => json!({
+        match self.params.caustics.buffer_holds() {
+            CausticsUnit::Irradiance => json!({
+                "scale": scale,
+                "unit": "1",
+                "meaning": "irradiance, W/m², is the texel",
+            }),
+            CausticsUnit::PhotonFlux => json!({
                 "scale": scale,
                 "unit": "1/m²",
                 "meaning": "irradiance, W/m², is the texel times the scale: 1 / the area that a splat in the middle of the view \
                     covers; right in the middle of the view only",
             }),
-            Intensity::Conserving => json!({
+            CausticsUnit::Flux => json!({
                 "scale": scale,
                 "unit": "1, a pixel's extent at 1 m from the camera, m/m",
-                "meaning": "irradiance, W/m², is the texel * max(cos, 0.1) / (scale * d)²: d from the camera to the surface, cos \
-                    between its normal and the direction to the camera",
+                "meaning": "irradiance, W/m², is the texel * max(cos, 0.1) * d / (scale² * z³): d from the camera to the surface, z along \
+                    the view, cos between its normal and the direction to the camera",
             }),
         }
     }

@@ -5,7 +5,7 @@ use std::rc::Rc;
 
 use glam::{DVec2, DVec4};
 
-use super::{Intensity, Params, Underwater, view};
+use super::{CausticMethod, Intensity, Params, Underwater, view};
 use crate::gpu::{Gpu, GpuError, read_buffer, read_texture};
 use crate::pipelines::{AnyPipeline, Built, Pipeline};
 use crate::reference::godray::covered_px;
@@ -95,7 +95,7 @@ impl PhotonQuery {
             (depth.texture(), mask.texture()),
             starts,
             &params.caustics.grid_settings().uniforms(),
-            params.caustics.intensity == Intensity::Conserving,
+            params.caustics.photon_intensity() == Intensity::Conserving,
         )?;
         Ok(Self(resources.push_once(query)))
     }
@@ -129,6 +129,7 @@ pub fn blended_fragments(
     let mut params = params.clone();
     params.water.attenuation_per_m = 0.0;
     params.water.fresnel = false;
+    params.caustics.method = CausticMethod::Splats;
     params.caustics.intensity = Intensity::Paper;
     params.godrays.intensity = Intensity::Paper;
     params.godrays.phase_k = 0.0;

@@ -1,3 +1,4 @@
 pub mod filter;
+pub mod mesh;
 pub mod splat;
 pub mod trace;

@@ -1,0 +1,201 @@
+//! Caustics of a measured cell against a photon map: irradiance of what each pixel shows, as figures and as pictures.
+
+use std::collections::HashMap;
+use std::path::Path;
+use std::rc::Rc;
+
+use super::occlusion::signed_color;
+use super::settings::Animation;
+use super::{Judge, JudgeError, Judged, Known};
+use crate::record::ErrorFigure;
+use crate::reference::image::Image;
+use crate::reference::kept::Content;
+use crate::reference::photon_map::{Lighting, PhotonMap};
+use crate::stages::frame::View;
+
+/// Name of the error that asks for the photon map.
+pub const IMAGE_ERROR: &str = "caustics_image_error";
+
+/// Blocks of pixels that are compared at most: more pixels are compared in larger blocks, so that the map costs the same.
+const MOST_BLOCKS: u64 = 32_768;
+/// Photons of each half of the map for each block: in scene port the map's own error is then 6 % of its mean.
+const PHOTONS_PER_BLOCK: f64 = 40.0;
+/// Error in units of the mean irradiance that a picture shows in full colour.
+const PICTURE_FULL: f64 = 1.0;
+
+/// Least width of a picture of irradiance: each value is a square of pixels.
+const PICTURE_WIDTH: u32 = 600;
+/// Irradiance that is shown at 63 %, over the mean: a third to a half of a picture of water is dark.
+const PICTURE_BRIGHT: f64 = 3.0;
+
+/// Maps that several cells share.
+#[derive(Default)]
+pub struct KnownMaps(HashMap<String, Rc<PhotonMap>>);
+
+/// Irradiance of what the pixels of a picture show, W/m², as a frame has left it.
+pub struct FoundCaustics {
+    pub irradiance: Image,
+    /// The stage that left it.
+    pub stage: &'static str,
+}
+
+/// Irradiance that was found and that of the photon map, over the same blocks of pixels.
+pub struct Compared {
+    pub found: Image,
+    pub exact: Image,
+    stage: &'static str,
+    block_px: u32,
+    noise: f64,
+}
+
+impl Compared {
+    /// # Errors
+    /// A scene that the reference does not know.
+    pub fn new(
+        judge: &mut Judge<'_>,
+        view: &View,
+        found: &FoundCaustics,
+    ) -> Result<Self, JudgeError> {
+        let size = found.irradiance.size();
+        let block_px = block_px(size);
+        let map = map(judge, view, size, block_px)?;
+        Ok(Self {
+            found: found.irradiance.in_blocks(block_px),
+            exact: map.irradiance(),
+            stage: found.stage,
+            block_px,
+            noise: map.noise(),
+        })
+    }
+
+    /// `caustics_image_error`: Σ |I − I_ref| / Σ I_ref over the pixels; `caustics_image_rms_error`: the root of the mean square
+    /// difference over the mean of I_ref. Beside them `caustics_image_level`, Σ I / Σ I_ref, `caustics_reference_noise`, the first error of
+    /// the map itself, and `caustics_image_block_px`, the side of the blocks of pixels that were compared.
+    pub fn judged(&self) -> Judged {
+        let pairs = || self.found.data().iter().zip(self.exact.data());
+        let count = self.exact.data().len() as f64;
+        let sum = self.exact.sum();
+        let absolute: f64 = pairs().map(|(found, exact)| (found - exact).abs()).sum();
+        let square: f64 = pairs().map(|(found, exact)| (found - exact).powi(2)).sum();
+        let errors = [
+            (IMAGE_ERROR, absolute / sum),
+            ("caustics_image_rms_error", (square / count).sqrt() * count / sum),
+        ];
+        let quantities = [
+            ("caustics_image_level", self.found.sum() / sum),
+            ("caustics_reference_noise", self.noise),
+            ("caustics_image_block_px", f64::from(self.block_px)),
+        ];
+        Judged {
+            errors: errors
+                .map(|(name, value)| ErrorFigure::new(name, value, "1", self.stage))
+                .into(),
+            quantities: quantities.map(|(name, value)| (name.to_owned(), value)).into(),
+        }
+    }
+
+    /// The irradiance that was found, or the exact one, in greys: 1 − exp(−E / 3 M), M the mean of the exact one, so that pictures of one
+    /// view are toned alike. Not made for a display's gamma: lines of light keep their contrast.
+    pub fn picture(&self, exact: bool) -> image::RgbImage {
+        let shown = if exact { &self.exact } else { &self.found };
+        let bright = PICTURE_BRIGHT * self.exact.mean();
+        let side = PICTURE_WIDTH.div_ceil(shown.width());
+        let [width, height] = shown.size().map(|pixels| pixels * side);
+        image::RgbImage::from_fn(width, height, |x, y| {
+            let irradiance = shown.clamped((x / side).into(), (y / side).into());
+            let value = 1.0 - (-irradiance / bright).exp();
+            image::Rgb([(255.0 * value).round() as u8; 3])
+        })
+    }
+
+    /// Writes the signed error: red where too bright, blue where too dark, in full colour from ± the mean irradiance on.
+    ///
+    /// # Errors
+    /// A file that cannot be written.
+    pub fn error_picture(&self, path: &Path) -> Result<(), JudgeError> {
+        let full = PICTURE_FULL * self.exact.mean();
+        let [width, height] = self.exact.size().map(|side| side * self.block_px);
+        let color = |x: u32, y: u32| {
+            let at = |image: &Image| {
+                image.clamped((x / self.block_px).into(), (y / self.block_px).into())
+            };
+            signed_color((at(&self.found) - at(&self.exact)) / full)
+        };
+        let picture = image::RgbImage::from_fn(width, height, |x, y| image::Rgb(color(x, y)));
+        picture.save(path).map_err(|error| JudgeError::Picture {
+            path: path.display().to_string(),
+            reason: error.to_string(),
+        })
+    }
+}
+
+/// Side of the blocks that a picture is compared in.
+fn block_px([width, height]: [u32; 2]) -> u32 {
+    let fits = |side: &u32| {
+        u64::from(width.div_ceil(*side)) * u64::from(height.div_ceil(*side)) <= MOST_BLOCKS
+    };
+    (1..).find(fits).unwrap_or(1)
+}
+
+/// The photon map of a view, from an earlier cell or run where it is known.
+fn map(
+    judge: &mut Judge<'_>,
+    view: &View,
+    size: [u32; 2],
+    block_px: u32,
+) -> Result<Rc<PhotonMap>, JudgeError> {
+    let blocks: f64 = size.iter().map(|side| f64::from(side.div_ceil(block_px))).product();
+    let columns = (blocks * PHOTONS_PER_BLOCK).sqrt().ceil() as u32;
+    let frame = view.light_frame();
+    let Known { kept, occlusion, maps } = &mut *judge.known;
+    let asked = format!(
+        "{frame:?} {:?} {:?} {:?} {size:?} {block_px} {columns}",
+        view.light, view.water, view.camera
+    );
+    let scene = occlusion.digest(judge.scene);
+    let content = Content::of("photon map").with(scene.as_bytes()).with(asked.as_bytes());
+    let key = content.clone().digest();
+    if let Some(map) = maps.0.get(&key) {
+        return Ok(Rc::clone(map));
+    }
+    let lighting = Lighting {
+        frame: &frame,
+        intensity_w_sr: view.light.intensity_w_sr,
+        water: &view.water,
+        tracer: &*occlusion.tracer(judge.scene, &Animation::default())?,
+        camera: &view.camera,
+    };
+    let gather = || PhotonMap::new(&lighting, size, columns).in_blocks(block_px);
+    let map = Rc::new(kept.answer(content, gather));
+    maps.0.insert(key, Rc::clone(&map));
+    Ok(map)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn compared(found: [f64; 4]) -> Judged {
+        let image = |data: [f64; 4]| Image::from_data(2, 2, data.into()).unwrap();
+        let exact = image([1.0, 3.0, 0.0, 4.0]);
+        Compared { found: image(found), exact, stage: "a/b", block_px: 1, noise: 0.01 }.judged()
+    }
+
+    #[test]
+    fn errors_are_relative_to_the_exact_irradiance() {
+        let figures = |judged: &Judged| judged.errors.iter().map(|e| e.value).collect::<Vec<_>>();
+        assert_eq!(figures(&compared([1.0, 3.0, 0.0, 4.0])), [0.0, 0.0]);
+        let bright = compared([1.5, 4.5, 0.0, 6.0]);
+        assert_eq!((figures(&bright)[0], bright.quantities["caustics_image_level"]), (0.5, 1.5));
+        let moved = compared([3.0, 1.0, 0.0, 4.0]);
+        assert_eq!((figures(&moved)[0], moved.quantities["caustics_image_level"]), (0.5, 1.0));
+        assert!((figures(&moved)[1] - 2f64.sqrt() / 2.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn large_pictures_are_compared_in_blocks() {
+        assert_eq!(block_px([200, 150]), 1);
+        assert_eq!(block_px([800, 600]), 4);
+        assert_eq!(block_px([1, 1]), 1);
+    }
+}

@@ -1,0 +1,53 @@
+//! Irradiance that a frame's caustics bring to what each of their pixels shows.
+
+use super::Underwater;
+use super::parameters::CausticsUnit;
+use crate::gpu::read_texture;
+use crate::pipelines::caustics_image::FoundCaustics;
+use crate::pipelines::settings::Animation;
+use crate::pipelines::{Judge, JudgeError};
+use crate::reference::image::Image;
+use crate::reference::rays::{PixelRays, Tracer};
+
+/// Least cosine between line of sight and normal for which flux is turned into irradiance, as in `shaders/compose.wgsl`.
+const LEAST_FACING: f64 = 0.1;
+
+impl Underwater {
+    /// As `compose` has it, at the pixels of the caustics buffer.
+    pub(super) fn found_caustics(
+        &self,
+        judge: &mut Judge<'_>,
+    ) -> Result<FoundCaustics, JudgeError> {
+        let pixels = read_texture(judge.gpu, self.caustics.texture())?;
+        let values = pixels.data.iter().step_by(pixels.channels as usize);
+        let values = values.map(|value| f64::from(*value)).collect();
+        let texels = Image::from_data(pixels.width, pixels.height, values)?;
+        let scale = f64::from(self.plan.compose.caustics_scale);
+        let irradiance = match self.params.caustics.buffer_holds() {
+            CausticsUnit::PhotonFlux | CausticsUnit::Irradiance => {
+                texels.map(|value| value * scale)
+            }
+            CausticsUnit::Flux => {
+                let still = Animation::default();
+                let tracer = judge.known.occlusion.tracer(judge.scene, &still)?;
+                self.per_area(&texels, &tracer)
+            }
+        };
+        Ok(FoundCaustics { irradiance, stage: self.caustics.last().name })
+    }
+
+    /// The flux in each pixel over the area of the surface behind it.
+    fn per_area(&self, flux: &Image, tracer: &Tracer) -> Image {
+        let camera = &self.view.camera;
+        let [width, height] = flux.size();
+        let rays = PixelRays::new(camera, width, height);
+        let side = self.view.pixel_tangent(height);
+        Image::of(flux.size(), |x, y| {
+            let Some((hit, _)) = rays.cast(tracer, x, y) else { return 0.0 };
+            let sight = hit.position - camera.position();
+            let (d, z) = (sight.length(), sight.dot(camera.direction()));
+            let facing = (hit.normal.dot(sight).abs() / d).max(LEAST_FACING);
+            flux.clamped(x.into(), y.into()) * facing * d / (side * side * z.powi(3))
+        })
+    }
+}

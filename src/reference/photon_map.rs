@@ -1,0 +1,338 @@
+//! Irradiance of what each pixel shows by many exact photons: a photon map in f64, gathered in the pixels of a camera.
+//!
+//! A photon that lands at a point brings the flux Φ. Seen at the distance z along the view, under the angles θ to the view and α to the
+//! normal, the area dA of the surface takes the part cos α / (z² cos θ) dA of the picture at unit distance. The mean of irradiance over
+//! a pixel, whose part there is t², is then the sum of Φ cos α / (z² cos θ t²) over the photons that land where the pixel sees. Pixels at
+//! silhouettes have the mean of all surfaces that they show, as those of a picture with many samples.
+//!
+//! Photons are stratified: one at a random place of each cell of a regular grid over the light's screen. Two grids with other random
+//! numbers are kept apart, and their difference is the noise.
+
+use glam::DVec3;
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+use super::filter::pcg;
+use super::image::Image;
+use super::optics::transmittance;
+use super::photons::{Landed, entering, land};
+use super::rays::{PixelRays, Tracer};
+use crate::scene::{Camera, LightFrame, LightKind, Water};
+
+/// The camera sees a point where its ray ends so near to it.
+const SAME_POINT_M: f64 = 1e-5;
+/// Rows of the grid whose photons are kept until they are added in their order, so that sums do not depend on threads.
+const ROWS_AT_ONCE: u32 = 128;
+
+/// What is lit and seen.
+pub struct Lighting<'a> {
+    pub frame: &'a LightFrame,
+    /// Of a point light, W/sr.
+    pub intensity_w_sr: f64,
+    pub water: &'a Water,
+    pub tracer: &'a Tracer,
+    pub camera: &'a Camera,
+}
+
+/// Irradiance by two independent halves of the photons.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct PhotonMap {
+    size: [u32; 2],
+    /// W/m², in rows.
+    halves: [Vec<f64>; 2],
+    /// Flux that lands in view, W, by each half.
+    pub landed_w: [f64; 2],
+}
+
+/// A photon in the picture.
+struct Seen {
+    pixel: [u32; 2],
+    flux_w: f64,
+    irradiance: f64,
+}
+
+impl PhotonMap {
+    /// `columns`² photons in each half, for a picture of `size` pixels.
+    pub fn new(lighting: &Lighting<'_>, size: [u32; 2], columns: u32) -> PhotonMap {
+        let [first, second] = [0, 1].map(|seed| lighting.gather(size, columns, seed));
+        PhotonMap { size, halves: [first.0, second.0], landed_w: [first.1, second.1] }
+    }
+
+    /// The same in blocks of pixels.
+    #[must_use]
+    pub fn in_blocks(&self, side: u32) -> PhotonMap {
+        let image = |half: usize| {
+            Image::of(self.size, |x, y| self.halves[half][(y * self.size[0] + x) as usize])
+        };
+        let reduced = [0, 1].map(|half| image(half).in_blocks(side));
+        let size = reduced[0].size();
+        PhotonMap {
+            size,
+            halves: reduced.map(|half| half.data().to_vec()),
+            landed_w: self.landed_w,
+        }
+    }
+
+    /// The mean of both halves.
+    pub fn irradiance(&self) -> Image {
+        let [a, b] = &self.halves;
+        let [width, _] = self.size;
+        let mean = |x: u32, y: u32| {
+            let i = (y * width + x) as usize;
+            0.5 * (a[i] + b[i])
+        };
+        Image::of(self.size, mean)
+    }
+
+    /// Mean |error| of [`Self::irradiance`] over its mean: half of the halves' difference, whose errors are independent.
+    pub fn noise(&self) -> f64 {
+        let [a, b] = &self.halves;
+        let apart: f64 = a.iter().zip(b).map(|(a, b)| 0.5 * (a - b).abs()).sum();
+        let both: f64 = a.iter().zip(b).map(|(a, b)| 0.5 * (a + b)).sum();
+        apart / both
+    }
+}
+
+impl Lighting<'_> {
+    /// Irradiance of each pixel, and the flux in view, by one grid of photons.
+    fn gather(&self, size: [u32; 2], columns: u32, seed: u32) -> (Vec<f64>, f64) {
+        let [width, height] = size;
+        let rays = PixelRays::new(self.camera, width, height);
+        let mut irradiance = vec![0.0; width as usize * height as usize];
+        let mut landed_w = 0.0;
+        for first in (0..columns).step_by(ROWS_AT_ONCE as usize) {
+            let rows = first..(first + ROWS_AT_ONCE).min(columns);
+            let of_row = |row: u32| -> Vec<Seen> {
+                let photons = (0..columns).filter_map(|column| {
+                    let place = stratified([column, row], columns, seed);
+                    self.seen(&rays, size, place, f64::from(columns).powi(-2))
+                });
+                photons.collect()
+            };
+            let seen: Vec<Vec<Seen>> = rows.into_par_iter().map(of_row).collect();
+            for photon in seen.iter().flatten() {
+                let [x, y] = photon.pixel;
+                irradiance[(y * width + x) as usize] += photon.irradiance;
+                landed_w += photon.flux_w;
+            }
+        }
+        (irradiance, landed_w)
+    }
+
+    /// What a photon through a place of the light's screen, with this share of its area, brings to the picture.
+    fn seen(&self, rays: &PixelRays, size: [u32; 2], place: [f64; 2], share: f64) -> Option<Seen> {
+        let landing = land(self.frame, self.water, self.tracer, place);
+        let landed = landing.landed()?;
+        let point = landed.hit.position;
+        let at = rays.project(point).filter(|at| (0.0..=1.0).contains(&at.depth))?;
+        let inside = |at: f64, side: u32| (0.0..f64::from(side)).contains(&at);
+        if !inside(at.x_px, size[0]) || !inside(at.y_px, size[1]) {
+            return None;
+        }
+        let (origin, sight, length_m) = rays.ray_at(at.x_px, at.y_px);
+        let hit = self.tracer.cast(origin, sight, 0.0, length_m)?;
+        // The side that is lit is not always the side that is seen.
+        if hit.position.distance(point) > SAME_POINT_M || hit.normal.dot(landed.hit.normal) <= 0.0 {
+            return None;
+        }
+        let flux_w = self.flux_w(landed, place) * share;
+        let along = sight.dot(self.camera.direction());
+        let pixel = self.pixel_side(size[1]) * at.w;
+        let irradiance = flux_w * hit.normal.dot(sight).abs() / (pixel * pixel * along);
+        Some(Seen { pixel: [at.x_px as u32, at.y_px as u32], flux_w, irradiance })
+    }
+
+    /// Flux that the light's whole screen would bring if all of its photons were like this one, W.
+    fn flux_w(&self, landed: &Landed, place: [f64; 2]) -> f64 {
+        let (_, incident) = self.frame.ray(place[0], place[1]);
+        let emitted = match self.frame.kind {
+            LightKind::Directional => self.frame.emitted_w,
+            // dΩ = cos³θ dA on the plane at unit distance along the axis.
+            LightKind::Point => {
+                self.intensity_w_sr * self.plane_area() * self.cosine(incident).powi(3)
+            }
+        };
+        let passed =
+            if self.water.fresnel { entering(self.water, &landed.entry, incident) } else { 1.0 };
+        emitted * passed * transmittance(self.water.attenuation_per_m, landed.hit.distance_m)
+    }
+
+    fn cosine(&self, incident: DVec3) -> f64 {
+        incident.dot(self.frame.forward)
+    }
+
+    /// Area of the light's screen on the plane at unit distance.
+    fn plane_area(&self) -> f64 {
+        let axes = self.frame.projection;
+        4.0 / (axes.x_axis.x * axes.y_axis.y).abs()
+    }
+
+    /// Extent of a pixel at unit distance along the view; pixels are square.
+    fn pixel_side(&self, height: u32) -> f64 {
+        2.0 * (self.camera.fov_y_deg.to_radians() / 2.0).tan() / f64::from(height)
+    }
+}
+
+/// A random place in a cell of the grid, in the light's normalised device coordinates.
+fn stratified([x, y]: [u32; 2], columns: u32, seed: u32) -> [f64; 2] {
+    let first = pcg(pcg(pcg(x).wrapping_add(y)).wrapping_add(seed));
+    let second = pcg(first ^ 0x9e37_79b9);
+    [(x, first), (y, second)].map(|(cell, bits)| {
+        let share = f64::from(bits) / 4_294_967_296.0;
+        2.0 * (f64::from(cell) + share) / f64::from(columns) - 1.0
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::image::pixels;
+    use super::super::optics::fresnel_transmittance;
+    use super::*;
+    use crate::scene::{Bounds, Light, Mesh, Object};
+
+    const SIZE: [u32; 2] = [24, 18];
+    const DEPTH_M: f64 = 3.0;
+
+    struct Stand {
+        light: Light,
+        water: Water,
+        camera: Camera,
+        objects: Vec<Object>,
+    }
+
+    /// Flat water over a level floor, seen at a slant by a turned camera. The light's middle is that of the view, on the floor: all that is
+    /// seen is lit.
+    fn stand() -> Stand {
+        let floor = Mesh::parallelogram(DVec3::Y * -DEPTH_M, DVec3::Z * 40.0, DVec3::X * 40.0);
+        let mut camera = Camera::new([0.5, 3.0, 4.0], [0.2, -DEPTH_M, 0.3], 40.0, [0.1, 14.0]);
+        camera.up = [0.2, 1.0, 0.1];
+        Stand {
+            light: Light { direction: [0.4, -1.0, 0.25], half_extent_m: 6.0, ..Light::default() },
+            water: Water { amplitude_m: 0.0, half_size_m: [40.0; 2], ..Water::default() },
+            camera,
+            objects: vec![Object::new("floor", floor)],
+        }
+    }
+
+    impl Stand {
+        fn map(&self, size: [u32; 2], columns: u32) -> PhotonMap {
+            let bounds =
+                Bounds { min: DVec3::new(-40.0, -3.0, -40.0), max: DVec3::new(40.0, 1.0, 40.0) };
+            let aspect = f64::from(size[0]) / f64::from(size[1]);
+            let tracer = Tracer::new(&self.objects).unwrap();
+            let lighting = Lighting {
+                frame: &self.light.frame(&self.camera, aspect, &bounds),
+                intensity_w_sr: self.light.intensity_w_sr,
+                water: &self.water,
+                tracer: &tracer,
+                camera: &self.camera,
+            };
+            PhotonMap::new(&lighting, size, columns)
+        }
+
+        /// Irradiance of the floor in closed form: E cos θ of the light before the water, times what is left after the slanted way.
+        fn closed_form(&self) -> f64 {
+            let cosine = -DVec3::from(self.light.direction).normalize().y;
+            let sine = (1.0 - cosine * cosine).sqrt() / self.water.refractive_index;
+            let path_m = DEPTH_M / (1.0 - sine * sine).sqrt();
+            let passed =
+                if self.water.fresnel { fresnel_transmittance(cosine, 1.0, 1.33) } else { 1.0 };
+            let left = transmittance(self.water.attenuation_per_m, path_m);
+            self.light.intensity_w_sr * cosine * passed * left
+        }
+    }
+
+    fn furthest(map: &PhotonMap, expected: f64) -> f64 {
+        let off = map.irradiance().map(|found| (found / expected - 1.0).abs());
+        off.data().iter().copied().fold(0.0, f64::max)
+    }
+
+    #[test]
+    fn a_level_floor_has_the_closed_form_in_every_pixel() {
+        for fresnel in [false, true] {
+            let mut stand = stand();
+            stand.water.fresnel = fresnel;
+            let map = stand.map(SIZE, 700);
+            let off = furthest(&map, stand.closed_form());
+            assert!(off < 0.05, "{off}");
+            assert!(furthest(&map, 0.92 * stand.closed_form()) > 0.05);
+        }
+    }
+
+    #[test]
+    fn a_point_light_has_the_inverse_square_without_refraction() {
+        let mut stand = stand();
+        stand.light.kind = LightKind::Point;
+        stand.light.position_m = [1.0, 5.0, -0.5];
+        (stand.water.refractive_index, stand.water.attenuation_per_m) = (1.0, 0.0);
+        let irradiance = stand.map(SIZE, 700).irradiance();
+        let rays = PixelRays::new(&stand.camera, SIZE[0], SIZE[1]);
+        let light = DVec3::from(stand.light.position_m);
+        for (x, y) in pixels(SIZE) {
+            let (origin, direction, _) = rays.ray(x, y);
+            let point = origin + direction * ((-DEPTH_M - origin.y) / direction.y);
+            let way = light - point;
+            let exact = stand.light.intensity_w_sr * way.y / way.length().powi(3);
+            let found = irradiance.clamped(x.into(), y.into());
+            assert!((found / exact - 1.0).abs() < 0.08, "{x} {y}: {found} {exact}");
+        }
+    }
+
+    #[test]
+    fn halves_tell_the_noise_and_it_falls_with_photons() {
+        let mut stand = stand();
+        stand.water = Water { half_size_m: [40.0; 2], ..Water::default() };
+        let dense = stand.map(SIZE, 900).irradiance();
+        let [few, more] = [60, 240].map(|columns| {
+            let map = stand.map(SIZE, columns);
+            let pairs = map
+                .irradiance()
+                .data()
+                .iter()
+                .zip(dense.data())
+                .map(|(a, b)| (a - b).abs())
+                .sum::<f64>();
+            (map.noise(), pairs / dense.sum())
+        });
+        assert!(few.1 > 2.0 * more.1, "{few:?} {more:?}");
+        for (told, error) in [few, more] {
+            assert!((0.7..1.4).contains(&(told / error)), "{told} {error}");
+        }
+    }
+
+    #[test]
+    fn the_flux_in_view_is_irradiance_times_area() {
+        let stand = stand();
+        let map = stand.map(SIZE, 400);
+        let rays = PixelRays::new(&stand.camera, SIZE[0], SIZE[1]);
+        let on_floor = |x_px: u32, y_px: u32| {
+            let (origin, direction, _) = rays.ray_at(f64::from(x_px), f64::from(y_px));
+            origin + direction * ((-DEPTH_M - origin.y) / direction.y)
+        };
+        let irradiance = map.irradiance();
+        let brought: f64 = pixels(SIZE)
+            .map(|(x, y)| {
+                let diagonals = [
+                    on_floor(x + 1, y + 1) - on_floor(x, y),
+                    on_floor(x, y + 1) - on_floor(x + 1, y),
+                ];
+                let area = 0.5 * diagonals[0].cross(diagonals[1]).length();
+                irradiance.clamped(x.into(), y.into()) * area
+            })
+            .sum();
+        let landed = 0.5 * (map.landed_w[0] + map.landed_w[1]);
+        assert!((brought / landed - 1.0).abs() < 5e-3, "{brought} {landed}");
+    }
+
+    #[test]
+    fn what_is_hidden_or_lit_from_behind_gets_nothing() {
+        let mut stand = stand();
+        // Seen from below: the floor's lit side is turned away.
+        stand.camera = Camera::new([0.5, -6.0, 1.0], [0.2, -DEPTH_M, 0.3], 40.0, [0.1, 14.0]);
+        assert_eq!(stand.map(SIZE, 200).irradiance().sum(), 0.0);
+        let mut hidden = self::stand();
+        let eye = hidden.camera.position() + hidden.camera.direction();
+        hidden.objects.push(Object::new("lid", Mesh::parallelogram(eye, DVec3::Z, DVec3::X)));
+        assert_eq!(hidden.map(SIZE, 200).irradiance().sum(), 0.0);
+    }
+}
