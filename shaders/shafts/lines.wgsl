@@ -12,23 +12,27 @@ struct Shafts {
 @group(1) @binding(0) var<uniform> settings: Shafts;
 @group(1) @binding(1) var<storage, read> photons: array<Photon>;
 @group(1) @binding(2) var scene_depth: texture_depth_2d;
+// Of each photon, as `transfer/map` gives them.
+@group(1) @binding(3) var<storage, read> weights: array<f32>;
 
 struct Varying {
     @builtin(position) clip: vec4<f32>,
     // Way from the water's surface, metres.
     @location(0) way_m: f32,
+    @location(1) @interpolate(flat) weight: f32,
 }
 
 @vertex
 fn vertex(@builtin(vertex_index) end: u32, @builtin(instance_index) index: u32) -> Varying {
     let photon = photons[index];
     if photon.residual_m < 0.0 || photon.distance_m <= 0.0 {
-        return Varying(vec4(2.0, 2.0, 2.0, 1.0), 0.0);
+        return Varying(vec4(2.0, 2.0, 2.0, 1.0), 0.0, 0.0);
     }
     let place = select(photon.entry_m, photon.hit_m, end == 1u);
     // Behind a mirror or glass some way lies before the start.
     let before_m = max(photon.distance_m - distance(photon.entry_m, photon.hit_m), 0.0);
-    return Varying(frame.camera_view_projection * vec4(place, 1.0), select(before_m, photon.distance_m, end == 1u));
+    let way_m = select(before_m, photon.distance_m, end == 1u);
+    return Varying(frame.camera_view_projection * vec4(place, 1.0), way_m, weights[index]);
 }
 
 @fragment
@@ -36,5 +40,5 @@ fn fragment(in: Varying) -> @location(0) vec4<f32> {
     if in.clip.z > textureLoad(scene_depth, vec2<i32>(in.clip.xy), 0) {
         discard;
     }
-    return vec4(settings.photon_w * exp(-frame.attenuation_per_m * in.way_m));
+    return vec4(settings.photon_w * in.weight * exp(-frame.attenuation_per_m * in.way_m));
 }

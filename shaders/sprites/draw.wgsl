@@ -23,6 +23,8 @@ struct Sprites {
 @group(1) @binding(3) var normals: texture_2d_array<f32>;
 // Of what one cannot see through.
 @group(1) @binding(4) var seen: texture_depth_2d;
+// Of each photon, as `transfer/map` gives them.
+@group(1) @binding(5) var<storage, read> weights: array<f32>;
 
 struct Varying {
     @builtin(position) clip: vec4<f32>,
@@ -60,7 +62,8 @@ fn vertex(@builtin(vertex_index) vertex: u32, @builtin(instance_index) instance:
     let reach = vec2(x, y) * settings.radius_m * aside / max(clip.w - settings.radius_m, frame.z_near_m);
     let corner = vec2(f32(vertex & 1u), f32((vertex >> 1u) & 1u)) * 2.0 - 1.0;
     let place = vec4((ndc + corner * reach) * clip.w, clip.zw);
-    return Varying(place, photon.hit_m, normal, settings.rise_w_m3 * exp(-frame.attenuation_per_m * photon.distance_m));
+    let left = weights[index] * exp(-frame.attenuation_per_m * photon.distance_m);
+    return Varying(place, photon.hit_m, normal, settings.rise_w_m3 * left);
 }
 
 @fragment

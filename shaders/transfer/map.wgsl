@@ -1,9 +1,9 @@
-// defs: WATER=0
+// defs: FRESNEL=0, WATER=0
 // The transfer map: where each photon of the light's grid enters the water, and its refracted direction. SPT §2: "single
-// refractions, for instance at a water surface".
+// refractions, for instance at a water surface". Beside it each photon's share of the flux that one in the middle of the light carries.
 #import fathom::dispatch::place
 #import fathom::frame::{frame}
-#import fathom::photon::{in_mask, light_ray, meet_water}
+#import fathom::photon::{angular_weight, in_mask, light_ray, meet_water, transmittance}
 #import fathom::transfer::{FIRST, NEVER, Transfer}
 #import fathom::water
 
@@ -15,6 +15,7 @@ struct Map {
 @group(1) @binding(0) var<uniform> settings: Map;
 @group(1) @binding(1) var shadow_mask: texture_2d<f32>;
 @group(1) @binding(2) var<storage, read_write> transfers: array<Transfer>;
+@group(1) @binding(3) var<storage, read_write> weights: array<f32>;
 
 @compute @workgroup_size(64)
 fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>) {
@@ -30,4 +31,9 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) g
     let alive = water::inside(entry.position_m.xz) && in_mask(shadow_mask, ndc);
     let refracted = refract(ray.direction, entry.normal, 1.0 / frame.refractive_index);
     transfers[index] = Transfer(entry.position_m, select(NEVER, FIRST, alive), refracted, 0.0);
+    var weight = angular_weight(entry.position_m);
+#if FRESNEL == 1
+    weight *= transmittance(ray.direction, refracted);
+#endif
+    weights[index] = weight;
 }

@@ -17,7 +17,7 @@ use crate::scene::{Bounds, Scene};
 use crate::stages::frame::{Frame, Shared, View};
 use crate::stages::gbuffer::GbufferTextures;
 use crate::stages::geometry::{Geometry, Part};
-use crate::stages::kit::Resources;
+use crate::stages::kit::{Buffer, Resources};
 use crate::stages::photon::Photons;
 use crate::stages::refraction::surface::{Dry, Surface};
 use crate::stages::screen_ray::{FragmentLists, Layers, Rays, WalkUniforms, walk_uniforms};
@@ -84,12 +84,18 @@ impl Pipeline for PhotonTracing {
         };
         let photons = screen_tracing::trace(of_grid, shared, &traced, params.rays.method)?;
         let sprite = sprite(params, &view);
-        let sprites =
-            Sprites::new(of_view, shared, &photons, &layers, &gbuffer.textures.depth, &sprite)?;
+        let sprites = Sprites::new(
+            of_view,
+            shared,
+            (&photons, &map.weights),
+            &layers,
+            &gbuffer.textures.depth,
+            &sprite,
+        )?;
         let sprites = of_view.push(sprites);
         let seen = &gbuffer.textures;
         let drawn = if params.shafts.draw {
-            Some(shafts(of_view, shared, &photons, seen, params, &view)?)
+            Some(shafts(of_view, shared, (&photons, &map.weights), seen, params, &view)?)
         } else {
             None
         };
@@ -170,7 +176,7 @@ fn under_water(scene: &Scene) -> Bounds {
 fn shafts(
     of_view: &Resources<'_>,
     shared: &Shared,
-    photons: &Photons,
+    photons: (&Photons, &Buffer),
     seen: &GbufferTextures,
     params: &Params,
     view: &View,
@@ -187,9 +193,9 @@ fn shafts(
     Ok((blur, scale))
 }
 
-/// Flux that each photon has of the light's.
+/// Flux of a photon of weight 1.
 fn photon_w(params: &Params, view: &View) -> f64 {
-    view.light_frame().emitted_w / f64::from(params.photons())
+    view.weighted_flux_w() / f64::from(params.photons())
 }
 
 fn sprite(params: &Params, view: &View) -> Sprite {

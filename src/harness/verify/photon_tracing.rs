@@ -7,7 +7,7 @@ use glam::{DMat4, DVec3, UVec2};
 use super::{Case, Check, Checks, Result, Rig, largest, rig};
 use crate::gpu::read_volume;
 use crate::reference::image::{Image, pixels};
-use crate::reference::optics::refract;
+use crate::reference::optics::{fresnel_transmittance, refract};
 use crate::reference::quantities::{StoredPhoton, quantile};
 use crate::reference::rays::{PixelRays, Tracer};
 use crate::reference::specular::{End, Surfaces};
@@ -34,6 +34,8 @@ use crate::stages::transfer::map::{self, Map, MapUniforms};
 
 /// Scenes with columns and curved objects; with an open shore, seen from above; with many boxes and barrels.
 const SCENES: [&str; 3] = ["tank", "port", "storage"];
+/// Scenes like those of the paper, and one with mirror and glass.
+const PAPER_SCENES: [&str; 5] = ["cornell", "dolphin", "diving_pool", "planar_pool", "specular"];
 const SIZE: [u32; 2] = [320, 240];
 const GRID: [u32; 2] = [48, 40];
 const LAYERS: u32 = 8;
@@ -50,6 +52,10 @@ const OFF_M: f64 = 1e-6;
 
 pub fn cases() -> Vec<Case> {
     let mut cases = vec![Case::new(map::INFO.name, "positions and directions", transfers)];
+    for kind in [LightKind::Directional, LightKind::Point] {
+        let what = format!("weights, {kind:?} light");
+        cases.push(Case::new(map::INFO.name, what, move |rig| weights(rig, kind)));
+    }
     for name in SCENES {
         cases.push(Case::new(peel::INFO.name, format!("scene {name}"), move |rig| {
             layers(rig, name)
@@ -65,6 +71,8 @@ pub fn cases() -> Vec<Case> {
             let what = format!("scene {name}");
             cases.push(Case::new(stage, what, move |rig| ends(rig, name, stage, method)));
         }
+    }
+    for name in SCENES.into_iter().chain(PAPER_SCENES) {
         let what = format!("scene {name}: photon by photon as marched");
         cases.push(Case::new(reduce::INFO.name, what, move |rig| alike(rig, name)));
     }
@@ -99,6 +107,7 @@ struct Setup {
     layers: Layers,
     transfers: Transfers,
     stored: Vec<Transfer>,
+    weights: Vec<f32>,
 }
 
 impl Setup {
@@ -117,8 +126,9 @@ impl Setup {
             LayeredDepth::new(&rig.resources, shared, (geometry, Part::Solid), SIZE, layers)?;
         rig.run(&[&depth, &mask, &map, &peel])?;
         let stored = rig.read(&map.transfers.buffer)?;
+        let weights = rig.read(&map.weights)?;
         let (layers, transfers) = (peel.layers.clone(), map.transfers.clone());
-        Ok(Setup { scene, stand, layers, transfers, stored })
+        Ok(Setup { scene, stand, layers, transfers, stored, weights })
     }
 
     fn trace(&self, rig: &Rig<'_>, method: Method, test: HitTest) -> Result<Vec<StoredPhoton>> {
@@ -213,6 +223,39 @@ fn transfers(rig: &Rig<'_>) -> Checks {
             .within((5e-3, "1"), directions)
             .control("refractive index 3 % higher", errors(&view.water, 1.03 * index)[1]),
     ])
+}
+
+/// Weights of photons against the solid angle of their share of the light's screen and Fresnel's transmittance.
+fn weights(rig: &Rig<'_>, kind: LightKind) -> Result<Check> {
+    let mut scene = rig::flat_plane(kind)?;
+    scene.water.amplitude_m = 0.05;
+    scene.water.fresnel = true;
+    let setup = Setup::of(rig, scene, 1)?;
+    let (frame, water) = (setup.stand.view.light_frame(), &setup.stand.view.water);
+    let ndc = |k: u32, n: u32| 2.0 * (f64::from(k) + 0.5) / f64::from(n) - 1.0;
+    let error = |fresnel: bool| {
+        let alive = (0..).zip(&setup.stored).filter(|(_, photon)| photon.state != NEVER);
+        let off = alive.filter_map(|(number, _)| {
+            let place = [ndc(number % GRID[0], GRID[0]), ndc(number / GRID[0], GRID[1])];
+            let (origin, incident) = frame.ray(place[0], place[1]);
+            let entry = enter(water, origin, incident, f64::MAX)?;
+            let cosine = incident.dot(entry.normal).abs();
+            let passes = fresnel_transmittance(cosine, 1.0, water.refractive_index);
+            let angular = match kind {
+                LightKind::Directional => 1.0,
+                LightKind::Point => incident.dot(frame.forward).powi(3),
+            };
+            let exact = angular * if fresnel { passes } else { 1.0 };
+            Some((f64::from(setup.weights[number as usize]) / exact - 1.0).abs())
+        });
+        quantile(&mut off.collect::<Vec<_>>(), 0.99)
+    };
+    Ok(Check::of(
+        map::INFO.name,
+        format!("{kind:?}: 99th percentile of the weight's relative error"),
+    )
+    .within((2e-3, "1"), error(true))
+    .control("without Fresnel's transmittance", error(false)))
 }
 
 /// A pixel in every seventh row and column.
@@ -522,6 +565,8 @@ struct Lit {
 impl Lit {
     fn sprites(&self, rig: &Rig<'_>) -> Result<Sprites> {
         let Self { stand, layers, seen, photons, .. } = self;
+        let alike = rig.ones(photons.count);
+        let photons = (photons, &alike);
         Ok(Sprites::new(&rig.resources, &stand.shared, photons, layers, seen, &SPRITE)?)
     }
 }

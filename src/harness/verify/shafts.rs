@@ -92,7 +92,9 @@ fn single_lines(rig: &Rig<'_>) -> Checks {
         let Some(line) = Line::random(&mut random, &view.camera, &rays) else { continue };
         let [start, end] = line.ends_m;
         let photons = rig.photons(&[rig::photon(start, end, start.distance(end))]);
-        let stage = Lines::new(&rig.resources, &shared, &photons, &depth, (PHOTON_W, 1.0))?;
+        let alike = rig.ones(photons.count);
+        let stage =
+            Lines::new(&rig.resources, &shared, (&photons, &alike), &depth, (PHOTON_W, 1.0))?;
         rig.run(&[&stage])?;
         let drawn = rig.channel(&stage.target, 0)?;
         let lit: Vec<[u32; 2]> = pixels(SIZE)
@@ -147,8 +149,10 @@ fn hidden(rig: &Rig<'_>) -> Result<Check> {
         let Some(line) = Line::random(&mut random, &view.camera, &rays) else { continue };
         let [start, end] = line.ends_m;
         let photons = rig.photons(&[rig::photon(start, end, start.distance(end))]);
+        let alike = rig.ones(photons.count);
         let drawn = |depth: &wgpu::Texture| -> Result<Image> {
-            let stage = Lines::new(&rig.resources, &shared, &photons, depth, (PHOTON_W, 1.0))?;
+            let stage =
+                Lines::new(&rig.resources, &shared, (&photons, &alike), depth, (PHOTON_W, 1.0))?;
             rig.run(&[&stage])?;
             rig.channel(&stage.target, 0)
         };

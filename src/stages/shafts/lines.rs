@@ -4,7 +4,7 @@ use crate::gpu::{ColorTarget, GpuError, StageScope, Targets};
 use crate::record::Work;
 use crate::shader_struct;
 use crate::stages::frame::Shared;
-use crate::stages::kit::{self, Bind, Group, Raster, RenderSpec, Resources};
+use crate::stages::kit::{self, Bind, Buffer, Group, Raster, RenderSpec, Resources};
 use crate::stages::photon::Photons;
 use crate::stages::{Column, Output, Stage, StageInfo};
 
@@ -37,13 +37,18 @@ impl Lines {
     pub fn new(
         resources: &Resources<'_>,
         shared: &Shared,
-        photons: &Photons,
+        (photons, weights): (&Photons, &Buffer),
         depth: &wgpu::Texture,
         (photon_w, length_px): (f64, f64),
     ) -> Result<Self, GpuError> {
         let settings = ShaftUniforms { photon_w: photon_w as f32, photons: photons.count };
         let settings = resources.uniform(INFO.name, &settings);
-        let binds = [Bind::Uniform(&settings), Bind::Read(&photons.buffer), Bind::Depth(depth)];
+        let binds = [
+            Bind::Uniform(&settings),
+            Bind::Read(&photons.buffer),
+            Bind::Depth(depth),
+            Bind::Read(weights),
+        ];
         let group = Group::new(resources.gpu, INFO.name, &binds);
         let groups = [&shared.group, &group];
         let format = kit::accumulation_format(resources.gpu);

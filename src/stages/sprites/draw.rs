@@ -66,7 +66,7 @@ impl Sprites {
     pub fn new(
         resources: &Resources<'_>,
         shared: &Shared,
-        photons: &Photons,
+        (photons, weights): (&Photons, &Buffer),
         layers: &Layers,
         seen: &wgpu::Texture,
         sprite: &Sprite,
@@ -88,6 +88,7 @@ impl Sprites {
             Bind::Layers(&layers.depths),
             Bind::Layers(&layers.normals),
             Bind::Depth(seen),
+            Bind::Read(weights),
         ];
         let group = Group::new(resources.gpu, INFO.name, &binds);
         let groups = [&shared.group, &group];

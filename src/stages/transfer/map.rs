@@ -6,7 +6,7 @@ use crate::gpu::{GpuError, StageScope};
 use crate::record::Work;
 use crate::shader_struct;
 use crate::stages::frame::Shared;
-use crate::stages::kit::{Bind, Dispatch, Group, Kernel, Resources, linear_workgroups};
+use crate::stages::kit::{Bind, Buffer, Dispatch, Group, Kernel, Resources, linear_workgroups};
 use crate::stages::screen_ray::{Transfer, Transfers};
 use crate::stages::{Output, Stage, StageInfo};
 
@@ -27,6 +27,8 @@ pub struct Map {
     kernel: Kernel,
     dispatch: Dispatch,
     pub transfers: Transfers,
+    /// Of each photon: its share of the flux that one in the middle of the light's frustum carries.
+    pub weights: Buffer,
 }
 
 impl Map {
@@ -40,15 +42,22 @@ impl Map {
         let count = settings.grid.x * settings.grid.y;
         let transfers = Transfers::new(resources, INFO.name, count);
         let uniforms = resources.uniform(INFO.name, settings);
-        let binds = [Bind::Uniform(&uniforms), Bind::Texels(mask), Bind::Write(&transfers.buffer)];
+        let weights = resources.storage(INFO.name, u64::from(count) * 4);
+        let binds = [
+            Bind::Uniform(&uniforms),
+            Bind::Texels(mask),
+            Bind::Write(&transfers.buffer),
+            Bind::Write(&weights),
+        ];
         let group = Group::new(resources.gpu, INFO.name, &binds);
         let groups = [&shared.group, &group];
-        let defs = [shared.water_def()];
+        let defs = [shared.water_def(), shared.fresnel_def()];
         let workgroups = linear_workgroups(count.into());
         Ok(Self {
             kernel: Kernel::new(resources, INFO.name, (INFO.name, &defs[..]), &groups)?,
             dispatch: Dispatch::new(resources, INFO.name, &groups, workgroups),
             transfers,
+            weights,
         })
     }
 }
@@ -64,7 +73,11 @@ impl Stage for Map {
 
     fn work(&self) -> Work {
         let photons = u64::from(self.transfers.count);
-        Work { photons, bytes_written: photons * size_of::<Transfer>() as u64, ..Work::default() }
+        Work {
+            photons,
+            bytes_written: photons * (size_of::<Transfer>() as u64 + 4),
+            ..Work::default()
+        }
     }
 
     fn outputs(&self) -> Vec<Output> {
