@@ -265,17 +265,24 @@ mod tests {
         stand.light.kind = LightKind::Point;
         stand.light.position_m = [1.0, 5.0, -0.5];
         (stand.water.refractive_index, stand.water.attenuation_per_m) = (1.0, 0.0);
-        let irradiance = stand.map(SIZE, 700).irradiance();
+        stand.light.half_extent_m = 9.0;
+        let irradiance = stand.map(SIZE, 900).irradiance();
         let rays = PixelRays::new(&stand.camera, SIZE[0], SIZE[1]);
         let light = DVec3::from(stand.light.position_m);
-        for (x, y) in pixels(SIZE) {
-            let (origin, direction, _) = rays.ray(x, y);
-            let point = origin + direction * ((-DEPTH_M - origin.y) / direction.y);
-            let way = light - point;
-            let exact = stand.light.intensity_w_sr * way.y / way.length().powi(3);
-            let found = irradiance.clamped(x.into(), y.into());
-            assert!((found / exact - 1.0).abs() < 0.08, "{x} {y}: {found} {exact}");
-        }
+        // Intensity × cos θ / r², and the same without the cosine.
+        let furthest = |power: i32| {
+            let off = pixels(SIZE).map(|(x, y)| {
+                let (origin, direction, _) = rays.ray(x, y);
+                let point = origin + direction * ((-DEPTH_M - origin.y) / direction.y);
+                let way = light - point;
+                let cosine = (way.y / way.length()).powi(power);
+                let exact = stand.light.intensity_w_sr * cosine / way.length_squared();
+                (irradiance.clamped(x.into(), y.into()) / exact - 1.0).abs()
+            });
+            off.fold(0.0, f64::max)
+        };
+        assert!(furthest(1) < 0.1, "{}", furthest(1));
+        assert!(furthest(0) > 0.1);
     }
 
     #[test]
