@@ -369,7 +369,7 @@ struct Wet<'a> {
 }
 
 impl Wet<'_> {
-    /// None where a line of sight ends out of view: the picture does not hold what is there.
+    /// None where a line of sight ends at the border of the view.
     fn seen(&self, [x, y]: [u32; 2], gradient: &impl Fn(f64, f64) -> f64) -> Option<f64> {
         let (_, sight, _) = self.rays.ray(x, y);
         let origin = self.scene.camera.position();
@@ -381,15 +381,21 @@ impl Wet<'_> {
             return Some(if under { self.fogged(shown, path_m) } else { shown });
         };
         let [before, behind] = if under { [self.index, 1.0] } else { [1.0, self.index] };
+        // What ends out of view is taken from straight behind the surface.
+        let shown = gradient(f64::from(x) + 0.5, f64::from(y) + 0.5);
+        let straight = match floor_m {
+            Some(floor_m) => self.fogged(shown, floor_m - way_m),
+            None => self.fogged(0.0, self.scene.camera.z_far_m),
+        };
         let cosine = sight.dot(normal).abs();
         let reflected = fresnel_reflectance(cosine, before, behind);
         let mirrored = sight - 2.0 * sight.dot(normal) * normal;
         let mut radiance = 0.0;
         if reflected > 0.0 {
-            radiance += reflected * self.along(entry, mirrored, gradient)?;
+            radiance += reflected * self.along(entry, mirrored, gradient, straight)?;
         }
         if let Some(refracted) = refract(sight, normal, before, behind) {
-            radiance += (1.0 - reflected) * self.along(entry, refracted, gradient)?;
+            radiance += (1.0 - reflected) * self.along(entry, refracted, gradient, straight)?;
         }
         Some(if under { self.fogged(radiance, way_m) } else { radiance })
     }
@@ -428,15 +434,24 @@ impl Wet<'_> {
         place: DVec3,
         direction: DVec3,
         gradient: &impl Fn(f64, f64) -> f64,
+        straight: f64,
     ) -> Option<f64> {
         if direction.y > 0.0 {
             return Some(self.sky(direction));
         }
-        let hit = self.tracer.cast(place, direction, 0.0, f64::MAX)?;
-        let at = self.rays.project(hit.position)?;
-        let inside = |at: f64, side: u32| (2.0..f64::from(side) - 2.0).contains(&at);
-        let in_view = inside(at.x_px, SIZE[0]) && inside(at.y_px, SIZE[1]);
-        in_view.then(|| self.fogged(gradient(at.x_px, at.y_px), hit.distance_m))
+        let hit = self.tracer.cast(place, direction, 0.0, f64::MAX);
+        let Some((hit, at)) = hit.and_then(|hit| Some((hit, self.rays.project(hit.position)?)))
+        else {
+            return Some(straight);
+        };
+        let inside = |margin: f64| {
+            let within = |at: f64, side: u32| (-margin..f64::from(side) + margin).contains(&at);
+            within(at.x_px, SIZE[0]) && within(at.y_px, SIZE[1])
+        };
+        if !inside(2.0) {
+            return Some(straight);
+        }
+        inside(-2.0).then(|| self.fogged(gradient(at.x_px, at.y_px), hit.distance_m))
     }
 
     /// `shaders/shared/shading.wgsl`: Beer's law, and the water's own colour in red.
