@@ -129,7 +129,7 @@ impl PhotonTracing {
         let objects: Vec<Object> = solid.cloned().collect();
         let tracer = &Tracer::new(&objects)?;
         let (frame, water) = (self.view.light_frame(), &self.view.water);
-        let bounces = self.params.specular.bounces;
+        let bounces = self.params.ways() - 1;
         let surfaces = Surfaces {
             tracer,
             objects: &objects,

@@ -44,8 +44,10 @@ settings! {
 settings! {
     /// Mirrors and glass. SPT §2.3.
     pub struct Specular {
+        /// Whether photons go on from them. They end there otherwise.
+        follow: bool = false;
         /// How many of their surfaces a photon can leave behind the water.
-        bounces: u32 = 0 => 0 ..= 16, "1";
+        bounces: u32 = 4 => 1 ..= 16, "1";
     }
 }
 
@@ -80,7 +82,7 @@ impl Params {
 
     /// Ways of a photon behind the water.
     pub fn ways(&self) -> u32 {
-        1 + self.specular.bounces
+        if self.specular.follow { 1 + self.specular.bounces } else { 1 }
     }
 
     /// Distance of the middle of the view.
