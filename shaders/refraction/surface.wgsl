@@ -102,9 +102,9 @@ fn along(place: vec3<f32>, direction: vec3<f32>, straight: vec3<f32>) -> vec3<f3
     return found;
 }
 
-// Radiance of the surface where a line of sight meets it, `behind_m` before what the picture `dry` shows there.
-fn at_surface(sight: vec3<f32>, at_m: f32, dry: vec4<f32>, behind_m: f32) -> vec3<f32> {
-    let straight = fog(dry.xyz, select(frame.z_far_m, behind_m, dry.w > 0.0));
+// Radiance of the surface where a line of sight meets it, `behind_m` before what has the radiance `dry`.
+fn at_surface(sight: vec3<f32>, at_m: f32, dry: vec3<f32>, behind_m: f32) -> vec3<f32> {
+    let straight = fog(dry, behind_m);
     let place = frame.camera_position_m + at_m * sight;
     let upwards = water::normal(water::surface(place.xz).yz);
     let from_below = dot(sight, upwards) > 0.0;
@@ -134,10 +134,9 @@ fn fragment(@builtin(position) pixel: vec4<f32>) -> @location(0) vec4<f32> {
     let far_m = distance(place, frame.camera_position_m);
     let sight = (place - frame.camera_position_m) / far_m;
     let at_m = meets_m(sight, far_m);
-    let dry = textureLoad(radiances, texel, 0);
-    var radiance = dry.xyz;
+    var radiance = select(vec3(0.0), textureLoad(radiances, texel, 0).xyz, z < 1.0);
     if at_m < NO_HIT {
-        radiance = at_surface(sight, at_m, dry, far_m - at_m);
+        radiance = at_surface(sight, at_m, radiance, select(frame.z_far_m, far_m - at_m, z < 1.0));
     } else if z < 1.0 {
         radiance = fog(radiance, water_path_m(place));
     } else if frame.camera_under_water != 0u {
