@@ -20,13 +20,12 @@ use crate::stages::geometry::{Geometry, Part};
 use crate::stages::kit::{Buffer, Resources};
 use crate::stages::photon::Photons;
 use crate::stages::refraction::surface::{Dry, Surface};
-use crate::stages::screen_ray::{FragmentLists, Layers, Rays, WalkUniforms, walk_uniforms};
+use crate::stages::scene;
+use crate::stages::screen_ray::{FragmentLists, Rays, WalkUniforms, walk_uniforms};
 use crate::stages::shafts::blur::Blur;
 use crate::stages::shafts::lines::Lines;
 use crate::stages::sprites::compose::{Compose, Composed, Shafts};
 use crate::stages::sprites::draw::{Sprite, Sprites};
-use crate::stages::transfer::map::Map;
-use crate::stages::{scene, shadow};
 
 pub use parameters::Params;
 
@@ -54,16 +53,9 @@ impl Pipeline for PhotonTracing {
         resources.push(Frame::new(view.clone(), shared));
         let geometry = &Geometry::new(resources, scene);
 
-        let of_light = &resources.sized_by("shadow.size");
-        let depth = shadow::depth::Depth::new(of_light, shared, geometry, params.shadow.size)?;
-        let depth = of_light.push(depth);
-        let cells = params.surface.cells;
-        let mask =
-            of_light.push(shadow::mask::Mask::new(of_light, shared, depth.texture(), cells)?);
-
-        let of_grid = &resources.sized_by("transfer.grid");
-        let settings = params.transfer.uniforms();
-        let map = of_grid.push(Map::new(of_grid, shared, mask.texture(), &settings)?);
+        let light_map = (params.shadow.size, params.surface.cells);
+        let map =
+            screen_tracing::transfers(resources, shared, geometry, light_map, &params.transfer)?;
 
         let size_px = view.size_px.to_array();
         let of_view = &resources.sized_by(VIEWPORT);
@@ -78,43 +70,38 @@ impl Pipeline for PhotonTracing {
             transfers: &map.transfers,
             layers: &layers,
             bounds: under_water(scene),
-            walking: params
-                .rays
-                .walking(resources.gpu.limits.max_texture_dimension_2d, params.ways()),
+            walking: params.rays.walking(resources.gpu, params.ways()),
         };
+        let of_grid = &resources.sized_by("transfer.grid");
         let photons = screen_tracing::trace(of_grid, shared, &traced, params.rays.method)?;
+        let (lit, seen) = ((&photons, &map.weights), &gbuffer.textures);
         let sprite = sprite(params, &view);
-        let sprites = Sprites::new(
-            of_view,
-            shared,
-            (&photons, &map.weights),
-            &layers,
-            &gbuffer.textures.depth,
-            &sprite,
-        )?;
+        let sprites = Sprites::new(of_view, shared, lit, &layers, &seen.depth, &sprite)?;
         let sprites = of_view.push(sprites);
-        let seen = &gbuffer.textures;
         let drawn = if params.shafts.draw {
-            Some(shafts(of_view, shared, (&photons, &map.weights), seen, params, &view)?)
+            Some(shafts(of_view, shared, lit, seen, params, &view)?)
         } else {
             None
         };
         let shafts =
             drawn.as_ref().map(|(blur, scale)| Shafts { flux: blur.texture(), scale: *scale });
-        let lit = (seen, &sprites.irradiance);
-        let exposure = params.compose.exposure;
+        let light = (shafts, params.compose.exposure);
+        let compose = |composed: &Composed<'_>| -> Result<wgpu::Texture, GpuError> {
+            let stage = Compose::new(of_view, shared, seen, &sprites.irradiance, composed)?;
+            Ok(of_view.push(stage).texture().clone())
+        };
         let image = if params.surface.draw {
+            let radiance = &compose(&Composed::Dry)?;
+            let dry = Dry { layers: &layers, depth: &seen.depth, radiance };
             let walk = WalkUniforms {
                 start_m: START_M as f32,
                 ..walk_uniforms(&layers, scene.solid_bounds(), params.rays.least_px)
             };
             let walk = (&walk, view.water.bound_m());
-            with_surface(of_view, shared, lit, &layers, walk, (shafts, exposure))?
+            let surface = Surface::new(of_view, shared, &dry, walk, light)?;
+            of_view.push(surface).texture().clone()
         } else {
-            let composed = Composed::Picture { shafts, exposure };
-            let (gbuffer, irradiance) = lit;
-            let compose = Compose::new(of_view, shared, gbuffer, irradiance, &composed)?;
-            of_view.push(compose).texture().clone()
+            compose(&Composed::Picture { shafts: light.0, exposure: light.1 })?
         };
         let irradiance = sprites.irradiance.clone();
         Ok(Self { params: params.clone(), view, photons, lists, irradiance, image })
@@ -144,22 +131,6 @@ impl Pipeline for PhotonTracing {
     fn error_picture(&self, judge: &mut Judge<'_>, path: &Path) -> Result<(), JudgeError> {
         self.caustics(judge)?.error_picture(path)
     }
-}
-
-/// Pushes the stages that compose what is seen without the water, and the water's surface before it.
-fn with_surface(
-    of_view: &Resources<'_>,
-    shared: &Shared,
-    (seen, irradiance): (&GbufferTextures, &wgpu::Texture),
-    layers: &Layers,
-    walk: (&WalkUniforms, f64),
-    light: (Option<Shafts<'_>>, f64),
-) -> Result<wgpu::Texture, GpuError> {
-    let compose = Compose::new(of_view, shared, seen, irradiance, &Composed::Dry)?;
-    let compose = of_view.push(compose);
-    let dry = Dry { layers, depth: &seen.depth, radiance: compose.texture() };
-    let surface = of_view.push(Surface::new(of_view, shared, &dry, walk, light)?);
-    Ok(surface.texture().clone())
 }
 
 /// Lines of sight meet nothing nearer to the water's surface than this.

@@ -11,6 +11,7 @@ mod receivers;
 use std::collections::BTreeMap;
 use std::rc::Rc;
 
+use super::screen_tracing;
 use super::settings::{self, VIEWPORT};
 use super::{Judge, JudgeError, Judged, Pipeline};
 use crate::gpu::{Gpu, GpuError};
@@ -21,9 +22,8 @@ use crate::stages::geometry::Geometry;
 use crate::stages::kit::Resources;
 use crate::stages::planar::compose::Compose;
 use crate::stages::planar::points::Points;
+use crate::stages::scene;
 use crate::stages::screen_ray::Transfers;
-use crate::stages::transfer::map::Map;
-use crate::stages::{scene, shadow};
 
 pub use parameters::{Params, Show};
 
@@ -51,16 +51,9 @@ impl Pipeline for Planar {
         resources.push(Frame::new(view.clone(), shared));
         let geometry = &Geometry::new(resources, scene);
 
-        let of_light = &resources.sized_by("shadow.size");
-        let depth = shadow::depth::Depth::new(of_light, shared, geometry, params.shadow.size)?;
-        let depth = of_light.push(depth);
-        let cells = params.surface.cells;
-        let mask =
-            of_light.push(shadow::mask::Mask::new(of_light, shared, depth.texture(), cells)?);
-
-        let of_grid = &resources.sized_by("transfer.grid");
-        let settings = params.transfer.uniforms();
-        let map = of_grid.push(Map::new(of_grid, shared, mask.texture(), &settings)?);
+        let light_map = (params.shadow.size, params.surface.cells);
+        let map =
+            screen_tracing::transfers(resources, shared, geometry, light_map, &params.transfer)?;
         let transfers = map.transfers.clone();
 
         let of_view = &resources.sized_by(VIEWPORT);

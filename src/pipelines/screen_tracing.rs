@@ -1,9 +1,12 @@
 //! Layers of depth and rays through them: settings and stages that the pipelines of screen-space photon tracing share. Krüger,
 //! Bürger and Westermann (SPT) §2.
 
+use std::rc::Rc;
+
 use serde::{Deserialize, Serialize};
 
-use crate::gpu::GpuError;
+use super::settings::Transfer;
+use crate::gpu::{Gpu, GpuError};
 use crate::parameter::ParamError;
 use crate::stages::frame::Shared;
 use crate::stages::geometry::{Geometry, Part};
@@ -13,7 +16,8 @@ use crate::stages::screen_ray::{
     FragmentLists, HitTest, Layers, Rays, Walked, Walking, group_each,
 };
 use crate::stages::transfer::bounce::Bounce;
-use crate::stages::{StageInfo, ldi, rays};
+use crate::stages::transfer::map::Map;
+use crate::stages::{StageInfo, ldi, rays, shadow};
 use crate::{choices, settings};
 
 settings! {
@@ -95,8 +99,9 @@ const ROWS: u32 = 8192;
 const MOST_TILES: u64 = 1024;
 
 impl RaySettings {
-    /// On an adapter with textures of so many rows at most, for photons of so many ways.
-    pub fn walking(&self, most_rows: u32, ways: u32) -> Walking {
+    /// For photons of so many ways.
+    pub fn walking(&self, gpu: &Gpu, ways: u32) -> Walking {
+        let most_rows = gpu.limits.max_texture_dimension_2d;
         Walking {
             test: self.test,
             tolerance_m: self.tolerance_m,
@@ -120,6 +125,25 @@ impl RaySettings {
         }
         Ok(())
     }
+}
+
+/// Pushes the stages that find where photons enter the water: the light's depth, of `shadow_px` texels a side, the mask of the water, drawn
+/// as `cells`² quads, and the transfer map.
+pub fn transfers(
+    resources: &Resources<'_>,
+    shared: &Shared,
+    geometry: &Geometry,
+    (shadow_px, cells): (u32, u32),
+    transfer: &Transfer,
+) -> Result<Rc<Map>, GpuError> {
+    let of_light = &resources.sized_by("shadow.size");
+    let depth = shadow::depth::Depth::new(of_light, shared, geometry, shadow_px)?;
+    let depth = of_light.push(depth);
+    let mask = shadow::mask::Mask::new(of_light, shared, depth.texture(), cells)?;
+    let mask = of_light.push(mask);
+    let of_grid = &resources.sized_by("transfer.grid");
+    let map = Map::new(of_grid, shared, mask.texture(), &transfer.uniforms())?;
+    Ok(of_grid.push(map))
 }
 
 /// Pushes the stages that find the layers of a part of the scene; the lists, where there are any.

@@ -92,7 +92,7 @@ impl Pipeline for ShadowRays {
             transfers: &shadow.transfers,
             layers: &layers,
             bounds: scene.solid_bounds(),
-            walking: params.rays.walking(resources.gpu.limits.max_texture_dimension_2d, 1),
+            walking: params.rays.walking(resources.gpu, 1),
         };
         let photons = screen_tracing::trace(of_view, shared, &traced, params.rays.method)?;
         let exposure = params.compose.exposure;
