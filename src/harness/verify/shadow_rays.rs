@@ -201,8 +201,11 @@ fn composed(rig: &Rig<'_>, kind: LightKind) -> Result<Check> {
     let shown = rig.channel(stage.texture(), GREEN)?;
     let albedo = rig.channel(&setup.gbuffer.albedo, GREEN)?;
     let light = setup.stand.view.irradiance();
-    let in_shadow =
-        |number: usize| number % 3 == 0 || number % 3 == 1 && kind == LightKind::Directional;
+    let in_shadow = |number: usize| match number % 3 {
+        0 => true,
+        1 => kind == LightKind::Directional,
+        _ => false,
+    };
     let error = |shift: usize| {
         let off = hits.iter().enumerate().filter_map(|(number, hit)| {
             let hit = hit.as_ref()?;
