@@ -82,6 +82,7 @@ pub fn cases() -> Vec<Case> {
     }
     cases.push(Case::new(draw::INFO.name, "energy on a slanted plane", energy));
     cases.push(Case::new(draw::INFO.name, "Eq. 1 pixel by pixel", sprite_shape));
+    cases.push(Case::new(draw::INFO.name, "behind a wall", hidden));
     cases.push(Case::new(compose::INFO.name, "light of sprites", composed));
     cases
 }
@@ -630,6 +631,39 @@ fn energy(rig: &Rig<'_>) -> Result<Check> {
     )
     .within((0.01, "1"), off(flux))
     .control("one photon in twenty more", off(1.05 * flux)))
+}
+
+/// Sprites on a floor that a wall hides in part: the wall stays dark.
+fn hidden(rig: &Rig<'_>) -> Result<Check> {
+    let lit = lit(rig)?;
+    let mut scene = rig::flat_plane(LightKind::Directional)?;
+    scene.camera = lit.stand.view.camera.clone();
+    let middle = lit.hits.iter().sum::<DVec3>() / lit.hits.len() as f64;
+    let between = middle.lerp(scene.camera.position(), 0.4);
+    let wall = Mesh::parallelogram(between, 0.15 * DVec3::X, 0.6 * DVec3::Y);
+    scene.objects.push(Object::new("wall", wall));
+    let stand = rig.stand(&scene, SIZE);
+    let seen = rig.gbuffer(&stand)?.depth;
+    let alike = rig.ones(lit.photons.count);
+    let tracer = Tracer::new(&scene.objects)?;
+    let rays = PixelRays::new(&scene.camera, SIZE[0], SIZE[1]);
+    let on_wall = |(x, y): &(u32, u32)| {
+        rays.cast(&tracer, *x, *y).is_some_and(|(hit, _)| hit.object + 1 == scene.objects.len())
+    };
+    let wall: Vec<(u32, u32)> = pixels(SIZE).filter(on_wall).collect();
+    let brightest = |visible_m: f64| -> Result<f64> {
+        let sprite = Sprite { visible_m, ..SPRITE };
+        let photons = (&lit.photons, &alike);
+        let stage =
+            Sprites::new(&rig.resources, &stand.shared, photons, &lit.layers, &seen, &sprite)?;
+        rig.run(&[&stage])?;
+        let irradiance = rig.channel(&stage.irradiance, 0)?;
+        Ok(largest(wall.iter().map(|(x, y)| irradiance.clamped((*x).into(), (*y).into()))))
+    };
+    Ok(Check::of(draw::INFO.name, "greatest irradiance on a wall before the sprites")
+        .within((0.0, "W/m²"), brightest(SPRITE.visible_m)?)
+        .control("whatever lies before them is lit", brightest(100.0)?)
+        .with("pixels_of_the_wall", wall.len() as f64))
 }
 
 /// Each pixel against Eq. 1 evaluated in f64.

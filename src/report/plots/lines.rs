@@ -10,7 +10,12 @@ use crate::experiments::schema::{Experiment, FIXED_SHARE, Plot, PlotKind, Publis
 use crate::experiments::{Measure, Reading, Scaling, groups, scaling};
 use crate::record::{Cell, Estimate, Interval};
 
+/// Least height of a panel.
+const HEIGHT_PX: u32 = 430;
 const LEGEND_PX: u32 = 300;
+const LEGEND_TOP_PX: i32 = 44;
+const ROW_PX: i32 = 16;
+const ENTRY_GAP_PX: i32 = 8;
 /// Characters of 12-px type that fit into the legend's column.
 const LEGEND_CHARACTERS: usize = 44;
 
@@ -85,7 +90,7 @@ impl Lines {
     }
 
     fn legend(&self, area: &Area<'_>) -> Drawn {
-        let mut legend = Legend { area, y: 44, row_px: 16 };
+        let mut legend = Legend { area, y: LEGEND_TOP_PX, row_px: ROW_PX };
         for (index, series) in self.series.iter().enumerate() {
             legend.polygon(&style::marker(index), style::color(index))?;
             entry(&mut legend, &series.name, [&series.group, &series.remark])?;
@@ -98,9 +103,24 @@ impl Lines {
     }
 }
 
+impl Lines {
+    /// Height of the legend's entries.
+    fn legend_px(&self) -> u32 {
+        let of_series = self.series.iter().map(|s| vec![&s.name, &s.group, &s.remark]);
+        let published =
+            Some(self.published_lines.iter().collect()).filter(|p: &Vec<_>| !p.is_empty());
+        let rows = |lines: Vec<&String>| {
+            let shown = lines.into_iter().filter(|line| !line.is_empty());
+            shown.map(|line| style::wrap(line, LEGEND_CHARACTERS).len() as u32).sum::<u32>()
+        };
+        let entry_px = |lines| rows(lines) * ROW_PX as u32 + ENTRY_GAP_PX as u32;
+        of_series.chain(published).map(entry_px).sum()
+    }
+}
+
 impl Panel for Lines {
     fn height_px(&self) -> u32 {
-        430
+        HEIGHT_PX.max(LEGEND_TOP_PX as u32 + self.legend_px())
     }
 
     fn draw(&self, area: &Area<'_>) -> Drawn {
@@ -144,7 +164,7 @@ fn entry<'s>(
             legend.write(&piece, style.clone())?;
         }
     }
-    legend.y += 8;
+    legend.y += ENTRY_GAP_PX;
     Ok(())
 }
 

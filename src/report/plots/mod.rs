@@ -199,6 +199,25 @@ mod tests {
         assert!(svg("uw-default.svg").contains("published"));
     }
 
+    /// Heights of the texts that contain these words, pixels from the top.
+    fn heights(svg: &str, words: &str) -> Vec<i32> {
+        let texts = svg.split("<text ").skip(1).filter(|text| text.contains(words));
+        let height = |text: &str| text.split("y=\"").nth(1)?.split('"').next()?.parse().ok();
+        texts.filter_map(height).collect()
+    }
+
+    #[test]
+    fn a_long_legend_ends_above_the_next_panel() {
+        let files = export(&ReportView::new(&fixtures::run(), None)).unwrap();
+        let file = files.iter().find(|file| file.name == "spt-photons.svg").unwrap();
+        let svg = String::from_utf8(file.bytes.clone()).unwrap();
+        let next = heights(&svg, "Distance from the exact end")[0];
+        let above: Vec<i32> =
+            heights(&svg, "sprites/draw").into_iter().filter(|y| *y < next + 200).collect();
+        // Three rays, three of peeling and three of sprites: nine entries.
+        assert!(above.len() == 3 && above.iter().all(|y| *y < next), "{above:?} {next}");
+    }
+
     const MAPPED: &str = r#"
         id = "own"
         title = "Own"
