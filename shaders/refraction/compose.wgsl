@@ -10,11 +10,11 @@ struct Compose {
 }
 
 @group(1) @binding(0) var<uniform> settings: Compose;
-@group(1) @binding(1) var positions: texture_2d<f32>;
-@group(1) @binding(2) var directions: texture_2d<f32>;
-@group(1) @binding(3) var albedo_texels: texture_2d<f32>;
-@group(1) @binding(4) var normal_texels: texture_2d<f32>;
-@group(1) @binding(5) var depths: texture_depth_2d;
+@group(1) @binding(1) var albedo_texels: texture_2d<f32>;
+@group(1) @binding(2) var normal_texels: texture_2d<f32>;
+@group(1) @binding(3) var depths: texture_depth_2d;
+@group(1) @binding(4) var positions: texture_2d<f32>;
+@group(1) @binding(5) var directions: texture_2d<f32>;
 
 // Tiles of a side of the environment's cube.
 const TILES: f32 = 12.0;

@@ -21,11 +21,11 @@ use crate::stages::frame::{Frame, Shared, View};
 use crate::stages::geometry::{Geometry, Part};
 use crate::stages::kit::{Buffer, Resources};
 use crate::stages::refraction::Exits;
-use crate::stages::refraction::compose::Compose;
 use crate::stages::refraction::trace::{self, Surface, Trace};
 use crate::stages::refraction::two_interface::{self, TwoInterface};
+use crate::stages::screen_picture::Picture;
 use crate::stages::screen_ray::{WalkUniforms, walk_uniforms};
-use crate::stages::{StageInfo, scene};
+use crate::stages::{StageInfo, refraction, scene};
 use crate::{choices, settings};
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -96,7 +96,7 @@ pub struct ScreenRefraction {
     params: Params,
     view: View,
     exits: Exits,
-    compose: Rc<Compose>,
+    compose: Rc<Picture>,
 }
 
 impl Pipeline for ScreenRefraction {
@@ -131,7 +131,8 @@ impl Pipeline for ScreenRefraction {
             }
         };
         let exposure = params.compose.exposure;
-        let compose = Compose::new(of_view, shared, &gbuffer.textures, &exits, exposure)?;
+        let compose =
+            refraction::compose::picture(of_view, shared, &gbuffer.textures, &exits, exposure)?;
         let compose = of_view.push(compose);
         Ok(Self { params: params.clone(), view, exits, compose })
     }

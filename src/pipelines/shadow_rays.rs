@@ -20,10 +20,10 @@ use crate::stages::frame::{Frame, Shared, View};
 use crate::stages::geometry::{Geometry, Part};
 use crate::stages::kit::Resources;
 use crate::stages::photon::{MISSED, Photons};
-use crate::stages::scene;
+use crate::stages::screen_picture::Picture;
 use crate::stages::screen_ray::Rays;
-use crate::stages::shadow::compose::Compose;
 use crate::stages::transfer::shadow::Shadow;
+use crate::stages::{scene, shadow};
 
 settings! {
     /// Everything that can be set. The dotted paths of `--set` are these fields' names.
@@ -66,7 +66,7 @@ pub struct ShadowRays {
     params: Params,
     view: View,
     photons: Photons,
-    compose: Rc<Compose>,
+    compose: Rc<Picture>,
 }
 
 impl Pipeline for ShadowRays {
@@ -96,7 +96,8 @@ impl Pipeline for ShadowRays {
         };
         let photons = screen_tracing::trace(of_view, shared, &traced, params.rays.method)?;
         let exposure = params.compose.exposure;
-        let compose = Compose::new(of_view, shared, &gbuffer.textures, &photons, exposure)?;
+        let compose =
+            shadow::compose::picture(of_view, shared, &gbuffer.textures, &photons, exposure)?;
         let compose = of_view.push(compose);
         Ok(Self { params: params.clone(), view, photons, compose })
     }

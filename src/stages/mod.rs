@@ -29,6 +29,7 @@ pub mod refraction;
 pub mod scalar;
 pub mod scalar_field;
 pub mod scene;
+pub mod screen_picture;
 pub mod screen_ray;
 pub mod shadow;
 pub mod shafts;

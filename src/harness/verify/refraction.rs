@@ -13,7 +13,7 @@ use crate::reference::specular::Surfaces;
 use crate::scene::{Camera, Optics, Scene};
 use crate::stages::geometry::Part;
 use crate::stages::ldi::peel::LayeredDepth;
-use crate::stages::refraction::compose::{self, Compose};
+use crate::stages::refraction::compose;
 use crate::stages::refraction::trace::{self, Surface, Trace};
 use crate::stages::refraction::two_interface::{self, TwoInterface};
 use crate::stages::refraction::{Exits, surface};
@@ -294,7 +294,7 @@ fn environment(rig: &Rig<'_>) -> Result<Check> {
             positions: rig.constant(SMALL, [0.0, 0.0, 0.0, 1.0])?,
             directions: rig.constant(SMALL, [x, y, z, 0.0])?,
         };
-        let stage = Compose::new(&rig.resources, &stand.shared, &gbuffer, &exits, EXPOSURE)?;
+        let stage = compose::picture(&rig.resources, &stand.shared, &gbuffer, &exits, EXPOSURE)?;
         rig.run(&[&stage])?;
         let color = rig.vectors(stage.texture())?[5];
         shown.push((direction, color.to_array().map(|v| -(1.0 - v.powf(2.2)).ln() / EXPOSURE)));

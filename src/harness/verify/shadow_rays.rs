@@ -16,7 +16,7 @@ use crate::stages::ldi::peel::LayeredDepth;
 use crate::stages::photon::{OUTSIDE, Photon};
 use crate::stages::rays::march;
 use crate::stages::screen_ray::{HitTest, NEVER, Rays, Transfer, Walked, Walking};
-use crate::stages::shadow::compose::{self, Compose};
+use crate::stages::shadow::compose;
 use crate::stages::transfer::shadow::{self, Shadow};
 
 const SIZE: [u32; 2] = [240, 180];
@@ -196,7 +196,7 @@ fn composed(rig: &Rig<'_>, kind: LightKind) -> Result<Check> {
     let photons: Vec<Photon> = hits.iter().enumerate().map(photon).collect();
     let photons = rig.photons(&photons);
     let stage =
-        Compose::new(&rig.resources, &setup.stand.shared, &setup.gbuffer, &photons, EXPOSURE)?;
+        compose::picture(&rig.resources, &setup.stand.shared, &setup.gbuffer, &photons, EXPOSURE)?;
     rig.run(&[&stage])?;
     let shown = rig.channel(stage.texture(), GREEN)?;
     let albedo = rig.channel(&setup.gbuffer.albedo, GREEN)?;

@@ -1,15 +1,13 @@
 //! `shadow/compose`: the picture, lit where rays to the light meet nothing. SPT §5.
 
-use glam::Vec2;
-
-use crate::gpu::{GpuError, StageScope};
+use crate::gpu::GpuError;
 use crate::record::Work;
-use crate::shader_struct;
+use crate::stages::StageInfo;
 use crate::stages::frame::Shared;
 use crate::stages::gbuffer::GbufferTextures;
-use crate::stages::kit::{self, Bind, Group, RenderSpec, Resources, ScreenPass};
+use crate::stages::kit::{Bind, Resources};
 use crate::stages::photon::Photons;
-use crate::stages::{Output, Stage, StageInfo};
+use crate::stages::screen_picture::Picture;
 
 pub const INFO: StageInfo = StageInfo {
     name: "shadow/compose",
@@ -17,71 +15,15 @@ pub const INFO: StageInfo = StageInfo {
     source: "SPT §5",
 };
 
-shader_struct! {
-    /// `Compose` in `shaders/shadow/compose.wgsl`.
-    pub struct ComposeUniforms {
-        pub size_px: Vec2,
-        pub exposure: f32,
-    }
-}
-
-pub struct Compose(ScreenPass);
-
-impl Compose {
-    /// `photons` are the ends of the rays of `transfer/shadow`.
-    pub fn new(
-        resources: &Resources<'_>,
-        shared: &Shared,
-        gbuffer: &GbufferTextures,
-        photons: &Photons,
-        exposure: f64,
-    ) -> Result<Self, GpuError> {
-        let size_px = [gbuffer.depth.width(), gbuffer.depth.height()];
-        let settings = ComposeUniforms {
-            size_px: Vec2::from(size_px.map(|side| side as f32)),
-            exposure: exposure as f32,
-        };
-        let settings = resources.uniform(INFO.name, &settings);
-        let binds = [
-            Bind::Uniform(&settings),
-            Bind::Texels(&gbuffer.albedo),
-            Bind::Texels(&gbuffer.normal),
-            Bind::Depth(&gbuffer.depth),
-            Bind::Read(&photons.buffer),
-        ];
-        let group = Group::new(resources.gpu, INFO.name, &binds);
-        let groups = [&shared.group, &group];
-        let targets = [kit::opaque(wgpu::TextureFormat::Rgba8Unorm)];
-        let spec = RenderSpec::new(INFO.name, INFO.name, &groups, &targets);
-        ScreenPass::new(resources, &spec, size_px, wgpu::Color::BLACK).map(Self)
-    }
-
-    pub fn texture(&self) -> &wgpu::Texture {
-        self.0.texture()
-    }
-}
-
-impl Stage for Compose {
-    fn info(&self) -> &'static StageInfo {
-        &INFO
-    }
-
-    fn encode(&self, scope: &mut StageScope<'_>) {
-        self.0.encode(scope);
-    }
-
-    fn work(&self) -> Work {
-        let pixels = self.0.pixels();
-        Work {
-            fragments: pixels,
-            texel_fetches: pixels * 3,
-            bytes_read: Photons::bytes(pixels),
-            bytes_written: pixels * 4,
-            ..Work::default()
-        }
-    }
-
-    fn outputs(&self) -> Vec<Output> {
-        vec![Output::image(self.texture())]
-    }
+/// `photons` are the ends of the rays of `transfer/shadow`.
+pub fn picture(
+    resources: &Resources<'_>,
+    shared: &Shared,
+    gbuffer: &GbufferTextures,
+    photons: &Photons,
+    exposure: f64,
+) -> Result<Picture, GpuError> {
+    let rays = vec![Bind::Read(&photons.buffer)];
+    let of_pixel = Work { bytes_read: Photons::bytes(1), ..Work::default() };
+    Picture::new(resources, shared, &INFO, (gbuffer, rays), exposure, of_pixel)
 }
