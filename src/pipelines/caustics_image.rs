@@ -11,6 +11,7 @@ use crate::record::ErrorFigure;
 use crate::reference::image::Image;
 use crate::reference::kept::Content;
 use crate::reference::photon_map::{Lighting, PhotonMap};
+use crate::scene::{Object, Optics};
 use crate::stages::frame::View;
 
 /// Name of the error that asks for the photon map.
@@ -50,12 +51,16 @@ pub struct Compared {
 
 impl Compared {
     /// # Errors
-    /// A scene that the reference does not know.
+    /// A scene that the reference does not know: one with mirrors or glass.
     pub fn new(
         judge: &mut Judge<'_>,
         view: &View,
         found: &FoundCaustics,
     ) -> Result<Self, JudgeError> {
+        let passes_on = |object: &&Object| object.material.optics != Optics::Diffuse;
+        if let Some(object) = judge.scene.objects.iter().find(passes_on) {
+            return Err(JudgeError::Specular(object.name.clone()));
+        }
         let size = found.irradiance.size();
         let block_px = block_px(size);
         let map = map(judge, view, size, block_px)?;

@@ -199,6 +199,8 @@ pub enum JudgeError {
     Nothing,
     #[error("pipeline {0} has no caustics")]
     NoCaustics(&'static str),
+    #[error("the photon map knows no mirrors and no glass: object `{0}`")]
+    Specular(String),
     #[error("pipeline {0} has no picture of its error")]
     NoPicture(&'static str),
     #[error("cannot write {path}: {reason}")]

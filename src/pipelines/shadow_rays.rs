@@ -219,6 +219,23 @@ mod tests {
     use super::*;
 
     #[test]
+    fn a_picture_of_more_pixels_than_can_be_counted_is_planned() {
+        let file = SceneFile::load("ball").unwrap();
+        let mut tree = crate::parameter::tree(&Params::from(&file));
+        for (path, value) in [
+            ("view.width", 1_000_000.into()),
+            ("view.height", 1_000_000.into()),
+            ("rays.method", "march".into()),
+        ] {
+            crate::parameter::set(&mut tree, path, value).unwrap();
+        }
+        let kind = super::super::PipelineKind::of::<ShadowRays>();
+        let plan = (kind.configure)(&tree).unwrap().plan(&Scene::build(&file).unwrap()).unwrap();
+        // The room for rays is counted, and no adapter has it.
+        assert!(plan.demand.held_bytes() > 1 << 36);
+    }
+
+    #[test]
     fn both_kinds_of_wrong_pixels_are_told_apart() {
         let pairs = [(true, true), (true, false), (false, true), (false, true), (false, false)];
         let shadows =

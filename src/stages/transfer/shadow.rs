@@ -41,7 +41,7 @@ impl Shadow {
         gbuffer: &GbufferTextures,
     ) -> Result<Self, GpuError> {
         let size = [gbuffer.depth.width(), gbuffer.depth.height()];
-        let transfers = Transfers::new(resources, INFO.name, size[0] * size[1]);
+        let transfers = Transfers::new(resources, INFO.name, size[0].saturating_mul(size[1]));
         let settings = ShadowUniforms { size_px: Vec2::from(size.map(|side| side as f32)) };
         let uniforms = resources.uniform(INFO.name, &settings);
         let binds = [
