@@ -30,6 +30,7 @@ mod scalar;
 mod shadow_rays;
 mod shafts;
 mod splats;
+mod sprites;
 mod starts;
 mod voxel;
 
@@ -199,6 +200,7 @@ pub fn cases() -> Vec<Case> {
         filters::cases(),
         compose::cases(),
         photon_tracing::cases(),
+        sprites::cases(),
         shafts::cases(),
         shadow_rays::cases(),
         refraction::cases(),
