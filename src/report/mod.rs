@@ -3,6 +3,7 @@
 //! An [`Exporter`] turns a [`ReportView`] of a run's records into named files.
 
 mod cells_csv;
+pub mod colors;
 pub mod format;
 mod plots;
 mod summary;

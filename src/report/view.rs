@@ -8,6 +8,7 @@ use std::path::Path;
 
 use serde_json::Value;
 
+use super::colors::StageColors;
 use super::plots::Figure;
 use crate::experiments::{self, Experiment, Ruling, label_text};
 use crate::record::{Cell, End, Measured, Picture, Profile, Record, Run};
@@ -17,6 +18,8 @@ pub struct ReportView<'a> {
     pub runs: Vec<&'a Run>,
     pub ends: Vec<&'a End>,
     pub sections: Vec<Section<'a>>,
+    /// Of every stage that was measured.
+    pub colors: StageColors,
 }
 
 /// A cell and the run that it belongs to.
@@ -66,6 +69,8 @@ impl<'a> ReportView<'a> {
         for section in &mut view.sections {
             section.finish(profile, folder);
         }
+        let stages = view.measured().flat_map(|(_, measured)| &measured.stages);
+        view.colors = StageColors::new(stages.map(|stage| stage.stage.as_str()));
         view
     }
 

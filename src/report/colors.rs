@@ -1,0 +1,106 @@
+//! One colour per stage on all plots of a report.
+//!
+//! Stages of a family share a hue and differ in lightness. Neighbouring families are far apart in hue.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use itertools::Itertools;
+use palette::{IntoColor, Oklch, Srgb};
+
+/// Degrees between the hues of families that follow each other in the alphabet: the golden angle, so that any number of
+/// families is spread evenly and neighbours are far apart.
+const HUE_STEP_DEG: f32 = 137.508;
+/// Hue of the first family, degrees: blue.
+const FIRST_HUE_DEG: f32 = 250.0;
+/// Perceived lightness of a family's stages (Oklab, 0 black to 1 white): all of them stand out against white and against black.
+const LIGHTNESS: [f32; 5] = [0.60, 0.76, 0.50, 0.68, 0.56];
+/// Degrees by which the hue of a family's stages moves each time the list of lightness values begins again.
+const SHIFT_DEG: f32 = 22.0;
+const CHROMA: f32 = 0.125;
+
+/// Of what is no stage, and of stages that are unknown.
+pub const NEUTRAL: Color = Color(150, 150, 150);
+
+/// Red, green and blue of sRGB.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct Color(pub u8, pub u8, pub u8);
+
+impl Color {
+    /// For CSS and SVG.
+    pub fn hex(self) -> String {
+        let Self(red, green, blue) = self;
+        format!("#{red:02x}{green:02x}{blue:02x}")
+    }
+}
+
+/// The colours of a report's stages. The same set of names gives the same colours.
+#[derive(Clone, Debug, Default)]
+pub struct StageColors(BTreeMap<String, Color>);
+
+impl StageColors {
+    pub fn new<'a>(stages: impl IntoIterator<Item = &'a str>) -> StageColors {
+        let names: BTreeSet<&str> = stages.into_iter().filter(|name| name.contains('/')).collect();
+        let families = names.into_iter().chunk_by(|name| family(name));
+        let mut colors = BTreeMap::new();
+        for (place, (_, stages)) in families.into_iter().enumerate() {
+            let hue = FIRST_HUE_DEG + HUE_STEP_DEG * place as f32;
+            let colored = stages.enumerate();
+            colors.extend(colored.map(|(index, name)| (name.to_owned(), color(hue, index))));
+        }
+        StageColors(colors)
+    }
+
+    /// Of a stage of the report; grey for others, such as the CPU's part of a frame.
+    pub fn of(&self, stage: &str) -> Color {
+        self.0.get(stage).copied().unwrap_or(NEUTRAL)
+    }
+}
+
+/// `caustics` of `caustics/trace`.
+fn family(stage: &str) -> &str {
+    stage.split_once('/').map_or(stage, |(family, _)| family)
+}
+
+fn color(hue_deg: f32, index: usize) -> Color {
+    let turns = (index / LIGHTNESS.len()) as f32;
+    let hue = hue_deg + SHIFT_DEG * turns;
+    let mixed: Srgb = Oklch::new(LIGHTNESS[index % LIGHTNESS.len()], CHROMA, hue).into_color();
+    let Srgb { red, green, blue, .. } = mixed.into_format::<u8>();
+    Color(red, green, blue)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const STAGES: [&str; 8] = [
+        "ao/blur",
+        "ao/compose",
+        "ao/march",
+        "caustics/splat",
+        "caustics/trace",
+        "post/compose",
+        "voxel/unpack",
+        "scene/gbuffer",
+    ];
+
+    #[test]
+    fn every_stage_has_a_colour_of_its_own() {
+        let colors = StageColors::new(STAGES);
+        let used: BTreeSet<Color> = STAGES.iter().map(|stage| colors.of(stage)).collect();
+        assert_eq!(used.len(), STAGES.len());
+        assert!(!used.contains(&NEUTRAL));
+    }
+
+    #[test]
+    fn the_order_of_names_does_not_matter_and_the_frame_is_grey() {
+        let [forth, back] = [StageColors::new(STAGES), StageColors::new(STAGES.into_iter().rev())];
+        assert!(STAGES.iter().all(|stage| forth.of(stage) == back.of(stage)));
+        assert_eq!(StageColors::new(["frame"]).of("frame"), NEUTRAL);
+    }
+
+    #[test]
+    fn a_colour_is_written_as_css_does() {
+        assert_eq!(Color(1, 160, 255).hex(), "#01a0ff");
+    }
+}
