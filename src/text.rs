@@ -98,6 +98,16 @@ pub fn code(name: &str) -> String {
     format!("{fence}{padding}{name}{padding}{fence}")
 }
 
+/// A word of a command for a POSIX shell: in quotes where it holds more than plain characters.
+pub fn shell(word: &str) -> String {
+    let word = line(word);
+    let plain = |c: char| c.is_ascii_alphanumeric() || "-_./=,:+@%".contains(c);
+    if !word.is_empty() && word.chars().all(plain) {
+        return word;
+    }
+    format!("'{}'", word.replace('\'', "'\\''"))
+}
+
 /// A path of a file as the target of a link in Markdown.
 pub fn link(path: &str) -> String {
     let plain = |byte: u8| byte.is_ascii_alphanumeric() || b"-._~/=,+".contains(&byte);

@@ -51,7 +51,12 @@ pub fn run(catalog: &Catalog, args: RunArgs) -> Outcome {
     let options = Options {
         catalog: catalog.clone(),
         gpu: gpu_options(catalog, &args.adapter),
-        request: Request { experiments: args.experiments, axes: args.axis, sets: args.set },
+        request: Request {
+            experiments: args.experiments,
+            axes: args.axis,
+            sets: args.set,
+            cells: args.cell,
+        },
         profile: args.profile,
         budget_s: args.budget,
         precision: args.precision,

@@ -142,6 +142,9 @@ pub struct RunArgs {
     /// Replace the values of an axis
     #[arg(long, value_name = "NAME=VALUE,…", value_parser = parse_axis)]
     pub axis: Vec<(String, Vec<String>)>,
+    /// Measure only the cell of this name, as records and reports write it; may be given several times
+    #[arg(long, value_name = "NAME")]
+    pub cell: Vec<String>,
     /// Time for all cells together, seconds
     #[arg(long, value_name = "SECONDS")]
     pub budget: Option<f64>,

@@ -21,12 +21,12 @@ mod fits;
 use indexmap::IndexMap;
 use strum::Display;
 
-use self::comparison::Comparison;
+use self::comparison::{Comparison, Judged};
 use super::expand::label_text;
 use super::measure::{self, Measure, Reading};
 use super::schema::{Claim, Experiment, Test};
 use crate::record::Cell;
-use crate::statistics;
+use crate::statistics::{self, Interval};
 
 pub use fits::{Scaling, scaling};
 
@@ -62,6 +62,20 @@ pub struct Ruling {
     pub reason: String,
     /// The fewest samples of a figure. None where all are exact or there is none.
     pub n: Option<usize>,
+    /// The comparison that decided, where there was one.
+    pub deciding: Option<Deciding>,
+}
+
+/// A figure and the band that it was held against. Of several with the claim's verdict it is the one farthest outside its
+/// band, or else the one nearest to a bound.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Deciding {
+    pub name: String,
+    pub value: f64,
+    /// None where there are too few samples; of an exact figure no wider than it.
+    pub interval: Option<Interval>,
+    /// One end or both may be infinite.
+    pub band: Interval,
 }
 
 /// Comparisons that a test asks for, or why it cannot be run.
@@ -116,11 +130,17 @@ fn rule(claim: &Claim, cells: &[&Cell], software: bool) -> Ruling {
     }
     let n = comparisons.iter().filter_map(Comparison::n).min();
     let judged = comparison::judge(&comparisons);
-    let (verdict, reason) = match judged {
-        Some(found) if not_run.is_empty() || found.0 < Verdict::NotRun => found,
-        _ => (Verdict::NotRun, not_run.join("; ")),
-    };
-    Ruling { id: claim.id.clone(), text: claim.text.clone(), verdict, reason, n }
+    let (id, text) = (claim.id.clone(), claim.text.clone());
+    match judged {
+        Some(found) if not_run.is_empty() || found.verdict < Verdict::NotRun => {
+            let Judged { verdict, reason, deciding } = found;
+            Ruling { id, text, verdict, reason, n, deciding: Some(deciding) }
+        }
+        _ => {
+            let reason = not_run.join("; ");
+            Ruling { id, text, verdict: Verdict::NotRun, reason, n, deciding: None }
+        }
+    }
 }
 
 /// The comparisons of each group of cells that differ in the claim's axis only.

@@ -15,6 +15,7 @@ use super::views::OtherViews;
 use crate::experiments::{CellPlan, Experiment, ExperimentError, ReferencePlan};
 use crate::gpu::Capacity;
 use crate::record::{self, Outcome, Profile, resume_key};
+use crate::text::{did_you_mean, nearest};
 
 #[derive(Debug, Error)]
 pub enum PlanError {
@@ -22,6 +23,8 @@ pub enum PlanError {
     Experiment(#[from] ExperimentError),
     #[error("{experiment}, cell {cell}: {source}")]
     Cell { experiment: String, cell: String, source: SubjectError },
+    #[error("no chosen experiment has the cell `{name}`{}", did_you_mean(nearest))]
+    UnknownCell { name: String, nearest: Option<String> },
 }
 
 /// What to measure.
@@ -33,6 +36,8 @@ pub struct Request {
     pub axes: Vec<(String, Vec<String>)>,
     /// Parameters of every cell, (dotted path, value).
     pub sets: Vec<(String, Value)>,
+    /// Names of the only cells that are wanted; none means all.
+    pub cells: Vec<String>,
 }
 
 impl Request {
@@ -53,6 +58,26 @@ impl Request {
         let concerns =
             |name: &str| has(experiment, name) || !all.iter().any(|other| has(other, name));
         self.axes.iter().filter(|(name, _)| concerns(name)).cloned().collect()
+    }
+}
+
+impl Request {
+    /// Keeps the cells that were asked for by name. A name that no experiment has is an error.
+    fn choose(&self, expanded: &mut [Vec<CellPlan>]) -> Result<(), PlanError> {
+        if self.cells.is_empty() {
+            return Ok(());
+        }
+        let names = || expanded.iter().flatten().map(|plan| plan.cell.as_str());
+        for name in &self.cells {
+            if !names().any(|known| known == name) {
+                let nearest = nearest(name, names());
+                return Err(PlanError::UnknownCell { name: name.clone(), nearest });
+            }
+        }
+        for plans in expanded {
+            plans.retain(|plan| self.cells.contains(&plan.cell));
+        }
+        Ok(())
     }
 }
 
@@ -108,6 +133,7 @@ pub fn plan(
         let axes = request.axes_of(experiment, &experiments);
         expanded.push(experiment.cells(profile, &axes, &request.sets)?);
     }
+    request.choose(&mut expanded)?;
     let cells = expanded.into_iter().zip(&experiments).map(|(plans, experiment)| {
         let turns_deg = experiment.views.as_ref().map(|views| views.turns_deg.as_slice());
         plans
@@ -117,7 +143,10 @@ pub fn plan(
     });
     let cells: Vec<Vec<PlannedCell>> = cells.collect::<Result<_, _>>()?;
     let planned = experiments.into_iter().zip(cells);
-    Ok(planned.map(|(experiment, cells)| PlannedExperiment { experiment, cells }).collect())
+    let planned = planned.map(|(experiment, cells)| PlannedExperiment { experiment, cells });
+    let wanted =
+        |planned: &PlannedExperiment| request.cells.is_empty() || !planned.cells.is_empty();
+    Ok(planned.filter(wanted).collect())
 }
 
 fn planned_cell(

@@ -5,6 +5,7 @@
 mod cells_csv;
 pub mod colors;
 pub mod format;
+pub mod page;
 mod plots;
 mod summary;
 mod view;
@@ -13,6 +14,7 @@ mod view;
 pub mod fixtures;
 
 pub use cells_csv::EXPORTER as CELLS_CSV;
+pub use page::EXPORTER as PAGE;
 pub use plots::EXPORTER as PLOTS;
 pub use summary::EXPORTER as SUMMARY;
 pub use view::{Entry, ReportView, Section};

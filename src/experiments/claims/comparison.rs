@@ -1,6 +1,6 @@
 //! The rule of evidence: figures against the bands that they must lie in.
 
-use super::{ALPHA, Verdict};
+use super::{ALPHA, Deciding, Verdict};
 use crate::experiments::measure::Reading;
 use crate::statistics::{self, Interval};
 
@@ -90,6 +90,15 @@ impl Comparison {
         format!("{} {value}{interval}{n}", self.name)
     }
 
+    fn deciding(&self) -> Deciding {
+        Deciding {
+            name: self.name.clone(),
+            value: self.figure.value(),
+            interval: self.figure.interval(ALPHA),
+            band: self.band,
+        }
+    }
+
     /// What is asked of it.
     fn asked(&self) -> String {
         let Interval { low, high } = self.band;
@@ -144,8 +153,15 @@ impl Comparison {
     }
 }
 
-/// The verdict on all comparisons of a claim, and the figures that decided; none where there is nothing to compare.
-pub(super) fn judge(comparisons: &[Comparison]) -> Option<(Verdict, String)> {
+/// The verdict on all comparisons of a claim, and the figures that decided.
+pub(super) struct Judged {
+    pub verdict: Verdict,
+    pub reason: String,
+    pub deciding: Deciding,
+}
+
+/// None where there is nothing to compare.
+pub(super) fn judge(comparisons: &[Comparison]) -> Option<Judged> {
     let verdicts = comparisons.iter().map(|comparison| comparison.verdict(comparisons.len()));
     let verdict = verdicts.clone().min()?;
     let mut deciding: Vec<&Comparison> =
@@ -167,7 +183,8 @@ pub(super) fn judge(comparisons: &[Comparison]) -> Option<(Verdict, String)> {
         (all, _, Verdict::Supported) => format!(" (the nearest to its bound of {all})"),
         (all, some, _) => format!(" ({some} of {all} comparisons)"),
     };
-    Some((verdict, told + &count))
+    let deciding = deciding.first()?.deciding();
+    Some(Judged { verdict, reason: told + &count, deciding })
 }
 
 /// Three decimals, or three digits of what is small.

@@ -13,6 +13,8 @@ pub struct Claim {
     /// Axis or parameter → value; all must hold.
     #[serde(default, rename = "where")]
     pub filter: Map<String, Value>,
+    /// The figure that the publication states, in the unit of what is tested, such as the ratio of two times.
+    pub published: Option<f64>,
     pub test: Test,
 }
 

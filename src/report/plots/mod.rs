@@ -6,7 +6,7 @@ mod bars;
 mod chart;
 mod lines;
 mod map;
-mod scale;
+pub mod scale;
 mod stacked;
 mod style;
 

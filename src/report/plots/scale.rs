@@ -110,6 +110,11 @@ impl Scale {
         coordinate.is_finite().then_some(coordinate)
     }
 
+    /// Coordinates of the ticks.
+    pub fn ticks(&self) -> &[f64] {
+        &self.ticks
+    }
+
     pub fn tick_label(&self, coordinate: f64) -> String {
         let value = match self.kind {
             ScaleKind::Linear if coordinate.abs() < 1e-12 => 0.0,

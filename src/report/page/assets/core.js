@@ -1,0 +1,130 @@
+"use strict";
+/* What the parts of the page share: the packed samples, exact values under the pointer and from the keyboard, copying. */
+const fathom = {};
+
+fathom.all = (selector, from = document) => [...from.querySelectorAll(selector)];
+
+/* An element with attributes and children; text stays text. */
+fathom.element = (name, attributes = {}, ...children) => {
+  const svg = ["svg", "g", "rect", "circle", "line", "path", "polyline", "text", "title"];
+  const made = svg.includes(name) && attributes.svg !== false
+    ? document.createElementNS("http://www.w3.org/2000/svg", name)
+    : document.createElement(name);
+  for (const [key, value] of Object.entries(attributes)) {
+    if (key !== "svg" && value !== undefined) made.setAttribute(key, value);
+  }
+  made.append(...children);
+  return made;
+};
+
+/* The page's data, unpacked once, when first asked for. */
+fathom.data = () => {
+  fathom.unpacked ??= (async () => {
+    const packed = document.getElementById("data").textContent;
+    const bytes = Uint8Array.from(atob(packed), (c) => c.charCodeAt(0));
+    const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("gzip"));
+    return JSON.parse(await new Response(stream).text());
+  })();
+  return fathom.unpacked;
+};
+
+/* Three significant digits, as the page's tables write them. */
+fathom.three = (value) => {
+  const size = Math.abs(value);
+  if (!Number.isFinite(value)) return "–";
+  if (size === 0) return "0";
+  if (size >= 1e7 || size < 1e-3) return value.toExponential(2);
+  const digits = size >= 100 ? 0 : size >= 10 ? 1 : size >= 1 ? 2 : size >= 0.1 ? 3 : 4;
+  return value.toFixed(digits);
+};
+
+/* The middle of samples, or the mean of the two middle ones. */
+fathom.median = (samples) => {
+  const sorted = [...samples].sort((a, b) => a - b);
+  const half = Math.floor(sorted.length / 2);
+  return sorted.length % 2 ? sorted[half] : (sorted[half - 1] + sorted[half]) / 2;
+};
+
+{
+  const tip = document.getElementById("tip");
+  let shown = null;
+
+  const hide = () => {
+    if (shown) shown.classList.remove("at");
+    shown = null;
+    tip.hidden = true;
+  };
+
+  /* Shows a mark's value beside it. */
+  const show = (mark) => {
+    hide();
+    shown = mark;
+    mark.classList.add("at");
+    tip.textContent = mark.dataset.tip;
+    tip.hidden = false;
+    const box = mark.getBoundingClientRect();
+    const { width, height } = tip.getBoundingClientRect();
+    const left = Math.min(Math.max(4, box.x + box.width / 2 - width / 2), innerWidth - width - 4);
+    const above = box.y - height - 8;
+    tip.style.left = `${left}px`;
+    tip.style.top = `${above > 4 ? above : box.y + box.height + 8}px`;
+  };
+
+  document.addEventListener("pointerover", (event) => {
+    const mark = event.target.closest?.("[data-tip]");
+    if (mark) show(mark);
+    else if (shown) hide();
+  });
+
+  /* A chart is one stop of the tab key; arrows walk over its marks. */
+  fathom.walkable = (chart) => {
+    if (chart.querySelector("[data-tip]")) {
+      chart.setAttribute("tabindex", "0");
+      chart.setAttribute("role", "application");
+      chart.setAttribute("aria-roledescription", "chart: arrow keys give the values");
+    }
+  };
+  fathom.all("svg.chart, .chart-bars").forEach(fathom.walkable);
+
+  document.addEventListener("keydown", (event) => {
+    const chart = event.target.closest?.("svg.chart, .chart-bars");
+    const step = { ArrowRight: 1, ArrowDown: 1, ArrowLeft: -1, ArrowUp: -1 }[event.key];
+    if (event.key === "Escape") hide();
+    if (!chart || !step) return;
+    const marks = fathom.all("[data-tip]", chart).filter((mark) => mark.getClientRects().length > 0);
+    if (marks.length === 0) return;
+    const at = marks.indexOf(shown);
+    const next = at < 0 ? (step > 0 ? 0 : marks.length - 1) : (at + step + marks.length) % marks.length;
+    event.preventDefault();
+    show(marks[next]);
+  });
+  document.addEventListener("focusout", hide);
+  addEventListener("scroll", hide, { passive: true });
+}
+
+/* Copies what a button carries. From disk some browsers refuse the clipboard; a hidden field works there. */
+document.addEventListener("click", async (event) => {
+  const button = event.target.closest?.("[data-copy]");
+  if (!button) return;
+  const copied = await navigator.clipboard?.writeText(button.dataset.copy).then(() => true, () => false);
+  if (!copied) {
+    const field = fathom.element("textarea", { readonly: "" });
+    field.value = button.dataset.copy;
+    document.body.append(field);
+    field.select();
+    document.execCommand("copy");
+    field.remove();
+  }
+  const before = button.textContent;
+  button.textContent = "copied";
+  setTimeout(() => { button.textContent = before; }, 1200);
+});
+
+/* A link to something folded opens it. */
+fathom.open = () => {
+  const target = location.hash.length > 1 && document.getElementById(decodeURIComponent(location.hash.slice(1)));
+  if (target instanceof HTMLDetailsElement) target.open = true;
+};
+addEventListener("hashchange", fathom.open);
+
+document.documentElement.classList.add("scripted");

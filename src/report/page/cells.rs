@@ -1,0 +1,170 @@
+//! Every cell as a row that can be sorted, filtered, opened, and measured again.
+
+use itertools::Itertools;
+use maud::{Markup, html};
+
+use super::{Page, PageRun, PageSection};
+use crate::record::{Cell, Estimate, Measured, Outcome, Run, StageRecord};
+use crate::report::Entry;
+use crate::report::format::{NS_PER_MS, percent, three};
+use crate::text;
+
+pub const SECTION: PageSection = PageSection { id: "cells", title: "Cells", write };
+
+/// Options of `fathom run` that a cell depends on, and whether each takes a value.
+const KEPT: [(&str, bool); 5] = [
+    ("--set", true),
+    ("--axis", true),
+    ("--adapter", true),
+    ("--unchecked", false),
+    ("--allow-large", false),
+];
+
+fn write(page: &Page<'_>) -> Option<Markup> {
+    let experiments: Vec<&str> = sections(page).map(|(_, id, _)| id).unique().collect();
+    if experiments.is_empty() {
+        return None;
+    }
+    Some(html! {
+        p.lead {
+            "A row per cell; a click on a heading sorts. "
+            span.script-only { "“stages” shows the cell's stages; “copy” copies the command that measures it again." }
+        }
+        div.controls.script-only {
+            label { "Experiment "
+                select #cell-experiment {
+                    option value="" { "all" }
+                    @for id in &experiments { option { (id) } }
+                }
+            }
+            label { "Holds the words " input #cell-words type="search" size="24"; }
+            output #cell-count {}
+        }
+        div.scroll tabindex="0" role="region" aria-label="Cells" {
+            table #cell-table {
+                thead { tr {
+                    @if page.is_overlay() { th scope="col" { "Run" } }
+                    th scope="col" { "Experiment" }
+                    th scope="col" { "Cell" }
+                    th.number scope="col" { "Frame (ms)" }
+                    th.number scope="col" { "± %" }
+                    th.number scope="col" { "n" }
+                    th.number scope="col" { "Cost of timing" }
+                    th scope="col" { "Slowest stage" }
+                    th.number scope="col" { "Its share" }
+                    th.script-only scope="col" { "Look closer" }
+                } }
+                tbody {
+                    @for (run, id, entries) in sections(page) {
+                        @for entry in entries { (row(page, run, id, entry)) }
+                    }
+                }
+            }
+        }
+    })
+}
+
+fn sections<'a>(
+    page: &'a Page<'a>,
+) -> impl Iterator<Item = (&'a PageRun<'a>, &'a str, &'a [Entry<'a>])> {
+    page.runs.iter().flat_map(|run| {
+        let sections = run.view.sections.iter();
+        sections.map(move |section| (run, section.id, section.entries.as_slice()))
+    })
+}
+
+fn row(page: &Page<'_>, run: &PageRun<'_>, experiment: &str, entry: &Entry<'_>) -> Markup {
+    let cell = entry.cell;
+    html! {
+        tr data-experiment=(experiment) data-run=(run.label) data-cell=(cell.cell) {
+            @if page.is_overlay() { td { (run.label) } }
+            td { (experiment) }
+            th scope="row" { (name(cell)) }
+            @match &cell.outcome {
+                Outcome::Measured(measured) => { (figures(measured)) }
+                Outcome::Skipped { reason } => { td.faint colspan="6" { "skipped: " (reason) } }
+                Outcome::Failed { reason } => { td.bad colspan="6" { "failed: " (reason) } }
+            }
+            td.script-only {
+                @if cell.measured().is_some() { button.stages type="button" { "stages" } " " }
+                button.copy type="button" data-copy=(command(cell, entry.run)) { "copy" }
+            }
+        }
+    }
+}
+
+/// What tells the cell from the others of its experiment.
+fn name(cell: &Cell) -> String {
+    cell.cell.replace(',', ", ").replace('=', " = ")
+}
+
+fn figures(measured: &Measured) -> Markup {
+    let Estimate { median, n, .. } = measured.frame.untimed;
+    if !measured.is_timed() {
+        return html! { td.faint colspan="6" { "its errors were asked for, not its time" } };
+    }
+    let half = measured.frame.untimed.relative_half_width();
+    let slowest = slowest(measured);
+    let total: f64 = measured.stages.iter().map(|stage| stage.time.median).sum();
+    html! {
+        td.number data-v=(median) { (three(median / NS_PER_MS)) }
+        td.number data-v=(half) { (three(100.0 * half)) }
+        td.number data-v=(n) { (n) }
+        (cost(measured))
+        @if let Some(stage) = slowest {
+            td { (stage.stage) }
+            td.number data-v=(stage.time.median / total) { (percent(stage.time.median / total)) }
+        } @else {
+            td.faint colspan="2" { "no stage is above the clock's resolution" }
+        }
+    }
+}
+
+fn cost(measured: &Measured) -> Markup {
+    let share = measured.frame.timing_cost.median - 1.0;
+    html! { td.number data-v=(share) { (format!("{:+.1} %", 100.0 * share)) } }
+}
+
+fn slowest(measured: &Measured) -> Option<&StageRecord> {
+    let resolved = measured.stages.iter().filter(|stage| stage.is_resolved());
+    resolved.max_by(|a, b| a.time.median.total_cmp(&b.time.median))
+}
+
+/// The command that measures a cell again, with the options of its run that it depends on.
+pub fn command(cell: &Cell, run: Option<&Run>) -> String {
+    let mut words = vec!["fathom".to_owned(), "run".to_owned(), text::shell(&cell.experiment)];
+    words.extend(["--cell".to_owned(), text::shell(&cell.cell)]);
+    if let Some(run) = run {
+        words.extend(["--profile".to_owned(), run.profile.name().to_owned()]);
+        words.extend(kept(&run.command).iter().map(|word| text::shell(word)));
+    }
+    words.join(" ")
+}
+
+fn kept(command: &[String]) -> Vec<String> {
+    let mut words = command.iter();
+    let mut kept = Vec::new();
+    while let Some(word) = words.next() {
+        let option = word.split_once('=').map_or(word.as_str(), |(option, _)| option);
+        let Some((_, takes_value)) = KEPT.iter().find(|(known, _)| *known == option) else {
+            continue;
+        };
+        kept.push(word.clone());
+        if *takes_value && option == word {
+            kept.extend(words.next().cloned());
+        }
+    }
+    kept
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_command_keeps_what_the_cell_depends_on() {
+        let line = "fathom run uw-photons --out x --set water.noise=0 --adapter=llvm --resume --unchecked --budget 3";
+        let words: Vec<String> = line.split(' ').map(str::to_owned).collect();
+        assert_eq!(kept(&words), ["--set", "water.noise=0", "--adapter=llvm", "--unchecked"]);
+    }
+}

@@ -1,0 +1,213 @@
+//! Each claim with its verdict, and the figure that decided beside the band that it must lie in.
+
+use std::cmp::Reverse;
+
+use indexmap::IndexMap;
+use maud::{Markup, html};
+
+use super::svg::{Axis, tenth};
+use super::{Page, PageSection};
+use crate::experiments::schema::Claim;
+use crate::experiments::{Deciding, Ruling, Verdict};
+use crate::record::Interval;
+use crate::report::format::three;
+use crate::report::plots::scale::ScaleKind;
+
+pub const SECTION: PageSection = PageSection { id: "claims", title: "Claims", write };
+
+const WIDTH_PX: f64 = 180.0;
+const HEIGHT_PX: f64 = 30.0;
+/// Room beside the axis for the ends of marks.
+const MARGIN_PX: f64 = 8.0;
+/// Share of the spread of a row's figures that is shown beyond them.
+const ROOM: f64 = 0.25;
+
+/// A claim as each run rules on it.
+struct Row<'a> {
+    experiment: &'a str,
+    title: &'a str,
+    claim: &'a Claim,
+    /// By the run's place on the page.
+    rulings: Vec<(usize, &'a Ruling)>,
+}
+
+impl Row<'_> {
+    /// The worst verdict of all runs, and how far that lies outside its band.
+    fn rank(&self) -> (Verdict, Reverse<u64>) {
+        let worst = self.rulings.iter().map(|(_, ruling)| ruling.verdict).min();
+        let outside = self.rulings.iter().filter_map(|(_, r)| Some(excess(r.deciding.as_ref()?)));
+        let most = outside.fold(0.0, f64::max);
+        (worst.unwrap_or(Verdict::NotRun), Reverse((most * 1e6) as u64))
+    }
+}
+
+/// How far a figure lies outside its band, as a share of the bound.
+fn excess(deciding: &Deciding) -> f64 {
+    let Interval { low, high } = deciding.band;
+    let (bound, off) = if deciding.value < low {
+        (low, low - deciding.value)
+    } else {
+        (high, deciding.value - high)
+    };
+    if off > 0.0 && bound.is_finite() { off / bound.abs().max(1e-9) } else { 0.0 }
+}
+
+fn write(page: &Page<'_>) -> Option<Markup> {
+    let mut rows = rows(page);
+    if rows.is_empty() {
+        return None;
+    }
+    rows.sort_by_key(Row::rank);
+    let verdicts =
+        [Verdict::Contradicted, Verdict::Inconclusive, Verdict::NotRun, Verdict::Supported];
+    Some(html! {
+        p.lead {
+            "A claim is supported where the interval of its figure lies inside the band, contradicted where it lies outside, and "
+            "inconclusive else. The dot is the measured figure, the line its interval, the shaded part the claim's band"
+            @if rows.iter().any(|row| row.claim.published.is_some()) {
+                ", the diamond the published figure"
+            }
+            "."
+        }
+        div.controls {
+            label { "Show "
+                select #claim-verdict {
+                    option value="" { "all verdicts" }
+                    @for verdict in verdicts { option { (verdict.to_string()) } }
+                }
+            }
+        }
+        div.scroll tabindex="0" role="region" aria-label="Claims" {
+            table #claim-table {
+                thead { tr {
+                    th scope="col" { "Verdict" }
+                    th scope="col" { "Claim" }
+                    th scope="col" { "Measured (interval)" }
+                    th scope="col" { "Against its band" }
+                    th scope="col" { "Asked" }
+                    th scope="col" { "Published" }
+                } }
+                tbody { @for row in &rows { (row_markup(page, row)) } }
+            }
+        }
+    })
+}
+
+/// Claims in the order of their experiments, each once.
+fn rows<'a>(page: &'a Page<'a>) -> Vec<Row<'a>> {
+    let mut rows = IndexMap::<(&str, &str), Row<'_>>::new();
+    for (place, run) in page.runs.iter().enumerate() {
+        for section in &run.view.sections {
+            let claims = section.experiment.iter().flat_map(|experiment| &experiment.claim);
+            for (claim, ruling) in claims.zip(section.rulings()) {
+                let row = rows.entry((section.id, &claim.id)).or_insert_with(|| Row {
+                    experiment: section.id,
+                    title: section.title(),
+                    claim,
+                    rulings: Vec::new(),
+                });
+                row.rulings.push((place, ruling));
+            }
+        }
+    }
+    rows.into_values().collect()
+}
+
+fn row_markup(page: &Page<'_>, row: &Row<'_>) -> Markup {
+    let axis = axis(row);
+    let claim = row.claim;
+    html! {
+        @for (index, (place, ruling)) in row.rulings.iter().enumerate() {
+            tr data-verdict=(ruling.verdict.to_string()) {
+                td { (chip(ruling.verdict)) }
+                td.claim {
+                    @if index == 0 {
+                        (claim.text)
+                        " "
+                        a.source href={ "#plot-" (row.experiment) } title=(row.title) { (row.experiment) }
+                    }
+                    @if page.is_overlay() { " " span.run { (page.runs[*place].label) } }
+                    details { summary { "why" } p { (ruling.reason) } }
+                }
+                @match &ruling.deciding {
+                    Some(deciding) => {
+                        td.number { (measured(deciding)) @if let Some(n) = ruling.n { br; span.faint { "n = " (n) } } }
+                        td { @if let Some(axis) = &axis { (picture(axis, deciding, claim.published)) } }
+                        td.number { (asked(deciding.band)) }
+                    }
+                    None => { td.faint colspan="3" { (ruling.reason) } }
+                }
+                td.number { @if let Some(published) = claim.published { (three(published)) } @else { "–" } }
+            }
+        }
+    }
+}
+
+/// A verdict, told by a word, a mark and a colour.
+pub fn chip(verdict: Verdict) -> Markup {
+    let (class, mark) = match verdict {
+        Verdict::Contradicted => ("bad", "✕"),
+        Verdict::Inconclusive => ("open", "?"),
+        Verdict::NotRun => ("none", "–"),
+        Verdict::Supported => ("good", "✓"),
+    };
+    html! { span.chip.(class) { span aria-hidden="true" { (mark) " " } (verdict.to_string()) } }
+}
+
+fn measured(deciding: &Deciding) -> Markup {
+    html! {
+        (three(deciding.value))
+        @if let Some(Interval { low, high }) = deciding.interval {
+            @if low < high { br; span.faint { "(" (three(low)) " – " (three(high)) ")" } }
+        }
+    }
+}
+
+fn asked(band: Interval) -> String {
+    match (band.low.is_finite(), band.high.is_finite()) {
+        (true, true) => format!("{} – {}", three(band.low), three(band.high)),
+        (true, false) => format!("≥ {}", three(band.low)),
+        (false, true) => format!("≤ {}", three(band.high)),
+        (false, false) => "–".to_owned(),
+    }
+}
+
+/// One axis for a claim's figures of all runs, so that they can be compared by eye.
+fn axis(row: &Row<'_>) -> Option<Axis> {
+    let deciding = || row.rulings.iter().filter_map(|(_, ruling)| ruling.deciding.as_ref());
+    let ends = deciding().flat_map(|deciding| {
+        let Interval { low, high } = deciding.interval.unwrap_or(deciding.band);
+        [deciding.value, low, high, deciding.band.low, deciding.band.high]
+    });
+    let values = ends.chain(row.claim.published).filter(|value| value.is_finite());
+    let (low, high) = values.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| {
+        (low.min(value), high.max(value))
+    });
+    let room = ROOM * (high - low).max(1e-3 * high.abs().max(low.abs())).max(f64::MIN_POSITIVE);
+    Axis::spanning(ScaleKind::Linear, [low - room, high + room], [MARGIN_PX, WIDTH_PX - MARGIN_PX])
+}
+
+fn picture(axis: &Axis, deciding: &Deciding, published: Option<f64>) -> Markup {
+    let [low, high] = [deciding.band.low, deciding.band.high].map(|end| axis.px_within(end));
+    let start = if deciding.band.low.is_finite() { low } else { MARGIN_PX };
+    let end = if deciding.band.high.is_finite() { high } else { WIDTH_PX - MARGIN_PX };
+    let middle = HEIGHT_PX / 2.0;
+    let at = axis.px_within(deciding.value);
+    let interval =
+        deciding.interval.unwrap_or(Interval { low: deciding.value, high: deciding.value });
+    let [from, to] = [interval.low, interval.high].map(|end| axis.px_within(end));
+    let tip =
+        format!("{}: {} against {}", deciding.name, three(deciding.value), asked(deciding.band));
+    html! {
+        svg.claim-axis role="img" aria-label=(tip) width=(WIDTH_PX) height=(HEIGHT_PX) {
+            title { (tip) }
+            line.rule x1="0" x2=(WIDTH_PX) y1=(middle) y2=(middle) {}
+            rect.band x=(start) y="4" width=(tenth((end - start).max(1.0))) height=(HEIGHT_PX - 8.0) {}
+            @if let Some(x) = published.and_then(|value| axis.px(value)) {
+                path.published d={ "M" (x) " " (middle - 7.0) "l5 7l-5 7l-5 -7z" } {}
+            }
+            line.interval x1=(from) x2=(to) y1=(middle) y2=(middle) {}
+            circle.value cx=(at) cy=(middle) r="4" {}
+        }
+    }
+}

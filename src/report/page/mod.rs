@@ -1,0 +1,145 @@
+//! `index.html`: one self-contained page of one run or of several, from records alone.
+//!
+//! Every section is written as HTML and SVG, so that the page can be read without script. The script adds sorting, filters,
+//! sliders, exact values under the pointer and from the keyboard. It loads nothing; the page's policy forbids other scripts.
+
+mod cells;
+mod claims;
+mod data;
+mod overview;
+pub mod svg;
+
+use base64::Engine as _;
+use base64::engine::general_purpose::STANDARD as BASE64;
+use maud::{DOCTYPE, Markup, PreEscaped, html};
+use sha2::{Digest, Sha256};
+
+use super::colors::StageColors;
+use super::{Artifact, Exporter, ReportError, ReportView};
+
+/// Name of the page within a report's folder.
+pub const FILE: &str = "index.html";
+
+pub const EXPORTER: Exporter =
+    Exporter { name: FILE, about: "one page that shows the whole run", export };
+
+const STYLE: &str = include_str!("assets/page.css");
+/// In the order in which they run.
+const SCRIPTS: [&str; 2] = [include_str!("assets/core.js"), include_str!("assets/cells.js")];
+
+/// What a page shows: runs in the order in which they were named, and what could not be shown.
+pub struct Page<'a> {
+    pub runs: Vec<PageRun<'a>>,
+    pub left_out: Vec<LeftOut>,
+    /// Of every stage of every run.
+    pub colors: StageColors,
+}
+
+/// A run with the name that tells it from the others of the page.
+pub struct PageRun<'a> {
+    pub label: String,
+    pub view: &'a ReportView<'a>,
+}
+
+/// Something of the input that the page does not show.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct LeftOut {
+    /// A file, or a line of it.
+    pub what: String,
+    pub reason: String,
+}
+
+/// A part of the page.
+struct PageSection {
+    /// Its anchor.
+    id: &'static str,
+    title: &'static str,
+    /// None where the records hold nothing for it.
+    write: fn(&Page<'_>) -> Option<Markup>,
+}
+
+/// In the order in which a reader asks.
+const SECTIONS: [PageSection; 3] = [overview::SECTION, claims::SECTION, cells::SECTION];
+
+impl<'a> Page<'a> {
+    /// A page of these runs, each with its label.
+    pub fn new(runs: Vec<PageRun<'a>>, left_out: Vec<LeftOut>) -> Page<'a> {
+        let measured = runs.iter().flat_map(|run| run.view.measured());
+        let stages = measured.flat_map(|(_, measured)| &measured.stages);
+        let colors = StageColors::new(stages.map(|stage| stage.stage.as_str()));
+        Page { runs, left_out, colors }
+    }
+
+    /// Several runs are compared: marks and rows name theirs.
+    pub fn is_overlay(&self) -> bool {
+        self.runs.len() > 1
+    }
+
+    /// The page's bytes.
+    pub fn html(&self) -> String {
+        let sections: Vec<(&PageSection, Markup)> =
+            SECTIONS.iter().filter_map(|section| Some((section, (section.write)(self)?))).collect();
+        let script = SCRIPTS.concat();
+        let markup = html! {
+            (DOCTYPE)
+            html lang="en" {
+                head {
+                    meta charset="utf-8";
+                    meta http-equiv="Content-Security-Policy" content=(policy(&script));
+                    meta name="viewport" content="width=device-width, initial-scale=1";
+                    meta name="color-scheme" content="light dark";
+                    title { (self.title()) }
+                    style { (PreEscaped(STYLE)) }
+                }
+                body {
+                    a.skip href="#main" { "Skip to the content" }
+                    header {
+                        h1 { (self.title()) }
+                        nav aria-label="Sections" {
+                            @for (section, _) in &sections {
+                                a href={ "#" (section.id) } { (section.title) }
+                            }
+                        }
+                    }
+                    main #main {
+                        @for (section, content) in &sections {
+                            section #(section.id) aria-labelledby={ (section.id) "-title" } {
+                                h2 #{ (section.id) "-title" } { (section.title) }
+                                (content)
+                            }
+                        }
+                    }
+                    div #tip role="status" aria-live="polite" hidden {}
+                    script #data type="text/plain" { (PreEscaped(data::packed(self))) }
+                    script { (PreEscaped(&script)) }
+                }
+            }
+        };
+        markup.into_string()
+    }
+
+    fn title(&self) -> String {
+        let labels: Vec<&str> = self.runs.iter().map(|run| run.label.as_str()).collect();
+        match labels.as_slice() {
+            [] => "fathom: nothing to show".to_owned(),
+            [one] => format!("fathom on {one}"),
+            several => format!("fathom: {}", several.join(" and ")),
+        }
+    }
+}
+
+/// Only this page's own script may run, and nothing may be loaded.
+fn policy(script: &str) -> String {
+    let hash = BASE64.encode(Sha256::digest(script));
+    format!(
+        "default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src 'sha256-{hash}'; base-uri 'none'; form-action 'none'"
+    )
+}
+
+/// The page of one run.
+fn export(view: &ReportView<'_>) -> Result<Vec<Artifact>, ReportError> {
+    let label = view.run().map_or("no run", |run| run.adapter.name.as_str()).to_owned();
+    let runs = if view.runs.is_empty() { Vec::new() } else { vec![PageRun { label, view }] };
+    let page = Page::new(runs, Vec::new());
+    Ok(vec![Artifact { name: FILE.to_owned(), bytes: page.html().into_bytes() }])
+}
