@@ -21,13 +21,14 @@ mod fits;
 use indexmap::IndexMap;
 use strum::Display;
 
-use self::comparison::Comparison;
+use self::comparison::{Comparison, Judgement};
 use super::expand::label_text;
 use super::measure::{self, Measure, Reading};
 use super::schema::{Claim, Experiment, Test};
 use crate::record::Cell;
 use crate::statistics;
 
+pub use comparison::RuledFigure;
 pub use fits::{Scaling, scaling};
 
 /// Most looks at the samples of a cell: five sizes, each twice the one before, and the end of the time.
@@ -62,6 +63,8 @@ pub struct Ruling {
     pub reason: String,
     /// The fewest samples of a figure. None where all are exact or there is none.
     pub n: Option<usize>,
+    /// The figures that decided, the furthest outside its band or the nearest to its bound first. Empty where it was not run.
+    pub deciding: Vec<RuledFigure>,
 }
 
 /// Comparisons that a test asks for, or why it cannot be run.
@@ -116,11 +119,13 @@ fn rule(claim: &Claim, cells: &[&Cell], software: bool) -> Ruling {
     }
     let n = comparisons.iter().filter_map(Comparison::n).min();
     let judged = comparison::judge(&comparisons);
-    let (verdict, reason) = match judged {
-        Some(found) if not_run.is_empty() || found.0 < Verdict::NotRun => found,
-        _ => (Verdict::NotRun, not_run.join("; ")),
+    let Judgement { verdict, reason, deciding } = match judged {
+        Some(found) if not_run.is_empty() || found.verdict < Verdict::NotRun => found,
+        _ => {
+            Judgement { verdict: Verdict::NotRun, reason: not_run.join("; "), deciding: Vec::new() }
+        }
     };
-    Ruling { id: claim.id.clone(), text: claim.text.clone(), verdict, reason, n }
+    Ruling { id: claim.id.clone(), text: claim.text.clone(), verdict, reason, n, deciding }
 }
 
 /// The comparisons of each group of cells that differ in the claim's axis only.

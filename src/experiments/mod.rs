@@ -15,7 +15,9 @@ use crate::embedded::{EXPERIMENTS, Folders};
 use crate::input;
 use crate::text::{did_you_mean, line, nearest};
 
-pub use claims::{CHANCE, LOOKS, Ruling, Scaling, Verdict, groups, least_samples, scaling};
+pub use claims::{
+    CHANCE, LOOKS, RuledFigure, Ruling, Scaling, Verdict, groups, least_samples, scaling,
+};
 pub use expand::{
     CellPlan, MAX_CELLS, MAX_PLAN_BYTES, ReferencePlan, RepetitionPlan, flatten, label_text,
     parse_axis, parse_set,
