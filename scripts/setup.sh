@@ -1,7 +1,8 @@
 #!/bin/sh
 # Installs what a run needs on Debian or Ubuntu: the Vulkan loader, lavapipe where no hardware driver is there, the bunny,
 # and valgrind, which counts instructions in comparisons of builds (without it that gate is skipped and says so).
-# With `test`: also SwiftShader, the second software driver that the tests use. Elsewhere it only says what it would do.
+# With `test`: also SwiftShader, the second software driver that the tests use, and Chromium with axe-core for the tests of the
+# HTML page. Elsewhere it only says what it would do.
 set -eu
 
 if ! command -v cargo >/dev/null 2>&1; then
@@ -13,6 +14,7 @@ if ! command -v apt-get >/dev/null 2>&1; then
     exit 0
 fi
 
+axe_version=4.14.1
 missing=""
 want() { # package
     dpkg-query -W -f '${Status}' "$1" 2>/dev/null | grep -q '^install ok installed' || missing="$missing $1"
@@ -25,12 +27,24 @@ want libvulkan1
 hardware_driver || want mesa-vulkan-drivers
 want glmark2-data
 want valgrind
-[ "${1:-}" != test ] || { want mesa-vulkan-drivers; want chromium-common; }
-[ -n "$missing" ] || exit 0
+[ "${1:-}" != test ] || { want mesa-vulkan-drivers; want chromium-common; want chromium; want chromium-driver; }
 
-sudo=""
-[ "$(id -u)" = 0 ] || sudo="sudo"
-echo "installing:$missing"
-$sudo apt-get update -qq
-# shellcheck disable=SC2086
-DEBIAN_FRONTEND=noninteractive $sudo apt-get install -y -qq --no-install-recommends $missing >/dev/null
+install() {
+    [ -n "$missing" ] || return 0
+    sudo=""
+    [ "$(id -u)" = 0 ] || sudo="sudo"
+    echo "installing:$missing"
+    $sudo apt-get update -qq
+    # shellcheck disable=SC2086
+    DEBIAN_FRONTEND=noninteractive $sudo apt-get install -y -qq --no-install-recommends $missing >/dev/null
+}
+# The accessibility checks that the page's tests run in Chromium.
+install_axe() {
+    [ ! -e target/npm/node_modules/axe-core/axe.min.js ] || return 0
+    command -v npm >/dev/null 2>&1 || { echo "note: no npm, so the page's accessibility is not tested" >&2; return 0; }
+    npm install --silent --no-save --prefix target/npm "axe-core@$axe_version" >/dev/null ||
+        echo "note: axe-core could not be installed, so the page's accessibility is not tested" >&2
+}
+
+install
+[ "${1:-}" != test ] || install_axe

@@ -18,6 +18,9 @@ const LIGHTNESS: [f32; 5] = [0.60, 0.76, 0.50, 0.68, 0.56];
 const SHIFT_DEG: f32 = 22.0;
 const CHROMA: f32 = 0.125;
 
+/// The CPU's part of a frame, which is no stage of the GPU.
+const FRAME: &str = "frame";
+
 /// Of what is no stage, and of stages that are unknown.
 pub const NEUTRAL: Color = Color(150, 150, 150);
 
@@ -39,7 +42,7 @@ pub struct StageColors(BTreeMap<String, Color>);
 
 impl StageColors {
     pub fn new<'a>(stages: impl IntoIterator<Item = &'a str>) -> StageColors {
-        let names: BTreeSet<&str> = stages.into_iter().filter(|name| name.contains('/')).collect();
+        let names: BTreeSet<&str> = stages.into_iter().filter(|name| *name != FRAME).collect();
         let families = names.into_iter().chunk_by(|name| family(name));
         let mut colors = BTreeMap::new();
         for (place, (_, stages)) in families.into_iter().enumerate() {
@@ -50,7 +53,7 @@ impl StageColors {
         StageColors(colors)
     }
 
-    /// Of a stage of the report; grey for others, such as the CPU's part of a frame.
+    /// Of a stage of the report; grey for others and for the CPU's part of a frame.
     pub fn of(&self, stage: &str) -> Color {
         self.0.get(stage).copied().unwrap_or(NEUTRAL)
     }
@@ -75,7 +78,7 @@ mod tests {
 
     const STAGES: [&str; 8] = [
         "ao/blur",
-        "ao/compose",
+        "compose",
         "ao/march",
         "caustics/splat",
         "caustics/trace",

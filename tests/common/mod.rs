@@ -1,6 +1,8 @@
 //! What tests of the program share: the command, a small run, its records, its errors.
 #![allow(dead_code, reason = "no test uses all of it")]
 
+pub mod hostile;
+
 use std::path::Path;
 use std::process::{Command, Output};
 

@@ -21,7 +21,8 @@ const KEPT: [(&str, bool); 5] = [
 ];
 
 fn write(page: &Page<'_>) -> Option<Markup> {
-    let experiments: Vec<&str> = sections(page).map(|(_, id, _)| id).unique().collect();
+    let rows = rows(page);
+    let experiments: Vec<&str> = rows.iter().map(|row| row.experiment).unique().collect();
     if experiments.is_empty() {
         return None;
     }
@@ -55,28 +56,42 @@ fn write(page: &Page<'_>) -> Option<Markup> {
                     th.script-only scope="col" { "Look closer" }
                 } }
                 tbody {
-                    @for (run, id, entries) in sections(page) {
-                        @for entry in entries { (row(page, run, id, entry)) }
-                    }
+                    @for one in &rows { (row(page, one)) }
                 }
             }
         }
     })
 }
 
-fn sections<'a>(
-    page: &'a Page<'a>,
-) -> impl Iterator<Item = (&'a PageRun<'a>, &'a str, &'a [Entry<'a>])> {
-    page.runs.iter().flat_map(|run| {
-        let sections = run.view.sections.iter();
-        sections.map(move |section| (run, section.id, section.entries.as_slice()))
-    })
+/// A cell of a run, and where its samples are in the page's data.
+struct Row<'a> {
+    run: &'a PageRun<'a>,
+    experiment: &'a str,
+    entry: &'a Entry<'a>,
+    /// The run's place on the page, and the cell's among those that were measured.
+    at: Option<[usize; 2]>,
 }
 
-fn row(page: &Page<'_>, run: &PageRun<'_>, experiment: &str, entry: &Entry<'_>) -> Markup {
+fn rows<'a>(page: &'a Page<'a>) -> Vec<Row<'a>> {
+    let mut rows = Vec::new();
+    for (place, run) in page.runs.iter().enumerate() {
+        let mut measured = 0..;
+        for section in &run.view.sections {
+            rows.extend(section.entries.iter().map(|entry| {
+                let index = entry.cell.measured().and_then(|_| measured.next());
+                let at = index.map(|index| [place, index]);
+                Row { run, experiment: section.id, entry, at }
+            }));
+        }
+    }
+    rows
+}
+
+fn row(page: &Page<'_>, row: &Row<'_>) -> Markup {
+    let Row { run, experiment, entry, at } = row;
     let cell = entry.cell;
     html! {
-        tr data-experiment=(experiment) data-run=(run.label) data-cell=(cell.cell) {
+        tr data-experiment=(experiment) data-at=[at.map(|[run, cell]| format!("{run} {cell}"))] {
             @if page.is_overlay() { td { (run.label) } }
             td { (experiment) }
             th scope="row" { (name(cell)) }
@@ -86,7 +101,7 @@ fn row(page: &Page<'_>, run: &PageRun<'_>, experiment: &str, entry: &Entry<'_>) 
                 Outcome::Failed { reason } => { td.bad colspan="6" { "failed: " (reason) } }
             }
             td.script-only {
-                @if cell.measured().is_some() { button.stages type="button" { "stages" } " " }
+                @if at.is_some() { button.stages type="button" { "stages" } " " }
                 button.copy type="button" data-copy=(command(cell, entry.run)) { "copy" }
             }
         }

@@ -24,6 +24,7 @@ use sha2::{Digest, Sha256};
 use super::colors::StageColors;
 use super::{Artifact, Exporter, ReportError, ReportView};
 use crate::record::Run;
+use crate::text;
 
 /// Name of the page within a report's folder.
 pub const FILE: &str = "index.html";
@@ -149,7 +150,8 @@ impl<'a> Page<'a> {
                 }
             }
         };
-        markup.into_string()
+        // Characters that would reorder or hide what is read.
+        text::block(&markup.into_string())
     }
 
     fn title(&self) -> String {

@@ -59,9 +59,8 @@
       fathom.all("tr.detail", cells).forEach((detail) => detail.remove());
       if (open) return;
       const { runs } = await fathom.data();
-      const run = runs.find((run) => run.label === row.dataset.run);
-      const cell = run?.cells.find((cell) => cell.cell === row.dataset.cell && cell.experiment === row.dataset.experiment);
-      if (!cell) return;
+      const [run, index] = row.dataset.at.split(" ").map(Number);
+      const cell = runs[run].cells[index];
       const lines = cell.stages.map(({ stage, clock, samples, below }) => fathom.element("tr", {},
         fathom.element("td", {}, stage),
         fathom.element("td", { class: "number" }, below === undefined ? fathom.three(fathom.median(samples)) : `< ${fathom.three(below)}`),

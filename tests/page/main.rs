@@ -1,0 +1,284 @@
+//! The HTML page in a real browser: no errors, what a reader clicks and types, all widths and modes, accessibility, hostile
+//! names. Without Chromium these tests say that they were skipped.
+
+mod browser;
+#[path = "../common/mod.rs"]
+mod common;
+
+use std::path::{Path, PathBuf};
+
+use browser::{Browser, Display, NARROW, WIDE, axe};
+use common::fathom;
+use common::hostile;
+use serde_json::Value;
+use tempfile::TempDir;
+
+/// Cells of the large page.
+const MANY: usize = 2_000;
+
+/// A folder with these records and the page that is made from them.
+fn page_of(records: &str) -> (TempDir, PathBuf) {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("records.jsonl"), records).unwrap();
+    let made = fathom().arg("report").arg(folder.path()).output().unwrap();
+    assert!(made.status.success(), "{}", String::from_utf8_lossy(&made.stderr));
+    let page = folder.path().join("index.html");
+    (folder, page)
+}
+
+/// Records of a whole run on a software driver, as committed.
+fn reference() -> String {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("reports/llvmpipe/records.jsonl");
+    std::fs::read_to_string(path).unwrap()
+}
+
+/// The reference run's cells over and over under new names, up to [`MANY`].
+fn many() -> String {
+    let records = reference();
+    let lines: Vec<Value> =
+        records.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+    let (cells, others): (Vec<Value>, Vec<Value>) =
+        lines.into_iter().partition(|line| line["record"] == "cell");
+    let copies = (0..MANY).map(|number| {
+        let mut cell = cells[number % cells.len()].clone();
+        let name = cell["cell"].as_str().unwrap().to_owned();
+        cell["cell"] = format!("{name},copy={}", number / cells.len()).into();
+        cell["axes"]["copy"] = (number / cells.len()).into();
+        cell
+    });
+    let (end, head): (Vec<Value>, Vec<Value>) =
+        others.into_iter().partition(|line| line["record"] == "end");
+    head.into_iter().chain(copies).chain(end).map(|line| format!("{line}\n")).collect()
+}
+
+/// Runs a test in a browser, if there is one.
+fn in_browser(test: impl AsyncFnOnce(&Browser)) {
+    let runtime =
+        tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build();
+    runtime.unwrap().block_on(async {
+        if let Some(browser) = Browser::open().await {
+            test(&browser).await;
+            browser.close().await;
+        }
+    });
+}
+
+#[test]
+fn the_reference_page_opens_without_errors_at_every_width_and_mode() {
+    let (_folder, page) = page_of(&reference());
+    in_browser(async |browser| {
+        for display in [
+            WIDE,
+            NARROW,
+            Display { dark: true, ..WIDE },
+            Display { dark: true, ..NARROW },
+            Display { print: true, ..WIDE },
+        ] {
+            browser.show(&page, display).await;
+            assert_eq!(browser.console().await, Vec::<String>::new(), "{display:?}");
+            fits(browser, display).await;
+        }
+    });
+}
+
+/// Nothing but what scrolls by itself is wider than the window, and no type is smaller than 12 px.
+async fn fits(browser: &Browser, display: Display) {
+    let wide = browser.eval("return document.documentElement.scrollWidth - innerWidth").await;
+    assert!(wide.as_f64().unwrap() <= 0.0, "{display:?}: {wide} px too wide");
+    let small = browser
+        .eval(
+            "const small = new Set();
+             const texts = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT);
+             while (texts.nextNode()) {
+               const holder = texts.currentNode.parentElement;
+               if (!texts.currentNode.textContent.trim() || ['SCRIPT', 'STYLE'].includes(holder.tagName)) continue;
+               const box = holder.getBoundingClientRect();
+               const svg = holder.closest('svg');
+               const scale = svg?.viewBox.baseVal?.width ? svg.getBoundingClientRect().width / svg.viewBox.baseVal.width : 1;
+               const size = parseFloat(getComputedStyle(holder).fontSize) * (scale || 1);
+               if (box.width > 0 && size < 11.99) small.add(`${holder.tagName} ${holder.textContent.slice(0, 40)} ${size}`);
+             }
+             return [...small].slice(0, 5)",
+        )
+        .await;
+    assert_eq!(small, serde_json::json!([]), "{display:?}");
+}
+
+#[test]
+fn cells_are_sorted_filtered_and_opened() {
+    let (_folder, page) = page_of(&reference());
+    in_browser(async |browser| {
+        browser.show(&page, WIDE).await;
+        let frames = "return [...document.querySelectorAll('#cell-table tbody tr')].map((row) => row.cells[2])
+            .filter((cell) => cell.dataset.v).map((cell) => Number(cell.dataset.v))";
+        let click = "[...document.querySelectorAll('#cell-table th button')].find((button) => button.textContent.startsWith('Frame')).click();";
+        let before = numbers(&browser.eval(frames).await);
+        assert!(!before.is_sorted(), "the plan's order is not that of the times");
+        let rising = numbers(&browser.eval(&format!("{click} {frames}")).await);
+        assert!(rising.is_sorted() && rising.len() == before.len());
+        let falling = numbers(&browser.eval(&format!("{click} {frames}")).await);
+        assert!(falling.is_sorted_by(|a, b| a >= b));
+
+        let filtered = browser
+            .eval(
+                "const choice = document.getElementById('cell-experiment');
+                 choice.value = 'uw-photons'; choice.dispatchEvent(new Event('change'));
+                 const shown = [...document.querySelectorAll('#cell-table tbody tr')].filter((row) => !row.hidden);
+                 return [shown.length, shown.every((row) => row.dataset.experiment === 'uw-photons'), document.getElementById('cell-count').textContent]",
+            )
+            .await;
+        assert_eq!(filtered[0], 11, "{filtered}");
+        assert_eq!(filtered[1], true);
+        assert!(filtered[2].as_str().unwrap().starts_with("11 of "), "{filtered}");
+
+        let opened = browser
+            .eval_later(
+                "const done = arguments[arguments.length - 1];
+                 document.querySelector('#cell-table tbody tr:not([hidden]) button.stages').click();
+                 setTimeout(() => done(document.querySelector('#cell-table tr.detail')?.textContent), 1000);",
+            )
+            .await;
+        assert!(opened.as_str().is_some_and(|text| text.contains("caustics/trace")), "{opened}");
+        assert_eq!(browser.console().await, Vec::<String>::new());
+    });
+}
+
+fn numbers(values: &Value) -> Vec<f64> {
+    values.as_array().unwrap().iter().map(|value| value.as_f64().unwrap()).collect()
+}
+
+#[test]
+fn values_are_shown_under_the_pointer_and_by_the_arrow_keys() {
+    let (_folder, page) = page_of(&reference());
+    in_browser(async |browser| {
+        browser.show(&page, WIDE).await;
+        let told = browser
+            .eval(
+                "const mark = document.querySelector('[data-tip]');
+                 mark.dispatchEvent(new PointerEvent('pointerover', { bubbles: true }));
+                 const tip = document.getElementById('tip');
+                 return [tip.hidden, tip.textContent === mark.dataset.tip]",
+            )
+            .await;
+        assert_eq!(told, serde_json::json!([false, true]));
+        let walked = browser
+            .eval(
+                "const chart = [...document.querySelectorAll('svg.chart')].find((chart) => chart.querySelectorAll('[data-tip]').length > 2);
+                 chart.focus();
+                 const press = (key) => chart.dispatchEvent(new KeyboardEvent('keydown', { key, bubbles: true, cancelable: true }));
+                 const tip = document.getElementById('tip');
+                 const told = [];
+                 for (const key of ['ArrowRight', 'ArrowRight', 'ArrowLeft']) { press(key); told.push(tip.textContent); }
+                 press('Escape');
+                 return [told[0] !== told[1], told[0] === told[2], tip.hidden]",
+            )
+            .await;
+        assert_eq!(walked, serde_json::json!([true, true, true]));
+    });
+}
+
+#[test]
+fn print_shows_everything_but_the_controls() {
+    let (_folder, page) = page_of(&reference());
+    in_browser(async |browser| {
+        browser.show(&page, Display { print: true, ..WIDE }).await;
+        let shown = browser
+            .eval(
+                "const visible = (element) => element.getClientRects().length > 0;
+                 return [[...document.querySelectorAll('nav, .controls, button.copy')].some(visible),
+                         [...document.querySelectorAll('main > section')].every(visible)]",
+            )
+            .await;
+        assert_eq!(shown, serde_json::json!([false, true]));
+    });
+}
+
+#[test]
+fn axe_finds_no_serious_fault() {
+    let Some(axe) = axe() else { return };
+    let (_folder, page) = page_of(&reference());
+    in_browser(async |browser| {
+        for display in [WIDE, NARROW, Display { dark: true, ..WIDE }] {
+            browser.show(&page, display).await;
+            let found = serious(browser, &axe).await;
+            assert_eq!(found, serde_json::json!([]), "{display:?}");
+        }
+        // What it must find: an image without a text, and grey on grey.
+        browser
+            .eval(
+                "document.querySelector('main').insertAdjacentHTML('afterbegin',
+                   '<img src=\"data:,\"><p style=\"color:#bbb;background:#fff\">faint words</p>')",
+            )
+            .await;
+        let found = serious(browser, &axe).await.to_string();
+        assert!(found.contains("image-alt") && found.contains("color-contrast"), "{found}");
+    });
+}
+
+/// Faults of axe-core's two gravest kinds, each with the first elements that have it.
+async fn serious(browser: &Browser, axe: &str) -> Value {
+    let script = format!(
+        "{axe};
+         const done = arguments[arguments.length - 1];
+         window.axe.run().then((results) => done(results.violations
+           .filter((fault) => ['serious', 'critical'].includes(fault.impact))
+           .map((fault) => [fault.id, fault.nodes.slice(0, 3).map((node) => node.html.slice(0, 200))])),
+           (error) => done([String(error)]));"
+    );
+    browser.eval_later(&script).await
+}
+
+#[test]
+fn hostile_names_run_no_script() {
+    let (_folder, page) = page_of(&hostile::records());
+    in_browser(async |browser| {
+        browser.show(&page, WIDE).await;
+        // A dialog that a name opens would make this fail.
+        let found = browser
+            .eval(
+                "return [document.scripts.length, document.querySelectorAll('main script, main iframe, main object, main [onerror]').length,
+                         document.body.textContent.includes('<script>alert(1)</script>')]",
+            )
+            .await;
+        assert_eq!(found, serde_json::json!([2, 0, true]));
+        assert_eq!(browser.console().await, Vec::<String>::new());
+        // The page's policy holds where escaping would not: an injected handler does not run.
+        let ran = browser
+            .eval_later(
+                "const done = arguments[arguments.length - 1];
+                 const image = document.createElement('div');
+                 document.body.append(image);
+                 image.innerHTML = '<img src=\"data:,x\" onerror=\"window.ran = true\">';
+                 setTimeout(() => done(window.ran === true), 500);",
+            )
+            .await;
+        assert_eq!(ran, false);
+    });
+}
+
+#[test]
+fn two_thousand_cells_are_sorted_and_filtered() {
+    let (_folder, page) = page_of(&many());
+    let bytes = std::fs::metadata(&page).unwrap().len();
+    assert!(bytes < 5_000_000, "{bytes} bytes");
+    in_browser(async |browser| {
+        browser.show(&page, WIDE).await;
+        assert_eq!(browser.console().await, Vec::<String>::new());
+        let sorted = browser
+            .eval(
+                "const button = [...document.querySelectorAll('#cell-table th button')].find((button) => button.textContent.startsWith('Frame'));
+                 const start = performance.now();
+                 button.click();
+                 document.body.getBoundingClientRect();
+                 const took = performance.now() - start;
+                 const paint = performance.getEntriesByName('first-contentful-paint')[0]?.startTime;
+                 return [document.querySelectorAll('#cell-table tbody tr').length, took, paint]",
+            )
+            .await;
+        assert_eq!(sorted[0], MANY);
+        println!(
+            "{bytes} bytes; sorting took {} ms, the first paint came after {} ms",
+            sorted[1], sorted[2]
+        );
+    });
+}
