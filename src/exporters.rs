@@ -3,7 +3,6 @@
 
 use std::path::{Path, PathBuf};
 
-use indexmap::IndexMap;
 use itertools::Itertools;
 use thiserror::Error;
 
@@ -12,8 +11,8 @@ use crate::compare::tables::{self, Format};
 use crate::compare::verdict::Verdicts;
 use crate::harness::output::RECORDS;
 use crate::record::{self, Reading, Record};
-use crate::report::page::{self, ComparisonOnPage, LeftOut, Page};
-use crate::report::{self, Artifact, ReportError, ReportView};
+use crate::report::page::{self, ComparisonOnPage, Page};
+use crate::report::{self, Artifact, LeftOut, ReportError, ReportView};
 
 /// Exporters of runs, in the order in which their files are written.
 const OF_RUNS: [report::Exporter; 4] =
@@ -41,8 +40,11 @@ pub enum ExportError {
 
 /// The files of a run's report. Pictures are linked that lie in `folder`; without one, all that the records name.
 pub fn of_run(records: &[Record], folder: Option<&Path>) -> Result<Vec<Artifact>, ReportError> {
-    let view = ReportView::new(records, folder);
-    let files = OF_RUNS.iter().map(|exporter| (exporter.export)(&view));
+    of_view(&ReportView::new(records, folder))
+}
+
+fn of_view(view: &ReportView<'_>) -> Result<Vec<Artifact>, ReportError> {
+    let files = OF_RUNS.iter().map(|exporter| (exporter.export)(view));
     files.flatten_ok().collect()
 }
 
@@ -61,7 +63,9 @@ pub fn write(folder: &Path, reading: Reading) -> Result<Vec<PathBuf>, ExportErro
         let comparison = StoredComparison::of(reading, &folder.join(RECORDS))?;
         return put(folder, of_comparison(&Verdicts::of(&comparison)));
     }
-    put(folder, of_run(&reading.records, Some(folder))?)
+    let left_out = LeftOut::lines(&folder.join(RECORDS), &reading.damaged);
+    let view = ReportView { left_out, ..ReportView::new(&reading.records, Some(folder)) };
+    put(folder, of_view(&view)?)
 }
 
 /// What a folder gives to a page.
@@ -92,30 +96,12 @@ pub fn page_of(folders: &[PathBuf]) -> Result<Artifact, ExportError> {
 fn content(folder: &Path, left_out: &mut Vec<LeftOut>) -> Result<Content, ExportError> {
     let path = folder.join(RECORDS);
     let reading = record::read_good(&path).map_err(StoreError::from)?;
-    left_out.extend(unread(&path, &reading));
+    left_out.extend(LeftOut::lines(&path, &reading.damaged));
     if holds_comparison(&reading.records) {
         let comparison = StoredComparison::of(reading, &path)?;
         return Ok(Content::Comparison(tables::on_page(&Verdicts::of(&comparison))));
     }
     Ok(Content::Run { folder: folder.to_owned(), records: reading.records })
-}
-
-/// The lines of a file that could not be read, those of one reason together.
-fn unread(path: &Path, reading: &Reading) -> Vec<LeftOut> {
-    let mut by_reason = IndexMap::<&str, Vec<usize>>::new();
-    for damage in &reading.damaged {
-        by_reason.entry(&damage.reason).or_default().push(damage.line);
-    }
-    let path = path.display();
-    let told = by_reason.into_iter().map(|(reason, lines)| match lines.as_slice() {
-        [line] => LeftOut::new(format_args!("{path}, line {line}"), reason),
-        [first, .., last] => {
-            let lines = format_args!("{path}, {} lines from {first} to {last}", lines.len());
-            LeftOut::new(lines, reason)
-        }
-        [] => unreachable!("a reason comes with its line"),
-    });
-    told.collect()
 }
 
 fn page(contents: Vec<Content>, left_out: Vec<LeftOut>) -> Artifact {

@@ -18,7 +18,7 @@ pub use cells_csv::EXPORTER as CELLS_CSV;
 pub use page::EXPORTER as PAGE;
 pub use plots::EXPORTER as PLOTS;
 pub use summary::EXPORTER as SUMMARY;
-pub use view::{Entry, ReportView, Section};
+pub use view::{Entry, LeftOut, ReportView, Section};
 
 #[derive(Debug, thiserror::Error)]
 pub enum ReportError {

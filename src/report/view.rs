@@ -4,15 +4,17 @@ use std::cell::OnceCell;
 use std::cmp::Ordering;
 use std::collections::HashMap;
 use std::collections::hash_map::Entry::{Occupied, Vacant};
+use std::fmt::Display;
 use std::path::Path;
 
+use indexmap::IndexMap;
 use itertools::Itertools;
 use serde_json::Value;
 
 use super::colors::StageColors;
 use super::plots::Figure;
 use crate::experiments::{self, CellPlan, Experiment, Ruling, label_text};
-use crate::record::{Cell, End, Measured, Picture, Profile, Record, Run};
+use crate::record::{Cell, Damage, End, Measured, Picture, Profile, Record, Run};
 
 #[derive(Default)]
 pub struct ReportView<'a> {
@@ -21,6 +23,39 @@ pub struct ReportView<'a> {
     pub sections: Vec<Section<'a>>,
     /// Of every stage that was measured.
     pub colors: StageColors,
+    /// What of the input it does not hold.
+    pub left_out: Vec<LeftOut>,
+}
+
+/// Something of the input that a report does not show.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct LeftOut {
+    /// A folder, a file, or lines of it.
+    pub what: String,
+    pub reason: String,
+}
+
+impl LeftOut {
+    pub fn new(what: impl Display, reason: impl Display) -> LeftOut {
+        LeftOut { what: what.to_string(), reason: reason.to_string() }
+    }
+
+    /// The damaged lines of a file, those of one reason together.
+    pub fn lines(path: &Path, damaged: &[Damage]) -> Vec<LeftOut> {
+        let mut by_reason = IndexMap::<&str, Vec<usize>>::new();
+        for damage in damaged {
+            by_reason.entry(&damage.reason).or_default().push(damage.line);
+        }
+        let path = path.display();
+        let told = by_reason.into_iter().map(|(reason, lines)| match lines.as_slice() {
+            [first, .., last] => {
+                let lines = format_args!("{path}, {} lines from {first} to {last}", lines.len());
+                LeftOut::new(lines, reason)
+            }
+            lines => LeftOut::new(format_args!("{path}, line {}", lines.iter().join(", ")), reason),
+        });
+        told.collect()
+    }
 }
 
 /// A cell and the run that it belongs to.

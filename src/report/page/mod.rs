@@ -12,7 +12,6 @@ pub mod svg;
 
 pub use compared::{ChangeOnPage, ComparisonOnPage, ComparisonRow, Tone};
 
-use std::fmt::Display;
 use std::path::Path;
 
 use base64::Engine as _;
@@ -22,7 +21,7 @@ use maud::{DOCTYPE, Markup, PreEscaped, html};
 use sha2::{Digest, Sha256};
 
 use super::colors::StageColors;
-use super::{Artifact, Exporter, ReportError, ReportView};
+use super::{Artifact, Exporter, LeftOut, ReportError, ReportView};
 use crate::record::Run;
 use crate::text;
 
@@ -49,20 +48,6 @@ pub struct Page<'a> {
 pub struct PageRun<'a> {
     pub label: String,
     pub view: &'a ReportView<'a>,
-}
-
-/// Something of the input that the page does not show.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct LeftOut {
-    /// A file, or a line of it.
-    pub what: String,
-    pub reason: String,
-}
-
-impl LeftOut {
-    pub fn new(what: impl Display, reason: impl Display) -> LeftOut {
-        LeftOut { what: what.to_string(), reason: reason.to_string() }
-    }
 }
 
 /// Runs with labels that tell them apart: by adapter, else by driver, by version of fathom, or by folder.
@@ -99,7 +84,8 @@ impl<'a> Page<'a> {
         let measured = runs.iter().flat_map(|run| run.view.measured());
         let stages = measured.flat_map(|(_, measured)| &measured.stages);
         let colors = StageColors::new(stages.map(|stage| stage.stage.as_str()));
-        Page { runs, comparisons: Vec::new(), left_out: Vec::new(), colors }
+        let left_out = runs.iter().flat_map(|run| run.view.left_out.clone()).collect();
+        Page { runs, comparisons: Vec::new(), left_out, colors }
     }
 
     /// Several runs are compared: marks and rows name theirs.
