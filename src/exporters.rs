@@ -7,19 +7,31 @@ use itertools::Itertools;
 use thiserror::Error;
 
 use crate::compare::store::{StoreError, StoredComparison, holds_comparison};
-use crate::compare::tables::{self, Format};
+use crate::compare::tables::{self, ComparisonExporter};
 use crate::compare::verdict::Verdicts;
 use crate::harness::output::RECORDS;
 use crate::record::{self, Reading, Record};
 use crate::report::page::{self, ComparisonOnPage, Page};
-use crate::report::{self, Artifact, LeftOut, ReportError, ReportView};
+use crate::report::{
+    self, Artifact, Exported, Exporter, FrameChoice, LeftOut, OfRun, ReportError, ReportView,
+    RunExporter, Written,
+};
+use crate::text;
 
 /// Exporters of runs, in the order in which their files are written.
-const OF_RUNS: [report::Exporter; 4] =
-    [report::PLOTS, report::CELLS_CSV, report::PAGE, report::SUMMARY];
+pub const OF_RUNS: [RunExporter; 8] = [
+    report::PLOTS,
+    report::CELLS_CSV,
+    report::PAGE,
+    report::SUMMARY,
+    report::BENCHER,
+    report::GITHUB_BENCHMARK,
+    report::JUNIT,
+    report::CHROME_TRACE,
+];
 
-/// Formats of comparisons, in the order in which their files are written.
-pub const OF_COMPARISONS: [Format; 6] = [
+/// Exporters of comparisons, in the order in which their files are written.
+pub const OF_COMPARISONS: [ComparisonExporter; 6] = [
     tables::TERMINAL,
     tables::MARKDOWN,
     tables::PAGE,
@@ -36,6 +48,14 @@ pub enum ExportError {
     Comparison(#[from] StoreError),
     #[error("cannot write {}: {source}", path.display())]
     Write { path: PathBuf, source: std::io::Error },
+    #[error("unknown format `{}`{}; see `fathom list exporters`", text::line(.name), text::did_you_mean(.nearest))]
+    Unknown { name: String, nearest: Option<String> },
+    #[error("{} holds {held}, which cannot be written as `{name}`, only as {formats}", folder.display())]
+    OtherKind { folder: PathBuf, held: &'static str, name: &'static str, formats: String },
+    #[error(
+        "--cell and --frame do not apply to `{name}`, only to a format of one frame ({formats})"
+    )]
+    NoFrame { name: &'static str, formats: String },
 }
 
 /// The files of a run's report. Pictures are linked that lie in `folder`; without one, all that the records name.
@@ -44,17 +64,82 @@ pub fn of_run(records: &[Record], folder: Option<&Path>) -> Result<Vec<Artifact>
 }
 
 fn of_view(view: &ReportView<'_>) -> Result<Vec<Artifact>, ReportError> {
-    let files = OF_RUNS.iter().map(|exporter| (exporter.export)(view));
-    files.flatten_ok().collect()
+    let written = OF_RUNS.iter().filter(|exporter| exporter.written == Written::WithEveryReport);
+    let files =
+        |exporter: &RunExporter| exporter.run(view, &FrameChoice::default()).map(Exported::files);
+    written.map(files).flatten_ok().collect()
 }
 
 /// The files of a comparison's report.
 pub fn of_comparison(verdicts: &Verdicts<'_>) -> Vec<Artifact> {
-    let file = |format: &Format| {
-        let bytes = (format.write)(verdicts).into_bytes();
-        Some(Artifact { name: format.file?.to_owned(), bytes })
-    };
-    OF_COMPARISONS.iter().filter_map(file).collect()
+    let written = OF_COMPARISONS.iter().filter(|e| e.written == Written::WithEveryReport);
+    written.flat_map(|exporter| exporter.one((exporter.export)(verdicts)).files()).collect()
+}
+
+/// One format, of the records that were read in a folder.
+pub fn export(
+    name: &str,
+    folder: &Path,
+    reading: Reading,
+    choice: &FrameChoice,
+) -> Result<Exported, ExportError> {
+    if holds_comparison(&reading.records) {
+        let exporter = find(name, folder, "a comparison", &OF_COMPARISONS)?;
+        refuse_choice(exporter.name, choice)?;
+        let comparison = StoredComparison::of(reading, &folder.join(RECORDS))?;
+        return Ok(exporter.one((exporter.export)(&Verdicts::of(&comparison))));
+    }
+    let exporter = find(name, folder, "a run", &OF_RUNS)?;
+    if !matches!(exporter.export, OfRun::Frame(_)) {
+        refuse_choice(exporter.name, choice)?;
+    }
+    let view = ReportView::new(&reading.records, Some(folder));
+    Ok(exporter.run(&view, choice)?)
+}
+
+/// The exporter of that name among those of what the folder holds.
+fn find<'a, F>(
+    name: &str,
+    folder: &Path,
+    held: &'static str,
+    exporters: &'a [Exporter<F>],
+) -> Result<&'a Exporter<F>, ExportError> {
+    let found = exporters.iter().find(|exporter| exporter.name == name);
+    found.ok_or_else(|| match known().find(|known| *known == name) {
+        Some(name) => {
+            let formats = exporters.iter().map(|exporter| exporter.name).join(", ");
+            ExportError::OtherKind { folder: folder.to_owned(), held, name, formats }
+        }
+        None => {
+            ExportError::Unknown { name: name.to_owned(), nearest: text::nearest(name, known()) }
+        }
+    })
+}
+
+/// Names of all exporters.
+fn known() -> impl Iterator<Item = &'static str> {
+    let of_runs = OF_RUNS.iter().map(|exporter| exporter.name);
+    of_runs.chain(OF_COMPARISONS.iter().map(|exporter| exporter.name))
+}
+
+/// A choice that changes nothing is an error.
+fn refuse_choice(name: &'static str, choice: &FrameChoice) -> Result<(), ExportError> {
+    if choice.cell.is_none() && choice.frame.is_none() {
+        return Ok(());
+    }
+    let of_frames = OF_RUNS.iter().filter(|exporter| matches!(exporter.export, OfRun::Frame(_)));
+    let formats = of_frames.map(|exporter| exporter.name).join(", ");
+    Err(ExportError::NoFrame { name, formats })
+}
+
+/// Name, what it is a format of, file, when that is written, and description of each exporter.
+pub fn listing() -> Vec<[String; 5]> {
+    fn row<F>(of: &str, exporter: &Exporter<F>) -> [String; 5] {
+        let Exporter { name, about, file, written, .. } = exporter;
+        [name, of, file, written.to_string().as_str(), about].map(str::to_owned)
+    }
+    let of_runs = OF_RUNS.iter().map(|exporter| row("run", exporter));
+    of_runs.chain(OF_COMPARISONS.iter().map(|e| row("comparison", e))).collect()
 }
 
 /// Writes the files of a folder's records beside them, and gives their paths. A run's link the pictures that lie there.
@@ -121,12 +206,13 @@ fn page(contents: Vec<Content>, left_out: Vec<LeftOut>) -> Artifact {
 
 /// Writes files into a folder, and gives their paths.
 pub fn put(folder: &Path, files: Vec<Artifact>) -> Result<Vec<PathBuf>, ExportError> {
-    let write = |file: Artifact| {
-        let path = folder.join(&file.name);
-        match std::fs::write(&path, &file.bytes) {
-            Ok(()) => Ok(path),
-            Err(source) => Err(ExportError::Write { path, source }),
-        }
-    };
-    files.into_iter().map(write).collect()
+    files.into_iter().map(|file| put_as(folder.join(&file.name), &file)).collect()
+}
+
+/// Writes a file under a path, and gives it back.
+pub fn put_as(path: PathBuf, file: &Artifact) -> Result<PathBuf, ExportError> {
+    match std::fs::write(&path, &file.bytes) {
+        Ok(()) => Ok(path),
+        Err(source) => Err(ExportError::Write { path, source }),
+    }
 }

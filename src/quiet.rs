@@ -2,6 +2,7 @@
 
 use std::process::{Child, Command};
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 pub use system::{cores, is_stopped, pin, randomized};
@@ -57,7 +58,7 @@ pub fn apply(command: &mut Command, quiet: Option<&Quiet>) {
 }
 
 /// Conditions under which a process measures.
-#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct Conditions {
     /// Cores that the driver may run on; empty where that is not known.
     pub cores: Vec<usize>,

@@ -8,8 +8,11 @@
 
 use std::collections::BTreeMap;
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
+
+use crate::text;
 
 pub mod comparison;
 mod error_figure;
@@ -19,6 +22,7 @@ mod lines;
 mod lock;
 pub(crate) mod nan;
 mod samples;
+pub mod schema;
 #[cfg(test)]
 mod tests;
 pub use crate::quiet::Conditions;
@@ -32,15 +36,18 @@ pub use kinds::{
 };
 pub use lines::{
     Damage, Line, LineWriter, Opened, Reading, RecordError, kept_aside, read_lines,
-    read_lines_of_this_format,
+    read_lines_of_this_format, stored,
 };
 pub use lock::{FolderLock, LOCK, LockError};
 pub use samples::{Addition, Clocks, FramePair, SAMPLES_SCHEMA, SampleLine, StageTime};
 
 /// Version of the record format; raised when a field changes its meaning or goes away.
 pub const SCHEMA: u32 = 3;
+/// Ids of experiments as a regular expression; see [`text::check_id`].
+const ID: &str = "^[a-z0-9-]+$";
 
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+/// A line of `records.jsonl`. Times are nanoseconds where a name ends in `_ns`, seconds where it ends in `_s`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(tag = "record", rename_all = "snake_case")]
 pub enum Record {
     Run(Box<Run>),
@@ -52,23 +59,30 @@ pub enum Record {
 }
 
 /// What a run was: the build, the adapter, the clock's audit, the conditions.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Run {
+    /// Version of the record format.
+    #[schemars(extend("const" = SCHEMA))]
     pub schema: u32,
+    /// Of the program that measured.
     pub fathom_version: String,
     /// RFC 3339, UTC.
     pub started_at: String,
     pub profile: Profile,
+    /// Arguments of the program, its name first.
     pub command: Vec<String>,
     pub adapter: Adapter,
     pub shader_checks: ShaderChecks,
     /// Of the process that measured.
     pub conditions: Conditions,
-    /// The clock of each kind of pass.
+    /// The clock that timed each kind of pass.
+    #[schemars(schema_with = "schema::map::<PassKind, Clock>")]
     pub clocks: Clocks,
+    /// How each clock did against the host clock.
     pub audit: Vec<AuditRow>,
-    /// Host time of a submission with the least pass of a kind, as the audit measured it. What was taken off fenced host
-    /// durations was measured beside them: see [`Fenced`].
+    /// Host time of a submission with the least pass of a kind, nanoseconds, as the audit measured it. What was taken off
+    /// fenced host durations was measured beside them and is in `fenced` of each stage.
+    #[schemars(schema_with = "schema::map::<PassKind, f64>")]
     pub submit_cost_ns: BTreeMap<PassKind, f64>,
     /// On the whole run.
     pub notes: Vec<Note>,
@@ -76,24 +90,37 @@ pub struct Run {
 
 /// The text of an experiment's file as it was when its cells were measured, so that its published
 /// figures, claims and plots can be recomputed from the records alone. Written before its first cell.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Definition {
+    /// Lower-case letters, digits and `-`.
+    #[schemars(regex(pattern = ID), length(max = text::ID_LENGTH))]
     pub id: String,
+    /// Text of the file, TOML.
     pub toml: String,
 }
 
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+/// The device that was measured, and its driver.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Adapter {
+    /// As the driver tells it.
     pub name: String,
+    /// Interface to the driver: `vulkan`, `metal`, `dx12`, `gl`.
     pub backend: String,
+    /// Kind of device, as wgpu names it.
     pub device_type: String,
+    /// The driver's name.
     pub driver: String,
+    /// The driver's version, as it tells it.
     pub driver_info: String,
+    /// PCI id of the vendor; of a driver without one its own.
     pub vendor_id: u32,
+    /// PCI id of the device; 0 where there is none.
     pub device_id: u32,
     /// The device is a CPU running a software driver.
     pub software: bool,
+    /// Length of a tick of timestamps, nanoseconds.
     pub timestamp_period_ns: f32,
+    /// Threads that the host runs at once.
     pub host_threads: usize,
 }
 
@@ -108,13 +135,17 @@ pub struct Adapter {
     Hash,
     Serialize,
     Deserialize,
+    JsonSchema,
     strum::IntoStaticStr,
 )]
 #[serde(rename_all = "snake_case")]
 #[strum(serialize_all = "snake_case")]
 pub enum PassKind {
+    /// Dispatches.
     Compute,
+    /// Draws.
     Render,
+    /// Copies between buffers and textures.
     Copy,
     /// Work of the CPU, such as frame preparation.
     Host,
@@ -127,7 +158,9 @@ impl PassKind {
 }
 
 /// The clock that timed a stage.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[derive(
+    Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, JsonSchema,
+)]
 #[serde(rename_all = "snake_case")]
 pub enum Clock {
     /// Timestamp queries at the pass's begin and end.
@@ -153,33 +186,40 @@ impl Clock {
 }
 
 /// One row of the clock's audit: one clock for one kind of pass in one surrounding.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct AuditRow {
     /// The audited clock.
     pub clock: Clock,
+    /// Kind of the audited pass.
     pub pass: PassKind,
     pub context: Surrounding,
-    /// Medians for the kernel at N work.
+    /// Median by the audited clock for the kernel at N work, nanoseconds.
     pub clock_ns: f64,
-    /// By the fenced host clock.
+    /// The same by the fenced host clock, nanoseconds.
     pub host_ns: f64,
     /// `clock_ns / host_ns`.
     pub ratio: f64,
     /// The clock's duration at 2 N work over that at N.
     pub doubling: f64,
+    /// The clock can be used for this kind of pass in this surrounding.
     pub sound: bool,
     /// Why it is sound or not, in one sentence.
     pub reason: String,
 }
 
 /// One measured, skipped or failed point of an experiment.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Cell {
+    /// The experiment's id: lower-case letters, digits and `-`.
+    #[schemars(regex(pattern = ID), length(max = text::ID_LENGTH))]
     pub experiment: String,
     /// The axis values as `name=value,name=value`: the cell's identity within its experiment.
     pub cell: String,
+    /// Axis → its value in this cell.
     pub axes: Map<String, Value>,
+    /// Kind of pipeline.
     pub pipeline: String,
+    /// Name of the scene or path of its file.
     pub scene: String,
     /// Assets that were absent, each with the stand-in used.
     pub stand_ins: Vec<String>,
@@ -200,20 +240,31 @@ impl Cell {
     }
 }
 
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+/// What became of a cell.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(tag = "status", rename_all = "snake_case")]
 pub enum Outcome {
+    /// Measured, at least in part.
     Measured(Box<Measured>),
-    Skipped { reason: String },
-    Failed { reason: String },
+    /// Not measured, because its demands exceed a limit.
+    Skipped {
+        /// Why, in one sentence.
+        reason: String,
+    },
+    /// Measuring it failed.
+    Failed {
+        /// Why, in one sentence.
+        reason: String,
+    },
 }
 
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+/// Figures of a measured cell.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Measured {
     /// In frame order.
     pub stages: Vec<StageRecord>,
     pub frame: FrameRecord,
-    /// GPU memory that the pipeline allocated for this cell.
+    /// GPU memory that the pipeline allocated for this cell, bytes.
     pub allocated_bytes: u64,
     /// Rates of missed photons, means and the like: `name → value`, the unit in the name.
     pub quantities: BTreeMap<String, f64>,
@@ -227,7 +278,9 @@ pub struct Measured {
     pub warm_up_frames: u32,
     /// Timed frames that were not used.
     pub rejected: Vec<RejectedFrames>,
+    /// What there is to know about these figures.
     pub notes: Vec<Note>,
+    /// Pictures of the cell.
     pub pictures: Vec<Picture>,
 }
 
@@ -248,13 +301,15 @@ impl Measured {
     }
 }
 
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+/// A stage's times and work in one cell.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct StageRecord {
+    /// The stage's name: `FAMILY/STEM`.
     pub stage: String,
     pub clock: Clock,
-    /// In a fenced stage none is below [`Fenced::resolution_ns`]: a sample of that value says "at most".
+    /// Nanoseconds, frame by frame. In a fenced stage none is below its `resolution_ns`: a sample of that value says "at most".
     pub samples_ns: Vec<f64>,
-    /// Of `samples_ns`. Its median is a time only where it is above the resolution: see [`Self::is_resolved`].
+    /// Of `samples_ns`, nanoseconds. Its median is a time only where it is above the resolution of `fenced`.
     pub time: Estimate,
     /// How the samples came about, where the cost of submissions was taken off. Absent from records of earlier versions.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -288,13 +343,13 @@ impl StageRecord {
 
 /// Times of a stage's fenced submissions as they were read, and the cost of these submissions, which the least pass of the
 /// same kind has in the same frames.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Fenced {
-    /// From submission to fence, summed over the stage's submissions, frame by frame. Its passes on other clocks are in it.
+    /// Nanoseconds from submission to fence, summed over the stage's submissions, frame by frame. Its passes on other clocks are in it.
     pub wall_samples_ns: Vec<f64>,
-    /// The cost that was taken off in each frame.
+    /// The cost that was taken off in each frame, nanoseconds.
     pub submit_cost_samples_ns: Vec<f64>,
-    /// A shorter time cannot be told from none, as the cost scatters: the median over the frames.
+    /// A shorter time cannot be told from none, as the cost scatters: the median over the frames, nanoseconds.
     pub resolution_ns: f64,
 }
 
@@ -312,7 +367,7 @@ impl Fenced {
 }
 
 /// Whole frames: with per-stage timing (envelope, gaps) and without (wall time of one submission).
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct FrameRecord {
     /// The round of sampling that each sample is of, those of the stages too: samples of one round were taken next to each
     /// other. No two groups of cells have a round in common.
@@ -322,21 +377,24 @@ pub struct FrameRecord {
     /// Of the adapter at each sample; empty where no driver tells.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub machine: Vec<MachineState>,
+    /// From the first stage's begin to the last stage's end, nanoseconds, frame by frame.
     pub envelope_samples_ns: Vec<f64>,
+    /// Time between stages, nanoseconds, frame by frame.
     pub gap_samples_ns: Vec<f64>,
-    /// Median of |stages + gaps − envelope| / envelope.
+    /// Median of |stages + gaps − envelope| / envelope, a share.
     pub accounting_error: f64,
+    /// Frame time without per-stage timing, nanoseconds, in alternation with timed frames.
     pub untimed_samples_ns: Vec<f64>,
-    /// Frame time without per-stage timing.
+    /// Of `untimed_samples_ns`, nanoseconds.
     pub untimed: Estimate,
-    /// Timed over untimed frame's wall time, measured in alternation: the cost of timing.
+    /// Timed over untimed frame's wall time, a ratio, measured in alternation: the cost of timing.
     pub timing_cost: Estimate,
 }
 
 macro_rules! work {
     ($($(#[$about:meta])* $count:ident,)*) => {
         /// Work that a stage declares from its algorithm. Zero fields are left out of the record.
-        #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+        #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
         #[serde(default)]
         pub struct Work {
             $($(#[$about])* #[serde(skip_serializing_if = "is_zero")] pub $count: u64,)*
@@ -354,13 +412,19 @@ macro_rules! work {
 }
 
 work! {
+    /// Photons traced or drawn.
     photons,
+    /// Triangles handed to the stage.
     triangles,
+    /// Points, lines, quads or other primitives that it makes itself.
     primitives,
     /// Fragments written or blended; an estimate where it depends on the data.
     fragments,
+    /// Texels read.
     texel_fetches,
+    /// Bytes read from buffers.
     bytes_read,
+    /// Bytes written to buffers and targets.
     bytes_written,
 }
 
@@ -369,16 +433,20 @@ fn is_zero<N: Default + PartialEq>(count: &N) -> bool {
 }
 
 /// How a run ended.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct End {
-    /// Wall time after set-up (device, audit, pipeline and asset preparation).
+    /// Wall time after set-up (device, audit, pipeline and asset preparation), seconds.
     pub measuring_wall_s: f64,
-    /// Sum of all measured GPU time, warm-up included.
+    /// Sum of all measured GPU time, warm-up included, seconds.
     pub measured_gpu_s: f64,
+    /// Time of set-up, seconds.
     pub set_up_s: f64,
-    /// Its parts.
+    /// Its parts, seconds.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    #[schemars(schema_with = "schema::map::<SetUp, f64>")]
     pub set_up_parts_s: BTreeMap<SetUp, f64>,
+    /// Most memory that the process had, bytes; null where the system does not tell.
     pub peak_memory_bytes: Option<u64>,
+    /// It was interrupted before all cells were measured.
     pub interrupted: bool,
 }

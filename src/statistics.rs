@@ -7,12 +7,15 @@
 //! is bounded by two of the samples, and its coverage follows from the binomial distribution alone.
 
 use itertools::Itertools;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 /// The bounds of an interval, in the unit of the figure.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Interval {
+    /// Lower bound.
     pub low: f64,
+    /// Upper bound.
     pub high: f64,
 }
 
@@ -23,12 +26,14 @@ impl Interval {
 }
 
 /// A median with its 95 % interval. The unit is that of the samples.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Estimate {
+    /// Of the samples, in their unit.
     pub median: f64,
     /// None below six samples.
     #[serde(flatten)]
     pub interval: Option<Interval>,
+    /// Number of samples.
     pub n: usize,
 }
 

@@ -1,6 +1,8 @@
 //! The command line as a user meets it. What measures runs on the default adapter, a software one at least.
 
 mod common;
+#[path = "cli/exports.rs"]
+mod exports;
 
 use std::path::Path;
 use std::process::Command;

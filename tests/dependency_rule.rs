@@ -30,7 +30,7 @@ const RULE: &[(&str, &str)] = &[
         "experiments gpu harness input parameter pipelines quiet record reference report scene stages statistics tell text",
     ),
     ("bench", "compare gpu harness record"),
-    ("exporters", "compare harness record report"),
+    ("exporters", "compare harness record report text"),
 ];
 
 /// Stage families may not import each other; what they share lies beside them.

@@ -122,6 +122,7 @@ pub fn list(catalog: &Catalog, args: ListArgs) -> Outcome {
                 ("Pipelines", Pipelines),
                 ("Stages", Stages),
                 ("Adapters", Adapters),
+                ("Exporters", Exporters),
             ] {
                 tell::answer(heading);
                 print_listing(catalog, what, &args)?;
@@ -163,6 +164,7 @@ fn print_listing(catalog: &Catalog, what: Listing, args: &ListArgs) -> anyhow::R
         Listing::Stages => stage_rows(catalog, args.pipeline.as_deref())?,
         Listing::Parameters => parameter_rows(catalog, args)?,
         Listing::Adapters => adapter_rows(),
+        Listing::Exporters => exporter_rows(),
         Listing::Pipelines => {
             catalog.kinds.iter().map(|kind| (kind.name.to_owned(), kind.about.to_owned())).collect()
         }
@@ -244,6 +246,15 @@ fn adapter_rows() -> Rows {
         (index.to_string(), about)
     })
     .collect()
+}
+
+fn exporter_rows() -> Rows {
+    let rows = exporters::listing();
+    let about = rows.iter().map(|[_, of, file, written, about]| {
+        [of.clone(), file.clone(), written.clone(), about.clone()]
+    });
+    let about = text::columns(&about.collect::<Vec<_>>());
+    rows.iter().map(|[name, ..]| name.clone()).zip(about).collect()
 }
 
 pub fn audit(catalog: &Catalog, args: AdapterArgs) -> Outcome {

@@ -127,10 +127,10 @@ fn tell(folder: &Path, format: &str, fresh: bool) -> Outcome {
     let verdicts = Verdicts::of(&comparison);
     exporters::put(folder, exporters::of_comparison(&verdicts))?;
     if fresh && let Some(page) = std::env::var_os(STEP_SUMMARY).filter(|page| !page.is_empty()) {
-        append(Path::new(&page), &(tables::MARKDOWN.write)(&verdicts))?;
+        append(Path::new(&page), &(tables::MARKDOWN.export)(&verdicts))?;
     }
     if let Some(format) = exporters::OF_COMPARISONS.iter().find(|known| known.name == format) {
-        tell::answer((format.write)(&verdicts));
+        tell::answer((format.export)(&verdicts));
     }
     tell::note(folder.display());
     Ok(ExitCode::from(verdicts.status as u8))

@@ -2,6 +2,7 @@
 
 mod commands;
 mod compare;
+mod export;
 
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -11,6 +12,7 @@ use crate::exporters::OF_COMPARISONS;
 use crate::harness::catalog::Catalog;
 use crate::record::Profile;
 use crate::record::comparison::{self, Gate, MOST_LAUNCHES, MOST_PAIRS};
+use crate::record::schema::LineKind;
 use crate::tell;
 use clap::error::ErrorKind;
 use clap::{Args, Parser, Subcommand, ValueEnum};
@@ -41,6 +43,8 @@ pub fn main(catalog: &Catalog) -> ExitCode {
         Command::Dump(args) => commands::dump(catalog, args),
         Command::Query(args) => commands::query(catalog, args),
         Command::Report { folders, out } => commands::report(folders, out),
+        Command::Export(args) => export::export(args),
+        Command::Schema { kind } => export::schema(kind),
         Command::Compare(args) => compare::compare(catalog, *args),
         Command::Bench { filter, adapter } => commands::bench(catalog, filter, &adapter),
         Command::Worker(args) => commands::worker(catalog, args),
@@ -101,6 +105,14 @@ pub enum Command {
         /// Write only the page, into this folder
         #[arg(long, value_name = "DIR")]
         out: Option<PathBuf>,
+    },
+    /// Write what a folder's records hold in another format: CSV, JUnit, Bencher, a trace of one frame and others
+    Export(ExportArgs),
+    /// Print the JSON Schema (draft 2020-12) of the lines that fathom writes
+    Schema {
+        /// Which lines
+        #[arg(value_enum, default_value_t)]
+        kind: LineKind,
     },
     /// Hold two builds against each other: has a stage become slower, costlier or less accurate?
     #[command(
@@ -177,6 +189,7 @@ pub enum Listing {
     Parameters,
     Adapters,
     Pipelines,
+    Exporters,
 }
 
 #[derive(Args)]
@@ -276,6 +289,24 @@ pub struct QueryArgs {
     pub allow_stand_ins: bool,
     #[command(flatten)]
     pub adapter: AdapterArgs,
+}
+
+#[derive(Args)]
+pub struct ExportArgs {
+    /// Name of a format; see `fathom list exporters`
+    pub format: String,
+    /// Folder of a run or of a comparison
+    #[arg(value_name = "DIR")]
+    pub folder: PathBuf,
+    /// File to write, or the folder for it [default: standard output]
+    #[arg(short, long, value_name = "PATH")]
+    pub output: Option<PathBuf>,
+    /// Cell of a trace: `EXPERIMENT CELL`, or EXPERIMENT for its first timed cell [default: the first timed cell]
+    #[arg(long, value_name = "NAME")]
+    pub cell: Option<String>,
+    /// Frame of a trace, counted from 0 [default: the one whose time is nearest to the median]
+    #[arg(long, value_name = "N")]
+    pub frame: Option<usize>,
 }
 
 #[derive(Args)]

@@ -60,7 +60,7 @@ impl StoredComparison {
     /// The comparison stored in a folder.
     pub fn read(folder: &Path) -> Result<Self, StoreError> {
         let path = folder.join(RECORDS);
-        if !path.exists() {
+        if !record::stored(&path).exists() {
             return Err(StoreError::Absent { path: folder.to_owned() });
         }
         Self::of(record::read(&path)?, &path)

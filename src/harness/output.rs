@@ -99,7 +99,7 @@ impl OutputFolder {
     /// It holds something that was measured.
     fn is_occupied(&self) -> bool {
         let holds = |path: PathBuf| path.metadata().is_ok_and(|file| file.len() > 0);
-        holds(self.records()) || holds(self.samples())
+        holds(record::stored(&self.records())) || holds(self.samples())
     }
 }
 

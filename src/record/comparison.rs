@@ -5,6 +5,7 @@
 use std::collections::BTreeMap;
 use std::fmt;
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Deserializer, Serialize, de};
 use strum::{Display, EnumString, IntoStaticStr};
 
@@ -38,6 +39,7 @@ pub const INSTRUCTION_THRESHOLD: f64 = 0.005;
     Hash,
     Serialize,
     Deserialize,
+    JsonSchema,
     Display,
     IntoStaticStr,
 )]
@@ -63,6 +65,7 @@ impl Side {
     Hash,
     Serialize,
     Deserialize,
+    JsonSchema,
     Display,
     EnumString,
 )]
@@ -79,7 +82,9 @@ impl Gate {
 }
 
 /// A gate cell's name: `CONFIGURATION STAGE`, such as `tank caustics/trace`.
-#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[derive(
+    Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, JsonSchema,
+)]
 #[serde(transparent)]
 pub struct CellId(String);
 
@@ -111,8 +116,8 @@ impl fmt::Display for CellId {
     }
 }
 
-/// A record of a comparison.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+/// What a record of a comparison holds: its kind and the fields of that kind.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(tag = "kind", rename_all = "snake_case")]
 pub enum Compared {
     Header(Box<ComparisonHeader>),
@@ -134,11 +139,16 @@ impl From<Compared> for Record {
 }
 
 /// What is compared, on what, and by which rules.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct ComparisonHeader {
+    /// Version of the record format.
+    #[schemars(extend("const" = super::SCHEMA))]
     pub schema: u32,
+    /// Of the program that compared.
     pub fathom_version: String,
+    /// The build that is compared with.
     pub base: ComparedBuild,
+    /// The build that is judged.
     pub head: ComparedBuild,
     pub adapter: Adapter,
     pub settings: GateSettings,
@@ -168,17 +178,19 @@ impl Default for ComparisonHeader {
 }
 
 /// A gate that is left out, which is no failure.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Skip {
     pub gate: Gate,
+    /// Why, in one sentence.
     pub reason: String,
 }
 
-/// One side.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+/// A build of one side.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct ComparedBuild {
     /// Revision, path or file, as it was asked for.
     pub label: String,
+    /// Of the program.
     pub version: String,
     /// Of the worker's line protocol; none for a file of records.
     pub protocol: Option<u32>,
@@ -186,22 +198,28 @@ pub struct ComparedBuild {
     pub digest: String,
 }
 
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+/// Rules by which two builds are compared.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct GateSettings {
     /// Family-wise error of the time gate; the intervals of each of its measurements have the coverage 1 − alpha.
     #[serde(deserialize_with = "share")]
+    #[schemars(extend("exclusiveMinimum" = 0, "exclusiveMaximum" = 1))]
     pub alpha: f64,
     /// Share by which a time must differ to matter.
     #[serde(deserialize_with = "share")]
+    #[schemars(extend("exclusiveMinimum" = 0, "exclusiveMaximum" = 1))]
     pub threshold: f64,
     /// Share by which an instruction count must differ to matter.
     #[serde(deserialize_with = "share")]
+    #[schemars(extend("exclusiveMinimum" = 0, "exclusiveMaximum" = 1))]
     pub instruction_threshold: f64,
     /// Pairs of worker processes, in each of the two measurements of the time gate.
     pub launches: u32,
     /// Pairs of samples of a cell in each launch of the first measurement.
     pub pairs: u32,
+    /// Seed of the order of cells and samples.
     pub seed: u64,
+    /// Gates that were asked for.
     pub gates: Vec<Gate>,
     /// Sides were measured one after the other, in no pairs: from files of records.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
@@ -233,19 +251,23 @@ fn share<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f64, D::Error> {
 }
 
 /// Exact figures of a whole configuration.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct ConfigurationFigures {
     pub side: Side,
+    /// Name of the configuration.
     pub configuration: String,
+    /// GPU memory that the pipeline allocated, bytes.
     pub allocated_bytes: u64,
-    /// Errors against the reference, the larger the worse.
+    /// Errors against the reference, the larger the worse: name → value, the unit in the name; null where it is no number.
     #[serde(deserialize_with = "nan::map")]
+    #[schemars(schema_with = "nan::map_schema")]
     pub errors: BTreeMap<String, f64>,
     /// The same with the stage that each judges.
     #[serde(default)]
     pub judged: Vec<ErrorFigure>,
-    /// Figures read back that are no errors: a change of one is reported, but not judged.
+    /// Figures read back that are no errors: a change of one is reported, but not judged. The unit is in the name.
     #[serde(default, deserialize_with = "nan::map")]
+    #[schemars(schema_with = "nan::map_schema")]
     pub quantities: BTreeMap<String, f64>,
     /// What could not be computed, and why.
     #[serde(default)]
@@ -253,7 +275,7 @@ pub struct ConfigurationFigures {
 }
 
 /// Exact figures of a cell.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct ExactFigures {
     pub side: Side,
     pub cell: CellId,
@@ -264,31 +286,40 @@ pub struct ExactFigures {
 }
 
 /// A stage's error on a small case, as `fathom verify` measures it.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct CheckFigure {
     pub side: Side,
+    /// The stage that was checked.
     pub stage: String,
+    /// What was compared.
     pub what: String,
+    /// Of `measured` and `tolerance`.
     pub unit: String,
+    /// The error, in `unit`; null where it is no number.
     #[serde(deserialize_with = "nan::number")]
+    #[schemars(schema_with = "nan::number_schema")]
     pub measured: f64,
+    /// Largest error that passes, in `unit`.
     pub tolerance: f64,
     /// It passed and its control failed.
     pub sound: bool,
 }
 
 /// Instructions of a cell's steady frames.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct InstructionCounts {
     pub side: Side,
     pub cell: CellId,
+    /// Instructions of each frame.
     pub counts: Vec<u64>,
 }
 
 /// Two samples of a cell, one right after the other.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Pair {
+    /// Number of the launch.
     pub launch: u32,
+    /// Number of the pair within its launch.
     pub round: u32,
     pub cell: CellId,
     /// Both sides are the base.
@@ -299,14 +330,18 @@ pub struct Pair {
     pub second: bool,
     /// The side that was sampled first.
     pub first: Side,
+    /// The base's sample, nanoseconds.
     pub base_ns: f64,
+    /// The head's sample, nanoseconds.
     pub head_ns: f64,
 }
 
 /// A pair of workers that went through all its rounds. Pairs of a launch without this line do not count.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Launch {
+    /// Number of the launch.
     pub launch: u32,
+    /// How long it took, seconds.
     pub wall_s: f64,
     /// Of the second measurement.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
@@ -319,13 +354,16 @@ pub struct Launch {
 }
 
 /// Something that could not be measured. Without a cell it concerns the whole gate, without a side both.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Fault {
     pub gate: Gate,
+    /// The side that failed.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub side: Option<Side>,
+    /// The cell that could not be measured.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub cell: Option<CellId>,
+    /// Number of the launch in which it happened.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub launch: Option<u32>,
     /// The control failed that measures this cell, not the cell itself.
@@ -334,6 +372,7 @@ pub struct Fault {
     /// The side has no such cell: there is nothing to compare, and nothing failed.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub absent: bool,
+    /// Why, in one sentence.
     pub reason: String,
 }
 
@@ -350,19 +389,22 @@ impl Fault {
 }
 
 /// Times of a cell that were taken without a partner.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct UnpairedSamples {
     pub side: Side,
     pub cell: CellId,
+    /// Samples, nanoseconds.
     pub ns: Vec<f64>,
-    /// A shorter median cannot be distinguished from 0.
+    /// A shorter median cannot be distinguished from 0, nanoseconds.
     #[serde(default)]
     pub resolution_ns: f64,
 }
 
 /// How measuring ended.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct ComparisonEnd {
+    /// How long measuring took, seconds.
     pub wall_s: f64,
+    /// It was interrupted before all was measured.
     pub interrupted: bool,
 }

@@ -1,15 +1,20 @@
 //! Errors of a cell, and whose output each judges.
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::nan;
 
 /// An error of a cell's last frame against a reference: the further from 0, the worse.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct ErrorFigure {
+    /// What differs, the unit in the name.
     pub name: String,
+    /// In `unit`; null where it is no number.
     #[serde(deserialize_with = "nan::number")]
+    #[schemars(schema_with = "nan::number_schema")]
     pub value: f64,
+    /// Of `value`.
     pub unit: String,
     /// The stage whose output it judges.
     pub stage: String,

@@ -2,10 +2,13 @@
 
 use std::fmt;
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 /// How large an experiment runs.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
+#[derive(
+    Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema, clap::ValueEnum,
+)]
 #[serde(rename_all = "snake_case")]
 pub enum Profile {
     /// Scaled for a software driver on two cores.
@@ -27,7 +30,7 @@ impl Profile {
 }
 
 /// Whether wgpu's bounds and loop checks are compiled into the shaders.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum ShaderChecks {
     #[default]
@@ -45,7 +48,7 @@ impl ShaderChecks {
 }
 
 /// What else was in the command buffer of an audited pass.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Surrounding {
     Alone,
@@ -64,7 +67,17 @@ impl Surrounding {
 
 /// What a run does besides rendering the frames that it measures.
 #[derive(
-    Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, strum::IntoStaticStr,
+    Clone,
+    Copy,
+    Debug,
+    PartialEq,
+    Eq,
+    PartialOrd,
+    Ord,
+    Serialize,
+    Deserialize,
+    JsonSchema,
+    strum::IntoStaticStr,
 )]
 #[serde(rename_all = "snake_case")]
 #[strum(serialize_all = "lowercase")]
@@ -96,9 +109,10 @@ impl SetUp {
 }
 
 /// Something to know about a run or a cell.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct Note {
     pub kind: NoteKind,
+    /// For people.
     pub text: String,
 }
 
@@ -108,7 +122,7 @@ impl Note {
     }
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum NoteKind {
     /// The adapter lacks a feature, or the environment changes how it works.
@@ -134,14 +148,14 @@ pub enum NoteKind {
 }
 
 /// A picture of a cell.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct Picture {
     /// Within the folder of the records, its parts joined by `/`.
     pub path: String,
     pub shows: PictureKind,
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum PictureKind {
     /// The final image.
@@ -151,16 +165,19 @@ pub enum PictureKind {
 }
 
 /// What a GPU's driver says of it at one moment.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default)]
 pub struct MachineState {
-    /// Of the shader cores.
+    /// Of the shader cores, MHz.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub clock_mhz: Option<f64>,
+    /// Of the memory, MHz.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub memory_clock_mhz: Option<f64>,
+    /// Of the device, °C.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub temperature_c: Option<f64>,
+    /// Drawn by the device, watts.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub power_w: Option<f64>,
     /// Why clocks are below their highest, in NVML's words; empty where nothing holds them down or the driver does not tell.
@@ -169,9 +186,9 @@ pub struct MachineState {
 }
 
 /// Why a timed frame was not used.
-#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, JsonSchema)]
 pub struct Rejection {
-    /// Where it is one stage's fault.
+    /// The stage, where it is one stage's fault.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub stage: Option<String>,
     pub fault: FaultKind,
@@ -193,7 +210,9 @@ impl fmt::Display for Rejection {
 }
 
 /// What was wrong with a frame's times.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[derive(
+    Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, JsonSchema,
+)]
 #[serde(rename_all = "snake_case")]
 pub enum FaultKind {
     Zero,
@@ -226,9 +245,10 @@ impl FaultKind {
 }
 
 /// So many timed frames were rejected for one reason.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct RejectedFrames {
     #[serde(flatten)]
     pub rejection: Rejection,
+    /// How many.
     pub frames: u32,
 }

@@ -276,18 +276,24 @@ pub struct Reading<T = Record> {
     pub damaged: Vec<Damage>,
 }
 
-/// Reads every sound line of a file. Damaged lines, the torn last one of a crash among them, are listed
-/// and left out; a line in another format is an error.
+/// Reads every sound line of a file, which may be compressed: see [`stored`]. Damaged lines, the torn last one of a crash
+/// among them, are listed and left out; a line in another format is an error.
 pub fn read_lines<T: Line>(path: &Path) -> Result<Reading<T>, RecordError> {
-    let bytes = input::bytes(path, MAX_FILE).map_err(io("read", path))?;
-    Ok(sort(path, &bytes, OtherFormat::IsAnError)?.read)
+    read_stored(path, OtherFormat::IsAnError)
 }
 
 /// The same, but lines in another format, and those that belong to a header in another format, are listed with the damaged
 /// ones.
 pub fn read_lines_of_this_format<T: Line>(path: &Path) -> Result<Reading<T>, RecordError> {
-    let bytes = input::bytes(path, MAX_FILE).map_err(io("read", path))?;
-    Ok(sort(path, &bytes, OtherFormat::IsLeftOut)?.read)
+    read_stored(path, OtherFormat::IsLeftOut)
+}
+
+fn read_stored<T: Line>(path: &Path, other: OtherFormat) -> Result<Reading<T>, RecordError> {
+    let path = stored(path);
+    let mut bytes = Vec::new();
+    let read = input::unpacked(&path, MAX_FILE).and_then(|mut file| file.read_to_end(&mut bytes));
+    read.map_err(io("read", &path))?;
+    Ok(sort(&path, &bytes, other)?.read)
 }
 
 /// What becomes of a line that says it is in another format than this build reads.
@@ -295,6 +301,15 @@ pub fn read_lines_of_this_format<T: Line>(path: &Path) -> Result<Reading<T>, Rec
 enum OtherFormat {
     IsAnError,
     IsLeftOut,
+}
+
+/// Where the lines of a file are read: from the file, or where there is none from `FILE.gz` beside it, which gzip compressed.
+/// Nothing is written to such a file.
+pub fn stored(path: &Path) -> PathBuf {
+    let mut packed = path.as_os_str().to_owned();
+    packed.push(".gz");
+    let packed = PathBuf::from(packed);
+    if !path.exists() && packed.exists() { packed } else { path.to_owned() }
 }
 
 /// A file's lines, and where the sound ones lie in it, without their ends.

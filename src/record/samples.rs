@@ -6,10 +6,11 @@
 
 use std::collections::BTreeMap;
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
-use super::{Clock, Line, MachineState, PassKind, Rejection, Run};
+use super::{Clock, Line, MachineState, PassKind, Rejection, Run, schema};
 
 /// Version of the lines; raised when a field changes its meaning or goes away.
 pub const SAMPLES_SCHEMA: u32 = 3;
@@ -17,14 +18,20 @@ pub const SAMPLES_SCHEMA: u32 = 3;
 const ID_BYTES: usize = 12;
 
 /// What one visit to a cell added.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct SampleLine {
+    /// Version of the format of these lines.
+    #[schemars(extend("const" = SAMPLES_SCHEMA))]
     pub schema: u32,
-    /// See [`SampleLine::id`].
+    /// Digest of the cell and its conditions: build, adapter, profile, shader checks and resume key.
+    #[schemars(regex(pattern = "^[0-9a-f]{24}$"))]
     pub id: String,
-    /// For readers: the id says all.
+    /// The experiment, for readers: the id says all.
     pub experiment: String,
+    /// The cell within its experiment, for readers.
     pub cell: String,
+    /// The clock of each kind of pass.
+    #[schemars(schema_with = "schema::map::<PassKind, Clock>")]
     pub clocks: Clocks,
     pub added: Addition,
 }
@@ -50,12 +57,13 @@ impl SampleLine {
 }
 
 /// What a visit adds to a cell's samples.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default)]
 pub struct Addition {
     /// All that came before of this cell does not count: it went into a record, or was measured in another way.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub afresh: bool,
+    /// Frames rendered to warm up.
     #[serde(skip_serializing_if = "super::is_zero")]
     pub warm_up_frames: u32,
     /// The frame time still fell when warm-up was given up.
@@ -69,28 +77,36 @@ pub struct Addition {
 }
 
 /// A timed frame and an untimed one, nanoseconds.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct FramePair {
-    /// See [`FrameRecord::rounds`](super::FrameRecord::rounds).
+    /// The round of sampling: samples of one round were taken next to each other.
     pub round: u32,
-    /// Seconds of Unix time.
+    /// When it was sampled, seconds of Unix time.
     pub sampled_at_s: f64,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub machine: Option<MachineState>,
+    /// In frame order.
     pub stages: Vec<StageTime>,
+    /// From the first stage's begin to the last stage's end, nanoseconds.
     pub envelope_ns: f64,
+    /// Time between stages, nanoseconds.
     pub gaps_ns: f64,
+    /// Frame time without per-stage timing, nanoseconds.
     pub untimed_ns: f64,
 }
 
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+/// Time of a stage in one frame.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct StageTime {
+    /// The stage's name: `FAMILY/STEM`.
     pub stage: String,
     pub clock: Clock,
-    /// Less the submission's cost, if one is taken off; noise of that cost can then leave less than nothing.
+    /// Nanoseconds, less the submission's cost, if one is taken off; noise of that cost can then leave less than nothing.
     pub ns: f64,
+    /// What was taken off, nanoseconds.
     #[serde(default)]
     pub submit_cost_ns: f64,
+    /// A shorter time cannot be distinguished from 0, nanoseconds.
     #[serde(default)]
     pub resolution_ns: f64,
 }

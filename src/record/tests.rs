@@ -1,6 +1,9 @@
 use std::fs;
+use std::io::Write;
 use std::path::{Path, PathBuf};
 
+use flate2::Compression;
+use flate2::write::GzEncoder;
 use serde_json::{Map, json};
 
 use super::*;
@@ -204,6 +207,27 @@ fn a_full_disk_is_an_error_that_names_the_file() {
     let mut writer = Writer::create(path).unwrap();
     let error = writer.write(&skipped("a")).unwrap_err().to_string();
     assert!(error.starts_with("cannot write /dev/full"), "{error}");
+}
+
+fn packed(bytes: &[u8]) -> Vec<u8> {
+    let mut encoder = GzEncoder::new(Vec::new(), Compression::fast());
+    encoder.write_all(bytes).unwrap();
+    encoder.finish().unwrap()
+}
+
+#[test]
+fn a_compressed_file_is_read_where_there_is_no_other() {
+    let (folder, path) = file();
+    let compressed = folder.path().join("records.jsonl.gz");
+    fs::write(&compressed, packed(lines(&[skipped("a")])[0].as_bytes())).unwrap();
+    assert_eq!(read(&path).unwrap().records, [skipped("a")]);
+    assert_eq!(read(&compressed).unwrap().records, [skipped("a")]);
+    append(&path, &skipped("b"));
+    assert_eq!(read(&path).unwrap().records, [skipped("b")]);
+    let whole = fs::read(&compressed).unwrap();
+    fs::write(&compressed, &whole[..whole.len() / 2]).unwrap();
+    let error = read(&compressed).unwrap_err().to_string();
+    assert!(error.starts_with(&format!("cannot read {}", compressed.display())), "{error}");
 }
 
 #[test]

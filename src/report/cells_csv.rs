@@ -1,13 +1,21 @@
 //! `cells.csv`: one row per cell and stage, as RFC 4180 has it. A cell without figures has one row with an empty stage.
+//! The quantities of a cell stand in its first row only: they are many, and the same for all its stages.
 //! A name that a spreadsheet would take for a formula has an apostrophe in front; see [`text::spreadsheet`].
 
-use super::{Artifact, Entry, Exporter, ReportError, ReportView};
+use itertools::Itertools;
+
+use super::{Entry, Exporter, OfRun, ReportError, ReportView, RunExporter, Written};
 use crate::record::{Estimate, Fenced, Interval, Measured, Outcome, StageRecord, Work};
 use crate::statistics::median;
 use crate::text;
 
-pub const EXPORTER: Exporter =
-    Exporter { name: "cells.csv", about: "one row per cell and stage", export };
+pub const EXPORTER: RunExporter = Exporter {
+    name: "csv",
+    about: "one row per cell and stage",
+    file: "cells.csv",
+    written: Written::WithEveryReport,
+    export: OfRun::One(export),
+};
 
 const OF_CELL: &str =
     "experiment cell pipeline scene stand_ins adapter software profile status reason";
@@ -16,7 +24,7 @@ const OF_STAGE: &str =
 const OF_FRAME: &str = "frame_untimed_median_ns frame_untimed_low_ns frame_untimed_high_ns frame_untimed_samples \
     accounting_error timing_cost allocated_bytes warm_up_frames rejected_frames quantities";
 
-fn export(view: &ReportView<'_>) -> Result<Vec<Artifact>, ReportError> {
+fn export(view: &ReportView<'_>) -> Result<String, ReportError> {
     let names = |names: &str| names.split(' ').map(str::to_owned).collect::<Vec<String>>();
     let work = Work::NAMES.iter().map(ToString::to_string).collect();
     let header = [names(OF_CELL), names(OF_STAGE), work, names(OF_FRAME)].concat();
@@ -30,7 +38,8 @@ fn export(view: &ReportView<'_>) -> Result<Vec<Artifact>, ReportError> {
         let _ = writer.write_record(row.iter().map(|field: &String| text::spreadsheet(field)));
     }
     let bytes = writer.into_inner().unwrap_or_default();
-    Ok(vec![Artifact { name: EXPORTER.name.to_owned(), bytes }])
+    // Made of text alone.
+    Ok(String::from_utf8(bytes).unwrap_or_default())
 }
 
 fn rows(entry: &Entry<'_>, columns: usize) -> Vec<Vec<String>> {
@@ -42,8 +51,12 @@ fn rows(entry: &Entry<'_>, columns: usize) -> Vec<Vec<String>> {
     match &entry.cell.outcome {
         Outcome::Measured(measured) => {
             let cell = cell_fields(entry, "measured", "");
-            let row = |stage| [cell.clone(), stage_fields(stage), frame_fields(measured)].concat();
-            measured.stages.iter().map(row).collect()
+            let row = |(index, stage)| {
+                let quantities = if index == 0 { quantities(measured) } else { String::new() };
+                [cell.clone(), stage_fields(stage), frame_fields(measured), vec![quantities]]
+                    .concat()
+            };
+            measured.stages.iter().enumerate().map(row).collect()
         }
         Outcome::Skipped { reason } => unmeasured("skipped", reason),
         Outcome::Failed { reason } => unmeasured("failed", reason),
@@ -91,8 +104,6 @@ fn time_fields(stage: &StageRecord) -> Vec<String> {
 
 fn frame_fields(measured: &Measured) -> Vec<String> {
     let frame = &measured.frame;
-    let quantities = measured.figures();
-    let quantities = quantities.iter().map(|(name, value)| format!("{name}={value}"));
     let mut fields = estimate_fields(&frame.untimed).to_vec();
     fields.extend([
         frame.accounting_error.to_string(),
@@ -100,9 +111,14 @@ fn frame_fields(measured: &Measured) -> Vec<String> {
         measured.allocated_bytes.to_string(),
         measured.warm_up_frames.to_string(),
         measured.rejected_frames().to_string(),
-        quantities.collect::<Vec<_>>().join("; "),
     ]);
     fields
+}
+
+/// `NAME=VALUE` of each quantity and error.
+fn quantities(measured: &Measured) -> String {
+    let figures = measured.figures();
+    figures.iter().map(|(name, value)| format!("{name}={value}")).join("; ")
 }
 
 fn estimate_fields(estimate: &Estimate) -> [String; 4] {
@@ -123,12 +139,24 @@ mod tests {
     #[test]
     fn every_row_has_every_column() {
         let records = fixtures::run();
-        let files = export(&ReportView::new(&records, None)).unwrap();
-        let mut reader = csv::Reader::from_reader(files[0].bytes.as_slice());
+        let text = export(&ReportView::new(&records, None)).unwrap();
+        let mut reader = csv::Reader::from_reader(text.as_bytes());
         assert_eq!(reader.headers().unwrap().len(), 35);
         let rows: Vec<csv::StringRecord> = reader.records().map(Result::unwrap).collect();
         assert!(rows.len() > 20);
         assert!(rows.iter().any(|row| &row[8] == "skipped"));
+    }
+
+    #[test]
+    fn quantities_stand_once_for_each_cell() {
+        let records = fixtures::run();
+        let view = ReportView::new(&records, None);
+        let text = export(&view).unwrap();
+        let mut reader = csv::Reader::from_reader(text.as_bytes());
+        let rows = reader.records().map(Result::unwrap);
+        let told = rows.filter(|row| row[34].contains('=')).count();
+        let with_figures = view.measured().filter(|(_, measured)| !measured.figures().is_empty());
+        assert_eq!(told, with_figures.count());
     }
 
     #[test]

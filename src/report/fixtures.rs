@@ -58,8 +58,8 @@ pub fn profile(profile: Profile) -> Vec<Record> {
 
 pub fn summary(records: &[Record]) -> String {
     let view = super::ReportView::new(records, None);
-    let page = (super::summary::EXPORTER.export)(&view).unwrap().remove(0);
-    String::from_utf8(page.bytes).unwrap()
+    let page = super::SUMMARY.run(&view, &super::FrameChoice::default()).unwrap();
+    String::from_utf8(page.files().remove(0).bytes).unwrap()
 }
 
 /// A run in which no cell was measured.

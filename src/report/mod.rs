@@ -1,29 +1,48 @@
 //! Reports: pure functions from records to bytes. The same records give the same bytes.
 //!
-//! An [`Exporter`] turns a [`ReportView`] of a run's records into named files.
+//! A [`RunExporter`] turns a [`ReportView`] of a run's records into files.
 
+pub mod bencher;
 mod cells_csv;
+mod chosen_frame;
+mod chrome_trace;
 pub mod colors;
 pub mod facts;
 pub mod format;
+pub mod github_benchmark;
+pub mod junit;
 pub mod page;
 mod plots;
 mod summary;
+mod timed;
 mod view;
 
 #[cfg(test)]
 pub mod fixtures;
 
+pub use bencher::EXPORTER as BENCHER;
 pub use cells_csv::EXPORTER as CELLS_CSV;
+pub use chosen_frame::{ChosenFrame, FrameChoice};
+pub use chrome_trace::EXPORTER as CHROME_TRACE;
+pub use github_benchmark::EXPORTER as GITHUB_BENCHMARK;
+pub use junit::EXPORTER as JUNIT;
 pub use page::EXPORTER as PAGE;
 pub use plots::EXPORTER as PLOTS;
 pub use summary::EXPORTER as SUMMARY;
 pub use view::{Entry, LeftOut, ReportView, Section};
 
+use crate::text;
+
 #[derive(Debug, thiserror::Error)]
 pub enum ReportError {
     #[error("cannot draw the plot of `{experiment}`: {message}")]
     Plot { experiment: String, message: String },
+    #[error("there is no cell with timed frames")]
+    NoFrames,
+    #[error("no timed cell `{}`{}", text::line(.name), text::did_you_mean(.nearest))]
+    UnknownCell { name: String, nearest: Option<String> },
+    #[error("cell `{cell}` has frames 0 to {last}, and no frame {frame}")]
+    UnknownFrame { cell: String, frame: usize, last: usize },
 }
 
 /// A file of the report: its name within the output folder, and its bytes.
@@ -33,10 +52,78 @@ pub struct Artifact {
     pub bytes: Vec<u8>,
 }
 
-pub struct Exporter {
+/// A format of reports.
+pub struct Exporter<F> {
+    /// Its identifier on the command line, such as `csv`.
     pub name: &'static str,
+    /// What the format is, in one line.
     pub about: &'static str,
-    pub export: fn(&ReportView<'_>) -> Result<Vec<Artifact>, ReportError>,
+    /// The name of its file. Where there is a file for each experiment, `EXPERIMENT` stands for the id.
+    pub file: &'static str,
+    pub written: Written,
+    /// Makes what the files hold.
+    pub export: F,
+}
+
+/// When a format is written.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, strum::Display)]
+pub enum Written {
+    #[strum(to_string = "with every report")]
+    WithEveryReport,
+    #[strum(to_string = "on request")]
+    OnRequest,
+}
+
+/// A format of a run.
+pub type RunExporter = Exporter<OfRun>;
+
+/// What is made of a run.
+pub enum OfRun {
+    /// The text of one file.
+    One(fn(&ReportView<'_>) -> Result<String, ReportError>),
+    /// A file for each experiment.
+    PerExperiment(fn(&ReportView<'_>) -> Result<Vec<Artifact>, ReportError>),
+    /// The text of one file about one frame.
+    Frame(fn(&ChosenFrame<'_>) -> String),
+}
+
+/// What an exporter made.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Exported {
+    One(Artifact),
+    /// A file for each experiment, however many there are.
+    PerExperiment(Vec<Artifact>),
+}
+
+impl Exported {
+    pub fn files(self) -> Vec<Artifact> {
+        match self {
+            Self::One(file) => vec![file],
+            Self::PerExperiment(files) => files,
+        }
+    }
+}
+
+impl<F> Exporter<F> {
+    /// Its only file with this text.
+    pub fn one(&self, text: String) -> Exported {
+        Exported::One(Artifact { name: self.file.to_owned(), bytes: text.into_bytes() })
+    }
+}
+
+impl RunExporter {
+    /// Its files. Only a format of one frame looks at `choice`.
+    pub fn run(
+        &self,
+        view: &ReportView<'_>,
+        choice: &FrameChoice,
+    ) -> Result<Exported, ReportError> {
+        Ok(match self.export {
+            OfRun::One(export) => self.one(export(view)?),
+            OfRun::PerExperiment(export) => Exported::PerExperiment(export(view)?),
+            OfRun::Frame(export) => self.one(export(&view.frame(choice)?)),
+        })
+    }
 }
 
 #[cfg(all(test, target_os = "linux"))]

@@ -8,18 +8,20 @@ use std::fmt::Write as _;
 use indexmap::IndexSet;
 
 use super::format::{self, Table};
-use super::{Artifact, Exporter, ReportError, ReportView};
+use super::{Exporter, OfRun, ReportError, ReportView, RunExporter, Written};
 use crate::experiments::Verdict;
 use crate::record::{Outcome, Run};
 use crate::text;
 
-pub const EXPORTER: Exporter = Exporter {
-    name: "summary.md",
+pub const EXPORTER: RunExporter = Exporter {
+    name: "markdown",
     about: "the run, its tables, verdicts and links to plots and pictures",
-    export,
+    file: "summary.md",
+    written: Written::WithEveryReport,
+    export: OfRun::One(export),
 };
 
-fn export(view: &ReportView<'_>) -> Result<Vec<Artifact>, ReportError> {
+fn export(view: &ReportView<'_>) -> Result<String, ReportError> {
     let mut text = String::new();
     match view.run() {
         Some(run) => header(view, run, &mut text),
@@ -29,7 +31,7 @@ fn export(view: &ReportView<'_>) -> Result<Vec<Artifact>, ReportError> {
     for part in &view.sections {
         section::write(part, &mut text);
     }
-    Ok(vec![Artifact { name: EXPORTER.name.to_owned(), bytes: text.into_bytes() }])
+    Ok(text)
 }
 
 fn header(view: &ReportView<'_>, run: &Run, text: &mut String) {

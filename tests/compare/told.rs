@@ -306,7 +306,7 @@ fn the_same_records_give_the_same_bytes_each_time() {
         ("markdown", "summary.md"),
         ("junit", "junit.xml"),
         ("bencher", "bencher.json"),
-        ("benchmark", "benchmark.json"),
+        ("github-action-benchmark", "benchmark.json"),
     ];
     for (format, file) in formats {
         let mut command = fathom();

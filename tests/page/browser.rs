@@ -105,10 +105,18 @@ impl Browser {
         log.into_iter().map(|entry| format!("{entry:?}")).collect()
     }
 
-    pub async fn close(mut self) {
+    pub async fn close(self) {
         self.driver.clone().quit().await.unwrap();
-        let _ = self.service.kill();
-        let _ = self.service.wait();
+    }
+}
+
+/// After a failed test too: ChromeDriver ends its browser when it is asked to end.
+impl Drop for Browser {
+    fn drop(&mut self) {
+        let asked = Command::new("kill").arg(self.service.id().to_string()).status();
+        if asked.is_ok_and(|status| status.success()) {
+            let _ = self.service.wait();
+        }
     }
 }
 

@@ -166,7 +166,7 @@ fn comparison_lines() {
         let comparison = told(StoredComparison::read(path.parent().unwrap()))?;
         let verdicts = Verdicts::of(&comparison);
         for format in exporters::OF_COMPARISONS {
-            (format.write)(&verdicts);
+            (format.export)(&verdicts);
         }
         Ok(())
     });

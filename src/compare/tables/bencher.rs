@@ -1,57 +1,47 @@
 //! Bencher Metric Format: the head's figures by cell, and its time over the base's with the interval.
-//! <https://bencher.dev/docs/reference/bencher-metric-format/>
 
-use crate::record::Interval;
-use serde_json::{Map, Value, json};
-
-use super::Format;
+use super::ComparisonExporter;
 use crate::compare::verdict::{JudgedCell, Verdicts};
+use crate::record::Interval;
 use crate::record::comparison::Side;
+use crate::report::bencher::{ALLOCATED_BYTES, Benchmarks, LATENCY};
+use crate::report::{Exporter, Written};
 
-pub const FORMAT: Format =
-    Format { name: "bencher", about: "Bencher Metric Format", file: Some("bencher.json"), write };
+pub const EXPORTER: ComparisonExporter = Exporter {
+    name: "bencher",
+    about: "Bencher Metric Format",
+    file: "bencher.json",
+    written: Written::WithEveryReport,
+    export,
+};
 
-fn write(verdicts: &Verdicts<'_>) -> String {
-    let mut all = Map::new();
+fn export(verdicts: &Verdicts<'_>) -> String {
+    let mut all = Benchmarks::default();
     for cell in &verdicts.cells {
-        let measures = measures(cell);
-        if !measures.is_empty() {
-            all.insert(cell.cell.to_string(), Value::Object(measures));
-        }
+        add(cell, &mut all);
     }
     let configurations = verdicts.comparison.configurations.iter();
     for line in configurations.filter(|line| line.side == Side::Head) {
-        let bytes = json!({ "allocated-bytes": { "value": line.allocated_bytes } });
-        all.insert(line.configuration.clone(), bytes);
+        all.add(&line.configuration, ALLOCATED_BYTES, line.allocated_bytes, None);
     }
-    format!("{:#}\n", Value::Object(all))
+    all.text()
 }
 
-fn measures(cell: &JudgedCell) -> Map<String, Value> {
-    let mut measures = Map::new();
+fn add(cell: &JudgedCell, all: &mut Benchmarks) {
+    let name = cell.cell.as_str();
     if let Some(time) = &cell.time {
         // What digits there are beyond these is the mathematics library's affair.
         let ratio = |change: f64| ((1.0 + change) * 1e6).round() / 1e6;
-        let mut metric = json!({ "value": ratio(time.change) });
-        if let Some((low, high)) = time.interval {
-            metric["lower_value"] = json!(ratio(low));
-            metric["upper_value"] = json!(ratio(high));
-        }
-        measures.insert("time-ratio".to_owned(), metric);
-        // Bencher's own measure of time is in nanoseconds.
-        measures.insert("latency".to_owned(), json!({ "value": time.head_ns.round() }));
+        let interval =
+            time.interval.map(|(low, high)| Interval { low: ratio(low), high: ratio(high) });
+        all.add(name, "time-ratio", ratio(time.change), interval);
+        all.add(name, LATENCY, time.head_ns.round(), None);
     }
     if let Some(unpaired) = cell.unpaired.filter(|times| times.head.is_resolved()) {
         let time = &unpaired.head.ns;
-        let mut metric = json!({ "value": time.median });
-        if let Some(Interval { low, high }) = time.interval {
-            metric["lower_value"] = json!(low);
-            metric["upper_value"] = json!(high);
-        }
-        measures.insert("latency".to_owned(), metric);
+        all.add(name, LATENCY, time.median, time.interval);
     }
     if let Some(counted) = &cell.instructions {
-        measures.insert("instructions".to_owned(), json!({ "value": counted.head }));
+        all.add(name, "instructions", counted.head, None);
     }
-    measures
 }

@@ -1,55 +1,43 @@
 //! `customSmallerIsBetter` of github-action-benchmark: the head's figures by cell, to be kept from commit to commit.
-//! <https://github.com/benchmark-action/github-action-benchmark>
 
-use serde_json::{Value, json};
-
-use super::Format;
+use super::ComparisonExporter;
 use crate::compare::verdict::{JudgedCell, Verdicts};
 use crate::report::format::NS_PER_MS;
+use crate::report::github_benchmark::{Entry, text};
+use crate::report::{Exporter, Written};
 
-pub const FORMAT: Format = Format {
-    name: "benchmark",
-    about: "JSON for github-action-benchmark",
-    file: Some("benchmark.json"),
-    write,
+pub const EXPORTER: ComparisonExporter = Exporter {
+    name: "github-action-benchmark",
+    about: "customSmallerIsBetter of github-action-benchmark",
+    file: "benchmark.json",
+    written: Written::WithEveryReport,
+    export,
 };
 
-fn write(verdicts: &Verdicts<'_>) -> String {
-    let entries: Vec<Value> = verdicts.cells.iter().flat_map(entries).collect();
-    format!("{:#}\n", Value::Array(entries))
+fn export(verdicts: &Verdicts<'_>) -> String {
+    let entries: Vec<Entry> = verdicts.cells.iter().flat_map(entries).collect();
+    text(&entries)
 }
 
-fn entries(cell: &JudgedCell) -> Vec<Value> {
+fn entries(cell: &JudgedCell) -> Vec<Entry> {
     let mut entries = Vec::new();
     let verdict = cell.verdict;
+    let mut add = |what: &str, unit, value, extra, range| {
+        entries.push(Entry { name: format!("{} {what}", cell.cell), unit, value, extra, range });
+    };
     if let Some(time) = &cell.time {
-        let mut entry = json!({
-            "name": format!("{} time", cell.cell),
-            "unit": "ms",
-            "value": time.head_ns / NS_PER_MS,
-            "extra": format!("{verdict}: {:+.2} % against the base", 100.0 * time.change),
-        });
-        if let Some((low, high)) = time.interval {
-            let half = 50.0 * (high - low);
-            entry["range"] = json!(format!("± {half:.2} %"));
-        }
-        entries.push(entry);
+        let extra = format!("{verdict}: {:+.2} % against the base", 100.0 * time.change);
+        let range = time.interval.map(|(low, high)| format!("± {:.2} %", 50.0 * (high - low)));
+        add("time", "ms", time.head_ns / NS_PER_MS, extra, range);
     }
     if let Some(unpaired) = cell.unpaired.filter(|times| times.head.is_resolved()) {
-        entries.push(json!({
-            "name": format!("{} time", cell.cell),
-            "unit": "ms",
-            "value": unpaired.head.ns.median / NS_PER_MS,
-            "extra": "unpaired",
-        }));
+        let value = unpaired.head.ns.median / NS_PER_MS;
+        add("time", "ms", value, "unpaired".to_owned(), None);
     }
     if let Some(counted) = &cell.instructions {
-        entries.push(json!({
-            "name": format!("{} instructions", cell.cell),
-            "unit": "instructions",
-            "value": counted.head,
-            "extra": format!("{verdict}: {:+.3} % against the base", 100.0 * (counted.ratio - 1.0)),
-        }));
+        let change = 100.0 * (counted.ratio - 1.0);
+        let extra = format!("{verdict}: {change:+.3} % against the base");
+        add("instructions", "instructions", counted.head, extra, None);
     }
     entries
 }

@@ -1,20 +1,24 @@
 //! JUnit XML, which most CI systems show: a test case for each cell, one for each gate, for each fault of a whole gate and
 //! for each regression of a whole configuration.
 
-use std::fmt::Display;
-
 use itertools::Itertools;
-use quick_junit::{NonSuccessKind, Report, TestCase, TestCaseStatus, TestSuite};
+use quick_junit::{NonSuccessKind, TestCaseStatus, TestSuite};
 
-use super::{Format, rows};
+use super::{ComparisonExporter, rows};
 use crate::compare::exact::{DifferenceScope, FigureKind};
 use crate::compare::verdict::{CellVerdict, GateState, JudgedCell, Verdicts};
-use crate::text;
+use crate::report::junit::{add, failed, skipped, xml};
+use crate::report::{Exporter, Written};
 
-pub const FORMAT: Format =
-    Format { name: "junit", about: "JUnit XML", file: Some("junit.xml"), write };
+pub const EXPORTER: ComparisonExporter = Exporter {
+    name: "junit",
+    about: "JUnit XML: regressions as failures",
+    file: "junit.xml",
+    written: Written::WithEveryReport,
+    export,
+};
 
-fn write(verdicts: &Verdicts<'_>) -> String {
+fn export(verdicts: &Verdicts<'_>) -> String {
     let mut gates = TestSuite::new("fathom compare: gates");
     for (gate, state) in &verdicts.gates {
         let status = match state {
@@ -54,20 +58,7 @@ fn write(verdicts: &Verdicts<'_>) -> String {
         };
         add(&mut whole, class, &difference.figure, status);
     }
-    let mut report = Report::new("fathom compare");
-    for suite in [gates, cells, whole] {
-        if !suite.test_cases.is_empty() {
-            report.add_test_suite(suite);
-        }
-    }
-    // Writing to memory fails for no reason but memory itself.
-    report.to_string().unwrap_or_default()
-}
-
-fn add(suite: &mut TestSuite, class: &str, name: &str, status: TestCaseStatus) {
-    let mut case = TestCase::new(text::line(name), status);
-    case.set_classname(text::line(class));
-    suite.add_test_case(case);
+    xml("fathom compare", [gates, cells, whole])
 }
 
 fn cell_status(cell: &JudgedCell) -> TestCaseStatus {
@@ -85,16 +76,4 @@ fn cell_status(cell: &JudgedCell) -> TestCaseStatus {
         verdict if verdict.is_regression() => failed(NonSuccessKind::Failure, verdict, &told),
         _ => TestCaseStatus::success(),
     }
-}
-
-fn failed(kind: NonSuccessKind, what: impl Display, message: &str) -> TestCaseStatus {
-    let mut status = TestCaseStatus::non_success(kind);
-    status.set_type(what.to_string()).set_message(text::line(message));
-    status
-}
-
-fn skipped(message: &str) -> TestCaseStatus {
-    let mut status = TestCaseStatus::skipped();
-    status.set_message(text::line(message));
-    status
 }

@@ -1,18 +1,20 @@
 //! Markdown for a pull request and for a job's summary: the regressions, and everything else folded away.
 
-use super::{Format, rows};
+use super::{ComparisonExporter, rows};
 use crate::compare::verdict::{JudgedCell, Verdicts};
 use crate::report::format::Table;
+use crate::report::{Exporter, Written};
 use crate::text;
 
-pub const FORMAT: Format = Format {
+pub const EXPORTER: ComparisonExporter = Exporter {
     name: "markdown",
     about: "Markdown for a pull request",
-    file: Some("summary.md"),
-    write,
+    file: "summary.md",
+    written: Written::WithEveryReport,
+    export,
 };
 
-fn write(verdicts: &Verdicts<'_>) -> String {
+fn export(verdicts: &Verdicts<'_>) -> String {
     let [sides, adapter] = rows::sides(verdicts);
     let mut text = format!(
         "### {} fathom compare: {}\n\n{}  \n{}\n\n",

@@ -8,21 +8,15 @@ mod page;
 mod rows;
 mod terminal;
 
-pub use bencher::FORMAT as BENCHER;
-pub use benchmark::FORMAT as BENCHMARK;
-pub use junit::FORMAT as JUNIT;
-pub use markdown::FORMAT as MARKDOWN;
-pub use page::{FORMAT as PAGE, on_page};
-pub use terminal::FORMAT as TERMINAL;
+pub use bencher::EXPORTER as BENCHER;
+pub use benchmark::EXPORTER as BENCHMARK;
+pub use junit::EXPORTER as JUNIT;
+pub use markdown::EXPORTER as MARKDOWN;
+pub use page::{EXPORTER as PAGE, on_page};
+pub use terminal::EXPORTER as TERMINAL;
 
 use super::verdict::Verdicts;
+use crate::report::Exporter;
 
-/// A report of verdicts.
-pub struct Format {
-    /// On the command line.
-    pub name: &'static str,
-    pub about: &'static str,
-    /// Its file in the comparison's folder; the terminal's table has none.
-    pub file: Option<&'static str>,
-    pub write: fn(&Verdicts<'_>) -> String,
-}
+/// A format of verdicts: it makes the text of its file.
+pub type ComparisonExporter = Exporter<fn(&Verdicts<'_>) -> String>;

@@ -1,20 +1,22 @@
 //! A comparison on the HTML page, alone or beside runs.
 
-use super::{Format, rows};
+use super::{ComparisonExporter, rows};
 use crate::compare::verdict::{CellVerdict, JudgedCell, Status, Verdicts};
 use crate::report::page::{self, ChangeOnPage, ComparisonOnPage, ComparisonRow, Page, Tone};
+use crate::report::{Exporter, Written};
 
-pub const FORMAT: Format = Format {
+pub const EXPORTER: ComparisonExporter = Exporter {
     name: "page",
     about: "one HTML page with every cell's change",
-    file: Some(page::FILE),
-    write,
+    file: page::FILE,
+    written: Written::WithEveryReport,
+    export,
 };
 
 /// Columns of [`rows::cell`] that the page shows as text: all but cell and verdict.
 const FIGURES: usize = 2;
 
-fn write(verdicts: &Verdicts<'_>) -> String {
+fn export(verdicts: &Verdicts<'_>) -> String {
     let mut page = Page::new(Vec::new());
     page.comparisons.push(on_page(verdicts));
     page.html()

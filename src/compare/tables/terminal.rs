@@ -1,13 +1,19 @@
 //! A table for people at a terminal: columns in step, regressions once more at the end, where the eye is.
 
-use super::{Format, rows};
+use super::{ComparisonExporter, rows};
 use crate::compare::verdict::Verdicts;
+use crate::report::{Exporter, Written};
 use crate::text;
 
-pub const FORMAT: Format =
-    Format { name: "text", about: "a table for the terminal", file: None, write };
+pub const EXPORTER: ComparisonExporter = Exporter {
+    name: "text",
+    about: "a table for the terminal",
+    file: "comparison.txt",
+    written: Written::OnRequest,
+    export,
+};
 
-fn write(verdicts: &Verdicts<'_>) -> String {
+fn export(verdicts: &Verdicts<'_>) -> String {
     let [sides, adapter] = rows::sides(verdicts).map(|side| text::line(&side));
     let mut told = format!("{sides}\n{adapter}\n\n");
     let header = rows::HEADER.map(str::to_owned);

@@ -21,15 +21,20 @@ use maud::{DOCTYPE, Markup, PreEscaped, html};
 use sha2::{Digest, Sha256};
 
 use super::colors::StageColors;
-use super::{Artifact, Exporter, LeftOut, ReportError, ReportView};
+use super::{Artifact, Exporter, LeftOut, OfRun, ReportError, ReportView, RunExporter, Written};
 use crate::record::Run;
 use crate::text;
 
 /// Name of the page within a report's folder.
 pub const FILE: &str = "index.html";
 
-pub const EXPORTER: Exporter =
-    Exporter { name: FILE, about: "one page that shows the whole run", export };
+pub const EXPORTER: RunExporter = Exporter {
+    name: "page",
+    about: "one HTML page that shows the whole run",
+    file: FILE,
+    written: Written::WithEveryReport,
+    export: OfRun::One(export),
+};
 
 const STYLE: &str = include_str!("assets/page.css");
 /// In the order in which they run.
@@ -162,8 +167,8 @@ fn policy(script: &str) -> String {
 }
 
 /// The page of one run.
-fn export(view: &ReportView<'_>) -> Result<Vec<Artifact>, ReportError> {
+fn export(view: &ReportView<'_>) -> Result<String, ReportError> {
     let label = view.run().map_or("no run", |run| run.adapter.name.as_str()).to_owned();
     let runs = if view.runs.is_empty() { Vec::new() } else { vec![PageRun { label, view }] };
-    Ok(vec![Page::new(runs).file()])
+    Ok(Page { left_out: view.left_out.clone(), ..Page::new(runs) }.html())
 }

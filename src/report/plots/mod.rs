@@ -16,14 +16,19 @@ use plotters::prelude::*;
 
 use self::{bars::Bars, lines::Lines, map::Map, stacked::Stacked};
 use super::format::{NS_PER_MS, Table};
-use super::{Artifact, Exporter, ReportError, ReportView, Section};
+use super::{Artifact, Exporter, OfRun, ReportError, ReportView, RunExporter, Section, Written};
 use crate::experiments::schema::{Experiment, Plot, PlotKind, Published};
 use crate::experiments::{self, Measure};
 use crate::record::Cell;
 use crate::text;
 
-pub const EXPORTER: Exporter =
-    Exporter { name: "EXPERIMENT.svg", about: "a figure per experiment", export };
+pub const EXPORTER: RunExporter = Exporter {
+    name: "plots",
+    about: "the plots of each experiment, SVG",
+    file: "EXPERIMENT.svg",
+    written: Written::WithEveryReport,
+    export: OfRun::PerExperiment(export),
+};
 
 const WIDTH_PX: u32 = 980;
 const TITLE_PX: u32 = 56;

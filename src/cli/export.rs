@@ -1,0 +1,58 @@
+//! `fathom export`: one format of what a folder's records hold. `fathom schema`: what its lines look like.
+
+use std::io::Write;
+use std::path::Path;
+use std::process::ExitCode;
+
+use anyhow::Context;
+
+use super::ExportArgs;
+use super::commands::Outcome;
+use crate::harness::output::{OutputFolder, RECORDS};
+use crate::record::schema::LineKind;
+use crate::record::{self, Reading};
+use crate::report::{Artifact, Exported, FrameChoice};
+use crate::{exporters, tell};
+
+pub fn export(args: ExportArgs) -> Outcome {
+    let ExportArgs { format, folder, output, cell, frame } = args;
+    let choice = FrameChoice { cell, frame };
+    let exported = exporters::export(&format, &folder, read(&folder)?, &choice)?;
+    match (exported, output) {
+        (Exported::One(file), None) => tell::Answer.write_all(&file.bytes)?,
+        (Exported::One(file), Some(path)) if !path.is_dir() => {
+            tell::done(exporters::put_as(path, &file)?.display());
+        }
+        (exported, Some(folder)) => write_into(&folder, exported.files())?,
+        (Exported::PerExperiment(_), None) => {
+            anyhow::bail!("`{format}` is a file for each experiment: name a folder with -o DIR")
+        }
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+/// The sound records of a folder; the others are named.
+fn read(folder: &Path) -> anyhow::Result<Reading> {
+    let path = OutputFolder { folder: folder.to_owned() }.records();
+    let reading = record::read_good(&path)
+        .with_context(|| format!("the folder of a run or a comparison holds a file {RECORDS}"))?;
+    for damage in &reading.damaged {
+        tell::note(format!("{}, {damage}: left out", path.display()));
+    }
+    Ok(reading)
+}
+
+/// Writes files into a folder, under their own names.
+fn write_into(folder: &Path, files: Vec<Artifact>) -> anyhow::Result<()> {
+    std::fs::create_dir_all(folder)
+        .with_context(|| format!("cannot make the folder {}", folder.display()))?;
+    for path in exporters::put(folder, files)? {
+        tell::done(path.display());
+    }
+    Ok(())
+}
+
+pub fn schema(kind: LineKind) -> Outcome {
+    tell::answer(kind.text());
+    Ok(ExitCode::SUCCESS)
+}

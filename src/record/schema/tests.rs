@@ -1,0 +1,278 @@
+use std::path::{Path, PathBuf};
+
+use clap::ValueEnum;
+use jsonschema::Validator;
+use serde_json::{Value, json};
+
+use super::*;
+use crate::record::comparison::{
+    CellId, Compared, ComparisonEnd, ComparisonHeader, Fault, Gate, Launch, Side, Skip,
+};
+use crate::record::{
+    Addition, Clock, ErrorFigure, FaultKind, Fenced, FramePair, MachineState, Note, NoteKind,
+    Outcome, PassKind, Picture, PictureKind, Profile, RejectedFrames, SAMPLES_SCHEMA, StageTime,
+};
+use crate::report::fixtures;
+
+fn validator(kind: LineKind) -> Validator {
+    jsonschema::draft202012::new(&kind.schema()).unwrap()
+}
+
+fn root() -> &'static Path {
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+}
+
+fn committed(kind: LineKind) -> PathBuf {
+    let name = kind.to_possible_value().unwrap().get_name().to_owned();
+    root().join(format!("docs/{name}.schema.json"))
+}
+
+/// `FATHOM_BLESS=1` writes them.
+#[test]
+fn the_committed_schemas_are_those_of_the_types() {
+    for kind in LineKind::value_variants() {
+        let made = kind.text();
+        if std::env::var_os("FATHOM_BLESS").is_some() {
+            std::fs::write(committed(*kind), &made).unwrap();
+        }
+        let found = std::fs::read_to_string(committed(*kind)).unwrap();
+        assert!(found == made, "{}: write it again", committed(*kind).display());
+        assert_eq!(kind.schema()["$schema"], "https://json-schema.org/draft/2020-12/schema");
+        jsonschema::draft202012::meta::validate(&kind.schema()).unwrap();
+    }
+}
+
+/// Every property says what it is, or its type does.
+#[test]
+fn every_field_is_described_for_readers_without_the_code() {
+    fn undescribed(path: &str, schema: &Value, root: &Value, found: &mut Vec<String>) {
+        let Some(members) = schema.as_object() else { return };
+        for (name, property) in schema["properties"].as_object().into_iter().flatten() {
+            let of_type = property["$ref"].as_str().and_then(|r| root.pointer(&r[1..]));
+            let described = [Some(property), of_type].into_iter().flatten();
+            let tag = property.get("const").is_some();
+            if !tag && described.clone().all(|s| s.get("description").is_none()) {
+                found.push(format!("{path}/{name}"));
+            }
+        }
+        for (name, inner) in members {
+            let of_lists = inner.as_array().into_iter().flatten();
+            for schema in of_lists.chain([inner]) {
+                undescribed(&format!("{path}/{name}"), schema, root, found);
+            }
+        }
+    }
+    for kind in LineKind::value_variants() {
+        let schema = kind.schema();
+        let mut found = Vec::new();
+        undescribed("", &schema, &schema, &mut found);
+        assert_eq!(found, Vec::<String>::new());
+        assert!(!schema.to_string().contains("[`"), "a link means nothing outside the code");
+    }
+}
+
+/// One record of each kind, with every optional part.
+fn full() -> Vec<Value> {
+    let mut records = fixtures::run();
+    for record in &mut records {
+        let Record::Cell(cell) = record else { continue };
+        let Some(measured) = cell.measured_mut() else { continue };
+        measured.errors = vec![ErrorFigure::new("error", 0.5, "%", "compose").after("before")];
+        measured.rejected.push(RejectedFrames { rejection: FaultKind::Stale.into(), frames: 2 });
+        measured.pictures = vec![Picture { path: "a.png".into(), shows: PictureKind::Error }];
+        measured.notes = vec![Note::new(NoteKind::Outliers, "two frames")];
+        measured.repeated.insert("error".into(), vec![0.5, 0.6]);
+        measured.frame.machine = vec![MachineState { clock_mhz: Some(1e3), ..Default::default() }];
+        let stage = &mut measured.stages[0];
+        stage.counters.insert("vertex_invocations".into(), 3);
+        stage.fenced = Some(Fenced {
+            wall_samples_ns: vec![2e5],
+            submit_cost_samples_ns: vec![1e5],
+            resolution_ns: 2e3,
+        });
+    }
+    let is_kind = |record: &Record, kind: &str| match record {
+        Record::Cell(cell) => match cell.outcome {
+            Outcome::Measured(_) => kind == "measured",
+            Outcome::Skipped { .. } => kind == "skipped",
+            Outcome::Failed { .. } => kind == "failed",
+        },
+        Record::Run(_) => kind == "run",
+        Record::Experiment(_) => kind == "experiment",
+        Record::End(_) => kind == "end",
+        Record::Comparison(_) => false,
+    };
+    let kinds = ["run", "experiment", "measured", "skipped", "failed", "end"];
+    let one = |kind| records.iter().find(|record| is_kind(record, kind)).unwrap();
+    let of_runs = kinds.into_iter().map(|kind| serde_json::to_value(one(kind)).unwrap());
+    of_runs.chain(compared()).collect()
+}
+
+/// The same of comparisons.
+fn compared() -> Vec<Value> {
+    let header = ComparisonHeader {
+        skipped: vec![Skip { gate: Gate::Time, reason: "no core".into() }],
+        cells: vec![cell()],
+        ..ComparisonHeader::default()
+    };
+    let fault = Fault {
+        launch: Some(3),
+        ..Fault::new(Gate::Exact, Some(Side::Head), Some(cell()), "lost")
+    };
+    let lines = [
+        Compared::Header(Box::new(header)),
+        Compared::Launch(Launch { core: Some(1), ..Launch::default() }),
+        Compared::Fault(fault),
+        Compared::End(ComparisonEnd { wall_s: 2.0, interrupted: false }),
+    ];
+    let figures = [
+        json!({"kind": "configuration", "side": "base", "configuration": "tank", "allocated_bytes": 8,
+            "errors": {"e": null, "f": 0.5}, "quantities": {"q": null}, "judged": [], "notes": ["n"]}),
+        json!({"kind": "exact", "side": "head", "cell": "tank compose", "work": {"photons": 3}}),
+        json!({"kind": "check", "side": "head", "stage": "compose", "what": "w", "unit": "%",
+            "measured": null, "tolerance": 0.1, "sound": false}),
+        json!({"kind": "instructions", "side": "base", "cell": "tank compose", "counts": [7, 8]}),
+        json!({"kind": "pair", "launch": 0, "round": 1, "cell": "tank compose", "control": true,
+            "second": true, "first": "head", "base_ns": 1.5, "head_ns": 2.5}),
+        json!({"kind": "samples", "side": "base", "cell": "tank compose", "ns": [1.5],
+            "resolution_ns": 0.5}),
+    ];
+    let written = lines.into_iter().map(|line| serde_json::to_value(Record::from(line)).unwrap());
+    let figures = figures.into_iter().map(|mut figure| {
+        figure["record"] = json!("comparison");
+        figure
+    });
+    written.chain(figures).collect()
+}
+
+fn cell() -> CellId {
+    CellId::new("tank", "compose")
+}
+
+fn sample_line() -> Value {
+    let pair = FramePair {
+        round: 3,
+        sampled_at_s: 1.7e9,
+        machine: Some(MachineState::default()),
+        stages: vec![StageTime {
+            stage: "compose".into(),
+            clock: Clock::Timestamp,
+            ns: 1e6,
+            submit_cost_ns: 0.0,
+            resolution_ns: 0.0,
+        }],
+        envelope_ns: 2e6,
+        gaps_ns: 1e6,
+        untimed_ns: 2e6,
+    };
+    let line = SampleLine {
+        schema: SAMPLES_SCHEMA,
+        id: SampleLine::id(&fixtures::header(Profile::Quick), "key"),
+        experiment: "e".into(),
+        cell: "a=1".into(),
+        clocks: [(PassKind::Copy, Clock::Timestamp)].into(),
+        added: Addition { warm_up_frames: 2, pair: Some(pair), ..Addition::default() },
+    };
+    serde_json::to_value(line).unwrap()
+}
+
+#[track_caller]
+fn valid(validator: &Validator, line: &Value) {
+    if let Err(error) = validator.validate(line) {
+        panic!("{error} at {}: {line}", error.instance_path());
+    }
+}
+
+#[test]
+fn records_that_are_written_are_valid() {
+    let records = validator(LineKind::Record);
+    for record in fixtures::run() {
+        valid(&records, &serde_json::to_value(record).unwrap());
+    }
+    for record in full() {
+        serde_json::from_value::<Record>(record.clone()).unwrap();
+        valid(&records, &record);
+    }
+    valid(&validator(LineKind::Sample), &sample_line());
+}
+
+#[test]
+fn records_of_the_reference_run_are_valid() {
+    let records = validator(LineKind::Record);
+    let text = std::fs::read_to_string(root().join("reports/llvmpipe/records.jsonl")).unwrap();
+    assert!(text.lines().count() > 300);
+    for line in text.lines() {
+        valid(&records, &serde_json::from_str(line).unwrap());
+    }
+}
+
+/// Every value below this one, by its JSON pointer.
+fn pointers(value: &Value, at: &str, all: &mut Vec<String>) {
+    let children: Vec<(String, &Value)> = match value {
+        Value::Object(map) => map.iter().map(|(name, inner)| (name.clone(), inner)).collect(),
+        Value::Array(list) => {
+            list.first().map(|inner| ("0".to_owned(), inner)).into_iter().collect()
+        }
+        _ => Vec::new(),
+    };
+    for (name, inner) in children {
+        let pointer = format!("{at}/{}", name.replace('~', "~0").replace('/', "~1"));
+        all.push(pointer.clone());
+        pointers(inner, &pointer, all);
+    }
+}
+
+/// The line with each of its values left out, and replaced by a value of each other type.
+fn damaged(line: &Value) -> Vec<(String, Value)> {
+    let mut places = Vec::new();
+    pointers(line, "", &mut places);
+    let mut all = Vec::new();
+    for place in places {
+        let (parent, name) = place.rsplit_once('/').unwrap();
+        let mut without = line.clone();
+        if let Some(map) = without.pointer_mut(parent).and_then(Value::as_object_mut) {
+            map.shift_remove(&name.replace("~1", "/").replace("~0", "~"));
+            all.push((format!("{place} left out"), without));
+        }
+        for other in [json!(null), json!("?!"), json!(-1.5), json!(true), json!([]), json!({})] {
+            let mut replaced = line.clone();
+            *replaced.pointer_mut(&place).unwrap() = other.clone();
+            all.push((format!("{place} = {other}"), replaced));
+        }
+    }
+    all
+}
+
+/// The schema refuses what the reader refuses. It is stricter in one place: the reader takes half an interval for none.
+#[test]
+fn the_schema_refuses_what_the_reader_refuses() {
+    use crate::record::Line;
+    fn agree<T: Line>(kind: LineKind, lines: &[Value]) -> [usize; 2] {
+        let validator = validator(kind);
+        let mut counts = [0; 2];
+        for (what, line) in lines.iter().flat_map(damaged) {
+            let schema = line.get("schema").and_then(Value::as_u64);
+            let other_format = schema.is_some_and(|schema| schema != u64::from(T::SCHEMA));
+            let read = serde_json::from_value::<T>(line.clone());
+            let read = read.is_ok_and(|read| read.check().is_ok()) && !other_format;
+            let valid = validator.is_valid(&line);
+            let half = what.contains("/low") || what.contains("/high");
+            assert!(valid == read || half && read, "{what}: valid {valid}, read {read}: {line}");
+            counts[usize::from(valid)] += 1;
+        }
+        counts
+    }
+    let [refused, accepted] = agree::<Record>(LineKind::Record, &full());
+    assert!(refused > 1000 && accepted > 100, "{refused} refused, {accepted} accepted");
+    let [refused, accepted] = agree::<SampleLine>(LineKind::Sample, &[sample_line()]);
+    assert!(refused > 50 && accepted > 10, "{refused} refused, {accepted} accepted");
+}
+
+#[test]
+fn an_unknown_kind_of_record_is_not_valid() {
+    let records = validator(LineKind::Record);
+    for line in [json!({"record": "rum"}), json!({}), json!({"record": "comparison", "kind": "x"})]
+    {
+        assert!(!records.is_valid(&line), "{line}");
+    }
+}

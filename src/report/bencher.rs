@@ -1,0 +1,111 @@
+//! Bencher Metric Format: names of benchmarks → measures → a metric each.
+//! <https://bencher.dev/docs/reference/bencher-metric-format/>
+
+use serde_json::{Map, Value, json};
+
+use super::timed::{cell_name, times};
+use super::{Exporter, OfRun, ReportError, ReportView, RunExporter, Written};
+use crate::record::Interval;
+
+pub const EXPORTER: RunExporter = Exporter {
+    name: "bencher",
+    about: "Bencher Metric Format: median and interval of each frame and stage, bytes of each cell",
+    file: "bencher.json",
+    written: Written::OnRequest,
+    export: OfRun::One(export),
+};
+
+/// Bencher's own measure of time, nanoseconds.
+pub const LATENCY: &str = "latency";
+/// GPU memory that a pipeline allocated, bytes.
+pub const ALLOCATED_BYTES: &str = "allocated-bytes";
+
+/// Measures by the name of what was measured.
+#[derive(Default)]
+pub struct Benchmarks(Map<String, Value>);
+
+impl Benchmarks {
+    /// Adds a metric: its value, and the bounds of its interval if it has one.
+    pub fn add(
+        &mut self,
+        name: &str,
+        measure: &str,
+        value: impl Into<Value>,
+        interval: Option<Interval>,
+    ) {
+        let mut metric = json!({ "value": value.into() });
+        if let Some(Interval { low, high }) = interval {
+            metric["lower_value"] = json!(low);
+            metric["upper_value"] = json!(high);
+        }
+        let measures = self.0.entry(name).or_insert_with(|| json!({}));
+        measures[measure] = metric;
+    }
+
+    pub fn text(self) -> String {
+        format!("{:#}\n", Value::Object(self.0))
+    }
+}
+
+fn export(view: &ReportView<'_>) -> Result<String, ReportError> {
+    let mut all = Benchmarks::default();
+    for time in times(view) {
+        all.add(&time.name, LATENCY, time.time.median, time.time.interval);
+    }
+    for (cell, measured) in view.measured() {
+        all.add(&cell_name(cell), ALLOCATED_BYTES, measured.allocated_bytes, None);
+    }
+    Ok(all.text())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::record::Record;
+    use crate::report::fixtures;
+
+    /// As Bencher's documentation has it.
+    fn schema() -> Value {
+        let number = json!({ "type": "number" });
+        let bounds = ["value", "lower_value", "upper_value"];
+        let properties: Map<String, Value> =
+            bounds.map(|name| (name.to_owned(), number.clone())).into_iter().collect();
+        let metric = json!({
+            "type": "object",
+            "properties": properties,
+            "required": ["value"],
+            "additionalProperties": false,
+        });
+        let measures = json!({ "type": "object", "patternProperties": { ".+": metric } });
+        json!({ "type": "object", "patternProperties": { ".+": measures } })
+    }
+
+    fn exported(records: &[Record]) -> Value {
+        serde_json::from_str(&export(&ReportView::new(records, None)).unwrap()).unwrap()
+    }
+
+    #[test]
+    fn it_is_as_documented_and_holds_medians_with_their_intervals() {
+        let records = fixtures::run();
+        let all = exported(&records);
+        let schema = jsonschema::draft7::new(&schema()).unwrap();
+        assert!(schema.is_valid(&all));
+        assert!(!schema.is_valid(&json!({ "a": { "latency": { "lower_value": 1 } } })));
+        let view = ReportView::new(&records, None);
+        let (cell, measured) = view.timed().next().unwrap();
+        let frame = &all[cell_name(cell)]["latency"];
+        assert_eq!(frame["value"], json!(measured.frame.untimed.median));
+        let stage = &measured.stages[0];
+        let metric = &all[format!("{} {}", cell_name(cell), stage.stage)]["latency"];
+        let Interval { low, high } = stage.time.interval.unwrap();
+        let expected =
+            json!({ "value": stage.time.median, "lower_value": low, "upper_value": high });
+        assert_eq!(*metric, expected);
+        assert!(all.as_object().unwrap().keys().all(|name| name.chars().count() <= 1024));
+    }
+
+    #[test]
+    fn cells_without_figures_are_left_out() {
+        assert_eq!(exported(&fixtures::all_skipped()), json!({}));
+    }
+}

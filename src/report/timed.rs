@@ -1,0 +1,37 @@
+//! Times of a run's cells under names that stay the same from run to run.
+
+use super::ReportView;
+use crate::record::{Cell, Clock, Estimate, Measured};
+use crate::text;
+
+/// The time of a frame or of a stage in one cell.
+pub struct NamedTime {
+    /// [`cell_name`], for a stage with its name behind.
+    pub name: String,
+    /// Nanoseconds.
+    pub time: Estimate,
+    /// The clock of a stage; none for a frame without per-stage timing.
+    pub clock: Option<Clock>,
+}
+
+/// `EXPERIMENT CELL`, which names a cell among those of all experiments.
+pub fn cell_name(cell: &Cell) -> String {
+    text::line(format!("{} {}", cell.experiment, cell.cell).trim_end())
+}
+
+/// The frame and the stages of every cell whose frames were timed. A stage's time below the clock's resolution is left out.
+pub fn times(view: &ReportView<'_>) -> Vec<NamedTime> {
+    view.timed().flat_map(|(cell, measured)| of_cell(cell, measured)).collect()
+}
+
+fn of_cell(cell: &Cell, measured: &Measured) -> Vec<NamedTime> {
+    let name = cell_name(cell);
+    let frame = NamedTime { name: name.clone(), time: measured.frame.untimed, clock: None };
+    let resolved = measured.stages.iter().filter(|stage| stage.time.n > 0 && stage.is_resolved());
+    let stages = resolved.map(|stage| NamedTime {
+        name: format!("{name} {}", text::line(&stage.stage)),
+        time: stage.time,
+        clock: Some(stage.clock),
+    });
+    std::iter::once(frame).chain(stages).collect()
+}
