@@ -7,6 +7,7 @@ mod cells;
 mod claims;
 mod data;
 mod overview;
+mod plots;
 pub mod svg;
 
 use base64::Engine as _;
@@ -25,7 +26,11 @@ pub const EXPORTER: Exporter =
 
 const STYLE: &str = include_str!("assets/page.css");
 /// In the order in which they run.
-const SCRIPTS: [&str; 2] = [include_str!("assets/core.js"), include_str!("assets/cells.js")];
+const SCRIPTS: [&str; 3] = [
+    include_str!("assets/core.js"),
+    include_str!("assets/plots.js"),
+    include_str!("assets/cells.js"),
+];
 
 /// What a page shows: runs in the order in which they were named, and what could not be shown.
 pub struct Page<'a> {
@@ -59,7 +64,8 @@ struct PageSection {
 }
 
 /// In the order in which a reader asks.
-const SECTIONS: [PageSection; 3] = [overview::SECTION, claims::SECTION, cells::SECTION];
+const SECTIONS: [PageSection; 4] =
+    [overview::SECTION, claims::SECTION, plots::SECTION, cells::SECTION];
 
 impl<'a> Page<'a> {
     /// A page of these runs, each with its label.
