@@ -7,6 +7,7 @@ mod cells;
 mod claims;
 mod data;
 mod overview;
+mod pictures;
 mod plots;
 pub mod svg;
 
@@ -26,8 +27,9 @@ pub const EXPORTER: Exporter =
 
 const STYLE: &str = include_str!("assets/page.css");
 /// In the order in which they run.
-const SCRIPTS: [&str; 3] = [
+const SCRIPTS: [&str; 4] = [
     include_str!("assets/core.js"),
+    include_str!("assets/pictures.js"),
     include_str!("assets/plots.js"),
     include_str!("assets/cells.js"),
 ];
@@ -64,8 +66,8 @@ struct PageSection {
 }
 
 /// In the order in which a reader asks.
-const SECTIONS: [PageSection; 4] =
-    [overview::SECTION, claims::SECTION, plots::SECTION, cells::SECTION];
+const SECTIONS: [PageSection; 5] =
+    [overview::SECTION, claims::SECTION, pictures::SECTION, plots::SECTION, cells::SECTION];
 
 impl<'a> Page<'a> {
     /// A page of these runs, each with its label.
