@@ -8,6 +8,7 @@ pub mod format;
 pub mod page;
 mod plots;
 mod summary;
+mod trust;
 mod view;
 
 #[cfg(test)]
