@@ -9,7 +9,9 @@ mod data;
 mod overview;
 mod pictures;
 mod plots;
+mod published;
 pub mod svg;
+mod trust;
 
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD as BASE64;
@@ -66,8 +68,15 @@ struct PageSection {
 }
 
 /// In the order in which a reader asks.
-const SECTIONS: [PageSection; 5] =
-    [overview::SECTION, claims::SECTION, pictures::SECTION, plots::SECTION, cells::SECTION];
+const SECTIONS: [PageSection; 7] = [
+    overview::SECTION,
+    claims::SECTION,
+    pictures::SECTION,
+    published::SECTION,
+    trust::SECTION,
+    plots::SECTION,
+    cells::SECTION,
+];
 
 impl<'a> Page<'a> {
     /// A page of these runs, each with its label.

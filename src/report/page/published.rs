@@ -15,8 +15,7 @@ use crate::report::format::three;
 use crate::report::plots::scale::ScaleKind;
 use crate::words;
 
-pub const SECTION: PageSection =
-    PageSection { id: "published", title: "Published figures", write };
+pub const SECTION: PageSection = PageSection { id: "published", title: "Published figures", write };
 
 /// Of a chart, pixels.
 const SIDE_PX: f64 = 340.0;
@@ -38,8 +37,17 @@ struct Pair {
 
 impl Pair {
     fn tip(&self, page: &Page<'_>) -> String {
-        let run = if page.is_overlay() { format!("{}, ", page.runs[self.run].label) } else { String::new() };
-        format!("{run}{}: measured {}, published {}", self.what, three(self.measured), three(self.published))
+        let run = if page.is_overlay() {
+            format!("{}, ", page.runs[self.run].label)
+        } else {
+            String::new()
+        };
+        format!(
+            "{run}{}: measured {}, published {}",
+            self.what,
+            three(self.measured),
+            three(self.published)
+        )
     }
 }
 
@@ -100,26 +108,24 @@ fn matched<'p>(section: &'p Section<'_>) -> Vec<Matched<'p>> {
 
 /// Each published frame rate over the latest one before it that differs in a single condition, such as the method. Bounds and
 /// ranges have no ratio.
-fn of_rates<'p>(run: usize, section: &'p Section<'_>) -> impl Iterator<Item = Pair> + 'p {
-    let stated: Vec<Matched<'_>> = matched(section)
-        .into_iter()
-        .filter(|one| one.published.comparison == Comparison::About)
-        .collect();
-    let pair = move |(place, one): (usize, &Matched<'_>)| {
-        let before = stated[..place].iter().rev();
-        let base = before.into_iter().find(|base| differing(one.published, base.published) == 1)?;
+fn of_rates(run: usize, section: &Section<'_>) -> Vec<Pair> {
+    let is_stated = |one: &Matched<'_>| one.published.comparison == Comparison::About;
+    let stated: Vec<Matched<'_>> = matched(section).into_iter().filter(is_stated).collect();
+    let pair = |(place, one): (usize, &Matched<'_>)| {
+        let mut before = stated[..place].iter().rev();
+        let base = before.find(|base| differing(one.published, base.published) == 1)?;
         Some(ratio(run, section.id, one, base))
     };
-    let pairs: Vec<Pair> = stated.iter().enumerate().filter_map(pair).collect();
-    pairs.into_iter()
+    stated.iter().enumerate().filter_map(pair).collect()
 }
 
 /// Conditions in which two published figures differ.
 fn differing(one: &Published, other: &Published) -> usize {
     let [one, other] = [one, other].map(|published| flatten(&published.filter));
-    one.iter().filter(|condition| !other.contains(condition)).count().max(
-        other.iter().filter(|condition| !one.contains(condition)).count(),
-    )
+    one.iter()
+        .filter(|condition| !other.contains(condition))
+        .count()
+        .max(other.iter().filter(|condition| !one.contains(condition)).count())
 }
 
 fn ratio(run: usize, experiment: &str, one: &Matched<'_>, base: &Matched<'_>) -> Pair {
@@ -144,7 +150,8 @@ fn rates(run: usize, on_page: &PageRun<'_>) -> Vec<Pair> {
     let pairs = sections.flat_map(|section| {
         matched(section).into_iter().map(move |Matched { published, frame }| {
             let rate = fps(frame);
-            let what = format!("{}: {} fps ({})", section.id, published.figure(), conditions(published));
+            let what =
+                format!("{}: {} fps ({})", section.id, published.figure(), conditions(published));
             Pair { run, published: published.fps, measured: rate.median, ends: rate.ends(), what }
         })
     });
@@ -337,32 +344,47 @@ mod tests {
     #[test]
     fn ratios_of_published_rates_are_those_of_the_measured_cells() {
         with_page(&records(true), |page| {
-            let section = page.runs[0].view.sections.iter().find(|section| section.id == "spt-refraction");
+            let section =
+                page.runs[0].view.sections.iter().find(|section| section.id == "spt-refraction");
             let section = section.unwrap();
-            let pairs: Vec<Pair> = of_rates(0, section).collect();
+            let pairs: Vec<Pair> = of_rates(0, section);
             let all = matched(section);
             // The teapot in the larger viewport, traced, differs in both sides from all before.
             assert!(pairs.len() + 2 == all.len() && pairs.len() >= 8, "{}", pairs.len());
             let (trace, two_interface) = (all[0], all[1]);
             assert_eq!(pairs[0].published, two_interface.published.fps / trace.published.fps);
             assert_eq!(pairs[0].measured, trace.frame.median / two_interface.frame.median);
-            assert!(pairs.iter().all(|pair| pair.ends[0] <= pair.measured && pair.measured <= pair.ends[1]));
+            assert!(
+                pairs
+                    .iter()
+                    .all(|pair| pair.ends[0] <= pair.measured && pair.measured <= pair.ends[1])
+            );
         });
     }
 
     #[test]
     fn bounds_and_ranges_have_no_ratio() {
         with_page(&records(true), |page| {
-            let section = page.runs[0].view.sections.iter().find(|section| section.id == "uw-photons").unwrap();
+            let section = page.runs[0]
+                .view
+                .sections
+                .iter()
+                .find(|section| section.id == "uw-photons")
+                .unwrap();
             assert!(matched(section).len() >= 2);
-            assert_eq!(of_rates(0, section).count(), 0);
+            assert_eq!(of_rates(0, section).len(), 0);
         });
     }
 
     #[test]
     fn claims_stand_beside_what_they_publish() {
         with_page(&records(true), |page| {
-            let claims: Vec<Pair> = page.runs[0].view.sections.iter().flat_map(|section| of_claims(0, section)).collect();
+            let claims: Vec<Pair> = page.runs[0]
+                .view
+                .sections
+                .iter()
+                .flat_map(|section| of_claims(0, section))
+                .collect();
             assert!(claims.len() >= 2, "{}", claims.len());
             let text = write(page).unwrap().into_string();
             assert!(claims.iter().all(|pair| text.contains(&three(pair.published))));

@@ -59,14 +59,17 @@ fn verdict(run: &Run) -> String {
     if !unsound.is_empty() {
         format!("The clock of {unsound} passes cannot be trusted: the audit found it unusable.")
     } else if !unknown.is_empty() {
-        format!("Whether the clock of {unknown} passes can be trusted is not known: the records hold no audit of it.")
+        format!(
+            "Whether the clock of {unknown} passes can be trusted is not known: the records hold no audit of it."
+        )
     } else if !host.is_empty() {
         format!(
             "The clocks can be trusted: passes of the kind {host} were timed by the host clock around each of them, less the cost \
              of a submission, as the audit found no better clock."
         )
     } else {
-        "The clocks can be trusted: the audit found the clock of every kind of pass sound.".to_owned()
+        "The clocks can be trusted: the audit found the clock of every kind of pass sound."
+            .to_owned()
     }
 }
 
@@ -149,7 +152,9 @@ fn name(cell: &Cell) -> String {
 fn cost_mark(cell: &Cell, cost: &Estimate) -> StripMark {
     let in_percent = |ratio: f64| 100.0 * (ratio - 1.0);
     let ends = cost.ends().map(in_percent);
-    let interval = cost.interval.map_or_else(String::new, |_| format!(" ({:+.1} to {:+.1})", ends[0], ends[1]));
+    let interval = cost
+        .interval
+        .map_or_else(String::new, |_| format!(" ({:+.1} to {:+.1})", ends[0], ends[1]));
     let value = in_percent(cost.median);
     StripMark { value, ends, tip: format!("{}: {value:+.1} %{interval}", name(cell)) }
 }
@@ -162,12 +167,15 @@ fn share_mark(cell: &Cell, share: f64) -> StripMark {
 /// The cells' figures in order of size, one above the other; of many cells those with the largest.
 fn strip(title: &str, about: &str, marks: Vec<StripMark>) -> Markup {
     let all = marks.len();
-    let mut marks: Vec<StripMark> = marks.into_iter().filter(|mark| mark.value.is_finite()).collect();
+    let mut marks: Vec<StripMark> =
+        marks.into_iter().filter(|mark| mark.value.is_finite()).collect();
     let left_out = all - marks.len();
     marks.sort_by(|a, b| b.value.total_cmp(&a.value));
     marks.truncate(MOST_CELLS);
     let ends = marks.iter().flat_map(|mark| mark.ends).chain(marks.iter().map(|mark| mark.value));
-    let Some(axis) = Axis::fit(ScaleKind::Linear, ends, [LEFT_PX, RIGHT_PX]) else { return html! {} };
+    let Some(axis) = Axis::fit(ScaleKind::Linear, ends, [LEFT_PX, RIGHT_PX]) else {
+        return html! {};
+    };
     let step = (BOTTOM_PX - TOP_PX - 8.0) / marks.len() as f64;
     let y = |rank: usize| tenth(TOP_PX + 4.0 + (rank as f64 + 0.5) * step);
     let px = |value: f64| axis.px_within(value);
@@ -194,7 +202,9 @@ fn counted(shown: usize, all: usize) -> String {
     if shown == all {
         format!("A dot per cell, n = {all}, in order of size.")
     } else {
-        format!("A dot per cell in order of size: {shown} of {all} cells, those with the largest values.")
+        format!(
+            "A dot per cell in order of size: {shown} of {all} cells, those with the largest values."
+        )
     }
 }
 
@@ -417,7 +427,8 @@ mod tests {
 
     #[test]
     fn many_samples_are_thinned_and_said_to_be() {
-        let sample = |i: usize| TimedSample { at_s: i as f64, relative: 1.0 + (i % 7) as f64 / 100.0 };
+        let sample =
+            |i: usize| TimedSample { at_s: i as f64, relative: 1.0 + (i % 7) as f64 / 100.0 };
         let samples: Vec<TimedSample> = (0..10_000).map(sample).collect();
         let text = over_time(&samples).into_string();
         assert_eq!(text.matches("h2v2h-2z").count(), 2_000);
@@ -450,6 +461,9 @@ mod tests {
             measured.rejected = vec![of(FaultKind::Stale), of(FaultKind::Zero)];
         }
         let text = written(&records);
-        assert!(text.contains("Frames rejected: 6 (zero duration), 6 (stale timestamps)."), "{text}");
+        assert!(
+            text.contains("Frames rejected: 6 (zero duration), 6 (stale timestamps)."),
+            "{text}"
+        );
     }
 }
