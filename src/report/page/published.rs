@@ -250,7 +250,7 @@ fn pair_row(page: &Page<'_>, pair: &Pair) -> Markup {
     }
 }
 
-/// A published frame rate, and whether a run has a cell of its size.
+/// A published frame rate and where it holds.
 #[derive(PartialEq, Eq, Hash)]
 struct Listed<'p> {
     experiment: &'p str,
