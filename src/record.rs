@@ -31,8 +31,8 @@ pub use comparison::Compared;
 pub use error_figure::ErrorFigure;
 pub use file::{Writer, empty_or_sound, finished, read, read_good, resume_key};
 pub use kinds::{
-    FaultKind, MachineState, Note, NoteKind, Picture, PictureKind, Profile, RejectedFrames,
-    Rejection, SetUp, ShaderChecks, Surrounding,
+    ErrorSpan, FaultKind, MachineState, Note, NoteKind, Picture, PictureKind, PictureScale,
+    Profile, RejectedFrames, Rejection, SetUp, ShaderChecks, Surrounding,
 };
 pub use lines::{
     Damage, Line, LineWriter, Opened, Reading, RecordError, kept_aside, read_lines,

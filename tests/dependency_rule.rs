@@ -20,7 +20,7 @@ const RULE: &[(&str, &str)] = &[
     ("stages", "gpu record scene"),
     ("pipelines", "gpu parameter record reference scene stages text"),
     ("experiments", "embedded input pipelines record statistics text words"),
-    ("report", "experiments record statistics text words"),
+    ("report", "experiments input record statistics text words"),
     (
         "harness",
         "embedded experiments gpu input parameter pipelines quiet record reference scene stages statistics tell text",

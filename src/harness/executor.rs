@@ -24,8 +24,8 @@ use crate::gpu::{
 };
 use crate::pipelines::{AnyPipeline, Judge, Known};
 use crate::record::{
-    Addition, Cell, MachineState, Note, NoteKind, Outcome, Picture, PictureKind, Record,
-    RecordError, Run, SampleLine, SetUp, Writer,
+    Addition, Cell, MachineState, Note, NoteKind, Outcome, Picture, PictureKind, PictureScale,
+    Record, RecordError, Run, SampleLine, SetUp, Writer,
 };
 
 /// What a software driver keeps of a pipeline's compiled shaders in the process: of 15 cells of `vao-samples`, 300 MiB more
@@ -309,10 +309,11 @@ impl<'a> CellExecutor<'a> {
             return;
         }
         let plan = &self.cells[cell].plan;
-        let [image, of_error] = [PictureKind::Image, PictureKind::Error].map(|shows| Picture {
-            path: picture_path(&plan.experiment, &plan.cell, shows),
-            shows,
+        let [mut image, mut of_error] = [PictureKind::Image, PictureKind::Error].map(|shows| {
+            let path = picture_path(&plan.experiment, &plan.cell, shows);
+            Picture { path, shows, scale: None }
         });
+        image.scale = pipeline.shows_visibility().then_some(PictureScale::Visibility);
         let folder = self.output.folder;
         let saved = views.unwrap_or_else(|| picture::of(&self.session.gpu, pipeline));
         let saved = saved.and_then(|picture| picture::write(&picture, &folder.join(&image.path)));
@@ -320,6 +321,7 @@ impl<'a> CellExecutor<'a> {
         if self.experiment.error_picture {
             let path = folder.join(&of_error.path);
             let saved = pipeline.error_picture(&mut self.judge(cell), &path);
+            let saved = saved.map(|scale| of_error.scale = Some(scale));
             findings.add_picture(of_error, "no picture of the error", saved);
         }
     }

@@ -7,7 +7,7 @@ use std::rc::Rc;
 use super::occlusion::signed_color;
 use super::settings::Animation;
 use super::{Judge, JudgeError, Judged, Known};
-use crate::record::ErrorFigure;
+use crate::record::{ErrorFigure, ErrorSpan, PictureScale};
 use crate::reference::image::Image;
 use crate::reference::kept::Content;
 use crate::reference::photon_map::{Lighting, PhotonMap};
@@ -117,20 +117,24 @@ impl Compared {
     ///
     /// # Errors
     /// A file that cannot be written.
-    pub fn error_picture(&self, path: &Path) -> Result<(), JudgeError> {
-        let full = PICTURE_FULL * self.exact.mean();
-        let [width, height] = self.exact.size().map(|side| side * self.block_px);
+    pub fn error_picture(&self, path: &Path) -> Result<PictureScale, JudgeError> {
+        let mean = self.exact.mean();
+        let errors = Image::of(self.exact.size(), |x, y| {
+            let at = |image: &Image| image.clamped(x.into(), y.into());
+            (at(&self.found) - at(&self.exact)) / mean
+        });
+        let [width, height] = errors.size().map(|side| side * self.block_px);
         let color = |x: u32, y: u32| {
-            let at = |image: &Image| {
-                image.clamped((x / self.block_px).into(), (y / self.block_px).into())
-            };
-            signed_color((at(&self.found) - at(&self.exact)) / full)
+            let error = errors.clamped((x / self.block_px).into(), (y / self.block_px).into());
+            image::Rgb(signed_color(error / PICTURE_FULL))
         };
-        let picture = image::RgbImage::from_fn(width, height, |x, y| image::Rgb(color(x, y)));
+        let picture = image::RgbImage::from_fn(width, height, color);
         picture.save(path).map_err(|error| JudgeError::Picture {
             path: path.display().to_string(),
             reason: error.to_string(),
-        })
+        })?;
+        let span = ErrorSpan::new(PICTURE_FULL, errors.data().iter().copied());
+        Ok(PictureScale::IrradianceError(span))
     }
 }
 

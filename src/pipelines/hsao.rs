@@ -10,6 +10,7 @@ use super::lighting::{Composed, Seen};
 use super::occlusion::{self, Model, OcclusionBuffers};
 use super::{Judge, JudgeError, Judged, Pipeline, settings};
 use crate::gpu::{Gpu, GpuError};
+use crate::record::PictureScale;
 use crate::scene::Scene;
 use crate::stages::geometry::Geometry;
 use crate::stages::hsao;
@@ -102,7 +103,11 @@ impl Pipeline for Hsao {
         self.buffers.judge(judge)
     }
 
-    fn error_picture(&self, judge: &mut Judge<'_>, path: &Path) -> Result<(), JudgeError> {
+    fn error_picture(
+        &self,
+        judge: &mut Judge<'_>,
+        path: &Path,
+    ) -> Result<PictureScale, JudgeError> {
         self.buffers.error_picture(judge, path)
     }
 }

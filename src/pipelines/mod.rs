@@ -29,7 +29,7 @@ use thiserror::Error;
 
 use crate::gpu::{Demand, Gpu, GpuError, Stage, StageInfo};
 use crate::parameter::{self, Field, ParamError, Setting};
-use crate::record::{ErrorFigure, Work};
+use crate::record::{ErrorFigure, PictureScale, Work};
 use crate::reference::ReferenceError;
 use crate::reference::kept::KeptAnswers;
 use crate::scene::{Camera, Scene, SceneFile, VolumeFile, assets};
@@ -130,11 +130,15 @@ pub trait Pipeline: Sized + 'static {
         Err(JudgeError::NoCaustics(Self::NAME))
     }
 
-    /// Writes a picture of the error, point by point.
+    /// Writes a picture of the error, point by point, and tells what its colours mean.
     ///
     /// # Errors
     /// As [`Self::judge`], and pipelines without such a picture.
-    fn error_picture(&self, judge: &mut Judge<'_>, path: &Path) -> Result<(), JudgeError> {
+    fn error_picture(
+        &self,
+        judge: &mut Judge<'_>,
+        path: &Path,
+    ) -> Result<PictureScale, JudgeError> {
         let _ = (judge, path);
         Err(JudgeError::NoPicture(Self::NAME))
     }
@@ -264,7 +268,8 @@ pub trait AnyPipeline {
     /// See [`Pipeline::caustics`].
     fn caustics(&self, judge: &mut Judge<'_>) -> Result<Compared, JudgeError>;
     /// See [`Pipeline::error_picture`].
-    fn error_picture(&self, judge: &mut Judge<'_>, path: &Path) -> Result<(), JudgeError>;
+    fn error_picture(&self, judge: &mut Judge<'_>, path: &Path)
+    -> Result<PictureScale, JudgeError>;
     /// For a caller that knows the kind.
     fn as_any(&self) -> &dyn Any;
 }
@@ -310,7 +315,11 @@ impl<P: Pipeline> AnyPipeline for Built<P> {
         self.pipeline.caustics(judge)
     }
 
-    fn error_picture(&self, judge: &mut Judge<'_>, path: &Path) -> Result<(), JudgeError> {
+    fn error_picture(
+        &self,
+        judge: &mut Judge<'_>,
+        path: &Path,
+    ) -> Result<PictureScale, JudgeError> {
         self.pipeline.error_picture(judge, path)
     }
 

@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 use super::settings::{Animation, Attenuation, Deform};
 use super::{Judge, JudgeError, Judged};
 use crate::gpu::{Pixels, StageInfo, read_texture};
-use crate::record::ErrorFigure;
+use crate::record::{ErrorFigure, ErrorSpan, PictureScale};
 use crate::reference::ReferenceError;
 use crate::reference::deform::{Moment, Motion};
 use crate::reference::kept::Content;
@@ -138,10 +138,11 @@ impl OcclusionBuffers {
         &self,
         judge: &mut Judge<'_>,
         path: &Path,
-    ) -> Result<(), JudgeError> {
+    ) -> Result<PictureScale, JudgeError> {
         let (question, points) = self.points(judge, PICTURE_POINTS, PICTURE_RAYS)?;
         let errors = errors(&question, &points, &read_texture(judge.gpu, self.visibility())?);
-        paint(&question, &points, &errors, path)
+        paint(&question, &points, &errors, path)?;
+        Ok(PictureScale::OcclusionError(ErrorSpan::new(PICTURE_FULL, errors)))
     }
 
     fn points(

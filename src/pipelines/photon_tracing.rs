@@ -13,6 +13,7 @@ use super::screen_tracing;
 use super::settings::{self, VIEWPORT};
 use super::{Judge, JudgeError, Judged, Pipeline};
 use crate::gpu::{Gpu, GpuError};
+use crate::record::PictureScale;
 use crate::scene::{Bounds, Scene};
 use crate::stages::frame::{Frame, Shared, View};
 use crate::stages::gbuffer::GbufferTextures;
@@ -128,7 +129,11 @@ impl Pipeline for PhotonTracing {
         Compared::new(judge, &self.view, &found)
     }
 
-    fn error_picture(&self, judge: &mut Judge<'_>, path: &Path) -> Result<(), JudgeError> {
+    fn error_picture(
+        &self,
+        judge: &mut Judge<'_>,
+        path: &Path,
+    ) -> Result<PictureScale, JudgeError> {
         self.caustics(judge)?.error_picture(path)
     }
 }

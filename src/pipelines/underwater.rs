@@ -17,6 +17,7 @@ use super::caustics_image::{Compared, IMAGE_ERROR};
 use super::settings::{VIEWPORT, scaled};
 use super::{Judge, JudgeError, Judged, Pipeline};
 use crate::gpu::{Gpu, GpuError};
+use crate::record::PictureScale;
 use crate::scene::Scene;
 use crate::stages::caustics::mesh::{Mesh, MeshUniforms};
 use crate::stages::caustics::splat::{self, PointSize, SplatUniforms};
@@ -138,7 +139,11 @@ impl Pipeline for Underwater {
         Compared::new(judge, &self.view, &found)
     }
 
-    fn error_picture(&self, judge: &mut Judge<'_>, path: &Path) -> Result<(), JudgeError> {
+    fn error_picture(
+        &self,
+        judge: &mut Judge<'_>,
+        path: &Path,
+    ) -> Result<PictureScale, JudgeError> {
         self.caustics(judge)?.error_picture(path)
     }
 }

@@ -14,6 +14,7 @@ use super::settings::{self, Update};
 use super::voxelization::{self, Voxelization};
 use super::{Judge, JudgeError, Judged, Pipeline};
 use crate::gpu::{Gpu, GpuError};
+use crate::record::PictureScale;
 use crate::scene::Scene;
 use crate::stages::ao;
 use crate::stages::geometry::Geometry;
@@ -113,7 +114,11 @@ impl Pipeline for VolumeAo {
         self.buffers.judge(judge)
     }
 
-    fn error_picture(&self, judge: &mut Judge<'_>, path: &Path) -> Result<(), JudgeError> {
+    fn error_picture(
+        &self,
+        judge: &mut Judge<'_>,
+        path: &Path,
+    ) -> Result<PictureScale, JudgeError> {
         self.buffers.error_picture(judge, path)
     }
 }

@@ -148,11 +148,42 @@ pub enum NoteKind {
 }
 
 /// A picture of a cell.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Picture {
     /// Within the folder of the records, its parts joined by `/`.
     pub path: String,
     pub shows: PictureKind,
+    /// Where its colours are no light. Absent from records of earlier versions.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub scale: Option<PictureScale>,
+}
+
+/// What the colours of a picture mean that shows no light.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, schemars::JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum PictureScale {
+    /// Grey is 1 − A for occlusion A: black is closed, white is open.
+    Visibility,
+    /// Occlusion less that of the reference, 0 … 1: red is too dark, blue is too light, white is right, grey is not compared.
+    OcclusionError(ErrorSpan),
+    /// Irradiance less that of the reference, in units of the reference's mean: red is too bright, blue is too dark, white is right.
+    IrradianceError(ErrorSpan),
+}
+
+/// Errors of both signs that a picture's colours span.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, schemars::JsonSchema)]
+pub struct ErrorSpan {
+    /// In full colour from this size on.
+    pub full_at: f64,
+    /// The size of the largest.
+    pub largest: f64,
+}
+
+impl ErrorSpan {
+    pub fn new(full_at: f64, errors: impl IntoIterator<Item = f64>) -> ErrorSpan {
+        let sizes = errors.into_iter().map(f64::abs).filter(|size| size.is_finite());
+        ErrorSpan { full_at, largest: sizes.fold(0.0, f64::max) }
+    }
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]

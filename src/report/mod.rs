@@ -15,6 +15,7 @@ pub mod page;
 mod plots;
 mod summary;
 mod timed;
+mod trust;
 mod view;
 
 #[cfg(test)]

@@ -5,7 +5,7 @@ use std::cmp::Ordering;
 use std::collections::HashMap;
 use std::collections::hash_map::Entry::{Occupied, Vacant};
 use std::fmt::Display;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use indexmap::IndexMap;
 use itertools::Itertools;
@@ -23,6 +23,8 @@ pub struct ReportView<'a> {
     pub sections: Vec<Section<'a>>,
     /// Of every stage that was measured.
     pub colors: StageColors,
+    /// Where the run's pictures lie.
+    pub folder: Option<PathBuf>,
     /// What of the input it does not hold.
     pub left_out: Vec<LeftOut>,
 }
@@ -85,7 +87,7 @@ pub struct Section<'a> {
 impl<'a> ReportView<'a> {
     /// With the pictures that lie in `folder`; without one, all that the records name.
     pub fn new(records: &'a [Record], folder: Option<&Path>) -> ReportView<'a> {
-        let mut view = ReportView::default();
+        let mut view = ReportView { folder: folder.map(Path::to_owned), ..ReportView::default() };
         let mut places = Places::default();
         for record in records {
             match record {

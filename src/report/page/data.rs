@@ -1,4 +1,4 @@
-//! What the page's script reads: the samples of every cell, compressed.
+//! What the page's script reads: the samples of every cell and the plots, compressed.
 
 use std::io::Write as _;
 
@@ -10,6 +10,7 @@ use serde::Serialize;
 use super::{Page, PageRun};
 use crate::record::{Cell, Measured};
 use crate::report::format::NS_PER_MS;
+use crate::report::{ReportView, Section, plots};
 
 /// Significant digits of a sample: a hundredth of a per cent, less than any clock resolves.
 const DIGITS: i32 = 4;
@@ -23,6 +24,14 @@ struct Data<'a> {
 struct RunData<'a> {
     label: &'a str,
     cells: Vec<CellData<'a>>,
+    plots: Vec<PlotData<'a>>,
+}
+
+/// Of an experiment.
+#[derive(Serialize)]
+struct PlotData<'a> {
+    experiment: &'a str,
+    svg: String,
 }
 
 /// Of a measured cell. Times are milliseconds; samples of one frame have the same index.
@@ -66,7 +75,16 @@ fn of_run<'a>(run: &'a PageRun<'a>) -> RunData<'a> {
         .copied()
         .fold(f64::INFINITY, f64::min);
     let cells = run.view.measured().map(|(cell, measured)| of_cell(cell, measured, started_s));
-    RunData { label: &run.label, cells: cells.collect() }
+    RunData { label: &run.label, cells: cells.collect(), plots: plots(run.view) }
+}
+
+/// Those that can be drawn. The exporter of plots tells why one cannot.
+fn plots<'a>(view: &'a ReportView<'a>) -> Vec<PlotData<'a>> {
+    let drawn = view.sections.iter().filter(|section| section.figure().is_drawn());
+    let plot = |section: &'a Section<'a>| {
+        Some(PlotData { experiment: section.id, svg: plots::svg(view, section).ok()? })
+    };
+    drawn.filter_map(plot).collect()
 }
 
 fn of_cell<'a>(cell: &'a Cell, measured: &'a Measured, started_s: f64) -> CellData<'a> {
@@ -110,7 +128,7 @@ mod tests {
     use std::io::Read as _;
 
     use super::*;
-    use crate::report::{ReportView, fixtures};
+    use crate::report::fixtures;
 
     #[test]
     fn samples_keep_four_digits() {

@@ -8,7 +8,11 @@ mod claims;
 mod compared;
 mod data;
 mod overview;
+mod pictures;
+mod plots;
+mod published;
 pub mod svg;
+mod trust;
 
 pub use compared::{ChangeOnPage, ComparisonOnPage, ComparisonRow, Tone};
 
@@ -38,7 +42,12 @@ pub const EXPORTER: RunExporter = Exporter {
 
 const STYLE: &str = include_str!("assets/page.css");
 /// In the order in which they run.
-const SCRIPTS: [&str; 2] = [include_str!("assets/core.js"), include_str!("assets/cells.js")];
+const SCRIPTS: [&str; 4] = [
+    include_str!("assets/core.js"),
+    include_str!("assets/pictures.js"),
+    include_str!("assets/plots.js"),
+    include_str!("assets/cells.js"),
+];
 
 /// What a page shows: runs in the order in which they were named, and what could not be shown.
 pub struct Page<'a> {
@@ -80,8 +89,16 @@ struct PageSection {
 }
 
 /// In the order in which a reader asks.
-const SECTIONS: [PageSection; 4] =
-    [overview::SECTION, compared::SECTION, claims::SECTION, cells::SECTION];
+const SECTIONS: [PageSection; 8] = [
+    overview::SECTION,
+    compared::SECTION,
+    claims::SECTION,
+    pictures::SECTION,
+    published::SECTION,
+    trust::SECTION,
+    plots::SECTION,
+    cells::SECTION,
+];
 
 impl<'a> Page<'a> {
     /// A page of these runs, each with its label.

@@ -87,20 +87,22 @@ pub fn file_name(section: &Section<'_>) -> String {
 }
 
 fn export(view: &ReportView<'_>) -> Result<Vec<Artifact>, ReportError> {
-    let mut files = Vec::new();
-    for section in &view.sections {
-        let panels = &section.figure().panels;
-        if panels.is_empty() {
-            continue;
-        }
-        let adapter = view.run().map_or("", |run| run.adapter.name.as_str());
-        let svg = figure(section, adapter, panels).map_err(|fault| ReportError::Plot {
-            experiment: section.id.to_owned(),
-            message: fault.to_string(),
-        })?;
-        files.push(Artifact { name: file_name(section), bytes: svg.into_bytes() });
-    }
-    Ok(files)
+    let drawn = view.sections.iter().filter(|section| section.figure().is_drawn());
+    let files = drawn.map(|section| {
+        let bytes = svg(view, section)?.into_bytes();
+        Ok(Artifact { name: file_name(section), bytes })
+    });
+    files.collect()
+}
+
+/// The figure of an experiment of a view.
+pub fn svg(view: &ReportView<'_>, section: &Section<'_>) -> Result<String, ReportError> {
+    let adapter = view.run().map_or("", |run| run.adapter.name.as_str());
+    let drawn = figure(section, adapter, &section.figure().panels);
+    drawn.map_err(|fault| ReportError::Plot {
+        experiment: section.id.to_owned(),
+        message: fault.to_string(),
+    })
 }
 
 fn panel(

@@ -1,36 +1,14 @@
 //! How far the figures of a run can be trusted.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeSet;
 
 use itertools::Itertools;
 
-use super::super::ReportView;
 use super::super::format::{self, Table};
+use super::super::{ReportView, trust};
 use crate::experiments::{CHANCE, Verdict};
-use crate::record::{Clock, Conditions, FrameRecord, PassKind, Run, SetUp};
+use crate::record::{FrameRecord, Run};
 use crate::statistics;
-
-/// Which clock timed what, and under which conditions.
-fn clock(run: &Run) -> String {
-    let kinds = run.clocks.iter().filter(|(kind, _)| **kind != PassKind::Host);
-    let clocks: Vec<Clock> = kinds.clone().map(|(_, clock)| *clock).dedup().collect();
-    let clocks = match clocks.as_slice() {
-        [clock] => format!("{} of every pass", clock.name()),
-        _ => kinds.map(|(kind, clock)| format!("{}: {}", kind.name(), clock.name())).join(", "),
-    };
-    let Conditions { cores, rasterizer_threads, randomized } = &run.conditions;
-    let mut conditions = Vec::new();
-    if let [core] = cores.as_slice() {
-        conditions.push(format!("driver on core {core} alone"));
-    }
-    if let Some(threads) = rasterizer_threads {
-        conditions.push(format!("LP_NUM_THREADS={threads}"));
-    }
-    if *randomized == Some(false) {
-        conditions.push("addresses not randomized".to_owned());
-    }
-    if conditions.is_empty() { clocks } else { format!("{clocks}; {}", conditions.join(", ")) }
-}
 
 /// How many verdicts chance alone would bring about.
 fn claims(view: &ReportView<'_>, table: &mut Table) {
@@ -50,14 +28,10 @@ fn claims(view: &ReportView<'_>, table: &mut Table) {
 }
 
 fn precision(view: &ReportView<'_>, table: &mut Table) {
-    let widths = view.timed().map(|(cell, measured)| {
-        let frame = &measured.frame.untimed;
-        (frame.relative_half_width(), frame.n, cell)
-    });
-    let widths: Vec<_> = widths.collect();
-    let Some((worst, _, cell)) = widths.iter().max_by(|a, b| a.0.total_cmp(&b.0)) else { return };
-    let all: Vec<f64> = widths.iter().map(|(width, ..)| *width).collect();
-    let fewest = widths.iter().map(|(_, n, _)| *n).min().unwrap_or_default();
+    let widths = trust::half_widths(view);
+    let Some((worst, cell)) = widths.iter().max_by(|a, b| a.0.total_cmp(&b.0)) else { return };
+    let all: Vec<f64> = widths.iter().map(|(width, _)| *width).collect();
+    let fewest = view.timed().map(|(_, measured)| measured.frame.untimed.n).min().unwrap_or(0);
     table.row([
         "half width of the frame times' 95 % intervals".to_owned(),
         format!(
@@ -70,15 +44,9 @@ fn precision(view: &ReportView<'_>, table: &mut Table) {
     ]);
 }
 
-/// The cost of timing over the pairs of all cells: one cell's few pairs tell the machine's noise rather.
-fn timing_cost<'r>(frames: impl Iterator<Item = &'r FrameRecord>) -> String {
-    let pairs: Vec<(f64, f64)> = frames
-        .flat_map(|frame| {
-            let timed = frame.envelope_samples_ns.iter().copied();
-            timed.zip(frame.untimed_samples_ns.iter().copied())
-        })
-        .collect();
-    let cost = statistics::ratio_estimate(&pairs);
+/// The cost of timing, in words.
+fn timing_cost(view: &ReportView<'_>) -> String {
+    let cost = trust::timing_cost(view);
     let [low, high] = cost.ends();
     let [median, low, high] = [cost.median, low, high].map(|ratio| format::percent(ratio - 1.0));
     format!("{median} ({low} – {high}) over {} pairs of frames taken in alternation", cost.n)
@@ -86,7 +54,7 @@ fn timing_cost<'r>(frames: impl Iterator<Item = &'r FrameRecord>) -> String {
 
 /// How far the figures can be trusted: clock, precision, accounting, the cost of timing, efficiency, memory.
 pub fn write(view: &ReportView<'_>, run: &Run, table: &mut Table) {
-    table.row(["clock".to_owned(), clock(run)]);
+    table.row(["clock".to_owned(), trust::conditions(run)]);
     claims(view, table);
     precision(view, table);
     let frames = || view.timed().map(|(cell, measured)| (cell, &measured.frame));
@@ -109,10 +77,7 @@ pub fn write(view: &ReportView<'_>, run: &Run, table: &mut Table) {
             "frame accounting, stages + gaps against envelope".to_owned(),
             format!("{} in the median cell, {worst_accounting}", typical(&accounting)),
         ]);
-        table.row([
-            "cost of timing, timed over untimed frame".to_owned(),
-            timing_cost(frames().map(|(_, frame)| frame)),
-        ]);
+        table.row(["cost of timing, timed over untimed frame".to_owned(), timing_cost(view)]);
     }
     table.row([
         "cost of a submission as the audit measured it".to_owned(),
@@ -146,11 +111,7 @@ fn ended(view: &ReportView<'_>, table: &mut Table) {
             ),
         ]);
     }
-    let mut parts = BTreeMap::<SetUp, f64>::new();
-    for (part, s) in view.ends.iter().flat_map(|end| &end.set_up_parts_s) {
-        *parts.entry(*part).or_default() += s;
-    }
-    let parts = parts.into_iter().sorted_by(|a, b| b.1.total_cmp(&a.1));
+    let parts = trust::set_up_parts(view).into_iter();
     let parts: Vec<String> =
         parts.map(|(part, s)| format!("{} {} s", part.name(), format::three(s))).collect();
     if !parts.is_empty() {

@@ -1,0 +1,221 @@
+//! Pictures of the cells, inside the page: side by side, and two of an experiment under a slider.
+
+mod embed;
+
+use std::collections::BTreeSet;
+
+use maud::{Markup, html};
+use serde_json::Value;
+
+use self::embed::{Embedded, Embedder};
+use super::{LeftOut, Page, PageRun, PageSection};
+use crate::experiments::{Experiment, label_text, lookup};
+use crate::record::{Cell, ErrorSpan, Picture, PictureKind, PictureScale};
+use crate::report::Section;
+use crate::report::format::three;
+use crate::words;
+
+pub const SECTION: PageSection = PageSection { id: "pictures", title: "Pictures", write };
+
+/// Experiments with more pictures are folded.
+const OPEN_PICTURES: usize = 4;
+
+/// A picture in the page, and the cell that it is of.
+struct Shown<'p> {
+    cell: &'p Cell,
+    picture: &'p Picture,
+    embedded: Embedded,
+}
+
+/// The pictures of an experiment of a run, in the order of its plan.
+struct Group<'p> {
+    run: &'p PageRun<'p>,
+    section: &'p Section<'p>,
+    shown: Vec<Shown<'p>>,
+}
+
+fn write(page: &Page<'_>) -> Option<Markup> {
+    let mut embedder = Embedder::default();
+    let mut left_out = Vec::new();
+    let parts = page.runs.iter().flat_map(|run| run.view.sections.iter().map(move |s| (run, s)));
+    let groups: Vec<Group<'_>> =
+        parts.map(|(run, section)| group(run, section, &mut embedder, &mut left_out)).collect();
+    let groups: Vec<&Group<'_>> = groups.iter().filter(|group| !group.shown.is_empty()).collect();
+    if groups.is_empty() && left_out.is_empty() {
+        return None;
+    }
+    let (several, single): (Vec<&Group<'_>>, Vec<&Group<'_>>) =
+        groups.into_iter().partition(|group| group.shown.len() > 1);
+    Some(html! {
+        p.lead {
+            "Pictures of the cells' last frames, compressed with loss where that is smaller. Of errors, white means none. A picture "
+            "that is larger than its viewport has a scale below it or shows several views. "
+            span.script-only { "The slider shows two pictures of an experiment at the same place." }
+        }
+        @for group in several { (several_pictures(page, group)) }
+        @if !single.is_empty() { (single_pictures(page, &single)) }
+        @if !left_out.is_empty() { (missing(&left_out)) }
+    })
+}
+
+fn group<'p>(
+    run: &'p PageRun<'p>,
+    section: &'p Section<'p>,
+    embedder: &mut Embedder,
+    left_out: &mut Vec<LeftOut>,
+) -> Group<'p> {
+    let folder = run.view.folder.as_deref();
+    let mut shown = Vec::new();
+    for (cell, measured) in section.measured() {
+        for picture in measured.pictures.iter().filter(|_| folder.is_some()) {
+            match embedder.embed(folder, &picture.path) {
+                Ok(embedded) => shown.push(Shown { cell, picture, embedded }),
+                Err(reason) => left_out.push(LeftOut { what: picture.path.clone(), reason }),
+            }
+        }
+    }
+    Group { run, section, shown }
+}
+
+fn several_pictures(page: &Page<'_>, group: &Group<'_>) -> Markup {
+    let differing = differing(&group.shown);
+    html! {
+        details.pictures open[group.shown.len() <= OPEN_PICTURES] {
+            summary {
+                b { (group.section.id) } ": " (group.section.title()) ", " (group.shown.len()) " pictures"
+                @if page.is_overlay() { " (" (group.run.label) ")" }
+            }
+            div.slider.script-only {}
+            div.grid {
+                @for shown in &group.shown {
+                    (figure(shown, &caption(group.section.experiment.as_ref(), shown, &differing)))
+                }
+            }
+        }
+    }
+}
+
+/// Experiments of one picture, together.
+fn single_pictures(page: &Page<'_>, groups: &[&Group<'_>]) -> Markup {
+    html! {
+        h3 { "Experiments with one picture" }
+        div.grid {
+            @for group in groups {
+                @for shown in &group.shown {
+                    (figure(shown, &single_caption(page, group, shown)))
+                }
+            }
+        }
+    }
+}
+
+fn single_caption(page: &Page<'_>, group: &Group<'_>, shown: &Shown<'_>) -> String {
+    let run = if page.is_overlay() { format!("{}, ", group.run.label) } else { String::new() };
+    format!(
+        "{run}{}: {}",
+        group.section.id,
+        of_axes(group.section.experiment.as_ref(), shown.cell, |_| true)
+    )
+}
+
+fn figure(shown: &Shown<'_>, caption: &str) -> Markup {
+    let Embedded { uri, shown_px, .. } = &shown.embedded;
+    html! {
+        figure {
+            img src=(uri) width=(shown_px[0]) height=(shown_px[1]) alt=(caption) decoding="async";
+            figcaption {
+                span.caption { (caption) }
+                br;
+                span.faint { (size(shown)) @if let Some(scale) = scale(shown.picture) { ". " (scale) } }
+            }
+        }
+    }
+}
+
+/// Axes whose values differ among the pictures.
+fn differing<'p>(shown: &[Shown<'p>]) -> BTreeSet<&'p str> {
+    let names = shown.iter().flat_map(|one| one.cell.axes.keys().map(String::as_str));
+    let values = |name: &str| shown.iter().map(|one| one.cell.axes.get(name)).collect::<Vec<_>>();
+    let differs = |name: &&str| values(name).windows(2).any(|pair| pair[0] != pair[1]);
+    names.collect::<BTreeSet<&str>>().into_iter().filter(differs).collect()
+}
+
+fn caption(
+    experiment: Option<&Experiment>,
+    shown: &Shown<'_>,
+    differing: &BTreeSet<&str>,
+) -> String {
+    let axes = of_axes(experiment, shown.cell, |name| differing.contains(name));
+    match shown.picture.shows {
+        PictureKind::Image => axes,
+        PictureKind::Error => format!("Error, {axes}"),
+    }
+}
+
+/// Values of the cell's axes in words; the cell's name where there are none.
+fn of_axes(experiment: Option<&Experiment>, cell: &Cell, is_told: impl Fn(&str) -> bool) -> String {
+    let told = cell.axes.iter().filter(|(name, _)| is_told(name));
+    let words: Vec<String> = told
+        .map(|(name, value)| format!("{} {}", axis_title(experiment, name), label_text(value)))
+        .collect();
+    if words.is_empty() { cell.cell.clone() } else { words.join(", ") }
+}
+
+/// What the experiment calls its axis, else the name in words.
+fn axis_title(experiment: Option<&Experiment>, name: &str) -> String {
+    let title = experiment.and_then(|one| one.axes().find(|axis| axis.name == name)?.title.clone());
+    title.unwrap_or_else(|| words::parameter_label(name))
+}
+
+/// Size of the picture, of the viewport where that differs, and of what the page shows where that is smaller.
+fn size(shown: &Shown<'_>) -> String {
+    let px = |[width, height]: [u32; 2]| format!("{width} × {height} px");
+    let Embedded { own_px, shown_px, .. } = &shown.embedded;
+    let side = |name| lookup(&shown.cell.params, name).and_then(Value::as_u64);
+    let viewport = side("view.width").zip(side("view.height"));
+    let differs = |(width, height): &(u64, u64)| own_px.map(u64::from) != [*width, *height];
+    let mut text = px(*own_px);
+    if let Some((width, height)) = viewport.filter(differs) {
+        text += &format!(" of a viewport of {width} × {height} px");
+    }
+    if shown_px != own_px {
+        text += &format!(", shown at {}", px(*shown_px));
+    }
+    text
+}
+
+/// What the colours mean, and the largest error.
+fn scale(picture: &Picture) -> Option<String> {
+    match (picture.scale, picture.shows) {
+        (Some(PictureScale::Visibility), _) => {
+            Some("Occlusion A as grey: black is A = 1, white is A = 0".to_owned())
+        }
+        (Some(PictureScale::OcclusionError(ErrorSpan { full_at, largest })), _) => Some(format!(
+            "Red is too dark, blue too light, in full colour from ±{} of occlusion on, grey not compared; largest error {}",
+            three(full_at),
+            three(largest)
+        )),
+        (Some(PictureScale::IrradianceError(ErrorSpan { full_at, largest })), _) => Some(format!(
+            "Red is too bright, blue too dark, in full colour from ±{} times the mean irradiance on; largest error {} times",
+            three(full_at),
+            three(largest)
+        )),
+        (None, PictureKind::Error) => Some(
+            "Red and blue are errors of opposite signs; these records do not say how large"
+                .to_owned(),
+        ),
+        (None, PictureKind::Image) => None,
+    }
+}
+
+fn missing(left_out: &[LeftOut]) -> Markup {
+    html! {
+        details.warning {
+            summary { (left_out.len()) @if left_out.len() == 1 { " picture is" } @else { " pictures are" } " not shown" }
+            ul { @for LeftOut { what, reason } in left_out { li { (what) ": " (reason) } } }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;

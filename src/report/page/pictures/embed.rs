@@ -1,0 +1,108 @@
+//! A run's picture files as `data:` URIs, with limits: records and files may come from anyone.
+
+use std::io::Cursor;
+use std::path::{Component, Path, PathBuf};
+
+use base64::Engine as _;
+use base64::engine::general_purpose::STANDARD as BASE64;
+use image::codecs::jpeg::JpegEncoder;
+use image::codecs::png::{CompressionType, FilterType, PngEncoder};
+use image::imageops;
+use image::{ImageFormat, ImageReader, Limits, RgbImage};
+
+use crate::input;
+
+/// Largest file that is read, bytes.
+const MAX_FILE: u64 = 16 << 20;
+/// Largest side of a picture that is decoded, pixels, and the memory that this may take.
+const MAX_SIDE_PX: u32 = 8192;
+const MAX_MEMORY: u64 = 64 << 20;
+/// Pixels of all pictures that are decoded: 2,000 cells of 300 × 300 pixels.
+const MAX_PIXELS: u64 = 180_000_000;
+/// Longest side of a picture on the page, pixels: larger ones are scaled down.
+const MOST_SIDE_PX: u32 = 480;
+/// Of JPEG, 1 … 100.
+const QUALITY: u8 = 80;
+/// All pictures of a page, bytes before base64: a page of several megabytes still opens at once.
+const MAX_EMBEDDED: usize = 2 << 20;
+
+/// A picture as it stands in the page.
+pub struct Embedded {
+    pub uri: String,
+    pub own_px: [u32; 2],
+    pub shown_px: [u32; 2],
+}
+
+/// Embeds pictures until the page holds enough of them.
+#[derive(Default)]
+pub struct Embedder {
+    bytes: usize,
+    pixels: u64,
+}
+
+impl Embedder {
+    /// The picture of a path that a record names; or why it is left out.
+    pub fn embed(&mut self, folder: Option<&Path>, path: &str) -> Result<Embedded, String> {
+        let folder = folder.ok_or("the records lie in no folder")?;
+        let picture = self.decode(&inside(folder, path)?)?;
+        let own_px = [picture.width(), picture.height()];
+        let picture = reduced(picture);
+        let (media_type, bytes) = smallest(&picture)?;
+        self.bytes += bytes.len();
+        if self.bytes > MAX_EMBEDDED {
+            return Err(format!("the page holds {} MiB of pictures at most", MAX_EMBEDDED >> 20));
+        }
+        let uri = format!("data:{media_type};base64,{}", BASE64.encode(bytes));
+        Ok(Embedded { uri, own_px, shown_px: [picture.width(), picture.height()] })
+    }
+
+    fn decode(&mut self, path: &Path) -> Result<RgbImage, String> {
+        if self.bytes > MAX_EMBEDDED || self.pixels > MAX_PIXELS {
+            return Err("the page holds as many pictures as it takes".to_owned());
+        }
+        let bytes = input::bytes(path, MAX_FILE).map_err(|error| error.to_string())?;
+        let mut reader = ImageReader::with_format(Cursor::new(bytes), ImageFormat::Png);
+        let mut limits = Limits::default();
+        limits.max_image_width = Some(MAX_SIDE_PX);
+        limits.max_image_height = Some(MAX_SIDE_PX);
+        limits.max_alloc = Some(MAX_MEMORY);
+        reader.limits(limits);
+        let picture = reader.decode().map_err(|error| error.to_string())?.into_rgb8();
+        self.pixels += u64::from(picture.width()) * u64::from(picture.height());
+        Ok(picture)
+    }
+}
+
+/// A path within the folder.
+fn inside(folder: &Path, path: &str) -> Result<PathBuf, String> {
+    let path = Path::new(path);
+    let is_name = |part: Component<'_>| matches!(part, Component::Normal(_));
+    if path.as_os_str().is_empty() || !path.components().all(is_name) {
+        return Err("it is no path within the folder of the records".to_owned());
+    }
+    Ok(folder.join(path))
+}
+
+fn reduced(picture: RgbImage) -> RgbImage {
+    let [width, height] = [picture.width(), picture.height()];
+    let longest = width.max(height);
+    if longest <= MOST_SIDE_PX {
+        return picture;
+    }
+    let scaled = |side: u32| (side * MOST_SIDE_PX / longest).max(1);
+    imageops::resize(&picture, scaled(width), scaled(height), imageops::FilterType::Triangle)
+}
+
+/// As JPEG, or as PNG where that is smaller.
+fn smallest(picture: &RgbImage) -> Result<(&'static str, Vec<u8>), String> {
+    let (mut jpeg, mut png) = (Vec::new(), Vec::new());
+    let written = picture
+        .write_with_encoder(JpegEncoder::new_with_quality(&mut jpeg, QUALITY))
+        .and_then(|()| {
+            let best =
+                PngEncoder::new_with_quality(&mut png, CompressionType::Best, FilterType::Adaptive);
+            picture.write_with_encoder(best)
+        });
+    written.map_err(|error| error.to_string())?;
+    Ok(if png.len() < jpeg.len() { ("image/png", png) } else { ("image/jpeg", jpeg) })
+}

@@ -1,0 +1,225 @@
+//! Each experiment with its plot: what was done, after what publication, what its claims came to, and what to know of its cells.
+
+use indexmap::IndexSet;
+use maud::{Markup, html};
+
+use super::claims::chip;
+use super::{Page, PageRun, PageSection};
+use crate::experiments::Experiment;
+use crate::record::NoteKind;
+use crate::report::{Section, plots};
+use crate::text;
+
+pub const SECTION: PageSection = PageSection { id: "plots", title: "Experiments", write };
+
+/// An experiment of a run.
+type Part<'p> = (&'p PageRun<'p>, &'p Section<'p>);
+
+fn write(page: &Page<'_>) -> Option<Markup> {
+    let sections = page.runs.iter().flat_map(|run| &run.view.sections);
+    let ids: IndexSet<&str> = sections.map(|section| section.id).collect();
+    if ids.is_empty() {
+        return None;
+    }
+    Some(html! {
+        p.lead { "What was done in each experiment, after which publication, with its plot." }
+        @for id in ids { (experiment(page, id)) }
+    })
+}
+
+/// Its part in each run that has it.
+fn parts<'p>(page: &'p Page<'p>, id: &str) -> Vec<Part<'p>> {
+    let of_run = |run: &'p PageRun<'p>| Some((run, run.view.sections.iter().find(|s| s.id == id)?));
+    page.runs.iter().filter_map(of_run).collect()
+}
+
+fn experiment(page: &Page<'_>, id: &str) -> Markup {
+    let parts = parts(page, id);
+    let title = parts.first().map_or(id, |(_, section)| section.title());
+    let definition = parts.iter().find_map(|(_, section)| section.experiment.as_ref());
+    html! {
+        details.plot #{ "plot-" (id) } {
+            summary {
+                b { (id) } ": " (title)
+                @for (_, section) in &parts { (tally(section)) }
+            }
+            @if let Some(definition) = definition { (about(definition)) }
+            @for part in &parts {
+                @if page.is_overlay() { h3 { (part.0.label) } }
+                (outcome(page, part))
+            }
+        }
+    }
+}
+
+/// How many claims have each verdict.
+fn tally(section: &Section<'_>) -> Markup {
+    let verdicts = section.rulings().iter().map(|ruling| ruling.verdict);
+    let mut counts: Vec<_> = verdicts.collect();
+    counts.sort_unstable();
+    html! {
+        @for same in counts.chunk_by(|a, b| a == b) { " " (chip(same[0])) " × " (same.len()) }
+    }
+}
+
+fn about(experiment: &Experiment) -> Markup {
+    html! {
+        p.faint { "Source: " (experiment.source) }
+        @for paragraph in experiment.about.split("\n\n").filter(|text| !text.is_empty()) {
+            p { (paragraph) }
+        }
+    }
+}
+
+fn outcome(page: &Page<'_>, part: &Part<'_>) -> Markup {
+    let (_, section) = part;
+    html! {
+        @if let Some(problem) = &section.problem { p.warning { "No claims and plots: " (problem) } }
+        (claims(section))
+        (plot(page, part))
+        @for (title, reason) in &section.figure().missing {
+            p.faint { "The plot “" (title) "” is left out: " (reason) "." }
+        }
+        (notes(section))
+    }
+}
+
+fn claims(section: &Section<'_>) -> Markup {
+    html! {
+        @if !section.rulings().is_empty() {
+            ul.claims { @for ruling in section.rulings() { li { (chip(ruling.verdict)) " " (ruling.text) } } }
+        }
+    }
+}
+
+/// Room for the plot, which the script draws when the experiment is opened; and the file that holds it.
+fn plot(page: &Page<'_>, (run, section): &Part<'_>) -> Markup {
+    let about = format!("Plot of {}: {}", section.id, section.title());
+    html! {
+        @if section.figure().is_drawn() {
+            div.scroll.script-only tabindex="0" role="region" aria-label=(about) {
+                div.drawing role="img" aria-label=(about) data-run=(run.label) data-plot=(section.id) {}
+            }
+            @if !page.is_overlay() {
+                p { a href=(text::link(&plots::file_name(section))) { "The plot as a file" } }
+            }
+        }
+    }
+}
+
+/// Notes of one kind, each with its cell.
+struct Notes<'n> {
+    kind: NoteKind,
+    of_cells: Vec<(&'n str, &'n str)>,
+}
+
+/// Each kind of note is told once, with the cells that have it folded away.
+fn notes(section: &Section<'_>) -> Markup {
+    html! {
+        @for Notes { kind, of_cells } in notes_by_kind(section) {
+            details.notes {
+                summary { (counted(of_cells.len())) ": " (meaning(kind)) }
+                ul { @for (cell, note) in of_cells { li { (cell) ": " (note) } } }
+            }
+        }
+        (rejected(section))
+        @for stand_in in stand_ins(section) { p.faint { (stand_in) } }
+    }
+}
+
+fn notes_by_kind<'n>(section: &'n Section<'_>) -> Vec<Notes<'n>> {
+    let mut kinds: Vec<Notes<'n>> = Vec::new();
+    for (cell, measured) in section.measured() {
+        for note in &measured.notes {
+            let entry = (cell.cell.as_str(), note.text.as_str());
+            match kinds.iter_mut().find(|notes| notes.kind == note.kind) {
+                Some(notes) => notes.of_cells.push(entry),
+                None => kinds.push(Notes { kind: note.kind, of_cells: vec![entry] }),
+            }
+        }
+    }
+    kinds
+}
+
+fn counted(notes: usize) -> String {
+    format!("{notes} {}", if notes == 1 { "note" } else { "notes" })
+}
+
+/// What notes of a kind have in common.
+fn meaning(kind: NoteKind) -> &'static str {
+    match kind {
+        NoteKind::Adapter => "the adapter lacks a feature, or the environment changes how it works",
+        NoteKind::Order => "the order in which cells and frames were measured",
+        NoteKind::OtherClocks => "passes are timed by another clock than the audit chose",
+        NoteKind::Resumed => "some samples are of an earlier run",
+        NoteKind::Unsteady => "the frame time still fell when warm-up ended",
+        NoteKind::Imprecise => "sampling stopped before the precision asked for was reached",
+        NoteKind::Outliers => "some frames were far slower or faster than the median",
+        NoteKind::NotFinite => "a figure was not finite and is left out",
+        NoteKind::NotComputed => "a figure could not be computed",
+        NoteKind::NoPicture => "a picture could not be written",
+    }
+}
+
+fn rejected(section: &Section<'_>) -> Markup {
+    let frames: u32 = section.measured().map(|(_, measured)| measured.rejected_frames()).sum();
+    html! { @if frames > 0 { p.faint { (frames) " timed frames were rejected; “Trust” lists the reasons." } } }
+}
+
+/// Assets that were absent, and what stood for them.
+fn stand_ins<'n>(section: &'n Section<'_>) -> IndexSet<&'n str> {
+    section.entries.iter().flat_map(|entry| &entry.cell.stand_ins).map(String::as_str).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::record::{Note, Record};
+    use crate::report::{ReportView, fixtures};
+
+    fn written(records: &[Record], labels: &[&str]) -> String {
+        let view = ReportView::new(records, None);
+        let runs = labels.iter().map(|label| PageRun { label: (*label).to_owned(), view: &view });
+        let page = Page::new(runs.collect(), Vec::new());
+        write(&page).map_or_else(String::new, Markup::into_string)
+    }
+
+    #[test]
+    fn every_experiment_has_a_target_for_the_links_of_its_claims() {
+        let text = written(&fixtures::run(), &["one"]);
+        for id in Experiment::builtin_ids() {
+            assert!(text.contains(&format!("id=\"plot-{id}\"")), "{id}");
+            assert!(text.contains(&format!("href=\"{id}.svg\"")), "{id}");
+        }
+    }
+
+    #[test]
+    fn a_kind_of_note_is_told_once() {
+        let mut records = fixtures::run();
+        let cells = records.iter_mut().filter_map(|record| match record {
+            Record::Cell(cell) if cell.experiment == "uw-photons" => cell.measured_mut(),
+            _ => None,
+        });
+        for (number, measured) in cells.take(3).enumerate() {
+            measured.notes.push(Note::new(NoteKind::Imprecise, format!("at {number} %")));
+        }
+        let text = written(&records, &["one"]);
+        assert_eq!(text.matches(meaning(NoteKind::Imprecise)).count(), 1);
+        assert!(text.contains("3 notes: ") && text.contains("at 2 %"));
+    }
+
+    #[test]
+    fn an_overlay_names_the_run_of_each_plot_and_links_no_file() {
+        let text = written(&fixtures::run(), &["old", "new"]);
+        assert_eq!(text.matches("id=\"plot-uw-photons\"").count(), 1);
+        for label in ["old", "new"] {
+            assert!(text.contains(&format!("data-run=\"{label}\" data-plot=\"uw-photons\"")));
+        }
+        assert!(!text.contains(".svg\""));
+    }
+
+    #[test]
+    fn no_records_have_no_plots() {
+        assert_eq!(written(&[], &["one"]), "");
+    }
+}

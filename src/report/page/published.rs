@@ -1,0 +1,398 @@
+//! Figures that publications state, beside those that the run measured at the same size.
+//!
+//! Frame rates of a software driver say nothing beside those of a GPU: there only ratios, slopes and errors are compared.
+
+use indexmap::IndexSet;
+use maud::{Markup, html};
+
+use super::svg::{Axis, chart, tenth, x_axis, y_axis};
+use super::{Page, PageRun, PageSection};
+use crate::experiments::schema::{Comparison, Published};
+use crate::experiments::{RuledFigure, fits, flatten, fps, label_text};
+use crate::record::Estimate;
+use crate::report::Section;
+use crate::report::format::three;
+use crate::report::plots::scale::ScaleKind;
+use crate::words;
+
+pub const SECTION: PageSection = PageSection { id: "published", title: "Published figures", write };
+
+/// Of a chart, pixels.
+const SIDE_PX: f64 = 340.0;
+const LEFT_PX: f64 = 52.0;
+const RIGHT_PX: f64 = 326.0;
+const TOP_PX: f64 = 30.0;
+const BOTTOM_PX: f64 = 296.0;
+
+/// A published figure and the measured one.
+struct Pair {
+    /// Place of the run on the page.
+    run: usize,
+    published: f64,
+    measured: f64,
+    /// Of the interval; the figure twice where there is none.
+    ends: [f64; 2],
+    what: String,
+}
+
+impl Pair {
+    fn tip(&self, page: &Page<'_>) -> String {
+        let run = if page.is_overlay() {
+            format!("{}, ", page.runs[self.run].label)
+        } else {
+            String::new()
+        };
+        format!(
+            "{run}{}: measured {}, published {}",
+            self.what,
+            three(self.measured),
+            three(self.published)
+        )
+    }
+}
+
+fn write(page: &Page<'_>) -> Option<Markup> {
+    let of_runs = |pairs: fn(usize, &PageRun<'_>) -> Vec<Pair>| -> Vec<Pair> {
+        page.runs.iter().enumerate().flat_map(|(place, run)| pairs(place, run)).collect()
+    };
+    let (ratios, rates) = (of_runs(ratios), of_runs(rates));
+    let listed = listed(page);
+    if ratios.is_empty() && listed.is_empty() {
+        return None;
+    }
+    Some(html! {
+        p.lead {
+            "A mark on the diagonal agrees with the publication; above it the measured figure is larger. Lines are 95 % intervals. "
+            "Both axes are logarithmic."
+        }
+        div.grid.charts {
+            (scatter(page, "ratios, slopes and shares", &ratios))
+            (scatter(page, "frames per second", &rates))
+        }
+        (pairs_table(page, &ratios))
+        @if !listed.is_empty() { (rates_table(page, &listed)) }
+    })
+}
+
+/// What claims publish, and ratios between published frame rates: both hold on any device.
+fn ratios(place: usize, run: &PageRun<'_>) -> Vec<Pair> {
+    let sections = run.view.sections.iter();
+    sections.flat_map(|section| of_claims(place, section).chain(of_rates(place, section))).collect()
+}
+
+fn of_claims<'p>(run: usize, section: &'p Section<'_>) -> impl Iterator<Item = Pair> + 'p {
+    let claims = section.experiment.iter().flat_map(|experiment| &experiment.claim);
+    claims.zip(section.rulings()).filter_map(move |(claim, ruling)| {
+        let RuledFigure { value, interval, .. } = ruling.deciding.first()?;
+        let ends = interval.map_or([*value; 2], |interval| [interval.low, interval.high]);
+        let what = format!("{}: {}", section.id, claim.text);
+        Some(Pair { run, published: claim.published?, measured: *value, ends, what })
+    })
+}
+
+/// A published frame rate, and the frame time of the first cell of its size that was timed.
+#[derive(Clone, Copy)]
+struct Matched<'p> {
+    published: &'p Published,
+    frame: &'p Estimate,
+}
+
+fn matched<'p>(section: &'p Section<'_>) -> Vec<Matched<'p>> {
+    let published = section.experiment.iter().flat_map(|experiment| &experiment.published);
+    let with_cell = published.filter_map(|published| {
+        let (_, measured) = section.timed().find(|(cell, _)| fits(cell, &published.filter))?;
+        Some(Matched { published, frame: &measured.frame.untimed })
+    });
+    with_cell.collect()
+}
+
+/// Each published frame rate over the latest one before it that differs in a single condition, such as the method. Bounds and
+/// ranges have no ratio.
+fn of_rates(run: usize, section: &Section<'_>) -> Vec<Pair> {
+    let is_stated = |one: &Matched<'_>| one.published.comparison == Comparison::About;
+    let stated: Vec<Matched<'_>> = matched(section).into_iter().filter(is_stated).collect();
+    let pair = |(place, one): (usize, &Matched<'_>)| {
+        let mut before = stated[..place].iter().rev();
+        let base = before.find(|base| differing(one.published, base.published) == 1)?;
+        Some(ratio(run, section.id, one, base))
+    };
+    stated.iter().enumerate().filter_map(pair).collect()
+}
+
+/// Conditions in which two published figures differ.
+fn differing(one: &Published, other: &Published) -> usize {
+    let [one, other] = [one, other].map(|published| flatten(&published.filter));
+    one.iter()
+        .filter(|condition| !other.contains(condition))
+        .count()
+        .max(other.iter().filter(|condition| !one.contains(condition)).count())
+}
+
+fn ratio(run: usize, experiment: &str, one: &Matched<'_>, base: &Matched<'_>) -> Pair {
+    let ([low, high], [base_low, base_high]) = (one.frame.ends(), base.frame.ends());
+    let what = format!(
+        "{experiment}: frame rate of ({}) over that of ({})",
+        conditions(one.published),
+        conditions(base.published)
+    );
+    Pair {
+        run,
+        published: one.published.fps / base.published.fps,
+        measured: base.frame.median / one.frame.median,
+        ends: [base_low / high, base_high / low],
+        what,
+    }
+}
+
+/// Frame rates of hardware; of a software driver none is compared.
+fn rates(run: usize, on_page: &PageRun<'_>) -> Vec<Pair> {
+    let sections = on_page.view.sections.iter().filter(|section| !section.software());
+    let pairs = sections.flat_map(|section| {
+        matched(section).into_iter().map(move |Matched { published, frame }| {
+            let rate = fps(frame);
+            let what =
+                format!("{}: {} fps ({})", section.id, published.figure(), conditions(published));
+            Pair { run, published: published.fps, measured: rate.median, ends: rate.ends(), what }
+        })
+    });
+    pairs.collect()
+}
+
+/// Where a published figure holds, in words: `scene tank, width of the picture (px) 800`.
+fn conditions(published: &Published) -> String {
+    let conditions = flatten(&published.filter);
+    let words = conditions
+        .iter()
+        .map(|(path, value)| format!("{} {}", words::parameter_label(path), label_text(value)));
+    words.collect::<Vec<_>>().join(", ")
+}
+
+/// Measured against published figures, with the line on which both are the same.
+fn scatter(page: &Page<'_>, what: &str, pairs: &[Pair]) -> Markup {
+    let values = || pairs.iter().flat_map(|pair| [pair.published, pair.measured]);
+    let across = Axis::fit(ScaleKind::Log, values(), [LEFT_PX, RIGHT_PX]);
+    let up = Axis::fit(ScaleKind::Log, values(), [BOTTOM_PX, TOP_PX]);
+    let (Some(across), Some(up)) = (across, up) else { return html! {} };
+    let content = html! {
+        (x_axis(&across, [TOP_PX, BOTTOM_PX], &format!("Published, {what}")))
+        (y_axis(&up, [LEFT_PX, RIGHT_PX], &format!("Measured, {what}")))
+        line.diagonal x1=(LEFT_PX) y1=(BOTTOM_PX) x2=(RIGHT_PX) y2=(TOP_PX) {}
+        @for pair in pairs {
+            @if let (Some(x), Some(y)) = (across.px(pair.published), up.px(pair.measured)) {
+                g.mark data-tip=(pair.tip(page)) {
+                    line.whisker x1=(x) x2=(x) y1=(up.px_within(pair.ends[0])) y2=(up.px_within(pair.ends[1])) {}
+                    path.ink d=(shape(pair.run, [x, y])) { title { (pair.tip(page)) } }
+                }
+            }
+        }
+    };
+    html! {
+        figure {
+            (chart([SIDE_PX, SIDE_PX], &format!("Measured against published {what}"), &content))
+            figcaption { (legend(page)) }
+        }
+    }
+}
+
+/// Runs of a page are told apart by the shape of their marks.
+const SHAPES: [(&str, &str); 4] = [
+    ("square", "m-4 -4h8v8h-8z"),
+    ("diamond", "m0 -6l6 6l-6 6l-6 -6z"),
+    ("triangle", "m0 -6l6 11h-12z"),
+    ("cross", "m-6 -2h4v-4h4v4h4v4h-4v4h-4v-4h-4z"),
+];
+
+fn shape(run: usize, [x, y]: [f64; 2]) -> String {
+    let (_, path) = SHAPES[run % SHAPES.len()];
+    format!("M{} {}{path}", tenth(x), tenth(y))
+}
+
+fn legend(page: &Page<'_>) -> Markup {
+    html! {
+        @if page.is_overlay() {
+            @for (place, run) in page.runs.iter().enumerate() {
+                (SHAPES[place % SHAPES.len()].0) ": " (run.label) br;
+            }
+        }
+    }
+}
+
+/// The exact numbers of the marks.
+fn pairs_table(page: &Page<'_>, pairs: &[Pair]) -> Markup {
+    html! {
+        @if !pairs.is_empty() {
+            div.scroll tabindex="0" role="region" aria-label="Published and measured ratios" {
+                table {
+                    thead { tr {
+                        @if page.is_overlay() { th scope="col" { "Run" } }
+                        th scope="col" { "What" }
+                        th.number scope="col" { "Published" }
+                        th.number scope="col" { "Measured (interval)" }
+                        th.number scope="col" { "Measured / published" }
+                    } }
+                    tbody { @for pair in pairs { (pair_row(page, pair)) } }
+                }
+            }
+        }
+    }
+}
+
+fn pair_row(page: &Page<'_>, pair: &Pair) -> Markup {
+    let [low, high] = pair.ends;
+    html! {
+        tr {
+            @if page.is_overlay() { td { (page.runs[pair.run].label) } }
+            td.claim { (pair.what) }
+            td.number { (three(pair.published)) }
+            td.number { (three(pair.measured)) @if low < high { br; span.faint { "(" (three(low)) " – " (three(high)) ")" } } }
+            td.number { (three(pair.measured / pair.published)) }
+        }
+    }
+}
+
+/// A published frame rate and where it holds.
+#[derive(PartialEq, Eq, Hash)]
+struct Listed<'p> {
+    experiment: &'p str,
+    figure: String,
+    conditions: String,
+    hardware: &'p str,
+    note: &'p str,
+}
+
+/// All published frame rates of the page's experiments, each once.
+fn listed<'p>(page: &'p Page<'p>) -> IndexSet<Listed<'p>> {
+    let sections = page.runs.iter().flat_map(|run| &run.view.sections);
+    let figures = sections.flat_map(|section| {
+        let published = section.experiment.iter().flat_map(|experiment| &experiment.published);
+        published.map(|one| Listed {
+            experiment: section.id,
+            figure: one.figure(),
+            conditions: conditions(one),
+            hardware: &one.hardware,
+            note: &one.note,
+        })
+    });
+    figures.collect()
+}
+
+fn rates_table(page: &Page<'_>, listed: &IndexSet<Listed<'_>>) -> Markup {
+    let software = page.runs.iter().any(|run| run.view.sections.iter().any(Section::software));
+    html! {
+        h3 { "Published frame rates" }
+        @if software {
+            p.faint { "They were measured on the hardware named. Frame rates of a software driver are not comparable with them, so none stands here." }
+        }
+        div.scroll tabindex="0" role="region" aria-label="Published frame rates" {
+            table {
+                thead { tr {
+                    th scope="col" { "Experiment" }
+                    th.number scope="col" { "Frames per second" }
+                    th scope="col" { "Of" }
+                    th scope="col" { "Hardware" }
+                } }
+                tbody {
+                    @for one in listed {
+                        tr {
+                            td { (one.experiment) }
+                            td.number { (one.figure) }
+                            td.claim { (one.conditions) @if !one.note.is_empty() { "; " (one.note) } }
+                            td { (one.hardware) }
+                        }
+                    }
+                }
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::record::{Profile, Record};
+    use crate::report::{ReportView, fixtures};
+
+    /// A run at the published sizes.
+    fn records(software: bool) -> Vec<Record> {
+        let mut records = fixtures::profile(Profile::Paper);
+        for record in &mut records {
+            if let Record::Run(run) = record {
+                run.adapter.software = software;
+            }
+        }
+        records
+    }
+
+    fn with_page<T>(records: &[Record], read: impl Fn(&Page<'_>) -> T) -> T {
+        let view = ReportView::new(records, None);
+        read(&Page::new(vec![PageRun { label: "one".into(), view: &view }], Vec::new()))
+    }
+
+    #[test]
+    fn frame_rates_are_compared_on_hardware_only() {
+        for software in [true, false] {
+            with_page(&records(software), |page| {
+                let rates = rates(0, &page.runs[0]);
+                assert_eq!(rates.is_empty(), software);
+                let text = write(page).unwrap().into_string();
+                assert_eq!(text.contains("Measured, frames per second"), !software);
+                assert!(text.contains("GeForce GTX 260"));
+            });
+        }
+    }
+
+    #[test]
+    fn ratios_of_published_rates_are_those_of_the_measured_cells() {
+        with_page(&records(true), |page| {
+            let section =
+                page.runs[0].view.sections.iter().find(|section| section.id == "spt-refraction");
+            let section = section.unwrap();
+            let pairs: Vec<Pair> = of_rates(0, section);
+            let all = matched(section);
+            // The teapot in the larger viewport, traced, differs in both sides from all before.
+            assert!(pairs.len() + 2 == all.len() && pairs.len() >= 8, "{}", pairs.len());
+            let (trace, two_interface) = (all[0], all[1]);
+            assert_eq!(pairs[0].published, two_interface.published.fps / trace.published.fps);
+            assert_eq!(pairs[0].measured, trace.frame.median / two_interface.frame.median);
+            assert!(
+                pairs
+                    .iter()
+                    .all(|pair| pair.ends[0] <= pair.measured && pair.measured <= pair.ends[1])
+            );
+        });
+    }
+
+    #[test]
+    fn bounds_and_ranges_have_no_ratio() {
+        with_page(&records(true), |page| {
+            let section = page.runs[0]
+                .view
+                .sections
+                .iter()
+                .find(|section| section.id == "uw-photons")
+                .unwrap();
+            assert!(matched(section).len() >= 2);
+            assert_eq!(of_rates(0, section).len(), 0);
+        });
+    }
+
+    #[test]
+    fn claims_stand_beside_what_they_publish() {
+        with_page(&records(true), |page| {
+            let claims: Vec<Pair> = page.runs[0]
+                .view
+                .sections
+                .iter()
+                .flat_map(|section| of_claims(0, section))
+                .collect();
+            assert!(claims.len() >= 2, "{}", claims.len());
+            let text = write(page).unwrap().into_string();
+            assert!(claims.iter().all(|pair| text.contains(&three(pair.published))));
+        });
+    }
+
+    #[test]
+    fn a_run_without_published_figures_has_no_section() {
+        assert!(with_page(&[], |page| write(page).is_none()));
+    }
+}

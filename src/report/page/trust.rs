@@ -1,0 +1,469 @@
+//! How far the run can be trusted: its clocks, the cost and precision of its times, and how they moved while it ran.
+
+use itertools::Itertools;
+use maud::{Markup, html};
+
+use super::svg::{Axis, chart, tenth, x_axis, y_axis};
+use super::{Page, PageRun, PageSection};
+use crate::record::{AuditRow, Cell, Clock, Estimate, FrameRecord, PassKind, Rejection, Run};
+use crate::report::ReportView;
+use crate::report::format::{NS_PER_MS, mebibytes, percent, three};
+use crate::report::plots::scale::ScaleKind;
+use crate::report::trust::{self, ClockTrust, TimedSample};
+use crate::statistics;
+
+pub const SECTION: PageSection = PageSection { id: "trust", title: "Trust", write };
+
+/// Of a chart, pixels.
+const WIDTH_PX: f64 = 340.0;
+const HEIGHT_PX: f64 = 240.0;
+const LEFT_PX: f64 = 46.0;
+const RIGHT_PX: f64 = 326.0;
+const TOP_PX: f64 = 30.0;
+const BOTTOM_PX: f64 = 196.0;
+
+/// Cells that a strip shows: more cannot be told apart in its height.
+const MOST_CELLS: usize = 160;
+/// Samples that are drawn over time.
+const MOST_SAMPLES: usize = 2_000;
+/// Spans of time whose median is a mark.
+const SPANS: usize = 24;
+/// Share of the samples that the axis may leave out at either end, so that a few slow frames do not press the others flat.
+const BEYOND: f64 = 0.005;
+
+fn write(page: &Page<'_>) -> Option<Markup> {
+    let runs: Vec<(&PageRun<'_>, &Run)> =
+        page.runs.iter().filter_map(|run| Some((run, run.view.run()?))).collect();
+    if runs.is_empty() {
+        return None;
+    }
+    Some(html! {
+        @for (on_page, run) in runs {
+            @if page.is_overlay() { h3 { (on_page.label) } }
+            p { b { (verdict(run)) } " " (trust::conditions(run)) "." }
+            (audit(run))
+            (charts(on_page.view))
+            (facts(on_page.view, run))
+        }
+    })
+}
+
+/// Whether the clocks can be trusted, in one sentence.
+fn verdict(run: &Run) -> String {
+    let of = |wanted: ClockTrust| {
+        let kinds = trust::clocks(run).filter(|(.., trust)| *trust == wanted);
+        kinds.map(|(kind, ..)| kind.name()).join(" and ")
+    };
+    let [unsound, unknown, host] =
+        [ClockTrust::Unsound, ClockTrust::NotAudited, ClockTrust::Host].map(of);
+    if !unsound.is_empty() {
+        format!("The clock of {unsound} passes cannot be trusted: the audit found it unusable.")
+    } else if !unknown.is_empty() {
+        format!(
+            "Whether the clock of {unknown} passes can be trusted is not known: the records hold no audit of it."
+        )
+    } else if !host.is_empty() {
+        format!(
+            "The clocks can be trusted: passes of the kind {host} were timed by the host clock around each of them, less the cost \
+             of a submission, as the audit found no better clock."
+        )
+    } else {
+        "The clocks can be trusted: the audit found the clock of every kind of pass sound."
+            .to_owned()
+    }
+}
+
+fn audit(run: &Run) -> Markup {
+    html! {
+        @if !run.audit.is_empty() {
+            p.faint { "Each clock beside the host clock, for a kernel of N and of 2 N work:" }
+            div.scroll tabindex="0" role="region" aria-label="Clock audit" {
+                table {
+                    thead { tr {
+                        th scope="col" { "Clock" }
+                        th scope="col" { "Pass" }
+                        th scope="col" { "In its command buffer" }
+                        th.number scope="col" { "Clock (ms)" }
+                        th.number scope="col" { "Host (ms)" }
+                        th.number scope="col" { "Clock / host" }
+                        th.number scope="col" { "2 N / N" }
+                        th scope="col" { "Verdict" }
+                        th scope="col" { "Why" }
+                    } }
+                    tbody { @for row in &run.audit { (audit_row(row)) } }
+                }
+            }
+        }
+    }
+}
+
+fn audit_row(row: &AuditRow) -> Markup {
+    let (class, verdict) = if row.sound { ("good", "✓ sound") } else { ("bad", "✕ unusable") };
+    html! {
+        tr {
+            td { (row.clock.name()) }
+            td { (row.pass.name()) }
+            td { (row.context.name()) }
+            td.number { (three(row.clock_ns / NS_PER_MS)) }
+            td.number { (three(row.host_ns / NS_PER_MS)) }
+            td.number { (format!("{:.3}", row.ratio)) }
+            td.number { (format!("{:.2}", row.doubling)) }
+            td { span.chip.(class) { (verdict) } }
+            td { (row.reason) }
+        }
+    }
+}
+
+/// A cell's figure in per cent.
+struct StripMark {
+    value: f64,
+    ends: [f64; 2],
+    tip: String,
+}
+
+fn charts(view: &ReportView<'_>) -> Markup {
+    let frames: Vec<(&Cell, &FrameRecord)> =
+        view.timed().map(|(cell, measured)| (cell, &measured.frame)).collect();
+    let costs = frames.iter().map(|(cell, frame)| cost_mark(cell, &frame.timing_cost));
+    let widths = trust::half_widths(view);
+    let widths = widths.iter().map(|(width, cell)| share_mark(cell, *width));
+    let accounting = frames.iter().map(|(cell, frame)| share_mark(cell, frame.accounting_error));
+    html! {
+        div.grid.charts {
+            (strip("Cost of timing (% of the untimed frame)", "Cost of timing per cell", costs.collect()))
+            (strip("Half width of the 95 % interval (%)", "Half widths of the frame times' intervals per cell", widths.collect()))
+            @if has_timestamps(view) {
+                (strip("Stages + gaps against the frame (%)", "Difference of stages and gaps from the frame per cell", accounting.collect()))
+            }
+            (over_time(&trust::samples_by_time(view)))
+        }
+    }
+}
+
+/// Only timestamps measure the frame apart from its stages.
+fn has_timestamps(view: &ReportView<'_>) -> bool {
+    view.runs.iter().any(|run| run.clocks.values().contains(&Clock::Timestamp))
+}
+
+fn name(cell: &Cell) -> String {
+    format!("{} {}", cell.experiment, cell.cell)
+}
+
+fn cost_mark(cell: &Cell, cost: &Estimate) -> StripMark {
+    let in_percent = |ratio: f64| 100.0 * (ratio - 1.0);
+    let ends = cost.ends().map(in_percent);
+    let interval = cost
+        .interval
+        .map_or_else(String::new, |_| format!(" ({:+.1} to {:+.1})", ends[0], ends[1]));
+    let value = in_percent(cost.median);
+    StripMark { value, ends, tip: format!("{}: {value:+.1} %{interval}", name(cell)) }
+}
+
+fn share_mark(cell: &Cell, share: f64) -> StripMark {
+    let value = 100.0 * share;
+    StripMark { value, ends: [value; 2], tip: format!("{}: {} %", name(cell), three(value)) }
+}
+
+/// The cells' figures in order of size, one above the other; of many cells those with the largest.
+fn strip(title: &str, about: &str, marks: Vec<StripMark>) -> Markup {
+    let all = marks.len();
+    let mut marks: Vec<StripMark> =
+        marks.into_iter().filter(|mark| mark.value.is_finite()).collect();
+    let left_out = all - marks.len();
+    marks.sort_by(|a, b| b.value.total_cmp(&a.value));
+    marks.truncate(MOST_CELLS);
+    let ends = marks.iter().flat_map(|mark| mark.ends).chain(marks.iter().map(|mark| mark.value));
+    let Some(axis) = Axis::fit(ScaleKind::Linear, ends, [LEFT_PX, RIGHT_PX]) else {
+        return html! {};
+    };
+    let step = (BOTTOM_PX - TOP_PX - 8.0) / marks.len() as f64;
+    let y = |rank: usize| tenth(TOP_PX + 4.0 + (rank as f64 + 0.5) * step);
+    let px = |value: f64| axis.px_within(value);
+    let content = html! {
+        (x_axis(&axis, [TOP_PX, BOTTOM_PX], title))
+        @for (rank, mark) in marks.iter().enumerate() {
+            g.mark data-tip=(mark.tip) {
+                @if mark.ends[0] < mark.ends[1] {
+                    line.whisker x1=(px(mark.ends[0])) x2=(px(mark.ends[1])) y1=(y(rank)) y2=(y(rank)) {}
+                }
+                circle.ink cx=(px(mark.value)) cy=(y(rank)) r="2.5" { title { (mark.tip) } }
+            }
+        }
+    };
+    html! {
+        figure {
+            (chart([WIDTH_PX, HEIGHT_PX], about, &content))
+            figcaption { (counted(marks.len(), all)) (without_interval(left_out)) }
+        }
+    }
+}
+
+fn counted(shown: usize, all: usize) -> String {
+    if shown == all {
+        format!("A dot per cell, n = {all}, in order of size.")
+    } else {
+        format!(
+            "A dot per cell in order of size: {shown} of {all} cells, those with the largest values."
+        )
+    }
+}
+
+fn without_interval(cells: usize) -> String {
+    if cells == 0 { String::new() } else { format!(" {cells} cells have too few samples for it.") }
+}
+
+/// Every sample by the time when it was taken, as per cent off the median of its cell; and medians over spans of time.
+fn over_time(samples: &[TimedSample]) -> Markup {
+    let Some(last) = samples.last() else { return html! {} };
+    let off: Vec<f64> = samples.iter().map(|sample| 100.0 * (sample.relative - 1.0)).collect();
+    let low = statistics::quantile(&off, BEYOND).min(-1.0);
+    let high = statistics::quantile(&off, 1.0 - BEYOND).max(1.0);
+    let vertical = Axis::spanning(ScaleKind::Linear, [low, high], [BOTTOM_PX, TOP_PX]);
+    let across = [0.0, (last.at_s / 60.0).max(1e-3)];
+    let horizontal = Axis::spanning(ScaleKind::Linear, across, [LEFT_PX, RIGHT_PX]);
+    let (Some(vertical), Some(horizontal)) = (vertical, horizontal) else { return html! {} };
+    let beyond = off.iter().filter(|off| !(low..=high).contains(*off)).count();
+    let step = samples.len().div_ceil(MOST_SAMPLES);
+    let place = |(sample, off): (&TimedSample, &f64)| {
+        [horizontal.px_within(sample.at_s / 60.0), vertical.px_within(*off)]
+    };
+    let cloud = samples.iter().zip(&off).step_by(step).map(place);
+    let content = html! {
+        (x_axis(&horizontal, [TOP_PX, BOTTOM_PX], "Time since the first sample (min)"))
+        (y_axis(&vertical, [LEFT_PX, RIGHT_PX], "Frame time off its cell's median (%)"))
+        path.cloud d=(squares(cloud)) {}
+        @for span in spans(samples, last.at_s) {
+            circle.mark.median cx=(horizontal.px_within(span.at_s / 60.0)) cy=(vertical.px_within(span.off)) r="4"
+                data-tip=(span.tip()) { title { (span.tip()) } }
+        }
+    };
+    html! {
+        figure {
+            (chart([WIDTH_PX, HEIGHT_PX], "Frame times in the order in which they were measured", &content))
+            figcaption {
+                (samples.len().div_ceil(step)) " of " (samples.len()) " samples; large dots are medians over spans of time."
+                @if beyond > 0 { " " (beyond) " samples lie beyond the axis and are drawn at its edge." }
+            }
+        }
+    }
+}
+
+/// Squares of 2 pixels, as one path: thousands of elements would be slow.
+fn squares(places: impl Iterator<Item = [f64; 2]>) -> String {
+    places.map(|[x, y]| format!("M{} {}h2v2h-2z", tenth(x - 1.0), tenth(y - 1.0))).collect()
+}
+
+/// The samples of a span of time.
+struct Span {
+    at_s: f64,
+    /// Median, per cent off the cells' medians.
+    off: f64,
+    n: usize,
+}
+
+impl Span {
+    fn tip(&self) -> String {
+        format!("{} min: median {:+.2} %, n = {}", three(self.at_s / 60.0), self.off, self.n)
+    }
+}
+
+fn spans(samples: &[TimedSample], last_s: f64) -> Vec<Span> {
+    let index = |sample: &&TimedSample| {
+        ((sample.at_s / last_s.max(f64::MIN_POSITIVE) * SPANS as f64) as usize).min(SPANS - 1)
+    };
+    let grouped = samples.iter().chunk_by(|sample| index(sample));
+    let span = |(_, samples): (usize, _)| {
+        let samples: Vec<&TimedSample> = Iterator::collect(samples);
+        let middle = |of: fn(&TimedSample) -> f64| {
+            statistics::median(&samples.iter().map(|sample| of(sample)).collect_vec())
+        };
+        Span {
+            at_s: middle(|sample| sample.at_s),
+            off: 100.0 * (middle(|sample| sample.relative) - 1.0),
+            n: samples.len(),
+        }
+    };
+    grouped.into_iter().map(span).collect()
+}
+
+fn facts(view: &ReportView<'_>, run: &Run) -> Markup {
+    let costs = run.submit_cost_ns.iter();
+    let costs = costs.map(|(kind, ns)| submission(*kind, *ns)).join(", ");
+    html! {
+        ul.facts {
+            @if view.timed().next().is_some() {
+                li { (timing_cost(&trust::timing_cost(view))) }
+                li { (precision(view)) }
+                li { (accounting(view)) }
+            }
+            @if let Some(drift) = trust::drift(view) { li { (drift_words(&drift)) } }
+            li { (rejected(view)) }
+            @if !costs.is_empty() { li { "Cost of a submission as the audit measured it: " (costs) "." } }
+            @if let Some(set_up) = set_up(view) { li { (set_up) } }
+            @if let Some(bytes) = view.ends.iter().filter_map(|end| end.peak_memory_bytes).max() {
+                li { "Peak memory of the process: " (mebibytes(bytes)) "." }
+            }
+            @if view.ends.last().is_none_or(|end| end.interrupted) { li { "The run ended early: this is what was measured until then." } }
+            @for note in &run.notes { li { "Note: " (note.text) "." } }
+        }
+    }
+}
+
+fn submission(kind: PassKind, ns: f64) -> String {
+    format!("{} {} ms", kind.name(), three(ns / NS_PER_MS))
+}
+
+fn timing_cost(cost: &Estimate) -> String {
+    let [low, high] = cost.ends().map(|ratio| percent(ratio - 1.0));
+    format!(
+        "Cost of timing over all cells: {} ({low} – {high}) of the untimed frame, n = {} pairs of frames in alternation.",
+        percent(cost.median - 1.0),
+        cost.n
+    )
+}
+
+fn precision(view: &ReportView<'_>) -> String {
+    let widths = trust::half_widths(view).into_iter().map(|(width, _)| width).collect_vec();
+    let fewest = view.timed().map(|(_, measured)| measured.frame.untimed.n).min().unwrap_or(0);
+    format!(
+        "Half width of the frame times' 95 % intervals: {} in the median cell; the fewest samples of a cell are {fewest}.",
+        percent(statistics::median(&widths))
+    )
+}
+
+fn accounting(view: &ReportView<'_>) -> String {
+    if !has_timestamps(view) {
+        return "Stages + gaps against the frame: each pass was submitted and timed alone and the frame is their sum, so the two \
+                cannot differ here."
+            .to_owned();
+    }
+    let errors = view.timed().map(|(_, measured)| measured.frame.accounting_error).collect_vec();
+    let worst = errors.iter().copied().fold(0.0, f64::max);
+    format!(
+        "Stages + gaps against the frame: {} off in the median cell, {} at worst.",
+        percent(statistics::median(&errors)),
+        percent(worst)
+    )
+}
+
+fn drift_words(drift: &Estimate) -> String {
+    let in_percent = |slope: f64| format!("{:+.3}", 100.0 * slope);
+    let interval = drift.interval.map_or_else(String::new, |interval| {
+        format!(" ({} to {})", in_percent(interval.low), in_percent(interval.high))
+    });
+    format!(
+        "Drift of frame times while a cell was measured: {} % per minute{interval}, n = {} samples. Median slope over all pairs of samples \
+         of the same cell (Hirsch, Slack & Smith 1982), 95 % interval for independent samples (Gilbert 1987, section 17.4).",
+        in_percent(drift.median),
+        drift.n
+    )
+}
+
+/// How many timed frames were not used, by reason.
+fn rejected(view: &ReportView<'_>) -> String {
+    let rejected = view.measured().flat_map(|(_, measured)| &measured.rejected);
+    let mut reasons: Vec<(&Rejection, u32)> = Vec::new();
+    for found in rejected.sorted_by(|a, b| a.rejection.cmp(&b.rejection)) {
+        match reasons.last_mut() {
+            Some((reason, frames)) if *reason == &found.rejection => *frames += found.frames,
+            _ => reasons.push((&found.rejection, found.frames)),
+        }
+    }
+    if reasons.is_empty() {
+        return "Frames rejected: none.".to_owned();
+    }
+    let words = reasons.iter().map(|(reason, frames)| format!("{frames} ({reason})")).join(", ");
+    format!("Frames rejected: {words}.")
+}
+
+fn set_up(view: &ReportView<'_>) -> Option<String> {
+    let wall_s: f64 = view.ends.iter().map(|end| end.measuring_wall_s).sum();
+    let set_up_s: f64 = view.ends.iter().map(|end| end.set_up_s).sum();
+    view.ends.last()?;
+    let parts = trust::set_up_parts(view).into_iter();
+    let parts = parts.map(|(part, s)| format!("{} {} s", part.name(), three(s))).join(", ");
+    let parts = if parts.is_empty() { parts } else { format!(": {parts}") };
+    Some(format!("Measuring took {} s, set-up {} s{parts}.", three(wall_s), three(set_up_s)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::record::{FaultKind, Profile, Record, RejectedFrames};
+    use crate::report::fixtures;
+
+    fn written(records: &[Record]) -> String {
+        let view = ReportView::new(records, None);
+        let page = Page::new(vec![PageRun { label: "one".into(), view: &view }], Vec::new());
+        write(&page).map_or_else(String::new, Markup::into_string)
+    }
+
+    #[test]
+    fn the_first_sentence_says_whether_the_clocks_can_be_trusted() {
+        let mut run = fixtures::header(Profile::Quick);
+        assert!(verdict(&run).starts_with("The clocks can be trusted: passes of the kind compute"));
+        run.clocks.insert(PassKind::Compute, Clock::Timestamp);
+        assert!(verdict(&run).starts_with("The clock of compute passes cannot be trusted"));
+        run.audit.clear();
+        assert!(verdict(&run).contains("compute and render passes can be trusted is not known"));
+    }
+
+    #[test]
+    fn the_section_holds_audit_charts_and_facts() {
+        let text = written(&fixtures::run());
+        for expected in [
+            "✕ unusable",
+            "begins late",
+            "Cost of timing (% of the untimed frame)",
+            "Stages + gaps against the frame (%)",
+            "Time since the first sample (min)",
+            "% per minute (",
+            "Frames rejected: none",
+            "set-up 21.0 s: pipelines 20.0 s, audit 1.00 s",
+        ] {
+            assert!(text.contains(expected), "{expected}");
+        }
+    }
+
+    #[test]
+    fn many_samples_are_thinned_and_said_to_be() {
+        let sample =
+            |i: usize| TimedSample { at_s: i as f64, relative: 1.0 + (i % 7) as f64 / 100.0 };
+        let samples: Vec<TimedSample> = (0..10_000).map(sample).collect();
+        let text = over_time(&samples).into_string();
+        assert_eq!(text.matches("h2v2h-2z").count(), 2_000);
+        assert!(text.contains("2000 of 10000 samples"), "{text}");
+        assert_eq!(text.matches("class=\"mark median\"").count(), SPANS);
+    }
+
+    #[test]
+    fn strips_are_cut_at_the_largest_and_say_so() {
+        let cell = fixtures::run().into_iter().find_map(|record| match record {
+            Record::Cell(cell) => Some(cell),
+            _ => None,
+        });
+        let cell = cell.unwrap();
+        let marks = (0..400).map(|i| share_mark(&cell, f64::from(i) / 100.0));
+        let text = strip("x (%)", "x", marks.collect()).into_string();
+        assert_eq!(text.matches("<circle").count(), MOST_CELLS);
+        assert!(text.contains("160 of 400 cells") && text.contains(": 399 %"), "{text}");
+    }
+
+    #[test]
+    fn rejected_frames_are_added_up_by_reason() {
+        let mut records = fixtures::run();
+        let cells = records.iter_mut().filter_map(|record| match record {
+            Record::Cell(cell) => cell.measured_mut(),
+            _ => None,
+        });
+        for measured in cells.take(3) {
+            let of = |fault: FaultKind| RejectedFrames { rejection: fault.into(), frames: 2 };
+            measured.rejected = vec![of(FaultKind::Stale), of(FaultKind::Zero)];
+        }
+        let text = written(&records);
+        assert!(
+            text.contains("Frames rejected: 6 (zero duration), 6 (stale timestamps)."),
+            "{text}"
+        );
+    }
+}
