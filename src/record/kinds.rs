@@ -122,6 +122,7 @@ impl Note {
     }
 }
 
+/// What a note is about.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum NoteKind {
@@ -155,6 +156,7 @@ pub struct Picture {
     pub shows: PictureKind,
 }
 
+/// What a picture shows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum PictureKind {
