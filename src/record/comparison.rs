@@ -28,6 +28,7 @@ pub const THRESHOLD: f64 = 0.02;
 /// Counts repeat to 0.1 %; half a per cent is plain.
 pub const INSTRUCTION_THRESHOLD: f64 = 0.005;
 
+/// One of the two builds that are compared.
 #[derive(
     Clone,
     Copy,
@@ -54,6 +55,7 @@ impl Side {
     pub const BOTH: [Self; 2] = [Self::Base, Self::Head];
 }
 
+/// A part of a comparison: of exact figures, of instruction counts, of times.
 #[derive(
     Clone,
     Copy,

@@ -24,7 +24,6 @@ pub struct SampleLine {
     #[schemars(extend("const" = SAMPLES_SCHEMA))]
     pub schema: u32,
     /// Digest of the cell and its conditions: build, adapter, profile, shader checks and resume key.
-    #[schemars(regex(pattern = "^[0-9a-f]{24}$"))]
     pub id: String,
     /// The experiment, for readers: the id says all.
     pub experiment: String,
@@ -69,6 +68,7 @@ pub struct Addition {
     /// The frame time still fell when warm-up was given up.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub unsteady: bool,
+    /// The frames of this visit, where they were used.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub pair: Option<FramePair>,
     /// Why the frames of this visit were not used.
@@ -83,6 +83,7 @@ pub struct FramePair {
     pub round: u32,
     /// When it was sampled, seconds of Unix time.
     pub sampled_at_s: f64,
+    /// The adapter at that moment, where its driver tells.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub machine: Option<MachineState>,
     /// In frame order.

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use assert_cmd::prelude::*;
-use fathom::record::comparison::{Compared, ComparisonHeader};
+use fathom::record::comparison::Compared;
 use fathom::record::schema::LineKind;
 use fathom::record::{
     Cell, Clock, Estimate, FrameRecord, Measured, Outcome, Record, Run, SCHEMA, StageRecord, Work,
@@ -78,7 +78,7 @@ fn run() -> tempfile::TempDir {
 
 fn comparison() -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
-    write(folder.path(), &[Compared::Header(Box::new(ComparisonHeader::default())).into()]);
+    write(folder.path(), &[Compared::Header(Box::default()).into()]);
     folder
 }
 
@@ -156,7 +156,7 @@ fn what_cannot_be_exported_is_one_clear_line() {
     let cases: [(&[&str], &str); 11] = [
         (&["csv", "no/such/folder"], "no/such/folder/records.jsonl"),
         (&["csv", empty], no_records),
-        (&["cvs", run], "unknown format `cvs`; did you mean `csv`?"),
+        (&["bencherr", run], "unknown format `bencherr`; did you mean `bencher`?"),
         (
             &["csv", comparison],
             "holds a comparison, which cannot be written as `csv`, only as text",

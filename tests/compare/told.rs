@@ -18,7 +18,7 @@ use fathom::record::{Adapter, Work};
 use itertools::Itertools;
 use predicates::str::contains;
 
-use super::common::{fathom, refused};
+use super::common::{fathom, follow_the_schema, refused};
 
 const LAUNCHES: u32 = 10;
 const PAIRS: u32 = 2;
@@ -210,6 +210,7 @@ impl Stored {
     fn write(self, folder: &Path) -> PathBuf {
         let mut held = Taken::free(folder).unwrap().open(FolderKind::Comparison).unwrap();
         store::write(&mut held, self.lines()).unwrap();
+        follow_the_schema(&held.output.records());
         held.output.records()
     }
 }
