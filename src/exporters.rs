@@ -3,6 +3,7 @@
 
 use std::path::{Path, PathBuf};
 
+use indexmap::IndexMap;
 use itertools::Itertools;
 use thiserror::Error;
 
@@ -10,7 +11,8 @@ use crate::compare::store::{StoreError, StoredComparison, holds_comparison};
 use crate::compare::tables::{self, Format};
 use crate::compare::verdict::Verdicts;
 use crate::harness::output::RECORDS;
-use crate::record::{Reading, Record};
+use crate::record::{self, Reading, Record};
+use crate::report::page::{self, ComparisonOnPage, LeftOut, Page};
 use crate::report::{self, Artifact, ReportError, ReportView};
 
 /// Exporters of runs, in the order in which their files are written.
@@ -18,8 +20,14 @@ const OF_RUNS: [report::Exporter; 4] =
     [report::PLOTS, report::CELLS_CSV, report::PAGE, report::SUMMARY];
 
 /// Formats of comparisons, in the order in which their files are written.
-pub const OF_COMPARISONS: [Format; 5] =
-    [tables::TERMINAL, tables::MARKDOWN, tables::JUNIT, tables::BENCHER, tables::BENCHMARK];
+pub const OF_COMPARISONS: [Format; 6] = [
+    tables::TERMINAL,
+    tables::MARKDOWN,
+    tables::PAGE,
+    tables::JUNIT,
+    tables::BENCHER,
+    tables::BENCHMARK,
+];
 
 #[derive(Debug, Error)]
 pub enum ExportError {
@@ -54,6 +62,75 @@ pub fn write(folder: &Path, reading: Reading) -> Result<Vec<PathBuf>, ExportErro
         return put(folder, of_comparison(&Verdicts::of(&comparison)));
     }
     put(folder, of_run(&reading.records, Some(folder))?)
+}
+
+/// What a folder gives to a page.
+enum Content {
+    Run { folder: PathBuf, records: Vec<Record> },
+    Comparison(ComparisonOnPage),
+}
+
+/// One page of several folders of runs and comparisons. What cannot be read is left out and listed. Where nothing can be read
+/// the first folder's error is returned.
+pub fn page_of(folders: &[PathBuf]) -> Result<Artifact, ExportError> {
+    let (mut contents, mut left_out, mut errors) = (Vec::new(), Vec::new(), Vec::new());
+    for folder in folders {
+        match content(folder, &mut left_out) {
+            Ok(content) => contents.push(content),
+            Err(error) => {
+                left_out.push(LeftOut::new(folder.display(), &error));
+                errors.push(error);
+            }
+        }
+    }
+    if contents.is_empty() {
+        return Err(errors.swap_remove(0));
+    }
+    Ok(page(contents, left_out))
+}
+
+fn content(folder: &Path, left_out: &mut Vec<LeftOut>) -> Result<Content, ExportError> {
+    let path = folder.join(RECORDS);
+    let reading = record::read_good(&path).map_err(StoreError::from)?;
+    left_out.extend(unread(&path, &reading));
+    if holds_comparison(&reading.records) {
+        let comparison = StoredComparison::of(reading, &path)?;
+        return Ok(Content::Comparison(tables::on_page(&Verdicts::of(&comparison))));
+    }
+    Ok(Content::Run { folder: folder.to_owned(), records: reading.records })
+}
+
+/// The lines of a file that could not be read, those of one reason together.
+fn unread(path: &Path, reading: &Reading) -> Vec<LeftOut> {
+    let mut by_reason = IndexMap::<&str, Vec<usize>>::new();
+    for damage in &reading.damaged {
+        by_reason.entry(&damage.reason).or_default().push(damage.line);
+    }
+    let path = path.display();
+    let told = by_reason.into_iter().map(|(reason, lines)| match lines.as_slice() {
+        [line] => LeftOut::new(format_args!("{path}, line {line}"), reason),
+        [first, .., last] => {
+            let lines = format_args!("{path}, {} lines from {first} to {last}", lines.len());
+            LeftOut::new(lines, reason)
+        }
+        [] => unreachable!("a reason comes with its line"),
+    });
+    told.collect()
+}
+
+fn page(contents: Vec<Content>, left_out: Vec<LeftOut>) -> Artifact {
+    let (mut runs, mut comparisons) = (Vec::new(), Vec::new());
+    for content in contents {
+        match content {
+            Content::Run { folder, records } => runs.push((folder, records)),
+            Content::Comparison(comparison) => comparisons.push(comparison),
+        }
+    }
+    let views: Vec<(&Path, ReportView<'_>)> = runs
+        .iter()
+        .map(|(folder, records)| (folder.as_path(), ReportView::new(records, Some(folder))))
+        .collect();
+    Page { comparisons, left_out, ..Page::new(page::labelled(&views)) }.file()
 }
 
 /// Writes files into a folder, and gives their paths.

@@ -26,7 +26,7 @@
 //!
 //! Dependency rule (kept by `tests/dependency_rule.rs`):
 //! `main → cli → exporters → compare → report, harness → experiments → pipelines → stages → scene, gpu`;
-//! `embedded`, `text`, `input`, `quiet` and `statistics` import nothing, `tell` and `parameter` only `text`, `record` only these leaves,
+//! `embedded`, `text`, `input`, `quiet`, `statistics` and `words` import nothing, `tell` and `parameter` only `text`, `record` only these leaves,
 //! `reference` only `scene`; neither `report` nor `harness` imports the other, and `report` never imports `gpu`; a stage never imports
 //! a sibling stage.
 //!
@@ -54,5 +54,6 @@ pub mod stages;
 pub mod statistics;
 pub mod tell;
 pub mod text;
+pub mod words;
 
 pub use harness::catalog::Catalog;

@@ -25,12 +25,15 @@ pub use crate::quiet::Conditions;
 pub use crate::statistics::{Estimate, Interval};
 pub use comparison::Compared;
 pub use error_figure::ErrorFigure;
-pub use file::{Writer, empty_or_sound, finished, read, read_some, resume_key};
+pub use file::{Writer, empty_or_sound, finished, read, read_good, resume_key};
 pub use kinds::{
     FaultKind, MachineState, Note, NoteKind, Picture, PictureKind, Profile, RejectedFrames,
     Rejection, SetUp, ShaderChecks, Surrounding,
 };
-pub use lines::{Damage, Line, LineWriter, Opened, Reading, RecordError, kept_aside, read_lines};
+pub use lines::{
+    Damage, Line, LineWriter, Opened, Reading, RecordError, kept_aside, read_lines,
+    read_lines_of_this_format,
+};
 pub use lock::{FolderLock, LOCK, LockError};
 pub use samples::{Addition, Clocks, FramePair, SAMPLES_SCHEMA, SampleLine, StageTime};
 

@@ -410,9 +410,29 @@ fn query_target(args: &QueryArgs) -> anyhow::Result<(String, Box<dyn std::io::Wr
     Ok((name, Box::new(file)))
 }
 
-pub fn report(folder: PathBuf) -> Outcome {
-    let output = OutputFolder { folder };
-    let reading = record::read_some(&output.records())
+/// Of one folder all its files, beside its records. Of several, or into another folder, one page.
+pub fn report(folders: Vec<PathBuf>, out: Option<PathBuf>) -> Outcome {
+    let paths = match (folders.as_slice(), out) {
+        ([folder], None) => report_of(folder)?,
+        (_, Some(out)) => {
+            let page = exporters::page_of(&folders)?;
+            std::fs::create_dir_all(&out)
+                .with_context(|| format!("cannot make {}", out.display()))?;
+            exporters::put(&out, vec![page])?
+        }
+        (_, None) => {
+            anyhow::bail!("several folders give one page: say with --out where to write it")
+        }
+    };
+    for path in paths {
+        tell::done(path.display());
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+fn report_of(folder: &Path) -> anyhow::Result<Vec<PathBuf>> {
+    let output = OutputFolder { folder: folder.to_owned() };
+    let reading = record::read_good(&output.records())
         .with_context(|| format!("a run's folder holds its records in {RECORDS}"))?;
     for damage in &reading.damaged {
         tell::note(format!("{}, {damage}: left out", output.records().display()));
@@ -426,10 +446,7 @@ pub fn report(folder: PathBuf) -> Outcome {
         );
         progress::say(&notice, false);
     }
-    for path in exporters::write(&output.folder, reading)? {
-        tell::done(path.display());
-    }
-    Ok(ExitCode::SUCCESS)
+    Ok(exporters::write(&output.folder, reading)?)
 }
 
 pub fn bench(catalog: &Catalog, filter: Option<String>, adapter: &AdapterArgs) -> Outcome {

@@ -40,7 +40,7 @@ pub fn main(catalog: &Catalog) -> ExitCode {
         Command::Render(args) => commands::render(catalog, args),
         Command::Dump(args) => commands::dump(catalog, args),
         Command::Query(args) => commands::query(catalog, args),
-        Command::Report { folder } => commands::report(folder),
+        Command::Report { folders, out } => commands::report(folders, out),
         Command::Compare(args) => compare::compare(catalog, *args),
         Command::Bench { filter, adapter } => commands::bench(catalog, filter, &adapter),
         Command::Worker(args) => commands::worker(catalog, args),
@@ -93,10 +93,14 @@ pub enum Command {
     Dump(DumpArgs),
     /// Answer at given points
     Query(QueryArgs),
-    /// Write the reports of a run again, from its records alone
+    /// Write the reports of a run or a comparison again, from its records alone; or one page of several
     Report {
-        /// Folder of a run
-        folder: PathBuf,
+        /// Folders of runs and comparisons
+        #[arg(required = true, value_name = "DIR")]
+        folders: Vec<PathBuf>,
+        /// Write only the page, into this folder
+        #[arg(long, value_name = "DIR")]
+        out: Option<PathBuf>,
     },
     /// Hold two builds against each other: has a stage become slower, costlier or less accurate?
     #[command(

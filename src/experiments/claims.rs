@@ -21,13 +21,14 @@ mod fits;
 use indexmap::IndexMap;
 use strum::Display;
 
-use self::comparison::{Comparison, Judged};
+use self::comparison::{Comparison, Judgement};
 use super::expand::label_text;
 use super::measure::{self, Measure, Reading};
 use super::schema::{Claim, Experiment, Test};
 use crate::record::Cell;
-use crate::statistics::{self, Interval};
+use crate::statistics;
 
+pub use comparison::RuledFigure;
 pub use fits::{Scaling, scaling};
 
 /// Most looks at the samples of a cell: five sizes, each twice the one before, and the end of the time.
@@ -62,20 +63,8 @@ pub struct Ruling {
     pub reason: String,
     /// The fewest samples of a figure. None where all are exact or there is none.
     pub n: Option<usize>,
-    /// The comparison that decided, where there was one.
-    pub deciding: Option<Deciding>,
-}
-
-/// A figure and the band that it was held against. Of several with the claim's verdict it is the one farthest outside its
-/// band, or else the one nearest to a bound.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Deciding {
-    pub name: String,
-    pub value: f64,
-    /// None where there are too few samples; of an exact figure no wider than it.
-    pub interval: Option<Interval>,
-    /// One end or both may be infinite.
-    pub band: Interval,
+    /// The figures that decided, the furthest outside its band or the nearest to its bound first. Empty where it was not run.
+    pub deciding: Vec<RuledFigure>,
 }
 
 /// Comparisons that a test asks for, or why it cannot be run.
@@ -130,17 +119,13 @@ fn rule(claim: &Claim, cells: &[&Cell], software: bool) -> Ruling {
     }
     let n = comparisons.iter().filter_map(Comparison::n).min();
     let judged = comparison::judge(&comparisons);
-    let (id, text) = (claim.id.clone(), claim.text.clone());
-    match judged {
-        Some(found) if not_run.is_empty() || found.verdict < Verdict::NotRun => {
-            let Judged { verdict, reason, deciding } = found;
-            Ruling { id, text, verdict, reason, n, deciding: Some(deciding) }
-        }
+    let Judgement { verdict, reason, deciding } = match judged {
+        Some(found) if not_run.is_empty() || found.verdict < Verdict::NotRun => found,
         _ => {
-            let reason = not_run.join("; ");
-            Ruling { id, text, verdict: Verdict::NotRun, reason, n, deciding: None }
+            Judgement { verdict: Verdict::NotRun, reason: not_run.join("; "), deciding: Vec::new() }
         }
-    }
+    };
+    Ruling { id: claim.id.clone(), text: claim.text.clone(), verdict, reason, n, deciding }
 }
 
 /// The comparisons of each group of cells that differ in the claim's axis only.

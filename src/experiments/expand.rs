@@ -138,6 +138,12 @@ impl AxisValue {
     }
 }
 
+/// Whether a value of an axis sets a name or a choice in place of a number.
+pub(super) fn sets_a_name(value: &Value) -> bool {
+    let is_name = |value: &Value| value.is_string() || value.is_boolean();
+    AxisValue::parse("", value).is_ok_and(|value| value.set.iter().any(|(_, value)| is_name(value)))
+}
+
 /// What names and values take in memory, about.
 fn entry_bytes(entries: &[(String, Value)]) -> u64 {
     let text = |value: &Value| match value {

@@ -28,6 +28,7 @@ use serde_json::Value;
 
 use crate::record::{Cell, Estimate, Interval, Measured, StageRecord, Work};
 use crate::statistics;
+use crate::words::{self, Label, Unit};
 
 /// A product of terms over another.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -222,6 +223,7 @@ fn stage_name(text: &str) -> StageName {
 }
 
 impl fmt::Display for Measure {
+    /// In words, without a unit: `ao/march time per samples per pixel, mean`.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let factors = [(" × ", &self.terms), (" per ", &self.per)];
         let terms =
@@ -230,18 +232,7 @@ impl fmt::Display for Measure {
             if index > 0 {
                 f.write_str(sign)?;
             }
-            match term {
-                Term::Stages(names) => match names.as_slice() {
-                    [family @ StageName::Family(_)] => write!(f, "all {family} stages")?,
-                    names => write!(f, "{} time", joined(names, " or "))?,
-                },
-                Term::Frame => f.write_str("frame time")?,
-                Term::Fps => f.write_str("frames per second")?,
-                Term::Work(stage, count) => write!(f, "{} of {stage}", count.replace('_', " "))?,
-                Term::Counter(stage, count) => write!(f, "{} of {stage}", count.replace('_', " "))?,
-                Term::Param(name) | Term::Axis(name) | Term::Quantity(name) => f.write_str(name)?,
-                Term::AllocatedBytes => f.write_str("allocated bytes")?,
-            }
+            f.write_str(&term.label().words)?;
         }
         Ok(())
     }
@@ -258,6 +249,16 @@ impl Measure {
     /// Frame time without per-stage timing.
     pub fn frame() -> Measure {
         Measure { terms: vec![Term::Frame], per: Vec::new() }
+    }
+
+    /// In words, and what its values are shown in.
+    pub fn label(&self) -> Label {
+        let unit = match self.only() {
+            Some(term) => term.label().unit,
+            None if self.is_time() => Unit::Milliseconds,
+            None => Unit::One,
+        };
+        Label::new(self.to_string(), unit)
     }
 
     fn all(&self) -> impl Iterator<Item = &Term> {
@@ -344,6 +345,27 @@ fn joined(names: &[StageName], by: &str) -> String {
 }
 
 impl Term {
+    fn label(&self) -> Label {
+        let count = |count: &str, stage: &StageName| {
+            Label::new(format!("{} of {stage}", count.replace('_', " ")), Unit::One)
+        };
+        match self {
+            Term::Stages(names) => match names.as_slice() {
+                [family @ StageName::Family(_)] => {
+                    Label::new(format!("all {family} stages"), Unit::Milliseconds)
+                }
+                names => Label::new(format!("{} time", joined(names, " or ")), Unit::Milliseconds),
+            },
+            Term::Frame => Label::new("frame time", Unit::Milliseconds),
+            Term::Fps => Label::new("frame rate", Unit::FramesPerSecond),
+            Term::Work(stage, name) => count(name, stage),
+            Term::Counter(stage, name) => count(name, stage),
+            Term::Param(name) | Term::Axis(name) => words::parameter(name),
+            Term::Quantity(name) => words::figure(name),
+            Term::AllocatedBytes => Label::new("memory allocated", Unit::Mebibytes),
+        }
+    }
+
     fn read(&self, cell: &Cell, measured: &Measured) -> Option<Reading> {
         let frame = &measured.frame;
         match self {

@@ -16,7 +16,7 @@ use crate::input;
 use crate::text::{did_you_mean, line, nearest};
 
 pub use claims::{
-    CHANCE, Deciding, LOOKS, Ruling, Scaling, Verdict, groups, least_samples, scaling,
+    CHANCE, LOOKS, RuledFigure, Ruling, Scaling, Verdict, groups, least_samples, scaling,
 };
 pub use expand::{
     CellPlan, MAX_CELLS, MAX_PLAN_BYTES, ReferencePlan, RepetitionPlan, flatten, label_text,

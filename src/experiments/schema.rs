@@ -362,6 +362,11 @@ impl Experiment {
         claims.chain(plots).collect()
     }
 
+    /// Whether the values of an axis have no order: some of them sets a name, such as a scene or a method.
+    pub fn is_category(&self, axis: &str) -> bool {
+        self.axes().any(|one| one.name == axis && one.is_category())
+    }
+
     /// All axes of all sweeps; a name may come more than once.
     pub fn axes(&self) -> impl Iterator<Item = &Axis> {
         self.sweep.iter().flat_map(|sweep| &sweep.axis)
@@ -369,6 +374,11 @@ impl Experiment {
 }
 
 impl Axis {
+    fn is_category(&self) -> bool {
+        let lists = [&self.values, &self.quick, &self.paper].into_iter().flatten();
+        lists.flatten().any(super::expand::sets_a_name)
+    }
+
     fn check(&self) -> Result<(), String> {
         let (name, lists) = (&self.name, [&self.values, &self.quick, &self.paper]);
         if !matches!(lists, [Some(_), None, None] | [None, Some(_), Some(_)]) {

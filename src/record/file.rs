@@ -5,7 +5,7 @@ use std::path::Path;
 
 use serde_json::Value;
 
-use super::lines::{Line, LineWriter, Reading, RecordError, read_lines};
+use super::lines::{Line, LineWriter, Reading, RecordError, read_lines, read_lines_of_this_format};
 use super::{Cell, Outcome, Record, Run, SCHEMA};
 use crate::text;
 
@@ -56,9 +56,10 @@ pub fn read(path: &Path) -> Result<Reading, RecordError> {
     read_lines(path)
 }
 
-/// As [`read`]; a file without any sound record is an error that names its damage.
-pub fn read_some(path: &Path) -> Result<Reading, RecordError> {
-    let read = read_lines(path)?;
+/// As [`read`]; lines in another format are left out like damaged ones. A file without any sound record is an error that names
+/// its damage.
+pub fn read_good(path: &Path) -> Result<Reading, RecordError> {
+    let read = read_lines_of_this_format(path)?;
     some_sound(path, &read)?;
     Ok(read)
 }

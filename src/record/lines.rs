@@ -125,7 +125,7 @@ impl<T: Line> LineWriter<T> {
             Err(error) if error.kind() == ErrorKind::NotFound => Vec::new(),
             read => read.map_err(io("read", path))?,
         };
-        let sorted = sort::<T>(path, &bytes)?;
+        let sorted = sort::<T>(path, &bytes, OtherFormat::IsAnError)?;
         check(&sorted.read)?;
         let aside = if sorted.read.damaged.is_empty() {
             None
@@ -280,7 +280,21 @@ pub struct Reading<T = Record> {
 /// and left out; a line in another format is an error.
 pub fn read_lines<T: Line>(path: &Path) -> Result<Reading<T>, RecordError> {
     let bytes = input::bytes(path, MAX_FILE).map_err(io("read", path))?;
-    Ok(sort(path, &bytes)?.read)
+    Ok(sort(path, &bytes, OtherFormat::IsAnError)?.read)
+}
+
+/// The same, but lines in another format, and those that belong to a header in another format, are listed with the damaged
+/// ones.
+pub fn read_lines_of_this_format<T: Line>(path: &Path) -> Result<Reading<T>, RecordError> {
+    let bytes = input::bytes(path, MAX_FILE).map_err(io("read", path))?;
+    Ok(sort(path, &bytes, OtherFormat::IsLeftOut)?.read)
+}
+
+/// What becomes of a line that says it is in another format than this build reads.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum OtherFormat {
+    IsAnError,
+    IsLeftOut,
 }
 
 /// A file's lines, and where the sound ones lie in it, without their ends.
@@ -297,7 +311,7 @@ impl<T> Sorted<T> {
     }
 }
 
-fn sort<T: Line>(path: &Path, bytes: &[u8]) -> Result<Sorted<T>, RecordError> {
+fn sort<T: Line>(path: &Path, bytes: &[u8], other: OtherFormat) -> Result<Sorted<T>, RecordError> {
     let read = Reading { records: Vec::new(), damaged: Vec::new() };
     let mut sorted = Sorted { read, sound: Vec::new() };
     let mut headers = Headers::default();
@@ -308,11 +322,16 @@ fn sort<T: Line>(path: &Path, bytes: &[u8]) -> Result<Sorted<T>, RecordError> {
         if line.iter().all(u8::is_ascii_whitespace) {
             continue;
         }
-        let (name, reads) = (T::NAME, T::SCHEMA);
-        let other_format =
-            |found| RecordError::Schema { path: path.to_owned(), line: number, name, found, reads };
-        let reason = match parse::<T>(line).map_err(other_format)? {
-            Ok(parsed) => match headers.orphaned(&parsed) {
+        let reason = match parse::<T>(line) {
+            Err(found) if other == OtherFormat::IsAnError => {
+                let (path, name, reads) = (path.to_owned(), T::NAME, T::SCHEMA);
+                return Err(RecordError::Schema { path, line: number, name, found, reads });
+            }
+            Err(found) => {
+                headers.lost = Some(number);
+                format!("{} format {found}, but this build reads format {}", T::NAME, T::SCHEMA)
+            }
+            Ok(Ok(parsed)) => match headers.orphaned(&parsed) {
                 None => {
                     sorted.read.records.push(parsed);
                     let length = line.strip_suffix(b"\n").unwrap_or(line).len();
@@ -320,10 +339,10 @@ fn sort<T: Line>(path: &Path, bytes: &[u8]) -> Result<Sorted<T>, RecordError> {
                     continue;
                 }
                 Some(lost) => {
-                    format!("it belongs to a run whose header, line {lost}, may be damaged")
+                    format!("it belongs to a run whose header, line {lost}, could not be read")
                 }
             },
-            Err(reason) => {
+            Ok(Err(reason)) => {
                 headers.damaged::<T>(number, line);
                 if line.ends_with(b"\n") {
                     reason

@@ -133,7 +133,7 @@ fn cells_after_a_header_that_may_be_lost_are_given_to_no_other_run() {
         let told: Vec<String> = reading.damaged.iter().map(ToString::to_string).collect();
         assert_eq!(told.len(), 2, "{told:?}");
         assert!(told[0].starts_with("line 3: not JSON"), "{told:?}");
-        let expected = "line 4: it belongs to a run whose header, line 3, may be damaged";
+        let expected = "line 4: it belongs to a run whose header, line 3, could not be read";
         assert_eq!(told[1], expected);
     }
     // A torn cell was no header.

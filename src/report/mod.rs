@@ -4,6 +4,7 @@
 
 mod cells_csv;
 pub mod colors;
+pub mod facts;
 pub mod format;
 pub mod page;
 mod plots;

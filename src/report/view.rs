@@ -6,11 +6,12 @@ use std::collections::HashMap;
 use std::collections::hash_map::Entry::{Occupied, Vacant};
 use std::path::Path;
 
+use itertools::Itertools;
 use serde_json::Value;
 
 use super::colors::StageColors;
 use super::plots::Figure;
-use crate::experiments::{self, Experiment, Ruling, label_text};
+use crate::experiments::{self, CellPlan, Experiment, Ruling, label_text};
 use crate::record::{Cell, End, Measured, Picture, Profile, Record, Run};
 
 #[derive(Default)]
@@ -40,6 +41,8 @@ pub struct Section<'a> {
     pub entries: Vec<Entry<'a>>,
     /// Its pictures and their cells, by path.
     pub pictures: Vec<(&'a Cell, &'a Picture)>,
+    /// How many parameters the plan sets in each of its cells.
+    settings: HashMap<String, usize>,
     rulings: OnceCell<Vec<Ruling>>,
     figure: OnceCell<Figure>,
 }
@@ -134,12 +137,13 @@ impl<'a> Section<'a> {
                 self.problem = Some("its definition is not among the records".to_owned());
             }
         }
-        let planned: Vec<String> = self
+        let plans = self
             .experiment
             .as_ref()
             .and_then(|experiment| experiment.cells(profile?, &[], &[]).ok())
-            .map(|cells| cells.into_iter().map(|plan| plan.cell).collect())
             .unwrap_or_default();
+        self.settings = plans.iter().map(|plan| (plan.cell.clone(), settings(plan))).collect();
+        let planned: Vec<String> = plans.into_iter().map(|plan| plan.cell).collect();
         let ranks = planned.iter().enumerate().rev();
         let ranks: HashMap<&str, usize> = ranks.map(|(rank, name)| (name.as_str(), rank)).collect();
         let rank = |cell: &Cell| ranks.get(cell.cell.as_str()).copied();
@@ -173,6 +177,11 @@ impl<'a> Section<'a> {
         self.measured().filter(|(_, measured)| measured.is_timed())
     }
 
+    /// How many parameters the plan sets in a cell; none where the plan does not have it.
+    pub fn settings(&self, cell: &Cell) -> Option<usize> {
+        self.settings.get(&cell.cell).copied()
+    }
+
     /// Some of its cells were measured on a software driver.
     pub fn software(&self) -> bool {
         self.entries.iter().any(|entry| entry.run.is_none_or(|run| run.adapter.software))
@@ -195,6 +204,11 @@ impl<'a> Section<'a> {
     pub fn title(&self) -> &str {
         self.experiment.as_ref().map_or(self.id, |experiment| experiment.title.as_str())
     }
+}
+
+/// Parameters that a plan sets.
+fn settings(plan: &CellPlan) -> usize {
+    plan.overrides.iter().map(|(path, _)| path).unique().count()
 }
 
 /// Axis by axis: numbers by size, everything else by its text.

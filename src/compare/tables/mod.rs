@@ -4,6 +4,7 @@ mod bencher;
 mod benchmark;
 mod junit;
 mod markdown;
+mod page;
 mod rows;
 mod terminal;
 
@@ -11,6 +12,7 @@ pub use bencher::FORMAT as BENCHER;
 pub use benchmark::FORMAT as BENCHMARK;
 pub use junit::FORMAT as JUNIT;
 pub use markdown::FORMAT as MARKDOWN;
+pub use page::{FORMAT as PAGE, on_page};
 pub use terminal::FORMAT as TERMINAL;
 
 use super::verdict::Verdicts;

@@ -1,6 +1,6 @@
 //! The rule of evidence: figures against the bands that they must lie in.
 
-use super::{ALPHA, Deciding, Verdict};
+use super::{ALPHA, Verdict};
 use crate::experiments::measure::Reading;
 use crate::statistics::{self, Interval};
 
@@ -77,37 +77,21 @@ impl Comparison {
         }
     }
 
-    /// `slope 1.020 (0.990 – 1.050), n = 16`
-    fn text(&self) -> String {
-        let value = number(self.figure.value());
-        let exact = self.n().is_none();
-        let interval = match self.figure.interval(ALPHA) {
-            Some(Interval { low, high }) if low == high && exact => String::new(),
-            Some(Interval { low, high }) => format!(" ({} – {})", number(low), number(high)),
-            None => String::new(),
-        };
-        let n = self.n().map_or_else(String::new, |n| format!(", n = {n}"));
-        format!("{} {value}{interval}{n}", self.name)
-    }
-
-    fn deciding(&self) -> Deciding {
-        Deciding {
+    fn ruled(&self) -> RuledFigure {
+        RuledFigure {
             name: self.name.clone(),
             value: self.figure.value(),
             interval: self.figure.interval(ALPHA),
             band: self.band,
+            n: self.n(),
         }
     }
 
-    /// What is asked of it.
-    fn asked(&self) -> String {
-        let Interval { low, high } = self.band;
-        match (low.is_finite(), high.is_finite()) {
-            (true, true) => format!("{} – {}", number(low), number(high)),
-            (true, false) => format!("at least {}", number(low)),
-            (false, true) => format!("at most {}", number(high)),
-            (false, false) => "anything".to_owned(),
-        }
+    /// `slope 1.020 (0.990 – 1.050), n = 16 against 0.900 – 1.100`
+    fn text(&self) -> String {
+        let ruled = self.ruled();
+        let n = ruled.n.map_or_else(String::new, |n| format!(", n = {n}"));
+        format!("{} {}{n} against {}", self.name, ruled.text(), ruled.asked())
     }
 
     /// How far the figure lies inside its band; negative outside.
@@ -153,15 +137,66 @@ impl Comparison {
     }
 }
 
-/// The verdict on all comparisons of a claim, and the figures that decided.
-pub(super) struct Judged {
-    pub verdict: Verdict,
-    pub reason: String,
-    pub deciding: Deciding,
+/// A figure that decided a claim's verdict, and the band that it must lie in.
+#[derive(Clone, Debug, PartialEq)]
+pub struct RuledFigure {
+    /// What it is of, such as `lists / peel`.
+    pub name: String,
+    pub value: f64,
+    /// At the level of a verdict: see [`super::LOOKS`]. None of too few samples; without width where the figure is exact.
+    pub interval: Option<Interval>,
+    /// Infinite where one side is free.
+    pub band: Interval,
+    /// Samples; none where the figure is exact.
+    pub n: Option<usize>,
 }
 
-/// None where there is nothing to compare.
-pub(super) fn judge(comparisons: &[Comparison]) -> Option<Judged> {
+impl RuledFigure {
+    /// How many times the value lies beyond the nearest bound: more than 1 outside the band; infinite where a ratio to the bound
+    /// says nothing.
+    pub fn excess(&self) -> f64 {
+        let Interval { low, high } = self.band;
+        let bound = if self.value > high { high } else { low };
+        if (low..=high).contains(&self.value) {
+            return 0.0;
+        }
+        let factor = self.value / bound;
+        if factor > 0.0 { factor.max(1.0 / factor) } else { f64::INFINITY }
+    }
+
+    /// `1.383 (1.301 – 1.462)`
+    pub fn text(&self) -> String {
+        let value = number(self.value);
+        match self.interval {
+            Some(Interval { low, high }) if low < high || self.n.is_some() => {
+                format!("{value} ({} – {})", number(low), number(high))
+            }
+            _ => value,
+        }
+    }
+
+    /// The band: `0.900 – 1.100`, `at most 1.000`.
+    pub fn asked(&self) -> String {
+        let Interval { low, high } = self.band;
+        match (low.is_finite(), high.is_finite()) {
+            (true, true) => format!("{} – {}", number(low), number(high)),
+            (true, false) => format!("at least {}", number(low)),
+            (false, true) => format!("at most {}", number(high)),
+            (false, false) => "anything".to_owned(),
+        }
+    }
+}
+
+/// What became of a claim's comparisons.
+pub(super) struct Judgement {
+    pub verdict: Verdict,
+    pub reason: String,
+    /// The figures that decided, the furthest outside or nearest to its bound first.
+    pub deciding: Vec<RuledFigure>,
+}
+
+/// The verdict on all comparisons of a claim, and the figures that decided; none where there is nothing to compare.
+pub(super) fn judge(comparisons: &[Comparison]) -> Option<Judgement> {
     let verdicts = comparisons.iter().map(|comparison| comparison.verdict(comparisons.len()));
     let verdict = verdicts.clone().min()?;
     let mut deciding: Vec<&Comparison> =
@@ -169,7 +204,7 @@ pub(super) fn judge(comparisons: &[Comparison]) -> Option<Judged> {
     deciding.sort_by(|a, b| a.inside().total_cmp(&b.inside()));
     let named = if verdict == Verdict::Contradicted { MOST_NAMED } else { 1 };
     let told = deciding.iter().take(named).map(|comparison| {
-        let told = format!("{} against {}", comparison.text(), comparison.asked());
+        let told = comparison.text();
         match verdict {
             Verdict::Inconclusive => {
                 format!("{told}: {}", comparison.settled_by(comparisons.len()))
@@ -183,8 +218,9 @@ pub(super) fn judge(comparisons: &[Comparison]) -> Option<Judged> {
         (all, _, Verdict::Supported) => format!(" (the nearest to its bound of {all})"),
         (all, some, _) => format!(" ({some} of {all} comparisons)"),
     };
-    let deciding = deciding.first()?.deciding();
-    Some(Judged { verdict, reason: told + &count, deciding })
+    let reason = told + &count;
+    let deciding = deciding.into_iter().map(Comparison::ruled).collect();
+    Some(Judgement { verdict, reason, deciding })
 }
 
 /// Three decimals, or three digits of what is small.

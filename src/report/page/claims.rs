@@ -1,14 +1,12 @@
 //! Each claim with its verdict, and the figure that decided beside the band that it must lie in.
 
-use std::cmp::Reverse;
-
 use indexmap::IndexMap;
 use maud::{Markup, html};
 
 use super::svg::{Axis, tenth};
 use super::{Page, PageSection};
 use crate::experiments::schema::Claim;
-use crate::experiments::{Deciding, Ruling, Verdict};
+use crate::experiments::{RuledFigure, Ruling, Verdict};
 use crate::record::Interval;
 use crate::report::format::three;
 use crate::report::plots::scale::ScaleKind;
@@ -32,24 +30,17 @@ struct Row<'a> {
 }
 
 impl Row<'_> {
-    /// The worst verdict of all runs, and how far that lies outside its band.
-    fn rank(&self) -> (Verdict, Reverse<u64>) {
-        let worst = self.rulings.iter().map(|(_, ruling)| ruling.verdict).min();
-        let outside = self.rulings.iter().filter_map(|(_, r)| Some(excess(r.deciding.as_ref()?)));
-        let most = outside.fold(0.0, f64::max);
-        (worst.unwrap_or(Verdict::NotRun), Reverse((most * 1e6) as u64))
+    /// The worst verdict of all runs.
+    fn verdict(&self) -> Verdict {
+        let verdicts = self.rulings.iter().map(|(_, ruling)| ruling.verdict);
+        verdicts.min().unwrap_or(Verdict::NotRun)
     }
-}
 
-/// How far a figure lies outside its band, as a share of the bound.
-fn excess(deciding: &Deciding) -> f64 {
-    let Interval { low, high } = deciding.band;
-    let (bound, off) = if deciding.value < low {
-        (low, low - deciding.value)
-    } else {
-        (high, deciding.value - high)
-    };
-    if off > 0.0 && bound.is_finite() { off / bound.abs().max(1e-9) } else { 0.0 }
+    /// How far the furthest figure of any run lies outside its band.
+    fn excess(&self) -> f64 {
+        let figures = self.rulings.iter().filter_map(|(_, ruling)| ruling.deciding.first());
+        figures.map(RuledFigure::excess).fold(0.0, f64::max)
+    }
 }
 
 fn write(page: &Page<'_>) -> Option<Markup> {
@@ -57,7 +48,9 @@ fn write(page: &Page<'_>) -> Option<Markup> {
     if rows.is_empty() {
         return None;
     }
-    rows.sort_by_key(Row::rank);
+    rows.sort_by(|a, b| {
+        a.verdict().cmp(&b.verdict()).then_with(|| b.excess().total_cmp(&a.excess()))
+    });
     let verdicts =
         [Verdict::Contradicted, Verdict::Inconclusive, Verdict::NotRun, Verdict::Supported];
     Some(html! {
@@ -129,11 +122,11 @@ fn row_markup(page: &Page<'_>, row: &Row<'_>) -> Markup {
                     @if page.is_overlay() { " " span.run { (page.runs[*place].label) } }
                     details { summary { "why" } p { (ruling.reason) } }
                 }
-                @match &ruling.deciding {
+                @match ruling.deciding.first() {
                     Some(deciding) => {
-                        td.number { (measured(deciding)) @if let Some(n) = ruling.n { br; span.faint { "n = " (n) } } }
+                        td.number { (deciding.text()) @if let Some(n) = ruling.n { br; span.faint { "n = " (n) } } }
                         td { @if let Some(axis) = &axis { (picture(axis, deciding, claim.published)) } }
-                        td.number { (asked(deciding.band)) }
+                        td.number { (deciding.asked()) }
                     }
                     None => { td.faint colspan="3" { (ruling.reason) } }
                 }
@@ -154,27 +147,9 @@ pub fn chip(verdict: Verdict) -> Markup {
     html! { span.chip.(class) { span aria-hidden="true" { (mark) " " } (verdict.to_string()) } }
 }
 
-fn measured(deciding: &Deciding) -> Markup {
-    html! {
-        (three(deciding.value))
-        @if let Some(Interval { low, high }) = deciding.interval {
-            @if low < high { br; span.faint { "(" (three(low)) " – " (three(high)) ")" } }
-        }
-    }
-}
-
-fn asked(band: Interval) -> String {
-    match (band.low.is_finite(), band.high.is_finite()) {
-        (true, true) => format!("{} – {}", three(band.low), three(band.high)),
-        (true, false) => format!("≥ {}", three(band.low)),
-        (false, true) => format!("≤ {}", three(band.high)),
-        (false, false) => "–".to_owned(),
-    }
-}
-
 /// One axis for a claim's figures of all runs, so that they can be compared by eye.
 fn axis(row: &Row<'_>) -> Option<Axis> {
-    let deciding = || row.rulings.iter().filter_map(|(_, ruling)| ruling.deciding.as_ref());
+    let deciding = || row.rulings.iter().filter_map(|(_, ruling)| ruling.deciding.first());
     let ends = deciding().flat_map(|deciding| {
         let Interval { low, high } = deciding.interval.unwrap_or(deciding.band);
         [deciding.value, low, high, deciding.band.low, deciding.band.high]
@@ -187,7 +162,7 @@ fn axis(row: &Row<'_>) -> Option<Axis> {
     Axis::spanning(ScaleKind::Linear, [low - room, high + room], [MARGIN_PX, WIDTH_PX - MARGIN_PX])
 }
 
-fn picture(axis: &Axis, deciding: &Deciding, published: Option<f64>) -> Markup {
+fn picture(axis: &Axis, deciding: &RuledFigure, published: Option<f64>) -> Markup {
     let [low, high] = [deciding.band.low, deciding.band.high].map(|end| axis.px_within(end));
     let start = if deciding.band.low.is_finite() { low } else { MARGIN_PX };
     let end = if deciding.band.high.is_finite() { high } else { WIDTH_PX - MARGIN_PX };
@@ -196,8 +171,7 @@ fn picture(axis: &Axis, deciding: &Deciding, published: Option<f64>) -> Markup {
     let interval =
         deciding.interval.unwrap_or(Interval { low: deciding.value, high: deciding.value });
     let [from, to] = [interval.low, interval.high].map(|end| axis.px_within(end));
-    let tip =
-        format!("{}: {} against {}", deciding.name, three(deciding.value), asked(deciding.band));
+    let tip = format!("{}: {} against {}", deciding.name, deciding.text(), deciding.asked());
     html! {
         svg.claim-axis role="img" aria-label=(tip) width=(WIDTH_PX) height=(HEIGHT_PX) {
             title { (tip) }

@@ -5,17 +5,25 @@
 
 mod cells;
 mod claims;
+mod compared;
 mod data;
 mod overview;
 pub mod svg;
 
+pub use compared::{ChangeOnPage, ComparisonOnPage, ComparisonRow, Tone};
+
+use std::fmt::Display;
+use std::path::Path;
+
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD as BASE64;
+use itertools::Itertools;
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 use sha2::{Digest, Sha256};
 
 use super::colors::StageColors;
 use super::{Artifact, Exporter, ReportError, ReportView};
+use crate::record::Run;
 
 /// Name of the page within a report's folder.
 pub const FILE: &str = "index.html";
@@ -30,6 +38,7 @@ const SCRIPTS: [&str; 2] = [include_str!("assets/core.js"), include_str!("assets
 /// What a page shows: runs in the order in which they were named, and what could not be shown.
 pub struct Page<'a> {
     pub runs: Vec<PageRun<'a>>,
+    pub comparisons: Vec<ComparisonOnPage>,
     pub left_out: Vec<LeftOut>,
     /// Of every stage of every run.
     pub colors: StageColors,
@@ -49,6 +58,27 @@ pub struct LeftOut {
     pub reason: String,
 }
 
+impl LeftOut {
+    pub fn new(what: impl Display, reason: impl Display) -> LeftOut {
+        LeftOut { what: what.to_string(), reason: reason.to_string() }
+    }
+}
+
+/// Runs with labels that tell them apart: by adapter, else by driver, by version of fathom, or by folder.
+pub fn labelled<'a>(views: &'a [(&Path, ReportView<'a>)]) -> Vec<PageRun<'a>> {
+    let of = |part: fn(&Run) -> String| -> Vec<String> {
+        views.iter().map(|(_, view)| view.run().map_or_else(String::new, part)).collect()
+    };
+    let adapters = of(|run| run.adapter.name.clone());
+    let drivers = of(|run| format!("{}, {}", run.adapter.name, run.adapter.driver_info));
+    let versions = of(|run| format!("{}, fathom {}", run.adapter.name, run.fathom_version));
+    let folders = views.iter().map(|(folder, _)| folder.display().to_string()).collect();
+    let choices = [adapters, drivers, versions];
+    let labels = choices.into_iter().find(|labels| labels.iter().all_unique()).unwrap_or(folders);
+    let labelled = labels.into_iter().zip(views);
+    labelled.map(|(label, (_, view))| PageRun { label, view }).collect()
+}
+
 /// A part of the page.
 struct PageSection {
     /// Its anchor.
@@ -59,15 +89,16 @@ struct PageSection {
 }
 
 /// In the order in which a reader asks.
-const SECTIONS: [PageSection; 3] = [overview::SECTION, claims::SECTION, cells::SECTION];
+const SECTIONS: [PageSection; 4] =
+    [overview::SECTION, compared::SECTION, claims::SECTION, cells::SECTION];
 
 impl<'a> Page<'a> {
     /// A page of these runs, each with its label.
-    pub fn new(runs: Vec<PageRun<'a>>, left_out: Vec<LeftOut>) -> Page<'a> {
+    pub fn new(runs: Vec<PageRun<'a>>) -> Page<'a> {
         let measured = runs.iter().flat_map(|run| run.view.measured());
         let stages = measured.flat_map(|(_, measured)| &measured.stages);
         let colors = StageColors::new(stages.map(|stage| stage.stage.as_str()));
-        Page { runs, left_out, colors }
+        Page { runs, comparisons: Vec::new(), left_out: Vec::new(), colors }
     }
 
     /// Several runs are compared: marks and rows name theirs.
@@ -75,7 +106,10 @@ impl<'a> Page<'a> {
         self.runs.len() > 1
     }
 
-    /// The page's bytes.
+    pub fn file(&self) -> Artifact {
+        Artifact { name: FILE.to_owned(), bytes: self.html().into_bytes() }
+    }
+
     pub fn html(&self) -> String {
         let sections: Vec<(&PageSection, Markup)> =
             SECTIONS.iter().filter_map(|section| Some((section, (section.write)(self)?))).collect();
@@ -121,7 +155,10 @@ impl<'a> Page<'a> {
     fn title(&self) -> String {
         let labels: Vec<&str> = self.runs.iter().map(|run| run.label.as_str()).collect();
         match labels.as_slice() {
-            [] => "fathom: nothing to show".to_owned(),
+            [] => match self.comparisons.as_slice() {
+                [] => "fathom: nothing to show".to_owned(),
+                [first, ..] => format!("fathom: {}", first.sides),
+            },
             [one] => format!("fathom on {one}"),
             several => format!("fathom: {}", several.join(" and ")),
         }
@@ -140,6 +177,5 @@ fn policy(script: &str) -> String {
 fn export(view: &ReportView<'_>) -> Result<Vec<Artifact>, ReportError> {
     let label = view.run().map_or("no run", |run| run.adapter.name.as_str()).to_owned();
     let runs = if view.runs.is_empty() { Vec::new() } else { vec![PageRun { label, view }] };
-    let page = Page::new(runs, Vec::new());
-    Ok(vec![Artifact { name: FILE.to_owned(), bytes: page.html().into_bytes() }])
+    Ok(vec![Page::new(runs).file()])
 }

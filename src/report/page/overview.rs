@@ -1,34 +1,154 @@
-//! The first screen: what was measured on what, and what came out.
+//! The first screen: what was measured on what, what came out, and how far to trust it.
 
 use maud::{Markup, html};
 
 use super::claims::chip;
 use super::{Page, PageRun, PageSection};
 use crate::experiments::Verdict;
+use crate::record::Run;
+use crate::report::facts;
+use crate::report::format::{NS_PER_MS, percent, three};
 
 pub const SECTION: PageSection = PageSection { id: "overview", title: "At a glance", write };
 
+/// Stages that a run's card names.
+const SLOWEST: usize = 5;
+
 fn write(page: &Page<'_>) -> Option<Markup> {
+    if page.runs.is_empty() && page.left_out.is_empty() {
+        return None;
+    }
     Some(html! {
-        div.cards { @for run in &page.runs { (card(run)) } }
-        @if !page.left_out.is_empty() {
-            div.warning role="note" {
-                p { b { "Not shown" } }
-                ul { @for left_out in &page.left_out { li { (left_out.what) ": " (left_out.reason) } } }
-            }
-        }
+        @for run in &page.runs { (of_run(page, run)) }
+        @if !page.left_out.is_empty() { (left_out(page)) }
     })
 }
 
-fn card(run: &PageRun<'_>) -> Markup {
-    let rulings = || run.view.sections.iter().flat_map(|section| section.rulings());
-    let count = |verdict| rulings().filter(|ruling| ruling.verdict == verdict).count();
+fn of_run(page: &Page<'_>, run: &PageRun<'_>) -> Markup {
+    let findings = facts::findings(run.view);
+    html! {
+        @if page.is_overlay() { h3 { (run.label) } }
+        div.cards {
+            @if let Some(header) = run.view.run() { (device(header)) }
+            (verdicts(run))
+            (slowest(page, run))
+            (trust(run))
+        }
+        @if !findings.is_empty() {
+            ul.findings { @for finding in &findings { li { (finding) } } }
+        }
+    }
+}
+
+fn device(run: &Run) -> Markup {
+    let adapter = &run.adapter;
     html! {
         article.card {
-            h3 { (run.label) }
-            @for verdict in [Verdict::Supported, Verdict::Contradicted, Verdict::Inconclusive, Verdict::NotRun] {
-                p { (chip(verdict)) " " (count(verdict)) }
+            h3 { (adapter.name) }
+            @if adapter.software {
+                p { span.chip.open { "software driver" } }
+                p.faint { "Ratios, slopes and shares stand. Absolute times and frame rates count only on hardware." }
             }
+            p.faint {
+                (adapter.driver) " " (adapter.driver_info) ", " (adapter.backend) "; profile " (run.profile.name())
+                "; started " (run.started_at) "; fathom " (run.fathom_version)
+            }
+        }
+    }
+}
+
+fn verdicts(run: &PageRun<'_>) -> Markup {
+    let tally = facts::tally(run.view);
+    let counts = [
+        (Verdict::Supported, tally.supported),
+        (Verdict::Contradicted, tally.contradicted),
+        (Verdict::Inconclusive, tally.inconclusive),
+        (Verdict::NotRun, tally.not_run),
+    ];
+    html! {
+        article.card {
+            h3 { "What holds: " (tally.all()) " claims" }
+            @for (verdict, count) in counts {
+                p.tally { a href="#claims" { (chip(verdict)) } " " b { (count) } }
+            }
+        }
+    }
+}
+
+fn slowest(page: &Page<'_>, run: &PageRun<'_>) -> Markup {
+    let slowest = facts::slowest_stages(run.view, SLOWEST);
+    html! {
+        article.card {
+            h3 { "Slowest stages" }
+            @if slowest.is_empty() { p.faint { "No stage was timed." } }
+            ol.stages {
+                @for slow in &slowest {
+                    @let stage = slow.stage.stage;
+                    li {
+                        span.swatch style={ "background:" (page.colors.of(&stage.stage).hex()) } {}
+                        (stage.stage) " " b { (three(stage.time.median / NS_PER_MS)) " ms" }
+                        span.faint { ", " (percent(slow.stage.share.median)) " of the stages of " (slow.frame.cell.pipeline) " (" (slow.frame.conditions()) ")" }
+                    }
+                }
+            }
+        }
+    }
+}
+
+fn trust(run: &PageRun<'_>) -> Markup {
+    html! {
+        article.card {
+            h3 { "How far to trust it" }
+            p { (clock(run)) " " a href="#trust" { "Trust" } }
+            @if let Some(few) = facts::few_samples(run.view) {
+                p {
+                    (percent(few.cells as f64 / few.timed as f64)) " of " (few.timed)
+                    " timed cells have fewer than the " (few.needed) " samples that a verdict needs; the fewest are " (few.fewest) "."
+                }
+            }
+            @if let Some(precision) = facts::precision(run.view) {
+                p {
+                    "Half a 95 % interval of the frame time is " (percent(precision.median)) " in the median cell, "
+                    (percent(precision.worst)) " at worst."
+                }
+            }
+            @if let Some((cell, cost)) = facts::worst_timing_cost(run.view) {
+                p {
+                    "Timing by stage costs " (percent(facts::timing_cost(run.view).median - 1.0)) " over all cells; at worst "
+                    (percent(cost.median - 1.0)) " (" (cell.experiment) ", n = " (cost.n) ")."
+                }
+            }
+        }
+    }
+}
+
+/// Whether the clock passed its audit.
+fn clock(run: &PageRun<'_>) -> String {
+    let Some(header) = run.view.run() else { return "No clock is recorded.".to_owned() };
+    let used: Vec<_> = header.audit.iter().filter(|row| is_used(header, row)).collect();
+    let sound = used.iter().filter(|row| row.sound).count();
+    match (sound, used.len()) {
+        (_, 0) if header.audit.is_empty() => "No audit of the clock is recorded.".to_owned(),
+        (_, 0) => "Timestamps did not pass the audit; the clock that they were compared with times all passes.".to_owned(),
+        (sound, all) if sound == all => {
+            format!("The clock passed its audit: all {all} rows of the clocks in use are sound.")
+        }
+        (sound, all) => {
+            format!("The clock did not pass its audit: {sound} of {all} rows of the clocks in use are sound.")
+        }
+    }
+}
+
+/// The row is about a clock that times passes of its kind in this run.
+fn is_used(run: &Run, row: &crate::record::AuditRow) -> bool {
+    run.clocks.get(&row.pass) == Some(&row.clock)
+}
+
+fn left_out(page: &Page<'_>) -> Markup {
+    html! {
+        div.warning role="note" {
+            p { b { "Not shown" } }
+            ul { @for left_out in &page.left_out { li { (left_out.what) ": " (left_out.reason) } } }
         }
     }
 }

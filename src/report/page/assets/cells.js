@@ -28,6 +28,8 @@
     });
   };
 
+  fathom.all("table.sortable").forEach(fathom.sortable);
+
   const cells = document.getElementById("cell-table");
   if (cells) {
     fathom.sortable(cells);

@@ -1,0 +1,459 @@
+//! What a run says in short: verdicts, the slowest stages, how far to trust it, how it scales. Functions of a view; the
+//! summary and the page show them.
+
+use itertools::Itertools;
+
+use super::format::{self, percent};
+use super::{ReportView, Section};
+use crate::experiments::schema::{FIXED_SHARE, Plot, PlotKind};
+use crate::experiments::{self, Measure, Ruling, Scaling, Verdict, groups, scaling};
+use crate::record::{Cell, Estimate, FrameRecord, Interval, Measured, StageRecord};
+use crate::statistics;
+
+/// How many claims have each verdict.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Tally {
+    pub supported: usize,
+    pub contradicted: usize,
+    pub inconclusive: usize,
+    pub not_run: usize,
+}
+
+impl Tally {
+    pub fn of(verdicts: impl Iterator<Item = Verdict>) -> Tally {
+        let mut tally = Tally::default();
+        for verdict in verdicts {
+            *match verdict {
+                Verdict::Supported => &mut tally.supported,
+                Verdict::Contradicted => &mut tally.contradicted,
+                Verdict::Inconclusive => &mut tally.inconclusive,
+                Verdict::NotRun => &mut tally.not_run,
+            } += 1;
+        }
+        tally
+    }
+
+    pub fn all(&self) -> usize {
+        self.supported + self.contradicted + self.inconclusive + self.not_run
+    }
+}
+
+pub fn tally(view: &ReportView<'_>) -> Tally {
+    let rulings = view.sections.iter().flat_map(Section::rulings);
+    Tally::of(rulings.map(|ruling| ruling.verdict))
+}
+
+/// A claim's ruling and the experiment that it belongs to.
+#[derive(Clone, Copy)]
+pub struct RuledClaim<'v, 'a> {
+    pub section: &'v Section<'a>,
+    pub ruling: &'v Ruling,
+}
+
+impl RuledClaim<'_, '_> {
+    /// How many times its furthest figure lies beyond its band.
+    fn excess(&self) -> f64 {
+        self.ruling.deciding.first().map_or(0.0, experiments::RuledFigure::excess)
+    }
+}
+
+/// All claims: the contradicted ones first and of these the furthest from its band, then those that are inconclusive, not run and
+/// supported, in the order of the plan.
+pub fn claims<'v, 'a>(view: &'v ReportView<'a>) -> Vec<RuledClaim<'v, 'a>> {
+    let of_section = |section: &'v Section<'a>| {
+        section.rulings().iter().map(move |ruling| RuledClaim { section, ruling })
+    };
+    let mut claims: Vec<RuledClaim<'v, 'a>> = view.sections.iter().flat_map(of_section).collect();
+    claims.sort_by(|a, b| {
+        let further = || b.excess().total_cmp(&a.excess());
+        a.ruling.verdict.cmp(&b.ruling.verdict).then_with(|| match a.ruling.verdict {
+            Verdict::Contradicted => further(),
+            _ => std::cmp::Ordering::Equal,
+        })
+    });
+    claims
+}
+
+/// The frame that stands for a pipeline. Of its timed cells, those come first whose stages are all above the clock's resolution; of
+/// these the one whose experiment sets the fewest parameters, which is the nearest to the pipeline's defaults; of equals the first
+/// of the plan.
+#[derive(Clone, Copy)]
+pub struct Representative<'a> {
+    pub cell: &'a Cell,
+    pub measured: &'a Measured,
+    /// Parameters that its plan sets; none where the plan does not know the cell.
+    settings: Option<usize>,
+}
+
+/// A stage's time in a frame, and its share of the sum of all stages, frame by frame.
+#[derive(Clone, Copy)]
+pub struct StageShare<'a> {
+    pub stage: &'a StageRecord,
+    /// 0 … 1. An upper bound where the stage is not resolved.
+    pub share: Estimate,
+}
+
+impl<'a> Representative<'a> {
+    /// Every stage in frame order.
+    pub fn stages(&self) -> Vec<StageShare<'a>> {
+        let stages = &self.measured.stages;
+        let frames = stages.iter().map(|stage| stage.samples_ns.len()).min().unwrap_or(0);
+        let sums = (0..frames).map(|f| stages.iter().map(|stage| stage.samples_ns[f]).sum::<f64>());
+        let sums: Vec<f64> = sums.collect();
+        let of = |stage: &'a StageRecord| {
+            let pairs: Vec<(f64, f64)> =
+                stage.samples_ns.iter().copied().zip(sums.iter().copied()).collect();
+            StageShare { stage, share: statistics::ratio_estimate(&pairs) }
+        };
+        stages.iter().map(of).collect()
+    }
+
+    /// The stage with the largest share.
+    pub fn slowest(&self) -> Option<StageShare<'a>> {
+        let stages = self.stages().into_iter().filter(|stage| stage.stage.is_resolved());
+        stages.max_by(|a, b| a.share.median.total_cmp(&b.share.median))
+    }
+
+    /// Scene and size: `tank, 800 × 800`.
+    pub fn conditions(&self) -> String {
+        let side = |name| experiments::lookup(&self.cell.params, name);
+        match [side("view.width"), side("view.height")] {
+            [Some(width), Some(height)] => format!("{}, {width} × {height} px", self.cell.scene),
+            _ => self.cell.scene.clone(),
+        }
+    }
+}
+
+/// A frame for each pipeline, in the order in which the plan first has them.
+pub fn representatives<'a>(view: &ReportView<'a>) -> Vec<Representative<'a>> {
+    let frames = view.sections.iter().flat_map(|section| {
+        section.timed().map(|(cell, measured)| Representative {
+            cell,
+            measured,
+            settings: section.settings(cell),
+        })
+    });
+    let by_pipeline = frames.into_group_map_by(|frame| frame.cell.pipeline.as_str());
+    let order = view.timed().map(|(cell, _)| cell.pipeline.as_str()).unique();
+    order.filter_map(|pipeline| by_pipeline[pipeline].iter().copied().min_by_key(rank)).collect()
+}
+
+/// Frames whose stages are all resolved come first, then those with few settings.
+fn rank(frame: &Representative<'_>) -> (bool, usize) {
+    let resolved = frame.measured.stages.iter().all(StageRecord::is_resolved);
+    (!resolved, frame.settings.unwrap_or(usize::MAX))
+}
+
+/// The representative frame with the fewest settings of all.
+pub fn default_frame<'a>(view: &ReportView<'a>) -> Option<Representative<'a>> {
+    representatives(view).into_iter().min_by_key(rank)
+}
+
+/// A stage and the representative frame that it is of.
+#[derive(Clone, Copy)]
+pub struct SlowStage<'a> {
+    pub frame: Representative<'a>,
+    pub stage: StageShare<'a>,
+}
+
+/// The stages of all representative frames with the longest times, longest first, no stage twice.
+pub fn slowest_stages<'a>(view: &ReportView<'a>, count: usize) -> Vec<SlowStage<'a>> {
+    let frames = representatives(view).into_iter();
+    let all = frames
+        .flat_map(|frame| frame.stages().into_iter().map(move |stage| SlowStage { frame, stage }));
+    let resolved = all.filter(|slow| slow.stage.stage.is_resolved());
+    let time = |slow: &SlowStage<'_>| slow.stage.stage.time.median;
+    let sorted = resolved.sorted_by(|a, b| time(b).total_cmp(&time(a)));
+    sorted.unique_by(|slow| slow.stage.stage.stage.as_str()).take(count).collect()
+}
+
+/// Timed cells with fewer samples than a verdict needs.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct FewSamples {
+    pub cells: usize,
+    pub timed: usize,
+    /// Samples that a verdict needs.
+    pub needed: usize,
+    /// The fewest samples of a timed cell.
+    pub fewest: usize,
+}
+
+/// None where no cell was timed.
+pub fn few_samples(view: &ReportView<'_>) -> Option<FewSamples> {
+    let needed = experiments::least_samples();
+    let counts: Vec<usize> = view.timed().map(|(_, cell)| cell.frame.untimed.n).collect();
+    let fewest = *counts.iter().min()?;
+    let cells = counts.iter().filter(|n| **n < needed).count();
+    Some(FewSamples { cells, timed: counts.len(), needed, fewest })
+}
+
+/// Half widths of the frame times' 95 % intervals, relative to the median.
+#[derive(Clone, Copy)]
+pub struct Precision<'a> {
+    /// Of the median cell.
+    pub median: f64,
+    pub worst: f64,
+    /// Where it is worst.
+    pub cell: &'a Cell,
+}
+
+/// None where no cell was timed.
+pub fn precision<'a>(view: &ReportView<'a>) -> Option<Precision<'a>> {
+    let widths: Vec<(f64, &Cell)> = view
+        .timed()
+        .map(|(cell, measured)| (measured.frame.untimed.relative_half_width(), cell))
+        .collect();
+    let (worst, cell) = *widths.iter().max_by(|a, b| a.0.total_cmp(&b.0))?;
+    let all: Vec<f64> = widths.iter().map(|(width, _)| *width).collect();
+    Some(Precision { median: statistics::median(&all), worst, cell })
+}
+
+/// The cell whose frame timing makes most longer, by the median of timed over untimed frames.
+pub fn worst_timing_cost<'a>(view: &ReportView<'a>) -> Option<(&'a Cell, &'a Estimate)> {
+    let costs = view.timed().map(|(cell, measured)| (cell, &measured.frame.timing_cost));
+    let costs = costs.filter(|(_, cost)| cost.median.is_finite() && cost.n > 0);
+    costs.max_by(|a, b| a.1.median.total_cmp(&b.1.median))
+}
+
+/// Timed over untimed frame, over the pairs of all cells: one cell's few pairs tell the machine's noise rather.
+pub fn timing_cost(view: &ReportView<'_>) -> Estimate {
+    let pairs_of = |frame: &FrameRecord| {
+        let timed = frame.envelope_samples_ns.iter().copied();
+        timed.zip(frame.untimed_samples_ns.iter().copied()).collect::<Vec<_>>()
+    };
+    let pairs: Vec<(f64, f64)> =
+        view.timed().flat_map(|(_, measured)| pairs_of(&measured.frame)).collect();
+    statistics::ratio_estimate(&pairs)
+}
+
+/// A fitted exponent b of `y ∝ x^b`.
+pub struct Exponent<'v, 'a> {
+    pub section: &'v Section<'a>,
+    pub plot: &'v Plot,
+    pub y: &'v Measure,
+    pub x: &'v Measure,
+    /// Values of the other axes; empty where there are none.
+    pub group: String,
+    pub fit: Scaling,
+}
+
+impl Exponent<'_, '_> {
+    /// `0.98 (0.95 – 1.01)`
+    pub fn text(&self) -> String {
+        let slope = format!("{:.2}", self.fit.slope.slope);
+        match self.fit.interval() {
+            Some(Interval { low, high }) => format!("{slope} ({low:.2} – {high:.2})"),
+            None => slope,
+        }
+    }
+
+    /// What x is called on the plot.
+    pub fn x_title(&self) -> String {
+        self.plot.x_title.clone().unwrap_or_else(|| self.x.label().words)
+    }
+
+    /// What grows: a stage's name, or the measure in words.
+    pub fn y_title(&self) -> String {
+        self.y.stage_name().unwrap_or_else(|| self.y.label().words)
+    }
+}
+
+/// The exponents of all scaling plots, in the order of the plan. Plots over categories have none.
+pub fn exponents<'v, 'a>(view: &'v ReportView<'a>) -> Vec<Exponent<'v, 'a>> {
+    view.sections.iter().flat_map(of_section).collect()
+}
+
+fn of_section<'v, 'a>(section: &'v Section<'a>) -> Vec<Exponent<'v, 'a>> {
+    let Some(experiment) = &section.experiment else { return Vec::new() };
+    let is_fitted = |plot: &&Plot| {
+        plot.kind == PlotKind::Scaling
+            && plot.over.as_ref().is_none_or(|over| !experiment.is_category(over))
+    };
+    experiment.plot.iter().filter(is_fitted).flat_map(|plot| of_plot(section, plot)).collect()
+}
+
+fn of_plot<'v, 'a>(section: &'v Section<'a>, plot: &'v Plot) -> Vec<Exponent<'v, 'a>> {
+    let Some(x) = &plot.x else { return Vec::new() };
+    let cells = section.cells();
+    let cells: Vec<&Cell> =
+        cells.into_iter().filter(|cell| experiments::fits(cell, &plot.filter)).collect();
+    let groups = match &plot.over {
+        Some(over) => groups(&cells, over),
+        None => vec![(String::new(), cells)],
+    };
+    let fits = plot.y.iter().cartesian_product(groups).filter_map(|(y, (group, members))| {
+        let fit = scaling(y, x, &members, FIXED_SHARE).ok()?;
+        Some(Exponent { section, plot, y, x, group, fit })
+    });
+    fits.collect()
+}
+
+/// At most three sentences made from figures with their intervals, and from rulings.
+pub fn findings(view: &ReportView<'_>) -> Vec<String> {
+    [slowest_finding(view), claims_finding(view), scaling_finding(view)]
+        .into_iter()
+        .flatten()
+        .collect()
+}
+
+fn slowest_finding(view: &ReportView<'_>) -> Option<String> {
+    let frame = default_frame(view)?;
+    let slowest = frame.slowest()?;
+    let Cell { pipeline, experiment, .. } = frame.cell;
+    Some(format!(
+        "{} takes {} of the stages' time of the frame nearest to the defaults ({pipeline}, {experiment}, {}).",
+        slowest.stage.stage,
+        share(&slowest.share),
+        frame.conditions()
+    ))
+}
+
+fn claims_finding(view: &ReportView<'_>) -> Option<String> {
+    let tally = tally(view);
+    let claims = claims(view);
+    let first = claims.first()?;
+    let mut sentence = format!("{} of {} claims are supported", tally.supported, tally.all());
+    let furthest = first.ruling.deciding.first().filter(|_| tally.contradicted > 0);
+    if let Some(figure) = furthest {
+        sentence += &format!(
+            " and {} contradicted, the furthest of them \u{201c}{}\u{201d} ({}): {} where {} is asked",
+            tally.contradicted,
+            first.ruling.text,
+            first.section.id,
+            figure.text(),
+            figure.asked()
+        );
+    }
+    Some(sentence + ".")
+}
+
+/// The time that was fitted over the widest range.
+fn scaling_finding(view: &ReportView<'_>) -> Option<String> {
+    let exponents = exponents(view).into_iter();
+    let times =
+        exponents.filter(|exponent| exponent.y.is_time() && exponent.fit.interval().is_some());
+    let widest = times.max_by(|a, b| a.fit.decades.total_cmp(&b.fit.decades))?;
+    Some(format!(
+        "Over the widest range that was fitted, {} of {} ({}), the time of {} grows with an exponent of {}.",
+        times_over(widest.fit.range),
+        widest.x_title(),
+        widest.section.id,
+        widest.y_title(),
+        widest.text()
+    ))
+}
+
+/// `a factor of 16`
+fn times_over((low, high): (f64, f64)) -> String {
+    format!("a factor of {}", format::si(high / low))
+}
+
+/// `41.2 % (39.1 – 43.0)`
+pub fn share(share: &Estimate) -> String {
+    let [low, high] = share.ends().map(|end| format::three(100.0 * end));
+    match share.interval {
+        Some(_) => format!("{} ({low} – {high})", percent(share.median)),
+        None => percent(share.median),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::record::Record;
+    use crate::report::fixtures;
+
+    #[test]
+    fn the_tally_counts_every_claim_once() {
+        let records = fixtures::run();
+        let view = ReportView::new(&records, None);
+        let tally = tally(&view);
+        assert_eq!(tally.all(), claims(&view).len());
+        assert!(tally.supported > 0 && tally.contradicted > 0 && tally.not_run > 0, "{tally:?}");
+    }
+
+    #[test]
+    fn claims_stand_by_verdict_and_the_furthest_contradicted_first() {
+        let records = fixtures::run();
+        let view = ReportView::new(&records, None);
+        let claims = claims(&view);
+        assert!(claims.is_sorted_by_key(|claim| claim.ruling.verdict));
+        let contradicted = claims.iter().filter(|c| c.ruling.verdict == Verdict::Contradicted);
+        let excesses: Vec<f64> = contradicted.map(RuledClaim::excess).collect();
+        assert!(excesses.is_sorted_by(|a, b| a >= b) && excesses[0] > 1.0, "{excesses:?}");
+    }
+
+    #[test]
+    fn the_frame_nearest_to_the_defaults_stands_for_its_pipeline() {
+        let records = fixtures::run();
+        let view = ReportView::new(&records, None);
+        let frames = representatives(&view);
+        let pipelines: Vec<&str> = frames.iter().map(|f| f.cell.pipeline.as_str()).collect();
+        assert!(pipelines.iter().all_unique() && pipelines.len() > 5, "{pipelines:?}");
+        let underwater = frames.iter().find(|f| f.cell.pipeline == "underwater").unwrap();
+        assert_eq!(underwater.cell.experiment, "uw-default");
+        assert_eq!(default_frame(&view).unwrap().cell.experiment, "uw-default");
+    }
+
+    #[test]
+    fn shares_of_a_frame_add_up_and_have_intervals() {
+        let records = fixtures::run();
+        let view = ReportView::new(&records, None);
+        for frame in representatives(&view) {
+            let stages = frame.stages();
+            let sum: f64 = stages.iter().map(|stage| stage.share.median).sum();
+            assert!((sum - 1.0).abs() < 0.05, "{}: {sum}", frame.cell.pipeline);
+            assert!(stages.iter().all(|stage| stage.share.interval.is_some()));
+        }
+    }
+
+    #[test]
+    fn slow_stages_are_sorted_and_of_several_frames() {
+        let records = fixtures::run();
+        let view = ReportView::new(&records, None);
+        let slow = slowest_stages(&view, 5);
+        let times: Vec<f64> = slow.iter().map(|slow| slow.stage.stage.time.median).collect();
+        assert!(times.len() == 5 && times.is_sorted_by(|a, b| a >= b), "{times:?}");
+    }
+
+    #[test]
+    fn few_samples_are_counted() {
+        let mut records = fixtures::run();
+        let all = few_samples(&ReportView::new(&records, None)).unwrap();
+        assert_eq!((all.cells, all.fewest), (0, 15));
+        let cells = records.iter_mut().filter_map(|record| match record {
+            Record::Cell(cell) => cell.measured_mut(),
+            _ => None,
+        });
+        cells.take(2).for_each(|measured| measured.frame.untimed.n = all.needed - 1);
+        let some = few_samples(&ReportView::new(&records, None)).unwrap();
+        assert_eq!((some.cells, some.timed, some.fewest), (2, all.timed, all.needed - 1));
+    }
+
+    #[test]
+    fn exponents_are_those_of_the_fixtures_cost_model_and_none_of_categories() {
+        let records = fixtures::run();
+        let view = ReportView::new(&records, None);
+        let exponents = exponents(&view);
+        let trace = exponents.iter().find(|exponent| {
+            exponent.section.id == "uw-photons" && exponent.y_title() == "caustics/trace"
+        });
+        let slope = trace.unwrap().fit.slope.slope;
+        assert!((slope - 1.0).abs() < 0.05, "{slope}");
+        let over = |exponent: &Exponent<'_, '_>| exponent.plot.over.clone();
+        assert!(exponents.iter().all(|exponent| over(exponent).as_deref() != Some("scene")));
+    }
+
+    #[test]
+    fn findings_are_three_sentences_and_none_without_measured_cells() {
+        let records = fixtures::run();
+        let found = findings(&ReportView::new(&records, None));
+        assert_eq!(found.len(), 3, "{found:?}");
+        assert!(found[0].contains("uw-default") && found[0].contains(" % ("), "{}", found[0]);
+        assert!(found.iter().all(|sentence| sentence.ends_with('.')));
+        let skipped = fixtures::all_skipped();
+        let found = findings(&ReportView::new(&skipped, None));
+        assert_eq!(found.len(), 1, "{found:?}");
+        assert!(findings(&ReportView::new(&[], None)).is_empty());
+    }
+}
