@@ -8,7 +8,10 @@ mod claims;
 mod compared;
 mod data;
 mod overview;
+mod scaling;
+mod setting;
 pub mod svg;
+mod time;
 
 pub use compared::{ChangeOnPage, ComparisonOnPage, ComparisonRow, Tone};
 
@@ -31,9 +34,14 @@ pub const FILE: &str = "index.html";
 pub const EXPORTER: Exporter =
     Exporter { name: FILE, about: "one page that shows the whole run", export };
 
-const STYLE: &str = include_str!("assets/page.css");
+const STYLES: [&str; 2] = [include_str!("assets/page.css"), include_str!("assets/charts.css")];
 /// In the order in which they run.
-const SCRIPTS: [&str; 2] = [include_str!("assets/core.js"), include_str!("assets/cells.js")];
+const SCRIPTS: [&str; 4] = [
+    include_str!("assets/core.js"),
+    include_str!("assets/time.js"),
+    include_str!("assets/scaling.js"),
+    include_str!("assets/cells.js"),
+];
 
 /// What a page shows: runs in the order in which they were named, and what could not be shown.
 pub struct Page<'a> {
@@ -89,8 +97,8 @@ struct PageSection {
 }
 
 /// In the order in which a reader asks.
-const SECTIONS: [PageSection; 4] =
-    [overview::SECTION, compared::SECTION, claims::SECTION, cells::SECTION];
+const SECTIONS: [PageSection; 6] =
+    [overview::SECTION, compared::SECTION, claims::SECTION, time::SECTION, cells::SECTION];
 
 impl<'a> Page<'a> {
     /// A page of these runs, each with its label.
@@ -123,7 +131,7 @@ impl<'a> Page<'a> {
                     meta name="viewport" content="width=device-width, initial-scale=1";
                     meta name="color-scheme" content="light dark";
                     title { (self.title()) }
-                    style { (PreEscaped(STYLE)) }
+                    style { (PreEscaped(STYLES.concat())) }
                 }
                 body {
                     a.skip href="#main" { "Skip to the content" }
