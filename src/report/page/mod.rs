@@ -8,6 +8,7 @@ mod claims;
 mod compared;
 mod data;
 mod overview;
+mod quality;
 mod scaling;
 mod setting;
 pub mod svg;
@@ -36,10 +37,11 @@ pub const EXPORTER: Exporter =
 
 const STYLES: [&str; 2] = [include_str!("assets/page.css"), include_str!("assets/charts.css")];
 /// In the order in which they run.
-const SCRIPTS: [&str; 4] = [
+const SCRIPTS: [&str; 5] = [
     include_str!("assets/core.js"),
     include_str!("assets/time.js"),
     include_str!("assets/scaling.js"),
+    include_str!("assets/quality.js"),
     include_str!("assets/cells.js"),
 ];
 
@@ -97,8 +99,15 @@ struct PageSection {
 }
 
 /// In the order in which a reader asks.
-const SECTIONS: [PageSection; 6] =
-    [overview::SECTION, compared::SECTION, claims::SECTION, time::SECTION, cells::SECTION];
+const SECTIONS: [PageSection; 7] = [
+    overview::SECTION,
+    compared::SECTION,
+    claims::SECTION,
+    time::SECTION,
+    scaling::SECTION,
+    quality::SECTION,
+    cells::SECTION,
+];
 
 impl<'a> Page<'a> {
     /// A page of these runs, each with its label.

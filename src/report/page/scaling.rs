@@ -307,17 +307,14 @@ fn y_title(spec: &Spec<'_>) -> String {
 
 /// Names of the stages whose time or work the series show.
 fn stages_of<'a>(series: &[Series<'a>]) -> BTreeSet<&'a str> {
-    let pairs = series.iter().flat_map(|series| {
+    let of_series = |series: &Series<'a>| {
+        let y = series.y;
         let measured = series.points.iter().filter_map(|point| point.cell.measured());
-        measured
-            .flat_map(|measured| &measured.stages)
-            .map(move |stage| (series.y, stage.stage.as_str()))
-    });
-    let pairs = pairs.unique();
-    pairs
-        .filter(|(y, stage)| y.stages().any(|name| name.covers(stage)))
-        .map(|(_, stage)| stage)
-        .collect()
+        let stages =
+            measured.flat_map(|measured| &measured.stages).map(|stage| stage.stage.as_str());
+        stages.filter(|stage| y.stages().any(|name| name.covers(stage))).collect::<BTreeSet<_>>()
+    };
+    series.iter().flat_map(of_series).collect()
 }
 
 /// Exponents in words.
