@@ -5,6 +5,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use itertools::Itertools;
+use palette::color_difference::Wcag21RelativeContrast;
 use palette::{IntoColor, Oklch, Srgb};
 
 /// Degrees between the hues of families that follow each other in the alphabet: the golden angle, so that any number of
@@ -18,10 +19,10 @@ const LIGHTNESS: [f32; 5] = [0.60, 0.76, 0.50, 0.68, 0.56];
 const SHIFT_DEG: f32 = 22.0;
 const CHROMA: f32 = 0.125;
 
-/// The CPU's part of a frame, which is no stage of the GPU.
-const FRAME: &str = "frame";
+/// The CPU's part of a frame, which every pipeline has.
+const HOST_STAGE: &str = "frame";
 
-/// Of what is no stage, and of stages that are unknown.
+/// Of what is no stage of the GPU, and of stages that are unknown.
 pub const NEUTRAL: Color = Color(150, 150, 150);
 
 /// Red, green and blue of sRGB.
@@ -34,6 +35,17 @@ impl Color {
         let Self(red, green, blue) = self;
         format!("#{red:02x}{green:02x}{blue:02x}")
     }
+
+    /// The colour of text on it, black or white: the one with the higher contrast, which is 4.5 or more (WCAG 2.1, 1.4.3).
+    pub fn ink(self) -> Color {
+        let [black, white] = [Color(0, 0, 0), Color(255, 255, 255)];
+        let contrast = |ink: Color| self.srgb().relative_contrast(ink.srgb());
+        if contrast(black) > contrast(white) { black } else { white }
+    }
+
+    fn srgb(self) -> Srgb {
+        Srgb::new(self.0, self.1, self.2).into_format()
+    }
 }
 
 /// The colours of a report's stages. The same set of names gives the same colours.
@@ -42,7 +54,7 @@ pub struct StageColors(BTreeMap<String, Color>);
 
 impl StageColors {
     pub fn new<'a>(stages: impl IntoIterator<Item = &'a str>) -> StageColors {
-        let names: BTreeSet<&str> = stages.into_iter().filter(|name| *name != FRAME).collect();
+        let names: BTreeSet<&str> = stages.into_iter().filter(|name| *name != HOST_STAGE).collect();
         let families = names.into_iter().chunk_by(|name| family(name));
         let mut colors = BTreeMap::new();
         for (place, (_, stages)) in families.into_iter().enumerate() {
@@ -53,7 +65,12 @@ impl StageColors {
         StageColors(colors)
     }
 
-    /// Of a stage of the report; grey for others and for the CPU's part of a frame.
+    /// Whether it is a stage of the report with a colour.
+    pub fn has(&self, stage: &str) -> bool {
+        self.0.contains_key(stage)
+    }
+
+    /// Of a stage of the report; grey for others, such as the CPU's part of a frame.
     pub fn of(&self, stage: &str) -> Color {
         self.0.get(stage).copied().unwrap_or(NEUTRAL)
     }
@@ -76,9 +93,10 @@ fn color(hue_deg: f32, index: usize) -> Color {
 mod tests {
     use super::*;
 
-    const STAGES: [&str; 8] = [
-        "ao/blur",
+    const STAGES: [&str; 9] = [
         "compose",
+        "ao/blur",
+        "ao/compose",
         "ao/march",
         "caustics/splat",
         "caustics/trace",
@@ -100,6 +118,17 @@ mod tests {
         let [forth, back] = [StageColors::new(STAGES), StageColors::new(STAGES.into_iter().rev())];
         assert!(STAGES.iter().all(|stage| forth.of(stage) == back.of(stage)));
         assert_eq!(StageColors::new(["frame"]).of("frame"), NEUTRAL);
+    }
+
+    #[test]
+    fn text_on_a_stage_s_colour_can_be_read() {
+        let colors = StageColors::new(STAGES);
+        for stage in STAGES {
+            let color = colors.of(stage);
+            let contrast = color.srgb().relative_contrast(color.ink().srgb());
+            assert!(contrast >= 4.5, "{stage}: {contrast}");
+        }
+        assert_eq!(Color(250, 250, 200).ink(), Color(0, 0, 0));
     }
 
     #[test]

@@ -138,6 +138,16 @@ pub fn representatives<'a>(view: &ReportView<'a>) -> Vec<Representative<'a>> {
     order.filter_map(|pipeline| by_pipeline[pipeline].iter().copied().min_by_key(rank)).collect()
 }
 
+/// The same cell in another run; none where that did not time it.
+pub fn same_frame<'a>(
+    view: &ReportView<'a>,
+    frame: &Representative<'_>,
+) -> Option<Representative<'a>> {
+    let section = view.sections.iter().find(|section| section.id == frame.cell.experiment)?;
+    let (cell, measured) = section.timed().find(|(cell, _)| cell.cell == frame.cell.cell)?;
+    Some(Representative { cell, measured, settings: section.settings(cell) })
+}
+
 /// Frames whose stages are all resolved come first, then those with few settings.
 fn rank(frame: &Representative<'_>) -> (bool, usize) {
     let resolved = frame.measured.stages.iter().all(StageRecord::is_resolved);
@@ -240,11 +250,7 @@ pub struct Exponent<'v, 'a> {
 impl Exponent<'_, '_> {
     /// `0.98 (0.95 – 1.01)`
     pub fn text(&self) -> String {
-        let slope = format!("{:.2}", self.fit.slope.slope);
-        match self.fit.interval() {
-            Some(Interval { low, high }) => format!("{slope} ({low:.2} – {high:.2})"),
-            None => slope,
-        }
+        slope(&self.fit)
     }
 
     /// What x is called on the plot.
@@ -255,6 +261,15 @@ impl Exponent<'_, '_> {
     /// What grows: a stage's name, or the measure in words.
     pub fn y_title(&self) -> String {
         self.y.stage_name().unwrap_or_else(|| self.y.label().words)
+    }
+}
+
+/// A fitted exponent with its interval: `0.98 (0.95 – 1.01)`.
+pub fn slope(fit: &Scaling) -> String {
+    let slope = format!("{:.2}", fit.slope.slope);
+    match fit.interval() {
+        Some(Interval { low, high }) => format!("{slope} ({low:.2} – {high:.2})"),
+        None => slope,
     }
 }
 

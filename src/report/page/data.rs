@@ -1,5 +1,6 @@
 //! What the page's script reads: the samples of every cell and the plots, compressed.
 
+use std::collections::BTreeMap;
 use std::io::Write as _;
 
 use base64::Engine as _;
@@ -18,6 +19,8 @@ const DIGITS: i32 = 4;
 #[derive(Serialize)]
 struct Data<'a> {
     runs: Vec<RunData<'a>>,
+    /// Of every stage, as CSS has them.
+    colors: BTreeMap<&'a str, String>,
 }
 
 #[derive(Serialize)]
@@ -59,12 +62,18 @@ struct StageData<'a> {
 
 /// JSON, compressed by gzip, as base64. The same records give the same bytes.
 pub fn packed(page: &Page<'_>) -> String {
-    let data = Data { runs: page.runs.iter().map(of_run).collect() };
+    let data = Data { runs: page.runs.iter().map(of_run).collect(), colors: colors(page) };
     let json = serde_json::to_vec(&data).expect("numbers and names are JSON");
     // Without a time in its header.
     let mut packer = GzBuilder::new().write(Vec::new(), Compression::best());
     let packed = packer.write_all(&json).and_then(|()| packer.finish());
     BASE64.encode(packed.expect("a buffer takes all bytes"))
+}
+
+fn colors<'a>(page: &Page<'a>) -> BTreeMap<&'a str, String> {
+    let measured = page.runs.iter().flat_map(|run| run.view.measured());
+    let stages = measured.flat_map(|(_, measured)| &measured.stages);
+    stages.map(|stage| (stage.stage.as_str(), page.colors.of(&stage.stage).hex())).collect()
 }
 
 fn of_run<'a>(run: &'a PageRun<'a>) -> RunData<'a> {

@@ -11,7 +11,11 @@ mod overview;
 mod pictures;
 mod plots;
 mod published;
+mod quality;
+mod scaling;
+mod setting;
 pub mod svg;
+mod time;
 mod trust;
 
 pub use compared::{ChangeOnPage, ComparisonOnPage, ComparisonRow, Tone};
@@ -40,11 +44,14 @@ pub const EXPORTER: RunExporter = Exporter {
     export: OfRun::One(export),
 };
 
-const STYLE: &str = include_str!("assets/page.css");
+const STYLES: [&str; 2] = [include_str!("assets/page.css"), include_str!("assets/charts.css")];
 /// In the order in which they run.
-const SCRIPTS: [&str; 4] = [
+const SCRIPTS: [&str; 7] = [
     include_str!("assets/core.js"),
+    include_str!("assets/time.js"),
+    include_str!("assets/scaling.js"),
     include_str!("assets/pictures.js"),
+    include_str!("assets/quality.js"),
     include_str!("assets/plots.js"),
     include_str!("assets/cells.js"),
 ];
@@ -89,11 +96,14 @@ struct PageSection {
 }
 
 /// In the order in which a reader asks.
-const SECTIONS: [PageSection; 8] = [
+const SECTIONS: [PageSection; 11] = [
     overview::SECTION,
     compared::SECTION,
     claims::SECTION,
+    time::SECTION,
+    scaling::SECTION,
     pictures::SECTION,
+    quality::SECTION,
     published::SECTION,
     trust::SECTION,
     plots::SECTION,
@@ -132,7 +142,7 @@ impl<'a> Page<'a> {
                     meta name="viewport" content="width=device-width, initial-scale=1";
                     meta name="color-scheme" content="light dark";
                     title { (self.title()) }
-                    style { (PreEscaped(STYLE)) }
+                    style { (PreEscaped(STYLES.concat())) }
                 }
                 body {
                     a.skip href="#main" { "Skip to the content" }
