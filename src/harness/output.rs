@@ -43,6 +43,11 @@ pub enum OutputError {
     OtherKind { kind: FolderKind, path: PathBuf },
     #[error("{} has no sound header, so its other records mean nothing", path.display())]
     NoHeader { path: PathBuf },
+    #[error(
+        "{} is compressed and only read: unpack it with gunzip, or choose another folder with --out",
+        path.display()
+    )]
+    Packed { path: PathBuf },
 }
 
 /// What was measured into a folder.
@@ -131,6 +136,10 @@ impl Taken {
 
     fn take(folder: &Path) -> Result<Self, OutputError> {
         let output = OutputFolder { folder: folder.to_owned() };
+        let path = record::stored(&output.records());
+        if path != output.records() {
+            return Err(OutputError::Packed { path });
+        }
         Ok(Self { lock: FolderLock::take(folder, &holder())?, output })
     }
 
@@ -284,6 +293,17 @@ mod tests {
     fn files(folder: &Path) -> Vec<String> {
         let entries = std::fs::read_dir(folder).unwrap().flatten();
         entries.map(|entry| entry.file_name().to_string_lossy().into_owned()).sorted().collect()
+    }
+
+    #[test]
+    fn a_folder_with_compressed_records_is_not_written_to() {
+        let folder = tempfile::tempdir().unwrap();
+        std::fs::write(folder.path().join("records.jsonl.gz"), "packed").unwrap();
+        for refused in [create(folder.path()), Held::resume(Some(folder.path()))] {
+            let error = refused.unwrap_err().to_string();
+            assert!(error.contains("records.jsonl.gz is compressed and only read"), "{error}");
+        }
+        assert_eq!(files(folder.path()), ["records.jsonl.gz"]);
     }
 
     #[test]
