@@ -316,7 +316,7 @@ fn claims_finding(view: &ReportView<'_>) -> Option<String> {
     let furthest = first.ruling.deciding.first().filter(|_| tally.contradicted > 0);
     if let Some(figure) = furthest {
         sentence += &format!(
-            " and {} contradicted, the furthest of them \u{201c}{}\u{201d} ({}): {} where {} is asked",
+            " and {} contradicted, the furthest of them “{}” ({}): {} where {} is asked",
             tally.contradicted,
             first.ruling.text,
             first.section.id,

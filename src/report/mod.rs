@@ -15,7 +15,7 @@ pub mod fixtures;
 
 pub use cells_csv::EXPORTER as CELLS_CSV;
 pub use plots::EXPORTER as PLOTS;
-pub use summary::EXPORTER as SUMMARY;
+pub use summary::{EXPORTER as SUMMARY, PAGE, in_short};
 pub use view::{Entry, ReportView, Section};
 
 #[derive(Debug, thiserror::Error)]

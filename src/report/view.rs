@@ -196,7 +196,9 @@ impl<'a> Section<'a> {
 
     pub(super) fn figure(&self) -> &Figure {
         self.figure.get_or_init(|| match &self.experiment {
-            Some(experiment) => Figure::new(experiment, &self.cells()),
+            Some(experiment) => {
+                Figure::new(experiment, self.cells(), self.rulings(), self.software())
+            }
             None => Figure::default(),
         })
     }

@@ -13,7 +13,21 @@ pub struct Claim {
     /// Axis or parameter → value; all must hold.
     #[serde(default, rename = "where")]
     pub filter: Map<String, Value>,
+    /// The publication's value of the figure that is tested, where it gives one and the test does not hold it.
+    pub published: Option<f64>,
     pub test: Test,
+}
+
+impl Claim {
+    /// The publication's value of the figure that is tested.
+    pub fn published(&self) -> Option<f64> {
+        self.published.or(match &self.test {
+            Test::Slope { expected, .. } => Some(*expected),
+            Test::Independent { .. } => Some(1.0),
+            Test::AtLeast { value, .. } => Some(*value),
+            _ => None,
+        })
+    }
 }
 
 /// How a claim is tested. `over` names the axis along which cells are compared; cells that differ in another axis
@@ -113,18 +127,29 @@ impl Test {
         }
     }
 
+    /// What is tested.
+    pub fn y(&self) -> &Measure {
+        match self {
+            Test::Slope { y, .. }
+            | Test::Affine { y, .. }
+            | Test::Monotone { y, .. }
+            | Test::Band { y, .. }
+            | Test::Independent { y, .. }
+            | Test::Ratio { y, .. }
+            | Test::AtLeast { y, .. }
+            | Test::Within { y, .. }
+            | Test::NoWorse { y, .. }
+            | Test::Lowest { y, .. } => y,
+        }
+    }
+
     pub(super) fn measures(&self) -> Vec<&Measure> {
         match self {
             Test::Slope { y, x, .. }
             | Test::Affine { y, x, .. }
             | Test::Monotone { y, x, .. }
             | Test::Band { y, x, .. } => vec![y, x],
-            Test::Independent { y, .. }
-            | Test::Ratio { y, .. }
-            | Test::AtLeast { y, .. }
-            | Test::Within { y, .. }
-            | Test::NoWorse { y, .. }
-            | Test::Lowest { y, .. } => vec![y],
+            _ => vec![self.y()],
         }
     }
 }
