@@ -42,16 +42,16 @@ pub fn in_short(view: &ReportView<'_>) -> Vec<String> {
     claims.into_iter().chain(slowest).collect()
 }
 
-/// The rows that fit, and a line on how many are left out.
+/// The rows that fit, and words on how many are left out.
 fn cut<T>(mut rows: Vec<T>, most: usize) -> (Vec<T>, String) {
     let more = rows.len().saturating_sub(most);
     rows.truncate(most);
-    let note = if more > 0 {
-        format!("… and {more} more on the [page]({PAGE}).\n\n")
+    let words = if more > 0 {
+        format!(" … and {more} more on the [page]({PAGE})")
     } else {
         String::new()
     };
-    (rows, note)
+    (rows, words)
 }
 
 fn link(name: &str, path: &str) -> String {

@@ -104,7 +104,7 @@ impl Canvas<'_> {
 
     /// A row's label at the left of the chart.
     pub fn label(&self, line: &str, low: f64, row: f64) -> Drawn {
-        let line = style::shortened(line, self.labels_px - 8);
+        let line = style::cut(line, style::fitting(self.labels_px - 8));
         self.write(&line, style::ending(style::label()), (low, row), -8)
     }
 

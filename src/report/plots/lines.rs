@@ -11,8 +11,9 @@ use super::scale::{Scale, ScaleKind};
 use super::{Area, Drawn, Panel, PlotInput, WIDTH_PX, names, style};
 use crate::experiments::schema::{FIXED_SHARE, Plot, PlotKind, Published};
 use crate::experiments::{Measure, Scaling, groups, label_text, scaling};
-use crate::record::{Cell, Estimate, Interval};
+use crate::record::{Cell, Estimate};
 use crate::report::colors::StageColors;
+use crate::report::facts::exponent;
 
 /// Series that one chart can hold.
 const MOST_TOGETHER: usize = 5;
@@ -84,6 +85,7 @@ struct Source<'p> {
     place: usize,
     group: String,
     group_place: usize,
+    groups: usize,
     cells: Vec<&'p Cell>,
 }
 
@@ -167,28 +169,20 @@ fn sources<'p>(plot: &'p Plot, input: &PlotInput<'p>) -> Vec<Source<'p>> {
         Some(over) => groups(&input.cells, over),
         None => vec![(String::new(), input.cells.clone())],
     };
+    let count = groups.len();
     let of = |(place, y): (usize, &'p Measure)| {
         let groups = groups.iter().enumerate();
         let of_group = groups.map(move |(group_place, (_, cells))| Source {
             y,
             place,
-            group: group_name(plot, cells, input),
+            group: names::group(plot, cells, input.experiment),
             group_place,
+            groups: count,
             cells: cells.clone(),
         });
         of_group.collect::<Vec<_>>()
     };
     plot.y.iter().enumerate().flat_map(of).collect()
-}
-
-/// What the cells of a group share on the axes that the plot is not over.
-fn group_name(plot: &Plot, cells: &[&Cell], input: &PlotInput<'_>) -> String {
-    match (&plot.over, cells.first()) {
-        (Some(over), Some(cell)) if cell.axes.len() > 1 => {
-            names::cell(cell, Some(over), input.experiment)
-        }
-        _ => String::new(),
-    }
 }
 
 fn y_name(y: &Measure) -> String {
@@ -308,9 +302,12 @@ impl Source<'_> {
         }
     }
 
+    /// Another one for each series of a chart.
     fn marker(&self, measures: &[&Measure]) -> usize {
-        let several_groups = measures.len() == 1 || self.group_place > 0;
-        if several_groups { self.group_place } else { self.place }
+        match measures {
+            [_] => self.group_place,
+            _ => self.place * self.groups + self.group_place,
+        }
     }
 }
 
@@ -332,12 +329,9 @@ fn counts(counts: impl Iterator<Item = usize>) -> Option<String> {
 }
 
 fn remark(fit: &Scaling) -> String {
-    let mut remark = format!("exponent {:.2}", fit.slope.slope);
-    if let Some(Interval { low, high }) = fit.interval() {
-        remark += &format!(" ({low:.2} – {high:.2})");
-    }
-    if fit.left_out > 0 {
-        remark += &format!(", {} left out", fit.left_out);
-    }
-    remark
+    let left_out = match fit.left_out {
+        0 => String::new(),
+        cells => format!(", {cells} left out"),
+    };
+    format!("exponent {}{left_out}", exponent(fit))
 }

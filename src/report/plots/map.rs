@@ -18,8 +18,8 @@ const FIELD_PX: (i32, i32) = (66, 30);
 const TITLE_PX: i32 = 24;
 const HEAD_PX: i32 = 58;
 /// Labels at the left of a map.
-const LABELS_PX: i32 = 84;
-const GAP_PX: i32 = 26;
+const LABELS_PX: i32 = 104;
+const GAP_PX: i32 = 18;
 /// Fields of all maps of a plot that are still drawn.
 const MOST_FIELDS: usize = 10_000;
 

@@ -19,8 +19,15 @@ pub fn axis(name: &str, experiment: &Experiment) -> String {
 pub fn value(axis_name: &str, value: &Value, experiment: &Experiment) -> String {
     match value {
         Value::String(text) if text.parse::<f64>().is_err() => text.clone(),
-        other => format!("{} {}", axis(axis_name, experiment), label_text(other)),
+        other => format!("{} {}", short_axis(axis_name, experiment), label_text(other)),
     }
+}
+
+/// The shorter of the axis' title and its words.
+fn short_axis(name: &str, experiment: &Experiment) -> String {
+    let names = [axis(name, experiment), words::parameter_label(name)];
+    let shortest = names.into_iter().min_by_key(|name| name.chars().count());
+    shortest.unwrap_or_default()
 }
 
 /// A cell's values on all axes but one; its scene where it has no axis.
@@ -43,13 +50,17 @@ pub fn factor(y: &Measure, title: Option<&String>) -> f64 {
 pub fn y_title(plot: &Plot, shown: &[&Measure]) -> String {
     match (&plot.y_title, shown) {
         (Some(title), _) => title.clone(),
-        (None, [only]) if !is_plain_time(only) => only.label().text(),
+        (None, [only]) if !only.is_time() => only.label().text(),
         _ => "time (ms)".to_owned(),
     }
 }
 
-fn is_plain_time(y: &Measure) -> bool {
-    y.is_time() && (y.stage_name().is_some() || *y == Measure::frame())
+/// What the cells of a group share on the axes that a plot is not over; empty where there are none.
+pub fn group(plot: &Plot, cells: &[&Cell], experiment: &Experiment) -> String {
+    match (&plot.over, cells.first()) {
+        (Some(over), Some(first)) if first.axes.len() > 1 => cell(first, Some(over), experiment),
+        _ => String::new(),
+    }
 }
 
 /// Sizes that a reader of a plot asks for first: dotted paths of parameters.
@@ -68,7 +79,7 @@ const SIZES: [&str; 11] = [
 ];
 
 /// Scene, viewport and sizes that all measured cells share: `tank, 800 × 800 px, caustic photon grid 200`.
-pub fn common(input: &PlotInput<'_>) -> String {
+pub(super) fn common(input: &PlotInput<'_>) -> String {
     let cells: Vec<&Cell> =
         input.cells.iter().copied().filter(|cell| cell.measured().is_some()).collect();
     let Some(first) = cells.first() else { return String::new() };

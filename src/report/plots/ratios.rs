@@ -14,7 +14,7 @@ use crate::report::format::three;
 
 const ROW_PX: u32 = 34;
 /// Room for a ratio with its interval and number of samples.
-const RIGHT_PX: u32 = 190;
+const RIGHT_PX: u32 = 230;
 
 pub struct Ratios {
     chart: BarChart,

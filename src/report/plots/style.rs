@@ -74,20 +74,25 @@ pub fn of_verdict(verdict: Verdict) -> RGBColor {
     }
 }
 
-/// About how wide a line of type is, pixels: no font is at hand, and common sans-serif ones are narrower.
+/// Width of a character over the size of type: no font is at hand, and common sans-serif ones are narrower.
+const CHARACTER: f64 = 0.58;
+
+/// About how wide a line of type is, pixels.
 pub fn width_px(line: &str, size_px: u32) -> u32 {
-    const WIDTH_OF_A_CHARACTER: f64 = 0.58;
-    (line.chars().count() as f64 * f64::from(size_px) * WIDTH_OF_A_CHARACTER).ceil() as u32
+    (line.chars().count() as f64 * f64::from(size_px) * CHARACTER).ceil() as u32
 }
 
-/// What fits into so many pixels of 13-px type, with an ellipsis where something does not.
-pub fn shortened(line: &str, room_px: u32) -> String {
-    let count = line.chars().count();
-    let fitting = (f64::from(room_px) / f64::from(width_px("m", LABEL_PX).max(1))) as usize;
-    if count <= fitting {
+/// Characters of a label that fit into so many pixels.
+pub fn fitting(room_px: u32) -> usize {
+    (f64::from(room_px) / (f64::from(LABEL_PX) * CHARACTER)) as usize
+}
+
+/// At most so many characters, with an ellipsis where something does not fit.
+pub fn cut(line: &str, most: usize) -> String {
+    if line.chars().count() <= most {
         return line.to_owned();
     }
-    line.chars().take(fitting.saturating_sub(1)).chain(['…']).collect()
+    line.chars().take(most.saturating_sub(1)).chain(['…']).collect()
 }
 
 /// Sizes of type, pixels: nothing is smaller than [`SMALL_PX`].
@@ -98,8 +103,12 @@ pub fn color(index: usize) -> RGBColor {
     PALETTE[index % PALETTE.len()]
 }
 
-fn font(size: u32, color: RGBColor) -> TextStyle<'static> {
-    ("sans-serif", size).into_font().color(&color)
+/// The backend divides a font's size by this to write the size in pixels of the em square (plotters 0.3, `svg.rs`).
+const BACKEND_DIVISOR: f64 = 1.24;
+
+/// Of this size in the picture, pixels.
+fn font(size_px: u32, color: RGBColor) -> TextStyle<'static> {
+    ("sans-serif", f64::from(size_px) * BACKEND_DIVISOR).into_font().color(&color)
 }
 
 pub fn title() -> TextStyle<'static> {

@@ -10,11 +10,11 @@ use crate::experiments::Verdict;
 use crate::text;
 
 /// Rows for the claims of each verdict.
-const MOST_CONTRADICTED: usize = 25;
-const MOST_INCONCLUSIVE: usize = 8;
-const MOST_NOT_RUN: usize = 6;
+const MOST_CONTRADICTED: usize = 21;
+const MOST_INCONCLUSIVE: usize = 5;
+const MOST_NOT_RUN: usize = 4;
 /// Experiments whose supported claims are named.
-const MOST_SUPPORTED: usize = 28;
+const MOST_SUPPORTED: usize = 26;
 
 pub fn write(view: &ReportView<'_>, text: &mut String) {
     let claims = facts::claims(view);
@@ -48,8 +48,7 @@ fn measured(title: &str, claims: Vec<RuledClaim<'_, '_>>, most: usize, text: &mu
             published,
         ]);
     }
-    table.add_to(text, &format!("### {title}\n\n"));
-    *text += &more;
+    table.add_to(text, &format!("### {title}{more}\n\n"));
 }
 
 fn not_run(claims: Vec<RuledClaim<'_, '_>>, text: &mut String) {
@@ -59,8 +58,7 @@ fn not_run(claims: Vec<RuledClaim<'_, '_>>, text: &mut String) {
         let [claim, reason] = [&ruling.text, &ruling.reason].map(|text| text::markdown(text));
         table.row_of_markdown([claim, plot(section), reason]);
     }
-    table.add_to(text, "### Not run\n\n");
-    *text += &more;
+    table.add_to(text, &format!("### Not run{more}\n\n"));
 }
 
 /// A row per experiment.
@@ -77,8 +75,7 @@ fn supported(claims: &[RuledClaim<'_, '_>], text: &mut String) {
     let (rows, more) = cut(rows, MOST_SUPPORTED);
     let mut table = Table::new(["plot", "claims"]);
     rows.into_iter().for_each(|row| table.row_of_markdown(row));
-    table.add_to(text, "### Supported\n\n");
-    *text += &more;
+    table.add_to(text, &format!("### Supported{more}\n\n"));
 }
 
 /// The experiment's name, linked to its plot where it has one.

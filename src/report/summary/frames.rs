@@ -7,9 +7,9 @@ use super::cut;
 use crate::text;
 
 /// Rows of all frames.
-const MOST_ROWS: usize = 48;
+const MOST_ROWS: usize = 46;
 /// Stages below this share of a frame stand in one row.
-const SMALL_SHARE: f64 = 0.02;
+const SMALL_SHARE: f64 = 0.04;
 
 pub fn write(view: &ReportView<'_>, text: &mut String) {
     let frames = facts::representatives(view);
@@ -17,12 +17,9 @@ pub fn write(view: &ReportView<'_>, text: &mut String) {
     let (rows, more) = cut(rows, MOST_ROWS);
     let mut table = Table::new(["frame", "stage", "time (ms)", "share of the stages"]);
     rows.into_iter().for_each(|row| table.row_of_markdown(row));
-    table.add_to(
-        text,
-        "## Where the time goes\n\nFor each pipeline the frame whose experiment sets the fewest parameters, of those with every stage \
-         above the clock's resolution. Medians with 95 % intervals.\n\n",
-    );
-    *text += &more;
+    let about = "A frame for each pipeline: of those with every stage above the clock's resolution the one nearest to the defaults, \
+                 by the parameters that its experiment sets. Medians with 95 % intervals.";
+    table.add_to(text, &format!("## Where the time goes\n\n{about}{more}\n\n"));
 }
 
 /// The frame's longest stages, and the sum of its short ones.
@@ -63,7 +60,7 @@ fn sum_of(short: &[StageShare<'_>]) -> Option<[String; 4]> {
     (!short.is_empty()).then(|| {
         [
             String::new(),
-            format!("{} others", short.len()),
+            if short.len() == 1 { "1 other".to_owned() } else { format!("{} others", short.len()) },
             format::three(time / format::NS_PER_MS),
             percent(share),
         ]

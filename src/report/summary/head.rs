@@ -16,7 +16,7 @@ use crate::text;
 /// Stages that the first screen names.
 pub const SLOWEST: usize = 5;
 /// Notes that are shown.
-const MOST_NOTES: usize = 8;
+const MOST_NOTES: usize = 5;
 
 pub fn write(view: &ReportView<'_>, text: &mut String) {
     let Some(run) = view.run() else {
@@ -215,9 +215,8 @@ fn notes(view: &ReportView<'_>, text: &mut String) {
         let _ = writeln!(text, "- Note: {}", text::markdown(note));
     }
     if !shown.is_empty() {
-        *text += "\n";
+        let _ = writeln!(text, "{more}\n");
     }
-    *text += &more;
 }
 
 /// What an experiment cannot show, and why.

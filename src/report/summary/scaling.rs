@@ -7,19 +7,16 @@ use super::claims::plot;
 use super::cut;
 use crate::text;
 
-const MOST_ROWS: usize = 30;
+const MOST_ROWS: usize = 26;
 
 pub fn write(view: &ReportView<'_>, text: &mut String) {
     let (exponents, more) = cut(facts::exponents(view), MOST_ROWS);
     let head = "plot|what|over|exponent (interval)|range|cells";
     let mut table = Table::new(head.split('|'));
     exponents.iter().for_each(|exponent| table.row_of_markdown(row(exponent)));
-    table.add_to(
-        text,
-        "## How it scales\n\nExponents b of y ∝ xᵇ, fitted to the cells whose fixed cost is at most a tenth of the time: 1 is linear. \
-         The interval is that of 95 % over the rounds of sampling, or the extremes with one cell left out where figures are exact.\n\n",
-    );
-    *text += &more;
+    let about = "Exponents b of y ∝ xᵇ, fitted to the cells whose fixed cost is at most a tenth of the time: 1 is linear. The \
+                 interval is that of 95 % over the rounds of sampling, or the extremes with one cell left out where figures are exact.";
+    table.add_to(text, &format!("## How it scales\n\n{about}{more}\n\n"));
 }
 
 fn row(exponent: &Exponent<'_, '_>) -> [String; 6] {

@@ -9,6 +9,8 @@ const STAR: [[(i32, i32); 2]; 4] =
 /// From the chart's edge to the marker and the words of a name.
 const NAME_MARK_PX: i32 = 14;
 const NAME_PX: i32 = 26;
+/// Characters of the ordinate's title that fit beside a chart, its scale apart.
+const MOST_Y_TITLE: usize = 31;
 /// A name that is further than this from its line is joined to it.
 const LEADER_FROM_PX: i32 = 8;
 
@@ -78,7 +80,7 @@ impl Chart {
             .x_label_formatter(&|at| self.x.tick_label(*at))
             .y_label_formatter(&|at| self.y.tick_label(*at))
             .x_desc(self.x.title(&self.x_title))
-            .y_desc(self.y.title(&self.y_title))
+            .y_desc(self.y.title(&style::cut(&self.y_title, MOST_Y_TITLE)))
             .draw()?;
         let plot = chart.plotting_area().clone();
         let canvas = Canvas { area: &plot, chart: self };
@@ -118,7 +120,7 @@ fn placed(wanted: &[i32], heights: &[i32], top: i32, bottom: i32) -> Vec<i32> {
 impl Series {
     /// Its name and remarks, in lines that fit beside the chart.
     fn lines(&self) -> Vec<String> {
-        let fitting = (MOST_NAMES_PX / style::width_px("m", style::LABEL_PX)) as usize;
+        let fitting = style::fitting(MOST_NAMES_PX);
         let parts = [&self.name, &self.remark].into_iter().filter(|part| !part.is_empty());
         parts.flat_map(|part| style::wrap(part, fitting)).collect()
     }
