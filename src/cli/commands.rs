@@ -21,6 +21,7 @@ use crate::harness::{
     verify as verifying,
 };
 use crate::parameter::{self, Allowed};
+use crate::report::{self, ReportView};
 use crate::scene::{SceneFile, assets};
 use crate::{exporters, quiet, record, stages, tell, text};
 use anyhow::Context;
@@ -68,8 +69,12 @@ pub fn run(catalog: &Catalog, args: RunArgs) -> Outcome {
     };
     let summary = run::run(&options, &INTERRUPT)?;
     let output = OutputFolder { folder: summary.out.clone() };
-    exporters::write(&output.folder, record::read(&output.records())?)?;
+    let reading = record::read(&output.records())?;
+    let in_short = report::in_short(&ReportView::new(&reading.records, Some(&output.folder)));
+    let files = exporters::write(&output.folder, reading)?;
     print_summary(&summary);
+    in_short.iter().for_each(tell::done);
+    print_pages(&files);
     let nothing = summary.measured + summary.failed + summary.kept == 0;
     Ok(match &summary.skip_reason {
         _ if summary.end.interrupted => ExitCode::from(INTERRUPTED),
@@ -77,6 +82,15 @@ pub fn run(catalog: &Catalog, args: RunArgs) -> Outcome {
         Some(reason) if nothing => super::fail(&format!("every cell was skipped; {reason}")),
         _ => ExitCode::SUCCESS,
     })
+}
+
+/// The files that a person opens first.
+fn print_pages(files: &[PathBuf]) {
+    let is_first = |path: &&PathBuf| {
+        let name = path.file_name().and_then(|name| name.to_str());
+        name.is_some_and(|name| [report::PAGE.file, report::SUMMARY.file].contains(&name))
+    };
+    files.iter().filter(is_first).for_each(|path| tell::done(path.display()));
 }
 
 /// From now on a first interrupt sets [`INTERRUPT`], and a second one ends the process.
@@ -91,7 +105,7 @@ pub fn watch_interrupts() -> anyhow::Result<()> {
 }
 
 fn print_summary(summary: &Summary) {
-    let Summary { out, measured, skipped, failed, kept, end, .. } = summary;
+    let Summary { measured, skipped, failed, kept, end, .. } = summary;
     tell::done(format!(
         "{measured} cells measured, {skipped} skipped, {failed} failed, {kept} kept from before"
     ));
@@ -106,7 +120,6 @@ fn print_summary(summary: &Summary) {
     if let Some(bytes) = end.peak_memory_bytes {
         tell::done(format!("{:.2} GiB of memory at most", bytes as f64 / f64::from(1 << 30)));
     }
-    tell::done(out.join("summary.md").display());
 }
 
 pub fn list(catalog: &Catalog, args: ListArgs) -> Outcome {

@@ -65,6 +65,8 @@ pub struct Ruling {
     pub n: Option<usize>,
     /// The figures that decided, the furthest outside its band or the nearest to its bound first. Empty where it was not run.
     pub deciding: Vec<RuledFigure>,
+    /// The publication's value of these figures, where it gives one.
+    pub published: Option<f64>,
 }
 
 /// Comparisons that a test asks for, or why it cannot be run.
@@ -125,7 +127,8 @@ fn rule(claim: &Claim, cells: &[&Cell], software: bool) -> Ruling {
             Judgement { verdict: Verdict::NotRun, reason: not_run.join("; "), deciding: Vec::new() }
         }
     };
-    Ruling { id: claim.id.clone(), text: claim.text.clone(), verdict, reason, n, deciding }
+    let (id, text) = (claim.id.clone(), claim.text.clone());
+    Ruling { id, text, verdict, reason, n, deciding, published: claim.published() }
 }
 
 /// The comparisons of each group of cells that differ in the claim's axis only.

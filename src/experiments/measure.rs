@@ -295,12 +295,13 @@ impl Measure {
         })
     }
 
-    /// A stage's name, where the measure is its time and nothing else: what a legend shows.
+    /// A stage's name, where the measure is its time and nothing else: what a plot calls it.
     pub fn stage_name(&self) -> Option<String> {
         match self.only() {
-            Some(Term::Stages(names)) if !matches!(names.last(), Some(StageName::Family(_))) => {
-                Some(joined(names, "|"))
-            }
+            Some(Term::Stages(names)) => match names.as_slice() {
+                [StageName::One(name)] => Some(name.clone()),
+                _ => None,
+            },
             _ => None,
         }
     }

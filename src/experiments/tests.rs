@@ -304,3 +304,32 @@ fn the_documented_experiment_is_one() {
     }
     assert!(!experiment.claim.is_empty() && !experiment.plot.is_empty());
 }
+
+#[test]
+fn axes_that_set_names_are_categories_and_those_that_set_numbers_are_not() {
+    for (id, axis, expected) in [
+        ("vao-voxelize", "scene", true),
+        ("vao-voxelize", "dragon", true),
+        ("vao-voxelize", "voxel.resolution", false),
+        ("vao-resolution", "step", true),
+        ("vao-skipping", "ao.skipping", true),
+        ("spt-photons", "photons", false),
+        ("uw-buffers", "caustics.buffer", false),
+    ] {
+        let experiment = Experiment::load(id).unwrap();
+        assert_eq!(experiment.is_category(axis), expected, "{id} {axis}");
+    }
+}
+
+#[test]
+fn ratios_need_both_values() {
+    let plot = "[[sweep]]\n[[sweep.axis]]\nname = \"n\"\nvalues = [1, 2]\n[[plot]]\ntitle = \"t\"\nkind = \"ratios\"\nover = \"n\"\ny = [\"frame\"]\nnumerator = 2";
+    let text = |rest: &str| {
+        format!(
+            "id = \"e\"\ntitle = \"t\"\nsource = \"s\"\npipeline = \"p\"\nscene = \"tank\"\n{plot}\n{rest}"
+        )
+    };
+    let refused = Experiment::parse("e", &text("")).unwrap_err().to_string();
+    assert!(refused.contains("needs over, y, numerator and denominator"), "{refused}");
+    assert!(Experiment::parse("e", &text("denominator = 1")).is_ok());
+}

@@ -19,9 +19,6 @@ const LIGHTNESS: [f32; 5] = [0.60, 0.76, 0.50, 0.68, 0.56];
 const SHIFT_DEG: f32 = 22.0;
 const CHROMA: f32 = 0.125;
 
-/// The CPU's part of a frame, which every pipeline has.
-const HOST_STAGE: &str = "frame";
-
 /// Of what is no stage of the GPU, and of stages that are unknown.
 pub const NEUTRAL: Color = Color(150, 150, 150);
 
@@ -54,7 +51,7 @@ pub struct StageColors(BTreeMap<String, Color>);
 
 impl StageColors {
     pub fn new<'a>(stages: impl IntoIterator<Item = &'a str>) -> StageColors {
-        let names: BTreeSet<&str> = stages.into_iter().filter(|name| *name != HOST_STAGE).collect();
+        let names: BTreeSet<&str> = stages.into_iter().collect();
         let families = names.into_iter().chunk_by(|name| family(name));
         let mut colors = BTreeMap::new();
         for (place, (_, stages)) in families.into_iter().enumerate() {
@@ -114,10 +111,10 @@ mod tests {
     }
 
     #[test]
-    fn the_order_of_names_does_not_matter_and_the_frame_is_grey() {
+    fn the_order_of_names_does_not_matter_and_what_is_unknown_is_grey() {
         let [forth, back] = [StageColors::new(STAGES), StageColors::new(STAGES.into_iter().rev())];
         assert!(STAGES.iter().all(|stage| forth.of(stage) == back.of(stage)));
-        assert_eq!(StageColors::new(["frame"]).of("frame"), NEUTRAL);
+        assert_eq!(forth.of("frame"), NEUTRAL);
     }
 
     #[test]

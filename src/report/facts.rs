@@ -1,9 +1,14 @@
 //! What a run says in short: verdicts, the slowest stages, how far to trust it, how it scales. Functions of a view; the
 //! summary and the page show them.
 
+use std::collections::HashMap;
+
+use indexmap::IndexMap;
 use itertools::Itertools;
+use serde_json::Value;
 
 use super::format::{self, percent};
+use super::plots::names;
 use super::{ReportView, Section};
 use crate::experiments::schema::{FIXED_SHARE, Plot, PlotKind};
 use crate::experiments::{self, Measure, Ruling, Scaling, Verdict, groups, scaling};
@@ -74,15 +79,17 @@ pub fn claims<'v, 'a>(view: &'v ReportView<'a>) -> Vec<RuledClaim<'v, 'a>> {
     claims
 }
 
-/// The frame that stands for a pipeline. Of its timed cells, those come first whose stages are all above the clock's resolution; of
-/// these the one whose experiment sets the fewest parameters, which is the nearest to the pipeline's defaults; of equals the first
-/// of the plan.
+/// The frame that stands for a pipeline. Of its timed cells the first by this order: those whose stages are all above the clock's
+/// resolution; those of an experiment without a sweep; those whose experiment sets the fewest parameters, which are the nearest to
+/// the pipeline's defaults; those with the fewest parameters that differ from what most cells of the pipeline have; the plan.
 #[derive(Clone, Copy)]
 pub struct Representative<'a> {
     pub cell: &'a Cell,
     pub measured: &'a Measured,
     /// Parameters that its plan sets; none where the plan does not know the cell.
     settings: Option<usize>,
+    /// Parameters that differ from what most timed cells of the pipeline have.
+    unusual: usize,
 }
 
 /// A stage's time in a frame, and its share of the sum of all stages, frame by frame.
@@ -127,15 +134,17 @@ impl<'a> Representative<'a> {
 /// A frame for each pipeline, in the order in which the plan first has them.
 pub fn representatives<'a>(view: &ReportView<'a>) -> Vec<Representative<'a>> {
     let frames = view.sections.iter().flat_map(|section| {
-        section.timed().map(|(cell, measured)| Representative {
-            cell,
-            measured,
-            settings: section.settings(cell),
+        section.timed().map(|(cell, measured)| {
+            let settings = section.settings(cell);
+            Representative { cell, measured, settings, unusual: 0 }
         })
     });
-    let by_pipeline = frames.into_group_map_by(|frame| frame.cell.pipeline.as_str());
-    let order = view.timed().map(|(cell, _)| cell.pipeline.as_str()).unique();
-    order.filter_map(|pipeline| by_pipeline[pipeline].iter().copied().min_by_key(rank)).collect()
+    let mut by_pipeline: IndexMap<&str, Vec<Representative<'a>>> = IndexMap::new();
+    for frame in frames {
+        by_pipeline.entry(&frame.cell.pipeline).or_default().push(frame);
+    }
+    by_pipeline.values_mut().for_each(|frames| count_unusual(frames));
+    by_pipeline.values().filter_map(|frames| frames.iter().copied().min_by_key(rank)).collect()
 }
 
 /// The same cell in another run; none where that did not time it.
@@ -145,16 +154,38 @@ pub fn same_frame<'a>(
 ) -> Option<Representative<'a>> {
     let section = view.sections.iter().find(|section| section.id == frame.cell.experiment)?;
     let (cell, measured) = section.timed().find(|(cell, _)| cell.cell == frame.cell.cell)?;
-    Some(Representative { cell, measured, settings: section.settings(cell) })
+    Some(Representative { cell, measured, settings: section.settings(cell), unusual: 0 })
 }
 
-/// Frames whose stages are all resolved come first, then those with few settings.
-fn rank(frame: &Representative<'_>) -> (bool, usize) {
+/// Counts each frame's parameters that most of these frames have another value of.
+fn count_unusual(frames: &mut [Representative<'_>]) {
+    let settings = |cell: &Cell| {
+        let tree = cell.params.as_object().map(experiments::flatten).unwrap_or_default();
+        let scene = ("scene".to_owned(), cell.scene.as_str().into());
+        tree.into_iter()
+            .chain([scene])
+            .map(|(path, value): (String, Value)| (path, value.to_string()))
+    };
+    let counts = frames.iter().flat_map(|frame| settings(frame.cell)).counts();
+    let mut most: HashMap<&str, usize> = HashMap::new();
+    for ((path, _), count) in &counts {
+        let most = most.entry(path).or_default();
+        *most = (*most).max(*count);
+    }
+    for frame in frames {
+        let is_unusual = |entry: &(String, String)| counts[entry] < most[entry.0.as_str()];
+        frame.unusual = settings(frame.cell).filter(is_unusual).count();
+    }
+}
+
+/// See [`Representative`].
+fn rank(frame: &Representative<'_>) -> (bool, bool, usize, usize) {
     let resolved = frame.measured.stages.iter().all(StageRecord::is_resolved);
-    (!resolved, frame.settings.unwrap_or(usize::MAX))
+    let swept = !frame.cell.axes.is_empty();
+    (!resolved, swept, frame.settings.unwrap_or(usize::MAX), frame.unusual)
 }
 
-/// The representative frame with the fewest settings of all.
+/// Of the representative frames the first by the same order.
 pub fn default_frame<'a>(view: &ReportView<'a>) -> Option<Representative<'a>> {
     representatives(view).into_iter().min_by_key(rank)
 }
@@ -250,7 +281,7 @@ pub struct Exponent<'v, 'a> {
 impl Exponent<'_, '_> {
     /// `0.98 (0.95 – 1.01)`
     pub fn text(&self) -> String {
-        slope(&self.fit)
+        exponent(&self.fit)
     }
 
     /// What x is called on the plot.
@@ -264,12 +295,14 @@ impl Exponent<'_, '_> {
     }
 }
 
-/// A fitted exponent with its interval: `0.98 (0.95 – 1.01)`.
-pub fn slope(fit: &Scaling) -> String {
-    let slope = format!("{:.2}", fit.slope.slope);
+/// The exponent that claims rest on, with its interval: `0.98 (0.95 – 1.01)`
+pub fn exponent(fit: &Scaling) -> String {
+    // Without a minus before what is rounded to zero.
+    let two = |value: f64| format!("{:.2}", if value.abs() < 0.005 { 0.0 } else { value });
+    let value = two(fit.of_rounds.median());
     match fit.interval() {
-        Some(Interval { low, high }) => format!("{slope} ({low:.2} – {high:.2})"),
-        None => slope,
+        Some(Interval { low, high }) => format!("{value} ({} – {})", two(low), two(high)),
+        None => value,
     }
 }
 
@@ -296,8 +329,9 @@ fn of_plot<'v, 'a>(section: &'v Section<'a>, plot: &'v Plot) -> Vec<Exponent<'v,
         Some(over) => groups(&cells, over),
         None => vec![(String::new(), cells)],
     };
-    let fits = plot.y.iter().cartesian_product(groups).filter_map(|(y, (group, members))| {
+    let fits = plot.y.iter().cartesian_product(groups).filter_map(|(y, (_, members))| {
         let fit = scaling(y, x, &members, FIXED_SHARE).ok()?;
+        let group = names::group(plot, &members, section.experiment.as_ref()?);
         Some(Exponent { section, plot, y, x, group, fit })
     });
     fits.collect()
@@ -331,7 +365,7 @@ fn claims_finding(view: &ReportView<'_>) -> Option<String> {
     let furthest = first.ruling.deciding.first().filter(|_| tally.contradicted > 0);
     if let Some(figure) = furthest {
         sentence += &format!(
-            " and {} contradicted, the furthest of them \u{201c}{}\u{201d} ({}): {} where {} is asked",
+            " and {} contradicted, the furthest of them “{}” ({}): {} where {} is asked",
             tally.contradicted,
             first.ruling.text,
             first.section.id,
@@ -342,12 +376,12 @@ fn claims_finding(view: &ReportView<'_>) -> Option<String> {
     Some(sentence + ".")
 }
 
-/// The time that was fitted over the widest range.
+/// Of the times that grow the one that was fitted over the widest range.
 fn scaling_finding(view: &ReportView<'_>) -> Option<String> {
     let exponents = exponents(view).into_iter();
-    let times =
-        exponents.filter(|exponent| exponent.y.is_time() && exponent.fit.interval().is_some());
-    let widest = times.max_by(|a, b| a.fit.decades.total_cmp(&b.fit.decades))?;
+    let grows = |fit: &Scaling| fit.interval().is_some_and(|interval| interval.low > 0.0);
+    let times = exponents.filter(|exponent| exponent.y.is_time() && grows(&exponent.fit));
+    let widest = times.min_by(|a, b| b.fit.decades.total_cmp(&a.fit.decades))?;
     Some(format!(
         "Over the widest range that was fitted, {} of {} ({}), the time of {} grows with an exponent of {}.",
         times_over(widest.fit.range),
@@ -446,7 +480,7 @@ mod tests {
     }
 
     #[test]
-    fn exponents_are_those_of_the_fixtures_cost_model_and_none_of_categories() {
+    fn exponents_are_those_of_the_fixtures_cost_model() {
         let records = fixtures::run();
         let view = ReportView::new(&records, None);
         let exponents = exponents(&view);
@@ -455,8 +489,6 @@ mod tests {
         });
         let slope = trace.unwrap().fit.slope.slope;
         assert!((slope - 1.0).abs() < 0.05, "{slope}");
-        let over = |exponent: &Exponent<'_, '_>| exponent.plot.over.clone();
-        assert!(exponents.iter().all(|exponent| over(exponent).as_deref() != Some("scene")));
     }
 
     #[test]

@@ -29,7 +29,7 @@ pub use github_benchmark::EXPORTER as GITHUB_BENCHMARK;
 pub use junit::EXPORTER as JUNIT;
 pub use page::EXPORTER as PAGE;
 pub use plots::EXPORTER as PLOTS;
-pub use summary::EXPORTER as SUMMARY;
+pub use summary::{EXPORTER as SUMMARY, in_short};
 pub use view::{Entry, LeftOut, ReportView, Section};
 
 use crate::text;

@@ -1,144 +1,70 @@
-//! `summary.md`: what was measured, on what, how far to trust it, and what it says of the claims.
+//! `summary.md`: what a run says within a minute, on at most [`MOST_LINES`] lines. Everything else is on the page and in
+//! `cells.csv`.
 
-mod section;
-mod trust;
+mod claims;
+mod frames;
+mod head;
+mod scaling;
 
-use std::fmt::Write as _;
+use itertools::Itertools;
 
-use indexmap::IndexSet;
-
-use super::format::{self, Table};
-use super::{Exporter, OfRun, ReportError, ReportView, RunExporter, Written};
-use crate::experiments::Verdict;
-use crate::record::{Outcome, Run};
+use super::{Exporter, OfRun, ReportError, ReportView, RunExporter, Written, facts, page};
 use crate::text;
 
 pub const EXPORTER: RunExporter = Exporter {
     name: "markdown",
-    about: "the run, its tables, verdicts and links to plots and pictures",
+    about: "verdicts, where the time goes and how it scales, on at most 200 lines",
     file: "summary.md",
     written: Written::WithEveryReport,
     export: OfRun::One(export),
 };
 
+/// Lines of the summary of any run. Each table has a limit of its own, so that all of them stay below it.
+#[cfg(test)]
+const MOST_LINES: usize = 200;
+
 fn export(view: &ReportView<'_>) -> Result<String, ReportError> {
     let mut text = String::new();
-    match view.run() {
-        Some(run) => header(view, run, &mut text),
-        None => text += "# fathom\n\nThe records hold no run.\n\n",
-    }
-    overview(view, &mut text);
-    for part in &view.sections {
-        section::write(part, &mut text);
-    }
+    head::write(view, &mut text);
+    claims::write(view, &mut text);
+    frames::write(view, &mut text);
+    scaling::write(view, &mut text);
     Ok(text)
 }
 
-fn header(view: &ReportView<'_>, run: &Run, text: &mut String) {
-    let adapter = &run.adapter;
-    *text += &format!("# fathom on {}\n\n", text::markdown(&adapter.name));
-    if adapter.software {
-        *text += "> Measured on a software driver. Ratios, slopes and shares stand; absolute times and \
-                  frame rates count only on hardware.\n\n";
-    }
-    let mut table = Table::new(["", ""]);
-    table.row([
-        "adapter".to_owned(),
-        format!("{} ({}, {})", adapter.name, adapter.device_type, adapter.backend),
-    ]);
-    table.row(["driver".to_owned(), format!("{} {}", adapter.driver, adapter.driver_info)]);
-    table.row(["host threads".to_owned(), adapter.host_threads.to_string()]);
-    table.row(["profile", run.profile.name()]);
-    table.row(["shader checks", run.shader_checks.name()]);
-    table.row(["started", &run.started_at]);
-    table.row(["fathom", &run.fathom_version]);
-    let command = text::code(&run.command.join(" "));
-    table.row_of_markdown(["command".to_owned(), command.replace('|', "\\|")]);
-    trust::write(view, run, &mut table);
-    *text += &table.markdown();
-    audit(run, text);
-    notes(view, text);
+/// What a run says in a few lines, for the terminal: the tally of verdicts and the slowest stages.
+pub fn in_short(view: &ReportView<'_>) -> Vec<String> {
+    let tally = facts::tally(view);
+    let claims = (tally.all() > 0).then(|| format!("claims: {}", head::tally(&tally)));
+    let slowest = facts::slowest_stages(view, head::SLOWEST);
+    let slowest = (!slowest.is_empty())
+        .then(|| format!("slowest stages: {}", slowest.iter().map(head::slow).join("; ")));
+    claims.into_iter().chain(slowest).collect()
 }
 
-fn audit(run: &Run, text: &mut String) {
-    let head = "clock|pass|context|clock (ms)|host (ms)|ratio|2 N / N|verdict|why";
-    let mut table = Table::new(head.split('|'));
-    for row in &run.audit {
-        let verdict = if row.sound { "sound" } else { "unusable" };
-        table.row([
-            row.clock.name().to_owned(),
-            row.pass.name().to_owned(),
-            row.context.name().to_owned(),
-            format::three(row.clock_ns / format::NS_PER_MS),
-            format::three(row.host_ns / format::NS_PER_MS),
-            format!("{:.3}", row.ratio),
-            format!("{:.2}", row.doubling),
-            verdict.to_owned(),
-            row.reason.clone(),
-        ]);
-    }
-    let about = "Each clock against the fenced host clock, for a kernel of N and of 2 N work.";
-    table.add_to(text, &format!("## Clock audit\n\n{about}\n\n"));
+/// The rows that fit, and words on how many are left out.
+fn cut<T>(mut rows: Vec<T>, most: usize) -> (Vec<T>, String) {
+    let more = rows.len().saturating_sub(most);
+    rows.truncate(most);
+    let words = if more > 0 {
+        format!(" … and {more} more on the [page]({})", page::FILE)
+    } else {
+        String::new()
+    };
+    (rows, words)
 }
 
-/// Notes on the run, and the stand-ins that cells ran on.
-fn notes(view: &ReportView<'_>, text: &mut String) {
-    let of_runs = view.runs.iter().flat_map(|run| &run.notes).map(|note| &note.text);
-    let stand_ins = view
-        .sections
-        .iter()
-        .flat_map(|section| &section.entries)
-        .flat_map(|entry| &entry.cell.stand_ins);
-    let mut all: IndexSet<&str> = of_runs.chain(stand_ins).map(String::as_str).collect();
-    let adapters: IndexSet<&str> = view.runs.iter().map(|run| run.adapter.name.as_str()).collect();
-    if adapters.len() > 1 {
-        all.insert("Cells of several adapters stand in these records; cells.csv names the adapter of each.");
-    }
-    if all.is_empty() {
-        return;
-    }
-    *text += "## Notes\n\n";
-    for note in all {
-        let _ = writeln!(text, "- {}", text::markdown(note));
-    }
-    *text += "\n";
-}
-
-fn overview(view: &ReportView<'_>, text: &mut String) {
-    let head =
-        "experiment|measured|skipped|failed|claims supported|contradicted|inconclusive|not run";
-    let mut table = Table::new(head.split('|'));
-    for section in &view.sections {
-        let count = |wanted: fn(&Outcome) -> bool| {
-            let entries = section.entries.iter();
-            entries.filter(|entry| wanted(&entry.cell.outcome)).count().to_string()
-        };
-        let rulings = section.rulings();
-        let ruled = |wanted: Verdict| {
-            let same = rulings.iter().filter(|ruling| ruling.verdict == wanted);
-            same.count().to_string()
-        };
-        table.row_of_markdown([
-            format!("[{}](#{})", text::markdown(section.id), text::link(section.id)),
-            count(|outcome| matches!(outcome, Outcome::Measured(_))),
-            count(|outcome| matches!(outcome, Outcome::Skipped { .. })),
-            count(|outcome| matches!(outcome, Outcome::Failed { .. })),
-            ruled(Verdict::Supported),
-            ruled(Verdict::Contradicted),
-            ruled(Verdict::Inconclusive),
-            ruled(Verdict::NotRun),
-        ]);
-    }
-    table.add_to(text, "## Experiments\n\n");
-}
-
-fn image(name: &str, path: &str) -> String {
-    format!("![{}]({})", text::markdown(name), text::link(path))
+fn link(name: &str, path: &str) -> String {
+    format!("[{}]({})", text::markdown(name), text::link(path))
 }
 
 #[cfg(test)]
 mod tests {
+    use serde_json::json;
+
+    use super::*;
     use crate::exporters::of_run as artifacts;
+    use crate::record::{Cell, Definition, Record};
     use crate::report::fixtures;
 
     #[test]
@@ -148,19 +74,17 @@ mod tests {
     }
 
     #[test]
-    fn the_summary_tells_adapter_audit_claims_and_reasons() {
+    fn the_summary_tells_device_verdicts_and_figures() {
         let text = fixtures::summary(&fixtures::run());
         for expected in [
             "# fathom on llvmpipe",
-            "count only on hardware",
-            "| compute | mixed |",
-            "unusable",
-            "GeForce GTX 260",
-            "| supported |",
+            "software driver",
+            "Absolute times",
             "(uw-photons.svg)",
-            "device lost",
-            "134,217,728",
-            "harness efficiency",
+            "(index.html)",
+            "(cells.csv)",
+            "### Contradicted",
+            "caustics/splat",
         ] {
             assert!(text.contains(expected), "{expected}");
         }
@@ -180,8 +104,53 @@ mod tests {
     }
 
     #[test]
+    fn a_run_ends_with_its_verdicts_and_slowest_stages() {
+        let records = fixtures::run();
+        let lines = in_short(&ReportView::new(&records, None));
+        assert_eq!(lines.len(), 2, "{lines:?}");
+        assert!(lines[0].starts_with("claims: ") && lines[0].contains(" supported, "));
+        assert!(lines[1].starts_with("slowest stages: ") && lines[1].matches(';').count() == 4);
+        assert!(in_short(&ReportView::new(&[], None)).is_empty());
+    }
+
+    #[test]
     fn no_records_give_a_summary_all_the_same() {
         let files = artifacts(&[], None).unwrap();
         assert!(files.iter().any(|file| file.name == "summary.md"));
+    }
+
+    /// The records of a run many times, each time with other experiments and pipelines.
+    fn many_times(count: usize) -> Vec<Record> {
+        let renamed = |record: &Record, time: usize| match record {
+            Record::Experiment(definition) => {
+                let id = format!("{}-{time}", definition.id);
+                let toml = definition.toml.replacen(
+                    &format!("id = \"{}\"", definition.id),
+                    &format!("id = \"{id}\""),
+                    1,
+                );
+                Some(Record::Experiment(Definition { id, toml }))
+            }
+            Record::Cell(cell) => Some(Record::Cell(Box::new(Cell {
+                experiment: format!("{}-{time}", cell.experiment),
+                pipeline: format!("{}-{time}", cell.pipeline),
+                params: json!({ "view": cell.params["view"] }),
+                ..*cell.clone()
+            }))),
+            _ => None,
+        };
+        let one = fixtures::run();
+        let copies = (0..count).flat_map(|time| one.iter().filter_map(move |r| renamed(r, time)));
+        let copies: Vec<Record> = copies.collect();
+        one.iter().cloned().chain(copies).collect()
+    }
+
+    #[test]
+    fn the_summary_of_any_run_has_at_most_200_lines_and_says_what_is_left_out() {
+        let one = fixtures::summary(&fixtures::run());
+        assert!(one.lines().count() <= MOST_LINES, "{}", one.lines().count());
+        let many = fixtures::summary(&many_times(4));
+        assert!(many.lines().count() <= MOST_LINES, "{}", many.lines().count());
+        assert!(many.matches("more on the [page](index.html)").count() >= 4, "{many}");
     }
 }

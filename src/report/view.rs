@@ -14,14 +14,14 @@ use serde_json::Value;
 use super::colors::StageColors;
 use super::plots::Figure;
 use crate::experiments::{self, CellPlan, Experiment, Ruling, label_text};
-use crate::record::{Cell, Damage, End, Measured, Picture, Profile, Record, Run};
+use crate::record::{Cell, Clock, Damage, End, Measured, Picture, Profile, Record, Run};
 
 #[derive(Default)]
 pub struct ReportView<'a> {
     pub runs: Vec<&'a Run>,
     pub ends: Vec<&'a End>,
     pub sections: Vec<Section<'a>>,
-    /// Of every stage that was measured.
+    /// Of every stage that was measured, but not of the CPU's part of a frame.
     pub colors: StageColors,
     /// Where the run's pictures lie.
     pub folder: Option<PathBuf>,
@@ -110,6 +110,7 @@ impl<'a> ReportView<'a> {
             section.finish(profile, folder);
         }
         let stages = view.measured().flat_map(|(_, measured)| &measured.stages);
+        let stages = stages.filter(|stage| stage.clock != Clock::Host);
         view.colors = StageColors::new(stages.map(|stage| stage.stage.as_str()));
         view
     }
@@ -233,7 +234,9 @@ impl<'a> Section<'a> {
 
     pub(super) fn figure(&self) -> &Figure {
         self.figure.get_or_init(|| match &self.experiment {
-            Some(experiment) => Figure::new(experiment, &self.cells()),
+            Some(experiment) => {
+                Figure::new(experiment, self.cells(), self.rulings(), self.software())
+            }
             None => Figure::default(),
         })
     }

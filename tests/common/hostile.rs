@@ -88,6 +88,14 @@ fn definition(all: &str, axis: &str) -> String {
         plot("lines", "over = \"n\"\nx = \"axis:n\"\ny = [\"frame\"]"),
         plot("bars", &format!("over = {axis}\ny = [\"frame\"]")),
         plot("stacked", ""),
+        plot(
+            "ratios",
+            &format!(
+                "over = {axis}\ny = [\"frame\"]\nnumerator = {}\ndenominator = {}",
+                quoted(HOSTILE[0]),
+                quoted(HOSTILE[1])
+            ),
+        ),
     ]
     .join("\n")
 }

@@ -18,6 +18,18 @@ pub struct Claim {
     pub test: Test,
 }
 
+impl Claim {
+    /// The publication's value of the figure that is tested.
+    pub fn published(&self) -> Option<f64> {
+        self.published.or(match &self.test {
+            Test::Slope { expected, .. } => Some(*expected),
+            Test::Independent { .. } => Some(1.0),
+            Test::AtLeast { value, .. } => Some(*value),
+            _ => None,
+        })
+    }
+}
+
 /// How a claim is tested. `over` names the axis along which cells are compared; cells that differ in another axis
 /// are tested apart, and every group must pass.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
@@ -115,18 +127,29 @@ impl Test {
         }
     }
 
+    /// What is tested.
+    pub fn y(&self) -> &Measure {
+        match self {
+            Test::Slope { y, .. }
+            | Test::Affine { y, .. }
+            | Test::Monotone { y, .. }
+            | Test::Band { y, .. }
+            | Test::Independent { y, .. }
+            | Test::Ratio { y, .. }
+            | Test::AtLeast { y, .. }
+            | Test::Within { y, .. }
+            | Test::NoWorse { y, .. }
+            | Test::Lowest { y, .. } => y,
+        }
+    }
+
     pub(super) fn measures(&self) -> Vec<&Measure> {
         match self {
             Test::Slope { y, x, .. }
             | Test::Affine { y, x, .. }
             | Test::Monotone { y, x, .. }
             | Test::Band { y, x, .. } => vec![y, x],
-            Test::Independent { y, .. }
-            | Test::Ratio { y, .. }
-            | Test::AtLeast { y, .. }
-            | Test::Within { y, .. }
-            | Test::NoWorse { y, .. }
-            | Test::Lowest { y, .. } => vec![y],
+            _ => vec![self.y()],
         }
     }
 }

@@ -327,7 +327,7 @@ fn fits(page: &Page<'_>, series: &[Series<'_>]) -> Markup {
                         span style={ "color:" (paint(page, one).css()) } aria-hidden="true" { (Shape::of_run(one.run).symbol()) }
                         " " (one.name) " "
                         @match fit {
-                            Ok(fit) => { b { "∝ x^" (facts::slope(fit)) } }
+                            Ok(fit) => { b { "∝ x^" (facts::exponent(fit)) } }
                             Err(reason) => { span.faint { "no exponent: " (reason) } }
                         }
                     }

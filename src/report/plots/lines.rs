@@ -1,209 +1,320 @@
-//! Panels of series over a number: scaling plots (logarithmic, fitted slopes in the legend) and linear ones.
+//! Panels of series over a number: scaling plots (logarithmic, with fitted exponents) and linear ones. Few series share a chart
+//! and are named at their ends; many are drawn as small charts side by side.
+
+mod draw;
 
 use itertools::{Itertools, MinMaxResult};
 use plotters::prelude::*;
 
-use super::chart::{Legend, mesh, split};
+use super::chart::Mark;
 use super::scale::{Scale, ScaleKind};
-use super::{Area, Drawn, Panel, style, unit};
-use crate::experiments::schema::{Experiment, FIXED_SHARE, Plot, PlotKind, Published};
-use crate::experiments::{Measure, Reading, Scaling, groups, scaling};
-use crate::record::{Cell, Estimate, Interval};
+use super::{Area, Drawn, Panel, PlotInput, WIDTH_PX, names, style};
+use crate::experiments::schema::{FIXED_SHARE, Plot, PlotKind, Published};
+use crate::experiments::{Measure, Scaling, groups, label_text, scaling};
+use crate::record::{Cell, Estimate};
+use crate::report::colors::StageColors;
+use crate::report::facts::exponent;
 
-/// Least height of a panel.
-const HEIGHT_PX: u32 = 430;
-const LEGEND_PX: u32 = 300;
-const LEGEND_TOP_PX: i32 = 44;
+/// Series that one chart can hold.
+const MOST_TOGETHER: usize = 5;
+/// Height of a chart with its axis.
+const HEIGHT_PX: u32 = 350;
+const SMALL_HEIGHT_PX: u32 = 240;
+/// A line of small type, and a chart's own title.
 const ROW_PX: i32 = 16;
-const ENTRY_GAP_PX: i32 = 8;
-/// Characters of 12-px type that fit into the legend's column.
-const LEGEND_CHARACTERS: usize = 44;
+const TITLE_PX: i32 = 22;
+/// Most pixels for the names at the ends of lines.
+const MOST_NAMES_PX: u32 = 230;
 
 pub struct Lines {
+    charts: Vec<Chart>,
+}
+
+struct Chart {
+    /// Empty where there is one chart.
     title: String,
     x_title: String,
     y_title: String,
     x: Scale,
     y: Scale,
     series: Vec<Series>,
-    published: Vec<Mark>,
-    published_lines: Vec<String>,
 }
 
 struct Series {
+    /// What tells it from the others of its chart; may be empty where it is alone.
     name: String,
-    group: String,
-    /// Places and values in the plot's units.
-    points: Vec<(f64, Estimate)>,
+    /// The fitted exponent and the number of samples.
+    remark: String,
+    color: SeriesColor,
+    marker: usize,
+    points: Vec<Point>,
+    /// Whether lines join the points.
+    joined: bool,
     /// Ends of the fitted line, in the plot's units.
     fit: Option<[(f64, f64); 2]>,
-    /// The legend's words on the fit and on the number of samples.
-    remark: String,
 }
 
-struct Mark {
+#[derive(Clone)]
+enum SeriesColor {
+    Stage(String),
+    Number(usize),
+}
+
+impl SeriesColor {
+    fn of(&self, colors: &StageColors) -> RGBColor {
+        match self {
+            SeriesColor::Stage(stage) => style::of_stage(colors.of(stage)),
+            SeriesColor::Number(number) => style::color(*number),
+        }
+    }
+}
+
+/// A cell, in the plot's units.
+struct Point {
     x: f64,
-    span_ms: (f64, f64),
+    y: Estimate,
+    /// Of a category: its value on the axis.
+    name: Option<String>,
+    /// From the shortest to the longest published frame time.
+    published: Option<(f64, f64)>,
+}
+
+/// A measure of the cells of a group, and where it stands in the plot.
+struct Source<'p> {
+    y: &'p Measure,
+    place: usize,
+    group: String,
+    group_place: usize,
+    groups: usize,
+    cells: Vec<&'p Cell>,
 }
 
 impl Lines {
     /// None where no series has a point.
-    pub fn new(plot: &Plot, experiment: &Experiment, cells: &[&Cell]) -> Option<Lines> {
-        let x_measure = plot.x.as_ref()?;
-        let groups = match &plot.over {
-            Some(over) => groups(cells, over),
-            None => vec![(String::new(), cells.to_vec())],
+    pub fn new(plot: &Plot, input: &PlotInput<'_>) -> Option<Lines> {
+        let sources = sources(plot, input);
+        let together = sources.len() <= MOST_TOGETHER;
+        let charts: Vec<Vec<&Source<'_>>> = if together {
+            vec![sources.iter().collect()]
+        } else if plot.y.len() > 1 {
+            (0..plot.y.len()).map(|y| sources.iter().filter(|s| s.place == y).collect()).collect()
+        } else {
+            sources.iter().map(|source| vec![source]).collect()
         };
-        let mut series = Vec::new();
-        for y in &plot.y {
-            for (group, members) in &groups {
-                let one = Series::new(plot, x_measure, y, group, members);
-                series.extend(Some(one).filter(|one| !one.points.is_empty()));
-            }
+        let charts = charts.iter().filter_map(|sources| Chart::new(plot, sources, together, input));
+        let mut charts: Vec<Chart> = charts.collect();
+        if plot.kind == PlotKind::Scaling {
+            share_scales(&mut charts)?;
         }
-        let of_frames = plot.y.iter().any(|y| *y == Measure::frame());
-        let shown: &[&Cell] = if of_frames { cells } else { &[] };
-        let published = marks(experiment, x_measure, shown);
-        let figures: Vec<&Published> = shown
-            .iter()
-            .filter_map(|cell| cell.measured().and(experiment.published_for(cell)))
-            .collect();
-        let kind = match plot.kind {
-            PlotKind::Scaling => ScaleKind::Log,
-            _ => ScaleKind::Linear,
-        };
-        let points = || series.iter().flat_map(|series| &series.points);
-        let x = Scale::fit(kind, points().map(|(x, _)| *x))?;
-        let ends = points().flat_map(|(_, y)| [y.ends()[0], y.median, y.ends()[1]]);
-        let marked = published.iter().flat_map(|mark| [mark.span_ms.0, mark.span_ms.1]);
-        let y = Scale::fit(kind, ends.chain(marked))?;
-        Some(Lines {
-            title: plot.title.clone(),
-            x_title: plot.x_title.clone().unwrap_or_else(|| x_measure.to_string()),
-            y_title: plot.y_title().to_owned(),
-            x,
-            y,
-            series,
-            published,
-            published_lines: super::published_lines(&figures),
-        })
+        (!charts.is_empty()).then_some(Lines { charts })
     }
 
-    fn legend(&self, area: &Area<'_>) -> Drawn {
-        let mut legend = Legend { area, y: LEGEND_TOP_PX, row_px: ROW_PX };
-        for (index, series) in self.series.iter().enumerate() {
-            legend.polygon(&style::marker(index), style::color(index))?;
-            entry(&mut legend, &series.name, [&series.group, &series.remark])?;
+    /// Charts side by side.
+    fn columns(&self) -> usize {
+        match self.charts.len() {
+            1 => 1,
+            2 | 4 => 2,
+            _ => 3,
         }
-        if let Some((figures, hardware)) = self.published_lines.split_first() {
-            STAR.iter().try_for_each(|ray| legend.line(ray, 2))?;
-            entry(&mut legend, figures, hardware)?;
-        }
-        Ok(())
     }
-}
 
-impl Lines {
-    /// Height of the legend's entries.
-    fn legend_px(&self) -> u32 {
-        let of_series = self.series.iter().map(|s| vec![&s.name, &s.group, &s.remark]);
-        let published =
-            Some(self.published_lines.iter().collect()).filter(|p: &Vec<_>| !p.is_empty());
-        let rows = |lines: Vec<&String>| {
-            let shown = lines.into_iter().filter(|line| !line.is_empty());
-            shown.map(|line| style::wrap(line, LEGEND_CHARACTERS).len() as u32).sum::<u32>()
-        };
-        let entry_px = |lines| rows(lines) * ROW_PX as u32 + ENTRY_GAP_PX as u32;
-        of_series.chain(published).map(entry_px).sum()
+    /// Height of the lines above a small chart.
+    fn head_px(&self) -> u32 {
+        let lines = self.charts.iter().map(|chart| chart.series.len()).max().unwrap_or(0) as i32;
+        (TITLE_PX + lines * ROW_PX) as u32
+    }
+
+    fn row_px(&self) -> u32 {
+        if self.charts.len() == 1 { HEIGHT_PX } else { self.head_px() + SMALL_HEIGHT_PX }
     }
 }
 
 impl Panel for Lines {
     fn height_px(&self) -> u32 {
-        HEIGHT_PX.max(LEGEND_TOP_PX as u32 + self.legend_px())
+        self.charts.len().div_ceil(self.columns()) as u32 * self.row_px()
     }
 
-    fn draw(&self, area: &Area<'_>) -> Drawn {
-        let (left, legend) = split(area, &self.title, LEGEND_PX)?;
-        let mut chart = ChartBuilder::on(&left)
-            .margin_top(34)
-            .margin_right(16)
-            .margin_left(16)
-            .margin_bottom(8)
-            .x_label_area_size(46)
-            .y_label_area_size(74)
-            .build_cartesian_2d(self.x.clone(), self.y.clone())?;
-        mesh(&mut chart)
-            .y_labels(20)
-            .x_label_formatter(&|at| self.x.tick_label(*at))
-            .y_label_formatter(&|at| self.y.tick_label(*at))
-            .x_desc(&self.x_title)
-            .y_desc(&self.y_title)
-            .draw()?;
-        let canvas = Canvas { area: chart.plotting_area(), panel: self };
-        for (index, series) in self.series.iter().enumerate() {
-            canvas.series(index, series)?;
+    fn draw(&self, area: &Area<'_>, colors: &StageColors) -> Drawn {
+        if let [chart] = self.charts.as_slice() {
+            return chart.draw_with_names(area, colors);
         }
-        for mark in &self.published {
-            canvas.mark(mark)?;
+        let width = WIDTH_PX / self.columns() as u32;
+        let mut rest = area.clone();
+        for row in self.charts.chunks(self.columns()) {
+            let (mut line, below) = rest.split_vertically(self.row_px());
+            for chart in row {
+                let (place, right) = line.split_horizontally(width);
+                chart.draw_small(&place, self.head_px(), colors)?;
+                line = right;
+            }
+            rest = below;
         }
-        self.legend(&legend)
+        Ok(())
     }
 }
 
-/// A name and remarks on it, wrapped.
-fn entry<'s>(
-    legend: &mut Legend<'_, '_>,
-    name: &str,
-    remarks: impl IntoIterator<Item = &'s String>,
-) -> Drawn {
-    let remarks = remarks.into_iter().map(|remark| (remark.as_str(), style::small()));
-    let lines = std::iter::once((name, style::label())).chain(remarks);
-    for (line, style) in lines.filter(|(line, _)| !line.is_empty()) {
-        for piece in style::wrap(line, LEGEND_CHARACTERS) {
-            legend.write(&piece, style.clone())?;
-        }
+/// The same scales for all charts, so that they can be compared; none where a scale cannot be made.
+fn share_scales(charts: &mut [Chart]) -> Option<()> {
+    let of_all =
+        |ends: fn(&Chart) -> Vec<f64>| Scale::fit(ScaleKind::Log, charts.iter().flat_map(ends));
+    let (x, y) = (of_all(Chart::xs)?, of_all(Chart::ys)?);
+    for chart in charts {
+        (chart.x, chart.y) = (x.clone(), y.clone());
     }
-    legend.y += ENTRY_GAP_PX;
-    Ok(())
+    Some(())
 }
 
-/// The mark of published figures.
-const STAR: [[(i32, i32); 2]; 4] =
-    [[(-6, 0), (6, 0)], [(0, -6), (0, 6)], [(-4, -4), (4, 4)], [(-4, 4), (4, -4)]];
+fn sources<'p>(plot: &'p Plot, input: &PlotInput<'p>) -> Vec<Source<'p>> {
+    let groups: Vec<(String, Vec<&Cell>)> = match &plot.over {
+        Some(over) => groups(&input.cells, over),
+        None => vec![(String::new(), input.cells.clone())],
+    };
+    let count = groups.len();
+    let of = |(place, y): (usize, &'p Measure)| {
+        let groups = groups.iter().enumerate();
+        let of_group = groups.map(move |(group_place, (_, cells))| Source {
+            y,
+            place,
+            group: names::group(plot, cells, input.experiment),
+            group_place,
+            groups: count,
+            cells: cells.clone(),
+        });
+        of_group.collect::<Vec<_>>()
+    };
+    plot.y.iter().enumerate().flat_map(of).collect()
+}
+
+fn y_name(y: &Measure) -> String {
+    y.stage_name().unwrap_or_else(|| y.label().words)
+}
+
+impl Chart {
+    fn new(
+        plot: &Plot,
+        sources: &[&Source<'_>],
+        together: bool,
+        input: &PlotInput<'_>,
+    ) -> Option<Chart> {
+        let x_measure = plot.x.as_ref()?;
+        let measures: Vec<&Measure> = sources.iter().map(|s| s.y).dedup().collect();
+        let series =
+            sources.iter().map(|source| Series::new(plot, x_measure, source, &measures, input));
+        let series: Vec<Series> = series.filter(|series| !series.points.is_empty()).collect();
+        let kind = match plot.kind {
+            PlotKind::Scaling => ScaleKind::Log,
+            _ => ScaleKind::Linear,
+        };
+        let title = match sources {
+            _ if together => String::new(),
+            [only] if plot.y.len() == 1 => only.group.clone(),
+            several => y_name(several.first()?.y),
+        };
+        let mut chart = Chart {
+            title,
+            x_title: plot.x_title.clone().unwrap_or_else(|| x_measure.label().text()),
+            y_title: names::y_title(plot, &measures),
+            x: Scale::fit(kind, [1.0].into_iter())?,
+            y: Scale::fit(kind, [1.0].into_iter())?,
+            series,
+        };
+        chart.x = Scale::fit(kind, chart.xs().into_iter())?;
+        chart.y = Scale::fit(kind, chart.ys().into_iter())?;
+        Some(chart)
+    }
+
+    fn points(&self) -> impl Iterator<Item = &Point> {
+        self.series.iter().flat_map(|series| &series.points)
+    }
+
+    fn xs(&self) -> Vec<f64> {
+        self.points().map(|point| point.x).collect()
+    }
+
+    fn ys(&self) -> Vec<f64> {
+        let of = |point: &Point| {
+            let [low, high] = point.y.ends();
+            let published = point.published.map(|(low, high)| [low, high]);
+            [low, point.y.median, high].into_iter().chain(published.into_iter().flatten())
+        };
+        self.points().flat_map(of).collect()
+    }
+}
 
 impl Series {
-    fn new(plot: &Plot, x: &Measure, y: &Measure, group: &str, cells: &[&Cell]) -> Series {
-        let read = |cell: &&Cell| {
-            let figures = cell.measured()?;
-            let at = x.read(cell, figures)?.median() * unit(x);
-            Some((at, y.read(cell, figures)?))
+    fn new(
+        plot: &Plot,
+        x: &Measure,
+        source: &Source<'_>,
+        measures: &[&Measure],
+        input: &PlotInput<'_>,
+    ) -> Series {
+        let y = source.y;
+        let factors = [(x, &plot.x_title), (y, &plot.y_title)]
+            .map(|(measure, title)| names::factor(measure, title.as_ref()));
+        let is_category = plot.over.as_ref().is_some_and(|over| input.experiment.is_category(over));
+        let point = |cell: &&Cell| {
+            let measured = cell.measured()?;
+            let reading = y.read(cell, measured)?;
+            let name = plot.over.as_ref().filter(|_| is_category);
+            let published = input.published(cell).filter(|_| *y == Measure::frame());
+            let point = Point {
+                x: x.read(cell, measured)?.median() * factors[0],
+                y: reading.estimate().scaled(factors[1]),
+                name: name.and_then(|over| cell.axes.get(over)).map(label_text),
+                published: published.map(Published::span_ms),
+            };
+            Some((point, reading.n()))
         };
-        let readings: Vec<(f64, Reading)> = cells.iter().filter_map(read).collect();
-        let counts = counts(readings.iter().filter_map(|(_, reading)| reading.n()));
-        let points = readings.iter().map(|(x, reading)| (*x, reading.estimate().scaled(unit(y))));
-        let mut points: Vec<(f64, Estimate)> = points.collect();
-        points.sort_by(|a, b| a.0.total_cmp(&b.0));
-        let fit = match plot.kind {
-            PlotKind::Scaling => scaling(y, x, cells, FIXED_SHARE).ok(),
-            _ => None,
-        };
+        let read: Vec<(Point, Option<usize>)> = source.cells.iter().filter_map(point).collect();
+        let counts = counts(read.iter().filter_map(|(_, n)| *n));
+        let mut points: Vec<Point> = read.into_iter().map(|(point, _)| point).collect();
+        points.sort_by(|a, b| a.x.total_cmp(&b.x));
+        let is_fitted = plot.kind == PlotKind::Scaling && !is_category;
+        let fit = is_fitted.then(|| scaling(y, x, &source.cells, FIXED_SHARE).ok()).flatten();
         let remarks = [fit.as_ref().map(remark), counts];
-        let remark = remarks.into_iter().flatten().collect::<Vec<_>>().join(", ");
         Series {
-            name: y.stage_name().unwrap_or_else(|| y.to_string()),
-            group: group.to_owned(),
+            name: source.name(measures),
+            remark: remarks.into_iter().flatten().join(", "),
+            color: source.color(measures),
+            marker: source.marker(measures),
             points,
-            fit: fit.map(|fit| ends(&fit, unit(x), unit(y))),
-            remark,
+            joined: !is_category,
+            fit: fit.map(|fit| ends(&fit, factors)),
         }
     }
 }
 
-fn ends(fit: &Scaling, x_unit: f64, y_unit: f64) -> [(f64, f64); 2] {
+impl Source<'_> {
+    /// The measure where a chart has several, then the group.
+    fn name(&self, measures: &[&Measure]) -> String {
+        let measure = (measures.len() > 1 || self.group.is_empty()).then(|| y_name(self.y));
+        let group = Some(self.group.clone()).filter(|group| !group.is_empty());
+        measure.into_iter().chain(group).join(", ")
+    }
+
+    /// Stages have their own; groups of one measure are told apart by colours of the palette.
+    fn color(&self, measures: &[&Measure]) -> SeriesColor {
+        match self.y.stage_name() {
+            Some(stage) if measures.len() > 1 || self.group.is_empty() => SeriesColor::Stage(stage),
+            _ if measures.len() > 1 => SeriesColor::Number(self.place),
+            _ => SeriesColor::Number(self.group_place),
+        }
+    }
+
+    /// Another one for each series of a chart.
+    fn marker(&self, measures: &[&Measure]) -> usize {
+        match measures {
+            [_] => self.group_place,
+            _ => self.place * self.groups + self.group_place,
+        }
+    }
+}
+
+fn ends(fit: &Scaling, [x_factor, y_factor]: [f64; 2]) -> [(f64, f64); 2] {
     [fit.range.0, fit.range.1].map(|x| {
         let y = (fit.slope.intercept + fit.slope.slope * x.ln()).exp();
-        (x * x_unit, y * y_unit)
+        (x * x_factor, y * y_factor)
     })
 }
 
@@ -218,99 +329,9 @@ fn counts(counts: impl Iterator<Item = usize>) -> Option<String> {
 }
 
 fn remark(fit: &Scaling) -> String {
-    let slope = &fit.slope;
-    let mut remark = format!("slope {:.2}", slope.slope);
-    if let Some(Interval { low, high }) = fit.interval() {
-        remark += &format!(" ({low:.2} – {high:.2})");
-    }
-    if fit.left_out > 0 {
-        remark += &format!(", {} left out", fit.left_out);
-    }
-    remark
-}
-
-/// Published frame times of the cells that are at the published size.
-fn marks(experiment: &Experiment, x: &Measure, cells: &[&Cell]) -> Vec<Mark> {
-    let mark = |cell: &&Cell| {
-        let at = x.read(cell, cell.measured()?)?.median();
-        Some(Mark { x: at * unit(x), span_ms: experiment.published_for(cell)?.span_ms() })
+    let left_out = match fit.left_out {
+        0 => String::new(),
+        cells => format!(", {cells} left out"),
     };
-    cells.iter().filter_map(mark).collect()
-}
-
-struct Canvas<'a, 'b> {
-    area: &'a DrawingArea<SVGBackend<'b>, Cartesian2d<Scale, Scale>>,
-    panel: &'a Lines,
-}
-
-impl Canvas<'_, '_> {
-    fn at(&self, x: f64, y: f64) -> Option<(f64, f64)> {
-        Some((self.panel.x.at(x)?, self.panel.y.at(y)?))
-    }
-
-    fn line(&self, ends: [Option<(f64, f64)>; 2], style: ShapeStyle) -> Drawn {
-        let [Some(a), Some(b)] = ends else {
-            return Ok(());
-        };
-        self.area.draw(&PathElement::new(vec![a, b], style))
-    }
-
-    fn series(&self, index: usize, series: &Series) -> Drawn {
-        let color = style::color(index);
-        for pair in series.points.windows(2) {
-            let ends = [pair[0], pair[1]].map(|(x, y)| self.at(x, y.median));
-            self.line(ends, color.mix(0.45).stroke_width(1))?;
-        }
-        if let Some(ends) = &series.fit {
-            self.fit(ends, color)?;
-        }
-        for (x, y) in &series.points {
-            let ends = y.interval.map_or([None; 2], |_| y.ends().map(|y| self.at(*x, y)));
-            self.line(ends, color.stroke_width(2))?;
-            for at in ends.into_iter().flatten() {
-                let cap = EmptyElement::at(at)
-                    + PathElement::new(vec![(-4, 0), (4, 0)], color.stroke_width(2));
-                self.area.draw(&cap)?;
-            }
-            if let Some(at) = self.at(*x, y.median) {
-                let shape =
-                    EmptyElement::at(at) + Polygon::new(style::marker(index), color.filled());
-                self.area.draw(&shape)?;
-            }
-        }
-        Ok(())
-    }
-
-    /// The fitted line over the cells it was fitted to, dashed.
-    fn fit(&self, ends: &[(f64, f64); 2], color: RGBColor) -> Drawn {
-        const DASH_PX: f64 = 11.0;
-        let [Some(a), Some(b)] = ends.map(|(x, y)| self.at(x, y)) else {
-            return Ok(());
-        };
-        let at = |share: f64| Some((a.0 + share * (b.0 - a.0), a.1 + share * (b.1 - a.1)));
-        let (width, height) = self.area.dim_in_pixel();
-        let across = (b.0 - a.0) / (self.panel.x.high - self.panel.x.low) * f64::from(width);
-        let up = (b.1 - a.1) / (self.panel.y.high - self.panel.y.low) * f64::from(height);
-        let dashes = (across.hypot(up) / DASH_PX).ceil();
-        for dash in 0..dashes as usize {
-            let start = dash as f64 / dashes;
-            let end = (dash as f64 + 0.6) / dashes;
-            self.line([at(start), at(end)], color.stroke_width(2))?;
-        }
-        Ok(())
-    }
-
-    fn mark(&self, mark: &Mark) -> Drawn {
-        let (low, high) = mark.span_ms;
-        let ends = [self.at(mark.x, low), self.at(mark.x, high)];
-        self.line(ends, style::INK.stroke_width(2))?;
-        for at in ends.into_iter().flatten() {
-            for ray in STAR {
-                let shape = EmptyElement::at(at)
-                    + PathElement::new(ray.to_vec(), style::INK.stroke_width(2));
-                self.area.draw(&shape)?;
-            }
-        }
-        Ok(())
-    }
+    format!("exponent {}{left_out}", exponent(fit))
 }

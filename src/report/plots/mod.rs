@@ -1,11 +1,14 @@
 //! One SVG per experiment, its panels one below the other. No font is needed to write it.
 //!
-//! The legend has a column of its own at the right and covers no data.
+//! Each panel begins with its title and the verdicts of the claims that speak of what it shows. Series are named at the ends of
+//! their lines, and legends stand in rows above the data.
 
 mod bars;
 mod chart;
 mod lines;
 mod map;
+pub(super) mod names;
+mod ratios;
 pub mod scale;
 mod stacked;
 mod style;
@@ -14,11 +17,11 @@ use indexmap::IndexSet;
 use plotters::drawing::DrawingAreaErrorKind;
 use plotters::prelude::*;
 
-use self::{bars::Bars, lines::Lines, map::Map, stacked::Stacked};
-use super::format::{NS_PER_MS, Table};
+use self::{bars::Bars, lines::Lines, map::Map, ratios::Ratios, stacked::Stacked};
+use super::colors::StageColors;
 use super::{Artifact, Exporter, OfRun, ReportError, ReportView, RunExporter, Section, Written};
 use crate::experiments::schema::{Experiment, Plot, PlotKind, Published};
-use crate::experiments::{self, Measure};
+use crate::experiments::{self, Measure, Ruling, Verdict};
 use crate::record::Cell;
 use crate::text;
 
@@ -31,7 +34,15 @@ pub const EXPORTER: RunExporter = Exporter {
 };
 
 const WIDTH_PX: u32 = 980;
-const TITLE_PX: u32 = 56;
+/// Title of the picture, and of each panel.
+const TITLE_PX: u32 = 36;
+const HEADING_PX: u32 = 32;
+/// A line of small type.
+const LINE_PX: u32 = 17;
+/// Between panels.
+const GAP_PX: u32 = 18;
+/// Characters of 12-px type that fit into a line.
+const LINE_CHARACTERS: usize = 134;
 
 type Area<'a> = DrawingArea<SVGBackend<'a>, plotters::coord::Shift>;
 /// Drawing on a string cannot fail but by a bug in the drawing.
@@ -41,30 +52,69 @@ type Drawn = Result<(), Fault>;
 /// Cells of a plot beyond which it is not drawn: nobody can read it.
 const MOST_CELLS: usize = 2_000;
 
+/// What a panel draws below its title.
 trait Panel {
     fn height_px(&self) -> u32;
 
-    fn draw(&self, area: &Area<'_>) -> Drawn;
+    fn draw(&self, area: &Area<'_>, colors: &StageColors) -> Drawn;
+}
 
-    /// Its numbers where the summary has them too: tables with their titles.
-    fn tables(&self) -> Vec<(String, Table)> {
-        Vec::new()
+/// What plots are made from.
+#[derive(Clone)]
+struct PlotInput<'s> {
+    experiment: &'s Experiment,
+    cells: Vec<&'s Cell>,
+    rulings: &'s [Ruling],
+    /// Measured on a software driver: published times are not drawn beside its own.
+    software: bool,
+}
+
+impl<'s> PlotInput<'s> {
+    /// With the cells that a plot shows.
+    fn of(&self, plot: &Plot) -> PlotInput<'s> {
+        let belongs = |cell: &&Cell| {
+            let on_axis = plot.over.as_ref().is_none_or(|over| cell.axes.contains_key(over));
+            on_axis && experiments::fits(cell, &plot.filter)
+        };
+        PlotInput { cells: self.cells.iter().copied().filter(belongs).collect(), ..self.clone() }
     }
+
+    /// The published frame time of a cell's size; none beside a software driver's.
+    fn published(&self, cell: &Cell) -> Option<&'s Published> {
+        self.experiment.published_for(cell).filter(|_| !self.software)
+    }
+}
+
+/// A panel with its title and what is said below it.
+struct Framed {
+    title: String,
+    verdicts: Vec<(Verdict, String)>,
+    /// Published figures, in words.
+    published: Vec<String>,
+    body: Box<dyn Panel>,
 }
 
 /// An experiment's panels, and its plots that have none.
 #[derive(Default)]
 pub struct Figure {
-    panels: Vec<Box<dyn Panel>>,
+    /// What holds for all of its cells.
+    common: String,
+    panels: Vec<Framed>,
     /// Titles of the plots that have no panel, and why.
     pub missing: Vec<(String, &'static str)>,
 }
 
 impl Figure {
-    pub fn new(experiment: &Experiment, cells: &[&Cell]) -> Figure {
-        let mut figure = Figure::default();
+    pub fn new(
+        experiment: &Experiment,
+        cells: Vec<&Cell>,
+        rulings: &[Ruling],
+        software: bool,
+    ) -> Figure {
+        let input = PlotInput { experiment, cells, rulings, software };
+        let mut figure = Figure { common: names::common(&input), ..Figure::default() };
         for plot in &experiment.plot {
-            match panel(plot, experiment, cells) {
+            match Framed::new(plot, &input.of(plot)) {
                 Ok(panel) => figure.panels.push(panel),
                 Err(reason) => figure.missing.push((plot.title.clone(), reason)),
             }
@@ -74,11 +124,6 @@ impl Figure {
 
     pub fn is_drawn(&self) -> bool {
         !self.panels.is_empty()
-    }
-
-    /// The numbers of its maps.
-    pub fn map_tables(&self) -> Vec<(String, Table)> {
-        self.panels.iter().flat_map(|panel| panel.tables()).collect()
     }
 }
 
@@ -97,132 +142,289 @@ fn export(view: &ReportView<'_>) -> Result<Vec<Artifact>, ReportError> {
 
 /// The figure of an experiment of a view.
 pub fn svg(view: &ReportView<'_>, section: &Section<'_>) -> Result<String, ReportError> {
-    let adapter = view.run().map_or("", |run| run.adapter.name.as_str());
-    let drawn = figure(section, adapter, &section.figure().panels);
-    drawn.map_err(|fault| ReportError::Plot {
+    picture(section, view).map_err(|fault| ReportError::Plot {
         experiment: section.id.to_owned(),
         message: fault.to_string(),
     })
 }
 
-fn panel(
-    plot: &Plot,
-    experiment: &Experiment,
-    cells: &[&Cell],
-) -> Result<Box<dyn Panel>, &'static str> {
-    let cells: Vec<&Cell> = cells.iter().copied().filter(|cell| belongs(plot, cell)).collect();
-    if cells.len() > MOST_CELLS {
-        return Err("it has more than 2,000 cells, which cells.csv lists");
+impl Framed {
+    fn new(plot: &Plot, input: &PlotInput<'_>) -> Result<Framed, &'static str> {
+        if input.cells.len() > MOST_CELLS {
+            return Err("it has more than 2,000 cells, which cells.csv lists");
+        }
+        let body = body(plot, input)?.ok_or("no records hold its data")?;
+        let (verdicts, published) = (verdicts(plot, input), published_lines(plot, input));
+        Ok(Framed { title: plot.title.clone(), verdicts, published, body })
     }
+
+    fn lines(&self) -> u32 {
+        let verdicts = self.verdicts.iter().map(|(verdict, text)| told(*verdict, text).len());
+        (verdicts.sum::<usize>() + self.published.len()) as u32
+    }
+
+    fn head_px(&self) -> u32 {
+        HEADING_PX + self.lines() * LINE_PX + 4
+    }
+
+    fn height_px(&self) -> u32 {
+        self.head_px() + self.body.height_px() + GAP_PX
+    }
+
+    fn draw(&self, area: &Area<'_>, colors: &StageColors) -> Drawn {
+        area.draw_text(&self.title, &style::heading(), (16, 8))?;
+        let mut y = HEADING_PX as i32 + 6;
+        for (verdict, text) in &self.verdicts {
+            let color = style::of_verdict(*verdict);
+            area.draw(&Circle::new((22, y), 5, color.filled()))?;
+            for line in told(*verdict, text) {
+                area.draw_text(&line, &style::starting(style::small()), (34, y))?;
+                y += LINE_PX as i32;
+            }
+        }
+        for line in &self.published {
+            area.draw_text(line, &style::starting(style::small()), (16, y))?;
+            y += LINE_PX as i32;
+        }
+        let (_, body) = area.split_vertically(self.head_px());
+        self.body.draw(&body, colors)
+    }
+}
+
+/// A claim's verdict and text, in lines.
+fn told(verdict: Verdict, text: &str) -> Vec<String> {
+    style::wrap(&format!("{verdict}: {text}"), LINE_CHARACTERS)
+}
+
+fn body(plot: &Plot, input: &PlotInput<'_>) -> Result<Option<Box<dyn Panel>>, &'static str> {
     fn boxed<P: Panel + 'static>(panel: P) -> Box<dyn Panel> {
         Box::new(panel)
     }
-    let panel = match plot.kind {
-        PlotKind::Scaling | PlotKind::Lines => Lines::new(plot, experiment, &cells).map(boxed),
-        PlotKind::Stacked => Stacked::new(plot, experiment, &cells).map(boxed),
-        PlotKind::Bars => Bars::new(plot, experiment, &cells).map(boxed),
-        PlotKind::Map => Map::new(plot, experiment, &cells)?.map(boxed),
-    };
-    panel.ok_or("no records hold its data")
+    Ok(match plot.kind {
+        PlotKind::Scaling | PlotKind::Lines => Lines::new(plot, input).map(boxed),
+        PlotKind::Stacked => Stacked::new(input).map(boxed),
+        PlotKind::Bars => Bars::new(plot, input).map(boxed),
+        PlotKind::Ratios => Ratios::new(plot, input).map(boxed),
+        PlotKind::Map => Map::new(plot, input)?.map(boxed),
+    })
 }
 
-/// Times are shown in milliseconds, everything else as it is.
-fn unit(measure: &Measure) -> f64 {
-    if measure.is_time() { 1.0 / NS_PER_MS } else { 1.0 }
+/// The rulings on the claims about what a plot shows: the same measure, along an axis that its cells have.
+fn verdicts(plot: &Plot, input: &PlotInput<'_>) -> Vec<(Verdict, String)> {
+    let frame = [Measure::frame()];
+    let shown = if plot.kind == PlotKind::Stacked { &frame } else { plot.y.as_slice() };
+    let has_axis = |axis: &str| input.cells.iter().any(|cell| cell.axes.contains_key(axis));
+    let claims = input.experiment.claim.iter().zip(input.rulings);
+    let about = claims.filter(|(claim, _)| {
+        shown.contains(claim.test.y()) && claim.test.over().is_none_or(has_axis)
+    });
+    about.map(|(_, ruling)| (ruling.verdict, ruling.text.clone())).collect()
 }
 
-fn belongs(plot: &Plot, cell: &Cell) -> bool {
-    let on_axis = plot.over.as_ref().is_none_or(|over| cell.axes.contains_key(over));
-    on_axis && experiments::fits(cell, &plot.filter)
-}
-
-fn figure(
-    section: &Section<'_>,
-    adapter: &str,
-    panels: &[Box<dyn Panel>],
-) -> Result<String, Fault> {
-    let heights: Vec<u32> = panels.iter().map(|panel| panel.height_px()).collect();
-    let height = TITLE_PX + heights.iter().sum::<u32>();
-    let mut svg = String::new();
-    {
-        let root = SVGBackend::with_string(&mut svg, (WIDTH_PX, height)).into_drawing_area();
-        root.fill(&WHITE)?;
-        let source =
-            section.experiment.as_ref().map_or("", |experiment| experiment.source.as_str());
-        let title = format!("{}: {}", section.id, section.title());
-        root.draw_text(&title, &style::title(), (16, 12))?;
-        let below = [adapter, source].join(" · ");
-        root.draw_text(&below, &style::small(), (16, 36))?;
-        let (_, mut rest) = root.split_vertically(TITLE_PX);
-        for (panel, height) in panels.iter().zip(heights) {
-            let (area, below) = rest.split_vertically(height);
-            panel.draw(&area)?;
-            rest = below;
-        }
-        root.present()?;
-    }
-    // The backend escapes marks of XML; what XML cannot hold at all is left to do.
-    Ok(text::block(&svg))
-}
-
-/// The legend's words on published figures: all of them in one line, then the hardware, in lines of its own.
-fn published_lines(published: &[&Published]) -> Vec<String> {
+/// Published figures of the sizes shown, in words: all figures, then the hardware.
+fn published_lines(plot: &Plot, input: &PlotInput<'_>) -> Vec<String> {
+    let of_frames = plot.kind == PlotKind::Stacked || plot.y.contains(&Measure::frame());
+    let cells = input.cells.iter().filter(|cell| of_frames && cell.measured().is_some());
+    let published: Vec<&Published> =
+        cells.filter_map(|cell| input.experiment.published_for(cell)).collect();
     let figures: IndexSet<String> = published.iter().map(|one| one.figure()).collect();
     let hardware: IndexSet<&str> = published.iter().map(|one| one.hardware.as_str()).collect();
     if figures.is_empty() {
         return Vec::new();
     }
-    let first = format!("published: {} fps", figures.into_iter().collect::<Vec<_>>().join(", "));
-    let parts = hardware.iter().flat_map(|text| text.split(", "));
-    [first].into_iter().chain(parts.map(str::to_owned)).collect()
+    let [figures, hardware] = [
+        figures.into_iter().collect::<Vec<_>>(),
+        hardware.into_iter().map(str::to_owned).collect(),
+    ]
+    .map(|parts| parts.join(", "));
+    let mut line = format!("Published for cells of this size: {figures} frames/s on {hardware}.");
+    if input.software {
+        line += " Not drawn: a software driver's times are not comparable.";
+    }
+    style::wrap(&line, LINE_CHARACTERS)
+}
+
+/// Lines below the title: where and from what the figures are, and what all cells share.
+fn subtitle(section: &Section<'_>, view: &ReportView<'_>) -> Vec<String> {
+    let adapter = view.run().map(|run| {
+        let kind = if run.adapter.software { "software driver" } else { "hardware" };
+        format!("{} ({kind}) · profile {}", run.adapter.name, run.profile.name())
+    });
+    let source = section.experiment.as_ref().map(|experiment| experiment.source.clone());
+    let first = adapter.into_iter().chain(source).collect::<Vec<_>>().join(" · ");
+    let common = Some(section.figure().common.as_str()).filter(|common| !common.is_empty());
+    let common = common.map(|common| format!("All cells: {common}"));
+    let lines = std::iter::once(first).chain(common);
+    lines.flat_map(|line| style::wrap(&line, LINE_CHARACTERS)).collect()
+}
+
+fn picture(section: &Section<'_>, view: &ReportView<'_>) -> Result<String, Fault> {
+    let panels = &section.figure().panels;
+    let subtitle = subtitle(section, view);
+    let head_px = TITLE_PX + subtitle.len() as u32 * LINE_PX + 10;
+    let height = head_px + panels.iter().map(Framed::height_px).sum::<u32>();
+    let mut svg = String::new();
+    {
+        let root = SVGBackend::with_string(&mut svg, (WIDTH_PX, height)).into_drawing_area();
+        root.fill(&WHITE)?;
+        let title = format!("{}: {}", section.id, section.title());
+        root.draw_text(&title, &style::title(), (16, 12))?;
+        for (index, line) in (0..).zip(&subtitle) {
+            let y = (TITLE_PX + index * LINE_PX) as i32;
+            root.draw_text(line, &style::small(), (16, y))?;
+        }
+        let (_, mut rest) = root.split_vertically(head_px);
+        for panel in panels {
+            let (area, below) = rest.split_vertically(panel.height_px());
+            panel.draw(&area, &view.colors)?;
+            rest = below;
+        }
+        root.present()?;
+    }
+    // The backend escapes marks of XML; what XML cannot hold at all is left to do.
+    Ok(style::themed(&text::block(&svg)))
 }
 
 #[cfg(test)]
 mod tests {
+    use std::collections::BTreeMap;
+
     use super::*;
+    use crate::record::{Definition, Outcome, Profile, Record};
     use crate::report::fixtures;
 
     #[test]
     fn every_builtin_figure_has_data_in_a_full_run() {
-        let records = fixtures::run();
-        let view = ReportView::new(&records, None);
-        let files = export(&view).unwrap();
-        let names: Vec<&str> = files.iter().map(|file| file.name.as_str()).collect();
+        let svgs = svgs(&fixtures::run());
         for id in crate::experiments::Experiment::builtin_ids() {
-            assert!(names.contains(&format!("{id}.svg").as_str()), "{id}");
+            assert!(svgs.contains_key(&format!("{id}.svg")), "{id}");
         }
     }
 
+    fn svgs(records: &[Record]) -> BTreeMap<String, String> {
+        let files = export(&ReportView::new(records, None)).unwrap();
+        let text = |file: Artifact| (file.name, String::from_utf8(file.bytes).unwrap());
+        files.into_iter().map(text).collect()
+    }
+
     #[test]
-    fn scaling_figures_show_the_fitted_slope_and_the_published_figure() {
-        let records = fixtures::run();
-        let files = export(&ReportView::new(&records, None)).unwrap();
-        let svg = |name: &str| {
-            let file = files.iter().find(|file| file.name == name).unwrap();
-            String::from_utf8(file.bytes.clone()).unwrap()
+    fn scaling_figures_show_the_fitted_exponent_and_name_their_series_and_scale() {
+        let svgs = svgs(&fixtures::run());
+        let photons = &svgs["uw-photons.svg"];
+        assert!(photons.contains("exponent 1.0") || photons.contains("exponent 0.9"));
+        assert!(photons.contains("caustics/trace") && photons.contains("log scale"));
+        assert!(svgs["uw-waves.svg"].contains("linear scale"));
+    }
+
+    #[test]
+    fn published_times_are_words_beside_a_software_driver_and_marks_on_hardware() {
+        let mut records = fixtures::profile(Profile::Paper);
+        let software = svgs(&records);
+        let Record::Run(run) = &mut records[0] else { panic!() };
+        run.adapter.software = false;
+        let hardware = svgs(&records);
+        let marks = |svg: &str| svg.matches("stroke-width=\"4\"").count();
+        for name in ["uw-default.svg", "uw-photons.svg"] {
+            let (software, hardware) = (&software[name], &hardware[name]);
+            assert!(software.contains("GeForce") && hardware.contains("GeForce"), "{name}");
+            assert!(software.contains("Not drawn"), "{name}");
+            assert_eq!(marks(software), 0, "{name}");
+            assert!(!hardware.contains("Not drawn"), "{name}");
+        }
+        assert!(marks(&hardware["uw-default.svg"]) > 0);
+    }
+
+    #[test]
+    fn every_panel_of_a_claim_has_its_verdict_as_a_word() {
+        let svgs = svgs(&fixtures::run());
+        let has_word = |svg: &str| {
+            ["supported:", "contradicted:", "inconclusive:"].iter().any(|word| svg.contains(word))
         };
-        let photons = svg("uw-photons.svg");
-        assert!(photons.contains("slope 1.0") || photons.contains("slope 0.9"));
-        assert!(svg("uw-default.svg").contains("published"));
-    }
-
-    /// Heights of the texts that contain these words, pixels from the top.
-    fn heights(svg: &str, words: &str) -> Vec<i32> {
-        let texts = svg.split("<text ").skip(1).filter(|text| text.contains(words));
-        let height = |text: &str| text.split("y=\"").nth(1)?.split('"').next()?.parse().ok();
-        texts.filter_map(height).collect()
+        for name in ["uw-photons.svg", "vao-skipping.svg", "vao-resolution.svg"] {
+            assert!(has_word(&svgs[name]), "{name}");
+        }
+        assert!(svgs["uw-photons.svg"].contains("All cells: scene tank · viewport"));
+        assert!(svgs["uw-photons.svg"].contains("software driver"));
     }
 
     #[test]
-    fn a_long_legend_ends_above_the_next_panel() {
-        let files = export(&ReportView::new(&fixtures::run(), None)).unwrap();
-        let file = files.iter().find(|file| file.name == "spt-photons.svg").unwrap();
-        let svg = String::from_utf8(file.bytes.clone()).unwrap();
-        let next = heights(&svg, "Distance from the exact end")[0];
-        let above: Vec<i32> =
-            heights(&svg, "sprites/draw").into_iter().filter(|y| *y < next + 200).collect();
-        // Three rays, three of peeling and three of sprites: nine entries.
-        assert!(above.len() == 3 && above.iter().all(|y| *y < next), "{above:?} {next}");
+    fn type_is_large_enough_and_the_dark_sheet_stays_within_the_picture() {
+        for (name, svg) in svgs(&fixtures::run()) {
+            let sizes = svg.split("font-size=\"").skip(1);
+            let sizes: Vec<f64> =
+                sizes.map(|rest| rest.split('"').next().unwrap().parse().unwrap()).collect();
+            assert!(sizes.iter().all(|size| *size >= 11.99), "{name}: {sizes:?}");
+            assert!(sizes.len() > 10, "{name}");
+            assert!(!svg.contains(" id=\""), "{name}");
+            let sheet = svg.split("<style>").nth(1).unwrap().split("</style>").next().unwrap();
+            let rules = sheet.split(" {").nth(1).unwrap();
+            let selectors = rules.split('}').map(|rule| rule.split('{').next().unwrap());
+            for selector in selectors.filter(|selector| !selector.is_empty()) {
+                assert!(selector.starts_with(".fathom-plot "), "{selector}");
+            }
+        }
+    }
+
+    /// Places of the series' lines that join points: half transparent.
+    fn joins(svg: &str) -> usize {
+        svg.matches("opacity=\"0.45\"").count()
+    }
+
+    #[test]
+    fn categories_are_never_joined() {
+        // A logarithm shows no zero.
+        let above_zero = |records: &mut Vec<Record>| {
+            let Record::Cell(cell) = &mut records[2] else { panic!() };
+            let quantities = &mut cell.measured_mut().unwrap().quantities;
+            quantities.insert("caustics_photon_error_p99_m".to_owned(), 0.5);
+        };
+        let drawn = |kind: &str, over: &str, values: &str| {
+            let text = CATEGORIES.replace("KIND", kind).replace("OVER", over);
+            let records = records_of(&text.replace("VALUES", values), above_zero);
+            svgs(&records).remove("own.svg").unwrap()
+        };
+        for kind in ["lines", "scaling"] {
+            assert_eq!(joins(&drawn(kind, "caustics.grid", "[10, 20, 40]")), 2, "{kind}");
+            let scenes = drawn(kind, "scene", r#"["tank", "port", "storage"]"#);
+            assert_eq!(joins(&scenes), 0, "{kind}");
+            assert!(["tank", "port", "storage"].iter().all(|name| scenes.contains(name)), "{kind}");
+        }
+    }
+
+    const CATEGORIES: &str = r#"
+        id = "own"
+        title = "Own"
+        source = "none"
+        pipeline = "underwater"
+        scene = "tank"
+        [[sweep]]
+        [[sweep.axis]]
+        name = "OVER"
+        values = VALUES
+        [[plot]]
+        title = "Error"
+        kind = "KIND"
+        over = "OVER"
+        x = "quantity:caustics_photon_error_p99_m"
+        y = ["frame"]
+    "#;
+
+    #[test]
+    fn many_series_are_drawn_as_small_charts() {
+        let svg = &svgs(&fixtures::run())["spt-photons.svg"];
+        // Three measures of three scenes each.
+        let titles = ["sprites/draw", "ldi/peel"].map(|name| svg.matches(name).count());
+        assert!(titles.iter().all(|count| *count >= 1), "{titles:?}");
+        assert_eq!(svg.matches("time (ms), log scale").count(), 3, "{svg}");
+    }
+
+    #[test]
+    fn ratios_have_intervals_and_the_band_of_the_claim() {
+        let svg = &svgs(&fixtures::run())["uw-tessellation.svg"];
+        assert!(svg.contains("n = 15") && svg.contains("what the claim allows"));
+        // Cells of 4 and of 16 photons; the model's loop takes 1.4 times as long.
+        assert!(svg.contains("1.4") || svg.contains("1.3"), "{svg}");
+        assert!(svg.matches("fill=\"#DEEEE4\"").count() >= 3, "two bands and the legend");
     }
 
     const MAPPED: &str = r#"
@@ -258,57 +460,69 @@ mod tests {
         y = ["frame"]
     "#;
 
-    /// Records of [`MAPPED`] whose error is the number of the cell; one cell was not measured.
-    fn mapped() -> Vec<crate::record::Record> {
-        use crate::record::{Definition, Outcome, Profile, Record};
-        let experiment = Experiment::parse("own", MAPPED).unwrap();
+    /// Records of an experiment whose error is the number of the cell.
+    fn records_of(toml: &str, change: impl Fn(&mut Vec<Record>)) -> Vec<Record> {
+        let experiment = Experiment::parse("own", toml).unwrap();
         let mut random = rand::SeedableRng::seed_from_u64(1);
         let mut records = vec![
             Record::Run(Box::new(fixtures::header(Profile::Quick))),
-            Record::Experiment(Definition { id: "own".to_owned(), toml: MAPPED.to_owned() }),
+            Record::Experiment(Definition { id: "own".to_owned(), toml: toml.to_owned() }),
         ];
         for (number, plan) in (0..).zip(experiment.cells(Profile::Quick, &[], &[]).unwrap()) {
             let mut measured = fixtures::measure(&experiment, &plan, &mut random);
             let name = "caustics_photon_error_p99_m".to_owned();
             measured.quantities.insert(name, f64::from(number));
-            let outcome = match number {
-                7 => Outcome::Failed { reason: "lost".to_owned() },
-                _ => Outcome::Measured(Box::new(measured)),
-            };
-            records.push(fixtures::cell(&plan, outcome));
+            records.push(fixtures::cell(&plan, Outcome::Measured(Box::new(measured))));
         }
+        change(&mut records);
         records
+    }
+
+    /// Those of [`MAPPED`]; one cell was not measured.
+    fn mapped() -> Vec<Record> {
+        records_of(MAPPED, |records| {
+            let Record::Cell(cell) = &mut records[2 + 7] else { panic!() };
+            cell.outcome = Outcome::Failed { reason: "lost".to_owned() };
+        })
     }
 
     #[test]
     fn maps_have_a_panel_for_each_value_and_a_number_in_each_field() {
-        let records = mapped();
-        let view = ReportView::new(&records, None);
-        let tables = view.sections[0].figure().map_tables();
-        let titles: Vec<&str> = tables.iter().map(|(title, _)| title.as_str()).collect();
-        assert_eq!(titles, ["Error, tank", "Error, port"]);
+        let svg = svgs(&mapped()).remove("own.svg").unwrap();
+        let texts: Vec<&str> =
+            svg.lines().filter(|line| !line.starts_with('<')).map(str::trim).collect();
         // Scenes move fastest, then rows: of tank 0, 4, 8 above 2, 6, 10; of port 1, 5, 9 above 3, –, 11.
-        let tank = tables[0].1.markdown();
-        assert!(tank.contains("| 5 | 0 | 4.00 | 8.00 |"), "{tank}");
-        assert!(tank.contains("| 10 | 2.00 | 6.00 | 10.0 |"), "{tank}");
-        let port = tables[1].1.markdown();
-        assert!(port.contains("| 10 | 3.00 | – | 11.0 |"), "{port}");
-        let files = export(&view).unwrap();
-        let svg = String::from_utf8(files[0].bytes.clone()).unwrap();
-        for text in ["Error", "error (m)", "grid", "tank", "11.0", "5.50", "By scene"] {
+        let port = texts.iter().position(|text| *text == "port").unwrap();
+        let (tank, port) = texts.split_at(port);
+        for (map, fields) in [
+            (tank, ["0", "4.00", "8.00", "2.00", "6.00", "10.0"]),
+            (port, ["1.00", "5.00", "9.00", "3.00", "–", "11.0"]),
+        ] {
+            let places = fields.map(|field| map.iter().position(|text| *text == field));
+            assert!(places.iter().all(Option::is_some), "{fields:?} {map:?}");
+            assert!(places.is_sorted(), "{places:?}");
+        }
+        for text in ["Error", "error (m)", "smallest value", "By scene"] {
             assert!(svg.contains(text), "{text}");
         }
+    }
+
+    #[test]
+    fn a_map_of_large_values_takes_no_colours_from_the_others() {
+        let svg = svgs(&mapped()).remove("own.svg").unwrap();
+        // The lightest colour, once in each map.
+        assert_eq!(svg.matches("#FDE725").count(), 2);
     }
 
     #[test]
     fn bars_stand_by_value_and_are_told_apart_by_the_other_axes() {
         let records = mapped();
         let view = ReportView::new(&records, None);
-        let (cells, experiment) = (view.sections[0].cells(), Experiment::parse("own", MAPPED));
-        let experiment = experiment.unwrap();
+        let experiment = Experiment::parse("own", MAPPED).unwrap();
+        let cells = view.sections[0].cells();
+        let input = PlotInput { experiment: &experiment, cells, rulings: &[], software: true };
         let plot = &experiment.plot[1];
-        let cells: Vec<&Cell> = cells.into_iter().filter(|cell| belongs(plot, cell)).collect();
-        let bars = Bars::new(plot, &experiment, &cells).unwrap();
+        let bars = Bars::new(plot, &input.of(plot)).unwrap();
         assert_eq!(bars.shape(), [("tank", 3), ("port", 2)]);
     }
 

@@ -101,6 +101,14 @@ impl Scale {
         Scale { kind: ScaleKind::Log, low, high, ticks }
     }
 
+    /// An axis' title with the kind of its scale.
+    pub fn title(&self, title: &str) -> String {
+        match self.kind {
+            ScaleKind::Linear => format!("{title}, linear scale"),
+            ScaleKind::Log => format!("{title}, log scale"),
+        }
+    }
+
     /// The coordinate of a value; none for what a logarithm cannot show.
     pub fn at(&self, value: f64) -> Option<f64> {
         let coordinate = match self.kind {

@@ -1,8 +1,11 @@
-//! Colours, markers and type.
+//! Colours, markers, type, and the style sheet for dark pages.
 
 use itertools::Itertools;
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
+
+use crate::experiments::Verdict;
+use crate::report::colors::Color as StageColor;
 
 /// Colours that are told apart with any colour vision (Okabe & Ito, *Color Universal Design* (2008)); yellow last, as
 /// it is faint on white.
@@ -19,17 +22,93 @@ const PALETTE: [RGBColor; 7] = [
 pub const INK: RGBColor = RGBColor(34, 34, 34);
 pub const FAINT: RGBColor = RGBColor(110, 110, 110);
 pub const GRID: RGBColor = RGBColor(226, 226, 226);
-pub const REST: RGBColor = RGBColor(190, 190, 190);
+/// Of a stage that has no colour of its own, and of gaps.
+pub const REST: RGBColor = RGBColor(150, 150, 150);
+pub const GAPS: RGBColor = RGBColor(200, 200, 200);
+/// Type on light fields, which stay light on a dark page.
+const ON_LIGHT: RGBColor = RGBColor(20, 20, 20);
+/// What a claim allows.
+pub const BAND: RGBColor = RGBColor(222, 238, 228);
 
-/// Colours before they repeat.
-pub const COLORS: usize = PALETTE.len();
+/// Class of the root element, which the style sheet is confined to.
+const CLASS: &str = "fathom-plot";
+/// Colours of a light page and what stands for them on a dark one. They come from nothing but this module's constants.
+const DARK: [(RGBColor, &str); 5] = [
+    (WHITE, "#14171a"),
+    (INK, "#e8e8e8"),
+    (FAINT, "#a8adb3"),
+    (GRID, "#363b41"),
+    (BAND, "#20382b"),
+];
+
+/// The picture with a style sheet that replaces ink, grid and background where a dark page is asked for. Several pictures may
+/// stand in one page: the rules are the same, speak of this class alone, and no id is used.
+pub fn themed(svg: &str) -> String {
+    let rules: String = DARK.iter().map(|(light, dark)| rule(*light, dark)).collect();
+    let sheet = format!("<style>@media (prefers-color-scheme: dark) {{{rules}}}</style>");
+    let svg = svg.replacen("<svg ", &format!("<svg class=\"{CLASS}\" "), 1);
+    svg.replacen(">\n", &format!(">\n{sheet}\n"), 1)
+}
+
+/// White type lies on colours, and stays white.
+fn rule(light: RGBColor, dark: &str) -> String {
+    let RGBColor(r, g, b) = light;
+    let hex = format!("#{r:02X}{g:02X}{b:02X}");
+    let filled = if light == WHITE { "rect" } else { "" };
+    format!(
+        ".{CLASS} {filled}[fill=\"{hex}\"]{{fill:{dark}}}.{CLASS} [stroke=\"{hex}\"]{{stroke:{dark}}}"
+    )
+}
+
+pub fn of_stage(color: StageColor) -> RGBColor {
+    RGBColor(color.0, color.1, color.2)
+}
+
+/// Told apart by the word beside it, too.
+pub fn of_verdict(verdict: Verdict) -> RGBColor {
+    match verdict {
+        Verdict::Supported => RGBColor(0, 150, 105),
+        Verdict::Contradicted => RGBColor(213, 94, 0),
+        Verdict::Inconclusive => RGBColor(140, 120, 200),
+        Verdict::NotRun => REST,
+    }
+}
+
+/// Width of a character over the size of type: no font is at hand, and common sans-serif ones are narrower.
+const CHARACTER: f64 = 0.58;
+
+/// About how wide a line of type is, pixels.
+pub fn width_px(line: &str, size_px: u32) -> u32 {
+    (line.chars().count() as f64 * f64::from(size_px) * CHARACTER).ceil() as u32
+}
+
+/// Characters of a label that fit into so many pixels.
+pub fn fitting(room_px: u32) -> usize {
+    (f64::from(room_px) / (f64::from(LABEL_PX) * CHARACTER)) as usize
+}
+
+/// At most so many characters, with an ellipsis where something does not fit.
+pub fn cut(line: &str, most: usize) -> String {
+    if line.chars().count() <= most {
+        return line.to_owned();
+    }
+    line.chars().take(most.saturating_sub(1)).chain(['…']).collect()
+}
+
+/// Sizes of type, pixels: nothing is smaller than [`SMALL_PX`].
+pub const LABEL_PX: u32 = 13;
+pub const SMALL_PX: u32 = 12;
 
 pub fn color(index: usize) -> RGBColor {
     PALETTE[index % PALETTE.len()]
 }
 
-fn font(size: u32, color: RGBColor) -> TextStyle<'static> {
-    ("sans-serif", size).into_font().color(&color)
+/// The backend divides a font's size by this to write the size in pixels of the em square (plotters 0.3, `svg.rs`).
+const BACKEND_DIVISOR: f64 = 1.24;
+
+/// Of this size in the picture, pixels.
+fn font(size_px: u32, color: RGBColor) -> TextStyle<'static> {
+    ("sans-serif", f64::from(size_px) * BACKEND_DIVISOR).into_font().color(&color)
 }
 
 pub fn title() -> TextStyle<'static> {
@@ -41,11 +120,11 @@ pub fn heading() -> TextStyle<'static> {
 }
 
 pub fn label() -> TextStyle<'static> {
-    font(13, INK)
+    font(LABEL_PX, INK)
 }
 
 pub fn small() -> TextStyle<'static> {
-    font(12, FAINT)
+    font(SMALL_PX, FAINT)
 }
 
 /// Ends at its anchor, centred on it vertically.
@@ -84,7 +163,7 @@ pub fn shade(share: f64) -> RGBColor {
 pub fn on(color: RGBColor, style: TextStyle<'static>) -> TextStyle<'static> {
     let RGBColor(r, g, b) = color;
     let luma = 0.2126 * f64::from(r) + 0.7152 * f64::from(g) + 0.0722 * f64::from(b);
-    style.color(if luma < 130.0 { &WHITE } else { &INK })
+    style.color(if luma < 130.0 { &WHITE } else { &ON_LIGHT })
 }
 
 /// A line of text in pieces of at most `limit` characters, broken at spaces.

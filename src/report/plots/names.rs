@@ -1,0 +1,101 @@
+//! What cells, axes and values are called on plots.
+
+use serde_json::Value;
+
+use super::PlotInput;
+use crate::experiments::schema::{Experiment, Plot};
+use crate::experiments::{Measure, label_text, lookup};
+use crate::record::Cell;
+use crate::words;
+
+/// The axis' own title, else its words.
+pub fn axis(name: &str, experiment: &Experiment) -> String {
+    let axis = experiment.axes().find(|axis| axis.name == name);
+    let title = axis.and_then(|axis| axis.title.clone());
+    title.unwrap_or_else(|| words::parameter_label(name))
+}
+
+/// A value on an axis: names stand alone, numbers and switches behind the axis' title.
+pub fn value(axis_name: &str, value: &Value, experiment: &Experiment) -> String {
+    match value {
+        Value::String(text) if text.parse::<f64>().is_err() => text.clone(),
+        other => format!("{} {}", short_axis(axis_name, experiment), label_text(other)),
+    }
+}
+
+/// The shorter of the axis' title and its words.
+fn short_axis(name: &str, experiment: &Experiment) -> String {
+    let names = [axis(name, experiment), words::parameter_label(name)];
+    let shortest = names.into_iter().min_by_key(|name| name.chars().count());
+    shortest.unwrap_or_default()
+}
+
+/// A cell's values on all axes but one; its scene where it has no axis.
+pub fn cell(cell: &Cell, but: Option<&str>, experiment: &Experiment) -> String {
+    let axes = cell.axes.iter().filter(|(name, _)| Some(name.as_str()) != but);
+    let values: Vec<String> = axes.map(|(name, v)| value(name, v, experiment)).collect();
+    if cell.axes.is_empty() { cell.scene.clone() } else { values.join(", ") }
+}
+
+/// The factor from a measure's value to that on the ordinate. A title of the plot's own speaks of values as recorded.
+pub fn factor(y: &Measure, title: Option<&String>) -> f64 {
+    match title {
+        Some(_) if y.is_time() => words::Unit::Milliseconds.factor(),
+        Some(_) => 1.0,
+        None => y.label().unit.factor(),
+    }
+}
+
+/// The title of the ordinate.
+pub fn y_title(plot: &Plot, shown: &[&Measure]) -> String {
+    match (&plot.y_title, shown) {
+        (Some(title), _) => title.clone(),
+        (None, [only]) if !only.is_time() => only.label().text(),
+        _ => "time (ms)".to_owned(),
+    }
+}
+
+/// What the cells of a group share on the axes that a plot is not over; empty where there are none.
+pub fn group(plot: &Plot, cells: &[&Cell], experiment: &Experiment) -> String {
+    match (&plot.over, cells.first()) {
+        (Some(over), Some(first)) if first.axes.len() > 1 => cell(first, Some(over), experiment),
+        _ => String::new(),
+    }
+}
+
+/// Sizes that a reader of a plot asks for first: dotted paths of parameters.
+const SIZES: [&str; 11] = [
+    "caustics.grid",
+    "caustics.buffer",
+    "godrays.grid",
+    "godrays.buffer",
+    "transfer.grid",
+    "planar.texels",
+    "ldi.layers",
+    "voxel.resolution",
+    "ao.rays",
+    "ao.samples",
+    "shadow.size",
+];
+
+/// Scene, viewport and sizes that all measured cells share: `tank, 800 × 800 px, caustic photon grid 200`.
+pub(super) fn common(input: &PlotInput<'_>) -> String {
+    let cells: Vec<&Cell> =
+        input.cells.iter().copied().filter(|cell| cell.measured().is_some()).collect();
+    let Some(first) = cells.first() else { return String::new() };
+    let shared = |path: &str| {
+        let value = lookup(&first.params, path)?;
+        cells.iter().all(|cell| lookup(&cell.params, path) == Some(value)).then_some(value)
+    };
+    let scene = cells.iter().all(|cell| cell.scene == first.scene);
+    let scene = scene.then(|| format!("scene {}", first.scene));
+    let viewport = match (shared("view.width"), shared("view.height")) {
+        (Some(width), Some(height)) => Some(format!("viewport {width} × {height} px")),
+        _ => None,
+    };
+    let size = |path: &str| {
+        Some(format!("{} {}", words::parameter_label(path), label_text(shared(path)?)))
+    };
+    let sizes = SIZES.iter().filter_map(|path| size(path));
+    scene.into_iter().chain(viewport).chain(sizes).collect::<Vec<_>>().join(" · ")
+}

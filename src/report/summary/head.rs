@@ -1,0 +1,232 @@
+//! The first screen: the device, the tally of verdicts, the slowest stages, how far to trust the run, and findings.
+
+use std::fmt::Write as _;
+
+use indexmap::IndexSet;
+use itertools::Itertools;
+
+use super::super::facts::{self, SlowStage, Tally};
+use super::super::format::{self, Table, percent};
+use super::super::{CELLS_CSV, ReportView, Section, page};
+use super::{cut, link};
+use crate::experiments::{CHANCE, Verdict};
+use crate::record::{Cell, Clock, Conditions, Estimate, Outcome, PassKind, Run};
+use crate::text;
+
+/// Stages that the first screen names.
+pub const SLOWEST: usize = 5;
+/// Notes that are shown.
+const MOST_NOTES: usize = 5;
+
+pub fn write(view: &ReportView<'_>, text: &mut String) {
+    let Some(run) = view.run() else {
+        *text += "# fathom\n\nThe records hold no run.\n\n";
+        return;
+    };
+    *text += &format!("# fathom on {}\n\n", text::markdown(&run.adapter.name));
+    if run.adapter.software {
+        *text += "> **Software driver.** Absolute times and frame rates say little about a GPU; ratios, \
+                  exponents and shares are what to read.\n\n";
+    }
+    let mut table = Table::new(["", ""]);
+    device(run, &mut table);
+    results(view, &mut table);
+    trust(view, run, &mut table);
+    *text += &table.markdown();
+    for finding in facts::findings(view) {
+        let _ = writeln!(text, "- {}", text::markdown(&finding));
+    }
+    let rest = [link("page", page::FILE), link(CELLS_CSV.file, CELLS_CSV.file)].join(" and ");
+    let _ = writeln!(text, "\nEvery cell, picture and plot: {rest}.\n");
+    notes(view, text);
+}
+
+fn device(run: &Run, table: &mut Table) {
+    let adapter = &run.adapter;
+    let kind = if adapter.software { "software driver" } else { "hardware" };
+    table.row([
+        "device".to_owned(),
+        format!(
+            "{} ({kind}, {}, {} {})",
+            adapter.name, adapter.backend, adapter.driver, adapter.driver_info
+        ),
+    ]);
+    table.row([
+        "run".to_owned(),
+        format!(
+            "fathom {}, profile {}, shaders {}, started {}",
+            run.fathom_version,
+            run.profile.name(),
+            run.shader_checks.name(),
+            run.started_at
+        ),
+    ]);
+    let command = text::code(&run.command.join(" "));
+    table.row_of_markdown(["command".to_owned(), command.replace('|', "\\|")]);
+}
+
+fn results(view: &ReportView<'_>, table: &mut Table) {
+    table.row(["cells".to_owned(), cells(view)]);
+    table.row(["claims".to_owned(), tally(&facts::tally(view))]);
+    let slowest = facts::slowest_stages(view, SLOWEST);
+    if !slowest.is_empty() {
+        table.row(["slowest stages".to_owned(), slowest.iter().map(slow).join("; ")]);
+    }
+}
+
+fn cells(view: &ReportView<'_>) -> String {
+    let outcomes = view.sections.iter().flat_map(|section| &section.entries);
+    let mut counts = [0; 3];
+    for entry in outcomes {
+        counts[match entry.cell.outcome {
+            Outcome::Measured(_) => 0,
+            Outcome::Skipped { .. } => 1,
+            Outcome::Failed { .. } => 2,
+        }] += 1;
+    }
+    let [measured, skipped, failed] = counts;
+    format!("{measured} measured, {skipped} skipped, {failed} failed")
+}
+
+/// `65 supported, 19 contradicted, 2 inconclusive, 10 not run, of 96`
+pub fn tally(tally: &Tally) -> String {
+    let Tally { supported, contradicted, inconclusive, not_run } = tally;
+    format!(
+        "{supported} supported, {contradicted} contradicted, {inconclusive} inconclusive, {not_run} not run, of {}",
+        tally.all()
+    )
+}
+
+/// `caustics/splat 76.2 ms, 41 % (39 – 43) of underwater`
+pub fn slow(slow: &SlowStage<'_>) -> String {
+    let time = slow.stage.stage.time.scaled(1.0 / format::NS_PER_MS);
+    format!(
+        "{} {} ms, {} of {}",
+        slow.stage.stage.stage,
+        format::three(time.median),
+        facts::share(&slow.stage.share),
+        slow.frame.cell.pipeline
+    )
+}
+
+fn trust(view: &ReportView<'_>, run: &Run, table: &mut Table) {
+    table.row(["clock".to_owned(), clock(run)]);
+    if let Some(few) = facts::few_samples(view) {
+        table.row([
+            "cells with few samples".to_owned(),
+            format!(
+                "{} of {} timed cells have fewer than {}, which a verdict needs; the fewest are {}",
+                few.cells, few.timed, few.needed, few.fewest
+            ),
+        ]);
+    }
+    if let Some(precision) = facts::precision(view) {
+        table.row([
+            "half width of the frame times' 95 % intervals".to_owned(),
+            format!(
+                "{} in the median cell, at worst {} ({})",
+                percent(precision.median),
+                percent(precision.worst),
+                place(precision.cell)
+            ),
+        ]);
+    }
+    if let Some((cell, worst)) = facts::worst_timing_cost(view) {
+        table.row([
+            "cost of timing".to_owned(),
+            format!(
+                "{} over all pairs of frames; at worst {} ({})",
+                cost(&facts::timing_cost(view)),
+                cost(worst),
+                place(cell)
+            ),
+        ]);
+    }
+    by_chance(view, table);
+}
+
+fn place(cell: &Cell) -> String {
+    format!("{} {}", cell.experiment, cell.cell)
+}
+
+/// The cost of timing as a share of the untimed frame: `1.2 % (1.1 – 1.3)`.
+fn cost(ratio: &Estimate) -> String {
+    let of = |ratio: f64| ratio - 1.0;
+    let interval =
+        ratio.interval.map(|i| crate::record::Interval { low: of(i.low), high: of(i.high) });
+    facts::share(&Estimate { median: of(ratio.median), interval, n: ratio.n })
+}
+
+/// Which clock timed what, and under which conditions.
+fn clock(run: &Run) -> String {
+    let kinds = run.clocks.iter().filter(|(kind, _)| **kind != PassKind::Host);
+    let clocks: Vec<Clock> = kinds.clone().map(|(_, clock)| *clock).dedup().collect();
+    let clocks = match clocks.as_slice() {
+        [clock] => format!("{} of every pass", clock.name()),
+        _ => kinds.map(|(kind, clock)| format!("{}: {}", kind.name(), clock.name())).join(", "),
+    };
+    let Conditions { cores, rasterizer_threads, .. } = &run.conditions;
+    let core = match cores.as_slice() {
+        [core] => Some(format!("driver on core {core} alone")),
+        _ => None,
+    };
+    let threads = rasterizer_threads.as_ref().map(|threads| format!("LP_NUM_THREADS={threads}"));
+    let sound = run.audit.iter().filter(|row| row.sound).count();
+    let audit = format!("{sound} of {} audited readings sound", run.audit.len());
+    [Some(clocks), core, threads, Some(audit)].into_iter().flatten().join("; ")
+}
+
+/// How many verdicts chance alone would bring about.
+fn by_chance(view: &ReportView<'_>, table: &mut Table) {
+    let rulings = view.sections.iter().flat_map(|section| section.rulings());
+    let tested = rulings.filter(|ruling| ruling.verdict != Verdict::NotRun);
+    let sampled = tested.filter(|ruling| ruling.n.is_some()).count();
+    if sampled > 0 {
+        let expected = CHANCE * sampled as f64;
+        table.row([
+            "verdicts by chance".to_owned(),
+            format!(
+                "{sampled} claims rest on samples: at most {expected:.1} of them would be supported by chance, \
+                 and as many contradicted, if the figures of all lay exactly at their bounds"
+            ),
+        ]);
+    }
+}
+
+/// Notes on the run, and the stand-ins that cells ran on, once each.
+fn notes(view: &ReportView<'_>, text: &mut String) {
+    let of_runs = view.runs.iter().flat_map(|run| &run.notes).map(|note| &note.text);
+    let entries = view.sections.iter().flat_map(|section| &section.entries);
+    let stand_ins = entries.flat_map(|entry| &entry.cell.stand_ins);
+    let mut all: IndexSet<String> = of_runs.chain(stand_ins).cloned().collect();
+    all.extend(view.sections.iter().flat_map(left_out));
+    let adapters: IndexSet<&str> = view.runs.iter().map(|run| run.adapter.name.as_str()).collect();
+    if adapters.len() > 1 {
+        all.insert(
+            "These records hold cells of several adapters; cells.csv names the adapter of each."
+                .to_owned(),
+        );
+    }
+    if view.ends.last().is_none_or(|end| end.interrupted) {
+        all.insert("The run ended early: this is what was measured until then.".to_owned());
+    }
+    let (shown, more) = cut(all.into_iter().collect(), MOST_NOTES);
+    for note in &shown {
+        let _ = writeln!(text, "- Note: {}", text::markdown(note));
+    }
+    if !shown.is_empty() {
+        let _ = writeln!(text, "{more}\n");
+    }
+}
+
+/// What an experiment cannot show, and why.
+fn left_out(section: &Section<'_>) -> Vec<String> {
+    let problem = section.problem.as_ref();
+    let problem =
+        problem.map(|problem| format!("{} has no claims and plots: {problem}", section.id));
+    let missing = section.figure().missing.iter();
+    let missing = missing.map(|(title, reason)| {
+        format!("The plot “{title}” of {} is left out: {reason}", section.id)
+    });
+    problem.into_iter().chain(missing).collect()
+}
