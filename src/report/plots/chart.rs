@@ -75,7 +75,7 @@ impl BarChart {
             .disable_y_mesh()
             .y_labels(0)
             .x_label_formatter(&|at| self.scale.tick_label(*at))
-            .x_desc(self.scale.title(&self.x_title))
+            .x_desc(format!("{}, {} scale", self.x_title, self.scale.name()))
             .draw()?;
         let labels_px = self.labels_px;
         Ok(Canvas { left: rest.clone(), area: chart.plotting_area().clone(), labels_px })

@@ -15,16 +15,17 @@ pub fn axis(name: &str, experiment: &Experiment) -> String {
     title.unwrap_or_else(|| words::parameter_label(name))
 }
 
-/// A value on an axis: names stand alone, numbers and switches behind the axis' title.
+/// A value on an axis. Names on an axis without a title stand alone, everything else behind what the axis is called.
 pub fn value(axis_name: &str, value: &Value, experiment: &Experiment) -> String {
+    let is_titled = experiment.axes().any(|axis| axis.name == axis_name && axis.title.is_some());
     match value {
-        Value::String(text) if text.parse::<f64>().is_err() => text.clone(),
+        Value::String(text) if !is_titled && text.parse::<f64>().is_err() => text.clone(),
         other => format!("{} {}", short_axis(axis_name, experiment), label_text(other)),
     }
 }
 
 /// The shorter of the axis' title and its words.
-fn short_axis(name: &str, experiment: &Experiment) -> String {
+pub fn short_axis(name: &str, experiment: &Experiment) -> String {
     let names = [axis(name, experiment), words::parameter_label(name)];
     let shortest = names.into_iter().min_by_key(|name| name.chars().count());
     shortest.unwrap_or_default()

@@ -7,7 +7,7 @@ use super::chart::{BarChart, Canvas, Legend, Mark};
 use super::scale::{Scale, ScaleKind};
 use super::{Area, Drawn, Panel, PlotInput, names, style};
 use crate::experiments::schema::{Plot, Test};
-use crate::experiments::{Measure, Reading, fits, groups, same};
+use crate::experiments::{Measure, Reading, fits, groups, label_text, same};
 use crate::record::{Cell, Interval};
 use crate::report::colors::StageColors;
 use crate::report::format::three;
@@ -42,13 +42,10 @@ impl Ratios {
         let shown = rows.iter().flat_map(Row::shown).chain([1.0]);
         let mut scale = Scale::fit(ScaleKind::Linear, shown)?;
         scale.low = scale.low.max(0.0);
-        let sides = [&plot.numerator, &plot.denominator].map(|value| {
-            let value = value.as_ref()?;
-            Some(names::value(over, value, input.experiment))
-        });
-        let [Some(numerator), Some(denominator)] = sides else { return None };
+        let sides = [plot.numerator.as_ref()?, plot.denominator.as_ref()?].map(label_text);
+        let axis = names::short_axis(over, input.experiment);
         let chart = BarChart {
-            x_title: format!("{numerator} over {denominator}, ratio"),
+            x_title: format!("{axis}: {}, ratio", sides.join(" over ")),
             scale,
             rows_px: rows.len() as u32 * ROW_PX,
             labels_px: BarChart::labels_px(rows.iter().map(|row| row.label.as_str())),

@@ -101,11 +101,11 @@ impl Scale {
         Scale { kind: ScaleKind::Log, low, high, ticks }
     }
 
-    /// An axis' title with the kind of its scale.
-    pub fn title(&self, title: &str) -> String {
+    /// What stands behind an axis' title.
+    pub fn name(&self) -> &'static str {
         match self.kind {
-            ScaleKind::Linear => format!("{title}, linear scale"),
-            ScaleKind::Log => format!("{title}, log scale"),
+            ScaleKind::Linear => "linear",
+            ScaleKind::Log => "log",
         }
     }
 

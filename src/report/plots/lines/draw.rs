@@ -10,7 +10,7 @@ const STAR: [[(i32, i32); 2]; 4] =
 const NAME_MARK_PX: i32 = 14;
 const NAME_PX: i32 = 26;
 /// Characters of the ordinate's title that fit beside a chart, its scale apart.
-const MOST_Y_TITLE: usize = 31;
+const MOST_Y_TITLE: usize = 34;
 /// A name that is further than this from its line is joined to it.
 const LEADER_FROM_PX: i32 = 8;
 
@@ -79,8 +79,8 @@ impl Chart {
             .y_labels(20)
             .x_label_formatter(&|at| self.x.tick_label(*at))
             .y_label_formatter(&|at| self.y.tick_label(*at))
-            .x_desc(self.x.title(&self.x_title))
-            .y_desc(self.y.title(&style::cut(&self.y_title, MOST_Y_TITLE)))
+            .x_desc(format!("{}, {} scale", self.x_title, self.x.name()))
+            .y_desc(format!("{}, {}", style::cut(&self.y_title, MOST_Y_TITLE), self.y.name()))
             .draw()?;
         let plot = chart.plotting_area().clone();
         let canvas = Canvas { area: &plot, chart: self };
