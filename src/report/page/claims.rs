@@ -8,7 +8,7 @@ use super::{Page, PageSection};
 use crate::experiments::schema::Claim;
 use crate::experiments::{RuledFigure, Ruling, Verdict};
 use crate::record::Interval;
-use crate::report::format::three;
+use crate::report::format::{three, trim_zeros};
 use crate::report::plots::scale::ScaleKind;
 
 pub const SECTION: PageSection = PageSection { id: "claims", title: "Claims", write };
@@ -51,39 +51,43 @@ fn write(page: &Page<'_>) -> Option<Markup> {
     rows.sort_by(|a, b| {
         a.verdict().cmp(&b.verdict()).then_with(|| b.excess().total_cmp(&a.excess()))
     });
-    let verdicts =
-        [Verdict::Contradicted, Verdict::Inconclusive, Verdict::NotRun, Verdict::Supported];
+    let published = rows.iter().any(|row| row.claim.published.is_some());
+    let (supported, open): (Vec<&Row<'_>>, Vec<&Row<'_>>) =
+        rows.iter().partition(|row| row.verdict() == Verdict::Supported);
     Some(html! {
         p.lead {
             "A claim is supported where the interval of its figure lies inside the band, contradicted where it lies outside, and "
             "inconclusive else. The dot is the measured figure, the line its interval, the shaded part the claim's band"
-            @if rows.iter().any(|row| row.claim.published.is_some()) {
-                ", the diamond the published figure"
-            }
-            "."
+            @if published { ", the diamond the published figure" }
+            ". "
+            a href="#experiments" { "Experiments" } " has the plots."
         }
-        div.controls {
-            label { "Show "
-                select #claim-verdict {
-                    option value="" { "all verdicts" }
-                    @for verdict in verdicts { option { (verdict.to_string()) } }
-                }
-            }
-        }
-        div.scroll tabindex="0" role="region" aria-label="Claims" {
-            table #claim-table {
-                thead { tr {
-                    th scope="col" { "Verdict" }
-                    th scope="col" { "Claim" }
-                    th scope="col" { "Measured (interval)" }
-                    th scope="col" { "Against its band" }
-                    th scope="col" { "Asked" }
-                    th scope="col" { "Published" }
-                } }
-                tbody { @for row in &rows { (row_markup(page, row)) } }
+        @if !open.is_empty() { (table(page, &open, "Claims that are not supported")) }
+        @if !supported.is_empty() {
+            details.supported {
+                summary { (supported.len()) " supported claims" }
+                (table(page, &supported, "Supported claims"))
             }
         }
     })
+}
+
+fn table(page: &Page<'_>, rows: &[&Row<'_>], about: &str) -> Markup {
+    html! {
+        div.scroll tabindex="0" role="region" aria-label=(about) {
+            table.claims {
+                thead { tr {
+                    th scope="col" { "Verdict" }
+                    th scope="col" { "Claim" }
+                    th.number scope="col" { "Measured (interval)" }
+                    th scope="col" { "Against its band" }
+                    th.number scope="col" { "Band" }
+                    th.number scope="col" { "Published" }
+                } }
+                tbody { @for row in rows { (row_markup(page, row)) } }
+            }
+        }
+    }
 }
 
 /// Claims in the order of their experiments, each once.
@@ -124,9 +128,9 @@ fn row_markup(page: &Page<'_>, row: &Row<'_>) -> Markup {
                 }
                 @match ruling.deciding.first() {
                     Some(deciding) => {
-                        td.number { (deciding.text()) @if let Some(n) = ruling.n { br; span.faint { "n = " (n) } } }
+                        td.number { (text(deciding)) @if let Some(n) = ruling.n { br; span.faint { "n = " (n) } } }
                         td { @if let Some(axis) = &axis { (picture(axis, deciding, claim.published)) } }
-                        td.number { (deciding.asked()) }
+                        td.number { (asked(deciding.band)) }
                     }
                     None => { td.faint colspan="3" { (ruling.reason) } }
                 }
@@ -145,6 +149,26 @@ pub fn chip(verdict: Verdict) -> Markup {
         Verdict::Supported => ("good", "✓"),
     };
     html! { span.chip.(class) { span aria-hidden="true" { (mark) " " } (verdict.to_string()) } }
+}
+
+/// `1.38 (1.30 – 1.46)`
+fn text(figure: &RuledFigure) -> String {
+    match figure.interval {
+        Some(Interval { low, high }) if low < high => {
+            format!("{} ({} – {})", three(figure.value), three(low), three(high))
+        }
+        _ => three(figure.value),
+    }
+}
+
+fn asked(Interval { low, high }: Interval) -> String {
+    let short = |bound: f64| trim_zeros(&three(bound)).to_owned();
+    match (low.is_finite(), high.is_finite()) {
+        (true, true) => format!("{} – {}", short(low), short(high)),
+        (true, false) => format!("≥ {}", short(low)),
+        (false, true) => format!("≤ {}", short(high)),
+        (false, false) => "–".to_owned(),
+    }
 }
 
 /// One axis for a claim's figures of all runs, so that they can be compared by eye.
@@ -171,7 +195,7 @@ fn picture(axis: &Axis, deciding: &RuledFigure, published: Option<f64>) -> Marku
     let interval =
         deciding.interval.unwrap_or(Interval { low: deciding.value, high: deciding.value });
     let [from, to] = [interval.low, interval.high].map(|end| axis.px_within(end));
-    let tip = format!("{}: {} against {}", deciding.name, deciding.text(), deciding.asked());
+    let tip = format!("{}: {} against {}", deciding.name, text(deciding), asked(deciding.band));
     html! {
         svg.claim-axis role="img" aria-label=(tip) width=(WIDTH_PX) height=(HEIGHT_PX) {
             title { (tip) }

@@ -75,11 +75,5 @@
     });
   }
 
-  const verdict = document.getElementById("claim-verdict");
-  verdict?.addEventListener("change", () => {
-    fathom.all("#claim-table tbody tr").forEach((row) => {
-      row.hidden = Boolean(verdict.value) && row.dataset.verdict !== verdict.value;
-    });
-  });
   fathom.open();
 }

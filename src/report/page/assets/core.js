@@ -126,5 +126,7 @@ fathom.open = () => {
   if (target instanceof HTMLDetailsElement) target.open = true;
 };
 addEventListener("hashchange", fathom.open);
+/* What is folded is printed, too. */
+addEventListener("beforeprint", () => fathom.all("details").forEach((folded) => { folded.open = true; }));
 
 document.documentElement.classList.add("scripted");

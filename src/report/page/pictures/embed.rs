@@ -5,7 +5,6 @@ use std::path::{Component, Path, PathBuf};
 
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD as BASE64;
-use image::codecs::jpeg::JpegEncoder;
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use image::imageops;
 use image::{ImageFormat, ImageReader, Limits, RgbImage};
@@ -21,8 +20,8 @@ const MAX_MEMORY: u64 = 64 << 20;
 const MAX_PIXELS: u64 = 180_000_000;
 /// Longest side of a picture on the page, pixels: larger ones are scaled down.
 const MOST_SIDE_PX: u32 = 480;
-/// Of JPEG, 1 … 100.
-const QUALITY: u8 = 80;
+/// Of WebP, 0 … 100.
+const QUALITY: f32 = 70.0;
 /// All pictures of a page, bytes before base64: a page of several megabytes still opens at once.
 const MAX_EMBEDDED: usize = 2 << 20;
 
@@ -93,16 +92,14 @@ fn reduced(picture: RgbImage) -> RgbImage {
     imageops::resize(&picture, scaled(width), scaled(height), imageops::FilterType::Triangle)
 }
 
-/// As JPEG, or as PNG where that is smaller.
+/// As WebP, or as PNG where that is smaller.
 fn smallest(picture: &RgbImage) -> Result<(&'static str, Vec<u8>), String> {
-    let (mut jpeg, mut png) = (Vec::new(), Vec::new());
-    let written = picture
-        .write_with_encoder(JpegEncoder::new_with_quality(&mut jpeg, QUALITY))
-        .and_then(|()| {
-            let best =
-                PngEncoder::new_with_quality(&mut png, CompressionType::Best, FilterType::Adaptive);
-            picture.write_with_encoder(best)
-        });
-    written.map_err(|error| error.to_string())?;
-    Ok(if png.len() < jpeg.len() { ("image/png", png) } else { ("image/jpeg", jpeg) })
+    let [width, height] = [picture.width(), picture.height()];
+    let webp = webp::Encoder::from_rgb(picture, width, height).encode_simple(false, QUALITY);
+    let webp = webp.map_err(|error| format!("it cannot be compressed: {error:?}"))?;
+    let mut png = Vec::new();
+    let best = PngEncoder::new_with_quality(&mut png, CompressionType::Best, FilterType::Adaptive);
+    picture.write_with_encoder(best).map_err(|error| error.to_string())?;
+    let is_png = png.len() < webp.len();
+    Ok(if is_png { ("image/png", png) } else { ("image/webp", webp.to_vec()) })
 }
