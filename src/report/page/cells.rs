@@ -60,6 +60,7 @@ fn write(page: &Page<'_>) -> Option<Markup> {
                 }
             }
         }
+        p.script-only { button #cell-more type="button" hidden {} }
     })
 }
 

@@ -11,9 +11,8 @@
     return a.localeCompare(b, "en", { numeric: true });
   };
 
-  /* Makes the headings of a table sort its rows. */
-  fathom.sortable = (table) => {
-    const body = table.tBodies[0];
+  /* Makes the headings of a table sort: `arrange` gets rows and where they go. */
+  fathom.sortable = (table, rows, arrange) => {
     [...table.tHead.rows[0].cells].forEach((heading, column) => {
       const button = fathom.element("button", { class: "sort", type: "button" }, heading.textContent);
       heading.replaceChildren(button);
@@ -21,37 +20,57 @@
         const down = heading.getAttribute("aria-sort") === "ascending";
         fathom.all("[aria-sort]", table.tHead).forEach((other) => other.removeAttribute("aria-sort"));
         heading.setAttribute("aria-sort", down ? "descending" : "ascending");
-        const keyed = [...body.rows].filter((row) => !row.classList.contains("detail")).map((row) => [value(row, column), row]);
+        const keyed = rows.map((row) => [value(row, column), row]);
         keyed.sort(([a], [b]) => (down ? order(b, a) : order(a, b)));
-        body.replaceChildren(...keyed.map(([, row]) => row));
+        arrange(keyed.map(([, row]) => row));
       });
     });
   };
 
-  fathom.all("table.sortable").forEach(fathom.sortable);
+  fathom.all("table.sortable").forEach((table) => {
+    const body = table.tBodies[0];
+    fathom.sortable(table, [...body.rows], (rows) => body.replaceChildren(...rows));
+  });
 
   const cells = document.getElementById("cell-table");
   if (cells) {
-    fathom.sortable(cells);
+    const body = cells.tBodies[0];
     const experiment = document.getElementById("cell-experiment");
     const words = document.getElementById("cell-words");
-    const rows = [...cells.tBodies[0].rows];
-    const texts = rows.map((row) => row.textContent.toLowerCase());
-    const filter = () => {
+    const more = document.getElementById("cell-more");
+    const all = [...body.rows];
+    const texts = new Map(all.map((row) => [row, row.textContent.toLowerCase()]));
+    let rows = all;
+    /* Of a long table only the first rows are laid out, which is what takes the time. */
+    const few = 200;
+    let most = few;
+
+    const show = () => {
       const wanted = words.value.toLowerCase().split(/\s+/).filter(Boolean);
-      let shown = 0;
-      rows.forEach((row, index) => {
-        const fits = (!experiment.value || row.dataset.experiment === experiment.value)
-          && wanted.every((word) => texts[index].includes(word));
-        row.hidden = !fits;
-        shown += fits;
-      });
-      fathom.all("tr.detail", cells).forEach((detail) => detail.remove());
-      document.getElementById("cell-count").textContent = `${shown} of ${rows.length} cells`;
+      const fitting = rows.filter((row) => (!experiment.value || row.dataset.experiment === experiment.value)
+        && wanted.every((word) => texts.get(row).includes(word)));
+      body.replaceChildren(...fitting.slice(0, most));
+      more.hidden = fitting.length <= most;
+      more.textContent = `show all ${fitting.length} cells`;
+      document.getElementById("cell-count").textContent = `${fitting.length} of ${all.length} cells`;
     };
+    const filter = () => {
+      most = few;
+      show();
+    };
+    const whole = () => {
+      most = Infinity;
+      show();
+    };
+    fathom.sortable(cells, all, (sorted) => {
+      rows = sorted;
+      show();
+    });
     experiment.addEventListener("change", filter);
     words.addEventListener("input", filter);
-    filter();
+    more.addEventListener("click", whole);
+    addEventListener("beforeprint", whole);
+    show();
 
     /* The stages of a row's cell, below it. */
     const details = async (row) => {
