@@ -11,6 +11,7 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
+pub mod ceilings;
 pub mod comparison;
 mod error_figure;
 mod file;
@@ -23,6 +24,7 @@ mod samples;
 mod tests;
 pub use crate::quiet::Conditions;
 pub use crate::statistics::{Estimate, Interval};
+pub use ceilings::{Ceiling, CeilingShare, Limit};
 pub use comparison::Compared;
 pub use error_figure::ErrorFigure;
 pub use file::{Writer, empty_or_sound, finished, read, read_some, resume_key};
@@ -67,6 +69,9 @@ pub struct Run {
     /// Host time of a submission with the least pass of a kind, as the audit measured it. What was taken off fenced host
     /// durations was measured beside them: see [`Fenced`].
     pub submit_cost_ns: BTreeMap<PassKind, f64>,
+    /// The adapter's limits, measured after the audit. Absent from records of earlier versions.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub ceilings: Vec<Ceiling>,
     /// On the whole run.
     pub notes: Vec<Note>,
 }
@@ -257,9 +262,15 @@ pub struct StageRecord {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub fenced: Option<Fenced>,
     pub work: Work,
+    /// A lower bound of the work, where `work` is none: see [`ceilings`].
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub least_work: Option<Work>,
     /// Pipeline statistics, where the adapter counts them.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub counters: BTreeMap<String, u64>,
+    /// How near it comes to the adapter's limits.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub ceiling: Option<CeilingShare>,
 }
 
 impl StageRecord {

@@ -35,6 +35,7 @@ pub fn main(catalog: &Catalog) -> ExitCode {
         Command::Run(args) => commands::run(catalog, args),
         Command::List(args) => commands::list(catalog, args),
         Command::Audit(args) => commands::audit(catalog, args),
+        Command::Ceilings { json, adapter } => commands::ceilings(catalog, json, &adapter),
         Command::Verify { filter, adapter } => commands::verify(catalog, filter, &adapter),
         Command::Fetch { assets } => commands::fetch(&assets),
         Command::Render(args) => commands::render(catalog, args),
@@ -75,6 +76,14 @@ pub enum Command {
     List(ListArgs),
     /// Hold the adapter's timestamps against the host clock
     Audit(AdapterArgs),
+    /// Measure the adapter's own limits: bandwidth, fill, texels, atomics, arithmetic, small primitives, empty passes
+    Ceilings {
+        /// Answer in JSON
+        #[arg(long)]
+        json: bool,
+        #[command(flatten)]
+        adapter: AdapterArgs,
+    },
     /// Check stages against their references
     Verify {
         /// Only the checks of stages whose name holds this
