@@ -14,7 +14,8 @@ use crate::record::{Reading, Record};
 use crate::report::{self, Artifact, ReportError, ReportView};
 
 /// Exporters of runs, in the order in which their files are written.
-const OF_RUNS: [report::Exporter; 3] = [report::PLOTS, report::CELLS_CSV, report::SUMMARY];
+const OF_RUNS: [report::Exporter; 4] =
+    [report::PLOTS, report::ROOFLINES, report::CELLS_CSV, report::SUMMARY];
 
 /// Formats of comparisons, in the order in which their files are written.
 pub const OF_COMPARISONS: [Format; 5] =

@@ -2,6 +2,7 @@
 //!
 //! An [`Exporter`] turns a [`ReportView`] of a run's records into named files.
 
+pub mod ceilings;
 mod cells_csv;
 pub mod colors;
 pub mod format;
@@ -13,7 +14,7 @@ mod view;
 pub mod fixtures;
 
 pub use cells_csv::EXPORTER as CELLS_CSV;
-pub use plots::EXPORTER as PLOTS;
+pub use plots::{EXPORTER as PLOTS, ROOFLINES};
 pub use summary::EXPORTER as SUMMARY;
 pub use view::{Entry, ReportView, Section};
 

@@ -149,7 +149,7 @@ impl<'a> Stand<'a> {
         Ok(Self { gpu, kernel, timer: FrameTimer::new(gpu, plan, 1)? })
     }
 
-    /// Time of so many turns, ns. A frame with a fault is taken again.
+    /// Time of so many turns, ns; not above zero where it is shorter than the clock can tell. A frame with a fault is taken again.
     fn time_ns(&mut self, turns: u32) -> Result<f64, GpuError> {
         const TRIES: usize = 8;
         let Self { gpu, kernel, timer } = self;
@@ -162,11 +162,11 @@ impl<'a> Stand<'a> {
                     timer.untimed(gpu, &[&stage])? - timer.plan().submit_cost.of(kind)
                 }
             };
-            if ns > 0.0 {
+            if ns.is_finite() {
                 return Ok(ns);
             }
         }
-        let reason = "the clock gave no time of a ceiling's kernel; fathom audit checks the clock";
+        let reason = "the clock gave impossible times only; fathom audit checks the clock";
         Err(GpuError::Unusable(reason.to_owned()))
     }
 
@@ -179,11 +179,11 @@ impl<'a> Stand<'a> {
         // The first frame compiles, and touches fresh memory.
         self.time_ns(turns)?;
         for _ in 0..STEPS {
-            let short_by = goal_ns / self.time_ns(turns)?;
+            let short_by = (goal_ns / self.time_ns(turns)?.max(0.0)).min(LARGEST_STEP);
             if short_by < 1.5 {
                 break;
             }
-            turns = (f64::from(turns) * short_by.min(LARGEST_STEP)).ceil() as u32;
+            turns = (f64::from(turns) * short_by).ceil() as u32;
         }
         Ok(turns.min(self.kernel.most_turns() / 2).max(1))
     }

@@ -6,6 +6,7 @@ mod bars;
 mod chart;
 mod lines;
 mod map;
+mod roofline;
 mod scale;
 mod stacked;
 mod style;
@@ -21,6 +22,8 @@ use crate::experiments::schema::{Experiment, Plot, PlotKind, Published};
 use crate::experiments::{self, Measure};
 use crate::record::Cell;
 use crate::text;
+
+pub use roofline::EXPORTER as ROOFLINES;
 
 pub const EXPORTER: Exporter =
     Exporter { name: "EXPERIMENT.svg", about: "a figure per experiment", export };
