@@ -7,16 +7,22 @@ struct Work {
 @group(0) @binding(1) var<storage, read_write> results: array<u32>;
 @group(0) @binding(2) var<storage, read> data: array<vec4<u32>>;
 
-// All invocations together read the whole buffer, whose length is a power of two, once a turn, each turn from another start.
+// A workgroup reads a piece of the buffer, neighbouring invocations neighbouring words; each turn from another start. The buffer's
+// length is a power of two. A buffer that is too short for all workgroups is read by several of them.
 @compute @workgroup_size(#{GROUP_SIZE})
-fn main(@builtin(global_invocation_id) id: vec3<u32>) {
+fn main(
+    @builtin(workgroup_id) group: vec3<u32>,
+    @builtin(num_workgroups) groups: vec3<u32>,
+    @builtin(local_invocation_index) lane: u32,
+) {
     let length = arrayLength(&data);
-    let invocations = arrayLength(&results);
+    let piece = max(length / groups.x, #{GROUP_SIZE}u);
     var sum = vec4<u32>(0u);
     for (var turn = 0u; turn < work.turns; turn++) {
-        for (var at = id.x; at < length; at += invocations) {
-            sum += data[(at + turn) & (length - 1u)];
+        let start = group.x * piece + turn * #{GROUP_SIZE}u + lane;
+        for (var i = 0u; i < piece; i += #{GROUP_SIZE}u) {
+            sum += data[(start + i) & (length - 1u)];
         }
     }
-    results[id.x] = sum.x + sum.y + sum.z + sum.w;
+    results[group.x * #{GROUP_SIZE}u + lane] = sum.x + sum.y + sum.z + sum.w;
 }

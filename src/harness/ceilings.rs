@@ -113,7 +113,7 @@ impl fmt::Display for Answer {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(
             f,
-            "limit                            per second  95 % interval              n  doubling"
+            "limit                              per second  95 % interval              n  doubling"
         )?;
         for ceiling in &self.ceilings {
             writeln!(f, "{}", row(ceiling))?;
@@ -145,7 +145,7 @@ fn row(ceiling: &Ceiling) -> String {
         _ => String::new(),
     };
     format!(
-        "{:<28} {:>14.4e}  {low:.3e} to {high:.3e}  {:>3}  {doubling:>8.2}  {}{each}{verdict}",
+        "{:<32} {:>12.4e}  {low:.3e} to {high:.3e}  {:>3}  {doubling:>8.2}  {}{each}{verdict}",
         limit.name(),
         rate.median,
         rate.n,

@@ -13,7 +13,7 @@ use crate::record::ceilings::Limit;
 use crate::statistics::{Estimate, estimate, ratio_estimate};
 
 /// Pairs of samples: an interval of their ratio.
-const PAIRS: usize = 3 * ROUNDS;
+const PAIRS: usize = 2 * ROUNDS;
 
 /// The adapter's copies beside the CPU's with the same working set.
 #[derive(Clone, Debug, PartialEq, Serialize)]

@@ -1,6 +1,6 @@
 //! Kernels that move memory: copying, clearing, reading.
 
-use super::invocations::{Answer, Code, Invocations, words};
+use super::invocations::{Answer, Code, Invocations, invocations, words};
 use super::kernel::{Kernel, buffer};
 use crate::gpu::frame::StageScope;
 use crate::gpu::readback::read_buffer;
@@ -8,6 +8,8 @@ use crate::gpu::{Gpu, GpuError};
 
 /// What buffers are filled with: a block of consecutive words over and over.
 const BLOCK_WORDS: u32 = 1 << 12;
+/// Of one read: four words.
+const READ_BYTES: u64 = 16;
 
 fn block() -> Vec<u8> {
     (0..BLOCK_WORDS).flat_map(u32::to_le_bytes).collect()
@@ -115,7 +117,9 @@ pub(super) fn read(gpu: &Gpu, bytes: u64) -> Result<Invocations, GpuError> {
     let data = filled(gpu, bytes, wgpu::BufferUsages::STORAGE);
     let reads = vec![(2, data.as_entire_binding())];
     let code = Code { path: "ceilings/read", entry: "main", defs: &[], reads };
-    let blocks = (bytes / 4 / u64::from(BLOCK_WORDS)) as u32;
+    // Each invocation reads at least once: see the shader.
+    let read = bytes.max(u64::from(invocations(gpu)) * READ_BYTES);
+    let blocks = (read / 4 / u64::from(BLOCK_WORDS)) as u32;
     let answer: Answer = Box::new(move |turns, results| {
         let of_block = (0..BLOCK_WORDS).fold(0, u32::wrapping_add);
         let expected = of_block.wrapping_mul(blocks).wrapping_mul(turns);
@@ -123,5 +127,5 @@ pub(super) fn read(gpu: &Gpu, bytes: u64) -> Result<Invocations, GpuError> {
         let wrong = || format!("the words read add up to {sum}, not to {expected}");
         (sum == expected).then_some(()).ok_or_else(wrong)
     });
-    Invocations::new(gpu, code, bytes as f64, u32::MAX, answer)
+    Invocations::new(gpu, code, read as f64, u32::MAX, answer)
 }

@@ -22,10 +22,10 @@ use crate::record::ceilings::{Addresses, Blending, Ceiling, Limit, SmallPrimitiv
 use crate::statistics::{estimate, median};
 
 /// Length of a pass with N work: on a software adapter, and on a GPU. Long beside the jitter of a submission.
-const SOFTWARE_PASS_NS: f64 = 2e6;
+const SOFTWARE_PASS_NS: f64 = 3e6;
 const GPU_PASS_NS: f64 = 0.5e6;
-/// Samples with N work, and as many with 2 N: enough for an interval of their rates.
-const ROUNDS: usize = 4;
+/// Samples with N work, and as many with 2 N: enough for an interval of the rates.
+const ROUNDS: usize = 7;
 /// A measurement whose law does not hold is repeated so many times: something else may have run.
 const ATTEMPTS: usize = 3;
 /// The smallest working set, and the ratio of each to the one before. Of reading and clearing every second one is measured.
@@ -40,11 +40,14 @@ const MOST_SET_BYTES: u64 = 512 << 20;
 /// Every limit that this adapter can be measured against.
 pub fn limits(gpu: &Gpu) -> Vec<Limit> {
     use TexelFormat::*;
-    let sets = working_sets(gpu);
-    let copies = sets.iter().map(|bytes| Limit::Copy { working_set_bytes: *bytes });
-    let few = || sets.iter().step_by(2);
-    let reads = few().map(|bytes| Limit::Read { working_set_bytes: *bytes });
-    let writes = few().map(|bytes| Limit::Write { working_set_bytes: *bytes });
+    let of_buffers = |most: u64| working_sets(gpu, MOST_SET_BYTES.min(most));
+    let (buffer, bound) = (gpu.limits.max_buffer_size, gpu.limits.max_storage_buffer_binding_size);
+    let copies = of_buffers(buffer.saturating_mul(2)).into_iter();
+    let copies = copies.map(|bytes| Limit::Copy { working_set_bytes: bytes });
+    let reads = of_buffers(bound).into_iter().step_by(2);
+    let reads = reads.map(|bytes| Limit::Read { working_set_bytes: bytes });
+    let writes = of_buffers(buffer).into_iter().step_by(2);
+    let writes = writes.map(|bytes| Limit::Write { working_set_bytes: bytes });
     let colors = [R8Unorm, Rgba8Unorm, R16Float, Rgba16Float, R32Float, Rgba32Float];
     let opaque = colors.into_iter().chain([Depth32Float]);
     let opaque = opaque.map(|format| Limit::Fill { format, blending: Blending::Opaque });
@@ -81,12 +84,10 @@ pub fn limits(gpu: &Gpu) -> Vec<Limit> {
         .collect()
 }
 
-/// From what lies in the first cache to several times the last one.
-fn working_sets(gpu: &Gpu) -> Vec<u64> {
+/// From what lies in the first cache to several times the last one, none larger than `most`, bytes.
+fn working_sets(gpu: &Gpu, most: u64) -> Vec<u64> {
     let cache = last_cache_bytes().filter(|_| gpu.adapter.software);
     let enough = CACHES * cache.unwrap_or(ASSUMED_CACHE_BYTES);
-    let most = MOST_SET_BYTES.min(gpu.limits.max_buffer_size);
-    let most = most.min(gpu.limits.max_storage_buffer_binding_size);
     let sizes = std::iter::successors(Some(SMALLEST_SET_BYTES), |bytes| {
         (*bytes < enough).then_some(bytes * SET_STEP)
     });
@@ -155,6 +156,9 @@ impl<'a> Stand<'a> {
         let Self { gpu, kernel, timer } = self;
         for _ in 0..TRIES {
             kernel.prepare(gpu, turns);
+            // What was queued must not be part of the pass.
+            gpu.queue.submit([]);
+            gpu.wait()?;
             let stage = kernel::Turns { kernel: *kernel, turns };
             let ns = match kernel.timing() {
                 Timing::Pass => timer.timed(gpu, &[&stage])?.stages[0].ns,
@@ -196,12 +200,11 @@ impl<'a> Stand<'a> {
                 times_ns.push(self.time_ns(*level)?);
             }
         }
-        let per_turn = self.kernel.work_per_turn();
-        let rates = levels.iter().zip(&times_ns).flat_map(|(turns, times_ns)| {
-            times_ns.iter().map(move |ns| f64::from(*turns) * per_turn / (ns * 1e-9))
-        });
-        let rate = estimate(&rates.collect::<Vec<f64>>());
         let [once, twice] = times_ns;
+        let work = f64::from(turns) * self.kernel.work_per_turn();
+        // The second N of the work, without what a pass costs whatever its work.
+        let seconds = once.iter().zip(&twice).map(|(once, twice)| (twice - once) * 1e-9);
+        let rate = estimate(&seconds.map(|seconds| work / seconds).collect::<Vec<f64>>());
         Ok(Ceiling { limit, rate, doubling: median(&twice) / median(&once) })
     }
 }
