@@ -58,6 +58,7 @@ pub fn run(catalog: &Catalog, args: RunArgs) -> Outcome {
         out: args.out,
         resume: args.resume,
         seed: args.seed,
+        no_ceilings: args.no_ceilings,
         command: std::env::args().collect(),
         quiet: false,
     };

@@ -166,6 +166,9 @@ pub struct RunArgs {
     /// Seed of the order of cells and frames [default: drawn, and recorded]
     #[arg(long)]
     pub seed: Option<u64>,
+    /// Do not measure the adapter's limits, which takes some seconds: stages then have no shares of them
+    #[arg(long)]
+    pub no_ceilings: bool,
     #[command(flatten)]
     pub adapter: AdapterArgs,
 }

@@ -62,6 +62,8 @@ pub struct Options {
     pub resume: bool,
     /// Seed of the order of cells and frames.
     pub seed: Option<u64>,
+    /// The adapter's limits are not measured.
+    pub no_ceilings: bool,
     /// The command line, for the record.
     pub command: Vec<String>,
     /// Tell no progress on standard error.
@@ -135,7 +137,9 @@ pub fn run(options: &Options, interrupted: &AtomicBool) -> Result<Summary, RunEr
     header.notes.extend(other_clocks(&audit.plan, &plan));
     header.clocks = AUDITED.map(|kind| (kind, plan.clock(kind))).into();
     let now = Instant::now();
-    header.ceilings = ceilings::of_run(&gpu, plan, &header, &held.before)?;
+    if !options.no_ceilings {
+        header.ceilings = ceilings::of_run(&gpu, plan, &header, &held.before)?;
+    }
     spent.since(now, SetUp::Ceilings);
     let mut measurement = Measurement {
         settings: settings(options, profile, &planned, seed, gpu.adapter.software),

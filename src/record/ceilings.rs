@@ -8,7 +8,7 @@ use super::{Clock, Estimate, Interval, PassKind, StageRecord, Work};
 #[derive(
     Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, strum::IntoStaticStr,
 )]
-#[serde(rename_all = "snake_case")]
+#[serde(rename_all = "lowercase")]
 #[strum(serialize_all = "lowercase")]
 pub enum TexelFormat {
     R8Unorm,

@@ -6,7 +6,7 @@ use itertools::Itertools;
 
 use super::ReportView;
 use crate::record::ceilings::{Bounded, Ceiling, CeilingShare, binding};
-use crate::record::{Cell, Run, StageRecord};
+use crate::record::{Cell, Clock, Run, StageRecord};
 
 /// A stage of a cell and the ceiling that binds it.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -68,7 +68,8 @@ pub fn rooflines<'a>(view: &ReportView<'a>) -> BTreeMap<&'a str, Roofline<'a>> {
 fn longest<'a>(view: &ReportView<'a>) -> BTreeMap<(&'a str, &'a str), &'a StageRecord> {
     let mut longest = BTreeMap::new();
     for (cell, measured) in view.timed() {
-        let resolved = measured.stages.iter().filter(|stage| stage.is_resolved());
+        let resolved = measured.stages.iter();
+        let resolved = resolved.filter(|stage| stage.clock != Clock::Host && stage.is_resolved());
         for stage in resolved {
             let kept = longest.entry((cell.pipeline.as_str(), stage.stage.as_str()));
             let kept: &mut &StageRecord = kept.or_insert(stage);

@@ -1,6 +1,6 @@
 //! Kernels of a compute pass: arithmetic, atomics, and what reads through a bind group.
 
-use super::kernel::{Kernel, all_are, buffer};
+use super::kernel::{Kernel, all_are, buffer, clear};
 use crate::gpu::frame::StageScope;
 use crate::gpu::readback::read_buffer;
 use crate::gpu::shader::compilation_options;
@@ -149,13 +149,11 @@ impl Kernel for Invocations {
         });
     }
 
-    /// The kernel is run once more, on results that are cleared.
-    fn check(&self, gpu: &Gpu, turns: u32) -> Result<Result<(), String>, GpuError> {
-        let mut encoder = gpu.device.create_command_encoder(&Default::default());
-        encoder.clear_buffer(&self.results, 0, None);
-        gpu.queue.submit([encoder.finish()]);
-        self.prepare(gpu, turns);
-        gpu.run(&[&super::kernel::Turns { kernel: self, turns }])?;
+    fn reset(&self, gpu: &Gpu) {
+        clear(gpu, &self.results);
+    }
+
+    fn compare(&self, gpu: &Gpu, turns: u32) -> Result<Result<(), String>, GpuError> {
         Ok((self.answer)(turns, read_buffer(gpu, &self.results)?))
     }
 }

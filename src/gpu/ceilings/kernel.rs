@@ -34,8 +34,10 @@ pub(super) trait Kernel {
     fn most_turns(&self) -> u32 {
         1 << 24
     }
-    /// Compares what the last run, of so many turns, has left with the CPU's answer. The inner error says how they differ.
-    fn check(&self, gpu: &Gpu, turns: u32) -> Result<Result<(), String>, GpuError>;
+    /// Clears what a run leaves, where the run itself does not.
+    fn reset(&self, _gpu: &Gpu) {}
+    /// Compares what a run of so many turns has left after a reset with the CPU's answer. The inner error says how they differ.
+    fn compare(&self, gpu: &Gpu, turns: u32) -> Result<Result<(), String>, GpuError>;
 }
 
 /// A kernel with its number of turns.
@@ -52,6 +54,25 @@ impl Stage for Turns<'_> {
     fn encode(&self, scope: &mut StageScope<'_>) {
         self.kernel.encode(scope, self.turns);
     }
+}
+
+/// Runs a kernel once more and compares its result.
+pub(super) fn check(
+    gpu: &Gpu,
+    kernel: &dyn Kernel,
+    turns: u32,
+) -> Result<Result<(), String>, GpuError> {
+    kernel.reset(gpu);
+    kernel.prepare(gpu, turns);
+    gpu.run(&[&Turns { kernel, turns }])?;
+    kernel.compare(gpu, turns)
+}
+
+/// Fills a buffer with zeros.
+pub(super) fn clear(gpu: &Gpu, buffer: &wgpu::Buffer) {
+    let mut encoder = gpu.device.create_command_encoder(&Default::default());
+    encoder.clear_buffer(buffer, 0, None);
+    gpu.queue.submit([encoder.finish()]);
 }
 
 /// The kernel of a limit.

@@ -1,7 +1,7 @@
 //! Kernels that move memory: copying, clearing, reading.
 
 use super::invocations::{Answer, Code, Invocations, invocations, words};
-use super::kernel::{Kernel, buffer};
+use super::kernel::{Kernel, buffer, clear};
 use crate::gpu::frame::StageScope;
 use crate::gpu::readback::read_buffer;
 use crate::gpu::{Gpu, GpuError};
@@ -72,11 +72,11 @@ impl Kernel for Copy {
         });
     }
 
-    fn check(&self, gpu: &Gpu, turns: u32) -> Result<Result<(), String>, GpuError> {
-        let mut encoder = gpu.device.create_command_encoder(&Default::default());
-        encoder.clear_buffer(&self.to, 0, None);
-        gpu.queue.submit([encoder.finish()]);
-        gpu.run(&[&super::kernel::Turns { kernel: self, turns }])?;
+    fn reset(&self, gpu: &Gpu) {
+        clear(gpu, &self.to);
+    }
+
+    fn compare(&self, gpu: &Gpu, _turns: u32) -> Result<Result<(), String>, GpuError> {
         Ok(holds(&read_buffer(gpu, &self.to)?, &block()))
     }
 }
@@ -107,7 +107,7 @@ impl Kernel for Clear {
     }
 
     /// The buffer was full of words before the first run.
-    fn check(&self, gpu: &Gpu, _turns: u32) -> Result<Result<(), String>, GpuError> {
+    fn compare(&self, gpu: &Gpu, _turns: u32) -> Result<Result<(), String>, GpuError> {
         Ok(holds(&read_buffer(gpu, &self.cleared)?, &vec![0; block().len()]))
     }
 }

@@ -10,6 +10,8 @@ mod kernel;
 mod memory;
 mod passes;
 mod raster;
+#[cfg(test)]
+mod tests;
 mod texels;
 
 pub use cpu_copy::{CopyCheck, compare_copies};
@@ -134,7 +136,7 @@ pub fn measure(gpu: &Gpu, plan: ClockPlan, limit: Limit) -> Result<Ceiling, GpuE
         ceiling = stand.ceiling(limit, turns)?;
     }
     let wrong = |reason| GpuError::Unusable(format!("the ceiling `{}`: {reason}", limit.name()));
-    kernel.check(gpu, 2 * turns)?.map_err(wrong)?;
+    kernel::check(gpu, kernel.as_ref(), 2 * turns)?.map_err(wrong)?;
     Ok(ceiling)
 }
 

@@ -1,7 +1,7 @@
 //! Kernels that draw: fill, small primitives, arithmetic of fragments.
 
 use super::invocations::{CHAIN_START, CHAINED, MOST_CHAINED_TURNS, uniform, write_turns};
-use super::kernel::{Kernel, Turns, all_are, format, is_unorm};
+use super::kernel::{Kernel, all_are, format, is_unorm};
 use crate::gpu::frame::{ColorTarget, DepthTarget, StageScope, Targets};
 use crate::gpu::readback::read_texture;
 use crate::gpu::shader::compilation_options;
@@ -243,8 +243,7 @@ impl Kernel for Raster {
         scope.render_series(&series, |_, pass| self.draw(pass, instances));
     }
 
-    fn check(&self, gpu: &Gpu, turns: u32) -> Result<Result<(), String>, GpuError> {
-        gpu.run(&[&Turns { kernel: self, turns }])?;
+    fn compare(&self, gpu: &Gpu, turns: u32) -> Result<Result<(), String>, GpuError> {
         let texels = read_texture(gpu, &self.target)?.data;
         Ok(all_are(texels.into_iter().map(f64::from), (self.answer)(turns), 1e-6))
     }
@@ -320,9 +319,7 @@ impl Kernel for Arithmetic {
         });
     }
 
-    fn check(&self, gpu: &Gpu, turns: u32) -> Result<Result<(), String>, GpuError> {
-        self.prepare(gpu, turns);
-        gpu.run(&[&Turns { kernel: self, turns }])?;
+    fn compare(&self, gpu: &Gpu, turns: u32) -> Result<Result<(), String>, GpuError> {
         let texels = read_texture(gpu, &self.target)?.data;
         let expected = CHAIN_START + f64::from(CHAINED) * f64::from(turns);
         Ok(all_are(texels.into_iter().map(f64::from), expected, 0.0))

@@ -52,12 +52,16 @@ impl<'r> Chart<'r> {
     fn new(roofline: &'r Roofline<'r>) -> Option<Self> {
         let points = || roofline.points.iter();
         let rates = roofline.roofs.iter().map(|(_, ceiling)| ceiling.rate.median);
-        let y = Scale::fit(ScaleKind::Log, points().map(|point| point.per_second).chain(rates))?;
+        // Room above the highest roof, and to the right of the last point, for what is written there.
+        let room = rates.clone().map(|rate| 1.6 * rate);
+        let attained = points().map(|point| point.per_second);
+        let y = Scale::fit(ScaleKind::Log, attained.chain(rates).chain(room))?;
         // The ridge, where memory and the highest roof meet.
         let ridge = roofline.roofs.iter().flat_map(|(_, roof)| {
             roofline.memory.iter().map(|memory| roof.rate.median / memory.rate.median)
         });
-        let x = Scale::fit(ScaleKind::Log, points().map(|point| point.per_byte).chain(ridge))?;
+        let intensity = points().flat_map(|point| [point.per_byte, 6.0 * point.per_byte]);
+        let x = Scale::fit(ScaleKind::Log, intensity.chain(ridge))?;
         Some(Self { roofline, x, y })
     }
 
@@ -94,14 +98,14 @@ impl<'r> Chart<'r> {
             .y_desc("work items per second, logarithmic")
             .draw()?;
         let mut canvas = Canvas { area: chart.plotting_area(), labels: Vec::new() };
+        for point in &self.roofline.points {
+            canvas.keep_free(self.at(point));
+        }
         for (kind, roof) in &self.roofline.roofs {
             self.flat(&mut canvas, *kind, roof)?;
         }
         for memory in &self.roofline.memory {
             self.slope(&mut canvas, memory)?;
-        }
-        for point in &self.roofline.points {
-            canvas.keep_free(self.at(point));
         }
         for point in &self.roofline.points {
             let color = colors.of(point.stage);
@@ -123,6 +127,7 @@ impl<'r> Chart<'r> {
         let ridge = self.x.at(roof.rate.median / fastest.fold(f64::NAN, f64::max));
         let start = ridge.map_or(self.x.low, |x| x.max(self.x.low));
         canvas.line([(start, y), (self.x.high, y)])?;
+        canvas.keep_line_free([(start, y), (self.x.high, y)]);
         let rate = format::si(roof.rate.median);
         canvas.write(&format!("{}: {rate}/s", kind.name()), (self.x.high, y), Side::AboveLeft)
     }
@@ -188,6 +193,12 @@ impl Canvas<'_, '_> {
         self.labels.push([x - 6, y - 6, x + 6, y + 6]);
     }
 
+    /// Of a horizontal line.
+    fn keep_line_free(&mut self, ends: [(f64, f64); 2]) {
+        let [(left, y), (right, _)] = ends.map(|end| self.area.map_coordinate(&end));
+        self.labels.push([left, y - 1, right, y + 1]);
+    }
+
     fn point(&mut self, at: (f64, f64), point: &RoofPoint<'_>, color: RGBColor) -> Drawn {
         let outline = marker(point.items);
         self.area.draw(&(EmptyElement::at(at) + Polygon::new(outline, color.filled())))?;
@@ -228,7 +239,7 @@ fn places(anchor: (i32, i32), size: (i32, i32), side: Side) -> impl Iterator<Ite
     };
     let middle = match side {
         Side::Right => y - size.1 / 2,
-        Side::AboveLeft => y - size.1 - 4,
+        Side::AboveLeft => y - size.1 - 2,
     };
     let rows = (0..FARTHEST_ROW).flat_map(|row| [-row, row]);
     rows.flat_map(move |row| {
