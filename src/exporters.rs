@@ -19,8 +19,9 @@ use crate::report::{
 use crate::text;
 
 /// Exporters of runs, in the order in which their files are written.
-pub const OF_RUNS: [RunExporter; 8] = [
+pub const OF_RUNS: [RunExporter; 9] = [
     report::PLOTS,
+    report::ROOFLINES,
     report::CELLS_CSV,
     report::PAGE,
     report::SUMMARY,

@@ -14,6 +14,7 @@ use serde_json::{Map, Value};
 
 use crate::text;
 
+pub mod ceilings;
 pub mod comparison;
 mod error_figure;
 mod file;
@@ -27,6 +28,7 @@ pub mod schema;
 mod tests;
 pub use crate::quiet::Conditions;
 pub use crate::statistics::{Estimate, Interval};
+pub use ceilings::{Ceiling, CeilingShare, Limit};
 pub use comparison::Compared;
 pub use error_figure::ErrorFigure;
 pub use file::{Writer, empty_or_sound, finished, read, read_good, resume_key};
@@ -84,6 +86,9 @@ pub struct Run {
     /// fenced host durations was measured beside them and is in `fenced` of each stage.
     #[schemars(schema_with = "schema::map::<PassKind, f64>")]
     pub submit_cost_ns: BTreeMap<PassKind, f64>,
+    /// The adapter's limits, measured after the audit. Absent from records of earlier versions.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub ceilings: Vec<Ceiling>,
     /// On the whole run.
     pub notes: Vec<Note>,
 }
@@ -315,9 +320,15 @@ pub struct StageRecord {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub fenced: Option<Fenced>,
     pub work: Work,
+    /// A lower bound of the work, where `work` is none: see [`ceilings`].
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub least_work: Option<Work>,
     /// Pipeline statistics, where the adapter counts them.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub counters: BTreeMap<String, u64>,
+    /// How near it comes to the adapter's limits.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub ceiling: Option<CeilingShare>,
 }
 
 impl StageRecord {

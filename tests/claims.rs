@@ -57,7 +57,11 @@ test.independent = { y = "stage:caustics/trace", over = "caustics.grid", toleran
 /// The command with a run into this folder.
 fn run(experiment: &Path, out: &Path) {
     let mut command = fathom();
-    command.arg("run").arg(experiment).args(["--budget", "12", "--out"]).arg(out);
+    command
+        .args(["run", "--no-ceilings"])
+        .arg(experiment)
+        .args(["--budget", "12", "--out"])
+        .arg(out);
     let output = command.output().unwrap();
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
 }

@@ -66,7 +66,7 @@ fn a_light_and_a_grid_that_give_nothing_are_errors_in_every_command() {
     let query = ["query", "ao", "--scene", "ball", "--points", &points];
     let ao = ["--pipeline", "volume_ao"];
     let commands: [(&[&str], &[&str]); 4] = [
-        (&["run", "vao-guard", "--out", &out], &[]),
+        (&["run", "vao-guard", "--no-ceilings", "--out", &out], &[]),
         (&["render", "slab", "-o", &out], &ao),
         (&["dump", "ao/march", "--scene", "slab", "-o", &out], &ao),
         (&query, &[]),
@@ -149,7 +149,9 @@ fn a_listing_takes_the_options_that_apply_to_it() {
 
 fn run(out: &Path, arguments: &[&str]) -> Command {
     let mut command = fathom();
-    command.args(["run", "uw-default", "--budget", "1", "--seed", "1", "--out"]).arg(out);
+    command
+        .args(["run", "uw-default", "--no-ceilings", "--budget", "1", "--seed", "1", "--out"])
+        .arg(out);
     command.args(small()).args(arguments);
     command
 }
@@ -299,7 +301,7 @@ fn a_volume_is_dumped_with_its_grid() {
 fn a_cell_of_volume_occlusion_has_its_error_and_pictures() {
     let out = tempfile::tempdir().unwrap();
     fathom()
-        .args(["run", "vao-guard", "--profile", "quick", "--budget", "1", "--out"])
+        .args(["run", "vao-guard", "--no-ceilings", "--profile", "quick", "--budget", "1", "--out"])
         .arg(out.path())
         .args(["--axis", "scene=corner", "--axis", "ao.guard=variable"])
         .args(["--set", "view.width=48", "--set", "view.height=48"])
@@ -331,7 +333,16 @@ fn an_interrupted_run_ends_cleanly_and_resumes() {
     let out = folder.path();
     let measure = |budget: &str, resume: &[&str]| {
         let mut process = fathom();
-        process.args(["run", "uw-waves", "--budget", budget, "--precision", "1e-9", "--out"]);
+        process.args([
+            "run",
+            "uw-waves",
+            "--no-ceilings",
+            "--budget",
+            budget,
+            "--precision",
+            "1e-9",
+            "--out",
+        ]);
         process.arg(out).args(small()).args(resume).stdout(Stdio::piped()).stderr(Stdio::null());
         process
     };

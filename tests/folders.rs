@@ -28,7 +28,7 @@ fn repetitions() -> u64 {
 fn run(out: &Path, arguments: &[&str]) -> Command {
     let mut command = common::fathom();
     command
-        .args(["run", "uw-waves", "--precision", "1e-9"])
+        .args(["run", "uw-waves", "--no-ceilings", "--precision", "1e-9"])
         .args(["--axis", "water=circular", "--axis", "water.amplitude_m=0.0,0.1", "--out"])
         .arg(out)
         .args(small())

@@ -164,7 +164,8 @@ fn answers_that_need_an_adapter_are_errors_on_a_full_disk_too() {
 fn runs_and_comparisons_keep_everything_whatever_can_be_printed() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("run");
-    let mut command = fathom(&["run", "uw-waves", "--profile", "quick", "--budget", "0.2"]);
+    let mut command =
+        fathom(&["run", "uw-waves", "--profile", "quick", "--budget", "0.2", "--no-ceilings"]);
     command.args(["--axis", "water=circular", "--axis"]);
     command.args(["water.amplitude_m=0.0,0.1", "--out"]);
     command.arg(&out).args(small());

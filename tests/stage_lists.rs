@@ -46,7 +46,7 @@ fn every_stage_with_a_shader_bears_its_stem() {
         };
         let named = REGISTRY.iter().any(|stage| bears(stage.name));
         assert!(
-            path.starts_with("audit/") || named,
+            ["audit/", "ceilings/"].iter().any(|kernels| path.starts_with(kernels)) || named,
             "no stage is named after shaders/{path}.wgsl: add the stage's INFO to stages::REGISTRY"
         );
     }
@@ -67,6 +67,10 @@ fn what_is_built_runs_what_was_planned_and_declares_its_work() {
         assert_eq!(stages, subject.plan().unwrap().stages, "{}", cell.id);
         for stage in built.stages() {
             assert!(stage.work() != Work::default(), "{} declares no work", stage.name());
+            let declared = stage.work().fields().into_iter().zip(stage.least_work().fields());
+            for ((count, most), (_, least)) in declared {
+                assert!(least <= most, "{}: at least {least} of {most} {count}", stage.name());
+            }
         }
     }
 }

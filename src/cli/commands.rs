@@ -17,8 +17,8 @@ use crate::harness::plan::Request;
 use crate::harness::run::{self, Options, Summary};
 use crate::harness::subject::{Subject, Subjects};
 use crate::harness::{
-    dump as dumping, journal, picture, progress, query as querying, render as rendering, sheet,
-    verify as verifying,
+    ceilings, dump as dumping, journal, picture, progress, query as querying, render as rendering,
+    sheet, verify as verifying,
 };
 use crate::parameter::{self, Allowed};
 use crate::report::{self, ReportView};
@@ -64,6 +64,7 @@ pub fn run(catalog: &Catalog, args: RunArgs) -> Outcome {
         out: args.out,
         resume: args.resume,
         seed: args.seed,
+        no_ceilings: args.no_ceilings,
         command: std::env::args().collect(),
         quiet: false,
     };
@@ -275,6 +276,21 @@ pub fn audit(catalog: &Catalog, args: AdapterArgs) -> Outcome {
     let table = gpu::audit_table(&gpu::audit(&gpu)?);
     let adapter = text::line(&format!("{} ({})", gpu.adapter.name, gpu.adapter.driver_info));
     tell::answer(format!("{adapter}\n{table}"));
+    Ok(ExitCode::SUCCESS)
+}
+
+pub fn ceilings(catalog: &Catalog, json: bool, args: &AdapterArgs) -> Outcome {
+    let options = gpu_options(catalog, args);
+    if Gpu::chosen(&options)?.software {
+        quiet::begin_again();
+    }
+    let gpu = Gpu::open(&options)?;
+    let answer = ceilings::answer(&gpu, run::audit(&gpu)?.plan)?;
+    if json {
+        tell::answer(serde_json::to_string_pretty(&answer)?);
+    } else {
+        tell::answer(format!("{}\n{answer}", text::line(&answer.adapter)));
+    }
     Ok(ExitCode::SUCCESS)
 }
 

@@ -24,7 +24,7 @@ pub fn export(args: ExportArgs) -> Outcome {
             tell::done(exporters::put_as(path, &file)?.display());
         }
         (exported, Some(folder)) => write_into(&folder, exported.files())?,
-        (Exported::PerExperiment(_), None) => {
+        (Exported::Several(_), None) => {
             anyhow::bail!("`{format}` is a file for each experiment: name a folder with -o DIR")
         }
     }

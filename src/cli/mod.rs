@@ -37,6 +37,7 @@ pub fn main(catalog: &Catalog) -> ExitCode {
         Command::Run(args) => commands::run(catalog, args),
         Command::List(args) => commands::list(catalog, args),
         Command::Audit(args) => commands::audit(catalog, args),
+        Command::Ceilings { json, adapter } => commands::ceilings(catalog, json, &adapter),
         Command::Verify { filter, adapter } => commands::verify(catalog, filter, &adapter),
         Command::Fetch { assets } => commands::fetch(&assets),
         Command::Render(args) => commands::render(catalog, args),
@@ -79,6 +80,14 @@ pub enum Command {
     List(ListArgs),
     /// Hold the adapter's timestamps against the host clock
     Audit(AdapterArgs),
+    /// Measure the adapter's own limits: bandwidth, fill, texels, atomics, arithmetic, small primitives, empty passes
+    Ceilings {
+        /// Answer in JSON
+        #[arg(long)]
+        json: bool,
+        #[command(flatten)]
+        adapter: AdapterArgs,
+    },
     /// Check stages against their references
     Verify {
         /// Only the checks of stages whose name holds this
@@ -176,6 +185,9 @@ pub struct RunArgs {
     /// Seed of the order of cells and frames [default: drawn, and recorded]
     #[arg(long)]
     pub seed: Option<u64>,
+    /// Do not measure the adapter's limits, which takes some seconds: stages then have no shares of them
+    #[arg(long)]
+    pub no_ceilings: bool,
     #[command(flatten)]
     pub adapter: AdapterArgs,
 }

@@ -7,6 +7,7 @@
 mod adapter;
 mod audit;
 mod capacity;
+mod ceilings;
 mod counters;
 mod error;
 mod frame;
@@ -21,6 +22,7 @@ mod stage;
 pub use adapter::{Gpu, Options};
 pub use audit::{Audit, audit, audit_cpu_time, audit_table};
 pub use capacity::Capacity;
+pub use ceilings::{CopyCheck, ceilings, compare_copies, limits, measure};
 pub use counters::{StageCounters, count};
 pub use error::GpuError;
 #[cfg(test)]

@@ -23,6 +23,12 @@ pub trait Stage {
     fn work(&self) -> Work {
         Work::default()
     }
+    /// What the stage does at least in a frame, for comparison with the adapter's limits. To be given where [`work`](Self::work) is an
+    /// estimate or an upper bound, because the work depends on the data; where it counts a byte more than once; and where a compute
+    /// pass does what a rasterizer else would.
+    fn least_work(&self) -> Work {
+        self.work()
+    }
     /// What the stage leaves behind, for read-back and analysis.
     fn outputs(&self) -> Vec<Output> {
         Vec::new()

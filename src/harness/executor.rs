@@ -24,8 +24,8 @@ use crate::gpu::{
 };
 use crate::pipelines::{AnyPipeline, Judge, Known};
 use crate::record::{
-    Addition, Cell, MachineState, Note, NoteKind, Outcome, Picture, PictureKind, PictureScale,
-    Record, RecordError, Run, SampleLine, SetUp, Writer,
+    Addition, Ceiling, Cell, MachineState, Note, NoteKind, Outcome, Picture, PictureKind,
+    PictureScale, Record, RecordError, Run, SampleLine, SetUp, Writer,
 };
 
 /// What a software driver keeps of a pipeline's compiled shaders in the process: of 15 cells of `vao-samples`, 300 MiB more
@@ -37,6 +37,7 @@ pub struct Session {
     pub gpu: Gpu,
     options: gpu::Options,
     plan: ClockPlan,
+    ceilings: Vec<Ceiling>,
     timer: FrameTimer,
     machine: Option<MachineReader>,
     references: References,
@@ -64,11 +65,11 @@ impl Spent {
 }
 
 impl Session {
-    /// With what was spent up to now.
+    /// With the clocks and the adapter's limits, and what was spent up to now.
     pub fn new(
         gpu: Gpu,
         options: gpu::Options,
-        plan: ClockPlan,
+        (plan, ceilings): (ClockPlan, Vec<Ceiling>),
         spent: Spent,
     ) -> Result<Self, GpuError> {
         let timer = FrameTimer::new(&gpu, plan, MAX_PASSES)?;
@@ -77,6 +78,7 @@ impl Session {
             gpu,
             options,
             plan,
+            ceilings,
             timer,
             references: References::default(),
             known: Known::of_earlier_runs(),
@@ -326,6 +328,20 @@ impl<'a> CellExecutor<'a> {
         }
     }
 
+    /// The record of a cell that is finished, with its stages' shares of their ceilings.
+    fn sampled(&mut self, cell: usize, samples: Samples) -> Option<Cell> {
+        let mut record = self.record(cell, samples)?;
+        let Outcome::Measured(measured) = &mut record.outcome else {
+            return Some(record);
+        };
+        let Session { gpu, plan, ceilings, .. } = &mut *self.session;
+        let again = |limit| gpu::measure(gpu, *plan, limit);
+        if let Err(reason) = super::ceilings::add_shares(measured, ceilings, again) {
+            return Some(self.failed(cell, reason));
+        }
+        Some(record)
+    }
+
     fn failed(&self, cell: usize, reason: String) -> Cell {
         self.cells[cell].record(Outcome::Failed { reason })
     }
@@ -397,7 +413,7 @@ impl Executor for CellExecutor<'_> {
         // What is found out about a cell may take long.
         self.output.journal.write()?;
         let record = match result {
-            CellResult::Sampled(samples) => self.record(cell, samples),
+            CellResult::Sampled(samples) => self.sampled(cell, samples),
             CellResult::Failed(reason) => Some(self.failed(cell, reason)),
         };
         let record = record.unwrap_or_else(|| self.failed(cell, "its pipeline is gone".to_owned()));

@@ -6,6 +6,7 @@
 pub mod calendar;
 mod canvas;
 pub mod catalog;
+pub mod ceilings;
 pub mod difference;
 pub mod dump;
 pub mod executor;

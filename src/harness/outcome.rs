@@ -108,7 +108,7 @@ fn stage_records(
     let stages = pipeline.stages();
     let work = |name: &str| {
         let found = stages.iter().find(|stage| stage.name() == name);
-        found.map(|stage| stage.work()).unwrap_or_default()
+        found.map(|stage| (stage.work(), stage.least_work())).unwrap_or_default()
     };
     let counted = |name: &str| {
         let found = counters.iter().find(|stage| stage.name == name);
@@ -127,7 +127,7 @@ fn stage_records(
 
 pub(super) fn stage_record(
     stage: &StageSamples,
-    work: Work,
+    (work, least): (Work, Work),
     counters: BTreeMap<String, u64>,
 ) -> StageRecord {
     let fenced = fenced(stage);
@@ -142,7 +142,9 @@ pub(super) fn stage_record(
         samples_ns,
         fenced,
         work,
+        least_work: (least != work).then_some(least),
         counters,
+        ceiling: None,
     }
 }
 

@@ -14,7 +14,7 @@ use super::output::{Held, OutputError};
 use super::plan::{self, PlanError, PlannedCell, PlannedExperiment, Request};
 use super::progress::{self, Progress};
 use super::sample::{self, Settings};
-use super::{calendar, memory};
+use super::{calendar, ceilings, memory};
 use crate::experiments::{Experiment, ExperimentError};
 use crate::gpu::{self, Audit, ClockPlan, Gpu, GpuError};
 use crate::quiet;
@@ -62,6 +62,8 @@ pub struct Options {
     pub resume: bool,
     /// Seed of the order of cells and frames.
     pub seed: Option<u64>,
+    /// The adapter's limits are not measured.
+    pub no_ceilings: bool,
     /// The command line, for the record.
     pub command: Vec<String>,
     /// Tell no progress on standard error.
@@ -134,9 +136,14 @@ pub fn run(options: &Options, interrupted: &AtomicBool) -> Result<Summary, RunEr
     let plan = clock_plan(audit.plan, &mut journal, &ids);
     header.notes.extend(other_clocks(&audit.plan, &plan));
     header.clocks = AUDITED.map(|kind| (kind, plan.clock(kind))).into();
+    let now = Instant::now();
+    if !options.no_ceilings {
+        header.ceilings = ceilings::of_run(&gpu, plan, &header, &held.before)?;
+    }
+    spent.since(now, SetUp::Ceilings);
     let mut measurement = Measurement {
         settings: settings(options, profile, &planned, seed, gpu.adapter.software),
-        session: Session::new(gpu, options.gpu.clone(), plan, spent)?,
+        session: Session::new(gpu, options.gpu.clone(), (plan, header.ceilings.clone()), spent)?,
         round: next_round(&held.before, &journal),
         held,
         header,
@@ -149,8 +156,8 @@ pub fn run(options: &Options, interrupted: &AtomicBool) -> Result<Summary, RunEr
     measurement.end(start, kept)
 }
 
-/// The CPU time of the process where the driver has one core and that clock is sound; else timestamps and the host clock.
-fn audit(gpu: &Gpu) -> Result<Audit, GpuError> {
+/// Audits the clocks. Chosen is the CPU time of the process where the driver has one core and that clock is sound; else timestamps and the host clock.
+pub fn audit(gpu: &Gpu) -> Result<Audit, GpuError> {
     let one_core = Conditions::here().cores.len() == 1;
     let (by_cpu, plan) = if one_core { gpu::audit_cpu_time(gpu)? } else { (Vec::new(), None) };
     if let Some(plan) = plan {
@@ -239,6 +246,7 @@ fn header(options: &Options, gpu: &Gpu, audit: &Audit, profile: Profile, seed: u
         shader_checks: if gpu.unchecked { ShaderChecks::Unchecked } else { ShaderChecks::Checked },
         audit: audit.rows.clone(),
         submit_cost_ns: AUDITED.map(|kind| (kind, audit.plan.submit_cost.of(kind))).into(),
+        ceilings: Vec::new(),
         notes: of_adapter.chain([Note::new(NoteKind::Order, order)]).collect(),
     }
 }

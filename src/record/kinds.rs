@@ -88,6 +88,8 @@ pub enum SetUp {
     Scenes,
     /// The clock's audit.
     Audit,
+    /// Measuring the adapter's limits.
+    Ceilings,
     /// Building pipelines and their resources.
     Pipelines,
     /// Counting shader invocations.

@@ -115,6 +115,7 @@ pub fn header(profile: Profile) -> Run {
             row(PassKind::Render, Surrounding::Mixed, 0.998, true),
         ],
         submit_cost_ns: [(PassKind::Compute, 41_000.0), (PassKind::Render, 52_000.0)].into(),
+        ceilings: Vec::new(),
         notes: vec![Note::new(NoteKind::Adapter, "no SHADER_F16: not used")],
     }
 }
@@ -245,7 +246,9 @@ pub fn timed(stage: &str, clock: Clock, samples_ns: Vec<f64>, work: Work) -> Sta
         samples_ns,
         fenced: None,
         work,
+        least_work: None,
         counters: BTreeMap::new(),
+        ceiling: None,
     }
 }
 

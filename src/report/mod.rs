@@ -3,6 +3,7 @@
 //! A [`RunExporter`] turns a [`ReportView`] of a run's records into files.
 
 pub mod bencher;
+pub mod ceilings;
 mod cells_csv;
 mod chosen_frame;
 mod chrome_trace;
@@ -28,7 +29,7 @@ pub use chrome_trace::EXPORTER as CHROME_TRACE;
 pub use github_benchmark::EXPORTER as GITHUB_BENCHMARK;
 pub use junit::EXPORTER as JUNIT;
 pub use page::EXPORTER as PAGE;
-pub use plots::EXPORTER as PLOTS;
+pub use plots::{EXPORTER as PLOTS, ROOFLINES};
 pub use summary::{EXPORTER as SUMMARY, in_short};
 pub use view::{Entry, LeftOut, ReportView, Section};
 
@@ -59,7 +60,7 @@ pub struct Exporter<F> {
     pub name: &'static str,
     /// What the format is, in one line.
     pub about: &'static str,
-    /// The name of its file. Where there is a file for each experiment, `EXPERIMENT` stands for the id.
+    /// The name of its file. Where there are several, a word in capitals stands for the experiment or the pipeline.
     pub file: &'static str,
     pub written: Written,
     /// Makes what the files hold.
@@ -82,8 +83,8 @@ pub type RunExporter = Exporter<OfRun>;
 pub enum OfRun {
     /// The text of one file.
     One(fn(&ReportView<'_>) -> Result<String, ReportError>),
-    /// A file for each experiment.
-    PerExperiment(fn(&ReportView<'_>) -> Result<Vec<Artifact>, ReportError>),
+    /// A file for each experiment or pipeline.
+    Several(fn(&ReportView<'_>) -> Result<Vec<Artifact>, ReportError>),
     /// The text of one file about one frame.
     Frame(fn(&ChosenFrame<'_>) -> String),
 }
@@ -92,15 +93,15 @@ pub enum OfRun {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Exported {
     One(Artifact),
-    /// A file for each experiment, however many there are.
-    PerExperiment(Vec<Artifact>),
+    /// A file for each experiment or pipeline. however many there are.
+    Several(Vec<Artifact>),
 }
 
 impl Exported {
     pub fn files(self) -> Vec<Artifact> {
         match self {
             Self::One(file) => vec![file],
-            Self::PerExperiment(files) => files,
+            Self::Several(files) => files,
         }
     }
 }
@@ -121,7 +122,7 @@ impl RunExporter {
     ) -> Result<Exported, ReportError> {
         Ok(match self.export {
             OfRun::One(export) => self.one(export(view)?),
-            OfRun::PerExperiment(export) => Exported::PerExperiment(export(view)?),
+            OfRun::Several(export) => Exported::Several(export(view)?),
             OfRun::Frame(export) => self.one(export(&view.frame(choice)?)),
         })
     }

@@ -82,6 +82,11 @@ impl Stage for Bilateral {
         }
     }
 
+    /// The background is not filtered.
+    fn least_work(&self) -> Work {
+        Work { texel_fetches: self.pass.pixels(), ..self.work() }
+    }
+
     fn outputs(&self) -> Vec<Output> {
         vec![visibility_output("filtered", self.texture())]
     }

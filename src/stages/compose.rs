@@ -140,6 +140,11 @@ impl Stage for Compose {
         }
     }
 
+    /// Only the depth is read everywhere.
+    fn least_work(&self) -> Work {
+        Work { texel_fetches: kit::pixels(&self.image), ..self.work() }
+    }
+
     fn outputs(&self) -> Vec<Output> {
         vec![Output::image(&self.image)]
     }

@@ -46,6 +46,10 @@ impl Stage for LitScene {
         self.pass.work(8 + 4)
     }
 
+    fn least_work(&self) -> Work {
+        self.pass.least_work(8 + 4)
+    }
+
     fn outputs(&self) -> Vec<Output> {
         let mut columns = ["red", "green", "blue"]
             .map(|name| Column::new(name, "W/(m² sr)", "radiance"))

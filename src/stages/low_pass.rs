@@ -29,6 +29,8 @@ pub struct LowPass {
     pass: ScreenPass,
     /// Texels that a pixel reads.
     fetches: u64,
+    /// Of a pixel, at least.
+    least_fetches: u64,
     column: Column,
 }
 
@@ -44,7 +46,8 @@ impl LowPass {
         let binds = [Bind::Read(&settings_buffer), Bind::Texels(source)];
         let group = Group::new(resources.gpu, info.name, &binds);
         let pass = screen_pass(resources, info, &[&group], source)?;
-        Ok(Self { info, pass, fetches: u64::from(settings.taps), column })
+        let fetches = u64::from(settings.taps);
+        Ok(Self { info, pass, fetches, least_fetches: fetches, column })
     }
 
     /// The same, guided by the camera's depth: taps on another surface than the pixel's do not count.
@@ -59,8 +62,9 @@ impl LowPass {
         let binds = [Bind::Read(&settings_buffer), Bind::Texels(source), Bind::Depth(depth)];
         let group = Group::new(resources.gpu, info.name, &binds);
         let pass = screen_pass(resources, info, &[&shared.group, &group], source)?;
-        // The pixel's depth and its four neighbours'; depth and light at each tap.
-        Ok(Self { info, pass, fetches: 5 + 2 * u64::from(settings.taps), column })
+        // The pixel's depth and its four neighbours'; depth and light at each tap, but no light on another surface.
+        let taps = u64::from(settings.taps);
+        Ok(Self { info, pass, fetches: 5 + 2 * taps, least_fetches: 5 + taps, column })
     }
 
     pub fn texture(&self) -> &wgpu::Texture {
@@ -98,6 +102,10 @@ impl Stage for LowPass {
             bytes_written: pixels * 4,
             ..Work::default()
         }
+    }
+
+    fn least_work(&self) -> Work {
+        Work { texel_fetches: self.pass.pixels() * self.least_fetches, ..self.work() }
     }
 
     fn outputs(&self) -> Vec<Output> {

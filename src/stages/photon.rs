@@ -212,6 +212,11 @@ impl Stage for Tracing {
         }
     }
 
+    /// Iterations end where a photon has landed.
+    fn least_work(&self) -> Work {
+        Work { texel_fetches: 0, ..self.work() }
+    }
+
     fn outputs(&self) -> Vec<Output> {
         let (energy, tolerance_m) = (self.energy.clone(), self.settings.tolerance_m);
         vec![Output {

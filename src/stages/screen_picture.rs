@@ -83,6 +83,12 @@ impl Stage for Picture {
         self.work
     }
 
+    /// The background has no texels but its depth.
+    fn least_work(&self) -> Work {
+        let pixels = self.work.fragments;
+        Work { texel_fetches: pixels, bytes_read: 0, ..self.work }
+    }
+
     fn outputs(&self) -> Vec<Output> {
         vec![Output::image(self.texture())]
     }

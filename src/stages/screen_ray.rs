@@ -354,6 +354,11 @@ impl Stage for Walked {
         self.work
     }
 
+    /// Rays end early, and a photon that has ended is passed over on its later ways.
+    fn least_work(&self) -> Work {
+        Work::default()
+    }
+
     fn outputs(&self) -> Vec<Output> {
         vec![output(&self.photons)]
     }

@@ -151,6 +151,11 @@ impl Stage for Additive {
         }
     }
 
+    /// Splats may lie outside the picture.
+    fn least_work(&self) -> Work {
+        Work { fragments: 0, bytes_written: kit::pixels(&self.target) * 4, ..self.work() }
+    }
+
     fn outputs(&self) -> Vec<Output> {
         vec![output(self)]
     }

@@ -135,7 +135,7 @@ fn commands_refuse_in_one_line_and_runs_skip() {
     refused_alone(&[&dump[..], &volume].concat());
     let experiment = folder.path().join("large.toml");
     std::fs::write(&experiment, LARGE).unwrap();
-    let run = ["run", experiment.to_str().unwrap(), "--out", target];
+    let run = ["run", experiment.to_str().unwrap(), "--no-ceilings", "--out", target];
     let out = fathom().args(run).output().unwrap();
     refused(&out, "every cell was skipped; volume.cells: asks 134217728");
 }

@@ -67,7 +67,7 @@ fn checks_are_sound_and_their_controls_fail() {
 fn the_experiment_runs_and_is_told_again_from_its_records() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("run");
-    told(&["run", "--budget", "6", "--out", text(&out)]);
+    told(&["run", "--no-ceilings", "--budget", "6", "--out", text(&out)]);
     let summary = fs::read_to_string(out.join("summary.md")).unwrap();
     assert!(summary.contains("More rings take longer to draw"), "{summary}");
     fs::remove_file(out.join("summary.md")).unwrap();

@@ -23,7 +23,9 @@ fn measured(stages: &[&str], ns: f64) -> Outcome {
         time: record::Estimate::default(),
         fenced: None,
         work: record::Work::default(),
+        least_work: None,
         counters: BTreeMap::new(),
+        ceiling: None,
     };
     Outcome::Measured(Box::new(Measured {
         stages: stages.iter().map(stage).collect(),

@@ -3,6 +3,7 @@
 //! Every section is written as HTML and SVG, so that the page can be read without script. The script adds sorting, filters,
 //! sliders, exact values under the pointer and from the keyboard. It loads nothing; the page's policy forbids other scripts.
 
+mod ceilings;
 mod cells;
 mod claims;
 mod compared;
@@ -96,12 +97,13 @@ struct PageSection {
 }
 
 /// In the order in which a reader asks.
-const SECTIONS: [PageSection; 11] = [
+const SECTIONS: [PageSection; 12] = [
     overview::SECTION,
     compared::SECTION,
     claims::SECTION,
     time::SECTION,
     scaling::SECTION,
+    ceilings::SECTION,
     pictures::SECTION,
     quality::SECTION,
     published::SECTION,

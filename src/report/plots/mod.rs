@@ -9,6 +9,7 @@ mod lines;
 mod map;
 pub(super) mod names;
 mod ratios;
+mod roofline;
 pub mod scale;
 mod stacked;
 mod style;
@@ -25,12 +26,14 @@ use crate::experiments::{self, Measure, Ruling, Verdict};
 use crate::record::Cell;
 use crate::text;
 
+pub use roofline::EXPORTER as ROOFLINES;
+
 pub const EXPORTER: RunExporter = Exporter {
     name: "plots",
     about: "the plots of each experiment, SVG",
     file: "EXPERIMENT.svg",
     written: Written::WithEveryReport,
-    export: OfRun::PerExperiment(export),
+    export: OfRun::Several(export),
 };
 
 const WIDTH_PX: u32 = 980;

@@ -87,14 +87,19 @@ impl Stage for Compose {
 
     fn work(&self) -> Work {
         let pixels = self.pass.pixels();
-        // Visibility; and for the picture albedo, normal, depth and four texels of the shadow map.
-        let fetches = if self.shows_occlusion { 1 } else { 8 };
+        // Visibility and depth; and for the picture albedo, normal and four texels of the shadow map.
+        let fetches = if self.shows_occlusion { 2 } else { 8 };
         Work {
             fragments: pixels,
             texel_fetches: pixels * fetches,
             bytes_written: pixels * 4,
             ..Work::default()
         }
+    }
+
+    /// The background has no colour, and surfaces that face away from the light ask no shadow map.
+    fn least_work(&self) -> Work {
+        Work { texel_fetches: 2 * self.pass.pixels(), ..self.work() }
     }
 
     fn outputs(&self) -> Vec<Output> {

@@ -177,6 +177,11 @@ impl Stage for March {
         Work { fragments, texel_fetches: samples, bytes_written: fragments * 2, ..Work::default() }
     }
 
+    /// The background has no samples, and closed rays end.
+    fn least_work(&self) -> Work {
+        Work { texel_fetches: 0, ..self.work() }
+    }
+
     fn outputs(&self) -> Vec<Output> {
         vec![visibility_output("visibility", self.texture())]
     }

@@ -94,6 +94,11 @@ impl Stage for Query {
         }
     }
 
+    /// Closed rays end.
+    fn least_work(&self) -> Work {
+        Work { texel_fetches: 0, ..self.work() }
+    }
+
     fn outputs(&self) -> Vec<Output> {
         vec![Output {
             name: "visibility".into(),

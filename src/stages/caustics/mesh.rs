@@ -128,6 +128,18 @@ impl Stage for Mesh {
         }
     }
 
+    /// The mesh may lie outside the view; a photon that several vertices read counts once.
+    fn least_work(&self) -> Work {
+        let squares = u64::from(self.squares).pow(2);
+        let pixels = kit::pixels(&self.target);
+        Work {
+            primitives: 2 * squares,
+            bytes_read: Photons::bytes(squares),
+            bytes_written: pixels * 4,
+            ..Work::default()
+        }
+    }
+
     fn outputs(&self) -> Vec<Output> {
         vec![splatting::output(self)]
     }

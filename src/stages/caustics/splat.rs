@@ -230,6 +230,11 @@ impl Stage for Scatter {
         }
     }
 
+    /// Splats may lie outside the picture, and no rasterizer draws them.
+    fn least_work(&self) -> Work {
+        Work { fragments: 0, bytes_written: kit::pixels(&self.image) * PIXEL_BYTES, ..self.work() }
+    }
+
     fn outputs(&self) -> Vec<Output> {
         vec![splatting::output(self)]
     }

@@ -134,6 +134,11 @@ impl Stage for March {
         }
     }
 
+    /// The background has no samples.
+    fn least_work(&self) -> Work {
+        Work { texel_fetches: self.pass.pixels(), ..self.work() }
+    }
+
     fn outputs(&self) -> Vec<Output> {
         vec![visibility_output("visibility", self.texture())]
     }

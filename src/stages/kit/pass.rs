@@ -391,12 +391,19 @@ impl ScenePass {
 
     /// Every opaque triangle, and `texel_bytes` for each pixel of the targets.
     pub fn work(&self, texel_bytes: u64) -> crate::record::Work {
+        let triangles = self.geometry.triangles_of(Part::Opaque);
         crate::record::Work {
-            triangles: self.geometry.triangles_of(Part::Opaque),
-            bytes_read: self.geometry.bytes(),
+            triangles,
+            // Where nothing is drawn, nothing is read.
+            bytes_read: if triangles > 0 { self.geometry.bytes() } else { 0 },
             bytes_written: pixels(&self.depth) * texel_bytes,
             ..Default::default()
         }
+    }
+
+    /// The same without the geometry's bytes, as other parts than the opaque one have some of them.
+    pub fn least_work(&self, texel_bytes: u64) -> crate::record::Work {
+        crate::record::Work { bytes_read: 0, ..self.work(texel_bytes) }
     }
 }
 

@@ -116,6 +116,11 @@ impl Stage for LayeredDepth {
         }
     }
 
+    /// Of the geometry only one part is drawn, and its bytes are read once for each layer.
+    fn least_work(&self) -> Work {
+        Work { bytes_read: 0, ..self.work() }
+    }
+
     fn outputs(&self) -> Vec<Output> {
         vec![self.layers.output()]
     }

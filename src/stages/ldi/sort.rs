@@ -60,6 +60,11 @@ impl Stage for Sort {
         Work { bytes_read: texels * 32, bytes_written: texels * (4 + 8), ..Work::default() }
     }
 
+    /// Lists may be empty.
+    fn least_work(&self) -> Work {
+        Work { bytes_read: kit::pixels(&self.layers.depths) * 4, ..Work::default() }
+    }
+
     fn outputs(&self) -> Vec<Output> {
         vec![self.layers.output()]
     }

@@ -110,6 +110,11 @@ impl Stage for Query {
         }
     }
 
+    /// Iterations end where a photon has landed.
+    fn least_work(&self) -> Work {
+        Work { texel_fetches: 0, ..self.work() }
+    }
+
     fn outputs(&self) -> Vec<Output> {
         vec![Output {
             name: "answers".into(),

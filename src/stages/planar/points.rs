@@ -92,6 +92,11 @@ impl Stage for Points {
         }
     }
 
+    /// Photons may lie outside the map.
+    fn least_work(&self) -> Work {
+        Work { fragments: 0, bytes_written: 0, ..self.work() }
+    }
+
     fn outputs(&self) -> Vec<Output> {
         vec![map_output(&self.map)]
     }

@@ -90,6 +90,12 @@ impl Stage for Rasterize {
         }
     }
 
+    /// Rays end early, and all turns write to the same target.
+    fn least_work(&self) -> Work {
+        let pixels = u64::from(self.hits.width()) * u64::from(self.hits.height());
+        Work { primitives: self.work.photons, bytes_written: pixels * 4, ..Work::default() }
+    }
+
     fn outputs(&self) -> Vec<Output> {
         let column =
             Column::new("distance_m", "m", "from the start of the ray; 1e30 where nothing is hit");

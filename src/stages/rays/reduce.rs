@@ -122,6 +122,17 @@ impl Stage for Reduce {
         }
     }
 
+    /// A hit hides its right neighbour; all turns write to the same textures.
+    fn least_work(&self) -> Work {
+        let photons = u64::from(self.photons.count);
+        Work {
+            texel_fetches: u64::from(self.turns()) * self.texels,
+            bytes_written: self.texels * 4,
+            photons,
+            ..Work::default()
+        }
+    }
+
     fn outputs(&self) -> Vec<Output> {
         vec![screen_ray::output(&self.photons)]
     }

@@ -102,6 +102,11 @@ impl Stage for Surface {
         }
     }
 
+    /// A ray may end at its first texel.
+    fn least_work(&self) -> Work {
+        Work { texel_fetches: self.pass.pixels(), ..self.work() }
+    }
+
     fn outputs(&self) -> Vec<Output> {
         vec![Output::image(self.texture())]
     }

@@ -90,6 +90,11 @@ impl Stage for Trace {
         self.work
     }
 
+    /// A ray may end at its first texel.
+    fn least_work(&self) -> Work {
+        Work { texel_fetches: self.work.fragments, ..self.work() }
+    }
+
     fn outputs(&self) -> Vec<Output> {
         self.exits.outputs()
     }

@@ -52,6 +52,10 @@ impl Stage for Gbuffer {
         self.pass.work(4 + 8 + 4)
     }
 
+    fn least_work(&self) -> Work {
+        self.pass.least_work(4 + 8 + 4)
+    }
+
     fn outputs(&self) -> Vec<Output> {
         let textures = &self.textures;
         let column = |name, meaning| Column::new(name, "1", meaning);

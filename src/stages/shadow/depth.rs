@@ -45,6 +45,10 @@ impl Stage for Depth {
         self.0.work(4)
     }
 
+    fn least_work(&self) -> Work {
+        self.0.least_work(4)
+    }
+
     fn outputs(&self) -> Vec<Output> {
         let meaning =
             "depth of the scene along the light, 0 near plane to 1 far plane; row 0 is ndc y = +1";

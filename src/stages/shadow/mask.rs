@@ -85,6 +85,11 @@ impl Stage for Mask {
         }
     }
 
+    /// Where there is no water, no depth is compared.
+    fn least_work(&self) -> Work {
+        Work { bytes_read: 0, ..self.work() }
+    }
+
     fn outputs(&self) -> Vec<Output> {
         let meaning = "1 where the light meets the water first; row 0 is ndc y = +1 of the light";
         let column = Column::new("water", "1", "1 water, 0 other");

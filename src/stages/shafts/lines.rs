@@ -106,6 +106,11 @@ impl Stage for Lines {
         }
     }
 
+    /// Lines may lie outside the picture.
+    fn least_work(&self) -> Work {
+        Work { fragments: 0, bytes_written: 0, ..self.work() }
+    }
+
     fn outputs(&self) -> Vec<Output> {
         vec![Output::texture("lines", "lines before the blur", vec![Self::column()], &self.target)]
     }

@@ -106,6 +106,11 @@ impl Stage for Compose {
         }
     }
 
+    /// The background has no texels but its depth.
+    fn least_work(&self) -> Work {
+        Work { texel_fetches: self.0.pixels(), ..self.work() }
+    }
+
     fn outputs(&self) -> Vec<Output> {
         vec![Output::image(self.texture())]
     }

@@ -137,6 +137,11 @@ impl Stage for Sprites {
         }
     }
 
+    /// Sprites may lie outside the picture.
+    fn least_work(&self) -> Work {
+        Work { fragments: 0, bytes_written: 0, ..self.work() }
+    }
+
     fn outputs(&self) -> Vec<Output> {
         let column =
             Column::new("irradiance", "W/m²", "what the photons bring to the surface seen");

@@ -110,6 +110,11 @@ impl Stage for Bounce {
         self.work
     }
 
+    /// Photons that have ended are passed over.
+    fn least_work(&self) -> Work {
+        Work::default()
+    }
+
     fn outputs(&self) -> Vec<Output> {
         vec![crate::stages::screen_ray::output(&self.outputs)]
     }

@@ -79,6 +79,11 @@ impl Stage for Shadow {
         }
     }
 
+    /// The background has no texels but its depth.
+    fn least_work(&self) -> Work {
+        Work { texel_fetches: u64::from(self.transfers.count), ..self.work() }
+    }
+
     fn outputs(&self) -> Vec<Output> {
         vec![self.transfers.output()]
     }

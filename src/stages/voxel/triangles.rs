@@ -120,6 +120,11 @@ impl Stage for Triangles {
         }
     }
 
+    /// A compute pass: no rasterizer draws the triangles.
+    fn least_work(&self) -> Work {
+        Work { triangles: 0, ..self.work() }
+    }
+
     fn outputs(&self) -> Vec<Output> {
         bit_volumes(self.runs.iter().map(|run| &run.voxels))
     }

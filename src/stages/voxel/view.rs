@@ -95,6 +95,11 @@ impl Stage for CubeView {
         }
     }
 
+    /// Where there is no voxel, nothing is drawn.
+    fn least_work(&self) -> Work {
+        Work { fragments: 0, ..self.work() }
+    }
+
     fn outputs(&self) -> Vec<Output> {
         let meaning = "the voxels as cubes";
         vec![Output::texture("cubes", meaning, Column::display("display value"), &self.color)]

@@ -52,8 +52,8 @@ fn costs_that_scatter_fail_no_cell_and_leave_no_time_of_zero_or_less() {
     let samples = mock.samples(0);
     assert!(samples.rejected.is_empty(), "{:?}", samples.rejected);
     assert!(samples.stages[0].ns.iter().any(|ns| *ns < 0.0), "the noise is none");
-    let [none, long] =
-        [0, 1].map(|i| outcome::stage_record(&samples.stages[i], <_>::default(), <_>::default()));
+    let [none, long] = [0, 1]
+        .map(|i| outcome::stage_record(&samples.stages[i], Default::default(), <_>::default()));
     for stage in [&none, &long] {
         assert!(stage.samples_ns.iter().all(|ns| *ns > 0.0));
         assert!(stage.time.ends()[0] > 0.0);

@@ -1,0 +1,212 @@
+//! The adapter's own limits, measured with kernels whose work and results are known, on the clock that times stages.
+//!
+//! Each kernel is run with N and with 2 N work. The second must take twice as long, and the result is read back and compared
+//! with the CPU's: a driver that leaves out work looks fast and is found out. `docs/ceilings.md` tells what is measured and how it is
+//! used.
+
+mod cpu_copy;
+mod invocations;
+mod kernel;
+mod memory;
+mod passes;
+mod raster;
+#[cfg(test)]
+mod tests;
+mod texels;
+
+pub use cpu_copy::{CopyCheck, compare_copies};
+
+use self::kernel::{Kernel, Timing};
+use super::frame::{ClockPlan, FrameTimer};
+use super::{Gpu, GpuError};
+use crate::record::PassKind;
+use crate::record::ceilings::{Addresses, Blending, Ceiling, Limit, SmallPrimitive, TexelFormat};
+use crate::statistics::{estimate, median};
+
+/// Length of a pass with N work: on a software adapter, and on a GPU. Long beside the jitter of a submission.
+const SOFTWARE_PASS_NS: f64 = 3e6;
+const GPU_PASS_NS: f64 = 0.5e6;
+/// Samples with N work, and as many with 2 N: enough for an interval of the rates.
+const ROUNDS: usize = 7;
+/// A measurement whose law does not hold is repeated so many times: something else may have run.
+const ATTEMPTS: usize = 3;
+/// The smallest working set, and the ratio of each to the one before. Of reading and clearing every second one is measured.
+const SMALLEST_SET_BYTES: u64 = 64 << 10;
+const SET_STEP: u64 = 4;
+/// The largest working set is at least so many times as large as the last cache, which is taken to be of this size where that is unknown.
+const CACHES: u64 = 4;
+const ASSUMED_CACHE_BYTES: u64 = 64 << 20;
+/// Memory that the measurement may take.
+const MOST_SET_BYTES: u64 = 512 << 20;
+
+/// Every limit that this adapter can be measured against.
+pub fn limits(gpu: &Gpu) -> Vec<Limit> {
+    use TexelFormat::*;
+    let of_buffers = |most: u64| working_sets(gpu, MOST_SET_BYTES.min(most));
+    let (buffer, bound) = (gpu.limits.max_buffer_size, gpu.limits.max_storage_buffer_binding_size);
+    let copies = of_buffers(buffer.saturating_mul(2)).into_iter();
+    let copies = copies.map(|bytes| Limit::Copy { working_set_bytes: bytes });
+    let reads = of_buffers(bound).into_iter().step_by(2);
+    let reads = reads.map(|bytes| Limit::Read { working_set_bytes: bytes });
+    let writes = of_buffers(buffer).into_iter().step_by(2);
+    let writes = writes.map(|bytes| Limit::Write { working_set_bytes: bytes });
+    let colors = [R8Unorm, Rgba8Unorm, R16Float, Rgba16Float, R32Float, Rgba32Float];
+    let opaque = colors.into_iter().chain([Depth32Float]);
+    let opaque = opaque.map(|format| Limit::Fill { format, blending: Blending::Opaque });
+    let blended = colors.into_iter().filter(|format| kernel::blends(gpu, *format));
+    let blended = blended.map(|format| Limit::Fill { format, blending: Blending::Additive });
+    let loads = [R8Unorm, Rgba8Unorm, R16Float, Rgba16Float, R32Float, Rgba32Float];
+    let loads = loads.into_iter().map(|format| Limit::Load2d { format });
+    let gathers = [R8Unorm, R32Float].into_iter().map(|format| Limit::Gather2d { format });
+    let volumes = [R8Unorm, Rgba8Unorm, R16Float, Rgba16Float, R32Float].into_iter();
+    let samples = volumes.filter(|format| kernel::filters(gpu, *format));
+    let samples = samples.map(|format| Limit::Sample3d { format });
+    let fixed = [
+        Limit::Atomics { addresses: Addresses::Spread },
+        Limit::Atomics { addresses: Addresses::Contended },
+        Limit::Arithmetic { pass: PassKind::Compute },
+        Limit::Arithmetic { pass: PassKind::Render },
+        Limit::Primitives { primitive: SmallPrimitive::Triangle },
+        Limit::Primitives { primitive: SmallPrimitive::CulledTriangle },
+        Limit::Primitives { primitive: SmallPrimitive::Point },
+        Limit::Primitives { primitive: SmallPrimitive::ClippedPoint },
+        Limit::EmptyPass { pass: PassKind::Compute },
+        Limit::EmptyPass { pass: PassKind::Render },
+        Limit::EmptyPass { pass: PassKind::Copy },
+    ];
+    copies
+        .chain(reads)
+        .chain(writes)
+        .chain(opaque)
+        .chain(blended)
+        .chain(loads)
+        .chain(gathers)
+        .chain(samples)
+        .chain(fixed)
+        .collect()
+}
+
+/// From what lies in the first cache to several times the last one, none larger than `most`, bytes.
+fn working_sets(gpu: &Gpu, most: u64) -> Vec<u64> {
+    let cache = last_cache_bytes().filter(|_| gpu.adapter.software);
+    let enough = CACHES * cache.unwrap_or(ASSUMED_CACHE_BYTES);
+    let sizes = std::iter::successors(Some(SMALLEST_SET_BYTES), |bytes| {
+        (*bytes < enough).then_some(bytes * SET_STEP)
+    });
+    sizes.take_while(|bytes| *bytes <= most).collect()
+}
+
+/// Size of the CPU's last cache.
+#[cfg(target_os = "linux")]
+fn last_cache_bytes() -> Option<u64> {
+    let size = |level: u32| {
+        let path = format!("/sys/devices/system/cpu/cpu0/cache/index{level}/size");
+        let text = std::fs::read_to_string(path).ok()?;
+        text.trim().strip_suffix('K')?.parse::<u64>().ok().map(|kibibytes| kibibytes << 10)
+    };
+    (0..5).filter_map(size).max()
+}
+
+#[cfg(not(target_os = "linux"))]
+fn last_cache_bytes() -> Option<u64> {
+    None
+}
+
+/// Measures all of an adapter's [limits]. Takes some seconds on a software adapter.
+///
+/// # Errors
+/// A fault of the device, or a result that is not the CPU's.
+pub fn ceilings(gpu: &Gpu, plan: ClockPlan) -> Result<Vec<Ceiling>, GpuError> {
+    limits(gpu).into_iter().map(|limit| measure(gpu, plan, limit)).collect()
+}
+
+/// Measures one limit by the plan's clocks. It is measured again where twice the work does not take twice the time.
+///
+/// # Errors
+/// As of [`ceilings`].
+pub fn measure(gpu: &Gpu, plan: ClockPlan, limit: Limit) -> Result<Ceiling, GpuError> {
+    let kernel = kernel::of(gpu, limit)?;
+    let mut stand = Stand::new(gpu, plan, kernel.as_ref())?;
+    let turns = stand.calibrate()?;
+    let mut ceiling = stand.ceiling(limit, turns)?;
+    for _ in 1..ATTEMPTS {
+        if ceiling.is_sound() {
+            break;
+        }
+        ceiling = stand.ceiling(limit, turns)?;
+    }
+    let wrong = |reason| GpuError::Unusable(format!("the ceiling `{}`: {reason}", limit.name()));
+    kernel::check(gpu, kernel.as_ref(), 2 * turns)?.map_err(wrong)?;
+    Ok(ceiling)
+}
+
+/// A kernel and the clock that times it.
+struct Stand<'a> {
+    gpu: &'a Gpu,
+    kernel: &'a dyn Kernel,
+    timer: FrameTimer,
+}
+
+impl<'a> Stand<'a> {
+    fn new(gpu: &'a Gpu, plan: ClockPlan, kernel: &'a dyn Kernel) -> Result<Self, GpuError> {
+        Ok(Self { gpu, kernel, timer: FrameTimer::new(gpu, plan, 1)? })
+    }
+
+    /// Time of so many turns, ns; not above zero where it is shorter than the clock can tell. A frame with a fault is taken again.
+    fn time_ns(&mut self, turns: u32) -> Result<f64, GpuError> {
+        const TRIES: usize = 8;
+        let Self { gpu, kernel, timer } = self;
+        for _ in 0..TRIES {
+            kernel.prepare(gpu, turns);
+            // What was queued must not be part of the pass.
+            gpu.queue.submit([]);
+            gpu.wait()?;
+            let stage = kernel::Turns { kernel: *kernel, turns };
+            let ns = match kernel.timing() {
+                Timing::Pass => timer.timed(gpu, &[&stage])?.stages[0].ns,
+                Timing::Frame(kind) => {
+                    timer.untimed(gpu, &[&stage])? - timer.plan().submit_cost.of(kind)
+                }
+            };
+            if ns.is_finite() {
+                return Ok(ns);
+            }
+        }
+        let reason = "the clock gave impossible times only; fathom audit checks the clock";
+        Err(GpuError::Unusable(reason.to_owned()))
+    }
+
+    /// Turns that take about as long as is wanted.
+    fn calibrate(&mut self) -> Result<u32, GpuError> {
+        const STEPS: usize = 24;
+        const LARGEST_STEP: f64 = 16.0;
+        let goal_ns = if self.gpu.adapter.software { SOFTWARE_PASS_NS } else { GPU_PASS_NS };
+        let mut turns = 1;
+        // The first frame compiles, and touches fresh memory.
+        self.time_ns(turns)?;
+        for _ in 0..STEPS {
+            let short_by = (goal_ns / self.time_ns(turns)?.max(0.0)).min(LARGEST_STEP);
+            if short_by < 1.5 {
+                break;
+            }
+            turns = (f64::from(turns) * short_by).ceil() as u32;
+        }
+        Ok(turns.min(self.kernel.most_turns() / 2).max(1))
+    }
+
+    fn ceiling(&mut self, limit: Limit, turns: u32) -> Result<Ceiling, GpuError> {
+        let levels = [turns, 2 * turns];
+        let mut times_ns = levels.map(|_| Vec::new());
+        for _ in 0..ROUNDS {
+            for (level, times_ns) in levels.iter().zip(&mut times_ns) {
+                times_ns.push(self.time_ns(*level)?);
+            }
+        }
+        let [once, twice] = times_ns;
+        let work = f64::from(turns) * self.kernel.work_per_turn();
+        // The second N of the work, without what a pass costs whatever its work.
+        let seconds = once.iter().zip(&twice).map(|(once, twice)| (twice - once) * 1e-9);
+        let rate = estimate(&seconds.map(|seconds| work / seconds).collect::<Vec<f64>>());
+        Ok(Ceiling { limit, rate, doubling: median(&twice) / median(&once) })
+    }
+}

@@ -1,0 +1,216 @@
+//! The adapter's limits in a run: measured once, and every stage's share of the one that binds it. `fathom ceilings` on its own.
+
+use std::fmt;
+
+use serde::Serialize;
+
+use crate::gpu::{self, ClockPlan, CopyCheck, Gpu, GpuError};
+use crate::record::ceilings::{Ceiling, CeilingShare, Limit};
+use crate::record::{Measured, Record, Run, StageRecord};
+
+/// The ceilings of a run: those of the latest run that this one goes on with, if it had the same adapter, conditions and clocks,
+/// else measured.
+///
+/// # Errors
+/// A fault of the device, or a result that is not the CPU's.
+pub fn of_run(
+    gpu: &Gpu,
+    plan: ClockPlan,
+    header: &Run,
+    before: &[Record],
+) -> Result<Vec<Ceiling>, GpuError> {
+    let alike = |run: &&Run| {
+        let conditions = (&run.adapter, &run.conditions, &run.clocks, run.shader_checks);
+        let here = (&header.adapter, &header.conditions, &header.clocks, header.shader_checks);
+        conditions == here && !run.ceilings.is_empty()
+    };
+    let runs = before.iter().rev().filter_map(|record| match record {
+        Record::Run(run) => Some(run.as_ref()),
+        _ => None,
+    });
+    match runs.filter(alike).map(|run| run.ceilings.clone()).next() {
+        Some(ceilings) => Ok(ceilings),
+        None => gpu::ceilings(gpu, plan),
+    }
+}
+
+/// Puts each stage's share of its ceiling into the record. A stage beyond its ceiling is compared once more with a new measurement
+/// of it: the machine may have been busy at the first one.
+///
+/// # Errors
+/// One line about a stage that did more than the adapter can.
+pub fn add_shares(
+    measured: &mut Measured,
+    ceilings: &mut [Ceiling],
+    mut again: impl FnMut(Limit) -> Result<Ceiling, GpuError>,
+) -> Result<(), String> {
+    for stage in &mut measured.stages {
+        stage.ceiling = stage.share_of(ceilings);
+        while let Some(limit) = impossible(stage).map(|share| share.limit) {
+            let fresh = again(limit).map_err(|error| error.to_string())?;
+            let Some(held) = raised(ceilings, fresh) else {
+                return Err(beyond(stage));
+            };
+            *held.0 = held.1;
+            stage.ceiling = stage.share_of(ceilings);
+        }
+    }
+    Ok(())
+}
+
+fn impossible(stage: &StageRecord) -> Option<&CeilingShare> {
+    stage.ceiling.as_ref().filter(|share| share.is_impossible())
+}
+
+/// The ceiling that a new measurement replaces; none where that is no higher.
+fn raised(ceilings: &mut [Ceiling], fresh: Ceiling) -> Option<(&mut Ceiling, Ceiling)> {
+    let held = ceilings.iter_mut().find(|held| held.limit == fresh.limit)?;
+    let higher = fresh.is_sound() && fresh.rate.median > held.rate.median;
+    higher.then_some((held, fresh))
+}
+
+/// What is said of a stage beyond its ceiling.
+fn beyond(stage: &StageRecord) -> String {
+    let Some(share) = &stage.ceiling else { return String::new() };
+    format!(
+        "{}: {} {} in {:.3} ms are {:.0} % of what the adapter can do ({}); the count or the clock is wrong: see fathom audit and \
+         docs/ceilings.md",
+        stage.stage,
+        share.amount,
+        share.work.name(),
+        stage.time.median * 1e-6,
+        100.0 * share.share,
+        share.limit.name()
+    )
+}
+
+/// What `fathom ceilings` answers.
+#[derive(Debug, Serialize)]
+pub struct Answer {
+    pub adapter: String,
+    pub ceilings: Vec<Ceiling>,
+    /// On a software adapter, its copies beside those of the CPU.
+    pub copies: Vec<CopyCheck>,
+}
+
+/// Measures all limits of an adapter, and on a software adapter compares its copies with the CPU's.
+///
+/// # Errors
+/// As of [`of_run`].
+pub fn answer(gpu: &Gpu, plan: ClockPlan) -> Result<Answer, GpuError> {
+    let ceilings = gpu::ceilings(gpu, plan)?;
+    let sets = ceilings.iter().filter_map(|ceiling| match ceiling.limit {
+        Limit::Copy { working_set_bytes } if gpu.adapter.software => Some(working_set_bytes),
+        _ => None,
+    });
+    let copies = sets.map(|bytes| gpu::compare_copies(gpu, plan, bytes));
+    let copies = copies.collect::<Result<_, _>>()?;
+    let adapter = format!("{} ({})", gpu.adapter.name, gpu.adapter.driver_info);
+    Ok(Answer { adapter, ceilings, copies })
+}
+
+impl fmt::Display for Answer {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(
+            f,
+            "limit                              per second  95 % interval              n  doubling"
+        )?;
+        for ceiling in &self.ceilings {
+            writeln!(f, "{}", row(ceiling))?;
+        }
+        if !self.copies.is_empty() {
+            writeln!(f, "\ncopies of      adapter GB/s  CPU GB/s  adapter / CPU")?;
+        }
+        for copy in &self.copies {
+            let [low, high] = copy.ratio.ends();
+            writeln!(
+                f,
+                "{:>9} KiB  {:>12.2}  {:>8.2}  {:.3} ({low:.3} to {high:.3})",
+                copy.working_set_bytes >> 10,
+                copy.adapter.median * 1e-9,
+                copy.cpu.median * 1e-9,
+                copy.ratio.median
+            )?;
+        }
+        Ok(())
+    }
+}
+
+fn row(ceiling: &Ceiling) -> String {
+    let Ceiling { limit, rate, doubling } = ceiling;
+    let [low, high] = rate.ends();
+    let verdict = if ceiling.is_sound() { "" } else { "  unsound: bounds nothing" };
+    let each = match limit {
+        Limit::EmptyPass { .. } => format!("  {:.2} µs each", 1e6 / rate.median),
+        _ => String::new(),
+    };
+    format!(
+        "{:<32} {:>12.4e}  {low:.3e} to {high:.3e}  {:>3}  {doubling:>8.2}  {}{each}{verdict}",
+        limit.name(),
+        rate.median,
+        rate.n,
+        limit.unit()
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::record::ceilings::{Basis, TexelFormat};
+    use crate::record::{Clock, Estimate, Interval, Work};
+
+    const LIMIT: Limit = Limit::Load2d { format: TexelFormat::R32Float };
+
+    fn estimate(median: f64) -> Estimate {
+        let interval = Interval { low: 0.95 * median, high: 1.05 * median };
+        Estimate { median, interval: Some(interval), n: 8 }
+    }
+
+    fn ceiling(rate: f64) -> Ceiling {
+        Ceiling { limit: LIMIT, rate: estimate(rate), doubling: 2.0 }
+    }
+
+    /// A stage of 1 ms.
+    fn measured(texel_fetches: u64) -> Measured {
+        let work = Work { texel_fetches, ..Work::default() };
+        let stage = StageRecord {
+            stage: "caustics/trace".into(),
+            clock: Clock::Timestamp,
+            samples_ns: vec![1e6; 8],
+            time: estimate(1e6),
+            fenced: None,
+            work,
+            least_work: None,
+            counters: Default::default(),
+            ceiling: None,
+        };
+        Measured { stages: vec![stage], ..Measured::default() }
+    }
+
+    #[test]
+    fn a_stage_has_its_share() {
+        let mut measured = measured(250_000);
+        let never = |_| panic!("it is below its ceiling");
+        add_shares(&mut measured, &mut [ceiling(1e9)], never).unwrap();
+        let share = measured.stages[0].ceiling.clone().unwrap();
+        assert!((share.share - 0.25).abs() < 1e-9);
+        assert_eq!((share.limit, share.basis), (LIMIT, Basis::Declared));
+    }
+
+    #[test]
+    fn a_stage_beyond_its_ceiling_is_an_error_of_one_line() {
+        let same = |_| Ok(ceiling(1e9));
+        let error = add_shares(&mut measured(2_000_000), &mut [ceiling(1e9)], same).unwrap_err();
+        assert!(error.starts_with("caustics/trace: 2000000 texel fetches in 1.000 ms are 200 %"));
+        assert!(!error.contains('\n'), "{error}");
+    }
+
+    #[test]
+    fn a_ceiling_that_was_measured_too_low_is_raised() {
+        let mut ceilings = [ceiling(1e9)];
+        let mut measured = measured(2_000_000);
+        add_shares(&mut measured, &mut ceilings, |_| Ok(ceiling(4e9))).unwrap();
+        assert!((measured.stages[0].ceiling.as_ref().unwrap().share - 0.5).abs() < 1e-9);
+        assert_eq!(ceilings[0].rate.median, 4e9);
+    }
+}

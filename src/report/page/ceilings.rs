@@ -1,0 +1,146 @@
+//! How near each stage comes to the adapter's measured limits.
+
+use itertools::Itertools;
+use maud::{Markup, html};
+
+use super::{Page, PageRun, PageSection};
+use crate::record::ceilings::{Basis, Ceiling, CeilingShare};
+use crate::report::ceilings::{Bound, bounds};
+use crate::report::format::{percent, si, three};
+
+pub const SECTION: PageSection =
+    PageSection { id: "ceilings", title: "How near to the limits", write };
+
+/// Stages that are shown unfolded.
+const OPEN_STAGES: usize = 12;
+
+fn write(page: &Page<'_>) -> Option<Markup> {
+    let measured = |run: &&PageRun<'_>| run.view.runs.iter().any(|run| !run.ceilings.is_empty());
+    let runs: Vec<&PageRun<'_>> = page.runs.iter().filter(measured).collect();
+    if runs.is_empty() {
+        return None;
+    }
+    Some(html! {
+        p.lead {
+            "The least time that the adapter's own limit allows for a stage's work, over the stage's time, in the cell in which that "
+            "is most. A stage at 100 % can only become faster by doing less of that work. A small share says that something "
+            "else binds the stage, such as arithmetic, latency or work that it does not declare."
+        }
+        @for run in runs {
+            @if page.is_overlay() { h3 { (run.label) } }
+            (of_run(page, run))
+        }
+    })
+}
+
+fn of_run(page: &Page<'_>, run: &PageRun<'_>) -> Markup {
+    let nearest: Vec<Bound<'_>> =
+        bounds(run.view).into_iter().unique_by(|bound| bound.stage.stage.as_str()).collect();
+    let (open, folded) = nearest.split_at(nearest.len().min(OPEN_STAGES));
+    html! {
+        (table(page, open))
+        @if !folded.is_empty() {
+            details { summary { (folded.len()) " more stages" } (table(page, folded)) }
+        }
+        details { summary { "The limits" } (limits(run)) }
+    }
+}
+
+fn table(page: &Page<'_>, bounds: &[Bound<'_>]) -> Markup {
+    html! {
+        div.scroll tabindex="0" role="region" aria-label="Shares of limits" {
+            table {
+                thead { tr {
+                    th scope="col" { "Stage" }
+                    th scope="col" { "Share of its limit" }
+                    th.number scope="col" { "(interval)" }
+                    th scope="col" { "Limit" }
+                    th scope="col" { "Work in a frame" }
+                    th scope="col" { "Cell" }
+                } }
+                tbody { @for bound in bounds { (row(page, bound)) } }
+            }
+        }
+    }
+}
+
+fn row(page: &Page<'_>, Bound { cell, stage, share }: &Bound<'_>) -> Markup {
+    let width = format!("width:{:.1}%", 100.0 * share.share.clamp(0.0, 1.0));
+    let color = page.colors.of(&stage.stage).hex();
+    html! {
+        tr {
+            th scope="row" { (stage.stage) }
+            td { span.share { span.share-bar style={ (width) ";background:" (color) } {} } " " b { (percent(share.share)) } }
+            td.number { (interval(share)) }
+            td { (share.limit.name()) }
+            td { (si(share.amount as f64)) " " (share.work.name()) ", " (basis(share.basis)) }
+            td { (cell.experiment) ": " (cell.cell) }
+        }
+    }
+}
+
+fn interval(share: &CeilingShare) -> String {
+    let ends = share.interval.map(|ends| [ends.low, ends.high].map(|end| three(100.0 * end)));
+    ends.map_or_else(String::new, |[low, high]| format!("({low} – {high})"))
+}
+
+fn basis(basis: Basis) -> &'static str {
+    match basis {
+        Basis::Counted => "counted",
+        Basis::Declared => "declared",
+    }
+}
+
+fn limits(run: &PageRun<'_>) -> Markup {
+    let ceilings: Vec<&Ceiling> = run.view.runs.iter().flat_map(|run| &run.ceilings).collect();
+    html! {
+        div.scroll tabindex="0" role="region" aria-label="Limits" {
+            table {
+                thead { tr {
+                    th scope="col" { "Limit" }
+                    th.number scope="col" { "Rate" }
+                    th.number scope="col" { "(interval)" }
+                    th.number scope="col" { "n" }
+                    th.number scope="col" { "2 N / N" }
+                } }
+                tbody {
+                    @for ceiling in ceilings {
+                        @let rate = ceiling.rate;
+                        tr {
+                            th scope="row" { (ceiling.limit.name()) }
+                            td.number { (si(rate.median)) " " (ceiling.limit.unit()) }
+                            td.number { @if let Some(ends) = rate.interval { "(" (si(ends.low)) " – " (si(ends.high)) ")" } }
+                            td.number { (rate.n) }
+                            td.number { (three(ceiling.doubling)) @if !ceiling.is_sound() { " unusable" } }
+                        }
+                    }
+                }
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::record::Record;
+    use crate::report::ceilings::tests::run as limited;
+    use crate::report::{ReportView, fixtures};
+
+    fn section(records: &[Record]) -> Option<String> {
+        let view = ReportView::new(records, None);
+        let page = Page::new(vec![PageRun { label: "a".into(), view: &view }]);
+        write(&page).map(Markup::into_string)
+    }
+
+    #[test]
+    fn each_stage_stands_once_with_its_largest_share() {
+        assert_eq!(section(&fixtures::run()), None);
+        let records = limited();
+        let text = section(&records).unwrap();
+        let view = ReportView::new(&records, None);
+        let nearest = bounds(&view)[0];
+        assert_eq!(text.matches(&format!("{}</th>", nearest.stage.stage)).count(), 1);
+        assert!(text.contains(&format!("<b>{}</b>", percent(nearest.share.share))), "{text}");
+    }
+}
