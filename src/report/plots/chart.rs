@@ -12,7 +12,7 @@ use super::{Area, Drawn, Fault, WIDTH_PX, style};
 const AXIS_PX: u32 = 48;
 const MARGIN_PX: u32 = 16;
 /// Most pixels for the labels of rows.
-const MOST_LABELS_PX: u32 = 330;
+const MOST_LABELS_PX: u32 = 400;
 
 type Context<'a, 'b, Y> = ChartContext<'a, SVGBackend<'b>, Cartesian2d<Scale, Y>>;
 

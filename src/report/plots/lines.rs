@@ -44,7 +44,7 @@ struct Series {
     /// What tells it from the others of its chart; may be empty where it is alone.
     name: String,
     /// The fitted exponent and the number of samples.
-    remark: String,
+    remarks: Vec<String>,
     color: SeriesColor,
     marker: usize,
     points: Vec<Point>,
@@ -275,7 +275,7 @@ impl Series {
         let remarks = [fit.as_ref().map(remark), counts];
         Series {
             name: source.name(measures),
-            remark: remarks.into_iter().flatten().join(", "),
+            remarks: remarks.into_iter().flatten().collect(),
             color: source.color(measures),
             marker: source.marker(measures),
             points,

@@ -215,7 +215,8 @@ fn notes(view: &ReportView<'_>, text: &mut String) {
         let _ = writeln!(text, "- Note: {}", text::markdown(note));
     }
     if !shown.is_empty() {
-        let _ = writeln!(text, "{more}\n");
+        let rest = if more.is_empty() { more } else { format!("-{more}\n") };
+        let _ = writeln!(text, "{rest}");
     }
 }
 

@@ -53,8 +53,8 @@ impl Chart {
             Mark::Series(series.marker, series.color.of(colors)).draw(area, (24, y))?;
             let is_title = series.name == self.title || self.series.len() == 1;
             let name = Some(&series.name).filter(|name| !is_title && !name.is_empty());
-            let remark = Some(&series.remark).filter(|remark| !remark.is_empty());
-            let line = name.into_iter().chain(remark).join(": ");
+            let remarks = Some(series.remarks.join(", ")).filter(|line| !line.is_empty());
+            let line = name.cloned().into_iter().chain(remarks).join(": ");
             area.draw_text(&line, &style::starting(style::small()), (36, y))?;
         }
         self.axes(area, head_px, 14, colors).map(|_| ())
@@ -90,6 +90,12 @@ impl Chart {
         Ok(plot)
     }
 
+    /// Whether no series has a point of the same name above it.
+    fn is_uppermost(&self, point: &Point) -> bool {
+        let mut same = self.points().filter(|other| other.name == point.name);
+        same.all(|other| other.y.median <= point.y.median)
+    }
+
     /// Pixel height of a series' last point.
     fn end(&self, plot: &PlotArea<'_>, series: &Series) -> i32 {
         let last = series.points.last();
@@ -121,7 +127,8 @@ impl Series {
     /// Its name and remarks, in lines that fit beside the chart.
     fn lines(&self) -> Vec<String> {
         let fitting = style::fitting(MOST_NAMES_PX);
-        let parts = [&self.name, &self.remark].into_iter().filter(|part| !part.is_empty());
+        let parts =
+            std::iter::once(&self.name).chain(&self.remarks).filter(|part| !part.is_empty());
         parts.flat_map(|part| style::wrap(part, fitting)).collect()
     }
 }
@@ -168,10 +175,9 @@ impl Canvas<'_, '_> {
         let Some(at) = self.at(point.x, point.y.median) else { return Ok(()) };
         let shape = EmptyElement::at(at) + Polygon::new(style::marker(marker), color.filled());
         self.area.draw(&shape)?;
-        if let Some(name) = &point.name {
-            let text = EmptyElement::at(at)
-                + Text::new(name.clone(), (9, 0), style::starting(style::small()));
-            self.area.draw(&text)?;
+        if let Some(name) = point.name.as_ref().filter(|_| self.chart.is_uppermost(point)) {
+            let above = Text::new(name.clone(), (0, -15), style::centered(style::small()));
+            self.area.draw(&(EmptyElement::at(at) + above))?;
         }
         point.published.map_or(Ok(()), |span| self.published(point.x, span))
     }
