@@ -154,9 +154,10 @@ fn rank(frame: &Representative<'_>) -> (bool, usize) {
     (!resolved, frame.settings.unwrap_or(usize::MAX))
 }
 
-/// The representative frame with the fewest settings of all.
+/// The representative frame that comes first: one of an experiment without axes before others, then as within a pipeline.
 pub fn default_frame<'a>(view: &ReportView<'a>) -> Option<Representative<'a>> {
-    representatives(view).into_iter().min_by_key(rank)
+    let frames = representatives(view).into_iter();
+    frames.min_by_key(|frame| (!frame.cell.axes.is_empty(), rank(frame)))
 }
 
 /// A stage and the representative frame that it is of.
