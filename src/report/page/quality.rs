@@ -21,13 +21,15 @@ pub const SECTION: PageSection =
 /// The limit that a reader finds first: 20 frames per second.
 const LIMIT_MS: f64 = 50.0;
 /// Fewer settings are told in the table alone.
-const LEAST_CHARTED: usize = 3;
+const LEAST_CHARTED: usize = 4;
+/// Tasks with fewer settings are folded.
+const LEAST_TOLD: usize = 3;
 /// A range above this factor is shown on a logarithmic axis.
 const LOG_ABOVE: f64 = 8.0;
-/// Differences of an error below this share are rounding.
-const SAME: f64 = 1e-9;
-const SIZE_PX: [f64; 2] = [336.0, 196.0];
-const X_PX: [f64; 2] = [48.0, 322.0];
+/// Errors that differ by less, as a share of the largest, tell nothing about the settings.
+const LEAST_DIFFERENCE: f64 = 0.1;
+const SIZE_PX: [f64; 2] = [324.0, 196.0];
+const X_PX: [f64; 2] = [48.0, 310.0];
 const Y_PX: [f64; 2] = [170.0, 10.0];
 
 /// Groups of parameters that say what is computed rather than how: they change the reference or the work that every setting has.
@@ -70,33 +72,54 @@ fn write(page: &Page<'_>) -> Option<Markup> {
     if comparisons.is_empty() {
         return None;
     }
+    let (told, folded): (Vec<_>, Vec<_>) =
+        comparisons.iter().enumerate().partition(|(_, one)| count(one) >= LEAST_TOLD);
     Some(html! {
         p.lead {
             "Settings are compared where they solve the same task: the same experiment and axes, scene, view, size, light and water, and "
-            "the same error against the same reference. Of the errors that differ, the one of the last stage is shown. The best "
-            "setting has the least error of those whose median frame time is at most the limit; of equal errors the fastest."
+            "the same error against the same reference. Of the errors that differ by a tenth or more, the one of the last stage is "
+            "shown. The best setting has the least error of those whose median frame time is at most the limit; of equal errors "
+            "the fastest."
         }
         div.controls.script-only {
             label { "At most " input #quality-limit type="number" min="0" step="any" value=(LIMIT_MS) size="6"; " ms per frame" }
         }
-        div.scroll tabindex="0" role="region" aria-label="Best settings" {
-            table #quality-table {
-                thead { tr {
-                    @if page.is_overlay() { th scope="col" { "Run" } }
-                    th scope="col" { "Task" }
-                    th scope="col" { "Best setting at most " span.quality-limit { (three(LIMIT_MS)) } " ms" }
-                    th scope="col" { "Its error and time" }
-                    th.number scope="col" { "Settings" }
-                } }
-                tbody { @for (place, one) in comparisons.iter().enumerate() { (rows(page, place, one)) } }
-            }
+        (table(page, &told))
+        @if !folded.is_empty() {
+            details { summary { (folded.len()) " tasks with two settings" } (table(page, &folded)) }
         }
         div.multiples {
-            @for (place, one) in comparisons.iter().enumerate() {
-                @if one.settings.len() >= LEAST_CHARTED { (figure(page, place, one)) }
+            @for (place, one) in &told {
+                @if is_charted(one) { (figure(page, *place, one)) }
             }
         }
     })
+}
+
+fn is_charted(one: &Comparison<'_>) -> bool {
+    count(one) >= LEAST_CHARTED
+}
+
+/// Its settings, those of several runs once.
+fn count(one: &Comparison<'_>) -> usize {
+    one.settings.iter().map(|setting| setting.cell.cell.as_str()).unique().count()
+}
+
+fn table(page: &Page<'_>, comparisons: &[(usize, &Comparison<'_>)]) -> Markup {
+    html! {
+        div.scroll tabindex="0" role="region" aria-label="Best settings" {
+            table.quality-table {
+                thead { tr {
+                    @if page.is_overlay() { th scope="col" { "Run" } }
+                    th scope="col" { "Task" }
+                    th scope="col" { "Best setting of at most " span.quality-limit { (three(LIMIT_MS)) } " ms" }
+                    th scope="col" { "Its error and time" }
+                    th.number scope="col" { "Settings" }
+                } }
+                tbody { @for (place, one) in comparisons { (rows(page, *place, one)) } }
+            }
+        }
+    }
 }
 
 /// Those of many settings first within a pipeline.
@@ -112,7 +135,7 @@ fn comparisons<'a>(page: &Page<'a>) -> Vec<Comparison<'a>> {
     let pipelines: Vec<&str> = compared.iter().map(pipeline).unique().collect();
     compared.sort_by_key(|one| {
         let place = pipelines.iter().position(|known| *known == pipeline(one));
-        (place, Reverse(one.settings.len()))
+        (place, Reverse(count(one)))
     });
     compared
 }
@@ -173,7 +196,7 @@ fn shown_error<'a>(cells: &[(usize, &'a Cell, &'a Measured)]) -> Option<&'a Erro
         let values: Option<Vec<f64>> =
             cells.iter().map(|(.., m)| of_cell(m).filter(|e| e.is_finite())).collect();
         let (low, high) = values?.into_iter().minmax().into_option()?;
-        Some(high - low > SAME * high)
+        Some(high - low > LEAST_DIFFERENCE * high)
     };
     let shown = first.errors.iter().filter(|error| differs(error) == Some(true));
     let runs_at = |error: &&ErrorFigure| first.stages.iter().position(|s| s.stage == error.stage);
@@ -228,24 +251,31 @@ fn error_title(error: &ErrorFigure) -> String {
     }
 }
 
+/// Its settings differ in this axis.
+fn varies(one: &Comparison<'_>, axis: &str) -> bool {
+    let values = one.settings.iter().map(|setting| setting.cell.axes.get(axis).map(label_text));
+    values.unique().count() > 1
+}
+
 /// The axes by which its settings differ, in words.
 fn setting_text(one: &Comparison<'_>, setting: &Setting<'_>) -> String {
-    let varied = |name: &str| {
-        let value = |setting: &Setting<'_>| setting.cell.axes.get(name).map(label_text);
-        one.settings.iter().map(value).unique().count() > 1
-    };
-    let axes = setting.cell.axes.iter().filter(|(name, _)| varied(name));
+    let axes = setting.cell.axes.iter().filter(|(name, _)| varies(one, name));
     setting::in_words(axes)
 }
 
-/// `vao-samples: bunny_dry, 128 × 128 px`
+/// Scene, size and the other axes that its settings share: `crates, 160 × 160 px, crates 3`.
 fn conditions(one: &Comparison<'_>) -> String {
     let cell = one.settings[0].cell;
     let side = |name: &str| cell.params.get("view")?.get(name).and_then(Value::as_u64);
-    match side("width").zip(side("height")) {
-        Some((width, height)) => format!("{}, {width} × {height} px", cell.scene),
-        None => cell.scene.clone(),
-    }
+    let sides = side("width").zip(side("height"));
+    let is_told = |value: &Value| {
+        let size = sides.map(|(width, height)| format!("{width}x{height}"));
+        value.as_str().is_some_and(|text| text == cell.scene || Some(text) == size.as_deref())
+    };
+    let shared = cell.axes.iter().filter(|(name, value)| !varies(one, name) && !is_told(value));
+    let size = sides.map(|(width, height)| format!("{width} × {height} px"));
+    let parts = [Some(cell.scene.clone()), size, Some(setting::in_words(shared))];
+    parts.into_iter().flatten().filter(|part| !part.is_empty()).join(", ")
 }
 
 /// Pipelines of its settings: `hsao and volume_ao`.
@@ -259,7 +289,7 @@ fn runs_of<'p, 'a>(page: &'p Page<'a>, one: &Comparison<'_>) -> Vec<(usize, &'p 
 }
 
 fn rows(page: &Page<'_>, place: usize, one: &Comparison<'_>) -> Markup {
-    let charted = one.settings.len() >= LEAST_CHARTED;
+    let charted = is_charted(one);
     html! {
         @for (index, (run, of_run)) in runs_of(page, one).into_iter().enumerate() {
             @let best = best(one, run, LIMIT_MS);
@@ -272,13 +302,20 @@ fn rows(page: &Page<'_>, place: usize, one: &Comparison<'_>) -> Markup {
                         @else { span.source { (one.task.experiment) } }
                     }
                 }
-                td.best-setting { @match best { Some(best) => { b { (setting_text(one, best)) } } None => { span.faint { "none is fast enough" } } } }
+                td.best-setting { @match best { Some(best) => { b { (setting_text(one, best)) } } None => { span.faint { (none(one, run)) } } } }
                 td.best-figures { @if let Some(best) = best { (figures_text(one, best)) } }
                 td.number { (one.settings.iter().filter(|setting| setting.run == run).count()) }
             }
             @if !charted { (uncharted(place, one, run)) }
         }
     }
+}
+
+/// Why there is no best setting.
+fn none(one: &Comparison<'_>, run: usize) -> String {
+    let of_run = one.settings.iter().filter(|setting| setting.run == run);
+    let fastest = of_run.map(|setting| setting.time_ms.median).fold(f64::INFINITY, f64::min);
+    format!("none: the fastest takes {} ms", three(fastest))
 }
 
 /// The figures of settings without a chart, which the script reads.
@@ -335,7 +372,7 @@ fn sentence(one: &Comparison<'_>, run: usize) -> String {
             setting_text(one, best),
             figures_text(one, best)
         ),
-        None => format!("No setting takes at most {limit} ms."),
+        None => format!("Best of at most {limit} ms: {}.", none(one, run)),
     }
 }
 

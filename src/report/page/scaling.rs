@@ -19,13 +19,13 @@ use crate::words::Unit;
 
 pub const SECTION: PageSection = PageSection { id: "scaling", title: "How it scales", write };
 
-const SIZE_PX: [f64; 2] = [336.0, 190.0];
+const SIZE_PX: [f64; 2] = [324.0, 190.0];
 const LEFT_PX: f64 = 48.0;
 const TOP_PX: f64 = 8.0;
 const BOTTOM_PX: f64 = 166.0;
 /// Most room for labels at the ends of lines.
 const LABELS_PX: f64 = 112.0;
-const LABEL_HEIGHT_PX: f64 = 14.0;
+const LINE_PX: f64 = 13.0;
 /// Charts of an experiment that are shown, and series of a chart.
 const MOST_CHARTS: usize = 12;
 const MOST_SERIES: usize = 8;
@@ -199,7 +199,7 @@ fn charts<'a>(page: &Page<'a>, id: &str, spec: &Spec<'a>, joined: bool) -> Vec<C
         for (group, cells) in grouped(run, id, spec) {
             for y in &spec.y {
                 let alone = spec.y.len() == 1 && !group.is_empty();
-                let name = if alone { group.clone() } else { name(y) };
+                let name = if alone { group.clone() } else { name(page, y) };
                 let one = series(spec, y, name, &cells, joined);
                 let chart = if alone { String::new() } else { group.clone() };
                 let one = one.map(|one| Series { run: place, ..one });
@@ -226,8 +226,8 @@ fn grouped<'a>(run: &PageRun<'a>, id: &str, spec: &Spec<'_>) -> Vec<(String, Vec
     groups(&cells, over).into_iter().map(|(_, cells)| (in_words(&cells), cells)).collect()
 }
 
-fn name(y: &Measure) -> String {
-    y.stage_name().unwrap_or_else(|| y.label().words)
+fn name(page: &Page<'_>, y: &Measure) -> String {
+    y.stage_name().filter(|stage| page.colors.has(stage)).unwrap_or_else(|| y.label().words)
 }
 
 /// None where no cell has both figures, or all have the same x.
@@ -317,18 +317,19 @@ fn stages_of<'a>(series: &[Series<'a>]) -> BTreeSet<&'a str> {
     series.iter().flat_map(of_series).collect()
 }
 
-/// Exponents in words.
+/// Names of the lines, with their exponents.
 fn fits(page: &Page<'_>, series: &[Series<'_>]) -> Markup {
     html! {
         ul.fits {
             @for one in series {
-                @if let Some(fit) = &one.fit {
+                @if one.fit.is_some() || series.len() > 1 {
                     li {
                         span style={ "color:" (paint(page, one).css()) } aria-hidden="true" { (Shape::of_run(one.run).symbol()) }
                         " " (one.name) " "
-                        @match fit {
-                            Ok(fit) => { b { "∝ x^" (facts::exponent(fit)) } }
-                            Err(reason) => { span.faint { "no exponent: " (reason) } }
+                        @match &one.fit {
+                            Some(Ok(fit)) => { b { "∝ x^" (facts::exponent(fit)) } }
+                            Some(Err(reason)) => { span.faint { "no exponent: " (reason) } }
+                            None => {}
                         }
                     }
                 }
@@ -458,11 +459,20 @@ impl<'d> Drawing<'d> {
             let last = drawn(one).last().map_or(f64::NAN, |point| point.y.median);
             self.y.px_within(last) + 4.0
         });
-        let heights = svg::apart(&ends.collect::<Vec<_>>(), LABEL_HEIGHT_PX, BOTTOM_PX + 4.0);
         let room = SIZE_PX[0] - self.right_px - 8.0;
+        let labels = self.series.iter().map(|one| svg::in_two_lines(&label(self.page, one), room));
+        let labels: Vec<Vec<String>> = labels.collect();
+        let lines = labels.iter().map(Vec::len).max().unwrap_or(1) as f64;
+        let bottom = BOTTOM_PX + 4.0 - (lines - 1.0) * LINE_PX;
+        let heights = svg::apart(&ends.collect::<Vec<_>>(), lines * LINE_PX + 1.0, bottom);
+        let x = svg::tenth(self.right_px + 6.0);
         html! {
-            @for (one, height) in self.series.iter().zip(heights) {
-                text.end x=(svg::tenth(self.right_px + 6.0)) y=(height) { (svg::shortened(&label(self.page, one), room)) }
+            @for (label, height) in labels.iter().zip(heights) {
+                text.end x=(x) y=(height) {
+                    @for (place, line) in label.iter().enumerate() {
+                        tspan x=(x) dy=(if place > 0 { LINE_PX } else { 0.0 }) { (line) }
+                    }
+                }
             }
         }
     }

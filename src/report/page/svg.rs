@@ -119,6 +119,18 @@ pub fn shortened(text: &str, width_px: f64) -> String {
     text.chars().take(kept).chain(['…']).collect()
 }
 
+/// A text in two lines where one is too short, the second shortened.
+pub fn in_two_lines(text: &str, width_px: f64) -> Vec<String> {
+    let breaks = text.match_indices(' ').map(|(place, _)| place);
+    let fitting = breaks.filter(|place| text_px(&text[..*place]) <= width_px).last();
+    match fitting {
+        Some(place) if text_px(text) > width_px => {
+            vec![text[..place].to_owned(), shortened(&text[place + 1..], width_px)]
+        }
+        _ => vec![shortened(text, width_px)],
+    }
+}
+
 /// Moves labels down where they would cover the one above: heights in, heights out, in pixels.
 pub fn apart(heights_px: &[f64], least_px: f64, bottom_px: f64) -> Vec<f64> {
     let mut order: Vec<usize> = (0..heights_px.len()).collect();
@@ -245,6 +257,12 @@ mod tests {
         assert_eq!(shortened("short", 60.0), "short");
         let cut = shortened("a name that is far too long", 60.0);
         assert!(cut.ends_with('…') && text_px(&cut) <= 60.0, "{cut}");
+    }
+
+    #[test]
+    fn a_text_is_broken_at_a_space_where_it_is_too_long() {
+        assert_eq!(in_two_lines("all stages", 100.0), ["all stages"]);
+        assert_eq!(in_two_lines("photons in view that", 100.0), ["photons in", "view that"]);
     }
 
     #[test]

@@ -17,25 +17,32 @@
     line.setAttribute("x2", x);
   };
 
+  /* Why there is no best setting. */
+  const none = (marks, run) => {
+    const times = marks.filter((mark) => mark.dataset.run === run).map((mark) => Number(mark.dataset.ms));
+    return `none: the fastest takes ${fathom.three(Math.min(...times))} ms`;
+  };
+
   const update = () => {
     const limit = Number(input.value);
     if (!(limit > 0)) return;
     fathom.all(".quality-limit").forEach((text) => { text.textContent = fathom.three(limit); });
     fathom.all(".quality line.limit").forEach((line) => moveLimit(line, limit));
     fathom.all(".quality .setting.best").forEach((mark) => mark.classList.remove("best"));
-    fathom.all("#quality-table tr[data-comparison]").forEach((row) => {
+    fathom.all(".quality-table tr[data-comparison]").forEach((row) => {
       const { comparison, run } = row.dataset;
-      const found = best(settings(comparison), run, limit);
+      const marks = settings(comparison);
+      const found = best(marks, run, limit);
       row.querySelector(".best-setting").replaceChildren(found
         ? fathom.element("b", {}, found.dataset.setting)
-        : fathom.element("span", { class: "faint" }, "none is fast enough"));
+        : fathom.element("span", { class: "faint" }, none(marks, run)));
       row.querySelector(".best-figures").textContent = found ? found.dataset.figures : "";
       if (found?.classList.contains("setting")) found.classList.add("best");
       const words = document.querySelector(`#quality-${comparison} .best[data-run="${run}"] .best-words`);
       if (words) {
         words.textContent = found
           ? `Best of at most ${fathom.three(limit)} ms: ${found.dataset.setting}: ${found.dataset.figures}.`
-          : `No setting takes at most ${fathom.three(limit)} ms.`;
+          : `Best of at most ${fathom.three(limit)} ms: ${none(marks, run)}.`;
       }
     });
   };
