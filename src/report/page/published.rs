@@ -62,8 +62,13 @@ fn write(page: &Page<'_>) -> Option<Markup> {
     }
     Some(html! {
         p.lead {
-            "A mark on the diagonal agrees with the publication; above it the measured figure is larger. Lines are 95 % intervals. "
-            "Both axes are logarithmic."
+            @if ratios.is_empty() && rates.is_empty() {
+                "Nothing that was published can be compared with this run: no claim states a published ratio, and no two published "
+                "frame rates of an experiment are of sizes that were measured."
+            } @else {
+                "A mark on the diagonal agrees with the publication; above it the measured figure is larger. Lines are intervals. "
+                "Both axes are logarithmic."
+            }
         }
         div.grid.charts {
             (scatter(page, "ratios, slopes and shares", &ratios))
@@ -279,7 +284,8 @@ fn listed<'p>(page: &'p Page<'p>) -> IndexSet<Listed<'p>> {
 fn rates_table(page: &Page<'_>, listed: &IndexSet<Listed<'_>>) -> Markup {
     let software = page.runs.iter().any(|run| run.view.sections.iter().any(Section::software));
     html! {
-        h3 { "Published frame rates" }
+        details {
+        summary { (listed.len()) " published frame rates, each with its hardware" }
         @if software {
             p.faint { "They were measured on the hardware named. Frame rates of a software driver are not comparable with them, so none stands here." }
         }
@@ -302,6 +308,7 @@ fn rates_table(page: &Page<'_>, listed: &IndexSet<Listed<'_>>) -> Markup {
                     }
                 }
             }
+        }
         }
     }
 }
