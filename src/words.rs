@@ -133,7 +133,7 @@ const FIGURES: &[Entry] = &[
     ("ao_filtered_bias", "mean error of occlusion, filtered", Unit::One),
     ("ao_filtered_rmse", "RMS error of occlusion, filtered", Unit::One),
     ("ao_mean", "mean occlusion", Unit::One),
-    ("ao_noise", "noise of occlusion, relative RMS", Unit::Percent),
+    ("ao_noise", "noise of occlusion, RMS", Unit::Percent),
     ("ao_reference_mean", "mean occlusion by ray casting", Unit::One),
     ("ao_rmse", "RMS error of occlusion", Unit::One),
     ("ao_view_variance", "variance of occlusion over views", Unit::One),
@@ -142,15 +142,15 @@ const FIGURES: &[Entry] = &[
     ("ao_view_variance_standard_error", "standard error of the variance over views", Unit::One),
     ("ao_view_variance_with_noise", "variance of occlusion over views, noise included", Unit::One),
     ("bit_volume_bytes", "volume as bits", Unit::Mebibytes),
-    ("caustics_bias", "bias of caustics, relative RMS", Unit::Percent),
-    ("caustics_error_rms", "error of caustics, relative RMS", Unit::Percent),
+    ("caustics_bias", "bias of caustics, RMS", Unit::Percent),
+    ("caustics_error_rms", "error of caustics, RMS", Unit::Percent),
     ("caustics_image_block_px", "side of the blocks that caustics are compared in", Unit::Pixels),
-    ("caustics_image_error", "error of the caustics' image, relative mean", Unit::Percent),
+    ("caustics_image_error", "error of the caustics' image", Unit::Percent),
     ("caustics_image_level", "mean irradiance of the caustics' image", Unit::One),
-    ("caustics_image_rms_error", "error of the caustics' image, relative RMS", Unit::Percent),
+    ("caustics_image_rms_error", "error of the caustics' image, RMS", Unit::Percent),
     ("caustics_left_frustum_rate", "caustic photons that left the light's view", Unit::Percent),
     ("caustics_missed_water_rate", "caustic photons that missed the water", Unit::Percent),
-    ("caustics_noise", "noise of caustics, relative RMS", Unit::Percent),
+    ("caustics_noise", "noise of caustics, RMS", Unit::Percent),
     (
         "caustics_photon_error_median_m",
         "distance of caustic photons from the exact end, median",
@@ -162,17 +162,17 @@ const FIGURES: &[Entry] = &[
         Unit::Metres,
     ),
     ("caustics_photon_false_hit_rate", "caustic photons that hit where none should", Unit::Percent),
-    ("caustics_photon_miss_rate", "caustic photons lost", Unit::Percent),
-    ("caustics_reference_noise", "noise of the reference of caustics, relative RMS", Unit::Percent),
+    ("caustics_photon_miss_rate", "caustic photons lost, of all", Unit::Percent),
+    ("caustics_reference_noise", "noise of the reference of caustics, RMS", Unit::Percent),
     ("caustics_unconverged_rate", "caustic photons not converged", Unit::Percent),
     ("covered_share", "pixels covered", Unit::Percent),
     ("facing_light_rate", "pixels that face the light", Unit::Percent),
     ("glass_rate", "pixels that show glass", Unit::Percent),
-    ("godrays_bias", "bias of godrays, relative RMS", Unit::Percent),
+    ("godrays_bias", "bias of godrays, RMS", Unit::Percent),
     ("godrays_covered_px", "pixels that lines of godrays cover", Unit::One),
     ("godrays_left_frustum_rate", "godray photons that left the light's view", Unit::Percent),
     ("godrays_missed_water_rate", "godray photons that missed the water", Unit::Percent),
-    ("godrays_noise", "noise of godrays, relative RMS", Unit::Percent),
+    ("godrays_noise", "noise of godrays, RMS", Unit::Percent),
     (
         "godrays_photon_error_median_m",
         "distance of godray photons from the exact end, median",
@@ -190,7 +190,7 @@ const FIGURES: &[Entry] = &[
     ("ldi_lost_fragments", "fragments that found no layer", Unit::One),
     ("lookups_per_pixel_mean", "look-ups of the skipping map per pixel, mean", Unit::One),
     ("map_energy_error", "error of the map's energy", Unit::Percent),
-    ("map_floor_hole_rate", "dark texels in the midst of the floor's light", Unit::Percent),
+    ("map_floor_hole_rate", "dark texels among lit ones", Unit::Percent),
     ("map_misplaced_rate", "photons in another texel of the map", Unit::Percent),
     ("missed_water_rate", "photons that missed the water", Unit::Percent),
     ("occupied_share", "voxels occupied", Unit::Percent),
@@ -198,15 +198,19 @@ const FIGURES: &[Entry] = &[
     ("photon_error_median_m", "distance of photons from the exact end, median", Unit::Metres),
     ("photon_error_p99_m", "distance of photons from the exact end, 99th percentile", Unit::Metres),
     ("photon_false_hit_rate", "photons that hit where none should", Unit::Percent),
-    ("photon_miss_rate", "photons in view that were lost", Unit::Percent),
+    ("photon_miss_rate", "photons lost, of those that end in view", Unit::Percent),
     ("photon_no_hit_rate", "photons without a hit", Unit::Percent),
     ("photon_off_frustum_rate", "photons that end out of view", Unit::Percent),
     ("photon_on_its_way_rate", "photons still on their way", Unit::Percent),
     ("photon_wrong_face_rate", "photons on a wrong face", Unit::Percent),
-    ("photon_wrong_surface_rate", "photons in view on a wrong surface", Unit::Percent),
+    (
+        "photon_wrong_surface_rate",
+        "photons on a wrong surface, of those that end in view",
+        Unit::Percent,
+    ),
     ("r_max_m", "largest distance of occluders", Unit::Metres),
     ("r_max_voxels", "largest distance of occluders", Unit::Voxels),
-    ("reads_per_pixel_mean", "look-ups and samples per pixel, mean", Unit::One),
+    ("reads_per_pixel_mean", "reads per pixel, mean", Unit::One),
     ("refraction_error_median_deg", "angle to the exact ray, median", Unit::Degrees),
     ("refraction_error_p90_deg", "angle to the exact ray, 90th percentile", Unit::Degrees),
     ("samples_per_covered_pixel", "samples per covered pixel", Unit::One),
@@ -215,7 +219,11 @@ const FIGURES: &[Entry] = &[
     ("samples_per_pixel_most", "samples per pixel, most", Unit::One),
     ("shadow_false_rate", "pixels with a shadow that should have none", Unit::Percent),
     ("shadow_missed_rate", "pixels that miss their shadow", Unit::Percent),
-    ("shadow_wrong_rate", "pixels with a wrong shadow", Unit::Percent),
+    (
+        "shadow_wrong_rate",
+        "pixels with a wrong shadow, of those that face the light",
+        Unit::Percent,
+    ),
     ("shadowed_rate", "pixels in shadow", Unit::Percent),
     ("step_voxels", "step of the march", Unit::Voxels),
     ("texture_volume_bytes", "volume as a byte per voxel", Unit::Mebibytes),
@@ -244,6 +252,7 @@ const PARAMETERS: &[Entry] = &[
     ("filters", "filters of both buffers", Unit::One),
     ("glass", "glass", Unit::One),
     ("godrays", "godray buffer", Unit::One),
+    ("godrays.buffer", "godray buffer", Unit::Pixels),
     ("godrays.grid", "side of the godray photon grid", Unit::One),
     ("godrays.line_width_px", "line width of godrays", Unit::Pixels),
     ("ldi.layers", "layers of depth", Unit::One),
@@ -258,9 +267,10 @@ const PARAMETERS: &[Entry] = &[
     ("rays.test", "test for a hit", Unit::One),
     ("refraction.method", "method of refraction", Unit::One),
     ("scene", "scene", Unit::One),
+    ("shadow.size", "side of the shadow map", Unit::Pixels),
     ("side", "voxels along the longest side", Unit::One),
     ("step", "step of the march", Unit::One),
-    ("transfer.grid", "photons", Unit::One),
+    ("transfer.grid", "photon grid", Unit::One),
     ("view.height", "height of the picture", Unit::Pixels),
     ("view.width", "width of the picture", Unit::Pixels),
     ("viewport", "viewport", Unit::One),
@@ -280,7 +290,7 @@ mod tests {
     fn labels_are_words_with_units() {
         assert_eq!(figure_label("caustics_unconverged_rate"), "caustic photons not converged (%)");
         assert_eq!(parameter_label("godrays.line_width_px"), "line width of godrays (px)");
-        assert_eq!(figure_label("reads_per_pixel_mean"), "look-ups and samples per pixel, mean");
+        assert_eq!(figure_label("reads_per_pixel_mean"), "reads per pixel, mean");
     }
 
     #[test]
@@ -334,7 +344,10 @@ mod tests {
         for measured in cells.filter_map(|cell| cell.measured().cloned()) {
             let named = measured.figures();
             let names = named.keys().copied().chain(measured.repeated.keys().map(String::as_str));
-            names.inspect(|_| figures += 1).for_each(|name| assert_known(FIGURES, name));
+            names.for_each(|name| {
+                figures += 1;
+                assert_known(FIGURES, name);
+            });
         }
         assert!(figures > 1_000, "{figures}");
     }

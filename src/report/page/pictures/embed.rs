@@ -104,9 +104,12 @@ fn smallest(picture: &RgbImage, quality: u8) -> Result<(&'static str, Vec<u8>), 
     let written = picture
         .write_with_encoder(JpegEncoder::new_with_quality(&mut jpeg, quality))
         .and_then(|()| {
-            let best =
-                PngEncoder::new_with_quality(&mut png, CompressionType::Best, FilterType::Adaptive);
-            picture.write_with_encoder(best)
+            let adaptive = PngEncoder::new_with_quality(
+                &mut png,
+                CompressionType::Default,
+                FilterType::Adaptive,
+            );
+            picture.write_with_encoder(adaptive)
         });
     written.map_err(|error| error.to_string())?;
     Ok(if png.len() < jpeg.len() { ("image/png", png) } else { ("image/jpeg", jpeg) })
