@@ -37,6 +37,8 @@ fn measured() -> Measured {
         fenced: None,
         work: Work { fragments: 64, ..Work::default() },
         counters: [].into(),
+        ceiling: None,
+        least_work: None,
     };
     let envelope_samples_ns = SAMPLES_NS.map(|ns| 2.0 * ns).to_vec();
     let frame = FrameRecord {

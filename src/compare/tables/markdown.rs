@@ -35,7 +35,7 @@ fn export(verdicts: &Verdicts<'_>) -> String {
         "<details><summary>All cells</summary>\n\n{}</details>\n\n",
         table(verdicts.cells.iter())
     );
-    text + &list(&rows::notes(verdicts))
+    text + list(&rows::notes(verdicts)).as_str()
 }
 
 fn table<'a>(cells: impl Iterator<Item = &'a JudgedCell>) -> String {

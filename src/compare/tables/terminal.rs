@@ -28,5 +28,5 @@ fn export(verdicts: &Verdicts<'_>) -> String {
     for regression in rows::regressions(verdicts) {
         told += &format!("{}\n", text::line(&regression));
     }
-    told + &rows::headline(verdicts) + "\n"
+    told + rows::headline(verdicts).as_str() + "\n"
 }

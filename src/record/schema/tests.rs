@@ -9,8 +9,9 @@ use crate::record::comparison::{
     CellId, Compared, ComparisonEnd, ComparisonHeader, Fault, Gate, Launch, Side, Skip,
 };
 use crate::record::{
-    Addition, Clock, ErrorFigure, FaultKind, Fenced, FramePair, MachineState, Note, NoteKind,
-    Outcome, PassKind, Picture, PictureKind, Profile, RejectedFrames, SAMPLES_SCHEMA, StageTime,
+    Addition, Clock, ErrorFigure, ErrorSpan, FaultKind, Fenced, FramePair, MachineState, Note,
+    NoteKind, Outcome, PassKind, Picture, PictureKind, PictureScale, Profile, RejectedFrames,
+    SAMPLES_SCHEMA, StageTime,
 };
 use crate::report::fixtures;
 
@@ -79,7 +80,11 @@ fn full() -> Vec<Value> {
         let Some(measured) = cell.measured_mut() else { continue };
         measured.errors = vec![ErrorFigure::new("error", 0.5, "%", "compose").after("before")];
         measured.rejected.push(RejectedFrames { rejection: FaultKind::Stale.into(), frames: 2 });
-        measured.pictures = vec![Picture { path: "a.png".into(), shows: PictureKind::Error }];
+        measured.pictures = vec![Picture {
+            path: "a.png".into(),
+            shows: PictureKind::Error,
+            scale: Some(PictureScale::OcclusionError(ErrorSpan { full_at: 0.5, largest: 0.75 })),
+        }];
         measured.notes = vec![Note::new(NoteKind::Outliers, "two frames")];
         measured.repeated.insert("error".into(), vec![0.5, 0.6]);
         measured.frame.machine = vec![MachineState { clock_mhz: Some(1e3), ..Default::default() }];

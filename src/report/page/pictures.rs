@@ -64,11 +64,11 @@ fn group<'p>(
     embedder: &mut Embedder,
     left_out: &mut Vec<LeftOut>,
 ) -> Group<'p> {
-    let folder = run.view.folder.as_deref();
     let mut shown = Vec::new();
+    let Some(folder) = &run.view.folder else { return Group { run, section, shown } };
     for (cell, measured) in section.measured() {
-        for picture in measured.pictures.iter().filter(|_| folder.is_some()) {
-            match embedder.embed(folder, &picture.path) {
+        for picture in &measured.pictures {
+            match embedder.embed(folder, picture) {
                 Ok(embedded) => shown.push(Shown { cell, picture, embedded }),
                 Err(reason) => left_out.push(LeftOut { what: picture.path.clone(), reason }),
             }
@@ -145,7 +145,8 @@ fn caption(
     shown: &Shown<'_>,
     differing: &BTreeSet<&str>,
 ) -> String {
-    let axes = of_axes(experiment, shown.cell, |name| differing.contains(name));
+    let is_told = |name: &str| differing.is_empty() || differing.contains(name);
+    let axes = of_axes(experiment, shown.cell, is_told);
     match shown.picture.shows {
         PictureKind::Image => axes,
         PictureKind::Error => format!("Error, {axes}"),

@@ -180,7 +180,7 @@ mod tests {
     fn written(records: &[Record], labels: &[&str]) -> String {
         let view = ReportView::new(records, None);
         let runs = labels.iter().map(|label| PageRun { label: (*label).to_owned(), view: &view });
-        let page = Page::new(runs.collect(), Vec::new());
+        let page = Page::new(runs.collect());
         write(&page).map_or_else(String::new, Markup::into_string)
     }
 

@@ -4,6 +4,7 @@
 
 use indexmap::IndexSet;
 use maud::{Markup, html};
+use serde_json::Value;
 
 use super::svg::{Axis, chart, tenth, x_axis, y_axis};
 use super::{Page, PageRun, PageSection};
@@ -62,8 +63,13 @@ fn write(page: &Page<'_>) -> Option<Markup> {
     }
     Some(html! {
         p.lead {
-            "A mark on the diagonal agrees with the publication; above it the measured figure is larger. Lines are 95 % intervals. "
-            "Both axes are logarithmic."
+            @if ratios.is_empty() && rates.is_empty() {
+                "Nothing that was published can be compared with this run: no claim states a published ratio, and no two published "
+                "frame rates of an experiment are of sizes that were measured."
+            } @else {
+                "A mark on the diagonal agrees with the publication; above it the measured figure is larger. Lines are intervals. "
+                "Both axes are logarithmic."
+            }
         }
         div.grid.charts {
             (scatter(page, "ratios, slopes and shares", &ratios))
@@ -119,22 +125,26 @@ fn of_rates(run: usize, section: &Section<'_>) -> Vec<Pair> {
     stated.iter().enumerate().filter_map(pair).collect()
 }
 
-/// Conditions in which two published figures differ.
+type Condition = (String, Value);
+
+/// Conditions of the first figure that the second does not share, and those that both share.
+fn split(one: &Published, other: &Published) -> [Vec<Condition>; 2] {
+    let others = flatten(&other.filter);
+    let (shared, own) = flatten(&one.filter).into_iter().partition(|one| others.contains(one));
+    [own, shared]
+}
+
+/// In how many conditions two published figures differ.
 fn differing(one: &Published, other: &Published) -> usize {
-    let [one, other] = [one, other].map(|published| flatten(&published.filter));
-    one.iter()
-        .filter(|condition| !other.contains(condition))
-        .count()
-        .max(other.iter().filter(|condition| !one.contains(condition)).count())
+    split(one, other)[0].len().max(split(other, one)[0].len())
 }
 
 fn ratio(run: usize, experiment: &str, one: &Matched<'_>, base: &Matched<'_>) -> Pair {
     let ([low, high], [base_low, base_high]) = (one.frame.ends(), base.frame.ends());
-    let what = format!(
-        "{experiment}: frame rate of ({}) over that of ({})",
-        conditions(one.published),
-        conditions(base.published)
-    );
+    let [own, shared] = split(one.published, base.published);
+    let [of_base, _] = split(base.published, one.published);
+    let [own, of_base, shared] = [own, of_base, shared].map(|conditions| in_words(&conditions));
+    let what = format!("{experiment}: frame rate of {own} over that of {of_base} ({shared})");
     Pair {
         run,
         published: one.published.fps / base.published.fps,
@@ -160,7 +170,10 @@ fn rates(run: usize, on_page: &PageRun<'_>) -> Vec<Pair> {
 
 /// Where a published figure holds, in words: `scene tank, width of the picture (px) 800`.
 fn conditions(published: &Published) -> String {
-    let conditions = flatten(&published.filter);
+    in_words(&flatten(&published.filter))
+}
+
+fn in_words(conditions: &[Condition]) -> String {
     let words = conditions
         .iter()
         .map(|(path, value)| format!("{} {}", words::parameter_label(path), label_text(value)));
@@ -279,7 +292,8 @@ fn listed<'p>(page: &'p Page<'p>) -> IndexSet<Listed<'p>> {
 fn rates_table(page: &Page<'_>, listed: &IndexSet<Listed<'_>>) -> Markup {
     let software = page.runs.iter().any(|run| run.view.sections.iter().any(Section::software));
     html! {
-        h3 { "Published frame rates" }
+        details {
+        summary { (listed.len()) " published frame rates, each with its hardware" }
         @if software {
             p.faint { "They were measured on the hardware named. Frame rates of a software driver are not comparable with them, so none stands here." }
         }
@@ -303,6 +317,7 @@ fn rates_table(page: &Page<'_>, listed: &IndexSet<Listed<'_>>) -> Markup {
                 }
             }
         }
+        }
     }
 }
 
@@ -325,7 +340,7 @@ mod tests {
 
     fn with_page<T>(records: &[Record], read: impl Fn(&Page<'_>) -> T) -> T {
         let view = ReportView::new(records, None);
-        read(&Page::new(vec![PageRun { label: "one".into(), view: &view }], Vec::new()))
+        read(&Page::new(vec![PageRun { label: "one".into(), view: &view }]))
     }
 
     #[test]

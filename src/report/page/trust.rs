@@ -40,7 +40,7 @@ fn write(page: &Page<'_>) -> Option<Markup> {
     Some(html! {
         @for (on_page, run) in runs {
             @if page.is_overlay() { h3 { (on_page.label) } }
-            p { b { (verdict(run)) } " " (trust::conditions(run)) "." }
+            p { b { (verdict(run)) } " " "Clock: " (trust::conditions(run)) "." }
             (audit(run))
             (charts(on_page.view))
             (facts(on_page.view, run))
@@ -394,7 +394,7 @@ mod tests {
 
     fn written(records: &[Record]) -> String {
         let view = ReportView::new(records, None);
-        let page = Page::new(vec![PageRun { label: "one".into(), view: &view }], Vec::new());
+        let page = Page::new(vec![PageRun { label: "one".into(), view: &view }]);
         write(&page).map_or_else(String::new, Markup::into_string)
     }
 

@@ -10,6 +10,7 @@ use image::imageops;
 use image::{ImageFormat, ImageReader, Limits, RgbImage};
 
 use crate::input;
+use crate::record::{Picture, PictureKind};
 
 /// Largest file that is read, bytes.
 const MAX_FILE: u64 = 16 << 20;
@@ -20,8 +21,9 @@ const MAX_MEMORY: u64 = 64 << 20;
 const MAX_PIXELS: u64 = 180_000_000;
 /// Longest side of a picture on the page, pixels: larger ones are scaled down.
 const MOST_SIDE_PX: u32 = 480;
-/// Of WebP, 0 … 100.
+/// Of WebP, 0 … 100. Pictures of errors are noise, which takes the most bytes and needs the least detail.
 const QUALITY: f32 = 70.0;
+const QUALITY_OF_ERRORS: f32 = 50.0;
 /// All pictures of a page, bytes before base64: a page of several megabytes still opens at once.
 const MAX_EMBEDDED: usize = 2 << 20;
 
@@ -40,13 +42,16 @@ pub struct Embedder {
 }
 
 impl Embedder {
-    /// The picture of a path that a record names; or why it is left out.
-    pub fn embed(&mut self, folder: Option<&Path>, path: &str) -> Result<Embedded, String> {
-        let folder = folder.ok_or("the records lie in no folder")?;
-        let picture = self.decode(&inside(folder, path)?)?;
+    /// The picture that a record names; or why it is left out.
+    pub fn embed(&mut self, folder: &Path, picture: &Picture) -> Result<Embedded, String> {
+        let quality = match picture.shows {
+            PictureKind::Image => QUALITY,
+            PictureKind::Error => QUALITY_OF_ERRORS,
+        };
+        let picture = self.decode(&inside(folder, &picture.path)?)?;
         let own_px = [picture.width(), picture.height()];
         let picture = reduced(picture);
-        let (media_type, bytes) = smallest(&picture)?;
+        let (media_type, bytes) = smallest(&picture, quality)?;
         self.bytes += bytes.len();
         if self.bytes > MAX_EMBEDDED {
             return Err(format!("the page holds {} MiB of pictures at most", MAX_EMBEDDED >> 20));
@@ -93,13 +98,14 @@ fn reduced(picture: RgbImage) -> RgbImage {
 }
 
 /// As WebP, or as PNG where that is smaller.
-fn smallest(picture: &RgbImage) -> Result<(&'static str, Vec<u8>), String> {
+fn smallest(picture: &RgbImage, quality: f32) -> Result<(&'static str, Vec<u8>), String> {
     let [width, height] = [picture.width(), picture.height()];
-    let webp = webp::Encoder::from_rgb(picture, width, height).encode_simple(false, QUALITY);
+    let webp = webp::Encoder::from_rgb(picture, width, height).encode_simple(false, quality);
     let webp = webp.map_err(|error| format!("it cannot be compressed: {error:?}"))?;
     let mut png = Vec::new();
-    let best = PngEncoder::new_with_quality(&mut png, CompressionType::Best, FilterType::Adaptive);
-    picture.write_with_encoder(best).map_err(|error| error.to_string())?;
+    let adaptive =
+        PngEncoder::new_with_quality(&mut png, CompressionType::Default, FilterType::Adaptive);
+    picture.write_with_encoder(adaptive).map_err(|error| error.to_string())?;
     let is_png = png.len() < webp.len();
     Ok(if is_png { ("image/png", png) } else { ("image/webp", webp.to_vec()) })
 }

@@ -23,7 +23,7 @@ fn run(pictures: &[Picture]) -> Vec<Record> {
 
 fn written(records: &[Record], folder: Option<&Path>) -> String {
     let view = ReportView::new(records, folder);
-    let page = Page::new(vec![PageRun { label: "one".into(), view: &view }], Vec::new());
+    let page = Page::new(vec![PageRun { label: "one".into(), view: &view }]);
     write(&page).map_or_else(String::new, Markup::into_string)
 }
 
@@ -40,7 +40,7 @@ fn pictures_lie_in_the_page_with_their_parameters_and_sizes() {
     let text =
         written(&run(&[picture("a.png", None), picture("b.png", None)]), Some(folder.path()));
     assert_eq!(text.matches("src=\"data:image/").count(), 2);
-    assert!(text.contains("40 × 30 px of a viewport of 800 × 800 px"), "{text}");
+    assert!(text.contains("40 × 30 px of a viewport of 128 × 128 px"), "{text}");
     assert!(text.contains("960 × 480 px") && text.contains("shown at 480 × 240 px"));
     assert!(text.contains("class=\"slider"));
 }
