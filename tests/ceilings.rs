@@ -5,11 +5,14 @@ mod common;
 
 use std::path::Path;
 use std::process::Command;
+use std::sync::{Mutex, PoisonError};
 
 use common::{cells, fathom, measured, records, small};
 use fathom::record::{Ceiling, Record, Run};
 use serde_json::Value;
 
+/// Two measurements at once would disturb each other.
+static ONE_AT_A_TIME: Mutex<()> = Mutex::new(());
 /// A busy machine may spoil a measurement, and another one may be better.
 const ATTEMPTS: usize = 3;
 /// Half the width of the interval around 1 in which the adapter's copies and the CPU's agree.
@@ -35,6 +38,7 @@ fn agreement(copies: &[Value]) -> Option<f64> {
 
 #[test]
 fn doubled_work_takes_twice_the_time_and_copies_are_as_fast_as_the_cpu() {
+    let _alone = ONE_AT_A_TIME.lock().unwrap_or_else(PoisonError::into_inner);
     let mut unsound = Vec::new();
     let mut agreements = Vec::new();
     for _ in 0..ATTEMPTS {
@@ -69,6 +73,7 @@ fn header(record: Record) -> Option<Run> {
 
 #[test]
 fn stages_have_shares_and_a_resumed_run_keeps_the_ceilings() {
+    let _alone = ONE_AT_A_TIME.lock().unwrap_or_else(PoisonError::into_inner);
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("run");
     assert!(run(&out).status().unwrap().success());

@@ -5,7 +5,7 @@ use std::fmt;
 use serde::Serialize;
 
 use crate::gpu::{self, ClockPlan, CopyCheck, Gpu, GpuError};
-use crate::record::ceilings::{Ceiling, CeilingShare, Limit};
+use crate::record::ceilings::{Bounded, Ceiling, CeilingShare, Limit};
 use crate::record::{Measured, Record, Run, StageRecord};
 
 /// The ceilings of a run: those of the latest run that this one goes on with, if it had the same adapter, conditions and clocks,
@@ -34,8 +34,8 @@ pub fn of_run(
     }
 }
 
-/// Puts each stage's share of its ceiling into the record. A stage beyond its ceiling is compared once more with a new measurement
-/// of it: the machine may have been busy at the first one.
+/// Puts each stage's share of its ceiling into the record. Where a stage is beyond its ceiling, the limits on that kind of work are
+/// measured once more: the machine may have been busy at the first time.
 ///
 /// # Errors
 /// One line about a stage that did more than the adapter can.
@@ -46,13 +46,12 @@ pub fn add_shares(
 ) -> Result<(), String> {
     for stage in &mut measured.stages {
         stage.ceiling = stage.share_of(ceilings);
-        while let Some(limit) = impossible(stage).map(|share| share.limit) {
-            let fresh = again(limit).map_err(|error| error.to_string())?;
-            let Some(held) = raised(ceilings, fresh) else {
-                return Err(beyond(stage));
-            };
-            *held.0 = held.1;
+        if let Some(work) = impossible(stage).map(|share| share.work) {
+            raise(ceilings, work, &mut again).map_err(|error| error.to_string())?;
             stage.ceiling = stage.share_of(ceilings);
+        }
+        if impossible(stage).is_some() {
+            return Err(beyond(stage));
         }
     }
     Ok(())
@@ -62,11 +61,20 @@ fn impossible(stage: &StageRecord) -> Option<&CeilingShare> {
     stage.ceiling.as_ref().filter(|share| share.is_impossible())
 }
 
-/// The ceiling that a new measurement replaces; none where that is no higher.
-fn raised(ceilings: &mut [Ceiling], fresh: Ceiling) -> Option<(&mut Ceiling, Ceiling)> {
-    let held = ceilings.iter_mut().find(|held| held.limit == fresh.limit)?;
-    let higher = fresh.is_sound() && fresh.rate.median > held.rate.median;
-    higher.then_some((held, fresh))
+/// Replaces the limits on a kind of work where a new measurement is higher, or sound where the old one is not.
+fn raise(
+    ceilings: &mut [Ceiling],
+    work: Bounded,
+    again: &mut impl FnMut(Limit) -> Result<Ceiling, GpuError>,
+) -> Result<(), GpuError> {
+    for held in ceilings.iter_mut().filter(|held| held.limit.bounds(work)) {
+        let fresh = again(held.limit)?;
+        let better = !held.is_sound() || fresh.rate.median > held.rate.median;
+        if fresh.is_sound() && better {
+            *held = fresh;
+        }
+    }
+    Ok(())
 }
 
 /// What is said of a stage beyond its ceiling.
@@ -139,7 +147,7 @@ impl fmt::Display for Answer {
 fn row(ceiling: &Ceiling) -> String {
     let Ceiling { limit, rate, doubling } = ceiling;
     let [low, high] = rate.ends();
-    let verdict = if ceiling.is_sound() { "" } else { "  unsound: bounds nothing" };
+    let verdict = if ceiling.is_sound() { "" } else { "  unsound" };
     let each = match limit {
         Limit::EmptyPass { .. } => format!("  {:.2} µs each", 1e6 / rate.median),
         _ => String::new(),

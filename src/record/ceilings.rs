@@ -168,7 +168,7 @@ impl Limit {
     }
 
     /// Whether it bounds work of this kind.
-    fn bounds(self, kind: Bounded) -> bool {
+    pub fn bounds(self, kind: Bounded) -> bool {
         match self {
             Self::Copy { .. } | Self::Read { .. } | Self::Write { .. } => kind == Bounded::Bytes,
             Self::Fill { .. } => kind == Bounded::Fragments,
@@ -344,16 +344,20 @@ fn share(
 }
 
 /// The highest sound rate of all limits that bound this kind of work: each of them shows that the adapter can do as much. Of limits
-/// on memory those of the largest working set that is not larger than the amount count, or of the smallest.
+/// on memory those count whose working set is at least the largest that is not larger than the amount. None where a limit that is not
+/// sound may be higher: the adapter's limit is then unknown.
 pub fn binding(ceilings: &[Ceiling], kind: Bounded, amount: u64) -> Option<&Ceiling> {
-    let bounding = || ceilings.iter().filter(|c| c.limit.bounds(kind) && c.is_sound());
+    let bounding = || ceilings.iter().filter(|ceiling| ceiling.limit.bounds(kind));
     let sizes = || bounding().filter_map(|ceiling| ceiling.limit.working_set_bytes());
     let size = sizes().filter(|size| *size <= amount).max().or_else(|| sizes().min());
     let apt = bounding().filter(|ceiling| {
         // A larger set that is copied faster shows that a smaller one is held back by something else.
         ceiling.limit.working_set_bytes().is_none_or(|bytes| Some(bytes) >= size)
     });
-    apt.max_by(|a, b| a.rate.median.total_cmp(&b.rate.median))
+    let (sound, unsound): (Vec<_>, Vec<_>) = apt.partition(|ceiling| ceiling.is_sound());
+    let highest = sound.into_iter().max_by(|a, b| a.rate.median.total_cmp(&b.rate.median))?;
+    let higher = |other: &&Ceiling| other.rate.ends()[1] > highest.rate.median;
+    (!unsound.iter().any(higher)).then_some(highest)
 }
 
 #[cfg(test)]
@@ -459,8 +463,13 @@ mod tests {
     }
 
     #[test]
-    fn a_ceiling_whose_work_was_skipped_bounds_nothing() {
-        let skipped = Ceiling { doubling: 1.0, ..copies().remove(0) };
-        assert_eq!(binding(&[skipped], Bounded::Bytes, 1 << 30), None);
+    fn a_limit_that_may_be_higher_than_the_others_but_is_not_sound_leaves_the_ceiling_unknown() {
+        let mut ceilings = copies();
+        ceilings[0].doubling = 1.0;
+        ceilings[0].rate.interval = None;
+        assert!(binding(&ceilings, Bounded::Bytes, 100).is_some(), "a larger set is faster");
+        ceilings[1].doubling = 1.0;
+        assert_eq!(binding(&ceilings, Bounded::Bytes, 1 << 20), None);
+        assert!(binding(&ceilings, Bounded::Bytes, 1 << 24).is_some());
     }
 }

@@ -28,6 +28,8 @@ const SOFTWARE_PASS_NS: f64 = 3e6;
 const GPU_PASS_NS: f64 = 0.5e6;
 /// Samples with N work, and as many with 2 N: enough for an interval of the rates.
 const ROUNDS: usize = 7;
+/// The difference between 2 N and N work counts as at least this share of the time for N, so that rates are finite.
+const LEAST_SHARE: f64 = 0.01;
 /// A measurement whose law does not hold is repeated so many times: something else may have run.
 const ATTEMPTS: usize = 3;
 /// The smallest working set, and the ratio of each to the one before. Of reading and clearing every second one is measured.
@@ -205,7 +207,8 @@ impl<'a> Stand<'a> {
         let [once, twice] = times_ns;
         let work = f64::from(turns) * self.kernel.work_per_turn();
         // The second N of the work, without what a pass costs whatever its work.
-        let seconds = once.iter().zip(&twice).map(|(once, twice)| (twice - once) * 1e-9);
+        let difference = |(once, twice): (&f64, &f64)| (twice - once).max(LEAST_SHARE * once);
+        let seconds = once.iter().zip(&twice).map(|pair| difference(pair) * 1e-9);
         let rate = estimate(&seconds.map(|seconds| work / seconds).collect::<Vec<f64>>());
         Ok(Ceiling { limit, rate, doubling: median(&twice) / median(&once) })
     }
