@@ -76,14 +76,17 @@ pub enum SmallPrimitive {
 pub enum Limit {
     /// Copying between two buffers that have this size together.
     Copy {
+        /// All buffers together.
         working_set_bytes: u64,
     },
     /// Reading a buffer in a compute shader.
     Read {
+        /// All buffers together.
         working_set_bytes: u64,
     },
     /// Clearing a buffer.
     Write {
+        /// All buffers together.
         working_set_bytes: u64,
     },
     /// Fragments of a minimal shader.
@@ -108,6 +111,7 @@ pub enum Limit {
     },
     /// Fused multiply-adds in this kind of pass.
     Arithmetic {
+        /// Kind of pass.
         pass: PassKind,
     },
     Primitives {
@@ -115,6 +119,7 @@ pub enum Limit {
     },
     /// Passes that do next to nothing.
     EmptyPass {
+        /// Kind of pass.
         pass: PassKind,
     },
 }

@@ -163,7 +163,10 @@ fn what_cannot_be_exported_is_one_clear_line() {
             &["csv", comparison],
             "holds a comparison, which cannot be written as `csv`, only as text",
         ),
-        (&["text", run], "holds a run, which cannot be written as `text`, only as plots, csv"),
+        (
+            &["text", run],
+            "holds a run, which cannot be written as `text`, only as plots, rooflines, csv",
+        ),
         (
             &["chrome-trace", run, "--cell", "own n=3"],
             "no timed cell `own n=3`; did you mean `own n=1`?",

@@ -299,12 +299,13 @@ fn the_same_records_give_the_same_bytes_each_time() {
         entries.map(|path| (path.clone(), fs::read(path).unwrap())).collect()
     };
     let before = files();
-    assert_eq!(before.len(), 5);
+    assert_eq!(before.len(), 6);
     assert_eq!(replayed("", folder.path(), 1), first);
     assert_eq!(files(), before);
 
     let formats = [
         ("markdown", "summary.md"),
+        ("page", "index.html"),
         ("junit", "junit.xml"),
         ("bencher", "bencher.json"),
         ("github-action-benchmark", "benchmark.json"),

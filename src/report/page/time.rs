@@ -298,7 +298,7 @@ mod tests {
     fn a_stage_below_the_resolution_has_no_part_and_no_share() {
         let mut records = fixtures::run();
         let cells = records.iter_mut().filter_map(|record| match record {
-            Record::Cell(cell) if cell.experiment == "uw-default" => cell.measured_mut(),
+            Record::Cell(cell) if cell.pipeline == "underwater" => cell.measured_mut(),
             _ => None,
         });
         for measured in cells {
