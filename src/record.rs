@@ -320,7 +320,7 @@ pub struct StageRecord {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub fenced: Option<Fenced>,
     pub work: Work,
-    /// A lower bound of the work, where `work` is none: see [`ceilings`].
+    /// A lower bound of the work, where `work` is none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub least_work: Option<Work>,
     /// Pipeline statistics, where the adapter counts them.

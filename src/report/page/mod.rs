@@ -171,7 +171,7 @@ impl<'a> Page<'a> {
             }
         };
         // Characters that would reorder or hide what is read.
-        text::block(&markup.into_string())
+        text::block(&markup.into_string()) + "\n"
     }
 
     fn title(&self) -> String {

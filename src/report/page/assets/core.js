@@ -80,8 +80,11 @@ fathom.median = (samples) => {
   fathom.walkable = (chart) => {
     if (chart.querySelector("[data-tip]")) {
       chart.setAttribute("tabindex", "0");
-      chart.setAttribute("role", "application");
-      chart.setAttribute("aria-roledescription", "chart: arrow keys give the values");
+      /* A list stays a list. */
+      if (chart instanceof SVGElement) {
+        chart.setAttribute("role", "application");
+        chart.setAttribute("aria-roledescription", "chart: arrow keys give the values");
+      }
     }
   };
   fathom.all("svg.chart, .chart-bars").forEach(fathom.walkable);
