@@ -122,7 +122,7 @@ pub fn shortened(text: &str, width_px: f64) -> String {
 /// A text in two lines where one is too short, the second shortened.
 pub fn in_two_lines(text: &str, width_px: f64) -> Vec<String> {
     let breaks = text.match_indices(' ').map(|(place, _)| place);
-    let fitting = breaks.filter(|place| text_px(&text[..*place]) <= width_px).last();
+    let fitting = breaks.rev().find(|place| text_px(&text[..*place]) <= width_px);
     match fitting {
         Some(place) if text_px(text) > width_px => {
             vec![text[..place].to_owned(), shortened(&text[place + 1..], width_px)]
