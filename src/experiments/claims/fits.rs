@@ -60,8 +60,8 @@ pub fn scaling(
     let left_out = count - kept.len();
     if kept.len() < 3 {
         return Err(format!(
-            "a fixed cost of {} is more than {:.0} % of the time in {left_out} of {count} cells",
-            in_ms(fixed),
+            "a fixed part of {} is more than {:.0} % of the figure in {left_out} of {count} cells",
+            fixed_part(y, fixed),
             100.0 * max_fixed_share,
         ));
     }
@@ -78,6 +78,11 @@ pub fn scaling(
         fixed,
         left_out,
     })
+}
+
+/// What does not grow with x, in the unit of y.
+fn fixed_part(y: &Measure, fixed: f64) -> String {
+    if y.is_time() { in_ms(fixed) } else { format!("{fixed:.3}") }
 }
 
 /// Smallest and largest slope of all points and of all but one.
@@ -238,7 +243,7 @@ pub(super) fn slope(fit: &Scaling, expected: f64, tolerance: f64, min_decades: f
     name += &format!("slope over {:.2} decades, {} cells,", fit.decades, fit.slope.n);
     // Sweeps end at round numbers: a hair below a decade is a decade.
     if fit.decades < min_decades - 1e-6 {
-        return Err(format!("{name} {:.3}: {min_decades} decades are needed", fit.slope.slope));
+        return Err(format!("{name} {:.3}: x must span a factor of {:.0} at least", fit.slope.slope, 10_f64.powf(min_decades)));
     }
     let figure = match &fit.of_rounds {
         Reading::Exact(value) => Figure::Fitted { value: *value, interval: fit.without_one },

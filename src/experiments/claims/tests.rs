@@ -116,7 +116,7 @@ fn linear_time_supports_linearity_and_other_powers_contradict_it() {
     let short = swept(&[1e3, 2e3, 4e3], |n| n);
     let steep = swept(&GRID, |n| 1e-3 * n.powf(1.3));
     let left_out = "2 cells left out below a fixed cost";
-    let costs = "ms is more than 10 % of the time in 4 of 6 cells$";
+    let costs = "ms is more than 10 % of the figure in 4 of 6 cells$";
     let few = "^2 measured cells, and a slope needs 3$";
     all_ruled(
         LINEAR,
@@ -126,7 +126,7 @@ fn linear_time_supports_linearity_and_other_powers_contradict_it() {
             ("a fixed cost", swept(&GRID, |n| 1.0 + 1e-3 * n), Supported, left_out),
             ("a high fixed cost", dear, NotRun, costs),
             ("few cells", swept(&GRID[..2], |n| n), NotRun, few),
-            ("a short range", short, NotRun, "1 decades are needed$"),
+            ("a short range", short, NotRun, "x must span a factor of 10 at least$"),
             ("no cell", Vec::new(), NotRun, "^no cell along `n`$"),
             ("skipped cells", skipped, NotRun, ""),
         ],
