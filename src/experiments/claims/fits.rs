@@ -243,7 +243,11 @@ pub(super) fn slope(fit: &Scaling, expected: f64, tolerance: f64, min_decades: f
     name += &format!("slope over {:.2} decades, {} cells,", fit.decades, fit.slope.n);
     // Sweeps end at round numbers: a hair below a decade is a decade.
     if fit.decades < min_decades - 1e-6 {
-        return Err(format!("{name} {:.3}: x must span a factor of {:.0} at least", fit.slope.slope, 10_f64.powf(min_decades)));
+        return Err(format!(
+            "{name} {:.3}: x must span a factor of {:.0} at least",
+            fit.slope.slope,
+            10_f64.powf(min_decades)
+        ));
     }
     let figure = match &fit.of_rounds {
         Reading::Exact(value) => Figure::Fitted { value: *value, interval: fit.without_one },

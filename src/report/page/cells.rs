@@ -2,12 +2,14 @@
 
 use itertools::Itertools;
 use maud::{Markup, html};
+use serde_json::Value;
 
 use super::{Page, PageRun, PageSection};
+use crate::experiments::label_text;
 use crate::record::{Cell, Estimate, Measured, Outcome, Run, StageRecord};
 use crate::report::Entry;
 use crate::report::format::{NS_PER_MS, percent, three};
-use crate::text;
+use crate::{text, words};
 
 pub const SECTION: PageSection = PageSection { id: "cells", title: "Cells", write };
 
@@ -95,7 +97,7 @@ fn row(page: &Page<'_>, row: &Row<'_>) -> Markup {
         tr data-experiment=(experiment) data-at=[at.map(|[run, cell]| format!("{run} {cell}"))] {
             @if page.is_overlay() { td { (run.label) } }
             td { (experiment) }
-            th scope="row" { (name(cell)) }
+            th scope="row" title=(cell.cell) { (name(cell)) }
             @match &cell.outcome {
                 Outcome::Measured(measured) => { (figures(measured)) }
                 Outcome::Skipped { reason } => { td.faint colspan="6" { "skipped: " (reason) } }
@@ -109,9 +111,15 @@ fn row(page: &Page<'_>, row: &Row<'_>) -> Markup {
     }
 }
 
-/// What tells the cell from the others of its experiment.
+/// What tells the cell from the others of its experiment, in words.
 fn name(cell: &Cell) -> String {
-    cell.cell.replace(',', ", ").replace('=', " = ")
+    if cell.axes.is_empty() {
+        return cell.cell.clone();
+    }
+    let value = |(axis, value): (&String, &Value)| {
+        format!("{} {}", words::parameter(axis).words, label_text(value))
+    };
+    cell.axes.iter().map(value).join(", ")
 }
 
 fn figures(measured: &Measured) -> Markup {

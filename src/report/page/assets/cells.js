@@ -39,7 +39,8 @@
     const words = document.getElementById("cell-words");
     const more = document.getElementById("cell-more");
     const all = [...body.rows];
-    const texts = new Map(all.map((row) => [row, row.textContent.toLowerCase()]));
+    const text = (row) => `${row.textContent} ${row.querySelector("th[title]")?.title ?? ""}`.toLowerCase();
+    const texts = new Map(all.map((row) => [row, text(row)]));
     let rows = all;
     /* Of a long table only the first rows are laid out, which is what takes the time. */
     const few = 200;
