@@ -1,7 +1,7 @@
 //! How far a run can be trusted: what its clocks are worth, what timing costs, how frame times moved while it ran. Functions of a
 //! view.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use itertools::Itertools;
 
@@ -66,14 +66,14 @@ pub fn conditions(run: &Run) -> String {
     if conditions.is_empty() { clocks } else { format!("{clocks}; {}", conditions.join(", ")) }
 }
 
-/// Timed over untimed frame, over the pairs of all cells: one cell's few pairs tell the machine's noise rather.
-pub fn timing_cost(view: &ReportView<'_>) -> Estimate {
-    let pairs_of = |frame: &FrameRecord| {
-        let timed = frame.envelope_samples_ns.iter().copied();
-        timed.zip(frame.untimed_samples_ns.iter().copied()).collect_vec()
-    };
-    let pairs = view.timed().flat_map(|(_, measured)| pairs_of(&measured.frame)).collect_vec();
-    statistics::ratio_estimate(&pairs)
+/// Cells of which a sample was taken while the driver held the clocks down, and the driver's reasons.
+pub fn throttled<'a>(view: &ReportView<'a>) -> (usize, BTreeSet<&'a str>) {
+    let held = view.timed().map(|(_, measured)| {
+        let reasons = measured.frame.machine.iter().flat_map(|state| &state.throttle);
+        reasons.map(String::as_str).collect::<BTreeSet<&str>>()
+    });
+    let held: Vec<BTreeSet<&str>> = held.filter(|reasons| !reasons.is_empty()).collect();
+    (held.len(), held.into_iter().flatten().collect())
 }
 
 /// Half widths of the frame times' 95 % intervals relative to the median, and their cells. Infinite where there is no interval.
@@ -133,7 +133,7 @@ pub fn drift(view: &ReportView<'_>) -> Option<Estimate> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::record::Record;
+    use crate::record::{MachineState, Record};
     use crate::report::fixtures;
 
     /// The fixture's run with frame times that grow by a share of their median in a minute.
@@ -149,6 +149,23 @@ mod tests {
             }
         }
         records
+    }
+
+    #[test]
+    fn cells_with_throttled_clocks_are_counted_with_the_reasons() {
+        let mut records = fixtures::run();
+        assert_eq!(throttled(&ReportView::new(&records, None)).0, 0);
+        let cells = records.iter_mut().filter_map(|record| match record {
+            Record::Cell(cell) => cell.measured_mut(),
+            _ => None,
+        });
+        for measured in cells.take(2) {
+            let held =
+                MachineState { throttle: vec!["power cap".into()], ..MachineState::default() };
+            measured.frame.machine = vec![MachineState::default(), held];
+        }
+        let view = ReportView::new(&records, None);
+        assert_eq!(throttled(&view), (2, ["power cap"].into()));
     }
 
     #[test]

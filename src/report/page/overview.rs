@@ -3,7 +3,7 @@
 use maud::{Markup, html};
 
 use super::claims::chip;
-use super::{Page, PageRun, PageSection};
+use super::{Page, PageRun, PageSection, trust};
 use crate::experiments::Verdict;
 use crate::record::Run;
 use crate::report::facts;
@@ -32,7 +32,7 @@ fn of_run(page: &Page<'_>, run: &PageRun<'_>) -> Markup {
             @if let Some(header) = run.view.run() { (device(header)) }
             (verdicts(run))
             (slowest(page, run))
-            (trust(run))
+            (how_far(run))
         }
         @if !findings.is_empty() {
             ul.findings { @for finding in &findings { li { (finding) } } }
@@ -95,11 +95,13 @@ fn slowest(page: &Page<'_>, run: &PageRun<'_>) -> Markup {
     }
 }
 
-fn trust(run: &PageRun<'_>) -> Markup {
+fn how_far(run: &PageRun<'_>) -> Markup {
     html! {
         article.card {
             h3 { "How far to trust it" }
-            p { (clock(run)) " " a href="#trust" { "Trust" } }
+            @if let Some(header) = run.view.run() {
+                p { (trust::verdict(header)) " " a href="#trust" { "Trust" } }
+            }
             @if let Some(few) = facts::few_samples(run.view) {
                 p {
                     (percent(few.cells as f64 / few.timed as f64)) " of " (few.timed)
@@ -120,28 +122,6 @@ fn trust(run: &PageRun<'_>) -> Markup {
             }
         }
     }
-}
-
-/// Whether the clock passed its audit.
-fn clock(run: &PageRun<'_>) -> String {
-    let Some(header) = run.view.run() else { return "No clock is recorded.".to_owned() };
-    let used: Vec<_> = header.audit.iter().filter(|row| is_used(header, row)).collect();
-    let sound = used.iter().filter(|row| row.sound).count();
-    match (sound, used.len()) {
-        (_, 0) if header.audit.is_empty() => "No audit of the clock is recorded.".to_owned(),
-        (_, 0) => "Timestamps did not pass the audit; the clock that they were compared with times all passes.".to_owned(),
-        (sound, all) if sound == all => {
-            format!("The clock passed its audit: all {all} rows of the clocks in use are sound.")
-        }
-        (sound, all) => {
-            format!("The clock did not pass its audit: {sound} of {all} rows of the clocks in use are sound.")
-        }
-    }
-}
-
-/// The row is about a clock that times passes of its kind in this run.
-fn is_used(run: &Run, row: &crate::record::AuditRow) -> bool {
-    run.clocks.get(&row.pass) == Some(&row.clock)
 }
 
 fn left_out(page: &Page<'_>) -> Markup {

@@ -7,6 +7,7 @@ use super::svg::{Axis, chart, tenth, x_axis, y_axis};
 use super::{Page, PageRun, PageSection};
 use crate::record::{AuditRow, Cell, Clock, Estimate, FrameRecord, PassKind, Rejection, Run};
 use crate::report::ReportView;
+use crate::report::facts;
 use crate::report::format::{NS_PER_MS, mebibytes, percent, three};
 use crate::report::plots::scale::ScaleKind;
 use crate::report::trust::{self, ClockTrust, TimedSample};
@@ -49,7 +50,7 @@ fn write(page: &Page<'_>) -> Option<Markup> {
 }
 
 /// Whether the clocks can be trusted, in one sentence.
-fn verdict(run: &Run) -> String {
+pub fn verdict(run: &Run) -> String {
     let of = |wanted: ClockTrust| {
         let kinds = trust::clocks(run).filter(|(.., trust)| *trust == wanted);
         kinds.map(|(kind, ..)| kind.name()).join(" and ")
@@ -289,10 +290,14 @@ fn spans(samples: &[TimedSample], last_s: f64) -> Vec<Span> {
 fn facts(view: &ReportView<'_>, run: &Run) -> Markup {
     let costs = run.submit_cost_ns.iter();
     let costs = costs.map(|(kind, ns)| submission(*kind, *ns)).join(", ");
+    let throttled = trust::throttled(view);
     html! {
         ul.facts {
             @if view.timed().next().is_some() {
-                li { (timing_cost(&trust::timing_cost(view))) }
+                li { (timing_cost(&facts::timing_cost(view))) }
+                @if throttled.0 > 0 {
+                    li { "Clocks held down while " (throttled.0) " cells were measured: " (throttled.1.iter().join(", ")) "." }
+                }
                 li { (precision(view)) }
                 li { (accounting(view)) }
             }
