@@ -20,6 +20,9 @@ pub const SECTION: PageSection = PageSection { id: "pictures", title: "Pictures"
 /// Experiments with more pictures are folded.
 const OPEN_PICTURES: usize = 4;
 
+/// Pictures that are not shown and are named.
+const MOST_NAMED: usize = 50;
+
 /// A picture in the page, and the cell that it is of.
 struct Shown<'p> {
     cell: &'p Cell,
@@ -213,7 +216,10 @@ fn missing(left_out: &[LeftOut]) -> Markup {
     html! {
         details.warning {
             summary { (left_out.len()) @if left_out.len() == 1 { " picture is" } @else { " pictures are" } " not shown" }
-            ul { @for LeftOut { what, reason } in left_out { li { (what) ": " (reason) } } }
+            ul {
+                @for LeftOut { what, reason } in left_out.iter().take(MOST_NAMED) { li { (what) ": " (reason) } }
+                @if left_out.len() > MOST_NAMED { li { "and " (left_out.len() - MOST_NAMED) " more" } }
+            }
         }
     }
 }

@@ -24,8 +24,8 @@ const MOST_SIDE_PX: u32 = 480;
 /// Of WebP, 0 … 100. Pictures of errors are noise, which takes the most bytes and needs the least detail.
 const QUALITY: f32 = 70.0;
 const QUALITY_OF_ERRORS: f32 = 50.0;
-/// All pictures of a page, bytes before base64: a page of several megabytes still opens at once.
-const MAX_EMBEDDED: usize = 2 << 20;
+/// All pictures of a page, bytes before base64: with them a page of 2,000 cells stays below 5 MB.
+const MAX_EMBEDDED: usize = 480 << 10;
 
 /// A picture as it stands in the page.
 pub struct Embedded {
@@ -54,7 +54,7 @@ impl Embedder {
         let (media_type, bytes) = smallest(&picture, quality)?;
         self.bytes += bytes.len();
         if self.bytes > MAX_EMBEDDED {
-            return Err(format!("the page holds {} MiB of pictures at most", MAX_EMBEDDED >> 20));
+            return Err(format!("the page holds {} KiB of pictures at most", MAX_EMBEDDED >> 10));
         }
         let uri = format!("data:{media_type};base64,{}", BASE64.encode(bytes));
         Ok(Embedded { uri, own_px, shown_px: [picture.width(), picture.height()] })
