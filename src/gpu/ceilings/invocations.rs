@@ -1,23 +1,15 @@
-//! Kernels of a compute pass: arithmetic, atomics, and what reads through a bind group.
+//! Kernels of a compute pass: each invocation does its turns and leaves a result.
 
-use super::kernel::{Kernel, all_are, buffer, clear};
+use super::kernel::{Kernel, buffer, clear};
 use crate::gpu::frame::StageScope;
 use crate::gpu::readback::read_buffer;
 use crate::gpu::shader::compilation_options;
 use crate::gpu::{Gpu, GpuError};
-use crate::record::ceilings::Addresses;
 
 const GROUP_SIZE: u32 = 64;
 /// Invocations: enough to hide latencies.
 const SOFTWARE_INVOCATIONS: u32 = 1 << 14;
 const GPU_INVOCATIONS: u32 = 1 << 20;
-/// Multiply-adds, and adds, of an invocation in a turn.
-pub(super) const CHAINED: u32 = 64;
-const ADDS: u32 = 8;
-/// The sum of what the chains start with.
-pub(super) const CHAIN_START: f64 = 4.0;
-/// Sums of whole numbers are exact in 32-bit floats below 2²⁴.
-pub(super) const MOST_CHAINED_TURNS: u32 = (1 << 24) / CHAINED / 2;
 
 /// What an invocation's result must be after some turns.
 pub(super) type Answer = Box<dyn Fn(u32, Vec<u8>) -> Result<(), String>>;
@@ -29,7 +21,7 @@ pub(super) struct Invocations {
     uniform: wgpu::Buffer,
     results: wgpu::Buffer,
     invocations: u32,
-    pub(super) per_turn: f64,
+    per_turn: f64,
     most_turns: u32,
     answer: Answer,
 }
@@ -75,33 +67,6 @@ impl Invocations {
         });
         Ok(Self { pipeline, bindings, uniform, results, invocations, per_turn, most_turns, answer })
     }
-
-    /// Multiply-adds in registers.
-    pub(super) fn arithmetic(gpu: &Gpu) -> Result<Self, GpuError> {
-        let code = Code { path: "ceilings/arithmetic", entry: "compute", defs: &[], reads: vec![] };
-        let per_turn = f64::from(invocations(gpu)) * f64::from(CHAINED);
-        let answer: Answer = Box::new(|turns, results| {
-            let expected = CHAIN_START + f64::from(CHAINED) * f64::from(turns);
-            all_are(floats(&results), expected, 0.0)
-        });
-        Self::new(gpu, code, per_turn, MOST_CHAINED_TURNS, answer)
-    }
-}
-
-/// Atomic adds to a buffer.
-pub(super) fn atomics(gpu: &Gpu, addresses: Addresses) -> Result<Invocations, GpuError> {
-    let contended = addresses == Addresses::Contended;
-    let defs = [("CONTENDED", i32::from(contended))];
-    let code = Code { path: "ceilings/atomics", entry: "main", defs: &defs, reads: vec![] };
-    let invocations = invocations(gpu);
-    let answer: Answer = Box::new(move |turns, results| {
-        let adds = ADDS.wrapping_mul(turns);
-        let adds = if contended { adds.wrapping_mul(invocations) } else { adds };
-        let used = if contended { 4 } else { results.len() };
-        all_are(words(&results[..used]).map(f64::from), f64::from(adds), 0.0)
-    });
-    let per_turn = f64::from(invocations) * f64::from(ADDS);
-    Invocations::new(gpu, code, per_turn, u32::MAX, answer)
 }
 
 /// Invocations of each kernel on this adapter.

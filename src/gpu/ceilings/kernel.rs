@@ -5,11 +5,10 @@ use crate::gpu::{Gpu, GpuError, Stage, StageInfo};
 use crate::record::PassKind;
 use crate::record::ceilings::{Limit, TexelFormat};
 
-use super::invocations::Invocations;
 use super::memory::{Clear, Copy};
-use super::passes::EmptyPasses;
+use super::pass::EmptyPasses;
 use super::raster::Raster;
-use super::{invocations, memory, raster, texels};
+use super::{arithmetic, atomics, memory, texels};
 
 /// How a kernel is timed.
 #[derive(Clone, Copy)]
@@ -86,9 +85,9 @@ pub(super) fn of(gpu: &Gpu, limit: Limit) -> Result<Box<dyn Kernel>, GpuError> {
             Limit::Load2d { format } => boxed(texels::load(gpu, format)?),
             Limit::Gather2d { format } => boxed(texels::gather(gpu, format)?),
             Limit::Sample3d { format } => boxed(texels::sample(gpu, format)?),
-            Limit::Atomics { addresses } => boxed(invocations::atomics(gpu, addresses)?),
-            Limit::Arithmetic { pass: PassKind::Render } => boxed(raster::Arithmetic::new(gpu)?),
-            Limit::Arithmetic { .. } => boxed(Invocations::arithmetic(gpu)?),
+            Limit::Atomics { addresses } => boxed(atomics::atomics(gpu, addresses)?),
+            Limit::Arithmetic { pass: PassKind::Render } => boxed(arithmetic::Fragments::new(gpu)?),
+            Limit::Arithmetic { .. } => boxed(arithmetic::compute(gpu)?),
             Limit::Primitives { primitive } => boxed(Raster::primitives(gpu, primitive)?),
             Limit::EmptyPass { pass } => boxed(EmptyPasses::new(gpu, pass)?),
         })

@@ -4,11 +4,13 @@
 //! with the CPU's: a driver that leaves out work looks fast and is found out. `docs/ceilings.md` tells what is measured and how it is
 //! used.
 
+mod arithmetic;
+mod atomics;
 mod cpu_copy;
 mod invocations;
 mod kernel;
 mod memory;
-mod passes;
+mod pass;
 mod raster;
 #[cfg(test)]
 mod tests;

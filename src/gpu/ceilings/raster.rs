@@ -1,6 +1,5 @@
-//! Kernels that draw: fill, small primitives, arithmetic of fragments.
+//! Kernels that draw: fill and small primitives.
 
-use super::invocations::{CHAIN_START, CHAINED, MOST_CHAINED_TURNS, uniform, write_turns};
 use super::kernel::{Kernel, all_are, format, is_unorm};
 use crate::gpu::frame::{ColorTarget, DepthTarget, StageScope, Targets};
 use crate::gpu::readback::read_texture;
@@ -246,82 +245,5 @@ impl Kernel for Raster {
     fn compare(&self, gpu: &Gpu, turns: u32) -> Result<Result<(), String>, GpuError> {
         let texels = read_texture(gpu, &self.target)?.data;
         Ok(all_are(texels.into_iter().map(f64::from), (self.answer)(turns), 1e-6))
-    }
-}
-
-/// Multiply-adds in the registers of fragments.
-pub(super) struct Arithmetic {
-    pipeline: wgpu::RenderPipeline,
-    bindings: wgpu::BindGroup,
-    uniform: wgpu::Buffer,
-    target: wgpu::Texture,
-    view: wgpu::TextureView,
-}
-
-impl Arithmetic {
-    pub(super) fn new(gpu: &Gpu) -> Result<Self, GpuError> {
-        let shader = gpu.shader("ceilings/arithmetic", &[])?;
-        let pipeline = gpu.device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
-            label: Some("ceiling"),
-            layout: None,
-            vertex: wgpu::VertexState {
-                module: &shader.module,
-                entry_point: Some("vertex"),
-                compilation_options: compilation_options(),
-                buffers: &[],
-            },
-            primitive: wgpu::PrimitiveState::default(),
-            depth_stencil: None,
-            multisample: wgpu::MultisampleState::default(),
-            fragment: Some(wgpu::FragmentState {
-                module: &shader.module,
-                entry_point: Some("fragment"),
-                compilation_options: compilation_options(),
-                targets: &[Some(wgpu::TextureFormat::R32Float.into())],
-            }),
-            multiview_mask: None,
-            cache: None,
-        });
-        let uniform = uniform(gpu);
-        let bindings = gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
-            label: Some("ceiling"),
-            layout: &pipeline.get_bind_group_layout(0),
-            entries: &[wgpu::BindGroupEntry { binding: 0, resource: uniform.as_entire_binding() }],
-        });
-        // As many fragments as the compute kernel has invocations.
-        let edge = super::invocations::invocations(gpu).isqrt();
-        let target = target(gpu, wgpu::TextureFormat::R32Float, [edge; 2]);
-        let view = target.create_view(&Default::default());
-        Ok(Self { pipeline, bindings, uniform, target, view })
-    }
-}
-
-impl Kernel for Arithmetic {
-    fn work_per_turn(&self) -> f64 {
-        f64::from(self.target.width()) * f64::from(self.target.height()) * f64::from(CHAINED)
-    }
-
-    fn most_turns(&self) -> u32 {
-        MOST_CHAINED_TURNS
-    }
-
-    fn prepare(&self, gpu: &Gpu, turns: u32) {
-        write_turns(gpu, &self.uniform, turns);
-    }
-
-    fn encode(&self, scope: &mut StageScope<'_>, _turns: u32) {
-        let clear = Some(wgpu::Color::TRANSPARENT);
-        let color = [ColorTarget { view: &self.view, clear, slice: None }];
-        scope.render(&Targets { color: &color, depth: None }, |pass| {
-            pass.set_pipeline(&self.pipeline);
-            pass.set_bind_group(0, &self.bindings, &[]);
-            pass.draw(0..3, 0..1);
-        });
-    }
-
-    fn compare(&self, gpu: &Gpu, turns: u32) -> Result<Result<(), String>, GpuError> {
-        let texels = read_texture(gpu, &self.target)?.data;
-        let expected = CHAIN_START + f64::from(CHAINED) * f64::from(turns);
-        Ok(all_are(texels.into_iter().map(f64::from), expected, 0.0))
     }
 }
