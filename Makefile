@@ -6,6 +6,8 @@ bench: setup
 	target/release/fathom fetch || echo "note: scenes whose meshes are absent use their stand-ins"
 	target/release/fathom run
 
+# A build from nothing is faster without what a second one would reuse.
+test: export CARGO_INCREMENTAL = 0
 test: setup-test
 	cargo fmt --all --check
 	cargo clippy --locked --workspace --all-targets -- -D warnings

@@ -1,8 +1,8 @@
 #!/bin/sh
 # Installs what a run needs on Debian or Ubuntu: the Vulkan loader, lavapipe where no hardware driver is there, the bunny,
 # and valgrind, which counts instructions in comparisons of builds (without it that gate is skipped and says so).
-# With `test`: also SwiftShader, the second software driver that the tests use, and Chromium with axe-core for the tests of the
-# HTML page. Elsewhere it only says what it would do.
+# With `test`: also SwiftShader, the second software driver that the tests use, Chromium with axe-core for the tests of the HTML
+# page, Slurm with munge for those of a fleet, and PostgreSQL for those of the history. Elsewhere it only says what it would do.
 set -eu
 
 if ! command -v cargo >/dev/null 2>&1; then
@@ -27,7 +27,11 @@ want libvulkan1
 hardware_driver || want mesa-vulkan-drivers
 want glmark2-data
 want valgrind
-[ "${1:-}" != test ] || { want mesa-vulkan-drivers; want chromium-common; want chromium; want chromium-driver; }
+[ "${1:-}" != test ] || {
+    want mesa-vulkan-drivers; want chromium-common
+    want chromium; want chromium-driver
+    want slurm-wlm; want munge; want postgresql
+}
 
 install() {
     [ -n "$missing" ] || return 0

@@ -27,8 +27,8 @@
 //! Dependency rule (kept by `tests/dependency_rule.rs`):
 //! `main → cli → exporters → compare → report, harness → experiments → pipelines → stages → scene, gpu`;
 //! `embedded`, `text`, `input`, `quiet`, `statistics` and `words` import nothing, `tell` and `parameter` only `text`, `record` only these leaves,
-//! `reference` only `scene`; neither `report` nor `harness` imports the other, and `report` never imports `gpu`; a stage never imports
-//! a sibling stage.
+//! `reference` only `scene`; `history` imports `report` and leaves, and only `cli` imports it; neither `report` nor `harness` imports the
+//! other, and `report` never imports `gpu`; a stage never imports a sibling stage.
 //!
 //! Conventions, stated once: right-handed world, +Y up, metres, water at rest is the plane y = 0,
 //! seconds, depth range 0 (near) … 1 (far), clip space y up, light directions point the way the
@@ -40,8 +40,10 @@ pub mod compare;
 pub mod embedded;
 pub mod experiments;
 pub mod exporters;
+pub mod fleet;
 pub mod gpu;
 pub mod harness;
+pub mod history;
 pub mod input;
 pub mod parameter;
 pub mod pipelines;

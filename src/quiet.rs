@@ -7,6 +7,8 @@ use serde::{Deserialize, Serialize};
 
 pub use system::{cores, is_stopped, pin, randomized};
 
+/// How the names of variables begin that fathom hands from one of its processes to another.
+const OWN: &str = "FATHOM_";
 /// Variable that pads a worker's environment, and with it moves its stack.
 pub const PADDING: &str = "FATHOM_PADDING";
 /// A page, over which the stack's place repeats itself for the caches.
@@ -57,6 +59,11 @@ pub fn apply(command: &mut Command, quiet: Option<&Quiet>) {
     std::os::unix::process::CommandExt::process_group(command, 0);
 }
 
+/// Whether fathom sets this variable itself where it measures: a value of the user's would undo the conditions of both sides.
+pub fn is_own(variable: &str) -> bool {
+    variable.starts_with(OWN) || [RASTERIZER_THREADS, TUNABLES].contains(&variable)
+}
+
 /// Conditions under which a process measures.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct Conditions {
@@ -66,6 +73,9 @@ pub struct Conditions {
     pub rasterizer_threads: Option<String>,
     /// Whether addresses are randomized, if that is known.
     pub randomized: Option<bool>,
+    /// Name of the machine. Absent from records of earlier versions.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub host: Option<String>,
 }
 
 impl Conditions {
@@ -75,8 +85,19 @@ impl Conditions {
             cores: allowed_cores(),
             rasterizer_threads: std::env::var(RASTERIZER_THREADS).ok(),
             randomized: randomized(),
+            host: host_name(),
         }
     }
+}
+
+/// The machine's name, where the system tells it.
+pub fn host_name() -> Option<String> {
+    #[cfg(target_os = "linux")]
+    let name = std::fs::read_to_string("/proc/sys/kernel/hostname").ok();
+    #[cfg(not(target_os = "linux"))]
+    let name =
+        Command::new("hostname").output().ok().and_then(|o| String::from_utf8(o.stdout).ok());
+    name.map(|name| name.trim().to_owned()).filter(|name| !name.is_empty())
 }
 
 /// Starts this program again, in this process and with the same arguments: pinned to one core, with a rasterizer in the thread

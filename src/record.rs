@@ -21,9 +21,11 @@ mod file;
 mod kinds;
 mod lines;
 mod lock;
+pub mod machine;
 pub(crate) mod nan;
 mod samples;
 pub mod schema;
+mod shard;
 #[cfg(test)]
 mod tests;
 pub use crate::quiet::Conditions;
@@ -33,15 +35,17 @@ pub use comparison::Compared;
 pub use error_figure::ErrorFigure;
 pub use file::{Writer, empty_or_sound, finished, read, read_good, resume_key};
 pub use kinds::{
-    ErrorSpan, FaultKind, MachineState, Note, NoteKind, Picture, PictureKind, PictureScale,
-    Profile, RejectedFrames, Rejection, SetUp, ShaderChecks, Surrounding,
+    ErrorSpan, FaultKind, Note, NoteKind, Picture, PictureKind, PictureScale, Profile,
+    RejectedFrames, Rejection, SetUp, ShaderChecks, Surrounding,
 };
 pub use lines::{
-    Damage, Line, LineWriter, Opened, Reading, RecordError, kept_aside, read_lines,
+    Damage, Line, LineWriter, MAX_LINE, Opened, Reading, RecordError, kept_aside, read_lines,
     read_lines_of_this_format, stored,
 };
 pub use lock::{FolderLock, LOCK, LockError};
+pub use machine::{MachineState, ThrottleReason, Throttling};
 pub use samples::{Addition, Clocks, FramePair, SAMPLES_SCHEMA, SampleLine, StageTime};
+pub use shard::{MOST_SHARDS, Part, Selection, Shard};
 
 /// Version of the record format; raised when a field changes its meaning or goes away.
 pub const SCHEMA: u32 = 3;
@@ -89,6 +93,9 @@ pub struct Run {
     /// The adapter's limits, measured after the audit. Absent from records of earlier versions.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub ceilings: Vec<Ceiling>,
+    /// The part of a run that this is; absent where it is the whole.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub shard: Option<Shard>,
     /// On the whole run.
     pub notes: Vec<Note>,
 }
@@ -460,4 +467,22 @@ pub struct End {
     pub peak_memory_bytes: Option<u64>,
     /// It was interrupted before all cells were measured.
     pub interrupted: bool,
+}
+
+impl End {
+    /// The end of two processes that measured parts of one run.
+    #[must_use]
+    pub fn and(mut self, other: &End) -> Self {
+        for (part, seconds) in &other.set_up_parts_s {
+            *self.set_up_parts_s.entry(*part).or_default() += seconds;
+        }
+        Self {
+            measuring_wall_s: self.measuring_wall_s + other.measuring_wall_s,
+            measured_gpu_s: self.measured_gpu_s + other.measured_gpu_s,
+            set_up_s: self.set_up_s + other.set_up_s,
+            set_up_parts_s: self.set_up_parts_s,
+            peak_memory_bytes: self.peak_memory_bytes.max(other.peak_memory_bytes),
+            interrupted: self.interrupted || other.interrupted,
+        }
+    }
 }

@@ -29,7 +29,9 @@ const RULE: &[(&str, &str)] = &[
         "compare",
         "experiments gpu harness input parameter pipelines quiet record reference report scene stages statistics tell text",
     ),
+    ("history", "input quiet record report statistics text words"),
     ("bench", "compare gpu harness record"),
+    ("fleet", "harness input record tell text"),
     ("exporters", "compare harness record report text"),
 ];
 

@@ -146,7 +146,7 @@ fn reports_show_hostile_names_as_text() {
     for row in reader.records() {
         let row = row.unwrap();
         rows += 1;
-        assert_eq!(row.len(), 35);
+        assert_eq!(row.len(), 38);
         for field in &row {
             let formula = field.starts_with(['=', '+', '-', '@']);
             assert!(!formula || field.parse::<f64>().is_ok(), "{field}");

@@ -36,7 +36,7 @@ use super::{
 const FIGURES_FOLDER: &str = "figures";
 const ALL_FIGURES: &str = "figures.png";
 /// A cell, a check or a figure failed.
-const SOMETHING_FAILED: u8 = 1;
+pub const SOMETHING_FAILED: u8 = 1;
 /// By convention 128 + SIGINT.
 pub const INTERRUPTED: u8 = 130;
 
@@ -52,19 +52,14 @@ pub fn run(catalog: &Catalog, args: RunArgs) -> Outcome {
     let options = Options {
         catalog: catalog.clone(),
         gpu: gpu_options(catalog, &args.adapter),
-        request: Request {
-            experiments: args.experiments,
-            axes: args.axis,
-            sets: args.set,
-            cells: args.cell,
-        },
         profile: args.profile,
         budget_s: args.budget,
         precision: args.precision,
-        out: args.out,
+        out: args.out.clone(),
         resume: args.resume,
         seed: args.seed,
         no_ceilings: args.no_ceilings,
+        request: request(args),
         command: std::env::args().collect(),
         quiet: false,
     };
@@ -83,6 +78,17 @@ pub fn run(catalog: &Catalog, args: RunArgs) -> Outcome {
         Some(reason) if nothing => super::fail(&format!("every cell was skipped; {reason}")),
         _ => ExitCode::SUCCESS,
     })
+}
+
+/// What a run is asked to measure.
+pub fn request(args: RunArgs) -> Request {
+    Request {
+        experiments: args.experiments,
+        axes: args.axis,
+        sets: args.set,
+        cells: args.cell,
+        part: args.shard,
+    }
 }
 
 /// The files that a person opens first.

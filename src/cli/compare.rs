@@ -7,13 +7,15 @@ use std::sync::atomic::Ordering;
 
 use crate::compare::build::{self, SetAside};
 use crate::compare::cells::Gates;
+use crate::compare::driver::{self, EnvironmentError};
 use crate::compare::flow::{self, CompareOptions, Program};
+use crate::compare::launch::Waiting;
 use crate::compare::store::{self, StoredComparison};
 use crate::compare::verdict::Verdicts;
 use crate::compare::{files, tables};
 use crate::harness::catalog::Catalog;
 use crate::harness::output::{FolderKind, Taken};
-use crate::record::comparison::GateSettings;
+use crate::record::comparison::{GateSettings, Side, SideEnvironment};
 use crate::{exporters, tell};
 use anyhow::Context;
 
@@ -64,27 +66,47 @@ fn builds(catalog: &Catalog, args: &CompareArgs) -> anyhow::Result<PathBuf> {
     if let Some(folder) = &args.out {
         flow::try_folder(folder, args.resume)?;
     }
-    let head = match &args.head_bin {
-        Some(path) => path.clone(),
-        None => std::env::current_exe().context("cannot tell where this program lies")?,
-    };
+    let this = || std::env::current_exe().context("cannot tell where this program lies");
+    let gpu = gpu_options(catalog, &args.adapter);
+    let environments = environments(args)?;
+    let is_named = args.base.is_some() || args.base_bin.is_some();
+    if !is_named && environments.iter().all(SideEnvironment::is_empty) {
+        anyhow::bail!(
+            "nothing to compare with: give --base REV, --base-bin PATH, environments or drivers, or two files of records"
+        );
+    }
+    let head = args.head_bin.clone().map_or_else(this, Ok)?;
     let head_label = head.display().to_string();
     // A build meanwhile must not swap what is measured.
     let head = build::set_aside(&head)?;
+    let flags = [&INTERRUPT];
+    let waiting = Waiting { interrupted: &flags, ..Waiting::PLAINLY };
+    for (side, environment) in Side::BOTH.into_iter().zip(&environments) {
+        driver::try_driver(side, environment, &this()?, &gpu, &waiting)?;
+    }
     let (base, base_label) = match (&args.base, &args.base_bin) {
         (Some(revision), _) => (built(catalog, revision)?, revision.clone()),
         (None, Some(path)) => (path.clone(), path.display().to_string()),
-        (None, None) => anyhow::bail!(
-            "nothing to compare with: give --base REV, --base-bin PATH, or two files of records"
-        ),
+        (None, None) => {
+            let path = this()?;
+            let label = path.display().to_string();
+            (path, label)
+        }
     };
     let base = build::set_aside(&base)?;
-    let program = |aside: &SetAside, label| Program { path: aside.path.clone(), label };
+    let [of_base, of_head] = environments;
+    let caches = [driver::shader_cache(&of_base)?, driver::shader_cache(&of_head)?];
+    let program = |aside: &SetAside, label, environment, side: Side| Program {
+        path: aside.path.clone(),
+        label,
+        environment,
+        shader_cache: caches[side as usize].as_ref().map(|folder| folder.path().to_owned()),
+    };
     let options = CompareOptions {
         catalog: catalog.clone(),
-        gpu: gpu_options(catalog, &args.adapter),
-        base: program(&base, base_label),
-        head: program(&head, head_label),
+        gpu,
+        base: program(&base, base_label, of_base, Side::Base),
+        head: program(&head, head_label, of_head, Side::Head),
         cells_file: args.cells_file.clone(),
         filter: args.cells.clone(),
         settings: settings(args),
@@ -92,6 +114,15 @@ fn builds(catalog: &Catalog, args: &CompareArgs) -> anyhow::Result<PathBuf> {
         resume: args.resume,
     };
     Ok(flow::measure(&options, &INTERRUPT, &|text| tell::note(text))?)
+}
+
+/// What each side's processes alone are given.
+fn environments(args: &CompareArgs) -> Result<[SideEnvironment; 2], EnvironmentError> {
+    let of = driver::environment;
+    Ok([
+        of(Side::Base, &args.base_env, args.base_driver.as_deref())?,
+        of(Side::Head, &args.head_env, args.head_driver.as_deref())?,
+    ])
 }
 
 /// A wrong selection is told before minutes are spent on building.

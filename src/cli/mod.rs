@@ -3,6 +3,9 @@
 mod commands;
 mod compare;
 mod export;
+mod fleet;
+mod history;
+mod merge;
 
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -10,9 +13,9 @@ use std::process::ExitCode;
 use crate::experiments::{parse_axis, parse_set};
 use crate::exporters::OF_COMPARISONS;
 use crate::harness::catalog::Catalog;
-use crate::record::Profile;
 use crate::record::comparison::{self, Gate, MOST_LAUNCHES, MOST_PAIRS};
 use crate::record::schema::LineKind;
+use crate::record::{MOST_SHARDS, Part, Profile};
 use crate::tell;
 use clap::error::ErrorKind;
 use clap::{Args, Parser, Subcommand, ValueEnum};
@@ -44,10 +47,13 @@ pub fn main(catalog: &Catalog) -> ExitCode {
         Command::Dump(args) => commands::dump(catalog, args),
         Command::Query(args) => commands::query(catalog, args),
         Command::Report { folders, out } => commands::report(folders, out),
+        Command::Fleet(args) => fleet::fleet(catalog, *args),
+        Command::Merge { folders, out } => merge::merge(&folders, &out),
         Command::Export(args) => export::export(args),
         Command::Schema { kind } => export::schema(kind),
         Command::Compare(args) => compare::compare(catalog, *args),
         Command::Bench { filter, adapter } => commands::bench(catalog, filter, &adapter),
+        Command::History { command } => history::history(command),
         Command::Worker(args) => commands::worker(catalog, args),
     };
     exit_status(result)
@@ -115,6 +121,21 @@ pub enum Command {
         #[arg(long, value_name = "DIR")]
         out: Option<PathBuf>,
     },
+    /// Join the shards of a run (`fathom run --shard I/N`), and write the reports of the whole
+    Merge {
+        /// Folders of the shards
+        #[arg(required = true, value_name = "DIR")]
+        folders: Vec<PathBuf>,
+        /// Folder to make
+        #[arg(long, value_name = "DIR")]
+        out: PathBuf,
+    },
+    /// Measure the shards of a run as a job array of a batch system, and merge them
+    #[command(
+        after_help = "Exit status: that of the run; 2 also where a shard could not be measured; 130 interrupted, with the jobs \
+            cancelled and everything measured so far merged. The folder and the program must be the same on all nodes."
+    )]
+    Fleet(Box<FleetArgs>),
     /// Write what a folder's records hold in another format: CSV, JUnit, Bencher, a trace of one frame and others
     Export(ExportArgs),
     /// Print the JSON Schema (draft 2020-12) of the lines that fathom writes
@@ -135,6 +156,11 @@ pub enum Command {
         filter: Option<String>,
         #[command(flatten)]
         adapter: AdapterArgs,
+    },
+    /// Keep runs over commits in a database, and tell between which commits a stage changed
+    History {
+        #[command(subcommand)]
+        command: history::HistoryCommand,
     },
     /// Answer a comparing process on standard input and output, one JSON object a line
     #[command(hide = true)]
@@ -170,7 +196,10 @@ pub struct RunArgs {
     /// Measure only the cell of this name, as records and reports write it; may be given several times
     #[arg(long, value_name = "NAME")]
     pub cell: Vec<String>,
-    /// Time for all cells together, seconds
+    /// Measure only the part I of N parts of the cells; `fathom merge` joins the parts
+    #[arg(long, value_name = "I/N")]
+    pub shard: Option<Part>,
+    /// Time for all cells together, of a shard for its own, seconds
     #[arg(long, value_name = "SECONDS")]
     pub budget: Option<f64>,
     /// Stop a cell when half its 95 % interval is this share of the frame time [default: 0.02 quick, 0.01 paper]
@@ -303,6 +332,52 @@ pub struct QueryArgs {
     pub adapter: AdapterArgs,
 }
 
+/// Batch systems.
+#[derive(Clone, Copy, ValueEnum)]
+pub enum Engine {
+    /// Slurm, by its own commands
+    Slurm,
+}
+
+#[derive(Args)]
+pub struct FleetArgs {
+    /// Batch system
+    pub engine: Engine,
+    /// Parts that the run is divided into, each a task [default: as many as there are nodes]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=i64::from(MOST_SHARDS)))]
+    pub shards: Option<u32>,
+    /// The only nodes to use, as Slurm writes a list of them: `gpu[1-4]`
+    #[arg(long, value_name = "LIST")]
+    pub nodes: Option<String>,
+    /// Partition of the nodes
+    #[arg(long, value_name = "NAME")]
+    pub partition: Option<String>,
+    /// Generic resources of each task: `gpu:1`
+    #[arg(long, value_name = "LIST")]
+    pub gres: Option<String>,
+    /// Longest time of a task, as Slurm writes it: `01:30:00`
+    #[arg(long, value_name = "TIME")]
+    pub time: Option<String>,
+    /// Let other jobs run on a task's node, which disturbs its times
+    #[arg(long)]
+    pub shared: bool,
+    /// A further option of `sbatch`; may be given several times
+    #[arg(long, value_name = "OPTION", allow_hyphen_values = true)]
+    pub sbatch: Vec<String>,
+    /// Submit a shard that failed or was killed so many times again
+    #[arg(long, default_value_t = 2)]
+    pub retries: u32,
+    /// Folder of the shards and of the merged run, in `merged`; all nodes must see it
+    #[arg(long, value_name = "DIR")]
+    pub out: PathBuf,
+    /// Go on with the fleet that the folder holds
+    #[arg(long)]
+    pub resume: bool,
+    /// `run` and its arguments
+    #[arg(last = true, required = true, value_name = "COMMAND")]
+    pub command: Vec<String>,
+}
+
 #[derive(Args)]
 pub struct ExportArgs {
     /// Name of a format; see `fathom list exporters`
@@ -335,6 +410,18 @@ pub struct CompareArgs {
     /// A built fathom as the head [default: this one]
     #[arg(long, value_name = "PATH", conflicts_with = "replay")]
     pub head_bin: Option<PathBuf>,
+    /// Environment variable for the base's processes alone; may be given several times. The base is this program, unless one is named
+    #[arg(long, value_name = "NAME=VALUE", conflicts_with_all = ["replay", "records"])]
+    pub base_env: Vec<String>,
+    /// Environment variable for the head's processes alone; may be given several times
+    #[arg(long, value_name = "NAME=VALUE", conflicts_with_all = ["replay", "records"])]
+    pub head_env: Vec<String>,
+    /// Manifest of the only Vulkan driver that the base's processes find
+    #[arg(long, value_name = "ICD.json", conflicts_with_all = ["replay", "records"])]
+    pub base_driver: Option<PathBuf>,
+    /// Manifest of the only Vulkan driver that the head's processes find
+    #[arg(long, value_name = "ICD.json", conflicts_with_all = ["replay", "records"])]
+    pub head_driver: Option<PathBuf>,
     /// Gates to run
     #[arg(long, value_name = "GATE,…", value_delimiter = ',', value_parser = parse_gate, default_value = "exact,instructions,time")]
     pub gates: Vec<Gate>,

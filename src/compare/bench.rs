@@ -7,7 +7,9 @@ use rand::RngExt;
 
 use super::launch::{Quiet, Waiting, WorkerFault, WorkerProcess, WorkerStart, allowed_cores};
 use super::protocol::{GateConfiguration, Greeting, Reply, WorkerRequest, with_driver};
-use super::rounds::{BrokenLaunch, LaunchWorkers, OpenedLaunch, RoleFault, WorkerRole, random};
+use super::rounds::{
+    BrokenLaunch, LaunchWorkers, OpenedLaunch, RoleFault, Sampled, WorkerRole, random,
+};
 use crate::gpu::ClockPlan;
 use crate::quiet::PADDING_BYTES;
 use crate::record::Adapter;
@@ -23,14 +25,22 @@ const SAMPLE_NS: f64 = 3e5;
 /// Most frames of a sample.
 const MAX_FRAMES: f64 = 8.0;
 
+/// What the first worker of a side has told.
+#[derive(Clone, Debug)]
+pub struct ProbedSide {
+    pub adapter: Adapter,
+    /// Of a hardware adapter.
+    clock: Option<ClockPlan>,
+}
+
 /// Processes that serve as [`LaunchWorkers`].
 pub struct Processes<'a> {
     base: WorkerStart,
     head: WorkerStart,
     waiting: Waiting<'a>,
     configurations: BTreeMap<String, GateConfiguration>,
-    pub adapter: Adapter,
-    clock: Option<ClockPlan>,
+    /// In the order of [`Side::BOTH`](crate::record::comparison::Side::BOTH).
+    pub sides: [ProbedSide; 2],
     cores: Vec<usize>,
     seed: u64,
     workers: Vec<(WorkerRole, WorkerProcess)>,
@@ -40,22 +50,26 @@ pub struct Processes<'a> {
 
 impl<'a> Processes<'a> {
     /// Asks a first base worker for the adapter, and for its clock where it is hardware: both sides then read the same
-    /// clock, and each launch is spared the audit.
+    /// clock, and each launch is spared the audit. A head with an environment of its own is asked too.
     pub fn new(
         [base, head]: [WorkerStart; 2],
         configurations: &[GateConfiguration],
         seed: u64,
         waiting: Waiting<'a>,
     ) -> Result<Self, RoleFault> {
-        let (adapter, clock) = probe(&base, &waiting).map_err(of(WorkerRole::Base))?;
+        let of_base = probe(&base, &waiting).map_err(of(WorkerRole::Base))?;
+        let of_head = if head.environment == base.environment {
+            of_base.clone()
+        } else {
+            probe(&head, &waiting).map_err(of(WorkerRole::Head))?
+        };
         let named = configurations.iter().map(|own| (own.id.clone(), own.clone()));
         Ok(Self {
             base,
             head,
             waiting,
             configurations: named.collect(),
-            adapter,
-            clock,
+            sides: with_equal_clocks([of_base, of_head]),
             cores: allowed_cores(),
             seed,
             workers: Vec::new(),
@@ -67,10 +81,11 @@ impl<'a> Processes<'a> {
         let padding = random(self.seed, launch).random_range(0..PADDING_BYTES);
         for (place, role) in roles.iter().enumerate() {
             let build = if *role == WorkerRole::Head { &self.head } else { &self.base };
+            let side = self.side(*role);
             let start = WorkerStart {
                 name: role.into(),
-                clock: self.clock,
-                quiet: self.adapter.software.then(|| Quiet {
+                clock: side.clock,
+                quiet: side.adapter.software.then(|| Quiet {
                     core: core(&self.cores, launch as usize + place),
                     padding,
                     keep_memory: true,
@@ -82,13 +97,18 @@ impl<'a> Processes<'a> {
         Ok(())
     }
 
+    fn side(&self, role: WorkerRole) -> &ProbedSide {
+        &self.sides[role.side() as usize]
+    }
+
     fn greeted(&mut self) -> Result<Vec<Greeting>, RoleFault> {
         let mut greetings = Vec::new();
         for (role, worker) in &mut self.workers {
             let greeting = worker.greeted(&self.waiting).map_err(of(*role))?;
-            let (own, base) = (with_driver(&greeting.adapter), with_driver(&self.adapter));
-            if own != base {
-                let reason = format!("it runs on {own}, the base on {base}");
+            let known = &self.sides[role.side() as usize].adapter;
+            let (own, known) = (with_driver(&greeting.adapter), with_driver(known));
+            if own != known {
+                let reason = format!("it runs on {own}, the first {} on {known}", role.side());
                 return Err(of(*role)(WorkerFault::fatal(reason)));
             }
             greetings.push(greeting);
@@ -125,14 +145,17 @@ impl<'a> Processes<'a> {
 
     /// The only core that a launch is measured on, where workers can be kept on one.
     fn core(&self, launch: u32) -> Option<usize> {
-        core(&self.cores, launch as usize).filter(|_| self.adapter.software)
+        let software = self.sides.iter().all(|side| side.adapter.software);
+        core(&self.cores, launch as usize).filter(|_| software)
     }
 
     /// Conditions of a quiet measurement that this launch could not have.
     fn notes(&self, greetings: &[Greeting]) -> Vec<String> {
         let mut notes = Vec::new();
-        if self.adapter.software {
-            if greetings.iter().any(|greeting| greeting.randomized != Some(false)) {
+        let software: Vec<&Greeting> =
+            greetings.iter().filter(|greeting| greeting.adapter.software).collect();
+        if !software.is_empty() {
+            if software.iter().any(|greeting| greeting.randomized != Some(false)) {
                 notes.push(
                     "addresses are randomized: the system does not allow otherwise".to_owned(),
                 );
@@ -174,7 +197,7 @@ impl LaunchWorkers for Processes<'_> {
         Ok(opened)
     }
 
-    fn sample(&mut self, role: WorkerRole, cell: &CellId) -> Result<f64, WorkerFault> {
+    fn sample(&mut self, role: WorkerRole, cell: &CellId) -> Result<Sampled, WorkerFault> {
         let of_role = self.workers.iter_mut().find(|(known, _)| *known == role);
         let Some((_, worker)) = of_role else {
             return Err(WorkerFault::fatal("it was not started".to_owned()));
@@ -186,8 +209,8 @@ impl LaunchWorkers for Processes<'_> {
             stage: cell.stage().to_owned(),
             frames,
         };
-        let ns = match worker.ask(&request, &self.waiting)? {
-            Reply::Sample { ns } if sound(&ns, frames) => ns,
+        let (ns, machine) = match worker.ask(&request, &self.waiting)? {
+            Reply::Sample { ns, machine } if sound(&ns, frames) => (ns, machine),
             other => return Err(worker.unexpected(&other)),
         };
         let shortest_ns = ns.into_iter().fold(f64::INFINITY, f64::min);
@@ -195,7 +218,7 @@ impl LaunchWorkers for Processes<'_> {
             let frames = (SAMPLE_NS / shortest_ns).ceil().clamp(1.0, MAX_FRAMES);
             self.frames.insert(cell.clone(), frames as u32);
         }
-        Ok(shortest_ns)
+        Ok(Sampled { ns: shortest_ns, machine })
     }
 
     fn close(&mut self) {
@@ -233,11 +256,20 @@ fn core(cores: &[usize], turn: usize) -> Option<usize> {
     (!cores.is_empty()).then(|| cores[turn % cores.len()])
 }
 
-fn probe(
-    base: &WorkerStart,
-    waiting: &Waiting<'_>,
-) -> Result<(Adapter, Option<ClockPlan>), WorkerFault> {
-    let mut worker = WorkerProcess::start(base)?;
+/// Sides whose audits have chosen different clocks are both timed by the fenced host clock.
+fn with_equal_clocks(mut sides: [ProbedSide; 2]) -> [ProbedSide; 2] {
+    if let [Some(base), Some(head)] = sides.each_ref().map(|side| side.clock)
+        && !base.has_clocks_of(&head)
+    {
+        for side in &mut sides {
+            side.clock = side.clock.map(|plan| ClockPlan::fenced(plan.submit_cost));
+        }
+    }
+    sides
+}
+
+fn probe(start: &WorkerStart, waiting: &Waiting<'_>) -> Result<ProbedSide, WorkerFault> {
+    let mut worker = WorkerProcess::start(start)?;
     let adapter = worker.greeted(waiting)?.adapter;
     let clock = if adapter.software {
         None
@@ -248,12 +280,35 @@ fn probe(
         }
     };
     worker.quit();
-    Ok((adapter, clock))
+    Ok(ProbedSide { adapter, clock })
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn sides_are_timed_by_clocks_that_both_have() {
+        use crate::gpu::SubmitCost;
+        use crate::record::Clock;
+        let plan = |compute, compute_ns| {
+            let cost = SubmitCost { compute_ns, ..SubmitCost::default() };
+            ClockPlan { compute, ..ClockPlan::fenced(cost) }
+        };
+        let timed = |plans: [Option<ClockPlan>; 2]| {
+            let side = |clock| ProbedSide { adapter: Adapter::default(), clock };
+            with_equal_clocks(plans.map(side)).map(|side| side.clock)
+        };
+        let [stamps, also, fenced] = [
+            plan(Clock::Timestamp, 1.0),
+            plan(Clock::Timestamp, 2.0),
+            plan(Clock::FencedHost, 3.0),
+        ]
+        .map(Some);
+        assert_eq!(timed([stamps, also]), [stamps, also]);
+        assert_eq!(timed([stamps, fenced]), [Some(plan(Clock::FencedHost, 1.0)), fenced]);
+        assert_eq!(timed([stamps, None]), [stamps, None]);
+    }
 
     #[test]
     fn each_side_starts_first_on_each_core_equally_often() {

@@ -9,7 +9,7 @@ use thiserror::Error;
 use super::flow::digest;
 use crate::record::comparison::{
     CellId, Compared, ComparedBuild, ComparisonHeader, ConfigurationFigures, ExactFigures, Fault,
-    Gate, GateSettings, Side, Skip, UnpairedSamples,
+    Gate, GateSettings, Side, SideEnvironment, Skip, UnpairedSamples,
 };
 use crate::record::{self, Adapter, Cell, Measured, Outcome, Record, RecordError, Run};
 
@@ -118,6 +118,7 @@ fn read(path: &Path) -> Result<Read, FilesError> {
             version: run.fathom_version.clone(),
             protocol: None,
             digest: digest(path).unwrap_or_default(),
+            environment: SideEnvironment::default(),
         },
         run,
         cells,

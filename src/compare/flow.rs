@@ -8,8 +8,10 @@ use itertools::Itertools;
 use sha2::{Digest, Sha256};
 use thiserror::Error;
 
+use super::adapters::AdapterRelation;
 use super::bench::Processes;
 use super::cells::{CellsError, Gates};
+use super::driver::{self, EnvironmentError};
 use super::instructions;
 use super::launch::{Quiet, Waiting, WorkerFault, WorkerStart, allowed_cores};
 use super::protocol::{GateConfiguration, Greeting, with_driver};
@@ -24,7 +26,7 @@ use crate::harness::output::{DEFAULT_FOLDER, FolderKind, Held, OutputError, Take
 use crate::record::RecordError;
 use crate::record::comparison::{
     CellId, Compared, ComparedBuild, ComparisonEnd, ComparisonHeader, Fault, Gate, GateSettings,
-    Side, Skip,
+    Side, SideEnvironment, Skip,
 };
 
 #[derive(Debug, Error)]
@@ -41,6 +43,8 @@ pub enum CompareError {
     Program { path: PathBuf, source: std::io::Error },
     #[error("the {side} build: {fault}")]
     Worker { side: Side, fault: WorkerFault },
+    #[error(transparent)]
+    Environment(#[from] EnvironmentError),
     #[error("the sides run on different adapters: the base on {base}, the head on {head}")]
     Adapters { base: String, head: String },
     #[error(
@@ -56,6 +60,10 @@ pub struct Program {
     pub path: PathBuf,
     /// What to call it: the revision it was built from, or its path.
     pub label: String,
+    /// What its processes alone are given.
+    pub environment: SideEnvironment,
+    /// See [`driver::shader_cache`].
+    pub shader_cache: Option<PathBuf>,
 }
 
 #[derive(Clone, Debug)]
@@ -75,6 +83,15 @@ pub struct CompareOptions {
     pub resume: bool,
 }
 
+impl CompareOptions {
+    fn program(&self, side: Side) -> &Program {
+        match side {
+            Side::Base => &self.base,
+            Side::Head => &self.head,
+        }
+    }
+}
+
 /// Measures what `options` ask for and gives the folder with its lines. `tell` takes a line for each step.
 pub fn measure(
     options: &CompareOptions,
@@ -92,7 +109,7 @@ pub fn measure(
     let waiting = Waiting { interrupted: &flags, tell };
     let [base, head] = Side::BOTH.map(|side| start_build(options, side, waiting));
     let mut builds = [base?, head?];
-    let header = header(options, &gates, &greeted(&mut builds)?)?;
+    let header = header(options, &gates, &greeted(options, &mut builds)?)?;
     let mut held = taken.open(FolderKind::Comparison)?;
     let before = if options.resume {
         resumed(&mut held, &header, tell)?
@@ -130,11 +147,14 @@ pub fn fresh() -> Result<PathBuf, OutputError> {
 }
 
 fn worker_of(options: &CompareOptions, side: Side) -> WorkerStart {
-    let program = match side {
-        Side::Base => &options.base,
-        Side::Head => &options.head,
-    };
-    WorkerStart { name: side.into(), gpu: options.gpu.clone(), ..WorkerStart::new(&program.path) }
+    let program = options.program(side);
+    WorkerStart {
+        name: side.into(),
+        gpu: options.gpu.clone(),
+        environment: program.environment.clone(),
+        shader_cache: program.shader_cache.clone(),
+        ..WorkerStart::new(&program.path)
+    }
 }
 
 /// The worker of a side's survey. Both run at once, each on a core of its own where there are two.
@@ -149,14 +169,25 @@ fn start_build<'a>(
     SurveyedBuild::new(start, waiting).map_err(|fault| CompareError::Worker { side, fault })
 }
 
-fn greeted(builds: &mut [SurveyedBuild<'_>; 2]) -> Result<[Greeting; 2], CompareError> {
+/// What both sides say of themselves. Sides that were given the same must have the same adapter.
+fn greeted(
+    options: &CompareOptions,
+    builds: &mut [SurveyedBuild<'_>; 2],
+) -> Result<[Greeting; 2], CompareError> {
     let [base, head] = builds;
     let greet = |build: &mut SurveyedBuild<'_>, side| {
-        build.greeted().map_err(|fault| CompareError::Worker { side, fault })
+        let greeting = build.greeted().map_err(|fault| CompareError::Worker { side, fault })?;
+        driver::check(side, &options.program(side).environment, &greeting.adapter)?;
+        Ok::<Greeting, CompareError>(greeting)
     };
     let greetings = [greet(base, Side::Base)?, greet(head, Side::Head)?];
-    let [base, head] = greetings.each_ref().map(|greeting| with_driver(&greeting.adapter));
-    if base == head { Ok(greetings) } else { Err(CompareError::Adapters { base, head }) }
+    let [base, head] = greetings.each_ref().map(|greeting| &greeting.adapter);
+    let given_the_same = options.base.environment == options.head.environment;
+    if given_the_same && AdapterRelation::of(base, head) != AdapterRelation::Same {
+        let [base, head] = [base, head].map(with_driver);
+        return Err(CompareError::Adapters { base, head });
+    }
+    Ok(greetings)
 }
 
 fn header(
@@ -172,6 +203,7 @@ fn header(
             version: greeting.fathom_version.clone(),
             protocol: Some(greeting.protocol),
             digest: digest.map_err(unreadable)?,
+            environment: program.environment.clone(),
         })
     };
     let [base, head] = greetings;
@@ -187,6 +219,7 @@ fn header(
         base: build(&options.base, base)?,
         head: build(&options.head, head)?,
         adapter: head.adapter.clone(),
+        base_adapter: (base.adapter != head.adapter).then(|| base.adapter.clone()),
         settings,
         cells: gates.cells(),
         skipped,
@@ -203,7 +236,9 @@ fn obstacle(gate: Gate, greetings: &[Greeting; 2]) -> Option<String> {
         }
     }
     match gate {
-        Gate::Instructions => instructions::obstacle(greetings[1].adapter.software),
+        Gate::Instructions => {
+            instructions::obstacle(greetings.iter().all(|greeting| greeting.adapter.software))
+        }
         Gate::Exact | Gate::Time => None,
     }
 }
@@ -228,7 +263,9 @@ fn resumed(
     let same = [
         ("base", then.base.digest == now.base.digest),
         ("head", then.head.digest == now.head.digest),
-        ("adapter", then.adapter == now.adapter),
+        ("environment or driver of the base", then.base.environment == now.base.environment),
+        ("environment or driver of the head", then.head.environment == now.head.environment),
+        ("adapter", then.adapter == now.adapter && then.base_adapter == now.base_adapter),
         ("selection of cells", then.cells == now.cells),
         ("kind of measurement", !then.settings.unpaired),
     ];

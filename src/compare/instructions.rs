@@ -18,6 +18,7 @@ use std::time::Duration;
 use itertools::Itertools;
 use tempfile::TempDir;
 
+use super::adapters::AdapterRelation;
 use super::launch::{self, Patience, Quiet, Waiting, WorkerFault, WorkerProcess, WorkerStart};
 use super::protocol::{GateConfiguration, Reply, WorkerRequest};
 use super::store::{self, StoredComparison};
@@ -48,19 +49,24 @@ pub enum Change {
     More,
     Fewer,
     Same,
+    /// Counts of different adapters.
+    NotJudged,
 }
 
 /// Compares the counts of both sides. A change is one that exceeds the threshold and the spread of
 /// either side's frames; cells that lack a side are left out.
 pub fn judge(comparison: &StoredComparison) -> BTreeMap<CellId, Counted> {
     let threshold = comparison.header.settings.instruction_threshold;
+    let is_judged = AdapterRelation::in_header(&comparison.header).is_judged();
     let counts = |cell: &CellId, side: Side| {
         let mut lines = comparison.instructions.iter().rev();
         lines.find(|line| line.cell == *cell && line.side == side && !line.counts.is_empty())
     };
     let judged = |cell: &CellId| {
         let (base, head) = (counts(cell, Side::Base)?, counts(cell, Side::Head)?);
-        Some((cell.clone(), compared(&base.counts, &head.counts, threshold)))
+        let counted = compared(&base.counts, &head.counts, threshold);
+        let change = if is_judged { counted.change } else { Change::NotJudged };
+        Some((cell.clone(), Counted { change, ..counted }))
     };
     comparison.header.cells.iter().filter_map(judged).collect()
 }

@@ -15,10 +15,12 @@ use itertools::Itertools;
 use serde_json::Value;
 use thiserror::Error;
 
+use super::driver;
 use super::protocol::{Greeting, PROTOCOL, Reply, RequestKind, WorkerRequest};
 use crate::gpu::{self, ClockPlan};
 use crate::quiet;
 pub use crate::quiet::{Quiet, allowed_cores};
+use crate::record::comparison::SideEnvironment;
 
 /// Lines of a worker's standard error that are kept.
 const STDERR_LINES: usize = 12;
@@ -126,6 +128,11 @@ pub struct WorkerStart {
     pub wrapper: Vec<OsString>,
     pub gpu: gpu::Options,
     pub quiet: Option<Quiet>,
+    /// What the processes of its side alone are given. Its length moves the stack, as [`Quiet::padding`] does; that is drawn from
+    /// a whole page, so sides whose environments differ in length have noise of it and no bias.
+    pub environment: SideEnvironment,
+    /// Where its driver keeps compiled shaders, if apart from those of all other programs.
+    pub shader_cache: Option<PathBuf>,
     /// The audited clock of a hardware adapter: both sides must read the same one.
     pub clock: Option<ClockPlan>,
     pub patience: Patience,
@@ -139,6 +146,8 @@ impl WorkerStart {
             wrapper: Vec::new(),
             gpu: gpu::Options::default(),
             quiet: None,
+            environment: SideEnvironment::default(),
+            shader_cache: None,
             clock: None,
             patience: Patience::default(),
         }
@@ -156,6 +165,9 @@ impl WorkerStart {
             command.arg("--unchecked");
         }
         quiet::apply(&mut command, self.quiet.as_ref());
+        command.envs(driver::variables(&self.environment));
+        let cache = self.shader_cache.as_deref();
+        command.envs(driver::cache_variables(&self.environment, cache));
         command
     }
 }
@@ -424,5 +436,29 @@ fn keep_last_lines(output: impl Read, kept: &Mutex<VecDeque<String>>) {
             kept.pop_front();
         }
         kept.push_back(line);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::ffi::OsStr;
+
+    use super::*;
+
+    /// Every gate starts its workers so, under callgrind too.
+    #[test]
+    fn a_worker_is_given_its_sides_environment_beside_fathoms_own() {
+        let variables = [("A".to_owned(), "1".to_owned())].into();
+        let start = WorkerStart {
+            wrapper: vec!["valgrind".into()],
+            quiet: Some(Quiet::default()),
+            environment: SideEnvironment { variables, ..SideEnvironment::default() },
+            ..WorkerStart::new(Path::new("fathom"))
+        };
+        let command = start.command();
+        assert_eq!(command.get_program(), "valgrind");
+        let set: Vec<_> = command.get_envs().collect();
+        assert!(set.contains(&(OsStr::new("A"), Some(OsStr::new("1")))), "{set:?}");
+        assert!(set.contains(&(OsStr::new(quiet::PADDING), Some(OsStr::new("")))), "{set:?}");
     }
 }

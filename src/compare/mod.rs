@@ -6,9 +6,11 @@
 //! what is measured goes to a folder of records ([`store`]); the [`verdict`] is a function of those alone, and
 //! [`tables`] report it.
 
+pub mod adapters;
 pub mod bench;
 pub mod build;
 pub mod cells;
+pub mod driver;
 pub mod exact;
 pub mod files;
 pub mod flow;

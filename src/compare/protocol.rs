@@ -12,7 +12,7 @@ use strum::{Display, EnumDiscriminants, EnumString};
 use crate::experiments::CellPlan;
 use crate::gpu::ClockPlan;
 use crate::record::comparison::CellId;
-use crate::record::{Adapter, ErrorFigure, PassKind, Work, nan};
+use crate::record::{Adapter, ErrorFigure, MachineState, PassKind, Work, nan};
 
 /// Version of these messages.
 pub const PROTOCOL: u32 = 1;
@@ -105,6 +105,9 @@ pub enum Reply {
     /// One reading per frame.
     Sample {
         ns: Vec<f64>,
+        /// The adapter after the last frame, where its driver tells; workers of earlier versions do not.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        machine: Option<MachineState>,
     },
     Exact(Box<Exact>),
     Checks {
@@ -290,7 +293,8 @@ mod tests {
     #[test]
     fn every_reply_can_be_read_back() {
         let replies = [
-            Reply::Sample { ns: vec![1.5, 2.0] },
+            Reply::Sample { ns: vec![1.5, 2.0], machine: None },
+            Reply::Sample { ns: vec![1.5], machine: Some(MachineState::default()) },
             Reply::Exact(Box::default()),
             Reply::Fault { reason: "no".into(), fatal: true, absent: false },
             Reply::Hello(Box::new(Greeting {

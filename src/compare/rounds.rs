@@ -20,7 +20,8 @@ use rand_pcg::Pcg64;
 use strum::{Display, IntoStaticStr};
 
 use super::launch::WorkerFault;
-use crate::record::comparison::{CellId, Compared, Fault, Gate, Launch, Pair, Side};
+use crate::record::MachineState;
+use crate::record::comparison::{CellId, Compared, Fault, Gate, Launch, Pair, PairStates, Side};
 
 /// The second measurement has up to so many times the rounds of the first, as far as it takes no longer than that. With 64
 /// pairs instead of 16 the figures of launches of `scene/gbuffer` scattered by 1.1 to 2.0 % instead of 2.6 to 3.8 % (llvmpipe).
@@ -81,6 +82,14 @@ pub struct BrokenLaunch {
     pub cause: RoleFault,
 }
 
+/// A sample of one side.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Sampled {
+    pub ns: f64,
+    /// The adapter after it, where its driver tells.
+    pub machine: Option<MachineState>,
+}
+
 /// The workers of one launch at a time.
 pub trait LaunchWorkers {
     /// Starts fresh workers and prepares the configurations of `cells`, and that of `control` for its workers.
@@ -90,8 +99,8 @@ pub trait LaunchWorkers {
         cells: &[CellId],
         control: Option<&CellId>,
     ) -> Result<OpenedLaunch, BrokenLaunch>;
-    /// One sample in ns, while the other workers rest.
-    fn sample(&mut self, role: WorkerRole, cell: &CellId) -> Result<f64, WorkerFault>;
+    /// One sample, while the other workers rest.
+    fn sample(&mut self, role: WorkerRole, cell: &CellId) -> Result<Sampled, WorkerFault>;
     /// Ends the workers.
     fn close(&mut self);
 }
@@ -294,12 +303,12 @@ impl Gatekeeper<'_> {
             sampled.map_err(|fault| RoleFault { role, fault })
         };
         let base_first = round.is_none_or(|round| visit.base_first[round as usize]);
-        let (base_ns, head_ns) = if base_first {
-            let base_ns = sample(base)?;
-            (base_ns, sample(head)?)
+        let (of_base, of_head) = if base_first {
+            let of_base = sample(base)?;
+            (of_base, sample(head)?)
         } else {
-            let head_ns = sample(head)?;
-            (sample(base)?, head_ns)
+            let of_head = sample(head)?;
+            (sample(base)?, of_head)
         };
         Ok(Pair {
             launch: self.launch,
@@ -308,8 +317,9 @@ impl Gatekeeper<'_> {
             control: visit.control,
             second: self.schedule.second,
             first: if base_first { Side::Base } else { Side::Head },
-            base_ns,
-            head_ns,
+            base_ns: of_base.ns,
+            head_ns: of_head.ns,
+            machine: PairStates { base: of_base.machine, head: of_head.machine },
         })
     }
 

@@ -12,13 +12,15 @@
 //! Figures of different launches are independent, pairs of one launch are not, as processes carry a bias of their own; so
 //! intervals and tests are over launches.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use serde::Serialize;
 
+use super::adapters::AdapterRelation;
 use super::rank;
 use super::store::StoredComparison;
 use crate::record::comparison::{CellId, ComparisonHeader, GateSettings, MOST_PAIRS, Pair, Side};
+use crate::record::{MachineState, ThrottleReason};
 use crate::statistics::median;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
@@ -32,6 +34,8 @@ pub enum TimeVerdict {
     Same,
     /// Neither a change nor its absence is shown.
     Inconclusive,
+    /// Times of different adapters.
+    NotJudged,
 }
 
 /// What the time gate says of a cell.
@@ -59,6 +63,49 @@ pub struct CellTime {
     /// The least slowdown that would be found with the power [`rank::POWER`], from the spread and the number of launches;
     /// none where so few launches among so many cells find nothing.
     pub detectable: Option<f64>,
+    /// Where clocks were held down in any launch.
+    pub throttled: Option<ThrottledLaunches>,
+}
+
+impl CellTime {
+    /// Clocks were held down more often on the side that was slower: the change may be the machine's.
+    pub fn may_be_throttling(&self) -> bool {
+        self.throttled.as_ref().is_some_and(|launches| match self.verdict {
+            TimeVerdict::Slower => launches.head > launches.base,
+            TimeVerdict::Faster => launches.base > launches.head,
+            TimeVerdict::Same | TimeVerdict::Inconclusive | TimeVerdict::NotJudged => false,
+        })
+    }
+}
+
+/// Launches in which a cell was sampled while heat or power held clocks down, by side; at least one.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct ThrottledLaunches {
+    pub base: usize,
+    pub head: usize,
+    pub reasons: BTreeSet<ThrottleReason>,
+}
+
+impl ThrottledLaunches {
+    fn of(pairs: &[&Pair]) -> Option<Self> {
+        let states = |state: fn(&Pair) -> Option<&MachineState>| {
+            let known = pairs.iter().filter_map(move |pair| Some((pair.launch, state(pair)?)));
+            known.filter(|(_, state)| state.is_throttled())
+        };
+        let of_base = states(|pair| pair.machine.base.as_ref());
+        let of_head = states(|pair| pair.machine.head.as_ref());
+        let launches = |states: &mut dyn Iterator<Item = (u32, &MachineState)>| {
+            states.map(|(launch, _)| launch).collect::<BTreeSet<u32>>().len()
+        };
+        let reasons = of_base.clone().chain(of_head.clone());
+        let reasons: BTreeSet<ThrottleReason> =
+            reasons.flat_map(|(_, state)| state.harmful().cloned()).collect();
+        (!reasons.is_empty()).then(|| Self {
+            base: launches(&mut of_base.clone()),
+            head: launches(&mut of_head.clone()),
+            reasons,
+        })
+    }
 }
 
 /// What the time gate says.
@@ -72,6 +119,15 @@ pub struct TimeGate {
 }
 
 impl TimeGate {
+    /// The same times where the sides ran on different adapters: no change of one of them is judged. The control, which ran on one,
+    /// stays.
+    pub fn unjudged(mut self) -> Self {
+        for cell in &mut self.cells {
+            (cell.verdict, cell.detectable) = (TimeVerdict::NotJudged, None);
+        }
+        self
+    }
+
     /// Why no time of this gate can be used, if so: the control differs, though both of its sides are the base.
     pub fn void(&self, alpha: f64) -> Option<String> {
         let mut controls = self.controls.iter();
@@ -114,6 +170,7 @@ struct Figures {
     launches: Vec<f64>,
     base_ns: f64,
     head_ns: f64,
+    throttled: Option<ThrottledLaunches>,
 }
 
 impl Figures {
@@ -137,6 +194,7 @@ impl Figures {
             launches: ratios.values().map(Ratios::middle).collect(),
             base_ns: middle(|pair| pair.base_ns),
             head_ns: middle(|pair| pair.head_ns),
+            throttled: ThrottledLaunches::of(pairs),
         })
     }
 
@@ -179,6 +237,7 @@ impl Figures {
             adjusted_p,
             spread,
             detectable: shift.map(|shift| (bound + shift * spread).exp_m1()),
+            throttled: self.throttled,
             cell: self.cell,
         }
     }
@@ -231,7 +290,8 @@ fn judged(measured: Vec<Figures>, settings: &GateSettings) -> Vec<CellTime> {
 /// Cells of which a complete first measurement tells neither a change nor that there is none, and a second one may.
 pub fn open(comparison: &StoredComparison) -> Vec<CellId> {
     let ComparisonHeader { cells, settings, .. } = &comparison.header;
-    if comparison.launches_of(false) < settings.launches as usize {
+    let is_judged = AdapterRelation::in_header(&comparison.header).is_judged();
+    if !is_judged || comparison.launches_of(false) < settings.launches as usize {
         return Vec::new();
     }
     let first = comparison.pairs.iter().filter(|pair| !pair.second);

@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use itertools::Itertools;
 use strum::{Display, EnumIter};
 
+use super::adapters::AdapterRelation;
 use super::exact::{self, Difference, FigureKind};
 use super::instructions::{self, Change, Counted};
 use super::store::StoredComparison;
@@ -33,7 +34,7 @@ pub enum CellVerdict {
     NotMeasured,
     /// Its time is neither shown to be the same nor to differ.
     Inconclusive,
-    /// Its exact figures are the same; its times are unpaired and decide nothing.
+    /// Its exact figures are the same; its times, unpaired or of different adapters, decide nothing.
     #[strum(to_string = "not judged")]
     NotJudged,
     Faster,
@@ -111,6 +112,8 @@ impl<'a> Verdicts<'a> {
     pub fn of(comparison: &'a StoredComparison) -> Self {
         let header = &comparison.header;
         let time = time::judge(&header.cells, &comparison.pairs, &header.settings);
+        let is_judged = AdapterRelation::in_header(header).is_judged();
+        let time = if is_judged { time } else { time.unjudged() };
         let differences = exact::judge(comparison);
         let gates = Gate::ALL.map(|gate| (gate, state(comparison, gate, &time)));
         let is_void = |(gate, state): &(Gate, GateState)| {
@@ -247,6 +250,9 @@ fn verdict(cell: &JudgedCell, measured: bool) -> CellVerdict {
         match (time, change) {
             (Some(TimeVerdict::Faster), _) => CellVerdict::Faster,
             (Some(TimeVerdict::Inconclusive), _) => CellVerdict::Inconclusive,
+            (Some(TimeVerdict::NotJudged), _) | (_, Some(Change::NotJudged)) => {
+                CellVerdict::NotJudged
+            }
             (_, Some(Change::Fewer)) => CellVerdict::Cheaper,
             (None, None) if cell.unpaired.is_some() => CellVerdict::NotJudged,
             _ => CellVerdict::Same,

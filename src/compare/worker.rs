@@ -16,7 +16,9 @@ use super::protocol::{
     WorkerRequest, parse_request,
 };
 use super::valgrind;
-use crate::gpu::{self, ClockPlan, FrameTimer, Gpu, GpuError, Stage, StageSample, SubmitCost};
+use crate::gpu::{
+    self, ClockPlan, FrameTimer, Gpu, GpuError, MachineReader, Stage, StageSample, SubmitCost,
+};
 use crate::harness::MAX_PASSES;
 use crate::harness::catalog::Catalog;
 use crate::harness::subject::{Subject, SubjectError, Subjects};
@@ -139,6 +141,8 @@ struct RequestServer<'a> {
 struct Device {
     gpu: Gpu,
     timer: FrameTimer,
+    /// Clocks, temperature and what holds them down, where a driver tells.
+    machine: Option<MachineReader>,
     /// The hardware's clock has been audited, here or in another worker.
     audited: bool,
     prepared: BTreeMap<String, Prepared>,
@@ -177,7 +181,9 @@ impl RequestServer<'_> {
         let audited = clock.is_some() || gpu.adapter.software;
         let plan = clock.unwrap_or(ClockPlan::fenced(SubmitCost::default()));
         let timer = FrameTimer::new(&gpu, plan, MAX_PASSES)?;
-        let device = self.device.insert(Device { gpu, timer, audited, prepared: BTreeMap::new() });
+        let machine = MachineReader::open(&gpu.adapter);
+        let prepared = BTreeMap::new();
+        let device = self.device.insert(Device { gpu, timer, machine, audited, prepared });
         Ok(Reply::Hello(Box::new(Greeting {
             protocol: PROTOCOL,
             fathom_version: env!("CARGO_PKG_VERSION").to_owned(),
@@ -228,7 +234,8 @@ impl Device {
         let stage = find(&self.prepared, config, stage)?;
         let read = |_| reading(&self.gpu, &mut self.timer, stage);
         let ns = (0..frames).map(read).collect::<Result<_, _>>()?;
-        Ok(Reply::Sample { ns })
+        let machine = self.machine.as_ref().and_then(MachineReader::read);
+        Ok(Reply::Sample { ns, machine })
     }
 
     fn exact(&mut self, config: &str) -> Result<Reply, Refusal> {

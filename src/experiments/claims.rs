@@ -69,6 +69,21 @@ pub struct Ruling {
     pub published: Option<f64>,
 }
 
+impl Ruling {
+    /// On a claim that cannot be tested.
+    pub fn not_run(claim: &Claim, reason: String) -> Ruling {
+        Ruling {
+            id: claim.id.clone(),
+            text: claim.text.clone(),
+            verdict: Verdict::NotRun,
+            reason,
+            n: None,
+            deciding: Vec::new(),
+            published: claim.published(),
+        }
+    }
+}
+
 /// Comparisons that a test asks for, or why it cannot be run.
 type Tested = Result<Vec<Comparison>, String>;
 
@@ -94,7 +109,7 @@ impl Experiment {
 }
 
 /// The cells that a claim speaks of.
-fn concerned<'a>(claim: &Claim, cells: &[&'a Cell]) -> Vec<&'a Cell> {
+pub fn concerned<'a>(claim: &Claim, cells: &[&'a Cell]) -> Vec<&'a Cell> {
     let of_test = |cell: &Cell| match &claim.test {
         Test::Ratio { over, numerator, denominator, .. } => {
             let label = cell.axes.get(over);

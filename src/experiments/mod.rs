@@ -8,6 +8,7 @@ mod measure;
 pub mod schema;
 #[cfg(test)]
 mod tests;
+mod units;
 
 use std::path::{Path, PathBuf};
 
@@ -16,7 +17,7 @@ use crate::input;
 use crate::text::{did_you_mean, line, nearest};
 
 pub use claims::{
-    CHANCE, LOOKS, RuledFigure, Ruling, Scaling, Verdict, groups, least_samples, scaling,
+    CHANCE, LOOKS, RuledFigure, Ruling, Scaling, Verdict, concerned, groups, least_samples, scaling,
 };
 pub use expand::{
     CellPlan, MAX_CELLS, MAX_PLAN_BYTES, ReferencePlan, RepetitionPlan, flatten, label_text,

@@ -7,7 +7,7 @@ use crate::gpu::{Stage, StageCounters};
 use crate::pipelines::AnyPipeline;
 use crate::record::{
     ErrorFigure, Estimate, Fenced, FrameRecord, Measured, Note, NoteKind, Picture, RejectedFrames,
-    StageRecord, Work,
+    StageRecord, Throttling, Work,
 };
 use crate::statistics;
 
@@ -193,5 +193,29 @@ fn sampling_notes(samples: &Samples, frame: &Estimate, precision: f64) -> Vec<No
         );
         note(NoteKind::Outliers, text);
     }
+    if let Some(held) = Throttling::of(&samples.machine) {
+        note(NoteKind::Throttled, format!("heat or power held the clocks down in {held}"));
+    }
     notes
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::record::{MachineState, ThrottleReason};
+
+    #[test]
+    fn a_throttled_cell_has_a_note_with_share_and_reasons() {
+        let state = |reason| MachineState { throttle: vec![reason], ..MachineState::default() };
+        let texts = |machine: Vec<MachineState>| {
+            let samples = Samples { machine, ..Samples::default() };
+            let notes = sampling_notes(&samples, &statistics::estimate(&[1.0; 20]), 0.02);
+            let held = notes.into_iter().filter(|note| note.kind == NoteKind::Throttled);
+            held.map(|note| note.text).collect::<Vec<_>>()
+        };
+        let (idle, hot) = (ThrottleReason::GpuIdle, ThrottleReason::HwThermalSlowdown);
+        let expected = "heat or power held the clocks down in 1 of 2 samples (thermal slowdown by the hardware)";
+        assert_eq!(texts(vec![state(idle.clone()), state(hot)]), [expected]);
+        assert_eq!(texts(vec![state(idle)]), Vec::<String>::new());
+    }
 }

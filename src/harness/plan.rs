@@ -10,11 +10,12 @@ use thiserror::Error;
 
 use super::catalog::Catalog;
 use super::repetitions::PlannedRepetitions;
+use super::shard;
 use super::subject::{Subject, SubjectError, Subjects};
 use super::views::OtherViews;
 use crate::experiments::{CellPlan, Experiment, ExperimentError, ReferencePlan};
 use crate::gpu::Capacity;
-use crate::record::{self, Outcome, Profile, resume_key};
+use crate::record::{self, Outcome, Part, Profile, resume_key};
 use crate::text::{did_you_mean, nearest};
 
 #[derive(Debug, Error)]
@@ -38,6 +39,8 @@ pub struct Request {
     pub sets: Vec<(String, Value)>,
     /// Names of the only cells that are wanted; none means all.
     pub cells: Vec<String>,
+    /// The only part of these cells that is wanted.
+    pub part: Option<Part>,
 }
 
 impl Request {
@@ -119,6 +122,21 @@ impl PlannedCell {
     }
 }
 
+/// The cells of each experiment that were asked for, of all shards.
+pub fn expand(
+    experiments: &[Experiment],
+    request: &Request,
+    profile: Profile,
+) -> Result<Vec<Vec<CellPlan>>, PlanError> {
+    let cells = experiments.iter().map(|experiment| {
+        let axes = request.axes_of(experiment, experiments);
+        experiment.cells(profile, &axes, &request.sets)
+    });
+    let mut expanded = cells.collect::<Result<Vec<_>, _>>()?;
+    request.choose(&mut expanded)?;
+    Ok(expanded)
+}
+
 /// Expands and resolves `experiments` and holds each cell against what the adapter can take.
 pub fn plan(
     experiments: Vec<Experiment>,
@@ -128,12 +146,10 @@ pub fn plan(
     catalog: &Catalog,
 ) -> Result<Vec<PlannedExperiment>, PlanError> {
     let mut subjects = Subjects::of(catalog).within(capacity);
-    let mut expanded = Vec::new();
-    for experiment in &experiments {
-        let axes = request.axes_of(experiment, &experiments);
-        expanded.push(experiment.cells(profile, &axes, &request.sets)?);
+    let mut expanded = expand(&experiments, request, profile)?;
+    if let Some(part) = request.part {
+        shard::keep(part, &experiments, &mut expanded);
     }
-    request.choose(&mut expanded)?;
     let cells = expanded.into_iter().zip(&experiments).map(|(plans, experiment)| {
         let turns_deg = experiment.views.as_ref().map(|views| views.turns_deg.as_slice());
         plans

@@ -14,13 +14,13 @@ use super::output::{Held, OutputError};
 use super::plan::{self, PlanError, PlannedCell, PlannedExperiment, Request};
 use super::progress::{self, Progress};
 use super::sample::{self, Settings};
-use super::{calendar, ceilings, memory};
+use super::{calendar, ceilings, memory, shard};
 use crate::experiments::{Experiment, ExperimentError};
 use crate::gpu::{self, Audit, ClockPlan, Gpu, GpuError};
 use crate::quiet;
 use crate::record::{
-    self, Conditions, Definition, End, Note, NoteKind, Outcome, PassKind, Profile, Record,
-    RecordError, Run, SCHEMA, SampleLine, SetUp, ShaderChecks,
+    self, Conditions, Definition, End, Note, NoteKind, Outcome, Part, PassKind, Profile, Record,
+    RecordError, Run, SCHEMA, SampleLine, SetUp, ShaderChecks, Shard,
 };
 
 /// Memory of the cells that are prepared at the same time. On a software driver it is the process's own,
@@ -44,6 +44,8 @@ pub enum RunError {
     Record(#[from] RecordError),
     #[error("{name} must be a positive number, not {value}")]
     NotPositive { name: &'static str, value: f64 },
+    #[error("{} holds {holds}, and not {asked}: resume it with the command that began it", folder.display())]
+    OtherShard { folder: PathBuf, holds: String, asked: String },
 }
 
 /// What to run and how. `None` means the profile's own value.
@@ -117,6 +119,12 @@ pub fn run(options: &Options, interrupted: &AtomicBool) -> Result<Summary, RunEr
     let gpu = Gpu::open(&options.gpu)?;
     let now = spent.since(now, SetUp::Device);
     let profile = profile(options, resumed.as_ref(), &gpu);
+    let part = options.request.part;
+    let shard = part.map(|part| shard::of(part, &experiments, &options.request, profile));
+    let shard = shard.transpose()?;
+    if let Some(held) = &resumed {
+        same_shard(held, shard.as_ref())?;
+    }
     let mut planned =
         plan::plan(experiments, &options.request, profile, &gpu.capacity, &options.catalog)?;
     let held = match resumed {
@@ -127,7 +135,7 @@ pub fn run(options: &Options, interrupted: &AtomicBool) -> Result<Summary, RunEr
     let audit = audit(&gpu)?;
     spent.since(now, SetUp::Audit);
     let seed = options.seed.unwrap_or_else(|| u64::from(rand::random::<u32>()));
-    let mut header = header(options, &gpu, &audit, profile, seed);
+    let mut header = Run { shard, ..header(options, &gpu, &audit, profile, seed) };
     let finished = record::finished(&held.before, &header);
     let kept = plan::drop_finished(&mut planned, &finished);
     let (mut journal, damage) = Journal::open(&held.output.samples())?;
@@ -144,7 +152,7 @@ pub fn run(options: &Options, interrupted: &AtomicBool) -> Result<Summary, RunEr
     let mut measurement = Measurement {
         settings: settings(options, profile, &planned, seed, gpu.adapter.software),
         session: Session::new(gpu, options.gpu.clone(), (plan, header.ceilings.clone()), spent)?,
-        round: next_round(&held.before, &journal),
+        round: next_round(&held.before, &journal).max(part.map_or(0, Part::first_round)),
         held,
         header,
         journal,
@@ -166,6 +174,27 @@ pub fn audit(gpu: &Gpu) -> Result<Audit, GpuError> {
     let mut audit = gpu::audit(gpu)?;
     audit.rows.extend(by_cpu);
     Ok(audit)
+}
+
+/// A folder is gone on with as the part of the run that it was begun as.
+fn same_shard(held: &Held, asked: Option<&Shard>) -> Result<(), RunError> {
+    let runs = held.before.iter().filter_map(|record| match record {
+        Record::Run(run) => Some(run.shard.as_ref()),
+        _ => None,
+    });
+    for holds in runs {
+        if holds.map(|shard| (shard.part(), &shard.plan))
+            != asked.map(|shard| (shard.part(), &shard.plan))
+        {
+            let told = |shard: Option<&Shard>| match shard {
+                Some(shard) => format!("shard {} of the plan {}", shard.part(), shard.plan),
+                None => "a whole run".to_owned(),
+            };
+            let (holds, asked) = (told(holds), told(asked));
+            return Err(RunError::OtherShard { folder: held.output.folder.clone(), holds, asked });
+        }
+    }
+    Ok(())
 }
 
 /// A round that no sample of these records or samples has.
@@ -247,6 +276,7 @@ fn header(options: &Options, gpu: &Gpu, audit: &Audit, profile: Profile, seed: u
         audit: audit.rows.clone(),
         submit_cost_ns: AUDITED.map(|kind| (kind, audit.plan.submit_cost.of(kind))).into(),
         ceilings: Vec::new(),
+        shard: None,
         notes: of_adapter.chain([Note::new(NoteKind::Order, order)]).collect(),
     }
 }
@@ -312,6 +342,10 @@ impl Measurement<'_> {
         let total = planned.iter().map(|experiment| experiment.cells.len()).sum();
         let mut progress = Progress::new(total, self.settings.budget_s, self.quiet);
         let start = Instant::now();
+        if self.header.shard.is_some() {
+            // Merging needs all of them, to tell which cells are missing.
+            planned.iter().try_for_each(|planned| self.define(&planned.experiment))?;
+        }
         let mut weight_left: f64 = planned.iter().map(weight).sum();
         for (index, planned) in planned.iter().enumerate() {
             let PlannedExperiment { experiment, cells } = planned;
@@ -321,7 +355,9 @@ impl Measurement<'_> {
             if self.interrupted.load(Ordering::Relaxed) {
                 break;
             }
-            self.define(experiment)?;
+            if self.header.shard.is_none() {
+                self.define(experiment)?;
+            }
             self.skip(cells, &mut progress)?;
             let left_s = self.settings.budget_s - start.elapsed().as_secs_f64();
             let settings = Settings {

@@ -9,7 +9,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Deserializer, Serialize, de};
 use strum::{Display, EnumString, IntoStaticStr};
 
-use super::{Adapter, ErrorFigure, Record, Work, nan};
+use super::{Adapter, ErrorFigure, MachineState, Record, Work, nan};
 
 /// Most launches of a measurement: the time to judge them grows with their square, and is seconds for so many.
 pub const MOST_LAUNCHES: u32 = 200;
@@ -152,7 +152,11 @@ pub struct ComparisonHeader {
     pub base: ComparedBuild,
     /// The build that is judged.
     pub head: ComparedBuild,
+    /// Of the head, and of the base unless `base_adapter` is there.
     pub adapter: Adapter,
+    /// Of the base, where its environment or driver gives it another one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub base_adapter: Option<Adapter>,
     pub settings: GateSettings,
     /// In the order of `benches/gates.toml`.
     pub cells: Vec<CellId>,
@@ -171,10 +175,21 @@ impl Default for ComparisonHeader {
             base: ComparedBuild::default(),
             head: ComparedBuild::default(),
             adapter: Adapter::default(),
+            base_adapter: None,
             settings: GateSettings::default(),
             cells: Vec::new(),
             skipped: Vec::new(),
             notes: Vec::new(),
+        }
+    }
+}
+
+impl ComparisonHeader {
+    /// What a side ran on.
+    pub fn adapter_of(&self, side: Side) -> &Adapter {
+        match side {
+            Side::Base => self.base_adapter.as_ref().unwrap_or(&self.adapter),
+            Side::Head => &self.adapter,
         }
     }
 }
@@ -198,6 +213,39 @@ pub struct ComparedBuild {
     pub protocol: Option<u32>,
     /// SHA-256 of the program or file.
     pub digest: String,
+    /// What its processes alone were given.
+    #[serde(default, skip_serializing_if = "SideEnvironment::is_empty")]
+    pub environment: SideEnvironment,
+}
+
+/// What the processes of one side are given that those of the other are not.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default)]
+pub struct SideEnvironment {
+    /// The only Vulkan driver that they find.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub driver: Option<NamedDriver>,
+    /// Environment variables by name.
+    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+    pub variables: BTreeMap<String, String>,
+}
+
+impl SideEnvironment {
+    pub fn is_empty(&self) -> bool {
+        *self == Self::default()
+    }
+}
+
+/// A Vulkan driver that was named by its manifest.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct NamedDriver {
+    /// The manifest, an absolute path.
+    pub manifest: String,
+    /// Its library, an absolute path; as the manifest names it where the system's linker is to find it.
+    pub library: String,
+    /// SHA-256 of the library; none where the system's linker is to find it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub digest: Option<String>,
 }
 
 /// Rules by which two builds are compared.
@@ -336,6 +384,27 @@ pub struct Pair {
     pub base_ns: f64,
     /// The head's sample, nanoseconds.
     pub head_ns: f64,
+    /// The adapter after each sample, where its driver tells.
+    #[serde(default, skip_serializing_if = "PairStates::is_empty")]
+    pub machine: PairStates,
+}
+
+/// State of the adapter after the two samples of a pair.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default)]
+pub struct PairStates {
+    /// After the base's sample.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub base: Option<MachineState>,
+    /// After the head's sample.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub head: Option<MachineState>,
+}
+
+impl PairStates {
+    pub fn is_empty(&self) -> bool {
+        self.base.is_none() && self.head.is_none()
+    }
 }
 
 /// A pair of workers that went through all its rounds. Pairs of a launch without this line do not count.

@@ -134,6 +134,8 @@ pub enum NoteKind {
     Order,
     /// Of a run: passes are timed by another clock than its audit chose.
     OtherClocks,
+    /// Of a merged run: some of its cells have no record.
+    Incomplete,
     /// Some samples are of an earlier run.
     Resumed,
     /// The frame time still fell when warm-up was given up.
@@ -142,6 +144,8 @@ pub enum NoteKind {
     Imprecise,
     /// Some frames were far slower or faster than the median.
     Outliers,
+    /// Heat or power held the clocks down in some samples.
+    Throttled,
     /// A figure was not finite and is left out.
     NotFinite,
     /// A figure could not be computed.
@@ -197,27 +201,6 @@ pub enum PictureKind {
     Image,
     /// The difference from the reference.
     Error,
-}
-
-/// What a GPU's driver says of it at one moment.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(default)]
-pub struct MachineState {
-    /// Of the shader cores, MHz.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub clock_mhz: Option<f64>,
-    /// Of the memory, MHz.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub memory_clock_mhz: Option<f64>,
-    /// Of the device, °C.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub temperature_c: Option<f64>,
-    /// Drawn by the device, watts.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub power_w: Option<f64>,
-    /// Why clocks are below their highest, in NVML's words; empty where nothing holds them down or the driver does not tell.
-    #[serde(skip_serializing_if = "Vec::is_empty")]
-    pub throttle: Vec<String>,
 }
 
 /// Why a timed frame was not used.

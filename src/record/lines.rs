@@ -21,7 +21,7 @@ const MOST_TOLD: usize = 10;
 /// Largest file that is read, bytes: 100,000 cells of thirteen stages with 50 samples each.
 pub const MAX_FILE: u64 = 2 << 30;
 /// Longest line that is read, bytes: a cell of ten stages with 40,000 samples each.
-const MAX_LINE: usize = 8 << 20;
+pub const MAX_LINE: usize = 8 << 20;
 
 /// What a file of lines holds.
 pub trait Line: Serialize + DeserializeOwned {

@@ -23,7 +23,7 @@ pub struct SampleLine {
     /// Version of the format of these lines.
     #[schemars(extend("const" = SAMPLES_SCHEMA))]
     pub schema: u32,
-    /// Digest of the cell and its conditions: build, adapter, profile, shader checks and resume key.
+    /// Digest of the cell and its conditions: build, machine, adapter, profile, shader checks and resume key.
     pub id: String,
     /// The experiment, for readers: the id says all.
     pub experiment: String,
@@ -44,12 +44,13 @@ impl Line for SampleLine {
 }
 
 impl SampleLine {
-    /// Name of a cell under a run's conditions: the same build, adapter, profile and shader checks, and the same
+    /// Name of a cell under a run's conditions: the same build, machine, adapter, profile and shader checks, and the same
     /// [resume key](super::resume_key).
     pub fn id(run: &Run, resume_key: &str) -> String {
         let Run { fathom_version, adapter, profile, shader_checks, .. } = run;
+        let host = &run.conditions.host;
         let conditions =
-            serde_json::json!([fathom_version, adapter, profile, shader_checks, resume_key]);
+            serde_json::json!([fathom_version, host, adapter, profile, shader_checks, resume_key]);
         let digest = Sha256::digest(conditions.to_string());
         digest[..ID_BYTES].iter().map(|byte| format!("{byte:02x}")).collect()
     }

@@ -5,7 +5,10 @@
 use itertools::Itertools;
 
 use super::{Entry, Exporter, OfRun, ReportError, ReportView, RunExporter, Written};
-use crate::record::{Estimate, Fenced, Interval, Measured, Outcome, StageRecord, Work};
+use crate::record::{
+    Estimate, Fenced, Interval, MachineState, Measured, Outcome, StageRecord, Throttling, Work,
+    machine,
+};
 use crate::statistics::median;
 use crate::text;
 
@@ -22,7 +25,8 @@ const OF_CELL: &str =
 const OF_STAGE: &str =
     "stage clock median_ns low_ns high_ns samples submit_cost_median_ns resolution_ns";
 const OF_FRAME: &str = "frame_untimed_median_ns frame_untimed_low_ns frame_untimed_high_ns frame_untimed_samples \
-    accounting_error timing_cost allocated_bytes warm_up_frames rejected_frames quantities";
+    accounting_error timing_cost allocated_bytes warm_up_frames rejected_frames \
+    machine_samples throttled_samples throttle_reasons quantities";
 
 fn export(view: &ReportView<'_>) -> Result<String, ReportError> {
     let names = |names: &str| names.split(' ').map(str::to_owned).collect::<Vec<String>>();
@@ -112,7 +116,16 @@ fn frame_fields(measured: &Measured) -> Vec<String> {
         measured.warm_up_frames.to_string(),
         measured.rejected_frames().to_string(),
     ]);
+    fields.extend(machine_fields(&frame.machine));
     fields
+}
+
+/// Samples whose state of the machine is known, those that were taken while heat or power held clocks down, and why.
+fn machine_fields(states: &[MachineState]) -> [String; 3] {
+    let held = Throttling::of(states);
+    let reasons = held.as_ref().map_or_else(String::new, |held| machine::words(&held.reasons));
+    let throttled = held.map_or(0, |held| held.throttled);
+    [states.len().to_string(), throttled.to_string(), reasons]
 }
 
 /// `NAME=VALUE` of each quantity and error.
@@ -141,7 +154,7 @@ mod tests {
         let records = fixtures::run();
         let text = export(&ReportView::new(&records, None)).unwrap();
         let mut reader = csv::Reader::from_reader(text.as_bytes());
-        assert_eq!(reader.headers().unwrap().len(), 35);
+        assert_eq!(reader.headers().unwrap().len(), 38);
         let rows: Vec<csv::StringRecord> = reader.records().map(Result::unwrap).collect();
         assert!(rows.len() > 20);
         assert!(rows.iter().any(|row| &row[8] == "skipped"));
@@ -154,9 +167,29 @@ mod tests {
         let text = export(&view).unwrap();
         let mut reader = csv::Reader::from_reader(text.as_bytes());
         let rows = reader.records().map(Result::unwrap);
-        let told = rows.filter(|row| row[34].contains('=')).count();
+        let told = rows.filter(|row| row[37].contains('=')).count();
         let with_figures = view.measured().filter(|(_, measured)| !measured.figures().is_empty());
         assert_eq!(told, with_figures.count());
+    }
+
+    #[test]
+    fn a_throttled_cell_says_how_often_and_why() {
+        let mut records = fixtures::run();
+        let measured = records.iter_mut().find_map(|record| match record {
+            Record::Cell(cell) => cell.measured_mut(),
+            _ => None,
+        });
+        let state = |throttle| MachineState { throttle, ..MachineState::default() };
+        use crate::record::ThrottleReason::{GpuIdle, SwPowerCap};
+        measured.unwrap().frame.machine = vec![state(vec![GpuIdle]), state(vec![SwPowerCap])];
+        let text = export(&ReportView::new(&records, None)).unwrap();
+        let mut reader = csv::Reader::from_reader(text.as_bytes());
+        let rows: Vec<csv::StringRecord> = reader.records().map(Result::unwrap).collect();
+        let told = |row: &csv::StringRecord| [34, 35, 36].map(|column| row[column].to_owned());
+        let measured = rows.iter().filter(|row| &row[8] == "measured").map(told);
+        let kinds: std::collections::BTreeSet<[String; 3]> = measured.collect();
+        let expected = [["0", "0", ""], ["2", "1", "power cap"]];
+        assert_eq!(kinds, expected.map(|row| row.map(str::to_owned)).into());
     }
 
     #[test]

@@ -9,10 +9,10 @@ use serde_json::Value;
 
 use super::format::{self, percent};
 use super::plots::names;
-use super::{ReportView, Section};
+use super::{ReportView, Section, trust};
 use crate::experiments::schema::{FIXED_SHARE, Plot, PlotKind};
 use crate::experiments::{self, Measure, Ruling, Scaling, Verdict, groups, scaling};
-use crate::record::{Cell, Estimate, FrameRecord, Interval, Measured, StageRecord};
+use crate::record::{Cell, Estimate, FrameRecord, Interval, Measured, Note, NoteKind, StageRecord};
 use crate::statistics;
 
 /// How many claims have each verdict.
@@ -238,12 +238,15 @@ pub struct Precision<'a> {
     pub cell: &'a Cell,
 }
 
+/// Which cells the records of a merged run lack.
+pub fn incomplete<'a>(view: &ReportView<'a>) -> impl Iterator<Item = &'a Note> {
+    let notes = view.runs.iter().flat_map(|run| &run.notes);
+    notes.filter(|note| note.kind == NoteKind::Incomplete)
+}
+
 /// None where no cell was timed.
 pub fn precision<'a>(view: &ReportView<'a>) -> Option<Precision<'a>> {
-    let widths: Vec<(f64, &Cell)> = view
-        .timed()
-        .map(|(cell, measured)| (measured.frame.untimed.relative_half_width(), cell))
-        .collect();
+    let widths = trust::half_widths(view);
     let (worst, cell) = *widths.iter().max_by(|a, b| a.0.total_cmp(&b.0))?;
     let all: Vec<f64> = widths.iter().map(|(width, _)| *width).collect();
     Some(Precision { median: statistics::median(&all), worst, cell })

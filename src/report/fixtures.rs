@@ -106,6 +106,7 @@ pub fn header(profile: Profile) -> Run {
             ..Adapter::default()
         },
         shader_checks: ShaderChecks::Checked,
+        shard: None,
         clocks: [(PassKind::Compute, Clock::FencedHost), (PassKind::Render, Clock::Timestamp)]
             .into(),
         conditions: Conditions { cores: vec![1], ..Conditions::default() },

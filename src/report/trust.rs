@@ -6,23 +6,26 @@ use std::collections::{BTreeMap, BTreeSet};
 use itertools::Itertools;
 
 use super::ReportView;
-use crate::record::{Cell, Clock, Conditions, Estimate, FrameRecord, PassKind, Run, SetUp};
+use crate::record::{
+    Cell, Clock, Conditions, Estimate, FrameRecord, PassKind, Run, SetUp, ThrottleReason,
+    Throttling, machine,
+};
 use crate::statistics;
 
 /// Samples of a cell that the drift is computed from, evenly taken: pairs grow with the square of them.
 const MOST_OF_A_CELL: usize = 50;
 
 /// What a kind of pass was timed by, and what the audit said of that clock.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum ClockTrust {
     /// It agrees with the host clock wherever it was audited.
     Sound,
     /// The host clock around fenced submissions, which others are audited against.
     Host,
-    /// The audit found it unusable, and it was used all the same.
-    Unsound,
     /// The records hold no audit of it.
     NotAudited,
+    /// The audit found it unusable, and it was used all the same.
+    Unsound,
 }
 
 /// Of each kind of pass, the clock and what it is worth.
@@ -43,6 +46,37 @@ fn trust(run: &Run, kind: PassKind, clock: Clock) -> ClockTrust {
     }
 }
 
+/// Of several sittings the one with the clock that can be trusted least; the latest of equal ones.
+pub fn worst<'a>(view: &ReportView<'a>) -> Option<&'a Run> {
+    let trust = |run: &&Run| clocks(run).map(|(.., trust)| trust).max();
+    view.runs.iter().copied().max_by_key(trust)
+}
+
+/// Whether the clocks can be trusted, in one sentence.
+pub fn verdict(run: &Run) -> String {
+    let of = |wanted: ClockTrust| {
+        let kinds = clocks(run).filter(|(.., trust)| *trust == wanted);
+        kinds.map(|(kind, ..)| kind.name()).join(" and ")
+    };
+    let [unsound, unknown, host] =
+        [ClockTrust::Unsound, ClockTrust::NotAudited, ClockTrust::Host].map(of);
+    if !unsound.is_empty() {
+        format!("The clock of {unsound} passes cannot be trusted: the audit found it unusable.")
+    } else if !unknown.is_empty() {
+        format!(
+            "Whether the clock of {unknown} passes can be trusted is not known: the records hold no audit of it."
+        )
+    } else if !host.is_empty() {
+        format!(
+            "The clocks can be trusted: passes of the kind {host} were timed by the host clock around each of them, less the cost \
+             of a submission, as the audit found no better clock."
+        )
+    } else {
+        "The clocks can be trusted: the audit found the clock of every kind of pass sound."
+            .to_owned()
+    }
+}
+
 /// Which clock timed what, and under which conditions.
 pub fn conditions(run: &Run) -> String {
     let all: Vec<(PassKind, Clock)> = clocks(run).map(|(kind, clock, _)| (kind, clock)).collect();
@@ -52,7 +86,7 @@ pub fn conditions(run: &Run) -> String {
             all.iter().map(|(kind, clock)| format!("{}: {}", kind.name(), clock.name())).join(", ")
         }
     };
-    let Conditions { cores, rasterizer_threads, randomized } = &run.conditions;
+    let Conditions { cores, rasterizer_threads, randomized, .. } = &run.conditions;
     let mut conditions = Vec::new();
     if let [core] = cores.as_slice() {
         conditions.push(format!("driver on core {core} alone"));
@@ -66,14 +100,39 @@ pub fn conditions(run: &Run) -> String {
     if conditions.is_empty() { clocks } else { format!("{clocks}; {}", conditions.join(", ")) }
 }
 
-/// Cells of which a sample was taken while the driver held the clocks down, and the driver's reasons.
-pub fn throttled<'a>(view: &ReportView<'a>) -> (usize, BTreeSet<&'a str>) {
-    let held = view.timed().map(|(_, measured)| {
-        let reasons = measured.frame.machine.iter().flat_map(|state| &state.throttle);
-        reasons.map(String::as_str).collect::<BTreeSet<&str>>()
+/// Cells that were measured while heat or power held clocks down.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ThrottledCells<'a> {
+    /// Cells whose samples know the state of the machine.
+    pub of: usize,
+    /// In the order of the records; at least one.
+    pub cells: Vec<(&'a Cell, Throttling)>,
+    /// All cells' reasons.
+    pub reasons: BTreeSet<ThrottleReason>,
+}
+
+/// The throttled cells of a view, if there are any.
+pub fn throttled<'a>(view: &ReportView<'a>) -> Option<ThrottledCells<'a>> {
+    let known = view.timed().filter(|(_, measured)| !measured.frame.machine.is_empty());
+    let known: Vec<_> = known.map(|(cell, measured)| (cell, &measured.frame.machine)).collect();
+    let held = known.iter().filter_map(|(cell, states)| Some((*cell, Throttling::of(states)?)));
+    let cells: Vec<(&Cell, Throttling)> = held.collect();
+    let reasons = cells.iter().flat_map(|(_, held)| held.reasons.iter().cloned()).collect();
+    (!cells.is_empty()).then_some(ThrottledCells { of: known.len(), cells, reasons })
+}
+
+/// `2 of 9 cells: power cap; at worst 12 of 40 samples (uw-photons 400x400)`.
+pub fn throttled_words(throttled: &ThrottledCells<'_>) -> String {
+    let ThrottledCells { of, cells, reasons } = throttled;
+    let share = |held: &Throttling| held.throttled as f64 / held.samples as f64;
+    let worst = cells.iter().max_by(|a, b| share(&a.1).total_cmp(&share(&b.1)));
+    let worst = worst.map_or_else(String::new, |(cell, held)| {
+        format!(
+            "; at worst {} of {} samples ({} {})",
+            held.throttled, held.samples, cell.experiment, cell.cell
+        )
     });
-    let held: Vec<BTreeSet<&str>> = held.filter(|reasons| !reasons.is_empty()).collect();
-    (held.len(), held.into_iter().flatten().collect())
+    format!("{} of {of} cells: {}{worst}", cells.len(), machine::words(reasons))
 }
 
 /// Half widths of the frame times' 95 % intervals relative to the median, and their cells. Infinite where there is no interval.
@@ -154,18 +213,27 @@ mod tests {
     #[test]
     fn cells_with_throttled_clocks_are_counted_with_the_reasons() {
         let mut records = fixtures::run();
-        assert_eq!(throttled(&ReportView::new(&records, None)).0, 0);
+        assert_eq!(throttled(&ReportView::new(&records, None)), None);
+        let state = |throttle: &[ThrottleReason]| MachineState {
+            throttle: throttle.to_vec(),
+            ..MachineState::default()
+        };
+        let idle = state(&[ThrottleReason::GpuIdle]);
         let cells = records.iter_mut().filter_map(|record| match record {
             Record::Cell(cell) => cell.measured_mut(),
             _ => None,
         });
-        for measured in cells.take(2) {
-            let held =
-                MachineState { throttle: vec!["power cap".into()], ..MachineState::default() };
-            measured.frame.machine = vec![MachineState::default(), held];
+        let held = state(&[ThrottleReason::SwPowerCap, ThrottleReason::GpuIdle]);
+        for (number, measured) in cells.take(3).enumerate() {
+            let second = if number < 2 { held.clone() } else { idle.clone() };
+            measured.frame.machine = vec![idle.clone(), second];
         }
         let view = ReportView::new(&records, None);
-        assert_eq!(throttled(&view), (2, ["power cap"].into()));
+        let found = throttled(&view).unwrap();
+        assert_eq!((found.of, found.cells.len()), (3, 2));
+        assert_eq!(found.reasons, [ThrottleReason::SwPowerCap].into());
+        let words = throttled_words(&found);
+        assert!(words.starts_with("2 of 3 cells: power cap; at worst 1 of 2 samples ("), "{words}");
     }
 
     #[test]

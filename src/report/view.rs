@@ -2,8 +2,8 @@
 
 use std::cell::OnceCell;
 use std::cmp::Ordering;
-use std::collections::HashMap;
 use std::collections::hash_map::Entry::{Occupied, Vacant};
+use std::collections::{BTreeSet, HashMap, HashSet};
 use std::fmt::Display;
 use std::path::{Path, PathBuf};
 
@@ -227,9 +227,33 @@ impl<'a> Section<'a> {
 
     pub fn rulings(&self) -> &[Ruling] {
         self.rulings.get_or_init(|| match &self.experiment {
-            Some(experiment) => experiment.rulings(&self.cells(), self.software()),
+            Some(experiment) => {
+                let mut rulings = experiment.rulings(&self.cells(), self.software());
+                self.rule_out_several_machines(experiment, &mut rulings);
+                rulings
+            }
             None => Vec::new(),
         })
+    }
+
+    /// No verdict rests on two machines: a run may go on elsewhere.
+    fn rule_out_several_machines(&self, experiment: &Experiment, rulings: &mut [Ruling]) {
+        let host = |entry: &Entry<'a>| entry.run?.conditions.host.as_deref();
+        if self.entries.iter().filter_map(host).all_equal() {
+            return;
+        }
+        let cells = self.cells();
+        for (claim, ruling) in experiment.claim.iter().zip(rulings) {
+            let concerned: HashSet<*const Cell> =
+                experiments::concerned(claim, &cells).into_iter().map(std::ptr::from_ref).collect();
+            let entries = self.entries.iter();
+            let of_claim = entries.filter(|e| concerned.contains(&std::ptr::from_ref(e.cell)));
+            let hosts: BTreeSet<&str> = of_claim.filter_map(host).collect();
+            if hosts.len() > 1 {
+                let reason = format!("its cells were measured on {}", hosts.iter().join(" and "));
+                *ruling = Ruling::not_run(claim, reason);
+            }
+        }
     }
 
     pub(super) fn figure(&self) -> &Figure {

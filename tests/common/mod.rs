@@ -35,6 +35,31 @@ pub fn small() -> impl Iterator<Item = &'static str> {
     sets.into_iter().flat_map(|set| ["--set", set])
 }
 
+/// Files of experiments that nothing compares, each of two cells that take a moment.
+pub fn experiment_files(folder: &Path, count: usize) -> Vec<String> {
+    let file = |number: usize| {
+        let text = format!(
+            r#"
+            id = "own-{number}"
+            title = "Own"
+            source = "none"
+            pipeline = "underwater"
+            scene = "tank"
+            params = {{ view = {{ width = 64, height = 64 }}, shadow.size = 64, caustics = {{ grid = 16, buffer = [32, 32] }}, godrays = {{ grid = 8, buffer = [16, 16] }} }}
+            [[sweep]]
+            [[sweep.axis]]
+            name = "surface.cells"
+            values = [16, {}]
+            "#,
+            17 + number
+        );
+        let path = folder.join(format!("own-{number}.toml"));
+        std::fs::write(&path, text).unwrap();
+        path.display().to_string()
+    };
+    (1..=count).map(file).collect()
+}
+
 /// Parameters as the command line takes them, with spaces between.
 pub fn sets(text: &str) -> Vec<(String, Value)> {
     text.split_whitespace().map(|set| parse_set(set).unwrap()).collect()

@@ -246,6 +246,107 @@ fn a_killed_comparison_goes_on_where_it_ended() {
     assert_eq!(stored.header.settings.gates, [Gate::Exact, Gate::Time]);
 }
 
+/// A build that writes down the variable `MARK` whenever it is greeted or sampled.
+fn marking(log: &Path) -> Script<'static> {
+    let greeting = hello(1, r#""exact","checks","time""#);
+    let hello = format!(
+        r#"echo "hello $MARK${{MESA_SHADER_CACHE_DIR:+, shaders apart}}" >> '{}'; {greeting}"#,
+        log.display()
+    );
+    Script { hello, ..Script::default() }
+}
+
+#[test]
+fn each_side_has_its_own_environment_and_the_control_has_the_bases() {
+    let builds = Builds::new();
+    let log = builds.path("log");
+    let program = builds.build("both", &marking(&log));
+    let given = |arguments: &[&str]| {
+        let mut command = builds.command(&program, &program);
+        command.env_remove("MARK").env_remove("MESA_SHADER_CACHE_DIR").args(arguments);
+        command
+    };
+    let output = given(&["--base-env", "MARK=of base"]).output().unwrap();
+    assert_eq!(output.status.code(), Some(0), "{output:?}");
+    let told = String::from_utf8(output.stdout).unwrap();
+    assert!(told.lines().next().unwrap().contains("(0) with MARK=of base → "), "{told}");
+    let log = fs::read_to_string(&log).unwrap();
+    let count = |line: &str| log.lines().filter(|found| *found == line).count();
+    // Survey, first look of the time gate and ten launches; two of the base's workers more in each launch for the control.
+    assert_eq!(
+        (count("hello of base, shaders apart"), count("hello ")),
+        (2 + 3 * 10, 2 + 10),
+        "{log}"
+    );
+
+    let stored = StoredComparison::read(&builds.path("out")).unwrap();
+    assert_eq!(stored.header.base.environment.variables["MARK"], "of base");
+    assert!(stored.header.head.environment.is_empty() && stored.header.base_adapter.is_none());
+    let again = fathom().args(["compare", "--replay"]).arg(builds.path("out")).output().unwrap();
+    assert_eq!(String::from_utf8(again.stdout).unwrap(), told);
+    for other in [&["--base-env", "MARK=another"][..], &["--head-env", "MARK=of base"]] {
+        let resumed = given(other).arg("--resume").output().unwrap();
+        refused(&resumed, "was begun with another environment or driver of the base");
+    }
+    let more = ["--base-env", "MARK=of base", "--head-env", "MARK=x", "--resume"];
+    refused(&given(&more).output().unwrap(), "another environment or driver of the head");
+    let same = given(&["--base-env", "MARK=of base", "--resume"]).output().unwrap();
+    assert_eq!(same.status.code(), Some(0), "{same:?}");
+}
+
+/// A build whose adapter is named by the variable `NAME`.
+#[test]
+fn sides_on_different_adapters_are_told_only_where_they_were_given_different_things() {
+    let named = |name: &str| {
+        let hello = hello(1, r#""exact","checks","time""#).replace("\"toy\"", "\"'$NAME'\"");
+        Script {
+            hello,
+            ns: if name == "slow" { 3_000_000 } else { 2_000_000 },
+            ..Script::default()
+        }
+    };
+    let builds = Builds::new();
+    let (base, head) = (builds.build("base", &named("")), builds.build("head", &named("slow")));
+    let mut command = builds.command(&base, &head);
+    let output =
+        command.args(["--base-env", "NAME=one", "--head-env", "NAME=two"]).output().unwrap();
+    let told = String::from_utf8(output.stdout).unwrap();
+    assert_eq!(output.status.code(), Some(0), "{told}");
+    assert!(told.contains("no regression; 4 cells: 4 not judged"), "{told}");
+    assert!(told.contains("+50.0 % (50.0 … 50.0), different adapters"), "{told}");
+    assert_eq!(told.lines().nth(1), Some("one → two"));
+
+    let builds = Builds::new();
+    let other = hello(1, "\"time\"").replace("\"toy\"", "\"another\"");
+    let base = builds.build("base", &Script::default());
+    let head = builds.build("head", &Script { hello: other, ..Script::default() });
+    let output = builds.command(&base, &head).output().unwrap();
+    refused(&output, "the sides run on different adapters: the base on toy");
+}
+
+#[test]
+fn environments_and_drivers_that_cannot_be_had_are_refused_before_anything_is_measured() {
+    let builds = Builds::new();
+    let library = builds.path("library.so");
+    fs::write(&library, "no library").unwrap();
+    let manifest = builds.path("icd.json");
+    fs::write(&manifest, r#"{"ICD": {"library_path": "./library.so"}}"#).unwrap();
+    let manifest = manifest.to_str().unwrap();
+    for (arguments, reason) in [
+        (&["--base-env", "A"][..], "give NAME=VALUE"),
+        (&["--head-env", "LP_NUM_THREADS=2"], "LP_NUM_THREADS is fathom's own"),
+        (&["--head-env", "VK_ICD_FILENAMES=x"], "give --head-driver"),
+        (&["--head-driver", "/no/such.json"], "--head-driver /no/such.json: No such file"),
+        (&["--base-driver", manifest], "it gives no Vulkan adapter here, as"),
+        (&[], "nothing to compare with"),
+    ] {
+        let mut command = fathom();
+        command.args(["compare", "--cells", "compose", "--out"]).arg(builds.path("out"));
+        refused(&command.args(arguments).output().unwrap(), reason);
+        assert!(!builds.path("out").exists(), "{arguments:?}");
+    }
+}
+
 #[test]
 fn files_of_records_are_judged_by_what_is_exact() {
     let folder = tempfile::tempdir().unwrap();

@@ -77,7 +77,7 @@ fn a_gate_between_two_copies_of_this_build_measures_every_cell() {
     assert_eq!(pairs.len(), 2 * 4 * 3, "two launches, four rounds, two cells and the control");
     assert!(pairs.iter().all(|pair| pair.base_ns > 0.0 && pair.head_ns > 0.0));
     assert_eq!(pairs.iter().filter(|pair| pair.control).count(), 8);
-    if cfg!(target_os = "linux") && bench.adapter.software {
+    if cfg!(target_os = "linux") && bench.sides[0].adapter.software {
         assert!(launches.iter().all(|launch| launch.core.is_some()));
     }
     let judged = time::judge(&schedule.cells, &pairs, &GateSettings::default());
@@ -114,7 +114,7 @@ fn a_worker_says_under_which_conditions_it_runs_and_answers_every_request() {
         stage: stage.to_owned(),
         frames,
     };
-    let Ok(Reply::Sample { ns }) = ask(sample("plane", "caustics/splat", 3)) else {
+    let Ok(Reply::Sample { ns, .. }) = ask(sample("plane", "caustics/splat", 3)) else {
         panic!("no sample")
     };
     assert!(ns.len() == 3 && ns.iter().all(|ns| *ns > 0.0), "{ns:?}");

@@ -11,10 +11,10 @@ use fathom::harness::output::{FolderKind, Taken};
 use fathom::record::ErrorFigure;
 use fathom::record::comparison::{
     CellId, CheckFigure, Compared, ComparedBuild, ComparisonEnd, ComparisonHeader,
-    ConfigurationFigures, ExactFigures, Fault, Gate, GateSettings, InstructionCounts, Launch, Pair,
-    Side, Skip,
+    ConfigurationFigures, ExactFigures, Fault, Gate, GateSettings, InstructionCounts, Launch,
+    NamedDriver, Pair, PairStates, Side, SideEnvironment, Skip,
 };
-use fathom::record::{Adapter, Work};
+use fathom::record::{Adapter, MachineState, ThrottleReason, Work};
 use itertools::Itertools;
 use predicates::str::contains;
 
@@ -39,6 +39,7 @@ fn build(label: &str) -> ComparedBuild {
         version: "0.1.0".to_owned(),
         protocol: Some(1),
         digest: format!("digest of {label}"),
+        environment: Default::default(),
     }
 }
 
@@ -52,6 +53,7 @@ fn pair(launch: u32, round: u32, name: &str, ratio: f64) -> Pair {
         first: if round.is_multiple_of(2) { Side::Base } else { Side::Head },
         base_ns: BASE_NS,
         head_ns: BASE_NS * ratio,
+        machine: Default::default(),
     }
 }
 
@@ -597,4 +599,144 @@ fn a_stage_alone_executes_as_much_in_each_frame() {
         assert!(counts.len() >= 3 && most / least < 1.002, "{counts:?}");
     }
     assert_eq!(comparison.instructions.len(), 2);
+}
+
+/// A head that is slower, takes more instructions and invokes more, on another adapter than the base.
+fn on_adapters(base: Adapter, head: Adapter) -> Stored {
+    let mut stored = Stored::new(&[TRACE, COMPOSE])
+        .same(TRACE)
+        .counted(COMPOSE)
+        .counts(COMPOSE, 1.5)
+        .times(COMPOSE, false, 1.5, 0.004);
+    for line in &mut stored.lines {
+        if let Compared::Exact(figures) = line
+            && figures.side == Side::Head
+        {
+            figures.counters.values_mut().for_each(|count| *count += 1);
+        }
+    }
+    stored.header.base_adapter = Some(base);
+    stored.header.adapter = head;
+    stored
+}
+
+#[test]
+fn times_of_two_versions_of_a_driver_are_judged_and_of_two_drivers_told() {
+    let lavapipe = |bits: u32, version: &str| Adapter {
+        name: format!("llvmpipe (LLVM 15.0.6, {bits} bits)"),
+        driver: "llvmpipe".to_owned(),
+        driver_info: version.to_owned(),
+        vendor_id: 0x10005,
+        software: true,
+        ..Adapter::default()
+    };
+    let here = || lavapipe(256, "Mesa 22.3.6");
+    let swiftshader = Adapter {
+        name: "SwiftShader Device (Subzero)".to_owned(),
+        driver: "SwiftShader driver".to_owned(),
+        vendor_id: 0x1ae0,
+        device_id: 0xc0de,
+        software: true,
+        ..Adapter::default()
+    };
+    let different = || on_adapters(here(), swiftshader.clone());
+    let more_bytes = different().configuration(BYTES + 1, 0.01);
+    let less_accurate = different().configuration(BYTES, 0.02);
+    replay_all([
+        ("a setting", on_adapters(here(), lavapipe(128, "Mesa 22.3.6")), 1, "under two settings"),
+        (
+            "a version",
+            on_adapters(here(), lavapipe(256, "Mesa 24")),
+            1,
+            "under two versions of its",
+        ),
+        ("two drivers", different(), 0, "no regression; 2 cells: 2 not judged"),
+        ("exact figures", more_bytes, 1, "allocated_bytes"),
+        ("errors", less_accurate, 1, "caustics/trace: less accurate"),
+    ]);
+    let folder = tempfile::tempdir().unwrap();
+    different().write(folder.path());
+    let text = replayed("two drivers", folder.path(), 0);
+    let adapters = "llvmpipe (LLVM 15.0.6, 256 bits), Mesa 22.3.6 → SwiftShader Device (Subzero)";
+    assert_eq!(text.lines().nth(1), Some(adapters));
+    assert!(text.contains("+50.0 % (49.7 … 50.3), different adapters"), "{text}");
+    assert!(text.contains("+50.00 %, different adapters"), "{text}");
+    assert!(text.contains("compute_shader_invocations"), "{text}");
+}
+
+#[test]
+fn what_a_side_alone_was_given_is_told_in_every_report() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut stored = quiet();
+    let hostile = "<b>|1\n2".to_owned();
+    stored.header.base.environment.variables = [("LP_NATIVE".to_owned(), "256".to_owned())].into();
+    stored.header.head.environment = SideEnvironment {
+        driver: Some(NamedDriver {
+            manifest: "/opt/mesa/icd.json".to_owned(),
+            library: "/opt/mesa/lib.so".to_owned(),
+            digest: Some("0".repeat(64)),
+        }),
+        variables: [("LP_NATIVE".to_owned(), hostile)].into(),
+    };
+    stored.write(folder.path());
+    let text = replayed("environment", folder.path(), 0);
+    let first = text.lines().next().unwrap();
+    assert!(first.contains("origin/main (0.1.0) with LP_NATIVE=256 → "), "{first}");
+    assert!(first.ends_with("with driver /opt/mesa/icd.json, LP_NATIVE=<b>|1 2"), "{first}");
+    for (file, expected) in [
+        ("summary.md", "LP_NATIVE=256 → "),
+        ("junit.xml", "with driver /opt/mesa/icd.json, LP_NATIVE=&lt;b&gt;|1 2"),
+        ("index.html", "with driver /opt/mesa/icd.json, LP_NATIVE=&lt;b&gt;|1"),
+    ] {
+        let written = fs::read_to_string(folder.path().join(file)).unwrap();
+        assert!(written.contains(expected), "{file}: {written}");
+        assert!(!written.contains("<b>"), "{file}");
+    }
+}
+
+#[test]
+fn a_slowdown_while_the_head_was_throttled_is_a_regression_that_says_so() {
+    let held = |stored: Stored, side: Side| {
+        let mut stored = stored;
+        let throttle = vec![ThrottleReason::SwThermalSlowdown];
+        let state = Some(MachineState { throttle, ..MachineState::default() });
+        for line in &mut stored.lines {
+            let Compared::Pair(pair) = line else { continue };
+            if pair.cell.as_str() != COMPOSE || pair.launch >= 4 {
+                continue;
+            }
+            pair.machine = match side {
+                Side::Base => PairStates { base: state.clone(), head: None },
+                Side::Head => PairStates { base: None, head: state.clone() },
+            };
+        }
+        stored
+    };
+    let slower = || {
+        Stored::new(&[TRACE, COMPOSE])
+            .same(TRACE)
+            .counted(COMPOSE)
+            .times(COMPOSE, false, 1.05, 0.004)
+    };
+    let doubt = "of the head: more often on the slower side, so the change may be the machine's";
+    let of_head = "clocks held down (thermal slowdown by the driver) in 0 of 10 launches of the base and 4 of the head";
+    replay_all([
+        ("head", held(slower(), Side::Head), 1, doubt),
+        ("which launches", held(slower(), Side::Head), 1, of_head),
+        ("count", held(slower(), Side::Head), 1, "1 of these are slower with more such launches"),
+        (
+            "base",
+            held(slower(), Side::Base),
+            1,
+            "in 4 of 10 launches of the base and 0 of the head\n",
+        ),
+        ("no change", held(quiet(), Side::Head), 0, "while 1 of 2 cells were timed; 0 of these"),
+    ]);
+    let folder = tempfile::tempdir().unwrap();
+    held(slower(), Side::Head).write(folder.path());
+    replayed("files", folder.path(), 1);
+    for file in ["summary.md", "junit.xml", "index.html"] {
+        let written = fs::read_to_string(folder.path().join(file)).unwrap();
+        assert!(written.contains("more often on the slower side"), "{file}: {written}");
+    }
 }

@@ -11,11 +11,12 @@ mod seeds;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-use fathom::compare::{cells::Gates, store::StoredComparison, verdict::Verdicts};
+use fathom::compare::{cells::Gates, driver, store::StoredComparison, verdict::Verdicts};
 use fathom::experiments::{Experiment, parse_axis, parse_set};
 use fathom::harness::query;
 use fathom::harness::subject::Subjects;
 use fathom::record::Profile;
+use fathom::record::comparison::Side;
 use fathom::report::{FrameChoice, ReportError, ReportView};
 use fathom::scene::{Mesh, Scene, SceneFile};
 use fathom::{exporters, pipelines, record};
@@ -176,6 +177,13 @@ fn comparison_lines() {
             (format.export)(&verdicts);
         }
         Ok(())
+    });
+}
+
+#[test]
+fn driver_manifests() {
+    fuzz_file("icd.json", seeds::manifests(), |path| {
+        told(driver::environment(Side::Head, &[], Some(path))).map(drop)
     });
 }
 

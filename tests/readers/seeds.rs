@@ -131,6 +131,7 @@ fn header() -> Compared {
         version: "0.1.0".into(),
         protocol: Some(1),
         digest: "d".into(),
+        environment: Default::default(),
     };
     Compared::Header(Box::new(ComparisonHeader {
         base: build("base"),
@@ -195,6 +196,7 @@ fn launch(launch: u32) -> Vec<Compared> {
                 first,
                 base_ns: 1e6 + f64::from(launch),
                 head_ns: 1.02e6,
+                machine: Default::default(),
             }));
         }
     }
@@ -217,6 +219,17 @@ pub fn comparisons() -> Seeds {
     lines.extend((0..6).flat_map(launch));
     lines.extend([fault, end]);
     vec![text(&lines), text(&lines[..14])]
+}
+
+pub fn manifests() -> Seeds {
+    let manifest = |library: &str| {
+        format!(
+            r#"{{"file_format_version": "1.0.0", "ICD": {{"library_path": "{library}", "api_version": "1.3.0"}}}}"#
+        )
+    };
+    ["libvulkan_lvp.so", "./icd.json", "/usr/lib/libvulkan_lvp.so"]
+        .map(|library| manifest(library).into_bytes())
+        .into()
 }
 
 pub fn gates() -> Seeds {

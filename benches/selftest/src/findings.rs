@@ -376,6 +376,7 @@ pub mod tests {
                     first,
                     base_ns: 2e6,
                     head_ns: 2e6 * ratio * (1.0 + 2.0 * SPREAD * place),
+                    machine: Default::default(),
                 }));
             }
         }

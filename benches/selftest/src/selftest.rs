@@ -190,6 +190,8 @@ impl<'a> TrialBuilds<'a> {
         let base = self.base(compilation)?;
         let head = self.head(&trial.variant, compilation, injections)?;
         let program = |path: &Path| Program {
+            environment: Default::default(),
+            shader_cache: None,
             path: path.to_owned(),
             label: path.file_name().unwrap_or_default().to_string_lossy().into_owned(),
         };

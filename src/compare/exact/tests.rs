@@ -160,3 +160,22 @@ fn of_lines_that_were_stored_twice_the_last_holds() {
     assert_eq!(found.len(), 1);
     assert_eq!(found[0].head, 0.2);
 }
+
+#[test]
+fn counters_of_another_driver_are_reported_and_not_judged() {
+    let lines = || {
+        [(Side::Base, 100), (Side::Head, 120)].map(|(side, n)| counters(side, &[("fragments", n)]))
+    };
+    let mut stored = comparison(lines().to_vec());
+    let worse =
+        |stored: &StoredComparison| judge(stored).iter().map(|d| d.worse).collect::<Vec<_>>();
+    assert_eq!(worse(&stored), [true]);
+    let other = |driver: &str, driver_info: &str| {
+        let (driver, driver_info) = (driver.to_owned(), driver_info.to_owned());
+        Some(crate::record::Adapter { driver, driver_info, ..Default::default() })
+    };
+    stored.header.base_adapter = other("", "another version");
+    assert_eq!(worse(&stored), [true]);
+    stored.header.base_adapter = other("another", "");
+    assert_eq!(worse(&stored), [false]);
+}

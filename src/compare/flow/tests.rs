@@ -16,6 +16,7 @@ fn pair(launch: u32, cell: &CellId) -> Compared {
         first: Side::Base,
         base_ns: 1.0,
         head_ns: 1.0,
+        machine: Default::default(),
     })
 }
 

@@ -59,7 +59,7 @@ impl LaunchWorkers for Simulated {
         Ok(OpenedLaunch { refused: Vec::from_iter(refused), ..OpenedLaunch::default() })
     }
 
-    fn sample(&mut self, role: WorkerRole, cell: &CellId) -> Result<f64, WorkerFault> {
+    fn sample(&mut self, role: WorkerRole, cell: &CellId) -> Result<Sampled, WorkerFault> {
         let now = Some((self.launch, role, cell.stage()));
         if now == self.refusing {
             return Err(refusal());
@@ -74,7 +74,9 @@ impl LaunchWorkers for Simulated {
                 return Err(ended());
             }
         }
-        Ok(if role == WorkerRole::Head { 2e6 } else { 1e6 })
+        let ns = if role == WorkerRole::Head { 2e6 } else { 1e6 };
+        let machine = (role == WorkerRole::Head).then(MachineState::default);
+        Ok(Sampled { ns, machine })
     }
 
     fn close(&mut self) {

@@ -9,6 +9,7 @@ use crate::compare::exact::{DifferenceScope, FigureKind};
 use crate::compare::verdict::{CellVerdict, GateState, JudgedCell, Verdicts};
 use crate::report::junit::{add, failed, skipped, xml};
 use crate::report::{Exporter, Written};
+use crate::text;
 
 pub const EXPORTER: ComparisonExporter = Exporter {
     name: "junit",
@@ -20,6 +21,8 @@ pub const EXPORTER: ComparisonExporter = Exporter {
 
 fn export(verdicts: &Verdicts<'_>) -> String {
     let mut gates = TestSuite::new("fathom compare: gates");
+    let [sides, adapters] = rows::sides(verdicts).map(|side| text::line(&side));
+    gates.add_property(("builds", sides.as_str())).add_property(("adapters", adapters.as_str()));
     for (gate, state) in &verdicts.gates {
         let status = match state {
             GateState::Ran => TestCaseStatus::success(),

@@ -5,13 +5,15 @@ use std::collections::BTreeSet;
 use indexmap::IndexMap;
 use itertools::Itertools;
 
+use crate::compare::adapters::AdapterRelation;
 use crate::compare::exact::{Difference, DifferenceScope, FigureKind};
-use crate::compare::instructions::Counted;
+use crate::compare::instructions::{Change, Counted};
 use crate::compare::store::StoredComparison;
-use crate::compare::time::CellTime;
+use crate::compare::time::{CellTime, ThrottledLaunches, TimeVerdict};
 use crate::compare::unpaired::{RunTime, Unpaired};
 use crate::compare::verdict::{CellVerdict, GateState, JudgedCell, Status, Verdicts};
-use crate::record::comparison::{ComparedBuild, Fault, Gate, Side};
+use crate::record::comparison::{ComparedBuild, Fault, Gate, Side, SideEnvironment};
+use crate::record::{Adapter, machine};
 use crate::report::format::{NS_PER_MS, mebibytes, si, three};
 
 /// Columns of a table of cells.
@@ -25,6 +27,8 @@ pub fn cell(cell: &JudgedCell) -> [String; 7] {
     let detectable = time.and_then(|time| time.detectable);
     let counted = cell.instructions.as_ref();
     let or_none = |text: Option<String>| text.unwrap_or_else(|| NONE.to_owned());
+    let differences = cell.differences.iter().map(difference);
+    let faults = cell.faults.iter().map(fault);
     [
         cell.cell.to_string(),
         cell.verdict.to_string(),
@@ -32,7 +36,7 @@ pub fn cell(cell: &JudgedCell) -> [String; 7] {
         or_none(time.map(change).or(unpaired.map(unpaired_change))),
         or_none(detectable.map(|least| format!("{:.1} %", 100.0 * least))),
         or_none(counted.map(|counted| format!("{} {}", si(counted.base), more(counted)))),
-        cell.differences.iter().map(difference).chain(cell.faults.iter().map(fault)).join("; "),
+        differences.chain(faults).chain(time.and_then(throttled)).join("; "),
     ]
 }
 
@@ -54,7 +58,7 @@ fn rounded(value: f64, digits: usize) -> f64 {
     (value * scale).round() / scale + 0.0
 }
 
-/// `+5.1 % (4.2 … 6.0)`.
+/// `+5.1 % (4.2 … 6.0)`, and with times of different adapters that they are.
 fn change(time: &CellTime) -> String {
     let interval = match time.interval {
         Some((low, high)) => {
@@ -62,7 +66,23 @@ fn change(time: &CellTime) -> String {
         }
         None => "too few launches for an interval".to_owned(),
     };
-    format!("{} ({interval})", signed(time.change, 1))
+    let unjudged = if time.verdict == TimeVerdict::NotJudged { ", different adapters" } else { "" };
+    format!("{} ({interval}){unjudged}", signed(time.change, 1))
+}
+
+/// In which launches clocks were held down, and whether that may be the reason for a change.
+fn throttled(time: &CellTime) -> Option<String> {
+    let ThrottledLaunches { base, head, reasons } = time.throttled.as_ref()?;
+    let doubt = if time.may_be_throttling() {
+        ": more often on the slower side, so the change may be the machine's and not the build's"
+    } else {
+        ""
+    };
+    Some(format!(
+        "clocks held down ({}) in {base} of {n} launches of the base and {head} of the head{doubt}",
+        machine::words(reasons),
+        n = time.launches
+    ))
 }
 
 fn in_ms(ns: f64) -> String {
@@ -86,7 +106,8 @@ fn unpaired_change(unpaired: &Unpaired) -> String {
 
 /// How many more instructions the head takes.
 fn more(counted: &Counted) -> String {
-    signed(counted.ratio - 1.0, 2)
+    let unjudged = if counted.change == Change::NotJudged { ", different adapters" } else { "" };
+    format!("{}{unjudged}", signed(counted.ratio - 1.0, 2))
 }
 
 /// `fragments 100 → 120 (+20.0 %)`.
@@ -131,6 +152,7 @@ pub fn regressions(verdicts: &Verdicts<'_>) -> Vec<String> {
         let mut because = Vec::new();
         if let Some(time) = &cell.time {
             because.push(format!("time {}", change(time)));
+            because.extend(throttled(time));
         }
         if let Some(counted) = &cell.instructions {
             because.push(format!("instructions {}", more(counted)));
@@ -166,6 +188,8 @@ pub fn notes(verdicts: &Verdicts<'_>) -> Vec<String> {
         ));
     }
     notes.extend(inconclusive(verdicts));
+    notes.extend(on_two_adapters(verdicts));
+    notes.extend(held_down(verdicts));
     if settings.unpaired {
         notes.push(
             "times are unpaired: the runs were made one after the other, so they are reported, but not judged"
@@ -201,6 +225,36 @@ fn inconclusive(verdicts: &Verdicts<'_>) -> Option<String> {
         format!(
             "of {all} inconclusive, {open} may be slower by more than {:.1} %, as their intervals reach above it; only these make the status inconclusive",
             100.0 * threshold
+        )
+    })
+}
+
+/// What it means that the sides ran on two adapters, if they did.
+fn on_two_adapters(verdicts: &Verdicts<'_>) -> Option<String> {
+    let header = &verdicts.comparison.header;
+    header.base_adapter.as_ref()?;
+    let told = match AdapterRelation::in_header(header) {
+        AdapterRelation::Same => "one device and driver under two settings: everything is judged",
+        AdapterRelation::OtherVersion => {
+            "one device under two versions of its driver: everything is judged"
+        }
+        AdapterRelation::Different => {
+            "different adapters: exact figures are judged; times, instructions and counters are reported, but not judged"
+        }
+    };
+    Some(told.to_owned())
+}
+
+/// How many times rest on launches in which clocks were held down.
+fn held_down(verdicts: &Verdicts<'_>) -> Option<String> {
+    let times = verdicts.cells.iter().filter_map(|cell| cell.time.as_ref());
+    let held = times.clone().filter(|time| time.throttled.is_some()).count();
+    let doubtful = times.clone().filter(|time| time.may_be_throttling());
+    let slower = doubtful.filter(|time| time.verdict == TimeVerdict::Slower).count();
+    (held > 0).then(|| {
+        format!(
+            "heat or power held clocks down while {held} of {} were timed; {slower} of these are slower with more such launches on the head: measure them again",
+            cells(times.count())
         )
     })
 }
@@ -253,18 +307,31 @@ fn second(comparison: &StoredComparison) -> Option<String> {
     Some(format!(", {launches} more of {pairs} pairs for {} that these left open", cells(open)))
 }
 
-/// `origin/main (0.1.0)`.
+/// `origin/main (0.1.0)`, `fathom (0.1.0) with LP_NATIVE_VECTOR_WIDTH=128`.
 pub fn build(build: &ComparedBuild) -> String {
-    format!("{} ({})", build.label, build.version)
+    format!("{} ({}){}", build.label, build.version, given(&build.environment))
 }
 
-/// `base … → head …`, and the adapter.
+fn given(environment: &SideEnvironment) -> String {
+    let driver = environment.driver.iter().map(|driver| format!("driver {}", driver.manifest));
+    let variables = environment.variables.iter().map(|(name, value)| format!("{name}={value}"));
+    let all = driver.chain(variables).join(", ");
+    if all.is_empty() { all } else { format!(" with {all}") }
+}
+
+/// `llvmpipe (LLVM 15.0.6, 256 bits), Mesa 22.3.6`.
+fn adapter(adapter: &Adapter) -> String {
+    let Adapter { name, driver_info, .. } = adapter;
+    if driver_info.is_empty() { name.clone() } else { format!("{name}, {driver_info}") }
+}
+
+/// `base … → head …`, and the adapter, or both.
 pub fn sides(verdicts: &Verdicts<'_>) -> [String; 2] {
     let header = &verdicts.comparison.header;
-    let adapter = &header.adapter;
+    let [of_base, of_head] = Side::BOTH.map(|side| adapter(header.adapter_of(side)));
     [
         format!("{} → {}", build(&header.base), build(&header.head)),
-        format!("{}, {}", adapter.name, adapter.driver_info),
+        if of_base == of_head { of_head } else { format!("{of_base} → {of_head}") },
     ]
 }
 

@@ -4,7 +4,8 @@ use rand_pcg::Pcg64;
 use super::super::rank::{POWER, normal};
 use super::super::rounds::Schedule;
 use super::*;
-use crate::record::comparison::{Gate, LAUNCHES, Launch, PAIRS, Side};
+use crate::record::Adapter;
+use crate::record::comparison::{Gate, LAUNCHES, Launch, PAIRS, PairStates, Side};
 
 /// How the samples of a simulated gate scatter, as shares of the time.
 #[derive(Clone, Copy)]
@@ -64,6 +65,7 @@ impl Simulation {
                     first: [Side::Base, Side::Head][round as usize % 2],
                     base_ns: self.sample(2e6),
                     head_ns: self.sample(2e6 * (1.0 + change) * bias.exp()),
+                    machine: Default::default(),
                 });
             }
         }
@@ -356,4 +358,59 @@ fn a_control_that_moves_in_the_second_measurement_voids_the_gate() {
     let gate = judge(&cells, &pairs, &settings());
     assert_eq!(gate.controls.len(), 2);
     assert!(gate.void(0.05).is_some());
+}
+
+/// The pairs of a cell, of which some launches were throttled on each side.
+fn throttled(change: f64, base: u32, head: u32) -> CellTime {
+    let mut pairs = Simulation::new(13, CALM).pairs(&cells()[0], false, change);
+    let state = |is_held: bool| {
+        let reasons = [ThrottleReason::GpuIdle, ThrottleReason::SwPowerCap];
+        let throttle = reasons.into_iter().take(1 + usize::from(is_held)).collect();
+        Some(MachineState { throttle, ..MachineState::default() })
+    };
+    for pair in &mut pairs {
+        // One sample of a launch is enough.
+        let held = |launches: u32| pair.round == 0 && pair.launch < launches;
+        pair.machine = PairStates { base: state(held(base)), head: state(held(head)) };
+    }
+    judge(&cells(), &pairs, &settings()).cells.remove(0)
+}
+
+#[test]
+fn a_change_is_doubtful_where_its_slower_side_was_throttled_in_more_launches() {
+    use TimeVerdict::{Faster, Same, Slower};
+    assert_eq!(throttled(0.1, 0, 0).throttled, None, "an idle device is not throttled");
+    for (change, base, head, verdict, is_doubtful) in [
+        (0.1, 0, 3, Slower, true),
+        (0.1, 3, 3, Slower, false),
+        (0.1, 3, 0, Slower, false),
+        (-0.1, 3, 0, Faster, true),
+        (-0.1, 0, 3, Faster, false),
+        (0.0, 0, 3, Same, false),
+    ] {
+        let cell = throttled(change, base, head);
+        assert_eq!(cell.verdict, verdict, "throttling changes no verdict");
+        let found = cell.throttled.as_ref().unwrap();
+        assert_eq!((found.base, found.head), (base as usize, head as usize));
+        assert_eq!(found.reasons, [ThrottleReason::SwPowerCap].into());
+        assert_eq!(cell.may_be_throttling(), is_doubtful, "{change} {base} {head}");
+    }
+}
+
+#[test]
+fn times_of_different_adapters_are_neither_judged_nor_measured_twice() {
+    let gate = Simulation::new(14, CALM).gate(|n| if n == 3 { 0.5 } else { 0.0 });
+    let controls = gate.controls.clone();
+    let unjudged = gate.clone().unjudged();
+    assert_eq!(count(&unjudged, TimeVerdict::NotJudged), CELLS);
+    assert_eq!(unjudged.controls, controls);
+    let figures = |gate: &TimeGate| (gate.cells[3].change, gate.cells[3].interval);
+    assert_eq!(figures(&unjudged), figures(&gate));
+
+    let mut whole = comparison(LAUNCHES);
+    whole.pairs = Simulation::new(11, BUSY).pairs(&cells()[0], false, 0.0);
+    assert_eq!(open(&whole).len(), 1);
+    let name = "another device".to_owned();
+    whole.header.base_adapter = Some(Adapter { name, ..Adapter::default() });
+    assert!(open(&whole).is_empty());
 }

@@ -41,6 +41,12 @@ impl ClockPlan {
         Self { compute: clock, render: clock, copy: clock, submit_cost }
     }
 
+    /// Both time every kind of pass by the same clock.
+    pub fn has_clocks_of(&self, other: &Self) -> bool {
+        let clocks = |plan: &Self| [plan.compute, plan.render, plan.copy];
+        clocks(self) == clocks(other)
+    }
+
     pub fn clock(&self, kind: PassKind) -> Clock {
         match kind {
             PassKind::Compute => self.compute,

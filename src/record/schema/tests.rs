@@ -6,7 +6,8 @@ use serde_json::{Value, json};
 
 use super::*;
 use crate::record::comparison::{
-    CellId, Compared, ComparisonEnd, ComparisonHeader, Fault, Gate, Launch, Side, Skip,
+    CellId, Compared, ComparedBuild, ComparisonEnd, ComparisonHeader, Fault, Gate, Launch,
+    NamedDriver, Side, SideEnvironment, Skip,
 };
 use crate::record::{
     Addition, Clock, ErrorFigure, ErrorSpan, FaultKind, Fenced, FramePair, MachineState, Note,
@@ -115,7 +116,13 @@ fn full() -> Vec<Value> {
 
 /// The same of comparisons.
 fn compared() -> Vec<Value> {
+    let environment = SideEnvironment {
+        driver: Some(NamedDriver { digest: Some("0".into()), ..NamedDriver::default() }),
+        variables: [("A".into(), "1".into())].into(),
+    };
     let header = ComparisonHeader {
+        base_adapter: Some(Default::default()),
+        head: ComparedBuild { environment, ..ComparedBuild::default() },
         skipped: vec![Skip { gate: Gate::Time, reason: "no core".into() }],
         cells: vec![cell()],
         ..ComparisonHeader::default()
@@ -138,7 +145,8 @@ fn compared() -> Vec<Value> {
             "measured": null, "tolerance": 0.1, "sound": false}),
         json!({"kind": "instructions", "side": "base", "cell": "tank compose", "counts": [7, 8]}),
         json!({"kind": "pair", "launch": 0, "round": 1, "cell": "tank compose", "control": true,
-            "second": true, "first": "head", "base_ns": 1.5, "head_ns": 2.5}),
+            "second": true, "first": "head", "base_ns": 1.5, "head_ns": 2.5,
+            "machine": {"base": {"clock_mhz": 900.0}, "head": {"throttle": ["hw_slowdown", "a later word"]}}}),
         json!({"kind": "samples", "side": "base", "cell": "tank compose", "ns": [1.5],
             "resolution_ns": 0.5}),
     ];

@@ -92,7 +92,9 @@ fn basis(basis: Basis) -> &'static str {
 }
 
 fn limits(run: &PageRun<'_>) -> Markup {
-    let ceilings: Vec<&Ceiling> = run.view.runs.iter().flat_map(|run| &run.ceilings).collect();
+    // Those of the latest sitting, as rooflines have them.
+    let measured = run.view.runs.iter().rev().find(|run| !run.ceilings.is_empty());
+    let ceilings: &[Ceiling] = measured.map_or(&[], |run| &run.ceilings);
     html! {
         div.scroll tabindex="0" role="region" aria-label="Limits" {
             table {

@@ -6,7 +6,7 @@ use serde_json::Value;
 
 use super::{Page, PageRun, PageSection};
 use crate::experiments::label_text;
-use crate::record::{Cell, Estimate, Measured, Outcome, Run, StageRecord};
+use crate::record::{Cell, Estimate, Measured, Outcome, Run, StageRecord, Throttling};
 use crate::report::Entry;
 use crate::report::format::{NS_PER_MS, percent, three};
 use crate::{text, words};
@@ -131,7 +131,12 @@ fn figures(measured: &Measured) -> Markup {
     let slowest = slowest(measured);
     let total: f64 = measured.stages.iter().map(|stage| stage.time.median).sum();
     html! {
-        td.number data-v=(median) { (three(median / NS_PER_MS)) }
+        td.number data-v=(median) {
+            (three(median / NS_PER_MS))
+            @if let Some(held) = Throttling::of(&measured.frame.machine) {
+                " " span.chip.open title=(format!("Heat or power held the clocks down in {held}")) { "throttled" }
+            }
+        }
         td.number data-v=(half) { (three(100.0 * half)) }
         td.number data-v=(n) { (n) }
         (cost(measured))
@@ -184,6 +189,22 @@ fn kept(command: &[String]) -> Vec<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_throttled_cell_is_marked() {
+        use crate::record::{MachineState, Record, ThrottleReason};
+        let mut records = crate::report::fixtures::run();
+        let measured = records.iter_mut().find_map(|record| match record {
+            Record::Cell(cell) => cell.measured_mut(),
+            _ => None,
+        });
+        let measured = measured.unwrap();
+        assert!(!figures(measured).0.contains("throttled"));
+        let throttle = vec![ThrottleReason::PowerLimit];
+        measured.frame.machine = vec![MachineState { throttle, ..MachineState::default() }];
+        let marked = figures(measured).0;
+        assert!(marked.contains("clocks down in 1 of 1 samples (power limit)"), "{marked}");
+    }
 
     #[test]
     fn a_command_keeps_what_the_cell_depends_on() {

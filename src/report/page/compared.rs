@@ -1,4 +1,4 @@
-//! Comparisons of two builds: what `fathom compare` concluded, from the same records.
+//! Comparisons of two builds, drivers or environments: what `fathom compare` concluded, from the same records.
 
 use maud::{Markup, html};
 
@@ -7,7 +7,7 @@ use super::{Page, PageSection};
 use crate::report::format::trim_zeros;
 use crate::report::plots::scale::ScaleKind;
 
-pub const SECTION: PageSection = PageSection { id: "compared", title: "Two builds", write };
+pub const SECTION: PageSection = PageSection { id: "compared", title: "Comparison", write };
 
 const WIDTH_PX: f64 = 200.0;
 const HEIGHT_PX: f64 = 26.0;
@@ -24,7 +24,7 @@ pub enum Tone {
 }
 
 impl Tone {
-    fn class(self) -> &'static str {
+    pub(super) fn class(self) -> &'static str {
         match self {
             Tone::Bad => "bad",
             Tone::Open => "open",
@@ -42,7 +42,7 @@ impl Tone {
         }
     }
 
-    fn chip(self, word: &str) -> Markup {
+    pub(super) fn chip(self, word: &str) -> Markup {
         html! { span.chip.(self.class()) { span aria-hidden="true" { (self.mark()) " " } (word) } }
     }
 }

@@ -8,6 +8,7 @@ mod cells;
 mod claims;
 mod compared;
 mod data;
+mod history;
 mod overview;
 mod pictures;
 mod plots;
@@ -20,6 +21,7 @@ mod time;
 mod trust;
 
 pub use compared::{ChangeOnPage, ComparisonOnPage, ComparisonRow, Tone};
+pub use history::{ChangeRow, HistoryChart, HistoryMark, HistoryOnPage, HistoryPoint};
 
 use std::path::Path;
 
@@ -61,6 +63,7 @@ const SCRIPTS: [&str; 7] = [
 pub struct Page<'a> {
     pub runs: Vec<PageRun<'a>>,
     pub comparisons: Vec<ComparisonOnPage>,
+    pub history: Option<HistoryOnPage>,
     pub left_out: Vec<LeftOut>,
     /// Of every stage of every run.
     pub colors: StageColors,
@@ -97,8 +100,9 @@ struct PageSection {
 }
 
 /// In the order in which a reader asks.
-const SECTIONS: [PageSection; 12] = [
+const SECTIONS: [PageSection; 13] = [
     overview::SECTION,
+    history::SECTION,
     compared::SECTION,
     claims::SECTION,
     time::SECTION,
@@ -119,7 +123,7 @@ impl<'a> Page<'a> {
         let stages = measured.flat_map(|(_, measured)| &measured.stages);
         let colors = StageColors::new(stages.map(|stage| stage.stage.as_str()));
         let left_out = runs.iter().flat_map(|run| run.view.left_out.clone()).collect();
-        Page { runs, comparisons: Vec::new(), left_out, colors }
+        Page { runs, comparisons: Vec::new(), history: None, left_out, colors }
     }
 
     /// Several runs are compared: marks and rows name theirs.
@@ -178,6 +182,7 @@ impl<'a> Page<'a> {
         let labels: Vec<&str> = self.runs.iter().map(|run| run.label.as_str()).collect();
         match labels.as_slice() {
             [] => match self.comparisons.as_slice() {
+                [] if self.history.is_some() => "fathom: history".to_owned(),
                 [] => "fathom: nothing to show".to_owned(),
                 [first, ..] => format!("fathom: {}", first.sides),
             },

@@ -3,11 +3,11 @@
 use maud::{Markup, html};
 
 use super::claims::chip;
-use super::{Page, PageRun, PageSection, trust};
+use super::{Page, PageRun, PageSection};
 use crate::experiments::Verdict;
 use crate::record::Run;
-use crate::report::facts;
 use crate::report::format::{NS_PER_MS, percent, three};
+use crate::report::{facts, trust};
 
 pub const SECTION: PageSection = PageSection { id: "overview", title: "At a glance", write };
 
@@ -48,6 +48,9 @@ fn device(run: &Run) -> Markup {
             @if adapter.software {
                 p { span.chip.open { "software driver" } }
                 p.faint { "Ratios, slopes and shares stand. Absolute times and frame rates count only on hardware." }
+            }
+            @if let Some(shard) = &run.shard {
+                p { span.chip.open { "shard " (shard.part()) } " A part of a run: fathom merge joins the parts." }
             }
             p.faint {
                 (adapter.driver) " " (adapter.driver_info) ", " (adapter.backend) "; profile " (run.profile.name())
@@ -99,8 +102,11 @@ fn how_far(run: &PageRun<'_>) -> Markup {
     html! {
         article.card {
             h3 { "How far to trust it" }
-            @if let Some(header) = run.view.run() {
+            @if let Some(header) = trust::worst(run.view) {
                 p { (trust::verdict(header)) " " a href="#trust" { "Trust" } }
+            }
+            @for note in facts::incomplete(run.view) {
+                p { span.chip.open { "incomplete" } " " (note.text) }
             }
             @if let Some(few) = facts::few_samples(run.view) {
                 p {

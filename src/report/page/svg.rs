@@ -29,6 +29,11 @@ impl Axis {
         Scale::fit(kind, values.into_iter()).map(|scale| Axis { scale, ends_px })
     }
 
+    /// Linear about the values, which may lie far from 0. None where no value can be shown.
+    pub fn tight(values: impl IntoIterator<Item = f64>, ends_px: [f64; 2]) -> Option<Axis> {
+        Scale::tight(values.into_iter()).map(|scale| Axis { scale, ends_px })
+    }
+
     /// From one value to the other, without room around them.
     pub fn spanning(kind: ScaleKind, values: [f64; 2], ends_px: [f64; 2]) -> Option<Axis> {
         let mut axis = Axis::fit(kind, values, ends_px)?;

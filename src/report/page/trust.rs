@@ -7,10 +7,10 @@ use super::svg::{Axis, chart, tenth, x_axis, y_axis};
 use super::{Page, PageRun, PageSection};
 use crate::record::{AuditRow, Cell, Clock, Estimate, FrameRecord, PassKind, Rejection, Run};
 use crate::report::ReportView;
-use crate::report::facts;
+use crate::report::facts::{self, Precision};
 use crate::report::format::{NS_PER_MS, mebibytes, percent, three};
 use crate::report::plots::scale::ScaleKind;
-use crate::report::trust::{self, ClockTrust, TimedSample};
+use crate::report::trust::{self, TimedSample};
 use crate::statistics;
 
 pub const SECTION: PageSection = PageSection { id: "trust", title: "Trust", write };
@@ -34,14 +34,15 @@ const BEYOND: f64 = 0.005;
 
 fn write(page: &Page<'_>) -> Option<Markup> {
     let runs: Vec<(&PageRun<'_>, &Run)> =
-        page.runs.iter().filter_map(|run| Some((run, run.view.run()?))).collect();
+        page.runs.iter().filter_map(|run| Some((run, trust::worst(run.view)?))).collect();
     if runs.is_empty() {
         return None;
     }
     Some(html! {
         @for (on_page, run) in runs {
             @if page.is_overlay() { h3 { (on_page.label) } }
-            p { b { (verdict(run)) } " " "Clock: " (trust::conditions(run)) "." }
+            p { b { (trust::verdict(run)) } " " "Clock: " (trust::conditions(run)) "." }
+            @if on_page.view.runs.len() > 1 { (sittings(on_page.view)) }
             (audit(run))
             (charts(on_page.view))
             (facts(on_page.view, run))
@@ -49,28 +50,34 @@ fn write(page: &Page<'_>) -> Option<Markup> {
     })
 }
 
-/// Whether the clocks can be trusted, in one sentence.
-pub fn verdict(run: &Run) -> String {
-    let of = |wanted: ClockTrust| {
-        let kinds = trust::clocks(run).filter(|(.., trust)| *trust == wanted);
-        kinds.map(|(kind, ..)| kind.name()).join(" and ")
-    };
-    let [unsound, unknown, host] =
-        [ClockTrust::Unsound, ClockTrust::NotAudited, ClockTrust::Host].map(of);
-    if !unsound.is_empty() {
-        format!("The clock of {unsound} passes cannot be trusted: the audit found it unusable.")
-    } else if !unknown.is_empty() {
-        format!(
-            "Whether the clock of {unknown} passes can be trusted is not known: the records hold no audit of it."
-        )
-    } else if !host.is_empty() {
-        format!(
-            "The clocks can be trusted: passes of the kind {host} were timed by the host clock around each of them, less the cost \
-             of a submission, as the audit found no better clock."
-        )
-    } else {
-        "The clocks can be trusted: the audit found the clock of every kind of pass sound."
-            .to_owned()
+/// What each sitting of a run that was resumed or merged was timed by.
+fn sittings(view: &ReportView<'_>) -> Markup {
+    let entries = view.sections.iter().flat_map(|section| &section.entries);
+    let cells = entries.filter_map(|entry| entry.run).counts_by(std::ptr::from_ref::<Run>);
+    html! {
+        p.faint { "The run was measured in " (view.runs.len()) " sittings. The audit and the costs below are those of the one whose clocks can be trusted least." }
+        div.scroll tabindex="0" role="region" aria-label="Sittings" {
+            table {
+                thead { tr {
+                    th scope="col" { "Started" }
+                    th scope="col" { "Machine" }
+                    th.number scope="col" { "Cells" }
+                    th scope="col" { "Clock" }
+                    th scope="col" { "Can it be trusted?" }
+                } }
+                tbody {
+                    @for run in &view.runs {
+                        tr {
+                            th scope="row" { (run.started_at) }
+                            td { (run.conditions.host.as_deref().unwrap_or("–")) }
+                            td.number { (cells.get(&std::ptr::from_ref(*run)).copied().unwrap_or(0)) }
+                            td { (trust::conditions(run)) }
+                            td { (trust::verdict(run)) }
+                        }
+                    }
+                }
+            }
+        }
     }
 }
 
@@ -295,10 +302,10 @@ fn facts(view: &ReportView<'_>, run: &Run) -> Markup {
         ul.facts {
             @if view.timed().next().is_some() {
                 li { (timing_cost(&facts::timing_cost(view))) }
-                @if throttled.0 > 0 {
-                    li { "Clocks held down while " (throttled.0) " cells were measured: " (throttled.1.iter().join(", ")) "." }
+                @if let Some(throttled) = &throttled {
+                    li { "Heat or power held clocks down while cells were measured: " (trust::throttled_words(throttled)) "." }
                 }
-                li { (precision(view)) }
+                @if let Some(found) = facts::precision(view) { li { (precision(&found, view)) } }
                 li { (accounting(view)) }
             }
             @if let Some(drift) = trust::drift(view) { li { (drift_words(&drift)) } }
@@ -327,12 +334,11 @@ fn timing_cost(cost: &Estimate) -> String {
     )
 }
 
-fn precision(view: &ReportView<'_>) -> String {
-    let widths = trust::half_widths(view).into_iter().map(|(width, _)| width).collect_vec();
-    let fewest = view.timed().map(|(_, measured)| measured.frame.untimed.n).min().unwrap_or(0);
+fn precision(precision: &Precision<'_>, view: &ReportView<'_>) -> String {
+    let fewest = facts::few_samples(view).map_or(0, |few| few.fewest);
     format!(
         "Half width of the frame times' 95 % intervals: {} in the median cell; the fewest samples of a cell are {fewest}.",
-        percent(statistics::median(&widths))
+        percent(precision.median)
     )
 }
 
@@ -406,11 +412,16 @@ mod tests {
     #[test]
     fn the_first_sentence_says_whether_the_clocks_can_be_trusted() {
         let mut run = fixtures::header(Profile::Quick);
-        assert!(verdict(&run).starts_with("The clocks can be trusted: passes of the kind compute"));
+        assert!(
+            trust::verdict(&run)
+                .starts_with("The clocks can be trusted: passes of the kind compute")
+        );
         run.clocks.insert(PassKind::Compute, Clock::Timestamp);
-        assert!(verdict(&run).starts_with("The clock of compute passes cannot be trusted"));
+        assert!(trust::verdict(&run).starts_with("The clock of compute passes cannot be trusted"));
         run.audit.clear();
-        assert!(verdict(&run).contains("compute and render passes can be trusted is not known"));
+        assert!(
+            trust::verdict(&run).contains("compute and render passes can be trusted is not known")
+        );
     }
 
     #[test]

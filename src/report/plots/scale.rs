@@ -12,6 +12,9 @@ pub enum ScaleKind {
     Log,
 }
 
+/// Least height of a scale that does not begin at 0, as a share of its values.
+const LEAST_SPREAD: f64 = 0.05;
+
 /// An axis. Data are mapped to its own coordinate: the value, or its decimal logarithm.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Scale {
@@ -61,9 +64,23 @@ impl Scale {
         })
     }
 
+    /// A linear scale about the values, of at least [`LEAST_SPREAD`] of them, so that the eye does not take noise for steps; none
+    /// where no value is finite.
+    pub fn tight(values: impl Iterator<Item = f64>) -> Option<Scale> {
+        let values: Vec<f64> = values.filter(|value| value.is_finite()).collect();
+        let low = values.iter().copied().reduce(f64::min)?;
+        let high = values.iter().copied().reduce(f64::max)?;
+        let least = LEAST_SPREAD * low.abs().max(high.abs());
+        let missing = (least - (high - low)).max(0.0) / 2.0;
+        Some(Scale::between(low - missing, high + missing))
+    }
+
     fn linear(low: f64, high: f64) -> Scale {
         // Quantities of one sign are seen against zero.
-        let low = low.min(0.0);
+        Scale::between(low.min(0.0), high)
+    }
+
+    fn between(low: f64, high: f64) -> Scale {
         let high = if high > low { high } else { low + 1.0 };
         let step = nice((high - low) / 5.0);
         let first = (low / step).floor() as i64;

@@ -7,10 +7,10 @@ use itertools::Itertools;
 
 use super::super::facts::{self, SlowStage, Tally};
 use super::super::format::{self, Table, percent};
-use super::super::{CELLS_CSV, ReportView, Section, page};
+use super::super::{CELLS_CSV, LeftOut, ReportView, Section, page, trust};
 use super::{cut, link};
 use crate::experiments::{CHANCE, Verdict};
-use crate::record::{Cell, Clock, Conditions, Estimate, Outcome, PassKind, Run};
+use crate::record::{Cell, Estimate, Outcome, Run};
 use crate::text;
 
 /// Stages that the first screen names.
@@ -31,7 +31,7 @@ pub fn write(view: &ReportView<'_>, text: &mut String) {
     let mut table = Table::new(["", ""]);
     device(run, &mut table);
     results(view, &mut table);
-    trust(view, run, &mut table);
+    how_far(view, &mut table);
     *text += &table.markdown();
     for finding in facts::findings(view) {
         let _ = writeln!(text, "- {}", text::markdown(&finding));
@@ -54,7 +54,10 @@ fn device(run: &Run, table: &mut Table) {
     table.row([
         "run".to_owned(),
         format!(
-            "fathom {}, profile {}, shaders {}, started {}",
+            "{}fathom {}, profile {}, shaders {}, started {}",
+            run.shard
+                .as_ref()
+                .map_or_else(String::new, |shard| format!("shard {}, ", shard.part())),
             run.fathom_version,
             run.profile.name(),
             run.shader_checks.name(),
@@ -109,8 +112,11 @@ pub fn slow(slow: &SlowStage<'_>) -> String {
     )
 }
 
-fn trust(view: &ReportView<'_>, run: &Run, table: &mut Table) {
-    table.row(["clock".to_owned(), clock(run)]);
+fn how_far(view: &ReportView<'_>, table: &mut Table) {
+    if let Some(run) = trust::worst(view) {
+        let clock = format!("{}. {}", trust::conditions(run), trust::verdict(run));
+        table.row(["clock".to_owned(), clock]);
+    }
     if let Some(few) = facts::few_samples(view) {
         table.row([
             "cells with few samples".to_owned(),
@@ -142,6 +148,12 @@ fn trust(view: &ReportView<'_>, run: &Run, table: &mut Table) {
             ),
         ]);
     }
+    if let Some(throttled) = trust::throttled(view) {
+        table.row([
+            "clocks held down by heat or power".to_owned(),
+            trust::throttled_words(&throttled),
+        ]);
+    }
     by_chance(view, table);
 }
 
@@ -155,25 +167,6 @@ fn cost(ratio: &Estimate) -> String {
     let interval =
         ratio.interval.map(|i| crate::record::Interval { low: of(i.low), high: of(i.high) });
     facts::share(&Estimate { median: of(ratio.median), interval, n: ratio.n })
-}
-
-/// Which clock timed what, and under which conditions.
-fn clock(run: &Run) -> String {
-    let kinds = run.clocks.iter().filter(|(kind, _)| **kind != PassKind::Host);
-    let clocks: Vec<Clock> = kinds.clone().map(|(_, clock)| *clock).dedup().collect();
-    let clocks = match clocks.as_slice() {
-        [clock] => format!("{} of every pass", clock.name()),
-        _ => kinds.map(|(kind, clock)| format!("{}: {}", kind.name(), clock.name())).join(", "),
-    };
-    let Conditions { cores, rasterizer_threads, .. } = &run.conditions;
-    let core = match cores.as_slice() {
-        [core] => Some(format!("driver on core {core} alone")),
-        _ => None,
-    };
-    let threads = rasterizer_threads.as_ref().map(|threads| format!("LP_NUM_THREADS={threads}"));
-    let sound = run.audit.iter().filter(|row| row.sound).count();
-    let audit = format!("{sound} of {} audited readings sound", run.audit.len());
-    [Some(clocks), core, threads, Some(audit)].into_iter().flatten().join("; ")
 }
 
 /// How many verdicts chance alone would bring about.
@@ -199,6 +192,9 @@ fn notes(view: &ReportView<'_>, text: &mut String) {
     let entries = view.sections.iter().flat_map(|section| &section.entries);
     let stand_ins = entries.flat_map(|entry| &entry.cell.stand_ins);
     let mut all: IndexSet<String> = of_runs.chain(stand_ins).cloned().collect();
+    all.extend(
+        view.left_out.iter().map(|LeftOut { what, reason }| format!("left out: {what}: {reason}")),
+    );
     all.extend(view.sections.iter().flat_map(left_out));
     let adapters: IndexSet<&str> = view.runs.iter().map(|run| run.adapter.name.as_str()).collect();
     if adapters.len() > 1 {

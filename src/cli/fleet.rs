@@ -1,0 +1,98 @@
+//! `fathom fleet`: from the command line to the shards of a batch system, the merged run and the exit status.
+
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+use anyhow::Context;
+use clap::Parser;
+
+use super::commands::{
+    INTERRUPT, INTERRUPTED, Outcome, SOMETHING_FAILED, request, watch_interrupts,
+};
+use super::{COULD_NOT_RUN, Cli, Command, Engine, FleetArgs, RunArgs, merge};
+use crate::fleet::slurm::{self, Slurm};
+use crate::fleet::{self, Followed};
+use crate::harness::catalog::Catalog;
+use crate::harness::output;
+use crate::tell;
+
+/// Name of the folder of the merged run within the fleet's.
+const MERGED: &str = "merged";
+
+pub fn fleet(catalog: &Catalog, args: FleetArgs) -> Outcome {
+    let Engine::Slurm = args.engine;
+    let run = run_arguments(catalog, &args.command)?;
+    let slurm = slurm::Options {
+        partition: args.partition,
+        nodes: args.nodes,
+        gres: args.gres,
+        time: args.time,
+        shared: args.shared,
+        more: args.sbatch,
+    };
+    let shards = match args.shards {
+        Some(shards) => shards,
+        None => u32::try_from(Slurm::node_count(&slurm)?)?,
+    };
+    let out = std::path::absolute(&args.out).context("there is no current folder")?;
+    let options = fleet::Options {
+        slurm,
+        shards,
+        run,
+        program: std::env::current_exe().context("cannot tell where this program lies")?,
+        out,
+        resume: args.resume,
+        retries: args.retries,
+    };
+    watch_interrupts()?;
+    let followed = fleet::run(&options, &INTERRUPT)?;
+    ended(&followed, &options.out)
+}
+
+/// The arguments of `run`, which are tried here before any task is.
+fn run_arguments(catalog: &Catalog, command: &[String]) -> anyhow::Result<Vec<String>> {
+    let words = std::iter::once("fathom").chain(command.iter().map(String::as_str));
+    let parsed = Cli::try_parse_from(words).map_err(|error| {
+        let told = error.to_string();
+        let first = told.lines().next().unwrap_or_default();
+        anyhow::anyhow!("after `--`: {}", first.trim_start_matches("error: "))
+    })?;
+    let Command::Run(args) = parsed.command else {
+        anyhow::bail!("after `--` stands `run` with its arguments");
+    };
+    if let Some(option) = own_option(&args) {
+        anyhow::bail!("{option} is not for the run: `fathom fleet` sets it for each shard");
+    }
+    request(args).load(catalog)?;
+    Ok(command[1..].to_vec())
+}
+
+fn own_option(args: &RunArgs) -> Option<&'static str> {
+    match args {
+        RunArgs { shard: Some(_), .. } => Some("--shard"),
+        RunArgs { out: Some(_), .. } => Some("--out"),
+        RunArgs { resume: true, .. } => Some("--resume"),
+        _ => None,
+    }
+}
+
+/// Merges what was measured and says what was not.
+fn ended(followed: &Followed, out: &Path) -> Outcome {
+    followed.failed.iter().for_each(tell::note);
+    if followed.folders.is_empty() {
+        let status = if followed.interrupted { INTERRUPTED } else { COULD_NOT_RUN };
+        super::fail(&format!("no shard measured anything; what they said is in {}", out.display()));
+        return Ok(ExitCode::from(status));
+    }
+    let place: PathBuf = output::unused(&out.join(MERGED))?;
+    let merged = merge::join(&followed.folders, &place)?;
+    Ok(ExitCode::from(if followed.interrupted {
+        INTERRUPTED
+    } else if !followed.failed.is_empty() {
+        COULD_NOT_RUN
+    } else if merged.iter().all(merge::is_whole) {
+        return Ok(ExitCode::SUCCESS);
+    } else {
+        SOMETHING_FAILED
+    }))
+}

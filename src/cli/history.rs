@@ -1,0 +1,211 @@
+//! `fathom history`: runs over commits.
+
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+use anyhow::Context;
+use clap::{Args, Subcommand};
+
+use super::commands::Outcome;
+use crate::harness::output::RECORDS;
+use crate::history::{
+    self, Added, DEFAULT_FILE, Findings, History, Location, NewRun, Said, Selection, VARIABLE,
+    on_page, otava, tables,
+};
+use crate::report::Artifact;
+use crate::report::page::Page;
+use crate::{exporters, tell};
+
+#[derive(Subcommand)]
+pub enum HistoryCommand {
+    /// Store runs with their commit, branch and machine; what is stored already is left as it is
+    Add(AddArgs),
+    /// List the runs
+    List {
+        #[command(flatten)]
+        selection: SelectionArgs,
+        #[command(flatten)]
+        place: PlaceArgs,
+    },
+    /// Show figures over commits as text, or as a page with plots
+    Show {
+        /// Only figures whose names hold this: `uw-default`, `caustics/trace`
+        filter: Option<String>,
+        /// Write a page with plots into this folder
+        #[arg(long, value_name = "DIR")]
+        out: Option<PathBuf>,
+        #[command(flatten)]
+        selection: SelectionArgs,
+        #[command(flatten)]
+        place: PlaceArgs,
+    },
+    /// Tell between which commits figures changed, by how much, and how sure that is
+    Changes {
+        /// Only figures whose names hold this
+        filter: Option<String>,
+        /// Answer in JSON
+        #[arg(long)]
+        json: bool,
+        #[command(flatten)]
+        selection: SelectionArgs,
+        #[command(flatten)]
+        place: PlaceArgs,
+    },
+    /// Get the records of a run back, byte for byte
+    Get {
+        /// Beginning of the run's name, as `fathom history list` has it
+        run: String,
+        /// Folder to write records.jsonl to
+        #[arg(long, value_name = "DIR")]
+        out: PathBuf,
+        #[command(flatten)]
+        place: PlaceArgs,
+    },
+    /// Write the series for another tool
+    Export {
+        /// Folder for what Apache Otava reads: a CSV file for each series, and otava.yaml
+        #[arg(long, value_name = "DIR", required = true)]
+        otava: PathBuf,
+        /// Only figures whose names hold this
+        filter: Option<String>,
+        #[command(flatten)]
+        selection: SelectionArgs,
+        #[command(flatten)]
+        place: PlaceArgs,
+    },
+}
+
+#[derive(Args)]
+pub struct AddArgs {
+    /// Folders of runs
+    #[arg(required = true, value_name = "DIR")]
+    pub folders: Vec<PathBuf>,
+    /// Commit that was measured [default: GITHUB_SHA, CI_COMMIT_SHA, or git's HEAD here]
+    #[arg(long, value_name = "SHA")]
+    pub commit: Option<String>,
+    /// Branch of the commit [default: GITHUB_REF_NAME, CI_COMMIT_REF_NAME, or git's HEAD here]
+    #[arg(long, value_name = "NAME")]
+    pub branch: Option<String>,
+    /// Machine that measured [default: this host's name]
+    #[arg(long, value_name = "NAME")]
+    pub machine: Option<String>,
+    #[command(flatten)]
+    pub place: PlaceArgs,
+}
+
+#[derive(Args)]
+pub struct PlaceArgs {
+    /// File of SQLite, or URL of a PostgreSQL database [default: FATHOM_HISTORY, or reports/history.sqlite]
+    #[arg(long, value_name = "PATH|URL")]
+    pub db: Option<String>,
+}
+
+impl PlaceArgs {
+    fn location(self) -> Location {
+        let variable = || std::env::var(VARIABLE).ok().filter(|place| !place.is_empty());
+        Location::new(self.db.or_else(variable).as_deref().unwrap_or(DEFAULT_FILE))
+    }
+}
+
+#[derive(Args)]
+pub struct SelectionArgs {
+    /// Only runs of this branch [default: all, each as series of its own]
+    #[arg(long, value_name = "NAME")]
+    pub branch: Option<String>,
+    /// Only runs of commits from here on: a date such as 2026-01-31, or a commit of the history
+    #[arg(long, value_name = "DATE|COMMIT")]
+    pub since: Option<String>,
+}
+
+impl SelectionArgs {
+    fn with(self, filter: Option<String>) -> Selection {
+        Selection { branch: self.branch, since: self.since, filter }
+    }
+}
+
+pub fn history(command: HistoryCommand) -> Outcome {
+    match command {
+        HistoryCommand::Add(args) => add(args)?,
+        HistoryCommand::List { selection, place } => {
+            let runs = History::open(&place.location())?.runs(&selection.with(None))?;
+            tell::answer(tables::runs(&runs));
+        }
+        HistoryCommand::Show { filter, out, selection, place } => {
+            show(&selection.with(filter), out.as_deref(), &place.location())?;
+        }
+        HistoryCommand::Changes { filter, json, selection, place } => {
+            let stored = History::open(&place.location())?.stored(&selection.with(filter))?;
+            let findings = Findings::of(&stored);
+            match json {
+                true => tell::answer(format!("{:#}", tables::changes_json(&stored, &findings))),
+                false => tell::answer(tables::changes(&stored, &findings)),
+            }
+        }
+        HistoryCommand::Get { run, out, place } => get(&run, &out, &place.location())?,
+        HistoryCommand::Export { otava, filter, selection, place } => {
+            export(&otava, &selection.with(filter), &place.location())?;
+        }
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+/// All folders are read before the first is stored, so that a damaged one is told at once.
+fn add(args: AddArgs) -> anyhow::Result<()> {
+    let AddArgs { folders, commit, branch, machine, place } = args;
+    let origin = history::origin(Said { commit, branch, machine })?;
+    for folder in &folders {
+        NewRun::read(folder, RECORDS)?;
+    }
+    let mut history = History::open_or_make(&place.location())?;
+    for folder in &folders {
+        let run = NewRun::read(folder, RECORDS)?;
+        let name = format!("{}: run {}", folder.display(), &run.digest[..10]);
+        let told = match history.add(&run, &origin)? {
+            Added::New => format!("{} cells with {} figures stored", run.cells, run.figures.len()),
+            Added::Already => "stored already, nothing changed".to_owned(),
+        };
+        tell::done(format!("{name} of {} on {}: {told}", origin.commit, origin.branch));
+    }
+    Ok(())
+}
+
+fn show(selection: &Selection, out: Option<&Path>, location: &Location) -> anyhow::Result<()> {
+    let stored = History::open(location)?.stored(selection)?;
+    let findings = Findings::of(&stored);
+    let Some(out) = out else {
+        tell::answer(tables::series(&stored, &findings));
+        return Ok(());
+    };
+    let shown = Some(on_page::on_page(&stored, &findings));
+    let page = Page { history: shown, ..Page::new(Vec::new()) }.file();
+    write_into(out, vec![page])
+}
+
+fn get(run: &str, out: &Path, location: &Location) -> anyhow::Result<()> {
+    let (_, bytes) = History::open(location)?.records(run)?;
+    let path = out.join(RECORDS);
+    anyhow::ensure!(!path.exists(), "{} is there already: choose another folder", path.display());
+    write_into(out, vec![Artifact { name: RECORDS.to_owned(), bytes }])
+}
+
+fn export(folder: &Path, selection: &Selection, location: &Location) -> anyhow::Result<()> {
+    let stored = History::open(location)?.stored(selection)?;
+    std::fs::create_dir_all(folder)
+        .with_context(|| format!("cannot make the folder {}", folder.display()))?;
+    // Otava reads paths from the folder that it was started in.
+    let whole = std::fs::canonicalize(folder)?;
+    let files = otava::files(&stored, &whole.to_string_lossy())?;
+    let count = files.len() - 1;
+    exporters::put(folder, files)?;
+    tell::done(format!("{}: {count} series", folder.join(otava::CONFIGURATION).display()));
+    Ok(())
+}
+
+fn write_into(folder: &Path, files: Vec<Artifact>) -> anyhow::Result<()> {
+    std::fs::create_dir_all(folder)
+        .with_context(|| format!("cannot make the folder {}", folder.display()))?;
+    for path in exporters::put(folder, files)? {
+        tell::done(path.display());
+    }
+    Ok(())
+}

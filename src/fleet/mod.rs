@@ -1,0 +1,247 @@
+//! `fathom fleet`: the shards of a run as tasks of a batch system.
+//!
+//! The batch system places and starts the tasks. Each runs `fathom run --shard I/N` into a folder that all machines share. What is
+//! known of a shard lies in that folder alone: its records, and the exit status that its task wrote last. So a fleet that is
+//! killed is gone on with, and a task that dies anywhere loses no cell that was measured.
+
+pub mod script;
+pub mod shards;
+pub mod slurm;
+
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+use serde::{Deserialize, Serialize};
+use thiserror::Error;
+
+use self::shards::{Folder, Progress, Shard};
+use self::slurm::{JobId, Slurm, SlurmError};
+use crate::record::{FolderLock, LockError, MOST_SHARDS};
+
+/// Time between two looks at the queue.
+const LOOK_INTERVAL: Duration = Duration::from_secs(2);
+/// A task whose queue and folder say nothing is taken for dead after this: a shared folder shows files of other machines late.
+const GRACE: Duration = Duration::from_secs(6);
+/// Slurm may be out of reach for so long.
+const LONGEST_SILENCE: Duration = Duration::from_secs(600);
+/// Interrupted tasks are given so long to write what they have.
+const LONGEST_END: Duration = Duration::from_secs(60);
+/// Name of the file that says what a fleet's folder is.
+const FLEET: &str = "fleet.json";
+/// Version of that file.
+const FORMAT: u32 = 1;
+
+#[derive(Debug, Error)]
+pub enum FleetError {
+    #[error(transparent)]
+    Slurm(#[from] SlurmError),
+    #[error(transparent)]
+    Lock(#[from] LockError),
+    #[error("cannot write {}: {source}", path.display())]
+    Write { path: PathBuf, source: std::io::Error },
+    #[error("{} holds a fleet already: go on with it by --resume, or choose another folder with --out", folder.display())]
+    Occupied { folder: PathBuf },
+    #[error("{} holds no fleet to go on with: {reason}", folder.display())]
+    NothingToResume { folder: PathBuf, reason: String },
+    #[error("{} holds a fleet for {holds}: go on with the same command", folder.display())]
+    OtherFleet { folder: PathBuf, holds: String },
+    #[error("{shards} shards are more than {MOST_SHARDS}")]
+    TooMany { shards: u32 },
+}
+
+/// What a fleet is asked to do.
+pub struct Options {
+    pub slurm: slurm::Options,
+    pub shards: u32,
+    /// Arguments of `fathom run`.
+    pub run: Vec<String>,
+    /// The program that tasks start.
+    pub program: PathBuf,
+    pub out: PathBuf,
+    pub resume: bool,
+    /// A shard is submitted again so many times.
+    pub retries: u32,
+}
+
+/// What the folder of a fleet says of it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+struct Stored {
+    format: u32,
+    shards: u32,
+    run: Vec<String>,
+    /// Job arrays that were submitted.
+    jobs: Vec<JobId>,
+}
+
+/// What came of the shards.
+pub struct Followed {
+    /// Folders of those that measured something, or could have.
+    pub folders: Vec<PathBuf>,
+    /// Shards that did not end, each with what there is to say of it.
+    pub failed: Vec<String>,
+    pub interrupted: bool,
+}
+
+/// Submits the shards and follows them to their end.
+pub fn run(options: &Options, interrupted: &AtomicBool) -> Result<Followed, FleetError> {
+    if options.shards > MOST_SHARDS {
+        return Err(FleetError::TooMany { shards: options.shards });
+    }
+    let mut fleet = Fleet::open(options)?;
+    fleet.look()?;
+    fleet.follow(interrupted)?;
+    Ok(fleet.end(interrupted))
+}
+
+struct Fleet<'a> {
+    options: &'a Options,
+    slurm: Slurm<'a>,
+    stored: Stored,
+    shards: Vec<Shard>,
+    progress: Progress,
+    _lock: FolderLock,
+}
+
+impl<'a> Fleet<'a> {
+    fn open(options: &'a Options) -> Result<Self, FleetError> {
+        let slurm = Slurm::find(&options.slurm)?;
+        let lock = FolderLock::take(&options.out, &crate::harness::output::holder())?;
+        let new = Stored {
+            format: FORMAT,
+            shards: options.shards,
+            run: options.run.clone(),
+            jobs: Vec::new(),
+        };
+        let stored = if options.resume { resumed(&options.out, &new)? } else { new };
+        if !options.resume && options.out.join(FLEET).exists() {
+            return Err(FleetError::Occupied { folder: options.out.clone() });
+        }
+        let shard = |number| Shard::new(Folder::of(&options.out, number), number);
+        let shards = (1..=options.shards).map(shard).collect();
+        let progress = Progress::default();
+        Ok(Self { options, slurm, stored, shards, progress, _lock: lock })
+    }
+
+    /// Takes over what queue and folders say, and submits the shards that are neither done nor in the queue.
+    fn look(&mut self) -> Result<(), FleetError> {
+        let queue = self.slurm.queue()?;
+        for shard in &mut self.shards {
+            if let Some(event) = shard.look(&queue, &self.stored.jobs) {
+                self.progress.say(&event);
+            }
+        }
+        let due = self.shards.iter().filter(|shard| shard.is_due(self.options.retries));
+        let due: Vec<u32> = due.map(|shard| shard.number).collect();
+        if due.is_empty() { Ok(()) } else { self.submit(&due) }
+    }
+
+    fn submit(&mut self, due: &[u32]) -> Result<(), FleetError> {
+        let script = self.write_script()?;
+        let job = self.slurm.submit(&script, due, &Folder::logs(&self.options.out))?;
+        self.stored.jobs.push(job);
+        self.write_stored()?;
+        for shard in &mut self.shards {
+            if due.contains(&shard.number) {
+                shard.submitted();
+            }
+        }
+        self.progress.say(&format!(
+            "{} of {} shards submitted as job {job}",
+            due.len(),
+            self.options.shards
+        ));
+        Ok(())
+    }
+
+    fn write_script(&self) -> Result<PathBuf, FleetError> {
+        let Options { out, program, run, shards, .. } = self.options;
+        let path = out.join(script::NAME);
+        self.write(&path, script::text(program, run, *shards, out).as_bytes())?;
+        Ok(path)
+    }
+
+    fn write_stored(&self) -> Result<(), FleetError> {
+        let text = serde_json::to_vec_pretty(&self.stored).unwrap_or_default();
+        self.write(&self.options.out.join(FLEET), &text)
+    }
+
+    /// All or nothing.
+    fn write(&self, path: &Path, bytes: &[u8]) -> Result<(), FleetError> {
+        let fault = |source| FleetError::Write { path: path.to_owned(), source };
+        std::fs::create_dir_all(Folder::parent(&self.options.out)).map_err(fault)?;
+        let beside = path.with_extension("new");
+        std::fs::write(&beside, bytes).and_then(|()| std::fs::rename(&beside, path)).map_err(fault)
+    }
+
+    /// Looks until every shard is done or given up, or the fleet is interrupted. Slurm may fail for a while.
+    fn follow(&mut self, interrupted: &AtomicBool) -> Result<(), FleetError> {
+        let mut heard = Instant::now();
+        while !interrupted.load(Ordering::Relaxed) {
+            match self.look() {
+                Ok(()) => heard = Instant::now(),
+                Err(error) if heard.elapsed() > LONGEST_SILENCE => return Err(error),
+                Err(error) => self.progress.say(&format!("{error}; trying again")),
+            }
+            self.progress.show(&mut self.shards);
+            let going = |shard: &Shard| !shard.is_over(self.options.retries);
+            if !self.shards.iter().any(going) {
+                return Ok(());
+            }
+            wait(LOOK_INTERVAL, interrupted);
+        }
+        self.cancel()
+    }
+
+    /// Removes what waits, and ends what runs with what it has measured.
+    fn cancel(&mut self) -> Result<(), FleetError> {
+        self.progress.say("cancelling the jobs; what is measured is kept");
+        self.slurm.interrupt(&self.stored.jobs)?;
+        let start = Instant::now();
+        while start.elapsed() < LONGEST_END {
+            match self.slurm.queue() {
+                Ok(queue) if !queue.holds_any(&self.stored.jobs) => return Ok(()),
+                _ => std::thread::sleep(Duration::from_millis(500)),
+            }
+        }
+        Ok(self.slurm.kill(&self.stored.jobs)?)
+    }
+
+    fn end(mut self, interrupted: &AtomicBool) -> Followed {
+        self.progress.end();
+        for shard in &mut self.shards {
+            shard.read_ending();
+        }
+        let failed = self.shards.iter().filter_map(Shard::failure).collect();
+        let with_records = self.shards.iter().filter(|shard| shard.folder.has_header());
+        Followed {
+            folders: with_records.map(|shard| shard.folder.path.clone()).collect(),
+            failed,
+            interrupted: interrupted.load(Ordering::Relaxed),
+        }
+    }
+}
+
+/// Sleeps, but no longer than until an interrupt.
+fn wait(time: Duration, interrupted: &AtomicBool) {
+    let start = Instant::now();
+    while start.elapsed() < time && !interrupted.load(Ordering::Relaxed) {
+        std::thread::sleep(Duration::from_millis(100));
+    }
+}
+
+/// What the folder says, which has to be what is asked.
+fn resumed(out: &Path, asked: &Stored) -> Result<Stored, FleetError> {
+    let folder = out.to_owned();
+    let nothing = |reason: String| FleetError::NothingToResume { folder: folder.clone(), reason };
+    let text = crate::input::text(&out.join(FLEET), crate::input::MAX_TEXT)
+        .map_err(|error| nothing(format!("{FLEET}: {error}")))?;
+    let stored: Stored =
+        serde_json::from_str(&text).map_err(|error| nothing(format!("{FLEET}: {error}")))?;
+    if (stored.format, stored.shards, &stored.run) != (asked.format, asked.shards, &asked.run) {
+        let run = stored.run.iter().map(|word| crate::text::shell(word)).collect::<Vec<_>>();
+        let holds = format!("{} shards of `run {}`", stored.shards, run.join(" "));
+        return Err(FleetError::OtherFleet { folder, holds });
+    }
+    Ok(stored)
+}

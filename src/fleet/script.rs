@@ -1,0 +1,122 @@
+//! What a task of a job array runs.
+
+use std::path::Path;
+
+use super::shards::{Folder, STATUS};
+use crate::text::shell;
+
+/// Name of the script in the fleet's folder.
+pub const NAME: &str = "job.sh";
+
+/// A POSIX shell script. It goes on with a shard whose folder has records, hands a termination on to fathom and waits for it,
+/// and writes fathom's exit status beside the folder.
+pub fn text(program: &Path, run: &[String], shards: u32, out: &Path) -> String {
+    let run: Vec<String> = run.iter().map(|word| shell(word)).collect();
+    let (run, program) = (run.join(" "), shell(&program.to_string_lossy()));
+    let parent = shell(&Folder::parent(out).to_string_lossy());
+    format!(
+        r#"#!/bin/sh
+# Written by `fathom fleet slurm`. Each task of the array measures a shard of the run.
+folder={parent}/$SLURM_ARRAY_TASK_ID
+status_file=$folder.{STATUS}
+rm -f "$status_file"
+# A task outlives the daemon of its node: what it still writes is waited for.
+if [ -e "$folder/.lock" ] && command -v flock >/dev/null; then flock "$folder/.lock" true; fi
+set -- --shard "$SLURM_ARRAY_TASK_ID/{shards}" --out "$folder"
+[ ! -e "$folder/records.jsonl" ] || set -- "$@" --resume
+trap 'kill -TERM "$child" 2>/dev/null' INT TERM
+{program} run {run} "$@" &
+child=$!
+wait "$child"
+status=$?
+# A signal ends `wait` before fathom has ended.
+while kill -0 "$child" 2>/dev/null; do
+    wait "$child"
+    status=$?
+done
+echo "$status" >"$status_file.new" && mv "$status_file.new" "$status_file"
+exit "$status"
+"#
+    )
+}
+
+#[cfg(all(test, unix))]
+mod tests {
+    use std::fs;
+    use std::os::unix::fs::PermissionsExt;
+    use std::process::{Command, Stdio};
+    use std::time::Duration;
+
+    use super::*;
+
+    /// A program in fathom's place: writes its arguments, one a line, and does what `then` says.
+    fn task(then: &str) -> (tempfile::TempDir, Command) {
+        let folder = tempfile::tempdir().unwrap();
+        let program = folder.path().join("fa thom'");
+        let arguments = folder.path().join("arguments");
+        let text = format!("#!/bin/sh\nprintf '%s\\n' \"$@\" >{}\n{then}\n", arguments.display());
+        fs::write(&program, text).unwrap();
+        fs::set_permissions(&program, fs::Permissions::from_mode(0o755)).unwrap();
+        let run = ["uw-default", "--cell", "a='$(touch x)' \"b\""].map(str::to_owned);
+        let out = folder.path().join("o ut");
+        fs::create_dir_all(Folder::parent(&out)).unwrap();
+        let script = folder.path().join(NAME);
+        fs::write(&script, super::text(&program, &run, 8, &out)).unwrap();
+        let mut command = Command::new("sh");
+        command.arg(script).env("SLURM_ARRAY_TASK_ID", "3").current_dir(folder.path());
+        (folder, command)
+    }
+
+    fn status(folder: &tempfile::TempDir) -> Option<String> {
+        fs::read_to_string(folder.path().join("o ut/shards/3.status")).ok()
+    }
+
+    #[test]
+    fn arguments_arrive_as_they_are_and_the_status_is_written() {
+        let (folder, mut task) = task("exit 7");
+        assert_eq!(task.status().unwrap().code(), Some(7));
+        assert_eq!(status(&folder).as_deref(), Some("7\n"));
+        let told = fs::read_to_string(folder.path().join("arguments")).unwrap();
+        let out = folder.path().join("o ut/shards/3");
+        let wanted = format!(
+            "run\nuw-default\n--cell\na='$(touch x)' \"b\"\n--shard\n3/8\n--out\n{}\n",
+            out.display()
+        );
+        assert_eq!(told, wanted);
+        assert!(!folder.path().join("x").exists());
+        // With records it goes on.
+        fs::create_dir(&out).unwrap();
+        fs::write(out.join("records.jsonl"), "").unwrap();
+        task.status().unwrap();
+        let told = fs::read_to_string(folder.path().join("arguments")).unwrap();
+        assert!(told.ends_with("--resume\n"), "{told}");
+    }
+
+    #[test]
+    fn a_termination_is_handed_on() {
+        let (folder, mut task) =
+            task("trap 'sleep 0.3; exit 130' TERM\nwhile true; do sleep 0.05; done");
+        let mut running = task.stderr(Stdio::null()).spawn().unwrap();
+        while !folder.path().join("arguments").exists() {
+            std::thread::sleep(Duration::from_millis(20));
+        }
+        std::thread::sleep(Duration::from_millis(200));
+        Command::new("kill").args(["-TERM", &running.id().to_string()]).status().unwrap();
+        assert_eq!(running.wait().unwrap().code(), Some(130));
+        assert_eq!(status(&folder).as_deref(), Some("130\n"));
+    }
+
+    #[test]
+    fn one_that_is_killed_leaves_no_status() {
+        let (folder, mut task) = task("sleep 5");
+        let old = folder.path().join("o ut/shards/3.status");
+        fs::write(&old, "0\n").unwrap();
+        let mut running = task.spawn().unwrap();
+        while !folder.path().join("arguments").exists() {
+            std::thread::sleep(Duration::from_millis(20));
+        }
+        running.kill().unwrap();
+        running.wait().unwrap();
+        assert_eq!(status(&folder), None);
+    }
+}

@@ -1,0 +1,320 @@
+//! What is known of each shard: from the queue, from its folder, and told to the user.
+
+use std::fs::File;
+use std::io::{BufReader, IsTerminal, Read, Seek, SeekFrom, stderr};
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+use indicatif::{ProgressBar, ProgressStyle};
+
+use super::GRACE;
+use super::slurm::{JobId, Queue};
+use crate::harness::output::RECORDS;
+use crate::input;
+use crate::record::{self, MAX_LINE, Record};
+use crate::{tell, text};
+
+/// Ending of the name of the file with a task's exit status.
+pub const STATUS: &str = "status";
+/// Ending of the name of the file with what a task printed.
+const LOG: &str = "log";
+const SHARDS: &str = "shards";
+/// Bytes of a file of status.
+const MOST_STATUS_BYTES: u64 = 16;
+/// Bytes of a log whose last line is told.
+const MOST_LOG_BYTES: u64 = 4 << 20;
+/// Time between two lines that say how far the shards are, where there is no terminal.
+const LINE_INTERVAL: Duration = Duration::from_secs(10);
+/// How a line of a cell begins.
+const CELL: &[u8] = br#"{"record":"cell""#;
+
+/// The folder that a shard's task writes to, and the files beside it.
+pub struct Folder {
+    pub path: PathBuf,
+}
+
+impl Folder {
+    pub fn of(out: &Path, number: u32) -> Self {
+        Self { path: Self::parent(out).join(number.to_string()) }
+    }
+
+    /// Of all shards' folders.
+    pub fn parent(out: &Path) -> PathBuf {
+        out.join(SHARDS)
+    }
+
+    /// Where Slurm puts what tasks print; `%a` is the number of the task.
+    pub fn logs(out: &Path) -> PathBuf {
+        Self::parent(out).join(format!("%a.{LOG}"))
+    }
+
+    fn beside(&self, ending: &str) -> PathBuf {
+        let mut path = self.path.clone().into_os_string();
+        path.push(format!(".{ending}"));
+        path.into()
+    }
+
+    /// The exit status that its task wrote last.
+    fn status(&self) -> Option<i32> {
+        let text = input::text(&self.beside(STATUS), MOST_STATUS_BYTES).ok()?;
+        text.trim().parse().ok()
+    }
+
+    /// The last line that its task printed.
+    fn last_line(&self) -> Option<String> {
+        let bytes = input::bytes(&self.beside(LOG), MOST_LOG_BYTES).ok()?;
+        let text = String::from_utf8_lossy(&bytes);
+        let line = text.lines().rev().find(|line| !line.trim().is_empty());
+        line.map(|line| text::line(line.trim()))
+    }
+
+    /// Its task came so far that its records can be merged.
+    pub fn has_header(&self) -> bool {
+        self.header().is_some()
+    }
+
+    fn header(&self) -> Option<record::Shard> {
+        let file = File::open(self.path.join(RECORDS)).ok()?;
+        let mut lines = input::Lines::new(BufReader::new(file), MAX_LINE);
+        lines.advance().ok()??;
+        match serde_json::from_slice(&lines.line).ok()? {
+            Record::Run(run) => run.shard,
+            _ => None,
+        }
+    }
+}
+
+/// How a task ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Ending {
+    /// All its cells are measured or skipped.
+    Done,
+    /// Some cell failed.
+    CellsFailed,
+    /// Fathom could not run, or was interrupted: its exit status.
+    Stopped(i32),
+    /// Nothing is known: the task was killed, or its node.
+    Lost,
+}
+
+impl Ending {
+    fn of(status: Option<i32>) -> Self {
+        match status {
+            Some(0) => Self::Done,
+            Some(1) => Self::CellsFailed,
+            Some(other) => Self::Stopped(other),
+            None => Self::Lost,
+        }
+    }
+}
+
+/// Where a shard is.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum State {
+    /// It has no task yet.
+    New,
+    Waits,
+    Runs {
+        node: String,
+    },
+    /// It is no longer in the queue, since then, and its folder does not say why.
+    Gone(Instant),
+    Over(Ending),
+}
+
+pub struct Shard {
+    pub number: u32,
+    pub folder: Folder,
+    pub state: State,
+    /// How often it was submitted.
+    attempts: u32,
+    /// Cells of its file of records up to a place in it.
+    counted: (usize, u64),
+    /// Of its header.
+    cells: Option<usize>,
+}
+
+impl Shard {
+    pub fn new(folder: Folder, number: u32) -> Self {
+        let mut shard =
+            Self { number, folder, state: State::New, attempts: 0, counted: (0, 0), cells: None };
+        if let Some(status) = shard.folder.status() {
+            shard.state = State::Over(Ending::of(Some(status)));
+        }
+        shard
+    }
+
+    /// Takes over what the queue and the folder say; a line to tell where that is news.
+    pub fn look(&mut self, queue: &Queue, jobs: &[JobId]) -> Option<String> {
+        let number = self.number;
+        if let Some(task) = queue.task(jobs, number) {
+            let state = match &task.node {
+                Some(node) => State::Runs { node: node.clone() },
+                None => State::Waits,
+            };
+            if state == self.state {
+                return None;
+            }
+            let begins = matches!(state, State::Runs { .. });
+            self.state = state;
+            return begins.then(|| format!("shard {number} runs {task}"));
+        }
+        let since = match self.state {
+            State::New | State::Over(_) => return None,
+            State::Waits | State::Runs { .. } => Instant::now(),
+            State::Gone(since) => since,
+        };
+        let ending = Ending::of(self.folder.status());
+        if ending == Ending::Lost && since.elapsed() < GRACE {
+            self.state = State::Gone(since);
+            return None;
+        }
+        self.state = State::Over(ending);
+        Some(format!("shard {number} {}", self.told(ending)))
+    }
+
+    fn told(&self, ending: Ending) -> String {
+        let last = || self.folder.last_line().map_or_else(String::new, |line| format!(": {line}"));
+        match ending {
+            Ending::Done => "is done".to_owned(),
+            Ending::CellsFailed => "is done, but for cells that failed".to_owned(),
+            Ending::Stopped(status) => format!("ended with status {status}{}", last()),
+            Ending::Lost => "was killed before it ended".to_owned(),
+        }
+    }
+
+    /// It needs a task.
+    pub fn is_due(&self, retries: u32) -> bool {
+        match self.state {
+            State::New => true,
+            State::Over(ending) => ending != Ending::Done && self.attempts <= retries,
+            State::Waits | State::Runs { .. } | State::Gone(_) => false,
+        }
+    }
+
+    /// Nothing more comes of it.
+    pub fn is_over(&self, retries: u32) -> bool {
+        matches!(self.state, State::Over(_)) && !self.is_due(retries)
+    }
+
+    pub fn submitted(&mut self) {
+        self.attempts += 1;
+        self.state = State::Waits;
+    }
+
+    /// What the folder says, where the queue was not asked to the end.
+    pub fn read_ending(&mut self) {
+        if !matches!(self.state, State::Over(_)) {
+            self.state = State::Over(Ending::of(self.folder.status()));
+        }
+    }
+
+    /// Why cells of it may be missing.
+    pub fn failure(&self) -> Option<String> {
+        match self.state {
+            State::Over(Ending::Done | Ending::CellsFailed) => None,
+            State::Over(ending) => Some(format!("shard {} {}", self.number, self.told(ending))),
+            _ => Some(format!("shard {} did not end", self.number)),
+        }
+    }
+
+    /// Cells that have a record, and all of them where that is known.
+    fn count(&mut self) -> (usize, Option<usize>) {
+        if self.cells.is_none() {
+            self.cells = self.folder.header().map(|shard| shard.cells);
+        }
+        // What cannot be read now is counted at the next look.
+        let _ = self.count_on();
+        (self.counted.0, self.cells)
+    }
+
+    /// Reads the whole lines that were added to the records.
+    fn count_on(&mut self) -> std::io::Result<()> {
+        let mut file = File::open(self.folder.path.join(RECORDS))?;
+        if file.metadata()?.len() < self.counted.1 {
+            self.counted = (0, 0);
+        }
+        file.seek(SeekFrom::Start(self.counted.1))?;
+        let mut added = Vec::new();
+        file.read_to_end(&mut added)?;
+        let whole = added.iter().rposition(|byte| *byte == b'\n').map_or(0, |end| end + 1);
+        let lines = added[..whole].split(|byte| *byte == b'\n');
+        self.counted.0 += lines.filter(|line| line.starts_with(CELL)).count();
+        self.counted.1 += whole as u64;
+        Ok(())
+    }
+}
+
+/// How far all shards are, in one line.
+pub struct Progress {
+    bar: Option<ProgressBar>,
+    last: (Instant, String),
+}
+
+impl Default for Progress {
+    fn default() -> Self {
+        let bar = stderr().is_terminal().then(|| {
+            let style = ProgressStyle::with_template("{bar:30} {pos}/{len} cells  {msg}");
+            ProgressBar::new(0).with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()))
+        });
+        Self { bar, last: (Instant::now(), String::new()) }
+    }
+}
+
+impl Progress {
+    pub fn say(&self, message: &str) {
+        match &self.bar {
+            Some(bar) => bar.println(message),
+            None => tell::note(message),
+        }
+    }
+
+    pub fn show(&mut self, shards: &mut [Shard]) {
+        let counts: Vec<_> = shards.iter_mut().map(Shard::count).collect();
+        let done: usize = counts.iter().map(|(done, _)| done).sum();
+        let known: usize = counts.iter().filter_map(|(_, cells)| *cells).sum();
+        let unknown = counts.iter().filter(|(_, cells)| cells.is_none()).count();
+        let message = states(shards);
+        if let Some(bar) = &self.bar {
+            bar.set_length(known as u64);
+            bar.set_position(done as u64);
+            bar.set_message(message);
+            return;
+        }
+        let of = if unknown > 0 { format!("at least {known}") } else { known.to_string() };
+        let line = format!("{done} of {of} cells; {message}");
+        if line != self.last.1 && self.last.0.elapsed() >= LINE_INTERVAL {
+            tell::note(&line);
+            self.last = (Instant::now(), line);
+        }
+    }
+
+    pub fn end(&self) {
+        if let Some(bar) = &self.bar {
+            bar.finish_and_clear();
+        }
+    }
+}
+
+/// How many shards wait, run and are over, and where those run.
+fn states(shards: &[Shard]) -> String {
+    let count = |is: fn(&State) -> bool| shards.iter().filter(|shard| is(&shard.state)).count();
+    let waits = count(|state| matches!(state, State::New | State::Waits));
+    let over = count(|state| matches!(state, State::Over(_)));
+    let running: Vec<String> = shards
+        .iter()
+        .filter_map(|shard| match &shard.state {
+            State::Runs { node } => {
+                let cells = shard.cells.map_or_else(|| "?".to_owned(), |cells| cells.to_string());
+                Some(format!("{node}: shard {}, {}/{cells}", shard.number, shard.counted.0))
+            }
+            _ => None,
+        })
+        .collect();
+    let running =
+        if running.is_empty() { String::new() } else { format!("; {}", running.join(", ")) };
+    format!("{waits} shards wait, {over} are over{running}")
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,80 @@
+//! State of the machine beside a measurement: clocks, temperature, power, and why clocks are held down. NVIDIA's driver tells
+//! through NVML, Linux's amdgpu, i915 and xe through sysfs; of a software adapter the kernel tells of the core. What a machine does
+//! not tell is left out; nothing here fails.
+
+mod amdgpu;
+mod cpu;
+mod intel;
+mod nvml;
+mod sysfs;
+
+use std::path::{Path, PathBuf};
+
+use self::cpu::CpuReader;
+use self::nvml::NvmlReader;
+use crate::record::{Adapter, MachineState};
+
+/// Vendors' numbers of the PCI-SIG.
+const NVIDIA: u32 = 0x10de;
+const AMD: u32 = 0x1002;
+const INTEL: u32 = 0x8086;
+
+/// Reads the state of one adapter, as often as it is asked. Opened once: loading NVML takes milliseconds.
+pub struct MachineReader(Source);
+
+enum Source {
+    Nvml(NvmlReader),
+    /// The folder of a card.
+    Amdgpu(PathBuf),
+    /// The same.
+    Intel(PathBuf),
+    Cpu(CpuReader),
+}
+
+impl MachineReader {
+    /// None where no driver tells.
+    pub fn open(adapter: &Adapter) -> Option<Self> {
+        let card = || sysfs::card(Path::new(sysfs::DRM), adapter);
+        let source = match adapter.vendor_id {
+            _ if adapter.software => Source::Cpu(CpuReader::open(Path::new(cpu::CPUS))?),
+            NVIDIA => Source::Nvml(NvmlReader::open(adapter)?),
+            AMD => Source::Amdgpu(card()?),
+            INTEL => Source::Intel(card()?),
+            _ => return None,
+        };
+        Some(Self(source))
+    }
+
+    /// None where the driver tells nothing any more.
+    pub fn read(&self) -> Option<MachineState> {
+        let state = match &self.0 {
+            Source::Nvml(device) => device.state()?,
+            Source::Amdgpu(card) => amdgpu::state(card),
+            Source::Intel(card) => intel::state(card),
+            Source::Cpu(core) => core.state(),
+        };
+        (state != MachineState::default()).then_some(state)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Neither a machine without the vendor's driver nor one that has it and another card is a fault.
+    #[test]
+    fn drivers_that_are_absent_tell_nothing() {
+        for vendor_id in [NVIDIA, AMD, INTEL, 0x1337] {
+            let name = "no such card".to_owned();
+            let adapter = Adapter { name, vendor_id, device_id: 0xfffe, ..Adapter::default() };
+            assert!(MachineReader::open(&adapter).is_none(), "{vendor_id:x}");
+        }
+    }
+
+    #[test]
+    fn a_software_adapter_is_never_asked_of_a_card() {
+        let software = Adapter { software: true, vendor_id: NVIDIA, ..Adapter::default() };
+        let reader = MachineReader::open(&software);
+        assert!(reader.is_none_or(|reader| matches!(reader.0, Source::Cpu(_))));
+    }
+}

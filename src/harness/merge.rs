@@ -1,0 +1,168 @@
+//! `fathom merge`: the shards of a run as one run.
+//!
+//! A merged run is a run in several sittings: each shard's header stands before its cells. Shards whose headers say the same are
+//! one sitting. So reports of merged records are those of a run that was measured in these sittings.
+//!
+//! - Shards of one run have the same plan, profile, version of fathom and shader checks. Others are an error.
+//! - A shard may be there once.
+//! - Shards on different adapters become a run for each adapter.
+//! - Of a cell with several records the latest counts that was measured; else the latest that was skipped; else the latest.
+//!
+//! The folder is made beside its place and moved there when it is whole.
+
+mod records;
+mod staging;
+
+use std::path::{Path, PathBuf};
+
+use thiserror::Error;
+
+use super::output::{OutputError, OutputFolder};
+use super::plan::PlanError;
+use crate::experiments::ExperimentError;
+use crate::record::{Adapter, Damage, LockError, Part, Record, RecordError, Run, Shard, read};
+
+pub use records::{CellId, Counts};
+pub use staging::Staging;
+
+#[derive(Debug, Error)]
+pub enum MergeError {
+    #[error(transparent)]
+    Record(#[from] RecordError),
+    #[error(transparent)]
+    Output(#[from] OutputError),
+    #[error(transparent)]
+    Lock(#[from] LockError),
+    #[error(transparent)]
+    Experiment(#[from] ExperimentError),
+    #[error(transparent)]
+    Plan(#[from] PlanError),
+    #[error("{} holds no header of a run: nothing can be merged with it", folder.display())]
+    NoHeader { folder: PathBuf },
+    #[error(
+        "{} holds a whole run and no shard; `fathom report DIR DIR… --out DIR` shows several runs on one page",
+        folder.display()
+    )]
+    NoShard { folder: PathBuf },
+    #[error("{} says that it is shard {part}, and there is no such shard", folder.display())]
+    NoSuchShard { folder: PathBuf, part: Part },
+    #[error("{} and {} are shards of different runs: they differ in {what}", first.display(), other.display())]
+    OtherRun { first: PathBuf, other: PathBuf, what: &'static str },
+    #[error("{} and {} both hold shard {part}: name one of them", first.display(), other.display())]
+    Twice { first: PathBuf, other: PathBuf, part: Part },
+    #[error("{} is there already: choose another folder with --out", path.display())]
+    Taken { path: PathBuf },
+    #[error("cannot write to {}: {source}", path.display())]
+    Io { path: PathBuf, source: std::io::Error },
+}
+
+/// The folder of a shard, as it was read.
+struct Source {
+    folder: PathBuf,
+    records: Vec<Record>,
+    damaged: Vec<Damage>,
+    shard: Shard,
+    /// Its last header.
+    header: Run,
+}
+
+/// The shards that one adapter measured, in order of their numbers.
+pub struct OfAdapter {
+    pub adapter: Adapter,
+    sources: Vec<Source>,
+}
+
+/// What became of the shards of one adapter.
+pub struct Merged {
+    pub adapter: Adapter,
+    pub counts: Counts,
+    /// Cells of the plan that no shard has a record of.
+    pub missing: Vec<CellId>,
+    /// Shards that were not there.
+    pub absent: Vec<Part>,
+    /// What of the input was not taken over, a line each.
+    pub notes: Vec<String>,
+}
+
+/// Reads the shards and sorts them by adapter, in the order of the folders.
+pub fn sources(folders: &[PathBuf]) -> Result<Vec<OfAdapter>, MergeError> {
+    let mut groups: Vec<OfAdapter> = Vec::new();
+    let mut first: Option<(PathBuf, Run, Shard)> = None;
+    for folder in folders {
+        let source = Source::read(folder)?;
+        match &first {
+            Some((path, header, shard)) => source.belongs_to(path, header, shard)?,
+            None => first = Some((folder.clone(), source.header.clone(), source.shard.clone())),
+        }
+        let adapter = &source.header.adapter;
+        match groups.iter_mut().find(|group| same_adapter(&group.adapter, adapter)) {
+            Some(group) => group.sources.push(source),
+            None => {
+                groups.push(OfAdapter { adapter: adapter.clone(), sources: vec![source] });
+            }
+        }
+    }
+    for group in &mut groups {
+        group.sources.sort_by_key(|source| source.shard.number);
+        for pair in group.sources.windows(2) {
+            if pair[0].shard.number == pair[1].shard.number {
+                let [first, other] = [&pair[0], &pair[1]].map(|source| source.folder.clone());
+                return Err(MergeError::Twice { first, other, part: pair[0].shard.part() });
+            }
+        }
+    }
+    Ok(groups)
+}
+
+/// Hosts may differ where the GPU does the work.
+fn same_adapter(a: &Adapter, b: &Adapter) -> bool {
+    let of_gpu = |adapter: &Adapter| Adapter { host_threads: 0, ..adapter.clone() };
+    a == b || !a.software && of_gpu(a) == of_gpu(b)
+}
+
+impl Source {
+    fn read(folder: &Path) -> Result<Self, MergeError> {
+        let path = OutputFolder { folder: folder.to_owned() }.records();
+        let reading = read(&path)?;
+        let last = reading.records.iter().rev().find_map(|record| match record {
+            Record::Run(run) => Some((**run).clone()),
+            _ => None,
+        });
+        let folder = folder.to_owned();
+        let Some(header) = last else {
+            // A file without any sound record is named with its damage.
+            crate::record::empty_or_sound(&path, &reading)?;
+            return Err(MergeError::NoHeader { folder });
+        };
+        let Some(shard) = header.shard.clone() else {
+            return Err(MergeError::NoShard { folder });
+        };
+        let part = shard.part();
+        if !part.is_one() {
+            return Err(MergeError::NoSuchShard { folder, part });
+        }
+        Ok(Self { folder, records: reading.records, damaged: reading.damaged, shard, header })
+    }
+
+    fn belongs_to(&self, first: &Path, header: &Run, shard: &Shard) -> Result<(), MergeError> {
+        let differs = [
+            ("their format", header.schema != self.header.schema),
+            ("fathom's version", header.fathom_version != self.header.fathom_version),
+            ("the profile", header.profile != self.header.profile),
+            ("the checks in shaders", header.shader_checks != self.header.shader_checks),
+            ("the number of shards", shard.of != self.shard.of),
+            ("experiments, cells or parameters", shard.plan != self.shard.plan),
+        ];
+        match differs.into_iter().find(|(_, differs)| *differs) {
+            Some((what, _)) => Err(MergeError::OtherRun {
+                first: first.to_owned(),
+                other: self.folder.clone(),
+                what,
+            }),
+            None => Ok(()),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;

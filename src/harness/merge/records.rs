@@ -1,0 +1,258 @@
+//! The records of a merged run.
+
+use std::collections::HashMap;
+
+use indexmap::{IndexMap, IndexSet};
+use itertools::Itertools;
+
+use super::super::journal;
+use super::super::output::OutputFolder;
+use super::super::plan::{self, Request};
+use super::{MergeError, Merged, OfAdapter, Source};
+use crate::experiments::Experiment;
+use crate::record::{
+    Cell, Definition, End, Note, NoteKind, Outcome, Part, Profile, Record, Run, Selection,
+};
+
+/// Options of a shard's command line that the whole run would not have; whether a value follows.
+const OF_SHARD: [(&str, bool); 3] = [("--shard", true), ("--out", true), ("--resume", false)];
+
+/// An experiment and its cell.
+pub type CellId = (String, String);
+
+/// Cells of a merged run by what became of them.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Counts {
+    pub measured: usize,
+    pub skipped: usize,
+    pub failed: usize,
+}
+
+/// Cells that were measured under one header.
+struct Sitting {
+    header: Run,
+    cells: Vec<Cell>,
+    end: Option<End>,
+}
+
+impl OfAdapter {
+    /// The records in their order, and what there is to say of them.
+    pub fn merge(mut self) -> Result<(Vec<Record>, Merged), MergeError> {
+        let definitions = self.definitions();
+        let (kept, duplicates) = kept(&self.sources);
+        let notes = self.notes(duplicates);
+        let mut sittings: Vec<Sitting> = Vec::new();
+        for (source, kept) in self.sources.iter_mut().zip(&kept) {
+            add(std::mem::take(&mut source.records), kept, &mut sittings);
+        }
+        for sitting in &mut sittings {
+            sitting.cells.sort_by_key(|cell| definitions.get_index_of(&cell.experiment));
+        }
+        let merged = Merged {
+            counts: counts(&sittings),
+            missing: self.missing(&definitions, &sittings)?,
+            absent: self.absent(),
+            notes,
+            adapter: self.adapter,
+        };
+        if let (Some(note), Some(last)) = (incomplete(&merged), sittings.last_mut()) {
+            last.header.notes.push(note);
+        }
+        Ok((lines(definitions, sittings), merged))
+    }
+
+    /// Of each experiment, in the order of the plan.
+    fn definitions(&self) -> IndexMap<String, Definition> {
+        let records = self.sources.iter().flat_map(|source| &source.records);
+        let definitions = records.filter_map(|record| match record {
+            Record::Experiment(definition) => Some((definition.id.clone(), definition.clone())),
+            _ => None,
+        });
+        definitions.collect()
+    }
+
+    fn missing(
+        &self,
+        definitions: &IndexMap<String, Definition>,
+        sittings: &[Sitting],
+    ) -> Result<Vec<CellId>, MergeError> {
+        let Some(Source { shard, header, .. }) = self.sources.first() else {
+            return Ok(Vec::new());
+        };
+        let planned = planned(definitions, &shard.selection, header.profile)?;
+        let cells = sittings.iter().flat_map(|sitting| &sitting.cells);
+        let there: IndexSet<(&str, &str)> =
+            cells.map(|cell| (cell.experiment.as_str(), cell.cell.as_str())).collect();
+        let is_missing =
+            |(experiment, cell): &CellId| !there.contains(&(experiment.as_str(), cell.as_str()));
+        Ok(planned.into_iter().filter(is_missing).collect())
+    }
+
+    fn absent(&self) -> Vec<Part> {
+        let of = self.sources.first().map_or(0, |source| source.shard.of);
+        let is_there = |number: &u32| self.sources.iter().any(|s| s.shard.number == *number);
+        let numbers = (1..=of).filter(|number| !is_there(number));
+        numbers.map(|number| Part { number, of }).collect()
+    }
+
+    fn notes(&self, duplicates: usize) -> Vec<String> {
+        let mut notes = Vec::new();
+        for source in &self.sources {
+            let output = OutputFolder { folder: source.folder.clone() };
+            let path = output.records();
+            notes.extend(
+                source.damaged.iter().map(|d| format!("{}, {d}: left out", path.display())),
+            );
+            let unfinished = journal::unfinished(&output.samples(), &source.records);
+            let unfinished = unfinished.map_or(0, |cells| cells.len());
+            if unfinished > 0 {
+                let folder = source.folder.display();
+                notes.push(format!(
+                    "{folder}: {unfinished} cells have samples and no record yet; go on with `fathom run --resume`"
+                ));
+            }
+        }
+        if duplicates > 0 {
+            notes.push(format!(
+                "{duplicates} records of cells that were measured again are left out"
+            ));
+        }
+        notes
+    }
+}
+
+/// What the reports say of missing cells.
+fn incomplete(merged: &Merged) -> Option<Note> {
+    let Merged { missing, absent, .. } = merged;
+    if missing.is_empty() {
+        return None;
+    }
+    let shards = match absent.as_slice() {
+        [] => String::new(),
+        absent => format!("; not there: shard {}", absent.iter().join(", ")),
+    };
+    let text = format!("merged with {} cells missing{shards}", missing.len());
+    Some(Note::new(NoteKind::Incomplete, text))
+}
+
+/// Every cell that the whole run was to have.
+fn planned(
+    definitions: &IndexMap<String, Definition>,
+    selection: &Selection,
+    profile: Profile,
+) -> Result<Vec<CellId>, MergeError> {
+    let Selection { axes, sets, cells } = selection.clone();
+    let request = Request { axes, sets, cells, ..Request::default() };
+    let parse = |definition: &Definition| Experiment::parse(&definition.id, &definition.toml);
+    let experiments: Vec<Experiment> = definitions.values().map(parse).collect::<Result<_, _>>()?;
+    let expanded = plan::expand(&experiments, &request, profile)?;
+    Ok(expanded.into_iter().flatten().map(|plan| (plan.experiment, plan.cell)).collect())
+}
+
+/// Of each source, which of its records are those that count of their cells; and how many are not.
+fn kept(sources: &[Source]) -> (Vec<Vec<bool>>, usize) {
+    let mut best = HashMap::<(&str, &str), (u8, usize, usize)>::new();
+    for (place, source) in sources.iter().enumerate() {
+        for (line, record) in source.records.iter().enumerate() {
+            if let Record::Cell(cell) = record {
+                let worth = (worth(&cell.outcome), place, line);
+                let known = best.entry((&cell.experiment, &cell.cell)).or_insert(worth);
+                *known = worth.max(*known);
+            }
+        }
+    }
+    let mut kept: Vec<Vec<bool>> =
+        sources.iter().map(|source| vec![false; source.records.len()]).collect();
+    for (_, place, line) in best.values() {
+        kept[*place][*line] = true;
+    }
+    let is_cell = |record: &&Record| matches!(record, Record::Cell(_));
+    let cells = sources.iter().flat_map(|source| &source.records).filter(is_cell).count();
+    (kept, cells - best.len())
+}
+
+fn worth(outcome: &Outcome) -> u8 {
+    match outcome {
+        Outcome::Measured(_) => 2,
+        Outcome::Skipped { .. } => 1,
+        Outcome::Failed { .. } => 0,
+    }
+}
+
+/// Adds a shard's cells to the sittings. One whose header says what that of an earlier sitting says goes on with that.
+fn add(records: Vec<Record>, kept: &[bool], sittings: &mut Vec<Sitting>) {
+    let mut current = None;
+    for (record, kept) in records.into_iter().zip(kept) {
+        match (record, current) {
+            (Record::Run(run), _) => current = Some(sitting(of_whole(*run), sittings)),
+            (Record::Cell(cell), Some(at)) if *kept => sittings[at].cells.push(*cell),
+            (Record::End(end), Some(at)) => {
+                let sitting: &mut Sitting = &mut sittings[at];
+                sitting.end = Some(sitting.end.take().map_or(end.clone(), |e| e.and(&end)));
+            }
+            _ => {}
+        }
+    }
+}
+
+/// Where the sitting with this header is.
+fn sitting(header: Run, sittings: &mut Vec<Sitting>) -> usize {
+    let bare = |run: &Run| Run { started_at: String::new(), command: Vec::new(), ..run.clone() };
+    let same = |sitting: &Sitting| bare(&sitting.header) == bare(&header);
+    if let Some(at) = sittings.iter().position(same) {
+        let begun = &mut sittings[at].header.started_at;
+        if header.started_at < *begun {
+            *begun = header.started_at;
+        }
+        return at;
+    }
+    sittings.push(Sitting { header, cells: Vec::new(), end: None });
+    sittings.len() - 1
+}
+
+/// A shard's header as the whole run's.
+fn of_whole(run: Run) -> Run {
+    Run { shard: None, command: without_shard(&run.command), ..run }
+}
+
+fn without_shard(command: &[String]) -> Vec<String> {
+    let mut words = command.iter();
+    let mut kept = Vec::new();
+    while let Some(word) = words.next() {
+        let option = word.split_once('=').map_or(word.as_str(), |(option, _)| option);
+        match OF_SHARD.iter().find(|(known, _)| *known == option) {
+            Some((_, takes_value)) if *takes_value && option == word => drop(words.next()),
+            Some(_) => {}
+            None => kept.push(word.clone()),
+        }
+    }
+    kept
+}
+
+fn counts(sittings: &[Sitting]) -> Counts {
+    let mut counts = Counts::default();
+    for cell in sittings.iter().flat_map(|sitting| &sitting.cells) {
+        match cell.outcome {
+            Outcome::Measured(_) => counts.measured += 1,
+            Outcome::Skipped { .. } => counts.skipped += 1,
+            Outcome::Failed { .. } => counts.failed += 1,
+        }
+    }
+    counts
+}
+
+/// The definitions after the first header, each with a cell at least.
+fn lines(definitions: IndexMap<String, Definition>, sittings: Vec<Sitting>) -> Vec<Record> {
+    let cells = sittings.iter().flat_map(|sitting| &sitting.cells);
+    let used: IndexSet<String> = cells.map(|cell| cell.experiment.clone()).collect();
+    let definitions = definitions.into_values().filter(|known| used.contains(&known.id));
+    let mut definitions: Vec<Record> = definitions.map(Record::Experiment).collect();
+    let mut lines = Vec::new();
+    for Sitting { header, cells, end } in sittings {
+        lines.push(Record::Run(Box::new(header)));
+        lines.append(&mut definitions);
+        lines.extend(cells.into_iter().map(|cell| Record::Cell(Box::new(cell))));
+        lines.extend(end.map(Record::End));
+    }
+    lines
+}

@@ -1,0 +1,318 @@
+use super::*;
+use crate::harness::catalog::Catalog;
+use crate::harness::output::{RECORDS, picture_path};
+use crate::harness::plan::{self, Request};
+use crate::harness::shard;
+use crate::record::{
+    Definition, End, Measured, Outcome, Picture, PictureKind, Profile, SCHEMA, Writer,
+};
+
+const OF: u32 = 3;
+
+/// A run of built-in experiments in three shards, whose cells have no figures.
+struct Shards {
+    folder: tempfile::TempDir,
+    parts: Vec<Vec<Record>>,
+}
+
+fn end() -> End {
+    End {
+        measuring_wall_s: 1.0,
+        measured_gpu_s: 0.5,
+        set_up_s: 0.25,
+        set_up_parts_s: Default::default(),
+        peak_memory_bytes: Some(3),
+        interrupted: false,
+    }
+}
+
+fn measured(pictures: Vec<Picture>) -> Outcome {
+    Outcome::Measured(Box::new(Measured { pictures, ..Measured::default() }))
+}
+
+impl Shards {
+    fn new() -> Self {
+        let names = ["uw-photons", "uw-buffers", "vao-samples", "vao-view"].map(str::to_owned);
+        let request = Request { experiments: names.into(), ..Request::default() };
+        let catalog = Catalog::builtin();
+        let experiments = request.load(&catalog).unwrap();
+        let part = |number| {
+            let part = Part { number, of: OF };
+            let shard = shard::of(part, &experiments, &request, Profile::Quick).unwrap();
+            let mut expanded = plan::expand(&experiments, &request, Profile::Quick).unwrap();
+            shard::keep(part, &experiments, &mut expanded);
+            let command = format!("fathom run --shard {part} --out x --seed 3");
+            let header = Run {
+                schema: SCHEMA,
+                profile: Profile::Quick,
+                started_at: format!("2026-01-0{number}T00:00:00Z"),
+                command: command.split(' ').map(str::to_owned).collect(),
+                shard: Some(shard),
+                ..Run::default()
+            };
+            let definition = |experiment: &crate::experiments::Experiment| {
+                let (id, toml) = (experiment.id.clone(), experiment.text.clone());
+                Record::Experiment(Definition { id, toml })
+            };
+            let cell = |plan| crate::report::fixtures::cell(plan, measured(Vec::new()));
+            let mut records = vec![Record::Run(Box::new(header))];
+            records.extend(experiments.iter().map(definition));
+            records.extend(expanded.iter().flatten().map(cell));
+            records.push(Record::End(end()));
+            records
+        };
+        let parts = (1..=OF).map(part).collect();
+        Self { folder: tempfile::tempdir().unwrap(), parts }
+    }
+
+    /// Writes the shards; their folders.
+    fn folders(&self) -> Vec<PathBuf> {
+        let folder = |(index, records): (usize, &Vec<Record>)| {
+            let folder = self.folder.path().join(format!("shard-{}", index + 1));
+            std::fs::create_dir_all(&folder).unwrap();
+            Writer::create(&folder.join(RECORDS)).unwrap().write_all(records).unwrap();
+            folder
+        };
+        self.parts.iter().enumerate().map(folder).collect()
+    }
+
+    fn header(&mut self, part: usize) -> &mut Run {
+        match &mut self.parts[part][0] {
+            Record::Run(run) => run,
+            other => panic!("{other:?}"),
+        }
+    }
+
+    fn cell(&mut self, part: usize) -> &mut crate::record::Cell {
+        let cell = self.parts[part].iter_mut().find_map(|record| match record {
+            Record::Cell(cell) => Some(&mut **cell),
+            _ => None,
+        });
+        cell.unwrap()
+    }
+
+    fn out(&self) -> PathBuf {
+        self.folder.path().join("merged")
+    }
+
+    /// Merges shards of one adapter; what became of them, and the records.
+    fn merged(&self, folders: &[PathBuf]) -> (Merged, Vec<Record>) {
+        let mut groups = sources(folders).unwrap();
+        assert_eq!(groups.len(), 1);
+        let staging = Staging::begin(&self.out()).unwrap();
+        let (lines, merged) = staging.write(None, groups.remove(0)).unwrap();
+        staging.publish().unwrap();
+        let read = read(&self.out().join(RECORDS)).unwrap();
+        assert_eq!(read.damaged, []);
+        assert!(read.records == lines);
+        (merged, read.records)
+    }
+
+    fn error(&self, folders: &[PathBuf]) -> String {
+        let error = sources(folders).err().unwrap().to_string();
+        assert_eq!(error.lines().count(), 1, "{error}");
+        error
+    }
+}
+
+fn cells(records: &[Record]) -> Vec<&crate::record::Cell> {
+    let cells = records.iter().filter_map(|record| match record {
+        Record::Cell(cell) => Some(&**cell),
+        _ => None,
+    });
+    cells.collect()
+}
+
+#[test]
+fn shards_with_one_header_are_one_sitting() {
+    let shards = Shards::new();
+    let mut folders = shards.folders();
+    folders.reverse();
+    let (merged, records) = shards.merged(&folders);
+    assert!(merged.missing.is_empty() && merged.absent.is_empty(), "{:?}", merged.missing);
+    assert_eq!(merged.notes, [""; 0]);
+    let [Record::Run(run), Record::Experiment(_), ..] = &records[..] else {
+        panic!("{:?}", &records[..2]);
+    };
+    assert_eq!(run.shard, None);
+    assert_eq!(run.started_at, "2026-01-01T00:00:00Z");
+    assert_eq!(run.command.join(" "), "fathom run --seed 3");
+    let all: usize = shards.parts.iter().map(|part| cells(part).len()).sum();
+    assert_eq!(cells(&records).len(), all);
+    assert_eq!(merged.counts.measured, all);
+    let Some(Record::End(end)) = records.last() else { panic!("{:?}", records.last()) };
+    assert_eq!((end.measuring_wall_s, end.peak_memory_bytes), (3.0, Some(3)));
+    let headers = records.iter().filter(|record| matches!(record, Record::Run(_)));
+    assert_eq!(headers.count(), 1);
+    // The order of the plan, as in a run of all cells.
+    let order: Vec<&str> = cells(&records).iter().map(|cell| cell.experiment.as_str()).collect();
+    let mut sorted = order.clone();
+    sorted.sort_by_key(|id| {
+        ["uw-photons", "uw-buffers", "vao-samples", "vao-view"].iter().position(|known| known == id)
+    });
+    assert_eq!(order, sorted);
+}
+
+#[test]
+fn what_headers_say_stays_with_their_cells() {
+    let mut shards = Shards::new();
+    shards.header(1).submit_cost_ns = [(crate::record::PassKind::Copy, 7.0)].into();
+    let mine = cells(&shards.parts[1]).len();
+    let (_, records) = shards.merged(&shards.folders());
+    let second = records.iter().rposition(|record| matches!(record, Record::Run(_))).unwrap();
+    let Record::Run(run) = &records[second] else { unreachable!() };
+    assert_eq!(run.submit_cost_ns.len(), 1);
+    assert_eq!(cells(&records[second..]).len(), mine);
+}
+
+#[test]
+fn missing_cells_are_listed() {
+    let mut shards = Shards::new();
+    let folders = shards.folders();
+    let lost = cells(&shards.parts[1]).len();
+    let (merged, records) = shards.merged(&[folders[0].clone(), folders[2].clone()]);
+    let Record::Run(header) = &records[0] else { panic!("{:?}", records[0]) };
+    let [note] = &header.notes[..] else { panic!("{:?}", header.notes) };
+    assert_eq!(note.text, format!("merged with {lost} cells missing; not there: shard 2/3"));
+    assert_eq!(merged.absent, [Part { number: 2, of: OF }]);
+    assert_eq!(merged.missing.len(), lost);
+    // A cell of a shard that is there.
+    std::fs::remove_dir_all(shards.out()).unwrap();
+    let position = shards.parts[0].iter().position(|r| matches!(r, Record::Cell(_))).unwrap();
+    let Record::Cell(removed) = shards.parts[0].remove(position) else { unreachable!() };
+    let (merged, _) = shards.merged(&shards.folders());
+    assert_eq!(merged.missing, [(removed.experiment.clone(), removed.cell.clone())]);
+}
+
+#[test]
+fn a_measured_cell_counts_before_one_that_failed_later() {
+    let mut shards = Shards::new();
+    let good = shards.cell(0).clone();
+    let failed = Outcome::Failed { reason: "lost".to_owned() };
+    let bad = crate::record::Cell { outcome: failed, ..good.clone() };
+    shards.parts[0].push(Record::Cell(Box::new(bad)));
+    let (merged, records) = shards.merged(&shards.folders());
+    assert_eq!(merged.counts.failed, 0);
+    let of_name =
+        |cell: &&&crate::record::Cell| cell.experiment == good.experiment && cell.cell == good.cell;
+    let all = cells(&records);
+    let found: Vec<_> = all.iter().filter(of_name).collect();
+    assert_eq!(found.len(), 1);
+    assert!(found[0].measured().is_some());
+    assert_eq!(merged.notes.len(), 1, "{:?}", merged.notes);
+}
+
+#[test]
+fn shards_of_other_runs_are_refused() {
+    type Change = fn(&mut Run);
+    let changes: [(&str, Change); 4] = [
+        ("the profile", |run| run.profile = Profile::Paper),
+        ("fathom's version", |run| run.fathom_version = "9".to_owned()),
+        ("the number of shards", |run| run.shard.as_mut().unwrap().of = 9),
+        ("experiments, cells or parameters", |run| run.shard.as_mut().unwrap().plan.push('x')),
+    ];
+    for (what, change) in changes {
+        let mut shards = Shards::new();
+        change(shards.header(2));
+        let error = shards.error(&shards.folders());
+        assert!(error.contains("shards of different runs") && error.contains(what), "{error}");
+    }
+}
+
+#[test]
+fn a_shard_twice_and_a_whole_run_are_refused() {
+    let mut shards = Shards::new();
+    let folders = shards.folders();
+    let error = shards.error(&[folders[0].clone(), folders[1].clone(), folders[0].clone()]);
+    assert!(error.contains("both hold shard 1/3"), "{error}");
+    shards.header(2).shard = None;
+    let error = shards.error(&shards.folders());
+    assert!(error.contains("holds a whole run"), "{error}");
+}
+
+/// Nothing is counted up to a number that someone wrote into a header.
+#[test]
+fn a_shard_that_cannot_be_is_refused() {
+    for (number, of) in [(0, 3), (4, 3), (1, u32::MAX), (0, 0)] {
+        let mut shards = Shards::new();
+        let shard = shards.header(0).shard.as_mut().unwrap();
+        (shard.number, shard.of) = (number, of);
+        let error = shards.error(&shards.folders()[..1]);
+        assert!(error.contains("there is no such shard"), "{error}");
+    }
+}
+
+#[test]
+fn damage_is_named() {
+    let shards = Shards::new();
+    let folders = shards.folders();
+    let path = folders[1].join(RECORDS);
+    let text = std::fs::read_to_string(&path).unwrap();
+    std::fs::write(&path, text.trim_end().rsplit_once('\n').unwrap().0.to_owned() + "\n{\"rec")
+        .unwrap();
+    let (merged, _) = shards.merged(&folders);
+    let [note] = &merged.notes[..] else { panic!("{:?}", merged.notes) };
+    assert!(note.contains("shard-2") && note.contains("torn off"), "{note}");
+    std::fs::write(&path, "nonsense\n").unwrap();
+    let error = shards.error(&folders);
+    assert!(error.contains("shard-2") && error.contains("no sound record"), "{error}");
+    std::fs::write(&path, "").unwrap();
+    assert!(shards.error(&folders).contains("holds no header"));
+}
+
+#[test]
+fn adapters_are_kept_apart() {
+    let mut shards = Shards::new();
+    shards.header(1).adapter.name = "another".to_owned();
+    let mut groups = sources(&shards.folders()).unwrap();
+    let names: Vec<&str> = groups.iter().map(|group| group.adapter.name.as_str()).collect();
+    assert_eq!(names, ["", "another"]);
+    assert_eq!(groups.remove(1).merge().unwrap().1.absent.len(), 2);
+    // The host does not matter where a GPU does the work.
+    let mut shards = Shards::new();
+    shards.header(1).adapter.host_threads = 5;
+    assert_eq!(sources(&shards.folders()).unwrap().len(), 1);
+    for part in 0..3 {
+        shards.header(part).adapter.software = true;
+    }
+    assert_eq!(sources(&shards.folders()).unwrap().len(), 2);
+}
+
+#[test]
+fn only_pictures_by_their_own_names_are_copied() {
+    let mut shards = Shards::new();
+    let [good, other] = [0, 1].map(|part| shards.cell(part).clone());
+    let picture =
+        |path: &str| Picture { path: path.to_owned(), shows: PictureKind::Image, scale: None };
+    let path = picture_path(&good.experiment, &good.cell, PictureKind::Image);
+    shards.cell(0).outcome = measured(vec![picture(&path)]);
+    let bad = ["../../secret", "/etc/hostname", path.as_str()].map(picture);
+    shards.cell(1).outcome = measured(bad.into());
+    let folders = shards.folders();
+    std::fs::create_dir(folders[0].join("renders")).unwrap();
+    std::fs::write(folders[0].join(&path), "picture").unwrap();
+    std::fs::write(shards.folder.path().join("secret"), "secret").unwrap();
+    let (merged, _) = shards.merged(&folders);
+    assert_eq!(std::fs::read(shards.out().join(&path)).unwrap(), b"picture");
+    assert_eq!(std::fs::read_dir(shards.out().join("renders")).unwrap().count(), 1);
+    assert_eq!(merged.notes.len(), 3, "{:?}", merged.notes);
+    assert!(merged.notes.iter().all(|note| note.contains(&other.cell)), "{:?}", merged.notes);
+}
+
+#[test]
+fn a_folder_that_holds_something_is_not_touched() {
+    let shards = Shards::new();
+    let folders = shards.folders();
+    for place in [folders[0].clone(), folders[0].join(".."), folders[0].join(RECORDS)] {
+        let error = Staging::begin(&place).err().unwrap().to_string();
+        assert!(error.contains("is there already"), "{error}");
+    }
+    // An empty folder is taken, and what a killed process left is removed.
+    std::fs::create_dir(shards.out()).unwrap();
+    let left = shards.folder.path().join(".merged.merging");
+    std::fs::create_dir_all(left.join("renders")).unwrap();
+    std::fs::write(left.join("renders/half"), "").unwrap();
+    shards.merged(&folders);
+    assert!(!left.exists());
+    assert!(!shards.out().join("renders/half").exists());
+}

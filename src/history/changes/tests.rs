@@ -1,0 +1,150 @@
+use proptest::prelude::*;
+use rand::seq::SliceRandom;
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64;
+
+use super::*;
+
+fn points(values: &[f64]) -> Vec<usize> {
+    change_points(values, &mut Scores::default()).iter().map(|point| point.at).collect()
+}
+
+/// The sum of twelve uniform numbers, as good as normal.
+fn normal(random: &mut Pcg64) -> f64 {
+    (0..12).map(|_| random.random::<f64>()).sum::<f64>() - 6.0
+}
+
+fn noise(random: &mut Pcg64, n: usize) -> Vec<f64> {
+    (0..n).map(|_| normal(random)).collect()
+}
+
+/// One run in ten is six standard deviations slow.
+fn with_outliers(random: &mut Pcg64, n: usize) -> Vec<f64> {
+    let slow = |random: &mut Pcg64| if random.random_bool(0.1) { 6.0 } else { 0.0 };
+    (0..n).map(|_| normal(random) + slow(random)).collect()
+}
+
+#[test]
+fn a_constant_series_has_no_change() {
+    for n in [0, 1, 11, 12, 100, 1_000] {
+        assert_eq!(points(&vec![3.5; n]), [0_usize; 0]);
+    }
+}
+
+#[test]
+fn a_planted_step_is_found_where_it_is() {
+    let mut random = Pcg64::seed_from_u64(1);
+    for (n, at) in [(24, 12), (60, 20), (60, 52), (1_000, 700)] {
+        let mut values = noise(&mut random, n);
+        values[at..].iter_mut().for_each(|value| *value += 6.0);
+        assert_eq!(points(&values), [at], "of {n}");
+    }
+}
+
+#[test]
+fn an_exact_figure_changes_where_it_does() {
+    let mut values = vec![0.25; 40];
+    values[31..].fill(0.26);
+    assert_eq!(points(&values), [31]);
+    let mut values = vec![0.25; 40];
+    values[38..].fill(0.26);
+    assert_eq!(points(&values), [0_usize; 0]);
+}
+
+#[test]
+fn a_slowdown_that_was_repaired_is_two_changes() {
+    let mut random = Pcg64::seed_from_u64(2);
+    let mut values = noise(&mut random, 1_000);
+    values[480..495].iter_mut().for_each(|value| *value += 6.0);
+    assert_eq!(points(&values), [480, 495]);
+}
+
+#[test]
+fn least_runs_are_the_fewest_that_reach_the_level() {
+    let step = |n: usize| -> Vec<f64> {
+        (0..n).map(|i| i as f64 * 1e-3 + f64::from(u8::from(i >= n / 2))).collect()
+    };
+    let p = |n: usize| {
+        let at = n / 2;
+        of_largest(one_split(((n - 1) as f64).sqrt(), at, n, 1), n) / WHOLE_SHARE
+    };
+    assert!(p(LEAST_RUNS) <= LEVEL, "{}", p(LEAST_RUNS));
+    assert!(p(LEAST_RUNS - 1) > LEVEL, "{}", p(LEAST_RUNS - 1));
+    assert_eq!(points(&step(LEAST_RUNS - 1)), [0_usize; 0]);
+    assert_eq!(points(&step(16)), [8]);
+}
+
+/// False points in so many stable series.
+fn false_points(
+    seed: u64,
+    n: usize,
+    series: usize,
+    draw: fn(&mut Pcg64, usize) -> Vec<f64>,
+) -> usize {
+    let mut random = Pcg64::seed_from_u64(seed);
+    let mut scores = Scores::default();
+    (0..series).map(|_| change_points(&draw(&mut random, n), &mut scores).len()).sum()
+}
+
+#[test]
+fn stable_series_have_few_false_points_whatever_their_noise() {
+    for (n, draw) in [
+        (30, noise as fn(&mut Pcg64, usize) -> Vec<f64>),
+        (30, with_outliers),
+        (120, with_outliers),
+    ] {
+        let found = false_points(3, n, 1_000, draw);
+        // At most the level of 1,000, and three standard deviations.
+        assert!(found <= 128, "{found} of 1,000 series of {n} runs");
+    }
+}
+
+#[test]
+#[ignore = "measures what docs/history.md tells: cargo test --release --lib -- --ignored --nocapture history::changes"]
+fn false_points_of_the_documentation() {
+    for n in [15, 30, 60, 120, 250, 1_000] {
+        let of = |draw| false_points(11, n, 1_000, draw);
+        println!("n = {n}: normal {}, outliers {} of 1,000", of(noise), of(with_outliers));
+    }
+}
+
+#[test]
+fn probabilities_hold_for_every_arrangement() {
+    let mut random = Pcg64::seed_from_u64(9);
+    let mut values = with_outliers(&mut random, 40);
+    let mut scores = Scores::default();
+    let mut below = [0; 2];
+    for _ in 0..2_000 {
+        values.shuffle(&mut random);
+        let p = best_split(&values, &mut scores).unwrap().p;
+        below[0] += u32::from(p <= 0.05);
+        below[1] += u32::from(p <= 0.01);
+    }
+    // At most the level, with three standard deviations of 2,000 draws, and not far below it.
+    assert!((25..=129).contains(&below[0]), "{below:?}");
+    assert!((2..=33).contains(&below[1]), "{below:?}");
+}
+
+proptest! {
+    #[test]
+    fn units_and_logarithms_change_nothing(seed in 0_u64..500, factor in 1e-9_f64..1e9) {
+        let mut random = Pcg64::seed_from_u64(seed);
+        let mut values = noise(&mut random, 50);
+        values[30..].iter_mut().for_each(|value| *value += 1.5);
+        let times: Vec<f64> = values.iter().map(|value| (0.01 * value).exp()).collect();
+        let scaled: Vec<f64> = times.iter().map(|time| factor * time).collect();
+        prop_assert_eq!(points(&values), points(&times));
+        prop_assert_eq!(points(&scaled), points(&times));
+    }
+
+    #[test]
+    fn backwards_in_time_the_changes_are_the_same(seed in 0_u64..200) {
+        let mut random = Pcg64::seed_from_u64(seed);
+        let mut values = noise(&mut random, 60);
+        values[25..].iter_mut().for_each(|value| *value += 5.0);
+        let forwards = points(&values);
+        values.reverse();
+        let backwards: Vec<usize> = points(&values).iter().rev().map(|at| 60 - at).collect();
+        prop_assert_eq!(forwards, backwards);
+    }
+}

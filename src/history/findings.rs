@@ -1,0 +1,165 @@
+//! The changes of all series of a history, and how sure each is among so many.
+
+use rayon::prelude::*;
+
+use super::changes::{self, ChangePoint, LEAST_RUNS};
+use super::scores::Scores;
+use super::shift::{MOST_SIDE, shift};
+use super::stored::{Series, StoredRuns};
+use crate::record::Estimate;
+
+/// A change is sure where, of all changes that are as sure or surer, at most this share is expected to be false. Benjamini &
+/// Hochberg, *J. R. Stat. Soc. B* 57 (1995).
+pub const FALSE_SHARE: f64 = 0.05;
+
+/// By how much a figure changed, the later runs against the earlier ones.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Size {
+    /// Relative: 0.05 is 5 % more.
+    Share(Estimate),
+    /// In the figure's unit, where a value is not positive.
+    Difference(Estimate),
+}
+
+impl Size {
+    fn of(before: &[f64], after: &[f64]) -> Size {
+        if before.iter().chain(after).all(|value| *value > 0.0) {
+            let logarithms = |values: &[f64]| values.iter().map(|v| v.ln()).collect::<Vec<f64>>();
+            let found = shift(&logarithms(before), &logarithms(after));
+            let mut share = Estimate { median: found.median.exp_m1(), ..found };
+            if let Some(interval) = &mut share.interval {
+                (interval.low, interval.high) = (interval.low.exp_m1(), interval.high.exp_m1());
+            }
+            return Size::Share(share);
+        }
+        Size::Difference(shift(before, after))
+    }
+
+    /// For the order of a table: doubling and halving are of one size.
+    fn magnitude(&self) -> f64 {
+        match self {
+            Size::Share(share) => share.median.ln_1p().abs(),
+            Size::Difference(_) => f64::INFINITY,
+        }
+    }
+
+    pub fn estimate(&self) -> &Estimate {
+        let (Size::Share(estimate) | Size::Difference(estimate)) = self;
+        estimate
+    }
+}
+
+/// A change of one series.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Change {
+    /// Place of its series in [`StoredRuns::series`].
+    pub series: usize,
+    /// The first point of the new level in that series.
+    pub at: usize,
+    /// Places in [`StoredRuns::runs`] of the last run before and the first one after.
+    pub runs: [usize; 2],
+    pub size: Size,
+    /// Runs of the level before, and of the one after.
+    pub n: [usize; 2],
+    /// Chance that a stable series has such a change, at most.
+    pub p: f64,
+    /// Share of false changes that is expected among those as sure as this or surer, 0 … 1.
+    pub false_share: f64,
+}
+
+impl Change {
+    pub fn is_sure(&self) -> bool {
+        self.false_share <= FALSE_SHARE
+    }
+}
+
+/// What a history says.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Findings {
+    /// Sure ones first, each kind by size, largest first.
+    pub changes: Vec<Change>,
+    /// Series that were long enough to be searched.
+    pub searched: usize,
+    /// Series that were too short.
+    pub too_short: usize,
+}
+
+impl Findings {
+    pub fn of(stored: &StoredRuns) -> Findings {
+        let is_long = |series: &&Series| series.points.len() >= LEAST_RUNS;
+        let searched = stored.series.iter().filter(is_long).count();
+        let numbered = stored.series.par_iter().enumerate();
+        let mut changes: Vec<Change> = numbered
+            .map_init(Scores::default, |scores, (place, series)| of_series(place, series, scores))
+            .flatten()
+            .collect();
+        tell_false_share(&mut changes, searched);
+        changes.sort_by(|a, b| {
+            let by_size = b.size.magnitude().total_cmp(&a.size.magnitude());
+            b.is_sure()
+                .cmp(&a.is_sure())
+                .then(by_size)
+                .then(a.series.cmp(&b.series))
+                .then(a.at.cmp(&b.at))
+        });
+        Findings { changes, searched, too_short: stored.series.len() - searched }
+    }
+
+    /// Those of one series, in their order.
+    pub fn of_series(&self, series: usize) -> Vec<&Change> {
+        let mut found: Vec<&Change> = self.changes.iter().filter(|c| c.series == series).collect();
+        found.sort_by_key(|change| change.at);
+        found
+    }
+
+    pub fn sure(&self) -> usize {
+        self.changes.iter().filter(|change| change.is_sure()).count()
+    }
+}
+
+fn of_series(place: usize, series: &Series, scores: &mut Scores) -> Vec<Change> {
+    let values: Vec<f64> = series.points.iter().map(|point| point.value.median).collect();
+    let points = changes::change_points(&values, scores);
+    let bounds = |at: usize| match at.checked_sub(1) {
+        None => 0,
+        Some(before) => points.get(before).map_or(values.len(), |point: &ChangePoint| point.at),
+    };
+    let change = |(number, point): (usize, &ChangePoint)| {
+        let (before, after) =
+            (&values[bounds(number)..point.at], &values[point.at..bounds(number + 2)]);
+        Change {
+            series: place,
+            at: point.at,
+            runs: [point.at - 1, point.at].map(|at| series.points[at].run),
+            size: Size::of(nearest_last(before), nearest_first(after)),
+            n: [before.len(), after.len()],
+            p: point.p,
+            false_share: 1.0,
+        }
+    };
+    points.iter().enumerate().map(change).collect()
+}
+
+fn nearest_last(values: &[f64]) -> &[f64] {
+    &values[values.len().saturating_sub(MOST_SIDE)..]
+}
+
+fn nearest_first(values: &[f64]) -> &[f64] {
+    &values[..values.len().min(MOST_SIDE)]
+}
+
+/// Each series is searched once, and both sides of each change once more.
+fn tell_false_share(changes: &mut [Change], searched: usize) {
+    changes.sort_by(|a, b| b.p.total_cmp(&a.p));
+    let found = changes.len();
+    let tests = (searched + 2 * found) as f64;
+    let mut least = 1.0_f64;
+    for (place, change) in changes.iter_mut().enumerate() {
+        let as_sure = (found - place) as f64;
+        least = least.min(tests * change.p / as_sure);
+        change.false_share = least;
+    }
+}
+
+#[cfg(test)]
+mod tests;

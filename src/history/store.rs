@@ -1,0 +1,316 @@
+//! Adding runs to a history and getting them out.
+
+use std::collections::HashMap;
+use std::io::{Read, Write};
+
+use flate2::Compression;
+use flate2::read::GzDecoder;
+use flate2::write::GzEncoder;
+use itertools::Itertools;
+use jiff::Timestamp;
+use sha2::{Digest, Sha256};
+
+use super::database::{self, Database, Location, Value};
+use super::run::{FigureKey, NewRun, hexadecimal};
+use super::{FORMAT, HistoryError, Origin};
+use crate::record::Estimate;
+
+/// Rows of one statement. SQLite binds at most 32,766 values.
+const ROWS_AT_ONCE: usize = 500;
+/// Fewest digits of a run's digest that name it.
+const LEAST_DIGITS: usize = 4;
+/// The table that says that a database is a history.
+const MARK: &str = "fathom_history";
+
+const SERIES_COLUMNS: [&str; 10] = [
+    "id",
+    "machine",
+    "adapter",
+    "driver",
+    "profile",
+    "cell",
+    "configuration",
+    "figure",
+    "unit",
+    "clock",
+];
+const FIGURE_COLUMNS: [&str; 6] = ["series", "run", "median", "low", "high", "n"];
+const RUN_COLUMNS: [&str; 12] = [
+    "id",
+    "digest",
+    "commit_name",
+    "committed_at",
+    "branch",
+    "machine",
+    "adapter",
+    "driver",
+    "started_at",
+    "cells",
+    "figures",
+    "records",
+];
+
+/// An open history.
+pub struct History {
+    pub(super) database: Box<dyn Database>,
+    place: String,
+    /// Its tables are there.
+    is_made: bool,
+}
+
+/// What became of a run that was to be added.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Added {
+    New,
+    /// The same records of the same commit were stored before.
+    Already,
+}
+
+impl History {
+    /// Opens a history to read it.
+    ///
+    /// # Errors
+    /// Where there is none, it cannot be reached, is another program's, or has a newer format.
+    pub fn open(location: &Location) -> Result<History, HistoryError> {
+        let history = Self::connect(location, false)?;
+        if history.is_made {
+            Ok(history)
+        } else {
+            Err(HistoryError::NoHistory { place: history.place })
+        }
+    }
+
+    /// The same to add to it. What is not there yet is made with the first run.
+    pub fn open_or_make(location: &Location) -> Result<History, HistoryError> {
+        Self::connect(location, true)
+    }
+
+    fn connect(location: &Location, writable: bool) -> Result<History, HistoryError> {
+        let database = database::open(location, writable)?;
+        let place = match location {
+            Location::File(path) => path.display().to_string(),
+            Location::Url(_) => "the PostgreSQL database".to_owned(),
+        };
+        let mut history = History { database, place, is_made: false };
+        history.look()?;
+        Ok(history)
+    }
+
+    /// Whether the tables are there, in this build's format.
+    fn look(&mut self) -> Result<(), HistoryError> {
+        let place = || self.place.clone();
+        if !self.database.has_table(MARK)? {
+            let foreign = self.database.is_foreign()?;
+            return if foreign { Err(HistoryError::Foreign { place: place() }) } else { Ok(()) };
+        }
+        let rows = self.database.rows("SELECT format FROM fathom_history", &[])?;
+        match rows.first().and_then(|row| row.first()) {
+            Some(Value::Integer(FORMAT)) => self.is_made = true,
+            Some(Value::Integer(found)) => {
+                return Err(HistoryError::Format { place: place(), found: *found });
+            }
+            _ => return Err(HistoryError::Foreign { place: place() }),
+        }
+        Ok(())
+    }
+
+    /// Stores a run, all or nothing. The same run again changes nothing.
+    ///
+    /// # Errors
+    /// Where the same records are stored as another commit's or branch's.
+    pub fn add(&mut self, run: &NewRun, origin: &Origin) -> Result<Added, HistoryError> {
+        let packed = packed(&run.records);
+        self.database.begin()?;
+        // Another process may have made them meanwhile.
+        self.look()?;
+        if !self.is_made {
+            self.make()?;
+        } else if self.has(run, origin)? {
+            self.database.commit()?;
+            return Ok(Added::Already);
+        }
+        let id = self.next_id("fathom_run")?;
+        let committed_at = self.commit_time(run, origin)?;
+        let row = vec![
+            Value::Integer(id),
+            Value::Text(run.digest.clone()),
+            Value::name(&origin.commit),
+            Value::Integer(committed_at),
+            Value::name(&origin.branch),
+            Value::name(&origin.machine),
+            Value::name(&run.adapter),
+            Value::name(&run.driver),
+            Value::name(&run.started_at),
+            Value::Integer(run.cells as i64),
+            Value::Integer(run.figures.len() as i64),
+            Value::Bytes(packed),
+        ];
+        self.insert("fathom_run", &RUN_COLUMNS, vec![row])?;
+        self.add_figures(id, run, &origin.machine)?;
+        self.database.commit()?;
+        self.is_made = true;
+        Ok(Added::New)
+    }
+
+    fn make(&mut self) -> Result<(), HistoryError> {
+        let database::ColumnTypes { bytes, real, by_key } = self.database.types();
+        let statements = [
+            "CREATE TABLE fathom_history (format BIGINT NOT NULL)".to_owned(),
+            format!(
+                "CREATE TABLE fathom_run (id BIGINT NOT NULL PRIMARY KEY, digest TEXT NOT NULL UNIQUE, \
+                 commit_name TEXT NOT NULL, committed_at BIGINT NOT NULL, branch TEXT NOT NULL, machine TEXT NOT NULL, \
+                 adapter TEXT NOT NULL, driver TEXT NOT NULL, started_at TEXT NOT NULL, cells BIGINT NOT NULL, \
+                 figures BIGINT NOT NULL, records {bytes} NOT NULL)"
+            ),
+            // No key over the names: PostgreSQL refuses long ones. Writers take turns, so no series is stored twice.
+            "CREATE TABLE fathom_series (id BIGINT NOT NULL PRIMARY KEY, machine TEXT NOT NULL, adapter TEXT NOT NULL, \
+             driver TEXT NOT NULL, profile TEXT NOT NULL, cell TEXT NOT NULL, configuration TEXT NOT NULL, \
+             figure TEXT NOT NULL, unit TEXT NOT NULL, clock TEXT NOT NULL)"
+                .to_owned(),
+            format!(
+                "CREATE TABLE fathom_figure (series BIGINT NOT NULL, run BIGINT NOT NULL, median {real} NOT NULL, \
+                 low {real}, high {real}, n BIGINT NOT NULL, PRIMARY KEY (series, run)){by_key}"
+            ),
+        ];
+        for statement in statements {
+            self.database.execute(&statement, &[])?;
+        }
+        self.database
+            .execute("INSERT INTO fathom_history (format) VALUES ($1)", &[Value::Integer(FORMAT)])
+    }
+
+    /// The run is stored as one of this commit, on this branch.
+    fn has(&mut self, run: &NewRun, origin: &Origin) -> Result<bool, HistoryError> {
+        let statement = "SELECT commit_name, branch FROM fathom_run WHERE digest = $1";
+        let found = self.database.rows(statement, &[Value::Text(run.digest.clone())])?;
+        let Some(row) = found.first() else { return Ok(false) };
+        if row[0] == Value::name(&origin.commit) && row[1] == Value::name(&origin.branch) {
+            return Ok(true);
+        }
+        Err(HistoryError::OtherOrigin {
+            digest: run.digest.clone(),
+            stored_commit: row[0].text(),
+            stored_branch: row[1].text(),
+            commit: origin.commit.clone(),
+            branch: origin.branch.clone(),
+        })
+    }
+
+    /// As git says; else as the commit's first run was placed; else when this run started.
+    fn commit_time(&mut self, run: &NewRun, origin: &Origin) -> Result<i64, HistoryError> {
+        if let Some(time) = origin.committed_at {
+            return Ok(time);
+        }
+        let statement = "SELECT committed_at FROM fathom_run WHERE commit_name = $1 ORDER BY id";
+        let earlier = self.database.rows(statement, &[Value::name(&origin.commit)])?;
+        if let Some(row) = earlier.first() {
+            return Ok(row[0].integer());
+        }
+        let started: Result<Timestamp, _> = run.started_at.parse();
+        let unknown = |_| HistoryError::NoTime { commit: origin.commit.clone() };
+        started.map(Timestamp::as_second).map_err(unknown)
+    }
+
+    fn next_id(&mut self, table: &str) -> Result<i64, HistoryError> {
+        let statement = format!("SELECT COALESCE(MAX(id), 0) FROM {table}");
+        Ok(self.database.rows(&statement, &[])?[0][0].integer() + 1)
+    }
+
+    fn add_figures(&mut self, run: i64, new: &NewRun, machine: &str) -> Result<(), HistoryError> {
+        let mut known = self.known_series(machine)?;
+        let mut next = self.next_id("fathom_series")?;
+        let (mut series, mut figures) = (Vec::new(), Vec::new());
+        for (key, value) in &new.figures {
+            let names = names(machine, key);
+            let id = *known.entry(names.clone()).or_insert_with(|| {
+                let names = names.into_iter().map(Value::Text);
+                series.push(std::iter::once(Value::Integer(next)).chain(names).collect());
+                next += 1;
+                next - 1
+            });
+            figures.push(figure_row(id, run, value));
+        }
+        self.insert("fathom_series", &SERIES_COLUMNS, series)?;
+        self.insert("fathom_figure", &FIGURE_COLUMNS, figures)
+    }
+
+    fn known_series(&mut self, machine: &str) -> Result<HashMap<Vec<String>, i64>, HistoryError> {
+        let columns = SERIES_COLUMNS[1..].join(", ");
+        let statement = format!("SELECT {columns}, id FROM fathom_series WHERE machine = $1");
+        let rows = self.database.rows(&statement, &[Value::name(machine)])?;
+        let known = rows.into_iter().map(|mut row| {
+            let id = row.pop().map_or(0, |id| id.integer());
+            (row.iter().map(Value::text).collect(), id)
+        });
+        Ok(known.collect())
+    }
+
+    fn insert(
+        &mut self,
+        table: &str,
+        columns: &[&str],
+        rows: Vec<Vec<Value>>,
+    ) -> Result<(), HistoryError> {
+        for rows in rows.chunks(ROWS_AT_ONCE) {
+            let row = |row: usize| {
+                let first = row * columns.len() + 1;
+                let places = first..first + columns.len();
+                format!("({})", places.map(|place| format!("${place}")).join(", "))
+            };
+            let values = (0..rows.len()).map(row).join(", ");
+            let statement = format!("INSERT INTO {table} ({}) VALUES {values}", columns.join(", "));
+            self.database.execute(&statement, &rows.concat())?;
+        }
+        Ok(())
+    }
+
+    /// The records of the run whose digest begins so, byte for byte, and the whole digest.
+    pub fn records(&mut self, name: &str) -> Result<(String, Vec<u8>), HistoryError> {
+        let unknown = || HistoryError::UnknownRun { name: name.to_owned() };
+        if name.len() < LEAST_DIGITS || !name.bytes().all(|byte| byte.is_ascii_hexdigit()) {
+            return Err(unknown());
+        }
+        let statement = "SELECT digest FROM fathom_run WHERE digest LIKE $1";
+        let pattern = Value::Text(format!("{}%", name.to_ascii_lowercase()));
+        let found = self.database.rows(statement, &[pattern])?;
+        let digest = match found.as_slice() {
+            [] => return Err(unknown()),
+            [row] => row[0].text(),
+            _ => return Err(HistoryError::SeveralRuns { name: name.to_owned() }),
+        };
+        let statement = "SELECT records FROM fathom_run WHERE digest = $1";
+        let rows = self.database.rows(statement, &[Value::Text(digest.clone())])?;
+        let mut records = Vec::new();
+        let unpacked = GzDecoder::new(rows[0][0].bytes()).read_to_end(&mut records);
+        if unpacked.is_err() || hexadecimal(&Sha256::digest(&records)) != digest {
+            return Err(HistoryError::Altered { digest });
+        }
+        Ok((digest, records))
+    }
+}
+
+/// A series' names as they are stored.
+fn names(machine: &str, key: &FigureKey) -> Vec<String> {
+    let FigureKey { adapter, driver, profile, cell, configuration, figure, unit, clock } = key;
+    let names = [machine, adapter, driver, profile, cell, configuration, figure, unit, clock];
+    names.map(|name| Value::name(name).text()).to_vec()
+}
+
+fn figure_row(series: i64, run: i64, value: &Estimate) -> Vec<Value> {
+    let bound = |bound: Option<f64>| bound.map_or(Value::Null, Value::Real);
+    vec![
+        Value::Integer(series),
+        Value::Integer(run),
+        Value::Real(value.median),
+        bound(value.interval.map(|interval| interval.low)),
+        bound(value.interval.map(|interval| interval.high)),
+        Value::Integer(value.n as i64),
+    ]
+}
+
+fn packed(records: &[u8]) -> Vec<u8> {
+    let mut encoder = GzEncoder::new(Vec::new(), Compression::default());
+    // Writing to memory does not fail.
+    let _ = encoder.write_all(records);
+    encoder.finish().unwrap_or_default()
+}

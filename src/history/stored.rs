@@ -1,0 +1,269 @@
+//! What a history holds: runs in their order, and series of figures over them.
+
+use std::collections::HashMap;
+use std::fmt;
+
+use itertools::Itertools;
+use jiff::Timestamp;
+use jiff::civil::Date;
+use jiff::tz::TimeZone;
+
+use super::database::{FigureRow, Value};
+use super::run::{FigureKey, NANOSECONDS};
+use super::{History, HistoryError};
+use crate::record::{Estimate, Interval};
+use crate::text;
+
+/// Digits of a commit or a run that people read.
+const SHORT: usize = 10;
+/// Up to so many series are asked for by their ids. More are sorted out here.
+const MOST_ASKED: usize = 500;
+
+/// A run without its records.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct StoredRun {
+    /// In the database.
+    id: i64,
+    pub digest: String,
+    pub commit: String,
+    /// Of the commit, seconds of Unix time.
+    pub committed_at: i64,
+    pub branch: String,
+    pub machine: String,
+    pub adapter: String,
+    pub driver: String,
+    /// RFC 3339, UTC.
+    pub started_at: String,
+    pub cells: i64,
+    pub figures: i64,
+}
+
+impl StoredRun {
+    /// Beginning of its commit's name.
+    pub fn short_commit(&self) -> String {
+        shortened(&self.commit)
+    }
+
+    pub fn short_digest(&self) -> String {
+        shortened(&self.digest)
+    }
+
+    /// Day of the commit, UTC.
+    pub fn day(&self) -> String {
+        let moment = Timestamp::from_second(self.committed_at).unwrap_or_default();
+        moment.to_zoned(TimeZone::UTC).date().to_string()
+    }
+}
+
+fn shortened(name: &str) -> String {
+    text::line(name).chars().take(SHORT).collect()
+}
+
+/// What makes values comparable.
+#[derive(Clone, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct SeriesKey {
+    pub branch: String,
+    pub machine: String,
+    pub figure: FigureKey,
+}
+
+impl SeriesKey {
+    /// `CELL FIGURE`.
+    pub fn name(&self) -> String {
+        text::line(&format!("{} {}", self.figure.cell, self.figure.figure))
+    }
+
+    /// Where it was measured.
+    pub fn place(&self) -> Place<'_> {
+        Place(self)
+    }
+
+    pub fn is_time(&self) -> bool {
+        self.figure.unit == NANOSECONDS
+    }
+}
+
+/// Branch, machine, adapter, driver and profile in words.
+pub struct Place<'a>(&'a SeriesKey);
+
+impl fmt::Display for Place<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let SeriesKey { branch, machine, figure } = self.0;
+        let FigureKey { adapter, driver, profile, .. } = figure;
+        f.write_str(&text::line(&format!("{branch} on {machine}: {adapter}, {driver}; {profile}")))
+    }
+}
+
+/// A figure over runs.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Series {
+    pub key: SeriesKey,
+    /// In the order of the runs.
+    pub points: Vec<Point>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Point {
+    /// Place of its run in [`StoredRuns::runs`].
+    pub run: usize,
+    pub value: Estimate,
+}
+
+/// Runs in the order of their commits' dates, those of one commit as they started; and series over them.
+#[derive(Clone, Debug, Default)]
+pub struct StoredRuns {
+    pub runs: Vec<StoredRun>,
+    /// Sorted by key; none is empty.
+    pub series: Vec<Series>,
+}
+
+/// Which part of a history.
+#[derive(Clone, Debug, Default)]
+pub struct Selection {
+    pub branch: Option<String>,
+    /// A date, a moment, or a commit of the history: from there on.
+    pub since: Option<String>,
+    /// Part of `CELL FIGURE`.
+    pub filter: Option<String>,
+}
+
+impl History {
+    /// The runs that a selection leaves, in their order.
+    pub fn runs(&mut self, selection: &Selection) -> Result<Vec<StoredRun>, HistoryError> {
+        let statement = "SELECT id, digest, commit_name, committed_at, branch, machine, adapter, driver, started_at, cells, \
+             figures FROM fathom_run ORDER BY committed_at, started_at, id";
+        let rows = self.database.rows(statement, &[])?;
+        let mut runs: Vec<StoredRun> = rows.iter().map(|row| of_row(row)).collect();
+        if let Some(since) = &selection.since {
+            let since = moment(since, &runs)?;
+            runs.retain(|run| run.committed_at >= since);
+        }
+        let branch = selection.branch.as_deref().map(|branch| Value::name(branch).text());
+        runs.retain(|run| branch.as_ref().is_none_or(|branch| *branch == run.branch));
+        Ok(runs)
+    }
+
+    /// Runs and series that a selection leaves.
+    ///
+    /// # Errors
+    /// Where nothing is left.
+    pub fn stored(&mut self, selection: &Selection) -> Result<StoredRuns, HistoryError> {
+        let runs = self.runs(selection)?;
+        let keys = self.keys(selection.filter.as_deref().unwrap_or_default())?;
+        let values = self.values(&keys, &runs)?;
+        let mut series = grouped(keys, values, &runs);
+        series.sort_unstable_by(|a, b| a.key.cmp(&b.key));
+        if series.is_empty() {
+            let filter = selection.filter.iter().map(|filter| format!(" `{filter}`"));
+            let branch = selection.branch.iter().map(|branch| format!(" on branch `{branch}`"));
+            let since = selection.since.iter().map(|since| format!(" since {since}"));
+            return Err(HistoryError::NothingFits {
+                what: filter.chain(branch).chain(since).collect(),
+            });
+        }
+        Ok(StoredRuns { runs, series })
+    }
+
+    /// Machines and figures by the ids of their series.
+    fn keys(&mut self, filter: &str) -> Result<HashMap<i64, (String, FigureKey)>, HistoryError> {
+        let statement = "SELECT id, machine, adapter, driver, profile, cell, configuration, figure, unit, clock \
+             FROM fathom_series";
+        let rows = self.database.rows(statement, &[])?;
+        let keys = rows.iter().map(|row| {
+            let name = |column: usize| row[column].text();
+            let key = FigureKey {
+                adapter: name(2),
+                driver: name(3),
+                profile: name(4),
+                cell: name(5),
+                configuration: name(6),
+                figure: name(7),
+                unit: name(8),
+                clock: name(9),
+            };
+            (row[0].integer(), (name(1), key))
+        });
+        Ok(keys
+            .filter(|(_, (_, key))| format!("{} {}", key.cell, key.figure).contains(filter))
+            .collect())
+    }
+
+    /// Places of runs with their values, by series.
+    fn values(
+        &mut self,
+        keys: &HashMap<i64, (String, FigureKey)>,
+        runs: &[StoredRun],
+    ) -> Result<HashMap<i64, Vec<Point>>, HistoryError> {
+        let places: HashMap<i64, usize> =
+            runs.iter().enumerate().map(|(at, run)| (run.id, at)).collect();
+        let mut values: HashMap<i64, Vec<Point>> =
+            keys.keys().map(|id| (*id, Vec::new())).collect();
+        let mut statement =
+            "SELECT series, run, median, low, high, n FROM fathom_figure".to_owned();
+        let mut asked = Vec::new();
+        if keys.len() <= MOST_ASKED && !keys.is_empty() {
+            asked = keys.keys().map(|id| Value::Integer(*id)).collect_vec();
+            let places = (1..=asked.len()).map(|place| format!("${place}")).join(", ");
+            statement = format!("{statement} WHERE series IN ({places})");
+        }
+        let mut take = |row: FigureRow| {
+            if let (Some(points), Some(run)) = (values.get_mut(&row.series), places.get(&row.run)) {
+                points.push(Point { run: *run, value: estimate(&row) });
+            }
+        };
+        self.database.each_figure(&statement, &asked, &mut take)?;
+        Ok(values)
+    }
+}
+
+fn of_row(row: &[Value]) -> StoredRun {
+    let name = |column: usize| row[column].text();
+    StoredRun {
+        id: row[0].integer(),
+        digest: name(1),
+        commit: name(2),
+        committed_at: row[3].integer(),
+        branch: name(4),
+        machine: name(5),
+        adapter: name(6),
+        driver: name(7),
+        started_at: name(8),
+        cells: row[9].integer(),
+        figures: row[10].integer(),
+    }
+}
+
+fn estimate(row: &FigureRow) -> Estimate {
+    let interval = row.low.zip(row.high).map(|(low, high)| Interval { low, high });
+    Estimate { median: row.median, interval, n: row.n.try_into().unwrap_or(0) }
+}
+
+/// A series for each branch that has values of it.
+fn grouped(
+    keys: HashMap<i64, (String, FigureKey)>,
+    mut values: HashMap<i64, Vec<Point>>,
+    runs: &[StoredRun],
+) -> Vec<Series> {
+    let of_key = |(id, (machine, figure)): (i64, (String, FigureKey))| {
+        let mut points = values.remove(&id).unwrap_or_default();
+        points.sort_unstable_by_key(|point| point.run);
+        let branches =
+            points.into_iter().into_group_map_by(|point| runs[point.run].branch.as_str());
+        let series = branches.into_iter().map(move |(branch, points)| {
+            let (branch, machine, figure) = (branch.to_owned(), machine.clone(), figure.clone());
+            Series { key: SeriesKey { branch, machine, figure }, points }
+        });
+        series.collect_vec()
+    };
+    keys.into_iter().flat_map(of_key).collect()
+}
+
+/// Seconds of Unix time of a date (its beginning, UTC), a moment, or a commit of these runs.
+fn moment(since: &str, runs: &[StoredRun]) -> Result<i64, HistoryError> {
+    let date = since.parse::<Date>().ok().filter(|_| !since.contains('T'));
+    let date = date.and_then(|date| date.to_zoned(TimeZone::UTC).ok()).map(|day| day.timestamp());
+    let moment = date.or_else(|| since.parse().ok()).map(Timestamp::as_second);
+    let commit = || runs.iter().find(|run| run.commit.starts_with(since));
+    let found = moment.or_else(|| commit().map(|run| run.committed_at));
+    found.ok_or_else(|| HistoryError::Since { text: since.to_owned() })
+}

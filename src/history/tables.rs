@@ -1,0 +1,211 @@
+//! A history as text and as JSON.
+
+use serde_json::{Value, json};
+
+use super::changes::{LEAST_RUNS, LEVEL};
+use super::findings::{Change, FALSE_SHARE, Findings, Size};
+use super::run::NANOSECONDS;
+use super::stored::{Series, StoredRun, StoredRuns};
+use crate::record::Estimate;
+use crate::report::format::{NS_PER_MS, three, trim_zeros};
+use crate::text;
+
+/// Unit in records of errors that have none.
+const WITHOUT_UNIT: &str = "1";
+/// Latest runs of a series that are listed.
+const MOST_LISTED: usize = 30;
+
+/// A line for each run.
+pub fn runs(runs: &[StoredRun]) -> String {
+    let head = ["RUN", "COMMIT", "DAY", "BRANCH", "MACHINE", "CELLS", "FIGURES", "ADAPTER"];
+    let rows = runs.iter().map(|run| {
+        let (cells, figures) = (run.cells.to_string(), run.figures.to_string());
+        let adapter = format!("{}, {}", run.adapter, run.driver);
+        let names = [run.branch.clone(), run.machine.clone()].map(|name| text::line(&name));
+        let [branch, machine] = names;
+        [
+            run.short_digest(),
+            run.short_commit(),
+            run.day(),
+            branch,
+            machine,
+            cells,
+            figures,
+            text::line(&adapter),
+        ]
+    });
+    let rows: Vec<[String; 8]> = std::iter::once(head.map(str::to_owned)).chain(rows).collect();
+    text::columns(&rows).join("\n")
+}
+
+/// What was searched and what was found, in one or two sentences.
+pub fn headline(stored: &StoredRuns, findings: &Findings) -> String {
+    let Findings { changes, searched, too_short } = findings;
+    let (runs, sure) = (stored.runs.len(), findings.sure());
+    let mut told = format!("{runs} runs, {searched} series searched");
+    if *too_short > 0 {
+        told += &format!(", {too_short} too short (fewer than {LEAST_RUNS} runs)");
+    }
+    let possible = changes.len() - sure;
+    let [share, level] = [FALSE_SHARE, LEVEL].map(|share| 100.0 * share);
+    if sure > 0 {
+        told += &format!(". Sure changes: {sure}, of which at most about {share} % are false");
+    }
+    if possible > 0 {
+        told +=
+            &format!(". Possible changes: {possible}; up to {level} % of stable series have one");
+    }
+    if changes.is_empty() { told + ". No change." } else { told + "." }
+}
+
+/// A line for each change.
+pub fn changes(stored: &StoredRuns, findings: &Findings) -> String {
+    let head = ["CHANGE", "", "COMMITS", "DAYS", "RUNS", "FIGURE", "WHERE"].map(str::to_owned);
+    let rows = findings.changes.iter().map(|change| {
+        let series = &stored.series[change.series];
+        let [before, after] = change.runs.map(|run| &stored.runs[run]);
+        [
+            size(change, series),
+            if change.is_sure() { "sure" } else { "possible" }.to_owned(),
+            commits(before, after),
+            format!("{} → {}", before.day(), after.day()),
+            format!("{} + {}", change.n[0], change.n[1]),
+            series.key.name(),
+            series.key.place().to_string(),
+        ]
+    });
+    let rows: Vec<[String; 7]> = std::iter::once(head).chain(rows).collect();
+    let table = if findings.changes.is_empty() { Vec::new() } else { text::columns(&rows) };
+    std::iter::once(headline(stored, findings)).chain(table).collect::<Vec<_>>().join("\n")
+}
+
+/// The two commits between which a figure changed.
+pub fn commits(before: &StoredRun, after: &StoredRun) -> String {
+    if before.commit == after.commit {
+        return format!("within {}", before.short_commit());
+    }
+    format!("{} → {}", before.short_commit(), after.short_commit())
+}
+
+/// `+5.1 % (+4.2 … +6.0)`, or a difference with its unit.
+pub fn size(change: &Change, series: &Series) -> String {
+    let (unit, factor) = match change.size {
+        Size::Share(_) => (" %".to_owned(), 100.0),
+        Size::Difference(_) => (format!(" {}", unit(series)), 1.0),
+    };
+    let Estimate { median, interval, .. } = change.size.estimate().scaled(factor);
+    let signed = |value: f64| {
+        let number =
+            if factor > 1.0 && value.abs() < 100.0 { format!("{value:.1}") } else { three(value) };
+        if value > 0.0 {
+            format!("+{}", trim_zeros(&number))
+        } else {
+            trim_zeros(&number).to_owned()
+        }
+    };
+    let unit = unit.trim_end();
+    match interval {
+        Some(i) => format!("{}{unit} ({} … {})", signed(median), signed(i.low), signed(i.high)),
+        None => format!("{}{unit} (no interval)", signed(median)),
+    }
+}
+
+/// A value in the unit that people read.
+pub fn value(series: &Series, value: &Estimate) -> String {
+    let factor = if series.key.is_time() { 1.0 / NS_PER_MS } else { 1.0 };
+    let Estimate { median, interval, .. } = value.scaled(factor);
+    match interval {
+        Some(i) => format!("{} ({} – {})", three(median), three(i.low), three(i.high)),
+        None => three(median),
+    }
+}
+
+/// Unit of a series for people; empty where there is none.
+pub fn unit(series: &Series) -> String {
+    match series.key.figure.unit.as_str() {
+        NANOSECONDS => "ms".to_owned(),
+        WITHOUT_UNIT => String::new(),
+        unit => text::line(unit),
+    }
+}
+
+/// Each series with its latest runs and its changes.
+pub fn series(stored: &StoredRuns, findings: &Findings) -> String {
+    let mut lines = vec![headline(stored, findings)];
+    for (place, series) in stored.series.iter().enumerate() {
+        lines.push(String::new());
+        let unit = Some(unit(series)).filter(|unit| !unit.is_empty());
+        let unit = unit.map_or_else(String::new, |unit| format!(" ({unit})"));
+        lines.push(format!("{}{unit}", series.key.name()));
+        lines.push(format!("  {}", series.key.place()));
+        lines.extend(of_series(stored, series, &findings.of_series(place)));
+    }
+    lines.join("\n")
+}
+
+fn of_series(stored: &StoredRuns, series: &Series, changes: &[&Change]) -> Vec<String> {
+    let first = series.points.len().saturating_sub(MOST_LISTED);
+    let rows: Vec<[String; 6]> = series.points[first..]
+        .iter()
+        .zip(first..)
+        .map(|(point, at)| {
+            let run = &stored.runs[point.run];
+            let change = changes.iter().find(|change| change.at == at);
+            let change = change.map(|change| {
+                let sure = if change.is_sure() { "" } else { ", possible" };
+                format!("← {}{sure}", size(change, series))
+            });
+            let n = format!("n = {}", point.value.n);
+            let [commit, day] = [run.short_commit(), run.day()];
+            [
+                "  ".to_owned() + &commit,
+                day,
+                run.short_digest(),
+                value(series, &point.value),
+                n,
+                change.unwrap_or_default(),
+            ]
+        })
+        .collect();
+    let mut lines = text::columns(&rows);
+    if first > 0 {
+        lines.insert(0, format!("  {first} earlier runs are left out"));
+    }
+    if series.points.len() < LEAST_RUNS {
+        lines.push(format!("  too short to be searched: {LEAST_RUNS} runs are needed"));
+    }
+    lines
+}
+
+/// The changes for machines.
+pub fn changes_json(stored: &StoredRuns, findings: &Findings) -> Value {
+    let changes: Vec<Value> =
+        findings.changes.iter().map(|change| change_json(stored, change)).collect();
+    json!({
+        "runs": stored.runs.len(), "series": findings.searched, "too_short": findings.too_short,
+        "least_runs": LEAST_RUNS, "level": LEVEL, "false_share": FALSE_SHARE, "changes": changes,
+    })
+}
+
+fn change_json(stored: &StoredRuns, change: &Change) -> Value {
+    let series = &stored.series[change.series];
+    let [before, after] = change.runs.map(|run| run_json(&stored.runs[run]));
+    let figure = &series.key.figure;
+    let estimate = change.size.estimate();
+    let kind = match change.size {
+        Size::Share(_) => "share",
+        Size::Difference(_) => "difference",
+    };
+    json!({
+        "branch": series.key.branch, "machine": series.key.machine, "adapter": figure.adapter, "driver": figure.driver,
+        "profile": figure.profile, "cell": figure.cell, "configuration": figure.configuration, "figure": figure.figure,
+        "unit": figure.unit, "clock": figure.clock, "before": before, "after": after,
+        "change": { "kind": kind, "value": estimate.median, "low": estimate.interval.map(|i| i.low), "high": estimate.interval.map(|i| i.high) },
+        "runs_before": change.n[0], "runs_after": change.n[1], "p": change.p, "false_share": change.false_share,
+        "sure": change.is_sure(),
+    })
+}
+
+fn run_json(run: &StoredRun) -> Value {
+    json!({ "run": run.digest, "commit": run.commit, "committed_at": run.committed_at, "started_at": run.started_at })
+}

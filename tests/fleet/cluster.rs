@@ -1,0 +1,153 @@
+//! A Slurm of one's own: a controller and two nodes on this machine, with ports, keys and state in a temporary folder.
+
+use std::fs::{self, File};
+use std::net::TcpListener;
+use std::os::unix::fs::PermissionsExt;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::time::{Duration, Instant};
+
+use tempfile::TempDir;
+
+pub const NODES: [&str; 2] = ["n1", "n2"];
+/// Where Debian puts daemons.
+const PATH: &str = "/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin";
+const LONGEST_START: Duration = Duration::from_secs(60);
+
+pub struct Cluster {
+    pub folder: TempDir,
+    ports: [u16; 3],
+    daemons: Vec<Child>,
+    pub nodes: Vec<Child>,
+}
+
+/// Whether Slurm and munge are installed.
+pub fn is_installed() -> bool {
+    let found =
+        |program: &str| PATH.split(':').any(|folder| Path::new(folder).join(program).exists());
+    ["slurmctld", "slurmd", "sbatch", "munged"].into_iter().all(found)
+}
+
+impl Cluster {
+    pub fn start() -> Self {
+        let listeners = [0; 3].map(|_| TcpListener::bind("127.0.0.1:0").unwrap());
+        let ports = listeners.map(|listener| listener.local_addr().unwrap().port());
+        let folder = TempDir::new().unwrap();
+        let mut cluster = Self { folder, ports, daemons: Vec::new(), nodes: Vec::new() };
+        cluster.configure();
+        let munged = cluster.munged();
+        cluster.daemons.push(munged);
+        wait("munged", || cluster.path("munge.socket").exists());
+        let controller = cluster.daemon("slurmctld", &[]);
+        cluster.daemons.push(controller);
+        cluster.nodes = NODES.map(|node| cluster.node(node)).into();
+        wait("the nodes", || {
+            cluster.told("sinfo", &["-h", "-N", "-o", "%T"]) == "idle\nidle\nidle\nidle\n"
+        });
+        cluster
+    }
+
+    pub fn path(&self, name: &str) -> PathBuf {
+        self.folder.path().join(name)
+    }
+
+    fn configure(&self) {
+        let name = |option: &str| {
+            let output = Command::new("id").arg(option).output().unwrap();
+            String::from_utf8(output.stdout).unwrap().trim().to_owned()
+        };
+        let host = fs::read_to_string("/proc/sys/kernel/hostname").unwrap();
+        let (user, host, folder) =
+            (name("-un"), host.trim().to_owned(), self.folder.path().display());
+        let [controller, ports @ ..] = self.ports;
+        let mut text = format!(
+            "ClusterName=fathom\nSlurmctldHost={host}(127.0.0.1)\nSlurmctldPort={controller}\nSlurmUser={user}\nSlurmdUser={user}\n\
+             AuthType=auth/munge\nAuthInfo=socket={folder}/munge.socket\nCredType=cred/munge\n\
+             StateSaveLocation={folder}/state\nSlurmdSpoolDir={folder}/%n\nSlurmctldPidFile={folder}/slurmctld.pid\nSlurmdPidFile={folder}/%n.pid\n\
+             ProctrackType=proctrack/linuxproc\nTaskPlugin=task/none\nMpiDefault=none\nReturnToService=2\nSlurmdTimeout=6\n\
+             SchedulerParameters=batch_sched_delay=0,sched_min_interval=200000,bf_interval=1\nKillWait=3\nMinJobAge=5\n\
+             PreemptType=preempt/partition_prio\nPreemptMode=CANCEL\n"
+        );
+        for (node, port) in NODES.iter().zip(ports) {
+            text += &format!(
+                "NodeName={node} NodeHostname={host} NodeAddr=127.0.0.1 Port={port} CPUs=1 State=UNKNOWN\n"
+            );
+        }
+        text += "PartitionName=main Nodes=ALL Default=YES MaxTime=INFINITE State=UP PriorityTier=1\n\
+                 PartitionName=urgent Nodes=ALL MaxTime=INFINITE State=UP PriorityTier=9 PreemptMode=OFF\n";
+        fs::create_dir_all(self.path("state")).unwrap();
+        fs::write(self.path("slurm.conf"), text).unwrap();
+        fs::write(self.path("munge.key"), [42; 1024]).unwrap();
+        fs::set_permissions(self.path("munge.key"), fs::Permissions::from_mode(0o400)).unwrap();
+    }
+
+    fn munged(&self) -> Child {
+        let mut munged = self.command("munged");
+        munged.args(["--foreground", "--force"]);
+        for (option, name) in [
+            ("--key-file", "munge.key"),
+            ("--socket", "munge.socket"),
+            ("--pid-file", "munge.pid"),
+            ("--log-file", "munge.log"),
+            ("--seed-file", "munge.seed"),
+        ] {
+            munged.arg(format!("{option}={}", self.path(name).display()));
+        }
+        self.spawn(munged, "munged")
+    }
+
+    fn daemon(&self, program: &str, arguments: &[&str]) -> Child {
+        let mut daemon = self.command(program);
+        daemon.arg("-D").args(arguments);
+        self.spawn(daemon, &format!("{program}{}", arguments.concat()))
+    }
+
+    pub fn node(&self, name: &str) -> Child {
+        self.daemon("slurmd", &["-N", name])
+    }
+
+    fn spawn(&self, mut command: Command, log: &str) -> Child {
+        let log = File::create(self.path(&format!("{log}.log"))).unwrap();
+        command.stdin(Stdio::null()).stdout(log.try_clone().unwrap()).stderr(log).spawn().unwrap()
+    }
+
+    /// A command that finds this Slurm.
+    pub fn command(&self, program: &str) -> Command {
+        let mut command = Command::new(program);
+        command.env("SLURM_CONF", self.path("slurm.conf")).env("PATH", PATH);
+        command
+    }
+
+    pub fn told(&self, program: &str, arguments: &[&str]) -> String {
+        let output = self.command(program).args(arguments).output().unwrap();
+        String::from_utf8_lossy(&output.stdout).into_owned()
+    }
+}
+
+impl Drop for Cluster {
+    fn drop(&mut self) {
+        if std::thread::panicking() {
+            for log in ["slurmctld.log", "slurmd-Nn1.log", "slurmd-Nn2.log", "munged.log"] {
+                let text = fs::read_to_string(self.path(log)).unwrap_or_default();
+                eprintln!("{log}:\n{text}");
+            }
+        }
+        self.told("scancel", &["--quiet", "--state=PENDING", "--me"]);
+        self.told("scancel", &["--quiet", "--me"]);
+        std::thread::sleep(Duration::from_secs(1));
+        for daemon in self.nodes.iter_mut().chain(self.daemons.iter_mut().rev()) {
+            daemon.kill().ok();
+            daemon.wait().ok();
+        }
+    }
+}
+
+/// Waits until something holds.
+#[track_caller]
+pub fn wait(what: &str, mut holds: impl FnMut() -> bool) {
+    let start = Instant::now();
+    while !holds() {
+        assert!(start.elapsed() < LONGEST_START, "{what} did not come");
+        std::thread::sleep(Duration::from_millis(100));
+    }
+}

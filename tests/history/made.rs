@@ -1,0 +1,110 @@
+//! Runs and repositories that were never measured.
+
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use fathom::record::{
+    Adapter, Cell, Clock, ErrorFigure, Estimate, FrameRecord, Measured, Outcome, Record, Run,
+    SCHEMA, StageRecord, Work,
+};
+use fathom::statistics::estimate;
+use serde_json::{Map, json};
+
+pub const CELLS: usize = 3;
+/// Frame, a stage and an error.
+pub const FIGURES_OF_A_CELL: usize = 3;
+
+/// Samples about a time, nanoseconds.
+fn samples(ns: f64) -> (Vec<f64>, Estimate) {
+    let samples: Vec<f64> = (0..7).map(|i| ns * (1.0 + 1e-3 * f64::from(i))).collect();
+    let estimate = estimate(&samples);
+    (samples, estimate)
+}
+
+fn cell(number: usize, ns: f64) -> Record {
+    let (samples_ns, time) = samples(ns);
+    let (untimed_samples_ns, untimed) = samples(2.0 * ns);
+    let stage = StageRecord {
+        stage: "caustics/trace".to_owned(),
+        clock: Clock::ProcessCpu,
+        samples_ns,
+        time,
+        fenced: None,
+        work: Work::default(),
+        least_work: None,
+        counters: [].into(),
+        ceiling: None,
+    };
+    let measured = Measured {
+        stages: vec![stage],
+        frame: FrameRecord { untimed_samples_ns, untimed, ..FrameRecord::default() },
+        errors: vec![ErrorFigure::new("photon_error_p99_m", 0.25, "m", "caustics/trace")],
+        ..Measured::default()
+    };
+    Record::Cell(Box::new(Cell {
+        experiment: "own".to_owned(),
+        cell: format!("n={number}"),
+        axes: Map::new(),
+        pipeline: "underwater".to_owned(),
+        scene: "tank".to_owned(),
+        stand_ins: Vec::new(),
+        params: json!({ "n": number }),
+        outcome: Outcome::Measured(Box::new(measured)),
+    }))
+}
+
+/// A run of so many cells, which starts at a second. Cell 0 takes `ns`, the others a time that never changes much.
+pub fn records(second: usize, cells: usize, ns: f64) -> Vec<u8> {
+    let adapter =
+        Adapter { name: "made".to_owned(), backend: "vulkan".to_owned(), ..Adapter::default() };
+    let started_at = format!("2026-01-02T03:{:02}:{:02}Z", second / 60, second % 60);
+    let run = Run { schema: SCHEMA, started_at, adapter, ..Run::default() };
+    let jitter = 1.0 + 1e-3 * ((second * 7919) % 13) as f64;
+    let time = |number: usize| jitter * if number == 0 { ns } else { 5e6 };
+    let cells = (0..cells).map(|number| cell(number, time(number)));
+    let lines = std::iter::once(Record::Run(Box::new(run))).chain(cells);
+    lines.flat_map(|line| (serde_json::to_string(&line).unwrap() + "\n").into_bytes()).collect()
+}
+
+/// A folder with these records.
+pub fn folder(parent: &Path, name: &str, records: &[u8]) -> PathBuf {
+    let folder = parent.join(name);
+    std::fs::create_dir_all(&folder).unwrap();
+    std::fs::write(folder.join("records.jsonl"), records).unwrap();
+    folder
+}
+
+/// A repository of empty commits, one a day.
+pub struct Repository {
+    pub folder: PathBuf,
+    pub commits: Vec<String>,
+}
+
+impl Repository {
+    pub fn new(folder: &Path, days: usize) -> Repository {
+        std::fs::create_dir_all(folder).unwrap();
+        let repository = Repository { folder: folder.to_owned(), commits: Vec::new() };
+        repository.git(&["init", "--quiet", "--initial-branch", "main"], "");
+        let commits = (0..days).map(|day| {
+            let date = format!("2026-{:02}-{:02}T12:00:00Z", 1 + day / 28, 1 + day % 28);
+            repository.git(&["commit", "--quiet", "--allow-empty", "--message", "day"], &date);
+            repository.git(&["rev-parse", "HEAD"], "")
+        });
+        let commits = commits.collect();
+        Repository { commits, ..repository }
+    }
+
+    fn git(&self, arguments: &[&str], date: &str) -> String {
+        let mut git = Command::new("git");
+        git.arg("-C").arg(&self.folder).args([
+            "-c",
+            "user.name=n",
+            "-c",
+            "user.email=n@example.org",
+        ]);
+        git.args(arguments).envs([("GIT_AUTHOR_DATE", date), ("GIT_COMMITTER_DATE", date)]);
+        let output = git.output().unwrap();
+        assert!(output.status.success(), "{output:?}");
+        String::from_utf8(output.stdout).unwrap().trim().to_owned()
+    }
+}

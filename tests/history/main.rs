@@ -1,0 +1,388 @@
+//! `fathom history` from the command line, with both databases.
+#![cfg(target_os = "linux")]
+
+#[path = "../common/mod.rs"]
+mod common;
+mod made;
+mod planted;
+mod server;
+
+use std::path::Path;
+use std::process::{Command, Output, Stdio};
+use std::time::{Duration, Instant};
+
+use common::hostile::HOSTILE;
+use common::{fathom, refused, stderr};
+use fathom::record::Record;
+use made::{CELLS, FIGURES_OF_A_CELL, Repository};
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64;
+use serde_json::Value;
+use server::Server;
+
+/// `fathom history` in a folder, without the variables of a job.
+fn history(folder: &Path, place: &str, arguments: &[&str]) -> Command {
+    let mut command = fathom();
+    for name in
+        ["GITHUB_SHA", "GITHUB_REF_NAME", "CI_COMMIT_SHA", "CI_COMMIT_REF_NAME", "FATHOM_HISTORY"]
+    {
+        command.env_remove(name);
+    }
+    command.current_dir(folder).arg("history").args(arguments).args(["--db", place]);
+    command
+}
+
+#[track_caller]
+fn done(mut command: Command) -> String {
+    let output = command.output().unwrap();
+    stderr(&output, 0);
+    String::from_utf8(output.stdout).unwrap()
+}
+
+fn add<'a>(folder: &'a str, commit: &'a str) -> [&'a str; 8] {
+    ["add", folder, "--commit", commit, "--branch", "main", "--machine", "m"]
+}
+
+/// Names of the stored runs, in their order.
+fn runs(folder: &Path, place: &str) -> Vec<String> {
+    let listed = done(history(folder, place, &["list"]));
+    listed.lines().skip(1).map(|line| line.split(' ').next().unwrap().to_owned()).collect()
+}
+
+fn got(folder: &Path, place: &str, run: &str) -> Vec<u8> {
+    let out = tempfile::tempdir().unwrap();
+    done(history(folder, place, &["get", run, "--out", out.path().to_str().unwrap()]));
+    std::fs::read(out.path().join("records.jsonl")).unwrap()
+}
+
+/// What both databases do alike.
+fn keeps_runs_whole(folder: &Path, place: &str) {
+    let repository = Repository::new(&folder.join("repository"), 2);
+    let here = &repository.folder;
+    let records = [made::records(1, CELLS, 5e6), made::records(2, CELLS, 5e6)];
+    made::folder(folder, "first", &records[0]);
+    made::folder(folder, "second", &records[1]);
+    // The later commit first: the order is that of the commits.
+    let told = done(history(here, place, &["add", "../second", "--machine", "m"]));
+    assert!(
+        told.contains(&format!("{CELLS} cells with {} figures stored", CELLS * FIGURES_OF_A_CELL)),
+        "{told}"
+    );
+    assert!(told.contains(&repository.commits[1]) && told.contains("on main"), "{told}");
+    done(history(here, place, &["add", "../first", "--commit", "HEAD~1"]));
+    let stored = runs(here, place);
+    assert_eq!(stored.len(), 2);
+    for (run, records) in stored.iter().zip(&records) {
+        assert_eq!(&got(here, place, run), records);
+    }
+    // Again, and as another commit's.
+    let told = done(history(here, place, &["add", "../second"]));
+    assert!(told.contains("stored already, nothing changed"), "{told}");
+    let other = history(here, place, &["add", "../first"]).output().unwrap();
+    let told = refused(&other, "is stored already, as one of commit");
+    assert!(told.contains(&repository.commits[0]), "{told}");
+    assert_eq!(runs(here, place), stored);
+    let unknown = history(here, place, &["get", "ffffffff", "--out", "x"]).output().unwrap();
+    refused(&unknown, "no run `ffffffff`");
+}
+
+/// Forty days, cell 0 slower by 10 % from day 25 on.
+fn names_the_commits_of_a_change(folder: &Path, place: &str) {
+    let repository = Repository::new(&folder.join("days"), 40);
+    let here = &repository.folder;
+    for (day, commit) in repository.commits.iter().enumerate() {
+        let ns = if day >= 25 { 5.5e6 } else { 5e6 };
+        made::folder(here, "run", &made::records(day, CELLS, ns));
+        done(history(here, place, &add("run", commit)));
+    }
+    let told: Value =
+        serde_json::from_str(&done(history(here, place, &["changes", "--json"]))).unwrap();
+    let changes = told["changes"].as_array().unwrap();
+    assert_eq!(changes.len(), 2, "{told:#}");
+    for change in changes {
+        assert_eq!(change["cell"], "own n=0");
+        assert_eq!(change["before"]["commit"], repository.commits[24]);
+        assert_eq!(change["after"]["commit"], repository.commits[25]);
+        assert_eq!((&change["runs_before"], &change["runs_after"]), (&25.into(), &15.into()));
+        let [low, high] = ["low", "high"].map(|end| change["change"][end].as_f64().unwrap());
+        assert!(low < 0.1 && 0.1 < high && high - low < 0.02, "{change}");
+        assert_eq!(change["sure"], true);
+    }
+    let text = done(history(here, place, &["changes", "caustics/trace"]));
+    assert!(
+        text.contains(&format!(
+            "{} → {}",
+            &repository.commits[24][..10],
+            &repository.commits[25][..10]
+        )),
+        "{text}"
+    );
+    let shown =
+        done(history(here, place, &["show", "n=0 caustics", "--since", &repository.commits[20]]));
+    assert!(shown.contains("20 runs") && shown.contains("n = 7"), "{shown}");
+    done(history(here, place, &["show", "--out", "page"]));
+    let page = std::fs::read_to_string(here.join("page/index.html")).unwrap();
+    for part in [
+        "id=\"history\"",
+        "own n=0 caustics/trace",
+        &repository.commits[25][..10],
+        "class=\"change bad\"",
+    ] {
+        assert!(page.contains(part), "{part}");
+    }
+    done(history(here, place, &["export", "--otava", "otava"]));
+    otava_reads(&here.join("otava"), 40);
+    let nothing = history(here, place, &["show", "nowhere"]).output().unwrap();
+    refused(&nothing, "nothing in this history fits `nowhere`");
+}
+
+/// The configuration names files that are there, and each has the columns that it says.
+fn otava_reads(folder: &Path, runs: usize) {
+    let text = std::fs::read_to_string(folder.join("otava.yaml")).unwrap();
+    let configuration: Value = serde_json::from_str(&text).unwrap();
+    let tests = configuration["tests"].as_object().unwrap();
+    assert_eq!(tests.len(), CELLS * FIGURES_OF_A_CELL);
+    for test in tests.values() {
+        let mut reader = csv::Reader::from_path(test["file"].as_str().unwrap()).unwrap();
+        assert_eq!(reader.headers().unwrap(), vec!["time", "commit", "value"]);
+        let values = reader.records().map(|row| row.unwrap()[2].parse::<f64>().unwrap());
+        assert_eq!(values.count(), runs);
+    }
+}
+
+/// Names that mean something to SQL, terminals and file systems, and NUL.
+fn takes_hostile_names_as_text(folder: &Path, place: &str) {
+    let repository = Repository::new(&folder.join("hostile"), 1);
+    let here = &repository.folder;
+    let path =
+        made::folder(here, "run", common::hostile::records().as_bytes()).join("records.jsonl");
+    let mut records = fathom::record::read_good(&path).unwrap().records;
+    let text = |records: &[Record]| -> String {
+        records.iter().map(|record| serde_json::to_string(record).unwrap() + "\n").collect()
+    };
+    assert!(text(&records).contains("\\u0000"));
+    std::fs::write(&path, text(&records)).unwrap();
+    let sql = "x'); DROP TABLE fathom_run; --\" ../../up \u{1b}[31m";
+    done(history(here, place, &["add", "run", "--branch", sql, "--machine", sql]));
+    // Commits that git does not know are placed by the start of the run.
+    for (second, commit) in [sql, "--output=../x"].into_iter().enumerate() {
+        let Record::Run(run) = &mut records[0] else { panic!("{:?}", records[0]) };
+        run.started_at = format!("2026-02-03T04:05:0{second}Z");
+        let again = text(&records);
+        std::fs::write(&path, &again).unwrap();
+        let commit = format!("--commit={commit}");
+        done(history(here, place, &["add", "run", &commit, "--branch", "b", "--machine", "m"]));
+        let stored = runs(here, place);
+        assert!(stored.iter().any(|run| got(here, place, run) == again.as_bytes()));
+    }
+    assert_eq!(runs(here, place).len(), 3);
+    let shown = done(history(here, place, &["show"]));
+    let hidden = shown.chars().find(|c| c.is_control() && *c != '\n');
+    assert_eq!(hidden, None);
+    let by_branch = history(here, place, &["show", "--branch", "b' OR '1'='1"]).output().unwrap();
+    refused(&by_branch, "nothing in this history fits");
+    done(history(here, place, &["show", "--out", "page"]));
+    let page = std::fs::read_to_string(here.join("page/index.html")).unwrap();
+    assert_eq!(page.matches("<script").count(), 2);
+    assert!(HOSTILE.iter().all(|name| !name.starts_with("<script") || !page.contains(name)));
+    done(history(here, place, &["export", "--otava", "otava"]));
+    let mut names: Vec<String> = std::fs::read_dir(here)
+        .unwrap()
+        .map(|e| e.unwrap().file_name().into_string().unwrap())
+        .collect();
+    names.retain(|name| !name.starts_with("history.sqlite"));
+    names.sort();
+    assert_eq!(names, [".git", "otava", "page", "run"]);
+}
+
+/// Kills `history add` at moments drawn with a fixed seed. What was stored stays, and what is there is whole.
+fn survives_kills(folder: &Path, place: &str, figures_of: &mut dyn FnMut() -> Vec<(i64, i64)>) {
+    const MOMENTS: usize = 30;
+    const MANY: usize = 150;
+    let commit = "c".repeat(40);
+    let whole = made::folder(folder, "whole", &made::records(3_000, MANY, 5e6));
+    let start = Instant::now();
+    done(history(folder, place, &add(whole.to_str().unwrap(), &commit)));
+    let usual = start.elapsed().as_secs_f64();
+    let mut random = Pcg64::seed_from_u64(16);
+    let (mut stored, mut killed) = (runs(folder, place), 0);
+    let sources: Vec<Vec<u8>> =
+        (0..MOMENTS).map(|second| made::records(second, MANY, 5e6)).collect();
+    for source in &sources {
+        let run = made::folder(folder, "run", source);
+        let mut command = history(folder, place, &add(run.to_str().unwrap(), &commit));
+        let mut child = command.stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
+        std::thread::sleep(Duration::from_secs_f64(1.2 * usual * random.random::<f64>()));
+        killed += usize::from(child.try_wait().unwrap().is_none());
+        child.kill().unwrap();
+        child.wait().unwrap();
+        let now = runs(folder, place);
+        assert!(stored.iter().all(|run| now.contains(run)), "{stored:?}, then {now:?}");
+        assert!(now.len() <= stored.len() + 1);
+        let figures = figures_of();
+        assert_eq!(figures.len(), now.len());
+        assert!(
+            figures
+                .iter()
+                .all(|(said, there)| said == there && *there == (MANY * FIGURES_OF_A_CELL) as i64),
+            "{figures:?}"
+        );
+        stored = now;
+    }
+    assert!(killed >= MOMENTS / 4, "{killed} of {MOMENTS} were killed at work");
+    for source in &sources {
+        let run = made::folder(folder, "run", source);
+        done(history(folder, place, &add(run.to_str().unwrap(), &commit)));
+    }
+    let stored = runs(folder, place);
+    assert_eq!(stored.len(), MOMENTS + 1);
+    let last = &stored[MOMENTS / 2];
+    assert!(sources.contains(&got(folder, place, last)));
+}
+
+const FIGURES: &str =
+    "SELECT figures, (SELECT COUNT(*) FROM fathom_figure WHERE run = id) FROM fathom_run";
+
+#[test]
+fn a_file_of_sqlite_is_a_history() {
+    let folder = tempfile::tempdir().unwrap();
+    let place =
+        |name: &str| folder.path().join(name).join("history.sqlite").to_str().unwrap().to_owned();
+    keeps_runs_whole(folder.path(), &place("whole"));
+    names_the_commits_of_a_change(folder.path(), &place("change"));
+    takes_hostile_names_as_text(folder.path(), &place("names"));
+}
+
+#[test]
+fn a_killed_add_leaves_no_half_run_in_sqlite() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("history.sqlite");
+    survives_kills(folder.path(), path.to_str().unwrap(), &mut || {
+        let connection = rusqlite::Connection::open(&path).unwrap();
+        let mut statement = connection.prepare(FIGURES).unwrap();
+        let rows = statement.query_map([], |row| Ok((row.get(0)?, row.get(1)?))).unwrap();
+        rows.map(Result::unwrap).collect()
+    });
+}
+
+#[test]
+fn a_database_of_postgresql_is_a_history() {
+    let Some(server) = Server::start() else { return };
+    let folder = tempfile::tempdir().unwrap();
+    keeps_runs_whole(folder.path(), &server.database("whole"));
+    names_the_commits_of_a_change(folder.path(), &server.database("change"));
+    takes_hostile_names_as_text(folder.path(), &server.database("names"));
+    let killed = server.database("killed");
+    survives_kills(folder.path(), &killed, &mut || {
+        let rows = server.client("killed").query(FIGURES, &[]).unwrap();
+        rows.iter().map(|row| (row.get(0), row.get(1))).collect()
+    });
+    let empty = server.database("empty");
+    refused(&history(folder.path(), &empty, &["list"]).output().unwrap(), "there is no history in");
+    server.client("whole").execute("UPDATE fathom_history SET format = 99", &[]).unwrap();
+    let newer = history(folder.path(), &server.url("whole"), &["list"]).output().unwrap();
+    refused(&newer, "has history format 99, but this build reads format 1");
+}
+
+#[test]
+fn a_server_that_is_not_there_is_told_within_seconds() {
+    let folder = tempfile::tempdir().unwrap();
+    let run = made::folder(folder.path(), "run", &made::records(1, CELLS, 5e6));
+    let start = Instant::now();
+    for url in
+        ["postgres://user:secret@127.0.0.1:1/d", "postgres://user:secret@no-such-host.invalid/d"]
+    {
+        let output: Output =
+            history(folder.path(), url, &add(run.to_str().unwrap(), "c")).output().unwrap();
+        let told = refused(&output, "cannot reach the PostgreSQL database `d`");
+        assert!(!told.contains("secret"), "{told}");
+    }
+    let silent = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+    let url = format!("postgres://user@127.0.0.1:{}/d", silent.local_addr().unwrap().port());
+    refused(&history(folder.path(), &url, &["list"]).output().unwrap(), "no answer within");
+    assert!(start.elapsed() < Duration::from_secs(120));
+}
+
+#[test]
+fn damaged_runs_are_named_and_not_stored() {
+    let folder = tempfile::tempdir().unwrap();
+    let place = folder.path().join("history.sqlite").to_str().unwrap().to_owned();
+    let good = made::records(1, CELLS, 5e6);
+    let text = String::from_utf8(good.clone()).unwrap();
+    let lines: Vec<&str> = text.lines().collect();
+    let cases: [(&str, Vec<u8>, &str); 5] = [
+        ("torn", good[..good.len() - 40].to_vec(), "torn off while it was written"),
+        ("nothing", b"not json\n".to_vec(), "holds no sound record"),
+        ("empty", Vec::new(), "holds no sound record"),
+        ("headless", lines[1..].join("\n").into_bytes(), "does not begin with a run's header"),
+        ("between", [lines[0], "{\"record\":", lines[1], ""].join("\n").into_bytes(), "line 2"),
+    ];
+    made::folder(folder.path(), "good", &good);
+    for (name, records, reason) in cases {
+        let run = made::folder(folder.path(), name, &records);
+        let both = ["add", "good", run.to_str().unwrap(), "--commit", "c", "--branch", "b"];
+        let told = refused(&history(folder.path(), &place, &both).output().unwrap(), reason);
+        assert!(told.contains(name), "{told}");
+    }
+    let missing = history(folder.path(), &place, &add("nowhere", "c")).output().unwrap();
+    refused(&missing, "nowhere holds no run");
+    // The good one beside them was not stored either.
+    refused(&history(folder.path(), &place, &["list"]).output().unwrap(), "there is no history in");
+    let nobody =
+        history(folder.path(), &place, &["add", "good"]).env("GIT_DIR", "/nowhere").output();
+    refused(&nobody.unwrap(), "of which commit is this run?");
+}
+
+#[test]
+fn packed_records_are_the_same_run() {
+    let folder = tempfile::tempdir().unwrap();
+    let place = folder.path().join("history.sqlite").to_str().unwrap().to_owned();
+    let records = made::records(1, CELLS, 5e6);
+    made::folder(folder.path(), "plain", &records);
+    let packed = made::folder(folder.path(), "packed", &records).join("records.jsonl");
+    assert!(Command::new("gzip").arg(&packed).status().unwrap().success());
+    done(history(folder.path(), &place, &add("packed", "c")));
+    let told = done(history(folder.path(), &place, &add("plain", "c")));
+    assert!(told.contains("stored already"), "{told}");
+    let run = &runs(folder.path(), &place)[0];
+    assert_eq!(got(folder.path(), &place, run), records);
+}
+
+#[test]
+fn other_databases_are_left_as_they_are() {
+    let folder = tempfile::tempdir().unwrap();
+    let run = made::folder(folder.path(), "run", &made::records(1, CELLS, 5e6));
+    let [other, newer, text] =
+        ["other.sqlite", "newer.sqlite", "text"].map(|name| folder.path().join(name));
+    rusqlite::Connection::open(&other)
+        .unwrap()
+        .execute_batch("CREATE TABLE notes (t TEXT)")
+        .unwrap();
+    std::fs::write(&text, "no database at all").unwrap();
+    let connection = rusqlite::Connection::open(&newer).unwrap();
+    connection
+        .execute_batch(
+            "CREATE TABLE fathom_history (format BIGINT); INSERT INTO fathom_history VALUES (2)",
+        )
+        .unwrap();
+    drop(connection);
+    let damaged = folder.path().join("damaged.sqlite");
+    let mut bytes = std::fs::read(&other).unwrap();
+    bytes[16..].fill(0xff);
+    std::fs::write(&damaged, bytes).unwrap();
+    for (path, reason) in [
+        (&other, "is the database of another program"),
+        (&newer, "has history format 2, but this build reads format 1"),
+        (&text, "is no database of SQLite"),
+        (&damaged, "damaged.sqlite: "),
+        (&folder.path().to_owned(), "is no database of SQLite"),
+    ] {
+        let before = std::fs::read(path).ok();
+        for arguments in [&["changes"][..], &add(run.to_str().unwrap(), "c")] {
+            let output =
+                history(folder.path(), path.to_str().unwrap(), arguments).output().unwrap();
+            refused(&output, reason);
+        }
+        assert_eq!(std::fs::read(path).ok(), before);
+    }
+}
