@@ -6,10 +6,13 @@ use std::io::{self, BufRead, BufReader, ErrorKind, Read, Take};
 use std::path::Path;
 
 use flate2::bufread::MultiGzDecoder;
+use sha2::{Digest, Sha256};
 
 /// Largest file that people write by hand (scene, experiment, gates), bytes: sixty times the longest of this project.
 pub const MAX_TEXT: u64 = 1 << 20;
 
+/// Bytes of a file that are summed up in one step.
+const READ_AT_ONCE: usize = 1 << 20;
 /// First bytes of what gzip compressed. RFC 1952, 2.3.1.
 const GZIP: [u8; 2] = [0x1f, 0x8b];
 
@@ -101,6 +104,21 @@ pub fn unpacked(path: &Path, limit: u64) -> io::Result<Box<dyn Read>> {
     } else {
         Box::new(file)
     })
+}
+
+/// SHA-256 of all bytes, in hexadecimal.
+pub fn sha256(source: impl Read) -> io::Result<String> {
+    let mut sum = Sha256::new();
+    let mut source = BufReader::with_capacity(READ_AT_ONCE, source);
+    loop {
+        let bytes = source.fill_buf()?;
+        if bytes.is_empty() {
+            return Ok(hex::encode(sum.finalize()));
+        }
+        sum.update(bytes);
+        let read = bytes.len();
+        source.consume(read);
+    }
 }
 
 /// A file's bytes at once, no more than `limit`.

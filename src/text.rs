@@ -136,8 +136,7 @@ pub fn file_stem(name: &str) -> String {
     let kept = |c: char| if plain(c) { c } else { '_' };
     let shown: String = name.chars().map(kept).take(STEM_LENGTH).collect();
     let hash = Sha256::digest(name.as_bytes());
-    let hash: String = hash.iter().take(HASH_BYTES).map(|byte| format!("{byte:02x}")).collect();
-    format!("{}~{hash}", shown.trim_start_matches('.'))
+    format!("{}~{}", shown.trim_start_matches('.'), hex::encode(&hash[..HASH_BYTES]))
 }
 
 /// Whether an experiment's id can name files and stand in every table.

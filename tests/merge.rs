@@ -86,6 +86,17 @@ impl Split {
     }
 }
 
+/// The reference run's records of the experiments `uw-…`.
+fn underwater() -> Vec<Record> {
+    let mut records = record::read(&reference().join("records.jsonl")).unwrap().records;
+    records.retain(|record| match record {
+        Record::Cell(cell) => cell.experiment.starts_with("uw-"),
+        Record::Experiment(definition) => definition.id.starts_with("uw-"),
+        _ => true,
+    });
+    records
+}
+
 fn merge(folders: &[PathBuf], out: &Path) -> Command {
     let mut command = fathom();
     command.arg("merge").args(folders).arg("--out").arg(out);
@@ -210,13 +221,7 @@ fn shards_that_were_measured_make_a_run() {
 #[test]
 fn killed_at_any_moment_it_leaves_all_or_nothing() {
     let temporary = TempDir::new().unwrap();
-    let mut records = record::read(&reference().join("records.jsonl")).unwrap().records;
-    records.retain(|record| match record {
-        Record::Cell(cell) => cell.experiment.starts_with("uw-"),
-        Record::Experiment(definition) => definition.id.starts_with("uw-"),
-        _ => true,
-    });
-    let folders = Split::of(records).folders(4, temporary.path());
+    let folders = Split::of(underwater()).folders(4, temporary.path());
     let before: Vec<_> = folders.iter().map(|folder| files(folder)).collect();
     let out = temporary.path().join("merged");
     let start = Instant::now();
@@ -254,13 +259,7 @@ fn killed_at_any_moment_it_leaves_all_or_nothing() {
 #[test]
 fn hostile_names_stay_in_the_folder() {
     let temporary = TempDir::new().unwrap();
-    let mut records = record::read(&reference().join("records.jsonl")).unwrap().records;
-    records.retain(|record| match record {
-        Record::Cell(cell) => cell.experiment.starts_with("uw-"),
-        Record::Experiment(definition) => definition.id.starts_with("uw-"),
-        _ => true,
-    });
-    let mut split = Split::of(records);
+    let mut split = Split::of(underwater());
     let folders = split.folders(2, temporary.path());
     split.header.adapter.name = "../../../evil'; DROP TABLE x; --\u{1b}[2J/\u{202e}".to_owned();
     for (cell, name) in split.cells.iter_mut().zip(hostile::HOSTILE.iter().cycle()) {

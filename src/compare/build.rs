@@ -90,9 +90,7 @@ fn way(compiler: &str, variable: impl Fn(&str) -> Option<OsString>) -> String {
         // Neither an unset variable nor the other's value passes for this one's.
         sum.update(format!("\n{name} {:?}", variable(name)));
     }
-    let digits = sum.finalize();
-    let digits: String = digits.iter().map(|byte| format!("{byte:02x}")).collect();
-    digits[..WAY_DIGITS].to_owned()
+    hex::encode(sum.finalize())[..WAY_DIGITS].to_owned()
 }
 
 pub fn repository(folder: &Path) -> Result<PathBuf, BuildError> {

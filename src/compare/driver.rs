@@ -1,11 +1,9 @@
 //! What a side's processes are given besides their program: variables that the user names, and a Vulkan driver by its manifest.
 
 use std::collections::BTreeMap;
-use std::io::{self, BufRead, BufReader};
 use std::path::{Path, PathBuf};
 
 use serde::Deserialize;
-use sha2::{Digest, Sha256};
 use tempfile::TempDir;
 use thiserror::Error;
 
@@ -26,8 +24,6 @@ const SHADER_CACHES: [&str; 3] =
     ["MESA_SHADER_CACHE_DIR", "__GL_SHADER_DISK_CACHE_PATH", "AMD_SHADER_DISK_CACHE_PATH"];
 /// Largest library of a driver, bytes: ten times LLVM with every target.
 const MAX_LIBRARY: u64 = 2 << 30;
-/// Bytes of a library that are read at once.
-const READ_AT_ONCE: usize = 1 << 20;
 /// The interface whose drivers have manifests, as [`Adapter::backend`] names it.
 const VULKAN: &str = "vulkan";
 /// What parts the paths of a list of manifests.
@@ -126,28 +122,14 @@ fn named(path: &Path) -> Result<NamedDriver, String> {
     let library = &manifest.icd.library_path;
     let found = library_of(&absolute, library);
     let sum = found.as_deref().map(|file| {
-        digest(file).map_err(|error| format!("its library {}: {error}", file.display()))
+        let sum = input::plain(file, MAX_LIBRARY).and_then(input::sha256);
+        sum.map_err(|error| format!("its library {}: {error}", file.display()))
     });
     Ok(NamedDriver {
         manifest: shown.to_owned(),
         library: found.map_or_else(|| library.clone(), |file| file.display().to_string()),
         digest: sum.transpose()?,
     })
-}
-
-/// SHA-256 of a library, in hexadecimal.
-fn digest(library: &Path) -> io::Result<String> {
-    let mut file = BufReader::with_capacity(READ_AT_ONCE, input::plain(library, MAX_LIBRARY)?);
-    let mut sum = Sha256::new();
-    loop {
-        let read = file.fill_buf()?;
-        if read.is_empty() {
-            return Ok(sum.finalize().iter().map(|byte| format!("{byte:02x}")).collect());
-        }
-        sum.update(read);
-        let read = read.len();
-        file.consume(read);
-    }
 }
 
 /// Where a manifest's library lies. A name without a folder is the linker's to find; a relative path begins at the manifest.
@@ -237,7 +219,6 @@ pub fn try_driver(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::compare::flow;
 
     fn refused(variables: &[&str]) -> String {
         let variables: Vec<String> = variables.iter().map(|text| (*text).to_owned()).collect();
@@ -297,7 +278,7 @@ mod tests {
             write(written);
             let driver = named(&path).unwrap();
             assert!(Path::new(&driver.library).is_absolute());
-            assert_eq!(driver.digest, flow::digest(&library).ok());
+            assert_eq!(driver.digest, std::fs::File::open(&library).and_then(input::sha256).ok());
             assert_eq!(std::fs::read(&driver.library).unwrap(), b"driver");
         }
         write("libdriver.so");

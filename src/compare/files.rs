@@ -1,12 +1,13 @@
 //! Comparison of two files of records: what they hold of the same cells.
 
 use std::collections::BTreeMap;
+use std::fs::File;
 use std::path::{Path, PathBuf};
 
 use itertools::Itertools;
 use thiserror::Error;
 
-use super::flow::digest;
+use crate::input;
 use crate::record::comparison::{
     CellId, Compared, ComparedBuild, ComparisonHeader, ConfigurationFigures, ExactFigures, Fault,
     Gate, GateSettings, Side, SideEnvironment, Skip, UnpairedSamples,
@@ -117,7 +118,7 @@ fn read(path: &Path) -> Result<Read, FilesError> {
             label: path.display().to_string(),
             version: run.fathom_version.clone(),
             protocol: None,
-            digest: digest(path).unwrap_or_default(),
+            digest: File::open(path).and_then(input::sha256).unwrap_or_default(),
             environment: SideEnvironment::default(),
         },
         run,

@@ -1,11 +1,11 @@
 //! A comparison from its options to its stored lines: which builds, which gates, in which order.
 
+use std::fs::File;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
 use itertools::Itertools;
-use sha2::{Digest, Sha256};
 use thiserror::Error;
 
 use super::adapters::AdapterRelation;
@@ -20,6 +20,7 @@ use super::store::{self, StoreError, StoredComparison};
 use super::survey::{self, SurveyedBuild};
 use super::time;
 use crate::gpu;
+use crate::input;
 use crate::harness::calendar;
 use crate::harness::catalog::Catalog;
 use crate::harness::output::{DEFAULT_FOLDER, FolderKind, Held, OutputError, Taken, unused};
@@ -196,7 +197,7 @@ fn header(
     greetings: &[Greeting; 2],
 ) -> Result<ComparisonHeader, CompareError> {
     let build = |program: &Program, greeting: &Greeting| {
-        let digest = digest(&program.path);
+        let digest = File::open(&program.path).and_then(input::sha256);
         let unreadable = |source| CompareError::Program { path: program.path.clone(), source };
         Ok::<ComparedBuild, CompareError>(ComparedBuild {
             label: program.label.clone(),
@@ -241,12 +242,6 @@ fn obstacle(gate: Gate, greetings: &[Greeting; 2]) -> Option<String> {
         }
         Gate::Exact | Gate::Time => None,
     }
-}
-
-/// SHA-256 of a file, in hexadecimal.
-pub fn digest(path: &Path) -> Result<String, std::io::Error> {
-    let sum = Sha256::digest(std::fs::read(path)?);
-    Ok(sum.iter().map(|byte| format!("{byte:02x}")).collect())
 }
 
 /// The folder's comparison, if it is this one.

@@ -107,7 +107,7 @@ fn digest(experiments: &[Experiment], expanded: &[Vec<CellPlan>], profile: Profi
             add(&serde_json::json!([experiment, cell, pipeline, scene, overrides]).to_string());
         }
     }
-    hash.finalize()[..DIGEST_BYTES].iter().map(|byte| format!("{byte:02x}")).collect()
+    hex::encode(&hash.finalize()[..DIGEST_BYTES])
 }
 
 #[cfg(test)]

@@ -1,6 +1,5 @@
 //! A run as a history takes it: the bytes of its records, and the figures of each cell.
 
-use std::fmt::Write;
 use std::io::{ErrorKind, Read};
 use std::path::{Path, PathBuf};
 
@@ -78,7 +77,7 @@ impl NewRun {
         let measured =
             |record: &&Record| matches!(record, Record::Cell(cell) if cell.measured().is_some());
         Ok(NewRun {
-            digest: hexadecimal(&Sha256::digest(&records)),
+            digest: hex::encode(Sha256::digest(&records)),
             started_at: header.started_at.clone(),
             adapter: header.adapter.name.clone(),
             driver: driver(header),
@@ -87,15 +86,6 @@ impl NewRun {
             records,
         })
     }
-}
-
-/// Lower-case digits of bytes.
-pub fn hexadecimal(bytes: &[u8]) -> String {
-    bytes.iter().fold(String::new(), |mut digits, byte| {
-        // Writing to a string does not fail.
-        let _ = write!(digits, "{byte:02x}");
-        digits
-    })
 }
 
 /// The first header of sound records of a run.
@@ -141,7 +131,7 @@ fn of_cell(run: &Run, cell: &Cell, measured: &Measured) -> Vec<(FigureKey, Estim
         ShaderChecks::Checked => run.profile.name().to_owned(),
         ShaderChecks::Unchecked => format!("{}, unchecked", run.profile.name()),
     };
-    let configuration = hexadecimal(&Sha256::digest(cell.resume_key()));
+    let configuration = hex::encode(Sha256::digest(cell.resume_key()));
     let key = |figure: &str, unit: &str, clock: Option<Clock>| FigureKey {
         adapter: run.adapter.name.clone(),
         driver: driver(run),

@@ -11,7 +11,7 @@ use jiff::Timestamp;
 use sha2::{Digest, Sha256};
 
 use super::database::{self, Database, Location, Value};
-use super::run::{FigureKey, NewRun, hexadecimal};
+use super::run::{FigureKey, NewRun};
 use super::{FORMAT, HistoryError, Origin};
 use crate::record::Estimate;
 
@@ -282,7 +282,7 @@ impl History {
         let rows = self.database.rows(statement, &[Value::Text(digest.clone())])?;
         let mut records = Vec::new();
         let unpacked = GzDecoder::new(rows[0][0].bytes()).read_to_end(&mut records);
-        if unpacked.is_err() || hexadecimal(&Sha256::digest(&records)) != digest {
+        if unpacked.is_err() || hex::encode(Sha256::digest(&records)) != digest {
             return Err(HistoryError::Altered { digest });
         }
         Ok((digest, records))

@@ -52,7 +52,7 @@ impl SampleLine {
         let conditions =
             serde_json::json!([fathom_version, host, adapter, profile, shader_checks, resume_key]);
         let digest = Sha256::digest(conditions.to_string());
-        digest[..ID_BYTES].iter().map(|byte| format!("{byte:02x}")).collect()
+        hex::encode(&digest[..ID_BYTES])
     }
 }
 

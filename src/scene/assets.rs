@@ -6,13 +6,13 @@ mod clients;
 
 use std::collections::BTreeMap;
 use std::fs::File;
-use std::io::{self, BufRead, BufReader, Read, Write};
+use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
-use sha2::{Digest, Sha256};
 use thiserror::Error;
 
 use super::{check, read};
+use crate::input;
 
 pub use catalogue::{ASSETS, Asset, Content, Package, Source};
 
@@ -246,8 +246,8 @@ pub fn fetch(names: &[impl AsRef<str>]) -> Vec<Result<AssetStatus, AssetError>> 
 /// Whether the file has the asset's sum.
 fn verify(asset: &Asset, path: &Path) -> Result<(), AssetError> {
     let sum = match asset.source {
-        Source::Package(_) => File::open(path).and_then(sha256),
-        Source::ByHand => read::open(path).and_then(sha256),
+        Source::Package(_) => File::open(path).and_then(input::sha256),
+        Source::ByHand => read::open(path).and_then(input::sha256),
     };
     let found = sum.map_err(|source| asset.file_error(path, source))?;
     if found == asset.sha256 {
@@ -260,21 +260,6 @@ fn verify(asset: &Asset, path: &Path) -> Result<(), AssetError> {
         expected: asset.sha256,
         remedy: asset.remedy(),
     })
-}
-
-/// SHA-256 in hexadecimal.
-fn sha256(source: impl Read) -> io::Result<String> {
-    let mut sum = Sha256::new();
-    let mut source = BufReader::with_capacity(1 << 16, source);
-    loop {
-        let bytes = source.fill_buf()?;
-        if bytes.is_empty() {
-            return Ok(sum.finalize().iter().map(|b| format!("{b:02x}")).collect());
-        }
-        sum.update(bytes);
-        let read = bytes.len();
-        source.consume(read);
-    }
 }
 
 #[cfg(test)]

@@ -137,8 +137,8 @@ fn loses_nothing_when_tasks_and_nodes_die(cluster: &mut Cluster, all: &[String])
     wait("two measured cells", || measured(&out, 4).len() >= 2);
     let before = measured(&out, 4);
     // The task on the second node makes room for an urgent job.
-    let urgent =
-        cluster.told("sbatch", &["--parsable", "-p", "urgent", "-w", "n2", "--wrap", "sleep 2"]);
+    let job = ["--parsable", "-o", "/dev/null", "-p", "urgent", "-w", "n2", "--wrap", "sleep 2"];
+    let urgent = cluster.told("sbatch", &job);
     assert!(!urgent.is_empty());
     wait("the preemption", || {
         cluster.told("squeue", &["-h", "-p", "urgent", "-o", "%T"]).contains("RUNNING")
