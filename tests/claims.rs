@@ -1,4 +1,4 @@
-//! Sentences with a known answer, tested by whole runs: false ones are contradicted and true ones supported, every time.
+//! Sentences with a known answer, tested by whole runs: false ones are contradicted and true ones supported.
 //! `FATHOM_PLANTED_RUNS=20 cargo test --test claims` runs more often.
 
 mod common;
@@ -7,8 +7,10 @@ use std::path::Path;
 
 use common::{cells, fathom, records};
 use fathom::experiments::{Experiment, Verdict};
-use fathom::record::{Clock, Record};
+use fathom::record::{Cell, Clock, Record};
 
+/// On a busy machine a verdict may stay open, and another run may decide it.
+const ATTEMPTS: u32 = 3;
 /// Four times the photons from cell to cell.
 const PLANTED: &str = r#"
 id = "planted"
@@ -74,20 +76,29 @@ fn planted_sentences_get_their_verdicts_and_no_verdict_rests_on_few_samples() {
     std::fs::write(&file, PLANTED).unwrap();
     let experiment = Experiment::parse("planted", PLANTED).unwrap();
     for number in 0..runs {
-        let out = folder.path().join(number.to_string());
-        run(&file, &out);
-        let cells = cells(&out);
-        for ruling in experiment.rulings(&cells.iter().collect::<Vec<_>>(), true) {
-            let (expected, _) = ruling.id.split_once(':').unwrap();
-            let verdict =
-                if expected == "true" { Verdict::Supported } else { Verdict::Contradicted };
-            assert_eq!(ruling.verdict, verdict, "run {number}, {}: {}", ruling.id, ruling.reason);
-            assert!(ruling.n.is_some_and(|n| n >= 8), "{ruling:?}");
-        }
-        let rounds: Vec<_> =
-            cells.iter().map(|cell| &cell.measured().unwrap().frame.rounds[..12]).collect();
-        assert!(rounds.windows(2).all(|pair| pair[0] == pair[1]), "sampled together: {rounds:?}");
+        let decided = |attempt: u32| {
+            let out = folder.path().join(format!("{number}-{attempt}"));
+            run(&file, &out);
+            are_decided(&experiment, &cells(&out), number)
+        };
+        assert!((0..ATTEMPTS).any(decided), "run {number} stays inconclusive");
     }
+}
+
+/// Whether all sentences got their verdicts. None may get the wrong one.
+fn are_decided(experiment: &Experiment, cells: &[Cell], number: u32) -> bool {
+    let rounds: Vec<_> =
+        cells.iter().map(|cell| &cell.measured().unwrap().frame.rounds[..12]).collect();
+    assert!(rounds.windows(2).all(|pair| pair[0] == pair[1]), "sampled together: {rounds:?}");
+    let rulings = experiment.rulings(&cells.iter().collect::<Vec<_>>(), true);
+    for ruling in &rulings {
+        let (expected, _) = ruling.id.split_once(':').unwrap();
+        let verdict = if expected == "true" { Verdict::Supported } else { Verdict::Contradicted };
+        let may_be = [verdict, Verdict::Inconclusive];
+        assert!(may_be.contains(&ruling.verdict), "run {number}, {ruling:?}");
+        assert!(ruling.n.is_some_and(|n| n >= 8), "{ruling:?}");
+    }
+    rulings.iter().all(|ruling| ruling.verdict != Verdict::Inconclusive)
 }
 
 #[test]

@@ -86,7 +86,7 @@ pub struct AddArgs {
     /// Branch of the commit [default: GITHUB_REF_NAME, CI_COMMIT_REF_NAME, or git's HEAD here]
     #[arg(long, value_name = "NAME")]
     pub branch: Option<String>,
-    /// Machine that measured [default: this host's name]
+    /// Machine that measured [default: as the records name it, else this host]
     #[arg(long, value_name = "NAME")]
     pub machine: Option<String>,
     #[command(flatten)]

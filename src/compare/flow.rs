@@ -20,10 +20,10 @@ use super::store::{self, StoreError, StoredComparison};
 use super::survey::{self, SurveyedBuild};
 use super::time;
 use crate::gpu;
-use crate::input;
 use crate::harness::calendar;
 use crate::harness::catalog::Catalog;
 use crate::harness::output::{DEFAULT_FOLDER, FolderKind, Held, OutputError, Taken, unused};
+use crate::input;
 use crate::record::RecordError;
 use crate::record::comparison::{
     CellId, Compared, ComparedBuild, ComparisonEnd, ComparisonHeader, Fault, Gate, GateSettings,

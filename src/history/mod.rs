@@ -22,7 +22,7 @@ pub mod tables;
 pub use database::Location;
 pub use findings::{Change, Findings, Size};
 pub use origin::{Origin, Said, origin};
-pub use run::NewRun;
+pub use run::{NewFigure, NewRun};
 pub use store::{Added, History};
 pub use stored::{Point, Selection, Series, SeriesKey, StoredRun, StoredRuns};
 

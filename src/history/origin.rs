@@ -20,7 +20,18 @@ pub struct Origin {
     /// Of the commit, seconds of Unix time; none where no repository here has it.
     pub committed_at: Option<i64>,
     pub branch: String,
-    pub machine: String,
+    /// As it was said.
+    pub machine: Option<String>,
+    /// The machine on which this runs.
+    pub host: Option<String>,
+}
+
+impl Origin {
+    /// The machine of what was measured: as it was said, else as the records name it, else this one.
+    pub fn machine<'a>(&'a self, recorded: Option<&'a str>) -> Result<&'a str, HistoryError> {
+        let named = self.machine.as_deref().or(recorded).or(self.host.as_deref());
+        named.ok_or(HistoryError::NoMachine)
+    }
 }
 
 /// Variables of GitHub Actions and GitLab CI with the commit, and with the branch.
@@ -37,9 +48,13 @@ pub fn origin(said: Said) -> Result<Origin, HistoryError> {
     };
     let branch = said.branch.or_else(|| variable(BRANCH_VARIABLES));
     let branch = branch.or_else(|| git(&["symbolic-ref", "--quiet", "--short", "HEAD"]));
-    let machine = said.machine.or_else(quiet::host_name).ok_or(HistoryError::NoMachine)?;
-    let committed_at = committed_at(&commit);
-    Ok(Origin { commit, committed_at, branch: branch.ok_or(HistoryError::NoBranch)?, machine })
+    Ok(Origin {
+        committed_at: committed_at(&commit),
+        commit,
+        branch: branch.ok_or(HistoryError::NoBranch)?,
+        machine: said.machine,
+        host: quiet::host_name(),
+    })
 }
 
 fn variable(names: [&str; 2]) -> Option<String> {

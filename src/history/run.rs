@@ -4,6 +4,7 @@ use std::io::{ErrorKind, Read};
 use std::path::{Path, PathBuf};
 
 use indexmap::IndexMap;
+use itertools::Itertools;
 use sha2::{Digest, Sha256};
 
 use super::HistoryError;
@@ -49,10 +50,20 @@ pub struct NewRun {
     pub started_at: String,
     pub adapter: String,
     pub driver: String,
+    /// Machines of its sittings, each once; none for records that do not name it.
+    pub hosts: Vec<Option<String>>,
     /// Measured cells.
     pub cells: usize,
     /// Each once. Of a cell that was measured again, the latest.
-    pub figures: Vec<(FigureKey, Estimate)>,
+    pub figures: Vec<NewFigure>,
+}
+
+#[derive(Clone, Debug)]
+pub struct NewFigure {
+    pub key: FigureKey,
+    /// The machine that measured it, where the records name it.
+    pub host: Option<String>,
+    pub value: Estimate,
 }
 
 impl NewRun {
@@ -81,6 +92,7 @@ impl NewRun {
             started_at: header.started_at.clone(),
             adapter: header.adapter.name.clone(),
             driver: driver(header),
+            hosts: hosts(&reading.records),
             cells: reading.records.iter().filter(measured).count(),
             figures,
             records,
@@ -109,7 +121,15 @@ fn driver(run: &Run) -> String {
     format!("{} {}, {}", adapter.driver, adapter.driver_info, adapter.backend)
 }
 
-fn figures(records: &[Record]) -> Vec<(FigureKey, Estimate)> {
+fn hosts(records: &[Record]) -> Vec<Option<String>> {
+    let host = |record: &Record| match record {
+        Record::Run(run) => Some(run.conditions.host.clone()),
+        _ => None,
+    };
+    records.iter().filter_map(host).unique().collect()
+}
+
+fn figures(records: &[Record]) -> Vec<NewFigure> {
     let mut found = IndexMap::new();
     let mut header: Option<&Run> = None;
     for record in records {
@@ -117,12 +137,15 @@ fn figures(records: &[Record]) -> Vec<(FigureKey, Estimate)> {
             Record::Run(run) => header = Some(run),
             Record::Cell(cell) => {
                 let (Some(run), Some(measured)) = (header, cell.measured()) else { continue };
-                found.extend(of_cell(run, cell, measured));
+                let figures = of_cell(run, cell, measured);
+                let host = &run.conditions.host;
+                let of_host = |(key, value)| (key, (host.clone(), value));
+                found.extend(figures.into_iter().map(of_host));
             }
             Record::Experiment(_) | Record::End(_) | Record::Comparison(_) => {}
         }
     }
-    found.into_iter().collect()
+    found.into_iter().map(|(key, (host, value))| NewFigure { key, host, value }).collect()
 }
 
 /// Frame, stages whose times are above the clock's resolution, and errors that are numbers.

@@ -11,7 +11,7 @@ use jiff::Timestamp;
 use sha2::{Digest, Sha256};
 
 use super::database::{self, Database, Location, Value};
-use super::run::{FigureKey, NewRun};
+use super::run::{FigureKey, NewFigure, NewRun};
 use super::{FORMAT, HistoryError, Origin};
 use crate::record::Estimate;
 
@@ -130,6 +130,8 @@ impl History {
             return Ok(Added::Already);
         }
         let id = self.next_id("fathom_run")?;
+        let machines = run.hosts.iter().map(|host| origin.machine(host.as_deref()));
+        let machines: Vec<&str> = machines.collect::<Result<_, _>>()?;
         let committed_at = self.commit_time(run, origin)?;
         let row = vec![
             Value::Integer(id),
@@ -137,7 +139,7 @@ impl History {
             Value::name(&origin.commit),
             Value::Integer(committed_at),
             Value::name(&origin.branch),
-            Value::name(&origin.machine),
+            Value::name(&machines.iter().unique().join(", ")),
             Value::name(&run.adapter),
             Value::name(&run.driver),
             Value::name(&run.started_at),
@@ -146,7 +148,7 @@ impl History {
             Value::Bytes(packed),
         ];
         self.insert("fathom_run", &RUN_COLUMNS, vec![row])?;
-        self.add_figures(id, run, &origin.machine)?;
+        self.add_figures(id, run, origin)?;
         self.database.commit()?;
         self.is_made = true;
         Ok(Added::New)
@@ -216,12 +218,15 @@ impl History {
         Ok(self.database.rows(&statement, &[])?[0][0].integer() + 1)
     }
 
-    fn add_figures(&mut self, run: i64, new: &NewRun, machine: &str) -> Result<(), HistoryError> {
-        let mut known = self.known_series(machine)?;
+    fn add_figures(&mut self, run: i64, new: &NewRun, origin: &Origin) -> Result<(), HistoryError> {
+        let mut known = HashMap::new();
+        for host in &new.hosts {
+            known.extend(self.known_series(origin.machine(host.as_deref())?)?);
+        }
         let mut next = self.next_id("fathom_series")?;
         let (mut series, mut figures) = (Vec::new(), Vec::new());
-        for (key, value) in &new.figures {
-            let names = names(machine, key);
+        for NewFigure { key, host, value } in &new.figures {
+            let names = names(origin.machine(host.as_deref())?, key);
             let id = *known.entry(names.clone()).or_insert_with(|| {
                 let names = names.into_iter().map(Value::Text);
                 series.push(std::iter::once(Value::Integer(next)).chain(names).collect());

@@ -225,6 +225,11 @@ impl Ceiling {
     pub fn is_sound(&self) -> bool {
         SOUND_DOUBLING.contains(&self.doubling) && self.rate.median.is_finite()
     }
+
+    /// Twice the work took much less than twice the time.
+    pub fn is_short(&self) -> bool {
+        self.doubling < SOUND_DOUBLING.start
+    }
 }
 
 /// Kinds of work that limits are compared with.

@@ -141,7 +141,7 @@ fn loses_nothing_when_tasks_and_nodes_die(cluster: &mut Cluster, all: &[String])
     let urgent = cluster.told("sbatch", &job);
     assert!(!urgent.is_empty());
     wait("the preemption", || {
-        cluster.told("squeue", &["-h", "-p", "urgent", "-o", "%T"]).contains("RUNNING")
+        !cluster.told("squeue", &["-h", "-p", "urgent", "-o", "%T"]).contains("PENDING")
     });
     // What runs on the first node is killed, and then its daemon.
     kill_fathom_in(&out);
@@ -165,15 +165,18 @@ fn loses_nothing_when_tasks_and_nodes_die(cluster: &mut Cluster, all: &[String])
 /// Kills one process of fathom that writes to a shard of this fleet.
 fn kill_fathom_in(out: &Path) {
     let wanted = out.join("shards").display().to_string();
-    let processes = fs::read_dir("/proc").unwrap().flatten().map(|entry| entry.path());
     let mine = |process: &PathBuf| {
         let line = fs::read(process.join("cmdline")).unwrap_or_default();
         let line = String::from_utf8_lossy(&line).into_owned();
         line.contains(&wanted) && line.contains("--shard") && !line.starts_with("/bin/sh")
     };
-    let process = processes.into_iter().find(mine).expect("a task runs");
-    let id = process.file_name().unwrap().to_string_lossy().into_owned();
-    Command::new("kill").args(["-KILL", &id]).status().unwrap();
+    // Between two tasks there is none.
+    wait("a task", || {
+        let processes = fs::read_dir("/proc").unwrap().flatten().map(|entry| entry.path());
+        let Some(process) = processes.into_iter().find(mine) else { return false };
+        let id = process.file_name().unwrap().to_string_lossy().into_owned();
+        Command::new("kill").args(["-KILL", &id]).status().unwrap().success()
+    });
 }
 
 fn sorted(mut lines: Vec<String>) -> Vec<String> {

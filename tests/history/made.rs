@@ -53,17 +53,32 @@ fn cell(number: usize, ns: f64) -> Record {
     }))
 }
 
-/// A run of so many cells, which starts at a second. Cell 0 takes `ns`, the others a time that never changes much.
-pub fn records(second: usize, cells: usize, ns: f64) -> Vec<u8> {
+/// Of a run that starts at a second on a machine.
+fn header(second: usize, host: Option<&str>) -> Record {
     let adapter =
         Adapter { name: "made".to_owned(), backend: "vulkan".to_owned(), ..Adapter::default() };
     let started_at = format!("2026-01-02T03:{:02}:{:02}Z", second / 60, second % 60);
-    let run = Run { schema: SCHEMA, started_at, adapter, ..Run::default() };
+    let mut run = Run { schema: SCHEMA, started_at, adapter, ..Run::default() };
+    run.conditions.host = host.map(str::to_owned);
+    Record::Run(Box::new(run))
+}
+
+fn lines(records: impl Iterator<Item = Record>) -> Vec<u8> {
+    records.flat_map(|line| (serde_json::to_string(&line).unwrap() + "\n").into_bytes()).collect()
+}
+
+/// Shards of a cell each, measured on these machines and merged.
+pub fn merged(second: usize, hosts: &[&str]) -> Vec<u8> {
+    let shard = |(number, host): (usize, &&str)| [header(second, Some(host)), cell(number, 5e6)];
+    lines(hosts.iter().enumerate().flat_map(shard))
+}
+
+/// A run of so many cells, which starts at a second. Cell 0 takes `ns`, the others a time that never changes much.
+pub fn records(second: usize, cells: usize, ns: f64) -> Vec<u8> {
     let jitter = 1.0 + 1e-3 * ((second * 7919) % 13) as f64;
     let time = |number: usize| jitter * if number == 0 { ns } else { 5e6 };
     let cells = (0..cells).map(|number| cell(number, time(number)));
-    let lines = std::iter::once(Record::Run(Box::new(run))).chain(cells);
-    lines.flat_map(|line| (serde_json::to_string(&line).unwrap() + "\n").into_bytes()).collect()
+    lines(std::iter::once(header(second, None)).chain(cells))
 }
 
 /// A folder with these records.

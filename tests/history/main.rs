@@ -86,6 +86,31 @@ fn keeps_runs_whole(folder: &Path, place: &str) {
     refused(&unknown, "no run `ffffffff`");
 }
 
+/// A shard that another machine measured than the night before begins new series.
+fn tells_machines_apart(folder: &Path, place: &str) {
+    let repository = Repository::new(&folder.join("machines"), 3);
+    let here = &repository.folder;
+    let nights = [&["n1", "n2"], &["n1", "n2"], &["n2", "n1"]];
+    let series = || {
+        let told = done(history(here, place, &["changes", "--json"]));
+        serde_json::from_str::<Value>(&told).unwrap()["too_short"].as_u64().unwrap() as usize
+    };
+    let mut counted = Vec::new();
+    for (night, (hosts, commit)) in nights.iter().zip(&repository.commits).enumerate() {
+        made::folder(here, "run", &made::merged(night, *hosts));
+        done(history(here, place, &["add", "run", "--commit", commit]));
+        counted.push(series() / FIGURES_OF_A_CELL);
+    }
+    assert_eq!(counted, [2, 2, 4]);
+    let listed = done(history(here, place, &["list"]));
+    assert!(listed.contains(" n1, n2 ") && listed.contains(" n2, n1 "), "{listed}");
+    // What was said goes before what the records name.
+    made::folder(here, "run", &made::merged(nights.len(), &["n3", "n4"]));
+    done(history(here, place, &["add", "run", "--machine", "farm"]));
+    assert_eq!(series(), 6 * FIGURES_OF_A_CELL);
+    assert!(done(history(here, place, &["list"])).contains(" farm "));
+}
+
 /// Forty days, cell 0 slower by 10 % from day 25 on.
 fn names_the_commits_of_a_change(folder: &Path, place: &str) {
     let repository = Repository::new(&folder.join("days"), 40);
@@ -249,6 +274,7 @@ fn a_file_of_sqlite_is_a_history() {
     let place =
         |name: &str| folder.path().join(name).join("history.sqlite").to_str().unwrap().to_owned();
     keeps_runs_whole(folder.path(), &place("whole"));
+    tells_machines_apart(folder.path(), &place("machines"));
     names_the_commits_of_a_change(folder.path(), &place("change"));
     takes_hostile_names_as_text(folder.path(), &place("names"));
 }
@@ -270,6 +296,7 @@ fn a_database_of_postgresql_is_a_history() {
     let Some(server) = Server::start() else { return };
     let folder = tempfile::tempdir().unwrap();
     keeps_runs_whole(folder.path(), &server.database("whole"));
+    tells_machines_apart(folder.path(), &server.database("machines"));
     names_the_commits_of_a_change(folder.path(), &server.database("change"));
     takes_hostile_names_as_text(folder.path(), &server.database("names"));
     let killed = server.database("killed");

@@ -7,7 +7,9 @@ use std::process::Command;
 
 use fathom::history::otava::{CONFIGURATION, GROUP};
 use fathom::history::run::NANOSECONDS;
-use fathom::history::{self, Findings, History, Location, NewRun, Origin, Selection, StoredRuns};
+use fathom::history::{
+    self, Findings, History, Location, NewFigure, NewRun, Origin, Selection, StoredRuns,
+};
 use jiff::Timestamp;
 use rand::seq::SliceRandom;
 use rand::{RngExt, SeedableRng};
@@ -74,7 +76,8 @@ fn one_history(runs: &[NewRun], seed: u64, share: f64, counts: &mut [Count; 4]) 
     if seed > 0 {
         order.shuffle(&mut random);
     }
-    let names = runs[0].figures.iter().map(|(key, _)| format!("{} {}", key.cell, key.figure));
+    let names =
+        runs[0].figures.iter().map(|NewFigure { key, .. }| format!("{} {}", key.cell, key.figure));
     let steps: BTreeMap<String, usize> =
         names.map(|name| (name, random.random_range(MARGIN..=RUNS - MARGIN))).collect();
     let folder = tempfile::tempdir().unwrap();
@@ -106,11 +109,12 @@ fn planted(
     let mut history = History::open_or_make(&place).unwrap();
     let start = Timestamp::now().as_second() - (RUNS as i64 + 1) * DAY_S;
     for (number, run) in runs.iter().enumerate() {
-        let times = run.figures.iter().filter(|(key, _)| key.unit == NANOSECONDS);
-        let figures = times.map(|(key, time)| {
-            let step = steps.get(&format!("{} {}", key.cell, key.figure));
+        let times = run.figures.iter().filter(|figure| figure.key.unit == NANOSECONDS);
+        let figures = times.map(|figure| {
+            let step = steps.get(&format!("{} {}", figure.key.cell, figure.key.figure));
             let raised = step.is_some_and(|step| number >= *step);
-            (key.clone(), if raised { time.scaled(1.0 + share) } else { *time })
+            let value = if raised { figure.value.scaled(1.0 + share) } else { figure.value };
+            NewFigure { value, ..figure.clone() }
         });
         let planted = NewRun {
             figures: figures.collect(),
@@ -121,7 +125,8 @@ fn planted(
             commit: format!("{number:040}"),
             committed_at: Some(start + number as i64 * DAY_S),
             branch: "main".to_owned(),
-            machine: "m".to_owned(),
+            machine: Some("m".to_owned()),
+            host: None,
         };
         history.add(&planted, &origin).unwrap();
     }

@@ -123,7 +123,8 @@ fn its_own_compare_catches_a_slowdown_of_its_shader_and_nothing_else() {
         let gates = ["compare", "--gates", "exact,time", "--launches", "14", "--pairs", "6"];
         let sides = ["--base-bin", text(&sound), "--head-bin", text(&head), "--out", text(&out)];
         let told = run(&[&gates[..], &sides].concat());
-        let stored = StoredComparison::read(&out).unwrap_or_else(|error| panic!("{error}: {told:?}"));
+        let stored =
+            StoredComparison::read(&out).unwrap_or_else(|error| panic!("{error}: {told:?}"));
         let verdicts = Verdicts::of(&stored);
         let of = |name: &str| {
             let cell = verdicts.cells.iter().find(|judged| judged.cell.as_str() == name);

@@ -34,6 +34,8 @@ const ROUNDS: usize = 7;
 const LEAST_SHARE: f64 = 0.01;
 /// A measurement whose law does not hold is repeated so many times: something else may have run.
 const ATTEMPTS: usize = 3;
+/// N is raised so many times before that where a pass costs too much whatever its work. A driver that leaves out work stays fast.
+const RAISED: u32 = 4;
 /// The smallest working set, and the ratio of each to the one before. Of reading and clearing every second one is measured.
 const SMALLEST_SET_BYTES: u64 = 64 << 10;
 const SET_STEP: u64 = 4;
@@ -131,11 +133,14 @@ pub fn ceilings(gpu: &Gpu, plan: ClockPlan) -> Result<Vec<Ceiling>, GpuError> {
 pub fn measure(gpu: &Gpu, plan: ClockPlan, limit: Limit) -> Result<Ceiling, GpuError> {
     let kernel = kernel::of(gpu, limit)?;
     let mut stand = Stand::new(gpu, plan, kernel.as_ref())?;
-    let turns = stand.calibrate()?;
+    let mut turns = stand.calibrate()?;
     let mut ceiling = stand.ceiling(limit, turns)?;
     for _ in 1..ATTEMPTS {
         if ceiling.is_sound() {
             break;
+        }
+        if ceiling.is_short() {
+            turns = stand.within(turns.saturating_mul(RAISED));
         }
         ceiling = stand.ceiling(limit, turns)?;
     }
@@ -195,7 +200,12 @@ impl<'a> Stand<'a> {
             }
             turns = (f64::from(turns) * short_by).ceil() as u32;
         }
-        Ok(turns.min(self.kernel.most_turns() / 2).max(1))
+        Ok(self.within(turns))
+    }
+
+    /// So many turns, or as many as can be doubled.
+    fn within(&self, turns: u32) -> u32 {
+        turns.min(self.kernel.most_turns() / 2).max(1)
     }
 
     fn ceiling(&mut self, limit: Limit, turns: u32) -> Result<Ceiling, GpuError> {
