@@ -133,20 +133,31 @@ pub fn ceilings(gpu: &Gpu, plan: ClockPlan) -> Result<Vec<Ceiling>, GpuError> {
 pub fn measure(gpu: &Gpu, plan: ClockPlan, limit: Limit) -> Result<Ceiling, GpuError> {
     let kernel = kernel::of(gpu, limit)?;
     let mut stand = Stand::new(gpu, plan, kernel.as_ref())?;
-    let mut turns = stand.calibrate()?;
-    let mut ceiling = stand.ceiling(limit, turns)?;
+    let most = kernel.most_turns() / 2;
+    let turns = stand.calibrate()?.min(most).max(1);
+    let (turns, ceiling) = attempted(turns, most, |turns| stand.ceiling(limit, turns))?;
+    let wrong = |reason| GpuError::Unusable(format!("the ceiling `{}`: {reason}", limit.name()));
+    kernel::check(gpu, kernel.as_ref(), 2 * turns)?.map_err(wrong)?;
+    Ok(ceiling)
+}
+
+/// A sound measurement or the last of some, and its turns.
+fn attempted(
+    mut turns: u32,
+    most: u32,
+    mut measured: impl FnMut(u32) -> Result<Ceiling, GpuError>,
+) -> Result<(u32, Ceiling), GpuError> {
+    let mut ceiling = measured(turns)?;
     for _ in 1..ATTEMPTS {
         if ceiling.is_sound() {
             break;
         }
         if ceiling.is_short() {
-            turns = stand.within(turns.saturating_mul(RAISED));
+            turns = turns.saturating_mul(RAISED).min(most).max(turns);
         }
-        ceiling = stand.ceiling(limit, turns)?;
+        ceiling = measured(turns)?;
     }
-    let wrong = |reason| GpuError::Unusable(format!("the ceiling `{}`: {reason}", limit.name()));
-    kernel::check(gpu, kernel.as_ref(), 2 * turns)?.map_err(wrong)?;
-    Ok(ceiling)
+    Ok((turns, ceiling))
 }
 
 /// A kernel and the clock that times it.
@@ -200,12 +211,7 @@ impl<'a> Stand<'a> {
             }
             turns = (f64::from(turns) * short_by).ceil() as u32;
         }
-        Ok(self.within(turns))
-    }
-
-    /// So many turns, or as many as can be doubled.
-    fn within(&self, turns: u32) -> u32 {
-        turns.min(self.kernel.most_turns() / 2).max(1)
+        Ok(turns)
     }
 
     fn ceiling(&mut self, limit: Limit, turns: u32) -> Result<Ceiling, GpuError> {

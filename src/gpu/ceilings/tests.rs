@@ -57,3 +57,36 @@ fn working_sets_reach_from_the_first_cache_to_beyond_the_last() {
     assert!(last >= (CACHES * cache).min(MOST_SET_BYTES / SET_STEP), "{last} of {cache}");
     assert!(working_sets(&gpu, SMALLEST_SET_BYTES).len() == 1);
 }
+
+/// What is measured of passes that take this long, and the numbers of turns that are tried.
+fn tried(most: u32, time_ns: impl Fn(u32) -> f64) -> (Vec<u32>, Ceiling) {
+    let mut tried = Vec::new();
+    let limit = Limit::Arithmetic { pass: PassKind::Compute };
+    let (turns, ceiling) = attempted(10, most, |turns| {
+        tried.push(turns);
+        let [once, twice] = [turns, 2 * turns].map(&time_ns);
+        let rate = estimate(&[f64::from(turns) / (twice - once).max(LEAST_SHARE * once)]);
+        Ok(Ceiling { limit, rate, doubling: twice / once })
+    })
+    .unwrap();
+    assert_eq!(tried.last(), Some(&turns));
+    (tried, ceiling)
+}
+
+#[test]
+fn more_work_makes_fixed_costs_small_and_leaves_skipped_work_unsound() {
+    let free = |turns| f64::from(turns);
+    assert_eq!(tried(1 << 20, free).0, [10]);
+    // A fixed cost as large as the work: doubling 1.5, then 1.8.
+    let (turns, ceiling) = tried(1 << 20, |turns| 10.0 + f64::from(turns));
+    assert_eq!((turns.as_slice(), ceiling.is_sound()), ([10, 40].as_slice(), true));
+    assert!((ceiling.rate.median - 1.0).abs() < 1e-12, "{ceiling:?}");
+    // A driver that does no more than so much, and one that skips the second half.
+    for skipping in [|turns: u32| f64::from(turns.min(10)), |_: u32| 5.0] {
+        let (turns, ceiling) = tried(1 << 20, skipping);
+        assert_eq!((turns.as_slice(), ceiling.is_sound()), ([10, 40, 160].as_slice(), false));
+    }
+    // Never more than there may be, and no more where a busy machine made the second half too long.
+    assert_eq!(tried(20, |_| 5.0).0, [10, 20, 20]);
+    assert_eq!(tried(1 << 20, |turns| f64::from(turns).powi(2)).0, [10, 10, 10]);
+}
