@@ -43,7 +43,7 @@ fn read(folder: &Path) -> anyhow::Result<Reading> {
 }
 
 /// Writes files into a folder, under their own names.
-fn write_into(folder: &Path, files: Vec<Artifact>) -> anyhow::Result<()> {
+pub(super) fn write_into(folder: &Path, files: Vec<Artifact>) -> anyhow::Result<()> {
     std::fs::create_dir_all(folder)
         .with_context(|| format!("cannot make the folder {}", folder.display()))?;
     for path in exporters::put(folder, files)? {

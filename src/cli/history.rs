@@ -7,6 +7,7 @@ use anyhow::Context;
 use clap::{Args, Subcommand};
 
 use super::commands::Outcome;
+use super::export::write_into;
 use crate::harness::output::RECORDS;
 use crate::history::{
     self, Added, DEFAULT_FILE, Findings, History, Location, NewRun, Said, Selection, VARIABLE,
@@ -198,14 +199,5 @@ fn export(folder: &Path, selection: &Selection, location: &Location) -> anyhow::
     let count = files.len() - 1;
     exporters::put(folder, files)?;
     tell::done(format!("{}: {count} series", folder.join(otava::CONFIGURATION).display()));
-    Ok(())
-}
-
-fn write_into(folder: &Path, files: Vec<Artifact>) -> anyhow::Result<()> {
-    std::fs::create_dir_all(folder)
-        .with_context(|| format!("cannot make the folder {}", folder.display()))?;
-    for path in exporters::put(folder, files)? {
-        tell::done(path.display());
-    }
     Ok(())
 }

@@ -79,8 +79,14 @@ pub struct ColumnTypes {
 pub trait Database {
     fn types(&self) -> ColumnTypes;
 
+    /// The statement that counts the tables of a name.
+    fn count_of_table(&self) -> &'static str;
+
     /// A table of this name exists.
-    fn has_table(&mut self, name: &str) -> Result<bool, HistoryError>;
+    fn has_table(&mut self, name: &str) -> Result<bool, HistoryError> {
+        let rows = self.rows(self.count_of_table(), &[Value::Text(name.to_owned())])?;
+        Ok(rows[0][0].integer() > 0)
+    }
 
     /// It holds tables, and they are another program's alone.
     fn is_foreign(&mut self) -> Result<bool, HistoryError>;

@@ -89,10 +89,8 @@ impl Database for Sqlite {
         ColumnTypes { bytes: "BLOB", real: "REAL", by_key: " WITHOUT ROWID" }
     }
 
-    fn has_table(&mut self, name: &str) -> Result<bool, HistoryError> {
-        let statement = "SELECT COUNT(*) FROM sqlite_master WHERE type = 'table' AND name = $1";
-        let rows = self.rows(statement, &[Value::Text(name.to_owned())])?;
-        Ok(rows[0][0].integer() > 0)
+    fn count_of_table(&self) -> &'static str {
+        "SELECT COUNT(*) FROM sqlite_master WHERE type = 'table' AND name = $1"
     }
 
     fn is_foreign(&mut self) -> Result<bool, HistoryError> {
