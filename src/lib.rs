@@ -24,10 +24,10 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 //!
-//! Dependency rule (kept by `tests/dependency_rule.rs`):
-//! `main → cli → exporters → compare → report, harness → experiments → pipelines → stages → scene, gpu`;
-//! `embedded`, `text`, `input`, `quiet`, `statistics` and `words` import nothing, `tell` and `parameter` only `text`, `record` only these leaves,
-//! `reference` only `scene`; `history` imports `report` and leaves, and only `cli` imports it; neither `report` nor `harness` imports the
+//! Dependency rule. Between crates cargo keeps it: `fathom → fathom-reference → fathom-scene → fathom-base`. Within this crate
+//! `tests/dependency_rule.rs` does:
+//! `main → cli → exporters → compare → report, harness → experiments → pipelines → stages → gpu`;
+//! `history` imports `report`, and only `cli` imports it; neither `report` nor `harness` imports the
 //! other, and `report` never imports `gpu`; a stage never imports a sibling stage.
 //!
 //! Conventions, stated once: right-handed world, +Y up, metres, water at rest is the plane y = 0,
@@ -37,25 +37,21 @@
 pub mod bench;
 pub mod cli;
 pub mod compare;
-pub mod embedded;
 pub mod experiments;
 pub mod exporters;
 pub mod fleet;
 pub mod gpu;
 pub mod harness;
 pub mod history;
-pub mod input;
-pub mod parameter;
 pub mod pipelines;
-pub mod quiet;
 pub mod record;
-pub mod reference;
 pub mod report;
-pub mod scene;
 pub mod stages;
-pub mod statistics;
-pub mod tell;
-pub mod text;
 pub mod words;
 
+pub use fathom_base::{
+    choices, embedded, input, parameter, quiet, settings, statistics, tell, text,
+};
+pub use fathom_reference as reference;
+pub use fathom_scene as scene;
 pub use harness::catalog::Catalog;

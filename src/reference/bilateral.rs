@@ -5,7 +5,7 @@ use glam::DVec3;
 
 use super::filter::{GOLDEN_ANGLE, from_edges};
 use super::image::{Image, behind};
-use crate::scene::Camera;
+use fathom_scene::Camera;
 
 /// What the filter is told.
 #[derive(Clone, Debug, PartialEq)]

@@ -8,7 +8,7 @@ use itertools::iproduct;
 use super::image::Image;
 use super::plane::CameraDepth;
 use super::rays::PixelRays;
-use crate::scene::LightKind;
+use fathom_scene::LightKind;
 
 /// A photon that has landed.
 #[derive(Clone, Copy, Debug, PartialEq)]

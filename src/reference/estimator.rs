@@ -4,7 +4,7 @@
 use glam::DVec3;
 
 use super::rays::Tracer;
-use crate::scene::LightFrame;
+use fathom_scene::LightFrame;
 
 #[derive(Clone, Debug, PartialEq)]
 pub struct Estimate {

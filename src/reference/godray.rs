@@ -83,7 +83,7 @@ mod tests {
             let start = offset.dot(along);
             (0.0..length).contains(&start) && offset.perp_dot(along).abs() < 0.5 * width_px
         };
-        crate::reference::image::pixels(size).filter(covers).count() as f64
+        crate::image::pixels(size).filter(covers).count() as f64
     }
 
     #[test]

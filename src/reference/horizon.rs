@@ -9,7 +9,7 @@ use super::filter::{pcg, unit};
 use super::image::{Image, behind};
 use super::occlusion::{Attenuation, tangent_frame};
 use super::rays::PixelRays;
-use crate::scene::Camera;
+use fathom_scene::Camera;
 
 /// What the method is told.
 #[derive(Clone, Debug, PartialEq)]

@@ -4,7 +4,7 @@ use glam::DVec3;
 
 use super::media::interpolated;
 use super::occlusion::{Attenuation, cosine_direction, hammersley, tangent_frame};
-use crate::scene::Volume;
+use fathom_scene::Volume;
 
 /// Where the values of a field, interpolated trilinearly, reach one from outside.
 pub struct FieldSurface<'a> {

@@ -7,7 +7,7 @@ use itertools::iproduct;
 
 use super::filter::{pcg, unit};
 use super::occlusion::{Attenuation, cosine_direction, tangent_frame, uniform_direction};
-use crate::scene::Grid;
+use fathom_scene::Grid;
 
 /// A volume on the host.
 pub struct HostVolume {

@@ -7,7 +7,7 @@ use glam::DVec3;
 
 use super::occlusion::{cosine_direction, tangent_frame};
 use super::optics::transmittance;
-use crate::scene::Volume;
+use fathom_scene::Volume;
 
 /// Intervals of one-dimensional integrals, by the midpoint rule.
 const INTERVALS: u32 = 4096;

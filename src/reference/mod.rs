@@ -2,7 +2,7 @@
 //!
 //! Nothing here is a transcription of a shader: where the GPU iterates on a depth map, this module
 //! refracts exactly and casts rays; where the GPU approximates, this module has the closed form. It
-//! imports nothing of the rest of the crate but [`scene`](crate::scene).
+//! imports nothing of the rest of the crate but [`scene`](fathom_scene).
 //!
 //! | module | answers |
 //! |---|---|

@@ -120,7 +120,7 @@ pub fn tangent_frame(n: DVec3) -> DMat3 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scene::{Mesh, Object, generators};
+    use fathom_scene::{Mesh, Object, generators};
     use glam::DMat4;
 
     const RAYS: u32 = 4096;

@@ -7,7 +7,7 @@ use glam::DVec3;
 use super::filter::GOLDEN_ANGLE;
 use super::image::Image;
 use super::rays::PixelRays;
-use crate::scene::Camera;
+use fathom_scene::Camera;
 
 /// Cosine to the normal below which a tap does not block.
 const LEAST_COSINE: f64 = 0.1;
@@ -57,7 +57,7 @@ fn turn(x: u32, y: u32) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::reference::image::pixels;
+    use crate::image::pixels;
 
     const SIZE: [u32; 2] = [64, 48];
     const METHOD: Openness = Openness { taps: 64, radius_m: 0.6 };

@@ -17,7 +17,7 @@ use super::image::Image;
 use super::optics::transmittance;
 use super::photons::{Landed, entering, land};
 use super::rays::{PixelRays, Tracer};
-use crate::scene::{Camera, LightFrame, LightKind, Water};
+use fathom_scene::{Camera, LightFrame, LightKind, Water};
 
 /// The camera sees a point where its ray ends so near to it.
 const SAME_POINT_M: f64 = 1e-5;
@@ -188,7 +188,7 @@ mod tests {
     use super::super::image::pixels;
     use super::super::optics::fresnel_transmittance;
     use super::*;
-    use crate::scene::{Bounds, Light, Mesh, Object};
+    use fathom_scene::{Bounds, Light, Mesh, Object};
 
     const SIZE: [u32; 2] = [24, 18];
     const DEPTH_M: f64 = 3.0;

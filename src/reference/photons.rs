@@ -8,7 +8,7 @@ use super::filter::pcg;
 use super::optics::{fresnel_transmittance, refract};
 use super::rays::{Hit, Tracer};
 use super::surface::{Entry, enter};
-use crate::scene::{LightFrame, Water};
+use fathom_scene::{LightFrame, Water};
 
 /// A ray that starts on a surface ignores hits nearer than this, metres.
 const SELF_HIT_M: f64 = 1e-9;
@@ -155,7 +155,7 @@ pub fn land_all(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scene::{Bounds, Camera, Light, LightKind, Mesh, Object};
+    use fathom_scene::{Bounds, Camera, Light, LightKind, Mesh, Object};
 
     const DEPTH_M: f64 = 4.0;
 

@@ -1,7 +1,7 @@
 //! Surfaces told apart by the camera's depth: what is seen at a pixel, continued as a plane.
 
 use super::image::{Image, behind};
-use crate::scene::Camera;
+use fathom_scene::Camera;
 
 /// What a camera sees.
 #[derive(Clone, Copy)]

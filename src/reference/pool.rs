@@ -6,7 +6,7 @@ use glam::DVec3;
 use itertools::iproduct;
 
 use super::optics::{fresnel_transmittance, transmittance};
-use crate::scene::{Light, LightFrame, LightKind, Water};
+use fathom_scene::{Light, LightFrame, LightKind, Water};
 
 /// Rounding at the border of a rectangle, as a share of its side.
 const BORDER: f64 = 1e-9;

@@ -7,7 +7,7 @@ use bvh::ray::Ray;
 use glam::{DMat4, DVec3};
 
 use super::ReferenceError;
-use crate::scene::{Camera, Object};
+use fathom_scene::{Camera, Object};
 
 /// Boxes grow by this share of the scene's size, so that rounding in the slab test loses no flat triangle.
 const BOX_PADDING: f64 = 1e-9;
@@ -302,7 +302,7 @@ mod tests {
 
     use super::super::filter::pcg;
     use super::*;
-    use crate::scene::Mesh;
+    use fathom_scene::Mesh;
 
     fn object(positions: Vec<[f32; 3]>, indices: Vec<u32>) -> Object {
         let normals = vec![[0.0, 1.0, 0.0]; positions.len()];

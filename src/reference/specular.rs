@@ -4,7 +4,7 @@ use glam::DVec3;
 
 use super::optics::refract;
 use super::rays::{Hit, Tracer};
-use crate::scene::{Object, Optics};
+use fathom_scene::{Object, Optics};
 
 /// A ray that starts on a surface ignores hits nearer than this, metres: meshes hold 32-bit floats.
 const SELF_HIT_M: f64 = 1e-6;
@@ -92,7 +92,7 @@ impl Surfaces<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scene::{Material, Mesh};
+    use fathom_scene::{Material, Mesh};
 
     const GLASS: f64 = 1.5;
 

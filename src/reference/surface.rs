@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 
-use crate::scene::{Water, WaterModel, shortest_wave_m};
+use fathom_scene::{Water, WaterModel, shortest_wave_m};
 
 /// Marching steps per smallest feature of the surface while a root is bracketed. At 64 steps a wave
 /// bends by less than 0.1 rad within one, so that a pair of roots inside a step is a grazing touch.

@@ -6,7 +6,7 @@
 use glam::DVec3;
 use itertools::iproduct;
 
-use crate::scene::{Grid, Object};
+use fathom_scene::{Grid, Object};
 
 /// Half width of the band of gaps that f32 cannot decide, voxels.
 pub const BORDERLINE_VOXELS: f64 = 1e-4;

@@ -12,7 +12,7 @@ use std::path::{Path, PathBuf};
 use thiserror::Error;
 
 use super::{check, read};
-use crate::input;
+use fathom_base::input;
 
 pub use catalogue::{ASSETS, Asset, Content, Package, Source};
 

@@ -1,7 +1,7 @@
 //! The viewer: a right-handed pinhole camera, depth range 0 (near) … 1 (far), clip space y up.
 
 use super::check::within_ranges;
-use crate::settings;
+use fathom_base::settings;
 use glam::dcamera::rh::proj::directx;
 use glam::dcamera::rh::view;
 use glam::{DMat4, DVec3, DVec4};

@@ -1,7 +1,7 @@
 //! Checks of parameters. Each error names the parameter, its value and the valid range.
 
-use crate::parameter::{Beside, Setting};
-use crate::text;
+use fathom_base::parameter::{Beside, Setting};
+use fathom_base::text;
 
 /// Largest coordinate or distance that a scene may use, metres: f32 keeps centimetres there.
 pub const FAR_M: f64 = 1e5;

@@ -8,9 +8,9 @@ use super::{
     VolumeFile, Water, WaterModel, Wave,
 };
 use super::{raw::VolumeFormat, samples::Up};
-use crate::parameter::names_of;
+use fathom_base::parameter::names_of;
 
-const DOCS: &str = include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/docs/scenes.md"));
+const DOCS: &str = include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/../../docs/scenes.md"));
 
 /// A row of a table of keys.
 struct DocumentedRow {

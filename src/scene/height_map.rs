@@ -8,8 +8,8 @@ use ndarray::ArrayView2;
 use ndarray_npy::{ViewElement, ViewNpyError, ViewNpyExt};
 
 use super::check;
-use crate::input;
-use crate::settings;
+use fathom_base::input;
+use fathom_base::settings;
 
 /// Most samples along a side: every adapter holds a texture of this size.
 pub const MAX_SIDE: usize = 4096;

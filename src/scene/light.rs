@@ -9,7 +9,7 @@ use super::bounds::Bounds;
 use super::camera::Camera;
 use super::check::within_ranges;
 use super::frustum::{Rectangle, visible_points};
-use crate::{choices, settings};
+use fathom_base::{choices, settings};
 
 /// Horizontal room given to photons for the slopes of the waves, per metre of depth: refraction at
 /// index 1.33 turns a ray by about a quarter of the surface's slope, so this holds slopes to 0.6.

@@ -10,7 +10,7 @@ use tobj::{LoadError, LoadOptions};
 
 use super::Mesh;
 use super::read::{self, MAX_VERTICES, Source};
-use crate::input::{LineEnd, Lines};
+use fathom_base::input::{LineEnd, Lines};
 
 /// Longest line that is read, bytes.
 const MAX_LINE: usize = 1 << 16;

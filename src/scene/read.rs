@@ -6,7 +6,7 @@ use std::path::Path;
 use glam::Vec3;
 
 use super::{Mesh, check, obj, ply};
-use crate::input;
+use fathom_base::input;
 
 /// Most bytes that are read from one file, after decompression.
 pub const MAX_BYTES: u64 = 512 << 20;

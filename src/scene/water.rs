@@ -12,8 +12,8 @@ use super::check::within_ranges;
 use super::height_map::{HeightMap, Tile};
 use super::noise::tile_noise;
 use super::waves::{self, Wave};
-use crate::parameter::{Allowed, Beside, Field, ParamError, Setting, list};
-use crate::{choices, settings};
+use fathom_base::parameter::{Listed, ParamError};
+use fathom_base::{choices, settings};
 
 /// Drift of the noise along x, tiles per wave period. Chosen: slow against the waves.
 pub const NOISE_DRIFT_TILES: f64 = 0.11;
@@ -76,19 +76,10 @@ settings! {
     }
 }
 
-impl Setting for Vec<Wave> {
-    fn check(&self, _: Beside<'_>) -> Result<(), ParamError> {
-        Ok(waves::validate(self)?)
+impl Listed for Wave {
+    fn check(waves: &[Self]) -> Result<(), ParamError> {
+        Ok(waves::validate(waves)?)
     }
-
-    fn describe(beside: Beside<'_>, fields: &mut Vec<Field>) {
-        list(beside, Allowed::Free, fields);
-    }
-}
-
-/// What is read from a file is no parameter.
-impl Setting for Option<Arc<Tile>> {
-    fn describe(_: Beside<'_>, _: &mut Vec<Field>) {}
 }
 
 impl Water {

@@ -174,7 +174,7 @@ fn complaint(stderr: &[u8], status: ExitStatus) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scene::assets::ASSETS;
+    use crate::assets::ASSETS;
 
     fn here(folder: &Path) -> Download<'_> {
         Download { asset: &ASSETS[0], folder, limit: TIME_LIMIT }

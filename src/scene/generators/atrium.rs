@@ -5,8 +5,8 @@ use std::f64::consts::PI;
 use glam::DVec3;
 
 use super::{Args, Generator, generator, param};
-use crate::scene::Mesh;
-use crate::scene::shapes::{cuboid, lathe, merged, moved, sheet, smooth_profile};
+use crate::Mesh;
+use crate::shapes::{cuboid, lathe, merged, moved, sheet, smooth_profile};
 
 pub const GENERATORS: &[Generator] =
     &[generator("arcade", "an open courtyard between two storeys of arcades", arcade).with(&[

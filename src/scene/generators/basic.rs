@@ -5,9 +5,9 @@ use std::f64::consts::TAU;
 use glam::DVec3;
 
 use super::{Args, Generator, SEED, generator, param};
-use crate::scene::Mesh;
-use crate::scene::noise::tile_noise;
-use crate::scene::shapes::{self, grounded, moved};
+use crate::Mesh;
+use crate::noise::tile_noise;
+use crate::shapes::{self, grounded, moved};
 
 pub const GENERATORS: &[Generator] = &[
     generator("plane", "a level rectangle that faces up", plane).with(&[

@@ -8,8 +8,8 @@ use std::f64::consts::TAU;
 use glam::DMat4;
 
 use super::{Args, Dice, Generator, Param, SEED, generator, param};
-use crate::scene::Mesh;
-use crate::scene::shapes::{cuboid, cylinder, merged, moved, scaled};
+use crate::Mesh;
+use crate::shapes::{cuboid, cylinder, merged, moved, scaled};
 
 const BRICK: f64 = 1.2;
 const PLATE: f64 = 0.4;

@@ -3,8 +3,8 @@
 use glam::DVec3;
 
 use super::{Args, Generator, generator, param};
-use crate::scene::Mesh;
-use crate::scene::shapes::{bar, cuboid, merged, smooth_path, tube};
+use crate::Mesh;
+use crate::shapes::{bar, cuboid, merged, smooth_path, tube};
 
 pub const GENERATORS: &[Generator] = &[generator(
     "diving_platform",

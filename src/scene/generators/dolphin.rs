@@ -5,8 +5,8 @@ use std::f64::consts::TAU;
 use glam::{DMat4, DVec3, DVec4};
 
 use super::{Args, Generator, generator, param};
-use crate::scene::Mesh;
-use crate::scene::shapes::{merged, moved, scaled, smooth_path, sphere, surface};
+use crate::Mesh;
+use crate::shapes::{merged, moved, scaled, smooth_path, sphere, surface};
 
 pub const GENERATORS: &[Generator] = &[generator(
     "dolphin",

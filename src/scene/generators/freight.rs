@@ -3,8 +3,8 @@
 use glam::DVec3;
 
 use super::{Args, Generator, generator, param};
-use crate::scene::Mesh;
-use crate::scene::shapes::{bar, cuboid, merged, moved};
+use crate::Mesh;
+use crate::shapes::{bar, cuboid, merged, moved};
 
 pub const GENERATORS: &[Generator] = &[generator(
     "crate",

@@ -3,8 +3,8 @@
 use itertools::Itertools;
 
 use super::{Args, Generator, generator, param};
-use crate::scene::Mesh;
-use crate::scene::shapes::{cuboid, cylinder, merged, moved};
+use crate::Mesh;
+use crate::shapes::{cuboid, cylinder, merged, moved};
 
 pub const GENERATORS: &[Generator] =
     &[generator("level", "rooms of a low-resolution game level, open to the sky", level).with(&[

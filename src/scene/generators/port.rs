@@ -5,9 +5,9 @@ use std::f64::consts::{PI, TAU};
 use glam::{DMat4, DVec3, EulerRot};
 
 use super::{Args, Dice, Generator, SEED, generator, param};
-use crate::scene::Mesh;
-use crate::scene::noise::tile_noise;
-use crate::scene::shapes::{
+use crate::Mesh;
+use crate::noise::tile_noise;
+use crate::shapes::{
     block, cuboid, cylinder, displaced_sphere, lathe, merged, moved, sheet, smooth_profile, tube,
 };
 

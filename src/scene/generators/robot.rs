@@ -5,8 +5,8 @@ use std::f64::consts::{FRAC_PI_2, TAU};
 use glam::{DMat4, DVec3};
 
 use super::{Args, Generator, generator, param};
-use crate::scene::Mesh;
-use crate::scene::shapes::{
+use crate::Mesh;
+use crate::shapes::{
     block, cylinder, grounded, lathe, merged, moved, scaled, smooth_profile, sphere, torus,
 };
 

@@ -3,8 +3,8 @@
 use glam::{DMat4, DVec3};
 
 use super::{Args, Generator, SEED, generator, param};
-use crate::scene::Mesh;
-use crate::scene::shapes::{bar, block, cuboid, displaced_sphere, lathe, merged, moved};
+use crate::Mesh;
+use crate::shapes::{bar, block, cuboid, displaced_sphere, lathe, merged, moved};
 
 pub const GENERATORS: &[Generator] = &[
     generator("interior", "a closed room with a window in the wall at −x", interior).with(&[

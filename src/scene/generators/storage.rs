@@ -5,8 +5,8 @@ use std::f64::consts::{FRAC_PI_2, TAU};
 use glam::{DMat4, DVec3};
 
 use super::{Args, Dice, Generator, SEED, generator, param};
-use crate::scene::Mesh;
-use crate::scene::shapes::{bar, block, cuboid, cylinder, lathe, merged, moved, tube};
+use crate::Mesh;
+use crate::shapes::{bar, block, cuboid, cylinder, lathe, merged, moved, tube};
 
 pub const GENERATORS: &[Generator] = &[
     generator("hall", "a hall with floor, walls, and a roof of slabs with gaps between them", hall)

@@ -5,8 +5,8 @@ use std::f64::consts::TAU;
 use glam::DVec3;
 
 use super::{Args, Generator, generator, param};
-use crate::scene::Mesh;
-use crate::scene::shapes::{
+use crate::Mesh;
+use crate::shapes::{
     block, cuboid, displaced_sphere, lathe, merged, moved, quad, scaled, smooth_path,
     smooth_profile, tube, turned,
 };

@@ -8,8 +8,8 @@ use glam::{DMat4, DVec3};
 use itertools::iproduct;
 
 use super::{Args, Generator, generator, param};
-use crate::scene::Mesh;
-use crate::scene::shapes::{merged, sheet};
+use crate::Mesh;
+use crate::shapes::{merged, sheet};
 
 pub const GENERATORS: &[Generator] = &[generator(
     "teapot",

@@ -3,8 +3,8 @@
 use glam::DVec3;
 
 use super::{Args, Generator, SEED, generator, param};
-use crate::scene::Mesh;
-use crate::scene::shapes::{bar, merged};
+use crate::Mesh;
+use crate::shapes::{bar, merged};
 
 pub const GENERATORS: &[Generator] =
     &[generator("thicket", "bars between random places of a box on the floor", thicket).with(&[

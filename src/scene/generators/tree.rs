@@ -3,8 +3,8 @@
 use glam::{DQuat, DVec3};
 
 use super::{Args, Dice, Generator, SEED, generator, param};
-use crate::scene::Mesh;
-use crate::scene::shapes::{merged, quad, scaled, tube};
+use crate::Mesh;
+use crate::shapes::{merged, quad, scaled, tube};
 
 pub const GENERATORS: &[Generator] = &[generator(
     "tree",

@@ -7,7 +7,7 @@ use glam::DVec3;
 use super::super::{Args, SEED, param};
 use super::distance::{cylinder, ellipsoid, limb, share, without};
 use super::{Field, FieldGenerator};
-use crate::scene::noise::fractal_noise;
+use crate::noise::fractal_noise;
 
 pub const GENERATORS: &[FieldGenerator] = &[FieldGenerator {
     name: "bonsai",

@@ -5,7 +5,7 @@ use glam::DVec3;
 use super::super::{Args, SEED, param};
 use super::distance::{ellipsoid, limb, share};
 use super::{Field, FieldGenerator};
-use crate::scene::noise::fractal_noise;
+use crate::noise::fractal_noise;
 
 pub const GENERATORS: &[FieldGenerator] = &[FieldGenerator {
     name: "head_like",

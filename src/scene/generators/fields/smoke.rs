@@ -2,7 +2,7 @@
 
 use super::super::{Args, SEED, param};
 use super::{Field, FieldGenerator};
-use crate::scene::noise::fractal_noise;
+use crate::noise::fractal_noise;
 
 pub const GENERATORS: &[FieldGenerator] = &[FieldGenerator {
     name: "smoke",

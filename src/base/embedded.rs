@@ -15,21 +15,21 @@ pub const SCENES: Folder = Folder::of::<Scenes>("scenes");
 pub const EXPERIMENTS: Folder = Folder::of::<Experiments>("benches/experiments");
 
 #[derive(Embed)]
-#[folder = "shaders"]
+#[folder = "../../shaders"]
 struct Shaders;
 
 #[derive(Embed)]
-#[folder = "scenes"]
+#[folder = "../../scenes"]
 struct Scenes;
 
 pub const FIGURES: Folder = Folder::of::<Figures>("benches/figures");
 
 #[derive(Embed)]
-#[folder = "benches/experiments"]
+#[folder = "../../benches/experiments"]
 struct Experiments;
 
 #[derive(Embed)]
-#[folder = "benches/figures"]
+#[folder = "../../benches/figures"]
 struct Figures;
 
 #[derive(Clone, Debug)]
@@ -178,23 +178,24 @@ mod tests {
     #[test]
     fn a_release_holds_every_file() {
         let built = tempfile::tempdir().unwrap();
-        let source = Path::new(env!("CARGO_MANIFEST_DIR"));
+        let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
         let folders = [SHADERS, SCENES, EXPERIMENTS, FIGURES];
         for folder in &folders {
             write_all(folder, &built.path().join(&*folder.name));
         }
-        for file in ["Cargo.lock", "src/embedded.rs"] {
-            write(&built.path().join(file), &fs::read(source.join(file)).unwrap());
+        let package = built.path().join("src/base");
+        for (file, to) in [("Cargo.lock", "Cargo.lock"), ("src/base/embedded.rs", "embedded.rs")] {
+            write(&package.join(to), &fs::read(source.join(file)).unwrap());
         }
-        write(&built.path().join("src/main.rs"), WRITER.as_bytes());
+        write(&package.join("main.rs"), WRITER.as_bytes());
         let manifest = fs::read_to_string(source.join("Cargo.toml")).unwrap();
         let dependency = manifest.lines().find(|line| line.starts_with("rust-embed")).unwrap();
         let manifest = format!(
-            "[package]\nname = \"writer\"\nedition = \"2024\"\n[workspace]\n[dependencies]\n{dependency}\n\
-             [profile.dev]\ndebug-assertions = false\n"
+            "[package]\nname = \"writer\"\nedition = \"2024\"\n[workspace]\n[[bin]]\nname = \"writer\"\n\
+             path = \"main.rs\"\n[dependencies]\n{dependency}\n[profile.dev]\ndebug-assertions = false\n"
         );
-        write(&built.path().join("Cargo.toml"), manifest.as_bytes());
-        run(built.path(), Path::new(env!("CARGO")), &["build", "--offline", "--quiet"]);
+        write(&package.join("Cargo.toml"), manifest.as_bytes());
+        run(&package, Path::new(env!("CARGO")), &["build", "--offline", "--quiet"]);
         for folder in &folders {
             fs::remove_dir_all(built.path().join(&*folder.name)).unwrap();
         }

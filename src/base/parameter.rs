@@ -3,6 +3,8 @@
 //! [`settings!`](crate::settings) declares a group of them, [`choices!`](crate::choices) makes an enum one. A pipeline's parameters
 //! are a tree whose leaves are named by dotted paths, such as `caustics.grid`.
 
+use std::sync::Arc;
+
 use serde::de::{self, DeserializeOwned, Deserializer, Visitor};
 use serde::{Serialize, de::value::Error as Nothing};
 use serde_json::Value;
@@ -89,6 +91,26 @@ pub trait Setting {
 
     /// Lists the parameter, or those of the group.
     fn describe(beside: Beside<'_>, fields: &mut Vec<Field>);
+}
+
+/// An entry of a list that is one parameter: a free table that its reader judges.
+pub trait Listed: Sized {
+    fn check(all: &[Self]) -> Result<(), ParamError>;
+}
+
+impl<T: Listed> Setting for Vec<T> {
+    fn check(&self, _: Beside<'_>) -> Result<(), ParamError> {
+        T::check(self)
+    }
+
+    fn describe(beside: Beside<'_>, fields: &mut Vec<Field>) {
+        list(beside, Allowed::Free, fields);
+    }
+}
+
+/// What is read from a file is no parameter.
+impl<T> Setting for Option<Arc<T>> {
+    fn describe(_: Beside<'_>, _: &mut Vec<Field>) {}
 }
 
 /// Refuses a number out of the range, and what is no number.
