@@ -12,8 +12,8 @@ const RULE: &[(&str, &str)] = &[
     ("pipelines", "gpu record stages"),
     ("experiments", "pipelines record words"),
     ("report", "experiments record words"),
-    ("harness", "experiments gpu pipelines record stages   "),
-    ("compare", "experiments gpu harness pipelines record report stages   "),
+    ("harness", "experiments gpu pipelines record stages"),
+    ("compare", "experiments gpu harness pipelines record report stages"),
     ("history", "record report words"),
     ("bench", "compare gpu harness record"),
     ("fleet", "harness record"),
@@ -33,8 +33,11 @@ fn source() -> PathBuf {
 fn rust_files(folder: &Path) -> Vec<PathBuf> {
     let entries = fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path());
     let files = entries.flat_map(|path| if path.is_dir() { rust_files(&path) } else { vec![path] });
-    let is_code =
-        |path: &PathBuf| path.extension().is_some_and(|e| e == "rs") && !path.ends_with("tests.rs");
+    let elsewhere = |path: &PathBuf| {
+        path.ends_with("tests.rs")
+            || path.ends_with("build.rs") && !path.ends_with("compare/build.rs")
+    };
+    let is_code = |path: &PathBuf| path.extension().is_some_and(|e| e == "rs") && !elsewhere(path);
     files.filter(is_code).collect()
 }
 
