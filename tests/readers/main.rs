@@ -3,6 +3,7 @@
 
 #[path = "../common/files.rs"]
 mod files;
+mod growth;
 mod hostile;
 mod memory;
 mod mutator;
