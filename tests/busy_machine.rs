@@ -1,11 +1,13 @@
-//! A run beside processes that keep every core busy: the clock's scatter fails no cell and leaves no time of zero or less.
+//! A run beside processes that keep every core busy. What it measures depends on them; that no time is zero or less, and that each
+//! follows from what the clock read, does not. `harness::sample::tests::busy` has the scheduler on a modelled busy machine.
 
 mod common;
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use common::{cells, fathom, measured, stderr};
-use fathom::record::Clock;
+use common::{cells, fathom};
+use fathom::record::{Clock, Outcome, StageRecord};
+use fathom::statistics;
 
 /// Stages from some µs to a few ms, most on the fenced host clock of lavapipe.
 const SHORT_STAGES: &str = r#"
@@ -45,7 +47,7 @@ fn beside_load<T>(work: impl FnOnce() -> T) -> T {
 }
 
 #[test]
-fn a_busy_machine_fails_no_cell_and_leaves_no_time_of_zero_or_less() {
+fn a_busy_machine_leaves_no_time_of_zero_or_less() {
     let folder = tempfile::tempdir().unwrap();
     let experiment = folder.path().join("short.toml");
     std::fs::write(&experiment, SHORT_STAGES).unwrap();
@@ -55,21 +57,36 @@ fn a_busy_machine_fails_no_cell_and_leaves_no_time_of_zero_or_less() {
         fathom.args(["run", "--no-ceilings"]).arg(&experiment).arg("--out").arg(&out);
         fathom.args(["--budget", "2", "--precision", "0.0001"]).output().unwrap()
     });
-    stderr(&ran, 0);
     let cells = cells(&out);
     assert_eq!(cells.len(), 2);
-    for measured in cells.iter().map(measured) {
-        assert!(measured.rejected.is_empty(), "{:?}", measured.rejected);
-        assert!(measured.frame.accounting_error < 0.05, "{:?}", measured.frame);
-        for stage in &measured.stages {
-            assert!(stage.samples_ns.iter().all(|ns| *ns > 0.0), "{stage:?}");
-            assert!(stage.time.ends()[0] > 0.0, "{stage:?}");
-            let fenced = stage.fenced.as_ref();
-            let by_fence = matches!(stage.clock, Clock::FencedHost | Clock::ProcessCpu);
-            assert_eq!(fenced.is_some(), by_fence, "{stage:?}");
-            assert!(fenced.is_none_or(|fenced| fenced.resolution_ns > 0.0));
-        }
+    let all = cells.iter().all(|cell| cell.measured().is_some());
+    let status = if all { 0 } else { 1 };
+    assert_eq!(ran.status.code(), Some(status), "{ran:?}");
+    for cell in &cells {
+        let measured = match &cell.outcome {
+            Outcome::Measured(measured) => measured,
+            // So busy that most frames were impossible.
+            Outcome::Failed { reason } if reason.contains(" timed frames rejected: ") => continue,
+            other => panic!("{other:?}"),
+        };
+        let frame = &measured.frame;
+        assert_eq!(frame.untimed.n, frame.envelope_samples_ns.len());
+        assert!(frame.untimed_samples_ns.iter().all(|ns| *ns > 0.0), "{frame:?}");
+        measured.stages.iter().for_each(|stage| has_times(stage, frame.untimed.n));
     }
     let table = std::fs::read_to_string(out.join("summary.md")).unwrap();
     assert!(!table.contains("| -") && !table.contains("| 0 ("), "{table}");
+}
+
+#[track_caller]
+fn has_times(stage: &StageRecord, frames: usize) {
+    assert_eq!(stage.samples_ns.len(), frames, "{stage:?}");
+    assert!(stage.samples_ns.iter().all(|ns| *ns > 0.0), "{stage:?}");
+    assert!(stage.time.ends()[0] > 0.0, "{stage:?}");
+    assert_eq!(stage.time, statistics::estimate(&stage.samples_ns), "{stage:?}");
+    let by_fence = matches!(stage.clock, Clock::FencedHost | Clock::ProcessCpu);
+    assert_eq!(stage.fenced.is_some(), by_fence, "{stage:?}");
+    let Some(fenced) = &stage.fenced else { return };
+    assert!(fenced.resolution_ns > 0.0);
+    assert_eq!(fenced.samples_ns(), stage.samples_ns);
 }

@@ -1,5 +1,6 @@
-//! Sentences with a known answer, tested by whole runs: false ones are contradicted and true ones supported.
-//! `FATHOM_PLANTED_RUNS=20 cargo test --test claims` runs more often.
+//! Sentences with a known answer, tested by a whole run whose times are replaced by those of a modelled clock: false ones are
+//! contradicted and true ones supported. Of the run's own times only what holds on any machine is tested.
+//! `FATHOM_PLANTED_RUNS=20 cargo test --test claims` draws the model's noise more often.
 
 mod common;
 
@@ -7,10 +8,11 @@ use std::path::Path;
 
 use common::{cells, fathom, records};
 use fathom::experiments::{Experiment, Verdict};
-use fathom::record::{Cell, Clock, Record};
+use fathom::record::{Cell, Clock, Outcome, Record, StageRecord};
+use fathom::statistics::estimate;
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64;
 
-/// On a busy machine a verdict may stay open, and another run may decide it.
-const ATTEMPTS: u32 = 3;
 /// Four times the photons from cell to cell.
 const PLANTED: &str = r#"
 id = "planted"
@@ -70,39 +72,87 @@ fn run(experiment: &Path, out: &Path) {
 
 #[test]
 fn planted_sentences_get_their_verdicts_and_no_verdict_rests_on_few_samples() {
-    let runs = std::env::var("FATHOM_PLANTED_RUNS").map_or(1, |runs| runs.parse().unwrap());
+    let draws = std::env::var("FATHOM_PLANTED_RUNS").map_or(3, |draws| draws.parse().unwrap());
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("planted.toml");
     std::fs::write(&file, PLANTED).unwrap();
-    let experiment = Experiment::parse("planted", PLANTED).unwrap();
-    for number in 0..runs {
-        let decided = |attempt: u32| {
-            let out = folder.path().join(format!("{number}-{attempt}"));
-            run(&file, &out);
-            are_decided(&experiment, &cells(&out), number)
-        };
-        assert!((0..ATTEMPTS).any(decided), "run {number} stays inconclusive");
+    let out = folder.path().join("out");
+    run(&file, &out);
+    let measured = cells(&out);
+    agrees_with_itself(&measured, &out);
+    for seed in 0..draws {
+        let verdicts = |samples, noise| verdicts(&modelled(&measured, samples, noise, seed));
+        assert!(verdicts(24, 0.05).iter().all(|(right, verdict)| verdict == right), "{seed}");
+        // So noisy that nothing can be said, and too few to say anything.
+        let vague = verdicts(24, 3.0);
+        assert!(vague.iter().any(|(_, verdict)| *verdict == Verdict::Inconclusive), "{vague:?}");
+        let few = verdicts(7, 0.05);
+        let decided =
+            |verdict: Verdict| matches!(verdict, Verdict::Supported | Verdict::Contradicted);
+        assert!(!few.iter().any(|(_, verdict)| decided(*verdict)), "{few:?}");
     }
 }
 
-/// Whether all sentences got their verdicts. None may get the wrong one.
-fn are_decided(experiment: &Experiment, cells: &[Cell], number: u32) -> bool {
+/// The right verdict of each sentence, and the one that it gets.
+fn verdicts(cells: &[Cell]) -> Vec<(Verdict, Verdict)> {
+    let experiment = Experiment::parse("planted", PLANTED).unwrap();
+    let rulings = experiment.rulings(&cells.iter().collect::<Vec<_>>(), true);
+    let right = |id: &str| match id.split_once(':').unwrap().0 {
+        "true" => Verdict::Supported,
+        _ => Verdict::Contradicted,
+    };
+    rulings.iter().map(|ruling| (right(&ruling.id), ruling.verdict)).collect()
+}
+
+/// The cells with times of a clock on which caustics take 1 µs a photon and all else 1 ms, but for log-normal noise.
+fn modelled(cells: &[Cell], samples: usize, noise: f64, seed: u64) -> Vec<Cell> {
+    let mut random = Pcg64::seed_from_u64(seed);
+    // Of twelve uniform numbers: near enough to a normal one.
+    let mut drawn = || (0..12).map(|_| random.random::<f64>()).sum::<f64>() - 6.0;
+    let mut timed = |stage: &mut StageRecord, photons: u64| {
+        let of_photons = stage.stage.starts_with("caustics/");
+        let ns = if of_photons { 1e3 * photons as f64 } else { 1e6 };
+        stage.samples_ns = (0..samples).map(|_| ns * (noise * drawn()).exp()).collect();
+        stage.time = estimate(&stage.samples_ns);
+        (stage.clock, stage.fenced) = (Clock::Timestamp, None);
+    };
+    let mut cells = cells.to_vec();
+    for cell in &mut cells {
+        let mut measured = cell.measured().unwrap().clone();
+        let photons = measured.stages.iter().map(|stage| stage.work.photons).max().unwrap();
+        measured.stages.iter_mut().for_each(|stage| timed(stage, photons));
+        measured.frame.rounds = (0..).take(samples).collect();
+        cell.outcome = Outcome::Measured(Box::new(measured));
+    }
+    cells
+}
+
+/// All cells were sampled together, no verdict rests on fewer than 8 samples, and the summary counts the verdicts.
+#[track_caller]
+fn agrees_with_itself(cells: &[Cell], out: &Path) {
     let rounds: Vec<_> =
         cells.iter().map(|cell| &cell.measured().unwrap().frame.rounds[..12]).collect();
     assert!(rounds.windows(2).all(|pair| pair[0] == pair[1]), "sampled together: {rounds:?}");
+    let experiment = Experiment::parse("planted", PLANTED).unwrap();
     let rulings = experiment.rulings(&cells.iter().collect::<Vec<_>>(), true);
     for ruling in &rulings {
-        let (expected, _) = ruling.id.split_once(':').unwrap();
-        let verdict = if expected == "true" { Verdict::Supported } else { Verdict::Contradicted };
-        let may_be = [verdict, Verdict::Inconclusive];
-        assert!(may_be.contains(&ruling.verdict), "run {number}, {ruling:?}");
-        assert!(ruling.n.is_some_and(|n| n >= 8), "{ruling:?}");
+        let decided = matches!(ruling.verdict, Verdict::Supported | Verdict::Contradicted);
+        assert!(!decided || ruling.n.is_some_and(|n| n >= 8), "{ruling:?}");
     }
-    rulings.iter().all(|ruling| ruling.verdict != Verdict::Inconclusive)
+    let count = |verdict| rulings.iter().filter(|ruling| ruling.verdict == verdict).count();
+    let [supported, contradicted, inconclusive, not_run] =
+        [Verdict::Supported, Verdict::Contradicted, Verdict::Inconclusive, Verdict::NotRun]
+            .map(count);
+    let tally = format!(
+        "{supported} supported, {contradicted} contradicted, {inconclusive} inconclusive, {not_run} not run, of {}",
+        rulings.len()
+    );
+    let summary = std::fs::read_to_string(out.join("summary.md")).unwrap();
+    assert!(summary.contains(&tally), "{tally}: {summary}");
 }
 
 #[test]
-fn a_software_driver_is_timed_by_the_cpu_time_of_a_quiet_process() {
+fn a_software_driver_is_timed_by_the_cpu_time_of_a_quiet_process_if_that_is_sound() {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("planted.toml");
     std::fs::write(&file, PLANTED).unwrap();
@@ -115,11 +165,17 @@ fn a_software_driver_is_timed_by_the_cpu_time_of_a_quiet_process() {
     }
     assert_eq!(header.conditions.cores.len(), 1, "{:?}", header.conditions);
     assert_eq!(header.conditions.randomized, Some(false));
-    assert!(header.clocks.values().all(|clock| *clock == Clock::ProcessCpu), "{header:?}");
-    assert!(header.audit.iter().all(|row| row.sound && row.clock == Clock::ProcessCpu));
+    // Where a busy machine spoils the audit of the CPU time, its rows say so, and no pass is timed by it.
+    let is_cpu = |clock: &Clock| *clock == Clock::ProcessCpu;
+    let audited: Vec<_> = header.audit.iter().filter(|row| is_cpu(&row.clock)).collect();
+    assert_eq!(audited.len(), 3, "{header:?}");
+    let sound = audited.iter().all(|row| row.sound);
+    assert!(header.clocks.values().all(|clock| is_cpu(clock) == sound), "{header:?}");
     for cell in cells(&out) {
         let measured = cell.measured().unwrap();
-        assert!(measured.frame.accounting_error < 0.01, "{}", measured.frame.accounting_error);
+        let timed = measured.stages.iter().filter(|stage| stage.clock != Clock::Host);
+        assert!(timed.clone().count() > 0);
+        assert!(timed.clone().all(|stage| is_cpu(&stage.clock) == sound));
         let sampled = &measured.frame.sampled_at_s;
         assert!(sampled.is_sorted() && sampled.len() == measured.frame.rounds.len());
     }

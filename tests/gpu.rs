@@ -7,7 +7,7 @@ use fathom::gpu::{
     ClockPlan, ColorTarget, Demand, FrameTimer, Gpu, GpuError, Options, Stage, StageInfo,
     StageScope, SubmitCost, Targets, count, read_buffer, read_texture, texture_bytes,
 };
-use fathom::record::{Clock, PassKind};
+use fathom::record::{Clock, FaultKind, PassKind};
 use fathom::stages::kit::{
     Bind, Buffer, Dispatch, Group, Kernel, RenderSpec, Resources, ScreenPass, opaque,
 };
@@ -127,11 +127,7 @@ fn plan_with_copies(gpu: &Gpu) -> ClockPlan {
     plan.with(PassKind::Copy, plan.render)
 }
 
-fn median(mut values: Vec<f64>) -> f64 {
-    values.sort_by(f64::total_cmp);
-    values[values.len() / 2]
-}
-
+/// Whatever the machine does meanwhile: on one clock, stages and gaps are the whole of the frame.
 #[test]
 fn stages_and_gaps_make_up_the_envelope() {
     let gpu = open();
@@ -139,25 +135,24 @@ fn stages_and_gaps_make_up_the_envelope() {
     let kinds = [PassKind::Host, PassKind::Compute, PassKind::Render, PassKind::Copy];
     let stages: Vec<_> = kinds.into_iter().chain(kinds).map(|kind| work.stage(kind)).collect();
     let frame: Vec<&dyn Stage> = stages.iter().map(|stage| stage as &dyn Stage).collect();
+    let costs = SubmitCost { compute_ns: 5e4, render_ns: 5e4, copy_ns: 5e4 };
+    for plan in [ClockPlan::fenced(costs), ClockPlan::process_cpu(costs)] {
+        let mut timer = FrameTimer::new(&gpu, plan, 16).expect("it is made");
+        for _ in 0..5 {
+            let sample = timer.timed(&gpu, &frame).expect("the frame runs");
+            assert_eq!(sample.faults, [], "{sample:?}");
+            let clocks: Vec<Clock> = sample.stages.iter().map(|stage| stage.clock).collect();
+            assert_eq!(clocks, kinds.map(|kind| plan.clock(kind)).repeat(2));
+            // Readings are whole nanoseconds since a start, and differences are taken of them.
+            assert!(sample.accounting_error() < 1e-6, "{sample:?}");
+            assert!(timer.untimed(&gpu, &frame).expect("the frame runs") > 0.0);
+        }
+    }
     let mut timer = FrameTimer::new(&gpu, plan(&gpu), 16).expect("it is made");
-    for _ in 0..3 {
-        timer.timed(&gpu, &frame).expect("the frame runs");
-    }
-    let (mut errors, mut walls, mut untimed) = (Vec::new(), Vec::new(), Vec::new());
-    for _ in 0..21 {
-        let sample = timer.timed(&gpu, &frame).expect("the frame runs");
-        assert_eq!(sample.faults, [], "{sample:?}");
-        assert_eq!(sample.stages.len(), 8);
-        assert_eq!(sample.stages[0].clock, Clock::Host);
-        assert_eq!(sample.stages[1].clock, Clock::FencedHost);
-        errors.push(sample.accounting_error());
-        walls.push(sample.envelope_ns);
-        untimed.push(timer.untimed(&gpu, &frame).expect("the frame runs"));
-    }
-    let (error, wall, untimed) = (median(errors), median(walls), median(untimed));
-    println!("accounting error {error:.4}, timed {wall:.0} ns, untimed {untimed:.0} ns");
-    assert!(error < 0.05, "accounting error {error}");
-    assert!((0.5..2.0).contains(&(wall / untimed)), "timed {wall}, untimed {untimed}");
+    let sample = timer.timed(&gpu, &frame).expect("the frame runs");
+    let clocks: Vec<Clock> = sample.stages.iter().map(|stage| stage.clock).collect();
+    assert_eq!(clocks, kinds.map(|kind| plan(&gpu).clock(kind)).repeat(2));
+    println!("accounting error with timestamps {:.4}", sample.accounting_error());
 }
 
 #[test]
@@ -167,7 +162,7 @@ fn a_stage_without_passes_is_a_fault() {
     let idle = Encoded(|_: &mut StageScope<'_>| {});
     let sample = timer.timed(&gpu, &[&idle]).expect("the frame runs");
     assert!(sample.stages[0].ns.is_nan());
-    assert_eq!(sample.faults[0].kind, fathom::record::FaultKind::NoPass);
+    assert_eq!(sample.faults[0].kind, FaultKind::NoPass);
 }
 
 #[test]
@@ -197,8 +192,9 @@ fn many_passes_span_several_query_sets() {
         }
     });
     let sample = timer.timed(&gpu, &[&many, &copy]).expect("the frame runs");
-    // Copies this small may read as nothing, but not most of them.
-    assert!(sample.faults.len() < passes as usize / 2, "{} faults", sample.faults.len());
+    // Copies this small may read as nothing. The last pass, whose query is in another set than the first, copies 4 MiB.
+    assert!(sample.faults.iter().all(|fault| fault.kind == FaultKind::Zero), "{:?}", sample.faults);
+    assert!(sample.stages[1].ns > 0.0, "{:?}", sample.stages);
 }
 
 #[test]

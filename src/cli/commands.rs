@@ -297,7 +297,8 @@ pub fn ceilings(catalog: &Catalog, json: bool, args: &AdapterArgs) -> Outcome {
     } else {
         tell::answer(format!("{}\n{answer}", text::line(&answer.adapter)));
     }
-    Ok(ExitCode::SUCCESS)
+    let sound = answer.unsound.is_empty();
+    Ok(if sound { ExitCode::SUCCESS } else { ExitCode::from(SOMETHING_FAILED) })
 }
 
 pub fn verify(catalog: &Catalog, filter: Option<String>, adapter: &AdapterArgs) -> Outcome {

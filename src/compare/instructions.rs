@@ -307,12 +307,10 @@ fn parse_total(text: &str) -> Option<u64> {
 
 #[cfg(test)]
 mod tests {
-    use std::time::Instant;
-
     use super::*;
 
     /// A worker that cuts as callgrind does: the counts of `b` are in the twenties, all others in the tens. It refuses `bad` after a
-    /// cut, dies at `dead` and sleeps at `slow`.
+    /// cut, dies at `dead` and hangs at `slow`.
     const SCRIPT: &str = r#"n=0
 cut() { n=$((n + 1)); echo "totals: $1" > "$FOLDER/callgrind.out.$n"; }
 while read -r line; do case "$line" in
@@ -320,7 +318,7 @@ while read -r line; do case "$line" in
 *'"prepare"'*) echo '{"message":"prepared","stages":[]}';;
 *'"bad"'*) cut 9; echo '{"message":"fault","reason":"too hot","fatal":false,"absent":false}';;
 *'"dead"'*) cut 9; exit 3;;
-*'"slow"'*) sleep 60;;
+*'"slow"'*) : > "$0.slow"; while [ -e "$0.slow" ]; do sleep 0.1; done;;
 *'"b"'*) cut 1; cut 21; cut 22; cut 23; echo '{"message":"instructions","frames":3}';;
 *'"instructions"'*) cut 1; cut 11; cut 12; cut 13; echo '{"message":"instructions","frames":3}';;
 esac; done
@@ -333,9 +331,8 @@ esac; done
     }
 
     /// What a job of these stages sends, by stage: counts or a reason.
-    fn sent(stages: &[&str], ending: &[&AtomicBool]) -> Vec<String> {
-        let folder = tempfile::tempdir().unwrap();
-        let script = folder.path().join("worker");
+    fn sent(folder: &Path, stages: &[&str], ending: &[&AtomicBool]) -> Vec<String> {
+        let script = folder.join("worker");
         let adapter = serde_json::to_string(&crate::record::Adapter::default()).unwrap();
         std::fs::write(&script, SCRIPT.replace("ADAPTER", &adapter)).unwrap();
         let stages: Vec<String> = stages.iter().map(|stage| (*stage).to_owned()).collect();
@@ -366,22 +363,25 @@ esac; done
             "dead it ended with exit status: 3",
             "a [11, 12, 13]",
         ];
-        assert_eq!(sent(&["a", "bad", "b", "dead", "a"], &[]), expected);
+        let folder = tempfile::tempdir().unwrap();
+        assert_eq!(sent(folder.path(), &["a", "bad", "b", "dead", "a"], &[]), expected);
     }
 
     #[cfg(unix)]
     #[test]
     fn an_interrupt_ends_the_wait_for_a_count_and_faults_nothing() {
         let interrupted = AtomicBool::new(false);
-        let start = Instant::now();
+        let folder = tempfile::tempdir().unwrap();
+        // At the end of its patience the hung stage would be faulted.
         let lines = std::thread::scope(|scope| {
-            let lines = scope.spawn(|| sent(&["slow", "a"], &[&interrupted]));
-            std::thread::sleep(Duration::from_millis(300));
+            let lines = scope.spawn(|| sent(folder.path(), &["slow", "a"], &[&interrupted]));
+            while !folder.path().join("worker.slow").exists() && !lines.is_finished() {
+                std::thread::sleep(Duration::from_millis(20));
+            }
             interrupted.store(true, Ordering::Relaxed);
             lines.join().unwrap()
         });
         assert!(lines.is_empty(), "{lines:?}");
-        assert!(start.elapsed() < Duration::from_secs(10));
     }
 
     #[test]

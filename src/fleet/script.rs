@@ -44,7 +44,7 @@ exit "$status"
 mod tests {
     use std::fs;
     use std::os::unix::fs::PermissionsExt;
-    use std::process::{Command, Stdio};
+    use std::process::{Child, Command, Stdio};
     use std::time::Duration;
 
     use super::*;
@@ -65,6 +65,13 @@ mod tests {
         let mut command = Command::new("sh");
         command.arg(script).env("SLURM_ARRAY_TASK_ID", "3").current_dir(folder.path());
         (folder, command)
+    }
+
+    fn wait_for(file: &Path, running: &mut Child) {
+        while !file.exists() {
+            assert_eq!(running.try_wait().unwrap(), None, "it ended");
+            std::thread::sleep(Duration::from_millis(20));
+        }
     }
 
     fn status(folder: &tempfile::TempDir) -> Option<String> {
@@ -94,13 +101,11 @@ mod tests {
 
     #[test]
     fn a_termination_is_handed_on() {
-        let (folder, mut task) =
-            task("trap 'sleep 0.3; exit 130' TERM\nwhile true; do sleep 0.05; done");
+        let (folder, mut task) = task(
+            "trap 'sleep 0.3; exit 130' TERM\n>ready\nwhile [ -e ready ]; do sleep 0.05; done",
+        );
         let mut running = task.stderr(Stdio::null()).spawn().unwrap();
-        while !folder.path().join("arguments").exists() {
-            std::thread::sleep(Duration::from_millis(20));
-        }
-        std::thread::sleep(Duration::from_millis(200));
+        wait_for(&folder.path().join("ready"), &mut running);
         Command::new("kill").args(["-TERM", &running.id().to_string()]).status().unwrap();
         assert_eq!(running.wait().unwrap().code(), Some(130));
         assert_eq!(status(&folder).as_deref(), Some("130\n"));
@@ -108,13 +113,11 @@ mod tests {
 
     #[test]
     fn one_that_is_killed_leaves_no_status() {
-        let (folder, mut task) = task("sleep 5");
+        let (folder, mut task) = task("while [ -e arguments ]; do sleep 0.05; done");
         let old = folder.path().join("o ut/shards/3.status");
         fs::write(&old, "0\n").unwrap();
         let mut running = task.spawn().unwrap();
-        while !folder.path().join("arguments").exists() {
-            std::thread::sleep(Duration::from_millis(20));
-        }
+        wait_for(&folder.path().join("arguments"), &mut running);
         running.kill().unwrap();
         running.wait().unwrap();
         assert_eq!(status(&folder), None);

@@ -7,6 +7,7 @@ use serde::Serialize;
 use crate::gpu::{self, ClockPlan, CopyCheck, Gpu, GpuError};
 use crate::record::ceilings::{Bounded, Ceiling, CeilingShare, Limit};
 use crate::record::{Measured, Record, Run, StageRecord};
+use crate::statistics;
 
 /// The ceilings of a run: those of the latest run that this one goes on with, if it had the same adapter, conditions and clocks,
 /// else measured.
@@ -92,6 +93,12 @@ fn beyond(stage: &StageRecord) -> String {
     )
 }
 
+/// Half the width of the interval around 1 in which an adapter's copies and the CPU's agree: three times what the median over the
+/// working sets was off in the run of `docs/ceilings.md`.
+const AGREEMENT: f64 = 0.10;
+/// From this working set on copying takes much longer than the command that asks for it.
+const LEAST_SET_BYTES: u64 = 1 << 20;
+
 /// What `fathom ceilings` answers.
 #[derive(Debug, Serialize)]
 pub struct Answer {
@@ -99,7 +106,29 @@ pub struct Answer {
     pub ceilings: Vec<Ceiling>,
     /// On a software adapter, its copies beside those of the CPU.
     pub copies: Vec<CopyCheck>,
+    /// The median over the large working sets of the adapter's copies over the CPU's.
+    pub agreement: Option<f64>,
+    /// What bounds nothing: limits for which twice the work did not take twice the time, and copies that do not agree.
+    pub unsound: Vec<String>,
 }
+
+impl Answer {
+    fn of(adapter: String, ceilings: Vec<Ceiling>, copies: Vec<CopyCheck>) -> Self {
+        let large = copies.iter().filter(|copy| copy.working_set_bytes >= LEAST_SET_BYTES);
+        let ratios: Vec<f64> = large.map(|copy| copy.ratio.median).collect();
+        let agreement = (!ratios.is_empty()).then(|| statistics::median(&ratios));
+        let unsound = ceilings.iter().filter(|ceiling| !ceiling.is_sound());
+        let mut unsound: Vec<String> = unsound.map(|ceiling| ceiling.limit.name()).collect();
+        let agrees = |ratio: f64| (ratio - 1.0).abs() <= AGREEMENT;
+        if !agreement.is_none_or(agrees) {
+            unsound.push(COPIES.to_owned());
+        }
+        Self { adapter, ceilings, copies, agreement, unsound }
+    }
+}
+
+/// The copies beside the CPU's, where they are named among limits.
+const COPIES: &str = "copies beside the CPU's";
 
 /// Measures all limits of an adapter, and on a software adapter compares its copies with the CPU's.
 ///
@@ -114,7 +143,7 @@ pub fn answer(gpu: &Gpu, plan: ClockPlan) -> Result<Answer, GpuError> {
     let copies = sets.map(|bytes| gpu::compare_copies(gpu, plan, bytes));
     let copies = copies.collect::<Result<_, _>>()?;
     let adapter = format!("{} ({})", gpu.adapter.name, gpu.adapter.driver_info);
-    Ok(Answer { adapter, ceilings, copies })
+    Ok(Answer::of(adapter, ceilings, copies))
 }
 
 impl fmt::Display for Answer {
@@ -139,6 +168,9 @@ impl fmt::Display for Answer {
                 copy.cpu.median * 1e-9,
                 copy.ratio.median
             )?;
+        }
+        if !self.unsound.is_empty() {
+            writeln!(f, "\nunsound: {}", self.unsound.join("; "))?;
         }
         Ok(())
     }
@@ -220,5 +252,33 @@ mod tests {
         add_shares(&mut measured, &mut ceilings, |_| Ok(ceiling(4e9))).unwrap();
         assert!((measured.stages[0].ceiling.as_ref().unwrap().share - 0.5).abs() < 1e-9);
         assert_eq!(ceilings[0].rate.median, 4e9);
+    }
+
+    /// Copies of this working set that are so many times as fast as the CPU's, by a clock that reads 1 ns a byte.
+    fn copies(bytes: u64, ratio: f64) -> CopyCheck {
+        let pair = (bytes as f64 / ratio, bytes as f64);
+        CopyCheck::of_times(bytes, bytes as f64, &[pair; 7])
+    }
+
+    #[test]
+    fn what_is_unsound_is_named_and_nothing_else() {
+        let answer = |doubling: f64, ratios: [f64; 3]| {
+            let other = Limit::Copy { working_set_bytes: 16 << 20 };
+            let ceilings = [ceiling(1e9), Ceiling { limit: other, doubling, ..ceiling(1e9) }];
+            let sets = [64 << 10, 1 << 20, 16 << 20];
+            let copies = sets.into_iter().zip(ratios).map(|(bytes, ratio)| copies(bytes, ratio));
+            let answer = Answer::of("a".to_owned(), ceilings.to_vec(), copies.collect());
+            let told = answer.to_string();
+            let last = told.lines().last().unwrap().strip_prefix("unsound: ").map(str::to_owned);
+            assert_eq!(last.unwrap_or_default(), answer.unsound.join("; "), "{told}");
+            answer.unsound
+        };
+        // Small sets are held back by their commands.
+        assert_eq!(answer(2.0, [0.4, 0.95, 1.02]), [""; 0]);
+        // A driver that leaves out the second half of the work, and one whose copies do nothing.
+        assert_eq!(answer(1.0, [0.4, 0.95, 1.02]), ["copy, 16 MiB"]);
+        assert_eq!(answer(f64::NAN, [0.4, 0.95, 1.02]), ["copy, 16 MiB"]);
+        assert_eq!(answer(2.0, [0.4, 40.0, 90.0]), [COPIES]);
+        assert_eq!(answer(3.0, [1.0, 0.5, 0.6]), ["copy, 16 MiB", COPIES]);
     }
 }

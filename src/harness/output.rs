@@ -413,9 +413,10 @@ mod tests {
         for name in ["b", "a", "empty"] {
             std::fs::create_dir(folder(name)).unwrap();
         }
-        for name in ["b", "a"] {
-            std::fs::write(folder(name).join(RECORDS), "").unwrap();
-            std::thread::sleep(std::time::Duration::from_millis(20));
+        for (name, hours_ago) in [("b", 2), ("a", 1)] {
+            let records = std::fs::File::create(folder(name).join(RECORDS)).unwrap();
+            let ago = std::time::Duration::from_secs(3600 * hours_ago);
+            records.set_modified(std::time::SystemTime::now() - ago).unwrap();
         }
         std::fs::create_dir(folder("compared")).unwrap();
         let compared = Taken::free(&folder("compared")).unwrap();

@@ -10,8 +10,8 @@ use std::time::Duration;
 pub const LOCK: &str = ".lock";
 /// Bytes read of what a holder says of itself.
 const MAX_HOLDER_BYTES: u64 = 1_000;
-/// Readings of it before it is given up, and the time between two.
-const MAX_READINGS: usize = 25;
+/// Readings of it before it is given up, and the time between two: 10 s, in which a holder on a busy machine tells its name.
+const MAX_READINGS: usize = 500;
 const BETWEEN_READINGS: Duration = Duration::from_millis(20);
 
 #[derive(Debug, thiserror::Error)]
@@ -92,28 +92,40 @@ fn tell(file: &mut File, holder: &str) -> io::Result<()> {
 }
 
 /// What the holder of a lock says of itself. It may have taken the lock this moment, and say nothing yet or what its killed
-/// predecessor said: what stays the same for a while is believed.
+/// predecessor said: what stays the same for a while is believed, if it is not of a process that has ended.
 fn told(path: &Path) -> String {
     let mut before = String::new();
     for _ in 0..MAX_READINGS {
         std::thread::sleep(BETWEEN_READINGS);
-        let now = read_holder(path);
-        if !now.is_empty() && now == before {
+        // On some systems nobody but its holder reads a locked file.
+        let Ok(now) = read_holder(path) else { break };
+        if !now.is_empty() && now == before && !has_ended(&now) {
             return now;
         }
         before = now;
     }
-    "another process".to_owned()
+    if before.is_empty() { "another process".to_owned() } else { before }
 }
 
-/// One line; empty where nothing can be read. On some systems nobody but its holder reads a locked file.
-fn read_holder(path: &Path) -> String {
+/// One line.
+fn read_holder(path: &Path) -> io::Result<String> {
     let mut text = Vec::new();
-    let read = File::open(path).and_then(|file| file.take(MAX_HOLDER_BYTES).read_to_end(&mut text));
-    match read {
-        Ok(_) => String::from_utf8_lossy(&text).chars().filter(|c| !c.is_control()).collect(),
-        Err(_) => String::new(),
-    }
+    File::open(path)?.take(MAX_HOLDER_BYTES).read_to_end(&mut text)?;
+    Ok(String::from_utf8_lossy(&text).chars().filter(|c| !c.is_control()).collect())
+}
+
+/// A holder that begins with `process` and a number is no process of this machine any more.
+#[cfg(unix)]
+fn has_ended(holder: &str) -> bool {
+    use nix::{errno::Errno, sys::signal::kill, unistd::Pid};
+    let number = holder.strip_prefix("process ").and_then(|rest| rest.split(' ').next());
+    let id = number.and_then(|number| number.parse().ok()).filter(|id| *id > 0);
+    id.is_some_and(|id| kill(Pid::from_raw(id), None) == Err(Errno::ESRCH))
+}
+
+#[cfg(not(unix))]
+fn has_ended(_: &str) -> bool {
+    false
 }
 
 /// An open file is the one that was found under a name.
@@ -202,5 +214,17 @@ mod tests {
         let error = FolderLock::take(folder.path(), "me").unwrap_err();
         assert!(error.to_string().contains("symbolic link"), "{error}");
         assert_eq!(fs::read_to_string(&target).unwrap(), "precious");
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn a_killed_predecessor_is_known_by_its_number() {
+        let mut ended = std::process::Command::new("true").spawn().unwrap();
+        ended.wait().unwrap();
+        assert!(has_ended(&format!("process {} (`fathom run`, since 2026)", ended.id())));
+        assert!(!has_ended(&format!("process {} (`fathom run`)", std::process::id())));
+        for nobody in ["", "process", "process x", "process -1 (`a`)", "somebody else"] {
+            assert!(!has_ended(nobody), "{nobody}");
+        }
     }
 }

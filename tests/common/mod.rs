@@ -102,6 +102,24 @@ pub fn measured(cell: &Cell) -> &Measured {
     cell.measured().unwrap_or_else(|| panic!("{:?}", cell.outcome))
 }
 
+/// The same command, which the system kills with SIGXFSZ when it writes to a file beyond so many blocks of 512 bytes. So it dies at
+/// a moment that rests on no clock.
+pub fn killed_beyond(blocks: u64, command: &Command) -> Command {
+    let mut limited = Command::new("sh");
+    limited.args(["-c", "ulimit -c 0; ulimit -f \"$0\"; exec \"$@\""]).arg(blocks.to_string());
+    limited.arg(command.get_program()).args(command.get_args());
+    for (name, value) in command.get_envs() {
+        match value {
+            Some(value) => limited.env(name, value),
+            None => limited.env_remove(name),
+        };
+    }
+    if let Some(folder) = command.get_current_dir() {
+        limited.current_dir(folder);
+    }
+    limited
+}
+
 /// What a command says on standard error, which must end with this status.
 #[track_caller]
 pub fn stderr(output: &Output, status: i32) -> String {

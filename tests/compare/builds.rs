@@ -63,6 +63,20 @@ impl Builds {
         command
     }
 
+    /// A command of the shell that waits until [`Self::release`], or until the folder is gone.
+    pub fn waits(&self) -> String {
+        let folder = self.folder.path().display();
+        format!("while [ -d '{folder}' ] && [ ! -e '{folder}/released' ]; do sleep 0.05; done")
+    }
+
+    pub fn release(&self) {
+        fs::write(self.path("released"), "").unwrap();
+    }
+
+    pub fn hold(&self) {
+        fs::remove_file(self.path("released")).ok();
+    }
+
     /// What two builds print and store, and the exit status.
     fn compare(&self, base: &Script<'_>, head: &Script<'_>) -> (String, StoredComparison, i32) {
         let (base, head) = (self.build("base", base), self.build("head", head));
@@ -178,15 +192,24 @@ fn a_head_that_dies_or_lies_costs_the_cells_that_it_does_so_at() {
     }
 }
 
-/// Slow enough to be ended within its launches.
-pub const SLOWLY: (&str, &str) =
-    ("\"sample\"", "sleep 0.02; echo '{\"message\":\"sample\",\"ns\":[2000000]}'");
+/// A greeting before which a build waits when it was started so often. It is started twice before the launches, and once in each.
+const AT_LAUNCH_5: usize = 2 + 5;
+
+fn waits_at_launch_5(builds: &Builds) -> Script<'static> {
+    let (log, greeting) = (builds.path("starts"), Script::default().hello);
+    let waits = format!(
+        "echo >> '{log}'; [ $(wc -l < '{log}') -lt {AT_LAUNCH_5} ] || {{ {}; }}; {greeting}",
+        builds.waits(),
+        log = log.display()
+    );
+    Script { hello: waits, ..Script::default() }
+}
 
 #[test]
 fn ctrl_c_in_a_terminal_costs_no_cell() {
     let builds = Builds::new();
     let base = builds.build("base", &Script::default());
-    let head = builds.build("head", &Script { instead: &[SLOWLY], ..Script::default() });
+    let head = builds.build("head", &waits_at_launch_5(&builds));
     let mut child = builds
         .command(&base, &head)
         .process_group(0)
@@ -197,6 +220,7 @@ fn ctrl_c_in_a_terminal_costs_no_cell() {
     let mut told = BufReader::new(child.stderr.take().unwrap()).lines();
     told.by_ref().map_while(Result::ok).find(|line| line.contains("3 of 10 launches")).unwrap();
     let group = format!("-{}", child.id());
+    // The fifth launch cannot have begun.
     let sent = Command::new("kill").args(["-INT", "--", &group]).status();
     assert!(sent.unwrap().success());
     // What it says in the end must not block it.
@@ -204,6 +228,7 @@ fn ctrl_c_in_a_terminal_costs_no_cell() {
     assert_eq!(child.wait().unwrap().code(), Some(130));
     let stored = StoredComparison::read(&builds.path("out")).unwrap();
     assert!(stored.faults.is_empty(), "{:?}", stored.faults);
+    builds.release();
     let mut resumed = builds.command(&base, &head);
     let resumed = resumed.arg("--resume").output().unwrap();
     assert_eq!(resumed.status.code(), Some(0), "{resumed:?}");
@@ -216,7 +241,7 @@ fn ctrl_c_in_a_terminal_costs_no_cell() {
 fn a_killed_comparison_goes_on_where_it_ended() {
     let builds = Builds::new();
     let base = builds.build("base", &Script::default());
-    let head = builds.build("head", &Script { instead: &[SLOWLY], ..Script::default() });
+    let head = builds.build("head", &waits_at_launch_5(&builds));
     let mut child =
         builds.command(&base, &head).stderr(Stdio::piped()).stdout(Stdio::null()).spawn().unwrap();
     let told = BufReader::new(child.stderr.take().unwrap());
@@ -228,9 +253,10 @@ fn a_killed_comparison_goes_on_where_it_ended() {
     let stored = StoredComparison::read(&builds.path("out")).unwrap();
     let before = stored.launches.len();
     assert!((3..10).contains(&before) && stored.end.is_none(), "{before}");
+    builds.release();
     // A worker that the kill met at its start holds the folder until it sees that nobody is there.
     let again = || builds.command(&base, &head).output().unwrap();
-    let mut tries = (0..100).map(|_| again());
+    let mut tries = std::iter::repeat_with(again);
     let held = |output: &Output| String::from_utf8_lossy(&output.stderr).contains("is in use by");
     refused(&tries.find(|output| !held(output)).unwrap(), "--resume");
     let other = builds.build("other", &Script { bytes: 7, ..Script::default() });

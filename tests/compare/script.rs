@@ -29,6 +29,8 @@ pub struct Script<'a> {
     pub bytes: u64,
     pub error: f64,
     pub ns: u64,
+    /// What it does before it prepares.
+    pub first: String,
 }
 
 impl Default for Script<'_> {
@@ -39,6 +41,7 @@ impl Default for Script<'_> {
             bytes: 1000,
             error: 0.01,
             ns: 2_000_000,
+            first: ":".to_owned(),
         }
     }
 }
@@ -57,7 +60,7 @@ impl Script<'_> {
     }
 
     fn text(&self) -> String {
-        let Self { hello, instead, bytes, error, ns } = self;
+        let Self { hello, instead, bytes, error, ns, first } = self;
         let instead: String = instead
             .iter()
             .map(|(pattern, command)| format!("*'{pattern}'*) {command};;\n"))
@@ -68,7 +71,7 @@ impl Script<'_> {
         format!(
             "#!/bin/sh\nwhile read -r line; do case \"$line\" in\n{instead}\
              *'\"hello\"'*) {hello};;\n\
-             *'\"prepare\"'*) echo '{{\"message\":\"prepared\",\"stages\":[{stages}]}}';;\n\
+             *'\"prepare\"'*) {first}; echo '{{\"message\":\"prepared\",\"stages\":[{stages}]}}';;\n\
              *'\"exact\"'*) echo '{{\"message\":\"exact\",\"stages\":[{exact}],\"allocated_bytes\":{bytes},\
              \"errors\":{{\"an_error\":{error}}},\"quantities\":{{}},\"notes\":[]}}';;\n\
              *'\"checks\"'*) echo '{{\"message\":\"checks\",\"checks\":[]}}';;\n\

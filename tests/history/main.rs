@@ -7,18 +7,17 @@ mod made;
 mod planted;
 mod server;
 
-use std::path::Path;
+use std::os::unix::process::ExitStatusExt;
+use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
-use std::time::{Duration, Instant};
 
 use common::hostile::HOSTILE;
 use common::{fathom, refused, stderr};
 use fathom::record::Record;
 use made::{CELLS, FIGURES_OF_A_CELL, Repository};
-use rand::{RngExt, SeedableRng};
-use rand_pcg::Pcg64;
+use nix::sys::signal::Signal;
 use serde_json::Value;
-use server::Server;
+use server::{CutConnection, Server};
 
 /// `fathom history` in a folder, without the variables of a job.
 fn history(folder: &Path, place: &str, arguments: &[&str]) -> Command {
@@ -220,49 +219,49 @@ fn takes_hostile_names_as_text(folder: &Path, place: &str) {
     assert_eq!(names, [".git", "otava", "page", "run"]);
 }
 
-/// Kills `history add` at moments drawn with a fixed seed. What was stored stays, and what is there is whole.
-fn survives_kills(folder: &Path, place: &str, figures_of: &mut dyn FnMut() -> Vec<(i64, i64)>) {
+/// Kills `history add` after each of some shares of what it writes. A run whose end was not written is not stored, what was stored
+/// stays, and what is there is whole.
+fn survives_kills(folder: &Path, place: &str, target: &mut dyn Target) {
     const MOMENTS: usize = 30;
     const MANY: usize = 150;
+    const FIGURES: i64 = (MANY * FIGURES_OF_A_CELL) as i64;
     let commit = "c".repeat(40);
-    let whole = made::folder(folder, "whole", &made::records(3_000, MANY, 5e6));
-    let start = Instant::now();
-    done(history(folder, place, &add(whole.to_str().unwrap(), &commit)));
-    let usual = start.elapsed().as_secs_f64();
-    let mut random = Pcg64::seed_from_u64(16);
-    let (mut stored, mut killed) = (runs(folder, place), 0);
-    let sources: Vec<Vec<u8>> =
-        (0..MOMENTS).map(|second| made::records(second, MANY, 5e6)).collect();
-    for source in &sources {
-        let run = made::folder(folder, "run", source);
-        let mut command = history(folder, place, &add(run.to_str().unwrap(), &commit));
-        let mut child = command.stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
-        std::thread::sleep(Duration::from_secs_f64(1.2 * usual * random.random::<f64>()));
-        killed += usize::from(child.try_wait().unwrap().is_none());
-        child.kill().unwrap();
-        child.wait().unwrap();
-        let now = runs(folder, place);
-        assert!(stored.iter().all(|run| now.contains(run)), "{stored:?}, then {now:?}");
-        assert!(now.len() <= stored.len() + 1);
-        let figures = figures_of();
-        assert_eq!(figures.len(), now.len());
-        assert!(
-            figures
-                .iter()
-                .all(|(said, there)| said == there && *there == (MANY * FIGURES_OF_A_CELL) as i64),
-            "{figures:?}"
-        );
-        stored = now;
-    }
-    assert!(killed >= MOMENTS / 4, "{killed} of {MOMENTS} were killed at work");
-    for source in &sources {
-        let run = made::folder(folder, "run", source);
-        done(history(folder, place, &add(run.to_str().unwrap(), &commit)));
+    let adding = |place: &str, records: &[u8]| {
+        let run = made::folder(folder, "run", records);
+        history(folder, place, &add(run.to_str().unwrap(), &commit))
+    };
+    // The first makes the tables.
+    for second in [3_000, 3_001] {
+        target.add_whole(adding(&target.place(), &made::records(second, MANY, 5e6)));
     }
     let stored = runs(folder, place);
-    assert_eq!(stored.len(), MOMENTS + 1);
-    let last = &stored[MOMENTS / 2];
-    assert!(sources.contains(&got(folder, place, last)));
+    assert_eq!(stored.len(), 2);
+    let sources: Vec<Vec<u8>> =
+        (0..MOMENTS).map(|second| made::records(second, MANY, 5e6)).collect();
+    for (moment, source) in sources.iter().enumerate() {
+        let share = (moment as f64 + 0.5) / MOMENTS as f64;
+        target.add_and_kill(adding(&target.place(), source), share);
+        assert_eq!(runs(folder, place), stored, "moment {moment}");
+        assert_eq!(target.figures(), [(FIGURES, FIGURES); 2], "moment {moment}");
+    }
+    for source in &sources {
+        done(adding(place, source));
+    }
+    assert_eq!(target.figures(), [(FIGURES, FIGURES); MOMENTS + 2]);
+    let stored = runs(folder, place);
+    assert!(sources.contains(&got(folder, place, &stored[MOMENTS / 2])));
+}
+
+/// A database, and how a program is killed that writes to it.
+trait Target {
+    /// Where the runs are added that are killed.
+    fn place(&self) -> String;
+    /// Takes note of how much a command writes.
+    fn add_whole(&mut self, command: Command);
+    /// Kills a command that would write as much, after this share of it.
+    fn add_and_kill(&mut self, command: Command, share: f64);
+    /// Figures of each run: how many it should have, and how many there are.
+    fn figures(&mut self) -> Vec<(i64, i64)>;
 }
 
 const FIGURES: &str =
@@ -279,16 +278,78 @@ fn a_file_of_sqlite_is_a_history() {
     takes_hostile_names_as_text(folder.path(), &place("names"));
 }
 
+/// A file, its size and by how much a run makes it grow, bytes.
+struct SqliteFile {
+    path: PathBuf,
+    bytes: u64,
+    growth: u64,
+}
+
+impl Target for SqliteFile {
+    fn place(&self) -> String {
+        self.path.to_str().unwrap().to_owned()
+    }
+
+    fn add_whole(&mut self, command: Command) {
+        done(command);
+        let bytes = std::fs::metadata(&self.path).unwrap().len();
+        (self.growth, self.bytes) = (bytes - self.bytes, bytes);
+    }
+
+    /// Neither the file nor its journal can grow beyond the limit. A tenth less than the growth: pages of runs are not filled alike.
+    fn add_and_kill(&mut self, command: Command, share: f64) {
+        let bytes = share * (self.bytes as f64 + 0.9 * self.growth as f64);
+        let killed = common::killed_beyond(bytes as u64 / 512, &command).output().unwrap();
+        assert_eq!(killed.status.signal(), Some(Signal::SIGXFSZ as i32), "{share}: {killed:?}");
+    }
+
+    fn figures(&mut self) -> Vec<(i64, i64)> {
+        let connection = rusqlite::Connection::open(&self.path).unwrap();
+        let mut statement = connection.prepare(FIGURES).unwrap();
+        let rows = statement.query_map([], |row| Ok((row.get(0)?, row.get(1)?))).unwrap();
+        rows.map(Result::unwrap).collect()
+    }
+}
+
 #[test]
 fn a_killed_add_leaves_no_half_run_in_sqlite() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("history.sqlite");
-    survives_kills(folder.path(), path.to_str().unwrap(), &mut || {
-        let connection = rusqlite::Connection::open(&path).unwrap();
-        let mut statement = connection.prepare(FIGURES).unwrap();
-        let rows = statement.query_map([], |row| Ok((row.get(0)?, row.get(1)?))).unwrap();
-        rows.map(Result::unwrap).collect()
-    });
+    let mut file = SqliteFile { path, bytes: 0, growth: 0 };
+    survives_kills(folder.path(), &file.place(), &mut file);
+}
+
+/// A database of a server, and how much a command sent to it, bytes.
+struct ServedDatabase<'a> {
+    server: &'a Server,
+    cut: CutConnection,
+    sent: u64,
+}
+
+impl ServedDatabase<'_> {
+    const NAME: &'static str = "killed";
+}
+
+impl Target for ServedDatabase<'_> {
+    fn place(&self) -> String {
+        self.cut.url(Self::NAME)
+    }
+
+    fn add_whole(&mut self, mut command: Command) {
+        let (status, sent) = self.cut.after(u64::MAX, command.stdout(Stdio::null()));
+        assert!(status.success());
+        self.sent = sent;
+    }
+
+    fn add_and_kill(&mut self, mut command: Command, share: f64) {
+        let (status, _) = self.cut.after((share * self.sent as f64) as u64, &mut command);
+        assert_eq!(status.signal(), Some(Signal::SIGKILL as i32), "{share}");
+    }
+
+    fn figures(&mut self) -> Vec<(i64, i64)> {
+        let rows = self.server.client(Self::NAME).query(FIGURES, &[]).unwrap();
+        rows.iter().map(|row| (row.get(0), row.get(1))).collect()
+    }
 }
 
 #[test]
@@ -299,11 +360,9 @@ fn a_database_of_postgresql_is_a_history() {
     tells_machines_apart(folder.path(), &server.database("machines"));
     names_the_commits_of_a_change(folder.path(), &server.database("change"));
     takes_hostile_names_as_text(folder.path(), &server.database("names"));
-    let killed = server.database("killed");
-    survives_kills(folder.path(), &killed, &mut || {
-        let rows = server.client("killed").query(FIGURES, &[]).unwrap();
-        rows.iter().map(|row| (row.get(0), row.get(1))).collect()
-    });
+    let killed = server.database(ServedDatabase::NAME);
+    let cut = CutConnection::before(&server);
+    survives_kills(folder.path(), &killed, &mut ServedDatabase { server: &server, cut, sent: 0 });
     let empty = server.database("empty");
     refused(&history(folder.path(), &empty, &["list"]).output().unwrap(), "there is no history in");
     server.client("whole").execute("UPDATE fathom_history SET format = 99", &[]).unwrap();
@@ -312,10 +371,9 @@ fn a_database_of_postgresql_is_a_history() {
 }
 
 #[test]
-fn a_server_that_is_not_there_is_told_within_seconds() {
+fn a_server_that_is_not_there_or_says_nothing_is_told() {
     let folder = tempfile::tempdir().unwrap();
     let run = made::folder(folder.path(), "run", &made::records(1, CELLS, 5e6));
-    let start = Instant::now();
     for url in
         ["postgres://user:secret@127.0.0.1:1/d", "postgres://user:secret@no-such-host.invalid/d"]
     {
@@ -327,7 +385,6 @@ fn a_server_that_is_not_there_is_told_within_seconds() {
     let silent = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
     let url = format!("postgres://user@127.0.0.1:{}/d", silent.local_addr().unwrap().port());
     refused(&history(folder.path(), &url, &["list"]).output().unwrap(), "no answer within");
-    assert!(start.elapsed() < Duration::from_secs(120));
 }
 
 #[test]

@@ -3,6 +3,7 @@
 use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
+use std::time::Duration;
 
 use serde_json::{Value, json};
 use tempfile::TempDir;
@@ -21,6 +22,9 @@ const ARGUMENTS: [&str; 9] = [
     "--disable-sync",
     "--disable-dev-shm-usage",
 ];
+
+/// Ends a script that waits for what never comes, and decides nothing: the longest here takes seconds.
+const PATIENCE: Duration = Duration::from_secs(600);
 
 /// How a page is shown.
 #[derive(Clone, Copy, Debug)]
@@ -62,6 +66,7 @@ impl Browser {
         let driver = WebDriver::new(format!("http://127.0.0.1:{port}"), wanted).await;
         let driver =
             driver.unwrap_or_else(|error| panic!("chromedriver starts no Chromium: {error}"));
+        driver.set_script_timeout(PATIENCE).await.unwrap();
         Some(Browser { driver, service, _profile: profile })
     }
 

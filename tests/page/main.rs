@@ -135,8 +135,12 @@ fn cells_are_sorted_filtered_and_opened() {
         let opened = browser
             .eval_later(
                 "const done = arguments[arguments.length - 1];
-                 document.querySelector('#cell-table tbody tr button.stages').click();
-                 setTimeout(() => done(document.querySelector('#cell-table tr.detail')?.textContent), 1000);",
+                 const table = document.getElementById('cell-table');
+                 const told = () => table.querySelector('tr.detail')?.textContent;
+                 const shown = () => told()?.includes('caustics/trace') && done(told());
+                 new MutationObserver(shown).observe(table, { childList: true, subtree: true, characterData: true });
+                 table.querySelector('tbody tr button.stages').click();
+                 shown();",
             )
             .await;
         assert!(opened.as_str().is_some_and(|text| text.contains("caustics/trace")), "{opened}");
@@ -249,8 +253,9 @@ fn hostile_names_run_no_script() {
                 "const done = arguments[arguments.length - 1];
                  const image = document.createElement('div');
                  document.body.append(image);
-                 image.innerHTML = '<img src=\"data:,x\" onerror=\"window.ran = true\">';
-                 setTimeout(() => done(window.ran === true), 500);",
+                 window.done = () => done(true);
+                 document.addEventListener('securitypolicyviolation', (event) => event.effectiveDirective.startsWith('script-src') && done(false));
+                 image.innerHTML = '<img src=\"data:,x\" onerror=\"window.done()\">';",
             )
             .await;
         assert_eq!(ran, false);

@@ -2,7 +2,6 @@
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
-use std::time::Duration;
 
 use fathom::compare::{cells::Gates, store::StoredComparison, verdict::Verdicts};
 use fathom::experiments::Experiment;
@@ -12,7 +11,7 @@ use fathom::scene::{Mesh, Scene};
 
 use super::files::gzip;
 use super::memory::peak_of;
-use super::{Answer, MOST_MEMORY, seeds, told, volume};
+use super::{Answer, HANGS, MOST_MEMORY, seeds, told, volume};
 
 /// The error of a reader that must refuse what it is given, in one line and little memory.
 fn refused(what: &str, reader: impl FnOnce() -> Answer) -> String {
@@ -108,7 +107,7 @@ fn the_program_says_so_too() {
         vec!["report", "/dev"],
     ] {
         let mut command = assert_cmd::Command::new(env!("CARGO_BIN_EXE_fathom"));
-        let ended = command.args(&arguments).timeout(Duration::from_secs(60)).assert();
+        let ended = command.args(&arguments).timeout(HANGS).assert();
         let output = ended.code(2).get_output().clone();
         let text = String::from_utf8_lossy(&output.stderr);
         assert_eq!(text.lines().count(), 1, "{arguments:?}: {text}");

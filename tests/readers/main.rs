@@ -3,6 +3,7 @@
 
 #[path = "../common/files.rs"]
 mod files;
+mod growth;
 mod hostile;
 mod memory;
 mod mutator;
@@ -31,8 +32,8 @@ static COUNTING: memory::Counting = memory::Counting;
 /// Most memory that any input may take, bytes.
 const MOST_MEMORY: usize = 1 << 30;
 
-/// No input takes so long unless its reader hangs: a thousand times what the slowest takes.
-const HANGS: Duration = Duration::from_secs(120);
+/// Only a reader that hangs takes so long: the slowest input takes a fifth of a second.
+pub const HANGS: Duration = Duration::from_secs(600);
 
 /// How many inputs of each reader, where the usual thousand are not enough.
 const CASES: &str = "FATHOM_FUZZ_CASES";

@@ -6,6 +6,7 @@ use std::cell::Cell;
 thread_local! {
     static HELD: Cell<usize> = const { Cell::new(0) };
     static PEAK: Cell<usize> = const { Cell::new(0) };
+    static EVER: Cell<usize> = const { Cell::new(0) };
 }
 
 /// The system's allocator, counted.
@@ -13,6 +14,7 @@ pub struct Counting;
 
 fn taken(bytes: usize) {
     // A thread that ends has no counter any more.
+    let _ = EVER.try_with(|ever| ever.set(ever.get().saturating_add(bytes)));
     let _ = HELD.try_with(|held| {
         let now = held.get().saturating_add(bytes);
         held.set(now);
@@ -57,6 +59,13 @@ pub fn peak_of<T>(work: impl FnOnce() -> T) -> (T, usize) {
     (result, PEAK.get() - before)
 }
 
+/// What `work` gives, and how many bytes this thread took in it.
+pub fn allocated_by<T>(work: impl FnOnce() -> T) -> (T, usize) {
+    let before = EVER.get();
+    let result = work();
+    (result, EVER.get() - before)
+}
+
 #[test]
 fn what_is_taken_and_given_back_is_counted() {
     let (_, peak) = peak_of(|| {
@@ -64,4 +73,6 @@ fn what_is_taken_and_given_back_is_counted() {
         vec![1u8; 1 << 20]
     });
     assert!((3 << 20..4 << 20).contains(&peak), "{peak}");
+    let (_, ever) = allocated_by(|| (0..4).for_each(|_| drop(vec![1u8; 1 << 20])));
+    assert!((4 << 20..5 << 20).contains(&ever), "{ever}");
 }

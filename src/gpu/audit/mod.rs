@@ -78,13 +78,18 @@ pub fn audit(gpu: &Gpu) -> Result<Audit, GpuError> {
     let alone = bench.measure(gpu, Surrounding::Alone, &KINDS)?;
     let alone: Vec<AuditRow> = alone.into_iter().map(|row| admit(gpu, row)).collect();
     let mut rows = alone.clone();
-    rows.extend(mixed(gpu, &mut bench, &alone)?);
+    let kinds = KINDS.into_iter().filter(|kind| has_timestamps(gpu, *kind)).collect();
+    rows.extend(mixed(kinds, &alone, |kinds| bench.measure(gpu, Surrounding::Mixed, kinds))?);
     rows.sort_by_key(|row| KINDS.iter().position(|kind| *kind == row.pass));
-    let sound = |kind: &PassKind| rows.iter().filter(|row| row.pass == *kind).all(|row| row.sound);
-    let plan = ClockPlan::fenced(bench.submissions.cost());
-    let sound_kinds = KINDS.into_iter().filter(sound);
-    let plan = sound_kinds.fold(plan, |plan, kind| plan.with(kind, Clock::Timestamp));
+    let plan = planned(&rows, bench.submissions.cost());
     Ok(Audit { rows, plan })
+}
+
+/// Timestamps for the kinds of pass of which all rows are sound.
+fn planned(rows: &[AuditRow], cost: SubmitCost) -> ClockPlan {
+    let sound = |kind: &PassKind| rows.iter().filter(|row| row.pass == *kind).all(|row| row.sound);
+    let sound_kinds = KINDS.into_iter().filter(sound);
+    sound_kinds.fold(ClockPlan::fenced(cost), |plan, kind| plan.with(kind, Clock::Timestamp))
 }
 
 /// Audits the CPU time of a process whose driver has one core: a row for each kind of pass, and the plan where all are sound. On a
@@ -137,17 +142,15 @@ fn process_cpu(
 /// will never share a command buffer, and the time they lose lands in their neighbours. Then the worst is set apart until
 /// the rest are sound.
 fn mixed(
-    gpu: &Gpu,
-    bench: &mut TimedKernels,
+    mut kinds: Vec<PassKind>,
     alone: &[AuditRow],
+    mut measure: impl FnMut(&[PassKind]) -> Result<Vec<AuditRow>, GpuError>,
 ) -> Result<Vec<AuditRow>, GpuError> {
-    let mut kinds: Vec<PassKind> =
-        KINDS.into_iter().filter(|kind| has_timestamps(gpu, *kind)).collect();
     let without = alone.iter().filter(|row| !kinds.contains(&row.pass));
     let mut done: Vec<AuditRow> =
         without.map(|row| AuditRow { context: Surrounding::Mixed, ..row.clone() }).collect();
     while !kinds.is_empty() {
-        let rows = bench.measure(gpu, Surrounding::Mixed, &kinds)?;
+        let rows = measure(&kinds)?;
         let apart = set_apart(&rows, alone);
         kinds.retain(|kind| !apart.contains(kind));
         let (leaving, staying): (Vec<_>, Vec<_>) =
@@ -473,5 +476,52 @@ mod tests {
         ];
         assert_eq!(set_apart(&mixed, &alone), [PassKind::Compute]);
         assert_eq!(set_apart(&alone, &alone), []);
+    }
+
+    /// What [`judge`] makes of a clock that reads this share of 5 ms, round by round.
+    fn judged(kind: PassKind, mixed: bool, share: f64) -> AuditRow {
+        let mut series = Series::default();
+        for round in 0..ROUNDS {
+            for level in 0..LEVELS {
+                let host_ns = (5 << level) as f64 * (1e6 + 2e4 * (round % 3) as f64);
+                series.push(level, share * host_ns, host_ns, 0);
+            }
+        }
+        judge(kind, mixed.then_some(""), &series).0
+    }
+
+    /// The clocks of a modelled driver whose timestamps read these shares of the truth: alone, and in one command buffer with others.
+    fn clocks(
+        alone: impl Fn(PassKind) -> f64,
+        beside: impl Fn(PassKind, &[PassKind]) -> f64,
+    ) -> [Clock; 3] {
+        let mut rows: Vec<AuditRow> =
+            KINDS.iter().map(|kind| judged(*kind, false, alone(*kind))).collect();
+        let measure = |kinds: &[PassKind]| {
+            let row = |kind: &PassKind| judged(*kind, true, beside(*kind, kinds));
+            Ok(kinds.iter().map(row).collect())
+        };
+        rows.extend(mixed(KINDS.to_vec(), &rows, measure).unwrap());
+        assert_eq!(rows.len(), 2 * KINDS.len());
+        let plan = planned(&rows, SubmitCost::default());
+        KINDS.map(|kind| plan.clock(kind))
+    }
+
+    #[test]
+    fn right_clocks_are_used_and_wrong_ones_are_not() {
+        use PassKind::{Compute, Render};
+        const USED: Clock = Clock::Timestamp;
+        const FENCED: Clock = Clock::FencedHost;
+        assert_eq!(clocks(|_| 1.0, |_, _| 1.02), [USED; 3]);
+        assert_eq!(clocks(|_| 0.5, |_, _| 0.5), [FENCED; 3]);
+        // Mesa 22.3: compute passes beside render passes read as nearly nothing, and the render passes get their time.
+        let mesa = |kind, kinds: &[PassKind]| match kind {
+            Compute if kinds.contains(&Render) => 0.01,
+            Render if kinds.contains(&Compute) => 1.4,
+            _ => 1.0,
+        };
+        assert_eq!(clocks(|_| 1.0, mesa), [USED, FENCED, USED]);
+        let alone = |kind| if kind == Compute { 0.6 } else { 1.0 };
+        assert_eq!(clocks(alone, mesa), [USED, FENCED, USED]);
     }
 }

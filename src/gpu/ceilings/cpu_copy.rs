@@ -26,6 +26,22 @@ pub struct CopyCheck {
     pub ratio: Estimate,
 }
 
+impl CopyCheck {
+    /// Of so many bytes that were read and written in these times of the adapter and of the CPU, ns.
+    pub fn of_times(working_set_bytes: u64, bytes: f64, pairs_ns: &[(f64, f64)]) -> Self {
+        let rate = |ns: f64| bytes / (ns * 1e-9);
+        let pairs = pairs_ns.iter().map(|(adapter, cpu)| (rate(*adapter), rate(*cpu)));
+        let pairs: Vec<(f64, f64)> = pairs.collect();
+        let (adapter, of_cpu): (Vec<f64>, Vec<f64>) = pairs.iter().copied().unzip();
+        Self {
+            working_set_bytes,
+            adapter: estimate(&adapter),
+            cpu: estimate(&of_cpu),
+            ratio: ratio_estimate(&pairs),
+        }
+    }
+}
+
 /// Two buffers of half the working set each, every page of them touched.
 struct CpuCopy {
     from: Vec<u8>,
@@ -61,19 +77,12 @@ pub fn compare_copies(
     let mut cpu = CpuCopy::new(working_set_bytes);
     let turns = stand.calibrate()?;
     let bytes = kernel.work_per_turn() * f64::from(turns);
-    let rate = |ns: f64| bytes / (ns * 1e-9);
-    let mut pairs = Vec::new();
+    let mut pairs_ns = Vec::new();
     for _ in 0..PAIRS {
         let adapter_ns = stand.time_ns(turns)?;
         let start_ns = plan.host().now_ns();
         cpu.run(turns);
-        pairs.push((rate(adapter_ns), rate(plan.host().now_ns() - start_ns)));
+        pairs_ns.push((adapter_ns, plan.host().now_ns() - start_ns));
     }
-    let (adapter, of_cpu): (Vec<f64>, Vec<f64>) = pairs.iter().copied().unzip();
-    Ok(CopyCheck {
-        working_set_bytes,
-        adapter: estimate(&adapter),
-        cpu: estimate(&of_cpu),
-        ratio: ratio_estimate(&pairs),
-    })
+    Ok(CopyCheck::of_times(working_set_bytes, bytes, &pairs_ns))
 }

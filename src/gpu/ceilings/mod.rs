@@ -224,10 +224,15 @@ impl<'a> Stand<'a> {
         }
         let [once, twice] = times_ns;
         let work = f64::from(turns) * self.kernel.work_per_turn();
-        // The second N of the work, without what a pass costs whatever its work.
-        let difference = |(once, twice): (&f64, &f64)| (twice - once).max(LEAST_SHARE * once);
-        let seconds = once.iter().zip(&twice).map(|pair| difference(pair) * 1e-9);
-        let rate = estimate(&seconds.map(|seconds| work / seconds).collect::<Vec<f64>>());
-        Ok(Ceiling { limit, rate, doubling: median(&twice) / median(&once) })
+        Ok(of_times(limit, work, &once, &twice))
     }
+}
+
+/// What times in ns of so much work and of twice as much, pair by pair, say of a limit.
+fn of_times(limit: Limit, work: f64, once: &[f64], twice: &[f64]) -> Ceiling {
+    // The second N of the work, without what a pass costs whatever its work.
+    let difference = |(once, twice): (&f64, &f64)| (twice - once).max(LEAST_SHARE * once);
+    let seconds = once.iter().zip(twice).map(|pair| difference(pair) * 1e-9);
+    let rate = estimate(&seconds.map(|seconds| work / seconds).collect::<Vec<f64>>());
+    Ceiling { limit, rate, doubling: median(twice) / median(once) }
 }
