@@ -69,7 +69,7 @@ fn guard(command: Pid) -> ! {
     close_all();
     let _ = prctl::set_name(c"fathom-guard");
     let status = ended(command.as_raw());
-    while each_child(|child| kill_one(child)) && waited(0).is_some() {}
+    while each_child(kill_one) && waited(0).is_some() {}
     leave(status)
 }
 
