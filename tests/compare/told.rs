@@ -669,9 +669,9 @@ fn what_a_side_alone_was_given_is_told_in_every_report() {
     let folder = tempfile::tempdir().unwrap();
     let mut stored = quiet();
     let hostile = "<b>|1\n2".to_owned();
-    let mut base = SideEnvironment::default();
-    base.variables =
+    let variables =
         [("LP_NATIVE".to_owned(), Some("256".to_owned())), ("TOKEN".to_owned(), None)].into();
+    let base = SideEnvironment { variables, ..SideEnvironment::default() };
     stored.header.base.environment = base;
     stored.header.head.environment = SideEnvironment {
         driver: Some(NamedDriver {
