@@ -1,6 +1,6 @@
 //! Conditions that keep the noise of a software driver down. A GPU needs none of them.
 
-use std::process::{Child, Command};
+use std::process::Command;
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -43,20 +43,13 @@ pub struct Quiet {
 }
 
 /// Sets what a child inherits. What the kernel refuses shows in a worker's greeting.
-///
-/// On Linux the child goes when the calling thread does, however that ends. It lies outside the terminal's foreground group:
-/// Ctrl-C reaches this process alone, which decides what becomes of its children.
-pub fn apply(command: &mut Command, quiet: Option<&Quiet>) {
-    if let Some(quiet) = quiet {
-        command.env(RASTERIZER_THREADS, "0");
-        if quiet.keep_memory {
-            command.env(TUNABLES, MEMORY);
-        }
-        command.env(PADDING, "x".repeat(quiet.padding));
+pub fn apply(command: &mut Command, quiet: &Quiet) {
+    command.env(RASTERIZER_THREADS, "0");
+    if quiet.keep_memory {
+        command.env(TUNABLES, MEMORY);
     }
-    system::apply(command, quiet);
-    #[cfg(unix)]
-    std::os::unix::process::CommandExt::process_group(command, 0);
+    command.env(PADDING, "x".repeat(quiet.padding));
+    system::prepare(command, quiet.core);
 }
 
 /// Whether fathom sets this variable itself where it measures: a value of the user's would undo the conditions of both sides.
@@ -95,8 +88,7 @@ pub fn host_name() -> Option<String> {
     #[cfg(target_os = "linux")]
     let name = std::fs::read_to_string("/proc/sys/kernel/hostname").ok();
     #[cfg(not(target_os = "linux"))]
-    let name =
-        Command::new("hostname").output().ok().and_then(|o| String::from_utf8(o.stdout).ok());
+    let name = crate::process::printed(&mut Command::new("hostname")).ok();
     name.map(|name| name.trim().to_owned()).filter(|name| !name.is_empty())
 }
 
@@ -149,14 +141,6 @@ pub fn pad_heap() {
     std::mem::forget(std::hint::black_box(block));
 }
 
-/// Kills a child that [`apply`] has prepared, and all that it has started.
-pub fn kill_all(child: &mut Child) {
-    system::kill_group(child.id());
-    // It may have ended by itself.
-    let _ = child.kill();
-    let _ = child.wait();
-}
-
 /// Cores that this process may run on; empty where that is not known.
 pub fn allowed_cores() -> Vec<usize> {
     cores().unwrap_or_default()
@@ -169,34 +153,11 @@ mod system {
 
     use nix::sched::{CpuSet, sched_getaffinity, sched_setaffinity};
     use nix::sys::personality::{self, Persona};
-    use nix::sys::prctl::set_pdeathsig;
-    use nix::sys::signal::{Signal, killpg};
     use nix::unistd::Pid;
 
-    use super::Quiet;
-
-    pub fn apply(command: &mut Command, quiet: Option<&Quiet>) {
-        let core = quiet.and_then(|quiet| quiet.core).and_then(one);
-        let quieted = quiet.is_some();
-        let prepare = move || {
-            let _ = set_pdeathsig(Signal::SIGKILL);
-            if quieted && let Ok(persona) = personality::get() {
-                let _ = personality::set(persona | Persona::ADDR_NO_RANDOMIZE);
-            }
-            if let Some(core) = &core {
-                let _ = sched_setaffinity(Pid::from_raw(0), core);
-            }
-            Ok(())
-        };
-        // SAFETY: between fork and exec only system calls are made; nothing is allocated and no lock is taken.
-        unsafe {
-            command.pre_exec(prepare);
-        }
-    }
-
-    /// Becomes this program; returns only where that fails.
-    pub fn replace(mut command: Command, core: usize) {
-        let core = one(core);
+    /// The program will find its addresses not randomized, and itself on one core if one is named.
+    pub fn prepare(command: &mut Command, core: Option<usize>) {
+        let core = core.and_then(one);
         let prepare = move || {
             if let Ok(persona) = personality::get() {
                 let _ = personality::set(persona | Persona::ADDR_NO_RANDOMIZE);
@@ -210,6 +171,11 @@ mod system {
         unsafe {
             command.pre_exec(prepare);
         }
+    }
+
+    /// Becomes this program; returns only where that fails.
+    pub fn replace(mut command: Command, core: usize) {
+        prepare(&mut command, Some(core));
         // It is called what the user called it.
         command.arg0(std::env::args_os().next().unwrap_or_default());
         // Whatever the reason is, the program goes on without it, and its records say so.
@@ -235,13 +201,6 @@ mod system {
         for thread in names.filter_map(|name| name.to_str()?.parse().ok()) {
             // One that has just ended needs no core.
             let _ = sched_setaffinity(Pid::from_raw(thread), &set);
-        }
-    }
-
-    pub fn kill_group(leader: u32) {
-        if let Ok(leader) = i32::try_from(leader) {
-            // It may be gone already.
-            let _ = killpg(Pid::from_raw(leader), Signal::SIGKILL);
         }
     }
 
@@ -274,17 +233,13 @@ mod system {
 mod system {
     use std::process::Command;
 
-    use super::Quiet;
-
-    pub fn apply(_: &mut Command, _: Option<&Quiet>) {}
+    pub fn prepare(_: &mut Command, _: Option<usize>) {}
 
     pub fn replace(_: Command, _: usize) {}
 
     pub fn allow(_: &[usize]) {}
 
     pub fn pin(_: u32, _: usize) {}
-
-    pub fn kill_group(_: u32) {}
 
     pub fn is_stopped(_: u32) -> bool {
         false

@@ -7,7 +7,7 @@ use std::sync::atomic::Ordering;
 
 use crate::compare::build::{self, SetAside};
 use crate::compare::cells::Gates;
-use crate::compare::driver::{self, EnvironmentError};
+use crate::compare::driver::{self, EnvironmentError, GivenEnvironment};
 use crate::compare::flow::{self, CompareOptions, Program};
 use crate::compare::launch::Waiting;
 use crate::compare::store::{self, StoredComparison};
@@ -15,7 +15,7 @@ use crate::compare::verdict::Verdicts;
 use crate::compare::{files, tables};
 use crate::harness::catalog::Catalog;
 use crate::harness::output::{FolderKind, Taken};
-use crate::record::comparison::{GateSettings, Side, SideEnvironment};
+use crate::record::comparison::{GateSettings, Side};
 use crate::{exporters, tell};
 use anyhow::Context;
 
@@ -70,7 +70,7 @@ fn builds(catalog: &Catalog, args: &CompareArgs) -> anyhow::Result<PathBuf> {
     let gpu = gpu_options(catalog, &args.adapter);
     let environments = environments(args)?;
     let is_named = args.base.is_some() || args.base_bin.is_some();
-    if !is_named && environments.iter().all(SideEnvironment::is_empty) {
+    if !is_named && environments.iter().all(GivenEnvironment::is_empty) {
         anyhow::bail!(
             "nothing to compare with: give --base REV, --base-bin PATH, environments or drivers, or two files of records"
         );
@@ -109,6 +109,7 @@ fn builds(catalog: &Catalog, args: &CompareArgs) -> anyhow::Result<PathBuf> {
         head: program(&head, head_label, of_head, Side::Head),
         cells_file: args.cells_file.clone(),
         filter: args.cells.clone(),
+        env_values: args.env_values,
         settings: settings(args),
         out: args.out.clone(),
         resume: args.resume,
@@ -117,7 +118,7 @@ fn builds(catalog: &Catalog, args: &CompareArgs) -> anyhow::Result<PathBuf> {
 }
 
 /// What each side's processes alone are given.
-fn environments(args: &CompareArgs) -> Result<[SideEnvironment; 2], EnvironmentError> {
+fn environments(args: &CompareArgs) -> Result<[GivenEnvironment; 2], EnvironmentError> {
     let of = driver::environment;
     Ok([
         of(Side::Base, &args.base_env, args.base_driver.as_deref())?,

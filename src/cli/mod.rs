@@ -416,6 +416,9 @@ pub struct CompareArgs {
     /// Environment variable for the head's processes alone; may be given several times
     #[arg(long, value_name = "NAME=VALUE", conflicts_with_all = ["replay", "records"])]
     pub head_env: Vec<String>,
+    /// Write the values of these variables into records and reports too; without it only their names are told
+    #[arg(long, conflicts_with_all = ["replay", "records"])]
+    pub env_values: bool,
     /// Manifest of the only Vulkan driver that the base's processes find
     #[arg(long, value_name = "ICD.json", conflicts_with_all = ["replay", "records"])]
     pub base_driver: Option<PathBuf>,

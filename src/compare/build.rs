@@ -2,14 +2,11 @@
 //! own; a base is kept by its commit and what compiled it.
 
 use std::cmp::Reverse;
-use std::collections::VecDeque;
 use std::ffi::{OsStr, OsString};
-use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Stdio};
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
-use std::time::{Duration, SystemTime};
+use std::process::Command;
+use std::sync::atomic::AtomicBool;
+use std::time::SystemTime;
 
 use itertools::Itertools;
 use sha2::{Digest, Sha256};
@@ -17,12 +14,8 @@ use tempfile::TempDir;
 use thiserror::Error;
 
 use crate::harness::catalog::CargoTarget;
-use crate::quiet;
+use crate::process::{self, Limits, ProcessError};
 
-/// Lines of the compiler that an error shows.
-const LAST_LINES: usize = 20;
-/// How long an interruption may go unnoticed while cargo says nothing.
-const SLICE: Duration = Duration::from_millis(100);
 /// Built revisions that are kept.
 const KEPT: usize = 8;
 /// Folder of the cache, in the repository's target folder.
@@ -42,8 +35,8 @@ pub enum BuildError {
     Command { command: String, reason: String },
     #[error("building `{revision}` was interrupted")]
     Interrupted { revision: String },
-    #[error("revision `{revision}` does not build; the compiler's last lines:\n{}", .last.join("\n"))]
-    Compile { revision: String, last: Vec<String> },
+    #[error("revision `{revision}` does not build; the compiler says:\n{}", .said.join("\n"))]
+    Compile { revision: String, said: Vec<String> },
     #[error("cannot {action} {}: {source}", path.display())]
     Io { action: &'static str, path: PathBuf, source: std::io::Error },
 }
@@ -110,24 +103,17 @@ pub fn commit(repository: &Path, revision: &str) -> Result<String, BuildError> {
     })
 }
 
-/// What git prints, without the end of line.
+/// What git prints.
 fn git<const N: usize>(folder: &Path, arguments: [&str; N]) -> Result<String, BuildError> {
     printed(Command::new("git").arg("-C").arg(folder).args(arguments))
 }
 
-/// What a command prints, without the end of line.
+/// What a command prints.
 fn printed(command: &mut Command) -> Result<String, BuildError> {
     let words = std::iter::once(command.get_program()).chain(command.get_args());
     let name = words.map(OsStr::to_string_lossy).join(" ");
     let failed = |reason: String| BuildError::Command { command: name.clone(), reason };
-    let output =
-        command.stdin(Stdio::null()).output().map_err(|error| failed(error.to_string()))?;
-    let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).trim().replace('\n', " ");
-    if output.status.success() {
-        Ok(text(&output.stdout))
-    } else {
-        Err(failed(text(&output.stderr)))
-    }
+    process::printed(command).map_err(|error| failed(error.to_string()))
 }
 
 /// A checkout that is removed when it is dropped.
@@ -162,8 +148,7 @@ impl Drop for Worktree {
 
 /// The program that cargo makes of a checkout, into a target folder, in an environment with these variables.
 ///
-/// Ctrl-C in a terminal does not reach cargo: this process ends it, and the compilers that it has started, once `interrupted`
-/// is set.
+/// Nothing that cargo started is left in the end, or once `interrupted` is set.
 pub fn compile(
     (source, built): (&Path, &Path),
     target: CargoTarget,
@@ -172,35 +157,21 @@ pub fn compile(
     interrupted: &AtomicBool,
     progress: &mut dyn FnMut(&str),
 ) -> Result<PathBuf, BuildError> {
-    let failed = |error: std::io::Error| BuildError::Command {
-        command: "cargo build".to_owned(),
-        reason: error.to_string(),
-    };
-    let mut child = cargo(source, built, target, environment).spawn().map_err(failed)?;
-    let lines = lines_of(&mut child);
-    let mut last = VecDeque::new();
-    loop {
-        if interrupted.load(Ordering::Relaxed) {
-            quiet::kill_all(&mut child);
-            return Err(BuildError::Interrupted { revision: revision.to_owned() });
+    let limits = Limits { time: None, interrupted: Some(interrupted) };
+    let revision = || revision.to_owned();
+    match process::run(&mut cargo(source, built, target, environment), limits, progress) {
+        Ok(_) => {
+            let program = format!("release/{}{}", target.binary, std::env::consts::EXE_SUFFIX);
+            Ok(built.join(program))
         }
-        match lines.recv_timeout(SLICE) {
-            Ok(line) => {
-                progress(&line);
-                if last.len() == LAST_LINES {
-                    last.pop_front();
-                }
-                last.push_back(line);
-            }
-            Err(RecvTimeoutError::Timeout) => {}
-            Err(RecvTimeoutError::Disconnected) => break,
+        Err(ProcessError::Interrupted) => Err(BuildError::Interrupted { revision: revision() }),
+        Err(ProcessError::Failed { complaint, .. }) => {
+            Err(BuildError::Compile { revision: revision(), said: complaint.lines().collect() })
         }
-    }
-    let program = format!("release/{}{}", target.binary, std::env::consts::EXE_SUFFIX);
-    if child.wait().map_err(failed)?.success() {
-        Ok(built.join(program))
-    } else {
-        Err(BuildError::Compile { revision: revision.to_owned(), last: last.into() })
+        Err(other) => Err(BuildError::Command {
+            command: "cargo build".to_owned(),
+            reason: other.to_string(),
+        }),
     }
 }
 
@@ -212,33 +183,13 @@ fn cargo(
 ) -> Command {
     let cargo = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
     let mut command = Command::new(cargo);
-    quiet::apply(&mut command, None);
     command
         .args(["build", "--release", "--locked", "--color=never"])
         .args(["-p", target.package, "--bin", target.binary, "--target-dir"])
         .arg(built)
         .current_dir(source)
-        .envs(environment.iter().copied())
-        .stdin(Stdio::null())
-        .stdout(Stdio::null())
-        .stderr(Stdio::piped());
+        .envs(environment.iter().copied());
     command
-}
-
-/// What a child writes to its standard error, line by line, as it comes.
-fn lines_of(child: &mut Child) -> Receiver<String> {
-    let (sender, lines) = channel();
-    if let Some(output) = child.stderr.take() {
-        std::thread::spawn(move || {
-            for line in BufReader::new(output).split(b'\n').map_while(Result::ok) {
-                let line = String::from_utf8_lossy(&line).trim_end().to_owned();
-                if sender.send(line).is_err() {
-                    return;
-                }
-            }
-        });
-    }
-    lines
 }
 
 /// Copies a program into the cache. It appears there whole or not at all.
@@ -295,6 +246,8 @@ fn forget_old(builds: &Path, newest: &Path) {
 #[cfg(test)]
 mod tests {
     use std::collections::BTreeSet;
+    use std::sync::atomic::Ordering;
+    use std::time::Duration;
 
     use super::*;
 

@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use serde::Deserialize;
+use sha2::{Digest, Sha256};
 use tempfile::TempDir;
 use thiserror::Error;
 
@@ -28,6 +29,39 @@ const MAX_LIBRARY: u64 = 2 << 30;
 const VULKAN: &str = "vulkan";
 /// What parts the paths of a list of manifests.
 const SEPARATOR: char = if cfg!(windows) { ';' } else { ':' };
+
+/// Bytes of [`SideEnvironment::values_digest`].
+const DIGEST_BYTES: usize = 2;
+
+/// What the processes of one side are given that those of the other are not.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct GivenEnvironment {
+    pub driver: Option<NamedDriver>,
+    /// By name.
+    pub variables: BTreeMap<String, String>,
+}
+
+impl GivenEnvironment {
+    pub fn is_empty(&self) -> bool {
+        *self == Self::default()
+    }
+
+    /// What records say of it. Values may be secret: they stand there only where the user asks for them.
+    pub fn recorded(&self, values: bool) -> SideEnvironment {
+        let mut sum = Sha256::new();
+        for (name, value) in &self.variables {
+            sum.update(format!("{name}={value}\0"));
+        }
+        let digest = hex::encode(&sum.finalize()[..DIGEST_BYTES]);
+        let shown =
+            |(name, value): (&String, &String)| (name.clone(), values.then(|| value.clone()));
+        SideEnvironment {
+            driver: self.driver.clone(),
+            variables: self.variables.iter().map(shown).collect(),
+            values_digest: (!self.variables.is_empty()).then_some(digest),
+        }
+    }
+}
 
 #[derive(Debug, Error)]
 pub enum EnvironmentError {
@@ -61,7 +95,7 @@ pub fn environment(
     side: Side,
     variables: &[String],
     manifest: Option<&Path>,
-) -> Result<SideEnvironment, EnvironmentError> {
+) -> Result<GivenEnvironment, EnvironmentError> {
     let mut known = BTreeMap::new();
     for text in variables {
         let (name, value) = variable(side, text)?;
@@ -74,7 +108,7 @@ pub fn environment(
         EnvironmentError::Manifest { side, path, reason }
     };
     let driver = manifest.map(|path| named(path).map_err(|reason| refused(path, reason)));
-    Ok(SideEnvironment { driver: driver.transpose()?, variables: known })
+    Ok(GivenEnvironment { driver: driver.transpose()?, variables: known })
 }
 
 fn variable(side: Side, text: &str) -> Result<(&str, &str), EnvironmentError> {
@@ -139,7 +173,7 @@ fn library_of(manifest: &Path, library: &str) -> Option<PathBuf> {
 }
 
 /// The variables of a side's processes.
-pub fn variables(environment: &SideEnvironment) -> impl Iterator<Item = (&str, &str)> {
+pub fn variables(environment: &GivenEnvironment) -> impl Iterator<Item = (&str, &str)> {
     let manifest = environment.driver.as_ref().map(|driver| driver.manifest.as_str());
     let of_driver = manifest.into_iter().flat_map(|path| DRIVER_VARIABLES.map(|name| (name, path)));
     let own = environment.variables.iter().map(|(name, value)| (name.as_str(), value.as_str()));
@@ -147,7 +181,7 @@ pub fn variables(environment: &SideEnvironment) -> impl Iterator<Item = (&str, &
 }
 
 /// An empty folder for the compiled shaders of a side that is given anything; it goes when this is dropped.
-pub fn shader_cache(environment: &SideEnvironment) -> Result<Option<TempDir>, EnvironmentError> {
+pub fn shader_cache(environment: &GivenEnvironment) -> Result<Option<TempDir>, EnvironmentError> {
     let folder = || tempfile::Builder::new().prefix("fathom-shaders-").tempdir();
     let made = (!environment.is_empty()).then(folder).transpose();
     made.map_err(EnvironmentError::ShaderCache)
@@ -155,7 +189,7 @@ pub fn shader_cache(environment: &SideEnvironment) -> Result<Option<TempDir>, En
 
 /// The variables that send a side's driver to a folder for compiled shaders, those apart that the user has set.
 pub fn cache_variables<'a>(
-    environment: &'a SideEnvironment,
+    environment: &'a GivenEnvironment,
     folder: Option<&'a Path>,
 ) -> impl Iterator<Item = (&'static str, &'a Path)> {
     let names = SHADER_CACHES.into_iter();
@@ -167,7 +201,7 @@ pub fn cache_variables<'a>(
 /// adapter of another interface.
 pub fn check(
     side: Side,
-    environment: &SideEnvironment,
+    environment: &GivenEnvironment,
     adapter: &Adapter,
 ) -> Result<(), EnvironmentError> {
     match &environment.driver {
@@ -191,7 +225,7 @@ fn unusable(side: Side, driver: &NamedDriver, seen: &str) -> EnvironmentError {
 /// Opens the driver that was named for a side once, before anything is built: an unusable one is told at once.
 pub fn try_driver(
     side: Side,
-    environment: &SideEnvironment,
+    environment: &GivenEnvironment,
     program: &Path,
     gpu: &gpu::Options,
     waiting: &Waiting<'_>,
@@ -250,8 +284,21 @@ mod tests {
     }
 
     #[test]
+    fn values_are_recorded_only_on_request_and_others_are_told_apart_without_them() {
+        let of = |text: &str| environment(Side::Base, &[text.to_owned()], None).unwrap();
+        let [mine, other] = ["TOKEN=secret", "TOKEN=another"].map(of);
+        let [hidden, shown] = [false, true].map(|values| mine.recorded(values));
+        assert!(!serde_json::to_string(&hidden).unwrap().contains("secret"));
+        assert_eq!(hidden.variables["TOKEN"], None);
+        assert_eq!(shown.variables["TOKEN"].as_deref(), Some("secret"));
+        assert!(hidden.is_same(&shown) && !hidden.is_same(&other.recorded(false)));
+        assert_eq!(hidden.values_digest.as_ref().map(String::len), Some(2 * DIGEST_BYTES));
+        assert!(GivenEnvironment::default().recorded(true).is_empty());
+    }
+
+    #[test]
     fn a_side_that_is_given_anything_has_compiled_shaders_of_its_own() {
-        let plain = SideEnvironment::default();
+        let plain = GivenEnvironment::default();
         assert!(shader_cache(&plain).unwrap().is_none());
         assert_eq!(cache_variables(&plain, None).count(), 0);
         let given = environment(Side::Base, &["MESA_SHADER_CACHE_DIR=/mine".into()], None).unwrap();
@@ -284,7 +331,7 @@ mod tests {
         write("libdriver.so");
         let linked = named(&path).unwrap();
         assert_eq!((linked.library.as_str(), linked.digest), ("libdriver.so", None));
-        let given = SideEnvironment { driver: Some(named(&path).unwrap()), ..Default::default() };
+        let given = GivenEnvironment { driver: Some(named(&path).unwrap()), ..Default::default() };
         let set: Vec<_> = variables(&given).collect();
         assert_eq!(set, DRIVER_VARIABLES.map(|name| (name, path.to_str().unwrap())));
     }
@@ -315,11 +362,11 @@ mod tests {
     #[test]
     fn an_adapter_of_another_interface_is_not_the_drivers() {
         let driver = NamedDriver { manifest: "/m.json".into(), ..NamedDriver::default() };
-        let given = SideEnvironment { driver: Some(driver), ..SideEnvironment::default() };
+        let given = GivenEnvironment { driver: Some(driver), ..GivenEnvironment::default() };
         let on = |backend: &str| Adapter { backend: backend.to_owned(), ..Adapter::default() };
         assert!(check(Side::Head, &given, &on("vulkan")).is_ok());
         let error = check(Side::Head, &given, &on("gl")).unwrap_err().to_string();
         assert!(error.starts_with("--head-driver /m.json: it gives no Vulkan adapter"), "{error}");
-        assert!(check(Side::Head, &SideEnvironment::default(), &on("gl")).is_ok());
+        assert!(check(Side::Head, &GivenEnvironment::default(), &on("gl")).is_ok());
     }
 }

@@ -11,7 +11,7 @@ use thiserror::Error;
 use super::adapters::AdapterRelation;
 use super::bench::Processes;
 use super::cells::{CellsError, Gates};
-use super::driver::{self, EnvironmentError};
+use super::driver::{self, EnvironmentError, GivenEnvironment};
 use super::instructions;
 use super::launch::{Quiet, Waiting, WorkerFault, WorkerStart, allowed_cores};
 use super::protocol::{GateConfiguration, Greeting, with_driver};
@@ -27,7 +27,7 @@ use crate::input;
 use crate::record::RecordError;
 use crate::record::comparison::{
     CellId, Compared, ComparedBuild, ComparisonEnd, ComparisonHeader, Fault, Gate, GateSettings,
-    Side, SideEnvironment, Skip,
+    Side, Skip,
 };
 
 #[derive(Debug, Error)]
@@ -62,7 +62,7 @@ pub struct Program {
     /// What to call it: the revision it was built from, or its path.
     pub label: String,
     /// What its processes alone are given.
-    pub environment: SideEnvironment,
+    pub environment: GivenEnvironment,
     /// See [`driver::shader_cache`].
     pub shader_cache: Option<PathBuf>,
 }
@@ -77,6 +77,8 @@ pub struct CompareOptions {
     pub cells_file: Option<PathBuf>,
     /// Only cells whose names contain this.
     pub filter: Option<String>,
+    /// Records and reports say the values of the sides' variables.
+    pub env_values: bool,
     /// Of the gates, those asked for.
     pub settings: GateSettings,
     pub out: Option<PathBuf>,
@@ -204,7 +206,7 @@ fn header(
             version: greeting.fathom_version.clone(),
             protocol: Some(greeting.protocol),
             digest: digest.map_err(unreadable)?,
-            environment: program.environment.clone(),
+            environment: program.environment.recorded(options.env_values),
         })
     };
     let [base, head] = greetings;
@@ -258,8 +260,8 @@ fn resumed(
     let same = [
         ("base", then.base.digest == now.base.digest),
         ("head", then.head.digest == now.head.digest),
-        ("environment or driver of the base", then.base.environment == now.base.environment),
-        ("environment or driver of the head", then.head.environment == now.head.environment),
+        ("environment or driver of the base", then.base.environment.is_same(&now.base.environment)),
+        ("environment or driver of the head", then.head.environment.is_same(&now.head.environment)),
         ("adapter", then.adapter == now.adapter && then.base_adapter == now.base_adapter),
         ("selection of cells", then.cells == now.cells),
         ("kind of measurement", !then.settings.unpaired),

@@ -9,7 +9,7 @@
 use std::collections::{BTreeMap, VecDeque};
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Stdio};
+use std::process::Command;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Sender, channel};
 use std::sync::{Mutex, PoisonError};
@@ -24,6 +24,7 @@ use super::protocol::{GateConfiguration, Reply, WorkerRequest};
 use super::store::{self, StoredComparison};
 use super::valgrind;
 use crate::harness::output::Held;
+use crate::process;
 use crate::record::RecordError;
 use crate::record::comparison::{CellId, Compared, Fault, Gate, InstructionCounts, Side};
 
@@ -90,9 +91,8 @@ fn compared(base_counts: &[u64], head_counts: &[u64], threshold: f64) -> Counted
 
 /// The version of the valgrind that is installed, if one is.
 pub fn valgrind_version() -> Option<String> {
-    let output = Command::new("valgrind").arg("--version").stdin(Stdio::null()).output().ok()?;
-    let version = String::from_utf8_lossy(&output.stdout).trim().to_owned();
-    (output.status.success() && !version.is_empty()).then_some(version)
+    let version = process::printed(Command::new("valgrind").arg("--version")).ok()?;
+    (!version.is_empty()).then_some(version)
 }
 
 /// Why the gate cannot be run; none where it can.

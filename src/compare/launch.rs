@@ -1,31 +1,27 @@
 //! Worker processes: started under set conditions, asked within a time limit, and ended for certain.
 
-use std::collections::VecDeque;
 use std::ffi::OsString;
 use std::io::{BufRead, BufReader, Read, Write};
 use std::path::{Path, PathBuf};
-use std::process::{Child, ChildStdin, Command, ExitStatus, Stdio};
+use std::process::{Command, Stdio};
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
-use std::sync::{Arc, Mutex, PoisonError};
-use std::thread::JoinHandle;
+use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
 use std::time::{Duration, Instant};
 
-use itertools::Itertools;
 use serde_json::Value;
 use thiserror::Error;
 
-use super::driver;
+use super::driver::{self, GivenEnvironment};
 use super::protocol::{Greeting, PROTOCOL, Reply, RequestKind, WorkerRequest};
 use crate::gpu::{self, ClockPlan};
+use crate::process::{Listener, ProcessTree};
 use crate::quiet;
 pub use crate::quiet::{Quiet, allowed_cores};
-use crate::record::comparison::SideEnvironment;
 
-/// Lines of a worker's standard error that are kept.
-const STDERR_LINES: usize = 12;
 /// A reply longer than this is garbage.
 const MAX_REPLY_BYTES: u64 = 16 << 20;
+/// Replies that wait to be read. A worker that writes more, which nobody asked for, waits itself.
+const REPLIES_AHEAD: usize = 1;
 /// Characters of a garbled reply that its fault shows.
 const EXCERPT: usize = 80;
 /// A worker that was asked to end is killed after this.
@@ -130,7 +126,7 @@ pub struct WorkerStart {
     pub quiet: Option<Quiet>,
     /// What the processes of its side alone are given. Its length moves the stack, as [`Quiet::padding`] does; that is drawn from
     /// a whole page, so sides whose environments differ in length have noise of it and no bias.
-    pub environment: SideEnvironment,
+    pub environment: GivenEnvironment,
     /// Where its driver keeps compiled shaders, if apart from those of all other programs.
     pub shader_cache: Option<PathBuf>,
     /// The audited clock of a hardware adapter: both sides must read the same one.
@@ -146,7 +142,7 @@ impl WorkerStart {
             wrapper: Vec::new(),
             gpu: gpu::Options::default(),
             quiet: None,
-            environment: SideEnvironment::default(),
+            environment: GivenEnvironment::default(),
             shader_cache: None,
             clock: None,
             patience: Patience::default(),
@@ -164,7 +160,9 @@ impl WorkerStart {
         if self.gpu.unchecked {
             command.arg("--unchecked");
         }
-        quiet::apply(&mut command, self.quiet.as_ref());
+        if let Some(quiet) = &self.quiet {
+            quiet::apply(&mut command, quiet);
+        }
         command.envs(driver::variables(&self.environment));
         let cache = self.shader_cache.as_deref();
         command.envs(driver::cache_variables(&self.environment, cache));
@@ -172,14 +170,12 @@ impl WorkerStart {
     }
 }
 
-/// A running worker. Dropping it kills it.
+/// A running worker. Dropping it kills it and all that it has started.
 pub struct WorkerProcess {
     name: &'static str,
-    child: Child,
-    requests: Option<ChildStdin>,
+    tree: ProcessTree,
     replies: Receiver<std::io::Result<String>>,
-    errors: Arc<Mutex<VecDeque<String>>>,
-    readers: Vec<JoinHandle<()>>,
+    errors: Option<Listener>,
     patience: Patience,
     asked: RequestKind,
 }
@@ -198,30 +194,17 @@ impl WorkerProcess {
     pub fn spawn(start: &WorkerStart) -> Result<Self, WorkerFault> {
         let mut command = start.command();
         command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
-        let mut child = command.spawn().map_err(|error| WorkerFault::Start {
+        let mut tree = ProcessTree::spawn(&mut command).map_err(|error| WorkerFault::Start {
             program: command.get_program().into(),
             reason: error.to_string(),
         })?;
-        let (sender, replies) = channel();
-        let errors = Arc::new(Mutex::new(VecDeque::new()));
-        let mut readers = Vec::new();
-        if let Some(output) = child.stdout.take() {
-            readers.push(std::thread::spawn(move || read_replies(output, &sender)));
+        let (sender, replies) = sync_channel(REPLIES_AHEAD);
+        if let Some(output) = tree.stdout.take() {
+            std::thread::spawn(move || read_replies(output, &sender));
         }
-        if let Some(output) = child.stderr.take() {
-            let kept = Arc::clone(&errors);
-            readers.push(std::thread::spawn(move || keep_last_lines(output, &kept)));
-        }
-        Ok(Self {
-            name: start.name,
-            requests: child.stdin.take(),
-            child,
-            replies,
-            errors,
-            readers,
-            patience: start.patience,
-            asked: RequestKind::Hello,
-        })
+        let errors = tree.stderr.take().map(Listener::start);
+        let (patience, asked) = (start.patience, RequestKind::Hello);
+        Ok(Self { name: start.name, tree, replies, errors, patience, asked })
     }
 
     /// Sends a request; [`Self::receive`] takes its reply, so that two workers can prepare at the same time.
@@ -233,7 +216,7 @@ impl WorkerProcess {
             absent: false,
         })?;
         line.push('\n');
-        let pipe = self.requests.as_mut();
+        let pipe = self.tree.stdin.as_mut();
         let sent = pipe.is_some_and(|pipe| {
             pipe.write_all(line.as_bytes()).and_then(|()| pipe.flush()).is_ok()
         });
@@ -257,16 +240,12 @@ impl WorkerProcess {
                 Err(RecvTimeoutError::Timeout) => {}
             }
             if waiting.is_interrupted() {
-                self.kill();
+                self.tree.kill();
                 return Err(WorkerFault::Interrupted);
             }
             if asked.elapsed() >= patience {
-                self.kill();
-                return Err(WorkerFault::Silent {
-                    request: self.asked,
-                    seconds: patience.as_secs(),
-                    stderr: self.stderr(),
-                });
+                let (request, seconds) = (self.asked, patience.as_secs());
+                return Err(WorkerFault::Silent { request, seconds, stderr: self.last_words() });
             }
             if asked.elapsed() >= LONG && !std::mem::replace(&mut told, true) {
                 (waiting.tell)(&self.waited_for(patience));
@@ -275,7 +254,7 @@ impl WorkerProcess {
     }
 
     fn waited_for(&self, patience: Duration) -> String {
-        let process = self.child.id();
+        let process = self.tree.id();
         let stopped = if quiet::is_stopped(process) {
             format!("; it is stopped, `kill -CONT {process}` lets it go on")
         } else {
@@ -293,13 +272,13 @@ impl WorkerProcess {
         if self.asked == RequestKind::Hello
             && let Some(theirs) = protocol_of(line).filter(|theirs| *theirs != PROTOCOL)
         {
-            self.kill();
+            self.tree.kill();
             return Err(WorkerFault::OtherProtocol { theirs });
         }
         match serde_json::from_str(line) {
             Ok(Reply::Fault { reason, fatal, absent }) => {
                 if fatal {
-                    self.kill();
+                    self.tree.kill();
                 }
                 Err(WorkerFault::Refused { reason, fatal, absent })
             }
@@ -334,11 +313,11 @@ impl WorkerProcess {
 
     /// Moves all threads of the worker to one core.
     pub fn pin(&self, core: usize) {
-        quiet::pin(self.child.id(), core);
+        quiet::pin(self.tree.id(), core);
     }
 
     fn garbage(&mut self, line: &str) -> WorkerFault {
-        self.kill();
+        self.tree.kill();
         let line = line.trim_end();
         let excerpt: String = line.chars().take(EXCERPT).collect();
         let more = if excerpt.len() < line.len() { "…" } else { "" };
@@ -346,58 +325,25 @@ impl WorkerProcess {
     }
 
     fn ended(&mut self) -> WorkerFault {
-        self.requests = None;
-        let status = self.status_within(FAREWELL);
+        self.tree.stdin = None;
+        let status = self.tree.status_within(FAREWELL).ok().flatten();
         let status = status.map_or("its output closed".to_owned(), |status| status.to_string());
-        self.kill();
-        WorkerFault::Ended { status, stderr: self.stderr() }
+        WorkerFault::Ended { status, stderr: self.last_words() }
     }
 
-    fn status_within(&mut self, patience: Duration) -> Option<ExitStatus> {
-        let start = Instant::now();
-        loop {
-            match self.child.try_wait() {
-                Ok(Some(status)) => return Some(status),
-                Ok(None) if start.elapsed() < patience => {
-                    std::thread::sleep(Duration::from_millis(2));
-                }
-                _ => return None,
-            }
-        }
-    }
-
-    /// The last lines of its standard error.
-    fn stderr(&self) -> String {
-        let kept = self.errors.lock().unwrap_or_else(PoisonError::into_inner);
-        kept.iter().join("; ")
-    }
-
-    /// Ends the process and what reads from it.
-    fn kill(&mut self) {
-        self.requests = None;
-        // It may have ended by itself.
-        let _ = self.child.kill();
-        let _ = self.child.wait();
-        // A grandchild may hold the pipes open: then the readers are left to it.
-        let start = Instant::now();
-        while start.elapsed() < FAREWELL && !self.readers.iter().all(JoinHandle::is_finished) {
-            std::thread::sleep(Duration::from_millis(1));
-        }
+    /// What it has written to its standard error. It is dead afterwards.
+    fn last_words(&mut self) -> String {
+        self.tree.kill();
+        self.errors.take().map(Listener::heard).unwrap_or_default().to_string()
     }
 
     /// Asks the worker to end, and sees to it.
     pub fn quit(mut self) {
         if self.send(&WorkerRequest::Quit).is_ok() {
-            self.requests = None;
-            self.status_within(FAREWELL);
+            self.tree.stdin = None;
+            // Whatever it does, it is gone after this.
+            let _ = self.tree.status_within(FAREWELL);
         }
-    }
-}
-
-impl Drop for WorkerProcess {
-    fn drop(&mut self) {
-        let _ = self.child.kill();
-        let _ = self.child.wait();
     }
 }
 
@@ -409,7 +355,7 @@ fn protocol_of(line: &str) -> Option<u32> {
 }
 
 /// Hands on line after line until the output ends or nobody listens.
-fn read_replies(output: impl Read, replies: &Sender<std::io::Result<String>>) {
+fn read_replies(output: impl Read, replies: &SyncSender<std::io::Result<String>>) {
     let mut output = BufReader::new(output);
     loop {
         let mut line = String::new();
@@ -422,20 +368,6 @@ fn read_replies(output: impl Read, replies: &Sender<std::io::Result<String>>) {
         if replies.send(reply).is_err() || last {
             return;
         }
-    }
-}
-
-fn keep_last_lines(output: impl Read, kept: &Mutex<VecDeque<String>>) {
-    for line in BufReader::new(output).split(b'\n').map_while(Result::ok) {
-        let line = String::from_utf8_lossy(&line).trim().to_owned();
-        if line.is_empty() {
-            continue;
-        }
-        let mut kept = kept.lock().unwrap_or_else(PoisonError::into_inner);
-        if kept.len() == STDERR_LINES {
-            kept.pop_front();
-        }
-        kept.push_back(line);
     }
 }
 
@@ -452,7 +384,7 @@ mod tests {
         let start = WorkerStart {
             wrapper: vec!["valgrind".into()],
             quiet: Some(Quiet::default()),
-            environment: SideEnvironment { variables, ..SideEnvironment::default() },
+            environment: GivenEnvironment { variables, ..GivenEnvironment::default() },
             ..WorkerStart::new(Path::new("fathom"))
         };
         let command = start.command();

@@ -16,13 +16,17 @@ use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 use self::shards::{Folder, Progress, Shard};
-use self::slurm::{JobId, Slurm, SlurmError};
+use self::slurm::{Slurm, SlurmError};
 use crate::record::{FolderLock, LockError, MOST_SHARDS};
+use crate::text;
 
 /// Time between two looks at the queue.
 const LOOK_INTERVAL: Duration = Duration::from_secs(2);
-/// A task whose queue and folder say nothing is taken for dead after this: a shared folder shows files of other machines late.
+/// A task that has left the queue and whose folder says nothing is taken for dead after this: a shared folder shows files of
+/// other machines late.
 const GRACE: Duration = Duration::from_secs(6);
+/// The same for a task that the queue has not shown yet: some sites answer `squeue` from a copy that is a minute old.
+const UNSEEN_GRACE: Duration = Duration::from_secs(120);
 /// Slurm may be out of reach for so long.
 const LONGEST_SILENCE: Duration = Duration::from_secs(600);
 /// Interrupted tasks are given so long to write what they have.
@@ -30,7 +34,7 @@ const LONGEST_END: Duration = Duration::from_secs(60);
 /// Name of the file that says what a fleet's folder is.
 const FLEET: &str = "fleet.json";
 /// Version of that file.
-const FORMAT: u32 = 1;
+const FORMAT: u32 = 2;
 
 #[derive(Debug, Error)]
 pub enum FleetError {
@@ -46,6 +50,11 @@ pub enum FleetError {
     NothingToResume { folder: PathBuf, reason: String },
     #[error("{} holds a fleet for {holds}: go on with the same command", folder.display())]
     OtherFleet { folder: PathBuf, holds: String },
+    #[error(
+        "{} cannot be a fleet's folder or program: Slurm and its scripts take no path that is not UTF-8 or holds a backslash or a control character",
+        text::line(&path.to_string_lossy())
+    )]
+    Path { path: PathBuf },
     #[error("{shards} shards are more than {MOST_SHARDS}")]
     TooMany { shards: u32 },
 }
@@ -70,8 +79,6 @@ struct Stored {
     format: u32,
     shards: u32,
     run: Vec<String>,
-    /// Job arrays that were submitted.
-    jobs: Vec<JobId>,
 }
 
 /// What came of the shards.
@@ -88,8 +95,11 @@ pub fn run(options: &Options, interrupted: &AtomicBool) -> Result<Followed, Flee
     if options.shards > MOST_SHARDS {
         return Err(FleetError::TooMany { shards: options.shards });
     }
-    let mut fleet = Fleet::open(options)?;
-    fleet.look()?;
+    let mut fleet = Fleet::open(options, interrupted)?;
+    let looked = fleet.look();
+    if !interrupted.load(Ordering::Relaxed) {
+        looked?;
+    }
     fleet.follow(interrupted)?;
     Ok(fleet.end(interrupted))
 }
@@ -98,36 +108,40 @@ struct Fleet<'a> {
     options: &'a Options,
     slurm: Slurm<'a>,
     stored: Stored,
+    /// The fleet's folder and the program, of whose paths every character reaches a task.
+    out: &'a str,
+    program: &'a str,
     shards: Vec<Shard>,
     progress: Progress,
     _lock: FolderLock,
 }
 
 impl<'a> Fleet<'a> {
-    fn open(options: &'a Options) -> Result<Self, FleetError> {
-        let slurm = Slurm::find(&options.slurm)?;
+    fn open(options: &'a Options, interrupted: &'a AtomicBool) -> Result<Self, FleetError> {
+        let [out, program] = [&options.out, &options.program].map(|path| usable(path));
+        let (out, program) = (out?, program?);
         let lock = FolderLock::take(&options.out, &crate::harness::output::holder())?;
-        let new = Stored {
-            format: FORMAT,
-            shards: options.shards,
-            run: options.run.clone(),
-            jobs: Vec::new(),
-        };
-        let stored = if options.resume { resumed(&options.out, &new)? } else { new };
-        if !options.resume && options.out.join(FLEET).exists() {
+        // The same folder has the same jobs under each of its names.
+        let folder = options.out.canonicalize().unwrap_or_else(|_| options.out.clone());
+        let mut slurm = Slurm::find(&options.slurm, &folder)?;
+        slurm.interrupted = Some(interrupted);
+        let stored = Stored { format: FORMAT, shards: options.shards, run: options.run.clone() };
+        if options.resume {
+            check_resumed(&options.out, &stored)?;
+        } else if options.out.join(FLEET).exists() {
             return Err(FleetError::Occupied { folder: options.out.clone() });
         }
         let shard = |number| Shard::new(Folder::of(&options.out, number), number);
         let shards = (1..=options.shards).map(shard).collect();
         let progress = Progress::default();
-        Ok(Self { options, slurm, stored, shards, progress, _lock: lock })
+        Ok(Self { options, slurm, stored, out, program, shards, progress, _lock: lock })
     }
 
     /// Takes over what queue and folders say, and submits the shards that are neither done nor in the queue.
     fn look(&mut self) -> Result<(), FleetError> {
         let queue = self.slurm.queue()?;
         for shard in &mut self.shards {
-            if let Some(event) = shard.look(&queue, &self.stored.jobs) {
+            if let Some(event) = shard.look(&queue) {
                 self.progress.say(&event);
             }
         }
@@ -137,13 +151,15 @@ impl<'a> Fleet<'a> {
     }
 
     fn submit(&mut self, due: &[u32]) -> Result<(), FleetError> {
-        let script = self.write_script()?;
-        let job = self.slurm.submit(&script, due, &Folder::logs(&self.options.out))?;
-        self.stored.jobs.push(job);
-        self.write_stored()?;
+        let Options { shards, run, .. } = self.options;
+        let script = script::text(self.program, run, *shards, self.out);
+        let script = write(&self.options.out, script::NAME, script.as_bytes())?;
+        let job = self.slurm.submit(&script, due, &Folder::logs(self.out))?;
+        let stored = serde_json::to_vec_pretty(&self.stored).unwrap_or_default();
+        write(&self.options.out, FLEET, &stored)?;
         for shard in &mut self.shards {
             if due.contains(&shard.number) {
-                shard.submitted();
+                shard.submitted(job);
             }
         }
         self.progress.say(&format!(
@@ -154,32 +170,13 @@ impl<'a> Fleet<'a> {
         Ok(())
     }
 
-    fn write_script(&self) -> Result<PathBuf, FleetError> {
-        let Options { out, program, run, shards, .. } = self.options;
-        let path = out.join(script::NAME);
-        self.write(&path, script::text(program, run, *shards, out).as_bytes())?;
-        Ok(path)
-    }
-
-    fn write_stored(&self) -> Result<(), FleetError> {
-        let text = serde_json::to_vec_pretty(&self.stored).unwrap_or_default();
-        self.write(&self.options.out.join(FLEET), &text)
-    }
-
-    /// All or nothing.
-    fn write(&self, path: &Path, bytes: &[u8]) -> Result<(), FleetError> {
-        let fault = |source| FleetError::Write { path: path.to_owned(), source };
-        std::fs::create_dir_all(Folder::parent(&self.options.out)).map_err(fault)?;
-        let beside = path.with_extension("new");
-        std::fs::write(&beside, bytes).and_then(|()| std::fs::rename(&beside, path)).map_err(fault)
-    }
-
     /// Looks until every shard is done or given up, or the fleet is interrupted. Slurm may fail for a while.
     fn follow(&mut self, interrupted: &AtomicBool) -> Result<(), FleetError> {
         let mut heard = Instant::now();
         while !interrupted.load(Ordering::Relaxed) {
             match self.look() {
                 Ok(()) => heard = Instant::now(),
+                Err(_) if interrupted.load(Ordering::Relaxed) => break,
                 Err(error) if heard.elapsed() > LONGEST_SILENCE => return Err(error),
                 Err(error) => self.progress.say(&format!("{error}; trying again")),
             }
@@ -196,15 +193,18 @@ impl<'a> Fleet<'a> {
     /// Removes what waits, and ends what runs with what it has measured.
     fn cancel(&mut self) -> Result<(), FleetError> {
         self.progress.say("cancelling the jobs; what is measured is kept");
-        self.slurm.interrupt(&self.stored.jobs)?;
+        self.slurm.interrupted = None;
+        // Jobs that another process submitted are known from the queue.
+        let _ = self.slurm.queue();
+        self.slurm.interrupt()?;
         let start = Instant::now();
         while start.elapsed() < LONGEST_END {
             match self.slurm.queue() {
-                Ok(queue) if !queue.holds_any(&self.stored.jobs) => return Ok(()),
+                Ok(queue) if queue.is_empty() => return Ok(()),
                 _ => std::thread::sleep(Duration::from_millis(500)),
             }
         }
-        Ok(self.slurm.kill(&self.stored.jobs)?)
+        Ok(self.slurm.kill()?)
     }
 
     fn end(mut self, interrupted: &AtomicBool) -> Followed {
@@ -222,6 +222,23 @@ impl<'a> Fleet<'a> {
     }
 }
 
+/// A path that means the same to this process, to a shell and to Slurm.
+fn usable(path: &Path) -> Result<&str, FleetError> {
+    let plain = |c: char| c != '\\' && !c.is_control();
+    let text = path.to_str().filter(|text| text.chars().all(plain));
+    text.ok_or_else(|| FleetError::Path { path: path.to_owned() })
+}
+
+/// Writes a file of a fleet's folder, all or nothing.
+fn write(out: &Path, name: &str, bytes: &[u8]) -> Result<PathBuf, FleetError> {
+    let path = out.join(name);
+    let fault = |source| FleetError::Write { path: path.clone(), source };
+    std::fs::create_dir_all(Folder::parent(out)).map_err(fault)?;
+    let beside = path.with_extension("new");
+    std::fs::write(&beside, bytes).and_then(|()| std::fs::rename(&beside, &path)).map_err(fault)?;
+    Ok(path)
+}
+
 /// Sleeps, but no longer than until an interrupt.
 fn wait(time: Duration, interrupted: &AtomicBool) {
     let start = Instant::now();
@@ -230,18 +247,18 @@ fn wait(time: Duration, interrupted: &AtomicBool) {
     }
 }
 
-/// What the folder says, which has to be what is asked.
-fn resumed(out: &Path, asked: &Stored) -> Result<Stored, FleetError> {
+/// The folder holds the fleet that is asked for.
+fn check_resumed(out: &Path, asked: &Stored) -> Result<(), FleetError> {
     let folder = out.to_owned();
     let nothing = |reason: String| FleetError::NothingToResume { folder: folder.clone(), reason };
-    let text = crate::input::text(&out.join(FLEET), crate::input::MAX_TEXT)
+    let json = crate::input::text(&out.join(FLEET), crate::input::MAX_TEXT)
         .map_err(|error| nothing(format!("{FLEET}: {error}")))?;
     let stored: Stored =
-        serde_json::from_str(&text).map_err(|error| nothing(format!("{FLEET}: {error}")))?;
-    if (stored.format, stored.shards, &stored.run) != (asked.format, asked.shards, &asked.run) {
-        let run = stored.run.iter().map(|word| crate::text::shell(word)).collect::<Vec<_>>();
+        serde_json::from_str(&json).map_err(|error| nothing(format!("{FLEET}: {error}")))?;
+    if stored != *asked {
+        let run = stored.run.iter().map(|word| text::shell(word)).collect::<Vec<_>>();
         let holds = format!("{} shards of `run {}`", stored.shards, run.join(" "));
         return Err(FleetError::OtherFleet { folder, holds });
     }
-    Ok(stored)
+    Ok(())
 }

@@ -1,23 +1,19 @@
 //! What a task of a job array runs.
 
-use std::path::Path;
-
-use super::shards::{Folder, STATUS};
-use crate::text::shell;
+use super::shards::{SHARDS, STATUS};
 
 /// Name of the script in the fleet's folder.
 pub const NAME: &str = "job.sh";
 
 /// A POSIX shell script. It goes on with a shard whose folder has records, hands a termination on to fathom and waits for it,
-/// and writes fathom's exit status beside the folder.
-pub fn text(program: &Path, run: &[String], shards: u32, out: &Path) -> String {
-    let run: Vec<String> = run.iter().map(|word| shell(word)).collect();
-    let (run, program) = (run.join(" "), shell(&program.to_string_lossy()));
-    let parent = shell(&Folder::parent(out).to_string_lossy());
+/// and writes fathom's exit status and the job beside the folder.
+pub fn text(program: &str, run: &[String], shards: u32, out: &str) -> String {
+    let run: Vec<String> = run.iter().map(|word| quoted(word)).collect();
+    let (run, program, out) = (run.join(" "), quoted(program), quoted(out));
     format!(
         r#"#!/bin/sh
 # Written by `fathom fleet slurm`. Each task of the array measures a shard of the run.
-folder={parent}/$SLURM_ARRAY_TASK_ID
+folder={out}/{SHARDS}/$SLURM_ARRAY_TASK_ID
 status_file=$folder.{STATUS}
 rm -f "$status_file"
 # A task outlives the daemon of its node: what it still writes is waited for.
@@ -34,10 +30,15 @@ while kill -0 "$child" 2>/dev/null; do
     wait "$child"
     status=$?
 done
-echo "$status" >"$status_file.new" && mv "$status_file.new" "$status_file"
+echo "$status $SLURM_ARRAY_JOB_ID" >"$status_file.new" && mv "$status_file.new" "$status_file"
 exit "$status"
 "#
     )
+}
+
+/// A word for a POSIX shell, byte for byte.
+fn quoted(word: &str) -> String {
+    format!("'{}'", word.replace('\'', "'\\''"))
 }
 
 #[cfg(all(test, unix))]
@@ -47,7 +48,11 @@ mod tests {
     use std::process::{Child, Command, Stdio};
     use std::time::Duration;
 
+    use super::super::shards::Folder;
     use super::*;
+
+    /// Of the run: all that a shell may take for something else.
+    const HOSTILE: &str = "a='$(touch x)' \"b\"\\\n#SBATCH --comment=x\r\t \u{1b}[2J*?~!é`touch y`";
 
     /// A program in fathom's place: writes its arguments, one a line, and does what `then` says.
     fn task(then: &str) -> (tempfile::TempDir, Command) {
@@ -57,13 +62,15 @@ mod tests {
         let text = format!("#!/bin/sh\nprintf '%s\\n' \"$@\" >{}\n{then}\n", arguments.display());
         fs::write(&program, text).unwrap();
         fs::set_permissions(&program, fs::Permissions::from_mode(0o755)).unwrap();
-        let run = ["uw-default", "--cell", "a='$(touch x)' \"b\""].map(str::to_owned);
+        let run = ["uw-default", "--cell", HOSTILE].map(str::to_owned);
         let out = folder.path().join("o ut");
         fs::create_dir_all(Folder::parent(&out)).unwrap();
         let script = folder.path().join(NAME);
-        fs::write(&script, super::text(&program, &run, 8, &out)).unwrap();
+        let [program, out] = [&program, &out].map(|path| path.to_str().unwrap());
+        fs::write(&script, super::text(program, &run, 8, out)).unwrap();
         let mut command = Command::new("sh");
-        command.arg(script).env("SLURM_ARRAY_TASK_ID", "3").current_dir(folder.path());
+        command.env("SLURM_ARRAY_TASK_ID", "3").env("SLURM_ARRAY_JOB_ID", "12");
+        command.arg(script).current_dir(folder.path());
         (folder, command)
     }
 
@@ -82,15 +89,13 @@ mod tests {
     fn arguments_arrive_as_they_are_and_the_status_is_written() {
         let (folder, mut task) = task("exit 7");
         assert_eq!(task.status().unwrap().code(), Some(7));
-        assert_eq!(status(&folder).as_deref(), Some("7\n"));
+        assert_eq!(status(&folder).as_deref(), Some("7 12\n"));
         let told = fs::read_to_string(folder.path().join("arguments")).unwrap();
         let out = folder.path().join("o ut/shards/3");
-        let wanted = format!(
-            "run\nuw-default\n--cell\na='$(touch x)' \"b\"\n--shard\n3/8\n--out\n{}\n",
-            out.display()
-        );
+        let wanted =
+            format!("run\nuw-default\n--cell\n{HOSTILE}\n--shard\n3/8\n--out\n{}\n", out.display());
         assert_eq!(told, wanted);
-        assert!(!folder.path().join("x").exists());
+        assert!(!["x", "y"].iter().any(|name| folder.path().join(name).exists()));
         // With records it goes on.
         fs::create_dir(&out).unwrap();
         fs::write(out.join("records.jsonl"), "").unwrap();
@@ -108,14 +113,14 @@ mod tests {
         wait_for(&folder.path().join("ready"), &mut running);
         Command::new("kill").args(["-TERM", &running.id().to_string()]).status().unwrap();
         assert_eq!(running.wait().unwrap().code(), Some(130));
-        assert_eq!(status(&folder).as_deref(), Some("130\n"));
+        assert_eq!(status(&folder).as_deref(), Some("130 12\n"));
     }
 
     #[test]
     fn one_that_is_killed_leaves_no_status() {
         let (folder, mut task) = task("while [ -e arguments ]; do sleep 0.05; done");
         let old = folder.path().join("o ut/shards/3.status");
-        fs::write(&old, "0\n").unwrap();
+        fs::write(&old, "0 12\n").unwrap();
         let mut running = task.spawn().unwrap();
         wait_for(&folder.path().join("arguments"), &mut running);
         running.kill().unwrap();

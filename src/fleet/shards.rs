@@ -7,8 +7,8 @@ use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressStyle};
 
-use super::GRACE;
 use super::slurm::{JobId, Queue};
+use super::{GRACE, UNSEEN_GRACE};
 use crate::harness::output::RECORDS;
 use crate::input;
 use crate::record::{self, MAX_LINE, Record};
@@ -18,9 +18,9 @@ use crate::{tell, text};
 pub const STATUS: &str = "status";
 /// Ending of the name of the file with what a task printed.
 const LOG: &str = "log";
-const SHARDS: &str = "shards";
-/// Bytes of a file of status.
-const MOST_STATUS_BYTES: u64 = 16;
+pub const SHARDS: &str = "shards";
+/// Bytes of a file of status: two numbers.
+const MOST_STATUS_BYTES: u64 = 40;
 /// Bytes of a log whose last line is told.
 const MOST_LOG_BYTES: u64 = 4 << 20;
 /// Time between two lines that say how far the shards are, where there is no terminal.
@@ -43,9 +43,9 @@ impl Folder {
         out.join(SHARDS)
     }
 
-    /// Where Slurm puts what tasks print; `%a` is the number of the task.
-    pub fn logs(out: &Path) -> PathBuf {
-        Self::parent(out).join(format!("%a.{LOG}"))
+    /// Where Slurm puts what tasks print; `%a` is the number of the task, `%%` a `%` (`sbatch(1)`, "filename pattern").
+    pub fn logs(out: &str) -> String {
+        format!("{}/{SHARDS}/%a.{LOG}", out.replace('%', "%%"))
     }
 
     fn beside(&self, ending: &str) -> PathBuf {
@@ -54,10 +54,13 @@ impl Folder {
         path.into()
     }
 
-    /// The exit status that its task wrote last.
-    fn status(&self) -> Option<i32> {
+    /// The exit status that its task wrote last. Of a job that is known, only that job's counts: an earlier one's may still be
+    /// there when the next begins.
+    fn status(&self, job: Option<JobId>) -> Option<i32> {
         let text = input::text(&self.beside(STATUS), MOST_STATUS_BYTES).ok()?;
-        text.trim().parse().ok()
+        let (status, of) = text.trim().split_once(' ')?;
+        let of = JobId(of.parse().ok()?);
+        job.is_none_or(|job| job == of).then_some(status)?.parse().ok()
     }
 
     /// The last line that its task printed.
@@ -126,6 +129,10 @@ pub struct Shard {
     pub number: u32,
     pub folder: Folder,
     pub state: State,
+    /// Its latest, if it was submitted or seen here.
+    job: Option<JobId>,
+    /// The queue has shown that job.
+    is_seen: bool,
     /// How often it was submitted.
     attempts: u32,
     /// Cells of its file of records up to a place in it.
@@ -136,18 +143,17 @@ pub struct Shard {
 
 impl Shard {
     pub fn new(folder: Folder, number: u32) -> Self {
-        let mut shard =
-            Self { number, folder, state: State::New, attempts: 0, counted: (0, 0), cells: None };
-        if let Some(status) = shard.folder.status() {
-            shard.state = State::Over(Ending::of(Some(status)));
-        }
-        shard
+        let status = folder.status(None);
+        let state = status.map_or(State::New, |status| State::Over(Ending::of(Some(status))));
+        let (job, is_seen, attempts, counted, cells) = (None, false, 0, (0, 0), None);
+        Self { number, folder, state, job, is_seen, attempts, counted, cells }
     }
 
     /// Takes over what the queue and the folder say; a line to tell where that is news.
-    pub fn look(&mut self, queue: &Queue, jobs: &[JobId]) -> Option<String> {
+    pub fn look(&mut self, queue: &Queue) -> Option<String> {
         let number = self.number;
-        if let Some(task) = queue.task(jobs, number) {
+        if let Some((job, task)) = queue.task(number) {
+            (self.job, self.is_seen) = (Some(*job), true);
             let state = match &task.node {
                 Some(node) => State::Runs { node: node.clone() },
                 None => State::Waits,
@@ -164,13 +170,18 @@ impl Shard {
             State::Waits | State::Runs { .. } => Instant::now(),
             State::Gone(since) => since,
         };
-        let ending = Ending::of(self.folder.status());
-        if ending == Ending::Lost && since.elapsed() < GRACE {
+        let ending = self.ending();
+        let grace = if self.is_seen { GRACE } else { UNSEEN_GRACE };
+        if ending == Ending::Lost && since.elapsed() < grace {
             self.state = State::Gone(since);
             return None;
         }
         self.state = State::Over(ending);
         Some(format!("shard {number} {}", self.told(ending)))
+    }
+
+    fn ending(&self) -> Ending {
+        Ending::of(self.folder.status(self.job))
     }
 
     fn told(&self, ending: Ending) -> String {
@@ -197,15 +208,16 @@ impl Shard {
         matches!(self.state, State::Over(_)) && !self.is_due(retries)
     }
 
-    pub fn submitted(&mut self) {
+    pub fn submitted(&mut self, job: JobId) {
         self.attempts += 1;
+        (self.job, self.is_seen) = (Some(job), false);
         self.state = State::Waits;
     }
 
     /// What the folder says, where the queue was not asked to the end.
     pub fn read_ending(&mut self) {
         if !matches!(self.state, State::Over(_)) {
-            self.state = State::Over(Ending::of(self.folder.status()));
+            self.state = State::Over(self.ending());
         }
     }
 

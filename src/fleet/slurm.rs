@@ -1,15 +1,23 @@
 //! Slurm's commands.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
 use std::path::Path;
-use std::process::{Command, Output};
+use std::process::Command;
+use std::sync::atomic::AtomicBool;
+use std::time::Duration;
 
 use itertools::Itertools;
-use serde::{Deserialize, Serialize};
+use sha2::{Digest, Sha256};
 use thiserror::Error;
 
+use crate::process::{self, Limits, ProcessError};
 use crate::text;
+
+/// Longest time of one of Slurm's commands: six times its `MessageTimeout` (`slurm.conf(5)`).
+const COMMAND_TIME: Duration = Duration::from_secs(60);
+/// Hexadecimal digits of a fleet's folder in the names of its jobs.
+const NAME_DIGITS: usize = 12;
 
 #[derive(Debug, Error)]
 pub enum SlurmError {
@@ -19,6 +27,12 @@ pub enum SlurmError {
     Absent { command: &'static str, source: std::io::Error },
     #[error("`{command}` failed: {reason}")]
     Failed { command: &'static str, reason: String },
+    #[error("`{command}`: {source}")]
+    Stopped { command: &'static str, source: ProcessError },
+    #[error(
+        "job {job} has the name `{name}` of this fleet's jobs, but the comment `{comment}` of another: it is left alone"
+    )]
+    Foreign { job: JobId, name: String, comment: String },
     #[error("`sbatch` refused the job array: {reason}")]
     Refused { reason: String },
     #[error("`{command}` answered `{answer}`, which is not understood")]
@@ -42,7 +56,7 @@ pub struct Options {
 }
 
 /// Number of a job array.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct JobId(pub u64);
 
 /// A task that Slurm has in its queue.
@@ -54,38 +68,59 @@ pub struct Task {
     pub reason: String,
 }
 
-/// Tasks that wait or run, by job array and number.
+/// What tells a fleet's jobs from all others of the user: it follows from the fleet's folder alone, so nothing that a file
+/// says can name another job.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Mark {
+    pub name: String,
+    comment: String,
+}
+
+impl Mark {
+    pub fn of(folder: &Path) -> Self {
+        let sum = hex::encode(Sha256::digest(folder.as_os_str().as_encoded_bytes()));
+        Self {
+            name: format!("fathom-{}", &sum[..NAME_DIGITS]),
+            comment: format!("fathom fleet {sum}"),
+        }
+    }
+}
+
+/// Tasks of a fleet that wait or run, by number, each with its job array.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct Queue(BTreeMap<(JobId, u32), Task>);
+pub struct Queue(BTreeMap<u32, (JobId, Task)>);
 
 impl Queue {
-    /// The task of a shard in any of these arrays.
-    pub fn task(&self, jobs: &[JobId], number: u32) -> Option<&Task> {
-        jobs.iter().find_map(|job| self.0.get(&(*job, number)))
+    /// A shard's task.
+    pub fn task(&self, number: u32) -> Option<&(JobId, Task)> {
+        self.0.get(&number)
     }
 
-    pub fn holds_any(&self, jobs: &[JobId]) -> bool {
-        self.0.keys().any(|(job, _)| jobs.contains(job))
+    pub fn is_empty(&self) -> bool {
+        self.0.is_empty()
     }
 
-    /// From lines of array, number, node and reason.
-    fn parse(answer: &str) -> Result<Self, SlurmError> {
-        let task = |line: &str| {
-            let [array, number, node, reason] = line.split('|').collect_array()?;
-            let node = (!node.is_empty()).then(|| node.to_owned());
-            // Jobs that are no arrays have no number.
-            let Ok(number) = number.parse() else { return Some(None) };
-            let task = Task { node, reason: reason.to_owned() };
-            Some(Some(((JobId(array.parse().ok()?), number), task)))
-        };
+    /// From lines of array, number, node, reason and comment.
+    fn parse(answer: &str, mark: &Mark) -> Result<Self, SlurmError> {
         let understood = |line: &str| {
-            task(line)
-                .ok_or_else(|| SlurmError::Answer { command: SQUEUE, answer: text::line(line) })
+            let (job, number, comment, task) = fields(line)
+                .ok_or_else(|| SlurmError::Answer { command: SQUEUE, answer: text::line(line) })?;
+            if comment != mark.comment {
+                let (name, comment) = (mark.name.clone(), text::line(comment));
+                return Err(SlurmError::Foreign { job, name, comment });
+            }
+            Ok((number, (job, task)))
         };
         let lines = answer.lines().filter(|line| !line.trim().is_empty());
-        let tasks: Vec<_> = lines.map(understood).collect::<Result<_, _>>()?;
-        Ok(Self(tasks.into_iter().flatten().collect()))
+        lines.map(understood).collect::<Result<_, _>>().map(Self)
     }
+}
+
+fn fields(line: &str) -> Option<(JobId, u32, &str, Task)> {
+    let [array, number, node, reason, comment] = line.splitn(5, '|').collect_array()?;
+    let node = (!node.is_empty()).then(|| node.to_owned());
+    let task = Task { node, reason: reason.to_owned() };
+    Some((JobId(array.parse().ok()?), number.parse().ok()?, comment.trim(), task))
 }
 
 const SBATCH: &str = "sbatch";
@@ -99,12 +134,17 @@ pub struct Slurm<'a> {
     options: &'a Options,
     /// Nodes that tasks must not use.
     excluded: Vec<String>,
+    mark: Mark,
+    /// Arrays of this fleet: submitted here, or seen in the queue with its mark.
+    jobs: BTreeSet<JobId>,
+    /// Ends the wait for the queue's answer.
+    pub interrupted: Option<&'a AtomicBool>,
 }
 
 impl<'a> Slurm<'a> {
-    /// An error where Slurm's commands are not there, or a node that is asked for.
-    pub fn find(options: &'a Options) -> Result<Self, SlurmError> {
-        output(SBATCH, Command::new(SBATCH).arg("--version"))?;
+    /// For the fleet of a folder. An error where Slurm's commands are not there, or a node that is asked for.
+    pub fn find(options: &'a Options, folder: &Path) -> Result<Self, SlurmError> {
+        output(SBATCH, Command::new(SBATCH).arg("--version"), PLAINLY)?;
         let excluded = match &options.nodes {
             Some(list) => {
                 let wanted = hostnames(list)?;
@@ -118,7 +158,8 @@ impl<'a> Slurm<'a> {
             }
             None => Vec::new(),
         };
-        Ok(Self { options, excluded })
+        let (mark, jobs) = (Mark::of(folder), BTreeSet::new());
+        Ok(Self { options, excluded, mark, jobs, interrupted: None })
     }
 
     /// How many nodes tasks may run on.
@@ -129,13 +170,18 @@ impl<'a> Slurm<'a> {
         }
     }
 
-    /// Submits one array with a task for each of these numbers.
-    pub fn submit(&self, script: &Path, numbers: &[u32], logs: &Path) -> Result<JobId, SlurmError> {
+    /// Submits one array with a task for each of these numbers, which print to `logs`.
+    pub fn submit(
+        &mut self,
+        script: &Path,
+        numbers: &[u32],
+        logs: &str,
+    ) -> Result<JobId, SlurmError> {
         let mut sbatch = Command::new(SBATCH);
-        sbatch.args(["--parsable", "--job-name=fathom", "--nodes=1", "--ntasks=1"]);
+        sbatch.args(["--parsable", "--nodes=1", "--ntasks=1"]);
         sbatch.args(["--requeue", "--open-mode=append"]);
         sbatch.arg(format!("--array={}", numbers.iter().join(",")));
-        sbatch.arg(format!("--output={}", logs.display()));
+        sbatch.arg(format!("--output={logs}"));
         let Options { partition, gres, time, shared, more, .. } = self.options;
         for (option, value) in [("partition", partition), ("gres", gres), ("time", time)] {
             sbatch.args(value.iter().map(|value| format!("--{option}={value}")));
@@ -146,43 +192,54 @@ impl<'a> Slurm<'a> {
         if !self.excluded.is_empty() {
             sbatch.arg(format!("--exclude={}", self.excluded.join(",")));
         }
-        let answer = match output(SBATCH, sbatch.args(more).arg(script)) {
+        // Last, so that no option takes the mark away.
+        let Mark { name, comment } = &self.mark;
+        sbatch.args(more).arg(format!("--job-name={name}")).arg(format!("--comment={comment}"));
+        let answer = match output(SBATCH, sbatch.arg(script), PLAINLY) {
             Err(SlurmError::Failed { reason, .. }) => return Err(SlurmError::Refused { reason }),
             answer => answer?,
         };
         // `JOB` or `JOB;CLUSTER`.
-        let job = answer.trim().split(';').next().and_then(|job| job.parse().ok());
-        let not_understood =
-            || SlurmError::Answer { command: SBATCH, answer: text::line(answer.trim()) };
-        job.map(JobId).ok_or_else(not_understood)
+        let job = answer.trim().split(';').next().and_then(|job| job.parse().ok()).map(JobId);
+        let job = job.ok_or_else(|| SlurmError::Answer {
+            command: SBATCH,
+            answer: text::line(answer.trim()),
+        })?;
+        self.jobs.insert(job);
+        Ok(job)
     }
 
-    /// This user's tasks.
-    pub fn queue(&self) -> Result<Queue, SlurmError> {
+    /// This fleet's tasks.
+    pub fn queue(&mut self) -> Result<Queue, SlurmError> {
         let mut squeue = Command::new(SQUEUE);
-        squeue.args(["--noheader", "--array", "--me", "--format=%F|%K|%N|%r"]);
-        Queue::parse(&output(SQUEUE, &mut squeue)?)
+        squeue.args(["--noheader", "--array", "--me", "--format=%F|%K|%N|%r|%k"]);
+        squeue.arg(format!("--name={}", self.mark.name));
+        let limits = Limits { interrupted: self.interrupted, ..PLAINLY };
+        let queue = Queue::parse(&output(SQUEUE, &mut squeue, limits)?, &self.mark)?;
+        self.jobs.extend(queue.0.values().map(|(job, _)| *job));
+        Ok(queue)
     }
 
     /// Removes the tasks that wait, and tells those that run to end.
-    pub fn interrupt(&self, jobs: &[JobId]) -> Result<(), SlurmError> {
-        self.cancel(jobs, &["--state=PENDING"])?;
-        self.cancel(jobs, &["--batch", "--signal=TERM"])
+    pub fn interrupt(&self) -> Result<(), SlurmError> {
+        self.cancel(&["--state=PENDING"])?;
+        self.cancel(&["--batch", "--signal=TERM"])
     }
 
     /// Ends tasks at once.
-    pub fn kill(&self, jobs: &[JobId]) -> Result<(), SlurmError> {
-        self.cancel(jobs, &[])
+    pub fn kill(&self) -> Result<(), SlurmError> {
+        self.cancel(&[])
     }
 
     /// Jobs that are over are no error.
-    fn cancel(&self, jobs: &[JobId], options: &[&str]) -> Result<(), SlurmError> {
-        if jobs.is_empty() {
+    fn cancel(&self, options: &[&str]) -> Result<(), SlurmError> {
+        if self.jobs.is_empty() {
             return Ok(());
         }
         let mut scancel = Command::new(SCANCEL);
-        scancel.arg("--quiet").args(options).args(jobs.iter().map(ToString::to_string));
-        match output(SCANCEL, &mut scancel) {
+        scancel.arg("--quiet").arg(format!("--name={}", self.mark.name)).args(options);
+        scancel.args(self.jobs.iter().map(ToString::to_string));
+        match output(SCANCEL, &mut scancel, PLAINLY) {
             Err(SlurmError::Failed { .. }) => Ok(()),
             other => other.map(drop),
         }
@@ -194,7 +251,7 @@ fn nodes(options: &Options) -> Result<Vec<String>, SlurmError> {
     let mut sinfo = Command::new(SINFO);
     sinfo.args(["--noheader", "--Node", "--format=%N"]);
     sinfo.args(options.partition.iter().map(|name| format!("--partition={name}")));
-    let answer = output(SINFO, &mut sinfo)?;
+    let answer = output(SINFO, &mut sinfo, PLAINLY)?;
     let nodes: Vec<String> = answer.split_whitespace().unique().map(str::to_owned).collect();
     if nodes.is_empty() {
         let reason = "it names no node".to_owned();
@@ -206,22 +263,27 @@ fn nodes(options: &Options) -> Result<Vec<String>, SlurmError> {
 /// The names in a list such as `gpu[1-4]`.
 fn hostnames(list: &str) -> Result<Vec<String>, SlurmError> {
     let mut scontrol = Command::new(SCONTROL);
-    let answer = output(SCONTROL, scontrol.args(["show", "hostnames", list]))?;
+    let answer = output(SCONTROL, scontrol.args(["show", "hostnames", list]), PLAINLY)?;
     Ok(answer.split_whitespace().unique().map(str::to_owned).collect())
 }
 
+const PLAINLY: Limits<'static> = Limits { time: Some(COMMAND_TIME), interrupted: None };
+
 /// What a command printed; the last line of its complaint where it failed.
-fn output(name: &'static str, command: &mut Command) -> Result<String, SlurmError> {
-    let started = command.output();
-    let Output { status, stdout, stderr } =
-        started.map_err(|source| SlurmError::Absent { command: name, source })?;
-    if status.success() {
-        return Ok(String::from_utf8_lossy(&stdout).into_owned());
-    }
-    let told = String::from_utf8_lossy(&stderr);
-    let last = told.lines().rev().find(|line| !line.trim().is_empty());
-    let reason = last.map_or_else(|| status.to_string(), |line| text::line(line.trim()));
-    Err(SlurmError::Failed { command: name, reason })
+fn output(
+    name: &'static str,
+    command: &mut Command,
+    limits: Limits<'_>,
+) -> Result<String, SlurmError> {
+    process::run(command, limits, &mut |_| ()).map_err(|error| match error {
+        ProcessError::Start(source) => SlurmError::Absent { command: name, source },
+        ProcessError::Failed { status, complaint } => {
+            let last = complaint.lines().next_back();
+            let reason = last.map_or_else(|| status.to_string(), |line| line.trim().to_owned());
+            SlurmError::Failed { command: name, reason }
+        }
+        source => SlurmError::Stopped { command: name, source },
+    })
 }
 
 impl fmt::Display for JobId {
@@ -244,14 +306,34 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_queue_is_read() {
-        let answer = "12|1|n1|None\n12|2||Resources\n7|N/A|n2|None\n\n";
-        let queue = Queue::parse(answer).unwrap();
-        let told = |number| queue.task(&[JobId(12)], number).map(ToString::to_string);
-        assert_eq!(told(1).as_deref(), Some("on n1"));
-        assert_eq!(told(2).as_deref(), Some("waits (Resources)"));
+    fn a_queue_is_read_and_a_job_of_another_is_refused() {
+        let mark = Mark::of(Path::new("/shared/a"));
+        let comment = &mark.comment;
+        let answer = format!("12|1|n1|None|{comment}\n14|2||Resources|{comment}\n\n");
+        let queue = Queue::parse(&answer, &mark).unwrap();
+        let told = |number| queue.task(number).map(|(job, task)| format!("{job} {task}"));
+        assert_eq!(told(1).as_deref(), Some("12 on n1"));
+        assert_eq!(told(2).as_deref(), Some("14 waits (Resources)"));
         assert_eq!(told(3), None);
-        assert!(queue.holds_any(&[JobId(3), JobId(12)]) && !queue.holds_any(&[JobId(7)]));
-        assert!(Queue::parse("slurm_load_jobs error").is_err());
+        assert!(!queue.is_empty() && Queue::parse("\n", &mark).unwrap().is_empty());
+        assert!(Queue::parse("slurm_load_jobs error", &mark).is_err());
+        for comment in ["(null)", "", "a|b", &Mark::of(Path::new("/shared/b")).comment] {
+            let refused = Queue::parse(&format!("7|1|n1|None|{comment}\n"), &mark).unwrap_err();
+            assert!(matches!(refused, SlurmError::Foreign { job: JobId(7), .. }), "{refused}");
+        }
+        assert_ne!(mark.name, Mark::of(Path::new("/shared/b")).name);
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn a_command_that_hangs_or_floods_is_named() {
+        let told = |script: &str, limits: Limits<'_>| {
+            output(SQUEUE, Command::new("sh").args(["-c", script]), limits).unwrap_err().to_string()
+        };
+        let short = Limits { time: Some(Duration::from_millis(10)), interrupted: None };
+        let hung = told("exec sleep 3600", short);
+        assert_eq!(hung, "`squeue`: it did not end within 0.01 s and was killed");
+        let flooded = told("exec yes", PLAINLY);
+        assert_eq!(flooded, "`squeue`: it answered more than 16 MiB and was killed");
     }
 }

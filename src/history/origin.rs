@@ -3,7 +3,7 @@
 use std::process::Command;
 
 use super::HistoryError;
-use crate::quiet;
+use crate::{process, quiet};
 
 /// What the user says. The rest is found out.
 #[derive(Clone, Debug, Default)]
@@ -73,7 +73,6 @@ fn committed_at(commit: &str) -> Option<i64> {
 
 /// What git prints in the current folder; none where it fails or is absent.
 fn git(arguments: &[&str]) -> Option<String> {
-    let output = Command::new("git").args(arguments).output().ok()?;
-    let text = String::from_utf8(output.stdout).ok()?.trim().to_owned();
-    (output.status.success() && !text.is_empty()).then_some(text)
+    let text = process::printed(Command::new("git").args(arguments)).ok()?;
+    (!text.is_empty()).then_some(text)
 }

@@ -225,14 +225,24 @@ pub struct SideEnvironment {
     /// The only Vulkan driver that they find.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub driver: Option<NamedDriver>,
-    /// Environment variables by name.
+    /// Environment variables by name. Their values only where that was asked for.
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
-    pub variables: BTreeMap<String, String>,
+    pub variables: BTreeMap<String, Option<String>>,
+    /// 16 bits of the SHA-256 of all names and values: enough to tell other values, too few to find a value.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub values_digest: Option<String>,
 }
 
 impl SideEnvironment {
     pub fn is_empty(&self) -> bool {
         *self == Self::default()
+    }
+
+    /// The sides' processes were given the same, whether or not values were recorded.
+    pub fn is_same(&self, other: &Self) -> bool {
+        self.driver == other.driver
+            && self.variables.keys().eq(other.variables.keys())
+            && self.values_digest == other.values_digest
     }
 }
 

@@ -295,7 +295,7 @@ fn each_side_has_its_own_environment_and_the_control_has_the_bases() {
     let output = given(&["--base-env", "MARK=of base"]).output().unwrap();
     assert_eq!(output.status.code(), Some(0), "{output:?}");
     let told = String::from_utf8(output.stdout).unwrap();
-    assert!(told.lines().next().unwrap().contains("(0) with MARK=of base → "), "{told}");
+    assert!(told.lines().next().unwrap().contains("(0) with MARK → "), "{told}");
     let log = fs::read_to_string(&log).unwrap();
     let count = |line: &str| log.lines().filter(|found| *found == line).count();
     // Survey, first look of the time gate and ten launches; two of the base's workers more in each launch for the control.
@@ -306,7 +306,11 @@ fn each_side_has_its_own_environment_and_the_control_has_the_bases() {
     );
 
     let stored = StoredComparison::read(&builds.path("out")).unwrap();
-    assert_eq!(stored.header.base.environment.variables["MARK"], "of base");
+    assert_eq!(stored.header.base.environment.variables["MARK"], None);
+    for file in fs::read_dir(builds.path("out")).unwrap().flatten().map(|entry| entry.path()) {
+        let written = fs::read(&file).unwrap();
+        assert!(!String::from_utf8_lossy(&written).contains("of base"), "{}", file.display());
+    }
     assert!(stored.header.head.environment.is_empty() && stored.header.base_adapter.is_none());
     let again = fathom().args(["compare", "--replay"]).arg(builds.path("out")).output().unwrap();
     assert_eq!(String::from_utf8(again.stdout).unwrap(), told);
@@ -334,13 +338,14 @@ fn sides_on_different_adapters_are_told_only_where_they_were_given_different_thi
     let builds = Builds::new();
     let (base, head) = (builds.build("base", &named("")), builds.build("head", &named("slow")));
     let mut command = builds.command(&base, &head);
-    let output =
-        command.args(["--base-env", "NAME=one", "--head-env", "NAME=two"]).output().unwrap();
+    let output = command.args(["--base-env", "NAME=one", "--head-env", "NAME=two", "--env-values"]);
+    let output = output.output().unwrap();
     let told = String::from_utf8(output.stdout).unwrap();
     assert_eq!(output.status.code(), Some(0), "{told}");
     assert!(told.contains("no regression; 4 cells: 4 not judged"), "{told}");
     assert!(told.contains("+50.0 % (50.0 … 50.0), different adapters"), "{told}");
     assert_eq!(told.lines().nth(1), Some("one → two"));
+    assert!(told.lines().next().unwrap().ends_with(" with NAME=two"), "{told}");
 
     let builds = Builds::new();
     let other = hello(1, "\"time\"").replace("\"toy\"", "\"another\"");

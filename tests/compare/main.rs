@@ -6,5 +6,6 @@ mod builds;
 mod common;
 mod folders;
 mod gate;
+mod processes;
 mod script;
 mod told;

@@ -670,22 +670,26 @@ fn what_a_side_alone_was_given_is_told_in_every_report() {
     let folder = tempfile::tempdir().unwrap();
     let mut stored = quiet();
     let hostile = "<b>|1\n2".to_owned();
-    stored.header.base.environment.variables = [("LP_NATIVE".to_owned(), "256".to_owned())].into();
+    let variables =
+        [("LP_NATIVE".to_owned(), Some("256".to_owned())), ("TOKEN".to_owned(), None)].into();
+    let base = SideEnvironment { variables, ..SideEnvironment::default() };
+    stored.header.base.environment = base;
     stored.header.head.environment = SideEnvironment {
         driver: Some(NamedDriver {
             manifest: "/opt/mesa/icd.json".to_owned(),
             library: "/opt/mesa/lib.so".to_owned(),
             digest: Some("0".repeat(64)),
         }),
-        variables: [("LP_NATIVE".to_owned(), hostile)].into(),
+        variables: [("LP_NATIVE".to_owned(), Some(hostile))].into(),
+        values_digest: None,
     };
     stored.write(folder.path());
     let text = replayed("environment", folder.path(), 0);
     let first = text.lines().next().unwrap();
-    assert!(first.contains("origin/main (0.1.0) with LP_NATIVE=256 → "), "{first}");
+    assert!(first.contains("origin/main (0.1.0) with LP_NATIVE=256, TOKEN → "), "{first}");
     assert!(first.ends_with("with driver /opt/mesa/icd.json, LP_NATIVE=<b>|1 2"), "{first}");
     for (file, expected) in [
-        ("summary.md", "LP_NATIVE=256 → "),
+        ("summary.md", "LP_NATIVE=256, TOKEN → "),
         ("junit.xml", "with driver /opt/mesa/icd.json, LP_NATIVE=&lt;b&gt;|1 2"),
         ("index.html", "with driver /opt/mesa/icd.json, LP_NATIVE=&lt;b&gt;|1"),
     ] {

@@ -1,9 +1,10 @@
-//! A fleet of tasks of a real Slurm: a controller, two nodes, and what may happen to them.
+//! A fleet of tasks of a real Slurm, a controller and two nodes, with what may happen to them; and of commands that are scripts.
 #![cfg(unix)]
 
 mod cluster;
 #[path = "../common/mod.rs"]
 mod common;
+mod fake;
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -109,7 +110,8 @@ fn with_a_real_slurm() {
 
 /// Four shards on two nodes; names of all cells.
 fn measures_all_shards(cluster: &Cluster) -> Vec<String> {
-    let out = cluster.path("plain");
+    // What a shell or Slurm could take for something else.
+    let out = cluster.path("%a 'plain' $x");
     let run = run_arguments(cluster, "0.05");
     let log = cluster.path("plain.log");
     let told = ended(begin(fleet(cluster, &out, &["--shards", "4"], &run), &log), 0, &log);
@@ -123,7 +125,7 @@ fn measures_all_shards(cluster: &Cluster) -> Vec<String> {
         log.matches("Launching batch job").count()
     });
     assert_eq!(started.iter().sum::<usize>(), 4, "{started:?}: {told}");
-    assert!(merged.join("index.html").exists());
+    assert!(merged.join("index.html").exists() && out.join("shards/4.log").exists());
     // The folder is not begun a second time.
     let again = fleet(cluster, &out, &["--shards", "4"], &run).output().unwrap();
     let told = String::from_utf8_lossy(&again.stderr).into_owned();

@@ -1,11 +1,13 @@
 //! Other work on the machine while a gate runs.
 
 use std::path::Path;
-use std::process::{Child, Command, Stdio};
+use std::process::{Command, Stdio};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
 use std::time::Duration;
+
+use fathom::process::ProcessTree;
 
 /// A process that runs `fathom verify`, rendering and casting rays, over and over, and keeps a core busy: of two, the one that
 /// is left or the one that is measured on. It ends when this is dropped.
@@ -47,20 +49,12 @@ fn keep_busy(program: &Path, stopped: &AtomicBool) {
         .stdin(Stdio::null())
         .stdout(Stdio::null())
         .stderr(Stdio::null());
-    let Ok(mut child) = command.spawn() else {
+    let Ok(mut tree) = ProcessTree::spawn(&mut command) else {
         return std::thread::sleep(Duration::from_millis(100));
     };
-    while running(&mut child) {
+    while matches!(tree.status_within(Duration::from_millis(20)), Ok(None)) {
         if stopped.load(Ordering::Relaxed) {
-            // It may have ended by itself.
-            let _ = child.kill();
-            let _ = child.wait();
             return;
         }
-        std::thread::sleep(Duration::from_millis(20));
     }
-}
-
-fn running(child: &mut Child) -> bool {
-    matches!(child.try_wait(), Ok(None))
 }

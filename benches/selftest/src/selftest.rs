@@ -203,6 +203,7 @@ impl<'a> TrialBuilds<'a> {
             head: program(&head),
             cells_file: None,
             filter: trial.filter.clone(),
+            env_values: false,
             settings: self.test.settings_of(trial),
             resume: begun(&folder),
             out: Some(folder),

@@ -307,14 +307,17 @@ fn second(comparison: &StoredComparison) -> Option<String> {
     Some(format!(", {launches} more of {pairs} pairs for {} that these left open", cells(open)))
 }
 
-/// `origin/main (0.1.0)`, `fathom (0.1.0) with LP_NATIVE_VECTOR_WIDTH=128`.
+/// `origin/main (0.1.0)`, `fathom (0.1.0) with LP_NATIVE_VECTOR_WIDTH`.
 pub fn build(build: &ComparedBuild) -> String {
     format!("{} ({}){}", build.label, build.version, given(&build.environment))
 }
 
 fn given(environment: &SideEnvironment) -> String {
     let driver = environment.driver.iter().map(|driver| format!("driver {}", driver.manifest));
-    let variables = environment.variables.iter().map(|(name, value)| format!("{name}={value}"));
+    let variables = environment.variables.iter().map(|(name, value)| match value {
+        Some(value) => format!("{name}={value}"),
+        None => name.clone(),
+    });
     let all = driver.chain(variables).join(", ");
     if all.is_empty() { all } else { format!(" with {all}") }
 }

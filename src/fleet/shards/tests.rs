@@ -9,40 +9,47 @@ fn folder() -> (tempfile::TempDir, Folder) {
     (out, folder)
 }
 
-fn ended(folder: &Folder, status: &str) {
-    fs::write(folder.beside(STATUS), status).unwrap();
+fn ended(folder: &Folder, status: &str, job: u64) {
+    fs::write(folder.beside(STATUS), format!("{status} {job}\n")).unwrap();
 }
 
 #[test]
 fn a_shard_that_is_done_is_not_submitted() {
     let (out, folder) = folder();
     assert!(Shard::new(Folder::of(out.path(), 3), 3).is_due(0));
-    ended(&folder, "0\n");
+    ended(&folder, "0", 7);
     let shard = Shard::new(Folder::of(out.path(), 3), 3);
     assert!(!shard.is_due(2) && shard.is_over(2));
     assert_eq!(shard.failure(), None);
     // What is no status is none.
-    ended(&folder, "zero\n");
+    ended(&folder, "zero", 7);
+    assert!(Shard::new(Folder::of(out.path(), 3), 3).is_due(0));
+    fs::write(folder.beside(STATUS), "0\n").unwrap();
     assert!(Shard::new(folder, 3).is_due(0));
 }
 
 #[test]
 fn a_failed_shard_is_submitted_a_few_times_again() {
     let (_out, folder) = folder();
-    ended(&folder, "2\n");
+    ended(&folder, "2", 1);
     fs::write(folder.beside(LOG), "begin\nerror: no adapter\n\n").unwrap();
     let mut shard = Shard::new(folder, 3);
     let mut times = 0;
     while shard.is_due(2) {
-        shard.submitted();
-        assert!(!shard.is_due(2) && !shard.is_over(2));
-        let told = shard.look(&Queue::default(), &[]).unwrap();
-        assert_eq!(told, "shard 3 ended with status 2: error: no adapter");
         times += 1;
+        shard.submitted(JobId(times));
+        assert!(!shard.is_due(2) && !shard.is_over(2));
+        ended(&shard.folder, "2", times);
+        let told = shard.look(&Queue::default()).unwrap();
+        assert_eq!(told, "shard 3 ended with status 2: error: no adapter");
     }
     assert_eq!(times, 3);
     assert!(shard.is_over(2));
     assert!(shard.failure().unwrap().contains("no adapter"));
+}
+
+fn gone_for(shard: &mut Shard, time: Duration) {
+    shard.state = State::Gone(Instant::now().checked_sub(time).unwrap());
 }
 
 /// Files of another machine may be seen late.
@@ -50,18 +57,32 @@ fn a_failed_shard_is_submitted_a_few_times_again() {
 fn a_task_that_is_gone_is_given_time_to_show_its_status() {
     let (_out, folder) = folder();
     let mut shard = Shard::new(folder, 3);
-    shard.submitted();
-    assert_eq!(shard.look(&Queue::default(), &[]), None);
+    shard.submitted(JobId(1));
+    assert_eq!(shard.look(&Queue::default()), None);
     assert!(matches!(shard.state, State::Gone(_)), "{:?}", shard.state);
-    ended(&shard.folder, "1\n");
-    assert!(shard.look(&Queue::default(), &[]).unwrap().contains("cells that failed"));
-    shard.submitted();
-    fs::remove_file(shard.folder.beside(STATUS)).unwrap();
-    shard.state = State::Gone(Instant::now().checked_sub(2 * GRACE).unwrap());
-    assert_eq!(
-        shard.look(&Queue::default(), &[]).as_deref(),
-        Some("shard 3 was killed before it ended")
-    );
+    ended(&shard.folder, "1", 1);
+    assert!(shard.look(&Queue::default()).unwrap().contains("cells that failed"));
+    shard.submitted(JobId(2));
+    shard.is_seen = true;
+    gone_for(&mut shard, 2 * GRACE);
+    let told = shard.look(&Queue::default());
+    assert_eq!(told.as_deref(), Some("shard 3 was killed before it ended"));
+    assert_eq!(shard.state, State::Over(Ending::Lost));
+}
+
+/// The queue may show a job late, while the status of the job before is still there.
+#[test]
+fn an_earlier_jobs_status_and_a_late_queue_end_no_shard() {
+    let (_out, folder) = folder();
+    ended(&folder, "2", 1);
+    let mut shard = Shard::new(folder, 3);
+    shard.submitted(JobId(2));
+    assert_eq!(shard.look(&Queue::default()), None);
+    gone_for(&mut shard, 2 * GRACE);
+    assert_eq!(shard.look(&Queue::default()), None);
+    assert!(!shard.is_due(9) && !shard.is_over(9));
+    gone_for(&mut shard, 2 * UNSEEN_GRACE);
+    shard.look(&Queue::default()).unwrap();
     assert_eq!(shard.state, State::Over(Ending::Lost));
 }
 

@@ -118,7 +118,8 @@ fn full() -> Vec<Value> {
 fn compared() -> Vec<Value> {
     let environment = SideEnvironment {
         driver: Some(NamedDriver { digest: Some("0".into()), ..NamedDriver::default() }),
-        variables: [("A".into(), "1".into())].into(),
+        variables: [("A".into(), Some("1".into())), ("B".into(), None)].into(),
+        values_digest: Some("0123".into()),
     };
     let header = ComparisonHeader {
         base_adapter: Some(Default::default()),

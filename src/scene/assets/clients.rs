@@ -1,22 +1,14 @@
 //! The package clients that download assets, each run in a folder of its own.
 
 use std::ffi::OsStr;
-use std::io::{self, Read};
+use std::io;
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command, ExitStatus, Stdio};
-use std::thread;
-use std::time::{Duration, Instant};
+use std::process::{Command, ExitStatus};
+use std::time::Duration;
+
+use fathom_base::process::{self, Excerpt, Limits, ProcessError, TOOL_TIME};
 
 use super::{Asset, AssetError, Package, Places};
-
-/// Longest that a client may run: 200 MB, more than any asset's package, at 3 Mbit/s.
-const TIME_LIMIT: Duration = Duration::from_secs(600);
-
-/// How often it is asked whether a client has ended.
-const POLL: Duration = Duration::from_millis(20);
-
-/// Most of a client's complaints that is kept, bytes.
-const MAX_COMPLAINT: u64 = 1 << 16;
 
 /// The download of an asset's package into a folder.
 struct Download<'a> {
@@ -33,7 +25,7 @@ pub fn download(
     folder: &Path,
     places: &Places,
 ) -> Result<PathBuf, AssetError> {
-    let download = Download { asset, folder, limit: TIME_LIMIT };
+    let download = Download { asset, folder, limit: TOOL_TIME };
     match *package {
         Package::Debian { package, path } => download.debian(package, path),
         Package::Npm { name, version, member } => {
@@ -79,32 +71,24 @@ impl Download<'_> {
         self.run("cargo", &["--config", "net.retry=1", "fetch"])
     }
 
-    /// Runs a client quietly, and kills it at the limit; its [`complaint`] becomes the error's reason.
+    /// Runs a client quietly, and kills it at the limit.
     fn run(&self, client: &str, arguments: &[&str]) -> Result<(), AssetError> {
         let asset = self.asset.name;
         let failed = |reason: String| {
             let command = format!("{client} {}", arguments.join(" "));
             AssetError::Client { asset, command, reason }
         };
-        let mut child = start(self.folder, client, arguments).map_err(|source| {
-            let what = self.asset.source.to_string();
-            AssetError::NoClient { asset, client: client.to_owned(), source, what }
-        })?;
-        let stderr = child.stderr.take();
-        let complaints = thread::spawn(move || stderr.map(listened).unwrap_or_default());
-        match waited(&mut child, self.limit) {
-            // A helper of the client's may hold its error output open, so that is not waited for.
-            Ok(None) => {
-                let limit_s = self.limit.as_secs_f64();
-                Err(failed(format!("it did not end within {limit_s} s and was killed")))
+        let limits = Limits { time: Some(self.limit), ..Limits::default() };
+        let mut command = Command::new(client);
+        command.args(arguments).current_dir(self.folder);
+        process::run(&mut command, limits, &mut |_| ()).map(drop).map_err(|error| match error {
+            ProcessError::Start(source) => {
+                let what = self.asset.source.to_string();
+                AssetError::NoClient { asset, client: client.to_owned(), source, what }
             }
-            Ok(Some(status)) if status.success() => Ok(()),
-            Ok(Some(status)) => {
-                let stderr = complaints.join().unwrap_or_default();
-                Err(failed(complaint(&stderr, status)))
-            }
-            Err(error) => Err(failed(error.to_string())),
-        }
+            ProcessError::Failed { status, complaint } => failed(reason(&complaint, status)),
+            other => failed(other.to_string()),
+        })
     }
 
     fn member(&self, folder: &Path, path: &str) -> Result<PathBuf, AssetError> {
@@ -127,48 +111,11 @@ impl Download<'_> {
     }
 }
 
-fn start(folder: &Path, client: &str, arguments: &[&str]) -> io::Result<Child> {
-    Command::new(client)
-        .args(arguments)
-        .current_dir(folder)
-        .stdin(Stdio::null())
-        .stdout(Stdio::null())
-        .stderr(Stdio::piped())
-        .spawn()
-}
-
-/// The beginning of what a client complains; the rest is read too, so that it does not wait.
-fn listened(mut stderr: impl Read) -> Vec<u8> {
-    let mut kept = Vec::new();
-    let read = (&mut stderr).take(MAX_COMPLAINT).read_to_end(&mut kept);
-    // Complaints explain a failure and are none themselves.
-    let _ = read.and_then(|_| io::copy(&mut stderr, &mut io::sink()));
-    kept
-}
-
-/// The status of a process that ends within `limit`; none, and it is killed, of one that does not.
-fn waited(child: &mut Child, limit: Duration) -> io::Result<Option<ExitStatus>> {
-    let start = Instant::now();
-    loop {
-        if let Some(status) = child.try_wait()? {
-            return Ok(Some(status));
-        }
-        if start.elapsed() >= limit {
-            child.kill()?;
-            child.wait()?;
-            return Ok(None);
-        }
-        thread::sleep(POLL);
-    }
-}
-
 /// The line of a client's error output that says most: the first about an error, else the last.
-fn complaint(stderr: &[u8], status: ExitStatus) -> String {
-    let text = String::from_utf8_lossy(stderr);
-    let lines = || text.lines().map(str::trim).filter(|l| !l.is_empty());
-    let speaks = |l: &&str| l.to_ascii_lowercase().starts_with("e") || l.contains("error");
-    let line = lines().find(speaks).or_else(|| lines().next_back());
-    line.map_or_else(|| status.to_string(), str::to_owned)
+fn reason(complaint: &Excerpt, status: ExitStatus) -> String {
+    let speaks = |l: &String| l.to_ascii_lowercase().starts_with('e') || l.contains("error");
+    let line = complaint.lines().find(speaks).or_else(|| complaint.lines().next_back());
+    line.map_or_else(|| status.to_string(), |line| line.trim().to_owned())
 }
 
 #[cfg(test)]
@@ -177,7 +124,7 @@ mod tests {
     use crate::assets::ASSETS;
 
     fn here(folder: &Path) -> Download<'_> {
-        Download { asset: &ASSETS[0], folder, limit: TIME_LIMIT }
+        Download { asset: &ASSETS[0], folder, limit: TOOL_TIME }
     }
 
     #[test]

@@ -1,0 +1,286 @@
+//! Child processes with limits: of their time, of what is kept of their words, and of what outlives them.
+//!
+//! On Linux nothing that a child has started outlives it, or this process, however either ends (see [`guardian`]).
+
+#[cfg(target_os = "linux")]
+mod guardian;
+
+use std::collections::VecDeque;
+use std::fmt;
+use std::io::{self, BufReader, Read};
+use std::process::{Child, ChildStderr, ChildStdin, ChildStdout, Command, ExitStatus, Stdio};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{RecvTimeoutError, SyncSender, sync_channel};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+use itertools::Itertools;
+use thiserror::Error;
+
+use crate::input::{LineEnd, Lines};
+use crate::text;
+
+/// Longest time of a tool that may check out a repository or download 200 MB, more than any asset's package, at 3 Mbit/s.
+pub const TOOL_TIME: Duration = Duration::from_secs(600);
+/// Most bytes that a command may answer: 100 times the queue of 1000 tasks.
+const MAX_ANSWER: u64 = 16 << 20;
+/// Bytes that are kept of a line of complaint, and lines: together 10 KiB.
+const MAX_LINE: usize = 512;
+const FIRST_LINES: usize = 4;
+const LAST_LINES: usize = 16;
+/// Lines that may wait to be told. A process that writes more waits for its reader.
+const LINES_AHEAD: usize = 64;
+/// How long an interruption or the end of a time limit may go unnoticed.
+const SLICE: Duration = Duration::from_millis(100);
+/// Time between two looks whether a process has ended.
+const POLL: Duration = Duration::from_millis(2);
+/// How long a killed process is waited for: one within a call of the system that does not end outlasts its kill.
+const FAREWELL: Duration = Duration::from_secs(10);
+
+/// A child with all processes that it has started. They end with it, with the calling thread, or when this is dropped.
+pub struct ProcessTree {
+    child: Child,
+    /// Of the command itself.
+    id: u32,
+    pub stdin: Option<ChildStdin>,
+    pub stdout: Option<ChildStdout>,
+    pub stderr: Option<ChildStderr>,
+}
+
+impl ProcessTree {
+    /// Starts a command, once. It lies outside the terminal's foreground group: Ctrl-C reaches this process alone.
+    pub fn spawn(command: &mut Command) -> io::Result<Self> {
+        #[cfg(unix)]
+        std::os::unix::process::CommandExt::process_group(command, 0);
+        #[cfg(target_os = "linux")]
+        guardian::set(command);
+        let mut child = command.spawn()?;
+        #[cfg(target_os = "linux")]
+        let id = guardian::guarded(child.id()).unwrap_or(child.id());
+        #[cfg(not(target_os = "linux"))]
+        let id = child.id();
+        let (stdin, stdout, stderr) =
+            (child.stdin.take(), child.stdout.take(), child.stderr.take());
+        Ok(Self { child, id, stdin, stdout, stderr })
+    }
+
+    pub fn id(&self) -> u32 {
+        self.id
+    }
+
+    /// Its status, if it ends within this time.
+    pub fn status_within(&mut self, limit: Duration) -> io::Result<Option<ExitStatus>> {
+        let start = Instant::now();
+        loop {
+            match self.child.try_wait()? {
+                None if start.elapsed() < limit => std::thread::sleep(POLL),
+                status => return Ok(status),
+            }
+        }
+    }
+
+    /// Ends it and all that it has started.
+    pub fn kill(&mut self) {
+        self.stdin = None;
+        if matches!(self.child.try_wait(), Ok(None)) {
+            #[cfg(target_os = "linux")]
+            guardian::end(self.child.id());
+            #[cfg(not(target_os = "linux"))]
+            let _ = self.child.kill();
+            let _ = self.status_within(FAREWELL);
+        }
+    }
+}
+
+impl Drop for ProcessTree {
+    fn drop(&mut self) {
+        self.kill();
+    }
+}
+
+/// Why a command gave no answer.
+#[derive(Debug, Error)]
+pub enum ProcessError {
+    #[error("it cannot be started: {0}")]
+    Start(io::Error),
+    #[error("it did not end within {} s and was killed", .0.as_secs_f64())]
+    Hung(Duration),
+    #[error("it answered more than {} MiB and was killed", MAX_ANSWER >> 20)]
+    Flooded,
+    #[error("it was interrupted")]
+    Interrupted,
+    #[error("{}", failure(.status, .complaint))]
+    Failed { status: ExitStatus, complaint: Excerpt },
+    #[error(transparent)]
+    Io(io::Error),
+}
+
+fn failure(status: &ExitStatus, complaint: &Excerpt) -> String {
+    let complaint = complaint.to_string();
+    if complaint.is_empty() { status.to_string() } else { complaint }
+}
+
+/// What ends a command early.
+#[derive(Clone, Copy, Default)]
+pub struct Limits<'a> {
+    pub time: Option<Duration>,
+    pub interrupted: Option<&'a AtomicBool>,
+}
+
+impl Limits<'_> {
+    pub const TOOL: Limits<'static> = Limits { time: Some(TOOL_TIME), interrupted: None };
+
+    fn check(&self, start: Instant) -> Result<(), ProcessError> {
+        match (self.time, self.interrupted) {
+            (_, Some(flag)) if flag.load(Ordering::Relaxed) => Err(ProcessError::Interrupted),
+            (Some(time), _) if start.elapsed() >= time => Err(ProcessError::Hung(time)),
+            _ => Ok(()),
+        }
+    }
+}
+
+/// What a process says while it runs.
+enum Said {
+    Complaint(String),
+    /// Standard output; none where it was too much.
+    Answer(io::Result<Option<Vec<u8>>>),
+}
+
+/// Runs a command to its end and gives its standard output. `tell` takes each line of its standard error.
+pub fn run(
+    command: &mut Command,
+    limits: Limits<'_>,
+    tell: &mut dyn FnMut(&str),
+) -> Result<String, ProcessError> {
+    command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
+    let start = Instant::now();
+    let mut tree = ProcessTree::spawn(command).map_err(ProcessError::Start)?;
+    let (sender, said) = sync_channel(LINES_AHEAD);
+    listen(&mut tree, sender);
+    let (mut answer, mut complaint) = (Vec::new(), Excerpt::default());
+    loop {
+        limits.check(start)?;
+        match said.recv_timeout(SLICE) {
+            Ok(Said::Complaint(line)) => {
+                tell(&line);
+                complaint.add(line);
+            }
+            Ok(Said::Answer(read)) => {
+                answer = read.map_err(ProcessError::Io)?.ok_or(ProcessError::Flooded)?;
+            }
+            Err(RecvTimeoutError::Timeout) => {}
+            Err(RecvTimeoutError::Disconnected) => break,
+        }
+    }
+    // It may have closed its output before its end.
+    let status = loop {
+        match tree.status_within(SLICE).map_err(ProcessError::Io)? {
+            Some(status) => break status,
+            None => limits.check(start)?,
+        }
+    };
+    if status.success() {
+        Ok(String::from_utf8_lossy(&answer).into_owned())
+    } else {
+        Err(ProcessError::Failed { status, complaint })
+    }
+}
+
+/// What a tool prints, without white space around it.
+pub fn printed(command: &mut Command) -> Result<String, ProcessError> {
+    run(command, Limits::TOOL, &mut |_| ()).map(|text| text.trim().to_owned())
+}
+
+/// Reads both outputs in threads. They end with the process, as nothing is left that could hold its pipes open.
+fn listen(tree: &mut ProcessTree, said: SyncSender<Said>) {
+    if let Some(output) = tree.stdout.take() {
+        let said = said.clone();
+        std::thread::spawn(move || said.send(Said::Answer(answer(output))));
+    }
+    if let Some(output) = tree.stderr.take() {
+        std::thread::spawn(move || {
+            each_line(output, |line| said.send(Said::Complaint(line)).is_ok());
+        });
+    }
+}
+
+fn answer(output: impl Read) -> io::Result<Option<Vec<u8>>> {
+    let mut bytes = Vec::new();
+    let read = output.take(MAX_ANSWER + 1).read_to_end(&mut bytes)?;
+    Ok((read as u64 <= MAX_ANSWER).then_some(bytes))
+}
+
+/// Hands on the lines that hold anything, of long ones the beginning, until `take` wants no more.
+fn each_line(output: impl Read, mut take: impl FnMut(String) -> bool) {
+    let mut lines = Lines::new(BufReader::new(output), MAX_LINE);
+    while let Ok(Some(end)) = lines.advance() {
+        let mut line = text::line(String::from_utf8_lossy(&lines.line).trim_end());
+        if end == LineEnd::TooLong {
+            line.push('…');
+        }
+        if !line.is_empty() && !take(line) {
+            return;
+        }
+    }
+}
+
+/// The first and the last lines that a process has written to its standard error.
+#[derive(Clone, Debug, Default)]
+pub struct Excerpt {
+    first: Vec<String>,
+    last: VecDeque<String>,
+    left_out: usize,
+}
+
+impl Excerpt {
+    fn add(&mut self, line: String) {
+        if self.first.len() < FIRST_LINES {
+            return self.first.push(line);
+        }
+        if self.last.len() == LAST_LINES {
+            self.last.pop_front();
+            self.left_out += 1;
+        }
+        self.last.push_back(line);
+    }
+
+    /// With a line for those that are left out.
+    pub fn lines(&self) -> impl DoubleEndedIterator<Item = String> {
+        let left_out = (self.left_out > 0).then(|| format!("… ({} lines left out)", self.left_out));
+        self.first.iter().cloned().chain(left_out).chain(self.last.iter().cloned())
+    }
+}
+
+impl fmt::Display for Excerpt {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}", self.lines().map(|line| line.trim().to_owned()).format("; "))
+    }
+}
+
+/// A thread that reads all that a process complains of and keeps an excerpt.
+pub struct Listener(JoinHandle<Excerpt>);
+
+impl Listener {
+    pub fn start(output: impl Read + Send + 'static) -> Self {
+        Self(std::thread::spawn(move || {
+            let mut excerpt = Excerpt::default();
+            each_line(output, |line| {
+                excerpt.add(line);
+                true
+            });
+            excerpt
+        }))
+    }
+
+    /// What there was, of a process that has ended. Empty where something else still holds its pipe.
+    pub fn heard(self) -> Excerpt {
+        let start = Instant::now();
+        while !self.0.is_finished() && start.elapsed() < FAREWELL {
+            std::thread::sleep(POLL);
+        }
+        if self.0.is_finished() { self.0.join().unwrap_or_default() } else { Excerpt::default() }
+    }
+}
+
+#[cfg(all(test, unix))]
+mod tests;

@@ -1,0 +1,73 @@
+//! What builds start and write beside their answers.
+
+use std::fs;
+use std::path::Path;
+use std::process::Command;
+use std::time::{Duration, Instant};
+
+use super::builds::{Builds, SLOWLY};
+use super::script::{Script, hello};
+
+/// Far more than a busy machine takes.
+const LONGEST_WAIT: Duration = Duration::from_secs(180);
+
+/// A greeting that first starts a process in a session of its own and writes its number down.
+fn forking(log: &Path) -> String {
+    let (log, greeting) = (log.display(), hello(1, r#""exact","checks","time""#));
+    format!(
+        "(setsid sh -c 'echo $$ >>{log}; exec sleep 3600' >/dev/null 2>&1 &)\n\
+         while [ ! -e {log} ]; do sleep 0.01; done; {greeting}"
+    )
+}
+
+fn is_any_left(log: &Path) -> bool {
+    let numbers = fs::read_to_string(log).unwrap();
+    numbers.lines().any(|number| Path::new("/proc").join(number).exists())
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn processes_that_a_base_forked_do_not_outlive_fathom() {
+    let builds = Builds::new();
+    let log = builds.path("log");
+    let base = builds.build("base", &Script { hello: forking(&log), ..Script::default() });
+    let head = builds.build("head", &Script { instead: &[SLOWLY], ..Script::default() });
+    let output = builds.command(&base, &head).output().unwrap();
+    assert_eq!(output.status.code(), Some(0), "{output:?}");
+    assert!(!is_any_left(&log));
+
+    // However fathom ends.
+    fs::remove_file(&log).unwrap();
+    fs::remove_dir_all(builds.path("out")).unwrap();
+    let mut running = builds.command(&base, &head).spawn().unwrap();
+    let start = Instant::now();
+    while !log.exists() {
+        assert!(start.elapsed() < LONGEST_WAIT, "no process was forked");
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    running.kill().unwrap();
+    running.wait().unwrap();
+    while is_any_left(&log) {
+        assert!(start.elapsed() < LONGEST_WAIT, "a process is left");
+        std::thread::sleep(Duration::from_millis(20));
+    }
+}
+
+/// It writes twice as much as fathom may have of memory.
+#[cfg(target_os = "linux")]
+#[test]
+fn a_base_that_floods_its_standard_error_costs_no_memory() {
+    let builds = Builds::new();
+    let greeting = hello(1, r#""exact","checks","time""#);
+    let flood = "echo begin >&2; head -c 1200000000 /dev/zero >&2; echo >&2; echo end >&2; exit 3";
+    let base = Script { hello: format!("{flood}; {greeting}"), ..Script::default() };
+    let (base, head) = (builds.build("base", &base), builds.build("head", &Script::default()));
+    let compare = builds.command(&base, &head);
+    let mut limited = Command::new("sh");
+    limited.args(["-c", "ulimit -v 600000; exec \"$0\" \"$@\""]).env("MALLOC_ARENA_MAX", "1");
+    let output = limited.arg(compare.get_program()).args(compare.get_args()).output().unwrap();
+    let told = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(output.status.code(), Some(2), "{told}");
+    assert!(told.contains("exit status: 3: begin; ���") && told.trim_end().ends_with("…; end"));
+    assert!(told.len() < 4_000, "{}", told.len());
+}
