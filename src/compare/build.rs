@@ -16,8 +16,9 @@ use sha2::{Digest, Sha256};
 use tempfile::TempDir;
 use thiserror::Error;
 
+use crate::folder::Folder;
 use crate::harness::catalog::CargoTarget;
-use crate::quiet;
+use crate::{input, quiet};
 
 /// Lines of the compiler that an error shows.
 const LAST_LINES: usize = 20;
@@ -248,10 +249,14 @@ pub fn keep(built: &Path, program: &Path) -> Result<(), BuildError> {
         move |source| BuildError::Io { action, path, source }
     };
     let folder = program.parent().unwrap_or(Path::new("."));
-    std::fs::create_dir_all(folder).map_err(io("create", folder))?;
-    let part = program.with_extension(format!("part-{}", std::process::id()));
-    std::fs::copy(built, &part).map_err(io("copy", built))?;
-    std::fs::rename(&part, program).map_err(io("write", program))
+    let folder = Folder::make(folder).map_err(io("create", folder))?;
+    let mut source = input::open(built).map_err(io("copy", built))?;
+    let name = program.file_name().unwrap_or_default();
+    let copied = folder.write_with(name, |file| {
+        std::io::copy(&mut source, file)?;
+        file.set_permissions(source.metadata()?.permissions())
+    });
+    copied.map_err(io("write", program))
 }
 
 /// A program's copy for one comparison, which building anew meanwhile does not change. It goes when this is dropped.

@@ -17,6 +17,7 @@ use thiserror::Error;
 
 use self::shards::{Folder, Progress, Shard};
 use self::slurm::{JobId, Slurm, SlurmError};
+use crate::folder;
 use crate::record::{FolderLock, LockError, MOST_SHARDS};
 
 /// Time between two looks at the queue.
@@ -114,9 +115,11 @@ impl<'a> Fleet<'a> {
             jobs: Vec::new(),
         };
         let stored = if options.resume { resumed(&options.out, &new)? } else { new };
-        if !options.resume && options.out.join(FLEET).exists() {
+        if !options.resume && folder::is_there(&options.out.join(FLEET)) {
             return Err(FleetError::Occupied { folder: options.out.clone() });
         }
+        Folder::prepare(&options.out, options.shards)
+            .map_err(|source| FleetError::Write { path: options.out.clone(), source })?;
         let shard = |number| Shard::new(Folder::of(&options.out, number), number);
         let shards = (1..=options.shards).map(shard).collect();
         let progress = Progress::default();
@@ -156,22 +159,19 @@ impl<'a> Fleet<'a> {
 
     fn write_script(&self) -> Result<PathBuf, FleetError> {
         let Options { out, program, run, shards, .. } = self.options;
-        let path = out.join(script::NAME);
-        self.write(&path, script::text(program, run, *shards, out).as_bytes())?;
-        Ok(path)
+        self.write(script::NAME, script::text(program, run, *shards, out).as_bytes())
     }
 
     fn write_stored(&self) -> Result<(), FleetError> {
         let text = serde_json::to_vec_pretty(&self.stored).unwrap_or_default();
-        self.write(&self.options.out.join(FLEET), &text)
+        self.write(FLEET, &text).map(drop)
     }
 
-    /// All or nothing.
-    fn write(&self, path: &Path, bytes: &[u8]) -> Result<(), FleetError> {
-        let fault = |source| FleetError::Write { path: path.to_owned(), source };
-        std::fs::create_dir_all(Folder::parent(&self.options.out)).map_err(fault)?;
-        let beside = path.with_extension("new");
-        std::fs::write(&beside, bytes).and_then(|()| std::fs::rename(&beside, path)).map_err(fault)
+    /// Writes a file into the fleet's folder, all or nothing.
+    fn write(&self, name: &str, bytes: &[u8]) -> Result<PathBuf, FleetError> {
+        let path = self.options.out.join(name);
+        let written = folder::write(&path, bytes);
+        written.map(|()| path.clone()).map_err(|source| FleetError::Write { path, source })
     }
 
     /// Looks until every shard is done or given up, or the fleet is interrupted. Slurm may fail for a while.
@@ -234,7 +234,8 @@ fn wait(time: Duration, interrupted: &AtomicBool) {
 fn resumed(out: &Path, asked: &Stored) -> Result<Stored, FleetError> {
     let folder = out.to_owned();
     let nothing = |reason: String| FleetError::NothingToResume { folder: folder.clone(), reason };
-    let text = crate::input::text(&out.join(FLEET), crate::input::MAX_TEXT)
+    let text = folder::Folder::open(out)
+        .and_then(|folder| folder.text(FLEET, crate::input::MAX_TEXT))
         .map_err(|error| nothing(format!("{FLEET}: {error}")))?;
     let stored: Stored =
         serde_json::from_str(&text).map_err(|error| nothing(format!("{FLEET}: {error}")))?;
