@@ -25,7 +25,7 @@ pub struct Folder {
 
 /// The folder of a path's last part, and that part.
 pub fn of(path: &Path) -> io::Result<(Folder, &Path)> {
-    let name = path.file_name().ok_or_else(|| refusal(path, "names no file"))?;
+    let name = path.file_name().ok_or_else(|| outside(path))?;
     let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
     Ok((Folder::open(folder.unwrap_or(Path::new(".")))?, Path::new(name)))
 }
@@ -84,7 +84,7 @@ impl Folder {
         let mut dir = self.dir.try_clone()?;
         for part in name.components() {
             let Component::Normal(part) = part else {
-                return Err(refusal(name, "is no path within its folder"));
+                return Err(outside(name));
             };
             before(&dir, part)?;
             let kind = dir.symlink_metadata(part)?.file_type();
@@ -99,7 +99,7 @@ impl Folder {
     /// The folder in which a name lies, and its last part.
     fn place<'a>(&self, name: &'a Path) -> io::Result<(Dir, &'a OsStr)> {
         let Some(Component::Normal(last)) = name.components().next_back() else {
-            return Err(refusal(name, "is no path within its folder"));
+            return Err(outside(name));
         };
         Ok((self.beneath(name.parent().unwrap_or(Path::new("")))?.dir, last))
     }
@@ -239,14 +239,21 @@ fn told(kind: FileType) -> &'static str {
     }
 }
 
-fn refusal(path: &Path, what: &str) -> io::Error {
-    let message = format!("`{}` {what}; choose another folder, or remove it", path.display());
+fn outside(name: &Path) -> io::Error {
+    let message = format!("`{}` is no path within its folder", name.display());
+    io::Error::new(ErrorKind::InvalidInput, message)
+}
+
+fn refusal(name: &Path, what: &str) -> io::Error {
+    let message = format!("`{}` {what}: remove it, or choose another place", name.display());
     io::Error::new(ErrorKind::InvalidInput, message)
 }
 
 #[cfg(test)]
 mod tests {
     use std::fs;
+    use std::sync::mpsc;
+    use std::time::Duration;
 
     use super::*;
 
@@ -328,11 +335,18 @@ mod tests {
             ("pipe", "a pipe"),
             ("own/x", "a file"),
         ] {
-            let tried = [
-                folder.read(name).map(drop),
-                folder.append(name).map(drop),
-                folder.write(name, b"lost"),
-            ];
+            let (path, (done, tried)) = (folder.path().to_owned(), mpsc::channel());
+            std::thread::spawn(move || {
+                let folder = Folder::open(&path).unwrap();
+                let tried = [
+                    folder.read(name).map(drop),
+                    folder.append(name).map(drop),
+                    folder.write(name, b"lost"),
+                ];
+                done.send(tried)
+            });
+            // Far longer than it takes: only a hang ends so.
+            let tried = tried.recv_timeout(Duration::from_secs(300)).expect(name);
             for result in tried {
                 let told = result.unwrap_err().to_string();
                 assert!(told.contains(what), "{name}: {told}");

@@ -450,6 +450,13 @@ mod tests {
         let path = aside.path.clone();
         drop(aside);
         assert!(!path.parent().unwrap().exists());
+        #[cfg(unix)]
+        {
+            use std::os::unix::fs::PermissionsExt;
+            let mode = |path: &Path| path.metadata().unwrap().permissions().mode();
+            std::fs::set_permissions(&program, std::fs::Permissions::from_mode(0o755)).unwrap();
+            assert_eq!(mode(&set_aside(&program).unwrap().path), mode(&program));
+        }
         let missing = set_aside(&folder.path().join("none")).err().unwrap();
         assert!(missing.to_string().contains("none"), "{missing}");
     }

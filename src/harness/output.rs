@@ -385,6 +385,30 @@ mod tests {
         assert_eq!(files(&out), [".probe", RECORDS, PICTURES]);
     }
 
+    #[cfg(unix)]
+    #[test]
+    fn a_run_neither_begins_nor_goes_on_over_a_link() {
+        let folder = tempfile::tempdir().unwrap();
+        let precious = folder.path().join("precious");
+        std::fs::create_dir(&precious).unwrap();
+        std::fs::write(precious.join("a"), END).unwrap();
+        for name in [RECORDS, SAMPLES, "records.jsonl.gz", PICTURES, ".lock"] {
+            let out = folder.path().join(format!("out-{name}"));
+            std::fs::create_dir(&out).unwrap();
+            let target = if name == PICTURES { precious.clone() } else { precious.join("a") };
+            std::os::unix::fs::symlink(target, out.join(name)).unwrap();
+            let begun = create(&out).unwrap_err().to_string();
+            let resumed = Held::resume(Some(&out)).and_then(|held| {
+                Ok(drop(super::super::journal::Journal::open(&held.output.samples())?))
+            });
+            let resumed = resumed.unwrap_err().to_string();
+            assert_eq!([begun, resumed].map(|told| told.lines().count()), [1, 1], "{name}");
+            assert!(out.join(name).is_symlink(), "{name}");
+        }
+        assert_eq!(files(&precious), ["a"]);
+        assert_eq!(std::fs::read_to_string(precious.join("a")).unwrap(), END);
+    }
+
     #[test]
     fn folders_that_are_named_alike_get_numbers() {
         let parent = tempfile::tempdir().unwrap();
