@@ -369,8 +369,7 @@ fn records_tell_neither_the_host_nor_where_the_user_keeps_files() {
     let experiments = common::experiment_files(&home, 1);
     let mut command = common::fathom();
     command.current_dir(&work).env("HOME", &home);
-    command.args(["run", "uw-waves", "--no-ceilings", "--budget", "2"]).args(&experiments);
-    command.args(["--axis", "water=circular", "--axis", "water.amplitude_m=0.1"]).args(small());
+    command.arg("run").args(&experiments).args(["--no-ceilings", "--budget", "2"]);
     command.arg("--out").arg(&out);
     stderr(&ended(&mut command), 0);
     let mut found = Vec::new();

@@ -245,7 +245,7 @@ fn outside(name: &Path) -> io::Error {
 }
 
 fn refusal(name: &Path, what: &str) -> io::Error {
-    let message = format!("`{}` {what}: remove it, or choose another place", name.display());
+    let message = format!("`{}` {what}; only regular files are read and replaced", name.display());
     io::Error::new(ErrorKind::InvalidInput, message)
 }
 

@@ -75,7 +75,7 @@ pub struct Conditions {
     pub rasterizer_threads: Option<String>,
     /// Whether addresses are randomized, if that is known.
     pub randomized: Option<bool>,
-    /// Identifies the machine: see [`private::machine`]. Records of earlier versions have its host name or nothing.
+    /// A digest of the machine's id and host name. Records of earlier versions have the host name or nothing.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub host: Option<String>,
 }

@@ -423,3 +423,20 @@ struct Stated {
     #[serde(default)]
     schema: Option<Value>,
 }
+
+#[cfg(all(test, target_os = "linux"))]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_full_disk_is_an_error_that_names_the_file() {
+        let place = tempfile::tempdir().unwrap();
+        let path = place.path().join("records.jsonl");
+        let mut writer = LineWriter::<Record>::create(&path).unwrap();
+        // The device on which there is never room.
+        writer.file = File::options().write(true).open("/dev/full").unwrap();
+        let end = Record::Comparison(super::super::Compared::Header(Box::default()));
+        let error = writer.write(&end).unwrap_err().to_string();
+        assert!(error.starts_with(&format!("cannot write {}", path.display())), "{error}");
+    }
+}
