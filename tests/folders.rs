@@ -324,7 +324,7 @@ const OF_THE_MACHINE: [&str; 9] = [
     "run.conditions.host",
     "run.started_at",
 ];
-const OF_FATHOM: [&str; 20] = [
+const OF_FATHOM: [&str; 17] = [
     "run.fathom_version",
     "run.profile",
     "run.shader_checks",
@@ -341,9 +341,6 @@ const OF_FATHOM: [&str; 20] = [
     "cell.scene",
     "cell.stand_ins",
     "cell.params.",
-    "cell.outcome.status",
-    "cell.outcome.reason",
-    "cell.outcome.stages.",
     "cell.outcome.",
 ];
 
