@@ -9,6 +9,7 @@ use thiserror::Error;
 use crate::compare::store::{StoreError, StoredComparison, holds_comparison};
 use crate::compare::tables::{self, ComparisonExporter};
 use crate::compare::verdict::Verdicts;
+use crate::folder::Folder;
 use crate::harness::output::RECORDS;
 use crate::record::{self, Reading, Record};
 use crate::report::page::{self, ComparisonOnPage, Page};
@@ -205,15 +206,17 @@ fn page(contents: Vec<Content>, left_out: Vec<LeftOut>) -> Artifact {
     Page { comparisons, left_out, ..Page::new(page::labelled(&views)) }.file()
 }
 
-/// Writes files into a folder, and gives their paths.
+/// Writes files into a folder, which is made if need be, and gives their paths.
 pub fn put(folder: &Path, files: Vec<Artifact>) -> Result<Vec<PathBuf>, ExportError> {
-    files.into_iter().map(|file| put_as(folder.join(&file.name), &file)).collect()
-}
-
-/// Writes a file under a path, and gives it back.
-pub fn put_as(path: PathBuf, file: &Artifact) -> Result<PathBuf, ExportError> {
-    match std::fs::write(&path, &file.bytes) {
-        Ok(()) => Ok(path),
-        Err(source) => Err(ExportError::Write { path, source }),
-    }
+    let fault = |path: &Path| {
+        let path = path.to_owned();
+        move |source| ExportError::Write { path, source }
+    };
+    let opened = Folder::make(folder).map_err(fault(folder))?;
+    let write = |file: Artifact| {
+        let path = folder.join(&file.name);
+        opened.write(&file.name, &file.bytes).map_err(fault(&path))?;
+        Ok(path)
+    };
+    files.into_iter().map(write).collect()
 }

@@ -13,6 +13,7 @@ use common::{cells, measured, refused, small, stderr};
 use fathom::record::{self, Addition, Cell, FramePair, Record, SampleLine, StageTime};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
+use serde_json::Value;
 
 /// How often what depends on chance is tried; more by this variable.
 const REPETITIONS: &str = "FATHOM_REPETITIONS";
@@ -216,4 +217,201 @@ fn what_is_no_run_is_not_resumed_and_what_is_garbage_is_not_reported() {
         assert_eq!(fs::read_to_string(&records).unwrap(), garbage);
         assert_eq!(fs::read_to_string(&summary).unwrap(), "a good summary");
     }
+}
+
+/// Gives what a command says, which ends by itself. Far longer than it takes: only a hang ends otherwise.
+#[track_caller]
+fn ended(command: &mut Command) -> Output {
+    let mut child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    let start = Instant::now();
+    while child.try_wait().unwrap().is_none() {
+        if start.elapsed() > PATIENCE {
+            child.kill().unwrap();
+            panic!("it hangs: {command:?}");
+        }
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    child.wait_with_output().unwrap()
+}
+
+fn pipe(path: &Path) {
+    assert!(Command::new("mkfifo").arg(path).status().unwrap().success());
+}
+
+/// A folder of records of one skipped cell, as they were when records still told the host's name.
+fn recorded(out: &Path) {
+    let lines = [
+        r#"{"record":"run","schema":3,"fathom_version":"0.1.0","started_at":"2026-01-01T00:00:00Z","profile":"quick","command":["fathom"],"adapter":{"name":"a","backend":"vulkan","device_type":"Cpu","driver":"d","driver_info":"1","vendor_id":1,"device_id":0,"software":true,"timestamp_period_ns":1.0,"host_threads":2},"shader_checks":"checked","conditions":{"cores":[0],"rasterizer_threads":null,"randomized":false,"host":"old-name"},"clocks":{},"audit":[],"submit_cost_ns":{},"notes":[]}"#,
+        r#"{"record":"cell","experiment":"uw-waves","cell":"n=1","axes":{"n":1},"pipeline":"underwater","scene":"tank","stand_ins":[],"params":{},"outcome":{"status":"skipped","reason":"too large"}}"#,
+    ];
+    fs::create_dir_all(out).unwrap();
+    fs::write(out.join("records.jsonl"), lines.join("\n") + "\n").unwrap();
+}
+
+fn names(folder: &Path) -> Vec<String> {
+    let entries = fs::read_dir(folder).unwrap().flatten();
+    let mut names: Vec<String> =
+        entries.map(|entry| entry.file_name().into_string().unwrap()).collect();
+    names.sort();
+    names
+}
+
+#[test]
+fn reports_are_written_through_no_link_and_no_pipe() {
+    let place = tempfile::tempdir().unwrap();
+    let out = place.path().join("out");
+    recorded(&out);
+    let report = || ended(common::fathom().arg("report").arg(&out));
+    stderr(&report(), 0);
+    let written = names(&out);
+    assert!(
+        ["index.html", "summary.md", "cells.csv"].iter().all(|n| written.iter().any(|w| w == n))
+    );
+    let precious = place.path().join("precious");
+    fs::write(&precious, "keep").unwrap();
+    for name in written.iter().filter(|name| *name != "records.jsonl") {
+        let path = out.join(name);
+        fs::remove_file(&path).unwrap();
+        std::os::unix::fs::symlink(&precious, &path).unwrap();
+        refused(&report(), &format!("`{name}` is a symbolic link"));
+        assert!(path.is_symlink() && fs::read_to_string(&precious).unwrap() == "keep");
+        fs::remove_file(&path).unwrap();
+        pipe(&path);
+        refused(&report(), &format!("`{name}` is a pipe or a device"));
+        fs::remove_file(&path).unwrap();
+    }
+    // The folder that the user names may be a link; what it holds may not.
+    let link = place.path().join("link");
+    std::os::unix::fs::symlink(&out, &link).unwrap();
+    stderr(&fathom(&["report", link.to_str().unwrap()]), 0);
+    assert_eq!(names(&out), written);
+    let records = out.join("records.jsonl");
+    fs::rename(&records, place.path().join("elsewhere.jsonl")).unwrap();
+    std::os::unix::fs::symlink(place.path().join("elsewhere.jsonl"), &records).unwrap();
+    refused(&report(), "`records.jsonl` is a symbolic link");
+}
+
+#[test]
+fn files_that_a_user_names_are_replaced_only_if_they_are_regular() {
+    let place = tempfile::tempdir().unwrap();
+    let path = |name: &str| place.path().join(name);
+    recorded(&path("out"));
+    let precious = path("precious");
+    fs::write(&precious, "keep").unwrap();
+    std::os::unix::fs::symlink(&precious, path("link")).unwrap();
+    pipe(&path("pipe"));
+    fs::write(path("old.csv"), "old").unwrap();
+    let export = |to: &str| {
+        let mut export = common::fathom();
+        export.args(["export", "csv"]).arg(path("out")).arg("-o").arg(path(to));
+        ended(&mut export)
+    };
+    refused(&export("link"), "`link` is a symbolic link");
+    refused(&export("pipe"), "`pipe` is a pipe or a device");
+    stderr(&export("old.csv"), 0);
+    assert!(fs::read_to_string(path("old.csv")).unwrap().contains("uw-waves"));
+    assert_eq!(fs::read_to_string(&precious).unwrap(), "keep");
+    pipe(&path("pipe.png"));
+    let mut render = common::fathom();
+    render.args(["render", "tank"]).args(small()).arg("-o").arg(path("pipe.png"));
+    refused(&ended(&mut render), "`pipe.png` is a pipe or a device");
+    let mut compare = common::fathom();
+    compare.arg("compare").arg("--base-bin").arg(path("pipe")).arg("--out").arg(path("compared"));
+    refused(&ended(&mut compare), "it is a pipe or a device");
+}
+
+#[test]
+fn a_folder_whose_name_is_no_text_can_be_used_and_locked() {
+    use std::os::unix::ffi::OsStrExt;
+    let place = tempfile::tempdir().unwrap();
+    let out = place.path().join(std::ffi::OsStr::from_bytes(b"o\xffut"));
+    let measured = run(&out, &["--budget", "2"]).output().unwrap();
+    stderr(&measured, 0);
+    assert_eq!(cells(&out).len(), 2);
+    stderr(&common::fathom().arg("report").arg(&out).output().unwrap(), 0);
+}
+
+/// Every text of a run's records by its place in them: what the machine or its user says, and what fathom says itself.
+/// The text of an experiment and the values of its axes and parameters are the user's own words.
+const OF_THE_MACHINE: [&str; 9] = [
+    "run.command",
+    "run.adapter.name",
+    "run.adapter.backend",
+    "run.adapter.device_type",
+    "run.adapter.driver",
+    "run.adapter.driver_info",
+    "run.conditions.rasterizer_threads",
+    "run.conditions.host",
+    "run.started_at",
+];
+const OF_FATHOM: [&str; 17] = [
+    "run.fathom_version",
+    "run.profile",
+    "run.shader_checks",
+    "run.clocks",
+    "run.audit.",
+    "run.notes.",
+    "run.ceilings.",
+    "experiment.id",
+    "experiment.toml",
+    "cell.experiment",
+    "cell.cell",
+    "cell.axes.",
+    "cell.pipeline",
+    "cell.scene",
+    "cell.stand_ins",
+    "cell.params.",
+    "cell.outcome.",
+];
+
+fn texts(place: &str, value: &Value, found: &mut Vec<(String, String)>) {
+    match value {
+        Value::String(text) => found.push((place.to_owned(), text.clone())),
+        Value::Array(values) => values.iter().for_each(|value| texts(place, value, found)),
+        Value::Object(map) => {
+            for (name, value) in map.iter().filter(|(name, _)| *name != "record") {
+                texts(&format!("{place}.{name}"), value, found);
+            }
+        }
+        _ => {}
+    }
+}
+
+#[test]
+fn records_tell_neither_the_host_nor_where_the_user_keeps_files() {
+    let place = tempfile::tempdir().unwrap();
+    let home = place.path().join("home of jo");
+    let (work, out) = (home.join("work"), home.join("runs/first"));
+    fs::create_dir_all(&work).unwrap();
+    let experiments = common::experiment_files(&home, 1);
+    let mut command = common::fathom();
+    command.current_dir(&work).env("HOME", &home);
+    command.arg("run").args(&experiments).args(["--no-ceilings", "--budget", "2"]);
+    command.arg("--out").arg(&out);
+    stderr(&ended(&mut command), 0);
+    let mut found = Vec::new();
+    for line in fs::read_to_string(out.join("records.jsonl")).unwrap().lines() {
+        let line: Value = serde_json::from_str(line).unwrap();
+        texts(line["record"].as_str().unwrap(), &line, &mut found);
+    }
+    let known = |place: &str| {
+        OF_THE_MACHINE.contains(&place) || OF_FATHOM.iter().any(|known| place.starts_with(known))
+    };
+    let unknown: Vec<_> = found.iter().filter(|(place, _)| !known(place)).collect();
+    assert!(unknown.is_empty(), "does the machine say these? {unknown:?}");
+    let host = fs::read_to_string("/proc/sys/kernel/hostname").unwrap_or_default();
+    let temporary = place.path().file_name().unwrap().to_str().unwrap();
+    for (place, text) in &found {
+        for private in ["home of jo", temporary] {
+            assert!(!text.contains(private), "{place}: {text}");
+        }
+        let mut words = text.split(|c: char| !c.is_alphanumeric() && c != '-' && c != '.');
+        assert!(host.trim().is_empty() || words.all(|word| word != host.trim()), "{place}: {text}");
+    }
+    let of = |place: &str| -> Vec<&str> {
+        found.iter().filter(|(found, _)| found == place).map(|(_, text)| text.as_str()).collect()
+    };
+    assert_eq!(of("run.conditions.host"), [fathom::private::machine().unwrap()]);
+    let command = of("run.command");
+    assert!(command.contains(&"own-1.toml") && command.contains(&"first"), "{command:?}");
 }

@@ -262,8 +262,30 @@ fn killed_at_any_moment_it_leaves_all_or_nothing() {
     println!("killed {MOMENTS} times by a clock: {none} left nothing, {all} everything");
     assert!(merge(&folders, &out).output().unwrap().status.success());
     assert!(files(&out) == whole);
-    let names = fs::read_dir(temporary.path()).unwrap().flatten();
-    assert_eq!(names.count(), folders.len() + 1);
+    // What a killed process left has a name of its own, and none removes it.
+    let names = names_in(temporary.path());
+    let left = names.iter().filter(|name| name.starts_with(".merged.merging-")).count();
+    assert_eq!(names.len() - left, folders.len() + 1, "{names:?}");
+}
+
+/// A staging folder of a name that could be foretold was emptied, and what it linked to.
+#[cfg(unix)]
+#[test]
+fn what_lies_where_it_might_be_made_stays() {
+    let temporary = TempDir::new().unwrap();
+    let folders = Split::of(underwater()).folders(2, temporary.path());
+    let [precious, other] = ["precious", ".out.merging"].map(|name| temporary.path().join(name));
+    for folder in [&precious, &other] {
+        fs::create_dir(folder).unwrap();
+        fs::write(folder.join("a"), "keep").unwrap();
+    }
+    std::os::unix::fs::symlink(&precious, temporary.path().join(".merged.merging")).unwrap();
+    for name in ["merged", "out"] {
+        assert!(merge(&folders, &temporary.path().join(name)).output().unwrap().status.success());
+    }
+    for folder in [&precious, &other] {
+        assert_eq!(files(folder), [("a".to_owned(), b"keep".to_vec())]);
+    }
 }
 
 /// Records of anyone may be merged.

@@ -61,6 +61,16 @@ impl<R: Read> Limited<R> {
     }
 }
 
+impl Limited<File> {
+    /// A file that is larger is an error before it is read.
+    pub fn of_file(file: File, limit: u64) -> io::Result<Self> {
+        if file.metadata()?.len() > limit {
+            return Err(too_large(limit));
+        }
+        Ok(Self::new(file, limit))
+    }
+}
+
 impl<R: Read> Read for Limited<R> {
     fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
         let read = self.source.read(buffer)?;
@@ -89,16 +99,17 @@ fn size(bytes: u64) -> String {
 
 /// A file's bytes, no more than `limit`.
 pub fn plain(path: &Path, limit: u64) -> io::Result<Limited<File>> {
-    let file = open(path)?;
-    if file.metadata()?.len() > limit {
-        return Err(too_large(limit));
-    }
-    Ok(Limited::new(file, limit))
+    Limited::of_file(open(path)?, limit)
 }
 
 /// A file's bytes, decompressed where it starts as gzip does; no more than `limit` before and after.
 pub fn unpacked(path: &Path, limit: u64) -> io::Result<Box<dyn Read>> {
-    let mut file = BufReader::new(plain(path, limit)?);
+    unpack(open(path)?, limit)
+}
+
+/// The same of an open file.
+pub fn unpack(file: File, limit: u64) -> io::Result<Box<dyn Read>> {
+    let mut file = BufReader::new(Limited::of_file(file, limit)?);
     Ok(if file.fill_buf()?.starts_with(&GZIP) {
         Box::new(Limited::new(MultiGzDecoder::new(file), limit))
     } else {

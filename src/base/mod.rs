@@ -2,8 +2,10 @@
 //! child processes, conditions that keep noise down, and the folders that come with the program.
 
 pub mod embedded;
+pub mod folder;
 pub mod input;
 pub mod parameter;
+pub mod private;
 pub mod process;
 pub mod quiet;
 pub mod statistics;

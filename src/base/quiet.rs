@@ -5,6 +5,8 @@ use std::process::Command;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use crate::private;
+
 pub use system::{cores, is_stopped, pin, randomized};
 
 /// How the names of variables begin that fathom hands from one of its processes to another.
@@ -66,7 +68,7 @@ pub struct Conditions {
     pub rasterizer_threads: Option<String>,
     /// Whether addresses are randomized, if that is known.
     pub randomized: Option<bool>,
-    /// Name of the machine. Absent from records of earlier versions.
+    /// A digest of the machine's id and host name. Records of earlier versions have the host name or nothing.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub host: Option<String>,
 }
@@ -78,13 +80,13 @@ impl Conditions {
             cores: allowed_cores(),
             rasterizer_threads: std::env::var(RASTERIZER_THREADS).ok(),
             randomized: randomized(),
-            host: host_name(),
+            host: private::machine(),
         }
     }
 }
 
-/// The machine's name, where the system tells it.
-pub fn host_name() -> Option<String> {
+/// The machine's name, where the system tells it. It is private: no record holds it.
+pub(crate) fn host_name() -> Option<String> {
     #[cfg(target_os = "linux")]
     let name = std::fs::read_to_string("/proc/sys/kernel/hostname").ok();
     #[cfg(not(target_os = "linux"))]

@@ -1,6 +1,5 @@
 //! What each subcommand does with the library, and what it prints.
 
-use std::fs::File;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -9,6 +8,7 @@ use crate::bench::{self, StageBench};
 use crate::compare::cells::Gates;
 use crate::compare::worker;
 use crate::experiments::Experiment;
+use crate::folder::{self, Folder};
 use crate::gpu::{self, Gpu};
 use crate::harness::catalog::Catalog;
 use crate::harness::figures::{self, Figure, FigureError, Rendered};
@@ -23,7 +23,7 @@ use crate::harness::{
 use crate::parameter::{self, Allowed};
 use crate::report::{self, ReportView};
 use crate::scene::{SceneFile, assets};
-use crate::{exporters, quiet, record, stages, tell, text};
+use crate::{exporters, private, quiet, record, stages, tell, text};
 use anyhow::Context;
 use clap::ValueEnum;
 use criterion::Criterion;
@@ -60,7 +60,7 @@ pub fn run(catalog: &Catalog, args: RunArgs) -> Outcome {
         seed: args.seed,
         no_ceilings: args.no_ceilings,
         request: request(args),
-        command: std::env::args().collect(),
+        command: private::command(),
         quiet: false,
     };
     let summary = run::run(&options, &INTERRUPT)?;
@@ -82,9 +82,13 @@ pub fn run(catalog: &Catalog, args: RunArgs) -> Outcome {
 
 /// What a run is asked to measure.
 pub fn request(args: RunArgs) -> Request {
+    // Values of axes name cells, in records and on pages.
+    let shown = |(name, values): (String, Vec<String>)| {
+        (name, values.iter().map(|value| private::relative(value)).collect())
+    };
     Request {
         experiments: args.experiments,
-        axes: args.axis,
+        axes: args.axis.into_iter().map(shown).collect(),
         sets: args.set,
         cells: args.cell,
         part: args.shard,
@@ -351,8 +355,7 @@ fn render_scene(catalog: &Catalog, args: &RenderArgs, scene: &str) -> Outcome {
 fn render_figures(catalog: &Catalog, args: &RenderArgs, name: &str) -> Outcome {
     let figures = Figure::named(&catalog.figures, name)?;
     let folder = args.output.clone().unwrap_or_else(|| PathBuf::from(FIGURES_FOLDER));
-    std::fs::create_dir_all(&folder)
-        .map_err(|source| FigureError::Folder { path: folder.clone(), source })?;
+    Folder::make(&folder).map_err(|source| FigureError::Folder { path: folder.clone(), source })?;
     let gpu = Gpu::open(&gpu_options(catalog, &args.adapter))?;
     let mut parts = Vec::new();
     for figure in &figures {
@@ -365,7 +368,7 @@ fn render_figures(catalog: &Catalog, args: &RenderArgs, name: &str) -> Outcome {
     }
     if name == figures::ALL {
         let path = folder.join(ALL_FIGURES);
-        picture::write(&sheet::of_all(&parts), &path)?;
+        picture::write_to(&sheet::of_all(&parts), &path)?;
         tell::done(path.display());
     }
     let whole = parts.len() == figures.len();
@@ -379,10 +382,13 @@ fn write_figure(
     panels: &[Rendered],
 ) -> anyhow::Result<image::RgbImage> {
     for (panel, number) in panels.iter().zip(0..) {
-        picture::write(&panel.picture.explained(), &figures::panel_file(folder, figure, number))?;
+        picture::write_to(
+            &panel.picture.explained(),
+            &figures::panel_file(folder, figure, number),
+        )?;
     }
     let path = folder.join(format!("{}.png", figure.id));
-    picture::write(&sheet::of_figure(figure, panels), &path)?;
+    picture::write_to(&sheet::of_figure(figure, panels), &path)?;
     tell::done(path.display());
     Ok(sheet::small(figure, panels))
 }
@@ -416,8 +422,7 @@ fn query_occlusion(catalog: &Catalog, args: &QueryArgs) -> anyhow::Result<()> {
     let occlusion = querying::occlusion(&gpu, &subject, &rows)?;
     let rays = args.reference.map(|rays| rays.unwrap_or(querying::REFERENCE_RAYS));
     let exact = rays.map(|rays| querying::reference(&subject, &rows, rays)).transpose()?;
-    let (name, writer) = query_target(args)?;
-    Ok(querying::write(&name, writer, &rows, &occlusion, exact.as_deref())?)
+    answer(args, |name, writer| querying::write(name, writer, &rows, &occlusion, exact.as_deref()))
 }
 
 fn query_photons(catalog: &Catalog, args: &QueryArgs) -> anyhow::Result<()> {
@@ -431,8 +436,7 @@ fn query_photons(catalog: &Catalog, args: &QueryArgs) -> anyhow::Result<()> {
     let gpu = Gpu::open(&gpu_options(catalog, &args.adapter))?;
     let answers = query.answers(&gpu, &subject)?;
     let exact = args.reference.map(|_| query.reference(&subject)).transpose()?;
-    let (name, writer) = query_target(args)?;
-    Ok(query.write(&name, writer, &answers, exact.as_deref())?)
+    answer(args, |name, writer| query.write(name, writer, &answers, exact.as_deref()))
 }
 
 /// Answers are asked of the assets themselves.
@@ -447,14 +451,18 @@ fn refuse_stand_ins(subject: &Subject, args: &QueryArgs) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Where answers go, and what errors call it.
-fn query_target(args: &QueryArgs) -> anyhow::Result<(String, Box<dyn std::io::Write>)> {
+/// Hands answers to the user: to the file that is named, else to standard output.
+fn answer<E: std::error::Error + Send + Sync + 'static>(
+    args: &QueryArgs,
+    write: impl FnOnce(&str, &mut dyn std::io::Write) -> Result<(), E>,
+) -> anyhow::Result<()> {
     let Some(path) = &args.output else {
-        return Ok(("standard output".into(), Box::new(tell::Answer)));
+        return Ok(write("standard output", &mut tell::Answer)?);
     };
     let name = path.display().to_string();
-    let file = File::create(path).with_context(|| format!("cannot write {name}"))?;
-    Ok((name, Box::new(file)))
+    let mut bytes = Vec::new();
+    write(&name, &mut bytes)?;
+    folder::write(path, &bytes).with_context(|| format!("cannot write {name}"))
 }
 
 /// Of one folder all its files, beside its records. Of several, or into another folder, one page.
@@ -463,8 +471,6 @@ pub fn report(folders: Vec<PathBuf>, out: Option<PathBuf>) -> Outcome {
         ([folder], None) => report_of(folder)?,
         (_, Some(out)) => {
             let page = exporters::page_of(&folders)?;
-            std::fs::create_dir_all(&out)
-                .with_context(|| format!("cannot make {}", out.display()))?;
             exporters::put(&out, vec![page])?
         }
         (_, None) => {

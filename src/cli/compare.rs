@@ -16,7 +16,7 @@ use crate::compare::{files, tables};
 use crate::harness::catalog::Catalog;
 use crate::harness::output::{FolderKind, Taken};
 use crate::record::comparison::{GateSettings, Side};
-use crate::{exporters, tell};
+use crate::{exporters, folder, private, tell};
 use anyhow::Context;
 
 use super::CompareArgs;
@@ -76,7 +76,7 @@ fn builds(catalog: &Catalog, args: &CompareArgs) -> anyhow::Result<PathBuf> {
         );
     }
     let head = args.head_bin.clone().map_or_else(this, Ok)?;
-    let head_label = head.display().to_string();
+    let head_label = private::path(&head);
     // A build meanwhile must not swap what is measured.
     let head = build::set_aside(&head)?;
     let flags = [&INTERRUPT];
@@ -86,10 +86,10 @@ fn builds(catalog: &Catalog, args: &CompareArgs) -> anyhow::Result<PathBuf> {
     }
     let (base, base_label) = match (&args.base, &args.base_bin) {
         (Some(revision), _) => (built(catalog, revision)?, revision.clone()),
-        (None, Some(path)) => (path.clone(), path.display().to_string()),
+        (None, Some(path)) => (path.clone(), private::path(path)),
         (None, None) => {
             let path = this()?;
-            let label = path.display().to_string();
+            let label = private::path(&path);
             (path, label)
         }
     };
@@ -169,7 +169,7 @@ fn tell(folder: &Path, format: &str, fresh: bool) -> Outcome {
 }
 
 fn append(page: &Path, text: &str) -> anyhow::Result<()> {
-    let file = std::fs::OpenOptions::new().create(true).append(true).open(page);
+    let file = folder::of(page).and_then(|(folder, name)| folder.append(name));
     file.and_then(|mut file| file.write_all(text.as_bytes()))
         .with_context(|| format!("cannot add to {STEP_SUMMARY} ({})", page.display()))
 }

@@ -12,16 +12,18 @@ use crate::harness::output::{OutputFolder, RECORDS};
 use crate::record::schema::LineKind;
 use crate::record::{self, Reading};
 use crate::report::{Artifact, Exported, FrameChoice};
-use crate::{exporters, tell};
+use crate::{exporters, folder, tell};
 
 pub fn export(args: ExportArgs) -> Outcome {
-    let ExportArgs { format, folder, output, cell, frame } = args;
+    let ExportArgs { format, folder: from, output, cell, frame } = args;
     let choice = FrameChoice { cell, frame };
-    let exported = exporters::export(&format, &folder, read(&folder)?, &choice)?;
+    let exported = exporters::export(&format, &from, read(&from)?, &choice)?;
     match (exported, output) {
         (Exported::One(file), None) => tell::Answer.write_all(&file.bytes)?,
         (Exported::One(file), Some(path)) if !path.is_dir() => {
-            tell::done(exporters::put_as(path, &file)?.display());
+            folder::write(&path, &file.bytes)
+                .with_context(|| format!("cannot write {}", path.display()))?;
+            tell::done(path.display());
         }
         (exported, Some(folder)) => write_into(&folder, exported.files())?,
         (Exported::Several(_), None) => {
@@ -44,8 +46,6 @@ fn read(folder: &Path) -> anyhow::Result<Reading> {
 
 /// Writes files into a folder, under their own names.
 pub(super) fn write_into(folder: &Path, files: Vec<Artifact>) -> anyhow::Result<()> {
-    std::fs::create_dir_all(folder)
-        .with_context(|| format!("cannot make the folder {}", folder.display()))?;
     for path in exporters::put(folder, files)? {
         tell::done(path.display());
     }

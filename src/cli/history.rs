@@ -15,7 +15,7 @@ use crate::history::{
 };
 use crate::report::Artifact;
 use crate::report::page::Page;
-use crate::{exporters, tell};
+use crate::{exporters, folder, tell};
 
 #[derive(Subcommand)]
 pub enum HistoryCommand {
@@ -185,7 +185,11 @@ fn show(selection: &Selection, out: Option<&Path>, location: &Location) -> anyho
 fn get(run: &str, out: &Path, location: &Location) -> anyhow::Result<()> {
     let (_, bytes) = History::open(location)?.records(run)?;
     let path = out.join(RECORDS);
-    anyhow::ensure!(!path.exists(), "{} is there already: choose another folder", path.display());
+    anyhow::ensure!(
+        !folder::is_there(&path),
+        "{} is there already: choose another folder",
+        path.display()
+    );
     write_into(out, vec![Artifact { name: RECORDS.to_owned(), bytes }])
 }
 

@@ -13,7 +13,9 @@ use sha2::{Digest, Sha256};
 use tempfile::TempDir;
 use thiserror::Error;
 
+use crate::folder::Folder;
 use crate::harness::catalog::CargoTarget;
+use crate::input;
 use crate::process::{self, Limits, ProcessError};
 
 /// Built revisions that are kept.
@@ -199,10 +201,14 @@ pub fn keep(built: &Path, program: &Path) -> Result<(), BuildError> {
         move |source| BuildError::Io { action, path, source }
     };
     let folder = program.parent().unwrap_or(Path::new("."));
-    std::fs::create_dir_all(folder).map_err(io("create", folder))?;
-    let part = program.with_extension(format!("part-{}", std::process::id()));
-    std::fs::copy(built, &part).map_err(io("copy", built))?;
-    std::fs::rename(&part, program).map_err(io("write", program))
+    let folder = Folder::make(folder).map_err(io("create", folder))?;
+    let mut source = input::open(built).map_err(io("copy", built))?;
+    let name = program.file_name().unwrap_or_default();
+    let copied = folder.write_with(name, |file| {
+        std::io::copy(&mut source, file)?;
+        file.set_permissions(source.metadata()?.permissions())
+    });
+    copied.map_err(io("write", program))
 }
 
 /// A program's copy for one comparison, which building anew meanwhile does not change. It goes when this is dropped.
@@ -398,6 +404,13 @@ mod tests {
         let path = aside.path.clone();
         drop(aside);
         assert!(!path.parent().unwrap().exists());
+        #[cfg(unix)]
+        {
+            use std::os::unix::fs::PermissionsExt;
+            let mode = |path: &Path| path.metadata().unwrap().permissions().mode();
+            std::fs::set_permissions(&program, std::fs::Permissions::from_mode(0o755)).unwrap();
+            assert_eq!(mode(&set_aside(&program).unwrap().path), mode(&program));
+        }
         let missing = set_aside(&folder.path().join("none")).err().unwrap();
         assert!(missing.to_string().contains("none"), "{missing}");
     }

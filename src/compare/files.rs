@@ -1,18 +1,17 @@
 //! Comparison of two files of records: what they hold of the same cells.
 
 use std::collections::BTreeMap;
-use std::fs::File;
 use std::path::{Path, PathBuf};
 
 use itertools::Itertools;
 use thiserror::Error;
 
-use crate::input;
 use crate::record::comparison::{
     CellId, Compared, ComparedBuild, ComparisonHeader, ConfigurationFigures, ExactFigures, Fault,
     Gate, GateSettings, Side, SideEnvironment, Skip, UnpairedSamples,
 };
 use crate::record::{self, Adapter, Cell, Measured, Outcome, Record, RecordError, Run};
+use crate::{input, private};
 
 /// Cells that a note names before it breaks off.
 const MOST_NAMED: usize = 5;
@@ -91,8 +90,11 @@ fn only_in(side: Side, own: &Read, other: &Read) -> Option<String> {
 }
 
 fn read(path: &Path) -> Result<Read, FilesError> {
-    let reading = record::read(path)?;
-    let file = path.display();
+    // The user names this file itself, if only by a link.
+    let target = path.canonicalize();
+    let target = target.as_deref().unwrap_or(path);
+    let reading = record::read(target)?;
+    let file = private::path(path);
     let mut notes: Vec<String> =
         reading.damaged.iter().map(|damage| format!("{file}: {damage}")).collect();
     let mut last: Option<Run> = None;
@@ -115,10 +117,10 @@ fn read(path: &Path) -> Result<Read, FilesError> {
     let run = last.ok_or_else(|| FilesError::NoRun { path: path.to_owned() })?;
     Ok(Read {
         build: ComparedBuild {
-            label: path.display().to_string(),
+            label: private::path(path),
             version: run.fathom_version.clone(),
             protocol: None,
-            digest: File::open(path).and_then(input::sha256).unwrap_or_default(),
+            digest: input::open(path).and_then(input::sha256).unwrap_or_default(),
             environment: SideEnvironment::default(),
         },
         run,

@@ -1,6 +1,5 @@
 //! A comparison from its options to its stored lines: which builds, which gates, in which order.
 
-use std::fs::File;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 use std::time::Instant;
@@ -199,14 +198,14 @@ fn header(
     greetings: &[Greeting; 2],
 ) -> Result<ComparisonHeader, CompareError> {
     let build = |program: &Program, greeting: &Greeting| {
-        let digest = File::open(&program.path).and_then(input::sha256);
+        let digest = input::open(&program.path).and_then(input::sha256);
         let unreadable = |source| CompareError::Program { path: program.path.clone(), source };
         Ok::<ComparedBuild, CompareError>(ComparedBuild {
             label: program.label.clone(),
             version: greeting.fathom_version.clone(),
             protocol: Some(greeting.protocol),
             digest: digest.map_err(unreadable)?,
-            environment: program.environment.recorded(options.env_values),
+            environment: program.environment.recorded(options.env_values).shown(),
         })
     };
     let [base, head] = greetings;

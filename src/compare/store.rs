@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use thiserror::Error;
 
+use crate::folder;
 use crate::harness::output::{Held, RECORDS};
 use crate::record::comparison::{
     CellId, CheckFigure, Compared, ComparisonEnd, ComparisonHeader, ConfigurationFigures,
@@ -60,7 +61,7 @@ impl StoredComparison {
     /// The comparison stored in a folder.
     pub fn read(folder: &Path) -> Result<Self, StoreError> {
         let path = folder.join(RECORDS);
-        if !record::stored(&path).exists() {
+        if !folder::is_there(&record::stored(&path)) {
             return Err(StoreError::Absent { path: folder.to_owned() });
         }
         Self::of(record::read(&path)?, &path)

@@ -17,6 +17,7 @@ use thiserror::Error;
 
 use self::shards::{Folder, Progress, Shard};
 use self::slurm::{Slurm, SlurmError};
+use crate::folder;
 use crate::record::{FolderLock, LockError, MOST_SHARDS};
 use crate::text;
 
@@ -128,9 +129,11 @@ impl<'a> Fleet<'a> {
         let stored = Stored { format: FORMAT, shards: options.shards, run: options.run.clone() };
         if options.resume {
             check_resumed(&options.out, &stored)?;
-        } else if options.out.join(FLEET).exists() {
+        } else if folder::is_there(&options.out.join(FLEET)) {
             return Err(FleetError::Occupied { folder: options.out.clone() });
         }
+        Folder::prepare(&options.out, options.shards)
+            .map_err(|source| FleetError::Write { path: options.out.clone(), source })?;
         let shard = |number| Shard::new(Folder::of(&options.out, number), number);
         let shards = (1..=options.shards).map(shard).collect();
         let progress = Progress::default();
@@ -232,11 +235,8 @@ fn usable(path: &Path) -> Result<&str, FleetError> {
 /// Writes a file of a fleet's folder, all or nothing.
 fn write(out: &Path, name: &str, bytes: &[u8]) -> Result<PathBuf, FleetError> {
     let path = out.join(name);
-    let fault = |source| FleetError::Write { path: path.clone(), source };
-    std::fs::create_dir_all(Folder::parent(out)).map_err(fault)?;
-    let beside = path.with_extension("new");
-    std::fs::write(&beside, bytes).and_then(|()| std::fs::rename(&beside, &path)).map_err(fault)?;
-    Ok(path)
+    let written = folder::write(&path, bytes);
+    written.map(|()| path.clone()).map_err(|source| FleetError::Write { path, source })
 }
 
 /// Sleeps, but no longer than until an interrupt.
@@ -251,7 +251,8 @@ fn wait(time: Duration, interrupted: &AtomicBool) {
 fn check_resumed(out: &Path, asked: &Stored) -> Result<(), FleetError> {
     let folder = out.to_owned();
     let nothing = |reason: String| FleetError::NothingToResume { folder: folder.clone(), reason };
-    let json = crate::input::text(&out.join(FLEET), crate::input::MAX_TEXT)
+    let json = folder::Folder::open(out)
+        .and_then(|folder| folder.text(FLEET, crate::input::MAX_TEXT))
         .map_err(|error| nothing(format!("{FLEET}: {error}")))?;
     let stored: Stored =
         serde_json::from_str(&json).map_err(|error| nothing(format!("{FLEET}: {error}")))?;

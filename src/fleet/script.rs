@@ -30,7 +30,7 @@ while kill -0 "$child" 2>/dev/null; do
     wait "$child"
     status=$?
 done
-echo "$status $SLURM_ARRAY_JOB_ID" >"$status_file.new" && mv "$status_file.new" "$status_file"
+new=$(mktemp "$status_file.XXXXXX") && echo "$status $SLURM_ARRAY_JOB_ID" >"$new" && chmod a+r "$new" && mv "$new" "$status_file"
 exit "$status"
 "#
     )

@@ -1,7 +1,7 @@
 //! What is known of each shard: from the queue, from its folder, and told to the user.
 
 use std::fs::File;
-use std::io::{BufReader, IsTerminal, Read, Seek, SeekFrom, stderr};
+use std::io::{self, BufReader, IsTerminal, Read, Seek, SeekFrom, stderr};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
@@ -9,8 +9,9 @@ use indicatif::{ProgressBar, ProgressStyle};
 
 use super::slurm::{JobId, Queue};
 use super::{GRACE, UNSEEN_GRACE};
+use crate::folder;
 use crate::harness::output::RECORDS;
-use crate::input;
+use crate::input::{self, Limited};
 use crate::record::{self, MAX_LINE, Record};
 use crate::{tell, text};
 
@@ -48,24 +49,46 @@ impl Folder {
         format!("{}/{SHARDS}/%a.{LOG}", out.replace('%', "%%"))
     }
 
+    /// Makes the folder of all shards' folders. That of a shard is no link.
+    pub fn prepare(out: &Path, shards: u32) -> io::Result<()> {
+        let parent = folder::Folder::open(out)?.make_beneath(SHARDS)?;
+        (1..=shards).try_for_each(|number| match parent.beneath(number.to_string()) {
+            Err(error) if error.kind() != io::ErrorKind::NotFound => Err(error),
+            _ => Ok(()),
+        })
+    }
+
     fn beside(&self, ending: &str) -> PathBuf {
         let mut path = self.path.clone().into_os_string();
         path.push(format!(".{ending}"));
         path.into()
     }
 
+    /// Opens a file of the shards' folder. Beneath the fleet's folder no link is followed.
+    fn open(&self, path: &Path) -> io::Result<File> {
+        let out = self.path.ancestors().nth(2).unwrap_or(Path::new("."));
+        folder::Folder::open(out)?.read(path.strip_prefix(out).unwrap_or(path))
+    }
+
+    /// All bytes of a file of the shards' folder.
+    fn bytes(&self, path: &Path, limit: u64) -> io::Result<Vec<u8>> {
+        let mut bytes = Vec::new();
+        Limited::of_file(self.open(path)?, limit)?.read_to_end(&mut bytes)?;
+        Ok(bytes)
+    }
+
     /// The exit status that its task wrote last. Of a job that is known, only that job's counts: an earlier one's may still be
     /// there when the next begins.
     fn status(&self, job: Option<JobId>) -> Option<i32> {
-        let text = input::text(&self.beside(STATUS), MOST_STATUS_BYTES).ok()?;
-        let (status, of) = text.trim().split_once(' ')?;
+        let bytes = self.bytes(&self.beside(STATUS), MOST_STATUS_BYTES).ok()?;
+        let (status, of) = str::from_utf8(&bytes).ok()?.trim().split_once(' ')?;
         let of = JobId(of.parse().ok()?);
         job.is_none_or(|job| job == of).then_some(status)?.parse().ok()
     }
 
     /// The last line that its task printed.
     fn last_line(&self) -> Option<String> {
-        let bytes = input::bytes(&self.beside(LOG), MOST_LOG_BYTES).ok()?;
+        let bytes = self.bytes(&self.beside(LOG), MOST_LOG_BYTES).ok()?;
         let text = String::from_utf8_lossy(&bytes);
         let line = text.lines().rev().find(|line| !line.trim().is_empty());
         line.map(|line| text::line(line.trim()))
@@ -77,8 +100,8 @@ impl Folder {
     }
 
     fn header(&self) -> Option<record::Shard> {
-        let file = File::open(self.path.join(RECORDS)).ok()?;
-        let mut lines = input::Lines::new(BufReader::new(file), MAX_LINE);
+        let records = self.open(&self.path.join(RECORDS)).ok()?;
+        let mut lines = input::Lines::new(BufReader::new(records), MAX_LINE);
         lines.advance().ok()??;
         match serde_json::from_slice(&lines.line).ok()? {
             Record::Run(run) => run.shard,
@@ -242,7 +265,7 @@ impl Shard {
 
     /// Reads the whole lines that were added to the records.
     fn count_on(&mut self) -> std::io::Result<()> {
-        let mut file = File::open(self.folder.path.join(RECORDS))?;
+        let mut file = self.folder.open(&self.folder.path.join(RECORDS))?;
         if file.metadata()?.len() < self.counted.1 {
             self.counted = (0, 0);
         }

@@ -1,14 +1,16 @@
 //! `fathom dump`: a stage's outputs as `.npy` files, each with a JSON file that says what it holds.
 
+use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
 
 use ndarray::{ArrayD, IxDyn, ShapeError};
-use ndarray_npy::WriteNpyError;
+use ndarray_npy::{WriteNpyError, WriteNpyExt};
 use serde_json::{Value, json};
 use thiserror::Error;
 
 use super::render;
 use super::subject::Subject;
+use crate::folder::Folder;
 use crate::gpu::{Gpu, GpuError, read_buffer, read_texture, read_volume};
 use crate::stages::{Output, OutputData, Stage};
 use crate::text::{did_you_mean, nearest};
@@ -47,9 +49,9 @@ pub fn dump(
     if outputs.is_empty() {
         return Err(DumpError::NoOutput(stage.to_owned()));
     }
-    std::fs::create_dir_all(folder)
+    let folder = Folder::make(folder)
         .map_err(|source| DumpError::Write { path: folder.to_owned(), source })?;
-    outputs.iter().map(|output| write(gpu, subject, (stage, &context), output, folder)).collect()
+    outputs.iter().map(|output| write(gpu, subject, (stage, &context), output, &folder)).collect()
 }
 
 fn find<'a>(stages: &[&'a dyn Stage], name: &str) -> Result<&'a dyn Stage, DumpError> {
@@ -65,20 +67,26 @@ fn write(
     subject: &Subject,
     (stage, context): (&str, &Value),
     output: &Output,
-    folder: &Path,
+    folder: &Folder,
 ) -> Result<PathBuf, DumpError> {
     let array = read(gpu, output)?;
     let stem = format!("{}-{}", stage.replace('/', "-"), output.name.replace('/', "-"));
-    let path = folder.join(format!("{stem}.npy"));
-    ndarray_npy::write_npy(&path, &array)
+    let name = format!("{stem}.npy");
+    let path = folder.path().join(&name);
+    folder
+        .write_with(&name, |file| {
+            let mut file = BufWriter::new(file);
+            array.write_npy(&mut file)?;
+            Ok(file.flush()?)
+        })
         .map_err(|source| DumpError::Npy { path: path.clone(), source })?;
     let mut about = describe(subject, stage, output, array.shape());
     for (key, value) in context.as_object().into_iter().flatten() {
         about[key] = value.clone();
     }
-    let beside = folder.join(format!("{stem}.json"));
-    std::fs::write(&beside, format!("{about:#}\n"))
-        .map_err(|source| DumpError::Write { path: beside, source })?;
+    let beside = format!("{stem}.json");
+    let written = folder.write(&beside, format!("{about:#}\n").as_bytes());
+    written.map_err(|source| DumpError::Write { path: folder.path().join(beside), source })?;
     Ok(path)
 }
 

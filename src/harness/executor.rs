@@ -19,6 +19,7 @@ use super::sample::{CellResult, Executor, Failure, Samples};
 use super::views::{Views, ViewsError};
 use super::{MAX_PASSES, picture};
 use crate::experiments::schema::{Experiment, Pictures, RepeatedOutput};
+use crate::folder::Folder;
 use crate::gpu::{
     self, ClockPlan, FrameSample, FrameTimer, Gpu, GpuError, MachineReader, Stage, StageCounters,
 };
@@ -317,13 +318,20 @@ impl<'a> CellExecutor<'a> {
         });
         image.scale = pipeline.shows_visibility().then_some(PictureScale::Visibility);
         let folder = self.output.folder;
+        let save = |picture: &RgbImage, name: &str| {
+            let folder =
+                Folder::open(folder).map_err(|source| picture::unwritten(folder, source))?;
+            picture::write(picture, &folder, Path::new(name))
+        };
         let saved = views.unwrap_or_else(|| picture::of(&self.session.gpu, pipeline));
-        let saved = saved.and_then(|picture| picture::write(&picture, &folder.join(&image.path)));
+        let saved = saved.and_then(|picture| save(&picture, &image.path));
         findings.add_picture(image, "no picture", saved);
         if self.experiment.error_picture {
-            let path = folder.join(&of_error.path);
-            let saved = pipeline.error_picture(&mut self.judge(cell), &path);
-            let saved = saved.map(|scale| of_error.scale = Some(scale));
+            let made = pipeline.error_picture(&mut self.judge(cell)).map_err(PictureError::from);
+            let saved = made.and_then(|(picture, scale)| {
+                of_error.scale = Some(scale);
+                save(&picture, &of_error.path)
+            });
             findings.add_picture(of_error, "no picture of the error", saved);
         }
     }

@@ -4,6 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
+use crate::folder;
 use crate::record::{
     Addition, Clocks, LineWriter, Outcome, Record, RecordError, Run, SAMPLES_SCHEMA, SampleLine,
     read_lines,
@@ -164,7 +165,7 @@ impl Journal {
         self.write()?;
         if self.open.is_empty() {
             // What stays is read again and found to be settled.
-            let _ = std::fs::remove_file(&self.path);
+            let _ = folder::of(&self.path).and_then(|(folder, name)| folder.remove(name));
             return Ok(());
         }
         self.writer.sync()
@@ -194,7 +195,7 @@ fn ended() -> Addition {
 
 /// Cells of a folder that have samples and no record, each with its pairs of frames, for those who only read.
 pub fn unfinished(path: &Path, records: &[Record]) -> Result<Vec<(CellName, usize)>, RecordError> {
-    if !path.exists() {
+    if !folder::is_there(path) {
         return Ok(Vec::new());
     }
     let lines = read_lines::<SampleLine>(path)?.records;

@@ -7,6 +7,7 @@ use jiff::Timestamp;
 use thiserror::Error;
 
 use super::calendar;
+use crate::folder::{self, Folder};
 use crate::record::{
     self, Compared, FolderLock, LockError, PictureKind, Profile, Reading, Record, RecordError,
     Writer, read_lines,
@@ -103,7 +104,7 @@ impl OutputFolder {
 
     /// It holds something that was measured.
     fn is_occupied(&self) -> bool {
-        let holds = |path: PathBuf| path.metadata().is_ok_and(|file| file.len() > 0);
+        let holds = |path: PathBuf| path.symlink_metadata().is_ok_and(|file| file.len() > 0);
         holds(record::stored(&self.records())) || holds(self.samples())
     }
 }
@@ -128,7 +129,7 @@ impl Taken {
     /// Takes a folder whose measurement is to be continued.
     pub fn measured(folder: &Path, kind: FolderKind) -> Result<Self, OutputError> {
         let output = OutputFolder { folder: folder.to_owned() };
-        if !output.records().exists() && !output.is_occupied() {
+        if !folder::is_there(&output.records()) && !output.is_occupied() {
             return Err(OutputError::NothingToResume { kind, path: output.folder });
         }
         Self::take(folder)
@@ -215,22 +216,19 @@ pub fn picture_path(experiment: &str, cell: &str, shows: PictureKind) -> String 
 
 /// What this process says of itself to another that wants the same folder.
 pub fn holder() -> String {
-    let command: Vec<String> = std::env::args().collect();
+    let command = std::env::args_os().map(|word| word.to_string_lossy().into_owned()).join(" ");
     format!(
-        "process {} (`{}`, since {})",
+        "process {} (`{command}`, since {})",
         std::process::id(),
-        command.join(" "),
         calendar::rfc3339(Timestamp::now())
     )
 }
 
-/// Writes a file the size of several records, of a name that nothing has, and removes it again.
+/// Makes the folder of pictures and writes a file the size of several records, which leaves nothing.
 fn probe(output: &OutputFolder) -> std::io::Result<()> {
-    std::fs::create_dir_all(output.pictures())?;
-    let mut file = tempfile::Builder::new().prefix(".probe-").tempfile_in(&output.folder)?;
-    std::io::Write::write_all(&mut file, &vec![0; PROBE_BYTES])?;
-    file.as_file().sync_all()?;
-    file.close()
+    let folder = Folder::make(&output.folder)?;
+    folder.make_beneath(PICTURES)?;
+    folder.try_writing(&vec![0; PROBE_BYTES])
 }
 
 /// Makes a folder that was not there: of this name, or with a number added to it.
@@ -266,7 +264,7 @@ fn fresh(adapter: &str, profile: Profile) -> PathBuf {
 fn latest(parent: &Path) -> Option<PathBuf> {
     let folders = std::fs::read_dir(parent).ok()?.filter_map(|entry| Some(entry.ok()?.path()));
     let changed = |folder: &PathBuf| {
-        std::fs::metadata(folder.join(RECORDS)).and_then(|records| records.modified()).ok()
+        std::fs::symlink_metadata(folder.join(RECORDS)).and_then(|records| records.modified()).ok()
     };
     let dated = folders.filter_map(|folder| Some((changed(&folder)?, folder)));
     let mut folders = dated.sorted().rev().map(|(_, folder)| folder);
@@ -385,6 +383,30 @@ mod tests {
         drop(create(&out).unwrap());
         assert_eq!(std::fs::read_to_string(&precious).unwrap(), "text");
         assert_eq!(files(&out), [".probe", RECORDS, PICTURES]);
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn a_run_neither_begins_nor_goes_on_over_a_link() {
+        let folder = tempfile::tempdir().unwrap();
+        let precious = folder.path().join("precious");
+        std::fs::create_dir(&precious).unwrap();
+        std::fs::write(precious.join("a"), END).unwrap();
+        for name in [RECORDS, SAMPLES, "records.jsonl.gz", PICTURES, ".lock"] {
+            let out = folder.path().join(format!("out-{name}"));
+            std::fs::create_dir(&out).unwrap();
+            let target = if name == PICTURES { precious.clone() } else { precious.join("a") };
+            std::os::unix::fs::symlink(target, out.join(name)).unwrap();
+            let begun = create(&out).unwrap_err().to_string();
+            let resumed = Held::resume(Some(&out)).and_then(|held| {
+                Ok(drop(super::super::journal::Journal::open(&held.output.samples())?))
+            });
+            let resumed = resumed.unwrap_err().to_string();
+            assert_eq!([begun, resumed].map(|told| told.lines().count()), [1, 1], "{name}");
+            assert!(out.join(name).is_symlink(), "{name}");
+        }
+        assert_eq!(files(&precious), ["a"]);
+        assert_eq!(std::fs::read_to_string(precious.join("a")).unwrap(), END);
     }
 
     #[test]

@@ -1,11 +1,13 @@
 //! A pipeline's final image, as a PNG file.
 
+use std::io::Cursor;
 use std::path::{Path, PathBuf};
 
-use image::RgbImage;
+use image::{ImageFormat, RgbImage};
 use thiserror::Error;
 
 use super::scale;
+use crate::folder::{self, Folder};
 use crate::gpu::{Gpu, GpuError, read_texture};
 use crate::pipelines::{AnyPipeline, JudgeError};
 
@@ -19,7 +21,9 @@ pub enum PictureError {
     #[error(transparent)]
     Judge(#[from] JudgeError),
     #[error("cannot write {}: {source}", path.display())]
-    Write { path: PathBuf, source: image::ImageError },
+    Format { path: PathBuf, source: image::ImageError },
+    #[error("cannot write {}: {source}", path.display())]
+    Write { path: PathBuf, source: std::io::Error },
 }
 
 /// The image of the last frame; visibility gets a scale below.
@@ -68,8 +72,24 @@ fn mean<'t>(texels: impl Iterator<Item = &'t [f32]>, gamma: f32) -> [u8; 3] {
     std::array::from_fn(byte)
 }
 
-pub fn write(image: &RgbImage, path: &Path) -> Result<(), PictureError> {
-    image.save(path).map_err(|source| PictureError::Write { path: path.to_owned(), source })
+/// Writes a picture within a folder, in the format of its name's ending.
+pub fn write(image: &RgbImage, folder: &Folder, name: &Path) -> Result<(), PictureError> {
+    let path = folder.path().join(name);
+    let format = |source| PictureError::Format { path: path.clone(), source };
+    let mut bytes = Cursor::new(Vec::new());
+    let ending = ImageFormat::from_path(name).map_err(format)?;
+    image.write_to(&mut bytes, ending).map_err(format)?;
+    folder.write(name, bytes.get_ref()).map_err(|source| unwritten(&path, source))
+}
+
+/// Writes a picture to a path that the user names.
+pub fn write_to(image: &RgbImage, path: &Path) -> Result<(), PictureError> {
+    let (folder, name) = folder::of(path).map_err(|source| unwritten(path, source))?;
+    write(image, &folder, name)
+}
+
+pub fn unwritten(path: &Path, source: std::io::Error) -> PictureError {
+    PictureError::Write { path: path.to_owned(), source }
 }
 
 #[cfg(test)]

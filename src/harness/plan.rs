@@ -4,6 +4,7 @@
 //! profile's, `--set`'s, the axis's. Axes are never overruled silently: `--set` of a swept parameter is an error.
 
 use std::collections::BTreeSet;
+use std::path::Path;
 
 use serde_json::Value;
 use thiserror::Error;
@@ -15,6 +16,7 @@ use super::subject::{Subject, SubjectError, Subjects};
 use super::views::OtherViews;
 use crate::experiments::{CellPlan, Experiment, ExperimentError, ReferencePlan};
 use crate::gpu::Capacity;
+use crate::private;
 use crate::record::{self, Outcome, Part, Profile, resume_key};
 use crate::text::{did_you_mean, nearest};
 
@@ -111,13 +113,20 @@ impl PlannedCell {
     pub fn resume_key(&self) -> String {
         let CellPlan { experiment, cell, pipeline, scene, .. } = &self.plan;
         let Subject { scene: built, params, .. } = &self.subject;
-        resume_key(experiment, cell, pipeline, scene, &built.stand_ins, params)
+        let scene = private::path(Path::new(scene));
+        resume_key(experiment, cell, pipeline, &scene, &built.stand_ins, params)
     }
 
     pub fn record(&self, outcome: Outcome) -> record::Cell {
         let CellPlan { experiment, cell, axes, pipeline, scene, .. } = self.plan.clone();
         let stand_ins = self.subject.scene.stand_ins.clone();
         let params = self.subject.params.clone();
+        let scene = private::path(Path::new(&scene));
+        let outcome = match outcome {
+            Outcome::Skipped { reason } => Outcome::Skipped { reason: private::words(&reason) },
+            Outcome::Failed { reason } => Outcome::Failed { reason: private::words(&reason) },
+            measured @ Outcome::Measured(_) => measured,
+        };
         record::Cell { experiment, cell, axes, pipeline, scene, stand_ins, params, outcome }
     }
 }

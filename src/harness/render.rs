@@ -55,5 +55,5 @@ pub fn caustics(
 
 /// Renders the subject and writes its final image to `path`.
 pub fn render(gpu: &Gpu, subject: &Subject, samples: u32, path: &Path) -> Result<(), PictureError> {
-    picture::write(&bare(gpu, subject, samples)?.explained(), path)
+    picture::write_to(&bare(gpu, subject, samples)?.explained(), path)
 }

@@ -3,7 +3,7 @@
 use std::process::Command;
 
 use super::HistoryError;
-use crate::{process, quiet};
+use crate::{private, process};
 
 /// What the user says. The rest is found out.
 #[derive(Clone, Debug, Default)]
@@ -53,7 +53,7 @@ pub fn origin(said: Said) -> Result<Origin, HistoryError> {
         commit,
         branch: branch.ok_or(HistoryError::NoBranch)?,
         machine: said.machine,
-        host: quiet::host_name(),
+        host: private::machine(),
     })
 }
 

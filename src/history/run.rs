@@ -8,7 +8,7 @@ use itertools::Itertools;
 use sha2::{Digest, Sha256};
 
 use super::HistoryError;
-use crate::input;
+use crate::folder;
 use crate::record::{self, Cell, Clock, Estimate, Measured, Reading, Record, Run, ShaderChecks};
 
 /// Name of the figure that is a frame's time without per-stage timing.
@@ -75,7 +75,7 @@ impl NewRun {
         let path = record::stored(&folder.join(name));
         let mut records = Vec::new();
         let read =
-            input::unpacked(&path, MAX_RECORDS).and_then(|mut f| f.read_to_end(&mut records));
+            folder::unpacked(&path, MAX_RECORDS).and_then(|mut f| f.read_to_end(&mut records));
         read.map_err(|source| match source.kind() {
             ErrorKind::NotFound => {
                 HistoryError::NoRun { folder: folder.to_owned(), name: name.to_owned() }

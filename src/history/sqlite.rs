@@ -1,6 +1,5 @@
 //! A history in a file of SQLite.
 
-use std::fs::File;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -10,6 +9,7 @@ use rusqlite::{Connection, OpenFlags, ToSql, params_from_iter};
 
 use super::HistoryError;
 use super::database::{ColumnTypes, Database, FigureRow, Value};
+use crate::input;
 
 /// How long a writer waits for another one.
 const PATIENCE: Duration = Duration::from_secs(60);
@@ -52,7 +52,7 @@ fn check(path: &Path, writable: bool) -> Result<(), HistoryError> {
         Ok(found) if found.len() == 0 => Ok(()),
         Ok(_) => {
             let mut begin = [0; MAGIC.len()];
-            let read = File::open(path).and_then(|mut file| file.read_exact(&mut begin));
+            let read = input::open(path).and_then(|mut file| file.read_exact(&mut begin));
             if read.is_ok() && &begin == MAGIC {
                 return Ok(());
             }

@@ -1,12 +1,11 @@
 //! Caustics of a measured cell against a photon map: irradiance of what each pixel shows, as figures and as pictures.
 
 use std::collections::HashMap;
-use std::path::Path;
 use std::rc::Rc;
 
 use super::occlusion::signed_color;
 use super::settings::Animation;
-use super::{Judge, JudgeError, Judged, Known};
+use super::{ErrorPicture, Judge, JudgeError, Judged, Known};
 use crate::record::{ErrorFigure, ErrorSpan, PictureScale};
 use crate::reference::image::Image;
 use crate::reference::kept::Content;
@@ -113,11 +112,11 @@ impl Compared {
         })
     }
 
-    /// Writes the signed error: red where too bright, blue where too dark, in full colour from ± the mean irradiance on.
+    /// The signed error: red where too bright, blue where too dark, in full colour from ± the mean irradiance on.
     ///
     /// # Errors
     /// A file that cannot be written.
-    pub fn error_picture(&self, path: &Path) -> Result<PictureScale, JudgeError> {
+    pub fn error_picture(&self) -> Result<ErrorPicture, JudgeError> {
         let mean = self.exact.mean();
         let errors = Image::of(self.exact.size(), |x, y| {
             let at = |image: &Image| image.clamped(x.into(), y.into());
@@ -129,12 +128,8 @@ impl Compared {
             image::Rgb(signed_color(error / PICTURE_FULL))
         };
         let picture = image::RgbImage::from_fn(width, height, color);
-        picture.save(path).map_err(|error| JudgeError::Picture {
-            path: path.display().to_string(),
-            reason: error.to_string(),
-        })?;
         let span = ErrorSpan::new(PICTURE_FULL, errors.data().iter().copied());
-        Ok(PictureScale::IrradianceError(span))
+        Ok((picture, PictureScale::IrradianceError(span)))
     }
 }
 

@@ -4,13 +4,11 @@
 mod parameters;
 
 use std::collections::BTreeMap;
-use std::path::Path;
 
 use super::lighting::{Composed, Seen};
 use super::occlusion::{self, Model, OcclusionBuffers};
-use super::{Judge, JudgeError, Judged, Pipeline, settings};
+use super::{ErrorPicture, Judge, JudgeError, Judged, Pipeline, settings};
 use crate::gpu::{Gpu, GpuError};
-use crate::record::PictureScale;
 use crate::scene::Scene;
 use crate::stages::geometry::Geometry;
 use crate::stages::hsao;
@@ -103,11 +101,7 @@ impl Pipeline for Hsao {
         self.buffers.judge(judge)
     }
 
-    fn error_picture(
-        &self,
-        judge: &mut Judge<'_>,
-        path: &Path,
-    ) -> Result<PictureScale, JudgeError> {
-        self.buffers.error_picture(judge, path)
+    fn error_picture(&self, judge: &mut Judge<'_>) -> Result<ErrorPicture, JudgeError> {
+        self.buffers.error_picture(judge)
     }
 }

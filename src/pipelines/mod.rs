@@ -19,7 +19,6 @@ pub mod voxelize;
 use std::any::Any;
 use std::collections::BTreeMap;
 use std::ops::{Deref, DerefMut};
-use std::path::Path;
 use std::rc::Rc;
 
 use serde::Serialize;
@@ -130,19 +129,18 @@ pub trait Pipeline: Sized + 'static {
         Err(JudgeError::NoCaustics(Self::NAME))
     }
 
-    /// Writes a picture of the error, point by point, and tells what its colours mean.
+    /// A picture of the error, point by point, and what its colours mean.
     ///
     /// # Errors
     /// As [`Self::judge`], and pipelines without such a picture.
-    fn error_picture(
-        &self,
-        judge: &mut Judge<'_>,
-        path: &Path,
-    ) -> Result<PictureScale, JudgeError> {
-        let _ = (judge, path);
+    fn error_picture(&self, judge: &mut Judge<'_>) -> Result<ErrorPicture, JudgeError> {
+        let _ = judge;
         Err(JudgeError::NoPicture(Self::NAME))
     }
 }
+
+/// A picture of errors, and what its colours mean.
+pub type ErrorPicture = (image::RgbImage, PictureScale);
 
 /// What [`Pipeline::judge`] works with: the device, the scene, and earlier answers of the references.
 pub struct Judge<'a> {
@@ -207,8 +205,6 @@ pub enum JudgeError {
     Specular(String),
     #[error("pipeline {0} has no picture of its error")]
     NoPicture(&'static str),
-    #[error("cannot write {path}: {reason}")]
-    Picture { path: String, reason: String },
 }
 
 /// A pipeline that was made for a scene, and what it runs.
@@ -268,8 +264,7 @@ pub trait AnyPipeline {
     /// See [`Pipeline::caustics`].
     fn caustics(&self, judge: &mut Judge<'_>) -> Result<Compared, JudgeError>;
     /// See [`Pipeline::error_picture`].
-    fn error_picture(&self, judge: &mut Judge<'_>, path: &Path)
-    -> Result<PictureScale, JudgeError>;
+    fn error_picture(&self, judge: &mut Judge<'_>) -> Result<ErrorPicture, JudgeError>;
     /// For a caller that knows the kind.
     fn as_any(&self) -> &dyn Any;
 }
@@ -315,12 +310,8 @@ impl<P: Pipeline> AnyPipeline for Built<P> {
         self.pipeline.caustics(judge)
     }
 
-    fn error_picture(
-        &self,
-        judge: &mut Judge<'_>,
-        path: &Path,
-    ) -> Result<PictureScale, JudgeError> {
-        self.pipeline.error_picture(judge, path)
+    fn error_picture(&self, judge: &mut Judge<'_>) -> Result<ErrorPicture, JudgeError> {
+        self.pipeline.error_picture(judge)
     }
 
     fn as_any(&self) -> &dyn Any {

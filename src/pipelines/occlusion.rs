@@ -1,7 +1,6 @@
 //! Ambient occlusion of a measured cell against rays cast from the same points, as figures and as a picture.
 
 use std::collections::HashMap;
-use std::path::Path;
 use std::rc::Rc;
 
 use glam::DVec3;
@@ -9,7 +8,7 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::settings::{Animation, Attenuation, Deform};
-use super::{Judge, JudgeError, Judged};
+use super::{ErrorPicture, Judge, JudgeError, Judged};
 use crate::gpu::{Pixels, StageInfo, read_texture};
 use crate::record::{ErrorFigure, ErrorSpan, PictureScale};
 use crate::reference::ReferenceError;
@@ -132,17 +131,13 @@ impl OcclusionBuffers {
         Ok(judged)
     }
 
-    /// Writes the signed error of the buffer that the image is composed with: red where it is too dark, blue where too light,
+    /// The signed error of the buffer that the image is composed with: red where it is too dark, blue where too light,
     /// in full colour from ±0.25 on, grey where nothing is drawn or compared.
-    pub(super) fn error_picture(
-        &self,
-        judge: &mut Judge<'_>,
-        path: &Path,
-    ) -> Result<PictureScale, JudgeError> {
+    pub(super) fn error_picture(&self, judge: &mut Judge<'_>) -> Result<ErrorPicture, JudgeError> {
         let (question, points) = self.points(judge, PICTURE_POINTS, PICTURE_RAYS)?;
         let errors = errors(&question, &points, &read_texture(judge.gpu, self.visibility())?);
-        paint(&question, &points, &errors, path)?;
-        Ok(PictureScale::OcclusionError(ErrorSpan::new(PICTURE_FULL, errors)))
+        let picture = paint(&question, &points, &errors);
+        Ok((picture, PictureScale::OcclusionError(ErrorSpan::new(PICTURE_FULL, errors))))
     }
 
     fn points(
@@ -406,12 +401,7 @@ pub(super) fn signed_color(share: f64) -> [u8; 3] {
 }
 
 /// Paints each point's error over the pixels that are nearest to it on the lattice.
-fn paint(
-    question: &Question,
-    points: &[JudgedPoint],
-    errors: &[f64],
-    path: &Path,
-) -> Result<(), JudgeError> {
+fn paint(question: &Question, points: &[JudgedPoint], errors: &[f64]) -> image::RgbImage {
     const NOTHING: [u8; 3] = [190; 3];
     let [width, height] = question.size_px;
     let apart = |axis: usize| {
@@ -433,11 +423,7 @@ fn paint(
             }
         }
     }
-    let failed = |error: image::ImageError| JudgeError::Picture {
-        path: path.display().to_string(),
-        reason: error.to_string(),
-    };
-    picture.save(path).map_err(failed)
+    picture
 }
 
 #[cfg(test)]

@@ -5,15 +5,13 @@ mod parameters;
 
 use std::collections::BTreeMap;
 use std::f64::consts::PI;
-use std::path::Path;
 use std::rc::Rc;
 
 use super::caustics_image::{Compared, IMAGE_ERROR};
 use super::screen_tracing;
 use super::settings::{self, VIEWPORT};
-use super::{Judge, JudgeError, Judged, Pipeline};
+use super::{ErrorPicture, Judge, JudgeError, Judged, Pipeline};
 use crate::gpu::{Gpu, GpuError};
-use crate::record::PictureScale;
 use crate::scene::{Bounds, Scene};
 use crate::stages::frame::{Frame, Shared, View};
 use crate::stages::gbuffer::GbufferTextures;
@@ -129,12 +127,8 @@ impl Pipeline for PhotonTracing {
         Compared::new(judge, &self.view, &found)
     }
 
-    fn error_picture(
-        &self,
-        judge: &mut Judge<'_>,
-        path: &Path,
-    ) -> Result<PictureScale, JudgeError> {
-        self.caustics(judge)?.error_picture(path)
+    fn error_picture(&self, judge: &mut Judge<'_>) -> Result<ErrorPicture, JudgeError> {
+        self.caustics(judge)?.error_picture()
     }
 }
 

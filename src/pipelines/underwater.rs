@@ -7,7 +7,6 @@ mod measure;
 mod parameters;
 
 use std::collections::BTreeMap;
-use std::path::Path;
 use std::rc::Rc;
 
 use glam::{DVec3, UVec2, Vec2};
@@ -15,9 +14,8 @@ use serde_json::Value;
 
 use super::caustics_image::{Compared, IMAGE_ERROR};
 use super::settings::{VIEWPORT, scaled};
-use super::{Judge, JudgeError, Judged, Pipeline};
+use super::{ErrorPicture, Judge, JudgeError, Judged, Pipeline};
 use crate::gpu::{Gpu, GpuError};
-use crate::record::PictureScale;
 use crate::scene::Scene;
 use crate::stages::caustics::mesh::{Mesh, MeshUniforms};
 use crate::stages::caustics::splat::{self, PointSize, SplatUniforms};
@@ -139,12 +137,8 @@ impl Pipeline for Underwater {
         Compared::new(judge, &self.view, &found)
     }
 
-    fn error_picture(
-        &self,
-        judge: &mut Judge<'_>,
-        path: &Path,
-    ) -> Result<PictureScale, JudgeError> {
-        self.caustics(judge)?.error_picture(path)
+    fn error_picture(&self, judge: &mut Judge<'_>) -> Result<ErrorPicture, JudgeError> {
+        self.caustics(judge)?.error_picture()
     }
 }
 

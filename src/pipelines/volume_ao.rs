@@ -4,7 +4,6 @@ mod measure;
 mod parameters;
 
 use std::collections::BTreeMap;
-use std::path::Path;
 
 use glam::DMat4;
 
@@ -12,9 +11,8 @@ use super::lighting::{Composed, Seen};
 use super::occlusion::{self, OcclusionBuffers};
 use super::settings::{self, Update};
 use super::voxelization::{self, Voxelization};
-use super::{Judge, JudgeError, Judged, Pipeline};
+use super::{ErrorPicture, Judge, JudgeError, Judged, Pipeline};
 use crate::gpu::{Gpu, GpuError};
-use crate::record::PictureScale;
 use crate::scene::Scene;
 use crate::stages::ao;
 use crate::stages::geometry::Geometry;
@@ -114,12 +112,8 @@ impl Pipeline for VolumeAo {
         self.buffers.judge(judge)
     }
 
-    fn error_picture(
-        &self,
-        judge: &mut Judge<'_>,
-        path: &Path,
-    ) -> Result<PictureScale, JudgeError> {
-        self.buffers.error_picture(judge, path)
+    fn error_picture(&self, judge: &mut Judge<'_>) -> Result<ErrorPicture, JudgeError> {
+        self.buffers.error_picture(judge)
     }
 }
 

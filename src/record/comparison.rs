@@ -4,12 +4,14 @@
 
 use std::collections::BTreeMap;
 use std::fmt;
+use std::path::Path;
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Deserializer, Serialize, de};
 use strum::{Display, EnumString, IntoStaticStr};
 
 use super::{Adapter, ErrorFigure, MachineState, Record, Work, nan};
+use crate::private;
 
 /// Most launches of a measurement: the time to judge them grows with their square, and is seconds for so many.
 pub const MOST_LAUNCHES: u32 = 200;
@@ -244,14 +246,24 @@ impl SideEnvironment {
             && self.variables.keys().eq(other.variables.keys())
             && self.values_digest == other.values_digest
     }
+
+    /// As records show it.
+    #[must_use]
+    pub fn shown(&self) -> Self {
+        let mut shown = self.clone();
+        for path in shown.driver.iter_mut().flat_map(|d| [&mut d.manifest, &mut d.library]) {
+            *path = private::path(Path::new(path));
+        }
+        shown
+    }
 }
 
 /// A Vulkan driver that was named by its manifest.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct NamedDriver {
-    /// The manifest, an absolute path.
+    /// The manifest; in records its name.
     pub manifest: String,
-    /// Its library, an absolute path; as the manifest names it where the system's linker is to find it.
+    /// Its library; in records its name. As the manifest names it where the system's linker is to find it.
     pub library: String,
     /// SHA-256 of the library; none where the system's linker is to find it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -464,7 +476,7 @@ impl Fault {
         cell: Option<CellId>,
         reason: impl Into<String>,
     ) -> Self {
-        let reason = reason.into();
+        let reason = private::words(&reason.into());
         Self { gate, side, cell, launch: None, control: false, absent: false, reason }
     }
 }

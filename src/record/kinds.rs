@@ -5,6 +5,8 @@ use std::fmt;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use crate::private;
+
 /// How large an experiment runs.
 #[derive(
     Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema, clap::ValueEnum,
@@ -120,7 +122,7 @@ pub struct Note {
 
 impl Note {
     pub fn new(kind: NoteKind, text: impl Into<String>) -> Note {
-        Note { kind, text: text.into() }
+        Note { kind, text: private::words(&text.into()) }
     }
 }
 

@@ -1,7 +1,7 @@
 //! Files of JSON lines: a writer that only ever appends, and a reader that gives back everything that is sound and says what
 //! is not.
 
-use std::fs::{File, OpenOptions};
+use std::fs::File;
 use std::io::{ErrorKind, Read, Seek, SeekFrom, Write};
 use std::marker::PhantomData;
 use std::ops::Range;
@@ -12,8 +12,8 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use super::Record;
-use super::lock::is_file;
-use crate::{input, text};
+use crate::folder::{self, Folder};
+use crate::text;
 
 /// Damaged lines that are told one by one.
 const MOST_TOLD: usize = 10;
@@ -76,6 +76,7 @@ pub enum RecordError {
 #[derive(Debug)]
 pub struct LineWriter<T> {
     path: PathBuf,
+    folder: Folder,
     file: File,
     line: PhantomData<T>,
 }
@@ -111,7 +112,7 @@ impl<T: Line> Opened<T> {
 impl<T: Line> LineWriter<T> {
     /// Starts an empty file, replacing one of that name.
     pub fn create(path: &Path) -> Result<Self, RecordError> {
-        File::create(path).map_err(io("create", path))?;
+        folder::write(path, b"").map_err(io("create", path))?;
         Self::append(path)
     }
 
@@ -121,7 +122,8 @@ impl<T: Line> LineWriter<T> {
         path: &Path,
         check: impl FnOnce(&Reading<T>) -> Result<(), E>,
     ) -> Result<Opened<T>, E> {
-        let bytes = match input::bytes(path, MAX_FILE) {
+        let place = folder::of(path);
+        let bytes = match place.and_then(|(folder, name)| folder.bytes(name, MAX_FILE)) {
             Err(error) if error.kind() == ErrorKind::NotFound => Vec::new(),
             read => read.map_err(io("read", path))?,
         };
@@ -130,8 +132,9 @@ impl<T: Line> LineWriter<T> {
         let aside = if sorted.read.damaged.is_empty() {
             None
         } else {
-            let aside = keep_beside(path, "damaged", &bytes)?;
-            replace(path, &sorted.sound_of(&bytes))?;
+            let (folder, _) = folder::of(path).map_err(io("write", path))?;
+            let aside = keep_beside(&folder, path, "damaged", &bytes)?;
+            replace(&folder, path, &sorted.sound_of(&bytes))?;
             Some(aside)
         };
         let mut writer = Self::append(path)?;
@@ -143,9 +146,9 @@ impl<T: Line> LineWriter<T> {
     }
 
     fn append(path: &Path) -> Result<Self, RecordError> {
-        let file = OpenOptions::new().read(true).append(true).create(true).open(path);
-        let file = file.map_err(io("open", path))?;
-        Ok(Self { path: path.to_owned(), file, line: PhantomData })
+        let (folder, name) = folder::of(path).map_err(io("open", path))?;
+        let file = folder.append(name).map_err(io("open", path))?;
+        Ok(Self { path: path.to_owned(), folder, file, line: PhantomData })
     }
 
     /// Appends one line, which is on the disk when this returns. What cannot be read back (a number that is not finite) is an
@@ -183,12 +186,7 @@ impl<T: Line> LineWriter<T> {
             let _ = self.file.set_len(before);
             return Err(io("write", &self.path)(source));
         }
-        let found = std::fs::metadata(&self.path);
-        if found.is_ok_and(|found| is_file(&self.file, &found)) {
-            Ok(())
-        } else {
-            Err(self.rescue())
-        }
+        if self.folder.has(name(&self.path), &self.file) { Ok(()) } else { Err(self.rescue()) }
     }
 
     /// Writes all lines to a file beside the one that is gone.
@@ -198,7 +196,7 @@ impl<T: Line> LineWriter<T> {
             self.file.seek(SeekFrom::Start(0)).and_then(|_| self.file.read_to_end(&mut bytes));
         let rescued = read
             .map_err(io("read", &self.path))
-            .and_then(|_| keep_beside(&self.path, "rescued", &bytes));
+            .and_then(|_| keep_beside(&self.folder, &self.path, "rescued", &bytes));
         match rescued {
             Ok(rescued) => RecordError::Removed { path: self.path.clone(), rescued },
             Err(error) => error,
@@ -207,11 +205,15 @@ impl<T: Line> LineWriter<T> {
 }
 
 /// Writes bytes to the first free file `STEM.WORD-N.EXTENSION` beside a file, and gives its path.
-fn keep_beside(path: &Path, word: &str, bytes: &[u8]) -> Result<PathBuf, RecordError> {
+fn keep_beside(
+    folder: &Folder,
+    path: &Path,
+    word: &str,
+    bytes: &[u8],
+) -> Result<PathBuf, RecordError> {
     for number in 1.. {
         let beside = beside(path, word, number);
-        let created = OpenOptions::new().write(true).create_new(true).open(&beside);
-        match created {
+        match folder.create_new(name(&beside)) {
             Err(error) if error.kind() == ErrorKind::AlreadyExists => {}
             Err(source) => return Err(io("create", &beside)(source)),
             Ok(mut file) => {
@@ -221,6 +223,10 @@ fn keep_beside(path: &Path, word: &str, bytes: &[u8]) -> Result<PathBuf, RecordE
         }
     }
     unreachable!("numbers do not end")
+}
+
+fn name(path: &Path) -> &Path {
+    Path::new(path.file_name().unwrap_or_default())
 }
 
 fn beside(path: &Path, word: &str, number: u32) -> PathBuf {
@@ -234,20 +240,17 @@ fn beside(path: &Path, word: &str, number: u32) -> PathBuf {
 pub fn kept_aside(path: &Path) -> Vec<PathBuf> {
     (1..)
         .map(|number| beside(path, "damaged", number))
-        .take_while(|beside| beside.exists())
+        .take_while(|beside| folder::is_there(beside))
         .collect()
 }
 
 /// Replaces a file's contents, all or nothing.
-fn replace(path: &Path, bytes: &[u8]) -> Result<(), RecordError> {
-    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
-    let folder = folder.unwrap_or(Path::new("."));
-    let written = tempfile::NamedTempFile::new_in(folder).and_then(|mut file| {
+fn replace(folder: &Folder, path: &Path, bytes: &[u8]) -> Result<(), RecordError> {
+    let written = folder.write_with(name(path), |file| {
         file.write_all(bytes)?;
-        file.as_file().sync_all()?;
-        file.persist(path).map_err(|error| error.error)
+        file.sync_all()
     });
-    written.map(drop).map_err(io("write", path))
+    written.map_err(io("write", path))
 }
 
 fn encode<T: Line>(line: &T) -> Result<Vec<u8>, serde_json::Error> {
@@ -291,7 +294,7 @@ pub fn read_lines_of_this_format<T: Line>(path: &Path) -> Result<Reading<T>, Rec
 fn read_stored<T: Line>(path: &Path, other: OtherFormat) -> Result<Reading<T>, RecordError> {
     let path = stored(path);
     let mut bytes = Vec::new();
-    let read = input::unpacked(&path, MAX_FILE).and_then(|mut file| file.read_to_end(&mut bytes));
+    let read = folder::unpacked(&path, MAX_FILE).and_then(|mut file| file.read_to_end(&mut bytes));
     read.map_err(io("read", &path))?;
     Ok(sort(&path, &bytes, other)?.read)
 }
@@ -309,7 +312,7 @@ pub fn stored(path: &Path) -> PathBuf {
     let mut packed = path.as_os_str().to_owned();
     packed.push(".gz");
     let packed = PathBuf::from(packed);
-    if !path.exists() && packed.exists() { packed } else { path.to_owned() }
+    if !folder::is_there(path) && folder::is_there(&packed) { packed } else { path.to_owned() }
 }
 
 /// A file's lines, and where the sound ones lie in it, without their ends.
@@ -419,4 +422,21 @@ fn parse<T: Line>(line: &[u8]) -> Result<Result<T, String>, u64> {
 struct Stated {
     #[serde(default)]
     schema: Option<Value>,
+}
+
+#[cfg(all(test, target_os = "linux"))]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_full_disk_is_an_error_that_names_the_file() {
+        let place = tempfile::tempdir().unwrap();
+        let path = place.path().join("records.jsonl");
+        let mut writer = LineWriter::<Record>::create(&path).unwrap();
+        // The device on which there is never room.
+        writer.file = File::options().write(true).open("/dev/full").unwrap();
+        let end = Record::Comparison(super::super::Compared::Header(Box::default()));
+        let error = writer.write(&end).unwrap_err().to_string();
+        assert!(error.starts_with(&format!("cannot write {}", path.display())), "{error}");
+    }
 }

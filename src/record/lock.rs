@@ -1,9 +1,11 @@
 //! One process at a time writes to a folder.
 
-use std::fs::{self, File, Metadata, OpenOptions, TryLockError};
-use std::io::{self, Read, Seek, SeekFrom, Write};
+use std::fs::{self, File, TryLockError};
+use std::io::{self, Read, Write};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
+
+use crate::folder::{self, Folder};
 
 /// Name of the locked file. The system releases the lock when its process ends, however that ends, so a file that a killed
 /// process left behind blocks nobody.
@@ -23,45 +25,37 @@ pub enum LockError {
     InUse { folder: PathBuf, holder: String },
     #[error("cannot write to {}: {source}; choose another folder with --out", folder.display())]
     Unwritable { folder: PathBuf, source: io::Error },
-    #[error("{} is a symbolic link and no lock: remove it, or choose another folder with --out", path.display())]
-    Link { path: PathBuf },
 }
 
 /// The right to write to a folder, until this is dropped.
 #[derive(Debug)]
 pub struct FolderLock {
     file: File,
-    folder: PathBuf,
+    folder: Folder,
     /// The folder was made for this lock. It goes with it, if nothing was written.
     made_folder: bool,
 }
 
 impl FolderLock {
     /// Takes the lock of a folder, which is made if it is not there. `holder` tells another process who holds it.
-    pub fn take(folder: &Path, holder: &str) -> Result<Self, LockError> {
-        let unwritable = |source| LockError::Unwritable { folder: folder.to_owned(), source };
-        let made_folder = !folder.exists();
-        fs::create_dir_all(folder).map_err(unwritable)?;
-        let path = folder.join(LOCK);
+    pub fn take(path: &Path, holder: &str) -> Result<Self, LockError> {
+        let unwritable = |source| LockError::Unwritable { folder: path.to_owned(), source };
+        let made_folder = !folder::is_there(path);
+        let folder = Folder::make(path).map_err(unwritable)?;
         loop {
-            if path.is_symlink() {
-                return Err(LockError::Link { path });
-            }
-            let mut file = open(&path).map_err(unwritable)?;
+            let mut file = folder.append(LOCK).map_err(unwritable)?;
             match file.try_lock() {
                 Ok(()) => {}
                 Err(TryLockError::WouldBlock) => {
-                    return Err(LockError::InUse {
-                        folder: folder.to_owned(),
-                        holder: told(&path),
-                    });
+                    let holder = told(&folder);
+                    return Err(LockError::InUse { folder: path.to_owned(), holder });
                 }
                 Err(TryLockError::Error(source)) => return Err(unwritable(source)),
             }
             // Its last holder may have removed the file after it was opened here: then the lock is that of no name.
-            if fs::symlink_metadata(&path).is_ok_and(|found| is_file(&file, &found)) {
+            if folder.has(LOCK, &file) {
                 tell(&mut file, holder).map_err(unwritable)?;
-                return Ok(Self { file, folder: folder.to_owned(), made_folder });
+                return Ok(Self { file, folder, made_folder });
             }
         }
     }
@@ -71,34 +65,28 @@ impl Drop for FolderLock {
     fn drop(&mut self) {
         // What stays behind blocks nobody. Elsewhere than on Unix it cannot be told whether a file still has its name.
         if cfg!(unix) {
-            let _ = fs::remove_file(self.folder.join(LOCK));
+            let _ = self.folder.remove(LOCK);
         }
         if self.made_folder {
             // Fails if anything was written.
-            let _ = fs::remove_dir(&self.folder);
+            let _ = fs::remove_dir(self.folder.path());
         }
         let _ = self.file.unlock();
     }
 }
 
-fn open(path: &Path) -> io::Result<File> {
-    OpenOptions::new().read(true).write(true).create(true).truncate(false).open(path)
-}
-
 fn tell(file: &mut File, holder: &str) -> io::Result<()> {
     file.set_len(0)?;
-    file.seek(SeekFrom::Start(0))?;
     file.write_all(holder.as_bytes())
 }
 
 /// What the holder of a lock says of itself. It may have taken the lock this moment, and say nothing yet or what its killed
 /// predecessor said: what stays the same for a while is believed, if it is not of a process that has ended.
-fn told(path: &Path) -> String {
+fn told(folder: &Folder) -> String {
     let mut before = String::new();
     for _ in 0..MAX_READINGS {
         std::thread::sleep(BETWEEN_READINGS);
-        // On some systems nobody but its holder reads a locked file.
-        let Ok(now) = read_holder(path) else { break };
+        let now = read_holder(folder);
         if !now.is_empty() && now == before && !has_ended(&now) {
             return now;
         }
@@ -107,11 +95,15 @@ fn told(path: &Path) -> String {
     if before.is_empty() { "another process".to_owned() } else { before }
 }
 
-/// One line.
-fn read_holder(path: &Path) -> io::Result<String> {
+/// One line; empty where nothing can be read. On some systems nobody but its holder reads a locked file.
+fn read_holder(folder: &Folder) -> String {
     let mut text = Vec::new();
-    File::open(path)?.take(MAX_HOLDER_BYTES).read_to_end(&mut text)?;
-    Ok(String::from_utf8_lossy(&text).chars().filter(|c| !c.is_control()).collect())
+    let read =
+        folder.read(LOCK).and_then(|file| file.take(MAX_HOLDER_BYTES).read_to_end(&mut text));
+    match read {
+        Ok(_) => String::from_utf8_lossy(&text).chars().filter(|c| !c.is_control()).collect(),
+        Err(_) => String::new(),
+    }
 }
 
 /// A holder that begins with `process` and a number is no process of this machine any more.
@@ -126,19 +118,6 @@ fn has_ended(holder: &str) -> bool {
 #[cfg(not(unix))]
 fn has_ended(_: &str) -> bool {
     false
-}
-
-/// An open file is the one that was found under a name.
-#[cfg(unix)]
-pub(super) fn is_file(file: &File, found: &Metadata) -> bool {
-    use std::os::unix::fs::MetadataExt;
-    file.metadata().is_ok_and(|own| (own.dev(), own.ino()) == (found.dev(), found.ino()))
-}
-
-/// Elsewhere any file of that name passes.
-#[cfg(not(unix))]
-pub(super) fn is_file(_: &File, _: &Metadata) -> bool {
-    true
 }
 
 #[cfg(test)]

@@ -14,6 +14,7 @@ use serde_json::Value;
 use super::colors::StageColors;
 use super::plots::Figure;
 use crate::experiments::{self, CellPlan, Experiment, Ruling, label_text};
+use crate::folder::Folder;
 use crate::record::{Cell, Clock, Damage, End, Measured, Picture, Profile, Record, Run};
 
 #[derive(Default)]
@@ -189,8 +190,11 @@ impl<'a> Section<'a> {
             let [a_rank, b_rank] = [a, b].map(|entry| rank(entry.cell).unwrap_or(planned.len()));
             a_rank.cmp(&b_rank).then_with(|| compare_axes(a.cell, b.cell))
         });
-        let is_there =
-            |picture: &Picture| folder.is_none_or(|out| out.join(&picture.path).is_file());
+        let folder = folder.map(Folder::open);
+        let is_there = |picture: &Picture| match &folder {
+            None => true,
+            Some(folder) => folder.as_ref().is_ok_and(|folder| folder.has_file(&picture.path)),
+        };
         let pictures = self.measured().flat_map(|(cell, measured)| {
             measured
                 .pictures

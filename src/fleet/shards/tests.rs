@@ -102,3 +102,49 @@ fn cells_are_counted_as_they_come() {
     fs::write(&path, format!("{cell}\n")).unwrap();
     assert_eq!(shard.count().0, 1);
 }
+
+#[cfg(unix)]
+#[test]
+fn no_link_and_no_pipe_of_the_folder_is_opened() {
+    use std::os::unix::fs::symlink;
+    use std::sync::mpsc;
+
+    let (out, folder) = folder();
+    let elsewhere = tempfile::tempdir().unwrap();
+    let header = r#"{"record":"run"}"#;
+    for (name, text) in [(RECORDS, header), ("3.status", "0"), ("3.log", "a log")] {
+        fs::write(elsewhere.path().join(name), text).unwrap();
+    }
+    let names = [folder.path.join(RECORDS), folder.beside(STATUS), folder.beside(LOG)];
+    let link = |path: &Path| {
+        symlink(elsewhere.path().join(path.file_name().unwrap()), path).unwrap();
+    };
+    let pipe = |path: &Path| {
+        assert!(std::process::Command::new("mkfifo").arg(path).status().unwrap().success());
+    };
+    for make in [&link as &dyn Fn(&Path), &pipe] {
+        names.iter().for_each(|path| make(path));
+        let ((done, read), path) = (mpsc::channel(), folder.path.clone());
+        std::thread::spawn(move || {
+            let folder = Folder { path };
+            let told = (folder.header(), folder.status(), folder.last_line());
+            done.send((told, Shard::new(folder, 3).count()))
+        });
+        // Far longer than it takes: only a hang ends so.
+        let (told, counted) = read.recv_timeout(Duration::from_secs(300)).expect("no hang");
+        assert_eq!((told, counted), ((None, None, None), (0, None)));
+        names.iter().for_each(|path| fs::remove_file(path).unwrap());
+    }
+    Folder::prepare(out.path(), 3).unwrap();
+    fs::remove_dir(&folder.path).unwrap();
+    symlink(elsewhere.path(), &folder.path).unwrap();
+    let told = Folder::prepare(out.path(), 3).unwrap_err().to_string();
+    assert!(told.contains("`3` is a symbolic link"), "{told}");
+    Folder::prepare(out.path(), 2).unwrap();
+    fs::remove_file(&folder.path).unwrap();
+    fs::remove_dir(out.path().join(SHARDS)).unwrap();
+    symlink(elsewhere.path(), out.path().join(SHARDS)).unwrap();
+    let told = Folder::prepare(out.path(), 3).unwrap_err().to_string();
+    assert!(told.contains("`shards` is a symbolic link"), "{told}");
+    assert_eq!(fs::read_dir(elsewhere.path()).unwrap().count(), 3);
+}

@@ -1,14 +1,16 @@
 //! A folder that is made beside its place and moved there when it is whole, so that a process that is killed leaves none or all of
-//! it.
+//! it. It has a random name of its own, and nothing is removed but what this process made.
 
 use std::ffi::OsString;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use super::super::output::{OutputFolder, holder, picture_path};
+use tempfile::TempDir;
+
+use super::super::output::{OutputFolder, PICTURES, picture_path};
 use super::{MergeError, Merged, OfAdapter};
-use crate::input;
-use crate::record::{Cell, FolderLock, LOCK, Picture, Record, Writer};
+use crate::folder::{self, Folder};
+use crate::record::{Cell, Picture, Record, Writer};
 
 /// Lines that are written at once.
 const LINES_AT_ONCE: usize = 256;
@@ -18,43 +20,46 @@ const MOST_PICTURE_BYTES: u64 = 64 << 20;
 /// The folder that is being made.
 pub struct Staging {
     place: PathBuf,
-    folder: PathBuf,
-    lock: FolderLock,
+    folder: TempDir,
 }
 
 impl Staging {
-    /// Begins a folder for `place`, where nothing may be. What a killed process left of the same folder is removed.
+    /// Begins a folder for `place`, where nothing may be but an empty folder.
     pub fn begin(place: &Path) -> Result<Self, MergeError> {
-        let io = |source| MergeError::Io { path: place.to_owned(), source };
-        let taken = fs::symlink_metadata(place).is_ok();
-        if taken && !fs::read_dir(place).is_ok_and(|mut entries| entries.next().is_none()) {
-            return Err(MergeError::Taken { path: place.to_owned() });
-        }
-        // A name without an end, such as `..`, names a folder that is there.
-        let Some(name) = place.file_name() else {
-            return Err(MergeError::Taken { path: place.to_owned() });
-        };
-        let mut hidden = OsString::from(".");
-        hidden.push(name);
-        hidden.push(".merging");
-        let folder = place.with_file_name(hidden);
-        let lock = FolderLock::take(&folder, &holder())?;
-        for entry in fs::read_dir(&folder).map_err(io)? {
-            let entry = entry.map_err(io)?;
-            let is_folder = entry.file_type().is_ok_and(|kind| kind.is_dir());
-            let remove = |path: PathBuf| {
-                if is_folder { fs::remove_dir_all(path) } else { fs::remove_file(path) }
-            };
-            if entry.file_name() != LOCK {
-                remove(entry.path()).map_err(io)?;
+        let path = place.to_owned();
+        let io = |source| MergeError::Io { path: path.clone(), source };
+        let taken = || MergeError::Taken { path: place.to_owned() };
+        let is_empty = |mut entries: fs::ReadDir| entries.next().is_none();
+        let mut place = place.to_owned();
+        if folder::is_there(&place) {
+            // The user may name an empty folder by a link.
+            place = fs::canonicalize(&place).map_err(|_| taken())?;
+            if !fs::read_dir(&place).is_ok_and(is_empty) {
+                return Err(taken());
             }
         }
-        Ok(Self { place: place.to_owned(), folder, lock })
+        // A name without an end, such as `..`, names a folder that is there.
+        let name = place.file_name().ok_or_else(taken)?;
+        let mut hidden = OsString::from(".");
+        hidden.push(name);
+        hidden.push(".merging-");
+        let parent = place.parent().filter(|parent| !parent.as_os_str().is_empty());
+        let parent = parent.unwrap_or(Path::new("."));
+        fs::create_dir_all(parent).map_err(io)?;
+        let mut fresh = tempfile::Builder::new();
+        #[cfg(unix)]
+        {
+            // Those of any new folder, in place of the private ones of temporary folders.
+            use std::os::unix::fs::PermissionsExt;
+            fresh.permissions(fs::Permissions::from_mode(0o777));
+        }
+        let folder = fresh.prefix(&hidden).tempdir_in(parent).map_err(io)?;
+        Ok(Self { place, folder })
     }
 
     /// Where files are put meanwhile.
     pub fn folder(&self) -> &Path {
-        &self.folder
+        self.folder.path()
     }
 
     /// Writes the records and pictures of one adapter's shards into the folder, or into one within it. The records come back.
@@ -63,13 +68,16 @@ impl Staging {
         within: Option<&str>,
         shards: OfAdapter,
     ) -> Result<(Vec<Record>, Merged), MergeError> {
-        let folder = within.map_or(self.folder.clone(), |within| self.folder.join(within));
+        let folder = within.map_or(self.folder().into(), |within| self.folder().join(within));
         let output = OutputFolder { folder };
         let io = |source| MergeError::Io { path: output.folder.clone(), source };
-        fs::create_dir_all(output.pictures()).map_err(io)?;
+        let to = Folder::make(&output.folder).map_err(io)?;
+        to.make_beneath(PICTURES).map_err(io)?;
         let mut notes = Vec::new();
-        for source in &shards.sources {
-            notes.extend(copy_pictures(&source.folder, &source.records, &output)?);
+        for shard in &shards.sources {
+            let unread = |source| MergeError::Io { path: shard.folder.clone(), source };
+            let from = Folder::open(&shard.folder).map_err(unread)?;
+            notes.extend(copy_pictures(&from, &shard.records, &to)?);
         }
         let (lines, mut merged) = shards.merge()?;
         merged.notes.extend(notes);
@@ -83,17 +91,20 @@ impl Staging {
 
     /// Moves the folder to its place.
     pub fn publish(self) -> Result<(), MergeError> {
-        let Self { place, folder, lock } = self;
-        drop(lock);
-        fs::rename(&folder, &place).map_err(|source| MergeError::Io { path: place, source })
+        let Self { place, folder } = self;
+        fs::rename(folder.path(), &place)
+            .map_err(|source| MergeError::Io { path: place, source })?;
+        // It is no longer where it was made, and not to be removed.
+        let _ = folder.keep();
+        Ok(())
     }
 }
 
 /// Copies the pictures that records name. One by a name that fathom does not give is left where it is: it could lie anywhere.
 fn copy_pictures(
-    from: &Path,
+    from: &Folder,
     records: &[Record],
-    to: &OutputFolder,
+    to: &Folder,
 ) -> Result<Vec<String>, MergeError> {
     let mut notes = Vec::new();
     let cells = records.iter().filter_map(|record| match record {
@@ -103,7 +114,11 @@ fn copy_pictures(
     for (cell, measured) in cells {
         for picture in &measured.pictures {
             if let Err(reason) = copy_picture(from, cell, picture, to)? {
-                notes.push(format!("{}: picture of {}: {reason}", from.display(), cell.cell));
+                notes.push(format!(
+                    "{}: picture of {}: {reason}",
+                    from.path().display(),
+                    cell.cell
+                ));
             }
         }
     }
@@ -112,19 +127,19 @@ fn copy_pictures(
 
 /// The inner error says why it was left out.
 fn copy_picture(
-    from: &Path,
+    from: &Folder,
     cell: &Cell,
     picture: &Picture,
-    to: &OutputFolder,
+    to: &Folder,
 ) -> Result<Result<(), String>, MergeError> {
     let path = picture_path(&cell.experiment, &cell.cell, picture.shows);
     if path != picture.path {
         return Ok(Err(format!("`{}` is not the name of its file", picture.path)));
     }
-    let bytes = match input::bytes(&from.join(&path), MOST_PICTURE_BYTES) {
+    let bytes = match from.bytes(&path, MOST_PICTURE_BYTES) {
         Ok(bytes) => bytes,
         Err(error) => return Ok(Err(error.to_string())),
     };
-    let target = to.folder.join(&path);
-    fs::write(&target, bytes).map(Ok).map_err(|source| MergeError::Io { path: target, source })
+    let written = to.write(&path, &bytes);
+    written.map(Ok).map_err(|source| MergeError::Io { path: to.path().join(&path), source })
 }

@@ -307,12 +307,50 @@ fn a_folder_that_holds_something_is_not_touched() {
         let error = Staging::begin(&place).err().unwrap().to_string();
         assert!(error.contains("is there already"), "{error}");
     }
-    // An empty folder is taken, and what a killed process left is removed.
+    // An empty folder is taken, and nothing is removed that was there before.
     std::fs::create_dir(shards.out()).unwrap();
     let left = shards.folder.path().join(".merged.merging");
     std::fs::create_dir_all(left.join("renders")).unwrap();
     std::fs::write(left.join("renders/half"), "").unwrap();
     shards.merged(&folders);
-    assert!(!left.exists());
+    assert!(left.join("renders/half").exists());
     assert!(!shards.out().join("renders/half").exists());
+}
+
+#[cfg(unix)]
+#[test]
+fn no_link_is_followed_and_an_empty_folder_may_be_named_by_one() {
+    use std::os::unix::fs::{PermissionsExt, symlink};
+    let mut shards = Shards::new();
+    let [linked, beneath] = [0, 1].map(|part| {
+        let cell = shards.cell(part);
+        let path = picture_path(&cell.experiment, &cell.cell, PictureKind::Image);
+        let picture = Picture { path: path.clone(), shows: PictureKind::Image, scale: None };
+        cell.outcome = measured(vec![picture]);
+        path
+    });
+    let folders = shards.folders();
+    let precious = shards.folder.path().join("precious");
+    std::fs::create_dir(&precious).unwrap();
+    std::fs::write(precious.join("a"), "keep").unwrap();
+    let name = Path::new(&beneath).file_name().unwrap();
+    std::fs::write(precious.join(name), "keep").unwrap();
+    // A picture that is a link, and one that lies in a folder that is a link.
+    std::fs::create_dir(folders[0].join("renders")).unwrap();
+    symlink(precious.join("a"), folders[0].join(&linked)).unwrap();
+    symlink(&precious, folders[1].join("renders")).unwrap();
+    symlink(precious.join("a"), folders[2].join("samples.jsonl")).unwrap();
+    symlink(&precious, shards.folder.path().join(".merged.merging")).unwrap();
+    let place = shards.folder.path().join("place");
+    std::fs::create_dir(&place).unwrap();
+    symlink(&place, shards.out()).unwrap();
+    let (merged, _) = shards.merged(&folders);
+    assert_eq!(merged.notes.len(), 2, "{:?}", merged.notes);
+    assert!(merged.notes.iter().all(|note| note.contains("is a symbolic link")));
+    assert_eq!(std::fs::read_dir(place.join("renders")).unwrap().count(), 0);
+    assert_eq!(std::fs::read_dir(&precious).unwrap().count(), 2);
+    assert_eq!(std::fs::read_to_string(precious.join("a")).unwrap(), "keep");
+    // A folder that goes to its place is open to those whom any new folder is.
+    let mode = |path: &Path| path.metadata().unwrap().permissions().mode();
+    assert_eq!(mode(&place), mode(&precious));
 }

@@ -1,7 +1,7 @@
 //! A run's picture files as `data:` URIs, with limits: records and files may come from anyone.
 
 use std::io::Cursor;
-use std::path::{Component, Path, PathBuf};
+use std::path::Path;
 
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD as BASE64;
@@ -9,7 +9,7 @@ use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use image::imageops;
 use image::{ImageFormat, ImageReader, Limits, RgbImage};
 
-use crate::input;
+use crate::folder::Folder;
 use crate::record::{Picture, PictureKind};
 
 /// Largest file that is read, bytes.
@@ -48,7 +48,7 @@ impl Embedder {
             PictureKind::Image => QUALITY,
             PictureKind::Error => QUALITY_OF_ERRORS,
         };
-        let picture = self.decode(&inside(folder, &picture.path)?)?;
+        let picture = self.decode(folder, &picture.path)?;
         let own_px = [picture.width(), picture.height()];
         let picture = reduced(picture);
         let (media_type, bytes) = smallest(&picture, quality)?;
@@ -60,11 +60,12 @@ impl Embedder {
         Ok(Embedded { uri, own_px, shown_px: [picture.width(), picture.height()] })
     }
 
-    fn decode(&mut self, path: &Path) -> Result<RgbImage, String> {
+    fn decode(&mut self, folder: &Path, name: &str) -> Result<RgbImage, String> {
         if self.bytes > MAX_EMBEDDED || self.pixels > MAX_PIXELS {
             return Err("the page holds as many pictures as it takes".to_owned());
         }
-        let bytes = input::bytes(path, MAX_FILE).map_err(|error| error.to_string())?;
+        let bytes = Folder::open(folder).and_then(|folder| folder.bytes(name, MAX_FILE));
+        let bytes = bytes.map_err(|error| error.to_string())?;
         let mut reader = ImageReader::with_format(Cursor::new(bytes), ImageFormat::Png);
         let mut limits = Limits::default();
         limits.max_image_width = Some(MAX_SIDE_PX);
@@ -75,16 +76,6 @@ impl Embedder {
         self.pixels += u64::from(picture.width()) * u64::from(picture.height());
         Ok(picture)
     }
-}
-
-/// A path within the folder.
-fn inside(folder: &Path, path: &str) -> Result<PathBuf, String> {
-    let path = Path::new(path);
-    let is_name = |part: Component<'_>| matches!(part, Component::Normal(_));
-    if path.as_os_str().is_empty() || !path.components().all(is_name) {
-        return Err("it is no path within the folder of the records".to_owned());
-    }
-    Ok(folder.join(path))
 }
 
 fn reduced(picture: RgbImage) -> RgbImage {

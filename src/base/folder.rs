@@ -1,0 +1,381 @@
+//! What lies in a folder that the user names. The folder itself may be a symbolic link: that is the user's choice. What lies
+//! beneath it may come from anyone: there no link is followed, and only regular files are read and written.
+//!
+//! A file is written under no name or a random one and moved to its place when it is whole. If something else than a regular
+//! file stands there (a link, pipe, device or folder), that is refused and stays as it is.
+
+use std::ffi::OsStr;
+use std::fs::File;
+use std::io::{self, ErrorKind, Read, Write};
+use std::path::{Component, Path, PathBuf};
+
+use cap_fs_ext::{DirExt, FollowSymlinks, OpenOptionsFollowExt, OpenOptionsSyncExt};
+use cap_std::ambient_authority;
+use cap_std::fs::{Dir, FileType, Metadata, OpenOptions};
+use cap_tempfile::TempFile;
+
+use crate::input::{self, Limited};
+
+/// A folder that was opened. Names of files are paths beneath it.
+#[derive(Debug)]
+pub struct Folder {
+    dir: Dir,
+    path: PathBuf,
+}
+
+/// The folder of a path's last part, and that part.
+pub fn of(path: &Path) -> io::Result<(Folder, &Path)> {
+    let name = path.file_name().ok_or_else(|| outside(path))?;
+    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
+    Ok((Folder::open(folder.unwrap_or(Path::new(".")))?, Path::new(name)))
+}
+
+/// Writes a file that the user names; see [`Folder::write`].
+pub fn write(path: &Path, bytes: &[u8]) -> io::Result<()> {
+    let (folder, name) = of(path)?;
+    folder.write(name, bytes)
+}
+
+/// The bytes of a file that lies beneath its folder; see [`Folder::unpacked`].
+pub fn unpacked(path: &Path, limit: u64) -> io::Result<Box<dyn Read>> {
+    let (folder, name) = of(path)?;
+    folder.unpacked(name, limit)
+}
+
+/// Something has this name, if only a link that leads nowhere.
+pub fn is_there(path: &Path) -> bool {
+    std::fs::symlink_metadata(path).is_ok()
+}
+
+impl Folder {
+    pub fn open(path: &Path) -> io::Result<Self> {
+        Ok(Self { dir: Dir::open_ambient_dir(path, ambient_authority())?, path: path.to_owned() })
+    }
+
+    /// Opens a folder, which is made with its parents where it is not there.
+    pub fn make(path: &Path) -> io::Result<Self> {
+        std::fs::create_dir_all(path)?;
+        Self::open(path)
+    }
+
+    /// The path by which it was opened.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// A folder beneath.
+    pub fn beneath(&self, name: impl AsRef<Path>) -> io::Result<Self> {
+        self.descend(name.as_ref(), |_, _| Ok(()))
+    }
+
+    /// A folder beneath, which is made where it is not there.
+    pub fn make_beneath(&self, name: impl AsRef<Path>) -> io::Result<Self> {
+        self.descend(name.as_ref(), |dir, part| match dir.create_dir(part) {
+            Err(error) if error.kind() != ErrorKind::AlreadyExists => Err(error),
+            _ => Ok(()),
+        })
+    }
+
+    fn descend(
+        &self,
+        name: &Path,
+        before: impl Fn(&Dir, &OsStr) -> io::Result<()>,
+    ) -> io::Result<Self> {
+        let mut dir = self.dir.try_clone()?;
+        for part in name.components() {
+            let Component::Normal(part) = part else {
+                return Err(outside(name));
+            };
+            before(&dir, part)?;
+            let kind = dir.symlink_metadata(part)?.file_type();
+            if !kind.is_dir() {
+                return Err(refusal(Path::new(part), &format!("is {} and no folder", told(kind))));
+            }
+            dir = dir.open_dir_nofollow(part)?;
+        }
+        Ok(Self { dir, path: self.path.join(name) })
+    }
+
+    /// The folder in which a name lies, and its last part.
+    fn place<'a>(&self, name: &'a Path) -> io::Result<(Dir, &'a OsStr)> {
+        let Some(Component::Normal(last)) = name.components().next_back() else {
+            return Err(outside(name));
+        };
+        Ok((self.beneath(name.parent().unwrap_or(Path::new("")))?.dir, last))
+    }
+
+    /// Of what has this name, a link not followed.
+    pub fn metadata(&self, name: impl AsRef<Path>) -> io::Result<Metadata> {
+        let (dir, last) = self.place(name.as_ref())?;
+        dir.symlink_metadata(last)
+    }
+
+    /// A regular file has this name.
+    pub fn has_file(&self, name: impl AsRef<Path>) -> bool {
+        self.metadata(name).is_ok_and(|found| found.is_file())
+    }
+
+    /// An open file is the one that has this name. Elsewhere than on Unix any regular file passes.
+    pub fn has(&self, name: impl AsRef<Path>, file: &File) -> bool {
+        let Ok(found) = self.metadata(name) else { return false };
+        #[cfg(unix)]
+        {
+            use std::os::unix::fs::MetadataExt;
+            let found =
+                (cap_fs_ext::MetadataExt::dev(&found), cap_fs_ext::MetadataExt::ino(&found));
+            file.metadata()
+                .is_ok_and(|own| (MetadataExt::dev(&own), MetadataExt::ino(&own)) == found)
+        }
+        #[cfg(not(unix))]
+        {
+            let _ = file;
+            found.is_file()
+        }
+    }
+
+    /// Opens a regular file, without waiting for the other end of a pipe.
+    fn open_file(&self, name: &Path, options: &mut OpenOptions) -> io::Result<File> {
+        let (dir, last) = self.place(name)?;
+        // Asked before it is opened, because opening a device can act on it, and again of what was opened.
+        self.refuse_other(&dir, name, last)?;
+        let options = options.follow(FollowSymlinks::No).nonblock(true);
+        let file = dir.open_with(last, options)?.into_std();
+        if file.metadata()?.is_file() {
+            return Ok(file);
+        }
+        Err(refusal(name, "is no regular file"))
+    }
+
+    /// An error where something else than a regular file has the name.
+    fn refuse_other(&self, dir: &Dir, name: &Path, last: &OsStr) -> io::Result<()> {
+        match dir.symlink_metadata(last) {
+            Ok(found) if !found.is_file() => {
+                let what = format!("is {}", told(found.file_type()));
+                Err(refusal(name, &what))
+            }
+            Err(error) if error.kind() != ErrorKind::NotFound => Err(error),
+            _ => Ok(()),
+        }
+    }
+
+    /// Opens a file to read it.
+    pub fn read(&self, name: impl AsRef<Path>) -> io::Result<File> {
+        self.open_file(name.as_ref(), OpenOptions::new().read(true))
+    }
+
+    /// Opens a file to read it and to add to its end. It is made where it is not there.
+    pub fn append(&self, name: impl AsRef<Path>) -> io::Result<File> {
+        self.open_file(name.as_ref(), OpenOptions::new().read(true).append(true).create(true))
+    }
+
+    /// Makes a file of a name that nothing has.
+    pub fn create_new(&self, name: impl AsRef<Path>) -> io::Result<File> {
+        let (dir, last) = self.place(name.as_ref())?;
+        Ok(dir.open_with(last, OpenOptions::new().write(true).create_new(true))?.into_std())
+    }
+
+    /// Its bytes, no more than `limit`.
+    pub fn bytes(&self, name: impl AsRef<Path>, limit: u64) -> io::Result<Vec<u8>> {
+        let mut bytes = Vec::new();
+        Limited::of_file(self.read(name)?, limit)?.read_to_end(&mut bytes)?;
+        Ok(bytes)
+    }
+
+    /// Its text, no more than `limit` bytes of it.
+    pub fn text(&self, name: impl AsRef<Path>, limit: u64) -> io::Result<String> {
+        let mut text = String::new();
+        Limited::of_file(self.read(name)?, limit)?.read_to_string(&mut text)?;
+        Ok(text)
+    }
+
+    /// Its bytes, decompressed as [`input::unpacked`] does.
+    pub fn unpacked(&self, name: impl AsRef<Path>, limit: u64) -> io::Result<Box<dyn Read>> {
+        input::unpack(self.read(name)?, limit)
+    }
+
+    /// Writes a file, replacing one of that name, all or nothing.
+    pub fn write(&self, name: impl AsRef<Path>, bytes: &[u8]) -> io::Result<()> {
+        self.write_with(name, |file| file.write_all(bytes))
+    }
+
+    /// The same, with what `write` writes.
+    pub fn write_with<E: From<io::Error>>(
+        &self,
+        name: impl AsRef<Path>,
+        write: impl FnOnce(&mut File) -> Result<(), E>,
+    ) -> Result<(), E> {
+        let name = name.as_ref();
+        let (dir, last) = self.place(name)?;
+        self.refuse_other(&dir, name, last)?;
+        let beside = TempFile::new(&dir)?;
+        let mut file = beside.as_file().try_clone()?.into_std();
+        write(&mut file)?;
+        Ok(beside.replace(last)?)
+    }
+
+    /// Writes a file of no name to the disk and lets go of it.
+    pub fn try_writing(&self, bytes: &[u8]) -> io::Result<()> {
+        let mut file = TempFile::new_anonymous(&self.dir)?;
+        file.write_all(bytes)?;
+        file.sync_all()
+    }
+
+    /// Removes a file, or a link itself.
+    pub fn remove(&self, name: impl AsRef<Path>) -> io::Result<()> {
+        let (dir, last) = self.place(name.as_ref())?;
+        dir.remove_file(last)
+    }
+}
+
+fn told(kind: FileType) -> &'static str {
+    if kind.is_symlink() {
+        "a symbolic link"
+    } else if kind.is_dir() {
+        "a folder"
+    } else if kind.is_file() {
+        "a file"
+    } else {
+        "a pipe or a device"
+    }
+}
+
+fn outside(name: &Path) -> io::Error {
+    let message = format!("`{}` is no path within its folder", name.display());
+    io::Error::new(ErrorKind::InvalidInput, message)
+}
+
+fn refusal(name: &Path, what: &str) -> io::Error {
+    let message = format!("`{}` {what}; only regular files are read and replaced", name.display());
+    io::Error::new(ErrorKind::InvalidInput, message)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fs;
+    use std::sync::mpsc;
+    use std::time::Duration;
+
+    use super::*;
+
+    fn names(folder: &Path) -> Vec<String> {
+        let entries = fs::read_dir(folder).unwrap().flatten();
+        let mut names: Vec<String> =
+            entries.map(|entry| entry.file_name().into_string().unwrap()).collect();
+        names.sort();
+        names
+    }
+
+    #[test]
+    fn a_file_is_replaced_whole_or_stays() {
+        let place = tempfile::tempdir().unwrap();
+        let folder = Folder::make(&place.path().join("a/b")).unwrap();
+        folder.write("x", b"one").unwrap();
+        let failed = folder.write_with("x", |file| {
+            file.write_all(b"tw")?;
+            Err(io::Error::other("disk full"))
+        });
+        assert_eq!(failed.unwrap_err().to_string(), "disk full");
+        assert_eq!(folder.text("x", 3).unwrap(), "one");
+        folder.write("x", b"three").unwrap();
+        assert_eq!(folder.bytes("x", 5).unwrap(), b"three");
+        assert_eq!(folder.bytes("x", 4).unwrap_err().kind(), ErrorKind::FileTooLarge);
+        assert_eq!(names(folder.path()), ["x"]);
+        assert_eq!(folder.create_new("x").unwrap_err().kind(), ErrorKind::AlreadyExists);
+        folder.append("x").unwrap().write_all(b"+").unwrap();
+        assert_eq!(folder.text("x", 9).unwrap(), "three+");
+        folder.make_beneath("c/d").unwrap().write("y", b"").unwrap();
+        assert!(folder.has_file("c/d/y") && !folder.has_file("c/d") && !folder.has_file("z"));
+        folder.remove("c/d/y").unwrap();
+        assert!(!folder.has_file("c/d/y"));
+    }
+
+    #[test]
+    fn no_name_leads_out_of_the_folder() {
+        let place = tempfile::tempdir().unwrap();
+        fs::write(place.path().join("secret"), "keep").unwrap();
+        let folder = Folder::make(&place.path().join("own")).unwrap();
+        let absolute = place.path().join("secret");
+        for name in [Path::new("../secret"), &absolute, Path::new(""), Path::new("..")] {
+            assert!(folder.read(name).is_err(), "{name:?}");
+            assert!(folder.write(name, b"lost").is_err(), "{name:?}");
+            assert!(folder.append(name).is_err(), "{name:?}");
+            assert!(folder.remove(name).is_err(), "{name:?}");
+        }
+        assert_eq!(fs::read_to_string(absolute).unwrap(), "keep");
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn links_pipes_and_folders_are_refused_and_stay() {
+        let place = tempfile::tempdir().unwrap();
+        let precious = place.path().join("precious");
+        fs::create_dir(&precious).unwrap();
+        fs::write(precious.join("a"), "keep").unwrap();
+        let folder = Folder::make(&place.path().join("own")).unwrap();
+        let link = |to: &Path, name: &str| {
+            std::os::unix::fs::symlink(to, folder.path().join(name)).unwrap();
+        };
+        link(&precious.join("a"), "link");
+        link(&precious, "linked");
+        link(Path::new("nowhere"), "dangling");
+        // A link to a file of the folder itself is none the less a link.
+        folder.write("own", b"own").unwrap();
+        link(Path::new("own"), "inner");
+        fs::create_dir(folder.path().join("folder")).unwrap();
+        let made = std::process::Command::new("mkfifo").arg(folder.path().join("pipe")).status();
+        assert!(made.unwrap().success());
+        let before = names(folder.path());
+        for (name, what) in [
+            ("link", "a symbolic link"),
+            ("dangling", "a symbolic link"),
+            ("inner", "a symbolic link"),
+            ("linked/a", "a symbolic link"),
+            ("linked/new", "a symbolic link"),
+            ("folder", "a folder"),
+            ("pipe", "a pipe"),
+            ("own/x", "a file"),
+        ] {
+            let (path, (done, tried)) = (folder.path().to_owned(), mpsc::channel());
+            std::thread::spawn(move || {
+                let folder = Folder::open(&path).unwrap();
+                let tried = [
+                    folder.read(name).map(drop),
+                    folder.append(name).map(drop),
+                    folder.write(name, b"lost"),
+                ];
+                done.send(tried)
+            });
+            // Far longer than it takes: only a hang ends so.
+            let tried = tried.recv_timeout(Duration::from_secs(300)).expect(name);
+            for result in tried {
+                let told = result.unwrap_err().to_string();
+                assert!(told.contains(what), "{name}: {told}");
+            }
+            assert!(!folder.has_file(name), "{name}");
+        }
+        assert!(folder.make_beneath("linked/new").is_err());
+        assert_eq!(names(folder.path()), before);
+        assert_eq!(names(&precious), ["a"]);
+        assert_eq!(fs::read_to_string(precious.join("a")).unwrap(), "keep");
+        // The folder that the user names may be a link.
+        assert_eq!(
+            Folder::open(&folder.path().join("linked")).unwrap().text("a", 9).unwrap(),
+            "keep"
+        );
+        folder.remove("link").unwrap();
+        assert!(precious.join("a").exists());
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn what_is_written_can_be_read_by_whom_any_new_file_can() {
+        use std::os::unix::fs::PermissionsExt;
+        let place = tempfile::tempdir().unwrap();
+        let usual = place.path().join("usual");
+        fs::write(&usual, "").unwrap();
+        let folder = Folder::open(place.path()).unwrap();
+        folder.write("own", b"").unwrap();
+        let mode = |path: &Path| path.metadata().unwrap().permissions().mode();
+        assert_eq!(mode(&place.path().join("own")), mode(&usual));
+    }
+}

@@ -1,0 +1,164 @@
+//! What records tell of the machine and of the user's folders: enough to tell machines and files apart, and no more, because
+//! records are published.
+
+use std::path::Path;
+
+use sha2::{Digest, Sha256};
+
+/// Bytes of the digest that stands for a machine: among a thousand machines two have the same once in 9,000 times.
+const MACHINE_BYTES: usize = 4;
+/// What a path in a text ends at.
+const AFTER_PATH: &[char] =
+    &['"', '\'', '`', '(', ')', '[', ']', '{', '}', '<', '>', ',', ';', ':', '=', '|'];
+
+/// A name for this machine that is the same in all its records and tells neither its host name nor its id. Where the system has
+/// no id, one who guesses the host name can confirm the guess.
+pub fn machine() -> Option<String> {
+    let (id, host) = (machine_uid::get().ok(), crate::quiet::host_name());
+    // Machines that were copied from one image may have the same id.
+    (id.is_some() || host.is_some())
+        .then(|| name_of(&id.unwrap_or_default(), &host.unwrap_or_default()))
+}
+
+fn name_of(id: &str, host: &str) -> String {
+    let digest = Sha256::digest(format!("fathom machine\n{}\n{host}", id.trim()));
+    format!("machine-{}", hex::encode(&digest[..MACHINE_BYTES]))
+}
+
+/// A path: relative where it lies beneath the current folder, else, if it is absolute, its last part.
+pub fn path(path: &Path) -> String {
+    let current = std::env::current_dir().ok();
+    let inner = current.as_deref().and_then(|current| path.strip_prefix(current).ok());
+    let inner = inner.filter(|inner| !inner.as_os_str().is_empty());
+    let last = || path.is_absolute().then(|| Path::new(path.file_name().unwrap_or_default()));
+    inner.or_else(last).unwrap_or(path).to_string_lossy().into_owned()
+}
+
+/// An absolute path beneath the current folder, as it is from there. It names the same file.
+pub fn relative(word: &str) -> String {
+    let is_inner =
+        std::env::current_dir().is_ok_and(|current| Path::new(word).starts_with(current));
+    if is_inner { path(Path::new(word)) } else { word.to_owned() }
+}
+
+/// A command line of this process.
+pub fn command() -> Vec<String> {
+    let shown = |word: std::ffi::OsString| {
+        if Path::new(&word).is_absolute() {
+            path(Path::new(&word))
+        } else {
+            words(&word.to_string_lossy())
+        }
+    };
+    std::env::args_os().map(shown).collect()
+}
+
+/// A text with the absolute paths in it as [`path`] gives them.
+pub fn words(text: &str) -> String {
+    let folder = |path: Option<std::path::PathBuf>| {
+        path.map(|path| format!("{}/", path.to_string_lossy())).filter(|path| path.len() > 2)
+    };
+    // Names of these folders may hold what ends a path elsewhere, such as spaces.
+    let mut text = text.to_owned();
+    if let Some(current) = folder(std::env::current_dir().ok()) {
+        text = replaced(&text, &current, "");
+    }
+    if let Some(home) = folder(std::env::home_dir()) {
+        text = replaced(&text, &home, "/~/");
+    }
+    let (mut shown, mut rest) = (String::new(), text.as_str());
+    while let Some(start) = next_path(rest, &shown) {
+        let (before, found) = rest.split_at(start);
+        let ends = |c: char| c.is_whitespace() || AFTER_PATH.contains(&c);
+        let (found, after) = found.split_at(found.find(ends).unwrap_or(found.len()));
+        shown.push_str(before);
+        // A lone name after a stroke is no path: `1 /s`.
+        match found.trim_end_matches('/').rsplit_once('/') {
+            Some((folder, last)) if !folder.is_empty() => shown.push_str(last),
+            _ => shown.push_str(found),
+        }
+        rest = after;
+    }
+    shown + rest
+}
+
+/// Where the next path begins in what is left of a text.
+fn next_path(rest: &str, before: &str) -> Option<usize> {
+    let is_start = |at: usize| {
+        let previous = rest[..at].chars().next_back().or_else(|| before.chars().next_back());
+        let begins = previous.is_none_or(|c| c.is_whitespace() || AFTER_PATH.contains(&c));
+        // `https://` and comments are no paths.
+        begins && !rest[at + 1..].starts_with(['/', ' ']) && rest.len() > at + 1
+    };
+    rest.match_indices('/').map(|(at, _)| at).find(|at| is_start(*at))
+}
+
+/// Replaces a folder's path where it begins a path.
+fn replaced(text: &str, folder: &str, by: &str) -> String {
+    let mut shown = String::new();
+    let mut rest = text;
+    while let Some(at) = rest.find(folder) {
+        let (before, found) = rest.split_at(at);
+        shown.push_str(before);
+        let previous = shown.chars().next_back();
+        let begins = previous.is_none_or(|c| c.is_whitespace() || AFTER_PATH.contains(&c));
+        shown.push_str(if begins { by } else { folder });
+        rest = &found[folder.len()..];
+    }
+    shown + rest
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_machine_has_one_name_that_tells_nothing_of_it() {
+        let name = name_of("0123abcd", "lab-of-jo");
+        assert_eq!(name, name_of("0123abcd\n", "lab-of-jo"));
+        assert_ne!(name, name_of("0123abce", "lab-of-jo"));
+        assert_ne!(name, name_of("0123abcd", "lab-of-al"));
+        assert!(!name.contains("jo") && !name.contains("0123") && name.len() == 16, "{name}");
+        assert_eq!(machine(), machine());
+    }
+
+    #[test]
+    fn paths_are_relative_to_the_current_folder_or_their_last_part() {
+        let current = std::env::current_dir().unwrap();
+        assert_eq!(path(&current.join("runs/one")), "runs/one");
+        assert_eq!(path(Path::new("/home/jo smith/secret/x.obj")), "x.obj");
+        assert_eq!(path(Path::new("runs/one")), "runs/one");
+        assert_eq!(path(Path::new("../x.obj")), "../x.obj");
+        let outside = "/home/jo smith/x.toml";
+        assert_eq!(relative(outside), outside);
+        assert_eq!(relative(&current.join("x.toml").to_string_lossy()), "x.toml");
+    }
+
+    #[test]
+    fn texts_keep_all_but_the_folders_of_their_paths() {
+        let current = std::env::current_dir().unwrap();
+        let current = current.display();
+        let home = std::env::home_dir().unwrap();
+        let home = home.display();
+        for (text, shown) in [
+            ("cannot read /data/jo/x.obj: gone", "cannot read x.obj: gone"),
+            ("`/data/jo/x.obj`, `/data/jo/y/`", "`x.obj`, `y`"),
+            ("scene=/data/jo/a.toml,/data/jo/b.toml", "scene=a.toml,b.toml"),
+            ("--out=/data/jo/run", "--out=run"),
+            ("/data/jo", "jo"),
+            // No paths.
+            (
+                "12 /s and 3 m/s², and/or https://example.org/a/b // all",
+                "12 /s and 3 m/s², and/or https://example.org/a/b // all",
+            ),
+            ("a / b", "a / b"),
+            ("/", "/"),
+            ("", ""),
+        ] {
+            assert_eq!(words(text), shown);
+        }
+        assert_eq!(words(&format!("see {current}/runs/one/x.png")), "see runs/one/x.png");
+        assert_eq!(words(&format!("see {home}/some/x.png")), "see x.png");
+        assert_eq!(words(&format!("see {current}x/y")), "see y");
+    }
+}
