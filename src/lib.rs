@@ -50,7 +50,7 @@ pub mod stages;
 pub mod words;
 
 pub use fathom_base::{
-    choices, embedded, input, parameter, quiet, settings, statistics, tell, text,
+    choices, embedded, input, npy, parameter, quiet, settings, statistics, tell, text,
 };
 pub use fathom_reference as reference;
 pub use fathom_scene as scene;

@@ -3,6 +3,7 @@
 
 pub mod embedded;
 pub mod input;
+pub mod npy;
 pub mod parameter;
 pub mod quiet;
 pub mod statistics;

@@ -93,8 +93,12 @@ fn only_in(side: Side, own: &Read, other: &Read) -> Option<String> {
 fn read(path: &Path) -> Result<Read, FilesError> {
     let reading = record::read(path)?;
     let file = path.display();
-    let mut notes: Vec<String> =
-        reading.damaged.iter().map(|damage| format!("{file}: {damage}")).collect();
+    let mut notes: Vec<String> = reading
+        .damaged
+        .told(ToString::to_string)
+        .into_iter()
+        .map(|told| format!("{file}: {told}"))
+        .collect();
     let mut last: Option<Run> = None;
     let mut cells = BTreeMap::new();
     for record in reading.records {

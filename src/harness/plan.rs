@@ -117,7 +117,7 @@ impl PlannedCell {
     pub fn record(&self, outcome: Outcome) -> record::Cell {
         let CellPlan { experiment, cell, axes, pipeline, scene, .. } = self.plan.clone();
         let stand_ins = self.subject.scene.stand_ins.clone();
-        let params = self.subject.params.clone();
+        let params = self.subject.params.clone().into();
         record::Cell { experiment, cell, axes, pipeline, scene, stand_ins, params, outcome }
     }
 }

@@ -136,7 +136,7 @@ mod tests {
     use serde_json::{Map, json};
 
     use crate::exporters::of_run as artifacts;
-    use crate::record::{Cell, Definition, Outcome, Record};
+    use crate::record::{Cell, Definition, Outcome, Params, Record};
 
     /// Quadratic work grows 16-fold from n to 4 n, linear work 4-fold.
     const MOST_GROWTH: f64 = 8.0;
@@ -173,7 +173,7 @@ mod tests {
             pipeline: "underwater".to_owned(),
             scene: "tank".to_owned(),
             stand_ins: vec![format!("note {number}")],
-            params: json!({}),
+            params: Params::default(),
             outcome: Outcome::Skipped { reason: "too large".to_owned() },
         }))
     }
