@@ -503,10 +503,6 @@ impl Headers {
     /// Nothing tells what zeros lie over, so what follows is taken to go on with the run before them, unless a piece of a header
     /// is left at their ends. Gives what to say of them.
     fn met_zeros<T: Line>(&mut self, number: usize, piece: &[u8]) -> String {
-        let begin = piece.iter().position(|byte| *byte == 0).unwrap_or(piece.len());
-        if begin > 0 {
-            self.damaged::<T>(number, &piece[..begin]);
-        }
         self.met_rest::<T>(number, piece);
         let zeros = piece.iter().filter(|byte| **byte == 0).count();
         format!(
