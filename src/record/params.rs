@@ -91,15 +91,15 @@ impl<'de> Deserialize<'de> for Params {
 
 impl JsonSchema for Params {
     fn schema_name() -> std::borrow::Cow<'static, str> {
-        Value::schema_name()
+        Map::<String, Value>::schema_name()
     }
 
     fn inline_schema() -> bool {
-        Value::inline_schema()
+        Map::<String, Value>::inline_schema()
     }
 
     fn json_schema(generator: &mut SchemaGenerator) -> Schema {
-        Value::json_schema(generator)
+        Map::<String, Value>::json_schema(generator)
     }
 }
 
