@@ -50,8 +50,8 @@ pub mod stages;
 pub mod words;
 
 pub use fathom_base::{
-    choices, embedded, folder, input, parameter, private, process, quiet, settings, statistics,
-    tell, text,
+    choices, embedded, folder, input, npy, parameter, private, process, quiet, settings,
+    statistics, tell, text,
 };
 pub use fathom_reference as reference;
 pub use fathom_scene as scene;

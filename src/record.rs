@@ -23,6 +23,7 @@ mod lines;
 mod lock;
 pub mod machine;
 pub(crate) mod nan;
+mod params;
 mod samples;
 pub mod schema;
 mod shard;
@@ -33,17 +34,18 @@ pub use crate::statistics::{Estimate, Interval};
 pub use ceilings::{Ceiling, CeilingShare, Limit};
 pub use comparison::Compared;
 pub use error_figure::ErrorFigure;
-pub use file::{Writer, empty_or_sound, finished, read, read_good, resume_key};
+pub use file::{Writer, each_good, empty_or_sound, finished, read, read_good, resume_key};
 pub use kinds::{
     ErrorSpan, FaultKind, Note, NoteKind, Picture, PictureKind, PictureScale, Profile,
     RejectedFrames, Rejection, SetUp, ShaderChecks, Surrounding,
 };
 pub use lines::{
-    Damage, Line, LineWriter, MAX_LINE, Opened, Reading, RecordError, kept_aside, read_lines,
-    read_lines_of_this_format, stored,
+    Damage, Damaged, Line, LineWriter, MAX_LINE, Opened, Reading, RecordError, kept_aside,
+    read_lines, read_lines_of_this_format, stored,
 };
 pub use lock::{FolderLock, LOCK, LockError};
 pub use machine::{MachineState, ThrottleReason, Throttling};
+pub use params::Params;
 pub use samples::{Addition, Clocks, FramePair, SAMPLES_SCHEMA, SampleLine, StageTime};
 pub use shard::{MOST_SHARDS, Part, Selection, Shard};
 
@@ -236,7 +238,7 @@ pub struct Cell {
     /// Assets that were absent, each with the stand-in used.
     pub stand_ins: Vec<String>,
     /// Every parameter of the pipeline, resolved.
-    pub params: Value,
+    pub params: Params,
     pub outcome: Outcome,
 }
 
@@ -299,6 +301,31 @@ pub struct Measured {
 impl Measured {
     pub fn rejected_frames(&self) -> u32 {
         self.rejected.iter().map(|rejected| rejected.frames).sum()
+    }
+
+    /// Gives back the room that was made for more samples while they were read.
+    fn compact(&mut self) {
+        let FrameRecord {
+            rounds,
+            sampled_at_s,
+            machine,
+            envelope_samples_ns,
+            gap_samples_ns,
+            untimed_samples_ns,
+            ..
+        } = &mut self.frame;
+        rounds.shrink_to_fit();
+        machine.shrink_to_fit();
+        let of_frame = [sampled_at_s, envelope_samples_ns, gap_samples_ns, untimed_samples_ns];
+        of_frame.into_iter().for_each(Vec::shrink_to_fit);
+        self.stages.shrink_to_fit();
+        for stage in &mut self.stages {
+            stage.samples_ns.shrink_to_fit();
+            if let Some(fenced) = &mut stage.fenced {
+                fenced.wall_samples_ns.shrink_to_fit();
+                fenced.submit_cost_samples_ns.shrink_to_fit();
+            }
+        }
     }
 
     /// Its frames were timed.

@@ -8,8 +8,8 @@ use std::path::Path;
 use fathom::gpu::{Gpu, Options};
 use fathom::harness::dump::dump;
 use fathom::harness::subject::Subjects;
+use fathom::npy::Array;
 use glam::{DMat4, DVec3};
-use ndarray::ArrayD;
 use serde_json::Value;
 
 /// Relative error of the sum against splats that cover pixels in f64: drivers place edges within 1/256 px.
@@ -18,7 +18,7 @@ const SUM: f64 = 0.005;
 const ENERGY: f64 = 0.03;
 
 struct Dump {
-    array: ArrayD<f32>,
+    array: Array,
     about: Value,
 }
 
@@ -26,7 +26,7 @@ impl Dump {
     fn read(folder: &Path, stem: &str) -> Dump {
         let text = std::fs::read_to_string(folder.join(format!("{stem}.json"))).unwrap();
         Dump {
-            array: ndarray_npy::read_npy(folder.join(format!("{stem}.npy"))).unwrap(),
+            array: common::array(&folder.join(format!("{stem}.npy"))),
             about: serde_json::from_str(&text).unwrap(),
         }
     }
@@ -52,13 +52,12 @@ impl Dump {
         columns.iter().position(|c| c["name"] == name).unwrap_or_else(|| panic!("no column {name}"))
     }
 
-    fn rows(&self) -> impl Iterator<Item = &[f32]> {
-        let width = self.array.shape()[1];
-        self.array.as_slice().unwrap().chunks_exact(width)
+    fn rows(&self) -> impl Iterator<Item = &[f64]> {
+        self.array.values.chunks_exact(self.array.shape[1])
     }
 
     fn sum(&self) -> f64 {
-        self.array.iter().map(|v| f64::from(*v)).sum()
+        self.array.values.iter().sum()
     }
 }
 
@@ -95,10 +94,10 @@ fn landed(photons: &Dump) -> Vec<(DVec3, f64)> {
         ["hit_x_m", "residual_m", "distance_m", "weight"].map(|name| photons.column(name));
     let flux_w = photons.number("/photons/flux_w");
     let gamma = photons.number("/photons/attenuation_per_m");
-    let photon = |row: &[f32]| {
-        let hit = DVec3::new(row[x].into(), row[x + 1].into(), row[x + 2].into());
-        let decay = (-gamma * f64::from(row[distance])).exp();
-        (hit, flux_w * f64::from(row[weight]) * decay)
+    let photon = |row: &[f64]| {
+        let hit = DVec3::new(row[x], row[x + 1], row[x + 2]);
+        let decay = (-gamma * row[distance]).exp();
+        (hit, flux_w * row[weight] * decay)
     };
     let rows = photons.rows().filter(|row| row[residual] >= 0.0);
     rows.map(photon).collect()
@@ -106,7 +105,7 @@ fn landed(photons: &Dump) -> Vec<(DVec3, f64)> {
 
 /// The buffer's sum by the description's rules, and the energy of the photons whose hits lie in view.
 fn expected(dumps: &Dumps) -> (f64, f64) {
-    let splat = &dumps.splat;
+    let (splat, depth) = (&dumps.splat, &dumps.depth.array);
     let (eye, project) =
         (splat.vector("/camera/position_m"), splat.matrix("/camera/view_projection"));
     let size = [128.0, 128.0];
@@ -127,7 +126,7 @@ fn expected(dumps: &Dumps) -> (f64, f64) {
         let pixels = covered(place[1]).flat_map(|y| covered(place[0]).map(move |x| (x, y)));
         let seen = pixels.filter(|(x, y)| {
             let texel = [*y, *x].map(|i| ((i as f64 + 0.5) / 128.0 * 200.0) as usize);
-            nearer <= f64::from(dumps.depth.array[[texel[0], texel[1], 0]])
+            nearer <= depth.values[texel[0] * depth.shape[1] + texel[1]]
         });
         let value = if conserving { photon_w / (side * side) } else { photon_w };
         sum += value * seen.count() as f64;
@@ -206,7 +205,7 @@ fn the_light_frustum_and_the_photons_belong_together() {
         ["entry_x_m", "direction_x", "weight"].map(|name| photons.column(name));
     let mut judged = 0;
     for (i, row) in photons.rows().enumerate() {
-        let vector = |at: usize| DVec3::new(row[at].into(), row[at + 1].into(), row[at + 2].into());
+        let vector = |at: usize| DVec3::new(row[at], row[at + 1], row[at + 2]);
         let cell = i / 4;
         let fine = [cell % 64 * 2 + i % 2, cell / 64 * 2 + i % 4 / 2];
         let ndc = project.project_point3(vector(entry));

@@ -6,8 +6,7 @@ use std::path::{Path, PathBuf};
 
 use assert_cmd::prelude::*;
 use common::{fathom, refused};
-use ndarray::Array2;
-use ndarray_npy::write_npy;
+use fathom::npy;
 
 struct Table {
     header: Vec<String>,
@@ -89,11 +88,16 @@ fn height(x: f64, z: f64) -> f64 {
     0.04 * (PI * x).cos() + 0.03 * (PI / 2.0 * x + PI * z + 1.0).cos()
 }
 
+fn npy_file(path: &Path, (descriptor, shape): (&str, &[usize]), values: impl Iterator<Item = u8>) {
+    let bytes: Vec<u8> = npy::header(descriptor, shape).into_iter().chain(values).collect();
+    std::fs::write(path, bytes).unwrap();
+}
+
 fn map_file(folder: &Path) -> PathBuf {
     let path = folder.join("sea.npy");
     let place = |i: usize| i as f64 / 16.0;
-    write_npy(&path, &Array2::from_shape_fn((64, 64), |(j, i)| height(place(i), place(j))))
-        .unwrap();
+    let heights = (0..64 * 64).map(|at| height(place(at % 64), place(at / 64)));
+    npy_file(&path, ("<f8", &[64, 64]), heights.flat_map(f64::to_le_bytes));
     path
 }
 
@@ -138,12 +142,23 @@ fn a_scene_names_its_height_map_relative_to_itself() {
 fn water_that_cannot_be_used_is_refused_in_one_line() {
     let folder = tempfile::tempdir().unwrap();
     let path = |name: &str| folder.path().join(name);
-    write_npy(path("nan.npy"), &Array2::from_elem((4, 4), f32::NAN)).unwrap();
-    write_npy(path("high.npy"), &Array2::from_elem((4, 4), 1e9f64)).unwrap();
-    write_npy(path("wide.npy"), &Array2::<f32>::zeros((1, 5000))).unwrap();
-    write_npy(path("flat.npy"), &ndarray::Array1::<f32>::zeros(16)).unwrap();
-    write_npy(path("whole.npy"), &Array2::<i32>::zeros((4, 4))).unwrap();
-    write_npy(path("good.npy"), &Array2::<f32>::zeros((4, 4))).unwrap();
+    let zeros = |count: usize| std::iter::repeat_n(0, 4 * count);
+    let square = [4, 4];
+    npy_file(
+        &path("nan.npy"),
+        ("<f4", &square),
+        [f32::NAN; 16].into_iter().flat_map(f32::to_le_bytes),
+    );
+    npy_file(&path("high.npy"), ("<f8", &square), [1e9; 16].into_iter().flat_map(f64::to_le_bytes));
+    npy_file(&path("wide.npy"), ("<f4", &[1, 5000]), zeros(5000));
+    npy_file(&path("flat.npy"), ("<f4", &[16]), zeros(16));
+    npy_file(&path("whole.npy"), ("<i4", &square), zeros(16));
+    npy_file(&path("good.npy"), ("<f4", &square), zeros(16));
+    // Of 412 bytes: the time to read it doubled with each depth.
+    let nested = format!("{{'descr': {}{}, ", "(".repeat(24), ")".repeat(24));
+    let nested = format!("{nested:<402}");
+    let nested = [&b"\x93NUMPY\x01\0\x92\x01"[..], nested.as_bytes()].concat();
+    std::fs::write(path("nested.npy"), nested).unwrap();
     std::fs::write(path("text.npy"), "no array").unwrap();
     let refused = |sets: &[&str], reason: &str| {
         let mut dump = fathom();
@@ -159,6 +174,7 @@ fn water_that_cannot_be_used_is_refused_in_one_line() {
         ("flat.npy", "[1,1]", "flat.npy: "),
         ("whole.npy", "[1,1]", "little-endian f32 or f64"),
         ("text.npy", "[1,1]", "text.npy: "),
+        ("nested.npy", "[1,1]", "of type a structure"),
         ("good.npy", "[0,1]", "water.height_map.tile_m[0] is 0"),
     ] {
         let file = format!("water.height_map.file={}", path(name).display());

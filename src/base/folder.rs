@@ -174,17 +174,22 @@ impl Folder {
         Ok(dir.open_with(last, OpenOptions::new().write(true).create_new(true))?.into_std())
     }
 
+    /// Its bytes, to be read one after the other, no more than `limit`.
+    pub fn plain(&self, name: impl AsRef<Path>, limit: u64) -> io::Result<Limited<File>> {
+        Limited::of_file(self.read(name)?, limit)
+    }
+
     /// Its bytes, no more than `limit`.
     pub fn bytes(&self, name: impl AsRef<Path>, limit: u64) -> io::Result<Vec<u8>> {
         let mut bytes = Vec::new();
-        Limited::of_file(self.read(name)?, limit)?.read_to_end(&mut bytes)?;
+        self.plain(name, limit)?.read_to_end(&mut bytes)?;
         Ok(bytes)
     }
 
     /// Its text, no more than `limit` bytes of it.
     pub fn text(&self, name: impl AsRef<Path>, limit: u64) -> io::Result<String> {
         let mut text = String::new();
-        Limited::of_file(self.read(name)?, limit)?.read_to_string(&mut text)?;
+        self.plain(name, limit)?.read_to_string(&mut text)?;
         Ok(text)
     }
 

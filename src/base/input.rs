@@ -163,11 +163,13 @@ pub struct Lines<R> {
     pub line: Vec<u8>,
     /// Its number, from 1.
     pub number: usize,
+    /// Bytes of all lines so far, with their newlines.
+    pub bytes: u64,
 }
 
 impl<R: BufRead> Lines<R> {
     pub fn new(source: R, longest: usize) -> Self {
-        Self { source, longest, line: Vec::new(), number: 0 }
+        Self { source, longest, line: Vec::new(), number: 0, bytes: 0 }
     }
 
     /// Reads the next line; none at the end of the source.
@@ -184,6 +186,7 @@ impl<R: BufRead> Lines<R> {
             self.line.extend_from_slice(&part[..part.len().min(room)]);
             let (used, ended) = (part.len() + usize::from(newline.is_some()), bytes.is_empty());
             self.source.consume(used);
+            self.bytes += used as u64;
             if ended && seen == 0 {
                 return Ok(None);
             }

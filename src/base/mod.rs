@@ -4,6 +4,7 @@
 pub mod embedded;
 pub mod folder;
 pub mod input;
+pub mod npy;
 pub mod parameter;
 pub mod private;
 pub mod process;

@@ -487,9 +487,7 @@ fn report_of(folder: &Path) -> anyhow::Result<Vec<PathBuf>> {
     let output = OutputFolder { folder: folder.to_owned() };
     let reading = record::read_good(&output.records())
         .with_context(|| format!("a run's folder holds its records in {RECORDS}"))?;
-    for damage in &reading.damaged {
-        tell::note(format!("{}, {damage}: left out", output.records().display()));
-    }
+    reading.damaged.notices(&output.records()).into_iter().for_each(tell::note);
     let unfinished = journal::unfinished(&output.samples(), &reading.records)?;
     if !unfinished.is_empty() {
         let pairs: usize = unfinished.iter().map(|(_, pairs)| pairs).sum();

@@ -38,9 +38,7 @@ fn read(folder: &Path) -> anyhow::Result<Reading> {
     let path = OutputFolder { folder: folder.to_owned() }.records();
     let reading = record::read_good(&path)
         .with_context(|| format!("the folder of a run or a comparison holds a file {RECORDS}"))?;
-    for damage in &reading.damaged {
-        tell::note(format!("{}, {damage}: left out", path.display()));
-    }
+    reading.damaged.notices(&path).into_iter().for_each(tell::note);
     Ok(reading)
 }
 

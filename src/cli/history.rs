@@ -10,8 +10,8 @@ use super::commands::Outcome;
 use super::export::write_into;
 use crate::harness::output::RECORDS;
 use crate::history::{
-    self, Added, DEFAULT_FILE, Findings, History, Location, NewRun, Said, Selection, VARIABLE,
-    on_page, otava, tables,
+    self, Added, DEFAULT_FILE, Findings, History, HistoryError, Location, NewRun, Said, Selection,
+    VARIABLE, on_page, otava, tables,
 };
 use crate::report::Artifact;
 use crate::report::page::Page;
@@ -99,12 +99,16 @@ pub struct PlaceArgs {
     /// File of SQLite, or URL of a PostgreSQL database [default: FATHOM_HISTORY, or reports/history.sqlite]
     #[arg(long, value_name = "PATH|URL")]
     pub db: Option<String>,
+    /// Reach a PostgreSQL server on another host, though password and records are not encrypted on their way
+    #[arg(long)]
+    pub unencrypted: bool,
 }
 
 impl PlaceArgs {
-    fn location(self) -> Location {
+    fn location(self) -> Result<Location, HistoryError> {
         let variable = || std::env::var(VARIABLE).ok().filter(|place| !place.is_empty());
-        Location::new(self.db.or_else(variable).as_deref().unwrap_or(DEFAULT_FILE))
+        let place = self.db.or_else(variable);
+        Location::new(place.as_deref().unwrap_or(DEFAULT_FILE), self.unencrypted)
     }
 }
 
@@ -128,23 +132,23 @@ pub fn history(command: HistoryCommand) -> Outcome {
     match command {
         HistoryCommand::Add(args) => add(args)?,
         HistoryCommand::List { selection, place } => {
-            let runs = History::open(&place.location())?.runs(&selection.with(None))?;
+            let runs = History::open(&place.location()?)?.runs(&selection.with(None))?;
             tell::answer(tables::runs(&runs));
         }
         HistoryCommand::Show { filter, out, selection, place } => {
-            show(&selection.with(filter), out.as_deref(), &place.location())?;
+            show(&selection.with(filter), out.as_deref(), &place.location()?)?;
         }
         HistoryCommand::Changes { filter, json, selection, place } => {
-            let stored = History::open(&place.location())?.stored(&selection.with(filter))?;
+            let stored = History::open(&place.location()?)?.stored(&selection.with(filter))?;
             let findings = Findings::of(&stored);
             match json {
                 true => tell::answer(format!("{:#}", tables::changes_json(&stored, &findings))),
                 false => tell::answer(tables::changes(&stored, &findings)),
             }
         }
-        HistoryCommand::Get { run, out, place } => get(&run, &out, &place.location())?,
+        HistoryCommand::Get { run, out, place } => get(&run, &out, &place.location()?)?,
         HistoryCommand::Export { otava, filter, selection, place } => {
-            export(&otava, &selection.with(filter), &place.location())?;
+            export(&otava, &selection.with(filter), &place.location()?)?;
         }
     }
     Ok(ExitCode::SUCCESS)
@@ -157,7 +161,7 @@ fn add(args: AddArgs) -> anyhow::Result<()> {
     for folder in &folders {
         NewRun::read(folder, RECORDS)?;
     }
-    let mut history = History::open_or_make(&place.location())?;
+    let mut history = History::open_or_make(&place.location()?)?;
     for folder in &folders {
         let run = NewRun::read(folder, RECORDS)?;
         let name = format!("{}: run {}", folder.display(), &run.digest[..10]);

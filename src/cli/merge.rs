@@ -5,7 +5,7 @@ use std::process::ExitCode;
 
 use super::commands::{Outcome, SOMETHING_FAILED};
 use crate::harness::merge::{self, Counts, Merged, OfAdapter, Staging};
-use crate::record::Reading;
+use crate::record::{Damaged, Reading};
 use crate::{exporters, tell, text};
 
 /// Cells, shards or notes that are named one by one.
@@ -31,7 +31,7 @@ pub fn join(folders: &[PathBuf], out: &Path) -> anyhow::Result<Vec<Merged>> {
     for (group, name) in groups.into_iter().zip(&names) {
         let (records, merged) = staging.write(name.as_deref(), group)?;
         let folder = name.as_ref().map_or(staging.folder().into(), |n| staging.folder().join(n));
-        exporters::write(&folder, Reading { records, damaged: Vec::new() })?;
+        exporters::write(&folder, Reading { records, damaged: Damaged::default() })?;
         all.push(merged);
     }
     if all.len() > 1 {

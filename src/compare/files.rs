@@ -95,8 +95,12 @@ fn read(path: &Path) -> Result<Read, FilesError> {
     let target = target.as_deref().unwrap_or(path);
     let reading = record::read(target)?;
     let file = private::path(path);
-    let mut notes: Vec<String> =
-        reading.damaged.iter().map(|damage| format!("{file}: {damage}")).collect();
+    let mut notes: Vec<String> = reading
+        .damaged
+        .told(ToString::to_string)
+        .into_iter()
+        .map(|told| format!("{file}: {told}"))
+        .collect();
     let mut last: Option<Run> = None;
     let mut cells = BTreeMap::new();
     for record in reading.records {

@@ -69,7 +69,7 @@ impl StoredComparison {
 
     /// The comparison that the records of a file hold.
     pub fn of(reading: Reading, path: &Path) -> Result<Self, StoreError> {
-        let mut damaged: Vec<String> = reading.damaged.iter().map(ToString::to_string).collect();
+        let mut damaged: Vec<String> = reading.damaged.told(ToString::to_string);
         damaged.extend(record::kept_aside(path).into_iter().map(|aside| {
             let name = aside.file_name().unwrap_or_default().to_string_lossy();
             format!("lines that could not be read were left out; they are in {name}")

@@ -386,7 +386,7 @@ impl Term {
                 let stage = measured.stages.iter().find(|stage| name.covers(&stage.stage))?;
                 stage.counters.get(counter).map(|count| Reading::Exact(*count as f64))
             }
-            Term::Param(path) => number(lookup(&cell.params, path)?).map(Reading::Exact),
+            Term::Param(path) => number(cell.params.lookup(path)?).map(Reading::Exact),
             Term::Axis(name) => number(cell.axes.get(name)?).map(Reading::Exact),
             Term::Quantity(name) => quantity(name, measured),
             Term::AllocatedBytes => Some(Reading::Exact(measured.allocated_bytes as f64)),
@@ -455,7 +455,7 @@ pub fn fits(cell: &Cell, filter: &serde_json::Map<String, Value>) -> bool {
             (Some(value), _) => Some(value),
             (None, "scene") => Some(&scene),
             (None, "pipeline") => Some(&pipeline),
-            (None, _) => lookup(&cell.params, name),
+            (None, _) => cell.params.lookup(name),
         };
         found.is_some_and(|found| same(found, wanted))
     })

@@ -1,10 +1,8 @@
 //! `fathom dump`: a stage's outputs as `.npy` files, each with a JSON file that says what it holds.
 
-use std::io::{BufWriter, Write};
+use std::io::BufWriter;
 use std::path::{Path, PathBuf};
 
-use ndarray::{ArrayD, IxDyn, ShapeError};
-use ndarray_npy::{WriteNpyError, WriteNpyExt};
 use serde_json::{Value, json};
 use thiserror::Error;
 
@@ -12,6 +10,7 @@ use super::render;
 use super::subject::Subject;
 use crate::folder::Folder;
 use crate::gpu::{Gpu, GpuError, read_buffer, read_texture, read_volume};
+use crate::npy;
 use crate::stages::{Output, OutputData, Stage};
 use crate::text::{did_you_mean, nearest};
 
@@ -23,10 +22,6 @@ pub enum DumpError {
     UnknownStage { name: String, nearest: Option<String> },
     #[error("stage `{0}` leaves nothing to dump")]
     NoOutput(String),
-    #[error("output `{output}` is not of the size it declares: {source}")]
-    Shape { output: String, source: ShapeError },
-    #[error("cannot write {}: {source}", path.display())]
-    Npy { path: PathBuf, source: WriteNpyError },
     #[error("cannot write {}: {source}", path.display())]
     Write { path: PathBuf, source: std::io::Error },
 }
@@ -69,18 +64,14 @@ fn write(
     output: &Output,
     folder: &Folder,
 ) -> Result<PathBuf, DumpError> {
-    let array = read(gpu, output)?;
+    let (shape, values) = read(gpu, output)?;
     let stem = format!("{}-{}", stage.replace('/', "-"), output.name.replace('/', "-"));
     let name = format!("{stem}.npy");
     let path = folder.path().join(&name);
     folder
-        .write_with(&name, |file| {
-            let mut file = BufWriter::new(file);
-            array.write_npy(&mut file)?;
-            Ok(file.flush()?)
-        })
-        .map_err(|source| DumpError::Npy { path: path.clone(), source })?;
-    let mut about = describe(subject, stage, output, array.shape());
+        .write_with(&name, |file| npy::write(BufWriter::new(file), &shape, &values))
+        .map_err(|source| DumpError::Write { path: path.clone(), source })?;
+    let mut about = describe(subject, stage, output, &shape);
     for (key, value) in context.as_object().into_iter().flatten() {
         about[key] = value.clone();
     }
@@ -90,8 +81,9 @@ fn write(
     Ok(path)
 }
 
-fn read(gpu: &Gpu, output: &Output) -> Result<ArrayD<f32>, DumpError> {
-    let (shape, data) = match &output.data {
+/// Shape and values of an output.
+fn read(gpu: &Gpu, output: &Output) -> Result<(Vec<usize>, Vec<f32>), DumpError> {
+    Ok(match &output.data {
         OutputData::Buffer { buffer, stride_floats, count, row } => {
             let floats: Vec<f32> = bytemuck::pod_collect_to_vec(&read_buffer(gpu, buffer)?);
             let elements = floats.chunks_exact(*stride_floats as usize);
@@ -110,9 +102,7 @@ fn read(gpu: &Gpu, output: &Output) -> Result<ArrayD<f32>, DumpError> {
             shape.extend((texels.channels > 1).then_some(texels.channels as usize));
             (shape, texels.data)
         }
-    };
-    ArrayD::from_shape_vec(IxDyn(&shape), data)
-        .map_err(|source| DumpError::Shape { output: output.name.clone(), source })
+    })
 }
 
 fn describe(subject: &Subject, stage: &str, output: &Output, shape: &[usize]) -> Value {
@@ -178,13 +168,13 @@ mod tests {
                 spacing_m: glam::DVec3::splat(grid.voxel_m * f64::from(1u32 << level)),
             },
         };
-        let array = read(&gpu, &output(0)).unwrap();
-        assert_eq!(array.shape(), [5, 2, 3]);
+        let (shape, texels) = read(&gpu, &output(0)).unwrap();
+        assert_eq!(shape, [5, 2, 3]);
         for ((z, y, x), expected) in [((0, 0, 0), 10.0), ((4, 1, 2), 39.0), ((2, 0, 1), 23.0)] {
-            let byte = (array[[z, y, x]] * 255.0).round();
+            let byte = (texels[x + 3 * (y + 2 * z)] * 255.0).round();
             assert_eq!(byte, expected, "({x}, {y}, {z})");
         }
-        assert_eq!(read(&gpu, &output(1)).unwrap().shape(), [2, 1, 1]);
+        assert_eq!(read(&gpu, &output(1)).unwrap().0, [2, 1, 1]);
         assert_eq!(axes(&output(0), 3), json!(["z", "y", "x"]));
     }
 }

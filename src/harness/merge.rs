@@ -20,7 +20,7 @@ use thiserror::Error;
 use super::output::{OutputError, OutputFolder};
 use super::plan::PlanError;
 use crate::experiments::ExperimentError;
-use crate::record::{Adapter, Damage, LockError, Part, Record, RecordError, Run, Shard, read};
+use crate::record::{Adapter, Damaged, LockError, Part, Record, RecordError, Run, Shard, read};
 
 pub use records::{CellId, Counts};
 pub use staging::Staging;
@@ -60,7 +60,7 @@ pub enum MergeError {
 struct Source {
     folder: PathBuf,
     records: Vec<Record>,
-    damaged: Vec<Damage>,
+    damaged: Damaged,
     shard: Shard,
     /// Its last header.
     header: Run,

@@ -120,7 +120,7 @@ impl PlannedCell {
     pub fn record(&self, outcome: Outcome) -> record::Cell {
         let CellPlan { experiment, cell, axes, pipeline, scene, .. } = self.plan.clone();
         let stand_ins = self.subject.scene.stand_ins.clone();
-        let params = self.subject.params.clone();
+        let params = self.subject.params.clone().into();
         let scene = private::path(Path::new(&scene));
         let outcome = match outcome {
             Outcome::Skipped { reason } => Outcome::Skipped { reason: private::words(&reason) },

@@ -3,22 +3,62 @@
 use super::HistoryError;
 use super::postgres::Postgres;
 use super::sqlite::Sqlite;
+use std::fmt;
 use std::path::PathBuf;
+use std::sync::Arc;
+
+/// Most rows of one statement: figures of 16,000 runs with 1,000 each.
+pub const MOST_ROWS: usize = 16_000_000;
+/// Most bytes of names and records of one statement.
+pub const MOST_BYTES: usize = 512 << 20;
 
 /// Where a history lies.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, PartialEq, Eq)]
 pub enum Location {
     /// A file of SQLite.
     File(PathBuf),
-    /// URL of a PostgreSQL database. It may hold a password, so it is never printed.
-    Url(String),
+    /// A PostgreSQL database. Its URL may hold a password, so it is never printed.
+    Server {
+        url: String,
+        /// The server may be another host, though the connection is not encrypted.
+        unencrypted: bool,
+    },
 }
 
 impl Location {
-    /// A URL begins with `postgres://` or `postgresql://`; anything else is a path.
-    pub fn new(text: &str) -> Location {
-        let is_url = ["postgres://", "postgresql://"].iter().any(|scheme| text.starts_with(scheme));
-        if is_url { Location::Url(text.to_owned()) } else { Location::File(text.into()) }
+    /// A URL begins with `postgres://` or `postgresql://`; a path is anything else that looks like no URL.
+    ///
+    /// # Errors
+    /// Other URLs: one of another program may hold a password, which must not become the name of a file.
+    pub fn new(text: &str, unencrypted: bool) -> Result<Location, HistoryError> {
+        if ["postgres://", "postgresql://"].iter().any(|scheme| text.starts_with(scheme)) {
+            return Ok(Location::Server { url: text.to_owned(), unencrypted });
+        }
+        if looks_like_url(text) {
+            Err(HistoryError::Place)
+        } else {
+            Ok(Location::File(text.into()))
+        }
+    }
+}
+
+/// It begins with a scheme (RFC 3986, 3.1; a letter alone is a drive), or is what libpq takes for a connection.
+fn looks_like_url(text: &str) -> bool {
+    let text = text.trim_start().to_ascii_lowercase();
+    let scheme = text.split_once(':').is_some_and(|(scheme, _)| {
+        scheme.len() > 1
+            && scheme.starts_with(|c: char| c.is_ascii_alphabetic())
+            && scheme.chars().all(|c| c.is_ascii_alphanumeric() || "+-.".contains(c))
+    });
+    scheme || text.contains("://") || text.contains("password=")
+}
+
+impl fmt::Debug for Location {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::File(path) => path.fmt(f),
+            Self::Server { .. } => f.write_str("a server"),
+        }
     }
 }
 
@@ -29,7 +69,7 @@ pub enum Value {
     Integer(i64),
     Real(f64),
     Text(String),
-    Bytes(Vec<u8>),
+    Bytes(Arc<Vec<u8>>),
 }
 
 impl Value {
@@ -47,8 +87,12 @@ impl Value {
         if let Value::Integer(integer) = self { *integer } else { 0 }
     }
 
+    pub fn as_text(&self) -> &str {
+        if let Value::Text(text) = self { text } else { "" }
+    }
+
     pub fn text(&self) -> String {
-        if let Value::Text(text) = self { text.clone() } else { String::new() }
+        self.as_text().to_owned()
     }
 
     pub fn bytes(&self) -> &[u8] {
@@ -56,15 +100,19 @@ impl Value {
     }
 }
 
-/// A stored figure of a run.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct FigureRow {
-    pub series: i64,
-    pub run: i64,
-    pub median: f64,
-    pub low: Option<f64>,
-    pub high: Option<f64>,
-    pub n: i64,
+/// Adds what a row's names and records take, and refuses what goes beyond [`MOST_BYTES`].
+pub fn keep(bytes: &mut usize, row: &[Value]) -> Result<(), HistoryError> {
+    let size = |value: &Value| match value {
+        Value::Text(text) => text.len(),
+        Value::Bytes(bytes) => bytes.len(),
+        Value::Null | Value::Integer(_) | Value::Real(_) => 0,
+    };
+    *bytes += row.iter().map(size).sum::<usize>();
+    if *bytes > MOST_BYTES {
+        let what = format!("more than {} MiB", MOST_BYTES >> 20);
+        return Err(HistoryError::TooMuch { what });
+    }
+    Ok(())
 }
 
 /// Types of columns that the databases name differently.
@@ -96,24 +144,42 @@ pub trait Database {
 
     fn commit(&mut self) -> Result<(), HistoryError>;
 
-    fn execute(&mut self, statement: &str, values: &[Value]) -> Result<(), HistoryError>;
+    fn execute(&mut self, statement: &str, values: Vec<Value>) -> Result<(), HistoryError>;
 
-    fn rows(&mut self, statement: &str, values: &[Value]) -> Result<Vec<Vec<Value>>, HistoryError>;
-
-    /// Calls `take` with each row of a statement that selects series, run, median, low, high and n.
-    fn each_figure(
+    /// Calls `take` with each row of a statement. One that goes on beyond all that a history holds is an error.
+    fn each(
         &mut self,
         statement: &str,
-        values: &[Value],
-        take: &mut dyn FnMut(FigureRow),
+        values: Vec<Value>,
+        take: &mut dyn FnMut(Vec<Value>) -> Result<(), HistoryError>,
     ) -> Result<(), HistoryError>;
+
+    /// All rows of a statement.
+    fn rows(&mut self, statement: &str, values: &[Value]) -> Result<Vec<Vec<Value>>, HistoryError> {
+        let (mut rows, mut bytes) = (Vec::new(), 0);
+        self.each(statement, values.to_vec(), &mut |row| {
+            keep(&mut bytes, &row)?;
+            rows.push(row);
+            Ok(())
+        })?;
+        Ok(rows)
+    }
+}
+
+/// Counts a row, and refuses those beyond [`MOST_ROWS`].
+pub fn counted(rows: &mut usize) -> Result<(), HistoryError> {
+    *rows += 1;
+    if *rows > MOST_ROWS {
+        return Err(HistoryError::TooMuch { what: format!("more than {MOST_ROWS} rows") });
+    }
+    Ok(())
 }
 
 /// Opens a database. Only where it is `writable` a file is made that is not there.
 pub fn open(location: &Location, writable: bool) -> Result<Box<dyn Database>, HistoryError> {
     Ok(match location {
         Location::File(path) => Box::new(Sqlite::open(path, writable)?),
-        Location::Url(url) => Box::new(Postgres::connect(url)?),
+        Location::Server { url, unencrypted } => Box::new(Postgres::connect(url, *unencrypted)?),
     })
 }
 
@@ -130,9 +196,28 @@ mod tests {
     }
 
     #[test]
-    fn only_urls_of_postgresql_are_urls() {
-        assert!(matches!(Location::new("postgres://u@h/d"), Location::Url(_)));
-        assert!(matches!(Location::new("postgresql://h"), Location::Url(_)));
-        assert_eq!(Location::new("a/b.sqlite"), Location::File("a/b.sqlite".into()));
+    fn what_may_hold_a_password_is_no_file_and_is_not_shown() {
+        let new = |text: &str| Location::new(text, false);
+        for url in ["postgres://u@h/d", "postgresql://h"] {
+            assert!(matches!(new(url), Ok(Location::Server { .. })));
+            assert!(!format!("{:?}", new(url)).contains("h/d"));
+        }
+        for path in ["a/b.sqlite", "C:/b.sqlite", "./a:b", "/tmp/x:y", "password"] {
+            assert_eq!(new(path).unwrap(), Location::File(path.into()));
+        }
+        for url in [
+            "Postgres://user:secret@h/d",
+            " postgres://user:secret@h/d",
+            "jdbc:postgresql:secret",
+            "JDBC:x//secret",
+            "mysql://user:secret@h/d",
+            "a b://secret",
+            "postgres:user:secret@h",
+            "host=h password=secret",
+            "//h?PASSWORD=secret",
+        ] {
+            let told = new(url).unwrap_err().to_string();
+            assert!(!told.contains("secret") && told.lines().count() == 1, "{url}: {told}");
+        }
     }
 }

@@ -72,6 +72,17 @@ pub enum HistoryError {
     Database { place: String, message: String },
     #[error("cannot reach {}: {}", text::line(.place), text::line(.message))]
     Unreachable { place: String, message: String },
+    #[error(
+        "the place of the history is not understood, and not shown as it may hold a password: say a path, \
+         or postgres://USER:PASSWORD@HOST/DATABASE, where a `@`, `/` or `?` of a name or password is %40, %2F or %3F"
+    )]
+    Place,
+    #[error("{} is on another host, and the connection would not be encrypted: use a socket or a tunnel, or say --unencrypted", text::line(.place))]
+    Unencrypted { place: String },
+    #[error(
+        "a statement gave {what}, and no history holds so much: the database is damaged, or not fathom's; --since takes a part"
+    )]
+    TooMuch { what: String },
     #[error("{} is no database of SQLite", path.display())]
     NotSqlite { path: PathBuf },
     #[error("there is no history in {}: `fathom history add DIR` makes one", text::line(.place))]
@@ -95,6 +106,10 @@ pub enum HistoryError {
     UnknownRun { name: String },
     #[error("`{}` is the beginning of several runs: give more of its digits", text::line(.name))]
     SeveralRuns { name: String },
+    #[error(
+        "series, run, median or number of samples of a figure has another type than this build stores: the database is damaged"
+    )]
+    Figure,
     #[error("run {} came out of the database with other bytes than went in: the database is damaged", short(.digest))]
     Altered { digest: String },
     #[error("`{}` is neither a date such as 2026-01-31 nor a commit of this history", text::line(.text))]

@@ -48,7 +48,7 @@ fn row(stored: &StoredRuns, change: &Change) -> ChangeRow {
 /// Longer times and larger errors are worse; of what is not sure neither is said.
 fn tone(series: &Series, change: &Change) -> Tone {
     let figure = &series.key.figure;
-    let worse = if figure.unit == NANOSECONDS {
+    let worse = if &*figure.unit == NANOSECONDS {
         change.size.estimate().median > 0.0
     } else {
         series.points[change.at].value.median.abs()
@@ -64,8 +64,8 @@ fn tone(series: &Series, change: &Change) -> Tone {
 /// Cell and figure; figures that are no times in words.
 fn name(series: &Series) -> String {
     let figure = &series.key.figure;
-    let told = if figure.figure == FRAME || series.key.is_time() {
-        figure.figure.clone()
+    let told = if &*figure.figure == FRAME || series.key.is_time() {
+        figure.figure.to_string()
     } else {
         words::figure(&figure.figure).words
     };

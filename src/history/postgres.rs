@@ -1,16 +1,19 @@
 //! A history in a database of PostgreSQL.
 
+use std::net::IpAddr;
 use std::str::FromStr;
-use std::sync::mpsc;
+use std::sync::Arc;
+use std::sync::mpsc::{self, RecvTimeoutError, SyncSender};
 use std::time::Duration;
 
 use itertools::Itertools;
+use postgres::config::Host;
 use postgres::fallible_iterator::FallibleIterator;
 use postgres::types::{ToSql, Type};
 use postgres::{Client, Config, NoTls, Row};
 
 use super::HistoryError;
-use super::database::{ColumnTypes, Database, FigureRow, Value};
+use super::database::{ColumnTypes, Database, Value, counted};
 
 /// How long a server may take to be reached, and to greet.
 const CONNECT: Duration = Duration::from_secs(5);
@@ -20,48 +23,120 @@ const SILENCE: Duration = Duration::from_secs(30);
 /// Key of the lock that keeps writers apart: `fathom` in ASCII.
 const LOCK: i64 = 0x0066_6174_686f_6d00;
 
+/// After this time the server ends a statement. Writers may wait so long for each other.
+const STATEMENT: Duration = Duration::from_secs(60);
+/// After this time without a row the server counts as gone, though the connection stands.
+const ANSWER: Duration = Duration::from_secs(75);
+/// Rows that are handed over together, and how many times before the reader has caught up.
+const BATCH: usize = 1024;
+const BATCHES: usize = 4;
+
+type Job = Box<dyn FnOnce(&mut Client) + Send>;
+
+/// The connection lies in a thread of its own, which is left behind where the server says nothing any more.
 pub struct Postgres {
     place: String,
-    client: Client,
+    jobs: mpsc::Sender<Job>,
 }
 
 impl Postgres {
-    pub fn connect(url: &str) -> Result<Postgres, HistoryError> {
-        let mut config = Config::from_str(url).map_err(|error| HistoryError::Database {
-            place: "the URL of the history".to_owned(),
-            message: with_cause(&error),
-        })?;
+    pub fn connect(url: &str, unencrypted: bool) -> Result<Postgres, HistoryError> {
+        // What cannot be read is not shown: it may be a part of the password.
+        let mut config = match Config::from_str(url) {
+            Ok(config) if url.matches('@').count() <= 1 => config,
+            _ => return Err(HistoryError::Place),
+        };
+        let place = place(&config);
+        if !unencrypted && !is_here(&config) {
+            return Err(HistoryError::Unencrypted { place });
+        }
         if config.get_connect_timeout().is_none() {
             config.connect_timeout(CONNECT);
         }
         config.tcp_user_timeout(SILENCE).application_name("fathom");
-        let place = place(&config);
         let unreachable =
             |message: String| HistoryError::Unreachable { place: place.clone(), message };
-        // A server that takes the connection and says nothing is waited for in a thread that is left behind.
         let (greeted, greeting) = mpsc::channel();
+        let (jobs, due) = mpsc::channel::<Job>();
         std::thread::spawn(move || {
-            // Nobody listens any more where it took too long.
-            let _ = greeted.send(config.connect(NoTls));
+            let connected = config.connect(NoTls).and_then(|mut client| {
+                let limit = STATEMENT.as_millis();
+                client.batch_execute(&format!("SET statement_timeout = {limit}"))?;
+                Ok(client)
+            });
+            match connected {
+                // Nobody listens any more where it took too long.
+                Err(error) => drop(greeted.send(Err(error))),
+                Ok(mut client) if greeted.send(Ok(())).is_ok() => {
+                    due.into_iter().for_each(|job| job(&mut client));
+                }
+                Ok(_) => {}
+            }
         });
         match greeting.recv_timeout(GREETING) {
-            Ok(Ok(client)) => Ok(Postgres { place, client }),
+            Ok(Ok(())) => Ok(Postgres { place, jobs }),
             Ok(Err(error)) => Err(unreachable(with_cause(&error))),
             Err(_) => Err(unreachable(format!("no answer within {} s", GREETING.as_secs()))),
         }
     }
 
-    fn fault(&self, error: &postgres::Error) -> HistoryError {
-        HistoryError::Database { place: self.place.clone(), message: with_cause(error) }
+    /// Has the connection's thread do something, and calls `take` with each of its answers.
+    fn ask<T: Send + 'static>(
+        &self,
+        work: impl FnOnce(&mut Client, &SyncSender<T>) -> Result<(), postgres::Error> + Send + 'static,
+        take: &mut dyn FnMut(T) -> Result<(), HistoryError>,
+    ) -> Result<(), HistoryError> {
+        let (ended, end) = mpsc::channel();
+        let (found, answers) = mpsc::sync_channel(BATCHES);
+        let job: Job = Box::new(move |client| {
+            let result = work(client, &found);
+            // Before the answers' end, so that it is there then.
+            let _ = ended.send(result);
+        });
+        let gone = || HistoryError::Unreachable {
+            place: self.place.clone(),
+            message: format!("no answer within {} s", ANSWER.as_secs()),
+        };
+        self.jobs.send(job).map_err(|_| gone())?;
+        loop {
+            match answers.recv_timeout(ANSWER) {
+                Ok(answer) => take(answer)?,
+                Err(RecvTimeoutError::Timeout) => return Err(gone()),
+                Err(RecvTimeoutError::Disconnected) => break,
+            }
+        }
+        let fault = |error: postgres::Error| HistoryError::Database {
+            place: self.place.clone(),
+            message: with_cause(&error),
+        };
+        end.try_recv().map_err(|_| gone())?.map_err(fault)
     }
+
+    fn batch(&self, statement: &'static str) -> Result<(), HistoryError> {
+        self.ask::<()>(|client, _| client.batch_execute(statement), &mut |()| Ok(()))
+    }
+}
+
+/// The server is on this host.
+fn is_here(config: &Config) -> bool {
+    let names = config.get_hosts().iter().all(|host| match host {
+        Host::Tcp(name) => {
+            name == "localhost" || name.parse::<IpAddr>().is_ok_and(|address| address.is_loopback())
+        }
+        #[cfg(unix)]
+        Host::Unix(_) => true,
+    });
+    // Where there is an address, the name is for the greeting alone.
+    let addresses = config.get_hostaddrs();
+    if addresses.is_empty() { names } else { addresses.iter().all(IpAddr::is_loopback) }
 }
 
 /// Database and hosts, without user and password.
 fn place(config: &Config) -> String {
     let hosts = config.get_hosts().iter().map(|host| match host {
-        postgres::config::Host::Tcp(name) => name.clone(),
+        Host::Tcp(name) => name.clone(),
         #[cfg(unix)]
-        postgres::config::Host::Unix(path) => path.display().to_string(),
+        Host::Unix(path) => path.display().to_string(),
     });
     let hosts = hosts.zip(config.get_ports().iter().chain(std::iter::repeat(&5432)));
     let hosts = hosts.map(|(host, port)| format!("{host}:{port}")).join(", ");
@@ -89,7 +164,7 @@ fn bound(value: &Value) -> &(dyn ToSql + Sync) {
         Value::Integer(integer) => integer,
         Value::Real(real) => real,
         Value::Text(text) => text,
-        Value::Bytes(bytes) => bytes,
+        Value::Bytes(bytes) => &**bytes,
     }
 }
 
@@ -98,19 +173,11 @@ fn value(row: &Row, column: usize) -> Result<Value, postgres::Error> {
     Ok(match *kind {
         Type::INT8 => row.try_get::<_, Option<i64>>(column)?.map_or(Value::Null, Value::Integer),
         Type::FLOAT8 => row.try_get::<_, Option<f64>>(column)?.map_or(Value::Null, Value::Real),
-        Type::BYTEA => row.try_get::<_, Option<Vec<u8>>>(column)?.map_or(Value::Null, Value::Bytes),
+        Type::BYTEA => {
+            let bytes = row.try_get::<_, Option<Vec<u8>>>(column)?;
+            bytes.map_or(Value::Null, |bytes| Value::Bytes(Arc::new(bytes)))
+        }
         _ => row.try_get::<_, Option<String>>(column)?.map_or(Value::Null, Value::Text),
-    })
-}
-
-fn figure(row: &Row) -> Result<FigureRow, postgres::Error> {
-    Ok(FigureRow {
-        series: row.try_get(0)?,
-        run: row.try_get(1)?,
-        median: row.try_get(2)?,
-        low: row.try_get(3)?,
-        high: row.try_get(4)?,
-        n: row.try_get(5)?,
     })
 }
 
@@ -129,41 +196,47 @@ impl Database for Postgres {
     }
 
     fn begin(&mut self) -> Result<(), HistoryError> {
-        let begun = self.client.batch_execute("BEGIN");
-        begun.map_err(|error| self.fault(&error))?;
+        self.batch("BEGIN")?;
         self.rows("SELECT CAST(pg_advisory_xact_lock($1) AS TEXT)", &[Value::Integer(LOCK)])
             .map(drop)
     }
 
     fn commit(&mut self) -> Result<(), HistoryError> {
-        self.client.batch_execute("COMMIT").map_err(|error| self.fault(&error))
+        self.batch("COMMIT")
     }
 
-    fn execute(&mut self, statement: &str, values: &[Value]) -> Result<(), HistoryError> {
-        let values = values.iter().map(bound).collect_vec();
-        self.client.execute(statement, &values).map(drop).map_err(|error| self.fault(&error))
+    fn execute(&mut self, statement: &str, values: Vec<Value>) -> Result<(), HistoryError> {
+        let statement = statement.to_owned();
+        let work = move |client: &mut Client, _: &SyncSender<()>| {
+            client.execute(&statement, &values.iter().map(bound).collect_vec()).map(drop)
+        };
+        self.ask(work, &mut |()| Ok(()))
     }
 
-    fn rows(&mut self, statement: &str, values: &[Value]) -> Result<Vec<Vec<Value>>, HistoryError> {
-        let values = values.iter().map(bound).collect_vec();
-        let rows = self.client.query(statement, &values).map_err(|error| self.fault(&error))?;
-        let of_row = |row: &Row| (0..row.len()).map(|column| value(row, column)).collect();
-        rows.iter().map(of_row).collect::<Result<_, _>>().map_err(|error| self.fault(&error))
-    }
-
-    fn each_figure(
+    fn each(
         &mut self,
         statement: &str,
-        values: &[Value],
-        take: &mut dyn FnMut(FigureRow),
+        values: Vec<Value>,
+        take: &mut dyn FnMut(Vec<Value>) -> Result<(), HistoryError>,
     ) -> Result<(), HistoryError> {
-        let values = values.iter().map(bound).collect_vec();
-        let read = self.client.query_raw(statement, values).and_then(|mut rows| {
+        let statement = statement.to_owned();
+        let work = move |client: &mut Client, found: &SyncSender<Vec<Vec<Value>>>| {
+            let mut rows = client.query_raw(&statement, values.iter().map(bound))?;
+            let mut batch = Vec::new();
             while let Some(row) = rows.next()? {
-                take(figure(&row)?);
+                let values = (0..row.len()).map(|column| value(&row, column));
+                batch.push(values.collect::<Result<_, _>>()?);
+                // Where nobody listens any more the rest is left.
+                if batch.len() == BATCH && found.send(std::mem::take(&mut batch)).is_err() {
+                    return Ok(());
+                }
             }
+            let _ = found.send(batch);
             Ok(())
-        });
-        read.map_err(|error| self.fault(&error))
+        };
+        let mut count = 0;
+        self.ask(work, &mut |rows: Vec<Vec<Value>>| {
+            rows.into_iter().try_for_each(|row| counted(&mut count).and_then(|()| take(row)))
+        })
     }
 }

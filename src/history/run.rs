@@ -1,15 +1,18 @@
 //! A run as a history takes it: the bytes of its records, and the figures of each cell.
 
-use std::io::{ErrorKind, Read};
+use std::collections::{HashMap, HashSet};
+use std::io::{self, ErrorKind, Read, Write};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
-use indexmap::IndexMap;
-use itertools::Itertools;
+use flate2::Compression;
+use flate2::write::GzEncoder;
+use indexmap::IndexSet;
 use sha2::{Digest, Sha256};
 
 use super::HistoryError;
 use crate::folder;
-use crate::record::{self, Cell, Clock, Estimate, Measured, Reading, Record, Run, ShaderChecks};
+use crate::record::{self, Cell, Clock, Damaged, Estimate, Measured, Record, Run, ShaderChecks};
 
 /// Name of the figure that is a frame's time without per-stage timing.
 pub const FRAME: &str = "frame";
@@ -18,25 +21,40 @@ pub const NANOSECONDS: &str = "ns";
 /// Hexadecimal digits of a cell's configuration.
 const CONFIGURATION_DIGITS: usize = 16;
 /// Largest file of records that a history takes, bytes: a row of SQLite holds at most 1 GB.
-const MAX_RECORDS: u64 = 900 << 20;
+pub const MAX_RECORDS: u64 = 900 << 20;
 
-/// What makes figures of different runs comparable, but for machine and branch.
+/// What makes figures of different runs comparable, but for machine and branch. Keys share their texts.
 #[derive(Clone, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct FigureKey {
-    pub adapter: String,
+    pub adapter: Arc<str>,
     /// Name, version and interface.
-    pub driver: String,
+    pub driver: Arc<str>,
     /// With the shader checks where they are off.
-    pub profile: String,
+    pub profile: Arc<str>,
     /// `EXPERIMENT CELL`.
-    pub cell: String,
+    pub cell: Arc<str>,
     /// Digest of pipeline, scene, stand-ins and all parameters: the same cell with another parameter is another one.
-    pub configuration: String,
+    pub configuration: Arc<str>,
     /// A stage, `frame`, or the name of an error.
-    pub figure: String,
-    pub unit: String,
+    pub figure: Arc<str>,
+    pub unit: Arc<str>,
     /// That timed a stage; empty for other figures.
-    pub clock: String,
+    pub clock: Arc<str>,
+}
+
+/// Each text once.
+#[derive(Default)]
+pub struct Texts(HashSet<Arc<str>>);
+
+impl Texts {
+    pub fn shared(&mut self, text: &str) -> Arc<str> {
+        if let Some(known) = self.0.get(text) {
+            return Arc::clone(known);
+        }
+        let text: Arc<str> = text.into();
+        self.0.insert(Arc::clone(&text));
+        text
+    }
 }
 
 /// A run that was read and found sound.
@@ -44,8 +62,8 @@ pub struct FigureKey {
 pub struct NewRun {
     /// SHA-256 of the records, hexadecimal.
     pub digest: String,
-    /// The lines of its records as they lie in the folder.
-    pub records: Vec<u8>,
+    /// The lines of its records as they lie in the folder, compressed by gzip.
+    pub packed: Arc<Vec<u8>>,
     /// RFC 3339, UTC: of the first header.
     pub started_at: String,
     pub adapter: String,
@@ -62,57 +80,133 @@ pub struct NewRun {
 pub struct NewFigure {
     pub key: FigureKey,
     /// The machine that measured it, where the records name it.
-    pub host: Option<String>,
+    pub host: Option<Arc<str>>,
     pub value: Estimate,
 }
 
 impl NewRun {
-    /// Reads the folder of a run.
+    /// Reads the folder of a run. One record is in memory at a time.
     ///
     /// # Errors
     /// Where the records cannot be read, a line is damaged, or they are a comparison's.
     pub fn read(folder: &Path, name: &str) -> Result<NewRun, HistoryError> {
         let path = record::stored(&folder.join(name));
-        let mut records = Vec::new();
-        let read =
-            folder::unpacked(&path, MAX_RECORDS).and_then(|mut f| f.read_to_end(&mut records));
-        read.map_err(|source| match source.kind() {
-            ErrorKind::NotFound => {
-                HistoryError::NoRun { folder: folder.to_owned(), name: name.to_owned() }
-            }
-            _ => HistoryError::Read { path: path.clone(), source },
-        })?;
-        let reading = record::read_good(&path)?;
-        let header = check(&path, &reading)?;
-        let figures = figures(&reading.records);
-        let measured =
-            |record: &&Record| matches!(record, Record::Cell(cell) if cell.measured().is_some());
+        let source =
+            folder::unpacked(&path, MAX_RECORDS).map_err(|source| match source.kind() {
+                ErrorKind::NotFound => {
+                    HistoryError::NoRun { folder: folder.to_owned(), name: name.to_owned() }
+                }
+                _ => HistoryError::Read { path: path.clone(), source },
+            })?;
+        let mut copied = Copied::new(source);
+        let mut found = Found::default();
+        let damaged = record::each_good(&path, &mut copied, |record| found.take(record))?;
+        let header = found.check(&path, &damaged)?;
+        let unwritten = |source| HistoryError::Read { path: path.clone(), source };
+        let (digest, packed) = copied.end().map_err(unwritten)?;
         Ok(NewRun {
-            digest: hex::encode(Sha256::digest(&records)),
+            digest,
+            packed: Arc::new(packed),
             started_at: header.started_at.clone(),
             adapter: header.adapter.name.clone(),
-            driver: driver(header),
-            hosts: hosts(&reading.records),
-            cells: reading.records.iter().filter(measured).count(),
-            figures,
-            records,
+            driver: driver(&header),
+            hosts: found.hosts.into_iter().collect(),
+            cells: found.cells,
+            figures: found.figures,
         })
     }
 }
 
-/// The first header of sound records of a run.
-fn check<'a>(path: &Path, reading: &'a Reading) -> Result<&'a Run, HistoryError> {
-    let path = || -> PathBuf { path.to_owned() };
-    if let Some(damage) = reading.damaged.first() {
-        let (count, first) = (reading.damaged.len(), damage.clone());
-        return Err(HistoryError::Damaged { path: path(), first, count });
+/// Digests and compresses what is read through it.
+struct Copied<R> {
+    source: R,
+    sum: Sha256,
+    packer: GzEncoder<Vec<u8>>,
+}
+
+impl<R> Copied<R> {
+    fn new(source: R) -> Self {
+        let packer = GzEncoder::new(Vec::new(), Compression::default());
+        Self { source, sum: Sha256::new(), packer }
     }
-    if reading.records.iter().any(|record| matches!(record, Record::Comparison(_))) {
-        return Err(HistoryError::Comparison { path: path() });
+
+    /// Digest, hexadecimal, and compressed bytes.
+    fn end(self) -> io::Result<(String, Vec<u8>)> {
+        Ok((hex::encode(self.sum.finalize()), self.packer.finish()?))
     }
-    match reading.records.first() {
-        Some(Record::Run(run)) => Ok(run),
-        _ => Err(HistoryError::NoHeader { path: path() }),
+}
+
+impl<R: Read> Read for Copied<R> {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        let read = self.source.read(buffer)?;
+        self.sum.update(&buffer[..read]);
+        self.packer.write_all(&buffer[..read])?;
+        Ok(read)
+    }
+}
+
+/// What the records of a run hold, as they come.
+#[derive(Default)]
+struct Found {
+    texts: Texts,
+    /// Of the first record, where that is one.
+    first: Option<Run>,
+    header: Option<Run>,
+    records: usize,
+    is_comparison: bool,
+    hosts: IndexSet<Option<String>>,
+    cells: usize,
+    figures: Vec<NewFigure>,
+    /// Where the figure of a key is, by its digest.
+    places: HashMap<KeyDigest, usize>,
+}
+
+impl Found {
+    fn take(&mut self, record: Record) {
+        self.records += 1;
+        match record {
+            Record::Run(run) => {
+                self.hosts.insert(run.conditions.host.clone());
+                if self.records == 1 {
+                    self.first = Some((*run).clone());
+                }
+                self.header = Some(*run);
+            }
+            Record::Cell(cell) => {
+                if let Some(measured) = cell.measured() {
+                    self.cells += 1;
+                    self.add(&cell, measured);
+                }
+            }
+            Record::Comparison(_) => self.is_comparison = true,
+            Record::Experiment(_) | Record::End(_) => {}
+        }
+    }
+
+    fn add(&mut self, cell: &Cell, measured: &Measured) {
+        let Some(run) = &self.header else { return };
+        let host = run.conditions.host.as_deref().map(|host| self.texts.shared(host));
+        for (key, value) in of_cell(run, cell, measured, &mut self.texts) {
+            let place = *self.places.entry(key.digest()).or_insert(self.figures.len());
+            let figure = NewFigure { key, host: host.clone(), value };
+            match self.figures.get_mut(place) {
+                Some(earlier) => *earlier = figure,
+                None => self.figures.push(figure),
+            }
+        }
+    }
+
+    /// The first header of sound records of a run.
+    fn check(&mut self, path: &Path, damaged: &Damaged) -> Result<Run, HistoryError> {
+        let path = || -> PathBuf { path.to_owned() };
+        if let Some(first) = damaged.first() {
+            let (count, first) = (damaged.count(), first.clone());
+            return Err(HistoryError::Damaged { path: path(), first, count });
+        }
+        if self.is_comparison {
+            return Err(HistoryError::Comparison { path: path() });
+        }
+        self.first.take().ok_or_else(|| HistoryError::NoHeader { path: path() })
     }
 }
 
@@ -121,60 +215,69 @@ fn driver(run: &Run) -> String {
     format!("{} {}, {}", adapter.driver, adapter.driver_info, adapter.backend)
 }
 
-fn hosts(records: &[Record]) -> Vec<Option<String>> {
-    let host = |record: &Record| match record {
-        Record::Run(run) => Some(run.conditions.host.clone()),
-        _ => None,
-    };
-    records.iter().filter_map(host).unique().collect()
+/// Beginning of a SHA-256: 128 bits tell all keys apart that a run may have.
+pub type KeyDigest = [u8; 16];
+
+/// Digest of names, each told from the next.
+pub fn digest_of<'a>(names: impl IntoIterator<Item = &'a str>) -> KeyDigest {
+    let mut sum = Sha256::new();
+    for name in names {
+        sum.update((name.len() as u64).to_le_bytes());
+        sum.update(name);
+    }
+    let sum = sum.finalize();
+    std::array::from_fn(|i| sum[i])
 }
 
-fn figures(records: &[Record]) -> Vec<NewFigure> {
-    let mut found = IndexMap::new();
-    let mut header: Option<&Run> = None;
-    for record in records {
-        match record {
-            Record::Run(run) => header = Some(run),
-            Record::Cell(cell) => {
-                let (Some(run), Some(measured)) = (header, cell.measured()) else { continue };
-                let figures = of_cell(run, cell, measured);
-                let host = &run.conditions.host;
-                let of_host = |(key, value)| (key, (host.clone(), value));
-                found.extend(figures.into_iter().map(of_host));
-            }
-            Record::Experiment(_) | Record::End(_) | Record::Comparison(_) => {}
-        }
+impl FigureKey {
+    /// In the order of the columns that store them.
+    pub fn names(&self) -> [&str; 8] {
+        let Self { adapter, driver, profile, cell, configuration, figure, unit, clock } = self;
+        [adapter, driver, profile, cell, configuration, figure, unit, clock].map(|name| &**name)
     }
-    found.into_iter().map(|(key, (host, value))| NewFigure { key, host, value }).collect()
+
+    fn digest(&self) -> KeyDigest {
+        digest_of(self.names())
+    }
 }
 
 /// Frame, stages whose times are above the clock's resolution, and errors that are numbers.
-fn of_cell(run: &Run, cell: &Cell, measured: &Measured) -> Vec<(FigureKey, Estimate)> {
+fn of_cell(
+    run: &Run,
+    cell: &Cell,
+    measured: &Measured,
+    texts: &mut Texts,
+) -> Vec<(FigureKey, Estimate)> {
     let profile = match run.shader_checks {
         ShaderChecks::Checked => run.profile.name().to_owned(),
         ShaderChecks::Unchecked => format!("{}, unchecked", run.profile.name()),
     };
     let configuration = hex::encode(Sha256::digest(cell.resume_key()));
-    let key = |figure: &str, unit: &str, clock: Option<Clock>| FigureKey {
-        adapter: run.adapter.name.clone(),
-        driver: driver(run),
-        profile: profile.clone(),
-        cell: format!("{} {}", cell.experiment, cell.cell).trim_end().to_owned(),
-        configuration: configuration[..CONFIGURATION_DIGITS].to_owned(),
-        figure: figure.to_owned(),
-        unit: unit.to_owned(),
-        clock: clock.map_or_else(String::new, |clock| clock.name().to_owned()),
+    let of_all = FigureKey {
+        adapter: texts.shared(&run.adapter.name),
+        driver: texts.shared(&driver(run)),
+        profile: texts.shared(&profile),
+        cell: format!("{} {}", cell.experiment, cell.cell).trim_end().into(),
+        configuration: texts.shared(&configuration[..CONFIGURATION_DIGITS]),
+        figure: texts.shared(FRAME),
+        unit: texts.shared(NANOSECONDS),
+        clock: texts.shared(""),
     };
-    let frame =
-        measured.is_timed().then(|| (key(FRAME, NANOSECONDS, None), measured.frame.untimed));
-    let stages = measured
+    let frame = measured.is_timed().then(|| (of_all.clone(), measured.frame.untimed));
+    let mut figures: Vec<(FigureKey, Estimate)> = frame.into_iter().collect();
+    let timed = measured
         .stages
         .iter()
         .filter(|stage| stage.time.n > 0 && stage.is_resolved() && stage.clock != Clock::Host);
-    let stages = stages.map(|s| (key(&s.stage, NANOSECONDS, Some(s.clock)), s.time));
-    let errors = measured.errors.iter().filter(|error| error.value.is_finite()).map(|error| {
+    for stage in timed {
+        let figure = texts.shared(&stage.stage);
+        let clock = texts.shared(stage.clock.name());
+        figures.push((FigureKey { figure, clock, ..of_all.clone() }, stage.time));
+    }
+    for error in measured.errors.iter().filter(|error| error.value.is_finite()) {
+        let (figure, unit) = (texts.shared(&error.name), texts.shared(&error.unit));
         let value = Estimate { median: error.value, interval: None, n: 1 };
-        (key(&error.name, &error.unit, None), value)
-    });
-    frame.into_iter().chain(stages).chain(errors).collect()
+        figures.push((FigureKey { figure, unit, ..of_all.clone() }, value));
+    }
+    figures
 }

@@ -2,13 +2,17 @@
 
 use std::io::Read;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::Duration;
 
+use rusqlite::config::DbConfig;
+use rusqlite::limits::Limit;
 use rusqlite::types::{ToSqlOutput, Value as Stored, ValueRef};
-use rusqlite::{Connection, OpenFlags, ToSql, params_from_iter};
+use rusqlite::{Connection, ErrorCode, OpenFlags, ToSql, params_from_iter};
 
 use super::HistoryError;
-use super::database::{ColumnTypes, Database, FigureRow, Value};
+use super::database::{ColumnTypes, Database, MOST_BYTES, MOST_ROWS, Value, counted};
 use crate::input;
 
 /// How long a writer waits for another one.
@@ -18,9 +22,19 @@ const MAGIC: &[u8; 16] = b"SQLite format 3\0";
 /// Statements of several sizes are prepared once each.
 const PREPARED: usize = 32;
 
+/// Steps of SQLite's machine between two calls of the handler that counts them.
+const STEPS_AT_ONCE: i32 = 100_000;
+/// Most of these spans in one statement: ten steps for each of [`MOST_ROWS`], and as many again for the search. A file may
+/// hold views in place of its tables, and theirs may be endless.
+const MOST_SPANS: u32 = (20 * MOST_ROWS / STEPS_AT_ONCE as usize) as u32;
+/// Longest name or run of records, bytes.
+const MOST_LENGTH: i32 = MOST_BYTES as i32;
+
 pub struct Sqlite {
     path: PathBuf,
     connection: Connection,
+    /// Spans of the statement that runs.
+    steps: Arc<AtomicU32>,
 }
 
 impl Sqlite {
@@ -28,13 +42,20 @@ impl Sqlite {
         check(path, writable)?;
         let mut flags = OpenFlags::SQLITE_OPEN_READ_WRITE | OpenFlags::SQLITE_OPEN_NO_MUTEX;
         flags.set(OpenFlags::SQLITE_OPEN_CREATE, writable);
-        let opened = Connection::open_with_flags(path, flags).and_then(|connection| {
+        let steps = Arc::new(AtomicU32::new(0));
+        let counted = Arc::clone(&steps);
+        let opened = Connection::open_with_flags(path, flags).and_then(|mut connection| {
             connection.busy_timeout(PATIENCE)?;
             connection.set_prepared_statement_cache_capacity(PREPARED);
+            // As SQLite advises for files of others: <https://www.sqlite.org/security.html>, section 1.2.
+            connection.set_limit(Limit::SQLITE_LIMIT_LENGTH, MOST_LENGTH)?;
+            connection.set_db_config(DbConfig::SQLITE_DBCONFIG_TRUSTED_SCHEMA, false)?;
+            let is_endless = move || counted.fetch_add(1, Ordering::Relaxed) >= MOST_SPANS;
+            connection.progress_handler(STEPS_AT_ONCE, Some(is_endless))?;
             Ok(connection)
         });
         match opened {
-            Ok(connection) => Ok(Sqlite { path: path.to_owned(), connection }),
+            Ok(connection) => Ok(Sqlite { path: path.to_owned(), connection, steps }),
             Err(error) => Err(fault(path)(error)),
         }
     }
@@ -69,7 +90,13 @@ fn check(path: &Path, writable: bool) -> Result<(), HistoryError> {
 
 fn fault(path: &Path) -> impl Fn(rusqlite::Error) -> HistoryError + use<> {
     let place = path.display().to_string();
-    move |error| HistoryError::Database { place: place.clone(), message: error.to_string() }
+    move |error| match error.sqlite_error_code() {
+        Some(ErrorCode::OperationInterrupted) => {
+            let steps = u64::from(MOST_SPANS) * STEPS_AT_ONCE as u64;
+            HistoryError::TooMuch { what: format!("no end within {steps} steps") }
+        }
+        _ => HistoryError::Database { place: place.clone(), message: error.to_string() },
+    }
 }
 
 impl ToSql for Value {
@@ -106,50 +133,31 @@ impl Database for Sqlite {
         self.connection.execute_batch("COMMIT").map_err(self.fault())
     }
 
-    fn execute(&mut self, statement: &str, values: &[Value]) -> Result<(), HistoryError> {
+    fn execute(&mut self, statement: &str, values: Vec<Value>) -> Result<(), HistoryError> {
+        self.steps.store(0, Ordering::Relaxed);
         let prepared = self.connection.prepare_cached(statement);
-        let executed = prepared.and_then(|mut it| it.execute(params_from_iter(values)));
+        let executed = prepared.and_then(|mut it| it.execute(params_from_iter(&values)));
         executed.map(drop).map_err(self.fault())
     }
 
-    fn rows(&mut self, statement: &str, values: &[Value]) -> Result<Vec<Vec<Value>>, HistoryError> {
-        let read = || -> rusqlite::Result<Vec<Vec<Value>>> {
-            let mut prepared = self.connection.prepare_cached(statement)?;
-            let columns = prepared.column_count();
-            let mut rows = prepared.query(params_from_iter(values))?;
-            let mut found = Vec::new();
-            while let Some(row) = rows.next()? {
-                let values = (0..columns).map(|column| row.get_ref(column).map(value));
-                found.push(values.collect::<rusqlite::Result<_>>()?);
-            }
-            Ok(found)
-        };
-        read().map_err(self.fault())
-    }
-
-    fn each_figure(
+    fn each(
         &mut self,
         statement: &str,
-        values: &[Value],
-        take: &mut dyn FnMut(FigureRow),
+        values: Vec<Value>,
+        take: &mut dyn FnMut(Vec<Value>) -> Result<(), HistoryError>,
     ) -> Result<(), HistoryError> {
-        let mut read = || -> rusqlite::Result<()> {
-            let mut prepared = self.connection.prepare_cached(statement)?;
-            let mut rows = prepared.query(params_from_iter(values))?;
-            while let Some(row) = rows.next()? {
-                take(FigureRow {
-                    series: row.get(0)?,
-                    run: row.get(1)?,
-                    median: row.get(2)?,
-                    low: row.get(3)?,
-                    high: row.get(4)?,
-                    n: row.get(5)?,
-                });
-            }
-            Ok(())
-        };
-        let read = read();
-        read.map_err(self.fault())
+        self.steps.store(0, Ordering::Relaxed);
+        let fault = self.fault();
+        let mut prepared = self.connection.prepare_cached(statement).map_err(&fault)?;
+        let columns = prepared.column_count();
+        let mut rows = prepared.query(params_from_iter(&values)).map_err(&fault)?;
+        let mut count = 0;
+        while let Some(row) = rows.next().map_err(&fault)? {
+            counted(&mut count)?;
+            let values = (0..columns).map(|column| row.get_ref(column).map(value));
+            take(values.collect::<rusqlite::Result<_>>().map_err(&fault)?)?;
+        }
+        Ok(())
     }
 }
 
@@ -159,6 +167,6 @@ fn value(stored: ValueRef<'_>) -> Value {
         ValueRef::Integer(integer) => Value::Integer(integer),
         ValueRef::Real(real) => Value::Real(real),
         ValueRef::Text(text) => Value::Text(String::from_utf8_lossy(text).into_owned()),
-        ValueRef::Blob(bytes) => Value::Bytes(bytes.to_owned()),
+        ValueRef::Blob(bytes) => Value::Bytes(Arc::new(bytes.to_owned())),
     }
 }

@@ -1,18 +1,17 @@
 //! Adding runs to a history and getting them out.
 
 use std::collections::HashMap;
-use std::io::{Read, Write};
+use std::io::Read;
+use std::sync::Arc;
 
-use flate2::Compression;
 use flate2::read::GzDecoder;
-use flate2::write::GzEncoder;
 use itertools::Itertools;
 use jiff::Timestamp;
-use sha2::{Digest, Sha256};
 
 use super::database::{self, Database, Location, Value};
-use super::run::{FigureKey, NewFigure, NewRun};
+use super::run::{FigureKey, KeyDigest, MAX_RECORDS, NewFigure, NewRun, digest_of};
 use super::{FORMAT, HistoryError, Origin};
+use crate::input::{self, Limited};
 use crate::record::Estimate;
 
 /// Rows of one statement. SQLite binds at most 32,766 values.
@@ -89,7 +88,7 @@ impl History {
         let database = database::open(location, writable)?;
         let place = match location {
             Location::File(path) => path.display().to_string(),
-            Location::Url(_) => "the PostgreSQL database".to_owned(),
+            Location::Server { .. } => "the PostgreSQL database".to_owned(),
         };
         let mut history = History { database, place, is_made: false };
         history.look()?;
@@ -119,7 +118,6 @@ impl History {
     /// # Errors
     /// Where the same records are stored as another commit's or branch's.
     pub fn add(&mut self, run: &NewRun, origin: &Origin) -> Result<Added, HistoryError> {
-        let packed = packed(&run.records);
         self.database.begin()?;
         // Another process may have made them meanwhile.
         self.look()?;
@@ -145,7 +143,7 @@ impl History {
             Value::name(&run.started_at),
             Value::Integer(run.cells as i64),
             Value::Integer(run.figures.len() as i64),
-            Value::Bytes(packed),
+            Value::Bytes(Arc::clone(&run.packed)),
         ];
         self.insert("fathom_run", &RUN_COLUMNS, vec![row])?;
         self.add_figures(id, run, origin)?;
@@ -175,10 +173,10 @@ impl History {
             ),
         ];
         for statement in statements {
-            self.database.execute(&statement, &[])?;
+            self.database.execute(&statement, Vec::new())?;
         }
-        self.database
-            .execute("INSERT INTO fathom_history (format) VALUES ($1)", &[Value::Integer(FORMAT)])
+        let statement = "INSERT INTO fathom_history (format) VALUES ($1)";
+        self.database.execute(statement, vec![Value::Integer(FORMAT)])
     }
 
     /// The run is stored as one of this commit, on this branch.
@@ -221,52 +219,61 @@ impl History {
     fn add_figures(&mut self, run: i64, new: &NewRun, origin: &Origin) -> Result<(), HistoryError> {
         let mut known = HashMap::new();
         for host in &new.hosts {
-            known.extend(self.known_series(origin.machine(host.as_deref())?)?);
+            self.add_known(origin.machine(host.as_deref())?, &mut known)?;
         }
         let mut next = self.next_id("fathom_series")?;
-        let (mut series, mut figures) = (Vec::new(), Vec::new());
-        for NewFigure { key, host, value } in &new.figures {
-            let names = names(origin.machine(host.as_deref())?, key);
-            let id = *known.entry(names.clone()).or_insert_with(|| {
-                let names = names.into_iter().map(Value::Text);
-                series.push(std::iter::once(Value::Integer(next)).chain(names).collect());
-                next += 1;
-                next - 1
-            });
-            figures.push(figure_row(id, run, value));
+        for chunk in new.figures.chunks(ROWS_AT_ONCE) {
+            let (mut series, mut figures) = (Vec::new(), Vec::new());
+            for NewFigure { key, host, value } in chunk {
+                let names = names(origin.machine(host.as_deref())?, key);
+                let id = *known.entry(digest_of(names.iter().map(Value::as_text))).or_insert_with(
+                    || {
+                        series.push(std::iter::once(Value::Integer(next)).chain(names).collect());
+                        next += 1;
+                        next - 1
+                    },
+                );
+                figures.push(figure_row(id, run, value));
+            }
+            self.insert("fathom_series", &SERIES_COLUMNS, series)?;
+            self.insert("fathom_figure", &FIGURE_COLUMNS, figures)?;
         }
-        self.insert("fathom_series", &SERIES_COLUMNS, series)?;
-        self.insert("fathom_figure", &FIGURE_COLUMNS, figures)
+        Ok(())
     }
 
-    fn known_series(&mut self, machine: &str) -> Result<HashMap<Vec<String>, i64>, HistoryError> {
+    /// Adds a machine's series by the digest of their names.
+    fn add_known(
+        &mut self,
+        machine: &str,
+        known: &mut HashMap<KeyDigest, i64>,
+    ) -> Result<(), HistoryError> {
         let columns = SERIES_COLUMNS[1..].join(", ");
         let statement = format!("SELECT {columns}, id FROM fathom_series WHERE machine = $1");
-        let rows = self.database.rows(&statement, &[Value::name(machine)])?;
-        let known = rows.into_iter().map(|mut row| {
+        self.database.each(&statement, vec![Value::name(machine)], &mut |mut row| {
             let id = row.pop().map_or(0, |id| id.integer());
-            (row.iter().map(Value::text).collect(), id)
-        });
-        Ok(known.collect())
+            known.insert(digest_of(row.iter().map(Value::as_text)), id);
+            Ok(())
+        })
     }
 
+    /// Up to [`ROWS_AT_ONCE`] rows.
     fn insert(
         &mut self,
         table: &str,
         columns: &[&str],
         rows: Vec<Vec<Value>>,
     ) -> Result<(), HistoryError> {
-        for rows in rows.chunks(ROWS_AT_ONCE) {
-            let row = |row: usize| {
-                let first = row * columns.len() + 1;
-                let places = first..first + columns.len();
-                format!("({})", places.map(|place| format!("${place}")).join(", "))
-            };
-            let values = (0..rows.len()).map(row).join(", ");
-            let statement = format!("INSERT INTO {table} ({}) VALUES {values}", columns.join(", "));
-            self.database.execute(&statement, &rows.concat())?;
+        if rows.is_empty() {
+            return Ok(());
         }
-        Ok(())
+        let row = |row: usize| {
+            let first = row * columns.len() + 1;
+            let places = first..first + columns.len();
+            format!("({})", places.map(|place| format!("${place}")).join(", "))
+        };
+        let values = (0..rows.len()).map(row).join(", ");
+        let statement = format!("INSERT INTO {table} ({}) VALUES {values}", columns.join(", "));
+        self.database.execute(&statement, rows.into_iter().flatten().collect())
     }
 
     /// The records of the run whose digest begins so, byte for byte, and the whole digest.
@@ -285,20 +292,14 @@ impl History {
         };
         let statement = "SELECT records FROM fathom_run WHERE digest = $1";
         let rows = self.database.rows(statement, &[Value::Text(digest.clone())])?;
-        let mut records = Vec::new();
-        let unpacked = GzDecoder::new(rows[0][0].bytes()).read_to_end(&mut records);
-        if unpacked.is_err() || hex::encode(Sha256::digest(&records)) != digest {
-            return Err(HistoryError::Altered { digest });
-        }
-        Ok((digest, records))
+        let records = rows.first().and_then(|row| unpacked(row[0].bytes(), &digest, MAX_RECORDS));
+        records.map(|records| (digest.clone(), records)).ok_or(HistoryError::Altered { digest })
     }
 }
 
 /// A series' names as they are stored.
-fn names(machine: &str, key: &FigureKey) -> Vec<String> {
-    let FigureKey { adapter, driver, profile, cell, configuration, figure, unit, clock } = key;
-    let names = [machine, adapter, driver, profile, cell, configuration, figure, unit, clock];
-    names.map(|name| Value::name(name).text()).to_vec()
+fn names(machine: &str, key: &FigureKey) -> Vec<Value> {
+    std::iter::once(machine).chain(key.names()).map(Value::name).collect()
 }
 
 fn figure_row(series: i64, run: i64, value: &Estimate) -> Vec<Value> {
@@ -313,9 +314,37 @@ fn figure_row(series: i64, run: i64, value: &Estimate) -> Vec<Value> {
     ]
 }
 
-fn packed(records: &[u8]) -> Vec<u8> {
-    let mut encoder = GzEncoder::new(Vec::new(), Compression::default());
-    // Writing to memory does not fail.
-    let _ = encoder.write_all(records);
-    encoder.finish().unwrap_or_default()
+/// Records of this digest; none where others come out. Nothing is kept before that is known, so an archive that has no end
+/// takes no memory.
+fn unpacked(packed: &[u8], digest: &str, most: u64) -> Option<Vec<u8>> {
+    let source = || Limited::new(GzDecoder::new(packed), most);
+    if input::sha256(source()).ok()? != digest {
+        return None;
+    }
+    let mut records = Vec::new();
+    source().read_to_end(&mut records).ok()?;
+    Some(records)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::io::Write;
+
+    use flate2::Compression;
+    use flate2::write::GzEncoder;
+
+    use super::*;
+
+    #[test]
+    fn only_records_of_the_digest_and_of_a_size_come_out() {
+        let records = vec![b'x'; 1 << 20];
+        let mut encoder = GzEncoder::new(Vec::new(), Compression::best());
+        encoder.write_all(&records).unwrap();
+        let packed = encoder.finish().unwrap();
+        let digest = input::sha256(&records[..]).unwrap();
+        assert!(unpacked(&packed, &digest, 1 << 20).is_some_and(|found| found == records));
+        assert_eq!(unpacked(&packed, &digest, (1 << 20) - 1), None);
+        assert_eq!(unpacked(&packed, "0", 1 << 20), None);
+        assert_eq!(unpacked(&packed[..packed.len() / 2], &digest, 1 << 20), None);
+    }
 }

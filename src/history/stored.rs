@@ -2,14 +2,15 @@
 
 use std::collections::HashMap;
 use std::fmt;
+use std::sync::Arc;
 
 use itertools::Itertools;
 use jiff::Timestamp;
 use jiff::civil::Date;
 use jiff::tz::TimeZone;
 
-use super::database::{FigureRow, Value};
-use super::run::{FigureKey, NANOSECONDS};
+use super::database::{Value, keep};
+use super::run::{FigureKey, NANOSECONDS, Texts};
 use super::{History, HistoryError};
 use crate::record::{Estimate, Interval};
 use crate::text;
@@ -63,7 +64,7 @@ fn shortened(name: &str) -> String {
 #[derive(Clone, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct SeriesKey {
     pub branch: String,
-    pub machine: String,
+    pub machine: Arc<str>,
     pub figure: FigureKey,
 }
 
@@ -79,7 +80,7 @@ impl SeriesKey {
     }
 
     pub fn is_time(&self) -> bool {
-        self.figure.unit == NANOSECONDS
+        &*self.figure.unit == NANOSECONDS
     }
 }
 
@@ -127,6 +128,9 @@ pub struct Selection {
     pub filter: Option<String>,
 }
 
+/// Machines and figures by the ids of their series.
+type Keys = HashMap<i64, (Arc<str>, FigureKey)>;
+
 impl History {
     /// The runs that a selection leaves, in their order.
     pub fn runs(&mut self, selection: &Selection) -> Result<Vec<StoredRun>, HistoryError> {
@@ -165,12 +169,12 @@ impl History {
     }
 
     /// Machines and figures by the ids of their series.
-    fn keys(&mut self, filter: &str) -> Result<HashMap<i64, (String, FigureKey)>, HistoryError> {
+    fn keys(&mut self, filter: &str) -> Result<Keys, HistoryError> {
         let statement = "SELECT id, machine, adapter, driver, profile, cell, configuration, figure, unit, clock \
              FROM fathom_series";
-        let rows = self.database.rows(statement, &[])?;
-        let keys = rows.iter().map(|row| {
-            let name = |column: usize| row[column].text();
+        let (mut texts, mut keys, mut bytes) = (Texts::default(), HashMap::new(), 0);
+        self.database.each(statement, Vec::new(), &mut |row| {
+            let mut name = |column: usize| texts.shared(row[column].as_text());
             let key = FigureKey {
                 adapter: name(2),
                 driver: name(3),
@@ -181,17 +185,19 @@ impl History {
                 unit: name(8),
                 clock: name(9),
             };
-            (row[0].integer(), (name(1), key))
-        });
-        Ok(keys
-            .filter(|(_, (_, key))| format!("{} {}", key.cell, key.figure).contains(filter))
-            .collect())
+            if format!("{} {}", key.cell, key.figure).contains(filter) {
+                keep(&mut bytes, &row)?;
+                keys.insert(row[0].integer(), (name(1), key));
+            }
+            Ok(())
+        })?;
+        Ok(keys)
     }
 
     /// Places of runs with their values, by series.
     fn values(
         &mut self,
-        keys: &HashMap<i64, (String, FigureKey)>,
+        keys: &Keys,
         runs: &[StoredRun],
     ) -> Result<HashMap<i64, Vec<Point>>, HistoryError> {
         let places: HashMap<i64, usize> =
@@ -206,12 +212,19 @@ impl History {
             let places = (1..=asked.len()).map(|place| format!("${place}")).join(", ");
             statement = format!("{statement} WHERE series IN ({places})");
         }
-        let mut take = |row: FigureRow| {
-            if let (Some(points), Some(run)) = (values.get_mut(&row.series), places.get(&row.run)) {
-                points.push(Point { run: *run, value: estimate(&row) });
+        self.database.each(&statement, asked, &mut |row| {
+            let Ok([series, run, median, low, high, n]) = <[Value; 6]>::try_from(row) else {
+                return Err(HistoryError::Figure);
+            };
+            let (Value::Integer(series), Value::Integer(run)) = (series, run) else {
+                return Err(HistoryError::Figure);
+            };
+            if let (Some(points), Some(run)) = (values.get_mut(&series), places.get(&run)) {
+                let value = estimate([median, low, high, n]).ok_or(HistoryError::Figure)?;
+                points.push(Point { run: *run, value });
             }
-        };
-        self.database.each_figure(&statement, &asked, &mut take)?;
+            Ok(())
+        })?;
         Ok(values)
     }
 }
@@ -233,18 +246,16 @@ fn of_row(row: &[Value]) -> StoredRun {
     }
 }
 
-fn estimate(row: &FigureRow) -> Estimate {
-    let interval = row.low.zip(row.high).map(|(low, high)| Interval { low, high });
-    Estimate { median: row.median, interval, n: row.n.try_into().unwrap_or(0) }
+fn estimate(row: [Value; 4]) -> Option<Estimate> {
+    let [Value::Real(median), low, high, Value::Integer(n)] = row else { return None };
+    let bound = |value| if let Value::Real(real) = value { Some(real) } else { None };
+    let interval = bound(low).zip(bound(high)).map(|(low, high)| Interval { low, high });
+    Some(Estimate { median, interval, n: n.try_into().unwrap_or(0) })
 }
 
 /// A series for each branch that has values of it.
-fn grouped(
-    keys: HashMap<i64, (String, FigureKey)>,
-    mut values: HashMap<i64, Vec<Point>>,
-    runs: &[StoredRun],
-) -> Vec<Series> {
-    let of_key = |(id, (machine, figure)): (i64, (String, FigureKey))| {
+fn grouped(keys: Keys, mut values: HashMap<i64, Vec<Point>>, runs: &[StoredRun]) -> Vec<Series> {
+    let of_key = |(id, (machine, figure)): (i64, (Arc<str>, FigureKey))| {
         let mut points = values.remove(&id).unwrap_or_default();
         points.sort_unstable_by_key(|point| point.run);
         let branches =

@@ -122,7 +122,7 @@ pub fn value(series: &Series, value: &Estimate) -> String {
 
 /// Unit of a series for people; empty where there is none.
 pub fn unit(series: &Series) -> String {
-    match series.key.figure.unit.as_str() {
+    match &*series.key.figure.unit {
         NANOSECONDS => "ms".to_owned(),
         WITHOUT_UNIT => String::new(),
         unit => text::line(unit),
@@ -190,16 +190,17 @@ pub fn changes_json(stored: &StoredRuns, findings: &Findings) -> Value {
 fn change_json(stored: &StoredRuns, change: &Change) -> Value {
     let series = &stored.series[change.series];
     let [before, after] = change.runs.map(|run| run_json(&stored.runs[run]));
-    let figure = &series.key.figure;
+    let [adapter, driver, profile, cell, configuration, figure, unit, clock] =
+        series.key.figure.names();
     let estimate = change.size.estimate();
     let kind = match change.size {
         Size::Share(_) => "share",
         Size::Difference(_) => "difference",
     };
     json!({
-        "branch": series.key.branch, "machine": series.key.machine, "adapter": figure.adapter, "driver": figure.driver,
-        "profile": figure.profile, "cell": figure.cell, "configuration": figure.configuration, "figure": figure.figure,
-        "unit": figure.unit, "clock": figure.clock, "before": before, "after": after,
+        "branch": series.key.branch, "machine": &*series.key.machine, "adapter": adapter, "driver": driver,
+        "profile": profile, "cell": cell, "configuration": configuration, "figure": figure,
+        "unit": unit, "clock": clock, "before": before, "after": after,
         "change": { "kind": kind, "value": estimate.median, "low": estimate.interval.map(|i| i.low), "high": estimate.interval.map(|i| i.high) },
         "runs_before": change.n[0], "runs_after": change.n[1], "p": change.p, "false_share": change.false_share,
         "sure": change.is_sure(),

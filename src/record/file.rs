@@ -1,11 +1,15 @@
 //! Records on disk, and which of them need no second measurement.
 
 use std::collections::BTreeSet;
+use std::io::Read;
 use std::path::Path;
 
 use serde_json::Value;
 
-use super::lines::{Line, LineWriter, Reading, RecordError, read_lines, read_lines_of_this_format};
+use super::lines::{
+    Damaged, Line, LineWriter, Reading, RecordError, each_line, read_lines,
+    read_lines_of_this_format,
+};
 use super::{Cell, Outcome, Record, Run, SCHEMA};
 use crate::text;
 
@@ -31,16 +35,31 @@ impl Line for Record {
         matches!(self, Self::Cell(_) | Self::End(_))
     }
 
+    fn compact(&mut self) {
+        if let Self::Cell(cell) = self
+            && let Outcome::Measured(measured) = &mut cell.outcome
+        {
+            measured.compact();
+        }
+    }
+
     /// Unless it begins as another kind of record does and holds no header's beginning.
     fn may_be_header(line: &[u8]) -> bool {
         let line = String::from_utf8_lossy(line);
         let other = OTHER_RECORDS.iter().any(|begin| line.starts_with(begin));
         !other || line.contains(HEADER)
     }
+
+    fn is_of_header(piece: &[u8]) -> bool {
+        let piece = String::from_utf8_lossy(piece);
+        [HEADER, ONLY_IN_HEADERS].iter().any(|word| piece.contains(word))
+    }
 }
 
 /// How a header line names itself.
 const HEADER: &str = r#""record":"run""#;
+/// A field that no other record has.
+const ONLY_IN_HEADERS: &str = r#""submit_cost_ns":"#;
 /// How lines begin that are no headers.
 const OTHER_RECORDS: [&str; 4] = [
     r#"{"record":"cell""#,
@@ -59,30 +78,44 @@ pub fn read(path: &Path) -> Result<Reading, RecordError> {
 /// As [`read`]; lines in another format are left out like damaged ones. A file without any sound record is an error that names
 /// its damage.
 pub fn read_good(path: &Path) -> Result<Reading, RecordError> {
-    let read = read_lines_of_this_format(path)?;
-    some_sound(path, &read)?;
-    Ok(read)
+    let read = read_lines_of_this_format::<Record>(path)?;
+    if read.records.is_empty() {
+        Err(nothing_sound::<Record>(path, &read.damaged))
+    } else {
+        Ok(read)
+    }
 }
 
-/// An error where lines were read and none is sound, or none was read.
-fn some_sound<T: Line>(path: &Path, read: &Reading<T>) -> Result<(), RecordError> {
-    if !read.records.is_empty() {
-        return Ok(());
-    }
-    let first = read.damaged.first().map(ToString::to_string);
-    Err(RecordError::NothingSound {
+/// The same of what `source` gives of the file, a record at a time.
+pub fn each_good(
+    path: &Path,
+    source: impl Read,
+    mut take: impl FnMut(Record),
+) -> Result<Damaged, RecordError> {
+    let mut any = false;
+    let damaged = each_line(path, source, |record| {
+        any = true;
+        take(record);
+    })?;
+    if any { Ok(damaged) } else { Err(nothing_sound::<Record>(path, &damaged)) }
+}
+
+/// Lines were read and none is sound, or none was read.
+fn nothing_sound<T: Line>(path: &Path, damaged: &Damaged) -> RecordError {
+    let first = damaged.first().map(ToString::to_string);
+    RecordError::NothingSound {
         path: path.to_owned(),
         name: T::NAME,
         damage: first.unwrap_or_else(|| "it is empty".to_owned()),
-    })
+    }
 }
 
 /// Refuses a file of which lines were read and none is sound. An empty file passes: a process that was killed early leaves one.
 pub fn empty_or_sound<T: Line>(path: &Path, read: &Reading<T>) -> Result<(), RecordError> {
-    if read.damaged.is_empty() {
+    if read.damaged.is_empty() || !read.records.is_empty() {
         return Ok(());
     }
-    some_sound(path, read)
+    Err(nothing_sound::<T>(path, &read.damaged))
 }
 
 /// Identity of a cell for `--resume`: a cell with another scene, stand-in or parameter is another cell.
@@ -114,7 +147,8 @@ impl Cell {
     /// See [`resume_key`].
     pub fn resume_key(&self) -> String {
         let Self { experiment, cell, pipeline, scene, stand_ins, params, .. } = self;
-        resume_key(experiment, cell, pipeline, scene, stand_ins, params)
+        let params = Value::Object(params.to_map());
+        resume_key(experiment, cell, pipeline, scene, stand_ins, &params)
     }
 }
 

@@ -2,9 +2,9 @@
 //! is not.
 
 use std::fs::File;
-use std::io::{ErrorKind, Read, Seek, SeekFrom, Write};
+use std::io::{BufReader, ErrorKind, Read, Seek, SeekFrom, Write};
 use std::marker::PhantomData;
-use std::ops::Range;
+use std::ops::{Deref, Range};
 use std::path::{Path, PathBuf};
 
 use serde::de::DeserializeOwned;
@@ -13,10 +13,13 @@ use serde_json::Value;
 
 use super::Record;
 use crate::folder::{self, Folder};
+use crate::input::{LineEnd, Lines};
 use crate::text;
 
 /// Damaged lines that are told one by one.
-const MOST_TOLD: usize = 10;
+const MOST_TOLD: usize = 20;
+/// Bytes that are read at once.
+const READ_AT_ONCE: usize = 1 << 18;
 
 /// Largest file that is read, bytes: 100,000 cells of thirteen stages with 50 samples each.
 pub const MAX_FILE: u64 = 2 << 30;
@@ -45,8 +48,16 @@ pub trait Line: Serialize + DeserializeOwned {
         false
     }
 
+    /// Takes no more memory than it needs.
+    fn compact(&mut self) {}
+
     /// A line that cannot be read may have been a header.
     fn may_be_header(_line: &[u8]) -> bool {
+        false
+    }
+
+    /// A piece of a line is one of a header.
+    fn is_of_header(_piece: &[u8]) -> bool {
         false
     }
 }
@@ -94,17 +105,12 @@ pub struct Opened<T> {
 impl<T: Line> Opened<T> {
     /// What there is to say of the damage, a line each.
     pub fn notices(&self) -> Vec<String> {
-        let path = self.writer.path.display();
-        let damaged = &self.read.damaged;
-        let told = damaged.iter().take(MOST_TOLD);
-        let mut notices: Vec<String> =
-            told.map(|damage| format!("{path}, {damage}: left out")).collect();
-        if damaged.len() > MOST_TOLD {
-            let more = damaged.len() - MOST_TOLD;
-            notices.push(format!("{path}: {more} more lines left out"));
-        }
-        let aside = self.aside.iter().map(|aside| aside.display());
-        notices.extend(aside.map(|aside| format!("{path} is kept as it was in {aside}")));
+        let path = &self.writer.path;
+        let mut notices = self.read.damaged.notices(path);
+        let kept = |aside: &PathBuf| {
+            format!("{} is kept as it was in {}", path.display(), aside.display())
+        };
+        notices.extend(self.aside.iter().map(kept));
         notices
     }
 }
@@ -123,23 +129,23 @@ impl<T: Line> LineWriter<T> {
         check: impl FnOnce(&Reading<T>) -> Result<(), E>,
     ) -> Result<Opened<T>, E> {
         let place = folder::of(path);
-        let bytes = match place.and_then(|(folder, name)| folder.bytes(name, MAX_FILE)) {
-            Err(error) if error.kind() == ErrorKind::NotFound => Vec::new(),
-            read => read.map_err(io("read", path))?,
+        let sorted = match place.and_then(|(folder, name)| folder.plain(name, MAX_FILE)) {
+            Err(error) if error.kind() == ErrorKind::NotFound => Sorted::default(),
+            Err(error) => return Err(io("read", path)(error).into()),
+            Ok(file) => sort::<T>(path, file, OtherFormat::IsAnError)?,
         };
-        let sorted = sort::<T>(path, &bytes, OtherFormat::IsAnError)?;
         check(&sorted.read)?;
         let aside = if sorted.read.damaged.is_empty() {
             None
         } else {
-            let (folder, _) = folder::of(path).map_err(io("write", path))?;
+            let (folder, name) = folder::of(path).map_err(io("write", path))?;
+            let bytes = folder.bytes(name, MAX_FILE).map_err(io("read", path))?;
             let aside = keep_beside(&folder, path, "damaged", &bytes)?;
             replace(&folder, path, &sorted.sound_of(&bytes))?;
             Some(aside)
         };
         let mut writer = Self::append(path)?;
-        let unterminated = aside.is_none() && bytes.last().is_some_and(|last| *last != b'\n');
-        if unterminated {
+        if aside.is_none() && sorted.unterminated {
             writer.put(b"\n")?;
         }
         Ok(Opened { writer, read: sorted.read, aside })
@@ -272,11 +278,60 @@ pub struct Damage {
     pub reason: String,
 }
 
+/// The damaged lines of a file: the first ones, and how many there are.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Damaged {
+    first: Vec<Damage>,
+    count: usize,
+}
+
+impl Damaged {
+    pub fn count(&self) -> usize {
+        self.count
+    }
+
+    fn push(&mut self, line: usize, reason: String) {
+        if self.first.len() < MOST_TOLD {
+            self.first.push(Damage { line, reason });
+        }
+        self.count += 1;
+    }
+
+    /// `say` of each of the first, and how many more there are.
+    pub fn told(&self, say: impl FnMut(&Damage) -> String) -> Vec<String> {
+        let more = self.count - self.first.len();
+        let more = (more > 0).then(|| format!("{more} more lines cannot be read"));
+        self.first.iter().map(say).chain(more).collect()
+    }
+
+    /// What there is to say of a file that was read, a line each.
+    pub fn notices(&self, path: &Path) -> Vec<String> {
+        let path = path.display();
+        let told = self.told(|damage| format!("{damage}: left out"));
+        told.into_iter().map(|told| format!("{path}, {told}")).collect()
+    }
+}
+
+/// The first ones.
+impl Deref for Damaged {
+    type Target = [Damage];
+
+    fn deref(&self) -> &[Damage] {
+        &self.first
+    }
+}
+
 /// What a file held: its sound lines, and which of the others were damaged.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Reading<T = Record> {
     pub records: Vec<T>,
-    pub damaged: Vec<Damage>,
+    pub damaged: Damaged,
+}
+
+impl<T> Default for Reading<T> {
+    fn default() -> Self {
+        Self { records: Vec::new(), damaged: Damaged::default() }
+    }
 }
 
 /// Reads every sound line of a file, which may be compressed: see [`stored`]. Damaged lines, the torn last one of a crash
@@ -293,10 +348,20 @@ pub fn read_lines_of_this_format<T: Line>(path: &Path) -> Result<Reading<T>, Rec
 
 fn read_stored<T: Line>(path: &Path, other: OtherFormat) -> Result<Reading<T>, RecordError> {
     let path = stored(path);
-    let mut bytes = Vec::new();
-    let read = folder::unpacked(&path, MAX_FILE).and_then(|mut file| file.read_to_end(&mut bytes));
-    read.map_err(io("read", &path))?;
-    Ok(sort(&path, &bytes, other)?.read)
+    let source = folder::unpacked(&path, MAX_FILE).map_err(io("read", &path))?;
+    let mut records = Vec::new();
+    let found = sift(&path, source, other, |line: T, _| records.push(line))?;
+    Ok(Reading { records, damaged: found.damaged })
+}
+
+/// Hands over each sound line of a source as soon as it is read; otherwise as [`read_lines_of_this_format`] of the file `path`.
+pub fn each_line<T: Line>(
+    path: &Path,
+    source: impl Read,
+    mut take: impl FnMut(T),
+) -> Result<Damaged, RecordError> {
+    let found = sift(path, source, OtherFormat::IsLeftOut, |line, _| take(line))?;
+    Ok(found.damaged)
 }
 
 /// What becomes of a line that says it is in another format than this build reads.
@@ -319,28 +384,69 @@ pub fn stored(path: &Path) -> PathBuf {
 struct Sorted<T> {
     read: Reading<T>,
     sound: Vec<Range<usize>>,
+    /// The last line has no end.
+    unterminated: bool,
+}
+
+impl<T> Default for Sorted<T> {
+    fn default() -> Self {
+        Self { read: Reading::default(), sound: Vec::new(), unterminated: false }
+    }
 }
 
 impl<T> Sorted<T> {
     /// The sound lines of `bytes`, each with its end.
     fn sound_of(&self, bytes: &[u8]) -> Vec<u8> {
-        let lines = self.sound.iter().map(|place| &bytes[place.clone()]);
+        let lines = self.sound.iter().filter_map(|place| bytes.get(place.clone()));
         lines.flat_map(|line| [line, b"\n"]).flatten().copied().collect()
     }
 }
 
-fn sort<T: Line>(path: &Path, bytes: &[u8], other: OtherFormat) -> Result<Sorted<T>, RecordError> {
-    let read = Reading { records: Vec::new(), damaged: Vec::new() };
-    let mut sorted = Sorted { read, sound: Vec::new() };
-    let mut headers = Headers::default();
-    let mut next = 0;
-    for (index, line) in bytes.split_inclusive(|byte| *byte == b'\n').enumerate() {
-        let (number, start) = (index + 1, next);
-        next += line.len();
+fn sort<T: Line>(
+    path: &Path,
+    source: impl Read,
+    other: OtherFormat,
+) -> Result<Sorted<T>, RecordError> {
+    let mut sorted = Sorted::default();
+    let found = sift(path, source, other, |line, place| {
+        sorted.read.records.push(line);
+        sorted.sound.push(place);
+    })?;
+    (sorted.read.damaged, sorted.unterminated) = (found.damaged, found.unterminated);
+    Ok(sorted)
+}
+
+/// What a source held beside its sound lines.
+#[derive(Default)]
+struct Sifted {
+    damaged: Damaged,
+    /// The last line has no end.
+    unterminated: bool,
+}
+
+/// Hands over each sound line with its place in the source. One line is in memory at a time.
+fn sift<T: Line>(
+    path: &Path,
+    source: impl Read,
+    other: OtherFormat,
+    mut take: impl FnMut(T, Range<usize>),
+) -> Result<Sifted, RecordError> {
+    let mut lines = Lines::new(BufReader::with_capacity(READ_AT_ONCE, source), MAX_LINE);
+    let (mut sifted, mut headers) = (Sifted::default(), Headers::default());
+    loop {
+        let begin = lines.bytes as usize;
+        let Some(end) = lines.advance().map_err(io("read", path))? else { return Ok(sifted) };
+        sifted.unterminated = end == LineEnd::File;
+        let number = lines.number;
+        let (zeros, line) = lines.line.split_at(after_zeros(&lines.line));
+        if !zeros.is_empty() {
+            let reason = headers.met_zeros::<T>(number, zeros);
+            sifted.damaged.push(number, reason);
+        }
         if line.iter().all(u8::is_ascii_whitespace) {
             continue;
         }
-        let reason = match parse::<T>(line) {
+        let reason = match parse::<T>(line, end) {
             Err(found) if other == OtherFormat::IsAnError => {
                 let (path, name, reads) = (path.to_owned(), T::NAME, T::SCHEMA);
                 return Err(RecordError::Schema { path, line: number, name, found, reads });
@@ -349,29 +455,35 @@ fn sort<T: Line>(path: &Path, bytes: &[u8], other: OtherFormat) -> Result<Sorted
                 headers.lost = Some(number);
                 format!("{} format {found}, but this build reads format {}", T::NAME, T::SCHEMA)
             }
-            Ok(Ok(parsed)) => match headers.orphaned(&parsed) {
+            Ok(Ok(mut parsed)) => match headers.orphaned(&parsed) {
                 None => {
-                    sorted.read.records.push(parsed);
-                    let length = line.strip_suffix(b"\n").unwrap_or(line).len();
-                    sorted.sound.push(start..start + length);
+                    parsed.compact();
+                    let start = begin + zeros.len();
+                    take(parsed, start..start + line.len());
                     continue;
                 }
                 Some(lost) => {
                     format!("it belongs to a run whose header, line {lost}, could not be read")
                 }
             },
+            // The rest of a line whose beginning is zeros was told with them.
+            Ok(Err(_)) if !zeros.is_empty() => {
+                headers.met_rest::<T>(number, line);
+                continue;
+            }
             Ok(Err(reason)) => {
                 headers.damaged::<T>(number, line);
-                if line.ends_with(b"\n") {
-                    reason
-                } else {
-                    format!("torn off while it was written ({reason})")
-                }
+                reason
             }
         };
-        sorted.read.damaged.push(Damage { line: number, reason });
+        sifted.damaged.push(number, reason);
     }
-    Ok(sorted)
+}
+
+/// Where a line goes on after its last zero byte. No line is written with one: a file system puts blocks of zeros where a
+/// crash lost what was written.
+fn after_zeros(line: &[u8]) -> usize {
+    line.iter().rposition(|byte| *byte == 0).map_or(0, |last| last + 1)
 }
 
 /// Which header the lines of a file belong to, as far as that is known.
@@ -391,6 +503,22 @@ impl Headers {
         }
     }
 
+    /// Nothing tells what zeros lie over, so what follows is taken to go on with the run before them, unless a piece of a header
+    /// is left at their ends. Gives what to say of them.
+    fn met_zeros<T: Line>(&mut self, number: usize, piece: &[u8]) -> String {
+        self.met_rest::<T>(number, piece);
+        let zeros = piece.iter().filter(|byte| **byte == 0).count();
+        format!(
+            "{zeros} zero bytes lie over what was written; what follows counts to the run before them"
+        )
+    }
+
+    fn met_rest<T: Line>(&mut self, number: usize, piece: &[u8]) {
+        if self.met && T::is_of_header(piece) {
+            self.lost = Some(number);
+        }
+    }
+
     /// The lost header of a line that needs one.
     fn orphaned<T: Line>(&mut self, line: &T) -> Option<usize> {
         if line.is_header() {
@@ -401,8 +529,8 @@ impl Headers {
 }
 
 /// A line, or why it is damaged; the error is the format that it says it has where that is another.
-fn parse<T: Line>(line: &[u8]) -> Result<Result<T, String>, u64> {
-    if line.len() > MAX_LINE {
+fn parse<T: Line>(line: &[u8], end: LineEnd) -> Result<Result<T, String>, u64> {
+    if end == LineEnd::TooLong {
         return Ok(Err(format!("longer than {} MiB", MAX_LINE >> 20)));
     }
     let stated = serde_json::from_slice::<Stated>(line).ok();
@@ -410,10 +538,14 @@ fn parse<T: Line>(line: &[u8]) -> Result<Result<T, String>, u64> {
     if let Some(found) = found.filter(|found| *found != u64::from(T::SCHEMA)) {
         return Err(found);
     }
+    let torn = |reason: String| match end {
+        LineEnd::File => format!("torn off while it was written ({reason})"),
+        LineEnd::Newline | LineEnd::TooLong => reason,
+    };
     Ok(match serde_json::from_slice::<T>(line) {
-        Ok(line) => line.check().map(|()| line),
-        Err(error) if error.is_data() => Err(format!("not a {}: {error}", T::NAME)),
-        Err(error) => Err(format!("not JSON: {error}")),
+        Ok(line) => line.check().map(|()| line).map_err(torn),
+        Err(error) if error.is_data() => Err(torn(format!("not a {}: {error}", T::NAME))),
+        Err(error) => Err(torn(format!("not JSON: {error}"))),
     })
 }
 

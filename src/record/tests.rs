@@ -16,7 +16,7 @@ fn cell(name: &str, outcome: Outcome) -> Record {
         pipeline: "p".to_owned(),
         scene: "tank".to_owned(),
         stand_ins: Vec::new(),
-        params: json!({ "b": 1, "a": { "y": 0.1, "x": [1, 2] } }),
+        params: json!({ "b": 1, "a": { "y": 0.1, "x": [1, 2] } }).into(),
         outcome,
     }))
 }
@@ -129,7 +129,7 @@ fn cells_after_a_header_that_may_be_lost_are_given_to_no_other_run() {
         read(&path).unwrap()
     };
     let merged = format!("{}{}", &a[..30], &second[..second.len() - 9]) + "\n";
-    for damaged in [&torn(second, 60), &torn(second, 5), &merged, "\0\0\0\n"] {
+    for damaged in [&torn(second, 60), &torn(second, 5), &merged] {
         let reading = read_with(damaged);
         let whole = [header(Profile::Quick), skipped("a"), header(Profile::Paper), skipped("b")];
         assert_eq!(reading.records, whole, "{damaged}");
@@ -143,6 +143,52 @@ fn cells_after_a_header_that_may_be_lost_are_given_to_no_other_run() {
     let reading = read_with(&torn(a, 40));
     assert_eq!(reading.records.len(), 5);
     assert_eq!(reading.damaged.len(), 1);
+}
+
+/// Records over which a block of zeros lies, from a byte on, and what is read of them.
+fn read_under_zeros(written: &[String], at: usize, zeros: usize) -> Reading {
+    let (_folder, path) = file();
+    let mut bytes = written.concat().into_bytes();
+    bytes[at..at + zeros].fill(0);
+    fs::write(&path, bytes).unwrap();
+    read(&path).unwrap()
+}
+
+#[test]
+fn after_a_block_of_zeros_the_next_records_are_read() {
+    let header = Record::Run(Box::new(run(Profile::Quick)));
+    let cells: Vec<Record> = (0..9).map(|n| skipped(&n.to_string())).collect();
+    let written = lines(&[std::slice::from_ref(&header), &cells].concat());
+    let (first, length) = (written[0].len(), written[1].len());
+    for (at, zeros, lost, lines) in [
+        // Within a line; over the end of one; whole lines, with their ends and without.
+        (first + length + 9, 20, vec![1], 1),
+        (first + 2 * length - 9, 20, vec![1, 2], 1),
+        (first + length, 3 * length, vec![1, 2, 3], 1),
+        (first + length, 3 * length - 1, vec![1, 2, 3], 1),
+    ] {
+        let reading = read_under_zeros(&written, at, zeros);
+        let kept = cells.iter().enumerate().filter(|(n, _)| !lost.contains(n));
+        let kept: Vec<Record> = kept.map(|(_, cell)| cell.clone()).collect();
+        assert_eq!(reading.records[1..], kept, "{at}, {zeros}");
+        assert_eq!(reading.damaged.count(), lines);
+        let told = reading.damaged[0].to_string();
+        assert!(told.contains(&format!("{zeros} zero bytes lie over")), "{told}");
+    }
+}
+
+/// What is left of a header at either end of the zeros says that there was one.
+#[test]
+fn zeros_over_a_part_of_a_header_lose_its_cells() {
+    let header = |profile| Record::Run(Box::new(run(profile)));
+    let written =
+        lines(&[header(Profile::Quick), skipped("a"), header(Profile::Paper), skipped("b")]);
+    let start = written[0].len() + written[1].len();
+    for at in [start + 12, start] {
+        let reading = read_under_zeros(&written, at, 30);
+        assert_eq!(reading.records, [header(Profile::Quick), skipped("a")]);
+        assert_eq!(reading.damaged.count(), 2, "{:?}", reading.damaged);
+    }
 }
 
 #[test]

@@ -123,7 +123,7 @@ impl<'a> Representative<'a> {
 
     /// Scene and size: `tank, 800 × 800`.
     pub fn conditions(&self) -> String {
-        let side = |name| experiments::lookup(&self.cell.params, name);
+        let side = |name| self.cell.params.lookup(name);
         match [side("view.width"), side("view.height")] {
             [Some(width), Some(height)] => format!("{}, {width} × {height} px", self.cell.scene),
             _ => self.cell.scene.clone(),
@@ -160,7 +160,7 @@ pub fn same_frame<'a>(
 /// Counts each frame's parameters that most of these frames have another value of.
 fn count_unusual(frames: &mut [Representative<'_>]) {
     let settings = |cell: &Cell| {
-        let tree = cell.params.as_object().map(experiments::flatten).unwrap_or_default();
+        let tree = experiments::flatten(&cell.params.to_map());
         let scene = ("scene".to_owned(), cell.scene.as_str().into());
         tree.into_iter()
             .chain([scene])

@@ -130,7 +130,7 @@ pub fn cell(plan: &CellPlan, outcome: Outcome) -> Record {
         pipeline: plan.pipeline.clone(),
         scene: plan.scene.clone(),
         stand_ins: Vec::new(),
-        params: tree(plan),
+        params: tree(plan).into(),
         outcome,
     }))
 }

@@ -134,7 +134,7 @@ mod tests {
             Record::Cell(cell) => Some(Record::Cell(Box::new(Cell {
                 experiment: format!("{}-{time}", cell.experiment),
                 pipeline: format!("{}-{time}", cell.pipeline),
-                params: json!({ "view": cell.params["view"] }),
+                params: json!({ "view": cell.params.get("view") }).into(),
                 ..*cell.clone()
             }))),
             _ => None,

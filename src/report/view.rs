@@ -15,7 +15,7 @@ use super::colors::StageColors;
 use super::plots::Figure;
 use crate::experiments::{self, CellPlan, Experiment, Ruling, label_text};
 use crate::folder::Folder;
-use crate::record::{Cell, Clock, Damage, End, Measured, Picture, Profile, Record, Run};
+use crate::record::{Cell, Clock, Damaged, End, Measured, Picture, Profile, Record, Run};
 
 #[derive(Default)]
 pub struct ReportView<'a> {
@@ -43,10 +43,10 @@ impl LeftOut {
         LeftOut { what: what.to_string(), reason: reason.to_string() }
     }
 
-    /// The damaged lines of a file, those of one reason together.
-    pub fn lines(path: &Path, damaged: &[Damage]) -> Vec<LeftOut> {
+    /// The damaged lines of a file, those of the first that have one reason together.
+    pub fn lines(path: &Path, damaged: &Damaged) -> Vec<LeftOut> {
         let mut by_reason = IndexMap::<&str, Vec<usize>>::new();
-        for damage in damaged {
+        for damage in damaged.iter() {
             by_reason.entry(&damage.reason).or_default().push(damage.line);
         }
         let path = path.display();
@@ -57,7 +57,11 @@ impl LeftOut {
             }
             lines => LeftOut::new(format_args!("{path}, line {}", lines.iter().join(", ")), reason),
         });
-        told.collect()
+        let more = damaged.count() - damaged.len();
+        let more = (more > 0).then(|| {
+            LeftOut::new(format_args!("{path}, {more} more lines"), "not told one by one")
+        });
+        told.chain(more).collect()
     }
 }
 

@@ -59,7 +59,7 @@ fn cell(name: &str, outcome: Outcome) -> Record {
         pipeline: "underwater".to_owned(),
         scene: "tank".to_owned(),
         stand_ins: Vec::new(),
-        params: json!({}),
+        params: json!({}).into(),
         outcome,
     }))
 }

@@ -8,6 +8,7 @@ use std::process::{Command, Output};
 use std::sync::OnceLock;
 
 use fathom::experiments::parse_set;
+use fathom::npy;
 use fathom::record::schema::LineKind;
 use fathom::record::{self, Cell, Measured, Record};
 use jsonschema::Validator;
@@ -18,6 +19,11 @@ pub fn fathom() -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_fathom"));
     command.env_remove("GITHUB_STEP_SUMMARY");
     command
+}
+
+/// A dump.
+pub fn array(path: &Path) -> npy::Array {
+    npy::read(std::fs::File::open(path).unwrap(), usize::MAX).unwrap()
 }
 
 /// Small enough for a second per run on a software driver.
@@ -70,7 +76,7 @@ pub fn sets(text: &str) -> Vec<(String, Value)> {
 pub fn records(out: &Path) -> Vec<Record> {
     let path = out.join("records.jsonl");
     let reading = record::read(&path).unwrap();
-    assert_eq!(reading.damaged, []);
+    assert_eq!(reading.damaged.count(), 0);
     follow_the_schema(&path);
     reading.records
 }

@@ -48,7 +48,7 @@ fn cell(number: usize, ns: f64) -> Record {
         pipeline: "underwater".to_owned(),
         scene: "tank".to_owned(),
         stand_ins: Vec::new(),
-        params: json!({ "n": number }),
+        params: json!({ "n": number }).into(),
         outcome: Outcome::Measured(Box::new(measured)),
     }))
 }

@@ -377,14 +377,85 @@ fn a_server_that_is_not_there_or_says_nothing_is_told() {
     for url in
         ["postgres://user:secret@127.0.0.1:1/d", "postgres://user:secret@no-such-host.invalid/d"]
     {
-        let output: Output =
-            history(folder.path(), url, &add(run.to_str().unwrap(), "c")).output().unwrap();
+        let mut add = history(folder.path(), url, &add(run.to_str().unwrap(), "c"));
+        let output: Output = add.arg("--unencrypted").output().unwrap();
         let told = refused(&output, "cannot reach the PostgreSQL database `d`");
         assert!(!told.contains("secret"), "{told}");
     }
     let silent = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
     let url = format!("postgres://user@127.0.0.1:{}/d", silent.local_addr().unwrap().port());
     refused(&history(folder.path(), &url, &["list"]).output().unwrap(), "no answer within");
+}
+
+/// It greets, and answers no statement: the socket stays open.
+#[test]
+fn a_server_that_falls_silent_is_not_waited_for_without_end() {
+    use std::io::{Read, Write};
+    let server = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+    let port = server.local_addr().unwrap().port();
+    let serve = std::thread::spawn(move || {
+        let (mut client, _) = server.accept().unwrap();
+        // The request for TLS is not made; the start-up message is answered by `AuthenticationOk` and `ReadyForQuery`.
+        let mut message = [0; 1024];
+        let _ = client.read(&mut message).unwrap();
+        client.write_all(b"R\0\0\0\x08\0\0\0\0Z\0\0\0\x05I").unwrap();
+        // Until the client goes.
+        while client.read(&mut message).is_ok_and(|read| read > 0) {}
+    });
+    let folder = tempfile::tempdir().unwrap();
+    let url = format!("postgres://user@127.0.0.1:{port}/d?sslmode=disable");
+    refused(&history(folder.path(), &url, &["list"]).output().unwrap(), "no answer within");
+    serve.join().unwrap();
+}
+
+#[test]
+fn what_may_hold_a_password_is_neither_shown_nor_a_file() {
+    let folder = tempfile::tempdir().unwrap();
+    for (place, reason) in [
+        ("Postgres://user:secret@h/d", "not understood"),
+        (" postgres://user:secret@h/d", "not understood"),
+        ("jdbc:postgresql://h/d?password=secret", "not understood"),
+        ("mysql://user:secret@h/d", "not understood"),
+        ("postgres://user:pass@secret@localhost/d", "not understood"),
+        ("postgres://user:secret@localhost:port/d", "not understood"),
+        ("postgres://user:secret@example.org/d", "say --unencrypted"),
+        ("postgres://user:secret@localhost,192.0.2.1/d", "say --unencrypted"),
+        ("postgres://user:secret@localhost/d?hostaddr=192.0.2.1", "say --unencrypted"),
+    ] {
+        let output = history(folder.path(), place, &["list"]).output().unwrap();
+        refused(&output, reason);
+        let mut by_variable = fathom();
+        by_variable.current_dir(folder.path()).args(["history", "list"]);
+        let by_variable = by_variable.env("FATHOM_HISTORY", place).output().unwrap();
+        refused(&by_variable, reason);
+        for output in [output, by_variable] {
+            let told = [output.stdout, output.stderr].concat();
+            assert!(!String::from_utf8_lossy(&told).contains("secret"), "{place}");
+        }
+    }
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
+}
+
+/// Views in the place of tables: one gives rows without end, one looks for them without end.
+#[test]
+fn views_without_end_end_in_an_error() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("history.sqlite");
+    let place = path.to_str().unwrap();
+    let run = made::folder(folder.path(), "run", &made::records(1, CELLS, 5e6));
+    done(history(folder.path(), place, &add(run.to_str().unwrap(), "c")));
+    let connection = rusqlite::Connection::open(&path).unwrap();
+    connection.execute_batch("DROP TABLE fathom_figure").unwrap();
+    for condition in ["1", "x < 0"] {
+        let view = format!(
+            "DROP VIEW IF EXISTS fathom_figure; CREATE VIEW fathom_figure AS \
+             WITH RECURSIVE c(x) AS (SELECT 1 UNION ALL SELECT x + 1 FROM c) \
+             SELECT x AS series, 1 AS run, 1.0 AS median, NULL AS low, NULL AS high, 1 AS n FROM c WHERE {condition}"
+        );
+        connection.execute_batch(&view).unwrap();
+        let output = history(folder.path(), place, &["show"]).output().unwrap();
+        refused(&output, "no history holds so much");
+    }
 }
 
 #[test]

@@ -109,7 +109,7 @@ fn planted(
     let mut history = History::open_or_make(&place).unwrap();
     let start = Timestamp::now().as_second() - (RUNS as i64 + 1) * DAY_S;
     for (number, run) in runs.iter().enumerate() {
-        let times = run.figures.iter().filter(|figure| figure.key.unit == NANOSECONDS);
+        let times = run.figures.iter().filter(|figure| &*figure.key.unit == NANOSECONDS);
         let figures = times.map(|figure| {
             let step = steps.get(&format!("{} {}", figure.key.cell, figure.key.figure));
             let raised = step.is_some_and(|step| number >= *step);

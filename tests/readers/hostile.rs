@@ -6,6 +6,7 @@ use std::process::{Command, Stdio};
 use fathom::compare::{cells::Gates, store::StoredComparison, verdict::Verdicts};
 use fathom::experiments::Experiment;
 use fathom::harness::query;
+use fathom::history::{History, Location, NewRun, Selection};
 use fathom::record;
 use fathom::scene::{Mesh, Scene};
 
@@ -286,4 +287,73 @@ fn thousands_of_launches_and_pairs_are_judged_by_those_that_count() {
         Verdicts::of(&read);
     });
     assert!(peak < 256 << 20, "{peak}");
+}
+
+/// Records of a run, then so many lines that are none, then a cell.
+fn damaged_run(folder: &Path, lines: usize) {
+    let text = String::from_utf8(seeds::records().remove(0)).unwrap();
+    let text: Vec<&str> = text.lines().collect();
+    let torn = format!("{}\n", &text[2][..30]).repeat(lines);
+    let text = format!("{}\n{torn}{}\n", text[..3].join("\n"), text[2]);
+    std::fs::write(folder.join("records.jsonl"), text).unwrap();
+}
+
+/// At most twenty lines are told one by one, then a count.
+#[test]
+fn hundred_thousand_damaged_lines_are_counted() {
+    let folder = tempfile::tempdir().unwrap();
+    damaged_run(folder.path(), 100_001);
+    let path = folder.path().join("records.jsonl");
+    let (read, peak) = peak_of(|| record::read(&path).unwrap());
+    assert_eq!((read.damaged.count(), read.damaged.len()), (100_001, 20));
+    assert_eq!(read.records.len(), 4);
+    assert!(peak < 16 << 20, "{peak}");
+    let fathom = |arguments: &[&str], more: &str| {
+        let mut fathom = Command::new(env!("CARGO_BIN_EXE_fathom"));
+        let output = fathom.args(arguments).arg(folder.path()).output().unwrap();
+        let text = String::from_utf8(output.stderr).unwrap();
+        assert!(text.lines().count() < 25, "{arguments:?}: {text}");
+        assert!(text.contains(more), "{arguments:?}: {text}");
+    };
+    fathom(&["report"], "99981 more lines");
+    fathom(&["export", "csv"], "99981 more lines");
+    let db = folder.path().join("h.sqlite");
+    let add = ["history", "add", "--commit", "c", "--branch", "b", "--db", db.to_str().unwrap()];
+    fathom(&add, "(and 100000 more)");
+    let page = std::fs::read_to_string(folder.path().join("index.html")).unwrap();
+    assert!(page.contains("99981 more lines"));
+}
+
+/// The file is never in memory as a whole, nor are all of its records.
+#[test]
+fn a_history_reads_a_run_record_by_record() {
+    let folder = tempfile::tempdir().unwrap();
+    let text = String::from_utf8(seeds::records().remove(0)).unwrap();
+    let lines: Vec<&str> = text.lines().collect();
+    let cells = 3000;
+    let of_cell =
+        |n: usize| lines[2].replacen("\"cell\":\"", &format!("\"cell\":\"n={n},"), 1) + "\n";
+    let cells: String = (0..cells).map(of_cell).collect();
+    let records = format!("{}\n{}\n{cells}{}\n", lines[0], lines[1], lines[3]);
+    std::fs::write(folder.path().join("records.jsonl"), &records).unwrap();
+    let (run, peak) = peak_of(|| NewRun::read(folder.path(), "records.jsonl").unwrap());
+    assert_eq!(run.cells, 3000);
+    assert!(peak < records.len(), "{peak} for {}", records.len());
+}
+
+/// An archive of 64 MiB in the place of a run's records.
+#[test]
+fn an_archive_in_a_history_is_not_kept() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("history.sqlite");
+    std::fs::write(&path, seeds::history()).unwrap();
+    let bomb = gzip(&vec![0; 64 << 20]);
+    let connection = rusqlite::Connection::open(&path).unwrap();
+    connection.execute("UPDATE fathom_run SET records = $1", [bomb]).unwrap();
+    drop(connection);
+    let mut history = History::open(&Location::File(path)).unwrap();
+    let run = history.runs(&Selection::default()).unwrap().remove(0);
+    let (got, peak) = peak_of(|| history.records(&run.digest));
+    assert!(got.unwrap_err().to_string().contains("the database is damaged"));
+    assert!(peak < 8 << 20, "{peak}");
 }

@@ -12,15 +12,18 @@ mod seeds;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
+use fathom::compare::protocol::{Reply, parse_request};
 use fathom::compare::{cells::Gates, driver, store::StoredComparison, verdict::Verdicts};
 use fathom::experiments::{Experiment, parse_axis, parse_set};
 use fathom::harness::query;
 use fathom::harness::subject::Subjects;
+use fathom::history::{Findings, History, Location, Selection, on_page, otava, tables};
 use fathom::record::Profile;
 use fathom::record::comparison::Side;
 use fathom::report::{FrameChoice, ReportError, ReportView};
-use fathom::scene::{Mesh, Scene, SceneFile};
+use fathom::scene::{HeightMap, Mesh, Scene, SceneFile};
 use fathom::{exporters, pipelines, record};
+use glam::DVec2;
 use memory::peak_of;
 use mutator::{Input, extreme, mesh_words, mutated, mutated_or_packed};
 use proptest::prelude::*;
@@ -247,6 +250,110 @@ fn keys_of_raw_volumes() {
     std::fs::write(&path, [0; 24]).unwrap();
     fuzz("raw keys", mutated(seeds::raw_keys()), |Input(bytes)| {
         volume(&path, &String::from_utf8_lossy(bytes))
+    });
+}
+
+#[test]
+fn height_maps() {
+    fuzz_packed("a.npy", seeds::npys(), |path| {
+        let file = path.to_string_lossy().into_owned();
+        let map = HeightMap { file, tile_m: [1.0, 1.0], ..HeightMap::default() };
+        let tile = map.load()?;
+        assert!(tile.at(DVec2::new(0.3, -0.7)).is_finite());
+        Ok(())
+    });
+}
+
+#[test]
+fn messages_of_workers() {
+    fuzz("messages", mutated(seeds::messages()), |Input(bytes)| {
+        let line = String::from_utf8_lossy(bytes);
+        let reply = told(serde_json::from_str::<Reply>(&line)).map(drop);
+        match parse_request(&line) {
+            Ok(_) => Ok(()),
+            Err(Reply::Fault { reason, .. }) => reply.map_err(|_| reason),
+            Err(_) => reply,
+        }
+    });
+}
+
+/// All that is asked of a history: its runs, its series, what changed in them, and the records of a run.
+fn history(path: &Path) -> Answer {
+    let mut history = told(History::open(&Location::File(path.to_owned())))?;
+    let runs = told(history.runs(&Selection::default()))?;
+    tables::runs(&runs);
+    let records = runs.first().map(|run| told(history.records(&run.digest)));
+    let stored = told(history.stored(&Selection::default()))?;
+    let findings = Findings::of(&stored);
+    tables::series(&stored, &findings);
+    tables::changes(&stored, &findings);
+    tables::changes_json(&stored, &findings);
+    on_page::on_page(&stored, &findings);
+    told(otava::files(&stored, "folder"))?;
+    records.unwrap_or(Ok(Default::default())).map(drop)
+}
+
+#[test]
+fn files_of_histories() {
+    fuzz_file("history.sqlite", vec![seeds::history()], history);
+}
+
+/// Columns, and what something else may have written there.
+const COLUMNS: [&str; 14] = [
+    "run.id",
+    "run.digest",
+    "run.commit_name",
+    "run.committed_at",
+    "run.started_at",
+    "run.cells",
+    "run.records",
+    "series.id",
+    "series.cell",
+    "series.unit",
+    "figure.median",
+    "figure.low",
+    "figure.high",
+    "figure.n",
+];
+const STORED: [&str; 12] = [
+    "-9223372036854775808",
+    "9223372036854775807",
+    "9e999",
+    "-9e999",
+    "1e-320",
+    "0",
+    "-1.5",
+    "'text'",
+    "''",
+    "x'00ff'",
+    "hex(zeroblob(100000))",
+    "zeroblob(1000)",
+];
+
+#[test]
+fn values_of_histories() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("history.sqlite");
+    let whole = seeds::history();
+    let change = (0..COLUMNS.len(), 0..STORED.len(), 0..4u32);
+    fuzz("values", prop::collection::vec(change, 1..4), |changes| {
+        std::fs::write(&path, &whole).unwrap();
+        let connection = rusqlite::Connection::open(&path).unwrap();
+        connection.execute_batch("PRAGMA synchronous = OFF; PRAGMA journal_mode = OFF").unwrap();
+        for (column, value, part) in changes {
+            let (table, name) = COLUMNS[*column].split_once('.').unwrap();
+            let some = ["1", "abs(random()) % 2 = 0", "rowid = 1", "abs(random()) % 9 = 0"];
+            let some =
+                if table == "figure" { some[*part as usize % 2] } else { some[*part as usize] };
+            let value = STORED[*value];
+            // What breaks a key is not stored.
+            let _ = connection.execute(
+                &format!("UPDATE OR IGNORE fathom_{table} SET {name} = {value} WHERE {some}"),
+                [],
+            );
+        }
+        drop(connection);
+        history(&path)
     });
 }
 

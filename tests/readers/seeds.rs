@@ -1,9 +1,11 @@
 //! Small good inputs of every kind, from which the bad ones are made.
 
 use std::collections::BTreeMap;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use fathom::experiments::Experiment;
+use fathom::history::{History, Location, NewRun, Origin};
+use fathom::npy;
 use fathom::record::comparison::{
     CellId, CheckFigure, Compared, ComparedBuild, ComparisonEnd, ComparisonHeader,
     ConfigurationFigures, ExactFigures, Fault, Gate, GateSettings, InstructionCounts, Launch, Pair,
@@ -273,4 +275,68 @@ pub fn raw_keys() -> Seeds {
 
 pub fn values() -> Seeds {
     all(["1", "0.5", "[64, 64]", "true", "paper", "[0.1, 0.2, 0.3]", "-3e2"])
+}
+
+/// Height maps of both widths.
+pub fn npys() -> Seeds {
+    let doubles: Vec<u8> = (0..12).flat_map(|i| (f64::from(i) * 0.1).to_le_bytes()).collect();
+    let wide = [npy::header("<f8", &[3, 4]), doubles].concat();
+    let mut narrow = Vec::new();
+    npy::write(&mut narrow, &[4, 2], &[0.5; 8]).unwrap();
+    let turned = "{'shape': (2, 3), 'fortran_order': True, 'descr': '<f4'}\n";
+    let length = (turned.len() as u32).to_le_bytes();
+    let turned = [&b"\x93NUMPY\x02\0"[..], &length, turned.as_bytes(), &[0; 24]].concat();
+    vec![wide, narrow, turned]
+}
+
+/// Requests to a worker and its replies.
+pub fn messages() -> Seeds {
+    all([
+        r#"{"message":"hello","protocol":1,"clock":null}"#,
+        r#"{"message":"prepare","id":"tank","pipeline":"underwater","scene":"tank","params":{"caustics.grid":50}}"#,
+        r#"{"message":"sample","config":"a","stage":"caustics/trace","frames":3}"#,
+        r#"{"message":"instructions","config":"a","stage":"caustics/trace","frames":3}"#,
+        r#"{"message":"checks","stages":["caustics/trace"]}"#,
+        r#"{"message":"sample","ns":[1.5,2.0],"machine":null}"#,
+        r#"{"message":"prepared","stages":[{"name":"caustics/trace","kind":"compute"}]}"#,
+        r#"{"message":"exact","stages":[{"name":"a","work":{"photons":3},"counters":{"x":1}}],"allocated_bytes":7,"errors":{"e":null},"quantities":{"q":0.5},"notes":[]}"#,
+        r#"{"message":"checks","checks":[{"stage":"a","what":"b","unit":"m","measured":null,"tolerance":0.1,"sound":true}]}"#,
+        r#"{"message":"fault","reason":"no","fatal":true,"absent":false}"#,
+        r#"{"message":"unsupported","request":"x"}"#,
+    ])
+}
+
+/// Runs of a history, enough of them to be searched.
+const RUNS: usize = 12;
+
+/// A folder with the records of a real run that started at a second.
+pub fn run_folder(parent: &Path, second: usize) -> PathBuf {
+    let folder = parent.join(format!("run-{second}"));
+    std::fs::create_dir_all(&folder).unwrap();
+    let mut records = String::from_utf8(records().remove(0)).unwrap();
+    // White space makes another run of it.
+    records.push_str(&" ".repeat(second));
+    records.push('\n');
+    std::fs::write(folder.join("records.jsonl"), records).unwrap();
+    folder
+}
+
+/// The bytes of a history of runs a day apart.
+pub fn history() -> Vec<u8> {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("history.sqlite");
+    let mut history = History::open_or_make(&Location::File(path.clone())).unwrap();
+    for day in 0..RUNS {
+        let run = NewRun::read(&run_folder(folder.path(), day), "records.jsonl").unwrap();
+        let origin = Origin {
+            commit: format!("{day:040}"),
+            committed_at: Some(1_700_000_000 + 86_400 * day as i64),
+            branch: "main".to_owned(),
+            machine: Some("m".to_owned()),
+            host: None,
+        };
+        history.add(&run, &origin).unwrap();
+    }
+    drop(history);
+    std::fs::read(path).unwrap()
 }

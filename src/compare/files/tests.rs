@@ -42,7 +42,7 @@ fn cell(name: &str, quality: u32, outcome: Outcome) -> Record {
         pipeline: "p".to_owned(),
         scene: "s".to_owned(),
         stand_ins: Vec::new(),
-        params: json!({ "quality": quality }),
+        params: json!({ "quality": quality }).into(),
         outcome,
     }))
 }

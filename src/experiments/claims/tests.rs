@@ -33,7 +33,7 @@ fn cell(axes: &[(&str, Value)], ms: f64, random: &mut Pcg64) -> Cell {
         pipeline: "p".to_owned(),
         scene: "tank".to_owned(),
         stand_ins: Vec::new(),
-        params: json!({}),
+        params: json!({}).into(),
         outcome: Outcome::Measured(Box::new(measured)),
     }
 }

@@ -99,10 +99,7 @@ impl OfAdapter {
         let mut notes = Vec::new();
         for source in &self.sources {
             let output = OutputFolder { folder: source.folder.clone() };
-            let path = output.records();
-            notes.extend(
-                source.damaged.iter().map(|d| format!("{}, {d}: left out", path.display())),
-            );
+            notes.extend(source.damaged.notices(&output.records()));
             let unfinished = journal::unfinished(&output.samples(), &source.records);
             let unfinished = unfinished.map_or(0, |cells| cells.len());
             if unfinished > 0 {

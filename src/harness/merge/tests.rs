@@ -103,7 +103,7 @@ impl Shards {
         let (lines, merged) = staging.write(None, groups.remove(0)).unwrap();
         staging.publish().unwrap();
         let read = read(&self.out().join(RECORDS)).unwrap();
-        assert_eq!(read.damaged, []);
+        assert_eq!(read.damaged.count(), 0);
         assert!(read.records == lines);
         (merged, read.records)
     }

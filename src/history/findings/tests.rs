@@ -6,18 +6,18 @@ use crate::history::run::FigureKey;
 use crate::history::stored::{Point, SeriesKey};
 
 fn key(cell: usize) -> SeriesKey {
-    let text = |text: &str| text.to_owned();
+    let text = std::sync::Arc::<str>::from;
     let figure = FigureKey {
         adapter: text("a"),
         driver: text("d"),
         profile: text("quick"),
-        cell: format!("cell {cell}"),
+        cell: format!("cell {cell}").into(),
         configuration: text("0"),
         figure: text("frame"),
         unit: text("ns"),
         clock: text(""),
     };
-    SeriesKey { branch: text("main"), machine: text("m"), figure }
+    SeriesKey { branch: "main".to_owned(), machine: text("m"), figure }
 }
 
 fn stored(series: Vec<Vec<f64>>) -> StoredRuns {

@@ -1,12 +1,12 @@
 //! What the page's script reads: the samples of every cell and the plots, compressed.
 
 use std::collections::BTreeMap;
-use std::io::Write as _;
+use std::io::BufWriter;
 
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD as BASE64;
 use flate2::{Compression, GzBuilder};
-use serde::Serialize;
+use serde::{Serialize, Serializer};
 
 use super::{Page, PageRun};
 use crate::record::{Cell, Measured};
@@ -15,6 +15,8 @@ use crate::report::{ReportView, Section, plots};
 
 /// Significant digits of a sample: a hundredth of a per cent, less than any clock resolves.
 const DIGITS: i32 = 4;
+/// Bytes that are compressed in one step.
+const WRITTEN_AT_ONCE: usize = 1 << 16;
 
 #[derive(Serialize)]
 struct Data<'a> {
@@ -26,7 +28,7 @@ struct Data<'a> {
 #[derive(Serialize)]
 struct RunData<'a> {
     label: &'a str,
-    cells: Vec<CellData<'a>>,
+    cells: Cells<'a>,
     plots: Vec<PlotData<'a>>,
 }
 
@@ -43,30 +45,67 @@ struct CellData<'a> {
     experiment: &'a str,
     cell: &'a str,
     stages: Vec<StageData<'a>>,
-    envelope: Vec<f64>,
-    gaps: Vec<f64>,
-    untimed: Vec<f64>,
-    /// Seconds since the first sample of the run.
-    at_s: Vec<f64>,
+    envelope: InMs<'a>,
+    gaps: InMs<'a>,
+    untimed: InMs<'a>,
+    /// Since the first sample of the run.
+    at_s: SinceStart<'a>,
 }
 
 #[derive(Serialize)]
 struct StageData<'a> {
     stage: &'a str,
     clock: &'static str,
-    samples: Vec<f64>,
+    samples: InMs<'a>,
     /// Where no sample can be told from none: the duration below which that is so.
     #[serde(skip_serializing_if = "Option::is_none")]
     below: Option<f64>,
 }
 
+/// The measured cells of a run, each made when it is written.
+struct Cells<'a> {
+    view: &'a ReportView<'a>,
+    started_s: f64,
+}
+
+impl Serialize for Cells<'_> {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let cells = self.view.measured();
+        serializer.collect_seq(cells.map(|(cell, m)| of_cell(cell, m, self.started_s)))
+    }
+}
+
+/// Times in nanoseconds, written as milliseconds.
+struct InMs<'a>(&'a [f64]);
+
+impl Serialize for InMs<'_> {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.collect_seq(self.0.iter().map(|ns| rounded(ns / NS_PER_MS)))
+    }
+}
+
+/// Seconds of Unix time, written as tenths of seconds from a start.
+struct SinceStart<'a> {
+    at_s: &'a [f64],
+    started_s: f64,
+}
+
+impl Serialize for SinceStart<'_> {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let since = |at: &f64| (10.0 * (at - self.started_s)).round() / 10.0;
+        serializer.collect_seq(self.at_s.iter().map(since))
+    }
+}
+
 /// JSON, compressed by gzip, as base64. The same records give the same bytes.
 pub fn packed(page: &Page<'_>) -> String {
     let data = Data { runs: page.runs.iter().map(of_run).collect(), colors: colors(page) };
-    let json = serde_json::to_vec(&data).expect("numbers and names are JSON");
     // Without a time in its header.
-    let mut packer = GzBuilder::new().write(Vec::new(), Compression::best());
-    let packed = packer.write_all(&json).and_then(|()| packer.finish());
+    let packer = GzBuilder::new().write(Vec::new(), Compression::best());
+    let mut packer = BufWriter::with_capacity(WRITTEN_AT_ONCE, packer);
+    serde_json::to_writer(&mut packer, &data).expect("numbers and names are JSON");
+    let packed = packer.into_inner().map_err(|error| error.into_error());
+    let packed = packed.and_then(|packer| packer.finish());
     BASE64.encode(packed.expect("a buffer takes all bytes"))
 }
 
@@ -83,8 +122,8 @@ fn of_run<'a>(run: &'a PageRun<'a>) -> RunData<'a> {
         .flat_map(|(_, measured)| &measured.frame.sampled_at_s)
         .copied()
         .fold(f64::INFINITY, f64::min);
-    let cells = run.view.measured().map(|(cell, measured)| of_cell(cell, measured, started_s));
-    RunData { label: &run.label, cells: cells.collect(), plots: plots(run.view) }
+    let cells = Cells { view: run.view, started_s };
+    RunData { label: &run.label, cells, plots: plots(run.view) }
 }
 
 /// Those that can be drawn. The exporter of plots tells why one cannot.
@@ -101,26 +140,18 @@ fn of_cell<'a>(cell: &'a Cell, measured: &'a Measured, started_s: f64) -> CellDa
     let stages = measured.stages.iter().map(|stage| StageData {
         stage: &stage.stage,
         clock: stage.clock.name(),
-        samples: in_ms(&stage.samples_ns),
+        samples: InMs(&stage.samples_ns),
         below: (!stage.is_resolved()).then(|| rounded(stage.resolution_ns() / NS_PER_MS)),
     });
     CellData {
         experiment: &cell.experiment,
         cell: &cell.cell,
         stages: stages.collect(),
-        envelope: in_ms(&frame.envelope_samples_ns),
-        gaps: in_ms(&frame.gap_samples_ns),
-        untimed: in_ms(&frame.untimed_samples_ns),
-        at_s: frame
-            .sampled_at_s
-            .iter()
-            .map(|at| (10.0 * (at - started_s)).round() / 10.0)
-            .collect(),
+        envelope: InMs(&frame.envelope_samples_ns),
+        gaps: InMs(&frame.gap_samples_ns),
+        untimed: InMs(&frame.untimed_samples_ns),
+        at_s: SinceStart { at_s: &frame.sampled_at_s, started_s },
     }
-}
-
-fn in_ms(samples_ns: &[f64]) -> Vec<f64> {
-    samples_ns.iter().map(|ns| rounded(ns / NS_PER_MS)).collect()
 }
 
 /// To [`DIGITS`] significant digits.

@@ -9,7 +9,7 @@ use serde_json::Value;
 
 use self::embed::{Embedded, Embedder};
 use super::{LeftOut, Page, PageRun, PageSection};
-use crate::experiments::{Experiment, label_text, lookup};
+use crate::experiments::{Experiment, label_text};
 use crate::record::{Cell, ErrorSpan, Picture, PictureKind, PictureScale};
 use crate::report::Section;
 use crate::report::format::three;
@@ -175,7 +175,7 @@ fn axis_title(experiment: Option<&Experiment>, name: &str) -> String {
 fn size(shown: &Shown<'_>) -> String {
     let px = |[width, height]: [u32; 2]| format!("{width} × {height} px");
     let Embedded { own_px, shown_px, .. } = &shown.embedded;
-    let side = |name| lookup(&shown.cell.params, name).and_then(Value::as_u64);
+    let side = |name| shown.cell.params.lookup(name).and_then(Value::as_u64);
     let viewport = side("view.width").zip(side("view.height"));
     let differs = |(width, height): &(u64, u64)| own_px.map(u64::from) != [*width, *height];
     let mut text = px(*own_px);

@@ -145,7 +145,7 @@ fn pipeline<'a>(one: &Comparison<'a>) -> &'a str {
 }
 
 fn task(cell: &Cell) -> Task<'_> {
-    let leaves = cell.params.as_object().map(flatten).unwrap_or_default();
+    let leaves = flatten(&cell.params.to_map());
     let of_task = leaves.iter().filter(|(path, _)| is_of_task(path));
     let mut params = of_task.map(|(path, value)| format!("{}={}", last(path), label_text(value)));
     let axes = cell.axes.keys().map(String::as_str).filter(|axis| !is_of_task(axis));

@@ -4,7 +4,7 @@ use serde_json::Value;
 
 use super::PlotInput;
 use crate::experiments::schema::{Experiment, Plot};
-use crate::experiments::{Measure, label_text, lookup};
+use crate::experiments::{Measure, label_text};
 use crate::record::Cell;
 use crate::words;
 
@@ -85,8 +85,8 @@ pub(super) fn common(input: &PlotInput<'_>) -> String {
         input.cells.iter().copied().filter(|cell| cell.measured().is_some()).collect();
     let Some(first) = cells.first() else { return String::new() };
     let shared = |path: &str| {
-        let value = lookup(&first.params, path)?;
-        cells.iter().all(|cell| lookup(&cell.params, path) == Some(value)).then_some(value)
+        let value = first.params.lookup(path)?;
+        cells.iter().all(|cell| cell.params.lookup(path) == Some(value)).then_some(value)
     };
     let scene = cells.iter().all(|cell| cell.scene == first.scene);
     let scene = scene.then(|| format!("scene {}", first.scene));

@@ -1,0 +1,132 @@
+//! Parameters of cells. A run has thousands of cells that differ in one or two parameters, so cells share what is alike.
+
+use std::cell::RefCell;
+use std::collections::HashMap;
+use std::sync::Arc;
+
+use schemars::{JsonSchema, Schema, SchemaGenerator};
+use serde::ser::SerializeMap;
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
+use serde_json::{Map, Value};
+
+/// Groups that are remembered to be shared. Beyond that it begins again: a file of records may be anyone's.
+const MOST_KNOWN: usize = 1 << 14;
+
+/// A tree of parameters. Each of its groups is held once, by whatever number of cells.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Params(Box<[Group]>);
+
+#[derive(Clone, Debug, PartialEq)]
+struct Group {
+    name: Arc<str>,
+    value: Arc<Value>,
+}
+
+thread_local! {
+    /// By name and JSON.
+    static KNOWN: RefCell<HashMap<String, Group>> = RefCell::default();
+}
+
+impl Group {
+    fn shared(name: String, value: Value) -> Group {
+        let key = format!("{name}:{value}");
+        KNOWN.with_borrow_mut(|known| {
+            if known.len() > MOST_KNOWN {
+                known.clear();
+            }
+            let group = || Group { name: name.into(), value: Arc::new(value) };
+            known.entry(key).or_insert_with(group).clone()
+        })
+    }
+}
+
+impl Params {
+    /// A group or parameter by its name.
+    pub fn get(&self, name: &str) -> Option<&Value> {
+        let group = self.0.iter().find(|group| &*group.name == name);
+        group.map(|group| &*group.value)
+    }
+
+    /// A parameter by its dotted path.
+    pub fn lookup(&self, path: &str) -> Option<&Value> {
+        let mut names = path.split('.');
+        let group = self.get(names.next()?)?;
+        names.try_fold(group, |value, name| value.get(name))
+    }
+
+    pub fn to_map(&self) -> Map<String, Value> {
+        let groups = self.0.iter();
+        groups.map(|group| (group.name.to_string(), (*group.value).clone())).collect()
+    }
+}
+
+impl From<Map<String, Value>> for Params {
+    fn from(tree: Map<String, Value>) -> Self {
+        Self(tree.into_iter().map(|(name, value)| Group::shared(name, value)).collect())
+    }
+}
+
+/// Of a table; anything else has no parameters.
+impl From<Value> for Params {
+    fn from(tree: Value) -> Self {
+        if let Value::Object(tree) = tree { tree.into() } else { Self::default() }
+    }
+}
+
+impl Serialize for Params {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let mut map = serializer.serialize_map(Some(self.0.len()))?;
+        for Group { name, value } in &self.0 {
+            map.serialize_entry(name.as_ref() as &str, value.as_ref())?;
+        }
+        map.end()
+    }
+}
+
+impl<'de> Deserialize<'de> for Params {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        Map::deserialize(deserializer).map(Self::from)
+    }
+}
+
+impl JsonSchema for Params {
+    fn schema_name() -> std::borrow::Cow<'static, str> {
+        Map::<String, Value>::schema_name()
+    }
+
+    fn inline_schema() -> bool {
+        Map::<String, Value>::inline_schema()
+    }
+
+    fn json_schema(generator: &mut SchemaGenerator) -> Schema {
+        Map::<String, Value>::json_schema(generator)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use serde_json::json;
+
+    use super::*;
+
+    #[test]
+    fn a_tree_comes_back_in_its_order_and_alike_groups_are_one() {
+        let tree = |count: u32| json!({ "b": { "y": 1.5, "x": [1, 2] }, "a": { "n": count } });
+        let [one, other] = [1, 2].map(|count| Params::from(tree(count)));
+        assert_eq!(serde_json::to_string(&one).unwrap(), tree(1).to_string());
+        assert_eq!(serde_json::from_value::<Params>(tree(1)).unwrap(), one);
+        assert!(Arc::ptr_eq(&one.0[0].value, &other.0[0].value));
+        assert_ne!(one, other);
+        assert_eq!(one.lookup("b.x"), Some(&json!([1, 2])));
+        assert_eq!((one.lookup("b.z"), one.lookup("c"), one.lookup("")), (None, None, None));
+        assert_eq!(Value::Object(one.to_map()), tree(1));
+    }
+
+    #[test]
+    fn no_more_groups_are_remembered_than_may_be() {
+        for n in 0..3 * MOST_KNOWN {
+            let _ = Params::from(json!({ "a": n }));
+        }
+        assert!(KNOWN.with_borrow(HashMap::len) <= MOST_KNOWN + 1);
+    }
+}
