@@ -3,6 +3,7 @@
 #import fathom::frame::{frame}
 #import fathom::fragment_list::{Node}
 #import fathom::surface::{Material, SceneVertex}
+#import fathom::surface_texel::{packed}
 
 struct Lists {
     width: u32,
@@ -35,5 +36,5 @@ fn fragment(in: Varying) {
     }
     let pixel = vec2<u32>(in.clip.xy);
     let before = atomicExchange(&heads[1u + pixel.x + pixel.y * lists.width], own + 1u);
-    nodes[own] = Node(in.clip.z, before, normalize(in.normal), materials[in.material].optics);
+    nodes[own] = Node(in.clip.z, before, packed(in.normal, materials[in.material].optics));
 }

@@ -3,6 +3,7 @@
 // Transparency, 2001, as SPT §2.2 uses it.
 #import fathom::frame::{frame}
 #import fathom::surface::{Material, SceneVertex}
+#import fathom::surface_texel::{channels, packed}
 
 @group(1) @binding(0) var<storage, read> materials: array<Material>;
 #if FIRST == 0
@@ -18,8 +19,7 @@ struct Varying {
 struct Layer {
     // Device depth, as the depth test compares it.
     @location(0) depth: vec4<f32>,
-    // What becomes of light there in w.
-    @location(1) normal: vec4<f32>,
+    @location(1) surface: vec4<u32>,
     @builtin(frag_depth) tested: f32,
 }
 
@@ -36,5 +36,6 @@ fn fragment(in: Varying) -> Layer {
         discard;
     }
 #endif
-    return Layer(vec4(z, 0.0, 0.0, 1.0), vec4(normalize(in.normal), materials[in.material].optics), z);
+    let surface = channels(packed(in.normal, materials[in.material].optics));
+    return Layer(vec4(z, 0.0, 0.0, 1.0), surface, z);
 }

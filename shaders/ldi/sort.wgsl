@@ -1,11 +1,12 @@
 // defs: LAYERS=8
 // The nearest fragments of each pixel's list, in order, as layers.
 #import fathom::fragment_list::{Node}
+#import fathom::surface_texel::{channels}
 
 @group(0) @binding(0) var<storage, read> heads: array<u32>;
 @group(0) @binding(1) var<storage, read> nodes: array<Node>;
 @group(0) @binding(2) var depths: texture_storage_2d_array<r32float, write>;
-@group(0) @binding(3) var normals: texture_storage_2d_array<rgba16float, write>;
+@group(0) @binding(3) var surfaces: texture_storage_2d_array<rgba16uint, write>;
 
 @compute @workgroup_size(8, 8)
 fn main(@builtin(global_invocation_id) id: vec3<u32>) {
@@ -42,12 +43,11 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
         number = node.next;
     }
     for (var layer = 0u; layer < #{LAYERS}u; layer++) {
-        var normal = vec4(0.0);
+        var surface = vec2(0u);
         if chosen[layer] != 0u {
-            let node = nodes[chosen[layer] - 1u];
-            normal = vec4(node.normal, node.optics);
+            surface = nodes[chosen[layer] - 1u].surface;
         }
         textureStore(depths, id.xy, layer, vec4(nearest[layer]));
-        textureStore(normals, id.xy, layer, normal);
+        textureStore(surfaces, id.xy, layer, channels(surface));
     }
 }

@@ -7,7 +7,7 @@
 @group(1) @binding(0) var<uniform> walk: Walk;
 @group(1) @binding(1) var<storage, read> transfers: array<Transfer>;
 @group(1) @binding(2) var depths: texture_2d_array<f32>;
-@group(1) @binding(3) var normals: texture_2d_array<f32>;
+@group(1) @binding(3) var surfaces: texture_2d_array<u32>;
 @group(1) @binding(4) var<storage, read_write> photons: array<Photon>;
 
 const LANES: u32 = 32u;
@@ -42,7 +42,7 @@ fn main(
         workgroupBarrier();
         number = round * LANES + lane;
         if f32(number) < seg.steps {
-            at_m = hit(walk, depths, normals, ray, seg, f32(number));
+            at_m = hit(walk, depths, surfaces, ray, seg, f32(number)).at_m;
             if at_m < NO_HIT {
                 atomicMin(&nearest, number);
             }

@@ -8,7 +8,7 @@
 @group(1) @binding(0) var<uniform> walk: Walk;
 @group(1) @binding(1) var<storage, read> transfers: array<Transfer>;
 @group(1) @binding(2) var depths: texture_2d_array<f32>;
-@group(1) @binding(3) var normals: texture_2d_array<f32>;
+@group(1) @binding(3) var surfaces: texture_2d_array<u32>;
 @group(1) @binding(4) var<storage, read_write> photons: array<Photon>;
 
 @compute @workgroup_size(64)
@@ -24,7 +24,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) g
     let seg = segment(walk, ray);
     var at_m = NO_HIT;
     for (var number = 0.0; number < seg.steps && at_m >= NO_HIT; number += 1.0) {
-        at_m = hit(walk, depths, normals, ray, seg, number);
+        at_m = hit(walk, depths, surfaces, ray, seg, number).at_m;
     }
     photons[photon] = landed(ray, at_m);
 }

@@ -7,7 +7,7 @@
 @group(1) @binding(0) var<uniform> walk: Walk;
 @group(1) @binding(1) var<storage, read> transfers: array<Transfer>;
 @group(1) @binding(2) var depths: texture_2d_array<f32>;
-@group(1) @binding(3) var normals: texture_2d_array<f32>;
+@group(1) @binding(3) var surfaces: texture_2d_array<u32>;
 
 struct Varying {
     @builtin(position) clip: vec4<f32>,
@@ -39,7 +39,7 @@ fn fragment(in: Varying) -> @location(0) vec4<f32> {
         discard;
     }
     let seg = Segment(in.near, in.far, in.ends.x, in.ends.y, in.ends.z);
-    let at_m = hit(walk, depths, normals, transfers[in.photon], seg, number);
+    let at_m = hit(walk, depths, surfaces, transfers[in.photon], seg, number).at_m;
     if at_m >= NO_HIT {
         discard;
     }

@@ -22,7 +22,7 @@ struct Surface {
 @group(1) @binding(0) var<uniform> settings: Surface;
 @group(1) @binding(1) var<uniform> walk: Walk;
 @group(1) @binding(2) var depths: texture_2d_array<f32>;
-@group(1) @binding(3) var normals: texture_2d_array<f32>;
+@group(1) @binding(3) var surfaces: texture_2d_array<u32>;
 @group(1) @binding(4) var scene_depth: texture_depth_2d;
 // Radiance of what the camera sees, without water before it.
 @group(1) @binding(5) var radiances: texture_2d<f32>;
@@ -85,7 +85,7 @@ fn along(place: vec3<f32>, direction: vec3<f32>, straight: vec3<f32>) -> vec3<f3
     let seg = segment(walk, ray);
     var at_m = NO_HIT;
     for (var number = 0.0; number < seg.steps && at_m >= NO_HIT; number += 1.0) {
-        at_m = hit(walk, depths, normals, ray, seg, number);
+        at_m = hit(walk, depths, surfaces, ray, seg, number).at_m;
     }
     let under_water = direction.y < 0.0;
     if at_m >= NO_HIT {

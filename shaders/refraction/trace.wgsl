@@ -4,6 +4,7 @@
 //
 // Defs: SURFACE 0 compares depths texel by texel, as the paper does; SURFACE 1 holds the ray against the tangent planes of the layers.
 #import fathom::frame::{frame, view_depth_m, world_at}
+#import fathom::layers::{surface_at}
 #import fathom::optics
 #import fathom::refraction::{Exit, NO_EXIT}
 #import fathom::screen
@@ -18,7 +19,7 @@ struct Trace {
 @group(1) @binding(0) var<uniform> walk: Walk;
 @group(1) @binding(1) var<uniform> settings: Trace;
 @group(1) @binding(2) var depths: texture_2d_array<f32>;
-@group(1) @binding(3) var normals: texture_2d_array<f32>;
+@group(1) @binding(3) var surfaces: texture_2d_array<u32>;
 
 // A ray against the layers between which it runs, at a texel.
 struct Against {
@@ -49,8 +50,8 @@ fn against(ray: Transfer, at_m: f32, view_m: f32, texel: vec2<i32>, next: u32) -
         return NOWHERE;
     }
     let place_m = ray.position_m + at_m * ray.direction;
-    let current = textureLoad(normals, texel, next - 1u, 0);
-    let behind = textureLoad(normals, texel, next, 0);
+    let current = surface_at(surfaces, texel, next - 1u);
+    let behind = surface_at(surfaces, texel, next);
     let before_m = past(place_m, view_m, texel, z, current, -1.0);
     let behind_m = past(place_m, view_m, texel, z_next, behind, 1.0);
     if before_m > behind_m {
@@ -102,7 +103,7 @@ fn fragment(@builtin(position) pixel: vec4<f32>) -> Exit {
     if z >= 1.0 {
         return NO_EXIT;
     }
-    var surface = textureLoad(normals, texel, 0, 0);
+    var surface = surface_at(surfaces, texel, 0u);
     let place_m = world_at(pixel.xy / walk.size_px, z);
     var ray = Transfer(place_m, FIRST, normalize(place_m - frame.camera_position_m), 0.0);
     var inside = false;

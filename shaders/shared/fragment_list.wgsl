@@ -6,7 +6,6 @@ struct Node {
     depth: f32,
     // Number of the next fragment, from 1 on; 0: none.
     next: u32,
-    normal: vec3<f32>,
-    // As `fathom::optics` reads it.
-    optics: f32,
+    // Normal and optics: `fathom::surface_texel`.
+    surface: vec2<u32>,
 }

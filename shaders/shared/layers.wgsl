@@ -2,10 +2,16 @@
 #define_import_path fathom::layers
 
 #import fathom::frame::{frame, view_depth_m}
+#import fathom::surface_texel::{unpacked}
+
+// Unit normal and optics of a layer's texel.
+fn surface_at(surfaces: texture_2d_array<u32>, texel: vec2<i32>, layer: u32) -> vec4<f32> {
+    return unpacked(textureLoad(surfaces, texel, layer, 0));
+}
 
 // Normal and optics of the layer that lies nearest to a view depth.
 fn surface_near(
-    depths: texture_2d_array<f32>, normals: texture_2d_array<f32>, layers: u32, texel: vec2<i32>, view_m: f32
+    depths: texture_2d_array<f32>, surfaces: texture_2d_array<u32>, layers: u32, texel: vec2<i32>, view_m: f32
 ) -> vec4<f32> {
     var nearest = 1e30;
     var surface = vec4(0.0);
@@ -17,7 +23,7 @@ fn surface_near(
         let away = abs(view_depth_m(z) - view_m);
         if away < nearest {
             nearest = away;
-            surface = textureLoad(normals, texel, layer, 0);
+            surface = surface_at(surfaces, texel, layer);
         }
     }
     return surface;

@@ -2,8 +2,9 @@
 // 1: it ends there. −1: it is reflected. 2 and more: glass, of the refractive index that is 1 less.
 #define_import_path fathom::optics
 
-fn ends(optics: f32) -> bool {
-    return optics == 1.0;
+// Whether light goes on from there.
+fn passes(optics: f32) -> bool {
+    return is_mirror(optics) || is_glass(optics);
 }
 
 fn is_mirror(optics: f32) -> bool {

@@ -9,6 +9,7 @@
 #define_import_path fathom::screen_ray
 
 #import fathom::frame::{frame, world_at, view_depth_m}
+#import fathom::layers::{surface_at}
 #import fathom::optics
 #import fathom::transfer::{AGAIN, FIRST, INSIDE, NO_HIT, Transfer, is_on_its_way}
 
@@ -112,6 +113,13 @@ fn distance_at(seg: Segment, on_screen: f32) -> f32 {
     return mix(seg.from_m, seg.to_m, share_at(seg, on_screen));
 }
 
+// How far along a segment on the screen a place is that lies this far along its ray.
+fn screen_at(seg: Segment, at_m: f32) -> f32 {
+    let share = clamp((at_m - seg.from_m) / (seg.to_m - seg.from_m), 0.0, 1.0);
+    let far = share * seg.far.w;
+    return far / (far + (1.0 - share) * seg.near.w);
+}
+
 // Whether a ray can hit a surface from the side from which it comes: normals point outwards.
 fn can_hit(ray: Transfer, surface: vec4<f32>) -> bool {
     if ray.state == FIRST {
@@ -121,10 +129,19 @@ fn can_hit(ray: Transfer, surface: vec4<f32>) -> bool {
     return from_outside != (ray.state == INSIDE && optics::is_glass(surface.w));
 }
 
-// Distance along the ray at which step `number` hits a surface, or NO_HIT.
+struct Hit {
+    // Distance along the ray, or NO_HIT.
+    at_m: f32,
+    // Normal and optics.
+    surface: vec4<f32>,
+}
+
+const NONE_HIT: Hit = Hit(NO_HIT, vec4<f32>(0.0));
+
+// The surface that step `number` hits.
 fn hit(
-    walk: Walk, depths: texture_2d_array<f32>, normals: texture_2d_array<f32>, ray: Transfer, seg: Segment, number: f32
-) -> f32 {
+    walk: Walk, depths: texture_2d_array<f32>, surfaces: texture_2d_array<u32>, ray: Transfer, seg: Segment, number: f32
+) -> Hit {
     let middle = (number + 0.5) / seg.steps;
     let place = mix(place_px(walk, seg.near), place_px(walk, seg.far), middle);
     let texel = vec2<i32>(clamp(floor(place), vec2(0.0), walk.size_px - 1.0));
@@ -143,28 +160,31 @@ fn hit(
         let layer_m = view_depth_m(z);
 #if TEST == 2
         if (layer & 1u) == 1u && before_m < view_m && view_m < layer_m {
-            return at_m;
+            return Hit(at_m, surface_at(surfaces, texel, layer));
         }
         before_m = layer_m;
 #endif
         let near = abs(layer_m - view_m) * stretch <= walk.tolerance_m;
-        if near && can_hit(ray, textureLoad(normals, texel, layer, 0)) {
-            return at_m;
+        if near {
+            let surface = surface_at(surfaces, texel, layer);
+            if can_hit(ray, surface) {
+                return Hit(at_m, surface);
+            }
         }
     }
-    return NO_HIT;
+    return NONE_HIT;
 #else
     let from_m = distance_at(seg, (number - OVERLAP) / seg.steps);
     let to_m = distance_at(seg, (number + 1.0 + OVERLAP) / seg.steps);
     let uv = (vec2<f32>(texel) + 0.5) / walk.size_px;
-    var first = NO_HIT;
+    var first = NONE_HIT;
     for (var layer = 0u; layer < walk.layers; layer++) {
         let z = textureLoad(depths, texel, layer, 0).x;
         if z >= 1.0 {
             break;
         }
         let surface_m = world_at(uv, z);
-        let surface = textureLoad(normals, texel, layer, 0);
+        let surface = surface_at(surfaces, texel, layer);
         let normal = surface.xyz;
         let before = dot(ray.position_m + from_m * ray.direction - surface_m, normal);
         let behind = dot(ray.position_m + to_m * ray.direction - surface_m, normal);
@@ -176,10 +196,29 @@ fn hit(
         let row = vec3(frame.camera_view_projection[0].y, frame.camera_view_projection[1].y, frame.camera_view_projection[2].y);
         let footprint_m = 2.0 * view_depth_m(z) / (length(row) * walk.size_px.y);
         let off_m = distance(ray.position_m + at_m * ray.direction, surface_m);
-        if off_m <= MOST_FOOTPRINTS * footprint_m {
-            first = min(first, at_m);
+        if off_m <= MOST_FOOTPRINTS * footprint_m && at_m < first.at_m {
+            first = Hit(at_m, surface);
         }
     }
     return first;
 #endif
+}
+
+// The surface on which a ray has ended at a distance: of the steps that reach so far, the one that hits nearest to it. A pixel that
+// shows the place may show another surface there, beside a silhouette.
+fn surface_hit(
+    walk: Walk, depths: texture_2d_array<f32>, surfaces: texture_2d_array<u32>, ray: Transfer, at_m: f32
+) -> vec4<f32> {
+    let seg = segment(walk, ray);
+    let middle = floor(screen_at(seg, at_m) * seg.steps);
+    var off_m = NO_HIT;
+    var surface = vec4(0.0);
+    for (var number = max(middle - 1.0, 0.0); number < min(middle + 2.0, seg.steps); number += 1.0) {
+        let found = hit(walk, depths, surfaces, ray, seg, number);
+        if abs(found.at_m - at_m) < off_m {
+            off_m = abs(found.at_m - at_m);
+            surface = found.surface;
+        }
+    }
+    return surface;
 }

@@ -20,7 +20,7 @@ struct Sprites {
 @group(1) @binding(0) var<uniform> settings: Sprites;
 @group(1) @binding(1) var<storage, read> photons: array<Photon>;
 @group(1) @binding(2) var depths: texture_2d_array<f32>;
-@group(1) @binding(3) var normals: texture_2d_array<f32>;
+@group(1) @binding(3) var surfaces: texture_2d_array<u32>;
 // Of what one cannot see through.
 @group(1) @binding(4) var seen: texture_depth_2d;
 // Of each photon, as `transfer/map` gives them.
@@ -53,7 +53,7 @@ fn vertex(@builtin(vertex_index) vertex: u32, @builtin(instance_index) instance:
         return NOWHERE;
     }
     let texel = texel_of(ndc, settings.size_px);
-    let normal = surface_near(depths, normals, settings.layers, texel, clip.w).xyz;
+    let normal = surface_near(depths, surfaces, settings.layers, texel, clip.w).xyz;
     // A ball about the hit on the screen. Rows of the projection hold its scales times unit vectors.
     let projection = frame.camera_view_projection;
     let x = length(vec3(projection[0].x, projection[1].x, projection[2].x));

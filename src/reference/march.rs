@@ -93,7 +93,8 @@ pub struct Marched {
 /// 2³² / golden ratio.
 const GOLDEN: u32 = 0x9E37_79B9;
 /// Parts of a step that V is sampled at where it can exceed the threshold within the step.
-const PARTS: u32 = 4;
+/// A wall of one voxel along an axis exceeds the default's 0.9 over 2 (1 − 0.9) voxels: a fifth of the default's step.
+const PARTS: u32 = 5;
 
 impl March {
     /// Marches from a point with a unit normal in the world; `index` seeds the directions: that of the point in a query, or

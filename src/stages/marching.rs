@@ -86,7 +86,7 @@ pub enum Hit {
     Sample,
     /// Where V, taken as linear between that sample and the one before, crosses the threshold.
     Between,
-    /// The same between quarters of a step, wherever V can exceed the threshold within the step: a wall one voxel thick exceeds
+    /// The same between fifths of a step, wherever V can exceed the threshold within the step: a wall one voxel thick exceeds
     /// a high threshold over less than a step.
     Peak,
 }

@@ -79,27 +79,27 @@ impl Transfers {
 pub struct Layers {
     /// Device depth, 1 where there is no surface; a layer each.
     pub depths: wgpu::Texture,
-    /// Unit normals in the world's axes.
-    pub normals: wgpu::Texture,
+    /// Unit normals in the world's axes, and what becomes of light there: `shaders/shared/surface_texel.wgsl`.
+    pub surfaces: wgpu::Texture,
 }
 
 impl Layers {
-    /// Formats of depths and normals.
+    /// Formats of depths and surfaces. Every adapter can draw and store both.
     pub const FORMATS: [wgpu::TextureFormat; 2] =
-        [wgpu::TextureFormat::R32Float, wgpu::TextureFormat::Rgba16Float];
+        [wgpu::TextureFormat::R32Float, wgpu::TextureFormat::Rgba16Uint];
 
     /// Drawn into, a layer a pass.
     pub fn drawn(resources: &Resources<'_>, label: &str, size_px: [u32; 2], layers: u32) -> Self {
-        let [depths, normals] =
+        let [depths, surfaces] =
             Self::FORMATS.map(|format| resources.layers(label, size_px, format, layers));
-        Self { depths, normals }
+        Self { depths, surfaces }
     }
 
     /// Written by a compute shader.
     pub fn stored(resources: &Resources<'_>, label: &str, size_px: [u32; 2], layers: u32) -> Self {
-        let [depths, normals] =
+        let [depths, surfaces] =
             Self::FORMATS.map(|format| resources.stored_layers(label, size_px, format, layers));
-        Self { depths, normals }
+        Self { depths, surfaces }
     }
 
     /// The nearest layer, for dumps.
@@ -254,7 +254,7 @@ impl Rays<'_> {
             Bind::Uniform(&uniforms),
             Bind::Read(&self.transfers.buffer),
             Bind::Layers(&self.layers.depths),
-            Bind::Layers(&self.layers.normals),
+            Bind::Layers(&self.layers.surfaces),
         ];
         binds.extend(photons.map(|photons| Bind::Write(&photons.buffer)));
         Group::new(resources.gpu, label, &binds)

@@ -1,5 +1,6 @@
 //! `ao/march` and `ao/query`: against the f64 twin of the marching, against closed forms, and against one another's variants.
 
+mod edges;
 mod laws;
 mod orientations;
 mod pixels;
@@ -20,7 +21,7 @@ use crate::stages::marching::{
 use crate::stages::voxels::Voxels;
 
 pub fn cases() -> Vec<Case> {
-    [points::cases(), laws::cases(), orientations::cases(), pixels::cases()]
+    [points::cases(), laws::cases(), orientations::cases(), edges::cases(), pixels::cases()]
         .into_iter()
         .flatten()
         .collect()

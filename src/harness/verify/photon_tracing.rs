@@ -1,8 +1,10 @@
 //! Stages of screen-space photon tracing against exact refraction, sorted depths and ray casting.
 
+mod bounces;
+
 use std::iter::successors;
 
-use glam::{DMat4, DVec3, UVec2};
+use glam::{DVec3, UVec2};
 
 use super::{Case, Check, Checks, Result, Rig, rig};
 use crate::gpu::read_volume;
@@ -10,9 +12,8 @@ use crate::reference::image::pixels;
 use crate::reference::optics::{fresnel_transmittance, refract};
 use crate::reference::quantities::{StoredPhoton, quantile};
 use crate::reference::rays::{PixelRays, Tracer};
-use crate::reference::specular::{End, Surfaces};
 use crate::reference::surface::enter;
-use crate::scene::{Camera, LightKind, Material, Mesh, Object, Optics, Scene, Water};
+use crate::scene::{Camera, LightKind, Scene, Water};
 use crate::stages::Stage;
 use crate::stages::geometry::Part;
 use crate::stages::kit::linear_workgroups;
@@ -27,7 +28,7 @@ use crate::stages::screen_ray::{
     HitTest, Layers, NEVER, Rays, Transfer, Transfers, Walked, Walking, group_each,
 };
 use crate::stages::shadow::{depth::Depth, mask::Mask};
-use crate::stages::transfer::bounce::{self, Bounce};
+use crate::stages::transfer::bounce::Bounce;
 use crate::stages::transfer::map::{self, Map, MapUniforms};
 
 /// Scenes with columns and curved objects; with an open shore, seen from above; with many boxes and barrels.
@@ -74,10 +75,7 @@ pub fn cases() -> Vec<Case> {
         let what = format!("scene {name}: photon by photon as marched");
         cases.push(Case::new(reduce::INFO.name, what, move |rig| alike(rig, name)));
     }
-    for (stage, method) in METHODS {
-        let what = format!("behind mirror and glass, by {stage}");
-        cases.push(Case::new(bounce::INFO.name, what, move |rig| bounced(rig, stage, method)));
-    }
+    cases.extend(bounces::cases());
     cases
 }
 
@@ -312,7 +310,7 @@ fn layers(rig: &Rig<'_>, name: &str) -> Checks {
 /// Lengths of the lists against the surfaces along each pixel's ray.
 fn listed(rig: &Rig<'_>, name: &str) -> Result<Check> {
     /// 32-bit words of a node, and the place of the next one's number among them.
-    const NODE: [usize; 2] = [8, 1];
+    const NODE: [usize; 2] = [4, 1];
     let setup = Setup::new(rig, name, 1)?;
     let rig::Stand { shared, geometry, view } = &setup.stand;
     let stage = Lists::new(&rig.resources, shared, (geometry, Part::Solid), SIZE, ROOM)?;
@@ -429,90 +427,6 @@ fn from_surfaces_m(tracer: &Tracer, camera: &Camera, place: DVec3) -> f64 {
     let off =
         all_hits(tracer, &rays, pixel).into_iter().map(|hit| (view_m(hit) - view_m(place)).abs());
     off.fold(f64::INFINITY, f64::min) * place.distance(camera.position()) / view_m(place)
-}
-
-/// Mirrors and surfaces of glass that a photon may leave.
-const BOUNCES: u32 = 4;
-
-/// A slanted mirror, whose outer side the light meets, and a ball of glass over a floor.
-fn mirror_and_glass() -> Result<Scene> {
-    let mut scene = rig::flat_plane(LightKind::Directional)?;
-    let floor_y = scene.objects[0].mesh.bounds().max.y;
-    let slanted = [DVec3::new(0.56, 0.0, 0.75), DVec3::new(0.26, 0.88, -0.2)];
-    let middle = DVec3::new(-1.1, floor_y + 1.0, 0.0);
-    let mut mirror = Object::new("mirror", Mesh::parallelogram(middle, slanted[0], slanted[1]));
-    mirror.material.optics = Optics::Mirror;
-    let ball = Scene::load("ball")?.objects.into_iter().filter(|object| object.name == "ball");
-    let mut ball: Vec<Object> = ball.collect();
-    for ball in &mut ball {
-        let lowest = ball.mesh.bounds().min.y;
-        let lift = DVec3::new(1.1, floor_y + 0.3 - lowest, 0.2);
-        ball.mesh = ball.mesh.clone().transformed(&DMat4::from_translation(lift));
-        ball.material = Material {
-            optics: Optics::Glass,
-            alpha: 0.2,
-            refractive_index: 1.7,
-            ..ball.material.clone()
-        };
-    }
-    scene.objects.push(mirror);
-    scene.objects.extend(ball);
-    scene.camera.position_m = [0.3, floor_y + 3.0, 4.6];
-    scene.camera.target_m = [0.0, floor_y + 0.5, 0.0];
-    scene.light.half_extent_m = 2.5;
-    Ok(scene)
-}
-
-/// Ends of photons that meet a mirror or glass first, against exact ray casting.
-fn bounced(rig: &Rig<'_>, stage: &str, method: Method) -> Checks {
-    let setup = Setup::of(rig, mirror_and_glass()?, LAYERS)?;
-    let found = setup.trace_ways(rig, method, HitTest::Crossing, BOUNCES + 1)?;
-    let tracer = Tracer::new(&setup.scene.objects)?;
-    let rays = PixelRays::new(&setup.stand.view.camera, SIZE[0], SIZE[1]);
-    let surfaces = Surfaces {
-        tracer: &tracer,
-        objects: &setup.scene.objects,
-        outside: setup.scene.water.refractive_index,
-        top_m: 0.0,
-    };
-    let seen = |place: DVec3| {
-        let on = rays.project(place)?;
-        let inside = |at: f64, side: u32| (0.0..=f64::from(side)).contains(&at);
-        (inside(on.x_px, SIZE[0]) && inside(on.y_px, SIZE[1])).then_some(place)
-    };
-    // Exact end and first place on the mirror or glass, for photons that end in view.
-    let exact = |optics: Optics| -> Vec<(usize, DVec3, DVec3)> {
-        let ends = setup.stored.iter().enumerate().filter(|(_, t)| t.state > NEVER);
-        ends.filter_map(|(number, transfer)| {
-            let [origin, along] = [transfer.position_m, transfer.direction].map(|v| v.as_dvec3());
-            let ray = surfaces.ray(origin, along.normalize());
-            let first = surfaces.meet(&ray)?;
-            let meets = setup.scene.objects[first.object].material.optics == optics;
-            let End::Diffuse(hit) = surfaces.follow(ray, BOUNCES) else { return None };
-            meets.then_some((number, seen(hit.position)?, first.position))
-        })
-        .collect()
-    };
-    let mut checks = Vec::new();
-    for optics in [Optics::Mirror, Optics::Glass] {
-        let exact = exact(optics);
-        let landed = || exact.iter().filter(|(number, ..)| found[*number].landed());
-        let median = |end: fn(&(usize, DVec3, DVec3)) -> DVec3| {
-            let off = landed().map(|photon| found[photon.0].hit.distance(end(photon)));
-            quantile(&mut off.collect::<Vec<_>>(), 0.5)
-        };
-        let lost = 1.0 - landed().count() as f64 / exact.len() as f64;
-        let what = format!("{optics:?}, by {stage}: median |end − exact end|");
-        // Normals are 16-bit floats, and are those of the pixel, not of the hit.
-        checks.push(
-            Check::of(bounce::INFO.name, what)
-                .within((0.05, "m"), median(|photon| photon.1))
-                .control("photons that end where they meet it", median(|photon| photon.2))
-                .with("photons", exact.len() as f64)
-                .with("lost_share", lost),
-        );
-    }
-    Ok(checks)
 }
 
 /// Rows and reduction, in one tile and in several, and workgroups, against marching.

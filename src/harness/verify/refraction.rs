@@ -130,13 +130,12 @@ fn slab(rig: &Rig<'_>) -> Checks {
         quantile(&mut off.collect::<Vec<_>>(), 0.95)
     };
     let inside = |direction| refract(direction, DVec3::Y, 1.0, INDEX).unwrap_or(direction);
-    // Normals and the index are 16-bit floats.
     Ok(vec![
         Check::of(trace::INFO.name, "slab: 95th percentile of |exit − closed form|")
             .within((5e-3, "m"), places(INDEX))
             .control("index 5 % higher", places(1.05 * INDEX)),
         Check::of(trace::INFO.name, "slab: 95th percentile of the angle to the closed form")
-            .within((0.2, "deg"), directions(|direction| direction))
+            .within((0.002, "deg"), directions(|direction| direction))
             .control("held against the rays inside", directions(inside)),
     ])
 }

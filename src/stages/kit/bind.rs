@@ -17,7 +17,7 @@ pub enum Bind<'a> {
     /// Float texture read through a filtering sampler.
     Filtered(&'a wgpu::Texture),
     Depth(&'a wgpu::Texture),
-    /// All layers of a float texture, read texel by texel.
+    /// All layers of a texture of floats or unsigned integers, read texel by texel.
     Layers(&'a wgpu::Texture),
     /// All layers of a texture that a compute shader writes.
     StoreLayers(&'a wgpu::Texture),
@@ -100,10 +100,12 @@ impl Bind<'_> {
             }
             Bind::Filtered(_) => texture(wgpu::TextureSampleType::Float { filterable: true }),
             Bind::Depth(_) => texture(wgpu::TextureSampleType::Depth),
-            Bind::Layers(_) => texture_of(
-                wgpu::TextureViewDimension::D2Array,
-                wgpu::TextureSampleType::Float { filterable: false },
-            ),
+            Bind::Layers(layers) => {
+                let float = wgpu::TextureSampleType::Float { filterable: false };
+                let of_format = layers.format().sample_type(None, None);
+                let unsigned = of_format.filter(|of| *of == wgpu::TextureSampleType::Uint);
+                texture_of(wgpu::TextureViewDimension::D2Array, unsigned.unwrap_or(float))
+            }
             Bind::Volume(_) => texture_of(
                 wgpu::TextureViewDimension::D3,
                 wgpu::TextureSampleType::Float { filterable: true },

@@ -1,6 +1,6 @@
 //! `ldi/lists`: every fragment into the list of its pixel, in one pass over the triangles.
 
-use glam::Vec3;
+use glam::UVec2;
 
 use crate::gpu::{ColorTarget, GpuError, StageScope, Targets};
 use crate::record::Work;
@@ -33,8 +33,7 @@ shader_struct! {
     pub struct Node {
         pub depth: f32,
         pub next: u32,
-        pub normal: Vec3,
-        pub optics: f32,
+        pub surface: UVec2,
     }
 }
 

@@ -18,7 +18,7 @@ pub const INFO: StageInfo = StageInfo {
 struct Peel {
     groups: Vec<wgpu::BindGroup>,
     depth: wgpu::TextureView,
-    normal: wgpu::TextureView,
+    surface: wgpu::TextureView,
 }
 
 pub struct LayeredDepth {
@@ -64,7 +64,7 @@ impl LayeredDepth {
             Peel {
                 groups: kit::bare(&[&shared.group, own]),
                 depth: kit::layer_view(&layers.depths, layer),
-                normal: kit::layer_view(&layers.normals, layer),
+                surface: kit::layer_view(&layers.surfaces, layer),
             }
         };
         Ok(Self {
@@ -89,7 +89,7 @@ impl Stage for LayeredDepth {
             let color = [
                 ColorTarget { view: &peel.depth, clear: Some(wgpu::Color::WHITE), slice: None },
                 ColorTarget {
-                    view: &peel.normal,
+                    view: &peel.surface,
                     clear: Some(wgpu::Color::TRANSPARENT),
                     slice: None,
                 },

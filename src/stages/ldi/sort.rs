@@ -3,6 +3,7 @@
 use crate::gpu::{GpuError, StageScope};
 use crate::record::Work;
 use crate::stages::kit::{self, Bind, Dispatch, Group, Kernel, Resources};
+use crate::stages::ldi::lists::Node;
 use crate::stages::screen_ray::{FragmentLists, Layers};
 use crate::stages::{Output, Stage, StageInfo};
 
@@ -33,7 +34,7 @@ impl Sort {
             Bind::Read(&lists.heads),
             Bind::Read(&lists.nodes),
             Bind::StoreLayers(&layers.depths),
-            Bind::StoreLayers(&layers.normals),
+            Bind::StoreLayers(&layers.surfaces),
         ];
         let group = Group::new(resources.gpu, INFO.name, &binds);
         let defs = [("LAYERS", layers.count() as i32)];
@@ -57,7 +58,11 @@ impl Stage for Sort {
 
     fn work(&self) -> Work {
         let texels = kit::pixels(&self.layers.depths) * u64::from(self.layers.count());
-        Work { bytes_read: texels * 32, bytes_written: texels * (4 + 8), ..Work::default() }
+        Work {
+            bytes_read: texels * size_of::<Node>() as u64,
+            bytes_written: texels * (4 + 8),
+            ..Work::default()
+        }
     }
 
     /// Lists may be empty.

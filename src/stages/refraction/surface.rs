@@ -63,7 +63,7 @@ impl Surface {
             Bind::Uniform(&settings),
             Bind::Uniform(&walk_uniforms),
             Bind::Layers(&dry.layers.depths),
-            Bind::Layers(&dry.layers.normals),
+            Bind::Layers(&dry.layers.surfaces),
             Bind::Depth(dry.depth),
             Bind::Texels(dry.radiance),
         ];

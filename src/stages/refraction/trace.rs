@@ -54,7 +54,7 @@ impl Trace {
             Bind::Uniform(&walk_uniforms),
             Bind::Uniform(&settings),
             Bind::Layers(&layers.depths),
-            Bind::Layers(&layers.normals),
+            Bind::Layers(&layers.surfaces),
         ];
         let group = Group::new(resources.gpu, INFO.name, &binds);
         let groups = [&shared.group, &group];

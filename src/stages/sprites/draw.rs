@@ -86,7 +86,7 @@ impl Sprites {
             Bind::Uniform(&settings),
             Bind::Read(&photons.buffer),
             Bind::Layers(&layers.depths),
-            Bind::Layers(&layers.normals),
+            Bind::Layers(&layers.surfaces),
             Bind::Depth(seen),
             Bind::Read(weights),
         ];

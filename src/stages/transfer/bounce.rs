@@ -1,7 +1,5 @@
 //! `transfer/bounce`: photons that have met a mirror or glass go on from there. SPT §2.3.
 
-use glam::Vec2;
-
 use crate::gpu::{GpuError, StageScope};
 use crate::record::Work;
 use crate::shader_struct;
@@ -20,14 +18,14 @@ pub const INFO: StageInfo = StageInfo {
 shader_struct! {
     /// `Bounce` in `shaders/transfer/bounce.wgsl`.
     pub struct BounceUniforms {
-        pub size_px: Vec2,
         pub first: u32,
         pub rows: u32,
-        pub photons: u32,
-        pub layers: u32,
         pub last: u32,
     }
 }
+
+/// Steps of a ray that are walked again for the surface that it has hit, as in `fathom::screen_ray`.
+const STEPS: u64 = 3;
 
 /// Takes turns with the stages `rays/*`: behind each way of a tile of photons.
 pub struct Bounce {
@@ -51,13 +49,11 @@ impl Bounce {
         let count = rays.transfers.count;
         let rows = if tiles == 1 { count } else { rays.rows() };
         let ways = rays.walking.ways;
+        let walk = resources.uniform(INFO.name, &rays.uniforms());
         let group = |turn: u32| {
             let settings = BounceUniforms {
-                size_px: Vec2::from(rays.layers.size_px().map(|side| side as f32)),
                 first: turn % tiles * rows,
                 rows,
-                photons: count,
-                layers: rays.layers.count(),
                 last: u32::from(turn / tiles + 1 == ways),
             };
             let settings = resources.uniform(INFO.name, &settings);
@@ -65,8 +61,9 @@ impl Bounce {
                 Bind::Uniform(&settings),
                 Bind::Write(&rays.transfers.buffer),
                 Bind::Write(&photons.buffer),
+                Bind::Uniform(&walk),
                 Bind::Layers(&rays.layers.depths),
-                Bind::Layers(&rays.layers.normals),
+                Bind::Layers(&rays.layers.surfaces),
             ];
             Group::new(resources.gpu, INFO.name, &binds)
         };
@@ -77,13 +74,15 @@ impl Bounce {
         };
         let visits = u64::from(count) * u64::from(ways);
         let bytes = visits * size_of::<Transfer>() as u64 + Photons::bytes(visits);
+        let defs = rays.defs();
+        let shader = (INFO.name, &defs[..]);
         Ok(Self {
-            kernel: Kernel::new(resources, INFO.name, INFO.name, &[&shared.group, &own[0]])?,
+            kernel: Kernel::new(resources, INFO.name, shader, &[&shared.group, &own[0]])?,
             turns: own.iter().map(dispatch).collect(),
             outputs: photons.clone(),
             work: Work {
                 photons: visits,
-                texel_fetches: visits * u64::from(rays.layers.count()),
+                texel_fetches: visits * STEPS * u64::from(rays.layers.count()),
                 bytes_read: bytes,
                 bytes_written: bytes / 2,
                 ..Work::default()

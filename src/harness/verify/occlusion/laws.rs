@@ -18,6 +18,7 @@ pub fn cases() -> Vec<Case> {
         Case::new(INFO.name, "plane", plane),
         Case::new(INFO.name, "corner", corner),
         Case::new(INFO.name, "ball overhead", ball),
+        Case::new(INFO.name, "ceiling of a voxel", ceiling),
     ]
 }
 
@@ -98,4 +99,36 @@ fn ball(rig: &Rig<'_>) -> Result<Check> {
         .within((tolerance, "1"), (a[0] - law(radius)).abs())
         .control("radius 1.3 times", (a[0] - law(1.3 * radius)).abs());
     Ok(check.with("expected", law(radius)))
+}
+
+/// A ceiling of one voxel along an axis, by the defaults: no ray passes through it, wherever between two voxels the points lie. Rays that
+/// meet it within r_max, of hard attenuation, are those with cos θ > h / r_max: A = 1 − (h / r_max)².
+fn ceiling(rig: &Rig<'_>) -> Result<Check> {
+    /// Heights of the points within a voxel.
+    const SHIFTS: u32 = 16;
+    let layer = 12.5;
+    let is_ceiling = |p: DVec3| (p.y - layer * VOXEL_M).abs() < 0.25 * VOXEL_M;
+    let subject = MarchedVolume::new(rig, SIDE, OPAQUE, is_ceiling)?;
+    let heights: Vec<f64> = (0..SHIFTS).map(|i| f64::from(i) / f64::from(SHIFTS)).collect();
+    let points: Vec<_> =
+        heights.iter().map(|y| (DVec3::new(0.3, *y, 0.7) * VOXEL_M, DVec3::Y)).collect();
+    let errors = |hit: Option<Hit>| -> Result<f64> {
+        let settings = marching(|m| {
+            m.r_max_m = R_MAX * VOXEL_M;
+            m.rays = 256;
+            m.attenuation = Attenuation::Hard;
+            m.hit = hit.unwrap_or(m.hit);
+        });
+        // V reaches the threshold before the layer's middle.
+        let before = 1.0 - settings.threshold + settings.offset_voxels;
+        let law = |y: &f64| 1.0 - ((layer - before - y) / R_MAX).powi(2);
+        let found = query(rig, &subject.voxels, &points, &settings)?;
+        Ok(largest(found.iter().zip(&heights).map(|(a, y)| (a - law(y)).abs())))
+    };
+    Ok(Check::of(
+        INFO.name,
+        "A below a ceiling of a voxel, largest error at 16 places within a voxel",
+    )
+    .within((0.02, "1"), errors(None)?)
+    .control("hits between whole steps only", errors(Some(Hit::Between))?))
 }

@@ -6,12 +6,13 @@ use std::f64::consts::{PI, TAU};
 use glam::{DMat3, DQuat, DVec3, EulerRot};
 
 use super::{Case, Random, Result, largest, mean};
+use crate::gpu::GpuError;
 use crate::harness::verify::{Check, Rig};
 use crate::pipelines::settings::{Method, R_MAX_SHARE};
 use crate::pipelines::volume_ao::{Params, occlusion_at};
 use crate::reference::occlusion::{Attenuation, occlusion};
 use crate::reference::rays::Tracer;
-use crate::scene::{Mesh, Object, Scene, SceneFile};
+use crate::scene::{Grid, Mesh, Object, Scene, SceneFile};
 use crate::stages::ao::query::{INFO, SurfacePoint};
 use crate::stages::marching::{Guard, Hit};
 
@@ -24,13 +25,13 @@ const NEAREST: f64 = 2.2;
 /// Edge of the bodies, metres, and about that of a voxel.
 const EDGE_M: f64 = 2.0;
 const VOXEL_M: f64 = EDGE_M / 128.0;
-/// Of the axis-aligned, the two that leaked most, and random ones.
-const ORIENTATIONS: u32 = 12;
+/// Of the axis-aligned at several places in the grid, the two that leaked most, and random ones.
+const ORIENTATIONS: u32 = 15;
 
 /// Triangles of a body at rest, and points on it with their normals.
-struct Body {
-    mesh: Mesh,
-    points: Vec<(DVec3, DVec3)>,
+pub(super) struct Body {
+    pub(super) mesh: Mesh,
+    pub(super) points: Vec<(DVec3, DVec3)>,
 }
 
 type Make = fn(&mut Random) -> Body;
@@ -98,7 +99,7 @@ fn worst(rig: &Rig<'_>, make: Make, control: Control) -> Result<[f64; 3]> {
 }
 
 /// The pipeline's defaults with 64 rays.
-fn defaults() -> Result<Params> {
+pub(super) fn defaults() -> Result<Params> {
     let mut params = Params::from(&SceneFile::load("plane")?);
     params.ao.rays = 64;
     Ok(params)
@@ -110,17 +111,18 @@ fn turned(make: Make) -> Result<Vec<Turned>> {
     (0..ORIENTATIONS)
         .map(|number| {
             let turn = orientation(number, &mut random);
-            Turned::new(&make(&mut random), turn)
+            let shift = shift(&mut random);
+            Turned::new(&make(&mut random), turn, shift)
         })
         .collect()
 }
 
-/// As it is, turned by 45° about an axis, its y brought to (1, 1, 1), and then at random.
-fn orientation(number: u32, random: &mut Random) -> DMat3 {
+/// As it is four times, turned by 45° about an axis, its y brought to (1, 1, 1), and then at random.
+pub(super) fn orientation(number: u32, random: &mut Random) -> DMat3 {
     match number {
-        0 => DMat3::IDENTITY,
-        1 => DMat3::from_rotation_z(PI / 4.0),
-        2 => DMat3::from_quat(DQuat::from_rotation_arc(DVec3::Y, DVec3::ONE.normalize())),
+        0..=3 => DMat3::IDENTITY,
+        4 => DMat3::from_rotation_z(PI / 4.0),
+        5 => DMat3::from_quat(DQuat::from_rotation_arc(DVec3::Y, DVec3::ONE.normalize())),
         _ => {
             let mut angle = || random.within(0.0, TAU);
             DMat3::from_euler(EulerRot::ZYZ, angle(), (angle() / PI - 1.0).acos(), angle())
@@ -128,19 +130,27 @@ fn orientation(number: u32, random: &mut Random) -> DMat3 {
     }
 }
 
+/// Where a grid begins before a body, voxels.
+pub(super) fn shift(random: &mut Random) -> DVec3 {
+    DVec3::from([(); 3].map(|()| random.number()))
+}
+
 /// A body in one orientation: points on it, and A there by ray casting.
-struct Turned {
+pub(super) struct Turned {
     scene: Scene,
     points: Vec<SurfacePoint>,
     exact: Vec<f64>,
 }
 
 impl Turned {
-    fn new(body: &Body, turn: DMat3) -> Result<Self> {
+    /// `shift` moves the grid against the body, voxels.
+    pub(super) fn new(body: &Body, turn: DMat3, shift: DVec3) -> Result<Self> {
         let mut mesh = body.mesh.clone();
         for p in &mut mesh.positions {
             *p = (turn * DVec3::from(p.map(f64::from))).as_vec3().to_array();
         }
+        // A grid begins at a mesh's bounds: a corner of no triangle moves it.
+        mesh.positions.push((mesh.bounds().min - VOXEL_M * shift).as_vec3().to_array());
         mesh.recompute_normals();
         let mut scene = Scene::load("plane")?;
         scene.objects = vec![Object::new("body", mesh)];
@@ -155,10 +165,20 @@ impl Turned {
         Ok(Self { scene, points, exact })
     }
 
-    fn rms_error(&self, rig: &Rig<'_>, params: &Params) -> Result<f64> {
+    /// Edge of a voxel.
+    pub(super) fn voxel_m(&self, params: &Params) -> Result<f64> {
+        let grid = Grid::fit(&self.scene.solid_bounds(), params.voxel.resolution);
+        Ok(grid.map_err(GpuError::Limit)?.voxel_m)
+    }
+
+    /// Of A at each point.
+    pub(super) fn errors(&self, rig: &Rig<'_>, params: &Params) -> Result<Vec<f64>> {
         let found = occlusion_at(rig.gpu, &self.scene, params, &self.points)?;
-        let squares = found.iter().zip(&self.exact).map(|(a, b)| (f64::from(*a) - b).powi(2));
-        Ok(mean(squares).sqrt())
+        Ok(found.iter().zip(&self.exact).map(|(a, b)| f64::from(*a) - b).collect())
+    }
+
+    fn rms_error(&self, rig: &Rig<'_>, params: &Params) -> Result<f64> {
+        Ok(mean(self.errors(rig, params)?.iter().map(|error| error * error)).sqrt())
     }
 }
 
@@ -230,16 +250,21 @@ fn ceiling(random: &mut Random) -> Body {
 
 /// Two half planes that meet at an angle, seen from one of them.
 fn wedge(random: &mut Random, angle_deg: f64) -> Body {
+    let point = || {
+        let x = random.within(NEAREST * VOXEL_M, 0.9);
+        (DVec3::new(x, 0.0, random.within(-0.6, 0.6)), DVec3::Y)
+    };
+    Body { points: many(point), mesh: half_planes(angle_deg) }
+}
+
+/// From the z axis, one of them along x.
+pub(super) fn half_planes(angle_deg: f64) -> Mesh {
     let (sin, cos) = angle_deg.to_radians().sin_cos();
     let mut mesh = Mesh::default();
     for along in [DVec3::X, DVec3::new(cos, sin, 0.0)] {
         quad(&mut mesh, 0.5 * along, 0.5 * along, DVec3::Z);
     }
-    let point = || {
-        let x = random.within(NEAREST * VOXEL_M, 0.9);
-        (DVec3::new(x, 0.0, random.within(-0.6, 0.6)), DVec3::Y)
-    };
-    Body { points: many(point), mesh }
+    mesh
 }
 
 /// A ball above a floor, seen from both.
