@@ -195,7 +195,7 @@ fn draw(
     let (resources, inputs) = (&rig.resources, (&buffer, depth));
     let stage: Box<dyn Accumulated> = match rules.splatting {
         Splatting::Compute => {
-            Box::new(Scatter::new(resources, &shared, inputs, &settings, how, 10.0)?)
+            Box::new(Scatter::new(resources, &shared, inputs, &settings, how, [10.0, max_px])?)
         }
         Splatting::Raster => {
             Box::new(splat::raster(resources, &shared, inputs, &settings, how, 10.0)?)
