@@ -17,7 +17,7 @@ struct State {
     through: f32,
     visible: f32,
     far: f32,
-    look_ups: u32,
+    counted: u32,
 }
 
 @group(1) @binding(4) var<storage, read> slice: Slice;
@@ -136,7 +136,7 @@ fn composite(pixel: vec2<f32>) -> Targets {
         through = before.through;
         visible = before.visible;
         far = before.far;
-        look_ups = before.look_ups;
+        look_ups = before.counted;
     }
     first = slice.first;
     end = min(steps, slice.end);

@@ -226,8 +226,11 @@ impl Marching {
         };
         let slices: Vec<Vec<Slice>> = volumes.iter().map(of_volume).collect();
         let sliced = slices.iter().any(|slices| slices.len() > 1);
-        let sums = sliced.then(|| resources.storage("sums over rays", points * 4));
-        let groups = |(voxels, slices)| self.groups(resources, voxels, slices, sums.as_ref());
+        // A pass of a screen goes through all volumes, so that each needs its own.
+        let groups = |(voxels, slices)| {
+            let sums = sliced.then(|| resources.storage("sums over rays", points * 4));
+            self.groups(resources, voxels, slices, sums.as_ref())
+        };
         Ok(MarchPasses { sliced, volumes: volumes.iter().zip(slices).map(groups).collect() })
     }
 

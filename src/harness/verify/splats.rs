@@ -60,6 +60,7 @@ pub fn cases() -> Vec<Case> {
         case("splats within one surface", within_surface);
         case("sum of many small contributions", accumulation);
         case("splats that the border cuts", cut);
+        case("splats of more pixels than a loop has turns", large);
     }
     for name in ["plane", "tank"] {
         cases.push(Case::new(STAGE, format!("conserved energy of scene {name}"), move |rig| {
@@ -435,6 +436,32 @@ fn cut(rig: &Rig<'_>, rules: Rules) -> Checks {
         Check::of(STAGE, format!("{what}: Σ |difference| / Σ"))
             .within((coverage(rules.splatting), "1"), difference(&image, &twin(rules)?))
             .control("s_max 500 px", difference(&image, &twin(wide)?)),
+    ])
+}
+
+/// Splats of more pixels than an adapter may make turns of an invocation's loops.
+fn large(rig: &Rig<'_>, rules: Rules) -> Checks {
+    const HARDLY_BEHIND_NEAR_M: f64 = 0.105;
+    let view = rig::synthetic_view(SIZE, GAMMA_PER_M)?;
+    let eye = DVec3::from(view.camera.position_m);
+    let rays = PixelRays::new(&view.camera, SIZE[0], SIZE[1]);
+    let photon = |at| photon_at(&rays, eye, at, HARDLY_BEHIND_NEAR_M, 1.0);
+    let (photons, twins): (Vec<_>, Vec<_>) =
+        [[250.3, 260.8], [240.1, 300.6]].map(photon).into_iter().unzip();
+    let rules = Rules { sizes_px: EXTREMES_PX, ..rules };
+    let image = draw_free(rig, &view, &photons, &rules)?;
+    let mut twin = Image::constant(SIZE[0], SIZE[1], 0.0);
+    let splats = rules.splats(&view.camera, SIZE, &twins)?;
+    rasterize(&mut twin, &splats, &Image::constant(1, 1, 1.0), 0.0);
+    let lower = SIZE[1] - SIZE[1] / 3;
+    let cut =
+        Image::of(SIZE, |x, y| if y < lower { image.clamped(x.into(), y.into()) } else { 0.0 });
+    let what = format!("splats of 380 px, {}: Σ |difference| / Σ", name(rules.splatting));
+    Ok(vec![
+        Check::of(STAGE, what)
+            .within((coverage(rules.splatting), "1"), difference(&image, &twin))
+            .control("the lower third left out", difference(&cut, &twin))
+            .with("side_px", splats[0].size_px),
     ])
 }
 
