@@ -29,7 +29,54 @@ pub fn most_turns(slices: &[Slice], of_each: u64, beside: u64) -> u64 {
 
 #[cfg(test)]
 mod tests {
+    use std::collections::BTreeSet;
+
+    use wgpu::naga::{Block, Statement};
+
     use super::*;
+    use crate::embedded::{Folders, SHADERS};
+    use crate::gpu::{default_defs, link, shader_paths};
+
+    /// Every shader with loops, and what keeps the turns of an invocation below [`MOST_LOOP_TURNS`].
+    const HELD: &[(&str, &str)] = &[];
+
+    fn loops(block: &Block) -> bool {
+        block.iter().any(|statement| match statement {
+            Statement::Loop { .. } => true,
+            Statement::Block(inner) => loops(inner),
+            Statement::If { accept, reject, .. } => loops(accept) || loops(reject),
+            Statement::Switch { cases, .. } => cases.iter().any(|case| loops(&case.body)),
+            _ => false,
+        })
+    }
+
+    /// With any value of the definitions that choose between steps of a stage or between waters.
+    fn has_loops(folders: &Folders, path: &str) -> bool {
+        let defs = default_defs(folders, path).expect("its defaults are read");
+        let chosen = |name: &str| defs.iter().any(|(own, _)| own == name);
+        let steps = if chosen("STEP") { 0..3 } else { 0..1 };
+        let choices = steps.flat_map(|step| (0..3).map(move |water| (step, water)));
+        let has = |(step, water): (i32, i32)| {
+            let mut given = Vec::new();
+            given.extend(chosen("STEP").then_some(("STEP", step)));
+            given.extend(chosen("WATER").then_some(("WATER", water)));
+            let module = link(folders, path, &given).expect("it links");
+            let functions = module.functions.iter().map(|(_, function)| function);
+            let entries = module.entry_points.iter().map(|entry| &entry.function);
+            functions.chain(entries).any(|function| loops(&function.body))
+        };
+        choices.into_iter().any(has)
+    }
+
+    #[test]
+    fn every_shader_with_loops_says_what_bounds_them() {
+        let folders = Folders::of(SHADERS);
+        let paths = shader_paths(&folders);
+        let with: BTreeSet<&str> =
+            paths.iter().map(String::as_str).filter(|path| has_loops(&folders, path)).collect();
+        let held: BTreeSet<&str> = HELD.iter().map(|(path, _)| *path).collect();
+        assert_eq!(with, held);
+    }
 
     #[test]
     fn slices_cover_the_loop_and_none_is_too_long() {

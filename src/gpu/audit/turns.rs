@@ -93,3 +93,21 @@ fn state_after(turns: u32) -> u32 {
     (0..turns)
         .fold(0, |state: u32, _| (state ^ (state >> 15)).wrapping_mul(0x2c1b_3c6d).wrapping_add(1))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::gpu::Options;
+
+    #[test]
+    fn the_turns_of_this_adapter_are_found() {
+        let gpu = Gpu::open(&Options::default()).expect("an adapter is there");
+        let found = loop_turns(&gpu).expect("it makes enough turns");
+        if gpu.adapter.driver_info.contains("Mesa 22.3") {
+            // 65,535 of all loops: each turn of the outer one counts, and the one that ends the inner one.
+            assert_eq!((found.single, found.nested), (65_535, 65_409));
+        } else {
+            assert!(u64::from(found.single) >= MOST_LOOP_TURNS, "{found:?}");
+        }
+    }
+}
