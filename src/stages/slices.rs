@@ -38,7 +38,48 @@ mod tests {
     use crate::gpu::{default_defs, link, shader_paths};
 
     /// Every shader with loops, and what keeps the turns of an invocation below [`MOST_LOOP_TURNS`].
-    const HELD: &[(&str, &str)] = &[];
+    const HELD: &[(&str, &str)] = &[
+        ("ao/bilateral", "1,024 taps"),
+        ("ao/march", "slices of rays"),
+        ("ao/query", "slices of rays"),
+        ("audit/kernels", "timed, and its result is not used"),
+        ("audit/turns", "more turns than some adapters make, on purpose"),
+        ("caustics/filter", "1,024 taps"),
+        ("caustics/splat", "`SPLAT_ROWS` rows an invocation, told in `Scatter`"),
+        ("caustics/trace", "told in `Tracing`"),
+        ("ceilings/arithmetic", "`Kernel::most_turns`"),
+        ("ceilings/atomics", "`Kernel::most_turns`"),
+        ("ceilings/read", "`Kernel::most_turns`"),
+        ("ceilings/texels", "`Kernel::most_turns`"),
+        ("compose", "1,024 waves, four pixels, 256 taps"),
+        ("godrays/filter", "1,024 taps"),
+        ("godrays/trace", "told in `Tracing`"),
+        ("hsao/filter", "1,024 taps"),
+        ("hsao/march", "told in `March`"),
+        ("ldi/sort", "64 layers, within 64 layers"),
+        ("photons/query", "three heights of 1,024 waves, 1,000 iterations"),
+        ("post/luminance", "of 2³² texels the sums of each 1,024, 256 at a time"),
+        ("rays/group", "told in `Walked`"),
+        ("rays/march", "told in `Walked`"),
+        ("rays/rasterize", "64 layers"),
+        ("refraction/surface", "told in `Surface`"),
+        ("refraction/trace", "told in `Trace`"),
+        ("scalar/direct", "slices of steps"),
+        ("scalar/isosurface", "told in `RayCast`"),
+        ("scalar/positional", "slices of steps"),
+        ("shadow/mask", "1,024 waves"),
+        ("shafts/blur", "three standard deviations of 64 texels, to either side"),
+        ("sprites/draw", "64 layers"),
+        ("transfer/bounce", "64 layers"),
+        ("transfer/map", "three heights of 1,024 waves"),
+        ("voxel/alpha", "layers of the dispatch"),
+        ("voxel/combine", "32 bits, eight and four words"),
+        ("voxel/mips", "cells of a level"),
+        ("voxel/overlap", "layers of the dispatch"),
+        ("voxel/slice", "32 bits"),
+        ("voxel/unpack", "eight bits, four bytes"),
+        ("voxel/view", "the cells of three edges, 12,288"),
+    ];
 
     fn loops(block: &Block) -> bool {
         block.iter().any(|statement| match statement {
