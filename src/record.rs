@@ -204,6 +204,7 @@ impl Clock {
 /// invocations make more turns than that is wrong; stages make at most 65,000.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct LoopTurns {
+    /// Of each loop, and of both nested ones together.
     pub tried: u32,
     /// Of one loop.
     pub single: u32,

@@ -79,6 +79,14 @@ mod tests {
         ("voxel/slice", "32 bits"),
         ("voxel/unpack", "eight bits, four bytes"),
         ("voxel/view", "the cells of three edges, 12,288"),
+        // Linked with loops that they do not call.
+        ("caustics/mesh", "none"),
+        ("godrays/lines", "none"),
+        ("planar/points", "none"),
+        ("rays/reduce", "none"),
+        ("shadow/compose", "none"),
+        ("shafts/lines", "none"),
+        ("transfer/shadow", "none"),
     ];
 
     fn loops(block: &Block) -> bool {
