@@ -158,13 +158,8 @@ impl Rules {
 }
 
 /// Runs the stage over photons with nothing to hide them.
-pub(super) fn draw_free(
-    rig: &Rig<'_>,
-    view: &View,
-    photons: &[Photon],
-    rules: &Rules,
-) -> Result<Image> {
-    draw(rig, view, photons, &rig.depth(SIZE, 1.0)?, rules)
+pub(super) fn draw_free(rig: &Rig<'_>, view: &View, of: &[Photon], rules: &Rules) -> Result<Image> {
+    draw(rig, view, of, &rig.depth(SIZE, 1.0)?, rules)
 }
 
 /// Runs the stage over photons and the camera's depth.
@@ -422,15 +417,22 @@ fn cut(rig: &Rig<'_>, rules: Rules) -> Checks {
             photon_at(&rays, eye, at.map(|a| a * side), distance_m, random.within(0.5, 8.0))
         })
         .unzip();
+    extremes(rig, (&photons, &twins), rules, "splats of 0.4 to 400 px cut by the border")
+}
+
+/// Splats of extreme sizes against the twin's.
+fn extremes(rig: &Rig<'_>, of: (&[Photon], &[(DVec3, f64)]), rules: Rules, what: &str) -> Checks {
+    let (photons, twins) = of;
+    let view = rig::synthetic_view(SIZE, GAMMA_PER_M)?;
     let rules = Rules { sizes_px: EXTREMES_PX, ..rules };
-    let image = draw_free(rig, &view, &photons, &rules)?;
+    let image = draw_free(rig, &view, photons, &rules)?;
     let twin = |rules: Rules| -> Result<Image> {
         let mut twin = Image::constant(SIZE[0], SIZE[1], 0.0);
-        let splats = rules.splats(&view.camera, SIZE, &twins)?;
+        let splats = rules.splats(&view.camera, SIZE, twins)?;
         rasterize(&mut twin, &splats, &Image::constant(1, 1, 1.0), 0.0);
         Ok(twin)
     };
-    let what = format!("splats of 0.4 to 400 px cut by the border, {}", name(rules.splatting));
+    let what = format!("{what}, {}", name(rules.splatting));
     let wide = Rules { sizes_px: [EXTREMES_PX[0], 1.25 * EXTREMES_PX[1]], ..rules };
     Ok(vec![
         Check::of(STAGE, format!("{what}: Σ |difference| / Σ"))
@@ -441,28 +443,13 @@ fn cut(rig: &Rig<'_>, rules: Rules) -> Checks {
 
 /// Splats of more pixels than an adapter may make turns of an invocation's loops.
 fn large(rig: &Rig<'_>, rules: Rules) -> Checks {
-    const HARDLY_BEHIND_NEAR_M: f64 = 0.105;
     let view = rig::synthetic_view(SIZE, GAMMA_PER_M)?;
     let eye = DVec3::from(view.camera.position_m);
     let rays = PixelRays::new(&view.camera, SIZE[0], SIZE[1]);
-    let photon = |at| photon_at(&rays, eye, at, HARDLY_BEHIND_NEAR_M, 1.0);
+    let photon = |at| photon_at(&rays, eye, at, 0.105, 1.0);
     let (photons, twins): (Vec<_>, Vec<_>) =
         [[250.3, 260.8], [240.1, 300.6]].map(photon).into_iter().unzip();
-    let rules = Rules { sizes_px: EXTREMES_PX, ..rules };
-    let image = draw_free(rig, &view, &photons, &rules)?;
-    let mut twin = Image::constant(SIZE[0], SIZE[1], 0.0);
-    let splats = rules.splats(&view.camera, SIZE, &twins)?;
-    rasterize(&mut twin, &splats, &Image::constant(1, 1, 1.0), 0.0);
-    let lower = SIZE[1] - SIZE[1] / 3;
-    let cut =
-        Image::of(SIZE, |x, y| if y < lower { image.clamped(x.into(), y.into()) } else { 0.0 });
-    let what = format!("splats of 380 px, {}: Σ |difference| / Σ", name(rules.splatting));
-    Ok(vec![
-        Check::of(STAGE, what)
-            .within((coverage(rules.splatting), "1"), difference(&image, &twin))
-            .control("the lower third left out", difference(&cut, &twin))
-            .with("side_px", splats[0].size_px),
-    ])
+    extremes(rig, (&photons, &twins), rules, "splats of 380 px")
 }
 
 /// Sum of the absolute differences of two images' pixels, relative to the second's sum.
