@@ -92,6 +92,9 @@ pub struct Run {
     /// fenced host durations was measured beside them and is in `fenced` of each stage.
     #[schemars(schema_with = "schema::map::<PassKind, f64>")]
     pub submit_cost_ns: BTreeMap<PassKind, f64>,
+    /// Turns of loops that an invocation makes on this adapter. Absent from records of earlier versions.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub loop_turns: Option<LoopTurns>,
     /// The adapter's limits, measured after the audit. Absent from records of earlier versions.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub ceilings: Vec<Ceiling>,
@@ -197,6 +200,18 @@ impl Clock {
             Self::Host => "host",
         }
     }
+}
+
+/// How many turns an invocation made of loops of `tried` turns: fewer where the driver ends long loops early. A record of a stage whose
+/// invocations make more turns than that is wrong; stages make at most 65,000.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub struct LoopTurns {
+    /// Of each loop, and of both nested ones together.
+    pub tried: u32,
+    /// Of one loop.
+    pub single: u32,
+    /// Of the inner of two loops, over all turns of the outer one.
+    pub nested: u32,
 }
 
 /// One row of the clock's audit: one clock for one kind of pass in one surrounding.

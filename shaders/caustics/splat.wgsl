@@ -22,6 +22,9 @@
 
 // Rows of pixels of an invocation. Host twin: `ROWS` in src/stages/caustics/splat.rs.
 const ROWS: u32 = 8u;
+// Rows of a splat that an invocation adds: a larger one is shared by several, along z of the dispatch, as adapters end long loops.
+// Host twin: `SPLAT_ROWS`.
+const SPLAT_ROWS: u32 = 32u;
 const UPPER: f32 = 4294967296.0;
 // The largest f32 below 2³².
 const MOST_STEPS: f32 = 4294967040.0;
@@ -64,7 +67,8 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) g
     let first = vec2<u32>(clamp(ceil(center_px - half_px), vec2(0.0), settings.size_px));
     let end = vec2<u32>(clamp(ceil(center_px + half_px), vec2(0.0), settings.size_px));
     let steps = u32(min(round(splat.intensity * settings.steps), MOST_STEPS));
-    for (var y = first.y; y < end.y; y++) {
+    let first_row = first.y + SPLAT_ROWS * id.z;
+    for (var y = first_row; y < min(first_row + SPLAT_ROWS, end.y); y++) {
         let row = y * size.x;
         for (var pixel = row + first.x; pixel < row + end.x; pixel++) {
             let from_center = vec2(f32(pixel - row), f32(y)) - center_px;

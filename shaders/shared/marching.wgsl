@@ -12,9 +12,11 @@
 //   PEAK      1: where V can exceed the threshold between two samples, it is sampled in fifths of the step between them
 //   JITTER    1: each ray's samples are moved along it by a random share of a step; 0: all rays begin at the guard distance
 //   COUNT     1: counts samples and look-ups of the pyramid
+//   SLICED    1: a pass marches a slice of the rays, as more would exceed the turns that adapters make of an invocation's loops
 #define_import_path fathom::marching
 
 #import fathom::random::{pcg, unit}
+#import fathom::slice::{Slice}
 #import fathom::sphere::{cosine_direction, hemisphere_direction, tangent_frame}
 #import fathom::voxels::{Grid, to_cells, index_of}
 
@@ -36,6 +38,12 @@ struct March {
 @group(1) @binding(2) var volume: texture_3d<f32>;
 @group(1) @binding(3) var trilinear: sampler;
 @group(1) @binding(4) var<storage, read> bits: array<u32>;
+#if SLICED == 1
+// Rays of this pass.
+@group(1) @binding(5) var<storage, read> slice: Slice;
+// Sum over the rays so far, for each point.
+@group(1) @binding(6) var<storage, read_write> sums: array<f32>;
+#endif
 
 // 2³² / golden ratio: steps of the lattice's second coordinate.
 const GOLDEN: u32 = 0x9E3779B9u;
@@ -249,8 +257,8 @@ fn obscurity(origin: vec3<f32>, direction: vec3<f32>, first: f32, v0: f32) -> f3
 #endif
 }
 
-// A(p) of a point and its unit normal; 0 beyond r_max of the volume. VAO §3 step 3.
-fn occlusion(position_m: vec3<f32>, normal: vec3<f32>, seed: u32) -> f32 {
+// Sum over these rays of what they meet, from a point with its unit normal; 0 beyond r_max of the volume.
+fn gathered(position_m: vec3<f32>, normal: vec3<f32>, seed: u32, first_ray: u32, end_ray: u32) -> f32 {
     let surface = to_cells(grid, position_m);
     let beyond = max(-surface, surface - vec3<f32>(grid.cells));
     if max(max(beyond.x, beyond.y), beyond.z) > march.r_max {
@@ -265,7 +273,7 @@ fn occlusion(position_m: vec3<f32>, normal: vec3<f32>, seed: u32) -> f32 {
     let v0 = 2.0;
 #endif
     var sum = 0.0;
-    for (var ray = 0u; ray < march.rays; ray++) {
+    for (var ray = first_ray; ray < end_ray; ray++) {
         let local = local_direction(ray, seed);
         let across = rotation * local;
         let direction = select(across, vec3(LEAST), abs(across) < vec3(LEAST));
@@ -276,5 +284,23 @@ fn occlusion(position_m: vec3<f32>, normal: vec3<f32>, seed: u32) -> f32 {
         sum += rho;
 #endif
     }
+    return sum;
+}
+
+// A(p) of a point and its unit normal. VAO §3 step 3. Of slices the last has the answer, those before it have 0. `index` is the
+// point's place among the sums.
+fn occlusion(position_m: vec3<f32>, normal: vec3<f32>, seed: u32, index: u32) -> f32 {
+#if SLICED == 1
+    var sum = gathered(position_m, normal, seed, slice.first, slice.end);
+    if slice.first > 0u {
+        sum += sums[index];
+    }
+    sums[index] = sum;
+    if slice.end < march.rays {
+        return 0.0;
+    }
+#else
+    let sum = gathered(position_m, normal, seed, 0u, march.rays);
+#endif
     return sum / f32(march.rays);
 }

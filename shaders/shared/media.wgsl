@@ -1,13 +1,28 @@
 // Participating media along view rays, with ambient occlusion at each contributing sample. VAO §5.2.2 to §5.2.4.
 //
 // V of the equations is the windowed value. BEER 1: it is a density (Eq. 5); 0: an opacity (Eq. 7). REJECTION 1: samples
-// of falling density do not count (Eq. 4). SPHERE 1: positional ambient occlusion (Eq. 8); 0: over the hemisphere down
+// of falling density do not count (Eq. 4). SLICED 1: a pass takes a slice of the steps along the view ray. SPHERE 1: positional ambient occlusion (Eq. 8); 0: over the hemisphere down
 // the gradient (Eq. 3).
 #define_import_path fathom::media
 
 #import fathom::ray_cast::{march, windowed, view_ray, along, seed_of, lit, background, display, OPAQUE}
 #import fathom::scalar_field::{field, value, outward, through_box, look_ups}
+#import fathom::slice::{Slice}
 #import fathom::sphere::{shift_of, shifted_point, cosine_direction, sphere_direction, tangent_frame}
+
+#if SLICED == 1
+// What a pixel's steps have left so far.
+struct State {
+    radiance: vec3<f32>,
+    through: f32,
+    visible: f32,
+    far: f32,
+    counted: u32,
+}
+
+@group(1) @binding(4) var<storage, read> slice: Slice;
+@group(1) @binding(5) var<storage, read_write> states: array<State>;
+#endif
 
 struct Targets {
     @location(0) image: vec4<f32>,
@@ -111,7 +126,22 @@ fn composite(pixel: vec2<f32>) -> Targets {
     var radiance = vec3(0.0);
     var visible = 0.0;
     var far = 0.0;
-    for (var k = 0u; k < steps && through > OPAQUE; k++) {
+    var first = 0u;
+    var end = steps;
+#if SLICED == 1
+    let index = u32(pixel.y) * u32(march.size_px.x) + u32(pixel.x);
+    if slice.first > 0u {
+        let before = states[index];
+        radiance = before.radiance;
+        through = before.through;
+        visible = before.visible;
+        far = before.far;
+        look_ups = before.counted;
+    }
+    first = slice.first;
+    end = min(steps, slice.end);
+#endif
+    for (var k = first; k < end && through > OPAQUE; k++) {
         let d = ray.near_m + (f32(k) + 0.5) * step_m;
         let p = along(ray, d);
         let v = windowed(value(p, 0.0));
@@ -130,6 +160,9 @@ fn composite(pixel: vec2<f32>) -> Targets {
         far += weight * d;
         through -= weight;
     }
+#if SLICED == 1
+    states[index] = State(radiance, through, visible, far, look_ups);
+#endif
     let opacity = 1.0 - through;
     let image = display(radiance + through * background(ray.direction));
     if opacity <= 0.0 {

@@ -256,14 +256,15 @@ fn fill_share(number: u32, first: u32, step: u32) {
     }
 }
 
-// A workgroup for each large triangle, and all workgroups for each huge one.
+// A workgroup for each large triangle, and all workgroups of a layer of the dispatch for each huge one. There are several layers where
+// the turns of one would exceed those that adapters make of an invocation's loops.
 fn run(id: vec3<u32>, group: vec3<u32>, groups: vec3<u32>, own: u32) {
     let large = atomicLoad(&queue[0]);
-    for (var i = group.x; i < large; i += groups.x) {
+    for (var i = group.x + groups.x * group.z; i < large; i += groups.x * groups.z) {
         fill_share(atomicLoad(&queue[2u + i]), own, GROUP);
     }
     let huge = atomicLoad(&queue[1]);
-    for (var i = 0u; i < huge; i++) {
+    for (var i = group.z; i < huge; i += groups.z) {
         fill_share(atomicLoad(&queue[batch.triangles + 1u - i]), own + GROUP * group.x, GROUP * groups.x);
     }
 }

@@ -285,7 +285,8 @@ pub fn audit(catalog: &Catalog, args: AdapterArgs) -> Outcome {
     let gpu = Gpu::open(&gpu_options(catalog, &args))?;
     let table = gpu::audit_table(&gpu::audit(&gpu)?);
     let adapter = text::line(&format!("{} ({})", gpu.adapter.name, gpu.adapter.driver_info));
-    tell::answer(format!("{adapter}\n{table}"));
+    let turns = gpu::loop_turns(&gpu)?;
+    tell::answer(format!("{adapter}\n{table}{}\n", gpu::turns_line(turns)));
     Ok(ExitCode::SUCCESS)
 }
 

@@ -1,6 +1,6 @@
 //! Limits checked before anything is allocated.
 
-use super::Gpu;
+use super::{Gpu, MOST_LOOP_TURNS};
 use crate::record::Work;
 
 /// What a pipeline will need of the adapter, collected before it is built; checked by [`Gpu::check`].
@@ -34,6 +34,7 @@ enum Limit {
     ColorAttachments,
     BytesPerSample,
     Index,
+    LoopTurns,
 }
 
 impl Limit {
@@ -62,6 +63,8 @@ impl Limit {
             ),
             // No adapter's: shaders count in 32 bits.
             Self::Index => ("indices of 32 bits", u32::MAX.into()),
+            // The least of all adapters.
+            Self::LoopTurns => ("turns of loops in an invocation", MOST_LOOP_TURNS),
         }
     }
 }
@@ -105,6 +108,11 @@ impl Demand {
     /// Things that shaders index, such as voxels.
     pub fn indexed(self, what: &str, count: u64) -> Self {
         self.need(Limit::Index, what, count)
+    }
+
+    /// Shaders whose invocations make so many turns of their loops. See [`MOST_LOOP_TURNS`].
+    pub fn turns(self, what: &str, count: u64) -> Self {
+        self.need(Limit::LoopTurns, what, count)
     }
 
     /// A dispatch of this many workgroups in each dimension.

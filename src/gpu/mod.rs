@@ -20,7 +20,9 @@ mod shader;
 mod stage;
 
 pub use adapter::{Gpu, Options};
-pub use audit::{Audit, audit, audit_cpu_time, audit_table};
+pub use audit::{
+    Audit, MOST_LOOP_TURNS, audit, audit_cpu_time, audit_table, loop_turns, turns_line,
+};
 pub use capacity::Capacity;
 pub use ceilings::{CopyCheck, ceilings, compare_copies, limits, measure};
 pub use counters::{StageCounters, count};

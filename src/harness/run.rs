@@ -136,6 +136,7 @@ pub fn run(options: &Options, interrupted: &AtomicBool) -> Result<Summary, RunEr
     spent.since(now, SetUp::Audit);
     let seed = options.seed.unwrap_or_else(|| u64::from(rand::random::<u32>()));
     let mut header = Run { shard, ..header(options, &gpu, &audit, profile, seed) };
+    header.loop_turns = Some(gpu::loop_turns(&gpu)?);
     let finished = record::finished(&held.before, &header);
     let kept = plan::drop_finished(&mut planned, &finished);
     let (mut journal, damage) = Journal::open(&held.output.samples())?;
@@ -275,6 +276,7 @@ fn header(options: &Options, gpu: &Gpu, audit: &Audit, profile: Profile, seed: u
         shader_checks: if gpu.unchecked { ShaderChecks::Unchecked } else { ShaderChecks::Checked },
         audit: audit.rows.clone(),
         submit_cost_ns: AUDITED.map(|kind| (kind, audit.plan.submit_cost.of(kind))).into(),
+        loop_turns: None,
         ceilings: Vec::new(),
         shard: None,
         notes: of_adapter.chain([Note::new(NoteKind::Order, order)]).collect(),

@@ -163,6 +163,7 @@ fn photon_grids(
     let caustics =
         photon_stages(resources, shared, light, (path, &filter), |of, photons, conserving| {
             let (inputs, settings, side_px) = ((photons, seen), &plan.splat, plan.splat_px);
+            let sides_px = [side_px, params.caustics.point_size_max_px];
             let rules = (conserving, params.caustics.coverage);
             let drawn: Rc<dyn Accumulated> =
                 match (params.caustics.method, params.caustics.splatting) {
@@ -171,7 +172,7 @@ fn photon_grids(
                         of.push(Mesh::new(of, shared, inputs, &plan.mesh, side)?)
                     }
                     (CausticMethod::Splats, Splatting::Compute) => {
-                        of.push(splat::Scatter::new(of, shared, inputs, settings, rules, side_px)?)
+                        of.push(splat::Scatter::new(of, shared, inputs, settings, rules, sides_px)?)
                     }
                     (CausticMethod::Splats, Splatting::Raster) => {
                         of.push(splat::raster(of, shared, inputs, settings, rules, side_px)?)

@@ -116,6 +116,7 @@ pub fn header(profile: Profile) -> Run {
             row(PassKind::Render, Surrounding::Mixed, 0.998, true),
         ],
         submit_cost_ns: [(PassKind::Compute, 41_000.0), (PassKind::Render, 52_000.0)].into(),
+        loop_turns: None,
         ceilings: Vec::new(),
         notes: vec![Note::new(NoteKind::Adapter, "no SHADER_F16: not used")],
     }

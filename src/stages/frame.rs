@@ -159,6 +159,7 @@ pub struct Shared {
     uniforms: Buffer,
     /// Value of WATER in shaders that import `fathom::water`.
     water: i32,
+    water_turns: u64,
     fresnel: bool,
     photons: PhotonEnergy,
 }
@@ -177,6 +178,11 @@ impl Shared {
                 WaterModel::Waves => 1,
                 WaterModel::HeightMap => 2,
             },
+            water_turns: match view.water.model {
+                WaterModel::Circular | WaterModel::Directional => 0,
+                WaterModel::Waves => view.water.waves.len() as u64 + 1,
+                WaterModel::HeightMap => HEIGHT_MAP_TURNS,
+            },
             fresnel: view.water.fresnel,
             photons: PhotonEnergy::new(view),
         }
@@ -185,6 +191,11 @@ impl Shared {
     /// What shaders that import `fathom::water` are compiled with.
     pub fn water_def(&self) -> (&'static str, i32) {
         ("WATER", self.water)
+    }
+
+    /// Turns of loops that a height of the water takes.
+    pub fn water_turns(&self) -> u64 {
+        self.water_turns
     }
 
     /// What shaders that weigh photons are compiled with.
@@ -197,6 +208,9 @@ impl Shared {
         &self.photons
     }
 }
+
+/// Rows of four samples that a height map is interpolated from, and the loop's end.
+const HEIGHT_MAP_TURNS: u64 = 5;
 
 /// The texture that `shaders/shared/water.wgsl` reads.
 fn water_texels(resources: &Resources<'_>, water: &Water) -> wgpu::Texture {

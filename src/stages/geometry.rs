@@ -69,6 +69,8 @@ pub struct Geometry {
     glass: Vec<Range<u32>>,
     solid: Vec<Range<u32>>,
     pub materials: Buffer,
+    /// Of each triangle.
+    pub sizes: Vec<TriangleSize>,
 }
 
 /// The parts of the objects for which `wanted` holds, neighbours joined.
@@ -102,6 +104,33 @@ fn indices(scene: &Scene) -> Vec<u32> {
         base += object.mesh.positions.len() as u32;
     }
     indices
+}
+
+/// How large a triangle is at rest.
+#[derive(Clone, Copy, Debug)]
+pub struct TriangleSize {
+    /// The two longer sides of its box, metres.
+    pub sides_m: [f32; 2],
+    /// It has hardly an area, so that its normal may be none.
+    pub is_line: bool,
+}
+
+/// Area over the square of the longest side, twice each, at which 32-bit floats may find none.
+const LINE: f32 = 1e-5;
+
+fn sizes(scene: &Scene) -> Vec<TriangleSize> {
+    let of = |object: &Object| {
+        let positions = &object.mesh.positions;
+        let size = |corners: &[u32]| {
+            let [a, b, c] = [0, 1, 2].map(|i| Vec3::from(positions[corners[i] as usize]));
+            let sides = a.max(b).max(c) - a.min(b).min(c);
+            let [long, least] = [sides.max_element(), sides.min_element()];
+            let is_line = (b - a).cross(c - a).length() <= LINE * long * long;
+            TriangleSize { sides_m: [long, sides.element_sum() - long - least], is_line }
+        };
+        object.mesh.indices.chunks_exact(3).map(size).collect::<Vec<_>>()
+    };
+    scene.objects.iter().flat_map(of).collect()
 }
 
 fn material(object: &Object) -> MaterialUniforms {
@@ -146,7 +175,8 @@ impl Geometry {
         let materials = resources.structs("materials", &materials, Usage::STORAGE);
         let [opaque, glass, solid] = [Part::Opaque, Part::Glass, Part::Solid]
             .map(|part| joined(&objects, |number| part.holds(&scene.objects[number].material)));
-        Self { vertices, indices, objects, opaque, glass, solid, materials }
+        let sizes = sizes(scene);
+        Self { vertices, indices, objects, opaque, glass, solid, materials, sizes }
     }
 
     /// The content of the vertex buffer as it is made.

@@ -3,7 +3,8 @@
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
-use super::kit::{Bind, Group, Resources};
+use super::kit::{Bind, Buffer, Group, Resources};
+use super::slices::{Slice, most_turns, slices};
 use super::voxels::Voxels;
 use crate::gpu::GpuError;
 use crate::scene::Grid;
@@ -133,6 +134,9 @@ shader_struct! {
     }
 }
 
+/// Parts of a step that the shader samples V at in turns of a loop: `PARTS` in `shaders/shared/marching.wgsl`.
+const PARTS: u64 = 4;
+
 impl Guard {
     /// Length of the guard in voxels: along the ray, or above the plane for [`Guard::Variable`].
     pub fn voxels(self) -> f64 {
@@ -164,6 +168,14 @@ impl Marching {
         (self.r_max_voxels(grid).min(diagonal) / self.step_in(grid)).ceil()
     }
 
+    /// Turns of the shader's loops for a ray at most, the ones that find a loop's end included.
+    pub fn turns_of_ray(&self, grid: &Grid) -> u64 {
+        // Rounding of the ray's ends may add a sample.
+        let samples = self.samples_in(grid) as u64 + 1;
+        let within = if self.hit == Hit::Peak { samples.saturating_mul(PARTS) } else { 0 };
+        1 + (samples + 1).saturating_add(within)
+    }
+
     pub fn uniforms(&self, grid: &Grid) -> MarchUniforms {
         MarchUniforms {
             r_max: self.r_max_voxels(grid) as f32,
@@ -193,32 +205,84 @@ impl Marching {
         chosen.map(|(name, on)| (name, i32::from(on))).to_vec()
     }
 
-    /// Bind group 1 of the marching stages, for each volume.
+    /// The passes of the marching stages over so many points.
     ///
     /// # Errors
     /// There is no volume.
-    pub fn groups(
+    pub fn passes(
         &self,
         resources: &Resources<'_>,
         volumes: &[Voxels],
-    ) -> Result<Vec<Group>, GpuError> {
+        points: u64,
+    ) -> Result<MarchPasses, GpuError> {
         if volumes.is_empty() {
             return Err(GpuError::Limit("there is no volume to march through".into()));
         }
-        Ok(volumes.iter().map(|voxels| self.group(resources, voxels)).collect())
+        let of_volume = |voxels: &Voxels| {
+            let of_ray = self.turns_of_ray(&voxels.grid);
+            let slices = slices(self.rays, of_ray, 0);
+            resources.turns("samples of a ray", most_turns(&slices, of_ray, 0));
+            slices
+        };
+        let slices: Vec<Vec<Slice>> = volumes.iter().map(of_volume).collect();
+        let sliced = slices.iter().any(|slices| slices.len() > 1);
+        // A pass of a screen goes through all volumes, so that each needs its own.
+        let groups = |(voxels, slices)| {
+            let sums = sliced.then(|| resources.storage("sums over rays", points * 4));
+            self.groups(resources, voxels, slices, sums.as_ref())
+        };
+        Ok(MarchPasses { sliced, volumes: volumes.iter().zip(slices).map(groups).collect() })
     }
 
-    fn group(&self, resources: &Resources<'_>, voxels: &Voxels) -> Group {
+    /// Bind group 1 of each pass through a volume.
+    fn groups(
+        &self,
+        resources: &Resources<'_>,
+        voxels: &Voxels,
+        slices: Vec<Slice>,
+        sums: Option<&Buffer>,
+    ) -> Vec<Group> {
         let uniforms = resources.uniform("marching", &self.uniforms(&voxels.grid));
         let sampler = resources.linear_sampler("marching");
-        let binds = [
-            Bind::Uniform(&uniforms),
-            Bind::Uniform(&voxels.uniforms),
-            Bind::Volume(&voxels.texture),
-            Bind::Sampler(&sampler),
-            Bind::Read(&voxels.bits),
-        ];
-        Group::new(resources.gpu, "marching", &binds)
+        let group = |slice: Slice| {
+            let slice = sums.map(|sums| (resources.loop_settings("marching", &slice), sums));
+            let mut binds = vec![
+                Bind::Uniform(&uniforms),
+                Bind::Uniform(&voxels.uniforms),
+                Bind::Volume(&voxels.texture),
+                Bind::Sampler(&sampler),
+                Bind::Read(&voxels.bits),
+            ];
+            if let Some((slice, sums)) = &slice {
+                binds.extend([Bind::Read(slice), Bind::Write(sums)]);
+            }
+            Group::new(resources.gpu, "marching", &binds)
+        };
+        slices.into_iter().map(group).collect()
+    }
+}
+
+/// Passes of a marching stage: one for each slice of the rays through each volume.
+pub struct MarchPasses {
+    /// Some volume has several.
+    sliced: bool,
+    volumes: Vec<Vec<Group>>,
+}
+
+impl MarchPasses {
+    /// Bind group 1 of each volume's passes.
+    pub fn volumes(&self) -> &[Vec<Group>] {
+        &self.volumes
+    }
+
+    /// A group with the layout of all.
+    pub fn first(&self) -> &Group {
+        &self.volumes[0][0]
+    }
+
+    /// What the shader is compiled with beside [`Marching::defs`].
+    pub fn def(&self) -> (&'static str, i32) {
+        ("SLICED", i32::from(self.sliced))
     }
 }
 
@@ -276,7 +340,7 @@ mod tests {
     #[test]
     fn every_definition_links_on_its_own() {
         let names = marching().defs().into_iter().map(|(name, _)| name);
-        for name in names.chain(["COUNT"]) {
+        for name in names.chain(["COUNT", "SLICED"]) {
             for value in [0, 1] {
                 for shader in ["ao/march", "ao/query"] {
                     link(&Folders::of(SHADERS), shader, &[(name, value)])

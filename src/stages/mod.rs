@@ -33,6 +33,7 @@ pub mod screen_picture;
 pub mod screen_ray;
 pub mod shadow;
 pub mod shafts;
+pub mod slices;
 pub mod splatting;
 pub mod sprites;
 pub mod transfer;

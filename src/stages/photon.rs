@@ -142,7 +142,17 @@ impl TraceUniforms {
     pub fn photons(&self) -> u32 {
         self.grid * self.grid * self.side * self.side
     }
+
+    /// Turns of loops of a cell at most, where a height of the water takes `water`.
+    fn turns(&self, water: u64) -> u64 {
+        let photon = 1 + SURFACE_STEPS * (1 + water) + u64::from(self.iterations) + 2;
+        let side = u64::from(self.side);
+        (side * (side * photon + 2)).saturating_add(1)
+    }
 }
+
+/// Steps towards the water's surface, as in `shaders/shared/photon.wgsl`.
+const SURFACE_STEPS: u64 = 3;
 
 /// What `caustics/trace` and `godrays/trace` are.
 pub struct Tracing {
@@ -166,6 +176,10 @@ impl Tracing {
         (dynamic, conserving): (bool, bool),
     ) -> Result<Self, GpuError> {
         let name = info.name;
+        resources.turns(
+            &format!("{name}, subdivision × iterations"),
+            settings.turns(shared.water_turns()),
+        );
         let side = if dynamic { 0 } else { settings.side as i32 };
         let defs = [("SIDE", side), shared.water_def()];
         let uniforms = resources.uniform(name, &settings);

@@ -5,6 +5,7 @@ use glam::{Vec2, Vec3};
 use super::frame::Shared;
 use super::kit::{self, Bind, Group, RenderSpec, Resources, ScreenPass};
 use super::scalar_field::ScalarField;
+use super::slices::{Slice, most_turns, slices};
 use super::{Column, Output, Stage, StageInfo};
 use crate::gpu::{GpuError, StageScope};
 use crate::record::Work;
@@ -32,6 +33,24 @@ shader_struct! {
     }
 }
 
+/// What a pixel's steps have left so far: `State` in `shaders/shared/media.wgsl`.
+const STATE_BYTES: u64 = 32;
+/// Halvings of the step that holds an isosurface, as in `shaders/scalar/isosurface.wgsl`.
+const HALVINGS: u64 = 6;
+
+impl CastUniforms {
+    /// Steps along a view ray at most.
+    fn steps(&self, field: &ScalarField) -> u32 {
+        // The last step may be a short one, and rounding may add another.
+        (field.diagonal_m / f64::from(self.view_step_m)).ceil() as u32 + 1
+    }
+
+    /// Turns of loops of a point's occlusion at most.
+    fn turns_of_point(&self) -> u64 {
+        u64::from(self.rays) * (u64::from(self.samples) + 3) + 1
+    }
+}
+
 const IMAGE_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba8Unorm;
 const RESULT_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba32Float;
 const NORMAL_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba16Float;
@@ -40,6 +59,8 @@ const NORMAL_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba16Float;
 pub struct RayCast {
     info: &'static StageInfo,
     pass: ScreenPass,
+    /// Bind group 1 of each pass.
+    groups: Vec<wgpu::BindGroup>,
 }
 
 impl RayCast {
@@ -52,22 +73,56 @@ impl RayCast {
         normals: bool,
         settings: &CastUniforms,
     ) -> Result<Self, GpuError> {
-        let defs: Vec<_> = defs.iter().map(|(n, on)| (*n, i32::from(*on))).collect();
+        let slices = Self::slices(resources, settings, field, normals);
+        let sliced = slices.len() > 1;
+        let mut defs: Vec<_> = defs.iter().map(|(n, on)| (*n, i32::from(*on))).collect();
+        if !normals {
+            defs.push(("SLICED", i32::from(sliced)));
+        }
+        let size_px = settings.size_px.as_uvec2().to_array();
+        let pixels = u64::from(size_px[0]) * u64::from(size_px[1]);
         let uniforms = resources.uniform(info.name, settings);
-        let binds = [
-            Bind::Uniform(&field.uniforms),
-            Bind::Volume(&field.texture),
-            Bind::Sampler(&field.sampler),
-            Bind::Uniform(&uniforms),
-        ];
-        let group = Group::new(resources.gpu, info.name, &binds);
+        let states = sliced.then(|| resources.storage("steps so far", pixels * STATE_BYTES));
+        let group = |slice: &Slice| {
+            let mut binds = vec![
+                Bind::Uniform(&field.uniforms),
+                Bind::Volume(&field.texture),
+                Bind::Sampler(&field.sampler),
+                Bind::Uniform(&uniforms),
+            ];
+            let own = states.as_ref().map(|s| (resources.loop_settings(info.name, slice), s));
+            if let Some((slice, states)) = &own {
+                binds.extend([Bind::Read(slice), Bind::Write(states)]);
+            }
+            Group::new(resources.gpu, info.name, &binds)
+        };
+        let own: Vec<Group> = slices.iter().map(group).collect();
         let formats = [IMAGE_FORMAT, RESULT_FORMAT, NORMAL_FORMAT].map(kit::opaque);
         let targets = &formats[..if normals { 3 } else { 2 }];
-        let groups = [&shared.group, &group];
+        let groups = [&shared.group, &own[0]];
         let spec = RenderSpec::new(info.name, (info.name, &defs[..]), &groups, targets);
-        let size_px = settings.size_px.as_uvec2().to_array();
         let pass = ScreenPass::new(resources, &spec, size_px, wgpu::Color::TRANSPARENT)?;
-        Ok(Self { info, pass })
+        let groups = kit::bare(&own.iter().collect::<Vec<_>>());
+        Ok(Self { info, pass, groups })
+    }
+
+    /// The passes over the steps of view rays: one for an isosurface, where the rays of one point follow the steps. In a medium each
+    /// step may take the rays of a point.
+    fn slices(
+        resources: &Resources<'_>,
+        settings: &CastUniforms,
+        field: &ScalarField,
+        isosurface: bool,
+    ) -> Vec<Slice> {
+        let (steps, of_point) = (settings.steps(field), settings.turns_of_point());
+        let label = "scalar.rays × scalar.samples";
+        if isosurface {
+            resources.turns(label, of_point + u64::from(steps) + HALVINGS + 2);
+            return vec![Slice { first: 0, end: steps }];
+        }
+        let slices = slices(steps, of_point + 1, 0);
+        resources.turns(label, most_turns(&slices, of_point + 1, 0));
+        slices
     }
 
     /// The look, for display.
@@ -92,7 +147,10 @@ impl Stage for RayCast {
     }
 
     fn encode(&self, scope: &mut StageScope<'_>) {
-        self.pass.encode(scope);
+        self.pass.encode_series(scope, self.groups.len(), |number, pass| {
+            pass.set_bind_group(1, &self.groups[number], &[]);
+            pass.draw(0..3, 0..1);
+        });
     }
 
     /// Look-ups depend on the field and are counted by the shader: see the last channel of the result.

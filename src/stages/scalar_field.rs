@@ -44,6 +44,7 @@ pub struct ScalarField {
     pub texture: wgpu::Texture,
     pub sampler: wgpu::Sampler,
     pub voxel_m: f64,
+    pub diagonal_m: f64,
 }
 
 impl ScalarField {
@@ -70,6 +71,7 @@ impl ScalarField {
             texture,
             sampler,
             voxel_m: voxel_m(volume.spacing_m),
+            diagonal_m: bounds.size().length(),
         }
     }
 

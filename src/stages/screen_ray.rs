@@ -188,6 +188,11 @@ fn most_steps(layers: &Layers, least: u32) -> u32 {
     (width.max(height) + 1).max(least)
 }
 
+/// Turns of loops of a ray at most: its steps, at each of which it is held against each layer.
+pub fn walk_turns(steps: u32, layers: u32) -> u64 {
+    1 + u64::from(steps) * (u64::from(layers) + 2)
+}
+
 /// Of rays through layers within a box, of so many steps at least.
 pub fn walk_uniforms(layers: &Layers, bounds: Bounds, least: u32) -> WalkUniforms {
     let room = bounds.size().max_element() * ROOM;
@@ -323,6 +328,7 @@ impl Walked {
         workgroups: [u32; 3],
     ) -> Result<Self, GpuError> {
         let photons = Photons::new(resources, info.name, rays.transfers.count);
+        resources.turns("view × ldi.layers", walk_turns(rays.most(), rays.layers.count()));
         let own = rays.group(resources, info.name, Some(&photons));
         let groups = [&shared.group, &own];
         let defs = rays.defs();

@@ -76,7 +76,7 @@ impl Kernels {
     }
 }
 
-fn buffer(gpu: &Gpu, size: u64, usage: wgpu::BufferUsages) -> wgpu::Buffer {
+pub(super) fn buffer(gpu: &Gpu, size: u64, usage: wgpu::BufferUsages) -> wgpu::Buffer {
     let label = Some("audit");
     gpu.device.create_buffer(&wgpu::BufferDescriptor {
         label,

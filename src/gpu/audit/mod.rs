@@ -22,6 +22,7 @@
 //! first, and the others are then audited without it, which is how frames are measured.
 
 mod kernels;
+mod turns;
 mod verdict;
 
 use std::fmt::Write as _;
@@ -34,6 +35,8 @@ use super::frame::{ClockPlan, FrameSample, FrameTimer, HostClock, Probe, StageSa
 use super::{Gpu, GpuError};
 use crate::record::{AuditRow, Clock, PassKind, Surrounding};
 use crate::statistics;
+
+pub use self::turns::{MOST_LOOP_TURNS, loop_turns, turns_line};
 
 const KINDS: [PassKind; 3] = [PassKind::Render, PassKind::Compute, PassKind::Copy];
 /// Length of a pass at N work: on a software adapter, and on a GPU. Long beside the jitter of a

@@ -6,7 +6,7 @@ use super::raster;
 use crate::gpu::frame::{ColorTarget, StageScope, Targets};
 use crate::gpu::readback::read_texture;
 use crate::gpu::shader::compilation_options;
-use crate::gpu::{Gpu, GpuError};
+use crate::gpu::{Gpu, GpuError, MOST_LOOP_TURNS};
 
 /// Shader of both.
 const PATH: &str = "ceilings/arithmetic";
@@ -14,8 +14,8 @@ const PATH: &str = "ceilings/arithmetic";
 const CHAINED: u32 = 64;
 /// The sum of what the chains start with.
 const CHAIN_START: f64 = 4.0;
-/// Sums of whole numbers are exact in 32-bit floats below 2²⁴.
-const MOST_TURNS: u32 = (1 << 24) / CHAINED / 2;
+/// Sums of whole numbers are exact in 32-bit floats below 2²⁴, that is for 131,072 turns. An adapter may make fewer.
+const MOST_TURNS: u32 = MOST_LOOP_TURNS as u32;
 
 /// The result of an invocation or a fragment.
 fn expected(turns: u32) -> f64 {
@@ -24,7 +24,7 @@ fn expected(turns: u32) -> f64 {
 
 /// Multiply-adds of a compute pass.
 pub(super) fn compute(gpu: &Gpu) -> Result<Invocations, GpuError> {
-    let code = Code { path: PATH, entry: "compute", defs: &[], reads: vec![] };
+    let code = Code { path: PATH, entry: "compute", defs: &[], reads: vec![], within: 0 };
     let per_turn = f64::from(invocations(gpu)) * f64::from(CHAINED);
     let answer: Answer = Box::new(|turns, results| all_are(floats(&results), expected(turns), 0.0));
     Invocations::new(gpu, code, per_turn, MOST_TURNS, answer)

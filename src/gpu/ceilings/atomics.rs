@@ -12,7 +12,8 @@ const ADDS: u32 = 8;
 pub(super) fn atomics(gpu: &Gpu, addresses: Addresses) -> Result<Invocations, GpuError> {
     let contended = addresses == Addresses::Contended;
     let defs = [("CONTENDED", i32::from(contended))];
-    let code = Code { path: "ceilings/atomics", entry: "main", defs: &defs, reads: vec![] };
+    let code =
+        Code { path: "ceilings/atomics", entry: "main", defs: &defs, reads: vec![], within: 0 };
     let invocations = invocations(gpu);
     let answer: Answer = Box::new(move |turns, results| {
         let adds = ADDS.wrapping_mul(turns);

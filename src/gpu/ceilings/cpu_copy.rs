@@ -75,7 +75,7 @@ pub fn compare_copies(
     let kernel = kernel::of(gpu, Limit::Copy { working_set_bytes })?;
     let mut stand = Stand::new(gpu, plan, kernel.as_ref())?;
     let mut cpu = CpuCopy::new(working_set_bytes);
-    let turns = stand.calibrate()?;
+    let turns = stand.calibrate(kernel.most_turns())?;
     let bytes = kernel.work_per_turn() * f64::from(turns);
     let mut pairs_ns = Vec::new();
     for _ in 0..PAIRS {

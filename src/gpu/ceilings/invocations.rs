@@ -4,9 +4,9 @@ use super::kernel::{Kernel, buffer, clear};
 use crate::gpu::frame::StageScope;
 use crate::gpu::readback::read_buffer;
 use crate::gpu::shader::compilation_options;
-use crate::gpu::{Gpu, GpuError};
+use crate::gpu::{Gpu, GpuError, MOST_LOOP_TURNS};
 
-const GROUP_SIZE: u32 = 64;
+pub(super) const GROUP_SIZE: u32 = 64;
 /// Invocations: enough to hide latencies.
 const SOFTWARE_INVOCATIONS: u32 = 1 << 14;
 const GPU_INVOCATIONS: u32 = 1 << 20;
@@ -32,6 +32,8 @@ pub(super) struct Code<'a> {
     pub entry: &'a str,
     pub defs: &'a [(&'a str, i32)],
     pub reads: Vec<(u32, wgpu::BindingResource<'a>)>,
+    /// Turns of loops within a turn.
+    pub within: u64,
 }
 
 impl Invocations {
@@ -53,6 +55,7 @@ impl Invocations {
             compilation_options: compilation_options(),
             cache: None,
         });
+        let most_turns = u64::from(most_turns).min(MOST_LOOP_TURNS / (1 + code.within)) as u32;
         let uniform = uniform(gpu);
         let invocations = invocations(gpu);
         let usage = Usage::STORAGE | Usage::COPY_SRC | Usage::COPY_DST;

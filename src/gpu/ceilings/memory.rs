@@ -1,6 +1,6 @@
 //! Kernels that move memory: copying, clearing, reading.
 
-use super::invocations::{Answer, Code, Invocations, invocations, words};
+use super::invocations::{Answer, Code, GROUP_SIZE, Invocations, invocations, words};
 use super::kernel::{Kernel, buffer, clear};
 use crate::gpu::frame::StageScope;
 use crate::gpu::readback::read_buffer;
@@ -116,7 +116,11 @@ impl Kernel for Clear {
 pub(super) fn read(gpu: &Gpu, bytes: u64) -> Result<Invocations, GpuError> {
     let data = filled(gpu, bytes, wgpu::BufferUsages::STORAGE);
     let reads = vec![(2, data.as_entire_binding())];
-    let code = Code { path: "ceilings/read", entry: "main", defs: &[], reads };
+    // As in the shader: a workgroup's piece, and a workgroup's invocations beside one another.
+    let group = u64::from(GROUP_SIZE);
+    let groups = u64::from(invocations(gpu)) / group;
+    let within = (bytes / READ_BYTES / groups).max(group) / group + 1;
+    let code = Code { path: "ceilings/read", entry: "main", defs: &[], reads, within };
     // Each invocation reads at least once: see the shader.
     let read = bytes.max(u64::from(invocations(gpu)) * READ_BYTES);
     let blocks = (read / 4 / u64::from(BLOCK_WORDS)) as u32;

@@ -134,7 +134,7 @@ pub fn measure(gpu: &Gpu, plan: ClockPlan, limit: Limit) -> Result<Ceiling, GpuE
     let kernel = kernel::of(gpu, limit)?;
     let mut stand = Stand::new(gpu, plan, kernel.as_ref())?;
     let most = kernel.most_turns() / 2;
-    let turns = stand.calibrate()?.min(most).max(1);
+    let turns = stand.calibrate(most)?;
     let (turns, ceiling) = attempted(turns, most, |turns| stand.ceiling(limit, turns))?;
     let wrong = |reason| GpuError::Unusable(format!("the ceiling `{}`: {reason}", limit.name()));
     kernel::check(gpu, kernel.as_ref(), 2 * turns)?.map_err(wrong)?;
@@ -196,8 +196,8 @@ impl<'a> Stand<'a> {
         Err(GpuError::Unusable(reason.to_owned()))
     }
 
-    /// Turns that take about as long as is wanted.
-    fn calibrate(&mut self) -> Result<u32, GpuError> {
+    /// Turns that take about as long as is wanted, but no more than `most`.
+    fn calibrate(&mut self, most: u32) -> Result<u32, GpuError> {
         const STEPS: usize = 24;
         const LARGEST_STEP: f64 = 16.0;
         let goal_ns = if self.gpu.adapter.software { SOFTWARE_PASS_NS } else { GPU_PASS_NS };
@@ -206,10 +206,10 @@ impl<'a> Stand<'a> {
         self.time_ns(turns)?;
         for _ in 0..STEPS {
             let short_by = (goal_ns / self.time_ns(turns)?.max(0.0)).min(LARGEST_STEP);
-            if short_by < 1.5 {
+            if short_by < 1.5 || turns >= most {
                 break;
             }
-            turns = (f64::from(turns) * short_by).ceil() as u32;
+            turns = ((f64::from(turns) * short_by).ceil() as u32).min(most).max(1);
         }
         Ok(turns)
     }

@@ -27,6 +27,10 @@ pub fn cases() -> Vec<Case> {
         .collect()
 }
 
+/// Rays whose marching takes more turns than an adapter may make of an invocation's loops: see [`crate::gpu::MOST_LOOP_TURNS`]. The
+/// stages take several passes.
+const MANY_RAYS: u32 = 16_384;
+
 /// Edge of a voxel in these cases, metres.
 const VOXEL_M: f64 = 0.1;
 

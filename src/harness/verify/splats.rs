@@ -60,6 +60,7 @@ pub fn cases() -> Vec<Case> {
         case("splats within one surface", within_surface);
         case("sum of many small contributions", accumulation);
         case("splats that the border cuts", cut);
+        case("splats of more pixels than a loop has turns", large);
     }
     for name in ["plane", "tank"] {
         cases.push(Case::new(STAGE, format!("conserved energy of scene {name}"), move |rig| {
@@ -157,13 +158,8 @@ impl Rules {
 }
 
 /// Runs the stage over photons with nothing to hide them.
-pub(super) fn draw_free(
-    rig: &Rig<'_>,
-    view: &View,
-    photons: &[Photon],
-    rules: &Rules,
-) -> Result<Image> {
-    draw(rig, view, photons, &rig.depth(SIZE, 1.0)?, rules)
+pub(super) fn draw_free(rig: &Rig<'_>, view: &View, of: &[Photon], rules: &Rules) -> Result<Image> {
+    draw(rig, view, of, &rig.depth(SIZE, 1.0)?, rules)
 }
 
 /// Runs the stage over photons and the camera's depth.
@@ -195,7 +191,7 @@ fn draw(
     let (resources, inputs) = (&rig.resources, (&buffer, depth));
     let stage: Box<dyn Accumulated> = match rules.splatting {
         Splatting::Compute => {
-            Box::new(Scatter::new(resources, &shared, inputs, &settings, how, 10.0)?)
+            Box::new(Scatter::new(resources, &shared, inputs, &settings, how, [10.0, max_px])?)
         }
         Splatting::Raster => {
             Box::new(splat::raster(resources, &shared, inputs, &settings, how, 10.0)?)
@@ -421,21 +417,39 @@ fn cut(rig: &Rig<'_>, rules: Rules) -> Checks {
             photon_at(&rays, eye, at.map(|a| a * side), distance_m, random.within(0.5, 8.0))
         })
         .unzip();
+    extremes(rig, (&photons, &twins), rules, "splats of 0.4 to 400 px cut by the border")
+}
+
+/// Splats of extreme sizes against the twin's.
+fn extremes(rig: &Rig<'_>, of: (&[Photon], &[(DVec3, f64)]), rules: Rules, what: &str) -> Checks {
+    let (photons, twins) = of;
+    let view = rig::synthetic_view(SIZE, GAMMA_PER_M)?;
     let rules = Rules { sizes_px: EXTREMES_PX, ..rules };
-    let image = draw_free(rig, &view, &photons, &rules)?;
+    let image = draw_free(rig, &view, photons, &rules)?;
     let twin = |rules: Rules| -> Result<Image> {
         let mut twin = Image::constant(SIZE[0], SIZE[1], 0.0);
-        let splats = rules.splats(&view.camera, SIZE, &twins)?;
+        let splats = rules.splats(&view.camera, SIZE, twins)?;
         rasterize(&mut twin, &splats, &Image::constant(1, 1, 1.0), 0.0);
         Ok(twin)
     };
-    let what = format!("splats of 0.4 to 400 px cut by the border, {}", name(rules.splatting));
+    let what = format!("{what}, {}", name(rules.splatting));
     let wide = Rules { sizes_px: [EXTREMES_PX[0], 1.25 * EXTREMES_PX[1]], ..rules };
     Ok(vec![
         Check::of(STAGE, format!("{what}: Σ |difference| / Σ"))
             .within((coverage(rules.splatting), "1"), difference(&image, &twin(rules)?))
             .control("s_max 500 px", difference(&image, &twin(wide)?)),
     ])
+}
+
+/// Splats of more pixels than an adapter may make turns of an invocation's loops.
+fn large(rig: &Rig<'_>, rules: Rules) -> Checks {
+    let view = rig::synthetic_view(SIZE, GAMMA_PER_M)?;
+    let eye = DVec3::from(view.camera.position_m);
+    let rays = PixelRays::new(&view.camera, SIZE[0], SIZE[1]);
+    let photon = |at| photon_at(&rays, eye, at, 0.105, 1.0);
+    let (photons, twins): (Vec<_>, Vec<_>) =
+        [[250.3, 260.8], [240.1, 300.6]].map(photon).into_iter().unzip();
+    extremes(rig, (&photons, &twins), rules, "splats of 380 px")
 }
 
 /// Sum of the absolute differences of two images' pixels, relative to the second's sum.

@@ -112,6 +112,9 @@ mod tests {
     use serde_json::{Value, json};
 
     use super::*;
+    use crate::pipelines::PipelineKind;
+    use crate::pipelines::hsao::Hsao;
+    use crate::scene::Scene;
     use crate::{parameter, pipelines};
 
     fn with(path: &str, value: Value) -> Result<Params, ParamError> {
@@ -125,6 +128,21 @@ mod tests {
         let params = Params::from(&SceneFile::load("tank").unwrap());
         let uniforms = params.hsao.uniforms(params.buffer_px(), 1.0);
         assert_eq!(uniforms.samples_per_pixel(), 400);
+    }
+
+    #[test]
+    fn samples_beyond_the_turns_of_loops_are_refused() {
+        let scene = Scene::load("tank").unwrap();
+        let check = |directions: u32| {
+            let mut tree = parameter::tree(&Params::from(&SceneFile::load("tank").unwrap()));
+            parameter::set(&mut tree, "hsao.directions", json!(directions)).unwrap();
+            parameter::set(&mut tree, "hsao.steps", json!(64)).unwrap();
+            let built = (PipelineKind::of::<Hsao>().configure)(&tree).unwrap();
+            built.plan(&scene).unwrap().demand.check(&wgpu::Limits::default())
+        };
+        assert_eq!(check(512), Ok(()));
+        let message = check(1024).unwrap_err();
+        assert!(message.starts_with("hsao.directions × hsao.steps"), "{message}");
     }
 
     #[test]

@@ -151,3 +151,16 @@ fn cells_follow_the_parameters_where_they_can() {
     let message = read(&tree).unwrap().staged(&scanned).unwrap_err().to_string();
     assert!(message.starts_with("volume.cells"), "{message}");
 }
+
+#[test]
+fn rays_of_an_isosurface_beyond_the_turns_of_loops_are_refused() {
+    let check = |samples: u32| {
+        let mut tree = tree("scalar.rays", json!(1024));
+        parameter::set(&mut tree, "scalar.samples", json!(samples)).unwrap();
+        let demand = demand(&tree, &scene()).unwrap();
+        demand.check(&wgpu::Limits::default())
+    };
+    assert_eq!(check(32), Ok(()));
+    let message = check(128).unwrap_err();
+    assert!(message.starts_with("scalar.rays × scalar.samples: asks 134"), "{message}");
+}

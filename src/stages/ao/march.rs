@@ -30,7 +30,8 @@ shader_struct! {
 
 /// A volume's bind group and the pixels that it can reach.
 struct Drawn {
-    group: wgpu::BindGroup,
+    /// One for each slice of the rays.
+    groups: Vec<wgpu::BindGroup>,
     /// x, y, width, height.
     scissor: [u32; 4],
     samples: u64,
@@ -76,21 +77,23 @@ impl March {
         ];
         binds.extend(counters.map(Counters::bind));
         let inputs = Group::new(resources.gpu, INFO.name, &binds);
-        let groups = marching.groups(resources, volumes)?;
-        let all = [&shared.group, &groups[0], &inputs];
+        let pixels = u64::from(size_px[0]) * u64::from(size_px[1]);
+        let passes = marching.passes(resources, volumes, pixels)?;
+        defs.push(passes.def());
+        let all = [&shared.group, passes.first(), &inputs];
         let targets = [kit::multiplicative(VISIBILITY_FORMAT)];
         let spec = RenderSpec::new(INFO.name, (INFO.name, &defs[..]), &all, &targets);
-        let drawn = |(group, voxels): (&Group, &Voxels)| {
+        let drawn = |(groups, voxels): (&Vec<Group>, &Voxels)| {
             let reach = grown(&voxels.grid.bounds(), marching.r_max_m);
             Some(Drawn {
-                group: group.group.clone(),
+                groups: kit::bare(&groups.iter().collect::<Vec<_>>()),
                 scissor: rectangle(&view_projection, &reach, size_px)?,
                 samples: marching.samples_in(&voxels.grid) as u64,
             })
         };
         Ok(Self {
             pass: ScreenPass::new(resources, &spec, size_px, wgpu::Color::WHITE)?,
-            volumes: groups.iter().zip(volumes).filter_map(drawn).collect(),
+            volumes: passes.volumes().iter().zip(volumes).filter_map(drawn).collect(),
             rays: marching.rays,
         })
     }
@@ -158,11 +161,14 @@ impl Stage for March {
     }
 
     fn encode(&self, scope: &mut StageScope<'_>) {
-        self.pass.encode_with(scope, |pass| {
+        let slices = self.volumes.iter().map(|volume| volume.groups.len()).max().unwrap_or(0);
+        // A pass adds to the sums of the one before it.
+        self.pass.encode_series(scope, slices.max(1), |number, pass| {
             for volume in &self.volumes {
+                let Some(group) = volume.groups.get(number) else { continue };
                 let [x, y, width, height] = volume.scissor;
                 pass.set_scissor_rect(x, y, width, height);
-                pass.set_bind_group(1, &volume.group, &[]);
+                pass.set_bind_group(1, group, &[]);
                 pass.draw(0..3, 0..1);
             }
         });

@@ -28,7 +28,7 @@ shader_struct! {
 
 pub struct Query {
     kernel: Kernel,
-    /// One for each volume.
+    /// One for each slice of the rays through each volume.
     dispatches: Vec<Dispatch>,
     count: u64,
     samples: u64,
@@ -54,15 +54,16 @@ impl Query {
         });
         let binds = [Bind::Read(&input), Bind::Write(&visibility)];
         let point_group = Group::new(resources.gpu, INFO.name, &binds);
-        let groups = marching.groups(resources, volumes)?;
-        let (workgroups, defs) = (kit::linear_workgroups(count), marching.defs());
+        let passes = marching.passes(resources, volumes, count)?;
+        let (workgroups, mut defs) = (kit::linear_workgroups(count), marching.defs());
+        defs.push(passes.def());
         let dispatch =
             |group: &Group| Dispatch::new(resources, INFO.name, &[&point_group, group], workgroups);
         let samples = volumes.iter().map(|v| marching.samples_in(&v.grid) as u64);
-        let both = [&point_group, &groups[0]];
+        let both = [&point_group, passes.first()];
         Ok(Self {
             kernel: Kernel::new(resources, INFO.name, (INFO.name, &defs[..]), &both)?,
-            dispatches: groups.iter().map(dispatch).collect(),
+            dispatches: passes.volumes().iter().flatten().map(dispatch).collect(),
             count,
             samples: samples.sum::<u64>() * u64::from(marching.rays),
             visibility,

@@ -137,6 +137,8 @@ fn fragments(photons: &Photons, typical_px: f64) -> u64 {
 /// Invocations of a workgroup over pixels, all in a row, and rows of each, as in the shader.
 const COLUMNS: u32 = 64;
 const ROWS: u32 = 8;
+/// Rows of a splat that an invocation adds, as in the shader.
+const SPLAT_ROWS: u64 = 32;
 /// Bytes of a pixel: its sum, its depth, its value in the picture.
 const PIXEL_BYTES: u64 = 8 + 4 + 4;
 
@@ -152,7 +154,7 @@ pub struct Scatter {
 }
 
 impl Scatter {
-    /// As [`raster`].
+    /// As [`raster`]. No splat has a longer side than `most_px`.
     ///
     /// # Errors
     /// What the GPU reports.
@@ -162,7 +164,7 @@ impl Scatter {
         (photons, scene_depth): (&Photons, &wgpu::Texture),
         settings: &SplatUniforms,
         (conserving, coverage): (bool, SplatCoverage),
-        typical_px: f64,
+        [typical_px, most_px]: [f64; 2],
     ) -> Result<Self, GpuError> {
         let [width, height] = settings.size_px.as_uvec2().to_array();
         let pixels = u64::from(width) * u64::from(height);
@@ -183,7 +185,12 @@ impl Scatter {
             Ok((kernel, Dispatch::new(resources, INFO.name, &groups, workgroups)))
         };
         let of_pixels = [width.div_ceil(COLUMNS), height.div_ceil(ROWS), 1];
-        let of_photons = kit::linear_workgroups(photons.count.into());
+        let side = most_px.floor() as u64 + 1;
+        let parts = side.min(height.into()).div_ceil(SPLAT_ROWS);
+        let turns = 1 + SPLAT_ROWS * (side.min(width.into()) + 2);
+        resources.turns("view.width of caustics.buffer", turns);
+        let [x, y, _] = kit::linear_workgroups(photons.count.into());
+        let of_photons = [x, y, parts as u32];
         Ok(Self {
             steps: [step(0, of_pixels)?, step(1, of_photons)?, step(2, of_pixels)?],
             photons: photons.count,

@@ -39,6 +39,11 @@ impl HorizonUniforms {
         u64::from(self.directions) * u64::from(self.steps)
             + u64::from(self.rays) * u64::from(self.ray_steps)
     }
+
+    /// Turns of loops of a pixel at most, the ones that find a loop's end included.
+    fn turns(&self) -> u64 {
+        self.samples_per_pixel() + 3 * u64::from(self.directions) + 2 * u64::from(self.rays) + 1
+    }
 }
 
 pub struct March {
@@ -68,6 +73,8 @@ impl March {
         counters: Option<&Counters>,
     ) -> Result<Self, GpuError> {
         let defs = [("HARD", i32::from(hard)), ("COUNT", i32::from(counters.is_some()))];
+        resources
+            .turns("hsao.directions × hsao.steps + hsao.rays × hsao.ray_steps", settings.turns());
         let settings_buffer = resources.loop_settings(INFO.name, settings);
         let mut binds = vec![
             Bind::Read(&settings_buffer),

@@ -322,13 +322,32 @@ impl ScreenPass {
         scope: &mut StageScope<'_>,
         draw: impl FnOnce(&mut wgpu::RenderPass<'_>),
     ) {
-        let target = |view| ColorTarget { view, clear: Some(self.clear), slice: None };
-        let color: Vec<_> = self.views.iter().map(target).collect();
-        scope.render(&Targets { color: &color, depth: None }, |pass| {
-            self.raster.bind(pass);
-            bind_groups(pass, &self.groups);
-            draw(pass);
-        });
+        let color = self.colors(Some(self.clear));
+        scope.render(&Targets { color: &color, depth: None }, |pass| self.draw(pass, draw));
+    }
+
+    /// So many passes, at least one, each onto what the one before it has left. `draw` is given the pass's place.
+    pub fn encode_series(
+        &self,
+        scope: &mut StageScope<'_>,
+        passes: usize,
+        mut draw: impl FnMut(usize, &mut wgpu::RenderPass<'_>),
+    ) {
+        let (cleared, kept) = (self.colors(Some(self.clear)), self.colors(None));
+        let targets =
+            |number| Targets { color: if number == 0 { &cleared } else { &kept }, depth: None };
+        let targets: Vec<_> = (0..passes).map(targets).collect();
+        scope.render_series(&targets, |number, pass| self.draw(pass, |pass| draw(number, pass)));
+    }
+
+    fn colors(&self, clear: Option<wgpu::Color>) -> Vec<ColorTarget<'_>> {
+        self.views.iter().map(|view| ColorTarget { view, clear, slice: None }).collect()
+    }
+
+    fn draw(&self, pass: &mut wgpu::RenderPass<'_>, draw: impl FnOnce(&mut wgpu::RenderPass<'_>)) {
+        self.raster.bind(pass);
+        bind_groups(pass, &self.groups);
+        draw(pass);
     }
 }
 

@@ -143,6 +143,12 @@ impl<'g> Resources<'g> {
         self.note(label, |demand, what| demand.indexed(what, count));
     }
 
+    /// An invocation makes so many turns of its loops at most, those that find a loop's end included. The label names what gives them.
+    pub fn turns(&self, label: &str, count: u64) {
+        let mut account = self.account.borrow_mut();
+        account.demand = std::mem::take(&mut account.demand).turns(label, count);
+    }
+
     pub(super) fn dispatch(&self, label: &str, workgroups: [u32; 3]) {
         self.note(label, |demand, what| demand.dispatch(what, workgroups.map(u64::from)));
     }

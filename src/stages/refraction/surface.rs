@@ -7,7 +7,7 @@ use crate::record::Work;
 use crate::shader_struct;
 use crate::stages::frame::Shared;
 use crate::stages::kit::{self, Bind, Group, RenderSpec, Resources, ScreenPass};
-use crate::stages::screen_ray::{Layers, WalkUniforms};
+use crate::stages::screen_ray::{Layers, WalkUniforms, walk_turns};
 use crate::stages::sprites::compose::Shafts;
 use crate::stages::{Output, Stage, StageInfo};
 
@@ -26,6 +26,10 @@ shader_struct! {
         pub bound_m: f32,
     }
 }
+
+/// Steps towards the water's surface, and halvings of the one that crosses it: as in the shader.
+const SEARCHES: u64 = 32;
+const HALVINGS: u64 = 10;
 
 /// What the camera sees without the water.
 pub struct Dry<'a> {
@@ -56,6 +60,9 @@ impl Surface {
             shaft_scale: shafts.as_ref().map_or(0.0, |shafts| shafts.scale as f32),
             bound_m: bound_m as f32,
         };
+        // The search for the surface, its height at the place found, and a ray to either side.
+        let water = (SEARCHES + HALVINGS + 3) * (2 + shared.water_turns());
+        resources.turns("water.waves and view", water + 2 * walk_turns(walk.most, 1));
         let settings = resources.uniform(INFO.name, &settings);
         let walk_uniforms =
             resources.uniform(INFO.name, &WalkUniforms { layers: 1, ..walk.clone() });

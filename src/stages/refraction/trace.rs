@@ -6,7 +6,7 @@ use crate::record::Work;
 use crate::shader_struct;
 use crate::stages::frame::Shared;
 use crate::stages::kit::{self, Bind, Group, RenderSpec, Resources, ScreenPass};
-use crate::stages::screen_ray::{Layers, WalkUniforms};
+use crate::stages::screen_ray::{Layers, WalkUniforms, walk_turns};
 use crate::stages::{Output, Stage, StageInfo};
 
 pub const INFO: StageInfo = StageInfo {
@@ -47,6 +47,10 @@ impl Trace {
         walk: &WalkUniforms,
         (refractions, surface): (u32, Surface),
     ) -> Result<Self, GpuError> {
+        resources.turns(
+            "refractions × view",
+            u64::from(refractions) * (walk_turns(walk.most, 0) + 2) + 1,
+        );
         let walk_uniforms = resources.uniform(INFO.name, walk);
         let settings = TraceUniforms { refractions };
         let settings = resources.uniform(INFO.name, &settings);

@@ -6,8 +6,9 @@
 
 use super::clear::Cleared;
 use super::{Part, bit_volumes};
-use crate::gpu::{GpuError, StageScope};
+use crate::gpu::{GpuError, MOST_LOOP_TURNS, StageScope};
 use crate::record::Work;
+use crate::scene::Grid;
 use crate::shader_struct;
 use crate::stages::geometry::Geometry;
 use crate::stages::kit::{self, Bind, Buffer, Dispatch, Group, Kernel, Resources};
@@ -20,6 +21,14 @@ const SMALL_COLUMNS: u32 = 32;
 const LARGE_COLUMNS: u32 = 4096;
 /// Workgroups of the dispatch of large triangles. Tuned likewise.
 const LARGE_GROUPS: u32 = 128;
+
+/// Invocations of a workgroup.
+const GROUP: u64 = 64;
+/// Turns of loops in a column at most: w is the axis nearest to the normal, so that a triangle's plane passes no more than four voxels of
+/// it. With the column's own turn, the loop's end, and one for rounding.
+const COLUMN_TURNS: u64 = 7;
+/// Animated triangles are up to so many times as long as at rest.
+const STRETCH: f64 = 2.0;
 
 shader_struct! {
     /// `Batch` in `shaders/shared/triangles.wgsl`.
@@ -130,6 +139,12 @@ impl Stage for Triangles {
     }
 }
 
+/// A line may take all voxels of each column, and an invocation all columns of a small triangle.
+fn small_columns(grid: &Grid) -> u32 {
+    let longest = grid.cells.into_iter().max().unwrap_or(0);
+    SMALL_COLUMNS.min(MOST_LOOP_TURNS as u32 / (longest + COLUMN_TURNS as u32))
+}
+
 impl Run {
     fn new(
         resources: &Resources<'_>,
@@ -139,10 +154,13 @@ impl Run {
         contact: Contact,
     ) -> Self {
         let (voxels, triangles) = (&part.voxels, part.triangles());
+        let load = Load::of(geometry, part);
+        let layers = load.layers();
+        resources.turns("triangles and voxels", load.turns(layers));
         let batch = BatchUniforms {
             first_index: part.indices.start,
             triangles: triangles as u32,
-            small_columns: SMALL_COLUMNS,
+            small_columns: small_columns(&voxels.grid),
             large_columns: LARGE_COLUMNS,
         };
         let batch = resources.uniform(name, &batch);
@@ -163,8 +181,68 @@ impl Run {
         }
         let group = Group::new(resources.gpu, name, &binds);
         let small = kit::linear_workgroups(triangles);
-        let dispatches = [[1, 1, 1], small, [LARGE_GROUPS, 1, 1]]
+        let dispatches = [[1, 1, 1], small, [LARGE_GROUPS, 1, layers as u32]]
             .map(|workgroups| Dispatch::new(resources, name, &[&group], workgroups));
         Self { group, dispatches, voxels: voxels.clone(), triangles, alphas }
+    }
+}
+
+/// What the third dispatch has to do at most.
+#[derive(Default)]
+struct Load {
+    large: u64,
+    huge: u64,
+    /// Columns of the largest triangle, and of all huge ones.
+    most_columns: u64,
+    huge_columns: u64,
+    /// Of lines, whose planes bound no column: all voxels of the columns that they pass.
+    line_turns: u64,
+}
+
+impl Load {
+    fn of(geometry: &Geometry, part: &Part) -> Self {
+        let grid = &part.voxels.grid;
+        let mut cells = grid.cells.map(u64::from);
+        cells.sort_unstable();
+        let triangles = part.indices.start as usize / 3..part.indices.end as usize / 3;
+        let mut load = Self::default();
+        for size in &geometry.sizes[triangles] {
+            // A voxel that is only touched counts, at either end.
+            let voxels = |side: f32| (STRETCH * f64::from(side) / grid.voxel_m).ceil() as u64 + 2;
+            let [long, short] = size.sides_m.map(voxels).map(|side| side.min(cells[2]));
+            let columns = long * short.min(cells[1]);
+            load.most_columns = load.most_columns.max(columns);
+            if columns > LARGE_COLUMNS.into() {
+                load.huge += 1;
+                load.huge_columns = load.huge_columns.saturating_add(columns);
+            }
+            // One that is shorter than it might be is large and not huge.
+            load.large += u64::from(columns > SMALL_COLUMNS.into());
+            if size.is_line && columns > SMALL_COLUMNS.into() {
+                load.line_turns += 2 * (long + short) * (long + COLUMN_TURNS);
+            }
+        }
+        load
+    }
+
+    /// Turns of an invocation in so many layers of the dispatch: all large triangles may have the most columns that one may have, and
+    /// one layer's huge triangles may be the largest.
+    fn turns(&self, layers: u64) -> u64 {
+        let share = |columns: u64, invocations: u64| columns.div_ceil(invocations) + 1;
+        let large = self.large.div_ceil(u64::from(LARGE_GROUPS) * layers);
+        let columns = self.most_columns.min(LARGE_COLUMNS.into());
+        let huge = self.huge.div_ceil(layers);
+        let huge_columns = self.huge_columns.min(huge.saturating_mul(self.most_columns));
+        let all = GROUP * u64::from(LARGE_GROUPS);
+        2 + self.line_turns
+            + large * (1 + COLUMN_TURNS * share(columns, GROUP))
+            + huge * (1 + 2 * COLUMN_TURNS)
+            + COLUMN_TURNS * (huge_columns / all)
+    }
+
+    /// As few layers as keep to the turns that adapters make; the most where none do.
+    fn layers(&self) -> u64 {
+        let mut numbers = (0..16).map(|power| 1u64 << power);
+        numbers.find(|layers| self.turns(*layers) <= MOST_LOOP_TURNS).unwrap_or(1 << 15)
     }
 }

@@ -1,6 +1,8 @@
 //! `ao/query`: point by point against the f64 twin, and variants that must agree.
 
-use super::{Case, HostVolume, MarchedVolume, Marching, beyond, density_error, furnished};
+use super::{
+    Case, HostVolume, MANY_RAYS, MarchedVolume, Marching, beyond, density_error, furnished,
+};
 use super::{furnished_points, largest, marching, mean, query, twin};
 use crate::harness::verify::{Check, Checks, Result, Rig};
 use crate::reference::march::March;
@@ -51,6 +53,7 @@ pub fn cases() -> Vec<Case> {
     let mut cases: Vec<Case> = twins.into();
     cases.push(Case::new(INFO.name, "opacities against the f64 twin", opacities));
     cases.push(Case::new(INFO.name, "opacities at other steps than a voxel", opacity_steps));
+    cases.push(Case::new(INFO.name, "rays of several passes", many_rays));
     cases.push(Case::new(INFO.name, "bits and texture", storages));
     cases.push(Case::new(INFO.name, "skipping and not skipping", skipping));
     cases
@@ -75,6 +78,26 @@ fn against_twin(rig: &Rig<'_>, name: &str, change: Change) -> Result<Check> {
         .within((TOLERANCE, "1"), measure(&occlusion, 0.0))
         .control("the twin's points 0.3 voxels higher", measure(&occlusion, nudge));
     Ok(check.with("mean", mean(occlusion)))
+}
+
+fn many_rays(rig: &Rig<'_>) -> Result<Check> {
+    let subject = MarchedVolume::new(rig, SIDE, OPAQUE, furnished)?;
+    let points = &furnished_points()[..12];
+    let settings = Marching { rays: MANY_RAYS, ..marching(|_| ()) };
+    let occlusion = query(rig, &subject.voxels, points, &settings)?;
+    let march = twin(&settings, &subject.host.grid);
+    let error = density_error(settings.storage);
+    let measure = |share: f64| {
+        largest((0..).zip(points).zip(&occlusion).map(|((i, (p, n)), value)| {
+            beyond(share * value, &march, error, |march| {
+                march.from(&subject.host, *p, *n, i).occlusion
+            })
+        }))
+    };
+    Ok(Check::of(INFO.name, format!("largest |GPU − f64 twin| of A, {MANY_RAYS} rays"))
+        .within((TOLERANCE, "1"), measure(1.0))
+        .control("a fifth of what the rays meet left out", measure(0.8))
+        .with("mean", mean(occlusion.iter().copied())))
 }
 
 fn opacities(rig: &Rig<'_>) -> Result<Check> {

@@ -2,10 +2,12 @@
 
 use glam::DVec3;
 
-use super::{Setup, VOXEL_M, cubes, field, looking, opacity_voxel_m, probe, settings};
+use super::{
+    ScalarPicture, Setup, VOXEL_M, cubes, field, looking, opacity_voxel_m, probe, settings,
+};
 use crate::harness::verify::{Case, Check, Checks, Random, Result, Rig, VerifyError, largest};
 use crate::pipelines::scalar_ao::{Law, Mode, Scalar};
-use crate::reference::image::pixels;
+use crate::reference::image::{Image, pixels};
 use crate::reference::media::{self, Marching, halved, in_ball, on_ramp, under_face};
 use crate::reference::rays::PixelRays;
 use crate::scene::{Bounds, Volume};
@@ -29,6 +31,10 @@ pub fn cases() -> Vec<Case> {
         Case::new(POSITIONAL, "occlusion inside a ball and under a face", ball_and_face),
         Case::new(POSITIONAL, "occlusion in a rough field of long cells", rough_sphere),
         Case::new(POSITIONAL, "strata of two voxels in the average pyramid", pyramid),
+        Case::new(DIRECT, "rays of several passes", |rig| many_rays(rig, Mode::Direct, DIRECT)),
+        Case::new(POSITIONAL, "rays of several passes", |rig| {
+            many_rays(rig, Mode::Positional, POSITIONAL)
+        }),
         Case::new(POSITIONAL, "laws: rejection and empty fields", laws),
     ]
 }
@@ -88,6 +94,39 @@ fn block(rig: &Rig<'_>) -> Checks {
         })
         .into_iter()
         .collect()
+}
+
+/// More rays at the steps along a view ray than an adapter may make turns of an invocation's loops: the stages take several passes.
+const MANY_RAYS: u32 = 1024;
+
+/// The pass of few rays against the passes of many.
+fn many_rays(rig: &Rig<'_>, mode: Mode, stage: &'static str) -> Checks {
+    let run = |rays: u32, r_max_m: f64| {
+        let setup = Setup {
+            volume: field([20, 16, 12], DVec3::new(0.1, 0.12, 0.15), |_| BLOCK),
+            scalar: Scalar { rays, ..marched(mode, Law::Beer, r_max_m, 8) },
+            camera: looking(DVec3::new(2.0, 1.5, 4.0), DVec3::ZERO),
+            size_px: [8, 8],
+        };
+        setup.run(rig)
+    };
+    let (many, few, longer) = (run(MANY_RAYS, 0.6)?, run(16, 0.6)?, run(16, 0.8)?);
+    let apart =
+        |a: &Image, b: &Image| largest(a.data().iter().zip(b.data()).map(|(a, b)| (a - b).abs()));
+    let off = |other: &ScalarPicture| (many.visibility.mean() - other.visibility.mean()).abs();
+    let black = Image::constant(8, 8, 0.0);
+    Ok(vec![
+        Check::of(stage, format!("{MANY_RAYS} rays: mean visibility against that with 16 rays"))
+            .within((TOLERANCE, "1"), off(&few))
+            .control("16 rays of 4/3 of the length", off(&longer))
+            .with("visibility", many.visibility.mean()),
+        Check::of(stage, format!("{MANY_RAYS} rays: largest change of opacity"))
+            .within((1e-6, "1"), apart(&many.opacity, &few.opacity))
+            .control("no steps", apart(&many.opacity, &black)),
+        Check::of(stage, format!("{MANY_RAYS} rays: largest change of distance"))
+            .within((1e-5, "m"), apart(&many.distance_m, &few.distance_m))
+            .control("no steps", apart(&many.distance_m, &black)),
+    ])
 }
 
 /// Length of a ray within a box.

@@ -10,6 +10,8 @@ const OVERLAP: &str = "voxel/overlap";
 const ALPHA: &str = "voxel/alpha";
 /// How far the controls' grids are moved.
 const MOVED_VOXELS: f64 = 0.02;
+/// Triangles that all workgroups share. Each takes some seven turns.
+const HUGE: u32 = 16_000;
 /// Of the objects of the case of `voxel/alpha`. The first is not seen at all.
 const ALPHAS: [f32; 3] = [0.0, 0.8, 0.3];
 
@@ -17,6 +19,7 @@ pub fn cases() -> Vec<Case> {
     vec![
         Case::new(OVERLAP, "conservative", |rig| overlap(rig, false)),
         Case::new(OVERLAP, "thin", |rig| overlap(rig, true)),
+        Case::new(OVERLAP, "more huge triangles than a loop has turns", many_huge),
         Case::new(ALPHA, "largest alpha of three objects", alpha),
     ]
 }
@@ -45,6 +48,18 @@ fn overlap(rig: &Rig<'_>, thin: bool) -> Checks {
         checks.extend(no_errors(&format!("{variant}, {name}"), exact, perturbed));
     }
     Ok(checks)
+}
+
+/// Copies of a huge triangle, more than an adapter may make turns of an invocation's loops for, and one other at the end.
+fn many_huge(rig: &Rig<'_>) -> Checks {
+    let subject = VoxelScene::huge(HUGE)?;
+    let found = subject
+        .voxelized(rig, |geometry, parts| overlap::new(&rig.resources, geometry, parts, false))?;
+    let triangles = subject.triangles();
+    let kinds = [triangles[0], triangles[triangles.len() - 1]];
+    let against = |grid: &Grid| errors(&found, &gaps(&kinds, grid, Contact::Cube));
+    let (exact, perturbed) = (against(&subject.grid), against(&subject.moved(MOVED_VOXELS)));
+    Ok(no_errors(&format!("{HUGE} huge triangles"), exact, perturbed))
 }
 
 /// No false negatives and no false positives outside the borderline band.

@@ -42,6 +42,22 @@ impl VoxelScene {
         Ok(Self { name: "soup", scene, grid })
     }
 
+    /// So many triangles of more than 4,096 columns of voxels: copies of one, and another at the end.
+    pub fn huge(count: u32) -> Result<Self> {
+        let cells = [72, 70, 9];
+        let grid = Grid { cells, origin_m: DVec3::new(-4.5, -4.25, 0.5), voxel_m: 0.125 };
+        let place = |x: f64, y: f64, z: f64| {
+            (grid.bounds().min + grid.size_m() * DVec3::new(x, y, z)).as_vec3().to_array()
+        };
+        let low = [place(-0.1, -0.1, 0.11), place(1.2, -0.1, 0.22), place(-0.1, 1.2, 0.33)];
+        let high = [place(1.1, 1.1, 0.87), place(-0.2, 1.1, 0.76), place(1.1, -0.2, 0.65)];
+        let copies = (1..count).flat_map(|_| [0, 1, 2]);
+        let mesh = Mesh::smooth([low, high].concat(), copies.chain([3, 4, 5]).collect());
+        let mut scene = Scene::load("plane")?;
+        scene.objects = vec![Object::new("triangles", mesh)];
+        Ok(Self { name: "huge triangles", scene, grid })
+    }
+
     /// Quads of 1 to 16 grid edges, slanted at random, each with a grid that its middle lies in and that clips it.
     pub fn slanted() -> Result<Vec<Self>> {
         let mut random = Random::new(29);

@@ -1,0 +1,149 @@
+//! Long loops in several passes: an invocation makes at most [`MOST_LOOP_TURNS`] turns.
+
+use crate::gpu::MOST_LOOP_TURNS;
+use crate::shader_struct;
+
+shader_struct! {
+    /// `Slice` in `shaders/shared/slice.wgsl`: the turns of one pass.
+    pub struct Slice {
+        pub first: u32,
+        /// Behind the last.
+        pub end: u32,
+    }
+}
+
+/// The slices of a loop of `count` turns, each of which takes so many turns with the loops within it. `beside` is what an invocation
+/// makes before and after.
+pub fn slices(count: u32, of_each: u64, beside: u64) -> Vec<Slice> {
+    let most = (MOST_LOOP_TURNS.saturating_sub(beside + 1) / of_each.max(1)).max(1);
+    let most = u32::try_from(most).unwrap_or(u32::MAX);
+    let slice = |first: u32| Slice { first, end: count.min(first.saturating_add(most)) };
+    (0..count.max(1)).step_by(most as usize).map(slice).collect()
+}
+
+/// Turns of an invocation in the longest of the slices.
+pub fn most_turns(slices: &[Slice], of_each: u64, beside: u64) -> u64 {
+    let longest = slices.iter().map(|slice| u64::from(slice.end - slice.first)).max();
+    longest.unwrap_or(0).saturating_mul(of_each).saturating_add(beside + 1)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeSet;
+
+    use wgpu::naga::{Block, Statement};
+
+    use super::*;
+    use crate::embedded::{Folders, SHADERS};
+    use crate::gpu::{default_defs, link, shader_paths};
+
+    /// Every shader with loops, and what keeps the turns of an invocation below [`MOST_LOOP_TURNS`].
+    const HELD: &[(&str, &str)] = &[
+        ("ao/bilateral", "1,024 taps"),
+        ("ao/march", "slices of rays"),
+        ("ao/query", "slices of rays"),
+        ("audit/kernels", "timed, and its result is not used"),
+        ("audit/turns", "more turns than some adapters make, on purpose"),
+        ("caustics/filter", "1,024 taps"),
+        ("caustics/splat", "`SPLAT_ROWS` rows an invocation, told in `Scatter`"),
+        ("caustics/trace", "told in `Tracing`"),
+        ("ceilings/arithmetic", "`Kernel::most_turns`"),
+        ("ceilings/atomics", "`Kernel::most_turns`"),
+        ("ceilings/read", "`Kernel::most_turns`"),
+        ("ceilings/texels", "`Kernel::most_turns`"),
+        ("compose", "1,024 waves, four pixels, 256 taps"),
+        ("godrays/filter", "1,024 taps"),
+        ("godrays/trace", "told in `Tracing`"),
+        ("hsao/filter", "1,024 taps"),
+        ("hsao/march", "told in `March`"),
+        ("ldi/sort", "64 layers, within 64 layers"),
+        ("photons/query", "three heights of 1,024 waves, 1,000 iterations"),
+        ("post/luminance", "of 2³² texels the sums of each 1,024, 256 at a time"),
+        ("rays/group", "told in `Walked`"),
+        ("rays/march", "told in `Walked`"),
+        ("rays/rasterize", "64 layers"),
+        ("refraction/surface", "told in `Surface`"),
+        ("refraction/trace", "told in `Trace`"),
+        ("scalar/direct", "slices of steps"),
+        ("scalar/isosurface", "told in `RayCast`"),
+        ("scalar/positional", "slices of steps"),
+        ("shadow/mask", "1,024 waves"),
+        ("shafts/blur", "three standard deviations of 64 texels, to either side"),
+        ("sprites/draw", "64 layers"),
+        ("transfer/bounce", "64 layers"),
+        ("transfer/map", "three heights of 1,024 waves"),
+        ("voxel/alpha", "layers of the dispatch"),
+        ("voxel/combine", "32 bits, eight and four words"),
+        ("voxel/mips", "cells of a level"),
+        ("voxel/overlap", "layers of the dispatch"),
+        ("voxel/slice", "32 bits"),
+        ("voxel/unpack", "eight bits, four bytes"),
+        ("voxel/view", "the cells of three edges, 12,288"),
+        // Linked with loops that they do not call.
+        ("caustics/mesh", "none"),
+        ("godrays/lines", "none"),
+        ("planar/points", "none"),
+        ("rays/reduce", "none"),
+        ("shadow/compose", "none"),
+        ("shafts/lines", "none"),
+        ("transfer/shadow", "none"),
+    ];
+
+    fn loops(block: &Block) -> bool {
+        block.iter().any(|statement| match statement {
+            Statement::Loop { .. } => true,
+            Statement::Block(inner) => loops(inner),
+            Statement::If { accept, reject, .. } => loops(accept) || loops(reject),
+            Statement::Switch { cases, .. } => cases.iter().any(|case| loops(&case.body)),
+            _ => false,
+        })
+    }
+
+    /// With any value of the definitions that choose between steps of a stage or between waters.
+    fn has_loops(folders: &Folders, path: &str) -> bool {
+        let defs = default_defs(folders, path).expect("its defaults are read");
+        let chosen = |name: &str| defs.iter().any(|(own, _)| own == name);
+        let steps = if chosen("STEP") { 0..3 } else { 0..1 };
+        let choices = steps.flat_map(|step| (0..3).map(move |water| (step, water)));
+        let has = |(step, water): (i32, i32)| {
+            let mut given = Vec::new();
+            given.extend(chosen("STEP").then_some(("STEP", step)));
+            given.extend(chosen("WATER").then_some(("WATER", water)));
+            let module = link(folders, path, &given).expect("it links");
+            let functions = module.functions.iter().map(|(_, function)| function);
+            let entries = module.entry_points.iter().map(|entry| &entry.function);
+            functions.chain(entries).any(|function| loops(&function.body))
+        };
+        choices.into_iter().any(has)
+    }
+
+    #[test]
+    fn every_shader_with_loops_says_what_bounds_them() {
+        let folders = Folders::of(SHADERS);
+        let paths = shader_paths(&folders);
+        let with: BTreeSet<&str> =
+            paths.iter().map(String::as_str).filter(|path| has_loops(&folders, path)).collect();
+        let held: BTreeSet<&str> = HELD.iter().map(|(path, _)| *path).collect();
+        assert_eq!(with, held);
+    }
+
+    #[test]
+    fn slices_cover_the_loop_and_none_is_too_long() {
+        for (count, of_each) in [(1, 1), (50, 700), (16_384, 163), (1 << 20, 1), (4, 64_000)] {
+            let slices = slices(count, of_each, 100);
+            let ends = slices.iter().map(|slice| slice.end);
+            let firsts: Vec<u32> = slices.iter().map(|slice| slice.first).collect();
+            assert_eq!(firsts[0], 0);
+            assert!(ends.clone().zip(&firsts[1..]).all(|(end, first)| end == *first));
+            assert_eq!(ends.last(), Some(count));
+            assert!(most_turns(&slices, of_each, 100) <= MOST_LOOP_TURNS);
+        }
+    }
+
+    #[test]
+    fn a_turn_that_is_too_long_alone_is_told() {
+        let slices = slices(3, 100_000, 0);
+        assert_eq!(slices.len(), 3);
+        assert!(most_turns(&slices, 100_000, 0) > MOST_LOOP_TURNS);
+    }
+}
